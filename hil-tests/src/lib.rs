@@ -1,0 +1,1 @@
+//! Scenario bodies shared by the tests and benchmarks of the whole rig.

@@ -1,0 +1,115 @@
+//! The CAN data frame, the clock and the outgoing queue that every engine takes as arguments.
+
+use std::ops::{Add, Sub};
+use std::time::Duration;
+
+/// Monotonic time in nanoseconds since an arbitrary start; virtual in simulation, `CLOCK_MONOTONIC` on a machine.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub struct Time(pub u64);
+
+impl Time {
+    /// Later than every moment that an engine waits for.
+    pub const NEVER: Time = Time(u64::MAX);
+
+    /// Whole microseconds since the start.
+    pub const fn from_micros(us: u64) -> Self {
+        Time(us * 1000)
+    }
+
+    /// Seconds since the start, for reports and simulation; not for comparing deadlines.
+    pub fn as_secs_f64(self) -> f64 {
+        self.0 as f64 * 1e-9
+    }
+
+    /// Time elapsed since `earlier`, zero if `earlier` is later.
+    pub const fn since(self, earlier: Time) -> Duration {
+        Duration::from_nanos(self.0.saturating_sub(earlier.0))
+    }
+}
+
+impl Add<Duration> for Time {
+    type Output = Time;
+    fn add(self, wait: Duration) -> Time {
+        Time(self.0.saturating_add(wait.as_nanos().min(u128::from(u64::MAX)) as u64))
+    }
+}
+
+impl Sub<Time> for Time {
+    type Output = Duration;
+    fn sub(self, earlier: Time) -> Duration {
+        self.since(earlier)
+    }
+}
+
+/// A classic CAN data frame with an 11-bit identifier (ISO 11898-1); remote and extended frames are not used.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Frame {
+    id: u16,
+    len: u8,
+    data: [u8; 8],
+}
+
+impl Frame {
+    /// A frame with identifier `id` (0 to 7FFh; higher bits are cut off) and up to 8 bytes of `data` (the rest is cut
+    /// off). Bytes beyond the length are zero.
+    ///
+    /// Real-time: yes.
+    pub fn new(id: u16, data: &[u8]) -> Self {
+        let mut frame = Frame { id: id & 0x7ff, len: data.len().min(8) as u8, data: [0; 8] };
+        for (to, from) in frame.data.iter_mut().zip(data) {
+            *to = *from;
+        }
+        frame
+    }
+
+    /// The frame whose payload is the low `len` bytes of `bits`, little-endian.
+    ///
+    /// Real-time: yes.
+    pub fn from_bits(id: u16, bits: u64, len: u8) -> Self {
+        let len = len.min(8);
+        let kept = if len == 8 { bits } else { bits & ((1u64 << (8 * len)) - 1) };
+        Frame { id: id & 0x7ff, len, data: kept.to_le_bytes() }
+    }
+
+    /// Identifier, 0 to 7FFh.
+    pub const fn id(&self) -> u16 {
+        self.id
+    }
+
+    /// Payload length, 0 to 8.
+    pub const fn len(&self) -> u8 {
+        self.len
+    }
+
+    /// Whether the payload is empty.
+    pub const fn is_empty(&self) -> bool {
+        self.len == 0
+    }
+
+    /// The payload.
+    pub fn data(&self) -> &[u8] {
+        self.data.get(..usize::from(self.len)).unwrap_or_default()
+    }
+
+    /// All eight bytes; those beyond the length are zero.
+    pub const fn bytes(&self) -> &[u8; 8] {
+        &self.data
+    }
+
+    /// All eight bytes as one little-endian word; those beyond the length are zero.
+    pub const fn bits(&self) -> u64 {
+        u64::from_le_bytes(self.data)
+    }
+}
+
+/// Where an engine puts the frames it wants to send, oldest first.
+pub trait Outbox {
+    /// Queues one frame. A full queue counts the loss; it never blocks.
+    fn push(&mut self, frame: Frame);
+}
+
+impl Outbox for Vec<Frame> {
+    fn push(&mut self, frame: Frame) {
+        Vec::push(self, frame);
+    }
+}

@@ -1,0 +1,36 @@
+//! Plasticity-based virtual fixtures for a five-bar admittance rig on CANopen servo drives.
+//!
+//! # The signal path
+//! ```text
+//! bus frame -> sensing -> Force -> fixture -> ProxyPoint -> linkage::inverse -> JointAngles
+//!           -> control -> JointCommand -> guard -> Allowed<JointCommand> -> scaling -> bus frame
+//! ```
+//! [`cycle`] is the only place that names all stages.
+//!
+//! # Units
+//! SI in `f64`, base frame. Conversion happens in two places only: [`sensing`] and the scaling of `yieldwall_drives`.
+
+pub mod canopen;
+pub mod control;
+pub mod cycle;
+pub mod fixture;
+pub mod guard;
+pub mod linkage;
+pub mod quantity;
+pub mod sensing;
+pub mod setvalued;
+
+pub mod bus;
+#[cfg(feature = "config")]
+pub mod config;
+#[cfg(feature = "sim")]
+pub mod record;
+#[cfg(feature = "sim")]
+pub mod rig;
+#[cfg(feature = "sim")]
+pub mod sim;
+#[cfg(feature = "sim")]
+pub mod study;
+
+#[cfg(feature = "cli")]
+pub mod cli;
