@@ -1,1 +1,251 @@
-//! cycle
+//! The real-time step: the only place that names all stages of the signal path.
+//!
+//! [`Cycle::step`] takes what the bus brought in one period and gives what the bus shall carry in the next. It is pure:
+//! time is the fixed period, and nothing in it allocates, locks, logs or panics.
+
+mod monitor;
+mod reference;
+mod servo;
+
+use crate::fixture::{Fixture, PlanarSurface};
+use crate::guard::{
+    Allowed, Directive, Fault, FaultCounts, Gate, JointCommand, Measured, Motion, Request, State, StopRamp, Supervisor,
+};
+use crate::linkage::{Chain, FiveBar, Posture};
+use crate::quantity::{Force, JointAngles, TipPoint};
+use crate::sensing::{RawSample, Reading, Sensing};
+use yieldwall_drives::cia402;
+
+pub use reference::Reference;
+pub use servo::{Inertia, Servo, TorqueServo};
+
+/// What one drive reported in this cycle.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct DriveSample {
+    /// Angle of the proximal link in rad; `None` if no process data arrived.
+    pub angle_rad: Option<f64>,
+    /// State of the drive, the last known one if no process data arrived.
+    pub state: cia402::State,
+    /// Whether the drive follows its command value (status word bit 12).
+    pub follows_command: bool,
+}
+
+/// What happened on the bus since the last cycle.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct LinkEvents {
+    /// A process data frame had the wrong length.
+    pub bad_length: bool,
+    /// A node announced its start.
+    pub node_reset: bool,
+    /// A heartbeat stayed away, or a node left Operational.
+    pub heartbeat_lost: bool,
+    /// An emergency message arrived.
+    pub emergency: bool,
+    /// Own frames could not be sent.
+    pub send_failed: bool,
+}
+
+/// Everything that enters one cycle.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Inputs {
+    /// The two drives, left and right.
+    pub drives: [DriveSample; 2],
+    /// A new force sample, if one arrived.
+    pub sample: Option<RawSample>,
+    /// What happened on the bus.
+    pub link: LinkEvents,
+    /// What the person asks for.
+    pub request: Request,
+}
+
+/// Everything that leaves one cycle.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Outputs {
+    /// What the joints shall do.
+    pub command: Allowed<JointCommand>,
+    /// What the supervisor decided.
+    pub directive: Directive,
+    /// What the stages computed on the way, for the record.
+    pub signals: Signals,
+}
+
+/// The signals of one cycle.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Signals {
+    /// Force of the hand on the tool as sensed.
+    pub force: Force,
+    /// Tool point by the measured angles.
+    pub tool: TipPoint,
+    /// Proxy, or the measured tool point while there is no reference.
+    pub proxy: TipPoint,
+    /// Angles that the proxy asks for.
+    pub target_angles: JointAngles,
+    /// Measured angles.
+    pub measured_angles: JointAngles,
+    /// Signed distance of the proxy from the surface in m.
+    pub signed_distance_m: f64,
+    /// Whether the fixture keeps the proxy on the surface.
+    pub is_on_surface: bool,
+    /// Steps for which the proxy is still held.
+    pub hold_counter: u32,
+    /// Whether the proxy met the surface in this cycle.
+    pub is_impact: bool,
+    /// Whether a torque was cut to its limit.
+    pub is_saturated: bool,
+}
+
+/// What the cycle needs to know besides its stages.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Settings {
+    /// Cycle time in s, positive.
+    pub period_s: f64,
+    /// Nearest that the arm may come to a singularity or to the workspace edge, in m.
+    pub singularity_margin_m: f64,
+    /// Greatest speed of the reference in m/s.
+    pub tool_speed_limit_m_per_s: f64,
+    /// Greatest rate of a joint in rad/s; a faster encoder has jumped.
+    pub joint_speed_limit_rad_per_s: f64,
+    /// Greatest sensed force in N.
+    pub force_limit_n: f64,
+    /// Greatest distance of a joint from its command in rad.
+    pub following_error_limit_rad: f64,
+    /// Greatest deceleration of the stop ramp in m/s^2.
+    pub stop_deceleration_m_per_s2: f64,
+    /// The distal link that the sensor turns with; `None` if it is fixed to the base frame.
+    pub sensor_on: Option<Chain>,
+}
+
+/// The stages of one rig, and what they remember between cycles.
+#[derive(Clone, Debug)]
+pub struct Cycle {
+    settings: Settings,
+    linkage: FiveBar,
+    sensing: Sensing,
+    fixture: Fixture<PlanarSurface, 2>,
+    servo: Servo,
+    gate: Gate,
+    supervisor: Supervisor,
+    faults: FaultCounts,
+    measured: Measured,
+    posture: Option<Posture>,
+    missed: [u16; 2],
+    reference: Option<Reference>,
+    halt: Option<StopRamp>,
+}
+
+impl Cycle {
+    /// A rig at rest: nothing measured yet, drives not enabled.
+    pub fn new(
+        settings: Settings,
+        linkage: FiveBar,
+        sensing: Sensing,
+        fixture: Fixture<PlanarSurface, 2>,
+        servo: Servo,
+        gate: Gate,
+    ) -> Self {
+        Self {
+            settings,
+            linkage,
+            sensing,
+            fixture,
+            servo,
+            gate,
+            supervisor: Supervisor::new(),
+            faults: FaultCounts::default(),
+            measured: Measured::default(),
+            posture: None,
+            missed: [u16::MAX; 2],
+            reference: None,
+            halt: None,
+        }
+    }
+
+    /// One cycle of the rig, from what the bus brought to what it shall carry.
+    ///
+    /// Real-time: yes.
+    pub fn step(&mut self, inputs: &Inputs) -> Outputs {
+        // measure
+        self.measure(&inputs.drives);
+        let reading = self.sense(inputs.sample.as_ref());
+        // supervise
+        self.observe(inputs, &reading);
+        let mut directive = self.supervise(&inputs.drives, inputs.request);
+        // move the reference, command the joints, pass the gate
+        let mut signals = Signals::default();
+        let command = match self.act(directive.motion, &reading, &mut signals) {
+            Ok(command) => command,
+            Err(fault) => {
+                // A fault found on the way stops all axes in this same cycle.
+                self.faults.observe(fault, true);
+                directive = self.supervise(&inputs.drives, Request::None);
+                self.rest()
+            }
+        };
+        self.note(&reading, &mut signals);
+        Outputs { command, directive, signals }
+    }
+
+    /// State of the supervisor.
+    pub fn state(&self) -> State {
+        self.supervisor.state()
+    }
+
+    /// The fault that led to the present state.
+    pub fn cause(&self) -> Option<Fault> {
+        self.supervisor.cause()
+    }
+
+    /// The fixture, for reports.
+    pub fn fixture(&self) -> &Fixture<PlanarSurface, 2> {
+        &self.fixture
+    }
+
+    fn sense(&mut self, sample: Option<&RawSample>) -> Reading {
+        let link_angle_rad = match (self.settings.sensor_on, &self.posture) {
+            (Some(chain), Some(posture)) => posture.distal_angle_rad[chain.index()],
+            _ => 0.0,
+        };
+        let acceleration = self.reference.as_ref().map(|reference| reference.acceleration).unwrap_or_default();
+        self.sensing.step(sample, link_angle_rad, acceleration)
+    }
+
+    fn supervise(&mut self, drives: &[DriveSample; 2], request: Request) -> Directive {
+        self.supervisor.step(&crate::guard::View {
+            drives: drives.map(|drive| drive.state),
+            faults: &self.faults,
+            at_rest: self.halt.as_ref().is_none_or(StopRamp::is_at_rest),
+            request,
+        })
+    }
+
+    fn act(
+        &mut self,
+        motion: Motion,
+        reading: &Reading,
+        signals: &mut Signals,
+    ) -> Result<Allowed<JointCommand>, Fault> {
+        let Some(posture) = self.posture.filter(|_| motion != Motion::Rest) else {
+            return Ok(self.rest());
+        };
+        let reference = self.advance(motion, reading, &posture, signals)?;
+        let command = self.servo.command(&self.linkage, &reference, &self.measured, &posture)?;
+        let (allowed, cut) = self.gate.check(&command, &self.measured)?;
+        signals.is_saturated = cut;
+        Ok(allowed)
+    }
+
+    /// The command that moves nothing; forgets the reference, so that the next run starts from the measurement.
+    fn rest(&mut self) -> Allowed<JointCommand> {
+        self.reference = None;
+        self.halt = None;
+        self.gate.rest(&self.servo.rest(), &self.measured)
+    }
+
+    fn note(&self, reading: &Reading, signals: &mut Signals) {
+        signals.force = reading.force;
+        signals.measured_angles = self.measured.angles;
+        signals.tool = self.posture.map(|posture| posture.tip).unwrap_or_default();
+        signals.proxy = self.reference.as_ref().map_or(signals.tool, |reference| reference.point);
+        signals.target_angles = self.reference.as_ref().map_or(self.measured.angles, |reference| reference.angles);
+    }
+}

@@ -1,0 +1,86 @@
+//! What the cycle watches: it fills the fault counts.
+
+use super::{Cycle, DriveSample, Inputs};
+use crate::guard::{Fault, Measured, State};
+use crate::quantity::{JointAngles, JointRates};
+use crate::sensing::Reading;
+use yieldwall_drives::cia402;
+
+/// Share of the singularity margin below which the arm has left the workspace.
+const LEFT_SHARE: f64 = 0.5;
+
+impl Cycle {
+    /// Takes the measured angles; a joint without new process data is predicted by its last rate.
+    pub(super) fn measure(&mut self, drives: &[DriveSample; 2]) {
+        let period = self.settings.period_s;
+        let last = self.measured;
+        let mut angles = last.angles.to_array();
+        let mut rates = last.rates.to_array();
+        let mut jumped = false;
+        for (joint, drive) in drives.iter().enumerate() {
+            let (Some(angle), Some(rate), Some(missed)) =
+                (angles.get_mut(joint), rates.get_mut(joint), self.missed.get_mut(joint))
+            else {
+                continue;
+            };
+            match drive.angle_rad.filter(|angle| angle.is_finite()) {
+                Some(new) if *missed == u16::MAX => {
+                    (*angle, *rate, *missed) = (new, 0.0, 0);
+                }
+                Some(new) => {
+                    let cycles = f64::from(*missed) + 1.0;
+                    let step = new - (*angle - *rate * period * f64::from(*missed));
+                    jumped |= step.abs() > 2.0 * self.settings.joint_speed_limit_rad_per_s * period * cycles;
+                    (*angle, *rate, *missed) = (new, step / (period * cycles), 0);
+                }
+                None if *missed == u16::MAX => {}
+                None => {
+                    *angle += *rate * period;
+                    *missed = (*missed + 1).min(u16::MAX - 1);
+                }
+            }
+        }
+        self.measured = Measured { angles: JointAngles::from(angles), rates: JointRates::from(rates) };
+        self.faults.observe(Fault::EncoderJump, jumped);
+        self.faults.observe(Fault::PdoMissed, self.missed.iter().any(|missed| *missed > 0));
+        let is_known = self.missed.iter().all(|missed| *missed != u16::MAX);
+        self.posture = self.linkage.forward(self.measured.angles).ok().filter(|_| is_known);
+        self.faults.observe(Fault::Posture, is_known && self.posture.is_none());
+    }
+
+    /// Counts every fault that shows before the supervisor decides.
+    pub(super) fn observe(&mut self, inputs: &Inputs, reading: &Reading) {
+        let is_moving = matches!(self.supervisor.state(), State::Running | State::Holding | State::Stopping);
+        let states = inputs.drives.map(|drive| drive.state);
+        let is_fault = |state: cia402::State| {
+            matches!(state, cia402::State::Fault | cia402::State::FaultReactionActive)
+        };
+        let left = is_moving && states.iter().any(|state| *state != cia402::State::OperationEnabled);
+        let ignored = is_moving && inputs.drives.iter().any(|drive| !drive.follows_command);
+        let error = match &self.reference {
+            Some(reference) if is_moving => (reference.angles.0 - self.measured.angles.0).amax(),
+            _ => 0.0,
+        };
+        let limit = self.settings.following_error_limit_rad;
+        let clearance = self.posture.as_ref().map(|posture| self.clearance_m(posture));
+        let is_left = clearance.is_some_and(|distance| distance < LEFT_SHARE * self.settings.singularity_margin_m);
+        let faults = &mut self.faults;
+        faults.observe(Fault::StopRequested, inputs.request == crate::guard::Request::Stop);
+        faults.observe(Fault::SensorSaturated, reading.saturated);
+        faults.observe(Fault::SensorStale, reading.stale);
+        faults.observe(Fault::ForceLimit, reading.force.0.norm() > self.settings.force_limit_n);
+        faults.observe(Fault::PdoLength, inputs.link.bad_length);
+        faults.observe(Fault::NodeReset, inputs.link.node_reset);
+        faults.observe(Fault::HeartbeatLost, inputs.link.heartbeat_lost);
+        faults.observe(Fault::Emergency, inputs.link.emergency);
+        faults.observe(Fault::LinkDown, inputs.link.send_failed);
+        faults.observe(Fault::DriveFault, states.into_iter().any(is_fault));
+        faults.observe(Fault::DriveLeftOperation, left);
+        faults.observe(Fault::DriveIgnoresCommand, ignored);
+        faults.observe(Fault::FollowingError, error > limit);
+        faults.observe(Fault::Runaway, error > 2.0 * limit);
+        faults.observe(Fault::WorkspaceLeft, is_left);
+        faults.observe(Fault::OverSpeed, false);
+        faults.observe(Fault::NotFinite, false);
+    }
+}

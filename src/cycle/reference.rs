@@ -1,0 +1,131 @@
+//! The reference that the joints follow: the proxy while the rig runs, a stop ramp while it halts.
+
+use nalgebra::Vector2;
+
+use super::{Cycle, Signals};
+use crate::guard::{Fault, Motion, StopRamp};
+use crate::linkage::Posture;
+use crate::quantity::{JointAngles, JointRates, TipPoint, TipVelocity};
+use crate::sensing::Reading;
+
+/// The reference of one cycle, its derivatives by backward differences over one period.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Reference {
+    /// Where the tool shall be.
+    pub point: TipPoint,
+    /// Its velocity.
+    pub velocity: TipVelocity,
+    /// Its acceleration in m/s^2, base frame.
+    pub acceleration: Vector2<f64>,
+    /// The joint angles that put the tool there.
+    pub angles: JointAngles,
+    /// Their rates.
+    pub rates: JointRates,
+    /// Their accelerations in rad/s^2.
+    pub accelerations: Vector2<f64>,
+}
+
+impl Reference {
+    /// At rest where the arm is measured to be.
+    fn at_rest(point: TipPoint, angles: JointAngles) -> Self {
+        Self {
+            point,
+            velocity: TipVelocity::default(),
+            acceleration: Vector2::zeros(),
+            angles,
+            rates: JointRates::default(),
+            accelerations: Vector2::zeros(),
+        }
+    }
+
+    fn moved(&self, point: TipPoint, angles: JointAngles, period_s: f64) -> Self {
+        let velocity = TipVelocity((point.0 - self.point.0) / period_s);
+        let rates = JointRates((angles.0 - self.angles.0) / period_s);
+        Self {
+            point,
+            velocity,
+            acceleration: (velocity.0 - self.velocity.0) / period_s,
+            angles,
+            rates,
+            accelerations: (rates.0 - self.rates.0) / period_s,
+        }
+    }
+}
+
+impl Cycle {
+    /// The reference of this cycle. The first one after enabling is where the arm is, at rest and with zero force.
+    ///
+    /// # Errors
+    /// [`Fault::OverSpeed`], or [`Fault::NotFinite`] if the fixture's answer is unusable.
+    pub(super) fn advance(
+        &mut self,
+        motion: Motion,
+        reading: &Reading,
+        posture: &Posture,
+        signals: &mut Signals,
+    ) -> Result<Reference, Fault> {
+        let Some(last) = self.reference else {
+            let start = Reference::at_rest(posture.tip, self.measured.angles);
+            self.fixture.reset(&start.point.0);
+            self.servo.reset(&start, &self.measured, posture);
+            self.reference = Some(start);
+            return Ok(start);
+        };
+        let candidate = match motion {
+            Motion::Run => self.run(&last, reading, signals)?,
+            Motion::Halt | Motion::Rest => self.stop(&last),
+        };
+        let next = match self.admit(candidate, &last, posture) {
+            Some(angles) => {
+                self.faults.observe(Fault::WorkspaceEdge, false);
+                last.moved(candidate, angles, self.settings.period_s)
+            }
+            None => {
+                self.faults.observe(Fault::WorkspaceEdge, true);
+                self.fixture.reset(&last.point.0);
+                self.halt = self.halt.map(|_| StopRamp::new(last.point, TipVelocity::default(), 1.0));
+                last.moved(last.point, last.angles, self.settings.period_s)
+            }
+        };
+        if next.velocity.0.norm() > self.settings.tool_speed_limit_m_per_s {
+            return Err(Fault::OverSpeed);
+        }
+        self.reference = Some(next);
+        Ok(next)
+    }
+
+    fn run(&mut self, last: &Reference, reading: &Reading, signals: &mut Signals) -> Result<TipPoint, Fault> {
+        if self.halt.take().is_some() {
+            self.fixture.reset(&last.point.0);
+        }
+        let step = self.fixture.step_admittance(&reading.force.0);
+        signals.signed_distance_m = step.signed_distance_m;
+        signals.is_on_surface = step.is_on_surface;
+        signals.hold_counter = step.hold_counter;
+        signals.is_impact = step.is_impact;
+        let point = TipPoint(step.proxy);
+        if point.is_finite() { Ok(point) } else { Err(Fault::NotFinite) }
+    }
+
+    fn stop(&mut self, last: &Reference) -> TipPoint {
+        let deceleration = self.settings.stop_deceleration_m_per_s2;
+        let ramp = self.halt.get_or_insert_with(|| StopRamp::new(last.point, last.velocity, deceleration));
+        ramp.advance(self.settings.period_s)
+    }
+
+    /// The joint angles for `candidate`, or `None` if the linkage cannot go there, or if the arm is within the margin
+    /// and `candidate` leads further in.
+    fn admit(&self, candidate: TipPoint, last: &Reference, posture: &Posture) -> Option<JointAngles> {
+        let angles = self.linkage.inverse_near(candidate, last.angles).ok()?;
+        if self.clearance_m(posture) >= self.settings.singularity_margin_m {
+            return Some(angles);
+        }
+        let here = self.linkage.forward(last.angles).map(|posture| self.clearance_m(&posture)).ok()?;
+        let there = self.linkage.forward(angles).map(|posture| self.clearance_m(&posture)).ok()?;
+        (there >= here || there >= self.settings.singularity_margin_m).then_some(angles)
+    }
+
+    pub(super) fn clearance_m(&self, posture: &Posture) -> f64 {
+        self.linkage.clearance(posture).nearest().1
+    }
+}

@@ -1,0 +1,162 @@
+//! The gate: the only maker of [`Allowed`] commands.
+
+use super::fault::Fault;
+use crate::quantity::{JointAngles, JointRates, JointTorques};
+
+/// What the joints shall do next, in the rig's command mode.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum JointCommand {
+    /// Target angles for drives that close the position loop themselves (CSP).
+    Position(JointAngles),
+    /// Target rates for drives that close the velocity loop themselves (CSV).
+    Velocity(JointRates),
+    /// Torques (CST).
+    Torque(JointTorques),
+}
+
+/// A command that passed the gate. Nothing else can be scaled and encoded.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Allowed<T>(T);
+
+impl<T> Allowed<T> {
+    /// What was allowed.
+    pub fn get(&self) -> &T {
+        &self.0
+    }
+}
+
+/// What is measured of the joints in this cycle.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Measured {
+    /// Angles of the proximal links.
+    pub angles: JointAngles,
+    /// Their rates, backward difference over one cycle.
+    pub rates: JointRates,
+}
+
+/// What the gate lets through.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Limits {
+    /// Cycle time in s, positive.
+    pub period_s: f64,
+    /// Largest torque of each joint in N m, positive. Larger torques are cut to it.
+    pub torque_n_m: [f64; 2],
+    /// Largest rate of a joint in rad/s, positive. A faster command is a fault.
+    pub joint_speed_rad_per_s: f64,
+}
+
+/// The gate with the target that it let through last.
+#[derive(Clone, Debug)]
+pub struct Gate {
+    limits: Limits,
+    last_target: Option<JointAngles>,
+}
+
+impl Gate {
+    /// A gate that has let nothing through yet.
+    pub fn new(limits: Limits) -> Self {
+        Self { limits, last_target: None }
+    }
+
+    /// The command that moves nothing: the measured angles, no rate, no torque, in the mode of `like`.
+    ///
+    /// After it a position target starts from the measured angles.
+    ///
+    /// Real-time: yes.
+    pub fn rest(&mut self, like: &JointCommand, measured: &Measured) -> Allowed<JointCommand> {
+        self.last_target = Some(measured.angles);
+        Allowed(match like {
+            JointCommand::Position(_) => JointCommand::Position(measured.angles),
+            JointCommand::Velocity(_) => JointCommand::Velocity(JointRates::default()),
+            JointCommand::Torque(_) => JointCommand::Torque(JointTorques::default()),
+        })
+    }
+
+    /// Lets `command` through, with torques cut to the limit, and says whether a torque was cut.
+    ///
+    /// # Errors
+    /// [`Fault::NotFinite`] for a NaN or infinite component, [`Fault::OverSpeed`] for a target or a rate faster than
+    /// the limit.
+    ///
+    /// Real-time: yes.
+    pub fn check(
+        &mut self,
+        command: &JointCommand,
+        measured: &Measured,
+    ) -> Result<(Allowed<JointCommand>, bool), Fault> {
+        let speed = self.limits.joint_speed_rad_per_s;
+        match command {
+            JointCommand::Position(target) => {
+                if !target.is_finite() {
+                    return Err(Fault::NotFinite);
+                }
+                let from = self.last_target.unwrap_or(measured.angles);
+                if (target.0 - from.0).amax() > speed * self.limits.period_s {
+                    return Err(Fault::OverSpeed);
+                }
+                self.last_target = Some(*target);
+                Ok((Allowed(*command), false))
+            }
+            JointCommand::Velocity(rates) => {
+                if !rates.is_finite() {
+                    return Err(Fault::NotFinite);
+                }
+                if rates.0.amax() > speed {
+                    return Err(Fault::OverSpeed);
+                }
+                Ok((Allowed(*command), false))
+            }
+            JointCommand::Torque(torques) => {
+                if !torques.is_finite() {
+                    return Err(Fault::NotFinite);
+                }
+                let [left, right] = self.limits.torque_n_m;
+                let cut = JointTorques::new(torques.0.x.clamp(-left, left), torques.0.y.clamp(-right, right));
+                Ok((Allowed(JointCommand::Torque(cut)), cut != *torques))
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    fn gate() -> Gate {
+        Gate::new(Limits { period_s: 1e-3, torque_n_m: [60.0, 50.0], joint_speed_rad_per_s: 6.0 })
+    }
+
+    #[test]
+    fn the_first_position_starts_from_the_measurement() {
+        let measured = Measured { angles: JointAngles::new(1.0, 2.0), ..Measured::default() };
+        assert!(gate().check(&JointCommand::Position(JointAngles::new(1.0059, 2.0)), &measured).is_ok());
+        assert_eq!(
+            gate().check(&JointCommand::Position(JointAngles::new(1.0061, 2.0)), &measured),
+            Err(Fault::OverSpeed)
+        );
+    }
+
+    proptest! {
+        #[test]
+        fn nothing_beyond_the_limits_passes(x in any::<f64>(), y in any::<f64>()) {
+            let measured = Measured::default();
+            let mut gate = gate();
+            if let Ok((allowed, cut)) = gate.check(&JointCommand::Torque(JointTorques::new(x, y)), &measured) {
+                let JointCommand::Torque(torque) = allowed.get() else { unreachable!() };
+                prop_assert!(torque.0.x.abs() <= 60.0 && torque.0.y.abs() <= 50.0);
+                prop_assert_eq!(cut, x.abs() > 60.0 || y.abs() > 50.0);
+            } else {
+                prop_assert!(!(x.is_finite() && y.is_finite()));
+            }
+            if let Ok((allowed, _)) = gate.check(&JointCommand::Position(JointAngles::new(x, y)), &measured) {
+                let JointCommand::Position(target) = allowed.get() else { unreachable!() };
+                prop_assert!(target.0.amax() <= 6.0e-3);
+            }
+            if let Ok((allowed, _)) = gate.check(&JointCommand::Velocity(JointRates::new(x, y)), &measured) {
+                let JointCommand::Velocity(rates) = allowed.get() else { unreachable!() };
+                prop_assert!(rates.0.amax() <= 6.0);
+            }
+        }
+    }
+}

@@ -1,0 +1,81 @@
+//! The ramp along which the reference comes to rest.
+
+use crate::quantity::{TipPoint, TipVelocity};
+
+/// A straight, jerk-limited stop: the velocity falls by the smooth step `1 - 3 s^2 + 2 s^3` of the time share `s`.
+///
+/// With the greatest deceleration `a` the ramp from speed `v` takes `1.5 v / a` and covers `0.75 v^2 / a`; its jerk is
+/// at most `4 a^2 / (1.5 v)`.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct StopRamp {
+    start: TipPoint,
+    velocity: TipVelocity,
+    duration_s: f64,
+    elapsed_s: f64,
+}
+
+impl StopRamp {
+    /// A ramp from `start` and `velocity` with at most `deceleration_m_per_s2` (positive).
+    ///
+    /// Real-time: yes.
+    pub fn new(start: TipPoint, velocity: TipVelocity, deceleration_m_per_s2: f64) -> Self {
+        let duration_s = 1.5 * velocity.0.norm() / deceleration_m_per_s2;
+        Self { start, velocity, duration_s, elapsed_s: 0.0 }
+    }
+
+    /// The reference `period_s` later.
+    ///
+    /// Real-time: yes.
+    pub fn advance(&mut self, period_s: f64) -> TipPoint {
+        self.elapsed_s = (self.elapsed_s + period_s).min(self.duration_s);
+        if self.duration_s <= 0.0 {
+            return self.start;
+        }
+        let s = self.elapsed_s / self.duration_s;
+        let way = self.duration_s * s * (1.0 - s * s * (1.0 - 0.5 * s));
+        TipPoint(self.start.0 + self.velocity.0 * way)
+    }
+
+    /// Whether the reference has come to rest.
+    pub fn is_at_rest(&self) -> bool {
+        self.elapsed_s >= self.duration_s
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    proptest! {
+        #[test]
+        fn it_starts_at_its_velocity_and_stops_within_its_deceleration(vx in -1.0..1.0f64, vy in -1.0..1.0f64, a in 1.0..50.0f64) {
+            let velocity = TipVelocity::new(vx, vy);
+            let mut ramp = StopRamp::new(TipPoint::new(0.1, 0.2), velocity, a);
+            let period = 1e-4;
+            let mut last = TipPoint::new(0.1, 0.2).0;
+            let mut last_speed = velocity.0;
+            let mut cycles = 0;
+            while !ramp.is_at_rest() {
+                let now = ramp.advance(period).0;
+                let speed = (now - last) / period;
+                let slack = if ramp.is_at_rest() { 2.0 } else { 1.0 };
+                prop_assert!((speed - last_speed).norm() <= slack * a * period * (1.0 + 1e-6) + 1e-9);
+                (last, last_speed) = (now, speed);
+                cycles += 1;
+                prop_assert!(cycles < 100_000);
+            }
+            let speed = velocity.0.norm();
+            let way = (last - TipPoint::new(0.1, 0.2).0).norm();
+            prop_assert!((way - 0.75 * speed * speed / a).abs() < 1e-9);
+            prop_assert_eq!(ramp.advance(period).0, last);
+        }
+    }
+
+    #[test]
+    fn at_rest_it_stays() {
+        let mut ramp = StopRamp::new(TipPoint::new(0.1, 0.2), TipVelocity::default(), 10.0);
+        assert!(ramp.is_at_rest());
+        assert_eq!(ramp.advance(1e-3), TipPoint::new(0.1, 0.2));
+    }
+}

@@ -1,0 +1,310 @@
+//! The supervisor: whether the rig rests, runs, holds or stops, decided once a cycle for all axes together.
+//!
+//! ```text
+//! Idle --enable--> Enabling --all drives enabled--> Running <--clear--> Holding
+//!   ^                 |                               |                    |
+//!   |                 +---------- fault --------------+--------------------+
+//!   |                                                 v
+//!   +------- reset ------ Stopped*, Disabled*, Lost* <-- Stopping (ramp)
+//! ```
+//! States with `*` latch: only [`Request::Reset`] leaves them, and nothing enables by itself.
+
+use yieldwall_drives::cia402;
+
+use super::fault::{Fault, FaultCounts, Reaction};
+
+/// Cycles without any fault after which Holding ends (hysteresis against flicker at a threshold).
+const CLEAR_CYCLES: u16 = 50;
+
+/// The state of the rig.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Default)]
+#[repr(u8)]
+pub enum State {
+    /// Drives are not enabled; nothing moves. The start.
+    #[default]
+    Idle,
+    /// The drives walk to Operation Enabled together.
+    Enabling,
+    /// The fixture moves the reference.
+    Running,
+    /// The reference is at rest or comes to rest; clears by itself when the fault has gone.
+    Holding,
+    /// The reference comes to rest along a ramp; a quick stop follows.
+    Stopping,
+    /// Latched: quick stop was commanded.
+    Stopped,
+    /// Latched: voltage off was commanded.
+    Disabled,
+    /// Latched: the bus cannot be reached, the drives' watchdogs act.
+    Lost,
+}
+
+impl State {
+    /// Whether only a reset by a person leaves this state.
+    pub fn is_latched(self) -> bool {
+        matches!(self, State::Stopped | State::Disabled | State::Lost)
+    }
+}
+
+/// What a person asks for, in this cycle.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Request {
+    /// Nothing.
+    #[default]
+    None,
+    /// Enable the drives and run; only from Idle.
+    Enable,
+    /// Stop along the ramp.
+    Stop,
+    /// Leave a latched state for Idle; sends one fault reset to drives in Fault.
+    Reset,
+}
+
+/// What the reference does in this cycle.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Motion {
+    /// There is no reference: the command is the one that moves nothing.
+    Rest,
+    /// The fixture moves it.
+    Run,
+    /// It comes to rest along the ramp and stays.
+    Halt,
+}
+
+/// What the supervisor decides in one cycle.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Directive {
+    /// The state from now on.
+    pub state: State,
+    /// What the reference does.
+    pub motion: Motion,
+    /// Where the drives shall go, all of them.
+    pub goal: cia402::Goal,
+    /// Whether drives in Fault get one reset edge.
+    pub fault_reset: bool,
+}
+
+/// What the supervisor looks at.
+#[derive(Clone, Copy, Debug)]
+pub struct View<'a> {
+    /// The drives' states as known in this cycle.
+    pub drives: [cia402::State; 2],
+    /// The faults seen in this cycle.
+    pub faults: &'a FaultCounts,
+    /// Whether the reference is at rest.
+    pub at_rest: bool,
+    /// What the person asks for.
+    pub request: Request,
+}
+
+/// The supervisor's memory.
+#[derive(Clone, Debug, Default)]
+pub struct Supervisor {
+    state: State,
+    cause: Option<Fault>,
+    clear_cycles: u16,
+    resetting: bool,
+}
+
+impl Supervisor {
+    /// In Idle, without a cause.
+    pub fn new() -> Self {
+        Self::default()
+    }
+
+    /// The state after the last step.
+    pub fn state(&self) -> State {
+        self.state
+    }
+
+    /// The fault that led to the present state, if one did.
+    pub fn cause(&self) -> Option<Fault> {
+        self.cause
+    }
+
+    /// One cycle.
+    ///
+    /// Real-time: yes.
+    pub fn step(&mut self, view: &View<'_>) -> Directive {
+        self.resetting = false;
+        self.state = self.next(view);
+        self.directive()
+    }
+
+    fn next(&mut self, view: &View<'_>) -> State {
+        let all_enabled = view.drives.iter().all(|drive| *drive == cia402::State::OperationEnabled);
+        let worst = view.faults.worst();
+        match self.state {
+            State::Idle => match (view.request, worst) {
+                (Request::Enable, None) => {
+                    self.cause = None;
+                    State::Enabling
+                }
+                (Request::Enable, Some((fault, reaction))) if reaction > Reaction::Count => {
+                    self.cause = Some(fault);
+                    State::Idle
+                }
+                (Request::Enable, _) => State::Enabling,
+                _ => State::Idle,
+            },
+            State::Enabling => match worst {
+                Some((fault, reaction)) if reaction > Reaction::Freeze => self.stop_now(fault, reaction),
+                _ if view.request == Request::Stop => State::Idle,
+                _ if all_enabled => State::Running,
+                _ => State::Enabling,
+            },
+            State::Running => self.react(worst, State::Running),
+            State::Holding => {
+                let quiet = worst.is_none_or(|(_, reaction)| reaction == Reaction::Count);
+                self.clear_cycles = if quiet { self.clear_cycles + 1 } else { 0 };
+                if self.clear_cycles >= CLEAR_CYCLES && view.at_rest {
+                    self.cause = None;
+                    State::Running
+                } else {
+                    self.react(worst, State::Holding)
+                }
+            }
+            State::Stopping => match worst {
+                Some((fault, reaction)) if reaction > Reaction::StopRamp => self.stop_now(fault, reaction),
+                _ if view.at_rest => State::Stopped,
+                _ => State::Stopping,
+            },
+            latched => self.stay(latched, worst, view),
+        }
+    }
+
+    fn react(&mut self, worst: Option<(Fault, Reaction)>, unmoved: State) -> State {
+        match worst {
+            None | Some((_, Reaction::Count)) => unmoved,
+            Some((fault, Reaction::Freeze)) => {
+                self.cause = Some(fault);
+                if unmoved != State::Holding {
+                    self.clear_cycles = 0;
+                }
+                State::Holding
+            }
+            Some((fault, Reaction::StopRamp)) => {
+                self.cause = Some(fault);
+                State::Stopping
+            }
+            Some((fault, reaction)) => self.stop_now(fault, reaction),
+        }
+    }
+
+    fn stop_now(&mut self, fault: Fault, reaction: Reaction) -> State {
+        self.cause = Some(fault);
+        match reaction {
+            Reaction::TorqueOff => State::Disabled,
+            Reaction::Silence => State::Lost,
+            _ => State::Stopped,
+        }
+    }
+
+    /// A latched state grows only more severe, and ends only by a reset when nothing is wrong any more.
+    fn stay(&mut self, latched: State, worst: Option<(Fault, Reaction)>, view: &View<'_>) -> State {
+        if view.request == Request::Reset {
+            self.resetting = true;
+            self.cause = None;
+            return State::Idle;
+        }
+        match worst {
+            Some((fault, Reaction::TorqueOff)) if latched == State::Stopped => self.stop_now(fault, Reaction::TorqueOff),
+            Some((fault, Reaction::Silence)) if latched != State::Lost => self.stop_now(fault, Reaction::Silence),
+            _ => latched,
+        }
+    }
+
+    fn directive(&self) -> Directive {
+        let (motion, goal) = match self.state {
+            State::Idle => (Motion::Rest, cia402::Goal::ReadyToSwitchOn),
+            State::Enabling => (Motion::Rest, cia402::Goal::OperationEnabled),
+            State::Running => (Motion::Run, cia402::Goal::OperationEnabled),
+            State::Holding | State::Stopping => (Motion::Halt, cia402::Goal::OperationEnabled),
+            State::Stopped => (Motion::Rest, cia402::Goal::QuickStop),
+            State::Disabled | State::Lost => (Motion::Rest, cia402::Goal::SwitchOnDisabled),
+        };
+        Directive { state: self.state, motion, goal, fault_reset: self.resetting }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use cia402::{Goal, State as Drive};
+
+    struct Rig {
+        supervisor: Supervisor,
+        faults: FaultCounts,
+        drives: [Drive; 2],
+        at_rest: bool,
+    }
+
+    impl Rig {
+        fn new(drive: Drive) -> Self {
+            Self { supervisor: Supervisor::new(), faults: FaultCounts::default(), drives: [drive; 2], at_rest: true }
+        }
+
+        fn running() -> Self {
+            let mut rig = Rig::new(Drive::OperationEnabled);
+            rig.step(Request::Enable);
+            assert_eq!(rig.step(Request::None).state, State::Running);
+            rig
+        }
+
+        fn step(&mut self, request: Request) -> Directive {
+            let view = View { drives: self.drives, faults: &self.faults, at_rest: self.at_rest, request };
+            self.supervisor.step(&view)
+        }
+    }
+
+    #[test]
+    fn it_runs_only_when_every_drive_is_enabled() {
+        let mut rig = Rig::new(Drive::SwitchedOn);
+        assert_eq!(rig.step(Request::None).state, State::Idle);
+        assert_eq!(rig.step(Request::Enable).goal, Goal::OperationEnabled);
+        rig.drives[0] = Drive::OperationEnabled;
+        assert_eq!(rig.step(Request::None).motion, Motion::Rest);
+        rig.drives[1] = Drive::OperationEnabled;
+        assert_eq!(rig.step(Request::None).motion, Motion::Run);
+    }
+
+    #[test]
+    fn a_freeze_clears_by_itself_but_not_at_once() {
+        let mut rig = Rig::running();
+        rig.faults.observe(Fault::SensorSaturated, true);
+        assert_eq!(rig.step(Request::None).state, State::Holding);
+        rig.faults.observe(Fault::SensorSaturated, false);
+        for _ in 0..CLEAR_CYCLES - 1 {
+            assert_eq!(rig.step(Request::None).state, State::Holding);
+        }
+        assert_eq!(rig.step(Request::None).state, State::Running);
+    }
+
+    #[test]
+    fn a_stop_request_ramps_and_latches() {
+        let mut rig = Rig::running();
+        rig.faults.observe(Fault::StopRequested, true);
+        rig.at_rest = false;
+        assert_eq!(rig.step(Request::None).state, State::Stopping);
+        assert_eq!(rig.step(Request::None).motion, Motion::Halt);
+        rig.at_rest = true;
+        assert_eq!(rig.step(Request::None).goal, Goal::QuickStop);
+        rig.faults.observe(Fault::StopRequested, false);
+        for request in [Request::None, Request::Enable, Request::Stop] {
+            assert_eq!(rig.step(request).state, State::Stopped);
+        }
+        let reset = rig.step(Request::Reset);
+        assert_eq!((reset.state, reset.motion, reset.fault_reset), (State::Idle, Motion::Rest, true));
+        assert!(!rig.step(Request::None).fault_reset, "a fault reset is sent once");
+        assert_eq!(rig.step(Request::None).state, State::Idle, "nothing enables by itself");
+    }
+
+    #[test]
+    fn a_drive_fault_takes_voltage_from_all_axes_in_the_same_cycle() {
+        let mut rig = Rig::running();
+        rig.faults.observe(Fault::DriveFault, true);
+        let directive = rig.step(Request::None);
+        assert_eq!((directive.state, directive.motion, directive.goal), (State::Disabled, Motion::Rest, Goal::SwitchOnDisabled));
+        assert_eq!(rig.supervisor.cause(), Some(Fault::DriveFault));
+    }
+}

@@ -1,0 +1,281 @@
+//! Measures of one run, taken from its rows.
+
+use crate::record::{Row, Trace};
+
+/// A proxy nearer to the surface than this, in m, lies on it.
+const ON_SURFACE_M: f64 = 1e-9;
+/// Time after a crossing in which a penetration belongs to the impact, in s.
+const IMPACT_WINDOW_S: f64 = 0.2;
+/// Time left out of steady tracing after an impact or a reversal, in s.
+const SETTLING_S: f64 = 0.1;
+/// Greatest tool speed that counts as steady tracing, in m/s.
+const TRACING_SPEED_M_PER_S: f64 = 0.1;
+/// A proxy slower than this, in m/s, rests: resting on the surface is not tracing it.
+const RESTING_SPEED_M_PER_S: f64 = 1e-3;
+/// Share of R up to which a force counts as pressing on the surface below the yield force.
+const PRESSED_SHARE: f64 = 0.95;
+
+/// One crossing of the surface by a proxy that came from off it, pushed by less than R.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Impact {
+    /// Time of the crossing in s.
+    pub time_s: f64,
+    /// Speed of the proxy along the normal before the crossing, in m/s.
+    pub speed_m_per_s: f64,
+    /// Greatest distance of the proxy beyond the surface while the sensed force stays below R, in mm.
+    pub depth_mm: f64,
+    /// The depth that the proxy's equation of motion gives for this speed and the mean normal force until it stopped,
+    /// in mm; `None` where the law does not apply (impedance type, or a hold).
+    pub predicted_depth_mm: Option<f64>,
+    /// Greatest distance of the tool beyond the surface in the same time, in mm.
+    pub tool_depth_mm: f64,
+    /// Greatest sensed normal force within the window, in N.
+    pub force_normal_max_n: f64,
+}
+
+/// The measures of one run; see the fields.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Measures {
+    /// All impacts, in order of time.
+    pub impacts: Vec<Impact>,
+    /// Greatest depth of all impacts in mm; 0 without one.
+    pub penetration_mm: f64,
+    /// Greatest distance from the surface of a proxy that the fixture holds on it, in mm.
+    pub proxy_on_surface_max_mm: Option<f64>,
+    /// Share of the rows with a pressing force between F and 0.95 R, since the proxy came to lie on the surface, in
+    /// which it lies there. `None` without such a row.
+    pub on_surface_fraction_when_pressed: Option<f64>,
+    /// How often the proxy left the surface while pressed by less than 0.95 R.
+    pub unintended_releases: u32,
+    /// RMS distance of the tool from the surface in steady tracing up to 0.1 m/s, in mm.
+    pub tool_rms_tracing_mm: Option<f64>,
+    /// RMS distance of the tool from the surface over all rows with the proxy on it, in mm.
+    pub tool_rms_on_surface_mm: Option<f64>,
+    /// Greatest such distance in mm.
+    pub tool_max_on_surface_mm: Option<f64>,
+    /// Greatest sensed normal force while the proxy was on the surface, in N.
+    pub peak_force_on_surface_n: Option<f64>,
+    /// Work of the tool on the hand where it is positive, summed, in J.
+    pub energy_given_j: f64,
+    /// Work of the hand on the tool where it is positive, summed, in J.
+    pub energy_taken_j: f64,
+    /// Share of the rows with a positive power of the tool on the hand.
+    pub power_positive_fraction: f64,
+    /// Greatest commanded joint torque in N m; `None` where no torque is commanded.
+    pub peak_torque_n_m: Option<f64>,
+    /// Whether a torque reached its limit; `None` where no torque is commanded.
+    pub torque_saturated: Option<bool>,
+    /// Kinetic energy that the proxy lost in its stops, summed, in J: the bound on `energy_given_j` without
+    /// quantisation (admittance type).
+    pub stop_energy_j: Option<f64>,
+}
+
+/// What the measures need to know of the fixture and the loop.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Context {
+    /// Cycle time in s.
+    pub period_s: f64,
+    /// Proxy mass in kg; `None` for the impedance type.
+    pub mass_kg: Option<f64>,
+    /// Whether only the side against the normal is forbidden.
+    pub is_unilateral: bool,
+    /// Torque limit in N m; `None` where no torque is commanded.
+    pub torque_limit_n_m: Option<f64>,
+}
+
+/// Takes all measures of `trace`.
+pub fn measure(trace: &Trace, context: &Context) -> Measures {
+    let impacts = impacts(trace, context);
+    let (energy_given_j, energy_taken_j) = work(trace);
+    let on: Vec<&Row> = trace.rows.iter().filter(|row| row.is_on_surface).collect();
+    let distance_mm = |row: &Row| 1e3 * trace.reference.signed_distance_m(row.tool_m).unwrap_or(0.0).abs();
+    let tracing: Vec<&Row> = steady_tracing(trace, context, &impacts).collect();
+    let pressed = pressed(trace, context);
+    let peak_torque = trace.rows.iter().flat_map(|row| row.torques_n_m).fold(0.0f64, |peak, torque| peak.max(torque.abs()));
+    let positive = trace.rows.iter().filter(|row| row.power_w > 0.0).count();
+    Measures {
+        penetration_mm: impacts.iter().map(|impact| impact.depth_mm).fold(0.0, f64::max),
+        proxy_on_surface_max_mm: greatest(on.iter().map(|row| 1e3 * row.signed_distance_m.abs())),
+        on_surface_fraction_when_pressed: (pressed.rows > 0).then(|| f64::from(pressed.on) / f64::from(pressed.rows)),
+        unintended_releases: pressed.releases,
+        tool_rms_tracing_mm: root_mean_square(tracing.iter().map(|row| distance_mm(row))),
+        tool_rms_on_surface_mm: root_mean_square(on.iter().map(|row| distance_mm(row))),
+        tool_max_on_surface_mm: greatest(on.iter().map(|row| distance_mm(row))),
+        peak_force_on_surface_n: greatest(on.iter().map(|row| trace.normal_force_n(row).abs())),
+        energy_given_j,
+        energy_taken_j,
+        power_positive_fraction: positive as f64 / trace.rows.len().max(1) as f64,
+        peak_torque_n_m: context.torque_limit_n_m.map(|_| peak_torque),
+        torque_saturated: context.torque_limit_n_m.map(|limit| peak_torque >= limit * (1.0 - 1e-9)),
+        stop_energy_j: context.mass_kg.map(|mass| stop_energy(trace, context.period_s, mass)),
+        impacts,
+    }
+}
+
+fn greatest(values: impl Iterator<Item = f64>) -> Option<f64> {
+    values.fold(None, |known: Option<f64>, value| Some(known.map_or(value, |known| known.max(value))))
+}
+
+fn root_mean_square(values: impl Iterator<Item = f64>) -> Option<f64> {
+    let (sum, count) = values.fold((0.0, 0u32), |(sum, count), value| (sum + value * value, count + 1));
+    (count > 0).then(|| (sum / f64::from(count)).sqrt())
+}
+
+/// Normal force of the hand on the tool, positive along the surface's normal, in N.
+fn push_n(trace: &Trace, row: &Row) -> f64 {
+    -trace.normal_force_n(row)
+}
+
+fn impacts(trace: &Trace, context: &Context) -> Vec<Impact> {
+    let rows = &trace.rows;
+    let mut found: Vec<Impact> = Vec::new();
+    for at in 2..rows.len() {
+        let (before, now) = (rows[at - 1].signed_distance_m, rows[at].signed_distance_m);
+        let crosses = before.abs() > ON_SURFACE_M && (before * now < 0.0 || now.abs() <= ON_SURFACE_M);
+        // Against a unilateral surface only an approach from the free side is an impact.
+        if !crosses || (context.is_unilateral && before < 0.0) {
+            continue;
+        }
+        if push_n(trace, &rows[at]).abs() >= trace.yield_n {
+            continue;
+        }
+        found.push(impact_at(trace, context, at));
+    }
+    found
+}
+
+fn impact_at(trace: &Trace, context: &Context, at: usize) -> Impact {
+    let rows = &trace.rows;
+    let side = rows[at - 1].signed_distance_m.signum();
+    let speed = (rows[at - 1].signed_distance_m - rows[at - 2].signed_distance_m).abs() / context.period_s;
+    let window = (IMPACT_WINDOW_S / context.period_s).round() as usize;
+    let mut impact = Impact {
+        time_s: rows[at].time_s,
+        speed_m_per_s: speed,
+        depth_mm: 0.0,
+        predicted_depth_mm: None,
+        tool_depth_mm: 0.0,
+        force_normal_max_n: 0.0,
+    };
+    let mut below_yield = true;
+    let mut came_back = false;
+    let mut push = Vec::new();
+    for row in rows.iter().skip(at).take(window) {
+        let force = push_n(trace, row);
+        impact.force_normal_max_n = impact.force_normal_max_n.max(force.abs());
+        below_yield &= force.abs() < trace.yield_n;
+        let depth = -side * row.signed_distance_m;
+        came_back |= depth < -ON_SURFACE_M;
+        if !below_yield || came_back {
+            continue;
+        }
+        if 1e3 * depth > impact.depth_mm {
+            push.push(-side * force);
+        }
+        impact.depth_mm = impact.depth_mm.max(1e3 * depth);
+        let tool = trace.reference.signed_distance_m(row.tool_m).unwrap_or(0.0);
+        impact.tool_depth_mm = impact.tool_depth_mm.max(-side * 1e3 * tool);
+    }
+    if let (Some(mass), 0) = (context.mass_kg, trace.hold_steps) {
+        let mean_push = if push.is_empty() { 0.0 } else { push.iter().sum::<f64>() / push.len() as f64 };
+        let gap = rows[at - 1].signed_distance_m.abs();
+        impact.predicted_depth_mm = Some(1e3 * crate::fixture::predicted_depth_m(mass, trace.yield_n, context.period_s, speed, mean_push, gap));
+    }
+    impact
+}
+
+struct Pressed {
+    rows: u32,
+    on: u32,
+    releases: u32,
+}
+
+/// Walks the contacts: from a row with the proxy on the surface until the push reaches 0.95 R, or points to the free
+/// side of a unilateral surface.
+fn pressed(trace: &Trace, context: &Context) -> Pressed {
+    let mut pressed = Pressed { rows: 0, on: 0, releases: 0 };
+    let mut in_contact = false;
+    let mut was_on = false;
+    for row in &trace.rows {
+        let push = push_n(trace, row);
+        let is_freeing = context.is_unilateral && push > 0.0;
+        if push.abs() >= PRESSED_SHARE * trace.yield_n || is_freeing {
+            in_contact = false;
+        } else if row.is_on_surface {
+            in_contact = true;
+        }
+        if in_contact && push.abs() > trace.friction_n {
+            pressed.rows += 1;
+            pressed.on += u32::from(row.is_on_surface);
+            pressed.releases += u32::from(was_on && !row.is_on_surface);
+        }
+        was_on = row.is_on_surface;
+    }
+    pressed
+}
+
+fn steady_tracing<'a>(trace: &'a Trace, context: &'a Context, impacts: &'a [Impact]) -> impl Iterator<Item = &'a Row> {
+    let settling = SETTLING_S;
+    let mut next_impact = 0;
+    let mut quiet_from = f64::NEG_INFINITY;
+    let mut last_direction: Option<[f64; 3]> = None;
+    trace.rows.windows(2).filter_map(move |pair| {
+        let [before, row] = pair else { return None };
+        while impacts.get(next_impact).is_some_and(|impact| impact.time_s <= row.time_s) {
+            quiet_from = impacts[next_impact].time_s + settling;
+            next_impact += 1;
+        }
+        let step = std::array::from_fn::<f64, 3, _>(|axis| row.proxy_m[axis] - before.proxy_m[axis]);
+        let speed = norm(step) / context.period_s;
+        if !row.is_on_surface {
+            last_direction = None;
+            quiet_from = quiet_from.max(row.time_s + settling);
+            return None;
+        }
+        if speed < RESTING_SPEED_M_PER_S {
+            return None;
+        }
+        let turned = last_direction.is_some_and(|last| dot(last, step) < 0.0);
+        if turned {
+            quiet_from = quiet_from.max(row.time_s + settling);
+        }
+        last_direction = Some(step);
+        (row.time_s >= quiet_from && speed <= TRACING_SPEED_M_PER_S).then_some(row)
+    })
+}
+
+/// Work of the tool on the hand, its positive and its negative part, by the trapezoidal rule over rows.
+fn work(trace: &Trace) -> (f64, f64) {
+    let mut given = 0.0;
+    let mut taken = 0.0;
+    for pair in trace.rows.windows(2) {
+        let [before, row] = pair else { continue };
+        let (f0, f1) = (trace.force_on_hand_n(before), trace.force_on_hand_n(row));
+        let work: f64 =
+            (0..3).map(|axis| 0.5 * (f0[axis] + f1[axis]) * (row.tool_m[axis] - before.tool_m[axis])).sum();
+        given += work.max(0.0);
+        taken += (-work).max(0.0);
+    }
+    (given, taken)
+}
+
+/// Kinetic energy lost by the proxy over its slowing steps, `sum 1/2 M (v0^2 - v1^2)`.
+fn stop_energy(trace: &Trace, period_s: f64, mass_kg: f64) -> f64 {
+    let squares: Vec<f64> = trace
+        .rows
+        .windows(2)
+        .map(|pair| {
+            let step = std::array::from_fn::<f64, 3, _>(|axis| pair[1].proxy_m[axis] - pair[0].proxy_m[axis]);
+            dot(step, step) / (period_s * period_s)
+        })
+        .collect();
+    squares.windows(2).map(|pair| 0.5 * mass_kg * (pair[0] - pair[1]).max(0.0)).sum()
+}
+
+fn dot(a: [f64; 3], b: [f64; 3]) -> f64 {
+    a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+}
+
+fn norm(a: [f64; 3]) -> f64 {
+    dot(a, a).sqrt()
+}
