@@ -1,0 +1,168 @@
+//! What all laws of one axis share: gains, the range of the effort, the step and the choice of a law.
+
+use super::error::{ControlError, not_negative, positive};
+use super::{Pid, Psmc};
+use crate::setvalued::gsat;
+
+/// Gains of PID and PSMC on one axis. Per joint in N m/rad, N m s/rad, N m/(rad s); per direction of the base frame in
+/// N/m, N s/m, N/(m s).
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Gains {
+    /// `K`, effort per error; greater than zero.
+    pub stiffness: f64,
+    /// `B`, effort per rate of the error; not negative.
+    pub damping: f64,
+    /// `L`, effort per time integral of the error; not negative, zero for none.
+    pub integral: f64,
+}
+
+impl Gains {
+    /// These gains, if they are finite, `K > 0`, `B >= 0` and `L >= 0`.
+    ///
+    /// # Errors
+    /// [`ControlError::OutOfRange`] names the first gain that is not.
+    pub fn checked(self) -> Result<Self, ControlError> {
+        positive("stiffness", self.stiffness)?;
+        not_negative("damping", self.damping)?;
+        not_negative("integral gain", self.integral)?;
+        Ok(self)
+    }
+}
+
+/// The efforts that a law may command, `lower <= 0 <= upper`: what a torque or force limit leaves beside the
+/// feed-forward, so in general not symmetric.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct EffortRange {
+    lower: f64,
+    upper: f64,
+}
+
+impl EffortRange {
+    /// The range `[lower, upper]`. An end on the wrong side of zero, or not finite, becomes zero: a broken limit allows
+    /// no effort in its direction.
+    ///
+    /// Real-time: yes.
+    pub fn new(lower: f64, upper: f64) -> Self {
+        let lower = if lower.is_finite() && lower < 0.0 { lower } else { 0.0 };
+        let upper = if upper.is_finite() && upper > 0.0 { upper } else { 0.0 };
+        Self { lower, upper }
+    }
+
+    /// The range `[-limit, limit]`.
+    ///
+    /// Real-time: yes.
+    pub fn symmetric(limit: f64) -> Self {
+        Self::new(-limit, limit)
+    }
+
+    /// The feed-forward cut to `[-limit, limit]` and the range that is left for the law, so that their sum keeps within
+    /// the limit whatever the law does.
+    ///
+    /// The second difference of a proxy that stops within one period asks for an inertia torque far above any limit;
+    /// the cut bounds it. Zero is always in the range, so the law is never forced to push. A feed-forward that is not
+    /// finite counts as zero.
+    ///
+    /// Real-time: yes.
+    pub fn around(limit: f64, feed_forward: f64) -> (f64, Self) {
+        let limit = if limit.is_finite() && limit > 0.0 { limit } else { 0.0 };
+        let feed_forward = if feed_forward.is_finite() { gsat(-limit, feed_forward, limit) } else { 0.0 };
+        (feed_forward, Self::new(-limit - feed_forward, limit - feed_forward))
+    }
+
+    /// The least effort, at most zero.
+    pub fn lower(&self) -> f64 {
+        self.lower
+    }
+
+    /// The greatest effort, at least zero.
+    pub fn upper(&self) -> f64 {
+        self.upper
+    }
+
+    /// `effort` clamped to the range; NaN stays NaN.
+    #[inline]
+    pub fn clamp(&self, effort: f64) -> f64 {
+        gsat(self.lower, effort, self.upper)
+    }
+}
+
+/// What a law commands in one cycle.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct AxisStep {
+    /// The effort, N m or N: finite and within the range.
+    pub effort: f64,
+    /// Whether the range clamped it.
+    pub saturated: bool,
+    /// Whether the input was usable. If not, the effort is zero and the guard must not let it drive an axis.
+    pub valid: bool,
+}
+
+impl AxisStep {
+    pub(super) const REFUSED: Self = Self { effort: 0.0, saturated: false, valid: false };
+}
+
+/// A sampled law that turns the error of one axis into an effort.
+pub trait AxisController {
+    /// One period: `error` is desired minus measured, rad or m. Rates of the error are taken inside, by backward
+    /// difference.
+    ///
+    /// An error that is not finite gives [`AxisStep::valid`] false, effort zero and no change of the integral; the next
+    /// usable error starts without a difference, so that the gap makes no kick.
+    ///
+    /// Real-time: yes.
+    fn step(&mut self, error: f64, range: EffortRange) -> AxisStep;
+
+    /// Forgets the past, as on enabling: no integral, no rate, `error` taken as the previous one (bumpless).
+    ///
+    /// Real-time: yes.
+    fn reset(&mut self, error: f64);
+}
+
+/// Which law a rig uses.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Law {
+    /// Proxy-based sliding mode control.
+    Psmc,
+    /// Proportional, integral and derivative action.
+    Pid,
+}
+
+impl Law {
+    /// A controller of this law for one axis with sampling interval `period_s`. `sliding_time_s` is `H` of PSMC in s;
+    /// PID does not use it.
+    ///
+    /// # Errors
+    /// As [`Psmc::new`] and [`Pid::new`].
+    pub fn controller(self, gains: Gains, sliding_time_s: f64, period_s: f64) -> Result<Axis, ControlError> {
+        Ok(match self {
+            Law::Psmc => Axis::Psmc(Psmc::new(gains, sliding_time_s, period_s)?),
+            Law::Pid => Axis::Pid(Pid::new(gains, period_s)?),
+        })
+    }
+}
+
+/// A controller whose law was chosen by configuration.
+#[derive(Clone, Debug)]
+pub enum Axis {
+    /// Proxy-based sliding mode control.
+    Psmc(Psmc),
+    /// Proportional, integral and derivative action.
+    Pid(Pid),
+}
+
+impl AxisController for Axis {
+    #[inline]
+    fn step(&mut self, error: f64, range: EffortRange) -> AxisStep {
+        match self {
+            Axis::Psmc(law) => law.step(error, range),
+            Axis::Pid(law) => law.step(error, range),
+        }
+    }
+
+    fn reset(&mut self, error: f64) {
+        match self {
+            Axis::Psmc(law) => law.reset(error),
+            Axis::Pid(law) => law.reset(error),
+        }
+    }
+}

@@ -1,0 +1,46 @@
+//! What a controller, a feed-forward or a margin cannot be built from.
+
+/// A parameter that gives no usable controller or margin.
+#[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
+#[non_exhaustive]
+pub enum ControlError {
+    /// A parameter is NaN, infinite or outside its range.
+    #[error("{name} is {value}; it must be {requirement}")]
+    OutOfRange {
+        /// What the parameter is called.
+        name: &'static str,
+        /// What it is.
+        value: f64,
+        /// What it must be, in words.
+        requirement: &'static str,
+    },
+    /// A mass matrix that is not symmetric and positive definite.
+    #[error("the mass matrix is not symmetric positive definite: least eigenvalue {least}, asymmetry {asymmetry}")]
+    NotPositiveDefinite {
+        /// Its least eigenvalue, kg m^2 or kg.
+        least: f64,
+        /// Difference of its off-diagonal entries.
+        asymmetry: f64,
+    },
+    /// Margins over an empty list of inertias.
+    #[error("margins need at least one inertia")]
+    NoInertia,
+}
+
+/// `value` if it is finite and positive.
+pub(super) fn positive(name: &'static str, value: f64) -> Result<f64, ControlError> {
+    if value.is_finite() && value > 0.0 {
+        Ok(value)
+    } else {
+        Err(ControlError::OutOfRange { name, value, requirement: "finite and greater than zero" })
+    }
+}
+
+/// `value` if it is finite and not negative.
+pub(super) fn not_negative(name: &'static str, value: f64) -> Result<f64, ControlError> {
+    if value.is_finite() && value >= 0.0 {
+        Ok(value)
+    } else {
+        Err(ControlError::OutOfRange { name, value, requirement: "finite and not negative" })
+    }
+}

@@ -1,0 +1,306 @@
+//! Stability margins of the sampled joint loop, with its real delay.
+//!
+//! Two joints of mass matrix `M` with the same controller and the same viscous friction `b` on both obey
+//! `M v' + b v = u`, `u = C(z) e` on each. In the eigenvectors of `M` that is two separate loops with the eigenvalues as
+//! inertias, exactly, at a fixed pose. So the margins of the arm are the worst over the eigenvalues of `M` over all
+//! poses. In Cartesian space the same holds for the task-space mass matrix, in kg.
+
+use std::f64::consts::PI;
+
+use nalgebra::{Complex, Matrix2};
+
+use super::Gains;
+use super::error::{ControlError, not_negative, positive};
+use super::stability::{is_schur_stable, product, sum};
+
+/// Longest delay of a [`ServoLoop`] in cycles. A rig has one or two; the bound keeps polynomials small and the
+/// frequency grid dense enough for the delay's phase.
+pub const MAX_DELAY_CYCLES: f64 = 16.0;
+
+/// Points of the frequency grid on which crossovers are looked for, evenly in the logarithm.
+const GRID_POINTS: usize = 6000;
+/// Lowest frequency of the grid over the highest, the Nyquist frequency. What crosses below, at less than 0.1 mHz for
+/// 1 kHz, is not a servo.
+const GRID_SPAN: f64 = 1e-7;
+/// Halvings of a grid interval when a crossover is refined: to the last bit of a `f64`.
+const BISECTIONS: usize = 60;
+
+/// A position servo as sampled: the controller, its interval and the delay from measuring to acting.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ServoLoop {
+    /// Gains of PID, or of PSMC below saturation.
+    pub gains: Gains,
+    /// Sampling interval in s.
+    pub period_s: f64,
+    /// Time from sampling to the change of torque, in sampling intervals, besides the zero-order hold; 0 to
+    /// [`MAX_DELAY_CYCLES`], not only whole numbers. A set-point that answers the SYNC before has 1.
+    pub delay_cycles: f64,
+}
+
+/// How far a loop is from instability. The signs of `gain_db`, `phase_deg` and `gain_reduction_db` say on which side.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Margins {
+    /// How much all gains together may grow, dB; infinity if without bound. Negative: they must shrink by that much.
+    /// Negative infinity if no common factor makes the loop stable.
+    pub gain_db: f64,
+    /// How much all gains together may shrink, dB; infinity if without bound. The integral needs a least gain. Negative:
+    /// they must grow.
+    pub gain_reduction_db: f64,
+    /// Least phase margin over all gain crossovers, degrees; negative if the loop is unstable. A loop whose gain never
+    /// falls to one below the Nyquist frequency has -180.
+    pub phase_deg: f64,
+    /// Further delay until instability, s, as if the loop were continuous at its crossover; zero if unstable.
+    pub delay_margin_s: f64,
+    /// The crossover of the least phase margin, Hz.
+    pub crossover_hz: f64,
+    /// Whether the closed loop is stable: all its poles inside the unit circle.
+    pub stable: bool,
+}
+
+/// Margins of one joint, or of one direction of the base frame: the exact discrete loop of the controller, the delay
+/// and the zero-order hold before `1/(J s^2 + b s)`.
+///
+/// `inertia` is `J > 0`, kg m^2 or kg; `viscous` is `b >= 0`, N m s/rad or N s/m. Coulomb friction is left out: it hides
+/// a poor margin in time simulations and does not mend it. `viscous` zero is the worse case as a rule.
+///
+/// # Errors
+/// [`ControlError::OutOfRange`] for gains, times, inertia or friction that are not finite or outside their ranges.
+///
+/// # Source
+/// Åström, Wittenmark, *Computer-Controlled Systems* (1997), section 2.6 (sampling a system with delay).
+pub fn margins(servo: &ServoLoop, inertia: f64, viscous: f64) -> Result<Margins, ControlError> {
+    Ok(OpenLoop::new(servo, inertia, viscous)?.margins())
+}
+
+/// The worst of [`margins`] over `inertias`: each figure the least of all, the crossover that of the least phase margin,
+/// stable if all are.
+///
+/// # Errors
+/// [`ControlError::NoInertia`] for an empty list, and as [`margins`].
+pub fn worst_margins(servo: &ServoLoop, inertias: &[f64], viscous: f64) -> Result<Margins, ControlError> {
+    let mut worst: Option<Margins> = None;
+    for &inertia in inertias {
+        let next = margins(servo, inertia, viscous)?;
+        worst = Some(worst.map_or(next, |least| Margins {
+            gain_db: least.gain_db.min(next.gain_db),
+            gain_reduction_db: least.gain_reduction_db.min(next.gain_reduction_db),
+            phase_deg: least.phase_deg.min(next.phase_deg),
+            delay_margin_s: least.delay_margin_s.min(next.delay_margin_s),
+            crossover_hz: if next.phase_deg < least.phase_deg { next.crossover_hz } else { least.crossover_hz },
+            stable: least.stable && next.stable,
+        }));
+    }
+    worst.ok_or(ControlError::NoInertia)
+}
+
+/// The eigenvalues of a mass matrix, the lesser first: the inertias over which a pose's margins are taken, kg m^2 for
+/// joint space or kg for Cartesian space.
+///
+/// # Errors
+/// [`ControlError::NotPositiveDefinite`] if an entry is not finite, the matrix is not symmetric to 1e-9 of its trace,
+/// or the lesser eigenvalue is not positive.
+pub fn principal_inertias(mass_matrix: &Matrix2<f64>) -> Result<[f64; 2], ControlError> {
+    let [a, d] = [mass_matrix[(0, 0)], mass_matrix[(1, 1)]];
+    let asymmetry = mass_matrix[(0, 1)] - mass_matrix[(1, 0)];
+    let off = 0.5 * (mass_matrix[(0, 1)] + mass_matrix[(1, 0)]);
+    let greater = 0.5 * (a + d) + (0.5 * (a - d)).hypot(off);
+    // By the determinant, not by the difference, which cancels.
+    let least = (a * d - off * off) / greater;
+    if greater.is_finite() && least > 0.0 && asymmetry.abs() <= 1e-9 * (a + d) {
+        Ok([least, greater])
+    } else {
+        Err(ControlError::NotPositiveDefinite { least, asymmetry })
+    }
+}
+
+/// The loop opened at the controller's output: `L(z) = C(z) P(z)`.
+struct OpenLoop {
+    servo: ServoLoop,
+    /// Position and rate after the part of an interval with the new input, and after the part with the old one.
+    input: [[f64; 2]; 2],
+    /// `z - pole` of the rate is `z - 1 + rate_loss`, `rate_loss = 1 - exp(-b T/J)`.
+    rate_loss: f64,
+    /// Position gained in an interval by a unit rate, s.
+    coast: f64,
+    whole_delay: usize,
+}
+
+impl OpenLoop {
+    fn new(servo: &ServoLoop, inertia: f64, viscous: f64) -> Result<Self, ControlError> {
+        servo.gains.checked()?;
+        let t = positive("period", servo.period_s)?;
+        let j = positive("inertia", inertia)?;
+        let decay = not_negative("viscous friction", viscous)? / j;
+        let delay = not_negative("delay in cycles", servo.delay_cycles)?;
+        if delay > MAX_DELAY_CYCLES {
+            return Err(ControlError::OutOfRange {
+                name: "delay in cycles",
+                value: delay,
+                requirement: "at most MAX_DELAY_CYCLES",
+            });
+        }
+        let late = delay.fract() * t;
+        let [late_position, late_rate] = step_response(late, decay);
+        // The old input acts first and then coasts through the rest of the interval.
+        let rest = t - late;
+        let old = [late_position + coast(rest, decay) * late_rate, (-decay * rest).exp() * late_rate];
+        let new = step_response(rest, decay);
+        Ok(Self {
+            servo: *servo,
+            input: [new, old].map(|pair| pair.map(|x| x / j)),
+            rate_loss: -(-decay * t).exp_m1(),
+            coast: coast(t, decay),
+            whole_delay: delay.trunc() as usize,
+        })
+    }
+
+    /// `L(exp(i theta))`, `theta` from above 0 to pi.
+    fn response(&self, theta: f64) -> Complex<f64> {
+        let Gains { stiffness, damping, integral } = self.servo.gains;
+        let t = self.servo.period_s;
+        // z - 1 without cancellation at low frequencies.
+        let below = Complex::new(-2.0 * (0.5 * theta).sin().powi(2), theta.sin());
+        let z = below + 1.0;
+        let back = below / (z * t);
+        let controller = back * damping + stiffness + back.inv() * integral;
+        let [new, old] = self.input;
+        let [position, rate] = [0, 1].map(|i| z.inv() * old[i] + new[i]);
+        let free = below + self.rate_loss;
+        let plant = (position * free + rate * self.coast) / (below * free);
+        controller * plant * Complex::from_polar(1.0, -theta * self.whole_delay as f64)
+    }
+
+    /// Whether the loop is stable with all gains multiplied by `factor`.
+    fn is_stable(&self, factor: f64) -> bool {
+        let Gains { stiffness: k, damping: b, integral: l } = self.servo.gains;
+        let t = self.servo.period_s;
+        let [new, old] = self.input;
+        let free = [self.rate_loss - 1.0, 1.0];
+        // (old + new z)/z without a delay within the interval is new alone.
+        let [position, rate] = [0, 1].map(|i| if old[i] == 0.0 { vec![new[i]] } else { vec![old[i], new[i]] });
+        let plant_zeros = sum(&product(&position, &free), self.coast, &rate);
+        let mut plant_poles = product(&[-1.0, 1.0], &free);
+        let late = usize::from(position.len() > 1);
+        plant_poles.splice(0..0, std::iter::repeat_n(0.0, self.whole_delay + late));
+        // Without integral action the controller has no pole at one; left in, it would count as unstable.
+        let (zeros, poles) = if l > 0.0 {
+            (vec![b, -k * t - 2.0 * b, k * t + b + l * t * t], vec![0.0, -t, t])
+        } else {
+            (vec![-b, k * t + b], vec![0.0, t])
+        };
+        is_schur_stable(&sum(&product(&plant_poles, &poles), factor, &product(&plant_zeros, &zeros)))
+    }
+
+    fn margins(&self) -> Margins {
+        let stable = self.is_stable(1.0);
+        let sign = if stable { 1.0 } else { -1.0 };
+        let (gain_crossovers, critical_gains) = self.crossovers();
+        let (gain_db, gain_reduction_db) = self.gain_margins(&critical_gains);
+        let nyquist_hz = 0.5 / self.servo.period_s;
+        let mut margins = Margins {
+            gain_db,
+            gain_reduction_db,
+            phase_deg: -180.0,
+            delay_margin_s: 0.0,
+            crossover_hz: nyquist_hz,
+            stable,
+        };
+        let mut least = f64::INFINITY;
+        let mut delay_cycles = f64::INFINITY;
+        for theta in gain_crossovers {
+            // Lag that turns L to -1, 0 to 2 pi; the lead that does is its complement.
+            let lag = (PI + self.response(theta).arg()).rem_euclid(2.0 * PI);
+            delay_cycles = delay_cycles.min(lag / theta);
+            let phase = lag.min(2.0 * PI - lag);
+            if phase < least {
+                least = phase;
+                margins.phase_deg = sign * phase.to_degrees();
+                margins.crossover_hz = nyquist_hz * theta / PI;
+            }
+        }
+        if stable {
+            margins.delay_margin_s = delay_cycles * self.servo.period_s;
+        }
+        margins
+    }
+
+    /// Frequencies `theta` at which `|L| = 1`, and the factors on all gains at which `L` passes through -1.
+    fn crossovers(&self) -> (Vec<f64>, Vec<f64>) {
+        let gain = |theta: f64| self.response(theta).norm().ln();
+        let imaginary = |theta: f64| self.response(theta).im;
+        let mut gain_crossovers = Vec::new();
+        let mut critical_gains = Vec::new();
+        // L is real at pi itself.
+        let nyquist = self.response(PI).re;
+        if nyquist < 0.0 {
+            critical_gains.push(-1.0 / nyquist);
+        }
+        let at = |i: usize| PI * (1.0 - 1e-7) * GRID_SPAN.powf(1.0 - i as f64 / GRID_POINTS as f64);
+        for i in 0..GRID_POINTS {
+            let (low, high) = (at(i), at(i + 1));
+            if let Some(theta) = zero_between(low, high, gain) {
+                gain_crossovers.push(theta);
+            }
+            if let Some(theta) = zero_between(low, high, imaginary) {
+                let real = self.response(theta).re;
+                if real < 0.0 {
+                    critical_gains.push(-1.0 / real);
+                }
+            }
+        }
+        critical_gains.sort_by(f64::total_cmp);
+        (gain_crossovers, critical_gains)
+    }
+
+    /// Gain margin upwards and downwards in dB: the ends of the range of factors around one, or nearest to one, for
+    /// which the loop is stable.
+    fn gain_margins(&self, critical_gains: &[f64]) -> (f64, f64) {
+        let mut best: Option<(f64, f64)> = None;
+        let distance = |(low, high): (f64, f64)| low.ln().max(-high.ln()).max(0.0);
+        for i in 0..=critical_gains.len() {
+            let low = if i == 0 { 0.0 } else { critical_gains[i - 1] };
+            let high = critical_gains.get(i).copied().unwrap_or(f64::INFINITY);
+            let inside = match (low > 0.0, high.is_finite()) {
+                (true, true) => (low * high).sqrt(),
+                (true, false) => 2.0 * low,
+                (false, true) => 0.5 * high,
+                (false, false) => 1.0,
+            };
+            if self.is_stable(inside) && best.is_none_or(|range| distance((low, high)) < distance(range)) {
+                best = Some((low, high));
+            }
+        }
+        best.map_or((f64::NEG_INFINITY, f64::NEG_INFINITY), |(low, high)| (20.0 * high.log10(), -20.0 * low.log10()))
+    }
+}
+
+/// Position gained in the time `t` by a unit rate that friction slows with the rate constant `decay`, s.
+fn coast(t: f64, decay: f64) -> f64 {
+    if decay * t == 0.0 { t } else { -(-decay * t).exp_m1() / decay }
+}
+
+/// Position (s^2) and rate (s) after the time `t` under a unit acceleration from rest, slowed with `decay`.
+fn step_response(t: f64, decay: f64) -> [f64; 2] {
+    let x = decay * t;
+    let position = if x < 0.02 {
+        // (x - 1 + exp(-x))/x^2 cancels for small x; its series is good to 1e-15 here.
+        t * t * (1.0 / 2.0 - x * (1.0 / 6.0 - x * (1.0 / 24.0 - x * (1.0 / 120.0 - x * (1.0 / 720.0 - x / 5040.0)))))
+    } else {
+        (t - coast(t, decay)) / decay
+    };
+    [position, coast(t, decay)]
+}
+
+/// The zero of `f` in `(low, high]` if its sign differs at the ends; the ends are positive.
+fn zero_between(low: f64, high: f64, f: impl Fn(f64) -> f64) -> Option<f64> {
+    let below = f(low) < 0.0;
+    if below == (f(high) < 0.0) {
+        return None;
+    }
+    let (mut low, mut high) = (low, high);
+    for _ in 0..BISECTIONS {
+        let middle = 0.5 * (low + high);
+        if (f(middle) < 0.0) == below { low = middle } else { high = middle }
+    }
+    Some(high)
+}

@@ -1,0 +1,247 @@
+//! The chain as a whole, one step per cycle, and what it says about its own trustworthiness.
+
+use nalgebra::Vector2;
+
+use super::error::{SensingError, not_negative, positive};
+use super::{Calibration, LowPass, Mounting, RawSample, Tare, TareParameters, TareState, Wrench};
+use crate::quantity::Force;
+
+/// Missed samples from which a reading is stale: the third missing one is the first that makes the last sample more
+/// than two intervals old.
+pub const STALE_AFTER_MISSED_SAMPLES: u32 = 3;
+
+/// What a sensing chain is built from.
+#[derive(Clone, Debug)]
+pub struct SensingParameters {
+    /// Counts to wrench.
+    pub calibration: Calibration,
+    /// How the sensor sits on its link.
+    pub mounting: Mounting,
+    /// Mass on the hand's side of the sensor, kg, not negative.
+    pub handle_mass_kg: f64,
+    /// Cut-off of the low pass, Hz; none for no filter.
+    pub low_pass_hz: Option<f64>,
+    /// Samples per second that the sensor makes, Hz.
+    pub sample_rate_hz: f64,
+    /// Interval of [`Sensing::step`], s.
+    pub cycle_period_s: f64,
+}
+
+/// The force of the hand in one cycle. All numbers are finite, always.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Reading {
+    /// Force of the hand on the tool, N, base frame: from the last usable sample, zero before the first.
+    pub force: Force,
+    /// Torque about z at the sensor's origin, N m, from the same sample. Not corrected for the handle's inertia.
+    pub torque_z_n_m: f64,
+    /// Whether a new sample came in this cycle.
+    pub new_sample: bool,
+    /// Whether the last sample was at 98 % of the range or had its overload bit set.
+    pub saturated: bool,
+    /// Whether [`STALE_AFTER_MISSED_SAMPLES`] or more samples are missing.
+    pub stale: bool,
+    /// Whether `force` stands for the last sample: there was one, the angle and acceleration given with it were finite
+    /// and no tare is under way. Says nothing of `saturated` and `stale`.
+    pub valid: bool,
+    /// Time since the last new sample (or since the start), s, to one cycle.
+    pub age_s: f64,
+    /// New samples that should have come since the last one and did not. Counted in the sensor's own interval (or in
+    /// cycles, if those are longer): a sensor of 200 Hz misses none in the four cycles of 1 ms between its samples.
+    pub missed_samples: u32,
+    /// New samples in a row with the same six counts as the last one, itself included: 1 after a change, 0 before the
+    /// first sample. Whether that is a stuck sensor depends on its noise; a fault monitor decides.
+    pub identical_samples: u32,
+    /// Samples in a row that gave no valid force for want of a finite angle or acceleration.
+    pub refused_samples: u32,
+}
+
+impl Reading {
+    /// Whether the force may drive the proxy: valid, neither saturated nor stale.
+    ///
+    /// Real-time: yes.
+    pub fn is_usable(&self) -> bool {
+        self.valid && !self.saturated && !self.stale
+    }
+}
+
+/// From raw samples to readings, with the state of tare, filter and flags.
+#[derive(Clone, Debug)]
+pub struct Sensing {
+    calibration: Calibration,
+    mounting: Mounting,
+    handle_mass_kg: f64,
+    low_pass: Option<LowPass>,
+    cycle_period_s: f64,
+    /// Cycles per sample interval, at least one.
+    cycles_per_sample: f64,
+    bias: Wrench,
+    tare: Option<Tare>,
+    last_sample: Option<RawSample>,
+    /// Whether `last` holds the output of an earlier sample, so that the filter may go on from it.
+    filtering: bool,
+    cycles_since_new: u32,
+    last: Reading,
+}
+
+impl Sensing {
+    /// A chain without bias that has seen no sample.
+    ///
+    /// # Errors
+    /// [`SensingError::OutOfRange`] for a mass, rate, period, angle or cut-off that is not finite or outside its range.
+    pub fn new(parameters: SensingParameters) -> Result<Self, SensingError> {
+        let cycle_period_s = positive("cycle period", parameters.cycle_period_s)?;
+        let interval_s = positive("sample interval", positive("sample rate", parameters.sample_rate_hz)?.recip())?;
+        // More than one sample per cycle cannot be seen: the cycle is the interval then, also for the filter.
+        let interval_s = interval_s.max(cycle_period_s);
+        let low_pass = parameters.low_pass_hz.map(|hz| LowPass::new(hz, interval_s)).transpose()?;
+        Ok(Self {
+            calibration: parameters.calibration,
+            mounting: parameters.mounting.checked()?,
+            handle_mass_kg: not_negative("handle mass", parameters.handle_mass_kg)?,
+            low_pass,
+            cycle_period_s,
+            cycles_per_sample: interval_s / cycle_period_s,
+            bias: Wrench::default(),
+            tare: None,
+            last_sample: None,
+            filtering: false,
+            cycles_since_new: 0,
+            last: Reading {
+                force: Force::default(),
+                torque_z_n_m: 0.0,
+                new_sample: false,
+                saturated: false,
+                stale: false,
+                valid: false,
+                age_s: 0.0,
+                missed_samples: 0,
+                identical_samples: 0,
+                refused_samples: 0,
+            },
+        })
+    }
+
+    /// One cycle. `sample` is what arrived since the last step, `None` if nothing did; a sample whose sequence counter
+    /// has not changed is not new. `link_angle_rad` is the angle of the link under the sensor
+    /// ([`Mounting::link_angle_rad`]) and `tool_acceleration` that of the handle in m/s^2, base frame, both at the time
+    /// of the sample.
+    ///
+    /// The handle's mass `m` lies between hand and sensor, so the sensor carries the hand's force less what
+    /// accelerates the handle: `h = sensed + m a`.
+    ///
+    /// Without a new sample the force stays as it is, in the base frame. If angle or acceleration are not finite the
+    /// force stays too and the reading is not valid. While a tare is under way the force is zero and not valid.
+    ///
+    /// Real-time: yes.
+    pub fn step(
+        &mut self,
+        sample: Option<&RawSample>,
+        link_angle_rad: f64,
+        tool_acceleration: Vector2<f64>,
+    ) -> Reading {
+        match sample.filter(|sample| self.is_new(sample)) {
+            Some(sample) => self.take(sample, link_angle_rad, tool_acceleration),
+            None => {
+                self.cycles_since_new = self.cycles_since_new.saturating_add(1);
+                self.last.new_sample = false;
+            }
+        }
+        let cycles = f64::from(self.cycles_since_new);
+        self.last.age_s = cycles * self.cycle_period_s;
+        // A sample due at this very cycle counts as due: 5.000000001 cycles are five.
+        self.last.missed_samples = (cycles / self.cycles_per_sample + 1e-6) as u32;
+        self.last.stale = self.last.missed_samples >= STALE_AFTER_MISSED_SAMPLES;
+        self.last
+    }
+
+    fn is_new(&self, sample: &RawSample) -> bool {
+        match (self.last_sample.and_then(|last| last.sequence), sample.sequence) {
+            (Some(last), Some(sequence)) => last != sequence,
+            _ => true,
+        }
+    }
+
+    fn take(&mut self, sample: &RawSample, link_angle_rad: f64, tool_acceleration: Vector2<f64>) {
+        let same = self.last_sample.is_some_and(|last| last.counts == sample.counts);
+        self.last.identical_samples = if same { self.last.identical_samples.saturating_add(1) } else { 1 };
+        self.last_sample = Some(*sample);
+        self.cycles_since_new = 0;
+        self.last.new_sample = true;
+        self.last.saturated = self.calibration.is_saturated(sample);
+        let wrench = self.calibration.wrench(sample);
+        if self.is_taring(&wrench) {
+            (self.last.force, self.last.torque_z_n_m) = (Force::default(), 0.0);
+            (self.last.valid, self.filtering) = (false, false);
+            return;
+        }
+        let wrench = Wrench(wrench.0 - self.bias.0);
+        let sensed = self.mounting.to_base(&wrench, link_angle_rad);
+        let hand = Force(sensed.0 + tool_acceleration * self.handle_mass_kg);
+        let (force, torque) = self.filter(hand, wrench.0.b);
+        self.last.valid = force.is_finite();
+        if self.last.valid {
+            (self.last.force, self.last.torque_z_n_m) = (force, torque);
+            self.last.refused_samples = 0;
+            self.filtering = true;
+        } else {
+            self.last.refused_samples = self.last.refused_samples.saturating_add(1);
+        }
+    }
+
+    fn filter(&self, force: Force, torque_z_n_m: f64) -> (Force, f64) {
+        match &self.low_pass {
+            Some(filter) if self.filtering => (
+                Force(self.last.force.0.zip_map(&force.0, |output, input| filter.next(output, input))),
+                filter.next(self.last.torque_z_n_m, torque_z_n_m),
+            ),
+            _ => (force, torque_z_n_m),
+        }
+    }
+
+    /// Gives a tare under way its sample; whether this sample belonged to one.
+    fn is_taring(&mut self, wrench: &Wrench) -> bool {
+        let Some(tare) = &mut self.tare else {
+            return false;
+        };
+        if !matches!(tare.state(), TareState::Collecting { .. }) {
+            return false;
+        }
+        if let TareState::Done(bias) = tare.push(wrench, self.last.saturated) {
+            self.bias = bias;
+        }
+        true
+    }
+
+    /// Starts a tare over the samples to come; one under way is given up. Until it succeeds the bias of before stays.
+    ///
+    /// The handle must be untouched and at rest.
+    ///
+    /// # Errors
+    /// As [`Tare::new`]; nothing is started then.
+    pub fn start_tare(&mut self, parameters: TareParameters) -> Result<(), SensingError> {
+        self.tare = Some(Tare::new(parameters)?);
+        (self.last.force, self.last.torque_z_n_m) = (Force::default(), 0.0);
+        self.last.valid = false;
+        Ok(())
+    }
+
+    /// Where the last started tare stands; none if there never was one.
+    pub fn tare_state(&self) -> Option<TareState> {
+        self.tare.as_ref().map(Tare::state)
+    }
+
+    /// The wrench that counts as zero, sensor frame.
+    pub fn bias(&self) -> Wrench {
+        self.bias
+    }
+
+    /// How the sensor sits on its link.
+    pub fn mounting(&self) -> Mounting {
+        self.mounting
+    }
+
+    /// Delay of slow forces by the low pass, s; zero without one. The age of the sample comes on top.
+    pub fn filter_delay_s(&self) -> f64 {
+        self.low_pass.as_ref().map_or(0.0, LowPass::delay_s)
+    }
+}
