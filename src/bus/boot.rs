@@ -1,0 +1,285 @@
+//! The configuration of one node by SDO, as a list of steps.
+
+use super::error::BootFailure;
+use super::setup::{DriveSetup, MasterSetup, SensorSetup};
+use crate::canopen::{NodeId, Outbox, Frame, SdoClient, SdoOutcome, Time, cob};
+use yieldwall_drives::cia402::OperationMode;
+use yieldwall_drives::objects::{self, Object};
+use yieldwall_drives::profiles::{DeviceProfile, PdoMap, PdoMapping};
+
+/// Heartbeat periods after which a node is taken for lost, by the master and by the drives alike.
+pub(super) const HEARTBEAT_PERIODS: u32 = 2;
+/// A drive whose set-points stay away for this many cycles stops by itself.
+const RPDO_DEADLINE_CYCLES: u32 = 5;
+/// PDOs of each direction that the master knows of; those it does not use are switched off.
+const PDO_COUNT: u8 = 4;
+/// Abort connection option: quick stop (CiA 402, 6007h).
+const ON_LOSS_QUICK_STOP: u32 = 3;
+/// Quick stop option: quick stop ramp, then Switch On Disabled (CiA 402, 605Ah).
+const QUICK_STOP_RAMP: u32 = 2;
+/// Error behaviour: to Pre-operational (CiA 301, 1029h).
+const ON_ERROR_PRE_OPERATIONAL: u32 = 0;
+
+/// One access to one object.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Action {
+    /// The object has to have this value under the mask.
+    Expect { value: u32, mask: u32 },
+    /// The object gets this value.
+    Write { value: u32 },
+    /// The object gets this value and has to hold it.
+    WriteAndVerify { value: u32 },
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+struct Step {
+    doing: &'static str,
+    index: u16,
+    sub: u8,
+    bytes: u8,
+    action: Action,
+}
+
+/// The configuration of one node, step by step.
+#[derive(Debug)]
+pub(super) struct Boot {
+    client: SdoClient,
+    steps: Vec<Step>,
+    next: usize,
+    verifying: bool,
+    started: bool,
+}
+
+impl Boot {
+    pub(super) fn drive(master: &MasterSetup, drive: &DriveSetup, node: NodeId) -> Result<Self, BootFailure> {
+        let mode = master.mode.operation_mode();
+        let map = mapping(drive.profile, Some(mode))?;
+        let mut steps = identity(drive.profile);
+        steps.push(expect("check the command mode", objects::SUPPORTED_MODES, mode.supported_bit(), mode.supported_bit()));
+        steps.extend(heartbeat(drive.heartbeat.as_millis() as u32));
+        let watch_ms = master.heartbeat.as_millis() as u32 * HEARTBEAT_PERIODS;
+        steps.push(verify("let the drive watch the master", objects::CONSUMER_HEARTBEAT, u32::from(master.node_id) << 16 | watch_ms));
+        steps.push(verify("set the reaction to a lost master", objects::ABORT_CONNECTION_OPTION, ON_LOSS_QUICK_STOP));
+        steps.push(verify("set the reaction to a lost master", objects::ERROR_BEHAVIOUR, ON_ERROR_PRE_OPERATIONAL));
+        steps.push(verify("set the quick stop", objects::QUICK_STOP_OPTION, QUICK_STOP_RAMP));
+        let (value, exponent) = interpolation_time(master.period.as_micros() as u32);
+        steps.push(verify("set the cycle time", objects::INTERPOLATION_TIME, value));
+        steps.push(verify("set the cycle time", objects::INTERPOLATION_EXPONENT, exponent));
+        steps.push(write("set the command mode", objects::MODE_OF_OPERATION, mode.code() as u8 as u32));
+        steps.push(verify("set the torque limit", objects::MAX_TORQUE, u32::from(drive.torque_limit_per_mille)));
+        steps.push(verify("set the following error window", objects::FOLLOWING_ERROR_WINDOW, drive.following_error_counts));
+        let deadline_ms = (master.period.as_millis() as u32 * RPDO_DEADLINE_CYCLES).max(1);
+        steps.extend(pdos(map, node, deadline_ms));
+        Ok(Self::new(node, steps))
+    }
+
+    pub(super) fn sensor(sensor: &SensorSetup, node: NodeId) -> Result<Self, BootFailure> {
+        let mut steps = identity(sensor.profile);
+        steps.extend(heartbeat(sensor.heartbeat.as_millis() as u32));
+        steps.extend(pdos(mapping(sensor.profile, None)?, node, 0));
+        Ok(Self::new(node, steps))
+    }
+
+    fn new(node: NodeId, steps: Vec<Step>) -> Self {
+        Self { client: SdoClient::new(node), steps, next: 0, verifying: false, started: false }
+    }
+
+    /// What is being done now.
+    pub(super) fn doing(&self) -> &'static str {
+        self.steps.get(self.next).map_or("start", |step| step.doing)
+    }
+
+    pub(super) fn is_done(&self) -> bool {
+        self.next >= self.steps.len()
+    }
+
+    pub(super) fn next_deadline(&self) -> Time {
+        if self.is_done() || !self.started { Time::NEVER } else { self.client.next_deadline() }
+    }
+
+    /// Sends the first request.
+    pub(super) fn start(&mut self, now: Time, out: &mut impl Outbox) -> Result<(), BootFailure> {
+        self.started = true;
+        self.request(now, out)
+    }
+
+    pub(super) fn on_frame(&mut self, now: Time, frame: &Frame, out: &mut impl Outbox) -> Result<(), BootFailure> {
+        match self.client.on_frame(now, frame, out) {
+            Some(outcome) => self.on_outcome(now, outcome, out),
+            None => Ok(()),
+        }
+    }
+
+    pub(super) fn poll(&mut self, now: Time, out: &mut impl Outbox) -> Result<(), BootFailure> {
+        match self.client.poll(now, out) {
+            Some(outcome) => self.on_outcome(now, outcome, out),
+            None => Ok(()),
+        }
+    }
+
+    fn request(&mut self, now: Time, out: &mut impl Outbox) -> Result<(), BootFailure> {
+        let Some(step) = self.steps.get(self.next) else { return Ok(()) };
+        let started = match step.action {
+            Action::Write { value } | Action::WriteAndVerify { value } if !self.verifying => {
+                let bytes = value.to_le_bytes();
+                let data = bytes.get(..usize::from(step.bytes)).unwrap_or(&bytes);
+                self.client.start_download(now, step.index, step.sub, data, out)
+            }
+            _ => self.client.start_upload(now, step.index, step.sub, out),
+        };
+        started.map_err(|_| BootFailure::NoAnswer { index: step.index, sub: step.sub })
+    }
+
+    fn on_outcome(&mut self, now: Time, outcome: SdoOutcome, out: &mut impl Outbox) -> Result<(), BootFailure> {
+        let Some(step) = self.steps.get(self.next).copied() else { return Ok(()) };
+        let Step { index, sub, .. } = step;
+        match outcome {
+            SdoOutcome::Aborted { code, .. } => return Err(BootFailure::Refused { index, sub, code }),
+            SdoOutcome::TimedOut { .. } => return Err(BootFailure::NoAnswer { index, sub }),
+            SdoOutcome::Downloaded { .. } => {
+                self.verifying = matches!(step.action, Action::WriteAndVerify { .. });
+            }
+            SdoOutcome::Uploaded { .. } => {
+                check(&step, little_endian(self.client.data()))?;
+                self.verifying = false;
+            }
+        }
+        if !self.verifying {
+            self.next += 1;
+        }
+        self.request(now, out)
+    }
+}
+
+fn check(step: &Step, received: u32) -> Result<(), BootFailure> {
+    let Step { index, sub, .. } = *step;
+    match step.action {
+        Action::Expect { value, mask } if received & mask != value & mask => {
+            Err(BootFailure::Identity { what: step.doing, index, sub, expected: value, received })
+        }
+        Action::WriteAndVerify { value: written } if received != written & width_mask(step.bytes) => {
+            Err(BootFailure::ReadBack { index, sub, written, received })
+        }
+        _ => Ok(()),
+    }
+}
+
+fn width_mask(bytes: u8) -> u32 {
+    if bytes >= 4 { u32::MAX } else { (1u32 << (8 * bytes)) - 1 }
+}
+
+fn little_endian(data: &[u8]) -> u32 {
+    data.iter().take(4).rev().fold(0, |value, byte| value << 8 | u32::from(*byte))
+}
+
+fn mapping(profile: &'static DeviceProfile, mode: Option<OperationMode>) -> Result<PdoMap, BootFailure> {
+    let name = match mode {
+        Some(OperationMode::CyclicPosition) => "cyclic synchronous position",
+        Some(OperationMode::CyclicVelocity) => "cyclic synchronous velocity",
+        Some(OperationMode::CyclicTorque) => "cyclic synchronous torque",
+        _ => "a sensor",
+    };
+    profile.pdos(mode).ok_or(BootFailure::NoMapping { profile: profile.name, mode: name })
+}
+
+fn step(doing: &'static str, object: Object, action: Action) -> Step {
+    Step { doing, index: object.index, sub: object.sub, bytes: object.bits() / 8, action }
+}
+
+fn expect(doing: &'static str, object: Object, value: u32, mask: u32) -> Step {
+    step(doing, object, Action::Expect { value, mask })
+}
+
+fn write(doing: &'static str, object: Object, value: u32) -> Step {
+    step(doing, object, Action::Write { value })
+}
+
+fn verify(doing: &'static str, object: Object, value: u32) -> Step {
+    step(doing, object, Action::WriteAndVerify { value })
+}
+
+fn identity(profile: &DeviceProfile) -> Vec<Step> {
+    vec![
+        expect("check the device type", objects::DEVICE_TYPE, profile.device_type, u32::MAX),
+        expect("check the vendor", objects::VENDOR_ID, profile.identity.vendor_id, u32::MAX),
+        expect("check the product code", objects::PRODUCT_CODE, profile.identity.product_code, u32::MAX),
+    ]
+}
+
+fn heartbeat(period_ms: u32) -> Option<Step> {
+    Some(verify("set the heartbeat", objects::PRODUCER_HEARTBEAT, period_ms))
+}
+
+/// 60C2h:1 and :2 for a period: the largest power of ten of a second that divides it.
+fn interpolation_time(period_us: u32) -> (u32, u32) {
+    let (mut value, mut exponent) = (period_us, -6i8);
+    while value % 10 == 0 && value > 0 && exponent < 0 {
+        value /= 10;
+        exponent += 1;
+    }
+    // A value beyond one byte cannot be written; the drive's answer names the object.
+    (value, u32::from(exponent as u8))
+}
+
+/// The remap order of CiA 301: switch the PDO off, clear the mapping, write it, set the type, switch it on.
+fn pdos(map: PdoMap, node: NodeId, rpdo_deadline_ms: u32) -> Vec<Step> {
+    const DOING: &str = "map the process data";
+    let mut steps = Vec::new();
+    let directions = [(0x1400, 0x1600, map.rpdo, true), (0x1800, 0x1a00, map.tpdo, false)];
+    for (communication, mapping, used, is_rpdo) in directions {
+        let access = |index: u16, sub: u8, bytes: u8, action: Action| Step { doing: DOING, index, sub, bytes, action };
+        for number in 1..=PDO_COUNT {
+            let Some(pdo) = used.iter().find(|pdo| pdo.number == number) else { continue };
+            let offset = u16::from(number) - 1;
+            let id = if is_rpdo { cob::rpdo(number, node) } else { cob::tpdo(number, node) };
+            let id = u32::from(id.unwrap_or_default());
+            let (comm, map) = (communication + offset, mapping + offset);
+            steps.push(access(comm, 1, 4, Action::Write { value: id | cob::INVALID }));
+            steps.push(access(map, 0, 1, Action::Write { value: 0 }));
+            for (sub, entry) in (1..).zip(pdo.entries) {
+                steps.push(access(map, sub, 4, Action::WriteAndVerify { value: entry.to_u32() }));
+            }
+            let entries = pdo.entries.len() as u32;
+            steps.push(access(map, 0, 1, Action::WriteAndVerify { value: entries }));
+            let transmission = u32::from(pdo.transmission_type);
+            steps.push(access(comm, 2, 1, Action::WriteAndVerify { value: transmission }));
+            if is_rpdo && rpdo_deadline_ms > 0 {
+                steps.push(access(comm, 5, 2, Action::WriteAndVerify { value: rpdo_deadline_ms }));
+            }
+            steps.push(access(comm, 1, 4, Action::WriteAndVerify { value: id }));
+        }
+    }
+    steps
+}
+
+/// The objects of one PDO as the compiled layout wants them.
+pub(super) fn layout_entries(pdo: &PdoMapping) -> Vec<(u16, u8, u8)> {
+    pdo.entries.iter().map(|entry| (entry.index, entry.sub, entry.bits)).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_cycle_time_is_written_in_the_largest_fitting_unit() {
+        assert_eq!(interpolation_time(1000), (1, u32::from(-3i8 as u8)));
+        assert_eq!(interpolation_time(4000), (4, u32::from(-3i8 as u8)));
+        assert_eq!(interpolation_time(500), (5, u32::from(-4i8 as u8)));
+        assert_eq!(interpolation_time(125), (125, u32::from(-6i8 as u8)));
+        assert_eq!(interpolation_time(10_000), (1, u32::from(-2i8 as u8)));
+    }
+
+    #[test]
+    fn remapping_switches_the_pdo_off_first_and_on_last() {
+        let node = cob::node_id(1).unwrap();
+        let map = yieldwall_drives::profiles::SIMULATED_SERVO.pdos(Some(OperationMode::CyclicTorque)).unwrap();
+        let steps = pdos(map, node, 5);
+        assert_eq!((steps[0].index, steps[0].sub, steps[0].action), (0x1400, 1, Action::Write { value: 0x8000_0201 }));
+        assert_eq!((steps[1].index, steps[1].sub, steps[1].action), (0x1600, 0, Action::Write { value: 0 }));
+        assert_eq!(steps[2].action, Action::WriteAndVerify { value: 0x6040_0010 });
+        assert_eq!(steps[3].action, Action::WriteAndVerify { value: 0x6071_0010 });
+        let last = steps.iter().rposition(|step| step.index == 0x1400).unwrap();
+        assert_eq!(steps[last].action, Action::WriteAndVerify { value: 0x201 });
+    }
+}

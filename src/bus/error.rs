@@ -1,0 +1,105 @@
+//! Why the network did not come up.
+
+use thiserror::Error;
+
+use crate::canopen::AbortCode;
+
+/// What went wrong in one step of the boot.
+#[derive(Clone, Debug, PartialEq, Eq, Error)]
+pub enum BootFailure {
+    /// The node did not announce itself after the reset.
+    #[error("no boot-up message within {waited_ms} ms after the reset")]
+    Missing {
+        /// How long the master waited, in ms.
+        waited_ms: u64,
+    },
+    /// The node did not answer.
+    #[error("no answer from object {index:04X}h:{sub}")]
+    NoAnswer {
+        /// Index.
+        index: u16,
+        /// Sub-index.
+        sub: u8,
+    },
+    /// The node refused.
+    #[error("object {index:04X}h:{sub} refused: {code}")]
+    Refused {
+        /// Index.
+        index: u16,
+        /// Sub-index.
+        sub: u8,
+        /// The abort code.
+        code: AbortCode,
+    },
+    /// An object that says what the device is has another value than the profile.
+    #[error("{what} ({index:04X}h:{sub}) is {received:#x}, the profile says {expected:#x}")]
+    Identity {
+        /// What the object means.
+        what: &'static str,
+        /// Index.
+        index: u16,
+        /// Sub-index.
+        sub: u8,
+        /// The profile's value.
+        expected: u32,
+        /// The device's value.
+        received: u32,
+    },
+    /// An object does not hold what was written to it.
+    #[error("object {index:04X}h:{sub} was set to {written:#x} and reads back {received:#x}")]
+    ReadBack {
+        /// Index.
+        index: u16,
+        /// Sub-index.
+        sub: u8,
+        /// What was written.
+        written: u32,
+        /// What came back.
+        received: u32,
+    },
+    /// The profile has no process data for the rig's command mode.
+    #[error("profile {profile} has no process data for {mode}")]
+    NoMapping {
+        /// Name of the profile.
+        profile: &'static str,
+        /// The mode.
+        mode: &'static str,
+    },
+    /// Two nodes have the same identifier.
+    #[error("node id {node_id} is used twice")]
+    DuplicateNodeId {
+        /// The identifier.
+        node_id: u8,
+    },
+    /// A node identifier is outside 1 to 127.
+    #[error("node id {node_id} is outside 1 to 127")]
+    NodeId {
+        /// The identifier.
+        node_id: u8,
+    },
+    /// A process data frame would be longer than 8 bytes, or lacks an object that the rig needs.
+    #[error("the process data of profile {profile} lack object {index:04X}h:{sub}, or are longer than 8 bytes")]
+    Layout {
+        /// Name of the profile.
+        profile: &'static str,
+        /// Index.
+        index: u16,
+        /// Sub-index.
+        sub: u8,
+    },
+}
+
+/// A failed boot: which node, in which step, and why. Nothing was enabled.
+#[derive(Clone, Debug, PartialEq, Eq, Error)]
+#[error("node {node_id} ({name}): {step}: {failure}")]
+pub struct BootError {
+    /// Node id.
+    pub node_id: u8,
+    /// The node's name in the configuration.
+    pub name: String,
+    /// What was being done.
+    pub step: &'static str,
+    /// What went wrong.
+    #[source]
+    pub failure: BootFailure,
+}

@@ -1,0 +1,317 @@
+//! The process image: which bits of which frame are which quantity.
+
+use super::boot::layout_entries;
+use super::error::BootFailure;
+use super::setup::{CommandMode, DriveSetup, SensorSetup};
+use crate::canopen::pdo::{Field, Layout};
+use crate::canopen::{Frame, NodeId, Outbox, cob};
+use crate::cycle::DriveSample;
+use crate::guard::{Allowed, JointCommand};
+use crate::sensing::RawSample;
+use yieldwall_drives::cia402::{Goal, State, StateWalk, Statusword};
+use yieldwall_drives::objects::{self, Object};
+use yieldwall_drives::profiles::{DeviceProfile, PdoMapping, STATUS_OVERLOAD};
+use yieldwall_drives::scaling::{AxisScaling, CountUnwrapper, wrap};
+
+/// Identifiers of 11 bits.
+const IDENTIFIERS: usize = 0x800;
+/// No frame of the image.
+const NO_SLOT: u8 = u8::MAX;
+
+#[derive(Clone, Copy, Debug)]
+enum Source {
+    Status(usize),
+    Position(usize),
+    Count(usize),
+    SensorStatus,
+    SampleCounter,
+}
+
+#[derive(Clone, Debug)]
+struct Incoming {
+    len: u8,
+    /// Joint, or `None` for the sensor.
+    joint: Option<usize>,
+    fields: Vec<(Source, Field)>,
+    word: u64,
+    has_arrived: bool,
+}
+
+#[derive(Clone, Copy, Debug)]
+struct Outgoing {
+    id: u16,
+    len: u8,
+    controlword: Field,
+    set_point: Field,
+}
+
+#[derive(Clone, Debug)]
+struct Drive {
+    scaling: AxisScaling,
+    unwrapper: CountUnwrapper,
+    walk: StateWalk,
+    statusword: Statusword,
+    outgoing: Outgoing,
+}
+
+/// What arrived since the last cycle.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Arrivals {
+    pub(super) drives: [DriveSample; 2],
+    pub(super) sample: Option<RawSample>,
+    pub(super) bad_length: bool,
+}
+
+/// The image of two drives and one sensor.
+#[derive(Clone, Debug)]
+pub(super) struct Image {
+    slots: Box<[u8]>,
+    incoming: Vec<Incoming>,
+    drives: [Drive; 2],
+    sample: RawSample,
+    bad_length: bool,
+}
+
+impl Image {
+    pub(super) fn new(
+        mode: CommandMode,
+        drives: [(&DriveSetup, NodeId); 2],
+        sensor: (&SensorSetup, NodeId),
+    ) -> Result<Self, BootFailure> {
+        let mut image = Incomings { slots: vec![NO_SLOT; IDENTIFIERS].into_boxed_slice(), incoming: Vec::new() };
+        let [left, right] = drives;
+        let drives = [image.drive(mode, 0, left)?, image.drive(mode, 1, right)?];
+        image.sensor(sensor)?;
+        let sample = RawSample { counts: [0; 6], sequence: None, overload: false };
+        Ok(Self { slots: image.slots, incoming: image.incoming, drives, sample, bad_length: false })
+    }
+
+    /// Forgets what arrived; the process data of the next SYNC follow.
+    ///
+    /// Real-time: yes.
+    pub(super) fn begin_cycle(&mut self) {
+        for incoming in &mut self.incoming {
+            incoming.has_arrived = false;
+        }
+        self.bad_length = false;
+    }
+
+    /// Takes a frame, and says whether it belongs to the image. The first one of a cycle counts.
+    ///
+    /// Real-time: yes.
+    pub(super) fn on_frame(&mut self, frame: &Frame) -> bool {
+        let slot = self.slots.get(usize::from(frame.id())).copied().unwrap_or(NO_SLOT);
+        let Some(incoming) = self.incoming.get_mut(usize::from(slot)) else { return false };
+        if frame.len() != incoming.len {
+            self.bad_length = true;
+        } else if !incoming.has_arrived {
+            incoming.word = frame.bits();
+            incoming.has_arrived = true;
+        }
+        true
+    }
+
+    /// What arrived in this cycle, in SI. The force sensor's frames count only together.
+    ///
+    /// Real-time: yes.
+    pub(super) fn arrivals(&mut self) -> Arrivals {
+        let mut position = [None; 2];
+        let mut sensor_is_whole = true;
+        for incoming in &self.incoming {
+            sensor_is_whole &= incoming.joint.is_some() || incoming.has_arrived;
+            if !incoming.has_arrived {
+                continue;
+            }
+            for (source, field) in &incoming.fields {
+                match *source {
+                    Source::Status(joint) => {
+                        if let Some(drive) = self.drives.get_mut(joint) {
+                            drive.statusword = Statusword(field.get_unsigned(incoming.word) as u16);
+                        }
+                    }
+                    Source::Position(joint) => {
+                        if let (Some(drive), Some(position)) = (self.drives.get_mut(joint), position.get_mut(joint)) {
+                            let counts = drive.unwrapper.unwrap(field.get_signed(incoming.word) as i32);
+                            *position = Some(drive.scaling.angle_rad(counts));
+                        }
+                    }
+                    _ => {}
+                }
+            }
+        }
+        let [left, right] = &self.drives;
+        let [left_angle, right_angle] = position;
+        Arrivals {
+            drives: [sample_of(left, left_angle), sample_of(right, right_angle)],
+            sample: if sensor_is_whole { self.read_sensor() } else { None },
+            bad_length: self.bad_length,
+        }
+    }
+
+    fn read_sensor(&mut self) -> Option<RawSample> {
+        for incoming in self.incoming.iter().filter(|incoming| incoming.joint.is_none()) {
+            for (source, field) in &incoming.fields {
+                match *source {
+                    Source::Count(axis) => {
+                        if let Some(count) = self.sample.counts.get_mut(axis) {
+                            *count = field.get_signed(incoming.word) as i32;
+                        }
+                    }
+                    Source::SensorStatus => {
+                        self.sample.overload = field.get_unsigned(incoming.word) as u8 & STATUS_OVERLOAD != 0;
+                    }
+                    Source::SampleCounter => {
+                        self.sample.sequence = Some(field.get_unsigned(incoming.word) as u8);
+                    }
+                    _ => {}
+                }
+            }
+        }
+        Some(self.sample)
+    }
+
+    /// Asks every drive in Fault for one reset.
+    pub(super) fn request_fault_reset(&mut self) {
+        for drive in &mut self.drives {
+            drive.walk.request_fault_reset();
+        }
+    }
+
+    /// Sends every drive one step towards `goal`, with its share of `command`.
+    ///
+    /// Real-time: yes.
+    pub(super) fn send(&mut self, goal: Goal, command: &Allowed<JointCommand>, out: &mut impl Outbox) {
+        let set_points = raw_set_points(command, &self.drives);
+        for (drive, set_point) in self.drives.iter_mut().zip(set_points) {
+            drive.walk.set_goal(goal);
+            let controlword = drive.walk.step(drive.statusword).controlword;
+            let Outgoing { id, len, controlword: control, set_point: target } = drive.outgoing;
+            let mut word = 0;
+            control.put_unsigned(&mut word, u64::from(controlword));
+            target.put_signed(&mut word, set_point);
+            out.push(Frame::from_bits(id, word, len));
+        }
+    }
+}
+
+fn sample_of(drive: &Drive, angle_rad: Option<f64>) -> DriveSample {
+    DriveSample {
+        angle_rad,
+        state: drive.statusword.state().unwrap_or(State::NotReadyToSwitchOn),
+        follows_command: drive.statusword.has(Statusword::FOLLOWS_COMMAND),
+    }
+}
+
+/// Scales an allowed command. A value that cannot be scaled keeps the joint where it is.
+fn raw_set_points(command: &Allowed<JointCommand>, drives: &[Drive; 2]) -> [i64; 2] {
+    let [left, right] = drives;
+    let each = |values: [f64; 2], scale: &dyn Fn(&Drive, f64) -> i64| [scale(left, values[0]), scale(right, values[1])];
+    match command.get() {
+        JointCommand::Position(angles) => each(angles.to_array(), &|drive, angle| {
+            let here = drive.unwrapper.counts();
+            i64::from(wrap(drive.scaling.counts(angle).unwrap_or(here)))
+        }),
+        JointCommand::Velocity(rates) => each(rates.to_array(), &|drive, rate| {
+            drive.scaling.rate_counts_per_s(rate).map_or(0, |raw| i64::from(raw.value))
+        }),
+        JointCommand::Torque(torques) => each(torques.to_array(), &|drive, torque| {
+            drive.scaling.torque_per_mille(torque).map_or(0, |raw| i64::from(raw.value))
+        }),
+    }
+}
+
+struct Incomings {
+    slots: Box<[u8]>,
+    incoming: Vec<Incoming>,
+}
+
+impl Incomings {
+    fn drive(&mut self, mode: CommandMode, joint: usize, (setup, node): (&DriveSetup, NodeId)) -> Result<Drive, BootFailure> {
+        let profile = setup.profile;
+        let map = super::boot::mapping(profile, Some(mode.operation_mode()))?;
+        for pdo in map.tpdo {
+            self.add(profile, node, pdo, Some(joint), &|object| match object {
+                objects::STATUSWORD => Some(Source::Status(joint)),
+                objects::POSITION_ACTUAL => Some(Source::Position(joint)),
+                _ => None,
+            })?;
+        }
+        let set_point = match mode {
+            CommandMode::Position => objects::TARGET_POSITION,
+            CommandMode::Velocity => objects::TARGET_VELOCITY,
+            CommandMode::Torque => objects::TARGET_TORQUE,
+        };
+        let pdo = map.rpdo.first().ok_or_else(|| lacking(profile, set_point))?;
+        let layout = layout(profile, pdo)?;
+        let find = |object: Object| layout.field(object.index, object.sub).ok_or_else(|| lacking(profile, object));
+        let outgoing = Outgoing {
+            id: cob::rpdo(pdo.number, node).ok_or_else(|| lacking(profile, set_point))?,
+            len: layout.len(),
+            controlword: find(objects::CONTROLWORD)?,
+            set_point: find(set_point)?,
+        };
+        // The drive counts modulo 2^32: the expected angle says which turn it is.
+        let expected = setup.scaling.counts(setup.expected_angle_rad).unwrap_or_default();
+        Ok(Drive {
+            scaling: setup.scaling,
+            unwrapper: CountUnwrapper::near(expected),
+            walk: StateWalk::new(),
+            statusword: Statusword::default(),
+            outgoing,
+        })
+    }
+
+    fn sensor(&mut self, (setup, node): (&SensorSetup, NodeId)) -> Result<(), BootFailure> {
+        let map = super::boot::mapping(setup.profile, None)?;
+        for pdo in map.tpdo {
+            self.add(setup.profile, node, pdo, None, &|object| match object {
+                objects::SENSOR_STATUS => Some(Source::SensorStatus),
+                objects::SENSOR_SAMPLE_COUNTER => Some(Source::SampleCounter),
+                channel if channel.index == objects::PROCESS_VALUE.index && (1..=6).contains(&channel.sub) => {
+                    Some(Source::Count(usize::from(channel.sub) - 1))
+                }
+                _ => None,
+            })?;
+        }
+        Ok(())
+    }
+
+    fn add(
+        &mut self,
+        profile: &'static DeviceProfile,
+        node: NodeId,
+        pdo: &PdoMapping,
+        joint: Option<usize>,
+        source: &dyn Fn(Object) -> Option<Source>,
+    ) -> Result<(), BootFailure> {
+        let layout = layout(profile, pdo)?;
+        let mut fields = Vec::new();
+        for entry in pdo.entries {
+            let object = objects::ALL.iter().find(|object| object.index == entry.index).map(|object| object.at(entry.sub));
+            if let (Some(source), Some(field)) = (object.and_then(source), layout.field(entry.index, entry.sub)) {
+                fields.push((source, field));
+            }
+        }
+        let id = cob::tpdo(pdo.number, node).unwrap_or_default();
+        if let Some(slot) = self.slots.get_mut(usize::from(id)) {
+            *slot = self.incoming.len() as u8;
+        }
+        self.incoming.push(Incoming { len: layout.len(), joint, fields, word: 0, has_arrived: false });
+        Ok(())
+    }
+}
+
+fn layout(profile: &'static DeviceProfile, pdo: &PdoMapping) -> Result<Layout, BootFailure> {
+    Layout::new(&layout_entries(pdo)).map_err(|_| {
+        let entry = pdo.entries.last();
+        BootFailure::Layout {
+            profile: profile.name,
+            index: entry.map_or(0, |entry| entry.index),
+            sub: entry.map_or(0, |entry| entry.sub),
+        }
+    })
+}
+
+fn lacking(profile: &'static DeviceProfile, object: Object) -> BootFailure {
+    BootFailure::Layout { profile: profile.name, index: object.index, sub: object.sub }
+}

@@ -1,0 +1,298 @@
+//! The master: boot, then two moments a cycle.
+
+use std::time::Duration;
+
+use super::boot::{Boot, HEARTBEAT_PERIODS};
+use super::error::{BootError, BootFailure};
+use super::image::Image;
+use super::setup::MasterSetup;
+use crate::canopen::nmt::{self, HeartbeatChange, HeartbeatConsumer};
+use crate::canopen::{self, Frame, NmtCommand, NmtState, NodeId, Outbox, SyncProducer, Time, cob};
+use crate::cycle::{Cycle, Inputs, LinkEvents, Outputs};
+use crate::guard::Request;
+
+pub use crate::canopen::emcy::Emergency;
+
+/// How long a node may take from the reset to its boot-up message.
+const BOOT_UP_WAIT: Duration = Duration::from_millis(500);
+/// How long the nodes may take from the start command to the first heartbeat in Operational.
+const START_WAIT: Duration = Duration::from_millis(500);
+
+/// Where the network stands.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Phase {
+    /// Nothing was sent yet.
+    Off,
+    /// The nodes were reset and have to announce themselves.
+    Resetting,
+    /// The nodes are configured.
+    Configuring,
+    /// The nodes were started.
+    Starting,
+    /// Process data are exchanged; `on_sync` and `on_compute` are called every cycle.
+    Operational,
+    /// A node is missing or is not what it should be. Final: nothing is enabled.
+    Failed(BootError),
+}
+
+struct Node {
+    id: NodeId,
+    name: String,
+    boot: Boot,
+    has_booted: bool,
+    is_operational: bool,
+}
+
+/// The master of one bus with one rig on it.
+pub struct Master {
+    id: NodeId,
+    heartbeat: Duration,
+    next_heartbeat: Time,
+    phase: Phase,
+    phase_deadline: Time,
+    nodes: Vec<Node>,
+    watch: HeartbeatConsumer,
+    sync: SyncProducer,
+    image: Image,
+    cycle: Cycle,
+    events: LinkEvents,
+    last_emergency: Option<Emergency>,
+}
+
+impl Master {
+    /// A master that has sent nothing yet.
+    ///
+    /// # Errors
+    /// If node identifiers are out of range or used twice, or if a profile lacks the process data of the command mode.
+    pub fn new(setup: &MasterSetup, cycle: Cycle) -> Result<Self, BootError> {
+        let id = node_id(setup.node_id, "master")?;
+        let names = [&setup.drives[0].name, &setup.drives[1].name, &setup.sensor.name];
+        let raw = [setup.drives[0].node_id, setup.drives[1].node_id, setup.sensor.node_id];
+        let mut ids = [id; 3];
+        for (at, (raw, name)) in raw.into_iter().zip(names).enumerate() {
+            let fresh = node_id(raw, name)?;
+            if fresh == id || ids.iter().take(at).any(|known| *known == fresh) {
+                return Err(refuse(raw, name, "check the node ids", BootFailure::DuplicateNodeId { node_id: raw }));
+            }
+            ids[at] = fresh;
+        }
+        let [left, right, sensor] = ids;
+        let drives = [(&setup.drives[0], left), (&setup.drives[1], right)];
+        let fail = |at: usize| move |failure| refuse(raw[at], names[at], "plan the process data", failure);
+        let image = Image::new(setup.mode, drives, (&setup.sensor, sensor)).map_err(fail(0))?;
+        let mut watch = HeartbeatConsumer::new();
+        let mut nodes = Vec::new();
+        for (at, (drive, node)) in drives.into_iter().enumerate() {
+            watch.watch(node, drive.heartbeat * HEARTBEAT_PERIODS);
+            let boot = Boot::drive(setup, drive, node).map_err(fail(at))?;
+            nodes.push(Node { id: node, name: drive.name.clone(), boot, has_booted: false, is_operational: false });
+        }
+        watch.watch(sensor, setup.sensor.heartbeat * HEARTBEAT_PERIODS);
+        let boot = Boot::sensor(&setup.sensor, sensor).map_err(fail(2))?;
+        nodes.push(Node { id: sensor, name: setup.sensor.name.clone(), boot, has_booted: false, is_operational: false });
+        let sync = SyncProducer::new(cob::SYNC, 0)
+            .map_err(|_| refuse(setup.node_id, "master", "prepare SYNC", BootFailure::NodeId { node_id: setup.node_id }))?;
+        Ok(Self {
+            id,
+            heartbeat: setup.heartbeat,
+            next_heartbeat: Time::NEVER,
+            phase: Phase::Off,
+            phase_deadline: Time::NEVER,
+            nodes,
+            watch,
+            sync,
+            image,
+            cycle,
+            events: LinkEvents::default(),
+            last_emergency: None,
+        })
+    }
+
+    /// Resets the network and starts to watch it.
+    pub fn start(&mut self, now: Time, out: &mut impl Outbox) {
+        self.phase = Phase::Resetting;
+        self.phase_deadline = now + BOOT_UP_WAIT;
+        out.push(nmt::command(NmtCommand::ResetNode, None));
+        self.next_heartbeat = now;
+        self.send_heartbeat(now, out);
+    }
+
+    /// Where the network stands.
+    pub fn phase(&self) -> &Phase {
+        &self.phase
+    }
+
+    /// The rig's cycle, for reports.
+    pub fn cycle(&self) -> &Cycle {
+        &self.cycle
+    }
+
+    /// The last emergency message of any node.
+    pub fn last_emergency(&self) -> Option<Emergency> {
+        self.last_emergency
+    }
+
+    /// When [`Master::poll`] has to be called again at the latest.
+    ///
+    /// Real-time: yes.
+    pub fn next_deadline(&self) -> Time {
+        let base = self.next_heartbeat.min(self.watch.next_deadline()).min(self.phase_deadline);
+        if self.phase != Phase::Configuring {
+            return base;
+        }
+        self.nodes.iter().map(|node| node.boot.next_deadline()).fold(base, Time::min)
+    }
+
+    /// Takes a frame from the bus.
+    ///
+    /// Real-time: yes, while operational.
+    pub fn on_frame(&mut self, now: Time, frame: &Frame, out: &mut impl Outbox) {
+        if self.image.on_frame(frame) {
+            return;
+        }
+        if let Some(event) = self.watch.on_frame(now, frame) {
+            return self.on_node(now, event.node, event.change, out);
+        }
+        if let Some(emergency) = Emergency::decode(frame) {
+            if !emergency.code.is_reset() && self.nodes.iter().any(|node| node.id == emergency.node) {
+                self.last_emergency = Some(emergency);
+                self.events.emergency = true;
+            }
+            return;
+        }
+        if self.phase == Phase::Configuring {
+            self.configure(now, out, |boot, now, out| boot.on_frame(now, frame, out));
+        }
+    }
+
+    /// Does what time asks for: heartbeat, watched nodes, waits of the boot.
+    ///
+    /// Real-time: yes, while operational.
+    pub fn poll(&mut self, now: Time, out: &mut impl Outbox) {
+        self.send_heartbeat(now, out);
+        while let Some(event) = self.watch.poll(now) {
+            self.on_node(now, event.node, event.change, out);
+        }
+        match self.phase {
+            Phase::Configuring => self.configure(now, out, |boot, now, out| boot.poll(now, out)),
+            Phase::Resetting if now >= self.phase_deadline => {
+                self.fail_where(|node| !node.has_booted, "wait for the boot-up message", BOOT_UP_WAIT);
+            }
+            Phase::Starting if now >= self.phase_deadline => {
+                self.fail_where(|node| !node.is_operational, "start the node", START_WAIT);
+            }
+            _ => {}
+        }
+    }
+
+    /// The begin of a cycle: SYNC alone.
+    ///
+    /// Real-time: yes.
+    pub fn on_sync(&mut self, out: &mut impl Outbox) {
+        self.image.begin_cycle();
+        out.push(self.sync.next_frame());
+    }
+
+    /// The moment at which all process data are in: runs the cycle and sends the set-points that the next SYNC makes
+    /// the drives apply.
+    ///
+    /// Real-time: yes.
+    pub fn on_compute(&mut self, request: Request, out: &mut impl Outbox) -> Outputs {
+        let arrivals = self.image.arrivals();
+        let mut link = std::mem::take(&mut self.events);
+        link.bad_length |= arrivals.bad_length;
+        let inputs = Inputs { drives: arrivals.drives, sample: arrivals.sample, link, request };
+        let outputs = self.cycle.step(&inputs);
+        if outputs.directive.fault_reset {
+            self.image.request_fault_reset();
+        }
+        self.image.send(outputs.directive.goal, &outputs.command, out);
+        outputs
+    }
+
+    /// Notes that own frames could not be sent; the next cycle acts on it.
+    pub fn on_send_failure(&mut self) {
+        self.events.send_failed = true;
+    }
+
+    fn send_heartbeat(&mut self, now: Time, out: &mut impl Outbox) {
+        if now < self.next_heartbeat {
+            return;
+        }
+        let state = if self.phase == Phase::Operational { NmtState::Operational } else { NmtState::PreOperational };
+        out.push(nmt::heartbeat(self.id, state));
+        self.next_heartbeat = now + self.heartbeat;
+    }
+
+    fn on_node(&mut self, now: Time, id: NodeId, change: HeartbeatChange, out: &mut impl Outbox) {
+        let Some(node) = self.nodes.iter_mut().find(|node| node.id == id) else { return };
+        match (change, &self.phase) {
+            (HeartbeatChange::BootUp, Phase::Resetting) => {
+                node.has_booted = true;
+                if self.nodes.iter().all(|node| node.has_booted) {
+                    self.phase = Phase::Configuring;
+                    self.phase_deadline = Time::NEVER;
+                    self.configure(now, out, |boot, now, out| boot.start(now, out));
+                }
+            }
+            (HeartbeatChange::BootUp, _) => self.events.node_reset = true,
+            (HeartbeatChange::Lost, _) => self.events.heartbeat_lost = true,
+            (HeartbeatChange::Present(state) | HeartbeatChange::State(state), phase) => {
+                let is_operational = state == NmtState::Operational;
+                if *phase == Phase::Operational && !is_operational {
+                    self.events.heartbeat_lost = true;
+                }
+                node.is_operational = is_operational;
+                if self.phase == Phase::Starting && self.nodes.iter().all(|node| node.is_operational) {
+                    self.phase = Phase::Operational;
+                    self.phase_deadline = Time::NEVER;
+                    self.events = LinkEvents::default();
+                }
+            }
+        }
+    }
+
+    /// Lets every node's boot do something, and goes on when all are done.
+    fn configure<O: Outbox>(
+        &mut self,
+        now: Time,
+        out: &mut O,
+        mut act: impl FnMut(&mut Boot, Time, &mut O) -> Result<(), BootFailure>,
+    ) {
+        for node in &mut self.nodes {
+            if node.boot.is_done() {
+                continue;
+            }
+            let step = node.boot.doing();
+            if let Err(failure) = act(&mut node.boot, now, out) {
+                self.phase = Phase::Failed(refuse(node.id.raw(), &node.name, step, failure));
+                return;
+            }
+        }
+        if self.nodes.iter().all(|node| node.boot.is_done()) {
+            self.phase = Phase::Starting;
+            self.phase_deadline = now + START_WAIT;
+            for node in &self.nodes {
+                self.watch.start(now, node.id);
+            }
+            out.push(nmt::command(NmtCommand::Start, None));
+        }
+    }
+
+    fn fail_where(&mut self, is_late: impl Fn(&Node) -> bool, step: &'static str, waited: Duration) {
+        if let Some(node) = self.nodes.iter().find(|node| is_late(node)) {
+            let failure = BootFailure::Missing { waited_ms: waited.as_millis() as u64 };
+            self.phase = Phase::Failed(refuse(node.id.raw(), &node.name, step, failure));
+        }
+        self.phase_deadline = Time::NEVER;
+    }
+}
+
+fn node_id(raw: u8, name: &str) -> Result<NodeId, BootError> {
+    canopen::cob::node_id(raw)
+        .map_err(|_| refuse(raw, name, "check the node ids", BootFailure::NodeId { node_id: raw }))
+}
+
+fn refuse(node_id: u8, name: &str, step: &'static str, failure: BootFailure) -> BootError {
+    BootError { node_id, name: name.to_owned(), step, failure }
+}
