@@ -245,3 +245,152 @@ impl StateMachine {
         self.has_quick_stopped = false;
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    fn machine(options: OptionCodes) -> StateMachine {
+        let mut machine = StateMachine::new(options);
+        machine.initialise();
+        machine
+    }
+
+    fn enabled(options: OptionCodes) -> StateMachine {
+        let mut machine = machine(options);
+        for (word, number) in [(0x06, 2), (0x07, 3), (0x0f, 4)] {
+            assert_eq!(machine.apply(word), Some(Transition(number)));
+        }
+        machine
+    }
+
+    fn switched_on() -> StateMachine {
+        let mut machine = machine(OptionCodes::default());
+        machine.apply(0x06);
+        machine.apply(0x07);
+        machine
+    }
+
+    #[test]
+    fn transitions_without_motion() {
+        let mut fresh = StateMachine::new(OptionCodes::default());
+        assert_eq!(fresh.state(), State::NotReadyToSwitchOn);
+        assert_eq!(fresh.apply(0x06), None);
+        fresh.initialise();
+        assert_eq!(fresh.state(), State::SwitchOnDisabled);
+        assert_eq!(fresh.apply(0x07), None);
+        assert_eq!(fresh.apply(0x06), Some(Transition(2)));
+        assert_eq!(fresh.apply(0x0f), None, "3 and 4 are not taken together");
+        assert_eq!(fresh.apply(0x02), Some(Transition(7)));
+        assert_eq!(switched_on().apply(0x06), Some(Transition(6)));
+        assert_eq!(switched_on().apply(0x00), Some(Transition(10)));
+        assert_eq!(switched_on().apply(0x02), Some(Transition(10)));
+        assert_eq!(enabled(OptionCodes::default()).apply(0x00), Some(Transition(9)));
+    }
+
+    #[test]
+    fn shutdown_and_disable_operation_slow_down_if_asked() {
+        let ramps = OptionCodes { shutdown: 1, disable_operation: 1, ..OptionCodes::default() };
+        for (word, number, end) in [(0x06, 8, State::ReadyToSwitchOn), (0x07, 5, State::SwitchedOn)] {
+            let mut slow = enabled(ramps);
+            assert_eq!(slow.apply(word), None);
+            assert_eq!((slow.state(), slow.reaction()), (State::OperationEnabled, Reaction::SlowRamp));
+            assert_eq!(slow.standstill(), Some(Transition(number)));
+            assert_eq!((slow.state(), slow.reaction()), (end, Reaction::Off));
+            let at_once = OptionCodes { shutdown: 0, disable_operation: 0, ..ramps };
+            let mut fast = enabled(at_once);
+            assert_eq!(fast.apply(word), Some(Transition(number)));
+            assert_eq!(fast.state(), end);
+        }
+    }
+
+    #[test]
+    fn quick_stop_options() {
+        let with = |quick_stop| enabled(OptionCodes { quick_stop, ..OptionCodes::default() });
+        let mut off = with(0);
+        assert_eq!(off.apply(0x02), Some(Transition(12)));
+        assert_eq!(off.state(), State::SwitchOnDisabled);
+        let ramps = [Reaction::SlowRamp, Reaction::QuickRamp, Reaction::Limit, Reaction::Limit];
+        for (code, expected) in (1..).zip(ramps) {
+            let mut leaving = with(code);
+            assert_eq!(leaving.apply(0x02), Some(Transition(11)));
+            assert_eq!((leaving.state(), leaving.reaction()), (State::QuickStopActive, expected));
+            assert_eq!(leaving.apply(0x0f), None, "16 only with option codes 5 to 8");
+            assert_eq!(leaving.standstill(), Some(Transition(12)));
+            let mut staying = with(code + 4);
+            staying.apply(0x02);
+            assert_eq!(staying.reaction(), expected);
+            assert_eq!(staying.standstill(), None);
+            assert_eq!(staying.statusword(), 0x0407);
+            assert_eq!(staying.apply(0x0f), Some(Transition(16)));
+            assert_eq!(staying.statusword(), 0x0027);
+        }
+    }
+
+    #[test]
+    fn fault_reaction_options_and_the_reset_edge() {
+        let mut standing = switched_on();
+        assert_eq!(standing.fault(), Some(Transition(14)));
+        assert_eq!(standing.state(), State::Fault);
+        let mut off = enabled(OptionCodes { fault_reaction: 0, ..OptionCodes::default() });
+        assert_eq!(off.fault(), Some(Transition(14)));
+        let mut moving = enabled(OptionCodes::default());
+        assert_eq!(moving.fault(), Some(Transition(13)));
+        assert_eq!((moving.state(), moving.reaction()), (State::FaultReactionActive, Reaction::QuickRamp));
+        assert_eq!(moving.apply(0x80), None, "no reset before the reaction has ended");
+        assert_eq!(moving.standstill(), Some(Transition(14)));
+        assert_eq!(moving.apply(0x80), None, "bit 7 was already high: no edge");
+        assert_eq!(moving.apply(0x0f), None);
+        assert_eq!(moving.apply(0x8f), Some(Transition(15)));
+        assert_eq!(moving.state(), State::SwitchOnDisabled);
+        assert_eq!(moving.fault(), Some(Transition(14)));
+        assert_eq!(moving.fault(), None);
+    }
+
+    #[test]
+    fn halt_slows_down_and_stays_enabled() {
+        let mut machine = enabled(OptionCodes { halt: 2, ..OptionCodes::default() });
+        machine.apply(0x10f);
+        assert_eq!((machine.state(), machine.reaction()), (State::OperationEnabled, Reaction::QuickRamp));
+        assert_eq!(machine.standstill(), None);
+        machine.apply(0x0f);
+        assert_eq!(machine.reaction(), Reaction::Follow);
+    }
+
+    #[test]
+    fn loss_of_connection_by_option_code() {
+        let lost = |abort_connection| {
+            let mut machine = enabled(OptionCodes { abort_connection, ..OptionCodes::default() });
+            let transition = machine.lose_connection();
+            (transition, machine.state())
+        };
+        assert_eq!(lost(0), (None, State::OperationEnabled));
+        assert_eq!(lost(1), (Some(Transition(13)), State::FaultReactionActive));
+        assert_eq!(lost(2), (Some(Transition(9)), State::SwitchOnDisabled));
+        assert_eq!(lost(3), (Some(Transition(11)), State::QuickStopActive));
+    }
+
+    proptest! {
+        #[test]
+        fn torque_needs_a_commanded_state(words in prop::collection::vec(any::<u16>(), 0..100), faults in prop::collection::vec(any::<bool>(), 100)) {
+            let mut machine = machine(OptionCodes::default());
+            for (word, fault) in words.into_iter().zip(faults) {
+                let before = machine.state();
+                machine.apply(word);
+                if fault {
+                    machine.fault();
+                }
+                let may_have_torque = matches!(
+                    machine.state(),
+                    State::OperationEnabled | State::QuickStopActive | State::FaultReactionActive
+                );
+                prop_assert_eq!(machine.reaction() != Reaction::Off, may_have_torque);
+                if before == State::Fault && machine.state() != State::Fault {
+                    prop_assert!(word & 0x80 != 0);
+                }
+                prop_assert_eq!(State::decode(machine.statusword()), Some(machine.state()));
+            }
+        }
+    }
+}

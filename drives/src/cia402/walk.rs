@@ -159,3 +159,164 @@ impl StateWalk {
         Some(word.controlword())
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::super::{OptionCodes, StateMachine};
+    use super::*;
+    use proptest::prelude::*;
+
+    const GOALS: [Goal; 5] =
+        [Goal::SwitchOnDisabled, Goal::ReadyToSwitchOn, Goal::SwitchedOn, Goal::OperationEnabled, Goal::QuickStop];
+
+    /// One cycle: the device shows its statusword, the master answers, the device takes it.
+    fn cycle(walk: &mut StateWalk, device: &mut StateMachine) -> Walk {
+        let step = walk.step(Statusword(device.statusword()));
+        device.apply(step.controlword);
+        step
+    }
+
+    fn ready_device() -> StateMachine {
+        let mut device = StateMachine::new(OptionCodes::default());
+        device.initialise();
+        device
+    }
+
+    fn enabled_pair() -> (StateWalk, StateMachine) {
+        let (mut walk, mut device) = (StateWalk::new(), ready_device());
+        walk.set_goal(Goal::OperationEnabled);
+        for _ in 0..4 {
+            cycle(&mut walk, &mut device);
+        }
+        assert_eq!(device.state(), State::OperationEnabled);
+        (walk, device)
+    }
+
+    #[test]
+    fn the_walk_up_sends_the_three_commands_in_order() {
+        let (mut walk, mut device) = (StateWalk::new(), ready_device());
+        assert_eq!(cycle(&mut walk, &mut device).controlword, 0x00);
+        walk.set_goal(Goal::OperationEnabled);
+        let words: Vec<u16> = (0..4).map(|_| cycle(&mut walk, &mut device).controlword).collect();
+        assert_eq!(words, [0x06, 0x07, 0x0f, 0x0f]);
+        assert!(cycle(&mut walk, &mut device).reached);
+    }
+
+    #[test]
+    fn no_state_and_goal_ever_give_a_fault_reset() {
+        for state in State::ALL {
+            for goal in GOALS {
+                let command = next_command(state, goal);
+                assert_ne!(command, Command::FaultReset);
+                assert_eq!(command.controlword() & 0x80, 0);
+            }
+        }
+    }
+
+    #[test]
+    fn a_fault_lowers_the_goal_and_a_reset_does_not_enable_again() {
+        let (mut walk, mut device) = enabled_pair();
+        device.fault();
+        device.standstill();
+        let step = cycle(&mut walk, &mut device);
+        assert!(step.lost && !step.reached);
+        assert_eq!(walk.goal(), Goal::SwitchOnDisabled);
+        walk.request_fault_reset();
+        let words: Vec<u16> = (0..6).map(|_| cycle(&mut walk, &mut device).controlword).collect();
+        assert_eq!(words, [0x00, 0x80, 0x00, 0x00, 0x00, 0x00]);
+        assert_eq!(device.state(), State::SwitchOnDisabled);
+    }
+
+    #[test]
+    fn one_request_gives_one_edge_even_if_the_fault_stays() {
+        let mut walk = StateWalk::new();
+        let fault = Statusword(State::Fault.bits());
+        walk.request_fault_reset();
+        let words: Vec<u16> = (0..8).map(|_| walk.step(fault).controlword).collect();
+        assert_eq!(words, [0x00, 0x80, 0x00, 0x00, 0x00, 0x00, 0x00, 0x00]);
+    }
+
+    #[test]
+    fn a_reset_request_lapses_outside_fault() {
+        let (mut walk, mut device) = enabled_pair();
+        walk.request_fault_reset();
+        assert_eq!(cycle(&mut walk, &mut device).controlword, 0x0f);
+        device.fault();
+        device.standstill();
+        for _ in 0..4 {
+            assert_eq!(cycle(&mut walk, &mut device).controlword, 0x00);
+        }
+    }
+
+    #[test]
+    fn a_drive_that_drops_out_is_not_enabled_again() {
+        let (mut walk, mut device) = enabled_pair();
+        assert!(cycle(&mut walk, &mut device).reached);
+        device.apply(Command::DisableVoltage.controlword());
+        let step = cycle(&mut walk, &mut device);
+        assert!(step.lost);
+        for _ in 0..10 {
+            assert_eq!(cycle(&mut walk, &mut device).controlword, 0x00);
+        }
+        assert_eq!(device.state(), State::SwitchOnDisabled);
+    }
+
+    #[test]
+    fn a_quick_stop_is_waited_out_before_the_walk_goes_up_again() {
+        let mut device = StateMachine::new(OptionCodes { quick_stop: 6, ..OptionCodes::default() });
+        device.initialise();
+        let mut walk = StateWalk::new();
+        walk.set_goal(Goal::OperationEnabled);
+        for _ in 0..4 {
+            cycle(&mut walk, &mut device);
+        }
+        walk.set_goal(Goal::QuickStop);
+        cycle(&mut walk, &mut device);
+        assert!(cycle(&mut walk, &mut device).reached);
+        walk.set_goal(Goal::OperationEnabled);
+        assert_eq!(cycle(&mut walk, &mut device).controlword, 0x02);
+        device.standstill();
+        let words: Vec<u16> = (0..4).map(|_| cycle(&mut walk, &mut device).controlword).collect();
+        assert_eq!(words, [0x00, 0x06, 0x07, 0x0f]);
+        assert_eq!(device.state(), State::OperationEnabled);
+    }
+
+    #[test]
+    fn an_undefined_statusword_takes_the_torque_away() {
+        let mut walk = StateWalk::new();
+        walk.set_goal(Goal::OperationEnabled);
+        let step = walk.step(Statusword(0x0003));
+        assert_eq!((step.controlword, step.state, step.lost), (0x00, None, true));
+        assert_eq!(walk.goal(), Goal::SwitchOnDisabled);
+    }
+
+    proptest! {
+        #[test]
+        fn every_goal_is_reached_from_every_state_without_fault(
+            path in prop::collection::vec(0u16..16, 0..20),
+            goal in prop::sample::select(GOALS.to_vec()),
+        ) {
+            let mut device = ready_device();
+            for controlword in path {
+                device.apply(controlword);
+            }
+            let mut walk = StateWalk::new();
+            walk.set_goal(goal);
+            let mut reached = false;
+            for _ in 0..8 {
+                reached |= cycle(&mut walk, &mut device).reached;
+                device.standstill();
+            }
+            prop_assert!(reached, "{goal:?} not reached, {:?}", device.state());
+        }
+
+        #[test]
+        fn a_reset_bit_needs_a_request(words in prop::collection::vec(any::<u16>(), 1..50), goal in prop::sample::select(GOALS.to_vec())) {
+            let mut walk = StateWalk::new();
+            for word in words {
+                walk.set_goal(goal);
+                prop_assert_eq!(walk.step(Statusword(word)).controlword & 0x80, 0);
+            }
+        }
+    }
+}
