@@ -151,8 +151,11 @@ impl<const N: usize> PointMass<N> {
         control_n: SVector<f64, N>,
         mut hand: impl FnMut(f64, SVector<f64, N>) -> HandLoad<N>,
     ) -> Result<(), PointMassError> {
-        let (count, step_s) = super::substeps::equal_steps(self.time_s, end_s, longest_step_s)
-            .ok_or(PointMassError::BadParameter { name: "longest step in s (must be above zero)", value: longest_step_s })?;
+        let (count, step_s) =
+            super::substeps::equal_steps(self.time_s, end_s, longest_step_s).ok_or(PointMassError::BadParameter {
+                name: "longest step in s (must be above zero)",
+                value: longest_step_s,
+            })?;
         let start_s = self.time_s;
         for index in 1..=count {
             self.advance(step_s, control_n, &mut hand)?;

@@ -33,13 +33,7 @@ impl Gear {
         }
         let motor_kg_m2 = Vector2::from(link_mass.motor_kg_m2) * motor_share;
         link_mass.motor_kg_m2 = link_mass.motor_kg_m2.map(|inertia| inertia * (1.0 - motor_share));
-        Ok(Self {
-            stiffness_n_m_per_rad,
-            damping_n_m_s_per_rad,
-            motor_kg_m2,
-            angles: start.0,
-            rates: Vector2::zeros(),
-        })
+        Ok(Self { stiffness_n_m_per_rad, damping_n_m_s_per_rad, motor_kg_m2, angles: start.0, rates: Vector2::zeros() })
     }
 
     /// Follows the links without strain.

@@ -309,7 +309,8 @@ impl Arm {
     #[inline]
     fn finish(&mut self, step_s: f64, middle: &Middle, rates: Vector2<f64>) {
         self.slope = (rates - self.rates) / step_s;
-        self.tip_acceleration = middle.dynamics.jacobian * self.slope + Vector2::from(middle.dynamics.tip_bias_m_per_s2);
+        self.tip_acceleration =
+            middle.dynamics.jacobian * self.slope + Vector2::from(middle.dynamics.tip_bias_m_per_s2);
         self.angles = middle.angles + rates * (0.5 * step_s);
         self.rates = rates;
         self.time_s += step_s;
@@ -328,11 +329,7 @@ struct Middle {
 
 impl Middle {
     #[inline]
-    fn of(
-        arm: &Arm,
-        step_s: f64,
-        load: impl FnOnce(f64, TipPoint) -> HandLoad<2>,
-    ) -> Result<Self, ArmError> {
+    fn of(arm: &Arm, step_s: f64, load: impl FnOnce(f64, TipPoint) -> HandLoad<2>) -> Result<Self, ArmError> {
         let half_s = 0.5 * step_s;
         let angles = arm.angles + arm.rates * half_s;
         let dynamics = arm.dynamics(angles, arm.rates + arm.slope * half_s)?;

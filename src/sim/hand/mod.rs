@@ -210,16 +210,9 @@ mod tests {
     fn the_force_is_spring_damper_and_inertia() {
         let mut hand = hand(parameters(), 1);
         // Half-way a minimum-jerk leg of 0.2 m in 1 s is at 0.1 m with 15/8 of the mean speed.
-        let force = hand.force_on_tool(
-            0.5,
-            Vector2::new(0.08, 0.11),
-            Vector2::new(0.1, -0.2),
-            Vector2::new(2.0, -1.0),
-        );
-        let expected = Vector2::new(
-            400.0 * 0.02 - 8.0 * 0.1 - 0.5 * 2.0,
-            400.0 * -0.01 + 8.0 * (0.2 * 1.875 + 0.2) + 0.5 * 1.0,
-        );
+        let force = hand.force_on_tool(0.5, Vector2::new(0.08, 0.11), Vector2::new(0.1, -0.2), Vector2::new(2.0, -1.0));
+        let expected =
+            Vector2::new(400.0 * 0.02 - 8.0 * 0.1 - 0.5 * 2.0, 400.0 * -0.01 + 8.0 * (0.2 * 1.875 + 0.2) + 0.5 * 1.0);
         assert!((force - expected).norm() < 1e-12, "{force} against {expected}");
     }
 

@@ -123,12 +123,8 @@ fn transition(low_hz: f64, high_hz: f64) -> Matrix2<f64> {
     } else {
         (turn.cosh(), turn.sinh() * GRID_PERIOD_S / turn)
     };
-    Matrix2::new(
-        cos + decay * sin_by_rate,
-        natural * sin_by_rate,
-        -natural * sin_by_rate,
-        cos - decay * sin_by_rate,
-    ) * envelope
+    Matrix2::new(cos + decay * sin_by_rate, natural * sin_by_rate, -natural * sin_by_rate, cos - decay * sin_by_rate)
+        * envelope
 }
 
 /// `L` with `L L^T = covariance`, for a covariance that rounding may have left slightly indefinite.
