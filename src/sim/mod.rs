@@ -1,3 +1,9 @@
-//! What the embedded simulation is made of: devices and the bus between them, in virtual time.
+//! The far end of the bus: arm, hand, simulated drives and sensor, and the virtual CAN bus.
+//!
+//! The devices are served from object dictionaries over frames; the master sees nothing else of them.
 
+pub mod arm;
 pub mod can;
+pub mod hand;
+pub mod point_mass;
+mod substeps;

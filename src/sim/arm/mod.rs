@@ -1,0 +1,346 @@
+//! The simulated arm: a five-bar with dry friction in its joints, pulled by motors and by a hand.
+//!
+//! Two coordinates, no constraint to drift, and dry friction that truly holds: a joint that sticks keeps its angle to
+//! the last bit.
+
+mod flexible;
+mod friction;
+mod rigid;
+
+#[cfg(test)]
+mod oracle;
+#[cfg(test)]
+mod tests;
+
+pub use friction::{slip_rate, slip_rates};
+
+use nalgebra::Vector2;
+use thiserror::Error;
+
+use self::flexible::Gear;
+use super::hand::HandLoad;
+use super::substeps::equal_steps;
+use crate::linkage::{Dynamics, FiveBar, GeometryError, LinkageError, MassModel};
+use crate::quantity::{JointAngles, JointRates, JointTorques, TipPoint, TipVelocity};
+
+/// The simulation stops where the tool would move this many times faster than the elbows: about 1/30 rad before the
+/// distal links lie on one line (type 2), where the motors lose the tool and steps of any length overshoot.
+const TRANSMISSION_LIMIT: f64 = 30.0;
+
+/// What is wrong with an arm or with its motion. After an error of the motion the state is that before the step.
+#[derive(Clone, Copy, Debug, PartialEq, Error)]
+pub enum ArmError {
+    /// A quantity of the arm is out of its range.
+    #[error("the arm has a {name} of {value}")]
+    BadParameter {
+        /// Which quantity, with its unit and range.
+        name: &'static str,
+        /// What was given.
+        value: f64,
+    },
+    /// The mass model is not that of a machine.
+    #[error("the arm's masses: {0}")]
+    BadMass(GeometryError),
+    /// The linkage cannot be where the motion takes it.
+    #[error("the arm stops at {time_s} s: {source}")]
+    Linkage {
+        /// Beginning of the step that failed, in s.
+        time_s: f64,
+        /// What the linkage says.
+        source: LinkageError,
+    },
+    /// The distal links are almost on one line, so that the motors hardly hold the tool.
+    #[error(
+        "the arm stops at {time_s} s: the tool moves {transmission} times as fast as the elbows, at most {limit} \
+         (distal links almost in line)"
+    )]
+    NearSingularity {
+        /// Beginning of the step that failed, in s.
+        time_s: f64,
+        /// Size of the Jacobian over the length of the longer proximal link.
+        transmission: f64,
+        /// How large it may be.
+        limit: f64,
+    },
+    /// A torque or a load is not finite, or it threw the arm to infinity.
+    #[error("the arm has no finite motion after {time_s} s")]
+    NotFinite {
+        /// Beginning of the step that failed, in s.
+        time_s: f64,
+    },
+    /// A step that is not above zero, or a time that is not finite or needs too many steps.
+    #[error("the arm cannot be moved on from {time_s} s to {end_s} s in steps of {step_s} s")]
+    BadStep {
+        /// Present time in s.
+        time_s: f64,
+        /// Time wanted in s.
+        end_s: f64,
+        /// Step wanted in s.
+        step_s: f64,
+    },
+}
+
+/// Elasticity between each motor and its proximal link, as harmonic gears have it. Friction acts on the motor's side.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct JointElasticity {
+    /// Spring of each joint in N m/rad.
+    pub stiffness_n_m_per_rad: f64,
+    /// Damper of each joint in N m s/rad.
+    pub damping_n_m_s_per_rad: f64,
+    /// Share of the motor's inertia that lies before the spring, above 0 and below 1; the rest turns with the link.
+    pub motor_share: f64,
+}
+
+/// What an arm is made of.
+#[derive(Clone, Debug)]
+pub struct ArmParameters {
+    /// Geometry.
+    pub linkage: FiveBar,
+    /// Masses of the arm alone.
+    pub mass: MassModel,
+    /// Mass that is attached to the tool for good, such as the hand's, in kg.
+    pub handle_kg: f64,
+    /// Dry friction of each joint in N m.
+    pub coulomb_n_m: [f64; 2],
+    /// Viscous friction of each joint in N m s/rad.
+    pub viscous_n_m_s_per_rad: [f64; 2],
+    /// Elasticity of the joints; `None` for rigid ones.
+    pub joint_elasticity: Option<JointElasticity>,
+}
+
+/// Motion of the tool.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct TipMotion {
+    /// Position.
+    pub position: TipPoint,
+    /// Velocity.
+    pub velocity: TipVelocity,
+    /// Mean acceleration over the last step in m/s^2; what an attached mass takes is this times the mass.
+    pub acceleration_m_per_s2: [f64; 2],
+}
+
+/// The arm and its state.
+#[derive(Clone, Debug)]
+pub struct Arm {
+    linkage: FiveBar,
+    /// With what is attached to the tool, and without what lies before the springs.
+    mass: MassModel,
+    coulomb_n_m: Vector2<f64>,
+    viscous_n_m_s_per_rad: Vector2<f64>,
+    /// Greatest squared Frobenius norm of the Jacobian.
+    jacobian_limit_m2: f64,
+    time_s: f64,
+    angles: Vector2<f64>,
+    rates: Vector2<f64>,
+    /// Change of the rates per second over the last step, which extrapolates them to the next midpoint.
+    slope: Vector2<f64>,
+    tip_acceleration: Vector2<f64>,
+    gear: Option<Gear>,
+}
+
+impl Arm {
+    /// An arm at rest at time zero.
+    ///
+    /// # Errors
+    /// Masses, friction or elasticity out of range; a start where the linkage cannot be.
+    pub fn new(parameters: &ArmParameters, start: JointAngles) -> Result<Self, ArmError> {
+        let ArmParameters { linkage, mass, handle_kg, coulomb_n_m, viscous_n_m_s_per_rad, joint_elasticity } =
+            parameters;
+        mass.check().map_err(ArmError::BadMass)?;
+        check_not_negative("handle mass in kg (must not be negative)", *handle_kg)?;
+        for joint in 0..2 {
+            check_not_negative("dry friction in N m (must not be negative)", coulomb_n_m[joint])?;
+            check_not_negative("viscous friction in N m s/rad (must not be negative)", viscous_n_m_s_per_rad[joint])?;
+        }
+        let mut link_mass = MassModel { tool_kg: mass.tool_kg + handle_kg, ..*mass };
+        let gear = match joint_elasticity {
+            None => None,
+            Some(elasticity) => Some(Gear::split(elasticity, &mut link_mass, start)?),
+        };
+        let [left_m, right_m] = linkage.geometry().proximal_m;
+        let jacobian_limit_m = TRANSMISSION_LIMIT * left_m.max(right_m);
+        let arm = Self {
+            linkage: linkage.clone(),
+            mass: link_mass,
+            coulomb_n_m: Vector2::from(*coulomb_n_m),
+            viscous_n_m_s_per_rad: Vector2::from(*viscous_n_m_s_per_rad),
+            jacobian_limit_m2: jacobian_limit_m * jacobian_limit_m,
+            time_s: 0.0,
+            angles: start.0,
+            rates: Vector2::zeros(),
+            slope: Vector2::zeros(),
+            tip_acceleration: Vector2::zeros(),
+            gear,
+        };
+        arm.dynamics(arm.angles, arm.rates)?;
+        Ok(arm)
+    }
+
+    /// Present time in s.
+    pub fn time_s(&self) -> f64 {
+        self.time_s
+    }
+
+    /// Angles of the proximal links.
+    pub fn angles(&self) -> JointAngles {
+        JointAngles(self.angles)
+    }
+
+    /// Rates of the proximal links.
+    pub fn rates(&self) -> JointRates {
+        JointRates(self.rates)
+    }
+
+    /// Angles on the motors' side of the joints, which encoders see; those of the links if the joints are rigid.
+    pub fn motor_angles(&self) -> JointAngles {
+        JointAngles(self.gear.as_ref().map_or(self.angles, |gear| gear.angles))
+    }
+
+    /// Rates on the motors' side of the joints.
+    pub fn motor_rates(&self) -> JointRates {
+        JointRates(self.gear.as_ref().map_or(self.rates, |gear| gear.rates))
+    }
+
+    /// Motion of the tool at the present time.
+    ///
+    /// # Errors
+    /// If the last step ended where the linkage cannot be.
+    pub fn tip(&self) -> Result<TipMotion, ArmError> {
+        let Dynamics { tip, tip_velocity, .. } = self.dynamics(self.angles, self.rates)?;
+        Ok(TipMotion {
+            position: tip,
+            velocity: tip_velocity,
+            acceleration_m_per_s2: [self.tip_acceleration.x, self.tip_acceleration.y],
+        })
+    }
+
+    /// Kinetic energy of arm and attached mass, with the energy of the joints' springs, in J.
+    ///
+    /// # Errors
+    /// If the last step ended where the linkage cannot be.
+    pub fn energy_j(&self) -> Result<f64, ArmError> {
+        let Dynamics { mass, .. } = self.dynamics(self.angles, self.rates)?;
+        let links = 0.5 * self.rates.dot(&(mass * self.rates));
+        Ok(links + self.gear.as_ref().map_or(0.0, |gear| gear.energy_j(self.angles)))
+    }
+
+    /// Starts from other rates, such as a push leaves them. Elastic joints start relaxed.
+    pub fn set_rates(&mut self, rates: JointRates) {
+        self.rates = rates.0;
+        self.slope = Vector2::zeros();
+        self.tip_acceleration = Vector2::zeros();
+        if let Some(gear) = &mut self.gear {
+            gear.relax(self.angles, self.rates);
+        }
+    }
+
+    /// Moves on by `step_s` under held motor torques and a load on the tool that is asked for at the step's midpoint,
+    /// given time in s and tool point.
+    ///
+    /// The step is of second order apart from the moments at which a joint stops or breaks away. The load's damping is
+    /// taken implicitly, its stiffness explicitly, so a spring of stiffness K on a mass m at the tool needs
+    /// `step_s` well below `2 sqrt(m / K)`.
+    ///
+    /// # Errors
+    /// Where the linkage cannot be or nearly locks, or if no finite motion results. The state is then the one before.
+    ///
+    /// # Source
+    /// Moreau, "Unilateral contact and dry friction in finite freedom dynamics" (1988), the midpoint form; friction as
+    /// in \[KTF08, eqs 7 and 8\].
+    #[inline]
+    pub fn advance(
+        &mut self,
+        step_s: f64,
+        torques: JointTorques,
+        load: impl FnOnce(f64, TipPoint) -> HandLoad<2>,
+    ) -> Result<(), ArmError> {
+        if !(step_s > 0.0 && step_s.is_finite()) {
+            return Err(ArmError::BadStep { time_s: self.time_s, end_s: self.time_s + step_s, step_s });
+        }
+        if self.gear.is_none() {
+            self.advance_rigid(step_s, torques.0, load)
+        } else {
+            self.advance_flexible(step_s, torques.0, load)
+        }
+    }
+
+    /// Moves on to `end_s` in equal steps, none longer than `longest_step_s`; nothing happens if `end_s` is not later.
+    ///
+    /// # Errors
+    /// As [`Arm::advance`], and for times or steps that make no sense.
+    pub fn advance_to(
+        &mut self,
+        end_s: f64,
+        longest_step_s: f64,
+        torques: JointTorques,
+        mut load: impl FnMut(f64, TipPoint) -> HandLoad<2>,
+    ) -> Result<(), ArmError> {
+        let start_s = self.time_s;
+        let (count, step_s) = equal_steps(start_s, end_s, longest_step_s).ok_or(ArmError::BadStep {
+            time_s: start_s,
+            end_s,
+            step_s: longest_step_s,
+        })?;
+        for index in 1..=count {
+            self.advance(step_s, torques, &mut load)?;
+            self.time_s = if index == count { end_s } else { start_s + f64::from(index) * step_s };
+        }
+        Ok(())
+    }
+
+    /// Equations of motion at a state, refused near a type 2 singularity.
+    #[inline]
+    fn dynamics(&self, angles: Vector2<f64>, rates: Vector2<f64>) -> Result<Dynamics, ArmError> {
+        match self.linkage.dynamics(&self.mass, JointAngles(angles), JointRates(rates)) {
+            Ok(dynamics) if dynamics.jacobian.norm_squared() <= self.jacobian_limit_m2 => Ok(dynamics),
+            Ok(dynamics) => Err(self.near_singularity(&dynamics)),
+            Err(source) => Err(ArmError::Linkage { time_s: self.time_s, source }),
+        }
+    }
+
+    #[cold]
+    fn near_singularity(&self, dynamics: &Dynamics) -> ArmError {
+        let longer_m = self.jacobian_limit_m2.sqrt() / TRANSMISSION_LIMIT;
+        let transmission = dynamics.jacobian.norm() / longer_m;
+        ArmError::NearSingularity { time_s: self.time_s, transmission, limit: TRANSMISSION_LIMIT }
+    }
+
+    /// The state after a step whose middle was `middle`, once its end rates are known.
+    #[inline]
+    fn finish(&mut self, step_s: f64, middle: &Middle, rates: Vector2<f64>) {
+        self.slope = (rates - self.rates) / step_s;
+        self.tip_acceleration =
+            middle.dynamics.jacobian * self.slope + Vector2::from(middle.dynamics.tip_bias_m_per_s2);
+        self.angles = middle.angles + rates * (0.5 * step_s);
+        self.rates = rates;
+        self.time_s += step_s;
+    }
+}
+
+/// What is known at the middle of a step before its end rates are.
+struct Middle {
+    angles: Vector2<f64>,
+    dynamics: Dynamics,
+    /// Joint torques of load and Coriolis forces, without the load's damping.
+    torque: Vector2<f64>,
+    /// Damping of the load seen from the joints in N m s/rad: three entries of a symmetric matrix, as a matrix.
+    damping: nalgebra::Matrix2<f64>,
+}
+
+impl Middle {
+    #[inline]
+    fn of(arm: &Arm, step_s: f64, load: impl FnOnce(f64, TipPoint) -> HandLoad<2>) -> Result<Self, ArmError> {
+        let half_s = 0.5 * step_s;
+        let angles = arm.angles + arm.rates * half_s;
+        let dynamics = arm.dynamics(angles, arm.rates + arm.slope * half_s)?;
+        let load = load(arm.time_s + half_s, dynamics.tip);
+        let jacobian = &dynamics.jacobian;
+        let torque = jacobian.tr_mul(&load.force_n) - dynamics.bias.0;
+        let damping = jacobian.tr_mul(jacobian) * load.damping_n_s_per_m;
+        Ok(Self { angles, dynamics, torque, damping })
+    }
+}
+
+fn check_not_negative(name: &'static str, value: f64) -> Result<(), ArmError> {
+    if value.is_finite() && value >= 0.0 { Ok(()) } else { Err(ArmError::BadParameter { name, value }) }
+}
