@@ -1,0 +1,128 @@
+use super::complex::Complex;
+use super::error::LinkageError;
+use super::five_bar::{Closure, FiveBar};
+use super::geometry::{Chain, Side};
+use crate::quantity::{Force, JointAngles, JointRates, JointTorques, TipPoint, TipVelocity};
+use nalgebra::{Matrix2, Vector2};
+
+/// Condition number at which a Jacobian counts as singular; [`Posture::condition`] is never larger.
+pub const CONDITION_LIMIT: f64 = 1e9;
+
+/// The linkage at one pair of joint angles: where its points are and how the tool moves with the joints.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Posture {
+    /// The joint angles.
+    pub angles: JointAngles,
+    /// Tool point.
+    pub tip: TipPoint,
+    /// Wrist in m, base frame.
+    pub wrist_m: [f64; 2],
+    /// Elbows, left then right, in m, base frame.
+    pub elbows_m: [[f64; 2]; 2],
+    /// Angles of the distal links, elbow to wrist, against the base frame's x axis, in rad, within (-pi, pi].
+    pub distal_angle_rad: [f64; 2],
+    /// The sides on which the elbows lie, by the rule of [`Side`].
+    pub elbow_sides: [Side; 2],
+    /// Tool velocity per joint rate, in m/rad: row x, y; column left, right joint.
+    pub jacobian: Matrix2<f64>,
+}
+
+impl Posture {
+    pub(super) fn new(five_bar: &FiveBar, angles: JointAngles, closure: &Closure) -> Self {
+        let tip = five_bar.tip(closure);
+        let wrist = closure.elbow[0] + closure.distal[0];
+        let side = |chain: Chain| {
+            let i = chain.index();
+            let carried = if chain == five_bar.carrier { tip } else { wrist };
+            let left = (carried - five_bar.base[i]).cross(closure.proximal[i]) >= 0.0;
+            if left { Side::Left } else { Side::Right }
+        };
+        Self {
+            angles,
+            tip: tip.to_array().into(),
+            wrist_m: wrist.to_array(),
+            elbows_m: closure.elbow.map(Complex::to_array),
+            distal_angle_rad: closure.distal.map(Complex::angle_rad),
+            elbow_sides: Chain::BOTH.map(side),
+            jacobian: matrix(five_bar.tip_columns(closure)),
+        }
+    }
+
+    /// Tool velocity at these joint rates.
+    ///
+    /// Real-time: yes.
+    ///
+    /// # Errors
+    /// If the result is not finite.
+    pub fn tip_velocity(&self, rates: JointRates) -> Result<TipVelocity, LinkageError> {
+        finite_vector("tool velocity in m/s", self.jacobian * rates.0).map(TipVelocity)
+    }
+
+    /// Joint torques that do the same work as a force on the tool point, `J^T f`.
+    ///
+    /// Real-time: yes.
+    ///
+    /// # Errors
+    /// If the result is not finite.
+    pub fn joint_torques(&self, force: Force) -> Result<JointTorques, LinkageError> {
+        finite_vector("joint torques in N m", self.jacobian.tr_mul(&force.0)).map(JointTorques)
+    }
+
+    /// Joint rates that move the tool with this velocity.
+    ///
+    /// Real-time: yes.
+    ///
+    /// # Errors
+    /// Where the condition number reaches [`CONDITION_LIMIT`] (type 1), or if the result is not finite.
+    pub fn joint_rates(&self, velocity: TipVelocity) -> Result<JointRates, LinkageError> {
+        let (largest_m, smallest_m) = self.singular_values_m();
+        if smallest_m * CONDITION_LIMIT <= largest_m {
+            return Err(LinkageError::JacobianSingular { smallest_m, largest_m });
+        }
+        let j = &self.jacobian;
+        let adjugate = Matrix2::new(j.m22, -j.m12, -j.m21, j.m11);
+        finite_vector("joint rates in rad/s", adjugate * velocity.0 / j.determinant()).map(JointRates)
+    }
+
+    /// Smallest singular value of the Jacobian in m: the tool speed in its slowest direction at a joint rate of
+    /// 1 rad/s. Zero at type 1.
+    ///
+    /// Real-time: yes.
+    pub fn smallest_singular_value(&self) -> f64 {
+        self.singular_values_m().1
+    }
+
+    /// Largest over smallest singular value of the Jacobian, from 1 to [`CONDITION_LIMIT`].
+    ///
+    /// Real-time: yes.
+    pub fn condition(&self) -> f64 {
+        let (largest, smallest) = self.singular_values_m();
+        if smallest * CONDITION_LIMIT <= largest { CONDITION_LIMIT } else { largest / smallest }
+    }
+
+    /// Largest and smallest singular value. The smallest comes from the determinant, since the difference of two
+    /// nearly equal numbers would lose it near a singularity.
+    fn singular_values_m(&self) -> (f64, f64) {
+        let j = &self.jacobian;
+        let turn = (j.m11 + j.m22).hypot(j.m21 - j.m12);
+        let flip = (j.m11 - j.m22).hypot(j.m12 + j.m21);
+        let largest = 0.5 * (turn + flip);
+        if largest > 0.0 { (largest, j.determinant().abs() / largest) } else { (0.0, 0.0) }
+    }
+}
+
+/// Matrix of two columns.
+#[inline]
+pub(super) fn matrix([left, right]: [Complex; 2]) -> Matrix2<f64> {
+    Matrix2::new(left.re, right.re, left.im, right.im)
+}
+
+/// The vector, or an error that names it if a component is not finite.
+#[inline]
+pub(super) fn finite_vector(what: &'static str, vector: Vector2<f64>) -> Result<Vector2<f64>, LinkageError> {
+    if vector.x.is_finite() && vector.y.is_finite() {
+        Ok(vector)
+    } else {
+        Err(LinkageError::NotFinite { what, values: [vector.x, vector.y] })
+    }
+}

@@ -1,0 +1,57 @@
+//! Frames as text, in the log format of candump.
+
+use std::io::{self, Write};
+
+use crate::canopen::{Frame, Time};
+
+/// Writes frames as lines `(seconds.micros) interface id#data`, the log format that can-utils and most analysers read.
+///
+/// Times are virtual and start at 0; nanoseconds are cut off.
+#[derive(Debug)]
+pub struct CandumpWriter<W> {
+    out: W,
+    interface: String,
+}
+
+impl<W: Write> CandumpWriter<W> {
+    /// A log that names the interface `interface` in each line. `out` should be buffered.
+    pub fn new(out: W, interface: impl Into<String>) -> Self {
+        CandumpWriter { out, interface: interface.into() }
+    }
+
+    /// Appends one frame.
+    ///
+    /// # Errors
+    /// Those of the writer.
+    pub fn record(&mut self, time: Time, frame: &Frame) -> io::Result<()> {
+        let micros = time.0 / 1000;
+        write!(self.out, "({}.{:06}) {} {:03X}#", micros / 1_000_000, micros % 1_000_000, self.interface, frame.id())?;
+        for byte in frame.data() {
+            write!(self.out, "{byte:02X}")?;
+        }
+        writeln!(self.out)
+    }
+
+    /// Flushes and gives the writer back.
+    ///
+    /// # Errors
+    /// Those of the writer.
+    pub fn finish(mut self) -> io::Result<W> {
+        self.out.flush()?;
+        Ok(self.out)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn lines_are_those_of_candump() {
+        let mut log = CandumpWriter::new(Vec::new(), "vcan0");
+        log.record(Time(1_002_003_999), &Frame::new(0x181, &[0x37, 0x16, 0x00])).unwrap();
+        log.record(Time(61_000_000_000), &Frame::new(0x80, &[])).unwrap();
+        let text = String::from_utf8(log.finish().unwrap()).unwrap();
+        assert_eq!(text, "(1.002003) vcan0 181#371600\n(61.000000) vcan0 080#\n");
+    }
+}

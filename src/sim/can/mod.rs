@@ -1,0 +1,313 @@
+//! The virtual CAN bus.
+
+mod candump;
+mod wire;
+
+pub use candump::CandumpWriter;
+pub use wire::{INTERFRAME_BITS, frame_bits};
+
+use std::collections::VecDeque;
+use std::time::Duration;
+
+use crate::canopen::{Frame, Outbox, Time};
+
+/// Frames that one port can have waiting. More are lost and counted, as with the transmit queue of a real interface.
+pub const QUEUE_FRAMES: usize = 64;
+
+/// What [`VirtualBus::new`] refuses.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum CanError {
+    /// A bit rate that classic CAN does not have.
+    #[error("bit rate {bit_rate} bit/s is not between 1 and 1000000")]
+    BitRate {
+        /// The bit rate in bit/s.
+        bit_rate: u32,
+    },
+}
+
+/// Whether bits cost time.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum BitTiming {
+    /// Frames last as long as their bits, and wait for each other by priority.
+    Arbitrated {
+        /// Bit rate in bit/s, 1 to 1 000 000.
+        bit_rate: u32,
+    },
+    /// Frames arrive at the moment they are sent, those of one moment by priority.
+    Ideal,
+}
+
+/// Which of its waiting frames a port offers for arbitration.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum QueueOrder {
+    /// The oldest, like a network interface behind a FIFO queueing discipline: a frame of low priority holds up those
+    /// behind it.
+    Fifo,
+    /// The one with the lowest identifier, like a controller with a mailbox per message.
+    Priority,
+}
+
+/// A frame that has been on the wire: every port but `from` has received it, and `from` may take it as its echo.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Delivery {
+    /// End of the frame, when receivers have it and the sender knows that it was acknowledged.
+    pub time: Time,
+    /// The port that sent it.
+    pub from: usize,
+    /// What receivers have got.
+    pub frame: Frame,
+}
+
+/// May change or lose frames between sender and receivers, for fault injection.
+pub trait Tamper {
+    /// What receivers get instead of `frame`, `None` for nothing (and no echo). The time on the bus stays that of the
+    /// frame that was sent.
+    fn pass(&mut self, time: Time, from: usize, frame: Frame) -> Option<Frame>;
+}
+
+impl<F: FnMut(Time, usize, Frame) -> Option<Frame>> Tamper for F {
+    fn pass(&mut self, time: Time, from: usize, frame: Frame) -> Option<Frame> {
+        self(time, from, frame)
+    }
+}
+
+/// What has happened on the bus so far.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct BusCounters {
+    /// Frames that were sent.
+    pub frames: u64,
+    /// Bits that they took, stuff bits and interframe space included.
+    pub bits: u64,
+    /// Frames lost because the queue of their port was full.
+    pub overflowed: u64,
+    /// Frames that the tamper hook lost.
+    pub dropped: u64,
+    /// Frames that the tamper hook changed.
+    pub altered: u64,
+    /// Arbitrations in which two ports offered the same identifier; on a real bus that is an error frame unless the
+    /// payloads are equal. Here the lower port number goes first.
+    pub identifier_clashes: u64,
+    /// Most frames that ever waited in one port.
+    pub queue_high_water: usize,
+}
+
+impl BusCounters {
+    /// Share of the time `elapsed` that the bits sent since `earlier` took at `bit_rate` bit/s.
+    pub fn load_since(&self, earlier: &BusCounters, elapsed: Duration, bit_rate: u32) -> f64 {
+        (self.bits - earlier.bits) as f64 / (f64::from(bit_rate) * elapsed.as_secs_f64())
+    }
+}
+
+#[derive(Clone, Copy, Debug)]
+struct Queued {
+    ready: Time,
+    frame: Frame,
+    bits: u32,
+}
+
+#[derive(Debug)]
+struct Port {
+    order: QueueOrder,
+    queue: VecDeque<Queued>,
+}
+
+impl Port {
+    /// Position of the frame that this port offers at `start`.
+    fn offer(&self, start: Time) -> Option<(usize, &Queued)> {
+        let mut waiting = self.queue.iter().enumerate().take_while(|(_, queued)| queued.ready <= start);
+        match self.order {
+            QueueOrder::Fifo => waiting.next(),
+            QueueOrder::Priority => waiting.min_by_key(|(_, queued)| queued.frame.id()),
+        }
+    }
+}
+
+#[derive(Clone, Copy, Debug)]
+struct Next {
+    port: usize,
+    position: usize,
+    start: Time,
+    bits: u32,
+}
+
+/// A CAN bus in virtual time, with the timing and arbitration of classic CAN.
+///
+/// Whenever the bus is idle, the ports' offered frames compete and the lowest identifier is sent; it occupies the bus
+/// for its exact number of bits ([`frame_bits`]) and is delivered when its last bit before the interframe space has
+/// passed. There are no error frames, no clock tolerance and no propagation delay.
+///
+/// Virtual time must not run backwards: call [`VirtualBus::advance`] up to `now` until it gives nothing before
+/// submitting frames of a later moment. A frame that is submitted at a delivery takes part in the arbitration that
+/// follows it.
+pub struct VirtualBus {
+    timing: BitTiming,
+    ports: Vec<Port>,
+    idle_from: Time,
+    waiting: usize,
+    counters: BusCounters,
+    tamper: Option<Box<dyn Tamper + Send>>,
+}
+
+impl std::fmt::Debug for VirtualBus {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("VirtualBus")
+            .field("timing", &self.timing)
+            .field("ports", &self.ports)
+            .field("idle_from", &self.idle_from)
+            .field("counters", &self.counters)
+            .finish_non_exhaustive()
+    }
+}
+
+impl VirtualBus {
+    /// An idle bus at time 0 with one port for each entry of `ports`, numbered from 0.
+    ///
+    /// # Errors
+    /// If the bit rate is 0 or above 1 Mbit/s.
+    pub fn new(timing: BitTiming, ports: &[QueueOrder]) -> Result<Self, CanError> {
+        if let BitTiming::Arbitrated { bit_rate } = timing
+            && !(1..=1_000_000).contains(&bit_rate)
+        {
+            return Err(CanError::BitRate { bit_rate });
+        }
+        let ports = ports.iter().map(|&order| Port { order, queue: VecDeque::with_capacity(QUEUE_FRAMES) }).collect();
+        Ok(VirtualBus { timing, ports, idle_from: Time(0), waiting: 0, counters: BusCounters::default(), tamper: None })
+    }
+
+    /// Has every frame pass through `tamper`; replaces an earlier one.
+    pub fn set_tamper(&mut self, tamper: impl Tamper + Send + 'static) {
+        self.tamper = Some(Box::new(tamper));
+    }
+
+    /// Lets frames pass unchanged again.
+    pub fn remove_tamper(&mut self) {
+        self.tamper = None;
+    }
+
+    /// Queues `frame` in `port` at the moment `now`; whether there was room. An unknown port has none.
+    pub fn submit(&mut self, port: usize, now: Time, frame: Frame) -> bool {
+        let Some(queue) = self.ports.get_mut(port).map(|port| &mut port.queue).filter(|q| q.len() < QUEUE_FRAMES)
+        else {
+            self.counters.overflowed += 1;
+            return false;
+        };
+        queue.push_back(Queued { ready: now, frame, bits: frame_bits(&frame) });
+        self.counters.queue_high_water = self.counters.queue_high_water.max(queue.len());
+        self.waiting += 1;
+        true
+    }
+
+    /// The port as a place where an engine puts its frames at `now`.
+    pub fn outbox(&mut self, port: usize, now: Time) -> PortOutbox<'_> {
+        PortOutbox { bus: self, port, now }
+    }
+
+    /// When the next frame will be delivered if nothing else is submitted; [`Time::NEVER`] if nothing waits.
+    pub fn next_event(&self) -> Time {
+        self.arbitrate().map_or(Time::NEVER, |next| next.start + self.on_wire(next.bits - INTERFRAME_BITS))
+    }
+
+    /// The next frame that is delivered not later than `until`. Call it again until it gives nothing; the order of
+    /// deliveries is that on the wire.
+    pub fn advance(&mut self, until: Time) -> Option<Delivery> {
+        while let Some(next) = self.arbitrate() {
+            let time = next.start + self.on_wire(next.bits - INTERFRAME_BITS);
+            if time > until {
+                return None;
+            }
+            let sent = self.ports.get_mut(next.port)?.queue.remove(next.position)?.frame;
+            self.waiting -= 1;
+            self.counters.frames += 1;
+            self.counters.bits += u64::from(next.bits);
+            self.idle_from = next.start + self.on_wire(next.bits);
+            self.count_clashes(next, sent.id());
+            let passed = match &mut self.tamper {
+                Some(tamper) => tamper.pass(time, next.port, sent),
+                None => Some(sent),
+            };
+            match passed {
+                Some(frame) => {
+                    self.counters.altered += u64::from(frame != sent);
+                    return Some(Delivery { time, from: next.port, frame });
+                }
+                None => self.counters.dropped += 1,
+            }
+        }
+        None
+    }
+
+    /// Loses what waits in `port`, as taking an interface down does.
+    pub fn clear(&mut self, port: usize) {
+        if let Some(port) = self.ports.get_mut(port) {
+            self.waiting -= port.queue.len();
+            port.queue.clear();
+        }
+    }
+
+    /// Number of frames that wait in `port`, one that is on the wire included.
+    pub fn queued(&self, port: usize) -> usize {
+        self.ports.get(port).map_or(0, |port| port.queue.len())
+    }
+
+    /// What has happened so far.
+    pub const fn counters(&self) -> &BusCounters {
+        &self.counters
+    }
+
+    /// Bit timing of the bus.
+    pub const fn timing(&self) -> BitTiming {
+        self.timing
+    }
+
+    /// Time that `bits` bits take, rounded down to a nanosecond.
+    fn on_wire(&self, bits: u32) -> Duration {
+        match self.timing {
+            BitTiming::Arbitrated { bit_rate } => {
+                Duration::from_nanos(u64::from(bits) * 1_000_000_000 / u64::from(bit_rate))
+            }
+            BitTiming::Ideal => Duration::ZERO,
+        }
+    }
+
+    /// Who sends next, and when: of the frames that are ready when the bus is next free and wanted.
+    fn arbitrate(&self) -> Option<Next> {
+        if self.waiting == 0 {
+            return None;
+        }
+        let first_ready = self.ports.iter().filter_map(|port| port.queue.front()).map(|queued| queued.ready).min()?;
+        let start = self.idle_from.max(first_ready);
+        let mut best: Option<(u16, Next)> = None;
+        for (port, offers) in self.ports.iter().enumerate() {
+            if let Some((position, queued)) = offers.offer(start)
+                && best.is_none_or(|(id, _)| queued.frame.id() < id)
+            {
+                best = Some((queued.frame.id(), Next { port, position, start, bits: queued.bits }));
+            }
+        }
+        best.map(|(_, next)| next)
+    }
+
+    fn count_clashes(&mut self, sent: Next, id: u16) {
+        let others = self.ports.iter().enumerate().filter(|(port, _)| *port != sent.port);
+        let clashes =
+            others.filter(|(_, port)| port.offer(sent.start).is_some_and(|(_, queued)| queued.frame.id() == id));
+        self.counters.identifier_clashes += clashes.count() as u64;
+    }
+}
+
+/// One port at one moment, as an outgoing queue.
+#[derive(Debug)]
+pub struct PortOutbox<'a> {
+    bus: &'a mut VirtualBus,
+    port: usize,
+    now: Time,
+}
+
+impl Outbox for PortOutbox<'_> {
+    fn push(&mut self, frame: Frame) {
+        self.bus.submit(self.port, self.now, frame);
+    }
+}
+
+#[cfg(test)]
+mod tests;
