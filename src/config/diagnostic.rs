@@ -1,0 +1,117 @@
+//! What is wrong with a configuration, where, and what to do next; apart from how it is drawn.
+
+use std::fmt;
+use std::sync::Arc;
+
+use serde::Serialize;
+
+/// Whether a configuration can be used.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Severity {
+    /// It cannot.
+    Error,
+    /// It can, but look at this.
+    Warning,
+}
+
+/// A piece of a text file.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+pub struct Place {
+    /// Line, from 1.
+    pub line: usize,
+    /// Column in characters, from 1.
+    pub column: usize,
+    /// Start in bytes, from 0.
+    pub offset: usize,
+    /// Length in bytes; may be 0.
+    pub length: usize,
+}
+
+/// One finding in a configuration.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+pub struct Diagnostic {
+    /// Whether the configuration can be used.
+    pub severity: Severity,
+    /// The file, as it was named.
+    pub file: String,
+    /// Where in the file; `None` when it concerns the whole file.
+    pub place: Option<Place>,
+    /// The key that it concerns, such as `drives[0].node_id`; empty for the whole document.
+    pub key: String,
+    /// What is wrong.
+    pub message: String,
+    /// What to do next.
+    pub help: Option<String>,
+    /// Other places of the same file that explain it.
+    pub related: Vec<(Place, String)>,
+    /// The text of the file, for the snippet.
+    #[serde(skip)]
+    pub text: Option<Arc<str>>,
+}
+
+impl Diagnostic {
+    /// A finding about a whole file.
+    pub fn about_file(file: impl Into<String>, message: impl Into<String>, help: impl Into<String>) -> Self {
+        Self {
+            severity: Severity::Error,
+            file: file.into(),
+            place: None,
+            key: String::new(),
+            message: message.into(),
+            help: Some(help.into()),
+            related: Vec::new(),
+            text: None,
+        }
+    }
+}
+
+/// `file:line:column: error: message`, on one line.
+impl fmt::Display for Diagnostic {
+    fn fmt(&self, out: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(out, "{}", self.file)?;
+        if let Some(place) = self.place {
+            write!(out, ":{}:{}", place.line, place.column)?;
+        }
+        let severity = match self.severity {
+            Severity::Error => "error",
+            Severity::Warning => "warning",
+        };
+        write!(out, ": {severity}: {}", self.message)
+    }
+}
+
+/// Why a configuration was refused: at least one error, perhaps warnings, in the order of the lines.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+#[serde(transparent)]
+pub struct Report {
+    /// The findings.
+    pub diagnostics: Vec<Diagnostic>,
+}
+
+impl Report {
+    /// How many of the findings are errors.
+    pub fn errors(&self) -> usize {
+        self.diagnostics.iter().filter(|finding| finding.severity == Severity::Error).count()
+    }
+}
+
+impl From<Diagnostic> for Report {
+    fn from(diagnostic: Diagnostic) -> Self {
+        Self { diagnostics: vec![diagnostic] }
+    }
+}
+
+impl fmt::Display for Report {
+    fn fmt(&self, out: &mut fmt::Formatter<'_>) -> fmt::Result {
+        for (index, diagnostic) in self.diagnostics.iter().enumerate() {
+            if index > 0 {
+                writeln!(out)?;
+            }
+            write!(out, "{diagnostic}")?;
+        }
+        Ok(())
+    }
+}
+
+impl std::error::Error for Report {}

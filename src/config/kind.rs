@@ -1,0 +1,49 @@
+//! The four kinds of document, told apart by their keys.
+
+use std::fmt;
+
+/// What a document is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Kind {
+    /// An admittance rig.
+    Rig,
+    /// An impedance device.
+    Device,
+    /// A scene.
+    Scene,
+    /// A figure.
+    Figure,
+}
+
+impl Kind {
+    /// All of them.
+    pub const ALL: [Self; 4] = [Self::Rig, Self::Device, Self::Scene, Self::Figure];
+
+    /// The key that only this kind has at the top.
+    pub fn mark(self) -> &'static str {
+        match self {
+            Self::Rig => "rig",
+            Self::Device => "device",
+            Self::Scene => "hand",
+            Self::Figure => "title",
+        }
+    }
+
+    /// The kind of a document with these keys at the top; `None` when no mark is among them.
+    pub(super) fn detect<'a>(keys: impl Iterator<Item = &'a str>) -> Option<Self> {
+        let keys: Vec<&str> = keys.collect();
+        // A figure may name a device, so its mark is asked for first.
+        [Self::Figure, Self::Rig, Self::Device, Self::Scene].into_iter().find(|kind| keys.contains(&kind.mark()))
+    }
+}
+
+impl fmt::Display for Kind {
+    fn fmt(&self, out: &mut fmt::Formatter<'_>) -> fmt::Result {
+        out.write_str(match self {
+            Self::Rig => "rig",
+            Self::Device => "impedance device",
+            Self::Scene => "scene",
+            Self::Figure => "figure",
+        })
+    }
+}

@@ -1,0 +1,136 @@
+//! Where each key and value of a YAML text stands, by path.
+
+use super::diagnostic::Place;
+
+/// The shape of a document with the place of every key and value. An alias has no inner places: what lies in it is
+/// found at the alias.
+#[derive(Debug, Default)]
+pub(super) struct Outline {
+    pub(super) root: Option<Node>,
+}
+
+/// One value.
+#[derive(Debug)]
+pub(super) struct Node {
+    /// Where the key of the value stands, when it has one.
+    pub(super) key: Option<Place>,
+    /// Where the value stands; for a list or mapping in block style only its start.
+    pub(super) value: Place,
+    pub(super) content: Content,
+}
+
+/// What a value is.
+#[derive(Debug)]
+pub(super) enum Content {
+    /// Plain or quoted text.
+    Scalar(String),
+    /// A reference to an anchor.
+    Alias,
+    /// Entries in the order of the file.
+    List(Vec<Node>),
+    /// Entries by key in the order of the file.
+    Map(Vec<(String, Node)>),
+}
+
+/// One step of a path.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Step<'a> {
+    Key(&'a str),
+    Index(usize),
+}
+
+/// The steps of a path such as `drives[0].node_id`.
+pub(super) fn steps(path: &str) -> impl Iterator<Item = Step<'_>> {
+    path.split(['.', '[']).filter(|part| !part.is_empty()).map(|part| match part.strip_suffix(']') {
+        Some(index) => index.parse().map_or(Step::Key(part), Step::Index),
+        None => Step::Key(part),
+    })
+}
+
+impl Node {
+    /// Where to point: at a value that can be seen as a whole, else at its key.
+    pub(super) fn place(&self) -> Place {
+        match (&self.content, self.key) {
+            (Content::List(_) | Content::Map(_), Some(key)) if self.value.length == 0 => key,
+            _ => self.value,
+        }
+    }
+
+    /// What it is, in words.
+    pub(super) fn describe(&self) -> String {
+        match &self.content {
+            Content::Scalar(text) if text.is_empty() => "nothing".to_owned(),
+            Content::Scalar(text) if text.chars().count() > 40 => "a long text".to_owned(),
+            Content::Scalar(text) => format!("`{}`", text.escape_debug()),
+            Content::Alias => "an alias".to_owned(),
+            Content::List(items) if items.len() == 1 => "a list of 1 entry".to_owned(),
+            Content::List(items) => format!("a list of {} entries", items.len()),
+            Content::Map(_) => "a group of keys".to_owned(),
+        }
+    }
+
+    fn child(&self, step: Step<'_>) -> Option<&Node> {
+        match (&self.content, step) {
+            (Content::List(items), Step::Index(index)) => items.get(index),
+            (Content::Map(entries), Step::Key(wanted)) => {
+                let direct = entries.iter().find(|(key, _)| key == wanted).map(|(_, node)| node);
+                // The key of a choice (`coupling: {admittance: {..}}`) is not part of a path in the checked tree.
+                match (direct, entries.as_slice()) {
+                    (None, [(_, only)]) => only.child(step),
+                    (direct, _) => direct,
+                }
+            }
+            _ => None,
+        }
+    }
+
+    fn path_at(&self, offset: usize, here: &str) -> Option<(String, &Node)> {
+        if self.key.is_some_and(|key| key.offset == offset) {
+            return Some((here.to_owned(), self));
+        }
+        let inner = match &self.content {
+            Content::Map(entries) => entries.iter().find_map(|(key, node)| {
+                let path = if here.is_empty() { key.clone() } else { format!("{here}.{key}") };
+                node.path_at(offset, &path)
+            }),
+            Content::List(items) => {
+                items.iter().enumerate().find_map(|(index, node)| node.path_at(offset, &format!("{here}[{index}]")))
+            }
+            Content::Scalar(_) | Content::Alias => None,
+        };
+        inner.or_else(|| (self.value.offset == offset).then(|| (here.to_owned(), self)))
+    }
+}
+
+impl Outline {
+    /// The value at a path.
+    pub(super) fn find(&self, path: &str) -> Option<&Node> {
+        steps(path).try_fold(self.root.as_ref()?, |node, step| node.child(step))
+    }
+
+    /// The value at a path, or what of the path exists.
+    pub(super) fn nearest(&self, path: &str) -> Option<&Node> {
+        let mut node = self.root.as_ref()?;
+        for step in steps(path) {
+            match node.child(step) {
+                Some(child) => node = child,
+                None => break,
+            }
+        }
+        Some(node)
+    }
+
+    /// Path and value of the key or value that starts at a byte offset.
+    pub(super) fn path_at(&self, offset: usize) -> Option<(String, &Node)> {
+        self.root.as_ref()?.path_at(offset, "")
+    }
+
+    /// The keys of the document.
+    pub(super) fn top_keys(&self) -> impl Iterator<Item = &str> {
+        let entries = match &self.root {
+            Some(Node { content: Content::Map(entries), .. }) => entries.as_slice(),
+            _ => &[],
+        };
+        entries.iter().map(|(key, _)| key.as_str())
+    }
+}

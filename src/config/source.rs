@@ -1,0 +1,187 @@
+//! Where a document comes from: a file on disk, or the copy of a shipped file inside the program.
+
+use std::fmt;
+use std::fs::File;
+use std::io::Read;
+use std::path::{Component, Path, PathBuf};
+use std::sync::Arc;
+
+use super::diagnostic::Diagnostic;
+
+/// Largest file that is read, bytes. The shipped rigs have 5 kB.
+pub const MAX_FILE_BYTES: usize = 1 << 20;
+
+macro_rules! shipped {
+    ($($name:literal),* $(,)?) => {
+        &[$(($name, include_str!(concat!("../../config/", $name)))),*]
+    };
+}
+
+/// The files of `config/`, by their path in it.
+const SHIPPED: &[(&str, &str)] = shipped![
+    "figures/fig11.yaml",
+    "figures/fig8.yaml",
+    "paper-admittance-csp.yaml",
+    "paper-admittance.yaml",
+    "paper-impedance.yaml",
+    "scenes/circle-tour.yaml",
+    "scenes/cylinder-tour.yaml",
+];
+
+/// A document that can be read, and from which relative paths start.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Source {
+    path: PathBuf,
+    is_builtin: bool,
+}
+
+/// The copy of a shipped file inside the program, by its path in `config/`, such as `figures/fig11.yaml`. Whether it
+/// exists shows when it is read.
+pub fn builtin(path: impl AsRef<Path>) -> Source {
+    Source { path: normalise(path.as_ref()), is_builtin: true }
+}
+
+/// The paths of all shipped files, in alphabetical order.
+pub fn builtin_names() -> impl Iterator<Item = &'static str> {
+    SHIPPED.iter().map(|(name, _)| *name)
+}
+
+impl Source {
+    /// A file on disk.
+    pub fn disk(path: impl Into<PathBuf>) -> Self {
+        Self { path: path.into(), is_builtin: false }
+    }
+
+    /// The document that `path`, written in this document, means.
+    pub fn relative(&self, path: &str) -> Self {
+        let joined = self.path.parent().unwrap_or(Path::new("")).join(path);
+        if self.is_builtin { builtin(joined) } else { Self::disk(joined) }
+    }
+
+    /// The whole text.
+    ///
+    /// # Errors
+    /// No such file; not a regular file; above [`MAX_FILE_BYTES`]; binary; not UTF-8.
+    pub fn read(&self) -> Result<Arc<str>, Diagnostic> {
+        if self.is_builtin {
+            return match SHIPPED.iter().find(|(name, _)| Path::new(name) == self.path) {
+                Some((_, text)) => Ok(Arc::from(*text)),
+                None => Err(self.refuse(
+                    "is not among the files that come with the program",
+                    format!("the shipped files are {}", builtin_names().collect::<Vec<_>>().join(", ")),
+                )),
+            };
+        }
+        let bytes = self.read_bytes()?;
+        if bytes.contains(&0) {
+            return Err(self.refuse("is a binary file", "a configuration is YAML text in UTF-8"));
+        }
+        match String::from_utf8(bytes) {
+            Ok(text) => Ok(Arc::from(text)),
+            Err(error) => {
+                let at = error.utf8_error().valid_up_to();
+                let line = 1 + error.as_bytes().iter().take(at).filter(|byte| **byte == b'\n').count();
+                Err(self.refuse(&format!("is not UTF-8: line {line}, byte {at}"), "save the file in UTF-8"))
+            }
+        }
+    }
+
+    fn read_bytes(&self) -> Result<Vec<u8>, Diagnostic> {
+        let metadata = match std::fs::metadata(&self.path) {
+            Ok(metadata) => metadata,
+            Err(error) if error.kind() == std::io::ErrorKind::NotFound => {
+                return Err(self.refuse("does not exist", self.nearby()));
+            }
+            Err(error) => return Err(self.refuse(&format!("cannot be read: {error}"), "check the path")),
+        };
+        if metadata.is_dir() {
+            return Err(self.refuse("is a directory", "name a file in it"));
+        }
+        // A pipe or a device could block for ever.
+        if !metadata.is_file() {
+            return Err(self.refuse("is not a regular file", "save the configuration to a file first"));
+        }
+        let mut bytes = Vec::new();
+        let limit = MAX_FILE_BYTES as u64 + 1;
+        match File::open(&self.path).and_then(|file| file.take(limit).read_to_end(&mut bytes)) {
+            Err(error) => Err(self.refuse(&format!("cannot be read: {error}"), "check its permissions")),
+            Ok(_) if bytes.len() > MAX_FILE_BYTES => Err(self.refuse(
+                &format!("is larger than {MAX_FILE_BYTES} bytes"),
+                "a configuration is a small file written by hand; is this the right one?",
+            )),
+            Ok(_) => Ok(bytes),
+        }
+    }
+
+    /// Help for a path that does not exist: the YAML files beside it.
+    fn nearby(&self) -> String {
+        let parent = match self.path.parent() {
+            Some(parent) if !parent.as_os_str().is_empty() => parent,
+            _ => Path::new("."),
+        };
+        let mut names: Vec<String> = std::fs::read_dir(parent)
+            .into_iter()
+            .flatten()
+            .flatten()
+            .filter_map(|entry| entry.file_name().into_string().ok())
+            .filter(|name| name.ends_with(".yaml") || name.ends_with(".yml"))
+            .collect();
+        names.sort();
+        names.truncate(10);
+        match names.is_empty() {
+            true => "check the path; there is no YAML file in that folder".to_owned(),
+            false => format!("check the path; in that folder there are {}", names.join(", ")),
+        }
+    }
+
+    fn refuse(&self, message: &str, help: impl Into<String>) -> Diagnostic {
+        Diagnostic::about_file(self.to_string(), format!("{self} {message}"), help)
+    }
+}
+
+impl From<&Path> for Source {
+    fn from(path: &Path) -> Self {
+        Self::disk(path)
+    }
+}
+
+impl From<PathBuf> for Source {
+    fn from(path: PathBuf) -> Self {
+        Self::disk(path)
+    }
+}
+
+impl From<&str> for Source {
+    fn from(path: &str) -> Self {
+        Self::disk(path)
+    }
+}
+
+impl From<&Source> for Source {
+    fn from(source: &Source) -> Self {
+        source.clone()
+    }
+}
+
+/// The path; a shipped file has `builtin:` before it.
+impl fmt::Display for Source {
+    fn fmt(&self, out: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let prefix = if self.is_builtin { "builtin:" } else { "" };
+        write!(out, "{prefix}{}", self.path.display())
+    }
+}
+
+/// Removes `.` and `..` by the letter of the path: the shipped files have no links.
+fn normalise(path: &Path) -> PathBuf {
+    let mut plain = PathBuf::new();
+    for component in path.components() {
+        match component {
+            Component::CurDir => {}
+            Component::ParentDir => {
+                plain.pop();
+            }
+            other => plain.push(other),
+        }
+    }
+    plain
+}

@@ -1,0 +1,442 @@
+//! The admittance rig on CANopen servo drives.
+
+use std::collections::BTreeMap;
+
+use garde::Validate;
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+use super::fixture::Fixture;
+use crate::config::number::{Finite, NotNegative, Positive, present};
+
+/// An admittance rig: five-bar arm, two servo drives, force sensor, virtual fixture.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema, Validate)]
+#[serde(deny_unknown_fields)]
+#[garde(allow_unvalidated)]
+pub struct Rig {
+    /// What the rig is called and how it commands the drives.
+    #[garde(dive)]
+    pub rig: RigIdentity,
+    /// Timing of the control.
+    #[garde(dive)]
+    pub cycle: Cycle,
+    /// CAN buses by name; drives and sensor refer to them.
+    #[garde(length(min = 1), dive)]
+    pub buses: BTreeMap<String, Bus>,
+    /// This program as a node of each bus.
+    #[garde(dive)]
+    pub master: Master,
+    /// The servo drives: first of the left arm, then of the right.
+    #[garde(dive)]
+    pub drives: [Drive; 2],
+    /// The six-axis force sensor.
+    #[garde(dive)]
+    pub sensor: Sensor,
+    /// Geometry of the five-bar arm.
+    #[garde(dive)]
+    pub linkage: Linkage,
+    /// Joint controllers.
+    #[garde(dive)]
+    pub control: Control,
+    /// The virtual fixture; its coupling is `admittance`, its surface lies in the plane.
+    #[garde(dive)]
+    pub fixture: Fixture,
+    /// Limits at which the rig holds or stops.
+    #[garde(dive)]
+    pub guard: Guard,
+    /// What the embedded simulation takes the machine to be. Nothing of it is used on a real bus.
+    #[garde(dive)]
+    pub plant: RigPlant,
+    /// File with the scene to run, relative to this file.
+    #[garde(length(min = 1))]
+    pub scene: String,
+}
+
+/// Identity of a rig and the way it commands its drives.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema, Validate)]
+#[serde(deny_unknown_fields)]
+#[garde(allow_unvalidated)]
+pub struct RigIdentity {
+    /// Name for reports and figures.
+    #[garde(length(min = 1))]
+    pub name: String,
+    /// What is sent to the drives in each cycle.
+    pub command_mode: CommandMode,
+}
+
+/// What is sent to the drives in each cycle (CiA 402 mode of operation).
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum CommandMode {
+    /// Cyclic synchronous torque (CST): the position loop closes in this program.
+    Torque,
+    /// Cyclic synchronous velocity (CSV).
+    Velocity,
+    /// Cyclic synchronous position (CSP): the position loop closes in the drives.
+    Position,
+}
+
+/// Timing of a control cycle.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema, Validate)]
+#[serde(deny_unknown_fields)]
+#[garde(allow_unvalidated)]
+pub struct Cycle {
+    /// T, us: time from SYNC to SYNC. 100 to 100 000.
+    #[garde(range(min = 100, max = 100_000))]
+    pub period_us: u32,
+    /// When the control step runs, us after SYNC: late enough for all TPDOs, early enough for the RPDOs to arrive before
+    /// the next SYNC. Below `period_us`.
+    #[garde(range(min = 1))]
+    pub compute_at_us: u32,
+}
+
+/// A CAN bus.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema, Validate)]
+#[serde(deny_unknown_fields)]
+#[garde(allow_unvalidated)]
+pub struct Bus {
+    /// Bit rate, bit/s: one of the rates of CiA 301 (10000, 20000, 50000, 125000, 250000, 500000, 800000, 1000000).
+    pub bit_rate_bit_per_s: u32,
+    /// How the embedded simulation times frames on this bus.
+    pub timing: BusTiming,
+}
+
+/// How the embedded simulation times frames.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum BusTiming {
+    /// Bits cost time and priorities decide who waits.
+    Arbitrated,
+    /// Frames arrive at once.
+    Ideal,
+}
+
+/// This program as a node of each bus.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema, Validate)]
+#[serde(deny_unknown_fields)]
+#[garde(allow_unvalidated)]
+pub struct Master {
+    /// CANopen node-ID of this program, 1 to 127.
+    #[garde(range(min = 1, max = 127))]
+    pub node_id: u8,
+    /// Heartbeat period of this program, ms; the drives watch it. 1 to 10 000.
+    #[garde(range(min = 1, max = 10_000))]
+    pub heartbeat_ms: u16,
+}
+
+/// A servo drive and the joint it turns.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema, Validate)]
+#[serde(deny_unknown_fields)]
+#[garde(allow_unvalidated)]
+pub struct Drive {
+    /// Name for reports and messages.
+    #[garde(length(min = 1))]
+    pub name: String,
+    /// The bus it is on: a key of `buses`.
+    pub bus: String,
+    /// CANopen node-ID, 1 to 127; no other node of the bus has it.
+    #[garde(range(min = 1, max = 127))]
+    pub node_id: u8,
+    /// Device model: identity, PDO map and option codes.
+    #[garde(length(min = 1))]
+    pub profile: String,
+    /// Position counts for one turn of the proximal link, gear included. Above 0.
+    #[garde(range(min = 1))]
+    pub encoder_counts_per_rev: u32,
+    /// Sign of the counts for a positive angle: 1 or -1.
+    pub direction: i8,
+    /// Angle of the proximal link when the drive reads 0, rad.
+    pub zero_offset_rad: Finite,
+    /// Rated torque at the link, N m. Above 0.
+    #[garde(dive)]
+    pub rated_torque_n_m: Positive,
+    /// Heartbeat period of the drive, ms; this program watches it. 1 to 10 000.
+    #[garde(range(min = 1, max = 10_000))]
+    pub heartbeat_ms: u16,
+}
+
+/// A six-axis force sensor.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema, Validate)]
+#[serde(deny_unknown_fields)]
+#[garde(allow_unvalidated)]
+pub struct Sensor {
+    /// Name for reports and messages.
+    #[garde(length(min = 1))]
+    pub name: String,
+    /// The bus it is on: a key of `buses`.
+    pub bus: String,
+    /// CANopen node-ID, 1 to 127; no other node of the bus has it.
+    #[garde(range(min = 1, max = 127))]
+    pub node_id: u8,
+    /// Device model: identity, frame layout and status bits.
+    #[garde(length(min = 1))]
+    pub profile: String,
+    /// How often it samples, Hz. Above 0.
+    #[garde(dive)]
+    pub sample_rate_hz: Positive,
+    /// Heartbeat period of the sensor, ms; this program watches it. 1 to 10 000.
+    #[garde(range(min = 1, max = 10_000))]
+    pub heartbeat_ms: u16,
+    /// Calibration matrix: wrench = matrix * counts; rows Fx Fy Fz (N per count) then Tx Ty Tz (N m per count).
+    pub calibration: [[Finite; 6]; 6],
+    /// Counts at which the sensor saturates, 1 to 32 767.
+    #[garde(range(min = 1, max = 32_767))]
+    pub range_counts: u16,
+    /// The link that the sensor turns with.
+    pub mounted_on: Mount,
+    /// Angle of the sensor's x axis against that link, rad.
+    pub mounting_angle_rad: Finite,
+    /// Mass beyond the sensor, whose inertia is taken out of the reading, kg. 0 or above.
+    #[garde(dive)]
+    pub handle_mass_kg: NotNegative,
+    /// Corner frequency of the low pass on the force, Hz, below half the sampling rate of the control; null for no filter.
+    #[garde(dive)]
+    #[serde(deserialize_with = "present")]
+    #[schemars(required)]
+    pub low_pass_hz: Option<Positive>,
+}
+
+/// The link that a sensor turns with.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum Mount {
+    /// It does not turn.
+    Base,
+    /// The distal link of the left arm.
+    LeftDistal,
+    /// The distal link of the right arm.
+    RightDistal,
+}
+
+/// Geometry of a five-bar arm. Pairs list the left arm before the right.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema, Validate)]
+#[serde(deny_unknown_fields)]
+#[garde(allow_unvalidated)]
+pub struct Linkage {
+    /// Base joints, m.
+    pub base_m: [[Finite; 2]; 2],
+    /// Lengths of the proximal links, m. Above 0.
+    #[garde(dive)]
+    pub proximal_m: [Positive; 2],
+    /// Lengths of the distal links, m. Above 0.
+    #[garde(dive)]
+    pub distal_m: [Positive; 2],
+    /// Working mode: seen from base joint to wrist, the side on which each elbow lies.
+    pub elbows: [ElbowSide; 2],
+    /// Assembly mode: the side on which the wrist lies, seen from left to right elbow.
+    pub wrist: WristSide,
+    /// Where the tool sits.
+    #[garde(dive)]
+    pub tool: Tool,
+    /// Radius of the disc about the origin that the tool must reach, m; checked when the file is read. Above 0.
+    #[garde(dive)]
+    pub working_radius_m: Positive,
+}
+
+/// Side of the line from base joint to wrist.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum ElbowSide {
+    /// To the left of the direction from base joint to wrist.
+    Left,
+    /// To the right of it.
+    Right,
+}
+
+/// Side of the line from left to right elbow.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum WristSide {
+    /// To the left of the direction from left to right elbow.
+    Forward,
+    /// To the right of it.
+    Backward,
+}
+
+/// Where the tool sits on a distal link.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema, Validate)]
+#[serde(deny_unknown_fields)]
+#[garde(allow_unvalidated)]
+pub struct Tool {
+    /// The distal link that carries the tool.
+    pub fixed_to: DistalLink,
+    /// From the wrist along that link, away from its elbow, m.
+    pub along_m: Finite,
+    /// From the wrist to the left of that direction, m.
+    pub across_m: Finite,
+}
+
+/// A distal link.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum DistalLink {
+    /// Of the left arm.
+    Left,
+    /// Of the right arm.
+    Right,
+}
+
+/// Joint controllers.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema, Validate)]
+#[serde(deny_unknown_fields)]
+#[garde(allow_unvalidated)]
+pub struct Control {
+    /// Control law.
+    pub law: ControlLaw,
+    /// Where the error is formed.
+    pub space: ControlSpace,
+    /// K, N m/rad: position gain. Above 0.
+    #[garde(dive)]
+    pub stiffness_n_m_per_rad: Positive,
+    /// B, N m s/rad: velocity gain. 0 or above.
+    #[garde(dive)]
+    pub damping_n_m_s_per_rad: NotNegative,
+    /// L, N m/(rad s): integral gain. 0 or above.
+    #[garde(dive)]
+    pub integral_n_m_per_rad_s: NotNegative,
+    /// H, s: time constant of the sliding line of PSMC. 0 or above.
+    #[garde(dive)]
+    pub sliding_time_s: NotNegative,
+    /// What is known of the machine and added to the torque.
+    #[garde(dive)]
+    pub feed_forward: FeedForward,
+}
+
+/// Control law of the joints.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum ControlLaw {
+    /// Proxy-based sliding mode control.
+    Psmc,
+    /// PID.
+    Pid,
+}
+
+/// Where the position error is formed.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum ControlSpace {
+    /// In joint angles.
+    Joint,
+    /// At the tool.
+    Cartesian,
+}
+
+/// What is known of the machine and added to the torque. Pairs list the left arm before the right.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema, Validate)]
+#[serde(deny_unknown_fields)]
+#[garde(allow_unvalidated)]
+pub struct FeedForward {
+    /// Coulomb friction of each joint, N m. 0 or above.
+    #[garde(dive)]
+    pub coulomb_n_m: [NotNegative; 2],
+    /// Viscous friction of each joint, N m s/rad. 0 or above.
+    #[garde(dive)]
+    pub viscous_n_m_s_per_rad: [NotNegative; 2],
+    /// Inertia of the arm; null switches the inertia term off.
+    #[garde(dive)]
+    #[serde(deserialize_with = "present")]
+    #[schemars(required)]
+    pub inertia: Option<ArmInertia>,
+}
+
+/// Inertia of a five-bar arm. Pairs list the left arm before the right.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema, Validate)]
+#[serde(deny_unknown_fields)]
+#[garde(allow_unvalidated)]
+pub struct ArmInertia {
+    /// Inertia of each motor, reflected to the link, kg m^2. Above 0.
+    #[garde(dive)]
+    pub motor_kg_m2: [Positive; 2],
+    /// Mass of each proximal link, a uniform rod, kg. 0 or above.
+    #[garde(dive)]
+    pub proximal_kg: [NotNegative; 2],
+    /// Mass of each distal link, a uniform rod, kg. 0 or above.
+    #[garde(dive)]
+    pub distal_kg: [NotNegative; 2],
+    /// Mass at the tool, kg. 0 or above.
+    #[garde(dive)]
+    pub tool_kg: NotNegative,
+}
+
+/// Limits at which the rig holds or stops.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema, Validate)]
+#[serde(deny_unknown_fields)]
+#[garde(allow_unvalidated)]
+pub struct Guard {
+    /// Largest torque sent to a joint, N m. Above 0.
+    #[garde(dive)]
+    pub torque_limit_n_m: Positive,
+    /// Largest rate of a joint, rad/s. Above 0.
+    #[garde(dive)]
+    pub joint_speed_limit_rad_per_s: Positive,
+    /// Largest speed of the tool, m/s. Above 0.
+    #[garde(dive)]
+    pub tool_speed_limit_m_per_s: Positive,
+    /// Force of the hand above which the rig stops, N. Above `fixture.yield_n`.
+    #[garde(dive)]
+    pub force_limit_n: Positive,
+    /// Distance that the tool keeps from singular positions and from the edge of the workspace, m. Above 0.
+    #[garde(dive)]
+    pub singularity_margin_m: Positive,
+    /// Largest distance between commanded and measured angle, rad. Above 0.
+    #[garde(dive)]
+    pub following_error_limit_rad: Positive,
+}
+
+/// What the embedded simulation takes the machine to be.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema, Validate)]
+#[serde(deny_unknown_fields)]
+#[garde(allow_unvalidated)]
+pub struct RigPlant {
+    /// Inertia and friction of the arm.
+    #[garde(dive)]
+    pub arm: ArmModel,
+    /// The loop closed inside each drive in position and velocity mode.
+    #[garde(dive)]
+    pub drive_position_loop: DrivePositionLoop,
+}
+
+/// Inertia and friction of a five-bar arm. Pairs list the left arm before the right.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema, Validate)]
+#[serde(deny_unknown_fields)]
+#[garde(allow_unvalidated)]
+pub struct ArmModel {
+    /// Inertia of each motor, reflected to the link, kg m^2. Above 0.
+    #[garde(dive)]
+    pub motor_kg_m2: [Positive; 2],
+    /// Mass of each proximal link, a uniform rod, kg. 0 or above.
+    #[garde(dive)]
+    pub proximal_kg: [NotNegative; 2],
+    /// Mass of each distal link, a uniform rod, kg. 0 or above.
+    #[garde(dive)]
+    pub distal_kg: [NotNegative; 2],
+    /// Mass at the tool, kg. 0 or above.
+    #[garde(dive)]
+    pub tool_kg: NotNegative,
+    /// Coulomb friction of each joint, N m. 0 or above.
+    #[garde(dive)]
+    pub coulomb_n_m: [NotNegative; 2],
+    /// Viscous friction of each joint, N m s/rad. 0 or above.
+    #[garde(dive)]
+    pub viscous_n_m_s_per_rad: [NotNegative; 2],
+}
+
+/// The loop closed inside each drive in position and velocity mode.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema, Validate)]
+#[serde(deny_unknown_fields)]
+#[garde(allow_unvalidated)]
+pub struct DrivePositionLoop {
+    /// Its period, us; the control period is a whole multiple of it. 10 to 10 000.
+    #[garde(range(min = 10, max = 10_000))]
+    pub period_us: u32,
+    /// Position gain, N m/rad. Above 0.
+    #[garde(dive)]
+    pub stiffness_n_m_per_rad: Positive,
+    /// Velocity gain, N m s/rad. 0 or above.
+    #[garde(dive)]
+    pub damping_n_m_s_per_rad: NotNegative,
+    /// Integral gain, N m/(rad s). 0 or above.
+    #[garde(dive)]
+    pub integral_n_m_per_rad_s: NotNegative,
+}

@@ -1,0 +1,186 @@
+//! A scene: what the hand does, and how truly the simulation models the machine.
+
+use garde::Validate;
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+use crate::config::number::{Finite, NotNegative, Positive, present};
+
+/// What happens in a run of the embedded simulation.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema, Validate)]
+#[serde(deny_unknown_fields)]
+#[garde(allow_unvalidated)]
+pub struct Scene {
+    /// Length of the run, s. Above 0, at most 3600.
+    #[garde(dive)]
+    pub duration_s: Positive,
+    /// Seed of noise and tremor: the same seed gives the same run, bit for bit.
+    pub seed: u64,
+    /// How truly the machine is modelled.
+    #[garde(dive)]
+    pub model: SceneModel,
+    /// The hand that moves the tool.
+    #[garde(dive)]
+    pub hand: Hand,
+}
+
+/// How truly the simulation models the machine.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema, Validate)]
+#[serde(deny_unknown_fields)]
+#[garde(allow_unvalidated)]
+pub struct SceneModel {
+    /// Whether the arm is simulated or the tool is where the proxy is.
+    pub tracking: Tracking,
+    /// Step of the integration, us. 1 to 10 000, at most the control period.
+    #[garde(range(min = 1, max = 10_000))]
+    pub plant_step_us: u32,
+    /// How the position is measured.
+    pub encoder: EncoderModel,
+    /// How the force is measured.
+    pub force_sensor: ForceSensorModel,
+    /// Standard deviation of the noise on each axis of the force sensor, counts; read only when `force_sensor` is noisy.
+    #[garde(dive)]
+    pub force_noise_counts: NotNegative,
+    /// Elastic gears between motor and link, or null for stiff ones.
+    #[garde(dive)]
+    #[serde(deserialize_with = "present")]
+    #[schemars(required)]
+    pub joint_elasticity: Option<JointElasticity>,
+}
+
+/// Whether the arm is simulated.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum Tracking {
+    /// The tool is where the proxy is; there is no arm.
+    Ideal,
+    /// The machine with its inertia and friction.
+    Rigid,
+}
+
+/// How the position is measured.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum EncoderModel {
+    /// Without quantisation.
+    Exact,
+    /// In whole counts.
+    Quantised,
+}
+
+/// How the force is measured.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum ForceSensorModel {
+    /// Without quantisation and noise.
+    Exact,
+    /// In whole counts.
+    Quantised,
+    /// In whole counts, with noise.
+    Noisy,
+}
+
+/// Elastic gears between motor and link.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema, Validate)]
+#[serde(deny_unknown_fields)]
+#[garde(allow_unvalidated)]
+pub struct JointElasticity {
+    /// Stiffness of each gear, N m/rad. Above 0.
+    #[garde(dive)]
+    pub stiffness_n_m_per_rad: Positive,
+    /// Damping of each gear, N m s/rad. 0 or above.
+    #[garde(dive)]
+    pub damping_n_m_s_per_rad: NotNegative,
+    /// Part of `plant.arm.motor_kg_m2` that lies on the motor's side of the gear. Above 0, below 1.
+    #[garde(dive)]
+    pub motor_share: Positive,
+}
+
+/// The hand: a mass that is pulled along a path by a spring and damper.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema, Validate)]
+#[serde(deny_unknown_fields)]
+#[garde(allow_unvalidated)]
+pub struct Hand {
+    /// Mass that moves with the tool, kg. 0 or above.
+    #[garde(dive)]
+    pub mass_kg: NotNegative,
+    /// Stiffness between the point aimed at and the tool, N/m. Above 0.
+    #[garde(dive)]
+    pub stiffness_n_per_m: Positive,
+    /// Damping between the point aimed at and the tool, N s/m. 0 or above.
+    #[garde(dive)]
+    pub damping_n_s_per_m: NotNegative,
+    /// Largest force of the spring and damper together, N. Above 0.
+    #[garde(dive)]
+    pub voluntary_force_limit_n: Positive,
+    /// Force noise of a human hand, or null for none.
+    #[garde(dive)]
+    #[serde(deserialize_with = "present")]
+    #[schemars(required)]
+    pub tremor: Option<Tremor>,
+    /// Where tool and aim are at the start, m: two coordinates on a rig, three on an impedance device.
+    #[garde(length(min = 2, max = 3))]
+    pub start_m: Vec<Finite>,
+    /// Path of the point that the hand aims at, segment after segment; the tool follows through the spring.
+    #[garde(length(min = 1), dive)]
+    pub path: Vec<PathSegment>,
+}
+
+/// Band-limited random force of a human hand.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema, Validate)]
+#[serde(deny_unknown_fields)]
+#[garde(allow_unvalidated)]
+pub struct Tremor {
+    /// Root mean square on each axis, N. 0 or above.
+    #[garde(dive)]
+    pub force_rms_n: NotNegative,
+    /// Lower edge of the band, Hz. Above 0.
+    #[garde(dive)]
+    pub low_hz: Positive,
+    /// Upper edge of the band, Hz. Above `low_hz`.
+    #[garde(dive)]
+    pub high_hz: Positive,
+}
+
+/// One piece of the path of the point that the hand aims at.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema, Validate)]
+#[serde(rename_all = "snake_case", deny_unknown_fields)]
+#[garde(allow_unvalidated)]
+pub enum PathSegment {
+    /// Straight to a point, by minimum jerk.
+    To {
+        /// End point, m: as many coordinates as `start_m`.
+        #[garde(length(min = 2, max = 3))]
+        point_m: Vec<Finite>,
+        /// Duration, s. Above 0.
+        #[garde(dive)]
+        in_s: Positive,
+    },
+    /// Along an arc about a centre, by minimum jerk in the angle. In space the arc turns about the z direction.
+    Arc {
+        /// Centre, m: as many coordinates as `start_m`; the third is not used.
+        #[garde(length(min = 2, max = 3))]
+        center_m: Vec<Finite>,
+        /// Angle, rad; counter-clockwise positive.
+        by_rad: Finite,
+        /// Duration, s. Above 0.
+        #[garde(dive)]
+        in_s: Positive,
+    },
+    /// Stay.
+    Wait {
+        /// Duration, s. Above 0.
+        #[garde(dive)]
+        for_s: Positive,
+    },
+}
+
+impl PathSegment {
+    /// How long it lasts in s.
+    pub fn duration_s(&self) -> f64 {
+        match self {
+            Self::To { in_s, .. } | Self::Arc { in_s, .. } => **in_s,
+            Self::Wait { for_s } => **for_s,
+        }
+    }
+}
