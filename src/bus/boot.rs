@@ -2,7 +2,8 @@
 
 use super::error::BootFailure;
 use super::setup::{DriveSetup, MasterSetup, SensorSetup};
-use crate::canopen::{NodeId, Outbox, Frame, SdoClient, SdoOutcome, Time, cob};
+use crate::canopen::{Frame, NodeId, Outbox, SdoClient, SdoOutcome, Time, cob};
+use std::time::Duration;
 use yieldwall_drives::cia402::OperationMode;
 use yieldwall_drives::objects::{self, Object};
 use yieldwall_drives::profiles::{DeviceProfile, PdoMap, PdoMapping};
@@ -11,6 +12,10 @@ use yieldwall_drives::profiles::{DeviceProfile, PdoMap, PdoMapping};
 pub(super) const HEARTBEAT_PERIODS: u32 = 2;
 /// A drive whose set-points stay away for this many cycles stops by itself.
 const RPDO_DEADLINE_CYCLES: u32 = 5;
+/// How long a node may take to answer one request.
+const SDO_TIMEOUT: Duration = Duration::from_millis(250);
+/// Bytes of the largest object that the boot reads.
+const SDO_CAPACITY: usize = 8;
 /// PDOs of each direction that the master knows of; those it does not use are switched off.
 const PDO_COUNT: u8 = 4;
 /// Abort connection option: quick stop (CiA 402, 6007h).
@@ -81,7 +86,7 @@ impl Boot {
     }
 
     fn new(node: NodeId, steps: Vec<Step>) -> Self {
-        Self { client: SdoClient::new(node), steps, next: 0, verifying: false, started: false }
+        Self { client: SdoClient::new(node, SDO_TIMEOUT, SDO_CAPACITY), steps, next: 0, verifying: false, started: false }
     }
 
     /// What is being done now.
@@ -172,7 +177,7 @@ fn little_endian(data: &[u8]) -> u32 {
     data.iter().take(4).rev().fold(0, |value, byte| value << 8 | u32::from(*byte))
 }
 
-fn mapping(profile: &'static DeviceProfile, mode: Option<OperationMode>) -> Result<PdoMap, BootFailure> {
+pub(super) fn mapping(profile: &'static DeviceProfile, mode: Option<OperationMode>) -> Result<PdoMap, BootFailure> {
     let name = match mode {
         Some(OperationMode::CyclicPosition) => "cyclic synchronous position",
         Some(OperationMode::CyclicVelocity) => "cyclic synchronous velocity",

@@ -7,11 +7,9 @@ use super::error::{BootError, BootFailure};
 use super::image::Image;
 use super::setup::MasterSetup;
 use crate::canopen::nmt::{self, HeartbeatChange, HeartbeatConsumer};
-use crate::canopen::{self, Frame, NmtCommand, NmtState, NodeId, Outbox, SyncProducer, Time, cob};
+use crate::canopen::{self, Emergency, Frame, NmtCommand, NmtState, NodeId, Outbox, SyncProducer, Time, cob};
 use crate::cycle::{Cycle, Inputs, LinkEvents, Outputs};
 use crate::guard::Request;
-
-pub use crate::canopen::emcy::Emergency;
 
 /// How long a node may take from the reset to its boot-up message.
 const BOOT_UP_WAIT: Duration = Duration::from_millis(500);
@@ -275,7 +273,7 @@ impl Master {
             for node in &self.nodes {
                 self.watch.start(now, node.id);
             }
-            out.push(nmt::command(NmtCommand::Start, None));
+            out.push(nmt::command(NmtCommand::StartRemoteNode, None));
         }
     }
 

@@ -15,5 +15,5 @@ mod master;
 mod setup;
 
 pub use error::{BootError, BootFailure};
-pub use master::{Emergency, Master, Phase};
+pub use master::{Master, Phase};
 pub use setup::{CommandMode, DriveSetup, MasterSetup, SensorSetup};

@@ -7,11 +7,11 @@ mod monitor;
 mod reference;
 mod servo;
 
-use crate::fixture::{Fixture, PlanarSurface};
+use crate::fixture::{Fixture, Shape2};
 use crate::guard::{
     Allowed, Directive, Fault, FaultCounts, Gate, JointCommand, Measured, Motion, Request, State, StopRamp, Supervisor,
 };
-use crate::linkage::{Chain, FiveBar, Posture};
+use crate::linkage::{FiveBar, Posture};
 use crate::quantity::{Force, JointAngles, TipPoint};
 use crate::sensing::{RawSample, Reading, Sensing};
 use yieldwall_drives::cia402;
@@ -111,8 +111,6 @@ pub struct Settings {
     pub following_error_limit_rad: f64,
     /// Greatest deceleration of the stop ramp in m/s^2.
     pub stop_deceleration_m_per_s2: f64,
-    /// The distal link that the sensor turns with; `None` if it is fixed to the base frame.
-    pub sensor_on: Option<Chain>,
 }
 
 /// The stages of one rig, and what they remember between cycles.
@@ -121,7 +119,7 @@ pub struct Cycle {
     settings: Settings,
     linkage: FiveBar,
     sensing: Sensing,
-    fixture: Fixture<PlanarSurface, 2>,
+    fixture: Fixture<Shape2, 2>,
     servo: Servo,
     gate: Gate,
     supervisor: Supervisor,
@@ -139,7 +137,7 @@ impl Cycle {
         settings: Settings,
         linkage: FiveBar,
         sensing: Sensing,
-        fixture: Fixture<PlanarSurface, 2>,
+        fixture: Fixture<Shape2, 2>,
         servo: Servo,
         gate: Gate,
     ) -> Self {
@@ -196,15 +194,13 @@ impl Cycle {
     }
 
     /// The fixture, for reports.
-    pub fn fixture(&self) -> &Fixture<PlanarSurface, 2> {
+    pub fn fixture(&self) -> &Fixture<Shape2, 2> {
         &self.fixture
     }
 
     fn sense(&mut self, sample: Option<&RawSample>) -> Reading {
-        let link_angle_rad = match (self.settings.sensor_on, &self.posture) {
-            (Some(chain), Some(posture)) => posture.distal_angle_rad[chain.index()],
-            _ => 0.0,
-        };
+        let distal_angles = self.posture.as_ref().map(|posture| posture.distal_angle_rad).unwrap_or_default();
+        let link_angle_rad = self.sensing.mounting().link_angle_rad(distal_angles);
         let acceleration = self.reference.as_ref().map(|reference| reference.acceleration).unwrap_or_default();
         self.sensing.step(sample, link_angle_rad, acceleration)
     }

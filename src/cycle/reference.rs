@@ -66,7 +66,7 @@ impl Cycle {
     ) -> Result<Reference, Fault> {
         let Some(last) = self.reference else {
             let start = Reference::at_rest(posture.tip, self.measured.angles);
-            self.fixture.reset(&start.point.0);
+            self.reset_fixture(start.point)?;
             self.servo.reset(&start, &self.measured, posture);
             self.reference = Some(start);
             return Ok(start);
@@ -82,7 +82,7 @@ impl Cycle {
             }
             None => {
                 self.faults.observe(Fault::WorkspaceEdge, true);
-                self.fixture.reset(&last.point.0);
+                self.reset_fixture(last.point)?;
                 self.halt = self.halt.map(|_| StopRamp::new(last.point, TipVelocity::default(), 1.0));
                 last.moved(last.point, last.angles, self.settings.period_s)
             }
@@ -96,12 +96,12 @@ impl Cycle {
 
     fn run(&mut self, last: &Reference, reading: &Reading, signals: &mut Signals) -> Result<TipPoint, Fault> {
         if self.halt.take().is_some() {
-            self.fixture.reset(&last.point.0);
+            self.reset_fixture(last.point)?;
         }
         let step = self.fixture.step_admittance(&reading.force.0);
         signals.signed_distance_m = step.signed_distance_m;
-        signals.is_on_surface = step.is_on_surface;
-        signals.hold_counter = step.hold_counter;
+        signals.is_on_surface = step.is_on();
+        signals.hold_counter = step.hold_count;
         signals.is_impact = step.is_impact;
         let point = TipPoint(step.proxy);
         if point.is_finite() { Ok(point) } else { Err(Fault::NotFinite) }
@@ -123,6 +123,10 @@ impl Cycle {
         let here = self.linkage.forward(last.angles).map(|posture| self.clearance_m(&posture)).ok()?;
         let there = self.linkage.forward(angles).map(|posture| self.clearance_m(&posture)).ok()?;
         (there >= here || there >= self.settings.singularity_margin_m).then_some(angles)
+    }
+
+    fn reset_fixture(&mut self, at: TipPoint) -> Result<(), Fault> {
+        self.fixture.reset(&at.0).map_err(|_| Fault::NotFinite)
     }
 
     pub(super) fn clearance_m(&self, posture: &Posture) -> f64 {

@@ -1,1 +1,18 @@
-//! rig
+//! A configuration assembled into a rig that runs in virtual time.
+//!
+//! ```text
+//! config::Rig + config::Scene -> build -> Master (cycle inside) <-> VirtualBus <-> Drive x2, ForceSensor <-> World (arm, hand)
+//! ```
+//! [`EmbeddedRig`] processes events in order of virtual time: frames that arrive, moments that devices or the master
+//! wait for, and the two moments of each cycle. [`ImpedanceRig`] is the device without a bus.
+
+mod build;
+mod embedded;
+mod error;
+mod impedance;
+mod world;
+
+pub use build::{Margin, PoseMargins, pose_margins};
+pub use embedded::{EmbeddedRig, Tap};
+pub use error::RigError;
+pub use impedance::ImpedanceRig;

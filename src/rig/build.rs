@@ -1,0 +1,427 @@
+//! From the configuration to the parts of a rig.
+
+use std::time::Duration;
+
+use nalgebra::{Matrix6, Vector2, Vector3};
+
+use super::error::RigError;
+use crate::bus::{CommandMode, DriveSetup, MasterSetup, SensorSetup};
+use crate::config;
+use crate::control::{
+    EffortRange, FeedForward, FeedForwardParameters, Gains, Law, Margins, RateLaw, ServoLoop, principal_inertias,
+    worst_margins,
+};
+use crate::cycle::{Cycle, Servo, Settings, TorqueServo};
+use crate::fixture::{
+    Admittance, BallAndTube, Circle, Coupling, Curvature, Cylinder, Fixture, Forbidden, Impedance, Limits, Parameters,
+    Plane, Rearm, Shape2, Shape3, Side, Sphere, Surface,
+};
+use crate::guard::{self, Gate};
+use crate::linkage::{FiveBar, MassModel};
+use crate::quantity::{JointAngles, JointRates, TipPoint};
+use crate::sensing::{Calibration, MountedOn, Mounting, Sensing, SensingParameters};
+use crate::sim::hand::{Hand, HandParameters, Leg, Path, Speed, TremorParameters};
+use yieldwall_drives::profiles::{self, DeviceProfile};
+use yieldwall_drives::scaling::{AxisScaling, Direction};
+
+/// Cycles between sampling and the change of torque, besides the zero-order hold: set-points computed in a cycle are
+/// applied at the next SYNC.
+pub(super) const LOOP_DELAY_CYCLES: f64 = 1.0;
+
+pub(super) fn period_s(rig: &config::Rig) -> f64 {
+    f64::from(rig.cycle.period_us) * 1e-6
+}
+
+pub(super) fn linkage(rig: &config::Rig) -> Result<FiveBar, RigError> {
+    Ok(FiveBar::new(rig.linkage.geometry())?)
+}
+
+pub(super) fn mass_model(inertia: &config::ArmInertia) -> MassModel {
+    MassModel {
+        motor_kg_m2: inertia.motor_kg_m2.map(|value| value.get()),
+        proximal_kg: inertia.proximal_kg.map(|value| value.get()),
+        distal_kg: inertia.distal_kg.map(|value| value.get()),
+        tool_kg: inertia.tool_kg.get(),
+    }
+}
+
+pub(super) fn plant_mass(rig: &config::Rig) -> MassModel {
+    let arm = &rig.plant.arm;
+    MassModel {
+        motor_kg_m2: arm.motor_kg_m2.map(|value| value.get()),
+        proximal_kg: arm.proximal_kg.map(|value| value.get()),
+        distal_kg: arm.distal_kg.map(|value| value.get()),
+        tool_kg: arm.tool_kg.get(),
+    }
+}
+
+fn coupling(fixture: &config::Fixture) -> Coupling {
+    match fixture.coupling {
+        config::Coupling::Admittance { mass_kg } => Coupling::Admittance(Admittance { mass_kg: mass_kg.get() }),
+        config::Coupling::Impedance { stiffness_n_per_m, damping_n_s_per_m } => Coupling::Impedance(Impedance {
+            stiffness_n_per_m: stiffness_n_per_m.get(),
+            damping_n_s_per_m: damping_n_s_per_m.get(),
+        }),
+    }
+}
+
+fn parameters(fixture: &config::Fixture, period_s: f64) -> Parameters {
+    Parameters {
+        coupling: coupling(fixture),
+        limits: Limits { friction_n: fixture.friction_n.get(), yield_n: fixture.yield_n.get() },
+        side: match fixture.side {
+            config::Side::Bilateral => Side::Bilateral,
+            config::Side::Unilateral => Side::Unilateral,
+        },
+        hold_steps: fixture.hold_steps,
+        rearm: Rearm::default(),
+        curvature: match fixture.curvature {
+            config::Curvature::Tangent => Curvature::Tangent,
+            config::Curvature::Exact => Curvature::Exact,
+        },
+        period_s,
+    }
+}
+
+fn forbidden(side: config::Forbidden) -> Forbidden {
+    match side {
+        config::Forbidden::Inside => Forbidden::Inside,
+        config::Forbidden::Outside => Forbidden::Outside,
+    }
+}
+
+fn point2(point: [config::Finite; 2]) -> Vector2<f64> {
+    Vector2::from(point.map(|value| value.get()))
+}
+
+fn point3(point: [config::Finite; 3]) -> Vector3<f64> {
+    Vector3::from(point.map(|value| value.get()))
+}
+
+/// The planar fixture of an admittance rig.
+pub(super) fn planar_fixture(
+    fixture: &config::Fixture,
+    period_s: f64,
+) -> Result<Fixture<Shape2, 2, BallAndTube>, RigError> {
+    let shape = match fixture.surface {
+        config::Surface::Circle { center_m, radius_m, forbidden: side } => {
+            Shape2::Circle(Circle::new(point2(center_m), radius_m.get(), forbidden(side))?)
+        }
+        config::Surface::Line { point_m, normal } => Shape2::Line(Plane::new(point2(point_m), point2(normal))?),
+        ref other => return Err(wrong_dimension(other, 2)),
+    };
+    Ok(Fixture::new(shape, parameters(fixture, period_s))?)
+}
+
+/// The fixture of an impedance device, in space.
+pub(super) fn spatial_fixture(
+    fixture: &config::Fixture,
+    period_s: f64,
+) -> Result<Fixture<Shape3, 3, BallAndTube>, RigError> {
+    let shape = match fixture.surface {
+        config::Surface::Cylinder { axis_point_m, axis_direction, radius_m, forbidden: side } => Shape3::Cylinder(
+            Cylinder::new(point3(axis_point_m), point3(axis_direction), radius_m.get(), forbidden(side))?,
+        ),
+        config::Surface::Plane { point_m, normal } => Shape3::Plane(Plane::new(point3(point_m), point3(normal))?),
+        config::Surface::Sphere { center_m, radius_m, forbidden: side } => {
+            Shape3::Sphere(Sphere::new(point3(center_m), radius_m.get(), forbidden(side))?)
+        }
+        ref other => return Err(wrong_dimension(other, 3)),
+    };
+    Ok(Fixture::new(shape, parameters(fixture, period_s))?)
+}
+
+fn wrong_dimension(surface: &config::Surface, wanted: usize) -> RigError {
+    RigError::Mismatch(format!(
+        "the fixture's surface is a {} in {} dimensions, this machine moves in {wanted}",
+        surface.name(),
+        surface.dimension()
+    ))
+}
+
+/// Calibration and mounting of the force sensor, shared with the simulated one.
+pub(super) fn calibration(rig: &config::Rig) -> Result<(Calibration, Mounting), RigError> {
+    let sensor = &rig.sensor;
+    let matrix = Matrix6::from_fn(|row, column| sensor.calibration[row][column].get());
+    let link = match sensor.mounted_on {
+        config::Mount::Base => MountedOn::Base,
+        config::Mount::LeftDistal => MountedOn::LeftDistal,
+        config::Mount::RightDistal => MountedOn::RightDistal,
+    };
+    let mounting = Mounting { link, angle_rad: sensor.mounting_angle_rad.get() }.checked()?;
+    Ok((Calibration::new(matrix, i32::from(sensor.range_counts))?, mounting))
+}
+
+pub(super) fn command_mode(rig: &config::Rig) -> CommandMode {
+    match rig.rig.command_mode {
+        config::CommandMode::Position => CommandMode::Position,
+        config::CommandMode::Velocity => CommandMode::Velocity,
+        config::CommandMode::Torque => CommandMode::Torque,
+    }
+}
+
+fn gains(control: &config::Control) -> Option<(Gains, bool)> {
+    match control.gains {
+        config::ControlGains::Joint { stiffness_n_m_per_rad, damping_n_m_s_per_rad, integral_n_m_per_rad_s } => Some((
+            Gains {
+                stiffness: stiffness_n_m_per_rad.get(),
+                damping: damping_n_m_s_per_rad.get(),
+                integral: integral_n_m_per_rad_s.get(),
+            },
+            false,
+        )),
+        config::ControlGains::Cartesian { stiffness_n_per_m, damping_n_s_per_m, integral_n_per_m_s } => Some((
+            Gains {
+                stiffness: stiffness_n_per_m.get(),
+                damping: damping_n_s_per_m.get(),
+                integral: integral_n_per_m_s.get(),
+            },
+            true,
+        )),
+        config::ControlGains::Rate { .. } => None,
+    }
+}
+
+fn servo(rig: &config::Rig) -> Result<Servo, RigError> {
+    let control = &rig.control;
+    match rig.rig.command_mode {
+        config::CommandMode::Position => Ok(Servo::Position),
+        config::CommandMode::Velocity => match control.gains {
+            config::ControlGains::Rate { gain_per_s } => {
+                let limit = rig.guard.joint_speed_limit_rad_per_s.get();
+                Ok(Servo::Velocity(RateLaw::new(gain_per_s.get(), limit)?))
+            }
+            _ => Err(RigError::Mismatch("command_mode velocity needs control.gains.rate".into())),
+        },
+        config::CommandMode::Torque => {
+            let Some((gains, is_cartesian)) = gains(control) else {
+                return Err(RigError::Mismatch("command_mode torque needs control.gains joint or cartesian".into()));
+            };
+            let law = match control.law {
+                config::ControlLaw::Psmc => Law::Psmc,
+                config::ControlLaw::Pid => Law::Pid,
+            };
+            let axis = law.controller(gains, control.sliding_time_s.get(), period_s(rig))?;
+            let feed_forward = FeedForward::new(
+                FeedForwardParameters {
+                    coulomb_n_m: control.feed_forward.coulomb_n_m.map(|value| value.get()),
+                    viscous_n_m_s_per_rad: control.feed_forward.viscous_n_m_s_per_rad.map(|value| value.get()),
+                    coulomb_transition_rad: FeedForwardParameters::DEFAULT_TRANSITION_RAD,
+                },
+                period_s(rig),
+            )?;
+            let limit = effort_limit(rig, is_cartesian);
+            Ok(Servo::Torque(Box::new(TorqueServo {
+                axes: [axis.clone(), axis],
+                is_cartesian,
+                effort_limit: [limit; 2],
+                feed_forward,
+                inertia: control.feed_forward.inertia.as_ref().map(mass_model),
+            })))
+        }
+    }
+}
+
+/// Greatest effort of one controller: the torque limit, or the force that it makes at the longer proximal link.
+fn effort_limit(rig: &config::Rig, is_cartesian: bool) -> f64 {
+    let torque = rig.guard.torque_limit_n_m.get();
+    if !is_cartesian {
+        return torque;
+    }
+    let [left, right] = rig.linkage.proximal_m;
+    torque / left.get().max(right.get())
+}
+
+/// All stages of the cycle.
+pub(super) fn cycle(rig: &config::Rig, fixture: &config::Fixture) -> Result<Cycle, RigError> {
+    let period_s = period_s(rig);
+    let limits = &rig.guard;
+    let (calibration, mounting) = calibration(rig)?;
+    let sensing = Sensing::new(SensingParameters {
+        calibration,
+        mounting,
+        handle_mass_kg: rig.sensor.handle_mass_kg.get(),
+        low_pass_hz: rig.sensor.low_pass_hz.map(|value| value.get()),
+        sample_rate_hz: rig.sensor.sample_rate_hz.get(),
+        cycle_period_s: period_s,
+    })?;
+    let gate = Gate::new(guard::Limits {
+        period_s,
+        torque_n_m: [limits.torque_limit_n_m.get(); 2],
+        joint_speed_rad_per_s: limits.joint_speed_limit_rad_per_s.get(),
+    });
+    let settings = Settings {
+        period_s,
+        singularity_margin_m: limits.singularity_margin_m.get(),
+        tool_speed_limit_m_per_s: limits.tool_speed_limit_m_per_s.get(),
+        joint_speed_limit_rad_per_s: limits.joint_speed_limit_rad_per_s.get(),
+        force_limit_n: limits.force_limit_n.get(),
+        following_error_limit_rad: limits.following_error_limit_rad.get(),
+        stop_deceleration_m_per_s2: limits.stop_deceleration_m_per_s2.get(),
+    };
+    Ok(Cycle::new(settings, linkage(rig)?, sensing, planar_fixture(fixture, period_s)?, servo(rig)?, gate))
+}
+
+fn profile(name: &str) -> Result<&'static DeviceProfile, RigError> {
+    profiles::find(name).ok_or_else(|| RigError::Mismatch(format!("there is no device profile named {name}")))
+}
+
+pub(super) fn scaling(drive: &config::Drive) -> Result<AxisScaling, RigError> {
+    let direction = if drive.direction < 0 { Direction::Reversed } else { Direction::Same };
+    Ok(AxisScaling::new(
+        f64::from(drive.encoder_counts_per_rev),
+        direction,
+        drive.zero_offset_rad.get(),
+        drive.rated_torque_n_m.get(),
+    )?)
+}
+
+/// The network as the master has to bring it up.
+pub(super) fn master(rig: &config::Rig) -> Result<MasterSetup, RigError> {
+    // The turn of the encoders is taken from the task's origin: an arm is always within half a turn of it.
+    let home = linkage(rig)?.inverse(TipPoint::new(0.0, 0.0))?.to_array();
+    let [left, right] = &rig.drives;
+    Ok(MasterSetup {
+        node_id: rig.master.node_id,
+        heartbeat: Duration::from_millis(rig.master.heartbeat_ms.into()),
+        period: Duration::from_micros(rig.cycle.period_us.into()),
+        mode: command_mode(rig),
+        drives: [drive(rig, left, home[0])?, drive(rig, right, home[1])?],
+        sensor: SensorSetup {
+            name: rig.sensor.name.clone(),
+            node_id: rig.sensor.node_id,
+            profile: profile(&rig.sensor.profile)?,
+            heartbeat: Duration::from_millis(rig.sensor.heartbeat_ms.into()),
+        },
+    })
+}
+
+fn drive(rig: &config::Rig, drive: &config::Drive, expected_angle_rad: f64) -> Result<DriveSetup, RigError> {
+    let scaling = scaling(drive)?;
+    let window = 2.0 * rig.guard.following_error_limit_rad.get() * scaling.counts_per_rad();
+    let limit = scaling.torque_per_mille(rig.guard.torque_limit_n_m.get())?.value;
+    Ok(DriveSetup {
+        name: drive.name.clone(),
+        node_id: drive.node_id,
+        profile: profile(&drive.profile)?,
+        scaling,
+        expected_angle_rad,
+        heartbeat: Duration::from_millis(drive.heartbeat_ms.into()),
+        torque_limit_per_mille: limit.unsigned_abs(),
+        // The drive's own window is the guard's second, wider one.
+        following_error_counts: window.round().min(f64::from(u32::MAX - 1)) as u32,
+    })
+}
+
+fn fixed<const N: usize>(point: &[config::Finite], what: &str) -> Result<nalgebra::SVector<f64, N>, RigError> {
+    if point.len() != N {
+        let found = point.len();
+        return Err(RigError::Mismatch(format!("{what} of the scene has {found} coordinates, this machine has {N}")));
+    }
+    Ok(nalgebra::SVector::from_iterator(point.iter().map(|value| value.get())))
+}
+
+/// The hand of a scene.
+pub(super) fn hand<const N: usize>(scene: &config::Scene, seed: u64) -> Result<Hand<N>, RigError> {
+    let hand = &scene.hand;
+    let mut legs = Vec::new();
+    for segment in &hand.path {
+        legs.push(match segment {
+            config::PathSegment::To { point_m, in_s } => {
+                Leg::To { point_m: fixed(point_m, "a way-point")?, in_s: in_s.get() }
+            }
+            config::PathSegment::Arc { center_m, by_rad, in_s, speed } => Leg::Arc {
+                center_m: fixed(center_m, "the centre of an arc")?,
+                by_rad: by_rad.get(),
+                in_s: in_s.get(),
+                speed: match speed {
+                    config::ArcSpeed::Smooth => Speed::Smooth,
+                    config::ArcSpeed::Constant => Speed::Constant,
+                },
+            },
+            config::PathSegment::Wait { for_s } => Leg::Wait { for_s: for_s.get() },
+        });
+    }
+    let path = Path::new(fixed(&hand.start_m, "the start")?, &legs)?;
+    let parameters = HandParameters {
+        mass_kg: hand.mass_kg.get(),
+        stiffness_n_per_m: hand.stiffness_n_per_m.get(),
+        damping_n_s_per_m: hand.damping_n_s_per_m.get(),
+        voluntary_force_limit_n: hand.voluntary_force_limit_n.get(),
+        tremor: hand.tremor.as_ref().map(|tremor| TremorParameters {
+            force_rms_n: tremor.force_rms_n.get(),
+            low_hz: tremor.low_hz.get(),
+            high_hz: tremor.high_hz.get(),
+        }),
+    };
+    Ok(Hand::new(parameters, path, seed)?)
+}
+
+/// Margins of the torque loop at its worst pose, with and without the joints' viscous friction.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Margin {
+    /// With the viscous friction of the feed-forward's model taken as present in the joints.
+    pub with_friction: Margins,
+    /// Without any friction.
+    pub without_friction: Margins,
+}
+
+/// The loop of a rig in torque mode over the poses of its surface.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct PoseMargins {
+    /// Cycles of delay that the margins count with.
+    pub delay_cycles: f64,
+    /// Least and greatest principal inertia over the poses: kg m^2 per joint, or kg at the tool.
+    pub inertia: [f64; 2],
+    /// The worst over all poses.
+    pub worst: Margin,
+    /// Whether the controllers act on the tool's position.
+    pub is_cartesian: bool,
+}
+
+/// Poses along the surface at which the margins are taken.
+const POSES: usize = 48;
+
+/// Loop margins of a rig in torque mode over poses all along its reference surface (a circle), or over its working
+/// disc's edge; `None` in the other modes, where the drives close the position loop.
+///
+/// The plant of the margins is the feed-forward's model of the arm where there is one, else the simulated arm.
+pub fn pose_margins(rig: &config::Rig) -> Result<Option<PoseMargins>, RigError> {
+    if rig.rig.command_mode != config::CommandMode::Torque {
+        return Ok(None);
+    }
+    let Some((gains, is_cartesian)) = gains(&rig.control) else { return Ok(None) };
+    let linkage = linkage(rig)?;
+    let model = rig.control.feed_forward.inertia.as_ref().map_or_else(|| plant_mass(rig), mass_model);
+    let viscous = rig.control.feed_forward.viscous_n_m_s_per_rad.map(|value| value.get());
+    let (center, radius) = match rig.fixture.surface {
+        config::Surface::Circle { center_m, radius_m, .. } => (point2(center_m), radius_m.get()),
+        _ => (Vector2::zeros(), rig.linkage.working_radius_m.get()),
+    };
+    let mut inertias = Vec::new();
+    let mut viscous_at = f64::INFINITY;
+    for pose in 0..POSES {
+        let angle = std::f64::consts::TAU * pose as f64 / POSES as f64;
+        let tip = TipPoint(center + radius * Vector2::new(angle.cos(), angle.sin()));
+        let angles: JointAngles = linkage.inverse(tip)?;
+        let dynamics = linkage.dynamics(&model, angles, JointRates::default())?;
+        let (mass, damping) = if is_cartesian {
+            let inverse = dynamics.jacobian.try_inverse().ok_or_else(|| RigError::Mismatch("singular pose".into()))?;
+            let damping = inverse.transpose() * nalgebra::Matrix2::from_diagonal(&Vector2::from(viscous)) * inverse;
+            let least = damping.symmetric_eigenvalues().min();
+            (inverse.transpose() * dynamics.mass * inverse, least)
+        } else {
+            (dynamics.mass, viscous[0].min(viscous[1]))
+        };
+        viscous_at = viscous_at.min(damping);
+        inertias.extend(principal_inertias(&mass)?);
+    }
+    let servo = ServoLoop { gains, period_s: period_s(rig), delay_cycles: LOOP_DELAY_CYCLES };
+    let worst = Margin {
+        with_friction: worst_margins(&servo, &inertias, viscous_at)?,
+        without_friction: worst_margins(&servo, &inertias, 0.0)?,
+    };
+    let least = inertias.iter().copied().fold(f64::INFINITY, f64::min);
+    let greatest = inertias.iter().copied().fold(0.0, f64::max);
+    Ok(Some(PoseMargins { delay_cycles: LOOP_DELAY_CYCLES, inertia: [least, greatest], worst, is_cartesian }))
+}

@@ -1,0 +1,66 @@
+//! Why a rig could not be built or could not go on.
+
+use thiserror::Error;
+
+use crate::bus::BootError;
+use crate::control::ControlError;
+use crate::fixture::FixtureError;
+use crate::linkage::{GeometryError, LinkageError};
+use crate::sensing::SensingError;
+use crate::sim::arm::ArmError;
+use crate::sim::can::CanError;
+use crate::sim::hand::HandError;
+use crate::sim::point_mass::PointMassError;
+use yieldwall_drives::scaling::ScalingError;
+
+/// Why a rig could not be built or could not go on.
+#[derive(Clone, Debug, PartialEq, Error)]
+pub enum RigError {
+    /// The network did not come up.
+    #[error(transparent)]
+    Boot(#[from] BootError),
+    /// The linkage cannot be built.
+    #[error("linkage: {0}")]
+    Geometry(#[from] GeometryError),
+    /// The linkage cannot be where it has to be.
+    #[error("linkage: {0}")]
+    Linkage(#[from] LinkageError),
+    /// The fixture was refused.
+    #[error("fixture: {0}")]
+    Fixture(#[from] FixtureError),
+    /// A controller was refused.
+    #[error("control: {0}")]
+    Control(#[from] ControlError),
+    /// The sensor's parameters were refused.
+    #[error("sensor: {0}")]
+    Sensing(#[from] SensingError),
+    /// A drive's scaling was refused.
+    #[error("drive: {0}")]
+    Scaling(#[from] ScalingError),
+    /// The simulated arm was refused, or cannot go on.
+    #[error("arm: {0}")]
+    Arm(#[from] ArmError),
+    /// The simulated hand was refused.
+    #[error("hand: {0}")]
+    Hand(#[from] HandError),
+    /// The simulated impedance device was refused, or cannot go on.
+    #[error("device: {0}")]
+    PointMass(#[from] PointMassError),
+    /// The virtual bus was refused.
+    #[error("bus: {0}")]
+    Can(#[from] CanError),
+    /// A simulated device was refused.
+    #[error("simulated device: {0}")]
+    Device(String),
+    /// Two parts of the configuration do not fit together.
+    #[error("{0}")]
+    Mismatch(String),
+    /// The drives did not reach Operation Enabled.
+    #[error("the rig was not enabled after {waited_s} s: {state}")]
+    NotEnabled {
+        /// How long it was waited for, in s.
+        waited_s: f64,
+        /// What the supervisor said.
+        state: String,
+    },
+}
