@@ -76,13 +76,7 @@ pub struct Options {
 
 impl Default for Options {
     fn default() -> Self {
-        Self {
-            heading: None,
-            time_span: TimeSpan::Whole,
-            window: None,
-            arrow_limit: 140,
-            is_font_embedded: false,
-        }
+        Self { heading: None, time_span: TimeSpan::Whole, window: None, arrow_limit: 140, is_font_embedded: false }
     }
 }
 
