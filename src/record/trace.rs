@@ -177,7 +177,7 @@ impl Trace {
     /// Force of the device on the hand in N, base frame: `-h` of an admittance rig, `f` of an impedance rig.
     ///
     /// # Source
-    /// [KTF08], text to Figs 8 and 11.
+    /// [KTF08, text to Figs 8 and 11].
     pub fn force_on_hand_n(&self, row: &Row) -> [f64; 3] {
         match self.force_meaning {
             ForceMeaning::HandOnTool => row.force_n.map(|component| -component),
