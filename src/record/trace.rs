@@ -177,7 +177,7 @@ impl Trace {
     /// Force of the device on the hand in N, base frame: `-h` of an admittance rig, `f` of an impedance rig.
     ///
     /// # Source
-    /// [KTF08], text to Figs 8 and 11.
+    /// [KTF08, text to Figs 8 and 11].
     pub fn force_on_hand_n(&self, row: &Row) -> [f64; 3] {
         match self.force_meaning {
             ForceMeaning::HandOnTool => row.force_n.map(|component| -component),
@@ -212,10 +212,7 @@ mod tests {
 
     #[test]
     fn circle_counts_outward_distance_and_radial_force() {
-        let trace = Trace {
-            reference: Reference::Circle { center_m: [0.1, 0.0], radius_m: 0.12 },
-            ..Trace::default()
-        };
+        let trace = Trace { reference: Reference::Circle { center_m: [0.1, 0.0], radius_m: 0.12 }, ..Trace::default() };
         let row = Row { tool_m: [0.1, 0.15, 0.0], force_n: [3.0, -7.0, 0.0], ..Row::default() };
         assert!((trace.reference.signed_distance_m(row.tool_m).unwrap() - 0.03).abs() < 1e-15);
         assert_eq!(trace.normal_force_n(&row), 7.0);
@@ -226,11 +223,7 @@ mod tests {
 
     #[test]
     fn cylinder_does_not_count_the_way_along_its_axis() {
-        let cylinder = Reference::Cylinder {
-            axis_point_m: [0.0; 3],
-            axis_direction: [0.0, 0.0, 5.0],
-            radius_m: 0.04,
-        };
+        let cylinder = Reference::Cylinder { axis_point_m: [0.0; 3], axis_direction: [0.0, 0.0, 5.0], radius_m: 0.04 };
         let distance = cylinder.signed_distance_m([0.03, 0.04, 0.7]).unwrap();
         assert!((distance - 0.01).abs() < 1e-15);
     }

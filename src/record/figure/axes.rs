@@ -3,12 +3,12 @@
 use super::curve::{self, Frame};
 use super::page::{Anchor, BLACK, GREY, LETTER, Page, Point, Stroke};
 
-/// Ticks wished for per tenth of a millimetre of axis: one every 14 mm upright, one every 17 mm across.
-const TICKS_UPRIGHT: f64 = 1.0 / 140.0;
-const TICKS_ACROSS: f64 = 1.0 / 170.0;
+/// Ticks wished for per tenth of a millimetre of axis: one every 9 mm upright, one every 12 mm across.
+const TICKS_UPRIGHT: f64 = 1.0 / 90.0;
+const TICKS_ACROSS: f64 = 1.0 / 120.0;
 const TICK: f64 = 9.0;
-/// Distance of an upright axis's name from its frame.
-const NAME_OFFSET: f64 = 96.0;
+/// Height of an upright axis's name above its frame.
+const NAME_OFFSET: f64 = 15.0;
 
 /// A frame on the page and the values at its edges.
 #[derive(Clone, Copy, Debug)]
@@ -59,9 +59,12 @@ impl Axes {
             Kind::Way => points,
             Kind::History => curve::thin_history(&points),
         };
-        for piece in curve::clip(&points, self.frame) {
-            page.chain(&curve::thin(&piece), stroke);
-        }
+        let pieces = curve::clip(&points, self.frame);
+        page.within(self.frame, |page| {
+            for piece in pieces {
+                page.chain(&curve::thin(&piece), stroke);
+            }
+        });
     }
 
     /// Draws a level across the frame, if it lies within.
@@ -69,7 +72,7 @@ impl Axes {
         self.curve(page, self.x.map(|x| (x, y)).into_iter(), Kind::Way, stroke);
     }
 
-    /// Draws frame, ticks and numbers, and the axes' names; without a name for x the numbers below are left out too.
+    /// Draws frame, ticks and numbers, and the axes' names, that of y above its upper end; without a name for x the numbers below are left out too.
     pub(super) fn draw(&self, page: &mut Page, x_name: Option<&str>, y_name: &str) {
         let Frame { left, top, right, bottom } = self.frame;
         let stroke = Stroke { color: BLACK, width: 2.0, dash: &[] };
@@ -92,7 +95,7 @@ impl Axes {
         if let Some(name) = x_name {
             page.text(((left + right) / 2.0, bottom + 72.0), Anchor::Middle, name);
         }
-        page.upward_text((left - NAME_OFFSET, (top + bottom) / 2.0), y_name);
+        page.text((left, top - NAME_OFFSET), Anchor::Start, y_name);
     }
 
     /// A thin line at zero.
@@ -137,9 +140,8 @@ pub(super) fn number(value: f64, decimals: usize) -> String {
 
 /// Least range that holds all values; widened to `least` about its middle, and by a part of itself on both sides.
 pub(super) fn range_of(values: impl Iterator<Item = f64>, least: f64, margin: f64) -> [f64; 2] {
-    let (low, high) = values.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), value| {
-        (low.min(value), high.max(value))
-    });
+    let (low, high) =
+        values.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), value| (low.min(value), high.max(value)));
     if low > high {
         return [-least / 2.0, least / 2.0];
     }

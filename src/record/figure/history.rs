@@ -4,7 +4,7 @@ use super::axes::{Axes, Kind, range_of};
 use super::page::{Anchor, BLACK, GREY, Page, Stroke, WIDTH};
 use super::plane::{self, MM_PER_M, PROXY, SURFACE, SURFACE_BAND, TOOL};
 use super::{Drawing, Error, Excerpt, Options};
-use crate::record::{Row, Trace};
+use crate::record::{Reference, Row, Trace};
 
 const FORCE: Stroke = Stroke { color: BLACK, width: 3.0, dash: &[] };
 const LEVEL: Stroke = Stroke { color: BLACK, width: 2.0, dash: &[18.0, 10.0] };
@@ -18,14 +18,22 @@ const LEAST_POWER_W: f64 = 0.01;
 
 /// Most columns of [`hold_comparison`].
 const MOST_COLUMNS: usize = 3;
-const LEFT: f64 = 150.0;
+const LEFT: f64 = 100.0;
 const RIGHT: f64 = 60.0;
 
-/// The force component along the normal, with the levels `F` and `R`.
+/// The force component along the normal; without a surface the magnitude of the force.
+fn shown_force_n(trace: &Trace, row: &Row) -> f64 {
+    match trace.reference {
+        Reference::None => row.force_n.iter().map(|component| component * component).sum::<f64>().sqrt(),
+        _ => trace.normal_force_n(row),
+    }
+}
+
+/// The force along the normal, with the levels `F` and `R`.
 pub(super) fn force_panel(page: &mut Page, axes: &Axes, trace: &Trace, excerpt: &Excerpt<'_>) {
     axes.zero_line(page);
     levels(page, axes, trace);
-    let values = || excerpt.rows.iter().map(|row| (excerpt.shown_time(row.time_s), trace.normal_force_n(row)));
+    let values = || excerpt.rows.iter().map(|row| (excerpt.shown_time(row.time_s), shown_force_n(trace, row)));
     axes.curve(page, values(), Kind::History, FORCE);
     dots(page, axes, values(), FORCE);
 }
@@ -39,11 +47,12 @@ pub(super) fn power_panel(page: &mut Page, axes: &Axes, excerpt: &Excerpt<'_>) {
 
 /// Range of the force axis: all values and zero, and `R` on each side on which the force goes beyond half of `F`.
 pub(super) fn force_range<'a>(excerpts: impl Iterator<Item = (&'a Trace, &'a Excerpt<'a>)> + Clone) -> [f64; 2] {
-    let values = excerpts.clone().flat_map(|(trace, excerpt)| {
-        excerpt.rows.iter().map(move |row| trace.normal_force_n(row)).collect::<Vec<_>>()
-    });
+    let values = excerpts
+        .clone()
+        .flat_map(|(trace, excerpt)| excerpt.rows.iter().map(move |row| shown_force_n(trace, row)).collect::<Vec<_>>());
     let [low, high] = range_of(values.chain([0.0]), 0.0, 0.0);
-    let levels = excerpts.flat_map(|(trace, _)| {
+    let with_surface = excerpts.filter(|(trace, _)| trace.reference != Reference::None);
+    let levels = with_surface.flat_map(|(trace, _)| {
         let up = (high > trace.friction_n / 2.0).then_some(trace.yield_n);
         let down = (low < -trace.friction_n / 2.0).then_some(-trace.yield_n);
         up.into_iter().chain(down)
@@ -116,7 +125,7 @@ pub fn hold_comparison(traces: &[&Trace], options: &Options) -> Result<Drawing, 
     let force = force_range(columns.iter().map(|column| (column.trace, &column.excerpt)));
 
     let head = if options.heading.is_some() { 100.0 } else { 54.0 };
-    let (above, height, gap) = (head + 54.0, 430.0, 36.0);
+    let (above, height, gap) = (head + 84.0, 430.0, 62.0);
     let mut page = Page::new(above + 2.0 * height + gap + 96.0);
     super::heading(&mut page, options);
     plane::legend(&mut page, (LEFT, head - 14.0), true);
@@ -131,8 +140,8 @@ pub fn hold_comparison(traces: &[&Trace], options: &Options) -> Result<Drawing, 
         upper.draw(&mut page, None, "position along the normal (mm)");
         force_panel(&mut page, &lower, column.trace, &column.excerpt);
         lower.draw(&mut page, Some(column.excerpt.label), "force along the normal (N)");
-        super::panel_letter(&mut page, (left, above - 16.0), number);
-        page.hold_steps((left + 55.0, above - 16.0), column.trace.hold_steps);
+        super::panel_letter(&mut page, (left, above - 52.0), number);
+        page.hold_steps((left + 55.0, above - 52.0), column.trace.hold_steps);
     }
     Ok(Drawing::new(page, options))
 }

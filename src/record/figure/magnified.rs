@@ -7,9 +7,9 @@ use crate::record::{Reference, Trace};
 
 /// Most panels: three rows of three.
 const MOST_PANELS: usize = 9;
-const LEFT: f64 = 140.0;
-const RIGHT: f64 = 25.0;
-const ABOVE: f64 = 56.0;
+const LEFT: f64 = 100.0;
+const RIGHT: f64 = 30.0;
+const ABOVE: f64 = 84.0;
 const BELOW: f64 = 96.0;
 
 /// One panel: a part of the plane as one trace passes through it.
@@ -52,8 +52,8 @@ pub fn magnified(views: &[View<'_>], options: &Options) -> Result<Drawing, Error
         let excerpt = Excerpt::new(view.trace, options.time_span)?;
         plane::ways(&mut page, &axes, view.trace, &excerpt)?;
         axes.draw(&mut page, Some("x (mm)"), "y (mm)");
-        super::panel_letter(&mut page, (left, top - 16.0), number);
-        page.hold_steps((left + 55.0, top - 16.0), view.trace.hold_steps);
+        super::panel_letter(&mut page, (left, top - 52.0), number);
+        page.hold_steps((left + 55.0, top - 52.0), view.trace.hold_steps);
     }
     Ok(Drawing::new(page, options))
 }

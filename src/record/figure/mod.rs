@@ -1,4 +1,4 @@
-//! Figures of traces, as SVG and PNG, laid out like those of [KTF08]. This folder alone names the plotting crate.
+//! Figures of traces, as SVG and PNG, laid out like those of [KTF08, Figs 8 to 16]. This folder alone names the plotting crate.
 //!
 //! All figures are 160 mm wide with letters of about 7 pt. Curves differ in lightness, width and dashes as well as in
 //! colour, so that they can be told apart in print without colours and by the colour-blind.
@@ -76,13 +76,7 @@ pub struct Options {
 
 impl Default for Options {
     fn default() -> Self {
-        Self {
-            heading: None,
-            time_span: TimeSpan::Whole,
-            window: None,
-            arrow_limit: 140,
-            is_font_embedded: false,
-        }
+        Self { heading: None, time_span: TimeSpan::Whole, window: None, arrow_limit: 140, is_font_embedded: false }
     }
 }
 

@@ -2,10 +2,11 @@
 //!
 //! Of the plotting crate this draws with its primitives and its two back ends, not with its plots: two panels of equal
 //! aspect beside panels over time, and subscripts, are beyond its plots. Dashes are cut here, because its PNG back end
-//! begins the pattern anew at every corner and does not scale it; clipping is done before, because its SVG back end
-//! leaves that to the caller.
+//! begins the pattern anew at every corner and does not scale it. Nothing is written upward: that back end renders
+//! turned letters without smooth edges, as if they were bold. The names of upright axes stand above them.
 
 use super::Error;
+use super::curve::Frame;
 use kuva::RasterBackend;
 use kuva::backend::svg::SvgBackend;
 use kuva::render::color::Color as Paint;
@@ -82,6 +83,19 @@ impl Page {
         Self { scene }
     }
 
+    /// Draws what `draw` draws, cut to a frame: the ends of wide lines do not stand over it.
+    pub(super) fn within(&mut self, Frame { left, top, right, bottom }: Frame, draw: impl FnOnce(&mut Self)) {
+        let (width, height) = (right - left, bottom - top);
+        let id = format!("frame{}", self.scene.defs.len());
+        // The SVG back end takes the rectangle from here, the PNG back end from the primitive.
+        self.scene.defs.push(format!(
+            r#"<clipPath id="{id}"><rect x="{left}" y="{top}" width="{width}" height="{height}"/></clipPath>"#
+        ));
+        self.scene.elements.push(Primitive::ClipStart { x: left, y: top, width, height, id });
+        draw(self);
+        self.scene.elements.push(Primitive::ClipEnd);
+    }
+
     /// A chain of straight lines.
     pub(super) fn chain(&mut self, points: &[Point], stroke: Stroke) {
         for points in super::curve::dashes(points, stroke.dash) {
@@ -143,12 +157,7 @@ impl Page {
 
     /// A text whose base line passes through the point.
     pub(super) fn text(&mut self, (x, y): Point, anchor: Anchor, content: &str) {
-        self.plain_text((x, y), anchor, content, LETTER, None);
-    }
-
-    /// A text that reads upward, centred on the point.
-    pub(super) fn upward_text(&mut self, point: Point, content: &str) {
-        self.plain_text(point, Anchor::Middle, content, LETTER, Some(-90.0));
+        self.plain_text((x, y), anchor, content, LETTER);
     }
 
     pub(super) fn bold_text(&mut self, point: Point, content: &str) {
@@ -163,19 +172,19 @@ impl Page {
     pub(super) fn hold_steps(&mut self, (x, y): Point, count: u32) {
         self.slanted_text((x, y), "N");
         let after_n = x + WIDTH_OF_N * f64::from(LETTER) + 1.0;
-        self.plain_text((after_n, y + 6.0), Anchor::Start, "wait", SUBSCRIPT, None);
+        self.plain_text((after_n, y + 6.0), Anchor::Start, "wait", SUBSCRIPT);
         let after_wait = after_n + WIDTH_OF_WAIT * f64::from(SUBSCRIPT) + 10.0;
         self.text((after_wait, y), Anchor::Start, &format!("= {count}"));
     }
 
-    fn plain_text(&mut self, (x, y): Point, anchor: Anchor, content: &str, size: u32, rotate: Option<f64>) {
+    fn plain_text(&mut self, (x, y): Point, anchor: Anchor, content: &str, size: u32) {
         self.scene.elements.push(Primitive::Text {
             x,
             y,
             content: literal(content),
             size,
             anchor: anchor.into(),
-            rotate,
+            rotate: None,
             bold: false,
             color: Some(BLACK.into()),
         });
@@ -193,13 +202,14 @@ impl Page {
         });
     }
 
-    /// The sheet as SVG. The back end counts in pixels; the head is rewritten to millimetres.
+    /// The sheet as SVG. The back end counts in pixels and leaves corners pointed, which draws noise as a
+    /// thick bar; the head is rewritten to millimetres and round corners.
     pub(super) fn svg(&self, is_font_embedded: bool) -> String {
         let svg = SvgBackend::new().with_embedded_font(is_font_embedded).render_scene(&self.scene);
         let (width, height) = (self.scene.width, self.scene.height);
         let counted = format!(r#"width="{width}" height="{height}""#);
         let measured = format!(
-            r#"width="{}mm" height="{}mm" viewBox="0 0 {width} {height}""#,
+            r#"width="{}mm" height="{}mm" viewBox="0 0 {width} {height}" stroke-linejoin="round""#,
             width / 10.0,
             height / 10.0
         );

@@ -13,6 +13,8 @@ pub(super) const PROXY: Stroke = Stroke { color: VERMILION, width: 3.0, dash: &[
 pub(super) const SURFACE_BAND: Stroke = Stroke { color: PALE, width: 13.0, dash: &[] };
 pub(super) const SURFACE: Stroke = Stroke { color: GREY, width: 2.0, dash: &[] };
 
+/// Length of the samples in the legend: four dashes of the proxy and the gaps between them.
+const SAMPLE: f64 = 80.0;
 /// Greatest distance of a drawn circle from the true one, in tenths of a millimetre.
 const SAGITTA: f64 = 0.1;
 /// Most corners of a drawn circle: reached only when it is a hundred metres wide on paper.
@@ -97,9 +99,9 @@ pub(super) fn legend(page: &mut Page, (left, y): (f64, f64), has_surface: bool) 
     let mut x = left;
     let mut entry = |name: &str, strokes: &[Stroke], room: f64| {
         for stroke in strokes {
-            page.chain(&[(x, middle), (x + 88.0, middle)], *stroke);
+            page.chain(&[(x, middle), (x + SAMPLE, middle)], *stroke);
         }
-        page.text((x + 102.0, y), Anchor::Start, name);
+        page.text((x + SAMPLE + 14.0, y), Anchor::Start, name);
         x += room;
     };
     entry("tool", &[TOOL], 195.0);

@@ -8,6 +8,9 @@ use super::plane::{self, MM_PER_M};
 use super::{Drawing, Error, Excerpt, Options};
 use crate::record::{ForceMeaning, Phase, Reference, Row, Trace};
 
+const LEFT: f64 = 100.0;
+/// Distance of a panel's letter from its frame, to the left.
+const LETTER_OFFSET: f64 = 58.0;
 const ARROW: Color = Color(0x50, 0x50, 0x50);
 const ARROW_WIDTH: f64 = 2.0;
 /// Length on paper of the force below which 98 of 100 lie, or of `R` if that is larger: 11 mm.
@@ -16,13 +19,16 @@ const ARROW_LENGTH: f64 = 110.0;
 const LEAST_ARROW: f64 = 4.0;
 /// Least distance on paper between the tails or the tips of two arrows that follow one another: 2 mm.
 const ARROW_SPACING: f64 = 20.0;
+/// Distance of a phase's letter from the way: 3.4 mm.
+const BESIDE: f64 = 34.0;
 /// Least range of a way, in mm.
 const LEAST_WAY_MM: f64 = 0.01;
 /// A surface is shown whole when it is at most this many times as large as the way.
 const WHOLE_SURFACE: f64 = 4.0;
 
 /// Left the ways of tool and proxy in the plane with the reference surface and the force on the hand as arrows at the
-/// tool; right the force component along the surface's normal, with `F` and `R`, and the power over time. Letters of
+/// tool; right the force component along the surface's normal (its magnitude if there is no surface), with `F`
+/// and `R`, and the power over time. Letters of
 /// the trace's phases stand above the curves and beside the way.
 ///
 /// # Errors
@@ -35,22 +41,22 @@ const WHOLE_SURFACE: f64 = 4.0;
 pub fn trajectory_and_time(trace: &Trace, options: &Options) -> Result<Drawing, Error> {
     let excerpt = Excerpt::new(trace, options.time_span)?;
     let head = if options.heading.is_some() { 54.0 } else { 8.0 };
-    let (top, side) = (head + 110.0, 690.0);
+    let (top, side) = (head + 110.0, 720.0);
     let mut page = Page::new(top + side + 96.0);
     super::heading(&mut page, options);
 
-    let frame = plane::frame(130.0, top, side, side);
+    let frame = plane::frame(LEFT, top, side, side);
     let (axes, arrows) = fit(frame, trace, &excerpt, options)?;
     plane::ways(&mut page, &axes, trace, &excerpt)?;
     arrows.draw(&mut page, &axes);
     phase_letters(&mut page, &axes, trace, &excerpt);
     axes.draw(&mut page, Some("x (mm)"), "y (mm)");
-    super::panel_letter(&mut page, (frame.left, top - 16.0), 0);
+    super::panel_letter(&mut page, (frame.left - LETTER_OFFSET, top - 15.0), 0);
     let has_surface = trace.reference != Reference::None;
     let behind = plane::legend(&mut page, (frame.left, head + 40.0), has_surface);
     arrows.legend(&mut page, (behind, head + 40.0), trace.force_meaning);
 
-    let (left, width, gap) = (990.0, 545.0, 30.0);
+    let (left, width, gap) = (950.0, 590.0, 84.0);
     let upper_height = 0.56 * (side - gap);
     let upper_frame = plane::frame(left, top, width, upper_height);
     let lower_frame = plane::frame(left, top + upper_height + gap, width, side - gap - upper_height);
@@ -59,20 +65,24 @@ pub fn trajectory_and_time(trace: &Trace, options: &Options) -> Result<Drawing, 
     let lower = Axes { frame: lower_frame, x, y: power_range(&excerpt) };
     phase_marks(&mut page, &upper, &lower, trace, &excerpt);
     force_panel(&mut page, &upper, trace, &excerpt);
-    upper.draw(&mut page, None, force_name(trace));
+    upper.draw(&mut page, None, &force_name(trace));
     power_panel(&mut page, &lower, &excerpt);
     lower.draw(&mut page, Some(excerpt.label), "power (W)");
-    super::panel_letter(&mut page, (left, top - 16.0), 1);
+    super::panel_letter(&mut page, (left - LETTER_OFFSET, top - 15.0), 1);
     Ok(Drawing::new(page, options))
 }
 
-fn force_name(trace: &Trace) -> &'static str {
-    match (plane::circle(&trace.reference), trace.force_meaning) {
-        (Some(_), ForceMeaning::HandOnTool) => "radial part of \u{2212}h (N)",
-        (Some(_), ForceMeaning::ActuatorOnTool) => "radial part of f (N)",
-        (None, ForceMeaning::HandOnTool) => "normal part of \u{2212}h (N)",
-        (None, ForceMeaning::ActuatorOnTool) => "normal part of f (N)",
-    }
+fn force_name(trace: &Trace) -> String {
+    let part = match (&trace.reference, plane::circle(&trace.reference)) {
+        (Reference::None, _) => "magnitude",
+        (_, Some(_)) => "radial part",
+        (_, None) => "normal part",
+    };
+    let force = match trace.force_meaning {
+        ForceMeaning::HandOnTool => "\u{2212}h",
+        ForceMeaning::ActuatorOnTool => "f",
+    };
+    format!("{part} of {force} (N)")
 }
 
 /// Axes that hold the ways and the arrows, and the arrows. The arrows' place on paper depends on the axes and the
@@ -176,18 +186,22 @@ impl Arrows {
     }
 }
 
-/// Arrows that follow one another at least `spacing` apart, at the tail or at the tip.
+/// Arrows at least `spacing` from one another, at the tail or at the tip, the earlier before the later.
 fn spaced(axes: &Axes, trace: &Trace, excerpt: &Excerpt<'_>, length_per_n: f64, spacing: f64) -> Vec<Arrow> {
-    let mut last: Option<(Point, Point)> = None;
+    let mut placed: Vec<(Point, Point)> = Vec::new();
     let mut all = Vec::new();
     for row in &excerpt.rows {
         let [fx, fy, _] = trace.force_on_hand_n(row);
         let tail = (row.tool_m[0] * MM_PER_M, row.tool_m[1] * MM_PER_M);
         let from = axes.place(tail.0, tail.1);
         let to = (from.0 + fx * length_per_n, from.1 - fy * length_per_n);
-        let is_apart = last.is_none_or(|(tail, tip)| far(tail, from, spacing) || far(tip, to, spacing));
-        if is_apart && axes.frame.contains(from) && fx.hypot(fy) * length_per_n >= LEAST_ARROW {
-            last = Some((from, to));
+        if !axes.frame.contains(from) || fx.hypot(fy) * length_per_n < LEAST_ARROW {
+            continue;
+        }
+        // From the last backward: most rows lie near the arrow drawn just before.
+        let is_apart = |(tail, tip): &(Point, Point)| far(*tail, from, spacing) || far(*tip, to, spacing);
+        if placed.iter().rev().all(is_apart) {
+            placed.push((from, to));
             all.push(Arrow { tail, along: (fx, fy) });
         }
     }
@@ -211,26 +225,43 @@ fn planar_force_n(trace: &Trace, row: &Row) -> f64 {
     x.hypot(y)
 }
 
-/// Letters beside the way, at the middle of each phase, on the side away from the force.
+/// Letters beside the way, at the middle of each phase.
 fn phase_letters(page: &mut Page, axes: &Axes, trace: &Trace, excerpt: &Excerpt<'_>) {
     for Phase { letter, from_s, to_s } in &trace.phases {
-        let middle = (from_s + to_s) / 2.0;
-        let nearest = |row: &&&Row| (row.time_s - middle).abs();
-        let row = excerpt.rows.iter().min_by(|a, b| nearest(a).total_cmp(&nearest(b)));
-        let Some(row) = row.filter(|row| (*from_s..=*to_s).contains(&row.time_s)) else { continue };
-        let (x, y) = axes.place(row.tool_m[0] * MM_PER_M, row.tool_m[1] * MM_PER_M);
+        let inside = |row: &&&Row| (*from_s..=*to_s).contains(&row.time_s);
+        let rows: Vec<&Row> = excerpt.rows.iter().filter(inside).copied().collect();
+        let Some(row) = rows.get(rows.len() / 2) else { continue };
+        let place = |row: &Row| axes.place(row.tool_m[0] * MM_PER_M, row.tool_m[1] * MM_PER_M);
+        let (x, y) = place(row);
+        let tenth = rows.len() / 10;
+        let (before, after) =
+            (place(rows[rows.len() / 2 - tenth]), place(rows[(rows.len() / 2 + tenth).min(rows.len() - 1)]));
         let [fx, fy, _] = trace.force_on_hand_n(row);
-        let force = fx.hypot(fy);
-        let (dx, dy) = if force > 0.0 { (-fx / force, fy / force) } else { (0.0, -1.0) };
-        let center = (x + 30.0 * dx, y + 30.0 * dy);
-        if axes.frame.contains((x, y)) && axes.frame.contains(center) {
+        let (dx, dy) = beside((after.0 - before.0, after.1 - before.1), (fx, -fy));
+        let centers = [1.0, -1.0].map(|side| (x + side * BESIDE * dx, y + side * BESIDE * dy));
+        let fits =
+            |(x, y): &Point| axes.frame.contains((x - 20.0, y - 20.0)) && axes.frame.contains((x + 20.0, y + 20.0));
+        if let Some(center) = centers.into_iter().find(fits) {
             page.blank(center, 24.0, 30.0);
             page.text((center.0, center.1 + 9.0), Anchor::Middle, letter);
         }
     }
 }
 
-/// Letters above the time curves and lines where phases begin.
+/// Unit vector on the page across a motion, on the side away from a force; at rest, straight away from the force.
+fn beside(motion: Point, force: Point) -> Point {
+    let unit = |(x, y): Point| {
+        let length = x.hypot(y);
+        (length > 0.0).then(|| (x / length, y / length))
+    };
+    if motion.0.hypot(motion.1) < LEAST_ARROW {
+        return unit(force).map_or((0.0, -1.0), |(x, y)| (-x, -y));
+    }
+    let (x, y) = unit(motion).map_or((0.0, -1.0), |(x, y)| (-y, x));
+    if x * force.0 + y * force.1 > 0.0 { (-x, -y) } else { (x, y) }
+}
+
+/// Letters below the upper time curve and lines where phases begin and end.
 fn phase_marks(page: &mut Page, upper: &Axes, lower: &Axes, trace: &Trace, excerpt: &Excerpt<'_>) {
     let stroke = Stroke { color: GREY, width: 1.5, dash: &[3.0, 7.0] };
     for Phase { letter, from_s, to_s } in &trace.phases {
@@ -243,8 +274,8 @@ fn phase_marks(page: &mut Page, upper: &Axes, lower: &Axes, trace: &Trace, excer
             }
         }
         let middle = shown((from_s + to_s) / 2.0);
-        if upper.frame.contains((middle, upper.frame.top)) {
-            page.text((middle, upper.frame.top - 8.0), Anchor::Middle, letter);
+        if upper.frame.contains((middle, upper.frame.bottom)) {
+            page.text((middle, upper.frame.bottom + 28.0), Anchor::Middle, letter);
         }
     }
 }
