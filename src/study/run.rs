@@ -1,0 +1,202 @@
+//! One scene on one machine, from switching on to the trace and its measures.
+
+use super::measures::{Context, Measures, measure};
+use crate::config;
+use crate::guard::{Fault, Request, State};
+use crate::record::{ForceMeaning, Reference, Row, Trace};
+use crate::rig::{EmbeddedRig, ImpedanceRig, RigError, Tap};
+use crate::sim::can::BusCounters;
+
+/// Rows of the moving average over the tool velocity in the power.
+///
+/// # Source
+/// [KTF08], text to Fig. 11.
+const POWER_AVERAGE_ROWS: usize = 5;
+
+/// What a caller may want to know while a scene runs.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Stage {
+    /// Simulated time in s.
+    pub time_s: f64,
+    /// Simulated time at the end in s.
+    pub end_s: f64,
+}
+
+/// A finished run.
+#[derive(Clone, Debug)]
+pub struct RunReport {
+    /// The rows.
+    pub trace: Trace,
+    /// What was measured on them.
+    pub measures: Measures,
+    /// State of the supervisor at the end of the scene, before the rig was stopped.
+    pub state: Option<State>,
+    /// The fault that stopped the rig, if one did.
+    pub cause: Option<Fault>,
+    /// What went over the bus.
+    pub bus: Option<BusCounters>,
+    /// Cycle time in s.
+    pub period_s: f64,
+}
+
+/// What may stand in place of what the files say.
+#[derive(Clone, Debug, Default)]
+pub struct Overrides {
+    /// A fixture in place of the machine's.
+    pub fixture: Option<config::Fixture>,
+    /// A duration in place of the scene's, in s.
+    pub duration_s: Option<f64>,
+    /// A seed in place of the scene's.
+    pub seed: Option<u64>,
+}
+
+/// Runs a scene on an admittance rig: boots and enables it, plays the scene, stops the rig.
+///
+/// A rig that a fault stops ends its run early; the report says which.
+///
+/// # Errors
+/// If the rig cannot be built, booted or enabled, or if the simulated arm cannot go on.
+pub fn run_rig(
+    rig: &config::Rig,
+    scene: &config::Scene,
+    overrides: &Overrides,
+    tap: Option<Tap>,
+    mut progress: impl FnMut(Stage),
+) -> Result<RunReport, RigError> {
+    let fixture = overrides.fixture.as_ref().unwrap_or(&rig.fixture);
+    let mut machine = EmbeddedRig::new(rig, scene, fixture, overrides.seed.unwrap_or(scene.seed))?;
+    if let Some(tap) = tap {
+        machine.set_tap(tap);
+    }
+    machine.enable()?;
+    let period_s = f64::from(rig.cycle.period_us) * 1e-6;
+    let end_s = overrides.duration_s.unwrap_or(scene.duration_s.get());
+    let cycles = (end_s / period_s).round() as usize;
+    let mut rows = Vec::with_capacity(cycles);
+    let mut state = machine.state();
+    for _ in 0..cycles {
+        let row = machine.run_cycle(Request::None)?;
+        rows.push(row);
+        progress(Stage { time_s: row.time_s, end_s });
+        state = machine.state();
+        if state.is_latched() {
+            break;
+        }
+    }
+    let cause = machine.cause();
+    if !state.is_latched() {
+        machine.stop()?;
+    }
+    let trace = trace(rig.rig.name.clone(), fixture, ForceMeaning::HandOnTool, rows);
+    let is_torque = rig.rig.command_mode == config::CommandMode::Torque;
+    let context = Context {
+        period_s,
+        mass_kg: mass_kg(fixture),
+        is_unilateral: fixture.side == config::Side::Unilateral,
+        torque_limit_n_m: is_torque.then(|| rig.guard.torque_limit_n_m.get()),
+    };
+    let measures = measure(&trace, &context);
+    Ok(RunReport { trace, measures, state: Some(state), cause, bus: Some(*machine.bus_counters()), period_s })
+}
+
+/// Runs a scene on an impedance device.
+///
+/// # Errors
+/// If the device cannot be built or cannot go on.
+pub fn run_device(
+    device: &config::ImpedanceDevice,
+    scene: &config::Scene,
+    overrides: &Overrides,
+    mut progress: impl FnMut(Stage),
+) -> Result<RunReport, RigError> {
+    let fixture = overrides.fixture.as_ref().unwrap_or(&device.fixture);
+    let mut machine = ImpedanceRig::new(device, scene, fixture, overrides.seed.unwrap_or(scene.seed))?;
+    let period_s = f64::from(device.cycle.period_us) * 1e-6;
+    let end_s = overrides.duration_s.unwrap_or(scene.duration_s.get());
+    let cycles = (end_s / period_s).round() as usize;
+    let mut rows = Vec::with_capacity(cycles);
+    for _ in 0..cycles {
+        let row = machine.run_cycle()?;
+        progress(Stage { time_s: row.time_s, end_s });
+        rows.push(row);
+    }
+    let trace = trace(device.device.name.clone(), fixture, ForceMeaning::ActuatorOnTool, rows);
+    let context = Context {
+        period_s,
+        mass_kg: None,
+        is_unilateral: fixture.side == config::Side::Unilateral,
+        torque_limit_n_m: None,
+    };
+    let measures = measure(&trace, &context);
+    Ok(RunReport { trace, measures, state: None, cause: None, bus: None, period_s })
+}
+
+fn mass_kg(fixture: &config::Fixture) -> Option<f64> {
+    match fixture.coupling {
+        config::Coupling::Admittance { mass_kg } => Some(mass_kg.get()),
+        config::Coupling::Impedance { .. } => None,
+    }
+}
+
+fn trace(title: String, fixture: &config::Fixture, force_meaning: ForceMeaning, rows: Vec<Row>) -> Trace {
+    let mut trace = Trace {
+        title,
+        reference: reference(&fixture.surface),
+        friction_n: fixture.friction_n.get(),
+        yield_n: fixture.yield_n.get(),
+        hold_steps: fixture.hold_steps,
+        force_meaning,
+        phases: Vec::new(),
+        rows,
+    };
+    set_power(&mut trace);
+    trace
+}
+
+fn reference(surface: &config::Surface) -> Reference {
+    let two = |[x, y]: [config::Finite; 2]| [x.get(), y.get()];
+    let three = |point: [config::Finite; 3]| point.map(|value| value.get());
+    let flat = |point: [config::Finite; 2]| {
+        let [x, y] = two(point);
+        [x, y, 0.0]
+    };
+    match *surface {
+        config::Surface::Circle { center_m, radius_m, .. } => {
+            Reference::Circle { center_m: two(center_m), radius_m: radius_m.get() }
+        }
+        config::Surface::Line { point_m, normal } => {
+            Reference::Plane { point_m: flat(point_m), normal: flat(normal) }
+        }
+        config::Surface::Cylinder { axis_point_m, axis_direction, radius_m, .. } => Reference::Cylinder {
+            axis_point_m: three(axis_point_m),
+            axis_direction: three(axis_direction),
+            radius_m: radius_m.get(),
+        },
+        config::Surface::Plane { point_m, normal } => {
+            Reference::Plane { point_m: three(point_m), normal: three(normal) }
+        }
+        // A planar figure of a sphere is its great circle.
+        config::Surface::Sphere { center_m, radius_m, .. } => {
+            let [x, y, _] = three(center_m);
+            Reference::Circle { center_m: [x, y], radius_m: radius_m.get() }
+        }
+    }
+}
+
+/// Power of the device on the hand: force times the tool velocity after a centred moving average.
+fn set_power(trace: &mut Trace) {
+    let half = POWER_AVERAGE_ROWS / 2;
+    let power: Vec<f64> = (0..trace.rows.len())
+        .map(|at| {
+            let window = &trace.rows[at.saturating_sub(half)..(at + half + 1).min(trace.rows.len())];
+            let force = trace.force_on_hand_n(&trace.rows[at]);
+            let mean = |axis: usize| {
+                window.iter().map(|row| row.tool_velocity_m_per_s[axis]).sum::<f64>() / window.len() as f64
+            };
+            (0..3).map(|axis| force[axis] * mean(axis)).sum()
+        })
+        .collect();
+    for (row, power) in trace.rows.iter_mut().zip(power) {
+        row.power_w = power;
+    }
+}
