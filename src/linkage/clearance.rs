@@ -124,6 +124,9 @@ impl FiveBar {
 
     /// Way of the tool point, to first order, along which the reach of the chain without the tool changes by `gap_m`.
     fn tool_way(&self, posture: &Posture, gap_m: f64) -> f64 {
+        if self.wrist_ratio == Complex::new(1.0, 0.0) {
+            return gap_m;
+        }
         let (h, f) = (self.carrier.index(), self.carrier.other().index());
         let elbow = Complex::from(posture.elbows_m[h]);
         let carried = Complex::from(posture.tip.to_array()) - elbow;
