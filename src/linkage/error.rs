@@ -16,7 +16,8 @@ pub enum LinkageError {
     /// The point that a chain has to carry (the tool point for the chain that holds the tool, the wrist for the other)
     /// is farther from its base joint than the stretched chain.
     #[error(
-        "the {chain} chain cannot reach: {distance_m:.6} m from its base joint, stretched it has {longest_m:.6} m, {:.3e} m short",
+        "the {chain} chain cannot reach: {distance_m:.6} m from its base joint, \
+         stretched it has {longest_m:.6} m, {:.3e} m short",
         .distance_m - .longest_m
     )]
     OutOfReach {
@@ -29,7 +30,8 @@ pub enum LinkageError {
     },
     /// The point that a chain has to carry is nearer to its base joint than the folded chain.
     #[error(
-        "the {chain} chain cannot fold so far: {distance_m:.6} m from its base joint, folded it has {shortest_m:.6} m, {:.3e} m too near",
+        "the {chain} chain cannot fold so far: {distance_m:.6} m from its base joint, \
+         folded it has {shortest_m:.6} m, {:.3e} m too near",
         .shortest_m - .distance_m
     )]
     TooClose {

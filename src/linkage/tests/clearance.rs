@@ -12,7 +12,7 @@ fn paper_scene_measures_lengths() {
     let reach = 0.2125_f64.sqrt();
     assert!(gap(clearance.stretched_m, [0.7 - reach; 2]) < 1e-15);
     assert!(gap(clearance.folded_m, [reach - 0.1; 2]) < 1e-15);
-    let elbows = 2.0 * 0.31746704528855054;
+    let elbows = 2.0 * 0.3174670452885505;
     assert!((clearance.distal_stretched_m - (0.8 - elbows)).abs() < 1e-15);
     assert!((clearance.distal_folded_m - elbows).abs() < 1e-15);
     assert!((clearance.edge_m - (0.7 - reach)).abs() < 1e-15);

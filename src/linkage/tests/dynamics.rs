@@ -58,9 +58,9 @@ fn energy_of_bodies(arm: &FiveBar, model: &MassModel, posture: &Posture, rates: 
 fn skew_scene_has_the_equations_of_a_computation_with_60_digits() {
     let arm = five_bar(SKEW);
     let found = arm.dynamics(&MASSES, JointAngles::new(2.1, 0.9), JointRates::new(1.3, -2.1)).unwrap();
-    let mass = Matrix2::new(0.30001805265778481, -0.0066430576831253045, -0.0066430576831253045, 0.30954660444920462);
+    let mass = Matrix2::new(0.3000180526577848, -0.0066430576831253045, -0.0066430576831253045, 0.3095466044492046);
     assert!((found.mass - mass).amax() < 1e-15);
-    assert!(gap(found.bias.to_array(), [0.43961935291012552, -0.37986631727075849]) < 1e-15, "{:?}", found.bias);
+    assert!(gap(found.bias.to_array(), [0.4396193529101255, -0.3798663172707585]) < 1e-15, "{:?}", found.bias);
 }
 
 #[test]
@@ -69,23 +69,23 @@ fn paper_scene_has_the_equations_of_a_computation_with_60_digits() {
     let cases = [
         (
             [0.0, 0.0],
-            0.34415889732550676,
+            0.34415889732550675,
             -0.0244640408485793,
-            0.34415889732550676,
-            [0.24965819821165408, -0.052386273592273545],
+            0.34415889732550675,
+            [0.24965819821165408, -0.05238627359227355],
         ),
         (
             [0.1, 0.06],
             0.33607926274599764,
-            0.00032190206845363079,
-            0.33984181316019017,
-            [0.23036467826909686, -0.069038127549401359],
+            0.0003219020684536308,
+            0.3398418131601902,
+            [0.23036467826909687, -0.06903812754940136],
         ),
         (
             [-0.08, 0.12],
-            0.33605584037642165,
+            0.33605584037642167,
             0.01937522399296155,
-            0.32637276011520982,
+            0.3263727601152098,
             [0.19635221320410423, -0.11633835474559696],
         ),
     ];
@@ -212,7 +212,8 @@ proptest! {
         prop_assert_eq!(found.tip, posture.tip);
         prop_assert_eq!(found.jacobian, posture.jacobian);
         let velocity = posture.tip_velocity(rates).unwrap();
-        prop_assert!(gap(found.tip_velocity.to_array(), velocity.to_array()) <= 1e-15 * (1.0 + posture.jacobian.amax()) * 8.0);
+        let tolerance = 8e-15 * (1.0 + posture.jacobian.amax());
+        prop_assert!(gap(found.tip_velocity.to_array(), velocity.to_array()) <= tolerance);
     }
 
     #[test]
@@ -223,7 +224,8 @@ proptest! {
             at.tip_velocity(rates).unwrap().to_array()
         });
         let size = 1.0 + expected[0].abs().max(expected[1].abs());
-        prop_assert!(gap(found.tip_bias_m_per_s2, expected) < 1e-5 * size, "{:?} {expected:?}", found.tip_bias_m_per_s2);
+        let bias = found.tip_bias_m_per_s2;
+        prop_assert!(gap(bias, expected) < 1e-5 * size, "{bias:?} {expected:?}");
     }
 
     /// Lagrange: bias_k = sum_j dM_kj/dt q'_j - 1/2 q' (dM/dq_k) q'.
@@ -254,7 +256,8 @@ proptest! {
         let all = of(model);
         prop_assert!((rods.mass + tool.mass - motors.mass - all.mass).amax() < 1e-13 * (1.0 + all.mass.amax()));
         prop_assert_eq!(motors.bias, JointTorques::default());
-        prop_assert!((rods.bias.0 + tool.bias.0 - all.bias.0).amax() < 1e-13 * (1.0 + rods.bias.0.amax() + tool.bias.0.amax()));
+        let size = 1.0 + rods.bias.0.amax() + tool.bias.0.amax();
+        prop_assert!((rods.bias.0 + tool.bias.0 - all.bias.0).amax() < 1e-13 * size);
     }
 
     /// The power of the torques is the change of the energy.
