@@ -89,6 +89,25 @@ fn the_papers_working_disc_is_reached_and_a_larger_one_is_not() {
     assert!(matches!(error.cause, LinkageError::OutOfReach { .. }), "{error}");
 }
 
+#[test]
+fn the_edge_is_finite_where_its_slope_is_not_defined() {
+    let tool = Tool { fixed_to: Chain::Left, along_m: 0.0, across_m: 0.4 };
+    let arm = five_bar(Geometry { base_m: [[0.0, 0.0], [0.25, 0.0]], tool, ..PAPER });
+    let posture = arm.forward(JointAngles::new(2.4, 0.8)).unwrap();
+    // The wrist on the base joint of the chain without the tool: that chain is folded beyond its end.
+    let folded = Posture { wrist_m: [0.25, 0.0], ..posture };
+    assert!((arm.clearance(&folded).edge_m + 0.1).abs() < 1e-15);
+    // The chain with the tool lies stretched along x, and its crank would move the wrist, seen from the tool half a
+    // right angle aside, at right angles to the reach: the slope is 0 / 0.
+    let level = Posture {
+        elbows_m: [[0.25, 0.0], posture.elbows_m[1]],
+        tip: point(0.75, 0.0),
+        wrist_m: [0.5, 0.25],
+        ..posture
+    };
+    assert!(arm.clearance(&level).edge_m.is_finite());
+}
+
 fn is_reach(error: &LinkageError) -> bool {
     matches!(error, LinkageError::OutOfReach { .. } | LinkageError::TooClose { .. })
 }

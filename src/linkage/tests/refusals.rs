@@ -21,6 +21,13 @@ fn a_point_out_of_reach_names_the_chain_and_the_lengths() {
 }
 
 #[test]
+fn a_point_at_the_end_of_all_numbers_is_out_of_reach_by_a_finite_number() {
+    let error = five_bar(PAPER).inverse(point(f64::MAX, -f64::MAX)).unwrap_err();
+    let LinkageError::OutOfReach { distance_m, .. } = error else { panic!("{error}") };
+    assert_eq!(distance_m, f64::MAX);
+}
+
+#[test]
 fn a_point_too_near_to_a_base_joint_names_the_chain_and_the_lengths() {
     let error = five_bar(PAPER).inverse(point(-0.10, -0.40)).unwrap_err();
     let LinkageError::TooClose { chain, distance_m, shortest_m } = error else { panic!("{error}") };
@@ -121,6 +128,10 @@ fn geometries_of_no_machine_are_refused() {
     assert_eq!(error, GeometryError::ToolOnElbow { chain: Chain::Right, distance_m: 0.0 });
     let error = refuse(Geometry { base_m: [[0.0, 0.0], [2.0, 0.0]], ..PAPER });
     assert!(matches!(error, GeometryError::NeverCloses { .. }), "{error}");
+    // Cranks of very unequal length about one joint keep the elbows apart.
+    let error = refuse(Geometry { proximal_m: [1.0, 0.1], distal_m: [0.3, 0.4], ..PARALLELOGRAM });
+    let GeometryError::NeverCloses { nearest_m, .. } = error else { panic!("{error}") };
+    assert!(close_to(nearest_m, 0.9));
     // Elbows never far enough apart, too: coaxial short cranks with very unequal distal links.
     let error = refuse(Geometry { proximal_m: [0.1, 0.1], distal_m: [0.9, 0.4], ..PARALLELOGRAM });
     let GeometryError::NeverCloses { nearest_m, farthest_m, shortest_m, longest_m } = error else { panic!("{error}") };
