@@ -7,6 +7,7 @@ mod tests;
 use std::marker::PhantomData;
 
 pub use builder::{Builder, DeviceIdentity, Object};
+pub(super) use builder::{ERROR_HISTORY, HEARTBEAT_PRODUCERS, MAX_MAPPED, MAX_PDOS};
 
 use super::value::{Kind, load_le, mask, sign_extend};
 use super::{AbortCode, Address, CanopenError, DataType, Scalar};
@@ -103,7 +104,7 @@ impl ObjectDictionary {
     /// Real-time: yes.
     #[inline]
     pub fn get<T: Scalar>(&self, handle: Handle<T>) -> T {
-        T::from_bits(self.load(handle.offset), handle.bits)
+        T::from_word(self.load(handle.offset), handle.bits)
     }
 
     /// Sets the value behind a handle; bits beyond the object's width (an `i32` in an INTEGER24) are cut off. Access
@@ -112,7 +113,7 @@ impl ObjectDictionary {
     /// Real-time: yes.
     #[inline]
     pub fn set<T: Scalar>(&mut self, handle: Handle<T>, value: T) {
-        self.save(handle.offset, value.to_bits() & mask(handle.bits));
+        self.save(handle.offset, value.to_word() & mask(handle.bits));
     }
 
     /// Reads over the bus: the little-endian bytes of the value.
@@ -197,6 +198,11 @@ impl ObjectDictionary {
                 }
             }
         }
+    }
+
+    /// The bits of an object of a basic type; zero without such an object.
+    pub(super) fn raw(&self, index: u16, sub: u8) -> u64 {
+        self.bytes(Address::new(index, sub)).map_or(0, load_le)
     }
 
     /// Bytes of the longest object.
