@@ -188,3 +188,122 @@ impl HeartbeatConsumer {
         self.watched.get_mut(usize::from(place))
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use HeartbeatChange::*;
+    use NmtState::*;
+
+    const MS: u64 = 1_000_000;
+
+    fn node(raw: u8) -> NodeId {
+        cob::node_id(raw).unwrap()
+    }
+
+    fn beat(consumer: &mut HeartbeatConsumer, ms: u64, raw: u8, state: NmtState) -> Option<HeartbeatChange> {
+        consumer.on_frame(Time(ms * MS), &heartbeat(node(raw), state)).map(|event| event.change)
+    }
+
+    #[test]
+    fn command_bytes() {
+        let pairs = [
+            (NmtCommand::StartRemoteNode, [0x01, 5]),
+            (NmtCommand::StopRemoteNode, [0x02, 5]),
+            (NmtCommand::EnterPreOperational, [0x80, 5]),
+            (NmtCommand::ResetNode, [0x81, 5]),
+            (NmtCommand::ResetCommunication, [0x82, 5]),
+        ];
+        for (given, bytes) in pairs {
+            assert_eq!(command(given, Some(node(5))), Frame::new(0x000, &bytes));
+            assert_eq!(decode_command(&Frame::new(0, &bytes)), Some((given, Some(node(5)))));
+        }
+        assert_eq!(command(NmtCommand::ResetNode, None), Frame::new(0x000, &[0x81, 0]));
+        assert_eq!(decode_command(&Frame::new(0, &[0x01, 0])), Some((NmtCommand::StartRemoteNode, None)));
+    }
+
+    #[test]
+    fn malformed_commands_and_heartbeats_are_nothing() {
+        for bytes in [&[][..], &[1], &[1, 5, 0], &[3, 5], &[1, 128]] {
+            assert_eq!(decode_command(&Frame::new(0, bytes)), None);
+        }
+        assert_eq!(decode_command(&Frame::new(0x080, &[1, 5])), None);
+        for frame in [
+            Frame::new(0x700, &[5]),
+            Frame::new(0x780, &[5]),
+            Frame::new(0x705, &[]),
+            Frame::new(0x705, &[5, 0]),
+            Frame::new(0x705, &[6]),
+        ] {
+            assert_eq!(decode_heartbeat(&frame), None);
+        }
+    }
+
+    #[test]
+    fn heartbeat_bytes() {
+        for (state, byte) in [(Initialising, 0x00), (Stopped, 0x04), (Operational, 0x05), (PreOperational, 0x7f)] {
+            assert_eq!(heartbeat(node(5), state), Frame::new(0x705, &[byte]));
+            assert_eq!(decode_heartbeat(&Frame::new(0x705, &[byte])), Some((node(5), state)));
+        }
+    }
+
+    #[test]
+    fn watch_starts_with_the_first_heartbeat_and_ends_with_silence() {
+        let mut consumer = HeartbeatConsumer::new();
+        assert!(consumer.watch(node(5), Duration::from_millis(50)));
+        assert_eq!((consumer.poll(Time(1000 * MS)), consumer.next_deadline()), (None, Time::NEVER));
+        assert_eq!(beat(&mut consumer, 1000, 5, PreOperational), Some(Present(PreOperational)));
+        assert_eq!(beat(&mut consumer, 1020, 5, PreOperational), None);
+        assert_eq!(beat(&mut consumer, 1040, 5, Operational), Some(State(Operational)));
+        assert_eq!(consumer.poll(Time(1090 * MS - 1)), None);
+        assert_eq!(consumer.next_deadline(), Time(1090 * MS));
+        let lost = HeartbeatEvent { node: node(5), change: Lost };
+        assert_eq!(consumer.poll(Time(1090 * MS)), Some(lost));
+        assert_eq!((consumer.poll(Time(1090 * MS)), consumer.state(node(5))), (None, None));
+        assert_eq!(beat(&mut consumer, 1200, 5, Operational), Some(Present(Operational)));
+        assert_eq!(consumer.state(node(5)), Some(Operational));
+    }
+
+    #[test]
+    fn boot_up_is_an_event_and_stops_the_watch() {
+        let mut consumer = HeartbeatConsumer::new();
+        consumer.watch(node(5), Duration::from_millis(50));
+        beat(&mut consumer, 0, 5, Operational);
+        assert_eq!(beat(&mut consumer, 10, 5, Initialising), Some(BootUp));
+        assert_eq!(consumer.poll(Time(500 * MS)), None);
+        assert_eq!(beat(&mut consumer, 600, 5, PreOperational), Some(Present(PreOperational)));
+    }
+
+    #[test]
+    fn a_node_that_is_never_heard_is_lost_once_the_watch_was_started() {
+        let mut consumer = HeartbeatConsumer::new();
+        consumer.watch(node(5), Duration::from_millis(50));
+        consumer.start(Time(0), node(5));
+        assert_eq!(consumer.next_deadline(), Time(50 * MS));
+        assert_eq!(consumer.poll(Time(50 * MS)).map(|event| event.change), Some(Lost));
+    }
+
+    #[test]
+    fn each_node_has_its_own_time_and_strangers_do_not_count() {
+        let mut consumer = HeartbeatConsumer::new();
+        consumer.watch(node(5), Duration::from_millis(50));
+        consumer.watch(node(6), Duration::from_millis(100));
+        assert!(!consumer.watch(node(7), Duration::ZERO));
+        beat(&mut consumer, 0, 5, Operational);
+        beat(&mut consumer, 0, 6, Operational);
+        assert_eq!(beat(&mut consumer, 0, 7, Operational), None);
+        assert_eq!(consumer.poll(Time(60 * MS)).map(|event| event.node), Some(node(5)));
+        assert_eq!((consumer.poll(Time(60 * MS)), consumer.next_deadline()), (None, Time(100 * MS)));
+        assert_eq!(consumer.poll(Time(100 * MS)).map(|event| event.node), Some(node(6)));
+    }
+
+    #[test]
+    fn there_is_room_for_a_bounded_number() {
+        let mut consumer = HeartbeatConsumer::new();
+        for raw in 1..=MAX_WATCHED as u8 {
+            assert!(consumer.watch(node(raw), Duration::from_millis(1)));
+        }
+        assert!(!consumer.watch(node(100), Duration::from_millis(1)));
+        assert!(consumer.watch(node(1), Duration::from_millis(2)));
+    }
+}

@@ -7,6 +7,7 @@ mod tests;
 use std::marker::PhantomData;
 
 pub use builder::{Builder, DeviceIdentity, Object};
+pub(super) use builder::{ERROR_HISTORY, HEARTBEAT_PRODUCERS, MAX_MAPPED, MAX_PDOS};
 
 use super::value::{Kind, load_le, mask, sign_extend};
 use super::{AbortCode, Address, CanopenError, DataType, Scalar};
@@ -197,6 +198,11 @@ impl ObjectDictionary {
                 }
             }
         }
+    }
+
+    /// The bits of an object of a basic type; zero without such an object.
+    pub(super) fn raw(&self, index: u16, sub: u8) -> u64 {
+        self.bytes(Address::new(index, sub)).map_or(0, load_le)
     }
 
     /// Bytes of the longest object.

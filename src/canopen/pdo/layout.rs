@@ -195,3 +195,66 @@ impl PdoParameters {
         Ok(Self::synchronous(cob_id, mapping))
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use proptest::prelude::*;
+
+    use super::*;
+
+    #[test]
+    fn fields_follow_each_other_from_bit_0() {
+        let layout = Layout::new(&[(0x6040, 0, 16), (0x0006, 0, 16), (0x607a, 0, 32)]).unwrap();
+        assert_eq!(layout.field(0x6040, 0), Field::new(0, 16));
+        assert_eq!(layout.field(0x607a, 0), Field::new(32, 32));
+        assert_eq!((layout.field(0x0006, 0), layout.field(0x6040, 1)), (None, None));
+        assert_eq!((layout.bits(), layout.len(), layout.is_empty()), (64, 8, false));
+        assert_eq!(layout.entries()[1].0.to_u32(), 0x0006_0010);
+    }
+
+    #[test]
+    fn at_most_64_bits_and_none_empty() {
+        assert_eq!(Layout::new(&[(0x6064, 0, 32), (0x606c, 0, 32), (1, 0, 1)]), Err(CanopenError::PdoBits(65)));
+        let empty = CanopenError::NotMappable { index: 0x6064, sub: 0, bits: 0 };
+        assert_eq!(Layout::new(&[(0x6064, 0, 0)]), Err(empty));
+        assert_eq!(Layout::new(&[(1, 0, 1), (2, 0, 8)]).unwrap().len(), 2);
+        assert!(Layout::new(&[]).unwrap().is_empty());
+    }
+
+    #[test]
+    fn out_of_range_values_saturate() {
+        let field = Field::new(8, 16).unwrap();
+        let mut word = u64::MAX;
+        field.put_signed(&mut word, -40_000);
+        assert_eq!((word, field.get_signed(word)), (0xffff_ffff_ff80_00ff, -32_768));
+        field.put_signed(&mut word, 40_000);
+        assert_eq!(field.get_signed(word), 32_767);
+        field.put_unsigned(&mut word, 70_000);
+        assert_eq!(field.get_unsigned(word), 0xffff);
+        field.put_bits(&mut word, 0x1_2345);
+        assert_eq!(field.get_unsigned(word), 0x2345);
+    }
+
+    #[test]
+    fn field_must_lie_within_64_bits() {
+        assert_eq!((Field::new(63, 2), Field::new(64, 1), Field::new(0, 0)), (None, None, None));
+        assert_eq!(Field::new(0, 64).unwrap().get_signed(u64::MAX), -1);
+    }
+
+    proptest! {
+        #[test]
+        fn get_returns_what_put_stored_and_leaves_the_rest(shift in 0u8..64, bits in 1u8..=64, word: u64, raw: u64) {
+            prop_assume!(bits <= 64 - shift);
+            let field = Field::new(shift, bits).unwrap();
+            let mut changed = word;
+            field.put_bits(&mut changed, raw);
+            prop_assert_eq!(field.get_unsigned(changed), raw & mask(bits));
+            prop_assert_eq!((changed ^ word) & !(mask(bits) << shift), 0);
+            let signed = sign_extend(raw, bits);
+            field.put_signed(&mut changed, signed);
+            prop_assert_eq!(field.get_signed(changed), signed);
+            field.put_unsigned(&mut changed, raw & mask(bits));
+            prop_assert_eq!(field.get_unsigned(changed), raw & mask(bits));
+        }
+    }
+}
