@@ -4,6 +4,11 @@
 
 pub mod arm;
 pub mod can;
+mod device;
+pub mod drive;
+pub mod force_sensor;
 pub mod hand;
 pub mod point_mass;
 mod substeps;
+
+pub use device::DeviceError;
