@@ -1,1 +1,64 @@
-//! cli
+//! The command-line program: one file per command.
+//!
+//! A command gets its arguments and an [`Output`], and returns nothing or a [`Failure`]. It prints results to standard
+//! output only; findings and failures go to standard error, or with `--json` into the one document on standard output.
+
+mod config;
+mod failure;
+mod output;
+mod render;
+
+use std::ffi::OsString;
+use std::process::ExitCode;
+
+use clap::{Parser, Subcommand};
+
+pub use failure::{Exit, Failure};
+pub use output::Output;
+
+/// Plasticity-based virtual fixtures on a five-bar rig.
+#[derive(Debug, Parser)]
+#[command(name = "yieldwall", version, after_help = failure::EXIT_CODES, arg_required_else_help = true)]
+struct Arguments {
+    /// Print failures only
+    #[arg(long, short, global = true)]
+    quiet: bool,
+    /// Print one JSON document on standard output instead of text
+    #[arg(long, global = true)]
+    json: bool,
+    #[command(subcommand)]
+    command: Command,
+}
+
+#[derive(Debug, Subcommand)]
+enum Command {
+    /// Check, show and describe configuration files
+    #[command(subcommand)]
+    Config(config::Command),
+}
+
+/// Runs the program with these arguments, the first of which is its name.
+pub fn main(arguments: impl IntoIterator<Item = OsString>) -> ExitCode {
+    let arguments = match Arguments::try_parse_from(arguments) {
+        Ok(arguments) => arguments,
+        Err(error) => {
+            // Help and version are no errors, and a reader that has gone away needs no message.
+            let _ = error.print();
+            return if error.use_stderr() { Exit::Usage.into() } else { Exit::Ok.into() };
+        }
+    };
+    let mut output = Output::new(arguments.quiet, arguments.json);
+    let result = match arguments.command {
+        Command::Config(command) => config::run(command, &mut output),
+    };
+    match result {
+        Ok(()) => Exit::Ok.into(),
+        Err(failure) => {
+            output.failure(&failure);
+            failure.exit.into()
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests;

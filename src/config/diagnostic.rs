@@ -28,6 +28,30 @@ pub struct Place {
     pub length: usize,
 }
 
+impl Place {
+    /// The place of a line and column of a text.
+    pub(super) fn at(text: &str, line: usize, column: usize, length: usize) -> Self {
+        // A byte order mark is not a column.
+        let mark = if text.starts_with('\u{feff}') { '\u{feff}'.len_utf8() } else { 0 };
+        let mut offset = mark;
+        let lines = text.get(mark..).unwrap_or_default().split_inclusive('\n');
+        for (index, content) in lines.enumerate() {
+            if index + 1 == line {
+                offset += content.chars().take(column.saturating_sub(1)).map(char::len_utf8).sum::<usize>();
+                break;
+            }
+            offset += content.len();
+        }
+        let length = length.min(text.len().saturating_sub(offset));
+        Self { line, column, offset, length }
+    }
+
+    /// The text that stands there; empty when the place does not lie in the text.
+    pub(super) fn of<'a>(&self, text: &'a str) -> &'a str {
+        text.get(self.offset..self.offset + self.length).unwrap_or_default()
+    }
+}
+
 /// One finding in a configuration.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct Diagnostic {

@@ -9,7 +9,7 @@ use schemars::{JsonSchema, Schema, SchemaGenerator, json_schema};
 use serde::{Deserialize, Serialize};
 
 /// What a number that is not finite is answered with.
-const NOT_FINITE: &str = "is not a finite number";
+pub(super) const NOT_FINITE: &str = "is not a finite number";
 
 macro_rules! number {
     ($(#[$doc:meta])* $name:ident, $holds:expr, $rule:literal, $schema:tt) => {

@@ -4,7 +4,7 @@ use super::diagnostic::Place;
 
 /// The shape of a document with the place of every key and value. An alias has no inner places: what lies in it is
 /// found at the alias.
-#[derive(Debug, Default)]
+#[derive(Debug)]
 pub(super) struct Outline {
     pub(super) root: Option<Node>,
 }
@@ -59,7 +59,7 @@ impl Node {
     /// What it is, in words.
     pub(super) fn describe(&self) -> String {
         match &self.content {
-            Content::Scalar(text) if text.is_empty() => "nothing".to_owned(),
+            Content::Scalar(text) if text.is_empty() || self.value.length == 0 => "empty".to_owned(),
             Content::Scalar(text) if text.chars().count() > 40 => "a long text".to_owned(),
             Content::Scalar(text) => format!("`{}`", text.escape_debug()),
             Content::Alias => "an alias".to_owned(),
@@ -123,6 +123,30 @@ impl Outline {
     /// Path and value of the key or value that starts at a byte offset.
     pub(super) fn path_at(&self, offset: usize) -> Option<(String, &Node)> {
         self.root.as_ref()?.path_at(offset, "")
+    }
+
+    /// Path and value of the last plain value before a byte offset.
+    pub(super) fn scalar_before(&self, offset: usize) -> Option<(String, &Node)> {
+        fn visit<'a>(node: &'a Node, offset: usize, best: &mut Option<&'a Node>) {
+            match &node.content {
+                Content::Map(entries) => entries.iter().for_each(|(_, inner)| visit(inner, offset, best)),
+                Content::List(items) => items.iter().for_each(|inner| visit(inner, offset, best)),
+                Content::Scalar(_) | Content::Alias if node.value.offset < offset => *best = Some(node),
+                Content::Scalar(_) | Content::Alias => {}
+            }
+        }
+        let mut best = None;
+        visit(self.root.as_ref()?, offset, &mut best);
+        self.path_at(best?.value.offset)
+    }
+
+    /// Where the document begins.
+    pub(super) fn first_place(&self) -> Option<Place> {
+        let root = self.root.as_ref()?;
+        match &root.content {
+            Content::Map(entries) => entries.first().and_then(|(_, node)| node.key),
+            _ => Some(root.value),
+        }
     }
 
     /// The keys of the document.

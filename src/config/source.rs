@@ -11,6 +11,9 @@ use super::diagnostic::Diagnostic;
 /// Largest file that is read, bytes. The shipped rigs have 5 kB.
 pub const MAX_FILE_BYTES: usize = 1 << 20;
 
+/// What stands before the name of a shipped file.
+const BUILTIN_PREFIX: &str = "builtin:";
+
 macro_rules! shipped {
     ($($name:literal),* $(,)?) => {
         &[$(($name, include_str!(concat!("../../config/", $name)))),*]
@@ -50,6 +53,14 @@ impl Source {
     /// A file on disk.
     pub fn disk(path: impl Into<PathBuf>) -> Self {
         Self { path: path.into(), is_builtin: false }
+    }
+
+    /// What [`Display`](fmt::Display) printed: a path on disk, or with `builtin:` before it a shipped file.
+    pub fn named(name: &str) -> Self {
+        match name.strip_prefix(BUILTIN_PREFIX) {
+            Some(path) => builtin(path),
+            None => Self::disk(name),
+        }
     }
 
     /// The document that `path`, written in this document, means.
@@ -166,7 +177,7 @@ impl From<&Source> for Source {
 /// The path; a shipped file has `builtin:` before it.
 impl fmt::Display for Source {
     fn fmt(&self, out: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let prefix = if self.is_builtin { "builtin:" } else { "" };
+        let prefix = if self.is_builtin { BUILTIN_PREFIX } else { "" };
         write!(out, "{prefix}{}", self.path.display())
     }
 }

@@ -3,9 +3,10 @@
 use serde::Serialize;
 use serde::de::DeserializeOwned;
 use serde_saphyr::granit_parser::{Event, Marker, Parser, Span, StructureStyle};
-use serde_saphyr::{Error, Location, Options};
+use serde_saphyr::{DefaultMessageFormatter, Error, Location, MessageFormatter, Options};
 
 use super::diagnostic::Place;
+use super::number::NOT_FINITE;
 use super::outline::{Content, Node, Outline};
 
 /// Deepest nesting. The deepest value of a rig lies at 5.
@@ -40,9 +41,11 @@ pub(super) enum Cause {
     /// NaN or infinity.
     NotFinite,
     /// Beyond a limit that keeps hostile files harmless.
-    TooBig { what: &'static str },
+    TooBig { limit: String },
     /// More than one document in the file.
     SeveralDocuments,
+    /// A second key beside that of a choice.
+    SecondChoice,
     /// Not YAML, or nothing that has an answer of its own.
     Syntax { message: String },
 }
@@ -77,7 +80,6 @@ fn fault(error: &Error, text: &str) -> Fault {
         inner => inner,
     };
     let cause = match inner {
-        Error::Eof { .. } if text.trim().is_empty() => Cause::Empty,
         Error::SerdeUnknownField { field, expected, .. } => {
             Cause::UnknownKey { key: field.clone(), known: expected.clone() }
         }
@@ -92,21 +94,22 @@ fn fault(error: &Error, text: &str) -> Fault {
         | Error::SerdeInvalidValue { expected, .. }
         | Error::SerdeInvalidLength { expected, .. } => Cause::WrongType { expected: expected.clone() },
         Error::NonFiniteFloat { .. } => Cause::NotFinite,
-        Error::Budget { .. } => Cause::TooBig { what: "too large" },
-        Error::MultipleDocuments { .. } => Cause::SeveralDocuments,
-        other => Cause::Syntax { message: other.to_string() },
+        Error::Budget { .. } => Cause::TooBig {
+            limit: format!("{MAX_NODES} values, {MAX_ALIASES} aliases or {MAX_DEPTH} levels"),
+        },
+        Error::Message { msg, .. } if msg == NOT_FINITE => Cause::NotFinite,
+        Error::Message { msg, .. } => Cause::Syntax { message: msg.clone() },
+        Error::ExpectedMappingEndAfterEnumVariantValue { .. } => Cause::SecondChoice,
+        other => Cause::Syntax { message: DefaultMessageFormatter.format_message(other).into_owned() },
     };
-    Fault { cause, place: inner.location().and_then(place_of_location) }
+    Fault { cause, place: inner.location().and_then(|location| place_of_location(location, text)) }
 }
 
-fn place_of_location(location: Location) -> Option<Place> {
-    let span = location.span();
-    Some(Place {
-        line: usize::try_from(location.line()).ok().filter(|line| *line > 0)?,
-        column: usize::try_from(location.column()).ok()?,
-        offset: usize::try_from(span.byte_offset()?).ok()?,
-        length: usize::try_from(span.byte_len()?).ok()?,
-    })
+fn place_of_location(location: Location, text: &str) -> Option<Place> {
+    let line = usize::try_from(location.line()).ok().filter(|line| *line > 0)?;
+    let column = usize::try_from(location.column()).ok()?;
+    let length = location.span().byte_len().and_then(|length| usize::try_from(length).ok()).unwrap_or(0);
+    Some(Place::at(text, line, column, length))
 }
 
 fn place(start: Marker, end: Marker) -> Place {
@@ -129,39 +132,63 @@ struct Open {
     pending: Option<(String, Place)>,
 }
 
-/// Where the keys and values of a text stand, as far as it is YAML.
-pub(super) fn outline(text: &str) -> Outline {
+/// Where the keys and values of a text stand.
+///
+/// # Errors
+/// The first syntax error; no document or more than one; beyond [`MAX_DEPTH`], [`MAX_NODES`] or [`MAX_ALIASES`].
+pub(super) fn outline(text: &str) -> Result<Outline, Fault> {
     let mut open: Vec<Open> = Vec::new();
     let mut root = None;
-    for event in Parser::new_from_str(text).take(4 * MAX_NODES) {
-        let Ok((event, span)) = event else { break };
+    let (mut nodes, mut aliases, mut documents) = (0, 0, 0);
+    // Every value has at most two events, and streams and documents add a few.
+    for event in Parser::new_from_str(text).take(2 * MAX_NODES + 8) {
+        let (event, span) = event.map_err(|error| {
+            let at = error.marker();
+            let place = Place::at(text, at.line(), at.col() + 1, 0);
+            match error.info() {
+                message if message.contains("recursion limit") => too_big(MAX_DEPTH, "levels", place),
+                message => Fault { cause: Cause::Syntax { message }, place: Some(place) },
+            }
+        })?;
+        let here = place(span.start, span.end);
         match event {
+            Event::DocumentStart(..) => documents += 1,
             Event::SequenceStart(style, ..) => start(&mut open, span, style, Content::List(Vec::new())),
             Event::MappingStart(style, ..) => start(&mut open, span, style, Content::Map(Vec::new())),
             Event::SequenceEnd | Event::MappingEnd => close(&mut open, &mut root, span),
-            Event::Scalar(value, ..) => {
-                let here = place(span.start, span.end);
-                match open.last_mut() {
-                    Some(Open { content: Content::Map(_), pending: pending @ None, .. }) => {
-                        *pending = Some((value.into_owned(), here));
-                    }
-                    _ => add(&mut open, &mut root, here, Content::Scalar(value.into_owned())),
+            Event::Scalar(value, ..) => match open.last_mut() {
+                Some(Open { content: Content::Map(_), pending: pending @ None, .. }) => {
+                    *pending = Some((value.into_owned(), here));
                 }
+                _ => add(&mut open, &mut root, here, Content::Scalar(value.into_owned())),
+            },
+            Event::Alias(_) => {
+                aliases += 1;
+                add(&mut open, &mut root, here, Content::Alias);
             }
-            Event::Alias(_) => add(&mut open, &mut root, place(span.start, span.end), Content::Alias),
-            Event::DocumentEnd => break,
-            _ => {}
+            _ => continue,
         }
-        if open.len() > MAX_DEPTH {
-            break;
+        nodes += 1;
+        let fault = match (documents, nodes, aliases, open.len()) {
+            (2.., ..) => Fault { cause: Cause::SeveralDocuments, place: Some(here) },
+            (_, nodes, ..) if nodes > MAX_NODES => too_big(MAX_NODES, "values", here),
+            (_, _, aliases, _) if aliases > MAX_ALIASES => too_big(MAX_ALIASES, "aliases", here),
+            (.., depth) if depth > MAX_DEPTH => too_big(MAX_DEPTH, "levels", here),
+            _ => continue,
+        };
+        return Err(fault);
+    }
+    match root {
+        None => Err(Fault { cause: Cause::Empty, place: None }),
+        Some(Node { content: Content::Scalar(text), .. }) if text.is_empty() || text == "~" => {
+            Err(Fault { cause: Cause::Empty, place: None })
         }
+        root => Ok(Outline { root }),
     }
-    // A text that breaks off still has an outline of what came before.
-    while let Some(last) = open.last() {
-        let end = last.start;
-        close(&mut open, &mut root, end);
-    }
-    Outline { root }
+}
+
+fn too_big(limit: usize, what: &str, place: Place) -> Fault {
+    Fault { cause: Cause::TooBig { limit: format!("{limit} {what}") }, place: Some(place) }
 }
 
 fn start(open: &mut Vec<Open>, span: Span, style: StructureStyle, content: Content) {

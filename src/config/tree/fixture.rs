@@ -26,6 +26,8 @@ pub struct Fixture {
     /// coupling 0 or at least 2, since the input position depends on two past steps.
     #[garde(range(max = 10_000))]
     pub hold_steps: u32,
+    /// How the surface's curvature enters the step: `tangent` as in the paper, or `exact` for a circle or sphere.
+    pub curvature: Curvature,
     /// Reference surface C.
     #[garde(dive)]
     pub surface: Surface,
@@ -74,7 +76,7 @@ impl Coupling {
 pub enum Side {
     /// The proxy is held on the surface from both sides.
     Bilateral,
-    /// The proxy is kept on the side to which the normal points.
+    /// The proxy is kept out of the forbidden side.
     Unilateral,
 }
 
@@ -91,8 +93,8 @@ pub enum Surface {
         /// Radius, m. Above 0.
         #[garde(dive)]
         radius_m: Positive,
-        /// To which side the normal points; it matters only when `side` is unilateral.
-        normal: Normal,
+        /// The side that a unilateral fixture forbids; without effect when `side` is bilateral.
+        forbidden: Forbidden,
     },
     /// Straight line in the plane.
     Line {
@@ -110,8 +112,8 @@ pub enum Surface {
         /// Radius, m. Above 0.
         #[garde(dive)]
         radius_m: Positive,
-        /// To which side the normal points; it matters only when `side` is unilateral.
-        normal: Normal,
+        /// The side that a unilateral fixture forbids; without effect when `side` is bilateral.
+        forbidden: Forbidden,
     },
     /// Plane in space.
     Plane {
@@ -127,8 +129,8 @@ pub enum Surface {
         /// Radius, m. Above 0.
         #[garde(dive)]
         radius_m: Positive,
-        /// To which side the normal points; it matters only when `side` is unilateral.
-        normal: Normal,
+        /// The side that a unilateral fixture forbids; without effect when `side` is bilateral.
+        forbidden: Forbidden,
     },
 }
 
@@ -163,12 +165,22 @@ impl Surface {
     }
 }
 
-/// To which side of a closed surface its normal points. The normal points out of the forbidden side.
+/// Side of a closed surface.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
-pub enum Normal {
-    /// Away from the centre: the inside is forbidden.
-    Outward,
-    /// Towards the centre: the outside is forbidden.
-    Inward,
+pub enum Forbidden {
+    /// The side of the centre.
+    Inside,
+    /// The far side.
+    Outside,
+}
+
+/// How the surface's curvature enters the step.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum Curvature {
+    /// The step of a flat surface on the tangent, then projection onto the surface, as in the paper.
+    Tangent,
+    /// Exact in polar coordinates about the centre; for circle and sphere.
+    Exact,
 }

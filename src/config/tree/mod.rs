@@ -10,9 +10,9 @@ mod scene;
 
 pub use device::{DeviceCycle, DeviceIdentity, DevicePlant, ImpedanceDevice};
 pub use figure::{Figure, MagnifiedWindow};
-pub use fixture::{Coupling, Fixture, Normal, Side, Surface};
+pub use fixture::{Coupling, Curvature, Fixture, Forbidden, Side, Surface};
 pub use rig::{
-    ArmInertia, ArmModel, Bus, BusTiming, CommandMode, Control, ControlLaw, ControlSpace, Cycle, DistalLink, Drive,
+    ArmInertia, ArmModel, Bus, BusTiming, CommandMode, Control, ControlLaw, ControlGains, Cycle, DistalLink, Drive,
     DrivePositionLoop, ElbowSide, FeedForward, Guard, Linkage, Master, Mount, Rig, RigIdentity, RigPlant, Sensor, Tool,
     WristSide,
 };

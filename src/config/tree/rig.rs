@@ -60,7 +60,7 @@ pub struct RigIdentity {
     /// Name for reports and figures.
     #[garde(length(min = 1))]
     pub name: String,
-    /// What is sent to the drives in each cycle.
+    /// What is sent to the drives in each cycle: torque (CST), velocity (CSV) or position (CSP).
     pub command_mode: CommandMode,
 }
 
@@ -233,6 +233,34 @@ pub struct Linkage {
     pub working_radius_m: Positive,
 }
 
+impl Linkage {
+    /// The parameters of the kinematics.
+    pub fn geometry(&self) -> crate::linkage::Geometry {
+        use crate::linkage::{Chain, Geometry, Side, Tool, WristSide as Wrist};
+        Geometry {
+            base_m: self.base_m.map(|point| point.map(Finite::get)),
+            proximal_m: self.proximal_m.map(Positive::get),
+            distal_m: self.distal_m.map(Positive::get),
+            elbows: self.elbows.map(|side| match side {
+                ElbowSide::Left => Side::Left,
+                ElbowSide::Right => Side::Right,
+            }),
+            wrist: match self.wrist {
+                WristSide::Forward => Wrist::Forward,
+                WristSide::Backward => Wrist::Backward,
+            },
+            tool: Tool {
+                fixed_to: match self.tool.fixed_to {
+                    DistalLink::Left => Chain::Left,
+                    DistalLink::Right => Chain::Right,
+                },
+                along_m: self.tool.along_m.get(),
+                across_m: self.tool.across_m.get(),
+            },
+        }
+    }
+}
+
 /// Side of the line from base joint to wrist.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
@@ -283,17 +311,9 @@ pub enum DistalLink {
 pub struct Control {
     /// Control law.
     pub law: ControlLaw,
-    /// Where the error is formed.
-    pub space: ControlSpace,
-    /// K, N m/rad: position gain. Above 0.
+    /// Gains, and with them the space in which the error is formed: `joint` or `cartesian`.
     #[garde(dive)]
-    pub stiffness_n_m_per_rad: Positive,
-    /// B, N m s/rad: velocity gain. 0 or above.
-    #[garde(dive)]
-    pub damping_n_m_s_per_rad: NotNegative,
-    /// L, N m/(rad s): integral gain. 0 or above.
-    #[garde(dive)]
-    pub integral_n_m_per_rad_s: NotNegative,
+    pub gains: ControlGains,
     /// H, s: time constant of the sliding line of PSMC. 0 or above.
     #[garde(dive)]
     pub sliding_time_s: NotNegative,
@@ -312,14 +332,35 @@ pub enum ControlLaw {
     Pid,
 }
 
-/// Where the position error is formed.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
-#[serde(rename_all = "snake_case")]
-pub enum ControlSpace {
-    /// In joint angles.
-    Joint,
-    /// At the tool.
-    Cartesian,
+/// Gains of a control law, and with them the space in which the error is formed.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema, Validate)]
+#[serde(rename_all = "snake_case", deny_unknown_fields)]
+#[garde(allow_unvalidated)]
+pub enum ControlGains {
+    /// The error is formed in joint angles.
+    Joint {
+        /// K, N m/rad: position gain. Above 0.
+        #[garde(dive)]
+        stiffness_n_m_per_rad: Positive,
+        /// B, N m s/rad: velocity gain. 0 or above.
+        #[garde(dive)]
+        damping_n_m_s_per_rad: NotNegative,
+        /// L, N m/(rad s): integral gain. 0 or above.
+        #[garde(dive)]
+        integral_n_m_per_rad_s: NotNegative,
+    },
+    /// The error is formed at the tool.
+    Cartesian {
+        /// K, N/m: position gain. Above 0.
+        #[garde(dive)]
+        stiffness_n_per_m: Positive,
+        /// B, N s/m: velocity gain. 0 or above.
+        #[garde(dive)]
+        damping_n_s_per_m: NotNegative,
+        /// L, N/(m s): integral gain. 0 or above.
+        #[garde(dive)]
+        integral_n_per_m_s: NotNegative,
+    },
 }
 
 /// What is known of the machine and added to the torque. Pairs list the left arm before the right.

@@ -1,0 +1,176 @@
+//! `yieldwall config`: check, show, schema.
+
+use serde_json::{Value, json};
+
+use super::failure::{Exit, Failure};
+use super::output::Output;
+use crate::config::{
+    self, Coupling, Diagnostic, Document, Figure, Fixture, ImpedanceDevice, Kind, Report, Rig, Scene, Source, Surface,
+};
+
+#[derive(Debug, clap::Subcommand)]
+pub(super) enum Command {
+    /// Check files and say what would be run
+    Check {
+        /// Rigs, devices, scenes or figures; `builtin:figures/fig11.yaml` names a copy inside the program
+        #[arg(required = true, value_name = "FILE")]
+        files: Vec<String>,
+    },
+    /// Print the checked configuration in normal form
+    Show {
+        /// Rig, device, scene or figure; `builtin:figures/fig11.yaml` names a copy inside the program
+        #[arg(value_name = "FILE")]
+        file: String,
+    },
+    /// Print the JSON Schema of all kinds of file, for editors
+    Schema,
+}
+
+pub(super) fn run(command: Command, output: &mut Output) -> Result<(), Failure> {
+    match command {
+        Command::Check { files } => check(&files, output),
+        Command::Show { file } => show(&file, output),
+        Command::Schema => output.json(&config::schema()),
+    }
+}
+
+/// Checks every file, also after one that is refused.
+fn check(files: &[String], output: &mut Output) -> Result<(), Failure> {
+    let mut checked: Vec<Value> = Vec::new();
+    let mut refused: Vec<Diagnostic> = Vec::new();
+    for file in files {
+        let result = config::load(Source::named(file));
+        let findings = match &result {
+            Ok(document) => document.warnings().to_vec(),
+            Err(report) => report.diagnostics.clone(),
+        };
+        let kind = result.as_ref().ok().map(|document| document.kind().to_string());
+        checked.push(json!({ "file": file, "ok": result.is_ok(), "kind": kind, "diagnostics": findings }));
+        match result {
+            Ok(document) => {
+                output.warnings(&findings);
+                output.news(&format!("ok  {file}: {}", summary(&document)))?;
+            }
+            Err(report) => refused.extend(report.diagnostics),
+        }
+    }
+    if output.is_json() {
+        output.json(&checked)?;
+        let exit = if refused.is_empty() { return Ok(()) } else { Exit::ConfigInvalid };
+        return Err(Failure { exit, report: Report { diagnostics: Vec::new() } });
+    }
+    if refused.is_empty() { Ok(()) } else { Err(Report { diagnostics: refused }.into()) }
+}
+
+fn show(file: &str, output: &mut Output) -> Result<(), Failure> {
+    let document = config::load(Source::named(file))?;
+    output.warnings(document.warnings());
+    if output.is_json() {
+        return match &document {
+            Document::Rig(rig) => output.json(&rig.value),
+            Document::Device(device) => output.json(&device.value),
+            Document::Scene(scene) => output.json(&scene.value),
+            Document::Figure(figure) => output.json(&figure.value),
+        };
+    }
+    let text = match &document {
+        Document::Rig(rig) => config::to_yaml(&rig.value),
+        Document::Device(device) => config::to_yaml(&device.value),
+        Document::Scene(scene) => config::to_yaml(&scene.value),
+        Document::Figure(figure) => config::to_yaml(&figure.value),
+    };
+    output.result(&text.map_err(|error| Failure::new(Exit::Internal, error, ""))?)
+}
+
+/// What a checked document stands for, on one line.
+fn summary(document: &Document) -> String {
+    let text = match document {
+        Document::Rig(rig) => rig_summary(&rig.value),
+        Document::Device(device) => device_summary(&device.value),
+        Document::Scene(scene) => scene_summary(&scene.value),
+        Document::Figure(figure) => figure_summary(&figure.value),
+    };
+    match document.warnings().len() {
+        0 => format!("{}, {text}", document.kind()),
+        1 => format!("{}, {text}; 1 warning", document.kind()),
+        number => format!("{}, {text}; {number} warnings", document.kind()),
+    }
+}
+
+fn rig_summary(rig: &Rig) -> String {
+    let mode = match rig.rig.command_mode {
+        config::CommandMode::Torque => "torque",
+        config::CommandMode::Velocity => "velocity",
+        config::CommandMode::Position => "position",
+    };
+    format!(
+        "{} in {mode} mode every {} us, {}, scene {}",
+        rig.rig.name,
+        rig.cycle.period_us,
+        fixture_summary(&rig.fixture),
+        rig.scene
+    )
+}
+
+fn device_summary(device: &ImpedanceDevice) -> String {
+    format!(
+        "{} every {} us, {}, scene {}",
+        device.device.name,
+        device.cycle.period_us,
+        fixture_summary(&device.fixture),
+        device.scene
+    )
+}
+
+fn scene_summary(scene: &Scene) -> String {
+    let dimension = if scene.hand.start_m.len() == 2 { "plane" } else { "space" };
+    format!("{} s in the {dimension}, seed {}", *scene.duration_s, scene.seed)
+}
+
+fn figure_summary(figure: &Figure) -> String {
+    let machines: Vec<&str> = figure.rigs.values().chain(&figure.device).map(String::as_str).collect();
+    let runs = machines.len() * figure.hold_steps.len();
+    let holds: Vec<String> = figure.hold_steps.iter().map(u32::to_string).collect();
+    let plural = if runs == 1 { "" } else { "s" };
+    format!("\"{}\": {runs} run{plural} of {}, hold {} steps", figure.title, machines.join(" and "), holds.join(" and "))
+}
+
+fn fixture_summary(fixture: &Fixture) -> String {
+    let coupling = match fixture.coupling {
+        Coupling::Admittance { mass_kg } => format!("M = {} kg", *mass_kg),
+        Coupling::Impedance { stiffness_n_per_m, damping_n_s_per_m } => {
+            format!("K = {} N/m, B = {} N s/m", *stiffness_n_per_m, *damping_n_s_per_m)
+        }
+    };
+    let side = match fixture.side {
+        config::Side::Bilateral => "bilateral",
+        config::Side::Unilateral => "unilateral",
+    };
+    let surface = match fixture.surface {
+        Surface::Line { .. } | Surface::Plane { .. } => fixture.surface.name().to_owned(),
+        Surface::Circle { radius_m, .. } | Surface::Cylinder { radius_m, .. } | Surface::Sphere { radius_m, .. } => {
+            format!("{} of {} m", fixture.surface.name(), *radius_m)
+        }
+    };
+    format!("{side} {surface}, F = {} N, R = {} N, {coupling}", *fixture.friction_n, *fixture.yield_n)
+}
+
+impl Document {
+    fn kind(&self) -> Kind {
+        match self {
+            Self::Rig(_) => Kind::Rig,
+            Self::Device(_) => Kind::Device,
+            Self::Scene(_) => Kind::Scene,
+            Self::Figure(_) => Kind::Figure,
+        }
+    }
+
+    fn warnings(&self) -> &[Diagnostic] {
+        match self {
+            Self::Rig(rig) => &rig.warnings,
+            Self::Device(device) => &device.warnings,
+            Self::Scene(scene) => &scene.warnings,
+            Self::Figure(figure) => &figure.warnings,
+        }
+    }
+}

@@ -1,0 +1,83 @@
+//! Why a command failed, and the exit code that says so.
+
+use std::process::ExitCode;
+
+use crate::config::{Diagnostic, Report};
+
+/// How the program ended.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[repr(u8)]
+pub enum Exit {
+    /// All went well.
+    Ok = 0,
+    /// A fault of this program.
+    Internal = 1,
+    /// The arguments make no sense.
+    Usage = 2,
+    /// A configuration was refused.
+    ConfigInvalid = 3,
+    /// The bus or its interface is not there.
+    BusUnavailable = 4,
+    /// A device is missing or is another one than configured.
+    DeviceMismatch = 5,
+    /// A device is in fault.
+    DeviceFault = 6,
+    /// A check gave a result out of its tolerance.
+    OutOfTolerance = 7,
+    /// A safety limit stopped the rig.
+    SafetyStop = 8,
+    /// The timing of the cycle was not kept.
+    TimingMissed = 9,
+    /// Ctrl-C.
+    Interrupted = 130,
+}
+
+/// The exit codes, as the help prints them.
+pub(super) const EXIT_CODES: &str = "\
+Exit codes:
+  0    ok
+  1    internal error
+  2    usage
+  3    configuration invalid
+  4    interface or bus unavailable
+  5    device missing or identity mismatch
+  6    device in fault
+  7    check out of tolerance
+  8    stopped by a safety limit
+  9    timing requirement not met
+  130  interrupted";
+
+impl Exit {
+    /// The number.
+    pub const fn code(self) -> u8 {
+        self as u8
+    }
+}
+
+impl From<Exit> for ExitCode {
+    fn from(exit: Exit) -> Self {
+        Self::from(exit.code())
+    }
+}
+
+/// A command that did not do what it was asked for.
+#[derive(Debug)]
+pub struct Failure {
+    /// How the program ends.
+    pub exit: Exit,
+    /// What is printed; may be empty when all has been said.
+    pub report: Report,
+}
+
+impl Failure {
+    /// A failure outside of any file: what happened, and what to do next.
+    pub fn new(exit: Exit, message: impl Into<String>, help: impl Into<String>) -> Self {
+        Self { exit, report: Diagnostic::about_file("", message, help).into() }
+    }
+}
+
+impl From<Report> for Failure {
+    fn from(report: Report) -> Self {
+        Self { exit: Exit::ConfigInvalid, report }
+    }
+}

@@ -1,0 +1,89 @@
+//! Where a command prints: text or JSON, loud or quiet.
+
+use std::io::{self, IsTerminal, Write};
+
+use serde::Serialize;
+use serde_json::json;
+
+use super::failure::{Exit, Failure};
+use super::render::Renderer;
+use crate::config::Diagnostic;
+
+/// Standard output and standard error under `--quiet` and `--json`.
+#[derive(Debug)]
+pub struct Output {
+    is_quiet: bool,
+    is_json: bool,
+    renderer: Renderer,
+}
+
+impl Output {
+    /// Colour is used when standard error is a terminal and `NO_COLOR` is not set.
+    pub(super) fn new(is_quiet: bool, is_json: bool) -> Self {
+        let no_color = std::env::var_os("NO_COLOR").is_some_and(|value| !value.is_empty());
+        Self { is_quiet, is_json, renderer: Renderer::new(io::stderr().is_terminal() && !no_color) }
+    }
+
+    /// Whether one JSON document is wanted.
+    pub fn is_json(&self) -> bool {
+        self.is_json
+    }
+
+    /// Prints what the command was asked for, also when quiet.
+    ///
+    /// # Errors
+    /// When standard output cannot be written; a reader that has gone away is no error.
+    pub fn result(&mut self, text: &str) -> Result<(), Failure> {
+        let mut stdout = io::stdout().lock();
+        match stdout.write_all(text.as_bytes()).and_then(|()| stdout.flush()) {
+            Err(error) if error.kind() != io::ErrorKind::BrokenPipe => {
+                Err(Failure::new(Exit::Internal, format!("standard output: {error}"), ""))
+            }
+            _ => Ok(()),
+        }
+    }
+
+    /// Prints a value as the one JSON document.
+    ///
+    /// # Errors
+    /// As [`Output::result`].
+    pub fn json(&mut self, value: &impl Serialize) -> Result<(), Failure> {
+        match serde_json::to_string_pretty(value) {
+            Ok(text) => self.result(&format!("{text}\n")),
+            Err(error) => Err(Failure::new(Exit::Internal, format!("JSON: {error}"), "")),
+        }
+    }
+
+    /// Prints a line of news, unless quiet or JSON.
+    ///
+    /// # Errors
+    /// As [`Output::result`].
+    pub fn news(&mut self, line: &str) -> Result<(), Failure> {
+        if self.is_quiet || self.is_json { Ok(()) } else { self.result(&format!("{line}\n")) }
+    }
+
+    /// Prints findings that do not end the command, unless quiet or JSON.
+    pub fn warnings(&mut self, findings: &[Diagnostic]) {
+        if !self.is_quiet && !self.is_json {
+            self.print(findings);
+        }
+    }
+
+    /// Prints why the command failed.
+    pub(super) fn failure(&mut self, failure: &Failure) {
+        if failure.report.diagnostics.is_empty() {
+            return;
+        }
+        if self.is_json {
+            // Nothing is left to tell if this cannot be printed.
+            let _ = self.json(&json!({ "exit_code": failure.exit.code(), "diagnostics": failure.report }));
+        } else {
+            self.print(&failure.report.diagnostics);
+        }
+    }
+
+    fn print(&self, findings: &[Diagnostic]) {
+        // Nobody can be told that standard error is closed.
+        let _ = io::stderr().lock().write_all(self.renderer.render(findings).as_bytes());
+    }
+}

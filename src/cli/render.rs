@@ -1,0 +1,101 @@
+//! Findings drawn for a terminal: the line, a caret below the place, and help.
+
+use std::fmt;
+
+use miette::{GraphicalReportHandler, GraphicalTheme, LabeledSpan, NamedSource, SourceCode};
+
+use crate::config::{Diagnostic, Place, Severity};
+
+/// Width of a message in columns.
+const WIDTH: usize = 110;
+
+/// Draws findings, with or without colour.
+#[derive(Debug)]
+pub(super) struct Renderer {
+    handler: GraphicalReportHandler,
+}
+
+impl Renderer {
+    pub(super) fn new(in_color: bool) -> Self {
+        let theme = if in_color { GraphicalTheme::unicode() } else { GraphicalTheme::unicode_nocolor() };
+        let handler = GraphicalReportHandler::new_themed(theme).with_width(WIDTH).with_context_lines(1);
+        Self { handler: handler.with_links(false).without_syntax_highlighting() }
+    }
+
+    /// All findings, one after the other, and their number when there are several.
+    pub(super) fn render(&self, findings: &[Diagnostic]) -> String {
+        let mut text = String::new();
+        for finding in findings {
+            let shown = Shown::new(finding);
+            if self.handler.render_report(&mut text, &shown).is_err() {
+                text.push_str(&format!("{finding}\n"));
+            }
+        }
+        let errors = findings.iter().filter(|finding| finding.severity == Severity::Error).count();
+        let warnings = findings.len() - errors;
+        if findings.len() > 1 {
+            text.push_str(&format!("\n{}\n", count(errors, warnings)));
+        }
+        text
+    }
+}
+
+fn count(errors: usize, warnings: usize) -> String {
+    let plural = |number: usize, word: &str| match number {
+        0 => None,
+        1 => Some(format!("1 {word}")),
+        number => Some(format!("{number} {word}s")),
+    };
+    [plural(errors, "error"), plural(warnings, "warning")].into_iter().flatten().collect::<Vec<_>>().join(", ")
+}
+
+/// A finding as the renderer wants it.
+#[derive(Debug)]
+struct Shown<'a> {
+    finding: &'a Diagnostic,
+    source: Option<NamedSource<String>>,
+}
+
+impl<'a> Shown<'a> {
+    fn new(finding: &'a Diagnostic) -> Self {
+        let source = finding.text.as_ref().map(|text| NamedSource::new(&finding.file, text.to_string()));
+        Self { finding, source }
+    }
+}
+
+impl fmt::Display for Shown<'_> {
+    fn fmt(&self, out: &mut fmt::Formatter<'_>) -> fmt::Result {
+        out.write_str(&self.finding.message)
+    }
+}
+
+impl std::error::Error for Shown<'_> {}
+
+impl miette::Diagnostic for Shown<'_> {
+    fn severity(&self) -> Option<miette::Severity> {
+        Some(match self.finding.severity {
+            Severity::Error => miette::Severity::Error,
+            Severity::Warning => miette::Severity::Warning,
+        })
+    }
+
+    fn help(&self) -> Option<Box<dyn fmt::Display + '_>> {
+        self.finding.help.as_ref().map(|help| Box::new(help) as Box<dyn fmt::Display>)
+    }
+
+    fn source_code(&self) -> Option<&dyn SourceCode> {
+        self.source.as_ref().map(|source| source as &dyn SourceCode)
+    }
+
+    fn labels(&self) -> Option<Box<dyn Iterator<Item = LabeledSpan> + '_>> {
+        let place = self.finding.place?;
+        let span = |place: Place| (place.offset, place.length.max(1));
+        let primary = LabeledSpan::new_primary_with_span(Some("here".to_owned()), span(place));
+        let related = self
+            .finding
+            .related
+            .iter()
+            .map(move |(place, label)| LabeledSpan::new_with_span(Some(label.clone()), span(*place)));
+        Some(Box::new(std::iter::once(primary).chain(related)))
+    }
+}

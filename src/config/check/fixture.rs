@@ -1,0 +1,156 @@
+//! Fixtures, and the impedance device that has little else.
+
+use super::Findings;
+use crate::config::tree::{Coupling, Curvature, Fixture, ImpedanceDevice, Surface};
+
+/// Radius of curvature in units of R / kappa below which the tangent step of the paper is off by a quarter of the
+/// friction level or more (measured: 0.25 F/kappa at 5, 0.97 at 2).
+const TANGENT_RADIUS_RATIO: f64 = 5.0;
+
+/// What a fixture works on.
+#[derive(Clone, Copy, PartialEq, Eq)]
+pub(super) enum Host {
+    Rig,
+    Device,
+}
+
+/// Rules of a fixture alone and with the machine under it. `at` is its key; in a figure it replaces the machine's.
+pub(super) fn check_fixture(findings: &mut Findings, at: &str, fixture: &Fixture, host: Host, period_s: f64) {
+    check_host(findings, at, fixture, host);
+    let key = |name: &str| format!("{at}.{name}");
+    if *fixture.yield_n <= *fixture.friction_n {
+        let message = format!(
+            "`{}` is {} N, not above `{}` of {} N: the surface would yield before free motion does",
+            key("yield_n"),
+            *fixture.yield_n,
+            key("friction_n"),
+            *fixture.friction_n
+        );
+        findings
+            .error(&key("yield_n"), message, "raise `yield_n` or lower `friction_n`; the paper has 20 N and 3 N")
+            .see(&key("friction_n"), "friction_n");
+    }
+    check_directions(findings, at, &fixture.surface);
+    check_hold(findings, at, &fixture.coupling, fixture.hold_steps, &key("hold_steps"));
+    if period_s > 0.0 {
+        check_curvature(findings, at, fixture, period_s);
+    }
+}
+
+/// Refuses a hold of a single step with an admittance coupling.
+pub(super) fn check_hold(findings: &mut Findings, at: &str, coupling: &Coupling, steps: u32, key: &str) {
+    if steps == 1 && matches!(coupling, Coupling::Admittance { .. }) {
+        let message = format!(
+            "`{key}` is 1, and with an admittance coupling one step does not hold: the input position depends on two \
+             past steps"
+        );
+        findings.error(key, message, "write 0 for no hold, or 2 or more").see(&format!("{at}.coupling"), "coupling");
+    }
+}
+
+fn check_host(findings: &mut Findings, at: &str, fixture: &Fixture, host: Host) {
+    let (machine, coupling, dimension, surfaces) = match host {
+        Host::Rig => ("a rig", "admittance", 2, "circle or line"),
+        Host::Device => ("an impedance device", "impedance", 3, "cylinder, plane or sphere"),
+    };
+    let is_admittance = matches!(fixture.coupling, Coupling::Admittance { .. });
+    if is_admittance != (host == Host::Rig) {
+        findings.error(
+            &format!("{at}.coupling"),
+            format!("`{at}.coupling` does not fit: {machine} has the coupling `{coupling}`"),
+            match host {
+                Host::Rig => "write `admittance: {mass_kg: ..}`; a rig moves its tool by the measured force",
+                Host::Device => {
+                    "write `impedance: {stiffness_n_per_m: .., damping_n_s_per_m: ..}`; a device has no force sensor"
+                }
+            },
+        );
+    }
+    if fixture.surface.dimension() != dimension {
+        let name = fixture.surface.name();
+        findings.error(
+            &format!("{at}.surface.{name}"),
+            format!("`{at}.surface` is a {name}, and {machine} moves in {dimension} dimensions"),
+            format!("write {surfaces}"),
+        );
+    }
+}
+
+fn check_directions(findings: &mut Findings, at: &str, surface: &Surface) {
+    let (key, is_zero) = match surface {
+        Surface::Line { normal, .. } => ("line.normal", normal.iter().all(|x| **x == 0.0)),
+        Surface::Plane { normal, .. } => ("plane.normal", normal.iter().all(|x| **x == 0.0)),
+        Surface::Cylinder { axis_direction, .. } => {
+            ("cylinder.axis_direction", axis_direction.iter().all(|x| **x == 0.0))
+        }
+        Surface::Circle { .. } | Surface::Sphere { .. } => return,
+    };
+    if is_zero {
+        let key = format!("{at}.surface.{key}");
+        findings.error(&key, format!("`{key}` has no direction: all its parts are 0"), "write a direction, of any length");
+    }
+}
+
+fn check_curvature(findings: &mut Findings, at: &str, fixture: &Fixture, period_s: f64) {
+    let name = fixture.surface.name();
+    let is_round = matches!(fixture.surface, Surface::Circle { .. } | Surface::Sphere { .. });
+    if fixture.curvature == Curvature::Exact && !is_round {
+        let key = format!("{at}.curvature");
+        findings
+            .error(&key, format!("`{key}` cannot be exact on a {name}: it has no single centre"), "write tangent")
+            .see(&format!("{at}.surface.{name}"), name);
+    }
+    let Some(radius_m) = fixture.surface.radius_m() else { return };
+    let reach_m = *fixture.yield_n / fixture.coupling.equivalent_stiffness_n_per_m(period_s);
+    let ratio = radius_m / reach_m;
+    if !ratio.is_finite() {
+        return;
+    }
+    let key = format!("{at}.surface.{name}.radius_m");
+    let reach = format!("R/kappa = {} mm, the way that the proxy can lie off its input", round(reach_m * 1e3));
+    let remedy = "enlarge the radius, lower `yield_n`, shorten the period, or raise the mass or stiffness of the coupling";
+    if ratio < 1.0 {
+        findings
+            .error(&key, format!("`{key}` is {radius_m} m, below {reach}: the proxy would reach past the centre"), remedy)
+            .see(&format!("{at}.yield_n"), "R");
+    } else if ratio < TANGENT_RADIUS_RATIO && fixture.curvature == Curvature::Tangent {
+        let message = format!(
+            "`{key}` is {radius_m} m, only {} times {reach}: the tangent step is inexact on so small a radius",
+            round(ratio)
+        );
+        let exact = if is_round { "write `curvature: exact`, or " } else { "" };
+        findings.warning(&key, message, format!("{exact}{remedy}")).see(&format!("{at}.curvature"), "curvature");
+    }
+}
+
+/// Rules of an impedance device.
+pub(in crate::config) fn check_device(findings: &mut Findings, device: &ImpedanceDevice) {
+    let period_s = f64::from(device.cycle.period_us) * 1e-6;
+    check_fixture(findings, "fixture", &device.fixture, Host::Device, period_s);
+    // [fixtures, 4]: the isolated loop is stable for b + B >= K T / 2.
+    if let Coupling::Impedance { stiffness_n_per_m, damping_n_s_per_m } = device.fixture.coupling {
+        let needed = *stiffness_n_per_m * period_s / 2.0;
+        let present = *damping_n_s_per_m + *device.plant.damping_n_s_per_m;
+        if present < needed {
+            let message = format!(
+                "damping of coupling and device together is {} N s/m, below K T/2 = {} N s/m: the device will oscillate",
+                round(present),
+                round(needed)
+            );
+            findings
+                .warning(
+                    "fixture.coupling.impedance.damping_n_s_per_m",
+                    message,
+                    "raise this damping, lower the stiffness or shorten the period",
+                )
+                .see("plant.damping_n_s_per_m", "of the device")
+                .see("fixture.coupling.impedance.stiffness_n_per_m", "K")
+                .see("cycle.period_us", "T");
+        }
+    }
+}
+
+/// Three significant digits, for messages.
+pub(super) fn round(value: f64) -> f64 {
+    format!("{value:.2e}").parse().unwrap_or(value)
+}

@@ -1,0 +1,205 @@
+//! From a fault of reading to a finding that says what is wrong, where, and what to do.
+
+use std::sync::Arc;
+
+use super::diagnostic::{Diagnostic, Place, Severity};
+use super::outline::{Content, Node, Outline, Step, steps};
+use super::schema::Guide;
+use super::suggest::nearest;
+use super::yaml::{Cause, Fault};
+
+/// Longest list of keys that a message shows.
+const SHOWN_KEYS: usize = 14;
+
+/// The finding for a text that is not YAML at all.
+pub(super) fn explain_syntax(fault: Fault, file: &str, text: &Arc<str>) -> Diagnostic {
+    let (message, help) = match fault.cause {
+        Cause::Empty => (
+            format!("{file} is empty"),
+            "start from one of the files in config/, or print one with `yieldwall config show`".to_owned(),
+        ),
+        Cause::SeveralDocuments => (
+            "a second document starts here".to_owned(),
+            "one file holds one document: remove the line `---`, or put the rest into a file of its own".to_owned(),
+        ),
+        Cause::TooBig { limit } => (
+            format!("the file goes beyond the limit of {limit}"),
+            "a configuration is a small file written by hand; is this the right one?".to_owned(),
+        ),
+        Cause::Syntax { message } => {
+            let help = syntax_help(&message);
+            (format!("this is not YAML: {message}"), help)
+        }
+        other => (format!("this cannot be read: {other:?}"), syntax_help("")),
+    };
+    finding(file, text, fault.place, String::new(), message, help)
+}
+
+fn syntax_help(message: &str) -> String {
+    let help = if message.contains("tab") {
+        "indent with spaces"
+    } else if message.contains("key") || message.contains("':'") {
+        "a key is written `key: value`, with a colon and a space; look at this line and the one before it"
+    } else if message.contains("bracket") || message.contains("flow") || message.contains("'['") {
+        "look for a bracket that is not closed, or a comma that is missing"
+    } else if message.contains("anchor") {
+        "`*name` repeats what `&name` has marked before it in the same file"
+    } else if message.contains("tag") {
+        "write the value without the word that begins with `!`"
+    } else {
+        "look at this line and the one before it: indentation, colons, quotes and brackets"
+    };
+    help.to_owned()
+}
+
+/// The finding for YAML that is not the wanted tree.
+pub(super) fn explain(fault: Fault, outline: &Outline, guide: &Guide, file: &str, text: &Arc<str>) -> Diagnostic {
+    let found = fault.place.and_then(|place| outline.path_at(place.offset));
+    let place = found.as_ref().map(|(_, node)| node.place()).or(fault.place);
+    let path = found.as_ref().map(|(path, _)| path.clone()).unwrap_or_default();
+    let finish = |place: Option<Place>, path: String, message: String, help: String| {
+        let help = with_description(help, guide, &path);
+        finding(file, text, place, path, message, help)
+    };
+    match fault.cause {
+        Cause::UnknownKey { key, known } => {
+            let help = match nearest(&key, known.iter().copied()) {
+                Some(meant) => format!("did you mean `{meant}`?"),
+                None => format!("{} has the keys {}", name_of(parent(&path)), shorten(&known)),
+            };
+            let key_place = found.as_ref().and_then(|(_, node)| node.key).or(fault.place);
+            finding(file, text, key_place, path.clone(), format!("{} has no key `{key}`", name_of(parent(&path))), help)
+        }
+        Cause::MissingKey { key } => {
+            let group = group_without(&path, key, found.map(|(_, node)| node), guide);
+            let place = outline.find(group).map(|node| node.key.unwrap_or(node.place())).or(fault.place);
+            let missing = join(group, key);
+            let expected = guide.expectation(&missing).map(|text| format!(": {text}")).unwrap_or_default();
+            let message = format!("{} lacks the key `{key}`", name_of(group));
+            finish(place, missing, message, format!("add `{key}`{expected}"))
+        }
+        Cause::DuplicateKey { key } => {
+            let key = key.unwrap_or_default();
+            let message = format!("{} has the key `{key}` twice", name_of(parent(&path)));
+            let mut finding = finding(file, text, fault.place, path.clone(), message, "keep one of the two".to_owned());
+            let first = outline.find(&path).and_then(|node| node.key);
+            finding.related.extend(first.map(|place| (place, "first here".to_owned())));
+            finding
+        }
+        Cause::UnknownChoice { word, known } => {
+            let help = match nearest(&word, known.iter().copied()) {
+                Some(meant) => format!("did you mean `{meant}`?"),
+                None => format!("write one of {}", shorten(&known)),
+            };
+            // A choice that is a group has its word in the key.
+            let path = if guide.has(&path) { path } else { parent(&path).to_owned() };
+            finish(fault.place, path.clone(), format!("`{path}` cannot be `{word}`"), help)
+        }
+        Cause::SecondChoice => {
+            let path = parent(&path).to_owned();
+            let message = format!("`{path}` has a second choice here");
+            let help = guide.expectation(&path).map(|text| format!("write {text}, and only one of them"));
+            finish(place, path, message, help.unwrap_or_default())
+        }
+        Cause::NotFinite => {
+            let node = found.map(|(_, node)| node.describe()).unwrap_or_default();
+            not_finite(&finish, place, path, &node)
+        }
+        Cause::WrongType { expected } => {
+            // A group that is missing altogether is noticed only at the key after it.
+            let at_key = found.as_ref().zip(fault.place).is_some_and(|((_, node), at)| {
+                expected.contains("mapping") && node.key.is_some_and(|key| key.offset == at.offset)
+            });
+            let before = fault.place.filter(|_| at_key).and_then(|at| outline.scalar_before(at.offset));
+            let Some((path, node)) = before.or(found) else {
+                return finding(file, text, fault.place, path, format!("{expected} was expected"), syntax_help(""));
+            };
+            let is_infinite = matches!(&node.content, Content::Scalar(word) if overflows(word));
+            if is_infinite {
+                return not_finite(&finish, Some(node.place()), path, &node.describe());
+            }
+            let message = format!("{} is {}", name_of(&path), node.describe());
+            let wanted = guide.expectation(&path).unwrap_or(expected);
+            let mut help = format!("write {wanted}");
+            if matches!(&node.content, Content::Scalar(word) if has_unit(word)) {
+                help = format!("write the number alone, without its unit: {wanted}");
+            }
+            finish(Some(node.place()), path, message, help)
+        }
+        cause => explain_syntax(Fault { cause, place: fault.place }, file, text),
+    }
+}
+
+fn not_finite(
+    finish: &impl Fn(Option<Place>, String, String, String) -> Diagnostic,
+    place: Option<Place>,
+    path: String,
+    found: &str,
+) -> Diagnostic {
+    let message = format!("{} is {found}, which is not a finite number", name_of(&path));
+    finish(place, path, message, "write a finite number".to_owned())
+}
+
+fn finding(
+    file: &str,
+    text: &Arc<str>,
+    place: Option<Place>,
+    key: String,
+    message: String,
+    help: String,
+) -> Diagnostic {
+    Diagnostic {
+        severity: Severity::Error,
+        file: file.to_owned(),
+        place,
+        key,
+        message,
+        help: Some(help).filter(|help| !help.is_empty()),
+        related: Vec::new(),
+        text: place.map(|_| text.clone()),
+    }
+}
+
+/// Adds what the tree says of a key below the help.
+pub(super) fn with_description(help: String, guide: &Guide, path: &str) -> String {
+    match (guide.description(path), path.rsplit('.').next()) {
+        (Some(text), Some(key)) if !key.is_empty() => format!("{help}\n{key}: {text}"),
+        _ => help,
+    }
+}
+
+/// How a path is called in a sentence.
+pub(super) fn name_of(path: &str) -> String {
+    if path.is_empty() { "the document".to_owned() } else { format!("`{path}`") }
+}
+
+fn join(group: &str, key: &str) -> String {
+    if group.is_empty() { key.to_owned() } else { format!("{group}.{key}") }
+}
+
+fn parent(path: &str) -> &str {
+    path.rfind(['.', '[']).and_then(|at| path.get(..at)).unwrap_or("")
+}
+
+/// The group that lacks a key: the reader points at the group itself or at one of its keys.
+fn group_without<'a>(path: &'a str, key: &str, node: Option<&Node>, guide: &Guide) -> &'a str {
+    let is_group = node.is_some_and(|node| matches!(node.content, Content::Map(_)));
+    let has_key = steps(path).last() != Some(Step::Key(key)) && guide.has(&join(path, key));
+    if is_group && has_key { path } else { parent(path) }
+}
+
+fn shorten(known: &[&str]) -> String {
+    let shown = known.iter().take(SHOWN_KEYS).copied().collect::<Vec<_>>().join(", ");
+    if known.len() > SHOWN_KEYS { format!("{shown} and {} more", known.len() - SHOWN_KEYS) } else { shown }
+}
+
+/// A number too large for a finite `f64`.
+fn overflows(word: &str) -> bool {
+    word.starts_with(|c: char| c.is_ascii_digit() || c == '-') && word.parse::<f64>().is_ok_and(f64::is_infinite)
+}
+
+/// A number with letters after it.
+fn has_unit(word: &str) -> bool {
+    let letters = word.trim_start_matches(|c: char| c.is_ascii_digit() || "+-.".contains(c)).trim();
+    letters.len() < word.trim().len() && letters.starts_with(char::is_alphabetic) && word.parse::<f64>().is_err()
+}

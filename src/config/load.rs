@@ -1,0 +1,224 @@
+//! From a source to a checked document.
+
+use std::sync::Arc;
+
+use garde::Validate;
+use serde::Serialize;
+use serde::de::DeserializeOwned;
+
+use super::check::{
+    Findings, Machine, check_device, check_figure, check_override, check_rig, check_scene, check_scene_for,
+};
+use super::diagnostic::{Diagnostic, Place, Report, Severity};
+use super::explain::{explain, explain_syntax};
+use super::kind::Kind;
+use super::outline::Outline;
+use super::schema::Guide;
+use super::source::Source;
+use super::tree::{Figure, ImpedanceDevice, Rig, Scene};
+use super::yaml;
+
+/// A checked document, where it came from, and what its writer should look at.
+#[derive(Clone, Debug)]
+pub struct Loaded<T> {
+    /// The document.
+    pub value: T,
+    /// Where it came from; relative paths in it start there.
+    pub source: Source,
+    /// What can be used but should be looked at, in the files that it names too.
+    pub warnings: Vec<Diagnostic>,
+}
+
+/// A checked document of any kind.
+#[derive(Clone, Debug)]
+pub enum Document {
+    /// An admittance rig.
+    Rig(Box<Loaded<Rig>>),
+    /// An impedance device.
+    Device(Box<Loaded<ImpedanceDevice>>),
+    /// A scene.
+    Scene(Box<Loaded<Scene>>),
+    /// A figure.
+    Figure(Box<Loaded<Figure>>),
+}
+
+/// Reads and checks a document, whatever its kind.
+///
+/// # Errors
+/// As [`load_rig`]; or the document has the mark of no kind.
+pub fn load(source: impl Into<Source>) -> Result<Document, Report> {
+    let source = source.into();
+    let (text, outline) = read_outline(&source)?;
+    match Kind::detect(outline.top_keys()) {
+        Some(Kind::Rig) => load_rig(source).map(|rig| Document::Rig(Box::new(rig))),
+        Some(Kind::Device) => load_device(source).map(|device| Document::Device(Box::new(device))),
+        Some(Kind::Scene) => load_scene(source).map(|scene| Document::Scene(Box::new(scene))),
+        Some(Kind::Figure) => load_figure(source).map(|figure| Document::Figure(Box::new(figure))),
+        None => Err(unknown_kind(&source, &text, &outline, "this is not a configuration").into()),
+    }
+}
+
+/// Reads and checks a rig and its scene.
+///
+/// # Errors
+/// The file; its first syntax or type error; or all errors of meaning in the rig and in the scene that it names.
+pub fn load_rig(source: impl Into<Source>) -> Result<Loaded<Rig>, Report> {
+    let source = source.into();
+    let (rig, mut findings): (Rig, _) = read(&source, Kind::Rig)?;
+    let in_range = findings.check_ranges(&rig);
+    check_rig(&mut findings, &rig, in_range);
+    let scene = linked_scene(&mut findings, &source, &rig.scene, Machine::Rig(&rig));
+    finish(rig, source, [findings.into_sorted(), scene].concat())
+}
+
+/// Reads and checks an impedance device and its scene.
+///
+/// # Errors
+/// As [`load_rig`].
+pub fn load_device(source: impl Into<Source>) -> Result<Loaded<ImpedanceDevice>, Report> {
+    let source = source.into();
+    let (device, mut findings): (ImpedanceDevice, _) = read(&source, Kind::Device)?;
+    findings.check_ranges(&device);
+    check_device(&mut findings, &device);
+    let scene = linked_scene(&mut findings, &source, &device.scene, Machine::Device(&device));
+    finish(device, source, [findings.into_sorted(), scene].concat())
+}
+
+/// Reads and checks a scene.
+///
+/// # Errors
+/// As [`load_rig`].
+pub fn load_scene(source: impl Into<Source>) -> Result<Loaded<Scene>, Report> {
+    let source = source.into();
+    let (scene, findings) = checked_scene(&source)?;
+    finish(scene, source, findings.into_sorted())
+}
+
+/// Reads and checks a figure and every file that it names.
+///
+/// # Errors
+/// As [`load_rig`].
+pub fn load_figure(source: impl Into<Source>) -> Result<Loaded<Figure>, Report> {
+    let source = source.into();
+    let (figure, mut findings): (Figure, _) = read(&source, Kind::Figure)?;
+    findings.check_ranges(&figure);
+    check_figure(&mut findings, &figure);
+    let mut others = Vec::new();
+    let rigs = figure.rigs.iter().map(|(label, path)| (format!("rigs.{label}"), path, Kind::Rig));
+    let device = figure.device.iter().map(|path| ("device".to_owned(), path, Kind::Device));
+    for (key, path, kind) in rigs.chain(device) {
+        let target = source.relative(path);
+        let machine = match kind {
+            Kind::Rig => load_rig(target).map(|rig| Document::Rig(Box::new(rig))),
+            _ => load_device(target).map(|device| Document::Device(Box::new(device))),
+        };
+        let machine = match machine {
+            Ok(machine) => machine,
+            Err(report) => {
+                others.extend(findings.link(&key, report));
+                continue;
+            }
+        };
+        let machine = match &machine {
+            Document::Rig(rig) => Machine::Rig(&rig.value),
+            Document::Device(device) => Machine::Device(&device.value),
+            Document::Scene(_) | Document::Figure(_) => continue,
+        };
+        check_override(&mut findings, &figure, machine);
+        others.extend(linked_scene(&mut findings, &source, &figure.scene, machine));
+    }
+    let mut all = [findings.into_sorted(), others].concat();
+    // Two machines find the same fault of a shared scene or fixture.
+    let mut seen: Vec<Diagnostic> = Vec::new();
+    all.retain(|finding| !seen.contains(finding) && { seen.push(finding.clone()); true });
+    finish(figure, source, all)
+}
+
+/// The document in normal form: every key, in the order of the tree, in YAML that loads again.
+///
+/// # Errors
+/// When the writer refuses; no checked document makes it do so.
+pub fn to_yaml<T: Serialize>(value: &T) -> Result<String, String> {
+    yaml::write(value)
+}
+
+fn checked_scene(source: &Source) -> Result<(Scene, Findings), Report> {
+    let (scene, mut findings): (Scene, _) = read(source, Kind::Scene)?;
+    findings.check_ranges(&scene);
+    check_scene(&mut findings, &scene);
+    Ok((scene, findings))
+}
+
+/// The findings in a scene that a document names by `path`; a file that cannot be read is a finding at `scene`.
+fn linked_scene(findings: &mut Findings, source: &Source, path: &str, machine: Machine<'_>) -> Vec<Diagnostic> {
+    match checked_scene(&source.relative(path)) {
+        Ok((scene, mut of_scene)) => {
+            check_scene_for(&mut of_scene, &scene, machine);
+            of_scene.into_sorted()
+        }
+        Err(report) => findings.link("scene", report),
+    }
+}
+
+impl Findings {
+    /// Takes over the findings about a linked file: what concerns the file as a whole is placed at the key that names
+    /// it, the rest is returned.
+    fn link(&mut self, key: &str, report: Report) -> Vec<Diagnostic> {
+        let (whole, inside): (Vec<_>, Vec<_>) =
+            report.diagnostics.into_iter().partition(|finding| finding.place.is_none());
+        for finding in whole {
+            self.error(key, format!("`{key}`: {}", finding.message), finding.help.unwrap_or_default());
+        }
+        inside
+    }
+}
+
+fn finish<T>(value: T, source: Source, findings: Vec<Diagnostic>) -> Result<Loaded<T>, Report> {
+    if findings.iter().any(|finding| finding.severity == Severity::Error) {
+        return Err(Report { diagnostics: findings });
+    }
+    Ok(Loaded { value, source, warnings: findings })
+}
+
+fn read_outline(source: &Source) -> Result<(Arc<str>, Outline), Diagnostic> {
+    let text = source.read()?;
+    let outline = yaml::outline(&text).map_err(|fault| explain_syntax(fault, &source.to_string(), &text))?;
+    Ok((text, outline))
+}
+
+/// Reads a document of a kind: its tree, and where findings about it go.
+fn read<T: DeserializeOwned + Validate<Context = ()>>(source: &Source, kind: Kind) -> Result<(T, Findings), Report> {
+    let (text, outline) = read_outline(source)?;
+    match Kind::detect(outline.top_keys()) {
+        Some(found) if found == kind => {}
+        Some(found) => {
+            let mut finding =
+                unknown_kind(source, &text, &outline, &format!("this is a {found}, and a {kind} is wanted"));
+            finding.help = Some(format!("name a file with the key `{}` at the top", kind.mark()));
+            return Err(finding.into());
+        }
+        None => {
+            let message = format!("this is not a {kind}: the key `{}` is missing", kind.mark());
+            return Err(unknown_kind(source, &text, &outline, &message).into());
+        }
+    }
+    let (file, guide) = (source.to_string(), Guide::new(kind));
+    match yaml::parse(&text) {
+        Ok(value) => Ok((value, Findings::new(file, text, outline, guide))),
+        Err(fault) => Err(explain(fault, &outline, &guide, &file, &text).into()),
+    }
+}
+
+fn unknown_kind(source: &Source, text: &Arc<str>, outline: &Outline, message: &str) -> Diagnostic {
+    let marks: Vec<String> = Kind::ALL.iter().map(|kind| format!("a {kind} has `{}`", kind.mark())).collect();
+    let place: Option<Place> = outline.first_place();
+    Diagnostic {
+        place,
+        text: place.map(|_| text.clone()),
+        ..Diagnostic::about_file(
+            source.to_string(),
+            message,
+            format!("the keys at the top tell the kind of a document: {}", marks.join(", ")),
+        )
+    }
+}
