@@ -52,3 +52,99 @@ pub fn sat<const N: usize>(x: SVector<f64, N>, limit: f64) -> SVector<f64, N> {
     let length = x.norm();
     if length > limit { x * (limit / length) } else { x }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use nalgebra::{Vector2, Vector3};
+    use proptest::prelude::*;
+
+    /// Whether `y` is in the closed interval.
+    fn is_in(y: f64, (low, high): (f64, f64)) -> bool {
+        y >= low && y <= high
+    }
+
+    /// Eighths: sums and differences are exact, so that set membership can be tested without a tolerance.
+    fn eighth() -> impl Strategy<Value = f64> {
+        (-80_i32..=80).prop_map(|count| f64::from(count) / 8.0)
+    }
+
+    /// Four numbers in order.
+    fn ordered() -> impl Strategy<Value = [f64; 4]> {
+        [eighth(), eighth(), eighth(), eighth()].prop_map(|mut limits| {
+            limits.sort_by(f64::total_cmp);
+            limits
+        })
+    }
+
+    #[test]
+    fn gsat_and_gsgn_at_their_ends() {
+        assert_eq!([-3.0, -2.0, 0.5, 4.0, 5.0].map(|x| gsat(-2.0, x, 4.0)), [-2.0, -2.0, 0.5, 4.0, 4.0]);
+        assert_eq!(gsat(1.0, 7.0, 1.0), 1.0);
+        assert_eq!(gsat(-1.0, f64::INFINITY, 2.0), 2.0);
+        assert!(gsat(-1.0, f64::NAN, 2.0).is_nan());
+        assert_eq!(gsgn(-2.0, 1e-300, 4.0), (4.0, 4.0));
+        assert_eq!(gsgn(-2.0, -1e-300, 4.0), (-2.0, -2.0));
+        assert_eq!(gsgn(-2.0, -0.0, 4.0), (-2.0, 4.0));
+    }
+
+    #[test]
+    fn sat_shortens_and_keeps_the_direction() {
+        assert_eq!(sat(Vector2::new(3.0, 4.0), 5.0), Vector2::new(3.0, 4.0));
+        assert_eq!(sat(Vector2::new(3.0, 4.0), 2.5), Vector2::new(1.5, 2.0));
+        assert_eq!(sat(Vector2::new(3.0, 4.0), 0.0), Vector2::zeros());
+        assert_eq!(sat(Vector3::zeros(), 0.0), Vector3::<f64>::zeros());
+    }
+
+    proptest! {
+        /// Rule (7): `y = gsgn(a, x - y, b)` exactly when `y = gsat(a, x, b)`.
+        #[test]
+        fn rule_7(x in eighth(), y in eighth(), [a, b, ..] in ordered()) {
+            prop_assert_eq!(is_in(y, gsgn(a, x - y, b)), y == gsat(a, x, b));
+            let solution = gsat(a, x, b);
+            prop_assert!(is_in(solution, gsgn(a, x - solution, b)));
+        }
+
+        /// Rules (8) and (9): likewise with inequalities, read as in (4) and (5).
+        #[test]
+        fn rules_8_and_9(x in eighth(), y in eighth(), [a, b, ..] in ordered()) {
+            let z = x - y;
+            prop_assert_eq!((y > b && z >= 0.0) || (y > a && z < 0.0), y > gsat(a, x, b));
+            prop_assert_eq!((y < b && z > 0.0) || (y < a && z <= 0.0), y < gsat(a, x, b));
+        }
+
+        /// Rule (10), with `k` a power of two to stay exact.
+        #[test]
+        fn rule_10(x in eighth(), y in eighth(), [a, b, ..] in ordered(), exponent in -3_i32..=3) {
+            let k = 2_f64.powi(exponent);
+            let z = y + gsat(a / k, x - y, b / k);
+            prop_assert!(is_in(k * (z - y), gsgn(a, x - z, b)));
+        }
+
+        /// Rule (11): the nested form that a fixture on a line solves.
+        #[test]
+        fn rule_11(x in eighth(), y in eighth(), [a, b, c, d] in ordered(), exponent in -3_i32..=3) {
+            let k = 2_f64.powi(exponent);
+            let z = y + gsat(gsat(a / k, -y, b / k), x - y, gsat(c / k, -y, d / k));
+            let (least, most) = if x > z {
+                gsgn(c, -z, d)
+            } else if x < z {
+                gsgn(a, -z, b)
+            } else {
+                (gsgn(a, -z, b).0, gsgn(c, -z, d).1)
+            };
+            prop_assert!(is_in(k * (z - y), (least, most)), "{} not in {least} to {most}", k * (z - y));
+        }
+
+        /// `sat` is the nearest point of a ball: no longer than the limit, along the vector, unchanged inside.
+        #[test]
+        fn sat_is_the_nearest_point_of_a_ball(x in [-1e3_f64..1e3, -1e3..1e3, -1e3..1e3], limit in 0.0_f64..1e3) {
+            let x = Vector3::from(x);
+            let short = sat(x, limit);
+            prop_assert!(short.norm() <= limit * (1.0 + 4.0 * f64::EPSILON) || short == x);
+            prop_assert!((short.norm() - x.norm().min(limit)).abs() <= 1e-12 * x.norm());
+            prop_assert!(short.cross(&x).norm() <= 1e-12 * x.norm_squared());
+            prop_assert!(short.dot(&x) >= 0.0);
+        }
+    }
+}
