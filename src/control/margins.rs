@@ -11,7 +11,7 @@ use nalgebra::{Complex, Matrix2};
 
 use super::Gains;
 use super::error::{ControlError, not_negative, positive};
-use super::stability::{is_schur_stable, product, sum};
+use super::stability::{is_stable_about_one, product, sum};
 
 /// Longest delay of a [`ServoLoop`] in cycles. A rig has one or two; the bound keeps polynomials small and the
 /// frequency grid dense enough for the delay's phase.
@@ -175,20 +175,22 @@ impl OpenLoop {
         let Gains { stiffness: k, damping: b, integral: l } = self.servo.gains;
         let t = self.servo.period_s;
         let [new, old] = self.input;
-        let free = [self.rate_loss - 1.0, 1.0];
-        // (old + new z)/z without a delay within the interval is new alone.
-        let [position, rate] = [0, 1].map(|i| if old[i] == 0.0 { vec![new[i]] } else { vec![old[i], new[i]] });
+        let free = [self.rate_loss, 1.0];
+        // All polynomials in d = z - 1. (old + new z)/z without a delay within the interval is new alone.
+        let [position, rate] = [0, 1].map(|i| if old[i] == 0.0 { vec![new[i]] } else { vec![old[i] + new[i], new[i]] });
         let plant_zeros = sum(&product(&position, &free), self.coast, &rate);
-        let mut plant_poles = product(&[-1.0, 1.0], &free);
-        let late = usize::from(position.len() > 1);
-        plant_poles.splice(0..0, std::iter::repeat_n(0.0, self.whole_delay + late));
+        let mut plant_poles = product(&[0.0, 1.0], &free);
+        for _ in 0..self.whole_delay + usize::from(position.len() > 1) {
+            plant_poles = product(&plant_poles, &[1.0, 1.0]);
+        }
         // Without integral action the controller has no pole at one; left in, it would count as unstable.
         let (zeros, poles) = if l > 0.0 {
-            (vec![b, -k * t - 2.0 * b, k * t + b + l * t * t], vec![0.0, -t, t])
+            let integral = l * t * t;
+            (vec![integral, k * t + 2.0 * integral, b + k * t + integral], vec![0.0, t, t])
         } else {
-            (vec![-b, k * t + b], vec![0.0, t])
+            (vec![k * t, k * t + b], vec![t, t])
         };
-        is_schur_stable(&sum(&product(&plant_poles, &poles), factor, &product(&plant_zeros, &zeros)))
+        is_stable_about_one(&sum(&product(&plant_poles, &poles), factor, &product(&plant_zeros, &zeros)))
     }
 
     fn margins(&self) -> Margins {

@@ -22,6 +22,8 @@ mod pid;
 mod psmc;
 mod rate;
 mod stability;
+#[cfg(test)]
+mod tests;
 
 pub use axis::{Axis, AxisController, AxisStep, EffortRange, Gains, Law};
 pub use error::ControlError;

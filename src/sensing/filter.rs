@@ -2,7 +2,7 @@
 
 use std::f64::consts::TAU;
 
-use super::error::{SensingError, positive};
+use super::error::{SensingError, not_negative, positive};
 
 /// First-order low pass for samples at a fixed interval: `y += alpha (x - y)`, `alpha = 1 - exp(-2 pi f_c T)`. It takes the
 /// first sample as it is, so it starts without a transient.
@@ -19,12 +19,14 @@ impl LowPass {
     /// Cut-off frequency in Hz (-3 dB of the continuous filter it follows) and the interval of the samples in s.
     ///
     /// # Errors
-    /// [`SensingError::OutOfRange`] for values that are not finite and positive, or a cut-off at which the filter would
-    /// never move.
+    /// [`SensingError::OutOfRange`] for values that are not finite and positive, or a cut-off so low that the delay is
+    /// not finite.
     pub fn new(cut_off_hz: f64, interval_s: f64) -> Result<Self, SensingError> {
         let interval_s = positive("sample interval", interval_s)?;
         let alpha = -(-TAU * positive("low-pass cut-off", cut_off_hz)? * interval_s).exp_m1();
-        Ok(Self { alpha: positive("low-pass factor", alpha)?, interval_s })
+        let filter = Self { alpha, interval_s };
+        not_negative("low-pass delay in s", filter.delay_s())?;
+        Ok(filter)
     }
 
     /// The next output after `output` for the input `input`.

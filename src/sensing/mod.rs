@@ -16,6 +16,8 @@ mod filter;
 mod mounting;
 mod reading;
 mod tare;
+#[cfg(test)]
+mod tests;
 
 pub use calibration::{Calibration, RawSample, SATURATION_FRACTION, Wrench};
 pub use error::SensingError;

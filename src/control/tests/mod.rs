@@ -1,0 +1,4 @@
+mod feed_forward;
+mod joint;
+mod laws;
+mod margins;
