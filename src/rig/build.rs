@@ -8,13 +8,13 @@ use super::error::RigError;
 use crate::bus::{CommandMode, DriveSetup, MasterSetup, SensorSetup};
 use crate::config;
 use crate::control::{
-    EffortRange, FeedForward, FeedForwardParameters, Gains, Law, Margins, RateLaw, ServoLoop, principal_inertias,
+    FeedForward, FeedForwardParameters, Gains, Law, Margins, RateLaw, ServoLoop, principal_inertias,
     worst_margins,
 };
 use crate::cycle::{Cycle, Servo, Settings, TorqueServo};
 use crate::fixture::{
     Admittance, BallAndTube, Circle, Coupling, Curvature, Cylinder, Fixture, Forbidden, Impedance, Limits, Parameters,
-    Plane, Rearm, Shape2, Shape3, Side, Sphere, Surface,
+    Plane, Rearm, Shape2, Shape3, Side, Sphere,
 };
 use crate::guard::{self, Gate};
 use crate::linkage::{FiveBar, MassModel};
@@ -331,7 +331,7 @@ pub(super) fn hand<const N: usize>(scene: &config::Scene, seed: u64) -> Result<H
                 Leg::To { point_m: fixed(point_m, "a way-point")?, in_s: in_s.get() }
             }
             config::PathSegment::Arc { center_m, by_rad, in_s, speed } => Leg::Arc {
-                center_m: fixed(center_m, "the centre of an arc")?,
+                center_m: fixed::<2>(center_m.get(..2).unwrap_or(center_m), "the centre of an arc")?.into(),
                 by_rad: by_rad.get(),
                 in_s: in_s.get(),
                 speed: match speed {

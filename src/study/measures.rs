@@ -178,8 +178,15 @@ fn impact_at(trace: &Trace, context: &Context, at: usize) -> Impact {
     }
     if let (Some(mass), 0) = (context.mass_kg, trace.hold_steps) {
         let mean_push = if push.is_empty() { 0.0 } else { push.iter().sum::<f64>() / push.len() as f64 };
-        let gap = rows[at - 1].signed_distance_m.abs();
-        impact.predicted_depth_mm = Some(1e3 * crate::fixture::predicted_depth_m(mass, trace.yield_n, context.period_s, speed, mean_push, gap));
+        let law = crate::fixture::prediction::Impact {
+            mass_kg: mass,
+            yield_n: trace.yield_n,
+            hand_force_n: mean_push,
+            speed_m_per_s: speed,
+            last_distance_m: rows[at - 1].signed_distance_m.abs(),
+            period_s: context.period_s,
+        };
+        impact.predicted_depth_mm = law.penetration_depth_m().map(|depth| 1e3 * depth);
     }
     impact
 }

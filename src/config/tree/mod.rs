@@ -16,4 +16,4 @@ pub use rig::{
     DrivePositionLoop, ElbowSide, FeedForward, Guard, Linkage, Master, Mount, Rig, RigIdentity, RigPlant, Sensor, Tool,
     WristSide,
 };
-pub use scene::{EncoderModel, ForceSensorModel, Hand, JointElasticity, PathSegment, Scene, SceneModel, Tracking, Tremor};
+pub use scene::{ArcSpeed, EncoderModel, ForceSensorModel, Hand, JointElasticity, PathSegment, Scene, SceneModel, Tracking, Tremor};

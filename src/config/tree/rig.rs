@@ -349,6 +349,12 @@ pub enum ControlGains {
         #[garde(dive)]
         integral_n_m_per_rad_s: NotNegative,
     },
+    /// A rate per angle error, beside the rate of the reference itself, for drives that take velocities.
+    Rate {
+        /// Gain in 1/s.
+        #[garde(dive)]
+        gain_per_s: Positive,
+    },
     /// The error is formed at the tool.
     Cartesian {
         /// K, N/m: position gain. Above 0.
@@ -423,6 +429,9 @@ pub struct Guard {
     /// Largest distance between commanded and measured angle, rad. Above 0.
     #[garde(dive)]
     pub following_error_limit_rad: Positive,
+    /// Greatest deceleration of the ramp along which the rig stops.
+    #[garde(dive)]
+    pub stop_deceleration_m_per_s2: Positive,
 }
 
 /// What the embedded simulation takes the machine to be.

@@ -166,6 +166,8 @@ pub enum PathSegment {
         /// Duration, s. Above 0.
         #[garde(dive)]
         in_s: Positive,
+        /// How the speed runs along the arc.
+        speed: ArcSpeed,
     },
     /// Stay.
     Wait {
@@ -173,6 +175,16 @@ pub enum PathSegment {
         #[garde(dive)]
         for_s: Positive,
     },
+}
+
+/// How the speed runs along an arc.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum ArcSpeed {
+    /// Minimum jerk: from rest to rest.
+    Smooth,
+    /// Constant, with short ramps.
+    Constant,
 }
 
 impl PathSegment {
