@@ -246,7 +246,12 @@ impl Device {
     }
 
     /// Makes mode and control loop follow the state machine.
-    fn follow(&mut self, od: &ObjectDictionary) {
+    fn follow(&mut self, od: &mut ObjectDictionary) {
+        let is_moving = matches!(self.machine.state(), State::OperationEnabled | State::QuickStopActive);
+        if self.encoder_failed && is_moving && self.machine.fault().is_some() {
+            od.set(self.objects.error_code, error_code::ENCODER);
+            self.emergency = Some(error_code::ENCODER);
+        }
         let is_helpless = !self.has_voltage || self.encoder_failed;
         if !self.has_voltage {
             self.machine.lose_voltage();
@@ -315,7 +320,7 @@ impl Device {
 
     fn tick(&mut self, od: &mut ObjectDictionary) {
         if self.encoder_failed {
-            self.raise_fault(self.now, od, error_code::ENCODER);
+            self.follow(od);
         }
         self.servo.tick(self.now, self.motion, self.torque_range(od));
         if self.servo.is_at_standstill(self.now, self.motion) && self.machine.standstill().is_some() {
@@ -390,6 +395,9 @@ impl Application for Device {
 
     fn on_sync(&mut self, now: Time, od: &mut ObjectDictionary) {
         self.wake(now);
+        if self.encoder_failed {
+            self.follow(od);
+        }
         let plan = self.servo.plan();
         if plan.follows_command() && self.quirks.sync_lost_periods > 0 {
             let wait = self.parameters.period_s * f64::from(self.quirks.sync_lost_periods);
@@ -397,8 +405,6 @@ impl Application for Device {
         }
         if plan.is_closed_loop() {
             self.tick(od);
-        } else if self.encoder_failed && plan == Plan::Torque {
-            self.raise_fault(now, od, error_code::ENCODER);
         }
         self.refresh(od);
     }
