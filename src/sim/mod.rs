@@ -8,3 +8,6 @@ mod force_sensor;
 pub use device::DeviceError;
 pub use drive::{Drive, DriveSettings, Encoder, PositionLoop};
 pub use force_sensor::{ForceSensor, ForceSensorSettings};
+
+#[cfg(test)]
+mod tests;
