@@ -144,15 +144,15 @@ pub trait Scalar: Copy {
     fn holds(data_type: DataType) -> bool;
 
     /// The value as little-endian bits, sign-extended to 64.
-    fn to_bits(self) -> u64;
+    fn to_word(self) -> u64;
 
     /// The value from the low `bits` bits.
-    fn from_bits(raw: u64, bits: u8) -> Self;
+    fn from_word(raw: u64, bits: u8) -> Self;
 
     /// The value from little-endian `data` of exactly the size of [`Scalar::DATA_TYPE`]; `None` for another size.
-    fn from_le(data: &[u8]) -> Option<Self> {
+    fn from_le_slice(data: &[u8]) -> Option<Self> {
         let bits = Self::DATA_TYPE.bits()?;
-        (Self::DATA_TYPE.size() == Some(data.len())).then(|| Self::from_bits(load_le(data), bits))
+        (Self::DATA_TYPE.size() == Some(data.len())).then(|| Self::from_word(load_le(data), bits))
     }
 }
 
@@ -172,10 +172,10 @@ macro_rules! integer_scalar {
             fn holds(data_type: DataType) -> bool {
                 matches!(data_type, DataType::$data_type $(| DataType::$also)*)
             }
-            fn to_bits(self) -> u64 {
+            fn to_word(self) -> u64 {
                 self as i64 as u64
             }
-            fn from_bits(raw: u64, bits: u8) -> Self {
+            fn from_word(raw: u64, bits: u8) -> Self {
                 $extend(raw, bits) as $type
             }
         }
@@ -202,10 +202,10 @@ impl Scalar for bool {
     fn holds(data_type: DataType) -> bool {
         data_type == DataType::Boolean
     }
-    fn to_bits(self) -> u64 {
+    fn to_word(self) -> u64 {
         self.into()
     }
-    fn from_bits(raw: u64, _: u8) -> Self {
+    fn from_word(raw: u64, _: u8) -> Self {
         raw & 1 != 0
     }
 }
@@ -215,10 +215,10 @@ impl Scalar for f32 {
     fn holds(data_type: DataType) -> bool {
         data_type == DataType::Real32
     }
-    fn to_bits(self) -> u64 {
+    fn to_word(self) -> u64 {
         self.to_bits().into()
     }
-    fn from_bits(raw: u64, _: u8) -> Self {
+    fn from_word(raw: u64, _: u8) -> Self {
         f32::from_bits(raw as u32)
     }
 }
@@ -228,10 +228,10 @@ impl Scalar for f64 {
     fn holds(data_type: DataType) -> bool {
         data_type == DataType::Real64
     }
-    fn to_bits(self) -> u64 {
+    fn to_word(self) -> u64 {
         self.to_bits()
     }
-    fn from_bits(raw: u64, _: u8) -> Self {
+    fn from_word(raw: u64, _: u8) -> Self {
         f64::from_bits(raw)
     }
 }
@@ -242,12 +242,12 @@ mod tests {
 
     #[test]
     fn narrow_integers_are_sign_extended() {
-        assert_eq!(<i32 as Scalar>::from_bits(0xff_fffe, 24), -2);
-        assert_eq!(<u32 as Scalar>::from_bits(0xff_fffe, 24), 0xff_fffe);
-        assert_eq!(<i64 as Scalar>::from_bits(0x80_0000_0000, 40), -(1 << 39));
-        assert_eq!(i16::from_le(&[0xfe, 0xff]), Some(-2));
-        assert_eq!(i16::from_le(&[0xfe]), None);
-        assert_eq!(f32::from_le(&[0, 0, 0x80, 0x3f]), Some(1.0));
+        assert_eq!(i32::from_word(0xff_fffe, 24), -2);
+        assert_eq!(u32::from_word(0xff_fffe, 24), 0xff_fffe);
+        assert_eq!(i64::from_word(0x80_0000_0000, 40), -(1 << 39));
+        assert_eq!(i16::from_le_slice(&[0xfe, 0xff]), Some(-2));
+        assert_eq!(i16::from_le_slice(&[0xfe]), None);
+        assert_eq!(f32::from_le_slice(&[0, 0, 0x80, 0x3f]), Some(1.0));
         assert_eq!((sign_extend(1, 0), mask(0), mask(64)), (0, 0, u64::MAX));
     }
 

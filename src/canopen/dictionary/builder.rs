@@ -36,7 +36,7 @@ impl Object {
     /// An object of a basic type that `T` holds, such as INTEGER24 by `i32`; bits beyond its width are cut off.
     pub fn narrow<T: Scalar>(index: u16, sub: u8, data_type: DataType, value: T) -> Self {
         let size = data_type.size().unwrap_or(0);
-        let raw = value.to_bits() & mask(data_type.bits().unwrap_or(0));
+        let raw = value.to_word() & mask(data_type.bits().unwrap_or(0));
         Self::bytes(index, sub, data_type, raw.to_le_bytes().get(..size).unwrap_or_default(), size)
     }
 
@@ -73,7 +73,7 @@ impl Object {
 
     /// With these limits on what the bus may write, both included.
     pub fn limits<T: Scalar>(mut self, lo: T, hi: T) -> Self {
-        (self.lo, self.hi) = (Some(lo.to_bits()), Some(hi.to_bits()));
+        (self.lo, self.hi) = (Some(lo.to_word()), Some(hi.to_word()));
         self
     }
 }

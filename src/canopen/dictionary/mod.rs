@@ -104,7 +104,7 @@ impl ObjectDictionary {
     /// Real-time: yes.
     #[inline]
     pub fn get<T: Scalar>(&self, handle: Handle<T>) -> T {
-        T::from_bits(self.load(handle.offset), handle.bits)
+        T::from_word(self.load(handle.offset), handle.bits)
     }
 
     /// Sets the value behind a handle; bits beyond the object's width (an `i32` in an INTEGER24) are cut off. Access
@@ -113,7 +113,7 @@ impl ObjectDictionary {
     /// Real-time: yes.
     #[inline]
     pub fn set<T: Scalar>(&mut self, handle: Handle<T>, value: T) {
-        self.save(handle.offset, value.to_bits() & mask(handle.bits));
+        self.save(handle.offset, value.to_word() & mask(handle.bits));
     }
 
     /// Reads over the bus: the little-endian bytes of the value.

@@ -187,7 +187,7 @@ impl SdoClient {
     pub fn value<T: Scalar>(&self) -> Option<T> {
         let len = T::DATA_TYPE.size()?;
         let data = if self.has_size { Some(self.data.as_slice()) } else { self.data.get(..len) };
-        data.and_then(T::from_le)
+        data.and_then(T::from_le_slice)
     }
 
     fn begin(&mut self, index: u16, sub: u8) -> Result<(), CanopenError> {
