@@ -262,6 +262,21 @@ fn a_position_target_is_followed_along_a_sine() {
 }
 
 #[test]
+fn an_exact_encoder_sees_between_counts_and_a_quantised_one_does_not() {
+    let coarse = AxisScaling::new(1000.0, Direction::Same, 0.0, 60.0).unwrap();
+    for (encoder, expected) in [(Encoder::Exact, -20.0), (Encoder::Quantised, 0.0)] {
+        let mut bench = Bench::with(DriveSettings { encoder, scaling: coarse, ..settings(Direction::Same) });
+        bench.configure(OperationMode::CyclicPosition);
+        bench.enable();
+        // 1 mrad is less than half a count of 6.3 mrad.
+        (bench.angle, bench.rate) = (1e-3, 0.0);
+        bench.send(Frame::new(0x080, &[]));
+        let torque = bench.drive.torque_n_m();
+        assert!((torque - expected).abs() < 0.1, "{encoder:?}: {torque} N m");
+    }
+}
+
+#[test]
 fn a_velocity_target_is_reached() {
     let mut bench = Bench::enabled(OperationMode::CyclicVelocity);
     for _ in 0..300 {
