@@ -15,8 +15,7 @@ use crate::quantity::{JointTorques, TipPoint, TipVelocity};
 use crate::record::Row;
 use crate::sim::arm::{Arm, ArmParameters, JointElasticity};
 use crate::sim::can::{BitTiming, BusCounters, QueueOrder, Tamper, VirtualBus};
-use crate::sim::drive::{Drive, DriveSettings, Encoder, PositionLoop};
-use crate::sim::force_sensor::{ForceSensor, ForceSensorSettings};
+use crate::sim::{Drive, DriveSettings, Encoder, ForceSensor, ForceSensorSettings, PositionLoop};
 use nalgebra::Vector2;
 use yieldwall_drives::profiles;
 

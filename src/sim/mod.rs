@@ -5,10 +5,15 @@
 pub mod arm;
 pub mod can;
 mod device;
-pub mod drive;
-pub mod force_sensor;
+mod drive;
+mod force_sensor;
 pub mod hand;
 pub mod point_mass;
 mod substeps;
 
 pub use device::DeviceError;
+pub use drive::{Drive, DriveSettings, Encoder, PositionLoop};
+pub use force_sensor::{ForceSensor, ForceSensorSettings};
+
+#[cfg(test)]
+mod tests;

@@ -1,6 +1,7 @@
 //! A simulated servo drive: a CANopen device with a CiA 402 state machine, control loop and encoder.
 
 mod application;
+mod device;
 mod objects;
 mod servo;
 #[cfg(test)]
@@ -14,7 +15,7 @@ use yieldwall_drives::scaling::AxisScaling;
 
 use super::DeviceError;
 use crate::canopen::{EmcyCode, ErrorRegister, Frame, Node, NodeId, Outbox, Time};
-use application::Device;
+use device::{Device, PROFILE_ERROR};
 
 /// What the drive knows about the joint angle.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -152,7 +153,7 @@ impl Drive {
             self.node.clear_all_emergencies(out);
         }
         if let Some(code) = self.device.take_emergency() {
-            self.node.raise_emergency(EmcyCode(code), ErrorRegister(application::PROFILE_ERROR), [0; 5], out);
+            self.node.raise_emergency(EmcyCode(code), ErrorRegister(PROFILE_ERROR), [0; 5], out);
         }
         if self.device.take_status_change() {
             for number in 1..=4 {

@@ -270,3 +270,74 @@ impl Servo {
         self.is_limited = self.torque_n_m != wanted;
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const GAINS: PositionLoop = PositionLoop {
+        period_us: 125,
+        stiffness_n_m_per_rad: 1000.0,
+        damping_n_m_s_per_rad: 10.0,
+        integral_n_m_per_rad_s: 0.0,
+    };
+    const RANGE: TorqueRange = TorqueRange { lowest: -50.0, highest: 50.0 };
+    const STANDING: Motion = Motion { angle_rad: 0.0, rate_rad_per_s: 0.0 };
+
+    fn in_plan(plan: Plan) -> Servo {
+        let mut servo = Servo::new(GAINS);
+        servo.change_plan(Time(0), plan, STANDING);
+        servo
+    }
+
+    #[test]
+    fn the_setpoint_is_a_straight_line_over_the_interpolation_period() {
+        let mut servo = in_plan(Plan::Position);
+        servo.aim_at(Time(0), 0.02, 2e-3);
+        for (us, setpoint, rate) in [(0, 0.0, 10.0), (500, 0.005, 10.0), (1500, 0.015, 10.0), (2000, 0.02, 0.0)] {
+            servo.tick(Time::from_micros(us), STANDING, RANGE);
+            assert!((servo.setpoint_rad() - setpoint).abs() < 1e-12, "{us} us");
+            // 1000 N m/rad on the error, 10 N m s/rad on the rate.
+            let torque: f64 = 1000.0 * setpoint + 10.0 * rate;
+            assert!((servo.torque_n_m() - torque.min(50.0)).abs() < 1e-9, "{us} us: {}", servo.torque_n_m());
+            assert_eq!(servo.is_limited(), torque > 50.0);
+        }
+        assert_eq!(servo.next_tick(), Time::from_micros(2125));
+    }
+
+    #[test]
+    fn a_new_target_in_the_middle_starts_where_the_line_is() {
+        let mut servo = in_plan(Plan::Position);
+        servo.aim_at(Time(0), 0.02, 2e-3);
+        servo.aim_at(Time::from_micros(1000), 0.0, 2e-3);
+        servo.tick(Time::from_micros(1000), STANDING, RANGE);
+        assert!((servo.setpoint_rad() - 0.01).abs() < 1e-12);
+        servo.tick(Time::from_micros(2000), STANDING, RANGE);
+        assert!((servo.setpoint_rad() - 0.005).abs() < 1e-12);
+    }
+
+    #[test]
+    fn a_blocked_axis_does_not_wind_up_its_velocity_setpoint() {
+        let mut servo = in_plan(Plan::Velocity);
+        servo.set_velocity(1.0);
+        for tick in 1..100_000 {
+            servo.tick(Time::from_micros(125 * tick), STANDING, RANGE);
+        }
+        assert!(servo.setpoint_rad() <= 50.0 / 1000.0 + 1e-12, "{}", servo.setpoint_rad());
+        assert_eq!(servo.torque_n_m(), 50.0);
+    }
+
+    #[test]
+    fn a_ramp_that_is_kept_moving_ends_after_its_wait() {
+        let mut servo = Servo::new(GAINS);
+        let pushed = Motion { angle_rad: 0.0, rate_rad_per_s: 1.0 };
+        servo.change_plan(Time(0), Plan::Ramp(100.0), pushed);
+        let end = (0..20_000u64).map(|tick| Time::from_micros(125 * tick)).find(|&now| {
+            servo.tick(now, pushed, RANGE);
+            servo.is_at_standstill(now, pushed)
+        });
+        // 10 ms of ramp, to the tick at which rounding lets it end, and 1 s of waiting.
+        let expected = [1_010_000, 1_010_125].map(|us| Some(Time::from_micros(us)));
+        assert!(expected.contains(&end), "{end:?}");
+    }
+}
