@@ -8,7 +8,7 @@ const ROUNDING: f64 = 1e-6;
 /// No steps if `to_s` is not later. `None` if a time is not finite, if `longest_s` is not above zero, or if there would
 /// be more steps than a `u32` counts.
 pub(super) fn equal_steps(from_s: f64, to_s: f64, longest_s: f64) -> Option<(u32, f64)> {
-    if !from_s.is_finite() || !to_s.is_finite() || !(longest_s > 0.0) {
+    if !from_s.is_finite() || !to_s.is_finite() || longest_s.is_nan() || longest_s <= 0.0 {
         return None;
     }
     if to_s <= from_s {

@@ -14,7 +14,7 @@ mod tests;
 
 pub use friction::{slip_rate, slip_rates};
 
-use nalgebra::Vector2;
+use nalgebra::{Matrix2, Vector2};
 use thiserror::Error;
 
 use self::flexible::Gear;
@@ -92,7 +92,7 @@ pub struct JointElasticity {
 }
 
 /// What an arm is made of.
-#[derive(Clone, Debug)]
+#[derive(Clone, Copy, Debug)]
 pub struct ArmParameters {
     /// Geometry.
     pub linkage: FiveBar,
@@ -120,6 +120,9 @@ pub struct TipMotion {
 }
 
 /// The arm and its state.
+///
+/// It may pass a posture in which a chain is stretched or folded (type 1), as a real arm does; it refuses to come near
+/// one in which the distal links lie on one line (type 2). It has no stops at the ends of a joint's range.
 #[derive(Clone, Debug)]
 pub struct Arm {
     linkage: FiveBar,
@@ -160,7 +163,7 @@ impl Arm {
         let [left_m, right_m] = linkage.geometry().proximal_m;
         let jacobian_limit_m = TRANSMISSION_LIMIT * left_m.max(right_m);
         let arm = Self {
-            linkage: linkage.clone(),
+            linkage: *linkage,
             mass: link_mass,
             coulomb_n_m: Vector2::from(*coulomb_n_m),
             viscous_n_m_s_per_rad: Vector2::from(*viscous_n_m_s_per_rad),
@@ -323,8 +326,8 @@ struct Middle {
     dynamics: Dynamics,
     /// Joint torques of load and Coriolis forces, without the load's damping.
     torque: Vector2<f64>,
-    /// Damping of the load seen from the joints in N m s/rad: three entries of a symmetric matrix, as a matrix.
-    damping: nalgebra::Matrix2<f64>,
+    /// Damping of the load as the joints feel it, in N m s/rad.
+    damping: Matrix2<f64>,
 }
 
 impl Middle {

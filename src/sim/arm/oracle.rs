@@ -66,9 +66,9 @@ impl StudyArm {
         let sixth = self.distal_kg / 6.0;
         let mut mass = Matrix2::from_diagonal_element(turning) + jacobian.transpose() * jacobian * at_tip;
         let mut bias = jacobian.transpose() * (tip_bias * at_tip + (elbow_bias[0] + elbow_bias[1]) * sixth);
-        for i in 0..2 {
+        for (joint, elbow) in elbow_column.iter().enumerate() {
             let mut column = Matrix2::zeros();
-            column.set_column(i, &elbow_column[i]);
+            column.set_column(joint, elbow);
             mass += (column.transpose() * jacobian + jacobian.transpose() * column) * sixth;
             bias += column.transpose() * tip_bias * sixth;
         }

@@ -6,11 +6,12 @@ mod path;
 mod tremor;
 
 pub use path::{Leg, Path, PathPoint, Speed};
-pub use tremor::{GRID_PERIOD_S, Tremor, TremorParameters};
+pub use tremor::{GRID_PERIOD_S, TremorParameters};
 
 use nalgebra::SVector;
 use thiserror::Error;
 
+use self::tremor::Tremor;
 use crate::setvalued::sat;
 
 /// What is wrong with a hand, its tremor or its path.

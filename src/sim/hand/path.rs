@@ -117,8 +117,9 @@ impl<const N: usize> Path<N> {
     /// Constant time on average while times grow by less than a leg; no allocation.
     #[inline]
     pub fn at(&mut self, time_s: f64) -> PathPoint<N> {
+        let time_s = if time_s.is_nan() { f64::INFINITY } else { time_s };
         // Bounded: each loop runs over the legs at most once, and only one of them moves.
-        while self.pieces.get(self.current).is_some_and(|piece| !(time_s < piece.from_s + piece.in_s)) {
+        while self.pieces.get(self.current).is_some_and(|piece| time_s >= piece.from_s + piece.in_s) {
             self.current += 1;
         }
         while let Some(before) = self.current.checked_sub(1).and_then(|before| self.pieces.get(before))

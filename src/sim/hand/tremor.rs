@@ -34,7 +34,7 @@ pub struct TremorParameters {
 /// Band: physiological tremor lies at 8 to 12 Hz. Force rather than motion, so that the mass of the device attenuates
 /// it. Discretisation: the stationary covariance of `(w p, p')` is `rms^2 I`; derived here.
 #[derive(Clone, Debug)]
-pub struct Tremor<const N: usize> {
+pub(super) struct Tremor<const N: usize> {
     generator: Xoshiro256PlusPlus,
     transition: Matrix2<f64>,
     /// Lower Cholesky factor of the covariance that one grid period adds.
@@ -52,7 +52,7 @@ impl<const N: usize> Tremor<N> {
     ///
     /// # Errors
     /// An RMS that is negative or not finite; a band that is not `0 < low < high <= 100 Hz`.
-    pub fn new(parameters: TremorParameters, seed: u64) -> Result<Self, HandError> {
+    pub(super) fn new(parameters: TremorParameters, seed: u64) -> Result<Self, HandError> {
         let TremorParameters { force_rms_n, low_hz, high_hz } = parameters;
         check_not_negative("tremor force in N", force_rms_n)?;
         if !(low_hz > 0.0 && low_hz < high_hz && high_hz <= HIGHEST_HZ) {
@@ -69,8 +69,8 @@ impl<const N: usize> Tremor<N> {
             to_n: SVector::zeros(),
             index: 0,
         };
-        for axis in 0..N {
-            tremor.states[axis] = normal_pair(&mut tremor.generator) * force_rms_n;
+        for state in &mut tremor.states {
+            *state = normal_pair(&mut tremor.generator) * force_rms_n;
         }
         tremor.from_n = tremor.output();
         tremor.advance_state();
@@ -82,7 +82,7 @@ impl<const N: usize> Tremor<N> {
     /// For a time before the present grid period it is the force at the period's beginning, and for one that is not
     /// finite as well. A call costs one filter step for each grid period since the last call.
     #[inline]
-    pub fn force_n(&mut self, time_s: f64) -> SVector<f64, N> {
+    pub(super) fn force_n(&mut self, time_s: f64) -> SVector<f64, N> {
         let grid = time_s / GRID_PERIOD_S;
         // The cast saturates: a negative time gives zero.
         let wanted = if grid.is_finite() { grid as u64 } else { 0 };
