@@ -15,6 +15,8 @@ const ARROW: Color = Color(0x50, 0x50, 0x50);
 const ARROW_WIDTH: f64 = 2.0;
 /// Length on paper of the force below which 98 of 100 lie, or of `R` if that is larger: 11 mm.
 const ARROW_LENGTH: f64 = 110.0;
+/// The frame is made large enough for arrows up to this length: a hard impact shall not shrink the way to a dot.
+const LONGEST_ARROW: f64 = 2.0 * ARROW_LENGTH;
 /// Arrows shorter than this are left out.
 const LEAST_ARROW: f64 = 4.0;
 /// Least distance on paper between the tails or the tips of two arrows that follow one another: 2 mm.
@@ -29,7 +31,8 @@ const WHOLE_SURFACE: f64 = 4.0;
 /// Left the ways of tool and proxy in the plane with the reference surface and the force on the hand as arrows at the
 /// tool; right the force component along the surface's normal (its magnitude if there is no surface), with `F`
 /// and `R`, and the power over time. Letters of
-/// the trace's phases stand above the curves and beside the way.
+/// the trace's phases stand below the force curve and beside the way. An arrow that would leave the frame is left out:
+/// a force far above `R`, as at a hard impact, shows in the curve over time alone.
 ///
 /// # Errors
 /// [`Error::Empty`], [`Error::EmptySpan`], [`Error::NoImpact`] when there is nothing to draw; [`Error::Value`] and
@@ -103,9 +106,9 @@ fn fit(frame: Frame, trace: &Trace, excerpt: &Excerpt<'_>, options: &Options) ->
     let ways = around(frame, &points, 0.02);
     let arrows = Arrows::new(&ways, trace, excerpt, options.arrow_limit);
     let per_length = 1.0 / ways.length_per_unit();
-    points.extend(arrows.all.iter().map(|Arrow { tail, along }| {
+    points.extend(arrows.all.iter().filter_map(|Arrow { tail, along }| {
         let (x, y) = (along.0 * arrows.length_per_n, along.1 * arrows.length_per_n);
-        (tail.0 + x * per_length, tail.1 + y * per_length)
+        (x.hypot(y) <= LONGEST_ARROW).then_some((tail.0 + x * per_length, tail.1 + y * per_length))
     }));
     let axes = around(frame, &points, 0.03);
     let arrows = Arrows::new(&axes, trace, excerpt, options.arrow_limit);
