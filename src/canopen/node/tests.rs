@@ -251,6 +251,15 @@ fn a_lost_heartbeat_gives_an_emergency_and_leaves_operational() {
 }
 
 #[test]
+fn configuring_the_watch_anew_clears_its_errors() {
+    let mut device = watching_127();
+    device.poll(1050);
+    let request = [0x23, 0x16, 0x10, 1, 0, 0, 0, 0];
+    assert_eq!(Device::emergencies(&device.at(1060, (0x603, &request))), [[0; 8]]);
+    assert_eq!((device.value(0x1001, 0), device.poll(9000)), (0, vec![]));
+}
+
+#[test]
 fn error_behaviour_decides_what_a_lost_heartbeat_does() {
     for (behaviour, state) in [(0, NmtState::PreOperational), (1, NmtState::Operational), (2, NmtState::Stopped)] {
         let mut device = watching_127();
@@ -466,7 +475,8 @@ fn an_rpdo_that_does_not_come_in_time_is_reported_once() {
     assert_eq!((device.poll(105), device.poll(107)), (vec![], vec![]));
     assert_eq!(device.node.next_deadline(), Time(108 * MS));
     assert_eq!(device.poll(108), [Frame::new(0x083, &[0x50, 0x82, 0x11, 1, 0, 0, 0, 0])]);
-    assert_eq!((device.log(), device.poll(200)), (vec!["late rpdo 1".to_string()], vec![]));
+    assert_eq!((device.poll(200), device.node.next_deadline()), (vec![], Time::NEVER));
+    assert_eq!(device.log(), ["late rpdo 1"]);
     assert_eq!(device.at(201, (0x203, &[6, 0, 1, 0, 0, 0])), [Frame::new(0x083, &[0; 8])]);
     // Leaving Operational ends the watch.
     device.at(202, (0, &[0x80, 3]));
