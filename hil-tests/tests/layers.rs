@@ -1,0 +1,206 @@
+//! Holds `src` to the layer rule of `docs/ARCHITECTURE.md`: who may name whom.
+//!
+//! The test walks the module tree from `lib.rs` and `main.rs`, takes every path in code (not only in `use` lines)
+//! and asks the table below. Code that exists only for tests may name any layer, but not every foreign crate.
+
+#[path = "layers/scan.rs"]
+mod scan;
+#[path = "layers/tokens.rs"]
+mod tokens;
+
+use scan::{Child, Scan, check};
+use std::collections::BTreeSet;
+use std::path::{Path, PathBuf};
+
+/// The rule as people read it. When this block and the one in the document differ, one of them is out of date.
+const RULE: &str = "\
+quantity, setvalued  <-  sensing, fixture, linkage, control (never one another)  <-  guard  <-  cycle  <-  bus  <-  rig  <-  study  <-  cli
+drives, canopen      <-  bus, sim; guard and cycle may name the states of `drives::cia402`
+sim                  may name drives, canopen, linkage, sensing, setvalued, quantity; never cycle, guard, control, fixture
+config               names the parameter types of the layers below cycle; named by bus, sim, rig, study, record, cli
+record               named by rig, study, cli
+";
+
+/// All layers. `drives` is not among them: it is a package of its own, `yieldwall_drives`.
+const LAYERS: [&str; 16] = [
+    "quantity",
+    "setvalued",
+    "sensing",
+    "fixture",
+    "linkage",
+    "control",
+    "guard",
+    "cycle",
+    "canopen",
+    "bus",
+    "config",
+    "sim",
+    "record",
+    "rig",
+    "study",
+    "cli",
+];
+
+/// The layers that a layer may name beside itself; `None` for what is not a layer.
+fn may_name(layer: &str) -> Option<Vec<&'static str>> {
+    let base = vec!["quantity", "setvalued"];
+    let stages = [&base[..], &["sensing", "fixture", "linkage", "control"]].concat();
+    let engines = ["drives", "canopen"];
+    let states = ["drives::cia402"];
+    let bus = || [&stages[..], &["guard", "cycle"], &engines, &["config"]].concat();
+    Some(match layer {
+        "quantity" | "setvalued" | "canopen" => vec![],
+        "sensing" | "fixture" | "linkage" | "control" => base,
+        "guard" => [&stages[..], &states].concat(),
+        "cycle" => [&stages[..], &states, &["guard"]].concat(),
+        "bus" => bus(),
+        "config" => [&stages[..], &engines, &["guard"]].concat(),
+        "sim" => [&base[..], &engines, &["sensing", "linkage", "config"]].concat(),
+        "record" => vec!["quantity", "config"],
+        "rig" => [bus(), vec!["bus", "sim", "record"]].concat(),
+        "study" => [bus(), vec!["bus", "sim", "record", "rig"]].concat(),
+        "cli" => [bus(), vec!["bus", "sim", "record", "rig", "study"]].concat(),
+        _ => return None,
+    })
+}
+
+/// Foreign crates that only some places may name, tests included.
+const ONLY_IN: [(&str, &[&str]); 5] = [
+    ("clap", &["cli", "main"]),
+    ("miette", &["cli", "main"]),
+    ("serde_saphyr", &["config::yaml"]),
+    ("kuva", &["record::figure"]),
+    ("canopen_rs", &["canopen"]),
+];
+
+#[test]
+fn layers_name_only_what_lies_below_them() {
+    let source = source_folder();
+    let mut walk = Walk::default();
+    for root in ["lib.rs", "main.rs"] {
+        walk.file(&source, &source.join(root), &[root.trim_end_matches(".rs").to_owned()], false);
+    }
+    assert!(walk.violations.is_empty(), "the layer rule is broken:\n{}", walk.violations.join("\n"));
+    for layer in LAYERS {
+        assert!(walk.layers.contains(layer), "{layer} is in the table but not in src");
+    }
+    let unread: Vec<_> = rust_files(&source).into_iter().filter(|file| !walk.files.contains(file)).collect();
+    assert!(unread.is_empty(), "no module declares {unread:?}: not compiled, or a declaration that this test misses");
+}
+
+#[test]
+fn the_document_states_the_same_rule() {
+    let document = std::fs::read_to_string(source_folder().join("../docs/ARCHITECTURE.md")).unwrap();
+    assert!(document.contains(&format!("```text\n{RULE}```\n")), "docs/ARCHITECTURE.md states another layer rule");
+}
+
+#[test]
+fn the_checker_finds_each_kind_of_violation() {
+    let found = |module: &str, source: &str| check(module, source).0;
+    let named = |module, source| found(module, source).join("; ");
+    assert_eq!(named("fixture::proxy", "\nuse crate::control::Pid;"), "line 2: fixture names control");
+    assert_eq!(named("guard", "use crate::{quantity::Force, bus, guard::Gate};"), "line 1: guard names bus");
+    assert_eq!(named("sim::arm", "fn f() { let x = crate::cycle::step(); }"), "line 1: sim names cycle");
+    assert_eq!(named("sim::arm::rigid", "use super::super::super::guard::Gate;"), "line 1: sim names guard");
+    assert_eq!(named("sim::arm", "mod inner { use super::super::super::guard; }"), "line 1: sim names guard");
+    assert_eq!(named("record", "use super::{rig as r};"), "line 1: record names rig");
+    assert_eq!(named("cycle", "use crate::{self as all, fixture};"), "line 1: cycle names the whole crate");
+    assert_eq!(named("cycle", "use crate::*;"), "line 1: cycle names the whole crate");
+    assert_eq!(named("cycle", "macro_rules! m { () => { $crate::bus::Master } }"), "line 1: cycle names bus");
+    assert_eq!(named("linkage", "use yieldwall_drives::scaling;"), "line 1: linkage names drives");
+    assert_eq!(named("cycle", "use yieldwall_drives::{cia402, scaling};"), "line 1: cycle names drives");
+    assert_eq!(named("bus", "use canopen_rs::sdo;"), "line 1: bus names the crate canopen_rs");
+    assert_eq!(named("study", "use kuva as plots;"), "line 1: study names the crate kuva");
+    assert_eq!(named("study", "#[derive(clap::Args)] struct A;"), "line 1: study names the crate clap");
+    assert_eq!(named("config", "pub use ::serde_saphyr::Error;"), "line 1: config names the crate serde_saphyr");
+    assert_eq!(named("rig", "#[cfg(test)] mod tests { use kuva::Color; }"), "line 1: rig names the crate kuva");
+    assert_eq!(named("sensing", "#[cfg(any(test, unix))] use crate::bus;"), "line 1: sensing names bus");
+    assert_eq!(named("sensing", "#[cfg(test)] use crate::bus; use crate::rig;"), "line 1: sensing names rig");
+    assert_eq!(named("oracle", "use crate::bus;"), "line 1: oracle is not a layer of the table");
+}
+
+#[test]
+fn the_checker_lets_the_rest_pass() {
+    for (module, source) in [
+        ("fixture", "// use crate::control;\n/* crate::bus /* nested */ crate::rig */ use crate::quantity;"),
+        ("fixture", r##"const A: &str = "crate::control \" crate::bus"; const B: &str = r#"crate::"bus"#;"##),
+        ("fixture", "fn f<'a>(x: &'a str, c: char) -> bool { c == 'a' || c == '\\'' } use crate::fixture::Proxy;"),
+        ("fixture::proxy", "use super::surface::Surface; use self::inner::X; use super::super::quantity::Force;"),
+        ("fixture", "#[cfg(test)] mod tests { use crate::control::Pid; fn f() {} }"),
+        ("fixture", "#[cfg(all(test, unix))] #[allow(dead_code)] fn f(a: [u8; 2]) -> u8 { crate::bus::g() }"),
+        ("fixture", "struct A { #[cfg(test)] probe: crate::bus::Probe, b: u8 }"),
+        ("canopen::sdo", "use canopen_rs::sdo; use std::fmt;"),
+        ("record::figure::page", "use kuva::render::Scene;"),
+        ("config::yaml", "use serde_saphyr::from_str;"),
+        ("cycle", "use yieldwall_drives::cia402; use yieldwall_drives::cia402::State;"),
+        ("main", "use yieldwall::cli; use miette::Result;"),
+        ("sim::can", "let kuva = 1; let y = kuva + x.clap();"),
+    ] {
+        assert_eq!(check(module, source).0, Vec::<String>::new(), "{source}");
+    }
+}
+
+#[test]
+fn the_checker_knows_which_modules_are_tests() {
+    let source = "mod a; #[cfg(test)] mod b; #[cfg(test)] #[path = \"c_tests.rs\"] mod c; pub mod d { mod e; }";
+    let children = check("sim", source).1;
+    let seen: Vec<_> = children.iter().map(|child| (child.name.as_str(), child.is_test)).collect();
+    assert_eq!(seen, [("a", false), ("b", true), ("c", true), ("d::e", false)]);
+    assert_eq!(children[2].path.as_deref(), Some("c_tests.rs"));
+}
+
+/// What was seen on the way through the module tree.
+#[derive(Default)]
+struct Walk {
+    files: BTreeSet<PathBuf>,
+    layers: BTreeSet<String>,
+    violations: Vec<String>,
+}
+
+impl Walk {
+    fn file(&mut self, source: &Path, file: &Path, module: &[String], is_test: bool) {
+        let text = std::fs::read_to_string(file).unwrap_or_else(|error| panic!("{}: {error}", file.display()));
+        self.files.insert(file.to_path_buf());
+        self.layers.insert(module[0].clone());
+        let mut scan = Scan::new(&text, module, is_test);
+        scan.items();
+        let shown = file.strip_prefix(source).unwrap_or(file).display();
+        self.violations.extend(scan.violations.iter().map(|violation| format!("src/{shown}, {violation}")));
+        let is_folder = ["mod.rs", "lib.rs", "main.rs"].iter().any(|name| file.ends_with(name));
+        let folder = if is_folder { file.parent().unwrap().to_path_buf() } else { file.with_extension("") };
+        for Child { name, path, is_test: is_test_child } in scan.children {
+            let names: Vec<String> = name.split("::").map(str::to_owned).collect();
+            let child = match path {
+                Some(path) => file.parent().unwrap().join(path),
+                None => {
+                    let stem = names.iter().fold(folder.clone(), |folder, name| folder.join(name));
+                    if stem.is_dir() && stem.join("mod.rs").is_file() {
+                        stem.join("mod.rs")
+                    } else {
+                        stem.with_extension("rs")
+                    }
+                }
+            };
+            let is_root = file.ends_with("lib.rs") || file.ends_with("main.rs");
+            let parent = if is_root { &[] } else { module };
+            self.file(source, &child, &[parent, &names].concat(), is_test || is_test_child);
+        }
+    }
+}
+
+fn source_folder() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("../src")
+}
+
+fn rust_files(folder: &Path) -> Vec<PathBuf> {
+    let mut files = Vec::new();
+    for entry in std::fs::read_dir(folder).unwrap() {
+        let path = entry.unwrap().path();
+        if path.is_dir() {
+            files.extend(rust_files(&path));
+        } else if path.extension().is_some_and(|extension| extension == "rs") {
+            files.push(path);
+        }
+    }
+    files
+}

@@ -1,0 +1,184 @@
+//! Curves over time: force and power of a run, and runs with and without a hold side by side.
+
+use super::axes::{Axes, Kind, range_of};
+use super::page::{Anchor, BLACK, GREY, Page, Stroke, WIDTH};
+use super::plane::{self, MM_PER_M, PROXY, SURFACE, SURFACE_BAND, TOOL};
+use super::{Drawing, Error, Excerpt, Options};
+use crate::record::{Reference, Row, Trace};
+
+const FORCE: Stroke = Stroke { color: BLACK, width: 3.0, dash: &[] };
+const LEVEL: Stroke = Stroke { color: BLACK, width: 2.0, dash: &[18.0, 10.0] };
+/// Samples stand apart as dots when they are at least this far from one another: 1.2 mm.
+const DOT_SPACING: f64 = 12.0;
+/// Least distance of two level names, so that they do not touch.
+const NAME_SPACING: f64 = 27.0;
+/// Least height of a range, so that a curve without change has an axis: 0.1 N, 10 mW, 0.1 mm, and in time 1 ms.
+const LEAST: f64 = 0.1;
+const LEAST_POWER_W: f64 = 0.01;
+
+/// Most columns of [`hold_comparison`].
+const MOST_COLUMNS: usize = 3;
+const LEFT: f64 = 100.0;
+const RIGHT: f64 = 60.0;
+
+/// The force component along the normal; without a surface the magnitude of the force.
+fn shown_force_n(trace: &Trace, row: &Row) -> f64 {
+    match trace.reference {
+        Reference::None => row.force_n.iter().map(|component| component * component).sum::<f64>().sqrt(),
+        _ => trace.normal_force_n(row),
+    }
+}
+
+/// The force along the normal, with the levels `F` and `R`.
+pub(super) fn force_panel(page: &mut Page, axes: &Axes, trace: &Trace, excerpt: &Excerpt<'_>) {
+    axes.zero_line(page);
+    levels(page, axes, trace);
+    let values = || excerpt.rows.iter().map(|row| (excerpt.shown_time(row.time_s), shown_force_n(trace, row)));
+    axes.curve(page, values(), Kind::History, FORCE);
+    dots(page, axes, values(), FORCE);
+}
+
+/// The power delivered to the hand.
+pub(super) fn power_panel(page: &mut Page, axes: &Axes, excerpt: &Excerpt<'_>) {
+    axes.zero_line(page);
+    let values = excerpt.rows.iter().map(|row| (excerpt.shown_time(row.time_s), row.power_w));
+    axes.curve(page, values, Kind::History, Stroke { color: GREY, ..FORCE });
+}
+
+/// Range of the force axis: all values and zero, and `R` on each side on which the force goes beyond half of `F`.
+pub(super) fn force_range<'a>(excerpts: impl Iterator<Item = (&'a Trace, &'a Excerpt<'a>)> + Clone) -> [f64; 2] {
+    let values = excerpts
+        .clone()
+        .flat_map(|(trace, excerpt)| excerpt.rows.iter().map(move |row| shown_force_n(trace, row)).collect::<Vec<_>>());
+    let [low, high] = range_of(values.chain([0.0]), 0.0, 0.0);
+    let with_surface = excerpts.filter(|(trace, _)| trace.reference != Reference::None);
+    let levels = with_surface.flat_map(|(trace, _)| {
+        let up = (high > trace.friction_n / 2.0).then_some(trace.yield_n);
+        let down = (low < -trace.friction_n / 2.0).then_some(-trace.yield_n);
+        up.into_iter().chain(down)
+    });
+    range_of(levels.chain([low, high]), LEAST, 0.06)
+}
+
+pub(super) fn power_range(excerpt: &Excerpt<'_>) -> [f64; 2] {
+    range_of(excerpt.rows.iter().map(|row| row.power_w).chain([0.0]), LEAST_POWER_W, 0.06)
+}
+
+pub(super) fn time_range(excerpt: &Excerpt<'_>) -> [f64; 2] {
+    range_of(excerpt.span.into_iter(), 1e-3, 0.0)
+}
+
+/// Dashed lines at `F` and `R` on both sides of zero, named at the right edge.
+fn levels(page: &mut Page, axes: &Axes, trace: &Trace) {
+    let names = [
+        (trace.yield_n, "", "R"),
+        (-trace.yield_n, "\u{2212}", "R"),
+        (trace.friction_n, "", "F"),
+        (-trace.friction_n, "\u{2212}", "F"),
+    ];
+    let mut taken: Vec<f64> = Vec::new();
+    for (value, sign, letter) in names {
+        let (right, y) = axes.place(axes.x[1], value);
+        if !axes.frame.contains((right, y)) {
+            continue;
+        }
+        axes.level(page, value, LEVEL);
+        if taken.iter().all(|other| (other - y).abs() >= NAME_SPACING) {
+            page.text((right + 8.0, y + 9.0), Anchor::Start, sign);
+            let shift = if sign.is_empty() { 8.0 } else { 30.0 };
+            page.slanted_text((right + shift, y + 9.0), letter);
+            taken.push(y);
+        }
+    }
+}
+
+/// Shows the single samples where there is room for them.
+fn dots(page: &mut Page, axes: &Axes, values: impl Iterator<Item = (f64, f64)>, stroke: Stroke) {
+    let places: Vec<_> = values.map(|(x, y)| axes.place(x, y)).collect();
+    let width = axes.frame.right - axes.frame.left;
+    if width < DOT_SPACING * places.len() as f64 {
+        return;
+    }
+    for place in places.into_iter().filter(|place| axes.frame.contains(*place)) {
+        page.dot(place, 1.5 * stroke.width.min(4.0), stroke.color);
+    }
+}
+
+/// One column for each trace, with the same scales: above the position of tool and proxy along the surface's normal,
+/// below the force on the hand along it, with the levels `F` and `R`. Each column is headed by a letter and `N_wait`.
+///
+/// Positions are signed distances from the reference surface, which is the line at zero.
+///
+/// # Errors
+/// [`Error::PanelCount`] for no trace or more than three; [`Error::NoLine`] without a surface or where it has no
+/// normal; further as for [`super::trajectory_and_time`].
+///
+/// # Source
+/// [KTF08, Figs 14 and 15].
+pub fn hold_comparison(traces: &[&Trace], options: &Options) -> Result<Drawing, Error> {
+    let count = traces.len();
+    if !(1..=MOST_COLUMNS).contains(&count) {
+        return Err(Error::PanelCount { count, most: MOST_COLUMNS });
+    }
+    let columns = traces.iter().map(|trace| Column::new(trace, options)).collect::<Result<Vec<_>, _>>()?;
+    let position = range_of(columns.iter().flat_map(Column::all_positions).chain([0.0]), LEAST, 0.06);
+    let force = force_range(columns.iter().map(|column| (column.trace, &column.excerpt)));
+
+    let head = if options.heading.is_some() { 100.0 } else { 54.0 };
+    let (above, height, gap) = (head + 84.0, 430.0, 62.0);
+    let mut page = Page::new(above + 2.0 * height + gap + 96.0);
+    super::heading(&mut page, options);
+    plane::legend(&mut page, (LEFT, head - 14.0), true);
+    let cell = WIDTH / count as f64;
+    let width = (cell - LEFT - RIGHT).min(1000.0);
+    for (number, column) in columns.iter().enumerate() {
+        let left = number as f64 * cell + LEFT + (cell - LEFT - RIGHT - width) / 2.0;
+        let x = time_range(&column.excerpt);
+        let upper = Axes { frame: plane::frame(left, above, width, height), x, y: position };
+        let lower = Axes { frame: plane::frame(left, above + height + gap, width, height), x, y: force };
+        column.draw_positions(&mut page, &upper);
+        upper.draw(&mut page, None, "position along the normal (mm)");
+        force_panel(&mut page, &lower, column.trace, &column.excerpt);
+        lower.draw(&mut page, Some(column.excerpt.label), "force along the normal (N)");
+        super::panel_letter(&mut page, (left, above - 52.0), number);
+        page.hold_steps((left + 55.0, above - 52.0), column.trace.hold_steps);
+    }
+    Ok(Drawing::new(page, options))
+}
+
+/// A trace and the positions of tool and proxy along the normal, in mm.
+struct Column<'a> {
+    trace: &'a Trace,
+    excerpt: Excerpt<'a>,
+    tool: Vec<(f64, f64)>,
+    proxy: Vec<(f64, f64)>,
+}
+
+impl<'a> Column<'a> {
+    fn new(trace: &'a Trace, options: &Options) -> Result<Self, Error> {
+        let excerpt = Excerpt::new(trace, options.time_span)?;
+        let along = |point: fn(&Row) -> [f64; 3]| {
+            let at = |row: &&Row| {
+                let distance = trace.reference.signed_distance_m(point(row))?;
+                Some((excerpt.shown_time(row.time_s), distance * MM_PER_M))
+            };
+            let points: Option<Vec<_>> = excerpt.rows.iter().map(at).collect();
+            points.ok_or_else(|| Error::NoLine { title: trace.title.clone() })
+        };
+        let (tool, proxy) = (along(|row| row.tool_m)?, along(|row| row.proxy_m)?);
+        Ok(Self { trace, excerpt, tool, proxy })
+    }
+
+    fn all_positions(&self) -> impl Iterator<Item = f64> {
+        self.tool.iter().chain(&self.proxy).map(|(_, position)| *position)
+    }
+
+    fn draw_positions(&self, page: &mut Page, axes: &Axes) {
+        for stroke in [SURFACE_BAND, SURFACE] {
+            axes.level(page, 0.0, stroke);
+        }
+        axes.curve(page, self.tool.iter().copied(), Kind::History, TOOL);
+        axes.curve(page, self.proxy.iter().copied(), Kind::History, PROXY);
+        dots(page, axes, self.proxy.iter().copied(), PROXY);
+    }
+}

@@ -1,0 +1,59 @@
+//! Magnified views of ways, without forces: like [KTF08, Figs 13 and 16].
+
+use super::axes::Axes;
+use super::page::{Page, WIDTH};
+use super::{Drawing, Error, Excerpt, Options, Window, plane};
+use crate::record::{Reference, Trace};
+
+/// Most panels: three rows of three.
+const MOST_PANELS: usize = 9;
+const LEFT: f64 = 100.0;
+const RIGHT: f64 = 30.0;
+const ABOVE: f64 = 84.0;
+const BELOW: f64 = 96.0;
+
+/// One panel: a part of the plane as one trace passes through it.
+#[derive(Clone, Copy, Debug)]
+pub struct View<'a> {
+    /// The trace.
+    pub trace: &'a Trace,
+    /// The part of the plane.
+    pub window: Window,
+}
+
+/// Square panels side by side, each with the ways of tool and proxy and the reference surface at equal scales. Each
+/// panel is headed by a letter and by its trace's `N_wait`.
+///
+/// # Errors
+/// As for the data of [`super::trajectory_and_time`]; [`Error::PanelCount`] for no panel or more than nine.
+///
+/// # Source
+/// [KTF08, Figs 13 and 16].
+pub fn magnified(views: &[View<'_>], options: &Options) -> Result<Drawing, Error> {
+    let columns = match views.len() {
+        1..=3 => views.len(),
+        4 => 2,
+        5..=MOST_PANELS => 3,
+        count => return Err(Error::PanelCount { count, most: MOST_PANELS }),
+    };
+    let cell = WIDTH / columns as f64;
+    let side = (cell - LEFT - RIGHT).min(900.0);
+    let lines = views.len().div_ceil(columns);
+    let head = if options.heading.is_some() { 100.0 } else { 54.0 };
+    let mut page = Page::new(head + lines as f64 * (ABOVE + side + BELOW));
+    super::heading(&mut page, options);
+    let has_surface = views.iter().any(|view| view.trace.reference != Reference::None);
+    plane::legend(&mut page, (LEFT, head - 14.0), has_surface);
+    for (number, view) in views.iter().enumerate() {
+        let left = (number % columns) as f64 * cell + LEFT + (cell - LEFT - RIGHT - side) / 2.0;
+        let top = head + (number / columns) as f64 * (ABOVE + side + BELOW) + ABOVE;
+        let (x, y) = plane::ranges(view.window)?;
+        let axes = Axes::with_equal_scales(plane::frame(left, top, side, side), x, y);
+        let excerpt = Excerpt::new(view.trace, options.time_span)?;
+        plane::ways(&mut page, &axes, view.trace, &excerpt)?;
+        axes.draw(&mut page, Some("x (mm)"), "y (mm)");
+        super::panel_letter(&mut page, (left, top - 52.0), number);
+        page.hold_steps((left + 55.0, top - 52.0), view.trace.hold_steps);
+    }
+    Ok(Drawing::new(page, options))
+}

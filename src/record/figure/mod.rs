@@ -1,0 +1,180 @@
+//! Figures of traces, as SVG and PNG, laid out like those of [KTF08, Figs 8 to 16]. This folder alone names the plotting crate.
+//!
+//! All figures are 160 mm wide with letters of about 7 pt. Curves differ in lightness, width and dashes as well as in
+//! colour, so that they can be told apart in print without colours and by the colour-blind.
+//!
+//! Long traces are thinned for drawing only, without visible loss: way curves leave out corners that would move the
+//! line by less than 0.04 mm on paper, time curves keep the first, lowest, highest and last value of every 0.05 mm.
+
+mod axes;
+mod curve;
+mod error;
+mod history;
+mod magnified;
+mod page;
+mod plane;
+mod trajectory;
+
+#[cfg(test)]
+mod tests;
+
+pub use error::Error;
+pub use history::hold_comparison;
+pub use magnified::{View, magnified};
+pub use trajectory::trajectory_and_time;
+
+use super::{Row, Trace};
+use page::Page;
+use std::path::Path;
+
+/// Part of the plane of x and y: a square, or the middle square of a wider panel.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Window {
+    /// Centre in m.
+    pub center_m: [f64; 2],
+    /// Half of the least width and height in m, above zero.
+    pub half_width_m: f64,
+}
+
+/// Which rows are drawn.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub enum TimeSpan {
+    /// All rows.
+    #[default]
+    Whole,
+    /// Rows whose time lies between two times, both included.
+    Between {
+        /// Begin in s.
+        from_s: f64,
+        /// End in s, after the begin.
+        to_s: f64,
+    },
+    /// Rows around the first impact; time then counts from the impact, in ms.
+    AroundImpact {
+        /// How long before the impact, in s.
+        before_s: f64,
+        /// How long after the impact, in s.
+        after_s: f64,
+    },
+}
+
+/// What the caller may choose.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Options {
+    /// Line of text above the figure, or none (a paper has its caption).
+    pub heading: Option<String>,
+    /// Rows to draw.
+    pub time_span: TimeSpan,
+    /// Part of the plane that [`trajectory_and_time`] shows; `None`: all of the way and, where it is not much larger
+    /// than the way, all of the surface.
+    pub window: Option<Window>,
+    /// The most force arrows that are drawn, at least 1.
+    pub arrow_limit: usize,
+    /// Whether SVG files carry their font, which makes them look the same everywhere and 3 MB larger.
+    pub is_font_embedded: bool,
+}
+
+impl Default for Options {
+    fn default() -> Self {
+        Self { heading: None, time_span: TimeSpan::Whole, window: None, arrow_limit: 140, is_font_embedded: false }
+    }
+}
+
+/// A finished figure.
+#[derive(Debug)]
+pub struct Drawing {
+    page: Page,
+    is_font_embedded: bool,
+}
+
+impl Drawing {
+    /// The figure as an SVG document, 160 mm wide.
+    pub fn svg(&self) -> String {
+        self.page.svg(self.is_font_embedded)
+    }
+
+    /// The figure as a PNG picture; 1890 pixels across give 300 dots per inch.
+    ///
+    /// # Errors
+    /// [`Error::PictureWidth`] outside 100 to 20 000 pixels; [`Error::Encode`] when the encoder fails.
+    pub fn png(&self, width_px: u32) -> Result<Vec<u8>, Error> {
+        self.page.png(width_px)
+    }
+
+    /// Writes [`Drawing::svg`] to a file, in place of what was there.
+    ///
+    /// # Errors
+    /// [`Error::Write`].
+    pub fn write_svg(&self, path: &Path) -> Result<(), Error> {
+        write(path, self.svg().as_bytes())
+    }
+
+    /// Writes [`Drawing::png`] to a file, in place of what was there.
+    ///
+    /// # Errors
+    /// As [`Drawing::png`], and [`Error::Write`].
+    pub fn write_png(&self, path: &Path, width_px: u32) -> Result<(), Error> {
+        write(path, &self.png(width_px)?)
+    }
+
+    fn new(page: Page, options: &Options) -> Self {
+        Self { page, is_font_embedded: options.is_font_embedded }
+    }
+}
+
+fn write(path: &Path, bytes: &[u8]) -> Result<(), Error> {
+    std::fs::write(path, bytes).map_err(|source| Error::Write { path: path.to_path_buf(), source })
+}
+
+/// The rows of a span, all of them fit to be drawn, and how their time is shown.
+#[derive(Debug)]
+struct Excerpt<'a> {
+    rows: Vec<&'a Row>,
+    origin_s: f64,
+    per_second: f64,
+    label: &'static str,
+    span: [f64; 2],
+}
+
+impl<'a> Excerpt<'a> {
+    fn new(trace: &'a Trace, span: TimeSpan) -> Result<Self, Error> {
+        error::check(trace)?;
+        let (from_s, to_s, origin_s) = match span {
+            TimeSpan::Whole => (f64::NEG_INFINITY, f64::INFINITY, 0.0),
+            TimeSpan::Between { from_s, to_s } => (from_s, to_s, 0.0),
+            TimeSpan::AroundImpact { before_s, after_s } => {
+                let impact = trace.rows.iter().find(|row| row.is_impact);
+                let at_s = impact.ok_or_else(|| Error::NoImpact { title: trace.title.clone() })?.time_s;
+                (at_s - before_s, at_s + after_s, at_s)
+            }
+        };
+        let rows: Vec<&Row> = trace.rows.iter().filter(|row| (from_s..=to_s).contains(&row.time_s)).collect();
+        let (Some(first), Some(last)) = (rows.first(), rows.last()) else {
+            return Err(Error::EmptySpan { title: trace.title.clone(), from_s, to_s });
+        };
+        let (per_second, label) = match span {
+            TimeSpan::AroundImpact { .. } => (1000.0, "time since impact (ms)"),
+            _ => (1.0, "time t (s)"),
+        };
+        let span = [first.time_s, last.time_s].map(|time_s| (time_s - origin_s) * per_second);
+        Ok(Self { rows, origin_s, per_second, label, span })
+    }
+
+    /// Time of a moment on the shown axis.
+    fn shown_time(&self, time_s: f64) -> f64 {
+        (time_s - self.origin_s) * self.per_second
+    }
+}
+
+/// The line of text above a figure.
+fn heading(page: &mut Page, options: &Options) {
+    if let Some(heading) = &options.heading {
+        page.text((page::WIDTH / 2.0, 40.0), page::Anchor::Middle, heading);
+    }
+}
+
+/// (a), (b) and so on.
+fn panel_letter(page: &mut Page, at: page::Point, number: usize) {
+    let letter = ('a'..='z').nth(number).unwrap_or('?');
+    page.bold_text(at, &format!("({letter})"));
+}

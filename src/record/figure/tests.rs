@@ -1,0 +1,234 @@
+//! Every figure, from made-up runs: what must be in it, and what is refused.
+
+use super::*;
+use crate::record::{ForceMeaning, Phase, Reference};
+use proptest::prelude::*;
+
+const CIRCLE: Reference = Reference::Circle { center_m: [0.0, 0.0], radius_m: 0.12 };
+
+/// A tool that circles in and out across the reference circle while the force turns and trembles.
+fn tour(row_count: usize) -> Trace {
+    let rows = (0..row_count).map(|step| {
+        let time_s = step as f64 * 1e-3;
+        let radius_m = 0.12 + 0.03 * (0.9 * time_s).sin();
+        let (sine, cosine) = (0.5 * time_s).sin_cos();
+        let force_n = 15.0 * (0.9 * time_s).sin() + 0.2 * (12.9898 * step as f64).sin();
+        Row {
+            time_s,
+            tool_m: [radius_m * cosine, radius_m * sine, 0.0],
+            proxy_m: [(radius_m - 1e-4) * cosine, (radius_m - 1e-4) * sine, 0.0],
+            force_n: [force_n * cosine, force_n * sine, 0.0],
+            power_w: -0.03 * force_n.abs(),
+            is_impact: step == row_count / 2,
+            ..Row::default()
+        }
+    });
+    let phase = |letter: &str, from_s, to_s| Phase { letter: letter.to_owned(), from_s, to_s };
+    Trace {
+        title: "tour".to_owned(),
+        reference: CIRCLE,
+        friction_n: 3.0,
+        yield_n: 20.0,
+        hold_steps: 15,
+        phases: vec![phase("a", 0.0, 1.0), phase("b", 1.0, 2.5)],
+        rows: rows.collect(),
+        ..Trace::default()
+    }
+}
+
+fn near_circle() -> Window {
+    Window { center_m: [0.12, 0.0], half_width_m: 0.01 }
+}
+
+/// All figures of one trace, or the first error.
+fn draw_all(trace: &Trace, options: &Options) -> Result<Vec<Drawing>, Error> {
+    Ok(vec![
+        trajectory_and_time(trace, options)?,
+        magnified(&[View { trace, window: near_circle() }], options)?,
+        hold_comparison(&[trace, trace], options)?,
+    ])
+}
+
+/// Width and height in the header of a PNG picture.
+fn picture_size(png: &[u8]) -> (u32, u32) {
+    assert_eq!(&png[..8], b"\x89PNG\r\n\x1a\n");
+    let number = |at: usize| u32::from_be_bytes(png[at..at + 4].try_into().unwrap());
+    (number(16), number(20))
+}
+
+#[test]
+fn a_run_is_drawn_with_names_units_levels_and_phases() {
+    let drawing = trajectory_and_time(&tour(5000), &Options::default()).unwrap();
+    let svg = drawing.svg();
+    assert!(svg.starts_with(r#"<svg xmlns="http://www.w3.org/2000/svg" width="160mm" "#), "{}", &svg[..200]);
+    for text in ["x (mm)", "y (mm)", "radial part of \u{2212}h (N)", "power (W)", "time t (s)", "tool", "proxy"] {
+        assert!(svg.contains(&format!(">{text}</text>")), "{text}");
+    }
+    assert!(svg.contains(">20 N (\u{2212}h, force on the hand)</text>"));
+    for level in ["R", "F"] {
+        assert_eq!(svg.matches(&format!(r#"<tspan font-style="italic">{level}</tspan>"#)).count(), 2, "{level}");
+    }
+    assert_eq!(svg.matches(">a</text>").count(), 2, "beside the way and below the curve");
+    let (width, height) = picture_size(&drawing.png(800).unwrap());
+    assert_eq!(width, 800);
+    assert!((300..800).contains(&height));
+}
+
+#[test]
+fn an_impedance_run_shows_the_actuator_force() {
+    let trace = Trace { force_meaning: ForceMeaning::ActuatorOnTool, ..tour(2000) };
+    let svg = trajectory_and_time(&trace, &Options::default()).unwrap().svg();
+    assert!(svg.contains(">radial part of f (N)</text>"));
+    assert!(!svg.contains("\u{2212}h"));
+}
+
+#[test]
+fn no_more_arrows_than_allowed() {
+    let arrows = |arrow_limit| {
+        let svg = trajectory_and_time(&tour(20_000), &Options { arrow_limit, ..Options::default() }).unwrap().svg();
+        // Arrow heads are the only closed paths; one of them is the scale's.
+        svg.matches(" Z\"").count() - 1
+    };
+    assert!((40..=140).contains(&arrows(140)), "{}", arrows(140));
+    assert!((5..=30).contains(&arrows(30)), "{}", arrows(30));
+}
+
+#[test]
+fn views_and_columns_are_headed_by_their_hold() {
+    let (zero, five) = (Trace { hold_steps: 0, ..tour(3000) }, Trace { hold_steps: 5, ..tour(3000) });
+    let views = [&zero, &five].map(|trace| View { trace, window: near_circle() });
+    let around = TimeSpan::AroundImpact { before_s: 0.02, after_s: 0.04 };
+    let options = Options { time_span: around, heading: Some("A & B".to_owned()), ..Options::default() };
+    let views = magnified(&views, &Options { time_span: TimeSpan::Whole, ..options.clone() }).unwrap().svg();
+    let columns = hold_comparison(&[&zero, &five], &options).unwrap().svg();
+    for svg in [&views, &columns] {
+        for text in ["= 0", "= 5", "A &amp; B"] {
+            assert!(svg.contains(&format!(">{text}</text>")), "{text}");
+        }
+        assert!(!svg.contains("force on the hand"), "no arrows");
+    }
+    assert_eq!(columns.matches(">time since impact (ms)</text>").count(), 2);
+    assert_eq!(columns.matches(">force along the normal (N)</text>").count(), 2);
+}
+
+#[test]
+fn a_minute_at_a_kilohertz_stays_small() {
+    for drawing in draw_all(&tour(60_000), &Options::default()).unwrap() {
+        let bytes = drawing.svg().len();
+        assert!(bytes < 400_000, "{bytes} bytes");
+    }
+}
+
+#[test]
+fn the_same_trace_gives_the_same_figure() {
+    let svg = || trajectory_and_time(&tour(3000), &Options::default()).unwrap().svg();
+    assert_eq!(svg(), svg());
+}
+
+#[test]
+fn runs_without_change_have_axes_too() {
+    let one = tour(1);
+    let still = Trace { rows: vec![Row { force_n: [0.0; 3], ..one.rows[0] }; 50], ..one.clone() };
+    let free = Trace { reference: Reference::None, friction_n: 0.0, yield_n: 0.0, ..tour(100) };
+    for trace in [one, still, free] {
+        let svg = trajectory_and_time(&trace, &Options::default()).unwrap().svg();
+        assert!(!svg.contains("NaN") && !svg.contains("inf"));
+    }
+}
+
+#[test]
+fn an_embedded_font_goes_into_the_file() {
+    let options = Options { is_font_embedded: true, ..Options::default() };
+    assert!(trajectory_and_time(&tour(10), &options).unwrap().svg().contains("@font-face"));
+}
+
+#[test]
+fn values_that_cannot_be_drawn_are_named() {
+    let spoil = |change: fn(&mut Row)| {
+        let mut trace = tour(10);
+        change(&mut trace.rows[7]);
+        draw_all(&trace, &Options::default()).unwrap_err().to_string()
+    };
+    assert_eq!(spoil(|row| row.force_n[2] = f64::NAN), "row 7: force_n is NaN, not a finite number up to 1e9");
+    assert!(spoil(|row| row.tool_m[0] = f64::INFINITY).starts_with("row 7: tool_m is inf"));
+    assert!(spoil(|row| row.time_s = -2e9).starts_with("row 7: time_s is -2000000000"));
+}
+
+#[test]
+fn traces_that_cannot_be_drawn_are_refused() {
+    let refuse = |trace: &Trace, options: &Options| draw_all(trace, options).unwrap_err();
+    let options = Options::default();
+    assert!(matches!(refuse(&tour(0), &options), Error::Empty { .. }));
+    let spans = |time_span| Options { time_span, ..Options::default() };
+    let late = spans(TimeSpan::Between { from_s: 9.0, to_s: 10.0 });
+    assert!(matches!(refuse(&tour(10), &late), Error::EmptySpan { from_s: 9.0, .. }));
+    let mut smooth = tour(10);
+    smooth.rows.iter_mut().for_each(|row| row.is_impact = false);
+    let around = spans(TimeSpan::AroundImpact { before_s: 0.1, after_s: 0.1 });
+    assert!(matches!(refuse(&smooth, &around), Error::NoImpact { .. }));
+    let level = Reference::Plane { point_m: [0.0; 3], normal: [0.0, 0.0, 1.0] };
+    assert!(matches!(refuse(&Trace { reference: level, ..tour(10) }, &options), Error::NoLine { .. }));
+    let lying = Reference::Cylinder { axis_point_m: [0.0; 3], axis_direction: [1.0, 0.0, 0.0], radius_m: 0.1 };
+    assert!(matches!(refuse(&Trace { reference: lying, ..tour(10) }, &options), Error::NoLine { .. }));
+    let empty = Reference::Circle { center_m: [0.0, 0.0], radius_m: 0.0 };
+    assert!(matches!(
+        refuse(&Trace { reference: empty, ..tour(10) }, &options),
+        Error::Setting { field: "radius_m", .. }
+    ));
+    assert!(matches!(refuse(&Trace { yield_n: f64::NAN, ..tour(10) }, &options), Error::Setting { .. }));
+}
+
+#[test]
+fn settings_that_cannot_be_drawn_are_refused() {
+    let (trace, options) = (tour(10), Options::default());
+    let view = View { trace: &trace, window: Window { center_m: [0.0, 0.0], half_width_m: 0.0 } };
+    assert!(matches!(magnified(&[view], &options), Err(Error::Setting { value: 0.0, .. })));
+    let near = View { trace: &trace, window: near_circle() };
+    assert!(matches!(magnified(&[near; 10], &options), Err(Error::PanelCount { count: 10, most: 9 })));
+    assert!(matches!(hold_comparison(&[], &options), Err(Error::PanelCount { count: 0, most: 3 })));
+    let free = Trace { reference: Reference::None, ..tour(10) };
+    assert!(matches!(hold_comparison(&[&free], &options), Err(Error::NoLine { .. })));
+    let drawing = trajectory_and_time(&trace, &options).unwrap();
+    assert!(matches!(drawing.png(99), Err(Error::PictureWidth { width_px: 99 })));
+    let nowhere = Path::new("/nowhere at all/figure.svg");
+    assert!(matches!(drawing.write_svg(nowhere), Err(Error::Write { .. })));
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(64))]
+
+    #[test]
+    fn any_finite_numbers_are_drawn_without_panic(
+        numbers in prop::collection::vec((any::<bool>(), -1.0..1.0f64, -12..10i32), 22..110),
+        radius_power in -9..10i32,
+    ) {
+        let value = |(is_zero, part, power): (bool, f64, i32)| {
+            if is_zero { 0.0 } else { (part * 10f64.powi(power)).clamp(-1e9, 1e9) }
+        };
+        let numbers: Vec<f64> = numbers.into_iter().map(value).collect();
+        let rows = numbers.chunks_exact(11).map(|n| Row {
+            time_s: n[0],
+            tool_m: [n[1], n[2], n[3]],
+            proxy_m: [n[4], n[5], n[6]],
+            force_n: [n[7], n[8], n[9]],
+            power_w: n[10],
+            ..Row::default()
+        });
+        let reference = Reference::Circle { center_m: [0.0, 0.0], radius_m: 10f64.powi(radius_power) };
+        let trace = Trace { rows: rows.collect(), reference, ..tour(0) };
+        let options = Options::default();
+        let mut drawings = vec![
+            trajectory_and_time(&trace, &options).unwrap(),
+            magnified(&[View { trace: &trace, window: near_circle() }], &options).unwrap(),
+        ];
+        match hold_comparison(&[&trace], &options) {
+            Ok(drawing) => drawings.push(drawing),
+            Err(error) => prop_assert!(matches!(error, Error::NoLine { .. }), "{error}"),
+        }
+        for drawing in drawings {
+            let svg = drawing.svg();
+            prop_assert!(!svg.contains("NaN") && !svg.contains("inf"));
+            prop_assert!(drawing.png(200).is_ok());
+        }
+    }
+}

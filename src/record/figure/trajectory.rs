@@ -1,0 +1,284 @@
+//! A run as a whole: like [KTF08, Figs 8, 9, 11 and 12].
+
+use super::axes::{Axes, number, range_of};
+use super::curve::Frame;
+use super::history::{force_panel, force_range, power_panel, power_range, time_range};
+use super::page::{Anchor, Color, GREY, Page, Point, Stroke};
+use super::plane::{self, MM_PER_M};
+use super::{Drawing, Error, Excerpt, Options};
+use crate::record::{ForceMeaning, Phase, Reference, Row, Trace};
+
+const LEFT: f64 = 100.0;
+/// Distance of a panel's letter from its frame, to the left.
+const LETTER_OFFSET: f64 = 58.0;
+const ARROW: Color = Color(0x50, 0x50, 0x50);
+const ARROW_WIDTH: f64 = 2.0;
+/// Length on paper of the force below which 98 of 100 lie, or of `R` if that is larger: 11 mm.
+const ARROW_LENGTH: f64 = 110.0;
+/// The frame is made large enough for arrows up to this length: a hard impact shall not shrink the way to a dot.
+const LONGEST_ARROW: f64 = 2.0 * ARROW_LENGTH;
+/// Arrows shorter than this are left out.
+const LEAST_ARROW: f64 = 4.0;
+/// Least distance on paper between the tails or the tips of two arrows that follow one another: 2 mm.
+const ARROW_SPACING: f64 = 20.0;
+/// Distance of a phase's letter from the way: 3.4 mm.
+const BESIDE: f64 = 34.0;
+/// Least range of a way, in mm.
+const LEAST_WAY_MM: f64 = 0.01;
+/// A surface is shown whole when it is at most this many times as large as the way.
+const WHOLE_SURFACE: f64 = 4.0;
+
+/// Left the ways of tool and proxy in the plane with the reference surface and the force on the hand as arrows at the
+/// tool; right the force component along the surface's normal (its magnitude if there is no surface), with `F`
+/// and `R`, and the power over time. Letters of
+/// the trace's phases stand below the force curve and beside the way. An arrow that would leave the frame is left out:
+/// a force far above `R`, as at a hard impact, shows in the curve over time alone.
+///
+/// # Errors
+/// [`Error::Empty`], [`Error::EmptySpan`], [`Error::NoImpact`] when there is nothing to draw; [`Error::Value`] and
+/// [`Error::Setting`] for numbers that cannot be drawn; [`Error::NoLine`] for a surface that is not a line in the
+/// plane of x and y.
+///
+/// # Source
+/// [KTF08, Figs 8 and 11].
+pub fn trajectory_and_time(trace: &Trace, options: &Options) -> Result<Drawing, Error> {
+    let excerpt = Excerpt::new(trace, options.time_span)?;
+    let head = if options.heading.is_some() { 54.0 } else { 8.0 };
+    let (top, side) = (head + 110.0, 720.0);
+    let mut page = Page::new(top + side + 96.0);
+    super::heading(&mut page, options);
+
+    let frame = plane::frame(LEFT, top, side, side);
+    let (axes, arrows) = fit(frame, trace, &excerpt, options)?;
+    plane::ways(&mut page, &axes, trace, &excerpt)?;
+    arrows.draw(&mut page, &axes);
+    phase_letters(&mut page, &axes, trace, &excerpt);
+    axes.draw(&mut page, Some("x (mm)"), "y (mm)");
+    super::panel_letter(&mut page, (frame.left - LETTER_OFFSET, top - 15.0), 0);
+    let has_surface = trace.reference != Reference::None;
+    let behind = plane::legend(&mut page, (frame.left, head + 40.0), has_surface);
+    arrows.legend(&mut page, (behind, head + 40.0), trace.force_meaning);
+
+    let (left, width, gap) = (950.0, 590.0, 84.0);
+    let upper_height = 0.56 * (side - gap);
+    let upper_frame = plane::frame(left, top, width, upper_height);
+    let lower_frame = plane::frame(left, top + upper_height + gap, width, side - gap - upper_height);
+    let x = time_range(&excerpt);
+    let upper = Axes { frame: upper_frame, x, y: force_range(std::iter::once((trace, &excerpt))) };
+    let lower = Axes { frame: lower_frame, x, y: power_range(&excerpt) };
+    phase_marks(&mut page, &upper, &lower, trace, &excerpt);
+    force_panel(&mut page, &upper, trace, &excerpt);
+    upper.draw(&mut page, None, &force_name(trace));
+    power_panel(&mut page, &lower, &excerpt);
+    lower.draw(&mut page, Some(excerpt.label), "power (W)");
+    super::panel_letter(&mut page, (left - LETTER_OFFSET, top - 15.0), 1);
+    Ok(Drawing::new(page, options))
+}
+
+fn force_name(trace: &Trace) -> String {
+    let part = match (&trace.reference, plane::circle(&trace.reference)) {
+        (Reference::None, _) => "magnitude",
+        (_, Some(_)) => "radial part",
+        (_, None) => "normal part",
+    };
+    let force = match trace.force_meaning {
+        ForceMeaning::HandOnTool => "\u{2212}h",
+        ForceMeaning::ActuatorOnTool => "f",
+    };
+    format!("{part} of {force} (N)")
+}
+
+/// Axes that hold the ways and the arrows, and the arrows. The arrows' place on paper depends on the axes and the
+/// axes' range on the arrows: the ways alone give a first scale, the arrows at that scale the range.
+fn fit(frame: Frame, trace: &Trace, excerpt: &Excerpt<'_>, options: &Options) -> Result<(Axes, Arrows), Error> {
+    if let Some(window) = options.window {
+        let (x, y) = plane::ranges(window)?;
+        let axes = Axes::with_equal_scales(frame, x, y);
+        return Ok((axes, Arrows::new(&axes, trace, excerpt, options.arrow_limit)));
+    }
+    let mut points: Vec<(f64, f64)> = excerpt
+        .rows
+        .iter()
+        .flat_map(|row| [row.tool_m, row.proxy_m])
+        .map(|[x, y, _]| (x * MM_PER_M, y * MM_PER_M))
+        .collect();
+    points.extend(surface_corners(trace, &points));
+    let ways = around(frame, &points, 0.02);
+    let arrows = Arrows::new(&ways, trace, excerpt, options.arrow_limit);
+    let per_length = 1.0 / ways.length_per_unit();
+    points.extend(arrows.all.iter().filter_map(|Arrow { tail, along }| {
+        let (x, y) = (along.0 * arrows.length_per_n, along.1 * arrows.length_per_n);
+        (x.hypot(y) <= LONGEST_ARROW).then_some((tail.0 + x * per_length, tail.1 + y * per_length))
+    }));
+    let axes = around(frame, &points, 0.03);
+    let arrows = Arrows::new(&axes, trace, excerpt, options.arrow_limit);
+    Ok((axes, arrows))
+}
+
+fn around(frame: Frame, points: &[(f64, f64)], margin: f64) -> Axes {
+    let x = range_of(points.iter().map(|point| point.0), LEAST_WAY_MM, margin);
+    let y = range_of(points.iter().map(|point| point.1), LEAST_WAY_MM, margin);
+    Axes::with_equal_scales(frame, x, y)
+}
+
+/// Two opposite corners of what the surface fills, in mm, if it should be shown whole.
+fn surface_corners(trace: &Trace, way: &[(f64, f64)]) -> Vec<(f64, f64)> {
+    let corners: Vec<(f64, f64)> = match (&trace.reference, plane::circle(&trace.reference)) {
+        (_, Some(([x, y], radius))) => vec![(x - radius, y - radius), (x + radius, y + radius)],
+        (Reference::Curve { points_m, .. }, _) => points_m.iter().map(|[x, y]| (*x, *y)).collect(),
+        _ => Vec::new(),
+    };
+    let corners: Vec<_> = corners.into_iter().map(|(x, y)| (x * MM_PER_M, y * MM_PER_M)).collect();
+    let extent = |points: &[(f64, f64)]| {
+        let [left, right] = range_of(points.iter().map(|point| point.0), 0.0, 0.0);
+        let [low, high] = range_of(points.iter().map(|point| point.1), 0.0, 0.0);
+        (right - left).max(high - low)
+    };
+    if extent(&corners) <= WHOLE_SURFACE * extent(way) { corners } else { Vec::new() }
+}
+
+/// A force at the tool: where, in mm, and how much, in N.
+struct Arrow {
+    tail: (f64, f64),
+    along: (f64, f64),
+}
+
+/// The force arrows of a figure, so few that they can be told apart.
+struct Arrows {
+    all: Vec<Arrow>,
+    length_per_n: f64,
+}
+
+impl Arrows {
+    fn new(axes: &Axes, trace: &Trace, excerpt: &Excerpt<'_>, limit: usize) -> Self {
+        let length_per_n = ARROW_LENGTH / large_force_n(trace, excerpt);
+        let mut spacing = ARROW_SPACING;
+        loop {
+            let all = spaced(axes, trace, excerpt, length_per_n, spacing);
+            if all.len() <= limit.max(1) || spacing > 1e5 {
+                return Self { all, length_per_n };
+            }
+            spacing *= 1.25;
+        }
+    }
+
+    fn draw(&self, page: &mut Page, axes: &Axes) {
+        for Arrow { tail, along } in &self.all {
+            let from = axes.place(tail.0, tail.1);
+            let to = (from.0 + along.0 * self.length_per_n, from.1 - along.1 * self.length_per_n);
+            if axes.frame.contains(from) && axes.frame.contains(to) {
+                page.arrow(from, to, ARROW, ARROW_WIDTH);
+            }
+        }
+    }
+
+    /// An arrow of a round force, for scale.
+    fn legend(&self, page: &mut Page, (x, y): Point, meaning: ForceMeaning) {
+        let power = 10f64.powf((ARROW_LENGTH / self.length_per_n).log10().floor());
+        let fits = |force: &f64| force * self.length_per_n <= ARROW_LENGTH;
+        let force = [5.0, 2.0, 1.0].map(|digit| digit * power).into_iter().find(fits).unwrap_or(power);
+        let length = force * self.length_per_n;
+        page.arrow((x, y - 9.0), (x + length, y - 9.0), ARROW, ARROW_WIDTH);
+        let decimals = (-force.log10().floor()).max(0.0) as usize;
+        let what = match meaning {
+            ForceMeaning::HandOnTool => "\u{2212}h, force on the hand",
+            ForceMeaning::ActuatorOnTool => "f, force on the hand",
+        };
+        let text = format!("{} N ({what})", number(force, decimals));
+        page.text((x + length + 14.0, y), Anchor::Start, &text);
+    }
+}
+
+/// Arrows at least `spacing` from one another, at the tail or at the tip, the earlier before the later.
+fn spaced(axes: &Axes, trace: &Trace, excerpt: &Excerpt<'_>, length_per_n: f64, spacing: f64) -> Vec<Arrow> {
+    let mut placed: Vec<(Point, Point)> = Vec::new();
+    let mut all = Vec::new();
+    for row in &excerpt.rows {
+        let [fx, fy, _] = trace.force_on_hand_n(row);
+        let tail = (row.tool_m[0] * MM_PER_M, row.tool_m[1] * MM_PER_M);
+        let from = axes.place(tail.0, tail.1);
+        let to = (from.0 + fx * length_per_n, from.1 - fy * length_per_n);
+        if !axes.frame.contains(from) || fx.hypot(fy) * length_per_n < LEAST_ARROW {
+            continue;
+        }
+        // From the last backward: most rows lie near the arrow drawn just before.
+        let is_apart = |(tail, tip): &(Point, Point)| far(*tail, from, spacing) || far(*tip, to, spacing);
+        if placed.iter().rev().all(is_apart) {
+            placed.push((from, to));
+            all.push(Arrow { tail, along: (fx, fy) });
+        }
+    }
+    all
+}
+
+fn far(a: Point, b: Point, distance: f64) -> bool {
+    (a.0 - b.0).hypot(a.1 - b.1) >= distance
+}
+
+/// `R`, or the force below which 98 of 100 lie if that is larger: a short impact does not shrink all other arrows.
+fn large_force_n(trace: &Trace, excerpt: &Excerpt<'_>) -> f64 {
+    let mut forces: Vec<f64> = excerpt.rows.iter().map(|row| planar_force_n(trace, row)).collect();
+    forces.sort_unstable_by(f64::total_cmp);
+    let most = forces.get(forces.len() * 98 / 100).copied().unwrap_or(0.0);
+    most.max(trace.yield_n).max(1e-9)
+}
+
+fn planar_force_n(trace: &Trace, row: &Row) -> f64 {
+    let [x, y, _] = trace.force_on_hand_n(row);
+    x.hypot(y)
+}
+
+/// Letters beside the way, at the middle of each phase.
+fn phase_letters(page: &mut Page, axes: &Axes, trace: &Trace, excerpt: &Excerpt<'_>) {
+    for Phase { letter, from_s, to_s } in &trace.phases {
+        let inside = |row: &&&Row| (*from_s..=*to_s).contains(&row.time_s);
+        let rows: Vec<&Row> = excerpt.rows.iter().filter(inside).copied().collect();
+        let Some(row) = rows.get(rows.len() / 2) else { continue };
+        let place = |row: &Row| axes.place(row.tool_m[0] * MM_PER_M, row.tool_m[1] * MM_PER_M);
+        let (x, y) = place(row);
+        let tenth = rows.len() / 10;
+        let (before, after) =
+            (place(rows[rows.len() / 2 - tenth]), place(rows[(rows.len() / 2 + tenth).min(rows.len() - 1)]));
+        let [fx, fy, _] = trace.force_on_hand_n(row);
+        let (dx, dy) = beside((after.0 - before.0, after.1 - before.1), (fx, -fy));
+        let centers = [1.0, -1.0].map(|side| (x + side * BESIDE * dx, y + side * BESIDE * dy));
+        let fits =
+            |(x, y): &Point| axes.frame.contains((x - 20.0, y - 20.0)) && axes.frame.contains((x + 20.0, y + 20.0));
+        if let Some(center) = centers.into_iter().find(fits) {
+            page.blank(center, 24.0, 30.0);
+            page.text((center.0, center.1 + 9.0), Anchor::Middle, letter);
+        }
+    }
+}
+
+/// Unit vector on the page across a motion, on the side away from a force; at rest, straight away from the force.
+fn beside(motion: Point, force: Point) -> Point {
+    let unit = |(x, y): Point| {
+        let length = x.hypot(y);
+        (length > 0.0).then(|| (x / length, y / length))
+    };
+    if motion.0.hypot(motion.1) < LEAST_ARROW {
+        return unit(force).map_or((0.0, -1.0), |(x, y)| (-x, -y));
+    }
+    let (x, y) = unit(motion).map_or((0.0, -1.0), |(x, y)| (-y, x));
+    if x * force.0 + y * force.1 > 0.0 { (-x, -y) } else { (x, y) }
+}
+
+/// Letters below the upper time curve and lines where phases begin and end.
+fn phase_marks(page: &mut Page, upper: &Axes, lower: &Axes, trace: &Trace, excerpt: &Excerpt<'_>) {
+    let stroke = Stroke { color: GREY, width: 1.5, dash: &[3.0, 7.0] };
+    for Phase { letter, from_s, to_s } in &trace.phases {
+        let shown = |time_s: f64| upper.place(excerpt.shown_time(time_s), upper.y[0]).0;
+        for x in [*from_s, *to_s].map(shown) {
+            for Frame { left, top, right, bottom } in [upper.frame, lower.frame] {
+                if left < x && x < right {
+                    page.chain(&[(x, top), (x, bottom)], stroke);
+                }
+            }
+        }
+        let middle = shown((from_s + to_s) / 2.0);
+        if upper.frame.contains((middle, upper.frame.bottom)) {
+            page.text((middle, upper.frame.bottom + 28.0), Anchor::Middle, letter);
+        }
+    }
+}
