@@ -111,9 +111,6 @@ objects! {
     RATED_TORQUE = 0x6076:0, U32, "motor rated torque in mN m (CiA 402)";
     TORQUE_ACTUAL = 0x6077:0, I16, "torque in per mille of rated torque (CiA 402)";
     TARGET_POSITION = 0x607a:0, I32, "target position in counts (CiA 402)";
-    HOME_OFFSET = 0x607c:0, I32, "home offset in counts (CiA 402)";
-    POSITION_LIMIT_MIN = 0x607d:1, I32, "software position limit, lower, in counts (CiA 402)";
-    POSITION_LIMIT_MAX = 0x607d:2, I32, "software position limit, upper, in counts (CiA 402)";
     PROFILE_DECELERATION = 0x6084:0, U32, "slow-down ramp in counts/s^2 (CiA 402)";
     QUICK_STOP_DECELERATION = 0x6085:0, U32, "quick stop ramp in counts/s^2 (CiA 402)";
     ENCODER_INCREMENTS = 0x608f:1, U32, "encoder resolution: increments (CiA 402)";
@@ -148,6 +145,10 @@ pub mod error_code {
     pub const PDO_LENGTH: u16 = 0x8210;
     /// An RPDO did not come in its deadline.
     pub const RPDO_TIMEOUT: u16 = 0x8250;
+    /// The position sensor gives no usable value.
+    pub const ENCODER: u16 = 0x7305;
+    /// SYNC stayed away in a cyclic synchronous mode.
+    pub const SYNC_LOST: u16 = 0x8700;
     /// The following error stayed outside its window.
     pub const FOLLOWING_ERROR: u16 = 0x8611;
 }

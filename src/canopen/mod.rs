@@ -2,7 +2,38 @@
 //!
 //! Time, frames and outgoing queues are arguments, so that the same code runs in virtual time, on vcan and on
 //! hardware, and the codec that the master uses is the one that the simulated devices are checked against.
+//!
+//! | side | what |
+//! |---|---|
+//! | master | [`SdoClient`], [`nmt::HeartbeatConsumer`], [`SyncProducer`], [`Emergency`], [`pdo::Layout`] |
+//! | device | [`Node`] over an [`ObjectDictionary`], with an [`Application`] behind it |
+//! | both | [`cob`], [`nmt`], [`AbortCode`], [`EmcyCode`] |
+//!
+//! Codecs and small types come from the crate `canopen-rs`, which no other folder names.
 
+mod abort;
+pub mod cob;
+pub mod dictionary;
+mod emcy;
+mod error;
 mod frame;
+pub mod nmt;
+mod node;
+pub mod pdo;
+mod sdo;
+mod sync;
+mod value;
 
+pub use abort::AbortCode;
+pub use canopen_rs::{Address, ErrorRegister, MappingEntry, NmtCommand, NmtState, NodeId};
+pub use cob::node_id;
+pub use dictionary::{Access, DeviceIdentity, Handle, Mappable, Object, ObjectDictionary};
+pub use emcy::{EmcyCode, Emergency};
+pub use error::CanopenError;
 pub use frame::{Frame, Outbox, Time};
+pub use nmt::{HeartbeatChange, HeartbeatConsumer, HeartbeatEvent};
+pub use node::{Application, Node, Reset};
+pub use pdo::{Field, Layout, PdoParameters};
+pub use sdo::{SdoClient, SdoOutcome};
+pub use sync::SyncProducer;
+pub use value::{DataType, Scalar};

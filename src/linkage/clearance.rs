@@ -112,6 +112,7 @@ impl FiveBar {
         let elbows = (e1 - e0).length();
         let (h, f) = (self.carrier.index(), self.carrier.other().index());
         let free = stretched_m[f].min(folded_m[f]);
+        // `min` leaves out a way that is not a number.
         let edge_m = stretched_m[h].min(folded_m[h]).min(self.tool_way(posture, free));
         Clearance {
             stretched_m,
@@ -123,7 +124,11 @@ impl FiveBar {
     }
 
     /// Way of the tool point, to first order, along which the reach of the chain without the tool changes by `gap_m`.
+    /// Infinite or not a number where the reach does not change.
     fn tool_way(&self, posture: &Posture, gap_m: f64) -> f64 {
+        if self.wrist_ratio == Complex::new(1.0, 0.0) {
+            return gap_m;
+        }
         let (h, f) = (self.carrier.index(), self.carrier.other().index());
         let elbow = Complex::from(posture.elbows_m[h]);
         let carried = Complex::from(posture.tip.to_array()) - elbow;
@@ -131,7 +136,8 @@ impl FiveBar {
         let reach = Complex::from(posture.wrist_m) - self.base[f];
         let length = reach.length();
         if length <= 0.0 {
-            return 0.0;
+            // On the base joint the reach has no gradient.
+            return gap_m;
         }
         // A shift p of the tool turns the crank by carried.p / carried.crank and shifts the wrist by
         // p w + crank (1 - w) times that angle, with w = 1 / tool_ratio. The gradient of the reach times lever:
@@ -140,8 +146,7 @@ impl FiveBar {
         let conjugate = Complex::new(w.re, -w.im);
         let along = crank * Complex::new(1.0 - w.re, -w.im);
         let gradient = (reach * conjugate).scale(lever) + carried.scale(along.dot(reach));
-        let steepness = gradient.length() / length;
-        if steepness * f64::MAX.sqrt() > lever.abs() { gap_m * lever.abs() / steepness } else { f64::MAX }
+        gap_m * lever.abs() * length / gradient.length()
     }
 
     /// The clearance of a posture, if both elbows lie on their sides and nothing is nearer than `margin_m`.

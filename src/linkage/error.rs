@@ -16,7 +16,8 @@ pub enum LinkageError {
     /// The point that a chain has to carry (the tool point for the chain that holds the tool, the wrist for the other)
     /// is farther from its base joint than the stretched chain.
     #[error(
-        "the {chain} chain cannot reach: {distance_m} m from its base joint, stretched it has {longest_m} m, {} m short",
+        "the {chain} chain cannot reach: {distance_m:.6} m from its base joint, \
+         stretched it has {longest_m:.6} m, {:.3e} m short",
         .distance_m - .longest_m
     )]
     OutOfReach {
@@ -29,7 +30,8 @@ pub enum LinkageError {
     },
     /// The point that a chain has to carry is nearer to its base joint than the folded chain.
     #[error(
-        "the {chain} chain cannot fold so far: {distance_m} m from its base joint, folded it has {shortest_m} m, {} m too near",
+        "the {chain} chain cannot fold so far: {distance_m:.6} m from its base joint, \
+         folded it has {shortest_m:.6} m, {:.3e} m too near",
         .shortest_m - .distance_m
     )]
     TooClose {
@@ -41,7 +43,7 @@ pub enum LinkageError {
         shortest_m: f64,
     },
     /// Type 2: the distal links lie on one line, pointing apart, or cannot meet because the elbows are too far apart.
-    #[error("the distal links are stretched: elbows {elbow_distance_m} m apart, at most {longest_m} m")]
+    #[error("the distal links are stretched: elbows {elbow_distance_m:.6} m apart, at most {longest_m:.6} m")]
     DistalStretched {
         /// Distance between the elbows.
         elbow_distance_m: f64,
@@ -50,7 +52,7 @@ pub enum LinkageError {
     },
     /// Type 2: the distal links lie on one line, pointing the same way, or cannot meet because the elbows are too near.
     /// With equal distal links the elbows meet.
-    #[error("the distal links are folded: elbows {elbow_distance_m} m apart, at least {shortest_m} m")]
+    #[error("the distal links are folded: elbows {elbow_distance_m:.6} m apart, at least {shortest_m:.6} m")]
     DistalFolded {
         /// Distance between the elbows.
         elbow_distance_m: f64,
@@ -59,14 +61,14 @@ pub enum LinkageError {
     },
     /// The joint angles that carry the tool point in this working mode belong to the other assembly mode.
     #[error(
-        "the tool point belongs to the other assembly mode: wrist {wrist_offset_m} m to the left of the elbows' line"
+        "the tool point belongs to the other assembly mode: wrist {wrist_offset_m:.6} m to the left of the elbows' line"
     )]
     OtherAssembly {
         /// Distance of the wrist from the line through the elbows, positive to the left of left -> right elbow.
         wrist_offset_m: f64,
     },
     /// An elbow lies on the other side than the geometry says.
-    #[error("the {chain} elbow lies on the other side: {side}")]
+    #[error("the {chain} elbow lies on the {side} of its line of sight, not on the side of the working mode")]
     OtherElbow {
         /// The chain of that elbow.
         chain: Chain,
@@ -74,7 +76,7 @@ pub enum LinkageError {
         side: Side,
     },
     /// Nearer to a singularity than the margin.
-    #[error("{clearance_m} m before {singularity}, margin {margin_m} m")]
+    #[error("{clearance_m:.6} m before {singularity}, margin {margin_m} m")]
     NearSingularity {
         /// The nearest singularity.
         singularity: Singularity,

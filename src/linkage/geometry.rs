@@ -157,7 +157,8 @@ pub enum GeometryError {
     },
     /// At no pair of angles do the distal links meet.
     #[error(
-        "the loop never closes: elbows {nearest_m} to {farthest_m} m apart, distal links meet at {shortest_m} to {longest_m} m"
+        "the loop never closes: elbows {nearest_m} to {farthest_m} m apart, \
+         distal links meet at {shortest_m} to {longest_m} m"
     )]
     NeverCloses {
         /// Smallest distance that the elbows can have.

@@ -25,7 +25,8 @@
 //! locked motors do not hold the tool, and the forward map ends there.
 //!
 //! # Source
-//! Gosselin and Angeles, *Singularity analysis of closed-loop kinematic chains*, 1990, for the two types.
+//! The two types: Gosselin and Angeles, *Singularity analysis of closed-loop kinematic chains*, IEEE Transactions on
+//! Robotics and Automation 6(3), 1990. The equations are derived where they stand.
 
 mod clearance;
 mod complex;
@@ -34,6 +35,8 @@ mod error;
 mod five_bar;
 mod geometry;
 mod posture;
+#[cfg(test)]
+mod tests;
 
 pub use clearance::{Clearance, DiscError, Singularity};
 pub use dynamics::{Dynamics, MassModel, RATE_LIMIT_RAD_PER_S};

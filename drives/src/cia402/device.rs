@@ -167,11 +167,16 @@ impl StateMachine {
     pub fn lose_connection(&mut self) -> Option<Transition> {
         match (self.options.abort_connection, self.state) {
             (1, _) => self.fault(),
-            (2, _) => self.apply_once(Command::DisableVoltage),
+            (2, _) => self.lose_voltage(),
             (3, State::OperationEnabled) => Some(self.quick_stop()),
             (3, State::ReadyToSwitchOn | State::SwitchedOn) => self.apply_once(Command::QuickStop),
             _ => None,
         }
+    }
+
+    /// The power stage lost its voltage (emergency stop, safe torque off): torque off at once.
+    pub fn lose_voltage(&mut self) -> Option<Transition> {
+        self.apply_once(Command::DisableVoltage)
     }
 
     /// The motion that [`StateMachine::reaction`] slows down has come to standstill; the transition that follows.

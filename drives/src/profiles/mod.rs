@@ -121,6 +121,8 @@ pub struct Quirks {
     pub mode_changes_while_enabled: bool,
     /// What an RPDO timeout does.
     pub rpdo_timeout: RpdoTimeoutReaction,
+    /// After how many interpolation periods (60C2h) without SYNC an enabled drive goes into fault; 0 for never.
+    pub sync_lost_periods: u32,
 }
 
 /// What a device is used as.

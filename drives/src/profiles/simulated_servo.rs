@@ -54,6 +54,10 @@ pub const SIMULATED_SERVO: DeviceProfile = DeviceProfile {
                 },
             },
         ],
-        quirks: Quirks { mode_changes_while_enabled: false, rpdo_timeout: RpdoTimeoutReaction::Fault },
+        quirks: Quirks {
+            mode_changes_while_enabled: false,
+            rpdo_timeout: RpdoTimeoutReaction::Fault,
+            sync_lost_periods: 5,
+        },
     },
 };

@@ -25,7 +25,14 @@ impl<W: Write> CandumpWriter<W> {
     /// Those of the writer.
     pub fn record(&mut self, time: Time, frame: &Frame) -> io::Result<()> {
         let micros = time.0 / 1000;
-        write!(self.out, "({}.{:06}) {} {:03X}#", micros / 1_000_000, micros % 1_000_000, self.interface, frame.id())?;
+        write!(
+            self.out,
+            "({:010}.{:06}) {} {:03X}#",
+            micros / 1_000_000,
+            micros % 1_000_000,
+            self.interface,
+            frame.id()
+        )?;
         for byte in frame.data() {
             write!(self.out, "{byte:02X}")?;
         }
@@ -52,6 +59,6 @@ mod tests {
         log.record(Time(1_002_003_999), &Frame::new(0x181, &[0x37, 0x16, 0x00])).unwrap();
         log.record(Time(61_000_000_000), &Frame::new(0x80, &[])).unwrap();
         let text = String::from_utf8(log.finish().unwrap()).unwrap();
-        assert_eq!(text, "(1.002003) vcan0 181#371600\n(61.000000) vcan0 080#\n");
+        assert_eq!(text, "(0000000001.002003) vcan0 181#371600\n(0000000061.000000) vcan0 080#\n");
     }
 }

@@ -1,0 +1,318 @@
+//! The object dictionary of a device.
+
+mod builder;
+#[cfg(test)]
+mod tests;
+
+use std::marker::PhantomData;
+
+pub use builder::{Builder, DeviceIdentity, Object};
+pub(super) use builder::{ERROR_HISTORY, HEARTBEAT_PRODUCERS, MAX_MAPPED, MAX_PDOS};
+
+use super::value::{Kind, load_le, mask, sign_extend};
+use super::{AbortCode, Address, CanopenError, DataType, Scalar};
+
+/// Who may read or write an object over the bus; the device itself may always do both.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Access {
+    /// Read only; the device may change it.
+    ReadOnly,
+    /// Write only.
+    WriteOnly,
+    /// Read and write.
+    ReadWrite,
+    /// Read only, never changes.
+    Const,
+}
+
+/// Into which PDOs an object may be mapped.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Mappable {
+    /// None.
+    No,
+    /// RPDOs: the master writes it.
+    Rpdo,
+    /// TPDOs: the master reads it.
+    Tpdo,
+    /// Both.
+    Both,
+}
+
+/// Bytes between two values, so that each basic value is one aligned little-endian word.
+const WORD: usize = 8;
+
+/// One declared object; its value lies in the arena.
+#[derive(Clone, Debug)]
+pub(super) struct Entry {
+    key: u32,
+    pub(super) data_type: DataType,
+    access: Access,
+    mappable: Mappable,
+    offset: usize,
+    capacity: usize,
+    len: usize,
+    power_on_len: usize,
+    lo: Option<u64>,
+    hi: Option<u64>,
+}
+
+const fn key(at: Address) -> u32 {
+    (at.index as u32) << 8 | at.subindex as u32
+}
+
+/// Names one object of the dictionary that issued it: access without a search.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Handle<T> {
+    offset: usize,
+    bits: u8,
+    value: PhantomData<T>,
+}
+
+impl<T: Scalar> Handle<T> {
+    /// A handle that reads as zero and writes nowhere, for fields that are filled in later.
+    pub const NOWHERE: Handle<T> = Handle { offset: usize::MAX, bits: 0, value: PhantomData };
+}
+
+/// Objects sorted by address over one byte arena; fixed in shape once built.
+#[derive(Clone, Debug, Default)]
+pub struct ObjectDictionary {
+    entries: Vec<Entry>,
+    arena: Vec<u8>,
+    power_on: Vec<u8>,
+}
+
+impl ObjectDictionary {
+    /// An empty dictionary to be filled.
+    pub fn builder() -> Builder {
+        Builder::default()
+    }
+
+    /// The handle of an object of a basic type.
+    ///
+    /// # Errors
+    /// [`CanopenError::NoObject`], or [`CanopenError::TypeMismatch`] if `T` does not hold the object's type.
+    pub fn handle<T: Scalar>(&self, index: u16, sub: u8) -> Result<Handle<T>, CanopenError> {
+        let (_, entry) = self.find(Address::new(index, sub)).map_err(|_| CanopenError::NoObject { index, sub })?;
+        match entry.data_type.bits() {
+            Some(bits) if T::holds(entry.data_type) => Ok(Handle { offset: entry.offset, bits, value: PhantomData }),
+            _ => Err(CanopenError::TypeMismatch { index, sub, is: entry.data_type, wanted: T::DATA_TYPE }),
+        }
+    }
+
+    /// The value behind a handle. A handle of another dictionary reads some value of this one, or zero.
+    ///
+    /// Real-time: yes.
+    #[inline]
+    pub fn get<T: Scalar>(&self, handle: Handle<T>) -> T {
+        T::from_word(self.load(handle.offset), handle.bits)
+    }
+
+    /// Sets the value behind a handle; bits beyond the object's width (an `i32` in an INTEGER24) are cut off. Access
+    /// rights and limits bind the bus, not the device.
+    ///
+    /// Real-time: yes.
+    #[inline]
+    pub fn set<T: Scalar>(&mut self, handle: Handle<T>, value: T) {
+        self.save(handle.offset, value.to_word() & mask(handle.bits));
+    }
+
+    /// Reads over the bus: the little-endian bytes of the value.
+    ///
+    /// # Errors
+    /// 06020000h no object, 06090011h no sub-index, 06010001h write-only.
+    pub fn read(&self, at: Address) -> Result<&[u8], AbortCode> {
+        let (_, entry) = self.find(at)?;
+        if entry.access == Access::WriteOnly {
+            return Err(AbortCode::WRITE_ONLY);
+        }
+        Ok(self.bytes_of(entry))
+    }
+
+    /// Writes over the bus, subject to access rights, length and limits.
+    ///
+    /// # Errors
+    /// Those of [`ObjectDictionary::check_write`]; the value is then unchanged.
+    pub fn write(&mut self, at: Address, data: &[u8]) -> Result<(), AbortCode> {
+        self.check_write(at, data)?;
+        self.store(at, data);
+        Ok(())
+    }
+
+    /// Whether [`ObjectDictionary::write`] would succeed.
+    ///
+    /// # Errors
+    /// 06020000h no object, 06090011h no sub-index, 06010002h read-only, 06070012h too long, 06070013h too short,
+    /// 06090030h not a BOOLEAN or not a number where limits are set, 06090031h and 06090032h above or below the limits.
+    pub fn check_write(&self, at: Address, data: &[u8]) -> Result<(), AbortCode> {
+        let entry = self.check_size(at, data.len())?;
+        match entry.data_type.bits() {
+            Some(bits) => check_limits(entry, load_le(data), bits),
+            None => Ok(()),
+        }
+    }
+
+    /// Whether a value of `len` bytes may be written, before its bytes are known.
+    ///
+    /// # Errors
+    /// Those of [`ObjectDictionary::check_write`] that do not depend on the value.
+    pub fn check_write_len(&self, at: Address, len: usize) -> Result<(), AbortCode> {
+        self.check_size(at, len).map(|_| ())
+    }
+
+    /// Whether the object exists and may be written at all.
+    ///
+    /// # Errors
+    /// 06020000h no object, 06090011h no sub-index, 06010002h read-only.
+    pub fn check_writable(&self, at: Address) -> Result<(), AbortCode> {
+        self.writable(at).map(|_| ())
+    }
+
+    /// The bytes of a value regardless of access rights; `None` without such an object.
+    pub fn bytes(&self, at: Address) -> Option<&[u8]> {
+        self.find(at).ok().map(|(_, entry)| self.bytes_of(entry))
+    }
+
+    /// Sets the bytes of a value regardless of access rights and limits, for the device itself.
+    ///
+    /// # Errors
+    /// 06020000h, 06090011h, 06070012h, 06070013h.
+    pub fn set_bytes(&mut self, at: Address, data: &[u8]) -> Result<(), AbortCode> {
+        fits(self.find(at)?.1, data.len())?;
+        self.store(at, data);
+        Ok(())
+    }
+
+    /// The data type of an object; `None` without such an object.
+    pub fn data_type(&self, at: Address) -> Option<DataType> {
+        self.find(at).ok().map(|(_, entry)| entry.data_type)
+    }
+
+    /// Puts all objects from index `first` to `last` back to the values they were built with.
+    pub fn restore_power_on_values(&mut self, first: u16, last: u16) {
+        for entry in &mut self.entries {
+            if (first..=last).contains(&((entry.key >> 8) as u16)) {
+                entry.len = entry.power_on_len;
+                let range = entry.offset..entry.offset + entry.capacity;
+                if let (Some(to), Some(from)) = (self.arena.get_mut(range.clone()), self.power_on.get(range)) {
+                    to.copy_from_slice(from);
+                }
+            }
+        }
+    }
+
+    /// The bits of an object of a basic type; zero without such an object.
+    pub(super) fn raw(&self, index: u16, sub: u8) -> u64 {
+        self.bytes(Address::new(index, sub)).map_or(0, load_le)
+    }
+
+    /// Bytes of the longest object.
+    pub(super) fn longest(&self) -> usize {
+        self.entries.iter().map(|entry| entry.capacity).max().unwrap_or(0)
+    }
+
+    /// Where a mappable object's word lies in the arena.
+    ///
+    /// # Errors
+    /// 06020000h no object, 06090011h no sub-index, 06040041h not mappable in this direction or with so many bits.
+    pub(super) fn mappable_offset(&self, at: Address, bits: u8, wanted: Mappable) -> Result<usize, AbortCode> {
+        let (_, entry) = self.find(at)?;
+        let is_allowed = entry.mappable == wanted || entry.mappable == Mappable::Both;
+        if is_allowed && entry.data_type.bits() == Some(bits) { Ok(entry.offset) } else { Err(AbortCode::NOT_MAPPABLE) }
+    }
+
+    /// The word at an offset; zero outside the arena.
+    #[inline]
+    pub(super) fn load(&self, offset: usize) -> u64 {
+        self.arena.get(offset..).and_then(|rest| rest.first_chunk::<WORD>()).map_or(0, |word| u64::from_le_bytes(*word))
+    }
+
+    /// Sets the word at an offset; nothing outside the arena.
+    #[inline]
+    pub(super) fn save(&mut self, offset: usize, word: u64) {
+        if let Some(to) = self.arena.get_mut(offset..).and_then(|rest| rest.first_chunk_mut::<WORD>()) {
+            *to = word.to_le_bytes();
+        }
+    }
+
+    fn find(&self, at: Address) -> Result<(usize, &Entry), AbortCode> {
+        let wanted = key(at);
+        let place = self.entries.partition_point(|entry| entry.key < wanted);
+        match self.entries.get(place) {
+            Some(entry) if entry.key == wanted => Ok((place, entry)),
+            next => {
+                let before = place.checked_sub(1).and_then(|place| self.entries.get(place));
+                let is_same_index = |entry: &Entry| entry.key >> 8 == wanted >> 8;
+                let has_index = next.is_some_and(is_same_index) || before.is_some_and(is_same_index);
+                Err(if has_index { AbortCode::NO_SUB_INDEX } else { AbortCode::NO_OBJECT })
+            }
+        }
+    }
+
+    fn bytes_of(&self, entry: &Entry) -> &[u8] {
+        self.arena.get(entry.offset..entry.offset + entry.len).unwrap_or_default()
+    }
+
+    fn writable(&self, at: Address) -> Result<&Entry, AbortCode> {
+        let (_, entry) = self.find(at)?;
+        match entry.access {
+            Access::ReadOnly | Access::Const => Err(AbortCode::READ_ONLY),
+            Access::WriteOnly | Access::ReadWrite => Ok(entry),
+        }
+    }
+
+    fn check_size(&self, at: Address, len: usize) -> Result<&Entry, AbortCode> {
+        let entry = self.writable(at)?;
+        fits(entry, len).map(|()| entry)
+    }
+
+    /// Copies bytes that [`fits`] accepted.
+    pub(super) fn store(&mut self, at: Address, data: &[u8]) {
+        let Ok((place, _)) = self.find(at) else { return };
+        let Some(entry) = self.entries.get_mut(place) else { return };
+        if let Some(to) = self.arena.get_mut(entry.offset..entry.offset + data.len()) {
+            to.copy_from_slice(data);
+            entry.len = data.len();
+        }
+    }
+}
+
+fn fits(entry: &Entry, len: usize) -> Result<(), AbortCode> {
+    if len > entry.capacity {
+        Err(AbortCode::TOO_LONG)
+    } else if entry.data_type.bits().is_some() && len < entry.capacity {
+        Err(AbortCode::TOO_SHORT)
+    } else {
+        Ok(())
+    }
+}
+
+/// Whether `first` is greater than `second`; `None` if either is not a number.
+fn is_above(data_type: DataType, first: u64, second: u64) -> Option<bool> {
+    let bits = data_type.bits().unwrap_or(64);
+    match data_type.kind() {
+        Kind::Unsigned | Kind::Bytes => Some(first & mask(bits) > second & mask(bits)),
+        Kind::Signed => Some(sign_extend(first, bits) > sign_extend(second, bits)),
+        Kind::Real => {
+            let number =
+                |raw: u64| if bits == 32 { f64::from(f32::from_bits(raw as u32)) } else { f64::from_bits(raw) };
+            number(first).partial_cmp(&number(second)).map(std::cmp::Ordering::is_gt)
+        }
+    }
+}
+
+fn check_limits(entry: &Entry, raw: u64, bits: u8) -> Result<(), AbortCode> {
+    if bits == 1 && raw > 1 {
+        return Err(AbortCode::VALUE);
+    }
+    if let Some(hi) = entry.hi
+        && is_above(entry.data_type, raw, hi).ok_or(AbortCode::VALUE)?
+    {
+        return Err(AbortCode::VALUE_HIGH);
+    }
+    if let Some(lo) = entry.lo
+        && is_above(entry.data_type, lo, raw).ok_or(AbortCode::VALUE)?
+    {
+        return Err(AbortCode::VALUE_LOW);
+    }
+    Ok(())
+}

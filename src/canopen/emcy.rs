@@ -1,0 +1,197 @@
+//! Emergency messages: frame, decoding, and what the codes mean.
+
+use std::fmt;
+
+use super::{ErrorRegister, Frame, NodeId, cob};
+
+/// An emergency error code as it is on the bus; `Display` prints code and meaning.
+///
+/// # Source
+/// CiA 301, emergency error codes; CiA 402, error codes of drives.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub struct EmcyCode(pub u16);
+
+impl EmcyCode {
+    /// No error any more, or one error fewer.
+    pub const RESET: EmcyCode = EmcyCode(0x0000);
+    /// Generic error.
+    pub const GENERIC: EmcyCode = EmcyCode(0x1000);
+    /// CAN overrun.
+    pub const OVERRUN: EmcyCode = EmcyCode(0x8110);
+    /// CAN error passive.
+    pub const ERROR_PASSIVE: EmcyCode = EmcyCode(0x8120);
+    /// A watched heartbeat did not come.
+    pub const HEARTBEAT: EmcyCode = EmcyCode(0x8130);
+    /// Recovered from bus-off.
+    pub const BUS_OFF_RECOVERED: EmcyCode = EmcyCode(0x8140);
+    /// An RPDO was too short and not processed.
+    pub const PDO_LENGTH: EmcyCode = EmcyCode(0x8210);
+    /// An RPDO did not come in time.
+    pub const RPDO_TIMEOUT: EmcyCode = EmcyCode(0x8250);
+    /// Following error.
+    pub const FOLLOWING_ERROR: EmcyCode = EmcyCode(0x8611);
+
+    /// Whether an error has gone.
+    pub const fn is_reset(self) -> bool {
+        self.0 == 0
+    }
+
+    /// What the code means; for a code that is not listed, what its class means.
+    pub const fn meaning(self) -> &'static str {
+        match self.0 {
+            0x2310 => "continuous over-current",
+            0x2320 => "short circuit or earth leakage",
+            0x2330 => "earth leakage",
+            0x2340 => "short circuit",
+            0x2350 => "load level fault (I2t)",
+            0x3110 => "mains over-voltage",
+            0x3120 => "mains under-voltage",
+            0x3130 => "phase failure",
+            0x3210 => "DC link over-voltage",
+            0x3220 => "DC link under-voltage",
+            0x4210 => "device temperature too high",
+            0x4310 => "drive temperature too high",
+            0x5112 => "logic supply under-voltage",
+            0x5441 => "emergency stop or safe torque off contact",
+            0x5530 => "non-volatile data memory",
+            0x6010 => "software watchdog",
+            0x6320 => "parameter error",
+            0x7110 => "brake chopper",
+            0x7121 => "motor blocked",
+            0x7122 => "motor error or commutation fault",
+            0x7300 => "position or speed sensor",
+            0x7305 => "incremental encoder 1",
+            0x7310 => "speed above its limit",
+            0x7320 => "position",
+            0x7500 => "communication inside the device",
+            0x8110 => "CAN overrun, frames lost",
+            0x8120 => "CAN error passive",
+            0x8130 => "heartbeat or life guarding lost",
+            0x8140 => "recovered from bus-off",
+            0x8150 => "CAN-ID collision",
+            0x8210 => "PDO too short, not processed",
+            0x8220 => "PDO longer than mapped",
+            0x8240 => "unexpected SYNC length",
+            0x8250 => "RPDO did not come in time",
+            0x8311 => "excess torque",
+            0x8400 => "speed control",
+            0x8500 => "position control",
+            0x8600 => "positioning",
+            0x8611 => "following error above its window",
+            0x8612 => "reference limit reached",
+            0x0000..=0x00ff => "no error, or one error fewer",
+            0x1000..=0x10ff => "generic error",
+            0x2000..=0x20ff => "current",
+            0x2100..=0x21ff => "current, input side",
+            0x2200..=0x22ff => "current inside the device",
+            0x2300..=0x23ff => "current, output side",
+            0x2400..=0x2fff => "current",
+            0x3000..=0x30ff => "voltage",
+            0x3100..=0x31ff => "mains voltage",
+            0x3200..=0x32ff => "voltage inside the device",
+            0x3300..=0x33ff => "output voltage",
+            0x3400..=0x3fff => "voltage",
+            0x4000..=0x40ff => "temperature",
+            0x4100..=0x41ff => "ambient temperature",
+            0x4200..=0x42ff => "device temperature",
+            0x4300..=0x4fff => "temperature",
+            0x5000..=0x5fff => "device hardware",
+            0x6000..=0x60ff => "device software",
+            0x6100..=0x61ff => "internal software",
+            0x6200..=0x62ff => "user software",
+            0x6300..=0x63ff => "data set",
+            0x6400..=0x6fff => "device software",
+            0x7000..=0x7fff => "additional modules",
+            0x8000..=0x80ff => "monitoring",
+            0x8100..=0x81ff => "communication",
+            0x8200..=0x82ff => "protocol error",
+            0x8300..=0x8fff => "monitoring",
+            0x9000..=0x90ff => "external error",
+            0xf000..=0xf0ff => "additional functions",
+            0xff00..=0xffff => "device specific",
+            _ => "code not defined by CiA 301",
+        }
+    }
+}
+
+impl fmt::Display for EmcyCode {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{:04X}h {}", self.0, self.meaning())
+    }
+}
+
+/// An emergency message from a node.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Emergency {
+    /// Sender, from the default identifier 080h + node id.
+    pub node: NodeId,
+    /// Error code.
+    pub code: EmcyCode,
+    /// Error register 1001h at that moment.
+    pub register: ErrorRegister,
+    /// Vendor specific bytes.
+    pub vendor: [u8; 5],
+}
+
+impl Emergency {
+    /// The emergency message in a frame with a default identifier (081h to 0FFh) and eight bytes; `None` otherwise.
+    ///
+    /// Real-time: yes.
+    pub fn decode(frame: &Frame) -> Option<Self> {
+        let raw = frame.id().checked_sub(0x080).filter(|raw| (1..=127).contains(raw))?;
+        let message = canopen_rs::EmergencyMessage::decode(frame.data()).ok()?;
+        Some(Emergency {
+            node: NodeId::new(raw as u8).ok()?,
+            code: EmcyCode(message.error_code),
+            register: message.error_register,
+            vendor: message.vendor_specific,
+        })
+    }
+
+    /// The message as a frame at 080h + node id.
+    ///
+    /// Real-time: yes.
+    pub fn frame(&self) -> Frame {
+        frame(cob::emcy(self.node), self.code, self.register, self.vendor)
+    }
+}
+
+impl fmt::Display for Emergency {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "node {}: {}, register {:02X}h", self.node.raw(), self.code, self.register.0)
+    }
+}
+
+/// An emergency message at any identifier.
+pub(super) fn frame(id: u16, code: EmcyCode, register: ErrorRegister, vendor: [u8; 5]) -> Frame {
+    Frame::new(id, &canopen_rs::EmergencyMessage::new(code.0, register, vendor).encode())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn eight_bytes_both_ways() {
+        let node = cob::node_id(3).unwrap();
+        let vendor = [1, 2, 3, 4, 5];
+        let emergency = Emergency { node, code: EmcyCode::HEARTBEAT, register: ErrorRegister(0x11), vendor };
+        assert_eq!(emergency.frame(), Frame::new(0x083, &[0x30, 0x81, 0x11, 1, 2, 3, 4, 5]));
+        assert_eq!(Emergency::decode(&emergency.frame()), Some(emergency));
+        assert_eq!(emergency.to_string(), "node 3: 8130h heartbeat or life guarding lost, register 11h");
+    }
+
+    #[test]
+    fn other_frames_are_not_emergencies() {
+        assert_eq!(Emergency::decode(&Frame::new(0x080, &[0; 8])), None);
+        assert_eq!(Emergency::decode(&Frame::new(0x100, &[0; 8])), None);
+        assert_eq!(Emergency::decode(&Frame::new(0x083, &[0; 7])), None);
+    }
+
+    #[test]
+    fn unlisted_codes_print_their_class() {
+        assert_eq!(EmcyCode(0x2380).to_string(), "2380h current, output side");
+        assert_eq!(EmcyCode(0xffff).to_string(), "FFFFh device specific");
+        assert_eq!(EmcyCode(0xa000).to_string(), "A000h code not defined by CiA 301");
+    }
+}

@@ -1,0 +1,100 @@
+//! What can be wrong with a dictionary, a mapping or a call before anything is on the bus.
+
+use super::DataType;
+
+/// A fault found while building a device or starting a service; faults reported by a device are an
+/// [`AbortCode`](super::AbortCode).
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+#[non_exhaustive]
+pub enum CanopenError {
+    /// A node id outside 1 to 127.
+    #[error("node id {0} is outside 1 to 127")]
+    NodeId(u8),
+    /// The same address was declared twice.
+    #[error("object {index:04X}h:{sub} is declared twice")]
+    Duplicate {
+        /// Object index.
+        index: u16,
+        /// Sub-index.
+        sub: u8,
+    },
+    /// The dictionary has no such object.
+    #[error("object {index:04X}h:{sub} does not exist")]
+    NoObject {
+        /// Object index.
+        index: u16,
+        /// Sub-index.
+        sub: u8,
+    },
+    /// The object has another data type than the one asked for.
+    #[error("object {index:04X}h:{sub} is {is}, not {wanted}")]
+    TypeMismatch {
+        /// Object index.
+        index: u16,
+        /// Sub-index.
+        sub: u8,
+        /// Type of the object.
+        is: DataType,
+        /// Type asked for.
+        wanted: DataType,
+    },
+    /// Limits that are inverted or not comparable, a default outside them, or limits on a string.
+    #[error("object {index:04X}h:{sub}: the limits are inverted or the default is outside them")]
+    Limits {
+        /// Object index.
+        index: u16,
+        /// Sub-index.
+        sub: u8,
+    },
+    /// The value is longer than the object can hold, or a basic type has another size.
+    #[error("object {index:04X}h:{sub} holds {capacity} bytes, not {len}")]
+    Length {
+        /// Object index.
+        index: u16,
+        /// Sub-index.
+        sub: u8,
+        /// Bytes given.
+        len: usize,
+        /// Bytes that the object holds.
+        capacity: usize,
+    },
+    /// A PDO number outside 1 to 4.
+    #[error("PDO number {0} is outside 1 to 4")]
+    PdoNumber(u8),
+    /// Mapped objects of more than 64 bits.
+    #[error("mapped objects have {0} bits, a PDO holds 64")]
+    PdoBits(u32),
+    /// More mapped objects than a mapping record of these devices holds.
+    #[error("{0} mapped objects, a mapping record holds 8")]
+    PdoEntries(usize),
+    /// A mapping entry that names no object, one that cannot be mapped, or a wrong length.
+    #[error("object {index:04X}h:{sub} cannot be mapped with {bits} bits")]
+    NotMappable {
+        /// Object index.
+        index: u16,
+        /// Sub-index.
+        sub: u8,
+        /// Length in bits of the mapping entry.
+        bits: u8,
+    },
+    /// A COB-ID that is reserved for another service or not 11 bits wide.
+    #[error("COB-ID {0:X}h is reserved or not 11 bits wide")]
+    CobId(u32),
+    /// A transmission type that the engine does not serve (241 to 253).
+    #[error("transmission type {0} is not served")]
+    TransmissionType(u8),
+    /// A SYNC counter overflow value of 1 or above 240.
+    #[error("SYNC counter overflow {0} is not 0 or 2 to 240")]
+    SyncOverflow(u8),
+    /// An SDO transfer is running to this node.
+    #[error("an SDO transfer to node {0} is still running")]
+    SdoBusy(u8),
+    /// More data than the client's buffer holds.
+    #[error("{len} bytes do not fit the SDO buffer of {capacity}")]
+    SdoBuffer {
+        /// Bytes given.
+        len: usize,
+        /// Bytes that the buffer holds.
+        capacity: usize,
+    },
+}

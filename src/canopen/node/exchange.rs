@@ -1,0 +1,124 @@
+//! SYNC, PDOs and SDO requests of a device.
+
+use super::super::pdo::{self, NO_ID, Pdo, Reception, Rpdo, Tpdo};
+use super::super::{EmcyCode, ErrorRegister, Frame, NmtState, Outbox, Time, cob};
+use super::application::Application;
+use super::service::Service;
+use super::{Node, PDOS};
+
+impl Node {
+    /// Synchronous RPDOs to the dictionary, then the device, then TPDOs.
+    pub(super) fn on_sync(&mut self, now: Time, frame: &Frame, app: &mut impl Application, out: &mut impl Outbox) {
+        let is_operational = self.state == NmtState::Operational;
+        if frame.len() > 1 || !(is_operational || self.state == NmtState::PreOperational) {
+            return;
+        }
+        if is_operational {
+            let mut is_applied = [false; PDOS];
+            for (rpdo, is_applied) in self.rpdos.iter_mut().zip(&mut is_applied) {
+                *is_applied = rpdo.on_sync(&mut self.od);
+            }
+            for (number, _) in (1..).zip(is_applied).filter(|&(_, is_applied)| is_applied) {
+                app.on_rpdo(now, &mut self.od, number);
+            }
+        }
+        app.on_sync(now, &mut self.od);
+        if is_operational {
+            let count = frame.data().first().copied();
+            for tpdo in &mut self.tpdos {
+                if let Some(frame) = tpdo.on_sync(count, &self.od) {
+                    out.push(frame);
+                }
+            }
+        }
+    }
+
+    pub(super) fn on_rpdo(
+        &mut self,
+        now: Time,
+        place: usize,
+        frame: &Frame,
+        app: &mut impl Application,
+        out: &mut impl Outbox,
+    ) {
+        let Some(rpdo) = self.rpdos.get_mut(place).filter(|_| self.state == NmtState::Operational) else { return };
+        let reception = rpdo.receive(now, frame, &mut self.od);
+        self.next = self.next.min(rpdo.deadline());
+        let number = place as u8 + 1;
+        if reception == Reception::TooShort {
+            let bits = ErrorRegister(ErrorRegister::COMMUNICATION);
+            return self.raise_emergency(EmcyCode::PDO_LENGTH, bits, [number, 0, 0, 0, 0], out);
+        }
+        if self.emergencies.has_any() {
+            for code in [EmcyCode::PDO_LENGTH, EmcyCode::RPDO_TIMEOUT] {
+                let message = self.emergencies.clear_one(&mut self.od, code, number);
+                self.send_emergency(message, out);
+            }
+        }
+        if reception == Reception::Applied {
+            app.on_rpdo(now, &mut self.od, number);
+        }
+    }
+
+    pub(super) fn poll_pdos(&mut self, now: Time, app: &mut impl Application, out: &mut impl Outbox) {
+        for number in 1..=PDOS as u8 {
+            let is_late = self.rpdos.get_mut(usize::from(number) - 1).is_some_and(|rpdo| rpdo.is_late(now));
+            if is_late {
+                let bits = ErrorRegister(ErrorRegister::COMMUNICATION);
+                self.raise_emergency(EmcyCode::RPDO_TIMEOUT, bits, [number, 0, 0, 0, 0], out);
+                app.on_rpdo_timeout(now, &mut self.od, number);
+            }
+        }
+        for tpdo in &mut self.tpdos {
+            if let Some(frame) = tpdo.poll(now, &self.od) {
+                out.push(frame);
+            }
+        }
+    }
+
+    /// Takes over a changed PDO parameter; other indices do nothing.
+    pub(super) fn take_over_pdo(&mut self, now: Time, index: u16) {
+        match pdo::locate(index) {
+            Some((Pdo::Receive(place), _)) => {
+                let fresh = Rpdo::new(&self.od, place);
+                if let (Some(rpdo), Some(id)) =
+                    (self.rpdos.get_mut(usize::from(place)), self.rpdo_ids.get_mut(usize::from(place)))
+                {
+                    *id = fresh.id();
+                    *rpdo = fresh;
+                }
+            }
+            Some((Pdo::Transmit(place), _)) => {
+                if let Some(tpdo) = self.tpdos.get_mut(usize::from(place)) {
+                    *tpdo = Tpdo::new(&self.od, place);
+                    if self.state == NmtState::Operational { tpdo.start(now) } else { tpdo.stop() }
+                }
+            }
+            None => {}
+        }
+    }
+
+    pub(super) fn on_sdo(&mut self, now: Time, frame: &Frame, app: &mut impl Application, out: &mut impl Outbox) {
+        let is_served = matches!(self.state, NmtState::PreOperational | NmtState::Operational);
+        if frame.len() != 8 || !is_served {
+            return;
+        }
+        let mut service = Service { od: &mut self.od, app, changed: None };
+        let answer = self.sdo.on_request(now, frame.bytes(), &mut service);
+        let changed = service.changed;
+        if let Some(payload) = answer {
+            out.push(Frame::new(cob::sdo_response(self.id), &payload));
+        }
+        if let Some(index) = changed {
+            self.take_over(now, index);
+            // The watch starts anew, and with it the errors it found.
+            if index == 0x1016 {
+                self.clear_emergency(EmcyCode::HEARTBEAT, out);
+            }
+        }
+        self.next = self.next.min(self.sdo.next_deadline());
+    }
+}
+
+// An unused PDO must never match a frame.
+const _: () = assert!(NO_ID > 0x7ff);

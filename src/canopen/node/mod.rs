@@ -1,0 +1,342 @@
+//! A CANopen device without I/O: NMT slave, error control, emergencies, SDO server and PDOs over one dictionary.
+
+mod application;
+mod emergency;
+mod exchange;
+mod service;
+#[cfg(test)]
+mod tests;
+
+use std::time::Duration;
+
+pub use application::{Application, Reset};
+use emergency::Emergencies;
+
+use super::dictionary::{HEARTBEAT_PRODUCERS, MAX_PDOS};
+use super::nmt::{self, HeartbeatChange, HeartbeatConsumer, HeartbeatEvent};
+use super::pdo::{self, NO_ID, Pdo, Rpdo, Tpdo};
+use super::sdo::SdoServer;
+use super::{
+    CanopenError, EmcyCode, ErrorRegister, Frame, NmtCommand, NmtState, NodeId, ObjectDictionary, Outbox, Time, cob,
+};
+
+const PDOS: usize = MAX_PDOS as usize;
+
+/// How long the SDO server waits for a client unless told otherwise.
+const SDO_TIMEOUT: Duration = Duration::from_secs(1);
+
+/// A CANopen device (NMT slave).
+///
+/// Every method takes the time; frames to send go to an [`Outbox`]. Call [`Node::boot`] once, [`Node::on_frame`] for
+/// each frame on the bus and [`Node::poll`] no later than [`Node::next_deadline`]. No frame makes it panic.
+#[derive(Clone, Debug)]
+pub struct Node {
+    id: NodeId,
+    od: ObjectDictionary,
+    state: NmtState,
+    sync_id: u16,
+    rpdo_ids: [u16; PDOS],
+    rpdos: [Rpdo; PDOS],
+    tpdos: [Tpdo; PDOS],
+    sdo: SdoServer,
+    emergencies: Emergencies,
+    heartbeats: HeartbeatConsumer,
+    heartbeat_period: Duration,
+    heartbeat_at: Time,
+    next: Time,
+}
+
+impl Node {
+    /// A device with a dictionary that contains
+    /// [`communication_profile`](super::dictionary::Builder::communication_profile); it is silent until
+    /// [`Node::boot`].
+    ///
+    /// # Errors
+    /// [`CanopenError::NoObject`] or [`CanopenError::TypeMismatch`] for a missing communication object,
+    /// [`CanopenError::NotMappable`], [`CanopenError::PdoBits`], [`CanopenError::CobId`] or
+    /// [`CanopenError::TransmissionType`] for bad default PDOs.
+    pub fn new(id: NodeId, od: ObjectDictionary) -> Result<Self, CanopenError> {
+        for place in 0..MAX_PDOS {
+            pdo::verify(&od, Pdo::Receive(place))?;
+            pdo::verify(&od, Pdo::Transmit(place))?;
+        }
+        od.handle::<u32>(0x1005, 0)?;
+        od.handle::<u16>(0x1017, 0)?;
+        od.handle::<u8>(0x1029, 1)?;
+        let mut node = Node {
+            id,
+            state: NmtState::Initialising,
+            sync_id: NO_ID,
+            rpdo_ids: [NO_ID; PDOS],
+            rpdos: [0, 1, 2, 3].map(|place| Rpdo::new(&od, place)),
+            tpdos: [0, 1, 2, 3].map(|place| Tpdo::new(&od, place)),
+            sdo: SdoServer::new(od.longest(), SDO_TIMEOUT),
+            emergencies: Emergencies::new(&od)?,
+            heartbeats: HeartbeatConsumer::new(),
+            heartbeat_period: Duration::ZERO,
+            heartbeat_at: Time::NEVER,
+            next: Time::NEVER,
+            od,
+        };
+        node.reload(Time::default());
+        Ok(node)
+    }
+
+    /// Node id.
+    pub fn id(&self) -> NodeId {
+        self.id
+    }
+
+    /// NMT state; Initialising before [`Node::boot`].
+    pub fn state(&self) -> NmtState {
+        self.state
+    }
+
+    /// The dictionary.
+    pub fn od(&self) -> &ObjectDictionary {
+        &self.od
+    }
+
+    /// The dictionary, for the device itself. Call [`Node::reload`] after changing communication objects (1000h to
+    /// 1FFFh).
+    pub fn od_mut(&mut self) -> &mut ObjectDictionary {
+        &mut self.od
+    }
+
+    /// Takes over all communication objects; timers and SYNC counts start anew.
+    pub fn reload(&mut self, now: Time) {
+        for index in [0x1005, 0x1014, 0x1016, 0x1017] {
+            self.take_over(now, index);
+        }
+        for place in 0..u16::from(MAX_PDOS) {
+            self.take_over(now, 0x1400 + place);
+            self.take_over(now, 0x1800 + place);
+        }
+    }
+
+    /// How long the SDO server waits for the next request of a transfer before it aborts; 1 s unless set.
+    pub fn set_sdo_timeout(&mut self, timeout: Duration) {
+        self.sdo.set_timeout(timeout);
+    }
+
+    /// Power-on: all values back to those the dictionary was built with, boot-up message, then Pre-operational. A
+    /// reset command does the same.
+    pub fn boot(&mut self, now: Time, app: &mut impl Application, out: &mut impl Outbox) {
+        self.reset(now, Reset::Node, app, out);
+    }
+
+    /// Takes one frame from the bus.
+    ///
+    /// Real-time: yes, for PDOs, SYNC and heartbeats.
+    #[inline]
+    pub fn on_frame(&mut self, now: Time, frame: &Frame, app: &mut impl Application, out: &mut impl Outbox) {
+        let id = frame.id();
+        if id == self.sync_id {
+            self.on_sync(now, frame, app, out);
+        } else if let Some(place) = self.rpdo_ids.iter().position(|&rpdo_id| rpdo_id == id) {
+            self.on_rpdo(now, place, frame, app, out);
+        } else if id == cob::sdo_request(self.id) {
+            self.on_sdo(now, frame, app, out);
+        } else if id == cob::NMT {
+            self.on_command(now, frame, app, out);
+        } else if id > 0x700 {
+            self.on_heartbeat(now, frame, app, out);
+        }
+    }
+
+    /// Does what is due: heartbeat, heartbeat watch, RPDO and TPDO event timers, SDO timeout.
+    ///
+    /// Real-time: yes.
+    #[inline]
+    pub fn poll(&mut self, now: Time, app: &mut impl Application, out: &mut impl Outbox) {
+        if now >= self.next {
+            self.do_what_is_due(now, app, out);
+        }
+    }
+
+    /// When to poll next: possibly earlier than the next thing due, never later. After a poll it lies in the future.
+    pub fn next_deadline(&self) -> Time {
+        self.next
+    }
+
+    /// Asks for event-driven TPDO `number` (type 254 or 255) now, or as soon as its inhibit time has passed, and for a
+    /// TPDO of type 0 at the next SYNC. Does nothing outside Operational.
+    ///
+    /// Real-time: yes.
+    pub fn trigger_tpdo(&mut self, now: Time, number: u8, out: &mut impl Outbox) {
+        let Some(tpdo) = self.tpdos.get_mut(usize::from(number).wrapping_sub(1)) else { return };
+        if self.state != NmtState::Operational {
+            return;
+        }
+        tpdo.trigger();
+        if let Some(frame) = tpdo.poll(now, &self.od) {
+            out.push(frame);
+        }
+        self.next = self.next.min(tpdo.deadline());
+    }
+
+    /// Reports an error: sets `bits` in 1001h (and the generic bit), enters 1003h and, unless stopped, sends the
+    /// emergency message. An error that is active (same code and same first vendor byte) is not reported again.
+    ///
+    /// Real-time: yes.
+    pub fn raise_emergency(&mut self, code: EmcyCode, bits: ErrorRegister, vendor: [u8; 5], out: &mut impl Outbox) {
+        let message = self.emergencies.raise(&mut self.od, code, bits, vendor);
+        self.send_emergency(message, out);
+    }
+
+    /// Reports that all errors with `code` have gone: recomputes 1001h and sends an emergency message 0000h; nothing
+    /// if there were none.
+    ///
+    /// Real-time: yes.
+    pub fn clear_emergency(&mut self, code: EmcyCode, out: &mut impl Outbox) {
+        let message = self.emergencies.clear_code(&mut self.od, code);
+        self.send_emergency(message, out);
+    }
+
+    /// Reports that all errors have gone; nothing if there were none.
+    ///
+    /// Real-time: yes.
+    pub fn clear_all_emergencies(&mut self, out: &mut impl Outbox) {
+        let message = self.emergencies.clear_all(&mut self.od);
+        self.send_emergency(message, out);
+    }
+
+    fn send_emergency(&self, message: Option<Frame>, out: &mut impl Outbox) {
+        if let (Some(message), NmtState::PreOperational | NmtState::Operational) = (message, self.state) {
+            out.push(message);
+        }
+    }
+
+    fn on_command(&mut self, now: Time, frame: &Frame, app: &mut impl Application, out: &mut impl Outbox) {
+        let Some((command, addressee)) = nmt::decode_command(frame) else { return };
+        if self.state == NmtState::Initialising || addressee.is_some_and(|node| node != self.id) {
+            return;
+        }
+        match command {
+            NmtCommand::StartRemoteNode => self.enter(now, NmtState::Operational, app),
+            NmtCommand::StopRemoteNode => self.enter(now, NmtState::Stopped, app),
+            NmtCommand::EnterPreOperational => self.enter(now, NmtState::PreOperational, app),
+            NmtCommand::ResetNode => self.reset(now, Reset::Node, app, out),
+            NmtCommand::ResetCommunication => self.reset(now, Reset::Communication, app, out),
+        }
+    }
+
+    fn reset(&mut self, now: Time, reset: Reset, app: &mut impl Application, out: &mut impl Outbox) {
+        self.state = NmtState::Initialising;
+        let last = if reset == Reset::Node { u16::MAX } else { 0x1fff };
+        self.od.restore_power_on_values(0, last);
+        self.sdo.reset();
+        self.emergencies.reset();
+        app.on_reset(now, &mut self.od, reset);
+        self.reload(now);
+        out.push(nmt::heartbeat(self.id, NmtState::Initialising));
+        self.enter(now, NmtState::PreOperational, app);
+    }
+
+    fn enter(&mut self, now: Time, state: NmtState, app: &mut impl Application) {
+        if state == self.state {
+            return;
+        }
+        self.state = state;
+        if state == NmtState::Stopped {
+            self.sdo.reset();
+        }
+        self.rpdos.iter_mut().for_each(Rpdo::stop);
+        for tpdo in &mut self.tpdos {
+            if state == NmtState::Operational { tpdo.start(now) } else { tpdo.stop() }
+        }
+        self.next = self.earliest();
+        app.on_nmt(now, &mut self.od, state);
+    }
+
+    fn on_heartbeat(&mut self, now: Time, frame: &Frame, app: &mut impl Application, out: &mut impl Outbox) {
+        if self.state == NmtState::Initialising {
+            return;
+        }
+        let event = self.heartbeats.on_frame(now, frame);
+        self.next = self.next.min(self.heartbeats.next_deadline());
+        if let Some(event) = event {
+            self.take_heartbeat_event(now, event, app, out);
+        }
+    }
+
+    fn take_heartbeat_event(
+        &mut self,
+        now: Time,
+        event: HeartbeatEvent,
+        app: &mut impl Application,
+        out: &mut impl Outbox,
+    ) {
+        let source = event.node.raw();
+        match event.change {
+            HeartbeatChange::Lost => {
+                let bits = ErrorRegister(ErrorRegister::COMMUNICATION);
+                self.raise_emergency(EmcyCode::HEARTBEAT, bits, [source, 0, 0, 0, 0], out);
+                // 1029h:1 of CiA 301: 0 leaves Operational, 1 changes nothing, 2 stops.
+                match (self.od.raw(0x1029, 1), self.state) {
+                    (0, NmtState::Operational) => self.enter(now, NmtState::PreOperational, app),
+                    (2, _) => self.enter(now, NmtState::Stopped, app),
+                    _ => {}
+                }
+            }
+            HeartbeatChange::Present(_) => {
+                let message = self.emergencies.clear_one(&mut self.od, EmcyCode::HEARTBEAT, source);
+                self.send_emergency(message, out);
+            }
+            HeartbeatChange::BootUp | HeartbeatChange::State(_) => {}
+        }
+        app.on_heartbeat_event(now, &mut self.od, event);
+    }
+
+    fn do_what_is_due(&mut self, now: Time, app: &mut impl Application, out: &mut impl Outbox) {
+        if now >= self.heartbeat_at {
+            out.push(nmt::heartbeat(self.id, self.state));
+            let on_grid = self.heartbeat_at + self.heartbeat_period;
+            self.heartbeat_at = if on_grid > now { on_grid } else { now + self.heartbeat_period };
+        }
+        for _ in 0..HEARTBEAT_PRODUCERS {
+            let Some(event) = self.heartbeats.poll(now) else { break };
+            self.take_heartbeat_event(now, event, app, out);
+        }
+        self.poll_pdos(now, app, out);
+        if let Some(payload) = self.sdo.poll(now) {
+            out.push(Frame::new(cob::sdo_response(self.id), &payload));
+        }
+        self.next = self.earliest();
+    }
+
+    /// Takes over a communication object after it was written.
+    fn take_over(&mut self, now: Time, index: u16) {
+        match index {
+            0x1005 => self.sync_id = (self.od.raw(0x1005, 0) & 0x7ff) as u16,
+            0x1014 => self.emergencies.reload(&self.od),
+            0x1016 => self.watch_heartbeats(),
+            0x1017 => {
+                self.heartbeat_period = Duration::from_millis(self.od.raw(0x1017, 0));
+                let is_off = self.heartbeat_period.is_zero();
+                self.heartbeat_at = if is_off { Time::NEVER } else { now + self.heartbeat_period };
+            }
+            _ => self.take_over_pdo(now, index),
+        }
+        self.next = self.earliest();
+    }
+
+    fn watch_heartbeats(&mut self) {
+        self.heartbeats.clear();
+        for sub in 1..=HEARTBEAT_PRODUCERS {
+            let entry = self.od.raw(0x1016, sub);
+            if let Ok(node) = NodeId::new((entry >> 16) as u8) {
+                self.heartbeats.watch(node, Duration::from_millis(entry & 0xffff));
+            }
+        }
+    }
+
+    fn earliest(&self) -> Time {
+        if self.state == NmtState::Initialising {
+            return Time::NEVER;
+        }
+        let others = self.heartbeat_at.min(self.heartbeats.next_deadline()).min(self.sdo.next_deadline());
+        let rpdos = self.rpdos.iter().map(Rpdo::deadline).fold(Time::NEVER, Time::min);
+        self.tpdos.iter().map(Tpdo::deadline).fold(others.min(rpdos), Time::min)
+    }
+}

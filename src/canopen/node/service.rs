@@ -1,0 +1,80 @@
+//! What the SDO server of a device reads and writes: the dictionary under the rules of its communication objects.
+
+use super::super::dictionary::HEARTBEAT_PRODUCERS;
+use super::super::value::load_le;
+use super::super::{AbortCode, Address, ObjectDictionary, cob, pdo, sdo};
+use super::application::Application;
+use super::emergency::forget_history;
+
+/// The dictionary of a device as its SDO server sees it.
+pub(super) struct Service<'a, A> {
+    pub(super) od: &'a mut ObjectDictionary,
+    pub(super) app: &'a mut A,
+    /// Index of a communication object that was written.
+    pub(super) changed: Option<u16>,
+}
+
+impl<A: Application> sdo::Objects for Service<'_, A> {
+    fn read(&mut self, at: Address, value: &mut Vec<u8>) -> Result<(), AbortCode> {
+        self.od.read(at)?;
+        if at.index == 0x1003 && u64::from(at.subindex) > self.od.raw(0x1003, 0) {
+            return Err(AbortCode::NO_DATA);
+        }
+        self.app.before_read(self.od, at)?;
+        value.extend_from_slice(self.od.read(at)?);
+        Ok(())
+    }
+
+    fn check_download(&self, at: Address, len: Option<usize>) -> Result<(), AbortCode> {
+        match len {
+            Some(len) => self.od.check_write_len(at, len),
+            None => self.od.check_writable(at),
+        }
+    }
+
+    fn size(&self, at: Address) -> Option<usize> {
+        self.od.data_type(at)?.size()
+    }
+
+    fn write(&mut self, at: Address, value: &[u8]) -> Result<(), AbortCode> {
+        self.od.check_write(at, value)?;
+        check_communication(self.od, at, load_le(value))?;
+        self.app.before_write(self.od, at, value)?;
+        self.od.store(at, value);
+        if at.index == 0x1003 {
+            forget_history(self.od);
+        }
+        if (0x1000..0x2000).contains(&at.index) {
+            self.changed = Some(at.index);
+        }
+        self.app.after_write(self.od, at);
+        Ok(())
+    }
+}
+
+/// Rules of the communication objects beyond type, access and limits.
+///
+/// # Source
+/// CiA 301, objects 1003h, 1005h, 1014h, 1016h and those of the PDOs.
+fn check_communication(od: &ObjectDictionary, at: Address, value: u64) -> Result<(), AbortCode> {
+    match at.index {
+        0x1003 if value != 0 => Err(AbortCode::VALUE),
+        // This includes bit 30, a SYNC producer, which a device of this engine is not.
+        0x1005 if cob::is_restricted(value as u32) => Err(AbortCode::VALUE),
+        0x1014 => pdo::check_cob_id(od.raw(0x1014, 0) as u32, value as u32),
+        0x1016 => check_heartbeat_producer(od, at.subindex, value),
+        0x1400..=0x1bff => pdo::check_write(od, at, value),
+        _ => Ok(()),
+    }
+}
+
+/// One node may be watched by one entry only.
+fn check_heartbeat_producer(od: &ObjectDictionary, sub: u8, value: u64) -> Result<(), AbortCode> {
+    let (node, is_used) = ((value >> 16) & 0xff, value & 0xffff != 0);
+    if value >> 24 != 0 || (is_used && node > 127) {
+        return Err(AbortCode::VALUE);
+    }
+    let is_same = |other: u64| other & 0xffff != 0 && (other >> 16) & 0xff == node;
+    let has_other = (1..=HEARTBEAT_PRODUCERS).any(|other| other != sub && is_same(od.raw(0x1016, other)));
+    if is_used && node != 0 && has_other { Err(AbortCode::PARAMETER_INCOMPATIBLE) } else { Ok(()) }
+}

@@ -1,0 +1,10 @@
+//! SDO: both ends of the confirmed access to single objects.
+
+mod client;
+mod server;
+#[cfg(test)]
+mod tests;
+mod wire;
+
+pub use client::{SdoClient, SdoOutcome};
+pub(super) use server::{Objects, SdoServer};

@@ -1,0 +1,84 @@
+//! What simulated devices have in common.
+
+use yieldwall_drives::objects::{self, DataType};
+use yieldwall_drives::profiles::{DeviceProfile, MappingEntry};
+
+use crate::canopen::dictionary::Builder;
+use crate::canopen::{
+    Access, CanopenError, DeviceIdentity, Handle, Mappable, NodeId, Object, ObjectDictionary, Scalar,
+};
+
+/// What building a simulated device refuses.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum DeviceError {
+    /// The object dictionary cannot be built.
+    #[error("object dictionary: {0}")]
+    Dictionary(#[from] CanopenError),
+    /// The profile is of another kind of device.
+    #[error("the device model {profile} is not a {wanted}")]
+    Role {
+        /// Name of the profile.
+        profile: &'static str,
+        /// The wanted kind of device.
+        wanted: &'static str,
+    },
+    /// A setting is outside its range.
+    #[error("{setting} is {value}, but has to be {range}")]
+    Setting {
+        /// Name of the setting.
+        setting: &'static str,
+        /// Its value.
+        value: f64,
+        /// What is allowed.
+        range: &'static str,
+    },
+}
+
+/// An object with its power-on value, cut off to its type; text is declared by the identity alone.
+pub(super) fn declare(object: objects::Object, value: i64) -> Object {
+    let (index, sub) = (object.index, object.sub);
+    match object.data_type {
+        DataType::I8 => Object::new(index, sub, value as i8),
+        DataType::I16 => Object::new(index, sub, value as i16),
+        DataType::I32 => Object::new(index, sub, value as i32),
+        DataType::U8 => Object::new(index, sub, value as u8),
+        DataType::U16 => Object::new(index, sub, value as u16),
+        DataType::U32 => Object::new(index, sub, value as u32),
+        DataType::Text => Object::text(index, sub, ""),
+    }
+}
+
+/// A read-only object that a TPDO can carry.
+pub(super) fn shown(object: objects::Object) -> Object {
+    declare(object, 0).access(Access::ReadOnly).mappable(Mappable::Tpdo)
+}
+
+/// An object that an RPDO can carry.
+pub(super) fn commanded(object: objects::Object, value: i64) -> Object {
+    declare(object, value).mappable(Mappable::Both)
+}
+
+/// A dictionary with the communication profile of a device model.
+pub(super) fn dictionary(node: NodeId, profile: &DeviceProfile, serial: u32) -> Builder {
+    ObjectDictionary::builder().communication_profile(
+        node,
+        &DeviceIdentity {
+            device_type: profile.device_type,
+            name: profile.name.to_owned(),
+            vendor_id: profile.identity.vendor_id,
+            product_code: profile.identity.product_code,
+            revision: profile.identity.revision,
+            serial,
+        },
+    )
+}
+
+/// Mapping entries as the dictionary takes them.
+pub(super) fn mapping(entries: &[MappingEntry]) -> Vec<(u16, u8, u8)> {
+    entries.iter().map(|entry| (entry.index, entry.sub, entry.bits)).collect()
+}
+
+/// The handle of an object that the device has declared.
+pub(super) fn handle<T: Scalar>(od: &ObjectDictionary, object: objects::Object) -> Result<Handle<T>, CanopenError> {
+    od.handle(object.index, object.sub)
+}

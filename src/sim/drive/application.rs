@@ -1,0 +1,105 @@
+//! What the drive does with its objects.
+
+use std::time::Duration;
+
+use yieldwall_drives::cia402::{OperationMode, OptionCodes, StateMachine};
+use yieldwall_drives::objects::{self as cia, error_code};
+use yieldwall_drives::profiles::RpdoTimeoutReaction;
+
+use super::device::Device;
+use crate::canopen::{
+    AbortCode, Address, Application, HeartbeatChange, HeartbeatEvent, NmtState, ObjectDictionary, Reset, Time,
+};
+
+impl Application for Device {
+    fn before_write(&mut self, _od: &mut ObjectDictionary, at: Address, data: &[u8]) -> Result<(), AbortCode> {
+        let &[code] = data else { return Ok(()) };
+        if at.index != cia::MODE_OF_OPERATION.index || code == 0 {
+            return Ok(());
+        }
+        match OperationMode::from_code(code as i8) {
+            Some(mode) if mode.is_in(self.supported_modes) => Ok(()),
+            _ => Err(AbortCode::VALUE),
+        }
+    }
+
+    fn after_write(&mut self, od: &mut ObjectDictionary, at: Address) {
+        self.is_stale = true;
+        self.reload(od);
+        if at.index == cia::CONTROLWORD.index {
+            self.apply_controlword(od);
+        } else {
+            self.follow(od);
+        }
+        self.take_targets(od);
+    }
+
+    fn before_read(&mut self, od: &mut ObjectDictionary, _at: Address) -> Result<(), AbortCode> {
+        self.refresh(od);
+        Ok(())
+    }
+
+    fn on_sync(&mut self, now: Time, od: &mut ObjectDictionary) {
+        self.wake(now);
+        if self.encoder_failed {
+            self.follow(od);
+        }
+        let plan = self.servo.plan();
+        if plan.follows_command() && self.quirks.sync_lost_periods > 0 {
+            let wait = self.parameters.period_s * f64::from(self.quirks.sync_lost_periods);
+            self.sync_deadline = now + Duration::from_secs_f64(wait);
+        }
+        if plan.is_closed_loop() {
+            self.tick(od);
+        }
+        self.refresh(od);
+    }
+
+    fn on_rpdo(&mut self, now: Time, od: &mut ObjectDictionary, _number: u8) {
+        self.wake(now);
+        self.apply_controlword(od);
+        self.take_targets(od);
+    }
+
+    fn on_nmt(&mut self, now: Time, od: &mut ObjectDictionary, state: NmtState) {
+        self.wake(now);
+        let was_operational = std::mem::replace(&mut self.is_operational, state == NmtState::Operational);
+        if was_operational && !self.is_operational {
+            self.lose_connection(od, error_code::HEARTBEAT);
+        }
+    }
+
+    fn on_reset(&mut self, now: Time, od: &mut ObjectDictionary, reset: Reset) {
+        self.wake(now);
+        self.is_operational = false;
+        self.reload(od);
+        match reset {
+            Reset::Communication => self.lose_connection(od, error_code::HEARTBEAT),
+            Reset::Node => {
+                self.machine = StateMachine::new(OptionCodes::default());
+                self.reload(od);
+                self.machine.initialise();
+                self.emergency = None;
+                self.follow(od);
+            }
+        }
+    }
+
+    fn on_heartbeat_event(&mut self, now: Time, od: &mut ObjectDictionary, event: HeartbeatEvent) {
+        self.wake(now);
+        if event.change == HeartbeatChange::Lost {
+            self.lose_connection(od, error_code::HEARTBEAT);
+        }
+    }
+
+    fn on_rpdo_timeout(&mut self, now: Time, od: &mut ObjectDictionary, _number: u8) {
+        self.wake(now);
+        match self.quirks.rpdo_timeout {
+            RpdoTimeoutReaction::None => {}
+            RpdoTimeoutReaction::AbortConnection => self.lose_connection(od, error_code::RPDO_TIMEOUT),
+            RpdoTimeoutReaction::Fault => {
+                self.fault(od, error_code::RPDO_TIMEOUT);
+            }
+        }
+    }
+}

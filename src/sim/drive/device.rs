@@ -1,0 +1,363 @@
+//! State machine, control loop and monitoring of a drive.
+
+use std::time::Duration;
+
+use yieldwall_drives::cia402::{OperationMode, OptionCodes, Reaction, State, StateMachine, Statusword, Transition};
+use yieldwall_drives::objects::error_code;
+use yieldwall_drives::profiles::Quirks;
+use yieldwall_drives::scaling::{AxisScaling, CountUnwrapper, wrap};
+
+use super::objects::Objects;
+use super::servo::{Motion, Plan, Servo, TorqueRange};
+use super::{DriveSettings, Encoder};
+use crate::canopen::{CanopenError, ObjectDictionary, Time};
+
+/// Bit of the error register 1001h for errors of the device profile.
+pub(super) const PROFILE_ERROR: u8 = 1 << 5;
+
+/// Deceleration of a drive at the limit of its current: the torque limit decides.
+const UNLIMITED_RAD_PER_S2: f64 = 1e9;
+
+/// Objects that change less often than every cycle.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct Parameters {
+    slow_rad_per_s2: f64,
+    quick_rad_per_s2: f64,
+    pub(super) period_s: f64,
+    /// Following error window in counts; `None` for no watch.
+    window: Option<f64>,
+    window_time: Duration,
+}
+
+#[derive(Clone, Debug)]
+pub(super) struct Device {
+    objects: Objects,
+    scaling: AxisScaling,
+    encoder: Encoder,
+    pub(super) supported_modes: u32,
+    pub(super) quirks: Quirks,
+    pub(super) machine: StateMachine,
+    pub(super) servo: Servo,
+    mode: Option<OperationMode>,
+    pub(super) parameters: Parameters,
+    counts: i64,
+    motion: Motion,
+    now: Time,
+    /// The target of the present straight line, to tell a new one.
+    aimed_at: Option<i32>,
+    outside_since: Option<Time>,
+    pub(super) sync_deadline: Time,
+    pub(super) is_operational: bool,
+    has_voltage: bool,
+    is_warning: bool,
+    status: u16,
+    has_status_changed: bool,
+    pub(super) emergency: Option<u16>,
+    pub(super) encoder_failed: bool,
+    was_reset: bool,
+    /// Whether something has run since the shown objects were brought up to date.
+    pub(super) is_stale: bool,
+}
+
+impl Device {
+    pub(super) fn new(
+        od: &ObjectDictionary,
+        settings: &DriveSettings,
+        supported_modes: u32,
+        quirks: Quirks,
+    ) -> Result<Self, CanopenError> {
+        Ok(Device {
+            objects: Objects::of(od)?,
+            scaling: settings.scaling,
+            encoder: settings.encoder,
+            supported_modes,
+            quirks,
+            machine: StateMachine::new(OptionCodes::default()),
+            servo: Servo::new(settings.position_loop),
+            mode: None,
+            parameters: Parameters::default(),
+            counts: 0,
+            motion: Motion::default(),
+            now: Time(0),
+            aimed_at: None,
+            outside_since: None,
+            sync_deadline: Time::NEVER,
+            is_operational: false,
+            has_voltage: true,
+            is_warning: false,
+            status: 0,
+            has_status_changed: false,
+            emergency: None,
+            encoder_failed: false,
+            was_reset: false,
+            is_stale: true,
+        })
+    }
+
+    pub(super) fn measure(&mut self, angle_rad: f64, rate_rad_per_s: f64) {
+        match self.scaling.counts(angle_rad) {
+            Ok(counts) if rate_rad_per_s.is_finite() => {
+                self.counts = counts;
+                let angle_rad = match self.encoder {
+                    Encoder::Exact => angle_rad,
+                    Encoder::Quantised => self.scaling.angle_rad(counts),
+                };
+                self.motion = Motion { angle_rad, rate_rad_per_s };
+                self.encoder_failed = false;
+            }
+            _ => self.encoder_failed = true,
+        }
+    }
+
+    pub(super) fn torque_n_m(&self) -> f64 {
+        self.servo.torque_n_m()
+    }
+
+    pub(super) fn state(&self) -> State {
+        self.machine.state()
+    }
+
+    pub(super) fn set_warning(&mut self, is_warning: bool) {
+        self.is_warning = is_warning;
+        self.is_stale = true;
+    }
+
+    pub(super) fn set_voltage(&mut self, now: Time, od: &mut ObjectDictionary, is_present: bool) {
+        self.wake(now);
+        self.has_voltage = is_present;
+        self.follow(od);
+    }
+
+    pub(super) fn next_deadline(&self) -> Time {
+        self.servo.next_tick().min(self.sync_deadline)
+    }
+
+    pub(super) fn take_status_change(&mut self) -> bool {
+        std::mem::take(&mut self.has_status_changed)
+    }
+
+    pub(super) fn take_emergency(&mut self) -> Option<u16> {
+        self.emergency.take()
+    }
+
+    pub(super) fn take_reset(&mut self) -> bool {
+        std::mem::take(&mut self.was_reset)
+    }
+
+    /// The control loop and the watch on SYNC.
+    pub(super) fn poll(&mut self, now: Time, od: &mut ObjectDictionary) {
+        if self.next_deadline() > now {
+            return;
+        }
+        self.wake(now);
+        if self.sync_deadline <= now {
+            self.sync_deadline = Time::NEVER;
+            self.raise_fault(now, od, error_code::SYNC_LOST);
+        }
+        if self.servo.next_tick() <= now {
+            self.tick(od);
+        }
+    }
+
+    pub(super) fn raise_fault(&mut self, now: Time, od: &mut ObjectDictionary, code: u16) {
+        self.wake(now);
+        if self.fault(od, code) {
+            self.emergency = Some(code);
+        }
+    }
+
+    pub(super) fn wake(&mut self, now: Time) {
+        self.now = now;
+        self.is_stale = true;
+    }
+
+    /// [`Device::refresh`], if anything has run since.
+    pub(super) fn refresh_if_stale(&mut self, od: &mut ObjectDictionary) {
+        if self.is_stale {
+            self.refresh(od);
+        }
+    }
+
+    /// Brings the objects that show something up to date.
+    pub(super) fn refresh(&mut self, od: &mut ObjectDictionary) {
+        self.is_stale = false;
+        let objects = self.objects;
+        let status = self.statusword();
+        self.has_status_changed |= status != self.status;
+        self.status = status;
+        od.set(objects.statusword, status);
+        od.set(objects.mode_display, self.mode.map_or(0, OperationMode::code));
+        od.set(objects.position, wrap(self.counts));
+        // Rate and torque are finite, so that scaling them cannot fail.
+        let rate = self.scaling.rate_counts_per_s(self.motion.rate_rad_per_s).map_or(0, |scaled| scaled.value);
+        od.set(objects.velocity, rate);
+        let torque = self.scaling.torque_per_mille(self.servo.torque_n_m()).map_or(0, |scaled| scaled.value);
+        od.set(objects.torque, torque);
+        od.set(objects.following_error, self.following_error_counts() as i32);
+    }
+
+    fn statusword(&self) -> u16 {
+        let plan = self.servo.plan();
+        let bit = |is_set: bool, mask: u16| if is_set { mask } else { 0 };
+        self.machine.statusword()
+            | Statusword::REMOTE
+            | bit(self.has_voltage, Statusword::VOLTAGE_ENABLED)
+            | bit(self.is_warning, Statusword::WARNING)
+            | bit(self.servo.is_limited(), Statusword::INTERNAL_LIMIT)
+            | bit(plan.follows_command(), Statusword::FOLLOWS_COMMAND)
+            | bit(plan == Plan::Position && self.outside_since.is_some(), Statusword::FOLLOWING_ERROR)
+    }
+
+    fn following_error_counts(&self) -> f64 {
+        if self.servo.plan() == Plan::Position {
+            (self.servo.setpoint_rad() - self.motion.angle_rad) * self.scaling.counts_per_rad()
+        } else {
+            0.0
+        }
+    }
+
+    /// Enters the fault state; whether the drive was not in it before.
+    pub(super) fn fault(&mut self, od: &mut ObjectDictionary, code: u16) -> bool {
+        let is_new = self.machine.fault().is_some();
+        if is_new {
+            od.set(self.objects.error_code, code);
+            self.follow(od);
+        }
+        is_new
+    }
+
+    pub(super) fn lose_connection(&mut self, od: &mut ObjectDictionary, code: u16) {
+        self.machine.lose_connection();
+        if matches!(self.machine.state(), State::Fault | State::FaultReactionActive) {
+            od.set(self.objects.error_code, code);
+        }
+        self.follow(od);
+    }
+
+    pub(super) fn apply_controlword(&mut self, od: &mut ObjectDictionary) {
+        if self.machine.apply(od.get(self.objects.controlword)) == Some(Transition(15)) {
+            od.set(self.objects.error_code, error_code::NONE);
+            self.was_reset = true;
+        }
+        self.follow(od);
+    }
+
+    /// Makes mode and control loop follow the state machine.
+    pub(super) fn follow(&mut self, od: &mut ObjectDictionary) {
+        let is_moving = matches!(self.machine.state(), State::OperationEnabled | State::QuickStopActive);
+        if self.encoder_failed && is_moving && self.machine.fault().is_some() {
+            od.set(self.objects.error_code, error_code::ENCODER);
+            self.emergency = Some(error_code::ENCODER);
+        }
+        let is_helpless = !self.has_voltage || self.encoder_failed;
+        if !self.has_voltage {
+            self.machine.lose_voltage();
+        }
+        let is_stopping = matches!(self.machine.state(), State::QuickStopActive | State::FaultReactionActive);
+        if is_stopping && (is_helpless || self.machine.reaction() == Reaction::Off) {
+            self.machine.standstill();
+        }
+        let is_enabled = self.machine.state() == State::OperationEnabled;
+        if !is_enabled || self.quirks.mode_changes_while_enabled {
+            let wanted = OperationMode::from_code(od.get(self.objects.mode));
+            self.mode = wanted.filter(|mode| mode.is_in(self.supported_modes));
+        }
+        let plan = match (self.machine.reaction(), self.mode) {
+            (Reaction::Off, _) => Plan::Off,
+            _ if is_helpless => Plan::Off,
+            (Reaction::SlowRamp, _) => Plan::Ramp(self.parameters.slow_rad_per_s2),
+            (Reaction::QuickRamp, _) => Plan::Ramp(self.parameters.quick_rad_per_s2),
+            (Reaction::Limit, _) => Plan::Ramp(UNLIMITED_RAD_PER_S2),
+            (Reaction::Follow, Some(OperationMode::CyclicPosition)) => Plan::Position,
+            (Reaction::Follow, Some(OperationMode::CyclicVelocity)) => Plan::Velocity,
+            (Reaction::Follow, Some(OperationMode::CyclicTorque)) => Plan::Torque,
+            (Reaction::Follow, _) => Plan::Off,
+        };
+        if plan != self.servo.plan() {
+            self.servo.change_plan(self.now, plan, self.motion);
+            self.aimed_at = None;
+            self.outside_since = None;
+            if !plan.follows_command() {
+                self.sync_deadline = Time::NEVER;
+            }
+        }
+    }
+
+    /// Hands the targets to the control loop.
+    pub(super) fn take_targets(&mut self, od: &ObjectDictionary) {
+        let (objects, scaling) = (self.objects, self.scaling);
+        let velocity_offset = scaling.rate_rad_per_s(od.get(objects.velocity_offset));
+        self.servo.set_offsets(velocity_offset, scaling.torque_n_m(od.get(objects.torque_offset)));
+        match self.servo.plan() {
+            Plan::Torque => {
+                let torque = scaling.torque_n_m(od.get(objects.target_torque));
+                self.servo.set_torque(torque, self.torque_range(od));
+            }
+            Plan::Velocity => self.servo.set_velocity(scaling.rate_rad_per_s(od.get(objects.target_velocity))),
+            Plan::Position => {
+                let target = od.get(objects.target_position).wrapping_add(od.get(objects.position_offset));
+                if self.aimed_at != Some(target) {
+                    self.aimed_at = Some(target);
+                    let counts = CountUnwrapper::near(self.counts).unwrap(target);
+                    self.servo.aim_at(self.now, scaling.angle_rad(counts), self.parameters.period_s);
+                }
+            }
+            Plan::Off | Plan::Ramp(_) => {}
+        }
+    }
+
+    /// The smallest of the torque limits 6072h, 60E0h and 60E1h in each direction of the joint.
+    fn torque_range(&self, od: &ObjectDictionary) -> TorqueRange {
+        let most = od.get(self.objects.max_torque);
+        let limit = |other: u16| most.min(other).min(i16::MAX as u16) as i16;
+        let positive = self.scaling.torque_n_m(limit(od.get(self.objects.positive_torque_limit)));
+        let negative = self.scaling.torque_n_m(-limit(od.get(self.objects.negative_torque_limit)));
+        TorqueRange { lowest: positive.min(negative), highest: positive.max(negative) }
+    }
+
+    pub(super) fn tick(&mut self, od: &mut ObjectDictionary) {
+        if self.encoder_failed {
+            self.follow(od);
+        }
+        self.servo.tick(self.now, self.motion, self.torque_range(od));
+        if self.servo.is_at_standstill(self.now, self.motion) && self.machine.standstill().is_some() {
+            self.follow(od);
+        }
+        self.watch_following_error(od);
+    }
+
+    fn watch_following_error(&mut self, od: &mut ObjectDictionary) {
+        let Some(window) = self.parameters.window.filter(|_| self.servo.plan() == Plan::Position) else { return };
+        if self.following_error_counts().abs() <= window {
+            self.outside_since = None;
+            return;
+        }
+        let since = *self.outside_since.get_or_insert(self.now);
+        if self.now.since(since) >= self.parameters.window_time {
+            self.raise_fault(self.now, od, error_code::FOLLOWING_ERROR);
+        }
+    }
+
+    /// Reads option codes and parameters again.
+    pub(super) fn reload(&mut self, od: &ObjectDictionary) {
+        let objects = self.objects;
+        self.machine.set_options(OptionCodes {
+            quick_stop: od.get(objects.quick_stop),
+            shutdown: od.get(objects.shutdown),
+            disable_operation: od.get(objects.disable_operation),
+            halt: od.get(objects.halt),
+            fault_reaction: od.get(objects.fault_reaction),
+            abort_connection: od.get(objects.abort_connection),
+        });
+        let per_rad = self.scaling.counts_per_rad();
+        let window = od.get(objects.following_window);
+        let exponent = i32::from(od.get(objects.interpolation_exponent));
+        self.parameters = Parameters {
+            slow_rad_per_s2: f64::from(od.get(objects.deceleration)) / per_rad,
+            quick_rad_per_s2: f64::from(od.get(objects.quick_deceleration)) / per_rad,
+            period_s: f64::from(od.get(objects.interpolation_time)) * 10f64.powi(exponent),
+            window: (window != u32::MAX).then_some(f64::from(window)),
+            window_time: Duration::from_millis(od.get(objects.following_timeout).into()),
+        };
+    }
+}

@@ -1,0 +1,164 @@
+//! A simulated servo drive: a CANopen device with a CiA 402 state machine, control loop and encoder.
+
+mod application;
+mod device;
+mod objects;
+mod servo;
+#[cfg(test)]
+mod tests;
+
+pub use servo::PositionLoop;
+
+use yieldwall_drives::cia402::State;
+use yieldwall_drives::profiles::{DeviceProfile, Role};
+use yieldwall_drives::scaling::AxisScaling;
+
+use super::DeviceError;
+use crate::canopen::{EmcyCode, ErrorRegister, Frame, Node, NodeId, Outbox, Time};
+use device::{Device, PROFILE_ERROR};
+
+/// What the drive knows about the joint angle.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Encoder {
+    /// The angle itself in its own loop; counts only on the bus.
+    Exact,
+    /// Whole counts everywhere.
+    Quantised,
+}
+
+/// Settings of a simulated drive.
+#[derive(Clone, Copy, Debug)]
+pub struct DriveSettings {
+    /// Node id.
+    pub node: NodeId,
+    /// Device model, which has to be a servo drive.
+    pub profile: &'static DeviceProfile,
+    /// Serial number, 1018h:4.
+    pub serial: u32,
+    /// Counts and per mille against the joint.
+    pub scaling: AxisScaling,
+    /// The loop that the drive closes itself.
+    pub position_loop: PositionLoop,
+    /// What the drive knows about the angle.
+    pub encoder: Encoder,
+}
+
+/// A simulated servo drive on a joint.
+///
+/// The bus side is that of a device: [`Drive::boot`], [`Drive::on_frame`], [`Drive::poll`], [`Drive::next_deadline`].
+/// The physical side is [`Drive::measure`] in and [`Drive::torque_n_m`] out: give it the joint's motion at each moment
+/// before the frame or deadline of that moment, and read the torque afterwards; it is constant in between.
+///
+/// In CST the torque of the last SYNC is held. In CSP the drive runs its own loop and draws a straight line from target
+/// to target over the interpolation period (60C2h), so that it is one period behind; in CSV it integrates the target.
+/// Without Operation Enabled there is no torque, except on the ramps that the option codes ask for.
+#[derive(Clone, Debug)]
+pub struct Drive {
+    node: Node,
+    device: Device,
+    is_powered: bool,
+}
+
+impl Drive {
+    /// A drive that is switched off until [`Drive::boot`].
+    ///
+    /// # Errors
+    /// If the profile is not that of a servo drive, or the gains of the loop are not finite or negative.
+    pub fn new(settings: DriveSettings) -> Result<Self, DeviceError> {
+        let Role::Servo { supported_modes, quirks, .. } = settings.profile.role else {
+            return Err(DeviceError::Role { profile: settings.profile.name, wanted: "servo drive" });
+        };
+        settings.position_loop.check()?;
+        let od = objects::build(&settings, supported_modes)?;
+        let device = Device::new(&od, &settings, supported_modes, quirks)?;
+        Ok(Drive { node: Node::new(settings.node, od)?, device, is_powered: false })
+    }
+
+    /// Switches the drive on: all objects at their power-on values, boot-up message.
+    pub fn boot(&mut self, now: Time, out: &mut impl Outbox) {
+        self.is_powered = true;
+        self.node.boot(now, &mut self.device, out);
+        self.settle(now, out);
+    }
+
+    /// Switches the drive off: it is silent and deaf and has no torque.
+    pub fn switch_off(&mut self) {
+        self.is_powered = false;
+    }
+
+    /// The joint's motion at this moment, in rad and rad/s. What is not finite, or too far away to count, is an encoder
+    /// fault (7305h), and the last good value stays.
+    pub fn measure(&mut self, angle_rad: f64, rate_rad_per_s: f64) {
+        self.device.measure(angle_rad, rate_rad_per_s);
+    }
+
+    /// Torque on the joint in N m.
+    pub fn torque_n_m(&self) -> f64 {
+        if self.is_powered { self.device.torque_n_m() } else { 0.0 }
+    }
+
+    /// Takes one frame from the bus.
+    pub fn on_frame(&mut self, now: Time, frame: &Frame, out: &mut impl Outbox) {
+        if self.is_powered {
+            self.node.on_frame(now, frame, &mut self.device, out);
+            self.settle(now, out);
+        }
+    }
+
+    /// Does what is due: timers of the node, the control loop, the watch on SYNC.
+    pub fn poll(&mut self, now: Time, out: &mut impl Outbox) {
+        if self.is_powered {
+            self.node.poll(now, &mut self.device, out);
+            self.device.poll(now, self.node.od_mut());
+            self.settle(now, out);
+        }
+    }
+
+    /// When to poll next.
+    pub fn next_deadline(&self) -> Time {
+        if self.is_powered { self.node.next_deadline().min(self.device.next_deadline()) } else { Time::NEVER }
+    }
+
+    /// Puts the drive into fault with an error code (603Fh), as its own monitoring would.
+    pub fn raise_fault(&mut self, now: Time, code: u16, out: &mut impl Outbox) {
+        if self.is_powered {
+            self.device.raise_fault(now, self.node.od_mut(), code);
+            self.settle(now, out);
+        }
+    }
+
+    /// Sets or clears the warning bit of the statusword, as a hot motor would.
+    pub fn set_warning(&mut self, is_warning: bool) {
+        self.device.set_warning(is_warning);
+    }
+
+    /// Gives the power stage its voltage or takes it away, as an emergency stop does; without it there is no torque.
+    pub fn set_voltage(&mut self, now: Time, is_present: bool, out: &mut impl Outbox) {
+        self.device.set_voltage(now, self.node.od_mut(), is_present);
+        self.settle(now, out);
+    }
+
+    /// State of the state machine.
+    pub fn state(&self) -> State {
+        self.device.state()
+    }
+
+    /// Sends what the device wished to send: emergencies, and event-driven TPDOs when the statusword has changed.
+    fn settle(&mut self, now: Time, out: &mut impl Outbox) {
+        if !self.is_powered {
+            return;
+        }
+        self.device.refresh_if_stale(self.node.od_mut());
+        if self.device.take_reset() {
+            self.node.clear_all_emergencies(out);
+        }
+        if let Some(code) = self.device.take_emergency() {
+            self.node.raise_emergency(EmcyCode(code), ErrorRegister(PROFILE_ERROR), [0; 5], out);
+        }
+        if self.device.take_status_change() {
+            for number in 1..=4 {
+                self.node.trigger_tpdo(now, number, out);
+            }
+        }
+    }
+}

@@ -1,0 +1,143 @@
+//! The object dictionary of a drive.
+
+use yieldwall_drives::cia402::OptionCodes;
+use yieldwall_drives::objects as cia;
+use yieldwall_drives::profiles::MappingEntry;
+
+use super::super::device::{commanded, declare, dictionary, handle, mapping, shown};
+use super::DriveSettings;
+use crate::canopen::dictionary::Builder;
+use crate::canopen::{Access, CanopenError, Handle, ObjectDictionary, PdoParameters, cob};
+
+/// Quick stop ramp in rad/s^2 unless the master sets one: from 6 rad/s to rest in 60 ms.
+const QUICK_STOP_RAD_PER_S2: f64 = 100.0;
+/// Slow-down ramp in rad/s^2 unless the master sets one.
+const SLOW_DOWN_RAD_PER_S2: f64 = 20.0;
+/// Following error window in rad unless the master sets one, and its time-out in ms.
+const FOLLOWING_ERROR_RAD: f64 = 0.1;
+const FOLLOWING_ERROR_MS: i64 = 10;
+
+macro_rules! handles {
+    ($($field:ident: $type:ty = $object:ident,)*) => {
+        /// Access to the objects that the device works with.
+        #[derive(Clone, Copy, Debug)]
+        pub(super) struct Objects {
+            $(pub(super) $field: Handle<$type>,)*
+        }
+
+        impl Objects {
+            pub(super) fn of(od: &ObjectDictionary) -> Result<Self, CanopenError> {
+                Ok(Objects { $($field: handle(od, cia::$object)?,)* })
+            }
+        }
+    };
+}
+
+handles! {
+    abort_connection: i16 = ABORT_CONNECTION_OPTION,
+    error_code: u16 = ERROR_CODE,
+    controlword: u16 = CONTROLWORD,
+    statusword: u16 = STATUSWORD,
+    quick_stop: i16 = QUICK_STOP_OPTION,
+    shutdown: i16 = SHUTDOWN_OPTION,
+    disable_operation: i16 = DISABLE_OPERATION_OPTION,
+    halt: i16 = HALT_OPTION,
+    fault_reaction: i16 = FAULT_REACTION_OPTION,
+    mode: i8 = MODE_OF_OPERATION,
+    mode_display: i8 = MODE_DISPLAY,
+    position: i32 = POSITION_ACTUAL,
+    following_window: u32 = FOLLOWING_ERROR_WINDOW,
+    following_timeout: u16 = FOLLOWING_ERROR_TIMEOUT,
+    velocity: i32 = VELOCITY_ACTUAL,
+    target_torque: i16 = TARGET_TORQUE,
+    max_torque: u16 = MAX_TORQUE,
+    torque: i16 = TORQUE_ACTUAL,
+    target_position: i32 = TARGET_POSITION,
+    deceleration: u32 = PROFILE_DECELERATION,
+    quick_deceleration: u32 = QUICK_STOP_DECELERATION,
+    position_offset: i32 = POSITION_OFFSET,
+    velocity_offset: i32 = VELOCITY_OFFSET,
+    torque_offset: i16 = TORQUE_OFFSET,
+    interpolation_time: u8 = INTERPOLATION_TIME,
+    interpolation_exponent: i8 = INTERPOLATION_EXPONENT,
+    positive_torque_limit: u16 = POSITIVE_TORQUE_LIMIT,
+    negative_torque_limit: u16 = NEGATIVE_TORQUE_LIMIT,
+    following_error: i32 = FOLLOWING_ERROR_ACTUAL,
+    target_velocity: i32 = TARGET_VELOCITY,
+}
+
+/// The dictionary at power-on.
+pub(super) fn build(settings: &DriveSettings, supported_modes: u32) -> Result<ObjectDictionary, CanopenError> {
+    let scaling = &settings.scaling;
+    let counts = |rad: f64| (rad * scaling.counts_per_rad()).round() as i64;
+    let options = OptionCodes::default();
+    let option = |object, value: i16, lo: i16, hi: i16| declare(object, value.into()).limits(lo, hi);
+    let fixed = |object, value: i64| declare(object, value).access(Access::ReadOnly);
+    let builder = dictionary(settings.node, settings.profile, settings.serial)
+        .object(declare(cia::SYNC_CYCLE, 0))
+        .object(declare(cia::SYNC_WINDOW, 0))
+        .object(option(cia::ABORT_CONNECTION_OPTION, options.abort_connection, 0, 3))
+        .object(shown(cia::ERROR_CODE))
+        .object(commanded(cia::CONTROLWORD, 0))
+        .object(shown(cia::STATUSWORD))
+        .object(option(cia::QUICK_STOP_OPTION, options.quick_stop, 0, 8))
+        .object(option(cia::SHUTDOWN_OPTION, options.shutdown, 0, 1))
+        .object(option(cia::DISABLE_OPERATION_OPTION, options.disable_operation, 0, 1))
+        .object(option(cia::HALT_OPTION, options.halt, 1, 4))
+        .object(option(cia::FAULT_REACTION_OPTION, options.fault_reaction, 0, 4))
+        .object(commanded(cia::MODE_OF_OPERATION, 0))
+        .object(shown(cia::MODE_DISPLAY))
+        .object(shown(cia::POSITION_ACTUAL))
+        .object(declare(cia::FOLLOWING_ERROR_WINDOW, counts(FOLLOWING_ERROR_RAD)))
+        .object(declare(cia::FOLLOWING_ERROR_TIMEOUT, FOLLOWING_ERROR_MS))
+        .object(shown(cia::VELOCITY_ACTUAL))
+        .object(commanded(cia::TARGET_TORQUE, 0))
+        .object(commanded(cia::MAX_TORQUE, 1000))
+        .object(fixed(cia::RATED_TORQUE, (scaling.rated_torque_n_m() * 1000.0).round() as i64))
+        .object(shown(cia::TORQUE_ACTUAL))
+        .object(commanded(cia::TARGET_POSITION, 0))
+        .object(declare(cia::PROFILE_DECELERATION, counts(SLOW_DOWN_RAD_PER_S2)))
+        .object(declare(cia::QUICK_STOP_DECELERATION, counts(QUICK_STOP_RAD_PER_S2)))
+        .highest_sub(cia::ENCODER_INCREMENTS.index, 2)
+        .object(fixed(cia::ENCODER_INCREMENTS, counts(std::f64::consts::TAU)))
+        .object(fixed(cia::ENCODER_REVOLUTIONS, 1))
+        .object(commanded(cia::POSITION_OFFSET, 0))
+        .object(commanded(cia::VELOCITY_OFFSET, 0))
+        .object(commanded(cia::TORQUE_OFFSET, 0))
+        .highest_sub(cia::INTERPOLATION_TIME.index, 2)
+        .object(declare(cia::INTERPOLATION_TIME, 1).limits(1u8, u8::MAX))
+        .object(declare(cia::INTERPOLATION_EXPONENT, -3).limits(-6i8, 0))
+        .object(commanded(cia::POSITIVE_TORQUE_LIMIT, 1000))
+        .object(commanded(cia::NEGATIVE_TORQUE_LIMIT, 1000))
+        .object(shown(cia::FOLLOWING_ERROR_ACTUAL))
+        .object(commanded(cia::TARGET_VELOCITY, 0))
+        .object(fixed(cia::SUPPORTED_MODES, supported_modes.into()));
+    default_pdos(builder, settings).build()
+}
+
+/// The default PDOs of CiA 402, event-driven; the first pair is in use, the others wait for a master.
+fn default_pdos(mut builder: Builder, settings: &DriveSettings) -> Builder {
+    let rpdos: [&[cia::Object]; 4] = [
+        &[cia::CONTROLWORD],
+        &[cia::CONTROLWORD, cia::MODE_OF_OPERATION],
+        &[cia::CONTROLWORD, cia::TARGET_POSITION],
+        &[cia::CONTROLWORD, cia::TARGET_VELOCITY],
+    ];
+    let tpdos: [&[cia::Object]; 4] = [
+        &[cia::STATUSWORD],
+        &[cia::STATUSWORD, cia::MODE_DISPLAY],
+        &[cia::STATUSWORD, cia::POSITION_ACTUAL],
+        &[cia::STATUSWORD, cia::VELOCITY_ACTUAL],
+    ];
+    let parameters = |number: u8, id: Option<u16>, objects: &[cia::Object]| {
+        let entries: Vec<MappingEntry> = objects.iter().copied().map(MappingEntry::of).collect();
+        let event_driven = PdoParameters::event_driven(id.unwrap_or_default(), &mapping(&entries));
+        if number == 1 { event_driven } else { event_driven.unused() }
+    };
+    for (number, (rpdo, tpdo)) in (1u8..).zip(rpdos.into_iter().zip(tpdos)) {
+        builder = builder
+            .rpdo(number, &parameters(number, cob::rpdo(number, settings.node), rpdo))
+            .tpdo(number, &parameters(number, cob::tpdo(number, settings.node), tpdo));
+    }
+    builder
+}
