@@ -60,10 +60,19 @@ impl Boot {
         let mode = master.mode.operation_mode();
         let map = mapping(drive.profile, Some(mode))?;
         let mut steps = identity(drive.profile);
-        steps.push(expect("check the command mode", objects::SUPPORTED_MODES, mode.supported_bit(), mode.supported_bit()));
+        steps.push(expect(
+            "check the command mode",
+            objects::SUPPORTED_MODES,
+            mode.supported_bit(),
+            mode.supported_bit(),
+        ));
         steps.extend(heartbeat(drive.heartbeat.as_millis() as u32));
         let watch_ms = master.heartbeat.as_millis() as u32 * HEARTBEAT_PERIODS;
-        steps.push(verify("let the drive watch the master", objects::CONSUMER_HEARTBEAT, u32::from(master.node_id) << 16 | watch_ms));
+        steps.push(verify(
+            "let the drive watch the master",
+            objects::CONSUMER_HEARTBEAT,
+            u32::from(master.node_id) << 16 | watch_ms,
+        ));
         steps.push(verify("set the reaction to a lost master", objects::ABORT_CONNECTION_OPTION, ON_LOSS_QUICK_STOP));
         steps.push(verify("set the reaction to a lost master", objects::ERROR_BEHAVIOUR, ON_ERROR_PRE_OPERATIONAL));
         steps.push(verify("set the quick stop", objects::QUICK_STOP_OPTION, QUICK_STOP_RAMP));
@@ -72,7 +81,11 @@ impl Boot {
         steps.push(verify("set the cycle time", objects::INTERPOLATION_EXPONENT, exponent));
         steps.push(write("set the command mode", objects::MODE_OF_OPERATION, mode.code() as u8 as u32));
         steps.push(verify("set the torque limit", objects::MAX_TORQUE, u32::from(drive.torque_limit_per_mille)));
-        steps.push(verify("set the following error window", objects::FOLLOWING_ERROR_WINDOW, drive.following_error_counts));
+        steps.push(verify(
+            "set the following error window",
+            objects::FOLLOWING_ERROR_WINDOW,
+            drive.following_error_counts,
+        ));
         let deadline_ms = (master.period.as_millis() as u32 * RPDO_DEADLINE_CYCLES).max(1);
         steps.extend(pdos(map, node, deadline_ms));
         Ok(Self::new(node, steps))
@@ -86,7 +99,13 @@ impl Boot {
     }
 
     fn new(node: NodeId, steps: Vec<Step>) -> Self {
-        Self { client: SdoClient::new(node, SDO_TIMEOUT, SDO_CAPACITY), steps, next: 0, verifying: false, started: false }
+        Self {
+            client: SdoClient::new(node, SDO_TIMEOUT, SDO_CAPACITY),
+            steps,
+            next: 0,
+            verifying: false,
+            started: false,
+        }
     }
 
     /// What is being done now.

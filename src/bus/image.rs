@@ -226,7 +226,12 @@ struct Incomings {
 }
 
 impl Incomings {
-    fn drive(&mut self, mode: CommandMode, joint: usize, (setup, node): (&DriveSetup, NodeId)) -> Result<Drive, BootFailure> {
+    fn drive(
+        &mut self,
+        mode: CommandMode,
+        joint: usize,
+        (setup, node): (&DriveSetup, NodeId),
+    ) -> Result<Drive, BootFailure> {
         let profile = setup.profile;
         let map = super::boot::mapping(profile, Some(mode.operation_mode()))?;
         for pdo in map.tpdo {
@@ -287,7 +292,8 @@ impl Incomings {
         let layout = layout(profile, pdo)?;
         let mut fields = Vec::new();
         for entry in pdo.entries {
-            let object = objects::ALL.iter().find(|object| object.index == entry.index).map(|object| object.at(entry.sub));
+            let object =
+                objects::ALL.iter().find(|object| object.index == entry.index).map(|object| object.at(entry.sub));
             if let (Some(source), Some(field)) = (object.and_then(source), layout.field(entry.index, entry.sub)) {
                 fields.push((source, field));
             }

@@ -87,9 +87,16 @@ impl Master {
         }
         watch.watch(sensor, setup.sensor.heartbeat * HEARTBEAT_PERIODS);
         let boot = Boot::sensor(&setup.sensor, sensor).map_err(fail(2))?;
-        nodes.push(Node { id: sensor, name: setup.sensor.name.clone(), boot, has_booted: false, is_operational: false });
-        let sync = SyncProducer::new(cob::SYNC, 0)
-            .map_err(|_| refuse(setup.node_id, "master", "prepare SYNC", BootFailure::NodeId { node_id: setup.node_id }))?;
+        nodes.push(Node {
+            id: sensor,
+            name: setup.sensor.name.clone(),
+            boot,
+            has_booted: false,
+            is_operational: false,
+        });
+        let sync = SyncProducer::new(cob::SYNC, 0).map_err(|_| {
+            refuse(setup.node_id, "master", "prepare SYNC", BootFailure::NodeId { node_id: setup.node_id })
+        })?;
         Ok(Self {
             id,
             heartbeat: setup.heartbeat,

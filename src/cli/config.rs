@@ -123,8 +123,8 @@ fn device_summary(device: &ImpedanceDevice) -> String {
 }
 
 fn scene_summary(scene: &Scene) -> String {
-    let dimension = if scene.hand.start_m.len() == 2 { "plane" } else { "space" };
-    format!("{} s in the {dimension}, seed {}", *scene.duration_s, scene.seed)
+    let place = if scene.hand.start_m.len() == 2 { "in the plane" } else { "in space" };
+    format!("{} s {place}, seed {}", *scene.duration_s, scene.seed)
 }
 
 fn figure_summary(figure: &Figure) -> String {
@@ -132,7 +132,12 @@ fn figure_summary(figure: &Figure) -> String {
     let runs = machines.len() * figure.hold_steps.len();
     let holds: Vec<String> = figure.hold_steps.iter().map(u32::to_string).collect();
     let plural = if runs == 1 { "" } else { "s" };
-    format!("\"{}\": {runs} run{plural} of {}, hold {} steps", figure.title, machines.join(" and "), holds.join(" and "))
+    format!(
+        "\"{}\": {runs} run{plural} of {}, hold {} steps",
+        figure.title,
+        machines.join(" and "),
+        holds.join(" and ")
+    )
 }
 
 fn fixture_summary(fixture: &Fixture) -> String {

@@ -6,6 +6,8 @@ use miette::{GraphicalReportHandler, GraphicalTheme, LabeledSpan, NamedSource, S
 
 use crate::config::{Diagnostic, Place, Severity};
 
+/// Farthest line from the place that a snippet still shows.
+const SNIPPET_LINES: usize = 6;
 /// Width of a message in columns.
 const WIDTH: usize = 110;
 
@@ -25,7 +27,10 @@ impl Renderer {
     /// All findings, one after the other, and their number when there are several.
     pub(super) fn render(&self, findings: &[Diagnostic]) -> String {
         let mut text = String::new();
-        for finding in findings {
+        for (index, finding) in findings.iter().enumerate() {
+            if index > 0 {
+                text.push('\n');
+            }
             let shown = Shown::new(finding);
             if self.handler.render_report(&mut text, &shown).is_err() {
                 text.push_str(&format!("{finding}\n"));
@@ -38,6 +43,11 @@ impl Renderer {
         }
         text
     }
+}
+
+/// Whether two places fit into one snippet.
+fn is_near(place: Place, other: Place) -> bool {
+    place.line.abs_diff(other.line) <= SNIPPET_LINES
 }
 
 fn count(errors: usize, warnings: usize) -> String {
@@ -80,7 +90,11 @@ impl miette::Diagnostic for Shown<'_> {
     }
 
     fn help(&self) -> Option<Box<dyn fmt::Display + '_>> {
-        self.finding.help.as_ref().map(|help| Box::new(help) as Box<dyn fmt::Display>)
+        let place = self.finding.place;
+        let far = self.finding.related.iter().filter(|other| place.is_none_or(|place| !is_near(place, other.place)));
+        let far = far.map(|other| format!("see also line {}: {}", other.place.line, other.label));
+        let lines: Vec<String> = self.finding.help.iter().cloned().chain(far).collect();
+        (!lines.is_empty()).then(|| Box::new(lines.join("\n")) as Box<dyn fmt::Display>)
     }
 
     fn source_code(&self) -> Option<&dyn SourceCode> {
@@ -95,7 +109,8 @@ impl miette::Diagnostic for Shown<'_> {
             .finding
             .related
             .iter()
-            .map(move |(place, label)| LabeledSpan::new_with_span(Some(label.clone()), span(*place)));
+            .filter(move |other| is_near(place, other.place))
+            .map(move |other| LabeledSpan::new_with_span(Some(other.label.clone()), span(other.place)));
         Some(Box::new(std::iter::once(primary).chain(related)))
     }
 }

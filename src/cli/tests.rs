@@ -1,5 +1,7 @@
 use clap::CommandFactory;
 
+use crate::config::malformed::CASES;
+
 use super::failure::{EXIT_CODES, Exit};
 use super::*;
 
@@ -25,4 +27,52 @@ fn help_lists_every_exit_code() {
     ] {
         assert!(EXIT_CODES.lines().any(|line| line.trim().starts_with(&format!("{} ", exit.code()))), "{exit:?}");
     }
+}
+
+/// What a newcomer reads for each malformed file, one snapshot for each class.
+#[test]
+fn messages_of_malformed_files() {
+    let renderer = super::render::Renderer::new(false);
+    let mut classes: Vec<(&str, String)> = Vec::new();
+    for case in CASES {
+        let report = crate::config::load(case.source()).err().unwrap_or_else(|| panic!("{} was accepted", case.name));
+        let text = format!("## {}\n{}\n", case.name, renderer.render(&report.diagnostics));
+        match classes.last_mut() {
+            Some((class, all)) if *class == case.class => all.push_str(&text),
+            _ => classes.push((case.class, text)),
+        }
+    }
+    for (class, text) in classes {
+        insta::assert_snapshot!(class.replace(' ', "-"), text);
+    }
+}
+
+#[test]
+fn exit_codes_tell_what_happened() {
+    let exit = |line: &str| run(line.split(' ').map(OsString::from));
+    assert_eq!(exit("yieldwall --help"), Exit::Ok);
+    assert_eq!(exit("yieldwall --version"), Exit::Ok);
+    assert_eq!(exit("yieldwall"), Exit::Usage);
+    assert_eq!(exit("yieldwall confg"), Exit::Usage);
+    assert_eq!(exit("yieldwall config check"), Exit::Usage);
+    for name in crate::config::builtin_names() {
+        assert_eq!(exit(&format!("yieldwall --quiet config check builtin:{name}")), Exit::Ok, "{name}");
+    }
+    assert_eq!(exit("yieldwall -q config check builtin:paper-admittance.yaml no-such-file.yaml"), Exit::ConfigInvalid);
+    assert_eq!(exit("yieldwall config show no-such-file.yaml --json"), Exit::ConfigInvalid);
+}
+
+#[test]
+fn a_warning_is_drawn_as_one() {
+    let text =
+        crate::config::builtin("paper-admittance.yaml").read().unwrap().replace("radius_m: 0.12", "radius_m: 3.0e-5");
+    let rig = crate::config::load_rig(crate::config::Source::memory("small.yaml", text)).unwrap();
+    insta::assert_snapshot!("warning", super::render::Renderer::new(false).render(&rig.warnings));
+}
+
+#[test]
+fn findings_as_json_have_line_and_column() {
+    let case = CASES.iter().find(|case| case.name == "yield below friction").unwrap();
+    let report = crate::config::load(case.source()).unwrap_err();
+    insta::assert_snapshot!("json", serde_json::to_string_pretty(&report).unwrap());
 }

@@ -45,11 +45,15 @@ impl Place {
         let length = length.min(text.len().saturating_sub(offset));
         Self { line, column, offset, length }
     }
+}
 
-    /// The text that stands there; empty when the place does not lie in the text.
-    pub(super) fn of<'a>(&self, text: &'a str) -> &'a str {
-        text.get(self.offset..self.offset + self.length).unwrap_or_default()
-    }
+/// Another place of the same file that explains a finding.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+pub struct Related {
+    /// Where.
+    pub place: Place,
+    /// What stands there.
+    pub label: String,
 }
 
 /// One finding in a configuration.
@@ -68,7 +72,7 @@ pub struct Diagnostic {
     /// What to do next.
     pub help: Option<String>,
     /// Other places of the same file that explain it.
-    pub related: Vec<(Place, String)>,
+    pub related: Vec<Related>,
     /// The text of the file, for the snippet.
     #[serde(skip)]
     pub text: Option<Arc<str>>,

@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use super::diagnostic::{Diagnostic, Place, Severity};
+use super::diagnostic::{Diagnostic, Place, Related, Severity};
 use super::outline::{Content, Node, Outline, Step, steps};
 use super::schema::Guide;
 use super::suggest::nearest;
@@ -39,7 +39,7 @@ fn syntax_help(message: &str) -> String {
     let help = if message.contains("tab") {
         "indent with spaces"
     } else if message.contains("key") || message.contains("':'") {
-        "a key is written `key: value`, with a colon and a space; look at this line and the one before it"
+        "a key is written `key: value`, with a colon and a space; if this line is so, a bracket or quote before it is open"
     } else if message.contains("bracket") || message.contains("flow") || message.contains("'['") {
         "look for a bracket that is not closed, or a comma that is missing"
     } else if message.contains("anchor") {
@@ -83,7 +83,7 @@ pub(super) fn explain(fault: Fault, outline: &Outline, guide: &Guide, file: &str
             let message = format!("{} has the key `{key}` twice", name_of(parent(&path)));
             let mut finding = finding(file, text, fault.place, path.clone(), message, "keep one of the two".to_owned());
             let first = outline.find(&path).and_then(|node| node.key);
-            finding.related.extend(first.map(|place| (place, "first here".to_owned())));
+            finding.related.extend(first.map(|place| Related { place, label: "first here".to_owned() }));
             finding
         }
         Cause::UnknownChoice { word, known } => {
@@ -120,10 +120,15 @@ pub(super) fn explain(fault: Fault, outline: &Outline, guide: &Guide, file: &str
             }
             let message = format!("{} is {}", name_of(&path), node.describe());
             let wanted = guide.expectation(&path).unwrap_or(expected);
-            let mut help = format!("write {wanted}");
-            if matches!(&node.content, Content::Scalar(word) if has_unit(word)) {
-                help = format!("write the number alone, without its unit: {wanted}");
-            }
+            let help = match &node.content {
+                Content::Scalar(word) if has_unit(word) => {
+                    format!("write the number alone, the unit stands in the key: {wanted}")
+                }
+                Content::Scalar(word) if word.replace(',', ".").parse::<f64>().is_ok() && word.contains(',') => {
+                    format!("write a decimal point: {wanted}")
+                }
+                _ => format!("write {wanted}"),
+            };
             finish(Some(node.place()), path, message, help)
         }
         cause => explain_syntax(Fault { cause, place: fault.place }, file, text),

@@ -29,6 +29,11 @@ impl Kind {
         }
     }
 
+    /// Its name with the indefinite article.
+    pub(super) fn with_article(self) -> String {
+        format!("{} {self}", if self == Self::Device { "an" } else { "a" })
+    }
+
     /// The kind of a document with these keys at the top; `None` when no mark is among them.
     pub(super) fn detect<'a>(keys: impl Iterator<Item = &'a str>) -> Option<Self> {
         let keys: Vec<&str> = keys.collect();

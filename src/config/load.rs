@@ -9,7 +9,7 @@ use serde::de::DeserializeOwned;
 use super::check::{
     Findings, Machine, check_device, check_figure, check_override, check_rig, check_scene, check_scene_for,
 };
-use super::diagnostic::{Diagnostic, Place, Report, Severity};
+use super::diagnostic::{Diagnostic, Report, Severity};
 use super::explain::{explain, explain_syntax};
 use super::kind::Kind;
 use super::outline::Outline;
@@ -48,13 +48,13 @@ pub enum Document {
 /// As [`load_rig`]; or the document has the mark of no kind.
 pub fn load(source: impl Into<Source>) -> Result<Document, Report> {
     let source = source.into();
-    let (text, outline) = read_outline(&source)?;
+    let (_, outline) = read_outline(&source)?;
     match Kind::detect(outline.top_keys()) {
         Some(Kind::Rig) => load_rig(source).map(|rig| Document::Rig(Box::new(rig))),
         Some(Kind::Device) => load_device(source).map(|device| Document::Device(Box::new(device))),
         Some(Kind::Scene) => load_scene(source).map(|scene| Document::Scene(Box::new(scene))),
         Some(Kind::Figure) => load_figure(source).map(|figure| Document::Figure(Box::new(figure))),
-        None => Err(unknown_kind(&source, &text, &outline, "this is not a configuration").into()),
+        None => Err(unknown_kind(&source, "is not a configuration").into()),
     }
 }
 
@@ -67,7 +67,8 @@ pub fn load_rig(source: impl Into<Source>) -> Result<Loaded<Rig>, Report> {
     let (rig, mut findings): (Rig, _) = read(&source, Kind::Rig)?;
     let in_range = findings.check_ranges(&rig);
     check_rig(&mut findings, &rig, in_range);
-    let scene = linked_scene(&mut findings, &source, &rig.scene, Machine::Rig(&rig));
+    let machine = in_range.then_some(Machine::Rig(&rig));
+    let scene = linked_scene(&mut findings, &source, &rig.scene, machine);
     finish(rig, source, [findings.into_sorted(), scene].concat())
 }
 
@@ -78,9 +79,10 @@ pub fn load_rig(source: impl Into<Source>) -> Result<Loaded<Rig>, Report> {
 pub fn load_device(source: impl Into<Source>) -> Result<Loaded<ImpedanceDevice>, Report> {
     let source = source.into();
     let (device, mut findings): (ImpedanceDevice, _) = read(&source, Kind::Device)?;
-    findings.check_ranges(&device);
-    check_device(&mut findings, &device);
-    let scene = linked_scene(&mut findings, &source, &device.scene, Machine::Device(&device));
+    let in_range = findings.check_ranges(&device);
+    check_device(&mut findings, &device, in_range);
+    let machine = in_range.then_some(Machine::Device(&device));
+    let scene = linked_scene(&mut findings, &source, &device.scene, machine);
     finish(device, source, [findings.into_sorted(), scene].concat())
 }
 
@@ -125,12 +127,17 @@ pub fn load_figure(source: impl Into<Source>) -> Result<Loaded<Figure>, Report> 
             Document::Scene(_) | Document::Figure(_) => continue,
         };
         check_override(&mut findings, &figure, machine);
-        others.extend(linked_scene(&mut findings, &source, &figure.scene, machine));
+        others.extend(linked_scene(&mut findings, &source, &figure.scene, Some(machine)));
     }
     let mut all = [findings.into_sorted(), others].concat();
     // Two machines find the same fault of a shared scene or fixture.
     let mut seen: Vec<Diagnostic> = Vec::new();
-    all.retain(|finding| !seen.contains(finding) && { seen.push(finding.clone()); true });
+    all.retain(|finding| {
+        !seen.contains(finding) && {
+            seen.push(finding.clone());
+            true
+        }
+    });
     finish(figure, source, all)
 }
 
@@ -149,11 +156,14 @@ fn checked_scene(source: &Source) -> Result<(Scene, Findings), Report> {
     Ok((scene, findings))
 }
 
-/// The findings in a scene that a document names by `path`; a file that cannot be read is a finding at `scene`.
-fn linked_scene(findings: &mut Findings, source: &Source, path: &str, machine: Machine<'_>) -> Vec<Diagnostic> {
+/// The findings in a scene that a document names by `path`, and with the machine that runs it where its numbers are in
+/// range. A file that is no scene is a finding at `scene`.
+fn linked_scene(findings: &mut Findings, source: &Source, path: &str, machine: Option<Machine<'_>>) -> Vec<Diagnostic> {
     match checked_scene(&source.relative(path)) {
         Ok((scene, mut of_scene)) => {
-            check_scene_for(&mut of_scene, &scene, machine);
+            if let Some(machine) = machine {
+                check_scene_for(&mut of_scene, &scene, machine);
+            }
             of_scene.into_sorted()
         }
         Err(report) => findings.link("scene", report),
@@ -180,7 +190,7 @@ fn finish<T>(value: T, source: Source, findings: Vec<Diagnostic>) -> Result<Load
     Ok(Loaded { value, source, warnings: findings })
 }
 
-fn read_outline(source: &Source) -> Result<(Arc<str>, Outline), Diagnostic> {
+fn read_outline(source: &Source) -> Result<(Arc<str>, Outline), Report> {
     let text = source.read()?;
     let outline = yaml::outline(&text).map_err(|fault| explain_syntax(fault, &source.to_string(), &text))?;
     Ok((text, outline))
@@ -192,14 +202,12 @@ fn read<T: DeserializeOwned + Validate<Context = ()>>(source: &Source, kind: Kin
     match Kind::detect(outline.top_keys()) {
         Some(found) if found == kind => {}
         Some(found) => {
-            let mut finding =
-                unknown_kind(source, &text, &outline, &format!("this is a {found}, and a {kind} is wanted"));
-            finding.help = Some(format!("name a file with the key `{}` at the top", kind.mark()));
-            return Err(finding.into());
+            let message = format!("is {}, and {} is wanted", found.with_article(), kind.with_article());
+            return Err(unknown_kind(source, &message).into());
         }
         None => {
-            let message = format!("this is not a {kind}: the key `{}` is missing", kind.mark());
-            return Err(unknown_kind(source, &text, &outline, &message).into());
+            let message = format!("is not {}: the key `{}` is missing", kind.with_article(), kind.mark());
+            return Err(unknown_kind(source, &message).into());
         }
     }
     let (file, guide) = (source.to_string(), Guide::new(kind));
@@ -209,16 +217,8 @@ fn read<T: DeserializeOwned + Validate<Context = ()>>(source: &Source, kind: Kin
     }
 }
 
-fn unknown_kind(source: &Source, text: &Arc<str>, outline: &Outline, message: &str) -> Diagnostic {
-    let marks: Vec<String> = Kind::ALL.iter().map(|kind| format!("a {kind} has `{}`", kind.mark())).collect();
-    let place: Option<Place> = outline.first_place();
-    Diagnostic {
-        place,
-        text: place.map(|_| text.clone()),
-        ..Diagnostic::about_file(
-            source.to_string(),
-            message,
-            format!("the keys at the top tell the kind of a document: {}", marks.join(", ")),
-        )
-    }
+fn unknown_kind(source: &Source, message: &str) -> Diagnostic {
+    let marks = Kind::ALL.map(|kind| format!("{} has `{}`", kind.with_article(), kind.mark()));
+    let help = format!("the keys at the top tell what a document is: {}", marks.join(", "));
+    Diagnostic::about_file(source.to_string(), format!("{source} {message}"), help)
 }

@@ -9,6 +9,8 @@ mod diagnostic;
 mod explain;
 mod kind;
 mod load;
+#[cfg(test)]
+pub(crate) mod malformed;
 mod number;
 mod outline;
 mod schema;
@@ -17,7 +19,7 @@ mod suggest;
 mod tree;
 mod yaml;
 
-pub use diagnostic::{Diagnostic, Place, Report, Severity};
+pub use diagnostic::{Diagnostic, Place, Related, Report, Severity};
 pub use kind::Kind;
 pub use load::{Document, Loaded, load, load_device, load_figure, load_rig, load_scene, to_yaml};
 pub use number::{Finite, NotNegative, Positive};

@@ -111,6 +111,11 @@ where
     Option::deserialize(deserializer)
 }
 
+/// The schema of a key that may be `null` but must be written.
+pub(super) fn nullable<T: JsonSchema>(generator: &mut SchemaGenerator) -> Schema {
+    generator.subschema_for::<Option<T>>()
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

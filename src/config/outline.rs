@@ -140,15 +140,6 @@ impl Outline {
         self.path_at(best?.value.offset)
     }
 
-    /// Where the document begins.
-    pub(super) fn first_place(&self) -> Option<Place> {
-        let root = self.root.as_ref()?;
-        match &root.content {
-            Content::Map(entries) => entries.first().and_then(|(_, node)| node.key),
-            _ => Some(root.value),
-        }
-    }
-
     /// The keys of the document.
     pub(super) fn top_keys(&self) -> impl Iterator<Item = &str> {
         let entries = match &self.root {

@@ -110,11 +110,13 @@ impl Guide {
                 _ => "a number".to_owned(),
             }
         } else if is("string") {
-            "a text".to_owned()
+            if number("minLength").is_some() { "a text that is not empty".to_owned() } else { "a text".to_owned() }
         } else if is("array") {
             let item = schema.get("items").and_then(|items| self.expect(items)).unwrap_or_default();
             match (number("minItems"), number("maxItems")) {
                 (Some(low), Some(high)) if low == high => format!("a list of {low} entries, each {item}"),
+                (Some(low), Some(high)) => format!("a list of {low} to {high} entries, each {item}"),
+                (Some(_), None) => format!("a list that is not empty, each entry {item}"),
                 _ => format!("a list, each entry {item}"),
             }
         } else if is("object") {
@@ -188,9 +190,9 @@ mod tests {
     #[test]
     fn keys_are_described_through_references_choices_and_lists() {
         let guide = Guide::new(Kind::Rig);
-        assert!(guide.description("fixture.yield_n").unwrap().starts_with("R, N"));
-        assert!(guide.description("fixture.coupling.admittance.mass_kg").unwrap().starts_with("M, kg"));
-        assert!(guide.description("fixture.coupling.mass_kg").unwrap().starts_with("M, kg"));
+        assert!(guide.description("fixture.yield_n").unwrap().starts_with("R in N"));
+        assert!(guide.description("fixture.coupling.admittance.mass_kg").unwrap().starts_with("M in kg"));
+        assert!(guide.description("fixture.coupling.mass_kg").unwrap().starts_with("M in kg"));
         assert!(guide.description("drives[1].node_id").unwrap().starts_with("CANopen node-ID"));
         assert!(guide.description("buses.main.timing").is_some());
         assert!(!guide.has("fixture.mass_kg") && !guide.has("nothing"));

@@ -6,7 +6,8 @@ use std::io::Read;
 use std::path::{Component, Path, PathBuf};
 use std::sync::Arc;
 
-use super::diagnostic::Diagnostic;
+use super::diagnostic::{Diagnostic, Report};
+use super::suggest::nearest;
 
 /// Largest file that is read, bytes. The shipped rigs have 5 kB.
 pub const MAX_FILE_BYTES: usize = 1 << 20;
@@ -35,13 +36,20 @@ const SHIPPED: &[(&str, &str)] = shipped![
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Source {
     path: PathBuf,
-    is_builtin: bool,
+    origin: Origin,
+}
+
+#[derive(Clone, Debug, PartialEq, Eq)]
+enum Origin {
+    Disk,
+    Builtin,
+    Memory(Arc<str>),
 }
 
 /// The copy of a shipped file inside the program, by its path in `config/`, such as `figures/fig11.yaml`. Whether it
 /// exists shows when it is read.
 pub fn builtin(path: impl AsRef<Path>) -> Source {
-    Source { path: normalise(path.as_ref()), is_builtin: true }
+    Source { path: normalise(path.as_ref()), origin: Origin::Builtin }
 }
 
 /// The paths of all shipped files, in alphabetical order.
@@ -52,7 +60,12 @@ pub fn builtin_names() -> impl Iterator<Item = &'static str> {
 impl Source {
     /// A file on disk.
     pub fn disk(path: impl Into<PathBuf>) -> Self {
-        Self { path: path.into(), is_builtin: false }
+        Self { path: path.into(), origin: Origin::Disk }
+    }
+
+    /// A text under a name; relative paths in it mean shipped files, as if it lay in `config/` by that name.
+    pub fn memory(name: impl Into<PathBuf>, text: impl Into<Arc<str>>) -> Self {
+        Self { path: name.into(), origin: Origin::Memory(text.into()) }
     }
 
     /// What [`Display`](fmt::Display) printed: a path on disk, or with `builtin:` before it a shipped file.
@@ -66,23 +79,35 @@ impl Source {
     /// The document that `path`, written in this document, means.
     pub fn relative(&self, path: &str) -> Self {
         let joined = self.path.parent().unwrap_or(Path::new("")).join(path);
-        if self.is_builtin { builtin(joined) } else { Self::disk(joined) }
+        match self.origin {
+            Origin::Disk => Self::disk(joined),
+            Origin::Builtin | Origin::Memory(_) => builtin(joined),
+        }
     }
 
     /// The whole text.
     ///
     /// # Errors
     /// No such file; not a regular file; above [`MAX_FILE_BYTES`]; binary; not UTF-8.
-    pub fn read(&self) -> Result<Arc<str>, Diagnostic> {
-        if self.is_builtin {
-            return match SHIPPED.iter().find(|(name, _)| Path::new(name) == self.path) {
+    pub fn read(&self) -> Result<Arc<str>, Report> {
+        match &self.origin {
+            Origin::Disk => self.read_disk(),
+            Origin::Builtin => match SHIPPED.iter().find(|(name, _)| Path::new(name) == self.path) {
                 Some((_, text)) => Ok(Arc::from(*text)),
-                None => Err(self.refuse(
-                    "is not among the files that come with the program",
-                    format!("the shipped files are {}", builtin_names().collect::<Vec<_>>().join(", ")),
-                )),
-            };
+                None => {
+                    let help = match nearest(&self.path.to_string_lossy(), builtin_names()) {
+                        Some(meant) => format!("did you mean `{meant}`?"),
+                        None => format!("the shipped files are {}", builtin_names().collect::<Vec<_>>().join(", ")),
+                    };
+                    Err(self.refuse("is not among the files that come with the program", help))
+                }
+            },
+            Origin::Memory(text) if text.len() > MAX_FILE_BYTES => Err(self.refuse_size()),
+            Origin::Memory(text) => Ok(text.clone()),
         }
+    }
+
+    fn read_disk(&self) -> Result<Arc<str>, Report> {
         let bytes = self.read_bytes()?;
         if bytes.contains(&0) {
             return Err(self.refuse("is a binary file", "a configuration is YAML text in UTF-8"));
@@ -97,7 +122,7 @@ impl Source {
         }
     }
 
-    fn read_bytes(&self) -> Result<Vec<u8>, Diagnostic> {
+    fn read_bytes(&self) -> Result<Vec<u8>, Report> {
         let metadata = match std::fs::metadata(&self.path) {
             Ok(metadata) => metadata,
             Err(error) if error.kind() == std::io::ErrorKind::NotFound => {
@@ -116,10 +141,7 @@ impl Source {
         let limit = MAX_FILE_BYTES as u64 + 1;
         match File::open(&self.path).and_then(|file| file.take(limit).read_to_end(&mut bytes)) {
             Err(error) => Err(self.refuse(&format!("cannot be read: {error}"), "check its permissions")),
-            Ok(_) if bytes.len() > MAX_FILE_BYTES => Err(self.refuse(
-                &format!("is larger than {MAX_FILE_BYTES} bytes"),
-                "a configuration is a small file written by hand; is this the right one?",
-            )),
+            Ok(_) if bytes.len() > MAX_FILE_BYTES => Err(self.refuse_size()),
             Ok(_) => Ok(bytes),
         }
     }
@@ -145,8 +167,15 @@ impl Source {
         }
     }
 
-    fn refuse(&self, message: &str, help: impl Into<String>) -> Diagnostic {
-        Diagnostic::about_file(self.to_string(), format!("{self} {message}"), help)
+    fn refuse_size(&self) -> Report {
+        self.refuse(
+            &format!("is larger than {MAX_FILE_BYTES} bytes"),
+            "a configuration is a small file written by hand; is this the right one?",
+        )
+    }
+
+    fn refuse(&self, message: &str, help: impl Into<String>) -> Report {
+        Diagnostic::about_file(self.to_string(), format!("{self} {message}"), help).into()
     }
 }
 
@@ -177,7 +206,7 @@ impl From<&Source> for Source {
 /// The path; a shipped file has `builtin:` before it.
 impl fmt::Display for Source {
     fn fmt(&self, out: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let prefix = if self.is_builtin { BUILTIN_PREFIX } else { "" };
+        let prefix = if self.origin == Origin::Builtin { BUILTIN_PREFIX } else { "" };
         write!(out, "{prefix}{}", self.path.display())
     }
 }

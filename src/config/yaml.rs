@@ -94,9 +94,9 @@ fn fault(error: &Error, text: &str) -> Fault {
         | Error::SerdeInvalidValue { expected, .. }
         | Error::SerdeInvalidLength { expected, .. } => Cause::WrongType { expected: expected.clone() },
         Error::NonFiniteFloat { .. } => Cause::NotFinite,
-        Error::Budget { .. } => Cause::TooBig {
-            limit: format!("{MAX_NODES} values, {MAX_ALIASES} aliases or {MAX_DEPTH} levels"),
-        },
+        Error::Budget { .. } => {
+            Cause::TooBig { limit: format!("{MAX_NODES} values, {MAX_ALIASES} aliases or {MAX_DEPTH} levels") }
+        }
         Error::Message { msg, .. } if msg == NOT_FINITE => Cause::NotFinite,
         Error::Message { msg, .. } => Cause::Syntax { message: msg.clone() },
         Error::ExpectedMappingEndAfterEnumVariantValue { .. } => Cause::SecondChoice,
@@ -124,7 +124,6 @@ fn place(start: Marker, end: Marker) -> Place {
 
 /// A list or mapping that is still open.
 struct Open {
-    key: Option<Place>,
     start: Span,
     in_flow: bool,
     content: Content,
@@ -180,7 +179,7 @@ pub(super) fn outline(text: &str) -> Result<Outline, Fault> {
     }
     match root {
         None => Err(Fault { cause: Cause::Empty, place: None }),
-        Some(Node { content: Content::Scalar(text), .. }) if text.is_empty() || text == "~" => {
+        Some(Node { content: Content::Scalar(text), .. }) if text.is_empty() || text == "~" || text == "null" => {
             Err(Fault { cause: Cause::Empty, place: None })
         }
         root => Ok(Outline { root }),
@@ -192,8 +191,7 @@ fn too_big(limit: usize, what: &str, place: Place) -> Fault {
 }
 
 fn start(open: &mut Vec<Open>, span: Span, style: StructureStyle, content: Content) {
-    let key = open.last().and_then(|parent| parent.pending.as_ref()).map(|(_, place)| *place);
-    open.push(Open { key, start: span, in_flow: matches!(style, StructureStyle::Flow), content, pending: None });
+    open.push(Open { start: span, in_flow: matches!(style, StructureStyle::Flow), content, pending: None });
 }
 
 fn close(open: &mut Vec<Open>, root: &mut Option<Node>, end: Span) {

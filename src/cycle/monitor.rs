@@ -52,9 +52,8 @@ impl Cycle {
     pub(super) fn observe(&mut self, inputs: &Inputs, reading: &Reading) {
         let is_moving = matches!(self.supervisor.state(), State::Running | State::Holding | State::Stopping);
         let states = inputs.drives.map(|drive| drive.state);
-        let is_fault = |state: cia402::State| {
-            matches!(state, cia402::State::Fault | cia402::State::FaultReactionActive)
-        };
+        let is_fault =
+            |state: cia402::State| matches!(state, cia402::State::Fault | cia402::State::FaultReactionActive);
         let left = is_moving && states.iter().any(|state| *state != cia402::State::OperationEnabled);
         let ignored = is_moving && inputs.drives.iter().any(|drive| !drive.follows_command);
         let error = match &self.reference {

@@ -124,61 +124,174 @@ use Reaction::{Freeze, QuickStop, Silence, StopRamp, TorqueOff};
 
 /// All faults, in the order of [`Fault`].
 pub const TABLE: [Row; Fault::COUNT] = [
-    row!(StopRequested, "stop-requested", [after(1, StopRamp)],
-        "a stop was asked for", "the person or the end of the run", "enable again when ready"),
-    row!(SensorSaturated, "sensor-saturated", [after(1, Freeze), after(5, StopRamp)],
-        "the force sensor is at the end of its range", "a hard impact or a wrong calibration range",
-        "push less; if it stays, tare the sensor unloaded and compare range_counts with its data sheet"),
-    row!(SensorStale, "sensor-stale", [after(3, Freeze), after(10, StopRamp)],
-        "no new force sample within the sensor's declared period", "a loose cable, or sample_rate_hz above the sensor's",
-        "check the sensor's cable and compare sample_rate_hz with its setting"),
-    row!(ForceLimit, "force-limit", [after(1, Freeze), after(20, StopRamp)],
-        "the force is beyond force_limit_n", "a collision, or a sensor that was not tared", "free the tool and tare the sensor"),
-    row!(PdoMissed, "pdo-missed", [after(2, Freeze), after(5, QuickStop)],
-        "a drive's process data did not arrive", "bus load too high for the cycle, or a loose cable",
-        "compare the bus load with the cycle; check cable and termination"),
-    row!(PdoLength, "pdo-length", [after(2, QuickStop)],
-        "a process data frame had the wrong length", "another node uses the same COB-ID, or the mapping was changed",
-        "look for a duplicate node id; restart to write the mapping again"),
-    row!(NodeReset, "node-reset", [after(1, QuickStop)],
-        "a node restarted while the rig was running", "its supply dipped, or its watchdog acted",
-        "check the node's supply, then restart"),
-    row!(HeartbeatLost, "heartbeat-lost", [after(1, QuickStop)],
-        "a node's heartbeat stayed away, or it left Operational", "the node stopped, or its cable is loose",
-        "check the node's supply and cable, then restart"),
-    row!(Emergency, "emergency", [after(1, QuickStop)],
-        "a node sent an emergency message", "see the emergency code", "mend what the code names, then reset"),
-    row!(DriveFault, "drive-fault", [after(1, TorqueOff)],
-        "a drive is in its fault state", "see object 603Fh and the emergency code", "mend what the code names, then reset"),
-    row!(DriveLeftOperation, "drive-left-operation", [after(1, QuickStop)],
-        "a drive left Operation Enabled unasked", "its own limit or safety input acted",
-        "read the drive's 603Fh; check the safe-torque-off wiring"),
-    row!(DriveIgnoresCommand, "drive-ignores-command", [after(3, QuickStop)],
-        "a drive does not follow its command value", "an internal limit, or the wrong mode of operation",
-        "read 6061h and the drive's limits"),
-    row!(FollowingError, "following-error", [after(1, StopRamp)],
-        "the arm is too far from its command", "the arm is blocked, or gains or torque limit are too low",
-        "free the arm; raise following_error_limit_rad only with a reason"),
-    row!(Runaway, "runaway", [after(1, QuickStop)],
-        "the arm is twice the following error limit away from its command", "wrong direction or counts, or a broken encoder",
-        "check direction and encoder_counts_per_rev at low force"),
-    row!(EncoderJump, "encoder-jump", [after(1, QuickStop)],
-        "an angle jumped further than the arm can move in a cycle", "a broken encoder signal, or wrong counts per revolution",
-        "check the encoder's cable and encoder_counts_per_rev"),
-    row!(Posture, "posture", [after(1, QuickStop)],
-        "the measured angles fit no posture of the linkage", "wrong zero_offset_rad, direction or link lengths",
-        "home the arm and check the linkage section"),
-    row!(WorkspaceEdge, "workspace-edge", [after(1, Reaction::Count)],
-        "the reference is held at the margin to a singularity or to the workspace edge", "the hand went there", "move back"),
-    row!(WorkspaceLeft, "workspace-left", [after(1, StopRamp)],
+    row!(
+        StopRequested,
+        "stop-requested",
+        [after(1, StopRamp)],
+        "a stop was asked for",
+        "the person or the end of the run",
+        "enable again when ready"
+    ),
+    row!(
+        SensorSaturated,
+        "sensor-saturated",
+        [after(1, Freeze), after(5, StopRamp)],
+        "the force sensor is at the end of its range",
+        "a hard impact or a wrong calibration range",
+        "push less; if it stays, tare the sensor unloaded and compare range_counts with its data sheet"
+    ),
+    row!(
+        SensorStale,
+        "sensor-stale",
+        [after(3, Freeze), after(10, StopRamp)],
+        "no new force sample within the sensor's declared period",
+        "a loose cable, or sample_rate_hz above the sensor's",
+        "check the sensor's cable and compare sample_rate_hz with its setting"
+    ),
+    row!(
+        ForceLimit,
+        "force-limit",
+        [after(1, Freeze), after(20, StopRamp)],
+        "the force is beyond force_limit_n",
+        "a collision, or a sensor that was not tared",
+        "free the tool and tare the sensor"
+    ),
+    row!(
+        PdoMissed,
+        "pdo-missed",
+        [after(2, Freeze), after(5, QuickStop)],
+        "a drive's process data did not arrive",
+        "bus load too high for the cycle, or a loose cable",
+        "compare the bus load with the cycle; check cable and termination"
+    ),
+    row!(
+        PdoLength,
+        "pdo-length",
+        [after(2, QuickStop)],
+        "a process data frame had the wrong length",
+        "another node uses the same COB-ID, or the mapping was changed",
+        "look for a duplicate node id; restart to write the mapping again"
+    ),
+    row!(
+        NodeReset,
+        "node-reset",
+        [after(1, QuickStop)],
+        "a node restarted while the rig was running",
+        "its supply dipped, or its watchdog acted",
+        "check the node's supply, then restart"
+    ),
+    row!(
+        HeartbeatLost,
+        "heartbeat-lost",
+        [after(1, QuickStop)],
+        "a node's heartbeat stayed away, or it left Operational",
+        "the node stopped, or its cable is loose",
+        "check the node's supply and cable, then restart"
+    ),
+    row!(
+        Emergency,
+        "emergency",
+        [after(1, QuickStop)],
+        "a node sent an emergency message",
+        "see the emergency code",
+        "mend what the code names, then reset"
+    ),
+    row!(
+        DriveFault,
+        "drive-fault",
+        [after(1, TorqueOff)],
+        "a drive is in its fault state",
+        "see object 603Fh and the emergency code",
+        "mend what the code names, then reset"
+    ),
+    row!(
+        DriveLeftOperation,
+        "drive-left-operation",
+        [after(1, QuickStop)],
+        "a drive left Operation Enabled unasked",
+        "its own limit or safety input acted",
+        "read the drive's 603Fh; check the safe-torque-off wiring"
+    ),
+    row!(
+        DriveIgnoresCommand,
+        "drive-ignores-command",
+        [after(3, QuickStop)],
+        "a drive does not follow its command value",
+        "an internal limit, or the wrong mode of operation",
+        "read 6061h and the drive's limits"
+    ),
+    row!(
+        FollowingError,
+        "following-error",
+        [after(1, StopRamp)],
+        "the arm is too far from its command",
+        "the arm is blocked, or gains or torque limit are too low",
+        "free the arm; raise following_error_limit_rad only with a reason"
+    ),
+    row!(
+        Runaway,
+        "runaway",
+        [after(1, QuickStop)],
+        "the arm is twice the following error limit away from its command",
+        "wrong direction or counts, or a broken encoder",
+        "check direction and encoder_counts_per_rev at low force"
+    ),
+    row!(
+        EncoderJump,
+        "encoder-jump",
+        [after(1, QuickStop)],
+        "an angle jumped further than the arm can move in a cycle",
+        "a broken encoder signal, or wrong counts per revolution",
+        "check the encoder's cable and encoder_counts_per_rev"
+    ),
+    row!(
+        Posture,
+        "posture",
+        [after(1, QuickStop)],
+        "the measured angles fit no posture of the linkage",
+        "wrong zero_offset_rad, direction or link lengths",
+        "home the arm and check the linkage section"
+    ),
+    row!(
+        WorkspaceEdge,
+        "workspace-edge",
+        [after(1, Reaction::Count)],
+        "the reference is held at the margin to a singularity or to the workspace edge",
+        "the hand went there",
+        "move back"
+    ),
+    row!(
+        WorkspaceLeft,
+        "workspace-left",
+        [after(1, StopRamp)],
         "the arm is beyond the margin to a singularity or to the workspace edge",
-        "overshoot at the edge, or a margin too small for the speed", "move the arm back by hand, then enable again"),
-    row!(OverSpeed, "over-speed", [after(1, StopRamp)],
-        "the reference is faster than its limit", "a push stronger than the fixture was set for", "enable again"),
-    row!(NotFinite, "not-finite", [after(1, QuickStop)],
-        "a computed value was not finite", "a defect of this program or a corrupt input", "report it with the recording"),
-    row!(LinkDown, "link-down", [after(1, Silence)],
-        "frames cannot be sent", "the interface is down, or no other node acknowledges", "check interface, cable and termination"),
+        "overshoot at the edge, or a margin too small for the speed",
+        "move the arm back by hand, then enable again"
+    ),
+    row!(
+        OverSpeed,
+        "over-speed",
+        [after(1, StopRamp)],
+        "the reference is faster than its limit",
+        "a push stronger than the fixture was set for",
+        "enable again"
+    ),
+    row!(
+        NotFinite,
+        "not-finite",
+        [after(1, QuickStop)],
+        "a computed value was not finite",
+        "a defect of this program or a corrupt input",
+        "report it with the recording"
+    ),
+    row!(
+        LinkDown,
+        "link-down",
+        [after(1, Silence)],
+        "frames cannot be sent",
+        "the interface is down, or no other node acknowledges",
+        "check interface, cable and termination"
+    ),
 ];
 
 /// Observations in a row of every fault.

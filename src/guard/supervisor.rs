@@ -208,7 +208,9 @@ impl Supervisor {
             return State::Idle;
         }
         match worst {
-            Some((fault, Reaction::TorqueOff)) if latched == State::Stopped => self.stop_now(fault, Reaction::TorqueOff),
+            Some((fault, Reaction::TorqueOff)) if latched == State::Stopped => {
+                self.stop_now(fault, Reaction::TorqueOff)
+            }
             Some((fault, Reaction::Silence)) if latched != State::Lost => self.stop_now(fault, Reaction::Silence),
             _ => latched,
         }
@@ -304,7 +306,10 @@ mod tests {
         let mut rig = Rig::running();
         rig.faults.observe(Fault::DriveFault, true);
         let directive = rig.step(Request::None);
-        assert_eq!((directive.state, directive.motion, directive.goal), (State::Disabled, Motion::Rest, Goal::SwitchOnDisabled));
+        assert_eq!(
+            (directive.state, directive.motion, directive.goal),
+            (State::Disabled, Motion::Rest, Goal::SwitchOnDisabled)
+        );
         assert_eq!(rig.supervisor.cause(), Some(Fault::DriveFault));
     }
 }

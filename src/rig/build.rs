@@ -8,8 +8,7 @@ use super::error::RigError;
 use crate::bus::{CommandMode, DriveSetup, MasterSetup, SensorSetup};
 use crate::config;
 use crate::control::{
-    FeedForward, FeedForwardParameters, Gains, Law, Margins, RateLaw, ServoLoop, principal_inertias,
-    worst_margins,
+    FeedForward, FeedForwardParameters, Gains, Law, Margins, RateLaw, ServoLoop, principal_inertias, worst_margins,
 };
 use crate::cycle::{Cycle, Servo, Settings, TorqueServo};
 use crate::fixture::{

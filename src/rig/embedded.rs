@@ -342,12 +342,7 @@ fn profile(name: &str) -> Result<&'static profiles::DeviceProfile, RigError> {
     profiles::find(name).ok_or_else(|| RigError::Mismatch(format!("there is no device profile named {name}")))
 }
 
-fn drive(
-    rig: &config::Rig,
-    scene: &config::Scene,
-    drive: &config::Drive,
-    serial: u32,
-) -> Result<Drive, RigError> {
+fn drive(rig: &config::Rig, scene: &config::Scene, drive: &config::Drive, serial: u32) -> Result<Drive, RigError> {
     let servo = &rig.plant.drive_position_loop;
     Drive::new(DriveSettings {
         node: node(drive.node_id)?,

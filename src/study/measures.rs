@@ -91,7 +91,8 @@ pub fn measure(trace: &Trace, context: &Context) -> Measures {
     let distance_mm = |row: &Row| 1e3 * trace.reference.signed_distance_m(row.tool_m).unwrap_or(0.0).abs();
     let tracing: Vec<&Row> = steady_tracing(trace, context, &impacts).collect();
     let pressed = pressed(trace, context);
-    let peak_torque = trace.rows.iter().flat_map(|row| row.torques_n_m).fold(0.0f64, |peak, torque| peak.max(torque.abs()));
+    let peak_torque =
+        trace.rows.iter().flat_map(|row| row.torques_n_m).fold(0.0f64, |peak, torque| peak.max(torque.abs()));
     let positive = trace.rows.iter().filter(|row| row.power_w > 0.0).count();
     Measures {
         penetration_mm: impacts.iter().map(|impact| impact.depth_mm).fold(0.0, f64::max),
@@ -258,8 +259,7 @@ fn work(trace: &Trace) -> (f64, f64) {
     for pair in trace.rows.windows(2) {
         let [before, row] = pair else { continue };
         let (f0, f1) = (trace.force_on_hand_n(before), trace.force_on_hand_n(row));
-        let work: f64 =
-            (0..3).map(|axis| 0.5 * (f0[axis] + f1[axis]) * (row.tool_m[axis] - before.tool_m[axis])).sum();
+        let work: f64 = (0..3).map(|axis| 0.5 * (f0[axis] + f1[axis]) * (row.tool_m[axis] - before.tool_m[axis])).sum();
         given += work.max(0.0);
         taken += (-work).max(0.0);
     }

@@ -164,9 +164,7 @@ fn reference(surface: &config::Surface) -> Reference {
         config::Surface::Circle { center_m, radius_m, .. } => {
             Reference::Circle { center_m: two(center_m), radius_m: radius_m.get() }
         }
-        config::Surface::Line { point_m, normal } => {
-            Reference::Plane { point_m: flat(point_m), normal: flat(normal) }
-        }
+        config::Surface::Line { point_m, normal } => Reference::Plane { point_m: flat(point_m), normal: flat(normal) },
         config::Surface::Cylinder { axis_point_m, axis_direction, radius_m, .. } => Reference::Cylinder {
             axis_point_m: three(axis_point_m),
             axis_direction: three(axis_direction),

@@ -2,7 +2,7 @@
 
 use super::Findings;
 use super::fixture::{Host, check_fixture, check_hold};
-use super::rig::check_surface_reach;
+use super::reach::check_surface_reach;
 use super::scene::Machine;
 use crate::config::tree::Figure;
 

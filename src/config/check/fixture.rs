@@ -1,6 +1,7 @@
 //! Fixtures, and the impedance device that has little else.
 
 use super::Findings;
+use super::words::round;
 use crate::config::tree::{Coupling, Curvature, Fixture, ImpedanceDevice, Surface};
 
 /// Radius of curvature in units of R / kappa below which the tangent step of the paper is off by a quarter of the
@@ -87,7 +88,11 @@ fn check_directions(findings: &mut Findings, at: &str, surface: &Surface) {
     };
     if is_zero {
         let key = format!("{at}.surface.{key}");
-        findings.error(&key, format!("`{key}` has no direction: all its parts are 0"), "write a direction, of any length");
+        findings.error(
+            &key,
+            format!("`{key}` has no direction: all its parts are 0"),
+            "write a direction, of any length",
+        );
     }
 }
 
@@ -108,10 +113,15 @@ fn check_curvature(findings: &mut Findings, at: &str, fixture: &Fixture, period_
     }
     let key = format!("{at}.surface.{name}.radius_m");
     let reach = format!("R/kappa = {} mm, the way that the proxy can lie off its input", round(reach_m * 1e3));
-    let remedy = "enlarge the radius, lower `yield_n`, shorten the period, or raise the mass or stiffness of the coupling";
+    let remedy =
+        "enlarge the radius, lower `yield_n`, shorten the period, or raise the mass or stiffness of the coupling";
     if ratio < 1.0 {
         findings
-            .error(&key, format!("`{key}` is {radius_m} m, below {reach}: the proxy would reach past the centre"), remedy)
+            .error(
+                &key,
+                format!("`{key}` is {radius_m} m, below {reach}: the proxy would reach past the centre"),
+                remedy,
+            )
             .see(&format!("{at}.yield_n"), "R");
     } else if ratio < TANGENT_RADIUS_RATIO && fixture.curvature == Curvature::Tangent {
         let message = format!(
@@ -123,11 +133,14 @@ fn check_curvature(findings: &mut Findings, at: &str, fixture: &Fixture, period_
     }
 }
 
-/// Rules of an impedance device.
-pub(in crate::config) fn check_device(findings: &mut Findings, device: &ImpedanceDevice) {
-    let period_s = f64::from(device.cycle.period_us) * 1e-6;
+/// Rules of an impedance device. `in_range` says that every single number is in its range.
+pub(in crate::config) fn check_device(findings: &mut Findings, device: &ImpedanceDevice, in_range: bool) {
+    let period_s = if in_range { f64::from(device.cycle.period_us) * 1e-6 } else { 0.0 };
     check_fixture(findings, "fixture", &device.fixture, Host::Device, period_s);
-    // [fixtures, 4]: the isolated loop is stable for b + B >= K T / 2.
+    if !in_range {
+        return;
+    }
+    // The isolated loop without delay is stable for b + B >= K T / 2.
     if let Coupling::Impedance { stiffness_n_per_m, damping_n_s_per_m } = device.fixture.coupling {
         let needed = *stiffness_n_per_m * period_s / 2.0;
         let present = *damping_n_s_per_m + *device.plant.damping_n_s_per_m;
@@ -148,9 +161,4 @@ pub(in crate::config) fn check_device(findings: &mut Findings, device: &Impedanc
                 .see("cycle.period_us", "T");
         }
     }
-}
-
-/// Three significant digits, for messages.
-pub(super) fn round(value: f64) -> f64 {
-    format!("{value:.2e}").parse().unwrap_or(value)
 }

@@ -2,8 +2,10 @@
 
 mod figure;
 mod fixture;
+mod reach;
 mod rig;
 mod scene;
+mod words;
 
 use std::sync::Arc;
 
@@ -12,7 +14,7 @@ pub(super) use fixture::check_device;
 pub(super) use rig::check_rig;
 pub(super) use scene::{Machine, check_scene, check_scene_for};
 
-use super::diagnostic::{Diagnostic, Severity};
+use super::diagnostic::{Diagnostic, Place, Related, Severity};
 use super::explain::{name_of, with_description};
 use super::outline::Outline;
 use super::schema::Guide;
@@ -24,11 +26,13 @@ pub(super) struct Findings {
     outline: Outline,
     guide: Guide,
     found: Vec<Diagnostic>,
+    /// Where values are out of range: relations with them mean nothing.
+    out_of_range: Vec<Place>,
 }
 
 impl Findings {
     pub(super) fn new(file: String, text: Arc<str>, outline: Outline, guide: Guide) -> Self {
-        Self { file, text, outline, guide, found: Vec::new() }
+        Self { file, text, outline, guide, found: Vec::new(), out_of_range: Vec::new() }
     }
 
     /// An error at a key.
@@ -59,7 +63,7 @@ impl Findings {
     /// Points the last finding at another key as well.
     fn see(&mut self, at: &str, label: &str) -> &mut Self {
         if let (Some(node), Some(last)) = (self.outline.find(at), self.found.last_mut()) {
-            last.related.push((node.place(), label.to_owned()));
+            last.related.push(Related { place: node.place(), label: label.to_owned() });
         }
         self
     }
@@ -72,8 +76,8 @@ impl Findings {
             let found = self.outline.find(&path).map(|node| node.describe()).unwrap_or_default();
             let name = name_of(&path);
             let message = match error.message() {
-                text if text.starts_with("length is lower") => format!("{name} is too short: {found}"),
-                text if text.starts_with("length is greater") => format!("{name} is too long: {found}"),
+                "length is lower than 1" => format!("{name} is empty"),
+                text if text.starts_with("length") => format!("{name} is {found}, its {text}"),
                 text if text.starts_with("lower") || text.starts_with("greater") => {
                     format!("{name} is {found}, {text}")
                 }
@@ -85,12 +89,22 @@ impl Findings {
             };
             let help = with_description(help, &self.guide, &path);
             self.error(&path, message, help);
+            self.out_of_range.extend(self.found.last().and_then(|finding| finding.place));
         }
         false
     }
 
-    /// All findings in the order of the lines.
+    /// All findings in the order of the lines, without those that follow from a value out of range.
     pub(super) fn into_sorted(mut self) -> Vec<Diagnostic> {
+        // The findings about ranges come first; each has one of these places as its own.
+        let ranges = self.out_of_range.len();
+        let out_of_range = std::mem::take(&mut self.out_of_range);
+        let mut index = 0;
+        self.found.retain(|finding| {
+            index += 1;
+            let mut places = finding.place.iter().chain(finding.related.iter().map(|related| &related.place));
+            index <= ranges || !places.any(|place| out_of_range.contains(place))
+        });
         self.found.sort_by_key(|finding| finding.place.map(|place| (place.line, place.column)));
         self.found
     }

@@ -1,21 +1,20 @@
 //! Relations between the keys of a rig.
 
-use std::f64::consts::TAU;
-
 use yieldwall_drives::cia402::OperationMode;
 use yieldwall_drives::profiles::{self, Role};
 
 use super::Findings;
-use super::fixture::{Host, check_fixture, round};
+use super::fixture::{Host, check_fixture};
+use super::reach::check_linkage;
+use super::words::round;
+use crate::config::number::Finite;
 use crate::config::suggest::nearest;
-use crate::config::tree::{CommandMode, Fixture, Rig, Surface};
-use crate::linkage::FiveBar;
-use crate::quantity::TipPoint;
+use crate::config::tree::{CommandMode, Rig};
 
 /// Bit rates of CiA 301, bit/s.
 const BIT_RATES: [u32; 8] = [10_000, 20_000, 50_000, 125_000, 250_000, 500_000, 800_000, 1_000_000];
-/// Points of a circle that are tried for reach.
-const CIRCLE_SAMPLES: u32 = 96;
+/// Least squared sine of the angle between the rows Fx and Fy of a calibration; below it they say the same.
+const LEAST_ROW_ANGLE: f64 = 1e-12;
 
 /// All rules of a rig. `in_range` says that every single number is in its range, so that derived ones make sense.
 pub(in crate::config) fn check_rig(findings: &mut Findings, rig: &Rig, in_range: bool) {
@@ -65,7 +64,11 @@ fn check_nodes(findings: &mut Findings, rig: &Rig) {
         if !BIT_RATES.contains(&bus.bit_rate_bit_per_s) {
             let key = format!("buses.{name}.bit_rate_bit_per_s");
             let message = format!("`{key}` is {}, which is no bit rate of CiA 301", bus.bit_rate_bit_per_s);
-            findings.error(&key, message, format!("write one of {}", BIT_RATES.map(|rate| rate.to_string()).join(", ")));
+            findings.error(
+                &key,
+                message,
+                format!("write one of {}", BIT_RATES.map(|rate| rate.to_string()).join(", ")),
+            );
         }
     }
     let names: Vec<&str> = rig.buses.keys().map(String::as_str).collect();
@@ -100,7 +103,9 @@ fn check_nodes(findings: &mut Findings, rig: &Rig) {
     }
     if rig.drives[0].name == rig.drives[1].name {
         let message = format!("`drives[1].name` is `{}`, and so is `drives[0].name`", rig.drives[1].name);
-        findings.error("drives[1].name", message, "give each drive a name of its own").see("drives[0].name", "the other");
+        findings
+            .error("drives[1].name", message, "give each drive a name of its own")
+            .see("drives[0].name", "the other");
     }
     for (index, drive) in rig.drives.iter().enumerate() {
         if !matches!(drive.direction, 1 | -1) {
@@ -147,13 +152,18 @@ fn check_profiles(findings: &mut Findings, rig: &Rig) {
                 findings
                     .error(
                         "sensor.sample_rate_hz",
-                        format!("`sensor.sample_rate_hz` is {rate}, which the profile `{}` does not have", sensor.profile),
+                        format!(
+                            "`sensor.sample_rate_hz` is {rate}, which the profile `{}` does not have",
+                            sensor.profile
+                        ),
                         format!("write one of {}", known.join(", ")),
                     )
                     .see("sensor.profile", "profile");
             }
         }
-        Some(_) => refuse_profile(findings, "sensor.profile", &sensor.profile, "is not one of a force sensor", is_sensor),
+        Some(_) => {
+            refuse_profile(findings, "sensor.profile", &sensor.profile, "is not one of a force sensor", is_sensor)
+        }
         None => refuse_profile(findings, "sensor.profile", &sensor.profile, "is not known", is_sensor),
     }
 }
@@ -179,20 +189,20 @@ fn refuse_profile(findings: &mut Findings, key: &str, name: &str, why: &str, fit
 fn check_sensor(findings: &mut Findings, rig: &Rig) {
     let sensor = &rig.sensor;
     let cycle_hz = 1e6 / f64::from(rig.cycle.period_us);
-    if let Some(corner) = sensor.low_pass_hz {
-        if *corner >= cycle_hz / 2.0 {
-            findings
-                .error(
-                    "sensor.low_pass_hz",
-                    format!(
-                        "`sensor.low_pass_hz` is {} Hz, not below half of the {} Hz of `cycle.period_us`",
-                        *corner,
-                        round(cycle_hz)
-                    ),
-                    "lower it, or write null for no filter",
-                )
-                .see("cycle.period_us", "period_us");
-        }
+    if let Some(corner) = sensor.low_pass_hz
+        && *corner >= cycle_hz / 2.0
+    {
+        findings
+            .error(
+                "sensor.low_pass_hz",
+                format!(
+                    "`sensor.low_pass_hz` is {} Hz, not below half of the {} Hz of `cycle.period_us`",
+                    *corner,
+                    round(cycle_hz)
+                ),
+                "lower it, or write null for no filter",
+            )
+            .see("cycle.period_us", "period_us");
     }
     if *sensor.sample_rate_hz > 0.0 && *sensor.sample_rate_hz < cycle_hz * 0.999 {
         findings
@@ -208,9 +218,11 @@ fn check_sensor(findings: &mut Findings, rig: &Rig) {
             .see("cycle.period_us", "period_us");
     }
     let [fx, fy] = [&sensor.calibration[0], &sensor.calibration[1]];
-    let dot = |a: &[_; 6], b: &[_; 6]| -> f64 { a.iter().zip(b).map(|(a, b): (&super::super::Finite, &super::super::Finite)| **a * **b).sum() };
+    let dot = |a: &[Finite; 6], b: &[Finite; 6]| a.iter().zip(b).map(|(a, b)| **a * **b).sum::<f64>();
     let (xx, yy, xy) = (dot(fx, fx), dot(fy, fy), dot(fx, fy));
-    if xx * yy - xy * xy <= 1e-12 * xx * yy {
+    let determinant = xx * yy - xy * xy;
+    // Entries so large that the product overflows are no calibration either.
+    if determinant.is_nan() || determinant <= LEAST_ROW_ANGLE * xx * yy {
         findings.error(
             "sensor.calibration",
             "the rows Fx and Fy of `sensor.calibration` do not tell two directions of force apart",
@@ -218,35 +230,40 @@ fn check_sensor(findings: &mut Findings, rig: &Rig) {
         );
         return;
     }
-    let limit = *rig.guard.force_limit_n;
-    for (axis, row) in ["Fx", "Fy"].into_iter().zip([fx, fy]) {
-        let largest = row.iter().map(|gain| gain.abs()).sum::<f64>() * f64::from(sensor.range_counts);
-        if largest < *rig.fixture.yield_n {
-            findings
-                .error(
-                    "sensor.range_counts",
-                    format!(
-                        "the sensor saturates at {} N in {axis}, below `fixture.yield_n` of {} N: the surface could \
-                         never yield",
-                        round(largest),
-                        *rig.fixture.yield_n
-                    ),
-                    "check `calibration` and `range_counts`, or lower `yield_n`",
-                )
-                .see("fixture.yield_n", "yield_n");
-        } else if largest < limit {
-            findings
-                .warning(
-                    "guard.force_limit_n",
-                    format!(
-                        "`guard.force_limit_n` is {limit} N, and the sensor saturates at {} N in {axis}: the limit is \
-                         never seen",
-                        round(largest)
-                    ),
-                    "lower the limit below what the sensor can measure",
-                )
-                .see("sensor.range_counts", "range_counts");
-        }
+    check_force_range(findings, rig);
+}
+
+/// Whether the sensor can measure the forces that matter.
+fn check_force_range(findings: &mut Findings, rig: &Rig) {
+    let sensor = &rig.sensor;
+    let largest = |row: &[Finite; 6]| row.iter().map(|gain| gain.abs()).sum::<f64>() * f64::from(sensor.range_counts);
+    let [x, y] = [largest(&sensor.calibration[0]), largest(&sensor.calibration[1])];
+    let (axis, largest) = if x < y { ("Fx", x) } else { ("Fy", y) };
+    let (yield_n, limit) = (*rig.fixture.yield_n, *rig.guard.force_limit_n);
+    if largest < yield_n {
+        findings
+            .error(
+                "sensor.range_counts",
+                format!(
+                    "the sensor saturates at {} N in {axis}, below `fixture.yield_n` of {yield_n} N: the surface could \
+                     never yield",
+                    round(largest)
+                ),
+                "check `calibration` and `range_counts`, or lower `yield_n`",
+            )
+            .see("fixture.yield_n", "yield_n");
+    } else if largest < limit {
+        findings
+            .warning(
+                "guard.force_limit_n",
+                format!(
+                    "`guard.force_limit_n` is {limit} N, and the sensor saturates at {} N in {axis}: the limit is never \
+                     seen",
+                    round(largest)
+                ),
+                "lower the limit below what the sensor can measure",
+            )
+            .see("sensor.range_counts", "range_counts");
     }
 }
 
@@ -279,98 +296,19 @@ fn check_guard(findings: &mut Findings, rig: &Rig) {
                 .see(&format!("drives[{index}].rated_torque_n_m"), "rated");
         }
     }
-    for (index, coulomb) in rig.control.feed_forward.coulomb_n_m.iter().enumerate() {
-        if **coulomb >= *guard.torque_limit_n_m {
-            let key = format!("control.feed_forward.coulomb_n_m[{index}]");
-            findings
-                .error(
-                    &key,
-                    format!(
-                        "`{key}` is {} N m, not below `guard.torque_limit_n_m` of {} N m: friction alone takes all the \
-                         torque",
-                        **coulomb, *guard.torque_limit_n_m
-                    ),
-                    "raise the limit, or check the friction",
-                )
-                .see("guard.torque_limit_n_m", "torque_limit_n_m");
-        }
-    }
-}
-
-fn check_linkage(findings: &mut Findings, rig: &Rig) {
-    let five_bar = match FiveBar::new(rig.linkage.geometry()) {
-        Ok(five_bar) => five_bar,
-        Err(error) => {
-            findings.error("linkage", format!("no five-bar arm has this geometry: {error}"), "check the lengths");
-            return;
-        }
-    };
-    let margin_m = *rig.guard.singularity_margin_m;
-    let radius_m = *rig.linkage.working_radius_m;
-    if let Err(error) = five_bar.reaches_disc(TipPoint::new(0.0, 0.0), radius_m, margin_m) {
+    let coulomb = rig.control.feed_forward.coulomb_n_m.map(|torque| *torque);
+    let largest = coulomb[0].max(coulomb[1]);
+    if largest >= *guard.torque_limit_n_m {
         findings
             .error(
-                "linkage.working_radius_m",
+                "control.feed_forward.coulomb_n_m",
                 format!(
-                    "the arm does not reach all of the disc of `linkage.working_radius_m` = {radius_m} m: at {}, {}",
-                    point(error.tip), error.cause
+                    "`control.feed_forward.coulomb_n_m` is {largest} N m, not below `guard.torque_limit_n_m` of {} N m: \
+                     friction alone takes all the torque",
+                    *guard.torque_limit_n_m
                 ),
-                "lower the radius, lengthen the links, or move `base_m`: the origin is the middle of the disc",
+                "raise the limit, or check the friction",
             )
-            .see("linkage.base_m", "base_m")
-            .see("guard.singularity_margin_m", "margin");
-        return;
+            .see("guard.torque_limit_n_m", "torque_limit_n_m");
     }
-    check_surface_reach(findings, "fixture", &rig.fixture, rig);
-}
-
-/// Whether the tool can follow the surface. `at` is the key of the fixture.
-pub(super) fn check_surface_reach(findings: &mut Findings, at: &str, fixture: &Fixture, rig: &Rig) {
-    let Ok(five_bar) = FiveBar::new(rig.linkage.geometry()) else { return };
-    let margin_m = *rig.guard.singularity_margin_m;
-    match fixture.surface {
-        Surface::Circle { center_m, radius_m, .. } => {
-            for sample in 0..CIRCLE_SAMPLES {
-                let (sine, cosine) = (TAU * f64::from(sample) / f64::from(CIRCLE_SAMPLES)).sin_cos();
-                let tip = TipPoint::new(*center_m[0] + *radius_m * cosine, *center_m[1] + *radius_m * sine);
-                let reached = five_bar
-                    .inverse(tip)
-                    .and_then(|angles| five_bar.forward(angles))
-                    .and_then(|posture| five_bar.require_clearance(&posture, margin_m));
-                if let Err(error) = reached {
-                    let key = format!("{at}.surface.circle.radius_m");
-                    let message =
-                        format!("the arm does not reach all of the circle of {} m: at {}, {error}", *radius_m, point(tip));
-                    let help = format!(
-                        "lower `radius_m` or move `center_m`; the arm reaches the disc of {} m about the origin",
-                        *rig.linkage.working_radius_m
-                    );
-                    findings.error(&key, message, help);
-                    return;
-                }
-            }
-        }
-        Surface::Line { point_m, normal } => {
-            let length = normal[0].hypot(*normal[1]);
-            let distance = (*point_m[0] * *normal[0] + *point_m[1] * *normal[1]).abs() / length;
-            if distance > *rig.linkage.working_radius_m {
-                let key = format!("{at}.surface.line.point_m");
-                findings.error(
-                    &key,
-                    format!(
-                        "the line passes {} m from the origin, outside of the disc of `linkage.working_radius_m` = {} m",
-                        round(distance), *rig.linkage.working_radius_m
-                    ),
-                    "move `point_m` nearer to the origin",
-                );
-            }
-        }
-        // Refused already: a rig is planar.
-        Surface::Cylinder { .. } | Surface::Plane { .. } | Surface::Sphere { .. } => {}
-    }
-}
-
-fn point(tip: TipPoint) -> String {
-    let [x, y] = tip.to_array();
-    format!("({x:.3}, {y:.3}) m")
 }

@@ -1,7 +1,7 @@
 //! Scenes, alone and with the machine that runs them.
 
 use super::Findings;
-use super::fixture::round;
+use super::words::{round, shorten_numbers};
 use crate::config::tree::{EncoderModel, ForceSensorModel, ImpedanceDevice, PathSegment, Rig, Scene, Tracking};
 use crate::linkage::FiveBar;
 use crate::quantity::TipPoint;
@@ -34,26 +34,26 @@ pub(in crate::config) fn check_scene(findings: &mut Findings, scene: &Scene) {
             .see("hand.path", "path");
     }
     check_dimension(findings, scene);
-    if let Some(tremor) = scene.hand.tremor {
-        if *tremor.low_hz >= *tremor.high_hz {
-            findings
-                .error(
-                    "hand.tremor.low_hz",
-                    format!(
-                        "`hand.tremor.low_hz` is {} Hz, not below `hand.tremor.high_hz` of {} Hz",
-                        *tremor.low_hz, *tremor.high_hz
-                    ),
-                    "a hand trembles at about 8 to 12 Hz",
-                )
-                .see("hand.tremor.high_hz", "high_hz");
-        }
+    if let Some(tremor) = scene.hand.tremor
+        && *tremor.low_hz >= *tremor.high_hz
+    {
+        findings
+            .error(
+                "hand.tremor.low_hz",
+                format!(
+                    "`hand.tremor.low_hz` is {} Hz, not below `hand.tremor.high_hz` of {} Hz",
+                    *tremor.low_hz, *tremor.high_hz
+                ),
+                "a hand trembles at about 8 to 12 Hz",
+            )
+            .see("hand.tremor.high_hz", "high_hz");
     }
-    if let Some(gear) = scene.model.joint_elasticity {
-        if *gear.motor_share >= 1.0 {
-            let key = "model.joint_elasticity.motor_share";
-            let message = format!("`{key}` is {}, not below 1: nothing is left behind the gear", *gear.motor_share);
-            findings.error(key, message, "write the part of the inertia before the gear, such as 0.6");
-        }
+    if let Some(gear) = scene.model.joint_elasticity
+        && *gear.motor_share >= 1.0
+    {
+        let key = "model.joint_elasticity.motor_share";
+        let message = format!("`{key}` is {}, not below 1: nothing is left behind the gear", *gear.motor_share);
+        findings.error(key, message, "write the part of the inertia before the gear, such as 0.6");
     }
 }
 
@@ -98,7 +98,9 @@ pub(in crate::config) fn check_scene_for(findings: &mut Findings, scene: &Scene,
     if step > 0 && !period_us.is_multiple_of(step) {
         findings.error(
             "model.plant_step_us",
-            format!("`model.plant_step_us` is {step} us, and the control period of {period_us} us is not a multiple of it"),
+            format!(
+                "`model.plant_step_us` is {step} us, and the control period of {period_us} us is not a multiple of it"
+            ),
             "write a divisor of the period, such as 100",
         );
     }
@@ -113,7 +115,7 @@ fn check_start(findings: &mut Findings, scene: &Scene, rig: &Rig) {
     let tip = TipPoint::new(**x, **y);
     let Ok(five_bar) = FiveBar::new(rig.linkage.geometry()) else { return };
     if let Err(error) = five_bar.inverse(tip) {
-        let message = format!("the arm does not reach `hand.start_m`: {error}");
+        let message = format!("the arm does not reach `hand.start_m`: {}", shorten_numbers(&error.to_string()));
         findings.error("hand.start_m", message, "start inside of the working disc of the rig");
     }
 }

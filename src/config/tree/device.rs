@@ -44,7 +44,7 @@ pub struct DeviceIdentity {
 #[serde(deny_unknown_fields)]
 #[garde(allow_unvalidated)]
 pub struct DeviceCycle {
-    /// T, us: sampling interval. 100 to 100 000.
+    /// T in us: sampling interval. 100 to 100 000.
     #[garde(range(min = 100, max = 100_000))]
     pub period_us: u32,
 }

@@ -7,7 +7,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::fixture::Fixture;
-use crate::config::number::{Finite, Positive, present};
+use crate::config::number::{Finite, Positive, nullable, present};
 
 /// A figure to reproduce: one run for each machine and each hold.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema, Validate)]
@@ -26,13 +26,13 @@ pub struct Figure {
     /// Scene file, relative to this file; it replaces the scene of the machine.
     #[garde(length(min = 1))]
     pub scene: String,
-    /// N_wait of each run, steps; it replaces the hold of the fixture.
+    /// N_wait of each run in steps; it replaces the hold of the fixture.
     #[garde(length(min = 1), inner(range(max = 10_000)))]
     pub hold_steps: Vec<u32>,
     /// A fixture that replaces that of the machine, or null to keep it.
     #[garde(dive)]
     #[serde(deserialize_with = "present")]
-    #[schemars(required)]
+    #[schemars(schema_with = "nullable::<Fixture>")]
     pub fixture: Option<Fixture>,
     /// Windows drawn enlarged; may be empty.
     #[garde(dive)]

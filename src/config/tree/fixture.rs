@@ -14,15 +14,15 @@ pub struct Fixture {
     /// How force and proxy are coupled: `admittance` on a rig, `impedance` on an impedance device.
     #[garde(dive)]
     pub coupling: Coupling,
-    /// F, N: friction level, the force at which the proxy yields away from the surface. 0 or above.
+    /// F in N: friction level, the force at which the proxy yields away from the surface. 0 or above.
     #[garde(dive)]
     pub friction_n: NotNegative,
-    /// R, N: force at which the surface yields. Above `friction_n`.
+    /// R in N: force at which the surface yields. Above `friction_n`.
     #[garde(dive)]
     pub yield_n: Positive,
     /// From which sides the surface resists.
     pub side: Side,
-    /// N_wait, steps: how long the proxy is held on the surface after it meets it; 0 for no hold. With an admittance
+    /// N_wait in steps: how long the proxy is held on the surface after it meets it; 0 for no hold. With an admittance
     /// coupling 0 or at least 2, since the input position depends on two past steps.
     #[garde(range(max = 10_000))]
     pub hold_steps: u32,
@@ -40,16 +40,16 @@ pub struct Fixture {
 pub enum Coupling {
     /// The proxy is a virtual mass that the measured force moves; the equivalent stiffness is M / T^2.
     Admittance {
-        /// M, kg: virtual mass. Above 0.
+        /// M in kg: virtual mass. Above 0.
         #[garde(dive)]
         mass_kg: Positive,
     },
     /// A spring and damper between tool and proxy; the equivalent stiffness is K + B / T.
     Impedance {
-        /// K, N/m: stiffness. Above 0.
+        /// K in N/m: stiffness. Above 0.
         #[garde(dive)]
         stiffness_n_per_m: Positive,
-        /// B, N s/m: damping. 0 or above.
+        /// B in N s/m: damping. 0 or above.
         #[garde(dive)]
         damping_n_s_per_m: NotNegative,
     },

@@ -2,18 +2,21 @@
 //!
 //! Every key is required; a key that may be absent in meaning is written `null`. Every unit stands in the key.
 
+mod arm;
 mod device;
 mod figure;
 mod fixture;
 mod rig;
 mod scene;
 
+pub use arm::{ArmInertia, ArmModel, DistalLink, ElbowSide, Linkage, Tool, WristSide};
 pub use device::{DeviceCycle, DeviceIdentity, DevicePlant, ImpedanceDevice};
 pub use figure::{Figure, MagnifiedWindow};
 pub use fixture::{Coupling, Curvature, Fixture, Forbidden, Side, Surface};
 pub use rig::{
-    ArmInertia, ArmModel, Bus, BusTiming, CommandMode, Control, ControlLaw, ControlGains, Cycle, DistalLink, Drive,
-    DrivePositionLoop, ElbowSide, FeedForward, Guard, Linkage, Master, Mount, Rig, RigIdentity, RigPlant, Sensor, Tool,
-    WristSide,
+    Bus, BusTiming, CommandMode, Control, ControlGains, ControlLaw, Cycle, Drive, DrivePositionLoop, FeedForward,
+    Guard, Master, Mount, Rig, RigIdentity, RigPlant, Sensor,
 };
-pub use scene::{ArcSpeed, EncoderModel, ForceSensorModel, Hand, JointElasticity, PathSegment, Scene, SceneModel, Tracking, Tremor};
+pub use scene::{
+    ArcSpeed, EncoderModel, ForceSensorModel, Hand, JointElasticity, PathSegment, Scene, SceneModel, Tracking, Tremor,
+};

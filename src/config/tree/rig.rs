@@ -6,8 +6,9 @@ use garde::Validate;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
+use super::arm::{ArmInertia, ArmModel, Linkage};
 use super::fixture::Fixture;
-use crate::config::number::{Finite, NotNegative, Positive, present};
+use crate::config::number::{Finite, NotNegative, Positive, nullable, present};
 
 /// An admittance rig: five-bar arm, two servo drives, force sensor, virtual fixture.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema, Validate)]
@@ -81,7 +82,7 @@ pub enum CommandMode {
 #[serde(deny_unknown_fields)]
 #[garde(allow_unvalidated)]
 pub struct Cycle {
-    /// T, us: time from SYNC to SYNC. 100 to 100 000.
+    /// T in us: time from SYNC to SYNC. 100 to 100 000.
     #[garde(range(min = 100, max = 100_000))]
     pub period_us: u32,
     /// When the control step runs, us after SYNC: late enough for all TPDOs, early enough for the RPDOs to arrive before
@@ -192,7 +193,7 @@ pub struct Sensor {
     /// Corner frequency of the low pass on the force, Hz, below half the sampling rate of the control; null for no filter.
     #[garde(dive)]
     #[serde(deserialize_with = "present")]
-    #[schemars(required)]
+    #[schemars(schema_with = "nullable::<Positive>")]
     pub low_pass_hz: Option<Positive>,
 }
 
@@ -208,102 +209,6 @@ pub enum Mount {
     RightDistal,
 }
 
-/// Geometry of a five-bar arm. Pairs list the left arm before the right.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema, Validate)]
-#[serde(deny_unknown_fields)]
-#[garde(allow_unvalidated)]
-pub struct Linkage {
-    /// Base joints, m.
-    pub base_m: [[Finite; 2]; 2],
-    /// Lengths of the proximal links, m. Above 0.
-    #[garde(dive)]
-    pub proximal_m: [Positive; 2],
-    /// Lengths of the distal links, m. Above 0.
-    #[garde(dive)]
-    pub distal_m: [Positive; 2],
-    /// Working mode: seen from base joint to wrist, the side on which each elbow lies.
-    pub elbows: [ElbowSide; 2],
-    /// Assembly mode: the side on which the wrist lies, seen from left to right elbow.
-    pub wrist: WristSide,
-    /// Where the tool sits.
-    #[garde(dive)]
-    pub tool: Tool,
-    /// Radius of the disc about the origin that the tool must reach, m; checked when the file is read. Above 0.
-    #[garde(dive)]
-    pub working_radius_m: Positive,
-}
-
-impl Linkage {
-    /// The parameters of the kinematics.
-    pub fn geometry(&self) -> crate::linkage::Geometry {
-        use crate::linkage::{Chain, Geometry, Side, Tool, WristSide as Wrist};
-        Geometry {
-            base_m: self.base_m.map(|point| point.map(Finite::get)),
-            proximal_m: self.proximal_m.map(Positive::get),
-            distal_m: self.distal_m.map(Positive::get),
-            elbows: self.elbows.map(|side| match side {
-                ElbowSide::Left => Side::Left,
-                ElbowSide::Right => Side::Right,
-            }),
-            wrist: match self.wrist {
-                WristSide::Forward => Wrist::Forward,
-                WristSide::Backward => Wrist::Backward,
-            },
-            tool: Tool {
-                fixed_to: match self.tool.fixed_to {
-                    DistalLink::Left => Chain::Left,
-                    DistalLink::Right => Chain::Right,
-                },
-                along_m: self.tool.along_m.get(),
-                across_m: self.tool.across_m.get(),
-            },
-        }
-    }
-}
-
-/// Side of the line from base joint to wrist.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
-#[serde(rename_all = "snake_case")]
-pub enum ElbowSide {
-    /// To the left of the direction from base joint to wrist.
-    Left,
-    /// To the right of it.
-    Right,
-}
-
-/// Side of the line from left to right elbow.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
-#[serde(rename_all = "snake_case")]
-pub enum WristSide {
-    /// To the left of the direction from left to right elbow.
-    Forward,
-    /// To the right of it.
-    Backward,
-}
-
-/// Where the tool sits on a distal link.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema, Validate)]
-#[serde(deny_unknown_fields)]
-#[garde(allow_unvalidated)]
-pub struct Tool {
-    /// The distal link that carries the tool.
-    pub fixed_to: DistalLink,
-    /// From the wrist along that link, away from its elbow, m.
-    pub along_m: Finite,
-    /// From the wrist to the left of that direction, m.
-    pub across_m: Finite,
-}
-
-/// A distal link.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
-#[serde(rename_all = "snake_case")]
-pub enum DistalLink {
-    /// Of the left arm.
-    Left,
-    /// Of the right arm.
-    Right,
-}
-
 /// Joint controllers.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema, Validate)]
 #[serde(deny_unknown_fields)]
@@ -314,7 +219,7 @@ pub struct Control {
     /// Gains, and with them the space in which the error is formed: `joint` or `cartesian`.
     #[garde(dive)]
     pub gains: ControlGains,
-    /// H, s: time constant of the sliding line of PSMC. 0 or above.
+    /// H in s: time constant of the sliding line of PSMC. 0 or above.
     #[garde(dive)]
     pub sliding_time_s: NotNegative,
     /// What is known of the machine and added to the torque.
@@ -339,13 +244,13 @@ pub enum ControlLaw {
 pub enum ControlGains {
     /// The error is formed in joint angles.
     Joint {
-        /// K, N m/rad: position gain. Above 0.
+        /// K in N m/rad: position gain. Above 0.
         #[garde(dive)]
         stiffness_n_m_per_rad: Positive,
-        /// B, N m s/rad: velocity gain. 0 or above.
+        /// B in N m s/rad: velocity gain. 0 or above.
         #[garde(dive)]
         damping_n_m_s_per_rad: NotNegative,
-        /// L, N m/(rad s): integral gain. 0 or above.
+        /// L in N m/(rad s): integral gain. 0 or above.
         #[garde(dive)]
         integral_n_m_per_rad_s: NotNegative,
     },
@@ -357,13 +262,13 @@ pub enum ControlGains {
     },
     /// The error is formed at the tool.
     Cartesian {
-        /// K, N/m: position gain. Above 0.
+        /// K in N/m: position gain. Above 0.
         #[garde(dive)]
         stiffness_n_per_m: Positive,
-        /// B, N s/m: velocity gain. 0 or above.
+        /// B in N s/m: velocity gain. 0 or above.
         #[garde(dive)]
         damping_n_s_per_m: NotNegative,
-        /// L, N/(m s): integral gain. 0 or above.
+        /// L in N/(m s): integral gain. 0 or above.
         #[garde(dive)]
         integral_n_per_m_s: NotNegative,
     },
@@ -383,27 +288,8 @@ pub struct FeedForward {
     /// Inertia of the arm; null switches the inertia term off.
     #[garde(dive)]
     #[serde(deserialize_with = "present")]
-    #[schemars(required)]
+    #[schemars(schema_with = "nullable::<ArmInertia>")]
     pub inertia: Option<ArmInertia>,
-}
-
-/// Inertia of a five-bar arm. Pairs list the left arm before the right.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema, Validate)]
-#[serde(deny_unknown_fields)]
-#[garde(allow_unvalidated)]
-pub struct ArmInertia {
-    /// Inertia of each motor, reflected to the link, kg m^2. Above 0.
-    #[garde(dive)]
-    pub motor_kg_m2: [Positive; 2],
-    /// Mass of each proximal link, a uniform rod, kg. 0 or above.
-    #[garde(dive)]
-    pub proximal_kg: [NotNegative; 2],
-    /// Mass of each distal link, a uniform rod, kg. 0 or above.
-    #[garde(dive)]
-    pub distal_kg: [NotNegative; 2],
-    /// Mass at the tool, kg. 0 or above.
-    #[garde(dive)]
-    pub tool_kg: NotNegative,
 }
 
 /// Limits at which the rig holds or stops.
@@ -445,31 +331,6 @@ pub struct RigPlant {
     /// The loop closed inside each drive in position and velocity mode.
     #[garde(dive)]
     pub drive_position_loop: DrivePositionLoop,
-}
-
-/// Inertia and friction of a five-bar arm. Pairs list the left arm before the right.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema, Validate)]
-#[serde(deny_unknown_fields)]
-#[garde(allow_unvalidated)]
-pub struct ArmModel {
-    /// Inertia of each motor, reflected to the link, kg m^2. Above 0.
-    #[garde(dive)]
-    pub motor_kg_m2: [Positive; 2],
-    /// Mass of each proximal link, a uniform rod, kg. 0 or above.
-    #[garde(dive)]
-    pub proximal_kg: [NotNegative; 2],
-    /// Mass of each distal link, a uniform rod, kg. 0 or above.
-    #[garde(dive)]
-    pub distal_kg: [NotNegative; 2],
-    /// Mass at the tool, kg. 0 or above.
-    #[garde(dive)]
-    pub tool_kg: NotNegative,
-    /// Coulomb friction of each joint, N m. 0 or above.
-    #[garde(dive)]
-    pub coulomb_n_m: [NotNegative; 2],
-    /// Viscous friction of each joint, N m s/rad. 0 or above.
-    #[garde(dive)]
-    pub viscous_n_m_s_per_rad: [NotNegative; 2],
 }
 
 /// The loop closed inside each drive in position and velocity mode.

@@ -4,7 +4,7 @@ use garde::Validate;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use crate::config::number::{Finite, NotNegative, Positive, present};
+use crate::config::number::{Finite, NotNegative, Positive, nullable, present};
 
 /// What happens in a run of the embedded simulation.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema, Validate)]
@@ -44,7 +44,7 @@ pub struct SceneModel {
     /// Elastic gears between motor and link, or null for stiff ones.
     #[garde(dive)]
     #[serde(deserialize_with = "present")]
-    #[schemars(required)]
+    #[schemars(schema_with = "nullable::<JointElasticity>")]
     pub joint_elasticity: Option<JointElasticity>,
 }
 
@@ -116,7 +116,7 @@ pub struct Hand {
     /// Force noise of a human hand, or null for none.
     #[garde(dive)]
     #[serde(deserialize_with = "present")]
-    #[schemars(required)]
+    #[schemars(schema_with = "nullable::<Tremor>")]
     pub tremor: Option<Tremor>,
     /// Where tool and aim are at the start, m: two coordinates on a rig, three on an impedance device.
     #[garde(length(min = 2, max = 3))]

@@ -3,9 +3,13 @@
 use super::curve::{self, Frame};
 use super::page::{Anchor, BLACK, GREY, LETTER, Page, Point, Stroke};
 
-/// Ticks wished for per tenth of a millimetre of axis: one every 9 mm upright, one every 12 mm across.
-const TICKS_UPRIGHT: f64 = 1.0 / 90.0;
-const TICKS_ACROSS: f64 = 1.0 / 120.0;
+/// Ticks wished for per tenth of a millimetre of axis: one every 11 mm upright, one every 15 mm across and where both
+/// directions have one scale.
+const TICKS_UPRIGHT: f64 = 1.0 / 110.0;
+const TICKS_ACROSS: f64 = 1.0 / 150.0;
+/// Room for a digit and for the gap between two numbers.
+const DIGIT: f64 = 0.64 * LETTER as f64;
+const GAP: f64 = 14.0;
 const TICK: f64 = 9.0;
 /// Height of an upright axis's name above its frame.
 const NAME_OFFSET: f64 = 15.0;
@@ -47,6 +51,11 @@ impl Axes {
         (left + across * (right - left), bottom - upward * (bottom - top))
     }
 
+    fn has_equal_scales(&self) -> bool {
+        let upright = (self.frame.bottom - self.frame.top) / (self.y[1] - self.y[0]);
+        (upright / self.length_per_unit() - 1.0).abs() < 1e-6
+    }
+
     /// Length on the page of one unit of x.
     pub(super) fn length_per_unit(&self) -> f64 {
         (self.frame.right - self.frame.left) / (self.x[1] - self.x[0])
@@ -78,15 +87,17 @@ impl Axes {
         let stroke = Stroke { color: BLACK, width: 2.0, dash: &[] };
         page.chain(&[(left, top), (right, top), (right, bottom), (left, bottom), (left, top)], stroke);
         let ticks = Ticks::new(self.x, (right - left) * TICKS_ACROSS);
-        for (value, number) in ticks.iter() {
+        let every = ticks.numbered(self.length_per_unit());
+        for (count, value, number) in ticks.iter() {
             let (x, _) = self.place(value, self.y[0]);
             page.chain(&[(x, bottom), (x, bottom - TICK)], stroke);
             page.chain(&[(x, top), (x, top + TICK)], stroke);
-            if x_name.is_some() {
+            if x_name.is_some() && count % every == 0 {
                 page.text((x, bottom + 34.0), Anchor::Middle, &number);
             }
         }
-        for (value, number) in Ticks::new(self.y, (bottom - top) * TICKS_UPRIGHT).iter() {
+        let per_length = if self.has_equal_scales() { TICKS_ACROSS } else { TICKS_UPRIGHT };
+        for (_, value, number) in Ticks::new(self.y, (bottom - top) * per_length).iter() {
             let (_, y) = self.place(self.x[0], value);
             page.chain(&[(left, y), (left + TICK, y)], stroke);
             page.chain(&[(right, y), (right - TICK, y)], stroke);
@@ -113,23 +124,32 @@ struct Ticks {
 }
 
 impl Ticks {
-    /// With steps of 1, 2 or 5 times a power of ten, about as many as wished for, three at least.
+    /// With steps of 1, 2 or 5 times a power of ten, as near to the wished number as these come, three at least.
     fn new(range: [f64; 2], wished: f64) -> Self {
         let rough = (range[1] - range[0]) / wished.max(3.0);
         let power = 10f64.powf(rough.log10().floor());
-        let step = [1.0, 2.0, 5.0].map(|digit| digit * power).into_iter().find(|step| *step >= rough);
-        let step = step.unwrap_or(10.0 * power);
+        // Each step serves up to its geometric mean with the next.
+        let serves = |digit: &f64| rough <= power * digit * if *digit == 2.0 { 2.5f64 } else { 2.0 }.sqrt();
+        let step = power * [1.0, 2.0, 5.0].into_iter().find(serves).unwrap_or(10.0);
         // Half a thousandth of a step of slack, so that rounding does not cost the tick at the very edge.
         let first = (range[0] / step - 5e-4).ceil() as i64;
         let last = (range[1] / step + 5e-4).floor() as i64;
         Self { step, first, last, decimals: (-(step * 1.001).log10().floor()).max(0.0) as usize }
     }
 
-    fn iter(&self) -> impl Iterator<Item = (f64, String)> {
+    /// Count, value and number of each tick.
+    fn iter(&self) -> impl Iterator<Item = (i64, f64, String)> {
         (self.first..=self.last).map(|count| {
             let value = count as f64 * self.step;
-            (value, number(value, self.decimals))
+            (count, value, number(value, self.decimals))
         })
+    }
+
+    /// Every how many ticks a number has room.
+    fn numbered(&self, length_per_unit: f64) -> i64 {
+        let longest = self.iter().map(|(_, _, number)| number.chars().count()).max().unwrap_or(1);
+        let every = (longest as f64 * DIGIT + GAP) / (self.step * length_per_unit);
+        every.ceil().clamp(1.0, 100.0) as i64
     }
 }
 
@@ -156,10 +176,19 @@ mod tests {
 
     #[test]
     fn ticks_are_round_and_reach_the_edges() {
-        let numbers = |range, wished| Ticks::new(range, wished).iter().map(|(_, number)| number).collect::<Vec<_>>();
+        let numbers = |range, wished| Ticks::new(range, wished).iter().map(|(_, _, number)| number).collect::<Vec<_>>();
         assert_eq!(numbers([-0.2, 0.2], 4.0), ["\u{2212}0.2", "\u{2212}0.1", "0.0", "0.1", "0.2"]);
-        assert_eq!(numbers([0.0, 12.0], 5.0), ["0", "5", "10"]);
+        assert_eq!(numbers([0.0, 12.0], 5.0), ["0", "2", "4", "6", "8", "10", "12"]);
+        assert_eq!(numbers([0.0, 16.0], 5.0), ["0", "5", "10", "15"]);
         assert_eq!(numbers([99.98, 100.02], 4.0), ["99.98", "99.99", "100.00", "100.01", "100.02"]);
+    }
+
+    #[test]
+    fn long_numbers_leave_out_their_neighbours() {
+        let ticks = Ticks::new([-115.25, -115.15], 5.0);
+        assert_eq!(ticks.iter().map(|(_, _, number)| number).next().as_deref(), Some("\u{2212}115.24"));
+        assert_eq!(ticks.numbered(150.0 / 0.02), 1);
+        assert_eq!(ticks.numbered(100.0 / 0.02), 2);
     }
 
     #[test]

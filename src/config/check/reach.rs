@@ -1,0 +1,100 @@
+//! What the arm reaches.
+
+use std::f64::consts::TAU;
+
+use super::Findings;
+use super::words::{round, shorten_numbers};
+use crate::config::tree::{Fixture, Rig, Surface};
+use crate::linkage::FiveBar;
+use crate::quantity::TipPoint;
+
+/// Points of a circle that are tried for reach.
+const CIRCLE_SAMPLES: u32 = 96;
+
+/// Whether the arm exists and reaches its working disc and the surface of its fixture.
+pub(super) fn check_linkage(findings: &mut Findings, rig: &Rig) {
+    let five_bar = match FiveBar::new(rig.linkage.geometry()) {
+        Ok(five_bar) => five_bar,
+        Err(error) => {
+            findings.error(
+                "linkage",
+                format!("no five-bar arm has this geometry: {}", shorten_numbers(&error.to_string())),
+                "check the lengths",
+            );
+            return;
+        }
+    };
+    let margin_m = *rig.guard.singularity_margin_m;
+    let radius_m = *rig.linkage.working_radius_m;
+    if let Err(error) = five_bar.reaches_disc(TipPoint::new(0.0, 0.0), radius_m, margin_m) {
+        findings
+            .error(
+                "linkage.working_radius_m",
+                format!(
+                    "the arm does not reach all of the disc of `linkage.working_radius_m` = {radius_m} m: at {}, {}",
+                    point(error.tip),
+                    shorten_numbers(&error.cause.to_string())
+                ),
+                "lower the radius, lengthen the links, or move `base_m`: the origin is the middle of the disc",
+            )
+            .see("linkage.base_m", "base_m")
+            .see("guard.singularity_margin_m", "margin");
+        return;
+    }
+    check_surface_reach(findings, "fixture", &rig.fixture, rig);
+}
+
+/// Whether the tool can follow the surface. `at` is the key of the fixture.
+pub(super) fn check_surface_reach(findings: &mut Findings, at: &str, fixture: &Fixture, rig: &Rig) {
+    let Ok(five_bar) = FiveBar::new(rig.linkage.geometry()) else { return };
+    let margin_m = *rig.guard.singularity_margin_m;
+    match fixture.surface {
+        Surface::Circle { center_m, radius_m, .. } => {
+            for sample in 0..CIRCLE_SAMPLES {
+                let (sine, cosine) = (TAU * f64::from(sample) / f64::from(CIRCLE_SAMPLES)).sin_cos();
+                let tip = TipPoint::new(*center_m[0] + *radius_m * cosine, *center_m[1] + *radius_m * sine);
+                let reached = five_bar
+                    .inverse(tip)
+                    .and_then(|angles| five_bar.forward(angles))
+                    .and_then(|posture| five_bar.require_clearance(&posture, margin_m));
+                if let Err(error) = reached {
+                    let key = format!("{at}.surface.circle.radius_m");
+                    let message = format!(
+                        "the arm does not reach all of the circle of {} m: at {}, {}",
+                        *radius_m,
+                        point(tip),
+                        shorten_numbers(&error.to_string())
+                    );
+                    let help = format!(
+                        "lower `radius_m` or move `center_m`; the arm reaches the disc of {} m about the origin",
+                        *rig.linkage.working_radius_m
+                    );
+                    findings.error(&key, message, help);
+                    return;
+                }
+            }
+        }
+        Surface::Line { point_m, normal } => {
+            let length = normal[0].hypot(*normal[1]);
+            let distance = (*point_m[0] * *normal[0] + *point_m[1] * *normal[1]).abs() / length;
+            if distance > *rig.linkage.working_radius_m {
+                let key = format!("{at}.surface.line.point_m");
+                findings.error(
+                    &key,
+                    format!(
+                        "the line passes {} m from the origin, outside of the disc of `linkage.working_radius_m` = {} m",
+                        round(distance), *rig.linkage.working_radius_m
+                    ),
+                    "move `point_m` nearer to the origin",
+                );
+            }
+        }
+        // Refused already: a rig is planar.
+        Surface::Cylinder { .. } | Surface::Plane { .. } | Surface::Sphere { .. } => {}
+    }
+}
+
+fn point(tip: TipPoint) -> String {
+    let [x, y] = tip.to_array();
+    format!("({x:.3}, {y:.3}) m")
+}

@@ -1,0 +1,253 @@
+#![cfg(test)]
+
+use std::collections::BTreeSet;
+use std::path::PathBuf;
+
+use proptest::prelude::*;
+
+use super::CASES;
+use crate::config::{
+    Document, MAX_FILE_BYTES, Report, Severity, Source, builtin, builtin_names, load, load_device, load_figure,
+    load_rig, load_scene, to_yaml,
+};
+
+fn refuse(source: Source) -> Report {
+    match load(source.clone()) {
+        Ok(_) => panic!("{source} was accepted"),
+        Err(report) => report,
+    }
+}
+
+#[test]
+fn the_table_is_wide() {
+    let classes: BTreeSet<&str> = CASES.iter().map(|case| case.class).collect();
+    let names: BTreeSet<(&str, &str)> = CASES.iter().map(|case| (case.class, case.name)).collect();
+    assert!(CASES.len() >= 60 && classes.len() >= 12, "{} cases, {} classes", CASES.len(), classes.len());
+    assert_eq!(names.len(), CASES.len(), "a name is used twice");
+}
+
+#[test]
+fn every_change_is_refused_at_a_place_with_help() {
+    for case in CASES {
+        let report = refuse(case.source());
+        assert!(report.errors() > 0, "{}: {}", case.class, case.name);
+        for finding in &report.diagnostics {
+            let title = format!("{}: {}: {finding}", case.class, case.name);
+            assert!(finding.help.as_ref().is_some_and(|help| !help.is_empty()), "{title}: no help");
+            assert!(finding.place.is_some() || ["empty", "wrong kind"].contains(&case.class), "{title}: no place");
+            if let Some(place) = finding.place {
+                let text = finding.text.as_ref().unwrap();
+                assert!(place.line >= 1 && place.column >= 1 && place.offset + place.length <= text.len(), "{title}");
+                assert!(text.is_char_boundary(place.offset) && text.is_char_boundary(place.offset + place.length));
+            }
+        }
+    }
+}
+
+#[test]
+fn findings_stand_in_the_order_of_the_lines() {
+    for case in CASES {
+        let report = refuse(case.source());
+        let lines: Vec<_> =
+            report.diagnostics.iter().map(|finding| (finding.file.clone(), finding.place.map(|at| at.line))).collect();
+        assert!(lines.windows(2).all(|pair| pair[0].0 != pair[1].0 || pair[0].1 <= pair[1].1), "{lines:?}");
+    }
+}
+
+/// A value that a case changed is the value that the message points at.
+#[test]
+fn the_place_is_that_of_the_change() {
+    let line_of = |name: &str| {
+        let case = CASES.iter().find(|case| case.name == name).unwrap();
+        let text = builtin(case.base).read().unwrap();
+        let offset = text.find(case.from).unwrap();
+        let report = refuse(case.source());
+        let finding = report.diagnostics.iter().find(|finding| finding.severity == Severity::Error).unwrap();
+        (1 + text[..offset].matches('\n').count(), finding.place.unwrap().line)
+    };
+    for name in [
+        "word for a number",
+        "number with unit",
+        "null for a number",
+        "choice without its group",
+        "one link",
+        "unit left out",
+        "mode by its abbreviation",
+        "NaN",
+        "infinity",
+        "overflow",
+        "negative mass",
+        "yield below friction",
+        "step after SYNC",
+        "circle too large",
+        "force limit below yield",
+        "sample rate",
+        "bit rate of no standard",
+        "missing file",
+        "unknown anchor",
+    ] {
+        let (changed, pointed) = line_of(name);
+        assert_eq!(changed, pointed, "{name}");
+    }
+}
+
+struct Folder(PathBuf);
+
+impl Folder {
+    fn new(name: &str) -> Self {
+        let path = std::env::temp_dir().join(format!("yieldwall-{name}-{}", std::process::id()));
+        std::fs::create_dir_all(&path).unwrap();
+        Self(path)
+    }
+
+    fn file(&self, name: &str, bytes: &[u8]) -> PathBuf {
+        let path = self.0.join(name);
+        std::fs::write(&path, bytes).unwrap();
+        path
+    }
+}
+
+impl Drop for Folder {
+    fn drop(&mut self) {
+        let _ = std::fs::remove_dir_all(&self.0);
+    }
+}
+
+#[test]
+fn what_is_no_text_is_refused_by_name() {
+    let folder = Folder::new("no-text");
+    let says = |path: PathBuf, wanted: &str| {
+        let message = refuse(Source::disk(&path)).to_string();
+        assert!(message.contains(wanted), "{message}");
+    };
+    says(folder.0.clone(), "is a directory");
+    says(folder.0.join("absent.yaml"), "does not exist");
+    says(folder.file("binary.yaml", b"rig:\0\x01\x02"), "is a binary file");
+    says(folder.file("elf.yaml", b"\x7fELF\x02\x01\x01\0\0"), "is a binary file");
+    says(folder.file("latin1.yaml", b"rig:\n  name: Gr\xfcn\n"), "is not UTF-8: line 2, byte 15");
+    says(folder.file("utf16.yaml", b"\xff\xfer\0i\0g\0"), "is a binary file");
+    says(folder.file("large.yaml", &vec![b' '; MAX_FILE_BYTES + 1]), "is larger than 1048576 bytes");
+    says(folder.file("empty.yaml", b""), "is empty");
+    #[cfg(unix)]
+    says(PathBuf::from("/dev/zero"), "is not a regular file");
+}
+
+#[test]
+fn absent_file_names_its_neighbours() {
+    let folder = Folder::new("neighbours");
+    folder.file("rig.yaml", b"");
+    let report = refuse(Source::disk(folder.0.join("rgi.yaml")));
+    assert!(report.diagnostics[0].help.as_ref().unwrap().contains("rig.yaml"), "{report:?}");
+}
+
+#[test]
+fn nesting_of_any_depth_is_refused_at_once() {
+    for text in ["[".repeat(200_000), "{a: ".repeat(100_000), "- ".repeat(200_000), "rig: &a\n  - *a\n".to_owned()] {
+        assert!(refuse(Source::memory("deep.yaml", text)).errors() > 0);
+    }
+}
+
+#[test]
+fn every_kind_is_refused_where_another_is_wanted() {
+    let says = |report: Report, wanted: &str| assert!(report.to_string().contains(wanted), "{report}");
+    says(load_rig(builtin("scenes/circle-tour.yaml")).unwrap_err(), "is a scene, and a rig is wanted");
+    says(load_scene(builtin("paper-admittance.yaml")).unwrap_err(), "is a rig, and a scene is wanted");
+    says(load_device(builtin("figures/fig8.yaml")).unwrap_err(), "is a figure, and an impedance device is wanted");
+    says(load_figure(builtin("paper-impedance.yaml")).unwrap_err(), "is an impedance device, and a figure is wanted");
+}
+
+#[test]
+fn shipped_files_are_those_in_the_folder_and_load_without_warning() {
+    let root = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("config");
+    let mut on_disk: Vec<String> = Vec::new();
+    for folder in ["", "figures", "scenes"] {
+        for entry in std::fs::read_dir(root.join(folder)).unwrap() {
+            let name = entry.unwrap().file_name().into_string().unwrap();
+            if name.ends_with(".yaml") {
+                on_disk.push(if folder.is_empty() { name } else { format!("{folder}/{name}") });
+            }
+        }
+    }
+    on_disk.sort();
+    assert_eq!(on_disk, builtin_names().collect::<Vec<_>>());
+    for name in builtin_names() {
+        for source in [builtin(name), Source::disk(root.join(name))] {
+            let warnings = match load(source).unwrap_or_else(|report| panic!("{report}")) {
+                Document::Rig(rig) => rig.warnings,
+                Document::Device(device) => device.warnings,
+                Document::Scene(scene) => scene.warnings,
+                Document::Figure(figure) => figure.warnings,
+            };
+            assert_eq!(warnings, [], "{name}");
+        }
+    }
+}
+
+#[test]
+fn normal_form_loads_again_as_the_same_tree() {
+    let rig = load_rig(builtin("paper-admittance.yaml")).unwrap().value;
+    let again = Source::memory("paper-admittance.yaml", to_yaml(&rig).unwrap());
+    assert_eq!(load_rig(again).unwrap().value, rig);
+    let device = load_device(builtin("paper-impedance.yaml")).unwrap().value;
+    let again = Source::memory("paper-impedance.yaml", to_yaml(&device).unwrap());
+    assert_eq!(load_device(again).unwrap().value, device);
+    let scene = load_scene(builtin("scenes/circle-tour.yaml")).unwrap().value;
+    let again = Source::memory("scenes/circle-tour.yaml", to_yaml(&scene).unwrap());
+    assert_eq!(load_scene(again).unwrap().value, scene);
+    let figure = load_figure(builtin("figures/fig11.yaml")).unwrap().value;
+    let again = Source::memory("figures/fig11.yaml", to_yaml(&figure).unwrap());
+    assert_eq!(load_figure(again).unwrap().value, figure);
+}
+
+#[test]
+fn small_radius_is_a_warning() {
+    let text = builtin("paper-admittance.yaml").read().unwrap().replace("radius_m: 0.12", "radius_m: 3.0e-5");
+    let rig = load_rig(Source::memory("small.yaml", text.clone())).unwrap_or_else(|report| panic!("{report}"));
+    // R / kappa = 20 N (1 ms)^2 / 2 kg = 10 um, so that 30 um is 3 of them.
+    assert!(rig.warnings[0].message.contains("only 3 times R/kappa = 0.01 mm"), "{}", rig.warnings[0]);
+    let exact = text.replace("curvature: tangent", "curvature: exact");
+    assert_eq!(load_rig(Source::memory("exact.yaml", exact)).unwrap().warnings, []);
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig { cases: 300, ..ProptestConfig::default() })]
+
+    #[test]
+    fn any_bytes_are_answered(bytes in proptest::collection::vec(any::<u8>(), 0..400)) {
+        let folder = Folder::new("any-bytes");
+        let _ = load(Source::disk(folder.file("any.yaml", &bytes)));
+    }
+
+    #[test]
+    fn any_text_is_answered(text in "[ -~\n\t\u{e9}\u{feff}:{}\\[\\],&*#-]{0,300}") {
+        let _ = load(Source::memory("any.yaml", text));
+    }
+
+    /// A shipped rig with a piece cut out, doubled or overwritten.
+    #[test]
+    fn any_damage_to_a_rig_is_answered(
+        at in 0.0..1.0_f64, length in 0..80_usize, filling in "[ -~\n\u{e9}]{0,12}", again in any::<bool>(),
+    ) {
+        let original = builtin("paper-admittance.yaml").read().unwrap().to_string();
+        let start = (at * original.len() as f64) as usize;
+        let end = (start + length).min(original.len());
+        let piece = if again { &original[start..end] } else { "" };
+        let text = format!("{}{filling}{piece}{}", &original[..end.max(start)], &original[end..]);
+        if let Err(report) = load(Source::memory("damaged.yaml", text)) {
+            prop_assert!(report.errors() > 0);
+        }
+    }
+
+    /// Every number of a rig replaced by any number: refused or finite, never a panic.
+    #[test]
+    fn any_number_in_a_rig_is_answered(which in 0..200_usize, number in any::<f64>()) {
+        let original = builtin("paper-admittance.yaml").read().unwrap().to_string();
+        let starts: Vec<usize> = original.match_indices(|c: char| c.is_ascii_digit()).map(|(at, _)| at).collect();
+        let start = starts[which % starts.len()];
+        let end = start + original[start..].find(|c: char| !c.is_ascii_digit()).unwrap_or(0);
+        let text = format!("{}{number:?}{}", &original[..start], &original[end..]);
+        if let Ok(rig) = load_rig(Source::memory("number.yaml", text)) {
+            prop_assert!(rig.value.fixture.yield_n.is_finite() && *rig.value.fixture.yield_n > 0.0);
+        }
+    }
+}
