@@ -205,8 +205,8 @@ impl Scan {
         let mut complain = |what: String| self.violations.push(format!("line {line}: {what}"));
         let own = self.module[0].as_str();
         if let Some((name, places)) = ONLY_IN.iter().find(|(name, _)| name == first) {
-            let is_inside = |inside: &&str| place == **inside || place.starts_with(&format!("{inside}::"));
-            if !places.iter().any(|inside| is_inside(&inside)) {
+            let is_inside = |inside: &str| place == inside || place.starts_with(&format!("{inside}::"));
+            if !places.iter().any(|inside| is_inside(inside)) {
                 complain(format!("{own} names the crate {name}"));
             }
         }
@@ -220,12 +220,12 @@ impl Scan {
             return;
         };
         let is_layer = target[0] == "drives" || LAYERS.contains(&target[0].as_str());
-        let is_below = |layer: &&str| {
+        let is_below = |layer: &str| {
             layer.split("::").zip(&target).all(|(a, b)| a == b) && layer.split("::").count() <= target.len()
         };
         if matches!(target[0].as_str(), "*" | "self") {
             self.violations.push(format!("line {line}: {own} names the whole crate"));
-        } else if is_layer && target[0] != own && !below.iter().any(|layer| is_below(&layer)) {
+        } else if is_layer && target[0] != own && !below.iter().any(|layer| is_below(layer)) {
             self.violations.push(format!("line {line}: {own} names {}", target[0]));
         }
     }
