@@ -24,12 +24,21 @@ macro_rules! shipped {
 /// The files of `config/`, by their path in it.
 const SHIPPED: &[(&str, &str)] = shipped![
     "figures/fig11.yaml",
+    "figures/fig12.yaml",
+    "figures/fig14.yaml",
+    "figures/fig15.yaml",
+    "figures/fig16.yaml",
     "figures/fig8.yaml",
+    "figures/fig9.yaml",
     "paper-admittance-csp.yaml",
     "paper-admittance.yaml",
     "paper-impedance.yaml",
     "scenes/circle-tour.yaml",
+    "scenes/circle-wall.yaml",
     "scenes/cylinder-tour.yaml",
+    "scenes/cylinder-wall.yaml",
+    "scenes/line-push.yaml",
+    "scenes/plane-push.yaml",
 ];
 
 /// A document that can be read, and from which relative paths start.
