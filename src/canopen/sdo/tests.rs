@@ -337,7 +337,7 @@ fn fault_9_a_new_initiate_drops_the_old_transfer() {
     server.ask([0x00, 1, 2, 3, 4, 5, 6, 7]);
     server.ask([0x40, 0x40, 0x60, 0, 0, 0, 0, 0]);
     assert_eq!(server.ask([0x11, 1, 2, 3, 4, 5, 6, 7]), refused);
-    assert_eq!(server.value(0x2001), []);
+    assert_eq!(server.value(0x2001), [0_u8; 0]);
 }
 
 #[test]
@@ -360,7 +360,7 @@ fn server_checks_the_toggle_and_the_declared_size() {
     assert_eq!(server.ask([0x01, 1, 2, 3, 4, 5, 6, 7]), Some([0x80, 0x01, 0x20, 0, 0x13, 0x00, 0x07, 0x06]));
     server.ask([0x21, 0x01, 0x20, 0, 5, 0, 0, 0]);
     assert_eq!(server.ask([0x01, 1, 2, 3, 4, 5, 6, 7]), Some([0x80, 0x01, 0x20, 0, 0x12, 0x00, 0x07, 0x06]));
-    assert_eq!(server.value(0x2001), []);
+    assert_eq!(server.value(0x2001), [0_u8; 0]);
 }
 
 #[test]

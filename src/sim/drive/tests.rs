@@ -192,7 +192,7 @@ fn unsupported_modes_are_refused_and_the_display_follows_supported_ones() {
     assert_eq!(bench.read(0x6061, 0), 0);
     for code in [8, 9, 10] {
         bench.write(0x6060, 0, &[code]);
-        assert_eq!(bench.read(0x6061, 0), code.into());
+        assert_eq!(bench.read(0x6061, 0), u32::from(code));
     }
 }
 
