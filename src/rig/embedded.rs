@@ -178,7 +178,7 @@ impl EmbeddedRig {
         self.master.on_sync(&mut self.bus.outbox(MASTER, sync_at));
         let compute_at = sync_at + self.compute_at;
         self.pump(compute_at)?;
-        let outputs = self.master.on_compute(request, &mut self.bus.outbox(MASTER, compute_at));
+        let outputs = self.master.on_compute(compute_at, request, &mut self.bus.outbox(MASTER, compute_at));
         self.last = Some(outputs);
         self.next_sync = sync_at + self.period;
         Ok(self.row(sync_at, &outputs))

@@ -18,6 +18,8 @@ const PRESSED_SHARE: f64 = 0.95;
 /// One crossing of the surface by a proxy that came from off it, pushed by less than R.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Impact {
+    /// Row of the crossing.
+    pub row: usize,
     /// Time of the crossing in s.
     pub time_s: f64,
     /// Speed of the proxy along the normal before the crossing, in m/s.
@@ -65,8 +67,7 @@ pub struct Measures {
     pub peak_torque_n_m: Option<f64>,
     /// Whether a torque reached its limit; `None` where no torque is commanded.
     pub torque_saturated: Option<bool>,
-    /// Kinetic energy that the proxy lost in its stops, summed, in J: the bound on `energy_given_j` without
-    /// quantisation (admittance type).
+    /// Kinetic energy that the proxy lost in the stops after its impacts, summed, in J (admittance type).
     pub stop_energy_j: Option<f64>,
 }
 
@@ -108,7 +109,7 @@ pub fn measure(trace: &Trace, context: &Context) -> Measures {
         power_positive_fraction: positive as f64 / trace.rows.len().max(1) as f64,
         peak_torque_n_m: context.torque_limit_n_m.map(|_| peak_torque),
         torque_saturated: context.torque_limit_n_m.map(|limit| peak_torque >= limit * (1.0 - 1e-9)),
-        stop_energy_j: context.mass_kg.map(|mass| stop_energy(trace, context.period_s, mass)),
+        stop_energy_j: context.mass_kg.map(|mass| stop_energy(trace, &impacts, context, mass)),
         impacts,
     }
 }
@@ -151,6 +152,7 @@ fn impact_at(trace: &Trace, context: &Context, at: usize) -> Impact {
     let speed = (rows[at - 1].signed_distance_m - rows[at - 2].signed_distance_m).abs() / context.period_s;
     let window = (IMPACT_WINDOW_S / context.period_s).round() as usize;
     let mut impact = Impact {
+        row: at,
         time_s: rows[at].time_s,
         speed_m_per_s: speed,
         depth_mm: 0.0,
@@ -198,8 +200,8 @@ struct Pressed {
     releases: u32,
 }
 
-/// Walks the contacts: from a row with the proxy on the surface until the push reaches 0.95 R, or points to the free
-/// side of a unilateral surface.
+/// Walks the contacts: from the second row in a row with the proxy on the surface (a single one is a landing in flight)
+/// until the push reaches 0.95 R, or points to the free side of a unilateral surface.
 fn pressed(trace: &Trace, context: &Context) -> Pressed {
     let mut pressed = Pressed { rows: 0, on: 0, releases: 0 };
     let mut in_contact = false;
@@ -209,7 +211,7 @@ fn pressed(trace: &Trace, context: &Context) -> Pressed {
         let is_freeing = context.is_unilateral && push > 0.0;
         if push.abs() >= PRESSED_SHARE * trace.yield_n || is_freeing {
             in_contact = false;
-        } else if row.is_on_surface {
+        } else if row.is_on_surface && was_on {
             in_contact = true;
         }
         if in_contact && push.abs() > trace.friction_n {
@@ -266,17 +268,29 @@ fn work(trace: &Trace) -> (f64, f64) {
     (given, taken)
 }
 
-/// Kinetic energy lost by the proxy over its slowing steps, `sum 1/2 M (v0^2 - v1^2)`.
-fn stop_energy(trace: &Trace, period_s: f64, mass_kg: f64) -> f64 {
-    let squares: Vec<f64> = trace
-        .rows
-        .windows(2)
-        .map(|pair| {
-            let step = std::array::from_fn::<f64, 3, _>(|axis| pair[1].proxy_m[axis] - pair[0].proxy_m[axis]);
-            dot(step, step) / (period_s * period_s)
-        })
-        .collect();
-    squares.windows(2).map(|pair| 0.5 * mass_kg * (pair[0] - pair[1]).max(0.0)).sum()
+/// Kinetic energy that the proxy lost in the stops that its impacts began, `sum 1/2 M (v0^2 - v1^2)`; a stop ends when
+/// the proxy is faster again.
+fn stop_energy(trace: &Trace, impacts: &[Impact], context: &Context, mass_kg: f64) -> f64 {
+    let rows = &trace.rows;
+    let square = |at: usize| {
+        let step = std::array::from_fn::<f64, 3, _>(|axis| rows[at].proxy_m[axis] - rows[at - 1].proxy_m[axis]);
+        dot(step, step) / (context.period_s * context.period_s)
+    };
+    let window = (IMPACT_WINDOW_S / context.period_s).round() as usize;
+    let mut energy = 0.0;
+    for impact in impacts {
+        let before = square(impact.row - 1);
+        let mut least = before;
+        for at in impact.row..(impact.row + window).min(rows.len()) {
+            let now = square(at);
+            if now > least {
+                break;
+            }
+            least = now;
+        }
+        energy += 0.5 * mass_kg * (before - least);
+    }
+    energy
 }
 
 fn dot(a: [f64; 3], b: [f64; 3]) -> f64 {
