@@ -163,7 +163,7 @@ fn traces_that_cannot_be_drawn_are_refused() {
     let late = spans(TimeSpan::Between { from_s: 9.0, to_s: 10.0 });
     assert!(matches!(refuse(&tour(10), &late), Error::EmptySpan { from_s: 9.0, .. }));
     let mut smooth = tour(10);
-    smooth.rows.iter_mut().for_each(|row| row.is_impact = false);
+    smooth.rows.iter_mut().for_each(|row| row.signed_distance_m = 0.01);
     let around = spans(TimeSpan::AroundImpact { before_s: 0.1, after_s: 0.1 });
     assert!(matches!(refuse(&smooth, &around), Error::NoImpact { .. }));
     let level = Reference::Plane { point_m: [0.0; 3], normal: [0.0, 0.0, 1.0] };
