@@ -19,6 +19,7 @@ fn tour(row_count: usize) -> Trace {
             proxy_m: [(radius_m - 1e-4) * cosine, (radius_m - 1e-4) * sine, 0.0],
             force_n: [force_n * cosine, force_n * sine, 0.0],
             power_w: -0.03 * force_n.abs(),
+            signed_distance_m: if step < row_count / 2 { 0.01 } else { 0.0 },
             is_impact: step == row_count / 2,
             ..Row::default()
         }
