@@ -201,19 +201,7 @@ pub(super) fn margins_json(margins: &PoseMargins) -> Value {
 /// What was measured, a line each.
 pub(super) fn measures_text(measures: &Measures) -> Vec<String> {
     let mut lines = Vec::new();
-    let deepest = measures.impacts.iter().max_by(|one, other| one.depth_mm.total_cmp(&other.depth_mm));
-    lines.push(match deepest {
-        None => "impacts   none".to_owned(),
-        Some(impact) => {
-            let law = impact.predicted_depth_mm.map_or(String::new(), |depth| format!(", by the law {depth:.2} mm"));
-            format!(
-                "impacts   {}; the deepest at {:.0} mm/s, {:.2} mm beyond the surface{law}",
-                measures.impacts.len(),
-                1e3 * impact.speed_m_per_s,
-                impact.depth_mm
-            )
-        }
-    });
+    lines.push(impacts_text(measures));
     if let (Some(tracing), Some(whole), Some(most)) =
         (measures.tool_rms_tracing_mm, measures.tool_rms_on_surface_mm, measures.tool_max_on_surface_mm)
     {
@@ -240,6 +228,25 @@ pub(super) fn measures_text(measures: &Measures) -> Vec<String> {
         lines.push(format!("torque    at most {torque:.1} N m{at_limit}"));
     }
     lines
+}
+
+fn impacts_text(measures: &Measures) -> String {
+    let Some(deepest) = measures.impacts.iter().max_by(|one, other| one.depth_mm.total_cmp(&other.depth_mm)) else {
+        return "impacts   none".to_owned();
+    };
+    let fastest = measures.impacts.iter().map(|impact| impact.speed_m_per_s).fold(0.0, f64::max);
+    let count = measures.impacts.len();
+    let times = if count == 1 { "1 impact" } else { &format!("{count} impacts") };
+    if deepest.depth_mm == 0.0 {
+        return format!("impacts   {times} at up to {:.0} mm/s, the proxy never beyond the surface", 1e3 * fastest);
+    }
+    let law = deepest.predicted_depth_mm.map_or(String::new(), |depth| format!(", by the law {depth:.2} mm"));
+    format!(
+        "impacts   {times} at up to {:.0} mm/s; the deepest at {:.0} mm/s, {:.2} mm beyond the surface{law}",
+        1e3 * fastest,
+        1e3 * deepest.speed_m_per_s,
+        deepest.depth_mm
+    )
 }
 
 fn stopped(report: &RunReport) -> Failure {
