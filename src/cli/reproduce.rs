@@ -7,7 +7,7 @@ use serde_json::{Value, json};
 use super::failure::{Exit, Failure};
 use super::output::Output;
 use super::progress::Progress;
-use super::run::{drawing_failure, measures_text, rig_failure, write_drawing};
+use super::run::{drawing_failure, measures_text, rig_failure, tool_text, write_drawing};
 use crate::study::drawing;
 use crate::study::reproduce::{FIGURES, FigureRun, HandScale, ReproduceError, reproduce};
 
@@ -88,6 +88,15 @@ fn entry(run: &FigureRun) -> Value {
     let mut entry = json!({ "figure": run.figure, "mode": run.mode.to_string(), "n_wait": run.hold_steps });
     if let (Value::Object(entry), Ok(Value::Object(measures))) = (&mut entry, serde_json::to_value(run.measures())) {
         entry.extend(measures);
+        let bare = run.without_feed_forward.as_ref();
+        entry.insert(
+            "without_feed_forward".to_owned(),
+            json!(bare.map(|bare| json!({
+                "tool_rms_tracing_mm": bare.tool_rms_tracing_mm,
+                "tool_rms_on_surface_mm": bare.tool_rms_on_surface_mm,
+                "tool_max_on_surface_mm": bare.tool_max_on_surface_mm,
+            }))),
+        );
     }
     entry
 }
@@ -95,6 +104,11 @@ fn entry(run: &FigureRun) -> Value {
 fn text(run: &FigureRun) -> String {
     let mut lines = vec![format!("{} {}, N_wait {}", run.figure, run.mode, run.hold_steps)];
     lines.extend(measures_text(run.measures()).into_iter().map(|line| format!("  {line}")));
+    if let Some(bare) = &run.without_feed_forward
+        && let Some(line) = tool_text(bare)
+    {
+        lines.push(format!("  without feed-forward: {}", line.trim_start_matches("tool").trim_start()));
+    }
     lines.join("\n")
 }
 

@@ -202,14 +202,7 @@ pub(super) fn margins_json(margins: &PoseMargins) -> Value {
 pub(super) fn measures_text(measures: &Measures) -> Vec<String> {
     let mut lines = Vec::new();
     lines.push(impacts_text(measures));
-    if let (Some(tracing), Some(whole), Some(most)) =
-        (measures.tool_rms_tracing_mm, measures.tool_rms_on_surface_mm, measures.tool_max_on_surface_mm)
-    {
-        lines.push(format!(
-            "tool      off the surface by {tracing:.3} mm RMS tracing it steadily, {whole:.3} mm RMS and {most:.2} mm \
-             at most in all contacts"
-        ));
-    }
+    lines.extend(tool_text(measures));
     if let Some(share) = measures.on_surface_fraction_when_pressed {
         lines.push(format!(
             "contact   pressed below R the proxy is on the surface in {:.1} % of the time, {} unintended releases",
@@ -230,19 +223,28 @@ pub(super) fn measures_text(measures: &Measures) -> Vec<String> {
     lines
 }
 
+/// How far the tool was from the surface, if it was on it.
+pub(super) fn tool_text(measures: &Measures) -> Option<String> {
+    let (tracing, whole) = (measures.tool_rms_tracing_mm?, measures.tool_rms_on_surface_mm?);
+    let most = measures.tool_max_on_surface_mm?;
+    Some(format!(
+        "tool      off the surface by {tracing:.3} mm RMS tracing it steadily, {whole:.3} mm RMS and {most:.2} mm at \
+         most in all contacts"
+    ))
+}
+
 fn impacts_text(measures: &Measures) -> String {
     let Some(deepest) = measures.impacts.iter().max_by(|one, other| one.depth_mm.total_cmp(&other.depth_mm)) else {
         return "impacts   none".to_owned();
     };
     let fastest = measures.impacts.iter().map(|impact| impact.speed_m_per_s).fold(0.0, f64::max);
     let count = measures.impacts.len();
-    let times = if count == 1 { "1 impact" } else { &format!("{count} impacts") };
     if deepest.depth_mm == 0.0 {
-        return format!("impacts   {times} at up to {:.0} mm/s, the proxy never beyond the surface", 1e3 * fastest);
+        return format!("impacts   {count} at up to {:.0} mm/s, the proxy never beyond the surface", 1e3 * fastest);
     }
     let law = deepest.predicted_depth_mm.map_or(String::new(), |depth| format!(", by the law {depth:.2} mm"));
     format!(
-        "impacts   {times} at up to {:.0} mm/s; the deepest at {:.0} mm/s, {:.2} mm beyond the surface{law}",
+        "impacts   {count} at up to {:.0} mm/s; the deepest at {:.0} mm/s, {:.2} mm beyond the surface{law}",
         1e3 * fastest,
         1e3 * deepest.speed_m_per_s,
         deepest.depth_mm

@@ -33,6 +33,8 @@ pub struct Impact {
     /// The depth that the proxy's equation of motion gives for this speed and the mean normal force until it stopped,
     /// in mm; `None` where the law does not apply (impedance type, or a hold).
     pub predicted_depth_mm: Option<f64>,
+    /// The same for the least and the greatest normal force until it stopped: the law is for a constant force.
+    pub predicted_range_mm: Option<[f64; 2]>,
     /// Greatest distance of the tool beyond the surface in the same time, in mm.
     pub tool_depth_mm: f64,
     /// Greatest sensed normal force within the window, in N.
@@ -171,6 +173,7 @@ fn impact_at(trace: &Trace, context: &Context, at: usize) -> Impact {
         speed_m_per_s: speed,
         depth_mm: 0.0,
         predicted_depth_mm: None,
+        predicted_range_mm: None,
         tool_depth_mm: 0.0,
         force_normal_max_n: 0.0,
     };
@@ -194,16 +197,21 @@ fn impact_at(trace: &Trace, context: &Context, at: usize) -> Impact {
         impact.tool_depth_mm = impact.tool_depth_mm.max(-side * 1e3 * tool);
     }
     if let (Some(mass), 0) = (context.mass_kg, trace.hold_steps) {
-        let mean_push = if push.is_empty() { 0.0 } else { push.iter().sum::<f64>() / push.len() as f64 };
-        let law = prediction::Impact {
-            mass_kg: mass,
-            yield_n: trace.yield_n,
-            hand_force_n: mean_push,
-            speed_m_per_s: speed,
-            last_distance_m: rows[at - 1].signed_distance_m.abs(),
-            period_s: context.period_s,
+        let law = |hand_force_n: f64| {
+            let law = prediction::Impact {
+                mass_kg: mass,
+                yield_n: trace.yield_n,
+                hand_force_n,
+                speed_m_per_s: speed,
+                last_distance_m: rows[at - 1].signed_distance_m.abs(),
+                period_s: context.period_s,
+            };
+            law.penetration_depth_m().map(|depth| 1e3 * depth)
         };
-        impact.predicted_depth_mm = law.penetration_depth_m().map(|depth| 1e3 * depth);
+        let mean = push.iter().sum::<f64>() / push.len().max(1) as f64;
+        let ends = push.iter().fold([mean; 2], |[least, most], &force| [least.min(force), most.max(force)]);
+        impact.predicted_depth_mm = law(mean);
+        impact.predicted_range_mm = law(ends[0]).zip(law(ends[1])).map(Into::into);
     }
     impact
 }

@@ -49,6 +49,8 @@ pub struct FigureRun {
     pub hold_steps: u32,
     /// The finished run.
     pub report: RunReport,
+    /// What the same run measures without feed-forward; `None` where the drives close the loop.
+    pub without_feed_forward: Option<Measures>,
     /// Parts of the plane that the figure shows enlarged.
     pub magnified: Vec<config::MagnifiedWindow>,
 }
@@ -138,14 +140,22 @@ fn run_figure(
             let mut fixture = figure.value.fixture.clone().unwrap_or_else(|| machine.fixture().clone());
             fixture.hold_steps = hold_steps;
             let overrides = Overrides { fixture: Some(fixture), ..Overrides::default() };
+            let fail = |source| ReproduceError::Rig { figure: name, mode, source };
             let mut stage = |stage| progress(name, mode, stage);
             let report = match &machine {
                 Machine::Rig(rig) => run_rig(rig, &scene, &overrides, None, &mut stage),
                 Machine::Device(device) => run_device(device, &scene, &overrides, &mut stage),
             };
-            let report = report.map_err(|source| ReproduceError::Rig { figure: name, mode, source })?;
+            let report = report.map_err(fail)?;
+            let without_feed_forward = match &machine {
+                Machine::Rig(rig) if mode == Mode::Cst => {
+                    let bare = stripped_of_feed_forward(rig);
+                    Some(run_rig(&bare, &scene, &overrides, None, &mut stage).map_err(fail)?.measures)
+                }
+                _ => None,
+            };
             let magnified = figure.value.magnify.clone();
-            runs.push(FigureRun { figure: name, mode, hold_steps, report, magnified });
+            runs.push(FigureRun { figure: name, mode, hold_steps, report, without_feed_forward, magnified });
         }
     }
     Ok(runs)
@@ -188,6 +198,16 @@ fn machines(figure: &Loaded<config::Figure>) -> Result<Vec<Machine>, Report> {
     }
     machines.sort_by_key(Machine::mode);
     Ok(machines)
+}
+
+fn stripped_of_feed_forward(rig: &config::Rig) -> config::Rig {
+    let mut rig = rig.clone();
+    let forward = &mut rig.control.feed_forward;
+    let none = |value| config::NotNegative::new(0.0).unwrap_or(value);
+    forward.coulomb_n_m = forward.coulomb_n_m.map(none);
+    forward.viscous_n_m_s_per_rad = forward.viscous_n_m_s_per_rad.map(none);
+    forward.inertia = None;
+    rig
 }
 
 fn with_hand(mut scene: config::Scene, scale: HandScale) -> config::Scene {
