@@ -126,6 +126,8 @@ pub struct Cycle {
     faults: FaultCounts,
     measured: Measured,
     posture: Option<Posture>,
+    /// Distance of `posture` from the nearest singularity in m; not a number without a posture.
+    clearance_m: f64,
     missed: [u16; 2],
     reference: Option<Reference>,
     halt: Option<StopRamp>,
@@ -152,6 +154,7 @@ impl Cycle {
             faults: FaultCounts::default(),
             measured: Measured::default(),
             posture: None,
+            clearance_m: f64::NAN,
             missed: [u16::MAX; 2],
             reference: None,
             halt: None,

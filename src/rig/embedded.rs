@@ -387,7 +387,7 @@ fn world(rig: &config::Rig, scene: &config::Scene, seed: u64) -> Result<World, R
             let arm = &rig.plant.arm;
             Body::Arm(Box::new(Arm::new(
                 &ArmParameters {
-                    linkage: linkage.clone(),
+                    linkage,
                     mass,
                     handle_kg: hand.mass_kg(),
                     coulomb_n_m: arm.coulomb_n_m.map(|value| value.get()),
@@ -407,7 +407,7 @@ fn world(rig: &config::Rig, scene: &config::Scene, seed: u64) -> Result<World, R
                 return Err(RigError::Mismatch(message.into()));
             }
             Body::Ideal(Ideal {
-                linkage: linkage.clone(),
+                linkage,
                 angles,
                 tip: start,
                 velocity: TipVelocity::default(),
@@ -420,7 +420,6 @@ fn world(rig: &config::Rig, scene: &config::Scene, seed: u64) -> Result<World, R
     Ok(World {
         body,
         hand,
-        linkage,
         calibration,
         mounting,
         noise_counts: match scene.model.force_sensor {
