@@ -52,6 +52,14 @@ pub struct Spread {
 }
 
 impl Spread {
+    /// Of no values.
+    pub const NONE: Self = Self { median: f64::NAN, least: f64::NAN, most: f64::NAN };
+
+    /// The same with all three less by `share`.
+    pub fn less(self, share: f64) -> Self {
+        Self { median: self.median - share, least: self.least - share, most: self.most - share }
+    }
+
     /// Of these values; all NaN if there are none.
     pub fn of(mut values: Vec<f64>) -> Self {
         values.sort_by(f64::total_cmp);

@@ -201,6 +201,26 @@ impl Cycle {
         &self.fixture
     }
 
+    /// The linkage, for reports.
+    pub fn linkage(&self) -> &FiveBar {
+        &self.linkage
+    }
+
+    /// The force sensing, for reports.
+    pub fn sensing(&self) -> &Sensing {
+        &self.sensing
+    }
+
+    /// The control laws, for reports.
+    pub fn servo(&self) -> &Servo {
+        &self.servo
+    }
+
+    /// The gate, for reports.
+    pub fn gate(&self) -> &Gate {
+        &self.gate
+    }
+
     fn sense(&mut self, sample: Option<&RawSample>) -> Reading {
         let distal_angles = self.posture.as_ref().map(|posture| posture.distal_angle_rad).unwrap_or_default();
         let link_angle_rad = self.sensing.mounting().link_angle_rad(distal_angles);

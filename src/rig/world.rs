@@ -17,7 +17,7 @@ use crate::sim::hand::Hand;
 #[derive(Clone, Debug)]
 pub(super) enum Body {
     /// The arm with its inertia and friction.
-    Arm(Box<Arm>),
+    Arm(Arm),
     /// No arm: the joints are where the drives were told to be.
     Ideal(Ideal),
 }
@@ -108,9 +108,7 @@ impl World {
                 let tip = arm.tip_in(&posture);
                 (posture, tip.position, tip.velocity, Vector2::from(tip.acceleration_m_per_s2))
             }
-            Body::Ideal(ideal) => {
-                (ideal.linkage.forward(ideal.angles)?, ideal.tip, ideal.velocity, ideal.acceleration)
-            }
+            Body::Ideal(ideal) => (ideal.linkage.forward(ideal.angles)?, ideal.tip, ideal.velocity, ideal.acceleration),
         };
         let force = if time < 0.0 {
             Force::default()

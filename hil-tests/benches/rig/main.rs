@@ -3,6 +3,7 @@
 //! `cargo bench -p hil-tests --bench rig` prints both. It measures and does not judge; the hash of the rows tells
 //! whether a change of the program changed a run.
 
+mod breakdown;
 mod speed;
 
 use std::process::ExitCode;
@@ -25,7 +26,8 @@ fn main() -> ExitCode {
 }
 
 fn measure(effort: &Effort) -> Result<(), RigError> {
-    speed::measure(effort)
+    speed::measure(effort)?;
+    breakdown::measure(effort)
 }
 
 /// How much is measured.

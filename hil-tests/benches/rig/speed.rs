@@ -9,12 +9,22 @@ use yieldwall::rig::{EmbeddedRig, RigError};
 use crate::Effort;
 
 /// Rig and step of the plant in us.
-const CASES: [(&str, u32); 4] =
-    [("paper-admittance", 100), ("paper-admittance", 1000), ("paper-admittance-csp", 100), ("paper-admittance-csp", 1000)];
+const CASES: [(&str, u32); 4] = [
+    ("paper-admittance", 100),
+    ("paper-admittance", 1000),
+    ("paper-admittance-csp", 100),
+    ("paper-admittance-csp", 1000),
+];
 
 pub(crate) fn measure(effort: &Effort) -> Result<(), RigError> {
-    println!("whole rig in virtual time, scene circle-tour, rows not kept, {} runs each: median (least, most)", effort.runs);
-    println!("{:<26} {:>22} {:>18} {:>22}   hash of rows", "rig/plant step in us", "ns per cycle", "x real time", "wall clock ns");
+    println!(
+        "whole rig in virtual time, scene circle-tour, rows not kept, {} runs each: median (least, most)",
+        effort.runs
+    );
+    println!(
+        "{:<26} {:>22} {:>18} {:>22}   hash of rows",
+        "rig/plant step in us", "ns per cycle", "x real time", "wall clock ns"
+    );
     for (name, plant_step_us) in CASES {
         let label = format!("{name}/{plant_step_us}");
         if !effort.is_wanted(&label) {
