@@ -33,6 +33,7 @@ pub enum Phase {
     Failed(BootError),
 }
 
+#[derive(Clone)]
 struct Node {
     id: NodeId,
     name: String,
@@ -42,6 +43,7 @@ struct Node {
 }
 
 /// The master of one bus with one rig on it.
+#[derive(Clone)]
 pub struct Master {
     id: NodeId,
     heartbeat: Duration,

@@ -15,6 +15,7 @@ use crate::quantity::{JointTorques, TipPoint, TipVelocity};
 use crate::record::Row;
 use crate::sim::arm::{Arm, ArmParameters, JointElasticity};
 use crate::sim::can::{BitTiming, BusCounters, QueueOrder, Tamper, VirtualBus};
+use crate::sim::hand::Hand;
 use crate::sim::{Drive, DriveSettings, Encoder, ForceSensor, ForceSensorSettings, PositionLoop};
 use nalgebra::Vector2;
 use yieldwall_drives::profiles;
@@ -153,6 +154,29 @@ impl EmbeddedRig {
         &self.master
     }
 
+    /// The drives, left and right.
+    pub fn drives(&self) -> &[Drive; 2] {
+        &self.drives
+    }
+
+    /// The force sensor.
+    pub fn force_sensor(&self) -> &ForceSensor {
+        &self.sensor
+    }
+
+    /// The arm; `None` if the joints follow their targets without one.
+    pub fn arm(&self) -> Option<&Arm> {
+        match &self.world.body {
+            Body::Arm(arm) => Some(arm),
+            Body::Ideal(_) => None,
+        }
+    }
+
+    /// The hand.
+    pub fn hand(&self) -> &Hand<2> {
+        &self.world.hand
+    }
+
     /// What has gone over the bus so far.
     pub fn bus_counters(&self) -> &BusCounters {
         self.bus.counters()
@@ -161,6 +185,11 @@ impl EmbeddedRig {
     /// Virtual time since switching on.
     pub fn now(&self) -> Time {
         self.now
+    }
+
+    /// When the next cycle begins.
+    pub fn next_sync(&self) -> Time {
+        self.next_sync
     }
 
     /// What the last cycle gave.
@@ -385,9 +414,9 @@ fn world(rig: &config::Rig, scene: &config::Scene, seed: u64) -> Result<World, R
         config::Tracking::Rigid => {
             let mass: MassModel = build::plant_mass(rig);
             let arm = &rig.plant.arm;
-            Body::Arm(Box::new(Arm::new(
+            Body::Arm(Arm::new(
                 &ArmParameters {
-                    linkage: linkage.clone(),
+                    linkage,
                     mass,
                     handle_kg: hand.mass_kg(),
                     coulomb_n_m: arm.coulomb_n_m.map(|value| value.get()),
@@ -399,7 +428,7 @@ fn world(rig: &config::Rig, scene: &config::Scene, seed: u64) -> Result<World, R
                     }),
                 },
                 angles,
-            )?))
+            )?)
         }
         config::Tracking::Ideal => {
             if build::command_mode(rig) != CommandMode::Position {
@@ -407,7 +436,7 @@ fn world(rig: &config::Rig, scene: &config::Scene, seed: u64) -> Result<World, R
                 return Err(RigError::Mismatch(message.into()));
             }
             Body::Ideal(Ideal {
-                linkage: linkage.clone(),
+                linkage,
                 angles,
                 tip: start,
                 velocity: TipVelocity::default(),
@@ -420,7 +449,6 @@ fn world(rig: &config::Rig, scene: &config::Scene, seed: u64) -> Result<World, R
     Ok(World {
         body,
         hand,
-        linkage,
         calibration,
         mounting,
         noise_counts: match scene.model.force_sensor {
