@@ -2,7 +2,7 @@
 
 use super::Findings;
 use super::words::round;
-use crate::config::tree::{CommandMode, ControlGains, Drive, Rig};
+use crate::config::tree::{CommandMode, ControlGains, Rig};
 
 /// Product of rate gain and period above which an ideal drive overshoots, and that at which the loop is unstable, with
 /// the delay of one cycle.
@@ -85,28 +85,37 @@ pub(super) fn check_guard(findings: &mut Findings, rig: &Rig) {
     }
 }
 
-/// Whether the drives can be told the limits.
+/// Whether the drives can be told the limits. Drives of one kind are told of together.
 pub(super) fn check_drive_limits(findings: &mut Findings, rig: &Rig) {
-    for (index, drive) in rig.drives.iter().enumerate() {
-        check_torque(findings, rig, index, drive);
-        check_window(findings, rig, index, drive);
+    let [left, right] = &rig.drives;
+    if left.rated_torque_n_m == right.rated_torque_n_m {
+        check_torque(findings, rig, 0, "each drive");
+    } else {
+        check_torque(findings, rig, 0, "`drives[0]`");
+        check_torque(findings, rig, 1, "`drives[1]`");
+    }
+    if left.encoder_counts_per_rev == right.encoder_counts_per_rev {
+        check_window(findings, rig, 0, "each drive");
+    } else {
+        check_window(findings, rig, 0, "`drives[0]`");
+        check_window(findings, rig, 1, "`drives[1]`");
     }
 }
 
-fn check_torque(findings: &mut Findings, rig: &Rig, index: usize, drive: &Drive) {
+fn check_torque(findings: &mut Findings, rig: &Rig, index: usize, name: &str) {
+    let Some(drive) = rig.drives.get(index) else { return };
     let (limit, rated) = (*rig.guard.torque_limit_n_m, *drive.rated_torque_n_m);
     let per_mille = 1000.0 * limit / rated;
     let head = format!("`guard.torque_limit_n_m` is {limit} N m");
     if per_mille > MOST_PER_MILLE {
         let most = MOST_PER_MILLE / 1000.0;
-        let message =
-            format!("{head}, more than {most} times the rated {rated} N m that `drives[{index}]` can be told");
+        let message = format!("{head}, more than {most} times the rated {rated} N m that {name} can be told");
         findings.error("guard.torque_limit_n_m", message, "check both: torques go to the drive in per mille of rated")
     } else if per_mille < 1.0 {
-        let message = format!("{head}, less than one per mille of the rated {rated} N m of `drives[{index}]`");
+        let message = format!("{head}, less than one per mille of the rated {rated} N m of {name}");
         findings.error("guard.torque_limit_n_m", message, "check both: torques go to the drive in per mille of rated")
     } else if limit > rated {
-        let message = format!("{head}, above the rated {rated} N m of `drives[{index}]`");
+        let message = format!("{head}, above the rated {rated} N m of {name}");
         let help = "lower it to the rated torque; above it the drive heats up and may limit or trip";
         findings.warning("guard.torque_limit_n_m", message, help)
     } else {
@@ -115,7 +124,8 @@ fn check_torque(findings: &mut Findings, rig: &Rig, index: usize, drive: &Drive)
     .see(&format!("drives[{index}].rated_torque_n_m"), "rated");
 }
 
-fn check_window(findings: &mut Findings, rig: &Rig, index: usize, drive: &Drive) {
+fn check_window(findings: &mut Findings, rig: &Rig, index: usize, name: &str) {
+    let Some(drive) = rig.drives.get(index) else { return };
     let limit = *rig.guard.following_error_limit_rad;
     let counts_per_rad = f64::from(drive.encoder_counts_per_rev) / std::f64::consts::TAU;
     // The drive's own window is twice the guard's.
@@ -128,6 +138,6 @@ fn check_window(findings: &mut Findings, rig: &Rig, index: usize, drive: &Drive)
         return;
     };
     let key = "guard.following_error_limit_rad";
-    let message = format!("`{key}` is {limit} rad, for `drives[{index}]` a window of {} counts: {what}", round(counts));
+    let message = format!("`{key}` is {limit} rad, for {name} a window of {} counts: {what}", round(counts));
     findings.error(key, message, help).see(&format!("drives[{index}].encoder_counts_per_rev"), "counts");
 }
