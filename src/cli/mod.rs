@@ -5,6 +5,7 @@
 
 mod config;
 mod failure;
+mod margins;
 mod output;
 mod progress;
 mod render;
