@@ -54,20 +54,28 @@ fn inject(fault: Fault, bench: &mut Bench) -> Outputs {
             }
             bench.angles = angles.to_array().map(Some);
         }
-        Fault::WorkspaceEdge => bench.force = [0.0, 26.0],
+        Fault::WorkspaceEdge => {
+            let is_fast = bench.cycle.reference.is_some_and(|reference| reference.velocity.0.norm() > 0.3);
+            bench.force = [0.0, if is_fast { 0.0 } else { 26.0 }];
+        }
         Fault::WorkspaceLeft => {
-            let tip = bench.reference().point.0 + Vector2::new(0.0, 2e-3);
-            if let Ok(angles) = bench.cycle.linkage.inverse(TipPoint(tip)) {
-                // The whole arm is taken there, reference and all: only the place is wrong.
-                bench.angles = angles.to_array().map(Some);
-                let reference = bench.cycle.reference.as_mut().unwrap();
-                (reference.point, reference.angles) = (TipPoint(tip), angles);
-                bench.cycle.fixture.reset(&tip).unwrap();
+            // The whole arm is taken there, reference and all: only the place is wrong.
+            if let Some(reference) = &mut bench.cycle.reference {
+                let tip = TipPoint(reference.point.0 + Vector2::new(0.0, 2e-4));
+                if let Ok(angles) = bench.cycle.linkage.inverse(tip) {
+                    (reference.point, reference.angles) = (tip, angles);
+                    bench.cycle.fixture.reset(&tip.0).unwrap();
+                    bench.angles = angles.to_array().map(Some);
+                }
             }
             return bench.step(Request::None);
         }
         Fault::OverSpeed => bench.force = [140.0, 0.0],
-        Fault::NotFinite => bench.cycle.reference.as_mut().unwrap().angles = JointAngles::new(f64::NAN, 0.0),
+        Fault::NotFinite => {
+            if let Some(reference) = &mut bench.cycle.reference {
+                reference.angles = JointAngles::new(f64::NAN, 0.0);
+            }
+        }
         Fault::LinkDown => bench.link.send_failed = true,
     }
     let outputs = bench.step(request);
