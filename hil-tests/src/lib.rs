@@ -1,1 +1,9 @@
 //! Scenario bodies shared by the tests and benchmarks of the whole rig.
+//!
+//! [`Scenario`] names a shipped rig and what is changed about it; [`Recording`] is what an observer on the bus sees of it.
+
+mod observe;
+mod scenario;
+
+pub use observe::{DRIVE_NODES, Recording, SENSOR_NODE, Seen, Setpoint, Status};
+pub use scenario::{Scenario, Session};

@@ -73,7 +73,7 @@ fn inject(fault: Fault, bench: &mut Bench) -> Outputs {
         Fault::OverSpeed => bench.force = [140.0, 0.0],
         Fault::NotFinite => {
             if let Some(reference) = &mut bench.cycle.reference {
-                reference.angles = JointAngles::new(f64::NAN, 0.0);
+                reference.angles.0.x = f64::NAN;
             }
         }
         Fault::LinkDown => bench.link.send_failed = true,
