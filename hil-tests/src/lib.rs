@@ -5,5 +5,5 @@
 mod observe;
 mod scenario;
 
-pub use observe::{DRIVE_NODES, Recording, SENSOR_NODE, Seen, Setpoint, Status};
+pub use observe::{DRIVE_NODES, Recording, SENSOR_NODE, Seen, Setpoint, Status, setpoint, status};
 pub use scenario::{Scenario, Session};
