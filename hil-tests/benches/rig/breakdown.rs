@@ -299,7 +299,7 @@ impl Stages {
             Servo::Torque(_) => 1,
             _ => rig.cycle.period_us / rig.plant.drive_position_loop.period_us,
         };
-        let step_s = f64::from(self.tape.machine.scene.model.plant_step_us) * 1e-6;
+        let step_s = f64::from(self.tape.machine.scene.plant_step_us().unwrap_or(100)) * 1e-6;
         let (period_s, from_s) = (self.tape.machine.period_s(), self.tape.hand_from_s);
         let prepare = || (self.tape.arm.clone(), self.tape.hand.clone());
         self.time(prepare, |(arm, hand)| {
