@@ -3,6 +3,7 @@
 use serde_json::{Value, json};
 
 use super::failure::{Exit, Failure};
+use super::margins::Margins;
 use super::output::Output;
 use crate::config::{
     self, Coupling, Diagnostic, Document, Figure, Fixture, ImpedanceDevice, Kind, Report, Rig, Scene, Source, Surface,
@@ -10,7 +11,7 @@ use crate::config::{
 
 #[derive(Debug, clap::Subcommand)]
 pub(super) enum Command {
-    /// Check files and say what would be run
+    /// Check files and say what would be run; of a rig also the margins of its loop
     Check {
         /// Rigs, devices, scenes or figures; `builtin:figures/fig11.yaml` names a copy inside the program
         #[arg(required = true, value_name = "FILE")]
@@ -45,11 +46,22 @@ fn check(files: &[String], output: &mut Output) -> Result<(), Failure> {
             Err(report) => report.diagnostics.clone(),
         };
         let kind = result.as_ref().ok().map(|document| document.kind().to_string());
-        checked.push(json!({ "file": file, "ok": result.is_ok(), "kind": kind, "diagnostics": findings }));
+        let margins = match &result {
+            Ok(Document::Rig(rig)) => Some(Margins::of(&rig.value)),
+            _ => None,
+        };
+        let mut entry = json!({ "file": file, "ok": result.is_ok(), "kind": kind, "diagnostics": findings });
+        if let Some(margins) = &margins {
+            entry["margins"] = margins.to_json();
+        }
+        checked.push(entry);
         match result {
             Ok(document) => {
                 output.warnings(&findings);
                 output.news(&format!("ok  {file}: {}", summary(&document)))?;
+                for line in margins.iter().flat_map(Margins::lines) {
+                    output.news(&format!("    {line}"))?;
+                }
             }
             Err(report) => refused.extend(report.diagnostics),
         }

@@ -18,15 +18,22 @@ pub struct Output {
 }
 
 impl Output {
-    /// Colour is used when standard error is a terminal and `NO_COLOR` is not set.
+    /// Colour is used when standard error is a terminal that has it, unless `NO_COLOR` is set to something.
     pub(super) fn new(is_quiet: bool, is_json: bool) -> Self {
         let no_color = std::env::var_os("NO_COLOR").is_some_and(|value| !value.is_empty());
-        Self { is_quiet, is_json, renderer: Renderer::new(io::stderr().is_terminal() && !no_color) }
+        let is_dumb = std::env::var_os("TERM").is_some_and(|value| value == "dumb");
+        let in_color = io::stderr().is_terminal() && !no_color && !is_dumb;
+        Self { is_quiet, is_json, renderer: Renderer::new(in_color) }
     }
 
     /// Whether one JSON document is wanted.
     pub fn is_json(&self) -> bool {
         self.is_json
+    }
+
+    /// Whether only failures are printed.
+    pub fn is_quiet(&self) -> bool {
+        self.is_quiet
     }
 
     /// Prints what the command was asked for, also when quiet.

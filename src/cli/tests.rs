@@ -1,6 +1,6 @@
 use clap::CommandFactory;
 
-use crate::config::malformed::CASES;
+use crate::config::malformed::{self, CASES};
 
 use super::failure::{EXIT_CODES, Exit};
 use super::*;
@@ -64,9 +64,8 @@ fn exit_codes_tell_what_happened() {
 
 #[test]
 fn a_warning_is_drawn_as_one() {
-    let text =
-        crate::config::builtin("paper-admittance.yaml").read().unwrap().replace("radius_m: 0.12", "radius_m: 3.0e-5");
-    let rig = crate::config::load_rig(crate::config::Source::memory("small.yaml", text)).unwrap();
+    let text = malformed::base_text("rig.yaml").replace("radius_m: 0.12", "radius_m: 3.0e-5");
+    let rig = crate::config::load_rig(malformed::with("rig.yaml", "rig.yaml", &text)).unwrap();
     insta::assert_snapshot!("warning", super::render::Renderer::new(false).render(&rig.warnings));
 }
 

@@ -3,6 +3,7 @@
 use std::sync::Arc;
 
 use super::diagnostic::{Diagnostic, Place, Related, Severity};
+use super::number::TOO_LARGE;
 use super::outline::{Content, Node, Outline, Step, steps};
 use super::schema::Guide;
 use super::suggest::nearest;
@@ -38,6 +39,8 @@ pub(super) fn explain_syntax(fault: Fault, file: &str, text: &Arc<str>) -> Diagn
 fn syntax_help(message: &str) -> String {
     let help = if message.contains("tab") {
         "indent with spaces"
+    } else if message.contains("comments") {
+        "put a space before the `#`"
     } else if message.contains("key") || message.contains("':'") {
         "a key is written `key: value`, with a colon and a space; if this line is so, a bracket or quote before it is open"
     } else if message.contains("bracket") || message.contains("flow") || message.contains("'['") {
@@ -104,6 +107,11 @@ pub(super) fn explain(fault: Fault, outline: &Outline, guide: &Guide, file: &str
         Cause::NotFinite => {
             let node = found.map(|(_, node)| node.describe()).unwrap_or_default();
             not_finite(&finish, place, path, &node)
+        }
+        Cause::TooLarge => {
+            let node = found.map(|(_, node)| node.describe()).unwrap_or_default();
+            let message = format!("{} is {node}, which {TOO_LARGE}", name_of(&path));
+            finish(place, path, message, "look at the power of ten: every unit stands in the key".to_owned())
         }
         Cause::WrongType { expected } => {
             // A group that is missing altogether is noticed only at the key after it.

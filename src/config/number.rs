@@ -10,6 +10,13 @@ use serde::{Deserialize, Serialize};
 
 /// What a number that is not finite is answered with.
 pub(super) const NOT_FINITE: &str = "is not a finite number";
+/// What a number of absurd size is answered with.
+pub(super) const TOO_LARGE: &str = "is larger than 1e12";
+
+/// Largest number of a configuration: no rig has one near it, and products of a few of them stay finite.
+const LARGEST: f64 = 1e12;
+/// Smallest number that has to be above zero: quotients stay finite.
+const SMALLEST: f64 = 1e-12;
 
 macro_rules! number {
     ($(#[$doc:meta])* $name:ident, $holds:expr, $rule:literal, $schema:tt) => {
@@ -22,7 +29,7 @@ macro_rules! number {
             /// The number, or `None` when the rule of the type does not hold for it.
             pub fn new(value: f64) -> Option<Self> {
                 let holds: fn(f64) -> bool = $holds;
-                (value.is_finite() && holds(value)).then_some(Self(value))
+                (value.abs() <= LARGEST && holds(value)).then_some(Self(value))
             }
 
             /// The plain number.
@@ -36,7 +43,11 @@ macro_rules! number {
             type Error = &'static str;
 
             fn try_from(value: f64) -> Result<Self, Self::Error> {
-                if value.is_finite() { Ok(Self(value)) } else { Err(NOT_FINITE) }
+                match value.is_finite() {
+                    true if value.abs() <= LARGEST => Ok(Self(value)),
+                    true => Err(TOO_LARGE),
+                    false => Err(NOT_FINITE),
+                }
             }
         }
 
@@ -59,7 +70,8 @@ macro_rules! number {
 
             fn validate_into(&self, (): &(), parent: &mut dyn FnMut() -> Path, report: &mut garde::Report) {
                 if Self::new(self.0).is_none() {
-                    report.append(parent(), Error::new($rule));
+                    let rule = if self.0 > 0.0 { "must be 1e-12 or more" } else { $rule };
+                    report.append(parent(), Error::new(rule));
                 }
             }
         }
@@ -81,21 +93,21 @@ macro_rules! number {
 }
 
 number!(
-    /// A finite number: neither NaN nor infinite.
+    /// A finite number: neither NaN nor infinite, at most 1e12 in size.
     Finite,
     |_| true,
     "is not a finite number",
     { "type": "number" }
 );
 number!(
-    /// A finite number above zero. A loaded configuration holds no other.
+    /// A finite number above zero, from 1e-12 to 1e12. A loaded configuration holds no other.
     Positive,
-    |value| value > 0.0,
+    |value| value >= SMALLEST,
     "must be above 0",
     { "type": "number", "exclusiveMinimum": 0 }
 );
 number!(
-    /// A finite number that is zero or above. A loaded configuration holds no other.
+    /// A finite number that is zero or above, at most 1e12. A loaded configuration holds no other.
     NotNegative,
     |value| value >= 0.0,
     "must be 0 or above",
@@ -124,7 +136,13 @@ mod tests {
     fn signs_are_kept_apart() {
         assert!(Finite::new(-1.0).is_some() && NotNegative::new(-1.0).is_none() && Positive::new(-1.0).is_none());
         assert!(NotNegative::new(0.0).is_some() && Positive::new(0.0).is_none());
-        assert!(Positive::new(f64::MIN_POSITIVE).is_some());
+        assert!(Positive::new(1e-12).is_some() && Positive::new(f64::MIN_POSITIVE).is_none());
+    }
+
+    #[test]
+    fn absurd_sizes_never_enter() {
+        assert!(Finite::new(-1e12).is_some() && Finite::new(-1.1e12).is_none());
+        assert_eq!(Positive::try_from(1e200), Err(TOO_LARGE));
     }
 
     #[test]

@@ -1,5 +1,6 @@
 //! Where a document comes from: a file on disk, or the copy of a shipped file inside the program.
 
+use std::collections::BTreeMap;
 use std::fmt;
 use std::fs::File;
 use std::io::Read;
@@ -30,9 +31,12 @@ const SHIPPED: &[(&str, &str)] = shipped![
     "figures/fig16.yaml",
     "figures/fig8.yaml",
     "figures/fig9.yaml",
+    "paper-admittance-cartesian.yaml",
     "paper-admittance-csp.yaml",
+    "paper-admittance-csv.yaml",
     "paper-admittance.yaml",
     "paper-impedance.yaml",
+    "scenes/circle-tour-elastic.yaml",
     "scenes/circle-tour.yaml",
     "scenes/circle-wall.yaml",
     "scenes/cylinder-tour.yaml",
@@ -52,7 +56,8 @@ pub struct Source {
 enum Origin {
     Disk,
     Builtin,
-    Memory(Arc<str>),
+    /// Texts by name.
+    Memory(Arc<BTreeMap<PathBuf, Arc<str>>>),
 }
 
 /// The copy of a shipped file inside the program, by its path in `config/`, such as `figures/fig11.yaml`. Whether it
@@ -74,7 +79,14 @@ impl Source {
 
     /// A text under a name; relative paths in it mean shipped files, as if it lay in `config/` by that name.
     pub fn memory(name: impl Into<PathBuf>, text: impl Into<Arc<str>>) -> Self {
-        Self { path: name.into(), origin: Origin::Memory(text.into()) }
+        let path = name.into();
+        Self::among(path.clone(), [(path, text.into())])
+    }
+
+    /// The text called `name` among several; relative paths in it mean the others, or else shipped files as with
+    /// [`Source::memory`].
+    pub fn among(name: impl Into<PathBuf>, texts: impl IntoIterator<Item = (PathBuf, Arc<str>)>) -> Self {
+        Self { path: name.into(), origin: Origin::Memory(Arc::new(texts.into_iter().collect())) }
     }
 
     /// What [`Display`](fmt::Display) printed: a path on disk, or with `builtin:` before it a shipped file.
@@ -88,8 +100,11 @@ impl Source {
     /// The document that `path`, written in this document, means.
     pub fn relative(&self, path: &str) -> Self {
         let joined = self.path.parent().unwrap_or(Path::new("")).join(path);
-        match self.origin {
+        match &self.origin {
             Origin::Disk => Self::disk(joined),
+            Origin::Memory(texts) if texts.contains_key(&normalise(&joined)) => {
+                Self { path: normalise(&joined), origin: self.origin.clone() }
+            }
             Origin::Builtin | Origin::Memory(_) => builtin(joined),
         }
     }
@@ -111,8 +126,11 @@ impl Source {
                     Err(self.refuse("is not among the files that come with the program", help))
                 }
             },
-            Origin::Memory(text) if text.len() > MAX_FILE_BYTES => Err(self.refuse_size()),
-            Origin::Memory(text) => Ok(text.clone()),
+            Origin::Memory(texts) => match texts.get(&self.path) {
+                Some(text) if text.len() > MAX_FILE_BYTES => Err(self.refuse_size()),
+                Some(text) => Ok(text.clone()),
+                None => Err(self.refuse("is not among the texts in memory", "check its name")),
+            },
         }
     }
 

@@ -6,7 +6,7 @@ use serde_saphyr::granit_parser::{Event, Marker, Parser, Span, StructureStyle};
 use serde_saphyr::{DefaultMessageFormatter, Error, Location, MessageFormatter, Options};
 
 use super::diagnostic::Place;
-use super::number::NOT_FINITE;
+use super::number::{NOT_FINITE, TOO_LARGE};
 use super::outline::{Content, Node, Outline};
 
 /// Deepest nesting. The deepest value of a rig lies at 5.
@@ -40,6 +40,8 @@ pub(super) enum Cause {
     WrongType { expected: String },
     /// NaN or infinity.
     NotFinite,
+    /// A finite number of absurd size.
+    TooLarge,
     /// Beyond a limit that keeps hostile files harmless.
     TooBig { limit: String },
     /// More than one document in the file.
@@ -93,11 +95,16 @@ fn fault(error: &Error, text: &str) -> Fault {
         Error::SerdeInvalidType { expected, .. }
         | Error::SerdeInvalidValue { expected, .. }
         | Error::SerdeInvalidLength { expected, .. } => Cause::WrongType { expected: expected.clone() },
+        Error::ExternallyTaggedEnumExpectedScalarOrMapping { .. }
+        | Error::ExpectedStringKeyForExternallyTaggedEnum { .. } => {
+            Cause::WrongType { expected: "a group with one key".to_owned() }
+        }
         Error::NonFiniteFloat { .. } => Cause::NotFinite,
         Error::Budget { .. } => {
             Cause::TooBig { limit: format!("{MAX_NODES} values, {MAX_ALIASES} aliases or {MAX_DEPTH} levels") }
         }
         Error::Message { msg, .. } if msg == NOT_FINITE => Cause::NotFinite,
+        Error::Message { msg, .. } if msg == TOO_LARGE => Cause::TooLarge,
         Error::Message { msg, .. } => Cause::Syntax { message: msg.clone() },
         Error::ExpectedMappingEndAfterEnumVariantValue { .. } => Cause::SecondChoice,
         other => Cause::Syntax { message: DefaultMessageFormatter.format_message(other).into_owned() },

@@ -207,7 +207,7 @@ impl EmbeddedRig {
         self.master.on_sync(&mut self.bus.outbox(MASTER, sync_at));
         let compute_at = sync_at + self.compute_at;
         self.pump(compute_at)?;
-        let outputs = self.master.on_compute(request, &mut self.bus.outbox(MASTER, compute_at));
+        let outputs = self.master.on_compute(compute_at, request, &mut self.bus.outbox(MASTER, compute_at));
         self.last = Some(outputs);
         self.next_sync = sync_at + self.period;
         Ok(self.row(sync_at, &outputs))
@@ -371,6 +371,10 @@ fn profile(name: &str) -> Result<&'static profiles::DeviceProfile, RigError> {
     profiles::find(name).ok_or_else(|| RigError::Mismatch(format!("there is no device profile named {name}")))
 }
 
+fn model(scene: &config::Scene) -> Result<&config::SceneModel, RigError> {
+    scene.model.as_ref().ok_or_else(|| RigError::Mismatch("the scene has no `model` of a rig".into()))
+}
+
 fn drive(rig: &config::Rig, scene: &config::Scene, drive: &config::Drive, serial: u32) -> Result<Drive, RigError> {
     let servo = &rig.plant.drive_position_loop;
     Drive::new(DriveSettings {
@@ -384,7 +388,7 @@ fn drive(rig: &config::Rig, scene: &config::Scene, drive: &config::Drive, serial
             damping_n_m_s_per_rad: servo.damping_n_m_s_per_rad.get(),
             integral_n_m_per_rad_s: servo.integral_n_m_per_rad_s.get(),
         },
-        encoder: match scene.model.encoder {
+        encoder: match model(scene)?.encoder {
             config::EncoderModel::Exact => Encoder::Exact,
             config::EncoderModel::Quantised => Encoder::Quantised,
         },
@@ -410,7 +414,8 @@ fn world(rig: &config::Rig, scene: &config::Scene, seed: u64) -> Result<World, R
     let hand = build::hand::<2>(scene, seed)?;
     let start = TipPoint::new(scene.hand.start_m[0].get(), scene.hand.start_m[1].get());
     let angles = linkage.inverse(start)?;
-    let body = match scene.model.tracking {
+    let model = model(scene)?;
+    let body = match model.tracking {
         config::Tracking::Rigid => {
             let mass: MassModel = build::plant_mass(rig);
             let arm = &rig.plant.arm;
@@ -421,7 +426,7 @@ fn world(rig: &config::Rig, scene: &config::Scene, seed: u64) -> Result<World, R
                     handle_kg: hand.mass_kg(),
                     coulomb_n_m: arm.coulomb_n_m.map(|value| value.get()),
                     viscous_n_m_s_per_rad: arm.viscous_n_m_s_per_rad.map(|value| value.get()),
-                    joint_elasticity: scene.model.joint_elasticity.as_ref().map(|elasticity| JointElasticity {
+                    joint_elasticity: model.joint_elasticity.as_ref().map(|elasticity| JointElasticity {
                         stiffness_n_m_per_rad: elasticity.stiffness_n_m_per_rad.get(),
                         damping_n_m_s_per_rad: elasticity.damping_n_m_s_per_rad.get(),
                         motor_share: elasticity.motor_share.get(),
@@ -451,12 +456,12 @@ fn world(rig: &config::Rig, scene: &config::Scene, seed: u64) -> Result<World, R
         hand,
         calibration,
         mounting,
-        noise_counts: match scene.model.force_sensor {
-            config::ForceSensorModel::Noisy => scene.model.force_noise_counts.get(),
-            _ => 0.0,
+        noise_counts: match model.force_sensor {
+            config::ForceSensorModel::Noisy => model.force_noise_counts.get(),
+            config::ForceSensorModel::Quantised => 0.0,
         },
         noise: World::noise_from(seed),
-        longest_step_s: f64::from(scene.model.plant_step_us) * 1e-6,
+        longest_step_s: f64::from(model.plant_step_us) * 1e-6,
         torques: JointTorques::default(),
         hand_from_s: f64::INFINITY,
         truth: Truth::default(),

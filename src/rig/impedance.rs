@@ -43,7 +43,9 @@ impl ImpedanceRig {
         let device = PointMass::new(parameters, hand.mass_kg(), start)?;
         let mut fixture = build::spatial_fixture(fixture, period_s)?;
         fixture.reset(&device.reported_position_m())?;
-        let longest_step_s = f64::from(scene.model.plant_step_us) * 1e-6;
+        let step = scene.device_model.map(|model| model.plant_step_us);
+        let step = step.ok_or_else(|| RigError::Mismatch("the scene has no `device_model`".into()))?;
+        let longest_step_s = f64::from(step) * 1e-6;
         Ok(Self { device, hand, fixture, period_s, longest_step_s, sample: 0 })
     }
 

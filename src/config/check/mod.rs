@@ -1,7 +1,9 @@
 //! What the types cannot say: ranges that garde reports, and relations between keys.
 
+mod bus;
 mod figure;
 mod fixture;
+mod limits;
 mod reach;
 mod rig;
 mod scene;

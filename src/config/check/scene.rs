@@ -2,12 +2,17 @@
 
 use super::Findings;
 use super::words::{round, shorten_numbers};
-use crate::config::tree::{EncoderModel, ForceSensorModel, ImpedanceDevice, PathSegment, Rig, Scene, Tracking};
+use crate::config::number::Finite;
+use crate::config::tree::{CommandMode, ImpedanceDevice, PathSegment, Rig, Scene, Tracking};
 use crate::linkage::FiveBar;
 use crate::quantity::TipPoint;
 
 /// Longest run, s.
 const MAX_DURATION_S: f64 = 3600.0;
+/// Highest upper edge of a tremor, Hz: the simulated one is drawn on a grid of 1 ms and carries a tenth of its rate.
+const MAX_TREMOR_HZ: f64 = 100.0;
+/// Least distance of the start of an arc from its centre, m.
+const MIN_ARC_RADIUS_M: f64 = 1e-9;
 
 /// What runs a scene.
 #[derive(Clone, Copy)]
@@ -34,26 +39,85 @@ pub(in crate::config) fn check_scene(findings: &mut Findings, scene: &Scene) {
             .see("hand.path", "path");
     }
     check_dimension(findings, scene);
-    if let Some(tremor) = scene.hand.tremor
-        && *tremor.low_hz >= *tremor.high_hz
-    {
+    check_arcs(findings, scene);
+    check_tremor(findings, scene);
+    check_model(findings, scene);
+}
+
+fn check_tremor(findings: &mut Findings, scene: &Scene) {
+    let Some(tremor) = scene.hand.tremor else { return };
+    let (low, high) = (*tremor.low_hz, *tremor.high_hz);
+    if low >= high {
+        let message = format!("`hand.tremor.low_hz` is {low} Hz, not below `hand.tremor.high_hz` of {high} Hz");
         findings
-            .error(
-                "hand.tremor.low_hz",
-                format!(
-                    "`hand.tremor.low_hz` is {} Hz, not below `hand.tremor.high_hz` of {} Hz",
-                    *tremor.low_hz, *tremor.high_hz
-                ),
-                "a hand trembles at about 8 to 12 Hz",
-            )
+            .error("hand.tremor.low_hz", message, "a hand trembles at about 8 to 12 Hz")
             .see("hand.tremor.high_hz", "high_hz");
     }
-    if let Some(gear) = scene.model.joint_elasticity
-        && *gear.motor_share >= 1.0
-    {
-        let key = "model.joint_elasticity.motor_share";
+    if high > MAX_TREMOR_HZ {
+        let message = format!("`hand.tremor.high_hz` is {high} Hz, above the {MAX_TREMOR_HZ} Hz that are simulated");
+        findings.error("hand.tremor.high_hz", message, "a hand trembles at about 8 to 12 Hz");
+    }
+}
+
+/// Whether a scene has one model, and what that model needs of itself.
+fn check_model(findings: &mut Findings, scene: &Scene) {
+    let help = "write `model` for a rig, whose hand moves in the plane, or `device_model: {plant_step_us: ..}` for an \
+                impedance device";
+    match (&scene.model, &scene.device_model) {
+        (None, None) => {
+            findings.error("hand", "the scene has neither `model` nor `device_model`", help);
+        }
+        (Some(_), Some(_)) => {
+            let message = "the scene has `model` and `device_model`: they are for different machines";
+            findings.error("device_model", message, help).see("model", "model");
+        }
+        _ => {}
+    }
+    let Some(model) = scene.model else { return };
+    let Some(gear) = model.joint_elasticity else { return };
+    let key = "model.joint_elasticity";
+    if *gear.motor_share >= 1.0 {
+        let key = format!("{key}.motor_share");
         let message = format!("`{key}` is {}, not below 1: nothing is left behind the gear", *gear.motor_share);
-        findings.error(key, message, "write the part of the inertia before the gear, such as 0.6");
+        findings.error(&key, message, "write the part of the inertia before the gear, such as 0.6");
+    }
+    if model.tracking == Tracking::Ideal {
+        let message =
+            format!("`{key}` is given, and with `model.tracking` ideal there is no arm that could have gears");
+        findings
+            .error(key, message, "write `joint_elasticity: null`, or `tracking: rigid`")
+            .see("model.tracking", "ideal");
+    }
+}
+
+/// Whether every arc starts away from its centre.
+fn check_arcs(findings: &mut Findings, scene: &Scene) {
+    let plane = |point: &[Finite]| match point {
+        [x, y, ..] => Some([**x, **y]),
+        _ => None,
+    };
+    let Some(mut here) = plane(&scene.hand.start_m) else { return };
+    for (index, segment) in scene.hand.path.iter().enumerate() {
+        match segment {
+            PathSegment::To { point_m, .. } => {
+                let Some(point) = plane(point_m) else { return };
+                here = point;
+            }
+            PathSegment::Arc { center_m, by_rad, .. } => {
+                let Some([center_x, center_y]) = plane(center_m) else { return };
+                let (x, y) = (here[0] - center_x, here[1] - center_y);
+                if x.hypot(y) < MIN_ARC_RADIUS_M {
+                    let key = format!("hand.path[{index}].arc.center_m");
+                    let message = format!("`{key}` is where the arc starts: it has no radius");
+                    let help = "end the segment before it elsewhere, or move the centre";
+                    findings.error(&key, message, help);
+                    return;
+                }
+                let (sine, cosine) = by_rad.sin_cos();
+                here = [center_x + cosine * x - sine * y, center_y + sine * x + cosine * y];
+            }
+            PathSegment::Wait { .. } => {}
+        }
     }
 }
 
@@ -84,6 +148,9 @@ pub(in crate::config) fn check_scene_for(findings: &mut Findings, scene: &Scene,
         Machine::Rig(rig) => ("a rig", 2, rig.cycle.period_us),
         Machine::Device(device) => ("an impedance device", 3, device.cycle.period_us),
     };
+    if !check_model_for(findings, scene, machine) {
+        return;
+    }
     if scene.hand.start_m.len() != dimension {
         findings.error(
             "hand.start_m",
@@ -94,19 +161,51 @@ pub(in crate::config) fn check_scene_for(findings: &mut Findings, scene: &Scene,
             format!("write {dimension} coordinates here and in the path, or choose another scene"),
         );
     }
-    let step = scene.model.plant_step_us;
+    check_step(findings, scene, period_us);
+    if let Machine::Rig(rig) = machine {
+        check_start(findings, scene, rig);
+    }
+}
+
+fn check_step(findings: &mut Findings, scene: &Scene, period_us: u32) {
+    let Some(step) = scene.plant_step_us() else { return };
     if step > 0 && !period_us.is_multiple_of(step) {
+        let key = if scene.model.is_some() { "model.plant_step_us" } else { "device_model.plant_step_us" };
+        let why = if step > period_us { "is shorter" } else { "is not a multiple of it" };
         findings.error(
-            "model.plant_step_us",
-            format!(
-                "`model.plant_step_us` is {step} us, and the control period of {period_us} us is not a multiple of it"
-            ),
+            key,
+            format!("`{key}` is {step} us, and the control period of {period_us} us {why}"),
             "write a divisor of the period, such as 100",
         );
     }
-    match machine {
-        Machine::Rig(rig) => check_start(findings, scene, rig),
-        Machine::Device(_) => check_for_device(findings, scene),
+}
+
+/// Whether the scene is for this machine; then also whether its model fits.
+fn check_model_for(findings: &mut Findings, scene: &Scene, machine: Machine<'_>) -> bool {
+    match (machine, &scene.model, &scene.device_model) {
+        (Machine::Rig(_), None, Some(_)) => {
+            let help = "write `model` with tracking, encoder and force sensor, or choose another scene";
+            let message = "`device_model` is for an impedance device, and a rig runs this scene";
+            findings.error("device_model", message, help);
+            false
+        }
+        (Machine::Device(_), Some(_), None) => {
+            let message = "`model` is for a rig, and an impedance device runs this scene: it has neither encoders, gears \
+                           nor force sensor";
+            let help = "write `device_model: {plant_step_us: ..}` in its place, or choose another scene";
+            findings.error("model", message, help);
+            false
+        }
+        (Machine::Rig(rig), Some(model), _) => {
+            if model.tracking == Tracking::Ideal && rig.rig.command_mode != CommandMode::Position {
+                let message = "`model.tracking` is ideal, and the rig that runs this scene does not command positions: a \
+                               torque or a rate moves nothing where there is no arm";
+                let help = "write `tracking: rigid`, or `command_mode: position` in the rig";
+                findings.error("model.tracking", message, help);
+            }
+            true
+        }
+        _ => true,
     }
 }
 
@@ -118,20 +217,4 @@ fn check_start(findings: &mut Findings, scene: &Scene, rig: &Rig) {
         let message = format!("the arm does not reach `hand.start_m`: {}", shorten_numbers(&error.to_string()));
         findings.error("hand.start_m", message, "start inside of the working disc of the rig");
     }
-}
-
-fn check_for_device(findings: &mut Findings, scene: &Scene) {
-    let unused = [
-        ("model.force_sensor", scene.model.force_sensor != ForceSensorModel::Exact, "has no force sensor", "exact"),
-        ("model.joint_elasticity", scene.model.joint_elasticity.is_some(), "has no gears", "null"),
-        ("model.tracking", scene.model.tracking == Tracking::Ideal, "has no position control", "rigid"),
-    ];
-    for (key, is_set, why, instead) in unused {
-        if is_set {
-            let message = format!("`{key}` has no effect: an impedance device {why}");
-            findings.warning(key, message, format!("write {instead}"));
-        }
-    }
-    // Both encoder models have a meaning: the device measures its position.
-    let (EncoderModel::Exact | EncoderModel::Quantised) = scene.model.encoder;
 }

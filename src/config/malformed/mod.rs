@@ -1,26 +1,51 @@
-//! Files that must be refused: a table of small changes to shipped files, and files that are no text.
+//! Files that must be refused: a table of small changes to files that are right, and files that are no text.
 //!
-//! Each is refused with a message that has a place, by no panic, and is drawn in the snapshots of `cli`.
+//! Each is refused with a message that has a place, by no panic, and is drawn in the snapshots of `cli`. The files that
+//! are changed lie beside this one and belong to these tests alone, so that a shipped file can change at will.
 
 mod table;
 mod tests;
 
+use std::path::PathBuf;
+use std::sync::Arc;
+
 pub(crate) use table::{CASES, Case};
 
-use super::source::{Source, builtin};
+use super::source::Source;
+
+macro_rules! bases {
+    ($($name:literal),* $(,)?) => {
+        &[$(($name, include_str!($name))),*]
+    };
+}
+
+/// Files that are right, by name; they refer to each other.
+const BASES: &[(&str, &str)] = bases!["device.yaml", "figure.yaml", "rig.yaml", "scene.yaml", "space.yaml"];
+
+/// The text of a file that is right.
+pub(crate) fn base_text(name: &str) -> &'static str {
+    BASES.iter().find(|(base, _)| *base == name).unwrap_or_else(|| panic!("no base {name}")).1
+}
+
+/// A file that is right, with others that it names beside it.
+pub(crate) fn base(name: &str) -> Source {
+    with(name, name, base_text(name))
+}
+
+/// The file `load` among the files that are right, where `name` has another text.
+pub(crate) fn with(load: &str, name: &str, text: &str) -> Source {
+    let others = BASES.iter().filter(|(base, _)| *base != name).copied();
+    Source::among(load, others.chain([(name, text)]).map(|(name, text)| (PathBuf::from(name), Arc::from(text))))
+}
 
 impl Case {
-    /// The changed file.
+    /// What is loaded: the changed file, or one that names it.
     pub(crate) fn source(&self) -> Source {
-        let text = match self.base {
-            "" => self.to.to_owned(),
-            base => {
-                let original = builtin(base).read().unwrap_or_else(|error| panic!("{base}: {error}"));
-                assert!(original.contains(self.from), "{}: `{}` is not in {base}", self.name, self.from);
-                original.replacen(self.from, self.to, 1)
-            }
-        };
-        let folder = self.base.rsplit_once('/').map(|(folder, _)| format!("{folder}/")).unwrap_or_default();
-        Source::memory(format!("{folder}changed.yaml"), text)
+        if self.base.is_empty() {
+            return Source::memory("changed.yaml", self.to);
+        }
+        let original = base_text(self.base);
+        assert!(original.contains(self.from), "{}: `{}` is not in {}", self.name, self.from, self.base);
+        with(self.load, self.base, &original.replacen(self.from, self.to, 1))
     }
 }

@@ -1,13 +1,15 @@
 //! The table.
 
-/// A change to a shipped file that makes it wrong.
+/// A change to a file that makes it wrong.
 #[derive(Debug)]
 pub(crate) struct Case {
     /// What kind of mistake it is.
     pub(crate) class: &'static str,
     /// Which one of them.
     pub(crate) name: &'static str,
-    /// The shipped file; empty when `to` is the whole file.
+    /// The file that is loaded.
+    pub(crate) load: &'static str,
+    /// The file that is changed; empty when `to` is the whole file.
     pub(crate) base: &'static str,
     /// What is replaced, at its first place.
     pub(crate) from: &'static str,
@@ -15,10 +17,11 @@ pub(crate) struct Case {
     pub(crate) to: &'static str,
 }
 
-const RIG: &str = "paper-admittance.yaml";
-const DEVICE: &str = "paper-impedance.yaml";
-const SCENE: &str = "scenes/circle-tour.yaml";
-const FIGURE: &str = "figures/fig11.yaml";
+const RIG: &str = "rig.yaml";
+const DEVICE: &str = "device.yaml";
+const SCENE: &str = "scene.yaml";
+const SPACE: &str = "space.yaml";
+const FIGURE: &str = "figure.yaml";
 
 const fn case(
     class: &'static str,
@@ -27,7 +30,18 @@ const fn case(
     from: &'static str,
     to: &'static str,
 ) -> Case {
-    Case { class, name, base, from, to }
+    Case { class, name, load: base, base, from, to }
+}
+
+/// A change to a file that another one names.
+const fn linked(
+    class: &'static str,
+    name: &'static str,
+    [load, base]: [&'static str; 2],
+    from: &'static str,
+    to: &'static str,
+) -> Case {
+    Case { class, name, load, base, from, to }
 }
 
 /// Twenty aliases.
@@ -48,6 +62,7 @@ pub(crate) const CASES: &[Case] = &[
     case("syntax", "unknown anchor", RIG, "name: left", "name: *left"),
     case("syntax", "foreign tag", RIG, "friction_n: 3.0", "friction_n: !force 3.0"),
     case("syntax", "open quote", RIG, "name: left", "name: \"left"),
+    case("syntax", "comment without space", RIG, "elbows: [left, right]", "elbows: [left, right]# outward"),
     case("wrong type", "word for a number", RIG, "yield_n: 20.0", "yield_n: strong"),
     case("wrong type", "number with unit", RIG, "friction_n: 3.0", "friction_n: 3 N"),
     case("wrong type", "decimal comma", RIG, "friction_n: 3.0", "friction_n: 3,0"),
@@ -56,7 +71,7 @@ pub(crate) const CASES: &[Case] = &[
     case("wrong type", "whole number too large", RIG, "node_id: 127", "node_id: 300"),
     case("wrong type", "list for a number", RIG, "working_radius_m: 0.16", "working_radius_m: [0.16]"),
     case("wrong type", "group for a number", RIG, "yield_n: 20.0", "yield_n: {value: 20.0}"),
-    case("wrong type", "number for a group", RIG, "  wrist: forward                # forward: the wrist lies to the left of the line from left to right elbow\n  tool:\n    fixed_to: right             # the distal link that carries the tool\n    along_m: 0.0                # from the wrist, along that link away from its elbow\n    across_m: 0.0               # from the wrist, to the left of that direction\n", "  wrist: forward\n  tool: 0.0\n"),
+    case("wrong type", "number for a group", RIG, "  tool:\n    fixed_to: right\n    along_m: 0.0\n    across_m: 0.0\n", "  tool: 0.0\n"),
     case("wrong type", "null for a number", RIG, "yield_n: 20.0", "yield_n: null"),
     case("wrong type", "nothing for a number", RIG, "yield_n: 20.0", "yield_n:"),
     case("wrong type", "choice without its group", RIG, "admittance: {mass_kg: 2.0}", "admittance"),
@@ -68,8 +83,8 @@ pub(crate) const CASES: &[Case] = &[
     case("unknown key", "at the top", RIG, "guard:\n", "safety:\n  on: true\n\nguard:\n"),
     case("unknown key", "of another place", RIG, "  friction_n: 3.0", "  friction_n: 3.0\n  mass_kg: 2.0"),
     case("missing key", "limit", RIG, "  force_limit_n: 150.0\n", ""),
-    case("missing key", "filter is not optional", RIG, "  low_pass_hz: null             # null: no filter\n", ""),
-    case("missing key", "group", RIG, "master:\n  node_id: 127\n  heartbeat_ms: 20              # what the drives watch\n", ""),
+    case("missing key", "filter is not optional", RIG, "  low_pass_hz: null\n", ""),
+    case("missing key", "group", RIG, "master:\n  node_id: 127\n  heartbeat_ms: 20\n", ""),
     case("missing key", "in a choice", RIG, "admittance: {mass_kg: 2.0}", "admittance: {}"),
     case("missing key", "in a list", RIG, "    node_id: 2\n", ""),
     case("duplicate key", "in a group", RIG, "  yield_n: 20.0", "  yield_n: 20.0\n  yield_n: 25.0"),
@@ -84,24 +99,28 @@ pub(crate) const CASES: &[Case] = &[
     case("not finite", "overflow", RIG, "torque_limit_n_m: 60.0", "torque_limit_n_m: 1e999"),
     case("not finite", "NaN in quotes", RIG, "friction_n: 3.0", "friction_n: '.nan'"),
     case("not finite", "NaN where null may be", RIG, "low_pass_hz: null", "low_pass_hz: .NaN"),
+    case("range", "absurdly large", RIG, "torque_limit_n_m: 60.0", "torque_limit_n_m: 6.0e+60"),
+    case("range", "absurdly small", RIG, "mass_kg: 2.0", "mass_kg: 2.0e-60"),
     case("range", "negative mass", RIG, "mass_kg: 2.0", "mass_kg: -2.0"),
     case("range", "no mass", RIG, "mass_kg: 2.0", "mass_kg: 0"),
     case("range", "negative damping", DEVICE, "damping_n_s_per_m: 1.5", "damping_n_s_per_m: -1.5"),
     case("range", "node-ID 0", RIG, "    node_id: 1\n", "    node_id: 0\n"),
     case("range", "node-ID 128", RIG, "  node_id: 10\n", "  node_id: 128\n"),
     case("range", "period too short", RIG, "period_us: 1000", "period_us: 10"),
-    case("range", "empty name", RIG, "name: paper-admittance", "name: ''"),
-    case("range", "direction 0", RIG, "direction: 1  ", "direction: 0  "),
+    case("range", "empty name", RIG, "name: base", "name: ''"),
+    case("range", "direction 0", RIG, "direction: 1", "direction: 0"),
     case("range", "four coordinates", SCENE, "start_m: [0.05, 0.03]", "start_m: [0.05, 0.03, 0.0, 0.0]"),
-    case("range", "empty path", SCENE, "    - to: {point_m: [0.10, 0.06], in_s: 1.0}        # minimum jerk\n    - arc: {center_m: [0.0, 0.0], by_rad: 1.2, in_s: 2.0}\n    - wait: {for_s: 0.5}\n", "    []\n"),
+    case("range", "empty path", SCENE, "    - to: {point_m: [0.10, 0.06], in_s: 1.0}\n    - arc: {center_m: [0.0, 0.0], by_rad: 1.2, in_s: 2.0, speed: constant}\n    - wait: {for_s: 0.5}\n", "    []\n"),
     case("bus", "bit rate of no standard", RIG, "bit_rate_bit_per_s: 1000000", "bit_rate_bit_per_s: 400000"),
     case("bus", "drive on an unknown bus", RIG, "    bus: main", "    bus: mian"),
     case("bus", "duplicate node-ID", RIG, "    node_id: 2\n", "    node_id: 1\n"),
     case("bus", "node-ID of the master", RIG, "  node_id: 10\n", "  node_id: 127\n"),
     case("bus", "same drive name", RIG, "name: right", "name: left"),
-    case("bus", "no bus", RIG, "  main:\n    bit_rate_bit_per_s: 1000000\n    timing: arbitrated          # embedded simulation: arbitrated (bits and priorities cost time) or ideal\n", "  {}\n"),
-    case("profile", "unknown", RIG, "profile: simulated-servo    #", "profile: simulated-sevro    #"),
-    case("profile", "sensor as drive", RIG, "profile: simulated-servo    #", "profile: simulated-force-sensor    #"),
+    case("bus", "no bus", RIG, "  main:\n    bit_rate_bit_per_s: 1000000\n    timing: arbitrated\n", "  {}\n"),
+    case("bus", "two buses", RIG, "buses:\n", "buses:\n  spare:\n    bit_rate_bit_per_s: 500000\n    timing: ideal\n"),
+    case("bus", "heartbeat of every cycle", RIG, "heartbeat_ms: 20", "heartbeat_ms: 1"),
+    case("profile", "unknown", RIG, "profile: simulated-servo", "profile: simulated-sevro"),
+    case("profile", "sensor as drive", RIG, "profile: simulated-servo", "profile: simulated-force-sensor"),
     case("profile", "sample rate", RIG, "sample_rate_hz: 1000", "sample_rate_hz: 4000"),
     case("fixture", "yield below friction", RIG, "yield_n: 20.0", "yield_n: 2.0"),
     case("fixture", "hold of one step", RIG, "hold_steps: 0", "hold_steps: 1"),
@@ -114,6 +133,14 @@ pub(crate) const CASES: &[Case] = &[
     case("timing", "inner loop does not fit", RIG, "period_us: 125", "period_us: 300"),
     case("timing", "plant step does not fit", RIG, "  period_us: 1000\n", "  period_us: 1050\n"),
     case("timing", "low pass too high", RIG, "low_pass_hz: null", "low_pass_hz: 500"),
+    case("timing", "no plant step in a period", SCENE, "plant_step_us: 100", "plant_step_us: 0"),
+    linked("timing", "plant step above the period", [RIG, SCENE], "plant_step_us: 100", "plant_step_us: 2000"),
+    linked("timing", "plant step of a device", [DEVICE, SPACE], "plant_step_us: 100", "plant_step_us: 300"),
+    case("timing", "sensor faster than the cycle", RIG, "period_us: 1000", "period_us: 2000"),
+    case("control", "rate gains in torque mode", RIG, "joint:\n      stiffness_n_m_per_rad: 6000.0\n      damping_n_m_s_per_rad: 70.0\n      integral_n_m_per_rad_s: 100000.0\n", "rate: {gain_per_s: 60.0}\n"),
+    case("control", "joint gains in velocity mode", RIG, "command_mode: torque", "command_mode: velocity"),
+    case("control", "no gains", RIG, "joint:\n      stiffness_n_m_per_rad: 6000.0\n      damping_n_m_s_per_rad: 70.0\n      integral_n_m_per_rad_s: 100000.0\n", "{}\n"),
+    case("control", "velocity without a gain", RIG, "joint:\n      stiffness_n_m_per_rad: 6000.0\n      damping_n_m_s_per_rad: 70.0\n      integral_n_m_per_rad_s: 100000.0\n", "rate: {}\n"),
     case("reach", "circle too large", RIG, "radius_m: 0.12", "radius_m: 0.5"),
     case("reach", "disc too large", RIG, "working_radius_m: 0.16", "working_radius_m: 0.3"),
     case("reach", "loop never closes", RIG, "distal_m: [0.40, 0.40]", "distal_m: [0.01, 1.50]"),
@@ -122,17 +149,35 @@ pub(crate) const CASES: &[Case] = &[
     case("limits", "friction takes all torque", RIG, "torque_limit_n_m: 60.0", "torque_limit_n_m: 8.0"),
     case("limits", "sensor too weak", RIG, "range_counts: 32000", "range_counts: 3000"),
     case("limits", "calibration without rows", RIG, "[0.0, 0.00625, 0.0, 0.0, 0.0, 0.0]", "[0.00625, 0.0, 0.0, 0.0, 0.0, 0.0]"),
-    case("scene", "missing file", RIG, "scene: scenes/circle-tour.yaml", "scene: scenes/circle-tuor.yaml"),
-    case("scene", "spatial scene on a rig", RIG, "scene: scenes/circle-tour.yaml", "scene: scenes/cylinder-tour.yaml"),
-    case("scene", "rig as scene", RIG, "scene: scenes/circle-tour.yaml", "scene: paper-admittance-csp.yaml"),
+    case("limits", "torque beyond the set-point", RIG, "rated_torque_n_m: 60.0", "rated_torque_n_m: 1.5"),
+    case("limits", "torque below the set-point", RIG, "rated_torque_n_m: 60.0", "rated_torque_n_m: 90000.0"),
+    case("limits", "window beyond the counter", RIG, "following_error_limit_rad: 0.05", "following_error_limit_rad: 20000.0"),
+    case("limits", "torque axis without calibration", RIG, "[0.0, 0.0, 0.0, 0.0, 0.0, 0.0003]", "[0.0, 0.0, 0.0, 0.0, 0.0, 0.0]"),
+    case("limits", "no deceleration", RIG, "stop_deceleration_m_per_s2: 10.0", "stop_deceleration_m_per_s2: 0.0"),
+    case("scene", "missing file", RIG, "scene: scene.yaml", "scene: scenes/circle-tuor.yaml"),
+    case("scene", "spatial scene on a rig", RIG, "scene: scene.yaml", "scene: space.yaml"),
+    case("scene", "rig as scene", RIG, "scene: scene.yaml", "scene: device.yaml"),
     case("scene", "band of tremor", SCENE, "low_hz: 8.0", "low_hz: 15.0"),
     case("scene", "gear without link", SCENE, "joint_elasticity: null", "joint_elasticity: {stiffness_n_m_per_rad: 2.0e+4, damping_n_m_s_per_rad: 5.0, motor_share: 1.0}"),
     case("scene", "coordinates of a segment", SCENE, "point_m: [0.10, 0.06]", "point_m: [0.10, 0.06, 0.0]"),
+    case("scene", "coordinates of an arc", SCENE, "center_m: [0.0, 0.0]", "center_m: [0.0, 0.0, 0.0]"),
+    case("scene", "arc about its start", SCENE, "center_m: [0.0, 0.0]", "center_m: [0.10, 0.06]"),
+    case("scene", "speed of an arc", SCENE, "speed: constant", "speed: steady"),
+    case("scene", "tremor too fast", SCENE, "high_hz: 12.0", "high_hz: 120.0"),
+    case("scene", "exact force", SCENE, "force_sensor: noisy", "force_sensor: exact"),
+    case("scene", "no share before the gear", SCENE, "joint_elasticity: null", "joint_elasticity: {stiffness_n_m_per_rad: 2.0e+4, damping_n_m_s_per_rad: 5.0, motor_share: 0.0}"),
+    case("scene", "gear without arm", SCENE, "tracking: rigid\n  plant_step_us: 100\n  encoder: quantised\n  force_sensor: noisy\n  force_noise_counts: 4.0\n  joint_elasticity: null", "tracking: ideal\n  plant_step_us: 100\n  encoder: quantised\n  force_sensor: noisy\n  force_noise_counts: 4.0\n  joint_elasticity: {stiffness_n_m_per_rad: 2.0e+4, damping_n_m_s_per_rad: 5.0, motor_share: 0.6}"),
+    case("scene", "no model", SPACE, "device_model:\n  plant_step_us: 100\n", ""),
+    case("scene", "two models", SCENE, "model:\n", "device_model: {plant_step_us: 100}\nmodel:\n"),
+    linked("scene", "ideal tracking of torques", [RIG, SCENE], "tracking: rigid", "tracking: ideal"),
+    linked("scene", "device model on a rig", [RIG, SCENE], "model:\n  tracking: rigid\n  plant_step_us: 100\n  encoder: quantised\n  force_sensor: noisy\n  force_noise_counts: 4.0\n  joint_elasticity: null\n", "device_model:\n  plant_step_us: 100\n"),
+    linked("scene", "rig model on a device", [DEVICE, SPACE], "device_model:\n  plant_step_us: 100\n", "model:\n  tracking: rigid\n  plant_step_us: 100\n  encoder: quantised\n  force_sensor: noisy\n  force_noise_counts: 4.0\n  joint_elasticity: null\n"),
+    linked("scene", "start out of reach", [RIG, SCENE], "start_m: [0.05, 0.03]", "start_m: [0.5, 0.5]"),
     case("figure", "hold of one step", FIGURE, "hold_steps: [0]", "hold_steps: [0, 1]"),
-    case("figure", "no machine", FIGURE, "rigs:\n  cst: ../paper-admittance.yaml\n  csp: ../paper-admittance-csp.yaml\n", ""),
-    case("figure", "machine twice", FIGURE, "scene:", "device: ../paper-impedance.yaml\nscene:"),
-    case("figure", "device among the rigs", FIGURE, "cst: ../paper-admittance.yaml", "cst: ../paper-impedance.yaml"),
-    case("figure", "circle that replaces is too large", FIGURE, "fixture: null ", "fixture: {coupling: {admittance: {mass_kg: 2.0}}, friction_n: 3.0, yield_n: 20.0, side: bilateral, hold_steps: 0, curvature: tangent, surface: {circle: {center_m: [0.0, 0.0], radius_m: 0.6, forbidden: inside}}} "),
+    case("figure", "no machine", FIGURE, "rigs:\n  cst: rig.yaml\n", ""),
+    case("figure", "machine twice", FIGURE, "scene:", "device: device.yaml\nscene:"),
+    case("figure", "device among the rigs", FIGURE, "cst: rig.yaml", "cst: device.yaml"),
+    case("figure", "circle that replaces is too large", FIGURE, "fixture: null", "fixture: {coupling: {admittance: {mass_kg: 2.0}}, friction_n: 3.0, yield_n: 20.0, side: bilateral, hold_steps: 0, curvature: tangent, surface: {circle: {center_m: [0.0, 0.0], radius_m: 0.6, forbidden: inside}}}"),
     case("wrong kind", "no configuration", "", "", "services:\n  web: {image: nginx}\n"),
     case("wrong kind", "a list", "", "", "- 1\n- 2\n"),
     case("wrong kind", "a word", "", "", "rig\n"),
@@ -145,5 +190,5 @@ pub(crate) const CASES: &[Case] = &[
     case("hostile", "deep nesting by indentation", RIG, "name: left", "name:\n     a:\n      b:\n       c:\n        d:\n         e: {f: {g: {h: {i: {j: {k: {l: {m: {n: {o: {p: {q: {r: {s: {t: {u: {v: {w: {x: {y: {z: {a: {b: {c: {d: 1}}}}}}}}}}}}}}}}}}}}}}}}}"),
     case("hostile", "more aliases than allowed", SCENE, "    - wait: {for_s: 0.5}\n", concat!("    - &w {wait: {for_s: 0.5}}\n", ALIASES!(), ALIASES!(), ALIASES!(), ALIASES!(), ALIASES!(), ALIASES!())),
     case("hostile", "list as key", RIG, "guard:\n", "? [1, 2]\n: 3\n\nguard:\n"),
-    case("several at once", "four mistakes of meaning", RIG, "  friction_n: 3.0\n  yield_n: 20.0\n  side: bilateral               # bilateral or unilateral\n  hold_steps: 0                 # N_wait", "  friction_n: 30.0\n  yield_n: 20.0\n  side: unilateral\n  hold_steps: 1\n  # and the limit below\n"),
+    case("several at once", "four mistakes of meaning", RIG, "  friction_n: 3.0\n  yield_n: 20.0\n  side: bilateral\n  hold_steps: 0\n", "  friction_n: 30.0\n  yield_n: 20.0\n  side: unilateral\n  hold_steps: 1\n"),
 ];

@@ -5,7 +5,7 @@ use std::path::PathBuf;
 
 use proptest::prelude::*;
 
-use super::CASES;
+use super::{CASES, base, base_text, with};
 use crate::config::{
     Document, MAX_FILE_BYTES, Report, Severity, Source, builtin, builtin_names, load, load_device, load_figure,
     load_rig, load_scene, to_yaml,
@@ -24,6 +24,19 @@ fn the_table_is_wide() {
     let names: BTreeSet<(&str, &str)> = CASES.iter().map(|case| (case.class, case.name)).collect();
     assert!(CASES.len() >= 60 && classes.len() >= 12, "{} cases, {} classes", CASES.len(), classes.len());
     assert_eq!(names.len(), CASES.len(), "a name is used twice");
+}
+
+#[test]
+fn what_the_table_changes_is_right() {
+    for name in ["device.yaml", "figure.yaml", "rig.yaml", "scene.yaml", "space.yaml"] {
+        let warnings = match load(base(name)).unwrap_or_else(|report| panic!("{report}")) {
+            Document::Rig(rig) => rig.warnings,
+            Document::Device(device) => device.warnings,
+            Document::Scene(scene) => scene.warnings,
+            Document::Figure(figure) => figure.warnings,
+        };
+        assert_eq!(warnings, [], "{name}");
+    }
 }
 
 #[test]
@@ -59,7 +72,7 @@ fn findings_stand_in_the_order_of_the_lines() {
 fn the_place_is_that_of_the_change() {
     let line_of = |name: &str| {
         let case = CASES.iter().find(|case| case.name == name).unwrap();
-        let text = builtin(case.base).read().unwrap();
+        let text = base_text(case.base);
         let offset = text.find(case.from).unwrap();
         let report = refuse(case.source());
         let finding = report.diagnostics.iter().find(|finding| finding.severity == Severity::Error).unwrap();
@@ -201,12 +214,41 @@ fn normal_form_loads_again_as_the_same_tree() {
 
 #[test]
 fn small_radius_is_a_warning() {
-    let text = builtin("paper-admittance.yaml").read().unwrap().replace("radius_m: 0.12", "radius_m: 3.0e-5");
-    let rig = load_rig(Source::memory("small.yaml", text.clone())).unwrap_or_else(|report| panic!("{report}"));
+    let text = base_text("rig.yaml").replace("radius_m: 0.12", "radius_m: 3.0e-5");
+    let rig = load_rig(with("rig.yaml", "rig.yaml", &text)).unwrap_or_else(|report| panic!("{report}"));
     // R / kappa = 20 N (1 ms)^2 / 2 kg = 10 um, so that 30 um is 3 of them.
     assert!(rig.warnings[0].message.contains("only 3 times R/kappa = 0.01 mm"), "{}", rig.warnings[0]);
     let exact = text.replace("curvature: tangent", "curvature: exact");
-    assert_eq!(load_rig(Source::memory("exact.yaml", exact)).unwrap().warnings, []);
+    assert_eq!(load_rig(with("rig.yaml", "rig.yaml", &exact)).unwrap().warnings, []);
+}
+
+#[test]
+fn rate_gain_is_refused_or_warned_of_by_the_cycles_delay() {
+    let text = base_text("rig.yaml").replace("command_mode: torque", "command_mode: velocity");
+    let (before, rest) = text.split_once("    joint:").unwrap();
+    let after = rest.split_once("  sliding_time_s").unwrap().1;
+    let rig = |gain: f64| {
+        let text = format!("{before}    rate: {{gain_per_s: {gain:?}}}\n  sliding_time_s{after}");
+        load_rig(with("rig.yaml", "rig.yaml", &text))
+    };
+    assert_eq!(rig(60.0).unwrap().warnings, []);
+    assert!(rig(300.0).unwrap().warnings[0].message.contains("overshoots"));
+    assert!(rig(1000.0).unwrap_err().to_string().contains("unstable"));
+}
+
+/// In position mode no gain is used, so none is refused.
+#[test]
+fn position_mode_takes_any_gains() {
+    let text = base_text("rig.yaml").replace("command_mode: torque", "command_mode: position");
+    assert_eq!(load_rig(with("rig.yaml", "rig.yaml", &text)).unwrap().warnings, []);
+}
+
+#[test]
+fn a_text_in_memory_finds_its_neighbours_first() {
+    let source = base("figure.yaml");
+    assert_eq!(source.relative("./rig.yaml").to_string(), "rig.yaml");
+    assert_eq!(source.relative("paper-admittance.yaml").to_string(), "builtin:paper-admittance.yaml");
+    assert!(refuse(Source::among("absent.yaml", [])).to_string().contains("not among the texts"));
 }
 
 proptest! {
@@ -238,16 +280,27 @@ proptest! {
         }
     }
 
-    /// Every number of a rig replaced by any number: refused or finite, never a panic.
+    /// Every number of a rig or its scene replaced by any number of any size: refused, or the rig can be built.
     #[test]
-    fn any_number_in_a_rig_is_answered(which in 0..200_usize, number in any::<f64>()) {
-        let original = builtin("paper-admittance.yaml").read().unwrap().to_string();
-        let starts: Vec<usize> = original.match_indices(|c: char| c.is_ascii_digit()).map(|(at, _)| at).collect();
+    fn any_number_in_a_rig_is_answered(
+        which in 0..300_usize,
+        number in prop_oneof![any::<f64>(), -10.0..1e4_f64, Just(0.0), (-320.0..320.0_f64).prop_map(|power| 10f64.powf(power))],
+        is_whole in any::<bool>(),
+        mode in prop_oneof![Just("torque"), Just("position")],
+    ) {
+        let name = if which % 4 == 0 { "scene.yaml" } else { "rig.yaml" };
+        let original = base_text(name).replace("command_mode: torque", &format!("command_mode: {mode}"));
+        let is_number = |at: usize| original[..at].ends_with([' ', '[', '-']) && !original[..at].ends_with("- ");
+        let digits = original.match_indices(|c: char| c.is_ascii_digit()).map(|(at, _)| at);
+        let starts: Vec<usize> = digits.filter(|at| is_number(*at)).collect();
         let start = starts[which % starts.len()];
-        let end = start + original[start..].find(|c: char| !c.is_ascii_digit()).unwrap_or(0);
-        let text = format!("{}{number:?}{}", &original[..start], &original[end..]);
-        if let Ok(rig) = load_rig(Source::memory("number.yaml", text)) {
-            prop_assert!(rig.value.fixture.yield_n.is_finite() && *rig.value.fixture.yield_n > 0.0);
+        let end = start + original[start..].find(|c: char| !c.is_ascii_digit() && c != '.').unwrap_or(0);
+        let number = if is_whole { format!("{:.0}", number.clamp(-1e6, 1e6)) } else { format!("{number:?}") };
+        let text = format!("{}{number}{}", &original[..start], &original[end..]);
+        if let Ok(rig) = load_rig(with("rig.yaml", name, &text)) {
+            let scene = load_scene(rig.source.relative(&rig.value.scene)).unwrap().value;
+            let built = crate::rig::EmbeddedRig::new(&rig.value, &scene, &rig.value.fixture, scene.seed);
+            prop_assert!(built.is_ok(), "{number} at {:?}: {}", original[..start].lines().last(), built.err().unwrap());
         }
     }
 }

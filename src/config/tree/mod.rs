@@ -18,5 +18,6 @@ pub use rig::{
     Guard, Master, Mount, Rig, RigIdentity, RigPlant, Sensor,
 };
 pub use scene::{
-    ArcSpeed, EncoderModel, ForceSensorModel, Hand, JointElasticity, PathSegment, Scene, SceneModel, Tracking, Tremor,
+    ArcSpeed, DeviceModel, EncoderModel, ForceSensorModel, Hand, JointElasticity, PathSegment, Scene, SceneModel,
+    Tracking, Tremor,
 };

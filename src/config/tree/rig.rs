@@ -21,7 +21,7 @@ pub struct Rig {
     /// Timing of the control.
     #[garde(dive)]
     pub cycle: Cycle,
-    /// CAN buses by name; drives and sensor refer to them.
+    /// CAN buses by name; drives and sensor refer to them. This version runs one bus, so there is one entry.
     #[garde(length(min = 1), dive)]
     pub buses: BTreeMap<String, Bus>,
     /// This program as a node of each bus.
@@ -120,7 +120,7 @@ pub struct Master {
     /// CANopen node-ID of this program, 1 to 127.
     #[garde(range(min = 1, max = 127))]
     pub node_id: u8,
-    /// Heartbeat period of this program, ms; the drives watch it. 1 to 10 000.
+    /// Heartbeat period of this program, ms; the drives watch it. 1 to 10 000, at least two control periods.
     #[garde(range(min = 1, max = 10_000))]
     pub heartbeat_ms: u16,
 }
@@ -151,7 +151,7 @@ pub struct Drive {
     /// Rated torque at the link, N m. Above 0.
     #[garde(dive)]
     pub rated_torque_n_m: Positive,
-    /// Heartbeat period of the drive, ms; this program watches it. 1 to 10 000.
+    /// Heartbeat period of the drive, ms; this program watches it. 1 to 10 000, at least two control periods.
     #[garde(range(min = 1, max = 10_000))]
     pub heartbeat_ms: u16,
 }
@@ -172,10 +172,10 @@ pub struct Sensor {
     /// Device model: identity, frame layout and status bits.
     #[garde(length(min = 1))]
     pub profile: String,
-    /// How often it samples, Hz. Above 0.
+    /// How often it samples, Hz: a rate that the profile has, not above that of the cycle.
     #[garde(dive)]
     pub sample_rate_hz: Positive,
-    /// Heartbeat period of the sensor, ms; this program watches it. 1 to 10 000.
+    /// Heartbeat period of the sensor, ms; this program watches it. 1 to 10 000, at least two control periods.
     #[garde(range(min = 1, max = 10_000))]
     pub heartbeat_ms: u16,
     /// Calibration matrix: wrench = matrix * counts; rows Fx Fy Fz (N per count) then Tx Ty Tz (N m per count).
@@ -214,15 +214,16 @@ pub enum Mount {
 #[serde(deny_unknown_fields)]
 #[garde(allow_unvalidated)]
 pub struct Control {
-    /// Control law.
+    /// Control law of torque mode.
     pub law: ControlLaw,
-    /// Gains, and with them the space in which the error is formed: `joint` or `cartesian`.
+    /// Gains, and with them the space in which the error is formed. Torque mode takes `joint` or `cartesian`, velocity
+    /// mode takes `rate`; in position mode the drives close the loop and nothing of `control` is used.
     #[garde(dive)]
     pub gains: ControlGains,
-    /// H in s: time constant of the sliding line of PSMC. 0 or above.
+    /// H in s: time constant of the sliding line of PSMC; used in torque mode. 0 or above.
     #[garde(dive)]
     pub sliding_time_s: NotNegative,
-    /// What is known of the machine and added to the torque.
+    /// What is known of the machine and added to the torque of torque mode.
     #[garde(dive)]
     pub feed_forward: FeedForward,
 }
@@ -254,9 +255,9 @@ pub enum ControlGains {
         #[garde(dive)]
         integral_n_m_per_rad_s: NotNegative,
     },
-    /// A rate per angle error, beside the rate of the reference itself, for drives that take velocities.
+    /// A joint rate per angle error, added to the rate of the reference, for drives that take velocities.
     Rate {
-        /// Gain in 1/s.
+        /// Rate per angle error, 1/s. Above 0.
         #[garde(dive)]
         gain_per_s: Positive,
     },
@@ -297,7 +298,7 @@ pub struct FeedForward {
 #[serde(deny_unknown_fields)]
 #[garde(allow_unvalidated)]
 pub struct Guard {
-    /// Largest torque sent to a joint, N m. Above 0.
+    /// Largest torque sent to a joint, N m. Above 0, and within what the drives can be told: 32.767 times rated.
     #[garde(dive)]
     pub torque_limit_n_m: Positive,
     /// Largest rate of a joint, rad/s. Above 0.
@@ -312,10 +313,10 @@ pub struct Guard {
     /// Distance that the tool keeps from singular positions and from the edge of the workspace, m. Above 0.
     #[garde(dive)]
     pub singularity_margin_m: Positive,
-    /// Largest distance between commanded and measured angle, rad. Above 0.
+    /// Largest distance between commanded and measured angle, rad; the drives get twice this. Above 0.
     #[garde(dive)]
     pub following_error_limit_rad: Positive,
-    /// Greatest deceleration of the ramp along which the rig stops.
+    /// Greatest deceleration of the ramp along which the rig stops, m/s^2. Above 0.
     #[garde(dive)]
     pub stop_deceleration_m_per_s2: Positive,
 }

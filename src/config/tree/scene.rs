@@ -16,22 +16,45 @@ pub struct Scene {
     pub duration_s: Positive,
     /// Seed of noise and tremor: the same seed gives the same run, bit for bit.
     pub seed: u64,
-    /// How truly the machine is modelled.
+    /// How truly a rig is modelled. Either `model` or `device_model` is given.
     #[garde(dive)]
-    pub model: SceneModel,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub model: Option<SceneModel>,
+    /// How truly an impedance device is modelled. Either `model` or `device_model` is given.
+    #[garde(dive)]
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub device_model: Option<DeviceModel>,
     /// The hand that moves the tool.
     #[garde(dive)]
     pub hand: Hand,
 }
 
-/// How truly the simulation models the machine.
+impl Scene {
+    /// Step of the integration in us, whatever machine the scene is for; `None` only before the scene is checked.
+    pub fn plant_step_us(&self) -> Option<u32> {
+        let of_device = || self.device_model.map(|model| model.plant_step_us);
+        self.model.map(|model| model.plant_step_us).or_else(of_device)
+    }
+}
+
+/// How truly the simulation models an impedance device: a point mass that has neither encoders, gears nor force sensor.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema, Validate)]
+#[serde(deny_unknown_fields)]
+#[garde(allow_unvalidated)]
+pub struct DeviceModel {
+    /// Step of the integration, us. 1 to 10 000; the control period is a whole multiple of it.
+    #[garde(range(min = 1, max = 10_000))]
+    pub plant_step_us: u32,
+}
+
+/// How truly the simulation models a rig.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema, Validate)]
 #[serde(deny_unknown_fields)]
 #[garde(allow_unvalidated)]
 pub struct SceneModel {
-    /// Whether the arm is simulated or the tool is where the proxy is.
+    /// Whether the arm is simulated or the tool is where the proxy is; `ideal` needs `rig.command_mode: position`.
     pub tracking: Tracking,
-    /// Step of the integration, us. 1 to 10 000, at most the control period.
+    /// Step of the integration, us. 1 to 10 000; the control period is a whole multiple of it.
     #[garde(range(min = 1, max = 10_000))]
     pub plant_step_us: u32,
     /// How the position is measured.
@@ -41,7 +64,7 @@ pub struct SceneModel {
     /// Standard deviation of the noise on each axis of the force sensor, counts; read only when `force_sensor` is noisy.
     #[garde(dive)]
     pub force_noise_counts: NotNegative,
-    /// Elastic gears between motor and link, or null for stiff ones.
+    /// Elastic gears between motor and link, or null for stiff ones; null with `tracking: ideal`.
     #[garde(dive)]
     #[serde(deserialize_with = "present")]
     #[schemars(schema_with = "nullable::<JointElasticity>")]
@@ -72,9 +95,7 @@ pub enum EncoderModel {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum ForceSensorModel {
-    /// Without quantisation and noise.
-    Exact,
-    /// In whole counts.
+    /// In whole counts, as every sensor on a bus.
     Quantised,
     /// In whole counts, with noise.
     Noisy,
@@ -137,7 +158,7 @@ pub struct Tremor {
     /// Lower edge of the band, Hz. Above 0.
     #[garde(dive)]
     pub low_hz: Positive,
-    /// Upper edge of the band, Hz. Above `low_hz`.
+    /// Upper edge of the band, Hz. Above `low_hz`, at most 100.
     #[garde(dive)]
     pub high_hz: Positive,
 }
@@ -158,7 +179,7 @@ pub enum PathSegment {
     },
     /// Along an arc about a centre, by minimum jerk in the angle. In space the arc turns about the z direction.
     Arc {
-        /// Centre, m: as many coordinates as `start_m`; the third is not used.
+        /// Centre, m: as many coordinates as `start_m`, and not where the arc starts; the third is not used.
         #[garde(length(min = 2, max = 3))]
         center_m: Vec<Finite>,
         /// Angle, rad; counter-clockwise positive.

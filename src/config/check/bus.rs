@@ -1,0 +1,168 @@
+//! Nodes on the bus: names, numbers, device models and how often they are heard.
+
+use yieldwall_drives::cia402::OperationMode;
+use yieldwall_drives::profiles::{self, Role};
+
+use super::Findings;
+use crate::config::suggest::nearest;
+use crate::config::tree::{CommandMode, Rig};
+
+/// Bit rates of CiA 301, bit/s.
+const BIT_RATES: [u32; 8] = [10_000, 20_000, 50_000, 125_000, 250_000, 500_000, 800_000, 1_000_000];
+/// Least heartbeat period in control periods: a node that is due in every cycle may come late in one.
+const HEARTBEAT_CYCLES: u64 = 2;
+
+/// Whether the bus exists, is one, and every node of it has a number of its own.
+pub(super) fn check_nodes(findings: &mut Findings, rig: &Rig) {
+    if let Some(second) = rig.buses.keys().nth(1) {
+        findings.error(
+            &format!("buses.{second}"),
+            format!("`buses` has {} buses, and this version runs one", rig.buses.len()),
+            "put both drives and the sensor on one bus: one SYNC keeps them in step, and 1 Mbit/s carries them at 1 kHz",
+        );
+    }
+    for (name, bus) in &rig.buses {
+        if !BIT_RATES.contains(&bus.bit_rate_bit_per_s) {
+            let key = format!("buses.{name}.bit_rate_bit_per_s");
+            let message = format!("`{key}` is {}, which is no bit rate of CiA 301", bus.bit_rate_bit_per_s);
+            findings.error(
+                &key,
+                message,
+                format!("write one of {}", BIT_RATES.map(|rate| rate.to_string()).join(", ")),
+            );
+        }
+    }
+    let names: Vec<&str> = rig.buses.keys().map(String::as_str).collect();
+    let mut taken: Vec<(&str, u8, String)> = Vec::new();
+    let devices = [
+        ("drives[0]", &rig.drives[0].bus, rig.drives[0].node_id),
+        ("drives[1]", &rig.drives[1].bus, rig.drives[1].node_id),
+        ("sensor", &rig.sensor.bus, rig.sensor.node_id),
+    ];
+    for (device, bus, node_id) in devices {
+        let key = format!("{device}.bus");
+        if !names.contains(&bus.as_str()) {
+            let help = match nearest(bus, names.iter().copied()) {
+                Some(meant) => format!("did you mean `{meant}`?"),
+                None => format!("the buses of this rig are {}", names.join(", ")),
+            };
+            findings.error(&key, format!("`{key}` is `{bus}`, which is not among `buses`"), help).see("buses", "buses");
+        }
+        let key = format!("{device}.node_id");
+        let other = taken.iter().find(|(on, id, _)| on == bus && *id == node_id).map(|(_, _, other)| other.clone());
+        let other = other.or_else(|| (node_id == rig.master.node_id).then(|| "master.node_id".to_owned()));
+        if let Some(other) = other {
+            findings
+                .error(
+                    &key,
+                    format!("`{key}` is {node_id}, and so is `{other}` on the same bus"),
+                    "give each node of a bus its own node-ID from 1 to 127, here and in the device",
+                )
+                .see(&other, "the other");
+        }
+        taken.push((bus, node_id, key));
+    }
+    if rig.drives[0].name == rig.drives[1].name {
+        let message = format!("`drives[1].name` is `{}`, and so is `drives[0].name`", rig.drives[1].name);
+        findings
+            .error("drives[1].name", message, "give each drive a name of its own")
+            .see("drives[0].name", "the other");
+    }
+    for (index, drive) in rig.drives.iter().enumerate() {
+        if !matches!(drive.direction, 1 | -1) {
+            let key = format!("drives[{index}].direction");
+            let message = format!("`{key}` is {}, and a direction is 1 or -1", drive.direction);
+            findings.error(&key, message, "write 1 when counts grow with a positive angle, else -1");
+        }
+    }
+}
+
+/// Whether nodes beat slowly enough for the cycle to tell a late beat from a lost one.
+pub(super) fn check_heartbeats(findings: &mut Findings, rig: &Rig) {
+    let period = rig.cycle.period_us;
+    let beats = [
+        ("master.heartbeat_ms", rig.master.heartbeat_ms),
+        ("drives[0].heartbeat_ms", rig.drives[0].heartbeat_ms),
+        ("drives[1].heartbeat_ms", rig.drives[1].heartbeat_ms),
+        ("sensor.heartbeat_ms", rig.sensor.heartbeat_ms),
+    ];
+    for (key, beat_ms) in beats {
+        if 1000 * u64::from(beat_ms) < HEARTBEAT_CYCLES * u64::from(period) {
+            let message = format!("`{key}` is {beat_ms} ms, below {HEARTBEAT_CYCLES} control periods of {period} us");
+            let help =
+                "raise it, such as to 20 ms at 1 kHz: heartbeats of every cycle fill the bus and say nothing more";
+            findings.error(key, message, help).see("cycle.period_us", "period_us");
+        }
+    }
+}
+
+/// Whether every device model is known and has what the rig asks of it.
+pub(super) fn check_profiles(findings: &mut Findings, rig: &Rig) {
+    let (mode, cia402) = match rig.rig.command_mode {
+        CommandMode::Torque => ("torque", OperationMode::CyclicTorque),
+        CommandMode::Velocity => ("velocity", OperationMode::CyclicVelocity),
+        CommandMode::Position => ("position", OperationMode::CyclicPosition),
+    };
+    for (index, drive) in rig.drives.iter().enumerate() {
+        let key = format!("drives[{index}].profile");
+        match profiles::find(&drive.profile).map(|profile| (profile, profile.role)) {
+            Some((profile, Role::Servo { modes, .. })) if profile.pdos(Some(cia402)).is_none() => {
+                let known: Vec<String> = modes.iter().map(|map| format!("{:?}", map.mode)).collect();
+                findings
+                    .error(
+                        "rig.command_mode",
+                        format!(
+                            "`rig.command_mode` is {mode}, which the profile `{}` of `drives[{index}]` does not have",
+                            drive.profile
+                        ),
+                        format!("the profile has {}", known.join(", ")),
+                    )
+                    .see(&key, "profile");
+            }
+            Some((_, Role::Servo { .. })) => {}
+            Some(_) => refuse_profile(findings, &key, &drive.profile, "is not one of a drive", is_servo),
+            None => refuse_profile(findings, &key, &drive.profile, "is not known", is_servo),
+        }
+    }
+    let sensor = &rig.sensor;
+    match profiles::find(&sensor.profile).map(|profile| profile.role) {
+        Some(Role::ForceSensor { sample_rates_hz, .. }) => {
+            if !sample_rates_hz.iter().any(|rate| f64::from(*rate) == *sensor.sample_rate_hz) {
+                let known: Vec<String> = sample_rates_hz.iter().map(u32::to_string).collect();
+                let rate = *sensor.sample_rate_hz;
+                findings
+                    .error(
+                        "sensor.sample_rate_hz",
+                        format!(
+                            "`sensor.sample_rate_hz` is {rate}, which the profile `{}` does not have",
+                            sensor.profile
+                        ),
+                        format!("write one of {}", known.join(", ")),
+                    )
+                    .see("sensor.profile", "profile");
+            }
+        }
+        Some(_) => {
+            refuse_profile(findings, "sensor.profile", &sensor.profile, "is not one of a force sensor", is_sensor)
+        }
+        None => refuse_profile(findings, "sensor.profile", &sensor.profile, "is not known", is_sensor),
+    }
+}
+
+fn is_servo(role: &Role) -> bool {
+    matches!(role, Role::Servo { .. })
+}
+
+fn is_sensor(role: &Role) -> bool {
+    matches!(role, Role::ForceSensor { .. })
+}
+
+fn refuse_profile(findings: &mut Findings, key: &str, name: &str, why: &str, fits: fn(&Role) -> bool) {
+    let known: Vec<&str> =
+        profiles::ALL.iter().filter(|profile| fits(&profile.role)).map(|profile| profile.name).collect();
+    let help = match nearest(name, known.iter().copied()) {
+        Some(meant) => format!("did you mean `{meant}`?"),
+        None => format!("the profiles that fit are {}", known.join(", ")),
+    };
+    findings.error(key, format!("`{key}` is `{name}`, which {why}"), help);
+}
