@@ -46,7 +46,7 @@ struct Step {
 }
 
 /// The configuration of one node, step by step.
-#[derive(Debug)]
+#[derive(Clone, Debug)]
 pub(super) struct Boot {
     client: SdoClient,
     steps: Vec<Step>,

@@ -33,6 +33,7 @@ pub enum Phase {
     Failed(BootError),
 }
 
+#[derive(Clone)]
 struct Node {
     id: NodeId,
     name: String,
@@ -42,6 +43,7 @@ struct Node {
 }
 
 /// The master of one bus with one rig on it.
+#[derive(Clone)]
 pub struct Master {
     id: NodeId,
     heartbeat: Duration,
@@ -141,7 +143,9 @@ impl Master {
     ///
     /// Real-time: yes.
     pub fn next_deadline(&self) -> Time {
-        let base = self.next_heartbeat.min(self.watch.next_deadline()).min(self.phase_deadline);
+        // In operation the heartbeat follows the set-points, where it is in nobody's way.
+        let heartbeat = if self.phase == Phase::Operational { Time::NEVER } else { self.next_heartbeat };
+        let base = heartbeat.min(self.watch.next_deadline()).min(self.phase_deadline);
         if self.phase != Phase::Configuring {
             return base;
         }
@@ -174,7 +178,9 @@ impl Master {
     ///
     /// Real-time: yes, while operational.
     pub fn poll(&mut self, now: Time, out: &mut impl Outbox) {
-        self.send_heartbeat(now, out);
+        if self.phase != Phase::Operational {
+            self.send_heartbeat(now, out);
+        }
         while let Some(event) = self.watch.poll(now) {
             self.on_node(now, event.node, event.change, out);
         }
@@ -199,10 +205,10 @@ impl Master {
     }
 
     /// The moment at which all process data are in: runs the cycle and sends the set-points that the next SYNC makes
-    /// the drives apply.
+    /// the drives apply. A heartbeat that is due goes out behind them.
     ///
     /// Real-time: yes.
-    pub fn on_compute(&mut self, request: Request, out: &mut impl Outbox) -> Outputs {
+    pub fn on_compute(&mut self, now: Time, request: Request, out: &mut impl Outbox) -> Outputs {
         let arrivals = self.image.arrivals();
         let mut link = std::mem::take(&mut self.events);
         link.bad_length |= arrivals.bad_length;
@@ -212,6 +218,7 @@ impl Master {
             self.image.request_fault_reset();
         }
         self.image.send(outputs.directive.goal, &outputs.command, out);
+        self.send_heartbeat(now, out);
         outputs
     }
 

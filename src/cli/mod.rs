@@ -7,7 +7,10 @@ mod config;
 mod failure;
 mod margins;
 mod output;
+mod progress;
 mod render;
+mod reproduce;
+mod run;
 
 use std::ffi::OsString;
 use std::process::ExitCode;
@@ -33,6 +36,10 @@ struct Arguments {
 
 #[derive(Debug, Subcommand)]
 enum Command {
+    /// Run a rig with its scene on the embedded simulation
+    Run(run::Arguments),
+    /// Run the paper's experiments and draw its figures
+    Reproduce(reproduce::Arguments),
     /// Check, show and describe configuration files
     #[command(subcommand)]
     Config(config::Command),
@@ -54,6 +61,8 @@ fn run(arguments: impl IntoIterator<Item = OsString>) -> Exit {
     };
     let mut output = Output::new(arguments.quiet, arguments.json);
     let result = match arguments.command {
+        Command::Run(arguments) => run::run(&arguments, &mut output),
+        Command::Reproduce(arguments) => reproduce::run(&arguments, &mut output),
         Command::Config(command) => config::run(command, &mut output),
     };
     match result {

@@ -31,6 +31,11 @@ impl Output {
         self.is_json
     }
 
+    /// Whether only failures are printed.
+    pub fn is_quiet(&self) -> bool {
+        self.is_quiet
+    }
+
     /// Prints what the command was asked for, also when quiet.
     ///
     /// # Errors

@@ -126,6 +126,8 @@ pub struct Cycle {
     faults: FaultCounts,
     measured: Measured,
     posture: Option<Posture>,
+    /// Distance of `posture` from the nearest singularity in m; not a number without a posture.
+    clearance_m: f64,
     missed: [u16; 2],
     reference: Option<Reference>,
     halt: Option<StopRamp>,
@@ -152,6 +154,7 @@ impl Cycle {
             faults: FaultCounts::default(),
             measured: Measured::default(),
             posture: None,
+            clearance_m: f64::NAN,
             missed: [u16::MAX; 2],
             reference: None,
             halt: None,
@@ -196,6 +199,26 @@ impl Cycle {
     /// The fixture, for reports.
     pub fn fixture(&self) -> &Fixture<Shape2, 2> {
         &self.fixture
+    }
+
+    /// The linkage, for reports.
+    pub fn linkage(&self) -> &FiveBar {
+        &self.linkage
+    }
+
+    /// The force sensing, for reports.
+    pub fn sensing(&self) -> &Sensing {
+        &self.sensing
+    }
+
+    /// The control laws, for reports.
+    pub fn servo(&self) -> &Servo {
+        &self.servo
+    }
+
+    /// The gate, for reports.
+    pub fn gate(&self) -> &Gate {
+        &self.gate
     }
 
     fn sense(&mut self, sample: Option<&RawSample>) -> Reading {

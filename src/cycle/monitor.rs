@@ -45,6 +45,7 @@ impl Cycle {
         self.faults.observe(Fault::PdoMissed, self.missed.iter().any(|missed| *missed > 0));
         let is_known = self.missed.iter().all(|missed| *missed != u16::MAX);
         self.posture = self.linkage.forward(self.measured.angles).ok().filter(|_| is_known);
+        self.clearance_m = self.posture.as_ref().map_or(f64::NAN, |posture| self.clearance_of_m(posture));
         self.faults.observe(Fault::Posture, is_known && self.posture.is_none());
     }
 
@@ -61,8 +62,7 @@ impl Cycle {
             _ => 0.0,
         };
         let limit = self.settings.following_error_limit_rad;
-        let clearance = self.posture.as_ref().map(|posture| self.clearance_m(posture));
-        let is_left = clearance.is_some_and(|distance| distance < LEFT_SHARE * self.settings.singularity_margin_m);
+        let is_left = self.clearance_m < LEFT_SHARE * self.settings.singularity_margin_m;
         let faults = &mut self.faults;
         faults.observe(Fault::StopRequested, inputs.request == crate::guard::Request::Stop);
         faults.observe(Fault::SensorSaturated, reading.saturated);

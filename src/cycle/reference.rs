@@ -75,7 +75,7 @@ impl Cycle {
             Motion::Run => self.run(&last, reading, signals)?,
             Motion::Halt | Motion::Rest => self.stop(&last),
         };
-        let next = match self.admit(candidate, &last, posture) {
+        let next = match self.admit(candidate, &last) {
             Some(angles) => {
                 self.faults.observe(Fault::WorkspaceEdge, false);
                 last.moved(candidate, angles, self.settings.period_s)
@@ -115,13 +115,13 @@ impl Cycle {
 
     /// The joint angles for `candidate`, or `None` if the linkage cannot go there, or if the arm is within the margin
     /// and `candidate` leads further in.
-    fn admit(&self, candidate: TipPoint, last: &Reference, posture: &Posture) -> Option<JointAngles> {
+    fn admit(&self, candidate: TipPoint, last: &Reference) -> Option<JointAngles> {
         let angles = self.linkage.inverse_near(candidate, last.angles).ok()?;
-        if self.clearance_m(posture) >= self.settings.singularity_margin_m {
+        if self.clearance_m >= self.settings.singularity_margin_m {
             return Some(angles);
         }
-        let here = self.linkage.forward(last.angles).map(|posture| self.clearance_m(&posture)).ok()?;
-        let there = self.linkage.forward(angles).map(|posture| self.clearance_m(&posture)).ok()?;
+        let here = self.linkage.forward(last.angles).map(|posture| self.clearance_of_m(&posture)).ok()?;
+        let there = self.linkage.forward(angles).map(|posture| self.clearance_of_m(&posture)).ok()?;
         (there >= here || there >= self.settings.singularity_margin_m).then_some(angles)
     }
 
@@ -129,7 +129,7 @@ impl Cycle {
         self.fixture.reset(&at.0).map_err(|_| Fault::NotFinite)
     }
 
-    pub(super) fn clearance_m(&self, posture: &Posture) -> f64 {
+    pub(super) fn clearance_of_m(&self, posture: &Posture) -> f64 {
         self.linkage.clearance(posture).nearest().1
     }
 }

@@ -8,4 +8,4 @@ mod trace;
 #[cfg(feature = "figures")]
 pub mod figure;
 
-pub use trace::{ForceMeaning, Phase, Reference, Row, Trace};
+pub use trace::{ForceMeaning, ON_SURFACE_M, Phase, Reference, Row, Trace};

@@ -1,5 +1,8 @@
 //! The rows of a run and what is known about the run as a whole.
 
+/// A proxy nearer to the surface than this, in m, lies on it.
+pub const ON_SURFACE_M: f64 = 1e-9;
+
 /// What one control cycle saw and did.
 ///
 /// Real-time: yes, `Copy` and free of heap memory: a cycle may write it into memory set aside before.
@@ -183,6 +186,16 @@ impl Trace {
             ForceMeaning::HandOnTool => row.force_n.map(|component| -component),
             ForceMeaning::ActuatorOnTool => row.force_n,
         }
+    }
+
+    /// The rows in which the proxy, off the surface in the row before, lies on it or has passed to its other side, in
+    /// order of time.
+    pub fn contacts(&self) -> impl Iterator<Item = usize> + '_ {
+        let distance = |at: usize| self.rows[at].signed_distance_m;
+        (1..self.rows.len()).filter(move |&at| {
+            let (before, now) = (distance(at - 1), distance(at));
+            before.abs() > ON_SURFACE_M && (now.abs() <= ON_SURFACE_M || before * now < 0.0)
+        })
     }
 
     /// Component of [`Trace::force_on_hand_n`] along the surface's normal at the tool, in N; zero where the surface

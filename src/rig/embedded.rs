@@ -15,6 +15,7 @@ use crate::quantity::{JointTorques, TipPoint, TipVelocity};
 use crate::record::Row;
 use crate::sim::arm::{Arm, ArmParameters, JointElasticity};
 use crate::sim::can::{BitTiming, BusCounters, QueueOrder, Tamper, VirtualBus};
+use crate::sim::hand::Hand;
 use crate::sim::{Drive, DriveSettings, Encoder, ForceSensor, ForceSensorSettings, PositionLoop};
 use nalgebra::Vector2;
 use yieldwall_drives::profiles;
@@ -153,6 +154,29 @@ impl EmbeddedRig {
         &self.master
     }
 
+    /// The drives, left and right.
+    pub fn drives(&self) -> &[Drive; 2] {
+        &self.drives
+    }
+
+    /// The force sensor.
+    pub fn force_sensor(&self) -> &ForceSensor {
+        &self.sensor
+    }
+
+    /// The arm; `None` if the joints follow their targets without one.
+    pub fn arm(&self) -> Option<&Arm> {
+        match &self.world.body {
+            Body::Arm(arm) => Some(arm),
+            Body::Ideal(_) => None,
+        }
+    }
+
+    /// The hand.
+    pub fn hand(&self) -> &Hand<2> {
+        &self.world.hand
+    }
+
     /// What has gone over the bus so far.
     pub fn bus_counters(&self) -> &BusCounters {
         self.bus.counters()
@@ -161,6 +185,11 @@ impl EmbeddedRig {
     /// Virtual time since switching on.
     pub fn now(&self) -> Time {
         self.now
+    }
+
+    /// When the next cycle begins.
+    pub fn next_sync(&self) -> Time {
+        self.next_sync
     }
 
     /// What the last cycle gave.
@@ -178,7 +207,7 @@ impl EmbeddedRig {
         self.master.on_sync(&mut self.bus.outbox(MASTER, sync_at));
         let compute_at = sync_at + self.compute_at;
         self.pump(compute_at)?;
-        let outputs = self.master.on_compute(request, &mut self.bus.outbox(MASTER, compute_at));
+        let outputs = self.master.on_compute(compute_at, request, &mut self.bus.outbox(MASTER, compute_at));
         self.last = Some(outputs);
         self.next_sync = sync_at + self.period;
         Ok(self.row(sync_at, &outputs))
@@ -390,9 +419,9 @@ fn world(rig: &config::Rig, scene: &config::Scene, seed: u64) -> Result<World, R
         config::Tracking::Rigid => {
             let mass: MassModel = build::plant_mass(rig);
             let arm = &rig.plant.arm;
-            Body::Arm(Box::new(Arm::new(
+            Body::Arm(Arm::new(
                 &ArmParameters {
-                    linkage: linkage.clone(),
+                    linkage,
                     mass,
                     handle_kg: hand.mass_kg(),
                     coulomb_n_m: arm.coulomb_n_m.map(|value| value.get()),
@@ -404,7 +433,7 @@ fn world(rig: &config::Rig, scene: &config::Scene, seed: u64) -> Result<World, R
                     }),
                 },
                 angles,
-            )?))
+            )?)
         }
         config::Tracking::Ideal => {
             if build::command_mode(rig) != CommandMode::Position {
@@ -412,7 +441,7 @@ fn world(rig: &config::Rig, scene: &config::Scene, seed: u64) -> Result<World, R
                 return Err(RigError::Mismatch(message.into()));
             }
             Body::Ideal(Ideal {
-                linkage: linkage.clone(),
+                linkage,
                 angles,
                 tip: start,
                 velocity: TipVelocity::default(),
@@ -425,7 +454,6 @@ fn world(rig: &config::Rig, scene: &config::Scene, seed: u64) -> Result<World, R
     Ok(World {
         body,
         hand,
-        linkage,
         calibration,
         mounting,
         noise_counts: match model.force_sensor {

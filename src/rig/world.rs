@@ -17,7 +17,7 @@ use crate::sim::hand::Hand;
 #[derive(Clone, Debug)]
 pub(super) enum Body {
     /// The arm with its inertia and friction.
-    Arm(Box<Arm>),
+    Arm(Arm),
     /// No arm: the joints are where the drives were told to be.
     Ideal(Ideal),
 }
@@ -46,7 +46,6 @@ pub(super) struct Truth {
 pub(super) struct World {
     pub(super) body: Body,
     pub(super) hand: Hand<2>,
-    pub(super) linkage: FiveBar,
     pub(super) calibration: Calibration,
     pub(super) mounting: Mounting,
     pub(super) noise_counts: f64,
@@ -103,12 +102,13 @@ impl World {
     /// What the force sensor's channels read at `now`, in counts; notes the truth of this moment.
     pub(super) fn feel(&mut self, now: Time) -> Result<[i32; 6], RigError> {
         let time = now.as_secs_f64() - self.hand_from_s;
-        let (position, velocity, acceleration) = match &self.body {
+        let (posture, position, velocity, acceleration) = match &self.body {
             Body::Arm(arm) => {
-                let tip = arm.tip()?;
-                (tip.position, tip.velocity, Vector2::from(tip.acceleration_m_per_s2))
+                let posture = arm.posture()?;
+                let tip = arm.tip_in(&posture);
+                (posture, tip.position, tip.velocity, Vector2::from(tip.acceleration_m_per_s2))
             }
-            Body::Ideal(ideal) => (ideal.tip, ideal.velocity, ideal.acceleration),
+            Body::Ideal(ideal) => (ideal.linkage.forward(ideal.angles)?, ideal.tip, ideal.velocity, ideal.acceleration),
         };
         let force = if time < 0.0 {
             Force::default()
@@ -116,10 +116,6 @@ impl World {
             Force(self.hand.force_on_tool(time, position.0, velocity.0, acceleration))
         };
         self.truth = Truth { tip: position, velocity, force };
-        let posture = self.linkage.forward(match &self.body {
-            Body::Arm(arm) => arm.angles(),
-            Body::Ideal(ideal) => ideal.angles,
-        })?;
         let link_angle = self.mounting.link_angle_rad(posture.distal_angle_rad);
         let mut counts = self.calibration.counts_for(&self.mounting.to_sensor(force, 0.0, link_angle));
         if self.noise_counts > 0.0 {

@@ -235,6 +235,13 @@ impl Sensing {
         self.bias
     }
 
+    /// Counts to wrench.
+    ///
+    /// Real-time: yes.
+    pub fn calibration(&self) -> &Calibration {
+        &self.calibration
+    }
+
     /// How the sensor sits on its link.
     pub fn mounting(&self) -> Mounting {
         self.mounting

@@ -1,9 +1,10 @@
 //! Measures of one run, taken from its rows.
 
-use crate::record::{Row, Trace};
+use serde::Serialize;
 
-/// A proxy nearer to the surface than this, in m, lies on it.
-const ON_SURFACE_M: f64 = 1e-9;
+use crate::fixture::prediction;
+use crate::record::{ForceMeaning, ON_SURFACE_M, Row, Trace};
+
 /// Time after a crossing in which a penetration belongs to the impact, in s.
 const IMPACT_WINDOW_S: f64 = 0.2;
 /// Time left out of steady tracing after an impact or a reversal, in s.
@@ -12,12 +13,17 @@ const SETTLING_S: f64 = 0.1;
 const TRACING_SPEED_M_PER_S: f64 = 0.1;
 /// A proxy slower than this, in m/s, rests: resting on the surface is not tracing it.
 const RESTING_SPEED_M_PER_S: f64 = 1e-3;
+/// A force above this share of R is at R but for rounding: the surface yields.
+const YIELDING_SHARE: f64 = 1.0 - 1e-6;
 /// Share of R up to which a force counts as pressing on the surface below the yield force.
 const PRESSED_SHARE: f64 = 0.95;
 
 /// One crossing of the surface by a proxy that came from off it, pushed by less than R.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Impact {
+    /// Row of the crossing.
+    #[serde(skip)]
+    pub row: usize,
     /// Time of the crossing in s.
     pub time_s: f64,
     /// Speed of the proxy along the normal before the crossing, in m/s.
@@ -27,6 +33,8 @@ pub struct Impact {
     /// The depth that the proxy's equation of motion gives for this speed and the mean normal force until it stopped,
     /// in mm; `None` where the law does not apply (impedance type, or a hold).
     pub predicted_depth_mm: Option<f64>,
+    /// The same for the least and the greatest normal force until it stopped: the law is for a constant force.
+    pub predicted_range_mm: Option<[f64; 2]>,
     /// Greatest distance of the tool beyond the surface in the same time, in mm.
     pub tool_depth_mm: f64,
     /// Greatest sensed normal force within the window, in N.
@@ -34,7 +42,7 @@ pub struct Impact {
 }
 
 /// The measures of one run; see the fields.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Measures {
     /// All impacts, in order of time.
     pub impacts: Vec<Impact>,
@@ -65,9 +73,13 @@ pub struct Measures {
     pub peak_torque_n_m: Option<f64>,
     /// Whether a torque reached its limit; `None` where no torque is commanded.
     pub torque_saturated: Option<bool>,
-    /// Kinetic energy that the proxy lost in its stops, summed, in J: the bound on `energy_given_j` without
-    /// quantisation (admittance type).
+    /// Greatest net work of the tool on the hand over any stretch of the run, in J.
+    pub energy_rise_j: f64,
+    /// Kinetic energy that the proxy lost in the stops after its impacts, summed, in J (admittance type).
     pub stop_energy_j: Option<f64>,
+    /// What the bound holds: for the admittance type `energy_given_j`, by the stop energy and the work of one count of
+    /// the force sensor over the tool's way; for the impedance type `energy_rise_j`, by `R^2 / (2 K)`; in J.
+    pub energy_bound_j: f64,
 }
 
 /// What the measures need to know of the fixture and the loop.
@@ -81,12 +93,21 @@ pub struct Context {
     pub is_unilateral: bool,
     /// Torque limit in N m; `None` where no torque is commanded.
     pub torque_limit_n_m: Option<f64>,
+    /// Stiffness of the impedance coupling in N/m; 0 for the admittance type.
+    pub stiffness_n_per_m: f64,
+    /// Force of one count of the sensor in N; 0 without a sensor.
+    pub force_resolution_n: f64,
 }
 
 /// Takes all measures of `trace`.
 pub fn measure(trace: &Trace, context: &Context) -> Measures {
     let impacts = impacts(trace, context);
-    let (energy_given_j, energy_taken_j) = work(trace);
+    let Work { given_j: energy_given_j, taken_j: energy_taken_j, rise_j: energy_rise_j, way_m } = work(trace);
+    let stop_energy_j = context.mass_kg.map(|mass| stop_energy(trace, &impacts, context, mass));
+    let energy_bound_j = match stop_energy_j {
+        Some(stops) => stops + context.force_resolution_n * way_m,
+        None => prediction::stored_energy_limit_j(trace.yield_n, context.stiffness_n_per_m),
+    };
     let on: Vec<&Row> = trace.rows.iter().filter(|row| row.is_on_surface).collect();
     let distance_mm = |row: &Row| 1e3 * trace.reference.signed_distance_m(row.tool_m).unwrap_or(0.0).abs();
     let tracing: Vec<&Row> = steady_tracing(trace, context, &impacts).collect();
@@ -108,7 +129,9 @@ pub fn measure(trace: &Trace, context: &Context) -> Measures {
         power_positive_fraction: positive as f64 / trace.rows.len().max(1) as f64,
         peak_torque_n_m: context.torque_limit_n_m.map(|_| peak_torque),
         torque_saturated: context.torque_limit_n_m.map(|limit| peak_torque >= limit * (1.0 - 1e-9)),
-        stop_energy_j: context.mass_kg.map(|mass| stop_energy(trace, context.period_s, mass)),
+        energy_rise_j,
+        stop_energy_j,
+        energy_bound_j,
         impacts,
     }
 }
@@ -129,20 +152,14 @@ fn push_n(trace: &Trace, row: &Row) -> f64 {
 
 fn impacts(trace: &Trace, context: &Context) -> Vec<Impact> {
     let rows = &trace.rows;
-    let mut found: Vec<Impact> = Vec::new();
-    for at in 2..rows.len() {
-        let (before, now) = (rows[at - 1].signed_distance_m, rows[at].signed_distance_m);
-        let crosses = before.abs() > ON_SURFACE_M && (before * now < 0.0 || now.abs() <= ON_SURFACE_M);
+    trace
+        .contacts()
+        .filter(|&at| at >= 2)
         // Against a unilateral surface only an approach from the free side is an impact.
-        if !crosses || (context.is_unilateral && before < 0.0) {
-            continue;
-        }
-        if push_n(trace, &rows[at]).abs() >= trace.yield_n {
-            continue;
-        }
-        found.push(impact_at(trace, context, at));
-    }
-    found
+        .filter(|&at| !context.is_unilateral || rows[at - 1].signed_distance_m > 0.0)
+        .filter(|&at| push_n(trace, &rows[at]).abs() < YIELDING_SHARE * trace.yield_n)
+        .map(|at| impact_at(trace, context, at))
+        .collect()
 }
 
 fn impact_at(trace: &Trace, context: &Context, at: usize) -> Impact {
@@ -151,10 +168,12 @@ fn impact_at(trace: &Trace, context: &Context, at: usize) -> Impact {
     let speed = (rows[at - 1].signed_distance_m - rows[at - 2].signed_distance_m).abs() / context.period_s;
     let window = (IMPACT_WINDOW_S / context.period_s).round() as usize;
     let mut impact = Impact {
+        row: at,
         time_s: rows[at].time_s,
         speed_m_per_s: speed,
         depth_mm: 0.0,
         predicted_depth_mm: None,
+        predicted_range_mm: None,
         tool_depth_mm: 0.0,
         force_normal_max_n: 0.0,
     };
@@ -164,7 +183,7 @@ fn impact_at(trace: &Trace, context: &Context, at: usize) -> Impact {
     for row in rows.iter().skip(at).take(window) {
         let force = push_n(trace, row);
         impact.force_normal_max_n = impact.force_normal_max_n.max(force.abs());
-        below_yield &= force.abs() < trace.yield_n;
+        below_yield &= force.abs() < YIELDING_SHARE * trace.yield_n;
         let depth = -side * row.signed_distance_m;
         came_back |= depth < -ON_SURFACE_M;
         if !below_yield || came_back {
@@ -178,16 +197,21 @@ fn impact_at(trace: &Trace, context: &Context, at: usize) -> Impact {
         impact.tool_depth_mm = impact.tool_depth_mm.max(-side * 1e3 * tool);
     }
     if let (Some(mass), 0) = (context.mass_kg, trace.hold_steps) {
-        let mean_push = if push.is_empty() { 0.0 } else { push.iter().sum::<f64>() / push.len() as f64 };
-        let law = crate::fixture::prediction::Impact {
-            mass_kg: mass,
-            yield_n: trace.yield_n,
-            hand_force_n: mean_push,
-            speed_m_per_s: speed,
-            last_distance_m: rows[at - 1].signed_distance_m.abs(),
-            period_s: context.period_s,
+        let law = |hand_force_n: f64| {
+            let law = prediction::Impact {
+                mass_kg: mass,
+                yield_n: trace.yield_n,
+                hand_force_n,
+                speed_m_per_s: speed,
+                last_distance_m: rows[at - 1].signed_distance_m.abs(),
+                period_s: context.period_s,
+            };
+            law.penetration_depth_m().map(|depth| 1e3 * depth)
         };
-        impact.predicted_depth_mm = law.penetration_depth_m().map(|depth| 1e3 * depth);
+        let mean = push.iter().sum::<f64>() / push.len().max(1) as f64;
+        let ends = push.iter().fold([mean; 2], |[least, most], &force| [least.min(force), most.max(force)]);
+        impact.predicted_depth_mm = law(mean);
+        impact.predicted_range_mm = law(ends[0]).zip(law(ends[1])).map(Into::into);
     }
     impact
 }
@@ -198,8 +222,8 @@ struct Pressed {
     releases: u32,
 }
 
-/// Walks the contacts: from a row with the proxy on the surface until the push reaches 0.95 R, or points to the free
-/// side of a unilateral surface.
+/// Walks the contacts: from the second row in a row with the proxy on the surface (a single one is a landing in flight)
+/// until the push reaches 0.95 R, or points to the free side of a unilateral surface.
 fn pressed(trace: &Trace, context: &Context) -> Pressed {
     let mut pressed = Pressed { rows: 0, on: 0, releases: 0 };
     let mut in_contact = false;
@@ -209,7 +233,7 @@ fn pressed(trace: &Trace, context: &Context) -> Pressed {
         let is_freeing = context.is_unilateral && push > 0.0;
         if push.abs() >= PRESSED_SHARE * trace.yield_n || is_freeing {
             in_contact = false;
-        } else if row.is_on_surface {
+        } else if row.is_on_surface && was_on {
             in_contact = true;
         }
         if in_contact && push.abs() > trace.friction_n {
@@ -252,31 +276,57 @@ fn steady_tracing<'a>(trace: &'a Trace, context: &'a Context, impacts: &'a [Impa
     })
 }
 
-/// Work of the tool on the hand, its positive and its negative part, by the trapezoidal rule over rows.
-fn work(trace: &Trace) -> (f64, f64) {
-    let mut given = 0.0;
-    let mut taken = 0.0;
+struct Work {
+    given_j: f64,
+    taken_j: f64,
+    rise_j: f64,
+    way_m: f64,
+}
+
+/// Work of the tool on the hand from row to row: a sensed force by the trapezoidal rule, an actuator force as it is held.
+fn work(trace: &Trace) -> Work {
+    let mut sums = Work { given_j: 0.0, taken_j: 0.0, rise_j: 0.0, way_m: 0.0 };
+    let mut rise: f64 = 0.0;
     for pair in trace.rows.windows(2) {
         let [before, row] = pair else { continue };
         let (f0, f1) = (trace.force_on_hand_n(before), trace.force_on_hand_n(row));
-        let work: f64 = (0..3).map(|axis| 0.5 * (f0[axis] + f1[axis]) * (row.tool_m[axis] - before.tool_m[axis])).sum();
-        given += work.max(0.0);
-        taken += (-work).max(0.0);
+        let step = std::array::from_fn::<f64, 3, _>(|axis| row.tool_m[axis] - before.tool_m[axis]);
+        let work = match trace.force_meaning {
+            ForceMeaning::HandOnTool => 0.5 * (dot(f0, step) + dot(f1, step)),
+            ForceMeaning::ActuatorOnTool => dot(f0, step),
+        };
+        sums.given_j += work.max(0.0);
+        sums.taken_j += (-work).max(0.0);
+        rise = (rise + work).max(0.0);
+        sums.rise_j = sums.rise_j.max(rise);
+        sums.way_m += norm(step);
     }
-    (given, taken)
+    sums
 }
 
-/// Kinetic energy lost by the proxy over its slowing steps, `sum 1/2 M (v0^2 - v1^2)`.
-fn stop_energy(trace: &Trace, period_s: f64, mass_kg: f64) -> f64 {
-    let squares: Vec<f64> = trace
-        .rows
-        .windows(2)
-        .map(|pair| {
-            let step = std::array::from_fn::<f64, 3, _>(|axis| pair[1].proxy_m[axis] - pair[0].proxy_m[axis]);
-            dot(step, step) / (period_s * period_s)
-        })
-        .collect();
-    squares.windows(2).map(|pair| 0.5 * mass_kg * (pair[0] - pair[1]).max(0.0)).sum()
+/// Kinetic energy that the proxy lost in the stops that its impacts began, `sum 1/2 M (v0^2 - v1^2)`; a stop ends when
+/// the proxy is faster again.
+fn stop_energy(trace: &Trace, impacts: &[Impact], context: &Context, mass_kg: f64) -> f64 {
+    let rows = &trace.rows;
+    let square = |at: usize| {
+        let step = std::array::from_fn::<f64, 3, _>(|axis| rows[at].proxy_m[axis] - rows[at - 1].proxy_m[axis]);
+        dot(step, step) / (context.period_s * context.period_s)
+    };
+    let window = (IMPACT_WINDOW_S / context.period_s).round() as usize;
+    let mut energy = 0.0;
+    for impact in impacts {
+        let before = square(impact.row - 1);
+        let mut least = before;
+        for at in impact.row..(impact.row + window).min(rows.len()) {
+            let now = square(at);
+            if now > least {
+                break;
+            }
+            least = now;
+        }
+        energy += 0.5 * mass_kg * (before - least);
+    }
+    energy
 }
 
 fn dot(a: [f64; 3], b: [f64; 3]) -> f64 {

@@ -1,5 +1,7 @@
 //! Studies over whole rigs: the figures of the paper and the measures taken from runs.
 
+#[cfg(feature = "figures")]
+pub mod drawing;
 pub mod measures;
 pub mod reproduce;
 mod run;

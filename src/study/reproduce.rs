@@ -1,1 +1,222 @@
-//! figures
+//! The figures of the paper, run again on the simulated machines.
+
+use std::fmt;
+
+use super::measures::Measures;
+use super::run::{Overrides, RunReport, Stage, run_device, run_rig};
+use crate::config::{self, Loaded, Report, Source};
+use crate::record::Trace;
+use crate::rig::RigError;
+
+/// The figures that can be reproduced, in the paper's order.
+pub const FIGURES: [&str; 8] = ["fig8", "fig9", "fig11", "fig12", "fig13", "fig14", "fig15", "fig16"];
+
+/// The figures that Fig. 13 shows enlarged.
+const MAGNIFIED_IN_FIG13: [&str; 2] = ["fig8", "fig11"];
+
+/// How a machine is driven.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub enum Mode {
+    /// Admittance rig, drives in cyclic synchronous torque mode.
+    Cst,
+    /// Admittance rig, drives in cyclic synchronous velocity mode.
+    Csv,
+    /// Admittance rig, drives in cyclic synchronous position mode.
+    Csp,
+    /// Impedance device.
+    Impedance,
+}
+
+impl fmt::Display for Mode {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Mode::Cst => "cst",
+            Mode::Csv => "csv",
+            Mode::Csp => "csp",
+            Mode::Impedance => "impedance",
+        })
+    }
+}
+
+/// One run of a figure.
+#[derive(Clone, Debug)]
+pub struct FigureRun {
+    /// Name of the figure, such as `fig11`.
+    pub figure: &'static str,
+    /// How the machine was driven.
+    pub mode: Mode,
+    /// `N_wait`.
+    pub hold_steps: u32,
+    /// The finished run.
+    pub report: RunReport,
+    /// What the same run measures without feed-forward; `None` where the drives close the loop.
+    pub without_feed_forward: Option<Measures>,
+    /// Parts of the plane that the figure shows enlarged.
+    pub magnified: Vec<config::MagnifiedWindow>,
+}
+
+impl FigureRun {
+    /// The rows.
+    pub fn trace(&self) -> &Trace {
+        &self.report.trace
+    }
+
+    /// What was measured on them.
+    pub fn measures(&self) -> &Measures {
+        &self.report.measures
+    }
+}
+
+/// Why a figure could not be reproduced.
+#[derive(Debug)]
+pub enum ReproduceError {
+    /// A file of the figure was refused.
+    Config(Report),
+    /// A machine could not be built or could not go on.
+    Rig {
+        /// The figure.
+        figure: &'static str,
+        /// How the machine was driven.
+        mode: Mode,
+        /// What went wrong.
+        source: RigError,
+    },
+}
+
+impl From<Report> for ReproduceError {
+    fn from(report: Report) -> Self {
+        ReproduceError::Config(report)
+    }
+}
+
+/// A hand as a multiple of the scene's own.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct HandScale {
+    /// Factor on stiffness and damping.
+    pub stiffness: f64,
+    /// Factor on the mass.
+    pub mass: f64,
+}
+
+impl HandScale {
+    /// The scene's own hand.
+    pub const SAME: HandScale = HandScale { stiffness: 1.0, mass: 1.0 };
+}
+
+/// Runs every machine and every hold of a figure. Fig. 13 shows runs of Figs 8 and 11, which carry its name here.
+///
+/// `progress` gets the figure, the mode and the stage of the run.
+///
+/// # Errors
+/// A file that was refused, or a machine that could not be run.
+pub fn reproduce(
+    figure: &'static str,
+    hand: HandScale,
+    mut progress: impl FnMut(&'static str, Mode, Stage),
+) -> Result<Vec<FigureRun>, ReproduceError> {
+    if figure != "fig13" {
+        return run_figure(figure, figure, hand, &mut progress);
+    }
+    let mut runs = Vec::new();
+    for shown in MAGNIFIED_IN_FIG13 {
+        runs.extend(run_figure(figure, shown, hand, &mut progress)?);
+    }
+    Ok(runs)
+}
+
+fn run_figure(
+    name: &'static str,
+    file: &str,
+    hand: HandScale,
+    progress: &mut impl FnMut(&'static str, Mode, Stage),
+) -> Result<Vec<FigureRun>, ReproduceError> {
+    let figure = config::load_figure(config::builtin(format!("figures/{file}.yaml")))?;
+    let scene = config::load_scene(figure.source.relative(&figure.value.scene))?;
+    let scene = with_hand(scene.value, hand);
+    let mut runs = Vec::new();
+    for machine in machines(&figure)? {
+        for &hold_steps in &figure.value.hold_steps {
+            let mode = machine.mode();
+            let mut fixture = figure.value.fixture.clone().unwrap_or_else(|| machine.fixture().clone());
+            fixture.hold_steps = hold_steps;
+            let overrides = Overrides { fixture: Some(fixture), ..Overrides::default() };
+            let fail = |source| ReproduceError::Rig { figure: name, mode, source };
+            let mut stage = |stage| progress(name, mode, stage);
+            let report = match &machine {
+                Machine::Rig(rig) => run_rig(rig, &scene, &overrides, None, &mut stage),
+                Machine::Device(device) => run_device(device, &scene, &overrides, &mut stage),
+            };
+            let report = report.map_err(fail)?;
+            let without_feed_forward = match &machine {
+                Machine::Rig(rig) if mode == Mode::Cst => {
+                    let bare = stripped_of_feed_forward(rig);
+                    Some(run_rig(&bare, &scene, &overrides, None, &mut stage).map_err(fail)?.measures)
+                }
+                _ => None,
+            };
+            let magnified = figure.value.magnify.clone();
+            runs.push(FigureRun { figure: name, mode, hold_steps, report, without_feed_forward, magnified });
+        }
+    }
+    Ok(runs)
+}
+
+enum Machine {
+    Rig(Box<config::Rig>),
+    Device(Box<config::ImpedanceDevice>),
+}
+
+impl Machine {
+    fn mode(&self) -> Mode {
+        match self {
+            Machine::Rig(rig) => match rig.rig.command_mode {
+                config::CommandMode::Torque => Mode::Cst,
+                config::CommandMode::Velocity => Mode::Csv,
+                config::CommandMode::Position => Mode::Csp,
+            },
+            Machine::Device(_) => Mode::Impedance,
+        }
+    }
+
+    fn fixture(&self) -> &config::Fixture {
+        match self {
+            Machine::Rig(rig) => &rig.fixture,
+            Machine::Device(device) => &device.fixture,
+        }
+    }
+}
+
+/// The machines of a figure, torque mode before position mode.
+fn machines(figure: &Loaded<config::Figure>) -> Result<Vec<Machine>, Report> {
+    let file = |path: &String| -> Source { figure.source.relative(path) };
+    let mut machines = Vec::new();
+    if let Some(device) = &figure.value.device {
+        machines.push(Machine::Device(Box::new(config::load_device(file(device))?.value)));
+    }
+    for rig in figure.value.rigs.values() {
+        machines.push(Machine::Rig(Box::new(config::load_rig(file(rig))?.value)));
+    }
+    machines.sort_by_key(Machine::mode);
+    Ok(machines)
+}
+
+fn stripped_of_feed_forward(rig: &config::Rig) -> config::Rig {
+    let mut rig = rig.clone();
+    let forward = &mut rig.control.feed_forward;
+    let none = |value| config::NotNegative::new(0.0).unwrap_or(value);
+    forward.coulomb_n_m = forward.coulomb_n_m.map(none);
+    forward.viscous_n_m_s_per_rad = forward.viscous_n_m_s_per_rad.map(none);
+    forward.inertia = None;
+    rig
+}
+
+fn with_hand(mut scene: config::Scene, scale: HandScale) -> config::Scene {
+    let hand = &mut scene.hand;
+    let positive = |value: config::Positive, factor: f64| config::Positive::new(value.get() * factor).unwrap_or(value);
+    let not_negative =
+        |value: config::NotNegative, factor: f64| config::NotNegative::new(value.get() * factor).unwrap_or(value);
+    hand.stiffness_n_per_m = positive(hand.stiffness_n_per_m, scale.stiffness);
+    hand.damping_n_s_per_m = not_negative(hand.damping_n_s_per_m, scale.stiffness);
+    hand.mass_kg = not_negative(hand.mass_kg, scale.mass);
+    scene
+}

@@ -94,6 +94,8 @@ pub fn run_rig(
         mass_kg: mass_kg(fixture),
         is_unilateral: fixture.side == config::Side::Unilateral,
         torque_limit_n_m: is_torque.then(|| rig.guard.torque_limit_n_m.get()),
+        stiffness_n_per_m: 0.0,
+        force_resolution_n: rig.sensor.calibration[0][0].get().abs().max(rig.sensor.calibration[1][1].get().abs()),
     };
     let measures = measure(&trace, &context);
     Ok(RunReport { trace, measures, state: Some(state), cause, bus: Some(*machine.bus_counters()), period_s })
@@ -126,6 +128,11 @@ pub fn run_device(
         mass_kg: None,
         is_unilateral: fixture.side == config::Side::Unilateral,
         torque_limit_n_m: None,
+        stiffness_n_per_m: match fixture.coupling {
+            config::Coupling::Impedance { stiffness_n_per_m, .. } => stiffness_n_per_m.get(),
+            config::Coupling::Admittance { .. } => 0.0,
+        },
+        force_resolution_n: 0.0,
     };
     let measures = measure(&trace, &context);
     Ok(RunReport { trace, measures, state: None, cause: None, bus: None, period_s })

@@ -49,7 +49,8 @@ pub enum TimeSpan {
         /// End in s, after the begin.
         to_s: f64,
     },
-    /// Rows around the first impact; time then counts from the impact, in ms.
+    /// Rows around the first moment at which the proxy meets the surface, stopped or not; time then counts from it,
+    /// in ms.
     AroundImpact {
         /// How long before the impact, in s.
         before_s: f64,
@@ -143,8 +144,8 @@ impl<'a> Excerpt<'a> {
             TimeSpan::Whole => (f64::NEG_INFINITY, f64::INFINITY, 0.0),
             TimeSpan::Between { from_s, to_s } => (from_s, to_s, 0.0),
             TimeSpan::AroundImpact { before_s, after_s } => {
-                let impact = trace.rows.iter().find(|row| row.is_impact);
-                let at_s = impact.ok_or_else(|| Error::NoImpact { title: trace.title.clone() })?.time_s;
+                let contact = trace.contacts().next().and_then(|at| trace.rows.get(at));
+                let at_s = contact.ok_or_else(|| Error::NoImpact { title: trace.title.clone() })?.time_s;
                 (at_s - before_s, at_s + after_s, at_s)
             }
         };

@@ -19,6 +19,7 @@ fn tour(row_count: usize) -> Trace {
             proxy_m: [(radius_m - 1e-4) * cosine, (radius_m - 1e-4) * sine, 0.0],
             force_n: [force_n * cosine, force_n * sine, 0.0],
             power_w: -0.03 * force_n.abs(),
+            signed_distance_m: if step < row_count / 2 { 0.01 } else { 0.0 },
             is_impact: step == row_count / 2,
             ..Row::default()
         }
@@ -163,7 +164,7 @@ fn traces_that_cannot_be_drawn_are_refused() {
     let late = spans(TimeSpan::Between { from_s: 9.0, to_s: 10.0 });
     assert!(matches!(refuse(&tour(10), &late), Error::EmptySpan { from_s: 9.0, .. }));
     let mut smooth = tour(10);
-    smooth.rows.iter_mut().for_each(|row| row.is_impact = false);
+    smooth.rows.iter_mut().for_each(|row| row.signed_distance_m = 0.01);
     let around = spans(TimeSpan::AroundImpact { before_s: 0.1, after_s: 0.1 });
     assert!(matches!(refuse(&smooth, &around), Error::NoImpact { .. }));
     let level = Reference::Plane { point_m: [0.0; 3], normal: [0.0, 0.0, 1.0] };

@@ -20,7 +20,7 @@ use thiserror::Error;
 use self::flexible::Gear;
 use super::hand::HandLoad;
 use super::substeps::equal_steps;
-use crate::linkage::{Dynamics, FiveBar, GeometryError, LinkageError, MassModel};
+use crate::linkage::{Dynamics, FiveBar, GeometryError, LinkageError, MassModel, Posture};
 use crate::quantity::{JointAngles, JointRates, JointTorques, TipPoint, TipVelocity};
 
 /// The simulation stops where the tool would move this many times faster than the elbows: about 1/30 rad before the
@@ -209,12 +209,26 @@ impl Arm {
     /// # Errors
     /// If the last step ended where the linkage cannot be.
     pub fn tip(&self) -> Result<TipMotion, ArmError> {
-        let Dynamics { tip, tip_velocity, .. } = self.dynamics(self.angles, self.rates)?;
-        Ok(TipMotion {
-            position: tip,
-            velocity: tip_velocity,
+        self.posture().map(|posture| self.tip_in(&posture))
+    }
+
+    /// Posture of the linkage at the present time.
+    ///
+    /// # Errors
+    /// If the last step ended where the linkage cannot be.
+    pub fn posture(&self) -> Result<Posture, ArmError> {
+        let posture = self.linkage.forward(self.angles());
+        let posture = posture.map_err(|source| ArmError::Linkage { time_s: self.time_s, source })?;
+        self.check_transmission(&posture.jacobian).map(|()| posture)
+    }
+
+    /// Motion of the tool in the present posture, for those who have it at hand.
+    pub fn tip_in(&self, posture: &Posture) -> TipMotion {
+        TipMotion {
+            position: posture.tip,
+            velocity: TipVelocity(posture.jacobian * self.rates),
             acceleration_m_per_s2: [self.tip_acceleration.x, self.tip_acceleration.y],
-        })
+        }
     }
 
     /// Kinetic energy of arm and attached mass, with the energy of the joints' springs, in J.
@@ -294,17 +308,20 @@ impl Arm {
     /// Equations of motion at a state, refused near a type 2 singularity.
     #[inline]
     fn dynamics(&self, angles: Vector2<f64>, rates: Vector2<f64>) -> Result<Dynamics, ArmError> {
-        match self.linkage.dynamics(&self.mass, JointAngles(angles), JointRates(rates)) {
-            Ok(dynamics) if dynamics.jacobian.norm_squared() <= self.jacobian_limit_m2 => Ok(dynamics),
-            Ok(dynamics) => Err(self.near_singularity(&dynamics)),
-            Err(source) => Err(ArmError::Linkage { time_s: self.time_s, source }),
-        }
+        let dynamics = self.linkage.dynamics(&self.mass, JointAngles(angles), JointRates(rates));
+        let dynamics = dynamics.map_err(|source| ArmError::Linkage { time_s: self.time_s, source })?;
+        self.check_transmission(&dynamics.jacobian).map(|()| dynamics)
+    }
+
+    #[inline]
+    fn check_transmission(&self, jacobian: &Matrix2<f64>) -> Result<(), ArmError> {
+        if jacobian.norm_squared() <= self.jacobian_limit_m2 { Ok(()) } else { Err(self.near_singularity(jacobian)) }
     }
 
     #[cold]
-    fn near_singularity(&self, dynamics: &Dynamics) -> ArmError {
+    fn near_singularity(&self, jacobian: &Matrix2<f64>) -> ArmError {
         let longer_m = self.jacobian_limit_m2.sqrt() / TRANSMISSION_LIMIT;
-        let transmission = dynamics.jacobian.norm() / longer_m;
+        let transmission = jacobian.norm() / longer_m;
         ArmError::NearSingularity { time_s: self.time_s, transmission, limit: TRANSMISSION_LIMIT }
     }
 

@@ -122,12 +122,16 @@ impl Port {
     }
 }
 
-#[derive(Clone, Copy, Debug)]
+/// The frame that is sent next.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
 struct Next {
     port: usize,
     position: usize,
-    start: Time,
+    id: u16,
     bits: u32,
+    start: Time,
+    /// When receivers have it.
+    end: Time,
 }
 
 /// A CAN bus in virtual time, with the timing and arbitration of classic CAN.
@@ -144,6 +148,8 @@ pub struct VirtualBus {
     ports: Vec<Port>,
     idle_from: Time,
     waiting: usize,
+    /// What arbitration gives as things stand, kept up to date because it is asked for far more often than it changes.
+    next: Option<Next>,
     counters: BusCounters,
     tamper: Option<Box<dyn Tamper + Send>>,
 }
@@ -171,7 +177,15 @@ impl VirtualBus {
             return Err(CanError::BitRate { bit_rate });
         }
         let ports = ports.iter().map(|&order| Port { order, queue: VecDeque::with_capacity(QUEUE_FRAMES) }).collect();
-        Ok(VirtualBus { timing, ports, idle_from: Time(0), waiting: 0, counters: BusCounters::default(), tamper: None })
+        Ok(VirtualBus {
+            timing,
+            ports,
+            idle_from: Time(0),
+            waiting: 0,
+            next: None,
+            counters: BusCounters::default(),
+            tamper: None,
+        })
     }
 
     /// Has every frame pass through `tamper`; replaces an earlier one.
@@ -186,14 +200,23 @@ impl VirtualBus {
 
     /// Queues `frame` in `port` at the moment `now`; whether there was room. An unknown port has none.
     pub fn submit(&mut self, port: usize, now: Time, frame: Frame) -> bool {
-        let Some(queue) = self.ports.get_mut(port).map(|port| &mut port.queue).filter(|q| q.len() < QUEUE_FRAMES)
-        else {
+        let Some(sender) = self.ports.get_mut(port).filter(|port| port.queue.len() < QUEUE_FRAMES) else {
             self.counters.overflowed += 1;
             return false;
         };
-        queue.push_back(Queued { ready: now, frame, bits: frame_bits(&frame) });
-        self.counters.queue_high_water = self.counters.queue_high_water.max(queue.len());
+        let bits = frame_bits(&frame);
+        let position = sender.queue.len();
+        sender.queue.push_back(Queued { ready: now, frame, bits });
+        self.counters.queue_high_water = self.counters.queue_high_water.max(sender.queue.len());
         self.waiting += 1;
+        let is_offered = position == 0 || sender.order == QueueOrder::Priority;
+        let start = match self.next {
+            // It comes too late for this arbitration, waits behind others, or loses.
+            Some(next) if now > next.start || !is_offered || (next.id, next.port) <= (frame.id(), port) => return true,
+            Some(next) => next.start,
+            None => self.idle_from.max(now),
+        };
+        self.next = Some(self.sending(port, position, start, &Queued { ready: now, frame, bits }));
         true
     }
 
@@ -204,31 +227,28 @@ impl VirtualBus {
 
     /// When the next frame will be delivered if nothing else is submitted; [`Time::NEVER`] if nothing waits.
     pub fn next_event(&self) -> Time {
-        self.arbitrate().map_or(Time::NEVER, |next| next.start + self.on_wire(next.bits - INTERFRAME_BITS))
+        self.next.map_or(Time::NEVER, |next| next.end)
     }
 
     /// The next frame that is delivered not later than `until`. Call it again until it gives nothing; the order of
     /// deliveries is that on the wire.
     pub fn advance(&mut self, until: Time) -> Option<Delivery> {
-        while let Some(next) = self.arbitrate() {
-            let time = next.start + self.on_wire(next.bits - INTERFRAME_BITS);
-            if time > until {
-                return None;
-            }
+        while let Some(next) = self.next.filter(|next| next.end <= until) {
             let sent = self.ports.get_mut(next.port)?.queue.remove(next.position)?.frame;
             self.waiting -= 1;
             self.counters.frames += 1;
             self.counters.bits += u64::from(next.bits);
             self.idle_from = next.start + self.on_wire(next.bits);
-            self.count_clashes(next, sent.id());
+            self.count_clashes(&next);
+            self.next = self.arbitrate();
             let passed = match &mut self.tamper {
-                Some(tamper) => tamper.pass(time, next.port, sent),
+                Some(tamper) => tamper.pass(next.end, next.port, sent),
                 None => Some(sent),
             };
             match passed {
                 Some(frame) => {
                     self.counters.altered += u64::from(frame != sent);
-                    return Some(Delivery { time, from: next.port, frame });
+                    return Some(Delivery { time: next.end, from: next.port, frame });
                 }
                 None => self.counters.dropped += 1,
             }
@@ -241,6 +261,7 @@ impl VirtualBus {
         if let Some(port) = self.ports.get_mut(port) {
             self.waiting -= port.queue.len();
             port.queue.clear();
+            self.next = self.arbitrate();
         }
     }
 
@@ -269,6 +290,12 @@ impl VirtualBus {
         }
     }
 
+    fn sending(&self, port: usize, position: usize, start: Time, queued: &Queued) -> Next {
+        let Queued { frame, bits, .. } = queued;
+        let end = start + self.on_wire(bits - INTERFRAME_BITS);
+        Next { port, position, id: frame.id(), bits: *bits, start, end }
+    }
+
     /// Who sends next, and when: of the frames that are ready when the bus is next free and wanted.
     fn arbitrate(&self) -> Option<Next> {
         if self.waiting == 0 {
@@ -276,21 +303,19 @@ impl VirtualBus {
         }
         let first_ready = self.ports.iter().filter_map(|port| port.queue.front()).map(|queued| queued.ready).min()?;
         let start = self.idle_from.max(first_ready);
-        let mut best: Option<(u16, Next)> = None;
-        for (port, offers) in self.ports.iter().enumerate() {
-            if let Some((position, queued)) = offers.offer(start)
-                && best.is_none_or(|(id, _)| queued.frame.id() < id)
-            {
-                best = Some((queued.frame.id(), Next { port, position, start, bits: queued.bits }));
-            }
-        }
-        best.map(|(_, next)| next)
+        let offers = self.ports.iter().enumerate().filter_map(|(port, queue)| Some((port, queue.offer(start)?)));
+        // Of equal identifiers the first, so that the lower port number goes first.
+        let (port, (position, queued)) = offers.min_by_key(|(_, (_, queued))| queued.frame.id())?;
+        Some(self.sending(port, position, start, queued))
     }
 
-    fn count_clashes(&mut self, sent: Next, id: u16) {
+    fn count_clashes(&mut self, sent: &Next) {
+        if self.waiting == 0 {
+            return;
+        }
         let others = self.ports.iter().enumerate().filter(|(port, _)| *port != sent.port);
         let clashes =
-            others.filter(|(_, port)| port.offer(sent.start).is_some_and(|(_, queued)| queued.frame.id() == id));
+            others.filter(|(_, port)| port.offer(sent.start).is_some_and(|(_, queued)| queued.frame.id() == sent.id));
         self.counters.identifier_clashes += clashes.count() as u64;
     }
 }

@@ -186,3 +186,31 @@ proptest! {
         prop_assert_eq!(expected, got);
     }
 }
+
+proptest! {
+    /// Submitting looks at the new frame alone: it has to come to what arbitration among all frames gives.
+    #[test]
+    fn what_is_sent_next_is_always_what_arbitration_gives(
+        actions in proptest::collection::vec((0usize..4, 0u16..6, 0u64..120, 0u8..10), 1..80), ideal: bool,
+    ) {
+        let timing = if ideal { BitTiming::Ideal } else { MEGABIT };
+        let orders = [QueueOrder::Fifo, QueueOrder::Priority, QueueOrder::Priority, QueueOrder::Fifo];
+        let mut bus = VirtualBus::new(timing, &orders).unwrap();
+        let mut now_us = 0;
+        for (port, id, wait_us, action) in actions {
+            match action {
+                0 => bus.clear(port),
+                1..=3 => {
+                    now_us += wait_us;
+                    while bus.advance(Time::from_micros(now_us)).is_some() {
+                        prop_assert_eq!(bus.next, bus.arbitrate());
+                    }
+                }
+                _ => {
+                    bus.submit(port, Time::from_micros(now_us), Frame::new(0x100 + id, &[]));
+                }
+            }
+            prop_assert_eq!(bus.next, bus.arbitrate());
+        }
+    }
+}

@@ -69,9 +69,23 @@ const fn stuff_table() -> [[u8; 256]; 8] {
     table
 }
 
-/// CRC-15 over whole bytes, highest bit first. Zero bits in front do not change it.
-fn crc15(bytes: &[u8]) -> u16 {
-    bytes.iter().fold(0, |crc, &byte| ((crc << 8) ^ CRC_TABLE[usize::from((crc >> 7) as u8 ^ byte)]) & 0x7fff)
+/// CRC-15 after one more byte, highest bit first. Zero bits in front of everything do not change it.
+fn crc15(crc: u16, byte: u8) -> u16 {
+    ((crc << 8) ^ CRC_TABLE[usize::from((crc >> 7) as u8 ^ byte)]) & 0x7fff
+}
+
+/// Counts stuff bits along whole bytes.
+struct Stuffing {
+    state: usize,
+    count: u32,
+}
+
+impl Stuffing {
+    fn take(&mut self, byte: u8) {
+        let entry = STUFF_TABLE[self.state][usize::from(byte)];
+        self.count += u32::from(entry >> 4);
+        self.state = usize::from(entry & 0x7);
+    }
 }
 
 /// Bits that `frame` takes on the wire from SOF to the end of the interframe space, stuff bits included.
@@ -82,27 +96,23 @@ fn crc15(bytes: &[u8]) -> u16 {
 /// # Source
 /// ISO 11898-1, base frame format: a stuff bit follows each five equal bits between SOF and the end of the CRC.
 pub fn frame_bits(frame: &Frame) -> u32 {
-    let len = u32::from(frame.len());
-    // SOF, RTR, IDE and r0 are 0 (dominant).
-    let header = u128::from(frame.id()) << 7 | u128::from(len);
-    let data = u64::from_be_bytes(*frame.bytes()).checked_shr(64 - 8 * len).unwrap_or(0);
-    let unprotected = header << (8 * len) | u128::from(data);
-    // 19 bits of header are padded to 3 bytes with zeros in front.
-    let bytes = (unprotected << (8 * (16 - 3 - len))).to_be_bytes();
-    let crc = crc15(bytes.get(..3 + len as usize).unwrap_or_default());
-    let stuffed_part = unprotected << CRC_BITS | u128::from(crc);
-
-    // SOF is one 0; the first identifier bit is taken alone, which leaves whole bytes.
-    let first = frame.id() >> 10 & 1;
-    let mut state = if first == 0 { 1 } else { 4 };
-    let whole_bytes = (HEADER_BITS + CRC_BITS - 2) / 8 + len;
-    let mut stuffed = 0;
-    for &byte in stuffed_part.to_be_bytes().iter().skip(16 - whole_bytes as usize) {
-        let entry = STUFF_TABLE[state][usize::from(byte)];
-        stuffed += u32::from(entry >> 4);
-        state = usize::from(entry & 0x7);
+    // SOF, RTR, IDE and r0 are 0 (dominant). 19 bits, which the checksum sees as 3 bytes with zeros in front.
+    let header = u32::from(frame.id()) << 7 | u32::from(frame.len());
+    let mut crc = header.to_be_bytes().into_iter().skip(1).fold(0, crc15);
+    // SOF is one 0; the first identifier bit is taken alone, which leaves 17 bits of the header and whole bytes with
+    // the checksum, each shifted by the one bit that is left over from the byte before.
+    let mut stuffing = Stuffing { state: if frame.id() >> 10 & 1 == 0 { 1 } else { 4 }, count: 0 };
+    stuffing.take((header >> 9) as u8);
+    stuffing.take((header >> 1) as u8);
+    let mut before = header as u8;
+    for &byte in frame.data() {
+        crc = crc15(crc, byte);
+        stuffing.take(before << 7 | byte >> 1);
+        before = byte;
     }
-    HEADER_BITS + 8 * len + CRC_BITS + stuffed + TRAILER_BITS + INTERFRAME_BITS
+    stuffing.take(before << 7 | (crc >> 8) as u8);
+    stuffing.take(crc as u8);
+    HEADER_BITS + 8 * u32::from(frame.len()) + CRC_BITS + stuffing.count + TRAILER_BITS + INTERFRAME_BITS
 }
 
 #[cfg(test)]
@@ -143,7 +153,7 @@ mod tests {
 
     #[test]
     fn the_crc_has_the_published_check_value() {
-        assert_eq!(crc15(b"123456789"), 0x059e);
+        assert_eq!(b"123456789".iter().fold(0, |crc, &byte| crc15(crc, byte)), 0x059e);
     }
 
     #[test]

@@ -1,0 +1,126 @@
+//! `yieldwall reproduce`: the figures of the paper, run and drawn again.
+
+use std::path::PathBuf;
+
+use serde_json::{Value, json};
+
+use super::failure::{Exit, Failure};
+use super::output::Output;
+use super::progress::Progress;
+use super::run::{drawing_failure, measures_text, rig_failure, tool_text, write_drawing};
+use crate::study::drawing;
+use crate::study::reproduce::{FIGURES, FigureRun, HandScale, ReproduceError, reproduce};
+
+#[derive(Debug, clap::Args)]
+pub(super) struct Arguments {
+    /// The figure, or all of them
+    #[arg(value_name = "FIGURE", value_parser = parse_figure)]
+    figure: Choice,
+    /// Folder of the drawings, each as .svg and .png; made if it is missing
+    #[arg(long, value_name = "DIR", default_value = "out")]
+    out: PathBuf,
+    /// Multiply the hand's stiffness and damping, to see what hangs on them
+    #[arg(long, value_name = "FACTOR", default_value_t = 1.0, value_parser = parse_factor)]
+    hand_stiffness: f64,
+    /// Multiply the hand's mass, to see what hangs on it
+    #[arg(long, value_name = "FACTOR", default_value_t = 1.0, value_parser = parse_factor)]
+    hand_mass: f64,
+}
+
+#[derive(Clone, Debug)]
+struct Choice(Vec<&'static str>);
+
+fn parse_figure(text: &str) -> Result<Choice, String> {
+    if text == "all" {
+        return Ok(Choice(FIGURES.to_vec()));
+    }
+    match FIGURES.iter().find(|figure| **figure == text) {
+        Some(figure) => Ok(Choice(vec![figure])),
+        None => Err(format!("the figures are {}, all", FIGURES.join(", "))),
+    }
+}
+
+fn parse_factor(text: &str) -> Result<f64, String> {
+    match text.parse::<f64>() {
+        Ok(factor) if (0.1..=10.0).contains(&factor) => Ok(factor),
+        _ => Err("a factor is a number from 0.1 to 10".to_owned()),
+    }
+}
+
+pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Failure> {
+    let hand = HandScale { stiffness: arguments.hand_stiffness, mass: arguments.hand_mass };
+    let mut entries: Vec<Value> = Vec::new();
+    for &figure in &arguments.figure.0 {
+        let progress = Progress::new(output);
+        let runs = reproduce(figure, hand, |figure, mode, stage| {
+            progress.begin(&format!("{figure} {mode}"));
+            progress.at(stage);
+        });
+        progress.end();
+        let runs = runs.map_err(failure)?;
+        let mut files = Vec::new();
+        let drawings = drawing::figure(&runs).map_err(|error| drawing_failure(&arguments.out, &error))?;
+        for named in drawings {
+            for ending in ["svg", "png"] {
+                let path = arguments.out.join(format!("{}.{ending}", named.name));
+                write_drawing(&named.drawing, &path)?;
+                files.push(path);
+            }
+        }
+        for run in &runs {
+            entries.push(entry(run));
+            output.news(&text(run))?;
+        }
+        for file in files.iter().filter(|file| file.extension().is_some_and(|ending| ending == "svg")) {
+            output.news(&format!("  drawn in {} and .png", file.display()))?;
+        }
+        if let Some(run) = runs.iter().find(|run| run.report.state.is_some_and(|state| state.is_latched())) {
+            let cause = run.report.cause.map_or("", |fault| fault.row().name);
+            let message = format!("{figure} {}: the rig was stopped by {cause}", run.mode);
+            return Err(Failure::new(Exit::SafetyStop, message, "the scene asks for more than the rig's limits allow"));
+        }
+    }
+    if output.is_json() { output.json(&json!({ "figures": entries })) } else { Ok(()) }
+}
+
+/// The measures of a run with its name before them.
+fn entry(run: &FigureRun) -> Value {
+    let mut entry = json!({ "figure": run.figure, "mode": run.mode.to_string(), "n_wait": run.hold_steps });
+    if let (Value::Object(entry), Ok(Value::Object(measures))) = (&mut entry, serde_json::to_value(run.measures())) {
+        entry.extend(measures);
+        let bare = run.without_feed_forward.as_ref();
+        entry.insert(
+            "without_feed_forward".to_owned(),
+            json!(bare.map(|bare| json!({
+                "tool_rms_tracing_mm": bare.tool_rms_tracing_mm,
+                "tool_rms_on_surface_mm": bare.tool_rms_on_surface_mm,
+                "tool_max_on_surface_mm": bare.tool_max_on_surface_mm,
+            }))),
+        );
+    }
+    entry
+}
+
+fn text(run: &FigureRun) -> String {
+    let mut lines = vec![format!("{} {}, N_wait {}", run.figure, run.mode, run.hold_steps)];
+    lines.extend(measures_text(run.measures()).into_iter().map(|line| format!("  {line}")));
+    if let Some(bare) = &run.without_feed_forward
+        && let Some(line) = tool_text(bare)
+    {
+        lines.push(format!("  without feed-forward: {}", line.trim_start_matches("tool").trim_start()));
+    }
+    lines.join("\n")
+}
+
+fn failure(error: ReproduceError) -> Failure {
+    match error {
+        ReproduceError::Config(report) => report.into(),
+        ReproduceError::Rig { figure, mode, source } => {
+            let mut failure = rig_failure(&source);
+            for finding in &mut failure.report.diagnostics {
+                finding.message = format!("{figure} {mode}: {}", finding.message);
+            }
+            failure
+        }
+    }
+}

@@ -1,0 +1,369 @@
+//! `yieldwall run`: a rig with its scene on the embedded simulation.
+
+use std::fs::File;
+use std::io::{self, BufWriter};
+use std::path::{Path, PathBuf};
+use std::sync::{Arc, Mutex};
+use std::time::Instant;
+
+use serde_json::{Value, json};
+
+use super::failure::{Exit, Failure};
+use super::output::Output;
+use super::progress::Progress;
+use crate::config::{self, Source};
+use crate::fixture::prediction;
+use crate::guard::Fault;
+use crate::record::figure::Drawing;
+use crate::rig::{PoseMargins, RigError, Tap, pose_margins};
+use crate::sim::can::CandumpWriter;
+use crate::study::measures::Measures;
+use crate::study::{Overrides, RunReport, drawing, run_rig};
+
+/// Width of PNG pictures: 160 mm at 300 dots per inch.
+pub(super) const PICTURE_WIDTH_PX: u32 = 1890;
+
+#[derive(Debug, clap::Args)]
+pub(super) struct Arguments {
+    /// The rig; `builtin:paper-admittance.yaml` names the copy inside the program
+    #[arg(value_name = "RIG.yaml")]
+    rig: String,
+    /// Simulated seconds, in place of the scene's duration
+    #[arg(long, value_name = "S")]
+    duration: Option<f64>,
+    /// Seed of tremor and sensor noise, in place of the scene's
+    #[arg(long, value_name = "N")]
+    seed: Option<u64>,
+    /// Draw trajectory, force and power into this file, an .svg or a .png; folders on the way are made
+    #[arg(long, value_name = "PATH")]
+    figure: Option<PathBuf>,
+    /// Write every frame that went over the bus into this file, in the format of candump -L
+    #[arg(long, value_name = "FILE")]
+    candump: Option<PathBuf>,
+}
+
+pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Failure> {
+    check(arguments)?;
+    let rig = config::load_rig(Source::named(&arguments.rig))?;
+    output.warnings(&rig.warnings);
+    let scene = config::load_scene(rig.source.relative(&rig.value.scene))?;
+    output.warnings(&scene.warnings);
+    let overrides = Overrides { fixture: None, duration_s: arguments.duration, seed: arguments.seed };
+    let margins = pose_margins(&rig.value).map_err(|error| rig_failure(&error))?;
+    let candump = arguments.candump.as_deref().map(Candump::create).transpose()?;
+    let progress = Progress::new(output);
+    progress.begin(&rig.value.rig.name);
+    let started = Instant::now();
+    let tap = candump.as_ref().map(Candump::tap);
+    let report = run_rig(&rig.value, &scene.value, &overrides, tap, |stage| progress.at(stage));
+    let wall_s = started.elapsed().as_secs_f64();
+    progress.end();
+    let report = report.map_err(|error| rig_failure(&error))?;
+    if let Some(candump) = candump {
+        candump.finish()?;
+    }
+    if let Some(path) = &arguments.figure {
+        let heading = Some(rig.value.rig.name.clone());
+        let drawing = drawing::run(&report.trace, heading).map_err(|error| drawing_failure(path, &error))?;
+        write_drawing(&drawing, path)?;
+    }
+    let seed = overrides.seed.unwrap_or(scene.value.seed);
+    let facts = Facts { rig: &rig.value, margins, report: &report, seed, wall_s };
+    if output.is_json() {
+        output.json(&facts.json(arguments))?;
+    } else {
+        output.news(&facts.text(arguments))?;
+    }
+    match report.state {
+        Some(state) if state.is_latched() => Err(stopped(&report)),
+        _ => Ok(()),
+    }
+}
+
+/// What can be known to be wrong before anything is run.
+fn check(arguments: &Arguments) -> Result<(), Failure> {
+    if let Some(duration) = arguments.duration
+        && !(duration > 0.0 && duration <= 86_400.0)
+    {
+        let message = format!("--duration is {duration}: a run lasts more than 0 and at most 86400 simulated seconds");
+        return Err(Failure::new(Exit::Usage, message, "give a number of seconds, such as --duration 5"));
+    }
+    if let Some(path) = &arguments.figure {
+        picture_kind(path)?;
+    }
+    Ok(())
+}
+
+struct Facts<'a> {
+    rig: &'a config::Rig,
+    margins: Option<PoseMargins>,
+    report: &'a RunReport,
+    seed: u64,
+    wall_s: f64,
+}
+
+impl Facts<'_> {
+    fn simulated_s(&self) -> f64 {
+        self.report.trace.rows.len() as f64 * self.report.period_s
+    }
+
+    fn bus_load(&self) -> Option<f64> {
+        let bus = self.rig.buses.values().next()?;
+        let counters = self.report.bus?;
+        Some(counters.bits as f64 / f64::from(bus.bit_rate_bit_per_s) / self.simulated_s())
+    }
+
+    fn json(&self, arguments: &Arguments) -> Value {
+        json!({
+            "rig": self.rig.rig.name,
+            "mode": self.rig.rig.command_mode,
+            "seed": self.seed,
+            "simulated_s": self.simulated_s(),
+            "wall_s": self.wall_s,
+            "state": self.report.state.map(|state| format!("{state:?}")),
+            "cause": self.report.cause.map(|fault| fault.row().name),
+            "margins": self.margins.map(|margins| margins_json(&margins)),
+            "bus_load": self.bus_load(),
+            "measures": self.report.measures,
+            "figure": arguments.figure,
+            "candump": arguments.candump,
+        })
+    }
+
+    fn text(&self, arguments: &Arguments) -> String {
+        let mut lines = Vec::new();
+        let period_ms = self.report.period_s * 1e3;
+        let simulated = self.simulated_s();
+        let mode = match self.rig.rig.command_mode {
+            config::CommandMode::Torque => "torque mode (CST), the loop closes here",
+            config::CommandMode::Velocity => "velocity mode (CSV)",
+            config::CommandMode::Position => "position mode (CSP), the loop closes in the drives",
+        };
+        lines.push(format!("rig       {}: {mode}, {period_ms} ms", self.rig.rig.name));
+        lines.push(format!(
+            "scene     {}: {simulated:.1} s, seed {}, run in {:.2} s ({:.0} x real time)",
+            self.rig.scene,
+            self.seed,
+            self.wall_s,
+            simulated / self.wall_s
+        ));
+        lines.extend(self.margins.as_ref().map(margins_text));
+        let trace = &self.report.trace;
+        if let config::Coupling::Admittance { mass_kg } = self.rig.fixture.coupling {
+            let capture = prediction::capture_speed_m_per_s(trace.yield_n, mass_kg.get(), self.report.period_s);
+            lines.push(format!(
+                "fixture   M {} kg, F {} N, R {} N, N_wait {}; without a hold it catches impacts up to {:.0} mm/s",
+                mass_kg.get(),
+                trace.friction_n,
+                trace.yield_n,
+                trace.hold_steps,
+                1e3 * capture
+            ));
+        }
+        lines.extend(measures_text(&self.report.measures));
+        if let (Some(counters), Some(load)) = (self.report.bus, self.bus_load()) {
+            lines.push(format!("bus       {} frames, load {:.1} %", counters.frames, 100.0 * load));
+        }
+        for (what, path) in [("figure", &arguments.figure), ("candump", &arguments.candump)] {
+            lines.extend(path.as_ref().map(|path| format!("{what:9} {}", path.display())));
+        }
+        lines.join("\n")
+    }
+}
+
+fn margins_text(margins: &PoseMargins) -> String {
+    let [free, damped] = [margins.worst.without_friction, margins.worst.with_friction];
+    format!(
+        "loop      delay {} cycle and a zero-order hold; worst margins over all poses: {:.1} dB and {:.0} degrees \
+         without friction, {:.1} dB and {:.0} degrees with viscous friction",
+        margins.delay_cycles, free.gain_db, free.phase_deg, damped.gain_db, damped.phase_deg
+    )
+}
+
+pub(super) fn margins_json(margins: &PoseMargins) -> Value {
+    let one = |margins: &crate::control::Margins| {
+        json!({
+            "gain_db": margins.gain_db,
+            "gain_reduction_db": margins.gain_reduction_db,
+            "phase_deg": margins.phase_deg,
+            "delay_margin_s": margins.delay_margin_s,
+            "crossover_hz": margins.crossover_hz,
+            "stable": margins.stable,
+        })
+    };
+    json!({
+        "delay_cycles": margins.delay_cycles,
+        "without_friction": one(&margins.worst.without_friction),
+        "with_viscous_friction": one(&margins.worst.with_friction),
+    })
+}
+
+/// What was measured, a line each.
+pub(super) fn measures_text(measures: &Measures) -> Vec<String> {
+    let mut lines = Vec::new();
+    lines.push(impacts_text(measures));
+    lines.extend(tool_text(measures));
+    if let Some(share) = measures.on_surface_fraction_when_pressed {
+        lines.push(format!(
+            "contact   pressed below R the proxy is on the surface in {:.1} % of the time, {} unintended releases",
+            100.0 * share,
+            measures.unintended_releases
+        ));
+    }
+    lines.push(format!(
+        "energy    given to the hand {:.1} mJ (bound {:.1} mJ), taken from it {:.0} mJ",
+        1e3 * if measures.stop_energy_j.is_some() { measures.energy_given_j } else { measures.energy_rise_j },
+        1e3 * measures.energy_bound_j,
+        1e3 * measures.energy_taken_j
+    ));
+    if let (Some(torque), Some(saturated)) = (measures.peak_torque_n_m, measures.torque_saturated) {
+        let at_limit = if saturated { ", at the limit" } else { "" };
+        lines.push(format!("torque    at most {torque:.1} N m{at_limit}"));
+    }
+    lines
+}
+
+/// How far the tool was from the surface, if it was on it.
+pub(super) fn tool_text(measures: &Measures) -> Option<String> {
+    let (tracing, whole) = (measures.tool_rms_tracing_mm?, measures.tool_rms_on_surface_mm?);
+    let most = measures.tool_max_on_surface_mm?;
+    Some(format!(
+        "tool      off the surface by {tracing:.3} mm RMS tracing it steadily, {whole:.3} mm RMS and {most:.2} mm at \
+         most in all contacts"
+    ))
+}
+
+fn impacts_text(measures: &Measures) -> String {
+    let Some(deepest) = measures.impacts.iter().max_by(|one, other| one.depth_mm.total_cmp(&other.depth_mm)) else {
+        return "impacts   none".to_owned();
+    };
+    let fastest = measures.impacts.iter().map(|impact| impact.speed_m_per_s).fold(0.0, f64::max);
+    let count = measures.impacts.len();
+    if deepest.depth_mm == 0.0 {
+        return format!("impacts   {count} at up to {:.0} mm/s, the proxy never beyond the surface", 1e3 * fastest);
+    }
+    let law = deepest.predicted_depth_mm.map_or(String::new(), |depth| format!(", by the law {depth:.2} mm"));
+    format!(
+        "impacts   {count} at up to {:.0} mm/s; the deepest at {:.0} mm/s, {:.2} mm beyond the surface{law}",
+        1e3 * fastest,
+        1e3 * deepest.speed_m_per_s,
+        deepest.depth_mm
+    )
+}
+
+fn stopped(report: &RunReport) -> Failure {
+    let (exit, message, help) = match report.cause {
+        Some(fault) => {
+            let row = fault.row();
+            let exit = if fault == Fault::DriveFault { Exit::DeviceFault } else { Exit::SafetyStop };
+            (exit, format!("stopped by {}: {} ({})", row.name, row.meaning, row.cause), row.next)
+        }
+        None => (Exit::SafetyStop, "stopped".to_owned(), ""),
+    };
+    let time_s = report.trace.rows.last().map_or(0.0, |row| row.time_s);
+    Failure::new(exit, format!("after {time_s:.3} s the rig was {message}"), help)
+}
+
+/// The failure that a rig's error is.
+pub(super) fn rig_failure(error: &RigError) -> Failure {
+    let (exit, help) = match error {
+        RigError::Boot(_) => {
+            (Exit::DeviceMismatch, "compare node ids and profiles in the rig file with the devices on the bus")
+        }
+        RigError::NotEnabled { .. } => (Exit::DeviceFault, "read the drives' error codes (603Fh)"),
+        RigError::Arm(_) => (Exit::SafetyStop, "the scene leads the simulated arm where it cannot go"),
+        _ => (Exit::ConfigInvalid, "run `yieldwall config check` on the rig"),
+    };
+    Failure::new(exit, error.to_string(), help)
+}
+
+pub(super) fn drawing_failure(path: &Path, error: &dyn std::fmt::Display) -> Failure {
+    Failure::new(Exit::Internal, format!("figure {}: {error}", path.display()), "")
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum PictureKind {
+    Svg,
+    Png,
+}
+
+fn picture_kind(path: &Path) -> Result<PictureKind, Failure> {
+    match path.extension().and_then(|ending| ending.to_str()) {
+        Some("svg") => Ok(PictureKind::Svg),
+        Some("png") => Ok(PictureKind::Png),
+        _ => {
+            let message = format!("--figure {}: the ending says what is drawn", path.display());
+            Err(Failure::new(Exit::Usage, message, "end the name in .svg or .png"))
+        }
+    }
+}
+
+/// Writes a drawing as its file's ending says, and makes the folders on the way.
+pub(super) fn write_drawing(drawing: &Drawing, path: &Path) -> Result<(), Failure> {
+    make_folder_of(path)?;
+    let written = match picture_kind(path)? {
+        PictureKind::Svg => drawing.write_svg(path),
+        PictureKind::Png => drawing.write_png(path, PICTURE_WIDTH_PX),
+    };
+    written.map_err(|error| drawing_failure(path, &error))
+}
+
+fn make_folder_of(path: &Path) -> Result<(), Failure> {
+    match path.parent() {
+        Some(folder) if !folder.as_os_str().is_empty() => std::fs::create_dir_all(folder).map_err(|error| {
+            Failure::new(
+                Exit::Usage,
+                format!("folder {}: {error}", folder.display()),
+                "choose a folder you can write to",
+            )
+        }),
+        _ => Ok(()),
+    }
+}
+
+/// A candump log under way.
+struct Candump {
+    path: PathBuf,
+    log: Arc<Mutex<Log>>,
+}
+
+struct Log {
+    writer: Option<CandumpWriter<BufWriter<File>>>,
+    error: Option<io::Error>,
+}
+
+impl Candump {
+    fn create(path: &Path) -> Result<Self, Failure> {
+        make_folder_of(path)?;
+        let file = File::create(path).map_err(|error| candump_failure(path, &error))?;
+        let writer = Some(CandumpWriter::new(BufWriter::new(file), "vcan0"));
+        Ok(Self { path: path.to_owned(), log: Arc::new(Mutex::new(Log { writer, error: None })) })
+    }
+
+    fn tap(&self) -> Tap {
+        let log = Arc::clone(&self.log);
+        Box::new(move |time, frame| {
+            if let Ok(mut log) = log.lock()
+                && log.error.is_none()
+                && let Some(writer) = &mut log.writer
+                && let Err(error) = writer.record(time, frame)
+            {
+                log.error = Some(error);
+            }
+        })
+    }
+
+    fn finish(self) -> Result<(), Failure> {
+        let Ok(mut log) = self.log.lock() else { return Ok(()) };
+        let result = match (log.error.take(), log.writer.take()) {
+            (Some(error), _) => Err(error),
+            (None, Some(writer)) => writer.finish().map(|_| ()),
+            (None, None) => Ok(()),
+        };
+        result.map_err(|error| candump_failure(&self.path, &error))
+    }
+}
+
+fn candump_failure(path: &Path, error: &io::Error) -> Failure {
+    Failure::new(Exit::Usage, format!("candump {}: {error}", path.display()), "choose a file that can be written")
+}
