@@ -1,12 +1,15 @@
 //! Cost of one step of the fixture, along a motion that meets the surface, lies on it and leaves it.
 
+mod on_core;
+
 use std::hint::black_box;
 
 use criterion::{Criterion, criterion_group, criterion_main};
 use nalgebra::{SVector, Vector2, Vector3};
+use on_core::OnCore;
 use yieldwall::fixture::{
-    Admittance, Circle, Coupling, Curvature, Cylinder, Fixture, Forbidden, Impedance, Limits, Line, Parameters, Plane,
-    Rearm, Shape2, Shape3, Side, Sphere, Surface,
+    Admittance, Circle, Coupling, Curvature, Cylinder, Fixture, Forbidden, Impedance, Limits, Line,
+    ON_SURFACE_TOLERANCE_M, Parameters, Plane, Rearm, Shape2, Shape3, Side, Sphere, Surface,
 };
 
 const PERIOD_S: f64 = 1e-3;
@@ -67,7 +70,8 @@ fn forces<S: Surface<N> + Clone, const N: usize>(fixture: &Fixture<S, N>) -> Mot
             let rate = (proxy - before) / PERIOD_S;
             before = proxy;
             let force = (target(step) - proxy) * PULL_N_PER_M - rate * PULL_N_S_PER_M;
-            on_surface += usize::from(fixture.step_admittance(&force).is_on());
+            on_surface +=
+                usize::from(fixture.step_admittance(&force).signed_distance_m.abs() <= ON_SURFACE_TOLERANCE_M);
             force
         })
         .collect();
@@ -75,7 +79,11 @@ fn forces<S: Surface<N> + Clone, const N: usize>(fixture: &Fixture<S, N>) -> Mot
     Motion { start, inputs }
 }
 
-fn bench<S: Surface<N> + Clone, const N: usize>(criterion: &mut Criterion, name: &str, fixture: &Fixture<S, N>) {
+fn bench<S: Surface<N> + Clone, const N: usize>(
+    criterion: &mut Criterion<OnCore>,
+    name: &str,
+    fixture: &Fixture<S, N>,
+) {
     let mut fixture = fixture.clone();
     let is_admittance = matches!(fixture.parameters().coupling, Coupling::Admittance(_));
     let motion = if is_admittance {
@@ -96,7 +104,7 @@ fn bench<S: Surface<N> + Clone, const N: usize>(criterion: &mut Criterion, name:
     });
 }
 
-fn planar(criterion: &mut Criterion) {
+fn planar(criterion: &mut Criterion<OnCore>) {
     let circle = Shape2::Circle(Circle::new(Vector2::zeros(), RADIUS_M, Forbidden::Inside).expect("a circle"));
     let line = Shape2::Line(Line::new(Vector2::zeros(), Vector2::new(0.6, 0.8)).expect("a line"));
     for (name, shape, curvature) in [
@@ -108,7 +116,7 @@ fn planar(criterion: &mut Criterion) {
     }
 }
 
-fn spatial(criterion: &mut Criterion) {
+fn spatial(criterion: &mut Criterion<OnCore>) {
     let sphere = Shape3::Sphere(Sphere::new(Vector3::zeros(), RADIUS_M, Forbidden::Inside).expect("a sphere"));
     let axis = Vector3::new(0.0, 0.0, 1.0);
     let cylinder = Cylinder::new(Vector3::zeros(), axis, RADIUS_M, Forbidden::Inside).expect("a cylinder");
@@ -124,5 +132,5 @@ fn spatial(criterion: &mut Criterion) {
     }
 }
 
-criterion_group!(benches, planar, spatial);
+criterion_group!(name = benches; config = on_core::criterion(); targets = planar, spatial);
 criterion_main!(benches);

@@ -1,5 +1,13 @@
 //! Scenario bodies shared by the tests and benchmarks of the whole rig.
+//!
+//! [`Scenario`] names a shipped rig and what is changed about it; [`Recording`] is what an observer on the bus sees of it.
+//! The benchmarks time a [`machine::Machine`] and its stages on what [`tape`] recorded.
 
 pub mod machine;
+mod observe;
+mod scenario;
 pub mod stopwatch;
 pub mod tape;
+
+pub use observe::{DRIVE_NODES, Recording, SENSOR_NODE, Seen, Setpoint, Status, setpoint, status};
+pub use scenario::{Scenario, Session};

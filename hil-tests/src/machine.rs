@@ -27,7 +27,9 @@ impl Machine {
 
     /// The same with another step of the plant.
     pub fn with_plant_step_us(mut self, step_us: u32) -> Self {
-        self.scene.model.plant_step_us = step_us;
+        if let Some(model) = &mut self.scene.model {
+            model.plant_step_us = step_us;
+        }
         self
     }
 

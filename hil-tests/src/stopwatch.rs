@@ -1,20 +1,20 @@
 //! Durations on a machine that does other things too, and what many of them have in common.
 
 use std::fmt;
-use std::time::Instant;
+use std::sync::OnceLock;
+use std::time::{Duration, Instant};
 
 /// Measures one stretch of the present thread.
 #[derive(Clone, Copy, Debug)]
 pub struct Stopwatch {
-    start: Instant,
-    on_core_ns: Option<f64>,
+    on_core: Duration,
+    wall: Instant,
 }
 
 /// How long a stretch took.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Elapsed {
-    /// Time in which the thread had a core, in ns. Good to a scheduler tick (1 to 10 ms): for stretches of 0.1 s and
-    /// more. Equal to the wall clock where the system does not tell.
+    /// Time in which the thread had a core, in ns.
     pub on_core_ns: f64,
     /// By the wall clock, in ns.
     pub wall_ns: f64,
@@ -23,21 +23,27 @@ pub struct Elapsed {
 impl Stopwatch {
     /// Starts now.
     pub fn start() -> Self {
-        Self { on_core_ns: on_core_ns(), start: Instant::now() }
+        Self { wall: Instant::now(), on_core: on_core() }
     }
 
     /// Time since the start.
     pub fn elapsed(&self) -> Elapsed {
-        let wall_ns = self.start.elapsed().as_nanos() as f64;
-        let on_core = self.on_core_ns.zip(on_core_ns()).map(|(from, to)| to - from);
-        Elapsed { on_core_ns: on_core.unwrap_or(wall_ns), wall_ns }
+        let on_core = on_core().saturating_sub(self.on_core);
+        Elapsed { on_core_ns: on_core.as_nanos() as f64, wall_ns: self.wall.elapsed().as_nanos() as f64 }
     }
 }
 
-/// What Linux says this thread has had of a core since it began.
-fn on_core_ns() -> Option<f64> {
-    let text = std::fs::read_to_string("/proc/thread-self/schedstat").ok()?;
-    text.split_whitespace().next()?.parse().ok()
+/// Time in which the present thread has had a core since it began; where the system does not tell, the wall clock.
+pub fn on_core() -> Duration {
+    #[cfg(target_os = "linux")]
+    {
+        let time = rustix::time::clock_gettime(rustix::time::ClockId::ThreadCPUTime);
+        if let Ok(time) = Duration::try_from(time) {
+            return time;
+        }
+    }
+    static START: OnceLock<Instant> = OnceLock::new();
+    START.get_or_init(Instant::now).elapsed()
 }
 
 /// Median and extremes of repeated measurements, written as `median (least, most)`.

@@ -16,7 +16,10 @@ const RPDO_DEADLINE_CYCLES: u32 = 5;
 const SDO_TIMEOUT: Duration = Duration::from_millis(250);
 /// Bytes of the largest object that the boot reads.
 const SDO_CAPACITY: usize = 8;
-/// PDOs of each direction that the master knows of; those it does not use are switched off.
+/// How often a node may restart while it is configured: a node that was switched on together with the master
+/// announces itself once more after the reset command.
+const RESTARTS: u8 = 3;
+/// PDOs of each direction that the master knows of; those that the profile does not name stay as the device has them.
 const PDO_COUNT: u8 = 4;
 /// Abort connection option: quick stop (CiA 402, 6007h).
 const ON_LOSS_QUICK_STOP: u32 = 3;
@@ -53,6 +56,7 @@ pub(super) struct Boot {
     next: usize,
     verifying: bool,
     started: bool,
+    restarts: u8,
 }
 
 impl Boot {
@@ -105,6 +109,7 @@ impl Boot {
             next: 0,
             verifying: false,
             started: false,
+            restarts: 0,
         }
     }
 
@@ -125,6 +130,18 @@ impl Boot {
     pub(super) fn start(&mut self, now: Time, out: &mut impl Outbox) -> Result<(), BootFailure> {
         self.started = true;
         self.request(now, out)
+    }
+
+    /// Begins anew with a node that has restarted: what was written to it is gone.
+    pub(super) fn restart(&mut self, now: Time, out: &mut impl Outbox) -> Result<(), BootFailure> {
+        self.restarts += 1;
+        if self.restarts > RESTARTS {
+            return Err(BootFailure::Restarted { times: self.restarts });
+        }
+        self.client.cancel(out);
+        self.next = 0;
+        self.verifying = false;
+        self.start(now, out)
     }
 
     pub(super) fn on_frame(&mut self, now: Time, frame: &Frame, out: &mut impl Outbox) -> Result<(), BootFailure> {

@@ -13,6 +13,12 @@ pub enum BootFailure {
         /// How long the master waited, in ms.
         waited_ms: u64,
     },
+    /// The node restarted, so that its configuration is lost.
+    #[error("the node restarted {times} times while it was configured and started")]
+    Restarted {
+        /// How often.
+        times: u8,
+    },
     /// The node did not answer.
     #[error("no answer from object {index:04X}h:{sub}")]
     NoAnswer {

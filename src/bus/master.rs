@@ -247,6 +247,16 @@ impl Master {
                     self.configure(now, out, |boot, now, out| boot.start(now, out));
                 }
             }
+            (HeartbeatChange::BootUp, Phase::Configuring) => {
+                let step = node.boot.doing();
+                if let Err(failure) = node.boot.restart(now, out) {
+                    self.phase = Phase::Failed(refuse(id.raw(), &node.name, step, failure));
+                }
+            }
+            (HeartbeatChange::BootUp, Phase::Starting) => {
+                let failure = BootFailure::Restarted { times: 1 };
+                self.phase = Phase::Failed(refuse(id.raw(), &node.name, "start the node", failure));
+            }
             (HeartbeatChange::BootUp, _) => self.events.node_reset = true,
             (HeartbeatChange::Lost, _) => self.events.heartbeat_lost = true,
             (HeartbeatChange::Present(state) | HeartbeatChange::State(state), phase) => {

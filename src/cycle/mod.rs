@@ -173,13 +173,16 @@ impl Cycle {
         let mut directive = self.supervise(&inputs.drives, inputs.request);
         // move the reference, command the joints, pass the gate
         let mut signals = Signals::default();
+        let before = self.reference;
         let command = match self.act(directive.motion, &reading, &mut signals) {
             Ok(command) => command,
             Err(fault) => {
-                // A fault found on the way stops all axes in this same cycle.
+                // A fault found on the way stops all axes in this same cycle: along the ramp, from the last reference
+                // that could be followed, or at once.
                 self.faults.observe(fault, true);
                 directive = self.supervise(&inputs.drives, Request::None);
-                self.rest()
+                self.reference = before;
+                self.act(directive.motion, &reading, &mut signals).unwrap_or_else(|_| self.rest())
             }
         };
         self.note(&reading, &mut signals);
@@ -268,3 +271,6 @@ impl Cycle {
         signals.target_angles = self.reference.as_ref().map_or(self.measured.angles, |reference| reference.angles);
     }
 }
+
+#[cfg(test)]
+mod tests;

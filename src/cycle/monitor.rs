@@ -2,15 +2,21 @@
 
 use super::{Cycle, DriveSample, Inputs};
 use crate::guard::{Fault, Measured, State};
+use crate::linkage::ANGLE_LIMIT_RAD;
 use crate::quantity::{JointAngles, JointRates};
 use crate::sensing::Reading;
 use yieldwall_drives::cia402;
 
 /// Share of the singularity margin below which the arm has left the workspace.
 const LEFT_SHARE: f64 = 0.5;
+/// Cycles for which a joint without process data is taken to go on at its last rate. At the fifth miss the drives
+/// quick-stop (fault `pdo-missed`); after that the last prediction stays.
+const PREDICTED_CYCLES: u16 = 5;
+/// Missing samples, in the sensor's own interval, from which the sensor counts as lost.
+const LOST_AFTER_MISSED_SAMPLES: u32 = 10;
 
 impl Cycle {
-    /// Takes the measured angles; a joint without new process data is predicted by its last rate.
+    /// Takes the measured angles; a joint without new process data is predicted by its last rate, for a few cycles.
     pub(super) fn measure(&mut self, drives: &[DriveSample; 2]) {
         let period = self.settings.period_s;
         let last = self.measured;
@@ -23,19 +29,23 @@ impl Cycle {
             else {
                 continue;
             };
-            match drive.angle_rad.filter(|angle| angle.is_finite()) {
+            // What no encoder can say, NaN included, counts as not arrived.
+            match drive.angle_rad.filter(|angle| angle.abs() <= ANGLE_LIMIT_RAD) {
                 Some(new) if *missed == u16::MAX => {
                     (*angle, *rate, *missed) = (new, 0.0, 0);
                 }
                 Some(new) => {
                     let cycles = f64::from(*missed) + 1.0;
-                    let step = new - (*angle - *rate * period * f64::from(*missed));
+                    let predicted = f64::from((*missed).min(PREDICTED_CYCLES));
+                    let step = new - (*angle - *rate * period * predicted);
                     jumped |= step.abs() > 2.0 * self.settings.joint_speed_limit_rad_per_s * period * cycles;
                     (*angle, *rate, *missed) = (new, step / (period * cycles), 0);
                 }
                 None if *missed == u16::MAX => {}
                 None => {
-                    *angle += *rate * period;
+                    if *missed < PREDICTED_CYCLES {
+                        *angle += *rate * period;
+                    }
                     *missed = (*missed + 1).min(u16::MAX - 1);
                 }
             }
@@ -44,7 +54,10 @@ impl Cycle {
         self.faults.observe(Fault::EncoderJump, jumped);
         self.faults.observe(Fault::PdoMissed, self.missed.iter().any(|missed| *missed > 0));
         let is_known = self.missed.iter().all(|missed| *missed != u16::MAX);
-        self.posture = self.linkage.forward(self.measured.angles).ok().filter(|_| is_known);
+        // The closure alone does not tell on which sides the elbows lie.
+        let sides = self.linkage.geometry().elbows;
+        let posture = self.linkage.forward(self.measured.angles).ok();
+        self.posture = posture.filter(|posture| is_known && posture.elbow_sides == sides);
         self.clearance_m = self.posture.as_ref().map_or(f64::NAN, |posture| self.clearance_of_m(posture));
         self.faults.observe(Fault::Posture, is_known && self.posture.is_none());
     }
@@ -67,6 +80,7 @@ impl Cycle {
         faults.observe(Fault::StopRequested, inputs.request == crate::guard::Request::Stop);
         faults.observe(Fault::SensorSaturated, reading.saturated);
         faults.observe(Fault::SensorStale, reading.stale);
+        faults.observe(Fault::SensorLost, reading.missed_samples >= LOST_AFTER_MISSED_SAMPLES);
         faults.observe(Fault::ForceLimit, reading.force.0.norm() > self.settings.force_limit_n);
         faults.observe(Fault::PdoLength, inputs.link.bad_length);
         faults.observe(Fault::NodeReset, inputs.link.node_reset);

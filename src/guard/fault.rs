@@ -25,8 +25,10 @@ pub enum Fault {
     StopRequested,
     /// The force sensor reads at or beyond 98 % of its range, or says so.
     SensorSaturated,
-    /// No new force sample for longer than its declared period allows.
+    /// No new force sample for more than two of its declared periods.
     SensorStale,
+    /// No new force sample for ten of its declared periods.
+    SensorLost,
     /// A force beyond the configured limit.
     ForceLimit,
     /// A drive's process data did not arrive in this cycle.
@@ -143,10 +145,18 @@ pub const TABLE: [Row; Fault::COUNT] = [
     row!(
         SensorStale,
         "sensor-stale",
-        [after(3, Freeze), after(10, StopRamp)],
-        "no new force sample within the sensor's declared period",
+        [after(1, Freeze)],
+        "no new force sample for more than two of the sensor's declared periods",
         "a loose cable, or sample_rate_hz above the sensor's",
         "check the sensor's cable and compare sample_rate_hz with its setting"
+    ),
+    row!(
+        SensorLost,
+        "sensor-lost",
+        [after(1, StopRamp)],
+        "no new force sample for ten of the sensor's declared periods",
+        "the sensor lost its supply or its cable",
+        "check the sensor's supply and cable, then reset"
     ),
     row!(
         ForceLimit,

@@ -136,27 +136,26 @@ impl Supervisor {
         let worst = view.faults.worst();
         match self.state {
             State::Idle => match (view.request, worst) {
-                (Request::Enable, None) => {
-                    self.cause = None;
-                    State::Enabling
-                }
                 (Request::Enable, Some((fault, reaction))) if reaction > Reaction::Count => {
                     self.cause = Some(fault);
                     State::Idle
                 }
-                (Request::Enable, _) => State::Enabling,
+                (Request::Enable, _) => {
+                    self.cause = None;
+                    State::Enabling
+                }
                 _ => State::Idle,
             },
             State::Enabling => match worst {
                 Some((fault, reaction)) if reaction > Reaction::Freeze => self.stop_now(fault, reaction),
                 _ if view.request == Request::Stop => State::Idle,
-                _ if all_enabled => State::Running,
+                _ if all_enabled => self.react(worst, State::Running),
                 _ => State::Enabling,
             },
             State::Running => self.react(worst, State::Running),
             State::Holding => {
                 let quiet = worst.is_none_or(|(_, reaction)| reaction == Reaction::Count);
-                self.clear_cycles = if quiet { self.clear_cycles + 1 } else { 0 };
+                self.clear_cycles = if quiet { self.clear_cycles.saturating_add(1) } else { 0 };
                 if self.clear_cycles >= CLEAR_CYCLES && view.at_rest {
                     self.cause = None;
                     State::Running
@@ -200,7 +199,8 @@ impl Supervisor {
         }
     }
 
-    /// A latched state grows only more severe, and ends only by a reset when nothing is wrong any more.
+    /// A latched state grows only more severe, and ends only by a reset. A fault that is still there then keeps the rig
+    /// from being enabled.
     fn stay(&mut self, latched: State, worst: Option<(Fault, Reaction)>, view: &View<'_>) -> State {
         if view.request == Request::Reset {
             self.resetting = true;
@@ -228,6 +228,9 @@ impl Supervisor {
         Directive { state: self.state, motion, goal, fault_reset: self.resetting }
     }
 }
+
+#[cfg(test)]
+mod exploration;
 
 #[cfg(test)]
 mod tests {

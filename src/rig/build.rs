@@ -231,8 +231,11 @@ fn effort_limit(rig: &config::Rig, is_cartesian: bool) -> f64 {
     torque / left.get().max(right.get())
 }
 
-/// All stages of the cycle.
-pub(super) fn cycle(rig: &config::Rig, fixture: &config::Fixture) -> Result<Cycle, RigError> {
+/// All stages of the cycle. `fixture` stands in place of the rig's own.
+///
+/// # Errors
+/// Where parts of the configuration do not fit together.
+pub fn cycle(rig: &config::Rig, fixture: &config::Fixture) -> Result<Cycle, RigError> {
     let period_s = period_s(rig);
     let limits = &rig.guard;
     let (calibration, mounting) = calibration(rig)?;

@@ -154,7 +154,15 @@ impl EmbeddedRig {
         &self.master
     }
 
-    /// The drives, left and right.
+    /// Puts a simulated drive (0 left, 1 right) into fault with an error code (603Fh), as its own monitoring would; any
+    /// other number does nothing.
+    pub fn raise_drive_fault(&mut self, joint: usize, code: u16) {
+        if let (Some(drive), Some(port)) = (self.drives.get_mut(joint), DRIVES.get(joint)) {
+            drive.raise_fault(self.now, code, &mut self.bus.outbox(*port, self.now));
+        }
+    }
+
+    /// The simulated drives, left and right, for reports.
     pub fn drives(&self) -> &[Drive; 2] {
         &self.drives
     }

@@ -12,7 +12,7 @@ mod error;
 mod impedance;
 mod world;
 
-pub use build::{Margin, PoseMargins, pose_margins};
+pub use build::{Margin, PoseMargins, cycle, pose_margins};
 pub use embedded::{EmbeddedRig, Tap};
 pub use error::RigError;
 pub use impedance::ImpedanceRig;

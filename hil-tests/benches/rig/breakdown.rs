@@ -5,7 +5,7 @@ use std::hint::black_box;
 use hil_tests::machine::Machine;
 use hil_tests::stopwatch::{Spread, Stopwatch};
 use hil_tests::tape::Tape;
-use yieldwall::canopen::{Frame, Time};
+use yieldwall::canopen::{Frame, Time, cob};
 use yieldwall::control::{AxisController, EffortRange, InertiaTerm};
 use yieldwall::cycle::{Servo, Signals};
 use yieldwall::guard::{Fault, FaultCounts, Measured, Request, State, Supervisor, View};
@@ -19,8 +19,6 @@ use crate::Effort;
 /// The tool meets the circle, is pressed onto it and pulled off it in this stretch of the tour.
 const SKIP: usize = 1000;
 const PERIODS: usize = 4000;
-/// Short stretches, of which most run without another process in between.
-const REPETITIONS: usize = 51;
 
 const CASES: [(&str, u32); 3] = [("paper-admittance", 100), ("paper-admittance", 1000), ("paper-admittance-csp", 100)];
 
@@ -32,8 +30,7 @@ pub(crate) fn measure(effort: &Effort) -> Result<(), RigError> {
         }
         let machine = Machine::builtin(name, "circle-tour").with_plant_step_us(plant_step_us);
         let periods = PERIODS.min(effort.cycles);
-        let stages =
-            Stages { tape: Tape::record(machine, SKIP, periods)?, repetitions: (2 * effort.runs + 9).min(REPETITIONS) };
+        let stages = Stages { tape: Tape::record(machine, SKIP, periods)?, repetitions: effort.runs };
         println!("\ncost of a cycle of {label} in ns, each part alone over {periods} cycles: median (least, most)");
         stages.print();
     }
@@ -79,7 +76,7 @@ impl Stages {
             let mut parts = prepare();
             let start = Stopwatch::start();
             body(&mut parts);
-            let elapsed = start.elapsed().wall_ns;
+            let elapsed = start.elapsed().on_core_ns;
             black_box(&parts);
             elapsed / self.tape.periods.len() as f64
         };
@@ -214,34 +211,37 @@ impl Stages {
         })
     }
 
-    /// Every frame queued when it was, in effect: those of a period at once, each then carried over.
+    /// The frames in the three portions in which they are queued: set-points, SYNC, what devices answer.
     fn bus(&self) -> Spread {
         let rig = &self.tape.machine.rig;
         let bit_rate = rig.buses.values().next().map_or(1_000_000, |bus| bus.bit_rate_bit_per_s);
         let orders = [QueueOrder::Fifo, QueueOrder::Priority, QueueOrder::Priority, QueueOrder::Priority];
         let nodes = [rig.drives[0].node_id, rig.drives[1].node_id, rig.sensor.node_id];
-        let port = |frame: &Frame| {
-            let node = nodes.iter().position(|node| is_from_node(frame, *node));
-            node.map_or(0, |place| place + 1)
-        };
         let prepare = || VirtualBus::new(BitTiming::Arbitrated { bit_rate }, &orders).expect("the rate of the rig");
-        let ports: Vec<Vec<usize>> = self
-            .tape
-            .periods
-            .iter()
-            .map(|period| period.frames.iter().map(|(_, frame)| port(frame)).collect())
-            .collect();
+        let portion_and_port = |frame: &Frame| match nodes.iter().position(|node| is_from_node(frame, *node)) {
+            Some(place) => (2, place + 1),
+            None => (usize::from(frame.id() == cob::SYNC), 0),
+        };
+        let mut portions = Vec::new();
+        for period in &self.tape.periods {
+            let mut split: [Vec<(usize, Frame)>; 3] = Default::default();
+            for (_, frame) in &period.frames {
+                let (portion, port) = portion_and_port(frame);
+                split[portion].push((port, *frame));
+            }
+            portions.extend(split.map(|portion| (period.sync_at, portion)));
+        }
         self.time(prepare, |bus| {
-            for (period, ports) in self.tape.periods.iter().zip(&ports) {
-                for ((_, frame), port) in period.frames.iter().zip(ports) {
-                    bus.submit(*port, period.sync_at, *frame);
+            for (now, portion) in &portions {
+                for (port, frame) in portion {
+                    bus.submit(*port, *now, *frame);
                 }
                 loop {
                     let next = bus.next_event();
                     if next == Time::NEVER {
                         break;
                     }
-                    black_box(bus.advance(next));
+                    keep(bus.advance(next));
                 }
             }
         })
@@ -260,7 +260,7 @@ impl Stages {
                             drive.measure(angle, 0.1);
                             drive.poll(drive.next_deadline(), out);
                         }
-                        if frame.id() == yieldwall::canopen::cob::SYNC {
+                        if frame.id() == cob::SYNC {
                             drive.measure(angle, 0.1);
                         }
                         if !is_from_node(frame, node) {
@@ -299,7 +299,7 @@ impl Stages {
             Servo::Torque(_) => 1,
             _ => rig.cycle.period_us / rig.plant.drive_position_loop.period_us,
         };
-        let step_s = f64::from(self.tape.machine.scene.model.plant_step_us) * 1e-6;
+        let step_s = f64::from(self.tape.machine.scene.plant_step_us().unwrap_or(100)) * 1e-6;
         let (period_s, from_s) = (self.tape.machine.period_s(), self.tape.hand_from_s);
         let prepare = || (self.tape.arm.clone(), self.tape.hand.clone());
         self.time(prepare, |(arm, hand)| {

@@ -1,0 +1,159 @@
+//! A shipped rig, what is changed about it, and the session in which it runs.
+
+use std::sync::{Arc, Mutex};
+
+use yieldwall::canopen::{Frame, Time};
+use yieldwall::config::{self, Rig, Scene, Source};
+use yieldwall::guard::Request;
+use yieldwall::record::Row;
+use yieldwall::rig::{EmbeddedRig, RigError};
+use yieldwall::sim::can::CandumpWriter;
+
+use crate::observe::Recording;
+
+/// A rig and a scene, ready to be changed and started.
+#[derive(Clone, Debug)]
+pub struct Scenario {
+    /// File of the rig below `config`.
+    pub file: &'static str,
+    /// The rig.
+    pub rig: Rig,
+    /// The scene.
+    pub scene: Scene,
+    /// Seed in place of the scene's.
+    pub seed: u64,
+}
+
+impl Scenario {
+    /// A rig of `config` with the scene that it names.
+    ///
+    /// # Panics
+    /// If a file does not load; the message is that of the loader.
+    pub fn shipped(file: &'static str) -> Self {
+        let path = format!("{}/../config/{file}", env!("CARGO_MANIFEST_DIR"));
+        let source = Source::disk(path);
+        let rig = config::load_rig(source.clone()).unwrap_or_else(|report| panic!("{file}: {report:?}")).value;
+        let scene = config::load_scene(source.relative(&rig.scene));
+        let scene = scene.unwrap_or_else(|report| panic!("{}: {report:?}", rig.scene)).value;
+        Self { file, rig, seed: scene.seed, scene }
+    }
+
+    /// The rig whose loop closes here, in cyclic synchronous torque mode.
+    pub fn torque() -> Self {
+        Self::shipped("paper-admittance.yaml")
+    }
+
+    /// The rig whose loop closes in the drives, in cyclic synchronous position mode.
+    pub fn position() -> Self {
+        Self::shipped("paper-admittance-csp.yaml")
+    }
+
+    /// The command that runs the shipped files with this seed.
+    pub fn replay(&self) -> String {
+        format!("yieldwall run config/{} --seed {}", self.file, self.seed)
+    }
+
+    /// Cycle time in s.
+    pub fn period_s(&self) -> f64 {
+        f64::from(self.rig.cycle.period_us) * 1e-6
+    }
+
+    /// The rig, switched off, with an observer on its bus.
+    ///
+    /// # Panics
+    /// If the rig cannot be built.
+    pub fn start(&self) -> Session {
+        let machine = EmbeddedRig::new(&self.rig, &self.scene, &self.rig.fixture, self.seed);
+        let mut machine = machine.unwrap_or_else(|error| panic!("{error}; replay: {}", self.replay()));
+        let recording = Arc::new(Mutex::new(Recording::default()));
+        let tap = recording.clone();
+        machine.set_tap(Box::new(move |time, frame| tap.lock().expect("one thread").push(time, frame)));
+        Session { machine, recording, rows: Vec::new(), replay: self.replay() }
+    }
+
+    /// The rig, enabled.
+    ///
+    /// # Panics
+    /// If the rig cannot be built or enabled.
+    pub fn enabled(&self) -> Session {
+        let mut session = self.start();
+        session.machine.enable().unwrap_or_else(|error| panic!("{error}; replay: {}", self.replay()));
+        session
+    }
+
+    /// The rig, enabled and run for `cycles` cycles.
+    ///
+    /// # Panics
+    /// As [`Scenario::enabled`], and if the simulation cannot go on.
+    pub fn run(&self, cycles: usize) -> Session {
+        let mut session = self.enabled();
+        session.run(cycles);
+        session
+    }
+}
+
+/// A rig that runs, and all that was seen of it.
+pub struct Session {
+    /// The rig.
+    pub machine: EmbeddedRig,
+    /// The rows since it was enabled.
+    pub rows: Vec<Row>,
+    /// The command that runs the shipped files with this seed; it belongs in every message of a failure.
+    pub replay: String,
+    recording: Arc<Mutex<Recording>>,
+}
+
+impl Session {
+    /// One cycle.
+    ///
+    /// # Panics
+    /// If the simulation cannot go on.
+    pub fn step(&mut self, request: Request) -> Row {
+        let row = self.machine.run_cycle(request).unwrap_or_else(|error| panic!("{error}; replay: {}", self.replay));
+        self.rows.push(row);
+        row
+    }
+
+    /// `cycles` cycles without a request.
+    ///
+    /// # Panics
+    /// As [`Session::step`].
+    pub fn run(&mut self, cycles: usize) {
+        for _ in 0..cycles {
+            self.step(Request::None);
+        }
+    }
+
+    /// Has every frame pass through `tamper` from now on.
+    pub fn tamper(&mut self, tamper: impl FnMut(Time, usize, Frame) -> Option<Frame> + Send + 'static) {
+        self.machine.set_tamper(tamper);
+    }
+
+    /// Tries to enable the rig.
+    ///
+    /// # Errors
+    /// As [`EmbeddedRig::enable`].
+    pub fn enable(&mut self) -> Result<(), RigError> {
+        self.machine.enable()
+    }
+
+    /// What has been seen on the bus so far.
+    ///
+    /// # Panics
+    /// Never: there is one thread.
+    pub fn recording(&self) -> Recording {
+        self.recording.lock().expect("one thread").clone()
+    }
+
+    /// The bus traffic as candump text.
+    ///
+    /// # Panics
+    /// Never: memory can be written.
+    pub fn candump(&self) -> Vec<u8> {
+        let mut log = CandumpWriter::new(Vec::new(), "vcan0");
+        for seen in self.recording().frames {
+            log.record(seen.time, &seen.frame).expect("memory can be written");
+        }
+        log.finish().expect("memory can be written")
+    }
+}

@@ -1,0 +1,172 @@
+//! What runs in every cycle does not allocate.
+//!
+//! One test in one program: the counter counts for the thread that asks, so that the harness does not disturb it.
+#![allow(unsafe_code)] // A global allocator cannot be written without; this one only counts and passes on.
+
+use std::alloc::{GlobalAlloc, Layout, System};
+use std::cell::Cell;
+
+use hil_tests::Scenario;
+use yieldwall::canopen::{Frame, Outbox, Time};
+use yieldwall::cycle::{Cycle, DriveSample, Inputs, LinkEvents};
+use yieldwall::guard::{Request, State};
+use yieldwall::rig::{self, EmbeddedRig};
+use yieldwall::sensing::RawSample;
+use yieldwall_drives::cia402;
+
+const CYCLES: usize = 100_000;
+
+thread_local! {
+    /// Calls of the allocator since counting began; `None` while nobody counts.
+    static COUNT: Cell<Option<u64>> = const { Cell::new(None) };
+}
+
+/// The system's allocator with a counter.
+struct Counting;
+
+impl Counting {
+    fn note() {
+        // The thread may be past the end of its own storage.
+        let _ = COUNT.try_with(|count| count.set(count.get().map(|calls| calls + 1)));
+    }
+}
+
+// SAFETY: every call goes to the system's allocator unchanged.
+unsafe impl GlobalAlloc for Counting {
+    unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
+        Counting::note();
+        unsafe { System.alloc(layout) }
+    }
+
+    unsafe fn dealloc(&self, pointer: *mut u8, layout: Layout) {
+        Counting::note();
+        unsafe { System.dealloc(pointer, layout) }
+    }
+
+    unsafe fn realloc(&self, pointer: *mut u8, layout: Layout, size: usize) -> *mut u8 {
+        Counting::note();
+        unsafe { System.realloc(pointer, layout, size) }
+    }
+}
+
+#[global_allocator]
+static ALLOCATOR: Counting = Counting;
+
+/// Calls of the allocator in `act`, on this thread.
+fn calls(act: impl FnOnce()) -> u64 {
+    COUNT.set(Some(0));
+    act();
+    COUNT.take().unwrap_or_default()
+}
+
+fn inputs(cycle: usize, angles: [f64; 2], state: cia402::State) -> Inputs {
+    // A hand that pushes round in circles, beyond R every now and then, and a frame that is missing now and then.
+    let turn = cycle as f64 * 2e-3;
+    let force = 2000.0 + 2500.0 * (turn * 0.1).sin();
+    let counts = [(force * turn.cos()) as i32, (force * turn.sin()) as i32, 0, 0, 0, 0];
+    let is_lost = |every: usize| cycle % every == every - 1;
+    Inputs {
+        drives: [0, 1].map(|joint| DriveSample {
+            angle_rad: (!is_lost(977)).then_some(angles[joint]),
+            state,
+            follows_command: true,
+        }),
+        sample: (!is_lost(499)).then_some(RawSample { counts, sequence: Some(cycle as u8), overload: is_lost(20_011) }),
+        link: LinkEvents { bad_length: is_lost(30_011), emergency: is_lost(40_009), ..LinkEvents::default() },
+        // A person who resets and enables after every fault.
+        request: match cycle % 1000 {
+            200 => Request::Reset,
+            210 => Request::Enable,
+            _ => Request::None,
+        },
+    }
+}
+
+fn run_cycles(cycle: &mut Cycle, start: [f64; 2]) -> [usize; 8] {
+    let (mut angles, mut state) = (start, cia402::State::ReadyToSwitchOn);
+    let mut visits = [0; 8];
+    for at in 0..CYCLES {
+        let outputs = cycle.step(&inputs(at, angles, state));
+        visits[outputs.directive.state as usize] += 1;
+        angles = outputs.signals.target_angles.to_array();
+        state = match outputs.directive.goal {
+            cia402::Goal::OperationEnabled => cia402::State::OperationEnabled,
+            cia402::Goal::QuickStop => cia402::State::QuickStopActive,
+            _ => cia402::State::ReadyToSwitchOn,
+        };
+    }
+    visits
+}
+
+fn the_cycle_does_not_allocate(scenario: &Scenario) {
+    let mut cycle = rig::cycle(&scenario.rig, &scenario.rig.fixture).expect("a shipped rig");
+    let start = {
+        let geometry = scenario.rig.linkage.geometry();
+        let linkage = yieldwall::linkage::FiveBar::new(geometry).expect("a shipped linkage");
+        linkage.inverse(yieldwall::quantity::TipPoint::new(0.05, 0.02)).expect("a point in reach").to_array()
+    };
+    let mut visits = [0; 8];
+    let count = calls(|| visits = run_cycles(&mut cycle, start));
+    println!("{}: {count} calls in {CYCLES} cycles, states {visits:?}", scenario.file);
+    assert!(visits[State::Running as usize] > CYCLES / 4, "it ran: {visits:?}");
+    for state in [State::Idle, State::Enabling, State::Holding, State::Stopping, State::Stopped] {
+        assert!(visits[state as usize] > 0, "{state:?} was visited: {visits:?}");
+    }
+    assert_eq!(count, 0, "{}: calls of the allocator in {CYCLES} cycles", scenario.file);
+}
+
+/// An outbox of fixed size, as a real interface has one.
+#[derive(Default)]
+struct Fixed {
+    frames: [Frame; 8],
+    len: usize,
+}
+
+impl Outbox for Fixed {
+    fn push(&mut self, frame: Frame) {
+        if let Some(place) = self.frames.get_mut(self.len) {
+            *place = frame;
+            self.len += 1;
+        }
+    }
+}
+
+/// The whole embedded rig, master and simulated devices alike, and frames that a master gets from strangers.
+fn the_rig_does_not_allocate(scenario: &Scenario) {
+    let mut machine =
+        EmbeddedRig::new(&scenario.rig, &scenario.scene, &scenario.rig.fixture, scenario.seed).expect("a shipped rig");
+    machine.enable().expect("it is enabled");
+    // Queues have grown to their size by then.
+    for _ in 0..100 {
+        machine.run_cycle(Request::None).expect("it goes on");
+    }
+    let cycles = CYCLES / 4;
+    let count = calls(|| {
+        for _ in 0..cycles {
+            machine.run_cycle(Request::None).expect("it goes on");
+        }
+    });
+    println!("{}: {count} calls in {cycles} cycles of the whole rig", scenario.file);
+    assert_eq!(machine.state(), State::Running);
+    assert_eq!(count, 0, "{}: calls of the allocator in {cycles} cycles of the whole rig", scenario.file);
+    let count = calls(|| {
+        machine.raise_drive_fault(0, 0x4210);
+        for request in (0..2000).map(|at| if at == 1000 { Request::Reset } else { Request::None }) {
+            machine.run_cycle(request).expect("it goes on");
+        }
+    });
+    assert_eq!(count, 0, "{}: calls of the allocator on the way through a fault", scenario.file);
+}
+
+#[test]
+fn what_runs_every_cycle_does_not_allocate() {
+    // The counter counts.
+    assert_eq!(calls(|| drop(std::hint::black_box(vec![1u8]))), 2);
+    let mut out = Fixed::default();
+    assert_eq!(calls(|| out.push(Frame::new(0x80, &[]))), 0);
+    assert_eq!((out.len, Time::default()), (1, Time(0)));
+    for scenario in [Scenario::torque(), Scenario::position()] {
+        the_cycle_does_not_allocate(&scenario);
+        the_rig_does_not_allocate(&scenario);
+    }
+}

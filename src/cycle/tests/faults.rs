@@ -1,0 +1,321 @@
+//! Every fault by an injection, the cycle in which the reaction leaves, and what garbage does.
+
+use super::*;
+use crate::guard::fault::TABLE;
+use proptest::prelude::*;
+
+/// A bench in motion at about 0.2 m/s.
+fn moving() -> Bench {
+    let mut bench = Bench::running(Servo::Position, [0.02, 0.0]);
+    bench.force = [10.0, 0.0];
+    for _ in 0..60 {
+        bench.follow();
+    }
+    bench
+}
+
+fn push_angle(bench: &mut Bench, joint: usize, by: f64) {
+    bench.angles[joint] = bench.angles[joint].map(|angle| angle + by);
+}
+
+/// One cycle with `fault` in it; to be called once a cycle.
+fn inject(fault: Fault, bench: &mut Bench) -> Outputs {
+    let mut request = Request::None;
+    match fault {
+        Fault::StopRequested => request = Request::Stop,
+        Fault::SensorSaturated => bench.overload = true,
+        Fault::SensorStale | Fault::SensorLost => bench.samples = false,
+        Fault::ForceLimit => bench.force = [FORCE_LIMIT_N + 5.0, 0.0],
+        Fault::PdoMissed => {
+            return bench.step_without(0);
+        }
+        Fault::PdoLength => bench.link.bad_length = true,
+        Fault::NodeReset => bench.link.node_reset = true,
+        Fault::HeartbeatLost => bench.link.heartbeat_lost = true,
+        Fault::Emergency => bench.link.emergency = true,
+        Fault::DriveFault => bench.drives[1] = cia402::State::Fault,
+        Fault::DriveLeftOperation => bench.drives[0] = cia402::State::SwitchedOn,
+        Fault::DriveIgnoresCommand => bench.follows_command = false,
+        // The joint is dragged along at 5 rad/s, which is no jump.
+        Fault::FollowingError | Fault::Runaway => {
+            push_angle(bench, 0, 5e-3);
+            return bench.step(Request::None);
+        }
+        Fault::EncoderJump => push_angle(bench, 1, 2.5 * JOINT_SPEED_LIMIT * PERIOD_S),
+        Fault::Posture => {
+            let mut other = geometry();
+            other.elbows = [Side::Right, Side::Right];
+            let angles = FiveBar::new(other).unwrap().inverse(TipPoint::new(0.0, 0.0)).unwrap();
+            assert!(bench.cycle.linkage.forward(angles).is_ok(), "the loop closes with the elbow on the other side");
+            // The whole history is there: only the posture is wrong.
+            bench.cycle.measured.angles = angles;
+            if let Some(reference) = &mut bench.cycle.reference {
+                reference.angles = angles;
+            }
+            bench.angles = angles.to_array().map(Some);
+        }
+        Fault::WorkspaceEdge => {
+            let is_fast = bench.cycle.reference.is_some_and(|reference| reference.velocity.0.norm() > 0.3);
+            bench.force = [0.0, if is_fast { 0.0 } else { 26.0 }];
+        }
+        Fault::WorkspaceLeft => {
+            // The whole arm is taken there, reference and all: only the place is wrong.
+            if let Some(reference) = &mut bench.cycle.reference {
+                let tip = TipPoint(reference.point.0 + Vector2::new(0.0, 2e-4));
+                if let Ok(angles) = bench.cycle.linkage.inverse(tip) {
+                    (reference.point, reference.angles) = (tip, angles);
+                    bench.cycle.fixture.reset(&tip.0).unwrap();
+                    bench.angles = angles.to_array().map(Some);
+                }
+            }
+            return bench.step(Request::None);
+        }
+        Fault::OverSpeed => bench.force = [140.0, 0.0],
+        Fault::NotFinite => {
+            if let Some(reference) = &mut bench.cycle.reference {
+                reference.angles.0.x = f64::NAN;
+            }
+        }
+        Fault::LinkDown => bench.link.send_failed = true,
+    }
+    let outputs = bench.step(request);
+    bench.angles = outputs.signals.target_angles.to_array().map(Some);
+    outputs
+}
+
+impl Bench {
+    /// One cycle in which the process data of `joint` do not arrive.
+    fn step_without(&mut self, joint: usize) -> Outputs {
+        let there = self.angles[joint].take();
+        let outputs = self.step(Request::None);
+        self.angles = outputs.signals.target_angles.to_array().map(Some);
+        if self.cycle.state().is_latched() {
+            self.angles[joint] = there;
+        }
+        outputs
+    }
+}
+
+#[test]
+fn every_fault_of_the_table_can_be_injected_and_reacts() {
+    for row in &TABLE {
+        let mut bench = moving();
+        let strongest = row.steps.last().unwrap().reaction;
+        let mut caused = false;
+        let mut observed = false;
+        for cycle in 0..1500 {
+            let was_latched = bench.cycle.state().is_latched();
+            inject(row.fault, &mut bench);
+            observed |= bench.cycle.faults.count(row.fault) > 0;
+            caused |= bench.cycle.cause() == Some(row.fault);
+            if was_latched && cycle > 5 || (strongest == guard::Reaction::Count && observed) {
+                break;
+            }
+        }
+        assert!(observed, "{}: never observed", row.name);
+        let state = bench.cycle.state();
+        match strongest {
+            guard::Reaction::Count => assert_eq!((state, caused), (State::Running, false), "{}", row.name),
+            guard::Reaction::Freeze => assert!(caused, "{}", row.name),
+            guard::Reaction::StopRamp | guard::Reaction::QuickStop => {
+                assert_eq!((state, caused), (State::Stopped, true), "{}", row.name);
+            }
+            guard::Reaction::TorqueOff => assert_eq!((state, caused), (State::Disabled, true), "{}", row.name),
+            guard::Reaction::Silence => assert_eq!((state, caused), (State::Lost, true), "{}", row.name),
+        }
+        assert!(state == State::Running || state.is_latched() || strongest == guard::Reaction::Freeze, "{}", row.name);
+    }
+}
+
+#[test]
+fn the_reaction_leaves_within_its_bound() {
+    use State::*;
+    // Cycles from the first observable one to the state, itself included. Bounds of the fault table.
+    let bounds: [(Fault, State, usize); 19] = [
+        (Fault::StopRequested, Stopping, 1),
+        (Fault::SensorSaturated, Holding, 1),
+        (Fault::SensorSaturated, Stopping, 5),
+        (Fault::SensorStale, Holding, 3),
+        (Fault::SensorLost, Stopping, 10),
+        (Fault::ForceLimit, Holding, 1),
+        (Fault::ForceLimit, Stopping, 20),
+        (Fault::PdoMissed, Holding, 2),
+        (Fault::PdoMissed, Stopped, 5),
+        (Fault::PdoLength, Stopped, 2),
+        (Fault::NodeReset, Stopped, 1),
+        (Fault::HeartbeatLost, Stopped, 1),
+        (Fault::Emergency, Stopped, 1),
+        (Fault::DriveFault, Disabled, 1),
+        (Fault::DriveLeftOperation, Stopped, 1),
+        (Fault::DriveIgnoresCommand, Stopped, 3),
+        (Fault::EncoderJump, Stopped, 1),
+        (Fault::Posture, Stopped, 1),
+        (Fault::LinkDown, Lost, 1),
+    ];
+    for (fault, state, cycles) in bounds {
+        let mut bench = moving();
+        for cycle in 1..=cycles {
+            let outputs = inject(fault, &mut bench);
+            assert_eq!(outputs.directive.state == state, cycle == cycles, "{fault:?} in cycle {cycle}");
+        }
+        if state.is_latched() {
+            // All axes, in that same cycle.
+            let outputs = inject(fault, &mut bench);
+            assert_eq!(outputs.directive.motion, Motion::Rest);
+            assert!(bench.cycle.reference.is_none());
+        }
+    }
+}
+
+#[test]
+fn one_missed_frame_is_predicted_and_forgotten() {
+    let mut bench = moving();
+    let before = bench.cycle.measured;
+    let outputs = bench.step_without(0);
+    assert_eq!(outputs.directive.state, State::Running);
+    let predicted = before.angles.0.x + before.rates.0.x * PERIOD_S;
+    assert_eq!(outputs.signals.measured_angles.0.x, predicted);
+    assert!(before.rates.0.x.abs() > 0.1, "it was moving");
+    for _ in 0..10 {
+        assert_eq!(bench.follow().directive.state, State::Running);
+    }
+    assert_eq!(bench.cycle.cause(), None);
+}
+
+#[test]
+fn prediction_ends() {
+    let mut bench = moving();
+    let mut last = 0.0;
+    for cycle in 0..80_000 {
+        bench.angles[0] = None;
+        let outputs = bench.step(Request::None);
+        let now = outputs.signals.measured_angles.0.x;
+        assert!(cycle < 5 || now == last, "cycle {cycle}");
+        last = now;
+    }
+    // Back where it was predicted to be: that is no jump.
+    bench.angles[0] = Some(last);
+    bench.step(Request::None);
+    assert_eq!(bench.cycle.faults.count(Fault::EncoderJump), 0);
+}
+
+#[test]
+fn a_wrong_elbow_keeps_the_rig_from_being_enabled() {
+    let mut other = geometry();
+    other.elbows = [Side::Right, Side::Right];
+    let angles = FiveBar::new(other).unwrap().inverse(TipPoint::new(0.0, 0.0)).unwrap();
+    let mut bench = Bench::new(Servo::Position, [0.0, 0.0]);
+    bench.angles = angles.to_array().map(Some);
+    for request in [Request::None, Request::Enable, Request::None, Request::None] {
+        assert_eq!(bench.step(request).directive.state, State::Idle);
+    }
+    assert_eq!(bench.cycle.cause(), Some(Fault::Posture));
+}
+
+#[test]
+fn a_reference_too_fast_stops_along_the_ramp_from_the_last_good_one() {
+    let mut bench = Bench::running(Servo::Position, [-0.06, 0.0]);
+    bench.force = [120.0, 0.0];
+    let mut last = bench.reference();
+    let mut ramp = 0;
+    for _ in 0..1000 {
+        let outputs = bench.follow();
+        if outputs.directive.state == State::Stopped {
+            break;
+        }
+        let now = bench.reference();
+        assert!(now.velocity.0.norm() <= TOOL_SPEED_LIMIT);
+        if outputs.directive.state == State::Stopping {
+            let change = (now.velocity.0 - last.velocity.0).norm();
+            assert!(change <= 2.0 * DECELERATION * PERIOD_S, "{change} in cycle {ramp} of the ramp");
+            ramp += 1;
+        }
+        last = now;
+    }
+    assert_eq!((bench.cycle.state(), bench.cycle.cause()), (State::Stopped, Some(Fault::OverSpeed)));
+    assert!(ramp > 100, "{ramp}");
+}
+
+#[test]
+fn a_joint_target_too_fast_stops_along_the_ramp_too() {
+    let mut bench = moving();
+    // A jump of the proxy by 8 mm in a cycle would be 8 m/s.
+    let far = bench.reference().point.0 + Vector2::new(0.008, 0.0);
+    bench.cycle.settings.tool_speed_limit_m_per_s = 100.0;
+    bench.cycle.fixture.reset(&far).unwrap();
+    let before = bench.reference();
+    let outputs = bench.follow();
+    assert_eq!(outputs.directive.state, State::Stopping);
+    assert_eq!(bench.cycle.cause(), Some(Fault::OverSpeed));
+    let step = (bench.reference().point.0 - before.point.0).norm();
+    assert!(step <= before.velocity.0.norm() * PERIOD_S * (1.0 + 1e-9), "{step}");
+}
+
+#[test]
+fn nothing_that_is_not_finite_comes_out() {
+    for bad in [f64::NAN, f64::INFINITY, f64::NEG_INFINITY, 1e300, -1e300] {
+        for joint in 0..2 {
+            let mut bench = moving();
+            for _ in 0..5 {
+                bench.angles[joint] = Some(bad);
+                bench.step(Request::None);
+            }
+            assert!(bench.cycle.state().is_latched(), "{bad} on joint {joint}: {:?}", bench.cycle.state());
+        }
+    }
+}
+
+fn drive_state() -> impl Strategy<Value = cia402::State> {
+    prop_oneof![
+        6 => Just(cia402::State::OperationEnabled),
+        1 => proptest::sample::select(cia402::State::ALL.to_vec()),
+    ]
+}
+
+fn angle() -> impl Strategy<Value = Option<f64>> {
+    prop_oneof![
+        12 => Just(Some(0.0)),
+        2 => (-0.01..0.01f64).prop_map(Some),
+        1 => any::<f64>().prop_map(Some),
+        1 => Just(None),
+    ]
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig { cases: 200, ..ProptestConfig::default() })]
+
+    // `Bench::step` asserts the invariants in every cycle.
+    #[test]
+    fn no_garbage_breaks_the_invariants(
+        mode in 0..4usize,
+        cycles in proptest::collection::vec(
+            ((angle(), angle()), (drive_state(), drive_state()), any::<[i32; 6]>(), 0..12u8, any::<u8>()), 1..60),
+    ) {
+        let servo = [
+            Servo::Position, velocity_servo(), torque_servo(Law::Psmc, false), torque_servo(Law::Pid, true),
+        ][mode].clone();
+        let mut bench = Bench::running(servo, [-0.03, 0.01]);
+        for ((left, right), (first, second), counts, request, sequence) in cycles {
+            let request = match request {
+                0 => Request::Enable,
+                1 => Request::Stop,
+                2 => Request::Reset,
+                _ => Request::None,
+            };
+            let here = bench.cycle.measured.angles.to_array();
+            bench.angles = [left.map(|by| here[0] + by), right.map(|by| here[1] + by)];
+            let mut inputs = bench.inputs(request);
+            inputs.drives[0].state = first;
+            inputs.drives[1].state = second;
+            let is_wild = sequence % 4 == 0;
+            inputs.sample = inputs.sample.map(|sample| RawSample {
+                counts: if is_wild { counts } else { counts.map(|count| count % 2000) },
+                ..sample
+            });
+            let before = bench.cycle.state();
+            let outputs = bench.cycle.step(&inputs);
+            assert_is_safe(&inputs, &outputs);
+            prop_assert!(!before.is_latched() || outputs.directive.state.is_latched() || request == Request::Reset);
+        }
+    }
+}

@@ -1,0 +1,241 @@
+//! What the reference does while nothing is wrong.
+
+use super::*;
+
+#[test]
+fn it_rests_until_it_is_enabled() {
+    for servo in [Servo::Position, velocity_servo(), torque_servo(Law::Psmc, false)] {
+        let mut bench = Bench::new(servo, [0.05, 0.02]);
+        bench.force = [15.0, 5.0];
+        for _ in 0..20 {
+            let outputs = bench.step(Request::None);
+            assert_eq!((outputs.directive.state, outputs.directive.motion), (State::Idle, Motion::Rest));
+            assert_eq!(outputs.signals.proxy, outputs.signals.tool);
+            assert!(bench.cycle.reference.is_none());
+        }
+        assert!((bench.cycle.measured.angles.0.x - bench.angles[0].unwrap()).abs() == 0.0);
+    }
+}
+
+#[test]
+fn it_starts_where_it_is_measured_and_without_force() {
+    for servo in [Servo::Position, velocity_servo(), torque_servo(Law::Psmc, false), torque_servo(Law::Pid, true)] {
+        let mut bench = Bench::new(servo, [0.05, 0.02]);
+        bench.force = [15.0, 5.0];
+        let first = bench.enable();
+        let measured = JointAngles::from(bench.angles.map(Option::unwrap));
+        let reference = bench.reference();
+        assert_eq!(reference.angles, measured, "I9");
+        assert_eq!(reference.point, first.signals.tool);
+        assert_eq!((reference.velocity, reference.rates), (TipVelocity::default(), JointRates::default()));
+        match first.command.get() {
+            JointCommand::Position(target) => assert_eq!(*target, measured, "I9: to the count"),
+            JointCommand::Velocity(rates) => assert_eq!(*rates, JointRates::default()),
+            JointCommand::Torque(torques) => assert_eq!(*torques, JointTorques::default()),
+        }
+    }
+}
+
+#[test]
+fn enabling_again_starts_from_the_new_place_and_not_from_the_old_target() {
+    let mut bench = Bench::running(Servo::Position, [0.0, 0.0]);
+    bench.force = [12.0, 0.0];
+    for _ in 0..60 {
+        bench.follow();
+    }
+    let old = bench.reference().point;
+    while bench.cycle.state() != State::Stopped {
+        bench.step(Request::Stop);
+    }
+    bench.step(Request::None);
+    let elsewhere = bench.cycle.linkage.inverse(TipPoint::new(-0.05, 0.08)).unwrap();
+    // The arm is carried there by hand, slower than an encoder's jump.
+    let here = bench.cycle.measured.angles;
+    for part in 1..=200 {
+        bench.angles = (here.0 + (elsewhere.0 - here.0) * f64::from(part) / 200.0).data.0[0].map(Some);
+        bench.step(Request::None);
+    }
+    bench.step(Request::Reset);
+    let first = bench.enable();
+    assert_eq!(*first.command.get(), JointCommand::Position(bench.cycle.measured.angles));
+    assert!((bench.reference().point.0 - old.0).norm() > 0.05);
+    assert_eq!(bench.reference().velocity, TipVelocity::default());
+}
+
+#[test]
+fn the_proxy_is_a_mass_that_friction_holds() {
+    let mut bench = Bench::running(Servo::Position, [0.02, 0.0]);
+    bench.force = [2.9, 0.0];
+    for _ in 0..50 {
+        bench.follow();
+    }
+    let start = bench.reference().point.0;
+    assert!((start - Vector2::new(0.02, 0.0)).norm() < 1e-12, "below F nothing moves: {start}");
+    bench.force = [10.0, 0.0];
+    let steps = 50;
+    for _ in 0..steps {
+        bench.follow();
+    }
+    // Steps of a T^2, 2 a T^2, ...: the sum of the first n is n (n + 1) / 2 a T^2. The force is read to half a count on
+    // two axes.
+    let acceleration = (10.0 - FRICTION_N) / MASS_KG;
+    let expected = f64::from(steps * (steps + 1)) / 2.0 * acceleration * PERIOD_S * PERIOD_S;
+    let way = bench.reference().point.0 - start;
+    assert!((way.x - expected).abs() < 2e-3 * expected, "{} against {expected}", way.x);
+    assert!(way.y.abs() < 2e-3 * expected);
+}
+
+#[test]
+fn a_position_command_is_the_reference() {
+    let mut bench = Bench::running(Servo::Position, [0.0, 0.0]);
+    bench.force = [0.0, 9.0];
+    for _ in 0..100 {
+        let outputs = bench.follow();
+        assert_eq!(*outputs.command.get(), JointCommand::Position(bench.reference().angles));
+    }
+    assert!(bench.reference().point.0.y > 0.01);
+}
+
+#[test]
+fn a_stop_ramps_down_then_quick_stops_and_latches() {
+    let mut bench = Bench::running(Servo::Position, [0.02, 0.0]);
+    bench.force = [10.0, 0.0];
+    for _ in 0..100 {
+        bench.follow();
+    }
+    let speed = bench.reference().velocity.0.norm();
+    assert!(speed > 0.3);
+    let start = bench.reference().point.0;
+    let mut cycles = 0;
+    let mut last = bench.reference();
+    loop {
+        let outputs = bench.step(if cycles == 0 { Request::Stop } else { Request::None });
+        bench.angles = outputs.signals.target_angles.to_array().map(Some);
+        if outputs.directive.state == State::Stopped {
+            assert_eq!((outputs.directive.goal, outputs.directive.motion), (cia402::Goal::QuickStop, Motion::Rest));
+            break;
+        }
+        assert_eq!((outputs.directive.state, outputs.directive.motion), (State::Stopping, Motion::Halt));
+        assert_eq!(outputs.directive.goal, cia402::Goal::OperationEnabled);
+        let now = bench.reference();
+        assert!((now.velocity.0 - last.velocity.0).norm() <= 2.0 * DECELERATION * PERIOD_S);
+        assert!(now.velocity.0.norm() <= last.velocity.0.norm() + 1e-12, "it only slows down");
+        last = now;
+        cycles += 1;
+        assert!(cycles < 1000);
+    }
+    assert!((f64::from(cycles) * PERIOD_S - 1.5 * speed / DECELERATION).abs() <= 2.0 * PERIOD_S, "{cycles}");
+    let way = (last.point.0 - start).norm();
+    assert!((way - 0.75 * speed * speed / DECELERATION).abs() < 1e-6, "{way}");
+    assert_eq!(bench.cycle.cause(), Some(Fault::StopRequested));
+    for request in [Request::None, Request::Enable, Request::Stop, Request::None] {
+        assert_eq!(bench.step(request).directive.state, State::Stopped);
+    }
+    assert_eq!(bench.step(Request::Reset).directive.state, State::Idle);
+    for _ in 0..100 {
+        assert_eq!(bench.step(Request::None).directive.state, State::Idle, "nothing enables by itself");
+    }
+}
+
+#[test]
+fn a_freeze_brings_the_reference_to_rest_and_clears_by_itself() {
+    let mut bench = Bench::running(Servo::Position, [0.02, 0.0]);
+    bench.force = [10.0, 0.0];
+    for _ in 0..50 {
+        bench.follow();
+    }
+    bench.samples = false;
+    bench.follow();
+    bench.follow();
+    assert_eq!(bench.cycle.state(), State::Running, "two missing samples are no fault");
+    assert_eq!(bench.follow().directive.state, State::Holding);
+    assert_eq!(bench.cycle.cause(), Some(Fault::SensorStale));
+    bench.samples = true;
+    let mut held = None;
+    for cycle in 0..49 {
+        let before = bench.reference();
+        assert_eq!(bench.follow().directive.state, State::Holding, "{cycle}");
+        let now = bench.reference();
+        assert!((now.velocity.0 - before.velocity.0).norm() <= 2.0 * DECELERATION * PERIOD_S);
+        if now.velocity == TipVelocity::default() {
+            let place = *held.get_or_insert(now.point);
+            assert_eq!(now.point, place, "at rest it stays, whatever the hand does");
+        }
+    }
+    assert!(held.is_some());
+    let before = bench.reference().point.0;
+    assert_eq!(bench.follow().directive.state, State::Running);
+    assert_eq!(bench.cycle.cause(), None);
+    let step = (bench.reference().point.0 - before).norm();
+    assert!(step <= 10.0 / MASS_KG * PERIOD_S * PERIOD_S, "it starts from rest: {step}");
+    for _ in 0..20 {
+        bench.follow();
+    }
+    assert!(bench.reference().velocity.0.x > 0.01, "and runs again");
+}
+
+#[test]
+fn the_workspace_edge_holds_the_reference_and_lets_it_back() {
+    let mut bench = Bench::running(Servo::Position, [0.0, 0.13]);
+    // Away from the circle: R resists.
+    bench.force = [0.0, 26.0];
+    let mut held = 0;
+    for _ in 0..3000 {
+        bench.follow();
+        assert_eq!((bench.cycle.state(), bench.cycle.cause()), (State::Running, None));
+        let clearance = bench.cycle.clearance_m(&bench.cycle.posture.unwrap());
+        assert!(clearance > 0.5 * MARGIN_M, "{clearance}");
+        held += u32::from(bench.cycle.faults.count(Fault::WorkspaceEdge) > 0);
+    }
+    assert!(held > 2000, "it came to the edge and stayed: {held}");
+    let edge = bench.reference();
+    assert!(edge.velocity.0.norm() < 0.01 && edge.point.0.y > 0.2);
+    bench.force = [0.0, -5.0];
+    for _ in 0..200 {
+        bench.follow();
+    }
+    assert_eq!(bench.cycle.faults.count(Fault::WorkspaceEdge), 0);
+    let back = bench.reference().point.0;
+    assert!(back.y < edge.point.0.y - 0.01, "{back}");
+}
+
+#[test]
+fn a_stop_at_the_edge_ends_there() {
+    let mut bench = Bench::running(Servo::Position, [0.0, 0.13]);
+    bench.force = [0.0, 30.0];
+    while bench.cycle.clearance_m(&bench.cycle.posture.unwrap()) > MARGIN_M + 0.01 {
+        bench.follow();
+    }
+    let speed = bench.reference().velocity.0.norm();
+    assert!(0.75 * speed * speed / DECELERATION > 0.01, "the ramp alone would pass the edge: {speed}");
+    for cycle in 0.. {
+        let outputs = bench.step(Request::Stop);
+        bench.angles = outputs.signals.target_angles.to_array().map(Some);
+        let clearance = bench.cycle.clearance_m(&bench.cycle.posture.unwrap());
+        assert!(clearance > 0.5 * MARGIN_M, "{clearance}");
+        if outputs.directive.state == State::Stopped {
+            break;
+        }
+        assert!(cycle < 1000);
+    }
+}
+
+#[test]
+fn whole_turns_of_the_encoders_change_nothing() {
+    let run = |turns: [f64; 2]| {
+        let mut bench = Bench::new(Servo::Position, [0.0, 0.0]);
+        let shift = turns.map(|turns| turns * std::f64::consts::TAU);
+        bench.angles = [bench.angles[0].map(|angle| angle + shift[0]), bench.angles[1].map(|angle| angle + shift[1])];
+        bench.force = [8.0, 4.0];
+        bench.enable();
+        for _ in 0..200 {
+            bench.follow();
+        }
+        (bench.reference().point.0, bench.reference().angles.0 - Vector2::from(shift))
+    };
+    let (point, angles) = run([0.0, 0.0]);
+    for turns in [[1.0, -1.0], [-3.0, 2.0]] {
+        let (shifted_point, shifted_angles) = run(turns);
+        assert!((point - shifted_point).norm() < 1e-9 && (angles - shifted_angles).norm() < 1e-9, "{turns:?}");
+    }
+}

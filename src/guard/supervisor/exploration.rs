@@ -1,0 +1,160 @@
+//! Every reachable state of the supervisor, under every input that the cycle can give it.
+
+use std::collections::{HashSet, VecDeque};
+
+use super::*;
+use cia402::{Goal, State as Drive};
+
+/// One fault of each reaction.
+const FAULTS: [Option<Fault>; 7] = [
+    None,
+    Some(Fault::WorkspaceEdge),
+    Some(Fault::SensorStale),
+    Some(Fault::SensorLost),
+    Some(Fault::NodeReset),
+    Some(Fault::DriveFault),
+    Some(Fault::LinkDown),
+];
+const REQUESTS: [Request; 4] = [Request::None, Request::Enable, Request::Stop, Request::Reset];
+
+#[derive(Clone, Copy, Debug)]
+struct Input {
+    drives: [Drive; 2],
+    fault: Option<Fault>,
+    at_rest: bool,
+    request: Request,
+}
+
+fn inputs() -> Vec<Input> {
+    let mut all = Vec::new();
+    for left in Drive::ALL {
+        for right in Drive::ALL {
+            for fault in FAULTS {
+                for request in REQUESTS {
+                    for at_rest in [false, true] {
+                        all.push(Input { drives: [left, right], fault, at_rest, request });
+                    }
+                }
+            }
+        }
+    }
+    all
+}
+
+fn is_moving(state: State) -> bool {
+    matches!(state, State::Running | State::Holding | State::Stopping)
+}
+
+/// The faults that the cycle would have counted: what is injected, and what follows from request and drive states.
+fn counts(state: State, input: &Input) -> FaultCounts {
+    let mut faults = FaultCounts::default();
+    if let Some(fault) = input.fault {
+        faults.observe(fault, true);
+    }
+    faults.observe(Fault::StopRequested, input.request == Request::Stop);
+    let is_out = input.drives.iter().any(|drive| *drive != Drive::OperationEnabled);
+    faults.observe(Fault::DriveLeftOperation, is_moving(state) && is_out);
+    if input.drives.iter().any(|drive| matches!(drive, Drive::Fault | Drive::FaultReactionActive)) {
+        faults.observe(Fault::DriveFault, true);
+    }
+    faults
+}
+
+fn check(before: &Supervisor, input: &Input, after: &Supervisor, directive: &Directive) {
+    let (from, to) = (before.state, after.state);
+    let case = format!("{from:?} -> {to:?} by {input:?}: {directive:?}");
+    let worst = counts(from, input).worst();
+    let reaction = worst.map(|(_, reaction)| reaction);
+    let all_enabled = input.drives == [Drive::OperationEnabled; 2];
+    // No set-point that moves an axis unless every drive is enabled in this cycle.
+    assert!(directive.motion == Motion::Rest || all_enabled, "I1: {case}");
+    // A latched state is left by a reset alone, for Idle alone; what happens meanwhile makes it only more severe.
+    if from.is_latched() && !to.is_latched() {
+        assert!(input.request == Request::Reset && to == State::Idle, "I10: {case}");
+    }
+    let severity = |state: State| match state {
+        State::Stopped => 1,
+        State::Disabled => 2,
+        State::Lost => 3,
+        _ => 0,
+    };
+    assert!(!to.is_latched() || severity(to) >= severity(from), "I10: {case}");
+    // Enabling begins with a request in Idle and ends in Running without a way round it.
+    assert!(to != State::Enabling || from == State::Enabling || enables(from, input), "I18: {case}");
+    let may_run = matches!(from, State::Enabling | State::Holding | State::Running);
+    assert!(to != State::Running || may_run, "I18: {case}");
+    // One fault reset for one request in a latched state; never by itself.
+    assert_eq!(directive.fault_reset, from.is_latched() && input.request == Request::Reset, "I18: {case}");
+    // The goal is one for all axes, and follows the reaction in the same cycle.
+    let is_on = is_moving(from) || from == State::Enabling;
+    match reaction {
+        Some(Reaction::TorqueOff | Reaction::Silence) if is_on => {
+            assert_eq!((directive.motion, directive.goal), (Motion::Rest, Goal::SwitchOnDisabled), "I17: {case}");
+        }
+        Some(Reaction::QuickStop) if is_on => {
+            assert_eq!((directive.motion, directive.goal), (Motion::Rest, Goal::QuickStop), "I17: {case}");
+        }
+        Some(Reaction::StopRamp) if matches!(from, State::Running | State::Holding) => {
+            assert_eq!((to, directive.motion), (State::Stopping, Motion::Halt), "I17: {case}");
+        }
+        Some(Reaction::Freeze) if matches!(from, State::Running | State::Holding) => {
+            assert_eq!((to, directive.motion), (State::Holding, Motion::Halt), "I17: {case}");
+        }
+        _ => {}
+    }
+    if to != from && (is_moving(to) || to.is_latched()) && reaction > Some(Reaction::Count) {
+        assert!(after.cause.is_some(), "{case}");
+    }
+    let expected = match to {
+        State::Idle => Goal::ReadyToSwitchOn,
+        State::Enabling | State::Running | State::Holding | State::Stopping => Goal::OperationEnabled,
+        State::Stopped => Goal::QuickStop,
+        State::Disabled | State::Lost => Goal::SwitchOnDisabled,
+    };
+    assert_eq!(directive.goal, expected, "{case}");
+}
+
+fn enables(from: State, input: &Input) -> bool {
+    let is_clear = counts(from, input).worst().is_none_or(|(_, reaction)| reaction == Reaction::Count);
+    from == State::Idle && input.request == Request::Enable && is_clear
+}
+
+#[test]
+fn every_reachable_state_keeps_the_invariants_under_every_input() {
+    let inputs = inputs();
+    let key = |supervisor: &Supervisor| (supervisor.state, supervisor.clear_cycles, supervisor.cause);
+    let mut seen = HashSet::from([key(&Supervisor::new())]);
+    let mut waiting = VecDeque::from([Supervisor::new()]);
+    let mut states = HashSet::new();
+    while let Some(before) = waiting.pop_front() {
+        states.insert(before.state);
+        for input in &inputs {
+            let mut after = before.clone();
+            let faults = counts(before.state, input);
+            let directive = after.step(&View {
+                drives: input.drives,
+                faults: &faults,
+                at_rest: input.at_rest,
+                request: input.request,
+            });
+            check(&before, input, &after, &directive);
+            // Waiting for rest counts on for ever; beyond the hysteresis the count makes no difference.
+            after.clear_cycles = after.clear_cycles.min(CLEAR_CYCLES + 1);
+            if seen.insert(key(&after)) {
+                waiting.push_back(after);
+            }
+        }
+    }
+    assert_eq!(states.len(), 8, "all states are reachable: {states:?}");
+    assert!(seen.len() > usize::from(CLEAR_CYCLES), "the hysteresis was walked through: {}", seen.len());
+}
+
+#[test]
+fn waiting_for_rest_does_not_overflow() {
+    let mut supervisor = Supervisor { state: State::Holding, ..Supervisor::default() };
+    let faults = FaultCounts::default();
+    let view = View { drives: [Drive::OperationEnabled; 2], faults: &faults, at_rest: false, request: Request::None };
+    for _ in 0..70_000 {
+        assert_eq!(supervisor.step(&view).state, State::Holding);
+    }
+}
