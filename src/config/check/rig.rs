@@ -42,7 +42,7 @@ fn check_cycle(findings: &mut Findings, rig: &Rig) {
                     "`cycle.compute_at_us` is {compute} us, not below `cycle.period_us` of {period} us: the control step \
                      would run after the next SYNC"
                 ),
-                "leave time for the TPDOs before it and for the RPDOs after it; 700 of 1000 us fits two drives at 1 Mbit/s",
+                "leave time for the TPDOs before it and for the RPDOs after it; 620 of 1000 us fits two drives at 1 Mbit/s",
             )
             .see("cycle.period_us", "period_us");
     }
