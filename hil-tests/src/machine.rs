@@ -26,11 +26,20 @@ impl Machine {
     }
 
     /// The same with another step of the plant.
+    ///
+    /// # Panics
+    /// If the scene has no model of the machine.
     pub fn with_plant_step_us(mut self, step_us: u32) -> Self {
-        if let Some(model) = &mut self.scene.model {
-            model.plant_step_us = step_us;
-        }
+        self.scene.model.as_mut().expect("a scene with a model").plant_step_us = step_us;
         self
+    }
+
+    /// Step of the plant in s.
+    ///
+    /// # Panics
+    /// If the scene has no model of the machine.
+    pub fn plant_step_s(&self) -> f64 {
+        f64::from(self.scene.model.expect("a scene with a model").plant_step_us) * 1e-6
     }
 
     /// Cycle time in s.

@@ -191,7 +191,7 @@ fn an_ideal_bus_and_ideal_tracking_work() {
         assert!(recording.cycles().iter().all(|cycle| cycle[0].time.0 % 1_000_000 == 0), "frames take no time");
     }
     let mut scenario = Scenario::position();
-    scenario.scene.model.tracking = Tracking::Ideal;
+    scenario.scene.model.as_mut().unwrap().tracking = Tracking::Ideal;
     let session = scenario.run(1500);
     assert_eq!((session.machine.state(), session.machine.cause()), (State::Running, None));
     for pair in session.rows.windows(2) {
@@ -200,7 +200,7 @@ fn an_ideal_bus_and_ideal_tracking_work() {
     }
     assert!(distance(session.rows[0].tool_m, session.rows[1499].tool_m) > 0.03);
     let mut torque = Scenario::torque();
-    torque.scene.model.tracking = Tracking::Ideal;
+    torque.scene.model.as_mut().unwrap().tracking = Tracking::Ideal;
     let refused = yieldwall::rig::EmbeddedRig::new(&torque.rig, &torque.scene, &torque.rig.fixture, 1);
     assert!(matches!(refused, Err(RigError::Mismatch(_))), "a torque has no place to go to");
 }
@@ -211,7 +211,7 @@ fn knock(hold_steps: u32) -> (f64, f64) {
     let mut scenario = Scenario::position();
     scenario.rig.fixture.hold_steps = hold_steps;
     scenario.rig.fixture.side = Side::Bilateral;
-    scenario.scene.model.tracking = Tracking::Ideal;
+    scenario.scene.model.as_mut().unwrap().tracking = Tracking::Ideal;
     let finite = |value: f64| Finite::new(value).unwrap();
     let hand = &mut scenario.scene.hand;
     hand.tremor = None;

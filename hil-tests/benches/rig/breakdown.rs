@@ -205,7 +205,7 @@ impl Stages {
                         master.on_frame(*time, frame, out);
                     }
                 }
-                black_box(master.on_compute(Request::None, out));
+                black_box(master.on_compute(period.compute_at, Request::None, out));
             }
             assert_eq!(master.cycle().state(), State::Running);
         })
@@ -299,7 +299,7 @@ impl Stages {
             Servo::Torque(_) => 1,
             _ => rig.cycle.period_us / rig.plant.drive_position_loop.period_us,
         };
-        let step_s = f64::from(self.tape.machine.scene.plant_step_us().unwrap_or(100)) * 1e-6;
+        let step_s = self.tape.machine.plant_step_s();
         let (period_s, from_s) = (self.tape.machine.period_s(), self.tape.hand_from_s);
         let prepare = || (self.tape.arm.clone(), self.tape.hand.clone());
         self.time(prepare, |(arm, hand)| {
