@@ -24,7 +24,7 @@ pub struct Setpoint {
     pub time: Time,
     /// Controlword.
     pub controlword: u16,
-    /// Target torque in per mille (4 bytes) or target position in counts (6 bytes).
+    /// Target torque in per mille (4 bytes), or target position in counts or velocity in counts per second (6 bytes).
     pub target: i32,
 }
 
@@ -89,7 +89,7 @@ impl Recording {
     }
 }
 
-/// Decodes an RPDO of a drive: 6040h, then 6071h (4 bytes) or 607Ah (6 bytes).
+/// Decodes an RPDO of a drive: 6040h, then 6071h (4 bytes), or 607Ah or 60FFh (6 bytes).
 pub fn setpoint(seen: &Seen) -> Setpoint {
     let target = match *seen.frame.data() {
         [_, _, a, b] => i32::from(i16::from_le_bytes([a, b])),

@@ -32,9 +32,9 @@ impl Scenario {
     pub fn shipped(file: &'static str) -> Self {
         let path = format!("{}/../config/{file}", env!("CARGO_MANIFEST_DIR"));
         let source = Source::disk(path);
-        let rig = config::load_rig(source.clone()).unwrap_or_else(|report| panic!("{file}: {report:?}")).value;
+        let rig = config::load_rig(source.clone()).unwrap_or_else(|report| panic!("{file}: {report}")).value;
         let scene = config::load_scene(source.relative(&rig.scene));
-        let scene = scene.unwrap_or_else(|report| panic!("{}: {report:?}", rig.scene)).value;
+        let scene = scene.unwrap_or_else(|report| panic!("{}: {report}", rig.scene)).value;
         Self { file, rig, seed: scene.seed, scene }
     }
 

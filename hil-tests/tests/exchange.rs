@@ -2,7 +2,7 @@
 
 use hil_tests::{DRIVE_NODES, Recording, SENSOR_NODE, Scenario, Seen, Session};
 use yieldwall::canopen::Frame;
-use yieldwall::config::{BusTiming, Finite, PathSegment, Side, Tracking};
+use yieldwall::config::{BusTiming, CommandMode, Finite, PathSegment, Side, Tracking};
 use yieldwall::guard::State;
 use yieldwall::rig::RigError;
 
@@ -12,6 +12,8 @@ const COUNTS_PER_RAD: f64 = 800_000.0 / std::f64::consts::TAU;
 fn shipped() -> Vec<Scenario> {
     let files = [
         "paper-admittance.yaml",
+        "paper-admittance-cartesian.yaml",
+        "paper-admittance-csv.yaml",
         "paper-admittance-csp.yaml",
         "paper-admittance-2ms.yaml",
         "paper-admittance-4ms.yaml",
@@ -104,7 +106,9 @@ fn one_flipped_bit_of_a_force_frame_changes_the_set_points_that_follow() {
 /// set-point per drive and SYNC (I12).
 fn check_setpoints(scenario: &Scenario, recording: &Recording) {
     let replay = scenario.replay();
-    let limit = scenario.rig.guard.joint_speed_limit_rad_per_s.get() * scenario.period_s() * COUNTS_PER_RAD + 1.0;
+    let mode = scenario.rig.rig.command_mode;
+    let fastest = scenario.rig.guard.joint_speed_limit_rad_per_s.get() * COUNTS_PER_RAD;
+    let longest = fastest * scenario.period_s() + 1.0;
     let mut last: [Option<i32>; 2] = [None; 2];
     let mut moving = 0;
     for cycle in recording.cycles() {
@@ -118,14 +122,20 @@ fn check_setpoints(scenario: &Scenario, recording: &Recording) {
             assert!(sent.len() <= 1, "I12: {} set-points in one cycle; {replay}", sent.len());
             let Some(seen) = sent.first() else { continue };
             let sent = hil_tests::setpoint(seen);
-            let is_torque = seen.frame.len() == 4;
-            let here = statuses[joint].map(|status| status.position);
-            let moves = if is_torque { sent.target != 0 } else { Some(sent.target) != here };
+            let moves = match mode {
+                CommandMode::Position => Some(sent.target) != statuses[joint].map(|status| status.position),
+                CommandMode::Velocity | CommandMode::Torque => sent.target != 0,
+            };
             assert!(!moves || (all_enabled && sent.enables()), "I1: {sent:?} while {statuses:?}; {replay}");
-            if is_torque {
-                assert!(sent.target.abs() <= 1000, "I3: {sent:?}; {replay}");
-            } else if let Some(before) = last[joint].filter(|_| all_enabled) {
-                assert!(f64::from(sent.target.wrapping_sub(before).abs()) <= limit, "I2: {before} {sent:?}; {replay}");
+            let size = f64::from(sent.target).abs();
+            match (mode, last[joint].filter(|_| all_enabled)) {
+                (CommandMode::Torque, _) => assert!(size <= 1000.0, "I3: {sent:?}; {replay}"),
+                (CommandMode::Velocity, _) => assert!(size <= fastest + 1.0, "I3: {sent:?}; {replay}"),
+                (CommandMode::Position, Some(before)) => {
+                    let step = f64::from(sent.target.wrapping_sub(before).abs());
+                    assert!(step <= longest, "I2: {before} {sent:?}; {replay}");
+                }
+                (CommandMode::Position, None) => {}
             }
             moving += usize::from(moves);
             last[joint] = Some(sent.target);

@@ -67,15 +67,12 @@ fn common(run: &FigureRun, replay: &str) {
     }
 }
 
-/// An impact below the capture speed stays on the surface, one above twice that never does, and the depth is what the
-/// proxy's equation of motion gives for the least to the greatest force of the hand during the stop, to a quarter of the
+/// An impact above twice the capture speed never stays on the surface, and the depth (none where one is caught) is what
+/// the proxy's equation of motion gives for the least to the greatest force of the hand during the stop, to a quarter of the
 /// way of one period at the capture speed (discretisation).
 fn follows_the_law(impact: &Impact, replay: &str) {
     let speed = impact.speed_m_per_s;
     let [least, most] = impact.predicted_range_mm.unwrap_or_else(|| panic!("{replay}: no law at {} s", impact.time_s));
-    if speed < CAPTURE_SPEED_M_PER_S {
-        assert!(impact.depth_mm <= 1e-9, "{replay}: {} mm at {speed} m/s", impact.depth_mm);
-    }
     if speed > 2.0 * CAPTURE_SPEED_M_PER_S {
         assert!(impact.depth_mm > 0.0, "{replay}: caught at {speed} m/s");
     }

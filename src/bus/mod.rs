@@ -17,3 +17,6 @@ mod setup;
 pub use error::{BootError, BootFailure};
 pub use master::{Master, Phase};
 pub use setup::{CommandMode, DriveSetup, MasterSetup, SensorSetup};
+
+#[cfg(test)]
+mod tests;

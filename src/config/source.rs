@@ -31,6 +31,8 @@ const SHIPPED: &[(&str, &str)] = shipped![
     "figures/fig16.yaml",
     "figures/fig8.yaml",
     "figures/fig9.yaml",
+    "paper-admittance-2ms.yaml",
+    "paper-admittance-4ms.yaml",
     "paper-admittance-cartesian.yaml",
     "paper-admittance-csp.yaml",
     "paper-admittance-csv.yaml",

@@ -273,4 +273,4 @@ impl Cycle {
 }
 
 #[cfg(test)]
-mod tests;
+pub(crate) mod tests;

@@ -107,6 +107,32 @@ fn velocity_servo() -> Servo {
     Servo::Velocity(RateLaw::new(100.0, JOINT_SPEED_LIMIT).unwrap())
 }
 
+fn cycle_with(servo: Servo, fixture: Fixture<Shape2, 2>) -> Cycle {
+    let linkage = FiveBar::new(geometry()).unwrap();
+    let gate = Gate::new(guard::Limits {
+        period_s: PERIOD_S,
+        torque_n_m: [60.0; 2],
+        joint_speed_rad_per_s: JOINT_SPEED_LIMIT,
+    });
+    Cycle::new(settings(), linkage, sensing(), fixture, servo, gate)
+}
+
+/// A cycle whose drives close the position loop (CSP), and the angles of its home in rad.
+pub(crate) fn position_cycle() -> (Cycle, [f64; 2]) {
+    at_home(Servo::Position)
+}
+
+/// A cycle that closes the loop itself (CST), and the angles of its home in rad.
+pub(crate) fn torque_cycle() -> (Cycle, [f64; 2]) {
+    at_home(torque_servo(Law::Psmc, false))
+}
+
+fn at_home(servo: Servo) -> (Cycle, [f64; 2]) {
+    let cycle = cycle_with(servo, fixture(0));
+    let home = cycle.linkage.inverse(TipPoint::new(0.02, 0.0)).unwrap().to_array();
+    (cycle, home)
+}
+
 /// A cycle with the world that it sees: drives that obey at once, joints that `joints` says, a sensor that reads `force`.
 struct Bench {
     cycle: Cycle,
@@ -129,15 +155,10 @@ impl Bench {
     }
 
     fn with_fixture(servo: Servo, at: [f64; 2], fixture: Fixture<Shape2, 2>) -> Self {
-        let linkage = FiveBar::new(geometry()).unwrap();
-        let angles = linkage.inverse(TipPoint::from(at)).unwrap().to_array();
-        let gate = Gate::new(guard::Limits {
-            period_s: PERIOD_S,
-            torque_n_m: [60.0; 2],
-            joint_speed_rad_per_s: JOINT_SPEED_LIMIT,
-        });
+        let cycle = cycle_with(servo, fixture);
+        let angles = cycle.linkage.inverse(TipPoint::from(at)).unwrap().to_array();
         Self {
-            cycle: Cycle::new(settings(), linkage, sensing(), fixture, servo, gate),
+            cycle,
             drives: [cia402::State::SwitchOnDisabled; 2],
             follows_command: true,
             angles: angles.map(Some),

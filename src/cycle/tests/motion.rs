@@ -183,7 +183,7 @@ fn the_workspace_edge_holds_the_reference_and_lets_it_back() {
     for _ in 0..3000 {
         bench.follow();
         assert_eq!((bench.cycle.state(), bench.cycle.cause()), (State::Running, None));
-        let clearance = bench.cycle.clearance_of_m(&bench.cycle.posture.unwrap());
+        let clearance = bench.cycle.clearance_m;
         assert!(clearance > 0.5 * MARGIN_M, "{clearance}");
         held += u32::from(bench.cycle.faults.count(Fault::WorkspaceEdge) > 0);
     }
@@ -203,7 +203,7 @@ fn the_workspace_edge_holds_the_reference_and_lets_it_back() {
 fn a_stop_at_the_edge_ends_there() {
     let mut bench = Bench::running(Servo::Position, [0.0, 0.13]);
     bench.force = [0.0, 30.0];
-    while bench.cycle.clearance_of_m(&bench.cycle.posture.unwrap()) > MARGIN_M + 0.01 {
+    while bench.cycle.clearance_m > MARGIN_M + 0.01 {
         bench.follow();
     }
     let speed = bench.reference().velocity.0.norm();
@@ -211,7 +211,7 @@ fn a_stop_at_the_edge_ends_there() {
     for cycle in 0.. {
         let outputs = bench.step(Request::Stop);
         bench.angles = outputs.signals.target_angles.to_array().map(Some);
-        let clearance = bench.cycle.clearance_of_m(&bench.cycle.posture.unwrap());
+        let clearance = bench.cycle.clearance_m;
         assert!(clearance > 0.5 * MARGIN_M, "{clearance}");
         if outputs.directive.state == State::Stopped {
             break;
