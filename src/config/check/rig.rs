@@ -1,6 +1,7 @@
 //! Relations between the keys of a rig: cycle and force sensor.
 
 use nalgebra::Matrix6;
+use yieldwall_drives::profiles::{self, Role};
 
 use super::Findings;
 use super::bus::{check_heartbeats, check_nodes, check_profiles};
@@ -79,32 +80,7 @@ fn check_sensor(findings: &mut Findings, rig: &Rig) {
             )
             .see("cycle.period_us", "period_us");
     }
-    if *sensor.sample_rate_hz > cycle_hz * 1.001 {
-        findings
-            .error(
-                "sensor.sample_rate_hz",
-                format!(
-                    "`sensor.sample_rate_hz` is {} Hz, above the {} Hz of the cycle: samples between two SYNCs are lost",
-                    *sensor.sample_rate_hz,
-                    round(cycle_hz)
-                ),
-                "lower it to the rate of the cycle, or shorten the period",
-            )
-            .see("cycle.period_us", "period_us");
-    }
-    if *sensor.sample_rate_hz > 0.0 && *sensor.sample_rate_hz < cycle_hz * 0.999 {
-        findings
-            .warning(
-                "sensor.sample_rate_hz",
-                format!(
-                    "`sensor.sample_rate_hz` is {} Hz, below the {} Hz of the cycle: some cycles see an old force",
-                    *sensor.sample_rate_hz,
-                    round(cycle_hz)
-                ),
-                "raise it if the sensor can; stability suffers from the delay",
-            )
-            .see("cycle.period_us", "period_us");
-    }
+    check_sample_rate(findings, rig, cycle_hz);
     let [fx, fy] = [&sensor.calibration[0], &sensor.calibration[1]];
     let dot = |a: &[Finite; 6], b: &[Finite; 6]| a.iter().zip(b).map(|(a, b)| **a * **b).sum::<f64>();
     let (xx, yy, xy) = (dot(fx, fx), dot(fy, fy), dot(fx, fy));
@@ -134,6 +110,31 @@ fn check_sensor(findings: &mut Findings, rig: &Rig) {
         return;
     }
     check_force_range(findings, rig);
+}
+
+/// Whether the sensor samples as often as it can without samples that no cycle sees.
+fn check_sample_rate(findings: &mut Findings, rig: &Rig, cycle_hz: f64) {
+    let sensor = &rig.sensor;
+    let Some(Role::ForceSensor { sample_rates_hz, .. }) = profiles::find(&sensor.profile).map(|profile| profile.role)
+    else {
+        return;
+    };
+    let rates = sample_rates_hz.iter().map(|rate| f64::from(*rate));
+    // A rate that is meant to be that of the cycle may differ by the rounding of its period.
+    let fitting = rates.clone().filter(|rate| *rate <= cycle_hz * 1.001).fold(0.0, f64::max);
+    let best = if fitting > 0.0 { fitting } else { rates.fold(f64::INFINITY, f64::min) };
+    let rate = *sensor.sample_rate_hz;
+    let key = "sensor.sample_rate_hz";
+    let head = format!("`{key}` is {rate} Hz, and the cycle has {} Hz", round(cycle_hz));
+    let help = format!("write {best}, the fastest rate of the profile that suits this cycle");
+    if rate > best {
+        findings.error(key, format!("{head}: samples between two SYNCs are lost"), help)
+    } else if rate < best {
+        findings.warning(key, format!("{head}: the force that it sees is older than it has to be"), help)
+    } else {
+        return;
+    }
+    .see("cycle.period_us", "period_us");
 }
 
 /// Whether the sensor can measure the forces that matter.

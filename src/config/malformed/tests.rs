@@ -239,6 +239,21 @@ fn rate_gain_is_refused_or_warned_of_by_the_cycles_delay() {
     assert!(rig(1000.0).unwrap_err().to_string().contains("unstable"));
 }
 
+/// At 1 kHz the sensor's 500 Hz are a warning; at 250 Hz its 200 Hz are the best that it has, and 500 Hz are refused.
+#[test]
+fn sample_rate_is_held_against_what_the_profile_offers() {
+    let text = base_text("rig.yaml");
+    let rig = |period_us: u32, rate_hz: u32| {
+        let text = text.replace("  period_us: 1000", &format!("  period_us: {period_us}"));
+        let text = text.replace("sample_rate_hz: 1000", &format!("sample_rate_hz: {rate_hz}"));
+        load_rig(with("rig.yaml", "rig.yaml", &text))
+    };
+    assert!(rig(1000, 500).unwrap().warnings[0].message.contains("older than it has to be"));
+    assert_eq!(rig(4000, 200).unwrap().warnings, []);
+    assert_eq!(rig(10_000, 200).unwrap().warnings, []);
+    assert!(rig(4000, 500).unwrap_err().to_string().contains("are lost"));
+}
+
 /// In position mode no gain is used, so none is refused.
 #[test]
 fn position_mode_takes_any_gains() {

@@ -172,7 +172,7 @@ pub struct Sensor {
     /// Device model: identity, frame layout and status bits.
     #[garde(length(min = 1))]
     pub profile: String,
-    /// How often it samples, Hz: a rate that the profile has, not above that of the cycle.
+    /// How often it samples, Hz: the fastest rate of the profile that is not above that of the cycle.
     #[garde(dive)]
     pub sample_rate_hz: Positive,
     /// Heartbeat period of the sensor, ms; this program watches it. 1 to 10 000, at least two control periods.
