@@ -89,8 +89,6 @@ pub struct Context {
     pub period_s: f64,
     /// Proxy mass in kg; `None` for the impedance type.
     pub mass_kg: Option<f64>,
-    /// Whether only the side against the normal is forbidden.
-    pub is_unilateral: bool,
     /// Torque limit in N m; `None` where no torque is commanded.
     pub torque_limit_n_m: Option<f64>,
     /// Stiffness of the impedance coupling in N/m; 0 for the admittance type.
@@ -111,7 +109,7 @@ pub fn measure(trace: &Trace, context: &Context) -> Measures {
     let on: Vec<&Row> = trace.rows.iter().filter(|row| row.is_on_surface).collect();
     let distance_mm = |row: &Row| 1e3 * trace.reference.signed_distance_m(row.tool_m).unwrap_or(0.0).abs();
     let tracing: Vec<&Row> = steady_tracing(trace, context, &impacts).collect();
-    let pressed = pressed(trace, context);
+    let pressed = pressed(trace);
     let peak_torque =
         trace.rows.iter().flat_map(|row| row.torques_n_m).fold(0.0f64, |peak, torque| peak.max(torque.abs()));
     let positive = trace.rows.iter().filter(|row| row.power_w > 0.0).count();
@@ -156,7 +154,7 @@ fn impacts(trace: &Trace, context: &Context) -> Vec<Impact> {
         .contacts()
         .filter(|&at| at >= 2)
         // Against a unilateral surface only an approach from the free side is an impact.
-        .filter(|&at| !context.is_unilateral || rows[at - 1].signed_distance_m > 0.0)
+        .filter(|&at| !trace.is_unilateral || rows[at - 1].signed_distance_m > 0.0)
         .filter(|&at| push_n(trace, &rows[at]).abs() < YIELDING_SHARE * trace.yield_n)
         .map(|at| impact_at(trace, context, at))
         .collect()
@@ -224,13 +222,13 @@ struct Pressed {
 
 /// Walks the contacts: from the second row in a row with the proxy on the surface (a single one is a landing in flight)
 /// until the push reaches 0.95 R, or points to the free side of a unilateral surface.
-fn pressed(trace: &Trace, context: &Context) -> Pressed {
+fn pressed(trace: &Trace) -> Pressed {
     let mut pressed = Pressed { rows: 0, on: 0, releases: 0 };
     let mut in_contact = false;
     let mut was_on = false;
     for row in &trace.rows {
         let push = push_n(trace, row);
-        let is_freeing = context.is_unilateral && push > 0.0;
+        let is_freeing = trace.is_unilateral && push > 0.0;
         if push.abs() >= PRESSED_SHARE * trace.yield_n || is_freeing {
             in_contact = false;
         } else if row.is_on_surface && was_on {

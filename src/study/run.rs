@@ -92,7 +92,6 @@ pub fn run_rig(
     let context = Context {
         period_s,
         mass_kg: mass_kg(fixture),
-        is_unilateral: fixture.side == config::Side::Unilateral,
         torque_limit_n_m: is_torque.then(|| rig.guard.torque_limit_n_m.get()),
         stiffness_n_per_m: 0.0,
         force_resolution_n: rig.sensor.calibration[0][0].get().abs().max(rig.sensor.calibration[1][1].get().abs()),
@@ -126,7 +125,6 @@ pub fn run_device(
     let context = Context {
         period_s,
         mass_kg: None,
-        is_unilateral: fixture.side == config::Side::Unilateral,
         torque_limit_n_m: None,
         stiffness_n_per_m: match fixture.coupling {
             config::Coupling::Impedance { stiffness_n_per_m, .. } => stiffness_n_per_m.get(),
@@ -151,6 +149,7 @@ fn trace(title: String, fixture: &config::Fixture, force_meaning: ForceMeaning, 
         reference: reference(&fixture.surface),
         friction_n: fixture.friction_n.get(),
         yield_n: fixture.yield_n.get(),
+        is_unilateral: fixture.side == config::Side::Unilateral,
         hold_steps: fixture.hold_steps,
         force_meaning,
         phases: Vec::new(),
