@@ -7,7 +7,7 @@ use serde_json::{Value, json};
 use super::failure::{Exit, Failure};
 use super::output::Output;
 use super::progress::Progress;
-use super::run::{drawing_failure, measures_text, rig_failure, tool_text, write_drawing};
+use super::run::{above_bound, drawing_failure, measures_text, rig_failure, tool_text, write_drawing};
 use crate::study::drawing;
 use crate::study::reproduce::{FIGURES, FigureRun, HandScale, ReproduceError, reproduce};
 
@@ -20,10 +20,10 @@ pub(super) struct Arguments {
     #[arg(long, value_name = "DIR", default_value = "out")]
     out: PathBuf,
     /// Multiply the hand's stiffness and damping, to see what hangs on them
-    #[arg(long, value_name = "FACTOR", default_value_t = 1.0, value_parser = parse_factor)]
+    #[arg(long, value_name = "FACTOR", default_value_t = 1.0, value_parser = parse_factor, allow_negative_numbers = true)]
     hand_stiffness: f64,
     /// Multiply the hand's mass, to see what hangs on it
-    #[arg(long, value_name = "FACTOR", default_value_t = 1.0, value_parser = parse_factor)]
+    #[arg(long, value_name = "FACTOR", default_value_t = 1.0, value_parser = parse_factor, allow_negative_numbers = true)]
     hand_mass: f64,
 }
 
@@ -50,6 +50,7 @@ fn parse_factor(text: &str) -> Result<f64, String> {
 pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Failure> {
     let hand = HandScale { stiffness: arguments.hand_stiffness, mass: arguments.hand_mass };
     let mut entries: Vec<Value> = Vec::new();
+    let mut out_of_bound = None;
     for &figure in &arguments.figure.0 {
         let progress = Progress::new(output);
         let runs = reproduce(figure, hand, |figure, mode, stage| {
@@ -59,7 +60,7 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
         progress.end();
         let runs = runs.map_err(failure)?;
         let mut files = Vec::new();
-        let drawings = drawing::figure(&runs).map_err(|error| drawing_failure(&arguments.out, &error))?;
+        let drawings = drawing::figure(&runs).map_err(|error| drawing_failure(&error))?;
         for named in drawings {
             for ending in ["svg", "png"] {
                 let path = arguments.out.join(format!("{}.{ending}", named.name));
@@ -79,8 +80,14 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
             let message = format!("{figure} {}: the rig was stopped by {cause}", run.mode);
             return Err(Failure::new(Exit::SafetyStop, message, "the scene asks for more than the rig's limits allow"));
         }
+        if let Some(run) = runs.iter().find(|run| !run.measures().is_within_bound()) {
+            out_of_bound.get_or_insert_with(|| above_bound(run.measures(), &format!("{figure} {}", run.mode)));
+        }
     }
-    if output.is_json() { output.json(&json!({ "figures": entries })) } else { Ok(()) }
+    if output.is_json() {
+        output.json(&json!({ "figures": entries }))?;
+    }
+    out_of_bound.map_or(Ok(()), Err)
 }
 
 /// The measures of a run with its name before them.

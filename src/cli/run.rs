@@ -4,7 +4,7 @@ use std::fs::File;
 use std::io::{self, BufWriter};
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex};
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 use serde_json::{Value, json};
 
@@ -21,6 +21,8 @@ use crate::sim::can::CandumpWriter;
 use crate::study::measures::Measures;
 use crate::study::{Overrides, RunReport, drawing, run_rig};
 
+/// The log's first second: some readers take a time of zero for no time at all.
+const LOG_STARTS_AT: Duration = Duration::from_secs(1);
 /// Longest run in simulated seconds: an hour at 1 kHz keeps about 1 GB of rows.
 const LONGEST_RUN_S: f64 = 3600.0;
 /// Width of PNG pictures: 160 mm at 300 dots per inch.
@@ -32,10 +34,10 @@ pub(super) struct Arguments {
     #[arg(value_name = "RIG.yaml")]
     rig: String,
     /// Simulated seconds, in place of the scene's duration
-    #[arg(long, value_name = "S")]
+    #[arg(long, value_name = "S", allow_negative_numbers = true)]
     duration: Option<f64>,
     /// Seed of tremor and sensor noise, in place of the scene's
-    #[arg(long, value_name = "N")]
+    #[arg(long, value_name = "N", allow_negative_numbers = true)]
     seed: Option<u64>,
     /// Draw trajectory, force and power into this file, an .svg or a .png; folders on the way are made
     #[arg(long, value_name = "PATH")]
@@ -67,7 +69,7 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
     }
     if let Some(path) = &arguments.figure {
         let heading = Some(rig.value.rig.name.clone());
-        let drawing = drawing::run(&report.trace, heading).map_err(|error| drawing_failure(path, &error))?;
+        let drawing = drawing::run(&report.trace, heading).map_err(|error| drawing_failure(&error))?;
         write_drawing(&drawing, path)?;
     }
     let seed = overrides.seed.unwrap_or(scene.value.seed);
@@ -79,6 +81,7 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
     }
     match report.state {
         Some(state) if state.is_latched() => Err(stopped(&report)),
+        _ if !report.measures.is_within_bound() => Err(above_bound(&report.measures, &rig.value.rig.name)),
         _ => Ok(()),
     }
 }
@@ -111,12 +114,6 @@ impl Facts<'_> {
         self.report.trace.rows.len() as f64 * self.report.period_s
     }
 
-    fn bus_load(&self) -> Option<f64> {
-        let bus = self.rig.buses.values().next()?;
-        let counters = self.report.bus?;
-        Some(counters.bits as f64 / f64::from(bus.bit_rate_bit_per_s) / self.simulated_s())
-    }
-
     fn json(&self, arguments: &Arguments) -> Value {
         json!({
             "rig": self.rig.rig.name,
@@ -127,7 +124,7 @@ impl Facts<'_> {
             "state": self.report.state.map(|state| format!("{state:?}")),
             "cause": self.report.cause.map(|fault| fault.row().name),
             "margins": self.margins.to_json(),
-            "bus_load": self.bus_load(),
+            "bus_load": self.report.bus_load,
             "measures": self.report.measures,
             "figure": arguments.figure,
             "candump": arguments.candump,
@@ -167,11 +164,13 @@ impl Facts<'_> {
             ));
         }
         lines.extend(measures_text(&self.report.measures));
-        if let (Some(counters), Some(load)) = (self.report.bus, self.bus_load()) {
+        if let (Some(counters), Some(load)) = (self.report.bus, self.report.bus_load) {
             lines.push(format!("bus       {} frames, load {:.1} %", counters.frames, 100.0 * load));
         }
-        for (what, path) in [("figure", &arguments.figure), ("candump", &arguments.candump)] {
-            lines.extend(path.as_ref().map(|path| format!("{what:9} {}", path.display())));
+        lines.extend(arguments.figure.as_ref().map(|path| format!("figure    {}", path.display())));
+        if let (Some(path), Some(start_s)) = (&arguments.candump, self.report.started_at_s) {
+            let start_s = start_s + LOG_STARTS_AT.as_secs_f64();
+            lines.push(format!("candump   {}; time 0 of the scene is {start_s:.3} in it", path.display()));
         }
         lines.join("\n")
     }
@@ -189,9 +188,11 @@ pub(super) fn measures_text(measures: &Measures) -> Vec<String> {
             measures.unintended_releases
         ));
     }
+    let scope = if measures.stop_energy_j.is_some() { "in all" } else { "at most in one go" };
     lines.push(format!(
-        "energy    given to the hand {:.1} mJ (bound {:.1} mJ), taken from it {:.0} mJ",
-        1e3 * if measures.stop_energy_j.is_some() { measures.energy_given_j } else { measures.energy_rise_j },
+        "energy    given to the hand {:.1} mJ {scope}, {} the bound of {:.1} mJ; taken from it {:.0} mJ",
+        1e3 * measures.bounded_energy_j(),
+        if measures.is_within_bound() { "within" } else { "ABOVE" },
         1e3 * measures.energy_bound_j,
         1e3 * measures.energy_taken_j
     ));
@@ -219,7 +220,10 @@ fn impacts_text(measures: &Measures) -> String {
     let fastest = measures.impacts.iter().map(|impact| impact.speed_m_per_s).fold(0.0, f64::max);
     let count = measures.impacts.len();
     if deepest.depth_mm == 0.0 {
-        return format!("impacts   {count} at up to {:.0} mm/s, the proxy never beyond the surface", 1e3 * fastest);
+        return format!(
+            "impacts   {count} at up to {:.0} mm/s, the proxy never beyond the surface before R is reached",
+            1e3 * fastest
+        );
     }
     let law = deepest.predicted_depth_mm.map_or(String::new(), |depth| format!(", by the law {depth:.2} mm"));
     format!(
@@ -228,6 +232,17 @@ fn impacts_text(measures: &Measures) -> String {
         1e3 * deepest.speed_m_per_s,
         deepest.depth_mm
     )
+}
+
+/// The failure of a run that gave the hand more energy than a fixture that stores none can.
+pub(super) fn above_bound(measures: &Measures, what: &str) -> Failure {
+    let message = format!(
+        "{what} gave the hand {:.1} mJ, above the bound of {:.1} mJ: the loop of hand, fixture and arm swings",
+        1e3 * measures.bounded_energy_j(),
+        1e3 * measures.energy_bound_j
+    );
+    let help = "raise fixture.coupling's mass_kg, or look at the loop's margins with `yieldwall config check`";
+    Failure::new(Exit::OutOfTolerance, message, help)
 }
 
 fn stopped(report: &RunReport) -> Failure {
@@ -256,8 +271,15 @@ pub(super) fn rig_failure(error: &RigError) -> Failure {
     Failure::new(exit, error.to_string(), help)
 }
 
-pub(super) fn drawing_failure(path: &Path, error: &dyn std::fmt::Display) -> Failure {
-    Failure::new(Exit::Internal, format!("figure {}: {error}", path.display()), "")
+/// The failure of a drawing, with all causes that the error names.
+pub(super) fn drawing_failure(error: &dyn std::error::Error) -> Failure {
+    let mut message = format!("figure: {error}");
+    let mut source = error.source();
+    while let Some(cause) = source {
+        message.push_str(&format!(": {cause}"));
+        source = cause.source();
+    }
+    Failure::new(Exit::Usage, message, "choose a file that can be written, and a run with something to draw")
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -267,11 +289,13 @@ enum PictureKind {
 }
 
 fn picture_kind(path: &Path) -> Result<PictureKind, Failure> {
-    match path.extension().and_then(|ending| ending.to_str()) {
+    let ending = path.extension().map(|ending| ending.to_string_lossy().to_lowercase());
+    match ending.as_deref() {
         Some("svg") => Ok(PictureKind::Svg),
         Some("png") => Ok(PictureKind::Png),
         _ => {
-            let message = format!("--figure {}: the ending says what is drawn", path.display());
+            let ending = ending.map_or("no ending".to_owned(), |ending| format!("the ending .{ending}"));
+            let message = format!("--figure {} has {ending}: only .svg and .png are drawn", path.display());
             Err(Failure::new(Exit::Usage, message, "end the name in .svg or .png"))
         }
     }
@@ -284,7 +308,7 @@ pub(super) fn write_drawing(drawing: &Drawing, path: &Path) -> Result<(), Failur
         PictureKind::Svg => drawing.write_svg(path),
         PictureKind::Png => drawing.write_png(path, PICTURE_WIDTH_PX),
     };
-    written.map_err(|error| drawing_failure(path, &error))
+    written.map_err(|error| drawing_failure(&error))
 }
 
 fn make_folder_of(path: &Path) -> Result<(), Failure> {
@@ -325,7 +349,7 @@ impl Candump {
             if let Ok(mut log) = log.lock()
                 && log.error.is_none()
                 && let Some(writer) = &mut log.writer
-                && let Err(error) = writer.record(time, frame)
+                && let Err(error) = writer.record(time + LOG_STARTS_AT, frame)
             {
                 log.error = Some(error);
             }

@@ -37,22 +37,23 @@ pub fn figure(runs: &[FigureRun]) -> Result<Vec<NamedDrawing>, Error> {
     for mode in modes {
         let of_mode: Vec<&FigureRun> = runs.iter().filter(|run| run.mode == mode).collect();
         let Some(first) = of_mode.first() else { continue };
+        let heading = Some(format!("{} ({mode})", first.title));
         let drawing = match first.figure {
-            "fig13" | "fig16" => enlarged(&of_mode)?,
+            "fig13" | "fig16" => enlarged(&of_mode, heading)?,
             "fig14" | "fig15" => {
                 let [before_s, after_s] = AROUND_IMPACT_S;
                 let traces: Vec<&Trace> = of_mode.iter().map(|run| run.trace()).collect();
                 let time_span = TimeSpan::AroundImpact { before_s, after_s };
-                hold_comparison(&traces, &Options { time_span, ..Options::default() })?
+                hold_comparison(&traces, &Options { time_span, heading, ..Options::default() })?
             }
-            _ => run(first.trace(), None)?,
+            _ => run(first.trace(), heading)?,
         };
         drawings.push(NamedDrawing { name: format!("{}-{mode}", first.figure), drawing });
     }
     Ok(drawings)
 }
 
-fn enlarged(runs: &[&FigureRun]) -> Result<Drawing, Error> {
+fn enlarged(runs: &[&FigureRun], heading: Option<String>) -> Result<Drawing, Error> {
     let views: Vec<View<'_>> = runs
         .iter()
         .flat_map(|run| {
@@ -65,5 +66,5 @@ fn enlarged(runs: &[&FigureRun]) -> Result<Drawing, Error> {
             })
         })
         .collect();
-    magnified(&views, &Options::default())
+    magnified(&views, &Options { heading, ..Options::default() })
 }

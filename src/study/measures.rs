@@ -82,6 +82,19 @@ pub struct Measures {
     pub energy_bound_j: f64,
 }
 
+impl Measures {
+    /// What the bound holds, in J: all that was given to the hand (admittance type), or the most in one go (impedance
+    /// type).
+    pub fn bounded_energy_j(&self) -> f64 {
+        if self.stop_energy_j.is_some() { self.energy_given_j } else { self.energy_rise_j }
+    }
+
+    /// Whether the energy keeps within its bound.
+    pub fn is_within_bound(&self) -> bool {
+        self.bounded_energy_j() <= self.energy_bound_j
+    }
+}
+
 /// What the measures need to know of the fixture and the loop.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Context {

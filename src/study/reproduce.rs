@@ -43,6 +43,8 @@ impl fmt::Display for Mode {
 pub struct FigureRun {
     /// Name of the figure, such as `fig11`.
     pub figure: &'static str,
+    /// What it shows.
+    pub title: String,
     /// How the machine was driven.
     pub mode: Mode,
     /// `N_wait`.
@@ -155,7 +157,8 @@ fn run_figure(
                 _ => None,
             };
             let magnified = figure.value.magnify.clone();
-            runs.push(FigureRun { figure: name, mode, hold_steps, report, without_feed_forward, magnified });
+            let title = figure.value.title.clone();
+            runs.push(FigureRun { figure: name, title, mode, hold_steps, report, without_feed_forward, magnified });
         }
     }
     Ok(runs)

@@ -35,6 +35,10 @@ pub struct RunReport {
     pub cause: Option<Fault>,
     /// What went over the bus.
     pub bus: Option<BusCounters>,
+    /// Share of the bus's time that the frames of the scene took.
+    pub bus_load: Option<f64>,
+    /// Virtual time since switching on at which the scene began, in s.
+    pub started_at_s: Option<f64>,
     /// Cycle time in s.
     pub period_s: f64,
 }
@@ -69,9 +73,10 @@ pub fn run_rig(
         machine.set_tap(tap);
     }
     machine.enable()?;
+    let (started_at, before) = (machine.next_sync(), *machine.bus_counters());
     let period_s = f64::from(rig.cycle.period_us) * 1e-6;
     let end_s = overrides.duration_s.unwrap_or(scene.duration_s.get());
-    let cycles = (end_s / period_s).round() as usize;
+    let cycles = ((end_s / period_s).round() as usize).max(1);
     let mut rows = Vec::with_capacity(cycles);
     let mut state = machine.state();
     for _ in 0..cycles {
@@ -84,6 +89,12 @@ pub fn run_rig(
         }
     }
     let cause = machine.cause();
+    let elapsed = machine.now().since(started_at);
+    let bus_load = rig
+        .buses
+        .values()
+        .next()
+        .map(|bus| machine.bus_counters().load_since(&before, elapsed, bus.bit_rate_bit_per_s));
     if !state.is_latched() {
         machine.stop()?;
     }
@@ -97,7 +108,16 @@ pub fn run_rig(
         force_resolution_n: rig.sensor.calibration[0][0].get().abs().max(rig.sensor.calibration[1][1].get().abs()),
     };
     let measures = measure(&trace, &context);
-    Ok(RunReport { trace, measures, state: Some(state), cause, bus: Some(*machine.bus_counters()), period_s })
+    Ok(RunReport {
+        trace,
+        measures,
+        state: Some(state),
+        cause,
+        bus: Some(*machine.bus_counters()),
+        bus_load,
+        started_at_s: Some(started_at.as_secs_f64()),
+        period_s,
+    })
 }
 
 /// Runs a scene on an impedance device.
@@ -133,7 +153,7 @@ pub fn run_device(
         force_resolution_n: 0.0,
     };
     let measures = measure(&trace, &context);
-    Ok(RunReport { trace, measures, state: None, cause: None, bus: None, period_s })
+    Ok(RunReport { trace, measures, state: None, cause: None, bus: None, bus_load: None, started_at_s: None, period_s })
 }
 
 fn mass_kg(fixture: &config::Fixture) -> Option<f64> {
