@@ -11,7 +11,7 @@ use serde_json::{Value, json};
 use super::failure::{Exit, Failure};
 use super::output::Output;
 use super::progress::Progress;
-use crate::config::{self, Source};
+use crate::config::{self, Report, Source};
 use crate::fixture::prediction;
 use crate::guard::Fault;
 use crate::record::figure::Drawing;
@@ -69,23 +69,27 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
     }
     let seed = overrides.seed.unwrap_or(scene.value.seed);
     let facts = Facts { rig: &rig.value, margins, report: &report, seed, wall_s };
-    if output.is_json() {
-        output.json(&facts.json(arguments))?;
-    } else {
+    let failure = report.state.filter(|state| state.is_latched()).map(|_| stopped(&report));
+    if !output.is_json() {
         output.news(&facts.text(arguments))?;
+        return failure.map_or(Ok(()), Err);
     }
-    match report.state {
-        Some(state) if state.is_latched() => Err(stopped(&report)),
-        _ => Ok(()),
-    }
+    let mut document = facts.json(arguments);
+    let Some(Failure { exit, report }) = failure else { return output.json(&document) };
+    // One document: what stopped the rig stands beside what was measured.
+    document["exit_code"] = json!(exit.code());
+    document["diagnostics"] = json!(report);
+    output.json(&document)?;
+    Err(Failure { exit, report: Report { diagnostics: Vec::new() } })
 }
 
 /// What can be known to be wrong before anything is run.
 fn check(arguments: &Arguments) -> Result<(), Failure> {
     if let Some(duration) = arguments.duration
-        && !(duration > 0.0 && duration <= 86_400.0)
+        && !(duration > 0.0 && duration <= config::MAX_DURATION_S)
     {
-        let message = format!("--duration is {duration}: a run lasts more than 0 and at most 86400 simulated seconds");
+        let most = config::MAX_DURATION_S;
+        let message = format!("--duration is {duration}: a run lasts more than 0 and at most {most} simulated seconds");
         return Err(Failure::new(Exit::Usage, message, "give a number of seconds, such as --duration 5"));
     }
     if let Some(path) = &arguments.figure {
@@ -107,12 +111,6 @@ impl Facts<'_> {
         self.report.trace.rows.len() as f64 * self.report.period_s
     }
 
-    fn bus_load(&self) -> Option<f64> {
-        let bus = self.rig.buses.values().next()?;
-        let counters = self.report.bus?;
-        Some(counters.bits as f64 / f64::from(bus.bit_rate_bit_per_s) / self.simulated_s())
-    }
-
     fn json(&self, arguments: &Arguments) -> Value {
         json!({
             "rig": self.rig.rig.name,
@@ -123,7 +121,8 @@ impl Facts<'_> {
             "state": self.report.state.map(|state| format!("{state:?}")),
             "cause": self.report.cause.map(|fault| fault.row().name),
             "margins": self.margins.map(|margins| margins_json(&margins)),
-            "bus_load": self.bus_load(),
+            "bus_load": self.report.bus_load,
+            "held_s": self.report.held_s,
             "measures": self.report.measures,
             "figure": arguments.figure,
             "candump": arguments.candump,
@@ -161,8 +160,15 @@ impl Facts<'_> {
             ));
         }
         lines.extend(measures_text(&self.report.measures));
-        if let (Some(counters), Some(load)) = (self.report.bus, self.bus_load()) {
+        if let (Some(counters), Some(load)) = (self.report.bus, self.report.bus_load) {
             lines.push(format!("bus       {} frames, load {:.1} %", counters.frames, 100.0 * load));
+        }
+        if self.report.held_s > 0.0 {
+            let cause = self
+                .report
+                .cause
+                .map_or("; cleared".to_owned(), |fault| format!("; in the end by {}", fault.row().name));
+            lines.push(format!("held      {:.3} s at rest by a fault{cause}", self.report.held_s));
         }
         for (what, path) in [("figure", &arguments.figure), ("candump", &arguments.candump)] {
             lines.extend(path.as_ref().map(|path| format!("{what:9} {}", path.display())));
