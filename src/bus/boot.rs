@@ -186,6 +186,8 @@ impl Boot {
             }
         }
         if !self.verifying {
+            let node = self.client.node().raw();
+            tracing::debug!(node, object = %format_args!("{index:04X}h:{sub}"), "{}: done", step.doing);
             self.next += 1;
         }
         self.request(now, out)

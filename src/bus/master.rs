@@ -120,7 +120,7 @@ impl Master {
 
     /// Resets the network and starts to watch it.
     pub fn start(&mut self, now: Time, out: &mut impl Outbox) {
-        self.phase = Phase::Resetting;
+        self.enter(Phase::Resetting);
         self.phase_deadline = now + BOOT_UP_WAIT;
         out.push(nmt::command(NmtCommand::ResetNode, None));
         self.next_heartbeat = now;
@@ -233,6 +233,11 @@ impl Master {
         self.events.send_failed = true;
     }
 
+    fn enter(&mut self, phase: Phase) {
+        tracing::debug!(?phase, "network");
+        self.phase = phase;
+    }
+
     fn send_heartbeat(&mut self, now: Time, out: &mut impl Outbox) {
         if now < self.next_heartbeat {
             return;
@@ -252,7 +257,7 @@ impl Master {
             (HeartbeatChange::BootUp, Phase::Resetting) => {
                 node.has_booted = true;
                 if self.nodes.iter().all(|node| node.has_booted) {
-                    self.phase = Phase::Configuring;
+                    self.enter(Phase::Configuring);
                     self.phase_deadline = Time::NEVER;
                     self.configure(now, out, |boot, now, out| boot.start(now, out));
                 }
@@ -260,12 +265,14 @@ impl Master {
             (HeartbeatChange::BootUp, Phase::Configuring) => {
                 let step = node.boot.doing();
                 if let Err(failure) = node.boot.restart(now, out) {
-                    self.phase = Phase::Failed(refuse(id.raw(), &node.name, step, failure));
+                    let error = refuse(id.raw(), &node.name, step, failure);
+                    self.enter(Phase::Failed(error));
                 }
             }
             (HeartbeatChange::BootUp, Phase::Starting) => {
                 let failure = BootFailure::Restarted { times: 1 };
-                self.phase = Phase::Failed(refuse(id.raw(), &node.name, "start the node", failure));
+                let error = refuse(id.raw(), &node.name, "start the node", failure);
+                self.enter(Phase::Failed(error));
             }
             (HeartbeatChange::BootUp, Phase::Operational) => node.has_restarted = true,
             (HeartbeatChange::BootUp, _) => {}
@@ -274,7 +281,7 @@ impl Master {
             (HeartbeatChange::Present(_) | HeartbeatChange::State(_), _) => {
                 self.events.heartbeat_lost |= !node.is_operational;
                 if self.phase == Phase::Starting && self.nodes.iter().all(|node| node.is_operational) {
-                    self.phase = Phase::Operational;
+                    self.enter(Phase::Operational);
                     self.phase_deadline = Time::NEVER;
                     self.events = LinkEvents::default();
                 }
@@ -295,12 +302,13 @@ impl Master {
             }
             let step = node.boot.doing();
             if let Err(failure) = act(&mut node.boot, now, out) {
-                self.phase = Phase::Failed(refuse(node.id.raw(), &node.name, step, failure));
+                let error = refuse(node.id.raw(), &node.name, step, failure);
+                self.enter(Phase::Failed(error));
                 return;
             }
         }
         if self.nodes.iter().all(|node| node.boot.is_done()) {
-            self.phase = Phase::Starting;
+            self.enter(Phase::Starting);
             self.phase_deadline = now + START_WAIT;
             for node in &self.nodes {
                 self.watch.start(now, node.id);
@@ -312,7 +320,8 @@ impl Master {
     fn fail_where(&mut self, is_late: impl Fn(&Node) -> bool, step: &'static str, waited: Duration) {
         if let Some(node) = self.nodes.iter().find(|node| is_late(node)) {
             let failure = BootFailure::Missing { waited_ms: waited.as_millis() as u64 };
-            self.phase = Phase::Failed(refuse(node.id.raw(), &node.name, step, failure));
+            let error = refuse(node.id.raw(), &node.name, step, failure);
+            self.enter(Phase::Failed(error));
         }
         self.phase_deadline = Time::NEVER;
     }

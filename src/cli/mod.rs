@@ -27,6 +27,9 @@ struct Arguments {
     /// Print failures only
     #[arg(long, short, global = true)]
     quiet: bool,
+    /// Tell on standard error what is done on the way, such as each step of the boot
+    #[arg(long, short, global = true, conflicts_with = "quiet")]
+    verbose: bool,
     /// Print one JSON document on standard output instead of text
     #[arg(long, global = true)]
     json: bool,
@@ -59,6 +62,15 @@ fn run(arguments: impl IntoIterator<Item = OsString>) -> Exit {
             return if error.use_stderr() { Exit::Usage } else { Exit::Ok };
         }
     };
+    if arguments.verbose {
+        tracing_subscriber::fmt()
+            .with_max_level(tracing::Level::DEBUG)
+            .without_time()
+            .with_target(false)
+            .with_ansi(output::has_color())
+            .with_writer(std::io::stderr)
+            .init();
+    }
     let mut output = Output::new(arguments.quiet, arguments.json);
     let result = match arguments.command {
         Command::Run(arguments) => run::run(&arguments, &mut output),

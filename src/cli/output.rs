@@ -17,13 +17,17 @@ pub struct Output {
     renderer: Renderer,
 }
 
+/// Whether standard error is a terminal that has colour, and `NO_COLOR` is not set to something.
+pub(super) fn has_color() -> bool {
+    let no_color = std::env::var_os("NO_COLOR").is_some_and(|value| !value.is_empty());
+    let is_dumb = std::env::var_os("TERM").is_some_and(|value| value == "dumb");
+    io::stderr().is_terminal() && !no_color && !is_dumb
+}
+
 impl Output {
-    /// Colour is used when standard error is a terminal that has it, unless `NO_COLOR` is set to something.
+    /// In colour where [`has_color`] says so.
     pub(super) fn new(is_quiet: bool, is_json: bool) -> Self {
-        let no_color = std::env::var_os("NO_COLOR").is_some_and(|value| !value.is_empty());
-        let is_dumb = std::env::var_os("TERM").is_some_and(|value| value == "dumb");
-        let in_color = io::stderr().is_terminal() && !no_color && !is_dumb;
-        Self { is_quiet, is_json, renderer: Renderer::new(in_color) }
+        Self { is_quiet, is_json, renderer: Renderer::new(has_color()) }
     }
 
     /// Whether one JSON document is wanted.

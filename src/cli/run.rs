@@ -9,13 +9,14 @@ use std::time::Instant;
 use serde_json::{Value, json};
 
 use super::failure::{Exit, Failure};
+use super::margins::Margins;
 use super::output::Output;
 use super::progress::Progress;
 use crate::config::{self, Report, Source};
 use crate::fixture::prediction;
 use crate::guard::Fault;
 use crate::record::figure::Drawing;
-use crate::rig::{PoseMargins, RigError, Tap, pose_margins};
+use crate::rig::{RigError, Tap};
 use crate::sim::can::CandumpWriter;
 use crate::study::measures::Measures;
 use crate::study::{Overrides, RunReport, drawing, run_rig};
@@ -45,11 +46,11 @@ pub(super) struct Arguments {
 pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Failure> {
     check(arguments)?;
     let rig = config::load_rig(Source::named(&arguments.rig))?;
+    // Those of the scene are among them.
     output.warnings(&rig.warnings);
     let scene = config::load_scene(rig.source.relative(&rig.value.scene))?;
-    output.warnings(&scene.warnings);
     let overrides = Overrides { fixture: None, duration_s: arguments.duration, seed: arguments.seed };
-    let margins = pose_margins(&rig.value).map_err(|error| rig_failure(&error))?;
+    let margins = Margins::of(&rig.value);
     let candump = arguments.candump.as_deref().map(Candump::create).transpose()?;
     let progress = Progress::new(output);
     progress.begin(&rig.value.rig.name);
@@ -100,7 +101,7 @@ fn check(arguments: &Arguments) -> Result<(), Failure> {
 
 struct Facts<'a> {
     rig: &'a config::Rig,
-    margins: Option<PoseMargins>,
+    margins: Margins,
     report: &'a RunReport,
     seed: u64,
     wall_s: f64,
@@ -120,7 +121,7 @@ impl Facts<'_> {
             "wall_s": self.wall_s,
             "state": self.report.state.map(|state| format!("{state:?}")),
             "cause": self.report.cause.map(|fault| fault.row().name),
-            "margins": self.margins.map(|margins| margins_json(&margins)),
+            "margins": self.margins.to_json(),
             "bus_load": self.report.bus_load,
             "held_s": self.report.held_s,
             "measures": self.report.measures,
@@ -146,7 +147,9 @@ impl Facts<'_> {
             self.wall_s,
             simulated / self.wall_s
         ));
-        lines.extend(self.margins.as_ref().map(margins_text));
+        for (at, line) in self.margins.lines().into_iter().enumerate() {
+            lines.push(format!("{:9} {line}", if at == 0 { "margins" } else { "" }));
+        }
         let trace = &self.report.trace;
         if let config::Coupling::Admittance { mass_kg } = self.rig.fixture.coupling {
             let capture = prediction::capture_speed_m_per_s(trace.yield_n, mass_kg.get(), self.report.period_s);
@@ -175,33 +178,6 @@ impl Facts<'_> {
         }
         lines.join("\n")
     }
-}
-
-fn margins_text(margins: &PoseMargins) -> String {
-    let [free, damped] = [margins.worst.without_friction, margins.worst.with_friction];
-    format!(
-        "loop      delay {} cycle and a zero-order hold; worst margins over all poses: {:.1} dB and {:.0} degrees \
-         without friction, {:.1} dB and {:.0} degrees with viscous friction",
-        margins.delay_cycles, free.gain_db, free.phase_deg, damped.gain_db, damped.phase_deg
-    )
-}
-
-pub(super) fn margins_json(margins: &PoseMargins) -> Value {
-    let one = |margins: &crate::control::Margins| {
-        json!({
-            "gain_db": margins.gain_db,
-            "gain_reduction_db": margins.gain_reduction_db,
-            "phase_deg": margins.phase_deg,
-            "delay_margin_s": margins.delay_margin_s,
-            "crossover_hz": margins.crossover_hz,
-            "stable": margins.stable,
-        })
-    };
-    json!({
-        "delay_cycles": margins.delay_cycles,
-        "without_friction": one(&margins.worst.without_friction),
-        "with_viscous_friction": one(&margins.worst.with_friction),
-    })
 }
 
 /// What was measured, a line each.

@@ -166,6 +166,8 @@ pub struct Trace {
     pub friction_n: f64,
     /// Yield force `R` of the surface in N.
     pub yield_n: f64,
+    /// Whether the surface resists with `R` only motion against its normal (a wall), and not motion off it on both sides.
+    pub is_unilateral: bool,
     /// Steps for which the proxy is held on the surface after an impact, `N_wait` of the paper.
     pub hold_steps: u32,
     /// Whose force the rows hold.

@@ -10,9 +10,11 @@ mod build;
 mod embedded;
 mod error;
 mod impedance;
+mod margins;
 mod world;
 
-pub use build::{Margin, PoseMargins, cycle, pose_margins};
+pub use build::cycle;
 pub use embedded::{EmbeddedRig, Tap};
 pub use error::RigError;
 pub use impedance::ImpedanceRig;
+pub use margins::{Margin, PoseMargins, pose_margins};

@@ -89,8 +89,6 @@ pub struct Context {
     pub period_s: f64,
     /// Proxy mass in kg; `None` for the impedance type.
     pub mass_kg: Option<f64>,
-    /// Whether only the side against the normal is forbidden.
-    pub is_unilateral: bool,
     /// 1 if the rows' signed distance grows along the normal of the trace's reference, -1 if against it.
     pub normal_sign: f64,
     /// Torque limit in N m; `None` where no torque is commanded.
@@ -158,7 +156,7 @@ fn impacts(trace: &Trace, context: &Context) -> Vec<Impact> {
         .contacts()
         .filter(|&at| at >= 2)
         // Against a unilateral surface only an approach from the free side is an impact.
-        .filter(|&at| !context.is_unilateral || rows[at - 1].signed_distance_m > 0.0)
+        .filter(|&at| !trace.is_unilateral || rows[at - 1].signed_distance_m > 0.0)
         .filter(|&at| push_n(trace, context, &rows[at]).abs() < YIELDING_SHARE * trace.yield_n)
         .map(|at| impact_at(trace, context, at))
         .collect()
@@ -232,7 +230,7 @@ fn pressed(trace: &Trace, context: &Context) -> Pressed {
     let mut was_on = false;
     for row in &trace.rows {
         let push = push_n(trace, context, row);
-        let is_freeing = context.is_unilateral && push > 0.0;
+        let is_freeing = trace.is_unilateral && push > 0.0;
         if push.abs() >= PRESSED_SHARE * trace.yield_n || is_freeing {
             in_contact = false;
         } else if row.is_on_surface && was_on {
@@ -364,6 +362,7 @@ mod tests {
             reference: Reference::Circle { center_m: [0.0, 0.0], radius_m: 0.12 },
             friction_n: 3.0,
             yield_n: 20.0,
+            is_unilateral: true,
             rows: (0..40).map(row).collect(),
             ..Trace::default()
         }
@@ -374,7 +373,6 @@ mod tests {
         let context = Context {
             period_s: 1e-3,
             mass_kg: Some(2.0),
-            is_unilateral: true,
             normal_sign: -1.0,
             torque_limit_n_m: None,
             stiffness_n_per_m: 0.0,

@@ -104,7 +104,6 @@ pub fn run_rig(
     let context = Context {
         period_s,
         mass_kg: mass_kg(fixture),
-        is_unilateral: fixture.side == config::Side::Unilateral,
         normal_sign: normal_sign(&fixture.surface),
         torque_limit_n_m: is_torque.then(|| rig.guard.torque_limit_n_m.get()),
         stiffness_n_per_m: 0.0,
@@ -148,7 +147,6 @@ pub fn run_device(
     let context = Context {
         period_s,
         mass_kg: None,
-        is_unilateral: fixture.side == config::Side::Unilateral,
         normal_sign: normal_sign(&fixture.surface),
         torque_limit_n_m: None,
         stiffness_n_per_m: match fixture.coupling {
@@ -184,6 +182,7 @@ fn trace(title: String, fixture: &config::Fixture, force_meaning: ForceMeaning, 
         reference: reference(&fixture.surface),
         friction_n: fixture.friction_n.get(),
         yield_n: fixture.yield_n.get(),
+        is_unilateral: fixture.side == config::Side::Unilateral,
         hold_steps: fixture.hold_steps,
         force_meaning,
         phases: Vec::new(),

@@ -6,7 +6,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::config::number::{Finite, NotNegative, Positive};
 
-/// A plasticity-based virtual fixture [KTF08].
+/// A plasticity-based virtual fixture (KTF08).
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema, Validate)]
 #[serde(deny_unknown_fields)]
 #[garde(allow_unvalidated)]
@@ -59,7 +59,7 @@ impl Coupling {
     /// Equivalent stiffness kappa in N/m at the sampling interval `period_s`.
     ///
     /// # Source
-    /// [KTF08]: kappa = M / T^2 (admittance), kappa = K + B / T (impedance).
+    /// KTF08: kappa = M / T^2 (admittance), kappa = K + B / T (impedance).
     pub fn equivalent_stiffness_n_per_m(&self, period_s: f64) -> f64 {
         match self {
             Self::Admittance { mass_kg } => **mass_kg / (period_s * period_s),

@@ -54,7 +54,7 @@ pub(super) fn force_range<'a>(excerpts: impl Iterator<Item = (&'a Trace, &'a Exc
     let with_surface = excerpts.filter(|(trace, _)| trace.reference != Reference::None);
     let levels = with_surface.flat_map(|(trace, _)| {
         let up = (high > trace.friction_n / 2.0).then_some(trace.yield_n);
-        let down = (low < -trace.friction_n / 2.0).then_some(-trace.yield_n);
+        let down = (low < -trace.friction_n / 2.0 && !trace.is_unilateral).then_some(-trace.yield_n);
         up.into_iter().chain(down)
     });
     range_of(levels.chain([low, high]), LEAST, 0.06)
@@ -78,6 +78,10 @@ fn levels(page: &mut Page, axes: &Axes, trace: &Trace) {
     ];
     let mut taken: Vec<f64> = Vec::new();
     for (value, sign, letter) in names {
+        // Against a wall the hand never feels -R: it pulls off it against F.
+        if trace.is_unilateral && value == -trace.yield_n {
+            continue;
+        }
         let (right, y) = axes.place(axes.x[1], value);
         if !axes.frame.contains((right, y)) {
             continue;

@@ -1,0 +1,100 @@
+//! Margins of a rig's own loop over the poses of its surface.
+
+use nalgebra::Vector2;
+
+use super::build::{gains, linkage, mass_model, period_s, plant_mass, point2};
+use super::error::RigError;
+use crate::config;
+use crate::control::{Margins, ServoLoop, principal_inertias, worst_margins};
+use crate::quantity::{JointAngles, JointRates, TipPoint};
+
+/// Cycles between sampling and the change of torque, besides the zero-order hold: set-points computed in a cycle are
+/// applied at the next SYNC.
+const LOOP_DELAY_CYCLES: f64 = 1.0;
+
+/// Margins of the torque loop at its worst pose, with and without the joints' viscous friction.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Margin {
+    /// With the viscous friction of the feed-forward's model taken as present in the joints.
+    pub with_friction: Margins,
+    /// Without any friction.
+    pub without_friction: Margins,
+}
+
+/// The loop of a rig in torque mode over the poses of its surface.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct PoseMargins {
+    /// Cycles of delay that the margins count with.
+    pub delay_cycles: f64,
+    /// Least and greatest principal inertia over the poses: kg m^2 per joint, or kg at the tool.
+    pub inertia: [f64; 2],
+    /// The worst over all poses.
+    pub worst: Margin,
+    /// Whether the controllers act on the tool's position.
+    pub is_cartesian: bool,
+}
+
+/// Poses along the surface at which the margins are taken.
+const POSES: usize = 48;
+
+/// Where the margins are taken: all along a circle, or a line within the working disc.
+fn poses(rig: &config::Rig) -> Vec<Vector2<f64>> {
+    let working_m = rig.linkage.working_radius_m.get();
+    let around = |center: Vector2<f64>, radius_m: f64| {
+        let at = move |pose| std::f64::consts::TAU * pose as f64 / POSES as f64;
+        (0..POSES).map(move |pose| center + radius_m * Vector2::new(at(pose).cos(), at(pose).sin())).collect()
+    };
+    match rig.fixture.surface {
+        config::Surface::Circle { center_m, radius_m, .. } => around(point2(center_m), radius_m.get()),
+        config::Surface::Line { point_m, normal } => {
+            let normal = point2(normal).normalize();
+            let foot = normal * normal.dot(&point2(point_m));
+            let half_m = (working_m * working_m - foot.norm_squared()).max(0.0).sqrt();
+            let along = Vector2::new(-normal.y, normal.x) * half_m;
+            (0..POSES).map(|pose| foot + along * (2.0 * pose as f64 / (POSES - 1) as f64 - 1.0)).collect()
+        }
+        // A rig is planar: these are refused when its cycle is built.
+        _ => around(Vector2::zeros(), working_m),
+    }
+}
+
+/// Loop margins of a rig in torque mode over poses all along its reference surface; `None` in the other modes, where the
+/// drives close the position loop.
+///
+/// The plant of the margins is the feed-forward's model of the arm where there is one, else the simulated arm.
+///
+/// # Errors
+/// If the arm cannot be built, does not reach a pose or is singular there.
+pub fn pose_margins(rig: &config::Rig) -> Result<Option<PoseMargins>, RigError> {
+    if rig.rig.command_mode != config::CommandMode::Torque {
+        return Ok(None);
+    }
+    let Some((gains, is_cartesian)) = gains(&rig.control) else { return Ok(None) };
+    let linkage = linkage(rig)?;
+    let model = rig.control.feed_forward.inertia.as_ref().map_or_else(|| plant_mass(rig), mass_model);
+    let viscous = rig.control.feed_forward.viscous_n_m_s_per_rad.map(|value| value.get());
+    let mut inertias = Vec::new();
+    let mut viscous_at = f64::INFINITY;
+    for pose in poses(rig) {
+        let angles: JointAngles = linkage.inverse(TipPoint(pose))?;
+        let dynamics = linkage.dynamics(&model, angles, JointRates::default())?;
+        let (mass, damping) = if is_cartesian {
+            let inverse = dynamics.jacobian.try_inverse().ok_or_else(|| RigError::Mismatch("singular pose".into()))?;
+            let damping = inverse.transpose() * nalgebra::Matrix2::from_diagonal(&Vector2::from(viscous)) * inverse;
+            let least = damping.symmetric_eigenvalues().min();
+            (inverse.transpose() * dynamics.mass * inverse, least)
+        } else {
+            (dynamics.mass, viscous[0].min(viscous[1]))
+        };
+        viscous_at = viscous_at.min(damping);
+        inertias.extend(principal_inertias(&mass)?);
+    }
+    let servo = ServoLoop { gains, period_s: period_s(rig), delay_cycles: LOOP_DELAY_CYCLES };
+    let worst = Margin {
+        with_friction: worst_margins(&servo, &inertias, viscous_at)?,
+        without_friction: worst_margins(&servo, &inertias, 0.0)?,
+    };
+    let least = inertias.iter().copied().fold(f64::INFINITY, f64::min);
+    let greatest = inertias.iter().copied().fold(0.0, f64::max);
+    Ok(Some(PoseMargins { delay_cycles: LOOP_DELAY_CYCLES, inertia: [least, greatest], worst, is_cartesian }))
+}
