@@ -70,7 +70,7 @@ impl Boot {
             mode.supported_bit(),
             mode.supported_bit(),
         ));
-        steps.extend(heartbeat(drive.heartbeat.as_millis() as u32));
+        steps.push(heartbeat(drive.heartbeat.as_millis() as u32));
         let watch_ms = master.heartbeat.as_millis() as u32 * HEARTBEAT_PERIODS;
         steps.push(verify(
             "let the drive watch the master",
@@ -80,7 +80,8 @@ impl Boot {
         steps.push(verify("set the reaction to a lost master", objects::ABORT_CONNECTION_OPTION, ON_LOSS_QUICK_STOP));
         steps.push(verify("set the reaction to a lost master", objects::ERROR_BEHAVIOUR, ON_ERROR_PRE_OPERATIONAL));
         steps.push(verify("set the quick stop", objects::QUICK_STOP_OPTION, QUICK_STOP_RAMP));
-        let (value, exponent) = interpolation_time(master.period.as_micros() as u32);
+        let period_us = master.period.as_micros() as u32;
+        let (value, exponent) = interpolation_time(period_us).ok_or(BootFailure::CycleTime { period_us })?;
         steps.push(verify("set the cycle time", objects::INTERPOLATION_TIME, value));
         steps.push(verify("set the cycle time", objects::INTERPOLATION_EXPONENT, exponent));
         steps.push(write("set the command mode", objects::MODE_OF_OPERATION, mode.code() as u8 as u32));
@@ -90,14 +91,13 @@ impl Boot {
             objects::FOLLOWING_ERROR_WINDOW,
             drive.following_error_counts,
         ));
-        let deadline_ms = (master.period.as_millis() as u32 * RPDO_DEADLINE_CYCLES).max(1);
-        steps.extend(pdos(map, node, deadline_ms));
+        steps.extend(pdos(map, node, rpdo_deadline_ms(period_us)));
         Ok(Self::new(node, steps))
     }
 
     pub(super) fn sensor(sensor: &SensorSetup, node: NodeId) -> Result<Self, BootFailure> {
         let mut steps = identity(sensor.profile);
-        steps.extend(heartbeat(sensor.heartbeat.as_millis() as u32));
+        steps.push(heartbeat(sensor.heartbeat.as_millis() as u32));
         steps.extend(pdos(mapping(sensor.profile, None)?, node, 0));
         Ok(Self::new(node, steps))
     }
@@ -249,19 +249,24 @@ fn identity(profile: &DeviceProfile) -> Vec<Step> {
     ]
 }
 
-fn heartbeat(period_ms: u32) -> Option<Step> {
-    Some(verify("set the heartbeat", objects::PRODUCER_HEARTBEAT, period_ms))
+fn heartbeat(period_ms: u32) -> Step {
+    verify("set the heartbeat", objects::PRODUCER_HEARTBEAT, period_ms)
 }
 
-/// 60C2h:1 and :2 for a period: the largest power of ten of a second that divides it.
-fn interpolation_time(period_us: u32) -> (u32, u32) {
+/// Milliseconds (14xxh:5) in which at least [`RPDO_DEADLINE_CYCLES`] cycles of `period_us` fit.
+fn rpdo_deadline_ms(period_us: u32) -> u32 {
+    period_us.saturating_mul(RPDO_DEADLINE_CYCLES).div_ceil(1000)
+}
+
+/// 60C2h:1 and :2 for a period: the largest power of ten of a second that divides it. `None` if that leaves more than the
+/// one byte of 60C2h:1 holds.
+fn interpolation_time(period_us: u32) -> Option<(u32, u32)> {
     let (mut value, mut exponent) = (period_us, -6i8);
     while value % 10 == 0 && value > 0 && exponent < 0 {
         value /= 10;
         exponent += 1;
     }
-    // A value beyond one byte cannot be written; the drive's answer names the object.
-    (value, u32::from(exponent as u8))
+    (value <= u32::from(u8::MAX)).then_some((value, u32::from(exponent as u8)))
 }
 
 /// The remap order of CiA 301: switch the PDO off, clear the mapping, write it, set the type, switch it on.
@@ -306,11 +311,20 @@ mod tests {
 
     #[test]
     fn the_cycle_time_is_written_in_the_largest_fitting_unit() {
-        assert_eq!(interpolation_time(1000), (1, u32::from(-3i8 as u8)));
-        assert_eq!(interpolation_time(4000), (4, u32::from(-3i8 as u8)));
-        assert_eq!(interpolation_time(500), (5, u32::from(-4i8 as u8)));
-        assert_eq!(interpolation_time(125), (125, u32::from(-6i8 as u8)));
-        assert_eq!(interpolation_time(10_000), (1, u32::from(-2i8 as u8)));
+        for (period_us, value, exponent) in
+            [(1000, 1, -3i8), (4000, 4, -3), (500, 5, -4), (125, 125, -6), (10_000, 1, -2)]
+        {
+            assert_eq!(interpolation_time(period_us), Some((value, u32::from(exponent as u8))), "{period_us} us");
+        }
+        // 113 would be its low byte.
+        assert_eq!(interpolation_time(625), None);
+    }
+
+    #[test]
+    fn set_points_may_stay_away_for_five_cycles_whatever_the_cycle() {
+        for (period_us, deadline_ms) in [(1000, 5), (2000, 10), (4000, 20), (500, 3), (900, 5), (1900, 10), (100, 1)] {
+            assert_eq!(rpdo_deadline_ms(period_us), deadline_ms, "{period_us} us");
+        }
     }
 
     #[test]

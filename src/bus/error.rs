@@ -71,6 +71,12 @@ pub enum BootFailure {
         /// The mode.
         mode: &'static str,
     },
+    /// The drives cannot be told the cycle time.
+    #[error("a cycle time of {period_us} us cannot be written to 60C2h: at most 255 times a power of ten of a second")]
+    CycleTime {
+        /// The cycle time in us.
+        period_us: u32,
+    },
     /// Two nodes have the same identifier.
     #[error("node id {node_id} is used twice")]
     DuplicateNodeId {

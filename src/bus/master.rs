@@ -39,7 +39,16 @@ struct Node {
     name: String,
     boot: Boot,
     has_booted: bool,
+    /// Whether its last heartbeat said Operational and is not too old.
     is_operational: bool,
+    /// Whether it restarted after it was configured: its watchdogs and limits are gone until the master starts anew.
+    has_restarted: bool,
+}
+
+impl Node {
+    fn new(id: NodeId, name: &str, boot: Boot) -> Self {
+        Self { id, name: name.to_owned(), boot, has_booted: false, is_operational: false, has_restarted: false }
+    }
 }
 
 /// The master of one bus with one rig on it.
@@ -85,17 +94,11 @@ impl Master {
         for (at, (drive, node)) in drives.into_iter().enumerate() {
             watch.watch(node, drive.heartbeat * HEARTBEAT_PERIODS);
             let boot = Boot::drive(setup, drive, node).map_err(fail(at))?;
-            nodes.push(Node { id: node, name: drive.name.clone(), boot, has_booted: false, is_operational: false });
+            nodes.push(Node::new(node, &drive.name, boot));
         }
         watch.watch(sensor, setup.sensor.heartbeat * HEARTBEAT_PERIODS);
         let boot = Boot::sensor(&setup.sensor, sensor).map_err(fail(2))?;
-        nodes.push(Node {
-            id: sensor,
-            name: setup.sensor.name.clone(),
-            boot,
-            has_booted: false,
-            is_operational: false,
-        });
+        nodes.push(Node::new(sensor, &setup.sensor.name, boot));
         let sync = SyncProducer::new(cob::SYNC, 0).map_err(|_| {
             refuse(setup.node_id, "master", "prepare SYNC", BootFailure::NodeId { node_id: setup.node_id })
         })?;
@@ -212,6 +215,9 @@ impl Master {
         let arrivals = self.image.arrivals();
         let mut link = std::mem::take(&mut self.events);
         link.bad_length |= arrivals.bad_length;
+        // A node that is not there stays a fault, so that the rig cannot be enabled again without it.
+        link.node_reset |= self.nodes.iter().any(|node| node.has_restarted);
+        link.heartbeat_lost |= self.nodes.iter().any(|node| !node.is_operational);
         let inputs = Inputs { drives: arrivals.drives, sample: arrivals.sample, link, request };
         let outputs = self.cycle.step(&inputs);
         if outputs.directive.fault_reset {
@@ -243,6 +249,10 @@ impl Master {
 
     fn on_node(&mut self, now: Time, id: NodeId, change: HeartbeatChange, out: &mut impl Outbox) {
         let Some(node) = self.nodes.iter_mut().find(|node| node.id == id) else { return };
+        node.is_operational = matches!(
+            change,
+            HeartbeatChange::Present(NmtState::Operational) | HeartbeatChange::State(NmtState::Operational)
+        );
         match (change, &self.phase) {
             (HeartbeatChange::BootUp, Phase::Resetting) => {
                 node.has_booted = true;
@@ -264,14 +274,12 @@ impl Master {
                 let error = refuse(id.raw(), &node.name, "start the node", failure);
                 self.enter(Phase::Failed(error));
             }
-            (HeartbeatChange::BootUp, _) => self.events.node_reset = true,
+            (HeartbeatChange::BootUp, Phase::Operational) => node.has_restarted = true,
+            (HeartbeatChange::BootUp, _) => {}
+            // Seen in the cycle even if the node comes back before it.
             (HeartbeatChange::Lost, _) => self.events.heartbeat_lost = true,
-            (HeartbeatChange::Present(state) | HeartbeatChange::State(state), phase) => {
-                let is_operational = state == NmtState::Operational;
-                if *phase == Phase::Operational && !is_operational {
-                    self.events.heartbeat_lost = true;
-                }
-                node.is_operational = is_operational;
+            (HeartbeatChange::Present(_) | HeartbeatChange::State(_), _) => {
+                self.events.heartbeat_lost |= !node.is_operational;
                 if self.phase == Phase::Starting && self.nodes.iter().all(|node| node.is_operational) {
                     self.enter(Phase::Operational);
                     self.phase_deadline = Time::NEVER;

@@ -567,6 +567,45 @@ fn a_heartbeat_that_stays_away_stops_the_rig_after_two_periods() {
 }
 
 #[test]
+fn a_node_that_is_lost_or_has_restarted_keeps_the_rig_from_being_enabled_again() {
+    // The left drive still answers with process data, as one that starts by itself would.
+    for (line, cured_by, fault, is_curable) in [
+        ("701#7F", "701#05", Fault::HeartbeatLost, true),
+        ("701#00", "701#05", Fault::NodeReset, false),
+        ("70A#04", "70A#05", Fault::HeartbeatLost, true),
+    ] {
+        let mut net = Net::running(CommandMode::Torque);
+        net.cycle(["3712"; 2], Request::None, |net| net.hear(line));
+        assert_eq!(net.state(), (State::Stopped, Some(fault)), "{line}");
+        net.quiet("5002", Request::Reset);
+        net.quiet("3102", Request::Enable);
+        assert_eq!(net.state(), (State::Idle, Some(fault)), "{line}: it is still so");
+        net.cycle(["3102"; 2], Request::None, |net| net.hear(cured_by));
+        net.quiet("3102", Request::None);
+        net.quiet("3102", Request::Enable);
+        assert_eq!(net.state().0 == State::Enabling, is_curable, "{line}");
+    }
+}
+
+#[test]
+fn a_node_that_is_lost_before_all_are_started_is_named() {
+    let mut net = Net::new(CommandMode::Torque);
+    net.reset();
+    net.serve(|_, _| None);
+    net.hear("701#05");
+    net.hear("702#05");
+    // The left drive falls silent, the others go on.
+    for _ in 0..60 {
+        net.wait(Duration::from_millis(10));
+        net.hear("702#05");
+        if net.now >= Time(100_000_000) {
+            net.hear("70A#05");
+        }
+    }
+    assert_eq!((failure(&net).node_id, failure(&net).step), (1, "start the node"));
+}
+
+#[test]
 fn own_frames_that_cannot_be_sent_are_the_end() {
     let mut net = Net::running(CommandMode::Torque);
     net.master.on_send_failure();

@@ -12,7 +12,7 @@ use super::failure::{Exit, Failure};
 use super::margins::Margins;
 use super::output::Output;
 use super::progress::Progress;
-use crate::config::{self, Source};
+use crate::config::{self, Report, Source};
 use crate::fixture::prediction;
 use crate::guard::Fault;
 use crate::record::figure::Drawing;
@@ -23,8 +23,6 @@ use crate::study::{Overrides, RunReport, drawing, run_rig};
 
 /// The log's first second: some readers take a time of zero for no time at all.
 const LOG_STARTS_AT: Duration = Duration::from_secs(1);
-/// Longest run in simulated seconds: an hour at 1 kHz keeps about 1 GB of rows.
-const LONGEST_RUN_S: f64 = 3600.0;
 /// Width of PNG pictures: 160 mm at 300 dots per inch.
 pub(super) const PICTURE_WIDTH_PX: u32 = 1890;
 
@@ -50,9 +48,9 @@ pub(super) struct Arguments {
 pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Failure> {
     check(arguments)?;
     let rig = config::load_rig(Source::named(&arguments.rig))?;
+    // Those of the scene are among them.
     output.warnings(&rig.warnings);
     let scene = config::load_scene(rig.source.relative(&rig.value.scene))?;
-    output.warnings(&scene.warnings);
     let overrides = Overrides { fixture: None, duration_s: arguments.duration, seed: arguments.seed };
     let margins = Margins::of(&rig.value);
     let candump = arguments.candump.as_deref().map(Candump::create).transpose()?;
@@ -74,25 +72,31 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
     }
     let seed = overrides.seed.unwrap_or(scene.value.seed);
     let facts = Facts { rig: &rig.value, margins, report: &report, seed, wall_s };
-    if output.is_json() {
-        output.json(&facts.json(arguments))?;
-    } else {
+    let failure = match report.state {
+        Some(state) if state.is_latched() => Some(stopped(&report)),
+        _ if report.measures.is_within_bound() => None,
+        _ => Some(above_bound(&report.measures, &rig.value.rig.name)),
+    };
+    if !output.is_json() {
         output.news(&facts.text(arguments))?;
+        return failure.map_or(Ok(()), Err);
     }
-    match report.state {
-        Some(state) if state.is_latched() => Err(stopped(&report)),
-        _ if !report.measures.is_within_bound() => Err(above_bound(&report.measures, &rig.value.rig.name)),
-        _ => Ok(()),
-    }
+    let mut document = facts.json(arguments);
+    let Some(Failure { exit, report }) = failure else { return output.json(&document) };
+    // One document: what stopped the rig stands beside what was measured.
+    document["exit_code"] = json!(exit.code());
+    document["diagnostics"] = json!(report);
+    output.json(&document)?;
+    Err(Failure { exit, report: Report { diagnostics: Vec::new() } })
 }
 
 /// What can be known to be wrong before anything is run.
 fn check(arguments: &Arguments) -> Result<(), Failure> {
     if let Some(duration) = arguments.duration
-        && !(duration > 0.0 && duration <= LONGEST_RUN_S)
+        && !(duration > 0.0 && duration <= config::MAX_DURATION_S)
     {
-        let message =
-            format!("--duration is {duration}: a run lasts more than 0 and at most {LONGEST_RUN_S} simulated seconds");
+        let most = config::MAX_DURATION_S;
+        let message = format!("--duration is {duration}: a run lasts more than 0 and at most {most} simulated seconds");
         return Err(Failure::new(Exit::Usage, message, "give a number of seconds, such as --duration 5"));
     }
     if let Some(path) = &arguments.figure {
@@ -125,6 +129,7 @@ impl Facts<'_> {
             "cause": self.report.cause.map(|fault| fault.row().name),
             "margins": self.margins.to_json(),
             "bus_load": self.report.bus_load,
+            "held_s": self.report.held_s,
             "measures": self.report.measures,
             "figure": arguments.figure,
             "candump": arguments.candump,
@@ -171,6 +176,10 @@ impl Facts<'_> {
         if let (Some(path), Some(start_s)) = (&arguments.candump, self.report.started_at_s) {
             let start_s = start_s + LOG_STARTS_AT.as_secs_f64();
             lines.push(format!("candump   {}; time 0 of the scene is {start_s:.3} in it", path.display()));
+        }
+        if self.report.held_s > 0.0 {
+            let by = self.report.cause.map_or(String::new(), |fault| format!(", in the end by {}", fault.row().name));
+            lines.push(format!("held      {:.3} s at rest by a fault{by}", self.report.held_s));
         }
         lines.join("\n")
     }

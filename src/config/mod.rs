@@ -19,6 +19,7 @@ mod suggest;
 mod tree;
 mod yaml;
 
+pub use check::MAX_DURATION_S;
 pub use diagnostic::{Diagnostic, Place, Related, Report, Severity};
 pub use kind::Kind;
 pub use load::{Document, Loaded, load, load_device, load_figure, load_rig, load_scene, to_yaml};

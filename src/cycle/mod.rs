@@ -7,7 +7,7 @@ mod monitor;
 mod reference;
 mod servo;
 
-use crate::fixture::{Fixture, Shape2};
+use crate::fixture::{Fixture, Shape2, Surface};
 use crate::guard::{
     Allowed, Directive, Fault, FaultCounts, Gate, JointCommand, Measured, Motion, Request, State, StopRamp, Supervisor,
 };
@@ -82,7 +82,7 @@ pub struct Signals {
     pub target_angles: JointAngles,
     /// Measured angles.
     pub measured_angles: JointAngles,
-    /// Signed distance of the proxy from the surface in m.
+    /// Signed distance of `proxy` from the surface in m, negative on the forbidden side.
     pub signed_distance_m: f64,
     /// Whether the fixture keeps the proxy on the surface.
     pub is_on_surface: bool,
@@ -129,6 +129,8 @@ pub struct Cycle {
     /// Distance of `posture` from the nearest singularity in m; not a number without a posture.
     clearance_m: f64,
     missed: [u16; 2],
+    /// Which drives reported Operation Enabled in the last cycle.
+    were_enabled: [bool; 2],
     reference: Option<Reference>,
     halt: Option<StopRamp>,
 }
@@ -156,6 +158,7 @@ impl Cycle {
             posture: None,
             clearance_m: f64::NAN,
             missed: [u16::MAX; 2],
+            were_enabled: [false; 2],
             reference: None,
             halt: None,
         }
@@ -268,6 +271,11 @@ impl Cycle {
         signals.measured_angles = self.measured.angles;
         signals.tool = self.posture.map(|posture| posture.tip).unwrap_or_default();
         signals.proxy = self.reference.as_ref().map_or(signals.tool, |reference| reference.point);
+        signals.signed_distance_m = match signals.is_on_surface {
+            // The fixture's own figure is exact there.
+            true => signals.signed_distance_m,
+            false => self.fixture.surface().signed_distance_m(&signals.proxy.0),
+        };
         signals.target_angles = self.reference.as_ref().map_or(self.measured.angles, |reference| reference.angles);
     }
 }

@@ -68,7 +68,11 @@ impl Cycle {
         let states = inputs.drives.map(|drive| drive.state);
         let is_fault =
             |state: cia402::State| matches!(state, cia402::State::Fault | cia402::State::FaultReactionActive);
-        let left = is_moving && states.iter().any(|state| *state != cia402::State::OperationEnabled);
+        let are_enabled = states.map(|state| state == cia402::State::OperationEnabled);
+        let has_left = self.were_enabled.iter().zip(are_enabled).any(|(was, is)| *was && !is);
+        let is_enabling = self.supervisor.state() == State::Enabling;
+        let left = (is_moving && are_enabled != [true; 2]) || (is_enabling && has_left);
+        self.were_enabled = are_enabled;
         let ignored = is_moving && inputs.drives.iter().any(|drive| !drive.follows_command);
         let error = match &self.reference {
             Some(reference) if is_moving => (reference.angles.0 - self.measured.angles.0).amax(),

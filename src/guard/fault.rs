@@ -132,7 +132,7 @@ pub const TABLE: [Row; Fault::COUNT] = [
         [after(1, StopRamp)],
         "a stop was asked for",
         "the person or the end of the run",
-        "enable again when ready"
+        "reset, then enable again when ready"
     ),
     row!(
         SensorSaturated,
@@ -276,7 +276,7 @@ pub const TABLE: [Row; Fault::COUNT] = [
         [after(1, StopRamp)],
         "the arm is beyond the margin to a singularity or to the workspace edge",
         "overshoot at the edge, or a margin too small for the speed",
-        "move the arm back by hand, then enable again"
+        "move the arm back by hand, then reset and enable again"
     ),
     row!(
         OverSpeed,
@@ -284,7 +284,7 @@ pub const TABLE: [Row; Fault::COUNT] = [
         [after(1, StopRamp)],
         "the reference is faster than its limit",
         "a push stronger than the fixture was set for",
-        "enable again"
+        "reset, then enable again"
     ),
     row!(
         NotFinite,

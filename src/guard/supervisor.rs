@@ -148,8 +148,8 @@ impl Supervisor {
             },
             State::Enabling => match worst {
                 Some((fault, reaction)) if reaction > Reaction::Freeze => self.stop_now(fault, reaction),
-                _ if view.request == Request::Stop => State::Idle,
-                _ if all_enabled => self.react(worst, State::Running),
+                // The first target is the measured position, not a predicted one.
+                _ if all_enabled && view.faults.count(Fault::PdoMissed) == 0 => self.react(worst, State::Running),
                 _ => State::Enabling,
             },
             State::Running => self.react(worst, State::Running),

@@ -258,7 +258,7 @@ pub fn cycle(rig: &config::Rig, fixture: &config::Fixture) -> Result<Cycle, RigE
     Ok(Cycle::new(settings, linkage(rig)?, sensing, planar_fixture(fixture, period_s)?, servo(rig)?, gate))
 }
 
-fn profile(name: &str) -> Result<&'static DeviceProfile, RigError> {
+pub(super) fn profile(name: &str) -> Result<&'static DeviceProfile, RigError> {
     profiles::find(name).ok_or_else(|| RigError::Mismatch(format!("there is no device profile named {name}")))
 }
 

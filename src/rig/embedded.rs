@@ -18,7 +18,6 @@ use crate::sim::can::{BitTiming, BusCounters, QueueOrder, Tamper, VirtualBus};
 use crate::sim::hand::Hand;
 use crate::sim::{Drive, DriveSettings, Encoder, ForceSensor, ForceSensorSettings, PositionLoop};
 use nalgebra::Vector2;
-use yieldwall_drives::profiles;
 
 /// Ports of the virtual bus.
 const MASTER: usize = 0;
@@ -124,19 +123,19 @@ impl EmbeddedRig {
         Err(RigError::NotEnabled { waited_s: ENABLE_LIMIT_S, state: format!("{:?}{cause}", self.state()) })
     }
 
-    /// Stops the rig along its ramp and takes the drives out of operation.
+    /// Stops the rig along its ramp and runs until no drive makes torque; at once done if none does.
     ///
     /// # Errors
-    /// As [`EmbeddedRig::run_cycle`].
+    /// [`RigError::NotStopped`] if a drive still makes torque after 2 s; else as [`EmbeddedRig::run_cycle`].
     pub fn stop(&mut self) -> Result<(), RigError> {
         let limit = (STOP_LIMIT_S / self.period.as_secs_f64()) as u32;
         for _ in 0..limit {
-            self.run_cycle(Request::Stop)?;
-            if self.state().is_latched() {
-                break;
+            if !self.drives.iter().any(has_torque) {
+                return Ok(());
             }
+            self.run_cycle(Request::Stop)?;
         }
-        Ok(())
+        Err(RigError::NotStopped { waited_s: STOP_LIMIT_S, state: format!("{:?}", self.state()) })
     }
 
     /// State of the supervisor.
@@ -211,6 +210,9 @@ impl EmbeddedRig {
     /// If the simulated arm cannot go on.
     pub fn run_cycle(&mut self, request: Request) -> Result<Row, RigError> {
         let sync_at = self.next_sync;
+        if sync_at == Time::NEVER {
+            return Err(RigError::NotEnabled { waited_s: 0.0, state: "the network was not booted".to_owned() });
+        }
         self.pump(sync_at)?;
         self.master.on_sync(&mut self.bus.outbox(MASTER, sync_at));
         let compute_at = sync_at + self.compute_at;
@@ -371,12 +373,13 @@ impl EmbeddedRig {
     }
 }
 
-fn node(raw: u8) -> Result<crate::canopen::NodeId, RigError> {
-    node_id(raw).map_err(|error| RigError::Device(error.to_string()))
+fn has_torque(drive: &Drive) -> bool {
+    use yieldwall_drives::cia402::State::{FaultReactionActive, OperationEnabled, QuickStopActive};
+    matches!(drive.state(), OperationEnabled | QuickStopActive | FaultReactionActive)
 }
 
-fn profile(name: &str) -> Result<&'static profiles::DeviceProfile, RigError> {
-    profiles::find(name).ok_or_else(|| RigError::Mismatch(format!("there is no device profile named {name}")))
+fn node(raw: u8) -> Result<crate::canopen::NodeId, RigError> {
+    node_id(raw).map_err(|error| RigError::Device(error.to_string()))
 }
 
 fn model(scene: &config::Scene) -> Result<&config::SceneModel, RigError> {
@@ -387,7 +390,7 @@ fn drive(rig: &config::Rig, scene: &config::Scene, drive: &config::Drive, serial
     let servo = &rig.plant.drive_position_loop;
     Drive::new(DriveSettings {
         node: node(drive.node_id)?,
-        profile: profile(&drive.profile)?,
+        profile: build::profile(&drive.profile)?,
         serial,
         scaling: build::scaling(drive)?,
         position_loop: PositionLoop {
@@ -408,7 +411,7 @@ fn force_sensor(rig: &config::Rig) -> Result<ForceSensor, RigError> {
     let sensor = &rig.sensor;
     ForceSensor::new(ForceSensorSettings {
         node: node(sensor.node_id)?,
-        profile: profile(&sensor.profile)?,
+        profile: build::profile(&sensor.profile)?,
         serial: 3,
         sample_rate_hz: sensor.sample_rate_hz.get().round() as u32,
         phase_us: 0,

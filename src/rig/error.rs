@@ -55,6 +55,14 @@ pub enum RigError {
     /// Two parts of the configuration do not fit together.
     #[error("{0}")]
     Mismatch(String),
+    /// A drive still makes torque after the rig was told to stop.
+    #[error("the rig did not stop within {waited_s} s: {state}")]
+    NotStopped {
+        /// How long it was waited for, in s.
+        waited_s: f64,
+        /// State of the supervisor.
+        state: String,
+    },
     /// The drives did not reach Operation Enabled.
     #[error("the rig was not enabled after {waited_s} s: {state}")]
     NotEnabled {

@@ -37,10 +37,34 @@ pub struct PoseMargins {
 /// Poses along the surface at which the margins are taken.
 const POSES: usize = 48;
 
-/// Loop margins of a rig in torque mode over poses all along its reference surface (a circle), or over its working
-/// disc's edge; `None` in the other modes, where the drives close the position loop.
+/// Where the margins are taken: all along a circle, or a line within the working disc.
+fn poses(rig: &config::Rig) -> Vec<Vector2<f64>> {
+    let working_m = rig.linkage.working_radius_m.get();
+    let around = |center: Vector2<f64>, radius_m: f64| {
+        let at = move |pose| std::f64::consts::TAU * pose as f64 / POSES as f64;
+        (0..POSES).map(move |pose| center + radius_m * Vector2::new(at(pose).cos(), at(pose).sin())).collect()
+    };
+    match rig.fixture.surface {
+        config::Surface::Circle { center_m, radius_m, .. } => around(point2(center_m), radius_m.get()),
+        config::Surface::Line { point_m, normal } => {
+            let normal = point2(normal).normalize();
+            let foot = normal * normal.dot(&point2(point_m));
+            let half_m = (working_m * working_m - foot.norm_squared()).max(0.0).sqrt();
+            let along = Vector2::new(-normal.y, normal.x) * half_m;
+            (0..POSES).map(|pose| foot + along * (2.0 * pose as f64 / (POSES - 1) as f64 - 1.0)).collect()
+        }
+        // A rig is planar: these are refused when its cycle is built.
+        _ => around(Vector2::zeros(), working_m),
+    }
+}
+
+/// Loop margins of a rig in torque mode over poses all along its reference surface; `None` in the other modes, where the
+/// drives close the position loop.
 ///
 /// The plant of the margins is the feed-forward's model of the arm where there is one, else the simulated arm.
+///
+/// # Errors
+/// If the arm cannot be built, does not reach a pose or is singular there.
 pub fn pose_margins(rig: &config::Rig) -> Result<Option<PoseMargins>, RigError> {
     if rig.rig.command_mode != config::CommandMode::Torque {
         return Ok(None);
@@ -49,16 +73,10 @@ pub fn pose_margins(rig: &config::Rig) -> Result<Option<PoseMargins>, RigError> 
     let linkage = linkage(rig)?;
     let model = rig.control.feed_forward.inertia.as_ref().map_or_else(|| plant_mass(rig), mass_model);
     let viscous = rig.control.feed_forward.viscous_n_m_s_per_rad.map(|value| value.get());
-    let (center, radius) = match rig.fixture.surface {
-        config::Surface::Circle { center_m, radius_m, .. } => (point2(center_m), radius_m.get()),
-        _ => (Vector2::zeros(), rig.linkage.working_radius_m.get()),
-    };
     let mut inertias = Vec::new();
     let mut viscous_at = f64::INFINITY;
-    for pose in 0..POSES {
-        let angle = std::f64::consts::TAU * pose as f64 / POSES as f64;
-        let tip = TipPoint(center + radius * Vector2::new(angle.cos(), angle.sin()));
-        let angles: JointAngles = linkage.inverse(tip)?;
+    for pose in poses(rig) {
+        let angles: JointAngles = linkage.inverse(TipPoint(pose))?;
         let dynamics = linkage.dynamics(&model, angles, JointRates::default())?;
         let (mass, damping) = if is_cartesian {
             let inverse = dynamics.jacobian.try_inverse().ok_or_else(|| RigError::Mismatch("singular pose".into()))?;

@@ -53,7 +53,7 @@ pub struct Measures {
     /// Share of the rows with a pressing force between F and 0.95 R, since the proxy came to lie on the surface, in
     /// which it lies there. `None` without such a row.
     pub on_surface_fraction_when_pressed: Option<f64>,
-    /// How often the proxy left the surface while pressed by less than 0.95 R.
+    /// How often the proxy left the surface in such a row, pressed by more than F and less than 0.95 R.
     pub unintended_releases: u32,
     /// RMS distance of the tool from the surface in steady tracing up to 0.1 m/s, in mm.
     pub tool_rms_tracing_mm: Option<f64>,
@@ -102,6 +102,8 @@ pub struct Context {
     pub period_s: f64,
     /// Proxy mass in kg; `None` for the impedance type.
     pub mass_kg: Option<f64>,
+    /// 1 if the rows' signed distance grows along the normal of the trace's reference, -1 if against it.
+    pub normal_sign: f64,
     /// Torque limit in N m; `None` where no torque is commanded.
     pub torque_limit_n_m: Option<f64>,
     /// Stiffness of the impedance coupling in N/m; 0 for the admittance type.
@@ -122,7 +124,7 @@ pub fn measure(trace: &Trace, context: &Context) -> Measures {
     let on: Vec<&Row> = trace.rows.iter().filter(|row| row.is_on_surface).collect();
     let distance_mm = |row: &Row| 1e3 * trace.reference.signed_distance_m(row.tool_m).unwrap_or(0.0).abs();
     let tracing: Vec<&Row> = steady_tracing(trace, context, &impacts).collect();
-    let pressed = pressed(trace);
+    let pressed = pressed(trace, context);
     let peak_torque =
         trace.rows.iter().flat_map(|row| row.torques_n_m).fold(0.0f64, |peak, torque| peak.max(torque.abs()));
     let positive = trace.rows.iter().filter(|row| row.power_w > 0.0).count();
@@ -156,9 +158,9 @@ fn root_mean_square(values: impl Iterator<Item = f64>) -> Option<f64> {
     (count > 0).then(|| (sum / f64::from(count)).sqrt())
 }
 
-/// Normal force of the hand on the tool, positive along the surface's normal, in N.
-fn push_n(trace: &Trace, row: &Row) -> f64 {
-    -trace.normal_force_n(row)
+/// Normal force of the hand on the tool in N, positive in the direction in which the rows' signed distance grows.
+fn push_n(trace: &Trace, context: &Context, row: &Row) -> f64 {
+    -context.normal_sign * trace.normal_force_n(row)
 }
 
 fn impacts(trace: &Trace, context: &Context) -> Vec<Impact> {
@@ -168,7 +170,7 @@ fn impacts(trace: &Trace, context: &Context) -> Vec<Impact> {
         .filter(|&at| at >= 2)
         // Against a unilateral surface only an approach from the free side is an impact.
         .filter(|&at| !trace.is_unilateral || rows[at - 1].signed_distance_m > 0.0)
-        .filter(|&at| push_n(trace, &rows[at]).abs() < YIELDING_SHARE * trace.yield_n)
+        .filter(|&at| push_n(trace, context, &rows[at]).abs() < YIELDING_SHARE * trace.yield_n)
         .map(|at| impact_at(trace, context, at))
         .collect()
 }
@@ -192,7 +194,7 @@ fn impact_at(trace: &Trace, context: &Context, at: usize) -> Impact {
     let mut came_back = false;
     let mut push = Vec::new();
     for row in rows.iter().skip(at).take(window) {
-        let force = push_n(trace, row);
+        let force = push_n(trace, context, row);
         impact.force_normal_max_n = impact.force_normal_max_n.max(force.abs());
         below_yield &= force.abs() < YIELDING_SHARE * trace.yield_n;
         let depth = -side * row.signed_distance_m;
@@ -204,7 +206,7 @@ fn impact_at(trace: &Trace, context: &Context, at: usize) -> Impact {
             push.push(-side * force);
         }
         impact.depth_mm = impact.depth_mm.max(1e3 * depth);
-        let tool = trace.reference.signed_distance_m(row.tool_m).unwrap_or(0.0);
+        let tool = context.normal_sign * trace.reference.signed_distance_m(row.tool_m).unwrap_or(0.0);
         impact.tool_depth_mm = impact.tool_depth_mm.max(-side * 1e3 * tool);
     }
     if let (Some(mass), 0) = (context.mass_kg, trace.hold_steps) {
@@ -235,12 +237,12 @@ struct Pressed {
 
 /// Walks the contacts: from the second row in a row with the proxy on the surface (a single one is a landing in flight)
 /// until the push reaches 0.95 R, or points to the free side of a unilateral surface.
-fn pressed(trace: &Trace) -> Pressed {
+fn pressed(trace: &Trace, context: &Context) -> Pressed {
     let mut pressed = Pressed { rows: 0, on: 0, releases: 0 };
     let mut in_contact = false;
     let mut was_on = false;
     for row in &trace.rows {
-        let push = push_n(trace, row);
+        let push = push_n(trace, context, row);
         let is_freeing = trace.is_unilateral && push > 0.0;
         if push.abs() >= PRESSED_SHARE * trace.yield_n || is_freeing {
             in_contact = false;
@@ -346,4 +348,52 @@ fn dot(a: [f64; 3], b: [f64; 3]) -> f64 {
 
 fn norm(a: [f64; 3]) -> f64 {
     dot(a, a).sqrt()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::record::Reference;
+
+    /// A proxy in the plane that goes outward along x to a circle of 0.12 m, under a push of 10 N, and stays on it.
+    fn pressed_outward() -> Trace {
+        let row = |at: usize| {
+            let gap = (5.0 - at as f64).max(0.0) * 1e-4;
+            let tool_m = [0.12 - gap + if at >= 5 { 2e-4 } else { 0.0 }, 0.0, 0.0];
+            Row {
+                time_s: at as f64 * 1e-3,
+                tool_m,
+                proxy_m: [0.12 - gap, 0.0, 0.0],
+                force_n: [10.0, 0.0, 0.0],
+                // Forbidden outside: the fixture counts positive inside.
+                signed_distance_m: gap,
+                is_on_surface: at >= 5,
+                ..Row::default()
+            }
+        };
+        Trace {
+            reference: Reference::Circle { center_m: [0.0, 0.0], radius_m: 0.12 },
+            friction_n: 3.0,
+            yield_n: 20.0,
+            is_unilateral: true,
+            rows: (0..40).map(row).collect(),
+            ..Trace::default()
+        }
+    }
+
+    #[test]
+    fn a_surface_that_forbids_its_outside_is_pressed_outward() {
+        let context = Context {
+            period_s: 1e-3,
+            mass_kg: Some(2.0),
+            normal_sign: -1.0,
+            torque_limit_n_m: None,
+            stiffness_n_per_m: 0.0,
+            force_resolution_n: 0.0,
+        };
+        let measures = measure(&pressed_outward(), &context);
+        assert_eq!(measures.on_surface_fraction_when_pressed, Some(1.0), "the push is no way off the surface");
+        assert_eq!(measures.impacts.len(), 1);
+        assert!((measures.impacts[0].tool_depth_mm - 0.2).abs() < 1e-9, "{measures:?}");
+    }
 }

@@ -1,5 +1,7 @@
 //! One scene on one machine, from switching on to the trace and its measures.
 
+use std::time::Duration;
+
 use super::measures::{Context, Measures, measure};
 use crate::config;
 use crate::guard::{Fault, Request, State};
@@ -31,14 +33,16 @@ pub struct RunReport {
     pub measures: Measures,
     /// State of the supervisor at the end of the scene, before the rig was stopped.
     pub state: Option<State>,
-    /// The fault that stopped the rig, if one did.
+    /// The fault that stopped the rig or that held it at the end, if one did.
     pub cause: Option<Fault>,
-    /// What went over the bus.
+    /// What went over the bus from switching on to the end.
     pub bus: Option<BusCounters>,
-    /// Share of the bus's time that the frames of the scene took.
+    /// Share of the scene's time in which bits were on the bus, at its bit rate.
     pub bus_load: Option<f64>,
     /// Virtual time since switching on at which the scene began, in s.
     pub started_at_s: Option<f64>,
+    /// Time in s in which a fault held the reference at rest and cleared by itself.
+    pub held_s: f64,
     /// Cycle time in s.
     pub period_s: f64,
 }
@@ -89,12 +93,11 @@ pub fn run_rig(
         }
     }
     let cause = machine.cause();
-    let elapsed = machine.now().since(started_at);
-    let bus_load = rig
-        .buses
-        .values()
-        .next()
-        .map(|bus| machine.bus_counters().load_since(&before, elapsed, bus.bit_rate_bit_per_s));
+    let bus_load = rig.buses.values().next().filter(|_| !rows.is_empty()).map(|bus| {
+        let elapsed = Duration::from_secs_f64(rows.len() as f64 * period_s);
+        machine.bus_counters().load_since(&before, elapsed, bus.bit_rate_bit_per_s)
+    });
+    let held_s = rows.iter().filter(|row| row.supervisor_state == State::Holding as u8).count() as f64 * period_s;
     if !state.is_latched() {
         machine.stop()?;
     }
@@ -103,6 +106,7 @@ pub fn run_rig(
     let context = Context {
         period_s,
         mass_kg: mass_kg(fixture),
+        normal_sign: normal_sign(&fixture.surface),
         torque_limit_n_m: is_torque.then(|| rig.guard.torque_limit_n_m.get()),
         stiffness_n_per_m: 0.0,
         force_resolution_n: rig.sensor.calibration[0][0].get().abs().max(rig.sensor.calibration[1][1].get().abs()),
@@ -116,6 +120,7 @@ pub fn run_rig(
         bus: Some(*machine.bus_counters()),
         bus_load,
         started_at_s: Some(started_at.as_secs_f64()),
+        held_s,
         period_s,
     })
 }
@@ -145,6 +150,7 @@ pub fn run_device(
     let context = Context {
         period_s,
         mass_kg: None,
+        normal_sign: normal_sign(&fixture.surface),
         torque_limit_n_m: None,
         stiffness_n_per_m: match fixture.coupling {
             config::Coupling::Impedance { stiffness_n_per_m, .. } => stiffness_n_per_m.get(),
@@ -153,7 +159,27 @@ pub fn run_device(
         force_resolution_n: 0.0,
     };
     let measures = measure(&trace, &context);
-    Ok(RunReport { trace, measures, state: None, cause: None, bus: None, bus_load: None, started_at_s: None, period_s })
+    Ok(RunReport {
+        trace,
+        measures,
+        state: None,
+        cause: None,
+        bus: None,
+        bus_load: None,
+        started_at_s: None,
+        held_s: 0.0,
+        period_s,
+    })
+}
+
+/// The fixture's normal points out of the forbidden side, that of the trace's reference away from the centre.
+fn normal_sign(surface: &config::Surface) -> f64 {
+    match *surface {
+        config::Surface::Circle { forbidden: config::Forbidden::Outside, .. }
+        | config::Surface::Cylinder { forbidden: config::Forbidden::Outside, .. }
+        | config::Surface::Sphere { forbidden: config::Forbidden::Outside, .. } => -1.0,
+        _ => 1.0,
+    }
 }
 
 fn mass_kg(fixture: &config::Fixture) -> Option<f64> {

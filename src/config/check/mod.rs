@@ -14,6 +14,7 @@ use std::sync::Arc;
 pub(super) use figure::{check_figure, check_override};
 pub(super) use fixture::check_device;
 pub(super) use rig::check_rig;
+pub use scene::MAX_DURATION_S;
 pub(super) use scene::{Machine, check_scene, check_scene_for};
 
 use super::diagnostic::{Diagnostic, Place, Related, Severity};

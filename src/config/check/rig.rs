@@ -47,6 +47,7 @@ fn check_cycle(findings: &mut Findings, rig: &Rig) {
             )
             .see("cycle.period_us", "period_us");
     }
+    check_interpolation_time(findings, period);
     let inner = rig.plant.drive_position_loop.period_us;
     if inner == 0 || !period.is_multiple_of(inner) {
         findings
@@ -59,6 +60,21 @@ fn check_cycle(findings: &mut Findings, rig: &Rig) {
                 "drives close their position loop a whole number of times a cycle, such as every 125 of 1000 us",
             )
             .see("cycle.period_us", "period_us");
+    }
+}
+
+/// Whether the drives can be told the period: 60C2h holds one byte and a power of ten of a second.
+fn check_interpolation_time(findings: &mut Findings, period_us: u32) {
+    let mut value = period_us;
+    while value > 0 && value.is_multiple_of(10) {
+        value /= 10;
+    }
+    if value > u32::from(u8::MAX) {
+        findings.error(
+            "cycle.period_us",
+            format!("`cycle.period_us` is {period_us} us, and the drives are told it as 1 to 255 times a power of ten"),
+            "write a rounder period, such as 500, 1000 or 1250",
+        );
     }
 }
 
@@ -168,5 +184,24 @@ fn check_force_range(findings: &mut Findings, rig: &Rig) {
                 "lower the limit below what the sensor can measure",
             )
             .see("sensor.range_counts", "range_counts");
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use crate::config::load_rig;
+    use crate::config::malformed;
+
+    #[test]
+    fn a_period_that_the_drives_cannot_be_told_is_refused() {
+        // 1125 us is a multiple of the drives' 125 us, and its low byte would be another period.
+        for (period, is_refused) in [("1125", true), ("1250", false)] {
+            let text = malformed::base_text("rig.yaml").replace("period_us: 1000", &format!("period_us: {period}"));
+            let report = load_rig(malformed::with("rig.yaml", "rig.yaml", &text)).err();
+            let is_it = |report: &crate::config::Report| {
+                report.diagnostics.iter().any(|finding| finding.message.contains("1 to 255 times"))
+            };
+            assert_eq!(report.as_ref().is_some_and(is_it), is_refused, "{period}: {report:?}");
+        }
     }
 }

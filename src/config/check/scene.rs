@@ -7,8 +7,8 @@ use crate::config::tree::{CommandMode, ImpedanceDevice, PathSegment, Rig, Scene,
 use crate::linkage::FiveBar;
 use crate::quantity::TipPoint;
 
-/// Longest run, s.
-const MAX_DURATION_S: f64 = 3600.0;
+/// Longest run, s: every cycle of it is kept in memory.
+pub const MAX_DURATION_S: f64 = 3600.0;
 /// Highest upper edge of a tremor, Hz: the simulated one is drawn on a grid of 1 ms and carries a tenth of its rate.
 const MAX_TREMOR_HZ: f64 = 100.0;
 /// Least distance of the start of an arc from its centre, m.

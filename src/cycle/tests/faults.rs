@@ -213,6 +213,53 @@ fn a_wrong_elbow_keeps_the_rig_from_being_enabled() {
 }
 
 #[test]
+fn a_drive_that_drops_out_while_the_other_is_enabled_is_not_enabled_again() {
+    let mut bench = Bench::new(Servo::Position, [0.02, 0.0]);
+    let state = |bench: &mut Bench, left, right, request| {
+        bench.drives = [left, right];
+        bench.step(request).directive.state
+    };
+    use cia402::State::{OperationEnabled, SwitchOnDisabled, SwitchedOn};
+    state(&mut bench, SwitchedOn, SwitchedOn, Request::None);
+    assert_eq!(state(&mut bench, SwitchedOn, SwitchedOn, Request::Enable), State::Enabling);
+    assert_eq!(state(&mut bench, OperationEnabled, SwitchedOn, Request::None), State::Enabling);
+    assert_eq!(state(&mut bench, SwitchOnDisabled, SwitchedOn, Request::None), State::Stopped);
+    assert_eq!(bench.cycle.cause(), Some(Fault::DriveLeftOperation));
+}
+
+#[test]
+fn it_does_not_start_from_a_predicted_position() {
+    let mut bench = Bench::new(Servo::Position, [0.02, 0.0]);
+    bench.step(Request::None);
+    bench.step(Request::Enable);
+    let there = bench.angles[0].take();
+    assert_eq!(bench.step(Request::None).directive.state, State::Enabling);
+    bench.angles[0] = there;
+    assert_eq!(bench.step(Request::None).directive.state, State::Running);
+}
+
+#[test]
+fn the_distance_from_the_surface_is_known_in_every_state() {
+    let mut bench = moving();
+    let check = |bench: &mut Bench, request, state| {
+        let outputs = bench.step(request);
+        bench.angles = outputs.signals.target_angles.to_array().map(Some);
+        assert_eq!(outputs.directive.state, state);
+        let [x, y] = outputs.signals.proxy.to_array();
+        assert!((outputs.signals.signed_distance_m - (x.hypot(y) - 0.12)).abs() < 1e-12, "{state:?}");
+    };
+    check(&mut bench, Request::None, State::Running);
+    bench.overload = true;
+    check(&mut bench, Request::None, State::Holding);
+    bench.overload = false;
+    check(&mut bench, Request::Stop, State::Stopping);
+    while bench.cycle.state() != State::Stopped {
+        bench.follow();
+    }
+    check(&mut bench, Request::None, State::Stopped);
+}
+
+#[test]
 fn a_reference_too_fast_stops_along_the_ramp_from_the_last_good_one() {
     let mut bench = Bench::running(Servo::Position, [-0.06, 0.0]);
     bench.force = [120.0, 0.0];
