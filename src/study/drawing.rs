@@ -37,7 +37,11 @@ pub fn figure(runs: &[FigureRun]) -> Result<Vec<NamedDrawing>, Error> {
     for mode in modes {
         let of_mode: Vec<&FigureRun> = runs.iter().filter(|run| run.mode == mode).collect();
         let Some(first) = of_mode.first() else { continue };
-        let heading = Some(format!("{} ({mode})", first.title));
+        // The titles of the impedance figures say how they are driven.
+        let heading = match mode {
+            Mode::Impedance => Some(first.title.clone()),
+            _ => Some(format!("{} ({mode})", first.title)),
+        };
         let drawing = match first.figure {
             "fig13" | "fig16" => enlarged(&of_mode, heading)?,
             "fig14" | "fig15" => {
