@@ -77,6 +77,8 @@ pub struct Master {
     image: Image,
     cycle: Cycle,
     events: LinkEvents,
+    /// Whether nothing is sent: the bus could not be reached, and the drives' watchdogs shall act.
+    is_silent: bool,
     last_emergency: Option<Emergency>,
 }
 
@@ -126,6 +128,7 @@ impl Master {
             image,
             cycle,
             events: LinkEvents::default(),
+            is_silent: false,
             last_emergency: None,
         })
     }
@@ -218,7 +221,9 @@ impl Master {
     /// Real-time: yes.
     pub fn on_sync(&mut self, out: &mut impl Outbox) {
         self.image.begin_cycle();
-        out.push(self.sync.next_frame());
+        if !self.is_silent {
+            out.push(self.sync.next_frame());
+        }
     }
 
     /// The moment at which all process data are in: runs the cycle and sends the set-points that the next SYNC makes
@@ -240,8 +245,11 @@ impl Master {
         if outputs.directive.fault_reset {
             self.image.request_fault_reset();
         }
-        self.image.send(outputs.directive.goal, &outputs.command, out);
-        self.send_heartbeat(now, out);
+        self.is_silent = outputs.directive.is_silent;
+        if !self.is_silent {
+            self.image.send(outputs.directive.goal, &outputs.command, out);
+            self.send_heartbeat(now, out);
+        }
         outputs
     }
 
