@@ -2,20 +2,19 @@
 
 use super::Row;
 use crate::cycle::{Inputs, Outputs, Signals};
-use crate::guard::{Directive, Fault, JointCommand};
+use crate::guard::{Cause, Directive, JointCommand};
 use crate::quantity::{JointTorques, TipPoint, TipVelocity};
 
-/// Which cycle it was, and when. Times are those of the cycle's own clock: virtual in a simulation.
+/// Which cycle it was, and when it was planned. Times are those of the cycle's own clock: virtual in a simulation. By how
+/// much it was late, and how long the one before took, is in [`Inputs::timing`].
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Moment {
     /// Number of the cycle, from 0 at the first one after the boot.
     pub index: u64,
-    /// Moment of SYNC in ns since switching on.
+    /// Planned moment of SYNC in ns since switching on.
     pub sync_ns: u64,
-    /// Begin of the computation in ns since switching on.
+    /// Planned begin of the computation in ns since switching on.
     pub compute_ns: u64,
-    /// End of the computation in ns since switching on; in virtual time, its begin.
-    pub end_ns: u64,
     /// Moment of SYNC in s since the scene began; minus infinity before.
     pub scene_time_s: f64,
 }
@@ -45,8 +44,8 @@ pub struct CycleRecord {
     pub command: JointCommand,
     /// What the supervisor decided.
     pub directive: Directive,
-    /// The fault that led to the supervisor's state, if one did.
-    pub cause: Option<Fault>,
+    /// The fault that led to the supervisor's state, if one did, and the devices that it concerns.
+    pub cause: Option<Cause>,
     /// What the stages computed on the way.
     pub signals: Signals,
     /// The truth of a simulation.
@@ -57,7 +56,7 @@ impl CycleRecord {
     /// The record of a cycle that took `inputs` and gave `outputs`.
     ///
     /// Real-time: yes.
-    pub fn new(moment: Moment, inputs: &Inputs, outputs: &Outputs, cause: Option<Fault>, truth: Option<Truth>) -> Self {
+    pub fn new(moment: Moment, inputs: &Inputs, outputs: &Outputs, cause: Option<Cause>, truth: Option<Truth>) -> Self {
         let Outputs { command, directive, signals } = *outputs;
         Self { moment, inputs: *inputs, command: *command.get(), directive, cause, signals, truth }
     }
