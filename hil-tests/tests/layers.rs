@@ -19,7 +19,7 @@ drives, canopen      <-  bus, sim; guard and cycle may name the states of `drive
 sim                  may name drives, canopen, linkage, sensing, setvalued, quantity; never cycle, guard, control, fixture
 injection            may name guard; named by config, rig, study, cli
 config               names the parameter types of the layers below cycle; named by bus, sim, rig, study, record, cli
-record               named by rig, study, cli
+record               names what enters and leaves a cycle: cycle, guard, sensing, quantity, the states of `drives::cia402`; named by rig, study, cli
 ";
 
 /// All layers. `drives` is not among them: it is a package of its own, `yieldwall_drives`.
@@ -59,7 +59,7 @@ fn may_name(layer: &str) -> Option<Vec<&'static str>> {
         "injection" => vec!["guard"],
         "config" => [&stages[..], &engines, &["guard", "injection"]].concat(),
         "sim" => [&base[..], &engines, &["sensing", "linkage", "config"]].concat(),
-        "record" => vec!["quantity", "config"],
+        "record" => [&["quantity", "config", "sensing", "guard", "cycle"], &states[..]].concat(),
         "rig" => [bus(), vec!["bus", "injection", "sim", "record"]].concat(),
         "study" => [bus(), vec!["bus", "injection", "sim", "record", "rig"]].concat(),
         "cli" => [bus(), vec!["bus", "injection", "sim", "record", "rig", "study"]].concat(),
