@@ -479,15 +479,15 @@ fn node_ids_are_checked_before_anything_is_sent() {
 fn what_happens_on_the_bus_stops_both_drives_in_the_same_cycle() {
     let stop = |sent: &[String; 2]| sent[0].starts_with("201#0200") && sent[1].starts_with("202#0200");
     for mode in [CommandMode::Torque, CommandMode::Position] {
-        for (line, fault) in [
-            ("702#00", Fault::NodeReset),               // boot-up
-            ("701#7F", Fault::HeartbeatLost),           // Pre-operational
-            ("70A#04", Fault::HeartbeatLost),           // Stopped
-            ("082#1186201122334455", Fault::Emergency), // 8611h: following error
+        for (line, state, fault) in [
+            ("702#00", State::Stopped, Fault::NodeReset),               // boot-up
+            ("701#7F", State::Lost, Fault::HeartbeatLost),              // Pre-operational
+            ("70A#04", State::Lost, Fault::HeartbeatLost),              // Stopped
+            ("082#1186201122334455", State::Stopped, Fault::Emergency), // 8611h: following error
         ] {
             let mut net = Net::running(mode);
             let (_, sent) = net.cycle(["3712"; 2], Request::None, |net| net.hear(line));
-            assert_eq!(net.state(), (State::Stopped, Some(fault)), "{line}");
+            assert_eq!(net.state(), (state, Some(fault)), "{line}");
             assert!(stop(&sent), "{line}: {sent:?}");
         }
         // An emergency that ends is no fault, and strangers do not count.
@@ -504,7 +504,8 @@ fn what_happens_on_the_bus_stops_both_drives_in_the_same_cycle() {
         let mut net = Net::running(mode);
         let (_, sent) = net.cycle(["3712", "1802"], Request::None, |_| {});
         assert_eq!(net.state(), (State::Disabled, Some(Fault::DriveFault)));
-        assert!(sent[0].starts_with("201#0000") && sent[1].starts_with("202#0000"), "{sent:?}");
+        // A drive in Fault hears nothing but a reset; the other one stops.
+        assert!(sent[0].starts_with("201#0200") && sent[1].starts_with("202#0000"), "{sent:?}");
     }
 }
 
@@ -563,20 +564,20 @@ fn a_heartbeat_that_stays_away_stops_the_rig_after_two_periods() {
     assert_eq!(net.state().0, State::Running);
     net.wait(Duration::from_millis(1));
     net.cycle(["3712"; 2], Request::None, |_| {});
-    assert_eq!(net.state(), (State::Stopped, Some(Fault::HeartbeatLost)));
+    assert_eq!(net.state(), (State::Lost, Some(Fault::HeartbeatLost)));
 }
 
 #[test]
 fn a_node_that_is_lost_or_has_restarted_keeps_the_rig_from_being_enabled_again() {
     // The left drive still answers with process data, as one that starts by itself would.
-    for (line, cured_by, fault, is_curable) in [
-        ("701#7F", "701#05", Fault::HeartbeatLost, true),
-        ("701#00", "701#05", Fault::NodeReset, false),
-        ("70A#04", "70A#05", Fault::HeartbeatLost, true),
+    for (line, cured_by, state, fault, is_curable) in [
+        ("701#7F", "701#05", State::Lost, Fault::HeartbeatLost, true),
+        ("701#00", "701#05", State::Stopped, Fault::NodeReset, false),
+        ("70A#04", "70A#05", State::Lost, Fault::HeartbeatLost, true),
     ] {
         let mut net = Net::running(CommandMode::Torque);
         net.cycle(["3712"; 2], Request::None, |net| net.hear(line));
-        assert_eq!(net.state(), (State::Stopped, Some(fault)), "{line}");
+        assert_eq!(net.state(), (state, Some(fault)), "{line}");
         net.quiet("5002", Request::Reset);
         net.quiet("3102", Request::Enable);
         assert_eq!(net.state(), (State::Idle, Some(fault)), "{line}: it is still so");
@@ -609,9 +610,21 @@ fn a_node_that_is_lost_before_all_are_started_is_named() {
 fn own_frames_that_cannot_be_sent_are_the_end() {
     let mut net = Net::running(CommandMode::Torque);
     net.master.on_link(LinkEvent::SendFailed);
-    let (_, sent) = net.cycle(["3712"; 2], Request::None, |_| {});
-    assert_eq!(net.state(), (State::Lost, Some(Fault::LinkDown)));
-    assert_eq!(sent, ["201#00000000", "202#00000000"], "what still goes out takes the voltage off");
+    net.master.on_sync(&mut net.sent);
+    net.take();
+    net.report(["3712"; 2]);
+    for cycle in 0..100 {
+        net.now = net.now + Duration::from_millis(1);
+        net.master.on_compute(net.now, Request::None, Timing::default(), &mut net.sent);
+        net.master.on_sync(&mut net.sent);
+        assert_eq!(net.state(), (State::Lost, Some(Fault::LinkDown)));
+        assert_eq!(net.take(), [""; 0], "cycle {cycle}: nothing keeps the drives' watchdogs from acting");
+    }
+    // Asked for by a person, the exchange goes on: the nodes have to be found anew.
+    net.report(["5002"; 2]);
+    net.master.on_compute(net.now, Request::Reset, Timing::default(), &mut net.sent);
+    assert_eq!(net.state().0, State::Idle);
+    assert_eq!(net.take()[..2], ["201#06000000", "202#06000000"]);
 }
 
 #[test]
@@ -619,7 +632,7 @@ fn a_fault_reset_is_one_edge_for_one_request() {
     let mut net = Net::running(CommandMode::Torque);
     for _ in 0..5 {
         let (_, sent) = net.cycle(["1802", "5002"], Request::None, |_| {});
-        assert_eq!(sent, ["201#00000000", "202#00000000"], "no reset by itself");
+        assert_eq!(sent, ["201#00000000", "202#02000000"], "no reset by itself");
     }
     let mut words = Vec::new();
     for cycle in 0..8 {

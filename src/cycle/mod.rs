@@ -272,7 +272,8 @@ impl Cycle {
     fn supervise(&mut self, drives: &[DriveSample; 2], request: Request) -> Directive {
         self.supervisor.step(&crate::guard::View {
             drives: drives.map(|drive| drive.state),
-            faults: &self.faults,
+            worst: self.faults.worst(),
+            is_measured: self.missed == [0; 2],
             at_rest: self.halt.as_ref().is_none_or(StopRamp::is_at_rest),
             request,
         })
