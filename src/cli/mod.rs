@@ -11,6 +11,7 @@ mod progress;
 mod render;
 mod reproduce;
 mod run;
+mod soak;
 
 use std::ffi::OsString;
 use std::process::ExitCode;
@@ -43,6 +44,8 @@ enum Command {
     Run(run::Arguments),
     /// Run the paper's experiments and draw its figures
     Reproduce(reproduce::Arguments),
+    /// Draw rigs, hands and faults from seeds, run them and judge every cycle
+    Soak(soak::Arguments),
     /// Check, show and describe configuration files
     #[command(subcommand)]
     Config(config::Command),
@@ -75,6 +78,7 @@ fn run(arguments: impl IntoIterator<Item = OsString>) -> Exit {
     let result = match arguments.command {
         Command::Run(arguments) => run::run(&arguments, &mut output),
         Command::Reproduce(arguments) => reproduce::run(&arguments, &mut output),
+        Command::Soak(arguments) => soak::run(&arguments, &mut output),
         Command::Config(command) => config::run(command, &mut output),
     };
     match result {

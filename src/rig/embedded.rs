@@ -1,5 +1,9 @@
 //! The whole rig in one process, in virtual time.
 
+mod probe;
+
+pub use probe::{BodyTruth, PORTS};
+
 use std::time::Duration;
 
 use super::build;

@@ -6,12 +6,12 @@ use rand_xoshiro::rand_core::{Rng, SeedableRng};
 /// A stream of draws. Streams of one seed with different purposes know nothing of each other, so that leaving a fault
 /// out does not change the hand.
 #[derive(Clone, Debug)]
-pub struct Dice(Xoshiro256PlusPlus);
+pub(super) struct Dice(Xoshiro256PlusPlus);
 
 /// What a stream of draws is for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(u64)]
-pub enum Purpose {
+pub(super) enum Purpose {
     /// The rig and how it is modelled.
     Rig = 1,
     /// The hand and its path.
@@ -24,24 +24,24 @@ pub enum Purpose {
 
 impl Dice {
     /// The stream of `seed` for `purpose`.
-    pub fn new(seed: u64, purpose: Purpose) -> Self {
+    pub(super) fn new(seed: u64, purpose: Purpose) -> Self {
         // Seeds one after the other are far apart after the multiplication, which is odd and so loses nothing.
         let seed = seed.wrapping_mul(0x9e37_79b9_7f4a_7c15) ^ (purpose as u64) << 56;
         Self(Xoshiro256PlusPlus::seed_from_u64(seed))
     }
 
     /// A number from 0 to below 1, with 53 random bits.
-    pub fn share(&mut self) -> f64 {
+    pub(super) fn share(&mut self) -> f64 {
         (self.0.next_u64() >> 11) as f64 * (1.0 / (1u64 << 53) as f64)
     }
 
     /// A number from `least` to below `most`.
-    pub fn between(&mut self, least: f64, most: f64) -> f64 {
+    pub(super) fn between(&mut self, least: f64, most: f64) -> f64 {
         least + (most - least) * self.share()
     }
 
     /// A number from `least` to `most`, both included.
-    pub fn whole(&mut self, least: u32, most: u32) -> u32 {
+    pub(super) fn whole(&mut self, least: u32, most: u32) -> u32 {
         let span = u64::from(most.saturating_sub(least)) + 1;
         // The upper half of a product: even to 2^-32.
         let draw = ((self.0.next_u64() >> 32) * span) >> 32;
@@ -49,12 +49,12 @@ impl Dice {
     }
 
     /// Yes with this probability.
-    pub fn chance(&mut self, probability: f64) -> bool {
+    pub(super) fn chance(&mut self, probability: f64) -> bool {
         self.share() < probability
     }
 
     /// One of `choices`, which are not empty.
-    pub fn one_of<T: Copy>(&mut self, choices: &[T]) -> T {
+    pub(super) fn one_of<T: Copy>(&mut self, choices: &[T]) -> T {
         let last = choices.len().saturating_sub(1) as u32;
         choices[self.whole(0, last) as usize]
     }

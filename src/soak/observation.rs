@@ -17,21 +17,17 @@ pub enum Sender {
     Drive(usize),
     /// The force sensor.
     Sensor,
-    /// A device that does not belong to the rig.
-    Foreign,
 }
 
-/// A frame at the end of its transmission.
+/// A frame, as it left its sender or as it arrived.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Sighting {
     /// End of the frame in ns since switching on.
     pub time_ns: u64,
-    /// Who sent it.
-    pub sender: Sender,
-    /// What was sent.
-    pub sent: Frame,
-    /// What arrived; `None` for nothing.
-    pub received: Option<Frame>,
+    /// Who put it on the wire; `None` for an arrival, of which nobody can tell.
+    pub sender: Option<Sender>,
+    /// The frame.
+    pub frame: Frame,
 }
 
 /// What the reference and the fixture did, as the cycle says.
@@ -89,6 +85,18 @@ pub struct Falsified {
     pub link: bool,
 }
 
+impl Falsified {
+    /// What either falsifies.
+    pub fn join(&mut self, other: Self) {
+        self.force |= other.force;
+        self.angles |= other.angles;
+        self.drives |= other.drives;
+        self.arm |= other.arm;
+        self.timing |= other.timing;
+        self.link |= other.link;
+    }
+}
+
 /// One cycle, from the end of the computation before it to the end of its own.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Observation {
@@ -102,6 +110,8 @@ pub struct Observation {
     pub state: State,
     /// What led to the state.
     pub cause: Option<Fault>,
+    /// Whether a cycle ran; if not, all but the frames and the truth is that of the last one.
+    pub ran: bool,
     /// All frames since the computation before: first the set-points of the cycle before, then SYNC and what follows.
     pub frames: Vec<Sighting>,
     /// What the cycle says of itself.
@@ -129,14 +139,12 @@ impl Setpoint {
     /// Decodes an RPDO of a drive; `None` for another length.
     pub fn decode(frame: &Frame) -> Option<Self> {
         match *frame.data() {
-            [a, b, c, d] => Some(Self {
-                controlword: u16::from_le_bytes([a, b]),
-                target: i32::from(i16::from_le_bytes([c, d])),
-            }),
-            [a, b, c, d, e, f] => Some(Self {
-                controlword: u16::from_le_bytes([a, b]),
-                target: i32::from_le_bytes([c, d, e, f]),
-            }),
+            [a, b, c, d] => {
+                Some(Self { controlword: u16::from_le_bytes([a, b]), target: i32::from(i16::from_le_bytes([c, d])) })
+            }
+            [a, b, c, d, e, f] => {
+                Some(Self { controlword: u16::from_le_bytes([a, b]), target: i32::from_le_bytes([c, d, e, f]) })
+            }
             _ => None,
         }
     }
@@ -174,16 +182,6 @@ impl Status {
     }
 }
 
-/// Bits that `frame` takes on the wire at most, interframe space included: stuff bits as if every fourth bit of the
-/// stuffed part brought one.
-///
-/// # Source
-/// Davis, Burns, Bril, Lukkien, "Controller Area Network (CAN) schedulability analysis", 2007, eq. 3.
-pub fn most_bits(frame: &Frame) -> u64 {
-    let stuffed = 34 + 8 * u64::from(frame.len());
-    stuffed + 13 + (stuffed - 1) / 4
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -199,11 +197,5 @@ mod tests {
         assert_eq!((status.position, status.is_enabled()), (-1, true));
         assert!(!Status::decode(&Frame::new(0x181, &[0x07, 0, 0, 0, 0, 0])).unwrap().is_enabled());
         assert_eq!(Status::decode(&Frame::new(0x181, &[0x37])), None);
-    }
-
-    #[test]
-    fn the_longest_frames_have_the_published_lengths() {
-        assert_eq!(most_bits(&Frame::new(0x080, &[])), 55);
-        assert_eq!(most_bits(&Frame::new(0x181, &[0; 8])), 135);
     }
 }

@@ -14,7 +14,7 @@ pub(super) struct Energy {
     past: Option<Past>,
     /// Net work on the hand since the stretch began, J.
     returned_j: f64,
-    /// Kinetic energy of the proxy when the stretch began, J.
+    /// Kinetic energy of the rig when the stretch began, J.
     held_j: f64,
     /// Whether the stretch has already passed its bound: told once.
     is_told: bool,
@@ -28,7 +28,7 @@ struct Past {
 }
 
 impl Energy {
-    /// I5: over any stretch of running, the rig returns at most what its proxy held in the beginning.
+    /// I5: over any stretch of running, the rig returns at most what it held in the beginning.
     pub(super) fn check(
         &mut self,
         limits: &Limits,
@@ -49,8 +49,8 @@ impl Energy {
             return;
         };
         let work_j = -0.5 * (now.hand_n + past.hand_n).dot(&(now.tool - past.tool));
-        let speed = (now.proxy - past.proxy).norm() / limits.period_s;
-        let held_j = 0.5 * limits.mass_kg * speed * speed;
+        let speed = (now.proxy - past.proxy).norm().max((now.tool - past.tool).norm()) / limits.period_s;
+        let held_j = 0.5 * limits.mass_kg.max(tolerance::ARM_KG) * speed * speed;
         self.returned_j += work_j;
         // A stretch begins anew wherever that makes it worse.
         if self.returned_j - self.held_j < -held_j {
@@ -60,11 +60,7 @@ impl Energy {
         peaks.returned_j = peaks.returned_j.max(beyond_j);
         let holds = beyond_j <= tolerance::RETURNED_J;
         findings.expect(Invariant::I5, holds || self.is_told, || {
-            format!(
-                "the hand got {:.1} mJ, and the proxy had held {:.1} mJ",
-                1e3 * self.returned_j,
-                1e3 * self.held_j
-            )
+            format!("the hand got {:.1} mJ, and the rig had held {:.1} mJ", 1e3 * self.returned_j, 1e3 * self.held_j)
         });
         self.is_told |= !holds;
         self.past = Some(now);

@@ -42,19 +42,20 @@ impl Frames {
         findings: &mut Findings<'_>,
     ) {
         let mut sent: [Option<Setpoint>; 2] = [None; 2];
-        let mut is_after_sync = false;
+        let (mut is_after_sync, mut has_told) = (false, [false; 2]);
         for sighting in &seen.frames {
-            let frame = &sighting.sent;
-            if sighting.sender != Sender::Foreign {
+            let frame = &sighting.frame;
+            let is_ours = sighting.sender == Some(Sender::Master);
+            if sighting.sender.is_some() {
                 self.bits += u64::from(frame_bits(frame));
             }
-            if sighting.sender == Sender::Master && frame.id() == SYNC {
+            if is_ours && frame.id() == SYNC {
                 self.end_of_epoch(limits, seen, &sent, findings);
                 self.check_load(limits, seen, peaks, findings);
                 is_after_sync = true;
             }
             for joint in 0..2 {
-                if sighting.sender == Sender::Master && frame.id() == limits.set_point_ids[joint] {
+                if is_ours && frame.id() == limits.set_point_ids[joint] {
                     findings.expect(Invariant::I12, !is_after_sync || seen.falsified.timing, || {
                         format!("the set-point {:?} of the cycle before came after SYNC", Setpoint::decode(frame))
                     });
@@ -63,10 +64,12 @@ impl Frames {
                     });
                     sent[joint] = Setpoint::decode(frame);
                 }
-                if let Some(received) = sighting.received
-                    && sighting.sender != Sender::Master
-                    && received.id() == limits.status_ids[joint]
-                    && let Some(status) = Status::decode(&received)
+                // Of what arrives between SYNC and the computation the first counts.
+                if sighting.sender.is_none()
+                    && frame.id() == limits.status_ids[joint]
+                    && let Some(status) = Status::decode(frame)
+                    && is_after_sync
+                    && !std::mem::replace(&mut has_told[joint], true)
                 {
                     self.note_wrap(joint, &status, peaks);
                     self.told[joint] = Some(status);

@@ -49,8 +49,14 @@ pub struct Limits {
     pub friction_n: f64,
     /// Yield level R in N.
     pub yield_n: f64,
-    /// Whether the surface is curved.
-    pub is_curved: bool,
+    /// Whether the surface resists on its forbidden side alone.
+    pub is_unilateral: bool,
+    /// Whether the surface holds what hits it for some steps, whatever the force.
+    pub has_hold: bool,
+    /// Centre and radius of a round surface in m; `None` for a straight one.
+    pub round: Option<([f64; 2], f64)>,
+    /// Across a straight surface, of any length.
+    pub normal: [f64; 2],
     /// Bit rate of the bus in bit/s; infinite without bit timing.
     pub bit_rate: f64,
 }
@@ -67,8 +73,7 @@ impl Limits {
             mode: rig.rig.command_mode,
             set_point_ids: [0x200 + u16::from(left.node_id), 0x200 + u16::from(right.node_id)],
             status_ids: [0x180 + u16::from(left.node_id), 0x180 + u16::from(right.node_id)],
-            counts_per_rad: [left, right]
-                .map(|drive| f64::from(drive.encoder_counts_per_rev) / std::f64::consts::TAU),
+            counts_per_rad: [left, right].map(|drive| f64::from(drive.encoder_counts_per_rev) / std::f64::consts::TAU),
             joint_speed_rad_per_s: guard.joint_speed_limit_rad_per_s.get(),
             tool_speed_m_per_s: guard.tool_speed_limit_m_per_s.get(),
             stop_m_per_s2: guard.stop_deceleration_m_per_s2.get(),
@@ -81,7 +86,18 @@ impl Limits {
             },
             friction_n: rig.fixture.friction_n.get(),
             yield_n: rig.fixture.yield_n.get(),
-            is_curved: rig.fixture.surface.radius_m().is_some(),
+            is_unilateral: rig.fixture.side == config::Side::Unilateral,
+            has_hold: rig.fixture.hold_steps > 0,
+            round: match rig.fixture.surface {
+                config::Surface::Circle { center_m, radius_m, .. } => {
+                    Some((center_m.map(|value| value.get()), radius_m.get()))
+                }
+                _ => None,
+            },
+            normal: match rig.fixture.surface {
+                config::Surface::Line { normal, .. } => normal.map(|value| value.get()),
+                _ => [0.0; 2],
+            },
             bit_rate: bus.map_or(f64::INFINITY, |bus| match bus.timing {
                 config::BusTiming::Arbitrated => f64::from(bus.bit_rate_bit_per_s),
                 config::BusTiming::Ideal => f64::INFINITY,
@@ -183,6 +199,9 @@ impl Checker {
     /// Judges one cycle; adds what did not hold to `found`.
     pub fn check(&mut self, seen: &Observation, found: &mut Vec<Violation>) {
         let limits = self.limits;
+        if !seen.ran {
+            return self.energy = Energy::default();
+        }
         let mut findings = Findings { observation: seen, found };
         self.check_state(seen, &mut findings);
         self.frames.check(&limits, seen, &mut self.peaks, &mut findings);

@@ -21,6 +21,7 @@ struct Past {
     /// Cycles that it has been halting for.
     halting: u32,
     is_on_surface: bool,
+    distance_m: f64,
 }
 
 /// A stretch of time in which the proxy has to come to rest: how long it lasts, and how fast it was in the beginning.
@@ -80,6 +81,7 @@ impl Motion {
             running: if is_running { past.map_or(1, |past| past.running + 1) } else { 0 },
             halting: if is_halting { past.map_or(1, |past| past.halting + 1) } else { 0 },
             is_on_surface: seen.reported.is_on_surface,
+            distance_m: seen.reported.distance_m,
         };
         if has_reference {
             let speed = step.norm() / limits.period_s;
@@ -128,11 +130,9 @@ impl Motion {
         self.halted.next(now.halting > 0, speed);
         let rests = now.step.norm() <= tolerance::RESTING_STEP_M;
         let deceleration = (limits.friction_n - friction) / limits.mass_kg;
-        findings.expect(
-            Invariant::I7,
-            rests || !self.unforced.is_over(deceleration, limits.period_s),
-            || format!("the proxy still goes at {speed:.3e} m/s after {} cycles below F / 2", self.unforced.cycles),
-        );
+        findings.expect(Invariant::I7, rests || !self.unforced.is_over(deceleration, limits.period_s), || {
+            format!("the proxy still goes at {speed:.3e} m/s after {} cycles below F / 2", self.unforced.cycles)
+        });
         // The ramp takes 1.5 times what its greatest deceleration would.
         let ramp = limits.stop_m_per_s2 / 1.5;
         findings.expect(Invariant::I7, rests || !self.halted.is_over(ramp, limits.period_s), || {
@@ -179,12 +179,12 @@ fn check_measured(limits: &Limits, seen: &Observation, findings: &mut Findings<'
     }
     let has_told = |joint: usize| {
         let id = limits.status_ids[joint];
-        seen.frames.iter().any(|sighting| sighting.received.is_some_and(|frame| frame.id() == id && frame.len() == 6))
+        seen.frames.iter().any(|seen| seen.sender.is_none() && seen.frame.id() == id && seen.frame.len() == 6)
     };
     for joint in 0..2 {
         let away = (seen.reported.measured_rad[joint] - seen.truth.angles_rad[joint]).abs();
-        let most = limits.joint_speed_rad_per_s * limits.period_s
-            + tolerance::MEASURED_COUNTS / limits.counts_per_rad[joint];
+        let most =
+            limits.joint_speed_rad_per_s * limits.period_s + tolerance::MEASURED_COUNTS / limits.counts_per_rad[joint];
         findings.expect(Invariant::I16, away <= most || !has_told(joint), || {
             format!("joint {joint} is {away:.3e} rad away from what was measured, at most {most:.3e}")
         });
@@ -195,7 +195,7 @@ fn check_measured(limits: &Limits, seen: &Observation, findings: &mut Findings<'
 fn check_levels(limits: &Limits, seen: &Observation, now: &Past, past: &Past, findings: &mut Findings<'_>) {
     let reported = &seen.reported;
     // The first three cycles of a run start at rest, so that the two steps before are not those of the fixture.
-    if now.running < 4 || reported.is_impact || reported.hold_counter > 1 {
+    if now.running < 4 || reported.is_impact || (limits.has_hold && reported.hold_counter > 0) {
         return;
     }
     let is_held = now.step == Vector2::zeros() && now.proxy.norm() > MAY_BE_HELD_M;
@@ -206,22 +206,36 @@ fn check_levels(limits: &Limits, seen: &Observation, now: &Past, past: &Past, fi
     let kappa = limits.mass_kg / (limits.period_s * limits.period_s);
     let force = (now.step - past.step) * kappa - Vector2::from(reported.force_n);
     let both = limits.friction_n.hypot(limits.yield_n);
-    let is_touching = reported.is_on_surface || past.is_on_surface;
-    let share = if is_touching && limits.is_curved { tolerance::CURVED_SHARE } else { tolerance::ROUNDING };
-    let most = both * (1.0 + share) + tolerance::LEVEL_N;
+    // A proxy that has just landed is put onto the surface before it is said to lie there.
+    let has_landed = reported.distance_m.abs() <= tolerance::LANDED_M;
+    let is_touching = reported.is_on_surface || past.is_on_surface || has_landed;
+    let slack = |level: f64| {
+        let share = if limits.round.is_some() { tolerance::CURVED_SHARE } else { tolerance::ROUNDING };
+        level * (1.0 + share) + tolerance::LEVEL_N
+    };
+    let most = slack(both);
     findings.expect(Invariant::I6, force.norm() <= most, || {
         format!("the fixture held the proxy with {:.4} N, at most {most:.4}", force.norm())
     });
-    if !is_touching {
-        let work = force.dot(&now.step);
-        findings.expect(Invariant::I6, work <= tolerance::LEVEL_N * now.step.norm(), || {
-            format!("the fixture did work of {work:.3e} J on the proxy")
-        });
-        let reach = limits.yield_n / kappa;
-        let is_far = reported.distance_m.abs() > reach + now.step.norm() + past.step.norm() + now.step.norm();
-        let most = limits.friction_n * (1.0 + tolerance::ROUNDING) + tolerance::LEVEL_N;
-        findings.expect(Invariant::I6, !is_far || force.norm() <= most, || {
-            format!("far from the surface the fixture held the proxy with {:.4} N, at most {most:.4}", force.norm())
-        });
+    if is_touching {
+        return;
     }
+    let work = force.dot(&now.step);
+    findings.expect(Invariant::I6, work <= tolerance::LEVEL_N * now.step.norm(), || {
+        format!("the fixture did work of {work:.3e} J on the proxy")
+    });
+    // Only what leads away from the surface, or deeper beyond it, meets R: all else meets F.
+    let outward = limits.round.map_or(Vector2::from(limits.normal), |(center, _)| now.proxy - Vector2::from(center));
+    let (along, far) = (outward.norm(), outward / outward.norm());
+    if along.is_nan() || limits.round.is_some_and(|(_, radius)| along < 0.5 * radius) {
+        return;
+    }
+    let away = if limits.round.map_or(reported.distance_m > 0.0, |(_, radius)| along > radius) { far } else { -far };
+    let is_free = limits.is_unilateral && reported.distance_m > 0.0 && past.distance_m > 0.0;
+    let pull = -force.dot(&away);
+    let rest = if is_free || pull < 0.0 { force } else { force + away * pull };
+    let most = slack(limits.friction_n);
+    findings.expect(Invariant::I6, rest.norm() <= most, || {
+        format!("along or towards the surface the fixture held the proxy with {:.4} N, at most {most:.4}", rest.norm())
+    });
 }

@@ -4,8 +4,8 @@ use std::f64::consts::TAU;
 
 use super::{finite, not_negative, positive};
 use crate::config;
-use crate::quantity::TipPoint;
 use crate::linkage::FiveBar;
+use crate::quantity::TipPoint;
 use crate::soak::dice::Dice;
 
 /// Counts from the wrap of the 32-bit counter within which an encoder is set, if it is to wrap: a tenth of what the arm
@@ -26,8 +26,7 @@ pub(super) fn vary_fixture(dice: &mut Dice, rig: &mut config::Rig) {
     let forbidden = if dice.chance(0.5) { config::Forbidden::Inside } else { config::Forbidden::Outside };
     if dice.chance(0.7) {
         let center_m = [finite(dice.between(-0.02, 0.02)), finite(dice.between(-0.02, 0.02))];
-        fixture.surface =
-            config::Surface::Circle { center_m, radius_m: positive(dice.between(0.07, 0.13)), forbidden };
+        fixture.surface = config::Surface::Circle { center_m, radius_m: positive(dice.between(0.07, 0.13)), forbidden };
         fixture.curvature = if dice.chance(0.5) { config::Curvature::Tangent } else { config::Curvature::Exact };
     } else {
         let (sine, cosine) = dice.between(0.0, TAU).sin_cos();
