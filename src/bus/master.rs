@@ -38,6 +38,8 @@ pub enum Phase {
 pub enum LinkEvent {
     /// Own frames could not be sent, or the interface is down.
     SendFailed,
+    /// The frames of the last cycle had not left when the next ones were due, and were thrown away.
+    TransmitStalled,
     /// The controller is error-passive.
     ErrorPassive,
     /// The controller is bus-off.
@@ -277,6 +279,7 @@ impl Master {
     pub fn on_link(&mut self, event: LinkEvent) {
         match event {
             LinkEvent::SendFailed => self.events.send_failed = true,
+            LinkEvent::TransmitStalled => self.events.transmit_stalled = true,
             LinkEvent::ErrorPassive => self.events.error_passive = true,
             LinkEvent::BusOff => self.events.bus_off = true,
         }
