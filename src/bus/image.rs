@@ -10,7 +10,7 @@ use crate::guard::{Allowed, DeviceSet, JointCommand};
 use crate::sensing::RawSample;
 use yieldwall_drives::cia402::{Goal, State, StateWalk, Statusword};
 use yieldwall_drives::objects::{self, Object};
-use yieldwall_drives::profiles::{DeviceProfile, PdoMapping, STATUS_OVERLOAD};
+use yieldwall_drives::profiles::{DeviceProfile, PdoMapping, STATUS_INVALID, STATUS_OVERLOAD};
 use yieldwall_drives::scaling::{AxisScaling, CountUnwrapper, wrap};
 
 /// Identifiers of 11 bits.
@@ -158,7 +158,9 @@ impl Image {
                         }
                     }
                     Source::SensorStatus => {
-                        self.sample.overload = field.get_unsigned(incoming.word) as u8 & STATUS_OVERLOAD != 0;
+                        let status = field.get_unsigned(incoming.word) as u8;
+                        self.sample.overload = status & STATUS_OVERLOAD != 0;
+                        self.sample.invalid = status & STATUS_INVALID != 0;
                     }
                     Source::SampleCounter => {
                         self.sample.sequence = Some(field.get_unsigned(incoming.word) as u8);
@@ -199,6 +201,8 @@ fn sample_of(drive: &Drive, angle_rad: Option<f64>) -> DriveSample {
         angle_rad,
         state: drive.statusword.state().unwrap_or(State::NotReadyToSwitchOn),
         follows_command: drive.statusword.has(Statusword::FOLLOWS_COMMAND),
+        has_voltage: drive.statusword.has(Statusword::VOLTAGE_ENABLED),
+        has_warning: drive.statusword.has(Statusword::WARNING),
     }
 }
 

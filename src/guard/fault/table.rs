@@ -127,7 +127,7 @@ pub const TABLE: [Row; Fault::COUNT] = [
     row!(
         ForceImplausible,
         "force-implausible",
-        Sensing,
+        Arm,
         [Step { rate: InARow(20), reaction: StopRamp, bound: Cycles(21) }],
         Stopped,
         "the sensed force does not fit the torques and the motion of the arm",
