@@ -262,6 +262,12 @@ impl Cycle {
         Outputs { command, directive, signals }
     }
 
+    /// What leaves before the first cycle: nothing moves.
+    pub fn idle(&self) -> Outputs {
+        let command = Allowed::rest(&self.servo.rest(), JointAngles::default());
+        Outputs { command, directive: Directive::IDLE, signals: Signals::default() }
+    }
+
     /// State of the supervisor.
     pub fn state(&self) -> State {
         self.supervisor.state()

@@ -58,14 +58,18 @@ fn settings() -> Settings {
 }
 
 fn sensing() -> Sensing {
+    sensing_with(1000.0, FORCE_STEP_LIMIT_N)
+}
+
+fn sensing_with(sample_rate_hz: f64, force_step_limit_n: f64) -> Sensing {
     Sensing::new(SensingParameters {
         calibration: Calibration::new(Matrix6::identity() / COUNTS_PER_N, RANGE_COUNTS).unwrap(),
         mounting: Mounting { link: MountedOn::RightDistal, angle_rad: 0.3 },
         handle_mass_kg: 0.0,
         low_pass_hz: None,
-        sample_rate_hz: 1000.0,
+        sample_rate_hz,
         cycle_period_s: PERIOD_S,
-        force_step_limit_n: FORCE_STEP_LIMIT_N,
+        force_step_limit_n,
     })
     .unwrap()
 }

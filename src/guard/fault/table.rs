@@ -435,6 +435,16 @@ pub const TABLE: [Row; Fault::COUNT] = [
         "switch suspend off while the rig is in use, then reset"
     ),
     row!(
+        CyclePanicked,
+        "cycle-panicked",
+        Host,
+        [once(QuickStop)],
+        Disabled,
+        "the control cycle failed and does not run any more",
+        "a defect of this program",
+        "report it with the recording, then start the program anew"
+    ),
+    row!(
         TransmitStalled,
         "transmit-stalled",
         Link,
