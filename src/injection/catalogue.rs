@@ -564,8 +564,8 @@ pub const CATALOGUE: [Row; Kind::COUNT] = [
         &[Host],
         Once,
         "the cycle panics while it hands over its frames; the last thing that leaves is a quick stop",
-        &[],
-        (QuickStop, DrivesStop, NewProcess),
+        &[F::CyclePanicked],
+        (QuickStop, DISABLED, NewProcess),
     ),
     row(
         (Kind::Suspend, "suspend"),

@@ -22,8 +22,11 @@ impl EmbeddedRig {
             }
             self.now = next;
             while let Some(delivery) = self.bus.advance(next) {
-                if let Some(frame) = self.troubles.pass(next, delivery.from, delivery.frame) {
-                    self.arrive(delivery.time, delivery.from, &frame)?;
+                match self.troubles.pass(next, delivery.from, delivery.frame) {
+                    Some(frame) => self.arrive(delivery.time, delivery.from, &frame)?,
+                    // Its own controller has sent it all the same.
+                    None if delivery.from == MASTER => self.echo(&delivery.frame),
+                    None => {}
                 }
             }
             while let Some((from, frame)) = self.troubles.take_held(next) {
@@ -45,6 +48,14 @@ impl EmbeddedRig {
         self.deliver(from, frame)
     }
 
+    fn echo(&mut self, frame: &Frame) {
+        if self.host.is_asleep {
+            self.host.keep(*frame, true);
+        } else {
+            self.master.on_echo(frame);
+        }
+    }
+
     fn deliver(&mut self, from: usize, frame: &Frame) -> Result<(), RigError> {
         let now = self.now;
         if frame.id() == cob::SYNC {
@@ -58,9 +69,11 @@ impl EmbeddedRig {
         if from != SENSOR {
             self.sensor.on_frame(now, frame, &mut self.bus.outbox(SENSOR, now));
         }
-        if from != MASTER && self.troubles.hears() {
+        if from == MASTER {
+            self.echo(frame);
+        } else if self.troubles.hears() {
             if self.host.is_asleep {
-                self.host.keep(*frame);
+                self.host.keep(*frame, false);
             } else {
                 self.master.on_frame(now, frame, &mut Exit::new(&mut self.bus, &self.troubles, now));
             }

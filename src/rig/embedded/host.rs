@@ -25,15 +25,16 @@ pub(super) struct Computer {
     pub(super) stop_is_requested: bool,
     /// Whether the next cycle panics.
     pub(super) panics: bool,
-    waiting: VecDeque<Frame>,
+    /// Frames with whether they are own ones.
+    waiting: VecDeque<(Frame, bool)>,
     /// What the next cycle is told of its timing.
     timing: Timing,
 }
 
 impl Computer {
-    pub(super) fn keep(&mut self, frame: Frame) {
+    pub(super) fn keep(&mut self, frame: Frame, is_own: bool) {
         if self.waiting.len() < WAITING_FRAMES {
-            self.waiting.push_back(frame);
+            self.waiting.push_back((frame, is_own));
         }
     }
 }
@@ -69,12 +70,10 @@ impl Outbox for Exit<'_> {
 }
 
 impl EmbeddedRig {
-    /// Sends SYNC at `sync_at`. What of the last cycle is still waiting then is lost: a set-point that comes late is worse
-    /// than none.
+    /// Sends SYNC at `sync_at`, or throws away what still waits if the master has fallen silent.
     pub(super) fn send_sync(&mut self, sync_at: Time) {
-        if self.bus.queued(MASTER) > 0 {
+        if self.master.is_silent() && self.bus.queued(MASTER) > 0 {
             self.bus.clear(MASTER);
-            self.master.on_link(LinkEvent::TransmitStalled);
         }
         if let Some(event) = self.troubles.link_event() {
             self.master.on_link(event);
@@ -124,6 +123,7 @@ impl EmbeddedRig {
         match result {
             Ok(outputs) => Ok(Some(outputs)),
             Err(panic) => {
+                self.master.quick_stop_now(compute_at, &mut Exit::new(&mut self.bus, &self.troubles, compute_at));
                 (self.host.is_asleep, self.host.is_dead) = (true, true);
                 if panic.is::<Injected>() { Ok(None) } else { resume_unwind(panic) }
             }
@@ -148,8 +148,12 @@ impl EmbeddedRig {
             return;
         }
         let now = self.now;
-        while let Some(frame) = self.host.waiting.pop_front() {
-            self.master.on_frame(now, &frame, &mut Exit::new(&mut self.bus, &self.troubles, now));
+        while let Some((frame, is_own)) = self.host.waiting.pop_front() {
+            if is_own {
+                self.master.on_echo(&frame);
+            } else {
+                self.master.on_frame(now, &frame, &mut Exit::new(&mut self.bus, &self.troubles, now));
+            }
         }
     }
 

@@ -5,15 +5,14 @@ use super::{DRIVES, EmbeddedRig, RigError, SENSOR, STRANGER};
 use crate::canopen::{Frame, Time, cob};
 use crate::injection::{Injection, Kind, Lasts};
 use crate::rig::world::{Body, Push, PushShape};
+use yieldwall_drives::profiles::STATUS_INVALID;
 
 /// Slack of moments in s, far below a cycle.
 const SLACK_S: f64 = 1e-9;
-/// Bit of the force sensor's status byte: the sample is not valid.
-const STATUS_INVALID: u8 = 1 << 1;
 /// Emergency of a drive: voltage of the DC link too high; of the sensor: device hardware.
 const EMERGENCIES: [u16; 3] = [0x3210, 0x3210, 0x5000];
-/// Emergencies that are warnings: temperature of the drive, and of the device.
-const WARNINGS: [u16; 3] = [0x4210, 0x4210, 0x4100];
+/// Emergency that is a warning: messages were lost.
+const WARNING: u16 = 0x8110;
 
 /// What waits for its moment.
 #[derive(Debug)]
@@ -111,7 +110,7 @@ impl EmbeddedRig {
             };
             match injection.kind {
                 Kind::Emergency => self.troubles.send(now, device + 1, emergency(EMERGENCIES[device])),
-                Kind::EmergencyWarning => self.troubles.send(now, device + 1, emergency(WARNINGS[device])),
+                Kind::EmergencyWarning => self.troubles.send(now, device + 1, emergency(WARNING)),
                 Kind::IntruderNmt => self.troubles.send(now, STRANGER, Frame::new(cob::NMT, &[0x80, node.raw()])),
                 Kind::NodeReset => self.switch_on(device),
                 Kind::DriveFault => {

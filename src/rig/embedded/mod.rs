@@ -121,12 +121,12 @@ impl EmbeddedRig {
 
     /// State of the supervisor.
     pub fn state(&self) -> State {
-        self.master.cycle().state()
+        self.master.state()
     }
 
     /// The fault that led to the present state.
     pub fn cause(&self) -> Option<Cause> {
-        self.master.cycle().cause()
+        self.master.cause()
     }
 
     /// The master, for reports.
