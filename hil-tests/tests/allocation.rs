@@ -10,6 +10,7 @@ use hil_tests::Scenario;
 use yieldwall::canopen::{Frame, Outbox, Time};
 use yieldwall::cycle::{Cycle, DriveSample, Inputs, LinkEvents, Timing};
 use yieldwall::guard::{DeviceSet, Request, State};
+use yieldwall::injection::{Injection, Kind};
 use yieldwall::rig::{self, EmbeddedRig};
 use yieldwall::sensing::RawSample;
 use yieldwall_drives::cia402;
@@ -70,6 +71,8 @@ fn inputs(cycle: usize, angles: [f64; 2], state: cia402::State) -> Inputs {
             angle_rad: (!is_lost(977)).then_some(angles[joint]),
             state,
             follows_command: true,
+            has_voltage: true,
+            has_warning: is_lost(701),
         }),
         sample: (!is_lost(499)).then_some(RawSample {
             counts,
@@ -159,8 +162,8 @@ fn the_rig_does_not_allocate(scenario: &Scenario) {
     println!("{}: {count} calls in {cycles} cycles of the whole rig", scenario.file);
     assert_eq!(machine.state(), State::Running);
     assert_eq!(count, 0, "{}: calls of the allocator in {cycles} cycles of the whole rig", scenario.file);
+    machine.inject(Injection::new(Kind::DriveFault, machine.scene_time_s())).expect("a drive can fail");
     let count = calls(|| {
-        machine.raise_drive_fault(0, 0x4210);
         for request in (0..2000).map(|at| if at == 1000 { Request::Reset } else { Request::None }) {
             machine.run_cycle(request).expect("it goes on");
         }

@@ -99,6 +99,25 @@ pub struct Directive {
     pub is_silent: bool,
 }
 
+impl Directive {
+    /// Nothing moves and nothing is enabled.
+    pub const IDLE: Self = Self {
+        state: State::Idle,
+        motion: Motion::Rest,
+        goal: cia402::Goal::ReadyToSwitchOn,
+        fault_reset: false,
+        is_silent: false,
+    };
+    /// Quick stop of both drives, latched in [`State::Disabled`]: for a caller that has lost its supervisor.
+    pub const QUICK_STOP: Self = Self {
+        state: State::Disabled,
+        motion: Motion::Rest,
+        goal: cia402::Goal::QuickStop,
+        fault_reset: false,
+        is_silent: false,
+    };
+}
+
 /// What the supervisor looks at.
 #[derive(Clone, Copy, Debug)]
 pub struct View {

@@ -359,14 +359,19 @@ pub const CATALOGUE: [Row; Kind::COUNT] = [
         &[F::DriveIgnoresCommand, F::FollowingError],
         (QuickStop, STOPPED, Reset),
     ),
-    row(
-        (Kind::DriveRunaway, "drive-runaway"),
-        &[20],
-        ONE_DRIVE,
-        For(0.3),
-        "the drive gives its rated torque while it is enabled, whatever is commanded",
-        &[F::FollowingError, F::Runaway, F::ForceStep, F::ForceLimit, F::ForceImplausible],
-        (QuickStop, STOPPED, Reset),
+    sized(
+        row(
+            (Kind::DriveRunaway, "drive-runaway"),
+            &[20],
+            ONE_DRIVE,
+            For(0.3),
+            "the drive gives a torque of its own while it is enabled, whatever is commanded",
+            &[F::FollowingError, F::Runaway, F::ForceStep, F::ForceLimit, F::ForceImplausible],
+            (QuickStop, STOPPED, Reset),
+        ),
+        "a torque in N m",
+        60.0,
+        (-200.0, 200.0),
     ),
     sized(
         row(
@@ -539,7 +544,7 @@ pub const CATALOGUE: [Row; Kind::COUNT] = [
         (Kind::MasterStopped, "master-stopped"),
         &[26],
         &[Host],
-        For(0.02),
+        For(0.01),
         "the process is stopped and goes on at the end, with all frames that waited meanwhile",
         &[F::Stalled, F::PdoMissed, F::Emergency, F::DriveFault, F::DriveLeftOperation],
         (QuickStop, ANY, Reset),
@@ -559,8 +564,8 @@ pub const CATALOGUE: [Row; Kind::COUNT] = [
         &[Host],
         Once,
         "the cycle panics while it hands over its frames; the last thing that leaves is a quick stop",
-        &[],
-        (QuickStop, DrivesStop, NewProcess),
+        &[F::CyclePanicked],
+        (QuickStop, DISABLED, NewProcess),
     ),
     row(
         (Kind::Suspend, "suspend"),
@@ -578,7 +583,7 @@ pub const CATALOGUE: [Row; Kind::COUNT] = [
         For(0.02),
         "sending fails and says so; what others send arrives",
         &[F::LinkDown],
-        (Silence, LOST, Reset),
+        (Silence, LOST, Restart),
     ),
     row(
         (Kind::InterfaceDown, "interface-down"),
@@ -587,7 +592,7 @@ pub const CATALOGUE: [Row; Kind::COUNT] = [
         For(0.2),
         "the interface is down: nothing goes in or out, and sending says so",
         &[F::LinkDown, F::PdoMissed, F::HeartbeatLost],
-        (Silence, LOST, Reset),
+        (Silence, LOST, Restart),
     ),
     row(
         (Kind::BusOff, "bus-off"),
@@ -596,7 +601,7 @@ pub const CATALOGUE: [Row; Kind::COUNT] = [
         For(0.2),
         "the controller goes bus-off: nothing goes in or out",
         &[F::BusOff, F::PdoMissed, F::HeartbeatLost],
-        (Silence, LOST, Reset),
+        (Silence, LOST, Restart),
     ),
     row(
         (Kind::ErrorPassive, "error-passive"),
@@ -605,7 +610,7 @@ pub const CATALOGUE: [Row; Kind::COUNT] = [
         For(0.02),
         "the controller is error-passive on a disturbed bus that still carries its frames",
         &[F::ErrorPassive],
-        (Silence, LOST, Reset),
+        (Silence, LOST, Restart),
     ),
     row(
         (Kind::TransmitStalled, "transmit-stalled"),
@@ -614,7 +619,7 @@ pub const CATALOGUE: [Row; Kind::COUNT] = [
         For(0.01),
         "what the master sends waits in its interface",
         &[F::TransmitStalled, F::PdoMissed],
-        (Silence, LOST, Reset),
+        (Silence, LOST, Restart),
     ),
     row(
         (Kind::CableOut, "cable-out"),
@@ -623,7 +628,7 @@ pub const CATALOGUE: [Row; Kind::COUNT] = [
         For(0.2),
         "the master's cable is out: its frames wait unacknowledged, and nothing arrives",
         &[F::TransmitStalled, F::ErrorPassive, F::PdoMissed, F::HeartbeatLost],
-        (Silence, LOST, Reset),
+        (Silence, LOST, Restart),
     ),
     row(
         (Kind::IdentityMismatch, "identity-mismatch"),

@@ -8,6 +8,7 @@ use super::checker::{Checker, Limits, Peaks};
 use super::draw::Machine;
 use super::invariant::{Invariant, Violation};
 use super::nature;
+use super::tolerance;
 use super::observation::{Falsified, Observation, Reported, Sender, Sighting, Truth};
 use super::operator::{Act, Operator};
 use crate::guard::{Fault, Request, State};
@@ -200,6 +201,7 @@ impl<'a> Run<'a> {
     fn all(&mut self, mut watch: impl FnMut(&Observation)) -> Result<End, RigError> {
         let Machine { rig, scene, .. } = self.course.machine;
         let mut machine = EmbeddedRig::new(rig, scene, &rig.fixture, self.course.seed)?;
+        machine.set_injections(self.course.script)?;
         self.watch(&mut machine);
         match machine.power_up() {
             Ok(()) => {}
@@ -211,15 +213,62 @@ impl<'a> Run<'a> {
         for _ in 0..self.course.cycles {
             let request = match person.act(self.seen.state) {
                 Act::Ask(request) => request,
-                Act::Restart => Request::None,
+                Act::Restart => {
+                    self.restart(&mut machine)?;
+                    Request::None
+                }
             };
             self.cycle(&mut machine, request)?;
             watch(&self.seen);
+            if machine.is_master_gone() {
+                self.watch_drives_stop(&mut machine)?;
+                return Ok(End::MasterGone);
+            }
             if self.kept.len() >= MOST_VIOLATIONS {
                 break;
             }
         }
         Ok(End::Complete)
+    }
+
+    /// The person boots the network anew. A node that is missing then is looked for again later.
+    fn restart(&mut self, machine: &mut EmbeddedRig) -> Result<(), RigError> {
+        self.restarts += 1;
+        match machine.boot_again() {
+            Ok(()) => {}
+            Err(RigError::Boot(_)) => return Ok(()),
+            Err(error) => return Err(error),
+        }
+        self.clear_frames();
+        self.checker.network_restarted();
+        Ok(())
+    }
+
+    /// Nobody commands the drives any more: both have to leave Operation Enabled, and to end without torque.
+    fn watch_drives_stop(&mut self, machine: &mut EmbeddedRig) -> Result<(), RigError> {
+        use yieldwall_drives::cia402::State as Drive;
+        let period_s = self.course.machine.period_s();
+        let bound = tolerance::WATCHDOG_CYCLES;
+        let rest = bound + (tolerance::QUICK_STOP_S / period_s).ceil() as u32;
+        for cycle in 1..=rest {
+            // Time goes on without a cycle.
+            machine.run_cycle(Request::None)?;
+            let drives = machine.drives();
+            let enabled = drives.iter().filter(|drive| drive.state() == Drive::OperationEnabled).count();
+            let torque = drives.iter().any(|drive| drive.torque_n_m() != 0.0);
+            let seen = match cycle {
+                _ if cycle == bound && enabled > 0 => {
+                    format!("{enabled} drives are still in Operation Enabled {bound} cycles after the last set-point")
+                }
+                _ if cycle == rest && torque => {
+                    format!("a drive still makes torque {rest} cycles after the last set-point")
+                }
+                _ => continue,
+            };
+            let found = self.violation(Invariant::Watchdog, seen);
+            self.kept.push(found);
+        }
+        Ok(())
     }
 
     fn watch(&self, machine: &mut EmbeddedRig) {

@@ -56,3 +56,11 @@ pub(super) const BUS_SHARE: f64 = 0.95;
 /// I20: frames that may wait in one port: the master's two set-points, a heartbeat and SYNC, or what a node answers to SYNC
 /// with a heartbeat and an emergency, twice over.
 pub(super) const QUEUED_FRAMES: usize = 8;
+
+/// Watchdog: cycles from the last set-point to the drives' own reaction: the deadline of the RPDO is five cycles, and the
+/// drive notices it with the next tick of its own clock.
+pub(super) const WATCHDOG_CYCLES: u32 = 7;
+
+/// Watchdog: time in s that the drives' quick stop may take: from the greatest rate of a joint (6 rad/s) at the slowest
+/// deceleration that the profiles leave as delivered.
+pub(super) const QUICK_STOP_S: f64 = 0.5;

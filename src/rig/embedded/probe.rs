@@ -28,7 +28,7 @@ impl EmbeddedRig {
         self.bus.set_witness(witness);
     }
 
-    /// Boots the network without enabling anything; cycles can be run from then on.
+    /// Switches everything on and boots the network without enabling anything; cycles can be run from then on.
     ///
     /// # Errors
     /// [`RigError::Boot`] if a node is missing or is not what it should be.
@@ -36,9 +36,22 @@ impl EmbeddedRig {
         self.boot()
     }
 
+    /// Boots the network anew, without switching anything off and without enabling anything.
+    ///
+    /// # Errors
+    /// As [`EmbeddedRig::power_up`].
+    pub fn boot_again(&mut self) -> Result<(), RigError> {
+        self.start_network()
+    }
+
     /// Has the hand take the handle and begin its path at the next SYNC.
     pub fn take_handle(&mut self) {
-        self.world.hand_from_s = self.next_sync.as_secs_f64();
+        self.world.take_tool(self.next_sync);
+    }
+
+    /// Whether the process that runs the master has ended for good.
+    pub fn is_master_gone(&self) -> bool {
+        self.host.is_dead
     }
 
     /// What is true of arm and hand.

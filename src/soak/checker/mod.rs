@@ -196,6 +196,13 @@ impl Checker {
         &self.peaks
     }
 
+    /// The network was booted anew: what the drives told before says nothing about now.
+    pub fn network_restarted(&mut self) {
+        self.frames = Frames::default();
+        self.motion = Motion::default();
+        self.energy = Energy::default();
+    }
+
     /// Judges one cycle; adds what did not hold to `found`.
     pub fn check(&mut self, seen: &Observation, found: &mut Vec<Violation>) {
         let limits = self.limits;
