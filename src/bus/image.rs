@@ -222,6 +222,8 @@ impl Image {
                     }
                     Source::Position(joint) => {
                         if let (Some(drive), Some(position)) = (self.drives.get_mut(joint), position.get_mut(joint)) {
+                            // From the expected angle each time: a corrupted report leaves no wrong turn behind.
+                            drive.unwrapper = CountUnwrapper::near(drive.expected_counts);
                             let counts = drive.unwrapper.unwrap(field.get_signed(incoming.word) as i32);
                             *position = Some(drive.scaling.angle_rad(counts));
                         }

@@ -120,6 +120,12 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
             output.news(&format!("{:34} {}", format!("{what} never met"), missed.join(", ")))?;
         }
     }
+    // One line each, as long as it is: to be copied.
+    for outcome in &outcomes {
+        if let Some(replay) = &outcome.replay {
+            output.result(&format!("yieldwall soak {replay}\n"))?;
+        }
+    }
     failure.map_or(Ok(()), Err)
 }
 
@@ -129,7 +135,7 @@ fn judge(arguments: &Arguments, tally: &Tally, outcomes: &[Outcome]) -> Option<F
     if let Some(first) = failed.next() {
         let told = std::iter::once(first).chain(failed).take(MOST_TOLD);
         let diagnostics = told.flat_map(|outcome| {
-            let help = outcome.replay.as_ref().map_or(String::new(), |replay| format!("yieldwall soak {replay}"));
+            let help = "run the line above that begins with this seed: it shows the violation again".to_owned();
             outcome.violations.iter().take(1).flat_map(move |found| {
                 let message = format!(
                     "seed {} ({}): {} did not hold in cycle {}, at {:.4} s: {}",

@@ -254,7 +254,12 @@ impl Cycle {
                 self.faults.observe(fault, true);
                 directive = self.supervise(&inputs.drives, Request::None);
                 self.reference = before;
-                self.act(directive.motion, &reading, &mut signals).unwrap_or_else(|_| self.rest())
+                self.act(directive.motion, &reading, &mut signals).unwrap_or_else(|fault| {
+                    // A position to rest at would be a leap for drives that still move.
+                    let devices = self.faults.devices(fault);
+                    directive = self.supervisor.stop_at_once(Cause { fault, devices });
+                    self.rest()
+                })
             }
         };
         self.weigh(&reading, &command);

@@ -231,6 +231,14 @@ impl Supervisor {
         }
     }
 
+    /// Stops all drives at once in the cycle that has just been decided: not even the ramp can be followed.
+    ///
+    /// Real-time: yes.
+    pub fn stop_at_once(&mut self, cause: Cause) -> Directive {
+        self.state = self.stop_now(cause, Reaction::QuickStop);
+        self.directive()
+    }
+
     fn stop_now(&mut self, cause: Cause, reaction: Reaction) -> State {
         let reaction = reaction.max(Reaction::QuickStop);
         self.cause = Some(cause);

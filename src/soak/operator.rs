@@ -10,7 +10,7 @@ const RESET_AFTER_S: [f64; 2] = [0.05, 0.25];
 /// The same before the rig is enabled.
 const ENABLE_AFTER_S: [f64; 2] = [0.01, 0.1];
 /// Times that enabling may fail before the network is booted anew.
-const TRIES: u32 = 2;
+const TRIES: u32 = 4;
 
 /// What the person does in a cycle.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

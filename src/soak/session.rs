@@ -8,9 +8,9 @@ use super::checker::{Checker, Limits, Peaks};
 use super::draw::Machine;
 use super::invariant::{Invariant, Violation};
 use super::nature;
-use super::tolerance;
 use super::observation::{Falsified, Observation, Reported, Sender, Sighting, Truth};
 use super::operator::{Act, Operator};
+use super::tolerance;
 use crate::guard::{Fault, Request, State};
 use crate::injection::Injection;
 use crate::record::CycleRecord;
@@ -124,7 +124,7 @@ pub fn play_watched(course: &Course<'_>, watch: impl FnMut(&Observation)) -> Pla
         Ok(end) => end,
         Err(error) => {
             let seen = error.to_string();
-            run.found.push(run.violation(Invariant::Simulation, seen));
+            run.kept.push(run.violation(Invariant::Simulation, seen));
             End::Broken
         }
     };

@@ -7,7 +7,7 @@ use super::invariant::{Invariant, Violation};
 use super::nature;
 use super::script::Script;
 use super::session::{End, Event, Play};
-use crate::guard::fault::Bound;
+use crate::guard::fault::{Bound, Stage};
 use crate::guard::{Fault, Reaction, State};
 use crate::injection::{Ending, Injection};
 
@@ -78,7 +78,8 @@ impl Clock {
     fn cycles(&self, bound: Bound) -> u32 {
         match bound {
             Bound::Cycles(cycles) => u32::from(cycles),
-            Bound::Samples(samples) if self.sample_s <= self.period_s => u32::from(samples),
+            // At 1000 Hz the sensor samples with SYNC.
+            Bound::Samples(samples) if self.sample_s <= 1e-3 && self.period_s >= 1e-3 => u32::from(samples),
             Bound::Samples(samples) => (f64::from(samples) * self.sample_s / self.period_s).ceil() as u32 + 1,
             Bound::HeartbeatTime => (self.heartbeat_s / self.period_s).ceil() as u32 + 1,
         }

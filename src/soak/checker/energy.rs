@@ -12,6 +12,8 @@ use crate::guard::State;
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Energy {
     past: Option<Past>,
+    /// Whether a stretch has begun.
+    is_begun: bool,
     /// Net work on the hand since the stretch began, J.
     returned_j: f64,
     /// Kinetic energy of the rig when the stretch began, J.
@@ -52,8 +54,8 @@ impl Energy {
         let speed = (now.proxy - past.proxy).norm().max((now.tool - past.tool).norm()) / limits.period_s;
         let held_j = 0.5 * limits.mass_kg.max(tolerance::ARM_KG) * speed * speed;
         self.returned_j += work_j;
-        // A stretch begins anew wherever that makes it worse.
-        if self.returned_j - self.held_j < -held_j {
+        // A stretch begins with what is held then, and anew wherever that makes it worse.
+        if !std::mem::replace(&mut self.is_begun, true) || self.returned_j - self.held_j < -held_j {
             (self.returned_j, self.held_j, self.is_told) = (0.0, held_j, false);
         }
         let beyond_j = self.returned_j - self.held_j;

@@ -56,9 +56,11 @@ impl Frames {
             }
             for joint in 0..2 {
                 if is_ours && frame.id() == limits.set_point_ids[joint] {
-                    findings.expect(Invariant::I12, !is_after_sync || seen.falsified.timing, || {
-                        format!("the set-point {:?} of the cycle before came after SYNC", Setpoint::decode(frame))
-                    });
+                    findings.expect(
+                        Invariant::I12,
+                        !is_after_sync || seen.falsified.timing || seen.falsified.link,
+                        || format!("the set-point {:?} of the cycle before came after SYNC", Setpoint::decode(frame)),
+                    );
                     findings.expect(Invariant::I12, sent[joint].is_none(), || {
                         format!("two set-points for joint {joint} before one SYNC")
                     });
@@ -133,6 +135,10 @@ impl Frames {
             if is_moving && !self.were_moving {
                 self.check_first(limits, joint, sent, findings);
             }
+        }
+        // What is not said changes nothing: a drive goes on with what it heard last.
+        if sent.iter().all(Option::is_none) {
+            return;
         }
         // I17: what moves both may end only for both.
         if self.were_moving && !is_moving && !seen.falsified.link {
