@@ -284,6 +284,29 @@ fn the_boot_of_a_torque_drive_is_this_sequence() {
 }
 
 #[test]
+fn nodes_that_start_by_themselves_are_started() {
+    let mut net = Net::new(CommandMode::Torque);
+    net.reset();
+    // Their heartbeats stay the same from here on: there is no further change to wait for.
+    for line in ["701#05", "702#05", "70A#05"] {
+        net.hear(line);
+    }
+    net.serve(|_, _| None);
+    assert_eq!((net.take(), net.master.phase()), (vec!["000#0100".to_owned()], &Phase::Operational));
+}
+
+#[test]
+fn a_boot_that_failed_waits_for_nothing_but_its_heartbeat() {
+    let mut net = Net::new(CommandMode::Torque);
+    net.reset();
+    net.serve(|_, _| None);
+    net.hear("701#00");
+    assert!(matches!(net.master.phase(), Phase::Failed(_)));
+    net.wait(Duration::from_secs(1));
+    assert_eq!(net.master.next_deadline(), net.now + Duration::from_millis(20));
+}
+
+#[test]
 fn a_position_drive_gets_its_mode_and_its_target() {
     let mut net = Net::new(CommandMode::Position);
     net.boot();
