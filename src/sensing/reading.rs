@@ -93,6 +93,8 @@ impl Sensing {
         let interval_s = positive("sample interval", positive("sample rate", parameters.sample_rate_hz)?.recip())?;
         // More than one sample per cycle cannot be seen: the cycle is the interval then, also for the filter.
         let interval_s = interval_s.max(cycle_period_s);
+        // The age of a sample stays finite however long none comes.
+        not_negative("longest age of a sample in s", cycle_period_s * f64::from(u32::MAX))?;
         let low_pass = parameters.low_pass_hz.map(|hz| LowPass::new(hz, interval_s)).transpose()?;
         Ok(Self {
             calibration: parameters.calibration,
