@@ -4,7 +4,7 @@ use std::sync::{Arc, Mutex};
 
 use yieldwall::canopen::{Frame, Time};
 use yieldwall::config::{self, Rig, Scene, Source};
-use yieldwall::guard::Request;
+use yieldwall::guard::{Fault, Request};
 use yieldwall::record::Row;
 use yieldwall::rig::{EmbeddedRig, RigError};
 use yieldwall::sim::can::CandumpWriter;
@@ -122,6 +122,11 @@ impl Session {
         for _ in 0..cycles {
             self.step(Request::None);
         }
+    }
+
+    /// The fault that led to the present state.
+    pub fn fault(&self) -> Option<Fault> {
+        self.machine.cause().map(|cause| cause.fault)
     }
 
     /// Has every frame pass through `tamper` from now on.

@@ -4,7 +4,7 @@ use std::sync::{Arc, Mutex};
 
 use yieldwall::bus::Master;
 use yieldwall::canopen::{Frame, Time};
-use yieldwall::cycle::{Cycle, DriveSample, Inputs, LinkEvents, Outputs};
+use yieldwall::cycle::{Cycle, DriveSample, Inputs, LinkEvents, Outputs, Timing};
 use yieldwall::guard::Request;
 use yieldwall::rig::RigError;
 use yieldwall::sensing::RawSample;
@@ -133,6 +133,7 @@ fn inputs(frames: &[(Time, Frame)], outputs: &Outputs, sensor_node: u8) -> Input
         ],
         overload: (second >> 32) & 1 != 0,
         sequence: Some((second >> 40) as u8),
+        invalid: false,
     };
     let drive = |angle_rad| DriveSample {
         angle_rad: Some(angle_rad),
@@ -143,6 +144,7 @@ fn inputs(frames: &[(Time, Frame)], outputs: &Outputs, sensor_node: u8) -> Input
         drives: outputs.signals.measured_angles.to_array().map(drive),
         sample: Some(sample),
         link: LinkEvents::default(),
+        timing: Timing::default(),
         request: Request::None,
     }
 }

@@ -8,8 +8,8 @@ use std::cell::Cell;
 
 use hil_tests::Scenario;
 use yieldwall::canopen::{Frame, Outbox, Time};
-use yieldwall::cycle::{Cycle, DriveSample, Inputs, LinkEvents};
-use yieldwall::guard::{Request, State};
+use yieldwall::cycle::{Cycle, DriveSample, Inputs, LinkEvents, Timing};
+use yieldwall::guard::{DeviceSet, Request, State};
 use yieldwall::rig::{self, EmbeddedRig};
 use yieldwall::sensing::RawSample;
 use yieldwall_drives::cia402;
@@ -71,8 +71,18 @@ fn inputs(cycle: usize, angles: [f64; 2], state: cia402::State) -> Inputs {
             state,
             follows_command: true,
         }),
-        sample: (!is_lost(499)).then_some(RawSample { counts, sequence: Some(cycle as u8), overload: is_lost(20_011) }),
-        link: LinkEvents { bad_length: is_lost(30_011), emergency: is_lost(40_009), ..LinkEvents::default() },
+        sample: (!is_lost(499)).then_some(RawSample {
+            counts,
+            sequence: Some(cycle as u8),
+            overload: is_lost(20_011),
+            invalid: is_lost(20_017),
+        }),
+        link: LinkEvents {
+            bad_length: DeviceSet::SENSOR.only_if(is_lost(30_011)),
+            emergency: DeviceSet::SENSOR.only_if(is_lost(40_009)),
+            ..LinkEvents::default()
+        },
+        timing: Timing::default(),
         // A person who resets and enables after every fault.
         request: match cycle % 1000 {
             200 => Request::Reset,

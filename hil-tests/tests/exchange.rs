@@ -34,7 +34,7 @@ fn every_shipped_rig_boots_enables_and_follows_the_hand() {
     for scenario in shipped() {
         let session = scenario.run(cycles_of(&scenario, 2.0));
         let replay = &session.replay;
-        assert_eq!((session.machine.state(), session.machine.cause()), (State::Running, None), "{replay}");
+        assert_eq!((session.machine.state(), session.fault()), (State::Running, None), "{replay}");
         let (first, last) = (session.rows.first().unwrap(), session.rows.last().unwrap());
         let way = distance(first.tool_m, last.tool_m);
         assert!(way > 0.03, "the hand took the tool along: {way} m; {replay}");
@@ -198,14 +198,14 @@ fn an_ideal_bus_and_ideal_tracking_work() {
     for mut scenario in [Scenario::torque(), Scenario::position()] {
         scenario.rig.buses.values_mut().for_each(|bus| bus.timing = BusTiming::Ideal);
         let session = scenario.run(1000);
-        assert_eq!((session.machine.state(), session.machine.cause()), (State::Running, None));
+        assert_eq!((session.machine.state(), session.fault()), (State::Running, None));
         let recording = session.recording();
         assert!(recording.cycles().iter().all(|cycle| cycle[0].time.0 % 1_000_000 == 0), "frames take no time");
     }
     let mut scenario = Scenario::position();
     scenario.scene.model.as_mut().unwrap().tracking = Tracking::Ideal;
     let session = scenario.run(1500);
-    assert_eq!((session.machine.state(), session.machine.cause()), (State::Running, None));
+    assert_eq!((session.machine.state(), session.fault()), (State::Running, None));
     for pair in session.rows.windows(2) {
         // The tool at a SYNC is where the proxy of the cycle before was.
         assert!(distance(pair[1].tool_m, pair[0].proxy_m) < 1e-9, "{pair:?}");

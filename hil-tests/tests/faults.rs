@@ -34,12 +34,7 @@ fn cycles_until(session: &mut Session, state: State) -> usize {
             return cycle;
         }
     }
-    panic!(
-        "{:?} ({:?}) and not {state:?}; replay: {}",
-        session.machine.state(),
-        session.machine.cause(),
-        session.replay
-    )
+    panic!("{:?} ({:?}) and not {state:?}; replay: {}", session.machine.state(), session.fault(), session.replay)
 }
 
 /// The controlwords of both drives, cycle by cycle.
@@ -79,9 +74,9 @@ fn a_force_sensor_that_falls_silent_freezes_then_stops_the_rig() {
             let mut session = moving(&scenario);
             session.tamper(move |_, _, frame: Frame| (frame.id() != lost).then_some(frame));
             assert_eq!(cycles_until(&mut session, State::Holding), 3, "R1; {}", session.replay);
-            assert_eq!(session.machine.cause(), Some(Fault::SensorStale));
+            assert_eq!(session.fault(), Some(Fault::SensorStale));
             assert_eq!(cycles_until(&mut session, State::Stopping), 7, "R2; {}", session.replay);
-            assert_eq!(session.machine.cause(), Some(Fault::SensorLost));
+            assert_eq!(session.fault(), Some(Fault::SensorLost));
             cycles_until(&mut session, State::Stopped);
             check_stopped(&mut session, QUICK_STOP);
         }
@@ -102,7 +97,7 @@ fn a_short_gap_of_the_force_sensor_holds_and_clears() {
         let hold = cycles_until(&mut session, State::Running);
         assert!((50..60).contains(&hold), "{hold}");
         session.run(300);
-        assert_eq!((session.machine.state(), session.machine.cause()), (State::Running, None), "{}", session.replay);
+        assert_eq!((session.machine.state(), session.fault()), (State::Running, None), "{}", session.replay);
     }
 }
 
@@ -114,7 +109,7 @@ fn a_drive_that_falls_silent_quick_stops_both() {
             session.tamper(move |_, _, frame: Frame| (frame.id() != lost).then_some(frame));
             assert_eq!(cycles_until(&mut session, State::Holding), 2, "R1; {}", session.replay);
             assert_eq!(cycles_until(&mut session, State::Stopped), 3, "R3; {}", session.replay);
-            assert_eq!(session.machine.cause(), Some(Fault::PdoMissed));
+            assert_eq!(session.fault(), Some(Fault::PdoMissed));
             check_stopped(&mut session, QUICK_STOP);
         }
     }
@@ -130,7 +125,7 @@ fn one_lost_frame_of_a_drive_goes_unnoticed() {
             (frame.id() != 0x181 || frames != 1).then_some(frame)
         });
         session.run(300);
-        assert_eq!((session.machine.state(), session.machine.cause()), (State::Running, None), "{}", session.replay);
+        assert_eq!((session.machine.state(), session.fault()), (State::Running, None), "{}", session.replay);
         assert_eq!(session.machine.bus_counters().dropped, 1);
     }
 }
@@ -142,7 +137,7 @@ fn a_drive_in_fault_takes_the_torque_off_both_at_once() {
             let mut session = moving(&scenario);
             session.machine.raise_drive_fault(joint, OVERHEATED);
             assert_eq!(cycles_until(&mut session, State::Disabled), 1, "R4; {}", session.replay);
-            assert_eq!(session.machine.cause(), Some(Fault::DriveFault));
+            assert_eq!(session.fault(), Some(Fault::DriveFault));
             // The set-points are applied at the next SYNC.
             session.step(Request::None);
             session.step(Request::None);
@@ -192,7 +187,7 @@ fn a_frame_of_the_wrong_length_is_a_miss_and_two_stop_the_rig() {
             Some(if frame.id() == 0x182 { Frame::from_bits(0x182, frame.bits(), 5) } else { frame })
         });
         assert_eq!(cycles_until(&mut session, State::Stopped), 2, "{}", session.replay);
-        assert_eq!(session.machine.cause(), Some(Fault::PdoLength));
+        assert_eq!(session.fault(), Some(Fault::PdoLength));
         check_stopped(&mut session, QUICK_STOP);
     }
 }
@@ -230,7 +225,7 @@ fn a_node_that_restarts_leaves_operational_or_falls_silent_stops_both() {
             // A heartbeat every 20 ms, lost after 40.
             let bound = if with.is_some() { 21 } else { 41 };
             assert!(cycles <= bound, "{cycles} cycles; {}", session.replay);
-            assert_eq!(session.machine.cause(), Some(fault), "{}", session.replay);
+            assert_eq!(session.fault(), Some(fault), "{}", session.replay);
             check_stopped(&mut session, QUICK_STOP);
         }
     }

@@ -6,7 +6,7 @@ use super::setup::{CommandMode, DriveSetup, SensorSetup};
 use crate::canopen::pdo::{Field, Layout};
 use crate::canopen::{Frame, NodeId, Outbox, cob};
 use crate::cycle::DriveSample;
-use crate::guard::{Allowed, JointCommand};
+use crate::guard::{Allowed, DeviceSet, JointCommand};
 use crate::sensing::RawSample;
 use yieldwall_drives::cia402::{Goal, State, StateWalk, Statusword};
 use yieldwall_drives::objects::{self, Object};
@@ -59,7 +59,7 @@ struct Drive {
 pub(super) struct Arrivals {
     pub(super) drives: [DriveSample; 2],
     pub(super) sample: Option<RawSample>,
-    pub(super) bad_length: bool,
+    pub(super) bad_length: DeviceSet,
 }
 
 /// The image of two drives and one sensor.
@@ -69,7 +69,7 @@ pub(super) struct Image {
     incoming: Vec<Incoming>,
     drives: [Drive; 2],
     sample: RawSample,
-    bad_length: bool,
+    bad_length: DeviceSet,
 }
 
 impl Image {
@@ -82,8 +82,8 @@ impl Image {
         let [left, right] = drives;
         let drives = [image.drive(mode, 0, left)?, image.drive(mode, 1, right)?];
         image.sensor(sensor)?;
-        let sample = RawSample { counts: [0; 6], sequence: None, overload: false };
-        Ok(Self { slots: image.slots, incoming: image.incoming, drives, sample, bad_length: false })
+        let sample = RawSample { counts: [0; 6], sequence: None, overload: false, invalid: false };
+        Ok(Self { slots: image.slots, incoming: image.incoming, drives, sample, bad_length: DeviceSet::NONE })
     }
 
     /// Forgets what arrived; the process data of the next SYNC follow.
@@ -93,7 +93,7 @@ impl Image {
         for incoming in &mut self.incoming {
             incoming.has_arrived = false;
         }
-        self.bad_length = false;
+        self.bad_length = DeviceSet::NONE;
     }
 
     /// Takes a frame, and says whether it belongs to the image. The first one of a cycle counts.
@@ -103,7 +103,7 @@ impl Image {
         let slot = self.slots.get(usize::from(frame.id())).copied().unwrap_or(NO_SLOT);
         let Some(incoming) = self.incoming.get_mut(usize::from(slot)) else { return false };
         if frame.len() != incoming.len {
-            self.bad_length = true;
+            self.bad_length |= incoming.joint.map_or(DeviceSet::SENSOR, DeviceSet::drive);
         } else if !incoming.has_arrived {
             incoming.word = frame.bits();
             incoming.has_arrived = true;

@@ -8,8 +8,8 @@ use super::image::Image;
 use super::setup::MasterSetup;
 use crate::canopen::nmt::{self, HeartbeatChange, HeartbeatConsumer};
 use crate::canopen::{self, Emergency, Frame, NmtCommand, NmtState, NodeId, Outbox, SyncProducer, Time, cob};
-use crate::cycle::{Cycle, Inputs, LinkEvents, Outputs};
-use crate::guard::Request;
+use crate::cycle::{Cycle, Inputs, LinkEvents, Outputs, Timing};
+use crate::guard::{DeviceSet, Request};
 
 /// How long a node may take from the reset to its boot-up message.
 const BOOT_UP_WAIT: Duration = Duration::from_millis(500);
@@ -33,9 +33,21 @@ pub enum Phase {
     Failed(BootError),
 }
 
+/// What the caller's interface to the bus tells of itself.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum LinkEvent {
+    /// Own frames could not be sent, or the interface is down.
+    SendFailed,
+    /// The controller is error-passive.
+    ErrorPassive,
+    /// The controller is bus-off.
+    BusOff,
+}
+
 #[derive(Clone)]
 struct Node {
     id: NodeId,
+    device: DeviceSet,
     name: String,
     boot: Boot,
     has_booted: bool,
@@ -46,8 +58,8 @@ struct Node {
 }
 
 impl Node {
-    fn new(id: NodeId, name: &str, boot: Boot) -> Self {
-        Self { id, name: name.to_owned(), boot, has_booted: false, is_operational: false, has_restarted: false }
+    fn new(id: NodeId, device: DeviceSet, name: &str, boot: Boot) -> Self {
+        Self { id, device, name: name.to_owned(), boot, has_booted: false, is_operational: false, has_restarted: false }
     }
 }
 
@@ -94,11 +106,11 @@ impl Master {
         for (at, (drive, node)) in drives.into_iter().enumerate() {
             watch.watch(node, drive.heartbeat * HEARTBEAT_PERIODS);
             let boot = Boot::drive(setup, drive, node).map_err(fail(at))?;
-            nodes.push(Node::new(node, &drive.name, boot));
+            nodes.push(Node::new(node, DeviceSet::drive(at), &drive.name, boot));
         }
         watch.watch(sensor, setup.sensor.heartbeat * HEARTBEAT_PERIODS);
         let boot = Boot::sensor(&setup.sensor, sensor).map_err(fail(2))?;
-        nodes.push(Node::new(sensor, &setup.sensor.name, boot));
+        nodes.push(Node::new(sensor, DeviceSet::SENSOR, &setup.sensor.name, boot));
         let sync = SyncProducer::new(cob::SYNC, 0).map_err(|_| {
             refuse(setup.node_id, "master", "prepare SYNC", BootFailure::NodeId { node_id: setup.node_id })
         })?;
@@ -166,9 +178,11 @@ impl Master {
             return self.on_node(now, event.node, event.change, out);
         }
         if let Some(emergency) = Emergency::decode(frame) {
-            if !emergency.code.is_reset() && self.nodes.iter().any(|node| node.id == emergency.node) {
+            if !emergency.code.is_reset()
+                && let Some(node) = self.nodes.iter().find(|node| node.id == emergency.node)
+            {
                 self.last_emergency = Some(emergency);
-                self.events.emergency = true;
+                self.events.emergency |= node.device;
             }
             return;
         }
@@ -208,17 +222,20 @@ impl Master {
     }
 
     /// The moment at which all process data are in: runs the cycle and sends the set-points that the next SYNC makes
-    /// the drives apply. A heartbeat that is due goes out behind them.
+    /// the drives apply. A heartbeat that is due goes out behind them. `timing` says how this cycle ran against its
+    /// grid.
     ///
     /// Real-time: yes.
-    pub fn on_compute(&mut self, now: Time, request: Request, out: &mut impl Outbox) -> Outputs {
+    pub fn on_compute(&mut self, now: Time, request: Request, timing: Timing, out: &mut impl Outbox) -> Outputs {
         let arrivals = self.image.arrivals();
         let mut link = std::mem::take(&mut self.events);
         link.bad_length |= arrivals.bad_length;
         // A node that is not there stays a fault, so that the rig cannot be enabled again without it.
-        link.node_reset |= self.nodes.iter().any(|node| node.has_restarted);
-        link.heartbeat_lost |= self.nodes.iter().any(|node| !node.is_operational);
-        let inputs = Inputs { drives: arrivals.drives, sample: arrivals.sample, link, request };
+        for node in &self.nodes {
+            link.node_reset |= node.device.only_if(node.has_restarted);
+            link.heartbeat_lost |= node.device.only_if(!node.is_operational);
+        }
+        let inputs = Inputs { drives: arrivals.drives, sample: arrivals.sample, link, timing, request };
         let outputs = self.cycle.step(&inputs);
         if outputs.directive.fault_reset {
             self.image.request_fault_reset();
@@ -228,9 +245,15 @@ impl Master {
         outputs
     }
 
-    /// Notes that own frames could not be sent; the next cycle acts on it.
-    pub fn on_send_failure(&mut self) {
-        self.events.send_failed = true;
+    /// Notes what the interface tells; the next cycle acts on it.
+    ///
+    /// Real-time: yes.
+    pub fn on_link(&mut self, event: LinkEvent) {
+        match event {
+            LinkEvent::SendFailed => self.events.send_failed = true,
+            LinkEvent::ErrorPassive => self.events.error_passive = true,
+            LinkEvent::BusOff => self.events.bus_off = true,
+        }
     }
 
     fn enter(&mut self, phase: Phase) {
@@ -278,9 +301,9 @@ impl Master {
             (HeartbeatChange::BootUp, Phase::Operational) => node.has_restarted = true,
             (HeartbeatChange::BootUp, _) => {}
             // Seen in the cycle even if the node comes back before it.
-            (HeartbeatChange::Lost, _) => self.events.heartbeat_lost = true,
+            (HeartbeatChange::Lost, _) => self.events.heartbeat_lost |= node.device,
             (HeartbeatChange::Present(_) | HeartbeatChange::State(_), _) => {
-                self.events.heartbeat_lost |= !node.is_operational;
+                self.events.heartbeat_lost |= node.device.only_if(!node.is_operational);
                 self.go_on_if_started();
             }
         }

@@ -15,7 +15,7 @@ mod master;
 mod setup;
 
 pub use error::{BootError, BootFailure};
-pub use master::{Master, Phase};
+pub use master::{LinkEvent, Master, Phase};
 pub use setup::{CommandMode, DriveSetup, MasterSetup, SensorSetup};
 
 #[cfg(test)]

@@ -6,7 +6,7 @@ use std::time::Duration;
 use super::*;
 use crate::canopen::{Frame, Time};
 use crate::cycle::tests::{position_cycle, torque_cycle};
-use crate::cycle::{Cycle, Outputs};
+use crate::cycle::{Cycle, Outputs, Timing};
 use crate::guard::{Fault, Request, State};
 use yieldwall_drives::profiles::{SIMULATED_FORCE_SENSOR, SIMULATED_SERVO};
 use yieldwall_drives::scaling::{AxisScaling, Direction};
@@ -206,7 +206,7 @@ impl Net {
                 self.hear(line);
             }
         }
-        let outputs = self.master.on_compute(self.now, request, &mut self.sent);
+        let outputs = self.master.on_compute(self.now, request, Timing::default(), &mut self.sent);
         let mut sent = self.take();
         sent.retain(|line| line != "77F#05");
         let [left, right] = <[String; 2]>::try_from(sent).unwrap();
@@ -231,7 +231,7 @@ impl Net {
     }
 
     fn state(&self) -> (State, Option<Fault>) {
-        (self.master.cycle().state(), self.master.cycle().cause())
+        (self.master.cycle().state(), self.master.cycle().cause().map(|cause| cause.fault))
     }
 }
 
@@ -552,7 +552,7 @@ fn the_first_frame_of_a_cycle_counts_and_a_wrong_length_is_a_miss() {
         net.master.on_sync(&mut net.sent);
         net.hear("181#37120000");
         net.hear("182#3712000000000000");
-        net.master.on_compute(net.now, Request::None, &mut net.sent);
+        net.master.on_compute(net.now, Request::None, Timing::default(), &mut net.sent);
         assert_eq!(net.state().0, state, "cycle {cycle}");
     }
     assert_eq!(net.state().1, Some(Fault::PdoLength));
@@ -568,7 +568,7 @@ fn half_a_force_sample_is_none() {
             net.hear(&format!("18{}#3712{position}", joint + 1));
         }
         net.hear("18A#0000000000000000");
-        net.master.on_compute(net.now, Request::None, &mut net.sent);
+        net.master.on_compute(net.now, Request::None, Timing::default(), &mut net.sent);
         assert_eq!(net.state().0, state, "cycle {cycle}");
     }
 }
@@ -631,7 +631,7 @@ fn a_node_that_is_lost_before_all_are_started_is_named() {
 #[test]
 fn own_frames_that_cannot_be_sent_are_the_end() {
     let mut net = Net::running(CommandMode::Torque);
-    net.master.on_send_failure();
+    net.master.on_link(LinkEvent::SendFailed);
     let (_, sent) = net.cycle(["3712"; 2], Request::None, |_| {});
     assert_eq!(net.state(), (State::Lost, Some(Fault::LinkDown)));
     assert_eq!(sent, ["201#00000000", "202#00000000"], "what still goes out takes the voltage off");
@@ -670,7 +670,7 @@ fn no_bytes_from_the_bus_panic_or_enable() {
             net.now = net.now + Duration::from_micros(100);
             net.master.poll(net.now, &mut net.sent);
             net.master.on_sync(&mut net.sent);
-            net.master.on_compute(net.now, Request::None, &mut net.sent);
+            net.master.on_compute(net.now, Request::None, Timing::default(), &mut net.sent);
         }
         for line in net.take().iter().filter(|line| line.starts_with("201#") || line.starts_with("202#")) {
             prop_assert!(line.ends_with("#06000000") || line.ends_with("#00000000"), "{line}");

@@ -76,7 +76,7 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
             output.news(&format!("  drawn in {} and .png", file.display()))?;
         }
         if let Some(run) = runs.iter().find(|run| run.report.state.is_some_and(|state| state.is_latched())) {
-            let cause = run.report.cause.map_or("", |fault| fault.row().name);
+            let cause = run.report.cause.map_or("", |cause| cause.fault.row().name);
             let message = format!("{figure} {}: the rig was stopped by {cause}", run.mode);
             return Err(Failure::new(Exit::SafetyStop, message, "the scene asks for more than the rig's limits allow"));
         }

@@ -126,7 +126,7 @@ impl Facts<'_> {
             "simulated_s": self.simulated_s(),
             "wall_s": self.wall_s,
             "state": self.report.state.map(|state| format!("{state:?}")),
-            "cause": self.report.cause.map(|fault| fault.row().name),
+            "cause": self.report.cause.map(|cause| cause.fault.row().name),
             "margins": self.margins.to_json(),
             "bus_load": self.report.bus_load,
             "held_s": self.report.held_s,
@@ -178,7 +178,8 @@ impl Facts<'_> {
             lines.push(format!("candump   {}; time 0 of the scene is {start_s:.3} in it", path.display()));
         }
         if self.report.held_s > 0.0 {
-            let by = self.report.cause.map_or(String::new(), |fault| format!(", in the end by {}", fault.row().name));
+            let by =
+                self.report.cause.map_or(String::new(), |cause| format!(", in the end by {}", cause.fault.row().name));
             lines.push(format!("held      {:.3} s at rest by a fault{by}", self.report.held_s));
         }
         lines.join("\n")
@@ -256,9 +257,9 @@ pub(super) fn above_bound(measures: &Measures, what: &str) -> Failure {
 
 fn stopped(report: &RunReport) -> Failure {
     let (exit, message, help) = match report.cause {
-        Some(fault) => {
-            let row = fault.row();
-            let exit = if fault == Fault::DriveFault { Exit::DeviceFault } else { Exit::SafetyStop };
+        Some(cause) => {
+            let row = cause.fault.row();
+            let exit = if cause.fault == Fault::DriveFault { Exit::DeviceFault } else { Exit::SafetyStop };
             (exit, format!("stopped by {}: {} ({})", row.name, row.meaning, row.cause), row.next)
         }
         None => (Exit::SafetyStop, "stopped".to_owned(), ""),

@@ -9,7 +9,8 @@ mod servo;
 
 use crate::fixture::{Fixture, Shape2, Surface};
 use crate::guard::{
-    Allowed, Directive, Fault, FaultCounts, Gate, JointCommand, Measured, Motion, Request, State, StopRamp, Supervisor,
+    Allowed, Cause, DeviceSet, Directive, Fault, FaultCounts, Gate, JointCommand, Measured, Motion, Request, State,
+    StopRamp, Supervisor,
 };
 use crate::linkage::{FiveBar, Posture};
 use crate::quantity::{Force, JointAngles, TipPoint};
@@ -30,19 +31,50 @@ pub struct DriveSample {
     pub follows_command: bool,
 }
 
-/// What happened on the bus since the last cycle.
+/// What happened on the bus since the last cycle, and at which devices.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct LinkEvents {
     /// A process data frame had the wrong length.
-    pub bad_length: bool,
+    pub bad_length: DeviceSet,
+    /// A process data frame came twice.
+    pub duplicated: DeviceSet,
+    /// A process data frame came after the cycle it belongs to.
+    pub late: DeviceSet,
     /// A node announced its start.
-    pub node_reset: bool,
+    pub node_reset: DeviceSet,
     /// A heartbeat stayed away, or a node left Operational.
-    pub heartbeat_lost: bool,
+    pub heartbeat_lost: DeviceSet,
+    /// Two devices answer to one node id.
+    pub duplicate_node: DeviceSet,
     /// An emergency message arrived.
-    pub emergency: bool,
-    /// Own frames could not be sent.
+    pub emergency: DeviceSet,
+    /// An emergency message that is a warning arrived.
+    pub emergency_warning: DeviceSet,
+    /// Somebody else sent NMT commands, SYNC or set-points.
+    pub intruder: bool,
+    /// The frames of the last cycle have not left yet.
+    pub transmit_stalled: bool,
+    /// The interface is error-passive.
+    pub error_passive: bool,
+    /// The interface is bus-off.
+    pub bus_off: bool,
+    /// Own frames could not be sent, or the interface is down.
     pub send_failed: bool,
+}
+
+/// When the cycle ran, against its grid. All zero for a cycle in time.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Timing {
+    /// Time from the grid point to the moment at which SYNC was sent, ns.
+    pub sync_late_ns: u32,
+    /// Time from the planned moment of the computation to its begin, ns.
+    pub compute_late_ns: u32,
+    /// How long the computation of the cycle before took until its frames were handed over, ns.
+    pub last_compute_ns: u32,
+    /// Grid points that passed without a cycle since the last one.
+    pub skipped: u32,
+    /// Whether the computer was suspended since the last cycle.
+    pub suspended: bool,
 }
 
 /// Everything that enters one cycle.
@@ -54,6 +86,8 @@ pub struct Inputs {
     pub sample: Option<RawSample>,
     /// What happened on the bus.
     pub link: LinkEvents,
+    /// When this cycle runs.
+    pub timing: Timing,
     /// What the person asks for.
     pub request: Request,
 }
@@ -168,6 +202,7 @@ impl Cycle {
     ///
     /// Real-time: yes.
     pub fn step(&mut self, inputs: &Inputs) -> Outputs {
+        self.faults.begin_cycle();
         // measure
         self.measure(&inputs.drives);
         let reading = self.sense(inputs.sample.as_ref());
@@ -198,7 +233,7 @@ impl Cycle {
     }
 
     /// The fault that led to the present state.
-    pub fn cause(&self) -> Option<Fault> {
+    pub fn cause(&self) -> Option<Cause> {
         self.supervisor.cause()
     }
 

@@ -1,7 +1,7 @@
 //! What the cycle watches: it fills the fault counts.
 
 use super::{Cycle, DriveSample, Inputs};
-use crate::guard::{Fault, Measured, State};
+use crate::guard::{DeviceSet, Fault, Measured, State};
 use crate::linkage::ANGLE_LIMIT_RAD;
 use crate::quantity::{JointAngles, JointRates};
 use crate::sensing::Reading;
@@ -86,11 +86,19 @@ impl Cycle {
         faults.observe(Fault::SensorStale, reading.stale);
         faults.observe(Fault::SensorLost, reading.missed_samples >= LOST_AFTER_MISSED_SAMPLES);
         faults.observe(Fault::ForceLimit, reading.force.0.norm() > self.settings.force_limit_n);
-        faults.observe(Fault::PdoLength, inputs.link.bad_length);
-        faults.observe(Fault::NodeReset, inputs.link.node_reset);
-        faults.observe(Fault::HeartbeatLost, inputs.link.heartbeat_lost);
-        faults.observe(Fault::Emergency, inputs.link.emergency);
-        faults.observe(Fault::LinkDown, inputs.link.send_failed);
+        faults.observe_on(Fault::PdoLength, inputs.link.bad_length);
+        faults.observe_on(Fault::NodeReset, inputs.link.node_reset);
+        faults.observe_on(Fault::HeartbeatLost, inputs.link.heartbeat_lost);
+        faults.observe_on(Fault::Emergency, inputs.link.emergency);
+        faults.observe_on(Fault::PdoDuplicated, inputs.link.duplicated);
+        faults.observe_on(Fault::PdoLate, inputs.link.late);
+        faults.observe_on(Fault::DuplicateNode, inputs.link.duplicate_node);
+        faults.observe_on(Fault::EmergencyWarning, inputs.link.emergency_warning);
+        faults.observe_on(Fault::Intruder, DeviceSet::HOST.only_if(inputs.link.intruder));
+        faults.observe_on(Fault::TransmitStalled, DeviceSet::HOST.only_if(inputs.link.transmit_stalled));
+        faults.observe_on(Fault::ErrorPassive, DeviceSet::HOST.only_if(inputs.link.error_passive));
+        faults.observe_on(Fault::BusOff, DeviceSet::HOST.only_if(inputs.link.bus_off));
+        faults.observe_on(Fault::LinkDown, DeviceSet::HOST.only_if(inputs.link.send_failed));
         faults.observe(Fault::DriveFault, states.into_iter().any(is_fault));
         faults.observe(Fault::DriveLeftOperation, left);
         faults.observe(Fault::DriveIgnoresCommand, ignored);

@@ -11,7 +11,7 @@
 
 use yieldwall_drives::cia402;
 
-use super::fault::{Fault, FaultCounts, Reaction};
+use super::fault::{Cause, Fault, FaultCounts, Reaction};
 
 /// Cycles without any fault after which Holding ends (hysteresis against flicker at a threshold).
 const CLEAR_CYCLES: u16 = 50;
@@ -43,6 +43,18 @@ impl State {
     /// Whether only a reset by a person leaves this state.
     pub fn is_latched(self) -> bool {
         matches!(self, State::Stopped | State::Disabled | State::Lost)
+    }
+
+    /// How far from running a latched state is: 1 Stopped, 2 Disabled, 3 Lost; 0 for what does not latch.
+    ///
+    /// Real-time: yes.
+    pub fn severity(self) -> u8 {
+        match self {
+            State::Stopped => 1,
+            State::Disabled => 2,
+            State::Lost => 3,
+            _ => 0,
+        }
     }
 }
 
@@ -101,7 +113,9 @@ pub struct View<'a> {
 #[derive(Clone, Debug, Default)]
 pub struct Supervisor {
     state: State,
-    cause: Option<Fault>,
+    cause: Option<Cause>,
+    /// The reaction by which a latched state was entered.
+    reaction: Option<Reaction>,
     clear_cycles: u16,
     resetting: bool,
 }
@@ -118,7 +132,7 @@ impl Supervisor {
     }
 
     /// The fault that led to the present state, if one did.
-    pub fn cause(&self) -> Option<Fault> {
+    pub fn cause(&self) -> Option<Cause> {
         self.cause
     }
 
@@ -136,8 +150,8 @@ impl Supervisor {
         let worst = view.faults.worst();
         match self.state {
             State::Idle => match (view.request, worst) {
-                (Request::Enable, Some((fault, reaction))) if reaction > Reaction::Count => {
-                    self.cause = Some(fault);
+                (Request::Enable, Some((cause, reaction))) if reaction > Reaction::Count => {
+                    self.cause = Some(cause);
                     State::Idle
                 }
                 (Request::Enable, _) => {
@@ -147,7 +161,7 @@ impl Supervisor {
                 _ => State::Idle,
             },
             State::Enabling => match worst {
-                Some((fault, reaction)) if reaction > Reaction::Freeze => self.stop_now(fault, reaction),
+                Some((cause, reaction)) if reaction > Reaction::Freeze => self.stop_now(cause, reaction),
                 // The first target is the measured position, not a predicted one.
                 _ if all_enabled && view.faults.count(Fault::PdoMissed) == 0 => self.react(worst, State::Running),
                 _ => State::Enabling,
@@ -164,54 +178,58 @@ impl Supervisor {
                 }
             }
             State::Stopping => match worst {
-                Some((fault, reaction)) if reaction > Reaction::StopRamp => self.stop_now(fault, reaction),
-                _ if view.at_rest => State::Stopped,
+                Some((cause, reaction)) if reaction > Reaction::StopRamp => self.stop_now(cause, reaction),
+                _ if view.at_rest => {
+                    self.reaction = Some(Reaction::QuickStop);
+                    State::Stopped
+                }
                 _ => State::Stopping,
             },
             latched => self.stay(latched, worst, view),
         }
     }
 
-    fn react(&mut self, worst: Option<(Fault, Reaction)>, unmoved: State) -> State {
+    fn react(&mut self, worst: Option<(Cause, Reaction)>, unmoved: State) -> State {
         match worst {
             None | Some((_, Reaction::Count)) => unmoved,
-            Some((fault, Reaction::Freeze)) => {
-                self.cause = Some(fault);
+            Some((cause, Reaction::Freeze)) => {
+                self.cause = Some(cause);
                 if unmoved != State::Holding {
                     self.clear_cycles = 0;
                 }
                 State::Holding
             }
-            Some((fault, Reaction::StopRamp)) => {
-                self.cause = Some(fault);
+            Some((cause, Reaction::StopRamp)) => {
+                self.cause = Some(cause);
                 State::Stopping
             }
-            Some((fault, reaction)) => self.stop_now(fault, reaction),
+            Some((cause, reaction)) => self.stop_now(cause, reaction),
         }
     }
 
-    fn stop_now(&mut self, fault: Fault, reaction: Reaction) -> State {
-        self.cause = Some(fault);
-        match reaction {
-            Reaction::TorqueOff => State::Disabled,
-            Reaction::Silence => State::Lost,
-            _ => State::Stopped,
-        }
+    fn stop_now(&mut self, cause: Cause, reaction: Reaction) -> State {
+        let reaction = reaction.max(Reaction::QuickStop);
+        self.cause = Some(cause);
+        self.reaction = Some(reaction);
+        cause.fault.row().final_state(reaction)
     }
 
     /// A latched state grows only more severe, and ends only by a reset. A fault that is still there then keeps the rig
     /// from being enabled.
-    fn stay(&mut self, latched: State, worst: Option<(Fault, Reaction)>, view: &View<'_>) -> State {
+    fn stay(&mut self, latched: State, worst: Option<(Cause, Reaction)>, view: &View<'_>) -> State {
         if view.request == Request::Reset {
             self.resetting = true;
             self.cause = None;
+            self.reaction = None;
             return State::Idle;
         }
         match worst {
-            Some((fault, Reaction::TorqueOff)) if latched == State::Stopped => {
-                self.stop_now(fault, Reaction::TorqueOff)
+            Some((cause, reaction))
+                if Some(reaction) > self.reaction.max(Some(Reaction::StopRamp))
+                    && cause.fault.row().final_state(reaction).severity() >= latched.severity() =>
+            {
+                self.stop_now(cause, reaction)
             }
-            Some((fault, Reaction::Silence)) if latched != State::Lost => self.stop_now(fault, Reaction::Silence),
             _ => latched,
         }
     }
@@ -222,8 +240,10 @@ impl Supervisor {
             State::Enabling => (Motion::Rest, cia402::Goal::OperationEnabled),
             State::Running => (Motion::Run, cia402::Goal::OperationEnabled),
             State::Holding | State::Stopping => (Motion::Halt, cia402::Goal::OperationEnabled),
-            State::Stopped => (Motion::Rest, cia402::Goal::QuickStop),
-            State::Disabled | State::Lost => (Motion::Rest, cia402::Goal::SwitchOnDisabled),
+            State::Stopped | State::Disabled | State::Lost => match self.reaction {
+                Some(Reaction::TorqueOff | Reaction::Silence) => (Motion::Rest, cia402::Goal::SwitchOnDisabled),
+                _ => (Motion::Rest, cia402::Goal::QuickStop),
+            },
         };
         Directive { state: self.state, motion, goal, fault_reset: self.resetting }
     }
@@ -305,14 +325,14 @@ mod tests {
     }
 
     #[test]
-    fn a_drive_fault_takes_voltage_from_all_axes_in_the_same_cycle() {
+    fn a_drive_fault_quick_stops_all_axes_in_the_same_cycle() {
         let mut rig = Rig::running();
         rig.faults.observe(Fault::DriveFault, true);
         let directive = rig.step(Request::None);
         assert_eq!(
             (directive.state, directive.motion, directive.goal),
-            (State::Disabled, Motion::Rest, Goal::SwitchOnDisabled)
+            (State::Disabled, Motion::Rest, Goal::QuickStop)
         );
-        assert_eq!(rig.supervisor.cause(), Some(Fault::DriveFault));
+        assert_eq!(rig.supervisor.cause().map(|cause| cause.fault), Some(Fault::DriveFault));
     }
 }

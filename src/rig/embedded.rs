@@ -8,8 +8,8 @@ use super::world::{Body, Ideal, Truth, World};
 use crate::bus::{CommandMode, Master, Phase};
 use crate::canopen::{Frame, Time, cob, node_id};
 use crate::config;
-use crate::cycle::{Cycle, Outputs};
-use crate::guard::{Fault, JointCommand, Request, State};
+use crate::cycle::{Cycle, Outputs, Timing};
+use crate::guard::{Cause, JointCommand, Request, State};
 use crate::linkage::{FiveBar, MassModel};
 use crate::quantity::{JointTorques, TipPoint, TipVelocity};
 use crate::record::Row;
@@ -119,7 +119,7 @@ impl EmbeddedRig {
             }
             self.run_cycle(Request::None)?;
         }
-        let cause = self.cause().map_or(String::new(), |fault| format!(", {}", fault.row().name));
+        let cause = self.cause().map_or(String::new(), |cause| format!(", {}", cause.fault.row().name));
         Err(RigError::NotEnabled { waited_s: ENABLE_LIMIT_S, state: format!("{:?}{cause}", self.state()) })
     }
 
@@ -144,7 +144,7 @@ impl EmbeddedRig {
     }
 
     /// The fault that led to the present state.
-    pub fn cause(&self) -> Option<Fault> {
+    pub fn cause(&self) -> Option<Cause> {
         self.master.cycle().cause()
     }
 
@@ -217,7 +217,8 @@ impl EmbeddedRig {
         self.master.on_sync(&mut self.bus.outbox(MASTER, sync_at));
         let compute_at = sync_at + self.compute_at;
         self.pump(compute_at)?;
-        let outputs = self.master.on_compute(compute_at, request, &mut self.bus.outbox(MASTER, compute_at));
+        let outputs =
+            self.master.on_compute(compute_at, request, Timing::default(), &mut self.bus.outbox(MASTER, compute_at));
         self.last = Some(outputs);
         self.next_sync = sync_at + self.period;
         Ok(self.row(sync_at, &outputs))

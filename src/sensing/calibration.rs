@@ -20,6 +20,8 @@ pub struct RawSample {
     pub sequence: Option<u8>,
     /// The sensor's overload bit.
     pub overload: bool,
+    /// Whether the sensor says that the counts are not valid.
+    pub invalid: bool,
 }
 
 /// Force and torque in the sensor frame: Fx, Fy, Fz in N, Tx, Ty, Tz in N m, about the sensor's origin, exerted on the

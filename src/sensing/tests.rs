@@ -361,7 +361,7 @@ proptest! {
             if i == tare_at {
                 chain.start_tare(TareParameters { samples: 2, ..TARE }).unwrap();
             }
-            let raw = raw.map(|(counts, sequence)| RawSample { counts, sequence, overload: false });
+            let raw = raw.map(|(counts, sequence)| RawSample { counts, sequence, ..RawSample::default() });
             let reading = chain.step(raw.as_ref(), angle, Vector2::from(acceleration));
             prop_assert!(reading.force.is_finite() && reading.torque_z_n_m.is_finite() && reading.age_s.is_finite());
             prop_assert!(!(reading.new_sample && reading.valid) || (angle.is_finite()));

@@ -4,7 +4,7 @@ use std::time::Duration;
 
 use super::measures::{Context, Measures, measure};
 use crate::config;
-use crate::guard::{Fault, Request, State};
+use crate::guard::{Cause, Request, State};
 use crate::record::{ForceMeaning, Reference, Row, Trace};
 use crate::rig::{EmbeddedRig, ImpedanceRig, RigError, Tap};
 use crate::sim::can::BusCounters;
@@ -34,7 +34,7 @@ pub struct RunReport {
     /// State of the supervisor at the end of the scene, before the rig was stopped.
     pub state: Option<State>,
     /// The fault that stopped the rig or that held it at the end, if one did.
-    pub cause: Option<Fault>,
+    pub cause: Option<Cause>,
     /// What went over the bus from switching on to the end.
     pub bus: Option<BusCounters>,
     /// Share of the scene's time in which bits were on the bus, at its bit rate.

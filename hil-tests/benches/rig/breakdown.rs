@@ -7,7 +7,7 @@ use hil_tests::stopwatch::{Spread, Stopwatch};
 use hil_tests::tape::Tape;
 use yieldwall::canopen::{Frame, Time, cob};
 use yieldwall::control::{AxisController, EffortRange, InertiaTerm};
-use yieldwall::cycle::{Servo, Signals};
+use yieldwall::cycle::{Servo, Signals, Timing};
 use yieldwall::guard::{Fault, FaultCounts, Measured, Request, State, Supervisor, View};
 use yieldwall::quantity::{JointRates, JointTorques};
 use yieldwall::rig::RigError;
@@ -205,7 +205,7 @@ impl Stages {
                         master.on_frame(*time, frame, out);
                     }
                 }
-                black_box(master.on_compute(period.compute_at, Request::None, out));
+                black_box(master.on_compute(period.compute_at, Request::None, Timing::default(), out));
             }
             assert_eq!(master.cycle().state(), State::Running);
         })

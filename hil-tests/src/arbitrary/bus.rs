@@ -3,9 +3,10 @@
 use std::sync::LazyLock;
 use std::time::Duration;
 
-use yieldwall::bus::{Master, Phase};
+use yieldwall::bus::{LinkEvent, Master, Phase};
 use yieldwall::canopen::{Frame, Time};
 use yieldwall::config::{self, builtin};
+use yieldwall::cycle::Timing;
 use yieldwall::guard::{Request, State};
 use yieldwall::quantity::TipPoint;
 use yieldwall::rig::EmbeddedRig;
@@ -13,6 +14,7 @@ use yieldwall::sim::{Drive, ForceSensor};
 use yieldwall_drives::cia402::Goal;
 
 use super::bytes::{Bytes, Script};
+use super::cycle::timing;
 use super::laws::{Witness, live};
 use crate::observe::{DRIVE_NODES, SENSOR_NODE};
 
@@ -186,7 +188,13 @@ impl Net {
     }
 
     /// One cycle of the exchange of process data.
-    fn cycle(&mut self, request: Request, wire: impl FnMut(Frame) -> Option<Frame>, strangers: &[Frame]) {
+    fn cycle(
+        &mut self,
+        request: Request,
+        timing: Timing,
+        wire: impl FnMut(Frame) -> Option<Frame>,
+        strangers: &[Frame],
+    ) {
         self.wait(Duration::from_micros(380));
         if self.phase != Phase::Operational {
             return;
@@ -203,7 +211,7 @@ impl Net {
         let now = self.parts.now;
         let before = self.sent.len();
         self.was_asked |= request == Request::Enable;
-        let outputs = self.act(3, |master, out| master.on_compute(now, request, out));
+        let outputs = self.act(3, |master, out| master.on_compute(now, request, timing, out));
         for (last, word) in &mut self.words {
             *last = word.unwrap_or(*last);
         }
@@ -329,13 +337,18 @@ fn play(bytes: &[u8]) -> Net {
             }
             6 => {
                 let request = bytes.pick(&[Request::Enable, Request::Stop, Request::Reset, Request::Enable]);
-                net.cycle(request, Some, &[]);
+                net.cycle(request, Timing::default(), Some, &[]);
             }
             7..10 => {
                 let strangers: Vec<Frame> = (0..bytes.u8() % 4).map(|_| bytes.frame(&HEARD)).collect();
-                net.cycle(Request::None, |frame| spoil(&mut bytes, frame), &strangers);
+                let timing = if bytes.u8() < 16 { timing(&mut bytes) } else { Timing::default() };
+                net.cycle(Request::None, timing, |frame| spoil(&mut bytes, frame), &strangers);
             }
-            10 => net.parts.master.on_send_failure(),
+            10 => net.parts.master.on_link(bytes.pick(&[
+                LinkEvent::SendFailed,
+                LinkEvent::ErrorPassive,
+                LinkEvent::BusOff,
+            ])),
             11 => {
                 let joint = usize::from(bytes.u8() % 2);
                 let (now, code, mut out) = (net.parts.now, bytes.u16(), Vec::new());
@@ -344,7 +357,7 @@ fn play(bytes: &[u8]) -> Net {
             }
             _ => {
                 for _ in 0..bytes.u8() % 32 {
-                    net.cycle(Request::None, Some, &[]);
+                    net.cycle(Request::None, Timing::default(), Some, &[]);
                 }
             }
         }
@@ -359,7 +372,7 @@ pub(super) fn networks() -> Vec<Vec<u8>> {
         let cold = Script::new().raw(&[mode, 0, 5, 2]).wait_us(20_000).raw(&[2]).wait_us(20_000);
         seeds.push(cold.raw(&[12, 10, 6, 0, 12, 31]).finish());
         // From running: cycles on a bad wire, a fault, a reset and enabling again.
-        let bad = [7, 0].iter().copied().chain([0; 8]).collect::<Vec<u8>>();
+        let bad = [7, 0, 255].iter().copied().chain([0; 8]).collect::<Vec<u8>>();
         seeds.push(
             Script::new()
                 .raw(&[mode, 1, 12, 5])

@@ -27,8 +27,9 @@ pub fn configuration(bytes: &[u8]) {
                 Document::Figure(figure) => config::to_yaml(&figure.value),
             };
             let written = written.expect("a document can be written");
-            let again = config::load(Source::memory(NAME, &*written));
-            assert!(again.is_ok(), "written as\n{written}\nit is refused: {}", again.err().expect("it is refused"));
+            if let Err(report) = config::load(Source::memory(NAME, &*written)) {
+                panic!("written as\n{written}\nit is refused: {report}");
+            }
         }
     }
 }

@@ -3,8 +3,8 @@
 use std::sync::LazyLock;
 
 use yieldwall::config::{self, builtin};
-use yieldwall::cycle::{Cycle, DriveSample, Inputs, LinkEvents, Outputs};
-use yieldwall::guard::Request;
+use yieldwall::cycle::{Cycle, DriveSample, Inputs, LinkEvents, Outputs, Timing};
+use yieldwall::guard::{DeviceSet, Request};
 use yieldwall::quantity::TipPoint;
 use yieldwall::rig;
 use yieldwall::sensing::RawSample;
@@ -12,6 +12,7 @@ use yieldwall_drives::cia402::{Goal, State};
 
 use super::bytes::{Bytes, Script};
 use super::laws::Witness;
+use super::sensing::sample;
 
 /// Most cycles of one input, so that its length does not decide how long it takes.
 const MOST_CYCLES: usize = 2000;
@@ -56,8 +57,9 @@ impl World {
             state: self.drives[joint],
             follows_command: true,
         };
-        let sample = RawSample { counts: self.counts, sequence: Some(self.sequence), overload: false };
-        Inputs { drives: [drive(0), drive(1)], sample: Some(sample), link: LinkEvents::default(), request }
+        let sample = RawSample { counts: self.counts, sequence: Some(self.sequence), ..RawSample::default() };
+        let (link, timing) = (LinkEvents::default(), Timing::default());
+        Inputs { drives: [drive(0), drive(1)], sample: Some(sample), link, timing, request }
     }
 
     fn follow(&mut self, outputs: &Outputs) {
@@ -80,28 +82,52 @@ impl World {
 fn spoil(bytes: &mut Bytes<'_>, inputs: &mut Inputs) {
     let joint = usize::from(bytes.u8() % 2);
     let drive = &mut inputs.drives[joint];
-    match bytes.u8() % 8 {
+    match bytes.u8() % 9 {
         0 => drive.angle_rad = None,
         1 => drive.angle_rad = Some(bytes.f64()),
         2 => drive.angle_rad = drive.angle_rad.map(|angle| angle + bytes.f64()),
         3 => drive.state = bytes.pick(&State::ALL),
         4 => drive.follows_command = false,
         5 => inputs.sample = None,
-        6 => {
-            let counts = [0; 6].map(|_| bytes.u32() as i32);
-            inputs.sample =
-                Some(RawSample { counts, sequence: bytes.bool().then(|| bytes.u8()), overload: bytes.u8() == 1 });
-        }
+        6 => inputs.sample = Some(sample(bytes)),
+        7 => inputs.link = link(bytes),
         _ => {
-            let bits = bytes.u8();
-            inputs.link = LinkEvents {
-                bad_length: bits & 1 != 0,
-                node_reset: bits & 2 != 0,
-                heartbeat_lost: bits & 4 != 0,
-                emergency: bits & 8 != 0,
-                send_failed: bits & 16 != 0,
-            };
+            inputs.timing = timing(bytes);
         }
+    }
+}
+
+/// A cycle that runs at any time.
+pub(super) fn timing(bytes: &mut Bytes<'_>) -> Timing {
+    Timing {
+        sync_late_ns: bytes.u32(),
+        compute_late_ns: bytes.u32(),
+        last_compute_ns: bytes.u32(),
+        skipped: bytes.pick(&[0, 0, 1, u32::MAX]),
+        suspended: bytes.u8() == 1,
+    }
+}
+
+/// Any events on the bus, most of them not there.
+fn link(bytes: &mut Bytes<'_>) -> LinkEvents {
+    let bits = bytes.u16();
+    let devices = DeviceSet::from_bits(bytes.u8());
+    let at = |bit: u32| devices.only_if(bits >> bit & 1 != 0);
+    let is = |bit: u32| bits >> bit & 1 != 0;
+    LinkEvents {
+        bad_length: at(0),
+        duplicated: at(1),
+        late: at(2),
+        node_reset: at(3),
+        heartbeat_lost: at(4),
+        duplicate_node: at(5),
+        emergency: at(6),
+        emergency_warning: at(7),
+        intruder: is(8),
+        transmit_stalled: is(9),
+        error_passive: is(10),
+        bus_off: is(11),
+        send_failed: is(12),
     }
 }
 
@@ -111,16 +137,22 @@ fn spoil(bytes: &mut Bytes<'_>, inputs: &mut Inputs) {
 /// # Panics
 /// If a law is broken.
 pub fn cycle(bytes: &[u8]) {
+    play(bytes);
+}
+
+/// Which states the rig was in, by their number.
+fn play(bytes: &[u8]) -> [bool; 8] {
     let mut bytes = Bytes::new(bytes);
     let start = &STARTS[usize::from(bytes.u8()) % STARTS.len()];
     let mut cycle = start.cycle.clone();
     let mut world = World { drives: [State::SwitchOnDisabled; 2], angles: start.home, counts: [0; 6], sequence: 0 };
-    let mut witness = Witness::default();
+    let (mut witness, mut visited) = (Witness::default(), [false; 8]);
     let mut step = |world: &mut World, inputs: &Inputs| {
         let outputs = cycle.step(inputs);
         let are_enabled = inputs.drives.iter().all(|drive| drive.state == State::OperationEnabled);
         witness.look(are_enabled, inputs.request, start.torque_limit_n_m, &outputs);
         assert_eq!(outputs.directive.state, cycle.state());
+        visited[cycle.state() as usize] = true;
         world.follow(&outputs);
     };
     let mut cycles = 0;
@@ -149,6 +181,7 @@ pub fn cycle(bytes: &[u8]) {
             cycles += 1;
         }
     }
+    visited
 }
 
 pub(super) fn runs() -> Vec<Vec<u8>> {
@@ -160,4 +193,21 @@ pub(super) fn runs() -> Vec<Vec<u8>> {
             push(script, -900).raw(&[95, 0, 1, 90, 0, 2, 40, 0, 0, 60]).finish()
         })
         .collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use yieldwall::guard::State;
+
+    use super::*;
+
+    #[test]
+    fn runs_lead_through_the_states() {
+        for seed in runs() {
+            let visited = play(&seed);
+            for state in [State::Idle, State::Enabling, State::Running, State::Stopping, State::Stopped] {
+                assert!(visited[state as usize], "{state:?} in {seed:?}");
+            }
+        }
+    }
 }

@@ -82,7 +82,7 @@ pub fn pdo_parameters(bytes: &[u8]) {
         }
         for _ in 0..bytes.u8() % 10 {
             let known = bytes.pick(&objects.iter().map(|(_, entry)| *entry).collect::<Vec<_>>());
-            parameters.mapping.push(if bytes.u8() % 8 == 0 { (bytes.u16(), bytes.u8(), bytes.u8()) } else { known });
+            parameters.mapping.push(if bytes.u8() < 32 { (bytes.u16(), bytes.u8(), bytes.u8()) } else { known });
         }
         let bits: usize = parameters.mapping.iter().map(|entry| usize::from(entry.2)).sum();
         (if is_tpdo { &mut tpdos } else { &mut rpdos }).push((parameters.cob_id as u16, bits.div_ceil(8)));

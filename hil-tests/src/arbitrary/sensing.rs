@@ -19,9 +19,11 @@ fn matrix(bytes: &mut Bytes<'_>) -> Matrix6<f64> {
     matrix
 }
 
-fn sample(bytes: &mut Bytes<'_>) -> RawSample {
+/// Any sample.
+pub(super) fn sample(bytes: &mut Bytes<'_>) -> RawSample {
     let counts = [0; 6].map(|_| if bytes.bool() { bytes.u32() as i32 } else { i32::from(bytes.u16() as i16) });
-    RawSample { counts, sequence: bytes.bool().then(|| bytes.u8()), overload: bytes.u8() == 1 }
+    let (sequence, flags) = (bytes.bool().then(|| bytes.u8()), bytes.u8());
+    RawSample { counts, sequence, overload: flags == 1, invalid: flags == 2 }
 }
 
 /// A calibration is refused, or makes finite wrenches of any counts and counts within the range of any wrench.
@@ -84,7 +86,7 @@ pub fn sensing(bytes: &[u8]) {
                 torque_spread_limit_n_m: bytes.f64(),
             });
         }
-        let raw = (bytes.u8() % 8 != 0).then(|| sample(&mut bytes));
+        let raw = (bytes.u8() >= 32).then(|| sample(&mut bytes));
         let link_angle = chain.mounting().link_angle_rad([bytes.f64(), bytes.f64()]);
         let acceleration = Vector2::new(bytes.f64(), bytes.f64());
         let reading = chain.step(raw.as_ref(), link_angle, acceleration);
@@ -107,12 +109,12 @@ pub fn sensing(bytes: &[u8]) {
 pub(super) fn chains() -> Vec<Vec<u8>> {
     let step = |script: Script, x: u8, sequence: u8| {
         let counts = [0, x, 0].iter().copied().chain([0; 15]).collect::<Vec<u8>>();
-        script.raw(&[0, 1]).raw(&counts).raw(&[1, sequence, 0]).number(0.1).number(0.2).number(0.0).number(1.0)
+        script.raw(&[0, 255]).raw(&counts).raw(&[1, sequence, 0]).number(0.1).number(0.2).number(0.0).number(1.0)
     };
     let script = Script::new().raw(&[0, 0]).number(0.3).number(0.5).raw(&[1]).number(30.0).number(1000.0).number(0.001);
     let script = (0..10).fold(script, |script, at| step(script, 10 * at, at));
     let tare = script.raw(&[1, 3]).number(0.5).number(0.02);
     // The tare takes the place of the first byte of a step.
-    let tare = tare.raw(&[1]).raw(&[0; 18]).raw(&[1, 77, 0]).number(0.1).number(0.2).number(0.0).number(0.0);
+    let tare = tare.raw(&[255]).raw(&[0; 18]).raw(&[1, 77, 0]).number(0.1).number(0.2).number(0.0).number(0.0);
     vec![(0..5).fold(tare, |script, at| step(script, 100, 100 + at)).finish()]
 }

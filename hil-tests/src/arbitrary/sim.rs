@@ -44,10 +44,15 @@ fn new_drive(encoder: Encoder) -> Drive {
 /// # Panics
 /// If a law is broken.
 pub fn drive(bytes: &[u8]) {
+    play(bytes);
+}
+
+/// The largest torque in N m.
+fn play(bytes: &[u8]) -> f64 {
     let mut bytes = Bytes::new(bytes);
     let mut drive = new_drive(if bytes.bool() { Encoder::Exact } else { Encoder::Quantised });
     let node = node_id(NODE).expect("a node id");
-    let most_n_m = SCALING.torque_n_m(i16::MAX).abs();
+    let (most_n_m, mut largest_n_m) = (SCALING.torque_n_m(i16::MAX).abs(), 0.0f64);
     let (mut now, mut out, mut is_powered) = (Time::default(), Vec::new(), true);
     drive.boot(now, &mut out);
     drive.on_frame(now, &Frame::new(cob::NMT, &[1, 0]), &mut out);
@@ -91,6 +96,7 @@ pub fn drive(bytes: &[u8]) {
         assert!(is_powered || out.is_empty(), "a drive that is off sends {out:x?}");
         let (torque, state) = (drive.torque_n_m(), drive.state());
         assert!(torque.is_finite() && torque.abs() <= most_n_m, "{torque} N m");
+        largest_n_m = largest_n_m.max(torque.abs());
         let may_push = matches!(state, State::OperationEnabled | State::QuickStopActive | State::FaultReactionActive);
         assert!(torque == 0.0 || (may_push && is_powered), "{torque} N m in {state:?}");
         if state == State::OperationEnabled {
@@ -98,6 +104,7 @@ pub fn drive(bytes: &[u8]) {
             assert!(is_legal, "enabled from {before:?}");
         }
     }
+    largest_n_m
 }
 
 pub(super) fn drives() -> Vec<Vec<u8>> {
@@ -184,4 +191,16 @@ pub(super) fn force_sensors() -> Vec<Vec<u8>> {
         script = script.raw(&[6]).raw(&counts.repeat(6)).raw(&[0]).frame(0x080, &[]).raw(&[4]).wait_us(1000);
     }
     vec![script.finish()]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_drive_comes_to_push() {
+        for seed in drives() {
+            assert!(play(&seed) > 1.0, "{seed:?}");
+        }
+    }
 }

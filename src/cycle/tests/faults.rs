@@ -4,6 +4,23 @@ use super::*;
 use crate::guard::fault::TABLE;
 use proptest::prelude::*;
 
+/// Faults whose detection follows.
+const UNSEEN: [Fault; 13] = [
+    Fault::SensorInvalid,
+    Fault::SensorStuck,
+    Fault::ForceStep,
+    Fault::ForceImplausible,
+    Fault::EnergyLimit,
+    Fault::Chatter,
+    Fault::DriveVoltageOff,
+    Fault::DriveWarning,
+    Fault::EnablingTimeout,
+    Fault::SyncJitter,
+    Fault::Overrun,
+    Fault::Stalled,
+    Fault::Suspended,
+];
+
 /// A bench in motion at about 0.2 m/s.
 fn moving() -> Bench {
     let mut bench = Bench::running(Servo::Position, [0.02, 0.0]);
@@ -29,10 +46,10 @@ fn inject(fault: Fault, bench: &mut Bench) -> Outputs {
         Fault::PdoMissed => {
             return bench.step_without(0);
         }
-        Fault::PdoLength => bench.link.bad_length = true,
-        Fault::NodeReset => bench.link.node_reset = true,
-        Fault::HeartbeatLost => bench.link.heartbeat_lost = true,
-        Fault::Emergency => bench.link.emergency = true,
+        Fault::PdoLength => bench.link.bad_length = DeviceSet::LEFT_DRIVE,
+        Fault::NodeReset => bench.link.node_reset = DeviceSet::LEFT_DRIVE,
+        Fault::HeartbeatLost => bench.link.heartbeat_lost = DeviceSet::LEFT_DRIVE,
+        Fault::Emergency => bench.link.emergency = DeviceSet::LEFT_DRIVE,
         Fault::DriveFault => bench.drives[1] = cia402::State::Fault,
         Fault::DriveLeftOperation => bench.drives[0] = cia402::State::SwitchedOn,
         Fault::DriveIgnoresCommand => bench.follows_command = false,
@@ -77,6 +94,15 @@ fn inject(fault: Fault, bench: &mut Bench) -> Outputs {
             }
         }
         Fault::LinkDown => bench.link.send_failed = true,
+        Fault::PdoDuplicated => bench.link.duplicated = DeviceSet::LEFT_DRIVE,
+        Fault::PdoLate => bench.link.late = DeviceSet::SENSOR,
+        Fault::DuplicateNode => bench.link.duplicate_node = DeviceSet::LEFT_DRIVE,
+        Fault::EmergencyWarning => bench.link.emergency_warning = DeviceSet::LEFT_DRIVE,
+        Fault::Intruder => bench.link.intruder = true,
+        Fault::TransmitStalled => bench.link.transmit_stalled = true,
+        Fault::ErrorPassive => bench.link.error_passive = true,
+        Fault::BusOff => bench.link.bus_off = true,
+        other => panic!("{other:?} is not injected"),
     }
     let outputs = bench.step(request);
     bench.angles = outputs.signals.target_angles.to_array().map(Some);
@@ -98,7 +124,7 @@ impl Bench {
 
 #[test]
 fn every_fault_of_the_table_can_be_injected_and_reacts() {
-    for row in &TABLE {
+    for row in TABLE.iter().filter(|row| !UNSEEN.contains(&row.fault)) {
         let mut bench = moving();
         let strongest = row.steps.last().unwrap().reaction;
         let mut caused = false;
@@ -107,7 +133,7 @@ fn every_fault_of_the_table_can_be_injected_and_reacts() {
             let was_latched = bench.cycle.state().is_latched();
             inject(row.fault, &mut bench);
             observed |= bench.cycle.faults.count(row.fault) > 0;
-            caused |= bench.cycle.cause() == Some(row.fault);
+            caused |= bench.fault() == Some(row.fault);
             if was_latched && cycle > 5 || (strongest == guard::Reaction::Count && observed) {
                 break;
             }
@@ -117,11 +143,7 @@ fn every_fault_of_the_table_can_be_injected_and_reacts() {
         match strongest {
             guard::Reaction::Count => assert_eq!((state, caused), (State::Running, false), "{}", row.name),
             guard::Reaction::Freeze => assert!(caused, "{}", row.name),
-            guard::Reaction::StopRamp | guard::Reaction::QuickStop => {
-                assert_eq!((state, caused), (State::Stopped, true), "{}", row.name);
-            }
-            guard::Reaction::TorqueOff => assert_eq!((state, caused), (State::Disabled, true), "{}", row.name),
-            guard::Reaction::Silence => assert_eq!((state, caused), (State::Lost, true), "{}", row.name),
+            _ => assert_eq!((state, caused), (row.final_state(strongest), true), "{}", row.name),
         }
         assert!(state == State::Running || state.is_latched() || strongest == guard::Reaction::Freeze, "{}", row.name);
     }
@@ -143,12 +165,12 @@ fn the_reaction_leaves_within_its_bound() {
         (Fault::PdoMissed, Stopped, 5),
         (Fault::PdoLength, Stopped, 2),
         (Fault::NodeReset, Stopped, 1),
-        (Fault::HeartbeatLost, Stopped, 1),
+        (Fault::HeartbeatLost, Lost, 1),
         (Fault::Emergency, Stopped, 1),
         (Fault::DriveFault, Disabled, 1),
         (Fault::DriveLeftOperation, Stopped, 1),
         (Fault::DriveIgnoresCommand, Stopped, 3),
-        (Fault::EncoderJump, Stopped, 1),
+        (Fault::EncoderJump, Disabled, 1),
         (Fault::Posture, Stopped, 1),
         (Fault::LinkDown, Lost, 1),
     ];
@@ -179,7 +201,7 @@ fn one_missed_frame_is_predicted_and_forgotten() {
     for _ in 0..10 {
         assert_eq!(bench.follow().directive.state, State::Running);
     }
-    assert_eq!(bench.cycle.cause(), None);
+    assert_eq!(bench.fault(), None);
 }
 
 #[test]
@@ -209,7 +231,7 @@ fn a_wrong_elbow_keeps_the_rig_from_being_enabled() {
     for request in [Request::None, Request::Enable, Request::None, Request::None] {
         assert_eq!(bench.step(request).directive.state, State::Idle);
     }
-    assert_eq!(bench.cycle.cause(), Some(Fault::Posture));
+    assert_eq!(bench.fault(), Some(Fault::Posture));
 }
 
 #[test]
@@ -224,7 +246,7 @@ fn a_drive_that_drops_out_while_the_other_is_enabled_is_not_enabled_again() {
     assert_eq!(state(&mut bench, SwitchedOn, SwitchedOn, Request::Enable), State::Enabling);
     assert_eq!(state(&mut bench, OperationEnabled, SwitchedOn, Request::None), State::Enabling);
     assert_eq!(state(&mut bench, SwitchOnDisabled, SwitchedOn, Request::None), State::Stopped);
-    assert_eq!(bench.cycle.cause(), Some(Fault::DriveLeftOperation));
+    assert_eq!(bench.fault(), Some(Fault::DriveLeftOperation));
 }
 
 #[test]
@@ -279,7 +301,7 @@ fn a_reference_too_fast_stops_along_the_ramp_from_the_last_good_one() {
         }
         last = now;
     }
-    assert_eq!((bench.cycle.state(), bench.cycle.cause()), (State::Stopped, Some(Fault::OverSpeed)));
+    assert_eq!((bench.cycle.state(), bench.fault()), (State::Stopped, Some(Fault::OverSpeed)));
     assert!(ramp > 100, "{ramp}");
 }
 
@@ -293,7 +315,7 @@ fn a_joint_target_too_fast_stops_along_the_ramp_too() {
     let before = bench.reference();
     let outputs = bench.follow();
     assert_eq!(outputs.directive.state, State::Stopping);
-    assert_eq!(bench.cycle.cause(), Some(Fault::OverSpeed));
+    assert_eq!(bench.fault(), Some(Fault::OverSpeed));
     let step = (bench.reference().point.0 - before.point.0).norm();
     assert!(step <= before.velocity.0.norm() * PERIOD_S * (1.0 + 1e-9), "{step}");
 }

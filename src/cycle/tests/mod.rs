@@ -177,6 +177,11 @@ impl Bench {
         bench
     }
 
+    /// The fault that led to the present state.
+    fn fault(&self) -> Option<Fault> {
+        self.cycle.cause().map(|cause| cause.fault)
+    }
+
     fn enable(&mut self) -> Outputs {
         self.step(Request::None);
         self.step(Request::Enable);
@@ -199,7 +204,7 @@ impl Bench {
         let link = self.cycle.linkage.forward(angles).map(|posture| mounting.link_angle_rad(posture.distal_angle_rad));
         let wrench = mounting.to_sensor(Force::from(self.force), 0.0, link.unwrap_or_default());
         let counts = <[f64; 6]>::from(wrench.0 * COUNTS_PER_N).map(|count| count.round() as i32);
-        Some(RawSample { counts, sequence: Some(self.sequence), overload: self.overload })
+        Some(RawSample { counts, sequence: Some(self.sequence), overload: self.overload, invalid: false })
     }
 
     fn inputs(&mut self, request: Request) -> Inputs {
@@ -209,7 +214,13 @@ impl Bench {
             follows_command: self.follows_command,
         };
         let drives = [drive(0), drive(1)];
-        Inputs { drives, sample: self.sample(), link: std::mem::take(&mut self.link), request }
+        Inputs {
+            drives,
+            sample: self.sample(),
+            link: std::mem::take(&mut self.link),
+            timing: Timing::default(),
+            request,
+        }
     }
 
     /// One cycle; the drives then go where they were sent, unless they are in Fault.

@@ -127,7 +127,7 @@ fn a_stop_ramps_down_then_quick_stops_and_latches() {
     assert!((f64::from(cycles) * PERIOD_S - 1.5 * speed / DECELERATION).abs() <= 2.0 * PERIOD_S, "{cycles}");
     let way = (last.point.0 - start).norm();
     assert!((way - 0.75 * speed * speed / DECELERATION).abs() < 1e-6, "{way}");
-    assert_eq!(bench.cycle.cause(), Some(Fault::StopRequested));
+    assert_eq!(bench.fault(), Some(Fault::StopRequested));
     for request in [Request::None, Request::Enable, Request::Stop, Request::None] {
         assert_eq!(bench.step(request).directive.state, State::Stopped);
     }
@@ -149,7 +149,7 @@ fn a_freeze_brings_the_reference_to_rest_and_clears_by_itself() {
     bench.follow();
     assert_eq!(bench.cycle.state(), State::Running, "two missing samples are no fault");
     assert_eq!(bench.follow().directive.state, State::Holding);
-    assert_eq!(bench.cycle.cause(), Some(Fault::SensorStale));
+    assert_eq!(bench.fault(), Some(Fault::SensorStale));
     bench.samples = true;
     let mut held = None;
     for cycle in 0..49 {
@@ -165,7 +165,7 @@ fn a_freeze_brings_the_reference_to_rest_and_clears_by_itself() {
     assert!(held.is_some());
     let before = bench.reference().point.0;
     assert_eq!(bench.follow().directive.state, State::Running);
-    assert_eq!(bench.cycle.cause(), None);
+    assert_eq!(bench.fault(), None);
     let step = (bench.reference().point.0 - before).norm();
     assert!(step <= 10.0 / MASS_KG * PERIOD_S * PERIOD_S, "it starts from rest: {step}");
     for _ in 0..20 {
@@ -182,7 +182,7 @@ fn the_workspace_edge_holds_the_reference_and_lets_it_back() {
     let mut held = 0;
     for _ in 0..3000 {
         bench.follow();
-        assert_eq!((bench.cycle.state(), bench.cycle.cause()), (State::Running, None));
+        assert_eq!((bench.cycle.state(), bench.fault()), (State::Running, None));
         let clearance = bench.cycle.clearance_m;
         assert!(clearance > 0.5 * MARGIN_M, "{clearance}");
         held += u32::from(bench.cycle.faults.count(Fault::WorkspaceEdge) > 0);

@@ -72,13 +72,7 @@ fn check(before: &Supervisor, input: &Input, after: &Supervisor, directive: &Dir
     if from.is_latched() && !to.is_latched() {
         assert!(input.request == Request::Reset && to == State::Idle, "I10: {case}");
     }
-    let severity = |state: State| match state {
-        State::Stopped => 1,
-        State::Disabled => 2,
-        State::Lost => 3,
-        _ => 0,
-    };
-    assert!(!to.is_latched() || severity(to) >= severity(from), "I10: {case}");
+    assert!(!to.is_latched() || to.severity() >= from.severity(), "I10: {case}");
     // Enabling begins with a request in Idle and ends in Running without a way round it.
     assert!(to != State::Enabling || from == State::Enabling || enables(from, input), "I18: {case}");
     let may_run = matches!(from, State::Enabling | State::Holding | State::Running);

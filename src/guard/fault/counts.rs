@@ -1,0 +1,184 @@
+//! What was seen of every fault, how often and where.
+
+use super::{DeviceSet, Fault, Rate, Reaction, TABLE};
+
+/// A fault that led to a state of the rig, and the devices that showed it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub struct Cause {
+    /// The fault.
+    pub fault: Fault,
+    /// The devices; none where the fault has no device.
+    pub devices: DeviceSet,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+struct Count {
+    in_a_row: u16,
+    devices: DeviceSet,
+    /// Cycles of the last observations, as a ring.
+    recent: [u32; FaultCounts::MAX_WITHIN as usize],
+    next: u8,
+    /// Observations so far, as far as the ring goes.
+    seen: u16,
+}
+
+impl Count {
+    const NONE: Self =
+        Self { in_a_row: 0, devices: DeviceSet::NONE, recent: [0; FaultCounts::MAX_WITHIN as usize], next: 0, seen: 0 };
+
+    fn note(&mut self, cycle: u32) {
+        let size = self.recent.len();
+        let newest = (usize::from(self.next) + size - 1) % size;
+        if self.seen > 0 && self.recent.get(newest) == Some(&cycle) {
+            return;
+        }
+        if let Some(slot) = self.recent.get_mut(usize::from(self.next)) {
+            *slot = cycle;
+        }
+        self.next = ((usize::from(self.next) + 1) % size) as u8;
+        self.seen = (self.seen + 1).min(FaultCounts::MAX_WITHIN);
+    }
+
+    fn has_reached(&self, rate: Rate, cycle: u32) -> bool {
+        match rate {
+            Rate::InARow(times) => self.in_a_row >= times,
+            Rate::Within { count, cycles } => {
+                let size = self.recent.len();
+                let place = (usize::from(self.next) + size - usize::from(count.min(FaultCounts::MAX_WITHIN))) % size;
+                let since = self.recent.get(place).map_or(u32::MAX, |seen| cycle.wrapping_sub(*seen));
+                self.seen >= count && since < u32::from(cycles)
+            }
+        }
+    }
+}
+
+/// Observations of every fault: in a row, and the last ones by cycle.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct FaultCounts {
+    counts: [Count; Fault::COUNT],
+    cycle: u32,
+}
+
+impl Default for FaultCounts {
+    fn default() -> Self {
+        Self { counts: [Count::NONE; Fault::COUNT], cycle: 0 }
+    }
+}
+
+impl FaultCounts {
+    /// Most observations that [`Rate::Within`] can ask for.
+    pub const MAX_WITHIN: u16 = 10;
+
+    /// Begins a cycle.
+    ///
+    /// Real-time: yes.
+    pub fn begin_cycle(&mut self) {
+        self.cycle = self.cycle.wrapping_add(1);
+    }
+
+    /// Counts one more observation of `fault` if it is `present`, and starts again from zero if not; for faults without
+    /// a device.
+    ///
+    /// Real-time: yes.
+    pub fn observe(&mut self, fault: Fault, present: bool) {
+        let count = &mut self.counts[fault as usize];
+        count.in_a_row = if present { count.in_a_row.saturating_add(1) } else { 0 };
+        count.devices = DeviceSet::NONE;
+        if present {
+            count.note(self.cycle);
+        }
+    }
+
+    /// The same for a fault that `devices` show, present if any does.
+    ///
+    /// Real-time: yes.
+    pub fn observe_on(&mut self, fault: Fault, devices: DeviceSet) {
+        self.observe(fault, !devices.is_empty());
+        self.counts[fault as usize].devices = devices;
+    }
+
+    /// Observations of `fault` in a row.
+    pub fn count(&self, fault: Fault) -> u16 {
+        self.counts[fault as usize].in_a_row
+    }
+
+    /// The devices that showed `fault` in its last observation.
+    pub fn devices(&self, fault: Fault) -> DeviceSet {
+        self.counts[fault as usize].devices
+    }
+
+    /// The reaction that the observations of `fault` ask for, if they do.
+    ///
+    /// Real-time: yes.
+    pub fn reaction(&self, fault: Fault) -> Option<Reaction> {
+        let count = &self.counts[fault as usize];
+        let mut steps = fault.row().steps.iter().rev();
+        steps.find(|step| count.has_reached(step.rate, self.cycle)).map(|step| step.reaction)
+    }
+
+    /// The strongest reaction that is asked for, with its cause; the first of the table among equals.
+    ///
+    /// Real-time: yes.
+    pub fn worst(&self) -> Option<(Cause, Reaction)> {
+        let mut worst: Option<(Cause, Reaction)> = None;
+        for row in &TABLE {
+            if let Some(reaction) = self.reaction(row.fault)
+                && worst.is_none_or(|(_, known)| reaction > known)
+            {
+                worst = Some((Cause { fault: row.fault, devices: self.devices(row.fault) }, reaction));
+            }
+        }
+        worst
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    #[test]
+    fn misses_escalate_and_a_good_cycle_starts_again() {
+        let mut counts = FaultCounts::default();
+        let cause = Cause { fault: Fault::PdoMissed, devices: DeviceSet::LEFT_DRIVE };
+        let mut see = |devices| {
+            counts.begin_cycle();
+            counts.observe_on(Fault::PdoMissed, devices);
+            counts.worst()
+        };
+        assert_eq!(see(DeviceSet::LEFT_DRIVE), None);
+        assert_eq!(see(DeviceSet::LEFT_DRIVE), Some((cause, Reaction::Freeze)));
+        for _ in 0..2 {
+            assert_eq!(see(DeviceSet::LEFT_DRIVE), Some((cause, Reaction::Freeze)));
+        }
+        assert_eq!(see(DeviceSet::LEFT_DRIVE), Some((cause, Reaction::QuickStop)));
+        assert_eq!(see(DeviceSet::NONE), None);
+    }
+
+    #[test]
+    fn the_strongest_reaction_wins() {
+        let mut counts = FaultCounts::default();
+        counts.observe(Fault::SensorSaturated, true);
+        counts.observe_on(Fault::BusOff, DeviceSet::HOST);
+        let cause = Cause { fault: Fault::BusOff, devices: DeviceSet::HOST };
+        assert_eq!(counts.worst(), Some((cause, Reaction::Silence)));
+    }
+
+    proptest! {
+        /// The ring answers as a list of all observations would.
+        #[test]
+        fn a_rate_within_cycles_is_that_of_the_last_cycles(seen in proptest::collection::vec(any::<bool>(), 1..400)) {
+            let rate = Rate::Within { count: 3, cycles: 20 };
+            let mut count = Count::NONE;
+            for (cycle, present) in seen.iter().enumerate() {
+                if *present {
+                    count.note(cycle as u32);
+                    count.note(cycle as u32);
+                }
+                let from = (cycle + 1).saturating_sub(20);
+                let expected = seen[from..=cycle].iter().filter(|seen| **seen).count() >= 3;
+                prop_assert_eq!(count.has_reached(rate, cycle as u32), expected, "cycle {}", cycle);
+            }
+        }
+    }
+}

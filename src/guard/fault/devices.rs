@@ -1,0 +1,114 @@
+//! Where a fault was seen.
+
+use std::fmt;
+
+/// The devices that a fault concerns.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+pub struct DeviceSet(u8);
+
+impl DeviceSet {
+    /// No device.
+    pub const NONE: Self = Self(0);
+    /// The drive of the left joint.
+    pub const LEFT_DRIVE: Self = Self(1);
+    /// The drive of the right joint.
+    pub const RIGHT_DRIVE: Self = Self(2);
+    /// The force sensor.
+    pub const SENSOR: Self = Self(4);
+    /// This computer and its interface.
+    pub const HOST: Self = Self(8);
+    /// Both drives.
+    pub const DRIVES: Self = Self(3);
+
+    const NAMES: [&'static str; 4] = ["left drive", "right drive", "force sensor", "host"];
+
+    /// The drive of joint 0 (left) or 1 (right); none for another number.
+    ///
+    /// Real-time: yes.
+    pub const fn drive(joint: usize) -> Self {
+        match joint {
+            0 => Self::LEFT_DRIVE,
+            1 => Self::RIGHT_DRIVE,
+            _ => Self::NONE,
+        }
+    }
+
+    /// The joints for which `concerns` says yes.
+    ///
+    /// Real-time: yes.
+    pub fn drives_where(concerns: [bool; 2]) -> Self {
+        let [left, right] = concerns;
+        Self(u8::from(left) | u8::from(right) << 1)
+    }
+
+    /// This set if `is_so`, else none.
+    ///
+    /// Real-time: yes.
+    pub const fn only_if(self, is_so: bool) -> Self {
+        if is_so { self } else { Self::NONE }
+    }
+
+    /// Whether there is none.
+    pub const fn is_empty(self) -> bool {
+        self.0 == 0
+    }
+
+    /// Whether all of `other` are in it.
+    pub const fn contains(self, other: Self) -> bool {
+        self.0 & other.0 == other.0
+    }
+
+    /// One bit per device: left drive, right drive, force sensor, host.
+    pub const fn bits(self) -> u8 {
+        self.0
+    }
+
+    /// The set with these bits; unknown ones are left out.
+    pub const fn from_bits(bits: u8) -> Self {
+        Self(bits & 0x0f)
+    }
+}
+
+impl std::ops::BitOr for DeviceSet {
+    type Output = Self;
+
+    fn bitor(self, other: Self) -> Self {
+        Self(self.0 | other.0)
+    }
+}
+
+impl std::ops::BitOrAssign for DeviceSet {
+    fn bitor_assign(&mut self, other: Self) {
+        *self = *self | other;
+    }
+}
+
+impl fmt::Display for DeviceSet {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let mut separator = "";
+        for (bit, name) in Self::NAMES.iter().enumerate() {
+            if self.0 & (1 << bit) != 0 {
+                write!(f, "{separator}{name}")?;
+                separator = ", ";
+            }
+        }
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn sets_join_and_name_their_devices() {
+        let mut set = DeviceSet::drive(1);
+        set |= DeviceSet::SENSOR;
+        assert_eq!(set.to_string(), "right drive, force sensor");
+        assert!(set.contains(DeviceSet::SENSOR) && !set.contains(DeviceSet::DRIVES));
+        assert_eq!(DeviceSet::drives_where([true, true]), DeviceSet::DRIVES);
+        assert_eq!(DeviceSet::from_bits(0xf2), DeviceSet::RIGHT_DRIVE);
+        assert!(DeviceSet::drive(2).is_empty() && DeviceSet::HOST.only_if(false).is_empty());
+        assert_eq!(DeviceSet::NONE.to_string(), "");
+    }
+}
