@@ -169,9 +169,17 @@ impl Kept {
         files.chain(boxes).collect()
     }
 
-    /// The black box of the last fault.
-    pub(super) fn last_black_box(&self) -> Option<&Path> {
-        self.black_boxes.last()?.file.as_deref().ok()
+    /// The failure, its help with the black box of the last fault.
+    pub(super) fn point_to_black_box(&self, mut failure: Failure) -> Failure {
+        let file = self.black_boxes.last().and_then(|saved| saved.file.as_ref().ok());
+        if let (Some(file), Some(finding)) = (file, failure.report.diagnostics.last_mut()) {
+            let path = format!("what happened around it is in {}", file.display());
+            finding.help = Some(match finding.help.take() {
+                Some(help) if !help.is_empty() => format!("{help}; {path}"),
+                _ => path,
+            });
+        }
+        failure
     }
 
     pub(super) fn files_json(&self) -> Value {

@@ -43,16 +43,19 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
             ),
             "replay with the program that recorded it; on another processor the last bits may differ",
         )),
-        End::Gap { expected, found } => Some(refuse(
-            path,
-            &format!(
-                "misses the cycles {expected} to {}: {cycles} cycles are byte-identical, and what the stages remember \
-                 afterwards is not known",
-                found.saturating_sub(1)
-            ),
-            "only a recording from the first cycle after the boot on can be run again; a black box can be drawn with \
-             `yieldwall plot`",
-        )),
+        End::Gap { expected, found } => {
+            let gap = if found > expected {
+                format!("misses the cycles {expected} to {}", found - 1)
+            } else {
+                format!("has cycle {found} where cycle {expected} should be")
+            };
+            let message = format!(
+                "{gap}: {cycles} cycles are byte-identical, and what the stages remember afterwards is not known"
+            );
+            let help = "only a recording from the first cycle after the boot on can be run again; a black box can be \
+                        drawn with `yieldwall plot`";
+            Some(refuse(path, &message, help))
+        }
     };
     if output.is_json() {
         let difference = match &replayed.end {

@@ -68,7 +68,7 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
     // A run that broke off leaves what there is of it.
     let kept = keep.finish()?;
     output.warnings(&kept.warnings());
-    let report = report.map_err(|error| rig_failure(&error))?;
+    let report = report.map_err(|error| kept.point_to_black_box(rig_failure(&error)))?;
     if let Some(path) = &arguments.figure {
         let heading = Some(rig.value.rig.name.clone());
         let drawing = drawing::run(&report.trace, heading).map_err(|error| drawing_failure(&error))?;
@@ -77,7 +77,7 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
     let seed = overrides.seed.unwrap_or(scene.value.seed);
     let facts = Facts { rig: &rig.value, margins, report: &report, kept: &kept, seed, wall_s };
     let failure = match report.state {
-        Some(state) if state.is_latched() => Some(stopped(&report, &kept)),
+        Some(state) if state.is_latched() => Some(kept.point_to_black_box(stopped(&report))),
         _ if report.measures.is_within_bound() => None,
         _ => Some(above_bound(&report.measures, &rig.value.rig.name)),
     };
@@ -264,7 +264,7 @@ pub(super) fn above_bound(measures: &Measures, what: &str) -> Failure {
     Failure::new(Exit::OutOfTolerance, message, help)
 }
 
-fn stopped(report: &RunReport, kept: &Kept) -> Failure {
+fn stopped(report: &RunReport) -> Failure {
     let (exit, message, help) = match report.cause {
         Some(cause) => {
             let row = cause.fault.row();
@@ -273,10 +273,6 @@ fn stopped(report: &RunReport, kept: &Kept) -> Failure {
             (exit, format!("stopped by {} ({at}): {} ({})", row.name, row.meaning, row.cause), row.next)
         }
         None => (Exit::SafetyStop, "stopped".to_owned(), ""),
-    };
-    let help = match kept.last_black_box() {
-        Some(path) => format!("{help}; what happened around it is in {}", path.display()),
-        None => help.to_owned(),
     };
     let time_s = report.trace.rows.last().map_or(0.0, |row| row.time_s);
     Failure::new(exit, format!("after {time_s:.3} s the rig was {message}"), help)

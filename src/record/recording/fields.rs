@@ -94,13 +94,13 @@ fn inputs<V: Visitor>(record: &mut CycleRecord, v: &mut V) {
 /// Fields of one drive: arrived, angle, state, follows.
 const LEFT: [Field; 4] = [
     Field { name: "left_has_angle", unit: "", meaning: "the left drive's process data arrived" },
-    Field { name: "left_angle_rad", unit: "rad", meaning: "angle of the left proximal link; 0 if none arrived" },
+    Field { name: "left_angle_rad", unit: "rad", meaning: "angle of the left proximal link" },
     Field { name: "left_state", unit: "", meaning: "last known state of the left drive" },
     Field { name: "left_follows_command", unit: "", meaning: "the left drive follows its command value" },
 ];
 const RIGHT: [Field; 4] = [
     Field { name: "right_has_angle", unit: "", meaning: "the right drive's process data arrived" },
-    Field { name: "right_angle_rad", unit: "rad", meaning: "angle of the right proximal link; 0 if none arrived" },
+    Field { name: "right_angle_rad", unit: "rad", meaning: "angle of the right proximal link" },
     Field { name: "right_state", unit: "", meaning: "last known state of the right drive" },
     Field { name: "right_follows_command", unit: "", meaning: "the right drive follows its command value" },
 ];
@@ -116,11 +116,7 @@ fn sample<V: Visitor>(target: &mut Option<RawSample>, v: &mut V) {
     let mut sample = target.unwrap_or(RawSample { counts: [0; 6], sequence: None, overload: false, invalid: false });
     v.visit(field("has_sample", "", "a force sample arrived"), &mut is_there);
     let [fx, fy, fz, tx, ty, tz] = &mut sample.counts;
-    v.visit_if(
-        is_there,
-        field("sample_fx_counts", "counts", "first channel of the force sensor; 0 if no sample arrived"),
-        fx,
-    );
+    v.visit_if(is_there, field("sample_fx_counts", "counts", "first channel of the force sensor"), fx);
     v.visit_if(is_there, field("sample_fy_counts", "counts", "second channel"), fy);
     v.visit_if(is_there, field("sample_fz_counts", "counts", "third channel"), fz);
     v.visit_if(is_there, field("sample_tx_counts", "counts", "fourth channel"), tx);
@@ -163,7 +159,7 @@ fn outputs<V: Visitor>(record: &mut CycleRecord, v: &mut V) {
     let mut has_cause = record.cause.is_some();
     let mut cause = record.cause.unwrap_or(Cause { fault: Fault::StopRequested, devices: DeviceSet::NONE });
     v.visit(field("has_cause", "", "a fault led to the state"), &mut has_cause);
-    v.visit_if(has_cause, field("cause", "", "that fault; 0 if there is none"), &mut cause.fault);
+    v.visit_if(has_cause, field("cause", "", "that fault"), &mut cause.fault);
     v.visit_if(has_cause, field("cause_devices", "", "the devices that it concerns"), &mut cause.devices);
     record.cause = has_cause.then_some(cause);
     signals(&mut record.signals, v);
@@ -196,10 +192,7 @@ fn signals<V: Visitor>(signals: &mut Signals, v: &mut V) {
 fn truth<V: Visitor>(target: &mut Option<Truth>, v: &mut V) {
     let mut is_there = target.is_some();
     let mut truth = target.unwrap_or_default();
-    v.visit(
-        field("has_truth", "", "the rig is simulated: the fields that follow are not zero for want of them"),
-        &mut is_there,
-    );
+    v.visit(field("has_truth", "", "the rig is simulated: what follows is known"), &mut is_there);
     v.visit_if(is_there, field("true_tool_x_m", "m", "tool point of the simulation, base frame"), &mut truth.tool.0.x);
     v.visit_if(is_there, field("true_tool_y_m", "m", "the same, y"), &mut truth.tool.0.y);
     v.visit_if(

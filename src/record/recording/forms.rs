@@ -13,7 +13,7 @@ const ENCAPSULATION: [u8; 4] = [0, 1, 0, 0];
 /// constants.
 pub fn definition() -> String {
     let mut definition = Definition(String::from(
-        "# One control cycle: what entered it and what left it. Where several devices may be meant their numbers are added.\n",
+        "# One control cycle: what entered it and what left it. What a has_ field denies is 0.\n# Where several devices may be meant their numbers are added.\n",
     ));
     walk(&mut blank(), &mut definition);
     definition.0
