@@ -18,7 +18,7 @@ quantity, setvalued  <-  sensing, fixture, linkage, control (never one another) 
 drives, canopen      <-  bus, sim; guard and cycle may name the states of `drives::cia402`
 sim                  may name drives, canopen, linkage, sensing, setvalued, quantity; never cycle, guard, control, fixture
 config               names the parameter types of the layers below cycle; named by bus, sim, rig, study, record, cli
-record               named by rig, study, cli
+record               names what enters and leaves a cycle: cycle, guard, sensing, quantity, the states of `drives::cia402`; named by rig, study, cli
 ";
 
 /// All layers. `drives` is not among them: it is a package of its own, `yieldwall_drives`.
@@ -56,7 +56,7 @@ fn may_name(layer: &str) -> Option<Vec<&'static str>> {
         "bus" => bus(),
         "config" => [&stages[..], &engines, &["guard"]].concat(),
         "sim" => [&base[..], &engines, &["sensing", "linkage", "config"]].concat(),
-        "record" => vec!["quantity", "config"],
+        "record" => [&["quantity", "config", "sensing", "guard", "cycle"], &states[..]].concat(),
         "rig" => [bus(), vec!["bus", "sim", "record"]].concat(),
         "study" => [bus(), vec!["bus", "sim", "record", "rig"]].concat(),
         "cli" => [bus(), vec!["bus", "sim", "record", "rig", "study"]].concat(),
@@ -65,12 +65,14 @@ fn may_name(layer: &str) -> Option<Vec<&'static str>> {
 }
 
 /// Foreign crates that only some places may name, tests included.
-const ONLY_IN: [(&str, &[&str]); 5] = [
+const ONLY_IN: [(&str, &[&str]); 7] = [
     ("clap", &["cli", "main"]),
     ("miette", &["cli", "main"]),
     ("serde_saphyr", &["config::yaml"]),
     ("kuva", &["record::figure"]),
     ("canopen_rs", &["canopen"]),
+    ("mcap", &["record::recording"]),
+    ("rtrb", &["record::recording"]),
 ];
 
 #[test]

@@ -76,6 +76,7 @@ pub struct Master {
     sync: SyncProducer,
     image: Image,
     cycle: Cycle,
+    inputs: Inputs,
     events: LinkEvents,
     last_emergency: Option<Emergency>,
 }
@@ -100,7 +101,7 @@ impl Master {
         let [left, right, sensor] = ids;
         let drives = [(&setup.drives[0], left), (&setup.drives[1], right)];
         let fail = |at: usize| move |failure| refuse(raw[at], names[at], "plan the process data", failure);
-        let image = Image::new(setup.mode, drives, (&setup.sensor, sensor)).map_err(fail(0))?;
+        let mut image = Image::new(setup.mode, drives, (&setup.sensor, sensor)).map_err(fail(0))?;
         let mut watch = HeartbeatConsumer::new();
         let mut nodes = Vec::new();
         for (at, (drive, node)) in drives.into_iter().enumerate() {
@@ -114,6 +115,15 @@ impl Master {
         let sync = SyncProducer::new(cob::SYNC, 0).map_err(|_| {
             refuse(setup.node_id, "master", "prepare SYNC", BootFailure::NodeId { node_id: setup.node_id })
         })?;
+        let nothing = image.arrivals();
+        let link = LinkEvents::default();
+        let inputs = Inputs {
+            drives: nothing.drives,
+            sample: nothing.sample,
+            link,
+            timing: Timing::default(),
+            request: Request::None,
+        };
         Ok(Self {
             id,
             heartbeat: setup.heartbeat,
@@ -125,6 +135,7 @@ impl Master {
             sync,
             image,
             cycle,
+            inputs,
             events: LinkEvents::default(),
             last_emergency: None,
         })
@@ -147,6 +158,13 @@ impl Master {
     /// The rig's cycle, for reports.
     pub fn cycle(&self) -> &Cycle {
         &self.cycle
+    }
+
+    /// What entered the last cycle; before the first one, that nothing has arrived.
+    ///
+    /// Real-time: yes.
+    pub fn last_inputs(&self) -> &Inputs {
+        &self.inputs
     }
 
     /// The last emergency message of any node.
@@ -235,8 +253,8 @@ impl Master {
             link.node_reset |= node.device.only_if(node.has_restarted);
             link.heartbeat_lost |= node.device.only_if(!node.is_operational);
         }
-        let inputs = Inputs { drives: arrivals.drives, sample: arrivals.sample, link, timing, request };
-        let outputs = self.cycle.step(&inputs);
+        self.inputs = Inputs { drives: arrivals.drives, sample: arrivals.sample, link, timing, request };
+        let outputs = self.cycle.step(&self.inputs);
         if outputs.directive.fault_reset {
             self.image.request_fault_reset();
         }

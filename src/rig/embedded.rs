@@ -9,10 +9,10 @@ use crate::bus::{CommandMode, Master, Phase};
 use crate::canopen::{Frame, Time, cob, node_id};
 use crate::config;
 use crate::cycle::{Cycle, Outputs, Timing};
-use crate::guard::{Cause, JointCommand, Request, State};
+use crate::guard::{Cause, Request, State};
 use crate::linkage::{FiveBar, MassModel};
 use crate::quantity::{JointTorques, TipPoint, TipVelocity};
-use crate::record::Row;
+use crate::record::{self, CycleRecord, Moment, Row};
 use crate::sim::arm::{Arm, ArmParameters, JointElasticity};
 use crate::sim::can::{BitTiming, BusCounters, QueueOrder, Tamper, VirtualBus};
 use crate::sim::hand::Hand;
@@ -36,6 +36,9 @@ const STOP_LIMIT_S: f64 = 2.0;
 /// Gets every frame that went over the bus, with the moment of its end.
 pub type Tap = Box<dyn FnMut(Time, &Frame) + Send>;
 
+/// Gets the record of every cycle, right after the cycle has run.
+pub type Observer = Box<dyn FnMut(&CycleRecord) + Send>;
+
 /// Master, virtual bus, simulated devices, arm and hand.
 ///
 /// [`EmbeddedRig::new`] assembles them, [`EmbeddedRig::enable`] boots the network and enables the drives, and every
@@ -47,6 +50,8 @@ pub struct EmbeddedRig {
     sensor: ForceSensor,
     world: World,
     tap: Option<Tap>,
+    observer: Option<Observer>,
+    cycles: u64,
     period: Duration,
     compute_at: Duration,
     now: Time,
@@ -82,6 +87,8 @@ impl EmbeddedRig {
             sensor: force_sensor(rig)?,
             world: world(rig, scene, seed)?,
             tap: None,
+            observer: None,
+            cycles: 0,
             period: Duration::from_micros(rig.cycle.period_us.into()),
             compute_at: Duration::from_micros(rig.cycle.compute_at_us.into()),
             now: Time::default(),
@@ -93,6 +100,11 @@ impl EmbeddedRig {
     /// Has `tap` get every frame from now on.
     pub fn set_tap(&mut self, tap: Tap) {
         self.tap = Some(tap);
+    }
+
+    /// Has `observer` get the record of every cycle from now on, those of enabling and stopping included.
+    pub fn set_observer(&mut self, observer: Observer) {
+        self.observer = Some(observer);
     }
 
     /// Has every frame pass through `tamper` from now on.
@@ -221,32 +233,26 @@ impl EmbeddedRig {
             self.master.on_compute(compute_at, request, Timing::default(), &mut self.bus.outbox(MASTER, compute_at));
         self.last = Some(outputs);
         self.next_sync = sync_at + self.period;
-        Ok(self.row(sync_at, &outputs))
+        let record = self.record(sync_at, compute_at, &outputs);
+        self.cycles += 1;
+        if let Some(observer) = &mut self.observer {
+            observer(&record);
+        }
+        Ok(record.row())
     }
 
-    fn row(&self, sync_at: Time, outputs: &Outputs) -> Row {
+    fn record(&self, sync_at: Time, compute_at: Time, outputs: &Outputs) -> CycleRecord {
         let Truth { tip, velocity, .. } = self.world.truth;
-        let signals = &outputs.signals;
-        let planar = |[x, y]: [f64; 2]| [x, y, 0.0];
-        Row {
-            time_s: sync_at.as_secs_f64() - self.world.hand_from_s,
-            tool_m: planar(tip.to_array()),
-            proxy_m: planar(signals.proxy.to_array()),
-            tool_velocity_m_per_s: planar(velocity.to_array()),
-            force_n: planar(signals.force.to_array()),
-            power_w: 0.0,
-            torques_n_m: match outputs.command.get() {
-                JointCommand::Torque(torques) => torques.to_array(),
-                _ => [self.drives[0].torque_n_m(), self.drives[1].torque_n_m()],
-            },
-            target_angles_rad: signals.target_angles.to_array(),
-            measured_angles_rad: signals.measured_angles.to_array(),
-            signed_distance_m: signals.signed_distance_m,
-            is_on_surface: signals.is_on_surface,
-            hold_counter: signals.hold_counter,
-            is_impact: signals.is_impact,
-            supervisor_state: outputs.directive.state as u8,
-        }
+        let [left, right] = &self.drives;
+        let moment = Moment {
+            index: self.cycles,
+            sync_ns: sync_at.0,
+            compute_ns: compute_at.0,
+            scene_time_s: sync_at.as_secs_f64() - self.world.hand_from_s,
+        };
+        let truth =
+            record::Truth { tool: tip, velocity, torques: JointTorques::new(left.torque_n_m(), right.torque_n_m()) };
+        CycleRecord::new(moment, self.master.last_inputs(), outputs, self.cause(), Some(truth))
     }
 
     fn boot(&mut self) -> Result<(), RigError> {
