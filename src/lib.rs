@@ -23,6 +23,7 @@ pub mod setvalued;
 pub mod bus;
 #[cfg(feature = "config")]
 pub mod config;
+pub mod injection;
 #[cfg(feature = "sim")]
 pub mod record;
 #[cfg(feature = "sim")]

@@ -10,6 +10,7 @@ use hil_tests::Scenario;
 use yieldwall::canopen::{Frame, Outbox, Time};
 use yieldwall::cycle::{Cycle, DriveSample, Inputs, LinkEvents, Timing};
 use yieldwall::guard::{DeviceSet, Request, State};
+use yieldwall::injection::{Injection, Kind};
 use yieldwall::record::CycleRecord;
 use yieldwall::record::recording::{Backpressure, Feed, Sink};
 use yieldwall::rig::{self, EmbeddedRig};
@@ -188,8 +189,8 @@ fn the_rig_does_not_allocate(scenario: &Scenario) {
     println!("{}: {count} calls in {cycles} cycles of the whole rig", scenario.file);
     assert_eq!(machine.state(), State::Running);
     assert_eq!(count, 0, "{}: calls of the allocator in {cycles} cycles of the whole rig", scenario.file);
+    machine.inject(Injection::new(Kind::DriveFault, machine.scene_time_s())).expect("a drive can fail");
     let count = calls(|| {
-        machine.raise_drive_fault(0, 0x4210);
         for request in (0..2000).map(|at| if at == 1000 { Request::Reset } else { Request::None }) {
             machine.run_cycle(request).expect("it goes on");
         }

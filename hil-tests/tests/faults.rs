@@ -4,6 +4,7 @@ use hil_tests::{Recording, Scenario, Session, setpoint};
 use yieldwall::bus::{BootFailure, Phase};
 use yieldwall::canopen::Frame;
 use yieldwall::guard::{Fault, JointCommand, Request, State};
+use yieldwall::injection::{Injection, Kind, Target};
 use yieldwall::rig::RigError;
 use yieldwall_drives::cia402;
 
@@ -135,7 +136,8 @@ fn a_drive_in_fault_stops_the_other_at_once() {
     for scenario in both() {
         for joint in 0..2 {
             let mut session = moving(&scenario);
-            session.machine.raise_drive_fault(joint, OVERHEATED);
+            let target = [Target::LeftDrive, Target::RightDrive][joint];
+            session.inject(Injection::new(Kind::DriveFault, 0.0).on(target).sized(OVERHEATED.into()));
             assert_eq!(cycles_until(&mut session, State::Disabled), 1, "R3; {}", session.replay);
             assert_eq!(session.fault(), Some(Fault::DriveFault));
             let code = session.machine.master().last_emergency().map(|emergency| emergency.code.0);
@@ -152,7 +154,7 @@ fn a_drive_in_fault_stops_the_other_at_once() {
 fn after_a_fault_a_person_resets_and_enables_and_it_starts_where_it_is() {
     for scenario in both() {
         let mut session = moving(&scenario);
-        session.machine.raise_drive_fault(0, OVERHEATED);
+        session.inject(Injection::new(Kind::DriveFault, 0.0).sized(OVERHEATED.into()));
         session.run(500);
         assert_eq!(session.machine.drives()[0].state(), cia402::State::Fault, "nobody has reset it");
         session.step(Request::Reset);

@@ -17,12 +17,13 @@ const RULE: &str = "\
 quantity, setvalued  <-  sensing, fixture, linkage, control (never one another)  <-  guard  <-  cycle  <-  bus  <-  rig  <-  study  <-  cli
 drives, canopen      <-  bus, sim; guard and cycle may name the states of `drives::cia402`
 sim                  may name drives, canopen, linkage, sensing, setvalued, quantity; never cycle, guard, control, fixture
+injection            may name guard; named by config, rig, study, cli
 config               names the parameter types of the layers below cycle; named by bus, sim, rig, study, record, cli
 record               names what enters and leaves a cycle: cycle, guard, sensing, quantity, the states of `drives::cia402`; named by rig, study, cli
 ";
 
 /// All layers. `drives` is not among them: it is a package of its own, `yieldwall_drives`.
-const LAYERS: [&str; 16] = [
+const LAYERS: [&str; 17] = [
     "quantity",
     "setvalued",
     "sensing",
@@ -33,6 +34,7 @@ const LAYERS: [&str; 16] = [
     "cycle",
     "canopen",
     "bus",
+    "injection",
     "config",
     "sim",
     "record",
@@ -54,12 +56,13 @@ fn may_name(layer: &str) -> Option<Vec<&'static str>> {
         "guard" => [&stages[..], &states].concat(),
         "cycle" => [&stages[..], &states, &["guard"]].concat(),
         "bus" => bus(),
-        "config" => [&stages[..], &engines, &["guard"]].concat(),
+        "injection" => vec!["guard"],
+        "config" => [&stages[..], &engines, &["guard", "injection"]].concat(),
         "sim" => [&base[..], &engines, &["sensing", "linkage", "config"]].concat(),
         "record" => [&["quantity", "config", "sensing", "guard", "cycle"], &states[..]].concat(),
-        "rig" => [bus(), vec!["bus", "sim", "record"]].concat(),
-        "study" => [bus(), vec!["bus", "sim", "record", "rig"]].concat(),
-        "cli" => [bus(), vec!["bus", "sim", "record", "rig", "study"]].concat(),
+        "rig" => [bus(), vec!["bus", "injection", "sim", "record"]].concat(),
+        "study" => [bus(), vec!["bus", "injection", "sim", "record", "rig"]].concat(),
+        "cli" => [bus(), vec!["bus", "injection", "sim", "record", "rig", "study"]].concat(),
         _ => return None,
     })
 }

@@ -109,11 +109,16 @@ struct Queued {
 struct Port {
     order: QueueOrder,
     queue: VecDeque<Queued>,
+    /// Whether nothing leaves it.
+    is_held: bool,
 }
 
 impl Port {
     /// Position of the frame that this port offers at `start`.
     fn offer(&self, start: Time) -> Option<(usize, &Queued)> {
+        if self.is_held {
+            return None;
+        }
         let mut waiting = self.queue.iter().enumerate().take_while(|(_, queued)| queued.ready <= start);
         match self.order {
             QueueOrder::Fifo => waiting.next(),
@@ -176,7 +181,10 @@ impl VirtualBus {
         {
             return Err(CanError::BitRate { bit_rate });
         }
-        let ports = ports.iter().map(|&order| Port { order, queue: VecDeque::with_capacity(QUEUE_FRAMES) }).collect();
+        let ports = ports
+            .iter()
+            .map(|&order| Port { order, queue: VecDeque::with_capacity(QUEUE_FRAMES), is_held: false })
+            .collect();
         Ok(VirtualBus {
             timing,
             ports,
@@ -209,6 +217,9 @@ impl VirtualBus {
         sender.queue.push_back(Queued { ready: now, frame, bits });
         self.counters.queue_high_water = self.counters.queue_high_water.max(sender.queue.len());
         self.waiting += 1;
+        if sender.is_held {
+            return true;
+        }
         let is_offered = position == 0 || sender.order == QueueOrder::Priority;
         let start = match self.next {
             // It comes too late for this arbitration, waits behind others, or loses.
@@ -265,6 +276,19 @@ impl VirtualBus {
         }
     }
 
+    /// Has what is in `port` wait, as without anybody to acknowledge it, or leave from `now` on.
+    pub fn hold(&mut self, port: usize, now: Time, is_held: bool) {
+        if let Some(port) = self.ports.get_mut(port)
+            && port.is_held != is_held
+        {
+            port.is_held = is_held;
+            for queued in &mut port.queue {
+                queued.ready = queued.ready.max(now);
+            }
+            self.next = self.arbitrate();
+        }
+    }
+
     /// Number of frames that wait in `port`, one that is on the wire included.
     pub fn queued(&self, port: usize) -> usize {
         self.ports.get(port).map_or(0, |port| port.queue.len())
@@ -301,7 +325,8 @@ impl VirtualBus {
         if self.waiting == 0 {
             return None;
         }
-        let first_ready = self.ports.iter().filter_map(|port| port.queue.front()).map(|queued| queued.ready).min()?;
+        let free = self.ports.iter().filter(|port| !port.is_held);
+        let first_ready = free.filter_map(|port| port.queue.front()).map(|queued| queued.ready).min()?;
         let start = self.idle_from.max(first_ready);
         let offers = self.ports.iter().enumerate().filter_map(|(port, queue)| Some((port, queue.offer(start)?)));
         // Of equal identifiers the first, so that the lower port number goes first.
