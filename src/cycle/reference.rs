@@ -160,28 +160,28 @@ impl Cycle {
         let here = clearance(last.point)?;
         let fall = (2.0 * deceleration * (here - margin).max(0.0)).sqrt() * period_s;
         let least = (here - fall).max(here.min(margin));
+        let offered = clearance(candidate);
+        if offered.is_some_and(|offered| offered >= least) {
+            return Some(candidate);
+        }
+        // The way back is that of the gradient, taken behind the reference, where the linkage is known to reach.
+        let [x, y] = last.point.to_array();
+        let slope = |behind: TipPoint| Some((here - clearance(behind)?) / GRADIENT_STEP_M);
+        let gradient =
+            Vector2::new(slope(TipPoint::new(x - GRADIENT_STEP_M, y))?, slope(TipPoint::new(x, y - GRADIENT_STEP_M))?);
         let mut point = candidate;
+        // Where the linkage does not reach, the gradient says how far beyond that is.
+        let mut there = offered.unwrap_or((here + gradient.dot(&(candidate.0 - last.point.0))).min(least));
         for _ in 0..BRAKING_STEPS {
-            let there = clearance(point).unwrap_or(f64::NEG_INFINITY);
-            if there >= least - CLEARANCE_TOLERANCE_M {
+            // A hair more than asked for, so that nothing creeps into the margin.
+            let missing = least + 0.5 * CLEARANCE_TOLERANCE_M - there;
+            point = TipPoint(point.0 + gradient * (missing / gradient.norm_squared()));
+            there = clearance(point)?;
+            if there >= least {
                 return Some(point);
             }
-            // The clearance falls steepest against its gradient, taken where the linkage is known to reach.
-            let [x, y] = last.point.to_array();
-            let slope = |shifted: TipPoint| Some((clearance(shifted)? - here) / GRADIENT_STEP_M);
-            let gradient = Vector2::new(
-                slope(TipPoint::new(x - GRADIENT_STEP_M, y))?,
-                slope(TipPoint::new(x, y - GRADIENT_STEP_M))?,
-            );
-            let gradient = -gradient;
-            let by_gradient = here + gradient.dot(&(point.0 - last.point.0));
-            let missing = least - if there.is_finite() { there } else { by_gradient.min(least) };
-            point = TipPoint(point.0 + gradient * (missing / gradient.norm_squared()));
-            if !point.is_finite() {
-                return None;
-            }
         }
-        clearance(point).filter(|there| *there >= least - CLEARANCE_TOLERANCE_M).map(|_| point)
+        None
     }
 
     fn reset_fixture(&mut self, at: TipPoint) -> Result<(), Fault> {
