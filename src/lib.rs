@@ -31,6 +31,8 @@ pub mod rig;
 #[cfg(feature = "sim")]
 pub mod sim;
 #[cfg(feature = "sim")]
+pub mod soak;
+#[cfg(feature = "sim")]
 pub mod study;
 
 #[cfg(feature = "cli")]

@@ -14,16 +14,16 @@ use std::path::{Path, PathBuf};
 
 /// The rule as people read it. When this block and the one in the document differ, one of them is out of date.
 const RULE: &str = "\
-quantity, setvalued  <-  sensing, fixture, linkage, control (never one another)  <-  guard  <-  cycle  <-  bus  <-  rig  <-  study  <-  cli
+quantity, setvalued  <-  sensing, fixture, linkage, control (never one another)  <-  guard  <-  cycle  <-  bus  <-  rig  <-  study, soak (not one another)  <-  cli
 drives, canopen      <-  bus, sim; guard and cycle may name the states of `drives::cia402`
 sim                  may name drives, canopen, linkage, sensing, setvalued, quantity; never cycle, guard, control, fixture
-injection            may name guard; named by config, rig, study, cli
-config               names the parameter types of the layers below cycle; named by bus, sim, rig, study, record, cli
-record               names what enters and leaves a cycle: cycle, guard, sensing, quantity, the states of `drives::cia402`; named by rig, study, cli
+injection            may name guard; named by config, rig, study, soak, cli
+config               names the parameter types of the layers below cycle; named by bus, sim, rig, study, soak, record, cli
+record               names what enters and leaves a cycle: cycle, guard, sensing, quantity, the states of `drives::cia402`; named by rig, study, soak, cli
 ";
 
 /// All layers. `drives` is not among them: it is a package of its own, `yieldwall_drives`.
-const LAYERS: [&str; 17] = [
+const LAYERS: [&str; 18] = [
     "quantity",
     "setvalued",
     "sensing",
@@ -40,6 +40,7 @@ const LAYERS: [&str; 17] = [
     "record",
     "rig",
     "study",
+    "soak",
     "cli",
 ];
 
@@ -62,7 +63,8 @@ fn may_name(layer: &str) -> Option<Vec<&'static str>> {
         "record" => [&["quantity", "config", "sensing", "guard", "cycle"], &states[..]].concat(),
         "rig" => [bus(), vec!["bus", "injection", "sim", "record"]].concat(),
         "study" => [bus(), vec!["bus", "injection", "sim", "record", "rig"]].concat(),
-        "cli" => [bus(), vec!["bus", "injection", "sim", "record", "rig", "study"]].concat(),
+        "soak" => [bus(), vec!["bus", "injection", "sim", "record", "rig"]].concat(),
+        "cli" => [bus(), vec!["bus", "injection", "sim", "record", "rig", "study", "soak"]].concat(),
         _ => return None,
     })
 }

@@ -15,6 +15,7 @@ mod render;
 mod replay;
 mod reproduce;
 mod run;
+mod soak;
 
 use std::ffi::OsString;
 use std::process::ExitCode;
@@ -54,6 +55,8 @@ enum Command {
     /// Look into recordings and mend them
     #[command(subcommand)]
     Record(record::Command),
+    /// Draw rigs, hands and faults from seeds, run them and judge every cycle
+    Soak(soak::Arguments),
     /// Check, show and describe configuration files
     #[command(subcommand)]
     Config(config::Command),
@@ -89,6 +92,7 @@ fn run(arguments: impl IntoIterator<Item = OsString>) -> Exit {
         Command::Replay(arguments) => replay::run(&arguments, &mut output),
         Command::Plot(arguments) => plot::run(&arguments, &mut output),
         Command::Record(command) => record::run(&command, &mut output),
+        Command::Soak(arguments) => soak::run(&arguments, &mut output),
         Command::Config(command) => config::run(command, &mut output),
     };
     match result {

@@ -113,7 +113,7 @@ impl EmbeddedRig {
         Err(RigError::NotStopped { waited_s: STOP_LIMIT_S, state: format!("{:?}", self.state()) })
     }
 
-    fn boot(&mut self) -> Result<(), RigError> {
+    pub(super) fn boot(&mut self) -> Result<(), RigError> {
         for (drive, port) in self.drives.iter_mut().zip(DRIVES) {
             drive.boot(self.now, &mut self.bus.outbox(port, self.now));
         }
@@ -122,7 +122,7 @@ impl EmbeddedRig {
     }
 
     /// Has the master find and configure the devices, up to the exchange of process data.
-    fn start_network(&mut self) -> Result<(), RigError> {
+    pub(super) fn start_network(&mut self) -> Result<(), RigError> {
         self.next_sync = Time::NEVER;
         self.master.start(self.now, &mut self.bus.outbox(MASTER, self.now));
         let limit = self.now + BOOT_LIMIT;

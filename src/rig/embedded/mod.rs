@@ -7,7 +7,10 @@ mod boot;
 mod events;
 mod host;
 mod injecting;
+mod probe;
 mod trouble;
+
+pub use probe::{BodyTruth, PORTS};
 
 use super::build;
 use super::error::RigError;

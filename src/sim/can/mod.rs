@@ -157,7 +157,24 @@ pub struct VirtualBus {
     next: Option<Next>,
     counters: BusCounters,
     tamper: Option<Box<dyn Tamper + Send>>,
+    witness: Option<Witness>,
 }
+
+/// One frame's way over the bus, as nobody on it can see it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Passage {
+    /// End of the frame.
+    pub time: Time,
+    /// The port that sent it.
+    pub from: usize,
+    /// What was sent.
+    pub sent: Frame,
+    /// What receivers get; `None` if it was lost on the way.
+    pub received: Option<Frame>,
+}
+
+/// Gets the passage of every frame.
+pub type Witness = Box<dyn FnMut(&Passage) + Send>;
 
 impl std::fmt::Debug for VirtualBus {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
@@ -193,12 +210,18 @@ impl VirtualBus {
             next: None,
             counters: BusCounters::default(),
             tamper: None,
+            witness: None,
         })
     }
 
     /// Has every frame pass through `tamper`; replaces an earlier one.
     pub fn set_tamper(&mut self, tamper: impl Tamper + Send + 'static) {
         self.tamper = Some(Box::new(tamper));
+    }
+
+    /// Has `witness` get the passage of every frame from now on.
+    pub fn set_witness(&mut self, witness: Witness) {
+        self.witness = Some(witness);
     }
 
     /// Lets frames pass unchanged again.
@@ -256,6 +279,9 @@ impl VirtualBus {
                 Some(tamper) => tamper.pass(next.end, next.port, sent),
                 None => Some(sent),
             };
+            if let Some(witness) = &mut self.witness {
+                witness(&Passage { time: next.end, from: next.port, sent, received: passed });
+            }
             match passed {
                 Some(frame) => {
                     self.counters.altered += u64::from(frame != sent);
