@@ -72,6 +72,8 @@ fn inputs(cycle: usize, angles: [f64; 2], state: cia402::State) -> Inputs {
             angle_rad: (!is_lost(977)).then_some(angles[joint]),
             state,
             follows_command: true,
+            has_voltage: true,
+            has_warning: is_lost(701),
         }),
         sample: (!is_lost(499)).then_some(RawSample {
             counts,

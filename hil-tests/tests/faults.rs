@@ -9,8 +9,8 @@ use yieldwall_drives::cia402;
 
 /// Quick stop, by its literal controlword.
 const QUICK_STOP: u16 = 0x0002;
-/// Voltage off, by its literal controlword.
-const VOLTAGE_OFF: u16 = 0x0000;
+/// No command at all: what a drive in fault is sent.
+const NO_COMMAND: u16 = 0x0000;
 /// The error code that a test gives a drive: internal temperature.
 const OVERHEATED: u16 = 0x4210;
 
@@ -46,15 +46,15 @@ fn controlwords(recording: &Recording) -> Vec<[u16; 2]> {
     recording.cycles().iter().filter_map(each).collect()
 }
 
-/// Checks that both drives were told to stop by `word` in the same cycle, that nothing enables them afterwards, and that
+/// Checks that both drives were told to stop by `stopped_by` in the same cycle, that nothing enables them afterwards, and that
 /// they have no torque in the end.
-fn check_stopped(session: &mut Session, word: u16) {
+fn check_stopped(session: &mut Session, stopped_by: [u16; 2]) {
     session.run(600);
     let replay = session.replay.clone();
     let words = controlwords(&session.recording());
     let stop = words.iter().rposition(|words| words[0] & 0x8f == 0x0f || words[1] & 0x8f == 0x0f).unwrap() + 1;
     assert_eq!(words[stop - 1], [0x000f; 2], "both were enabled up to the same cycle; {replay}");
-    assert_eq!(words[stop], [word; 2], "both are stopped in the same cycle; {replay}");
+    assert_eq!(words[stop], stopped_by, "both are stopped in the same cycle; {replay}");
     assert!(words.len() > stop + 500, "nothing was enabled for long; {replay}");
     assert!(session.machine.state().is_latched(), "{replay}");
     for drive in session.machine.drives() {
@@ -78,7 +78,7 @@ fn a_force_sensor_that_falls_silent_freezes_then_stops_the_rig() {
             assert_eq!(cycles_until(&mut session, State::Stopping), 7, "R2; {}", session.replay);
             assert_eq!(session.fault(), Some(Fault::SensorLost));
             cycles_until(&mut session, State::Stopped);
-            check_stopped(&mut session, QUICK_STOP);
+            check_stopped(&mut session, [QUICK_STOP; 2]);
         }
     }
 }
@@ -110,7 +110,7 @@ fn a_drive_that_falls_silent_quick_stops_both() {
             assert_eq!(cycles_until(&mut session, State::Holding), 2, "R1; {}", session.replay);
             assert_eq!(cycles_until(&mut session, State::Stopped), 3, "R3; {}", session.replay);
             assert_eq!(session.fault(), Some(Fault::PdoMissed));
-            check_stopped(&mut session, QUICK_STOP);
+            check_stopped(&mut session, [QUICK_STOP; 2]);
         }
     }
 }
@@ -131,20 +131,19 @@ fn one_lost_frame_of_a_drive_goes_unnoticed() {
 }
 
 #[test]
-fn a_drive_in_fault_takes_the_torque_off_both_at_once() {
+fn a_drive_in_fault_stops_the_other_at_once() {
     for scenario in both() {
         for joint in 0..2 {
             let mut session = moving(&scenario);
             session.machine.raise_drive_fault(joint, OVERHEATED);
-            assert_eq!(cycles_until(&mut session, State::Disabled), 1, "R4; {}", session.replay);
+            assert_eq!(cycles_until(&mut session, State::Disabled), 1, "R3; {}", session.replay);
             assert_eq!(session.fault(), Some(Fault::DriveFault));
-            // The set-points are applied at the next SYNC.
-            session.step(Request::None);
-            session.step(Request::None);
-            assert_eq!(session.machine.drives()[1 - joint].torque_n_m(), 0.0);
             let code = session.machine.master().last_emergency().map(|emergency| emergency.code.0);
             assert_eq!(code, Some(OVERHEATED));
-            check_stopped(&mut session, VOLTAGE_OFF);
+            // The drive in fault hears nothing but a reset.
+            let mut words = [QUICK_STOP; 2];
+            words[joint] = NO_COMMAND;
+            check_stopped(&mut session, words);
         }
     }
 }
@@ -188,7 +187,7 @@ fn a_frame_of_the_wrong_length_is_a_miss_and_two_stop_the_rig() {
         });
         assert_eq!(cycles_until(&mut session, State::Stopped), 2, "{}", session.replay);
         assert_eq!(session.fault(), Some(Fault::PdoLength));
-        check_stopped(&mut session, QUICK_STOP);
+        check_stopped(&mut session, [QUICK_STOP; 2]);
     }
 }
 
@@ -221,12 +220,13 @@ fn a_node_that_restarts_leaves_operational_or_falls_silent_stops_both() {
                 Some(frame) => replace_once(&mut session, id, frame),
                 None => session.tamper(move |_, _, frame: Frame| (frame.id() != id).then_some(frame)),
             }
-            let cycles = cycles_until(&mut session, State::Stopped);
+            let state = if fault == Fault::HeartbeatLost { State::Lost } else { State::Stopped };
+            let cycles = cycles_until(&mut session, state);
             // A heartbeat every 20 ms, lost after 40.
             let bound = if with.is_some() { 21 } else { 41 };
             assert!(cycles <= bound, "{cycles} cycles; {}", session.replay);
             assert_eq!(session.fault(), Some(fault), "{}", session.replay);
-            check_stopped(&mut session, QUICK_STOP);
+            check_stopped(&mut session, [QUICK_STOP; 2]);
         }
     }
 }

@@ -36,6 +36,13 @@ impl EmcyCode {
         self.0 == 0
     }
 
+    /// Whether the node goes on as before after this: it lost a message, or tells of the bus what is over again.
+    ///
+    /// Everything else may have changed what the node does, an unknown code too.
+    pub const fn is_warning(self) -> bool {
+        matches!(self.0, 0x8110 | 0x8120 | 0x8140 | 0x8220 | 0x8240)
+    }
+
     /// What the code means; for a code that is not listed, what its class means.
     pub const fn meaning(self) -> &'static str {
         match self.0 {
@@ -186,6 +193,25 @@ mod tests {
         assert_eq!(Emergency::decode(&Frame::new(0x080, &[0; 8])), None);
         assert_eq!(Emergency::decode(&Frame::new(0x100, &[0; 8])), None);
         assert_eq!(Emergency::decode(&Frame::new(0x083, &[0; 7])), None);
+    }
+
+    #[test]
+    fn what_a_node_overcomes_by_itself_is_a_warning() {
+        for (code, is_warning) in [
+            (0x8110, true),
+            (0x8120, true),
+            (0x8140, true),
+            (0x8220, true),
+            (0x8240, true),
+            (0x8130, false),
+            (0x8210, false),
+            (0x8250, false),
+            (0x4210, false),
+            (0xff00, false),
+            (0x1000, false),
+        ] {
+            assert_eq!(EmcyCode(code).is_warning(), is_warning, "{code:04X}h");
+        }
     }
 
     #[test]

@@ -25,6 +25,19 @@ impl<T> Allowed<T> {
     }
 }
 
+impl Allowed<JointCommand> {
+    /// The command that moves nothing: `angles`, no rate, no torque, in the mode of `like`.
+    ///
+    /// Real-time: yes.
+    pub fn rest(like: &JointCommand, angles: JointAngles) -> Self {
+        Allowed(match like {
+            JointCommand::Position(_) => JointCommand::Position(angles),
+            JointCommand::Velocity(_) => JointCommand::Velocity(JointRates::default()),
+            JointCommand::Torque(_) => JointCommand::Torque(JointTorques::default()),
+        })
+    }
+}
+
 /// What is measured of the joints in this cycle.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Measured {
@@ -58,18 +71,13 @@ impl Gate {
         Self { limits, last_target: None }
     }
 
-    /// The command that moves nothing: the measured angles, no rate, no torque, in the mode of `like`.
-    ///
-    /// After it a position target starts from the measured angles.
+    /// The command that moves nothing, at the measured angles: [`Allowed::rest`]. After it a position target starts from
+    /// there.
     ///
     /// Real-time: yes.
     pub fn rest(&mut self, like: &JointCommand, measured: &Measured) -> Allowed<JointCommand> {
         self.last_target = Some(measured.angles);
-        Allowed(match like {
-            JointCommand::Position(_) => JointCommand::Position(measured.angles),
-            JointCommand::Velocity(_) => JointCommand::Velocity(JointRates::default()),
-            JointCommand::Torque(_) => JointCommand::Torque(JointTorques::default()),
-        })
+        Allowed::rest(like, measured.angles)
     }
 
     /// Lets `command` through, with torques cut to the limit, and says whether a torque was cut.

@@ -11,7 +11,7 @@
 
 use yieldwall_drives::cia402;
 
-use super::fault::{Cause, Fault, FaultCounts, Reaction};
+use super::fault::{Cause, Reaction};
 
 /// Cycles without any fault after which Holding ends (hysteresis against flicker at a threshold).
 const CLEAR_CYCLES: u16 = 50;
@@ -94,15 +94,39 @@ pub struct Directive {
     pub goal: cia402::Goal,
     /// Whether drives in Fault get one reset edge.
     pub fault_reset: bool,
+    /// Whether nothing is sent any more: the bus cannot be reached, and what the drives still heard would keep their
+    /// watchdogs from acting.
+    pub is_silent: bool,
+}
+
+impl Directive {
+    /// Nothing moves and nothing is enabled.
+    pub const IDLE: Self = Self {
+        state: State::Idle,
+        motion: Motion::Rest,
+        goal: cia402::Goal::ReadyToSwitchOn,
+        fault_reset: false,
+        is_silent: false,
+    };
+    /// Quick stop of both drives, latched in [`State::Disabled`]: for a caller that has lost its supervisor.
+    pub const QUICK_STOP: Self = Self {
+        state: State::Disabled,
+        motion: Motion::Rest,
+        goal: cia402::Goal::QuickStop,
+        fault_reset: false,
+        is_silent: false,
+    };
 }
 
 /// What the supervisor looks at.
 #[derive(Clone, Copy, Debug)]
-pub struct View<'a> {
+pub struct View {
     /// The drives' states as known in this cycle.
     pub drives: [cia402::State; 2],
-    /// The faults seen in this cycle.
-    pub faults: &'a FaultCounts,
+    /// The strongest reaction that the faults ask for, with its cause.
+    pub worst: Option<(Cause, Reaction)>,
+    /// Whether both angles were measured in this cycle, and not predicted.
+    pub is_measured: bool,
     /// Whether the reference is at rest.
     pub at_rest: bool,
     /// What the person asks for.
@@ -139,15 +163,15 @@ impl Supervisor {
     /// One cycle.
     ///
     /// Real-time: yes.
-    pub fn step(&mut self, view: &View<'_>) -> Directive {
+    pub fn step(&mut self, view: &View) -> Directive {
         self.resetting = false;
         self.state = self.next(view);
         self.directive()
     }
 
-    fn next(&mut self, view: &View<'_>) -> State {
+    fn next(&mut self, view: &View) -> State {
         let all_enabled = view.drives.iter().all(|drive| *drive == cia402::State::OperationEnabled);
-        let worst = view.faults.worst();
+        let worst = view.worst;
         match self.state {
             State::Idle => match (view.request, worst) {
                 (Request::Enable, Some((cause, reaction))) if reaction > Reaction::Count => {
@@ -163,7 +187,7 @@ impl Supervisor {
             State::Enabling => match worst {
                 Some((cause, reaction)) if reaction > Reaction::Freeze => self.stop_now(cause, reaction),
                 // The first target is the measured position, not a predicted one.
-                _ if all_enabled && view.faults.count(Fault::PdoMissed) == 0 => self.react(worst, State::Running),
+                _ if all_enabled && view.is_measured => self.react(worst, State::Running),
                 _ => State::Enabling,
             },
             State::Running => self.react(worst, State::Running),
@@ -216,7 +240,7 @@ impl Supervisor {
 
     /// A latched state grows only more severe, and ends only by a reset. A fault that is still there then keeps the rig
     /// from being enabled.
-    fn stay(&mut self, latched: State, worst: Option<(Cause, Reaction)>, view: &View<'_>) -> State {
+    fn stay(&mut self, latched: State, worst: Option<(Cause, Reaction)>, view: &View) -> State {
         if view.request == Request::Reset {
             self.resetting = true;
             self.cause = None;
@@ -245,7 +269,8 @@ impl Supervisor {
                 _ => (Motion::Rest, cia402::Goal::QuickStop),
             },
         };
-        Directive { state: self.state, motion, goal, fault_reset: self.resetting }
+        let is_silent = self.reaction == Some(Reaction::Silence);
+        Directive { state: self.state, motion, goal, fault_reset: self.resetting, is_silent }
     }
 }
 
@@ -255,6 +280,7 @@ mod exploration;
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::guard::fault::{Fault, FaultCounts};
     use cia402::{Goal, State as Drive};
 
     struct Rig {
@@ -277,7 +303,8 @@ mod tests {
         }
 
         fn step(&mut self, request: Request) -> Directive {
-            let view = View { drives: self.drives, faults: &self.faults, at_rest: self.at_rest, request };
+            let worst = self.faults.worst();
+            let view = View { drives: self.drives, worst, is_measured: true, at_rest: self.at_rest, request };
             self.supervisor.step(&view)
         }
     }

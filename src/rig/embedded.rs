@@ -152,12 +152,12 @@ impl EmbeddedRig {
 
     /// State of the supervisor.
     pub fn state(&self) -> State {
-        self.master.cycle().state()
+        self.master.state()
     }
 
     /// The fault that led to the present state.
     pub fn cause(&self) -> Option<Cause> {
-        self.master.cycle().cause()
+        self.master.cause()
     }
 
     /// The master, for reports.
@@ -321,7 +321,9 @@ impl EmbeddedRig {
         if from != SENSOR {
             self.sensor.on_frame(now, frame, &mut self.bus.outbox(SENSOR, now));
         }
-        if from != MASTER {
+        if from == MASTER {
+            self.master.on_echo(frame);
+        } else {
             self.master.on_frame(now, frame, &mut self.bus.outbox(MASTER, now));
         }
         self.take_torques()
