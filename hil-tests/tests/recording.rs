@@ -10,7 +10,7 @@ use std::time::Duration;
 
 use hil_tests::Scenario;
 use yieldwall::canopen::{Frame, Time};
-use yieldwall::guard::Request;
+use yieldwall::guard::{Fault, Request};
 use yieldwall::record::CycleRecord;
 use yieldwall::record::recording::{About, Backpressure, BlackBox, Feed, Reader, Recorder, Sink, Writer};
 use yieldwall::rig::{EmbeddedRig, Observer};
@@ -250,4 +250,42 @@ fn a_recording_that_is_killed_loses_less_than_a_second() {
         assert!(BufReader::new(file).lines().count() as u64 + LOST_CYCLES > produced, "kill {kill}");
     }
     println!("{KILLS} kills: at most {most_lost} cycles lost");
+}
+
+#[test]
+fn a_fault_leaves_a_black_box_and_its_recording_replays() {
+    let mut scenario = Scenario::torque();
+    // Less than what the hand of the scene needs to leave the surface, after 10 s.
+    scenario.rig.guard.force_limit_n = yieldwall::config::Positive::new(22.0).expect("a positive number");
+    let folder = Folder::new();
+    let black_box = BlackBox::new(Some(folder.0.join("black-box")), "rig", scenario.period_s(), about(&scenario));
+    let (mut ring, feed) = Feed::start("black box", 512, Backpressure::Wait, black_box).expect("a thread");
+    let recorder = Recorder::create(&folder.0, &about(&scenario)).expect("an empty folder");
+    let (mut cycles, recording) = Feed::start("recorder", 512, Backpressure::Wait, recorder).expect("a thread");
+    let observer: Observer = Box::new(move |record| {
+        ring.push(record);
+        cycles.push(record);
+    });
+    let watch = Watch { tap: None, observer: Some(observer) };
+    let report = run_rig(&scenario.rig, &scenario.scene, &overrides(27.0), watch, |_| ()).expect("a rig");
+    let cause = report.cause.expect("a fault");
+    assert_eq!(cause.fault, Fault::ForceLimit, "replay: {}", scenario.replay());
+    assert_eq!(recording.finish().expect("the thread ends").counts.lost(), 0);
+    let saved = feed.finish().expect("the thread ends").report;
+    let [saved] = &saved[..] else { panic!("one fault, one file: {saved:?}") };
+    assert_eq!(saved.cause, cause);
+    let all = read(&folder);
+    let mut reader = Reader::open(saved.file.as_ref().expect("a file")).expect("a recording");
+    let kept: Vec<_> = std::iter::from_fn(|| reader.next_record().expect("it can be read")).collect();
+    let second = (1.0 / scenario.period_s()).round() as usize;
+    assert_eq!(kept.len(), 4 * second);
+    let fault = kept.iter().position(|record| record.cause.is_some()).expect("the fault is in the file");
+    assert_eq!((fault, kept[fault].moment.scene_time_s), (2 * second, saved.scene_time_s));
+    let first = kept[0].moment.index as usize;
+    assert!(kept[..] == all[first..first + kept.len()], "the black box has what the recording has");
+    // The rows end with the cycle that the fault stopped; the recording goes on.
+    let last = report.trace.rows.last().expect("rows").time_s;
+    assert!(all.last().expect("cycles").moment.scene_time_s > last + 1.9);
+    let replayed = replay(&mut Reader::open(&folder.mcap()).expect("a recording")).expect("it replays");
+    assert_eq!(replayed, replay::Replay { cycles: all.len() as u64, end: End::Whole });
 }

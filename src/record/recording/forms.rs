@@ -249,9 +249,15 @@ fn exact<S: Scalar>(value: S) -> String {
 /// A record to be filled in.
 pub(super) fn blank() -> CycleRecord {
     use crate::cycle::{DriveSample, Inputs, LinkEvents, Signals, Timing};
-    use crate::guard::{Directive, JointCommand, Motion, Request, State};
+    use crate::guard::{Directive, JointCommand, Request};
     use yieldwall_drives::cia402;
-    let drive = DriveSample { angle_rad: None, state: cia402::State::NotReadyToSwitchOn, follows_command: false };
+    let drive = DriveSample {
+        angle_rad: None,
+        state: cia402::State::NotReadyToSwitchOn,
+        follows_command: false,
+        has_voltage: false,
+        has_warning: false,
+    };
     CycleRecord {
         moment: Default::default(),
         inputs: Inputs {
@@ -262,12 +268,7 @@ pub(super) fn blank() -> CycleRecord {
             request: Request::None,
         },
         command: JointCommand::Torque(Default::default()),
-        directive: Directive {
-            state: State::Idle,
-            motion: Motion::Rest,
-            goal: cia402::Goal::SwitchOnDisabled,
-            fault_reset: false,
-        },
+        directive: Directive::IDLE,
         cause: None,
         signals: Signals::default(),
         truth: None,

@@ -186,8 +186,13 @@ fn a_message_has_these_bytes() {
     record.moment.sync_ns = 3;
     record.moment.compute_ns = 4;
     record.moment.scene_time_s = 0.5;
-    record.inputs.drives[0] =
-        DriveSample { angle_rad: Some(-2.0), state: cia402::State::OperationEnabled, follows_command: true };
+    record.inputs.drives[0] = DriveSample {
+        angle_rad: Some(-2.0),
+        state: cia402::State::OperationEnabled,
+        follows_command: true,
+        has_voltage: true,
+        has_warning: false,
+    };
     let mut bytes = Vec::new();
     encode(&record, &mut bytes);
     #[rustfmt::skip]
@@ -199,7 +204,7 @@ fn a_message_has_these_bytes() {
         0, 0, 0, 0, 0, 0, 0xe0, 0x3f,  // scene_time_s
         1, 0, 0, 0, 0, 0, 0, 0,        // left_has_angle, and the way to a multiple of 8
         0, 0, 0, 0, 0, 0, 0, 0xc0,     // left_angle_rad
-        4, 1, 0, 0, 0, 0, 0, 0,        // left_state, left_follows_command, right_has_angle
+        4, 1, 1, 0, 0, 0, 0, 0,        // left_state, _follows_command, _has_voltage, _has_warning, right_has_angle
         0, 0, 0, 0, 0, 0, 0, 0,        // right_angle_rad
     ];
     assert_eq!(bytes[..begin.len()], begin);
