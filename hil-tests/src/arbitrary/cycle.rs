@@ -56,6 +56,8 @@ impl World {
             angle_rad: Some(self.angles[joint]),
             state: self.drives[joint],
             follows_command: true,
+            has_voltage: true,
+            has_warning: false,
         };
         let sample = RawSample { counts: self.counts, sequence: Some(self.sequence), ..RawSample::default() };
         let (link, timing) = (LinkEvents::default(), Timing::default());

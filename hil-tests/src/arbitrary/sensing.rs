@@ -75,6 +75,7 @@ pub fn sensing(bytes: &[u8]) {
         low_pass_hz: bytes.bool().then(|| bytes.f64()),
         sample_rate_hz: bytes.f64(),
         cycle_period_s: bytes.f64(),
+        force_step_limit_n: bytes.f64(),
     };
     let Ok(mut chain) = Sensing::new(parameters) else { return };
     assert!(chain.filter_delay_s().is_finite());
