@@ -11,6 +11,8 @@ use yieldwall::canopen::{Frame, Outbox, Time};
 use yieldwall::cycle::{Cycle, DriveSample, Inputs, LinkEvents, Timing};
 use yieldwall::guard::{DeviceSet, Request, State};
 use yieldwall::injection::{Injection, Kind};
+use yieldwall::record::CycleRecord;
+use yieldwall::record::recording::{Backpressure, Feed, Sink};
 use yieldwall::rig::{self, EmbeddedRig};
 use yieldwall::sensing::RawSample;
 use yieldwall_drives::cia402;
@@ -144,10 +146,35 @@ impl Outbox for Fixed {
     }
 }
 
+/// Takes records and forgets them.
+struct Forget(u64);
+
+impl Sink<CycleRecord> for Forget {
+    type Report = ();
+
+    fn take(&mut self, _: &CycleRecord) -> std::io::Result<()> {
+        self.0 += 1;
+        Ok(())
+    }
+
+    fn finish(&mut self) -> std::io::Result<()> {
+        Ok(())
+    }
+
+    fn stored(&self) -> u64 {
+        self.0
+    }
+
+    fn report(self) {}
+}
+
 /// The whole embedded rig, master and simulated devices alike, and frames that a master gets from strangers.
 fn the_rig_does_not_allocate(scenario: &Scenario) {
     let mut machine =
         EmbeddedRig::new(&scenario.rig, &scenario.scene, &scenario.rig.fixture, scenario.seed).expect("a shipped rig");
+    // As a recording has it: a ring that a thread empties.
+    let (mut ring, feed) = Feed::start("test", 512, Backpressure::Drop, Forget(0)).expect("a thread");
+    machine.set_observer(Box::new(move |record| ring.push(record)));
     machine.enable().expect("it is enabled");
     // Queues have grown to their size by then.
     for _ in 0..100 {
@@ -169,6 +196,8 @@ fn the_rig_does_not_allocate(scenario: &Scenario) {
         }
     });
     assert_eq!(count, 0, "{}: calls of the allocator on the way through a fault", scenario.file);
+    let counts = feed.finish().expect("the thread ends").counts;
+    assert!(counts.kept > 0, "the ring was used: {counts:?}");
 }
 
 #[test]

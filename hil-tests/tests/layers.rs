@@ -70,12 +70,14 @@ fn may_name(layer: &str) -> Option<Vec<&'static str>> {
 }
 
 /// Foreign crates that only some places may name, tests included.
-const ONLY_IN: [(&str, &[&str]); 5] = [
+const ONLY_IN: [(&str, &[&str]); 7] = [
     ("clap", &["cli", "main"]),
     ("miette", &["cli", "main"]),
     ("serde_saphyr", &["config::yaml"]),
     ("kuva", &["record::figure"]),
     ("canopen_rs", &["canopen"]),
+    ("mcap", &["record::recording"]),
+    ("rtrb", &["record::recording"]),
 ];
 
 #[test]

@@ -456,6 +456,8 @@ impl Master {
     fn enter(&mut self, phase: Phase) {
         tracing::debug!(?phase, "network");
         self.phase = phase;
+        // What the old phase waited for is over.
+        self.phase_deadline = Time::NEVER;
     }
 
     fn send_heartbeat(&mut self, now: Time, out: &mut impl Outbox) {
@@ -478,7 +480,6 @@ impl Master {
                 node.has_booted = true;
                 if self.nodes.iter().all(|node| node.has_booted) {
                     self.enter(Phase::Configuring);
-                    self.phase_deadline = Time::NEVER;
                     self.configure(now, out, |boot, now, out| boot.start(now, out));
                 }
             }
@@ -500,12 +501,16 @@ impl Master {
             (HeartbeatChange::Lost, _) => self.events.heartbeat_lost |= node.device,
             (HeartbeatChange::Present(_) | HeartbeatChange::State(_), _) => {
                 self.events.heartbeat_lost |= node.device.only_if(!node.is_operational);
-                if self.phase == Phase::Starting && self.nodes.iter().all(|node| node.is_operational) {
-                    self.enter(Phase::Operational);
-                    self.phase_deadline = Time::NEVER;
-                    self.events = LinkEvents::default();
-                }
+                self.go_on_if_started();
             }
+        }
+    }
+
+    /// From Starting to Operational when all nodes are there.
+    fn go_on_if_started(&mut self) {
+        if self.phase == Phase::Starting && self.nodes.iter().all(|node| node.is_operational) {
+            self.enter(Phase::Operational);
+            self.events = LinkEvents::default();
         }
     }
 
@@ -534,6 +539,8 @@ impl Master {
                 self.watch.start(now, node.id);
             }
             out.push(nmt::command(NmtCommand::StartRemoteNode, None));
+            // Nodes that have started by themselves do not say so again.
+            self.go_on_if_started();
         }
     }
 

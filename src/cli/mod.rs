@@ -5,10 +5,14 @@
 
 mod config;
 mod failure;
+mod keep;
 mod margins;
 mod output;
+mod plot;
 mod progress;
+mod record;
 mod render;
+mod replay;
 mod reproduce;
 mod run;
 mod soak;
@@ -44,6 +48,13 @@ enum Command {
     Run(run::Arguments),
     /// Run the paper's experiments and draw its figures
     Reproduce(reproduce::Arguments),
+    /// Run a recording's cycles again and compare, bit by bit
+    Replay(replay::Arguments),
+    /// Draw a recording
+    Plot(plot::Arguments),
+    /// Look into recordings and mend them
+    #[command(subcommand)]
+    Record(record::Command),
     /// Draw rigs, hands and faults from seeds, run them and judge every cycle
     Soak(soak::Arguments),
     /// Check, show and describe configuration files
@@ -78,6 +89,9 @@ fn run(arguments: impl IntoIterator<Item = OsString>) -> Exit {
     let result = match arguments.command {
         Command::Run(arguments) => run::run(&arguments, &mut output),
         Command::Reproduce(arguments) => reproduce::run(&arguments, &mut output),
+        Command::Replay(arguments) => replay::run(&arguments, &mut output),
+        Command::Plot(arguments) => plot::run(&arguments, &mut output),
+        Command::Record(command) => record::run(&command, &mut output),
         Command::Soak(arguments) => soak::run(&arguments, &mut output),
         Command::Config(command) => config::run(command, &mut output),
     };

@@ -56,6 +56,7 @@ pub enum Kind {
     HandBlow,
     HandTremble,
     HandStiff,
+    HandSwing,
     HandToEdge,
     StopRequest,
     SyncLate,

@@ -61,6 +61,8 @@ pub(super) enum PushShape {
     Along,
     /// Along the circle, as a half sine.
     Blow,
+    /// To and fro along the circle, once.
+    Swing,
     /// To and fro along the circle.
     Tremble,
     /// Away from the task's origin, with long ramps.
@@ -82,6 +84,7 @@ impl Push {
         let (share, is_along) = match self.shape {
             PushShape::Along => (ramp(Self::SHORT_RAMP_S), true),
             PushShape::Blow => ((0.5 * turn / (self.end_s - self.start_s)).sin(), true),
+            PushShape::Swing => ((turn / (self.end_s - self.start_s)).sin(), true),
             PushShape::Tremble => ((turn * Self::TREMBLE_HZ).sin(), true),
             PushShape::Outward => (ramp(Self::LONG_RAMP_S), false),
         };

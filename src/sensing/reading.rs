@@ -149,6 +149,8 @@ impl Sensing {
         let interval_s = positive("sample interval", positive("sample rate", parameters.sample_rate_hz)?.recip())?;
         // More than one sample per cycle cannot be seen: the cycle is the interval then, also for the filter.
         let interval_s = interval_s.max(cycle_period_s);
+        // The age of a sample stays finite however long none comes.
+        not_negative("longest age of a sample in s", cycle_period_s * f64::from(u32::MAX))?;
         let step_limit = parameters.force_step_limit_n;
         if step_limit != f64::INFINITY {
             positive("force step limit", step_limit)?;

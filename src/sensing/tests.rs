@@ -293,6 +293,7 @@ fn bad_parameters_are_refused() {
         SensingParameters { low_pass_hz: Some(1e-320), ..parameters() },
         SensingParameters { sample_rate_hz: 0.0, ..parameters() },
         SensingParameters { sample_rate_hz: 1e-320, ..parameters() },
+        SensingParameters { cycle_period_s: 1e300, ..parameters() },
         SensingParameters { mounting: Mounting { link: MountedOn::Base, angle_rad: f64::NAN }, ..parameters() },
     ] {
         assert!(matches!(Sensing::new(zero), Err(SensingError::OutOfRange { .. })));

@@ -62,6 +62,7 @@ pub(super) fn falsifies(kind: Kind) -> Falsified {
         | Kind::HandOverload
         | Kind::HandBlow
         | Kind::HandTremble
+        | Kind::HandSwing
         | Kind::HandStiff
         | Kind::HandToEdge
         | Kind::StopRequest
@@ -108,6 +109,7 @@ pub(super) fn is_certain(kind: Kind) -> bool {
         | Kind::HandOverload
         | Kind::HandBlow
         | Kind::HandTremble
+        | Kind::HandSwing
         | Kind::HandStiff
         | Kind::HandToEdge
         | Kind::SyncLate

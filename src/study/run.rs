@@ -5,8 +5,8 @@ use std::time::Duration;
 use super::measures::{Context, Measures, measure};
 use crate::config;
 use crate::guard::{Cause, Request, State};
-use crate::record::{ForceMeaning, Reference, Row, Trace};
-use crate::rig::{EmbeddedRig, ImpedanceRig, RigError, Tap};
+use crate::record::{AROUND_FAULT_S, ForceMeaning, Reference, Row, Trace};
+use crate::rig::{EmbeddedRig, ImpedanceRig, Observer, RigError, Tap};
 use crate::sim::can::BusCounters;
 
 /// Rows of the moving average over the tool velocity in the power.
@@ -58,9 +58,19 @@ pub struct Overrides {
     pub seed: Option<u64>,
 }
 
+/// Who looks on while a rig runs, from switching on to the end.
+#[derive(Default)]
+pub struct Watch {
+    /// Gets every frame on the bus.
+    pub tap: Option<Tap>,
+    /// Gets the record of every cycle.
+    pub observer: Option<Observer>,
+}
+
 /// Runs a scene on an admittance rig: boots and enables it, plays the scene, stops the rig.
 ///
-/// A rig that a fault stops ends its run early; the report says which.
+/// A rig that a fault stops ends its run early; the report says which. It goes on for [`AROUND_FAULT_S`], in which its
+/// drives stop, for those who watch; rows and measures end with the cycle that the fault stopped.
 ///
 /// # Errors
 /// If the rig cannot be built, booted or enabled, or if the simulated arm cannot go on.
@@ -68,13 +78,16 @@ pub fn run_rig(
     rig: &config::Rig,
     scene: &config::Scene,
     overrides: &Overrides,
-    tap: Option<Tap>,
+    watch: Watch,
     mut progress: impl FnMut(Stage),
 ) -> Result<RunReport, RigError> {
     let fixture = overrides.fixture.as_ref().unwrap_or(&rig.fixture);
     let mut machine = EmbeddedRig::new(rig, scene, fixture, overrides.seed.unwrap_or(scene.seed))?;
-    if let Some(tap) = tap {
+    if let Some(tap) = watch.tap {
         machine.set_tap(tap);
+    }
+    if let Some(observer) = watch.observer {
+        machine.set_observer(observer);
     }
     machine.enable()?;
     let (started_at, before) = (machine.next_sync(), *machine.bus_counters());
@@ -98,7 +111,11 @@ pub fn run_rig(
         machine.bus_counters().load_since(&before, elapsed, bus.bit_rate_bit_per_s)
     });
     let held_s = rows.iter().filter(|row| row.supervisor_state == State::Holding as u8).count() as f64 * period_s;
-    if !state.is_latched() {
+    if state.is_latched() {
+        for _ in 0..(AROUND_FAULT_S / period_s).round() as usize {
+            machine.run_cycle(Request::None)?;
+        }
+    } else {
         machine.stop()?;
     }
     let trace = trace(rig.rig.name.clone(), fixture, ForceMeaning::HandOnTool, rows);
@@ -189,7 +206,7 @@ fn mass_kg(fixture: &config::Fixture) -> Option<f64> {
     }
 }
 
-fn trace(title: String, fixture: &config::Fixture, force_meaning: ForceMeaning, rows: Vec<Row>) -> Trace {
+pub(super) fn trace(title: String, fixture: &config::Fixture, force_meaning: ForceMeaning, rows: Vec<Row>) -> Trace {
     let mut trace = Trace {
         title,
         reference: reference(&fixture.surface),

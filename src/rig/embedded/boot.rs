@@ -14,6 +14,10 @@ const BOOT_LIMIT: Duration = Duration::from_secs(5);
 const CYCLES_BEFORE_ENABLING: u32 = 10;
 /// Longest time from asking to running, virtual.
 const ENABLE_LIMIT_S: f64 = 1.0;
+/// Longest time from a reset to running, virtual.
+const RETURN_LIMIT_S: f64 = 5.0;
+/// Cycles after which a person who was refused asks again.
+const CYCLES_BETWEEN_ASKING: u32 = 50;
 /// Longest time that a stop may take, virtual.
 const STOP_LIMIT_S: f64 = 2.0;
 /// Cycles from a reset to the question to be enabled again: the drives have left their fault state.
@@ -27,7 +31,7 @@ impl EmbeddedRig {
     /// come to run.
     pub fn enable(&mut self) -> Result<(), RigError> {
         self.boot()?;
-        self.come_to_run()
+        self.come_to_run(ENABLE_LIMIT_S)
     }
 
     /// Resets a rig that was stopped and enables it again; at once done if it runs. The hand lets go of the tool
@@ -57,7 +61,7 @@ impl EmbeddedRig {
         for _ in 0..CYCLES_AFTER_RESET {
             self.run_cycle(Request::None)?;
         }
-        self.come_to_run()
+        self.come_to_run(RETURN_LIMIT_S)
     }
 
     /// Boots the network anew, without switching anything off, and enables the rig. The hand lets go of the tool
@@ -81,21 +85,22 @@ impl EmbeddedRig {
         Err(RigError::NotEnabled { waited_s: 0.0, state })
     }
 
-    fn come_to_run(&mut self) -> Result<(), RigError> {
+    fn come_to_run(&mut self, limit_s: f64) -> Result<(), RigError> {
         for _ in 0..CYCLES_BEFORE_ENABLING {
             self.run_cycle(Request::None)?;
         }
-        self.run_cycle(Request::Enable)?;
-        let limit = (ENABLE_LIMIT_S / self.period.as_secs_f64()) as u32;
-        for _ in 0..limit {
+        let limit = (limit_s / self.period.as_secs_f64()) as u32;
+        for cycle in 0..limit {
             if self.state() == State::Running {
                 self.world.take_tool(self.next_sync);
                 return Ok(());
             }
-            self.run_cycle(Request::None)?;
+            // What was seen within the last seconds keeps the rig from being enabled: a person asks again.
+            let asks = self.state() == State::Idle && cycle % CYCLES_BETWEEN_ASKING == 0;
+            self.run_cycle(if asks { Request::Enable } else { Request::None })?;
         }
         let cause = self.cause().map_or(String::new(), |cause| format!(", {}", cause.fault.row().name));
-        Err(RigError::NotEnabled { waited_s: ENABLE_LIMIT_S, state: format!("{:?}{cause}", self.state()) })
+        Err(RigError::NotEnabled { waited_s: limit_s, state: format!("{:?}{cause}", self.state()) })
     }
 
     /// Stops the rig along its ramp and runs until no drive makes torque; at once done if none does.

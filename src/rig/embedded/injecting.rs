@@ -138,6 +138,7 @@ impl EmbeddedRig {
             Kind::SensorClockDrift => self.sensor.set_clock_rate(if is_on { size } else { 1.0 }),
             Kind::HandPush | Kind::HandOverload => self.push(PushShape::Along, injection, is_on),
             Kind::HandBlow => self.push(PushShape::Blow, injection, is_on),
+            Kind::HandSwing => self.push(PushShape::Swing, injection, is_on),
             Kind::HandTremble => self.push(PushShape::Tremble, injection, is_on),
             Kind::HandToEdge => self.push(PushShape::Outward, injection, is_on),
             Kind::HandStiff => {

@@ -122,9 +122,12 @@ impl EmbeddedRig {
         self.bus.set_tamper(tamper);
     }
 
-    /// State of the supervisor.
+    /// State of the supervisor; [`State::Lost`] if an injection killed its process, since the drives' watchdogs act.
     pub fn state(&self) -> State {
-        self.master.state()
+        match self.master.state() {
+            state if state.is_latched() || !self.host.is_dead => state,
+            _ => State::Lost,
+        }
     }
 
     /// The fault that led to the present state.

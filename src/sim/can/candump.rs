@@ -39,6 +39,14 @@ impl<W: Write> CandumpWriter<W> {
         writeln!(self.out)
     }
 
+    /// Hands what was appended on to the writer's end.
+    ///
+    /// # Errors
+    /// Those of the writer.
+    pub fn flush(&mut self) -> io::Result<()> {
+        self.out.flush()
+    }
+
     /// Flushes and gives the writer back.
     ///
     /// # Errors
