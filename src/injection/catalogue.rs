@@ -496,7 +496,7 @@ pub const CATALOGUE: [Row; Kind::COUNT] = [
             &[Hand],
             For(3.0),
             "the hand pulls the tool outward to the edge of the workspace",
-            &[F::WorkspaceEdge],
+            &[F::WorkspaceEdge, F::FollowingError],
             (Count, GoesOn, Nothing),
         ),
         "a force in N",

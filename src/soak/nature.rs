@@ -72,6 +72,23 @@ pub(super) fn falsifies(kind: Kind) -> Falsified {
     }
 }
 
+/// The usual injection of its kind on a rig with this period. What is counted in cycles is said for 1 ms.
+pub(super) fn usual(kind: Kind, start_s: f64, period_s: f64) -> Injection {
+    let injection = Injection::new(kind, start_s);
+    let scale = period_s * 1e3;
+    match kind {
+        Kind::SyncLate | Kind::ComputeLate | Kind::CycleOverrun => Injection {
+            duration_s: injection.duration_s.map(|duration_s| duration_s * scale),
+            size: injection.size * scale,
+            ..injection
+        },
+        Kind::Suspend | Kind::DriveWarning => {
+            Injection { duration_s: injection.duration_s.map(|duration_s| duration_s * scale), ..injection }
+        }
+        _ => injection,
+    }
+}
+
 /// When what an injection does has settled, in s since the scene began.
 pub(super) fn settled_s(injection: &Injection) -> f64 {
     injection.end_s() + LINGERS_S
@@ -140,7 +157,6 @@ pub(super) fn shows_at_once(kind: Kind) -> &'static [Fault] {
         Kind::SendFailed | Kind::InterfaceDown => &[Fault::LinkDown],
         Kind::BusOff => &[Fault::BusOff],
         Kind::ErrorPassive => &[Fault::ErrorPassive],
-        Kind::IntruderSetPoint => &[Fault::Intruder],
         _ => &[],
     }
 }
