@@ -37,6 +37,7 @@ pub(super) fn falsifies(kind: Kind) -> Falsified {
         Kind::NodeReset | Kind::NodeSilent | Kind::IntruderNmt | Kind::DriveNotEnabling => {
             Falsified { drives: true, force: true, angles: true, ..none }
         }
+        Kind::HandTremble | Kind::HandSwing | Kind::HandStiff => Falsified { hand: true, ..none },
         Kind::ArmBlocked => Falsified { arm: true, ..none },
         Kind::SyncLost
         | Kind::IntruderSync
@@ -61,9 +62,6 @@ pub(super) fn falsifies(kind: Kind) -> Falsified {
         | Kind::HandPush
         | Kind::HandOverload
         | Kind::HandBlow
-        | Kind::HandTremble
-        | Kind::HandSwing
-        | Kind::HandStiff
         | Kind::HandToEdge
         | Kind::StopRequest
         | Kind::IdentityMismatch
