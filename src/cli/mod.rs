@@ -5,6 +5,7 @@
 
 mod config;
 mod failure;
+mod faults;
 mod margins;
 mod output;
 mod progress;
@@ -41,6 +42,8 @@ struct Arguments {
 enum Command {
     /// Run a rig with its scene on the embedded simulation
     Run(run::Arguments),
+    /// List the faults that can be injected, what each does and what follows
+    Faults,
     /// Run the paper's experiments and draw its figures
     Reproduce(reproduce::Arguments),
     /// Check, show and describe configuration files
@@ -74,6 +77,7 @@ fn run(arguments: impl IntoIterator<Item = OsString>) -> Exit {
     let mut output = Output::new(arguments.quiet, arguments.json);
     let result = match arguments.command {
         Command::Run(arguments) => run::run(&arguments, &mut output),
+        Command::Faults => faults::list(&mut output),
         Command::Reproduce(arguments) => reproduce::run(&arguments, &mut output),
         Command::Config(command) => config::run(command, &mut output),
     };
