@@ -278,6 +278,11 @@ impl Cycle {
         self.supervisor.cause()
     }
 
+    /// What was seen of every fault, for reports.
+    pub fn faults(&self) -> &FaultCounts {
+        &self.faults
+    }
+
     /// The fixture, for reports.
     pub fn fixture(&self) -> &Fixture<Shape2, 2> {
         &self.fixture

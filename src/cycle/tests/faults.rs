@@ -56,7 +56,7 @@ fn inject(fault: Fault, bench: &mut Bench) -> Outputs {
         Fault::SensorInvalid => bench.invalid = true,
         // The sample of a still hand, again and again.
         Fault::SensorStuck => {}
-        Fault::ForceStep => bench.force = [-bench.force[0].signum() * (0.5 * FORCE_STEP_LIMIT_N + 5.0), 0.0],
+        Fault::ForceStep => bench.force = [-bench.force[0].signum() * (FORCE_STEP_LIMIT_N - 5.0), 0.0],
         // The arm follows without a torque that answers the force.
         Fault::ForceImplausible => {
             bench.cycle.settings.residual_limit_n_m = Some(2.0);
@@ -68,9 +68,9 @@ fn inject(fault: Fault, bench: &mut Bench) -> Outputs {
             push_tool(bench, [-2e-4, 0.0]);
             return bench.step(Request::None);
         }
-        // A hand that swings at 50 Hz.
+        // A hand that swings at 25 Hz.
         Fault::Chatter => {
-            let swing = if bench.sequence % 20 < 10 { 1.0 } else { -1.0 };
+            let swing = if bench.sequence % 40 < 20 { 1.0 } else { -1.0 };
             bench.force = [0.0, 19.0 * swing];
         }
         Fault::DriveVoltageOff => bench.has_voltage = false,
