@@ -15,7 +15,7 @@ use super::output::Output;
 use super::progress::Progress;
 use crate::config::{self, Report, Source};
 use crate::fixture::prediction;
-use crate::guard::Fault;
+use crate::guard::{DeviceSet, Fault};
 use crate::record::figure::Drawing;
 use crate::rig::{RigError, Tap};
 use crate::sim::can::CandumpWriter;
@@ -77,9 +77,11 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
     }
     let seed = overrides.seed.unwrap_or(scene.value.seed);
     let facts = Facts { rig: &rig.value, margins, report: &report, seed, wall_s };
+    let is_disturbed = !(overrides.faults.is_empty() && scene.value.faults.is_empty());
     let failure = match report.state {
         Some(state) if state.is_latched() => Some(stopped(&report)),
-        _ if report.measures.is_within_bound() => None,
+        // A push by injection is no fault of the loop.
+        _ if report.measures.is_within_bound() || is_disturbed => None,
         _ => Some(above_bound(&report.measures, &rig.value.rig.name)),
     };
     if !output.is_json() {
@@ -268,7 +270,8 @@ fn stopped(report: &RunReport) -> Failure {
             let row = cause.fault.row();
             let exit = if cause.fault == Fault::DriveFault { Exit::DeviceFault } else { Exit::SafetyStop };
             let stage = format!("{:?}", row.stage).to_lowercase();
-            let at = if cause.devices.is_empty() { stage } else { format!("{stage}, {}", cause.devices) };
+            let is_said = cause.devices.is_empty() || cause.devices == DeviceSet::HOST;
+            let at = if is_said { stage } else { format!("{stage}, {}", cause.devices) };
             (exit, format!("stopped by {} ({at}): {} ({})", row.name, row.meaning, row.cause), row.next)
         }
         None => (
