@@ -2,7 +2,7 @@
 //! ends, that nothing comes back by itself, and that the rig runs again when a person has done what the catalogue says.
 
 use hil_tests::{Recording, Scenario, Seen, Session, setpoint};
-use yieldwall::guard::fault::{Bound, Rate, Stage};
+use yieldwall::guard::fault::{Bound, Rate, Stage, TABLE};
 use yieldwall::guard::{Fault, Reaction, Request, State};
 use yieldwall::injection::{CATALOGUE, Ending, Injection, Kind, Lasts, Recovery, Row, Target};
 use yieldwall::rig::RigError;
@@ -164,7 +164,8 @@ fn recover(session: &mut Session, recovery: Recovery, what: &str) {
     assert_eq!((session.machine.state(), session.fault()), (State::Running, None), "{what}");
 }
 
-fn check(scenario: &Scenario, row: &Row, injection: Injection) {
+/// Checks one injection; which of its faults showed.
+fn check(scenario: &Scenario, row: &Row, injection: Injection) -> Vec<Fault> {
     let what = format!("{} on {}; replay: {}", row.name, injection.target.name(), scenario.replay());
     let (mut session, course) = run(scenario, injection);
     let what = format!("{what}\n{course:?}");
@@ -195,16 +196,26 @@ fn check(scenario: &Scenario, row: &Row, injection: Injection) {
     }
     session.machine.set_injections(&[]).expect("nothing is always possible");
     recover(&mut session, expected.recovery, &what);
+    course.seen.into_iter().chain(course.states.into_iter().filter_map(|(.., cause)| cause)).collect()
 }
 
+/// Faults that are found before the rig runs, or that no injection brings about.
+const NOT_WHILE_RUNNING: [Fault; 4] = [Fault::Posture, Fault::EnablingTimeout, Fault::NotFinite, Fault::WorkspaceLeft];
+
 fn check_all(scenario: &Scenario) {
+    let mut seen = Vec::new();
     for row in CATALOGUE.iter().filter(|row| row.lasts != Lasts::FromBoot) {
         // What holds for the left drive holds for the right one.
         let targets = row.targets.iter().filter(|target| **target == row.targets[0] || **target == Target::RightDrive);
         for target in targets {
-            check(scenario, row, Injection::new(row.kind, 0.0).on(*target));
+            seen.extend(check(scenario, row, Injection::new(row.kind, 0.0).on(*target)));
         }
     }
+    // Without the torques, which a position rig does not know, there is no balance.
+    let is_known = |fault: Fault| fault != Fault::ForceImplausible || scenario.file == Scenario::torque().file;
+    let missing = TABLE.iter().map(|row| row.fault).filter(|fault| is_known(*fault) && !seen.contains(fault));
+    let missing: Vec<_> = missing.filter(|fault| !NOT_WHILE_RUNNING.contains(fault)).collect();
+    assert_eq!(missing, [], "no injection showed it; {}", scenario.replay());
 }
 
 #[test]
