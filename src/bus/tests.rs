@@ -953,3 +953,20 @@ fn a_person_starts_the_network_anew_from_any_phase() {
     assert!(net.master.is_silent());
     restart(&mut net);
 }
+
+#[test]
+fn a_corrupted_position_leaves_no_wrong_turn_behind() {
+    let mut net = Net::running(CommandMode::Position);
+    let before = net.quiet("3712", Request::None);
+    let angle = |net: &Net| net.master.last_inputs().drives[0].angle_rad.unwrap();
+    let (home, counts) = (angle(&net), net.counts[0]);
+    // Two steps of almost half the range each: taken as motion they make a whole turn of the counter.
+    for report in [counts.wrapping_add(0x7000_0000), counts.wrapping_sub(0x2000_0000)] {
+        net.counts[0] = report;
+        net.quiet("3712", Request::None);
+    }
+    net.counts[0] = counts;
+    net.quiet("3712", Request::None);
+    assert_eq!(angle(&net), home);
+    assert!(before[0].starts_with("201#0F00"), "{before:?}");
+}

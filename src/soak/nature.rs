@@ -37,6 +37,7 @@ pub(super) fn falsifies(kind: Kind) -> Falsified {
         Kind::NodeReset | Kind::NodeSilent | Kind::IntruderNmt | Kind::DriveNotEnabling => {
             Falsified { drives: true, force: true, angles: true, ..none }
         }
+        Kind::HandTremble | Kind::HandSwing | Kind::HandStiff => Falsified { hand: true, ..none },
         Kind::ArmBlocked => Falsified { arm: true, ..none },
         Kind::SyncLost
         | Kind::IntruderSync
@@ -61,14 +62,28 @@ pub(super) fn falsifies(kind: Kind) -> Falsified {
         | Kind::HandPush
         | Kind::HandOverload
         | Kind::HandBlow
-        | Kind::HandTremble
-        | Kind::HandSwing
-        | Kind::HandStiff
         | Kind::HandToEdge
         | Kind::StopRequest
         | Kind::IdentityMismatch
         | Kind::ConfigDrift
         | Kind::WrongNodeId => none,
+    }
+}
+
+/// The usual injection of its kind on a rig with this period. What is counted in cycles is said for 1 ms.
+pub(super) fn usual(kind: Kind, start_s: f64, period_s: f64) -> Injection {
+    let injection = Injection::new(kind, start_s);
+    let scale = period_s * 1e3;
+    match kind {
+        Kind::SyncLate | Kind::ComputeLate | Kind::CycleOverrun => Injection {
+            duration_s: injection.duration_s.map(|duration_s| duration_s * scale),
+            size: injection.size * scale,
+            ..injection
+        },
+        Kind::Suspend | Kind::DriveWarning => {
+            Injection { duration_s: injection.duration_s.map(|duration_s| duration_s * scale), ..injection }
+        }
+        _ => injection,
     }
 }
 
@@ -140,7 +155,6 @@ pub(super) fn shows_at_once(kind: Kind) -> &'static [Fault] {
         Kind::SendFailed | Kind::InterfaceDown => &[Fault::LinkDown],
         Kind::BusOff => &[Fault::BusOff],
         Kind::ErrorPassive => &[Fault::ErrorPassive],
-        Kind::IntruderSetPoint => &[Fault::Intruder],
         _ => &[],
     }
 }

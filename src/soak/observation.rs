@@ -77,6 +77,8 @@ pub struct Falsified {
     pub angles: bool,
     /// The drives do not do what they are told.
     pub drives: bool,
+    /// The hand shakes the tool faster than its force is sensed in step with the motion.
+    pub hand: bool,
     /// The arm is held or pushed by something beside the hand and the drives.
     pub arm: bool,
     /// SYNC or the computation do not come at their time, or not at all.
@@ -91,6 +93,7 @@ impl Falsified {
         self.force |= other.force;
         self.angles |= other.angles;
         self.drives |= other.drives;
+        self.hand |= other.hand;
         self.arm |= other.arm;
         self.timing |= other.timing;
         self.link |= other.link;

@@ -57,7 +57,7 @@ fn bound(row: &Row) -> String {
 
 /// Faults with their reactions, and how soon those came: bound, median and greatest in cycles.
 fn faults(tally: &Tally) -> Table {
-    let mut rows = vec![row(["fault", "bound", "reactions", "cycles: median", "most", "allowed"])];
+    let mut rows = vec![row(["fault", "bound", "shown", "reactions", "cycles: median", "most", "allowed"])];
     let none = FaultTally::default();
     for fault in &TABLE {
         let seen = tally.faults.get(fault.name).unwrap_or(&none);
@@ -70,6 +70,7 @@ fn faults(tally: &Tally) -> Table {
         rows.push(vec![
             fault.name.to_owned(),
             bound(fault),
+            seen.shown.to_string(),
             reactions,
             each(&|latency| latency.median()),
             each(&|latency| latency.most()),

@@ -9,7 +9,7 @@ use super::nature;
 use crate::injection::{CATALOGUE, Injection, Kind, Lasts, Target};
 
 /// One seed in so many brings what is there from switching on.
-const BOOT_EVERY: u64 = 20;
+const BOOT_EVERY: u64 = 10;
 /// One seed in so many brings several faults at once.
 const TANGLE_EVERY: u64 = 4;
 /// Share of the seeds that end with the end of the process.
@@ -74,17 +74,10 @@ fn one_by_one(dice: &mut Dice, machine: &Machine, duration_s: f64) -> Vec<Inject
     let mut time_s = FIRST_AFTER_S + dice.between(0.0, 0.3);
     while !deck.is_empty() {
         let kind = deck.swap_remove(dice.whole(0, deck.len() as u32 - 1) as usize);
-        let mut injection = at(dice, kind, time_s);
+        let target = dice.one_of(kind.row().targets);
+        let mut injection = nature::usual(kind, time_s, machine.period_s()).on(target);
         if dice.chance(0.3) {
             vary(dice, &mut injection);
-        }
-        // Times in the host's cycle are said for 1 ms.
-        if matches!(kind, Kind::SyncLate | Kind::ComputeLate | Kind::CycleOverrun | Kind::Suspend) {
-            let scale = machine.period_s() * 1e3;
-            injection.duration_s = injection.duration_s.map(|duration_s| duration_s * scale);
-            if kind != Kind::Suspend {
-                injection.size *= scale;
-            }
         }
         let end_s = if injection.end_s().is_finite() { injection.end_s() } else { time_s };
         if end_s + APART_S[0] > duration_s {

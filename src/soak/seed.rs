@@ -10,6 +10,8 @@ use super::session::{Course, End, Play, play};
 use super::shrink::shrink;
 use super::tally::Outcome;
 use super::verdict::{Verdict, judge};
+use crate::guard::Fault;
+use crate::guard::fault::TABLE;
 
 /// One seed in so many is run twice.
 const TWICE_EVERY: u64 = 16;
@@ -48,6 +50,12 @@ pub fn run_seed(shipped: &Shipped, seed: u64, cycles: u32, script: Option<&Scrip
         restarts: played.restarts,
         injections: verdict.injections,
         faults: verdict.faults,
+        shown: TABLE
+            .iter()
+            .zip(played.shown)
+            .filter(|(_, times)| *times > 0)
+            .map(|(row, times)| (row.name.to_owned(), times))
+            .collect(),
         peaks: played.peaks,
         violations,
         replay,
@@ -73,6 +81,7 @@ pub(super) fn run_script(machine: &Machine, script: &Script, seed: u64, cycles: 
                 simulated_s: 0.0,
                 hash: 0,
                 events: Vec::new(),
+                shown: [0; Fault::COUNT],
                 scene_from_ns: None,
                 violations: vec![found],
                 peaks: Peaks::default(),

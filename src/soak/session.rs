@@ -11,6 +11,7 @@ use super::nature;
 use super::observation::{Falsified, Observation, Reported, Sender, Sighting, Truth};
 use super::operator::{Act, Operator};
 use super::tolerance;
+use crate::guard::fault::TABLE;
 use crate::guard::{Fault, Request, State};
 use crate::injection::Injection;
 use crate::record::CycleRecord;
@@ -45,6 +46,8 @@ pub struct Event {
     pub to: State,
     /// What led to it.
     pub cause: Option<Fault>,
+    /// What had led to the state before.
+    pub cause_before: Option<Fault>,
 }
 
 /// How a run ended.
@@ -73,6 +76,8 @@ pub struct Play {
     pub hash: u64,
     /// Changes of state, in order.
     pub events: Vec<Event>,
+    /// How often each fault began to show, in the order of the table.
+    pub shown: [u32; Fault::COUNT],
     /// Moment in ns since switching on at which the scene began.
     pub scene_from_ns: Option<u64>,
     /// What did not hold.
@@ -123,8 +128,12 @@ pub fn play_watched(course: &Course<'_>, watch: impl FnMut(&Observation)) -> Pla
     let end = match run.all(watch) {
         Ok(end) => end,
         Err(error) => {
-            let seen = error.to_string();
-            run.kept.push(run.violation(Invariant::Simulation, seen));
+            // A hand may push an arm that nobody holds to where its model ends.
+            let is_held = matches!(run.seen.state, State::Running | State::Holding | State::Stopping);
+            if is_held || !matches!(error, RigError::Arm(_)) {
+                let seen = error.to_string();
+                run.kept.push(run.violation(Invariant::Simulation, seen));
+            }
             End::Broken
         }
     };
@@ -134,6 +143,7 @@ pub fn play_watched(course: &Course<'_>, watch: impl FnMut(&Observation)) -> Pla
         simulated_s: run.seen.sync_ns as f64 * 1e-9,
         hash: run.mark.0,
         events: run.events,
+        shown: run.shown,
         scene_from_ns: run.scene_from_ns,
         violations: run.kept,
         peaks: *run.checker.peaks(),
@@ -151,6 +161,7 @@ struct Run<'a> {
     kept: Vec<Violation>,
     mark: Mark,
     events: Vec<Event>,
+    shown: [u32; Fault::COUNT],
     scene_from_ns: Option<u64>,
     restarts: u32,
 }
@@ -189,6 +200,7 @@ impl<'a> Run<'a> {
             kept: Vec::new(),
             mark: Mark(course.seed),
             events: Vec::new(),
+            shown: [0; Fault::COUNT],
             scene_from_ns: None,
             restarts: 0,
         }
@@ -213,8 +225,12 @@ impl<'a> Run<'a> {
         for _ in 0..self.course.cycles {
             let request = match person.act(self.seen.state) {
                 Act::Ask(request) => request,
+                // Somebody who looks for the reason first: while something is broken, booting would only fail.
+                Act::Restart if self.is_something_broken() => Request::None,
                 Act::Restart => {
-                    self.restart(&mut machine)?;
+                    if !self.restart(&mut machine)? {
+                        return Ok(End::NotBooted);
+                    }
                     Request::None
                 }
             };
@@ -231,17 +247,29 @@ impl<'a> Run<'a> {
         Ok(End::Complete)
     }
 
-    /// The person boots the network anew. A node that is missing then is looked for again later.
-    fn restart(&mut self, machine: &mut EmbeddedRig) -> Result<(), RigError> {
+    /// The person boots the network anew; whether all nodes were found.
+    fn restart(&mut self, machine: &mut EmbeddedRig) -> Result<bool, RigError> {
         self.restarts += 1;
         match machine.boot_again() {
             Ok(()) => {}
-            Err(RigError::Boot(_)) => return Ok(()),
+            Err(RigError::Boot(_)) => return Ok(false),
             Err(error) => return Err(error),
         }
         self.clear_frames();
         self.checker.network_restarted();
-        Ok(())
+        Ok(true)
+    }
+
+    /// Whether an injection acts now.
+    fn is_something_broken(&self) -> bool {
+        let Some(time_s) = self.scene_time_s() else { return false };
+        let lasts = |injection: &Injection| (injection.start_s..=injection.end_s()).contains(&time_s);
+        self.course.script.iter().any(lasts)
+    }
+
+    /// Time in s since the scene began, once it has.
+    fn scene_time_s(&self) -> Option<f64> {
+        self.scene_from_ns.map(|from| (self.seen.sync_ns as f64 - from as f64) * 1e-9)
     }
 
     /// Nobody commands the drives any more: both have to leave Operation Enabled, and to end without torque.
@@ -317,14 +345,23 @@ impl<'a> Run<'a> {
             self.scene_from_ns = Some(machine.next_sync().0);
         }
         let seen = &self.seen;
-        if seen.state != before || seen.cause != cause_before {
+        // A process that was killed says nothing; one that panicked has said it.
+        let says = seen.ran || seen.cause == Some(Fault::CyclePanicked);
+        if says && (seen.state != before || seen.cause != cause_before) {
             self.events.push(Event {
                 cycle: seen.cycle,
                 sync_ns: seen.sync_ns,
                 from: before,
                 to: seen.state,
                 cause: seen.cause,
+                cause_before,
             });
+        }
+        if seen.ran {
+            let faults = machine.master().cycle().faults();
+            for (row, shown) in TABLE.iter().zip(&mut self.shown) {
+                *shown += u32::from(faults.count(row.fault) == 1);
+            }
         }
         self.checker.check(seen, &mut self.found);
         self.mark.observation(seen);
@@ -340,7 +377,7 @@ impl<'a> Run<'a> {
     fn falsified(&self) -> Falsified {
         let mut all = Falsified::default();
         // Before the scene only what is there from switching on acts.
-        let time_s = self.scene_from_ns.map_or(-1.0, |from| (self.seen.sync_ns as f64 - from as f64) * 1e-9);
+        let time_s = self.scene_time_s().unwrap_or(-1.0);
         for injection in self.course.script {
             let starts_s = if nature::is_from_boot(injection.kind) { f64::NEG_INFINITY } else { injection.start_s };
             // The frames of one cycle are seen with the next.
@@ -360,6 +397,9 @@ impl<'a> Run<'a> {
         }
         let record = self.record.lock().ok().and_then(|mut record| record.take());
         seen.ran = record.is_some();
+        if record.is_none() {
+            seen.sync_ns += (self.course.machine.period_s() * 1e9).round() as u64;
+        }
         if let Some(record) = record {
             let signals = &record.signals;
             seen.sync_ns = record.moment.sync_ns;

@@ -36,6 +36,8 @@ pub struct Outcome {
     pub injections: Vec<Followed>,
     /// The faults that led to something.
     pub faults: Vec<Seen>,
+    /// How often each fault began to show.
+    pub shown: BTreeMap<String, u32>,
     /// The greatest values.
     pub peaks: Peaks,
     /// What did not hold.
@@ -60,6 +62,8 @@ pub struct InjectionTally {
 /// How often a fault led to something, and how soon.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize)]
 pub struct FaultTally {
+    /// Times that it began to show.
+    pub shown: u64,
     /// Reactions by their name.
     pub reactions: BTreeMap<String, u64>,
     /// Of each reaction with a known begin: how often it took how many cycles, and the greatest bound.
@@ -139,6 +143,9 @@ impl Tally {
             tally.judged += u64::from(followed.as_expected.is_some());
             tally.as_expected += u64::from(followed.as_expected == Some(true));
         }
+        for (name, times) in &outcome.shown {
+            self.faults.entry(name.clone()).or_default().shown += u64::from(*times);
+        }
         for seen in &outcome.faults {
             let tally = self.faults.entry(seen.name.clone()).or_default();
             *tally.reactions.entry(seen.reaction.clone()).or_default() += 1;
@@ -160,14 +167,12 @@ impl Tally {
         CATALOGUE.iter().map(|row| row.name).filter(|name| !hit(name)).collect()
     }
 
-    /// Faults that never led to anything, among those that an injection is known to bring about and that do more than
-    /// count.
+    /// Faults that never showed, among those that an injection is known to bring about.
     pub fn missed_faults(&self) -> Vec<&'static str> {
-        use crate::guard::Reaction;
         let is_injected = |fault| CATALOGUE.iter().any(|row| row.expected.faults.contains(&fault));
-        let acts = |row: &crate::guard::fault::Row| row.steps.iter().any(|step| step.reaction > Reaction::Count);
-        let rows = TABLE.iter().filter(|row| is_injected(row.fault) && acts(row));
-        rows.map(|row| row.name).filter(|name| !self.faults.contains_key(*name)).collect()
+        let has_shown = |name: &str| self.faults.get(name).is_some_and(|tally| tally.shown > 0 || !tally.reactions.is_empty());
+        let rows = TABLE.iter().filter(|row| is_injected(row.fault));
+        rows.map(|row| row.name).filter(|name| !has_shown(name)).collect()
     }
 }
 

@@ -14,10 +14,22 @@ pub(super) const RAMP_SHARE: f64 = 2.0;
 /// I3: torques on the bus are whole per mille of the rated torque, rounded.
 pub(super) const TORQUE_PER_MILLE: f64 = 1.0;
 
-/// I5: what the rig may return beyond its kinetic energy at the begin of the stretch, in J. The tool follows the
-/// proxy at a distance: what it gives back while it catches up was put in by the hand before. 1 mm (what the loops of
+/// I5: what the rig may return beyond its kinetic energy at the begin of the stretch and the configured energy limit, at
+/// which the guard holds it, in J. The guard sees the proxy's side; the tool follows the proxy at a distance: what it gives back while it catches up was put in by the hand before. 1 mm (what the loops of
 /// the shipped rigs leave at the greatest forces here) times 60 N is 0.06 J. A loop that swings passes it in a few periods.
 pub(super) const RETURNED_J: f64 = 0.06;
+
+/// I5: share of the energy limit by which the guard may be mistaken: it multiplies a force and a motion that are a cycle
+/// apart. At 25 Hz, as fast as hands tremble here, and 4 ms that is 1 - cos(2 pi 25 0.004).
+pub(super) const GUARD_SHARE: f64 = 0.2;
+
+/// I5: the same under a hand that shakes the tool on purpose or is stiff beyond any hand. What the rig gives is then the
+/// small difference of strokes to and fro, and a force that is sensed late hides up to half of it: the guard acts at its
+/// limit when twice as much has flowed.
+pub(super) const SHAKEN_SHARE: f64 = 1.0;
+
+/// I5: time in s over which the balance is forgotten, as the guard does: steps of sensor and encoder would add up for ever.
+pub(super) const FORGETTING_S: f64 = 1.0;
 
 /// I5: mass in kg with which the tool holds kinetic energy: that of the proxy or that of the arm, whichever is more. The
 /// arm of the shipped rigs weighs 2.6 to 7.4 kg at the tool along their circle, motors included.
@@ -44,7 +56,7 @@ pub(super) const RESTING_CYCLES: u32 = 3;
 pub(super) const FIRST_TARGET_COUNTS: i64 = 1;
 
 /// I16: the truth is taken at the computation, the measurement at SYNC: they differ by what a joint turns in between, at
-/// most its greatest rate times one period, and by the counts of the encoder.
+/// most twice its greatest rate times one period (the guard takes a faster encoder for one that has jumped), and by the counts of the encoder.
 pub(super) const MEASURED_COUNTS: f64 = 2.0;
 
 /// I18: cycles from a request for a reset to the reset edge: one low word, then the edge.

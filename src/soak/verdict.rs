@@ -12,8 +12,8 @@ use crate::guard::{Fault, Reaction, State};
 use crate::injection::{Ending, Injection};
 
 /// Faults that a hand alone brings about now and then, whatever else is broken: it is free to hit and to shake the tool.
-const HAND_FAULTS: [Fault; 5] =
-    [Fault::ForceStep, Fault::ForceLimit, Fault::OverSpeed, Fault::EnergyLimit, Fault::Chatter];
+const HAND_FAULTS: [Fault; 6] =
+    [Fault::SensorSaturated, Fault::ForceStep, Fault::ForceLimit, Fault::OverSpeed, Fault::EnergyLimit, Fault::Chatter];
 /// Most reactions of a hand alone in one run that are not yet a false alarm that comes all the time.
 const MOST_HAND_FAULTS: usize = 50;
 
@@ -105,7 +105,9 @@ pub(super) fn judge(machine: &Machine, script: &Script, play: &Play) -> Verdict 
             }
         }
     }
+    let refusals: Vec<Seen> = play.events.iter().filter_map(refusal).collect();
     if script.is_tangle {
+        verdict.faults.extend(refusals);
         let met = |injection: &Injection| state_at(play, &clock, injection.start_s) == Some(State::Running);
         verdict.injections.extend(script.injections.iter().map(|injection| Followed {
             name: injection.kind.row().name.to_owned(),
@@ -114,7 +116,7 @@ pub(super) fn judge(machine: &Machine, script: &Script, play: &Play) -> Verdict 
         }));
         return verdict;
     }
-    verdict.faults.clear();
+    verdict.faults = refusals;
     attribute(&clock, script, play, &mut verdict);
     verdict
 }
@@ -126,11 +128,17 @@ fn reaction_of(event: &Event) -> Option<Reaction> {
         (_, State::Holding) => Some(Reaction::Freeze),
         (_, State::Stopping) => Some(Reaction::StopRamp),
         // The end of a ramp is no reaction of its own.
-        (State::Stopping, State::Stopped) => None,
+        (State::Stopping, State::Stopped) if event.cause == event.cause_before => None,
         (_, State::Stopped | State::Disabled) => Some(Reaction::QuickStop),
         (_, State::Lost) => Some(Reaction::Silence),
         _ => None,
     }
+}
+
+/// A fault for which a rig at rest was not enabled.
+fn refusal(event: &Event) -> Option<Seen> {
+    let fault = event.cause.filter(|_| (event.from, event.to) == (State::Idle, State::Idle))?;
+    Some(Seen { name: fault.row().name.to_owned(), reaction: "Refused".to_owned(), cycles: None, bound: None })
 }
 
 /// I11: the reaction is one of the fault's row, and the state is the row's.
@@ -142,8 +150,10 @@ fn check_row(event: &Event, fault: Fault, reaction: Option<Reaction>, verdict: &
         // A quick stop ends in the row's own state, which may be Lost; what is milder leads there in Enabling.
         _ => row.steps.iter().any(|step| {
             let stops = step.reaction.max(Reaction::QuickStop);
-            row.final_state(stops) == event.to
-                && (step.reaction >= Reaction::QuickStop || event.from == State::Enabling)
+            // A ramp that cannot be followed ends in a quick stop, and so does whatever shows while enabling.
+            let is_ramp = step.reaction == Reaction::StopRamp && row.stage == Stage::Motion;
+            let is_milder = event.from == State::Enabling || is_ramp;
+            row.final_state(stops) == event.to && (step.reaction >= Reaction::QuickStop || is_milder)
         }),
     };
     if !holds {
@@ -219,6 +229,8 @@ fn judge_window(clock: &Clock, injection: &Injection, window: &[&Event], play: &
     let row = injection.kind.row();
     let met_running = state_at(play, clock, injection.start_s) == Some(State::Running);
     let expected = row.expected;
+    let usual = nature::usual(injection.kind, injection.start_s, clock.period_s).on(injection.target);
+    let is_usual = usual == *injection;
     let mut latched = None;
     let mut has_expected = expected.faults.is_empty();
     let at_once = nature::shows_at_once(injection.kind);
@@ -234,7 +246,7 @@ fn judge_window(clock: &Clock, injection: &Injection, window: &[&Event], play: &
         }
         let is_expected = expected.faults.contains(&fault);
         has_expected |= is_expected;
-        if met_running && !is_expected && !HAND_FAULTS.contains(&fault) {
+        if met_running && is_usual && !is_expected && !HAND_FAULTS.contains(&fault) {
             let message = format!(
                 "{} led to {:?} under {}, which is not known to bring it",
                 fault.row().name,
@@ -267,8 +279,6 @@ fn judge_window(clock: &Clock, injection: &Injection, window: &[&Event], play: &
         Ending::NotEnabled => true,
         Ending::DrivesStop => play.end == End::MasterGone,
     };
-    let usual = Injection::new(injection.kind, injection.start_s).on(injection.target);
-    let is_usual = usual == *injection;
     let as_expected = (met_running && is_usual).then_some(ends && (has_expected || expected.ending == Ending::GoesOn));
     if as_expected == Some(false) && nature::is_certain(injection.kind) {
         let message = format!(

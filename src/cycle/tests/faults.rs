@@ -479,6 +479,16 @@ fn a_joint_target_too_fast_stops_along_the_ramp_too() {
 }
 
 #[test]
+fn a_stop_that_cannot_be_followed_is_a_quick_stop_in_the_same_cycle() {
+    let mut bench = moving();
+    let limits = guard::Limits { period_s: PERIOD_S, torque_n_m: [60.0; 2], joint_speed_rad_per_s: 1e-6 };
+    bench.cycle.gate = crate::guard::Gate::new(limits);
+    let outputs = bench.follow();
+    assert_eq!((outputs.directive.state, bench.fault()), (State::Stopped, Some(Fault::OverSpeed)));
+    assert_eq!(outputs.directive.goal, cia402::Goal::QuickStop);
+}
+
+#[test]
 fn nothing_that_is_not_finite_comes_out() {
     for bad in [f64::NAN, f64::INFINITY, f64::NEG_INFINITY, 1e300, -1e300] {
         for joint in 0..2 {

@@ -197,7 +197,7 @@ pub(super) const ROWS: [Row; 16] = [
             &[Hand],
             For(3.0),
             "the hand pulls the tool outward to the edge of the workspace",
-            &[F::WorkspaceEdge],
+            &[F::WorkspaceEdge, F::FollowingError],
             (Count, GoesOn, Nothing),
         ),
         "a force in N",

@@ -53,14 +53,19 @@ impl Energy {
         let work_j = -0.5 * (now.hand_n + past.hand_n).dot(&(now.tool - past.tool));
         let speed = (now.proxy - past.proxy).norm().max((now.tool - past.tool).norm()) / limits.period_s;
         let held_j = 0.5 * limits.mass_kg.max(tolerance::ARM_KG) * speed * speed;
-        self.returned_j += work_j;
+        // As the guard forgets what is long past, so does this.
+        let kept = 1.0 - limits.period_s / tolerance::FORGETTING_S;
+        (self.returned_j, self.held_j) = (self.returned_j * kept + work_j, self.held_j * kept);
         // A stretch begins with what is held then, and anew wherever that makes it worse.
         if !std::mem::replace(&mut self.is_begun, true) || self.returned_j - self.held_j < -held_j {
             (self.returned_j, self.held_j, self.is_told) = (0.0, held_j, false);
         }
         let beyond_j = self.returned_j - self.held_j;
         peaks.returned_j = peaks.returned_j.max(beyond_j);
-        let holds = beyond_j <= tolerance::RETURNED_J;
+        let share = if falsified.hand { tolerance::SHAKEN_SHARE } else { tolerance::GUARD_SHARE };
+        // The guard sees a cycle's energy at its end, and acts in the next one.
+        let holds = beyond_j
+            <= limits.energy_j * (1.0 + share) + tolerance::RETURNED_J + 2.0 * work_j.max(0.0);
         findings.expect(Invariant::I5, holds || self.is_told, || {
             format!("the hand got {:.1} mJ, and the rig had held {:.1} mJ", 1e3 * self.returned_j, 1e3 * self.held_j)
         });

@@ -20,6 +20,8 @@ pub(super) struct Frames {
     known: [Option<Status>; 2],
     /// What the last set-points were, those before the last SYNC.
     before: [Option<Setpoint>; 2],
+    /// SYNC of the cycle in which they were seen, ns.
+    before_ns: u64,
     /// Whether both drives were enabled and commanded at the last SYNC.
     were_moving: bool,
     /// The person has asked to enable since the last latched or idle state.
@@ -131,7 +133,7 @@ impl Frames {
             let Some(sent) = sent else { continue };
             self.check_enabling(limits, joint, sent, enabled, findings);
             self.check_resets(joint, sent, findings);
-            self.check_target(limits, joint, sent, findings);
+            self.check_target(limits, seen, joint, sent, findings);
             if is_moving && !self.were_moving {
                 self.check_first(limits, joint, sent, findings);
             }
@@ -147,7 +149,7 @@ impl Frames {
             });
         }
         self.were_moving = is_moving;
-        self.before = *sent;
+        (self.before, self.before_ns) = (*sent, seen.sync_ns);
     }
 
     /// I1, and the second half of I18.
@@ -188,7 +190,14 @@ impl Frames {
     }
 
     /// I2 and I3 of what is on the wire.
-    fn check_target(&self, limits: &Limits, joint: usize, sent: &Setpoint, findings: &mut Findings<'_>) {
+    fn check_target(
+        &self,
+        limits: &Limits,
+        seen: &Observation,
+        joint: usize,
+        sent: &Setpoint,
+        findings: &mut Findings<'_>,
+    ) {
         let most_rate = limits.joint_speed_rad_per_s * limits.counts_per_rad[joint];
         match limits.mode {
             CommandMode::Torque => {
@@ -208,7 +217,9 @@ impl Frames {
                     return;
                 };
                 let step = f64::from(sent.target.wrapping_sub(before.target)).abs();
-                let most = most_rate * limits.period_s + tolerance::TARGET_COUNTS;
+                // A host that is late leaves set-points out: the next one makes up for the time.
+                let elapsed_s = ((seen.sync_ns - self.before_ns) as f64 * 1e-9).max(limits.period_s);
+                let most = most_rate * elapsed_s + tolerance::TARGET_COUNTS;
                 findings.expect(Invariant::I2, step <= most, || {
                     format!("the target of joint {joint} went {step} counts in a cycle, at most {most:.1}")
                 });

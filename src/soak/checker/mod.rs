@@ -43,6 +43,8 @@ pub struct Limits {
     pub torque_n_m: f64,
     /// Greatest sensed force that may move the proxy, N.
     pub force_n: f64,
+    /// Greatest energy that the guard lets the rig give the hand in one go, J.
+    pub energy_j: f64,
     /// Mass of the proxy in kg.
     pub mass_kg: f64,
     /// Friction level F in N.
@@ -80,6 +82,7 @@ impl Limits {
             torque_per_mille: [left, right].map(|drive| 1000.0 * torque_n_m / drive.rated_torque_n_m.get()),
             torque_n_m,
             force_n: guard.force_limit_n.get(),
+            energy_j: guard.energy_limit_j.get(),
             mass_kg: match rig.fixture.coupling {
                 config::Coupling::Admittance { mass_kg } => mass_kg.get(),
                 config::Coupling::Impedance { .. } => 0.0,
