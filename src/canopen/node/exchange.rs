@@ -76,6 +76,13 @@ impl Node {
         }
     }
 
+    /// Segments of a block, repetitions and aborts that are due.
+    pub(super) fn poll_sdo(&mut self, now: Time, out: &mut impl Outbox) {
+        while let Some(payload) = self.sdo.poll(now) {
+            out.push(Frame::new(cob::sdo_response(self.id), &payload));
+        }
+    }
+
     /// Takes over a changed PDO parameter; other indices do nothing.
     pub(super) fn take_over_pdo(&mut self, now: Time, index: u16) {
         match pdo::locate(index) {
@@ -109,6 +116,7 @@ impl Node {
         if let Some(payload) = answer {
             out.push(Frame::new(cob::sdo_response(self.id), &payload));
         }
+        self.poll_sdo(now, out);
         if let Some(index) = changed {
             self.take_over(now, index);
             // The watch starts anew, and with it the errors it found.
@@ -116,7 +124,7 @@ impl Node {
                 self.clear_emergency(EmcyCode::HEARTBEAT, out);
             }
         }
-        self.next = self.next.min(self.sdo.next_deadline());
+        self.next = self.earliest();
     }
 }
 

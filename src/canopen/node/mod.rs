@@ -119,6 +119,12 @@ impl Node {
         self.sdo.set_timeout(timeout);
     }
 
+    /// How many segments of a block download the SDO server asks for at a time (1 to 127, clamped; 127 unless set), and
+    /// the time between two segments that it sends (250 us unless set; zero sends a whole block at once).
+    pub fn set_sdo_block(&mut self, block_size: u8, segment_interval: Duration) {
+        self.sdo.set_block(block_size, segment_interval);
+    }
+
     /// Power-on: all values back to those the dictionary was built with, boot-up message, then Pre-operational. A
     /// reset command does the same.
     pub fn boot(&mut self, now: Time, app: &mut impl Application, out: &mut impl Outbox) {
@@ -299,9 +305,7 @@ impl Node {
             self.take_heartbeat_event(now, event, app, out);
         }
         self.poll_pdos(now, app, out);
-        if let Some(payload) = self.sdo.poll(now) {
-            out.push(Frame::new(cob::sdo_response(self.id), &payload));
-        }
+        self.poll_sdo(now, out);
         self.next = self.earliest();
     }
 

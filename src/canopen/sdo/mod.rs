@@ -1,5 +1,6 @@
 //! SDO: both ends of the confirmed access to single objects.
 
+mod block;
 mod client;
 mod server;
 #[cfg(test)]
