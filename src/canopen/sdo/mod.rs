@@ -2,10 +2,12 @@
 
 mod block;
 mod client;
+mod clients;
 mod server;
 #[cfg(test)]
 mod tests;
 mod wire;
 
 pub use client::{SdoClient, SdoOutcome};
+pub use clients::{SdoClients, SdoReply, SdoRequest, SdoTicket};
 pub(super) use server::{Objects, SdoServer};

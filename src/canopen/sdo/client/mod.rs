@@ -332,6 +332,12 @@ impl SdoClient {
         Ok(())
     }
 
+    /// Whether a value of `len` bytes may be written.
+    pub(in super::super) fn check_len(&self, len: usize) -> Result<(), CanopenError> {
+        let capacity = self.capacity;
+        if len > capacity { Err(CanopenError::SdoBuffer { len, capacity }) } else { Ok(()) }
+    }
+
     fn begin_download(
         &mut self,
         now: Time,
@@ -340,9 +346,7 @@ impl SdoClient {
         data: &[u8],
         is_block: bool,
     ) -> Result<(), CanopenError> {
-        if data.len() > self.capacity {
-            return Err(CanopenError::SdoBuffer { len: data.len(), capacity: self.capacity });
-        }
+        self.check_len(data.len())?;
         self.begin(now, index, sub, is_block)?;
         self.has_size = true;
         self.restarts = 0;
