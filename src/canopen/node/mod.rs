@@ -153,7 +153,8 @@ impl Node {
         }
     }
 
-    /// How long the SDO server waits for the next request of a transfer before it aborts; 1 s unless set.
+    /// How long the SDO server waits for the next request of a transfer before it aborts; 1 s unless set. In a block
+    /// transfer it waits four times as long, and repeats an acknowledgement after half the time.
     pub fn set_sdo_timeout(&mut self, timeout: Duration) {
         self.sdo.set_timeout(timeout);
     }

@@ -31,8 +31,9 @@ enum Phase {
 
 /// Time between two segments of a block unless told otherwise.
 const SEGMENT_INTERVAL: Duration = Duration::from_micros(250);
-/// How often an acknowledgement is repeated before a client that sends nothing is given up.
-const REPETITIONS: u32 = 8;
+/// In a block transfer a client is given up after so many waiting times. An acknowledgement is repeated after half a
+/// waiting time: a client that is only slow would misunderstand an earlier repetition.
+const BLOCK_PATIENCE: u32 = 4;
 
 type Answer = Result<Option<Payload>, AbortCode>;
 
@@ -110,11 +111,11 @@ impl SdoServer {
         match &mut self.phase {
             Phase::BlockUpload { sender, .. } => {
                 let segment = sender.poll(now, &self.value);
-                self.deadline = now + self.timeout;
+                self.deadline = now + self.timeout * BLOCK_PATIENCE;
                 segment
             }
             Phase::BlockDownload { receiver, .. } => {
-                self.repeat_at = now + self.timeout / REPETITIONS;
+                self.repeat_at = now + self.timeout / 2;
                 match receiver.on_silence() {
                     Ok(payload) => Some(payload),
                     Err(code) => {
@@ -142,10 +143,14 @@ impl SdoServer {
         if answer.is_err() {
             self.reset();
         }
-        let is_busy = !matches!(self.phase, Phase::Idle);
-        let is_receiving = matches!(self.phase, Phase::BlockDownload { .. });
-        self.deadline = if is_busy { now + self.timeout } else { Time::NEVER };
-        self.repeat_at = if is_receiving { now + self.timeout / REPETITIONS } else { Time::NEVER };
+        (self.deadline, self.repeat_at) = match self.phase {
+            Phase::Idle => (Time::NEVER, Time::NEVER),
+            Phase::Upload { .. } | Phase::Download { .. } => (now + self.timeout, Time::NEVER),
+            Phase::BlockDownload { .. } => (now + self.timeout * BLOCK_PATIENCE, now + self.timeout / 2),
+            Phase::BlockUploadStart { .. } | Phase::BlockUpload { .. } | Phase::BlockUploadEnd { .. } => {
+                (now + self.timeout * BLOCK_PATIENCE, Time::NEVER)
+            }
+        };
         answer.unwrap_or_else(|code| Some(wire::abort(self.at, code)))
     }
 

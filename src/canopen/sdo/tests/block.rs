@@ -297,7 +297,7 @@ fn server_aborts_what_is_wrong_and_writes_nothing() {
 #[test]
 fn server_repeats_an_acknowledgement_and_gives_up_in_the_end() {
     let mut server = serving(&[]);
-    server.0.set_sdo_timeout(Duration::from_millis(80));
+    server.0.set_sdo_timeout(Duration::from_millis(20));
     asked(&mut server, [0xc6, 0x01, 0x20, 0, 20, 0, 0, 0]);
     asked(&mut server, *b"\x011234567");
     let mut sent = Vec::new();

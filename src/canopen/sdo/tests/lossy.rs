@@ -26,7 +26,7 @@ impl<L: FnMut(Way, &Frame) -> bool> Channel<L> {
         client.set_retries(8);
         client.set_longest_transfer(Duration::from_secs(3600));
         let mut server = Server::with_capacity(capacity.max(1));
-        server.0.set_sdo_timeout(Duration::from_secs(1));
+        server.0.set_sdo_timeout(Duration::from_millis(250));
         Channel { client, server, now: NOW, is_lost, delivered: 0, lost: 0 }
     }
 
