@@ -14,7 +14,7 @@ use proptest::test_runner::{Config, TestError, TestRunner};
 /// Longest random input in bytes.
 const LONGEST: usize = 1200;
 /// Random inputs per target, and altered ones.
-const CASES: u32 = 2000;
+const CASES: u32 = 1500;
 /// Inputs that broke a law once: a name and the bytes in hexadecimal per line.
 const ONCE_BROKEN: &str = include_str!("arbitrary-inputs.txt");
 /// Names one input to run, as `name:hexadecimal`.

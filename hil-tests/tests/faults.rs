@@ -4,14 +4,12 @@ use hil_tests::{Recording, Scenario, Session, setpoint};
 use yieldwall::bus::{BootFailure, Phase};
 use yieldwall::canopen::Frame;
 use yieldwall::guard::{Fault, JointCommand, Request, State};
-use yieldwall::injection::{Injection, Kind, Target};
+use yieldwall::injection::{Injection, Kind};
 use yieldwall::rig::RigError;
 use yieldwall_drives::cia402;
 
 /// Quick stop, by its literal controlword.
 const QUICK_STOP: u16 = 0x0002;
-/// No command at all: what a drive in fault is sent.
-const NO_COMMAND: u16 = 0x0000;
 /// The error code that a test gives a drive: internal temperature.
 const OVERHEATED: u16 = 0x4210;
 
@@ -103,20 +101,6 @@ fn a_short_gap_of_the_force_sensor_holds_and_clears() {
 }
 
 #[test]
-fn a_drive_that_falls_silent_quick_stops_both() {
-    for scenario in both() {
-        for lost in [0x181, 0x182] {
-            let mut session = moving(&scenario);
-            session.tamper(move |_, _, frame: Frame| (frame.id() != lost).then_some(frame));
-            assert_eq!(cycles_until(&mut session, State::Holding), 2, "R1; {}", session.replay);
-            assert_eq!(cycles_until(&mut session, State::Stopped), 3, "R3; {}", session.replay);
-            assert_eq!(session.fault(), Some(Fault::PdoMissed));
-            check_stopped(&mut session, [QUICK_STOP; 2]);
-        }
-    }
-}
-
-#[test]
 fn one_lost_frame_of_a_drive_goes_unnoticed() {
     for scenario in both() {
         let mut session = moving(&scenario);
@@ -128,25 +112,6 @@ fn one_lost_frame_of_a_drive_goes_unnoticed() {
         session.run(300);
         assert_eq!((session.machine.state(), session.fault()), (State::Running, None), "{}", session.replay);
         assert_eq!(session.machine.bus_counters().dropped, 1);
-    }
-}
-
-#[test]
-fn a_drive_in_fault_stops_the_other_at_once() {
-    for scenario in both() {
-        for joint in 0..2 {
-            let mut session = moving(&scenario);
-            let target = [Target::LeftDrive, Target::RightDrive][joint];
-            session.inject(Injection::new(Kind::DriveFault, 0.0).on(target).sized(OVERHEATED.into()));
-            assert_eq!(cycles_until(&mut session, State::Disabled), 1, "R3; {}", session.replay);
-            assert_eq!(session.fault(), Some(Fault::DriveFault));
-            let code = session.machine.master().last_emergency().map(|emergency| emergency.code.0);
-            assert_eq!(code, Some(OVERHEATED));
-            // The drive in fault hears nothing but a reset.
-            let mut words = [QUICK_STOP; 2];
-            words[joint] = NO_COMMAND;
-            check_stopped(&mut session, words);
-        }
     }
 }
 
@@ -177,19 +142,6 @@ fn after_a_fault_a_person_resets_and_enables_and_it_starts_where_it_is() {
             session.recording().setpoints(joint).iter().filter(|sent| sent.controlword & 0x80 != 0).count()
         };
         assert_eq!((resets(0), resets(1)), (1, 0), "{}", session.replay);
-    }
-}
-
-#[test]
-fn a_frame_of_the_wrong_length_is_a_miss_and_two_stop_the_rig() {
-    for scenario in both() {
-        let mut session = moving(&scenario);
-        session.tamper(|_, _, frame: Frame| {
-            Some(if frame.id() == 0x182 { Frame::from_bits(0x182, frame.bits(), 5) } else { frame })
-        });
-        assert_eq!(cycles_until(&mut session, State::Stopped), 2, "{}", session.replay);
-        assert_eq!(session.fault(), Some(Fault::PdoLength));
-        check_stopped(&mut session, [QUICK_STOP; 2]);
     }
 }
 

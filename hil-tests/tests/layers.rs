@@ -95,6 +95,18 @@ fn layers_name_only_what_lies_below_them() {
     assert!(unread.is_empty(), "no module declares {unread:?}: not compiled, or a declaration that this test misses");
 }
 
+/// A wall clock that jumps changes nothing, since nobody looks at it.
+#[test]
+fn no_layer_below_the_command_line_reads_a_clock() {
+    let source = source_folder();
+    for file in rust_files(&source).iter().filter(|file| !file.starts_with(source.join("cli"))) {
+        let text = std::fs::read_to_string(file).unwrap();
+        for clock in ["SystemTime", "Instant::now"] {
+            assert!(!text.contains(clock), "{} reads {clock}", file.display());
+        }
+    }
+}
+
 #[test]
 fn the_document_states_the_same_rule() {
     let document = std::fs::read_to_string(source_folder().join("../docs/ARCHITECTURE.md")).unwrap();

@@ -26,6 +26,8 @@ impl EmcyCode {
     pub const BUS_OFF_RECOVERED: EmcyCode = EmcyCode(0x8140);
     /// An RPDO was too short and not processed.
     pub const PDO_LENGTH: EmcyCode = EmcyCode(0x8210);
+    /// A SYNC came with another length than the counter (1019h) asks for.
+    pub const SYNC_LENGTH: EmcyCode = EmcyCode(0x8240);
     /// An RPDO did not come in time.
     pub const RPDO_TIMEOUT: EmcyCode = EmcyCode(0x8250);
     /// Following error.
@@ -169,6 +171,28 @@ impl fmt::Display for Emergency {
     }
 }
 
+/// One entry of the error history of a device, 1003h:1 (the latest) to 1003h:254.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct PastError {
+    /// Error code.
+    pub code: EmcyCode,
+    /// What the manufacturer adds; devices of this project: the first two vendor bytes of the emergency message.
+    pub information: u16,
+}
+
+impl PastError {
+    /// Reads an entry as it is in the object.
+    pub const fn from_entry(entry: u32) -> Self {
+        PastError { code: EmcyCode(entry as u16), information: (entry >> 16) as u16 }
+    }
+}
+
+impl fmt::Display for PastError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{}, information {:04X}h", self.code, self.information)
+    }
+}
+
 /// An emergency message at any identifier.
 pub(super) fn frame(id: u16, code: EmcyCode, register: ErrorRegister, vendor: [u8; 5]) -> Frame {
     Frame::new(id, &canopen_rs::EmergencyMessage::new(code.0, register, vendor).encode())
@@ -212,6 +236,13 @@ mod tests {
         ] {
             assert_eq!(EmcyCode(code).is_warning(), is_warning, "{code:04X}h");
         }
+    }
+
+    #[test]
+    fn the_history_of_a_device_reads_as_text() {
+        let past = PastError::from_entry(0x007f_8130);
+        assert_eq!((past.code, past.information), (EmcyCode::HEARTBEAT, 0x7f));
+        assert_eq!(past.to_string(), "8130h heartbeat or life guarding lost, information 007Fh");
     }
 
     #[test]

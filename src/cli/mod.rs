@@ -5,6 +5,7 @@
 
 mod config;
 mod failure;
+mod faults;
 mod keep;
 mod margins;
 mod output;
@@ -46,6 +47,8 @@ struct Arguments {
 enum Command {
     /// Run a rig with its scene on the embedded simulation
     Run(run::Arguments),
+    /// List the faults that can be injected, what each does and what follows
+    Faults,
     /// Run the paper's experiments and draw its figures
     Reproduce(reproduce::Arguments),
     /// Run a recording's cycles again and compare, bit by bit
@@ -88,6 +91,7 @@ fn run(arguments: impl IntoIterator<Item = OsString>) -> Exit {
     let mut output = Output::new(arguments.quiet, arguments.json);
     let result = match arguments.command {
         Command::Run(arguments) => run::run(&arguments, &mut output),
+        Command::Faults => faults::list(&mut output),
         Command::Reproduce(arguments) => reproduce::run(&arguments, &mut output),
         Command::Replay(arguments) => replay::run(&arguments, &mut output),
         Command::Plot(arguments) => plot::run(&arguments, &mut output),

@@ -6,6 +6,7 @@ use std::time::Instant;
 use serde_json::{Value, json};
 
 use super::failure::{Exit, Failure};
+use super::faults::FaultArgument;
 use super::keep::{Keep, Kept, LOG_STARTS_AT};
 use super::margins::Margins;
 use super::output::Output;
@@ -32,6 +33,9 @@ pub(super) struct Arguments {
     /// Seed of tremor and sensor noise, in place of the scene's
     #[arg(long, value_name = "N", allow_negative_numbers = true)]
     seed: Option<u64>,
+    /// Break something on the way, once or again and again, beside what the scene says; `yieldwall faults` lists names
+    #[arg(long, value_name = "NAME@TIME[+DURATION][:TARGET]")]
+    fault: Vec<FaultArgument>,
     /// Draw trajectory, force and power into this file, an .svg or a .png; folders on the way are made
     #[arg(long, value_name = "PATH")]
     figure: Option<PathBuf>,
@@ -52,7 +56,8 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
     // Those of the scene are among them.
     output.warnings(&rig.warnings);
     let scene = config::load_scene(rig.source.relative(&rig.value.scene))?;
-    let overrides = Overrides { fixture: None, duration_s: arguments.duration, seed: arguments.seed };
+    let faults = arguments.fault.iter().map(|fault| fault.0).collect();
+    let overrides = Overrides { fixture: None, duration_s: arguments.duration, seed: arguments.seed, faults };
     let margins = Margins::of(&rig.value);
     let about = replay::about(&rig.value, &scene.value, &overrides)
         .map_err(|error| Failure::new(Exit::Internal, format!("documents of the recording: {error}"), ""))?;
@@ -76,9 +81,11 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
     }
     let seed = overrides.seed.unwrap_or(scene.value.seed);
     let facts = Facts { rig: &rig.value, margins, report: &report, kept: &kept, seed, wall_s };
+    let is_disturbed = !(overrides.faults.is_empty() && scene.value.faults.is_empty());
     let failure = match report.state {
         Some(state) if state.is_latched() => Some(kept.point_to_black_box(stopped(&report))),
-        _ if report.measures.is_within_bound() => None,
+        // A push by injection is no fault of the loop.
+        _ if report.measures.is_within_bound() || is_disturbed => None,
         _ => Some(above_bound(&report.measures, &rig.value.rig.name)),
     };
     if !output.is_json() {
@@ -132,6 +139,8 @@ impl Facts<'_> {
             "wall_s": self.wall_s,
             "state": self.report.state.map(|state| format!("{state:?}")),
             "cause": self.report.cause.map(|cause| cause.fault.row().name),
+            "cause_stage": self.report.cause.map(|cause| format!("{:?}", cause.fault.row().stage).to_lowercase()),
+            "cause_devices": self.report.cause.map(|cause| cause.devices.to_string()),
             "margins": self.margins.to_json(),
             "bus_load": self.report.bus_load,
             "held_s": self.report.held_s,
@@ -272,7 +281,11 @@ fn stopped(report: &RunReport) -> Failure {
             let at = describe(cause);
             (exit, format!("stopped by {} ({at}): {} ({})", row.name, row.meaning, row.cause), row.next)
         }
-        None => (Exit::SafetyStop, "stopped".to_owned(), ""),
+        None => (
+            Exit::SafetyStop,
+            "left alone: its process died, and the drives stopped by their own watchdogs".to_owned(),
+            "start the program anew",
+        ),
     };
     let time_s = report.trace.rows.last().map_or(0.0, |row| row.time_s);
     Failure::new(exit, format!("after {time_s:.3} s the rig was {message}"), help)

@@ -41,8 +41,37 @@ pub(super) struct Truth {
     pub(super) force: Force,
 }
 
-/// Time in which a hand that takes the tool again comes to its full force, in s.
-const GRASP_S: f64 = 0.2;
+/// Time in which a hand that has taken the tool again leads it back to its path, in s.
+const RETURN_S: f64 = 1.5;
+
+/// How the hand has the tool.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) enum Grip {
+    /// It follows its path with it.
+    Firm,
+    /// Not at all.
+    LetGo,
+    /// It took it at a moment, in s since the scene began, where it was: so far from the path, in m. It comes back to
+    /// the path from there.
+    Again { from_s: f64, offset_m: Vector2<f64> },
+}
+
+impl Grip {
+    /// How far from its path the hand aims, in m; `None` if it does not hold the tool.
+    fn offset_m(self, time_s: f64) -> Option<Vector2<f64>> {
+        match self {
+            _ if time_s < 0.0 => None,
+            Grip::LetGo => None,
+            Grip::Firm => Some(Vector2::zeros()),
+            Grip::Again { from_s, .. } if time_s < from_s => None,
+            Grip::Again { from_s, offset_m } => {
+                let share = ((time_s - from_s) / RETURN_S).min(1.0);
+                // Minimum jerk from one to zero.
+                Some(offset_m * (1.0 - share.powi(3) * (10.0 - 15.0 * share + 6.0 * share * share)))
+            }
+        }
+    }
+}
 
 /// A force of the hand beside that of its path.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -71,7 +100,7 @@ pub(super) enum PushShape {
 
 impl Push {
     const SHORT_RAMP_S: f64 = 0.02;
-    const LONG_RAMP_S: f64 = 0.2;
+    const LONG_RAMP_S: f64 = 1.0;
     const TREMBLE_HZ: f64 = 25.0;
 
     fn force_n(&self, time_s: f64, tip: Vector2<f64>) -> Vector2<f64> {
@@ -107,8 +136,7 @@ pub(super) struct World {
     pub(super) torques: JointTorques,
     /// The hand lets go of the rig until this moment, so that it starts at rest and is enabled unloaded.
     pub(super) hand_from_s: f64,
-    /// The hand has let go of the tool, and takes it again from this moment of the scene on.
-    pub(super) grasp_from_s: f64,
+    pub(super) grip: Grip,
     pub(super) pushes: Vec<Push>,
     /// Stiffness of the hand as the scene has it, N/m.
     pub(super) hand_stiffness_n_per_m: f64,
@@ -123,21 +151,14 @@ impl World {
 
     /// Moves on to `now` under the torques in force.
     pub(super) fn settle(&mut self, now: Time) -> Result<(), RigError> {
-        let Self { torques, hand_from_s, grasp_from_s, hand, pushes, .. } = self;
+        let Self { torques, hand_from_s, grip, hand, pushes, .. } = self;
         if let Body::Arm(arm) = &mut self.body {
             arm.advance_to(now.as_secs_f64(), self.longest_step_s, *torques, |time, tip| {
                 let time = time - *hand_from_s;
-                let grip = grip(time, *grasp_from_s);
-                if time < 0.0 || grip == 0.0 {
-                    return HandLoad::default();
-                }
-                let load = hand.load(time, tip.0);
-                let pushed = pushes.iter().map(|push| push.force_n(time, tip.0)).sum::<Vector2<f64>>();
-                HandLoad {
-                    force_n: (load.force_n + pushed) * grip,
-                    damping_n_s_per_m: load.damping_n_s_per_m * grip,
-                    stiffness_n_per_m: load.stiffness_n_per_m * grip,
-                }
+                let Some(offset) = grip.offset_m(time) else { return HandLoad::default() };
+                let mut load = hand.load(time, tip.0 - offset);
+                load.force_n += pushes.iter().map(|push| push.force_n(time, tip.0)).sum::<Vector2<f64>>();
+                load
             })?;
         }
         Ok(())
@@ -145,7 +166,7 @@ impl World {
 
     /// The hand lets go of the tool until [`World::take_tool`].
     pub(super) fn let_go(&mut self) {
-        self.grasp_from_s = f64::INFINITY;
+        self.grip = Grip::LetGo;
     }
 
     /// The hand takes the tool from `now` on: the scene begins, or goes on where its path has come to meanwhile.
@@ -153,8 +174,10 @@ impl World {
         let now_s = now.as_secs_f64();
         if self.hand_from_s == f64::INFINITY {
             self.hand_from_s = now_s;
-        } else if self.grasp_from_s == f64::INFINITY {
-            self.grasp_from_s = now_s - self.hand_from_s;
+        } else if self.grip == Grip::LetGo {
+            let from_s = now_s - self.hand_from_s;
+            let offset_m = self.truth.tip.0 - self.hand.target(from_s).position_m;
+            self.grip = Grip::Again { from_s, offset_m };
         }
     }
 
@@ -193,12 +216,12 @@ impl World {
             }
             Body::Ideal(ideal) => (ideal.linkage.forward(ideal.angles)?, ideal.tip, ideal.velocity, ideal.acceleration),
         };
-        let grip = grip(time, self.grasp_from_s);
-        let force = if time < 0.0 || grip == 0.0 {
-            Force::default()
-        } else {
-            let pushed = self.pushes.iter().map(|push| push.force_n(time, position.0)).sum::<Vector2<f64>>();
-            Force((self.hand.force_on_tool(time, position.0, velocity.0, acceleration) + pushed) * grip)
+        let force = match self.grip.offset_m(time) {
+            None => Force::default(),
+            Some(offset) => {
+                let pushed = self.pushes.iter().map(|push| push.force_n(time, position.0)).sum::<Vector2<f64>>();
+                Force(self.hand.force_on_tool(time, position.0 - offset, velocity.0, acceleration) + pushed)
+            }
         };
         self.truth = Truth { tip: position, velocity, force };
         let link_angle = self.mounting.link_angle_rad(posture.distal_angle_rad);
@@ -213,9 +236,4 @@ impl World {
         }
         Ok(counts)
     }
-}
-
-/// Share of its force with which the hand holds the tool.
-fn grip(time_s: f64, grasp_from_s: f64) -> f64 {
-    ((time_s - grasp_from_s) / GRASP_S).clamp(0.0, 1.0)
 }

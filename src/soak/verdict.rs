@@ -258,7 +258,9 @@ fn judge_window(clock: &Clock, injection: &Injection, window: &[&Event], play: &
         if event.to.is_latched() && latched.is_none() {
             latched = Some(event.to);
         }
-        let is_expected = expected.faults.contains(&fault);
+        // The same error, twice as large.
+        let is_worse = fault == Fault::Runaway && expected.faults.contains(&Fault::FollowingError);
+        let is_expected = expected.faults.contains(&fault) || is_worse;
         has_expected |= is_expected;
         if met_running && is_usual && !is_expected && !clock.is_natural(event, fault) {
             let message = format!(

@@ -5,6 +5,7 @@ use std::time::Duration;
 use super::measures::{Context, Measures, measure};
 use crate::config;
 use crate::guard::{Cause, Request, State};
+use crate::injection::Injection;
 use crate::record::{AROUND_FAULT_S, ForceMeaning, Reference, Row, Trace};
 use crate::rig::{EmbeddedRig, ImpedanceRig, Observer, RigError, Tap};
 use crate::sim::can::BusCounters;
@@ -56,6 +57,8 @@ pub struct Overrides {
     pub duration_s: Option<f64>,
     /// A seed in place of the scene's.
     pub seed: Option<u64>,
+    /// What is broken on the way, beside what the scene says.
+    pub faults: Vec<Injection>,
 }
 
 /// Who looks on while a rig runs, from switching on to the end.
@@ -89,6 +92,7 @@ pub fn run_rig(
     if let Some(observer) = watch.observer {
         machine.set_observer(observer);
     }
+    overrides.faults.iter().try_for_each(|fault| machine.inject(*fault))?;
     machine.enable()?;
     let (started_at, before) = (machine.next_sync(), *machine.bus_counters());
     let period_s = f64::from(rig.cycle.period_us) * 1e-6;

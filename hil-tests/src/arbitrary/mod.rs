@@ -12,6 +12,7 @@ mod cycle;
 mod device;
 mod laws;
 mod pdo;
+mod recording;
 mod sdo;
 mod sensing;
 mod sim;
@@ -23,6 +24,7 @@ pub use config::configuration;
 pub use cycle::cycle;
 pub use device::{device, dictionary};
 pub use pdo::{pdo_layout, pdo_parameters};
+pub use recording::recording;
 pub use sdo::sdo_client;
 pub use sensing::{calibration, sensing};
 pub use sim::{drive, force_sensor};
@@ -60,6 +62,7 @@ targets! {
     master: bus::networks,
     pdo_layout: pdo::layouts,
     pdo_parameters: pdo::parameters,
+    recording: recording::recordings,
     scaling: cia402::positions,
     sdo_client: sdo::transfers,
     sensing: sensing::chains,

@@ -15,7 +15,7 @@ pub enum ReadError {
     #[error("has no description of the rig that was recorded{}", .0.as_ref().map(|damage| format!(": {damage}")).unwrap_or_default())]
     NoDescription(Option<super::Damage>),
     /// The fields are not those that this program records.
-    #[error("has other fields than this program records; it was written by version {version}")]
+    #[error("has other fields than this program records; it was written by version {}", .version.escape_debug())]
     OtherFields {
         /// Version of the program that wrote it.
         version: String,

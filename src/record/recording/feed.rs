@@ -4,14 +4,14 @@ use std::io;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::thread::JoinHandle;
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 /// How long the emptying thread rests when it finds nothing.
 const REST: Duration = Duration::from_millis(2);
 /// How long the filling side rests when it waits for room.
 const WAIT: Duration = Duration::from_micros(100);
-/// How long a thread that takes nothing is waited for.
-const PATIENCE: Duration = Duration::from_secs(1);
+/// How often that is done for a thread that takes nothing: about a second.
+const PATIENCE: u32 = 10_000;
 
 /// Takes what comes out of a ring, on a thread of its own.
 pub trait Sink<T>: Send + 'static {
@@ -98,13 +98,13 @@ impl<T: Copy> Producer<T> {
     }
 
     fn wait_for_room(&mut self) -> bool {
-        let (mut taken, mut since) = (self.shared.taken.load(Ordering::Relaxed), Instant::now());
+        let (mut taken, mut waits) = (self.shared.taken.load(Ordering::Relaxed), 0_u32);
         while self.ring.is_full() && !self.ring.is_abandoned() {
             std::thread::sleep(WAIT);
             let now = self.shared.taken.load(Ordering::Relaxed);
-            if now != taken {
-                (taken, since) = (now, Instant::now());
-            } else if since.elapsed() > PATIENCE {
+            waits = if now == taken { waits + 1 } else { 0 };
+            taken = now;
+            if waits > PATIENCE {
                 self.is_given_up = true;
                 return false;
             }

@@ -180,6 +180,12 @@ proptest! {
 }
 
 #[test]
+fn what_a_file_says_of_itself_does_nothing_to_a_terminal() {
+    let error = ReadError::OtherFields { version: "1\u{1b}[2J".to_owned() };
+    assert!(error.to_string().ends_with("version 1\\u{1b}[2J"), "{error}");
+}
+
+#[test]
 fn a_message_has_these_bytes() {
     let mut record = blank();
     record.moment.index = 0x0102;

@@ -4,7 +4,7 @@ use nalgebra::Vector2;
 
 use super::super::build;
 use super::super::error::RigError;
-use super::super::world::{Body, Ideal, Truth, World};
+use super::super::world::{Body, Grip, Ideal, Truth, World};
 use crate::bus::CommandMode;
 use crate::canopen::node_id;
 use crate::config;
@@ -116,7 +116,7 @@ pub(super) fn world(rig: &config::Rig, scene: &config::Scene, seed: u64) -> Resu
         longest_step_s: f64::from(model.plant_step_us) * 1e-6,
         torques: JointTorques::default(),
         hand_from_s: f64::INFINITY,
-        grasp_from_s: f64::NEG_INFINITY,
+        grip: Grip::Firm,
         pushes: Vec::new(),
         truth: Truth::default(),
     })

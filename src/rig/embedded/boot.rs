@@ -13,7 +13,7 @@ const BOOT_LIMIT: Duration = Duration::from_secs(5);
 /// Cycles of process data before the rig asks to be enabled: the drives have answered, the sensor has samples.
 const CYCLES_BEFORE_ENABLING: u32 = 10;
 /// Longest time from asking to running, virtual.
-const ENABLE_LIMIT_S: f64 = 1.0;
+const ENABLE_LIMIT_S: f64 = 1.5;
 /// Longest time from a reset to running, virtual.
 const RETURN_LIMIT_S: f64 = 5.0;
 /// Cycles after which a person who was refused asks again.

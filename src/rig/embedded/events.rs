@@ -103,7 +103,8 @@ impl EmbeddedRig {
         let (angles, rates) = self.world.joints();
         let motions = angles.to_array().into_iter().zip(rates.to_array());
         for (joint, (drive, (angle, rate))) in self.drives.iter_mut().zip(motions).enumerate() {
-            drive.measure(self.troubles.angle_rad(joint, angle), rate);
+            let (angle, rate) = self.troubles.encoder(joint, angle, rate);
+            drive.measure(angle, rate);
         }
     }
 

@@ -87,7 +87,7 @@ impl EmbeddedRig {
         });
         let orders = [QueueOrder::Fifo, QueueOrder::Priority, QueueOrder::Priority, QueueOrder::Priority];
         let [left, right] = &rig.drives;
-        Ok(Self {
+        let mut machine = Self {
             master: Master::new(&setup, cycle)?,
             bus: VirtualBus::new(timing, &orders)?,
             drives: [assembly::drive(rig, scene, left, 1)?, assembly::drive(rig, scene, right, 2)?],
@@ -104,7 +104,11 @@ impl EmbeddedRig {
             now: Time::default(),
             next_sync: Time::NEVER,
             last: None,
-        })
+        };
+        for fault in &scene.faults {
+            machine.inject(fault.injection()?)?;
+        }
+        Ok(machine)
     }
 
     /// Has `tap` get every frame from now on.

@@ -213,17 +213,19 @@ impl Troubles {
         counts
     }
 
-    /// What a joint's encoder says of its angle.
-    pub(super) fn angle_rad(&mut self, joint: usize, angle_rad: f64) -> f64 {
-        let mut angle_rad = angle_rad;
+    /// What a joint's encoder says of its angle in rad and its rate in rad/s.
+    pub(super) fn encoder(&mut self, joint: usize, angle_rad: f64, rate_rad_per_s: f64) -> (f64, f64) {
+        let (mut angle_rad, mut rate_rad_per_s) = (angle_rad, rate_rad_per_s);
         for active in self.active.iter_mut().filter(|active| active.injection.target.has_joint(joint)) {
             match active.injection.kind {
                 Kind::EncoderJump | Kind::EncoderOffset => angle_rad += active.injection.size,
-                Kind::EncoderStuck => angle_rad = *active.angle_rad.get_or_insert(angle_rad),
+                Kind::EncoderStuck => {
+                    (angle_rad, rate_rad_per_s) = (*active.angle_rad.get_or_insert(angle_rad), 0.0);
+                }
                 _ => {}
             }
         }
-        angle_rad
+        (angle_rad, rate_rad_per_s)
     }
 
     /// What a drive gives of the torque that it wants.

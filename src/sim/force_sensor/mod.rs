@@ -143,7 +143,6 @@ impl ForceSensor {
 fn build(settings: &ForceSensorSettings) -> Result<ObjectDictionary, CanopenError> {
     let channels = 1..=CHANNELS as u8;
     let mut builder = dictionary(settings.node, settings.profile, settings.serial)
-        .object(declare(cia::SYNC_CYCLE, 0))
         .object(shown(cia::SENSOR_STATUS))
         .object(shown(cia::SENSOR_SAMPLE_COUNTER))
         .highest_sub(cia::AUTO_ZERO.index, CHANNELS as u8)

@@ -18,6 +18,12 @@ pub(super) struct Frames {
     told: [Option<Status>; 2],
     /// The same, as known at the last computation.
     known: [Option<Status>; 2],
+    /// The set-points since the last SYNC, and what was known when they were computed.
+    sent: [Option<Setpoint>; 2],
+    known_then: [Option<Status>; 2],
+    /// Joints that told something in the cycle of the last computation.
+    is_fresh: [bool; 2],
+    fresh_then: [bool; 2],
     /// What the last set-points were, those before the last SYNC.
     before: [Option<Setpoint>; 2],
     /// SYNC of the cycle in which they were seen, ns.
@@ -43,7 +49,6 @@ impl Frames {
         peaks: &mut Peaks,
         findings: &mut Findings<'_>,
     ) {
-        let mut sent: [Option<Setpoint>; 2] = [None; 2];
         let (mut is_after_sync, mut has_told) = (false, [false; 2]);
         for sighting in &seen.frames {
             let frame = &sighting.frame;
@@ -52,6 +57,7 @@ impl Frames {
                 self.bits += u64::from(frame_bits(frame));
             }
             if is_ours && frame.id() == SYNC {
+                let sent = std::mem::take(&mut self.sent);
                 self.end_of_epoch(limits, seen, &sent, findings);
                 self.check_load(limits, seen, peaks, findings);
                 is_after_sync = true;
@@ -63,10 +69,11 @@ impl Frames {
                         !is_after_sync || seen.falsified.timing || seen.falsified.link,
                         || format!("the set-point {:?} of the cycle before came after SYNC", Setpoint::decode(frame)),
                     );
-                    findings.expect(Invariant::I12, sent[joint].is_none(), || {
+                    findings.expect(Invariant::I12, self.sent[joint].is_none(), || {
                         format!("two set-points for joint {joint} before one SYNC")
                     });
-                    sent[joint] = Setpoint::decode(frame);
+                    self.sent[joint] = Setpoint::decode(frame);
+                    (self.known_then, self.fresh_then) = (self.known, self.is_fresh);
                 }
                 // Of what arrives between SYNC and the computation the first counts; before it, what is late.
                 if sighting.sender.is_none()
@@ -79,7 +86,7 @@ impl Frames {
                 }
             }
         }
-        self.known = self.told;
+        (self.known, self.is_fresh) = (self.told, has_told);
         self.note_requests(seen);
         self.state = seen.state;
     }
@@ -124,7 +131,7 @@ impl Frames {
         sent: &[Option<Setpoint>; 2],
         findings: &mut Findings<'_>,
     ) {
-        let enabled = self.known.map(|status| status.is_some_and(|status| status.is_enabled()));
+        let enabled = self.known_then.map(|status| status.is_some_and(|status| status.is_enabled()));
         let commanded = sent.map(|sent| sent.is_some_and(|sent| sent.enables()));
         let is_moving = enabled == [true; 2] && commanded == [true; 2];
         for (joint, sent) in sent.iter().enumerate() {
@@ -132,7 +139,7 @@ impl Frames {
             self.check_enabling(limits, joint, sent, enabled, findings);
             self.check_resets(joint, sent, findings);
             self.check_target(limits, seen, joint, sent, findings);
-            if is_moving && !self.were_moving {
+            if is_moving && !self.were_moving && !seen.falsified.angles {
                 self.check_first(limits, joint, sent, findings);
             }
         }
@@ -165,13 +172,16 @@ impl Frames {
         }
         let is_motion = match limits.mode {
             CommandMode::Torque | CommandMode::Velocity => sent.target != 0,
-            CommandMode::Position => self.known[joint].is_none_or(|status| {
-                let away = i64::from(sent.target.wrapping_sub(status.position));
-                away.abs() > tolerance::FIRST_TARGET_COUNTS
-            }),
+            CommandMode::Position => {
+                self.fresh_then[joint]
+                    && self.known_then[joint].is_none_or(|status| {
+                        let away = i64::from(sent.target.wrapping_sub(status.position));
+                        away.abs() > tolerance::FIRST_TARGET_COUNTS
+                    })
+            }
         };
         findings.expect(Invariant::I1, !is_motion || enabled == [true; 2], || {
-            format!("joint {joint} was told to move by {sent:x?} while the drives told {:x?}", self.known)
+            format!("joint {joint} was told to move by {sent:x?} while the drives told {:x?}", self.known_then)
         });
         findings.expect(Invariant::I18, self.is_permitted, || {
             format!("joint {joint} was enabled by {sent:x?} and nobody had asked for it")
@@ -231,11 +241,14 @@ impl Frames {
         let away = match limits.mode {
             CommandMode::Torque | CommandMode::Velocity => i64::from(sent.target),
             CommandMode::Position => {
-                self.known[joint].map_or(0, |status| i64::from(sent.target.wrapping_sub(status.position)))
+                self.known_then[joint].map_or(0, |status| i64::from(sent.target.wrapping_sub(status.position)))
             }
         };
         findings.expect(Invariant::I9, away.abs() <= tolerance::FIRST_TARGET_COUNTS, || {
-            format!("the first set-point of joint {joint} was {sent:x?}, and the drive told {:x?}", self.known[joint])
+            format!(
+                "the first set-point of joint {joint} was {sent:x?}, and the drive told {:x?}",
+                self.known_then[joint]
+            )
         });
     }
 }
