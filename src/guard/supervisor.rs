@@ -166,7 +166,7 @@ impl Supervisor {
     pub fn step(&mut self, view: &View) -> Directive {
         self.resetting = false;
         self.state = self.next(view);
-        self.directive()
+        self.directive(are_switched_on(&view.drives))
     }
 
     fn next(&mut self, view: &View) -> State {
@@ -236,7 +236,7 @@ impl Supervisor {
     /// Real-time: yes.
     pub fn stop_at_once(&mut self, cause: Cause) -> Directive {
         self.state = self.stop_now(cause, Reaction::QuickStop);
-        self.directive()
+        self.directive(false)
     }
 
     fn stop_now(&mut self, cause: Cause, reaction: Reaction) -> State {
@@ -266,9 +266,11 @@ impl Supervisor {
         }
     }
 
-    fn directive(&self) -> Directive {
+    fn directive(&self, are_switched_on: bool) -> Directive {
         let (motion, goal) = match self.state {
             State::Idle => (Motion::Rest, cia402::Goal::ReadyToSwitchOn),
+            // The last step together: one axis that holds and one that is free move the tool where nobody knows.
+            State::Enabling if !are_switched_on => (Motion::Rest, cia402::Goal::SwitchedOn),
             State::Enabling => (Motion::Rest, cia402::Goal::OperationEnabled),
             State::Running => (Motion::Run, cia402::Goal::OperationEnabled),
             State::Holding | State::Stopping => (Motion::Halt, cia402::Goal::OperationEnabled),
@@ -280,6 +282,11 @@ impl Supervisor {
         let is_silent = self.reaction == Some(Reaction::Silence);
         Directive { state: self.state, motion, goal, fault_reset: self.resetting, is_silent }
     }
+}
+
+/// Whether every drive is one step from Operation Enabled, or in it.
+fn are_switched_on(drives: &[cia402::State; 2]) -> bool {
+    drives.iter().all(|drive| matches!(drive, cia402::State::SwitchedOn | cia402::State::OperationEnabled))
 }
 
 #[cfg(test)]
@@ -326,6 +333,18 @@ mod tests {
         assert_eq!(rig.step(Request::None).motion, Motion::Rest);
         rig.drives[1] = Drive::OperationEnabled;
         assert_eq!(rig.step(Request::None).motion, Motion::Run);
+    }
+
+    #[test]
+    fn no_drive_is_enabled_before_all_can_be() {
+        let mut rig = Rig::new(Drive::SwitchedOn);
+        rig.drives[0] = Drive::QuickStopActive;
+        assert_eq!(rig.step(Request::Enable).goal, Goal::SwitchedOn);
+        rig.drives[0] = Drive::SwitchedOn;
+        assert_eq!(rig.step(Request::None).goal, Goal::OperationEnabled);
+        // One that drops out takes the other with it.
+        rig.drives = [Drive::OperationEnabled, Drive::ReadyToSwitchOn];
+        assert_eq!(rig.step(Request::None).goal, Goal::SwitchedOn);
     }
 
     #[test]

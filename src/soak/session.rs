@@ -48,6 +48,8 @@ pub struct Event {
     pub cause: Option<Fault>,
     /// What had led to the state before.
     pub cause_before: Option<Fault>,
+    /// Distance of the tool from the task's origin, m.
+    pub radius_m: f64,
 }
 
 /// How a run ended.
@@ -355,6 +357,7 @@ impl<'a> Run<'a> {
                 to: seen.state,
                 cause: seen.cause,
                 cause_before,
+                radius_m: seen.truth.tool_m[0].hypot(seen.truth.tool_m[1]),
             });
         }
         if seen.ran {

@@ -170,7 +170,8 @@ impl Tally {
     /// Faults that never showed, among those that an injection is known to bring about.
     pub fn missed_faults(&self) -> Vec<&'static str> {
         let is_injected = |fault| CATALOGUE.iter().any(|row| row.expected.faults.contains(&fault));
-        let has_shown = |name: &str| self.faults.get(name).is_some_and(|tally| tally.shown > 0 || !tally.reactions.is_empty());
+        let has_shown =
+            |name: &str| self.faults.get(name).is_some_and(|tally| tally.shown > 0 || !tally.reactions.is_empty());
         let rows = TABLE.iter().filter(|row| is_injected(row.fault));
         rows.map(|row| row.name).filter(|name| !has_shown(name)).collect()
     }

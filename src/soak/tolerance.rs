@@ -59,7 +59,7 @@ pub(super) const FIRST_TARGET_COUNTS: i64 = 1;
 /// most twice its greatest rate times one period (the guard takes a faster encoder for one that has jumped), and by the counts of the encoder.
 pub(super) const MEASURED_COUNTS: f64 = 2.0;
 
-/// I18: cycles from a request for a reset to the reset edge: one low word, then the edge.
+/// I18: cycles with set-points from a request for a reset to the reset edge: one low word, then the edge.
 pub(super) const RESET_CYCLES: u32 = 2;
 
 /// I19: share of the cycle that the rig's own frames may take, their real stuff bits counted.

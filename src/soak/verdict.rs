@@ -17,6 +17,11 @@ const HAND_FAULTS: [Fault; 6] =
 /// Most reactions of a hand alone in one run that are not yet a false alarm that comes all the time.
 const MOST_HAND_FAULTS: usize = 50;
 
+/// Faults that an arm far outside of its working disc brings about, where a hand has pushed it while nobody held it.
+const FAR_FAULTS: [Fault; 4] = [Fault::FollowingError, Fault::Runaway, Fault::WorkspaceLeft, Fault::Posture];
+/// Radius in m from which on it is far outside: the rigs promise 0.16 m.
+const FAR_M: f64 = 0.24;
+
 /// One injection and what followed.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Followed {
@@ -57,6 +62,8 @@ struct Clock {
     /// Consumer time of the longest heartbeat in s.
     heartbeat_s: f64,
     scene_from_ns: u64,
+    /// Whether the force sensor has noise, as every real one. Without it a hand at rest looks like a converter that hangs.
+    is_noisy: bool,
 }
 
 impl Clock {
@@ -66,12 +73,20 @@ impl Clock {
         // A heartbeat is missed after two of its periods.
         let heartbeat_s = 2e-3 * f64::from(heartbeats.max().unwrap_or_default());
         let period_s = machine.period_s();
-        Self { period_s, sample_s: 1.0 / rig.sensor.sample_rate_hz.get(), heartbeat_s, scene_from_ns }
+        let is_noisy = machine.scene.model.is_some_and(|model| model.force_noise_counts.get() > 0.0);
+        Self { period_s, sample_s: 1.0 / rig.sensor.sample_rate_hz.get(), heartbeat_s, scene_from_ns, is_noisy }
     }
 
     /// Time of an event in s since the scene began.
     fn time_s(&self, event: &Event) -> f64 {
         (event.sync_ns as f64 - self.scene_from_ns as f64) * 1e-9
+    }
+
+    /// Whether a hand and where it has pushed the arm explain the fault without anything injected.
+    fn is_natural(&self, event: &Event, fault: Fault) -> bool {
+        HAND_FAULTS.contains(&fault)
+            || (FAR_FAULTS.contains(&fault) && event.radius_m > FAR_M)
+            || (fault == Fault::SensorStuck && !self.is_noisy)
     }
 
     /// A bound in cycles. Samples and heartbeats have their own clocks, which stand anywhere against SYNC: one more.
@@ -185,7 +200,7 @@ fn attribute(clock: &Clock, script: &Script, play: &Play, verdict: &mut Verdict)
     let first = starts.first().copied().unwrap_or(f64::INFINITY);
     let early = play.events.iter().take_while(|event| clock.time_s(event) < first - 0.5 * clock.period_s);
     for event in early {
-        check_alone(event, verdict);
+        check_alone(clock, event, verdict);
     }
     for (at, injection) in script.injections.iter().enumerate() {
         let until = starts.get(at + 1).copied().unwrap_or(f64::INFINITY) - 0.5 * clock.period_s;
@@ -203,13 +218,12 @@ fn attribute(clock: &Clock, script: &Script, play: &Play, verdict: &mut Verdict)
 }
 
 /// An event without an injection that could have caused it.
-fn check_alone(event: &Event, verdict: &mut Verdict) {
+fn check_alone(clock: &Clock, event: &Event, verdict: &mut Verdict) {
     if let Some(fault) = event.cause
         && let Some(reaction) = reaction_of(event)
     {
-        let is_hand = HAND_FAULTS.contains(&fault);
         verdict.faults.push(seen(fault, reaction, None));
-        if !is_hand {
+        if !clock.is_natural(event, fault) {
             let message = format!("{} led to {:?}, and nothing was injected", fault.row().name, event.to);
             verdict.violations.push(violation(Invariant::FalseAlarm, event, message));
         }
@@ -246,7 +260,7 @@ fn judge_window(clock: &Clock, injection: &Injection, window: &[&Event], play: &
         }
         let is_expected = expected.faults.contains(&fault);
         has_expected |= is_expected;
-        if met_running && is_usual && !is_expected && !HAND_FAULTS.contains(&fault) {
+        if met_running && is_usual && !is_expected && !clock.is_natural(event, fault) {
             let message = format!(
                 "{} led to {:?} under {}, which is not known to bring it",
                 fault.row().name,

@@ -278,7 +278,7 @@ fn a_drive_on_its_way_to_operation_may_be_without_voltage() {
     bench.has_voltage = false;
     bench.step(Request::None);
     bench.step(Request::Enable);
-    bench.drives = [cia402::State::ReadyToSwitchOn; 2];
+    bench.drives = [cia402::State::SwitchedOn; 2];
     assert_eq!(bench.step(Request::None).directive.state, State::Enabling);
     bench.has_voltage = true;
     assert_eq!(bench.step(Request::None).directive.state, State::Running);

@@ -101,6 +101,12 @@ fn check(before: &Supervisor, input: &Input, after: &Supervisor, directive: &Dir
     }
     let expected = match to {
         State::Idle => Goal::ReadyToSwitchOn,
+        // No axis is held before all can be.
+        State::Enabling
+            if !input.drives.iter().all(|drive| *drive == Drive::SwitchedOn || *drive == Drive::OperationEnabled) =>
+        {
+            Goal::SwitchedOn
+        }
         State::Enabling | State::Running | State::Holding | State::Stopping => Goal::OperationEnabled,
         State::Stopped => Goal::QuickStop,
         State::Disabled | State::Lost if after.reaction == Some(Reaction::QuickStop) => Goal::QuickStop,

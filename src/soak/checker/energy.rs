@@ -64,8 +64,7 @@ impl Energy {
         peaks.returned_j = peaks.returned_j.max(beyond_j);
         let share = if falsified.hand { tolerance::SHAKEN_SHARE } else { tolerance::GUARD_SHARE };
         // The guard sees a cycle's energy at its end, and acts in the next one.
-        let holds = beyond_j
-            <= limits.energy_j * (1.0 + share) + tolerance::RETURNED_J + 2.0 * work_j.max(0.0);
+        let holds = beyond_j <= limits.energy_j * (1.0 + share) + tolerance::RETURNED_J + 2.0 * work_j.max(0.0);
         findings.expect(Invariant::I5, holds || self.is_told, || {
             format!("the hand got {:.1} mJ, and the rig had held {:.1} mJ", 1e3 * self.returned_j, 1e3 * self.held_j)
         });

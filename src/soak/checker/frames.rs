@@ -68,12 +68,11 @@ impl Frames {
                     });
                     sent[joint] = Setpoint::decode(frame);
                 }
-                // Of what arrives between SYNC and the computation the first counts.
+                // Of what arrives between SYNC and the computation the first counts; before it, what is late.
                 if sighting.sender.is_none()
                     && frame.id() == limits.status_ids[joint]
                     && let Some(status) = Status::decode(frame)
-                    && is_after_sync
-                    && !std::mem::replace(&mut has_told[joint], true)
+                    && !(is_after_sync && std::mem::replace(&mut has_told[joint], true))
                 {
                     self.note_wrap(joint, &status, peaks);
                     self.told[joint] = Some(status);
@@ -106,9 +105,8 @@ impl Frames {
 
     /// Permission and resets as they stand from this computation on.
     fn note_requests(&mut self, seen: &Observation) {
-        self.resets = self.resets.saturating_sub(1);
         if seen.request == Request::Reset && self.state.is_latched() {
-            self.resets = tolerance::RESET_CYCLES + 1;
+            self.resets = tolerance::RESET_CYCLES;
             self.had_reset = [false; 2];
         }
         if seen.request == Request::Enable && self.state == State::Idle {
@@ -150,6 +148,7 @@ impl Frames {
         }
         self.were_moving = is_moving;
         (self.before, self.before_ns) = (*sent, seen.sync_ns);
+        self.resets = self.resets.saturating_sub(1);
     }
 
     /// I1, and the second half of I18.

@@ -8,9 +8,8 @@ use super::super::tolerance;
 use super::{Findings, Limits, Peaks};
 use crate::guard::State;
 
-/// Radius in m from the task's origin beyond which the guard may brake and hold the reference before the edge of the
-/// workspace: the edge lies at 0.22 m and more, and the way to stop from 1.1 m/s is 0.06 m.
-const MAY_BE_HELD_M: f64 = 0.15;
+/// Radius in m from the task's origin beyond which the edge of the workspace lies, with some room.
+const EDGE_M: f64 = 0.18;
 
 /// What one cycle left behind.
 #[derive(Clone, Copy, Debug)]
@@ -111,7 +110,7 @@ impl Motion {
         let change = (now.step - past.step).norm();
         let most = tolerance::RAMP_SHARE * limits.stop_m_per_s2 * limits.period_s * limits.period_s;
         let slack = tolerance::ROUNDING * limits.period_s;
-        let is_held = now.proxy.norm() > MAY_BE_HELD_M;
+        let is_held = is_near_edge(limits, past);
         findings.expect(Invariant::I2, change <= most + slack || is_held, || {
             let (from, to) = (past.step.norm() / limits.period_s, now.step.norm() / limits.period_s);
             format!("the reference went from {from:.4} to {to:.4} m/s in one cycle of a stop")
@@ -130,7 +129,7 @@ impl Motion {
         let force = Vector2::from(seen.reported.force_n).norm();
         self.unforced.next(now.running > 1 && force <= friction, speed);
         self.halted.next(now.halting > 0, speed);
-        let rests = now.step.norm() <= tolerance::RESTING_STEP_M || now.proxy.norm() > MAY_BE_HELD_M;
+        let rests = now.step.norm() <= tolerance::RESTING_STEP_M || is_near_edge(limits, now);
         let deceleration = (limits.friction_n - friction) / limits.mass_kg;
         findings.expect(Invariant::I7, rests || !self.unforced.is_over(deceleration, limits.period_s), || {
             format!("the proxy still goes at {speed:.3e} m/s after {} cycles below F / 2", self.unforced.cycles)
@@ -141,6 +140,12 @@ impl Motion {
             format!("the reference still goes at {speed:.3e} m/s after {} cycles of a stop", self.halted.cycles)
         });
     }
+}
+
+/// Whether the guard may already brake the reference before the edge: what it needs to stop leads there.
+fn is_near_edge(limits: &Limits, past: &Past) -> bool {
+    let speed = past.step.norm() / limits.period_s;
+    past.proxy.norm() + 0.5 * speed * speed / limits.stop_m_per_s2 > EDGE_M
 }
 
 /// I8.
@@ -201,7 +206,7 @@ fn check_levels(limits: &Limits, seen: &Observation, now: &Past, past: &Past, fi
     if now.running < 4 || reported.is_impact || (limits.has_hold && reported.hold_counter > 0) {
         return;
     }
-    if now.proxy.norm() > MAY_BE_HELD_M {
+    if is_near_edge(limits, past) {
         return;
     }
     let kappa = limits.mass_kg / (limits.period_s * limits.period_s);
