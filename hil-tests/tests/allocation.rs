@@ -106,6 +106,7 @@ fn run_cycles(cycle: &mut Cycle, start: [f64; 2]) -> [usize; 8] {
         angles = outputs.signals.target_angles.to_array();
         state = match outputs.directive.goal {
             cia402::Goal::OperationEnabled => cia402::State::OperationEnabled,
+            cia402::Goal::SwitchedOn => cia402::State::SwitchedOn,
             cia402::Goal::QuickStop => cia402::State::QuickStopActive,
             _ => cia402::State::ReadyToSwitchOn,
         };

@@ -238,7 +238,7 @@ impl Cycle {
     pub fn step(&mut self, inputs: &Inputs) -> Outputs {
         self.faults.begin_cycle();
         // measure
-        self.measure(&inputs.drives);
+        self.measure(&inputs.drives, &inputs.timing);
         let reading = self.sense(inputs.sample.as_ref());
         // supervise
         self.observe(inputs, &reading);

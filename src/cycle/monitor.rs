@@ -27,7 +27,7 @@ const STALLED_AFTER_SKIPPED: u32 = 3;
 
 impl Cycle {
     /// Takes the measured angles; a joint without new process data is predicted by its last rate, for a few cycles.
-    pub(super) fn measure(&mut self, drives: &[DriveSample; 2]) {
+    pub(super) fn measure(&mut self, drives: &[DriveSample; 2], timing: &Timing) {
         let period = self.settings.period_s;
         let last = self.measured;
         let mut angles = last.angles.to_array();
@@ -45,11 +45,12 @@ impl Cycle {
                     (*angle, *rate, *missed) = (new, 0.0, 0);
                 }
                 Some(new) => {
-                    let cycles = f64::from(*missed) + 1.0;
+                    // A joint goes on turning while no cycle runs; how long a suspended computer was away, nobody knows.
+                    let cycles = f64::from(*missed) + f64::from(timing.skipped) + 1.0;
                     let predicted = f64::from((*missed).min(PREDICTED_CYCLES));
                     let step = new - (*angle - *rate * period * predicted);
                     let has_jumped = step.abs() > 2.0 * self.settings.joint_speed_limit_rad_per_s * period * cycles;
-                    jumped |= DeviceSet::drive(joint).only_if(has_jumped);
+                    jumped |= DeviceSet::drive(joint).only_if(has_jumped && !timing.suspended);
                     (*angle, *rate, *missed) = (new, step / (period * cycles), 0);
                 }
                 None if *missed == u16::MAX => {}

@@ -118,6 +118,7 @@ pub(super) fn is_certain(kind: Kind) -> bool {
         | Kind::SyncLost
         | Kind::DriveIgnoresCommand
         | Kind::DriveRunaway
+        | Kind::DriveWarning
         | Kind::EncoderStuck
         | Kind::ArmBlocked
         | Kind::HandPush

@@ -23,7 +23,7 @@ pub fn run_seed(shipped: &Shipped, seed: u64, cycles: u32, script: Option<&Scrip
     let drawn = || Script::draw(&machine, seed, cycles);
     let script = script.cloned().unwrap_or_else(drawn);
     let (played, mut verdict) = run_script(&machine, &script, seed, cycles);
-    if seed % TWICE_EVERY == 0 {
+    if seed.is_multiple_of(TWICE_EVERY) {
         let (again, _) = run_script(&machine, &script, seed, cycles);
         if again.hash != played.hash {
             let seen = format!("two runs left the marks {:016x} and {:016x}", played.hash, again.hash);

@@ -7,21 +7,20 @@ use super::invariant::{Invariant, Violation};
 use super::nature;
 use super::script::Script;
 use super::session::{End, Event, Play};
+use super::tolerance;
 use crate::guard::fault::{Bound, Stage};
 use crate::guard::{Fault, Reaction, State};
-use crate::injection::{Ending, Injection};
+use crate::injection::{Ending, Injection, Target};
 
 /// Faults that a hand alone brings about now and then, whatever else is broken: it is free to hit and to shake the tool.
 const HAND_FAULTS: [Fault; 6] =
     [Fault::SensorSaturated, Fault::ForceStep, Fault::ForceLimit, Fault::OverSpeed, Fault::EnergyLimit, Fault::Chatter];
-/// Most reactions of a hand alone in one run that are not yet a false alarm that comes all the time.
-const MOST_HAND_FAULTS: usize = 50;
+/// Cycles per reaction to a hand alone, on average over a run, below which it is a false alarm that comes all the time.
+const LEAST_CYCLES_BETWEEN: usize = 200;
 
 /// Faults that an arm far outside of its working disc brings about, where a hand has pushed it while nobody held it.
-const FAR_FAULTS: [Fault; 4] = [Fault::FollowingError, Fault::Runaway, Fault::WorkspaceLeft, Fault::Posture];
-/// Radius in m from which on it is far outside: the rigs promise 0.16 m.
-const FAR_M: f64 = 0.24;
-
+const FAR_FAULTS: [Fault; 5] =
+    [Fault::FollowingError, Fault::Runaway, Fault::WorkspaceLeft, Fault::Posture, Fault::EncoderJump];
 /// One injection and what followed.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Followed {
@@ -85,7 +84,7 @@ impl Clock {
     /// Whether a hand and where it has pushed the arm explain the fault without anything injected.
     fn is_natural(&self, event: &Event, fault: Fault) -> bool {
         HAND_FAULTS.contains(&fault)
-            || (FAR_FAULTS.contains(&fault) && event.radius_m > FAR_M)
+            || (FAR_FAULTS.contains(&fault) && event.radius_m > tolerance::FAR_M)
             || (fault == Fault::SensorStuck && !self.is_noisy)
     }
 
@@ -202,7 +201,12 @@ fn attribute(clock: &Clock, script: &Script, play: &Play, verdict: &mut Verdict)
     for event in early {
         check_alone(clock, event, verdict);
     }
-    for (at, injection) in script.injections.iter().enumerate() {
+    // What had not begun when a run broke off brought nothing about.
+    let end_s = match play.end {
+        End::Broken => play.simulated_s - clock.scene_from_ns as f64 * 1e-9 - clock.heartbeat_s,
+        _ => f64::INFINITY,
+    };
+    for (at, injection) in script.injections.iter().enumerate().filter(|(_, known)| known.start_s < end_s) {
         let until = starts.get(at + 1).copied().unwrap_or(f64::INFINITY) - 0.5 * clock.period_s;
         let from = injection.start_s - 0.5 * clock.period_s;
         let window: Vec<&Event> =
@@ -210,7 +214,7 @@ fn attribute(clock: &Clock, script: &Script, play: &Play, verdict: &mut Verdict)
         judge_window(clock, injection, &window, play, verdict);
     }
     let alone = verdict.faults.iter().filter(|seen| HAND_FAULTS.iter().any(|fault| fault.row().name == seen.name));
-    if alone.count() > MOST_HAND_FAULTS
+    if alone.count() * LEAST_CYCLES_BETWEEN > play.cycles as usize
         && let Some(event) = play.events.last()
     {
         verdict.violations.push(violation(Invariant::FalseAlarm, event, "the hand is held all the time".to_owned()));
@@ -260,7 +264,9 @@ fn judge_window(clock: &Clock, injection: &Injection, window: &[&Event], play: &
         }
         // The same error, twice as large.
         let is_worse = fault == Fault::Runaway && expected.faults.contains(&Fault::FollowingError);
-        let is_expected = expected.faults.contains(&fault) || is_worse;
+        // A hand that is out of bounds may load the arm beyond what its torques explain.
+        let is_forced = fault == Fault::ForceImplausible && injection.target == Target::Hand;
+        let is_expected = expected.faults.contains(&fault) || is_worse || is_forced;
         has_expected |= is_expected;
         if met_running && is_usual && !is_expected && !clock.is_natural(event, fault) {
             let message = format!(

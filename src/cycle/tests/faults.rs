@@ -479,6 +479,23 @@ fn a_joint_target_too_fast_stops_along_the_ramp_too() {
 }
 
 #[test]
+fn an_arm_that_turned_while_no_cycle_ran_is_no_jump() {
+    // 8 rad/s for three periods; the limit of one period is 12 rad/s.
+    let turned = |timing: Timing| {
+        let mut bench = moving();
+        bench.timing = timing;
+        for joint in 0..2 {
+            push_angle(&mut bench, joint, 8.0 * 3.0 * PERIOD_S);
+        }
+        bench.step(Request::None);
+        bench.cycle.faults.count(Fault::EncoderJump)
+    };
+    assert_eq!(turned(Timing::default()), 1);
+    assert_eq!(turned(Timing { skipped: 2, ..Timing::default() }), 0);
+    assert_eq!(turned(Timing { suspended: true, ..Timing::default() }), 0);
+}
+
+#[test]
 fn a_stop_that_cannot_be_followed_is_a_quick_stop_in_the_same_cycle() {
     let mut bench = moving();
     let limits = guard::Limits { period_s: PERIOD_S, torque_n_m: [60.0; 2], joint_speed_rad_per_s: 1e-6 };

@@ -41,6 +41,7 @@ impl EmbeddedRig {
     /// # Errors
     /// As [`EmbeddedRig::power_up`].
     pub fn boot_again(&mut self) -> Result<(), RigError> {
+        self.host.is_asleep = false;
         self.start_network()
     }
 
