@@ -3,6 +3,7 @@
 //! A command gets its arguments and an [`Output`], and returns nothing or a [`Failure`]. It prints results to standard
 //! output only; findings and failures go to standard error, or with `--json` into the one document on standard output.
 
+mod bus;
 mod config;
 mod failure;
 mod margins;
@@ -43,6 +44,9 @@ enum Command {
     Run(run::Arguments),
     /// Run the paper's experiments and draw its figures
     Reproduce(reproduce::Arguments),
+    /// What the bus of a rig can carry
+    #[command(subcommand)]
+    Bus(bus::Command),
     /// Check, show and describe configuration files
     #[command(subcommand)]
     Config(config::Command),
@@ -75,6 +79,7 @@ fn run(arguments: impl IntoIterator<Item = OsString>) -> Exit {
     let result = match arguments.command {
         Command::Run(arguments) => run::run(&arguments, &mut output),
         Command::Reproduce(arguments) => reproduce::run(&arguments, &mut output),
+        Command::Bus(command) => bus::run(&command, &mut output),
         Command::Config(command) => config::run(command, &mut output),
     };
     match result {
