@@ -16,7 +16,7 @@ mod world;
 
 pub use budget::bus_plan;
 pub use build::cycle;
-pub use embedded::{EmbeddedRig, Tap};
+pub use embedded::{BodyTruth, EmbeddedRig, Observer, PORTS, Tap};
 pub use error::RigError;
 pub use impedance::ImpedanceRig;
 pub use margins::{Margin, PoseMargins, pose_margins};
