@@ -95,7 +95,7 @@ impl Frames {
                 self.check_load(limits, seen, peaks, findings);
                 is_after_sync = true;
             }
-            for joint in 0..2 {
+            for (joint, has_told) in has_told.iter_mut().enumerate() {
                 if is_ours && frame.id() == limits.set_point_ids[joint] {
                     findings.expect(
                         Invariant::I12,
@@ -120,7 +120,7 @@ impl Frames {
                 if sighting.sender.is_none()
                     && frame.id() == limits.status_ids[joint]
                     && let Some(status) = Status::decode(frame)
-                    && !(is_after_sync && std::mem::replace(&mut has_told[joint], true))
+                    && !(is_after_sync && std::mem::replace(has_told, true))
                 {
                     self.note_wrap(joint, &status, peaks);
                     self.told[joint] = Some(status);
