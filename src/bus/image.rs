@@ -352,6 +352,13 @@ impl Image {
         }
     }
 
+    /// Drops resets that could not be sent: what fails in the meantime was not seen by the person who asked.
+    pub(super) fn cancel_fault_reset(&mut self) {
+        for drive in &mut self.drives {
+            drive.walk.cancel_fault_reset();
+        }
+    }
+
     /// Sends every drive one step towards `goal`, with its share of `command`.
     ///
     /// Real-time: yes.

@@ -461,7 +461,7 @@ impl Master {
     /// Sends the set-points of this cycle, and a heartbeat that is due.
     fn send(&mut self, now: Time, out: &mut impl Outbox) {
         if self.is_silent || self.is_held {
-            return;
+            return self.image.cancel_fault_reset();
         }
         self.image.send(self.last.directive.goal, &self.last.command, out);
         self.in_flight = 2;
