@@ -120,8 +120,14 @@ fn no_frame_of_a_shipped_rig_takes_longer_than_computed() {
             println!("  {name:20} seen {:6.1} us, computed {:6.1} us", *longest as f64 / 1e3, *computed as f64 / 1e3);
         }
         // The bound is not empty: the last measured value comes near it.
-        let (_, longest, computed) = seen.iter().find(|(name, ..)| name == "wrist TPDO2").unwrap();
-        assert!(longest * 10 > computed * 7, "{file}: {longest} of {computed} ns");
+        let is_last = |name: &str| match file {
+            // Its samples come at moments that cannot be seen.
+            "paper-admittance-streaming.yaml" => name == "right TPDO1",
+            _ => name == "wrist TPDO2" || name == "wrist sample 2",
+        };
+        let (_, longest, computed) = seen.iter().find(|(name, ..)| is_last(name)).unwrap();
+        let share = if file.contains("streaming") { 4 } else { 7 };
+        assert!(longest * 10 > computed * share, "{file}: {longest} of {computed} ns");
     }
 }
 

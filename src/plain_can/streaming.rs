@@ -43,10 +43,10 @@ impl Ids {
         if frame.id() != self.command {
             return None;
         }
-        match frame.data().first()? {
-            &START => Some(Order::Start),
-            &STOP => Some(Order::Stop),
-            &BIAS => Some(Order::Zero),
+        match *frame.data().first()? {
+            START => Some(Order::Start),
+            STOP => Some(Order::Stop),
+            BIAS => Some(Order::Zero),
             _ => None,
         }
     }

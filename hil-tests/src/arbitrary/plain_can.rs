@@ -29,12 +29,15 @@ struct Witness {
 }
 
 impl Witness {
-    fn hear(&mut self, now: Time, frame: &Frame, [first, second]: [u16; 2], gap: Duration) {
+    fn hear(&mut self, now: Time, frame: &Frame, protocol: &Protocol, gap: Duration) {
+        let [first, second] = protocol.data_ids();
+        // What streams begins a sample with its order to start; other answers do not.
+        let is_sample = |frame: &Frame| matches!(protocol, Protocol::Polled(_)) || frame.bytes()[0] == 0x0b;
         if frame.id() == first || frame.id() == second {
             let earlier = self.first.take().filter(|_| frame.len() == 8);
             if frame.id() == first && frame.len() == 8 {
                 self.first = Some((now, *frame));
-            } else if earlier.is_some_and(|(at, _)| now.since(at) <= gap) {
+            } else if earlier.is_some_and(|(at, earlier)| now.since(at) <= gap && is_sample(&earlier)) {
                 self.whole = Some(now);
             }
         }
@@ -70,7 +73,7 @@ pub fn plain_can(bytes: &[u8]) {
                 let heard = client.on_frame(now, &frame);
                 assert_eq!(heard == Heard::Other, !data.contains(&frame.id()));
                 assert_eq!(heard == Heard::BadLength, data.contains(&frame.id()) && frame.len() != 8);
-                witness.hear(now, &frame, data, pair_gap);
+                witness.hear(now, &frame, &protocol, pair_gap);
                 sensor.on_frame(now, &frame, &mut answers);
             }
             3 => client.read(&mut orders),
@@ -107,7 +110,7 @@ pub fn plain_can(bytes: &[u8]) {
             assert_eq!([pair[0].id(), pair[1].id()], data);
             for frame in pair {
                 assert_eq!((frame.len(), client.on_frame(now, frame)), (8, Heard::Half));
-                witness.hear(now, frame, data, pair_gap);
+                witness.hear(now, frame, &protocol, pair_gap);
             }
         }
     }

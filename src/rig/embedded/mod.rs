@@ -60,6 +60,8 @@ pub struct EmbeddedRig {
     troubles: Troubles,
     host: Computer,
     period: Duration,
+    /// Time from one sample of the force sensor to the next.
+    sample_period: Duration,
     compute_at: Duration,
     now: Time,
     next_sync: Time,
@@ -99,7 +101,8 @@ impl EmbeddedRig {
             schedule: Schedule::default(),
             troubles: Troubles::new(devices(rig)?, seed),
             host: Computer::default(),
-            period: Duration::from_micros(rig.cycle.period_us.into()),
+            period: setup.period,
+            sample_period: setup.sensor.sample_period,
             compute_at: Duration::from_micros(rig.cycle.compute_at_us.into()),
             now: Time::default(),
             next_sync: Time::NEVER,
