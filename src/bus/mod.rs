@@ -18,7 +18,7 @@ mod setup;
 
 pub use error::{BootError, BootFailure};
 pub use master::{LinkEvent, Master, Phase};
-pub use setup::{CommandMode, DriveSetup, MasterSetup, SensorSetup};
+pub use setup::{CommandMode, DriveSetup, MasterSetup, SensorLink, SensorNode, SensorSetup};
 
 #[cfg(test)]
 mod tests;

@@ -242,6 +242,9 @@ pub(super) fn measures_text(measures: &Measures) -> Vec<String> {
         1e3 * measures.energy_bound_j,
         1e3 * measures.energy_taken_j
     ));
+    if let (Some(mean), Some(most)) = (measures.force_age_mean_ms, measures.force_age_max_ms) {
+        lines.push(format!("force     its sample is {mean:.2} ms old on average, {most:.2} ms at most"));
+    }
     if let (Some(torque), Some(saturated)) = (measures.peak_torque_n_m, measures.torque_saturated) {
         let at_limit = if saturated { ", at the limit" } else { "" };
         lines.push(format!("torque    at most {torque:.1} N m{at_limit}"));

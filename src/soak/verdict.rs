@@ -77,7 +77,7 @@ struct Clock {
 impl Clock {
     fn of(machine: &Machine, scene_from_ns: u64) -> Self {
         let rig = &machine.rig;
-        let heartbeats = rig.drives.iter().map(|drive| drive.heartbeat_ms).chain([rig.sensor.heartbeat_ms]);
+        let heartbeats = rig.drives.iter().map(|drive| drive.heartbeat_ms).chain(rig.sensor.protocol.heartbeat_ms());
         // A heartbeat is missed after two of its periods.
         let heartbeat_s = 2e-3 * f64::from(heartbeats.max().unwrap_or_default());
         let period_s = machine.period_s();

@@ -6,8 +6,9 @@ use super::bits::{longest_bits, worst_bits};
 use super::response::Stream;
 use crate::bus::boot::mapping;
 use crate::bus::error::{BootError, BootFailure};
-use crate::bus::setup::MasterSetup;
+use crate::bus::setup::{MasterSetup, SensorLink, SensorSetup};
 use crate::canopen::{NodeId, cob};
+use crate::plain_can::{Link, Order, Protocol};
 use yieldwall_drives::cia402::OperationMode;
 use yieldwall_drives::profiles::{DeviceProfile, PdoMapping};
 
@@ -23,10 +24,14 @@ const FULL: u8 = 8;
 pub enum Use {
     /// The begin of a cycle, from the master.
     Sync,
+    /// A request to a sensor that is polled, from the master behind SYNC.
+    Request,
     /// Measured values of a device, sent after SYNC.
     Measured,
     /// Set-points, from the master when the control step has run.
     SetPoint,
+    /// Measured values of a device with a clock of its own, at any moment.
+    Streamed,
     /// A heartbeat; the master's goes out behind the set-points.
     Heartbeat,
     /// Request or answer of an SDO; the master's request goes out behind everything else.
@@ -44,6 +49,8 @@ pub struct PlannedFrame {
     pub usage: Use,
     /// Whether the master sends it.
     pub is_of_master: bool,
+    /// Whether it is sent when the master's request has come, and not at SYNC.
+    pub is_answer: bool,
     /// Identifier.
     pub cob_id: u16,
     /// Data bytes.
@@ -82,23 +89,29 @@ pub(super) fn frames(setup: &MasterSetup) -> Result<Vec<PlannedFrame>, BootError
     let mode = Some(setup.mode.operation_mode());
     let [left, right] = &setup.drives;
     let sensor = &setup.sensor;
-    let devices = [
+    let mut devices = vec![
         Device::new(&left.name, left.node_id, left.profile, mode, left.heartbeat)?,
         Device::new(&right.name, right.node_id, right.profile, mode, right.heartbeat)?,
-        Device::new(&sensor.name, sensor.node_id, sensor.profile, None, sensor.heartbeat)?,
     ];
+    if let SensorLink::Canopen(node) = &sensor.link {
+        devices.push(Device::new(&sensor.name, node.node_id, node.profile, None, node.heartbeat)?);
+    }
     let master = node(setup.node_id, "master")?;
     let period = setup.period;
     let mut all = vec![PlannedFrame {
         name: "SYNC".to_owned(),
         usage: Use::Sync,
         is_of_master: true,
+        is_answer: false,
         cob_id: cob::SYNC,
         bytes: 0,
         period,
     }];
     for device in &devices {
         device.process_data(&mut all, period)?;
+    }
+    if let SensorLink::PlainCan(link) = &sensor.link {
+        plain_can(&mut all, sensor, link, period);
     }
     all.push(heartbeat("master", master, setup.heartbeat, true));
     all.extend(devices.iter().map(|device| heartbeat(device.name, device.node, device.heartbeat, false)));
@@ -110,6 +123,7 @@ pub(super) fn frames(setup: &MasterSetup) -> Result<Vec<PlannedFrame>, BootError
             name: format!("{} SDO {what}", device.name),
             usage: Use::Sdo,
             is_of_master,
+            is_answer: false,
             cob_id,
             bytes: FULL,
             period: SDO_PERIOD.max(period),
@@ -119,6 +133,7 @@ pub(super) fn frames(setup: &MasterSetup) -> Result<Vec<PlannedFrame>, BootError
         name: format!("{} EMCY", device.name),
         usage: Use::Emergency,
         is_of_master: false,
+        is_answer: false,
         cob_id: cob::emcy(device.node),
         bytes: FULL,
         period: EMERGENCY_PERIOD.max(period),
@@ -127,11 +142,36 @@ pub(super) fn frames(setup: &MasterSetup) -> Result<Vec<PlannedFrame>, BootError
     Ok(all)
 }
 
+/// The frames of a sensor on plain CAN. Both of a sample are queued at once.
+fn plain_can(all: &mut Vec<PlannedFrame>, sensor: &SensorSetup, link: &Link, period: Duration) {
+    let (usage, data_period) = match link.protocol {
+        Protocol::Streaming(_) => (Use::Streamed, sensor.sample_period),
+        Protocol::Polled(_) => (Use::Measured, period),
+    };
+    let of_sensor = |what: &str, usage, cob_id, bytes, period| PlannedFrame {
+        name: format!("{} {what}", sensor.name),
+        usage,
+        is_of_master: usage == Use::Request,
+        is_answer: usage == Use::Measured,
+        cob_id,
+        bytes,
+        period,
+    };
+    all.extend(
+        link.protocol
+            .order(Order::Read)
+            .map(|frame| of_sensor("request", Use::Request, frame.id(), frame.len(), period)),
+    );
+    let data = ["sample 1", "sample 2"].into_iter().zip(link.protocol.data_ids());
+    all.extend(data.map(|(what, id)| of_sensor(what, usage, id, FULL, data_period)));
+}
+
 fn heartbeat(name: &str, node: NodeId, period: Duration, is_of_master: bool) -> PlannedFrame {
     PlannedFrame {
         name: format!("{name} heartbeat"),
         usage: Use::Heartbeat,
         is_of_master,
+        is_answer: false,
         cob_id: cob::heartbeat(node),
         bytes: 1,
         period,
@@ -163,6 +203,7 @@ impl<'a> Device<'a> {
             name: format!("{} {}{}", self.name, if usage == Use::SetPoint { "RPDO" } else { "TPDO" }, pdo.number),
             usage,
             is_of_master: usage == Use::SetPoint,
+            is_answer: false,
             cob_id: cob_id.unwrap_or_default(),
             bytes: pdo.len() as u8,
             // Every n-th SYNC; the master sends its own in every cycle, and the rest is taken as if it did.
@@ -182,5 +223,5 @@ fn node(raw: u8, name: &str) -> Result<NodeId, BootError> {
 }
 
 fn refuse(node_id: u8, name: &str, failure: BootFailure) -> BootError {
-    BootError { node_id, name: name.to_owned(), step: "plan the bus", failure }
+    BootError { node_id: Some(node_id), name: name.to_owned(), step: "plan the bus", failure }
 }

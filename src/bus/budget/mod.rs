@@ -160,7 +160,7 @@ fn traffic(plan: &[PlannedFrame], with: Use, timing: Timing) -> Vec<FrameBudget>
     let each = frames.into_iter().zip(responses).map(|(frame, response_ns)| {
         let period = nanoseconds(frame.period);
         let (from, deadline_ns) = match frame.usage {
-            Use::Sync | Use::Measured if timing.has_release_jitter => (Moment::Sync, timing.compute),
+            Use::Sync | Use::Request | Use::Measured if timing.has_release_jitter => (Moment::Sync, timing.compute),
             Use::SetPoint if timing.has_release_jitter => {
                 (Moment::Compute, timing.cycle.saturating_sub(timing.compute))
             }

@@ -60,10 +60,11 @@ impl Round<'_> {
         }
         match frame.usage {
             Use::Sync => self.sync_ns(stream),
+            Use::Request => self.request_ns(at, stream),
             Use::Measured => self.measured_ns(at, stream),
             Use::SetPoint => self.set_point_ns(at, stream),
             Use::Heartbeat | Use::Sdo if self.is_queued(frame) => self.set_point_ns(at, stream),
-            _ => response_among_ns(stream, &self.seen(|other| other != at), self.timing.bit),
+            _ => response_among_ns(stream, &self.released(at)?, self.timing.bit),
         }
     }
 
@@ -72,23 +73,47 @@ impl Round<'_> {
         frame.is_of_master && self.timing.has_fifo
     }
 
-    /// SYNC goes before everything else: what can be before it is the frame on the wire, or what the master's FIFO still
-    /// holds of the last cycle. The FIFO's frames follow each other without a gap.
+    /// What can be before SYNC is the frame on the wire, what the master's FIFO still holds of the last cycle, and a sensor
+    /// on plain CAN whose identifiers go before it. The FIFO's frames follow each other without a gap.
     fn sync_ns(&self, stream: &Stream) -> Option<u64> {
-        let mut wait = blocking_ns(&self.seen(|at| self.is_background(at)), stream.cob_id);
+        let background = self.seen(|at| self.is_background(at));
+        let mut wait = blocking_ns(&background, stream.cob_id);
         for (frame, found) in self.frames.iter().zip(self.found) {
             if self.is_queued(frame) && frame.usage > Use::SetPoint {
                 wait = wait.max((self.timing.compute + (*found)?).saturating_sub(self.timing.cycle));
             }
         }
-        Some(wait + stream.transmission_ns)
+        let before: Vec<Stream> = background.into_iter().filter(|other| other.cob_id < stream.cob_id).collect();
+        response_ns(stream, wait, &before, self.timing.bit)
+    }
+
+    /// A request waits behind SYNC: when that ends it is there for the next arbitration.
+    fn request_ns(&self, at: usize, stream: &Stream) -> Option<u64> {
+        let jitter_ns = self.sync_response_ns()?;
+        let others = [self.of(Use::Measured, at), self.seen(|other| self.is_background(other))].concat();
+        let before: Vec<Stream> = others.into_iter().filter(|other| other.cob_id < stream.cob_id).collect();
+        response_ns(&Stream { jitter_ns, ..*stream }, 0, &before, self.timing.bit)
+    }
+
+    fn sync_response_ns(&self) -> Option<u64> {
+        let sync = self.frames.iter().position(|frame| frame.usage == Use::Sync)?;
+        self.found.get(sync).copied()?
     }
 
     /// A measured value is released up to R(SYNC) and the device's delay late, and competes with the others of its cycle.
+    ///
+    /// The answer to a request waits for that. Without delay of the device the bus has no pause from SYNC to the answer,
+    /// and the request counts as one of the frames that go before it; with one, other frames may come between once more.
     fn measured_ns(&self, at: usize, stream: &Stream) -> Option<u64> {
-        let sync = self.frames.iter().position(|frame| frame.usage == Use::Sync)?;
-        let jitter_ns = self.found.get(sync).copied()?? + self.timing.device_delay;
-        let others = [self.of(Use::Measured, at), self.seen(|other| self.is_background(other))].concat();
+        let request = self.frames.iter().position(|frame| frame.usage == Use::Request);
+        let is_answer = self.frames.get(at).is_some_and(|frame| frame.is_answer);
+        let from = match request.filter(|_| is_answer && self.timing.device_delay > 0) {
+            Some(request) => self.found.get(request).copied()??,
+            None => self.sync_response_ns()?,
+        };
+        let jitter_ns = from + self.timing.device_delay;
+        let background = self.seen(|other| self.is_background(other));
+        let others = [self.of(Use::Request, at), self.of(Use::Measured, at), background].concat();
         let before: Vec<Stream> = others.iter().copied().filter(|other| other.cob_id < stream.cob_id).collect();
         // Without delay it is there when SYNC ends, so that nothing comes between.
         let blocking = if self.timing.device_delay == 0 { 0 } else { blocking_ns(&others, stream.cob_id) };
@@ -103,7 +128,8 @@ impl Round<'_> {
             return response_among_ns(stream, &others, self.timing.bit);
         }
         let queued = |other: usize| {
-            other < at && self.frames.get(other).is_some_and(|frame| self.is_queued(frame) && frame.usage > Use::Sync)
+            let is_ahead = |frame: &PlannedFrame| self.is_queued(frame) && frame.usage > Use::Measured;
+            other < at && self.frames.get(other).is_some_and(is_ahead)
         };
         let ahead: Vec<Stream> = self.select(queued).map(|(_, stream)| *stream).collect();
         self.behind_ns(stream, ahead, &background)
@@ -152,6 +178,28 @@ impl Round<'_> {
             Stream { jitter_ns, ..*stream }
         };
         self.select(is_wanted).map(late).collect()
+    }
+
+    /// The other frames as a frame sees them that can come at any moment: by how much each can be released late. Whatever
+    /// has waited longer belongs to the same busy period.
+    fn released(&self, at: usize) -> Option<Vec<Stream>> {
+        let sync = self.frames.iter().position(|frame| frame.usage == Use::Sync)?;
+        let sync_ns = self.streams.get(sync)?.transmission_ns;
+        let sync_late = self.sync_response_ns()?.saturating_sub(sync_ns) + self.timing.device_delay;
+        let mut others = Vec::new();
+        for (other, stream) in self.select(|other| other != at) {
+            let frame = self.frames.get(other)?;
+            let waited = self.found.get(other).copied()?.map(|found| found.saturating_sub(stream.transmission_ns));
+            let jitter_ns = match frame.usage {
+                _ if self.is_queued(frame) => waited.unwrap_or(UNBOUNDED_NS),
+                // From the end of a request that waits for nothing.
+                Use::Measured if frame.is_answer => waited.unwrap_or(UNBOUNDED_NS),
+                Use::Measured => sync_late,
+                _ => 0,
+            };
+            others.push(Stream { jitter_ns, ..*stream });
+        }
+        Some(others)
     }
 
     fn select(&self, is_wanted: impl Fn(usize) -> bool) -> impl Iterator<Item = (usize, &Stream)> {

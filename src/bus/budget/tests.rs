@@ -1,5 +1,6 @@
 use super::*;
-use crate::bus::{CommandMode, DriveSetup, SensorSetup};
+use crate::bus::{CommandMode, DriveSetup, SensorLink, SensorNode, SensorSetup};
+use crate::plain_can::{Link, Protocol, polled, streaming};
 use yieldwall_drives::profiles::{SIMULATED_FORCE_SENSOR, SIMULATED_SERVO};
 use yieldwall_drives::scaling::{AxisScaling, Direction};
 
@@ -23,7 +24,11 @@ fn setup(mode: CommandMode, period_us: u64) -> MasterSetup {
         period: Duration::from_micros(period_us),
         mode,
         drives: [drive("left", 1), drive("right", 2)],
-        sensor: SensorSetup { name: "wrist".to_owned(), node_id: 10, profile: &SIMULATED_FORCE_SENSOR, heartbeat },
+        sensor: SensorSetup {
+            name: "wrist".to_owned(),
+            link: SensorLink::Canopen(SensorNode { node_id: 10, profile: &SIMULATED_FORCE_SENSOR, heartbeat }),
+            sample_period: Duration::from_micros(period_us),
+        },
     }
 }
 
@@ -173,4 +178,67 @@ fn advice_is_the_least_change_that_fits() {
     assert_eq!((advice.bit_rate, advice.period), (1_000_000, Duration::from_millis(1)));
     let advice = advise(&setup(CommandMode::Position, 500), HOST).unwrap().unwrap();
     assert_eq!((advice.bit_rate, advice.period), (1_000_000, Duration::from_millis(1)));
+}
+
+fn plain_can(protocol: Protocol, sample_us: u64) -> MasterSetup {
+    let link = Link { protocol, pair_gap: Duration::from_micros(500), zero_at_start: false };
+    let name = "wrist".to_owned();
+    let sample_period = Duration::from_micros(sample_us);
+    let sensor = SensorSetup { name, link: SensorLink::PlainCan(link), sample_period };
+    MasterSetup { sensor, ..setup(CommandMode::Torque, 1000) }
+}
+
+fn streaming(first: u16, sample_us: u64) -> MasterSetup {
+    plain_can(Protocol::Streaming(streaming::Ids { command: first + 2, data: [first, first + 1] }), sample_us)
+}
+
+fn polled() -> MasterSetup {
+    let byte_order = polled::ByteOrder::BigEndian;
+    plain_can(Protocol::Polled(polled::Format { base: 0x1b0, byte_order, overload_bits: 1, invalid_bits: 2 }), 1000)
+}
+
+/// Torque mode without the sensor's node: 53 SYNC, 111 112 drives, 92 93 set-points, heartbeats 62. A request has 63 bits,
+/// each of its answers 131.
+#[test]
+fn a_polled_sensor_by_hand() {
+    let at = |compute_us| {
+        let conditions = Conditions { compute_at: Duration::from_micros(compute_us), ..HOST };
+        Budget::new(&polled(), conditions).unwrap()
+    };
+    let budget = at(700);
+    // The last heartbeat of the cycle holds up SYNC.
+    let heartbeat = 62 + 62 + 92 + 93 + 62;
+    let sync = 700 + heartbeat - 1000 + 53;
+    assert_eq!(response_us(&budget, 0x77f), heartbeat);
+    assert_eq!(response_us(&budget, 0x080), sync);
+    assert_eq!(response_us(&budget, 0x1b0), sync + 111 + 112 + 63);
+    assert_eq!(response_us(&budget, 0x1b5), sync + 111 + 112 + 63 + 131);
+    assert_eq!(response_us(&budget, 0x1b6), sync + 111 + 112 + 63 + 131 + 131);
+    // The request has gone when the set-points come.
+    assert_eq!(response_us(&budget, 0x202), 62 + 92 + 93);
+    assert!(budget.is_schedulable() && !at(620).is_schedulable());
+    let delayed =
+        Conditions { device_delay: Duration::from_micros(10), compute_at: Duration::from_micros(700), ..HOST };
+    let delayed = Budget::new(&polled(), delayed).unwrap();
+    assert!(response_us(&delayed, 0x1b6) > response_us(&budget, 0x1b6) + 20, "two devices take their time");
+}
+
+#[test]
+fn a_streaming_sensor_comes_at_any_moment() {
+    let budget = Budget::new(&streaming(0x360, 2000), HOST).unwrap();
+    let heartbeat = 131 + 132 + 62 + 62 + 92 + 93 + 62;
+    assert_eq!(response_us(&budget, 0x77f), heartbeat);
+    let sync = 620 + heartbeat - 1000 + 53;
+    assert_eq!(response_us(&budget, 0x080), sync);
+    assert_eq!(response_us(&budget, 0x182), sync + 111 + 112, "what is lower waits");
+    assert_eq!(response_us(&budget, 0x202), 132 + 92 + 93, "but for a frame that has just begun");
+    // All of one cycle before both frames of a sample.
+    assert_eq!(response_us(&budget, 0x361), 62 + 53 + 111 + 112 + 92 + 93 + 132 + 131);
+    let sample = budget.frames.iter().find(|frame| frame.frame.cob_id == 0x361).unwrap();
+    assert_eq!((sample.from, sample.deadline_ns), (Moment::Release, 2000 * US));
+    assert!(budget.is_schedulable());
+    // As delivered it goes before SYNC and everything else.
+    let outranking = Budget::new(&streaming(0x001, 2000), HOST).unwrap();
+    assert!(response_us(&outranking, 0x080) >= 131 + 132 + 53);
+    assert!(response_us(&outranking, 0x182) > response_us(&budget, 0x182) + 200);
 }

@@ -7,6 +7,8 @@ mod limits;
 mod reach;
 mod rig;
 mod scene;
+mod sensor;
+mod sensor_bus;
 mod words;
 
 use std::sync::Arc;
