@@ -16,6 +16,7 @@ const SYNC: u16 = 0x080;
 struct Sent {
     setpoint: Setpoint,
     known: [Option<Status>; 2],
+    known_also: [Option<Status>; 2],
     is_fresh: bool,
     is_permitted: bool,
     /// SYNC of the cycle that computed it, ns; an earlier one for what was kept.
@@ -33,6 +34,8 @@ pub(super) struct Frames {
     told: [Option<Status>; 2],
     /// The same, as known at the last computation.
     known: [Option<Status>; 2],
+    /// What a second one after SYNC told: of two after a cycle without any nobody knows which is the late one.
+    told_also: [Option<Status>; 2],
     /// Joints that told something between SYNC and the last computation.
     is_fresh: [bool; 2],
     /// The set-points since the last SYNC.
@@ -90,6 +93,7 @@ impl Frames {
                 self.bits += u64::from(frame_bits(frame));
             }
             if is_ours && frame.id() == SYNC {
+                self.told_also = [None; 2];
                 let sent = std::mem::take(&mut self.sent);
                 self.end_of_epoch(limits, seen, &sent, findings);
                 self.check_load(limits, seen, peaks, findings);
@@ -109,6 +113,7 @@ impl Frames {
                     self.sent[joint] = Setpoint::decode(frame).map(|setpoint| Sent {
                         setpoint,
                         known: self.known,
+                        known_also: self.told_also,
                         is_fresh: self.is_fresh[joint],
                         is_permitted: self.is_permitted,
                         computed_ns: if is_kept { self.before_ns } else { self.computed_ns },
@@ -116,14 +121,17 @@ impl Frames {
                         has_waited: false,
                     });
                 }
-                // Of what arrives between SYNC and the computation the first counts; before it, what is late.
                 if sighting.sender.is_none()
                     && frame.id() == limits.status_ids[joint]
                     && let Some(status) = Status::decode(frame)
-                    && !(is_after_sync && std::mem::replace(has_told, true))
                 {
-                    self.note_wrap(joint, &status, peaks);
-                    self.told[joint] = Some(status);
+                    // Of what arrives between SYNC and the computation the first counts; before it, what is late.
+                    if is_after_sync && std::mem::replace(has_told, true) {
+                        self.told_also[joint] = Some(status).filter(|_| !self.is_fresh[joint]);
+                    } else {
+                        self.note_wrap(joint, &status, peaks);
+                        self.told[joint] = Some(status);
+                    }
                 }
             }
         }
@@ -176,7 +184,7 @@ impl Frames {
         let commanded = sent.map(|sent| sent.is_some_and(|sent| sent.setpoint.enables()));
         let is_moving = commanded == [true; 2] && sent.iter().flatten().all(Sent::knew_both_enabled);
         for (joint, sent) in sent.iter().enumerate() {
-            self.had_gap[joint] = sent.is_none();
+            self.had_gap[joint] = sent.is_none_or(|sent| sent.is_kept);
             let Some(sent) = sent else { continue };
             self.check_target(limits, joint, &sent.setpoint, findings);
             if sent.is_kept {
@@ -290,6 +298,9 @@ impl Sent {
 
     /// How far the position target is from the told position, counts; `None` if the drive had told none.
     fn away(&self, joint: usize) -> Option<i64> {
-        self.known[joint].map(|status| i64::from(self.setpoint.target.wrapping_sub(status.position)).abs())
+        let told = [self.known[joint], self.known_also[joint]];
+        let away =
+            told.iter().flatten().map(|status| i64::from(self.setpoint.target.wrapping_sub(status.position)).abs());
+        away.min()
     }
 }
