@@ -188,6 +188,7 @@ impl Master {
         for own in [cob::NMT, cob::SYNC, cob::heartbeat(id)] {
             image.reserve(own);
         }
+        image.claim_plain().map_err(of_sensor)?;
         let last = cycle.idle();
         let sync = SyncProducer::new(cob::SYNC, 0).map_err(|_| {
             refuse(Some(setup.node_id), "master", "prepare SYNC", BootFailure::NodeId { node_id: setup.node_id })

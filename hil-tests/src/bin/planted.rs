@@ -245,7 +245,10 @@ fn search(program: &Path) -> Result<(), String> {
         }
     }
     match missed.as_slice() {
-        [] => Ok(println!("planted: {} defects, all found", DEFECTS.len())),
+        [] => {
+            println!("planted: {} defects, all found", DEFECTS.len());
+            Ok(())
+        }
         missed => Err(format!("no seed of {} finds: {}", PORTIONS[3].1, missed.join("; "))),
     }
 }

@@ -1,6 +1,6 @@
 //! Whether a bus carries a rig: the longest time of every frame, and whether it is short enough.
 //!
-//! Worst-case response times after [DBBL07] (see [`response_ns`]), with what is known of this master: measured values
+//! Worst-case response times after \[DBBL07\] (see [`response_ns`]), with what is known of this master: measured values
 //! follow SYNC, set-points follow the control step, and the frames of a Linux host go out through one FIFO.
 //! `docs/bus-budget.md` has the method and its assumptions.
 

@@ -78,11 +78,21 @@ fn check_identifiers(findings: &mut Findings, rig: &Rig, ids: &[(String, u16)]) 
     }
     let above: Vec<String> = ids.iter().filter(|(_, id)| *id < SYNC).map(|(_, id)| format!("{id:03X}h")).collect();
     if let Some((key, _)) = ids.iter().find(|(_, id)| *id < SYNC) {
+        let go = if above.len() == 1 { "goes" } else { "go" };
         let message =
-            format!("{} go before SYNC (080h) on the bus that the sensor shares with the drives", above.join(" and "));
+            format!("{} {go} before SYNC (080h) on the bus that the sensor shares with the drives", listed(&above));
         let help = "give the sensor identifiers above those of the drives, such as 0x35f, 0x360 and 0x361, here and in the sensor: SYNC \
                     and the drives' data then wait for one of its frames at most";
         findings.warning(key, message, help);
+    }
+}
+
+/// `a`, `a and b`, `a, b and c`.
+fn listed(words: &[String]) -> String {
+    match words {
+        [] => String::new(),
+        [one] => one.clone(),
+        [first @ .., last] => format!("{} and {last}", first.join(", ")),
     }
 }
 
@@ -170,7 +180,7 @@ mod tests {
         let severity = one(STREAMING, ids, "data_ids: [0x001, 0x002]", group, "001h and 002h go before SYNC");
         assert_eq!(severity, Severity::Warning);
         let key = "sensor.protocol.streaming.command_id";
-        assert_eq!(one(STREAMING, "0x35f", "0x064", key, "064h go before SYNC"), Severity::Warning);
+        assert_eq!(one(STREAMING, "0x35f", "0x064", key, "064h goes before SYNC"), Severity::Warning);
         assert_eq!(one(POLLED, "0x1b0", "0x07a", "sensor.protocol.polled.base_id", "before SYNC"), Severity::Warning);
     }
 
