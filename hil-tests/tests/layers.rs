@@ -18,12 +18,13 @@ quantity, setvalued  <-  sensing, fixture, linkage, control (never one another) 
 drives, canopen      <-  bus, sim; guard and cycle may name the states of `drives::cia402`
 sim                  may name drives, canopen, linkage, sensing, setvalued, quantity; never cycle, guard, control, fixture
 injection            may name guard; named by config, rig, study, soak, cli
+link                 names canopen and bus; named by cli
 config               names the parameter types of the layers below cycle; named by bus, sim, rig, study, soak, record, cli
 record               names what enters and leaves a cycle: cycle, guard, sensing, quantity, the states of `drives::cia402`; named by rig, study, soak, cli
 ";
 
 /// All layers. `drives` is not among them: it is a package of its own, `yieldwall_drives`.
-const LAYERS: [&str; 18] = [
+const LAYERS: [&str; 19] = [
     "quantity",
     "setvalued",
     "sensing",
@@ -35,6 +36,7 @@ const LAYERS: [&str; 18] = [
     "canopen",
     "bus",
     "injection",
+    "link",
     "config",
     "sim",
     "record",
@@ -58,19 +60,20 @@ fn may_name(layer: &str) -> Option<Vec<&'static str>> {
         "cycle" => [&stages[..], &states, &["guard"]].concat(),
         "bus" => bus(),
         "injection" => vec!["guard"],
+        "link" => vec!["canopen", "bus"],
         "config" => [&stages[..], &engines, &["guard", "injection"]].concat(),
         "sim" => [&base[..], &engines, &["sensing", "linkage", "config"]].concat(),
         "record" => [&["quantity", "config", "sensing", "guard", "cycle"], &states[..]].concat(),
         "rig" => [bus(), vec!["bus", "injection", "sim", "record"]].concat(),
         "study" => [bus(), vec!["bus", "injection", "sim", "record", "rig"]].concat(),
         "soak" => [bus(), vec!["bus", "injection", "sim", "record", "rig"]].concat(),
-        "cli" => [bus(), vec!["bus", "injection", "sim", "record", "rig", "study", "soak"]].concat(),
+        "cli" => [bus(), vec!["bus", "injection", "sim", "link", "record", "rig", "study", "soak"]].concat(),
         _ => return None,
     })
 }
 
 /// Foreign crates that only some places may name, tests included.
-const ONLY_IN: [(&str, &[&str]); 7] = [
+const ONLY_IN: [(&str, &[&str]); 9] = [
     ("clap", &["cli", "main"]),
     ("miette", &["cli", "main"]),
     ("serde_saphyr", &["config::yaml"]),
@@ -78,6 +81,8 @@ const ONLY_IN: [(&str, &[&str]); 7] = [
     ("canopen_rs", &["canopen"]),
     ("mcap", &["record::recording"]),
     ("rtrb", &["record::recording"]),
+    ("socketcan", &["link::linux"]),
+    ("libc", &["link::linux"]),
 ];
 
 #[test]
