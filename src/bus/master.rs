@@ -383,6 +383,34 @@ impl Master {
         }
     }
 
+    /// Whether the process data of all nodes have arrived since [`Master::on_sync`].
+    ///
+    /// Real-time: yes.
+    pub fn has_process_data(&self) -> bool {
+        self.image.is_complete()
+    }
+
+    /// Whether SYNC was held back in this cycle, since the set-points of an earlier one are still on their way or nothing
+    /// is sent at all: no process data can come.
+    ///
+    /// Real-time: yes.
+    pub fn is_sync_held(&self) -> bool {
+        self.is_held || self.is_silent
+    }
+
+    /// Whether set-points were sent that have not been seen on the bus yet.
+    ///
+    /// Real-time: yes.
+    pub fn is_in_flight(&self) -> bool {
+        self.in_flight > 0
+    }
+
+    /// Leaves the network: the nodes go to Pre-operational, where nobody waits for set-points. For a rig that was stopped.
+    pub fn leave(&mut self, out: &mut impl Outbox) {
+        self.enter(Phase::Off);
+        out.push(nmt::command(NmtCommand::EnterPreOperational, None));
+    }
+
     /// The moment at which all process data are in: runs the cycle and sends the set-points that the next SYNC makes
     /// the drives apply. A heartbeat that is due goes out behind them. `timing` says how this cycle ran against its
     /// grid.

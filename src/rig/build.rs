@@ -5,7 +5,7 @@ use std::time::Duration;
 use nalgebra::{Matrix6, Vector2, Vector3};
 
 use super::error::RigError;
-use crate::bus::{CommandMode, DriveSetup, MasterSetup, SensorSetup};
+use crate::bus::{CommandMode, DriveSetup, Master, MasterSetup, SensorSetup};
 use crate::config;
 use crate::control::{FeedForward, FeedForwardParameters, Gains, Law, RateLaw};
 use crate::cycle::{Cycle, Servo, Settings, TorqueServo};
@@ -276,8 +276,16 @@ pub(super) fn scaling(drive: &config::Drive) -> Result<AxisScaling, RigError> {
     )?)
 }
 
+/// The master of a rig, with its cycle inside.
+///
+/// # Errors
+/// Where parts of the configuration do not fit together.
+pub fn master(rig: &config::Rig, fixture: &config::Fixture) -> Result<Master, RigError> {
+    Ok(Master::new(&network(rig)?, cycle(rig, fixture)?)?)
+}
+
 /// The network as the master has to bring it up.
-pub(super) fn master(rig: &config::Rig) -> Result<MasterSetup, RigError> {
+fn network(rig: &config::Rig) -> Result<MasterSetup, RigError> {
     // The turn of the encoders is taken from the task's origin: an arm is always within half a turn of it.
     let home = linkage(rig)?.inverse(TipPoint::new(0.0, 0.0))?.to_array();
     let [left, right] = &rig.drives;

@@ -6,15 +6,21 @@
 //! [`EmbeddedRig`] processes events in order of virtual time: frames that arrive, moments that devices or the master
 //! wait for, and the two moments of each cycle. [`ImpedanceRig`] is the device without a bus.
 
+mod assembly;
 mod build;
+mod conduct;
 mod embedded;
 mod error;
+mod far_end;
 mod impedance;
 mod margins;
+mod server;
 mod world;
 
-pub use build::cycle;
+pub use build::{cycle, master};
+pub use conduct::{Enable, Enabling, STOP_LIMIT_S, has_torque};
 pub use embedded::{BodyTruth, EmbeddedRig, Observer, PORTS, Tap};
 pub use error::RigError;
 pub use impedance::ImpedanceRig;
 pub use margins::{Margin, PoseMargins, pose_margins};
+pub use server::{DeviceServer, Pace, Served};

@@ -2,7 +2,6 @@
 
 use std::time::Duration;
 
-mod assembly;
 mod boot;
 mod events;
 mod host;
@@ -12,13 +11,15 @@ mod trouble;
 
 pub use probe::{BodyTruth, PORTS};
 
+use super::assembly;
 use super::build;
 use super::error::RigError;
-use super::world::{Body, Truth, World};
+use super::far_end::FarEnd;
+use super::world::{Body, Truth};
 use crate::bus::Master;
 use crate::canopen::{Frame, Time};
 use crate::config;
-use crate::cycle::{Cycle, Outputs};
+use crate::cycle::Outputs;
 use crate::guard::{Cause, Request, State};
 use crate::quantity::JointTorques;
 use crate::record::{self, CycleRecord, Moment, Row};
@@ -32,8 +33,8 @@ use trouble::{Device, Troubles};
 
 /// Ports of the virtual bus.
 const MASTER: usize = 0;
-const DRIVES: [usize; 2] = [1, 2];
-const SENSOR: usize = 3;
+/// The left drive, the right drive, the sensor.
+const DEVICES: [usize; 3] = [1, 2, 3];
 /// Who is not on the virtual bus and yet is heard.
 const STRANGER: usize = 4;
 
@@ -50,9 +51,7 @@ pub type Observer = Box<dyn FnMut(&CycleRecord) + Send>;
 pub struct EmbeddedRig {
     master: Master,
     bus: VirtualBus,
-    drives: [Drive; 2],
-    sensor: ForceSensor,
-    world: World,
+    far: FarEnd,
     tap: Option<Tap>,
     observer: Option<Observer>,
     cycles: u64,
@@ -79,20 +78,15 @@ impl EmbeddedRig {
         fixture: &config::Fixture,
         seed: u64,
     ) -> Result<Self, RigError> {
-        let cycle: Cycle = build::cycle(rig, fixture)?;
-        let setup = build::master(rig)?;
         let timing = rig.buses.values().next().map_or(BitTiming::Ideal, |bus| match bus.timing {
             config::BusTiming::Arbitrated => BitTiming::Arbitrated { bit_rate: bus.bit_rate_bit_per_s },
             config::BusTiming::Ideal => BitTiming::Ideal,
         });
         let orders = [QueueOrder::Fifo, QueueOrder::Priority, QueueOrder::Priority, QueueOrder::Priority];
-        let [left, right] = &rig.drives;
         let mut machine = Self {
-            master: Master::new(&setup, cycle)?,
+            master: build::master(rig, fixture)?,
             bus: VirtualBus::new(timing, &orders)?,
-            drives: [assembly::drive(rig, scene, left, 1)?, assembly::drive(rig, scene, right, 2)?],
-            sensor: assembly::force_sensor(rig)?,
-            world: assembly::world(rig, scene, seed)?,
+            far: FarEnd::new(rig, scene, seed)?,
             tap: None,
             observer: None,
             cycles: 0,
@@ -146,17 +140,17 @@ impl EmbeddedRig {
 
     /// The simulated drives, left and right, for reports.
     pub fn drives(&self) -> &[Drive; 2] {
-        &self.drives
+        &self.far.drives
     }
 
     /// The force sensor.
     pub fn force_sensor(&self) -> &ForceSensor {
-        &self.sensor
+        &self.far.sensor
     }
 
     /// The arm; `None` if the joints follow their targets without one.
     pub fn arm(&self) -> Option<&Arm> {
-        match &self.world.body {
+        match &self.far.world.body {
             Body::Arm(arm) => Some(arm),
             Body::Ideal(_) => None,
         }
@@ -164,7 +158,7 @@ impl EmbeddedRig {
 
     /// The hand.
     pub fn hand(&self) -> &Hand<2> {
-        &self.world.hand
+        &self.far.world.hand
     }
 
     /// What has gone over the bus so far.
@@ -179,7 +173,7 @@ impl EmbeddedRig {
 
     /// Time of the next cycle since the scene began, in s; minus infinity before it has.
     pub fn scene_time_s(&self) -> f64 {
-        self.next_sync.as_secs_f64() - self.world.hand_from_s
+        self.next_sync.as_secs_f64() - self.far.world.hand_from_s
     }
 
     /// When the next cycle begins.
@@ -238,13 +232,13 @@ impl EmbeddedRig {
     }
 
     fn record(&self, sync_at: Time, compute_at: Time, outputs: &Outputs) -> CycleRecord {
-        let Truth { tip, velocity, .. } = self.world.truth;
-        let [left, right] = &self.drives;
+        let Truth { tip, velocity, .. } = self.far.world.truth;
+        let [left, right] = &self.far.drives;
         let moment = Moment {
             index: self.cycles,
             sync_ns: sync_at.0,
             compute_ns: compute_at.0,
-            scene_time_s: sync_at.as_secs_f64() - self.world.hand_from_s,
+            scene_time_s: sync_at.as_secs_f64() - self.far.world.hand_from_s,
         };
         let truth =
             record::Truth { tool: tip, velocity, torques: JointTorques::new(left.torque_n_m(), right.torque_n_m()) };

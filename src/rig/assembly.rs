@@ -2,9 +2,9 @@
 
 use nalgebra::Vector2;
 
-use super::super::build;
-use super::super::error::RigError;
-use super::super::world::{Body, Grip, Ideal, Truth, World};
+use super::build;
+use super::error::RigError;
+use super::world::{Body, Grip, Ideal, Truth, World};
 use crate::bus::CommandMode;
 use crate::canopen::node_id;
 use crate::config;
