@@ -4,6 +4,7 @@
 //! [`arbitrary`] has bodies for any bytes. The benchmarks time a [`machine::Machine`] and its stages on what [`tape`] recorded.
 
 pub mod arbitrary;
+pub mod cable;
 pub mod machine;
 mod observe;
 mod scenario;

@@ -1,8 +1,8 @@
 //! The far end of the bus: the simulated devices and the machine that they are on.
 
+use super::assembly;
 use super::error::RigError;
 use super::world::World;
-use super::assembly;
 use crate::canopen::{Frame, Outbox, Time, cob};
 use crate::config;
 use crate::quantity::JointTorques;
@@ -112,12 +112,7 @@ impl FarEnd {
     }
 
     /// Lets the devices do what is due.
-    pub(super) fn poll(
-        &mut self,
-        now: Time,
-        senses: &mut impl Senses,
-        wire: &mut impl Wire,
-    ) -> Result<(), RigError> {
+    pub(super) fn poll(&mut self, now: Time, senses: &mut impl Senses, wire: &mut impl Wire) -> Result<(), RigError> {
         let [left, right] = &self.drives;
         if left.next_deadline().min(right.next_deadline()) <= now {
             self.world.settle(now)?;

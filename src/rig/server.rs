@@ -79,7 +79,8 @@ impl DeviceServer {
     pub fn new(rig: &config::Rig, scene: &config::Scene, seed: u64, pace: Pace) -> Result<Self, RigError> {
         let far = FarEnd::new(rig, scene, seed)?;
         if matches!(far.world.body, Body::Ideal(_)) {
-            let message = "model.tracking ideal works in the embedded simulation only: on a bus the arm has to be rigid";
+            let message =
+                "model.tracking ideal works in the embedded simulation only: on a bus the arm has to be rigid";
             return Err(RigError::Mismatch(message.into()));
         }
         Ok(Self {
