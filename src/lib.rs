@@ -26,6 +26,8 @@ pub mod config;
 pub mod injection;
 pub mod link;
 #[cfg(feature = "sim")]
+pub mod live;
+#[cfg(feature = "sim")]
 pub mod record;
 #[cfg(feature = "sim")]
 pub mod rig;

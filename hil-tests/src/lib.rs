@@ -5,6 +5,7 @@
 //! [`network`] is a bus with devices, virtual or behind an interface.
 
 pub mod arbitrary;
+pub mod cable;
 pub mod machine;
 pub mod network;
 mod observe;

@@ -18,13 +18,14 @@ quantity, setvalued  <-  sensing, fixture, linkage, control (never one another) 
 drives, canopen      <-  bus, sim; guard and cycle may name the states of `drives::cia402`
 sim                  may name drives, canopen, linkage, sensing, setvalued, quantity; never cycle, guard, control, fixture
 injection            may name guard; named by config, rig, study, soak, cli
-link                 names canopen and bus; named by cli
+link                 names canopen and bus; named by live, cli
+live                 the rig on a real bus: names link, rig and what rig names; named by cli
 config               names the parameter types of the layers below cycle; named by bus, sim, rig, study, soak, record, cli
 record               names what enters and leaves a cycle: cycle, guard, sensing, quantity, the states of `drives::cia402`; named by rig, study, soak, cli
 ";
 
 /// All layers. `drives` is not among them: it is a package of its own, `yieldwall_drives`.
-const LAYERS: [&str; 19] = [
+const LAYERS: [&str; 20] = [
     "quantity",
     "setvalued",
     "sensing",
@@ -41,6 +42,7 @@ const LAYERS: [&str; 19] = [
     "sim",
     "record",
     "rig",
+    "live",
     "study",
     "soak",
     "cli",
@@ -65,9 +67,10 @@ fn may_name(layer: &str) -> Option<Vec<&'static str>> {
         "sim" => [&base[..], &engines, &["sensing", "linkage", "config"]].concat(),
         "record" => [&["quantity", "config", "sensing", "guard", "cycle"], &states[..]].concat(),
         "rig" => [bus(), vec!["bus", "injection", "sim", "record"]].concat(),
+        "live" => [bus(), vec!["bus", "link", "sim", "record", "rig"]].concat(),
         "study" => [bus(), vec!["bus", "injection", "sim", "record", "rig"]].concat(),
         "soak" => [bus(), vec!["bus", "injection", "sim", "record", "rig"]].concat(),
-        "cli" => [bus(), vec!["bus", "injection", "sim", "link", "record", "rig", "study", "soak"]].concat(),
+        "cli" => [bus(), vec!["bus", "injection", "sim", "link", "live", "record", "rig", "study", "soak"]].concat(),
         _ => return None,
     })
 }
@@ -82,7 +85,7 @@ const ONLY_IN: [(&str, &[&str]); 9] = [
     ("mcap", &["record::recording"]),
     ("rtrb", &["record::recording"]),
     ("socketcan", &["link::linux"]),
-    ("libc", &["link::linux"]),
+    ("libc", &["link::linux", "live::host"]),
 ];
 
 #[test]

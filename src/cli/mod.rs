@@ -7,6 +7,8 @@ mod config;
 mod failure;
 mod faults;
 mod keep;
+#[cfg(target_os = "linux")]
+mod live;
 mod margins;
 mod output;
 mod plot;
@@ -16,6 +18,8 @@ mod render;
 mod replay;
 mod reproduce;
 mod run;
+#[cfg(target_os = "linux")]
+mod sim;
 mod soak;
 
 use std::ffi::OsString;
@@ -45,8 +49,11 @@ struct Arguments {
 
 #[derive(Debug, Subcommand)]
 enum Command {
-    /// Run a rig with its scene on the embedded simulation
+    /// Run a rig with its scene, on the embedded simulation or on a real bus
     Run(run::Arguments),
+    /// Put simulated drives, sensor, arm and hand on a real bus
+    #[cfg(target_os = "linux")]
+    Sim(sim::Arguments),
     /// List the faults that can be injected, what each does and what follows
     Faults,
     /// Run the paper's experiments and draw its figures
@@ -91,6 +98,8 @@ fn run(arguments: impl IntoIterator<Item = OsString>) -> Exit {
     let mut output = Output::new(arguments.quiet, arguments.json);
     let result = match arguments.command {
         Command::Run(arguments) => run::run(&arguments, &mut output),
+        #[cfg(target_os = "linux")]
+        Command::Sim(arguments) => sim::run(&arguments, &mut output),
         Command::Faults => faults::list(&mut output),
         Command::Reproduce(arguments) => reproduce::run(&arguments, &mut output),
         Command::Replay(arguments) => replay::run(&arguments, &mut output),

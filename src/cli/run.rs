@@ -7,7 +7,7 @@ use serde_json::{Value, json};
 
 use super::failure::{Exit, Failure};
 use super::faults::FaultArgument;
-use super::keep::{Keep, Kept, LOG_STARTS_AT};
+use super::keep::{Keep, Kept, LOG_STARTS_AT, Watched};
 use super::margins::Margins;
 use super::output::Output;
 use super::progress::Progress;
@@ -26,10 +26,22 @@ pub(super) const PICTURE_WIDTH_PX: u32 = 1890;
 pub(super) struct Arguments {
     /// The rig; `builtin:paper-admittance.yaml` names the copy inside the program
     #[arg(value_name = "RIG.yaml")]
-    rig: String,
-    /// Simulated seconds, in place of the scene's duration
+    pub(super) rig: String,
+    /// Run on this interface instead of the embedded simulation; `yieldwall sim` is a rig to try it on
+    #[cfg(target_os = "linux")]
+    #[arg(long, value_name = "INTERFACE", conflicts_with_all = ["seed", "fault"])]
+    pub(super) bus: Option<String>,
+    /// What a cycle waits for: the wall clock, or (simulated devices in lockstep alone) the process data
+    #[cfg(target_os = "linux")]
+    #[arg(long, value_enum, default_value_t = super::live::PaceArgument::Free, requires = "bus")]
+    pub(super) pace: super::live::PaceArgument,
+    /// Fail instead of warning when this computer grants no real-time priority or no locked memory
+    #[cfg(target_os = "linux")]
+    #[arg(long, requires = "bus")]
+    pub(super) require_realtime: bool,
+    /// Seconds to run, in place of the scene's duration
     #[arg(long, value_name = "S", allow_negative_numbers = true)]
-    duration: Option<f64>,
+    pub(super) duration: Option<f64>,
     /// Seed of tremor and sensor noise, in place of the scene's
     #[arg(long, value_name = "N", allow_negative_numbers = true)]
     seed: Option<u64>,
@@ -38,20 +50,24 @@ pub(super) struct Arguments {
     fault: Vec<FaultArgument>,
     /// Draw trajectory, force and power into this file, an .svg or a .png; folders on the way are made
     #[arg(long, value_name = "PATH")]
-    figure: Option<PathBuf>,
+    pub(super) figure: Option<PathBuf>,
     /// Write every frame that went over the bus into this file, in the format of candump -L
     #[arg(long, value_name = "FILE")]
-    candump: Option<PathBuf>,
+    pub(super) candump: Option<PathBuf>,
     /// Record every cycle and every frame into this folder, which is made: cycles.mcap, cycles.csv and bus.log
     #[arg(long, value_name = "DIR")]
-    record: Option<PathBuf>,
+    pub(super) record: Option<PathBuf>,
     /// Where the time around a fault is kept, in place of the record's folder or yieldwall/black-box in the state folder
     #[arg(long, value_name = "DIR")]
-    black_box: Option<PathBuf>,
+    pub(super) black_box: Option<PathBuf>,
 }
 
 pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Failure> {
     check(arguments)?;
+    #[cfg(target_os = "linux")]
+    if let Some(bus) = &arguments.bus {
+        return super::live::run(bus, arguments, output);
+    }
     let rig = config::load_rig(Source::named(&arguments.rig))?;
     // Those of the scene are among them.
     output.warnings(&rig.warnings);
@@ -63,7 +79,7 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
         .map_err(|error| Failure::new(Exit::Internal, format!("documents of the recording: {error}"), ""))?;
     let [candump, record, black_box] =
         [&arguments.candump, &arguments.record, &arguments.black_box].map(Option::as_deref);
-    let (keep, watch) = Keep::start(&rig.value, &about, candump, record, black_box)?;
+    let (keep, watch) = Keep::start(Watched::Simulation, &rig.value, &about, candump, record, black_box)?;
     let progress = Progress::new(output);
     progress.begin(&rig.value.rig.name);
     let started = Instant::now();
@@ -157,11 +173,7 @@ impl Facts<'_> {
         let mut lines = Vec::new();
         let period_ms = self.report.period_s * 1e3;
         let simulated = self.simulated_s();
-        let mode = match self.rig.rig.command_mode {
-            config::CommandMode::Torque => "torque mode (CST), the loop closes here",
-            config::CommandMode::Velocity => "velocity mode (CSV)",
-            config::CommandMode::Position => "position mode (CSP), the loop closes in the drives",
-        };
+        let mode = mode_text(self.rig.rig.command_mode);
         lines.push(format!("rig       {}: {mode}, {period_ms} ms", self.rig.rig.name));
         lines.push(format!(
             "scene     {}: {simulated:.1} s, seed {}, run in {:.2} s ({:.0} x real time)",
@@ -201,6 +213,15 @@ impl Facts<'_> {
             lines.push(format!("held      {:.3} s at rest by a fault{by}", self.report.held_s));
         }
         lines.join("\n")
+    }
+}
+
+/// What a command mode is.
+pub(super) fn mode_text(mode: config::CommandMode) -> &'static str {
+    match mode {
+        config::CommandMode::Torque => "torque mode (CST), the loop closes here",
+        config::CommandMode::Velocity => "velocity mode (CSV)",
+        config::CommandMode::Position => "position mode (CSP), the loop closes in the drives",
     }
 }
 
@@ -274,7 +295,12 @@ pub(super) fn above_bound(measures: &Measures, what: &str) -> Failure {
 }
 
 fn stopped(report: &RunReport) -> Failure {
-    let (exit, message, help) = match report.cause {
+    stopped_by(report.cause, report.trace.rows.last().map_or(0.0, |row| row.time_s))
+}
+
+/// The failure of a rig that `cause` stopped so long after its scene began; without a cause its process died.
+pub(super) fn stopped_by(cause: Option<Cause>, time_s: f64) -> Failure {
+    let (exit, message, help) = match cause {
         Some(cause) => {
             let row = cause.fault.row();
             let exit = if cause.fault == Fault::DriveFault { Exit::DeviceFault } else { Exit::SafetyStop };
@@ -287,7 +313,6 @@ fn stopped(report: &RunReport) -> Failure {
             "start the program anew",
         ),
     };
-    let time_s = report.trace.rows.last().map_or(0.0, |row| row.time_s);
     Failure::new(exit, format!("after {time_s:.3} s the rig was {message}"), help)
 }
 
