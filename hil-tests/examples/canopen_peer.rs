@@ -50,7 +50,7 @@ mod peer {
         let index = u16::from_str_radix(index, 16).map_err(|error| format!("{index}: {error}"))?;
         let sub = number(sub)? as u8;
         let data = data.map(|text| unhex(text).ok_or("the data are not hexadecimal")).transpose()?;
-        let mut link = Real::new().link();
+        let mut link = Real::new().client(NODE);
         let mut client = client(NODE);
         let is_block = options == ["block"];
         let outcome = transfer(&mut link, &mut client, |client, now, out| {
@@ -75,7 +75,7 @@ mod peer {
     }
 
     fn speed(reads: usize, bytes: usize, rounds: usize) -> Result<(), String> {
-        let mut link = Real::new().link();
+        let mut link = Real::new().client(NODE);
         let mut client = client(NODE);
         let mut time = |index: u16, times: usize, len: usize| {
             let start = Instant::now();

@@ -76,7 +76,7 @@ def network(node=None, is_lost=lambda message: False):
     net.bus = LossyBus(is_lost)
     if node is not None:
         net.add_node(node)
-    net.notifier = can.Notifier(net.bus, net.listeners, 1)
+    net.notifier = can.Notifier(net.bus, net.listeners, 0.1)
     return net
 
 

@@ -6,7 +6,7 @@ use std::thread::JoinHandle;
 use std::time::Duration;
 
 use yieldwall::canopen::Frame;
-use yieldwall::link::{CanLink, Received, SocketCan, SocketCanSettings};
+use yieldwall::link::{CanLink, CobFilter, Received, SocketCan, SocketCanSettings};
 
 use super::{Network, Participant};
 
@@ -32,6 +32,15 @@ impl Real {
         &self.interface
     }
 
+    /// A link for an SDO client of one node, which sees nothing but the answers.
+    ///
+    /// # Panics
+    /// If the interface cannot be used; the message says why.
+    pub fn client(&self, node: u8) -> SocketCan {
+        let answers = CobFilter::only(0x580 + u16::from(node));
+        Self::open(&SocketCanSettings::services(&self.interface, vec![answers]))
+    }
+
     /// A link with these settings.
     ///
     /// # Panics
@@ -51,22 +60,26 @@ impl Network for Real {
     type Link = SocketCan;
 
     fn attach(&mut self, mut device: impl Participant + 'static) {
-        let mut link = self.link();
+        let mut link = Self::open(&SocketCanSettings::services(&self.interface, vec![CobFilter::EVERYTHING]));
         let is_over = self.is_over.clone();
         self.devices.push(std::thread::spawn(move || {
             let mut out = Vec::new();
             device.switch_on(link.now(), &mut out);
             while !is_over.load(Ordering::Relaxed) {
                 send(&mut link, &mut out);
-                link.wait(device.next_deadline().min(link.now() + NAP));
+                let now = link.now();
+                if device.next_deadline() <= now {
+                    device.poll(now, &mut out);
+                    continue;
+                }
+                if !link.wait(device.next_deadline().min(now + NAP)) {
+                    continue;
+                }
                 while let Some(arrival) = link.receive() {
                     if let Received::Frame(frame) = arrival.what {
-                        device.on_frame(link.now(), &frame, &mut out);
+                        device.on_frame(arrival.time, &frame, &mut out);
                         send(&mut link, &mut out);
                     }
-                }
-                if device.next_deadline() <= link.now() {
-                    device.poll(link.now(), &mut out);
                 }
             }
         }));

@@ -32,10 +32,11 @@ pub fn run<T>(
     let mut deadline = first;
     let mut idle_since = link.now();
     loop {
+        link.wait(deadline.min(idle_since + PATIENCE));
         while let Some(arrival) = link.receive() {
             let Received::Frame(frame) = arrival.what else { continue };
-            idle_since = link.now();
-            let done = act(idle_since, Some(&frame), &mut out);
+            idle_since = arrival.time;
+            let done = act(arrival.time, Some(&frame), &mut out);
             send_all(link, &mut out);
             match done {
                 Ok(result) => return result,
@@ -52,7 +53,6 @@ pub fn run<T>(
             }
         }
         assert!(now < idle_since + PATIENCE, "nothing has come for {PATIENCE:?}");
-        link.wait(deadline.min(idle_since + PATIENCE));
     }
 }
 

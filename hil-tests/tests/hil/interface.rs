@@ -1,12 +1,14 @@
 //! What only an interface of the kernel can show.
 
-use std::process::Command;
+use std::process::{Command, Stdio};
 use std::time::Duration;
 
+use hil_tests::Scenario;
 use hil_tests::network::{PATIENCE, Real, hear};
 use yieldwall::bus::LinkEvent;
-use yieldwall::canopen::Frame;
+use yieldwall::canopen::{Frame, Time};
 use yieldwall::link::{CanLink, CobFilter, ErrorFrame, LinkError, Received, SendError, SocketCan, SocketCanSettings};
+use yieldwall::sim::can::CandumpWriter;
 
 /// An interface that this test makes, changes and removes.
 struct Own(&'static str);
@@ -125,6 +127,85 @@ fn only_what_a_filter_lets_through_comes_and_process_data_come_first() {
     for frame in both {
         assert_eq!(hear(&mut other, |received| matches!(received, Received::Frame(_))).what, Received::Frame(frame));
     }
+}
+
+#[test]
+#[ignore = "needs a CAN interface: see hil-tests/vcan"]
+fn a_client_sees_the_answers_alone() {
+    let own = Own::new("ywclient");
+    let answers = vec![CobFilter::only(0x585)];
+    let mut client = Real::open(&SocketCanSettings::services(own.0, answers));
+    let mut other = own.link();
+    let (request, answer) = (Frame::new(0x605, &[0x40]), Frame::new(0x585, &[0x43]));
+    client.send(&request).expect("sent");
+    assert_eq!(hear(&mut other, |_| true).what, Received::Frame(request));
+    for frame in [request, answer] {
+        other.send(&frame).expect("sent");
+    }
+    assert_eq!(count(&mut client, Duration::from_millis(50)), (vec![answer], 0));
+}
+
+/// A stream of the force sensor: its process data in a second of the shipped rig.
+fn sensor_stream() -> Vec<(Time, Frame)> {
+    let session = Scenario::torque().run(1000);
+    let frames = session.recording().frames.into_iter();
+    frames.filter(|seen| [0x18a, 0x28a].contains(&seen.frame.id())).map(|seen| (seen.time, seen.frame)).collect()
+}
+
+#[test]
+#[ignore = "needs a CAN interface: see hil-tests/vcan"]
+fn canplayer_replays_a_recorded_sensor_stream() {
+    let own = Own::new("ywplay");
+    let mut link = own.link();
+    let stream = sensor_stream();
+    let path = std::env::temp_dir().join(format!("yieldwall-{}.log", std::process::id()));
+    let mut log = CandumpWriter::new(Vec::new(), "can0");
+    for (time, frame) in &stream {
+        log.record(*time, frame).expect("memory");
+    }
+    std::fs::write(&path, log.finish().expect("memory")).expect("a folder for temporary files");
+    let mut player = Command::new("canplayer");
+    let player = player.arg("-I").arg(&path).arg(format!("{}=can0", own.0)).status().expect("can-utils is installed");
+    let (frames, lost) = count(&mut link, Duration::from_millis(50));
+    std::fs::remove_file(&path).expect("written above");
+    assert!(player.success() && stream.len() >= 2000, "{} frames", stream.len());
+    assert!(frames.iter().eq(stream.iter().map(|(_, frame)| frame)), "{} of {} frames", frames.len(), stream.len());
+    assert_eq!(lost, 0);
+}
+
+#[test]
+#[ignore = "needs a CAN interface: see hil-tests/vcan"]
+fn candump_sees_what_was_sent_and_writes_it_as_this_project_does() {
+    let own = Own::new("ywdump");
+    let mut link = own.link();
+    let frames: Vec<_> = sensor_stream().into_iter().map(|(_, frame)| frame).take(40).collect();
+    let frames = [frames, vec![Frame::new(0x080, &[]), Frame::remote(0x701, 1), Frame::remote(0x7ff, 0)]].concat();
+    let mut dump = Command::new("candump");
+    dump.args(["-L", "-T", "20000", "-n", &frames.len().to_string(), own.0]).stdout(Stdio::piped());
+    let dump = dump.spawn().expect("can-utils is installed");
+    // It is there when it has bound its socket, which it does not tell.
+    let until = link.now() + PATIENCE;
+    let is_bound = || {
+        let list = std::fs::read_to_string("/proc/net/can/rcvlist_all").expect("CAN sockets");
+        list.lines().any(|line| line.trim_start().starts_with(own.0))
+    };
+    while !is_bound() {
+        assert!(link.now() < until, "candump does not listen");
+        link.wait(link.now() + Duration::from_millis(10));
+    }
+    for frame in &frames {
+        link.send(frame).expect("sent");
+    }
+    let mut ours = CandumpWriter::new(Vec::new(), own.0);
+    for frame in &frames {
+        ours.record(Time(0), frame).expect("memory");
+    }
+    let ours = String::from_utf8(ours.finish().expect("memory")).expect("text");
+    let theirs = String::from_utf8(dump.wait_with_output().expect("it ends").stdout).expect("text");
+    let without_time =
+        |text: &str| text.lines().map(|line| line.split_once(") ").expect("a time").1.to_owned()).collect();
+    let (ours, theirs): (Vec<String>, Vec<String>) = (without_time(&ours), without_time(&theirs));
+    assert_eq!(ours, theirs);
 }
 
 #[test]

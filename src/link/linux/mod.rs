@@ -33,8 +33,8 @@ pub struct SocketCanSettings {
     pub interface: String,
     /// Process data of both ways, SYNC included: own frames among them come back as [`Received::Echo`].
     pub process: Vec<CobFilter>,
-    /// Everything else that is wanted; no second socket is opened if it is empty. Own frames of these identifiers do not
-    /// come back.
+    /// Everything else that is wanted. Own frames of these identifiers do not come back. If one of the two is empty there is
+    /// one socket only.
     pub services: Vec<CobFilter>,
     /// Bit rate in bit/s that the interface has to have; an interface without one, such as vcan, passes.
     pub bit_rate: Option<u32>,
@@ -43,15 +43,15 @@ pub struct SocketCanSettings {
 }
 
 impl SocketCanSettings {
-    /// Every frame of the bus over one socket, as a device or an observer wants it.
+    /// Every frame of the bus over one socket, own ones included, as an observer wants it.
     pub fn everything(interface: &str) -> Self {
-        Self {
-            interface: interface.to_owned(),
-            process: vec![CobFilter::EVERYTHING],
-            services: Vec::new(),
-            bit_rate: None,
-            receive_buffer: 4 << 20,
-        }
+        Self { process: vec![CobFilter::EVERYTHING], ..Self::services(interface, Vec::new()) }
+    }
+
+    /// What these filters let through, without own frames, as a device or a client wants it.
+    pub fn services(interface: &str, services: Vec<CobFilter>) -> Self {
+        let interface = interface.to_owned();
+        Self { interface, process: Vec::new(), services, bit_rate: None, receive_buffer: 4 << 20 }
     }
 }
 
@@ -66,9 +66,11 @@ struct Port {
 /// An interface of SocketCAN.
 #[derive(Debug)]
 pub struct SocketCan {
-    process: Port,
-    services: Option<Port>,
-    /// What goes over the socket for process data.
+    /// For process data; for everything if there is no other.
+    first: Port,
+    /// For services.
+    second: Option<Port>,
+    /// What goes over the first of two.
     is_process: Identifiers,
     facts: InterfaceFacts,
     receive_buffer: usize,
@@ -86,33 +88,31 @@ impl SocketCan {
     pub fn open(settings: &SocketCanSettings) -> Result<Self, LinkError> {
         let name = settings.interface.as_str();
         let index = facts::find(name, settings.bit_rate)?;
-        let process = Port::open(name, index, &settings.process)?;
-        let facts = facts::query(name, index, &process.socket)?;
+        let has_process = !settings.process.is_empty();
+        let (filters, others) = if has_process {
+            (settings.process.as_slice(), settings.services.as_slice())
+        } else {
+            (settings.services.as_slice(), [].as_slice())
+        };
+        let first = Port::open(name, index, filters)?;
+        let facts = facts::query(name, index, &first.socket)?;
         facts.check(settings.bit_rate)?;
         let failed = |step| move |source| LinkError::System { interface: name.to_owned(), step, source };
-        process.socket.set_recv_own_msgs(true).map_err(failed("have own frames come back"))?;
-        process.socket.set_error_filter_accept_all().map_err(failed("have error frames come"))?;
-        // The highest that needs no privilege. Queues that know no bands ignore it.
-        let priority = process.socket.set_socket_option_int(libc::SOL_SOCKET, libc::SO_PRIORITY, 6);
-        priority.map_err(failed("set the priority of process data"))?;
-        let services = match settings.services.as_slice() {
-            [] => None,
-            filters => Some(Port::open(name, index, filters)?),
-        };
+        first.socket.set_error_filter_accept_all().map_err(failed("have error frames come"))?;
+        if has_process {
+            first.socket.set_recv_own_msgs(true).map_err(failed("have own frames come back"))?;
+            // The highest that needs no privilege. Queues that know no bands ignore it.
+            let priority = first.socket.set_socket_option_int(libc::SOL_SOCKET, libc::SO_PRIORITY, 6);
+            priority.map_err(failed("set the priority of process data"))?;
+        }
+        let second = if others.is_empty() { None } else { Some(Port::open(name, index, others)?) };
         let mut receive_buffer = usize::MAX;
-        for port in std::iter::once(&process).chain(&services) {
+        for port in std::iter::once(&first).chain(&second) {
             let got = port.reserve(settings.receive_buffer).map_err(failed("reserve memory for frames"))?;
             receive_buffer = receive_buffer.min(got);
         }
-        Ok(Self {
-            is_process: Identifiers::passing(&settings.process),
-            process,
-            services,
-            facts,
-            receive_buffer,
-            pending: None,
-            latest: Time(0),
-        })
+        let is_process = Identifiers::passing(filters);
+        Ok(Self { first, second, is_process, facts, receive_buffer, pending: None, latest: Time(0) })
     }
 
     /// What the system said of the interface when it was opened.
@@ -127,8 +127,8 @@ impl SocketCan {
     }
 
     /// The next arrival of one socket.
-    fn take(&mut self, is_process: bool) -> Option<Arrival> {
-        let port = if is_process { Some(&mut self.process) } else { self.services.as_mut() }?;
+    fn take(&mut self, is_first: bool) -> Option<Arrival> {
+        let port = if is_first { Some(&mut self.first) } else { self.second.as_mut() }?;
         // An interrupted call is tried again, and what is no classic frame passed over; both are rare.
         for _ in 0..4 {
             let message = match message::receive(port.socket.as_fd()) {
@@ -178,9 +178,9 @@ impl CanLink for SocketCan {
     }
 
     fn send(&mut self, frame: &Frame) -> Result<(), SendError> {
-        let port = match &self.services {
+        let port = match &self.second {
             Some(services) if !self.is_process.has(frame.id()) => services,
-            _ => &self.process,
+            _ => &self.first,
         };
         // An identifier of 11 bits and a length of at most 8 are what a `Frame` has.
         let Some(frame) = encode(frame) else { return Ok(()) };
@@ -202,10 +202,10 @@ impl CanLink for SocketCan {
         let wait = until.since(self.now());
         let wait = Timespec { tv_sec: wait.as_secs() as i64, tv_nsec: i64::from(wait.subsec_nanos()) };
         let timeout = (until != Time::NEVER).then_some(&wait);
-        let process = PollFd::new(&self.process, PollFlags::IN);
-        let ready = match &self.services {
-            Some(services) => poll(&mut [process, PollFd::new(services, PollFlags::IN)], timeout),
-            None => poll(&mut [process], timeout),
+        let first = PollFd::new(&self.first, PollFlags::IN);
+        let ready = match &self.second {
+            Some(second) => poll(&mut [first, PollFd::new(second, PollFlags::IN)], timeout),
+            None => poll(&mut [first], timeout),
         };
         ready.is_ok_and(|ready| ready > 0)
     }
