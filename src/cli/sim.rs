@@ -10,6 +10,7 @@ use crate::config::{self, Source};
 use crate::link::{SocketCan, SocketCanSettings};
 use crate::live::{ServeError, serve};
 use crate::rig::DeviceServer;
+use crate::sim::Watchdog;
 
 #[derive(Debug, clap::Args)]
 pub(super) struct Arguments {
@@ -25,6 +26,20 @@ pub(super) struct Arguments {
     /// Seed of tremor and sensor noise, in place of the scene's
     #[arg(long, value_name = "N")]
     seed: Option<u64>,
+    /// Have the drives ignore that this stays away, so that a drill has something to find; may be repeated
+    #[arg(long, value_enum, value_name = "WHAT")]
+    unwatched: Vec<Unwatched>,
+}
+
+/// What a drive may not watch.
+#[derive(Clone, Copy, Debug, clap::ValueEnum)]
+enum Unwatched {
+    /// SYNC
+    Sync,
+    /// The set-points
+    SetPoints,
+    /// The master's heartbeat
+    Heartbeat,
 }
 
 pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Failure> {
@@ -35,6 +50,13 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
     let seed = arguments.seed.unwrap_or(scene.value.seed);
     let mut server =
         DeviceServer::new(&rig, &scene.value, seed, arguments.pace.pace()).map_err(|error| rig_failure(&error))?;
+    for unwatched in &arguments.unwatched {
+        server.ignore(match unwatched {
+            Unwatched::Sync => Watchdog::Sync,
+            Unwatched::SetPoints => Watchdog::SetPoints,
+            Unwatched::Heartbeat => Watchdog::Heartbeat,
+        });
+    }
     let is_interrupted = on_interrupt()?;
     let bit_rate = rig.buses.values().next().map(|bus| bus.bit_rate_bit_per_s);
     let settings = SocketCanSettings { bit_rate, ..SocketCanSettings::everything(&arguments.bus) };

@@ -33,6 +33,7 @@ const SHIPPED: &[(&str, &str)] = shipped![
     "figures/fig9.yaml",
     "paper-admittance-2ms.yaml",
     "paper-admittance-4ms.yaml",
+    "paper-admittance-5ms.yaml",
     "paper-admittance-cartesian.yaml",
     "paper-admittance-csp.yaml",
     "paper-admittance-csv.yaml",

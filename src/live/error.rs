@@ -26,6 +26,16 @@ pub enum LiveError {
         /// Where it stood.
         phase: String,
     },
+    /// A node does not tell an object.
+    #[error("node {node_id} does not tell object {index:04X}h:{sub}")]
+    Unread {
+        /// Node id.
+        node_id: u8,
+        /// Index.
+        index: u16,
+        /// Sub-index.
+        sub: u8,
+    },
     /// A person asked for the end before the rig ran.
     #[error("interrupted before the rig ran")]
     Interrupted,

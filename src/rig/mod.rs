@@ -9,6 +9,7 @@
 mod assembly;
 mod build;
 mod conduct;
+mod drill;
 mod embedded;
 mod error;
 mod far_end;
@@ -19,6 +20,7 @@ mod world;
 
 pub use build::{cycle, master};
 pub use conduct::{Enable, Enabling, STOP_LIMIT_S, has_torque};
+pub use drill::{CYCLES_BEFORE_SILENCE, DRILL_LIMIT, Drilled, Finding, TORQUE_LIMIT, Unsafe, drill};
 pub use embedded::{BodyTruth, EmbeddedRig, Observer, PORTS, Tap};
 pub use error::RigError;
 pub use impedance::ImpedanceRig;

@@ -9,7 +9,7 @@ use super::far_end::{DEVICES, FarEnd, Senses, Wire};
 use super::world::Body;
 use crate::canopen::{Frame, Outbox, Time, cob};
 use crate::config;
-use crate::sim::{Drive, ForceSensor};
+use crate::sim::{Drive, ForceSensor, Watchdog};
 use yieldwall_drives::cia402;
 
 /// Time on the wall without SYNC after which a simulation in lockstep goes on by itself. A master in lockstep waits less
@@ -92,6 +92,11 @@ impl DeviceServer {
             waits_since: None,
             counts: Served::default(),
         })
+    }
+
+    /// Takes a watch off both drives, as [`Drive::ignore`].
+    pub fn ignore(&mut self, watchdog: Watchdog) {
+        self.far.drives.iter_mut().for_each(|drive| drive.ignore(watchdog));
     }
 
     /// Switches all devices on at a moment of the wall.
