@@ -16,7 +16,7 @@ use yieldwall_drives::cia402;
 type Rig = LiveRig<Cable, Cable>;
 
 fn wired(scenario: &Scenario, pace: Pace) -> (Cable, Rig) {
-    let server = DeviceServer::new(&scenario.rig, &scenario.scene, scenario.seed, pace).unwrap();
+    let server = DeviceServer::new(&scenario.rig, &scenario.scene, scenario.seed, pace, [true; 3]).unwrap();
     let cable = Cable::new(server);
     let rig = LiveRig::new(&scenario.rig, cable.clone(), cable.clone(), pace).unwrap();
     (cable, rig)
@@ -71,7 +71,7 @@ fn the_scene_is_that_of_the_embedded_simulation_in_both_paces_and_modes() {
             let counts = rig.counts();
             assert_eq!((counts.overflowed, counts.refused), (0, 0), "{what}");
             cable.look(|server| {
-                assert!(server.drives().iter().all(|drive| drive.torque_n_m() == 0.0), "{what}");
+                assert!(server.torques_n_m() == [0.0; 2], "{what}");
                 assert!(server.counts().syncs > 4000, "{what}");
             });
         }
@@ -91,7 +91,7 @@ fn fault(rig: &Rig) -> Option<Fault> {
 }
 
 fn drive_states(cable: &Cable) -> [cia402::State; 2] {
-    cable.look(|server| server.drives().each_ref().map(|drive| drive.state()))
+    cable.look(|server| server.drive_states())
 }
 
 /// Latched, both drives without torque, and nothing starts again by itself.
@@ -101,10 +101,8 @@ fn assert_at_rest(cable: &Cable, rig: &mut Rig, state: State) {
     }
     assert_eq!(rig.state(), state);
     cable.look(|server| {
-        for drive in server.drives() {
-            assert_ne!(drive.state(), cia402::State::OperationEnabled);
-            assert_eq!(drive.torque_n_m(), 0.0);
-        }
+        assert!(server.drive_states().iter().all(|state| *state != cia402::State::OperationEnabled));
+        assert_eq!(server.torques_n_m(), [0.0; 2]);
     });
 }
 
@@ -210,7 +208,8 @@ fn the_drill_on_a_bus_finds_what_the_one_in_virtual_time_finds() {
 fn a_drive_without_a_watchdog_is_found_on_the_bus_and_in_virtual_time() {
     let scenario = Scenario::position();
     for watchdog in Watchdog::ALL {
-        let mut server = DeviceServer::new(&scenario.rig, &scenario.scene, scenario.seed, Pace::Free).unwrap();
+        let mut server =
+            DeviceServer::new(&scenario.rig, &scenario.scene, scenario.seed, Pace::Free, [true; 3]).unwrap();
         server.ignore(watchdog);
         let cable = Cable::new(server);
         let mut live = LiveRig::new(&scenario.rig, cable.clone(), cable.clone(), Pace::Free).unwrap();
@@ -223,6 +222,6 @@ fn a_drive_without_a_watchdog_is_found_on_the_bus_and_in_virtual_time() {
                 finding.stopped_after.iter().all(|after| after.is_some_and(|after| after < DRILL_LIMIT))
             }));
         }
-        cable.look(|server| assert!(server.drives().iter().all(|drive| drive.torque_n_m() == 0.0), "it was stopped"));
+        cable.look(|server| assert!(server.torques_n_m() == [0.0; 2], "it was stopped"));
     }
 }

@@ -10,7 +10,7 @@ use serde_json::{Value, json};
 use super::failure::{Exit, Failure};
 use super::keep::{Keep, Kept, Watched, state_folder};
 use super::output::Output;
-use super::run::{Arguments, judge, measures_text, mode_text, rig_failure, stopped_by, write_drawing};
+use super::run::{Arguments, exit_of, judge, measures_text, mode_text, rig_failure, stopped_by, write_drawing};
 use crate::canopen::cob;
 use crate::config::{self, Report, Source};
 use crate::guard::Fault;
@@ -320,6 +320,11 @@ pub(super) fn live_failure(error: &LiveError) -> Failure {
         ),
         LiveError::NotBooted { .. } => {
             Failure::new(Exit::DeviceMismatch, error.to_string(), "run with --verbose to see how far each node came")
+        }
+        LiveError::NotEnabled { cause, .. } => {
+            let exit = cause.map_or(Exit::DeviceFault, exit_of);
+            let help = cause.map_or("read the drives' error codes (603Fh)", |cause| cause.fault.row().next);
+            Failure::new(exit, error.to_string(), help)
         }
         LiveError::Unread { .. } => Failure::new(
             Exit::DeviceMismatch,

@@ -348,7 +348,7 @@ pub(super) fn stopped_by(cause: Option<Cause>, time_s: f64) -> Failure {
     let (exit, message, help) = match cause {
         Some(cause) => {
             let row = cause.fault.row();
-            let exit = if cause.fault == Fault::DriveFault { Exit::DeviceFault } else { Exit::SafetyStop };
+            let exit = exit_of(cause);
             let at = describe(cause);
             (exit, format!("stopped by {} ({at}): {} ({})", row.name, row.meaning, row.cause), row.next)
         }
@@ -359,6 +359,16 @@ pub(super) fn stopped_by(cause: Option<Cause>, time_s: f64) -> Failure {
         ),
     };
     Failure::new(exit, format!("after {time_s:.3} s the rig was {message}"), help)
+}
+
+/// The exit code of a rig that a fault stopped or kept from running.
+pub(super) fn exit_of(cause: Cause) -> Exit {
+    match cause.fault {
+        Fault::DriveFault => Exit::DeviceFault,
+        Fault::SyncJitter | Fault::Overrun | Fault::Stalled | Fault::Suspended => Exit::TimingMissed,
+        Fault::DuplicateNode => Exit::DeviceMismatch,
+        _ => Exit::SafetyStop,
+    }
 }
 
 /// Where a fault showed: the stage, and the devices if there are any.

@@ -39,6 +39,7 @@ const SHIPPED: &[(&str, &str)] = shipped![
     "paper-admittance-csv.yaml",
     "paper-admittance.yaml",
     "paper-impedance.yaml",
+    "scenes/circle-hold.yaml",
     "scenes/circle-tour-elastic.yaml",
     "scenes/circle-tour.yaml",
     "scenes/circle-wall.yaml",

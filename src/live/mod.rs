@@ -7,6 +7,8 @@
 //! [`LiveRig`] is the loop, on any [`CanLink`](crate::link::CanLink) and any [`Metronome`]. [`serve`] is the other end: the
 //! simulated devices on a link of their own. Neither reads a clock but through these two.
 
+#[cfg(all(feature = "socketcan", target_os = "linux"))]
+mod attach;
 mod drill;
 mod error;
 mod histogram;
@@ -19,6 +21,8 @@ mod rig;
 mod scene;
 mod serve;
 
+#[cfg(all(feature = "socketcan", target_os = "linux"))]
+pub use attach::{Attached, Entrance, attach};
 pub use drill::drive_nodes;
 pub use error::LiveError;
 pub use histogram::Histogram;

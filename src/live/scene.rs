@@ -8,7 +8,7 @@ use super::rig::LiveRig;
 use crate::guard::{Cause, Request, State};
 use crate::link::CanLink;
 use crate::record::{AROUND_FAULT_S, CycleRecord};
-use crate::rig::{Enable, Enabling, RigError, STOP_LIMIT_S, has_torque};
+use crate::rig::{Enable, Enabling, STOP_LIMIT_S, has_torque};
 
 /// What is asked of a scene.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -105,10 +105,9 @@ impl<L: CanLink, M: Metronome> LiveRig<L, M> {
                 Enable::GivenUp => break,
             };
         }
-        let cause = self.cause().map_or(String::new(), |cause| format!(", {}", cause.fault.row().name));
-        let state = format!("{:?}{cause}", self.state());
+        let cause = self.cause();
         self.stop();
-        Err(RigError::NotEnabled { waited_s: Enabling::LIMIT_S, state }.into())
+        Err(LiveError::NotEnabled { waited_s: Enabling::LIMIT_S, cause })
     }
 
     /// Stops the rig along its ramp; whether both drives said in time that they make no torque.
