@@ -405,6 +405,27 @@ impl Master {
         self.in_flight > 0
     }
 
+    /// SYNC once more, outside of any cycle.
+    pub fn repeat_sync(&mut self, out: &mut impl Outbox) {
+        out.push(self.sync.next_frame());
+    }
+
+    /// The set-points of the last cycle once more, whatever has happened since: a drive that stops then stops by itself.
+    pub fn repeat_set_points(&mut self, out: &mut impl Outbox) {
+        self.image.send(self.last.directive.goal, &self.last.command, out);
+    }
+
+    /// A heartbeat if one is due; when the last one was sent.
+    pub fn repeat_heartbeat(&mut self, now: Time, out: &mut impl Outbox) -> Time {
+        self.send_heartbeat(now, out);
+        Time(self.next_heartbeat.0.saturating_sub(self.heartbeat.as_nanos() as u64))
+    }
+
+    /// The heartbeat period that the drives watch.
+    pub fn heartbeat_period(&self) -> Duration {
+        self.heartbeat
+    }
+
     /// Leaves the network: the nodes go to Pre-operational, where nobody waits for set-points. For a rig that was stopped.
     pub fn leave(&mut self, out: &mut impl Outbox) {
         self.enter(Phase::Off);

@@ -102,7 +102,7 @@ impl Keep {
             frames.push(producer);
             files.push((path, "frames", feed));
         }
-        let folder = black_box.or(record).map(Path::to_owned).or_else(state_folder);
+        let folder = black_box.or(record).map(Path::to_owned).or_else(|| state_folder("black-box"));
         let sink = BlackBox::new(folder, &rig.rig.name, period_s, about.clone());
         let (producer, black_box) = start("black box", watched, capacity, sink)?;
         cycles.push(producer);
@@ -148,11 +148,11 @@ fn cannot_write(path: &Path, error: &io::Error) -> Failure {
     Failure::new(Exit::Usage, message, help)
 }
 
-/// `$XDG_STATE_HOME/yieldwall/black-box`, by default below `~/.local/state`; `None` without a home.
-fn state_folder() -> Option<PathBuf> {
-    let of = |name| std::env::var_os(name).map(PathBuf::from).filter(|path: &PathBuf| path.is_absolute());
+/// `$XDG_STATE_HOME/yieldwall/NAME`, by default below `~/.local/state`; `None` without a home.
+pub(super) fn state_folder(name: &str) -> Option<PathBuf> {
+    let of = |variable| std::env::var_os(variable).map(PathBuf::from).filter(|path: &PathBuf| path.is_absolute());
     let state = of("XDG_STATE_HOME").or_else(|| of("HOME").map(|home| home.join(".local/state")))?;
-    Some(state.join("yieldwall").join("black-box"))
+    Some(state.join("yieldwall").join(name))
 }
 
 impl Kept {

@@ -1,5 +1,6 @@
 //! `yieldwall run --bus`: a rig with its scene on a real bus.
 
+use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 use std::thread;
@@ -7,19 +8,20 @@ use std::thread;
 use serde_json::{Value, json};
 
 use super::failure::{Exit, Failure};
-use super::keep::{Keep, Kept, Watched};
+use super::keep::{Keep, Kept, Watched, state_folder};
 use super::output::Output;
-use super::run::{Arguments, measures_text, mode_text, rig_failure, stopped_by, write_drawing};
+use super::run::{Arguments, exit_of, judge, measures_text, mode_text, rig_failure, stopped_by, write_drawing};
 use crate::canopen::cob;
 use crate::config::{self, Report, Source};
 use crate::guard::Fault;
 use crate::link::{CobFilter, LinkError, SocketCan, SocketCanSettings};
 use crate::live::host::{Refusal, SystemMetronome, lock_memory, run_first};
-use crate::live::{Ended, Histogram, LinkCounts, LiveError, LiveRig, Play, Played};
+use crate::live::{Ended, Histogram, LinkCounts, LiveError, LiveRig, Play, Played, Subject, Unproven, drive_nodes};
 use crate::record::Row;
-use crate::rig::Pace;
+use crate::rig::{Pace, RigError, drill};
 use crate::study::measures::Measures;
 use crate::study::{Overrides, drawing, measured, replay};
+use yieldwall_drives::profiles::{SIMULATED_VENDOR, find as find_profile};
 
 /// Memory in bytes for frames that nobody has taken yet, per socket: half a second of the fullest bus.
 const RECEIVE_BUFFER: usize = 4 << 20;
@@ -67,7 +69,7 @@ pub(super) fn link_failure(error: &LinkError) -> Failure {
 }
 
 /// The link of a master: process data apart from the rest.
-fn open(bus: &str, rig: &config::Rig) -> Result<SocketCan, Failure> {
+pub(super) fn open(bus: &str, rig: &config::Rig) -> Result<SocketCan, Failure> {
     let nodes = [rig.drives[0].node_id, rig.drives[1].node_id, rig.sensor.node_id];
     let nodes: Vec<_> = nodes.into_iter().filter_map(|node| cob::node_id(node).ok()).collect();
     let mut process = vec![CobFilter::only(cob::SYNC)];
@@ -87,9 +89,59 @@ fn open(bus: &str, rig: &config::Rig) -> Result<SocketCan, Failure> {
     .map_err(|error| link_failure(&error))
 }
 
+/// Where it is shown that the drives stop by themselves.
+enum Proof {
+    /// In the embedded simulation, which has the same devices.
+    InVirtualTime,
+    /// In the record of a drill on a bus.
+    OnRecord { rig: Box<config::Rig>, folder: PathBuf },
+}
+
+/// In lockstep nothing measures time on the bus; the devices have to be simulated then, and are drilled in virtual time.
+fn proof(pace: PaceArgument, rig: &config::Rig, scene: &config::Scene) -> Result<Proof, Failure> {
+    if pace == PaceArgument::Free {
+        let folder = state_folder("drills").ok_or_else(super::drill::no_home)?;
+        return Ok(Proof::OnRecord { rig: Box::new(rig.clone()), folder });
+    }
+    let names = [&rig.drives[0].profile, &rig.drives[1].profile, &rig.sensor.profile];
+    let is_simulated =
+        |name: &&String| find_profile(name).is_some_and(|profile| profile.identity.vendor_id == SIMULATED_VENDOR);
+    if let Some(name) = names.into_iter().find(|name| !is_simulated(name)) {
+        let message = format!("--pace lockstep is for simulated devices, and {name} is none");
+        return Err(Failure::new(Exit::Usage, message, "leave --pace away"));
+    }
+    judge(&drill(rig, scene, |_| ()).map_err(|error| rig_failure(&error))?, rig)?;
+    Ok(Proof::InVirtualTime)
+}
+
+/// Why the rig did not come to run.
+#[derive(Debug, thiserror::Error)]
+enum NotRun {
+    #[error(transparent)]
+    Live(#[from] LiveError),
+    #[error(transparent)]
+    Unproven(#[from] Unproven),
+}
+
+impl From<RigError> for NotRun {
+    fn from(error: RigError) -> Self {
+        Self::Live(error.into())
+    }
+}
+
+/// The failure that drives are whose watchdogs nobody has tried, or that failed.
+fn unproven(error: &Unproven, bus: &str, arguments: &Arguments) -> Failure {
+    let help = format!("nothing was enabled; `yieldwall drill {} --bus {bus}` tries them", arguments.rig);
+    let exit = match error {
+        Unproven::Missing { .. } | Unproven::Unreadable { .. } => Exit::DeviceMismatch,
+        Unproven::Unsafe(_) => Exit::OutOfTolerance,
+    };
+    Failure::new(exit, error.to_string(), help)
+}
+
 /// What the loop leaves.
 struct Outcome {
-    played: Result<Played, LiveError>,
+    played: Result<Played, NotRun>,
     rows: Vec<Row>,
     sync_late: Histogram,
     compute_late: Histogram,
@@ -105,6 +157,7 @@ pub(super) fn run(bus: &str, arguments: &Arguments, output: &mut Output) -> Resu
     let scene = config::load_scene(rig.source.relative(&rig.value.scene))?;
     let overrides = Overrides { duration_s: arguments.duration, ..Overrides::default() };
     let rig = rig.value;
+    let proof = proof(arguments.pace, &rig, &scene.value)?;
     let is_interrupted = on_interrupt()?;
     let memory = lock_memory();
     refuse(arguments, &memory)?;
@@ -130,7 +183,7 @@ pub(super) fn run(bus: &str, arguments: &Arguments, output: &mut Output) -> Resu
     let must_be_first = arguments.require_realtime;
     let thread = thread::Builder::new().name("cycle".to_owned()).spawn({
         let is_interrupted = Arc::clone(&is_interrupted);
-        move || run_loop(machine, &play, &is_interrupted, must_be_first)
+        move || run_loop(machine, &play, &is_interrupted, must_be_first, &proof)
     });
     let thread = thread.map_err(|error| Failure::new(Exit::Internal, format!("thread of the cycle: {error}"), ""))?;
     let mut outcome =
@@ -138,7 +191,11 @@ pub(super) fn run(bus: &str, arguments: &Arguments, output: &mut Output) -> Resu
     let kept = keep.finish()?;
     output.warnings(&kept.warnings());
     refuse(arguments, &outcome.priority)?;
-    let played = outcome.played.clone().map_err(|error| kept.point_to_black_box(live_failure(&error)))?;
+    let played = match &outcome.played {
+        Ok(played) => *played,
+        Err(NotRun::Live(error)) => return Err(kept.point_to_black_box(live_failure(error))),
+        Err(NotRun::Unproven(error)) => return Err(unproven(error, bus, arguments)),
+    };
     let time_s = played.cycles as f64 * period_s;
     let failure = match played.ended {
         Ended::Whole => None,
@@ -192,10 +249,11 @@ fn run_loop(
     play: &Play,
     is_interrupted: &AtomicBool,
     must_be_first: bool,
+    proof: &Proof,
 ) -> Outcome {
     let priority = run_first();
     let mut outcome = Outcome {
-        played: Err(LiveError::Interrupted),
+        played: Err(LiveError::Interrupted.into()),
         rows: Vec::with_capacity(play.cycles as usize),
         sync_late: Histogram::default(),
         compute_late: Histogram::default(),
@@ -209,8 +267,15 @@ fn run_loop(
     }
     let Outcome { rows, sync_late, compute_late, compute, skipped, .. } = &mut outcome;
     let booted = machine.boot();
-    let played = booted.and_then(|()| {
-        machine.play(play, is_interrupted, |record| {
+    let proven = booted.map_err(NotRun::Live).and_then(|()| match proof {
+        Proof::InVirtualTime => Ok(()),
+        Proof::OnRecord { rig, folder } => {
+            let identities = machine.identities(drive_nodes(rig)?)?;
+            Ok(Subject::new(rig, identities).check(folder)?)
+        }
+    });
+    let played = proven.and_then(|()| {
+        Ok(machine.play(play, is_interrupted, |record| {
             let timing = record.inputs.timing;
             let nanos = |ns: u32| std::time::Duration::from_nanos(ns.into());
             sync_late.add(nanos(timing.sync_late_ns));
@@ -218,14 +283,14 @@ fn run_loop(
             compute.add(nanos(timing.last_compute_ns));
             *skipped += u64::from(timing.skipped);
             rows.push(record.row());
-        })
+        })?)
     });
     machine.leave();
     (outcome.played, outcome.counts) = (played, machine.counts());
     outcome
 }
 
-fn settling_cycles(rig: &config::Rig) -> u32 {
+pub(super) fn settling_cycles(rig: &config::Rig) -> u32 {
     let [left, right] = &rig.drives;
     let slowest_ms = left.heartbeat_ms.max(right.heartbeat_ms).max(rig.sensor.heartbeat_ms);
     (u32::from(slowest_ms) * SETTLING_HEARTBEATS * 1000).div_ceil(rig.cycle.period_us)
@@ -256,6 +321,16 @@ pub(super) fn live_failure(error: &LiveError) -> Failure {
         LiveError::NotBooted { .. } => {
             Failure::new(Exit::DeviceMismatch, error.to_string(), "run with --verbose to see how far each node came")
         }
+        LiveError::NotEnabled { cause, .. } => {
+            let exit = cause.map_or(Exit::DeviceFault, exit_of);
+            let help = cause.map_or("read the drives' error codes (603Fh)", |cause| cause.fault.row().next);
+            Failure::new(exit, error.to_string(), help)
+        }
+        LiveError::Unread { .. } => Failure::new(
+            Exit::DeviceMismatch,
+            error.to_string(),
+            "compare node ids and profiles with the devices on the bus",
+        ),
         LiveError::Interrupted => Failure::new(Exit::Interrupted, error.to_string(), ""),
     }
 }

@@ -4,9 +4,13 @@
 //! output only; findings and failures go to standard error, or with `--json` into the one document on standard output.
 
 mod config;
+#[cfg(target_os = "linux")]
+mod drill;
 mod failure;
 mod faults;
 mod keep;
+#[cfg(target_os = "linux")]
+mod latency;
 #[cfg(target_os = "linux")]
 mod live;
 mod margins;
@@ -54,6 +58,12 @@ enum Command {
     /// Put simulated drives, sensor, arm and hand on a real bus
     #[cfg(target_os = "linux")]
     Sim(sim::Arguments),
+    /// Show on a real bus that the drives stop by themselves when the master falls silent; `run --bus` asks for it
+    #[cfg(target_os = "linux")]
+    Drill(drill::Arguments),
+    /// Measure how late this computer wakes up, and how long a frame takes to the bus and back
+    #[cfg(target_os = "linux")]
+    Latency(latency::Arguments),
     /// List the faults that can be injected, what each does and what follows
     Faults,
     /// Run the paper's experiments and draw its figures
@@ -100,6 +110,10 @@ fn run(arguments: impl IntoIterator<Item = OsString>) -> Exit {
         Command::Run(arguments) => run::run(&arguments, &mut output),
         #[cfg(target_os = "linux")]
         Command::Sim(arguments) => sim::run(&arguments, &mut output),
+        #[cfg(target_os = "linux")]
+        Command::Drill(arguments) => drill::run(&arguments, &mut output),
+        #[cfg(target_os = "linux")]
+        Command::Latency(arguments) => latency::run(&arguments, &mut output),
         Command::Faults => faults::list(&mut output),
         Command::Reproduce(arguments) => reproduce::run(&arguments, &mut output),
         Command::Replay(arguments) => replay::run(&arguments, &mut output),

@@ -15,7 +15,7 @@ use crate::config::{self, Report, Source};
 use crate::fixture::prediction;
 use crate::guard::{Cause, Fault};
 use crate::record::figure::Drawing;
-use crate::rig::RigError;
+use crate::rig::{self, Drilled, Finding, RigError};
 use crate::study::measures::Measures;
 use crate::study::{Overrides, RunReport, drawing, replay, run_rig};
 
@@ -80,6 +80,8 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
     let [candump, record, black_box] =
         [&arguments.candump, &arguments.record, &arguments.black_box].map(Option::as_deref);
     let (keep, watch) = Keep::start(Watched::Simulation, &rig.value, &about, candump, record, black_box)?;
+    let drilled = rig::drill(&rig.value, &scene.value, |_| ()).map_err(|error| rig_failure(&error))?;
+    judge(&drilled, &rig.value)?;
     let progress = Progress::new(output);
     progress.begin(&rig.value.rig.name);
     let started = Instant::now();
@@ -96,7 +98,7 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
         write_drawing(&drawing, path)?;
     }
     let seed = overrides.seed.unwrap_or(scene.value.seed);
-    let facts = Facts { rig: &rig.value, margins, report: &report, kept: &kept, seed, wall_s };
+    let facts = Facts { rig: &rig.value, drilled, margins, report: &report, kept: &kept, seed, wall_s };
     let is_disturbed = !(overrides.faults.is_empty() && scene.value.faults.is_empty());
     let failure = match report.state {
         Some(state) if state.is_latched() => Some(kept.point_to_black_box(stopped(&report))),
@@ -134,6 +136,7 @@ fn check(arguments: &Arguments) -> Result<(), Failure> {
 
 struct Facts<'a> {
     rig: &'a config::Rig,
+    drilled: Drilled,
     margins: Margins,
     report: &'a RunReport,
     kept: &'a Kept,
@@ -158,6 +161,7 @@ impl Facts<'_> {
             "cause_stage": self.report.cause.map(|cause| format!("{:?}", cause.fault.row().stage).to_lowercase()),
             "cause_devices": self.report.cause.map(|cause| cause.devices.to_string()),
             "margins": self.margins.to_json(),
+            "watchdogs": watchdogs_json(&self.drilled),
             "bus_load": self.report.bus_load,
             "held_s": self.report.held_s,
             "measures": self.report.measures,
@@ -185,6 +189,7 @@ impl Facts<'_> {
         for (at, line) in self.margins.lines().into_iter().enumerate() {
             lines.push(format!("{:9} {line}", if at == 0 { "margins" } else { "" }));
         }
+        lines.push(watchdogs_text(&self.drilled));
         let trace = &self.report.trace;
         if let config::Coupling::Admittance { mass_kg } = self.rig.fixture.coupling {
             let capture = prediction::capture_speed_m_per_s(trace.yield_n, mass_kg.get(), self.report.period_s);
@@ -214,6 +219,46 @@ impl Facts<'_> {
         }
         lines.join("\n")
     }
+}
+
+/// Refuses drives that would go on when their master has died.
+pub(super) fn judge(drilled: &Drilled, rig: &config::Rig) -> Result<(), Failure> {
+    let is_torque = rig.rig.command_mode == config::CommandMode::Torque;
+    let help = "nothing was enabled; give the drive this watchdog, or a shorter cycle or heartbeat; in position mode the \
+                drive may take longer";
+    drilled.judge(is_torque).map_err(|error| Failure::new(Exit::OutOfTolerance, error.to_string(), help))
+}
+
+/// How soon the drives stop by themselves, the slower one.
+pub(super) fn watchdogs_text(drilled: &Drilled) -> String {
+    let after = |finding: &Finding| {
+        let slowest = finding.stopped_after.iter().copied().collect::<Option<Vec<_>>>();
+        let slowest = slowest.and_then(|times| times.into_iter().max());
+        let time = slowest.map_or("never".to_owned(), |time| format!("{:.1} ms", 1e3 * time.as_secs_f64()));
+        format!("{} {time}", finding.watchdog.name())
+    };
+    let findings: Vec<_> = drilled.findings.iter().map(after).collect();
+    let resolution = match 1e3 * drilled.resolution.as_secs_f64() {
+        0.0 => String::new(),
+        ms => format!(", seen every {ms:.1} ms"),
+    };
+    format!("watchdogs stop the drives without {}{resolution}", findings.join(", "))
+}
+
+/// The same as data.
+pub(super) fn watchdogs_json(drilled: &Drilled) -> Value {
+    let ms = |time: std::time::Duration| 1e3 * time.as_secs_f64();
+    let finding = |finding: &Finding| {
+        json!({
+            "without": finding.watchdog.name(),
+            "left_stops_after_ms": finding.stopped_after[0].map(ms),
+            "right_stops_after_ms": finding.stopped_after[1].map(ms),
+        })
+    };
+    json!({
+        "findings": drilled.findings.iter().map(finding).collect::<Vec<_>>(),
+        "resolution_ms": ms(drilled.resolution),
+    })
 }
 
 /// What a command mode is.
@@ -303,7 +348,7 @@ pub(super) fn stopped_by(cause: Option<Cause>, time_s: f64) -> Failure {
     let (exit, message, help) = match cause {
         Some(cause) => {
             let row = cause.fault.row();
-            let exit = if cause.fault == Fault::DriveFault { Exit::DeviceFault } else { Exit::SafetyStop };
+            let exit = exit_of(cause);
             let at = describe(cause);
             (exit, format!("stopped by {} ({at}): {} ({})", row.name, row.meaning, row.cause), row.next)
         }
@@ -314,6 +359,16 @@ pub(super) fn stopped_by(cause: Option<Cause>, time_s: f64) -> Failure {
         ),
     };
     Failure::new(exit, format!("after {time_s:.3} s the rig was {message}"), help)
+}
+
+/// The exit code of a rig that a fault stopped or kept from running.
+pub(super) fn exit_of(cause: Cause) -> Exit {
+    match cause.fault {
+        Fault::DriveFault => Exit::DeviceFault,
+        Fault::SyncJitter | Fault::Overrun | Fault::Stalled | Fault::Suspended => Exit::TimingMissed,
+        Fault::DuplicateNode => Exit::DeviceMismatch,
+        _ => Exit::SafetyStop,
+    }
 }
 
 /// Where a fault showed: the stage, and the devices if there are any.

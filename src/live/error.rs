@@ -3,6 +3,7 @@
 use thiserror::Error;
 
 use crate::bus::BootError;
+use crate::guard::Cause;
 use crate::link::SendError;
 use crate::rig::RigError;
 
@@ -26,7 +27,32 @@ pub enum LiveError {
         /// Where it stood.
         phase: String,
     },
+    /// The drives did not reach Operation Enabled.
+    #[error("the rig was not enabled within {waited_s} s{}", because(.cause))]
+    NotEnabled {
+        /// How long it was waited for, in s.
+        waited_s: f64,
+        /// The fault that kept it from being enabled, if one did.
+        cause: Option<Cause>,
+    },
+    /// A node does not tell an object.
+    #[error("node {node_id} does not tell object {index:04X}h:{sub}")]
+    Unread {
+        /// Node id.
+        node_id: u8,
+        /// Index.
+        index: u16,
+        /// Sub-index.
+        sub: u8,
+    },
     /// A person asked for the end before the rig ran.
     #[error("interrupted before the rig ran")]
     Interrupted,
+}
+
+fn because(cause: &Option<Cause>) -> String {
+    cause.map_or(String::new(), |cause| {
+        let row = cause.fault.row();
+        format!(", because of {} ({}): {}", row.name, cause.devices, row.meaning)
+    })
 }

@@ -47,18 +47,18 @@ pub struct LinkCounts {
 /// time advances by one period: for simulated devices on a computer of any speed.
 pub struct LiveRig<L, M> {
     master: Master,
-    link: L,
+    pub(super) link: L,
     metronome: M,
     pace: Pace,
-    period: Duration,
-    compute_at: Duration,
-    started: Time,
+    pub(super) period: Duration,
+    pub(super) compute_at: Duration,
+    pub(super) started: Time,
     /// Whether time waits for the process data.
     waits: bool,
     /// Time since switching on, where it waits.
     lockstep_now: Time,
     /// Grid point of the next cycle, since switching on.
-    next_sync: Time,
+    pub(super) next_sync: Time,
     cycles: u64,
     scene_from: Option<Time>,
     timing: Timing,
@@ -158,6 +158,8 @@ impl<L: CanLink, M: Metronome> LiveRig<L, M> {
     /// If a node is missing or is not what it should be, or nothing can be sent.
     pub fn boot(&mut self) -> Result<(), LiveError> {
         self.waits = false;
+        // What came before the reset says nothing of what comes after it.
+        self.drain();
         let limit = self.now() + BOOT_LIMIT;
         self.send_or_fail(|master, now, out| master.start(now, out))?;
         loop {
@@ -175,12 +177,16 @@ impl<L: CanLink, M: Metronome> LiveRig<L, M> {
             let next = self.master.next_deadline().min(limit);
             self.link.wait(self.started + next.since(Time(0)));
         }
+        self.next_sync = Time::NEVER;
+        Ok(())
+    }
+
+    /// Has the cycles begin at the grid point after the next one.
+    fn begin(&mut self) {
         let (now, period) = (self.now().0, self.period.as_nanos() as u64);
-        // A whole period to get ready in.
         self.next_sync = Time((now / period + 2) * period);
         self.lockstep_now = self.next_sync;
         self.waits = self.pace == Pace::Lockstep;
-        Ok(())
     }
 
     /// One period: SYNC, process data, the cycle, set-points. Nothing comes of it once a cycle has panicked.
@@ -189,6 +195,9 @@ impl<L: CanLink, M: Metronome> LiveRig<L, M> {
     pub fn run_cycle(&mut self, request: Request) -> Option<CycleRecord> {
         if self.has_panicked {
             return None;
+        }
+        if self.next_sync == Time::NEVER {
+            self.begin();
         }
         let grid = if self.waits { self.begin_in_lockstep() } else { self.begin_on_the_wall() };
         let begin = self.now();
@@ -289,16 +298,16 @@ impl<L: CanLink, M: Metronome> LiveRig<L, M> {
     }
 
     /// Time since switching on.
-    fn now(&self) -> Time {
+    pub(super) fn now(&self) -> Time {
         if self.waits { self.lockstep_now } else { Time(self.link.now().since(self.started).as_nanos() as u64) }
     }
 
-    fn sleep_until(&mut self, moment: Time) {
+    pub(super) fn sleep_until(&mut self, moment: Time) {
         self.metronome.sleep_until(self.started + moment.since(Time(0)));
     }
 
     /// Whole periods from a grid point to a moment.
-    fn periods_between(&self, grid: Time, moment: Time) -> u32 {
+    pub(super) fn periods_between(&self, grid: Time, moment: Time) -> u32 {
         (moment.since(grid).as_nanos() / self.period.as_nanos()).min(u128::from(u32::MAX / 2)) as u32
     }
 
@@ -325,7 +334,7 @@ impl<L: CanLink, M: Metronome> LiveRig<L, M> {
         }
     }
 
-    fn take(&mut self, arrival: &Arrival) {
+    pub(super) fn take(&mut self, arrival: &Arrival) {
         let time =
             if self.waits { self.lockstep_now } else { Time(arrival.time.since(self.started).as_nanos() as u64) };
         if let Some(event) = arrival.what.link_event() {
@@ -347,6 +356,11 @@ impl<L: CanLink, M: Metronome> LiveRig<L, M> {
         }
     }
 
+    /// When something arrived, since switching on.
+    pub(super) fn time_of(&self, arrival: &Arrival) -> Time {
+        if self.waits { self.lockstep_now } else { Time(arrival.time.since(self.started).as_nanos() as u64) }
+    }
+
     fn show(&mut self, time: Time, frame: &Frame) {
         if let Some(tap) = &mut self.tap {
             tap(time, frame);
@@ -354,7 +368,7 @@ impl<L: CanLink, M: Metronome> LiveRig<L, M> {
     }
 
     /// Has the master send; a frame that could not be sent is told to the next cycle.
-    fn send<R>(&mut self, act: impl FnOnce(&mut Master, Time, &mut LinkOutbox<'_, L>) -> R) -> R {
+    pub(super) fn send<R>(&mut self, act: impl FnOnce(&mut Master, Time, &mut LinkOutbox<'_, L>) -> R) -> R {
         let now = self.now();
         let mut out = LinkOutbox::new(&mut self.link);
         let result = act(&mut self.master, now, &mut out);

@@ -8,7 +8,7 @@ use super::rig::LiveRig;
 use crate::guard::{Cause, Request, State};
 use crate::link::CanLink;
 use crate::record::{AROUND_FAULT_S, CycleRecord};
-use crate::rig::{Enable, Enabling, RigError, STOP_LIMIT_S, has_torque};
+use crate::rig::{Enable, Enabling, STOP_LIMIT_S, has_torque};
 
 /// What is asked of a scene.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -92,7 +92,7 @@ impl<L: CanLink, M: Metronome> LiveRig<L, M> {
         Ok(Played { ended, state, cause, cycles })
     }
 
-    fn enable(&mut self, settling: u32, is_interrupted: &AtomicBool) -> Result<(), LiveError> {
+    pub(super) fn enable(&mut self, settling: u32, is_interrupted: &AtomicBool) -> Result<(), LiveError> {
         let mut enabling = Enabling::new(self.period().as_secs_f64()).not_before(settling);
         loop {
             if is_interrupted.load(Ordering::Relaxed) {
@@ -105,10 +105,9 @@ impl<L: CanLink, M: Metronome> LiveRig<L, M> {
                 Enable::GivenUp => break,
             };
         }
-        let cause = self.cause().map_or(String::new(), |cause| format!(", {}", cause.fault.row().name));
-        let state = format!("{:?}{cause}", self.state());
+        let cause = self.cause();
         self.stop();
-        Err(RigError::NotEnabled { waited_s: Enabling::LIMIT_S, state }.into())
+        Err(LiveError::NotEnabled { waited_s: Enabling::LIMIT_S, cause })
     }
 
     /// Stops the rig along its ramp; whether both drives said in time that they make no torque.

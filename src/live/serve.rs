@@ -22,12 +22,17 @@ pub enum ServeError {
     Gone,
 }
 
-/// Switches the devices on and serves them until `is_over` or the interface is removed. An interface that is down is waited
-/// for: the devices then hear nothing, as on a cable that is out.
+/// Switches the devices on that are simulated here and serves them until `is_over` or the interface is removed. An interface that is down is waited
+/// for: the devices then hear nothing, as on a cable that is out. `between` is called now and then, at least twenty times a second.
 ///
 /// # Errors
 /// If the simulated arm cannot go on, or there is no interface any more.
-pub fn serve<L: CanLink>(server: &mut DeviceServer, link: &mut L, is_over: &AtomicBool) -> Result<(), ServeError> {
+pub fn serve<L: CanLink>(
+    server: &mut DeviceServer,
+    link: &mut L,
+    is_over: &AtomicBool,
+    mut between: impl FnMut(&mut DeviceServer),
+) -> Result<(), ServeError> {
     let wall = link.now();
     send(link, |out| {
         server.switch_on(wall, out);
@@ -44,6 +49,7 @@ pub fn serve<L: CanLink>(server: &mut DeviceServer, link: &mut L, is_over: &Atom
                 _ => {}
             }
         }
+        between(server);
         let wall = link.now();
         send(link, |out| server.poll(wall, out))?;
         link.wait(server.next_deadline().min(wall + LOOK_UP));

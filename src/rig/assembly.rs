@@ -21,12 +21,11 @@ fn model(scene: &config::Scene) -> Result<&config::SceneModel, RigError> {
     scene.model.as_ref().ok_or_else(|| RigError::Mismatch("the scene has no `model` of a rig".into()))
 }
 
-pub(super) fn drive(
-    rig: &config::Rig,
-    scene: &config::Scene,
-    drive: &config::Drive,
-    serial: u32,
-) -> Result<Drive, RigError> {
+/// The simulated drive of a joint, switched off.
+///
+/// # Errors
+/// If its profile is not that of a drive.
+pub fn drive(rig: &config::Rig, scene: &config::Scene, drive: &config::Drive, serial: u32) -> Result<Drive, RigError> {
     let servo = &rig.plant.drive_position_loop;
     Drive::new(DriveSettings {
         node: node(drive.node_id)?,
@@ -47,7 +46,11 @@ pub(super) fn drive(
     .map_err(|error| RigError::Device(error.to_string()))
 }
 
-pub(super) fn force_sensor(rig: &config::Rig) -> Result<ForceSensor, RigError> {
+/// The simulated force sensor, switched off.
+///
+/// # Errors
+/// If its profile is not that of a force sensor.
+pub fn force_sensor(rig: &config::Rig) -> Result<ForceSensor, RigError> {
     let sensor = &rig.sensor;
     ForceSensor::new(ForceSensorSettings {
         node: node(sensor.node_id)?,

@@ -52,13 +52,86 @@ pub(super) trait Senses {
     }
 }
 
+/// A device between bus and machine.
+pub(super) trait Device {
+    /// Gives it its supply, as if it had been off before.
+    fn boot(&mut self, now: Time, out: &mut impl Outbox);
+    /// Takes a frame from the bus.
+    fn on_frame(&mut self, now: Time, frame: &Frame, out: &mut impl Outbox);
+    /// Does what is due.
+    fn poll(&mut self, now: Time, out: &mut impl Outbox);
+    /// When to poll next.
+    fn next_deadline(&self) -> Time;
+}
+
+/// A drive on a joint.
+pub(super) trait Actuator: Device {
+    /// The joint's motion at this moment, in rad and rad/s.
+    fn measure(&mut self, angle_rad: f64, rate_rad_per_s: f64);
+    /// Torque on the joint, N m.
+    fn torque_n_m(&self) -> f64;
+    /// State of the state machine.
+    fn state(&self) -> cia402::State;
+}
+
+/// A force sensor at the handle.
+pub(super) trait Transducer: Device {
+    /// What the channels read at this moment, in counts.
+    fn measure(&mut self, counts: [i32; 6]);
+}
+
+macro_rules! simulated {
+    ($device:ty) => {
+        impl Device for $device {
+            fn boot(&mut self, now: Time, out: &mut impl Outbox) {
+                <$device>::boot(self, now, out);
+            }
+
+            fn on_frame(&mut self, now: Time, frame: &Frame, out: &mut impl Outbox) {
+                <$device>::on_frame(self, now, frame, out);
+            }
+
+            fn poll(&mut self, now: Time, out: &mut impl Outbox) {
+                <$device>::poll(self, now, out);
+            }
+
+            fn next_deadline(&self) -> Time {
+                <$device>::next_deadline(self)
+            }
+        }
+    };
+}
+
+simulated!(Drive);
+simulated!(ForceSensor);
+
+impl Actuator for Drive {
+    fn measure(&mut self, angle_rad: f64, rate_rad_per_s: f64) {
+        Drive::measure(self, angle_rad, rate_rad_per_s);
+    }
+
+    fn torque_n_m(&self) -> f64 {
+        Drive::torque_n_m(self)
+    }
+
+    fn state(&self) -> cia402::State {
+        Drive::state(self)
+    }
+}
+
+impl Transducer for ForceSensor {
+    fn measure(&mut self, counts: [i32; 6]) {
+        ForceSensor::measure(self, counts);
+    }
+}
+
 /// Two drives, the force sensor, and arm and hand.
 ///
 /// The machine is integrated up to each moment at which a device samples it or changes its torque.
 #[derive(Debug)]
-pub(super) struct FarEnd {
-    pub(super) drives: [Drive; 2],
-    pub(super) sensor: ForceSensor,
+pub(super) struct FarEnd<D = Drive, S = ForceSensor> {
+    pub(super) drives: [D; 2],
+    pub(super) sensor: S,
     pub(super) world: World,
 }
 
@@ -72,7 +145,9 @@ impl FarEnd {
             world: assembly::world(rig, scene, seed)?,
         })
     }
+}
 
+impl<D: Actuator, S: Transducer> FarEnd<D, S> {
     /// When [`FarEnd::poll`] has to be called again at the latest.
     pub(super) fn next_deadline(&self) -> Time {
         let [left, right] = &self.drives;

@@ -9,18 +9,23 @@
 mod assembly;
 mod build;
 mod conduct;
+mod drill;
 mod embedded;
 mod error;
 mod far_end;
 mod impedance;
 mod margins;
+mod seat;
 mod server;
 mod world;
 
+pub use assembly::{drive as simulated_drive, force_sensor as simulated_force_sensor};
 pub use build::{cycle, master};
 pub use conduct::{Enable, Enabling, STOP_LIMIT_S, has_torque};
+pub use drill::{CYCLES_BEFORE_SILENCE, DRILL_LIMIT, Drilled, Finding, TORQUE_LIMIT, Unsafe, drill};
 pub use embedded::{BodyTruth, EmbeddedRig, Observer, PORTS, Tap};
 pub use error::RigError;
 pub use impedance::ImpedanceRig;
 pub use margins::{Margin, PoseMargins, pose_margins};
+pub use seat::{Answer, Call, Peer};
 pub use server::{DeviceServer, Pace, Served};

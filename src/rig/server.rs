@@ -4,12 +4,13 @@ use std::time::Duration;
 
 use super::conduct::has_torque;
 use super::error::RigError;
-use super::far_end::{DEVICES, FarEnd, Senses, Wire};
+use super::far_end::{Actuator, DEVICES, FarEnd, Senses, Wire};
+use super::seat::{Peer, Seat};
 
 use super::world::Body;
 use crate::canopen::{Frame, Outbox, Time, cob};
 use crate::config;
-use crate::sim::{Drive, ForceSensor};
+use crate::sim::{Drive, ForceSensor, Watchdog};
 use yieldwall_drives::cia402;
 
 /// Time on the wall without SYNC after which a simulation in lockstep goes on by itself. A master in lockstep waits less
@@ -32,7 +33,7 @@ pub enum Pace {
 /// tool when both drives are in Operation Enabled, and lets go of it when neither makes torque any more.
 #[derive(Debug)]
 pub struct DeviceServer {
-    far: FarEnd,
+    far: FarEnd<Seat<Drive>, Seat<ForceSensor>>,
     pace: Pace,
     period: Duration,
     /// Simulated time.
@@ -66,18 +67,32 @@ impl<O: Outbox> Wire for Bus<'_, O> {
     }
 }
 
+fn seat<D>(device: D, is_here: bool) -> Seat<D> {
+    if is_here { Seat::Here(Box::new(device)) } else { Seat::empty() }
+}
+
 /// Nothing is between machine and devices.
 struct Plain;
 
 impl Senses for Plain {}
 
 impl DeviceServer {
-    /// Devices that are switched off, the arm where the scene's hand starts. `seed` stands in place of the scene's.
+    /// Devices that are switched off, the arm where the scene's hand starts. `seed` stands in place of the scene's; of left
+    /// drive, right drive and sensor those that are not `here` have to be attached.
     ///
     /// # Errors
     /// Where parts of the configuration do not fit together, and for a scene without an arm.
-    pub fn new(rig: &config::Rig, scene: &config::Scene, seed: u64, pace: Pace) -> Result<Self, RigError> {
-        let far = FarEnd::new(rig, scene, seed)?;
+    pub fn new(
+        rig: &config::Rig,
+        scene: &config::Scene,
+        seed: u64,
+        pace: Pace,
+        here: [bool; DEVICES],
+    ) -> Result<Self, RigError> {
+        let FarEnd { drives: [left, right], sensor, world } = FarEnd::new(rig, scene, seed)?;
+        let [has_left, has_right, has_sensor] = here;
+        let drives = [seat(left, has_left), seat(right, has_right)];
+        let far = FarEnd { drives, sensor: seat(sensor, has_sensor), world };
         if matches!(far.world.body, Body::Ideal(_)) {
             let message =
                 "model.tracking ideal works in the embedded simulation only: on a bus the arm has to be rigid";
@@ -92,6 +107,11 @@ impl DeviceServer {
             waits_since: None,
             counts: Served::default(),
         })
+    }
+
+    /// Takes a watch off both drives, as [`Drive::ignore`].
+    pub fn ignore(&mut self, watchdog: Watchdog) {
+        self.far.drives.iter_mut().filter_map(Seat::here_mut).for_each(|drive| drive.ignore(watchdog));
     }
 
     /// Switches all devices on at a moment of the wall.
@@ -158,14 +178,30 @@ impl DeviceServer {
         self.counts
     }
 
-    /// The drives, left and right, for reports.
-    pub fn drives(&self) -> &[Drive; 2] {
-        &self.far.drives
+    /// Has `peer` be a device that is not simulated here: 0 the left drive, 1 the right drive, 2 the sensor.
+    pub fn attach(&mut self, device: usize, peer: Box<dyn Peer>) {
+        match self.far.drives.get_mut(device) {
+            Some(seat) => seat.attach(self.now, peer),
+            None => self.far.sensor.attach(self.now, peer),
+        }
     }
 
-    /// The force sensor, for reports.
-    pub fn force_sensor(&self) -> &ForceSensor {
-        &self.far.sensor
+    /// Whether a device is simulated here.
+    pub fn is_here(&self, device: usize) -> bool {
+        match self.far.drives.get(device) {
+            Some(seat) => seat.here().is_some(),
+            None => self.far.sensor.here().is_some(),
+        }
+    }
+
+    /// States of the drives, left and right.
+    pub fn drive_states(&self) -> [cia402::State; 2] {
+        self.far.drives.each_ref().map(Actuator::state)
+    }
+
+    /// Torques of the drives in N m.
+    pub fn torques_n_m(&self) -> [f64; 2] {
+        self.far.drives.each_ref().map(Actuator::torque_n_m)
     }
 
     /// Simulated time at a moment of the wall.
@@ -190,7 +226,7 @@ impl DeviceServer {
     }
 
     fn lead_hand(&mut self) {
-        let states = self.far.drives.each_ref().map(Drive::state);
+        let states = self.drive_states();
         if states.iter().all(|state| *state == cia402::State::OperationEnabled) {
             self.far.world.take_tool(self.now);
         } else if self.far.world.hand_from_s.is_finite() && !states.into_iter().any(has_torque) {

@@ -168,6 +168,13 @@ impl SocketCan {
     }
 }
 
+/// The socket for process data, which is the only one of a link without services.
+impl AsFd for SocketCan {
+    fn as_fd(&self) -> BorrowedFd<'_> {
+        self.process.as_fd()
+    }
+}
+
 impl CanLink for SocketCan {
     fn now(&self) -> Time {
         Time(nanos(ClockId::Monotonic))

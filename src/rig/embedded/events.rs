@@ -4,6 +4,7 @@ use super::host::Exit;
 use super::{DEVICES, EmbeddedRig, MASTER, RigError};
 use crate::canopen::{Frame, Outbox, Time, cob};
 use crate::rig::far_end::Wire;
+use crate::sim::Drive;
 use crate::sim::can::VirtualBus;
 
 impl EmbeddedRig {
@@ -21,7 +22,12 @@ impl EmbeddedRig {
             }
             self.now = next;
             while let Some(delivery) = self.bus.advance(next) {
-                match self.troubles.pass(next, delivery.from, delivery.frame) {
+                let passed = self.troubles.pass(next, delivery.from, delivery.frame);
+                let passed = match &mut self.silence {
+                    Some(silence) if delivery.from == MASTER => passed.and_then(|frame| silence.pass(next, frame)),
+                    _ => passed,
+                };
+                match passed {
                     Some(frame) => self.arrive(delivery.time, delivery.from, &frame)?,
                     // Its own controller has sent it all the same.
                     None if delivery.from == MASTER => self.echo(&delivery.frame),
@@ -32,6 +38,9 @@ impl EmbeddedRig {
                 self.arrive(next, from, &frame)?;
             }
             self.far.poll(next, &mut self.troubles, &mut self.bus)?;
+            if let Some(silence) = &mut self.silence {
+                silence.look(next, self.far.drives.each_ref().map(Drive::state));
+            }
             if !self.host.is_asleep && self.master.next_deadline() <= next {
                 self.master.poll(next, &mut Exit::new(&mut self.bus, &self.troubles, next));
             }

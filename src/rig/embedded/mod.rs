@@ -13,6 +13,7 @@ pub use probe::{BodyTruth, PORTS};
 
 use super::assembly;
 use super::build;
+use super::drill::Silence;
 use super::error::RigError;
 use super::far_end::FarEnd;
 use super::world::{Body, Truth};
@@ -26,7 +27,7 @@ use crate::record::{self, CycleRecord, Moment, Row};
 use crate::sim::arm::Arm;
 use crate::sim::can::{BitTiming, BusCounters, QueueOrder, Tamper, VirtualBus};
 use crate::sim::hand::Hand;
-use crate::sim::{Drive, ForceSensor};
+use crate::sim::{Drive, ForceSensor, Watchdog};
 use host::Computer;
 use injecting::Schedule;
 use trouble::{Device, Troubles};
@@ -58,6 +59,8 @@ pub struct EmbeddedRig {
     schedule: Schedule,
     troubles: Troubles,
     host: Computer,
+    /// What a drill keeps from the devices.
+    pub(super) silence: Option<Silence>,
     period: Duration,
     compute_at: Duration,
     now: Time,
@@ -93,6 +96,7 @@ impl EmbeddedRig {
             schedule: Schedule::default(),
             troubles: Troubles::new(devices(rig)?, seed),
             host: Computer::default(),
+            silence: None,
             period: Duration::from_micros(rig.cycle.period_us.into()),
             compute_at: Duration::from_micros(rig.cycle.compute_at_us.into()),
             now: Time::default(),
@@ -103,6 +107,17 @@ impl EmbeddedRig {
             machine.inject(fault.injection()?)?;
         }
         Ok(machine)
+    }
+
+    /// Takes a watch off both drives, as [`Drive::ignore`].
+    pub fn ignore(&mut self, watchdog: Watchdog) {
+        self.far.drives.iter_mut().for_each(|drive| drive.ignore(watchdog));
+    }
+
+    /// Forgets what was injected and what the scene would.
+    pub(super) fn clear_injections(&mut self) {
+        self.schedule = Schedule::default();
+        self.troubles.clear();
     }
 
     /// Has `tap` get every frame from now on.

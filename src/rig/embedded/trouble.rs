@@ -71,6 +71,11 @@ impl Troubles {
         Self { devices, active: Vec::new(), held: Vec::new(), noise }
     }
 
+    pub(super) fn clear(&mut self) {
+        self.active.clear();
+        self.held.clear();
+    }
+
     pub(super) fn begin(&mut self, injection: Injection) {
         self.active.push(Active { injection, count: 0, counts: None, angle_rad: None, frame: None });
     }
