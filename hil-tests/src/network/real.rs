@@ -6,7 +6,7 @@ use std::thread::JoinHandle;
 use std::time::Duration;
 
 use yieldwall::canopen::Frame;
-use yieldwall::link::{CanLink, CobFilter, Received, SocketCan, SocketCanSettings};
+use yieldwall::link::{Arrival, CanLink, CobFilter, Received, SocketCan, SocketCanSettings};
 
 use super::{Network, Participant};
 
@@ -72,14 +72,10 @@ impl Network for Real {
                     device.poll(now, &mut out);
                     continue;
                 }
-                if !link.wait(device.next_deadline().min(now + NAP)) {
-                    continue;
-                }
-                while let Some(arrival) = link.receive() {
-                    if let Received::Frame(frame) = arrival.what {
-                        device.on_frame(arrival.time, &frame, &mut out);
-                        send(&mut link, &mut out);
-                    }
+                if link.wait(device.next_deadline().min(now + NAP))
+                    && let Some(Arrival { time, what: Received::Frame(frame) }) = link.receive()
+                {
+                    device.on_frame(time.max(now), &frame, &mut out);
                 }
             }
         }));

@@ -30,12 +30,12 @@ pub fn run<T>(
 ) -> T {
     let mut out = Vec::new();
     let mut deadline = first;
-    let mut idle_since = link.now();
+    let mut idle_since: Option<Time> = None;
     loop {
-        link.wait(deadline.min(idle_since + PATIENCE));
+        link.wait(idle_since.map_or(deadline, |since| deadline.min(since + PATIENCE)));
         while let Some(arrival) = link.receive() {
             let Received::Frame(frame) = arrival.what else { continue };
-            idle_since = arrival.time;
+            idle_since = Some(arrival.time);
             let done = act(arrival.time, Some(&frame), &mut out);
             send_all(link, &mut out);
             match done {
@@ -52,7 +52,7 @@ pub fn run<T>(
                 Err(next) => deadline = next,
             }
         }
-        assert!(now < idle_since + PATIENCE, "nothing has come for {PATIENCE:?}");
+        assert!(now < *idle_since.get_or_insert(now) + PATIENCE, "nothing has come for {PATIENCE:?}");
     }
 }
 

@@ -11,20 +11,24 @@ use yieldwall::link::{CanLink, CobFilter, ErrorFrame, LinkError, Received, SendE
 use yieldwall::sim::can::CandumpWriter;
 
 /// An interface that this test makes, changes and removes.
-struct Own(&'static str);
+pub(crate) struct Own(&'static str);
 
 impl Own {
-    fn new(name: &'static str) -> Self {
+    pub(crate) fn new(name: &'static str) -> Self {
         ip(&["link", "add", "dev", name, "type", "vcan"]);
         ip(&["link", "set", name, "up"]);
         Self(name)
     }
 
-    fn set(&self, state: &str) {
+    pub(crate) fn name(&self) -> &'static str {
+        self.0
+    }
+
+    pub(crate) fn set(&self, state: &str) {
         ip(&["link", "set", self.0, state]);
     }
 
-    fn link(&self) -> SocketCan {
+    pub(crate) fn link(&self) -> SocketCan {
         Real::open(&SocketCanSettings::everything(self.0))
     }
 

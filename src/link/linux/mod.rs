@@ -171,7 +171,7 @@ impl SocketCan {
 /// The socket for process data, which is the only one of a link without services.
 impl AsFd for SocketCan {
     fn as_fd(&self) -> BorrowedFd<'_> {
-        self.process.as_fd()
+        self.first.as_fd()
     }
 }
 
