@@ -72,8 +72,8 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
     if let Some(path) = &arguments.attach {
         return attach_one(arguments, path, here, &rig, &scene.value, output);
     }
-    let mut server = DeviceServer::new(&rig, &scene.value, seed, arguments.pace.pace(), here)
-        .map_err(|error| rig_failure(&error))?;
+    let server = DeviceServer::new(&rig, &scene.value, seed, arguments.pace.pace());
+    let mut server = server.map_err(|error| rig_failure(&error))?.only(here);
     arguments.unwatched.iter().for_each(|unwatched| server.ignore(unwatched.watchdog()));
     let is_interrupted = on_interrupt()?;
     let mut link = open(arguments, &rig)?;
@@ -95,7 +95,8 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
     let counts = server.counts();
     let time_s = server.now().as_secs_f64();
     if output.is_json() {
-        let drive = |(state, torque): (cia402::State, f64)| json!({ "state": format!("{state:?}"), "torque_n_m": torque });
+        let drive =
+            |(state, torque): (cia402::State, f64)| json!({ "state": format!("{state:?}"), "torque_n_m": torque });
         let drives: Vec<_> = server.drive_states().into_iter().zip(server.torques_n_m()).map(drive).collect();
         output.json(&json!({ "time_s": time_s, "syncs": counts.syncs, "sent": counts.sent, "drives": drives }))?;
     } else {

@@ -13,6 +13,8 @@
 mod bodies;
 #[cfg(target_os = "linux")]
 mod interface;
+#[cfg(target_os = "linux")]
+mod processes;
 
 /// Every body once on each kind of bus.
 macro_rules! on_both {

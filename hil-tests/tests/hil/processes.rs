@@ -251,7 +251,8 @@ fn a_master_that_is_killed_leaves_drives_that_stop_by_themselves() {
     let master = run_for("60");
     observer.until_moving(300);
     master.signal("KILL");
-    observer.until("emergency of both drives", |frames| [1, 2].iter().all(|node| !emergencies(frames, *node).is_empty()));
+    observer
+        .until("emergency of both drives", |frames| [1, 2].iter().all(|node| !emergencies(frames, *node).is_empty()));
     let frames = observer.rest();
     let last_sync = frames.iter().rposition(|frame| frame.id() == cob::SYNC).expect("it ran");
     let first = frames.iter().position(|frame| matches!(frame.id(), 0x081 | 0x082)).expect("they told");
@@ -271,7 +272,8 @@ fn a_master_that_is_stopped_and_goes_on_finds_its_drives_stopped_and_latches() {
     let master = run_for("60");
     observer.until_moving(300);
     master.signal("STOP");
-    observer.until("emergency of both drives", |frames| [1, 2].iter().all(|node| !emergencies(frames, *node).is_empty()));
+    observer
+        .until("emergency of both drives", |frames| [1, 2].iter().all(|node| !emergencies(frames, *node).is_empty()));
     observer.frames.clear();
     master.signal("CONT");
     let (code, document) = master.document();
@@ -309,7 +311,8 @@ fn an_interface_that_is_taken_down_is_a_lost_bus() {
     let mut observer = Observer::new();
     let master = run_for("60");
     observer.until_moving(300);
-    let set = |state: &str| assert!(Command::new("ip").args(["link", "set", "vcan0", state]).status().unwrap().success());
+    let set =
+        |state: &str| assert!(Command::new("ip").args(["link", "set", "vcan0", state]).status().unwrap().success());
     set("down");
     let (code, document) = master.document();
     set("up");
@@ -361,7 +364,8 @@ fn a_drilled_rig_runs_on_the_wall_clock_or_says_that_this_computer_is_late() {
     let sim = Running::sim(SLOW_RIG, &[]);
     let bus = bus();
     let drill = || Running::start(&["drill", SLOW_RIG, "--bus", &bus, "--json"]).document();
-    let (code, document) = (0..5).map(|_| drill()).find(|(code, _)| *code != TIMING_MISSED).expect("once in five times");
+    let (code, document) =
+        (0..5).map(|_| drill()).find(|(code, _)| *code != TIMING_MISSED).expect("once in five times");
     assert_eq!(code, OK, "{document:#}");
     for finding in document["watchdogs"]["findings"].as_array().expect("findings") {
         assert!(finding["left_stops_after_ms"].is_number() && finding["right_stops_after_ms"].is_number(), "{finding}");
@@ -373,7 +377,8 @@ fn a_drilled_rig_runs_on_the_wall_clock_or_says_that_this_computer_is_late() {
     drop(sim);
     // The same drives, one of whose watchdogs is gone.
     let sim = Running::sim(SLOW_RIG, &["--unwatched", "heartbeat"]);
-    let (code, document) = (0..5).map(|_| drill()).find(|(code, _)| *code != TIMING_MISSED).expect("once in five times");
+    let (code, document) =
+        (0..5).map(|_| drill()).find(|(code, _)| *code != TIMING_MISSED).expect("once in five times");
     assert_eq!(code, OUT_OF_TOLERANCE, "{document:#}");
     let (code, document) = Running::run(SLOW_RIG, &["--duration", "1"]).document();
     assert_eq!(code, OUT_OF_TOLERANCE, "{document:#}");
