@@ -16,7 +16,7 @@ use yieldwall_drives::cia402;
 type Rig = LiveRig<Cable, Cable>;
 
 fn wired(scenario: &Scenario, pace: Pace) -> (Cable, Rig) {
-    let server = DeviceServer::new(&scenario.rig, &scenario.scene, scenario.seed, pace, [true; 3]).unwrap();
+    let server = DeviceServer::new(&scenario.rig, &scenario.scene, scenario.seed, pace).unwrap();
     let cable = Cable::new(server);
     let rig = LiveRig::new(&scenario.rig, cable.clone(), cable.clone(), pace).unwrap();
     (cable, rig)
@@ -208,8 +208,7 @@ fn the_drill_on_a_bus_finds_what_the_one_in_virtual_time_finds() {
 fn a_drive_without_a_watchdog_is_found_on_the_bus_and_in_virtual_time() {
     let scenario = Scenario::position();
     for watchdog in Watchdog::ALL {
-        let mut server =
-            DeviceServer::new(&scenario.rig, &scenario.scene, scenario.seed, Pace::Free, [true; 3]).unwrap();
+        let mut server = DeviceServer::new(&scenario.rig, &scenario.scene, scenario.seed, Pace::Free).unwrap();
         server.ignore(watchdog);
         let cable = Cable::new(server);
         let mut live = LiveRig::new(&scenario.rig, cable.clone(), cable.clone(), Pace::Free).unwrap();

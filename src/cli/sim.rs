@@ -72,8 +72,8 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
     if let Some(path) = &arguments.attach {
         return attach_one(arguments, path, here, &rig, &scene.value, output);
     }
-    let mut server = DeviceServer::new(&rig, &scene.value, seed, arguments.pace.pace(), here)
-        .map_err(|error| rig_failure(&error))?;
+    let server = DeviceServer::new(&rig, &scene.value, seed, arguments.pace.pace());
+    let mut server = server.map_err(|error| rig_failure(&error))?.only(here);
     arguments.unwatched.iter().for_each(|unwatched| server.ignore(unwatched.watchdog()));
     let is_interrupted = on_interrupt()?;
     let mut link = open(arguments, &rig)?;

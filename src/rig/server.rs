@@ -67,32 +67,20 @@ impl<O: Outbox> Wire for Bus<'_, O> {
     }
 }
 
-fn seat<D>(device: D, is_here: bool) -> Seat<D> {
-    if is_here { Seat::Here(Box::new(device)) } else { Seat::empty() }
-}
-
 /// Nothing is between machine and devices.
 struct Plain;
 
 impl Senses for Plain {}
 
 impl DeviceServer {
-    /// Devices that are switched off, the arm where the scene's hand starts. `seed` stands in place of the scene's; of left
-    /// drive, right drive and sensor those that are not `here` have to be attached.
+    /// Devices that are switched off, the arm where the scene's hand starts. `seed` stands in place of the scene's.
     ///
     /// # Errors
     /// Where parts of the configuration do not fit together, and for a scene without an arm.
-    pub fn new(
-        rig: &config::Rig,
-        scene: &config::Scene,
-        seed: u64,
-        pace: Pace,
-        here: [bool; DEVICES],
-    ) -> Result<Self, RigError> {
-        let FarEnd { drives: [left, right], sensor, world } = FarEnd::new(rig, scene, seed)?;
-        let [has_left, has_right, has_sensor] = here;
-        let drives = [seat(left, has_left), seat(right, has_right)];
-        let far = FarEnd { drives, sensor: seat(sensor, has_sensor), world };
+    pub fn new(rig: &config::Rig, scene: &config::Scene, seed: u64, pace: Pace) -> Result<Self, RigError> {
+        let FarEnd { drives, sensor, world } = FarEnd::new(rig, scene, seed)?;
+        let seat = |drive| Seat::Here(Box::new(drive));
+        let far = FarEnd { drives: drives.map(seat), sensor: Seat::Here(Box::new(sensor)), world };
         if matches!(far.world.body, Body::Ideal(_)) {
             let message =
                 "model.tracking ideal works in the embedded simulation only: on a bus the arm has to be rigid";
@@ -176,6 +164,21 @@ impl DeviceServer {
     /// What the devices took part in.
     pub fn counts(&self) -> Served {
         self.counts
+    }
+
+    /// Leaves out of left drive, right drive and sensor those that are not `here`: they have to be attached.
+    #[must_use]
+    pub fn only(mut self, here: [bool; DEVICES]) -> Self {
+        let [has_left, has_right, has_sensor] = here;
+        for (seat, is_here) in self.far.drives.iter_mut().zip([has_left, has_right]) {
+            if !is_here {
+                *seat = Seat::empty();
+            }
+        }
+        if !has_sensor {
+            self.far.sensor = Seat::empty();
+        }
+        self
     }
 
     /// Has `peer` be a device that is not simulated here: 0 the left drive, 1 the right drive, 2 the sensor.

@@ -11,24 +11,20 @@ use yieldwall::link::{CanLink, CobFilter, ErrorFrame, LinkError, Received, SendE
 use yieldwall::sim::can::CandumpWriter;
 
 /// An interface that this test makes, changes and removes.
-pub(crate) struct Own(&'static str);
+struct Own(&'static str);
 
 impl Own {
-    pub(crate) fn new(name: &'static str) -> Self {
+    fn new(name: &'static str) -> Self {
         ip(&["link", "add", "dev", name, "type", "vcan"]);
         ip(&["link", "set", name, "up"]);
         Self(name)
     }
 
-    pub(crate) fn name(&self) -> &'static str {
-        self.0
-    }
-
-    pub(crate) fn set(&self, state: &str) {
+    fn set(&self, state: &str) {
         ip(&["link", "set", self.0, state]);
     }
 
-    pub(crate) fn link(&self) -> SocketCan {
+    fn link(&self) -> SocketCan {
         Real::open(&SocketCanSettings::everything(self.0))
     }
 

@@ -1,225 +1,387 @@
-//! Master and devices as two processes with nothing between them but an interface, in lockstep so that a slow machine is
-//! no fault of theirs. What the drives are in at the end is asked of them over the same interface.
+//! The program against itself: `yieldwall run --bus` and `yieldwall sim` as processes of their own, and what becomes of the
+//! rig when one of them dies, is stopped, or loses the bus.
+//!
+//! An observer on the bus sees what the master sends and what the drives say. Simulated time is that of lockstep, so that no
+//! computer is too slow; what is said about order, counts and states holds at any speed.
 
-use std::io::Read;
+use std::io::{BufRead, BufReader, Read};
 use std::path::PathBuf;
-use std::process::{Child, Command, Output, Stdio};
-use std::time::Duration;
+use std::process::{Child, Command, Stdio};
+use std::time::{Duration, Instant};
 
-use super::interface::Own;
-use hil_tests::network::{PATIENCE, Real, client, transfer};
-use hil_tests::{DRIVE_NODES, Seen, setpoint};
-use yieldwall::canopen::SdoOutcome;
+use hil_tests::network::Real;
+use serde_json::Value;
+use yieldwall::canopen::{Emergency, Frame, cob};
 use yieldwall::link::{CanLink, Received, SocketCan, SocketCanSettings};
 
-/// The shipped rig in position mode: whoever enables it at the wrong place sends a target that shows it.
-const RIG: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../config/paper-admittance-csp.yaml");
-/// Statusword (CiA 402) of a drive in Operation Enabled, and the bits that say so.
-const ENABLED: (u16, u16) = (0x27, 0x6f);
+const RIG: &str = "builtin:paper-admittance.yaml";
+const SLOW_RIG: &str = "builtin:paper-admittance-5ms.yaml";
+/// How long anything may take; only a program that hangs does.
+const LIMIT: Duration = Duration::from_secs(60);
 
-/// Ends with the test.
-struct Process(Child);
+/// What a person sees of an end.
+const OK: i32 = 0;
+const BUS_UNAVAILABLE: i32 = 4;
+const DEVICE_MISMATCH: i32 = 5;
+const OUT_OF_TOLERANCE: i32 = 7;
+const SAFETY_STOP: i32 = 8;
+const TIMING_MISSED: i32 = 9;
+const INTERRUPTED: i32 = 130;
 
-impl Process {
+fn program() -> PathBuf {
+    let tests = std::env::current_exe().expect("a test has a file");
+    tests.ancestors().nth(2).expect("target/debug/deps").join("yieldwall")
+}
+
+fn bus() -> String {
+    std::env::var("YIELDWALL_CAN").unwrap_or_else(|_| "vcan0".to_owned())
+}
+
+/// A process that does not outlive its test.
+struct Running(Option<Child>);
+
+impl Running {
     fn start(arguments: &[&str]) -> Self {
-        // Beside the folder of the test program.
-        let test = std::env::current_exe().expect("a test program");
-        let program: PathBuf = test.parent().and_then(|deps| deps.parent()).expect("a folder").join("yieldwall");
-        let mut command = Command::new(&program);
-        command.args(arguments).stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::piped());
-        Self(command.spawn().unwrap_or_else(|error| panic!("{}: {error}; build the program", program.display())))
+        let state = std::env::temp_dir().join(format!("yieldwall-hil-{}", std::process::id()));
+        let child = Command::new(program())
+            .args(arguments)
+            .env("XDG_STATE_HOME", state)
+            .stdout(Stdio::piped())
+            .stderr(Stdio::piped())
+            .spawn()
+            .expect("`cargo build --bin yieldwall` comes before these tests");
+        Self(Some(child))
+    }
+
+    /// Simulated devices that are ready.
+    fn sim(rig: &str, arguments: &[&str]) -> Self {
+        let bus = bus();
+        let mut sim = Self::start(&[&["sim", rig, "--bus", &bus], arguments].concat());
+        let mut first = String::new();
+        let stdout = sim.0.as_mut().and_then(|child| child.stdout.as_mut()).expect("it is piped");
+        BufReader::with_capacity(1, stdout).read_line(&mut first).expect("it says what it is");
+        assert!(first.starts_with("simulated"), "{first}");
+        sim
+    }
+
+    fn run(rig: &str, arguments: &[&str]) -> Self {
+        let bus = bus();
+        Self::start(&[&["run", rig, "--bus", &bus, "--json"], arguments].concat())
     }
 
     fn signal(&self, name: &str) {
-        let done = Command::new("kill").args([name, &self.0.id().to_string()]).status().expect("a shell's kill");
-        assert!(done.success(), "kill {name}");
+        let id = self.0.as_ref().expect("it runs").id().to_string();
+        assert!(Command::new("kill").args(["-s", name, &id]).status().expect("procps").success());
     }
 
-    fn is_over(&mut self) -> bool {
-        self.0.try_wait().expect("a child").is_some()
-    }
-
-    /// Waits for its end.
-    fn output(mut self, clock: &mut SocketCan) -> Output {
-        let until = clock.now() + 3 * PATIENCE;
-        while !self.is_over() {
-            assert!(clock.now() < until, "it does not end");
-            clock.wait(clock.now() + Duration::from_millis(20));
-            while clock.receive().is_some() {}
+    /// Waits for the end; exit code, standard output, standard error.
+    fn end(mut self) -> (i32, String, String) {
+        let mut child = self.0.take().expect("it runs");
+        let started = Instant::now();
+        while child.try_wait().expect("it is a child").is_none() {
+            assert!(started.elapsed() < LIMIT, "it hangs");
+            std::thread::sleep(Duration::from_millis(10));
         }
-        let status = self.0.wait().expect("a child");
-        let (mut stdout, mut stderr) = (Vec::new(), Vec::new());
-        self.0.stdout.take().expect("a pipe").read_to_end(&mut stdout).expect("a pipe");
-        self.0.stderr.take().expect("a pipe").read_to_end(&mut stderr).expect("a pipe");
-        Output { status, stdout, stderr }
+        let (mut out, mut error) = (String::new(), String::new());
+        child.stdout.take().expect("piped").read_to_string(&mut out).expect("text");
+        child.stderr.take().expect("piped").read_to_string(&mut error).expect("text");
+        (child.wait().expect("it is a child").code().unwrap_or(-1), out, error)
+    }
+
+    fn document(self) -> (i32, Value) {
+        let (code, out, error) = self.end();
+        (code, serde_json::from_str(&out).unwrap_or_else(|problem| panic!("{problem}: {out}\n{error}")))
+    }
+
+    /// Ends simulated devices by Ctrl-C; what they say.
+    fn interrupted(self) -> String {
+        self.signal("INT");
+        let (code, out, error) = self.end();
+        assert_eq!(code, OK, "{error}");
+        out
     }
 }
 
-impl Drop for Process {
+impl Drop for Running {
     fn drop(&mut self) {
-        // It may be over already.
-        let _ = self.0.kill();
-        let _ = self.0.wait();
+        if let Some(child) = &mut self.0 {
+            let _ = child.kill();
+            let _ = child.wait();
+        }
     }
 }
 
-/// An interface with simulated devices and somebody who listens.
-struct Rig {
-    own: Own,
+/// Who listens on the bus.
+struct Observer {
     link: SocketCan,
-    devices: Process,
+    frames: Vec<Frame>,
 }
 
-impl Rig {
-    fn new(name: &'static str) -> Self {
-        let own = Own::new(name);
-        let link = Real::open(&SocketCanSettings::everything(name));
-        let devices = Process::start(&["sim", RIG, "--bus", name, "--pace", "lockstep"]);
-        let mut rig = Self { own, link, devices };
-        for node in [1, 2, 10] {
-            rig.hear(|seen| seen.frame.id() == 0x700 + node && seen.frame.data() == [0]);
-        }
-        rig
+impl Observer {
+    fn new() -> Self {
+        Self { link: Real::open(&SocketCanSettings::everything(&bus())), frames: Vec::new() }
     }
 
-    fn run(&self, duration_s: &str) -> Process {
-        let folder = std::env::temp_dir().join(self.own.name());
-        let black_box = folder.to_str().expect("a name in plain letters");
-        let bus = ["--json", "run", RIG, "--bus", self.own.name(), "--pace", "lockstep"];
-        Process::start(&[&bus[..], &["--duration", duration_s, "--black-box", black_box]].concat())
-    }
-
-    /// The next frame for which `is_it`.
-    fn hear(&mut self, is_it: impl Fn(&Seen) -> bool) -> Seen {
-        let until = self.link.now() + PATIENCE;
-        while self.link.now() < until {
-            assert!(!self.devices.is_over(), "the devices have ended");
-            while let Some(arrival) = self.link.receive() {
-                let Received::Frame(frame) = arrival.what else { continue };
-                let seen = Seen { time: arrival.time, frame };
-                if is_it(&seen) {
-                    return seen;
-                }
-            }
-            self.link.wait(until);
-        }
-        panic!("it has not come for {PATIENCE:?}");
-    }
-
-    /// Waits until both drives are in Operation Enabled, by what they say in every cycle, and a while longer.
-    fn runs(&mut self) {
-        for node in DRIVE_NODES {
-            self.hear(|seen| {
-                let bytes = seen.frame.bytes();
-                seen.frame.id() == 0x180 + node && u16::from_le_bytes([bytes[0], bytes[1]]) & ENABLED.1 == ENABLED.0
-            });
-        }
-        for _ in 0..100 {
-            self.hear(|seen| seen.frame.id() == 0x080);
+    /// Listens until `is_enough` of all that was heard.
+    fn until(&mut self, what: &str, is_enough: impl Fn(&[Frame]) -> bool) {
+        let started = Instant::now();
+        while !is_enough(&self.frames) {
+            assert!(started.elapsed() < LIMIT, "no {what} in {} frames", self.frames.len());
+            self.link.wait(self.link.now() + Duration::from_millis(20));
+            self.listen();
         }
     }
 
-    /// Waits until neither drive is in Operation Enabled, by its own word.
-    fn comes_to_rest(&mut self) {
-        for node in DRIVE_NODES {
-            let mut client = client(node as u8);
-            let mut link = Real::open(&SocketCanSettings::everything(self.own.name()));
-            let until = link.now() + PATIENCE;
-            loop {
-                let outcome = transfer(&mut link, &mut client, |client, now, out| {
-                    client.start_upload(now, 0x6041, 0, out).expect("idle");
-                });
-                assert!(matches!(outcome, SdoOutcome::Uploaded { .. }), "{outcome:?}");
-                let word = client.value::<u16>().expect("two bytes");
-                if word & ENABLED.1 != ENABLED.0 {
-                    break;
-                }
-                assert!(link.now() < until, "drive {node} is still enabled: {word:04X}h");
-                link.wait(link.now() + Duration::from_millis(100));
-                while link.receive().is_some() {}
+    fn listen(&mut self) {
+        while let Some(arrival) = self.link.receive() {
+            match arrival.what {
+                Received::Frame(frame) => self.frames.push(frame),
+                Received::Overflow { frames } => panic!("the observer has lost {frames} frames"),
+                _ => {}
             }
         }
     }
 
-    /// Set-points that have come since the last look and enable a drive.
-    fn enabling(&mut self) -> usize {
-        let arrivals = std::iter::from_fn(|| self.link.receive());
-        let frames = arrivals.filter_map(|arrival| match arrival.what {
-            Received::Frame(frame) => Some(Seen { time: arrival.time, frame }),
-            _ => None,
-        });
-        let set_points = frames.filter(|seen| DRIVE_NODES.iter().any(|node| seen.frame.id() == 0x200 + node));
-        set_points.filter(|seen| setpoint(seen).enables()).count()
+    /// Both drives were told to be in Operation Enabled for so many cycles.
+    fn until_moving(&mut self, cycles: usize) {
+        self.until("motion", |frames| set_points(frames).filter(|word| *word == 0x0f).count() > 2 * cycles);
+    }
+
+    /// Everything that goes over the bus until it is quiet for a while.
+    fn rest(&mut self) -> Vec<Frame> {
+        while self.link.wait(self.link.now() + Duration::from_millis(300)) {
+            self.listen();
+        }
+        std::mem::take(&mut self.frames)
     }
 }
 
-fn says(output: &Output, key: &str, value: &str) -> bool {
-    String::from_utf8_lossy(&output.stdout).contains(&format!("\"{key}\": {value}"))
+/// The low byte of every controlword for a drive, in the order of the bus.
+fn set_points(frames: &[Frame]) -> impl Iterator<Item = u8> {
+    frames.iter().filter(|frame| matches!(frame.id(), 0x201 | 0x202)).map(|frame| frame.bytes()[0])
 }
 
-fn text(output: &Output) -> String {
-    String::from_utf8_lossy(&[&output.stdout[..], &output.stderr].concat()).into_owned()
+fn emergencies(frames: &[Frame], node: u8) -> Vec<u16> {
+    let own = frames.iter().filter_map(Emergency::decode).filter(|emergency| emergency.node.raw() == node);
+    own.filter(|emergency| !emergency.code.is_reset()).map(|emergency| emergency.code.0).collect()
 }
 
-#[test]
-#[ignore = "needs a CAN interface: see hil-tests/vcan"]
-fn a_hand_is_held_on_the_circle_and_the_rig_ends_at_rest() {
-    let mut rig = Rig::new("ywcircle");
-    let output = rig.run("3").output(&mut rig.link);
-    assert!(output.status.success(), "{}", text(&output));
-    let whole = [("ended", "\"Whole\""), ("cycles", "3000"), ("lost", "0"), ("not_sent", "0"), ("cause", "null")];
-    for (key, value) in whole {
-        assert!(says(&output, key, value), "{key} is not {value}: {}", text(&output));
+/// Both axes get the quick stop with the same cycle: until the first word that is none to move, all are; from the next pair
+/// on, none is.
+fn assert_stopped_together(frames: &[Frame]) {
+    let words: Vec<u8> = set_points(frames).collect();
+    let pairs: Vec<&[u8]> = words.chunks_exact(2).skip_while(|pair| **pair != [0x0f; 2]).collect();
+    let moving = pairs.iter().take_while(|pair| ***pair == [0x0f; 2]).count();
+    assert!(moving > 0 && moving < pairs.len(), "it moved, and then it did not");
+    for pair in &pairs[moving..] {
+        assert!(pair.iter().all(|word| *word != 0x0f), "{pair:?}");
     }
-    rig.comes_to_rest();
+}
+
+fn lockstep(rig: &str) -> Running {
+    Running::sim(rig, &["--pace", "lockstep"])
+}
+
+fn run_for(seconds: &str) -> Running {
+    Running::run(RIG, &["--pace", "lockstep", "--duration", seconds])
 }
 
 #[test]
 #[ignore = "needs a CAN interface: see hil-tests/vcan"]
-fn drives_stop_by_themselves_when_the_master_is_killed() {
-    let mut rig = Rig::new("ywkill");
-    let master = rig.run("60");
-    rig.runs();
-    master.signal("-KILL");
-    rig.comes_to_rest();
+fn a_circle_is_held_in_lockstep_over_two_processes() {
+    let sim = Running::sim(RIG, &["--pace", "lockstep", "--scene", "builtin:scenes/circle-hold.yaml"]);
+    let (code, document) = run_for("6").document();
+    assert_eq!(code, OK, "{document:#}");
+    assert_eq!((&document["cycles"], &document["state"]), (&Value::from(6000), &Value::from("Running")));
+    assert_eq!((&document["frames"]["lost"], &document["frames"]["not_sent"]), (&Value::from(0), &Value::from(0)));
+    let measures = &document["measures"];
+    assert_eq!(measures["unintended_releases"], 0, "{measures:#}");
+    assert!(measures["tool_max_on_surface_mm"].as_f64().is_some_and(|most| most < 1.0), "{measures:#}");
+    // Every cycle is a SYNC that the devices took part in.
+    let served = sim.interrupted();
+    assert!(served.contains("SYNC"), "{served}");
 }
 
 #[test]
 #[ignore = "needs a CAN interface: see hil-tests/vcan"]
-fn a_master_that_was_stopped_for_long_does_not_enable_again() {
-    let mut rig = Rig::new("ywstop");
-    let master = rig.run("60");
-    rig.runs();
-    master.signal("-STOP");
-    rig.comes_to_rest();
-    rig.enabling();
-    master.signal("-CONT");
-    let until = rig.link.now() + PATIENCE;
-    let mut master = master;
-    // Set-points that were computed before it was stopped may still be on the way: one for each drive.
-    let mut enabling = 0;
-    while !master.is_over() && rig.link.now() < until {
-        rig.link.wait(rig.link.now() + Duration::from_millis(50));
-        enabling += rig.enabling();
+fn devices_in_three_processes_share_one_arm_and_one_that_dies_stops_the_rig() {
+    let socket = std::env::temp_dir().join(format!("yieldwall-plant-{}.sock", std::process::id()));
+    let socket = socket.to_str().expect("a plain path");
+    let plant = Running::sim(RIG, &["--pace", "lockstep", "--nodes", "left", "--plant", socket]);
+    let right = Running::sim(RIG, &["--nodes", "right", "--attach", socket]);
+    let wrist = Running::sim(RIG, &["--nodes", "wrist", "--attach", socket]);
+    let (code, document) = run_for("1.5").document();
+    assert_eq!((code, &document["state"]), (OK, &Value::from("Running")), "{document:#}");
+
+    let mut observer = Observer::new();
+    let master = run_for("60");
+    observer.until_moving(300);
+    right.signal("KILL");
+    let (code, document) = master.document();
+    assert_eq!(code, SAFETY_STOP, "{document:#}");
+    assert_eq!((&document["cause"], &document["state"]), (&Value::from("pdo-missed"), &Value::from("Stopped")));
+    assert_stopped_together(&observer.rest());
+
+    // It is named when it is missed, and can be put back.
+    let (code, document) = run_for("1").document();
+    assert_eq!(code, DEVICE_MISMATCH);
+    assert!(document.to_string().contains("node 2 (right)"), "{document:#}");
+    let right = Running::sim(RIG, &["--nodes", "right", "--attach", socket]);
+    let (code, document) = run_for("1").document();
+    assert_eq!(code, OK, "{document:#}");
+
+    // So with the sensor, and the rig stops along its ramp.
+    let mut observer = Observer::new();
+    let master = run_for("60");
+    observer.until_moving(300);
+    wrist.signal("KILL");
+    let (code, document) = master.document();
+    assert_eq!((code, &document["state"]), (SAFETY_STOP, &Value::from("Stopped")), "{document:#}");
+    assert_eq!(document["cause_devices"], "force sensor", "{document:#}");
+    assert_stopped_together(&observer.rest());
+    drop((plant, right, wrist));
+    let _ = std::fs::remove_file(socket);
+}
+
+#[test]
+#[ignore = "needs a CAN interface: see hil-tests/vcan"]
+fn a_master_that_is_killed_leaves_drives_that_stop_by_themselves() {
+    let sim = lockstep(RIG);
+    let mut observer = Observer::new();
+    let master = run_for("60");
+    observer.until_moving(300);
+    master.signal("KILL");
+    observer
+        .until("emergency of both drives", |frames| [1, 2].iter().all(|node| !emergencies(frames, *node).is_empty()));
+    let frames = observer.rest();
+    let last_sync = frames.iter().rposition(|frame| frame.id() == cob::SYNC).expect("it ran");
+    let first = frames.iter().position(|frame| matches!(frame.id(), 0x081 | 0x082)).expect("they told");
+    assert!(first > last_sync, "they held on as long as the master lived");
+    assert!(set_points(&frames[last_sync..]).count() <= 2, "nobody moves them any more");
+    // A person starts the program anew: the drives are reset, and the rig runs.
+    let (code, document) = run_for("1").document();
+    assert_eq!(code, OK, "{document:#}");
+    drop(sim);
+}
+
+#[test]
+#[ignore = "needs a CAN interface: see hil-tests/vcan"]
+fn a_master_that_is_stopped_and_goes_on_finds_its_drives_stopped_and_latches() {
+    let sim = lockstep(RIG);
+    let mut observer = Observer::new();
+    let master = run_for("60");
+    observer.until_moving(300);
+    master.signal("STOP");
+    observer
+        .until("emergency of both drives", |frames| [1, 2].iter().all(|node| !emergencies(frames, *node).is_empty()));
+    observer.frames.clear();
+    master.signal("CONT");
+    let (code, document) = master.document();
+    assert!([SAFETY_STOP, 6].contains(&code), "{document:#}");
+    assert_ne!(document["state"], "Running");
+    let words: Vec<u8> = set_points(&observer.rest()).collect();
+    // What was computed before it was stopped may still come; after that nothing moves.
+    assert!(words.iter().skip(2).all(|word| *word != 0x0f), "{words:?}");
+    drop(sim);
+}
+
+#[test]
+#[ignore = "needs a CAN interface: see hil-tests/vcan"]
+fn a_node_that_is_reset_in_motion_stops_both_axes_in_the_same_cycle() {
+    let sim = lockstep(RIG);
+    let mut observer = Observer::new();
+    let master = run_for("60");
+    observer.until_moving(300);
+    observer.link.send(&Frame::new(cob::NMT, &[0x81, 1])).expect("the interface is up");
+    let (code, document) = master.document();
+    assert_eq!(code, SAFETY_STOP, "{document:#}");
+    let cause = document["cause"].as_str().unwrap_or_default();
+    assert!(["node-reset", "intruder", "drive-left-operation"].contains(&cause), "{document:#}");
+    assert_stopped_together(&observer.rest());
+    drop(sim);
+}
+
+#[test]
+#[ignore = "needs a CAN interface: see hil-tests/vcan"]
+fn an_interface_that_is_taken_down_is_a_lost_bus() {
+    if bus() != "vcan0" {
+        return;
     }
-    let mut clock = rig.own.link();
-    let output = master.output(&mut clock);
-    assert!(!output.status.success() && !says(&output, "ended", "\"Whole\""), "{}", text(&output));
-    assert!(enabling <= 2, "{enabling} set-points that enable");
-    rig.comes_to_rest();
+    let sim = lockstep(RIG);
+    let mut observer = Observer::new();
+    let master = run_for("60");
+    observer.until_moving(300);
+    let set =
+        |state: &str| assert!(Command::new("ip").args(["link", "set", "vcan0", state]).status().unwrap().success());
+    set("down");
+    let (code, document) = master.document();
+    set("up");
+    assert_eq!(code, SAFETY_STOP, "{document:#}");
+    assert_eq!((&document["cause"], &document["state"]), (&Value::from("link-down"), &Value::from("Lost")));
+    drop(sim);
 }
 
 #[test]
 #[ignore = "needs a CAN interface: see hil-tests/vcan"]
-fn an_interface_that_goes_down_ends_the_run_and_the_drives_stop() {
-    let mut rig = Rig::new("ywcut");
-    let master = rig.run("60");
-    rig.runs();
-    rig.own.set("down");
-    let mut clock = Real::new().client(127);
-    let output = master.output(&mut clock);
-    assert!(!output.status.success(), "{}", text(&output));
-    assert!(says(&output, "state", "\"Lost\""), "{}", text(&output));
-    rig.own.set("up");
-    rig.comes_to_rest();
+fn ctrl_c_is_a_controlled_stop() {
+    let sim = lockstep(RIG);
+    let mut observer = Observer::new();
+    let master = run_for("60");
+    observer.until_moving(300);
+    master.signal("INT");
+    let (code, document) = master.document();
+    assert_eq!(code, INTERRUPTED, "{document:#}");
+    assert_eq!((&document["state"], &document["cause"]), (&Value::from("Running"), &Value::Null));
+    let frames = observer.rest();
+    assert_stopped_together(&frames);
+    assert!(emergencies(&frames, 1).is_empty() && emergencies(&frames, 2).is_empty(), "no drive was left waiting");
+    drop(sim);
+}
+
+#[test]
+#[ignore = "needs a CAN interface: see hil-tests/vcan"]
+fn what_is_missing_is_named_and_no_drive_is_enabled() {
+    let (code, document) = Running::start(&["run", RIG, "--bus", "nowhere0", "--json"]).document();
+    assert_eq!(code, BUS_UNAVAILABLE);
+    assert!(document.to_string().contains("nowhere0"), "{document:#}");
+    let (code, document) = run_for("1").document();
+    assert_eq!(code, DEVICE_MISMATCH);
+    assert!(document.to_string().contains("node 1 (left)"), "{document:#}");
+    // Nobody has drilled these drives on this machine.
+    let sim = Running::sim(RIG, &[]);
+    let mut observer = Observer::new();
+    let (code, document) = Running::run(RIG, &["--duration", "1"]).document();
+    assert_eq!(code, DEVICE_MISMATCH);
+    assert!(document.to_string().contains("yieldwall drill"), "{document:#}");
+    assert_eq!(set_points(&observer.rest()).filter(|word| *word == 0x0f).count(), 0);
+    drop(sim);
+}
+
+/// On the clock of the wall: what the machine grants decides whether the rig runs, and what it says if it does not.
+#[test]
+#[ignore = "needs a CAN interface: see hil-tests/vcan"]
+fn a_drilled_rig_runs_on_the_wall_clock_or_says_that_this_computer_is_late() {
+    let sim = Running::sim(SLOW_RIG, &[]);
+    let bus = bus();
+    let drill = || Running::start(&["drill", SLOW_RIG, "--bus", &bus, "--json"]).document();
+    let (code, document) =
+        (0..5).map(|_| drill()).find(|(code, _)| *code != TIMING_MISSED).expect("once in five times");
+    assert_eq!(code, OK, "{document:#}");
+    for finding in document["watchdogs"]["findings"].as_array().expect("findings") {
+        assert!(finding["left_stops_after_ms"].is_number() && finding["right_stops_after_ms"].is_number(), "{finding}");
+    }
+    let mut observer = Observer::new();
+    let (code, document) = Running::run(SLOW_RIG, &["--duration", "3"]).document();
+    assert!([OK, TIMING_MISSED].contains(&code), "{document:#}");
+    assert_stopped_together(&observer.rest());
+    drop(sim);
+    // The same drives, one of whose watchdogs is gone.
+    let sim = Running::sim(SLOW_RIG, &["--unwatched", "heartbeat"]);
+    let (code, document) =
+        (0..5).map(|_| drill()).find(|(code, _)| *code != TIMING_MISSED).expect("once in five times");
+    assert_eq!(code, OUT_OF_TOLERANCE, "{document:#}");
+    let (code, document) = Running::run(SLOW_RIG, &["--duration", "1"]).document();
+    assert_eq!(code, OUT_OF_TOLERANCE, "{document:#}");
+    assert!(document.to_string().contains("heartbeat"), "{document:#}");
+    drop(sim);
 }
