@@ -25,6 +25,9 @@ pub mod bus;
 #[cfg(feature = "config")]
 pub mod config;
 pub mod injection;
+pub mod link;
+#[cfg(feature = "sim")]
+pub mod live;
 #[cfg(feature = "sim")]
 pub mod record;
 #[cfg(feature = "sim")]

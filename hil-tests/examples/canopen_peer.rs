@@ -1,185 +1,136 @@
-//! This project's CANopen engines against a foreign stack, without a CAN interface: frames are lines on stdin and stdout.
-//!
-//! A line is `ID#DATA` in hexadecimal as candump writes it, `ID#R1` for a remote frame. Time is that of the machine.
+//! This project's CANopen engines for a foreign stack to talk to, on the interface that `YIELDWALL_CAN` names, else vcan0.
 //!
 //! ```text
 //! canopen_peer device                    node 5 with a domain 2001h:0 of up to 1 MiB, which can be stored (1010h)
 //! canopen_peer bare-device               the same without a node id: waits for LSS
 //! canopen_peer read 2001 0 [block]       reads an object of node 5, prints `= DATA` and ends
 //! canopen_peer write 2001 0 HEX [block]  writes it, prints `= ok` and ends
+//! canopen_peer speed N BYTES ROUNDS      reads 2000h:0 of node 5 N times, then 2001h:0 of BYTES bytes ROUNDS times in
+//!                                        segments; prints `= READS_PER_S BYTES_PER_S` and ends
 //! ```
+//!
+//! A device prints `= ready` when it is on the bus, and is there until it is killed.
 
-use std::io::{BufRead, Write};
 use std::process::ExitCode;
-use std::sync::mpsc::{Receiver, RecvTimeoutError, channel};
-use std::time::{Duration, Instant};
 
-use yieldwall::canopen::{
-    CanopenError, DataType, DeviceIdentity, Frame, Node, Object, ObjectDictionary, SdoClient, SdoOutcome, Time, node_id,
-};
+#[cfg(target_os = "linux")]
+mod peer {
+    use std::time::Instant;
 
-const NODE: u8 = 5;
-const DOMAIN: usize = 1 << 20;
+    use hil_tests::network::{Network, Participant, Real, bare, client, device, transfer};
+    use yieldwall::canopen::{SdoClient, SdoOutcome};
+    use yieldwall::link::SocketCan;
+
+    const NODE: u8 = 5;
+
+    pub(super) fn run(words: &[&str]) -> Result<(), String> {
+        match words {
+            ["device"] => serve(device(NODE)),
+            ["bare-device"] => serve(bare()),
+            ["read", index, sub, options @ ..] => pass(index, sub, None, options).map(|data| say(&hex(&data))),
+            ["write", index, sub, data, options @ ..] => pass(index, sub, Some(data), options).map(|_| say("ok")),
+            ["speed", reads, bytes, rounds] => speed(number(reads)?, number(bytes)?, number(rounds)?),
+            _ => Err(
+                "device | bare-device | read INDEX SUB [block] | write INDEX SUB HEX [block] | speed N BYTES ROUNDS"
+                    .into(),
+            ),
+        }
+    }
+
+    fn serve(device: impl Participant + 'static) -> Result<(), String> {
+        let mut bus = Real::new();
+        bus.attach(device);
+        say("ready");
+        loop {
+            std::thread::park();
+        }
+    }
+
+    fn pass(index: &str, sub: &str, data: Option<&str>, options: &[&str]) -> Result<Vec<u8>, String> {
+        let index = u16::from_str_radix(index, 16).map_err(|error| format!("{index}: {error}"))?;
+        let sub = number(sub)? as u8;
+        let data = data.map(|text| unhex(text).ok_or("the data are not hexadecimal")).transpose()?;
+        let mut link = Real::new().client(NODE);
+        let mut client = client(NODE);
+        let is_block = options == ["block"];
+        let outcome = transfer(&mut link, &mut client, |client, now, out| {
+            match (&data, is_block) {
+                (Some(data), true) => client.start_block_download(now, index, sub, data, out),
+                (Some(data), false) => client.start_download(now, index, sub, data, out),
+                (None, true) => client.start_block_upload(now, index, sub, out),
+                (None, false) => client.start_upload(now, index, sub, out),
+            }
+            .expect("idle, and within the capacity");
+        });
+        check(outcome)?;
+        Ok(client.data().to_vec())
+    }
+
+    fn check(outcome: SdoOutcome) -> Result<(), String> {
+        match outcome {
+            SdoOutcome::Uploaded { .. } | SdoOutcome::Downloaded { .. } => Ok(()),
+            SdoOutcome::Aborted { code, .. } => Err(code.to_string()),
+            SdoOutcome::TimedOut { may_be_written, .. } => Err(format!("no answer; may be written: {may_be_written}")),
+        }
+    }
+
+    fn speed(reads: usize, bytes: usize, rounds: usize) -> Result<(), String> {
+        let mut link = Real::new().client(NODE);
+        let mut client = client(NODE);
+        let mut time = |index: u16, times: usize, len: usize| {
+            let start = Instant::now();
+            for _ in 0..times {
+                upload(&mut link, &mut client, index)?;
+                if client.data().len() != len {
+                    return Err(format!("{index:04X}h has {} bytes, not {len}", client.data().len()));
+                }
+            }
+            Ok(start.elapsed().as_secs_f64())
+        };
+        let short = reads as f64 / time(0x2000, reads, 4)?;
+        let long = (bytes * rounds) as f64 / time(0x2001, rounds, bytes)?;
+        say(&format!("{short:.0} {long:.0}"));
+        Ok(())
+    }
+
+    fn upload(link: &mut SocketCan, client: &mut SdoClient, index: u16) -> Result<(), String> {
+        check(transfer(link, client, |client, now, out| client.start_upload(now, index, 0, out).expect("idle")))
+    }
+
+    fn number(text: &str) -> Result<usize, String> {
+        text.parse().map_err(|error| format!("{text}: {error}"))
+    }
+
+    fn hex(data: &[u8]) -> String {
+        data.iter().map(|byte| format!("{byte:02X}")).collect()
+    }
+
+    fn unhex(text: &str) -> Option<Vec<u8>> {
+        let digits: Option<Vec<u8>> = text.chars().map(|digit| digit.to_digit(16).map(|value| value as u8)).collect();
+        let digits = digits.filter(|digits| digits.len().is_multiple_of(2))?;
+        Some(digits.chunks(2).map(|pair| pair[0] << 4 | pair[1]).collect())
+    }
+
+    fn say(result: &str) {
+        println!("= {result}");
+    }
+}
+
+#[cfg(not(target_os = "linux"))]
+mod peer {
+    pub(super) fn run(_: &[&str]) -> Result<(), String> {
+        Err("CAN interfaces exist on Linux only".into())
+    }
+}
 
 fn main() -> ExitCode {
     let arguments: Vec<String> = std::env::args().skip(1).collect();
     let words: Vec<&str> = arguments.iter().map(String::as_str).collect();
-    let done = match words.as_slice() {
-        ["device"] => device(false),
-        ["bare-device"] => device(true),
-        ["read", index, sub, options @ ..] => transfer(index, sub, None, options),
-        ["write", index, sub, data, options @ ..] => transfer(index, sub, Some(data), options),
-        _ => Err("device | bare-device | read INDEX SUB [block] | write INDEX SUB HEX [block]".into()),
-    };
-    match done {
+    match peer::run(&words) {
         Ok(()) => ExitCode::SUCCESS,
         Err(message) => {
             eprintln!("{message}");
             ExitCode::FAILURE
         }
     }
-}
-
-/// The two ends of the line protocol, and the clock.
-struct Line {
-    frames: Receiver<Frame>,
-    start: Instant,
-}
-
-impl Line {
-    fn open() -> Self {
-        let (sender, frames) = channel();
-        std::thread::spawn(move || {
-            for line in std::io::stdin().lock().lines().map_while(Result::ok) {
-                if let Some(frame) = parse(&line)
-                    && sender.send(frame).is_err()
-                {
-                    break;
-                }
-            }
-        });
-        Line { frames, start: Instant::now() }
-    }
-
-    fn now(&self) -> Time {
-        Time(self.start.elapsed().as_nanos() as u64)
-    }
-
-    /// The next frame, or nothing at `deadline`; an error when the other side has gone.
-    fn wait(&self, deadline: Time) -> Result<Option<Frame>, RecvTimeoutError> {
-        match self.frames.recv_timeout(deadline.since(self.now()).min(Duration::from_secs(3600))) {
-            Ok(frame) => Ok(Some(frame)),
-            Err(RecvTimeoutError::Timeout) => Ok(None),
-            Err(gone) => Err(gone),
-        }
-    }
-}
-
-fn send(frames: &mut Vec<Frame>) -> Result<(), String> {
-    let mut out = std::io::stdout().lock();
-    for frame in frames.drain(..) {
-        let text = if frame.is_remote() { format!("R{}", frame.length_code()) } else { hex(frame.data()) };
-        writeln!(out, "{:03X}#{text}", frame.id()).map_err(|error| error.to_string())?;
-    }
-    out.flush().map_err(|error| error.to_string())
-}
-
-fn hex(data: &[u8]) -> String {
-    data.iter().map(|byte| format!("{byte:02X}")).collect()
-}
-
-fn unhex(text: &str) -> Option<Vec<u8>> {
-    let digits: Option<Vec<u8>> = text.chars().map(|digit| digit.to_digit(16).map(|value| value as u8)).collect();
-    let digits = digits.filter(|digits| digits.len().is_multiple_of(2))?;
-    Some(digits.chunks(2).map(|pair| pair[0] << 4 | pair[1]).collect())
-}
-
-fn parse(line: &str) -> Option<Frame> {
-    let (id, rest) = line.trim().split_once('#')?;
-    let id = u16::from_str_radix(id, 16).ok()?;
-    match rest.strip_prefix('R') {
-        Some(len) => Some(Frame::remote(id, len.parse().unwrap_or(0))),
-        None => unhex(rest).map(|data| Frame::new(id, &data)),
-    }
-}
-
-fn device(is_bare: bool) -> Result<(), String> {
-    let mut node = build(is_bare).map_err(|error| error.to_string())?;
-    let line = Line::open();
-    let mut out = Vec::new();
-    node.boot(line.now(), &mut (), &mut out);
-    loop {
-        send(&mut out)?;
-        let Ok(frame) = line.wait(node.next_deadline()) else { return Ok(()) };
-        match frame {
-            Some(frame) => node.on_frame(line.now(), &frame, &mut (), &mut out),
-            None => node.poll(line.now(), &mut (), &mut out),
-        }
-    }
-}
-
-fn build(is_bare: bool) -> Result<Node, CanopenError> {
-    let id = node_id(NODE)?;
-    let identity = DeviceIdentity {
-        device_type: 0x0002_0192,
-        name: "a peer for other stacks".into(),
-        vendor_id: 0x0102_0304,
-        product_code: 0x8000_0001,
-        revision: 1,
-        serial: 0xffff_fffe,
-    };
-    let od = ObjectDictionary::builder()
-        .communication_profile(id, &identity)
-        .object(Object::new(0x2000, 0, 0u32))
-        .object(Object::bytes(0x2001, 0, DataType::Domain, &[], DOMAIN))
-        .build()?;
-    let mut node = Node::new(id, od)?;
-    if is_bare {
-        node.forget_node_id();
-    }
-    Ok(node)
-}
-
-fn transfer(index: &str, sub: &str, data: Option<&str>, options: &[&str]) -> Result<(), String> {
-    let index = u16::from_str_radix(index, 16).map_err(|error| error.to_string())?;
-    let sub = sub.parse().map_err(|error| format!("{sub}: {error}"))?;
-    let is_block = options == ["block"];
-    let id = node_id(NODE).map_err(|error| error.to_string())?;
-    let mut client = SdoClient::new(id, Duration::from_secs(1), SdoClient::DEFAULT_CAPACITY);
-    let line = Line::open();
-    let mut out = Vec::new();
-    let now = line.now();
-    let started = match data {
-        Some(text) => {
-            let data = unhex(text).ok_or("the data are not hexadecimal")?;
-            if is_block {
-                client.start_block_download(now, index, sub, &data, &mut out)
-            } else {
-                client.start_download(now, index, sub, &data, &mut out)
-            }
-        }
-        None if is_block => client.start_block_upload(now, index, sub, &mut out),
-        None => client.start_upload(now, index, sub, &mut out),
-    };
-    started.map_err(|error| error.to_string())?;
-    loop {
-        send(&mut out)?;
-        let frame = line.wait(client.next_deadline()).map_err(|error| error.to_string())?;
-        let outcome = match frame {
-            Some(frame) => client.on_frame(line.now(), &frame, &mut out),
-            None => client.poll(line.now(), &mut out),
-        };
-        let Some(outcome) = outcome else { continue };
-        send(&mut out)?;
-        return match outcome {
-            SdoOutcome::Uploaded { .. } => say(&hex(client.data())),
-            SdoOutcome::Downloaded { .. } => say("ok"),
-            SdoOutcome::Aborted { code, .. } => Err(code.to_string()),
-            SdoOutcome::TimedOut { may_be_written, .. } => Err(format!("no answer; may be written: {may_be_written}")),
-        };
-    }
-}
-
-fn say(result: &str) -> Result<(), String> {
-    writeln!(std::io::stdout(), "= {result}").map_err(|error| error.to_string())
 }

@@ -2,9 +2,12 @@
 //!
 //! [`Scenario`] names a shipped rig and what is changed about it; [`Recording`] is what an observer on the bus sees of it.
 //! [`arbitrary`] has bodies for any bytes. The benchmarks time a [`machine::Machine`] and its stages on what [`tape`] recorded.
+//! [`network`] is a bus with devices, virtual or behind an interface.
 
 pub mod arbitrary;
+pub mod cable;
 pub mod machine;
+pub mod network;
 mod observe;
 mod scenario;
 pub mod stopwatch;

@@ -19,12 +19,14 @@ drives, canopen      <-  bus, sim; guard and cycle may name the states of `drive
 plain_can            names canopen and sensing; named by bus, sim, rig
 sim                  may name drives, canopen, linkage, sensing, setvalued, quantity; never cycle, guard, control, fixture
 injection            may name guard; named by config, rig, study, soak, cli
+link                 names canopen and bus; named by live, cli
+live                 the rig on a real bus: names link, rig and what rig names; named by cli
 config               names the parameter types of the layers below cycle; named by bus, sim, rig, study, soak, record, cli
 record               names what enters and leaves a cycle: cycle, guard, sensing, quantity, the states of `drives::cia402`; named by rig, study, soak, cli
 ";
 
 /// All layers. `drives` is not among them: it is a package of its own, `yieldwall_drives`.
-const LAYERS: [&str; 19] = [
+const LAYERS: [&str; 21] = [
     "quantity",
     "setvalued",
     "sensing",
@@ -37,10 +39,12 @@ const LAYERS: [&str; 19] = [
     "plain_can",
     "bus",
     "injection",
+    "link",
     "config",
     "sim",
     "record",
     "rig",
+    "live",
     "study",
     "soak",
     "cli",
@@ -61,19 +65,21 @@ fn may_name(layer: &str) -> Option<Vec<&'static str>> {
         "plain_can" => vec!["canopen", "sensing"],
         "bus" => bus(),
         "injection" => vec!["guard"],
+        "link" => vec!["canopen", "bus"],
         "config" => [&stages[..], &engines, &["guard", "injection"]].concat(),
         "sim" => [&base[..], &engines, &["plain_can", "sensing", "linkage", "config"]].concat(),
         "record" => [&["quantity", "config", "sensing", "guard", "cycle"], &states[..]].concat(),
         "rig" => [bus(), vec!["bus", "injection", "sim", "record"]].concat(),
+        "live" => [bus(), vec!["bus", "link", "sim", "record", "rig"]].concat(),
         "study" => [bus(), vec!["bus", "injection", "sim", "record", "rig"]].concat(),
         "soak" => [bus(), vec!["bus", "injection", "sim", "record", "rig"]].concat(),
-        "cli" => [bus(), vec!["bus", "injection", "sim", "record", "rig", "study", "soak"]].concat(),
+        "cli" => [bus(), vec!["bus", "injection", "sim", "link", "live", "record", "rig", "study", "soak"]].concat(),
         _ => return None,
     })
 }
 
 /// Foreign crates that only some places may name, tests included.
-const ONLY_IN: [(&str, &[&str]); 7] = [
+const ONLY_IN: [(&str, &[&str]); 9] = [
     ("clap", &["cli", "main"]),
     ("miette", &["cli", "main"]),
     ("serde_saphyr", &["config::yaml"]),
@@ -81,6 +87,8 @@ const ONLY_IN: [(&str, &[&str]); 7] = [
     ("canopen_rs", &["canopen"]),
     ("mcap", &["record::recording"]),
     ("rtrb", &["record::recording"]),
+    ("socketcan", &["link::linux"]),
+    ("libc", &["link::linux", "live::host"]),
 ];
 
 #[test]

@@ -226,6 +226,13 @@ impl Image {
         self.is_open = true;
     }
 
+    /// Whether all process data of this cycle have arrived.
+    ///
+    /// Real-time: yes.
+    pub(super) fn is_complete(&self) -> bool {
+        self.incoming.iter().all(|incoming| incoming.has_arrived)
+    }
+
     /// Takes a frame from another node, and says what it is.
     ///
     /// A frame that comes after the computation is too late for its cycle and not used. Of two in one cycle the first

@@ -410,6 +410,55 @@ impl Master {
         }
     }
 
+    /// Whether the process data of all nodes have arrived since [`Master::on_sync`].
+    ///
+    /// Real-time: yes.
+    pub fn has_process_data(&self) -> bool {
+        self.image.is_complete()
+    }
+
+    /// Whether SYNC was held back in this cycle, since the set-points of an earlier one are still on their way or nothing
+    /// is sent at all: no process data can come.
+    ///
+    /// Real-time: yes.
+    pub fn is_sync_held(&self) -> bool {
+        self.is_held || self.is_silent
+    }
+
+    /// Whether set-points were sent that have not been seen on the bus yet.
+    ///
+    /// Real-time: yes.
+    pub fn is_in_flight(&self) -> bool {
+        self.in_flight > 0
+    }
+
+    /// SYNC once more, outside of any cycle.
+    pub fn repeat_sync(&mut self, out: &mut impl Outbox) {
+        out.push(self.sync.next_frame());
+    }
+
+    /// The set-points of the last cycle once more, whatever has happened since: a drive that stops then stops by itself.
+    pub fn repeat_set_points(&mut self, out: &mut impl Outbox) {
+        self.image.send(self.last.directive.goal, &self.last.command, out);
+    }
+
+    /// A heartbeat if one is due; when the last one was sent.
+    pub fn repeat_heartbeat(&mut self, now: Time, out: &mut impl Outbox) -> Time {
+        self.send_heartbeat(now, out);
+        Time(self.next_heartbeat.0.saturating_sub(self.heartbeat.as_nanos() as u64))
+    }
+
+    /// The heartbeat period that the drives watch.
+    pub fn heartbeat_period(&self) -> Duration {
+        self.heartbeat
+    }
+
+    /// Leaves the network: the nodes go to Pre-operational, where nobody waits for set-points. For a rig that was stopped.
+    pub fn leave(&mut self, out: &mut impl Outbox) {
+        self.enter(Phase::Off);
+        out.push(nmt::command(NmtCommand::EnterPreOperational, None));
+    }
+
     /// The moment at which all process data are in: runs the cycle and sends the set-points that the next SYNC makes
     /// the drives apply. A heartbeat that is due goes out behind them. `timing` says how this cycle ran against its
     /// grid.

@@ -45,6 +45,11 @@ pub const fn sdo_response(node: NodeId) -> u16 {
     0x580 + node.raw() as u16
 }
 
+/// Whether frames with this identifier are heartbeats, boot-up messages or answers to node guarding.
+pub const fn is_heartbeat(id: u16) -> bool {
+    id > 0x700 && id < 0x780
+}
+
 /// Heartbeat and boot-up of a node, 701h to 77Fh.
 pub const fn heartbeat(node: NodeId) -> u16 {
     0x700 + node.raw() as u16

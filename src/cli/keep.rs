@@ -23,8 +23,31 @@ const RING_S: f64 = 0.5;
 const RING_FRAMES: usize = 8192;
 /// Time after which the bus log is handed to the operating system, in ns of the bus's clock.
 const FLUSH_NS: u64 = 250_000_000;
-/// A simulation is faster than any disk.
-const POLICY: Backpressure = Backpressure::Wait;
+
+/// Which bus is watched.
+#[derive(Clone, Copy, Debug)]
+pub(super) enum Watched<'a> {
+    /// The embedded simulation, which is faster than any disk and waits for it.
+    Simulation,
+    /// A real interface, whose cycle waits for nothing.
+    Interface(&'a str),
+}
+
+impl<'a> Watched<'a> {
+    fn backpressure(self) -> Backpressure {
+        match self {
+            Watched::Simulation => Backpressure::Wait,
+            Watched::Interface(_) => Backpressure::Drop,
+        }
+    }
+
+    fn interface(self) -> &'a str {
+        match self {
+            Watched::Simulation => "vcan0",
+            Watched::Interface(name) => name,
+        }
+    }
+}
 
 /// Files under way.
 pub(super) struct Keep {
@@ -48,6 +71,7 @@ pub(super) struct Kept {
 impl Keep {
     /// Makes the files, and what has to watch the rig for them.
     pub(super) fn start(
+        watched: Watched<'_>,
         rig: &config::Rig,
         about: &About,
         candump: Option<&Path>,
@@ -61,7 +85,7 @@ impl Keep {
         if let Some(folder) = record {
             fs::create_dir_all(folder).map_err(|error| cannot_write(folder, &error))?;
             let recorder = Recorder::create(folder, about).map_err(|error| cannot_write(folder, &error))?;
-            let (producer, feed) = start("recorder", capacity, recorder)?;
+            let (producer, feed) = start("recorder", watched, capacity, recorder)?;
             cycles.push(producer);
             files.push((folder.join("cycles.mcap"), "cycles", feed));
             logs.push((folder.join("bus.log"), true));
@@ -73,14 +97,14 @@ impl Keep {
         for (path, is_new) in logs {
             let mut options = OpenOptions::new();
             let file = options.write(true).create(true).create_new(is_new).truncate(!is_new).open(&path);
-            let log = BusLog::new(file.map_err(|error| cannot_write(&path, &error))?);
-            let (producer, feed) = start("bus log", RING_FRAMES, log)?;
+            let log = BusLog::new(file.map_err(|error| cannot_write(&path, &error))?, watched.interface());
+            let (producer, feed) = start("bus log", watched, RING_FRAMES, log)?;
             frames.push(producer);
             files.push((path, "frames", feed));
         }
-        let folder = black_box.or(record).map(Path::to_owned).or_else(state_folder);
+        let folder = black_box.or(record).map(Path::to_owned).or_else(|| state_folder("black-box"));
         let sink = BlackBox::new(folder, &rig.rig.name, period_s, about.clone());
-        let (producer, black_box) = start("black box", capacity, sink)?;
+        let (producer, black_box) = start("black box", watched, capacity, sink)?;
         cycles.push(producer);
         let watch = Watch {
             observer: Some(Box::new(move |record| cycles.iter_mut().for_each(|producer| producer.push(record)))),
@@ -103,10 +127,11 @@ impl Keep {
 
 fn start<T: Copy + Send + 'static, R: Send + 'static>(
     name: &str,
+    watched: Watched<'_>,
     capacity: usize,
     sink: impl Sink<T, Report = R>,
 ) -> Result<(Producer<T>, Feed<R>), Failure> {
-    Feed::start(name, capacity, POLICY, sink)
+    Feed::start(name, capacity, watched.backpressure(), sink)
         .map_err(|error| Failure::new(Exit::Internal, format!("thread of the {name}: {error}"), ""))
 }
 
@@ -123,11 +148,11 @@ fn cannot_write(path: &Path, error: &io::Error) -> Failure {
     Failure::new(Exit::Usage, message, help)
 }
 
-/// `$XDG_STATE_HOME/yieldwall/black-box`, by default below `~/.local/state`; `None` without a home.
-fn state_folder() -> Option<PathBuf> {
-    let of = |name| std::env::var_os(name).map(PathBuf::from).filter(|path: &PathBuf| path.is_absolute());
+/// `$XDG_STATE_HOME/yieldwall/NAME`, by default below `~/.local/state`; `None` without a home.
+pub(super) fn state_folder(name: &str) -> Option<PathBuf> {
+    let of = |variable| std::env::var_os(variable).map(PathBuf::from).filter(|path: &PathBuf| path.is_absolute());
     let state = of("XDG_STATE_HOME").or_else(|| of("HOME").map(|home| home.join(".local/state")))?;
-    Some(state.join("yieldwall").join("black-box"))
+    Some(state.join("yieldwall").join(name))
 }
 
 impl Kept {
@@ -225,8 +250,8 @@ struct BusLog {
 }
 
 impl BusLog {
-    fn new(file: File) -> Self {
-        let log = CandumpWriter::new(BufWriter::new(file), "vcan0");
+    fn new(file: File, interface: &str) -> Self {
+        let log = CandumpWriter::new(BufWriter::new(file), interface);
         Self { log, stretch: 0, written: 0, stored: 0 }
     }
 }

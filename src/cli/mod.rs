@@ -5,9 +5,15 @@
 
 mod bus;
 mod config;
+#[cfg(target_os = "linux")]
+mod drill;
 mod failure;
 mod faults;
 mod keep;
+#[cfg(target_os = "linux")]
+mod latency;
+#[cfg(target_os = "linux")]
+mod live;
 mod margins;
 mod output;
 mod plot;
@@ -17,6 +23,8 @@ mod render;
 mod replay;
 mod reproduce;
 mod run;
+#[cfg(target_os = "linux")]
+mod sim;
 mod soak;
 
 use std::ffi::OsString;
@@ -46,8 +54,17 @@ struct Arguments {
 
 #[derive(Debug, Subcommand)]
 enum Command {
-    /// Run a rig with its scene on the embedded simulation
+    /// Run a rig with its scene, on the embedded simulation or on a real bus
     Run(run::Arguments),
+    /// Put simulated drives, sensor, arm and hand on a real bus
+    #[cfg(target_os = "linux")]
+    Sim(sim::Arguments),
+    /// Show on a real bus that the drives stop by themselves when the master falls silent; `run --bus` asks for it
+    #[cfg(target_os = "linux")]
+    Drill(drill::Arguments),
+    /// Measure how late this computer wakes up, and how long a frame takes to the bus and back
+    #[cfg(target_os = "linux")]
+    Latency(latency::Arguments),
     /// List the faults that can be injected, what each does and what follows
     Faults,
     /// Run the paper's experiments and draw its figures
@@ -95,6 +112,12 @@ fn run(arguments: impl IntoIterator<Item = OsString>) -> Exit {
     let mut output = Output::new(arguments.quiet, arguments.json);
     let result = match arguments.command {
         Command::Run(arguments) => run::run(&arguments, &mut output),
+        #[cfg(target_os = "linux")]
+        Command::Sim(arguments) => sim::run(&arguments, &mut output),
+        #[cfg(target_os = "linux")]
+        Command::Drill(arguments) => drill::run(&arguments, &mut output),
+        #[cfg(target_os = "linux")]
+        Command::Latency(arguments) => latency::run(&arguments, &mut output),
         Command::Faults => faults::list(&mut output),
         Command::Reproduce(arguments) => reproduce::run(&arguments, &mut output),
         Command::Replay(arguments) => replay::run(&arguments, &mut output),

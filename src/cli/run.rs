@@ -8,7 +8,7 @@ use serde_json::{Value, json};
 use super::bus::Plan;
 use super::failure::{Exit, Failure};
 use super::faults::FaultArgument;
-use super::keep::{Keep, Kept, LOG_STARTS_AT};
+use super::keep::{Keep, Kept, LOG_STARTS_AT, Watched};
 use super::margins::Margins;
 use super::output::Output;
 use super::progress::Progress;
@@ -16,7 +16,7 @@ use crate::config::{self, Loaded, Report, Severity, Source};
 use crate::fixture::prediction;
 use crate::guard::{Cause, Fault};
 use crate::record::figure::Drawing;
-use crate::rig::RigError;
+use crate::rig::{self, Drilled, Finding, RigError};
 use crate::study::measures::Measures;
 use crate::study::{Overrides, RunReport, drawing, replay, run_rig};
 
@@ -27,10 +27,22 @@ pub(super) const PICTURE_WIDTH_PX: u32 = 1890;
 pub(super) struct Arguments {
     /// The rig; `builtin:paper-admittance.yaml` names the copy inside the program
     #[arg(value_name = "RIG.yaml")]
-    rig: String,
-    /// Simulated seconds, in place of the scene's duration
+    pub(super) rig: String,
+    /// Run on this interface instead of the embedded simulation; `yieldwall sim` is a rig to try it on
+    #[cfg(target_os = "linux")]
+    #[arg(long, value_name = "INTERFACE", conflicts_with_all = ["seed", "fault"])]
+    pub(super) bus: Option<String>,
+    /// What a cycle waits for: the wall clock, or (simulated devices in lockstep alone) the process data
+    #[cfg(target_os = "linux")]
+    #[arg(long, value_enum, default_value_t = super::live::PaceArgument::Free, requires = "bus")]
+    pub(super) pace: super::live::PaceArgument,
+    /// Fail instead of warning when this computer grants no real-time priority or no locked memory
+    #[cfg(target_os = "linux")]
+    #[arg(long, requires = "bus")]
+    pub(super) require_realtime: bool,
+    /// Seconds to run, in place of the scene's duration
     #[arg(long, value_name = "S", allow_negative_numbers = true)]
-    duration: Option<f64>,
+    pub(super) duration: Option<f64>,
     /// Seed of tremor and sensor noise, in place of the scene's
     #[arg(long, value_name = "N", allow_negative_numbers = true)]
     seed: Option<u64>,
@@ -39,23 +51,27 @@ pub(super) struct Arguments {
     fault: Vec<FaultArgument>,
     /// Draw trajectory, force and power into this file, an .svg or a .png; folders on the way are made
     #[arg(long, value_name = "PATH")]
-    figure: Option<PathBuf>,
+    pub(super) figure: Option<PathBuf>,
     /// Write every frame that went over the bus into this file, in the format of candump -L
     #[arg(long, value_name = "FILE")]
-    candump: Option<PathBuf>,
+    pub(super) candump: Option<PathBuf>,
     /// Run also if the bus cannot keep the cycle; `yieldwall bus budget` tells which frame comes too late
     #[arg(long)]
     ignore_bus_budget: bool,
     /// Record every cycle and every frame into this folder, which is made: cycles.mcap, cycles.csv and bus.log
     #[arg(long, value_name = "DIR")]
-    record: Option<PathBuf>,
+    pub(super) record: Option<PathBuf>,
     /// Where the time around a fault is kept, in place of the record's folder or yieldwall/black-box in the state folder
     #[arg(long, value_name = "DIR")]
-    black_box: Option<PathBuf>,
+    pub(super) black_box: Option<PathBuf>,
 }
 
 pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Failure> {
     check(arguments)?;
+    #[cfg(target_os = "linux")]
+    if let Some(bus) = &arguments.bus {
+        return super::live::run(bus, arguments, output);
+    }
     let rig = config::load_rig(Source::named(&arguments.rig))?;
     // Those of the scene are among them.
     output.warnings(&rig.warnings);
@@ -68,7 +84,9 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
         .map_err(|error| Failure::new(Exit::Internal, format!("documents of the recording: {error}"), ""))?;
     let [candump, record, black_box] =
         [&arguments.candump, &arguments.record, &arguments.black_box].map(Option::as_deref);
-    let (keep, watch) = Keep::start(&rig.value, &about, candump, record, black_box)?;
+    let (keep, watch) = Keep::start(Watched::Simulation, &rig.value, &about, candump, record, black_box)?;
+    let drilled = rig::drill(&rig.value, &scene.value, |_| ()).map_err(|error| rig_failure(&error))?;
+    judge(&drilled, &rig.value)?;
     let progress = Progress::new(output);
     progress.begin(&rig.value.rig.name);
     let started = Instant::now();
@@ -85,7 +103,7 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
         write_drawing(&drawing, path)?;
     }
     let seed = overrides.seed.unwrap_or(scene.value.seed);
-    let facts = Facts { rig: &rig.value, margins, report: &report, kept: &kept, seed, wall_s };
+    let facts = Facts { rig: &rig.value, drilled, margins, report: &report, kept: &kept, seed, wall_s };
     let is_disturbed = !(overrides.faults.is_empty() && scene.value.faults.is_empty());
     let failure = match report.state {
         Some(state) if state.is_latched() => Some(kept.point_to_black_box(stopped(&report))),
@@ -136,6 +154,7 @@ fn check_bus(rig: &Loaded<config::Rig>, is_ignored: bool, output: &mut Output) -
 
 struct Facts<'a> {
     rig: &'a config::Rig,
+    drilled: Drilled,
     margins: Margins,
     report: &'a RunReport,
     kept: &'a Kept,
@@ -160,6 +179,7 @@ impl Facts<'_> {
             "cause_stage": self.report.cause.map(|cause| format!("{:?}", cause.fault.row().stage).to_lowercase()),
             "cause_devices": self.report.cause.map(|cause| cause.devices.to_string()),
             "margins": self.margins.to_json(),
+            "watchdogs": watchdogs_json(&self.drilled),
             "bus_load": self.report.bus_load,
             "held_s": self.report.held_s,
             "measures": self.report.measures,
@@ -175,11 +195,7 @@ impl Facts<'_> {
         let mut lines = Vec::new();
         let period_ms = self.report.period_s * 1e3;
         let simulated = self.simulated_s();
-        let mode = match self.rig.rig.command_mode {
-            config::CommandMode::Torque => "torque mode (CST), the loop closes here",
-            config::CommandMode::Velocity => "velocity mode (CSV)",
-            config::CommandMode::Position => "position mode (CSP), the loop closes in the drives",
-        };
+        let mode = mode_text(self.rig.rig.command_mode);
         lines.push(format!("rig       {}: {mode}, {period_ms} ms", self.rig.rig.name));
         lines.push(format!(
             "scene     {}: {simulated:.1} s, seed {}, run in {:.2} s ({:.0} x real time)",
@@ -191,6 +207,7 @@ impl Facts<'_> {
         for (at, line) in self.margins.lines().into_iter().enumerate() {
             lines.push(format!("{:9} {line}", if at == 0 { "margins" } else { "" }));
         }
+        lines.push(watchdogs_text(&self.drilled));
         let trace = &self.report.trace;
         if let config::Coupling::Admittance { mass_kg } = self.rig.fixture.coupling {
             let capture = prediction::capture_speed_m_per_s(trace.yield_n, mass_kg.get(), self.report.period_s);
@@ -219,6 +236,55 @@ impl Facts<'_> {
             lines.push(format!("held      {:.3} s at rest by a fault{by}", self.report.held_s));
         }
         lines.join("\n")
+    }
+}
+
+/// Refuses drives that would go on when their master has died.
+pub(super) fn judge(drilled: &Drilled, rig: &config::Rig) -> Result<(), Failure> {
+    let is_torque = rig.rig.command_mode == config::CommandMode::Torque;
+    let help = "nothing was enabled; give the drive this watchdog, or a shorter cycle or heartbeat; in position mode the \
+                drive may take longer";
+    drilled.judge(is_torque).map_err(|error| Failure::new(Exit::OutOfTolerance, error.to_string(), help))
+}
+
+/// How soon the drives stop by themselves, the slower one.
+pub(super) fn watchdogs_text(drilled: &Drilled) -> String {
+    let after = |finding: &Finding| {
+        let slowest = finding.stopped_after.iter().copied().collect::<Option<Vec<_>>>();
+        let slowest = slowest.and_then(|times| times.into_iter().max());
+        let time = slowest.map_or("never".to_owned(), |time| format!("{:.1} ms", 1e3 * time.as_secs_f64()));
+        format!("{} {time}", finding.watchdog.name())
+    };
+    let findings: Vec<_> = drilled.findings.iter().map(after).collect();
+    let resolution = match 1e3 * drilled.resolution.as_secs_f64() {
+        0.0 => String::new(),
+        ms => format!(", seen every {ms:.1} ms"),
+    };
+    format!("watchdogs stop the drives without {}{resolution}", findings.join(", "))
+}
+
+/// The same as data.
+pub(super) fn watchdogs_json(drilled: &Drilled) -> Value {
+    let ms = |time: std::time::Duration| 1e3 * time.as_secs_f64();
+    let finding = |finding: &Finding| {
+        json!({
+            "without": finding.watchdog.name(),
+            "left_stops_after_ms": finding.stopped_after[0].map(ms),
+            "right_stops_after_ms": finding.stopped_after[1].map(ms),
+        })
+    };
+    json!({
+        "findings": drilled.findings.iter().map(finding).collect::<Vec<_>>(),
+        "resolution_ms": ms(drilled.resolution),
+    })
+}
+
+/// What a command mode is.
+pub(super) fn mode_text(mode: config::CommandMode) -> &'static str {
+    match mode {
+        config::CommandMode::Torque => "torque mode (CST), the loop closes here",
+        config::CommandMode::Velocity => "velocity mode (CSV)",
+        config::CommandMode::Position => "position mode (CSP), the loop closes in the drives",
     }
 }
 
@@ -295,10 +361,15 @@ pub(super) fn above_bound(measures: &Measures, what: &str) -> Failure {
 }
 
 fn stopped(report: &RunReport) -> Failure {
-    let (exit, message, help) = match report.cause {
+    stopped_by(report.cause, report.trace.rows.last().map_or(0.0, |row| row.time_s))
+}
+
+/// The failure of a rig that `cause` stopped so long after its scene began; without a cause its process died.
+pub(super) fn stopped_by(cause: Option<Cause>, time_s: f64) -> Failure {
+    let (exit, message, help) = match cause {
         Some(cause) => {
             let row = cause.fault.row();
-            let exit = if cause.fault == Fault::DriveFault { Exit::DeviceFault } else { Exit::SafetyStop };
+            let exit = exit_of(cause);
             let at = describe(cause);
             (exit, format!("stopped by {} ({at}): {} ({})", row.name, row.meaning, row.cause), row.next)
         }
@@ -308,8 +379,17 @@ fn stopped(report: &RunReport) -> Failure {
             "start the program anew",
         ),
     };
-    let time_s = report.trace.rows.last().map_or(0.0, |row| row.time_s);
     Failure::new(exit, format!("after {time_s:.3} s the rig was {message}"), help)
+}
+
+/// The exit code of a rig that a fault stopped or kept from running.
+pub(super) fn exit_of(cause: Cause) -> Exit {
+    match cause.fault {
+        Fault::DriveFault => Exit::DeviceFault,
+        Fault::SyncJitter | Fault::Overrun | Fault::Stalled | Fault::Suspended => Exit::TimingMissed,
+        Fault::DuplicateNode => Exit::DeviceMismatch,
+        _ => Exit::SafetyStop,
+    }
 }
 
 /// Where a fault showed: the stage, and the devices if there are any.

@@ -22,5 +22,5 @@ pub fn bus_plan(rig: &config::Rig) -> Result<(MasterSetup, Conditions), RigError
         has_release_jitter: true,
         has_fifo: true,
     };
-    Ok((build::master(rig)?, conditions))
+    Ok((build::network(rig)?, conditions))
 }

@@ -5,7 +5,7 @@ use std::time::Duration;
 use nalgebra::{Matrix6, Vector2, Vector3};
 
 use super::error::RigError;
-use crate::bus::{CommandMode, DriveSetup, MasterSetup, SensorLink, SensorNode, SensorSetup};
+use crate::bus::{CommandMode, DriveSetup, Master, MasterSetup, SensorLink, SensorNode, SensorSetup};
 use crate::config;
 use crate::control::{FeedForward, FeedForwardParameters, Gains, Law, RateLaw};
 use crate::cycle::{Cycle, Servo, Settings, TorqueServo};
@@ -277,8 +277,16 @@ pub(super) fn scaling(drive: &config::Drive) -> Result<AxisScaling, RigError> {
     )?)
 }
 
+/// The master of a rig, with its cycle inside.
+///
+/// # Errors
+/// Where parts of the configuration do not fit together.
+pub fn master(rig: &config::Rig, fixture: &config::Fixture) -> Result<Master, RigError> {
+    Ok(Master::new(&network(rig)?, cycle(rig, fixture)?)?)
+}
+
 /// The network as the master has to bring it up.
-pub(super) fn master(rig: &config::Rig) -> Result<MasterSetup, RigError> {
+pub(super) fn network(rig: &config::Rig) -> Result<MasterSetup, RigError> {
     // The turn of the encoders is taken from the task's origin: an arm is always within half a turn of it.
     let home = linkage(rig)?.inverse(TipPoint::new(0.0, 0.0))?.to_array();
     let [left, right] = &rig.drives;
@@ -291,13 +299,21 @@ pub(super) fn master(rig: &config::Rig) -> Result<MasterSetup, RigError> {
         sensor: SensorSetup {
             name: rig.sensor.name.clone(),
             link: sensor_link(&rig.sensor)?,
-            sample_period: Duration::from_secs_f64(rig.sensor.sample_rate_hz.get().recip()),
+            sample_period: sample_period(rig),
         },
     })
 }
 
+/// Time from one sample of the force sensor to the next.
+pub fn sample_period(rig: &config::Rig) -> Duration {
+    Duration::from_secs_f64(rig.sensor.sample_rate_hz.get().recip())
+}
+
 /// What the force sensor speaks.
-pub(super) fn sensor_link(sensor: &config::Sensor) -> Result<SensorLink, RigError> {
+///
+/// # Errors
+/// Where its profile or node-ID is unknown.
+pub fn sensor_link(sensor: &config::Sensor) -> Result<SensorLink, RigError> {
     let plain = |protocol, pair_gap_us: u32, zero_at_start| {
         let pair_gap = Duration::from_micros(pair_gap_us.into());
         SensorLink::PlainCan(plain_can::Link { protocol, pair_gap, zero_at_start })

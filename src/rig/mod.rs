@@ -6,17 +6,28 @@
 //! [`EmbeddedRig`] processes events in order of virtual time: frames that arrive, moments that devices or the master
 //! wait for, and the two moments of each cycle. [`ImpedanceRig`] is the device without a bus.
 
+mod assembly;
 mod budget;
 mod build;
+mod conduct;
+mod drill;
 mod embedded;
 mod error;
+mod far_end;
 mod impedance;
 mod margins;
+mod seat;
+mod server;
 mod world;
 
+pub use assembly::{drive as simulated_drive, force_sensor as simulated_force_sensor};
 pub use budget::bus_plan;
-pub use build::cycle;
+pub use build::{cycle, master, sample_period, sensor_link};
+pub use conduct::{Enable, Enabling, STOP_LIMIT_S, cycles_before_enabling, has_torque};
+pub use drill::{CYCLES_BEFORE_SILENCE, DRILL_LIMIT, Drilled, Finding, TORQUE_LIMIT, Unsafe, drill};
 pub use embedded::{BodyTruth, EmbeddedRig, Observer, PORTS, Tap};
 pub use error::RigError;
 pub use impedance::ImpedanceRig;
 pub use margins::{Margin, PoseMargins, pose_margins};
+pub use seat::{Answer, Call, Peer};
+pub use server::{DeviceServer, Pace, Served};

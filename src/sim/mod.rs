@@ -12,7 +12,7 @@ pub mod point_mass;
 mod substeps;
 
 pub use device::DeviceError;
-pub use drive::{Drive, DriveSettings, Encoder, PositionLoop};
+pub use drive::{Drive, DriveSettings, Encoder, PositionLoop, Watchdog};
 pub use force_sensor::{ForceSensor, ForceSensorSettings, Speaks};
 
 #[cfg(test)]

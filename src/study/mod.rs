@@ -8,4 +8,4 @@ pub mod replay;
 pub mod reproduce;
 mod run;
 
-pub use run::{Overrides, RunReport, Stage, Watch, run_device, run_rig};
+pub use run::{Overrides, RunReport, Stage, Watch, measured, run_device, run_rig};

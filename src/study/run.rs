@@ -122,17 +122,7 @@ pub fn run_rig(
     } else {
         machine.stop()?;
     }
-    let trace = trace(rig.rig.name.clone(), fixture, ForceMeaning::HandOnTool, rows);
-    let is_torque = rig.rig.command_mode == config::CommandMode::Torque;
-    let context = Context {
-        period_s,
-        mass_kg: mass_kg(fixture),
-        normal_sign: normal_sign(&fixture.surface),
-        torque_limit_n_m: is_torque.then(|| rig.guard.torque_limit_n_m.get()),
-        stiffness_n_per_m: 0.0,
-        force_resolution_n: rig.sensor.calibration[0][0].get().abs().max(rig.sensor.calibration[1][1].get().abs()),
-    };
-    let measures = measure(&trace, &context);
+    let (trace, measures) = measured(rig, fixture, rows);
     Ok(RunReport {
         trace,
         measures,
@@ -144,6 +134,22 @@ pub fn run_rig(
         held_s,
         period_s,
     })
+}
+
+/// What the rows of a rig with this fixture show.
+pub fn measured(rig: &config::Rig, fixture: &config::Fixture, rows: Vec<Row>) -> (Trace, Measures) {
+    let trace = trace(rig.rig.name.clone(), fixture, ForceMeaning::HandOnTool, rows);
+    let is_torque = rig.rig.command_mode == config::CommandMode::Torque;
+    let context = Context {
+        period_s: f64::from(rig.cycle.period_us) * 1e-6,
+        mass_kg: mass_kg(fixture),
+        normal_sign: normal_sign(&fixture.surface),
+        torque_limit_n_m: is_torque.then(|| rig.guard.torque_limit_n_m.get()),
+        stiffness_n_per_m: 0.0,
+        force_resolution_n: rig.sensor.calibration[0][0].get().abs().max(rig.sensor.calibration[1][1].get().abs()),
+    };
+    let measures = measure(&trace, &context);
+    (trace, measures)
 }
 
 /// Runs a scene on an impedance device.

@@ -2,25 +2,16 @@
 
 use std::time::Duration;
 
-use super::{DRIVES, EmbeddedRig, MASTER, RigError, SENSOR};
+use super::{DEVICES, EmbeddedRig, MASTER, RigError};
 use crate::bus::Phase;
 use crate::canopen::Time;
 use crate::guard::{Request, State};
-use crate::sim::Drive;
+use crate::rig::conduct::{Enable, Enabling, STOP_LIMIT_S, has_torque};
 
 /// Longest time from switching on to the exchange of process data, virtual.
 const BOOT_LIMIT: Duration = Duration::from_secs(5);
-/// Samples of the force sensor before the rig asks to be enabled, or as many cycles if those are longer: the drives have
-/// answered, and the sensor's noise is known.
-const SAMPLES_BEFORE_ENABLING: u128 = 10;
-/// Longest time from asking to running, virtual.
-const ENABLE_LIMIT_S: f64 = 1.5;
 /// Longest time from a reset to running, virtual.
 const RETURN_LIMIT_S: f64 = 5.0;
-/// Cycles after which a person who was refused asks again.
-const CYCLES_BETWEEN_ASKING: u32 = 50;
-/// Longest time that a stop may take, virtual.
-const STOP_LIMIT_S: f64 = 2.0;
 /// Cycles from a reset to the question to be enabled again: the drives have left their fault state.
 const CYCLES_AFTER_RESET: u32 = 50;
 
@@ -32,7 +23,7 @@ impl EmbeddedRig {
     /// come to run.
     pub fn enable(&mut self) -> Result<(), RigError> {
         self.boot()?;
-        self.come_to_run(ENABLE_LIMIT_S)
+        self.come_to_run(Enabling::LIMIT_S)
     }
 
     /// Resets a rig that was stopped and enables it again; at once done if it runs. The hand lets go of the tool
@@ -46,7 +37,7 @@ impl EmbeddedRig {
         if matches!(self.state(), State::Running | State::Holding) {
             return Ok(());
         }
-        self.world.let_go();
+        self.far.world.let_go();
         let limit = (STOP_LIMIT_S / self.period.as_secs_f64()) as u32;
         for _ in 0..limit {
             if self.state().is_latched() || self.state() == State::Idle {
@@ -72,7 +63,7 @@ impl EmbeddedRig {
     /// As [`EmbeddedRig::enable`]; also if the process that would have to do it is dead.
     pub fn restart(&mut self) -> Result<(), RigError> {
         self.check_alive()?;
-        self.world.let_go();
+        self.far.world.let_go();
         self.host.is_asleep = false;
         self.start_network()?;
         self.reset_and_enable()
@@ -87,19 +78,16 @@ impl EmbeddedRig {
     }
 
     fn come_to_run(&mut self, limit_s: f64) -> Result<(), RigError> {
-        let cycles_per_sample = self.sample_period.as_nanos().div_ceil(self.period.as_nanos()).max(1);
-        for _ in 0..SAMPLES_BEFORE_ENABLING * cycles_per_sample {
-            self.run_cycle(Request::None)?;
-        }
-        let limit = (limit_s / self.period.as_secs_f64()) as u32;
-        for cycle in 0..limit {
-            if self.state() == State::Running {
-                self.world.take_tool(self.next_sync);
-                return Ok(());
-            }
-            // What was seen within the last seconds keeps the rig from being enabled: a person asks again.
-            let asks = self.state() == State::Idle && cycle % CYCLES_BETWEEN_ASKING == 0;
-            self.run_cycle(if asks { Request::Enable } else { Request::None })?;
+        let mut enabling = Enabling::within(limit_s, self.period, self.sample_period);
+        loop {
+            match enabling.next(self.state()) {
+                Enable::Ask(request) => self.run_cycle(request)?,
+                Enable::Done => {
+                    self.far.world.take_tool(self.next_sync);
+                    return Ok(());
+                }
+                Enable::GivenUp => break,
+            };
         }
         let cause = self.cause().map_or(String::new(), |cause| format!(", {}", cause.fault.row().name));
         Err(RigError::NotEnabled { waited_s: limit_s, state: format!("{:?}{cause}", self.state()) })
@@ -112,7 +100,7 @@ impl EmbeddedRig {
     pub fn stop(&mut self) -> Result<(), RigError> {
         let limit = (STOP_LIMIT_S / self.period.as_secs_f64()) as u32;
         for _ in 0..limit {
-            if !self.drives.iter().any(has_torque) {
+            if !self.far.drives.iter().any(|drive| has_torque(drive.state())) {
                 return Ok(());
             }
             self.run_cycle(Request::Stop)?;
@@ -121,10 +109,9 @@ impl EmbeddedRig {
     }
 
     pub(super) fn boot(&mut self) -> Result<(), RigError> {
-        for (drive, port) in self.drives.iter_mut().zip(DRIVES) {
-            drive.boot(self.now, &mut self.bus.outbox(port, self.now));
+        for device in 0..DEVICES.len() {
+            self.far.switch_on(device, self.now, &mut self.bus);
         }
-        self.sensor.boot(self.now, &mut self.bus.outbox(SENSOR, self.now));
         self.start_network()
     }
 
@@ -149,9 +136,4 @@ impl EmbeddedRig {
         }
         Err(RigError::NotEnabled { waited_s: BOOT_LIMIT.as_secs_f64(), state: format!("{:?}", self.master.phase()) })
     }
-}
-
-fn has_torque(drive: &Drive) -> bool {
-    use yieldwall_drives::cia402::State::{FaultReactionActive, OperationEnabled, QuickStopActive};
-    matches!(drive.state(), OperationEnabled | QuickStopActive | FaultReactionActive)
 }

@@ -1,7 +1,7 @@
 //! Injections carried out: what begins and ends, and what it does to devices, hand and arm.
 
 use super::trouble::is_at;
-use super::{DRIVES, EmbeddedRig, RigError, SENSOR, STRANGER};
+use super::{DEVICES, EmbeddedRig, RigError, STRANGER};
 use crate::canopen::{Frame, Time, cob};
 use crate::injection::{Injection, Kind, Lasts};
 use crate::rig::world::{Body, Push, PushShape};
@@ -36,7 +36,7 @@ impl EmbeddedRig {
     /// If it is not possible, on this rig or at all.
     pub fn inject(&mut self, injection: Injection) -> Result<(), RigError> {
         injection.check()?;
-        if injection.kind == Kind::ArmBlocked && matches!(self.world.body, Body::Ideal(_)) {
+        if injection.kind == Kind::ArmBlocked && matches!(self.far.world.body, Body::Ideal(_)) {
             let message = "arm-blocked needs `model.tracking: rigid`: there is no arm to block";
             return Err(RigError::Mismatch(message.into()));
         }
@@ -69,7 +69,7 @@ impl EmbeddedRig {
 
     /// Begins and ends what is due at the beginning of a cycle.
     pub(super) fn follow_injections(&mut self, sync_at: Time) {
-        let time_s = sync_at.as_secs_f64() - self.world.hand_from_s + SLACK_S;
+        let time_s = sync_at.as_secs_f64() - self.far.world.hand_from_s + SLACK_S;
         if time_s < self.schedule.next_change_s {
             return;
         }
@@ -107,7 +107,7 @@ impl EmbeddedRig {
         }
         for device in (0..3).filter(|device| is_at(injection.target, *device)) {
             if injection.kind == Kind::NodeReset {
-                self.switch_on(device);
+                self.far.switch_on(device, now, &mut self.bus);
                 continue;
             }
             let Some(node) = self.troubles.node(device) else { continue };
@@ -120,13 +120,13 @@ impl EmbeddedRig {
                 Kind::EmergencyWarning => self.troubles.send(now, device + 1, emergency(WARNING)),
                 Kind::IntruderNmt => self.troubles.send(now, STRANGER, Frame::new(cob::NMT, &[0x80, node.raw()])),
                 Kind::DriveFault => {
-                    if let Some(drive) = self.drives.get_mut(device) {
-                        drive.raise_fault(now, injection.size as u16, &mut self.bus.outbox(DRIVES[device], now));
+                    if let Some(drive) = self.far.drives.get_mut(device) {
+                        drive.raise_fault(now, injection.size as u16, &mut self.bus.outbox(DEVICES[device], now));
                     }
                 }
                 Kind::DriveLeavesOperation => {
-                    if let Some(drive) = self.drives.get_mut(device) {
-                        drive.leave_operation(now, &mut self.bus.outbox(DRIVES[device], now));
+                    if let Some(drive) = self.far.drives.get_mut(device) {
+                        drive.leave_operation(now, &mut self.bus.outbox(DEVICES[device], now));
                     }
                 }
                 _ => {}
@@ -139,9 +139,9 @@ impl EmbeddedRig {
         let Injection { kind, target, size, .. } = injection;
         let now = self.now;
         match kind {
-            Kind::SensorInvalid => self.sensor.set_status_bits(if is_on { STATUS_INVALID } else { 0 }),
-            Kind::SensorStale => self.sensor.set_clock_rate(if is_on { 0.0 } else { 1.0 }),
-            Kind::SensorClockDrift => self.sensor.set_clock_rate(if is_on { size } else { 1.0 }),
+            Kind::SensorInvalid => self.far.sensor.set_status_bits(if is_on { STATUS_INVALID } else { 0 }),
+            Kind::SensorStale => self.far.sensor.set_clock_rate(if is_on { 0.0 } else { 1.0 }),
+            Kind::SensorClockDrift => self.far.sensor.set_clock_rate(if is_on { size } else { 1.0 }),
             Kind::HandPush | Kind::HandOverload => self.push(PushShape::Along, injection, is_on),
             Kind::HandBlow => self.push(PushShape::Blow, injection, is_on),
             Kind::HandSwing => self.push(PushShape::Swing, injection, is_on),
@@ -150,7 +150,7 @@ impl EmbeddedRig {
             Kind::HandStiff => {
                 // The sizes of the catalogue keep it finite and not negative.
                 let share = if is_on { size } else { 1.0 };
-                let _ = self.world.hand.set_stiffness(self.world.hand_stiffness_n_per_m * share);
+                let _ = self.far.world.hand.set_stiffness(self.far.world.hand_stiffness_n_per_m * share);
             }
             Kind::MasterKilled => (self.host.is_asleep, self.host.is_dead) = (true, true),
             Kind::TransmitStalled | Kind::CableOut => {
@@ -158,23 +158,23 @@ impl EmbeddedRig {
             }
             Kind::NodeSilent => {
                 for device in (0..3).filter(|device| is_at(target, *device)) {
-                    match self.drives.get_mut(device) {
-                        _ if !is_on => self.switch_on(device),
+                    match self.far.drives.get_mut(device) {
+                        _ if !is_on => self.far.switch_on(device, now, &mut self.bus),
                         Some(drive) => drive.switch_off(),
-                        None => self.sensor.switch_off(),
+                        None => self.far.sensor.switch_off(),
                     }
                 }
             }
             _ => {}
         }
-        for (joint, drive) in self.drives.iter_mut().enumerate().filter(|(joint, _)| target.has_joint(*joint)) {
+        for (joint, drive) in self.far.drives.iter_mut().enumerate().filter(|(joint, _)| target.has_joint(*joint)) {
             match kind {
                 Kind::DriveWarning => drive.set_warning(is_on),
                 Kind::DriveIgnoresCommand => drive.set_ignores_targets(is_on),
                 Kind::DriveNotEnabling => drive.set_ignores_controlword(is_on),
-                Kind::VoltageOff => drive.set_voltage(now, !is_on, &mut self.bus.outbox(DRIVES[joint], now)),
+                Kind::VoltageOff => drive.set_voltage(now, !is_on, &mut self.bus.outbox(DEVICES[joint], now)),
                 Kind::ArmBlocked => {
-                    if let Body::Arm(arm) = &mut self.world.body {
+                    if let Body::Arm(arm) = &mut self.far.world.body {
                         arm.set_blocked(joint, is_on);
                     }
                 }
@@ -187,18 +187,9 @@ impl EmbeddedRig {
         let Injection { size, start_s, .. } = injection;
         let push = Push { shape, size_n: size, start_s, end_s: injection.end_s() };
         if is_on {
-            self.world.pushes.push(push);
+            self.far.world.pushes.push(push);
         } else {
-            self.world.pushes.retain(|known| *known != push);
-        }
-    }
-
-    /// Gives a device its supply, as if it had been off before.
-    fn switch_on(&mut self, device: usize) {
-        let now = self.now;
-        match self.drives.get_mut(device) {
-            Some(drive) => drive.boot(now, &mut self.bus.outbox(DRIVES[device], now)),
-            None => self.sensor.boot(now, &mut self.bus.outbox(SENSOR, now)),
+            self.far.world.pushes.retain(|known| *known != push);
         }
     }
 }

@@ -2,7 +2,6 @@
 
 use std::time::Duration;
 
-mod assembly;
 mod boot;
 mod events;
 mod host;
@@ -12,28 +11,31 @@ mod trouble;
 
 pub use probe::{BodyTruth, PORTS};
 
+use super::assembly;
 use super::build;
+use super::drill::Silence;
 use super::error::RigError;
-use super::world::{Body, Truth, World};
+use super::far_end::FarEnd;
+use super::world::{Body, Truth};
 use crate::bus::Master;
 use crate::canopen::{Frame, Time};
 use crate::config;
-use crate::cycle::{Cycle, Outputs};
+use crate::cycle::Outputs;
 use crate::guard::{Cause, Request, State};
 use crate::quantity::JointTorques;
 use crate::record::{self, CycleRecord, Moment, Row};
 use crate::sim::arm::Arm;
 use crate::sim::can::{BitTiming, BusCounters, QueueOrder, Tamper, VirtualBus};
 use crate::sim::hand::Hand;
-use crate::sim::{Drive, ForceSensor};
+use crate::sim::{Drive, ForceSensor, Watchdog};
 use host::Computer;
 use injecting::Schedule;
 use trouble::{Device, Troubles};
 
 /// Ports of the virtual bus.
 const MASTER: usize = 0;
-const DRIVES: [usize; 2] = [1, 2];
-const SENSOR: usize = 3;
+/// The left drive, the right drive, the sensor.
+const DEVICES: [usize; 3] = [1, 2, 3];
 /// Who is not on the virtual bus and yet is heard.
 const STRANGER: usize = 4;
 
@@ -50,15 +52,15 @@ pub type Observer = Box<dyn FnMut(&CycleRecord) + Send>;
 pub struct EmbeddedRig {
     master: Master,
     bus: VirtualBus,
-    drives: [Drive; 2],
-    sensor: ForceSensor,
-    world: World,
+    far: FarEnd,
     tap: Option<Tap>,
     observer: Option<Observer>,
     cycles: u64,
     schedule: Schedule,
     troubles: Troubles,
     host: Computer,
+    /// What a drill keeps from the devices.
+    pub(super) silence: Option<Silence>,
     period: Duration,
     /// Time from one sample of the force sensor to the next.
     sample_period: Duration,
@@ -81,28 +83,24 @@ impl EmbeddedRig {
         fixture: &config::Fixture,
         seed: u64,
     ) -> Result<Self, RigError> {
-        let cycle: Cycle = build::cycle(rig, fixture)?;
-        let setup = build::master(rig)?;
         let timing = rig.buses.values().next().map_or(BitTiming::Ideal, |bus| match bus.timing {
             config::BusTiming::Arbitrated => BitTiming::Arbitrated { bit_rate: bus.bit_rate_bit_per_s },
             config::BusTiming::Ideal => BitTiming::Ideal,
         });
         let orders = [QueueOrder::Fifo, QueueOrder::Priority, QueueOrder::Priority, QueueOrder::Priority];
-        let [left, right] = &rig.drives;
         let mut machine = Self {
-            master: Master::new(&setup, cycle)?,
+            master: build::master(rig, fixture)?,
             bus: VirtualBus::new(timing, &orders)?,
-            drives: [assembly::drive(rig, scene, left, 1)?, assembly::drive(rig, scene, right, 2)?],
-            sensor: assembly::force_sensor(rig)?,
-            world: assembly::world(rig, scene, seed)?,
+            far: FarEnd::new(rig, scene, seed)?,
             tap: None,
             observer: None,
             cycles: 0,
             schedule: Schedule::default(),
             troubles: Troubles::new(devices(rig)?, seed),
             host: Computer::default(),
-            period: setup.period,
-            sample_period: setup.sensor.sample_period,
+            silence: None,
+            period: Duration::from_micros(rig.cycle.period_us.into()),
+            sample_period: build::sample_period(rig),
             compute_at: Duration::from_micros(rig.cycle.compute_at_us.into()),
             now: Time::default(),
             next_sync: Time::NEVER,
@@ -112,6 +110,17 @@ impl EmbeddedRig {
             machine.inject(fault.injection()?)?;
         }
         Ok(machine)
+    }
+
+    /// Takes a watch off both drives, as [`Drive::ignore`].
+    pub fn ignore(&mut self, watchdog: Watchdog) {
+        self.far.drives.iter_mut().for_each(|drive| drive.ignore(watchdog));
+    }
+
+    /// Forgets what was injected and what the scene would.
+    pub(super) fn clear_injections(&mut self) {
+        self.schedule = Schedule::default();
+        self.troubles.clear();
     }
 
     /// Has `tap` get every frame from now on.
@@ -149,17 +158,17 @@ impl EmbeddedRig {
 
     /// The simulated drives, left and right, for reports.
     pub fn drives(&self) -> &[Drive; 2] {
-        &self.drives
+        &self.far.drives
     }
 
     /// The force sensor.
     pub fn force_sensor(&self) -> &ForceSensor {
-        &self.sensor
+        &self.far.sensor
     }
 
     /// The arm; `None` if the joints follow their targets without one.
     pub fn arm(&self) -> Option<&Arm> {
-        match &self.world.body {
+        match &self.far.world.body {
             Body::Arm(arm) => Some(arm),
             Body::Ideal(_) => None,
         }
@@ -167,7 +176,7 @@ impl EmbeddedRig {
 
     /// The hand.
     pub fn hand(&self) -> &Hand<2> {
-        &self.world.hand
+        &self.far.world.hand
     }
 
     /// What has gone over the bus so far.
@@ -182,7 +191,7 @@ impl EmbeddedRig {
 
     /// Time of the next cycle since the scene began, in s; minus infinity before it has.
     pub fn scene_time_s(&self) -> f64 {
-        self.next_sync.as_secs_f64() - self.world.hand_from_s
+        self.next_sync.as_secs_f64() - self.far.world.hand_from_s
     }
 
     /// When the next cycle begins.
@@ -241,13 +250,13 @@ impl EmbeddedRig {
     }
 
     fn record(&self, sync_at: Time, compute_at: Time, outputs: &Outputs) -> CycleRecord {
-        let Truth { tip, velocity, .. } = self.world.truth;
-        let [left, right] = &self.drives;
+        let Truth { tip, velocity, .. } = self.far.world.truth;
+        let [left, right] = &self.far.drives;
         let moment = Moment {
             index: self.cycles,
             sync_ns: sync_at.0,
             compute_ns: compute_at.0,
-            scene_time_s: sync_at.as_secs_f64() - self.world.hand_from_s,
+            scene_time_s: sync_at.as_secs_f64() - self.far.world.hand_from_s,
         };
         let truth =
             record::Truth { tool: tip, velocity, torques: JointTorques::new(left.torque_n_m(), right.torque_n_m()) };

@@ -7,7 +7,7 @@ use crate::sim::can::Witness;
 
 /// Ports of the master, of the drives and of the sensor, as a [`Witness`] sees them; any other belongs to a device that is
 /// not of the rig.
-pub const PORTS: [usize; 4] = [super::MASTER, super::DRIVES[0], super::DRIVES[1], super::SENSOR];
+pub const PORTS: [usize; 4] = [super::MASTER, super::DEVICES[0], super::DEVICES[1], super::DEVICES[2]];
 
 /// What is true of arm and hand and what no device tells.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -47,7 +47,7 @@ impl EmbeddedRig {
 
     /// Has the hand take the handle and begin its path at the next SYNC.
     pub fn take_handle(&mut self) {
-        self.world.take_tool(self.next_sync);
+        self.far.world.take_tool(self.next_sync);
     }
 
     /// Whether the process that runs the master has ended for good.
@@ -57,8 +57,8 @@ impl EmbeddedRig {
 
     /// What is true of arm and hand.
     pub fn body_truth(&self) -> BodyTruth {
-        let truth = &self.world.truth;
-        let angles = match &self.world.body {
+        let truth = &self.far.world.truth;
+        let angles = match &self.far.world.body {
             Body::Arm(arm) => arm.motor_angles(),
             Body::Ideal(ideal) => ideal.angles,
         };

@@ -6,10 +6,11 @@ use nalgebra::Vector6;
 use rand_xoshiro::Xoshiro256PlusPlus;
 use rand_xoshiro::rand_core::{Rng, SeedableRng};
 
-use super::{MASTER, SENSOR, STRANGER};
+use super::{MASTER, STRANGER};
 use crate::bus::LinkEvent;
 use crate::canopen::{Frame, NodeId, Time, cob};
 use crate::injection::{Injection, Kind, Target};
+use crate::rig::far_end::{SENSOR, Senses};
 use crate::sensing::{Calibration, Wrench};
 use yieldwall_drives::cia402;
 
@@ -84,6 +85,11 @@ impl Troubles {
     pub(super) fn new(devices: [Device; 3], seed: u64) -> Self {
         let noise = Xoshiro256PlusPlus::seed_from_u64(seed ^ 0xfa17_0000_0000_0002);
         Self { devices, active: Vec::new(), held: Vec::new(), noise }
+    }
+
+    pub(super) fn clear(&mut self) {
+        self.active.clear();
+        self.held.clear();
     }
 
     pub(super) fn begin(&mut self, injection: Injection) {
@@ -232,53 +238,6 @@ impl Troubles {
         Some(frame)
     }
 
-    /// What the force sensor's channels say of what they feel.
-    pub(super) fn counts(&mut self, time_s: f64, counts: [i32; 6], calibration: &Calibration) -> [i32; 6] {
-        let mut counts = counts;
-        for active in &mut self.active {
-            let Injection { kind, size, start_s, .. } = active.injection;
-            let mut shift = |force_n: f64| {
-                let wrench = Wrench(Vector6::new(force_n, 0.0, 0.0, 0.0, 0.0, 0.0));
-                for (count, by) in counts.iter_mut().zip(calibration.counts_for(&wrench)) {
-                    *count += by;
-                }
-            };
-            match kind {
-                Kind::SensorStuck => counts = *active.counts.get_or_insert(counts),
-                Kind::SensorSaturated => counts[..2].fill(calibration.range_counts()),
-                Kind::SensorJump => shift(size),
-                Kind::SensorDrift => shift(size * (time_s - start_s)),
-                _ => {}
-            }
-        }
-        counts
-    }
-
-    /// What a joint's encoder says of its angle in rad and its rate in rad/s.
-    pub(super) fn encoder(&mut self, joint: usize, angle_rad: f64, rate_rad_per_s: f64) -> (f64, f64) {
-        let (mut angle_rad, mut rate_rad_per_s) = (angle_rad, rate_rad_per_s);
-        for active in self.active.iter_mut().filter(|active| active.injection.target.has_joint(joint)) {
-            match active.injection.kind {
-                Kind::EncoderJump | Kind::EncoderOffset => angle_rad += active.injection.size,
-                Kind::EncoderStuck => {
-                    (angle_rad, rate_rad_per_s) = (*active.angle_rad.get_or_insert(angle_rad), 0.0);
-                }
-                _ => {}
-            }
-        }
-        (angle_rad, rate_rad_per_s)
-    }
-
-    /// What a drive gives of the torque that it wants.
-    pub(super) fn torque_n_m(&self, joint: usize, state: cia402::State, torque_n_m: f64) -> f64 {
-        let runaway = self.active.iter().find(|active| {
-            active.injection.kind == Kind::DriveRunaway
-                && active.injection.target.has_joint(joint)
-                && state == cia402::State::OperationEnabled
-        });
-        runaway.map_or(torque_n_m, |active| active.injection.size)
-    }
-
     /// How the computer does in the next cycle.
     pub(super) fn host(&mut self) -> Host {
         let mut host = Host::default();
@@ -327,9 +286,55 @@ impl Troubles {
     }
 }
 
+impl Senses for Troubles {
+    fn counts(&mut self, time_s: f64, counts: [i32; 6], calibration: &Calibration) -> [i32; 6] {
+        let mut counts = counts;
+        for active in &mut self.active {
+            let Injection { kind, size, start_s, .. } = active.injection;
+            let mut shift = |force_n: f64| {
+                let wrench = Wrench(Vector6::new(force_n, 0.0, 0.0, 0.0, 0.0, 0.0));
+                for (count, by) in counts.iter_mut().zip(calibration.counts_for(&wrench)) {
+                    *count += by;
+                }
+            };
+            match kind {
+                Kind::SensorStuck => counts = *active.counts.get_or_insert(counts),
+                Kind::SensorSaturated => counts[..2].fill(calibration.range_counts()),
+                Kind::SensorJump => shift(size),
+                Kind::SensorDrift => shift(size * (time_s - start_s)),
+                _ => {}
+            }
+        }
+        counts
+    }
+
+    fn encoder(&mut self, joint: usize, angle_rad: f64, rate_rad_per_s: f64) -> (f64, f64) {
+        let (mut angle_rad, mut rate_rad_per_s) = (angle_rad, rate_rad_per_s);
+        for active in self.active.iter_mut().filter(|active| active.injection.target.has_joint(joint)) {
+            match active.injection.kind {
+                Kind::EncoderJump | Kind::EncoderOffset => angle_rad += active.injection.size,
+                Kind::EncoderStuck => {
+                    (angle_rad, rate_rad_per_s) = (*active.angle_rad.get_or_insert(angle_rad), 0.0);
+                }
+                _ => {}
+            }
+        }
+        (angle_rad, rate_rad_per_s)
+    }
+
+    fn torque_n_m(&self, joint: usize, state: cia402::State, torque_n_m: f64) -> f64 {
+        let runaway = self.active.iter().find(|active| {
+            active.injection.kind == Kind::DriveRunaway
+                && active.injection.target.has_joint(joint)
+                && state == cia402::State::OperationEnabled
+        });
+        runaway.map_or(torque_n_m, |active| active.injection.size)
+    }
+}
+
 /// Whether `target` names the device: 0 the left drive, 1 the right drive, 2 the sensor.
 pub(super) fn is_at(target: Target, device: usize) -> bool {
-    target.has_joint(device) || (target == Target::Sensor && device + 1 == SENSOR)
+    target.has_joint(device) || (target == Target::Sensor && device == SENSOR)
 }
 
 fn hold(held: &mut Vec<Held>, time: Time, from: usize, frame: Frame) {

@@ -10,11 +10,11 @@ mod tests;
 pub use servo::PositionLoop;
 
 use yieldwall_drives::cia402::State;
-use yieldwall_drives::profiles::{DeviceProfile, Role};
+use yieldwall_drives::profiles::{DeviceProfile, Role, RpdoTimeoutReaction};
 use yieldwall_drives::scaling::AxisScaling;
 
 use super::DeviceError;
-use crate::canopen::{EmcyCode, ErrorRegister, Frame, Node, NodeId, Outbox, Time};
+use crate::canopen::{EmcyCode, ErrorRegister, Frame, Node, NodeId, Outbox, Time, cob};
 use device::{Device, PROFILE_ERROR};
 
 /// What the drive knows about the joint angle.
@@ -43,6 +43,31 @@ pub struct DriveSettings {
     pub encoder: Encoder,
 }
 
+/// A watch that a drive keeps on its master.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum Watchdog {
+    /// SYNC has to come.
+    Sync,
+    /// Set-points have to come (14xxh:5).
+    SetPoints,
+    /// The master's heartbeat has to come (1016h).
+    Heartbeat,
+}
+
+impl Watchdog {
+    /// All of them.
+    pub const ALL: [Self; 3] = [Self::Sync, Self::SetPoints, Self::Heartbeat];
+
+    /// What it waits for.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Watchdog::Sync => "SYNC",
+            Watchdog::SetPoints => "set-points",
+            Watchdog::Heartbeat => "heartbeat",
+        }
+    }
+}
+
 /// A simulated servo drive on a joint.
 ///
 /// The bus side is that of a device: [`Drive::boot`], [`Drive::on_frame`], [`Drive::poll`], [`Drive::next_deadline`].
@@ -57,6 +82,7 @@ pub struct Drive {
     node: Node,
     device: Device,
     is_powered: bool,
+    ignores_heartbeats: bool,
 }
 
 impl Drive {
@@ -71,7 +97,7 @@ impl Drive {
         settings.position_loop.check()?;
         let od = objects::build(&settings, supported_modes)?;
         let device = Device::new(&od, &settings, supported_modes, quirks)?;
-        Ok(Drive { node: Node::new(settings.node, od)?, device, is_powered: false })
+        Ok(Drive { node: Node::new(settings.node, od)?, device, is_powered: false, ignores_heartbeats: false })
     }
 
     /// Switches the drive on: all objects at their power-on values, boot-up message.
@@ -99,7 +125,7 @@ impl Drive {
 
     /// Takes one frame from the bus.
     pub fn on_frame(&mut self, now: Time, frame: &Frame, out: &mut impl Outbox) {
-        if self.is_powered {
+        if self.is_powered && !(self.ignores_heartbeats && cob::is_heartbeat(frame.id())) {
             self.node.on_frame(now, frame, &mut self.device, out);
             self.settle(now, out);
         }
@@ -143,6 +169,16 @@ impl Drive {
         if self.is_powered {
             self.device.leave_operation(now, self.node.od_mut());
             self.settle(now, out);
+        }
+    }
+
+    /// Takes a watch off the drive, as a model has it that lacks it or was delivered with it switched off: what it waits for
+    /// may stay away, and the drive goes on.
+    pub fn ignore(&mut self, watchdog: Watchdog) {
+        match watchdog {
+            Watchdog::Sync => self.device.quirks.sync_lost_periods = 0,
+            Watchdog::SetPoints => self.device.quirks.rpdo_timeout = RpdoTimeoutReaction::None,
+            Watchdog::Heartbeat => self.ignores_heartbeats = true,
         }
     }
 

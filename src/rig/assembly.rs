@@ -2,9 +2,9 @@
 
 use nalgebra::Vector2;
 
-use super::super::build;
-use super::super::error::RigError;
-use super::super::world::{Body, Grip, Ideal, Truth, World};
+use super::build;
+use super::error::RigError;
+use super::world::{Body, Grip, Ideal, Truth, World};
 use crate::bus::{CommandMode, SensorLink};
 use crate::canopen::node_id;
 use crate::config;
@@ -25,12 +25,11 @@ fn model(scene: &config::Scene) -> Result<&config::SceneModel, RigError> {
     scene.model.as_ref().ok_or_else(|| RigError::Mismatch("the scene has no `model` of a rig".into()))
 }
 
-pub(super) fn drive(
-    rig: &config::Rig,
-    scene: &config::Scene,
-    drive: &config::Drive,
-    serial: u32,
-) -> Result<Drive, RigError> {
+/// The simulated drive of a joint, switched off.
+///
+/// # Errors
+/// If its profile is not that of a drive.
+pub fn drive(rig: &config::Rig, scene: &config::Scene, drive: &config::Drive, serial: u32) -> Result<Drive, RigError> {
     let servo = &rig.plant.drive_position_loop;
     Drive::new(DriveSettings {
         node: node(drive.node_id)?,
@@ -51,7 +50,11 @@ pub(super) fn drive(
     .map_err(|error| RigError::Device(error.to_string()))
 }
 
-pub(super) fn force_sensor(rig: &config::Rig) -> Result<ForceSensor, RigError> {
+/// The simulated force sensor, switched off.
+///
+/// # Errors
+/// If its profile is not that of a force sensor.
+pub fn force_sensor(rig: &config::Rig) -> Result<ForceSensor, RigError> {
     let sensor = &rig.sensor;
     let speaks = match build::sensor_link(sensor)? {
         SensorLink::Canopen(setup) => Speaks::Canopen { node: node(setup.node_id)?, profile: setup.profile, serial: 3 },

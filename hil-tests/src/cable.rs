@@ -1,0 +1,152 @@
+//! A cable with the simulated devices at its far end, in one thread and on a clock of its own.
+
+use std::cell::RefCell;
+use std::collections::VecDeque;
+use std::rc::Rc;
+use std::time::Duration;
+
+use yieldwall::canopen::{Frame, Time};
+use yieldwall::link::{Arrival, CanLink, Received, SendError};
+use yieldwall::live::Metronome;
+use yieldwall::rig::DeviceServer;
+
+/// What becomes of a frame on the way; the flag says whether the master sent it.
+pub type Passage = Box<dyn FnMut(Time, bool, &Frame) -> bool>;
+
+struct Inner {
+    now: Time,
+    server: DeviceServer,
+    inbox: VecDeque<Arrival>,
+    passes: Option<Passage>,
+    late: Duration,
+    is_down: bool,
+}
+
+/// Both ends of the cable and the clock. Clones are the same cable.
+#[derive(Clone)]
+pub struct Cable(Rc<RefCell<Inner>>);
+
+impl Cable {
+    /// A cable to devices that are switched on.
+    ///
+    /// # Panics
+    /// Never: switching on does not fail.
+    pub fn new(server: DeviceServer) -> Self {
+        let mut inner = Inner {
+            now: Time::from_micros(1_000_000),
+            server,
+            inbox: VecDeque::new(),
+            passes: None,
+            late: Duration::ZERO,
+            is_down: false,
+        };
+        inner.serve(|server, now, out| {
+            server.switch_on(now, out);
+            true
+        });
+        Self(Rc::new(RefCell::new(inner)))
+    }
+
+    /// Has `passes` decide for every frame whether it arrives.
+    pub fn set_passage(&self, passes: impl FnMut(Time, bool, &Frame) -> bool + 'static) {
+        self.0.borrow_mut().passes = Some(Box::new(passes));
+    }
+
+    /// Has the master wake up so much too late from now on.
+    pub fn set_late(&self, late: Duration) {
+        self.0.borrow_mut().late = late;
+    }
+
+    /// Takes the master's interface down, or up again.
+    pub fn set_down(&self, is_down: bool) {
+        let mut inner = self.0.borrow_mut();
+        inner.is_down = is_down;
+        if is_down {
+            let time = inner.now;
+            inner.inbox.push_back(Arrival { time, what: Received::Down });
+        }
+    }
+
+    /// Lets the time of the wall pass while the master's process is stopped.
+    pub fn pass(&self, time: Duration) {
+        let mut inner = self.0.borrow_mut();
+        let until = inner.now + time;
+        inner.run_until(until);
+    }
+
+    /// Looks at the devices.
+    pub fn look<R>(&self, at: impl FnOnce(&DeviceServer) -> R) -> R {
+        at(&self.0.borrow().server)
+    }
+}
+
+impl Inner {
+    fn serve(&mut self, act: impl FnOnce(&mut DeviceServer, Time, &mut Vec<Frame>) -> bool) {
+        let mut out = Vec::new();
+        assert!(act(&mut self.server, self.now, &mut out), "the simulated arm cannot go on");
+        for frame in out {
+            if !self.is_down && self.passes(false, &frame) {
+                self.inbox.push_back(Arrival { time: self.now, what: Received::Frame(frame) });
+            }
+        }
+    }
+
+    fn passes(&mut self, is_master: bool, frame: &Frame) -> bool {
+        let now = self.now;
+        self.passes.as_mut().is_none_or(|passes| passes(now, is_master, frame))
+    }
+
+    fn step(&mut self, until: Time) {
+        self.now = self.server.next_deadline().min(until).max(self.now);
+        self.serve(|server, now, out| server.poll(now, out).is_ok());
+    }
+
+    fn run_until(&mut self, until: Time) {
+        while self.now < until {
+            self.step(until);
+        }
+    }
+}
+
+impl CanLink for Cable {
+    fn now(&self) -> Time {
+        self.0.borrow().now
+    }
+
+    fn receive(&mut self) -> Option<Arrival> {
+        self.0.borrow_mut().inbox.pop_front()
+    }
+
+    fn send(&mut self, frame: &Frame) -> Result<(), SendError> {
+        let mut inner = self.0.borrow_mut();
+        if inner.is_down {
+            return Err(SendError::Down);
+        }
+        let time = inner.now;
+        inner.inbox.push_back(Arrival { time, what: Received::Echo(*frame) });
+        if inner.passes(true, frame) {
+            inner.serve(|server, now, out| server.on_frame(now, frame, out).is_ok());
+        }
+        Ok(())
+    }
+
+    fn wait(&mut self, until: Time) -> bool {
+        let mut inner = self.0.borrow_mut();
+        if inner.inbox.is_empty() && inner.now < until {
+            inner.step(until);
+        }
+        !inner.inbox.is_empty()
+    }
+}
+
+impl Metronome for Cable {
+    fn sleep_until(&mut self, moment: Time) {
+        let mut inner = self.0.borrow_mut();
+        let until = moment + inner.late;
+        inner.run_until(until);
+    }
+
+    fn suspended(&self) -> Duration {
+        Duration::ZERO
+    }
+}

@@ -1,0 +1,313 @@
+//! What only an interface of the kernel can show.
+
+use std::process::{Command, Stdio};
+use std::time::Duration;
+
+use hil_tests::Scenario;
+use hil_tests::network::{PATIENCE, Real, hear};
+use yieldwall::bus::LinkEvent;
+use yieldwall::canopen::{Frame, Time};
+use yieldwall::link::{CanLink, CobFilter, ErrorFrame, LinkError, Received, SendError, SocketCan, SocketCanSettings};
+use yieldwall::sim::can::CandumpWriter;
+
+/// An interface that this test makes, changes and removes.
+struct Own(&'static str);
+
+impl Own {
+    fn new(name: &'static str) -> Self {
+        ip(&["link", "add", "dev", name, "type", "vcan"]);
+        ip(&["link", "set", name, "up"]);
+        Self(name)
+    }
+
+    fn set(&self, state: &str) {
+        ip(&["link", "set", self.0, state]);
+    }
+
+    fn link(&self) -> SocketCan {
+        Real::open(&SocketCanSettings::everything(self.0))
+    }
+
+    fn remove(&self) {
+        ip(&["link", "delete", self.0]);
+    }
+}
+
+impl Drop for Own {
+    fn drop(&mut self) {
+        // It may be gone already.
+        let _ = Command::new("ip").args(["link", "delete", self.0]).output();
+    }
+}
+
+fn ip(arguments: &[&str]) {
+    let done = Command::new("ip").args(arguments).output().expect("iproute2 is installed");
+    assert!(done.status.success(), "ip {}: {}", arguments.join(" "), String::from_utf8_lossy(&done.stderr));
+}
+
+fn refused(interface: &str) -> LinkError {
+    SocketCan::open(&SocketCanSettings::everything(interface)).expect_err("refused")
+}
+
+fn count(link: &mut impl CanLink, quiet: Duration) -> (Vec<Frame>, u32) {
+    let (mut frames, mut lost) = (Vec::new(), 0);
+    while link.wait(link.now() + quiet) {
+        while let Some(arrival) = link.receive() {
+            match arrival.what {
+                Received::Frame(frame) => frames.push(frame),
+                Received::Overflow { frames } => lost += frames,
+                other => panic!("{other:?}"),
+            }
+        }
+    }
+    (frames, lost)
+}
+
+#[test]
+fn without_the_interface_the_next_thing_to_try_is_said() {
+    let message = refused("nosuchcan0").to_string();
+    let is_known = ["this kernel has no CAN sockets", "there is no interface `nosuchcan0`"];
+    assert!(is_known.iter().any(|begin| message.starts_with(begin)), "{message}");
+    assert!(message.contains("hil-tests/vcan") || message.contains("ip link set nosuchcan0 up"), "{message}");
+}
+
+#[test]
+#[ignore = "needs a CAN interface: see hil-tests/vcan"]
+fn each_way_to_be_unusable_has_its_message() {
+    assert!(matches!(refused("vcan9"), LinkError::Missing { others, .. } if others.iter().any(|name| name == "vcan0")));
+    assert!(matches!(refused("lo"), LinkError::NotCan { .. }));
+    let own = Own::new("ywdown");
+    own.set("down");
+    let down = refused(own.0);
+    assert!(matches!(down, LinkError::Down { bit_rate: None, .. }), "{down}");
+    assert!(down.to_string().ends_with("`sudo ip link set ywdown up`"), "{down}");
+}
+
+#[test]
+#[ignore = "needs a CAN interface: see hil-tests/vcan"]
+fn a_virtual_interface_has_no_bit_rate_and_passes_for_any() {
+    let own = Own::new("ywfacts");
+    let settings = SocketCanSettings { bit_rate: Some(125_000), ..SocketCanSettings::everything(own.0) };
+    let link = Real::open(&settings);
+    let facts = link.facts();
+    assert!(facts.is_virtual() && facts.is_up && !facts.has_hardware_time, "{facts:?}");
+    assert_eq!((facts.bit_rate, facts.restart_ms, facts.advice()), (None, None, vec![]));
+    // The kernel has the privilege here to give what is asked for.
+    assert!(link.receive_buffer() >= settings.receive_buffer, "{}", link.receive_buffer());
+}
+
+#[test]
+#[ignore = "needs a CAN interface: see hil-tests/vcan"]
+fn only_what_a_filter_lets_through_comes_and_process_data_come_first() {
+    let own = Own::new("ywfilter");
+    let mut filtered = Real::open(&SocketCanSettings {
+        process: vec![CobFilter::only(0x080), CobFilter::only(0x181), CobFilter::only(0x201)],
+        services: vec![CobFilter::matching(0x580, 0x780), CobFilter::only(0x701)],
+        ..SocketCanSettings::everything(own.0)
+    });
+    let mut other = own.link();
+    for id in [0x581, 0x5ff, 0x600, 0x701, 0x702, 0x181, 0x182, 0x080, 0x201, 0x000, 0x7ff] {
+        other.send(&Frame::new(id, &[1])).expect("sent");
+    }
+    other.send(&Frame::remote(0x181, 8)).expect("sent");
+    other.send(&Frame::remote(0x582, 8)).expect("sent");
+    let (frames, lost) = count(&mut filtered, Duration::from_millis(50));
+    let ids: Vec<_> = frames.iter().map(|frame| (frame.id(), frame.is_remote())).collect();
+    let process = [(0x181, false), (0x080, false), (0x201, false)];
+    let services = [(0x581, false), (0x5ff, false), (0x701, false), (0x582, true)];
+    assert_eq!((ids, lost), ([&process[..], &services].concat(), 0));
+
+    // An own frame of the process data comes back, one of the services does not; others get both.
+    filtered.send(&Frame::new(0x701, &[5])).expect("sent");
+    filtered.send(&Frame::new(0x201, &[6])).expect("sent");
+    let echo = hear(&mut filtered, |_| true);
+    assert_eq!(echo.what, Received::Echo(Frame::new(0x201, &[6])));
+    assert!(!filtered.wait(filtered.now() + Duration::from_millis(50)));
+    let both = [Frame::new(0x701, &[5]), Frame::new(0x201, &[6])];
+    for frame in both {
+        assert_eq!(hear(&mut other, |received| matches!(received, Received::Frame(_))).what, Received::Frame(frame));
+    }
+}
+
+#[test]
+#[ignore = "needs a CAN interface: see hil-tests/vcan"]
+fn a_client_sees_the_answers_alone() {
+    let own = Own::new("ywclient");
+    let answers = vec![CobFilter::only(0x585)];
+    let mut client = Real::open(&SocketCanSettings::services(own.0, answers));
+    let mut other = own.link();
+    let (request, answer) = (Frame::new(0x605, &[0x40]), Frame::new(0x585, &[0x43]));
+    client.send(&request).expect("sent");
+    assert_eq!(hear(&mut other, |_| true).what, Received::Frame(request));
+    for frame in [request, answer] {
+        other.send(&frame).expect("sent");
+    }
+    assert_eq!(count(&mut client, Duration::from_millis(50)), (vec![answer], 0));
+}
+
+/// A stream of the force sensor: its process data in a second of the shipped rig.
+fn sensor_stream() -> Vec<(Time, Frame)> {
+    let session = Scenario::torque().run(1000);
+    let frames = session.recording().frames.into_iter();
+    frames.filter(|seen| [0x18a, 0x28a].contains(&seen.frame.id())).map(|seen| (seen.time, seen.frame)).collect()
+}
+
+#[test]
+#[ignore = "needs a CAN interface: see hil-tests/vcan"]
+fn canplayer_replays_a_recorded_sensor_stream() {
+    let own = Own::new("ywplay");
+    let mut link = own.link();
+    let stream = sensor_stream();
+    let path = std::env::temp_dir().join(format!("yieldwall-{}.log", std::process::id()));
+    let mut log = CandumpWriter::new(Vec::new(), "can0");
+    for (time, frame) in &stream {
+        log.record(*time, frame).expect("memory");
+    }
+    std::fs::write(&path, log.finish().expect("memory")).expect("a folder for temporary files");
+    let mut player = Command::new("canplayer");
+    let player = player.arg("-I").arg(&path).arg(format!("{}=can0", own.0)).status().expect("can-utils is installed");
+    let (frames, lost) = count(&mut link, Duration::from_millis(50));
+    std::fs::remove_file(&path).expect("written above");
+    assert!(player.success() && stream.len() >= 2000, "{} frames", stream.len());
+    assert!(frames.iter().eq(stream.iter().map(|(_, frame)| frame)), "{} of {} frames", frames.len(), stream.len());
+    assert_eq!(lost, 0);
+}
+
+#[test]
+#[ignore = "needs a CAN interface: see hil-tests/vcan"]
+fn candump_sees_what_was_sent_and_writes_it_as_this_project_does() {
+    let own = Own::new("ywdump");
+    let mut link = own.link();
+    let frames: Vec<_> = sensor_stream().into_iter().map(|(_, frame)| frame).take(40).collect();
+    let frames = [frames, vec![Frame::new(0x080, &[]), Frame::remote(0x701, 1), Frame::remote(0x7ff, 0)]].concat();
+    let mut dump = Command::new("candump");
+    dump.args(["-L", "-T", "20000", "-n", &frames.len().to_string(), own.0]).stdout(Stdio::piped());
+    let dump = dump.spawn().expect("can-utils is installed");
+    // It is there when it has bound its socket, which it does not tell.
+    let until = link.now() + PATIENCE;
+    let is_bound = || {
+        let list = std::fs::read_to_string("/proc/net/can/rcvlist_all").expect("CAN sockets");
+        list.lines().any(|line| line.trim_start().starts_with(own.0))
+    };
+    while !is_bound() {
+        assert!(link.now() < until, "candump does not listen");
+        link.wait(link.now() + Duration::from_millis(10));
+    }
+    for frame in &frames {
+        link.send(frame).expect("sent");
+    }
+    let mut ours = CandumpWriter::new(Vec::new(), own.0);
+    for frame in &frames {
+        ours.record(Time(0), frame).expect("memory");
+    }
+    let ours = String::from_utf8(ours.finish().expect("memory")).expect("text");
+    let theirs = String::from_utf8(dump.wait_with_output().expect("it ends").stdout).expect("text");
+    let without_time =
+        |text: &str| text.lines().map(|line| line.split_once(") ").expect("a time").1.to_owned()).collect();
+    let (ours, theirs): (Vec<String>, Vec<String>) = (without_time(&ours), without_time(&theirs));
+    assert_eq!(ours, theirs);
+}
+
+#[test]
+#[ignore = "needs a CAN interface: see hil-tests/vcan"]
+fn frames_that_nobody_took_in_time_are_counted() {
+    let own = Own::new("ywflood");
+    let mut slow = Real::open(&SocketCanSettings { receive_buffer: 1, ..SocketCanSettings::everything(own.0) });
+    let mut fast = own.link();
+    for number in 0..1000u16 {
+        fast.send(&Frame::new(0x181, &number.to_le_bytes())).expect("sent");
+    }
+    let first = hear(&mut slow, |_| true);
+    assert_eq!(first.what, Received::Frame(Frame::new(0x181, &[0, 0])));
+    // The loss is told with the first frame that comes after it.
+    let mut taken = 1;
+    while slow.receive().is_some() {
+        taken += 1;
+    }
+    fast.send(&Frame::new(0x181, &1000u16.to_le_bytes())).expect("sent");
+    let told = hear(&mut slow, |_| true);
+    let last = hear(&mut slow, |_| true);
+    assert_eq!(told.what, Received::Overflow { frames: 1000 - taken });
+    assert_eq!(last.what, Received::Frame(Frame::new(0x181, &1000u16.to_le_bytes())));
+    assert!(taken < 1000, "nothing was lost");
+}
+
+#[test]
+#[ignore = "needs a CAN interface: see hil-tests/vcan"]
+fn with_the_memory_that_it_asks_for_a_link_loses_none_of_a_burst() {
+    let own = Own::new("ywburst");
+    let (mut one, mut other) = (own.link(), own.link());
+    for number in 0..2000u16 {
+        one.send(&Frame::new(0x181, &number.to_le_bytes())).expect("sent");
+    }
+    let (frames, lost) = count(&mut other, Duration::from_millis(50));
+    assert_eq!((frames.len(), lost), (2000, 0));
+    assert!(frames.iter().zip(0..2000u16).all(|(frame, number)| frame.data() == number.to_le_bytes()));
+}
+
+#[test]
+#[ignore = "needs a CAN interface: see hil-tests/vcan"]
+fn an_interface_that_goes_down_sends_nothing_stale_when_it_comes_back() {
+    let own = Own::new("ywstale");
+    let (mut one, mut other) = (own.link(), own.link());
+    one.send(&Frame::new(0x201, &[1])).expect("sent");
+    own.set("down");
+    for _ in 0..5 {
+        assert_eq!(one.send(&Frame::new(0x201, &[2])), Err(SendError::Down));
+    }
+    own.set("up");
+    one.send(&Frame::new(0x201, &[3])).expect("sent");
+    let mut heard = Vec::new();
+    while heard.last() != Some(&Received::Frame(Frame::new(0x201, &[3]))) {
+        heard.push(hear(&mut other, |_| true).what);
+    }
+    // It is down for both, and there is no word of the five.
+    let frame = |byte| Received::Frame(Frame::new(0x201, &[byte]));
+    let down = heard.iter().filter(|what| **what == Received::Down).count();
+    heard.retain(|what| *what != Received::Down);
+    assert_eq!((heard, down), (vec![frame(1), frame(3)], 1));
+    assert_eq!(Received::Down.link_event(), Some(LinkEvent::SendFailed));
+}
+
+#[test]
+#[ignore = "needs a CAN interface: see hil-tests/vcan"]
+fn an_interface_that_is_removed_is_gone() {
+    let own = Own::new("ywgone");
+    let mut link = own.link();
+    own.remove();
+    let until = link.now() + PATIENCE;
+    let mut heard = Vec::new();
+    while heard.last() != Some(&Received::Gone) && link.now() < until {
+        link.wait(until);
+        heard.extend(std::iter::from_fn(|| link.receive()).map(|arrival| arrival.what));
+    }
+    assert_eq!(heard.last(), Some(&Received::Gone), "{heard:?}");
+    assert_eq!(link.send(&Frame::new(0x080, &[])), Err(SendError::Gone));
+}
+
+#[test]
+#[ignore = "needs a CAN interface: see hil-tests/vcan"]
+fn error_frames_are_decoded() {
+    let own = Own::new("ywerror");
+    let mut link = own.link();
+    let expected = [
+        ("20000040#0000000000000000", ErrorFrame { is_bus_off: true, ..Default::default() }, Some(LinkEvent::BusOff)),
+        (
+            "20000204#0020000000008007",
+            ErrorFrame { is_error_passive: true, counters: Some((128, 7)), ..Default::default() },
+            Some(LinkEvent::ErrorPassive),
+        ),
+        (
+            "20000020#0000000000000000",
+            ErrorFrame { is_unacknowledged: true, ..Default::default() },
+            Some(LinkEvent::ErrorPassive),
+        ),
+        ("20000004#0008000000000000", ErrorFrame { is_warning: true, ..Default::default() }, None),
+    ];
+    for (text, error, event) in expected {
+        let done = Command::new("cansend").args([own.0, text]).status().expect("can-utils is installed");
+        assert!(done.success(), "cansend {text}");
+        let arrival = hear(&mut link, |_| true);
+        assert_eq!((arrival.what, arrival.what.link_event()), (Received::Error(error), event), "{text}");
+    }
+}

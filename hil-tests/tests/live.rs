@@ -1,0 +1,226 @@
+//! The loop for a real bus, on a cable in memory: the rig against the same simulated devices, on a clock of its own.
+
+use std::sync::atomic::AtomicBool;
+use std::time::Duration;
+
+use hil_tests::{Scenario, cable::Cable};
+use yieldwall::bus::BootFailure;
+use yieldwall::canopen::cob;
+use yieldwall::guard::{Fault, Request, State};
+use yieldwall::live::{Ended, LiveError, LiveRig, Play, Played, drive_nodes};
+use yieldwall::record::Row;
+use yieldwall::rig::{self, DRILL_LIMIT, DeviceServer, Enable, Enabling, Pace, Unsafe};
+use yieldwall::sim::Watchdog;
+use yieldwall_drives::cia402;
+
+type Rig = LiveRig<Cable, Cable>;
+
+fn wired(scenario: &Scenario, pace: Pace) -> (Cable, Rig) {
+    let server = DeviceServer::new(&scenario.rig, &scenario.scene, scenario.seed, pace).unwrap();
+    let cable = Cable::new(server);
+    let rig = LiveRig::new(&scenario.rig, cable.clone(), cable.clone(), pace).unwrap();
+    (cable, rig)
+}
+
+fn play(rig: &mut Rig, cycles: u64) -> (Played, Vec<Row>) {
+    let mut rows = Vec::new();
+    let play = Play { cycles, settling: 50 };
+    let played = rig.play(&play, &AtomicBool::new(false), |record| rows.push(record.row())).unwrap();
+    (played, rows)
+}
+
+/// The rig, enabled and run for `cycles` cycles.
+fn running(scenario: &Scenario, pace: Pace, cycles: u32) -> (Cable, Rig) {
+    let (cable, mut rig) = wired(scenario, pace);
+    rig.boot().unwrap();
+    let mut enabling = Enabling::new(scenario.period_s());
+    while let Enable::Ask(request) = enabling.next(rig.state()) {
+        rig.run_cycle(request);
+    }
+    for _ in 0..cycles {
+        rig.run_cycle(Request::None);
+    }
+    assert_eq!(rig.state(), State::Running);
+    (cable, rig)
+}
+
+fn deepest_mm(rows: &[Row]) -> f64 {
+    rows.iter().filter(|row| row.is_on_surface).map(|row| 1e3 * row.signed_distance_m.abs()).fold(0.0, f64::max)
+}
+
+#[test]
+fn the_scene_is_that_of_the_embedded_simulation_in_both_paces_and_modes() {
+    for scenario in [Scenario::torque(), Scenario::position()] {
+        let mut embedded = scenario.enabled();
+        embedded.run(4000);
+        for pace in [Pace::Lockstep, Pace::Free] {
+            let (cable, mut rig) = wired(&scenario, pace);
+            rig.boot().unwrap();
+            let (played, rows) = play(&mut rig, 4000);
+            let what = format!("{} {pace:?}: {played:?}", scenario.file);
+            assert_eq!((played.ended, played.state, played.cause), (Ended::Whole, State::Running, None), "{what}");
+            // The devices' clocks start at other moments: the same motion within a cycle, not the same bits.
+            let farthest = rows.iter().zip(&embedded.rows).map(|(live, embedded)| {
+                let [x, y] = [0, 1].map(|axis| live.proxy_m[axis] - embedded.proxy_m[axis]);
+                x.hypot(y)
+            });
+            let farthest = farthest.fold(0.0, f64::max);
+            assert!(farthest < 2e-3, "{what}: {farthest} m apart");
+            assert!(rows.iter().any(|row| row.is_on_surface), "{what}: never on the surface");
+            assert!((deepest_mm(&rows) - deepest_mm(&embedded.rows)).abs() < 1.0, "{what}");
+            let counts = rig.counts();
+            assert_eq!((counts.overflowed, counts.refused), (0, 0), "{what}");
+            cable.look(|server| {
+                assert!(server.torques_n_m() == [0.0; 2], "{what}");
+                assert!(server.counts().syncs > 4000, "{what}");
+            });
+        }
+    }
+}
+
+/// Runs until the supervisor latches, for at most so many cycles; how many it took.
+fn until_latched(rig: &mut Rig, limit: u32) -> Option<u32> {
+    (1..=limit).find(|_| {
+        rig.run_cycle(Request::None);
+        rig.state().is_latched()
+    })
+}
+
+fn fault(rig: &Rig) -> Option<Fault> {
+    rig.cause().map(|cause| cause.fault)
+}
+
+fn drive_states(cable: &Cable) -> [cia402::State; 2] {
+    cable.look(|server| server.drive_states())
+}
+
+/// Latched, both drives without torque, and nothing starts again by itself.
+fn assert_at_rest(cable: &Cable, rig: &mut Rig, state: State) {
+    for _ in 0..1500 {
+        rig.run_cycle(Request::None);
+    }
+    assert_eq!(rig.state(), state);
+    cable.look(|server| {
+        assert!(server.drive_states().iter().all(|state| *state != cia402::State::OperationEnabled));
+        assert_eq!(server.torques_n_m(), [0.0; 2]);
+    });
+}
+
+#[test]
+fn a_master_that_was_stopped_sends_no_target_when_it_goes_on() {
+    for scenario in [Scenario::torque(), Scenario::position()] {
+        let (cable, mut rig) = running(&scenario, Pace::Free, 300);
+        cable.pass(Duration::from_millis(200));
+        // The drives have acted meanwhile, by themselves.
+        assert!(drive_states(&cable).iter().all(|state| *state != cia402::State::OperationEnabled));
+        let record = rig.run_cycle(Request::None).unwrap();
+        assert!(record.inputs.timing.skipped >= 199, "{:?}", record.inputs.timing);
+        assert!(rig.state().is_latched(), "in the first cycle");
+        let state = rig.state();
+        assert_at_rest(&cable, &mut rig, state);
+    }
+}
+
+#[test]
+fn a_cycle_that_is_late_again_and_again_stops_the_rig() {
+    let (cable, mut rig) = running(&Scenario::torque(), Pace::Free, 100);
+    cable.set_late(Duration::from_micros(800));
+    let cycles = until_latched(&mut rig, 2000).expect("it stops");
+    assert!(cycles > 3, "one late cycle stops nothing");
+    assert!(matches!(fault(&rig), Some(Fault::Overrun | Fault::SyncJitter)), "{:?}", fault(&rig));
+    cable.set_late(Duration::ZERO);
+    assert_at_rest(&cable, &mut rig, State::Stopped);
+}
+
+#[test]
+fn an_interface_that_goes_down_is_a_lost_bus_and_the_drives_stop_by_themselves() {
+    for pace in [Pace::Free, Pace::Lockstep] {
+        let (cable, mut rig) = running(&Scenario::torque(), pace, 300);
+        cable.set_down(true);
+        assert!(until_latched(&mut rig, 3).is_some(), "{pace:?}");
+        assert_eq!((rig.state(), fault(&rig)), (State::Lost, Some(Fault::LinkDown)));
+        // In lockstep simulated time stands still for two seconds of the wall.
+        cable.pass(Duration::from_secs(3));
+        assert!(drive_states(&cable).iter().all(|state| *state != cia402::State::OperationEnabled), "{pace:?}");
+        // It comes back up: nothing of before is sent, and nothing starts.
+        cable.set_down(false);
+        assert_at_rest(&cable, &mut rig, State::Lost);
+    }
+}
+
+#[test]
+fn a_drive_that_dies_stops_the_other_in_the_same_cycle() {
+    for pace in [Pace::Free, Pace::Lockstep] {
+        let scenario = Scenario::torque();
+        let (cable, mut rig) = running(&scenario, pace, 300);
+        let [left, _] = drive_nodes(&scenario.rig).unwrap();
+        let own = [cob::tpdo(1, left), Some(cob::heartbeat(left)), Some(cob::emcy(left))];
+        cable.set_passage(move |_, is_master, frame| is_master || !own.contains(&Some(frame.id())));
+        // Missed process data: after two cycles the reference comes to rest, after five the drives quick-stop.
+        assert_eq!(until_latched(&mut rig, 10), Some(5), "{pace:?}");
+        assert_eq!((rig.state(), fault(&rig)), (State::Stopped, Some(Fault::PdoMissed)));
+        assert_at_rest(&cable, &mut rig, State::Stopped);
+    }
+}
+
+#[test]
+fn a_sensor_that_dies_stops_the_rig_along_its_ramp() {
+    let (cable, mut rig) = running(&Scenario::position(), Pace::Lockstep, 300);
+    cable.set_passage(|_, is_master, frame| is_master || !matches!(frame.id(), 0x18a | 0x28a | 0x70a));
+    assert!(until_latched(&mut rig, 2000).is_some());
+    assert_at_rest(&cable, &mut rig, State::Stopped);
+}
+
+#[test]
+fn who_is_not_there_is_named_and_nothing_is_enabled() {
+    let (cable, mut rig) = wired(&Scenario::torque(), Pace::Free);
+    cable.set_passage(|_, is_master, frame| is_master || frame.id() & 0x7f != 2);
+    let error = rig.boot().unwrap_err();
+    let LiveError::Boot(error) = &error else { panic!("{error}") };
+    assert_eq!((error.node_id, error.name.as_str()), (2, "right"));
+    assert!(matches!(error.failure, BootFailure::Missing { .. }), "{error}");
+    assert!(drive_states(&cable).iter().all(|state| *state == cia402::State::SwitchOnDisabled));
+    cable.set_down(true);
+    assert!(matches!(rig.boot(), Err(LiveError::Send(_))));
+}
+
+#[test]
+fn the_drill_on_a_bus_finds_what_the_one_in_virtual_time_finds() {
+    for scenario in [Scenario::torque(), Scenario::position()] {
+        let is_torque = scenario.file == "paper-admittance.yaml";
+        let (_, mut live) = wired(&scenario, Pace::Free);
+        let on_bus = live.drill(drive_nodes(&scenario.rig).unwrap(), 50, &AtomicBool::new(false)).unwrap();
+        let virtually = rig::drill(&scenario.rig, &scenario.scene, |_| ()).unwrap();
+        on_bus.judge(is_torque).unwrap();
+        virtually.judge(is_torque).unwrap();
+        assert!(on_bus.resolution <= Duration::from_millis(3), "{:?}", on_bus.resolution);
+        for (one, other) in on_bus.findings.iter().zip(&virtually.findings) {
+            assert_eq!(one.watchdog, other.watchdog);
+            for (one, other) in one.stopped_after.iter().zip(&other.stopped_after) {
+                let apart = one.unwrap().abs_diff(other.unwrap());
+                assert!(apart <= on_bus.resolution + Duration::from_millis(1), "{on_bus:?} {virtually:?}");
+            }
+        }
+    }
+}
+
+#[test]
+fn a_drive_without_a_watchdog_is_found_on_the_bus_and_in_virtual_time() {
+    let scenario = Scenario::position();
+    for watchdog in Watchdog::ALL {
+        let mut server = DeviceServer::new(&scenario.rig, &scenario.scene, scenario.seed, Pace::Free).unwrap();
+        server.ignore(watchdog);
+        let cable = Cable::new(server);
+        let mut live = LiveRig::new(&scenario.rig, cable.clone(), cable.clone(), Pace::Free).unwrap();
+        let on_bus = live.drill(drive_nodes(&scenario.rig).unwrap(), 50, &AtomicBool::new(false)).unwrap();
+        let virtually = rig::drill(&scenario.rig, &scenario.scene, |machine| machine.ignore(watchdog)).unwrap();
+        for drilled in [on_bus, virtually] {
+            assert_eq!(drilled.judge(false), Err(Unsafe::GoesOn { side: "left", watchdog }), "{drilled:?}");
+            let others = drilled.findings.iter().filter(|finding| finding.watchdog != watchdog);
+            assert!(others.into_iter().all(|finding| {
+                finding.stopped_after.iter().all(|after| after.is_some_and(|after| after < DRILL_LIMIT))
+            }));
+        }
+        cable.look(|server| assert!(server.torques_n_m() == [0.0; 2], "it was stopped"));
+    }
+}

@@ -1,0 +1,70 @@
+//! `yieldwall drill`: do the drives stop by themselves when the master falls silent?
+
+use std::thread;
+
+use serde_json::json;
+
+use super::failure::{Exit, Failure};
+use super::keep::state_folder;
+use super::live::{live_failure, on_interrupt, open, settling_cycles};
+use super::output::Output;
+use super::run::{judge, rig_failure, watchdogs_json, watchdogs_text};
+use crate::config::{self, Source};
+use crate::live::host::{SystemMetronome, lock_memory, run_first};
+use crate::live::{LiveError, LiveRig, Subject, drive_nodes};
+use crate::rig::{Drilled, Pace};
+
+#[derive(Debug, clap::Args)]
+pub(super) struct Arguments {
+    /// The rig; `builtin:paper-admittance.yaml` names the copy inside the program
+    #[arg(value_name = "RIG.yaml")]
+    rig: String,
+    /// The interface
+    #[arg(long, value_name = "INTERFACE")]
+    bus: String,
+}
+
+pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Failure> {
+    let rig = config::load_rig(Source::named(&arguments.rig))?;
+    output.warnings(&rig.warnings);
+    let rig = rig.value;
+    let folder = state_folder("drills").ok_or_else(no_home)?;
+    let is_interrupted = on_interrupt()?;
+    // A drill on a computer that grants nothing is coarser, and says so by its resolution.
+    let _ = lock_memory();
+    let link = open(&arguments.bus, &rig)?;
+    let mut machine = LiveRig::new(&rig, link, SystemMetronome, Pace::Free).map_err(|error| live_failure(&error))?;
+    let nodes = drive_nodes(&rig).map_err(|error| rig_failure(&error))?;
+    let settling = settling_cycles(&rig);
+    output.news("the rig is enabled three times, at rest; nobody may hold the handle")?;
+    let drilling = move || -> Result<_, LiveError> {
+        let _ = run_first();
+        machine.boot()?;
+        let identities = machine.identities(nodes)?;
+        Ok((identities, machine.drill(nodes, settling, &is_interrupted)?))
+    };
+    let thread = thread::Builder::new().name("cycle".to_owned()).spawn(drilling);
+    let thread = thread.map_err(|error| Failure::new(Exit::Internal, format!("thread of the cycle: {error}"), ""))?;
+    let drilled =
+        thread.join().map_err(|_| Failure::new(Exit::Internal, "the thread of the cycle has panicked", ""))?;
+    let (identities, drilled) = drilled.map_err(|error| live_failure(&error))?;
+    let path = Subject::new(&rig, identities).store(&drilled, &folder).map_err(|error| {
+        Failure::new(Exit::Usage, format!("{}: {error}", folder.display()), "make the folder one that can be written")
+    })?;
+    if output.is_json() {
+        output.json(&json!({ "drives": identities, "watchdogs": watchdogs_json(&drilled), "record": path }))?;
+    } else {
+        output.news(&lines(&drilled, &path.display().to_string()))?;
+    }
+    judge(&drilled, &rig)
+}
+
+fn lines(drilled: &Drilled, path: &str) -> String {
+    format!("{}\nrecord    {path}", watchdogs_text(drilled))
+}
+
+/// The failure that there is no place for records.
+pub(super) fn no_home() -> Failure {
+    let message = "there is no folder for the records of drills: neither XDG_STATE_HOME nor HOME is set";
+    Failure::new(Exit::Usage, message, "set XDG_STATE_HOME to a folder that is kept")
+}

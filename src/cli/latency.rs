@@ -1,0 +1,161 @@
+//! `yieldwall latency`: what this computer may be promised to keep.
+
+use std::sync::Arc;
+use std::thread;
+use std::time::Duration;
+
+use serde_json::{Value, json};
+
+use super::failure::{Exit, Failure};
+use super::live::{link_failure, on_interrupt};
+use super::output::Output;
+use crate::link::{CobFilter, SocketCan, SocketCanSettings};
+use crate::live::host::{Refusal, SystemMetronome, lock_memory, run_first};
+use crate::live::{Histogram, Latency, PROBE, PROVING_CYCLES, Tier, measure_latency};
+
+#[derive(Debug, clap::Args)]
+pub(super) struct Arguments {
+    /// Also send a frame (7FFh) in every cycle, and measure how long it takes to this interface's bus and back
+    #[arg(long, value_name = "INTERFACE")]
+    bus: Option<String>,
+    /// Seconds to measure; the highest tier takes 100 000 at a cycle of 1 ms
+    #[arg(long, value_name = "S", default_value_t = 10.0)]
+    duration: f64,
+    /// Cycle time in us, 100 to 100 000
+    #[arg(long, value_name = "US", default_value_t = 1000, value_parser = clap::value_parser!(u32).range(100..=100_000))]
+    period_us: u32,
+}
+
+pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Failure> {
+    let duration = arguments.duration;
+    if !(duration > 0.0 && duration <= 1e7) {
+        let message =
+            format!("--duration is {duration}: a measurement lasts more than 0 and at most 10 000 000 seconds");
+        return Err(Failure::new(Exit::Usage, message, "give a number of seconds, such as --duration 60"));
+    }
+    let period = Duration::from_micros(arguments.period_us.into());
+    let cycles = (duration / period.as_secs_f64()).ceil() as u64;
+    let is_interrupted = on_interrupt()?;
+    let memory = lock_memory();
+    let mut link = match &arguments.bus {
+        Some(bus) => Some(open(bus)?),
+        None => None,
+    };
+    let measuring = {
+        let is_interrupted = Arc::clone(&is_interrupted);
+        move || {
+            let priority = run_first();
+            let now = || SystemMetronome.now();
+            let latency = measure_latency(&mut SystemMetronome, now, link.as_mut(), period, cycles, &is_interrupted);
+            (priority, latency)
+        }
+    };
+    let thread = thread::Builder::new().name("cycle".to_owned()).spawn(measuring);
+    let thread = thread.map_err(|error| Failure::new(Exit::Internal, format!("thread of the cycle: {error}"), ""))?;
+    let (priority, latency) =
+        thread.join().map_err(|_| Failure::new(Exit::Internal, "the thread of the cycle has panicked", ""))?;
+    let refused: Vec<_> = [&priority, &memory].into_iter().filter_map(|granted| granted.as_ref().err()).collect();
+    if output.is_json() {
+        return output.json(&document(arguments, &latency, &refused));
+    }
+    output.result(&text(arguments, &latency, &refused))
+}
+
+fn open(bus: &str) -> Result<SocketCan, Failure> {
+    SocketCan::open(&SocketCanSettings {
+        interface: bus.to_owned(),
+        process: vec![CobFilter::only(PROBE)],
+        services: Vec::new(),
+        bit_rate: None,
+        receive_buffer: 1 << 20,
+    })
+    .map_err(|error| link_failure(&error))
+}
+
+/// What the tier means for this program.
+fn verdict(latency: &Latency) -> String {
+    match latency.tier() {
+        Tier::A if latency.is_proven() => "A, real-time: every command mode".to_owned(),
+        Tier::A => format!(
+            "A, real-time, so far: {} of the {PROVING_CYCLES} cycles that show it; until then as B",
+            latency.wake.count()
+        ),
+        Tier::B => {
+            "B, stock kernel: no longest time is promised; position mode, and torque mode only with a drive whose \
+                    drill shows 10 ms or less"
+                .to_owned()
+        }
+        Tier::C => "C: simulation in lockstep or in virtual time only, or a slower cycle".to_owned(),
+    }
+}
+
+fn text(arguments: &Arguments, latency: &Latency, refused: &[&Refusal]) -> String {
+    let mut lines = Vec::new();
+    match refused {
+        [] => lines.push("realtime  SCHED_FIFO and locked memory".to_owned()),
+        refused => lines.extend(refused.iter().map(|refusal| format!("realtime  {refusal}"))),
+    }
+    let cycles = latency.wake.count();
+    lines.push(format!("cycles    {cycles} of {} us, {} missed", arguments.period_us, latency.missed));
+    lines.push(format!("wake-up   late by {}", shares(&latency.wake)));
+    if let Some(bus) = &arguments.bus {
+        lines.push(format!("frame     on {bus} and back in {}; {} lost", shares(&latency.round_trip), latency.lost));
+    }
+    lines.extend(bars(&latency.wake));
+    lines.push(format!("tier      {}", verdict(latency)));
+    lines.join("\n") + "\n"
+}
+
+fn shares(times: &Histogram) -> String {
+    let us = |share| 1e6 * times.quantile(share).as_secs_f64();
+    format!(
+        "p50 {:.0}, p99 {:.0}, p99.9 {:.0}, p99.99 {:.0}, max {:.0} us",
+        us(0.5),
+        us(0.99),
+        us(0.999),
+        us(0.9999),
+        us(1.0)
+    )
+}
+
+/// The histogram in doublings, a bar each; bars are logarithmic, so that one late wake-up among millions shows.
+fn bars(times: &Histogram) -> Vec<String> {
+    let mut doublings: Vec<(u64, u64)> = Vec::new();
+    for (time, count) in times.classes() {
+        let us = (time.as_micros() as u64 + 1).next_power_of_two();
+        match doublings.last_mut() {
+            Some((last, sum)) if *last == us => *sum += count,
+            _ => doublings.push((us, count)),
+        }
+    }
+    let bar = |count: u64| "#".repeat(4 * (count.ilog10() as usize + 1));
+    doublings.into_iter().map(|(us, count)| format!("  < {us:>7} us {count:>10}  {}", bar(count))).collect()
+}
+
+fn document(arguments: &Arguments, latency: &Latency, refused: &[&Refusal]) -> Value {
+    let times = |times: &Histogram| {
+        let us = |share| 1e6 * times.quantile(share).as_secs_f64();
+        let classes = times.classes().map(|(time, count)| json!([1e6 * time.as_secs_f64(), count]));
+        json!({
+            "count": times.count(),
+            "p50_us": us(0.5),
+            "p99_us": us(0.99),
+            "p999_us": us(0.999),
+            "p9999_us": us(0.9999),
+            "max_us": us(1.0),
+            "histogram": classes.collect::<Vec<_>>(),
+        })
+    };
+    json!({
+        "period_us": arguments.period_us,
+        "wake_up": times(&latency.wake),
+        "missed": latency.missed,
+        "bus": arguments.bus,
+        "round_trip": arguments.bus.as_ref().map(|_| times(&latency.round_trip)),
+        "lost": latency.lost,
+        "realtime_refused": refused.iter().map(ToString::to_string).collect::<Vec<_>>(),
+        "tier": format!("{:?}", latency.tier()),
+        "is_proven": latency.is_proven(),
+        "verdict": verdict(latency),
+    })
+}

@@ -1,0 +1,441 @@
+//! `yieldwall run --bus`: a rig with its scene on a real bus.
+
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::sync::atomic::AtomicBool;
+use std::thread;
+use std::time::Duration;
+
+use serde_json::{Value, json};
+
+use super::failure::{Exit, Failure};
+use super::keep::{Keep, Kept, Watched, state_folder};
+use super::output::Output;
+use super::run::{Arguments, exit_of, judge, measures_text, mode_text, rig_failure, stopped_by, write_drawing};
+use crate::bus::SensorLink;
+use crate::canopen::cob;
+use crate::config::{self, Report, Source};
+use crate::guard::Fault;
+use crate::link::{CobFilter, LinkError, SocketCan, SocketCanSettings};
+use crate::live::host::{Refusal, SystemMetronome, lock_memory, run_first};
+use crate::live::{Ended, Histogram, LinkCounts, LiveError, LiveRig, Play, Played, Subject, Unproven, drive_nodes};
+use crate::record::Row;
+use crate::rig::{Pace, RigError, cycles_before_enabling, drill, sample_period, sensor_link};
+use crate::study::measures::Measures;
+use crate::study::{Overrides, drawing, measured, replay};
+use yieldwall_drives::profiles::{SIMULATED_VENDOR, find as find_profile};
+
+/// Memory in bytes for frames that nobody has taken yet, per socket: half a second of the fullest bus.
+const RECEIVE_BUFFER: usize = 4 << 20;
+/// Heartbeat periods of process data before a rig is enabled. Two devices with one node id show in fewer.
+const SETTLING_HEARTBEATS: u32 = 3;
+
+/// What the loop or the devices wait for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
+pub(super) enum PaceArgument {
+    /// The clock on the wall
+    Free,
+    /// Each other: time advances by one period per SYNC, on a computer of any speed
+    Lockstep,
+}
+
+impl PaceArgument {
+    pub(super) fn pace(self) -> Pace {
+        match self {
+            PaceArgument::Free => Pace::Free,
+            PaceArgument::Lockstep => Pace::Lockstep,
+        }
+    }
+
+    pub(super) fn name(self) -> &'static str {
+        match self {
+            PaceArgument::Free => "by the wall clock",
+            PaceArgument::Lockstep => "in lockstep",
+        }
+    }
+}
+
+/// Set by Ctrl-C and by the wish of a service manager that the program ends.
+pub(super) fn on_interrupt() -> Result<Arc<AtomicBool>, Failure> {
+    let flag = Arc::new(AtomicBool::new(false));
+    for signal in [signal_hook::consts::SIGINT, signal_hook::consts::SIGTERM] {
+        signal_hook::flag::register(signal, Arc::clone(&flag))
+            .map_err(|error| Failure::new(Exit::Internal, format!("signal {signal}: {error}"), ""))?;
+    }
+    Ok(flag)
+}
+
+/// The failure that an interface is which cannot be used.
+pub(super) fn link_failure(error: &LinkError) -> Failure {
+    Failure::new(Exit::BusUnavailable, error.to_string(), "")
+}
+
+/// The link of a master: process data apart from the rest.
+pub(super) fn open(bus: &str, rig: &config::Rig) -> Result<SocketCan, Failure> {
+    let nodes = rig.drives.iter().map(|drive| drive.node_id).chain(rig.sensor.protocol.node_id());
+    let nodes: Vec<_> = nodes.filter_map(|node| cob::node_id(node).ok()).collect();
+    let mut process = vec![CobFilter::only(cob::SYNC)];
+    let mut services = vec![CobFilter::only(cob::NMT), CobFilter::matching(0x700, 0x780)];
+    for node in nodes {
+        let pdos = (1..=4).flat_map(|number| [cob::tpdo(number, node), cob::rpdo(number, node)]);
+        process.extend(pdos.flatten().map(CobFilter::only));
+        services.extend([CobFilter::only(cob::emcy(node)), CobFilter::only(cob::sdo_response(node))]);
+    }
+    if let SensorLink::PlainCan(link) = sensor_link(&rig.sensor).map_err(|error| rig_failure(&error))? {
+        process.extend(link.protocol.data_ids().map(CobFilter::only));
+    }
+    SocketCan::open(&SocketCanSettings {
+        interface: bus.to_owned(),
+        process,
+        services,
+        bit_rate: rig.buses.values().next().map(|bus| bus.bit_rate_bit_per_s),
+        receive_buffer: RECEIVE_BUFFER,
+    })
+    .map_err(|error| link_failure(&error))
+}
+
+/// Where it is shown that the drives stop by themselves.
+enum Proof {
+    /// In the embedded simulation, which has the same devices.
+    InVirtualTime,
+    /// In the record of a drill on a bus.
+    OnRecord { rig: Box<config::Rig>, folder: PathBuf },
+}
+
+/// In lockstep nothing measures time on the bus; the devices have to be simulated then, and are drilled in virtual time.
+fn proof(pace: PaceArgument, rig: &config::Rig, scene: &config::Scene) -> Result<Proof, Failure> {
+    if pace == PaceArgument::Free {
+        let folder = state_folder("drills").ok_or_else(super::drill::no_home)?;
+        return Ok(Proof::OnRecord { rig: Box::new(rig.clone()), folder });
+    }
+    let sensor = match &rig.sensor.protocol {
+        config::SensorProtocol::Canopen { profile, .. } => Some(profile),
+        _ => None,
+    };
+    let mut names = rig.drives.iter().map(|drive| &drive.profile).chain(sensor);
+    let is_simulated =
+        |name: &&String| find_profile(name).is_some_and(|profile| profile.identity.vendor_id == SIMULATED_VENDOR);
+    if let Some(name) = names.find(|name| !is_simulated(name)) {
+        let message = format!("--pace lockstep is for simulated devices, and {name} is none");
+        return Err(Failure::new(Exit::Usage, message, "leave --pace away"));
+    }
+    judge(&drill(rig, scene, |_| ()).map_err(|error| rig_failure(&error))?, rig)?;
+    Ok(Proof::InVirtualTime)
+}
+
+/// Why the rig did not come to run.
+#[derive(Debug, thiserror::Error)]
+enum NotRun {
+    #[error(transparent)]
+    Live(#[from] LiveError),
+    #[error(transparent)]
+    Unproven(#[from] Unproven),
+}
+
+impl From<RigError> for NotRun {
+    fn from(error: RigError) -> Self {
+        Self::Live(error.into())
+    }
+}
+
+/// The failure that drives are whose watchdogs nobody has tried, or that failed.
+fn unproven(error: &Unproven, bus: &str, arguments: &Arguments) -> Failure {
+    let help = format!("nothing was enabled; `yieldwall drill {} --bus {bus}` tries them", arguments.rig);
+    let exit = match error {
+        Unproven::Missing { .. } | Unproven::Unreadable { .. } => Exit::DeviceMismatch,
+        Unproven::Unsafe(_) => Exit::OutOfTolerance,
+    };
+    Failure::new(exit, error.to_string(), help)
+}
+
+/// What the loop leaves.
+struct Outcome {
+    played: Result<Played, NotRun>,
+    rows: Vec<Row>,
+    sync_late: Histogram,
+    compute_late: Histogram,
+    compute: Histogram,
+    skipped: u64,
+    counts: LinkCounts,
+    priority: Result<(), Refusal>,
+}
+
+pub(super) fn run(bus: &str, arguments: &Arguments, output: &mut Output) -> Result<(), Failure> {
+    let rig = config::load_rig(Source::named(&arguments.rig))?;
+    output.warnings(&rig.warnings);
+    let scene = config::load_scene(rig.source.relative(&rig.value.scene))?;
+    let overrides = Overrides { duration_s: arguments.duration, ..Overrides::default() };
+    let rig = rig.value;
+    let proof = proof(arguments.pace, &rig, &scene.value)?;
+    let is_interrupted = on_interrupt()?;
+    let memory = lock_memory();
+    refuse(arguments, &memory)?;
+    let link = open(bus, &rig)?;
+    for advice in link.facts().advice() {
+        output.warnings(&[config::Diagnostic {
+            severity: config::Severity::Warning,
+            ..config::Diagnostic::about_file("", advice, "")
+        }]);
+    }
+    let about = replay::about(&rig, &scene.value, &overrides)
+        .map_err(|error| Failure::new(Exit::Internal, format!("documents of the recording: {error}"), ""))?;
+    let mut machine =
+        LiveRig::new(&rig, link, SystemMetronome, arguments.pace.pace()).map_err(|error| live_failure(&error))?;
+    let [candump, record, black_box] =
+        [&arguments.candump, &arguments.record, &arguments.black_box].map(Option::as_deref);
+    let (keep, watch) = Keep::start(Watched::Interface(bus), &rig, &about, candump, record, black_box)?;
+    watch.tap.into_iter().for_each(|tap| machine.set_tap(tap));
+    watch.observer.into_iter().for_each(|observer| machine.set_observer(observer));
+    let period_s = machine.period().as_secs_f64();
+    let duration_s = arguments.duration.unwrap_or(scene.value.duration_s.get());
+    let play = Play { cycles: (duration_s / period_s).round().max(1.0) as u64, settling: settling_cycles(&rig) };
+    let must_be_first = arguments.require_realtime;
+    let thread = thread::Builder::new().name("cycle".to_owned()).spawn({
+        let is_interrupted = Arc::clone(&is_interrupted);
+        move || run_loop(machine, &play, &is_interrupted, must_be_first, &proof)
+    });
+    let thread = thread.map_err(|error| Failure::new(Exit::Internal, format!("thread of the cycle: {error}"), ""))?;
+    let mut outcome =
+        thread.join().map_err(|_| Failure::new(Exit::Internal, "the thread of the cycle has panicked", ""))?;
+    let kept = keep.finish()?;
+    output.warnings(&kept.warnings());
+    refuse(arguments, &outcome.priority)?;
+    let played = match &outcome.played {
+        Ok(played) => *played,
+        Err(NotRun::Live(error)) => return Err(kept.point_to_black_box(live_failure(error))),
+        Err(NotRun::Unproven(error)) => return Err(unproven(error, bus, arguments)),
+    };
+    let time_s = played.cycles as f64 * period_s;
+    let failure = match played.ended {
+        Ended::Whole => None,
+        Ended::Interrupted => {
+            Some(Failure::new(Exit::Interrupted, format!("interrupted after {time_s:.3} s; the rig was stopped"), ""))
+        }
+        Ended::Stopped => Some(stopped_by(played.cause, time_s)),
+        Ended::StillMoving => Some(Failure::new(
+            Exit::SafetyStop,
+            "a drive says that it still makes torque after the rig was stopped",
+            "look at the drive, and use the emergency stop if it moves",
+        )),
+        Ended::Panicked => Some(Failure::new(
+            Exit::Internal,
+            format!("after {time_s:.3} s the cycle panicked ({})", Fault::CyclePanicked.row().meaning),
+            "a quick stop was sent; please report what was printed above",
+        )),
+    };
+    let (trace, measures) = measured(&rig, &rig.fixture, std::mem::take(&mut outcome.rows));
+    if let Some(path) = &arguments.figure {
+        let drawing =
+            drawing::run(&trace, Some(rig.rig.name.clone())).map_err(|error| super::run::drawing_failure(&error))?;
+        write_drawing(&drawing, path)?;
+    }
+    let facts = Facts {
+        bus,
+        arguments,
+        rig: &rig,
+        outcome: &outcome,
+        played: &played,
+        memory: &memory,
+        measures: &measures,
+        kept: &kept,
+    };
+    let failure = failure.map(|failure| kept.point_to_black_box(failure));
+    if !output.is_json() {
+        output.news(&facts.lines(time_s).join("\n"))?;
+        return failure.map_or(Ok(()), Err);
+    }
+    let mut document = facts.json(time_s);
+    let Some(Failure { exit, report }) = failure else { return output.json(&document) };
+    document["exit_code"] = json!(exit.code());
+    document["diagnostics"] = json!(report);
+    output.json(&document)?;
+    Err(Failure { exit, report: Report { diagnostics: Vec::new() } })
+}
+
+/// On the thread of the cycle, from the boot to the end.
+fn run_loop(
+    mut machine: LiveRig<SocketCan, SystemMetronome>,
+    play: &Play,
+    is_interrupted: &AtomicBool,
+    must_be_first: bool,
+    proof: &Proof,
+) -> Outcome {
+    let priority = run_first();
+    let mut outcome = Outcome {
+        played: Err(LiveError::Interrupted.into()),
+        rows: Vec::with_capacity(play.cycles as usize),
+        sync_late: Histogram::default(),
+        compute_late: Histogram::default(),
+        compute: Histogram::default(),
+        skipped: 0,
+        counts: LinkCounts::default(),
+        priority,
+    };
+    if must_be_first && outcome.priority.is_err() {
+        return outcome;
+    }
+    let Outcome { rows, sync_late, compute_late, compute, skipped, .. } = &mut outcome;
+    let booted = machine.boot();
+    let proven = booted.map_err(NotRun::Live).and_then(|()| match proof {
+        Proof::InVirtualTime => Ok(()),
+        Proof::OnRecord { rig, folder } => {
+            let identities = machine.identities(drive_nodes(rig)?)?;
+            Ok(Subject::new(rig, identities).check(folder)?)
+        }
+    });
+    let played = proven.and_then(|()| {
+        Ok(machine.play(play, is_interrupted, |record| {
+            let timing = record.inputs.timing;
+            let nanos = |ns: u32| std::time::Duration::from_nanos(ns.into());
+            sync_late.add(nanos(timing.sync_late_ns));
+            compute_late.add(nanos(timing.compute_late_ns));
+            compute.add(nanos(timing.last_compute_ns));
+            *skipped += u64::from(timing.skipped);
+            rows.push(record.row());
+        })?)
+    });
+    machine.leave();
+    (outcome.played, outcome.counts) = (played, machine.counts());
+    outcome
+}
+
+pub(super) fn settling_cycles(rig: &config::Rig) -> u32 {
+    let [left, right] = &rig.drives;
+    let sensor_ms = rig.sensor.protocol.heartbeat_ms().unwrap_or_default();
+    let slowest_ms = left.heartbeat_ms.max(right.heartbeat_ms).max(sensor_ms);
+    let heartbeats = (u32::from(slowest_ms) * SETTLING_HEARTBEATS * 1000).div_ceil(rig.cycle.period_us);
+    heartbeats.max(cycles_before_enabling(Duration::from_micros(rig.cycle.period_us.into()), sample_period(rig)))
+}
+
+/// With `--require-realtime` what was not granted is an error.
+fn refuse(arguments: &Arguments, granted: &Result<(), Refusal>) -> Result<(), Failure> {
+    match granted {
+        Err(refusal) if arguments.require_realtime => Err(Failure::new(
+            Exit::TimingMissed,
+            refusal.to_string(),
+            "nothing was sent; leave --require-realtime away to run without",
+        )),
+        _ => Ok(()),
+    }
+}
+
+/// The failure that an error of the loop is.
+pub(super) fn live_failure(error: &LiveError) -> Failure {
+    match error {
+        LiveError::Rig(error) => rig_failure(error),
+        LiveError::Boot(error) => rig_failure(&error.clone().into()),
+        LiveError::Send(_) => Failure::new(
+            Exit::BusUnavailable,
+            error.to_string(),
+            "nobody acknowledges: look whether a device is switched on, at the cable, its termination and the bit rate",
+        ),
+        LiveError::NotBooted { .. } => {
+            Failure::new(Exit::DeviceMismatch, error.to_string(), "run with --verbose to see how far each node came")
+        }
+        LiveError::NotEnabled { cause, .. } => {
+            let exit = cause.map_or(Exit::DeviceFault, exit_of);
+            let help = cause.map_or("read the drives' error codes (603Fh)", |cause| cause.fault.row().next);
+            Failure::new(exit, error.to_string(), help)
+        }
+        LiveError::Unread { .. } => Failure::new(
+            Exit::DeviceMismatch,
+            error.to_string(),
+            "compare node ids and profiles with the devices on the bus",
+        ),
+        LiveError::Interrupted => Failure::new(Exit::Interrupted, error.to_string(), ""),
+    }
+}
+
+struct Facts<'a> {
+    bus: &'a str,
+    arguments: &'a Arguments,
+    rig: &'a config::Rig,
+    outcome: &'a Outcome,
+    played: &'a Played,
+    memory: &'a Result<(), Refusal>,
+    measures: &'a Measures,
+    kept: &'a Kept,
+}
+
+impl Facts<'_> {
+    fn refusals(&self) -> Vec<String> {
+        [&self.outcome.priority, self.memory]
+            .into_iter()
+            .filter_map(|granted| granted.as_ref().err().map(ToString::to_string))
+            .collect()
+    }
+
+    fn lines(&self, time_s: f64) -> Vec<String> {
+        let Outcome { counts, skipped, .. } = self.outcome;
+        let period_ms = f64::from(self.rig.cycle.period_us) * 1e-3;
+        let mut lines = vec![
+            format!("rig       {}: {}, {period_ms} ms", self.rig.rig.name, mode_text(self.rig.rig.command_mode)),
+            format!(
+                "bus       {}, {}: {} frames from others, {} own ones seen, {} lost here, {} not sent",
+                self.bus,
+                self.arguments.pace.name(),
+                counts.received,
+                counts.echoed,
+                counts.overflowed,
+                counts.refused
+            ),
+            format!("ran       {} cycles, {time_s:.1} s, to {:?}", self.played.cycles, self.played.state),
+        ];
+        match self.refusals().as_slice() {
+            [] => lines.push("realtime  SCHED_FIFO and locked memory".to_owned()),
+            refusals => lines.extend(refusals.iter().map(|refusal| format!("realtime  {refusal}"))),
+        }
+        if self.arguments.pace == PaceArgument::Free {
+            let late = |times: &Histogram| {
+                let us = |share| 1e6 * times.quantile(share).as_secs_f64();
+                format!("p50 {:.0}, p99 {:.0}, max {:.0} us", us(0.5), us(0.99), us(1.0))
+            };
+            lines.push(format!("SYNC      late by {}", late(&self.outcome.sync_late)));
+            lines.push(format!("cycle     late by {}", late(&self.outcome.compute_late)));
+            lines.push(format!("computed  in {}; {skipped} cycles skipped", late(&self.outcome.compute)));
+        }
+        lines.extend(measures_text(self.measures));
+        lines.extend(self.arguments.figure.as_ref().map(|path| format!("figure    {}", path.display())));
+        lines.extend(self.arguments.candump.as_ref().map(|path| format!("candump   {}", path.display())));
+        lines.extend(self.kept.lines());
+        lines
+    }
+
+    fn json(&self, time_s: f64) -> Value {
+        let Outcome { counts, skipped, .. } = self.outcome;
+        let times = |times: &Histogram| {
+            let us = |share| 1e6 * times.quantile(share).as_secs_f64();
+            json!({ "p50_us": us(0.5), "p99_us": us(0.99), "p999_us": us(0.999), "max_us": us(1.0) })
+        };
+        let cause = self.played.cause;
+        json!({
+            "rig": self.rig.rig.name,
+            "mode": self.rig.rig.command_mode,
+            "bus": self.bus,
+            "pace": format!("{:?}", self.arguments.pace).to_lowercase(),
+            "cycles": self.played.cycles,
+            "time_s": time_s,
+            "ended": format!("{:?}", self.played.ended),
+            "state": format!("{:?}", self.played.state),
+            "cause": cause.map(|cause| cause.fault.row().name),
+            "cause_devices": cause.map(|cause| cause.devices.to_string()),
+            "frames": {
+                "received": counts.received,
+                "echoed": counts.echoed,
+                "lost": counts.overflowed,
+                "not_sent": counts.refused,
+            },
+            "realtime_refused": self.refusals(),
+            "sync_late": times(&self.outcome.sync_late),
+            "compute_late": times(&self.outcome.compute_late),
+            "compute": times(&self.outcome.compute),
+            "skipped": skipped,
+            "measures": self.measures,
+            "figure": self.arguments.figure,
+            "candump": self.arguments.candump,
+            "recording": self.arguments.record,
+            "recorded": self.kept.files_json(),
+            "black_boxes": self.kept.black_boxes_json(),
+        })
+    }
+}

@@ -1,0 +1,185 @@
+//! `yieldwall sim`: simulated devices on a real bus.
+
+use std::io;
+use std::path::{Path, PathBuf};
+
+use serde_json::json;
+
+use super::failure::{Exit, Failure};
+use super::live::{PaceArgument, link_failure, on_interrupt};
+use super::output::Output;
+use super::run::rig_failure;
+use crate::config::{self, Source};
+use crate::link::{SocketCan, SocketCanSettings};
+use crate::live::{Attached, Entrance, ServeError, attach, serve};
+use crate::rig::{DeviceServer, simulated_drive, simulated_force_sensor};
+use crate::sim::Watchdog;
+use yieldwall_drives::cia402;
+
+#[derive(Debug, clap::Args)]
+pub(super) struct Arguments {
+    /// The rig; `builtin:paper-admittance.yaml` names the copy inside the program
+    #[arg(value_name = "RIG.yaml")]
+    rig: String,
+    /// The interface
+    #[arg(long, value_name = "INTERFACE")]
+    bus: String,
+    /// What simulated time follows; the same as for `run`
+    #[arg(long, value_enum, default_value_t = PaceArgument::Free)]
+    pace: PaceArgument,
+    /// Seed of tremor and sensor noise, in place of the scene's
+    #[arg(long, value_name = "N")]
+    seed: Option<u64>,
+    /// A scene in place of the rig's
+    #[arg(long, value_name = "SCENE.yaml")]
+    scene: Option<String>,
+    /// The devices of this process, by name; those of the rig unless told otherwise
+    #[arg(long, value_delimiter = ',', value_name = "NAME,..")]
+    nodes: Vec<String>,
+    /// Have other processes attach the devices that are not here: a socket that is made at this path
+    #[arg(long, value_name = "SOCKET")]
+    plant: Option<PathBuf>,
+    /// Attach the one device of this process to the arm of the process that has made this socket
+    #[arg(long, value_name = "SOCKET", requires = "nodes", conflicts_with_all = ["plant", "pace", "seed"])]
+    attach: Option<PathBuf>,
+    /// Have the drives ignore that this stays away, so that a drill has something to find; may be repeated
+    #[arg(long, value_enum, value_name = "WHAT")]
+    unwatched: Vec<Unwatched>,
+}
+
+/// What a drive may not watch.
+#[derive(Clone, Copy, Debug, clap::ValueEnum)]
+enum Unwatched {
+    /// SYNC
+    Sync,
+    /// The set-points
+    SetPoints,
+    /// The master's heartbeat
+    Heartbeat,
+}
+
+pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Failure> {
+    let rig = config::load_rig(Source::named(&arguments.rig))?;
+    output.warnings(&rig.warnings);
+    let scene = match &arguments.scene {
+        Some(path) => Source::named(path),
+        None => rig.source.relative(&rig.value.scene),
+    };
+    let scene = config::load_scene(scene)?;
+    let rig = rig.value;
+    let seed = arguments.seed.unwrap_or(scene.value.seed);
+    let here = chosen(arguments, &rig)?;
+    if let Some(path) = &arguments.attach {
+        return attach_one(arguments, path, here, &rig, &scene.value, output);
+    }
+    let server = DeviceServer::new(&rig, &scene.value, seed, arguments.pace.pace());
+    let mut server = server.map_err(|error| rig_failure(&error))?.only(here);
+    arguments.unwatched.iter().for_each(|unwatched| server.ignore(unwatched.watchdog()));
+    let is_interrupted = on_interrupt()?;
+    let mut link = open(arguments, &rig)?;
+    let entrance = match &arguments.plant {
+        Some(path) => Some(Entrance::open(path).map_err(|error| no_socket(path, &error))?),
+        None => None,
+    };
+    let names = names(&rig, here).join(", ");
+    output.news(&format!("simulated {names} on {}, {}; Ctrl-C ends it", arguments.bus, arguments.pace.name()))?;
+    let served = serve(&mut server, &mut link, &is_interrupted, |server| {
+        if let Some(entrance) = &entrance {
+            entrance.admit(server);
+        }
+    });
+    if let Some(path) = &arguments.plant {
+        // It may be gone already.
+        let _ = std::fs::remove_file(path);
+    }
+    let counts = server.counts();
+    let time_s = server.now().as_secs_f64();
+    if output.is_json() {
+        let drive =
+            |(state, torque): (cia402::State, f64)| json!({ "state": format!("{state:?}"), "torque_n_m": torque });
+        let drives: Vec<_> = server.drive_states().into_iter().zip(server.torques_n_m()).map(drive).collect();
+        output.json(&json!({ "time_s": time_s, "syncs": counts.syncs, "sent": counts.sent, "drives": drives }))?;
+    } else {
+        output
+            .news(&format!("served    {} SYNC, {} frames sent, {time_s:.3} s simulated", counts.syncs, counts.sent))?;
+    }
+    served.map_err(|error| match &error {
+        ServeError::Rig(error) => rig_failure(error),
+        ServeError::Gone => Failure::new(Exit::BusUnavailable, error.to_string(), "plug the adapter in again"),
+    })
+}
+
+impl Unwatched {
+    fn watchdog(self) -> Watchdog {
+        match self {
+            Unwatched::Sync => Watchdog::Sync,
+            Unwatched::SetPoints => Watchdog::SetPoints,
+            Unwatched::Heartbeat => Watchdog::Heartbeat,
+        }
+    }
+}
+
+/// Which of the rig's devices are simulated in this process.
+fn chosen(arguments: &Arguments, rig: &config::Rig) -> Result<[bool; 3], Failure> {
+    let known = names(rig, [true; 3]);
+    if let Some(stranger) = arguments.nodes.iter().find(|name| !known.contains(&name.as_str())) {
+        let message = format!("--nodes names {stranger}, which the rig does not have");
+        return Err(Failure::new(Exit::Usage, message, format!("its devices are {}", known.join(", "))));
+    }
+    let is_here = |name: &str| arguments.nodes.is_empty() || arguments.nodes.iter().any(|node| node == name);
+    let [left, right] = &rig.drives;
+    let here = [is_here(&left.name), is_here(&right.name), is_here(&rig.sensor.name)];
+    let count = here.iter().filter(|is_here| **is_here).count();
+    match (&arguments.attach, &arguments.plant) {
+        (Some(_), _) if count != 1 => {
+            let help = "start one process for each device, such as --nodes left";
+            Err(Failure::new(Exit::Usage, "--attach is for one device", help))
+        }
+        (None, None) if count < 3 => {
+            let help = "name a socket with --plant, and the same one with --attach where the other devices are";
+            Err(Failure::new(Exit::Usage, "the arm needs all its devices, and some are not in this process", help))
+        }
+        _ => Ok(here),
+    }
+}
+
+fn names(rig: &config::Rig, here: [bool; 3]) -> Vec<&str> {
+    let [left, right] = &rig.drives;
+    let names = [&left.name, &right.name, &rig.sensor.name];
+    names.into_iter().zip(here).filter(|(_, is_here)| *is_here).map(|(name, _)| name.as_str()).collect()
+}
+
+fn open(arguments: &Arguments, rig: &config::Rig) -> Result<SocketCan, Failure> {
+    let bit_rate = rig.buses.values().next().map(|bus| bus.bit_rate_bit_per_s);
+    let settings = SocketCanSettings { bit_rate, ..SocketCanSettings::everything(&arguments.bus) };
+    SocketCan::open(&settings).map_err(|error| link_failure(&error))
+}
+
+fn no_socket(path: &Path, error: &io::Error) -> Failure {
+    let help =
+        "start the process with --plant first; a socket that is left over from one that was killed has to be removed";
+    Failure::new(Exit::Usage, format!("{}: {error}", path.display()), help)
+}
+
+/// One device of an arm that is in another process.
+fn attach_one(
+    arguments: &Arguments,
+    path: &Path,
+    here: [bool; 3],
+    rig: &config::Rig,
+    scene: &config::Scene,
+    output: &mut Output,
+) -> Result<(), Failure> {
+    let device = match rig.drives.iter().enumerate().find(|(joint, _)| here.get(*joint) == Some(&true)) {
+        Some((joint, drive)) => simulated_drive(rig, scene, drive, joint as u32 + 1).map(|mut drive| {
+            arguments.unwatched.iter().for_each(|unwatched| drive.ignore(unwatched.watchdog()));
+            Attached::Drive(joint, Box::new(drive))
+        }),
+        None => simulated_force_sensor(rig).map(|sensor| Attached::Sensor(Box::new(sensor))),
+    };
+    let mut device = device.map_err(|error| rig_failure(&error))?;
+    let is_interrupted = on_interrupt()?;
+    let mut link = open(arguments, rig)?;
+    output.news(&format!("simulated {} on {}; Ctrl-C ends it", names(rig, here).join(", "), arguments.bus))?;
+    attach(&mut device, &mut link, path, &is_interrupted).map_err(|error| no_socket(path, &error))
+}

@@ -1,0 +1,154 @@
+//! Why an interface cannot be used, and what to try next.
+
+use std::io;
+
+use rustix::io::Errno;
+
+/// What is wrong with an interface.
+#[derive(Debug, thiserror::Error)]
+pub enum LinkError {
+    /// The kernel knows nothing of CAN.
+    #[error(
+        "this kernel has no CAN sockets. Load them with `sudo modprobe can-raw`; if there is no such module, run the command \
+         as `hil-tests/vcan COMMAND`, which boots a kernel that has them"
+    )]
+    NoCan,
+    /// The process may not open CAN sockets.
+    #[error(
+        "this process may not open CAN sockets. No privilege is needed for them, so something takes them away: look for \
+         RestrictAddressFamilies of a systemd unit (add AF_CAN) or for a seccomp profile of the container"
+    )]
+    NotPermitted,
+    /// There is no such interface.
+    #[error("there is no interface `{interface}`{}. {}", found(.others), next(.interface, *.wanted))]
+    Missing {
+        /// Its name.
+        interface: String,
+        /// The CAN interfaces that are there.
+        others: Vec<String>,
+        /// Bit rate in bit/s that it should have.
+        wanted: Option<u32>,
+    },
+    /// The interface is of another type.
+    #[error("`{interface}` is no CAN interface{}", found(.others))]
+    NotCan {
+        /// Its name.
+        interface: String,
+        /// The CAN interfaces that are there.
+        others: Vec<String>,
+    },
+    /// The interface is down.
+    #[error("`{interface}` is down. Take it up with `sudo ip link set {interface} up{}`", .bit_rate.map_or_else(String::new, |bit_rate| format!(" type can bitrate {bit_rate}")))]
+    Down {
+        /// Its name.
+        interface: String,
+        /// Bit rate in bit/s that it should have, unless it is virtual.
+        bit_rate: Option<u32>,
+    },
+    /// The controller has left the bus.
+    #[error(
+        "the controller of `{interface}` is bus-off: it saw too many errors. Check cable, termination and the bit rate of \
+         every node, then `sudo ip link set {interface} type can restart`"
+    )]
+    BusOff {
+        /// Name of the interface.
+        interface: String,
+    },
+    /// The interface has another bit rate than the rig.
+    #[error(
+        "`{interface}` runs at {has} bit/s and the rig at {wanted} bit/s. Change the interface with \
+         `sudo ip link set {interface} down && sudo ip link set {interface} up type can bitrate {wanted}`, or the key \
+         `bit_rate` of the rig's bus"
+    )]
+    BitRate {
+        /// Name of the interface.
+        interface: String,
+        /// Its bit rate in bit/s.
+        has: u32,
+        /// The wanted one in bit/s.
+        wanted: u32,
+    },
+    /// Anything else that the system refuses.
+    #[error("`{interface}`: the system refuses to {step}: {source}")]
+    System {
+        /// Name of the interface.
+        interface: String,
+        /// What was asked for.
+        step: &'static str,
+        /// What the system says.
+        source: io::Error,
+    },
+}
+
+impl LinkError {
+    /// What it means that a socket could not be opened or bound.
+    pub(super) fn from_open(interface: &str, source: io::Error) -> Self {
+        match Errno::from_io_error(&source) {
+            Some(Errno::AFNOSUPPORT | Errno::PROTONOSUPPORT) => Self::NoCan,
+            Some(Errno::PERM | Errno::ACCESS) => Self::NotPermitted,
+            // The interface has an index, and yet is none that can be bound to.
+            Some(Errno::NODEV) => Self::NotCan { interface: interface.to_owned(), others: super::facts::interfaces() },
+            _ => Self::System { interface: interface.to_owned(), step: "open it", source },
+        }
+    }
+}
+
+fn found(others: &[String]) -> String {
+    match others {
+        [] => ", and no other CAN interface".to_owned(),
+        others => format!("; CAN interfaces here: {}", others.join(", ")),
+    }
+}
+
+/// What may bring an interface into being.
+fn next(interface: &str, bit_rate: Option<u32>) -> String {
+    if ["vcan", "vxcan"].iter().any(|kind| interface.starts_with(kind)) {
+        return format!("Make it: `sudo ip link add {interface} type vcan && sudo ip link set {interface} up`");
+    }
+    let bit_rate = bit_rate.unwrap_or(1_000_000);
+    format!(
+        "Check the adapter with `dmesg | grep -i can`; one on a serial line is made by `sudo slcand`. Then: `sudo ip link set \
+         {interface} up type can bitrate {bit_rate}`"
+    )
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn opened(errno: Errno) -> LinkError {
+        LinkError::from_open("can0", io::Error::from_raw_os_error(errno.raw_os_error()))
+    }
+
+    #[test]
+    fn what_the_system_says_has_a_meaning() {
+        assert!(matches!(opened(Errno::AFNOSUPPORT), LinkError::NoCan));
+        assert!(matches!(opened(Errno::PROTONOSUPPORT), LinkError::NoCan));
+        assert!(matches!(opened(Errno::PERM), LinkError::NotPermitted));
+        assert!(matches!(opened(Errno::NODEV), LinkError::NotCan { .. }));
+        assert!(matches!(opened(Errno::NOMEM), LinkError::System { .. }));
+    }
+
+    #[test]
+    fn messages_name_the_next_thing_to_try() {
+        let missing = |interface: &str, others: &[&str]| {
+            let others = others.iter().map(|&other| other.to_owned()).collect();
+            LinkError::Missing { interface: interface.to_owned(), others, wanted: Some(500_000) }.to_string()
+        };
+        assert_eq!(
+            missing("vcan0", &[]),
+            "there is no interface `vcan0`, and no other CAN interface. Make it: `sudo ip link add vcan0 type vcan && sudo \
+             ip link set vcan0 up`"
+        );
+        assert_eq!(
+            missing("can1", &["can0", "vcan0"]),
+            "there is no interface `can1`; CAN interfaces here: can0, vcan0. Check the adapter with `dmesg | grep -i can`; \
+             one on a serial line is made by `sudo slcand`. Then: `sudo ip link set can1 up type can bitrate 500000`"
+        );
+        let down = |bit_rate| LinkError::Down { interface: "can0".to_owned(), bit_rate }.to_string();
+        assert_eq!(down(None), "`can0` is down. Take it up with `sudo ip link set can0 up`");
+        assert!(down(Some(250_000)).ends_with("`sudo ip link set can0 up type can bitrate 250000`"));
+        let rates = LinkError::BitRate { interface: "can0".to_owned(), has: 125_000, wanted: 1_000_000 }.to_string();
+        assert!(rates.starts_with("`can0` runs at 125000 bit/s and the rig at 1000000 bit/s."));
+    }
+}

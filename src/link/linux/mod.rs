@@ -1,0 +1,280 @@
+//! SocketCAN.
+//!
+//! One socket for process data and one for services, so that neither a flood of one fills the other's queue nor a long
+//! transfer stands between two set-points: process data go out in a higher band of the interface's queue.
+
+mod error;
+mod facts;
+mod filter;
+mod message;
+
+pub use error::LinkError;
+pub use facts::{ControllerState, InterfaceFacts};
+pub use filter::CobFilter;
+
+use std::io;
+use std::os::fd::{AsFd, BorrowedFd};
+use std::time::Duration;
+
+use rustix::event::{PollFd, PollFlags, Timespec, poll};
+use rustix::io::Errno;
+use rustix::time::{ClockId, clock_gettime};
+use socketcan::{CanDataFrame, CanFrame, CanRemoteFrame, CanSocket, EmbeddedFrame, Socket, SocketOptions, StandardId};
+
+use super::{Arrival, CanLink, ErrorFrame, Received, SendError};
+use crate::canopen::{Frame, Time};
+use filter::Identifiers;
+use message::Message;
+
+/// Which frames a link takes, and what it expects of the interface.
+#[derive(Clone, Debug)]
+pub struct SocketCanSettings {
+    /// Name of the interface, as `ip link` shows it.
+    pub interface: String,
+    /// Process data of both ways, SYNC included: own frames among them come back as [`Received::Echo`].
+    pub process: Vec<CobFilter>,
+    /// Everything else that is wanted. Own frames of these identifiers do not come back. If one of the two is empty there is
+    /// one socket only.
+    pub services: Vec<CobFilter>,
+    /// Bit rate in bit/s that the interface has to have; an interface without one, such as vcan, passes.
+    pub bit_rate: Option<u32>,
+    /// Memory in bytes for what nobody has taken yet, per socket. A frame takes about 1 kB of it.
+    pub receive_buffer: usize,
+}
+
+impl SocketCanSettings {
+    /// Every frame of the bus over one socket, own ones included, as an observer wants it.
+    pub fn everything(interface: &str) -> Self {
+        Self { process: vec![CobFilter::EVERYTHING], ..Self::services(interface, Vec::new()) }
+    }
+
+    /// What these filters let through, without own frames, as a device or a client wants it.
+    pub fn services(interface: &str, services: Vec<CobFilter>) -> Self {
+        let interface = interface.to_owned();
+        Self { interface, process: Vec::new(), services, bit_rate: None, receive_buffer: 4 << 20 }
+    }
+}
+
+/// One socket and what is known of it.
+#[derive(Debug)]
+struct Port {
+    socket: CanSocket,
+    /// Frames that it had lost when it was asked last.
+    lost: u32,
+}
+
+/// An interface of SocketCAN.
+#[derive(Debug)]
+pub struct SocketCan {
+    /// For process data; for everything if there is no other.
+    first: Port,
+    /// For services.
+    second: Option<Port>,
+    /// What goes over the first of two.
+    is_process: Identifiers,
+    facts: InterfaceFacts,
+    receive_buffer: usize,
+    /// What came together with a loss, which is told first.
+    pending: Option<Arrival>,
+    latest: Time,
+}
+
+impl SocketCan {
+    /// Opens an interface and checks that it can be used: that it is there, is a CAN interface, is up, is not bus-off and
+    /// has the wanted bit rate.
+    ///
+    /// # Errors
+    /// What is wrong with it, and what to try next.
+    pub fn open(settings: &SocketCanSettings) -> Result<Self, LinkError> {
+        let name = settings.interface.as_str();
+        let index = facts::find(name, settings.bit_rate)?;
+        let has_process = !settings.process.is_empty();
+        let (filters, others) = if has_process {
+            (settings.process.as_slice(), settings.services.as_slice())
+        } else {
+            (settings.services.as_slice(), [].as_slice())
+        };
+        let first = Port::open(name, index, filters)?;
+        let facts = facts::query(name, index, &first.socket)?;
+        facts.check(settings.bit_rate)?;
+        let failed = |step| move |source| LinkError::System { interface: name.to_owned(), step, source };
+        first.socket.set_error_filter_accept_all().map_err(failed("have error frames come"))?;
+        if has_process {
+            first.socket.set_recv_own_msgs(true).map_err(failed("have own frames come back"))?;
+            // The highest that needs no privilege. Queues that know no bands ignore it.
+            let priority = first.socket.set_socket_option_int(libc::SOL_SOCKET, libc::SO_PRIORITY, 6);
+            priority.map_err(failed("set the priority of process data"))?;
+        }
+        let second = if others.is_empty() { None } else { Some(Port::open(name, index, others)?) };
+        let mut receive_buffer = usize::MAX;
+        for port in std::iter::once(&first).chain(&second) {
+            let got = port.reserve(settings.receive_buffer).map_err(failed("reserve memory for frames"))?;
+            receive_buffer = receive_buffer.min(got);
+        }
+        let is_process = Identifiers::passing(filters);
+        Ok(Self { first, second, is_process, facts, receive_buffer, pending: None, latest: Time(0) })
+    }
+
+    /// What the system said of the interface when it was opened.
+    pub fn facts(&self) -> &InterfaceFacts {
+        &self.facts
+    }
+
+    /// Memory in bytes that each socket got for frames that nobody has taken yet. Without the privilege
+    /// `CAP_NET_ADMIN` it is at most what `net.core.rmem_max` allows.
+    pub fn receive_buffer(&self) -> usize {
+        self.receive_buffer
+    }
+
+    /// The next arrival of one socket.
+    fn take(&mut self, is_first: bool) -> Option<Arrival> {
+        let port = if is_first { Some(&mut self.first) } else { self.second.as_mut() }?;
+        // An interrupted call is tried again, and what is no classic frame passed over; both are rare.
+        for _ in 0..4 {
+            let message = match message::receive(port.socket.as_fd()) {
+                Ok(message) => message,
+                Err(error) => match Errno::from_io_error(&error) {
+                    Some(Errno::NETDOWN) => return Some(self.arrive(None, Received::Down)),
+                    Some(Errno::NODEV) => return Some(self.arrive(None, Received::Gone)),
+                    Some(Errno::AGAIN) => return None,
+                    _ => continue,
+                },
+            };
+            let lost = message.lost.map_or(0, |lost| lost.wrapping_sub(std::mem::replace(&mut port.lost, lost)));
+            let Some(what) = decode(&message) else { continue };
+            let arrival = self.arrive(message.stamp, what);
+            if lost == 0 {
+                return Some(arrival);
+            }
+            self.pending = Some(arrival);
+            return Some(Arrival { time: arrival.time, what: Received::Overflow { frames: lost } });
+        }
+        None
+    }
+
+    /// Puts the stamp of the wall clock on the monotonic one, by its age. A wall clock that is set in between cannot move
+    /// it past now or before the arrival before it.
+    fn arrive(&mut self, stamp: Option<Duration>, what: Received) -> Arrival {
+        let now = self.now();
+        let time = match stamp {
+            Some(stamp) => {
+                let age = Duration::from_nanos(nanos(ClockId::Realtime)).saturating_sub(stamp);
+                Time(now.0.saturating_sub(age.as_nanos().min(u128::from(u64::MAX)) as u64))
+            }
+            None => now,
+        };
+        self.latest = time.max(self.latest).min(now);
+        Arrival { time: self.latest, what }
+    }
+}
+
+/// The socket for process data, which is the only one of a link without services.
+impl AsFd for SocketCan {
+    fn as_fd(&self) -> BorrowedFd<'_> {
+        self.first.as_fd()
+    }
+}
+
+impl CanLink for SocketCan {
+    fn now(&self) -> Time {
+        Time(nanos(ClockId::Monotonic))
+    }
+
+    fn receive(&mut self) -> Option<Arrival> {
+        self.pending.take().or_else(|| self.take(true)).or_else(|| self.take(false))
+    }
+
+    fn send(&mut self, frame: &Frame) -> Result<(), SendError> {
+        let port = match &self.second {
+            Some(services) if !self.is_process.has(frame.id()) => services,
+            _ => &self.first,
+        };
+        // An identifier of 11 bits and a length of at most 8 are what a `Frame` has.
+        let Some(frame) = encode(frame) else { return Ok(()) };
+        match port.socket.write_frame(&frame) {
+            Ok(()) => Ok(()),
+            Err(error) => Err(match Errno::from_io_error(&error) {
+                Some(Errno::NOBUFS | Errno::AGAIN) => SendError::Full,
+                Some(Errno::NETDOWN) => SendError::Down,
+                Some(Errno::NODEV | Errno::NXIO) => SendError::Gone,
+                other => SendError::System { errno: other.map_or(0, Errno::raw_os_error) },
+            }),
+        }
+    }
+
+    fn wait(&mut self, until: Time) -> bool {
+        if self.pending.is_some() {
+            return true;
+        }
+        let wait = until.since(self.now());
+        let wait = Timespec { tv_sec: wait.as_secs() as i64, tv_nsec: i64::from(wait.subsec_nanos()) };
+        let timeout = (until != Time::NEVER).then_some(&wait);
+        let first = PollFd::new(&self.first, PollFlags::IN);
+        let ready = match &self.second {
+            Some(second) => poll(&mut [first, PollFd::new(second, PollFlags::IN)], timeout),
+            None => poll(&mut [first], timeout),
+        };
+        ready.is_ok_and(|ready| ready > 0)
+    }
+}
+
+impl Port {
+    fn open(name: &str, index: u32, filters: &[CobFilter]) -> Result<Self, LinkError> {
+        let failed = |step| move |source| LinkError::System { interface: name.to_owned(), step, source };
+        let socket = CanSocket::open_iface(index).map_err(|source| LinkError::from_open(name, source))?;
+        let filters: Vec<_> = filters.iter().map(CobFilter::of_kernel).collect();
+        socket.set_filters(&filters).map_err(failed("filter frames"))?;
+        socket.set_nonblocking(true).map_err(failed("never wait"))?;
+        socket.set_recv_timestamp(true).map_err(failed("stamp frames with the time"))?;
+        let overflow = socket.set_socket_option_int(libc::SOL_SOCKET, libc::SO_RXQ_OVFL, 1);
+        overflow.map_err(failed("count lost frames"))?;
+        Ok(Self { socket, lost: 0 })
+    }
+
+    /// Asks for memory for frames; what there is then.
+    fn reserve(&self, bytes: usize) -> io::Result<usize> {
+        // The kernel doubles what it is asked for.
+        let half = i32::try_from(bytes / 2).unwrap_or(i32::MAX);
+        let option = |name| self.socket.set_socket_option_int(libc::SOL_SOCKET, name, half);
+        option(libc::SO_RCVBUFFORCE).or_else(|_| option(libc::SO_RCVBUF))?;
+        self.socket.as_raw_socket().recv_buffer_size()
+    }
+}
+
+impl AsFd for Port {
+    fn as_fd(&self) -> BorrowedFd<'_> {
+        self.socket.as_fd()
+    }
+}
+
+fn nanos(clock: ClockId) -> u64 {
+    let time = clock_gettime(clock);
+    // Neither clock is before its begin.
+    time.tv_sec as u64 * 1_000_000_000 + time.tv_nsec as u64
+}
+
+/// What a message tells; `None` for a frame with 29-bit identifier, which no filter lets through.
+fn decode(message: &Message) -> Option<Received> {
+    let Message { frame, is_own, .. } = message;
+    if frame.can_id & libc::CAN_ERR_FLAG != 0 {
+        return Some(Received::Error(ErrorFrame::decode(frame.can_id & libc::CAN_ERR_MASK, &frame.data)));
+    }
+    if frame.can_id & libc::CAN_EFF_FLAG != 0 {
+        return None;
+    }
+    let id = (frame.can_id & libc::CAN_SFF_MASK) as u16;
+    let frame = if frame.can_id & libc::CAN_RTR_FLAG != 0 {
+        Frame::remote(id, frame.can_dlc)
+    } else {
+        Frame::from_bits(id, u64::from_le_bytes(frame.data), frame.can_dlc)
+    };
+    Some(if *is_own { Received::Echo(frame) } else { Received::Frame(frame) })
+}
+
+fn encode(frame: &Frame) -> Option<CanFrame> {
+    let id = StandardId::new(frame.id())?;
+    if frame.is_remote() {
+        return CanRemoteFrame::new_remote(id, usize::from(frame.length_code())).map(CanFrame::Remote);
+    }
+    CanDataFrame::new(id, frame.data()).map(CanFrame::Data)
+}

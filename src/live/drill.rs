@@ -1,0 +1,213 @@
+//! The watchdog drill on a real bus.
+//!
+//! Without SYNC the drives send no process data, so they are asked for their statusword (6041h) over SDO, once a cycle.
+
+use std::sync::atomic::AtomicBool;
+use std::time::Duration;
+
+use super::error::LiveError;
+use super::metronome::Metronome;
+use super::proof::DriveIdentity;
+use super::rig::LiveRig;
+use crate::canopen::{NodeId, Outbox, SdoClient, SdoOutcome, Time, cob};
+use crate::guard::{Request, State};
+use crate::link::{Arrival, CanLink, LinkOutbox, Received};
+use crate::rig::{CYCLES_BEFORE_SILENCE, DRILL_LIMIT, Drilled, Finding};
+use crate::sim::Watchdog;
+use yieldwall_drives::cia402::{self, Statusword};
+use yieldwall_drives::objects;
+
+/// How long a drive may take to answer.
+const SDO_TIMEOUT: Duration = Duration::from_millis(250);
+/// Cycles in which everything is sent before something stays away, so that its last moment is known.
+const CYCLES_REPEATED: u32 = 20;
+
+/// What is asked of one drive, and what it said.
+struct Watched {
+    client: SdoClient,
+    answered_at: Time,
+    longest_gap: Duration,
+    stopped_at: Option<Time>,
+}
+
+impl Watched {
+    fn new(node: NodeId) -> Self {
+        let client = SdoClient::new(node, SDO_TIMEOUT, 4);
+        Self { client, answered_at: Time(0), longest_gap: Duration::ZERO, stopped_at: None }
+    }
+
+    fn take(&mut self, arrival: &Arrival, time: Time, out: &mut impl Outbox) {
+        let Received::Frame(frame) = arrival.what else { return };
+        if !matches!(self.client.on_frame(time, &frame, out), Some(SdoOutcome::Uploaded { .. })) {
+            return;
+        }
+        if self.answered_at > Time(0) && self.stopped_at.is_none() {
+            self.longest_gap = self.longest_gap.max(time.since(self.answered_at));
+        }
+        self.answered_at = time;
+        if let &[low, high, ..] = self.client.data()
+            && Statusword(u16::from_le_bytes([low, high])).state() != Some(cia402::State::OperationEnabled)
+        {
+            self.stopped_at.get_or_insert(time);
+        }
+    }
+
+    /// Asks again, if the last question was answered or has timed out.
+    fn ask(&mut self, now: Time, out: &mut impl Outbox) {
+        self.client.poll(now, out);
+        if !self.client.is_busy() {
+            let status = objects::STATUSWORD;
+            // It is not busy, which is the only reason to refuse.
+            let _ = self.client.start_upload(now, status.index, status.sub, out);
+        }
+    }
+}
+
+impl<L: CanLink, M: Metronome> LiveRig<L, M> {
+    /// Drills all watchdogs of the drives: for each the network is booted, the rig enabled at rest, and then one thing stays
+    /// away while all others are repeated. The rig is stopped in the end. Nobody may hold the handle.
+    ///
+    /// # Errors
+    /// If the rig cannot be booted or enabled, or a person asks for the end.
+    pub fn drill(
+        &mut self,
+        nodes: [NodeId; 2],
+        settling: u32,
+        is_interrupted: &AtomicBool,
+    ) -> Result<Drilled, LiveError> {
+        let mut findings = Vec::new();
+        let mut resolution = Duration::ZERO;
+        for watchdog in Watchdog::ALL {
+            self.boot()?;
+            self.enable(settling, is_interrupted)?;
+            for _ in 0..CYCLES_BEFORE_SILENCE {
+                self.run_cycle(Request::None);
+            }
+            let mut drives = nodes.map(Watched::new);
+            let last =
+                if self.state() == State::Running { self.fall_silent(watchdog, &mut drives) } else { Time::NEVER };
+            let stopped_after = drives.each_ref().map(|drive| drive.stopped_at.map(|at| at.since(last)));
+            findings.push(Finding { watchdog, stopped_after });
+            resolution = drives.iter().map(|drive| drive.longest_gap).fold(resolution, Duration::max);
+            // A drive that goes on is stopped by what it does hear.
+            self.stop();
+            self.leave();
+        }
+        Ok(Drilled { findings, resolution })
+    }
+
+    /// Repeats what the last cycle sent, and then all but what `watchdog` waits for, until both drives have stopped; when that
+    /// was sent for the last time.
+    fn fall_silent(&mut self, watchdog: Watchdog, drives: &mut [Watched; 2]) -> Time {
+        let mut last = Time(0);
+        let mut cycle = 0;
+        let mut limit = Time::NEVER;
+        loop {
+            let is_silent = cycle >= CYCLES_REPEATED;
+            let sends = |what: Watchdog| !(is_silent && what == watchdog);
+            let grid = self.next_sync;
+            self.sleep_until(grid);
+            self.watch(drives);
+            let now = self.now();
+            if sends(Watchdog::Sync) {
+                self.send(|master, _, out| master.repeat_sync(out));
+                last = if watchdog == Watchdog::Sync { now } else { last };
+            }
+            self.sleep_until(grid + self.compute_at);
+            self.watch(drives);
+            let now = self.now();
+            if sends(Watchdog::SetPoints) {
+                self.send(|master, _, out| master.repeat_set_points(out));
+                last = if watchdog == Watchdog::SetPoints { now } else { last };
+            }
+            if sends(Watchdog::Heartbeat) {
+                let sent = self.send(|master, now, out| master.repeat_heartbeat(now, out));
+                last = if watchdog == Watchdog::Heartbeat { sent } else { last };
+            }
+            for drive in drives.iter_mut() {
+                self.send(|_, now, out| drive.ask(now, out));
+            }
+            self.next_sync = grid + self.period * (self.periods_between(grid, self.now()) + 1);
+            cycle += 1;
+            if cycle == CYCLES_REPEATED {
+                limit = now + DRILL_LIMIT;
+            }
+            if now >= limit || drives.iter().all(|drive| drive.stopped_at.is_some()) {
+                return last;
+            }
+        }
+    }
+
+    /// Takes what the link holds, for the drives that are asked and for the master.
+    fn watch(&mut self, drives: &mut [Watched; 2]) {
+        while let Some(arrival) = self.link.receive() {
+            let time = self.time_of(&arrival);
+            for drive in drives.iter_mut() {
+                let mut out = LinkOutbox::new(&mut self.link);
+                drive.take(&arrival, time, &mut out);
+            }
+            self.take(&arrival);
+        }
+    }
+
+    /// Reads an unsigned object of a node of a booted network.
+    ///
+    /// # Errors
+    /// [`LiveError::Unread`] if it does not answer or refuses.
+    pub fn read(&mut self, node: NodeId, index: u16, sub: u8) -> Result<u32, LiveError> {
+        let unread = LiveError::Unread { node_id: node.raw(), index, sub };
+        let mut client = SdoClient::new(node, SDO_TIMEOUT, 4);
+        let now = self.now();
+        let mut out = LinkOutbox::new(&mut self.link);
+        client.start_upload(now, index, sub, &mut out).map_err(|_| unread.clone())?;
+        let mut outcome = None;
+        while outcome.is_none() {
+            // The drives already wait for heartbeats.
+            let sent = self.send(|master, now, out| master.repeat_heartbeat(now, out));
+            let next = client.next_deadline().min(sent + self.master().heartbeat_period());
+            self.link.wait(self.started + next.since(Time(0)));
+            while let Some(arrival) = self.link.receive() {
+                let time = self.time_of(&arrival);
+                if let Received::Frame(frame) = arrival.what {
+                    outcome = outcome.or(client.on_frame(time, &frame, &mut LinkOutbox::new(&mut self.link)));
+                }
+                self.take(&arrival);
+            }
+            let now = self.now();
+            outcome = outcome.or_else(|| client.poll(now, &mut LinkOutbox::new(&mut self.link)));
+            if let Some(SdoOutcome::Uploaded { .. }) = outcome {
+                return Ok(client.data().iter().take(4).rev().fold(0, |value, byte| value << 8 | u32::from(*byte)));
+            }
+        }
+        Err(unread)
+    }
+
+    /// What both drives of a booted network say that they are.
+    ///
+    /// # Errors
+    /// As [`LiveRig::read`].
+    pub fn identities(&mut self, nodes: [NodeId; 2]) -> Result<[DriveIdentity; 2], LiveError> {
+        let [left, right] = nodes;
+        Ok([self.identity(left)?, self.identity(right)?])
+    }
+
+    fn identity(&mut self, node: NodeId) -> Result<DriveIdentity, LiveError> {
+        let mut read = |sub| self.read(node, objects::VENDOR_ID.index, sub);
+        Ok(DriveIdentity {
+            node_id: node.raw(),
+            vendor_id: read(1)?,
+            product_code: read(2)?,
+            revision: read(3)?,
+            serial_number: read(4)?,
+        })
+    }
+}
+
+/// The node ids of both drives.
+///
+/// # Errors
+/// If one is out of range, which no checked configuration has.
+pub fn drive_nodes(rig: &crate::config::Rig) -> Result<[NodeId; 2], crate::rig::RigError> {
+    let node = |raw| cob::node_id(raw).map_err(|error| crate::rig::RigError::Device(error.to_string()));
+    Ok([node(rig.drives[0].node_id)?, node(rig.drives[1].node_id)?])
+}

@@ -1,0 +1,18 @@
+//! Sleeping until a grid point.
+
+use std::time::Duration;
+
+use crate::canopen::Time;
+
+/// Wakes the loop at its grid points.
+pub trait Metronome {
+    /// Sleeps until a moment on the clock of the link; returns at once if it has passed.
+    ///
+    /// Real-time: yes.
+    fn sleep_until(&mut self, moment: Time);
+
+    /// How long the computer was suspended since it was switched on, in which the clock of the link stood still.
+    ///
+    /// Real-time: yes.
+    fn suspended(&self) -> Duration;
+}

@@ -1,0 +1,225 @@
+//! What a drill has shown, kept for the next runs with the same drives and the same configuration.
+
+use std::fs;
+use std::io;
+use std::path::{Path, PathBuf};
+use std::time::Duration;
+
+use serde::{Deserialize, Serialize};
+use serde_json::{Value, json};
+use thiserror::Error;
+
+use crate::config;
+use crate::rig::{Drilled, Finding, Unsafe};
+use crate::sim::Watchdog;
+
+/// A drive as it says what it is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct DriveIdentity {
+    /// Node id.
+    pub node_id: u8,
+    /// Vendor, 1018h:1.
+    pub vendor_id: u32,
+    /// Product code, 1018h:2.
+    pub product_code: u32,
+    /// Revision, 1018h:3.
+    pub revision: u32,
+    /// Serial number, 1018h:4.
+    pub serial_number: u32,
+}
+
+/// What was drilled: the drives, and all of the configuration that their watchdogs depend on.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Subject {
+    drives: [DriveIdentity; 2],
+    configuration: Value,
+}
+
+/// A drill's record on disk.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+struct Record {
+    drives: [DriveIdentity; 2],
+    configuration: Value,
+    /// By name of the watchdog: time in ms after which the left and the right drive stopped.
+    stopped_after_ms: Vec<(String, [Option<f64>; 2])>,
+    resolution_ms: f64,
+    version: String,
+}
+
+/// Why a rig on a real bus must not be enabled.
+#[derive(Debug, Error)]
+pub enum Unproven {
+    /// There is no record.
+    #[error("no watchdog drill is on record for these drives with this configuration ({})", .path.display())]
+    Missing {
+        /// Where it would be.
+        path: PathBuf,
+    },
+    /// The record cannot be read.
+    #[error("{}: {reason}", .path.display())]
+    Unreadable {
+        /// Its file.
+        path: PathBuf,
+        /// Why.
+        reason: String,
+    },
+    /// The drill has shown that a drive does not stop, or not soon enough.
+    #[error("the watchdog drill on record: {0}")]
+    Unsafe(#[from] Unsafe),
+}
+
+impl Subject {
+    /// These drives in this rig.
+    pub fn new(rig: &config::Rig, drives: [DriveIdentity; 2]) -> Self {
+        let configuration = json!({
+            "command_mode": rig.rig.command_mode,
+            "period_us": rig.cycle.period_us,
+            "master": rig.master,
+            "drives": rig.drives,
+            "torque_limit_n_m": rig.guard.torque_limit_n_m,
+        });
+        Self { drives, configuration }
+    }
+
+    /// File of its record in a folder of records.
+    fn path(&self, folder: &Path) -> PathBuf {
+        let text = json!([self.drives, self.configuration]).to_string();
+        folder.join(format!("{:016x}.json", fnv1a(text.as_bytes())))
+    }
+
+    /// Keeps what a drill has found; where.
+    ///
+    /// # Errors
+    /// If the file cannot be written.
+    pub fn store(&self, drilled: &Drilled, folder: &Path) -> io::Result<PathBuf> {
+        let ms = |time: Duration| 1e3 * time.as_secs_f64();
+        let of =
+            |finding: &Finding| (finding.watchdog.name().to_owned(), finding.stopped_after.map(|after| after.map(ms)));
+        let record = Record {
+            drives: self.drives,
+            configuration: self.configuration.clone(),
+            stopped_after_ms: drilled.findings.iter().map(of).collect(),
+            resolution_ms: ms(drilled.resolution),
+            version: env!("CARGO_PKG_VERSION").to_owned(),
+        };
+        let path = self.path(folder);
+        fs::create_dir_all(folder)?;
+        // Whole or not at all: a drill that is cut off proves nothing.
+        let unfinished = path.with_extension("unfinished");
+        fs::write(&unfinished, serde_json::to_string_pretty(&record)?)?;
+        fs::rename(&unfinished, &path)?;
+        Ok(path)
+    }
+
+    /// Whether a drill on record lets this rig be enabled.
+    ///
+    /// # Errors
+    /// Why not.
+    pub fn check(&self, folder: &Path) -> Result<(), Unproven> {
+        let path = self.path(folder);
+        let unreadable = |reason: String| Unproven::Unreadable { path: path.clone(), reason };
+        let text = match fs::read_to_string(&path) {
+            Ok(text) => text,
+            Err(error) if error.kind() == io::ErrorKind::NotFound => return Err(Unproven::Missing { path }),
+            Err(error) => return Err(unreadable(error.to_string())),
+        };
+        let record: Record = serde_json::from_str(&text).map_err(|error| unreadable(error.to_string()))?;
+        if (record.drives, &record.configuration) != (self.drives, &self.configuration) {
+            return Err(unreadable("it is of other drives or of another configuration".to_owned()));
+        }
+        let drilled = record.drilled().ok_or_else(|| unreadable("a time in it is none".to_owned()))?;
+        Ok(drilled.judge(self.configuration["command_mode"] == "torque")?)
+    }
+}
+
+impl Record {
+    fn drilled(&self) -> Option<Drilled> {
+        let time = |ms: f64| Duration::try_from_secs_f64(1e-3 * ms).ok();
+        let mut findings = Vec::new();
+        for (name, after) in &self.stopped_after_ms {
+            let watchdog = Watchdog::ALL.into_iter().find(|watchdog| watchdog.name() == name)?;
+            let mut stopped_after = [None; 2];
+            for (to, ms) in stopped_after.iter_mut().zip(after) {
+                *to = ms.map(time).map_or(Some(None), |time| time.map(Some))?;
+            }
+            findings.push(Finding { watchdog, stopped_after });
+        }
+        Some(Drilled { findings, resolution: time(self.resolution_ms)? })
+    }
+}
+
+/// A hash that stays the same from version to version.
+///
+/// # Source
+/// Fowler, Noll, Vo: FNV-1a, 64 bits.
+fn fnv1a(bytes: &[u8]) -> u64 {
+    bytes.iter().fold(0xcbf2_9ce4_8422_2325, |hash, byte| (hash ^ u64::from(*byte)).wrapping_mul(0x0100_0000_01b3))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn rig() -> config::Rig {
+        config::load_rig(config::Source::named("builtin:paper-admittance.yaml")).unwrap().value
+    }
+
+    fn drives(serial_number: u32) -> [DriveIdentity; 2] {
+        [1, 2].map(|node_id| DriveIdentity { node_id, vendor_id: 3, product_code: 4, revision: 5, serial_number })
+    }
+
+    fn drilled(ms: [u64; 3]) -> Drilled {
+        let findings = Watchdog::ALL.into_iter().zip(ms).map(|(watchdog, ms)| Finding {
+            watchdog,
+            stopped_after: [Some(Duration::from_millis(ms)), (ms < 900).then(|| Duration::from_millis(ms))],
+        });
+        Drilled { findings: findings.collect(), resolution: Duration::from_millis(1) }
+    }
+
+    #[test]
+    fn a_known_hash() {
+        assert_eq!(fnv1a(b"a"), 0xaf63_dc4c_8601_ec8c);
+    }
+
+    #[test]
+    fn a_record_is_of_its_drives_and_its_configuration_alone() {
+        let folder = std::env::temp_dir().join(format!("yieldwall-proof-{}", std::process::id()));
+        let subject = Subject::new(&rig(), drives(7));
+        assert!(matches!(subject.check(&folder), Err(Unproven::Missing { .. })));
+        let path = subject.store(&drilled([5, 6, 40]), &folder).unwrap();
+        subject.check(&folder).unwrap();
+        // Another drive in its place, and another heartbeat.
+        assert!(matches!(Subject::new(&rig(), drives(8)).check(&folder), Err(Unproven::Missing { .. })));
+        let mut slower = rig();
+        slower.drives[1].heartbeat_ms += 1;
+        assert!(matches!(Subject::new(&slower, drives(7)).check(&folder), Err(Unproven::Missing { .. })));
+        // The fixture is nothing to a watchdog.
+        let mut other = rig();
+        other.fixture.hold_steps += 1;
+        Subject::new(&other, drives(7)).check(&folder).unwrap();
+        fs::write(&path, "{").unwrap();
+        assert!(matches!(subject.check(&folder), Err(Unproven::Unreadable { .. })));
+        fs::remove_dir_all(&folder).unwrap();
+    }
+
+    #[test]
+    fn what_the_drill_has_shown_decides() {
+        let folder = std::env::temp_dir().join(format!("yieldwall-proof-judged-{}", std::process::id()));
+        let torque = Subject::new(&rig(), drives(1));
+        let mut position = rig();
+        position.rig.command_mode = config::CommandMode::Position;
+        let position = Subject::new(&position, drives(1));
+        for (ms, in_torque, in_position) in [
+            ([5, 6, 40], true, true),
+            ([11, 12, 40], false, true),
+            ([5, 5, 900], false, false),
+            ([5, 900, 5], false, false),
+        ] {
+            for (subject, wanted) in [(&torque, in_torque), (&position, in_position)] {
+                subject.store(&drilled(ms), &folder).unwrap();
+                assert_eq!(subject.check(&folder).is_ok(), wanted, "{ms:?}");
+            }
+        }
+        fs::remove_dir_all(&folder).unwrap();
+    }
+}

@@ -1,0 +1,393 @@
+//! The loop.
+
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::time::Duration;
+
+use super::error::LiveError;
+use super::metronome::Metronome;
+use crate::bus::{LinkEvent, Master, Phase};
+use crate::canopen::{Frame, Time};
+use crate::config;
+use crate::cycle::{Outputs, Timing};
+use crate::guard::{Cause, Request, State};
+use crate::link::{Arrival, CanLink, LinkOutbox, Received};
+use crate::record::{CycleRecord, Moment};
+use crate::rig::{Observer, Pace, Tap, master};
+
+/// Longest time from the reset of the network to the exchange of process data.
+const BOOT_LIMIT: Duration = Duration::from_secs(10);
+/// Arrivals that are taken at one wake-up; more wait for the next one. Four cycles of the fullest bus are fewer.
+const ARRIVALS: usize = 256;
+/// How long lockstep waits for the process data of a cycle, on the wall ...
+const PATIENCE: Duration = Duration::from_secs(1);
+/// ... and while a device already let it wait in vain.
+const IMPATIENCE: Duration = Duration::from_millis(2);
+
+/// Time by which the clock that counts suspended time has to have gained on the other since the last cycle. Less may be the
+/// time that passed between reading the one and the other.
+const SUSPENDED: Duration = Duration::from_millis(50);
+
+/// What a link has told besides frames.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct LinkCounts {
+    /// Frames of others.
+    pub received: u64,
+    /// Own frames that were seen on the bus.
+    pub echoed: u64,
+    /// Frames that were lost because nobody took them in time.
+    pub overflowed: u64,
+    /// Frames that could not be sent.
+    pub refused: u64,
+}
+
+/// A rig on a link.
+///
+/// [`LiveRig::boot`] brings the network up, and every [`LiveRig::run_cycle`] is one period. Under [`Pace::Free`] the
+/// periods are those of the wall; under [`Pace::Lockstep`] a cycle waits for its process data, however long they take, and
+/// time advances by one period: for simulated devices on a computer of any speed.
+pub struct LiveRig<L, M> {
+    master: Master,
+    pub(super) link: L,
+    metronome: M,
+    pace: Pace,
+    pub(super) period: Duration,
+    pub(super) compute_at: Duration,
+    pub(super) started: Time,
+    /// Whether time waits for the process data.
+    waits: bool,
+    /// Time since switching on, where it waits.
+    lockstep_now: Time,
+    /// Grid point of the next cycle, since switching on.
+    pub(super) next_sync: Time,
+    cycles: u64,
+    scene_from: Option<Time>,
+    timing: Timing,
+    suspended: Duration,
+    patience: Duration,
+    counts: LinkCounts,
+    tap: Option<Tap>,
+    observer: Option<Observer>,
+    last: Option<Outputs>,
+    has_panicked: bool,
+}
+
+impl<L: CanLink, M: Metronome> LiveRig<L, M> {
+    /// A rig that has sent nothing yet.
+    ///
+    /// # Errors
+    /// Where parts of the configuration do not fit together.
+    pub fn new(rig: &config::Rig, link: L, metronome: M, pace: Pace) -> Result<Self, LiveError> {
+        let (started, suspended) = (link.now(), metronome.suspended());
+        Ok(Self {
+            master: master(rig, &rig.fixture)?,
+            link,
+            metronome,
+            pace,
+            period: Duration::from_micros(rig.cycle.period_us.into()),
+            compute_at: Duration::from_micros(rig.cycle.compute_at_us.into()),
+            started,
+            waits: false,
+            lockstep_now: Time(0),
+            next_sync: Time::NEVER,
+            cycles: 0,
+            scene_from: None,
+            timing: Timing::default(),
+            suspended,
+            patience: PATIENCE,
+            counts: LinkCounts::default(),
+            tap: None,
+            observer: None,
+            last: None,
+            has_panicked: false,
+        })
+    }
+
+    /// Has `tap` get every frame from now on, own ones when they were seen on the bus.
+    pub fn set_tap(&mut self, tap: Tap) {
+        self.tap = Some(tap);
+    }
+
+    /// Has `observer` get the record of every cycle from now on.
+    pub fn set_observer(&mut self, observer: Observer) {
+        self.observer = Some(observer);
+    }
+
+    /// State of the supervisor.
+    pub fn state(&self) -> State {
+        self.master.state()
+    }
+
+    /// The fault that led to the present state.
+    pub fn cause(&self) -> Option<Cause> {
+        self.master.cause()
+    }
+
+    /// The master, for reports.
+    pub fn master(&self) -> &Master {
+        &self.master
+    }
+
+    /// What the link has told.
+    pub fn counts(&self) -> LinkCounts {
+        self.counts
+    }
+
+    /// The link.
+    pub fn link(&self) -> &L {
+        &self.link
+    }
+
+    /// The cycle time.
+    pub fn period(&self) -> Duration {
+        self.period
+    }
+
+    /// What the last cycle gave.
+    pub fn last_outputs(&self) -> Option<&Outputs> {
+        self.last.as_ref()
+    }
+
+    /// Has the scene begin with the next cycle; records count their time from there.
+    pub fn begin_scene(&mut self) {
+        self.scene_from = Some(self.next_sync);
+    }
+
+    /// Resets the network, configures and starts all nodes, up to the exchange of process data. Nothing is enabled.
+    ///
+    /// # Errors
+    /// If a node is missing or is not what it should be, or nothing can be sent.
+    pub fn boot(&mut self) -> Result<(), LiveError> {
+        self.waits = false;
+        // What came before the reset says nothing of what comes after it.
+        self.drain();
+        let limit = self.now() + BOOT_LIMIT;
+        self.send_or_fail(|master, now, out| master.start(now, out))?;
+        loop {
+            self.drain();
+            self.send_or_fail(|master, now, out| master.poll(now, out))?;
+            match self.master.phase() {
+                Phase::Operational => break,
+                Phase::Failed(error) => return Err(error.clone().into()),
+                phase if self.now() >= limit => {
+                    let phase = format!("{phase:?}");
+                    return Err(LiveError::NotBooted { waited_s: BOOT_LIMIT.as_secs_f64(), phase });
+                }
+                _ => {}
+            }
+            let next = self.master.next_deadline().min(limit);
+            self.link.wait(self.started + next.since(Time(0)));
+        }
+        self.next_sync = Time::NEVER;
+        Ok(())
+    }
+
+    /// Has the cycles begin at the grid point after the next one.
+    fn begin(&mut self) {
+        let (now, period) = (self.now().0, self.period.as_nanos() as u64);
+        self.next_sync = Time((now / period + 2) * period);
+        self.lockstep_now = self.next_sync;
+        self.waits = self.pace == Pace::Lockstep;
+    }
+
+    /// One period: SYNC, process data, the cycle, set-points. Nothing comes of it once a cycle has panicked.
+    ///
+    /// Real-time: yes, if the observer and the tap are.
+    pub fn run_cycle(&mut self, request: Request) -> Option<CycleRecord> {
+        if self.has_panicked {
+            return None;
+        }
+        if self.next_sync == Time::NEVER {
+            self.begin();
+        }
+        let grid = if self.waits { self.begin_in_lockstep() } else { self.begin_on_the_wall() };
+        let begin = self.now();
+        let planned = grid + self.compute_at;
+        let behind = self.periods_between(grid, begin);
+        self.timing.compute_late_ns = nanos(begin.since(planned));
+        self.timing.skipped = self.timing.skipped.saturating_add(behind);
+        let suspended = self.metronome.suspended();
+        self.timing.suspended = suspended.saturating_sub(std::mem::replace(&mut self.suspended, suspended)) > SUSPENDED;
+        let timing = std::mem::take(&mut self.timing);
+        let outputs = self.compute(begin, request, timing)?;
+        let end = if self.waits { begin } else { self.now() };
+        self.timing.last_compute_ns = nanos(end.since(begin));
+        // The first grid point that has not passed; those before it are skipped, and never made up for.
+        let ahead = self.periods_between(grid, end);
+        self.timing.skipped = ahead.saturating_sub(behind);
+        self.next_sync = grid + self.period * (ahead + 1);
+        if self.waits {
+            self.wait_for(|master| !master.is_in_flight());
+        }
+        let moment = Moment {
+            index: self.cycles,
+            sync_ns: grid.0,
+            compute_ns: planned.0,
+            scene_time_s: self.scene_from.map_or(f64::NEG_INFINITY, |from| grid.as_secs_f64() - from.as_secs_f64()),
+        };
+        self.cycles += 1;
+        let record = CycleRecord::new(moment, self.master.last_inputs(), &outputs, self.master.cause(), None);
+        if let Some(observer) = &mut self.observer {
+            observer(&record);
+        }
+        Some(record)
+    }
+
+    /// Leaves the network after the rig was stopped, so that no drive waits for set-points.
+    pub fn leave(&mut self) {
+        let _ = self.send(|master, _, out| master.leave(out));
+    }
+
+    /// SYNC on its grid point, then sleeps until the computation; the grid point.
+    fn begin_on_the_wall(&mut self) -> Time {
+        let mut grid = self.next_sync;
+        self.sleep_until(grid);
+        let missed = self.periods_between(grid, self.now());
+        if missed > 0 {
+            // The first grid point ahead: the cycle that was missed is not made up for.
+            self.timing.skipped = self.timing.skipped.saturating_add(missed + 1);
+            grid = grid + self.period * (missed + 1);
+            self.sleep_until(grid);
+        }
+        self.drain();
+        let sent = self.now();
+        self.timing.sync_late_ns = nanos(sent.since(grid));
+        self.send_sync();
+        // Process data follow SYNC, however late that was.
+        self.sleep_until(sent + self.compute_at);
+        self.drain();
+        grid
+    }
+
+    /// SYNC, then waits for the process data; the grid point.
+    fn begin_in_lockstep(&mut self) -> Time {
+        let grid = self.next_sync;
+        self.lockstep_now = grid;
+        self.drain();
+        self.send_sync();
+        if !self.master.is_sync_held() {
+            let is_whole = self.wait_for(Master::has_process_data);
+            self.patience = if is_whole { PATIENCE } else { IMPATIENCE };
+        }
+        self.lockstep_now = grid + self.compute_at;
+        grid
+    }
+
+    fn send_sync(&mut self) {
+        self.send(|master, _, out| master.on_sync(out));
+    }
+
+    /// Runs the cycle; nothing if it panicked, after a last quick stop.
+    fn compute(&mut self, begin: Time, request: Request, timing: Timing) -> Option<Outputs> {
+        if self.master.next_deadline() <= begin {
+            self.send(|master, now, out| master.poll(now, out));
+        }
+        let result = catch_unwind(AssertUnwindSafe(|| {
+            self.send(|master, now, out| master.on_compute(now, request, timing, out))
+        }));
+        match result {
+            Ok(outputs) => {
+                self.last = Some(outputs);
+                Some(outputs)
+            }
+            Err(_) => {
+                self.has_panicked = true;
+                self.send(|master, now, out| master.quick_stop_now(now, out));
+                None
+            }
+        }
+    }
+
+    /// Time since switching on.
+    pub(super) fn now(&self) -> Time {
+        if self.waits { self.lockstep_now } else { Time(self.link.now().since(self.started).as_nanos() as u64) }
+    }
+
+    pub(super) fn sleep_until(&mut self, moment: Time) {
+        self.metronome.sleep_until(self.started + moment.since(Time(0)));
+    }
+
+    /// Whole periods from a grid point to a moment.
+    pub(super) fn periods_between(&self, grid: Time, moment: Time) -> u32 {
+        (moment.since(grid).as_nanos() / self.period.as_nanos()).min(u128::from(u32::MAX / 2)) as u32
+    }
+
+    /// Takes what the link holds, until `is_enough` or for as long as there is patience; whether it was enough.
+    fn wait_for(&mut self, is_enough: impl Fn(&Master) -> bool) -> bool {
+        let until = self.link.now() + self.patience;
+        loop {
+            self.drain();
+            if is_enough(&self.master) {
+                return true;
+            }
+            if self.link.now() >= until {
+                return false;
+            }
+            self.link.wait(until);
+        }
+    }
+
+    /// Takes what the link holds.
+    fn drain(&mut self) {
+        for _ in 0..ARRIVALS {
+            let Some(arrival) = self.link.receive() else { break };
+            self.take(&arrival);
+        }
+    }
+
+    pub(super) fn take(&mut self, arrival: &Arrival) {
+        let time =
+            if self.waits { self.lockstep_now } else { Time(arrival.time.since(self.started).as_nanos() as u64) };
+        if let Some(event) = arrival.what.link_event() {
+            self.master.on_link(event);
+        }
+        match arrival.what {
+            Received::Frame(frame) => {
+                self.counts.received += 1;
+                self.show(time, &frame);
+                self.send(|master, _, out| master.on_frame(time, &frame, out));
+            }
+            Received::Echo(frame) => {
+                self.counts.echoed += 1;
+                self.show(time, &frame);
+                self.master.on_echo(&frame);
+            }
+            Received::Overflow { frames } => self.counts.overflowed += u64::from(frames),
+            Received::Error(_) | Received::Down | Received::Gone => {}
+        }
+    }
+
+    /// When something arrived, since switching on.
+    pub(super) fn time_of(&self, arrival: &Arrival) -> Time {
+        if self.waits { self.lockstep_now } else { Time(arrival.time.since(self.started).as_nanos() as u64) }
+    }
+
+    fn show(&mut self, time: Time, frame: &Frame) {
+        if let Some(tap) = &mut self.tap {
+            tap(time, frame);
+        }
+    }
+
+    /// Has the master send; a frame that could not be sent is told to the next cycle.
+    pub(super) fn send<R>(&mut self, act: impl FnOnce(&mut Master, Time, &mut LinkOutbox<'_, L>) -> R) -> R {
+        let now = self.now();
+        let mut out = LinkOutbox::new(&mut self.link);
+        let result = act(&mut self.master, now, &mut out);
+        if out.failure().is_some() {
+            self.counts.refused += 1;
+            self.master.on_link(LinkEvent::SendFailed);
+        }
+        result
+    }
+
+    /// The same where nothing goes on without it.
+    fn send_or_fail(&mut self, act: impl FnOnce(&mut Master, Time, &mut LinkOutbox<'_, L>)) -> Result<(), LiveError> {
+        let now = self.now();
+        let mut out = LinkOutbox::new(&mut self.link);
+        act(&mut self.master, now, &mut out);
+        out.failure().map_or(Ok(()), |error| Err(error.into()))
+    }
+}
+
+fn nanos(time: Duration) -> u32 {
+    time.as_nanos().min(u128::from(u32::MAX)) as u32
+}

@@ -1,0 +1,86 @@
+//! What a person does with a rig: asks for it to be enabled until it runs, and has it stopped until no drive makes torque.
+
+use std::time::Duration;
+
+use crate::guard::{Request, State};
+use yieldwall_drives::cia402;
+
+/// Samples of the force sensor before the rig asks to be enabled, or as many cycles if those are longer: the drives have
+/// answered, and the sensor's noise is known.
+const SAMPLES_BEFORE_ENABLING: u32 = 10;
+/// Cycles after which a person who was refused asks again.
+const CYCLES_BETWEEN_ASKING: u32 = 50;
+/// Longest time that a stop may take, s.
+pub const STOP_LIMIT_S: f64 = 2.0;
+
+/// What to do with the next cycle of a rig that is being enabled.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Enable {
+    /// Run it with this request.
+    Ask(Request),
+    /// The rig runs.
+    Done,
+    /// It took too long.
+    GivenUp,
+}
+
+/// Asks a rig that idles to be enabled, until it runs.
+#[derive(Clone, Copy, Debug)]
+pub struct Enabling {
+    cycle: u32,
+    first: u32,
+    limit: u32,
+}
+
+impl Enabling {
+    /// Longest time from asking to running unless told otherwise, s.
+    pub const LIMIT_S: f64 = 1.5;
+
+    /// Asks for up to [`Enabling::LIMIT_S`] of cycles of `period`, with a force sensor that samples every `sample_period`.
+    pub fn new(period: Duration, sample_period: Duration) -> Self {
+        Self::within(Self::LIMIT_S, period, sample_period)
+    }
+
+    pub(super) fn within(limit_s: f64, period: Duration, sample_period: Duration) -> Self {
+        let first = cycles_before_enabling(period, sample_period);
+        Self { cycle: 0, first, limit: first.saturating_add((limit_s / period.as_secs_f64()) as u32) }
+    }
+
+    /// Asks no earlier than after so many cycles.
+    #[must_use]
+    pub fn not_before(mut self, cycles: u32) -> Self {
+        let later = cycles.saturating_sub(self.first);
+        (self.first, self.limit) = (self.first + later, self.limit + later);
+        self
+    }
+
+    /// What to do next with a rig in this state.
+    pub fn next(&mut self, state: State) -> Enable {
+        let Some(asking) = self.cycle.checked_sub(self.first) else {
+            self.cycle += 1;
+            return Enable::Ask(Request::None);
+        };
+        if self.cycle >= self.limit {
+            return Enable::GivenUp;
+        }
+        if state == State::Running {
+            return Enable::Done;
+        }
+        self.cycle += 1;
+        // What was seen within the last seconds keeps the rig from being enabled: a person asks again.
+        let asks = state == State::Idle && asking.is_multiple_of(CYCLES_BETWEEN_ASKING);
+        Enable::Ask(if asks { Request::Enable } else { Request::None })
+    }
+}
+
+/// Cycles in which a sensor of this sample period gives the samples that are needed before the rig is enabled.
+pub fn cycles_before_enabling(period: Duration, sample_period: Duration) -> u32 {
+    let cycles_per_sample = sample_period.as_nanos().div_ceil(period.as_nanos().max(1)).max(1);
+    SAMPLES_BEFORE_ENABLING.saturating_mul(u32::try_from(cycles_per_sample).unwrap_or(u32::MAX))
+}
+
+/// Whether a drive in this state may make torque.
+pub fn has_torque(state: cia402::State) -> bool {
+    use cia402::State::{FaultReactionActive, OperationEnabled, QuickStopActive};
+    matches!(state, OperationEnabled | QuickStopActive | FaultReactionActive)
+}

@@ -1,0 +1,239 @@
+//! The far end of the bus: the simulated devices and the machine that they are on.
+
+use super::assembly;
+use super::error::RigError;
+use super::world::World;
+use crate::canopen::{Frame, Outbox, Time, cob};
+use crate::config;
+use crate::quantity::JointTorques;
+use crate::sensing::Calibration;
+use crate::sim::{Drive, ForceSensor};
+use yieldwall_drives::cia402;
+
+/// How many devices there are.
+pub(super) const DEVICES: usize = 3;
+/// Number of the sensor among the devices; the drives are 0 and 1.
+pub(super) const SENSOR: usize = 2;
+
+/// Takes what the devices send.
+pub(super) trait Wire {
+    /// Takes a frame of a device: 0 the left drive, 1 the right drive, 2 the sensor.
+    fn submit(&mut self, device: usize, now: Time, frame: Frame);
+}
+
+/// One device's way to the wire.
+pub(super) struct Plug<'a, W> {
+    pub(super) wire: &'a mut W,
+    pub(super) device: usize,
+    pub(super) now: Time,
+}
+
+impl<W: Wire> Outbox for Plug<'_, W> {
+    fn push(&mut self, frame: Frame) {
+        self.wire.submit(self.device, self.now, frame);
+    }
+}
+
+/// What becomes of samples, angles and torques between machine and devices; here nothing.
+pub(super) trait Senses {
+    /// What the force sensor's channels say of what they feel.
+    fn counts(&mut self, _time_s: f64, counts: [i32; 6], _calibration: &Calibration) -> [i32; 6] {
+        counts
+    }
+
+    /// What a joint's encoder says of its angle in rad and its rate in rad/s.
+    fn encoder(&mut self, _joint: usize, angle_rad: f64, rate_rad_per_s: f64) -> (f64, f64) {
+        (angle_rad, rate_rad_per_s)
+    }
+
+    /// What a drive gives of the torque that it wants, N m.
+    fn torque_n_m(&self, _joint: usize, _state: cia402::State, torque_n_m: f64) -> f64 {
+        torque_n_m
+    }
+}
+
+/// A device between bus and machine.
+pub(super) trait Device {
+    /// Gives it its supply, as if it had been off before.
+    fn boot(&mut self, now: Time, out: &mut impl Outbox);
+    /// Takes a frame from the bus.
+    fn on_frame(&mut self, now: Time, frame: &Frame, out: &mut impl Outbox);
+    /// Does what is due.
+    fn poll(&mut self, now: Time, out: &mut impl Outbox);
+    /// When to poll next.
+    fn next_deadline(&self) -> Time;
+}
+
+/// A drive on a joint.
+pub(super) trait Actuator: Device {
+    /// The joint's motion at this moment, in rad and rad/s.
+    fn measure(&mut self, angle_rad: f64, rate_rad_per_s: f64);
+    /// Torque on the joint, N m.
+    fn torque_n_m(&self) -> f64;
+    /// State of the state machine.
+    fn state(&self) -> cia402::State;
+}
+
+/// A force sensor at the handle.
+pub(super) trait Transducer: Device {
+    /// What the channels read at this moment, in counts.
+    fn measure(&mut self, counts: [i32; 6]);
+}
+
+macro_rules! simulated {
+    ($device:ty) => {
+        impl Device for $device {
+            fn boot(&mut self, now: Time, out: &mut impl Outbox) {
+                <$device>::boot(self, now, out);
+            }
+
+            fn on_frame(&mut self, now: Time, frame: &Frame, out: &mut impl Outbox) {
+                <$device>::on_frame(self, now, frame, out);
+            }
+
+            fn poll(&mut self, now: Time, out: &mut impl Outbox) {
+                <$device>::poll(self, now, out);
+            }
+
+            fn next_deadline(&self) -> Time {
+                <$device>::next_deadline(self)
+            }
+        }
+    };
+}
+
+simulated!(Drive);
+simulated!(ForceSensor);
+
+impl Actuator for Drive {
+    fn measure(&mut self, angle_rad: f64, rate_rad_per_s: f64) {
+        Drive::measure(self, angle_rad, rate_rad_per_s);
+    }
+
+    fn torque_n_m(&self) -> f64 {
+        Drive::torque_n_m(self)
+    }
+
+    fn state(&self) -> cia402::State {
+        Drive::state(self)
+    }
+}
+
+impl Transducer for ForceSensor {
+    fn measure(&mut self, counts: [i32; 6]) {
+        ForceSensor::measure(self, counts);
+    }
+}
+
+/// Two drives, the force sensor, and arm and hand.
+///
+/// The machine is integrated up to each moment at which a device samples it or changes its torque.
+#[derive(Debug)]
+pub(super) struct FarEnd<D = Drive, S = ForceSensor> {
+    pub(super) drives: [D; 2],
+    pub(super) sensor: S,
+    pub(super) world: World,
+}
+
+impl FarEnd {
+    /// Everything switched off, the arm where the scene's hand starts.
+    pub(super) fn new(rig: &config::Rig, scene: &config::Scene, seed: u64) -> Result<Self, RigError> {
+        let [left, right] = &rig.drives;
+        Ok(Self {
+            drives: [assembly::drive(rig, scene, left, 1)?, assembly::drive(rig, scene, right, 2)?],
+            sensor: assembly::force_sensor(rig)?,
+            world: assembly::world(rig, scene, seed)?,
+        })
+    }
+}
+
+impl<D: Actuator, S: Transducer> FarEnd<D, S> {
+    /// When [`FarEnd::poll`] has to be called again at the latest.
+    pub(super) fn next_deadline(&self) -> Time {
+        let [left, right] = &self.drives;
+        left.next_deadline().min(right.next_deadline()).min(self.sensor.next_deadline())
+    }
+
+    /// Gives a device its supply, as if it had been off before.
+    pub(super) fn switch_on(&mut self, device: usize, now: Time, wire: &mut impl Wire) {
+        let plug = &mut Plug { wire, device, now };
+        match self.drives.get_mut(device) {
+            Some(drive) => drive.boot(now, plug),
+            None => self.sensor.boot(now, plug),
+        }
+    }
+
+    /// Brings a frame to every device but the one that sent it.
+    pub(super) fn on_frame(
+        &mut self,
+        now: Time,
+        from: Option<usize>,
+        frame: &Frame,
+        senses: &mut impl Senses,
+        wire: &mut impl Wire,
+    ) -> Result<(), RigError> {
+        if frame.id() == cob::SYNC {
+            self.world.settle(now)?;
+            self.feel(now, senses)?;
+            self.measure_joints(senses);
+        }
+        for (device, drive) in self.drives.iter_mut().enumerate().filter(|(device, _)| from != Some(*device)) {
+            drive.on_frame(now, frame, &mut Plug { wire: &mut *wire, device, now });
+        }
+        if from != Some(SENSOR) {
+            self.sensor.on_frame(now, frame, &mut Plug { wire, device: SENSOR, now });
+        }
+        self.take_torques(now, senses)
+    }
+
+    /// Lets the devices do what is due.
+    pub(super) fn poll(&mut self, now: Time, senses: &mut impl Senses, wire: &mut impl Wire) -> Result<(), RigError> {
+        let [left, right] = &self.drives;
+        if left.next_deadline().min(right.next_deadline()) <= now {
+            self.world.settle(now)?;
+            self.measure_joints(senses);
+            for (device, drive) in self.drives.iter_mut().enumerate() {
+                if drive.next_deadline() <= now {
+                    drive.poll(now, &mut Plug { wire: &mut *wire, device, now });
+                }
+            }
+            self.take_torques(now, senses)?;
+        }
+        if self.sensor.next_deadline() <= now {
+            self.world.settle(now)?;
+            self.feel(now, senses)?;
+            self.sensor.poll(now, &mut Plug { wire, device: SENSOR, now });
+        }
+        Ok(())
+    }
+
+    fn feel(&mut self, now: Time, senses: &mut impl Senses) -> Result<(), RigError> {
+        let counts = self.world.feel(now)?;
+        let time_s = now.as_secs_f64() - self.world.hand_from_s;
+        self.sensor.measure(senses.counts(time_s, counts, &self.world.calibration));
+        Ok(())
+    }
+
+    fn measure_joints(&mut self, senses: &mut impl Senses) {
+        let (angles, rates) = self.world.joints();
+        let motions = angles.to_array().into_iter().zip(rates.to_array());
+        for (joint, (drive, (angle, rate))) in self.drives.iter_mut().zip(motions).enumerate() {
+            let (angle, rate) = senses.encoder(joint, angle, rate);
+            drive.measure(angle, rate);
+        }
+    }
+
+    /// New torques act from now on; what was before is settled under the old ones.
+    fn take_torques(&mut self, now: Time, senses: &impl Senses) -> Result<(), RigError> {
+        let [left, right] = &self.drives;
+        let torques = JointTorques::new(
+            senses.torque_n_m(0, left.state(), left.torque_n_m()),
+            senses.torque_n_m(1, right.state(), right.torque_n_m()),
+        );
+        if torques != self.world.torques {
+            self.world.settle(now)?;
+            self.world.torques = torques;
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,164 @@
+//! A place for a device: here, or in another process.
+
+use std::time::Duration;
+
+use super::far_end::{Actuator, Device, Transducer};
+use crate::canopen::{Frame, Outbox, Time, cob};
+use yieldwall_drives::cia402;
+
+/// Longest simulated time in which a device elsewhere is not asked whether something has become due: frames that it gets
+/// from the bus change that.
+const ASKING: Duration = Duration::from_millis(1);
+
+/// What a device elsewhere is asked for.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Call {
+    /// Simulated time.
+    pub now: Time,
+    /// Whether SYNC has come; otherwise something is due.
+    pub is_sync: bool,
+    /// What it measures: angle in rad and rate in rad/s of a drive's joint, or six counts of the force sensor.
+    pub felt: [f64; 6],
+}
+
+/// What it answers.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Answer {
+    /// Torque on the joint in N m; zero for the sensor.
+    pub torque_n_m: f64,
+    /// State of the drive; any for the sensor.
+    pub state: cia402::State,
+    /// When something is due next.
+    pub next: Time,
+}
+
+/// A device in another process, which hears and sends on the bus by itself.
+pub trait Peer: Send {
+    /// Asks it; `None` if it has gone.
+    fn call(&mut self, call: &Call) -> Option<Answer>;
+}
+
+const SILENT: Answer = Answer { torque_n_m: 0.0, state: cia402::State::NotReadyToSwitchOn, next: Time::NEVER };
+
+/// A device that is elsewhere, or not there at all: then a joint has no torque.
+pub(super) struct Away {
+    peer: Option<Box<dyn Peer>>,
+    felt: [f64; 6],
+    answer: Answer,
+    ask_at: Time,
+}
+
+impl std::fmt::Debug for Away {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("Away").field("is_there", &self.peer.is_some()).field("answer", &self.answer).finish()
+    }
+}
+
+impl Away {
+    fn ask(&mut self, now: Time, is_sync: bool) {
+        let Some(peer) = &mut self.peer else { return };
+        match peer.call(&Call { now, is_sync, felt: self.felt }) {
+            Some(answer) => (self.answer, self.ask_at) = (answer, answer.next.max(now).min(now + ASKING)),
+            None => (self.peer, self.answer, self.ask_at) = (None, SILENT, Time::NEVER),
+        }
+    }
+}
+
+/// A place for a device.
+#[derive(Debug)]
+pub(super) enum Seat<D> {
+    /// It is simulated here.
+    Here(Box<D>),
+    /// It is elsewhere.
+    Away(Away),
+}
+
+impl<D> Seat<D> {
+    /// Nobody.
+    pub(super) fn empty() -> Self {
+        Self::Away(Away { peer: None, felt: [0.0; 6], answer: SILENT, ask_at: Time::NEVER })
+    }
+
+    /// Somebody elsewhere, from now on.
+    pub(super) fn attach(&mut self, now: Time, peer: Box<dyn Peer>) {
+        *self = Self::Away(Away { peer: Some(peer), felt: [0.0; 6], answer: SILENT, ask_at: now });
+    }
+
+    /// The device that is simulated here.
+    pub(super) fn here(&self) -> Option<&D> {
+        match self {
+            Seat::Here(device) => Some(device),
+            Seat::Away(_) => None,
+        }
+    }
+
+    /// The same, to change it.
+    pub(super) fn here_mut(&mut self) -> Option<&mut D> {
+        match self {
+            Seat::Here(device) => Some(device),
+            Seat::Away(_) => None,
+        }
+    }
+}
+
+impl<D: Device> Device for Seat<D> {
+    fn boot(&mut self, now: Time, out: &mut impl Outbox) {
+        if let Seat::Here(device) = self {
+            device.boot(now, out);
+        }
+    }
+
+    fn on_frame(&mut self, now: Time, frame: &Frame, out: &mut impl Outbox) {
+        match self {
+            Seat::Here(device) => device.on_frame(now, frame, out),
+            Seat::Away(away) if frame.id() == cob::SYNC => away.ask(now, true),
+            Seat::Away(_) => {}
+        }
+    }
+
+    fn poll(&mut self, now: Time, out: &mut impl Outbox) {
+        match self {
+            Seat::Here(device) => device.poll(now, out),
+            Seat::Away(away) => away.ask(now, false),
+        }
+    }
+
+    fn next_deadline(&self) -> Time {
+        match self {
+            Seat::Here(device) => device.next_deadline(),
+            Seat::Away(away) => away.ask_at,
+        }
+    }
+}
+
+impl<D: Actuator> Actuator for Seat<D> {
+    fn measure(&mut self, angle_rad: f64, rate_rad_per_s: f64) {
+        match self {
+            Seat::Here(device) => device.measure(angle_rad, rate_rad_per_s),
+            Seat::Away(away) => away.felt = [angle_rad, rate_rad_per_s, 0.0, 0.0, 0.0, 0.0],
+        }
+    }
+
+    fn torque_n_m(&self) -> f64 {
+        match self {
+            Seat::Here(device) => device.torque_n_m(),
+            Seat::Away(away) => away.answer.torque_n_m,
+        }
+    }
+
+    fn state(&self) -> cia402::State {
+        match self {
+            Seat::Here(device) => device.state(),
+            Seat::Away(away) => away.answer.state,
+        }
+    }
+}
+
+impl<D: Transducer> Transducer for Seat<D> {
+    fn measure(&mut self, counts: [i32; 6]) {
+        match self {
+            Seat::Here(device) => device.measure(counts),
+            Seat::Away(away) => away.felt = counts.map(f64::from),
+        }
+    }
+}

@@ -1,0 +1,239 @@
+//! The simulated devices of a rig behind a real bus: the same devices as in the embedded simulation, under another clock.
+
+use std::time::Duration;
+
+use super::conduct::has_torque;
+use super::error::RigError;
+use super::far_end::{Actuator, DEVICES, FarEnd, Senses, Wire};
+use super::seat::{Peer, Seat};
+
+use super::world::Body;
+use crate::canopen::{Frame, Outbox, Time, cob};
+use crate::config;
+use crate::sim::{Drive, ForceSensor, Watchdog};
+use yieldwall_drives::cia402;
+
+/// Time on the wall without SYNC after which a simulation in lockstep goes on by itself. A master in lockstep waits less
+/// long for process data.
+const GRACE: Duration = Duration::from_secs(2);
+
+/// What the clock of simulated devices on a real bus follows.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Pace {
+    /// Simulated time advances by one period with each SYNC. Before the first one, after an NMT command and 2 s after the
+    /// last SYNC it follows the wall, so that the network can be booted and watchdogs act on a master that has died.
+    Lockstep,
+    /// Simulated time follows the wall.
+    Free,
+}
+
+/// Two simulated drives, a force sensor, and the arm and the hand between them, as devices on a bus.
+///
+/// Without I/O, like every engine: frames and moments of the wall come in, frames go to an [`Outbox`]. The hand takes the
+/// tool when both drives are in Operation Enabled, and lets go of it when neither makes torque any more.
+#[derive(Debug)]
+pub struct DeviceServer {
+    far: FarEnd<Seat<Drive>, Seat<ForceSensor>>,
+    pace: Pace,
+    period: Duration,
+    /// Simulated time.
+    now: Time,
+    /// A moment of the wall, and the simulated time that it stands for.
+    anchor: (Time, Time),
+    /// The last SYNC on the wall while time waits for the next one.
+    waits_since: Option<Time>,
+    counts: Served,
+}
+
+/// What the devices took part in.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Served {
+    /// SYNC messages.
+    pub syncs: u64,
+    /// Frames that the devices sent.
+    pub sent: u64,
+}
+
+/// All devices on one outbox.
+struct Bus<'a, O> {
+    out: &'a mut O,
+    sent: &'a mut u64,
+}
+
+impl<O: Outbox> Wire for Bus<'_, O> {
+    fn submit(&mut self, _device: usize, _now: Time, frame: Frame) {
+        *self.sent += 1;
+        self.out.push(frame);
+    }
+}
+
+/// Nothing is between machine and devices.
+struct Plain;
+
+impl Senses for Plain {}
+
+impl DeviceServer {
+    /// Devices that are switched off, the arm where the scene's hand starts. `seed` stands in place of the scene's.
+    ///
+    /// # Errors
+    /// Where parts of the configuration do not fit together, and for a scene without an arm.
+    pub fn new(rig: &config::Rig, scene: &config::Scene, seed: u64, pace: Pace) -> Result<Self, RigError> {
+        let FarEnd { drives, sensor, world } = FarEnd::new(rig, scene, seed)?;
+        let seat = |drive| Seat::Here(Box::new(drive));
+        let far = FarEnd { drives: drives.map(seat), sensor: Seat::Here(Box::new(sensor)), world };
+        if matches!(far.world.body, Body::Ideal(_)) {
+            let message =
+                "model.tracking ideal works in the embedded simulation only: on a bus the arm has to be rigid";
+            return Err(RigError::Mismatch(message.into()));
+        }
+        Ok(Self {
+            far,
+            pace,
+            period: Duration::from_micros(rig.cycle.period_us.into()),
+            now: Time(0),
+            anchor: (Time(0), Time(0)),
+            waits_since: None,
+            counts: Served::default(),
+        })
+    }
+
+    /// Takes a watch off both drives, as [`Drive::ignore`].
+    pub fn ignore(&mut self, watchdog: Watchdog) {
+        self.far.drives.iter_mut().filter_map(Seat::here_mut).for_each(|drive| drive.ignore(watchdog));
+    }
+
+    /// Switches all devices on at a moment of the wall.
+    pub fn switch_on(&mut self, wall: Time, out: &mut impl Outbox) {
+        self.anchor = (wall, self.now);
+        for device in 0..DEVICES {
+            self.far.switch_on(device, self.now, &mut Bus { out: &mut *out, sent: &mut self.counts.sent });
+        }
+    }
+
+    /// Takes a frame that the devices did not send themselves.
+    ///
+    /// # Errors
+    /// If the simulated arm cannot go on.
+    pub fn on_frame(&mut self, wall: Time, frame: &Frame, out: &mut impl Outbox) -> Result<(), RigError> {
+        if frame.id() == cob::NMT {
+            self.run_on(wall);
+        }
+        let mut now = self.time_at(wall);
+        if frame.id() == cob::SYNC {
+            self.counts.syncs += 1;
+            if self.pace == Pace::Lockstep {
+                if self.waits_since.is_some() {
+                    now = self.now + self.period;
+                }
+                self.waits_since = Some(wall);
+            }
+        }
+        self.advance(now, out)?;
+        self.far.on_frame(now, None, frame, &mut Plain, &mut Bus { out, sent: &mut self.counts.sent })?;
+        if frame.id() == cob::SYNC {
+            self.lead_hand();
+        }
+        Ok(())
+    }
+
+    /// Lets everything happen that is due at a moment of the wall.
+    ///
+    /// # Errors
+    /// If the simulated arm cannot go on.
+    pub fn poll(&mut self, wall: Time, out: &mut impl Outbox) -> Result<(), RigError> {
+        if self.waits_since.is_some_and(|since| wall >= since + GRACE) {
+            self.run_on(wall);
+        }
+        self.advance(self.time_at(wall), out)
+    }
+
+    /// The moment of the wall at which [`DeviceServer::poll`] has to be called again at the latest.
+    pub fn next_deadline(&self) -> Time {
+        match (self.waits_since, self.far.next_deadline()) {
+            (Some(since), _) => since + GRACE,
+            (None, Time::NEVER) => Time::NEVER,
+            (None, next) => self.anchor.0 + next.since(self.anchor.1),
+        }
+    }
+
+    /// Simulated time since switching on.
+    pub fn now(&self) -> Time {
+        self.now
+    }
+
+    /// What the devices took part in.
+    pub fn counts(&self) -> Served {
+        self.counts
+    }
+
+    /// Leaves out of left drive, right drive and sensor those that are not `here`: they have to be attached.
+    #[must_use]
+    pub fn only(mut self, here: [bool; DEVICES]) -> Self {
+        let [has_left, has_right, has_sensor] = here;
+        for (seat, is_here) in self.far.drives.iter_mut().zip([has_left, has_right]) {
+            if !is_here {
+                *seat = Seat::empty();
+            }
+        }
+        if !has_sensor {
+            self.far.sensor = Seat::empty();
+        }
+        self
+    }
+
+    /// Has `peer` be a device that is not simulated here: 0 the left drive, 1 the right drive, 2 the sensor.
+    pub fn attach(&mut self, device: usize, peer: Box<dyn Peer>) {
+        match self.far.drives.get_mut(device) {
+            Some(seat) => seat.attach(self.now, peer),
+            None => self.far.sensor.attach(self.now, peer),
+        }
+    }
+
+    /// Whether a device is simulated here.
+    pub fn is_here(&self, device: usize) -> bool {
+        match self.far.drives.get(device) {
+            Some(seat) => seat.here().is_some(),
+            None => self.far.sensor.here().is_some(),
+        }
+    }
+
+    /// States of the drives, left and right.
+    pub fn drive_states(&self) -> [cia402::State; 2] {
+        self.far.drives.each_ref().map(Actuator::state)
+    }
+
+    /// Torques of the drives in N m.
+    pub fn torques_n_m(&self) -> [f64; 2] {
+        self.far.drives.each_ref().map(Actuator::torque_n_m)
+    }
+
+    /// Simulated time at a moment of the wall.
+    fn time_at(&self, wall: Time) -> Time {
+        if self.waits_since.is_some() { self.now } else { self.now.max(self.anchor.1 + wall.since(self.anchor.0)) }
+    }
+
+    /// Has time follow the wall from now on.
+    fn run_on(&mut self, wall: Time) {
+        if self.waits_since.take().is_some() {
+            self.anchor = (wall, self.now);
+        }
+    }
+
+    fn advance(&mut self, until: Time, out: &mut impl Outbox) -> Result<(), RigError> {
+        while self.far.next_deadline() <= until {
+            self.now = self.far.next_deadline().max(self.now);
+            self.far.poll(self.now, &mut Plain, &mut Bus { out: &mut *out, sent: &mut self.counts.sent })?;
+        }
+        self.now = until;
+        Ok(())
+    }
+
+    fn lead_hand(&mut self) {
+        let states = self.drive_states();
+        if states.iter().all(|state| *state == cia402::State::OperationEnabled) {
+            self.far.world.take_tool(self.now);
+        } else if self.far.world.hand_from_s.is_finite() && !states.into_iter().any(has_torque) {
+            self.far.world.let_go();
+        }
+    }
+}
