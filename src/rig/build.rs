@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use nalgebra::{Matrix6, Vector2, Vector3};
+use nalgebra::{Matrix6, Vector2};
 
 use super::error::RigError;
 use crate::bus::{CommandMode, DriveSetup, MasterSetup, SensorSetup};
@@ -10,8 +10,7 @@ use crate::config;
 use crate::control::{FeedForward, FeedForwardParameters, Gains, Law, RateLaw};
 use crate::cycle::{Cycle, Servo, Settings, TorqueServo};
 use crate::fixture::{
-    Admittance, BallAndTube, Circle, Coupling, Curvature, Cylinder, Fixture, Forbidden, Impedance, Limits, Parameters,
-    Plane, Rearm, Shape2, Shape3, Side, Sphere,
+    Admittance, BallAndTube, Coupling, Curvature, Fixture, Impedance, Limits, Parameters, Rearm, Shape2, Shape3, Side,
 };
 use crate::guard::{self, Gate};
 use crate::linkage::{FiveBar, MassModel};
@@ -76,19 +75,8 @@ fn parameters(fixture: &config::Fixture, period_s: f64) -> Parameters {
     }
 }
 
-fn forbidden(side: config::Forbidden) -> Forbidden {
-    match side {
-        config::Forbidden::Inside => Forbidden::Inside,
-        config::Forbidden::Outside => Forbidden::Outside,
-    }
-}
-
 pub(super) fn point2(point: [config::Finite; 2]) -> Vector2<f64> {
     Vector2::from(point.map(|value| value.get()))
-}
-
-fn point3(point: [config::Finite; 3]) -> Vector3<f64> {
-    Vector3::from(point.map(|value| value.get()))
 }
 
 /// The planar fixture of an admittance rig.
@@ -96,14 +84,12 @@ pub(super) fn planar_fixture(
     fixture: &config::Fixture,
     period_s: f64,
 ) -> Result<Fixture<Shape2, 2, BallAndTube>, RigError> {
-    let shape = match fixture.surface {
-        config::Surface::Circle { center_m, radius_m, forbidden: side } => {
-            Shape2::Circle(Circle::new(point2(center_m), radius_m.get(), forbidden(side))?)
-        }
-        config::Surface::Line { point_m, normal } => Shape2::Line(Plane::new(point2(point_m), point2(normal))?),
-        ref other => return Err(wrong_dimension(other, 2)),
-    };
-    Ok(Fixture::new(shape, parameters(fixture, period_s))?)
+    let shape = fixture.surface.planar()?.ok_or_else(|| wrong_dimension(&fixture.surface, 2))?;
+    let built = Fixture::new(shape, parameters(fixture, period_s))?;
+    Ok(match fixture.automatic_hold {
+        Some(hold) => built.with_automatic_hold(hold.into())?,
+        None => built,
+    })
 }
 
 /// The fixture of an impedance device, in space.
@@ -111,16 +97,7 @@ pub(super) fn spatial_fixture(
     fixture: &config::Fixture,
     period_s: f64,
 ) -> Result<Fixture<Shape3, 3, BallAndTube>, RigError> {
-    let shape = match fixture.surface {
-        config::Surface::Cylinder { axis_point_m, axis_direction, radius_m, forbidden: side } => Shape3::Cylinder(
-            Cylinder::new(point3(axis_point_m), point3(axis_direction), radius_m.get(), forbidden(side))?,
-        ),
-        config::Surface::Plane { point_m, normal } => Shape3::Plane(Plane::new(point3(point_m), point3(normal))?),
-        config::Surface::Sphere { center_m, radius_m, forbidden: side } => {
-            Shape3::Sphere(Sphere::new(point3(center_m), radius_m.get(), forbidden(side))?)
-        }
-        ref other => return Err(wrong_dimension(other, 3)),
-    };
+    let shape = fixture.surface.spatial()?.ok_or_else(|| wrong_dimension(&fixture.surface, 3))?;
     Ok(Fixture::new(shape, parameters(fixture, period_s))?)
 }
 

@@ -4,6 +4,7 @@ use std::time::Duration;
 
 use super::measures::{Context, Measures, measure};
 use crate::config;
+use crate::fixture::Shape2;
 use crate::guard::{Cause, Request, State};
 use crate::record::{ForceMeaning, Reference, Row, Trace};
 use crate::rig::{EmbeddedRig, ImpedanceRig, RigError, Tap};
@@ -230,6 +231,15 @@ fn reference(surface: &config::Surface) -> Reference {
             let [x, y, _] = three(center_m);
             Reference::Circle { center_m: [x, y], radius_m: radius_m.get() }
         }
+        // The outline of a wall runs so that its left is allowed. A point has no line, and what lies in space no
+        // section that a planar figure could show.
+        ref other => match other.planar() {
+            Ok(Some(Shape2::Chain(chain))) if other.has_sides() => Reference::Curve {
+                points_m: chain.outline_m().iter().map(|point| [point.x, point.y]).collect(),
+                is_closed: chain.is_closed(),
+            },
+            _ => Reference::None,
+        },
     }
 }
 

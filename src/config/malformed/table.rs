@@ -51,6 +51,20 @@ macro_rules! ALIASES {
     };
 }
 
+/// The surface of the rig.
+macro_rules! CIRCLE {
+    () => {
+        "circle: {center_m: [0.0, 0.0], radius_m: 0.12, forbidden: inside}"
+    };
+}
+
+/// The surface of the device.
+macro_rules! CYLINDER {
+    () => {
+        "cylinder: {axis_point_m: [0.0, 0.0, 0.0], axis_direction: [0.0, 0.0, 1.0], radius_m: 0.04, forbidden: inside}"
+    };
+}
+
 /// All of them, by class.
 #[rustfmt::skip]
 pub(crate) const CASES: &[Case] = &[
@@ -128,6 +142,19 @@ pub(crate) const CASES: &[Case] = &[
     case("fixture", "cylinder on a rig", RIG, "circle: {center_m: [0.0, 0.0], ", "cylinder: {axis_point_m: [0.0, 0.0, 0.0], axis_direction: [0.0, 0.0, 1.0], "),
     case("fixture", "axis without direction", DEVICE, "axis_direction: [0.0, 0.0, 1.0]", "axis_direction: [0.0, 0.0, 0.0]"),
     case("fixture", "exact cylinder", DEVICE, "curvature: tangent", "curvature: exact"),
+    case("fixture", "two holds", RIG, "hold_steps: 0", "hold_steps: 5\n  automatic_hold: {hand_mass_kg: 1.5, longest_s: 0.1}"),
+    case("fixture", "endless automatic hold", RIG, "hold_steps: 0", "hold_steps: 0\n  automatic_hold: {hand_mass_kg: 1.5, longest_s: 10.0}"),
+    case("fixture", "automatic hold of a device", DEVICE, "hold_steps: 0", "hold_steps: 0\n  automatic_hold: {hand_mass_kg: 1.5, longest_s: 0.1}"),
+    case("fixture", "wall on a point", DEVICE, "side: bilateral", "side: unilateral"),
+    case("fixture", "point twice", RIG, CIRCLE!(), "polygon: {points_m: [[0.0, 0.0], [0.1, 0.0], [0.1, 0.0]], forbidden: inside}"),
+    case("fixture", "polygon crosses itself", RIG, CIRCLE!(), "polygon: {points_m: [[0.0, 0.0], [0.1, 0.1], [0.1, 0.0], [0.0, 0.1]], forbidden: inside}"),
+    case("fixture", "two corners", RIG, CIRCLE!(), "polygon: {points_m: [[0.0, 0.0], [0.1, 0.1]], forbidden: inside}"),
+    case("fixture", "curve tighter than its reach", RIG, CIRCLE!(), "open_curve: {points_m: [[0.0, 0.0], [0.00001, 0.0], [0.00001, 0.00001]]}"),
+    case("fixture", "curve out of reach", RIG, CIRCLE!(), "open_curve: {points_m: [[0.0, 0.0], [0.6, 0.0], [0.6, 0.6]]}"),
+    case("fixture", "point not finite", RIG, CIRCLE!(), "point: {point_m: [.nan, 0.0], capture_radius_m: 0.0002}"),
+    case("fixture", "wide capture", RIG, CIRCLE!(), "point: {point_m: [0.0, 0.0], capture_radius_m: 0.2}"),
+    case("fixture", "box without size", DEVICE, CYLINDER!(), "box: {center_m: [0.0, 0.0, 0.0], half_size_m: [0.1, 0.0, 0.1], forbidden: inside}"),
+    case("fixture", "ring of two points", DEVICE, CYLINDER!(), "space_curve: {points_m: [[0.0, 0.0, 0.0], [0.1, 0.0, 0.0]], is_closed: true, capture_radius_m: 0.0}"),
     case("fixture", "radius below reach", RIG, "radius_m: 0.12", "radius_m: 8.0e-6"),
     case("timing", "step after SYNC", RIG, "compute_at_us: 700", "compute_at_us: 1000"),
     case("timing", "inner loop does not fit", RIG, "period_us: 125", "period_us: 300"),

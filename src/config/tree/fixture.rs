@@ -1,10 +1,14 @@
 //! The virtual fixture: coupling, levels, surface.
 
 use garde::Validate;
+use nalgebra::SVector;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use crate::config::number::{Finite, NotNegative, Positive};
+use crate::fixture::{
+    self, Chain, Circle, Cuboid, Cylinder, FixtureError, Plane, Shape2, Shape3, Sphere, Surface as _,
+};
 
 /// A plasticity-based virtual fixture (KTF08).
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema, Validate)]
@@ -26,11 +30,35 @@ pub struct Fixture {
     /// coupling 0 or at least 2, since the input position depends on two past steps.
     #[garde(range(max = 10_000))]
     pub hold_steps: u32,
+    /// A hold whose length follows from each impact; `hold_steps` is then 0. Left out: none.
+    #[garde(dive)]
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub automatic_hold: Option<AutomaticHold>,
     /// How the surface's curvature enters the step: `tangent` as in the paper, or `exact` for a circle or sphere.
     pub curvature: Curvature,
-    /// Reference surface C.
+    /// Reference C: a surface, or a curve in space or a point.
     #[garde(dive)]
     pub surface: Surface,
+}
+
+/// A hold after an impact that ends when the push above R has brought more impulse than a hand's mass can, or with its
+/// window. For the admittance coupling.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema, Validate)]
+#[serde(deny_unknown_fields)]
+#[garde(allow_unvalidated)]
+pub struct AutomaticHold {
+    /// The heaviest hand that shall not break through at an impact, kg. 0.1 to 20; 1.5 serves most.
+    #[garde(dive)]
+    pub hand_mass_kg: Positive,
+    /// Longest hold after an impact, s. 0.002 to 1; 0.1 serves most.
+    #[garde(dive)]
+    pub longest_s: Positive,
+}
+
+impl From<AutomaticHold> for fixture::AutomaticHold {
+    fn from(hold: AutomaticHold) -> Self {
+        Self { hand_mass_kg: *hold.hand_mass_kg, longest_s: *hold.longest_s }
+    }
 }
 
 /// How the user's force and the proxy are coupled.
@@ -80,9 +108,9 @@ pub enum Side {
     Unilateral,
 }
 
-/// Reference surface of a fixture. `circle` and `line` lie in the plane of a rig; `cylinder`, `plane` and `sphere` in
-/// the space of an impedance device.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema, Validate)]
+/// Reference of a fixture. `circle`, `line`, `polygon`, `closed_curve`, `open_curve` and `point` lie in the plane of a
+/// rig; `cylinder`, `plane`, `sphere`, `box`, `space_curve` and `space_point` in the space of an impedance device.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema, Validate)]
 #[serde(rename_all = "snake_case", deny_unknown_fields)]
 #[garde(allow_unvalidated)]
 pub enum Surface {
@@ -132,24 +160,83 @@ pub enum Surface {
         /// The side that a unilateral fixture forbids; without effect when `side` is bilateral.
         forbidden: Forbidden,
     },
+    /// Straight edges between corners, closed: a polygon, convex or not.
+    Polygon {
+        /// Corners in order, m. 3 to 512, no edges that cross.
+        #[garde(length(min = 3, max = 512))]
+        points_m: Vec<[Finite; 2]>,
+        /// The side that a unilateral fixture forbids; without effect when `side` is bilateral.
+        forbidden: Forbidden,
+    },
+    /// Smooth closed curve in the plane: a cubic spline through points.
+    ClosedCurve {
+        /// Points in order, m. 3 to 512; the curve does not cross itself.
+        #[garde(length(min = 3, max = 512))]
+        points_m: Vec<[Finite; 2]>,
+        /// The side that a unilateral fixture forbids; without effect when `side` is bilateral.
+        forbidden: Forbidden,
+    },
+    /// Smooth open curve in the plane: a cubic spline through points. A unilateral fixture forbids its right side.
+    OpenCurve {
+        /// Points in order, m. 2 to 512; the curve does not cross itself.
+        #[garde(length(min = 2, max = 512))]
+        points_m: Vec<[Finite; 2]>,
+    },
+    /// Point in the plane; `side` is bilateral.
+    Point {
+        /// Where, m.
+        point_m: [Finite; 2],
+        /// How near a passing proxy meets it, m. 0 to 0.1; 0 never.
+        #[garde(dive)]
+        capture_radius_m: NotNegative,
+    },
+    /// Box in space with its edges along the axes.
+    Box {
+        /// Centre, m.
+        center_m: [Finite; 3],
+        /// From the centre to each side, m. Above 0.
+        #[garde(dive)]
+        half_size_m: [Positive; 3],
+        /// The side that a unilateral fixture forbids; without effect when `side` is bilateral.
+        forbidden: Forbidden,
+    },
+    /// Smooth curve in space: a cubic spline through points; `side` is bilateral.
+    SpaceCurve {
+        /// Points in order, m. 2 to 512, at least 3 when closed.
+        #[garde(length(min = 2, max = 512))]
+        points_m: Vec<[Finite; 3]>,
+        /// Whether the last point is joined to the first.
+        is_closed: bool,
+        /// How near a passing proxy meets it, m. 0 to 0.1; 0 never.
+        #[garde(dive)]
+        capture_radius_m: NotNegative,
+    },
+    /// Point in space; `side` is bilateral.
+    SpacePoint {
+        /// Where, m.
+        point_m: [Finite; 3],
+        /// How near a passing proxy meets it, m. 0 to 0.1; 0 never.
+        #[garde(dive)]
+        capture_radius_m: NotNegative,
+    },
 }
 
 impl Surface {
     /// Dimension of the space that it lies in: 2 or 3.
     pub fn dimension(&self) -> usize {
         match self {
-            Self::Circle { .. } | Self::Line { .. } => 2,
-            Self::Cylinder { .. } | Self::Plane { .. } | Self::Sphere { .. } => 3,
-        }
-    }
-
-    /// Radius of curvature in m; `None` when flat.
-    pub fn radius_m(&self) -> Option<f64> {
-        match self {
-            Self::Circle { radius_m, .. } | Self::Cylinder { radius_m, .. } | Self::Sphere { radius_m, .. } => {
-                Some(**radius_m)
-            }
-            Self::Line { .. } | Self::Plane { .. } => None,
+            Self::Circle { .. }
+            | Self::Line { .. }
+            | Self::Polygon { .. }
+            | Self::ClosedCurve { .. }
+            | Self::OpenCurve { .. }
+            | Self::Point { .. } => 2,
+            Self::Cylinder { .. }
+            | Self::Plane { .. }
+            | Self::Sphere { .. }
+            | Self::Box { .. }
+            | Self::SpaceCurve { .. }
+            | Self::SpacePoint { .. } => 3,
         }
     }
 
@@ -161,6 +248,125 @@ impl Surface {
             Self::Cylinder { .. } => "cylinder",
             Self::Plane { .. } => "plane",
             Self::Sphere { .. } => "sphere",
+            Self::Polygon { .. } => "polygon",
+            Self::ClosedCurve { .. } => "closed_curve",
+            Self::OpenCurve { .. } => "open_curve",
+            Self::Point { .. } => "point",
+            Self::Box { .. } => "box",
+            Self::SpaceCurve { .. } => "space_curve",
+            Self::SpacePoint { .. } => "space_point",
+        }
+    }
+
+    /// The key of the numbers that give it its size or shape.
+    pub fn size_key(&self) -> &'static str {
+        match self {
+            Self::Circle { .. } | Self::Cylinder { .. } | Self::Sphere { .. } => "radius_m",
+            Self::Line { .. } | Self::Plane { .. } => "normal",
+            Self::Polygon { .. } | Self::ClosedCurve { .. } | Self::OpenCurve { .. } | Self::SpaceCurve { .. } => {
+                "points_m"
+            }
+            Self::Point { .. } | Self::SpacePoint { .. } => "capture_radius_m",
+            Self::Box { .. } => "half_size_m",
+        }
+    }
+
+    /// Whether it has sides, so that a fixture can be unilateral.
+    pub fn has_sides(&self) -> bool {
+        !matches!(self, Self::Point { .. } | Self::SpaceCurve { .. } | Self::SpacePoint { .. })
+    }
+
+    /// A few words that say which one it is.
+    pub fn summary(&self) -> String {
+        match self {
+            Self::Circle { radius_m, .. } | Self::Cylinder { radius_m, .. } | Self::Sphere { radius_m, .. } => {
+                format!("{} of {} m", self.name(), **radius_m)
+            }
+            Self::Polygon { points_m, .. } => format!("polygon of {} corners", points_m.len()),
+            Self::ClosedCurve { points_m, .. } => format!("closed curve through {} points", points_m.len()),
+            Self::OpenCurve { points_m } => format!("open curve through {} points", points_m.len()),
+            Self::SpaceCurve { points_m, .. } => format!("curve in space through {} points", points_m.len()),
+            Self::Line { .. } | Self::Plane { .. } | Self::Point { .. } | Self::Box { .. } => self.name().to_owned(),
+            Self::SpacePoint { .. } => "point in space".to_owned(),
+        }
+    }
+
+    /// The shape in the plane; `None` for one in space.
+    ///
+    /// # Errors
+    /// Why the numbers give no shape.
+    pub fn planar(&self) -> Result<Option<Shape2>, FixtureError> {
+        let all = |points: &[[Finite; 2]]| points.iter().map(vector).collect::<Vec<_>>();
+        Ok(Some(match self {
+            Self::Circle { center_m, radius_m, forbidden } => {
+                Shape2::Circle(Circle::new(vector(center_m), **radius_m, (*forbidden).into())?)
+            }
+            Self::Line { point_m, normal } => Shape2::Line(Plane::new(vector(point_m), vector(normal))?),
+            Self::Polygon { points_m, forbidden } => {
+                Shape2::Chain(Chain::polygon(&all(points_m), (*forbidden).into())?)
+            }
+            Self::ClosedCurve { points_m, forbidden } => {
+                Shape2::Chain(Chain::closed_curve(&all(points_m), (*forbidden).into())?)
+            }
+            Self::OpenCurve { points_m } => Shape2::Chain(Chain::open_curve(&all(points_m))?),
+            Self::Point { point_m, capture_radius_m } => {
+                Shape2::Chain(Chain::point(vector(point_m), **capture_radius_m)?)
+            }
+            _ => return Ok(None),
+        }))
+    }
+
+    /// The shape in space; `None` for one in the plane.
+    ///
+    /// # Errors
+    /// Why the numbers give no shape.
+    pub fn spatial(&self) -> Result<Option<Shape3>, FixtureError> {
+        Ok(Some(match self {
+            Self::Cylinder { axis_point_m, axis_direction, radius_m, forbidden } => Shape3::Cylinder(Cylinder::new(
+                vector(axis_point_m),
+                vector(axis_direction),
+                **radius_m,
+                (*forbidden).into(),
+            )?),
+            Self::Plane { point_m, normal } => Shape3::Plane(Plane::new(vector(point_m), vector(normal))?),
+            Self::Sphere { center_m, radius_m, forbidden } => {
+                Shape3::Sphere(Sphere::new(vector(center_m), **radius_m, (*forbidden).into())?)
+            }
+            Self::Box { center_m, half_size_m, forbidden } => {
+                let half = SVector::from(half_size_m.map(|value| value.get()));
+                Shape3::Cuboid(Cuboid::new(vector(center_m), half, (*forbidden).into())?)
+            }
+            Self::SpaceCurve { points_m, is_closed, capture_radius_m } => {
+                let points: Vec<_> = points_m.iter().map(vector).collect();
+                Shape3::Chain(Chain::space_curve(&points, *is_closed, **capture_radius_m)?)
+            }
+            Self::SpacePoint { point_m, capture_radius_m } => {
+                Shape3::Chain(Chain::point(vector(point_m), **capture_radius_m)?)
+            }
+            _ => return Ok(None),
+        }))
+    }
+
+    /// Smallest radius of curvature in m; infinite when flat.
+    ///
+    /// # Errors
+    /// Why the numbers give no shape.
+    pub fn smallest_radius_m(&self) -> Result<f64, FixtureError> {
+        let planar = self.planar()?.map(|shape| shape.smallest_radius_m());
+        let spatial = self.spatial()?.map(|shape| shape.smallest_radius_m());
+        Ok(planar.or(spatial).unwrap_or(f64::INFINITY))
+    }
+}
+
+fn vector<const N: usize>(point: &[Finite; N]) -> SVector<f64, N> {
+    SVector::from(point.map(|value| value.get()))
+}
+
+impl From<Forbidden> for fixture::Forbidden {
+    fn from(side: Forbidden) -> Self {
+        match side {
+            Forbidden::Inside => Self::Inside,
+            Forbidden::Outside => Self::Outside,
         }
     }
 }

@@ -12,7 +12,7 @@ mod scene;
 pub use arm::{ArmInertia, ArmModel, DistalLink, ElbowSide, Linkage, Tool, WristSide};
 pub use device::{DeviceCycle, DeviceIdentity, DevicePlant, ImpedanceDevice};
 pub use figure::{Figure, MagnifiedWindow};
-pub use fixture::{Coupling, Curvature, Fixture, Forbidden, Side, Surface};
+pub use fixture::{AutomaticHold, Coupling, Curvature, Fixture, Forbidden, Side, Surface};
 pub use rig::{
     Bus, BusTiming, CommandMode, Control, ControlGains, ControlLaw, Cycle, Drive, DrivePositionLoop, FeedForward,
     Guard, Master, Mount, Rig, RigIdentity, RigPlant, Sensor,
