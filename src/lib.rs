@@ -23,12 +23,15 @@ pub mod setvalued;
 pub mod bus;
 #[cfg(feature = "config")]
 pub mod config;
+pub mod injection;
 #[cfg(feature = "sim")]
 pub mod record;
 #[cfg(feature = "sim")]
 pub mod rig;
 #[cfg(feature = "sim")]
 pub mod sim;
+#[cfg(feature = "sim")]
+pub mod soak;
 #[cfg(feature = "sim")]
 pub mod study;
 

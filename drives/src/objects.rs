@@ -79,6 +79,11 @@ objects! {
     SYNC_CYCLE = 0x1006:0, U32, "communication cycle period in us (CiA 301)";
     SYNC_WINDOW = 0x1007:0, U32, "synchronous window length in us (CiA 301)";
     DEVICE_NAME = 0x1008:0, Text, "manufacturer device name (CiA 301)";
+    GUARD_TIME = 0x100c:0, U16, "node guarding: guard time in ms (CiA 301)";
+    LIFE_TIME_FACTOR = 0x100d:0, U8, "node guarding: guard times without request until the master is lost (CiA 301)";
+    STORE_PARAMETERS = 0x1010:1, U32, "writing 'save' stores all parameters (CiA 301)";
+    RESTORE_PARAMETERS = 0x1011:1, U32, "writing 'load' restores all parameters as delivered with the next reset (CiA 301)";
+    TIME_COB_ID = 0x1012:0, U32, "COB-ID of TIME, bit 31 for a consumer (CiA 301)";
     EMERGENCY_COB_ID = 0x1014:0, U32, "COB-ID of EMCY (CiA 301)";
     EMERGENCY_INHIBIT = 0x1015:0, U16, "inhibit time of EMCY in 100 us (CiA 301)";
     CONSUMER_HEARTBEAT = 0x1016:1, U32, "watched node id in bits 16 to 22, time in ms in the low word (CiA 301)";
@@ -135,6 +140,18 @@ objects! {
 /// CiA 404, object 6125h.
 pub const AUTO_ZERO_SIGNATURE: u32 = u32::from_le_bytes(*b"zero");
 
+/// What has to be written to [`STORE_PARAMETERS`]: the text `save`, first letter in the lowest byte.
+///
+/// # Source
+/// CiA 301, object 1010h.
+pub const STORE_SIGNATURE: u32 = u32::from_le_bytes(*b"save");
+
+/// What has to be written to [`RESTORE_PARAMETERS`]: the text `load`, first letter in the lowest byte.
+///
+/// # Source
+/// CiA 301, object 1011h.
+pub const RESTORE_SIGNATURE: u32 = u32::from_le_bytes(*b"load");
+
 /// Emergency error codes (CiA 301 and CiA 402) that the devices of this project raise.
 pub mod error_code {
     /// No error, or the last one was reset.
@@ -143,6 +160,8 @@ pub mod error_code {
     pub const HEARTBEAT: u16 = 0x8130;
     /// An RPDO came with the wrong length.
     pub const PDO_LENGTH: u16 = 0x8210;
+    /// A SYNC came with another length than the counter asks for.
+    pub const SYNC_LENGTH: u16 = 0x8240;
     /// An RPDO did not come in its deadline.
     pub const RPDO_TIMEOUT: u16 = 0x8250;
     /// The position sensor gives no usable value.
@@ -165,7 +184,8 @@ mod tests {
     }
 
     #[test]
-    fn the_auto_zero_signature_is_the_literal_of_the_standard() {
+    fn signatures_are_the_literals_of_the_standards() {
         assert_eq!(AUTO_ZERO_SIGNATURE, 0x6f72_657a);
+        assert_eq!((STORE_SIGNATURE, RESTORE_SIGNATURE), (0x6576_6173, 0x6461_6f6c));
     }
 }

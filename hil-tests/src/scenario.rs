@@ -5,6 +5,7 @@ use std::sync::{Arc, Mutex};
 use yieldwall::canopen::{Frame, Time};
 use yieldwall::config::{self, Rig, Scene, Source};
 use yieldwall::guard::{Fault, Request};
+use yieldwall::injection::Injection;
 use yieldwall::record::Row;
 use yieldwall::rig::{EmbeddedRig, RigError};
 use yieldwall::sim::can::CandumpWriter;
@@ -127,6 +128,16 @@ impl Session {
     /// The fault that led to the present state.
     pub fn fault(&self) -> Option<Fault> {
         self.machine.cause().map(|cause| cause.fault)
+    }
+
+    /// Injects with the next cycle.
+    ///
+    /// # Panics
+    /// If it is not possible.
+    pub fn inject(&mut self, injection: Injection) {
+        let start_s = self.machine.scene_time_s().max(0.0);
+        let injected = self.machine.inject(Injection { start_s, ..injection });
+        injected.unwrap_or_else(|error| panic!("{error}; replay: {}", self.replay));
     }
 
     /// Has every frame pass through `tamper` from now on.

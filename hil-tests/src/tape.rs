@@ -139,6 +139,8 @@ fn inputs(frames: &[(Time, Frame)], outputs: &Outputs, sensor_node: u8) -> Input
         angle_rad: Some(angle_rad),
         state: cia402::State::OperationEnabled,
         follows_command: true,
+        has_voltage: true,
+        has_warning: false,
     };
     Inputs {
         drives: outputs.signals.measured_angles.to_array().map(drive),

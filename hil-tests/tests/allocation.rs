@@ -10,6 +10,9 @@ use hil_tests::Scenario;
 use yieldwall::canopen::{Frame, Outbox, Time};
 use yieldwall::cycle::{Cycle, DriveSample, Inputs, LinkEvents, Timing};
 use yieldwall::guard::{DeviceSet, Request, State};
+use yieldwall::injection::{Injection, Kind};
+use yieldwall::record::CycleRecord;
+use yieldwall::record::recording::{Backpressure, Feed, Sink};
 use yieldwall::rig::{self, EmbeddedRig};
 use yieldwall::sensing::RawSample;
 use yieldwall_drives::cia402;
@@ -70,6 +73,8 @@ fn inputs(cycle: usize, angles: [f64; 2], state: cia402::State) -> Inputs {
             angle_rad: (!is_lost(977)).then_some(angles[joint]),
             state,
             follows_command: true,
+            has_voltage: true,
+            has_warning: is_lost(701),
         }),
         sample: (!is_lost(499)).then_some(RawSample {
             counts,
@@ -101,6 +106,7 @@ fn run_cycles(cycle: &mut Cycle, start: [f64; 2]) -> [usize; 8] {
         angles = outputs.signals.target_angles.to_array();
         state = match outputs.directive.goal {
             cia402::Goal::OperationEnabled => cia402::State::OperationEnabled,
+            cia402::Goal::SwitchedOn => cia402::State::SwitchedOn,
             cia402::Goal::QuickStop => cia402::State::QuickStopActive,
             _ => cia402::State::ReadyToSwitchOn,
         };
@@ -141,10 +147,35 @@ impl Outbox for Fixed {
     }
 }
 
+/// Takes records and forgets them.
+struct Forget(u64);
+
+impl Sink<CycleRecord> for Forget {
+    type Report = ();
+
+    fn take(&mut self, _: &CycleRecord) -> std::io::Result<()> {
+        self.0 += 1;
+        Ok(())
+    }
+
+    fn finish(&mut self) -> std::io::Result<()> {
+        Ok(())
+    }
+
+    fn stored(&self) -> u64 {
+        self.0
+    }
+
+    fn report(self) {}
+}
+
 /// The whole embedded rig, master and simulated devices alike, and frames that a master gets from strangers.
 fn the_rig_does_not_allocate(scenario: &Scenario) {
     let mut machine =
         EmbeddedRig::new(&scenario.rig, &scenario.scene, &scenario.rig.fixture, scenario.seed).expect("a shipped rig");
+    // As a recording has it: a ring that a thread empties.
+    let (mut ring, feed) = Feed::start("test", 512, Backpressure::Drop, Forget(0)).expect("a thread");
+    machine.set_observer(Box::new(move |record| ring.push(record)));
     machine.enable().expect("it is enabled");
     // Queues have grown to their size by then.
     for _ in 0..100 {
@@ -159,13 +190,15 @@ fn the_rig_does_not_allocate(scenario: &Scenario) {
     println!("{}: {count} calls in {cycles} cycles of the whole rig", scenario.file);
     assert_eq!(machine.state(), State::Running);
     assert_eq!(count, 0, "{}: calls of the allocator in {cycles} cycles of the whole rig", scenario.file);
+    machine.inject(Injection::new(Kind::DriveFault, machine.scene_time_s())).expect("a drive can fail");
     let count = calls(|| {
-        machine.raise_drive_fault(0, 0x4210);
         for request in (0..2000).map(|at| if at == 1000 { Request::Reset } else { Request::None }) {
             machine.run_cycle(request).expect("it goes on");
         }
     });
     assert_eq!(count, 0, "{}: calls of the allocator on the way through a fault", scenario.file);
+    let counts = feed.finish().expect("the thread ends").counts;
+    assert!(counts.kept > 0, "the ring was used: {counts:?}");
 }
 
 #[test]

@@ -113,6 +113,12 @@ impl Boot {
         }
     }
 
+    /// As it was before anything was sent.
+    pub(super) fn reset(&mut self) {
+        self.client = SdoClient::new(self.client.node(), SDO_TIMEOUT, SDO_CAPACITY);
+        (self.next, self.verifying, self.started, self.restarts) = (0, false, false, 0);
+    }
+
     /// What is being done now.
     pub(super) fn doing(&self) -> &'static str {
         self.steps.get(self.next).map_or("start", |step| step.doing)

@@ -10,13 +10,15 @@ use crate::guard::{Allowed, DeviceSet, JointCommand};
 use crate::sensing::RawSample;
 use yieldwall_drives::cia402::{Goal, State, StateWalk, Statusword};
 use yieldwall_drives::objects::{self, Object};
-use yieldwall_drives::profiles::{DeviceProfile, PdoMapping, STATUS_OVERLOAD};
+use yieldwall_drives::profiles::{DeviceProfile, PdoMapping, STATUS_INVALID, STATUS_OVERLOAD};
 use yieldwall_drives::scaling::{AxisScaling, CountUnwrapper, wrap};
 
 /// Identifiers of 11 bits.
 const IDENTIFIERS: usize = 0x800;
 /// No frame of the image.
 const NO_SLOT: u8 = u8::MAX;
+/// A frame that only the master sends.
+const OWN_SLOT: u8 = u8::MAX - 1;
 
 #[derive(Clone, Copy, Debug)]
 enum Source {
@@ -35,6 +37,45 @@ struct Incoming {
     fields: Vec<(Source, Field)>,
     word: u64,
     has_arrived: bool,
+    /// Whether it did not arrive in the cycle before, and not after it either: it may still come.
+    is_owed: bool,
+}
+
+impl Incoming {
+    fn device(&self) -> DeviceSet {
+        self.joint.map_or(DeviceSet::SENSOR, DeviceSet::drive)
+    }
+
+    /// The sensor's sample counter in `word`, if this frame carries it.
+    fn counter(&self, word: u64) -> Option<u8> {
+        let field = self.fields.iter().find(|(source, _)| matches!(source, Source::SampleCounter));
+        field.map(|(_, field)| field.get_unsigned(word) as u8)
+    }
+
+    /// Whether `word` is of a later sample than the one that is there.
+    fn is_newer(&self, word: u64) -> bool {
+        let counters = self.counter(self.word).zip(self.counter(word));
+        counters.is_some_and(|(known, new)| (1..=127).contains(&new.wrapping_sub(known)))
+    }
+}
+
+/// What a frame is to the image.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Taken {
+    /// One of its process data.
+    Image,
+    /// One that only the master sends.
+    Own,
+    /// None of its business.
+    Other,
+}
+
+/// What arrived that should not have, or not like this.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct Irregular {
+    pub(super) bad_length: DeviceSet,
+    pub(super) duplicated: DeviceSet,
+    pub(super) late: DeviceSet,
 }
 
 #[derive(Clone, Copy, Debug)]
@@ -48,6 +89,8 @@ struct Outgoing {
 #[derive(Clone, Debug)]
 struct Drive {
     scaling: AxisScaling,
+    /// Counts at the angle near which the first position is unwrapped.
+    expected_counts: i64,
     unwrapper: CountUnwrapper,
     walk: StateWalk,
     statusword: Statusword,
@@ -59,7 +102,7 @@ struct Drive {
 pub(super) struct Arrivals {
     pub(super) drives: [DriveSample; 2],
     pub(super) sample: Option<RawSample>,
-    pub(super) bad_length: DeviceSet,
+    pub(super) irregular: Irregular,
 }
 
 /// The image of two drives and one sensor.
@@ -69,8 +112,13 @@ pub(super) struct Image {
     incoming: Vec<Incoming>,
     drives: [Drive; 2],
     sample: RawSample,
-    bad_length: DeviceSet,
+    irregular: Irregular,
+    /// Whether the process data of this cycle may arrive: from SYNC to the computation.
+    is_open: bool,
 }
+
+/// No sample yet.
+const NO_SAMPLE: RawSample = RawSample { counts: [0; 6], sequence: None, overload: false, invalid: false };
 
 impl Image {
     pub(super) fn new(
@@ -82,8 +130,31 @@ impl Image {
         let [left, right] = drives;
         let drives = [image.drive(mode, 0, left)?, image.drive(mode, 1, right)?];
         image.sensor(sensor)?;
-        let sample = RawSample { counts: [0; 6], sequence: None, overload: false, invalid: false };
-        Ok(Self { slots: image.slots, incoming: image.incoming, drives, sample, bad_length: DeviceSet::NONE })
+        let set_points = drives.each_ref().map(|drive| drive.outgoing.id);
+        let Incomings { slots, incoming } = image;
+        let irregular = Irregular::default();
+        let mut image = Self { slots, incoming, drives, sample: NO_SAMPLE, irregular, is_open: false };
+        set_points.into_iter().for_each(|id| image.reserve(id));
+        Ok(image)
+    }
+
+    /// Frames with this identifier are the master's alone.
+    pub(super) fn reserve(&mut self, id: u16) {
+        if let Some(slot) = self.slots.get_mut(usize::from(id)) {
+            *slot = OWN_SLOT;
+        }
+    }
+
+    /// Forgets all that arrived and where the drives were.
+    pub(super) fn restart(&mut self) {
+        for incoming in &mut self.incoming {
+            (incoming.word, incoming.has_arrived, incoming.is_owed) = (0, false, false);
+        }
+        for drive in &mut self.drives {
+            drive.unwrapper = CountUnwrapper::near(drive.expected_counts);
+            (drive.walk, drive.statusword) = (StateWalk::new(), Statusword::default());
+        }
+        (self.sample, self.irregular, self.is_open) = (NO_SAMPLE, Irregular::default(), false);
     }
 
     /// Forgets what arrived; the process data of the next SYNC follow.
@@ -91,30 +162,50 @@ impl Image {
     /// Real-time: yes.
     pub(super) fn begin_cycle(&mut self) {
         for incoming in &mut self.incoming {
+            incoming.is_owed = !incoming.has_arrived;
             incoming.has_arrived = false;
         }
-        self.bad_length = DeviceSet::NONE;
+        self.is_open = true;
     }
 
-    /// Takes a frame, and says whether it belongs to the image. The first one of a cycle counts.
+    /// Takes a frame from another node, and says what it is.
+    ///
+    /// A frame that comes after the computation is too late for its cycle and not used. Of two in one cycle the first
+    /// counts and the second is a duplicate, unless one is owed from the cycle before, or the sample counter says that the
+    /// second is newer: then the first was the late one, and the second counts. A late frame that comes alone in the next
+    /// cycle cannot be told from that cycle's own.
     ///
     /// Real-time: yes.
-    pub(super) fn on_frame(&mut self, frame: &Frame) -> bool {
+    pub(super) fn on_frame(&mut self, frame: &Frame) -> Taken {
         let slot = self.slots.get(usize::from(frame.id())).copied().unwrap_or(NO_SLOT);
-        let Some(incoming) = self.incoming.get_mut(usize::from(slot)) else { return false };
+        let Some(incoming) = self.incoming.get_mut(usize::from(slot)) else {
+            return if slot == OWN_SLOT { Taken::Own } else { Taken::Other };
+        };
+        let device = incoming.device();
         if frame.len() != incoming.len {
-            self.bad_length |= incoming.joint.map_or(DeviceSet::SENSOR, DeviceSet::drive);
+            self.irregular.bad_length |= device;
+        } else if !self.is_open {
+            self.irregular.late |= device;
+            // What was owed has come.
+            incoming.has_arrived = true;
         } else if !incoming.has_arrived {
             incoming.word = frame.bits();
             incoming.has_arrived = true;
+        } else if incoming.is_owed || incoming.is_newer(frame.bits()) {
+            incoming.word = frame.bits();
+            incoming.is_owed = false;
+            self.irregular.late |= device;
+        } else {
+            self.irregular.duplicated |= device;
         }
-        true
+        Taken::Image
     }
 
     /// What arrived in this cycle, in SI. The force sensor's frames count only together.
     ///
     /// Real-time: yes.
     pub(super) fn arrivals(&mut self) -> Arrivals {
+        self.is_open = false;
         let mut position = [None; 2];
         let mut sensor_is_whole = true;
         for incoming in &self.incoming {
@@ -131,6 +222,8 @@ impl Image {
                     }
                     Source::Position(joint) => {
                         if let (Some(drive), Some(position)) = (self.drives.get_mut(joint), position.get_mut(joint)) {
+                            // From the expected angle each time: a corrupted report leaves no wrong turn behind.
+                            drive.unwrapper = CountUnwrapper::near(drive.expected_counts);
                             let counts = drive.unwrapper.unwrap(field.get_signed(incoming.word) as i32);
                             *position = Some(drive.scaling.angle_rad(counts));
                         }
@@ -144,7 +237,7 @@ impl Image {
         Arrivals {
             drives: [sample_of(left, left_angle), sample_of(right, right_angle)],
             sample: if sensor_is_whole { self.read_sensor() } else { None },
-            bad_length: self.bad_length,
+            irregular: std::mem::take(&mut self.irregular),
         }
     }
 
@@ -158,7 +251,9 @@ impl Image {
                         }
                     }
                     Source::SensorStatus => {
-                        self.sample.overload = field.get_unsigned(incoming.word) as u8 & STATUS_OVERLOAD != 0;
+                        let status = field.get_unsigned(incoming.word) as u8;
+                        self.sample.overload = status & STATUS_OVERLOAD != 0;
+                        self.sample.invalid = status & STATUS_INVALID != 0;
                     }
                     Source::SampleCounter => {
                         self.sample.sequence = Some(field.get_unsigned(incoming.word) as u8);
@@ -168,6 +263,13 @@ impl Image {
             }
         }
         Some(self.sample)
+    }
+
+    /// Whether the frame with this identifier is a set-point.
+    ///
+    /// Real-time: yes.
+    pub(super) fn is_set_point(&self, id: u16) -> bool {
+        self.drives.iter().any(|drive| drive.outgoing.id == id)
     }
 
     /// Asks every drive in Fault for one reset.
@@ -199,6 +301,8 @@ fn sample_of(drive: &Drive, angle_rad: Option<f64>) -> DriveSample {
         angle_rad,
         state: drive.statusword.state().unwrap_or(State::NotReadyToSwitchOn),
         follows_command: drive.statusword.has(Statusword::FOLLOWS_COMMAND),
+        has_voltage: drive.statusword.has(Statusword::VOLTAGE_ENABLED),
+        has_warning: drive.statusword.has(Statusword::WARNING),
     }
 }
 
@@ -259,6 +363,7 @@ impl Incomings {
         let expected = setup.scaling.counts(setup.expected_angle_rad).unwrap_or_default();
         Ok(Drive {
             scaling: setup.scaling,
+            expected_counts: expected,
             unwrapper: CountUnwrapper::near(expected),
             walk: StateWalk::new(),
             statusword: Statusword::default(),
@@ -302,7 +407,7 @@ impl Incomings {
         if let Some(slot) = self.slots.get_mut(usize::from(id)) {
             *slot = self.incoming.len() as u8;
         }
-        self.incoming.push(Incoming { len: layout.len(), joint, fields, word: 0, has_arrived: false });
+        self.incoming.push(Incoming { len: layout.len(), joint, fields, word: 0, has_arrived: false, is_owed: false });
         Ok(())
     }
 }

@@ -4,17 +4,26 @@ use std::time::Duration;
 
 use super::boot::{Boot, HEARTBEAT_PERIODS};
 use super::error::{BootError, BootFailure};
-use super::image::Image;
+use super::image::{Image, Taken};
 use super::setup::MasterSetup;
 use crate::canopen::nmt::{self, HeartbeatChange, HeartbeatConsumer};
 use crate::canopen::{self, Emergency, Frame, NmtCommand, NmtState, NodeId, Outbox, SyncProducer, Time, cob};
 use crate::cycle::{Cycle, Inputs, LinkEvents, Outputs, Timing};
-use crate::guard::{DeviceSet, Request};
+use crate::guard::{Allowed, Cause, DeviceSet, Directive, Fault, Request, State};
 
 /// How long a node may take from the reset to its boot-up message.
 const BOOT_UP_WAIT: Duration = Duration::from_millis(500);
 /// How long the nodes may take from the start command to the first heartbeat in Operational.
 const START_WAIT: Duration = Duration::from_millis(500);
+
+/// Emergencies that are remembered.
+const EMERGENCIES: usize = 8;
+/// So many heartbeats of one node ...
+const HEARTBEATS_OF_TWO: usize = 4;
+/// ... within so many of its periods are those of two nodes. A node of its own takes at least three periods less the delay
+/// of the first; a delay of one and a quarter periods, with every later one in time, does not occur: on a bus that was
+/// blocked for that long the process data are missing too.
+const PERIODS_OF_TWO: f64 = 1.75;
 
 /// Where the network stands.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -55,11 +64,49 @@ struct Node {
     is_operational: bool,
     /// Whether it restarted after it was configured: its watchdogs and limits are gone until the master starts anew.
     has_restarted: bool,
+    /// Shortest time in which one node sends [`HEARTBEATS_OF_TWO`] heartbeats.
+    shortest: Duration,
+    /// When its last heartbeats came, the oldest first.
+    heard: [Option<Time>; HEARTBEATS_OF_TWO - 1],
+    /// Whether another device uses its identifier.
+    is_double: bool,
 }
 
 impl Node {
-    fn new(id: NodeId, device: DeviceSet, name: &str, boot: Boot) -> Self {
-        Self { id, device, name: name.to_owned(), boot, has_booted: false, is_operational: false, has_restarted: false }
+    fn new(id: NodeId, device: DeviceSet, name: &str, heartbeat: Duration, boot: Boot) -> Self {
+        Self {
+            id,
+            device,
+            name: name.to_owned(),
+            boot,
+            has_booted: false,
+            is_operational: false,
+            has_restarted: false,
+            shortest: heartbeat.mul_f64(PERIODS_OF_TWO),
+            heard: [None; HEARTBEATS_OF_TWO - 1],
+            is_double: false,
+        }
+    }
+
+    /// Forgets all that was heard of it.
+    fn restart(&mut self) {
+        self.boot.reset();
+        (self.has_booted, self.is_operational, self.has_restarted) = (false, false, false);
+        (self.heard, self.is_double) = (Default::default(), false);
+    }
+
+    /// Notes a heartbeat, and whether it is one too many.
+    fn on_heartbeat(&mut self, now: Time, state: NmtState) {
+        if state == NmtState::Initialising {
+            self.heard = Default::default();
+            return;
+        }
+        // A node that restarted waits for its start command; one that goes on is another one.
+        self.is_double |= self.has_restarted && state == NmtState::Operational;
+        let [oldest, later @ ..] = self.heard;
+        self.is_double |= oldest.is_some_and(|oldest| now.since(oldest) <= self.shortest);
+        let [second, third] = later;
+        self.heard = [second, third, Some(now)];
     }
 }
 
@@ -76,8 +123,22 @@ pub struct Master {
     sync: SyncProducer,
     image: Image,
     cycle: Cycle,
+    inputs: Inputs,
     events: LinkEvents,
-    last_emergency: Option<Emergency>,
+    /// Whether nothing is sent: the bus could not be reached, and the drives' watchdogs shall act.
+    is_silent: bool,
+    /// Set-points that were sent and not seen on the bus yet.
+    in_flight: u8,
+    /// Whether the link shows own frames; without that nothing is known of what is still on its way.
+    has_echo: bool,
+    /// Whether SYNC and set-points of this cycle are held back.
+    is_held: bool,
+    /// Whether the cycle failed and never runs again.
+    has_failed: bool,
+    last: Outputs,
+    /// The last emergencies, a ring, and where the next one goes.
+    emergencies: [Option<(Time, Emergency)>; EMERGENCIES],
+    next_emergency: usize,
 }
 
 impl Master {
@@ -100,20 +161,33 @@ impl Master {
         let [left, right, sensor] = ids;
         let drives = [(&setup.drives[0], left), (&setup.drives[1], right)];
         let fail = |at: usize| move |failure| refuse(raw[at], names[at], "plan the process data", failure);
-        let image = Image::new(setup.mode, drives, (&setup.sensor, sensor)).map_err(fail(0))?;
+        let mut image = Image::new(setup.mode, drives, (&setup.sensor, sensor)).map_err(fail(0))?;
         let mut watch = HeartbeatConsumer::new();
         let mut nodes = Vec::new();
         for (at, (drive, node)) in drives.into_iter().enumerate() {
             watch.watch(node, drive.heartbeat * HEARTBEAT_PERIODS);
             let boot = Boot::drive(setup, drive, node).map_err(fail(at))?;
-            nodes.push(Node::new(node, DeviceSet::drive(at), &drive.name, boot));
+            nodes.push(Node::new(node, DeviceSet::drive(at), &drive.name, drive.heartbeat, boot));
         }
         watch.watch(sensor, setup.sensor.heartbeat * HEARTBEAT_PERIODS);
         let boot = Boot::sensor(&setup.sensor, sensor).map_err(fail(2))?;
-        nodes.push(Node::new(sensor, DeviceSet::SENSOR, &setup.sensor.name, boot));
+        nodes.push(Node::new(sensor, DeviceSet::SENSOR, &setup.sensor.name, setup.sensor.heartbeat, boot));
+        for own in [cob::NMT, cob::SYNC, cob::heartbeat(id)] {
+            image.reserve(own);
+        }
+        let last = cycle.idle();
         let sync = SyncProducer::new(cob::SYNC, 0).map_err(|_| {
             refuse(setup.node_id, "master", "prepare SYNC", BootFailure::NodeId { node_id: setup.node_id })
         })?;
+        let nothing = image.arrivals();
+        let link = LinkEvents::default();
+        let inputs = Inputs {
+            drives: nothing.drives,
+            sample: nothing.sample,
+            link,
+            timing: Timing::default(),
+            request: Request::None,
+        };
         Ok(Self {
             id,
             heartbeat: setup.heartbeat,
@@ -125,13 +199,34 @@ impl Master {
             sync,
             image,
             cycle,
+            inputs,
             events: LinkEvents::default(),
-            last_emergency: None,
+            is_silent: false,
+            in_flight: 0,
+            has_echo: false,
+            is_held: false,
+            has_failed: false,
+            last,
+            emergencies: [None; EMERGENCIES],
+            next_emergency: 0,
         })
     }
 
-    /// Resets the network and starts to watch it.
+    /// Resets the network and starts to watch it: the first time, and again when a person restarts the rig after a node
+    /// was reset or lost. Nothing is remembered of what was before but the emergencies, and nothing is enabled.
+    ///
+    /// After [`Master::quick_stop_now`] it does nothing: only a new master can tell what the cycle does.
     pub fn start(&mut self, now: Time, out: &mut impl Outbox) {
+        if self.has_failed {
+            return;
+        }
+        self.cycle.restart();
+        self.image.restart();
+        self.watch.restart();
+        self.nodes.iter_mut().for_each(Node::restart);
+        self.events = LinkEvents::default();
+        (self.is_silent, self.is_held, self.in_flight, self.has_echo) = (false, false, 0, false);
+        self.last = self.cycle.idle();
         self.enter(Phase::Resetting);
         self.phase_deadline = now + BOOT_UP_WAIT;
         out.push(nmt::command(NmtCommand::ResetNode, None));
@@ -149,9 +244,41 @@ impl Master {
         &self.cycle
     }
 
+    /// What entered the last cycle; before the first one, that nothing has arrived.
+    ///
+    /// Real-time: yes.
+    pub fn last_inputs(&self) -> &Inputs {
+        &self.inputs
+    }
+
+    /// State of the rig.
+    pub fn state(&self) -> State {
+        if self.has_failed { Directive::QUICK_STOP.state } else { self.cycle.state() }
+    }
+
+    /// The fault that led to the present state.
+    pub fn cause(&self) -> Option<Cause> {
+        if self.has_failed {
+            return Some(Cause { fault: Fault::CyclePanicked, devices: DeviceSet::HOST });
+        }
+        self.cycle.cause()
+    }
+
+    /// Whether nothing is sent any more, so that the drives' watchdogs act. A link then drops what its queue still holds,
+    /// and sends nothing of it later.
+    pub fn is_silent(&self) -> bool {
+        self.is_silent
+    }
+
     /// The last emergency message of any node.
     pub fn last_emergency(&self) -> Option<Emergency> {
-        self.last_emergency
+        self.emergencies().last().map(|(_, emergency)| emergency)
+    }
+
+    /// The last emergency messages of all nodes with the moments at which they came, at most eight, the oldest first.
+    pub fn emergencies(&self) -> impl Iterator<Item = (Time, Emergency)> {
+        let (newer, older) = self.emergencies.split_at(self.next_emergency);
+        older.iter().chain(newer).copied().flatten()
     }
 
     /// When [`Master::poll`] has to be called again at the latest.
@@ -167,12 +294,23 @@ impl Master {
         self.nodes.iter().map(|node| node.boot.next_deadline()).fold(base, Time::min)
     }
 
-    /// Takes a frame from the bus.
+    /// Takes a frame of another node from the bus; own ones go to [`Master::on_echo`].
     ///
     /// Real-time: yes, while operational.
     pub fn on_frame(&mut self, now: Time, frame: &Frame, out: &mut impl Outbox) {
-        if self.image.on_frame(frame) {
-            return;
+        match self.image.on_frame(frame) {
+            Taken::Image => return,
+            Taken::Own => {
+                self.events.intruder = true;
+                return;
+            }
+            Taken::Other => {}
+        }
+        if self.phase == Phase::Operational
+            && let Some((id, state)) = nmt::decode_heartbeat(frame)
+            && let Some(node) = self.nodes.iter_mut().find(|node| node.id == id)
+        {
+            node.on_heartbeat(now, state);
         }
         if let Some(event) = self.watch.on_frame(now, frame) {
             return self.on_node(now, event.node, event.change, out);
@@ -181,8 +319,15 @@ impl Master {
             if !emergency.code.is_reset()
                 && let Some(node) = self.nodes.iter().find(|node| node.id == emergency.node)
             {
-                self.last_emergency = Some(emergency);
-                self.events.emergency |= node.device;
+                if emergency.code.is_warning() {
+                    self.events.emergency_warning |= node.device;
+                } else {
+                    self.events.emergency |= node.device;
+                }
+                if let Some(place) = self.emergencies.get_mut(self.next_emergency) {
+                    *place = Some((now, emergency));
+                }
+                self.next_emergency = (self.next_emergency + 1) % EMERGENCIES;
             }
             return;
         }
@@ -213,12 +358,29 @@ impl Master {
         }
     }
 
+    /// Takes an own frame that was seen on the bus. A link that cannot show own frames never calls this, and what is still
+    /// on its way is then not watched.
+    ///
+    /// Real-time: yes.
+    pub fn on_echo(&mut self, frame: &Frame) {
+        self.has_echo = true;
+        if self.image.is_set_point(frame.id()) {
+            self.in_flight = self.in_flight.saturating_sub(1);
+        }
+    }
+
     /// The begin of a cycle: SYNC alone.
+    ///
+    /// At most one cycle is in flight: while set-points of an earlier cycle have not been seen on the bus, neither SYNC nor
+    /// set-points are sent. At the second such cycle in a row the master falls silent ([`Master::is_silent`]).
     ///
     /// Real-time: yes.
     pub fn on_sync(&mut self, out: &mut impl Outbox) {
         self.image.begin_cycle();
-        out.push(self.sync.next_frame());
+        self.is_held = self.has_echo && self.in_flight > 0;
+        if !(self.is_silent || self.is_held) {
+            out.push(self.sync.next_frame());
+        }
     }
 
     /// The moment at which all process data are in: runs the cycle and sends the set-points that the next SYNC makes
@@ -228,21 +390,56 @@ impl Master {
     /// Real-time: yes.
     pub fn on_compute(&mut self, now: Time, request: Request, timing: Timing, out: &mut impl Outbox) -> Outputs {
         let arrivals = self.image.arrivals();
+        if self.has_failed {
+            self.send(now, out);
+            return self.last;
+        }
         let mut link = std::mem::take(&mut self.events);
-        link.bad_length |= arrivals.bad_length;
+        link.bad_length = arrivals.irregular.bad_length;
+        link.duplicated = arrivals.irregular.duplicated;
+        link.late = arrivals.irregular.late;
+        link.transmit_stalled = self.is_held;
         // A node that is not there stays a fault, so that the rig cannot be enabled again without it.
         for node in &self.nodes {
             link.node_reset |= node.device.only_if(node.has_restarted);
-            link.heartbeat_lost |= node.device.only_if(!node.is_operational);
+            link.duplicate_node |= node.device.only_if(node.is_double);
+            link.heartbeat_lost |= node.device.only_if(!(node.is_operational || node.has_restarted));
         }
-        let inputs = Inputs { drives: arrivals.drives, sample: arrivals.sample, link, timing, request };
-        let outputs = self.cycle.step(&inputs);
-        if outputs.directive.fault_reset {
+        self.inputs = Inputs { drives: arrivals.drives, sample: arrivals.sample, link, timing, request };
+        self.last = self.cycle.step(&self.inputs);
+        if self.last.directive.fault_reset {
             self.image.request_fault_reset();
         }
-        self.image.send(outputs.directive.goal, &outputs.command, out);
+        if self.is_silent && !self.last.directive.is_silent {
+            // A person has the exchange go on: what was on its way is gone.
+            self.in_flight = 0;
+        }
+        self.is_silent = self.last.directive.is_silent;
+        self.send(now, out);
+        self.last
+    }
+
+    /// Sends both drives a quick stop without the cycle, which has panicked in the caller's hands. It never runs again:
+    /// [`Master::on_compute`] goes on to send the quick stop, the state is [`State::Disabled`] for good, and its cause
+    /// [`Fault::CyclePanicked`].
+    ///
+    /// Real-time: yes.
+    pub fn quick_stop_now(&mut self, now: Time, out: &mut impl Outbox) {
+        self.has_failed = true;
+        self.last.command = Allowed::rest(self.last.command.get(), self.last.signals.measured_angles);
+        self.last.directive = Directive::QUICK_STOP;
+        (self.is_silent, self.is_held) = (false, false);
+        self.send(now, out);
+    }
+
+    /// Sends the set-points of this cycle, and a heartbeat that is due.
+    fn send(&mut self, now: Time, out: &mut impl Outbox) {
+        if self.is_silent || self.is_held {
+            return;
+        }
+        self.image.send(self.last.directive.goal, &self.last.command, out);
+        self.in_flight = 2;
         self.send_heartbeat(now, out);
-        outputs
     }
 
     /// Notes what the interface tells; the next cycle acts on it.
@@ -259,6 +456,8 @@ impl Master {
     fn enter(&mut self, phase: Phase) {
         tracing::debug!(?phase, "network");
         self.phase = phase;
+        // What the old phase waited for is over.
+        self.phase_deadline = Time::NEVER;
     }
 
     fn send_heartbeat(&mut self, now: Time, out: &mut impl Outbox) {
@@ -281,7 +480,6 @@ impl Master {
                 node.has_booted = true;
                 if self.nodes.iter().all(|node| node.has_booted) {
                     self.enter(Phase::Configuring);
-                    self.phase_deadline = Time::NEVER;
                     self.configure(now, out, |boot, now, out| boot.start(now, out));
                 }
             }
@@ -303,12 +501,16 @@ impl Master {
             (HeartbeatChange::Lost, _) => self.events.heartbeat_lost |= node.device,
             (HeartbeatChange::Present(_) | HeartbeatChange::State(_), _) => {
                 self.events.heartbeat_lost |= node.device.only_if(!node.is_operational);
-                if self.phase == Phase::Starting && self.nodes.iter().all(|node| node.is_operational) {
-                    self.enter(Phase::Operational);
-                    self.phase_deadline = Time::NEVER;
-                    self.events = LinkEvents::default();
-                }
+                self.go_on_if_started();
             }
+        }
+    }
+
+    /// From Starting to Operational when all nodes are there.
+    fn go_on_if_started(&mut self) {
+        if self.phase == Phase::Starting && self.nodes.iter().all(|node| node.is_operational) {
+            self.enter(Phase::Operational);
+            self.events = LinkEvents::default();
         }
     }
 
@@ -337,6 +539,8 @@ impl Master {
                 self.watch.start(now, node.id);
             }
             out.push(nmt::command(NmtCommand::StartRemoteNode, None));
+            // Nodes that have started by themselves do not say so again.
+            self.go_on_if_started();
         }
     }
 

@@ -195,8 +195,7 @@ impl Net {
         between: impl FnOnce(&mut Self),
     ) -> (Outputs, [String; 2]) {
         self.now = self.now + Duration::from_micros(380);
-        self.master.on_sync(&mut self.sent);
-        assert_eq!(self.take(), ["080#"], "SYNC alone");
+        self.sync();
         self.report(statusword);
         between(self);
         self.now = self.now + Duration::from_micros(620);
@@ -212,6 +211,22 @@ impl Net {
         let [left, right] = <[String; 2]>::try_from(sent).unwrap();
         assert!(left.starts_with("201#") && right.starts_with("202#"), "{left} {right}");
         (outputs, [left, right])
+    }
+
+    fn sync(&mut self) {
+        self.master.on_sync(&mut self.sent);
+        assert_eq!(self.take(), ["080#"], "SYNC alone");
+    }
+
+    fn compute(&mut self, request: Request) -> Vec<String> {
+        self.now = self.now + Duration::from_millis(1);
+        self.master.on_compute(self.now, request, Timing::default(), &mut self.sent);
+        self.take()
+    }
+
+    /// What the cycle has seen of `fault` in the last cycle.
+    fn seen(&self, fault: Fault) -> u16 {
+        self.master.cycle().faults().count(fault)
     }
 
     fn quiet(&mut self, statusword: &str, request: Request) -> [String; 2] {
@@ -281,6 +296,29 @@ fn the_boot_of_a_torque_drive_is_this_sequence() {
     write("2F", "001802", "01", true);
     write("23", "001801", "81010000", true); // TPDO 1 on
     assert_eq!(left, expected);
+}
+
+#[test]
+fn nodes_that_start_by_themselves_are_started() {
+    let mut net = Net::new(CommandMode::Torque);
+    net.reset();
+    // Their heartbeats stay the same from here on: there is no further change to wait for.
+    for line in ["701#05", "702#05", "70A#05"] {
+        net.hear(line);
+    }
+    net.serve(|_, _| None);
+    assert_eq!((net.take(), net.master.phase()), (vec!["000#0100".to_owned()], &Phase::Operational));
+}
+
+#[test]
+fn a_boot_that_failed_waits_for_nothing_but_its_heartbeat() {
+    let mut net = Net::new(CommandMode::Torque);
+    net.reset();
+    net.serve(|_, _| None);
+    net.hear("701#00");
+    assert!(matches!(net.master.phase(), Phase::Failed(_)));
+    net.wait(Duration::from_secs(1));
+    assert_eq!(net.master.next_deadline(), net.now + Duration::from_millis(20));
 }
 
 #[test]
@@ -479,15 +517,15 @@ fn node_ids_are_checked_before_anything_is_sent() {
 fn what_happens_on_the_bus_stops_both_drives_in_the_same_cycle() {
     let stop = |sent: &[String; 2]| sent[0].starts_with("201#0200") && sent[1].starts_with("202#0200");
     for mode in [CommandMode::Torque, CommandMode::Position] {
-        for (line, fault) in [
-            ("702#00", Fault::NodeReset),               // boot-up
-            ("701#7F", Fault::HeartbeatLost),           // Pre-operational
-            ("70A#04", Fault::HeartbeatLost),           // Stopped
-            ("082#1186201122334455", Fault::Emergency), // 8611h: following error
+        for (line, state, fault) in [
+            ("702#00", State::Stopped, Fault::NodeReset),               // boot-up
+            ("701#7F", State::Lost, Fault::HeartbeatLost),              // Pre-operational
+            ("70A#04", State::Lost, Fault::HeartbeatLost),              // Stopped
+            ("082#1186201122334455", State::Stopped, Fault::Emergency), // 8611h: following error
         ] {
             let mut net = Net::running(mode);
             let (_, sent) = net.cycle(["3712"; 2], Request::None, |net| net.hear(line));
-            assert_eq!(net.state(), (State::Stopped, Some(fault)), "{line}");
+            assert_eq!(net.state(), (state, Some(fault)), "{line}");
             assert!(stop(&sent), "{line}: {sent:?}");
         }
         // An emergency that ends is no fault, and strangers do not count.
@@ -504,7 +542,8 @@ fn what_happens_on_the_bus_stops_both_drives_in_the_same_cycle() {
         let mut net = Net::running(mode);
         let (_, sent) = net.cycle(["3712", "1802"], Request::None, |_| {});
         assert_eq!(net.state(), (State::Disabled, Some(Fault::DriveFault)));
-        assert!(sent[0].starts_with("201#0000") && sent[1].starts_with("202#0000"), "{sent:?}");
+        // A drive in Fault hears nothing but a reset; the other one stops.
+        assert!(sent[0].starts_with("201#0200") && sent[1].starts_with("202#0000"), "{sent:?}");
     }
 }
 
@@ -563,20 +602,20 @@ fn a_heartbeat_that_stays_away_stops_the_rig_after_two_periods() {
     assert_eq!(net.state().0, State::Running);
     net.wait(Duration::from_millis(1));
     net.cycle(["3712"; 2], Request::None, |_| {});
-    assert_eq!(net.state(), (State::Stopped, Some(Fault::HeartbeatLost)));
+    assert_eq!(net.state(), (State::Lost, Some(Fault::HeartbeatLost)));
 }
 
 #[test]
 fn a_node_that_is_lost_or_has_restarted_keeps_the_rig_from_being_enabled_again() {
     // The left drive still answers with process data, as one that starts by itself would.
-    for (line, cured_by, fault, is_curable) in [
-        ("701#7F", "701#05", Fault::HeartbeatLost, true),
-        ("701#00", "701#05", Fault::NodeReset, false),
-        ("70A#04", "70A#05", Fault::HeartbeatLost, true),
+    for (line, cured_by, state, fault, is_curable) in [
+        ("701#7F", "701#05", State::Lost, Fault::HeartbeatLost, true),
+        ("701#00", "701#05", State::Stopped, Fault::NodeReset, false),
+        ("70A#04", "70A#05", State::Lost, Fault::HeartbeatLost, true),
     ] {
         let mut net = Net::running(CommandMode::Torque);
         net.cycle(["3712"; 2], Request::None, |net| net.hear(line));
-        assert_eq!(net.state(), (State::Stopped, Some(fault)), "{line}");
+        assert_eq!(net.state(), (state, Some(fault)), "{line}");
         net.quiet("5002", Request::Reset);
         net.quiet("3102", Request::Enable);
         assert_eq!(net.state(), (State::Idle, Some(fault)), "{line}: it is still so");
@@ -609,9 +648,21 @@ fn a_node_that_is_lost_before_all_are_started_is_named() {
 fn own_frames_that_cannot_be_sent_are_the_end() {
     let mut net = Net::running(CommandMode::Torque);
     net.master.on_link(LinkEvent::SendFailed);
-    let (_, sent) = net.cycle(["3712"; 2], Request::None, |_| {});
-    assert_eq!(net.state(), (State::Lost, Some(Fault::LinkDown)));
-    assert_eq!(sent, ["201#00000000", "202#00000000"], "what still goes out takes the voltage off");
+    net.master.on_sync(&mut net.sent);
+    net.take();
+    net.report(["3712"; 2]);
+    for cycle in 0..100 {
+        net.now = net.now + Duration::from_millis(1);
+        net.master.on_compute(net.now, Request::None, Timing::default(), &mut net.sent);
+        net.master.on_sync(&mut net.sent);
+        assert_eq!(net.state(), (State::Lost, Some(Fault::LinkDown)));
+        assert_eq!(net.take(), [""; 0], "cycle {cycle}: nothing keeps the drives' watchdogs from acting");
+    }
+    // Asked for by a person, the exchange goes on: the nodes have to be found anew.
+    net.report(["5002"; 2]);
+    net.master.on_compute(net.now, Request::Reset, Timing::default(), &mut net.sent);
+    assert_eq!(net.state().0, State::Idle);
+    assert_eq!(net.take()[..2], ["201#06000000", "202#06000000"]);
 }
 
 #[test]
@@ -619,7 +670,7 @@ fn a_fault_reset_is_one_edge_for_one_request() {
     let mut net = Net::running(CommandMode::Torque);
     for _ in 0..5 {
         let (_, sent) = net.cycle(["1802", "5002"], Request::None, |_| {});
-        assert_eq!(sent, ["201#00000000", "202#00000000"], "no reset by itself");
+        assert_eq!(sent, ["201#00000000", "202#02000000"], "no reset by itself");
     }
     let mut words = Vec::new();
     for cycle in 0..8 {
@@ -655,4 +706,267 @@ fn no_bytes_from_the_bus_panic_or_enable() {
         Ok(())
     });
     run.unwrap();
+}
+
+/// The left drive's process data with its position moved by `counts`.
+fn left_at(net: &Net, counts: i32) -> String {
+    let position = (net.counts[0] + counts).to_le_bytes().map(|byte| format!("{byte:02X}")).concat();
+    format!("181#3712{position}")
+}
+
+#[test]
+fn a_frame_after_the_computation_is_late_and_not_used() {
+    let mut net = Net::running(CommandMode::Position);
+    let before = net.cycle(["3712"; 2], Request::None, |_| {}).0.signals.measured_angles;
+    // The left drive's frame misses its cycle ...
+    net.sync();
+    let right = net.counts[1].to_le_bytes().map(|byte| format!("{byte:02X}")).concat();
+    net.hear(&format!("182#3712{right}"));
+    net.hear("18A#0000000000000000");
+    net.sequence = net.sequence.wrapping_add(1);
+    net.hear(&format!("28A#0000000000{:02X}", net.sequence));
+    net.compute(Request::None);
+    assert_eq!(net.seen(Fault::PdoMissed), 1);
+    // ... and comes with another position before the next SYNC.
+    net.hear(&left_at(&net, 500));
+    let (outputs, _) = net.cycle(["3712"; 2], Request::None, |_| {});
+    assert_eq!(outputs.signals.measured_angles, before);
+    assert_eq!((net.seen(Fault::PdoLate), net.seen(Fault::PdoDuplicated), net.seen(Fault::PdoMissed)), (1, 0, 0));
+    assert_eq!(net.master.cycle().faults().devices(Fault::PdoLate), crate::guard::DeviceSet::LEFT_DRIVE);
+    // Nothing is owed any more: a second frame now is a duplicate.
+    net.cycle(["3712"; 2], Request::None, |net| net.hear(&left_at(net, 500)));
+    assert_eq!((net.seen(Fault::PdoLate), net.seen(Fault::PdoDuplicated)), (0, 1));
+    assert_eq!(net.state(), (State::Running, None));
+}
+
+#[test]
+fn of_two_frames_the_second_counts_if_one_was_owed() {
+    let mut net = Net::running(CommandMode::Position);
+    let before = net.cycle(["3712"; 2], Request::None, |_| {}).0.signals.measured_angles;
+    net.sync();
+    net.compute(Request::None);
+    assert_eq!(net.seen(Fault::PdoMissed), 1, "a cycle without any process data");
+    net.sync();
+    net.hear(&left_at(&net, 500));
+    net.report(["3712"; 2]);
+    net.compute(Request::None);
+    assert_eq!((net.seen(Fault::PdoLate), net.seen(Fault::PdoDuplicated)), (1, 0));
+    let (outputs, _) = net.cycle(["3712"; 2], Request::None, |_| {});
+    assert_eq!(outputs.signals.measured_angles, before, "the late position was not used");
+    assert_eq!(net.state().1, None);
+}
+
+#[test]
+fn of_two_samples_in_a_cycle_the_newer_counts() {
+    let mut net = Net::running(CommandMode::Position);
+    // Before its time the next sample comes: the first was the late one.
+    net.cycle(["3712"; 2], Request::None, |net| {
+        net.sequence = net.sequence.wrapping_add(1);
+        let line = format!("28A#0000000000{:02X}", net.sequence);
+        net.hear(&line);
+    });
+    assert_eq!((net.seen(Fault::PdoLate), net.seen(Fault::PdoDuplicated)), (1, 0));
+    net.cycle(["3712"; 2], Request::None, |net| {
+        let line = format!("28A#0000000000{:02X}", net.sequence);
+        net.hear(&line);
+    });
+    assert_eq!((net.seen(Fault::PdoLate), net.seen(Fault::PdoDuplicated)), (0, 1));
+    // The status byte says that the sample is not valid.
+    net.sync();
+    for joint in 0..2 {
+        let position = net.counts[joint].to_le_bytes().map(|byte| format!("{byte:02X}")).concat();
+        net.hear(&format!("18{}#3712{position}", joint + 1));
+    }
+    net.hear("18A#0000000000000000");
+    net.hear(&format!("28A#0000000002{:02X}", net.sequence.wrapping_add(1)));
+    net.compute(Request::None);
+    assert_eq!(net.state(), (State::Holding, Some(Fault::SensorInvalid)));
+}
+
+#[test]
+fn frames_that_only_the_master_sends_are_those_of_an_intruder() {
+    for line in ["000#8101", "080#", "201#0F000000", "202#", "77F#05"] {
+        let mut net = Net::running(CommandMode::Torque);
+        net.cycle(["3712"; 2], Request::None, |net| net.hear(line));
+        assert_eq!(net.state(), (State::Stopped, Some(Fault::Intruder)), "{line}");
+        // Own frames are none.
+        let mut net = Net::running(CommandMode::Torque);
+        net.cycle(["3712"; 2], Request::None, |net| net.master.on_echo(&frame(line)));
+        assert_eq!(net.state(), (State::Running, None), "{line}");
+    }
+    for line in ["601#4041600000000000", "203#06000000", "77E#05", "7E5#0000000000000000"] {
+        let mut net = Net::running(CommandMode::Torque);
+        net.cycle(["3712"; 2], Request::None, |net| net.hear(line));
+        assert_eq!(net.state(), (State::Running, None), "{line}");
+    }
+}
+
+#[test]
+fn two_devices_with_one_node_id_are_found_by_their_heartbeats() {
+    // Heartbeats of the left drive, ms after the rig runs; its period is 20 ms.
+    let found = |times: &[u64]| {
+        let mut net = Net::running(CommandMode::Torque);
+        let start = net.now;
+        for &ms in times {
+            net.now = start + Duration::from_millis(ms);
+            net.hear("701#05");
+        }
+        net.cycle(["3712"; 2], Request::None, |_| {});
+        net.seen(Fault::DuplicateNode) > 0
+    };
+    assert!(!found(&[20, 40, 60, 80, 100]));
+    assert!(!found(&[38, 40, 60, 80]), "one that is late by 18 ms");
+    assert!(!found(&[37, 41, 60, 80]), "two in a row that are late");
+    assert!(!found(&[40, 40, 60, 80, 100]), "a bus that was blocked for a whole period");
+    for offset in 1..20 {
+        let times: Vec<u64> = (1..6).flat_map(|period| [20 * period, 20 * period + offset]).collect();
+        assert!(found(&times), "another one {offset} ms later");
+    }
+    // A device is switched on with the factory's node id: its boot-up, and the other one goes on.
+    let mut net = Net::running(CommandMode::Torque);
+    net.cycle(["3712"; 2], Request::None, |net| net.hear("701#00"));
+    assert_eq!((net.state(), net.seen(Fault::DuplicateNode)), ((State::Stopped, Some(Fault::NodeReset)), 0));
+    net.cycle(["3712"; 2], Request::None, |net| net.hear("701#05"));
+    assert_eq!(net.seen(Fault::DuplicateNode), 1);
+}
+
+#[test]
+fn a_warning_is_counted_and_the_last_eight_emergencies_are_kept() {
+    let mut net = Net::running(CommandMode::Torque);
+    // 8140h: recovered from bus-off.
+    net.cycle(["3712"; 2], Request::None, |net| net.hear("082#4081110000000000"));
+    assert_eq!((net.state(), net.seen(Fault::EmergencyWarning)), ((State::Running, None), 1));
+    for code in 1..=10u8 {
+        net.hear(&format!("081#{code:02X}FF200000000000"));
+    }
+    let codes: Vec<u16> = net.master.emergencies().map(|(_, emergency)| emergency.code.0).collect();
+    assert_eq!(codes, [0xff03, 0xff04, 0xff05, 0xff06, 0xff07, 0xff08, 0xff09, 0xff0a]);
+    assert_eq!(net.master.last_emergency().map(|emergency| emergency.code.0), Some(0xff0a));
+}
+
+#[test]
+fn at_most_one_cycle_is_in_flight() {
+    let mut net = Net::running(CommandMode::Torque);
+    let echo = |net: &mut Net, sent: &[String]| sent.iter().for_each(|line| net.master.on_echo(&frame(line)));
+    for _ in 0..3 {
+        net.sync();
+        net.report(["3712"; 2]);
+        let sent = net.compute(Request::None);
+        echo(&mut net, &sent);
+    }
+    // One set-point does not leave in time: the next cycle sends nothing, and goes on when it has left.
+    net.sync();
+    net.report(["3712"; 2]);
+    let sent = net.compute(Request::None);
+    echo(&mut net, &sent[..1]);
+    net.master.on_sync(&mut net.sent);
+    assert_eq!(net.take(), [""; 0], "no SYNC behind a set-point that is still on its way");
+    assert_eq!(net.compute(Request::None), [""; 0], "and no set-points");
+    assert_eq!((net.state().0, net.seen(Fault::TransmitStalled)), (State::Running, 1));
+    echo(&mut net, &sent[1..]);
+    net.sync();
+    net.report(["3712"; 2]);
+    let sent = net.compute(Request::None);
+    assert_eq!((sent.len() >= 2, net.seen(Fault::TransmitStalled)), (true, 0));
+    // None leaves any more: silence at the second cycle.
+    net.master.on_sync(&mut net.sent);
+    net.compute(Request::None);
+    assert!(!net.master.is_silent());
+    net.master.on_sync(&mut net.sent);
+    net.compute(Request::None);
+    assert_eq!(net.state(), (State::Lost, Some(Fault::TransmitStalled)));
+    assert!(net.master.is_silent());
+    for _ in 0..50 {
+        net.master.on_sync(&mut net.sent);
+        assert_eq!(net.compute(Request::None), [""; 0]);
+    }
+    // A person resets: what was on its way is gone, and the exchange goes on.
+    net.master.on_sync(&mut net.sent);
+    net.compute(Request::Reset);
+    net.sync();
+    net.report(["5002"; 2]);
+    assert_eq!(net.compute(Request::None)[..2], ["201#06000000", "202#06000000"]);
+}
+
+#[test]
+fn a_cycle_that_failed_is_followed_by_quick_stops_for_good() {
+    for mode in [CommandMode::Torque, CommandMode::Position] {
+        let mut net = Net::running(mode);
+        net.sync();
+        net.report(["3712"; 2]);
+        net.master.quick_stop_now(net.now, &mut net.sent);
+        let sent = net.take();
+        assert!(sent[0].starts_with("201#0200") && sent[1].starts_with("202#0200"), "{sent:?}");
+        assert!(mode == CommandMode::Position || sent[..2] == ["201#02000000", "202#02000000"], "{sent:?}");
+        for request in [Request::None, Request::Reset, Request::Enable, Request::None, Request::None] {
+            net.sync();
+            net.report(["3102"; 2]);
+            let sent = net.compute(request);
+            assert!(sent.iter().take(2).all(|line| !line.contains("#0F") && !line.contains("#07")), "{sent:?}");
+            assert_eq!(net.master.state(), State::Disabled);
+            assert_eq!(net.master.cause().map(|cause| cause.fault), Some(Fault::CyclePanicked));
+        }
+        net.master.start(net.now, &mut net.sent);
+        assert_eq!((net.take(), net.master.phase()), (Vec::new(), &Phase::Operational), "a new master is needed");
+    }
+}
+
+#[test]
+fn a_person_starts_the_network_anew_from_any_phase() {
+    let restart = |net: &mut Net| {
+        net.take();
+        net.requests.clear();
+        net.objects = objects();
+        net.boot();
+        assert_eq!(net.master.state(), State::Idle);
+        net.quiet("5002", Request::None);
+        net.quiet("3102", Request::Enable);
+        net.quiet("3302", Request::None);
+        net.quiet("3712", Request::None);
+        assert_eq!(net.state(), (State::Running, None));
+        assert!(net.requests.iter().any(|(node, line)| *node == 1 && line.contains("#2B17100014")), "configured anew");
+    };
+    // After a node was reset, from where nothing else leads back.
+    let mut net = Net::running(CommandMode::Torque);
+    net.cycle(["3712"; 2], Request::None, |net| net.hear("701#00"));
+    assert_eq!(net.state(), (State::Stopped, Some(Fault::NodeReset)));
+    // The arm was moved by hand meanwhile, further than it can move in a cycle.
+    net.counts[0] += 20_000;
+    restart(&mut net);
+    // In the middle of its run, of its configuration, of its start.
+    restart(&mut net);
+    net.master.start(net.now, &mut net.sent);
+    for line in ["701#00", "702#00", "70A#00"] {
+        net.hear(line);
+    }
+    assert_eq!(*net.master.phase(), Phase::Configuring);
+    restart(&mut net);
+    // After it failed.
+    net.master.start(net.now, &mut net.sent);
+    net.wait(Duration::from_millis(500));
+    assert!(matches!(net.master.phase(), Phase::Failed(_)));
+    restart(&mut net);
+    // Out of silence.
+    net.master.on_link(LinkEvent::BusOff);
+    net.sync();
+    net.compute(Request::None);
+    assert!(net.master.is_silent());
+    restart(&mut net);
+}
+
+#[test]
+fn a_corrupted_position_leaves_no_wrong_turn_behind() {
+    let mut net = Net::running(CommandMode::Position);
+    let before = net.quiet("3712", Request::None);
+    let angle = |net: &Net| net.master.last_inputs().drives[0].angle_rad.unwrap();
+    let (home, counts) = (angle(&net), net.counts[0]);
+    // Two steps of almost half the range each: taken as motion they make a whole turn of the counter.
+    for report in [counts.wrapping_add(0x7000_0000), counts.wrapping_sub(0x2000_0000)] {
+        net.counts[0] = report;
+        net.quiet("3712", Request::None);
+    }
+    net.counts[0] = counts;
+    net.quiet("3712", Request::None);
+    assert_eq!(angle(&net), home);
+    assert!(before[0].starts_with("201#0F00"), "{before:?}");
 }

@@ -35,7 +35,7 @@ macro_rules! abort_codes {
 abort_codes! {
     0x0503_0000 TOGGLE "toggle", "toggle bit did not alternate", "a segment was lost or repeated, or two clients use one channel";
     0x0504_0000 TIMEOUT "timeout", "the other side did not answer in time", "node absent, stopped or overloaded; raise its SDO timeout";
-    0x0504_0001 COMMAND "command", "command specifier unknown or not valid now", "service not supported (block transfer?) or sides out of step";
+    0x0504_0001 COMMAND "command", "command specifier unknown or not valid now", "service not supported or sides out of step";
     0x0504_0002 BLOCK_SIZE "block-size", "block size not valid", "block transfer parameters outside 1 to 127";
     0x0504_0003 SEQUENCE "sequence", "sequence number not valid", "a block segment was lost";
     0x0504_0004 CRC "crc", "checksum differs", "data damaged or assembled in the wrong order";

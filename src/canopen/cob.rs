@@ -11,6 +11,12 @@ use super::CanopenError;
 pub const NMT: u16 = 0x000;
 /// SYNC unless 1005h says otherwise.
 pub const SYNC: u16 = 0x080;
+/// TIME unless 1012h says otherwise.
+pub const TIME: u16 = 0x100;
+/// LSS answers of a device.
+pub const LSS_ANSWER: u16 = 0x7e4;
+/// LSS requests of the master.
+pub const LSS_REQUEST: u16 = 0x7e5;
 /// Bit 31 of a PDO or EMCY COB-ID: set means that the object does not exist.
 pub const INVALID: u32 = 0x8000_0000;
 /// Bit 30: of a TPDO, no remote request allowed; of 1005h, the device produces SYNC.

@@ -26,6 +26,8 @@ impl EmcyCode {
     pub const BUS_OFF_RECOVERED: EmcyCode = EmcyCode(0x8140);
     /// An RPDO was too short and not processed.
     pub const PDO_LENGTH: EmcyCode = EmcyCode(0x8210);
+    /// A SYNC came with another length than the counter (1019h) asks for.
+    pub const SYNC_LENGTH: EmcyCode = EmcyCode(0x8240);
     /// An RPDO did not come in time.
     pub const RPDO_TIMEOUT: EmcyCode = EmcyCode(0x8250);
     /// Following error.
@@ -34,6 +36,13 @@ impl EmcyCode {
     /// Whether an error has gone.
     pub const fn is_reset(self) -> bool {
         self.0 == 0
+    }
+
+    /// Whether the node goes on as before after this: it lost a message, or tells of the bus what is over again.
+    ///
+    /// Everything else may have changed what the node does, an unknown code too.
+    pub const fn is_warning(self) -> bool {
+        matches!(self.0, 0x8110 | 0x8120 | 0x8140 | 0x8220 | 0x8240)
     }
 
     /// What the code means; for a code that is not listed, what its class means.
@@ -162,6 +171,28 @@ impl fmt::Display for Emergency {
     }
 }
 
+/// One entry of the error history of a device, 1003h:1 (the latest) to 1003h:254.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct PastError {
+    /// Error code.
+    pub code: EmcyCode,
+    /// What the manufacturer adds; devices of this project: the first two vendor bytes of the emergency message.
+    pub information: u16,
+}
+
+impl PastError {
+    /// Reads an entry as it is in the object.
+    pub const fn from_entry(entry: u32) -> Self {
+        PastError { code: EmcyCode(entry as u16), information: (entry >> 16) as u16 }
+    }
+}
+
+impl fmt::Display for PastError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{}, information {:04X}h", self.code, self.information)
+    }
+}
+
 /// An emergency message at any identifier.
 pub(super) fn frame(id: u16, code: EmcyCode, register: ErrorRegister, vendor: [u8; 5]) -> Frame {
     Frame::new(id, &canopen_rs::EmergencyMessage::new(code.0, register, vendor).encode())
@@ -186,6 +217,32 @@ mod tests {
         assert_eq!(Emergency::decode(&Frame::new(0x080, &[0; 8])), None);
         assert_eq!(Emergency::decode(&Frame::new(0x100, &[0; 8])), None);
         assert_eq!(Emergency::decode(&Frame::new(0x083, &[0; 7])), None);
+    }
+
+    #[test]
+    fn what_a_node_overcomes_by_itself_is_a_warning() {
+        for (code, is_warning) in [
+            (0x8110, true),
+            (0x8120, true),
+            (0x8140, true),
+            (0x8220, true),
+            (0x8240, true),
+            (0x8130, false),
+            (0x8210, false),
+            (0x8250, false),
+            (0x4210, false),
+            (0xff00, false),
+            (0x1000, false),
+        ] {
+            assert_eq!(EmcyCode(code).is_warning(), is_warning, "{code:04X}h");
+        }
+    }
+
+    #[test]
+    fn the_history_of_a_device_reads_as_text() {
+        let past = PastError::from_entry(0x007f_8130);
+        assert_eq!((past.code, past.information), (EmcyCode::HEARTBEAT, 0x7f));
+        assert_eq!(past.to_string(), "8130h heartbeat or life guarding lost, information 007Fh");
     }
 
     #[test]

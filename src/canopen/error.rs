@@ -89,6 +89,9 @@ pub enum CanopenError {
     /// An SDO transfer is running to this node.
     #[error("an SDO transfer to node {0} is still running")]
     SdoBusy(u8),
+    /// An LSS request is running.
+    #[error("an LSS request is still running")]
+    LssBusy,
     /// More data than the client's buffer holds.
     #[error("{len} bytes do not fit the SDO buffer of {capacity}")]
     SdoBuffer {

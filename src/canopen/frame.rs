@@ -1,4 +1,4 @@
-//! The CAN data frame, the clock and the outgoing queue that every engine takes as arguments.
+//! The CAN frame, the clock and the outgoing queue that every engine takes as arguments.
 
 use std::ops::{Add, Sub};
 use std::time::Duration;
@@ -41,11 +41,16 @@ impl Sub<Time> for Time {
     }
 }
 
-/// A classic CAN data frame with an 11-bit identifier (ISO 11898-1); remote and extended frames are not used.
+/// A classic CAN frame with an 11-bit identifier (ISO 11898-1); extended frames are not used.
+///
+/// A remote frame asks for the data frame of its identifier: node guarding alone uses it. Its payload is empty,
+/// whatever length it asks for, so that no decoder takes it for data.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Frame {
     id: u16,
     len: u8,
+    /// Data length code of a remote frame; `None` for a data frame.
+    requested: Option<u8>,
     data: [u8; 8],
 }
 
@@ -55,7 +60,7 @@ impl Frame {
     ///
     /// Real-time: yes.
     pub fn new(id: u16, data: &[u8]) -> Self {
-        let mut frame = Frame { id: id & 0x7ff, len: data.len().min(8) as u8, data: [0; 8] };
+        let mut frame = Frame { id: id & 0x7ff, len: data.len().min(8) as u8, requested: None, data: [0; 8] };
         for (to, from) in frame.data.iter_mut().zip(data) {
             *to = *from;
         }
@@ -68,7 +73,27 @@ impl Frame {
     pub fn from_bits(id: u16, bits: u64, len: u8) -> Self {
         let len = len.min(8);
         let kept = if len == 8 { bits } else { bits & ((1u64 << (8 * len)) - 1) };
-        Frame { id: id & 0x7ff, len, data: kept.to_le_bytes() }
+        Frame { id: id & 0x7ff, len, requested: None, data: kept.to_le_bytes() }
+    }
+
+    /// The remote frame that asks for the `len` (at most 8) bytes of `id`.
+    ///
+    /// Real-time: yes.
+    pub fn remote(id: u16, len: u8) -> Self {
+        Frame { id: id & 0x7ff, len: 0, requested: Some(len.min(8)), data: [0; 8] }
+    }
+
+    /// Whether this is a remote frame.
+    pub const fn is_remote(&self) -> bool {
+        self.requested.is_some()
+    }
+
+    /// Data length code on the wire: the payload length, or what a remote frame asks for.
+    pub const fn length_code(&self) -> u8 {
+        match self.requested {
+            Some(len) => len,
+            None => self.len,
+        }
     }
 
     /// Identifier, 0 to 7FFh.
@@ -76,7 +101,7 @@ impl Frame {
         self.id
     }
 
-    /// Payload length, 0 to 8.
+    /// Payload length, 0 to 8; 0 for a remote frame.
     pub const fn len(&self) -> u8 {
         self.len
     }

@@ -5,7 +5,7 @@
 //!
 //! | side | what |
 //! |---|---|
-//! | master | [`SdoClient`], [`nmt::HeartbeatConsumer`], [`SyncProducer`], [`Emergency`], [`pdo::Layout`] |
+//! | master | [`SdoClient`], [`SdoClients`], [`nmt::HeartbeatConsumer`], [`NodeGuard`], [`SyncProducer`], [`time::TimeProducer`], [`Emergency`], [`lss::LssMaster`], [`pdo::Layout`] |
 //! | device | [`Node`] over an [`ObjectDictionary`], with an [`Application`] behind it |
 //! | both | [`cob`], [`nmt`], [`AbortCode`], [`EmcyCode`] |
 //!
@@ -17,23 +17,27 @@ pub mod dictionary;
 mod emcy;
 mod error;
 mod frame;
+mod guarding;
+pub mod lss;
 pub mod nmt;
 mod node;
 pub mod pdo;
 mod sdo;
 mod sync;
+pub mod time;
 mod value;
 
 pub use abort::AbortCode;
 pub use canopen_rs::{Address, ErrorRegister, MappingEntry, NmtCommand, NmtState, NodeId};
 pub use cob::node_id;
 pub use dictionary::{Access, DeviceIdentity, Handle, Mappable, Object, ObjectDictionary};
-pub use emcy::{EmcyCode, Emergency};
+pub use emcy::{EmcyCode, Emergency, PastError};
 pub use error::CanopenError;
 pub use frame::{Frame, Outbox, Time};
+pub use guarding::{GuardEvent, NodeGuard};
 pub use nmt::{HeartbeatChange, HeartbeatConsumer, HeartbeatEvent};
 pub use node::{Application, Node, Reset};
 pub use pdo::{Field, Layout, PdoParameters};
-pub use sdo::{SdoClient, SdoOutcome};
+pub use sdo::{SdoClient, SdoClients, SdoOutcome, SdoReply, SdoRequest, SdoTicket};
 pub use sync::SyncProducer;
 pub use value::{DataType, Scalar};

@@ -135,6 +135,14 @@ impl HeartbeatConsumer {
         }
     }
 
+    /// Forgets what was heard of every node, as if the watch had just been set up.
+    pub fn restart(&mut self) {
+        for watched in &mut self.watched {
+            (watched.deadline, watched.state) = (Time::NEVER, None);
+        }
+        self.next = Time::NEVER;
+    }
+
     /// The last state heard from `node`; `None` if it is not watched, was never heard or is lost.
     pub fn state(&self, node: NodeId) -> Option<NmtState> {
         let place = *self.slots.get(usize::from(node.raw()))?;

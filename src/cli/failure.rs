@@ -14,7 +14,7 @@ pub enum Exit {
     Internal = 1,
     /// The arguments make no sense.
     Usage = 2,
-    /// A configuration was refused.
+    /// A configuration or a recording was refused.
     ConfigInvalid = 3,
     /// The bus or its interface is not there.
     BusUnavailable = 4,
@@ -38,7 +38,7 @@ Exit codes:
   0    ok
   1    internal error
   2    usage
-  3    configuration invalid
+  3    configuration or recording invalid
   4    interface or bus unavailable
   5    device missing or identity mismatch
   6    device in fault

@@ -5,12 +5,18 @@
 
 mod config;
 mod failure;
+mod faults;
+mod keep;
 mod margins;
 mod output;
+mod plot;
 mod progress;
+mod record;
 mod render;
+mod replay;
 mod reproduce;
 mod run;
+mod soak;
 
 use std::ffi::OsString;
 use std::process::ExitCode;
@@ -41,8 +47,19 @@ struct Arguments {
 enum Command {
     /// Run a rig with its scene on the embedded simulation
     Run(run::Arguments),
+    /// List the faults that can be injected, what each does and what follows
+    Faults,
     /// Run the paper's experiments and draw its figures
     Reproduce(reproduce::Arguments),
+    /// Run a recording's cycles again and compare, bit by bit
+    Replay(replay::Arguments),
+    /// Draw a recording
+    Plot(plot::Arguments),
+    /// Look into recordings and mend them
+    #[command(subcommand)]
+    Record(record::Command),
+    /// Draw rigs, hands and faults from seeds, run them and judge every cycle
+    Soak(soak::Arguments),
     /// Check, show and describe configuration files
     #[command(subcommand)]
     Config(config::Command),
@@ -74,7 +91,12 @@ fn run(arguments: impl IntoIterator<Item = OsString>) -> Exit {
     let mut output = Output::new(arguments.quiet, arguments.json);
     let result = match arguments.command {
         Command::Run(arguments) => run::run(&arguments, &mut output),
+        Command::Faults => faults::list(&mut output),
         Command::Reproduce(arguments) => reproduce::run(&arguments, &mut output),
+        Command::Replay(arguments) => replay::run(&arguments, &mut output),
+        Command::Plot(arguments) => plot::run(&arguments, &mut output),
+        Command::Record(command) => record::run(&command, &mut output),
+        Command::Soak(arguments) => soak::run(&arguments, &mut output),
         Command::Config(command) => config::run(command, &mut output),
     };
     match result {

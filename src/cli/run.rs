@@ -1,28 +1,24 @@
 //! `yieldwall run`: a rig with its scene on the embedded simulation.
 
-use std::fs::File;
-use std::io::{self, BufWriter};
 use std::path::{Path, PathBuf};
-use std::sync::{Arc, Mutex};
-use std::time::{Duration, Instant};
+use std::time::Instant;
 
 use serde_json::{Value, json};
 
 use super::failure::{Exit, Failure};
+use super::faults::FaultArgument;
+use super::keep::{Keep, Kept, LOG_STARTS_AT};
 use super::margins::Margins;
 use super::output::Output;
 use super::progress::Progress;
 use crate::config::{self, Report, Source};
 use crate::fixture::prediction;
-use crate::guard::Fault;
+use crate::guard::{Cause, Fault};
 use crate::record::figure::Drawing;
-use crate::rig::{RigError, Tap};
-use crate::sim::can::CandumpWriter;
+use crate::rig::RigError;
 use crate::study::measures::Measures;
-use crate::study::{Overrides, RunReport, drawing, run_rig};
+use crate::study::{Overrides, RunReport, drawing, replay, run_rig};
 
-/// The log's first second: some readers take a time of zero for no time at all.
-const LOG_STARTS_AT: Duration = Duration::from_secs(1);
 /// Width of PNG pictures: 160 mm at 300 dots per inch.
 pub(super) const PICTURE_WIDTH_PX: u32 = 1890;
 
@@ -37,12 +33,21 @@ pub(super) struct Arguments {
     /// Seed of tremor and sensor noise, in place of the scene's
     #[arg(long, value_name = "N", allow_negative_numbers = true)]
     seed: Option<u64>,
+    /// Break something on the way, once or again and again, beside what the scene says; `yieldwall faults` lists names
+    #[arg(long, value_name = "NAME@TIME[+DURATION][:TARGET]")]
+    fault: Vec<FaultArgument>,
     /// Draw trajectory, force and power into this file, an .svg or a .png; folders on the way are made
     #[arg(long, value_name = "PATH")]
     figure: Option<PathBuf>,
     /// Write every frame that went over the bus into this file, in the format of candump -L
     #[arg(long, value_name = "FILE")]
     candump: Option<PathBuf>,
+    /// Record every cycle and every frame into this folder, which is made: cycles.mcap, cycles.csv and bus.log
+    #[arg(long, value_name = "DIR")]
+    record: Option<PathBuf>,
+    /// Where the time around a fault is kept, in place of the record's folder or yieldwall/black-box in the state folder
+    #[arg(long, value_name = "DIR")]
+    black_box: Option<PathBuf>,
 }
 
 pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Failure> {
@@ -51,30 +56,36 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
     // Those of the scene are among them.
     output.warnings(&rig.warnings);
     let scene = config::load_scene(rig.source.relative(&rig.value.scene))?;
-    let overrides = Overrides { fixture: None, duration_s: arguments.duration, seed: arguments.seed };
+    let faults = arguments.fault.iter().map(|fault| fault.0).collect();
+    let overrides = Overrides { fixture: None, duration_s: arguments.duration, seed: arguments.seed, faults };
     let margins = Margins::of(&rig.value);
-    let candump = arguments.candump.as_deref().map(Candump::create).transpose()?;
+    let about = replay::about(&rig.value, &scene.value, &overrides)
+        .map_err(|error| Failure::new(Exit::Internal, format!("documents of the recording: {error}"), ""))?;
+    let [candump, record, black_box] =
+        [&arguments.candump, &arguments.record, &arguments.black_box].map(Option::as_deref);
+    let (keep, watch) = Keep::start(&rig.value, &about, candump, record, black_box)?;
     let progress = Progress::new(output);
     progress.begin(&rig.value.rig.name);
     let started = Instant::now();
-    let tap = candump.as_ref().map(Candump::tap);
-    let report = run_rig(&rig.value, &scene.value, &overrides, tap, |stage| progress.at(stage));
+    let report = run_rig(&rig.value, &scene.value, &overrides, watch, |stage| progress.at(stage));
     let wall_s = started.elapsed().as_secs_f64();
     progress.end();
-    let report = report.map_err(|error| rig_failure(&error))?;
-    if let Some(candump) = candump {
-        candump.finish()?;
-    }
+    // A run that broke off leaves what there is of it.
+    let kept = keep.finish()?;
+    output.warnings(&kept.warnings());
+    let report = report.map_err(|error| kept.point_to_black_box(rig_failure(&error)))?;
     if let Some(path) = &arguments.figure {
         let heading = Some(rig.value.rig.name.clone());
         let drawing = drawing::run(&report.trace, heading).map_err(|error| drawing_failure(&error))?;
         write_drawing(&drawing, path)?;
     }
     let seed = overrides.seed.unwrap_or(scene.value.seed);
-    let facts = Facts { rig: &rig.value, margins, report: &report, seed, wall_s };
+    let facts = Facts { rig: &rig.value, margins, report: &report, kept: &kept, seed, wall_s };
+    let is_disturbed = !(overrides.faults.is_empty() && scene.value.faults.is_empty());
     let failure = match report.state {
-        Some(state) if state.is_latched() => Some(stopped(&report)),
-        _ if report.measures.is_within_bound() => None,
+        Some(state) if state.is_latched() => Some(kept.point_to_black_box(stopped(&report))),
+        // A push by injection is no fault of the loop.
+        _ if report.measures.is_within_bound() || is_disturbed => None,
         _ => Some(above_bound(&report.measures, &rig.value.rig.name)),
     };
     if !output.is_json() {
@@ -100,7 +111,7 @@ fn check(arguments: &Arguments) -> Result<(), Failure> {
         return Err(Failure::new(Exit::Usage, message, "give a number of seconds, such as --duration 5"));
     }
     if let Some(path) = &arguments.figure {
-        picture_kind(path)?;
+        check_picture(path)?;
     }
     Ok(())
 }
@@ -109,6 +120,7 @@ struct Facts<'a> {
     rig: &'a config::Rig,
     margins: Margins,
     report: &'a RunReport,
+    kept: &'a Kept,
     seed: u64,
     wall_s: f64,
 }
@@ -127,12 +139,17 @@ impl Facts<'_> {
             "wall_s": self.wall_s,
             "state": self.report.state.map(|state| format!("{state:?}")),
             "cause": self.report.cause.map(|cause| cause.fault.row().name),
+            "cause_stage": self.report.cause.map(|cause| format!("{:?}", cause.fault.row().stage).to_lowercase()),
+            "cause_devices": self.report.cause.map(|cause| cause.devices.to_string()),
             "margins": self.margins.to_json(),
             "bus_load": self.report.bus_load,
             "held_s": self.report.held_s,
             "measures": self.report.measures,
             "figure": arguments.figure,
             "candump": arguments.candump,
+            "recording": arguments.record,
+            "recorded": self.kept.files_json(),
+            "black_boxes": self.kept.black_boxes_json(),
         })
     }
 
@@ -177,6 +194,7 @@ impl Facts<'_> {
             let start_s = start_s + LOG_STARTS_AT.as_secs_f64();
             lines.push(format!("candump   {}; time 0 of the scene is {start_s:.3} in it", path.display()));
         }
+        lines.extend(self.kept.lines());
         if self.report.held_s > 0.0 {
             let by =
                 self.report.cause.map_or(String::new(), |cause| format!(", in the end by {}", cause.fault.row().name));
@@ -260,12 +278,23 @@ fn stopped(report: &RunReport) -> Failure {
         Some(cause) => {
             let row = cause.fault.row();
             let exit = if cause.fault == Fault::DriveFault { Exit::DeviceFault } else { Exit::SafetyStop };
-            (exit, format!("stopped by {}: {} ({})", row.name, row.meaning, row.cause), row.next)
+            let at = describe(cause);
+            (exit, format!("stopped by {} ({at}): {} ({})", row.name, row.meaning, row.cause), row.next)
         }
-        None => (Exit::SafetyStop, "stopped".to_owned(), ""),
+        None => (
+            Exit::SafetyStop,
+            "left alone: its process died, and the drives stopped by their own watchdogs".to_owned(),
+            "start the program anew",
+        ),
     };
     let time_s = report.trace.rows.last().map_or(0.0, |row| row.time_s);
     Failure::new(exit, format!("after {time_s:.3} s the rig was {message}"), help)
+}
+
+/// Where a fault showed: the stage, and the devices if there are any.
+pub(super) fn describe(cause: Cause) -> String {
+    let stage = format!("{:?}", cause.fault.row().stage).to_lowercase();
+    if cause.devices.is_empty() { stage } else { format!("{stage}, {}", cause.devices) }
 }
 
 /// The failure that a rig's error is.
@@ -290,6 +319,11 @@ pub(super) fn drawing_failure(error: &dyn std::error::Error) -> Failure {
         source = cause.source();
     }
     Failure::new(Exit::Usage, message, "choose a file that can be written, and a run with something to draw")
+}
+
+/// Whether a picture can have this name.
+pub(super) fn check_picture(path: &Path) -> Result<(), Failure> {
+    picture_kind(path).map(|_| ())
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -321,7 +355,7 @@ pub(super) fn write_drawing(drawing: &Drawing, path: &Path) -> Result<(), Failur
     written.map_err(|error| drawing_failure(&error))
 }
 
-fn make_folder_of(path: &Path) -> Result<(), Failure> {
+pub(super) fn make_folder_of(path: &Path) -> Result<(), Failure> {
     match path.parent() {
         Some(folder) if !folder.as_os_str().is_empty() => std::fs::create_dir_all(folder).map_err(|error| {
             Failure::new(
@@ -332,51 +366,4 @@ fn make_folder_of(path: &Path) -> Result<(), Failure> {
         }),
         _ => Ok(()),
     }
-}
-
-/// A candump log under way.
-struct Candump {
-    path: PathBuf,
-    log: Arc<Mutex<Log>>,
-}
-
-struct Log {
-    writer: Option<CandumpWriter<BufWriter<File>>>,
-    error: Option<io::Error>,
-}
-
-impl Candump {
-    fn create(path: &Path) -> Result<Self, Failure> {
-        make_folder_of(path)?;
-        let file = File::create(path).map_err(|error| candump_failure(path, &error))?;
-        let writer = Some(CandumpWriter::new(BufWriter::new(file), "vcan0"));
-        Ok(Self { path: path.to_owned(), log: Arc::new(Mutex::new(Log { writer, error: None })) })
-    }
-
-    fn tap(&self) -> Tap {
-        let log = Arc::clone(&self.log);
-        Box::new(move |time, frame| {
-            if let Ok(mut log) = log.lock()
-                && log.error.is_none()
-                && let Some(writer) = &mut log.writer
-                && let Err(error) = writer.record(time + LOG_STARTS_AT, frame)
-            {
-                log.error = Some(error);
-            }
-        })
-    }
-
-    fn finish(self) -> Result<(), Failure> {
-        let Ok(mut log) = self.log.lock() else { return Ok(()) };
-        let result = match (log.error.take(), log.writer.take()) {
-            (Some(error), _) => Err(error),
-            (None, Some(writer)) => writer.finish().map(|_| ()),
-            (None, None) => Ok(()),
-        };
-        result.map_err(|error| candump_failure(&self.path, &error))
-    }
-}
-
-fn candump_failure(path: &Path, error: &io::Error) -> Failure {
-    Failure::new(Exit::Usage, format!("candump {}: {error}", path.display()), "choose a file that can be written")
 }

@@ -60,6 +60,11 @@ fn exit_codes_tell_what_happened() {
     }
     assert_eq!(exit("yieldwall -q config check builtin:paper-admittance.yaml no-such-file.yaml"), Exit::ConfigInvalid);
     assert_eq!(exit("yieldwall config show no-such-file.yaml --json"), Exit::ConfigInvalid);
+    for command in ["replay", "plot", "record info", "record repair"] {
+        assert_eq!(exit(&format!("yieldwall -q {command} no-such-file.mcap")), Exit::ConfigInvalid, "{command}");
+        assert_eq!(exit(&format!("yieldwall -q {command} Cargo.toml")), Exit::ConfigInvalid, "{command}");
+    }
+    assert_eq!(exit("yieldwall -q run builtin:paper-admittance.yaml --record Cargo.toml"), Exit::Usage);
 }
 
 #[test]

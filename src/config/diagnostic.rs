@@ -34,8 +34,7 @@ impl Place {
         // A byte order mark is not a column.
         let mark = if text.starts_with('\u{feff}') { '\u{feff}'.len_utf8() } else { 0 };
         let mut offset = mark;
-        let lines = text.get(mark..).unwrap_or_default().split_inclusive('\n');
-        for (index, content) in lines.enumerate() {
+        for (index, content) in lines(text.get(mark..).unwrap_or_default()).enumerate() {
             if index + 1 == line {
                 offset += content.chars().take(column.saturating_sub(1)).map(char::len_utf8).sum::<usize>();
                 break;
@@ -45,6 +44,17 @@ impl Place {
         let length = length.min(text.len().saturating_sub(offset));
         Self { line, column, offset, length }
     }
+}
+
+/// The lines of a text with their breaks as YAML has them: LF, CR LF, or CR alone.
+fn lines(mut text: &str) -> impl Iterator<Item = &str> {
+    std::iter::from_fn(move || {
+        let found = text.find(['\n', '\r']);
+        let len = found.map_or(text.len(), |at| if text[at..].starts_with("\r\n") { at + 2 } else { at + 1 });
+        let (line, rest) = text.split_at(len);
+        text = rest;
+        (!line.is_empty()).then_some(line)
+    })
 }
 
 /// Another place of the same file that explains a finding.
@@ -143,3 +153,18 @@ impl fmt::Display for Report {
 }
 
 impl std::error::Error for Report {}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_place_counts_the_line_breaks_of_yaml() {
+        let text = "a: 1\rb: 2\r\nc: \u{fc}3\n\nd: 4";
+        for (line, column, found) in [(1, 1, "a"), (2, 4, "2"), (3, 5, "3"), (5, 1, "d")] {
+            let place = Place::at(text, line, column, 1);
+            assert_eq!(&text[place.offset..place.offset + place.length], found, "line {line}");
+        }
+        assert_eq!(Place::at(text, 9, 1, 1), Place { line: 9, column: 1, offset: text.len(), length: 0 });
+    }
+}

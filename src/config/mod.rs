@@ -26,4 +26,6 @@ pub use load::{Document, Loaded, load, load_device, load_figure, load_rig, load_
 pub use number::{Finite, NotNegative, Positive};
 pub use schema::schema;
 pub use source::{MAX_FILE_BYTES, Source, builtin, builtin_names};
+#[cfg(feature = "cli")]
+pub(crate) use suggest::nearest as nearest_word;
 pub use tree::*;

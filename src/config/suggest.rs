@@ -1,7 +1,7 @@
 //! Which of the known words was meant.
 
 /// The known word nearest to `word`, when it is near enough to be worth asking about.
-pub(super) fn nearest<'a>(word: &str, known: impl IntoIterator<Item = &'a str>) -> Option<&'a str> {
+pub(crate) fn nearest<'a>(word: &str, known: impl IntoIterator<Item = &'a str>) -> Option<&'a str> {
     let word = word.to_lowercase();
     let near = |candidate: &&str| {
         // A key without its unit is the commonest slip.

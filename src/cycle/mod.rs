@@ -6,6 +6,7 @@
 mod monitor;
 mod reference;
 mod servo;
+mod watch;
 
 use crate::fixture::{Fixture, Shape2, Surface};
 use crate::guard::{
@@ -13,8 +14,9 @@ use crate::guard::{
     StopRamp, Supervisor,
 };
 use crate::linkage::{FiveBar, Posture};
-use crate::quantity::{Force, JointAngles, TipPoint};
+use crate::quantity::{Force, JointAngles, JointTorques, TipPoint};
 use crate::sensing::{RawSample, Reading, Sensing};
+use watch::{Balance, Chatter, GivenEnergy};
 use yieldwall_drives::cia402;
 
 pub use reference::Reference;
@@ -29,6 +31,10 @@ pub struct DriveSample {
     pub state: cia402::State,
     /// Whether the drive follows its command value (status word bit 12).
     pub follows_command: bool,
+    /// Whether the power stage has voltage (status word bit 4).
+    pub has_voltage: bool,
+    /// Whether the drive warns (status word bit 7).
+    pub has_warning: bool,
 }
 
 /// What happened on the bus since the last cycle, and at which devices.
@@ -145,6 +151,12 @@ pub struct Settings {
     pub following_error_limit_rad: f64,
     /// Greatest deceleration of the stop ramp in m/s^2.
     pub stop_deceleration_m_per_s2: f64,
+    /// Greatest mean torque of a joint in N m that force and motion do not account for; `None` for no watch.
+    pub residual_limit_n_m: Option<f64>,
+    /// Greatest energy in J that the rig may give the hand in one go.
+    pub energy_limit_j: f64,
+    /// Longest time in s that a computation may take.
+    pub compute_budget_s: f64,
 }
 
 /// The stages of one rig, and what they remember between cycles.
@@ -167,6 +179,12 @@ pub struct Cycle {
     were_enabled: [bool; 2],
     reference: Option<Reference>,
     halt: Option<StopRamp>,
+    /// Torques that the reference's motion needs; known in torque mode alone.
+    needed: Option<JointTorques>,
+    enabling_cycles: u32,
+    given: GivenEnergy,
+    chatter: Chatter,
+    balance: Balance,
 }
 
 impl Cycle {
@@ -195,7 +213,23 @@ impl Cycle {
             were_enabled: [false; 2],
             reference: None,
             halt: None,
+            needed: None,
+            enabling_cycles: 0,
+            given: GivenEnergy::default(),
+            chatter: Chatter::default(),
+            balance: Balance::default(),
         }
+    }
+
+    /// Starts again as a rig at rest that has measured nothing yet; what was tared stays.
+    pub fn restart(&mut self) {
+        self.sensing.restart();
+        self.supervisor = Supervisor::new();
+        self.faults = FaultCounts::default();
+        (self.measured, self.posture, self.clearance_m) = (Measured::default(), None, f64::NAN);
+        (self.missed, self.were_enabled) = ([u16::MAX; 2], [false; 2]);
+        (self.reference, self.halt, self.needed, self.enabling_cycles) = (None, None, None, 0);
+        (self.given, self.chatter, self.balance) = Default::default();
     }
 
     /// One cycle of the rig, from what the bus brought to what it shall carry.
@@ -204,7 +238,7 @@ impl Cycle {
     pub fn step(&mut self, inputs: &Inputs) -> Outputs {
         self.faults.begin_cycle();
         // measure
-        self.measure(&inputs.drives);
+        self.measure(&inputs.drives, &inputs.timing);
         let reading = self.sense(inputs.sample.as_ref());
         // supervise
         self.observe(inputs, &reading);
@@ -220,11 +254,23 @@ impl Cycle {
                 self.faults.observe(fault, true);
                 directive = self.supervise(&inputs.drives, Request::None);
                 self.reference = before;
-                self.act(directive.motion, &reading, &mut signals).unwrap_or_else(|_| self.rest())
+                self.act(directive.motion, &reading, &mut signals).unwrap_or_else(|fault| {
+                    // A position to rest at would be a leap for drives that still move.
+                    let devices = self.faults.devices(fault);
+                    directive = self.supervisor.stop_at_once(Cause { fault, devices });
+                    self.rest()
+                })
             }
         };
+        self.weigh(&reading, &command);
         self.note(&reading, &mut signals);
         Outputs { command, directive, signals }
+    }
+
+    /// What leaves before the first cycle: nothing moves.
+    pub fn idle(&self) -> Outputs {
+        let command = Allowed::rest(&self.servo.rest(), JointAngles::default());
+        Outputs { command, directive: Directive::IDLE, signals: Signals::default() }
     }
 
     /// State of the supervisor.
@@ -235,6 +281,11 @@ impl Cycle {
     /// The fault that led to the present state.
     pub fn cause(&self) -> Option<Cause> {
         self.supervisor.cause()
+    }
+
+    /// What was seen of every fault, for reports.
+    pub fn faults(&self) -> &FaultCounts {
+        &self.faults
     }
 
     /// The fixture, for reports.
@@ -272,7 +323,8 @@ impl Cycle {
     fn supervise(&mut self, drives: &[DriveSample; 2], request: Request) -> Directive {
         self.supervisor.step(&crate::guard::View {
             drives: drives.map(|drive| drive.state),
-            faults: &self.faults,
+            worst: self.faults.worst(),
+            is_measured: self.missed == [0; 2],
             at_rest: self.halt.as_ref().is_none_or(StopRamp::is_at_rest),
             request,
         })
@@ -288,8 +340,9 @@ impl Cycle {
             return Ok(self.rest());
         };
         let reference = self.advance(motion, reading, &posture, signals)?;
-        let command = self.servo.command(&self.linkage, &reference, &self.measured, &posture)?;
+        let (command, needed) = self.servo.command(&self.linkage, &reference, &self.measured, &posture)?;
         let (allowed, cut) = self.gate.check(&command, &self.measured)?;
+        self.needed = needed;
         signals.is_saturated = cut;
         Ok(allowed)
     }
@@ -298,7 +351,19 @@ impl Cycle {
     fn rest(&mut self) -> Allowed<JointCommand> {
         self.reference = None;
         self.halt = None;
+        self.needed = None;
         self.gate.rest(&self.servo.rest(), &self.measured)
+    }
+
+    /// Puts the torques of this cycle into the balance.
+    fn weigh(&mut self, reading: &Reading, command: &Allowed<JointCommand>) {
+        let posture = self.posture.as_ref().filter(|_| reading.is_usable());
+        let hand = posture.and_then(|posture| posture.joint_torques(reading.force).ok());
+        let sent = match command.get() {
+            JointCommand::Torque(torques) => Some(torques.0),
+            _ => None,
+        };
+        self.balance.step(hand.map(|torques| torques.0), self.needed.map(|torques| torques.0), sent);
     }
 
     fn note(&self, reading: &Reading, signals: &mut Signals) {

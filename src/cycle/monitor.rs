@@ -1,7 +1,9 @@
 //! What the cycle watches: it fills the fault counts.
 
-use super::{Cycle, DriveSample, Inputs};
-use crate::guard::{DeviceSet, Fault, Measured, State};
+use nalgebra::Vector2;
+
+use super::{Cycle, DriveSample, Inputs, LinkEvents, Timing};
+use crate::guard::{DeviceSet, Fault, Measured, Request, State};
 use crate::linkage::ANGLE_LIMIT_RAD;
 use crate::quantity::{JointAngles, JointRates};
 use crate::sensing::Reading;
@@ -14,15 +16,23 @@ const LEFT_SHARE: f64 = 0.5;
 const PREDICTED_CYCLES: u16 = 5;
 /// Missing samples, in the sensor's own interval, from which the sensor counts as lost.
 const LOST_AFTER_MISSED_SAMPLES: u32 = 10;
+/// Longest time from the request to Operation Enabled of both drives, s.
+const ENABLING_LIMIT_S: f64 = 1.0;
+/// Share of a period by which SYNC may leave late.
+const JITTER_SHARE: f64 = 0.2;
+/// Share of a period by which a computation may begin late.
+const LATE_SHARE: f64 = 0.5;
+/// Grid points without a cycle from which no cycle ran for more than three periods.
+const STALLED_AFTER_SKIPPED: u32 = 3;
 
 impl Cycle {
     /// Takes the measured angles; a joint without new process data is predicted by its last rate, for a few cycles.
-    pub(super) fn measure(&mut self, drives: &[DriveSample; 2]) {
+    pub(super) fn measure(&mut self, drives: &[DriveSample; 2], timing: &Timing) {
         let period = self.settings.period_s;
         let last = self.measured;
         let mut angles = last.angles.to_array();
         let mut rates = last.rates.to_array();
-        let mut jumped = false;
+        let mut jumped = DeviceSet::NONE;
         for (joint, drive) in drives.iter().enumerate() {
             let (Some(angle), Some(rate), Some(missed)) =
                 (angles.get_mut(joint), rates.get_mut(joint), self.missed.get_mut(joint))
@@ -35,10 +45,12 @@ impl Cycle {
                     (*angle, *rate, *missed) = (new, 0.0, 0);
                 }
                 Some(new) => {
-                    let cycles = f64::from(*missed) + 1.0;
+                    // A joint goes on turning while no cycle runs; how long a suspended computer was away, nobody knows.
+                    let cycles = f64::from(*missed) + f64::from(timing.skipped) + 1.0;
                     let predicted = f64::from((*missed).min(PREDICTED_CYCLES));
                     let step = new - (*angle - *rate * period * predicted);
-                    jumped |= step.abs() > 2.0 * self.settings.joint_speed_limit_rad_per_s * period * cycles;
+                    let has_jumped = step.abs() > 2.0 * self.settings.joint_speed_limit_rad_per_s * period * cycles;
+                    jumped |= DeviceSet::drive(joint).only_if(has_jumped && !timing.suspended);
                     (*angle, *rate, *missed) = (new, step / (period * cycles), 0);
                 }
                 None if *missed == u16::MAX => {}
@@ -51,8 +63,8 @@ impl Cycle {
             }
         }
         self.measured = Measured { angles: JointAngles::from(angles), rates: JointRates::from(rates) };
-        self.faults.observe(Fault::EncoderJump, jumped);
-        self.faults.observe(Fault::PdoMissed, self.missed.iter().any(|missed| *missed > 0));
+        self.faults.observe_on(Fault::EncoderJump, jumped);
+        self.faults.observe_on(Fault::PdoMissed, DeviceSet::drives_where(self.missed.map(|missed| missed > 0)));
         let is_known = self.missed.iter().all(|missed| *missed != u16::MAX);
         // The closure alone does not tell on which sides the elbows lie.
         let sides = self.linkage.geometry().elbows;
@@ -64,48 +76,124 @@ impl Cycle {
 
     /// Counts every fault that shows before the supervisor decides.
     pub(super) fn observe(&mut self, inputs: &Inputs, reading: &Reading) {
-        let is_moving = matches!(self.supervisor.state(), State::Running | State::Holding | State::Stopping);
-        let states = inputs.drives.map(|drive| drive.state);
-        let is_fault =
-            |state: cia402::State| matches!(state, cia402::State::Fault | cia402::State::FaultReactionActive);
-        let are_enabled = states.map(|state| state == cia402::State::OperationEnabled);
-        let has_left = self.were_enabled.iter().zip(are_enabled).any(|(was, is)| *was && !is);
-        let is_enabling = self.supervisor.state() == State::Enabling;
-        let left = (is_moving && are_enabled != [true; 2]) || (is_enabling && has_left);
+        let is_stop = inputs.request == Request::Stop;
+        self.faults.observe(Fault::StopRequested, is_stop);
+        self.observe_sensing(reading);
+        self.observe_link(&inputs.link);
+        self.observe_drives(&inputs.drives);
+        self.observe_arm();
+        self.observe_motion(reading);
+        self.observe_timing(&inputs.timing);
+    }
+
+    /// What a sample shows is counted by the sample; only a new one says whether it goes on.
+    fn observe_sensing(&mut self, reading: &Reading) {
+        let is_resting = matches!(self.supervisor.state(), State::Idle | State::Enabling);
+        self.sensing.set_resting(is_resting);
+        let limit = self.settings.force_limit_n;
+        let faults = &mut self.faults;
+        let mut see = |fault, is_present| faults.observe_on(fault, DeviceSet::SENSOR.only_if(is_present));
+        if reading.new_sample {
+            see(Fault::SensorInvalid, reading.refused_samples > 0);
+            see(Fault::SensorSaturated, reading.saturated);
+            see(Fault::SensorStuck, reading.stuck);
+            see(Fault::ForceStep, reading.stepped);
+            see(Fault::ForceLimit, reading.force.0.norm() > limit);
+        }
+        see(Fault::SensorStale, reading.stale);
+        see(Fault::SensorLost, reading.missed_samples >= LOST_AFTER_MISSED_SAMPLES);
+    }
+
+    fn observe_link(&mut self, link: &LinkEvents) {
+        let host = |is_present| DeviceSet::HOST.only_if(is_present);
+        let faults = &mut self.faults;
+        faults.observe_on(Fault::PdoLength, link.bad_length);
+        faults.observe_on(Fault::PdoDuplicated, link.duplicated);
+        faults.observe_on(Fault::PdoLate, link.late);
+        faults.observe_on(Fault::NodeReset, link.node_reset);
+        faults.observe_on(Fault::HeartbeatLost, link.heartbeat_lost);
+        faults.observe_on(Fault::DuplicateNode, link.duplicate_node);
+        faults.observe_on(Fault::Intruder, host(link.intruder));
+        faults.observe_on(Fault::Emergency, link.emergency);
+        faults.observe_on(Fault::EmergencyWarning, link.emergency_warning);
+        faults.observe_on(Fault::TransmitStalled, host(link.transmit_stalled));
+        faults.observe_on(Fault::ErrorPassive, host(link.error_passive));
+        faults.observe_on(Fault::BusOff, host(link.bus_off));
+        faults.observe_on(Fault::LinkDown, host(link.send_failed));
+    }
+
+    fn observe_drives(&mut self, drives: &[DriveSample; 2]) {
+        let state = self.supervisor.state();
+        let (is_moving, is_enabling) = (is_moving(state), state == State::Enabling);
+        let were_enabled = DeviceSet::drives_where(self.were_enabled);
+        let are_enabled = drives.map(|drive| drive.state == cia402::State::OperationEnabled);
         self.were_enabled = are_enabled;
-        let ignored = is_moving && inputs.drives.iter().any(|drive| !drive.follows_command);
+        let is_fault =
+            |drive: DriveSample| matches!(drive.state, cia402::State::Fault | cia402::State::FaultReactionActive);
+        // From Operation Enabled on a drive has to stay there and to have voltage; on the way there some have none.
+        let shall_be_enabled = DeviceSet::DRIVES.only_if(is_moving) | were_enabled.only_if(is_enabling);
+        let out = DeviceSet::drives_where(are_enabled.map(|is_enabled| !is_enabled));
+        let dead = DeviceSet::drives_where(drives.map(|drive| !drive.has_voltage));
+        let deaf = DeviceSet::drives_where(drives.map(|drive| !drive.follows_command));
+        let bound = (ENABLING_LIMIT_S / self.settings.period_s) as u32;
+        self.enabling_cycles = if is_enabling { self.enabling_cycles.saturating_add(1) } else { 0 };
+        let faults = &mut self.faults;
+        faults.observe_on(Fault::DriveFault, DeviceSet::drives_where(drives.map(is_fault)));
+        faults.observe_on(Fault::DriveVoltageOff, dead & shall_be_enabled);
+        faults.observe_on(Fault::DriveLeftOperation, out & shall_be_enabled);
+        faults.observe_on(Fault::DriveWarning, DeviceSet::drives_where(drives.map(|drive| drive.has_warning)));
+        faults.observe_on(Fault::DriveIgnoresCommand, deaf.only_if(is_moving));
+        faults.observe_on(Fault::EnablingTimeout, out.only_if(self.enabling_cycles > bound));
+    }
+
+    fn observe_arm(&mut self) {
         let error = match &self.reference {
-            Some(reference) if is_moving => (reference.angles.0 - self.measured.angles.0).amax(),
-            _ => 0.0,
+            Some(reference) if is_moving(self.supervisor.state()) => reference.angles.0 - self.measured.angles.0,
+            _ => Vector2::zeros(),
         };
         let limit = self.settings.following_error_limit_rad;
+        let beyond = |limit: f64| DeviceSet::drives_where([error.x.abs() > limit, error.y.abs() > limit]);
+        self.faults.observe_on(Fault::FollowingError, beyond(limit));
+        self.faults.observe_on(Fault::Runaway, beyond(2.0 * limit));
         let is_left = self.clearance_m < LEFT_SHARE * self.settings.singularity_margin_m;
-        let faults = &mut self.faults;
-        faults.observe(Fault::StopRequested, inputs.request == crate::guard::Request::Stop);
-        faults.observe(Fault::SensorSaturated, reading.saturated);
-        faults.observe(Fault::SensorStale, reading.stale);
-        faults.observe(Fault::SensorLost, reading.missed_samples >= LOST_AFTER_MISSED_SAMPLES);
-        faults.observe(Fault::ForceLimit, reading.force.0.norm() > self.settings.force_limit_n);
-        faults.observe_on(Fault::PdoLength, inputs.link.bad_length);
-        faults.observe_on(Fault::NodeReset, inputs.link.node_reset);
-        faults.observe_on(Fault::HeartbeatLost, inputs.link.heartbeat_lost);
-        faults.observe_on(Fault::Emergency, inputs.link.emergency);
-        faults.observe_on(Fault::PdoDuplicated, inputs.link.duplicated);
-        faults.observe_on(Fault::PdoLate, inputs.link.late);
-        faults.observe_on(Fault::DuplicateNode, inputs.link.duplicate_node);
-        faults.observe_on(Fault::EmergencyWarning, inputs.link.emergency_warning);
-        faults.observe_on(Fault::Intruder, DeviceSet::HOST.only_if(inputs.link.intruder));
-        faults.observe_on(Fault::TransmitStalled, DeviceSet::HOST.only_if(inputs.link.transmit_stalled));
-        faults.observe_on(Fault::ErrorPassive, DeviceSet::HOST.only_if(inputs.link.error_passive));
-        faults.observe_on(Fault::BusOff, DeviceSet::HOST.only_if(inputs.link.bus_off));
-        faults.observe_on(Fault::LinkDown, DeviceSet::HOST.only_if(inputs.link.send_failed));
-        faults.observe(Fault::DriveFault, states.into_iter().any(is_fault));
-        faults.observe(Fault::DriveLeftOperation, left);
-        faults.observe(Fault::DriveIgnoresCommand, ignored);
-        faults.observe(Fault::FollowingError, error > limit);
-        faults.observe(Fault::Runaway, error > 2.0 * limit);
-        faults.observe(Fault::WorkspaceLeft, is_left);
-        faults.observe(Fault::OverSpeed, false);
-        faults.observe(Fault::NotFinite, false);
+        self.faults.observe(Fault::WorkspaceLeft, is_left);
+        let residual = self.balance.residual_n_m();
+        let is_implausible = self.settings.residual_limit_n_m.is_some_and(|limit| residual.amax() > limit);
+        self.faults.observe_on(Fault::ForceImplausible, DeviceSet::SENSOR.only_if(is_implausible));
     }
+
+    /// What the rig does to the hand: only while the fixture moves the reference, from the beginning each time.
+    fn observe_motion(&mut self, reading: &Reading) {
+        let period = self.settings.period_s;
+        let running = self.reference.filter(|_| self.supervisor.state() == State::Running);
+        if running.is_none() {
+            (self.given, self.chatter) = Default::default();
+        }
+        let given = match (running, self.posture) {
+            (Some(_), Some(posture)) => self.given.step(posture.tip, reading.force, period),
+            _ => 0.0,
+        };
+        let is_chatter = running.is_some_and(|reference| self.chatter.step(reference.velocity.0, period));
+        self.faults.observe(Fault::EnergyLimit, given > self.settings.energy_limit_j);
+        self.faults.observe(Fault::Chatter, is_chatter);
+        self.faults.observe(Fault::OverSpeed, false);
+        self.faults.observe(Fault::NotFinite, false);
+    }
+
+    fn observe_timing(&mut self, timing: &Timing) {
+        let host = |is_present| DeviceSet::HOST.only_if(is_present);
+        let period = self.settings.period_s;
+        let seconds = |ns: u32| f64::from(ns) * 1e-9;
+        let is_late = seconds(timing.compute_late_ns) > LATE_SHARE * period;
+        let is_long = seconds(timing.last_compute_ns) > self.settings.compute_budget_s;
+        let faults = &mut self.faults;
+        faults.observe_on(Fault::SyncJitter, host(seconds(timing.sync_late_ns) > JITTER_SHARE * period));
+        faults.observe_on(Fault::Overrun, host(is_late || is_long || timing.skipped > 0));
+        faults.observe_on(Fault::Stalled, host(timing.skipped >= STALLED_AFTER_SKIPPED));
+        faults.observe_on(Fault::Suspended, host(timing.suspended));
+    }
+}
+
+fn is_moving(state: State) -> bool {
+    matches!(state, State::Running | State::Holding | State::Stopping)
 }

@@ -2,11 +2,21 @@
 
 use nalgebra::Vector2;
 
-use super::{Cycle, Signals};
+use super::{Cycle, Settings, Signals};
 use crate::guard::{Fault, Motion, StopRamp};
 use crate::linkage::Posture;
 use crate::quantity::{JointAngles, JointRates, TipPoint, TipVelocity};
 use crate::sensing::Reading;
+
+/// Beside twice the way that braking takes, how far from the margin the edge is looked at, m: the arm is not quite where
+/// its reference is, and a clearance may change faster than the tool moves.
+const BRAKING_RESERVE_M: f64 = 0.01;
+/// Steps towards the point at which the clearance is as it may be.
+const BRAKING_STEPS: u32 = 3;
+/// Step of the difference quotient for the gradient of the clearance, m.
+const GRADIENT_STEP_M: f64 = 1e-6;
+/// How exactly a clearance is kept, m.
+const CLEARANCE_TOLERANCE_M: f64 = 1e-8;
 
 /// The reference of one cycle, its derivatives by backward differences over one period.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -75,10 +85,14 @@ impl Cycle {
             Motion::Run => self.run(&last, reading, signals)?,
             Motion::Halt | Motion::Rest => self.stop(&last),
         };
-        let next = match self.admit(candidate, &last) {
-            Some(angles) => {
-                self.faults.observe(Fault::WorkspaceEdge, false);
-                last.moved(candidate, angles, self.settings.period_s)
+        let braked = self.brake(candidate, &last);
+        let next = match braked.and_then(|point| self.admit(point, &last).map(|angles| (point, angles))) {
+            Some((point, angles)) => {
+                self.faults.observe(Fault::WorkspaceEdge, point != candidate);
+                if point != candidate && motion == Motion::Run {
+                    self.fixture.hold_back_to(&point.0).map_err(|_| Fault::NotFinite)?;
+                }
+                last.moved(point, angles, self.settings.period_s)
             }
             None => {
                 self.faults.observe(Fault::WorkspaceEdge, true);
@@ -122,7 +136,52 @@ impl Cycle {
         }
         let here = self.linkage.forward(last.angles).map(|posture| self.clearance_of_m(&posture)).ok()?;
         let there = self.linkage.forward(angles).map(|posture| self.clearance_of_m(&posture)).ok()?;
-        (there >= here || there >= self.settings.singularity_margin_m).then_some(angles)
+        let least = here.min(self.settings.singularity_margin_m) - CLEARANCE_TOLERANCE_M;
+        (there >= least).then_some(angles)
+    }
+
+    /// `candidate`, brought back so far that the reference can still come to rest at the margin within the deceleration of
+    /// a stop: its clearance may fall by `sqrt(2 a (clearance - margin))` in a second. Only the motion across the edge is
+    /// brought back; along it and away from it the reference goes on. `None` if no such point is found.
+    ///
+    /// Far from the edge nothing is computed.
+    fn brake(&self, candidate: TipPoint, last: &Reference) -> Option<TipPoint> {
+        let Settings { period_s, singularity_margin_m: margin, stop_deceleration_m_per_s2: deceleration, .. } =
+            self.settings;
+        let speed = (candidate.0 - last.point.0).norm() / period_s;
+        if self.clearance_m > margin + BRAKING_RESERVE_M + speed * speed / deceleration {
+            return Some(candidate);
+        }
+        let clearance = |point: TipPoint| {
+            let angles = self.linkage.inverse_near(point, last.angles).ok()?;
+            let posture = self.linkage.forward(angles).ok()?;
+            Some(self.clearance_of_m(&posture))
+        };
+        let here = clearance(last.point)?;
+        let fall = (2.0 * deceleration * (here - margin).max(0.0)).sqrt() * period_s;
+        let least = (here - fall).max(here.min(margin));
+        let offered = clearance(candidate);
+        if offered.is_some_and(|offered| offered >= least) {
+            return Some(candidate);
+        }
+        // The way back is that of the gradient, taken behind the reference, where the linkage is known to reach.
+        let [x, y] = last.point.to_array();
+        let slope = |behind: TipPoint| Some((here - clearance(behind)?) / GRADIENT_STEP_M);
+        let gradient =
+            Vector2::new(slope(TipPoint::new(x - GRADIENT_STEP_M, y))?, slope(TipPoint::new(x, y - GRADIENT_STEP_M))?);
+        let mut point = candidate;
+        // Where the linkage does not reach, the gradient says how far beyond that is.
+        let mut there = offered.unwrap_or((here + gradient.dot(&(candidate.0 - last.point.0))).min(least));
+        for _ in 0..BRAKING_STEPS {
+            // A hair more than asked for, so that nothing creeps into the margin.
+            let missing = least + 0.5 * CLEARANCE_TOLERANCE_M - there;
+            point = TipPoint(point.0 + gradient * (missing / gradient.norm_squared()));
+            there = clearance(point)?;
+            if there >= least {
+                return Some(point);
+            }
+        }
+        None
     }
 
     fn reset_fixture(&mut self, at: TipPoint) -> Result<(), Fault> {

@@ -58,7 +58,8 @@ impl Servo {
         }
     }
 
-    /// The command that brings the measured joints to the reference.
+    /// The command that brings the measured joints to the reference, and in torque mode with a model of the arm's inertia
+    /// the torques that the motion of the reference needs.
     ///
     /// # Errors
     /// [`Fault::NotFinite`] if a law was given or gave something that is not finite.
@@ -68,9 +69,9 @@ impl Servo {
         reference: &Reference,
         measured: &Measured,
         posture: &Posture,
-    ) -> Result<JointCommand, Fault> {
+    ) -> Result<(JointCommand, Option<JointTorques>), Fault> {
         match self {
-            Servo::Position => Ok(JointCommand::Position(reference.angles)),
+            Servo::Position => Ok((JointCommand::Position(reference.angles), None)),
             Servo::Velocity(law) => {
                 let error = reference.angles.0 - measured.angles.0;
                 let first = law.command(error.x, reference.rates.0.x);
@@ -78,9 +79,14 @@ impl Servo {
                 if !(first.valid && second.valid) {
                     return Err(Fault::NotFinite);
                 }
-                Ok(JointCommand::Velocity(JointRates::new(first.rate, second.rate)))
+                Ok((JointCommand::Velocity(JointRates::new(first.rate, second.rate)), None))
             }
-            Servo::Torque(servo) => servo.torques(linkage, reference, measured, posture).map(JointCommand::Torque),
+            Servo::Torque(servo) => {
+                let inertia = servo.inertia_term(linkage, reference);
+                let torques = servo.torques(inertia.as_ref(), reference, measured, posture)?;
+                let needed = inertia.map(|term| JointTorques(term.mass_matrix * term.accelerations + term.bias_n_m));
+                Ok((JointCommand::Torque(torques), needed))
+            }
         }
     }
 }
@@ -96,13 +102,12 @@ impl TorqueServo {
 
     fn torques(
         &mut self,
-        linkage: &FiveBar,
+        inertia: Option<&InertiaTerm>,
         reference: &Reference,
         measured: &Measured,
         posture: &Posture,
     ) -> Result<JointTorques, Fault> {
-        let inertia = self.inertia_term(linkage, reference);
-        let forward = self.feed_forward.step(reference.rates, inertia.as_ref());
+        let forward = self.feed_forward.step(reference.rates, inertia);
         let error = self.error(reference, measured, posture);
         let mut effort = [0.0; 2];
         let mut is_valid = forward.valid;

@@ -25,6 +25,19 @@ impl<T> Allowed<T> {
     }
 }
 
+impl Allowed<JointCommand> {
+    /// The command that moves nothing: `angles`, no rate, no torque, in the mode of `like`.
+    ///
+    /// Real-time: yes.
+    pub fn rest(like: &JointCommand, angles: JointAngles) -> Self {
+        Allowed(match like {
+            JointCommand::Position(_) => JointCommand::Position(angles),
+            JointCommand::Velocity(_) => JointCommand::Velocity(JointRates::default()),
+            JointCommand::Torque(_) => JointCommand::Torque(JointTorques::default()),
+        })
+    }
+}
+
 /// What is measured of the joints in this cycle.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Measured {
@@ -58,18 +71,13 @@ impl Gate {
         Self { limits, last_target: None }
     }
 
-    /// The command that moves nothing: the measured angles, no rate, no torque, in the mode of `like`.
-    ///
-    /// After it a position target starts from the measured angles.
+    /// The command that moves nothing, at the measured angles: [`Allowed::rest`]. After it a position target starts from
+    /// there.
     ///
     /// Real-time: yes.
     pub fn rest(&mut self, like: &JointCommand, measured: &Measured) -> Allowed<JointCommand> {
         self.last_target = Some(measured.angles);
-        Allowed(match like {
-            JointCommand::Position(_) => JointCommand::Position(measured.angles),
-            JointCommand::Velocity(_) => JointCommand::Velocity(JointRates::default()),
-            JointCommand::Torque(_) => JointCommand::Torque(JointTorques::default()),
-        })
+        Allowed::rest(like, measured.angles)
     }
 
     /// Lets `command` through, with torques cut to the limit, and says whether a torque was cut.
@@ -135,6 +143,41 @@ mod tests {
             gate().check(&JointCommand::Position(JointAngles::new(1.0061, 2.0)), &measured),
             Err(Fault::OverSpeed)
         );
+    }
+
+    #[test]
+    fn what_is_at_its_limit_passes_and_the_next_number_does_not() {
+        let measured = Measured::default();
+        let (step, speed) = (6.0 * 1e-3, 6.0f64);
+        let position = |angle: f64| JointCommand::Position(JointAngles::new(0.0, angle));
+        let velocity = |rate: f64| JointCommand::Velocity(JointRates::new(rate, 0.0));
+        for (at, beyond) in [(position(-step), position(-step.next_up())), (velocity(speed), velocity(speed.next_up()))]
+        {
+            assert_eq!(gate().check(&at, &measured), Ok((Allowed(at), false)));
+            assert_eq!(gate().check(&beyond, &measured), Err(Fault::OverSpeed));
+        }
+        let torque = |left: f64, right: f64| JointCommand::Torque(JointTorques::new(left, right));
+        for (wanted, allowed, is_cut) in [
+            (torque(60.0, -50.0), torque(60.0, -50.0), false),
+            (torque(-61.0, 51.0), torque(-60.0, 50.0), true),
+            (torque(1.0, -51.0), torque(1.0, -50.0), true),
+        ] {
+            assert_eq!(gate().check(&wanted, &measured), Ok((Allowed(allowed), is_cut)));
+        }
+    }
+
+    #[test]
+    fn a_target_is_held_against_the_last_one_that_passed() {
+        let measured = Measured { angles: JointAngles::new(0.5, 0.0), ..Measured::default() };
+        let mut gate = gate();
+        let mut passes =
+            |angle: f64| gate.check(&JointCommand::Position(JointAngles::new(angle, 0.0)), &measured).is_ok();
+        assert!(passes(0.505) && passes(0.510), "two steps, though the joint has not moved");
+        assert!(!passes(0.520) && passes(0.515), "a refused target is none");
+        let rest = gate.rest(&JointCommand::Position(JointAngles::default()), &measured);
+        assert_eq!(*rest.get(), JointCommand::Position(measured.angles));
+        let again = JointCommand::Position(JointAngles::new(0.515, 0.0));
+        assert_eq!(gate.check(&again, &measured), Err(Fault::OverSpeed), "after a rest it starts from the measurement");
     }
 
     proptest! {

@@ -11,7 +11,7 @@
 
 use yieldwall_drives::cia402;
 
-use super::fault::{Cause, Fault, FaultCounts, Reaction};
+use super::fault::{Cause, Reaction};
 
 /// Cycles without any fault after which Holding ends (hysteresis against flicker at a threshold).
 const CLEAR_CYCLES: u16 = 50;
@@ -94,15 +94,39 @@ pub struct Directive {
     pub goal: cia402::Goal,
     /// Whether drives in Fault get one reset edge.
     pub fault_reset: bool,
+    /// Whether nothing is sent any more: the bus cannot be reached, and what the drives still heard would keep their
+    /// watchdogs from acting.
+    pub is_silent: bool,
+}
+
+impl Directive {
+    /// Nothing moves and nothing is enabled.
+    pub const IDLE: Self = Self {
+        state: State::Idle,
+        motion: Motion::Rest,
+        goal: cia402::Goal::ReadyToSwitchOn,
+        fault_reset: false,
+        is_silent: false,
+    };
+    /// Quick stop of both drives, latched in [`State::Disabled`]: for a caller that has lost its supervisor.
+    pub const QUICK_STOP: Self = Self {
+        state: State::Disabled,
+        motion: Motion::Rest,
+        goal: cia402::Goal::QuickStop,
+        fault_reset: false,
+        is_silent: false,
+    };
 }
 
 /// What the supervisor looks at.
 #[derive(Clone, Copy, Debug)]
-pub struct View<'a> {
+pub struct View {
     /// The drives' states as known in this cycle.
     pub drives: [cia402::State; 2],
-    /// The faults seen in this cycle.
-    pub faults: &'a FaultCounts,
+    /// The strongest reaction that the faults ask for, with its cause.
+    pub worst: Option<(Cause, Reaction)>,
+    /// Whether both angles were measured in this cycle, and not predicted.
+    pub is_measured: bool,
     /// Whether the reference is at rest.
     pub at_rest: bool,
     /// What the person asks for.
@@ -139,15 +163,15 @@ impl Supervisor {
     /// One cycle.
     ///
     /// Real-time: yes.
-    pub fn step(&mut self, view: &View<'_>) -> Directive {
+    pub fn step(&mut self, view: &View) -> Directive {
         self.resetting = false;
         self.state = self.next(view);
-        self.directive()
+        self.directive(are_switched_on(&view.drives))
     }
 
-    fn next(&mut self, view: &View<'_>) -> State {
+    fn next(&mut self, view: &View) -> State {
         let all_enabled = view.drives.iter().all(|drive| *drive == cia402::State::OperationEnabled);
-        let worst = view.faults.worst();
+        let worst = view.worst;
         match self.state {
             State::Idle => match (view.request, worst) {
                 (Request::Enable, Some((cause, reaction))) if reaction > Reaction::Count => {
@@ -163,7 +187,7 @@ impl Supervisor {
             State::Enabling => match worst {
                 Some((cause, reaction)) if reaction > Reaction::Freeze => self.stop_now(cause, reaction),
                 // The first target is the measured position, not a predicted one.
-                _ if all_enabled && view.faults.count(Fault::PdoMissed) == 0 => self.react(worst, State::Running),
+                _ if all_enabled && view.is_measured => self.react(worst, State::Running),
                 _ => State::Enabling,
             },
             State::Running => self.react(worst, State::Running),
@@ -207,6 +231,14 @@ impl Supervisor {
         }
     }
 
+    /// Stops all drives at once in the cycle that has just been decided: not even the ramp can be followed.
+    ///
+    /// Real-time: yes.
+    pub fn stop_at_once(&mut self, cause: Cause) -> Directive {
+        self.state = self.stop_now(cause, Reaction::QuickStop);
+        self.directive(false)
+    }
+
     fn stop_now(&mut self, cause: Cause, reaction: Reaction) -> State {
         let reaction = reaction.max(Reaction::QuickStop);
         self.cause = Some(cause);
@@ -216,7 +248,7 @@ impl Supervisor {
 
     /// A latched state grows only more severe, and ends only by a reset. A fault that is still there then keeps the rig
     /// from being enabled.
-    fn stay(&mut self, latched: State, worst: Option<(Cause, Reaction)>, view: &View<'_>) -> State {
+    fn stay(&mut self, latched: State, worst: Option<(Cause, Reaction)>, view: &View) -> State {
         if view.request == Request::Reset {
             self.resetting = true;
             self.cause = None;
@@ -234,9 +266,11 @@ impl Supervisor {
         }
     }
 
-    fn directive(&self) -> Directive {
+    fn directive(&self, are_switched_on: bool) -> Directive {
         let (motion, goal) = match self.state {
             State::Idle => (Motion::Rest, cia402::Goal::ReadyToSwitchOn),
+            // The last step together: one axis that holds and one that is free move the tool where nobody knows.
+            State::Enabling if !are_switched_on => (Motion::Rest, cia402::Goal::SwitchedOn),
             State::Enabling => (Motion::Rest, cia402::Goal::OperationEnabled),
             State::Running => (Motion::Run, cia402::Goal::OperationEnabled),
             State::Holding | State::Stopping => (Motion::Halt, cia402::Goal::OperationEnabled),
@@ -245,8 +279,14 @@ impl Supervisor {
                 _ => (Motion::Rest, cia402::Goal::QuickStop),
             },
         };
-        Directive { state: self.state, motion, goal, fault_reset: self.resetting }
+        let is_silent = self.reaction == Some(Reaction::Silence);
+        Directive { state: self.state, motion, goal, fault_reset: self.resetting, is_silent }
     }
+}
+
+/// Whether every drive is one step from Operation Enabled, or in it.
+fn are_switched_on(drives: &[cia402::State; 2]) -> bool {
+    drives.iter().all(|drive| matches!(drive, cia402::State::SwitchedOn | cia402::State::OperationEnabled))
 }
 
 #[cfg(test)]
@@ -255,6 +295,7 @@ mod exploration;
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::guard::fault::{Fault, FaultCounts};
     use cia402::{Goal, State as Drive};
 
     struct Rig {
@@ -277,7 +318,8 @@ mod tests {
         }
 
         fn step(&mut self, request: Request) -> Directive {
-            let view = View { drives: self.drives, faults: &self.faults, at_rest: self.at_rest, request };
+            let worst = self.faults.worst();
+            let view = View { drives: self.drives, worst, is_measured: true, at_rest: self.at_rest, request };
             self.supervisor.step(&view)
         }
     }
@@ -291,6 +333,18 @@ mod tests {
         assert_eq!(rig.step(Request::None).motion, Motion::Rest);
         rig.drives[1] = Drive::OperationEnabled;
         assert_eq!(rig.step(Request::None).motion, Motion::Run);
+    }
+
+    #[test]
+    fn no_drive_is_enabled_before_all_can_be() {
+        let mut rig = Rig::new(Drive::SwitchedOn);
+        rig.drives[0] = Drive::QuickStopActive;
+        assert_eq!(rig.step(Request::Enable).goal, Goal::SwitchedOn);
+        rig.drives[0] = Drive::SwitchedOn;
+        assert_eq!(rig.step(Request::None).goal, Goal::OperationEnabled);
+        // One that drops out takes the other with it.
+        rig.drives = [Drive::OperationEnabled, Drive::ReadyToSwitchOn];
+        assert_eq!(rig.step(Request::None).goal, Goal::SwitchedOn);
     }
 
     #[test]

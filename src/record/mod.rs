@@ -1,11 +1,19 @@
-//! What a run leaves: one [`Row`] per control cycle, gathered in a [`Trace`], and the figures drawn from traces.
+//! What a run leaves: a [`CycleRecord`] of every control cycle, and what is made of records: the [`Row`]s of a [`Trace`]
+//! with the figures drawn from them, and recordings on disk.
 //!
 //! Rows and traces are plain data without units of their own: every field carries its unit in its name, lengths and
 //! forces are in the base frame. Planar rigs leave the third component zero.
 
+mod cycle;
 mod trace;
 
 #[cfg(feature = "figures")]
 pub mod figure;
+#[cfg(feature = "recording")]
+pub mod recording;
 
+/// Time before and after a fault that a black box keeps, in s.
+pub const AROUND_FAULT_S: f64 = 2.0;
+
+pub use cycle::{CycleRecord, Moment, Truth};
 pub use trace::{ForceMeaning, ON_SURFACE_M, Phase, Reference, Row, Trace};

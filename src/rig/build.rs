@@ -217,6 +217,7 @@ pub fn cycle(rig: &config::Rig, fixture: &config::Fixture) -> Result<Cycle, RigE
         low_pass_hz: rig.sensor.low_pass_hz.map(|value| value.get()),
         sample_rate_hz: rig.sensor.sample_rate_hz.get(),
         cycle_period_s: period_s,
+        force_step_limit_n: limits.force_step_limit_n.get(),
     })?;
     let gate = Gate::new(guard::Limits {
         period_s,
@@ -231,6 +232,9 @@ pub fn cycle(rig: &config::Rig, fixture: &config::Fixture) -> Result<Cycle, RigE
         force_limit_n: limits.force_limit_n.get(),
         following_error_limit_rad: limits.following_error_limit_rad.get(),
         stop_deceleration_m_per_s2: limits.stop_deceleration_m_per_s2.get(),
+        residual_limit_n_m: limits.residual_limit_n_m.map(|value| value.get()),
+        energy_limit_j: limits.energy_limit_j.get(),
+        compute_budget_s: f64::from(rig.cycle.period_us.saturating_sub(rig.cycle.compute_at_us)) * 1e-6,
     };
     Ok(Cycle::new(settings, linkage(rig)?, sensing, planar_fixture(fixture, period_s)?, servo(rig)?, gate))
 }

@@ -5,6 +5,7 @@ use thiserror::Error;
 use crate::bus::BootError;
 use crate::control::ControlError;
 use crate::fixture::FixtureError;
+use crate::injection::InjectionError;
 use crate::linkage::{GeometryError, LinkageError};
 use crate::sensing::SensingError;
 use crate::sim::arm::ArmError;
@@ -52,6 +53,9 @@ pub enum RigError {
     /// A simulated device was refused.
     #[error("simulated device: {0}")]
     Device(String),
+    /// An injection is not possible.
+    #[error(transparent)]
+    Injection(#[from] InjectionError),
     /// Two parts of the configuration do not fit together.
     #[error("{0}")]
     Mismatch(String),

@@ -14,7 +14,7 @@ mod margins;
 mod world;
 
 pub use build::cycle;
-pub use embedded::{EmbeddedRig, Tap};
+pub use embedded::{BodyTruth, EmbeddedRig, Observer, PORTS, Tap};
 pub use error::RigError;
 pub use impedance::ImpedanceRig;
 pub use margins::{Margin, PoseMargins, pose_margins};

@@ -11,7 +11,7 @@ use crate::linkage::FiveBar;
 use crate::quantity::{Force, JointAngles, JointRates, JointTorques, TipPoint, TipVelocity};
 use crate::sensing::{Calibration, Mounting};
 use crate::sim::arm::Arm;
-use crate::sim::hand::Hand;
+use crate::sim::hand::{Hand, HandLoad};
 
 /// How the tool follows the drives.
 #[derive(Clone, Debug)]
@@ -41,6 +41,88 @@ pub(super) struct Truth {
     pub(super) force: Force,
 }
 
+/// Time in which a hand that has taken the tool again leads it back to its path, in s.
+const RETURN_S: f64 = 1.5;
+
+/// How the hand has the tool.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) enum Grip {
+    /// It follows its path with it.
+    Firm,
+    /// Not at all.
+    LetGo,
+    /// It took it at a moment, in s since the scene began, where it was: so far from the path, in m. It comes back to
+    /// the path from there.
+    Again { from_s: f64, offset_m: Vector2<f64> },
+}
+
+impl Grip {
+    /// How far from its path the hand aims, in m; `None` if it does not hold the tool.
+    fn offset_m(self, time_s: f64) -> Option<Vector2<f64>> {
+        match self {
+            _ if time_s < 0.0 => None,
+            Grip::LetGo => None,
+            Grip::Firm => Some(Vector2::zeros()),
+            Grip::Again { from_s, .. } if time_s < from_s => None,
+            Grip::Again { from_s, offset_m } => {
+                let share = ((time_s - from_s) / RETURN_S).min(1.0);
+                // Minimum jerk from one to zero.
+                Some(offset_m * (1.0 - share.powi(3) * (10.0 - 15.0 * share + 6.0 * share * share)))
+            }
+        }
+    }
+}
+
+/// A force of the hand beside that of its path.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Push {
+    pub(super) shape: PushShape,
+    pub(super) size_n: f64,
+    /// In s since the scene began.
+    pub(super) start_s: f64,
+    pub(super) end_s: f64,
+}
+
+/// How a push runs.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum PushShape {
+    /// Along the circle about the task's origin, with short ramps.
+    Along,
+    /// Along the circle, as a half sine.
+    Blow,
+    /// To and fro along the circle, once.
+    Swing,
+    /// To and fro along the circle.
+    Tremble,
+    /// Away from the task's origin, with long ramps.
+    Outward,
+}
+
+impl Push {
+    const SHORT_RAMP_S: f64 = 0.02;
+    const LONG_RAMP_S: f64 = 1.0;
+    const TREMBLE_HZ: f64 = 25.0;
+
+    fn force_n(&self, time_s: f64, tip: Vector2<f64>) -> Vector2<f64> {
+        let (from_start, to_end) = (time_s - self.start_s, self.end_s - time_s);
+        if from_start < 0.0 || to_end < 0.0 {
+            return Vector2::zeros();
+        }
+        let ramp = |ramp_s: f64| (from_start.min(to_end) / ramp_s).min(1.0);
+        let turn = std::f64::consts::TAU * from_start;
+        let (share, is_along) = match self.shape {
+            PushShape::Along => (ramp(Self::SHORT_RAMP_S), true),
+            PushShape::Blow => ((0.5 * turn / (self.end_s - self.start_s)).sin(), true),
+            PushShape::Swing => ((turn / (self.end_s - self.start_s)).sin(), true),
+            PushShape::Tremble => ((turn * Self::TREMBLE_HZ).sin(), true),
+            PushShape::Outward => (ramp(Self::LONG_RAMP_S), false),
+        };
+        let outward = tip.try_normalize(1e-6).unwrap_or_else(Vector2::x);
+        let direction = if is_along { Vector2::new(-outward.y, outward.x) } else { outward };
+        direction * (self.size_n * share)
+    }
+}
+
 /// Arm, hand and the transducer between them.
 #[derive(Clone, Debug)]
 pub(super) struct World {
@@ -54,6 +136,10 @@ pub(super) struct World {
     pub(super) torques: JointTorques,
     /// The hand lets go of the rig until this moment, so that it starts at rest and is enabled unloaded.
     pub(super) hand_from_s: f64,
+    pub(super) grip: Grip,
+    pub(super) pushes: Vec<Push>,
+    /// Stiffness of the hand as the scene has it, N/m.
+    pub(super) hand_stiffness_n_per_m: f64,
     pub(super) truth: Truth,
 }
 
@@ -65,14 +151,34 @@ impl World {
 
     /// Moves on to `now` under the torques in force.
     pub(super) fn settle(&mut self, now: Time) -> Result<(), RigError> {
-        let (torques, from) = (self.torques, self.hand_from_s);
-        let hand = &mut self.hand;
+        let Self { torques, hand_from_s, grip, hand, pushes, .. } = self;
         if let Body::Arm(arm) = &mut self.body {
-            arm.advance_to(now.as_secs_f64(), self.longest_step_s, torques, |time, tip| {
-                if time < from { Default::default() } else { hand.load(time - from, tip.0) }
+            arm.advance_to(now.as_secs_f64(), self.longest_step_s, *torques, |time, tip| {
+                let time = time - *hand_from_s;
+                let Some(offset) = grip.offset_m(time) else { return HandLoad::default() };
+                let mut load = hand.load(time, tip.0 - offset);
+                load.force_n += pushes.iter().map(|push| push.force_n(time, tip.0)).sum::<Vector2<f64>>();
+                load
             })?;
         }
         Ok(())
+    }
+
+    /// The hand lets go of the tool until [`World::take_tool`].
+    pub(super) fn let_go(&mut self) {
+        self.grip = Grip::LetGo;
+    }
+
+    /// The hand takes the tool from `now` on: the scene begins, or goes on where its path has come to meanwhile.
+    pub(super) fn take_tool(&mut self, now: Time) {
+        let now_s = now.as_secs_f64();
+        if self.hand_from_s == f64::INFINITY {
+            self.hand_from_s = now_s;
+        } else if self.grip == Grip::LetGo {
+            let from_s = now_s - self.hand_from_s;
+            let offset_m = self.truth.tip.0 - self.hand.target(from_s).position_m;
+            self.grip = Grip::Again { from_s, offset_m };
+        }
     }
 
     /// Angles and rates as the encoders see them.
@@ -110,10 +216,12 @@ impl World {
             }
             Body::Ideal(ideal) => (ideal.linkage.forward(ideal.angles)?, ideal.tip, ideal.velocity, ideal.acceleration),
         };
-        let force = if time < 0.0 {
-            Force::default()
-        } else {
-            Force(self.hand.force_on_tool(time, position.0, velocity.0, acceleration))
+        let force = match self.grip.offset_m(time) {
+            None => Force::default(),
+            Some(offset) => {
+                let pushed = self.pushes.iter().map(|push| push.force_n(time, position.0)).sum::<Vector2<f64>>();
+                Force(self.hand.force_on_tool(time, position.0 - offset, velocity.0, acceleration) + pushed)
+            }
         };
         self.truth = Truth { tip: position, velocity, force };
         let link_angle = self.mounting.link_angle_rad(posture.distal_angle_rad);

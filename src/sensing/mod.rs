@@ -23,5 +23,5 @@ pub use calibration::{Calibration, RawSample, SATURATION_FRACTION, Wrench};
 pub use error::SensingError;
 pub use filter::LowPass;
 pub use mounting::{MountedOn, Mounting};
-pub use reading::{Reading, STALE_AFTER_MISSED_SAMPLES, Sensing, SensingParameters};
+pub use reading::{Reading, STALE_AFTER_MISSED_SAMPLES, STUCK_AFTER_IDENTICAL_SAMPLES, Sensing, SensingParameters};
 pub use tare::{Tare, TareFault, TareParameters, TareState};

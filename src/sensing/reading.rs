@@ -25,6 +25,35 @@ pub struct SensingParameters {
     pub sample_rate_hz: f64,
     /// Interval of [`Sensing::step`], s.
     pub cycle_period_s: f64,
+    /// Greatest change of the hand's force from one sample to the next, N, positive; infinite for no limit.
+    pub force_step_limit_n: f64,
+}
+
+/// Samples in a row with the same six counts from which a sensor whose noise is known is stuck.
+pub const STUCK_AFTER_IDENTICAL_SAMPLES: u32 = 50;
+/// Pairs of successive samples at rest that tell whether a sensor has noise, at least.
+const NOISE_PAIRS: u32 = 8;
+
+/// Whether the sensor's samples differ from each other while nothing is to be measured.
+///
+/// The last 64 pairs of successive samples that were taken at rest are remembered. A sensor whose noise shows in at least
+/// half of them (of at least eight) repeats itself 50 times by chance once in 2^49 samples or less. A sensor without
+/// noise at rest, quantised and still, never counts as stuck.
+#[derive(Clone, Copy, Debug, Default)]
+struct NoiseMemory {
+    differed: u64,
+    pairs: u32,
+}
+
+impl NoiseMemory {
+    fn note(&mut self, differs: bool) {
+        self.differed = self.differed << 1 | u64::from(differs);
+        self.pairs = (self.pairs + 1).min(u64::BITS);
+    }
+
+    fn has_noise(&self) -> bool {
+        self.pairs >= NOISE_PAIRS && 2 * self.differed.count_ones() >= self.pairs
+    }
 }
 
 /// The force of the hand in one cycle. All numbers are finite, always.
@@ -49,13 +78,35 @@ pub struct Reading {
     /// cycles, if those are longer): a sensor of 200 Hz misses none in the four cycles of 1 ms between its samples.
     pub missed_samples: u32,
     /// New samples in a row with the same six counts as the last one, itself included: 1 after a change, 0 before the
-    /// first sample. Whether that is a stuck sensor depends on its noise; a fault monitor decides.
+    /// first sample.
     pub identical_samples: u32,
-    /// Samples in a row that gave no valid force for want of a finite angle or acceleration.
+    /// Whether `identical_samples` has reached [`STUCK_AFTER_IDENTICAL_SAMPLES`] though the sensor's noise had shown at
+    /// rest: its converter hangs.
+    pub stuck: bool,
+    /// Samples in a row that gave no valid force: the sensor said that they are not valid, or angle or acceleration were
+    /// not finite.
     pub refused_samples: u32,
+    /// Whether the last sample's force was further from the one before than the limit; `force` went by the limit only.
+    pub stepped: bool,
 }
 
 impl Reading {
+    /// Before the first sample.
+    const NONE: Self = Self {
+        force: Force(Vector2::new(0.0, 0.0)),
+        torque_z_n_m: 0.0,
+        new_sample: false,
+        saturated: false,
+        stale: false,
+        valid: false,
+        age_s: 0.0,
+        missed_samples: 0,
+        identical_samples: 0,
+        stuck: false,
+        refused_samples: 0,
+        stepped: false,
+    };
+
     /// Whether the force may drive the proxy: valid, neither saturated nor stale.
     ///
     /// Real-time: yes.
@@ -80,6 +131,11 @@ pub struct Sensing {
     /// Whether `last` holds the output of an earlier sample, so that the filter may go on from it.
     filtering: bool,
     cycles_since_new: u32,
+    noise: NoiseMemory,
+    is_resting: bool,
+    force_step_limit_n: f64,
+    /// Force before the filter of the last valid sample.
+    unfiltered: Option<Force>,
     last: Reading,
 }
 
@@ -93,6 +149,12 @@ impl Sensing {
         let interval_s = positive("sample interval", positive("sample rate", parameters.sample_rate_hz)?.recip())?;
         // More than one sample per cycle cannot be seen: the cycle is the interval then, also for the filter.
         let interval_s = interval_s.max(cycle_period_s);
+        // The age of a sample stays finite however long none comes.
+        not_negative("longest age of a sample in s", cycle_period_s * f64::from(u32::MAX))?;
+        let step_limit = parameters.force_step_limit_n;
+        if step_limit != f64::INFINITY {
+            positive("force step limit", step_limit)?;
+        }
         let low_pass = parameters.low_pass_hz.map(|hz| LowPass::new(hz, interval_s)).transpose()?;
         Ok(Self {
             calibration: parameters.calibration,
@@ -106,19 +168,27 @@ impl Sensing {
             last_sample: None,
             filtering: false,
             cycles_since_new: 0,
-            last: Reading {
-                force: Force::default(),
-                torque_z_n_m: 0.0,
-                new_sample: false,
-                saturated: false,
-                stale: false,
-                valid: false,
-                age_s: 0.0,
-                missed_samples: 0,
-                identical_samples: 0,
-                refused_samples: 0,
-            },
+            noise: NoiseMemory::default(),
+            is_resting: false,
+            force_step_limit_n: step_limit,
+            unfiltered: None,
+            last: Reading::NONE,
         })
+    }
+
+    /// Forgets all samples, and the sensor's noise; bias and tare stay.
+    pub fn restart(&mut self) {
+        (self.last_sample, self.unfiltered, self.filtering) = (None, None, false);
+        self.cycles_since_new = 0;
+        self.noise = NoiseMemory::default();
+        self.last = Reading::NONE;
+    }
+
+    /// Says whether the rig rests: the samples to come then show whether the sensor has noise.
+    ///
+    /// Real-time: yes.
+    pub fn set_resting(&mut self, is_resting: bool) {
+        self.is_resting = is_resting;
     }
 
     /// One cycle. `sample` is what arrived since the last step, `None` if nothing did; a sample whose sequence counter
@@ -129,8 +199,10 @@ impl Sensing {
     /// The handle's mass `m` lies between hand and sensor, so the sensor carries the hand's force less what
     /// accelerates the handle: `h = sensed + m a`.
     ///
-    /// Without a new sample the force stays as it is, in the base frame. If angle or acceleration are not finite the
-    /// force stays too and the reading is not valid. While a tare is under way the force is zero and not valid.
+    /// Without a new sample the force stays as it is, in the base frame. If the sensor says that the sample is not valid,
+    /// or if angle or acceleration are not finite, the force stays too and the reading is not valid. A force further from
+    /// that of the sample before than the limit, once for each sample interval between them, is moved towards it by the
+    /// limit. While a tare is under way the force is zero and not valid.
     ///
     /// Real-time: yes.
     pub fn step(
@@ -163,29 +235,50 @@ impl Sensing {
 
     fn take(&mut self, sample: &RawSample, link_angle_rad: f64, tool_acceleration: Vector2<f64>) {
         let same = self.last_sample.is_some_and(|last| last.counts == sample.counts);
+        if self.is_resting && self.last_sample.is_some() {
+            self.noise.note(!same);
+        }
         self.last.identical_samples = if same { self.last.identical_samples.saturating_add(1) } else { 1 };
+        self.last.stuck = self.last.identical_samples >= STUCK_AFTER_IDENTICAL_SAMPLES && self.noise.has_noise();
+        let intervals = f64::from(self.last.missed_samples) + 1.0;
         self.last_sample = Some(*sample);
         self.cycles_since_new = 0;
         self.last.new_sample = true;
+        self.last.stepped = false;
         self.last.saturated = self.calibration.is_saturated(sample);
         let wrench = self.calibration.wrench(sample);
-        if self.is_taring(&wrench) {
+        if self.is_taring(sample, &wrench) {
             (self.last.force, self.last.torque_z_n_m) = (Force::default(), 0.0);
-            (self.last.valid, self.filtering) = (false, false);
+            (self.last.valid, self.filtering, self.unfiltered) = (false, false, None);
             return;
+        }
+        if sample.invalid {
+            return self.refuse();
         }
         let wrench = Wrench(wrench.0 - self.bias.0);
         let sensed = self.mounting.to_base(&wrench, link_angle_rad);
         let hand = Force(sensed.0 + tool_acceleration * self.handle_mass_kg);
-        let (force, torque) = self.filter(hand, wrench.0.b);
-        self.last.valid = force.is_finite();
-        if self.last.valid {
-            (self.last.force, self.last.torque_z_n_m) = (force, torque);
-            self.last.refused_samples = 0;
-            self.filtering = true;
-        } else {
-            self.last.refused_samples = self.last.refused_samples.saturating_add(1);
+        if !hand.is_finite() {
+            return self.refuse();
         }
+        let (hand, stepped) = self.limit_step(hand, intervals * self.force_step_limit_n);
+        let (force, torque) = self.filter(hand, wrench.0.b);
+        self.unfiltered = Some(hand);
+        (self.last.force, self.last.torque_z_n_m) = (force, torque);
+        (self.last.valid, self.last.refused_samples, self.last.stepped) = (true, 0, stepped);
+        self.filtering = true;
+    }
+
+    fn refuse(&mut self) {
+        self.last.valid = false;
+        self.last.refused_samples = self.last.refused_samples.saturating_add(1);
+    }
+
+    fn limit_step(&self, hand: Force, limit_n: f64) -> (Force, bool) {
+        let Some(last) = self.unfiltered else { return (hand, false) };
+        let step = hand.0 - last.0;
+        let size = step.norm();
+        if size > limit_n { (Force(last.0 + step * (limit_n / size)), true) } else { (hand, false) }
     }
 
     fn filter(&self, force: Force, torque_z_n_m: f64) -> (Force, f64) {
@@ -199,14 +292,14 @@ impl Sensing {
     }
 
     /// Gives a tare under way its sample; whether this sample belonged to one.
-    fn is_taring(&mut self, wrench: &Wrench) -> bool {
+    fn is_taring(&mut self, sample: &RawSample, wrench: &Wrench) -> bool {
         let Some(tare) = &mut self.tare else {
             return false;
         };
         if !matches!(tare.state(), TareState::Collecting { .. }) {
             return false;
         }
-        if let TareState::Done(bias) = tare.push(wrench, self.last.saturated) {
+        if let TareState::Done(bias) = tare.push(wrench, self.last.saturated || sample.invalid) {
             self.bias = bias;
         }
         true

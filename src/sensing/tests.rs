@@ -25,6 +25,7 @@ fn parameters() -> SensingParameters {
         low_pass_hz: None,
         sample_rate_hz: 1000.0,
         cycle_period_s: 1e-3,
+        force_step_limit_n: f64::INFINITY,
     }
 }
 
@@ -292,6 +293,7 @@ fn bad_parameters_are_refused() {
         SensingParameters { low_pass_hz: Some(1e-320), ..parameters() },
         SensingParameters { sample_rate_hz: 0.0, ..parameters() },
         SensingParameters { sample_rate_hz: 1e-320, ..parameters() },
+        SensingParameters { cycle_period_s: 1e300, ..parameters() },
         SensingParameters { mounting: Mounting { link: MountedOn::Base, angle_rad: f64::NAN }, ..parameters() },
     ] {
         assert!(matches!(Sensing::new(zero), Err(SensingError::OutOfRange { .. })));
@@ -366,4 +368,81 @@ proptest! {
             prop_assert!(!(reading.new_sample && reading.valid) || (angle.is_finite()));
         }
     }
+}
+
+#[test]
+fn an_invalid_sample_is_not_used() {
+    let mut chain = sensing(parameters());
+    let before = chain.step(Some(&newton(10.0)), 0.0, STILL);
+    let invalid = RawSample { invalid: true, ..newton(20.0) };
+    for count in 1..=3 {
+        let reading = chain.step(Some(&invalid), 0.0, STILL);
+        assert_eq!((reading.force, reading.valid, reading.new_sample), (before.force, false, true));
+        assert_eq!(reading.refused_samples, count);
+    }
+    let after = chain.step(Some(&newton(20.0)), 0.0, STILL);
+    assert!(after.valid && after.refused_samples == 0 && (after.force.0.x - 20.0).abs() < 1e-9);
+    chain.start_tare(TareParameters { samples: 3, force_spread_limit_n: 1.0, torque_spread_limit_n_m: 1.0 }).unwrap();
+    chain.step(Some(&invalid), 0.0, STILL);
+    assert!(matches!(chain.tare_state(), Some(TareState::Failed(_))), "nor is a tare made of it");
+}
+
+#[test]
+fn a_step_of_the_force_goes_by_its_limit() {
+    let mut chain = sensing(SensingParameters { force_step_limit_n: 15.0, ..parameters() });
+    let mut force = |newtons: Option<f64>| {
+        let sample = newtons.map(newton);
+        let reading = chain.step(sample.as_ref(), 0.0, STILL);
+        (reading.force.0.x.round(), reading.stepped)
+    };
+    assert_eq!(force(Some(100.0)), (100.0, false), "the first sample has none before it");
+    assert_eq!(force(Some(114.0)), (114.0, false));
+    assert_eq!(force(Some(150.0)), (129.0, true));
+    assert_eq!(force(Some(150.0)), (144.0, true));
+    assert_eq!(force(Some(150.0)), (150.0, false));
+    assert_eq!(force(None), (150.0, false));
+    assert_eq!(force(Some(122.0)), (122.0, false), "a sample is missing between them");
+    // One wild sample moves the force there and back by the limit.
+    assert_eq!(force(Some(-190.0)), (107.0, true));
+    assert_eq!(force(Some(122.0)), (122.0, false));
+}
+
+proptest! {
+    /// What goes on never changes by more than the limit from sample to sample, and is the sensed force when that is near.
+    #[test]
+    fn the_force_is_bounded_in_its_rate(counts in proptest::collection::vec(-20_000..20_000i32, 2..60)) {
+        let mut chain = sensing(SensingParameters { force_step_limit_n: 10.0, ..parameters() });
+        let mut last: Option<Force> = None;
+        for count in counts {
+            let reading = chain.step(Some(&sample([count, 0, 0, 0, 0, 0])), 0.0, STILL);
+            let sensed = f64::from(count) * 0.00625;
+            if let Some(last) = last {
+                prop_assert!((reading.force.0 - last.0).norm() <= 10.0 * (1.0 + 1e-12));
+                prop_assert_eq!(reading.stepped, (sensed - last.0.x).abs() > 10.0);
+                prop_assert!(reading.stepped || (reading.force.0.x - sensed).abs() < 1e-9);
+            }
+            last = Some(reading.force);
+        }
+    }
+}
+
+#[test]
+fn a_sensor_that_hangs_is_stuck_only_if_its_noise_was_seen_at_rest() {
+    // Counts at rest, one after the other, then the same ones for long.
+    let longest_clean_run = |at_rest: &[i32]| {
+        let mut chain = sensing(parameters());
+        chain.set_resting(true);
+        for &count in at_rest {
+            assert!(!chain.step(Some(&sample([count, 0, 0, 0, 0, 0])), 0.0, STILL).stuck);
+        }
+        chain.set_resting(false);
+        (1..=300).find(|_| chain.step(Some(&sample([7, 8, 9, 0, 0, 0])), 0.0, STILL).stuck)
+    };
+    let noisy: Vec<i32> = (0..20).map(|at| at % 3).collect();
+    assert_eq!(longest_clean_run(&noisy), Some(50));
+    assert_eq!(longest_clean_run(&noisy[..8]), None, "too few to tell");
+    assert_eq!(longest_clean_run(&[0; 64]), None, "a still sensor without noise repeats itself");
+    // Noise far below a count shows now and then only.
+    let rare: Vec<i32> = (0..64).map(|at| i32::from(at % 8 == 0)).collect();
+    assert_eq!(longest_clean_run(&rare), None);
 }

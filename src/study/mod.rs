@@ -3,7 +3,9 @@
 #[cfg(feature = "figures")]
 pub mod drawing;
 pub mod measures;
+#[cfg(feature = "recording")]
+pub mod replay;
 pub mod reproduce;
 mod run;
 
-pub use run::{Overrides, RunReport, Stage, run_device, run_rig};
+pub use run::{Overrides, RunReport, Stage, Watch, run_device, run_rig};

@@ -3,7 +3,7 @@
 use std::fmt;
 
 use super::measures::Measures;
-use super::run::{Overrides, RunReport, Stage, run_device, run_rig};
+use super::run::{Overrides, RunReport, Stage, Watch, run_device, run_rig};
 use crate::config::{self, Loaded, Report, Source};
 use crate::record::Trace;
 use crate::rig::RigError;
@@ -146,14 +146,14 @@ fn run_figure(
             let fail = |source| ReproduceError::Rig { figure: name, mode, source };
             let mut stage = |stage| progress(name, mode, stage);
             let report = match &machine {
-                Machine::Rig(rig) => run_rig(rig, &scene, &overrides, None, &mut stage),
+                Machine::Rig(rig) => run_rig(rig, &scene, &overrides, Watch::default(), &mut stage),
                 Machine::Device(device) => run_device(device, &scene, &overrides, &mut stage),
             };
             let report = report.map_err(fail)?;
             let without_feed_forward = match &machine {
                 Machine::Rig(rig) if mode == Mode::Cst => {
                     let bare = stripped_of_feed_forward(rig);
-                    Some(run_rig(&bare, &scene, &overrides, None, &mut stage).map_err(fail)?.measures)
+                    Some(run_rig(&bare, &scene, &overrides, Watch::default(), &mut stage).map_err(fail)?.measures)
                 }
                 _ => None,
             };

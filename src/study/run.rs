@@ -6,8 +6,9 @@ use super::measures::{Context, Measures, measure};
 use crate::config;
 use crate::fixture::Shape2;
 use crate::guard::{Cause, Request, State};
-use crate::record::{ForceMeaning, Reference, Row, Trace};
-use crate::rig::{EmbeddedRig, ImpedanceRig, RigError, Tap};
+use crate::injection::Injection;
+use crate::record::{AROUND_FAULT_S, ForceMeaning, Reference, Row, Trace};
+use crate::rig::{EmbeddedRig, ImpedanceRig, Observer, RigError, Tap};
 use crate::sim::can::BusCounters;
 
 /// Rows of the moving average over the tool velocity in the power.
@@ -57,11 +58,23 @@ pub struct Overrides {
     pub duration_s: Option<f64>,
     /// A seed in place of the scene's.
     pub seed: Option<u64>,
+    /// What is broken on the way, beside what the scene says.
+    pub faults: Vec<Injection>,
+}
+
+/// Who looks on while a rig runs, from switching on to the end.
+#[derive(Default)]
+pub struct Watch {
+    /// Gets every frame on the bus.
+    pub tap: Option<Tap>,
+    /// Gets the record of every cycle.
+    pub observer: Option<Observer>,
 }
 
 /// Runs a scene on an admittance rig: boots and enables it, plays the scene, stops the rig.
 ///
-/// A rig that a fault stops ends its run early; the report says which.
+/// A rig that a fault stops ends its run early; the report says which. It goes on for [`AROUND_FAULT_S`], in which its
+/// drives stop, for those who watch; rows and measures end with the cycle that the fault stopped.
 ///
 /// # Errors
 /// If the rig cannot be built, booted or enabled, or if the simulated arm cannot go on.
@@ -69,14 +82,18 @@ pub fn run_rig(
     rig: &config::Rig,
     scene: &config::Scene,
     overrides: &Overrides,
-    tap: Option<Tap>,
+    watch: Watch,
     mut progress: impl FnMut(Stage),
 ) -> Result<RunReport, RigError> {
     let fixture = overrides.fixture.as_ref().unwrap_or(&rig.fixture);
     let mut machine = EmbeddedRig::new(rig, scene, fixture, overrides.seed.unwrap_or(scene.seed))?;
-    if let Some(tap) = tap {
+    if let Some(tap) = watch.tap {
         machine.set_tap(tap);
     }
+    if let Some(observer) = watch.observer {
+        machine.set_observer(observer);
+    }
+    overrides.faults.iter().try_for_each(|fault| machine.inject(*fault))?;
     machine.enable()?;
     let (started_at, before) = (machine.next_sync(), *machine.bus_counters());
     let period_s = f64::from(rig.cycle.period_us) * 1e-6;
@@ -99,7 +116,11 @@ pub fn run_rig(
         machine.bus_counters().load_since(&before, elapsed, bus.bit_rate_bit_per_s)
     });
     let held_s = rows.iter().filter(|row| row.supervisor_state == State::Holding as u8).count() as f64 * period_s;
-    if !state.is_latched() {
+    if state.is_latched() {
+        for _ in 0..(AROUND_FAULT_S / period_s).round() as usize {
+            machine.run_cycle(Request::None)?;
+        }
+    } else {
         machine.stop()?;
     }
     let trace = trace(rig.rig.name.clone(), fixture, ForceMeaning::HandOnTool, rows);
@@ -190,7 +211,7 @@ fn mass_kg(fixture: &config::Fixture) -> Option<f64> {
     }
 }
 
-fn trace(title: String, fixture: &config::Fixture, force_meaning: ForceMeaning, rows: Vec<Row>) -> Trace {
+pub(super) fn trace(title: String, fixture: &config::Fixture, force_meaning: ForceMeaning, rows: Vec<Row>) -> Trace {
     let mut trace = Trace {
         title,
         reference: reference(&fixture.surface),

@@ -3,7 +3,7 @@
 mod simulated_force_sensor;
 mod simulated_servo;
 
-pub use simulated_force_sensor::{SIMULATED_FORCE_SENSOR, STATUS_OVERLOAD};
+pub use simulated_force_sensor::{SIMULATED_FORCE_SENSOR, STATUS_INVALID, STATUS_OVERLOAD};
 pub use simulated_servo::SIMULATED_SERVO;
 
 use crate::cia402::OperationMode;

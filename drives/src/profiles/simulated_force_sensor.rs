@@ -8,6 +8,8 @@ const EVERY_SYNC: u8 = 1;
 
 /// Bit of the sensor's status byte: a channel is at the end of its range.
 pub const STATUS_OVERLOAD: u8 = 1 << 0;
+/// Bit of the sensor's status byte: the sample is not valid, as the sensor's own monitoring found.
+pub const STATUS_INVALID: u8 = 1 << 1;
 
 /// Force sensor in the manner of CiA 404: process values 7130h:1 to 7130h:6 (Fx Fy Fz Tx Ty Tz, 16-bit counts) in two
 /// TPDOs, the second with a status byte and a sample counter, so that the pair can be checked for one sample.

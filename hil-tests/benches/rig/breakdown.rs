@@ -175,7 +175,9 @@ impl Stages {
                     faults.observe(fault, black_box(false));
                 }
                 let drives = [cia402::State::OperationEnabled; 2];
-                black_box(supervisor.step(&View { drives, faults, at_rest: true, request: Request::None }));
+                let worst = faults.worst();
+                let view = View { drives, worst, is_measured: true, at_rest: true, request: Request::None };
+                black_box(supervisor.step(&view));
                 let measured =
                     Measured { angles: period.outputs.signals.measured_angles, rates: JointRates::default() };
                 keep(gate.check(black_box(period.outputs.command.get()), &measured));
@@ -201,7 +203,9 @@ impl Stages {
                     if master.next_deadline() <= *time {
                         master.poll(*time, out);
                     }
-                    if !is_from_master(frame, own) {
+                    if is_from_master(frame, own) {
+                        master.on_echo(frame);
+                    } else {
                         master.on_frame(*time, frame, out);
                     }
                 }

@@ -14,6 +14,9 @@ pub(in super::super) const ERROR_HISTORY: u8 = 8;
 /// Nodes whose heartbeat a device can watch (1016h).
 pub(in super::super) const HEARTBEAT_PRODUCERS: u8 = 4;
 
+/// What 1010h and 1011h read as: parameters are stored and restored on command.
+const ON_COMMAND: u32 = 1;
+
 /// One object to be declared: read-write, not mappable and without limits unless said otherwise.
 #[derive(Clone, Debug)]
 pub struct Object {
@@ -120,8 +123,9 @@ impl Builder {
         self.object(Object::new(index, 0, highest).access(Access::Const))
     }
 
-    /// Declares what [`Node`](super::super::Node) needs: 1000h, 1001h, 1003h, 1005h, 1008h, 1014h, 1016h, 1017h,
-    /// 1018h, 1029h and 1200h, with SYNC at 080h, EMCY at 080h + node id, no heartbeat and error behaviour 0.
+    /// Declares what [`Node`](super::super::Node) needs: 1000h, 1001h, 1003h, 1005h to 1008h, 100Ch, 100Dh, 1010h to
+    /// 1012h, 1014h, 1016h to 1019h, 1029h and 1200h, with SYNC at 080h without counter and window, EMCY at
+    /// 080h + node id, no error control, TIME not consumed and error behaviour 0.
     pub fn communication_profile(self, node: NodeId, identity: &DeviceIdentity) -> Self {
         let own_u32 = |index, sub, value: u32| Object::new(index, sub, value).access(Access::ReadOnly);
         let history = (1..=ERROR_HISTORY).map(|sub| own_u32(0x1003, sub, 0));
@@ -131,7 +135,16 @@ impl Builder {
             .object(Object::new(0x1003, 0, 0u8))
             .objects(history)
             .object(Object::new(0x1005, 0, u32::from(cob::SYNC)))
+            .object(Object::new(0x1006, 0, 0u32))
+            .object(Object::new(0x1007, 0, 0u32))
             .object(Object::text(0x1008, 0, &identity.name))
+            .object(Object::new(0x100c, 0, 0u16))
+            .object(Object::new(0x100d, 0, 0u8))
+            .highest_sub(0x1010, 1)
+            .object(Object::new(0x1010, 1, ON_COMMAND))
+            .highest_sub(0x1011, 1)
+            .object(Object::new(0x1011, 1, ON_COMMAND))
+            .object(Object::new(0x1012, 0, u32::from(cob::TIME)))
             .object(Object::new(0x1014, 0, u32::from(cob::emcy(node))))
             .highest_sub(0x1016, HEARTBEAT_PRODUCERS)
             .objects(watched)
@@ -141,6 +154,7 @@ impl Builder {
             .object(own_u32(0x1018, 2, identity.product_code))
             .object(own_u32(0x1018, 3, identity.revision))
             .object(own_u32(0x1018, 4, identity.serial))
+            .object(Object::new(0x1019, 0, 0u8).limits(0u8, 240))
             .highest_sub(0x1029, 1)
             .object(Object::new(0x1029, 1, 0u8).limits(0u8, 2))
             .highest_sub(0x1200, 2)
@@ -202,6 +216,7 @@ impl Builder {
             built.append(object)?;
         }
         built.power_on = built.arena.clone();
+        built.factory = built.arena.clone();
         Ok(built)
     }
 }
@@ -225,6 +240,7 @@ impl ObjectDictionary {
             capacity,
             len,
             power_on_len: len,
+            factory_len: len,
             lo: object.lo,
             hi: object.hi,
         };

@@ -52,6 +52,7 @@ pub(super) struct Entry {
     capacity: usize,
     len: usize,
     power_on_len: usize,
+    factory_len: usize,
     lo: Option<u64>,
     hi: Option<u64>,
 }
@@ -78,7 +79,10 @@ impl<T: Scalar> Handle<T> {
 pub struct ObjectDictionary {
     entries: Vec<Entry>,
     arena: Vec<u8>,
+    /// What a reset restores: the non-volatile memory.
     power_on: Vec<u8>,
+    /// What the dictionary was built with.
+    factory: Vec<u8>,
 }
 
 impl ObjectDictionary {
@@ -187,7 +191,8 @@ impl ObjectDictionary {
         self.find(at).ok().map(|(_, entry)| entry.data_type)
     }
 
-    /// Puts all objects from index `first` to `last` back to the values they were built with.
+    /// Puts all objects from index `first` to `last` back to their power-on values: those that were stored last, or those
+    /// they were built with.
     pub fn restore_power_on_values(&mut self, first: u16, last: u16) {
         for entry in &mut self.entries {
             if (first..=last).contains(&((entry.key >> 8) as u16)) {
@@ -196,6 +201,41 @@ impl ObjectDictionary {
                 if let (Some(to), Some(from)) = (self.arena.get_mut(range.clone()), self.power_on.get(range)) {
                     to.copy_from_slice(from);
                 }
+            }
+        }
+    }
+
+    /// Makes the present parameters the power-on values (1010h). Process data, which PDOs carry, what the bus cannot
+    /// write, the error history and the node's own signatures are no parameters.
+    pub(super) fn store_parameters(&mut self) {
+        for entry in self.entries.iter_mut().filter(|entry| is_parameter(entry)) {
+            entry.power_on_len = entry.len;
+            let range = entry.offset..entry.offset + entry.capacity;
+            if let (Some(to), Some(from)) = (self.power_on.get_mut(range.clone()), self.arena.get(range)) {
+                to.copy_from_slice(from);
+            }
+        }
+    }
+
+    /// Makes the values that the dictionary was built with the power-on values again (1011h); the present ones stay
+    /// until a reset.
+    pub(super) fn forget_stored(&mut self) {
+        self.power_on.clone_from(&self.factory);
+        for entry in &mut self.entries {
+            entry.power_on_len = entry.factory_len;
+        }
+    }
+
+    /// Changes an UNSIGNED32 everywhere: now, at power-on and as built.
+    pub(super) fn change_everywhere(&mut self, at: Address, change: impl Fn(u32) -> u32) {
+        let Ok((_, entry)) = self.find(at) else { return };
+        let range = entry.offset..entry.offset + 4;
+        if entry.data_type != DataType::Unsigned32 {
+            return;
+        }
+        for values in [&mut self.arena, &mut self.power_on, &mut self.factory] {
+            if let Some(bytes) = values.get_mut(range.clone()).and_then(|bytes| bytes.first_chunk_mut::<4>()) {
+                *bytes = change(u32::from_le_bytes(*bytes)).to_le_bytes();
             }
         }
     }
@@ -274,6 +314,12 @@ impl ObjectDictionary {
             entry.len = data.len();
         }
     }
+}
+
+fn is_parameter(entry: &Entry) -> bool {
+    entry.access == Access::ReadWrite
+        && entry.mappable == Mappable::No
+        && !matches!(entry.key >> 8, 0x1003 | 0x1010 | 0x1011)
 }
 
 fn fits(entry: &Entry, len: usize) -> Result<(), AbortCode> {

@@ -1,6 +1,9 @@
 //! What a device does with its objects.
 
+use std::time::Duration;
+
 use super::super::nmt::HeartbeatEvent;
+use super::super::time::TimeOfDay;
 use super::super::{AbortCode, Address, NmtState, ObjectDictionary, Time};
 
 /// How far a reset goes.
@@ -51,6 +54,16 @@ pub trait Application {
     /// Something happened to a node watched by 1016h. When it was lost, emergency 8130h has been sent and the error
     /// behaviour 1029h:1 has been carried out.
     fn on_heartbeat_event(&mut self, _now: Time, _od: &mut ObjectDictionary, _event: HeartbeatEvent) {}
+
+    /// The master has not asked for the whole life time (100Ch times 100Dh), or asks again. When it was lost, emergency
+    /// 8130h has been sent and the error behaviour 1029h:1 has been carried out.
+    fn on_life_guarding(&mut self, _now: Time, _od: &mut ObjectDictionary, _is_lost: bool) {}
+
+    /// TIME came; only if 1012h makes the device a consumer.
+    fn on_time(&mut self, _now: Time, _od: &mut ObjectDictionary, _time: TimeOfDay) {}
+
+    /// LSS activates a bit rate in bit/s: send nothing for `delay`, change, and send nothing for `delay` once more.
+    fn on_bit_rate(&mut self, _now: Time, _od: &mut ObjectDictionary, _bit_rate: u32, _delay: Duration) {}
 
     /// RPDO `number` did not come within its event timer; emergency 8250h has been sent.
     fn on_rpdo_timeout(&mut self, _now: Time, _od: &mut ObjectDictionary, _number: u8) {}

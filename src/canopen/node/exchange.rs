@@ -10,9 +10,19 @@ impl Node {
     /// Synchronous RPDOs to the dictionary, then the device, then TPDOs.
     pub(super) fn on_sync(&mut self, now: Time, frame: &Frame, app: &mut impl Application, out: &mut impl Outbox) {
         let is_operational = self.state == NmtState::Operational;
-        if frame.len() > 1 || !(is_operational || self.state == NmtState::PreOperational) {
+        if !(is_operational || self.state == NmtState::PreOperational) {
             return;
         }
+        // Without a counter of its own (1019h) the device takes SYNC with and without one.
+        if frame.len() > 1 || (self.has_sync_counter && frame.is_empty()) {
+            let bits = ErrorRegister(ErrorRegister::COMMUNICATION);
+            return self.raise_emergency(EmcyCode::SYNC_LENGTH, bits, [0, 0, 0, 0, 0], out);
+        }
+        if self.emergencies.has_any() {
+            let message = self.emergencies.clear_one(&mut self.od, EmcyCode::SYNC_LENGTH, 0);
+            self.send_emergency(message, out);
+        }
+        self.window_until = if self.sync_window.is_zero() { Time::NEVER } else { now + self.sync_window };
         if is_operational {
             let mut is_applied = [false; PDOS];
             for (rpdo, is_applied) in self.rpdos.iter_mut().zip(&mut is_applied) {
@@ -42,6 +52,10 @@ impl Node {
         out: &mut impl Outbox,
     ) {
         let Some(rpdo) = self.rpdos.get_mut(place).filter(|_| self.state == NmtState::Operational) else { return };
+        // After the synchronous window (1007h) set-points wait for the next cycle's, and their deadline runs on.
+        if rpdo.is_synchronous() && now > self.window_until {
+            return;
+        }
         let reception = rpdo.receive(now, frame, &mut self.od);
         self.next = self.next.min(rpdo.deadline());
         let number = place as u8 + 1;
@@ -73,6 +87,13 @@ impl Node {
             if let Some(frame) = tpdo.poll(now, &self.od) {
                 out.push(frame);
             }
+        }
+    }
+
+    /// Segments of a block, repetitions and aborts that are due.
+    pub(super) fn poll_sdo(&mut self, now: Time, out: &mut impl Outbox) {
+        while let Some(payload) = self.sdo.poll(now) {
+            out.push(Frame::new(cob::sdo_response(self.id), &payload));
         }
     }
 
@@ -109,6 +130,7 @@ impl Node {
         if let Some(payload) = answer {
             out.push(Frame::new(cob::sdo_response(self.id), &payload));
         }
+        self.poll_sdo(now, out);
         if let Some(index) = changed {
             self.take_over(now, index);
             // The watch starts anew, and with it the errors it found.
@@ -116,7 +138,7 @@ impl Node {
                 self.clear_emergency(EmcyCode::HEARTBEAT, out);
             }
         }
-        self.next = self.next.min(self.sdo.next_deadline());
+        self.next = self.earliest();
     }
 }
 

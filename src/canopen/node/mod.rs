@@ -3,6 +3,7 @@
 mod application;
 mod emergency;
 mod exchange;
+mod network;
 mod service;
 #[cfg(test)]
 mod tests;
@@ -13,6 +14,8 @@ pub use application::{Application, Reset};
 use emergency::Emergencies;
 
 use super::dictionary::{HEARTBEAT_PRODUCERS, MAX_PDOS};
+use super::guarding::LifeGuard;
+use super::lss::{LssAddress, LssSlave};
 use super::nmt::{self, HeartbeatChange, HeartbeatConsumer, HeartbeatEvent};
 use super::pdo::{self, NO_ID, Pdo, Rpdo, Tpdo};
 use super::sdo::SdoServer;
@@ -21,6 +24,9 @@ use super::{
 };
 
 const PDOS: usize = MAX_PDOS as usize;
+
+/// First vendor byte of emergency 8130h when it was life guarding: no node id.
+const LIFE_GUARDING: u8 = 0;
 
 /// How long the SDO server waits for a client unless told otherwise.
 const SDO_TIMEOUT: Duration = Duration::from_secs(1);
@@ -35,6 +41,11 @@ pub struct Node {
     od: ObjectDictionary,
     state: NmtState,
     sync_id: u16,
+    has_sync_counter: bool,
+    sync_window: Duration,
+    /// End of the synchronous window of this cycle.
+    window_until: Time,
+    time_id: u16,
     rpdo_ids: [u16; PDOS],
     rpdos: [Rpdo; PDOS],
     tpdos: [Tpdo; PDOS],
@@ -43,6 +54,9 @@ pub struct Node {
     heartbeats: HeartbeatConsumer,
     heartbeat_period: Duration,
     heartbeat_at: Time,
+    life_guard: LifeGuard,
+    lss: LssSlave,
+    is_powered: bool,
     next: Time,
 }
 
@@ -61,12 +75,28 @@ impl Node {
             pdo::verify(&od, Pdo::Transmit(place))?;
         }
         od.handle::<u32>(0x1005, 0)?;
+        od.handle::<u32>(0x1007, 0)?;
+        od.handle::<u16>(0x100c, 0)?;
+        od.handle::<u8>(0x100d, 0)?;
+        od.handle::<u32>(0x1012, 0)?;
+        od.handle::<u8>(0x1019, 0)?;
         od.handle::<u16>(0x1017, 0)?;
         od.handle::<u8>(0x1029, 1)?;
+        let identity = |sub| od.raw(0x1018, sub) as u32;
+        let address = LssAddress {
+            vendor_id: identity(1),
+            product_code: identity(2),
+            revision: identity(3),
+            serial: identity(4),
+        };
         let mut node = Node {
             id,
             state: NmtState::Initialising,
             sync_id: NO_ID,
+            has_sync_counter: false,
+            sync_window: Duration::ZERO,
+            window_until: Time::NEVER,
+            time_id: NO_ID,
             rpdo_ids: [NO_ID; PDOS],
             rpdos: [0, 1, 2, 3].map(|place| Rpdo::new(&od, place)),
             tpdos: [0, 1, 2, 3].map(|place| Tpdo::new(&od, place)),
@@ -75,6 +105,9 @@ impl Node {
             heartbeats: HeartbeatConsumer::new(),
             heartbeat_period: Duration::ZERO,
             heartbeat_at: Time::NEVER,
+            life_guard: LifeGuard::new(),
+            lss: LssSlave::new(address, Some(id)),
+            is_powered: false,
             next: Time::NEVER,
             od,
         };
@@ -82,7 +115,13 @@ impl Node {
         Ok(node)
     }
 
-    /// Node id.
+    /// Makes it a device as delivered without a node id: from the next [`Node::boot`] on it answers LSS alone, until LSS
+    /// has given it one. Identifiers that follow the node id are moved with it.
+    pub fn forget_node_id(&mut self) {
+        self.lss.forget_node_id();
+    }
+
+    /// Node id; of a device without one, that for which its dictionary was built.
     pub fn id(&self) -> NodeId {
         self.id
     }
@@ -105,7 +144,7 @@ impl Node {
 
     /// Takes over all communication objects; timers and SYNC counts start anew.
     pub fn reload(&mut self, now: Time) {
-        for index in [0x1005, 0x1014, 0x1016, 0x1017] {
+        for index in [0x1005, 0x1007, 0x100c, 0x1012, 0x1014, 0x1016, 0x1017, 0x1019] {
             self.take_over(now, index);
         }
         for place in 0..u16::from(MAX_PDOS) {
@@ -114,14 +153,23 @@ impl Node {
         }
     }
 
-    /// How long the SDO server waits for the next request of a transfer before it aborts; 1 s unless set.
+    /// How long the SDO server waits for the next request of a transfer before it aborts; 1 s unless set. In a block
+    /// transfer it waits four times as long, and repeats an acknowledgement after half the time.
     pub fn set_sdo_timeout(&mut self, timeout: Duration) {
         self.sdo.set_timeout(timeout);
     }
 
-    /// Power-on: all values back to those the dictionary was built with, boot-up message, then Pre-operational. A
-    /// reset command does the same.
+    /// How many segments of a block download the SDO server asks for at a time (1 to 127, clamped; 127 unless set), and
+    /// the time between two segments that it sends (250 us unless set; zero sends a whole block at once).
+    pub fn set_sdo_block(&mut self, block_size: u8, segment_interval: Duration) {
+        self.sdo.set_block(block_size, segment_interval);
+    }
+
+    /// Power-on: all values back to those that were stored (1010h) or that the dictionary was built with, boot-up message,
+    /// then Pre-operational. A reset command does the same. A device without a node id stays silent.
     pub fn boot(&mut self, now: Time, app: &mut impl Application, out: &mut impl Outbox) {
+        self.is_powered = true;
+        self.lss.power_on();
         self.reset(now, Reset::Node, app, out);
     }
 
@@ -131,7 +179,9 @@ impl Node {
     #[inline]
     pub fn on_frame(&mut self, now: Time, frame: &Frame, app: &mut impl Application, out: &mut impl Outbox) {
         let id = frame.id();
-        if id == self.sync_id {
+        if frame.is_remote() {
+            self.on_remote(now, id, app, out);
+        } else if id == self.sync_id {
             self.on_sync(now, frame, app, out);
         } else if let Some(place) = self.rpdo_ids.iter().position(|&rpdo_id| rpdo_id == id) {
             self.on_rpdo(now, place, frame, app, out);
@@ -139,6 +189,10 @@ impl Node {
             self.on_sdo(now, frame, app, out);
         } else if id == cob::NMT {
             self.on_command(now, frame, app, out);
+        } else if id == self.time_id {
+            self.on_time(now, frame, app);
+        } else if id == cob::LSS_REQUEST {
+            self.on_lss(now, frame, app, out);
         } else if id > 0x700 {
             self.on_heartbeat(now, frame, app, out);
         }
@@ -227,6 +281,12 @@ impl Node {
         self.od.restore_power_on_values(0, last);
         self.sdo.reset();
         self.emergencies.reset();
+        self.window_until = Time::NEVER;
+        let Some(id) = self.lss.activate() else {
+            self.next = Time::NEVER;
+            return;
+        };
+        self.take_node_id(id);
         app.on_reset(now, &mut self.od, reset);
         self.reload(now);
         out.push(nmt::heartbeat(self.id, NmtState::Initialising));
@@ -270,14 +330,7 @@ impl Node {
         let source = event.node.raw();
         match event.change {
             HeartbeatChange::Lost => {
-                let bits = ErrorRegister(ErrorRegister::COMMUNICATION);
-                self.raise_emergency(EmcyCode::HEARTBEAT, bits, [source, 0, 0, 0, 0], out);
-                // 1029h:1 of CiA 301: 0 leaves Operational, 1 changes nothing, 2 stops.
-                match (self.od.raw(0x1029, 1), self.state) {
-                    (0, NmtState::Operational) => self.enter(now, NmtState::PreOperational, app),
-                    (2, _) => self.enter(now, NmtState::Stopped, app),
-                    _ => {}
-                }
+                self.lose_partner(now, source, app, out);
             }
             HeartbeatChange::Present(_) => {
                 let message = self.emergencies.clear_one(&mut self.od, EmcyCode::HEARTBEAT, source);
@@ -286,6 +339,18 @@ impl Node {
             HeartbeatChange::BootUp | HeartbeatChange::State(_) => {}
         }
         app.on_heartbeat_event(now, &mut self.od, event);
+    }
+
+    /// Emergency 8130h and the error behaviour of a lost heartbeat or life guarding.
+    fn lose_partner(&mut self, now: Time, source: u8, app: &mut impl Application, out: &mut impl Outbox) {
+        let bits = ErrorRegister(ErrorRegister::COMMUNICATION);
+        self.raise_emergency(EmcyCode::HEARTBEAT, bits, [source, 0, 0, 0, 0], out);
+        // 1029h:1 of CiA 301: 0 leaves Operational, 1 changes nothing, 2 stops.
+        match (self.od.raw(0x1029, 1), self.state) {
+            (0, NmtState::Operational) => self.enter(now, NmtState::PreOperational, app),
+            (2, _) => self.enter(now, NmtState::Stopped, app),
+            _ => {}
+        }
     }
 
     fn do_what_is_due(&mut self, now: Time, app: &mut impl Application, out: &mut impl Outbox) {
@@ -298,10 +363,12 @@ impl Node {
             let Some(event) = self.heartbeats.poll(now) else { break };
             self.take_heartbeat_event(now, event, app, out);
         }
-        self.poll_pdos(now, app, out);
-        if let Some(payload) = self.sdo.poll(now) {
-            out.push(Frame::new(cob::sdo_response(self.id), &payload));
+        if self.life_guard.is_late(now) {
+            self.lose_partner(now, LIFE_GUARDING, app, out);
+            app.on_life_guarding(now, &mut self.od, true);
         }
+        self.poll_pdos(now, app, out);
+        self.poll_sdo(now, out);
         self.next = self.earliest();
     }
 
@@ -309,6 +376,16 @@ impl Node {
     fn take_over(&mut self, now: Time, index: u16) {
         match index {
             0x1005 => self.sync_id = (self.od.raw(0x1005, 0) & 0x7ff) as u16,
+            0x1007 => self.sync_window = Duration::from_micros(self.od.raw(0x1007, 0)),
+            0x1019 => self.has_sync_counter = self.od.raw(0x1019, 0) != 0,
+            0x100c | 0x100d => {
+                let guard_time = Duration::from_millis(self.od.raw(0x100c, 0));
+                self.life_guard.configure(guard_time, self.od.raw(0x100d, 0) as u8);
+            }
+            0x1012 => {
+                let cob_id = self.od.raw(0x1012, 0) as u32;
+                self.time_id = if cob_id & cob::INVALID == 0 { NO_ID } else { (cob_id & 0x7ff) as u16 };
+            }
             0x1014 => self.emergencies.reload(&self.od),
             0x1016 => self.watch_heartbeats(),
             0x1017 => {
@@ -335,7 +412,8 @@ impl Node {
         if self.state == NmtState::Initialising {
             return Time::NEVER;
         }
-        let others = self.heartbeat_at.min(self.heartbeats.next_deadline()).min(self.sdo.next_deadline());
+        let control = self.heartbeat_at.min(self.heartbeats.next_deadline()).min(self.life_guard.deadline());
+        let others = control.min(self.sdo.next_deadline());
         let rpdos = self.rpdos.iter().map(Rpdo::deadline).fold(Time::NEVER, Time::min);
         self.tpdos.iter().map(Tpdo::deadline).fold(others.min(rpdos), Time::min)
     }

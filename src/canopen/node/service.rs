@@ -6,6 +6,13 @@ use super::super::{AbortCode, Address, ObjectDictionary, cob, pdo, sdo};
 use super::application::Application;
 use super::emergency::forget_history;
 
+/// Object that stores parameters, and the text "save" that has to be written to it.
+const STORE: u16 = 0x1010;
+const SAVE: u64 = u32::from_le_bytes(*b"save") as u64;
+/// Object that restores what the device was delivered with, and the text "load" that has to be written to it.
+const RESTORE: u16 = 0x1011;
+const LOAD: u64 = u32::from_le_bytes(*b"load") as u64;
+
 /// The dictionary of a device as its SDO server sees it.
 pub(super) struct Service<'a, A> {
     pub(super) od: &'a mut ObjectDictionary,
@@ -40,7 +47,11 @@ impl<A: Application> sdo::Objects for Service<'_, A> {
         self.od.check_write(at, value)?;
         check_communication(self.od, at, load_le(value))?;
         self.app.before_write(self.od, at, value)?;
-        self.od.store(at, value);
+        match at.index {
+            STORE => self.od.store_parameters(),
+            RESTORE => self.od.forget_stored(),
+            _ => self.od.store(at, value),
+        }
         if at.index == 0x1003 {
             forget_history(self.od);
         }
@@ -55,12 +66,18 @@ impl<A: Application> sdo::Objects for Service<'_, A> {
 /// Rules of the communication objects beyond type, access and limits.
 ///
 /// # Source
-/// CiA 301, objects 1003h, 1005h, 1014h, 1016h and those of the PDOs.
+/// CiA 301, objects 1003h, 1005h, 1010h to 1012h, 1014h, 1016h, 1019h and those of the PDOs.
 fn check_communication(od: &ObjectDictionary, at: Address, value: u64) -> Result<(), AbortCode> {
     match at.index {
         0x1003 if value != 0 => Err(AbortCode::VALUE),
         // This includes bit 30, a SYNC producer, which a device of this engine is not.
         0x1005 if cob::is_restricted(value as u32) => Err(AbortCode::VALUE),
+        STORE if value != SAVE => Err(AbortCode::TRANSFER),
+        RESTORE if value != LOAD => Err(AbortCode::TRANSFER),
+        // Bit 31 makes the device a consumer; bit 30, a producer, is refused as for SYNC.
+        0x1012 if cob::is_restricted(value as u32 & !cob::INVALID) => Err(AbortCode::VALUE),
+        0x1019 if value == 1 => Err(AbortCode::VALUE),
+        0x1019 if value != od.raw(0x1019, 0) && od.raw(0x1006, 0) != 0 => Err(AbortCode::DEVICE_STATE),
         0x1014 => pdo::check_cob_id(od.raw(0x1014, 0) as u32, value as u32),
         0x1016 => check_heartbeat_producer(od, at.subindex, value),
         0x1400..=0x1bff => pdo::check_write(od, at, value),

@@ -63,6 +63,10 @@ impl Rpdo {
         self.deadline
     }
 
+    pub(in super::super) const fn is_synchronous(&self) -> bool {
+        self.is_synchronous
+    }
+
     /// Forgets what was received.
     pub(in super::super) fn stop(&mut self) {
         (self.latched, self.deadline) = (None, Time::NEVER);

@@ -1,10 +1,13 @@
 //! SDO: both ends of the confirmed access to single objects.
 
+mod block;
 mod client;
+mod clients;
 mod server;
 #[cfg(test)]
 mod tests;
 mod wire;
 
 pub use client::{SdoClient, SdoOutcome};
+pub use clients::{SdoClients, SdoReply, SdoRequest, SdoTicket};
 pub(super) use server::{Objects, SdoServer};

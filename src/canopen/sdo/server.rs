@@ -3,7 +3,8 @@
 use std::time::Duration;
 
 use super::super::{AbortCode, Address, Time};
-use super::wire::{self, Initiate, Payload, Request};
+use super::block::{BlockReceiver, BlockSender, Taken};
+use super::wire::{self, BlockFrame, Initiate, Payload, Request};
 
 /// What the server serves: a dictionary with the rules of its device.
 pub(in super::super) trait Objects {
@@ -22,9 +23,22 @@ enum Phase {
     Idle,
     Upload { toggle: bool, sent: usize },
     Download { toggle: bool, declared: Option<usize> },
+    BlockUploadStart { block_size: u8, has_crc: bool },
+    BlockUpload { sender: BlockSender, has_crc: bool },
+    BlockUploadEnd { has_crc: bool },
+    BlockDownload { receiver: BlockReceiver, request: Payload, declared: Option<usize>, has_crc: bool },
 }
 
-/// One SDO server: expedited and segmented transfers, one at a time; a new initiate drops the old transfer.
+/// Time between two segments of a block unless told otherwise.
+const SEGMENT_INTERVAL: Duration = Duration::from_micros(250);
+/// In a block transfer a client is given up after so many waiting times. An acknowledgement is repeated after half a
+/// waiting time: a client that is only slow would misunderstand an earlier repetition.
+const BLOCK_PATIENCE: u32 = 4;
+
+type Answer = Result<Option<Payload>, AbortCode>;
+
+/// One SDO server: expedited, segmented and block transfers, one at a time; a new initiate drops the old transfer,
+/// except while segments of a block are expected, which any frame can be.
 #[derive(Clone, Debug)]
 pub(in super::super) struct SdoServer {
     phase: Phase,
@@ -32,7 +46,12 @@ pub(in super::super) struct SdoServer {
     value: Vec<u8>,
     capacity: usize,
     timeout: Duration,
+    block_size: u8,
+    segment_interval: Duration,
     deadline: Time,
+    repeat_at: Time,
+    /// The end of the last block download, which is confirmed again, but not carried out again, when it is repeated.
+    ended_by: Option<Payload>,
 }
 
 impl SdoServer {
@@ -41,10 +60,14 @@ impl SdoServer {
         SdoServer {
             phase: Phase::Idle,
             at: Address::new(0, 0),
-            value: Vec::with_capacity(capacity),
+            value: Vec::with_capacity(capacity + wire::SEGMENT),
             capacity,
             timeout,
+            block_size: wire::LARGEST_BLOCK,
+            segment_interval: SEGMENT_INTERVAL,
             deadline: Time::NEVER,
+            repeat_at: Time::NEVER,
+            ended_by: None,
         }
     }
 
@@ -52,52 +75,120 @@ impl SdoServer {
         self.timeout = timeout;
     }
 
+    pub(in super::super) fn set_block(&mut self, block_size: u8, segment_interval: Duration) {
+        self.block_size = block_size.clamp(1, wire::LARGEST_BLOCK);
+        self.segment_interval = segment_interval;
+    }
+
     /// Forgets a running transfer.
     pub(in super::super) fn reset(&mut self) {
         self.phase = Phase::Idle;
-        self.deadline = Time::NEVER;
+        (self.deadline, self.repeat_at) = (Time::NEVER, Time::NEVER);
+        self.ended_by = None;
     }
 
     /// [`Time::NEVER`] without a transfer.
     pub(in super::super) fn next_deadline(&self) -> Time {
-        self.deadline
+        let answer_by = self.deadline.min(self.repeat_at);
+        match &self.phase {
+            Phase::BlockUpload { sender, .. } => answer_by.min(sender.next_at()),
+            _ => answer_by,
+        }
     }
 
-    /// The abort frame if the client let a transfer hang.
+    /// The frame that is due: a segment of a block, a repeated acknowledgement, or the abort of a transfer that the
+    /// client let hang. Call until there is none.
     pub(in super::super) fn poll(&mut self, now: Time) -> Option<Payload> {
-        if now < self.deadline {
+        if now < self.next_deadline() {
             return None;
         }
-        self.reset();
-        Some(wire::abort(self.at, AbortCode::TIMEOUT))
+        if now >= self.deadline {
+            // A client that does not confirm the end of an upload has acknowledged all of it before.
+            let is_all_said = matches!(self.phase, Phase::BlockUploadEnd { .. });
+            self.reset();
+            return (!is_all_said).then(|| wire::abort(self.at, AbortCode::TIMEOUT));
+        }
+        match &mut self.phase {
+            Phase::BlockUpload { sender, .. } => {
+                let segment = sender.poll(now, &self.value);
+                self.deadline = now + self.timeout * BLOCK_PATIENCE;
+                segment
+            }
+            Phase::BlockDownload { receiver, .. } => {
+                self.repeat_at = now + self.timeout / 2;
+                match receiver.on_silence() {
+                    Ok(payload) => Some(payload),
+                    Err(code) => {
+                        self.reset();
+                        Some(wire::abort(self.at, code))
+                    }
+                }
+            }
+            _ => None,
+        }
     }
 
-    /// The answer to a request; none to an abort.
+    /// The answer to a request; none to an abort and to most segments of a block. Segments that are to be sent come from
+    /// [`SdoServer::poll`].
     pub(in super::super) fn on_request(
         &mut self,
         now: Time,
         payload: &Payload,
         objects: &mut impl Objects,
     ) -> Option<Payload> {
-        let answer = match wire::decode_request(payload) {
-            Request::Abort => {
-                self.reset();
-                return None;
-            }
-            Request::Upload { at } => self.start_upload(at, objects),
-            Request::Download { at, initiate } => self.start_download(at, initiate, objects),
-            Request::UploadSegment { toggle } => self.send_segment(toggle),
-            Request::DownloadSegment(segment) => self.take_segment(segment.data, segment.last, segment.toggle, objects),
-            Request::Unknown { at } => {
-                self.start(at);
-                Err(AbortCode::COMMAND)
-            }
+        let answer = match self.phase {
+            Phase::BlockDownload { .. } => self.take_block_frame(payload, objects),
+            _ => self.answer(now, payload, objects),
         };
         if answer.is_err() {
             self.reset();
         }
-        self.deadline = if matches!(self.phase, Phase::Idle) { Time::NEVER } else { now + self.timeout };
-        Some(answer.unwrap_or_else(|code| wire::abort(self.at, code)))
+        (self.deadline, self.repeat_at) = match self.phase {
+            Phase::Idle => (Time::NEVER, Time::NEVER),
+            Phase::Upload { .. } | Phase::Download { .. } => (now + self.timeout, Time::NEVER),
+            Phase::BlockDownload { .. } => (now + self.timeout * BLOCK_PATIENCE, now + self.timeout / 2),
+            Phase::BlockUploadStart { .. } | Phase::BlockUpload { .. } | Phase::BlockUploadEnd { .. } => {
+                (now + self.timeout * BLOCK_PATIENCE, Time::NEVER)
+            }
+        };
+        answer.unwrap_or_else(|code| Some(wire::abort(self.at, code)))
+    }
+
+    fn answer(&mut self, now: Time, payload: &Payload, objects: &mut impl Objects) -> Answer {
+        if self.ended_by.as_ref() == Some(payload) {
+            return Ok(Some(wire::block_end_confirmed()));
+        }
+        match wire::decode_request(payload) {
+            Request::Abort => {
+                self.reset();
+                Ok(None)
+            }
+            Request::Upload { at } => self.start_upload(at, objects).map(Some),
+            Request::Download { at, initiate } => self.start_download(at, initiate, objects).map(Some),
+            Request::UploadSegment { toggle } => self.send_segment(toggle).map(Some),
+            Request::DownloadSegment(segment) => {
+                self.take_segment(segment.data, segment.last, segment.toggle, objects).map(Some)
+            }
+            Request::BlockUpload { at, block_size, switch_below, has_crc } => {
+                self.start_block_upload(at, block_size, switch_below, has_crc, objects).map(Some)
+            }
+            Request::BlockDownload { at, size, has_crc } => {
+                self.start_block_download(*payload, at, size, has_crc, objects).map(Some)
+            }
+            Request::BlockStart => self.begin_block(now),
+            Request::BlockAcknowledge { acknowledged, block_size } => {
+                self.take_acknowledgement(now, acknowledged, block_size)
+            }
+            Request::BlockEndConfirmed if matches!(self.phase, Phase::BlockUploadEnd { .. }) => {
+                self.reset();
+                Ok(None)
+            }
+            Request::BlockEndConfirmed => Err(AbortCode::COMMAND),
+            Request::Unknown { at } => {
+                self.start(at);
+                Err(AbortCode::COMMAND)
+            }
+        }
     }
 
     fn start(&mut self, at: Address) {
@@ -109,10 +200,15 @@ impl SdoServer {
     fn start_upload(&mut self, at: Address, objects: &mut impl Objects) -> Result<Payload, AbortCode> {
         self.start(at);
         objects.read(at, &mut self.value)?;
+        Ok(self.upload())
+    }
+
+    /// Sends the value without blocks.
+    fn upload(&mut self) -> Payload {
         if !wire::is_expedited(self.value.len()) {
             self.phase = Phase::Upload { toggle: false, sent: 0 };
         }
-        Ok(wire::upload_response(at, &self.value))
+        wire::upload_response(self.at, &self.value)
     }
 
     fn start_download(
@@ -179,5 +275,103 @@ impl SdoServer {
             self.phase = Phase::Download { toggle: !toggle, declared };
         }
         Ok(wire::download_segment_response(toggle))
+    }
+
+    fn start_block_upload(
+        &mut self,
+        at: Address,
+        block_size: u8,
+        switch_below: u8,
+        has_crc: bool,
+        objects: &mut impl Objects,
+    ) -> Result<Payload, AbortCode> {
+        self.start(at);
+        if !(1..=wire::LARGEST_BLOCK).contains(&block_size) {
+            return Err(AbortCode::BLOCK_SIZE);
+        }
+        objects.read(at, &mut self.value)?;
+        if self.value.len() <= usize::from(switch_below) {
+            return Ok(self.upload());
+        }
+        self.phase = Phase::BlockUploadStart { block_size, has_crc };
+        Ok(wire::block_upload_response(at, self.value.len()))
+    }
+
+    /// Begins the first block, or begins it again.
+    fn begin_block(&mut self, now: Time) -> Answer {
+        match &mut self.phase {
+            Phase::BlockUploadStart { block_size, has_crc } => {
+                let sender = BlockSender::new(now, *block_size, self.segment_interval)?;
+                self.phase = Phase::BlockUpload { sender, has_crc: *has_crc };
+                Ok(None)
+            }
+            Phase::BlockUpload { sender, .. } => {
+                if sender.is_first_block() {
+                    sender.restart(now)?;
+                }
+                Ok(None)
+            }
+            _ => Err(AbortCode::COMMAND),
+        }
+    }
+
+    fn take_acknowledgement(&mut self, now: Time, acknowledged: u8, block_size: u8) -> Answer {
+        let has_crc = match &mut self.phase {
+            Phase::BlockUpload { sender, has_crc } => {
+                if !sender.acknowledge(now, acknowledged, block_size, self.value.len())? {
+                    return Ok(None);
+                }
+                *has_crc
+            }
+            // The client has not seen the end.
+            Phase::BlockUploadEnd { has_crc } => *has_crc,
+            _ => return Err(AbortCode::COMMAND),
+        };
+        self.phase = Phase::BlockUploadEnd { has_crc };
+        Ok(Some(wire::block_end(&self.value, has_crc)))
+    }
+
+    fn start_block_download(
+        &mut self,
+        request: Payload,
+        at: Address,
+        size: Option<u32>,
+        has_crc: bool,
+        objects: &mut impl Objects,
+    ) -> Result<Payload, AbortCode> {
+        self.start(at);
+        let declared = size.map(|size| size as usize);
+        objects.check_download(at, declared)?;
+        let answer = wire::block_download_response(at, self.block_size);
+        let limit = declared.unwrap_or(self.capacity).min(self.capacity);
+        let receiver = BlockReceiver::new(self.block_size, limit, answer);
+        self.phase = Phase::BlockDownload { receiver, request, declared, has_crc };
+        Ok(answer)
+    }
+
+    /// A frame while blocks of a download are on their way: anything but an abort is a segment or the end.
+    fn take_block_frame(&mut self, payload: &Payload, objects: &mut impl Objects) -> Answer {
+        let Phase::BlockDownload { receiver, request, declared, has_crc } = &mut self.phase else { return Ok(None) };
+        let frame = wire::decode_block(payload);
+        if let BlockFrame::Abort { .. } = frame {
+            self.reset();
+            return Ok(None);
+        }
+        if receiver.is_complete() {
+            let Some(end) = wire::decode_block_end(payload) else { return Ok(None) };
+            receiver.finish(end, *has_crc, *declared, &mut self.value)?;
+            objects.write(self.at, &self.value)?;
+            self.reset();
+            self.ended_by = Some(*payload);
+            return Ok(Some(wire::block_end_confirmed()));
+        }
+        // The client has not seen the answer to its request.
+        if receiver.is_untouched() && payload == request {
+            return receiver.on_silence().map(Some);
+        }
+        match receiver.take(frame, &mut self.value)? {
+            Taken::Nothing => Ok(None),
+            Taken::Acknowledge(acknowledgement) => Ok(Some(acknowledgement)),
+        }
     }
 }

@@ -1,10 +1,11 @@
 //! SDO frames to and from meaning. Frames are eight bytes; unused ones are zero when sent and ignored when received.
 //!
 //! # Source
-//! CiA 301, SDO protocols (expedited and segmented).
+//! CiA 301, SDO protocols (expedited, segmented and block).
 
 use canopen_rs::Segment;
 use canopen_rs::sdo as codec;
+use canopen_rs::sdo::block as block_codec;
 
 use super::super::{AbortCode, Address};
 
@@ -15,6 +16,8 @@ pub(super) type Payload = [u8; 8];
 pub(super) const SEGMENT: usize = 7;
 /// Data bytes of an expedited transfer.
 pub(super) const EXPEDITED: usize = 4;
+/// Most segments in a block; sequence numbers have 7 bits and start at 1.
+pub(super) const LARGEST_BLOCK: u8 = block_codec::MAX_BLKSIZE;
 
 const SIZE_INDICATED: u8 = 0x01;
 const IS_EXPEDITED: u8 = 0x02;
@@ -43,8 +46,28 @@ pub(super) enum Request<'a> {
     UploadSegment {
         toggle: bool,
     },
+    BlockDownload {
+        at: Address,
+        size: Option<u32>,
+        has_crc: bool,
+    },
+    BlockUpload {
+        at: Address,
+        block_size: u8,
+        /// Values of up to so many bytes may be sent without blocks; 0 for none.
+        switch_below: u8,
+        has_crc: bool,
+    },
+    /// Begins the first block of an upload.
+    BlockStart,
+    BlockAcknowledge {
+        acknowledged: u8,
+        block_size: u8,
+    },
+    /// The client has all blocks of an upload.
+    BlockEndConfirmed,
     Abort,
-    /// Block transfer or nonsense.
+    /// Nonsense, or the end of a block download without the download.
     Unknown {
         at: Address,
     },
@@ -64,12 +87,36 @@ pub(super) enum Response<'a> {
     DownloadSegment {
         toggle: bool,
     },
+    BlockDownload {
+        at: Address,
+        block_size: u8,
+        has_crc: bool,
+    },
+    BlockAcknowledge {
+        acknowledged: u8,
+        block_size: u8,
+    },
+    /// The server has all blocks of a download and has written the object.
+    BlockEndConfirmed,
+    BlockUpload {
+        at: Address,
+        size: Option<u32>,
+        has_crc: bool,
+    },
     Abort {
         at: Address,
         code: AbortCode,
     },
-    /// Block transfer or nonsense.
     Unknown,
+}
+
+/// A frame while blocks are on their way to its receiver.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum BlockFrame<'a> {
+    /// Seven bytes, of which the end of the transfer tells how many count in the last segment.
+    Segment { sequence: u8, is_last: bool, data: &'a [u8; SEGMENT] },
+    /// Sequence number 0 does not exist: the other side has aborted.
+    Abort { at: Address, code: AbortCode },
 }
 
 fn address(payload: &Payload) -> Address {
@@ -80,6 +127,15 @@ fn address(payload: &Payload) -> Address {
 fn word(payload: &Payload) -> u32 {
     let [_, _, _, _, a, b, c, d] = *payload;
     u32::from_le_bytes([a, b, c, d])
+}
+
+/// The size in an initiate frame of a block transfer, if it is indicated.
+fn block_total(payload: &Payload) -> Option<u32> {
+    (payload[0] & 0x02 != 0).then(|| word(payload))
+}
+
+fn has_crc(payload: &Payload) -> bool {
+    payload[0] & 0x04 != 0
 }
 
 fn initiate(payload: &Payload) -> Initiate<'_> {
@@ -102,6 +158,17 @@ pub(super) fn decode_request(payload: &Payload) -> Request<'_> {
         2 => Request::Upload { at },
         3 => Request::UploadSegment { toggle: payload[0] & 0x10 != 0 },
         4 => Request::Abort,
+        5 => match payload[0] & 0x03 {
+            0 => {
+                Request::BlockUpload { at, block_size: payload[4], switch_below: payload[5], has_crc: has_crc(payload) }
+            }
+            1 => Request::BlockEndConfirmed,
+            2 => Request::BlockAcknowledge { acknowledged: payload[1], block_size: payload[2] },
+            _ => Request::BlockStart,
+        },
+        6 if payload[0] & 0x01 == 0 => {
+            Request::BlockDownload { at, size: block_total(payload), has_crc: has_crc(payload) }
+        }
         _ => Request::Unknown { at },
     }
 }
@@ -115,8 +182,76 @@ pub(super) fn decode_response(payload: &Payload) -> Response<'_> {
         2 => Response::Upload { at, initiate: initiate(payload) },
         3 => Response::Download { at },
         4 => Response::Abort { at, code: AbortCode(word(payload)) },
+        5 => match payload[0] & 0x03 {
+            0 => Response::BlockDownload { at, block_size: payload[4], has_crc: has_crc(payload) },
+            1 => Response::BlockEndConfirmed,
+            2 => Response::BlockAcknowledge { acknowledged: payload[1], block_size: payload[2] },
+            _ => Response::Unknown,
+        },
+        6 if payload[0] & 0x01 == 0 => {
+            Response::BlockUpload { at, size: block_total(payload), has_crc: has_crc(payload) }
+        }
         _ => Response::Unknown,
     }
+}
+
+/// Reads a frame while blocks are being received.
+pub(super) fn decode_block(payload: &Payload) -> BlockFrame<'_> {
+    if payload[0] == ABORT {
+        return BlockFrame::Abort { at: address(payload), code: AbortCode(word(payload)) };
+    }
+    let [head, data @ ..] = payload;
+    BlockFrame::Segment { sequence: head & 0x7f, is_last: head & 0x80 != 0, data }
+}
+
+/// Reads the end of a block transfer: how many bytes of its last segment do not count, and the checksum.
+pub(super) fn decode_block_end(payload: &Payload) -> Option<(u8, u16)> {
+    block_codec::decode_end(payload).ok()
+}
+
+/// Number of segments in a block transfer; no bytes need one segment too.
+pub(super) const fn segments(len: usize) -> usize {
+    if len == 0 { 1 } else { len.div_ceil(SEGMENT) }
+}
+
+/// Segment `place` (from 0) of `data` with its sequence number in the block; the last one says so.
+pub(super) fn block_segment(data: &[u8], place: usize, sequence: u8) -> Payload {
+    let last = if place + 1 >= segments(data.len()) { 0x80 } else { 0 };
+    let mut payload = [0; 8];
+    let rest = data.get(place.saturating_mul(SEGMENT)..).unwrap_or_default();
+    for (to, from) in payload.iter_mut().skip(1).zip(rest) {
+        *to = *from;
+    }
+    payload[0] = (sequence & 0x7f) | last;
+    payload
+}
+
+/// The end of a block transfer of `data`.
+pub(super) fn block_end(data: &[u8], has_crc: bool) -> Payload {
+    let unused = segments(data.len()) * SEGMENT - data.len();
+    block_codec::encode_end(unused as u8, if has_crc { crc(data) } else { 0 })
+}
+
+/// A request to read in blocks of `block_size` segments; short values may come without.
+pub(super) fn block_upload_request(at: Address, block_size: u8, switch_below: u8) -> Payload {
+    let mut payload = block_codec::encode_upload_initiate(at, block_size, true);
+    payload[5] = switch_below;
+    payload
+}
+
+/// A request to write in blocks.
+pub(super) fn block_download_request(at: Address, len: usize) -> Payload {
+    block_codec::encode_download_initiate(at, u32::try_from(len).ok(), true)
+}
+
+/// The first answer to a read in blocks.
+pub(super) fn block_upload_response(at: Address, len: usize) -> Payload {
+    block_codec::encode_upload_initiate_response(at, u32::try_from(len).ok(), true)
+}
+
+/// The first answer to a write in blocks.
+pub(super) fn block_download_response(at: Address, block_size: u8) -> Payload {
+    block_codec::encode_download_initiate_response(at, block_size, true)
 }
 
 /// An initiate frame with its data (1 to 4 bytes), 2Xh from a client or 4Xh from a server.
@@ -169,6 +304,10 @@ pub(super) fn abort(at: Address, code: AbortCode) -> Payload {
     [ABORT, low, high, at.subindex, a, b, c, d]
 }
 
+pub(super) use block_codec::crc16 as crc;
+pub(super) use block_codec::encode_end_response as block_end_confirmed;
+pub(super) use block_codec::encode_sub_response as block_acknowledge;
+pub(super) use block_codec::encode_upload_start as block_start;
 pub(super) use codec::encode_download_response as download_response;
 pub(super) use codec::encode_download_segment_response as download_segment_response;
 pub(super) use codec::encode_upload_request as upload_request;

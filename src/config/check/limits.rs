@@ -70,6 +70,19 @@ pub(super) fn check_guard(findings: &mut Findings, rig: &Rig) {
     }
     let coulomb = rig.control.feed_forward.coulomb_n_m.map(|torque| *torque);
     let largest = coulomb[0].max(coulomb[1]);
+    if let Some(limit) = guard.residual_limit_n_m.filter(|limit| **limit <= largest) {
+        findings
+            .error(
+                "guard.residual_limit_n_m",
+                format!(
+                    "`guard.residual_limit_n_m` is {} N m, not above the friction of {largest} N m in \
+                     `control.feed_forward.coulomb_n_m`: friction alone would stop the rig",
+                    *limit
+                ),
+                "raise the limit to twice the friction or more, or write null",
+            )
+            .see("control.feed_forward.coulomb_n_m", "coulomb_n_m");
+    }
     if largest >= *guard.torque_limit_n_m {
         findings
             .error(

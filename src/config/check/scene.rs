@@ -4,6 +4,7 @@ use super::Findings;
 use super::words::{round, shorten_numbers};
 use crate::config::number::Finite;
 use crate::config::tree::{CommandMode, ImpedanceDevice, PathSegment, Rig, Scene, Tracking};
+use crate::injection::InjectionError;
 use crate::linkage::FiveBar;
 use crate::quantity::TipPoint;
 
@@ -27,6 +28,18 @@ pub(in crate::config) fn check_scene(findings: &mut Findings, scene: &Scene) {
     if duration > MAX_DURATION_S {
         let message = format!("`duration_s` is {duration} s, above {MAX_DURATION_S} s");
         findings.error("duration_s", message, "write a shorter run; every cycle of it is kept in memory");
+    }
+    for (index, fault) in scene.faults.iter().enumerate() {
+        if let Err(error) = fault.injection() {
+            let key = match error {
+                InjectionError::Target { .. } => ".target",
+                InjectionError::Size { .. } | InjectionError::NoSize { .. } => ".size",
+                InjectionError::Duration { .. } | InjectionError::NoDuration { .. } => ".for_s",
+                InjectionError::Start { .. } => ".at_s",
+            };
+            let help = "`yieldwall faults` lists what each takes; leave the key out for the usual";
+            findings.error(&format!("faults[{index}]{key}"), error.to_string(), help);
+        }
     }
     let path_s: f64 = scene.hand.path.iter().map(PathSegment::duration_s).sum();
     if path_s > duration + 1e-9 {
@@ -162,6 +175,10 @@ pub(in crate::config) fn check_scene_for(findings: &mut Findings, scene: &Scene,
         );
     }
     check_step(findings, scene, period_us);
+    if let (Machine::Device(_), [_, ..]) = (machine, scene.faults.as_slice()) {
+        let message = "the scene has `faults`, and an impedance device has no bus on which they could happen";
+        findings.error("faults", message, "leave `faults` out, or run the scene on a rig");
+    }
     if let Machine::Rig(rig) = machine {
         check_start(findings, scene, rig);
     }

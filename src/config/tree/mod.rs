@@ -6,6 +6,7 @@ mod arm;
 mod device;
 mod figure;
 mod fixture;
+mod injection;
 mod rig;
 mod scene;
 
@@ -13,6 +14,7 @@ pub use arm::{ArmInertia, ArmModel, DistalLink, ElbowSide, Linkage, Tool, WristS
 pub use device::{DeviceCycle, DeviceIdentity, DevicePlant, ImpedanceDevice};
 pub use figure::{Figure, MagnifiedWindow};
 pub use fixture::{AutomaticHold, Coupling, Curvature, Fixture, Forbidden, Side, Surface};
+pub use injection::{FaultName, FaultTarget, SceneFault};
 pub use rig::{
     Bus, BusTiming, CommandMode, Control, ControlGains, ControlLaw, Cycle, Drive, DrivePositionLoop, FeedForward,
     Guard, Master, Mount, Rig, RigIdentity, RigPlant, Sensor,

@@ -310,6 +310,21 @@ pub struct Guard {
     /// Force of the hand above which the rig stops, N. Above `fixture.yield_n`.
     #[garde(dive)]
     pub force_limit_n: Positive,
+    /// Greatest change of the force of the hand from one sample of the sensor to the next, N; a greater one is cut to it and
+    /// holds the rig. Above 0.
+    #[garde(dive)]
+    pub force_step_limit_n: Positive,
+    /// Greatest mean difference between the torques of a joint and what the sensed force and the motion account for, N m,
+    /// before the rig stops; used in torque mode with an inertia in `control.feed_forward`. Above the joints' friction;
+    /// null switches it off.
+    #[garde(dive)]
+    #[serde(deserialize_with = "present")]
+    #[schemars(schema_with = "nullable::<Positive>")]
+    pub residual_limit_n_m: Option<Positive>,
+    /// Greatest energy that the rig may give the hand in one go, J, before it holds; what was given is forgotten within a
+    /// second. Above 0.
+    #[garde(dive)]
+    pub energy_limit_j: Positive,
     /// Distance that the tool keeps from singular positions and from the edge of the workspace, m. Above 0.
     #[garde(dive)]
     pub singularity_margin_m: Positive,

@@ -4,6 +4,7 @@ use garde::Validate;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
+use super::injection::SceneFault;
 use crate::config::number::{Finite, NotNegative, Positive, nullable, present};
 
 /// What happens in a run of the embedded simulation.
@@ -27,6 +28,10 @@ pub struct Scene {
     /// The hand that moves the tool.
     #[garde(dive)]
     pub hand: Hand,
+    /// What is broken on purpose; nothing if left out. Only a rig has it.
+    #[garde(length(max = 64), dive)]
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub faults: Vec<SceneFault>,
 }
 
 impl Scene {

@@ -26,6 +26,9 @@ const FORCE_LIMIT_N: f64 = 150.0;
 const MARGIN_M: f64 = 0.02;
 const FOLLOWING_LIMIT_RAD: f64 = 0.05;
 const DECELERATION: f64 = 10.0;
+const FORCE_STEP_LIMIT_N: f64 = 40.0;
+const RESIDUAL_LIMIT_N_M: f64 = 20.0;
+const ENERGY_LIMIT_J: f64 = 0.2;
 
 /// A symmetric five-bar that reaches a disc of 0.16 m about the origin.
 fn geometry() -> Geometry {
@@ -48,17 +51,25 @@ fn settings() -> Settings {
         force_limit_n: FORCE_LIMIT_N,
         following_error_limit_rad: FOLLOWING_LIMIT_RAD,
         stop_deceleration_m_per_s2: DECELERATION,
+        residual_limit_n_m: Some(RESIDUAL_LIMIT_N_M),
+        energy_limit_j: ENERGY_LIMIT_J,
+        compute_budget_s: 0.4 * PERIOD_S,
     }
 }
 
 fn sensing() -> Sensing {
+    sensing_with(1000.0, FORCE_STEP_LIMIT_N)
+}
+
+fn sensing_with(sample_rate_hz: f64, force_step_limit_n: f64) -> Sensing {
     Sensing::new(SensingParameters {
         calibration: Calibration::new(Matrix6::identity() / COUNTS_PER_N, RANGE_COUNTS).unwrap(),
         mounting: Mounting { link: MountedOn::RightDistal, angle_rad: 0.3 },
         handle_mass_kg: 0.0,
         low_pass_hz: None,
-        sample_rate_hz: 1000.0,
+        sample_rate_hz,
         cycle_period_s: PERIOD_S,
+        force_step_limit_n,
     })
     .unwrap()
 }
@@ -138,6 +149,9 @@ struct Bench {
     cycle: Cycle,
     drives: [cia402::State; 2],
     follows_command: bool,
+    has_voltage: bool,
+    has_warning: bool,
+    timing: Timing,
     /// What the encoders say; `None` for no process data.
     angles: [Option<f64>; 2],
     /// Force of the hand in N, base frame.
@@ -145,6 +159,7 @@ struct Bench {
     /// Whether samples arrive.
     samples: bool,
     overload: bool,
+    invalid: bool,
     link: LinkEvents,
     sequence: u8,
 }
@@ -161,10 +176,14 @@ impl Bench {
             cycle,
             drives: [cia402::State::SwitchOnDisabled; 2],
             follows_command: true,
+            has_voltage: true,
+            has_warning: false,
+            timing: Timing::default(),
             angles: angles.map(Some),
             force: [0.0; 2],
             samples: true,
             overload: false,
+            invalid: false,
             link: LinkEvents::default(),
             sequence: 0,
         }
@@ -204,7 +223,7 @@ impl Bench {
         let link = self.cycle.linkage.forward(angles).map(|posture| mounting.link_angle_rad(posture.distal_angle_rad));
         let wrench = mounting.to_sensor(Force::from(self.force), 0.0, link.unwrap_or_default());
         let counts = <[f64; 6]>::from(wrench.0 * COUNTS_PER_N).map(|count| count.round() as i32);
-        Some(RawSample { counts, sequence: Some(self.sequence), overload: self.overload, invalid: false })
+        Some(RawSample { counts, sequence: Some(self.sequence), overload: self.overload, invalid: self.invalid })
     }
 
     fn inputs(&mut self, request: Request) -> Inputs {
@@ -212,13 +231,15 @@ impl Bench {
             angle_rad: self.angles[joint],
             state: self.drives[joint],
             follows_command: self.follows_command,
+            has_voltage: self.has_voltage,
+            has_warning: self.has_warning,
         };
         let drives = [drive(0), drive(1)];
         Inputs {
             drives,
             sample: self.sample(),
             link: std::mem::take(&mut self.link),
-            timing: Timing::default(),
+            timing: std::mem::take(&mut self.timing),
             request,
         }
     }

@@ -199,6 +199,64 @@ fn the_workspace_edge_holds_the_reference_and_lets_it_back() {
     assert!(back.y < edge.point.0.y - 0.01, "{back}");
 }
 
+/// Speed of the reference across the edge in the last cycle, m/s: how fast its clearance fell.
+fn approach(bench: &Bench, before: &Reference) -> f64 {
+    let clearance =
+        |reference: &Reference| bench.cycle.clearance_of_m(&bench.cycle.linkage.forward(reference.angles).unwrap());
+    (clearance(before) - clearance(&bench.reference())) / PERIOD_S
+}
+
+#[test]
+fn the_reference_comes_to_rest_at_the_edge_without_a_jerk() {
+    for force in [[0.0, 26.0], [8.0, 30.0], [-20.0, 30.0]] {
+        let mut bench = Bench::running(Servo::Position, [0.0, 0.13]);
+        bench.force = force;
+        let (mut last_approach, mut fastest) = (0.0f64, 0.0f64);
+        let mut is_braking = false;
+        for cycle in 0..1500 {
+            let before = bench.reference();
+            bench.follow();
+            assert_eq!((bench.cycle.state(), bench.fault()), (State::Running, None), "{force:?}");
+            let here = bench.cycle.linkage.forward(bench.reference().angles).unwrap();
+            let clearance = bench.cycle.clearance_of_m(&here);
+            assert!(clearance > MARGIN_M - 1e-6, "{force:?}: {clearance}");
+            let approach = approach(&bench, &before);
+            let bound = (2.0 * DECELERATION * (clearance - MARGIN_M).max(0.0)).sqrt();
+            assert!(approach <= bound + 2.0 * DECELERATION * PERIOD_S, "{force:?}: {approach} m/s in cycle {cycle}");
+            is_braking |= bench.cycle.faults.count(Fault::WorkspaceEdge) > 0;
+            if is_braking {
+                let change = last_approach - approach;
+                assert!(change <= 2.0 * DECELERATION * PERIOD_S, "{force:?}: {change} m/s in cycle {cycle}");
+            }
+            fastest = fastest.max(approach);
+            last_approach = approach;
+        }
+        assert!(is_braking && fastest > 0.3, "{force:?}: it ran against the edge: {fastest}");
+    }
+}
+
+#[test]
+fn along_the_edge_the_reference_goes_on() {
+    let mut bench = Bench::running(Servo::Position, [0.0, 0.13]);
+    bench.force = [0.0, 26.0];
+    for _ in 0..1000 {
+        bench.follow();
+    }
+    let start = bench.reference().point.0;
+    // Pressed against the edge and pushed along it.
+    bench.force = [24.0, 20.0];
+    let mut last = bench.reference().velocity.0;
+    for _ in 0..300 {
+        bench.follow();
+        assert!(bench.cycle.clearance_m > MARGIN_M - 1e-5, "{}", bench.cycle.clearance_m);
+        let now = bench.reference().velocity.0;
+        assert!((now - last).norm() <= 2.0 * DECELERATION * PERIOD_S, "{} m/s at once", (now - last).norm());
+        last = now;
+    }
+    assert!((bench.reference().point.0 - start).norm() > 0.02, "{}", bench.reference().point.0);
+    assert_eq!((bench.cycle.state(), bench.fault()), (State::Running, None));
+}
+
 #[test]
 fn a_stop_at_the_edge_ends_there() {
     let mut bench = Bench::running(Servo::Position, [0.0, 0.13]);

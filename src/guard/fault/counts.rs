@@ -1,6 +1,6 @@
 //! What was seen of every fault, how often and where.
 
-use super::{DeviceSet, Fault, Rate, Reaction, TABLE};
+use super::{DeviceSet, Fault, Rate, Reaction, Row, TABLE};
 
 /// A fault that led to a state of the rig, and the devices that showed it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -116,14 +116,16 @@ impl FaultCounts {
         steps.find(|step| count.has_reached(step.rate, self.cycle)).map(|step| step.reaction)
     }
 
-    /// The strongest reaction that is asked for, with its cause; the first of the table among equals.
+    /// The strongest reaction that is asked for, with its cause. Among equals the one that latches more severely, then the
+    /// first of the table.
     ///
     /// Real-time: yes.
     pub fn worst(&self) -> Option<(Cause, Reaction)> {
         let mut worst: Option<(Cause, Reaction)> = None;
         for row in &TABLE {
+            let rank = |row: &Row, reaction| (reaction, row.final_state(reaction).severity());
             if let Some(reaction) = self.reaction(row.fault)
-                && worst.is_none_or(|(_, known)| reaction > known)
+                && worst.is_none_or(|(cause, known)| rank(row, reaction) > rank(cause.fault.row(), known))
             {
                 worst = Some((Cause { fault: row.fault, devices: self.devices(row.fault) }, reaction));
             }

@@ -77,6 +77,14 @@ impl std::ops::BitOr for DeviceSet {
     }
 }
 
+impl std::ops::BitAnd for DeviceSet {
+    type Output = Self;
+
+    fn bitand(self, other: Self) -> Self {
+        Self(self.0 & other.0)
+    }
+}
+
 impl std::ops::BitOrAssign for DeviceSet {
     fn bitor_assign(&mut self, other: Self) {
         *self = *self | other;
@@ -107,6 +115,7 @@ mod tests {
         assert_eq!(set.to_string(), "right drive, force sensor");
         assert!(set.contains(DeviceSet::SENSOR) && !set.contains(DeviceSet::DRIVES));
         assert_eq!(DeviceSet::drives_where([true, true]), DeviceSet::DRIVES);
+        assert_eq!(set & DeviceSet::DRIVES, DeviceSet::RIGHT_DRIVE);
         assert_eq!(DeviceSet::from_bits(0xf2), DeviceSet::RIGHT_DRIVE);
         assert!(DeviceSet::drive(2).is_empty() && DeviceSet::HOST.only_if(false).is_empty());
         assert_eq!(DeviceSet::NONE.to_string(), "");

@@ -112,6 +112,8 @@ pub enum Fault {
     Stalled,
     /// The machine was suspended.
     Suspended,
+    /// The cycle itself failed; the caller saw it, since nothing of the cycle runs after that.
+    CyclePanicked,
     /// The last cycle's frames had not left when the next ones were due.
     TransmitStalled,
     /// The controller is error-passive: nobody acknowledges.

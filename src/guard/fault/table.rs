@@ -127,7 +127,7 @@ pub const TABLE: [Row; Fault::COUNT] = [
     row!(
         ForceImplausible,
         "force-implausible",
-        Sensing,
+        Arm,
         [Step { rate: InARow(20), reaction: StopRamp, bound: Cycles(21) }],
         Stopped,
         "the sensed force does not fit the torques and the motion of the arm",
@@ -435,6 +435,16 @@ pub const TABLE: [Row; Fault::COUNT] = [
         "switch suspend off while the rig is in use, then reset"
     ),
     row!(
+        CyclePanicked,
+        "cycle-panicked",
+        Host,
+        [once(QuickStop)],
+        Disabled,
+        "the control cycle failed and does not run any more",
+        "a defect of this program",
+        "report it with the recording, then start the program anew"
+    ),
+    row!(
         TransmitStalled,
         "transmit-stalled",
         Link,
@@ -498,3 +508,6 @@ mod tests {
         }
     }
 }
+
+#[cfg(test)]
+mod page;

@@ -3,25 +3,29 @@
 use std::collections::{HashSet, VecDeque};
 
 use super::*;
+use crate::guard::fault::{DeviceSet, Fault, FaultCounts};
 use cia402::{Goal, State as Drive};
 
-/// One fault of each reaction.
-const FAULTS: [Option<Fault>; 7] = [
+/// Each reaction, and of the quick stops one for each latched state.
+const FAULTS: [Option<(Fault, Reaction)>; 9] = [
     None,
-    Some(Fault::WorkspaceEdge),
-    Some(Fault::SensorStale),
-    Some(Fault::SensorLost),
-    Some(Fault::NodeReset),
-    Some(Fault::DriveFault),
-    Some(Fault::LinkDown),
+    Some((Fault::WorkspaceEdge, Reaction::Count)),
+    Some((Fault::SensorStale, Reaction::Freeze)),
+    Some((Fault::SensorLost, Reaction::StopRamp)),
+    Some((Fault::NodeReset, Reaction::QuickStop)),
+    Some((Fault::EncoderJump, Reaction::QuickStop)),
+    Some((Fault::HeartbeatLost, Reaction::QuickStop)),
+    Some((Fault::DriveFault, Reaction::TorqueOff)),
+    Some((Fault::LinkDown, Reaction::Silence)),
 ];
 const REQUESTS: [Request; 4] = [Request::None, Request::Enable, Request::Stop, Request::Reset];
 
 #[derive(Clone, Copy, Debug)]
 struct Input {
     drives: [Drive; 2],
-    fault: Option<Fault>,
+    fault: Option<(Fault, Reaction)>,
     at_rest: bool,
+    is_measured: bool,
     request: Request,
 }
 
@@ -31,8 +35,8 @@ fn inputs() -> Vec<Input> {
         for right in Drive::ALL {
             for fault in FAULTS {
                 for request in REQUESTS {
-                    for at_rest in [false, true] {
-                        all.push(Input { drives: [left, right], fault, at_rest, request });
+                    for (at_rest, is_measured) in [(false, false), (false, true), (true, false), (true, true)] {
+                        all.push(Input { drives: [left, right], fault, at_rest, is_measured, request });
                     }
                 }
             }
@@ -45,26 +49,22 @@ fn is_moving(state: State) -> bool {
     matches!(state, State::Running | State::Holding | State::Stopping)
 }
 
-/// The faults that the cycle would have counted: what is injected, and what follows from request and drive states.
-fn counts(state: State, input: &Input) -> FaultCounts {
+/// The worst that the cycle would have seen: what is injected, and what follows from request and drive states.
+fn worst(state: State, input: &Input) -> Option<(Cause, Reaction)> {
     let mut faults = FaultCounts::default();
-    if let Some(fault) = input.fault {
-        faults.observe(fault, true);
-    }
     faults.observe(Fault::StopRequested, input.request == Request::Stop);
     let is_out = input.drives.iter().any(|drive| *drive != Drive::OperationEnabled);
     faults.observe(Fault::DriveLeftOperation, is_moving(state) && is_out);
-    if input.drives.iter().any(|drive| matches!(drive, Drive::Fault | Drive::FaultReactionActive)) {
-        faults.observe(Fault::DriveFault, true);
-    }
-    faults
+    let is_fault = input.drives.iter().any(|drive| matches!(drive, Drive::Fault | Drive::FaultReactionActive));
+    faults.observe(Fault::DriveFault, is_fault);
+    let injected = input.fault.map(|(fault, reaction)| (Cause { fault, devices: DeviceSet::NONE }, reaction));
+    [faults.worst(), injected].into_iter().flatten().max_by_key(|(_, reaction)| *reaction)
 }
 
 fn check(before: &Supervisor, input: &Input, after: &Supervisor, directive: &Directive) {
     let (from, to) = (before.state, after.state);
     let case = format!("{from:?} -> {to:?} by {input:?}: {directive:?}");
-    let worst = counts(from, input).worst();
-    let reaction = worst.map(|(_, reaction)| reaction);
+    let reaction = worst(from, input).map(|(_, reaction)| reaction);
     let all_enabled = input.drives == [Drive::OperationEnabled; 2];
     // No set-point that moves an axis unless every drive is enabled in this cycle.
     assert!(directive.motion == Motion::Rest || all_enabled, "I1: {case}");
@@ -101,33 +101,51 @@ fn check(before: &Supervisor, input: &Input, after: &Supervisor, directive: &Dir
     }
     let expected = match to {
         State::Idle => Goal::ReadyToSwitchOn,
+        // No axis is held before all can be.
+        State::Enabling
+            if !input.drives.iter().all(|drive| *drive == Drive::SwitchedOn || *drive == Drive::OperationEnabled) =>
+        {
+            Goal::SwitchedOn
+        }
         State::Enabling | State::Running | State::Holding | State::Stopping => Goal::OperationEnabled,
         State::Stopped => Goal::QuickStop,
+        State::Disabled | State::Lost if after.reaction == Some(Reaction::QuickStop) => Goal::QuickStop,
         State::Disabled | State::Lost => Goal::SwitchOnDisabled,
     };
     assert_eq!(directive.goal, expected, "{case}");
+    // A latched state remembers how it was entered, and no other state does.
+    assert_eq!(after.reaction.is_some(), to.is_latched(), "{case}");
+    assert!(after.reaction.is_none_or(|reaction| reaction >= Reaction::QuickStop), "{case}");
+    // Only what cannot be reached is left to itself.
+    assert_eq!(directive.is_silent, to == State::Lost && after.reaction == Some(Reaction::Silence), "{case}");
+    // The first target is a measured one.
+    let starts = from == State::Enabling && is_moving(to);
+    assert!(!starts || (input.is_measured && all_enabled), "I9: {case}");
 }
 
 fn enables(from: State, input: &Input) -> bool {
-    let is_clear = counts(from, input).worst().is_none_or(|(_, reaction)| reaction == Reaction::Count);
+    let is_clear = worst(from, input).is_none_or(|(_, reaction)| reaction == Reaction::Count);
     from == State::Idle && input.request == Request::Enable && is_clear
 }
 
 #[test]
 fn every_reachable_state_keeps_the_invariants_under_every_input() {
     let inputs = inputs();
-    let key = |supervisor: &Supervisor| (supervisor.state, supervisor.clear_cycles, supervisor.cause);
+    let key =
+        |supervisor: &Supervisor| (supervisor.state, supervisor.clear_cycles, supervisor.cause, supervisor.reaction);
     let mut seen = HashSet::from([key(&Supervisor::new())]);
     let mut waiting = VecDeque::from([Supervisor::new()]);
     let mut states = HashSet::new();
+    let mut latched = HashSet::new();
     while let Some(before) = waiting.pop_front() {
         states.insert(before.state);
+        latched.extend(before.reaction.map(|reaction| (before.state, reaction)));
         for input in &inputs {
             let mut after = before.clone();
-            let faults = counts(before.state, input);
             let directive = after.step(&View {
                 drives: input.drives,
-                faults: &faults,
+                worst: worst(before.state, input),
+                is_measured: input.is_measured,
                 at_rest: input.at_rest,
                 request: input.request,
             });
@@ -140,14 +158,15 @@ fn every_reachable_state_keeps_the_invariants_under_every_input() {
         }
     }
     assert_eq!(states.len(), 8, "all states are reachable: {states:?}");
+    assert_eq!(latched.len(), 5, "every way into a latched state is reachable: {latched:?}");
     assert!(seen.len() > usize::from(CLEAR_CYCLES), "the hysteresis was walked through: {}", seen.len());
 }
 
 #[test]
 fn waiting_for_rest_does_not_overflow() {
     let mut supervisor = Supervisor { state: State::Holding, ..Supervisor::default() };
-    let faults = FaultCounts::default();
-    let view = View { drives: [Drive::OperationEnabled; 2], faults: &faults, at_rest: false, request: Request::None };
+    let drives = [Drive::OperationEnabled; 2];
+    let view = View { drives, worst: None, is_measured: true, at_rest: false, request: Request::None };
     for _ in 0..70_000 {
         assert_eq!(supervisor.step(&view).state, State::Holding);
     }

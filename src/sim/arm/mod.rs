@@ -27,6 +27,9 @@ use crate::quantity::{JointAngles, JointRates, JointTorques, TipPoint, TipVeloci
 /// distal links lie on one line (type 2), where the motors lose the tool and steps of any length overshoot.
 const TRANSMISSION_LIMIT: f64 = 30.0;
 
+/// Dry friction of a blocked joint in N m, far beyond any motor.
+const BLOCKING_N_M: f64 = 1e6;
+
 /// What is wrong with an arm or with its motion. After an error of the motion the state is that before the step.
 #[derive(Clone, Copy, Debug, PartialEq, Error)]
 pub enum ArmError {
@@ -129,6 +132,8 @@ pub struct Arm {
     /// With what is attached to the tool, and without what lies before the springs.
     mass: MassModel,
     coulomb_n_m: Vector2<f64>,
+    /// Dry friction of the joints while nothing blocks them.
+    free_coulomb_n_m: Vector2<f64>,
     viscous_n_m_s_per_rad: Vector2<f64>,
     /// Greatest squared Frobenius norm of the Jacobian.
     jacobian_limit_m2: f64,
@@ -166,6 +171,7 @@ impl Arm {
             linkage: *linkage,
             mass: link_mass,
             coulomb_n_m: Vector2::from(*coulomb_n_m),
+            free_coulomb_n_m: Vector2::from(*coulomb_n_m),
             viscous_n_m_s_per_rad: Vector2::from(*viscous_n_m_s_per_rad),
             jacobian_limit_m2: jacobian_limit_m * jacobian_limit_m,
             time_s: 0.0,
@@ -248,6 +254,14 @@ impl Arm {
         self.tip_acceleration = Vector2::zeros();
         if let Some(gear) = &mut self.gear {
             gear.relax(self.angles, self.rates);
+        }
+    }
+
+    /// Blocks joint 0 (left) or 1 (right) by a dry friction that no motor overcomes, or frees it; any other number does
+    /// nothing.
+    pub fn set_blocked(&mut self, joint: usize, is_blocked: bool) {
+        if let (Some(friction), Some(free)) = (self.coulomb_n_m.get_mut(joint), self.free_coulomb_n_m.get(joint)) {
+            *friction = if is_blocked { BLOCKING_N_M } else { *free };
         }
     }
 

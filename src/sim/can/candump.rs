@@ -33,10 +33,24 @@ impl<W: Write> CandumpWriter<W> {
             self.interface,
             frame.id()
         )?;
+        if frame.is_remote() {
+            write!(self.out, "R")?;
+            if frame.length_code() > 0 {
+                write!(self.out, "{}", frame.length_code())?;
+            }
+        }
         for byte in frame.data() {
             write!(self.out, "{byte:02X}")?;
         }
         writeln!(self.out)
+    }
+
+    /// Hands what was appended on to the writer's end.
+    ///
+    /// # Errors
+    /// Those of the writer.
+    pub fn flush(&mut self) -> io::Result<()> {
+        self.out.flush()
     }
 
     /// Flushes and gives the writer back.
@@ -58,7 +72,15 @@ mod tests {
         let mut log = CandumpWriter::new(Vec::new(), "vcan0");
         log.record(Time(1_002_003_999), &Frame::new(0x181, &[0x37, 0x16, 0x00])).unwrap();
         log.record(Time(61_000_000_000), &Frame::new(0x80, &[])).unwrap();
+        log.record(Time(62_000_000_000), &Frame::remote(0x705, 1)).unwrap();
+        log.record(Time(63_000_000_000), &Frame::remote(0x705, 0)).unwrap();
         let text = String::from_utf8(log.finish().unwrap()).unwrap();
-        assert_eq!(text, "(0000000001.002003) vcan0 181#371600\n(0000000061.000000) vcan0 080#\n");
+        let expected = [
+            "(0000000001.002003) vcan0 181#371600",
+            "(0000000061.000000) vcan0 080#",
+            "(0000000062.000000) vcan0 705#R1",
+            "(0000000063.000000) vcan0 705#R",
+        ];
+        assert_eq!(text.lines().collect::<Vec<_>>(), expected);
     }
 }

@@ -109,11 +109,16 @@ struct Queued {
 struct Port {
     order: QueueOrder,
     queue: VecDeque<Queued>,
+    /// Whether nothing leaves it.
+    is_held: bool,
 }
 
 impl Port {
     /// Position of the frame that this port offers at `start`.
     fn offer(&self, start: Time) -> Option<(usize, &Queued)> {
+        if self.is_held {
+            return None;
+        }
         let mut waiting = self.queue.iter().enumerate().take_while(|(_, queued)| queued.ready <= start);
         match self.order {
             QueueOrder::Fifo => waiting.next(),
@@ -152,7 +157,24 @@ pub struct VirtualBus {
     next: Option<Next>,
     counters: BusCounters,
     tamper: Option<Box<dyn Tamper + Send>>,
+    witness: Option<Witness>,
 }
+
+/// One frame's way over the bus, as nobody on it can see it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Passage {
+    /// End of the frame.
+    pub time: Time,
+    /// The port that sent it.
+    pub from: usize,
+    /// What was sent.
+    pub sent: Frame,
+    /// What receivers get; `None` if it was lost on the way.
+    pub received: Option<Frame>,
+}
+
+/// Gets the passage of every frame.
+pub type Witness = Box<dyn FnMut(&Passage) + Send>;
 
 impl std::fmt::Debug for VirtualBus {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
@@ -176,7 +198,10 @@ impl VirtualBus {
         {
             return Err(CanError::BitRate { bit_rate });
         }
-        let ports = ports.iter().map(|&order| Port { order, queue: VecDeque::with_capacity(QUEUE_FRAMES) }).collect();
+        let ports = ports
+            .iter()
+            .map(|&order| Port { order, queue: VecDeque::with_capacity(QUEUE_FRAMES), is_held: false })
+            .collect();
         Ok(VirtualBus {
             timing,
             ports,
@@ -185,12 +210,18 @@ impl VirtualBus {
             next: None,
             counters: BusCounters::default(),
             tamper: None,
+            witness: None,
         })
     }
 
     /// Has every frame pass through `tamper`; replaces an earlier one.
     pub fn set_tamper(&mut self, tamper: impl Tamper + Send + 'static) {
         self.tamper = Some(Box::new(tamper));
+    }
+
+    /// Has `witness` get the passage of every frame from now on.
+    pub fn set_witness(&mut self, witness: Witness) {
+        self.witness = Some(witness);
     }
 
     /// Lets frames pass unchanged again.
@@ -209,6 +240,9 @@ impl VirtualBus {
         sender.queue.push_back(Queued { ready: now, frame, bits });
         self.counters.queue_high_water = self.counters.queue_high_water.max(sender.queue.len());
         self.waiting += 1;
+        if sender.is_held {
+            return true;
+        }
         let is_offered = position == 0 || sender.order == QueueOrder::Priority;
         let start = match self.next {
             // It comes too late for this arbitration, waits behind others, or loses.
@@ -245,6 +279,9 @@ impl VirtualBus {
                 Some(tamper) => tamper.pass(next.end, next.port, sent),
                 None => Some(sent),
             };
+            if let Some(witness) = &mut self.witness {
+                witness(&Passage { time: next.end, from: next.port, sent, received: passed });
+            }
             match passed {
                 Some(frame) => {
                     self.counters.altered += u64::from(frame != sent);
@@ -261,6 +298,19 @@ impl VirtualBus {
         if let Some(port) = self.ports.get_mut(port) {
             self.waiting -= port.queue.len();
             port.queue.clear();
+            self.next = self.arbitrate();
+        }
+    }
+
+    /// Has what is in `port` wait, as without anybody to acknowledge it, or leave from `now` on.
+    pub fn hold(&mut self, port: usize, now: Time, is_held: bool) {
+        if let Some(port) = self.ports.get_mut(port)
+            && port.is_held != is_held
+        {
+            port.is_held = is_held;
+            for queued in &mut port.queue {
+                queued.ready = queued.ready.max(now);
+            }
             self.next = self.arbitrate();
         }
     }
@@ -301,7 +351,8 @@ impl VirtualBus {
         if self.waiting == 0 {
             return None;
         }
-        let first_ready = self.ports.iter().filter_map(|port| port.queue.front()).map(|queued| queued.ready).min()?;
+        let free = self.ports.iter().filter(|port| !port.is_held);
+        let first_ready = free.filter_map(|port| port.queue.front()).map(|queued| queued.ready).min()?;
         let start = self.idle_from.max(first_ready);
         let offers = self.ports.iter().enumerate().filter_map(|(port, queue)| Some((port, queue.offer(start)?)));
         // Of equal identifiers the first, so that the lower port number goes first.

@@ -96,8 +96,8 @@ impl Stuffing {
 /// # Source
 /// ISO 11898-1, base frame format: a stuff bit follows each five equal bits between SOF and the end of the CRC.
 pub fn frame_bits(frame: &Frame) -> u32 {
-    // SOF, RTR, IDE and r0 are 0 (dominant). 19 bits, which the checksum sees as 3 bytes with zeros in front.
-    let header = u32::from(frame.id()) << 7 | u32::from(frame.len());
+    // SOF, IDE, r0 and, of a data frame, RTR are 0 (dominant). 19 bits, which the checksum sees as 3 bytes with zeros in front.
+    let header = u32::from(frame.id()) << 7 | u32::from(frame.is_remote()) << 6 | u32::from(frame.length_code());
     let mut crc = header.to_be_bytes().into_iter().skip(1).fold(0, crc15);
     // SOF is one 0; the first identifier bit is taken alone, which leaves 17 bits of the header and whole bytes with
     // the checksum, each shifted by the one bit that is left over from the byte before.
@@ -124,8 +124,8 @@ mod tests {
     fn frame_bits_by_definition(frame: &Frame) -> u32 {
         let mut bits = vec![0u8];
         bits.extend((0..11).rev().map(|n| (frame.id() >> n & 1) as u8));
-        bits.extend([0, 0, 0]);
-        bits.extend((0..4).rev().map(|n| frame.len() >> n & 1));
+        bits.extend([u8::from(frame.is_remote()), 0, 0]);
+        bits.extend((0..4).rev().map(|n| frame.length_code() >> n & 1));
         for byte in frame.data() {
             bits.extend((0..8).rev().map(|n| byte >> n & 1));
         }
@@ -171,6 +171,16 @@ mod tests {
         // What a drive sends in Operation Enabled, and what it gets.
         assert_eq!(frame_bits(&Frame::new(0x181, &[0x37, 0x16, 0, 0, 0, 0])), 102);
         assert_eq!(frame_bits(&Frame::new(0x201, &[0x0f, 0, 0, 0])), 86);
+    }
+
+    #[test]
+    fn a_remote_frame_has_the_length_it_asks_for_and_no_data() {
+        // 1110000010 1 | 1 | 00 0001, 15 bits of checksum.
+        for (id, len) in [(0x705, 1), (0x705, 0), (0x000, 8), (0x7ff, 8)] {
+            let frame = Frame::remote(id, len);
+            assert_eq!(frame_bits(&frame), frame_bits_by_definition(&frame));
+            assert!((47..=55).contains(&frame_bits(&frame)));
+        }
     }
 
     proptest! {

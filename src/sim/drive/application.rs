@@ -92,6 +92,13 @@ impl Application for Device {
         }
     }
 
+    fn on_life_guarding(&mut self, now: Time, od: &mut ObjectDictionary, is_lost: bool) {
+        self.wake(now);
+        if is_lost {
+            self.lose_connection(od, error_code::HEARTBEAT);
+        }
+    }
+
     fn on_rpdo_timeout(&mut self, now: Time, od: &mut ObjectDictionary, _number: u8) {
         self.wake(now);
         match self.quirks.rpdo_timeout {

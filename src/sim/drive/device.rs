@@ -50,6 +50,8 @@ pub(super) struct Device {
     pub(super) is_operational: bool,
     has_voltage: bool,
     is_warning: bool,
+    ignores_targets: bool,
+    ignores_controlword: bool,
     status: u16,
     has_status_changed: bool,
     pub(super) emergency: Option<u16>,
@@ -85,6 +87,8 @@ impl Device {
             is_operational: false,
             has_voltage: true,
             is_warning: false,
+            ignores_targets: false,
+            ignores_controlword: false,
             status: 0,
             has_status_changed: false,
             emergency: None,
@@ -120,6 +124,22 @@ impl Device {
     pub(super) fn set_warning(&mut self, is_warning: bool) {
         self.is_warning = is_warning;
         self.is_stale = true;
+    }
+
+    pub(super) fn set_ignores_targets(&mut self, ignores: bool) {
+        self.ignores_targets = ignores;
+        self.is_stale = true;
+    }
+
+    pub(super) fn set_ignores_controlword(&mut self, ignores: bool) {
+        self.ignores_controlword = ignores;
+    }
+
+    pub(super) fn leave_operation(&mut self, now: Time, od: &mut ObjectDictionary) {
+        self.wake(now);
+        // As Disable Voltage does (transition 9).
+        self.machine.apply(0x0000);
+        self.follow(od);
     }
 
     pub(super) fn set_voltage(&mut self, now: Time, od: &mut ObjectDictionary, is_present: bool) {
@@ -204,7 +224,7 @@ impl Device {
             | bit(self.has_voltage, Statusword::VOLTAGE_ENABLED)
             | bit(self.is_warning, Statusword::WARNING)
             | bit(self.servo.is_limited(), Statusword::INTERNAL_LIMIT)
-            | bit(plan.follows_command(), Statusword::FOLLOWS_COMMAND)
+            | bit(plan.follows_command() && !self.ignores_targets, Statusword::FOLLOWS_COMMAND)
             | bit(plan == Plan::Position && self.outside_since.is_some(), Statusword::FOLLOWING_ERROR)
     }
 
@@ -235,6 +255,9 @@ impl Device {
     }
 
     pub(super) fn apply_controlword(&mut self, od: &mut ObjectDictionary) {
+        if self.ignores_controlword {
+            return;
+        }
         if self.machine.apply(od.get(self.objects.controlword)) == Some(Transition(15)) {
             od.set(self.objects.error_code, error_code::NONE);
             self.was_reset = true;
@@ -285,6 +308,9 @@ impl Device {
 
     /// Hands the targets to the control loop.
     pub(super) fn take_targets(&mut self, od: &ObjectDictionary) {
+        if self.ignores_targets {
+            return;
+        }
         let (objects, scaling) = (self.objects, self.scaling);
         let velocity_offset = scaling.rate_rad_per_s(od.get(objects.velocity_offset));
         self.servo.set_offsets(velocity_offset, scaling.torque_n_m(od.get(objects.torque_offset)));

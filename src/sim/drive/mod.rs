@@ -138,6 +138,24 @@ impl Drive {
         self.settle(now, out);
     }
 
+    /// Leaves Operation Enabled without being asked to, as by a safety input of its own.
+    pub fn leave_operation(&mut self, now: Time, out: &mut impl Outbox) {
+        if self.is_powered {
+            self.device.leave_operation(now, self.node.od_mut());
+            self.settle(now, out);
+        }
+    }
+
+    /// Has the drive keep its last target and say so (statusword bit 12), or follow again.
+    pub fn set_ignores_targets(&mut self, ignores: bool) {
+        self.device.set_ignores_targets(ignores);
+    }
+
+    /// Has the state machine ignore the controlword, or follow it again.
+    pub fn set_ignores_controlword(&mut self, ignores: bool) {
+        self.device.set_ignores_controlword(ignores);
+    }
+
     /// State of the state machine.
     pub fn state(&self) -> State {
         self.device.state()

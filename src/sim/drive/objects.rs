@@ -74,8 +74,6 @@ pub(super) fn build(settings: &DriveSettings, supported_modes: u32) -> Result<Ob
     let option = |object, value: i16, lo: i16, hi: i16| declare(object, value.into()).limits(lo, hi);
     let fixed = |object, value: i64| declare(object, value).access(Access::ReadOnly);
     let builder = dictionary(settings.node, settings.profile, settings.serial)
-        .object(declare(cia::SYNC_CYCLE, 0))
-        .object(declare(cia::SYNC_WINDOW, 0))
         .object(option(cia::ABORT_CONNECTION_OPTION, options.abort_connection, 0, 3))
         .object(shown(cia::ERROR_CODE))
         .object(commanded(cia::CONTROLWORD, 0))

@@ -63,6 +63,10 @@ struct Device {
     present: [i32; CHANNELS],
     zero: [i32; CHANNELS],
     sample_count: u8,
+    clock_rate: f64,
+    /// Share of a sample period that has passed since the last sample.
+    clock_phase: f64,
+    status_bits: u8,
 }
 
 impl ForceSensor {
@@ -104,6 +108,17 @@ impl ForceSensor {
         self.device.present = counts;
     }
 
+    /// Has the clock run at a share of its rate, 0 (no samples any more) to 1. A sensor whose clock is SYNC leaves
+    /// samples out.
+    pub fn set_clock_rate(&mut self, share: f64) {
+        self.device.clock_rate = share.clamp(0.0, 1.0);
+    }
+
+    /// Has the status byte show these bits beside its own.
+    pub fn set_status_bits(&mut self, bits: u8) {
+        self.device.status_bits = bits;
+    }
+
     /// Takes one frame from the bus.
     pub fn on_frame(&mut self, now: Time, frame: &Frame, out: &mut impl Outbox) {
         if self.is_powered {
@@ -128,7 +143,6 @@ impl ForceSensor {
 fn build(settings: &ForceSensorSettings) -> Result<ObjectDictionary, CanopenError> {
     let channels = 1..=CHANNELS as u8;
     let mut builder = dictionary(settings.node, settings.profile, settings.serial)
-        .object(declare(cia::SYNC_CYCLE, 0))
         .object(shown(cia::SENSOR_STATUS))
         .object(shown(cia::SENSOR_SAMPLE_COUNTER))
         .highest_sub(cia::AUTO_ZERO.index, CHANNELS as u8)
@@ -161,6 +175,9 @@ impl Device {
             present: [0; CHANNELS],
             zero: [0; CHANNELS],
             sample_count: 0,
+            clock_rate: 1.0,
+            clock_phase: 0.0,
+            status_bits: 0,
         })
     }
 
@@ -168,15 +185,24 @@ impl Device {
         if let Some(period) = self.period
             && self.next_sample <= now
         {
-            self.sample(od);
+            self.tick(od);
             self.next_sample = (self.next_sample + period).max(now + Duration::from_nanos(1));
+        }
+    }
+
+    /// One period of the clock at its true rate.
+    fn tick(&mut self, od: &mut ObjectDictionary) {
+        self.clock_phase += self.clock_rate;
+        if self.clock_phase >= 1.0 {
+            self.clock_phase -= 1.0;
+            self.sample(od);
         }
     }
 
     fn sample(&mut self, od: &mut ObjectDictionary) {
         self.sample_count = self.sample_count.wrapping_add(1);
         od.set(self.counter, self.sample_count);
-        let mut status = 0;
+        let mut status = self.status_bits;
         for ((&handle, &present), &zero) in self.process.iter().zip(&self.present).zip(&self.zero) {
             // At the end of the range the converter is cut off before the zero is taken.
             let raw = present.clamp(-self.range_counts, self.range_counts);
@@ -208,7 +234,7 @@ impl Application for Device {
 
     fn on_sync(&mut self, _now: Time, od: &mut ObjectDictionary) {
         if self.period.is_none() {
-            self.sample(od);
+            self.tick(od);
         }
     }
 

@@ -139,6 +139,16 @@ impl<const N: usize> Hand<N> {
         self.parameters.mass_kg
     }
 
+    /// Has the hand hold the tool by another spring, N/m: finite and not negative. How hard it pulls at most stays.
+    ///
+    /// # Errors
+    /// For another number.
+    pub fn set_stiffness(&mut self, stiffness_n_per_m: f64) -> Result<(), HandError> {
+        check_not_negative("stiffness in N/m", stiffness_n_per_m)?;
+        self.parameters.stiffness_n_per_m = stiffness_n_per_m;
+        Ok(())
+    }
+
     /// When the path ends, in s; afterwards the target rests.
     pub fn path_end_s(&self) -> f64 {
         self.path.end_s()

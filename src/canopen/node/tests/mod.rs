@@ -1,6 +1,10 @@
+mod network;
+mod synchrony;
+
 use proptest::prelude::*;
 
 use super::*;
+use crate::canopen::time::TimeOfDay;
 use crate::canopen::{AbortCode, Access, Address, DeviceIdentity, Handle, Mappable, Object, PdoParameters, node_id};
 
 const MS: u64 = 1_000_000;
@@ -45,6 +49,15 @@ impl Application for Recorder {
     }
     fn on_heartbeat_event(&mut self, _: Time, _: &mut ObjectDictionary, event: HeartbeatEvent) {
         self.log.push(format!("heartbeat of {} {:?}", event.node.raw(), event.change));
+    }
+    fn on_life_guarding(&mut self, _: Time, _: &mut ObjectDictionary, is_lost: bool) {
+        self.log.push(format!("guarding lost {is_lost}"));
+    }
+    fn on_time(&mut self, _: Time, _: &mut ObjectDictionary, time: TimeOfDay) {
+        self.log.push(format!("day {} ms {}", time.days, time.milliseconds));
+    }
+    fn on_bit_rate(&mut self, _: Time, _: &mut ObjectDictionary, bit_rate: u32, delay: Duration) {
+        self.log.push(format!("{bit_rate} bit/s after {delay:?}"));
     }
     fn on_rpdo_timeout(&mut self, _: Time, _: &mut ObjectDictionary, number: u8) {
         self.log.push(format!("late rpdo {number}"));
@@ -488,7 +501,8 @@ fn sync_identifier_is_configurable() {
     let mut device = operational();
     device.write_u32(0x1005, 0, 0x0c0).unwrap();
     assert_eq!((device.at(0, SYNC).len(), device.take(0x0c0, &[]).len()), (0, 1));
-    assert_eq!(device.take(0x0c0, &[1, 2]).len(), 0);
+    let report = [[0x40, 0x82, 0x11, 0, 0, 0, 0, 0]];
+    assert_eq!(Device::emergencies(&device.take(0x0c0, &[1, 2])), report);
     assert_eq!(device.write_u32(0x1005, 0, 0x4000_0080), Err(AbortCode(0x0609_0030)));
     assert_eq!(device.write_u32(0x1005, 0, 0x601), Err(AbortCode(0x0609_0030)));
 }
@@ -623,17 +637,19 @@ proptest! {
         frames in proptest::collection::vec(
             (
                 prop_oneof![
-                    Just(0u16), Just(0x080), Just(0x203), Just(0x303), Just(0x603), Just(0x603), Just(0x77f), 0..0x800u16
+                    Just(0u16), Just(0x080), Just(0x100), Just(0x7e5), Just(0x7e5), Just(0x203), Just(0x303), Just(0x603), Just(0x603), Just(0x77f), 0..0x800u16
                 ],
                 proptest::collection::vec(any::<u8>(), 0..=8),
                 0..20u64,
             ),
             0..80,
         ),
-        objects in proptest::collection::vec((0usize..14, 0u8..8, any::<u32>(), 0usize..4), 0..40),
+        is_configured: bool,
+        remotes in proptest::collection::vec(0..0x800u16, 0..8),
+        objects in proptest::collection::vec((0usize..20, 0u8..8, any::<u32>(), 0usize..4), 0..40),
     ) {
-        const INDICES: [u16; 14] = [
-            0x1003, 0x1005, 0x1014, 0x1016, 0x1017, 0x1029, 0x1400, 0x1401, 0x1600, 0x1601, 0x1800, 0x1801, 0x1a00, 0x1a01,
+        const INDICES: [u16; 20] = [
+            0x1006, 0x1007, 0x100c, 0x100d, 0x1012, 0x1019, 0x1003, 0x1005, 0x1014, 0x1016, 0x1017, 0x1029, 0x1400, 0x1401, 0x1600, 0x1601, 0x1800, 0x1801, 0x1a00, 0x1a01,
         ];
         let mut device = operational();
         let mut now = 0;
@@ -641,6 +657,13 @@ proptest! {
             let [low, high] = INDICES[place].to_le_bytes();
             let [a, b, c, d] = value.to_le_bytes();
             device.take(0x603, &[0x23 | (unused << 2) as u8, low, high, sub, a, b, c, d]);
+        }
+        if !is_configured {
+            device.node.forget_node_id();
+            device.node.boot(Time(0), &mut device.app, &mut Vec::new());
+        }
+        for id in remotes {
+            device.node.on_frame(Time(0), &Frame::remote(id, 1), &mut device.app, &mut Vec::new());
         }
         for (id, data, wait) in frames {
             now += wait;

@@ -1,0 +1,293 @@
+//! Every injection of the catalogue on the shipped torque and position rigs: what the rig makes of it, how soon, where it
+//! ends, that nothing comes back by itself, and that the rig runs again when a person has done what the catalogue says.
+
+use hil_tests::{Recording, Scenario, Seen, Session, setpoint};
+use yieldwall::guard::fault::{Bound, Rate, Stage, TABLE};
+use yieldwall::guard::{Fault, Reaction, Request, State};
+use yieldwall::injection::{CATALOGUE, Ending, Injection, Kind, Lasts, Recovery, Row, Target};
+use yieldwall::rig::RigError;
+use yieldwall_drives::cia402;
+
+/// Cycles from the begin of the scene to the injection: the tool moves.
+const BEFORE: usize = 700;
+/// Cycles after the end of an injection in which the rig has come to its end, and stays there.
+const AFTER: usize = 600;
+/// A heartbeat every 20 ms, lost after two, and one cycle.
+const HEARTBEAT_CYCLES: usize = 41;
+
+fn both() -> [Scenario; 2] {
+    [Scenario::torque(), Scenario::position()]
+}
+
+/// Injections whose first sign does not come in their first cycle, or hangs on the motion.
+const SIGN_COMES_LATER: [Kind; 13] = [
+    Kind::SensorDrift,
+    Kind::SetPointsLost,
+    Kind::NodeSilent,
+    Kind::DuplicateNode,
+    Kind::IntruderSetPoint,
+    Kind::DriveRunaway,
+    Kind::EncoderStuck,
+    Kind::ArmBlocked,
+    Kind::MasterStopped,
+    Kind::Suspend,
+    Kind::PdoCorrupt,
+    Kind::TransmitStalled,
+    Kind::CableOut,
+];
+
+/// What became of an injection.
+#[derive(Debug, Default)]
+struct Course {
+    /// The states in the order in which they came, with the cycles since the injection began and the cause.
+    states: Vec<(State, usize, Option<Fault>)>,
+    /// Which of the expected faults showed.
+    seen: Vec<Fault>,
+}
+
+/// Injects and runs on, for some time after the end.
+fn run(scenario: &Scenario, injection: Injection) -> (Session, Course) {
+    let mut session = scenario.run(BEFORE);
+    session.inject(injection);
+    let lasts_s = injection.duration_s.unwrap_or(0.0);
+    let mut course = Course::default();
+    let mut state = session.machine.state();
+    let mut rest = AFTER;
+    for cycle in 1..=(lasts_s / scenario.period_s()).round() as usize + AFTER {
+        session.step(Request::None);
+        let counts = session.machine.master().cycle().faults();
+        for fault in injection.kind.row().expected.faults {
+            if counts.count(*fault) > 0 && !course.seen.contains(fault) {
+                course.seen.push(*fault);
+            }
+        }
+        if session.machine.state() != state {
+            state = session.machine.state();
+            course.states.push((state, cycle, session.fault()));
+        }
+        // What lasts long need not be waited for when the rig has stopped.
+        rest -= usize::from(state.is_latched());
+        if rest == 0 {
+            break;
+        }
+    }
+    (session, course)
+}
+
+/// The reaction that led to a state, given the one before.
+fn reaction_to(before: State, state: State) -> Option<Reaction> {
+    match state {
+        State::Holding => Some(Reaction::Freeze),
+        State::Stopping => Some(Reaction::StopRamp),
+        State::Lost | State::Stopped | State::Disabled if before != State::Stopping => Some(Reaction::QuickStop),
+        _ => None,
+    }
+}
+
+/// Checks every step of the course against the bounds of the fault table, counted from the first cycle of the injection.
+fn check_bounds(row: &Row, course: &Course, what: &str) {
+    let mut before = State::Running;
+    for (state, cycles, cause) in &course.states {
+        let reaction = reaction_to(before, *state);
+        before = *state;
+        let (Some(reaction), Some(cause)) = (reaction, cause) else { continue };
+        let is_motion = matches!(cause.row().stage, Stage::Motion | Stage::Arm);
+        if SIGN_COMES_LATER.contains(&row.kind) || is_motion || row.targets == [Target::Hand] {
+            continue;
+        }
+        let steps = cause.row().steps.iter().rev();
+        // A quick stop or anything beyond it.
+        let step = steps.into_iter().find(|step| match reaction {
+            Reaction::QuickStop => step.reaction >= Reaction::QuickStop,
+            other => step.reaction == other,
+        });
+        let Some(step) = step else { panic!("{what}: {cause:?} does not ask for {reaction:?}") };
+        let bound = match (step.rate, step.bound) {
+            // From the observation that makes the number full, which is not seen here.
+            (Rate::Within { .. }, _) => continue,
+            (_, Bound::Cycles(cycles) | Bound::Samples(cycles)) => usize::from(cycles),
+            (_, Bound::HeartbeatTime) => HEARTBEAT_CYCLES,
+        };
+        assert!(*cycles <= bound, "{what}: {state:?} by {cause:?} after {cycles} cycles, at most {bound}");
+    }
+}
+
+/// The controlwords of both drives, cycle by cycle; `None` where the master sent none.
+fn controlwords(recording: &Recording) -> Vec<[Option<u16>; 2]> {
+    let word = |cycle: &[Seen], id: u16| {
+        cycle.iter().find(|seen| seen.frame.id() == id).map(|seen| setpoint(seen).controlword)
+    };
+    recording.cycles().iter().map(|cycle| [word(cycle, 0x201), word(cycle, 0x202)]).collect()
+}
+
+/// Checks that both drives were told to run up to the same cycle, and neither afterwards.
+fn check_same_cycle(session: &Session, what: &str) {
+    let enables = |word: Option<u16>| word.is_some_and(|word| word & 0x8f == 0x0f);
+    let words = controlwords(&session.recording());
+    let last = |joint: usize| words.iter().rposition(|words| enables(words[joint]));
+    assert_eq!(last(0), last(1), "{what}: both axes stop in the same cycle");
+}
+
+fn check_latched(session: &mut Session, states: &[State], what: &str) {
+    assert!(states.contains(&session.machine.state()), "{what}: {:?}", session.machine.state());
+    let check_off = |session: &Session| {
+        for drive in session.machine.drives() {
+            assert_ne!(drive.state(), cia402::State::OperationEnabled, "{what}");
+            assert_eq!(drive.torque_n_m(), 0.0, "{what}");
+        }
+    };
+    check_off(session);
+    // Asking to be enabled does not help, and a stop neither.
+    for request in [Request::Enable, Request::Stop] {
+        session.step(request);
+        session.run(20);
+        assert!(session.machine.state().is_latched(), "{what}: {request:?}");
+        check_off(session);
+    }
+}
+
+/// Does what the catalogue asks a person to do, and checks that the rig runs.
+fn recover(session: &mut Session, recovery: Recovery, what: &str) {
+    let result = match recovery {
+        Recovery::None => Ok(()),
+        Recovery::Reset => session.machine.enable_again(),
+        Recovery::Restart => session.machine.restart(),
+        Recovery::NewProcess => {
+            for result in [session.machine.enable_again(), session.machine.restart()] {
+                assert!(matches!(result, Err(RigError::NotEnabled { .. })), "{what}: {result:?}");
+            }
+            return;
+        }
+    };
+    result.unwrap_or_else(|error| panic!("{what}: {error}"));
+    session.run(300);
+    assert_eq!((session.machine.state(), session.fault()), (State::Running, None), "{what}");
+}
+
+/// Checks one injection; which of its faults showed.
+fn check(scenario: &Scenario, row: &Row, injection: Injection) -> Vec<Fault> {
+    let what = format!("{} on {}; replay: {}", row.name, injection.target.name(), scenario.replay());
+    let (mut session, course) = run(scenario, injection);
+    let what = format!("{what}\n{course:?}");
+    check_bounds(row, &course, &what);
+    let expected = &row.expected;
+    let strongest = course.states.iter().map(|(state, ..)| *state);
+    match expected.ending {
+        Ending::GoesOn => {
+            assert_eq!((session.machine.state(), session.fault()), (State::Running, None), "{what}");
+            let has_held = strongest.into_iter().any(|state| state == State::Holding);
+            assert_eq!(has_held, expected.reaction == Reaction::Freeze, "{what}");
+            assert!(!course.seen.is_empty() || expected.faults.is_empty(), "{what}: nothing was counted");
+        }
+        Ending::Latched(states) => {
+            let cause = session.fault();
+            assert!(cause.is_some_and(|cause| expected.faults.contains(&cause)), "{what}: {cause:?}");
+            // Of set-points that do not arrive there is nothing to see.
+            if row.kind != Kind::SetPointsLost {
+                check_same_cycle(&session, &what);
+            }
+            check_latched(&mut session, states, &what);
+        }
+        Ending::DrivesStop => {
+            check_same_cycle(&session, &what);
+            check_latched(&mut session, &[State::Lost], &what);
+        }
+        Ending::NotEnabled => unreachable!("tested apart"),
+    }
+    session.machine.set_injections(&[]).expect("nothing is always possible");
+    recover(&mut session, expected.recovery, &what);
+    course.seen.into_iter().chain(course.states.into_iter().filter_map(|(.., cause)| cause)).collect()
+}
+
+/// Faults that are found before the rig runs, or that no injection brings about.
+const NOT_WHILE_RUNNING: [Fault; 4] = [Fault::Posture, Fault::EnablingTimeout, Fault::NotFinite, Fault::WorkspaceLeft];
+
+fn check_all(scenario: &Scenario) {
+    let mut seen = Vec::new();
+    for row in CATALOGUE.iter().filter(|row| row.lasts != Lasts::FromBoot) {
+        // What holds for the left drive holds for the right one.
+        let targets = row.targets.iter().filter(|target| **target == row.targets[0] || **target == Target::RightDrive);
+        for target in targets {
+            seen.extend(check(scenario, row, Injection::new(row.kind, 0.0).on(*target)));
+        }
+    }
+    // Without the torques, which a position rig does not know, there is no balance.
+    let is_known = |fault: Fault| fault != Fault::ForceImplausible || scenario.file == Scenario::torque().file;
+    let missing = TABLE.iter().map(|row| row.fault).filter(|fault| is_known(*fault) && !seen.contains(fault));
+    let missing: Vec<_> = missing.filter(|fault| !NOT_WHILE_RUNNING.contains(fault)).collect();
+    assert_eq!(missing, [], "no injection showed it; {}", scenario.replay());
+}
+
+#[test]
+fn the_torque_rig_answers_every_injection_as_the_catalogue_says() {
+    check_all(&Scenario::torque());
+}
+
+#[test]
+fn the_position_rig_answers_every_injection_as_the_catalogue_says() {
+    check_all(&Scenario::position());
+}
+
+#[test]
+fn what_is_wrong_from_switching_on_keeps_the_rig_from_running() {
+    for scenario in both() {
+        for row in CATALOGUE.iter().filter(|row| row.lasts == Lasts::FromBoot) {
+            let what = format!("{}; {}", row.name, scenario.replay());
+            assert_eq!(row.expected.ending, Ending::NotEnabled, "{what}");
+            let mut session = scenario.start();
+            session.inject(Injection::new(row.kind, 0.0));
+            let error = session.enable().expect_err(&what);
+            match (row.expected.faults, error) {
+                ([], RigError::Boot(error)) => assert_eq!(error.name, "left", "{what}"),
+                (faults, RigError::NotEnabled { .. }) => {
+                    assert!(
+                        session.fault().is_some_and(|fault| faults.contains(&fault)),
+                        "{what}: {:?}",
+                        session.fault()
+                    );
+                }
+                (_, error) => panic!("{what}: {error}"),
+            }
+            for drive in session.machine.drives() {
+                assert_ne!(drive.state(), cia402::State::OperationEnabled, "{what}");
+            }
+            session.machine.set_injections(&[]).expect("nothing is always possible");
+            recover(&mut session, row.expected.recovery, &what);
+        }
+    }
+}
+
+#[test]
+fn a_process_that_was_stopped_for_long_moves_nothing_when_it_goes_on() {
+    for scenario in both() {
+        for duration_s in [0.01, 0.1, 1.0] {
+            let what = format!("{duration_s} s; {}", scenario.replay());
+            let injection = Injection::new(Kind::MasterStopped, 0.0).lasting(Some(duration_s));
+            let (mut session, course) = run(&scenario, injection);
+            let [(state, cycle, _), ..] = course.states[..] else { panic!("{what}: {course:?}") };
+            let asleep = (duration_s / scenario.period_s()).round() as usize;
+            assert!(state.is_latched() && cycle == asleep + 1, "{what}: {course:?}");
+            check_latched(&mut session, &[State::Stopped, State::Disabled, State::Lost], &what);
+            session.machine.restart().unwrap_or_else(|error| panic!("{what}: {error}"));
+        }
+    }
+}
+
+#[test]
+fn a_short_injection_passes_and_leaves_nothing_behind() {
+    for scenario in both() {
+        for kind in [Kind::PdoLost, Kind::SensorInvalid, Kind::SensorSilent, Kind::SensorStale, Kind::DriveWarning] {
+            let (session, course) = run(&scenario, Injection::new(kind, 0.0).lasting(Some(0.001)));
+            let what = format!("{}; {}; {course:?}", kind.row().name, scenario.replay());
+            assert_eq!((session.machine.state(), session.fault()), (State::Running, None), "{what}");
+        }
+    }
+}
+
+#[test]
+fn the_same_seed_gives_the_same_frames_with_injections() {
+    for kind in [Kind::PdoCorrupt, Kind::HandTremble, Kind::CableOut] {
+        let frames = || run(&Scenario::torque(), Injection::new(kind, 0.0)).0.candump();
+        assert_eq!(frames(), frames(), "{}", kind.row().name);
+    }
+}

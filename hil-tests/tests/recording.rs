@@ -1,0 +1,291 @@
+//! Recordings of the whole rig: they change nothing, they replay, and they outlive the program.
+
+use std::fs::File;
+use std::io::{self, BufRead, BufReader, Write};
+use std::path::PathBuf;
+use std::process::{Command, Stdio};
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::{Arc, Mutex, mpsc};
+use std::time::Duration;
+
+use hil_tests::Scenario;
+use yieldwall::canopen::{Frame, Time};
+use yieldwall::guard::{Fault, Request};
+use yieldwall::record::CycleRecord;
+use yieldwall::record::recording::{About, Backpressure, BlackBox, Feed, Reader, Recorder, Sink, Writer};
+use yieldwall::rig::{EmbeddedRig, Observer};
+use yieldwall::study::replay::{self, End, replay};
+use yieldwall::study::{Overrides, Watch, run_rig};
+
+/// A folder of this test's own, removed at the end.
+struct Folder(PathBuf);
+
+impl Folder {
+    fn new() -> Self {
+        static COUNT: AtomicU64 = AtomicU64::new(0);
+        let number = COUNT.fetch_add(1, Ordering::Relaxed);
+        let path = std::env::temp_dir().join(format!("yieldwall-hil-{}-{number}", std::process::id()));
+        std::fs::create_dir_all(&path).expect("a folder for temporary files");
+        Self(path)
+    }
+
+    fn mcap(&self) -> PathBuf {
+        self.0.join("cycles.mcap")
+    }
+}
+
+impl Drop for Folder {
+    fn drop(&mut self) {
+        let _ = std::fs::remove_dir_all(&self.0);
+    }
+}
+
+fn overrides(duration_s: f64) -> Overrides {
+    Overrides { duration_s: Some(duration_s), ..Overrides::default() }
+}
+
+fn about(scenario: &Scenario) -> About {
+    replay::about(&scenario.rig, &scenario.scene, &overrides(1.0)).expect("shipped documents")
+}
+
+/// All frames of a run that somebody watches.
+fn frames(scenario: &Scenario, duration_s: f64, observer: Option<Observer>) -> Vec<(Time, Frame)> {
+    let frames = Arc::new(Mutex::new(Vec::new()));
+    let seen = Arc::clone(&frames);
+    let tap = move |time, frame: &Frame| seen.lock().expect("one thread").push((time, *frame));
+    let watch = Watch { tap: Some(Box::new(tap)), observer };
+    run_rig(&scenario.rig, &scenario.scene, &overrides(duration_s), watch, |_| ()).expect("a shipped rig");
+    Arc::into_inner(frames).expect("the run is over").into_inner().expect("one thread")
+}
+
+fn record(scenario: &Scenario, duration_s: f64, folder: &Folder) -> Vec<(Time, Frame)> {
+    let recorder = Recorder::create(&folder.0, &about(scenario)).expect("an empty folder");
+    let (mut ring, feed) = Feed::start("recorder", 512, Backpressure::Wait, recorder).expect("a thread");
+    let frames = frames(scenario, duration_s, Some(Box::new(move |record| ring.push(record))));
+    let end = feed.finish().expect("the thread ends");
+    assert!(end.error.is_none() && end.counts.lost() == 0, "{end:?}");
+    frames
+}
+
+fn read(folder: &Folder) -> Vec<CycleRecord> {
+    let mut reader = Reader::open(&folder.mcap()).expect("a recording");
+    let mut records = Vec::new();
+    while let Some(record) = reader.next_record().expect("it can be read") {
+        records.push(record);
+    }
+    records
+}
+
+/// A writer that does not come back until the run is over.
+struct Blocked(mpsc::Receiver<()>);
+
+impl Sink<CycleRecord> for Blocked {
+    type Report = ();
+
+    fn take(&mut self, _: &CycleRecord) -> io::Result<()> {
+        let _ = self.0.recv();
+        Ok(())
+    }
+
+    fn finish(&mut self) -> io::Result<()> {
+        Ok(())
+    }
+
+    fn stored(&self) -> u64 {
+        0
+    }
+
+    fn report(self) {}
+}
+
+#[test]
+fn a_recording_changes_no_frame() {
+    for scenario in [Scenario::torque(), Scenario::position()] {
+        let alone = frames(&scenario, 3.0, None);
+        let folder = Folder::new();
+        assert!(record(&scenario, 3.0, &folder) == alone, "recorded; replay: {}", scenario.replay());
+        let black_box = BlackBox::new(None, "rig", scenario.period_s(), about(&scenario));
+        let (mut ring, feed) = Feed::start("black box", 512, Backpressure::Wait, black_box).expect("a thread");
+        let watched = frames(&scenario, 3.0, Some(Box::new(move |record| ring.push(record))));
+        assert!(watched == alone, "with a black box; replay: {}", scenario.replay());
+        assert!(feed.finish().expect("the thread ends").report.is_empty());
+        let (release, gate) = mpsc::channel();
+        let (mut ring, feed) = Feed::start("blocked", 512, Backpressure::Drop, Blocked(gate)).expect("a thread");
+        let watched = frames(&scenario, 3.0, Some(Box::new(move |record| ring.push(record))));
+        assert!(watched == alone, "with a writer that stands still; replay: {}", scenario.replay());
+        drop(release);
+        assert!(feed.finish().expect("the thread ends").counts.dropped > 2000, "the ring was full");
+    }
+}
+
+#[test]
+fn the_same_seed_gives_the_same_files() {
+    let scenario = Scenario::torque();
+    let folders = [Folder::new(), Folder::new()];
+    for folder in &folders {
+        record(&scenario, 1.0, folder);
+    }
+    for file in ["cycles.mcap", "cycles.csv"] {
+        let [one, other] = folders.each_ref().map(|folder| std::fs::read(folder.0.join(file)).expect("a file"));
+        assert!(one == other, "{file} differs; replay: {}", scenario.replay());
+        assert!(one.len() > 100_000);
+    }
+}
+
+#[test]
+fn recordings_of_all_kinds_of_rig_replay_bit_by_bit() {
+    for file in [
+        "paper-admittance.yaml",
+        "paper-admittance-csp.yaml",
+        "paper-admittance-csv.yaml",
+        "paper-admittance-cartesian.yaml",
+        "paper-admittance-4ms.yaml",
+    ] {
+        let scenario = Scenario::shipped(file);
+        let folder = Folder::new();
+        record(&scenario, 4.0, &folder);
+        let replayed = replay(&mut Reader::open(&folder.mcap()).expect("a recording")).expect("it replays");
+        assert_eq!(replayed.end, End::Whole, "{file}");
+        assert!(replayed.cycles as f64 > 4.0 / scenario.period_s(), "{file}: {} cycles", replayed.cycles);
+    }
+}
+
+fn replay_of(about: &About, records: &[CycleRecord]) -> replay::Replay {
+    let mut file = Vec::new();
+    let mut writer = Writer::new(&mut file, about).expect("memory");
+    records.iter().for_each(|record| writer.write(record).expect("memory"));
+    writer.finish().expect("memory");
+    drop(writer);
+    replay(&mut Reader::new(&file[..]).expect("a recording")).expect("it replays")
+}
+
+#[test]
+fn a_replay_finds_what_differs_and_what_is_missing() {
+    let scenario = Scenario::torque();
+    let folder = Folder::new();
+    record(&scenario, 2.0, &folder);
+    let (about, records) = (about(&scenario), read(&folder));
+    let mut changed = records.clone();
+    let proxy = &mut changed[1234].signals.proxy.0.x;
+    *proxy = proxy.next_up();
+    let replayed = replay_of(&about, &changed);
+    assert_eq!(replayed.cycles, 1234);
+    let End::Different { index: 1234, difference, .. } = replayed.end else { panic!("{:?}", replayed.end) };
+    assert_eq!(difference.field, "proxy_x_m");
+    // What entered a cycle has its effect too.
+    let mut changed = records.clone();
+    changed[1500].inputs.sample.as_mut().expect("1 kHz").counts[0] += 400;
+    let replayed = replay_of(&about, &changed);
+    assert!(matches!(replayed.end, End::Different { index: 1500, .. }), "{:?}", replayed.end);
+    let mut changed = records.clone();
+    changed.remove(500);
+    let gap = End::Gap { expected: 500, found: 501 };
+    assert_eq!(replay_of(&about, &changed), replay::Replay { cycles: 500, end: gap });
+    let gap = End::Gap { expected: 0, found: 700 };
+    assert_eq!(replay_of(&about, &records[700..]), replay::Replay { cycles: 0, end: gap });
+}
+
+const KILLS: u64 = 100;
+const FOLDER: &str = "YIELDWALL_TEST_RECORDS_INTO";
+/// Cycles that may be lost: less than those of a second.
+const LOST_CYCLES: u64 = 1000;
+
+/// What is killed: a rig that runs and records for an hour, and tells now and then how many cycles it has recorded.
+#[test]
+#[ignore = "runs as a child of the test that kills it"]
+fn records_until_it_is_killed() {
+    let Some(folder) = std::env::var_os(FOLDER) else { return };
+    let scenario = Scenario::torque();
+    let recorder = Recorder::create(PathBuf::from(folder).as_path(), &about(&scenario)).expect("an empty folder");
+    // As the program has it: room for half a second.
+    let (mut ring, feed) = Feed::start("recorder", 500, Backpressure::Wait, recorder).expect("a thread");
+    let count = Arc::new(AtomicU64::new(0));
+    let counted = Arc::clone(&count);
+    let mut machine = EmbeddedRig::new(&scenario.rig, &scenario.scene, &scenario.rig.fixture, 1).expect("a rig");
+    machine.set_observer(Box::new(move |record| {
+        ring.push(record);
+        counted.fetch_add(1, Ordering::Relaxed);
+    }));
+    machine.enable().expect("it is enabled");
+    for cycle in 0..3_600_000 {
+        machine.run_cycle(Request::None).expect("it goes on");
+        if cycle % 50 == 0 {
+            writeln!(io::stdout(), "\nrecorded {}", count.load(Ordering::Relaxed)).expect("somebody reads");
+        }
+    }
+    drop(feed);
+}
+
+#[test]
+fn a_recording_that_is_killed_loses_less_than_a_second() {
+    let mut most_lost = 0;
+    for kill in 0..KILLS {
+        let folder = Folder::new();
+        let mut child = Command::new(std::env::current_exe().expect("this program"))
+            .args(["--ignored", "--exact", "records_until_it_is_killed", "--nocapture"])
+            .env(FOLDER, &folder.0)
+            .stdin(Stdio::null())
+            .stdout(Stdio::piped())
+            .stderr(Stdio::null())
+            .spawn()
+            .expect("this program starts");
+        let mut lines = BufReader::new(child.stdout.take().expect("a pipe")).lines();
+        let mut count_of = move || {
+            let number = |line: String| line.strip_prefix("recorded ").and_then(|count| count.parse::<u64>().ok());
+            lines.by_ref().find_map(|line| number(line.ok()?))
+        };
+        assert!(count_of().is_some(), "the child records");
+        let reader = std::thread::spawn(move || std::iter::from_fn(&mut count_of).last().unwrap_or(0));
+        std::thread::sleep(Duration::from_millis(kill * 37 % 200));
+        child.kill().expect("it is killed");
+        child.wait().expect("it has ended");
+        let produced = reader.join().expect("its output is read");
+        let kept = read(&folder);
+        assert!(kept.iter().enumerate().all(|(at, record)| record.moment.index == at as u64), "kill {kill}");
+        let lost = produced.saturating_sub(kept.len() as u64);
+        assert!(lost < LOST_CYCLES, "kill {kill}: {lost} of {produced} cycles are lost");
+        most_lost = most_lost.max(lost);
+        // A log that was cut is text to its last whole line.
+        let file = File::open(folder.0.join("cycles.csv")).expect("a file");
+        assert!(BufReader::new(file).lines().count() as u64 + LOST_CYCLES > produced, "kill {kill}");
+    }
+    println!("{KILLS} kills: at most {most_lost} cycles lost");
+}
+
+#[test]
+fn a_fault_leaves_a_black_box_and_its_recording_replays() {
+    let mut scenario = Scenario::torque();
+    // Less than what the hand of the scene needs to leave the surface, after 10 s.
+    scenario.rig.guard.force_limit_n = yieldwall::config::Positive::new(22.0).expect("a positive number");
+    let folder = Folder::new();
+    let black_box = BlackBox::new(Some(folder.0.join("black-box")), "rig", scenario.period_s(), about(&scenario));
+    let (mut ring, feed) = Feed::start("black box", 512, Backpressure::Wait, black_box).expect("a thread");
+    let recorder = Recorder::create(&folder.0, &about(&scenario)).expect("an empty folder");
+    let (mut cycles, recording) = Feed::start("recorder", 512, Backpressure::Wait, recorder).expect("a thread");
+    let observer: Observer = Box::new(move |record| {
+        ring.push(record);
+        cycles.push(record);
+    });
+    let watch = Watch { tap: None, observer: Some(observer) };
+    let report = run_rig(&scenario.rig, &scenario.scene, &overrides(27.0), watch, |_| ()).expect("a rig");
+    let cause = report.cause.expect("a fault");
+    assert_eq!(cause.fault, Fault::ForceLimit, "replay: {}", scenario.replay());
+    assert_eq!(recording.finish().expect("the thread ends").counts.lost(), 0);
+    let saved = feed.finish().expect("the thread ends").report;
+    let [saved] = &saved[..] else { panic!("one fault, one file: {saved:?}") };
+    assert_eq!(saved.cause, cause);
+    let all = read(&folder);
+    let mut reader = Reader::open(saved.file.as_ref().expect("a file")).expect("a recording");
+    let kept: Vec<_> = std::iter::from_fn(|| reader.next_record().expect("it can be read")).collect();
+    let second = (1.0 / scenario.period_s()).round() as usize;
+    assert_eq!(kept.len(), 4 * second);
+    let fault = kept.iter().position(|record| record.cause.is_some()).expect("the fault is in the file");
+    assert_eq!((fault, kept[fault].moment.scene_time_s), (2 * second, saved.scene_time_s));
+    let first = kept[0].moment.index as usize;
+    assert!(kept[..] == all[first..first + kept.len()], "the black box has what the recording has");
+    // The rows end with the cycle that the fault stopped; the recording goes on.
+    let last = report.trace.rows.last().expect("rows").time_s;
+    assert!(all.last().expect("cycles").moment.scene_time_s > last + 1.9);
+    let replayed = replay(&mut Reader::open(&folder.mcap()).expect("a recording")).expect("it replays");
+    assert_eq!(replayed, replay::Replay { cycles: all.len() as u64, end: End::Whole });
+}

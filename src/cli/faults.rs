@@ -1,0 +1,184 @@
+//! `yieldwall faults` and `yieldwall run --fault`: what can be broken on the embedded simulation.
+
+use std::str::FromStr;
+
+use serde_json::json;
+
+use super::failure::Failure;
+use super::output::Output;
+use crate::config;
+use crate::injection::{CATALOGUE, Ending, Injection, Kind, Lasts, Recovery, Row, Target};
+
+/// One `--fault NAME@TIME[+DURATION][:TARGET]`.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct FaultArgument(pub(super) Injection);
+
+impl FromStr for FaultArgument {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        let (rest, target) = match text.split_once(':') {
+            Some((rest, target)) => (rest, Some(target)),
+            None => (text, None),
+        };
+        let (name, times) = match rest.split_once('@') {
+            Some((name, times)) => (name, Some(times)),
+            None => (rest, None),
+        };
+        let kind = Kind::named(name).ok_or_else(|| {
+            let known = CATALOGUE.iter().map(|row| row.name);
+            match config::nearest_word(name, known) {
+                Some(meant) => format!("there is no fault {name}: did you mean {meant}?"),
+                None => format!("there is no fault {name}: `yieldwall faults` lists them"),
+            }
+        })?;
+        let seconds = |text: &str, what: &str| {
+            text.parse::<f64>().map_err(|_| format!("{what} {text} is not a number of seconds, such as 1.5"))
+        };
+        let mut injection = match times {
+            None if kind.row().lasts == Lasts::FromBoot => Injection::new(kind, 0.0),
+            None => return Err(format!("say when: {name}@1.5 begins 1.5 s after the scene")),
+            Some(times) => {
+                let (start, duration) = match times.split_once('+') {
+                    Some((start, duration)) => (start, Some(duration)),
+                    None => (times, None),
+                };
+                let injection = Injection::new(kind, seconds(start, "the time")?);
+                match duration {
+                    Some(duration) => injection.lasting(Some(seconds(duration, "the duration")?)),
+                    None => injection,
+                }
+            }
+        };
+        if let Some(target) = target {
+            let known = Target::NAMES.map(|(_, name)| name);
+            let named = Target::named(target).ok_or_else(|| {
+                let meant = config::nearest_word(target, known);
+                let help = meant
+                    .map_or(format!("the targets are {}", known.join(", ")), |meant| format!("did you mean {meant}?"));
+                format!("there is no target {target}: {help}")
+            })?;
+            injection = injection.on(named);
+        }
+        injection.check().map(|()| Self(injection)).map_err(|error| error.to_string())
+    }
+}
+
+/// Prints the catalogue.
+pub(super) fn list(output: &mut Output) -> Result<(), Failure> {
+    if output.is_json() {
+        return output.json(&json!(CATALOGUE.iter().map(document).collect::<Vec<_>>()));
+    }
+    let lines: Vec<String> = CATALOGUE.iter().map(text).collect();
+    output.result(&(lines.join("\n\n") + "\n"))
+}
+
+fn targets(row: &Row) -> String {
+    row.targets.iter().map(|target| target.name()).collect::<Vec<_>>().join(", ")
+}
+
+fn fault_names(row: &Row) -> Vec<&'static str> {
+    row.expected.faults.iter().map(|fault| fault.row().name).collect()
+}
+
+fn duration(row: &Row) -> String {
+    match row.lasts {
+        Lasts::Once => "once".to_owned(),
+        Lasts::For(duration_s) => format!("{duration_s} s"),
+        Lasts::Stays => "to the end".to_owned(),
+        Lasts::FromBoot => "from switching on".to_owned(),
+    }
+}
+
+fn ending(row: &Row) -> String {
+    let faults = fault_names(row).join(" or ");
+    match row.expected.ending {
+        Ending::GoesOn if faults.is_empty() => "the rig goes on".to_owned(),
+        Ending::GoesOn => format!("{faults} is counted; the rig goes on"),
+        Ending::Latched(states) => {
+            let states = states.iter().map(|state| format!("{state:?}")).collect::<Vec<_>>().join(" or ");
+            format!("{faults} stops the rig: {states}")
+        }
+        Ending::NotEnabled if faults.is_empty() => "the boot refuses the device".to_owned(),
+        Ending::NotEnabled => format!("{faults} keeps the rig from running"),
+        Ending::DrivesStop => "the drives stop by their own watchdogs".to_owned(),
+    }
+}
+
+fn recovery(row: &Row) -> &'static str {
+    match row.expected.recovery {
+        Recovery::None => "",
+        Recovery::Reset => "; reset and enable to go on",
+        Recovery::Restart => "; restart to go on",
+        Recovery::NewProcess => "; only a new process goes on",
+    }
+}
+
+fn text(row: &Row) -> String {
+    let size = row.size.map_or(String::new(), |size| format!("; {}, usually {}", size.what, size.usual));
+    format!(
+        "{}\n    {}\n    at {}; {}{size}\n    then {}{}",
+        row.name,
+        row.meaning,
+        targets(row),
+        duration(row),
+        ending(row),
+        recovery(row)
+    )
+}
+
+fn document(row: &Row) -> serde_json::Value {
+    json!({
+        "name": row.name,
+        "meaning": row.meaning,
+        "targets": row.targets.iter().map(|target| target.name()).collect::<Vec<_>>(),
+        "lasts": duration(row),
+        "size": row.size.map(|size| json!({
+            "what": size.what, "usual": size.usual, "least": size.least, "most": size.most,
+        })),
+        "matrix": row.matrix,
+        "faults": fault_names(row),
+        "reaction": format!("{:?}", row.expected.reaction),
+        "ending": ending(row),
+        "recovery": format!("{:?}", row.expected.recovery),
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn parse(text: &str) -> Result<Injection, String> {
+        text.parse::<FaultArgument>().map(|argument| argument.0)
+    }
+
+    #[test]
+    fn names_times_durations_and_targets_are_read() {
+        let stuck = Injection::new(Kind::SensorStuck, 1.5);
+        assert_eq!(parse("sensor-stuck@1.5"), Ok(stuck));
+        assert_eq!(parse("sensor-stuck@1.5+0.2"), Ok(stuck.lasting(Some(0.2))));
+        let lost = Injection::new(Kind::PdoLost, 2.0).lasting(Some(0.05)).on(Target::RightDrive);
+        assert_eq!(parse("pdo-lost@2+0.05:right_drive"), Ok(lost));
+        assert_eq!(parse("identity-mismatch"), Ok(Injection::new(Kind::IdentityMismatch, 0.0)));
+    }
+
+    #[test]
+    fn what_cannot_be_read_is_answered_with_what_to_write() {
+        for (text, answer) in [
+            ("sensor-stick@1", "did you mean sensor-stuck?"),
+            ("xyzzy@1", "`yieldwall faults` lists them"),
+            ("sensor-stuck", "say when: sensor-stuck@1.5"),
+            ("sensor-stuck@soon", "soon is not a number of seconds"),
+            ("sensor-stuck@1+x", "x is not a number of seconds"),
+            ("sensor-stuck@-1", "0 or above"),
+            ("sensor-stuck@NaN", "0 or above"),
+            ("sensor-stuck@1+0", "above 0"),
+            ("drive-fault@1+1", "takes no duration"),
+            ("pdo-lost@1:left", "did you mean left_drive?"),
+            ("pdo-lost@1:sensor", "it acts on left_drive, right_drive"),
+        ] {
+            let error = parse(text).unwrap_err();
+            assert!(error.contains(answer), "{text}: {error}");
+        }
+    }
+}

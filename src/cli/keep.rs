@@ -1,0 +1,259 @@
+//! What a run leaves on disk while it runs: recording, bus log, black box.
+
+use std::fs::{self, File, OpenOptions};
+use std::io::{self, BufWriter};
+use std::path::{Path, PathBuf};
+use std::time::Duration;
+
+use serde_json::{Value, json};
+
+use super::failure::{Exit, Failure};
+use super::run::{describe, make_folder_of};
+use crate::canopen::{Frame, Time};
+use crate::config::{self, Diagnostic, Severity};
+use crate::record::recording::{About, Backpressure, BlackBox, Feed, Finished, Producer, Recorder, Saved, Sink};
+use crate::sim::can::CandumpWriter;
+use crate::study::Watch;
+
+/// The log's first second: some readers take a time of zero for no time at all.
+pub(super) const LOG_STARTS_AT: Duration = Duration::from_secs(1);
+/// Cycles that wait for a thread, in s of the cycle's clock.
+const RING_S: f64 = 0.5;
+/// Frames that wait for a thread: about as long as the cycles.
+const RING_FRAMES: usize = 8192;
+/// Time after which the bus log is handed to the operating system, in ns of the bus's clock.
+const FLUSH_NS: u64 = 250_000_000;
+/// A simulation is faster than any disk.
+const POLICY: Backpressure = Backpressure::Wait;
+
+/// Files under way.
+pub(super) struct Keep {
+    files: Vec<(PathBuf, &'static str, Feed<()>)>,
+    black_box: Feed<Vec<Saved>>,
+}
+
+/// A file that a run left.
+struct KeptFile {
+    path: PathBuf,
+    what: &'static str,
+    end: Finished<()>,
+}
+
+/// What a run left.
+pub(super) struct Kept {
+    files: Vec<KeptFile>,
+    black_boxes: Vec<Saved>,
+}
+
+impl Keep {
+    /// Makes the files, and what has to watch the rig for them.
+    pub(super) fn start(
+        rig: &config::Rig,
+        about: &About,
+        candump: Option<&Path>,
+        record: Option<&Path>,
+        black_box: Option<&Path>,
+    ) -> Result<(Self, Watch), Failure> {
+        let period_s = f64::from(rig.cycle.period_us) * 1e-6;
+        let capacity = (RING_S / period_s).ceil().clamp(64.0, 65_536.0) as usize;
+        let (mut cycles, mut frames) = (Vec::new(), Vec::new());
+        let (mut files, mut logs) = (Vec::new(), Vec::new());
+        if let Some(folder) = record {
+            fs::create_dir_all(folder).map_err(|error| cannot_write(folder, &error))?;
+            let recorder = Recorder::create(folder, about).map_err(|error| cannot_write(folder, &error))?;
+            let (producer, feed) = start("recorder", capacity, recorder)?;
+            cycles.push(producer);
+            files.push((folder.join("cycles.mcap"), "cycles", feed));
+            logs.push((folder.join("bus.log"), true));
+        }
+        if let Some(path) = candump {
+            make_folder_of(path)?;
+            logs.push((path.to_owned(), false));
+        }
+        for (path, is_new) in logs {
+            let mut options = OpenOptions::new();
+            let file = options.write(true).create(true).create_new(is_new).truncate(!is_new).open(&path);
+            let log = BusLog::new(file.map_err(|error| cannot_write(&path, &error))?);
+            let (producer, feed) = start("bus log", RING_FRAMES, log)?;
+            frames.push(producer);
+            files.push((path, "frames", feed));
+        }
+        let folder = black_box.or(record).map(Path::to_owned).or_else(state_folder);
+        let sink = BlackBox::new(folder, &rig.rig.name, period_s, about.clone());
+        let (producer, black_box) = start("black box", capacity, sink)?;
+        cycles.push(producer);
+        let watch = Watch {
+            observer: Some(Box::new(move |record| cycles.iter_mut().for_each(|producer| producer.push(record)))),
+            tap: Some(Box::new(move |time, frame| {
+                frames.iter_mut().for_each(|producer| producer.push(&(time, *frame)));
+            })),
+        };
+        Ok((Self { files, black_box }, watch))
+    }
+
+    /// Waits until everything is in its file.
+    pub(super) fn finish(self) -> Result<Kept, Failure> {
+        let mut files = Vec::new();
+        for (path, what, feed) in self.files {
+            files.push(KeptFile { path, what, end: finish(feed)? });
+        }
+        Ok(Kept { files, black_boxes: finish(self.black_box)?.report })
+    }
+}
+
+fn start<T: Copy + Send + 'static, R: Send + 'static>(
+    name: &str,
+    capacity: usize,
+    sink: impl Sink<T, Report = R>,
+) -> Result<(Producer<T>, Feed<R>), Failure> {
+    Feed::start(name, capacity, POLICY, sink)
+        .map_err(|error| Failure::new(Exit::Internal, format!("thread of the {name}: {error}"), ""))
+}
+
+fn finish<R: Send + 'static>(feed: Feed<R>) -> Result<Finished<R>, Failure> {
+    feed.finish().map_err(|error| Failure::new(Exit::Internal, error.to_string(), ""))
+}
+
+fn cannot_write(path: &Path, error: &io::Error) -> Failure {
+    let help = "choose a folder that can be written and has no recording yet, or a file that can be written";
+    let message = error.to_string();
+    // Some errors name the file themselves.
+    let shown = path.display().to_string();
+    let message = if message.starts_with(&shown) { message } else { format!("{shown}: {message}") };
+    Failure::new(Exit::Usage, message, help)
+}
+
+/// `$XDG_STATE_HOME/yieldwall/black-box`, by default below `~/.local/state`; `None` without a home.
+fn state_folder() -> Option<PathBuf> {
+    let of = |name| std::env::var_os(name).map(PathBuf::from).filter(|path: &PathBuf| path.is_absolute());
+    let state = of("XDG_STATE_HOME").or_else(|| of("HOME").map(|home| home.join(".local/state")))?;
+    Some(state.join("yieldwall").join("black-box"))
+}
+
+impl Kept {
+    /// A line for each file.
+    pub(super) fn lines(&self) -> Vec<String> {
+        let files = self.files.iter().filter(|file| file.what == "cycles").map(|file| {
+            let kept = file.end.counts.kept;
+            format!("recorded  {kept} cycles into {}", file.path.display())
+        });
+        let boxes = self.black_boxes.iter().filter_map(|saved| {
+            let path = saved.file.as_ref().ok()?;
+            Some(format!("black box {} at {}: {}", saved.cause.fault.row().name, when(saved), path.display()))
+        });
+        files.chain(boxes).collect()
+    }
+
+    /// What was lost.
+    pub(super) fn warnings(&self) -> Vec<Diagnostic> {
+        let warning = |message: String, help: &str| Diagnostic {
+            severity: Severity::Warning,
+            ..Diagnostic::about_file("", message, help)
+        };
+        let files =
+            self.files.iter().filter(|file| file.end.counts.lost() > 0 || file.end.error.is_some()).map(|file| {
+                let (counts, what) = (file.end.counts, file.what);
+                let why = match &file.end.error {
+                    Some(error) => error.to_string(),
+                    None => "the disk was too slow".to_owned(),
+                };
+                let all = counts.kept + counts.lost();
+                let message = format!("{}: {} of {all} {what} are lost: {why}", file.path.display(), counts.lost());
+                warning(message, "the run itself went on; make room on the disk, or record to another one")
+            });
+        let boxes = self.black_boxes.iter().filter_map(|saved| {
+            let error = saved.file.as_ref().err()?;
+            let message = format!("no black box of {} at {}: {error}", saved.cause.fault.row().name, when(saved));
+            Some(warning(message, "name a folder that can be written with --black-box"))
+        });
+        files.chain(boxes).collect()
+    }
+
+    /// The failure, its help with the black box of the last fault.
+    pub(super) fn point_to_black_box(&self, mut failure: Failure) -> Failure {
+        let file = self.black_boxes.last().and_then(|saved| saved.file.as_ref().ok());
+        if let (Some(file), Some(finding)) = (file, failure.report.diagnostics.last_mut()) {
+            let path = format!("what happened around it is in {}", file.display());
+            finding.help = Some(match finding.help.take() {
+                Some(help) if !help.is_empty() => format!("{help}; {path}"),
+                _ => path,
+            });
+        }
+        failure
+    }
+
+    pub(super) fn files_json(&self) -> Value {
+        let file = |file: &KeptFile| {
+            let counts = file.end.counts;
+            json!({
+                "file": file.path,
+                "what": file.what,
+                "kept": counts.kept,
+                "dropped": counts.dropped,
+                "refused": counts.refused,
+                "error": file.end.error.as_ref().map(ToString::to_string),
+            })
+        };
+        self.files.iter().map(file).collect()
+    }
+
+    pub(super) fn black_boxes_json(&self) -> Value {
+        let saved = |saved: &Saved| {
+            json!({
+                "fault": saved.cause.fault.row().name,
+                "where": describe(saved.cause),
+                "state": format!("{:?}", saved.state),
+                "time_s": saved.scene_time_s.is_finite().then_some(saved.scene_time_s),
+                "file": saved.file.as_ref().ok(),
+                "error": saved.file.as_ref().err().map(ToString::to_string),
+            })
+        };
+        self.black_boxes.iter().map(saved).collect()
+    }
+}
+
+fn when(saved: &Saved) -> String {
+    if saved.scene_time_s.is_finite() { format!("{:.3} s", saved.scene_time_s) } else { "enabling".to_owned() }
+}
+
+/// Frames into a log.
+struct BusLog {
+    log: CandumpWriter<BufWriter<File>>,
+    stretch: u64,
+    written: u64,
+    stored: u64,
+}
+
+impl BusLog {
+    fn new(file: File) -> Self {
+        let log = CandumpWriter::new(BufWriter::new(file), "vcan0");
+        Self { log, stretch: 0, written: 0, stored: 0 }
+    }
+}
+
+impl Sink<(Time, Frame)> for BusLog {
+    type Report = ();
+
+    fn take(&mut self, (time, frame): &(Time, Frame)) -> io::Result<()> {
+        let stretch = time.0 / FLUSH_NS;
+        if stretch != self.stretch {
+            self.stretch = stretch;
+            self.finish()?;
+        }
+        self.log.record(*time + LOG_STARTS_AT, frame)?;
+        self.written += 1;
+        Ok(())
+    }
+
+    fn finish(&mut self) -> io::Result<()> {
+        self.log.flush()?;
+        self.stored = self.written;
+        Ok(())
+    }
+
+    fn stored(&self) -> u64 {
+        self.stored
+    }
+
+    fn report(self) {}
+}

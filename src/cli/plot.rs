@@ -1,0 +1,37 @@
+//! `yieldwall plot`: a drawing of a recording.
+
+use std::path::PathBuf;
+
+use serde_json::json;
+
+use super::failure::Failure;
+use super::output::Output;
+use super::replay::{damage, failure, open};
+use super::run::{check_picture, drawing_failure, write_drawing};
+use crate::study::drawing;
+use crate::study::replay::recorded_trace;
+
+#[derive(Debug, clap::Args)]
+pub(super) struct Arguments {
+    /// The recording, a cycles.mcap or the file of a black box
+    #[arg(value_name = "RECORDING")]
+    recording: PathBuf,
+    /// Draw trajectory, force and power into this file, an .svg or a .png; folders on the way are made
+    #[arg(long, value_name = "PATH", default_value = "recording.svg")]
+    figure: PathBuf,
+}
+
+pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Failure> {
+    let (path, figure) = (&arguments.recording, &arguments.figure);
+    check_picture(figure)?;
+    let mut reader = open(path)?;
+    let trace = recorded_trace(&mut reader).map_err(|error| failure(path, error))?;
+    output.warnings(&damage(&reader, path));
+    let heading = Some(trace.title.clone());
+    let drawing = drawing::run(&trace, heading).map_err(|error| drawing_failure(&error))?;
+    write_drawing(&drawing, figure)?;
+    if output.is_json() {
+        return output.json(&json!({ "recording": path, "figure": figure, "rows": trace.rows.len() }));
+    }
+    output.news(&format!("{}: {} cycles of the scene", figure.display(), trace.rows.len()))
+}

@@ -1,0 +1,140 @@
+//! `yieldwall replay`: a recording's cycles, run again and compared.
+
+use std::fs::File;
+use std::path::{Path, PathBuf};
+
+use serde_json::json;
+
+use super::failure::{Exit, Failure};
+use super::output::Output;
+use super::run::rig_failure;
+use crate::config::{Diagnostic, Severity};
+use crate::record::recording::{ReadError, Reader};
+use crate::study::replay::{End, ReplayError, replay};
+
+#[derive(Debug, clap::Args)]
+pub(super) struct Arguments {
+    /// The recording, a cycles.mcap or the file of a black box
+    #[arg(value_name = "RECORDING")]
+    recording: PathBuf,
+}
+
+pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Failure> {
+    let path = &arguments.recording;
+    let mut reader = open(path)?;
+    let found = warn_of_version(&reader, path);
+    output.warnings(&found);
+    let replayed = replay(&mut reader).map_err(|error| failure(path, error))?;
+    let damage = damage(&reader, path);
+    output.warnings(&damage);
+    let cycles = replayed.cycles;
+    let failure = match &replayed.end {
+        End::Whole if cycles > 0 => None,
+        End::Whole => Some(refuse(path, "holds no cycle", "record one with `yieldwall run RIG.yaml --record DIR`")),
+        End::Different { index, scene_time_s, difference } => Some(Failure::new(
+            Exit::OutOfTolerance,
+            format!(
+                "{}: cycle {index} (scene {scene_time_s:.3} s) gives another {}: {} was recorded, {} came out; the {cycles} \
+                 cycles before are byte-identical",
+                path.display(),
+                difference.field,
+                difference.one,
+                difference.other
+            ),
+            "replay with the program that recorded it; on another processor the last bits may differ",
+        )),
+        End::Gap { expected, found } => {
+            let gap = if found > expected {
+                format!("misses the cycles {expected} to {}", found - 1)
+            } else {
+                format!("has cycle {found} where cycle {expected} should be")
+            };
+            let message = format!(
+                "{gap}: {cycles} cycles are byte-identical, and what the stages remember afterwards is not known"
+            );
+            let help = "only a recording from the first cycle after the boot on can be run again; a black box can be \
+                        drawn with `yieldwall plot`";
+            Some(refuse(path, &message, help))
+        }
+    };
+    if output.is_json() {
+        let difference = match &replayed.end {
+            End::Different { index, difference, .. } => json!({
+                "cycle": index,
+                "field": difference.field,
+                "recorded": difference.one,
+                "replayed": difference.other,
+            }),
+            _ => json!(null),
+        };
+        let all: Vec<&Diagnostic> =
+            found.iter().chain(&damage).chain(failure.iter().flat_map(|failure| &failure.report.diagnostics)).collect();
+        output.json(&json!({
+            "recording": path,
+            "identical_cycles": cycles,
+            "is_identical": failure.is_none(),
+            "difference": difference,
+            "exit_code": failure.as_ref().map_or(0, |failure| failure.exit.code()),
+            "diagnostics": all,
+        }))?;
+        let silent = |failure: Failure| Failure {
+            exit: failure.exit,
+            report: crate::config::Report { diagnostics: Vec::new() },
+        };
+        return failure.map_or(Ok(()), |failure| Err(silent(failure)));
+    }
+    match failure {
+        Some(failure) => Err(failure),
+        None => output.news(&format!("{cycles} cycles, byte-identical")),
+    }
+}
+
+/// Opens a recording.
+pub(super) fn open(path: &Path) -> Result<Reader<File>, Failure> {
+    Reader::open(path).map_err(|error| read_failure(path, &error))
+}
+
+pub(super) fn read_failure(path: &Path, error: &ReadError) -> Failure {
+    let help = match error {
+        ReadError::Io(_) => "check the path",
+        ReadError::NotMcap => "name a cycles.mcap or the file of a black box",
+        ReadError::NoDescription(_) => "it is not a recording of this program, or was cut before its first cycle",
+        ReadError::OtherFields { .. } => "use the program of that version; other readers of MCAP can read it",
+    };
+    // What stands in a file may have control characters.
+    refuse(path, &error.to_string().escape_debug().to_string(), help)
+}
+
+pub(super) fn failure(path: &Path, error: ReplayError) -> Failure {
+    match error {
+        ReplayError::Read(error) => read_failure(path, &error),
+        ReplayError::Config(report) => report.into(),
+        ReplayError::Rig(error) => rig_failure(&error),
+    }
+}
+
+fn refuse(path: &Path, message: &str, help: &str) -> Failure {
+    let report = Diagnostic::about_file(path.display().to_string(), format!("{} {message}", path.display()), help);
+    Failure { exit: Exit::ConfigInvalid, report: report.into() }
+}
+
+fn warning(path: &Path, message: &str, help: &str) -> Diagnostic {
+    let message = format!("{} {message}", path.display());
+    Diagnostic { severity: Severity::Warning, ..Diagnostic::about_file(path.display().to_string(), message, help) }
+}
+
+/// A warning, if another version of the program made the recording.
+fn warn_of_version(reader: &Reader<File>, path: &Path) -> Vec<Diagnostic> {
+    let version = &reader.about().version;
+    let own = env!("CARGO_PKG_VERSION");
+    let message = format!("was recorded by version {} of this program, and this is {own}", version.escape_debug());
+    let help = "what differs may come from the program";
+    if version == own { Vec::new() } else { vec![warning(path, &message, help)] }
+}
+
+/// A warning for each place at which something of the file is lost.
+pub(super) fn damage(reader: &Reader<File>, path: &Path) -> Vec<Diagnostic> {
+    let help = "`yieldwall record repair` writes what is left into a whole file";
+    let one = |damage| warning(path, &format!("is damaged at {damage}"), help);
+    reader.damage().iter().map(one).collect()
+}

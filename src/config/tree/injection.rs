@@ -1,0 +1,123 @@
+//! What is broken on purpose during a scene.
+
+use std::borrow::Cow;
+
+use garde::Validate;
+use schemars::{JsonSchema, Schema, SchemaGenerator, json_schema};
+use serde::{Deserialize, Deserializer, Serialize, Serializer, de};
+
+use crate::config::number::{Finite, NotNegative, Positive};
+use crate::injection::{CATALOGUE, Injection, InjectionError, Kind, Target};
+
+/// One injection of a scene.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema, Validate)]
+#[serde(deny_unknown_fields)]
+#[garde(allow_unvalidated)]
+pub struct SceneFault {
+    /// What is broken; `yieldwall faults` lists all names with what each does.
+    pub inject: FaultName,
+    /// When it begins, s since the scene began. 0 or above; of no meaning for what is there from switching on.
+    #[garde(dive)]
+    pub at_s: NotNegative,
+    /// How long it lasts, s. Above 0; as usual for this kind if left out.
+    #[garde(dive)]
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub for_s: Option<Positive>,
+    /// Where; at the usual place for this kind if left out.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub target: Option<FaultTarget>,
+    /// How strong, in the unit of this kind; as strong as usual if left out.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub size: Option<Finite>,
+}
+
+impl SceneFault {
+    /// The injection that is meant.
+    ///
+    /// # Errors
+    /// If target, times or size are not possible for the kind.
+    pub fn injection(&self) -> Result<Injection, InjectionError> {
+        let mut injection = Injection::new(self.inject.0, self.at_s.get());
+        if let Some(duration) = self.for_s {
+            injection = injection.lasting(Some(duration.get()));
+        }
+        if let Some(FaultTarget(target)) = self.target {
+            injection = injection.on(target);
+        }
+        if let Some(size) = self.size {
+            injection = injection.sized(size.get());
+        }
+        injection.check().map(|()| injection)
+    }
+}
+
+const NAMES: [&str; Kind::COUNT] = {
+    let mut names = [""; Kind::COUNT];
+    let mut at = 0;
+    while at < Kind::COUNT {
+        names[at] = CATALOGUE[at].name;
+        at += 1;
+    }
+    names
+};
+
+const TARGETS: [&str; Target::NAMES.len()] = {
+    let mut names = [""; Target::NAMES.len()];
+    let mut at = 0;
+    while at < names.len() {
+        names[at] = Target::NAMES[at].1;
+        at += 1;
+    }
+    names
+};
+
+macro_rules! word {
+    ($(#[$doc:meta])* $name:ident, $of:ty, $names:ident, $to:expr) => {
+        $(#[$doc])*
+        #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+        pub struct $name(pub $of);
+
+        impl Serialize for $name {
+            fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+                let to: fn($of) -> &'static str = $to;
+                serializer.serialize_str(to(self.0))
+            }
+        }
+
+        impl<'de> Deserialize<'de> for $name {
+            fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+                let word = Cow::<str>::deserialize(deserializer)?;
+                <$of>::named(&word).map(Self).ok_or_else(|| de::Error::unknown_variant(&word, &$names))
+            }
+        }
+
+        impl JsonSchema for $name {
+            fn inline_schema() -> bool {
+                true
+            }
+
+            fn schema_name() -> Cow<'static, str> {
+                stringify!($name).into()
+            }
+
+            fn json_schema(_: &mut SchemaGenerator) -> Schema {
+                json_schema!({ "type": "string", "enum": $names.as_slice() })
+            }
+        }
+    };
+}
+
+word!(
+    /// The name of an injection.
+    FaultName,
+    Kind,
+    NAMES,
+    |kind| kind.row().name
+);
+word!(
+    /// Where an injection acts.
+    FaultTarget,
+    Target,
+    TARGETS,
+    Target::name
+);

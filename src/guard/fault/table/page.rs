@@ -1,0 +1,105 @@
+//! The table in `docs/faults.md`, which is this one.
+
+use std::fmt::Write;
+
+use super::super::{Bound, Rate};
+use super::*;
+
+/// Where the table begins in the page.
+const MARK: &str = "<!-- From here on: the table of src/guard/fault/table.rs, compared by a test. -->\n";
+
+fn rate(step: &Step, stage: Stage) -> String {
+    let unit = if stage == Stage::Sensing { "sample" } else { "cycle" };
+    match step.rate {
+        Rate::InARow(1) => "at once".to_owned(),
+        Rate::InARow(times) => format!("{times} {unit}s in a row"),
+        Rate::Within { count, cycles } => format!("{count} times in {cycles} cycles"),
+    }
+}
+
+fn reaction(reaction: Reaction) -> &'static str {
+    match reaction {
+        Reaction::Count => "R0 count",
+        Reaction::Freeze => "R1 freeze",
+        Reaction::StopRamp => "R2 stop ramp",
+        Reaction::QuickStop => "R3 quick stop",
+        Reaction::TorqueOff => "R4 torque off",
+        Reaction::Silence => "R5 silence",
+    }
+}
+
+fn bound(bound: Bound) -> String {
+    match bound {
+        Bound::Cycles(1) => "1 cycle".to_owned(),
+        Bound::Cycles(cycles) => format!("{cycles} cycles"),
+        Bound::Samples(1) => "1 sample".to_owned(),
+        Bound::Samples(samples) => format!("{samples} samples"),
+        Bound::HeartbeatTime => "heartbeat time and 1 cycle".to_owned(),
+    }
+}
+
+fn stage(stage: Stage) -> &'static str {
+    match stage {
+        Stage::Operator => "The person",
+        Stage::Sensing => "Force sensor",
+        Stage::Bus => "Frames that arrive",
+        Stage::Drives => "Drives",
+        Stage::Arm => "Arm",
+        Stage::Motion => "Reference and command",
+        Stage::Host => "This computer",
+        Stage::Link => "Way to the bus",
+    }
+}
+
+fn rendered() -> String {
+    let mut text = String::new();
+    let stages = [
+        Stage::Operator,
+        Stage::Sensing,
+        Stage::Bus,
+        Stage::Drives,
+        Stage::Arm,
+        Stage::Motion,
+        Stage::Host,
+        Stage::Link,
+    ];
+    for at in stages {
+        let _ = write!(text, "\n## {}\n\n", stage(at));
+        text.push_str("| fault | when: reaction, within, final state | meaning | frequent cause | what to do |\n");
+        text.push_str("|---|---|---|---|---|\n");
+        for row in TABLE.iter().filter(|row| row.stage == at) {
+            let each = |step: &Step| {
+                let state = row.final_state(step.reaction);
+                let (rate, reaction, bound) = (rate(step, at), reaction(step.reaction), bound(step.bound));
+                format!("{rate}: **{reaction}**, {bound}, {state:?}")
+            };
+            let steps: Vec<String> = row.steps.iter().map(each).collect();
+            let Row { name, meaning, cause, next, .. } = row;
+            let _ = writeln!(text, "| `{name}` | {} | {meaning} | {cause} | {next} |", steps.join("<br>"));
+        }
+    }
+    text
+}
+
+#[test]
+fn the_page_shows_this_table() {
+    let path = concat!(env!("CARGO_MANIFEST_DIR"), "/docs/faults.md");
+    let page = std::fs::read_to_string(path).unwrap();
+    let (head, shown) = page.split_once(MARK).expect("the mark before the table");
+    if std::env::var_os("REFRESH_PAGES").is_some() {
+        std::fs::write(path, format!("{head}{MARK}{}", rendered())).unwrap();
+        return;
+    }
+    assert!(
+        shown == rendered(),
+        "docs/faults.md is stale; refresh it with\n  REFRESH_PAGES=1 cargo test -p yieldwall --lib the_page_shows_this_table"
+    );
+}
+
+#[test]
+fn every_fault_stands_on_the_page_once() {
+    let page = rendered();
+    for row in &TABLE {
+        assert_eq!(page.matches(&format!("| `{}` |", row.name)).count(), 1, "{}", row.name);
+    }
+}

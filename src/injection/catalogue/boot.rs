@@ -1,0 +1,63 @@
+//! What is wrong from switching on.
+
+use super::super::Ending::NotEnabled;
+use super::super::Lasts::FromBoot;
+use super::super::Recovery::{Reset, Restart};
+use super::super::Target::{LeftDrive, RightDrive, Sensor};
+use super::super::{Kind, Row};
+use super::{ONE_DRIVE, row, sized};
+use crate::guard::Fault as F;
+use crate::guard::Reaction::{Count, QuickStop};
+
+pub(super) const ROWS: [Row; 5] = [
+    row(
+        (Kind::IdentityMismatch, "identity-mismatch"),
+        &[36],
+        &[LeftDrive, RightDrive, Sensor],
+        FromBoot,
+        "the device is of another vendor than configured",
+        &[],
+        (Count, NotEnabled, Restart),
+    ),
+    row(
+        (Kind::ConfigDrift, "config-drift"),
+        &[38],
+        ONE_DRIVE,
+        FromBoot,
+        "the drive does not keep the torque limit that is written to it",
+        &[],
+        (Count, NotEnabled, Restart),
+    ),
+    row(
+        (Kind::WrongNodeId, "wrong-node-id"),
+        &[37],
+        &[LeftDrive, RightDrive, Sensor],
+        FromBoot,
+        "the device has another node id than configured",
+        &[],
+        (Count, NotEnabled, Restart),
+    ),
+    sized(
+        row(
+            (Kind::EncoderOffset, "encoder-offset"),
+            &[40],
+            ONE_DRIVE,
+            FromBoot,
+            "the drive's zero is wrong",
+            &[F::Posture],
+            (QuickStop, NotEnabled, Reset),
+        ),
+        "an angle in rad",
+        -1.5,
+        (-3.0, 3.0),
+    ),
+    row(
+        (Kind::DriveNotEnabling, "drive-not-enabling"),
+        &[19],
+        ONE_DRIVE,
+        FromBoot,
+        "the drive does not follow its controlword to Operation Enabled",
+        &[F::EnablingTimeout],
+        (QuickStop, NotEnabled, Reset),
+    ),
+];

@@ -1,0 +1,154 @@
+//! The person, the computer and its interface.
+
+use super::super::Ending::DrivesStop;
+use super::super::Lasts::{For, Once, Stays};
+use super::super::Recovery::{NewProcess, Reset, Restart};
+use super::super::Target::{Host, Link, Operator};
+use super::super::{Kind, Row};
+use super::{DISABLED, LOST, STOPPED, row, sized};
+use crate::guard::Fault as F;
+use crate::guard::Reaction::{QuickStop, Silence, StopRamp};
+
+pub(super) const ROWS: [Row; 14] = [
+    row(
+        (Kind::StopRequest, "stop-request"),
+        &[],
+        &[Operator],
+        Once,
+        "the person asks for a stop",
+        &[F::StopRequested],
+        (StopRamp, STOPPED, Reset),
+    ),
+    sized(
+        row(
+            (Kind::SyncLate, "sync-late"),
+            &[9],
+            &[Host],
+            For(0.1),
+            "every second cycle SYNC leaves late",
+            &[F::SyncJitter],
+            (StopRamp, STOPPED, Reset),
+        ),
+        "a time in s",
+        0.000_25,
+        (0.0, 0.01),
+    ),
+    sized(
+        row(
+            (Kind::ComputeLate, "compute-late"),
+            &[29],
+            &[Host],
+            For(0.1),
+            "every second cycle the computation begins late; a grid point that passes meanwhile is left out",
+            &[F::Overrun],
+            (StopRamp, STOPPED, Reset),
+        ),
+        "a time in s",
+        0.000_55,
+        (0.0, 0.01),
+    ),
+    sized(
+        row(
+            (Kind::CycleOverrun, "cycle-overrun"),
+            &[28],
+            &[Host],
+            For(0.1),
+            "every second cycle takes long to compute; a grid point that passes meanwhile is left out",
+            &[F::Overrun],
+            (StopRamp, STOPPED, Reset),
+        ),
+        "a time in s",
+        0.0006,
+        (0.0, 0.01),
+    ),
+    row(
+        (Kind::MasterStopped, "master-stopped"),
+        &[26],
+        &[Host],
+        For(0.003),
+        "the process is stopped and goes on at the end, with all frames that waited meanwhile",
+        &[F::Stalled],
+        (QuickStop, STOPPED, Reset),
+    ),
+    row(
+        (Kind::MasterKilled, "master-killed"),
+        &[25],
+        &[Host],
+        Stays,
+        "the process is killed and does not come back",
+        &[],
+        (Silence, DrivesStop, NewProcess),
+    ),
+    row(
+        (Kind::CyclePanic, "cycle-panic"),
+        &[27],
+        &[Host],
+        Once,
+        "the cycle panics while it hands over its frames; the last thing that leaves is a quick stop",
+        &[F::CyclePanicked],
+        (QuickStop, DISABLED, NewProcess),
+    ),
+    row(
+        (Kind::Suspend, "suspend"),
+        &[30],
+        &[Host],
+        For(0.003),
+        "the computer is suspended; its monotonic clock stands still meanwhile",
+        &[F::Suspended],
+        (StopRamp, STOPPED, Reset),
+    ),
+    row(
+        (Kind::SendFailed, "send-failed"),
+        &[8],
+        &[Link],
+        For(0.02),
+        "sending fails and says so; what others send arrives",
+        &[F::LinkDown],
+        (Silence, LOST, Restart),
+    ),
+    row(
+        (Kind::InterfaceDown, "interface-down"),
+        &[23],
+        &[Link],
+        For(0.2),
+        "the interface is down: nothing goes in or out, and sending says so",
+        &[F::LinkDown, F::PdoMissed, F::HeartbeatLost],
+        (Silence, LOST, Restart),
+    ),
+    row(
+        (Kind::BusOff, "bus-off"),
+        &[21],
+        &[Link],
+        For(0.2),
+        "the controller goes bus-off: nothing goes in or out",
+        &[F::BusOff, F::PdoMissed, F::HeartbeatLost],
+        (Silence, LOST, Restart),
+    ),
+    row(
+        (Kind::ErrorPassive, "error-passive"),
+        &[22],
+        &[Link],
+        For(0.02),
+        "the controller is error-passive on a disturbed bus that still carries its frames",
+        &[F::ErrorPassive],
+        (Silence, LOST, Restart),
+    ),
+    row(
+        (Kind::TransmitStalled, "transmit-stalled"),
+        &[24],
+        &[Link],
+        For(0.01),
+        "what the master sends waits in its interface",
+        &[F::TransmitStalled, F::PdoMissed],
+        (Silence, LOST, Restart),
+    ),
+    row(
+        (Kind::CableOut, "cable-out"),
+        &[22],
+        &[Link],
+        For(0.2),
+        "the master's cable is out: its frames wait unacknowledged, and nothing arrives",
+        &[F::TransmitStalled, F::ErrorPassive, F::PdoMissed, F::HeartbeatLost],
+        (Silence, LOST, Restart),
+    ),
+];

@@ -1,0 +1,61 @@
+//! What is not possible to inject.
+
+use super::{Size, Target};
+use thiserror::Error;
+
+/// What is not possible to inject.
+#[derive(Clone, Copy, Debug, PartialEq, Error)]
+pub enum InjectionError {
+    /// The kind does not act there.
+    #[error("{name} does not act on {}: it acts on {}", target.name(), names(targets))]
+    Target {
+        /// Name of the kind.
+        name: &'static str,
+        /// The target that was asked for.
+        target: Target,
+        /// The targets of the kind.
+        targets: &'static [Target],
+    },
+    /// The start is not a moment of the scene.
+    #[error("{name} begins at {start_s} s: a number of seconds since the scene began is wanted, 0 or above")]
+    Start {
+        /// Name of the kind.
+        name: &'static str,
+        /// The start that was asked for, in s.
+        start_s: f64,
+    },
+    /// The duration is not above zero.
+    #[error("{name} lasts {duration_s} s: a number of seconds above 0 is wanted")]
+    Duration {
+        /// Name of the kind.
+        name: &'static str,
+        /// The duration that was asked for, in s.
+        duration_s: f64,
+    },
+    /// What happens once, or is there from switching on, has no duration.
+    #[error("{name} takes no duration: it happens once, or is there from switching on")]
+    NoDuration {
+        /// Name of the kind.
+        name: &'static str,
+    },
+    /// The size is out of its range.
+    #[error("{name} has the size {size}: {} between {} and {} is wanted", allowed.what, allowed.least, allowed.most)]
+    Size {
+        /// Name of the kind.
+        name: &'static str,
+        /// The size that was asked for.
+        size: f64,
+        /// What is allowed.
+        allowed: Size,
+    },
+    /// The kind has no size.
+    #[error("{name} takes no size")]
+    NoSize {
+        /// Name of the kind.
+        name: &'static str,
+    },
+}
+
+fn names(targets: &[Target]) -> String {
+    targets.iter().map(|target| target.name()).collect::<Vec<_>>().join(", ")
+}

@@ -1,0 +1,322 @@
+//! Fault injection as data: what can be broken on the embedded simulation, and what has to follow.
+//!
+//! [`Kind`] names what is broken, [`CATALOGUE`] says of each what it does, where, and what is expected of the rig, and
+//! [`Injection`] is one of them at a moment. The rig in virtual time carries them out.
+
+mod catalogue;
+mod error;
+
+pub use catalogue::CATALOGUE;
+pub use error::InjectionError;
+
+use crate::guard::{Fault, Reaction, State};
+
+/// What is broken.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+#[repr(u8)]
+#[expect(missing_docs, reason = "every kind is described by its row of the catalogue")]
+pub enum Kind {
+    SensorStuck,
+    SensorInvalid,
+    SensorSaturated,
+    SensorStale,
+    SensorSilent,
+    SensorJump,
+    SensorDrift,
+    SensorClockDrift,
+    PdoLost,
+    PdoDelayed,
+    PdoJitter,
+    PdoDuplicated,
+    PdoReordered,
+    PdoCorrupt,
+    PdoShort,
+    SetPointsLost,
+    SyncLost,
+    HeartbeatSilent,
+    NodeReset,
+    NodeSilent,
+    DuplicateNode,
+    IntruderNmt,
+    IntruderSync,
+    IntruderSetPoint,
+    Emergency,
+    EmergencyWarning,
+    DriveFault,
+    DriveWarning,
+    VoltageOff,
+    DriveLeavesOperation,
+    DriveIgnoresCommand,
+    DriveRunaway,
+    EncoderJump,
+    EncoderStuck,
+    ArmBlocked,
+    HandPush,
+    HandOverload,
+    HandBlow,
+    HandTremble,
+    HandStiff,
+    HandSwing,
+    HandToEdge,
+    StopRequest,
+    SyncLate,
+    ComputeLate,
+    CycleOverrun,
+    MasterStopped,
+    MasterKilled,
+    CyclePanic,
+    Suspend,
+    SendFailed,
+    InterfaceDown,
+    BusOff,
+    ErrorPassive,
+    TransmitStalled,
+    CableOut,
+    IdentityMismatch,
+    ConfigDrift,
+    WrongNodeId,
+    EncoderOffset,
+    DriveNotEnabling,
+}
+
+impl Kind {
+    /// Number of kinds.
+    pub const COUNT: usize = Kind::DriveNotEnabling as usize + 1;
+
+    /// The row of [`CATALOGUE`] that describes this kind.
+    pub fn row(self) -> &'static Row {
+        &CATALOGUE[self as usize]
+    }
+
+    /// The kind of this name.
+    pub fn named(name: &str) -> Option<Self> {
+        CATALOGUE.iter().find(|row| row.name == name).map(|row| row.kind)
+    }
+}
+
+/// Where something is broken.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum Target {
+    /// The left drive, its encoder or its joint.
+    LeftDrive,
+    /// The right drive, its encoder or its joint.
+    RightDrive,
+    /// Both drives.
+    Drives,
+    /// The force sensor.
+    Sensor,
+    /// The whole bus.
+    Bus,
+    /// The hand on the tool.
+    Hand,
+    /// The computer that runs the master.
+    Host,
+    /// The master's interface to the bus.
+    Link,
+    /// The person at the rig.
+    Operator,
+}
+
+impl Target {
+    /// All targets with their names.
+    pub const NAMES: [(Self, &'static str); 9] = [
+        (Self::LeftDrive, "left_drive"),
+        (Self::RightDrive, "right_drive"),
+        (Self::Drives, "drives"),
+        (Self::Sensor, "sensor"),
+        (Self::Bus, "bus"),
+        (Self::Hand, "hand"),
+        (Self::Host, "host"),
+        (Self::Link, "link"),
+        (Self::Operator, "operator"),
+    ];
+
+    /// The name, as it stands in files and arguments.
+    pub fn name(self) -> &'static str {
+        Self::NAMES.iter().find(|(target, _)| *target == self).map_or("", |(_, name)| name)
+    }
+
+    /// The target of this name.
+    pub fn named(name: &str) -> Option<Self> {
+        Self::NAMES.iter().find(|(_, known)| *known == name).map(|(target, _)| *target)
+    }
+
+    /// Whether joint 0 (left) or 1 (right) is concerned.
+    pub fn has_joint(self, joint: usize) -> bool {
+        match self {
+            Self::LeftDrive => joint == 0,
+            Self::RightDrive => joint == 1,
+            Self::Drives => joint < 2,
+            _ => false,
+        }
+    }
+}
+
+/// How long an injection lasts.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Lasts {
+    /// It happens once, in one cycle.
+    Once,
+    /// So many seconds unless another duration is given.
+    For(f64),
+    /// To the end unless a duration is given.
+    Stays,
+    /// It is there from switching on, and is found while the rig is booted or enabled.
+    FromBoot,
+}
+
+/// A number that says how strong an injection is.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Size {
+    /// What it counts, with its unit.
+    pub what: &'static str,
+    /// What it is if nothing else is said.
+    pub usual: f64,
+    /// Least value.
+    pub least: f64,
+    /// Greatest value.
+    pub most: f64,
+}
+
+/// How a rig ends under an injection.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Ending {
+    /// It runs, or holds and runs again by itself.
+    GoesOn,
+    /// It latches in one of these states.
+    Latched(&'static [State]),
+    /// It is never enabled.
+    NotEnabled,
+    /// Nobody is there to stop it: the drives stop by their own watchdogs.
+    DrivesStop,
+}
+
+/// What a person has to do to run the rig again, once the injection is over.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Recovery {
+    /// Nothing.
+    None,
+    /// Reset and enable.
+    Reset,
+    /// Boot the network anew, reset and enable.
+    Restart,
+    /// Start the program anew.
+    NewProcess,
+}
+
+/// What has to follow from an injection with the row's own target, duration and size, on a rig in motion.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Expected {
+    /// The faults that may show; one of them is the cause of a stop. Empty if nothing is to be noticed, or if the boot
+    /// refuses.
+    pub faults: &'static [Fault],
+    /// The strongest reaction.
+    pub reaction: Reaction,
+    /// How the rig ends.
+    pub ending: Ending,
+    /// What makes it run again.
+    pub recovery: Recovery,
+}
+
+/// One kind of injection with all that is known of it.
+#[derive(Clone, Copy, Debug)]
+pub struct Row {
+    /// The kind.
+    pub kind: Kind,
+    /// Short name, unique, as it stands in files and arguments.
+    pub name: &'static str,
+    /// What it does.
+    pub meaning: &'static str,
+    /// The rows of the fault matrix that it covers.
+    pub matrix: &'static [u8],
+    /// Where it can act; the first unless another is given.
+    pub targets: &'static [Target],
+    /// How long.
+    pub lasts: Lasts,
+    /// How strong, if that can be chosen.
+    pub size: Option<Size>,
+    /// What has to follow.
+    pub expected: Expected,
+}
+
+/// Something broken at a moment.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Injection {
+    /// What is broken.
+    pub kind: Kind,
+    /// Where.
+    pub target: Target,
+    /// When it begins, in s since the scene began; of no meaning for what is there from switching on.
+    pub start_s: f64,
+    /// How long it lasts in s; `None` if it stays. Of no meaning for what happens once.
+    pub duration_s: Option<f64>,
+    /// How strong it is, in the unit of [`Row::size`]; of no meaning without one.
+    pub size: f64,
+}
+
+impl Injection {
+    /// The usual injection of its kind, beginning `start_s` seconds after the scene.
+    pub fn new(kind: Kind, start_s: f64) -> Self {
+        let row = kind.row();
+        let duration_s = match row.lasts {
+            Lasts::For(duration_s) => Some(duration_s),
+            _ => None,
+        };
+        let target = row.targets.first().copied().unwrap_or(Target::Host);
+        Self { kind, target, start_s, duration_s, size: row.size.map_or(0.0, |size| size.usual) }
+    }
+
+    /// The same at another place.
+    #[must_use]
+    pub fn on(self, target: Target) -> Self {
+        Self { target, ..self }
+    }
+
+    /// The same for another time; `None` if it stays.
+    #[must_use]
+    pub fn lasting(self, duration_s: Option<f64>) -> Self {
+        Self { duration_s, ..self }
+    }
+
+    /// The same with another strength.
+    #[must_use]
+    pub fn sized(self, size: f64) -> Self {
+        Self { size, ..self }
+    }
+
+    /// When it ends in s; infinity if it stays. What happens once ends as it begins.
+    pub fn end_s(&self) -> f64 {
+        match (self.kind.row().lasts, self.duration_s) {
+            (Lasts::Once, _) => self.start_s,
+            (_, Some(duration_s)) => self.start_s + duration_s,
+            (_, None) => f64::INFINITY,
+        }
+    }
+
+    /// # Errors
+    /// If target, times or size are not possible for the kind.
+    pub fn check(&self) -> Result<(), InjectionError> {
+        let row = self.kind.row();
+        if !row.targets.contains(&self.target) {
+            return Err(InjectionError::Target { name: row.name, target: self.target, targets: row.targets });
+        }
+        if !(self.start_s >= 0.0 && self.start_s.is_finite()) {
+            return Err(InjectionError::Start { name: row.name, start_s: self.start_s });
+        }
+        if let Some(duration_s) = self.duration_s {
+            if matches!(row.lasts, Lasts::Once | Lasts::FromBoot) {
+                return Err(InjectionError::NoDuration { name: row.name });
+            }
+            if !(duration_s > 0.0 && duration_s.is_finite()) {
+                return Err(InjectionError::Duration { name: row.name, duration_s });
+            }
+        }
+        match row.size {
+            Some(size) if !(size.least..=size.most).contains(&self.size) => {
+                Err(InjectionError::Size { name: row.name, size: self.size, allowed: size })
+            }
+            None if self.size != 0.0 => Err(InjectionError::NoSize { name: row.name }),
+            _ => Ok(()),
+        }
+    }
+}

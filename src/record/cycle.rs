@@ -1,0 +1,92 @@
+//! All that is known of one control cycle.
+
+use super::Row;
+use crate::cycle::{Inputs, Outputs, Signals};
+use crate::guard::{Cause, Directive, JointCommand};
+use crate::quantity::{JointTorques, TipPoint, TipVelocity};
+
+/// Which cycle it was, and when it was planned. Times are those of the cycle's own clock: virtual in a simulation. By how
+/// much it was late, and how long the one before took, is in [`Inputs::timing`].
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Moment {
+    /// Number of the cycle, from 0 at the first one after the boot.
+    pub index: u64,
+    /// Planned moment of SYNC in ns since switching on.
+    pub sync_ns: u64,
+    /// Planned begin of the computation in ns since switching on.
+    pub compute_ns: u64,
+    /// Moment of SYNC in s since the scene began; minus infinity before.
+    pub scene_time_s: f64,
+}
+
+/// What a simulation knows of the machine and no device tells.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Truth {
+    /// Tool point.
+    pub tool: TipPoint,
+    /// Velocity of the tool.
+    pub velocity: TipVelocity,
+    /// Torques of the drives.
+    pub torques: JointTorques,
+}
+
+/// What entered one cycle and what left it.
+///
+/// Of fixed size and without heap memory: a cycle may write it into memory set aside before. The command is a copy of
+/// the one that the gate let through; nothing can be sent from it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct CycleRecord {
+    /// Which cycle it was, and when.
+    pub moment: Moment,
+    /// What entered it.
+    pub inputs: Inputs,
+    /// What the joints were told to do.
+    pub command: JointCommand,
+    /// What the supervisor decided.
+    pub directive: Directive,
+    /// The fault that led to the supervisor's state, if one did, and the devices that it concerns.
+    pub cause: Option<Cause>,
+    /// What the stages computed on the way.
+    pub signals: Signals,
+    /// The truth of a simulation.
+    pub truth: Option<Truth>,
+}
+
+impl CycleRecord {
+    /// The record of a cycle that took `inputs` and gave `outputs`.
+    ///
+    /// Real-time: yes.
+    pub fn new(moment: Moment, inputs: &Inputs, outputs: &Outputs, cause: Option<Cause>, truth: Option<Truth>) -> Self {
+        let Outputs { command, directive, signals } = *outputs;
+        Self { moment, inputs: *inputs, command: *command.get(), directive, cause, signals, truth }
+    }
+
+    /// What figures and measures look at. Without a simulation the tool is the measured one, its velocity is zero, and
+    /// torques are known in torque mode only.
+    ///
+    /// Real-time: yes.
+    pub fn row(&self) -> Row {
+        let signals = &self.signals;
+        let truth = self.truth.unwrap_or(Truth { tool: signals.tool, ..Truth::default() });
+        let planar = |[x, y]: [f64; 2]| [x, y, 0.0];
+        Row {
+            time_s: self.moment.scene_time_s,
+            tool_m: planar(truth.tool.to_array()),
+            proxy_m: planar(signals.proxy.to_array()),
+            tool_velocity_m_per_s: planar(truth.velocity.to_array()),
+            force_n: planar(signals.force.to_array()),
+            power_w: 0.0,
+            torques_n_m: match self.command {
+                JointCommand::Torque(torques) => torques.to_array(),
+                _ => truth.torques.to_array(),
+            },
+            target_angles_rad: signals.target_angles.to_array(),
+            measured_angles_rad: signals.measured_angles.to_array(),
+            signed_distance_m: signals.signed_distance_m,
+            is_on_surface: signals.is_on_surface,
+            hold_counter: signals.hold_counter,
+            is_impact: signals.is_impact,
+            supervisor_state: self.directive.state as u8,
+        }
+    }
+}

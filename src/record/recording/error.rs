@@ -1,0 +1,23 @@
+//! Why a recording cannot be read.
+
+use std::io;
+
+/// Why a file is no recording of this program, or none that it can use.
+#[derive(Debug, thiserror::Error)]
+pub enum ReadError {
+    /// The file cannot be read.
+    #[error("{0}")]
+    Io(#[from] io::Error),
+    /// The first bytes are not those of MCAP.
+    #[error("is not an MCAP file")]
+    NotMcap,
+    /// Nothing says which rig was recorded: the file ends too early, or another program wrote it.
+    #[error("has no description of the rig that was recorded{}", .0.as_ref().map(|damage| format!(": {damage}")).unwrap_or_default())]
+    NoDescription(Option<super::Damage>),
+    /// The fields are not those that this program records.
+    #[error("has other fields than this program records; it was written by version {}", .version.escape_debug())]
+    OtherFields {
+        /// Version of the program that wrote it.
+        version: String,
+    },
+}

@@ -1,0 +1,276 @@
+//! The forms of a record: message definition, bytes, text; and what differs between two.
+
+use std::fmt::Write;
+
+use super::fields::{Field, Visitor, walk};
+use super::scalar::Scalar;
+use crate::record::CycleRecord;
+
+/// What stands before the data of a message: plain CDR, little-endian.
+const ENCAPSULATION: [u8; 4] = [0, 1, 0, 0];
+
+/// The message definition: one line a field, with unit and meaning behind it, and before a field with few values these as
+/// constants.
+pub fn definition() -> String {
+    let mut definition = Definition(String::from(
+        "# One control cycle: what entered it and what left it. What a has_ field denies is 0.\n# Where several devices may be meant their numbers are added.\n",
+    ));
+    walk(&mut blank(), &mut definition);
+    definition.0
+}
+
+struct Definition(String);
+
+impl Visitor for Definition {
+    fn visit<S: Scalar>(&mut self, Field { name, unit, meaning }: Field, _: &mut S) {
+        for (code, number) in S::codes() {
+            let constant = format!("{name}_{code}").to_uppercase().replace('-', "_");
+            // A string takes everything.
+            let _ = writeln!(self.0, "{} {constant}={number}", S::TYPE);
+        }
+        let unit = if unit.is_empty() { String::new() } else { format!("[{unit}] ") };
+        let _ = writeln!(self.0, "{} {name}  # {unit}{meaning}", S::TYPE);
+    }
+}
+
+/// The fields as a table of a document.
+pub fn table() -> String {
+    let head = String::from("| field | type | unit | meaning |\n|---|---|---|---|\n");
+    let mut table = Table { text: head, seen: Vec::new() };
+    walk(&mut blank(), &mut table);
+    table.text
+}
+
+struct Table {
+    text: String,
+    /// The lists of codes so far, with the fields where they stand.
+    seen: Vec<(String, &'static str)>,
+}
+
+impl Visitor for Table {
+    fn visit<S: Scalar>(&mut self, Field { name, unit, meaning }: Field, _: &mut S) {
+        let codes: Vec<String> = S::codes().into_iter().map(|(code, number)| format!("{number} {code}")).collect();
+        let codes = codes.join(", ");
+        let values = match self.seen.iter().find(|(seen, _)| *seen == codes) {
+            _ if codes.is_empty() => String::new(),
+            Some((_, first)) => format!(": numbers as for `{first}`"),
+            None => format!(": {codes}"),
+        };
+        self.seen.push((codes, name));
+        // A string takes everything.
+        let _ = writeln!(self.text, "| `{name}` | {} | {unit} | {meaning}{values} |", S::TYPE);
+    }
+}
+
+/// Puts the bytes of `record` into `out`, in place of what was there.
+pub fn encode(record: &CycleRecord, out: &mut Vec<u8>) {
+    out.clear();
+    out.extend_from_slice(&ENCAPSULATION);
+    walk(&mut record.clone(), &mut Encoder(out));
+}
+
+struct Encoder<'a>(&'a mut Vec<u8>);
+
+impl Visitor for Encoder<'_> {
+    fn visit<S: Scalar>(&mut self, _: Field, value: &mut S) {
+        let data = self.0.len() - ENCAPSULATION.len();
+        self.0.resize(ENCAPSULATION.len() + data.next_multiple_of(S::SIZE), 0);
+        self.0.extend(value.bits().to_le_bytes().iter().take(S::SIZE));
+    }
+}
+
+/// Why bytes are no record.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum DecodeError {
+    /// Another encoding.
+    #[error("a message does not begin as little-endian CDR does")]
+    Encapsulation,
+    /// Too few or too many bytes.
+    #[error("a message of {length} bytes is too {}", if *.is_long { "long" } else { "short" })]
+    Length {
+        /// Bytes that there are.
+        length: usize,
+        /// Whether these are more than the fields take.
+        is_long: bool,
+    },
+    /// A number that stands for nothing.
+    #[error("{field} is {bits:#x}, which stands for nothing")]
+    Value {
+        /// The field.
+        field: &'static str,
+        /// Its bits.
+        bits: u64,
+    },
+}
+
+/// The record that these bytes are.
+///
+/// # Errors
+/// If they are none.
+pub fn decode(bytes: &[u8]) -> Result<CycleRecord, DecodeError> {
+    let data = bytes.strip_prefix(&ENCAPSULATION).ok_or(DecodeError::Encapsulation)?;
+    let mut decoder = Decoder { data, at: 0, error: None };
+    let mut record = blank();
+    walk(&mut record, &mut decoder);
+    match decoder.error {
+        Some(error) => Err(error),
+        None if decoder.at < data.len() => Err(DecodeError::Length { length: bytes.len(), is_long: true }),
+        None => Ok(record),
+    }
+}
+
+struct Decoder<'a> {
+    data: &'a [u8],
+    at: usize,
+    error: Option<DecodeError>,
+}
+
+impl Visitor for Decoder<'_> {
+    fn visit<S: Scalar>(&mut self, field: Field, value: &mut S) {
+        if self.error.is_some() {
+            return;
+        }
+        let from = self.at.next_multiple_of(S::SIZE);
+        self.at = from + S::SIZE;
+        let Some(bytes) = self.data.get(from..self.at) else {
+            let length = self.data.len() + ENCAPSULATION.len();
+            self.error = Some(DecodeError::Length { length, is_long: false });
+            return;
+        };
+        let bits = bytes.iter().rev().fold(0, |bits, byte| bits << 8 | u64::from(*byte));
+        match S::of_bits(bits) {
+            Some(read) => *value = read,
+            None => self.error = Some(DecodeError::Value { field: field.name, bits }),
+        }
+    }
+}
+
+/// The names of the fields, between commas.
+pub fn csv_header() -> String {
+    let mut header = Header(String::new());
+    walk(&mut blank(), &mut header);
+    header.0
+}
+
+struct Header(String);
+
+impl Visitor for Header {
+    fn visit<S: Scalar>(&mut self, field: Field, _: &mut S) {
+        separate(&mut self.0);
+        self.0.push_str(field.name);
+    }
+}
+
+/// Puts the values of `record`, between commas, into `out`, in place of what was there. A number is written with as many
+/// digits as tell it from its neighbours,
+/// what is not there as nothing.
+pub fn csv_row(record: &CycleRecord, out: &mut String) {
+    out.clear();
+    walk(&mut record.clone(), &mut Row(out));
+}
+
+struct Row<'a>(&'a mut String);
+
+impl Visitor for Row<'_> {
+    fn visit<S: Scalar>(&mut self, _: Field, value: &mut S) {
+        separate(self.0);
+        value.text(self.0);
+    }
+
+    fn visit_if<S: Scalar>(&mut self, is_there: bool, field: Field, value: &mut S) {
+        if is_there {
+            self.visit(field, value);
+        } else {
+            separate(self.0);
+        }
+    }
+}
+
+fn separate(text: &mut String) {
+    if !text.is_empty() {
+        text.push(',');
+    }
+}
+
+/// The first field in which two records differ by their bits, with both values as text.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Difference {
+    /// Name of the field.
+    pub field: &'static str,
+    /// Its value in the first record.
+    pub one: String,
+    /// Its value in the second record.
+    pub other: String,
+}
+
+/// The first difference between two records; `None` if they are the same, bit by bit.
+pub fn difference(one: &CycleRecord, other: &CycleRecord) -> Option<Difference> {
+    let mut values = Values(Vec::new());
+    walk(&mut other.clone(), &mut values);
+    let mut compare = Compare { others: values.0.into_iter(), found: None };
+    walk(&mut one.clone(), &mut compare);
+    compare.found
+}
+
+struct Values(Vec<(u64, String)>);
+
+impl Visitor for Values {
+    fn visit<S: Scalar>(&mut self, _: Field, value: &mut S) {
+        self.0.push((value.bits(), exact(*value)));
+    }
+}
+
+struct Compare {
+    others: std::vec::IntoIter<(u64, String)>,
+    found: Option<Difference>,
+}
+
+impl Visitor for Compare {
+    fn visit<S: Scalar>(&mut self, field: Field, value: &mut S) {
+        if let Some((bits, other)) = self.others.next()
+            && bits != value.bits()
+            && self.found.is_none()
+        {
+            self.found = Some(Difference { field: field.name, one: exact(*value), other });
+        }
+    }
+}
+
+/// A value as text, with its bits where these may differ although the text does not.
+fn exact<S: Scalar>(value: S) -> String {
+    let mut text = String::new();
+    value.text(&mut text);
+    if S::TYPE == f64::TYPE {
+        let _ = write!(text, " ({:016x}h)", value.bits());
+    }
+    text
+}
+
+/// A record to be filled in.
+pub(super) fn blank() -> CycleRecord {
+    use crate::cycle::{DriveSample, Inputs, LinkEvents, Signals, Timing};
+    use crate::guard::{Directive, JointCommand, Request};
+    use yieldwall_drives::cia402;
+    let drive = DriveSample {
+        angle_rad: None,
+        state: cia402::State::NotReadyToSwitchOn,
+        follows_command: false,
+        has_voltage: false,
+        has_warning: false,
+    };
+    CycleRecord {
+        moment: Default::default(),
+        inputs: Inputs {
+            drives: [drive; 2],
+            sample: None,
+            link: LinkEvents::default(),
+            timing: Timing::default(),
+            request: Request::None,
+        },
+        command: JointCommand::Torque(Default::default()),
+        directive: Directive::IDLE,
+        cause: None,
+        signals: Signals::default(),
+        truth: None,
+    }
+}

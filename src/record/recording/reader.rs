@@ -1,0 +1,319 @@
+//! Files to records, whatever state the file is in.
+//!
+//! A file may have been cut where the program was killed, damaged on its way, or made to do harm: no length in it is
+//! believed before that many bytes are there, and none above a limit at all.
+
+use std::collections::VecDeque;
+use std::fmt;
+use std::fs::File;
+use std::io::{self, BufReader, Read};
+use std::path::Path;
+
+use mcap::records::{Record, op};
+
+use super::error::ReadError;
+use super::forms;
+use super::writer::{ABOUT, About, SCHEMA, TOPIC};
+use crate::record::CycleRecord;
+
+/// Largest chunk that is read, bytes.
+const MAX_CHUNK: u64 = 64 << 20;
+/// Largest record outside of chunks that is read, bytes; two documents of at most 1 MiB fit.
+const MAX_RECORD: u64 = 4 << 20;
+/// Most places of damage that are told one by one.
+const MAX_DAMAGE: usize = 16;
+
+/// A place at which something of the file is lost.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Damage {
+    /// Where the record begins that is lost or cut, in bytes from the begin of the file.
+    pub offset: u64,
+    /// What is wrong there.
+    pub what: String,
+}
+
+impl fmt::Display for Damage {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "byte {}: {}", self.offset, self.what)
+    }
+}
+
+/// Reads a recording from its begin to its end.
+#[derive(Debug)]
+pub struct Reader<R> {
+    input: BufReader<R>,
+    offset: u64,
+    about: Option<About>,
+    /// The channels with cycles.
+    channels: Vec<u16>,
+    schemas: Vec<u16>,
+    has_other_fields: bool,
+    ready: VecDeque<CycleRecord>,
+    damage: Vec<Damage>,
+    damage_count: u64,
+    is_past_data: bool,
+    is_over: bool,
+    body: Vec<u8>,
+}
+
+/// What came next in the file.
+enum Next {
+    /// A record to look into; its content is in [`Reader::body`].
+    Body {
+        opcode: u8,
+        offset: u64,
+        is_cut: bool,
+    },
+    /// A record that does not matter.
+    Passed,
+    End,
+}
+
+impl Reader<File> {
+    /// Opens a file.
+    ///
+    /// # Errors
+    /// If it cannot be read, or is no recording that this program can use.
+    pub fn open(path: &Path) -> Result<Self, ReadError> {
+        let file = File::open(path)?;
+        // A pipe or a device could block for ever.
+        if !file.metadata()?.is_file() {
+            return Err(io::Error::new(io::ErrorKind::InvalidInput, "is not a regular file").into());
+        }
+        Self::new(file)
+    }
+}
+
+impl<R: Read> Reader<R> {
+    /// Reads up to the first cycle.
+    ///
+    /// # Errors
+    /// As [`Reader::open`].
+    pub fn new(input: R) -> Result<Self, ReadError> {
+        let mut reader = Self {
+            input: BufReader::with_capacity(1 << 16, input),
+            offset: 0,
+            about: None,
+            channels: Vec::new(),
+            schemas: Vec::new(),
+            has_other_fields: false,
+            ready: VecDeque::new(),
+            damage: Vec::new(),
+            damage_count: 0,
+            is_past_data: false,
+            is_over: false,
+            body: Vec::new(),
+        };
+        let mut magic = [0; mcap::MAGIC.len()];
+        match reader.input.read_exact(&mut magic) {
+            Err(error) if error.kind() == io::ErrorKind::UnexpectedEof => return Err(ReadError::NotMcap),
+            other => other?,
+        }
+        if magic != *mcap::MAGIC {
+            return Err(ReadError::NotMcap);
+        }
+        reader.offset = magic.len() as u64;
+        reader.fill()?;
+        if reader.about.is_none() {
+            return Err(ReadError::NoDescription(reader.damage.first().cloned()));
+        }
+        Ok(reader)
+    }
+
+    /// What the recording says of the run.
+    pub fn about(&self) -> &About {
+        static NOTHING: std::sync::LazyLock<About> = std::sync::LazyLock::new(About::default);
+        // A reader that was made has one.
+        self.about.as_ref().unwrap_or(&NOTHING)
+    }
+
+    /// The next cycle; `None` at the end.
+    ///
+    /// # Errors
+    /// If the file cannot be read.
+    pub fn next_record(&mut self) -> Result<Option<CycleRecord>, ReadError> {
+        self.fill()?;
+        Ok(self.ready.pop_front())
+    }
+
+    /// The first places at which something is lost, as far as was read.
+    pub fn damage(&self) -> &[Damage] {
+        &self.damage
+    }
+
+    /// At how many places something is lost, as far as was read.
+    pub fn damage_count(&self) -> u64 {
+        self.damage_count
+    }
+
+    /// Reads until there is a cycle, or the file ends.
+    fn fill(&mut self) -> Result<(), ReadError> {
+        while self.ready.is_empty() && !self.is_over {
+            match self.read_record()? {
+                Next::End => self.is_over = true,
+                Next::Passed => {}
+                Next::Body { opcode, offset, is_cut } => {
+                    let body = std::mem::take(&mut self.body);
+                    self.take_record(opcode, &body, offset, is_cut);
+                    self.body = body;
+                    self.is_over |= is_cut;
+                }
+            }
+            if self.has_other_fields {
+                let version = self.about.as_ref().map_or("unknown", |about| &about.version).to_owned();
+                return Err(ReadError::OtherFields { version });
+            }
+        }
+        Ok(())
+    }
+
+    fn lose(&mut self, offset: u64, what: impl Into<String>) {
+        self.damage_count += 1;
+        if self.damage.len() < MAX_DAMAGE {
+            self.damage.push(Damage { offset, what: what.into() });
+        }
+    }
+
+    /// Reads a record outside of chunks; what is in a chunk comes as one record.
+    fn read_record(&mut self) -> Result<Next, ReadError> {
+        let offset = self.offset;
+        let mut head = Vec::with_capacity(9);
+        self.offset += (&mut self.input).take(9).read_to_end(&mut head)? as u64;
+        let [opcode, length @ ..] = head.as_slice() else {
+            self.lose(offset, "the file ends without its index: it was not closed");
+            return Ok(Next::End);
+        };
+        let Ok(length) = <[u8; 8]>::try_from(length).map(u64::from_le_bytes) else {
+            self.lose(offset, "the file is cut in the head of a record");
+            return Ok(Next::End);
+        };
+        let opcode = *opcode;
+        let limit = match opcode {
+            op::FOOTER => {
+                let mut rest = Vec::new();
+                self.offset +=
+                    (&mut self.input).take(length.min(MAX_RECORD).saturating_add(8)).read_to_end(&mut rest)? as u64;
+                if !rest.ends_with(mcap::MAGIC) {
+                    self.lose(offset, "the file is cut in its last record");
+                }
+                return Ok(Next::End);
+            }
+            op::CHUNK if !self.is_past_data => MAX_CHUNK,
+            op::SCHEMA | op::CHANNEL | op::MESSAGE | op::METADATA if !self.is_past_data => MAX_RECORD,
+            // Also the index at the end, which is not used.
+            _ => {
+                self.is_past_data |= opcode == op::DATA_END;
+                let passed = io::copy(&mut (&mut self.input).take(length), &mut io::sink())?;
+                self.offset += passed;
+                if passed < length {
+                    self.lose(offset, "the file is cut in a record");
+                    return Ok(Next::End);
+                }
+                return Ok(Next::Passed);
+            }
+        };
+        if length > limit {
+            self.lose(offset, format!("a record of {length} bytes is larger than the {limit} that are read"));
+            return Ok(Next::End);
+        }
+        self.body.clear();
+        let read = (&mut self.input).take(length).read_to_end(&mut self.body)? as u64;
+        self.offset += read;
+        Ok(Next::Body { opcode, offset, is_cut: read < length })
+    }
+
+    fn take_record(&mut self, opcode: u8, body: &[u8], offset: u64, is_cut: bool) {
+        match opcode {
+            op::CHUNK => self.take_chunk(body, offset, is_cut),
+            _ if is_cut => self.lose(offset, "the file is cut in a record"),
+            op::MESSAGE => self.take_message(body, offset),
+            op::SCHEMA | op::CHANNEL | op::METADATA => match mcap::parse_record(opcode, body) {
+                Ok(Record::Metadata(metadata)) if metadata.name == ABOUT && self.about.is_none() => {
+                    self.about = About::of(metadata.metadata);
+                }
+                Ok(Record::Schema { header, data }) if header.name == SCHEMA => {
+                    self.has_other_fields |= *data != *forms::definition().as_bytes();
+                    if !self.schemas.contains(&header.id) {
+                        self.schemas.push(header.id);
+                    }
+                }
+                Ok(Record::Channel(channel)) if self.schemas.contains(&channel.schema_id) && channel.topic == TOPIC => {
+                    if !self.channels.contains(&channel.id) {
+                        self.channels.push(channel.id);
+                    }
+                }
+                Ok(_) => {}
+                Err(error) => self.lose(offset, error.to_string()),
+            },
+            _ => {}
+        }
+    }
+
+    fn take_chunk(&mut self, body: &[u8], offset: u64, is_cut: bool) {
+        let Some(chunk) = Chunk::of(body) else {
+            return self.lose(offset, "a chunk is cut in its head");
+        };
+        if !chunk.compression.is_empty() {
+            let name = String::from_utf8_lossy(chunk.compression.get(..16).unwrap_or(chunk.compression)).into_owned();
+            return self.lose(offset, format!("a chunk is compressed ({name:?}), which this program does not read"));
+        }
+        if is_cut {
+            self.lose(
+                offset,
+                "the file is cut in a chunk; its last cycles are lost, the others not checked by its sum",
+            );
+        } else if chunk.length != chunk.records.len() as u64 {
+            return self.lose(offset, "a chunk has another length than it says");
+        } else if chunk.crc != 0 && crc32fast::hash(chunk.records) != chunk.crc {
+            return self.lose(offset, "a chunk is damaged: its sum does not fit");
+        }
+        let mut rest = chunk.records;
+        while let Some((head, behind)) = rest.split_at_checked(9) {
+            let length = head.iter().skip(1).rev().fold(0, |length, byte| length << 8 | u64::from(*byte));
+            let body = usize::try_from(length).ok().and_then(|length| behind.split_at_checked(length));
+            let Some((body, behind)) = body else { break };
+            if let [opcode @ (op::MESSAGE | op::SCHEMA | op::CHANNEL), ..] = head {
+                self.take_record(*opcode, body, offset, false);
+            }
+            rest = behind;
+        }
+        if !rest.is_empty() && !is_cut {
+            self.lose(offset, "a chunk ends within a record");
+        }
+    }
+
+    fn take_message(&mut self, body: &[u8], offset: u64) {
+        // Channel, sequence, two times.
+        let Some((head, data)) = body.split_at_checked(22) else {
+            return self.lose(offset, "a message is cut in its head");
+        };
+        let [low, high, ..] = head else { return };
+        if !self.channels.contains(&u16::from_le_bytes([*low, *high])) {
+            return;
+        }
+        match forms::decode(data) {
+            Ok(record) => self.ready.push_back(record),
+            Err(error) => self.lose(offset, error.to_string()),
+        }
+    }
+}
+
+struct Chunk<'a> {
+    crc: u32,
+    compression: &'a [u8],
+    length: u64,
+    records: &'a [u8],
+}
+
+impl<'a> Chunk<'a> {
+    /// From the body of its record; `None` if that ends within the chunk's head.
+    fn of(body: &'a [u8]) -> Option<Self> {
+        // Begin, end, size of the records; their sum; name and size of the compressed form.
+        let (head, rest) = body.split_at_checked(32)?;
+        let crc = u32::from_le_bytes(head.get(24..28)?.try_into().ok()?);
+        let name = u32::from_le_bytes(head.get(28..32)?.try_into().ok()?);
+        let (compression, rest) = rest.split_at_checked(usize::try_from(name).ok()?)?;
+        let (length, records) = rest.split_at_checked(8)?;
+        Some(Self { crc, compression, length: u64::from_le_bytes(length.try_into().ok()?), records })
+    }
+}

@@ -1,0 +1,123 @@
+//! The configuration made into devices and their world.
+
+use nalgebra::Vector2;
+
+use super::super::build;
+use super::super::error::RigError;
+use super::super::world::{Body, Grip, Ideal, Truth, World};
+use crate::bus::CommandMode;
+use crate::canopen::node_id;
+use crate::config;
+use crate::linkage::{FiveBar, MassModel};
+use crate::quantity::{JointTorques, TipPoint, TipVelocity};
+use crate::sim::arm::{Arm, ArmParameters, JointElasticity};
+use crate::sim::{Drive, DriveSettings, Encoder, ForceSensor, ForceSensorSettings, PositionLoop};
+
+pub(super) fn node(raw: u8) -> Result<crate::canopen::NodeId, RigError> {
+    node_id(raw).map_err(|error| RigError::Device(error.to_string()))
+}
+
+fn model(scene: &config::Scene) -> Result<&config::SceneModel, RigError> {
+    scene.model.as_ref().ok_or_else(|| RigError::Mismatch("the scene has no `model` of a rig".into()))
+}
+
+pub(super) fn drive(
+    rig: &config::Rig,
+    scene: &config::Scene,
+    drive: &config::Drive,
+    serial: u32,
+) -> Result<Drive, RigError> {
+    let servo = &rig.plant.drive_position_loop;
+    Drive::new(DriveSettings {
+        node: node(drive.node_id)?,
+        profile: build::profile(&drive.profile)?,
+        serial,
+        scaling: build::scaling(drive)?,
+        position_loop: PositionLoop {
+            period_us: servo.period_us,
+            stiffness_n_m_per_rad: servo.stiffness_n_m_per_rad.get(),
+            damping_n_m_s_per_rad: servo.damping_n_m_s_per_rad.get(),
+            integral_n_m_per_rad_s: servo.integral_n_m_per_rad_s.get(),
+        },
+        encoder: match model(scene)?.encoder {
+            config::EncoderModel::Exact => Encoder::Exact,
+            config::EncoderModel::Quantised => Encoder::Quantised,
+        },
+    })
+    .map_err(|error| RigError::Device(error.to_string()))
+}
+
+pub(super) fn force_sensor(rig: &config::Rig) -> Result<ForceSensor, RigError> {
+    let sensor = &rig.sensor;
+    ForceSensor::new(ForceSensorSettings {
+        node: node(sensor.node_id)?,
+        profile: build::profile(&sensor.profile)?,
+        serial: 3,
+        sample_rate_hz: sensor.sample_rate_hz.get().round() as u32,
+        phase_us: 0,
+        range_counts: i32::from(sensor.range_counts),
+    })
+    .map_err(|error| RigError::Device(error.to_string()))
+}
+
+pub(super) fn world(rig: &config::Rig, scene: &config::Scene, seed: u64) -> Result<World, RigError> {
+    let linkage: FiveBar = build::linkage(rig)?;
+    let hand = build::hand::<2>(scene, seed)?;
+    let start = TipPoint::new(scene.hand.start_m[0].get(), scene.hand.start_m[1].get());
+    let angles = linkage.inverse(start)?;
+    let model = model(scene)?;
+    let body = match model.tracking {
+        config::Tracking::Rigid => {
+            let mass: MassModel = build::plant_mass(rig);
+            let arm = &rig.plant.arm;
+            Body::Arm(Arm::new(
+                &ArmParameters {
+                    linkage,
+                    mass,
+                    handle_kg: hand.mass_kg(),
+                    coulomb_n_m: arm.coulomb_n_m.map(|value| value.get()),
+                    viscous_n_m_s_per_rad: arm.viscous_n_m_s_per_rad.map(|value| value.get()),
+                    joint_elasticity: model.joint_elasticity.as_ref().map(|elasticity| JointElasticity {
+                        stiffness_n_m_per_rad: elasticity.stiffness_n_m_per_rad.get(),
+                        damping_n_m_s_per_rad: elasticity.damping_n_m_s_per_rad.get(),
+                        motor_share: elasticity.motor_share.get(),
+                    }),
+                },
+                angles,
+            )?)
+        }
+        config::Tracking::Ideal => {
+            if build::command_mode(rig) != CommandMode::Position {
+                let message = "model.tracking ideal needs command_mode position: a torque has no place to go to";
+                return Err(RigError::Mismatch(message.into()));
+            }
+            Body::Ideal(Ideal {
+                linkage,
+                angles,
+                tip: start,
+                velocity: TipVelocity::default(),
+                acceleration: Vector2::zeros(),
+                time_s: 0.0,
+            })
+        }
+    };
+    let (calibration, mounting) = build::calibration(rig)?;
+    Ok(World {
+        body,
+        hand_stiffness_n_per_m: hand.parameters().stiffness_n_per_m,
+        hand,
+        calibration,
+        mounting,
+        noise_counts: match model.force_sensor {
+            config::ForceSensorModel::Noisy => model.force_noise_counts.get(),
+            config::ForceSensorModel::Quantised => 0.0,
+        },
+        noise: World::noise_from(seed),
+        longest_step_s: f64::from(model.plant_step_us) * 1e-6,
+        torques: JointTorques::default(),
+        hand_from_s: f64::INFINITY,
+        grip: Grip::Firm,
+        pushes: Vec::new(),
+        truth: Truth::default(),
+    })
+}

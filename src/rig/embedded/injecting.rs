@@ -1,0 +1,198 @@
+//! Injections carried out: what begins and ends, and what it does to devices, hand and arm.
+
+use super::trouble::is_at;
+use super::{DRIVES, EmbeddedRig, RigError, SENSOR, STRANGER};
+use crate::canopen::{Frame, Time, cob};
+use crate::injection::{Injection, Kind, Lasts};
+use crate::rig::world::{Body, Push, PushShape};
+use yieldwall_drives::profiles::STATUS_INVALID;
+
+/// Slack of moments in s, far below a cycle.
+const SLACK_S: f64 = 1e-9;
+/// Emergency of a drive: voltage of the DC link too high; of the sensor: device hardware.
+const EMERGENCIES: [u16; 3] = [0x3210, 0x3210, 0x5000];
+/// Emergency that is a warning: messages were lost.
+const WARNING: u16 = 0x8110;
+
+/// What waits for its moment.
+#[derive(Debug)]
+pub(super) struct Schedule {
+    waiting: Vec<Injection>,
+    /// When something begins or ends next, in s since the scene began.
+    next_change_s: f64,
+}
+
+impl Default for Schedule {
+    fn default() -> Self {
+        Self { waiting: Vec::new(), next_change_s: f64::INFINITY }
+    }
+}
+
+impl EmbeddedRig {
+    /// Adds an injection. It acts from the first cycle at or after its start to the last one before its end; what is
+    /// there from switching on acts at once.
+    ///
+    /// # Errors
+    /// If it is not possible, on this rig or at all.
+    pub fn inject(&mut self, injection: Injection) -> Result<(), RigError> {
+        injection.check()?;
+        if injection.kind == Kind::ArmBlocked && matches!(self.world.body, Body::Ideal(_)) {
+            let message = "arm-blocked needs `model.tracking: rigid`: there is no arm to block";
+            return Err(RigError::Mismatch(message.into()));
+        }
+        if injection.kind.row().lasts == Lasts::FromBoot {
+            self.begin(injection);
+        } else {
+            self.schedule.waiting.push(injection);
+        }
+        self.plan();
+        Ok(())
+    }
+
+    /// Ends all injections and has these follow.
+    ///
+    /// # Errors
+    /// As [`EmbeddedRig::inject`].
+    pub fn set_injections(&mut self, injections: &[Injection]) -> Result<(), RigError> {
+        self.schedule.waiting.clear();
+        self.end_where(|_| true);
+        injections.iter().try_for_each(|injection| self.inject(*injection))
+    }
+
+    fn plan(&mut self) {
+        let starts = self.schedule.waiting.iter().map(|injection| injection.start_s);
+        self.schedule.next_change_s = starts.fold(self.troubles.next_end_s(), f64::min);
+    }
+
+    /// Begins and ends what is due at the beginning of a cycle.
+    pub(super) fn follow_injections(&mut self, sync_at: Time) {
+        let time_s = sync_at.as_secs_f64() - self.world.hand_from_s + SLACK_S;
+        if time_s < self.schedule.next_change_s {
+            return;
+        }
+        self.end_where(|injection| injection.end_s() <= time_s);
+        while let Some(at) = self.schedule.waiting.iter().position(|injection| injection.start_s <= time_s) {
+            let injection = self.schedule.waiting.remove(at);
+            self.begin(injection);
+        }
+        self.plan();
+    }
+
+    fn end_where(&mut self, is_over: impl Fn(&Injection) -> bool) {
+        while let Some(injection) = self.troubles.end_one(&is_over) {
+            self.switch(injection, false);
+        }
+    }
+
+    fn begin(&mut self, injection: Injection) {
+        tracing::debug!(name = injection.kind.row().name, target = injection.target.name(), "injection");
+        if injection.kind.row().lasts == Lasts::Once {
+            self.happen(injection);
+        } else {
+            self.troubles.begin(injection);
+            self.switch(injection, true);
+        }
+    }
+
+    /// What happens once.
+    fn happen(&mut self, injection: Injection) {
+        let now = self.now;
+        match injection.kind {
+            Kind::StopRequest => self.host.stop_is_requested = true,
+            Kind::CyclePanic => self.host.panics = true,
+            _ => {}
+        }
+        for device in (0..3).filter(|device| is_at(injection.target, *device)) {
+            let Some(node) = self.troubles.node(device) else { continue };
+            let emergency = |code: u16| {
+                let [low, high] = code.to_le_bytes();
+                Frame::new(cob::emcy(node), &[low, high, 0x01, 0, 0, 0, 0, 0])
+            };
+            match injection.kind {
+                Kind::Emergency => self.troubles.send(now, device + 1, emergency(EMERGENCIES[device])),
+                Kind::EmergencyWarning => self.troubles.send(now, device + 1, emergency(WARNING)),
+                Kind::IntruderNmt => self.troubles.send(now, STRANGER, Frame::new(cob::NMT, &[0x80, node.raw()])),
+                Kind::NodeReset => self.switch_on(device),
+                Kind::DriveFault => {
+                    if let Some(drive) = self.drives.get_mut(device) {
+                        drive.raise_fault(now, injection.size as u16, &mut self.bus.outbox(DRIVES[device], now));
+                    }
+                }
+                Kind::DriveLeavesOperation => {
+                    if let Some(drive) = self.drives.get_mut(device) {
+                        drive.leave_operation(now, &mut self.bus.outbox(DRIVES[device], now));
+                    }
+                }
+                _ => {}
+            }
+        }
+    }
+
+    /// Switches on, or off again, what lasts; [`super::trouble::Troubles`] does the rest.
+    fn switch(&mut self, injection: Injection, is_on: bool) {
+        let Injection { kind, target, size, .. } = injection;
+        let now = self.now;
+        match kind {
+            Kind::SensorInvalid => self.sensor.set_status_bits(if is_on { STATUS_INVALID } else { 0 }),
+            Kind::SensorStale => self.sensor.set_clock_rate(if is_on { 0.0 } else { 1.0 }),
+            Kind::SensorClockDrift => self.sensor.set_clock_rate(if is_on { size } else { 1.0 }),
+            Kind::HandPush | Kind::HandOverload => self.push(PushShape::Along, injection, is_on),
+            Kind::HandBlow => self.push(PushShape::Blow, injection, is_on),
+            Kind::HandSwing => self.push(PushShape::Swing, injection, is_on),
+            Kind::HandTremble => self.push(PushShape::Tremble, injection, is_on),
+            Kind::HandToEdge => self.push(PushShape::Outward, injection, is_on),
+            Kind::HandStiff => {
+                // The sizes of the catalogue keep it finite and not negative.
+                let share = if is_on { size } else { 1.0 };
+                let _ = self.world.hand.set_stiffness(self.world.hand_stiffness_n_per_m * share);
+            }
+            Kind::MasterKilled => (self.host.is_asleep, self.host.is_dead) = (true, true),
+            Kind::TransmitStalled | Kind::CableOut => {
+                self.bus.hold(super::MASTER, now, self.troubles.is_transmit_held());
+            }
+            Kind::NodeSilent => {
+                for device in (0..3).filter(|device| is_at(target, *device)) {
+                    match self.drives.get_mut(device) {
+                        _ if !is_on => self.switch_on(device),
+                        Some(drive) => drive.switch_off(),
+                        None => self.sensor.switch_off(),
+                    }
+                }
+            }
+            _ => {}
+        }
+        for (joint, drive) in self.drives.iter_mut().enumerate().filter(|(joint, _)| target.has_joint(*joint)) {
+            match kind {
+                Kind::DriveWarning => drive.set_warning(is_on),
+                Kind::DriveIgnoresCommand => drive.set_ignores_targets(is_on),
+                Kind::DriveNotEnabling => drive.set_ignores_controlword(is_on),
+                Kind::VoltageOff => drive.set_voltage(now, !is_on, &mut self.bus.outbox(DRIVES[joint], now)),
+                Kind::ArmBlocked => {
+                    if let Body::Arm(arm) = &mut self.world.body {
+                        arm.set_blocked(joint, is_on);
+                    }
+                }
+                _ => {}
+            }
+        }
+    }
+
+    fn push(&mut self, shape: PushShape, injection: Injection, is_on: bool) {
+        let Injection { size, start_s, .. } = injection;
+        let push = Push { shape, size_n: size, start_s, end_s: injection.end_s() };
+        if is_on {
+            self.world.pushes.push(push);
+        } else {
+            self.world.pushes.retain(|known| *known != push);
+        }
+    }
+
+    /// Gives a device its supply, as if it had been off before.
+    fn switch_on(&mut self, device: usize) {
+        let now = self.now;
+        match self.drives.get_mut(device) {
+            Some(drive) => drive.boot(now, &mut self.bus.outbox(DRIVES[device], now)),
+            None => self.sensor.boot(now, &mut self.bus.outbox(SENSOR, now)),
+        }
+    }
+}

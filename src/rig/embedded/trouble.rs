@@ -1,0 +1,318 @@
+//! What is broken at the moment, and what becomes of frames, samples and angles by it.
+
+use std::time::Duration;
+
+use nalgebra::Vector6;
+use rand_xoshiro::Xoshiro256PlusPlus;
+use rand_xoshiro::rand_core::{Rng, SeedableRng};
+
+use super::{MASTER, SENSOR, STRANGER};
+use crate::bus::LinkEvent;
+use crate::canopen::{Frame, NodeId, Time, cob};
+use crate::injection::{Injection, Kind, Target};
+use crate::sensing::{Calibration, Wrench};
+use yieldwall_drives::cia402;
+
+/// Frames that may wait to arrive later; more are lost.
+const HELD_FRAMES: usize = 64;
+/// Shutdown, as somebody else's set-point tells it.
+const SHUTDOWN: u64 = 0x0006;
+
+/// A bus node that can be the target: its identifier and how often its heartbeat comes.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Device {
+    pub(super) node: NodeId,
+    pub(super) heartbeat: Duration,
+}
+
+/// One injection that acts, and what it has to remember.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Active {
+    pub(super) injection: Injection,
+    /// Frames or cycles so far.
+    count: u32,
+    counts: Option<[i32; 6]>,
+    angle_rad: Option<f64>,
+    frame: Option<Frame>,
+}
+
+#[derive(Clone, Copy, Debug)]
+struct Held {
+    time: Time,
+    from: usize,
+    frame: Frame,
+}
+
+/// How the computer that runs the master does in one cycle.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct Host {
+    pub(super) is_stopped: bool,
+    pub(super) is_suspended: bool,
+    pub(super) sync_late: Duration,
+    pub(super) compute_late: Duration,
+    pub(super) compute_takes: Duration,
+}
+
+/// What is broken at the moment.
+#[derive(Debug)]
+pub(super) struct Troubles {
+    /// The left drive, the right drive, the sensor.
+    devices: [Device; 3],
+    active: Vec<Active>,
+    held: Vec<Held>,
+    noise: Xoshiro256PlusPlus,
+}
+
+impl Troubles {
+    /// Nothing is broken. Whatever is random in what follows comes from `seed`.
+    pub(super) fn new(devices: [Device; 3], seed: u64) -> Self {
+        let noise = Xoshiro256PlusPlus::seed_from_u64(seed ^ 0xfa17_0000_0000_0002);
+        Self { devices, active: Vec::new(), held: Vec::new(), noise }
+    }
+
+    pub(super) fn begin(&mut self, injection: Injection) {
+        self.active.push(Active { injection, count: 0, counts: None, angle_rad: None, frame: None });
+    }
+
+    /// The first of the active injections for which `is_over`, which ends.
+    pub(super) fn end_one(&mut self, is_over: impl Fn(&Injection) -> bool) -> Option<Injection> {
+        let at = self.active.iter().position(|active| is_over(&active.injection))?;
+        Some(self.active.remove(at).injection)
+    }
+
+    /// When the first of the active injections ends, in s since the scene began.
+    pub(super) fn next_end_s(&self) -> f64 {
+        self.active.iter().map(|active| active.injection.end_s()).fold(f64::INFINITY, f64::min)
+    }
+
+    pub(super) fn node(&self, device: usize) -> Option<NodeId> {
+        self.devices.get(device).map(|device| device.node)
+    }
+
+    /// Frames that others than the devices send in the cycle that begins at `sync_at`.
+    pub(super) fn begin_cycle(&mut self, sync_at: Time, period: Duration) {
+        let Self { devices, active, held, .. } = self;
+        for active in active {
+            match active.injection.kind {
+                Kind::IntruderSync => hold(held, sync_at + period / 2, STRANGER, Frame::new(cob::SYNC, &[])),
+                Kind::DuplicateNode => {
+                    for (at, device) in devices.iter().enumerate() {
+                        let cycles = (device.heartbeat.as_nanos() / period.as_nanos()).max(1) as u32;
+                        if is_at(active.injection.target, at) && active.count.is_multiple_of(cycles) {
+                            // Late in the cycle, where it is in nobody's way.
+                            let heartbeat = Frame::new(cob::heartbeat(device.node), &[0x05]);
+                            hold(held, sync_at + period * 9 / 10, STRANGER, heartbeat);
+                        }
+                    }
+                    active.count += 1;
+                }
+                _ => {}
+            }
+        }
+    }
+
+    /// A frame of somebody else, to arrive now.
+    pub(super) fn send(&mut self, now: Time, from: usize, frame: Frame) {
+        hold(&mut self.held, now, from, frame);
+    }
+
+    /// When the next of the frames arrives that wait here.
+    pub(super) fn next_held(&self) -> Time {
+        self.held.iter().map(|held| held.time).min().unwrap_or(Time::NEVER)
+    }
+
+    /// The next of the frames that have arrived by `now`, with its port.
+    pub(super) fn take_held(&mut self, now: Time) -> Option<(usize, Frame)> {
+        let due = self.held.iter().enumerate().filter(|(_, held)| held.time <= now);
+        let (at, _) = due.min_by_key(|(at, held)| (held.time, *at))?;
+        let held = self.held.remove(at);
+        Some((held.from, held.frame))
+    }
+
+    /// What receivers get of a frame that was on the wire.
+    pub(super) fn pass(&mut self, now: Time, from: usize, mut frame: Frame) -> Option<Frame> {
+        let Self { devices, active, held, noise } = self;
+        for active in active {
+            let Injection { kind, target, size, .. } = active.injection;
+            let sender = from.checked_sub(1).filter(|at| is_at(target, *at)).and_then(|at| devices.get(at));
+            let is_data = sender.is_some() && is_tpdo(&frame);
+            let addressee = devices.iter().enumerate().find(|(at, device)| {
+                from == MASTER && is_at(target, *at) && frame.id() & 0x7f == u16::from(device.node.raw())
+            });
+            let is_set_point = addressee.is_some() && is_rpdo(&frame);
+            let later = now + Duration::from_secs_f64(size.max(0.0));
+            match kind {
+                Kind::PdoLost | Kind::SensorSilent if is_data => return None,
+                Kind::SetPointsLost if is_set_point => return None,
+                Kind::SyncLost if frame.id() == cob::SYNC => return None,
+                Kind::HeartbeatSilent if sender.is_some_and(|device| frame.id() == cob::heartbeat(device.node)) => {
+                    return None;
+                }
+                Kind::PdoDelayed if is_data => {
+                    hold(held, later, from, frame);
+                    return None;
+                }
+                Kind::PdoJitter if is_data => {
+                    active.count += 1;
+                    if active.count.is_multiple_of(3) {
+                        hold(held, later, from, frame);
+                        return None;
+                    }
+                }
+                Kind::PdoDuplicated if is_data => hold(held, now, from, frame),
+                Kind::PdoReordered if is_data => match active.frame.take() {
+                    Some(earlier) => hold(held, now, from, earlier),
+                    None => {
+                        active.frame = Some(frame);
+                        return None;
+                    }
+                },
+                Kind::PdoCorrupt if is_data => {
+                    let bits = 8 * u64::from(frame.len()).max(1);
+                    let flips = (0..size as u32).fold(0, |flips, _| flips ^ 1 << (noise.next_u64() % bits));
+                    frame = Frame::from_bits(frame.id(), frame.bits() ^ flips, frame.len());
+                }
+                Kind::PdoShort if is_data => {
+                    frame = Frame::from_bits(frame.id(), frame.bits(), frame.len().saturating_sub(1));
+                }
+                Kind::IntruderSetPoint if is_set_point => {
+                    hold(held, now, STRANGER, Frame::from_bits(frame.id(), SHUTDOWN, frame.len()));
+                }
+                Kind::IdentityMismatch if sender.is_some() => frame = lie(frame, [0x18, 0x10, 1]),
+                Kind::ConfigDrift if sender.is_some() => frame = lie(frame, [0x72, 0x60, 0]),
+                Kind::WrongNodeId if addressee.is_some() && !is_set_point => return None,
+                Kind::WrongNodeId if sender.is_some() => {
+                    frame =
+                        Frame::from_bits(frame.id() & 0x780 | (frame.id() + 0x20) & 0x7f, frame.bits(), frame.len());
+                }
+                _ => {}
+            }
+        }
+        Some(frame)
+    }
+
+    /// What the force sensor's channels say of what they feel.
+    pub(super) fn counts(&mut self, time_s: f64, counts: [i32; 6], calibration: &Calibration) -> [i32; 6] {
+        let mut counts = counts;
+        for active in &mut self.active {
+            let Injection { kind, size, start_s, .. } = active.injection;
+            let mut shift = |force_n: f64| {
+                let wrench = Wrench(Vector6::new(force_n, 0.0, 0.0, 0.0, 0.0, 0.0));
+                for (count, by) in counts.iter_mut().zip(calibration.counts_for(&wrench)) {
+                    *count += by;
+                }
+            };
+            match kind {
+                Kind::SensorStuck => counts = *active.counts.get_or_insert(counts),
+                Kind::SensorSaturated => counts[..2].fill(calibration.range_counts()),
+                Kind::SensorJump => shift(size),
+                Kind::SensorDrift => shift(size * (time_s - start_s)),
+                _ => {}
+            }
+        }
+        counts
+    }
+
+    /// What a joint's encoder says of its angle in rad and its rate in rad/s.
+    pub(super) fn encoder(&mut self, joint: usize, angle_rad: f64, rate_rad_per_s: f64) -> (f64, f64) {
+        let (mut angle_rad, mut rate_rad_per_s) = (angle_rad, rate_rad_per_s);
+        for active in self.active.iter_mut().filter(|active| active.injection.target.has_joint(joint)) {
+            match active.injection.kind {
+                Kind::EncoderJump | Kind::EncoderOffset => angle_rad += active.injection.size,
+                Kind::EncoderStuck => {
+                    (angle_rad, rate_rad_per_s) = (*active.angle_rad.get_or_insert(angle_rad), 0.0);
+                }
+                _ => {}
+            }
+        }
+        (angle_rad, rate_rad_per_s)
+    }
+
+    /// What a drive gives of the torque that it wants.
+    pub(super) fn torque_n_m(&self, joint: usize, state: cia402::State, torque_n_m: f64) -> f64 {
+        let runaway = self.active.iter().find(|active| {
+            active.injection.kind == Kind::DriveRunaway
+                && active.injection.target.has_joint(joint)
+                && state == cia402::State::OperationEnabled
+        });
+        runaway.map_or(torque_n_m, |active| active.injection.size)
+    }
+
+    /// How the computer does in the next cycle.
+    pub(super) fn host(&mut self) -> Host {
+        let mut host = Host::default();
+        for active in &mut self.active {
+            active.count += u32::from(active.injection.target == Target::Host);
+            let time = Duration::from_secs_f64(active.injection.size.max(0.0));
+            let is_second = active.count.is_multiple_of(2);
+            match active.injection.kind {
+                Kind::MasterStopped => host.is_stopped = true,
+                Kind::Suspend => (host.is_stopped, host.is_suspended) = (true, true),
+                Kind::SyncLate if is_second => host.sync_late += time,
+                Kind::ComputeLate if is_second => host.compute_late += time,
+                Kind::CycleOverrun if is_second => host.compute_takes += time,
+                _ => {}
+            }
+        }
+        host
+    }
+
+    fn is_any(&self, kinds: &[Kind]) -> bool {
+        self.active.iter().any(|active| kinds.contains(&active.injection.kind))
+    }
+
+    /// Whether frames of others reach the master.
+    pub(super) fn hears(&self) -> bool {
+        !self.is_any(&[Kind::InterfaceDown, Kind::BusOff, Kind::CableOut])
+    }
+
+    /// Whether the master can hand frames to its interface.
+    pub(super) fn sends(&self) -> bool {
+        !self.is_any(&[Kind::SendFailed, Kind::InterfaceDown, Kind::BusOff])
+    }
+
+    /// Whether frames stay in the master's interface.
+    pub(super) fn is_transmit_held(&self) -> bool {
+        self.is_any(&[Kind::TransmitStalled, Kind::CableOut])
+    }
+
+    /// What the master's interface tells of itself in every cycle.
+    pub(super) fn link_event(&self) -> Option<LinkEvent> {
+        match () {
+            () if self.is_any(&[Kind::BusOff]) => Some(LinkEvent::BusOff),
+            () if self.is_any(&[Kind::ErrorPassive, Kind::CableOut]) => Some(LinkEvent::ErrorPassive),
+            () => None,
+        }
+    }
+}
+
+/// Whether `target` names the device: 0 the left drive, 1 the right drive, 2 the sensor.
+pub(super) fn is_at(target: Target, device: usize) -> bool {
+    target.has_joint(device) || (target == Target::Sensor && device + 1 == SENSOR)
+}
+
+fn hold(held: &mut Vec<Held>, time: Time, from: usize, frame: Frame) {
+    if held.len() < HELD_FRAMES {
+        held.push(Held { time, from, frame });
+    }
+}
+
+/// Function codes of TPDO 1 to 4.
+fn is_tpdo(frame: &Frame) -> bool {
+    matches!(frame.id() >> 7, 3 | 5 | 7 | 9)
+}
+
+/// Function codes of RPDO 1 to 4.
+fn is_rpdo(frame: &Frame) -> bool {
+    matches!(frame.id() >> 7, 4 | 6 | 8 | 10)
+}
+
+/// Changes the value in an expedited SDO answer about an object.
+fn lie(frame: Frame, object: [u8; 3]) -> Frame {
+    let mut data = *frame.bytes();
+    let is_it = frame.id() & 0x780 == 0x580 && data[0] & 0xe0 == 0x40 && data[1..4] == object;
+    if is_it {
+        data[4] ^= 1;
+    }
+    if is_it { Frame::new(frame.id(), &data) } else { frame }
+}

@@ -1,0 +1,70 @@
+//! Many seeds on several threads.
+
+use std::collections::BTreeMap;
+use std::ops::Range;
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::sync::mpsc;
+use std::thread;
+
+use super::draw::Shipped;
+use super::seed::run_seed;
+use super::store::{Store, StoreError};
+use super::tally::Outcome;
+
+/// What is run.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Campaign {
+    /// The seeds.
+    pub seeds: Range<u64>,
+    /// Cycles of each.
+    pub cycles: u32,
+    /// Threads, at least one.
+    pub jobs: usize,
+}
+
+/// Runs all seeds that `store` does not hold yet, each on the next thread that is free, and gives all outcomes by seed.
+/// `progress` is called with every outcome that is new, in the order in which they finish.
+///
+/// # Errors
+/// If an outcome cannot be kept; what is running then comes to its end.
+pub fn run(
+    shipped: &Shipped,
+    campaign: &Campaign,
+    store: Option<(Store, BTreeMap<u64, Outcome>)>,
+    mut progress: impl FnMut(&Outcome),
+) -> Result<BTreeMap<u64, Outcome>, StoreError> {
+    let (mut store, known) = store.map_or((None, BTreeMap::new()), |(store, known)| (Some(store), known));
+    let mut outcomes: BTreeMap<u64, Outcome> =
+        known.into_iter().filter(|(seed, _)| campaign.seeds.contains(seed)).collect();
+    let left: Vec<u64> = campaign.seeds.clone().filter(|seed| !outcomes.contains_key(seed)).collect();
+    let next = AtomicU64::new(0);
+    let is_over = AtomicBool::new(false);
+    let (results, inbox) = mpsc::channel();
+    thread::scope(|scope| {
+        for _ in 0..campaign.jobs.max(1).min(left.len()) {
+            let results = results.clone();
+            let (left, next, is_over) = (&left, &next, &is_over);
+            scope.spawn(move || {
+                while !is_over.load(Ordering::Relaxed)
+                    && let Some(seed) = left.get(next.fetch_add(1, Ordering::Relaxed) as usize)
+                {
+                    if results.send(run_seed(shipped, *seed, campaign.cycles, None)).is_err() {
+                        return;
+                    }
+                }
+            });
+        }
+        drop(results);
+        for outcome in inbox {
+            if let Some(store) = &mut store
+                && let Err(error) = store.add(&outcome)
+            {
+                is_over.store(true, Ordering::Relaxed);
+                return Err(error);
+            }
+            progress(&outcome);
+            outcomes.insert(outcome.seed, outcome);
+        }
+        Ok(outcomes)
+    })
+}

@@ -1,0 +1,74 @@
+//! What the rig gives the hand and what it takes.
+
+use nalgebra::Vector2;
+
+use super::super::invariant::Invariant;
+use super::super::observation::Observation;
+use super::super::tolerance;
+use super::{Findings, Limits, Peaks};
+use crate::guard::State;
+
+/// The balance at the hand, from the true force and the true motion of the tool.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct Energy {
+    past: Option<Past>,
+    /// Whether a stretch has begun.
+    is_begun: bool,
+    /// Net work on the hand since the stretch began, J.
+    returned_j: f64,
+    /// Kinetic energy of the rig when the stretch began, J.
+    held_j: f64,
+    /// Whether the stretch has already passed its bound: told once.
+    is_told: bool,
+}
+
+#[derive(Clone, Copy, Debug)]
+struct Past {
+    tool: Vector2<f64>,
+    hand_n: Vector2<f64>,
+    proxy: Vector2<f64>,
+}
+
+impl Energy {
+    /// I5: over any stretch of running, the rig returns at most what it held in the beginning.
+    pub(super) fn check(
+        &mut self,
+        limits: &Limits,
+        seen: &Observation,
+        peaks: &mut Peaks,
+        findings: &mut Findings<'_>,
+    ) {
+        let now = Past {
+            tool: Vector2::from(seen.truth.tool_m),
+            hand_n: Vector2::from(seen.truth.hand_n),
+            proxy: Vector2::from(seen.reported.proxy_m),
+        };
+        let falsified = seen.falsified;
+        let counts = seen.state == State::Running
+            && !(falsified.force || falsified.angles || falsified.drives || falsified.arm || falsified.timing);
+        let Some(past) = self.past.filter(|_| counts) else {
+            *self = Self { past: counts.then_some(now), ..Self::default() };
+            return;
+        };
+        let work_j = -0.5 * (now.hand_n + past.hand_n).dot(&(now.tool - past.tool));
+        let speed = (now.proxy - past.proxy).norm().max((now.tool - past.tool).norm()) / limits.period_s;
+        let held_j = 0.5 * limits.mass_kg.max(tolerance::ARM_KG) * speed * speed;
+        // As the guard forgets what is long past, so does this.
+        let kept = 1.0 - limits.period_s / tolerance::FORGETTING_S;
+        (self.returned_j, self.held_j) = (self.returned_j * kept + work_j, self.held_j * kept);
+        // A stretch begins with what is held then, and anew wherever that makes it worse.
+        if !std::mem::replace(&mut self.is_begun, true) || self.returned_j - self.held_j < -held_j {
+            (self.returned_j, self.held_j, self.is_told) = (0.0, held_j, false);
+        }
+        let beyond_j = self.returned_j - self.held_j;
+        peaks.returned_j = peaks.returned_j.max(beyond_j);
+        let share = if falsified.hand { tolerance::SHAKEN_SHARE } else { tolerance::GUARD_SHARE };
+        // The guard sees a cycle's energy at its end, and acts in the next one.
+        let holds = beyond_j <= limits.energy_j * (1.0 + share) + tolerance::RETURNED_J + 2.0 * work_j.max(0.0);
+        findings.expect(Invariant::I5, holds || self.is_told, || {
+            format!("the hand got {:.1} mJ, and the rig had held {:.1} mJ", 1e3 * self.returned_j, 1e3 * self.held_j)
+        });
+        self.is_told |= !holds;
+        self.past = Some(now);
+    }
+}

@@ -1,0 +1,288 @@
+//! The checker finds each violation in a run that is sound but for one thing that was doctored.
+
+use super::super::draw::{Machine, Shipped};
+use super::super::invariant::{Invariant, Violation};
+use super::super::observation::{Observation, Sender, Sighting};
+use super::super::session::{Course, play_watched};
+use super::{Checker, Limits};
+use crate::canopen::Frame;
+use crate::guard::{Request, State};
+
+/// Cycles of the runs: the rig is enabled and moves.
+const CYCLES: u32 = 1500;
+
+/// A run that is sound.
+struct Run {
+    limits: Limits,
+    seen: Vec<Observation>,
+}
+
+/// Runs the rig of `file`; the seed is one whose hand keeps the proxy moving.
+fn sound(file: &str) -> Run {
+    let shipped = Shipped::load().unwrap();
+    let seed = (0..60).find(|seed| {
+        let machine = Machine::draw(&shipped, *seed, CYCLES);
+        machine.file == file && machine.rig.fixture.hold_steps == 0
+    });
+    let seed = seed.unwrap();
+    let machine = Machine::draw(&shipped, seed, CYCLES);
+    let mut seen = Vec::new();
+    play_watched(&Course { machine: &machine, script: &[], seed, cycles: CYCLES }, |observation| {
+        seen.push(observation.clone());
+    });
+    Run { limits: Limits::of(&machine.rig), seen }
+}
+
+fn torque() -> Run {
+    sound("paper-admittance.yaml")
+}
+
+fn position() -> Run {
+    sound("paper-admittance-csp.yaml")
+}
+
+impl Run {
+    fn found(&self) -> Vec<Violation> {
+        let mut checker = Checker::new(self.limits, State::Idle);
+        let mut found = Vec::new();
+        for seen in &self.seen {
+            checker.check(seen, &mut found);
+        }
+        found
+    }
+
+    /// The first cycle in which the rig runs.
+    fn running(&self) -> usize {
+        self.seen.iter().position(|seen| seen.state == State::Running).unwrap()
+    }
+
+    /// A cycle well within the run in which the proxy moves.
+    fn moving(&self) -> usize {
+        let speed = |at: usize| {
+            let [now, before] = [self.seen[at].reported.proxy_m, self.seen[at - 1].reported.proxy_m];
+            (now[0] - before[0]).hypot(now[1] - before[1]) / self.limits.period_s
+        };
+        let start = self.running() + 100;
+        (start..self.seen.len() - 100).find(|at| (0..5).all(|step| speed(at + step) > 0.01)).expect("the proxy moves")
+    }
+
+    /// The set-point of joint `joint` that was computed in the cycle before `at`.
+    fn set_point(&mut self, at: usize, joint: usize) -> &mut Sighting {
+        let id = self.limits.set_point_ids[joint];
+        let frames = &mut self.seen[at].frames;
+        frames.iter_mut().find(|seen| seen.sender == Some(Sender::Master) && seen.frame.id() == id).unwrap()
+    }
+
+    fn change_set_point(&mut self, at: usize, joint: usize, change: impl Fn(&mut [u8])) {
+        let sighting = self.set_point(at, joint);
+        let mut data = sighting.frame.data().to_vec();
+        change(&mut data);
+        sighting.frame = Frame::new(sighting.frame.id(), &data);
+    }
+
+    /// What arrived from drive `joint` in cycle `at`, with another statusword.
+    fn change_statusword(&mut self, at: usize, joint: usize, word: u16) {
+        let id = self.limits.status_ids[joint];
+        let frames = &mut self.seen[at].frames;
+        let status = frames.iter_mut().find(|seen| seen.sender.is_none() && seen.frame.id() == id).unwrap();
+        let mut data = status.frame.data().to_vec();
+        data[..2].copy_from_slice(&word.to_le_bytes());
+        status.frame = Frame::new(id, &data);
+    }
+}
+
+#[track_caller]
+fn expect_found(run: &Run, invariant: Invariant, cycle: usize) {
+    let found = run.found();
+    let cycle = run.seen[cycle].cycle;
+    let is_there = |found: &Violation| found.invariant == invariant && (cycle..=cycle + 1).contains(&found.cycle);
+    assert!(found.iter().any(is_there), "{invariant:?} in {cycle}: {found:?}");
+}
+
+#[test]
+fn a_sound_run_has_no_violation() {
+    for file in super::super::RIGS {
+        assert_eq!(sound(file).found(), []);
+    }
+}
+
+#[test]
+fn i1_a_torque_for_a_drive_that_is_not_enabled() {
+    let mut run = torque();
+    let at = run.moving();
+    // Switched On.
+    run.change_statusword(at, 1, 0x1633);
+    expect_found(&run, Invariant::I1, at + 1);
+}
+
+#[test]
+fn i2_a_target_that_leaps() {
+    let mut run = position();
+    let at = run.moving();
+    run.change_set_point(at, 0, |data| data[4] = data[4].wrapping_add(1));
+    expect_found(&run, Invariant::I2, at);
+}
+
+#[test]
+fn i2_a_stop_that_is_too_hard() {
+    let mut run = torque();
+    let at = run.moving();
+    let speed = 0.5;
+    for (step, seen) in run.seen[at..].iter_mut().enumerate() {
+        seen.state = State::Stopping;
+        let way = if step < 3 { speed * 1e-3 * step as f64 } else { speed * 3e-3 };
+        seen.reported.proxy_m = [way, 0.0];
+    }
+    expect_found(&run, Invariant::I2, at + 4);
+}
+
+#[test]
+fn i3_a_torque_beyond_its_limit_on_the_bus_and_in_the_drive() {
+    let mut run = torque();
+    let at = run.moving();
+    run.change_set_point(at, 0, |data| data[2..4].copy_from_slice(&1010i16.to_le_bytes()));
+    expect_found(&run, Invariant::I3, at);
+    let mut run = torque();
+    run.seen[at].truth.torques_n_m[1] = -60.2;
+    expect_found(&run, Invariant::I3, at);
+    let mut run = torque();
+    run.seen[at].reported.force_n = [0.0, 150.1];
+    expect_found(&run, Invariant::I3, at);
+}
+
+#[test]
+fn i4_a_proxy_that_leaps() {
+    let mut run = torque();
+    let at = run.moving();
+    run.seen[at].reported.proxy_m[0] += 1.6e-3;
+    expect_found(&run, Invariant::I4, at);
+}
+
+#[test]
+fn i5_a_rig_that_pushes_the_hand() {
+    let mut run = torque();
+    let at = run.moving();
+    // 20 N over 0.1 mm in each cycle are 2 W: the bound of some 0.6 J is passed within 400 cycles.
+    for (step, seen) in run.seen[at..].iter_mut().enumerate() {
+        seen.truth.hand_n = [-20.0, 0.0];
+        seen.truth.tool_m = [1e-4 * step as f64, 0.0];
+    }
+    let found = run.found();
+    assert!(found.iter().any(|found| found.invariant == Invariant::I5), "{found:?}");
+}
+
+#[test]
+fn i6_a_fixture_that_holds_too_hard() {
+    let mut run = torque();
+    let at = run.moving();
+    // A force that the motion does not answer.
+    let force = 3.0 * run.limits.friction_n.hypot(run.limits.yield_n);
+    run.seen[at].reported.force_n = [force.min(149.0), 0.0];
+    expect_found(&run, Invariant::I6, at);
+}
+
+#[test]
+fn i7_a_proxy_that_drifts() {
+    let mut run = torque();
+    let at = run.running() + 2;
+    for (step, seen) in run.seen[at..at + 600].iter_mut().enumerate() {
+        seen.reported.force_n = [0.0; 2];
+        seen.reported.proxy_m = [1e-9 * step as f64, 0.0];
+    }
+    let found = run.found();
+    assert!(found.iter().any(|found| found.invariant == Invariant::I7), "{found:?}");
+}
+
+#[test]
+fn i8_a_number_that_is_none() {
+    let mut run = torque();
+    let at = run.moving();
+    run.seen[at].reported.target_rad[1] = f64::NAN;
+    expect_found(&run, Invariant::I8, at);
+}
+
+#[test]
+fn i9_a_first_target_that_is_not_the_measured_one() {
+    for mut run in [torque(), position()] {
+        let at = run.running() + 1;
+        run.change_set_point(at, 0, |data| data[2] = data[2].wrapping_add(2));
+        expect_found(&run, Invariant::I9, at);
+    }
+}
+
+#[test]
+fn i10_a_latched_state_that_ends_by_itself() {
+    let mut run = torque();
+    let at = run.moving();
+    run.seen[at].state = State::Stopped;
+    expect_found(&run, Invariant::I10, at + 1);
+    // A reset leads to Idle and nowhere else.
+    run.seen[at + 1].request = Request::Reset;
+    expect_found(&run, Invariant::I10, at + 1);
+}
+
+#[test]
+fn i12_a_second_set_point_and_a_late_one() {
+    let mut run = torque();
+    let at = run.moving();
+    let twin = *run.set_point(at, 0);
+    run.seen[at].frames.insert(0, twin);
+    expect_found(&run, Invariant::I12, at);
+    let mut run = torque();
+    let late = *run.set_point(at, 0);
+    run.seen[at].frames.push(late);
+    expect_found(&run, Invariant::I12, at);
+}
+
+#[test]
+fn i16_a_measurement_that_is_a_turn_away() {
+    let mut run = torque();
+    let at = run.moving();
+    run.seen[at].reported.measured_rad[0] += std::f64::consts::TAU;
+    expect_found(&run, Invariant::I16, at);
+}
+
+#[test]
+fn i17_one_drive_stops_and_the_other_goes_on() {
+    let mut run = torque();
+    let at = run.moving();
+    run.change_set_point(at, 1, |data| data[0] = 0x02);
+    expect_found(&run, Invariant::I17, at);
+}
+
+#[test]
+fn i18_a_reset_and_an_enabling_that_nobody_asked_for() {
+    let mut run = torque();
+    let at = run.moving();
+    run.change_set_point(at, 0, |data| data[0] = 0x80);
+    expect_found(&run, Invariant::I18, at);
+    let mut run = torque();
+    for seen in &mut run.seen {
+        seen.request = Request::None;
+    }
+    let first = run.found().into_iter().find(|found| found.invariant == Invariant::I18).expect("I18");
+    assert!((first.cycle as usize) <= run.running() + 2, "{first:?}");
+}
+
+#[test]
+fn i19_more_frames_than_fit() {
+    let mut run = torque();
+    let at = run.moving();
+    let frame = Frame::new(0x581, &[0; 8]);
+    let extra = Sighting { time_ns: 0, sender: Some(Sender::Drive(0)), frame };
+    run.seen[at].frames.extend([extra; 8]);
+    expect_found(&run, Invariant::I19, at + 1);
+}
+
+#[test]
+fn i20_a_queue_that_grows_and_one_that_is_full() {
+    let mut run = torque();
+    let at = run.moving();
+    run.seen[at].queue_high_water = 9;
+    expect_found(&run, Invariant::I20, at);
+    let mut run = torque();
+    for seen in &mut run.seen[at..] {
+        seen.queue_lost += 1;
+    }
+    expect_found(&run, Invariant::I20, at);
+}

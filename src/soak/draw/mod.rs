@@ -1,0 +1,122 @@
+//! A rig, a scene and a hand from a seed.
+//!
+//! Everything stays what a loaded file could say: a drawn rig passes the checks of the configuration.
+
+mod hand;
+mod rig;
+
+use crate::config::{self, Report, Source};
+
+use super::dice::{Dice, Purpose};
+
+/// The rigs that come with the program, in the order in which seeds choose them.
+pub const RIGS: [&str; 6] = [
+    "paper-admittance.yaml",
+    "paper-admittance-csp.yaml",
+    "paper-admittance-csv.yaml",
+    "paper-admittance-cartesian.yaml",
+    "paper-admittance-2ms.yaml",
+    "paper-admittance-4ms.yaml",
+];
+
+/// The rigs that come with the program, read once.
+#[derive(Clone, Debug)]
+pub struct Shipped {
+    rigs: Vec<(config::Rig, config::Scene)>,
+}
+
+impl Shipped {
+    /// Reads them.
+    ///
+    /// # Errors
+    /// If a file inside the program is refused.
+    pub fn load() -> Result<Self, Report> {
+        let mut rigs = Vec::new();
+        for name in RIGS {
+            let rig = config::load_rig(Source::named(&format!("builtin:{name}")))?;
+            let scene = config::load_scene(rig.source.relative(&rig.value.scene))?;
+            rigs.push((rig.value, scene.value));
+        }
+        Ok(Self { rigs })
+    }
+}
+
+/// A rig with its scene, as drawn.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Machine {
+    /// The shipped file that it was drawn from.
+    pub file: &'static str,
+    /// The rig.
+    pub rig: config::Rig,
+    /// The scene.
+    pub scene: config::Scene,
+    /// Whether the encoders were set so that their counts wrap near the start.
+    pub wraps: bool,
+}
+
+impl Machine {
+    /// Draws the machine of `seed`, with a hand that moves for `cycles` cycles.
+    pub fn draw(shipped: &Shipped, seed: u64, cycles: u32) -> Self {
+        let mut dice = Dice::new(seed, Purpose::Rig);
+        let choice = (seed % RIGS.len() as u64) as usize;
+        let (mut rig, mut scene) = shipped.rigs[choice].clone();
+        rig::vary_fixture(&mut dice, &mut rig);
+        let wraps = rig::vary_devices(&mut dice, &mut rig);
+        rig::vary_model(&mut dice, &rig, &mut scene);
+        let duration_s = f64::from(cycles) * f64::from(rig.cycle.period_us) * 1e-6;
+        let mut dice = Dice::new(seed, Purpose::Hand);
+        scene.hand = hand::draw(&mut dice, &rig, duration_s);
+        scene.seed = seed;
+        Self { file: RIGS[choice], rig, scene, wraps }
+    }
+
+    /// Cycle time in s.
+    pub fn period_s(&self) -> f64 {
+        f64::from(self.rig.cycle.period_us) * 1e-6
+    }
+}
+
+fn positive(value: f64) -> config::Positive {
+    config::Positive::new(value).unwrap_or_else(|| unreachable!("{value} is drawn above zero"))
+}
+
+fn not_negative(value: f64) -> config::NotNegative {
+    config::NotNegative::new(value).unwrap_or_else(|| unreachable!("{value} is drawn from zero up"))
+}
+
+fn finite(value: f64) -> config::Finite {
+    config::Finite::new(value).unwrap_or_else(|| unreachable!("{value} is drawn finite"))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_drawn_rig_could_have_been_written() {
+        let shipped = Shipped::load().unwrap();
+        let mut files = std::collections::BTreeSet::new();
+        let folder = std::env::temp_dir().join(format!("yieldwall-draw-{}", std::process::id()));
+        std::fs::create_dir_all(&folder).unwrap();
+        for seed in 0..60 {
+            let Machine { file, mut rig, scene, .. } = Machine::draw(&shipped, seed, 3000);
+            files.insert(file);
+            rig.scene = "scene.yaml".into();
+            let write = |name: &str, text: String| std::fs::write(folder.join(name), text).unwrap();
+            write("scene.yaml", config::to_yaml(&scene).unwrap());
+            write("rig.yaml", config::to_yaml(&rig).unwrap());
+            let read = config::load_rig(Source::disk(folder.join("rig.yaml")));
+            let read = read.unwrap_or_else(|report| panic!("seed {seed}: {report}"));
+            assert_eq!(read.value, rig, "seed {seed}");
+        }
+        std::fs::remove_dir_all(&folder).unwrap();
+        assert_eq!(files.len(), RIGS.len());
+    }
+
+    #[test]
+    fn the_same_seed_draws_the_same_machine() {
+        let shipped = Shipped::load().unwrap();
+        assert_eq!(Machine::draw(&shipped, 11, 3000), Machine::draw(&shipped, 11, 3000));
+        assert_ne!(Machine::draw(&shipped, 11, 3000), Machine::draw(&shipped, 17, 3000));
+    }
+}

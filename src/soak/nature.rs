@@ -1,0 +1,161 @@
+//! What the kinds of the catalogue mean for a judgement from outside.
+
+use super::observation::Falsified;
+use crate::guard::Fault;
+use crate::injection::{Ending, Injection, Kind, Lasts, Recovery};
+
+/// Time in s for which what an injection falsified still shows after its end: the arm settles, the filter runs out.
+const LINGERS_S: f64 = 0.5;
+
+/// What an injection falsifies.
+pub(super) fn falsifies(kind: Kind) -> Falsified {
+    let none = Falsified::default();
+    match kind {
+        Kind::SensorStuck
+        | Kind::SensorInvalid
+        | Kind::SensorSaturated
+        | Kind::SensorStale
+        | Kind::SensorSilent
+        | Kind::SensorJump
+        | Kind::SensorDrift
+        | Kind::SensorClockDrift => Falsified { force: true, ..none },
+        Kind::EncoderJump | Kind::EncoderStuck | Kind::EncoderOffset => Falsified { angles: true, ..none },
+        Kind::PdoLost
+        | Kind::PdoDelayed
+        | Kind::PdoJitter
+        | Kind::PdoDuplicated
+        | Kind::PdoReordered
+        | Kind::PdoCorrupt
+        | Kind::PdoShort => Falsified { angles: true, force: true, ..none },
+        Kind::SetPointsLost
+        | Kind::DriveFault
+        | Kind::VoltageOff
+        | Kind::DriveLeavesOperation
+        | Kind::DriveIgnoresCommand
+        | Kind::DriveRunaway
+        | Kind::IntruderSetPoint => Falsified { drives: true, ..none },
+        Kind::NodeReset | Kind::NodeSilent | Kind::IntruderNmt | Kind::DriveNotEnabling => {
+            Falsified { drives: true, force: true, angles: true, ..none }
+        }
+        Kind::HandTremble | Kind::HandSwing | Kind::HandStiff => Falsified { hand: true, ..none },
+        Kind::ArmBlocked => Falsified { arm: true, ..none },
+        Kind::SyncLost
+        | Kind::IntruderSync
+        | Kind::SyncLate
+        | Kind::ComputeLate
+        | Kind::CycleOverrun
+        | Kind::MasterStopped
+        | Kind::MasterKilled
+        | Kind::CyclePanic
+        | Kind::Suspend => Falsified { timing: true, drives: true, angles: true, force: true, ..none },
+        Kind::SendFailed
+        | Kind::InterfaceDown
+        | Kind::BusOff
+        | Kind::ErrorPassive
+        | Kind::TransmitStalled
+        | Kind::CableOut => Falsified { link: true, drives: true, angles: true, force: true, ..none },
+        Kind::HeartbeatSilent
+        | Kind::DuplicateNode
+        | Kind::Emergency
+        | Kind::EmergencyWarning
+        | Kind::DriveWarning
+        | Kind::HandPush
+        | Kind::HandOverload
+        | Kind::HandBlow
+        | Kind::HandToEdge
+        | Kind::StopRequest
+        | Kind::IdentityMismatch
+        | Kind::ConfigDrift
+        | Kind::WrongNodeId => none,
+    }
+}
+
+/// The usual injection of its kind on a rig with this period. What is counted in cycles is said for 1 ms.
+pub(super) fn usual(kind: Kind, start_s: f64, period_s: f64) -> Injection {
+    let injection = Injection::new(kind, start_s);
+    let scale = period_s * 1e3;
+    match kind {
+        Kind::SyncLate | Kind::ComputeLate | Kind::CycleOverrun => Injection {
+            duration_s: injection.duration_s.map(|duration_s| duration_s * scale),
+            size: injection.size * scale,
+            ..injection
+        },
+        Kind::Suspend | Kind::DriveWarning => {
+            Injection { duration_s: injection.duration_s.map(|duration_s| duration_s * scale), ..injection }
+        }
+        _ => injection,
+    }
+}
+
+/// When what an injection does has settled, in s since the scene began.
+pub(super) fn settled_s(injection: &Injection) -> f64 {
+    injection.end_s() + LINGERS_S
+}
+
+/// Whether nothing but a new process comes after it.
+pub(super) fn is_last(kind: Kind) -> bool {
+    kind.row().expected.recovery == Recovery::NewProcess
+}
+
+/// Whether it is there from switching on.
+pub(super) fn is_from_boot(kind: Kind) -> bool {
+    kind.row().lasts == Lasts::FromBoot
+}
+
+/// Whether what has to follow shows on a rig that runs, however it moves at the time. The rest needs motion, a hand
+/// that pushes, or noise on the sensor, which a seed has or has not.
+pub(super) fn is_certain(kind: Kind) -> bool {
+    match kind {
+        Kind::SensorStuck
+        | Kind::SensorDrift
+        | Kind::SensorClockDrift
+        | Kind::SensorJump
+        | Kind::PdoDelayed
+        | Kind::PdoJitter
+        | Kind::PdoReordered
+        | Kind::PdoCorrupt
+        | Kind::SetPointsLost
+        | Kind::SyncLost
+        | Kind::DriveIgnoresCommand
+        | Kind::DriveRunaway
+        | Kind::DriveWarning
+        | Kind::EncoderStuck
+        | Kind::ArmBlocked
+        | Kind::HandPush
+        | Kind::HandOverload
+        | Kind::HandBlow
+        | Kind::HandTremble
+        | Kind::HandSwing
+        | Kind::HandStiff
+        | Kind::HandToEdge
+        | Kind::SyncLate
+        | Kind::ComputeLate
+        | Kind::CycleOverrun
+        | Kind::MasterStopped
+        | Kind::EncoderOffset => false,
+        _ => matches!(kind.row().expected.ending, Ending::Latched(_) | Ending::NotEnabled | Ending::DrivesStop),
+    }
+}
+
+/// The fault of which the first cycle at or after the injection's start is the first observable sign. For all others
+/// the sign grows with the motion, or stands only in what the rig itself has counted.
+pub(super) fn shows_at_once(kind: Kind) -> &'static [Fault] {
+    match kind {
+        Kind::SensorInvalid => &[Fault::SensorInvalid],
+        Kind::SensorStale | Kind::SensorSilent => &[Fault::SensorStale, Fault::SensorLost],
+        Kind::PdoLost => &[Fault::PdoMissed],
+        Kind::PdoShort => &[Fault::PdoLength],
+        Kind::HeartbeatSilent => &[Fault::HeartbeatLost],
+        Kind::NodeReset => &[Fault::NodeReset],
+        Kind::Emergency => &[Fault::Emergency],
+        Kind::DriveFault => &[Fault::DriveFault, Fault::Emergency],
+        Kind::VoltageOff => &[Fault::DriveVoltageOff, Fault::DriveLeftOperation],
+        Kind::DriveLeavesOperation => &[Fault::DriveLeftOperation],
+        Kind::EncoderJump => &[Fault::EncoderJump],
+        Kind::StopRequest => &[Fault::StopRequested],
+        Kind::SendFailed | Kind::InterfaceDown => &[Fault::LinkDown],
+        Kind::BusOff => &[Fault::BusOff],
+        Kind::ErrorPassive => &[Fault::ErrorPassive],
+        _ => &[],
+    }
+}

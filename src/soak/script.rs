@@ -1,0 +1,213 @@
+//! Which faults a seed brings, and when.
+
+use std::fmt;
+use std::str::FromStr;
+
+use super::dice::{Dice, Purpose};
+use super::draw::Machine;
+use super::nature;
+use crate::injection::{CATALOGUE, Injection, Kind, Lasts, Target};
+
+/// One seed in so many brings what is there from switching on.
+const BOOT_EVERY: u64 = 10;
+/// One seed in so many brings several faults at once.
+const TANGLE_EVERY: u64 = 4;
+/// Share of the seeds that end with the end of the process.
+const ENDING_SHARE: f64 = 0.3;
+/// Time in s from the begin of the scene to the first fault: the hand has taken the tool and moves.
+const FIRST_AFTER_S: f64 = 0.4;
+/// Time in s from the end of a fault to the next: the rig has stopped, and the person has reset and enabled it, if need
+/// be after booting the network anew.
+const APART_S: [f64; 2] = [0.9, 1.4];
+/// Time in s between faults of a tangle, on average.
+const TANGLE_APART_S: f64 = 0.25;
+/// Time in s that the end of the process takes with all that follows.
+const ENDING_S: f64 = 0.3;
+
+/// What a seed brings.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Script {
+    /// The faults, by their start.
+    pub injections: Vec<Injection>,
+    /// Whether they may overlap: then nobody can say which of them did what.
+    pub is_tangle: bool,
+}
+
+impl Script {
+    /// Draws the script of `seed` for a run of `cycles` cycles.
+    pub fn draw(machine: &Machine, seed: u64, cycles: u32) -> Self {
+        let mut dice = Dice::new(seed, Purpose::Faults);
+        let duration_s = f64::from(cycles) * machine.period_s();
+        // The seeds of one rig are six apart: the choice below has to run over all of them.
+        let turn = seed / super::RIGS.len() as u64;
+        if seed % BOOT_EVERY == BOOT_EVERY - 1 {
+            let kinds: Vec<Kind> = kinds(nature::is_from_boot).collect();
+            let kind = kinds[(seed / BOOT_EVERY % kinds.len() as u64) as usize];
+            return Self { injections: vec![at(&mut dice, kind, 0.0)], is_tangle: false };
+        }
+        let is_tangle = turn % TANGLE_EVERY == TANGLE_EVERY - 1;
+        let mut injections =
+            if is_tangle { tangle(&mut dice, duration_s) } else { one_by_one(&mut dice, machine, duration_s) };
+        if dice.chance(ENDING_SHARE) && duration_s > 2.0 * ENDING_S {
+            let ends: Vec<Kind> = kinds(nature::is_last).collect();
+            let from_s = duration_s - ENDING_S;
+            injections.retain(|injection| nature::settled_s(injection) < from_s || is_tangle);
+            let kind = dice.one_of(&ends);
+            injections.push(at(&mut dice, kind, from_s));
+        }
+        Self { injections, is_tangle }
+    }
+}
+
+fn kinds(belongs: impl Fn(Kind) -> bool) -> impl Iterator<Item = Kind> {
+    CATALOGUE.iter().map(|row| row.kind).filter(move |kind| belongs(*kind))
+}
+
+fn at(dice: &mut Dice, kind: Kind, start_s: f64) -> Injection {
+    Injection::new(kind, start_s).on(dice.one_of(kind.row().targets))
+}
+
+/// One fault after the other, each with time to come back from it. A deck without the same kind twice, so that all come.
+fn one_by_one(dice: &mut Dice, machine: &Machine, duration_s: f64) -> Vec<Injection> {
+    let mut deck: Vec<Kind> = kinds(|kind| !nature::is_from_boot(kind) && !nature::is_last(kind)).collect();
+    let mut injections = Vec::new();
+    let mut time_s = FIRST_AFTER_S + dice.between(0.0, 0.3);
+    while !deck.is_empty() {
+        let kind = deck.swap_remove(dice.whole(0, deck.len() as u32 - 1) as usize);
+        let target = dice.one_of(kind.row().targets);
+        let mut injection = nature::usual(kind, time_s, machine.period_s()).on(target);
+        if dice.chance(0.3) {
+            vary(dice, &mut injection);
+        }
+        let end_s = if injection.end_s().is_finite() { injection.end_s() } else { time_s };
+        if end_s + APART_S[0] > duration_s {
+            if time_s + APART_S[1] > duration_s {
+                break;
+            }
+            continue;
+        }
+        injections.push(injection);
+        time_s = end_s + dice.between(APART_S[0], APART_S[1]);
+    }
+    injections
+}
+
+fn tangle(dice: &mut Dice, duration_s: f64) -> Vec<Injection> {
+    let deck: Vec<Kind> = kinds(|kind| !nature::is_from_boot(kind) && !nature::is_last(kind)).collect();
+    let mut injections = Vec::new();
+    let mut time_s = FIRST_AFTER_S;
+    while time_s < duration_s {
+        let kind = dice.one_of(&deck);
+        let mut injection = at(dice, kind, time_s);
+        vary(dice, &mut injection);
+        injections.push(injection);
+        // A burst now and then, else a pause in which the rig can come back.
+        time_s += if dice.chance(0.3) { dice.between(0.5, 1.5) } else { dice.between(0.0, 2.0 * TANGLE_APART_S) };
+    }
+    injections
+}
+
+/// Another duration and another size than the usual ones.
+fn vary(dice: &mut Dice, injection: &mut Injection) {
+    let row = injection.kind.row();
+    if let (Lasts::For(usual_s), true) = (row.lasts, dice.chance(0.7)) {
+        injection.duration_s = Some(usual_s * dice.between(0.1, 1.5));
+    }
+    if let Some(size) = row.size
+        && dice.chance(0.5)
+    {
+        let drawn = size.usual * dice.between(0.3, 1.5);
+        injection.size = drawn.clamp(size.least, size.most);
+    }
+}
+
+/// `name:target@start`, then `+duration` and `=size` where there is one, in s and the kind's unit; commas between.
+impl fmt::Display for Script {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        for (at, injection) in self.injections.iter().enumerate() {
+            let separator = if at == 0 { "" } else { "," };
+            let Injection { kind, target, start_s, duration_s, size } = injection;
+            write!(f, "{separator}{}:{}@{start_s}", kind.row().name, target.name())?;
+            if let Some(duration_s) = duration_s {
+                write!(f, "+{duration_s}")?;
+            }
+            if kind.row().size.is_some() {
+                write!(f, "={size}")?;
+            }
+        }
+        Ok(())
+    }
+}
+
+impl FromStr for Script {
+    type Err = String;
+
+    /// Reads what [`Script`] prints; faults one by one.
+    fn from_str(text: &str) -> Result<Self, String> {
+        let injections = text.split(',').filter(|part| !part.is_empty()).map(parse).collect::<Result<_, _>>()?;
+        Ok(Self { injections, is_tangle: false })
+    }
+}
+
+fn parse(part: &str) -> Result<Injection, String> {
+    let wanted = || format!("`{part}` is no injection: name:target@start, then +duration and =size, in that order");
+    let number = |text: &str| text.parse::<f64>().map_err(|_| wanted());
+    let (rest, size) = match part.split_once('=') {
+        Some((rest, size)) => (rest, Some(number(size)?)),
+        None => (part, None),
+    };
+    let (what, when) = rest.split_once('@').ok_or_else(wanted)?;
+    let (start, duration) = match when.split_once('+') {
+        Some((start, duration)) => (start, Some(number(duration)?)),
+        None => (when, None),
+    };
+    let (name, target) = what.split_once(':').ok_or_else(wanted)?;
+    let kind = Kind::named(name).ok_or_else(|| format!("there is no injection named `{name}`"))?;
+    let target = Target::named(target).ok_or_else(|| format!("there is no target named `{target}`"))?;
+    let usual = Injection::new(kind, number(start)?);
+    let injection = usual.on(target).lasting(duration).sized(size.unwrap_or(usual.size));
+    injection.check().map_err(|error| error.to_string())?;
+    Ok(injection)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::Shipped;
+    use super::*;
+    use std::collections::BTreeMap;
+
+    #[test]
+    fn two_hundred_seeds_bring_every_kind_and_every_injection_is_possible() {
+        let shipped = Shipped::load().unwrap();
+        let mut drawn: BTreeMap<&str, u32> = BTreeMap::new();
+        for seed in 0..200 {
+            let machine = Machine::draw(&shipped, seed, 10_000);
+            for injection in Script::draw(&machine, seed, 10_000).injections {
+                let read: Script =
+                    Script { injections: vec![injection], is_tangle: false }.to_string().parse().unwrap();
+                assert_eq!(read.injections, [injection], "seed {seed}");
+                injection.check().unwrap_or_else(|error| panic!("seed {seed}: {error}"));
+                *drawn.entry(injection.kind.row().name).or_default() += 1;
+            }
+        }
+        for row in &CATALOGUE {
+            let times = drawn.get(row.name).copied().unwrap_or_default();
+            assert!(times >= 2, "{} is drawn {times} times", row.name);
+        }
+    }
+
+    #[test]
+    fn what_is_no_script_is_refused() {
+        for text in [
+            "pdo-lost",
+            "pdo-lost@1",
+            "pdo-lost:left_drive",
+            "pdo-lost:hand@1",
+            "nothing:hand@1",
+            "pdo-lost:left_drive@x",
+        ] {
+            assert!(text.parse::<Script>().is_err(), "{text}");
+        }
+        assert_eq!("".parse::<Script>().unwrap().injections, []);
+    }
+}

@@ -1,0 +1,439 @@
+//! One run: the rig of a seed, its script of faults, its person, and the checker that watches.
+
+use std::sync::{Arc, Mutex};
+
+use serde::{Deserialize, Serialize};
+
+use super::checker::{Checker, Limits, Peaks};
+use super::draw::Machine;
+use super::invariant::{Invariant, Violation};
+use super::nature;
+use super::observation::{Falsified, Observation, Reported, Sender, Sighting, Truth};
+use super::operator::{Act, Operator};
+use super::tolerance;
+use crate::guard::fault::TABLE;
+use crate::guard::{Fault, Request, State};
+use crate::injection::Injection;
+use crate::record::CycleRecord;
+use crate::rig::{EmbeddedRig, PORTS, RigError};
+
+/// Violations that are kept of one run: the first of each invariant, and not more than this.
+const MOST_VIOLATIONS: usize = 5;
+
+/// What is run.
+#[derive(Clone, Copy, Debug)]
+pub struct Course<'a> {
+    /// The machine.
+    pub machine: &'a Machine,
+    /// What is broken, and when.
+    pub script: &'a [Injection],
+    /// The seed of noise, tremor and the person.
+    pub seed: u64,
+    /// Cycles after the boot.
+    pub cycles: u32,
+}
+
+/// A change of the supervisor's state, or of its cause.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Event {
+    /// Cycle since the boot.
+    pub cycle: u32,
+    /// Moment of its SYNC in ns since switching on.
+    pub sync_ns: u64,
+    /// State before.
+    pub from: State,
+    /// State after.
+    pub to: State,
+    /// What led to it.
+    pub cause: Option<Fault>,
+    /// What had led to the state before.
+    pub cause_before: Option<Fault>,
+    /// Distance of the tool from the task's origin, m.
+    pub radius_m: f64,
+}
+
+/// How a run ended.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub enum End {
+    /// All cycles were run.
+    Complete,
+    /// The network did not boot.
+    NotBooted,
+    /// The process that ran the master ended.
+    MasterGone,
+    /// The simulated arm could not go on.
+    Broken,
+}
+
+/// What a run left.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Play {
+    /// How it ended.
+    pub end: End,
+    /// Cycles that were run.
+    pub cycles: u32,
+    /// Virtual time in s.
+    pub simulated_s: f64,
+    /// A mark of everything that was seen: equal for equal runs.
+    pub hash: u64,
+    /// Changes of state, in order.
+    pub events: Vec<Event>,
+    /// How often each fault began to show, in the order of the table.
+    pub shown: [u32; Fault::COUNT],
+    /// Moment in ns since switching on at which the scene began.
+    pub scene_from_ns: Option<u64>,
+    /// What did not hold.
+    pub violations: Vec<Violation>,
+    /// The greatest values.
+    pub peaks: Peaks,
+    /// Times that the network was booted anew.
+    pub restarts: u32,
+}
+
+/// Mixes words into a mark. Not meant against anybody who wants to cheat.
+#[derive(Clone, Copy, Debug)]
+struct Mark(u64);
+
+impl Mark {
+    fn word(&mut self, word: u64) {
+        self.0 = (self.0 ^ word).wrapping_mul(0x9e37_79b9_7f4a_7c15);
+        self.0 ^= self.0 >> 29;
+    }
+
+    fn pair(&mut self, pair: [f64; 2]) {
+        pair.into_iter().for_each(|value| self.word(value.to_bits()));
+    }
+
+    fn observation(&mut self, seen: &Observation) {
+        self.word(seen.sync_ns);
+        self.word(seen.state as u64 | (seen.request as u64) << 8 | seen.cause.map_or(255, |fault| fault as u64) << 16);
+        for sighting in &seen.frames {
+            self.word(sighting.time_ns);
+            self.word(sighting.frame.bits());
+            self.word(u64::from(sighting.frame.id()) | u64::from(sighting.sender.is_some()) << 16);
+        }
+        let Reported { force_n, proxy_m, target_rad, measured_rad, .. } = seen.reported;
+        for pair in [force_n, proxy_m, target_rad, measured_rad, seen.truth.tool_m, seen.truth.torques_n_m] {
+            self.pair(pair);
+        }
+    }
+}
+
+/// Runs a course from switching on.
+pub fn play(course: &Course<'_>) -> Play {
+    play_watched(course, |_| {})
+}
+
+/// The same; `watch` gets what was seen of every cycle.
+pub fn play_watched(course: &Course<'_>, watch: impl FnMut(&Observation)) -> Play {
+    let mut run = Run::new(course);
+    let end = match run.all(watch) {
+        Ok(end) => end,
+        Err(error) => {
+            // A hand may push an arm that nobody holds to where its model ends, and have it enabled not far from there.
+            let is_held = matches!(run.seen.state, State::Running | State::Holding | State::Stopping);
+            let is_near = run.seen.truth.tool_m[0].hypot(run.seen.truth.tool_m[1]) < tolerance::FAR_M;
+            if (is_held && is_near) || !matches!(error, RigError::Arm(_)) {
+                let seen = error.to_string();
+                run.kept.push(run.violation(Invariant::Simulation, seen));
+            }
+            End::Broken
+        }
+    };
+    Play {
+        end,
+        cycles: run.seen.cycle,
+        simulated_s: run.seen.sync_ns as f64 * 1e-9,
+        hash: run.mark.0,
+        events: run.events,
+        shown: run.shown,
+        scene_from_ns: run.scene_from_ns,
+        violations: run.kept,
+        peaks: *run.checker.peaks(),
+        restarts: run.restarts,
+    }
+}
+
+struct Run<'a> {
+    course: &'a Course<'a>,
+    sightings: Arc<Mutex<Vec<Sighting>>>,
+    record: Arc<Mutex<Option<CycleRecord>>>,
+    seen: Observation,
+    checker: Checker,
+    found: Vec<Violation>,
+    kept: Vec<Violation>,
+    mark: Mark,
+    events: Vec<Event>,
+    shown: [u32; Fault::COUNT],
+    scene_from_ns: Option<u64>,
+    restarts: u32,
+}
+
+impl<'a> Run<'a> {
+    fn new(course: &'a Course<'a>) -> Self {
+        let limits = Limits::of(&course.machine.rig);
+        let zero = [0.0; 2];
+        Self {
+            course,
+            sightings: Arc::default(),
+            record: Arc::default(),
+            seen: Observation {
+                cycle: 0,
+                sync_ns: 0,
+                request: Request::None,
+                state: State::Idle,
+                cause: None,
+                frames: Vec::with_capacity(64),
+                reported: Reported::default(),
+                truth: Truth {
+                    angles_rad: zero,
+                    tool_m: zero,
+                    velocity_m_per_s: zero,
+                    hand_n: zero,
+                    torques_n_m: zero,
+                    drives: [yieldwall_drives::cia402::State::NotReadyToSwitchOn; 2],
+                },
+                falsified: Falsified::default(),
+                queue_high_water: 0,
+                queue_lost: 0,
+                ran: false,
+            },
+            checker: Checker::new(limits, State::Idle),
+            found: Vec::new(),
+            kept: Vec::new(),
+            mark: Mark(course.seed),
+            events: Vec::new(),
+            shown: [0; Fault::COUNT],
+            scene_from_ns: None,
+            restarts: 0,
+        }
+    }
+
+    fn violation(&self, invariant: Invariant, seen: String) -> Violation {
+        Violation { invariant, cycle: self.seen.cycle, time_s: self.seen.sync_ns as f64 * 1e-9, seen }
+    }
+
+    fn all(&mut self, mut watch: impl FnMut(&Observation)) -> Result<End, RigError> {
+        let Machine { rig, scene, .. } = self.course.machine;
+        let mut machine = EmbeddedRig::new(rig, scene, &rig.fixture, self.course.seed)?;
+        machine.set_injections(self.course.script)?;
+        self.watch(&mut machine);
+        match machine.power_up() {
+            Ok(()) => {}
+            Err(RigError::Boot(_)) => return Ok(End::NotBooted),
+            Err(error) => return Err(error),
+        }
+        self.clear_frames();
+        let mut person = Operator::new(self.course.seed, self.course.machine.period_s());
+        for _ in 0..self.course.cycles {
+            let request = match person.act(self.seen.state) {
+                Act::Ask(request) => request,
+                // Somebody who looks for the reason first: while something is broken, booting would only fail.
+                Act::Restart if self.is_something_broken() => Request::None,
+                Act::Restart => {
+                    if !self.restart(&mut machine)? {
+                        return Ok(End::NotBooted);
+                    }
+                    Request::None
+                }
+            };
+            self.cycle(&mut machine, request)?;
+            watch(&self.seen);
+            if machine.is_master_gone() {
+                self.watch_drives_stop(&mut machine)?;
+                return Ok(End::MasterGone);
+            }
+            if self.kept.len() >= MOST_VIOLATIONS {
+                break;
+            }
+        }
+        Ok(End::Complete)
+    }
+
+    /// The person boots the network anew; whether all nodes were found.
+    fn restart(&mut self, machine: &mut EmbeddedRig) -> Result<bool, RigError> {
+        self.restarts += 1;
+        match machine.boot_again() {
+            Ok(()) => {}
+            Err(RigError::Boot(_) | RigError::NotEnabled { .. }) => return Ok(false),
+            Err(error) => return Err(error),
+        }
+        self.clear_frames();
+        self.checker.network_restarted();
+        Ok(true)
+    }
+
+    /// Whether an injection acts now.
+    fn is_something_broken(&self) -> bool {
+        let Some(time_s) = self.scene_time_s() else { return false };
+        let lasts = |injection: &Injection| (injection.start_s..=injection.end_s()).contains(&time_s);
+        self.course.script.iter().any(lasts)
+    }
+
+    /// Time in s since the scene began, once it has.
+    fn scene_time_s(&self) -> Option<f64> {
+        self.scene_from_ns.map(|from| (self.seen.sync_ns as f64 - from as f64) * 1e-9)
+    }
+
+    /// Nobody commands the drives any more: both have to leave Operation Enabled, and to end without torque.
+    fn watch_drives_stop(&mut self, machine: &mut EmbeddedRig) -> Result<(), RigError> {
+        use yieldwall_drives::cia402::State as Drive;
+        let period_s = self.course.machine.period_s();
+        let bound = tolerance::WATCHDOG_CYCLES;
+        let rest = bound + (tolerance::QUICK_STOP_S / period_s).ceil() as u32;
+        for cycle in 1..=rest {
+            // Time goes on without a cycle.
+            machine.run_cycle(Request::None)?;
+            let drives = machine.drives();
+            let enabled = drives.iter().filter(|drive| drive.state() == Drive::OperationEnabled).count();
+            let torque = drives.iter().any(|drive| drive.torque_n_m() != 0.0);
+            let seen = match cycle {
+                // What a held interface lets go late is a set-point to the drives.
+                _ if cycle == bound && enabled > 0 && !self.seen.falsified.link => {
+                    format!("{enabled} drives are still in Operation Enabled {bound} cycles after the last set-point")
+                }
+                _ if cycle == rest && torque => {
+                    format!("a drive still makes torque {rest} cycles after the last set-point")
+                }
+                _ => continue,
+            };
+            let found = self.violation(Invariant::Watchdog, seen);
+            self.kept.push(found);
+        }
+        Ok(())
+    }
+
+    fn watch(&self, machine: &mut EmbeddedRig) {
+        let sightings = Arc::clone(&self.sightings);
+        machine.set_witness(Box::new(move |passage| {
+            let sender = match PORTS.iter().position(|port| *port == passage.from) {
+                Some(0) => Some(Sender::Master),
+                Some(joint @ (1 | 2)) => Some(Sender::Drive(joint - 1)),
+                Some(3) => Some(Sender::Sensor),
+                _ => return,
+            };
+            if let Ok(mut sightings) = sightings.lock() {
+                sightings.push(Sighting { time_ns: passage.time.0, sender, frame: passage.sent });
+            }
+        }));
+        let arrivals = Arc::clone(&self.sightings);
+        machine.set_tap(Box::new(move |time, frame| {
+            if let Ok(mut sightings) = arrivals.lock() {
+                sightings.push(Sighting { time_ns: time.0, sender: None, frame: *frame });
+            }
+        }));
+        let record = Arc::clone(&self.record);
+        machine.set_observer(Box::new(move |new| {
+            if let Ok(mut record) = record.lock() {
+                *record = Some(*new);
+            }
+        }));
+    }
+
+    fn clear_frames(&self) {
+        if let Ok(mut sightings) = self.sightings.lock() {
+            sightings.clear();
+        }
+    }
+
+    /// One cycle and its judgement.
+    fn cycle(&mut self, machine: &mut EmbeddedRig, request: Request) -> Result<(), RigError> {
+        self.seen.cycle += 1;
+        let before = self.seen.state;
+        let cause_before = self.seen.cause;
+        machine.run_cycle(request)?;
+        self.look(machine, request);
+        self.seen.falsified = self.falsified();
+        if self.scene_from_ns.is_none() && self.seen.state == State::Running {
+            machine.take_handle();
+            self.scene_from_ns = Some(machine.next_sync().0);
+        }
+        let seen = &self.seen;
+        // A process that was killed says nothing; one that panicked has said it.
+        let says = seen.ran || seen.cause == Some(Fault::CyclePanicked);
+        if says && (seen.state != before || seen.cause != cause_before) {
+            self.events.push(Event {
+                cycle: seen.cycle,
+                sync_ns: seen.sync_ns,
+                from: before,
+                to: seen.state,
+                cause: seen.cause,
+                cause_before,
+                radius_m: seen.truth.tool_m[0].hypot(seen.truth.tool_m[1]),
+            });
+        }
+        if seen.ran {
+            let faults = machine.master().cycle().faults();
+            for (row, shown) in TABLE.iter().zip(&mut self.shown) {
+                *shown += u32::from(faults.count(row.fault) == 1);
+            }
+        }
+        self.checker.check(seen, &mut self.found);
+        self.mark.observation(seen);
+        for found in self.found.drain(..) {
+            if self.kept.len() < MOST_VIOLATIONS && self.kept.iter().all(|kept| kept.invariant != found.invariant) {
+                self.kept.push(found);
+            }
+        }
+        Ok(())
+    }
+
+    /// What the injections of the present falsify.
+    fn falsified(&self) -> Falsified {
+        let mut all = Falsified::default();
+        // Before the scene only what is there from switching on acts.
+        let time_s = self.scene_time_s().unwrap_or(-1.0);
+        for injection in self.course.script {
+            let starts_s = if nature::is_from_boot(injection.kind) { f64::NEG_INFINITY } else { injection.start_s };
+            // The frames of one cycle are seen with the next.
+            if (starts_s - self.course.machine.period_s()..=nature::settled_s(injection)).contains(&time_s) {
+                all.join(nature::falsifies(injection.kind));
+            }
+        }
+        all
+    }
+
+    /// Takes what is to be seen of the cycle that has just run.
+    fn look(&mut self, machine: &EmbeddedRig, request: Request) {
+        let seen = &mut self.seen;
+        seen.frames.clear();
+        if let Ok(mut sightings) = self.sightings.lock() {
+            std::mem::swap(&mut seen.frames, &mut sightings);
+        }
+        let record = self.record.lock().ok().and_then(|mut record| record.take());
+        seen.ran = record.is_some();
+        if record.is_none() {
+            seen.sync_ns += (self.course.machine.period_s() * 1e9).round() as u64;
+        }
+        if let Some(record) = record {
+            let signals = &record.signals;
+            seen.sync_ns = record.moment.sync_ns;
+            seen.reported = Reported {
+                force_n: signals.force.to_array(),
+                proxy_m: signals.proxy.to_array(),
+                target_rad: signals.target_angles.to_array(),
+                measured_rad: signals.measured_angles.to_array(),
+                distance_m: signals.signed_distance_m,
+                is_on_surface: signals.is_on_surface,
+                hold_counter: signals.hold_counter,
+                is_impact: signals.is_impact,
+            };
+        }
+        let truth = machine.body_truth();
+        let [left, right] = machine.drives();
+        seen.truth = Truth {
+            angles_rad: truth.angles.to_array(),
+            tool_m: truth.tool.to_array(),
+            velocity_m_per_s: truth.velocity.to_array(),
+            hand_n: truth.hand.to_array(),
+            torques_n_m: [left.torque_n_m(), right.torque_n_m()],
+            drives: [left.state(), right.state()],
+        };
+        let counters = machine.bus_counters();
+        seen.queue_high_water = counters.queue_high_water;
+        seen.queue_lost = counters.overflowed;
+        seen.request = request;
+        seen.state = machine.state();
+        seen.cause = machine.cause().map(|cause| cause.fault);
+    }
+}

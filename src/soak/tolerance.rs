@@ -1,0 +1,83 @@
+//! By how much a seen value may pass what an invariant says, and why. Nowhere else is there any slack.
+
+/// Share by which a float may pass a limit that was computed from the same numbers in another order.
+pub(super) const ROUNDING: f64 = 1e-9;
+
+/// I2: a target on the bus is a whole count, so that a step of two rounded targets is off by one at most.
+pub(super) const TARGET_COUNTS: f64 = 1.0;
+
+/// I2: the deceleration of a ramp, as a share of what is configured. It is `1.5 v / t` at its middle exactly; differences
+/// over one cycle stay below the peak, except in the cycle in which the ramp ends between two grid points: there
+/// two half steps fall together, so twice is allowed.
+pub(super) const RAMP_SHARE: f64 = 2.0;
+
+/// I3: torques on the bus are whole per mille of the rated torque, rounded.
+pub(super) const TORQUE_PER_MILLE: f64 = 1.0;
+
+/// I5: what the rig may return beyond its kinetic energy at the begin of the stretch and the configured energy limit, at
+/// which the guard holds it, in J. The guard sees the proxy's side; the tool follows the proxy at a distance: what it gives back while it catches up was put in by the hand before. 1 mm (what the loops of
+/// the shipped rigs leave at the greatest forces here) times 60 N is 0.06 J. A loop that swings passes it in a few periods.
+pub(super) const RETURNED_J: f64 = 0.06;
+
+/// I5: share of the energy limit by which the guard may be mistaken: it multiplies a force and a motion that are a cycle
+/// apart. At 25 Hz, as fast as hands tremble here, and 4 ms that is 1 - cos(2 pi 25 0.004).
+pub(super) const GUARD_SHARE: f64 = 0.2;
+
+/// I5: the same under a hand that shakes the tool on purpose or is stiff beyond any hand. What the rig gives is then the
+/// small difference of strokes to and fro, and a force that is sensed late hides up to half of it: the guard acts at its
+/// limit when twice as much has flowed.
+pub(super) const SHAKEN_SHARE: f64 = 1.0;
+
+/// I5: time in s over which the balance is forgotten, as the guard does: steps of sensor and encoder would add up for ever.
+pub(super) const FORGETTING_S: f64 = 1.0;
+
+/// I5: mass in kg with which the tool holds kinetic energy: that of the proxy or that of the arm, whichever is more. The
+/// arm of the shipped rigs weighs 2.6 to 7.4 kg at the tool along their circle, motors included.
+pub(super) const ARM_KG: f64 = 8.0;
+
+/// I6: force in N, beyond rounding, by which a fixture on a curved surface may pass its levels in the tangent step.
+pub(super) const LEVEL_N: f64 = 1e-6;
+
+/// I6: share of `hypot(F, R)` by which a fixture on a curved surface may pass its levels while it lies there: the
+/// tangent step is projected onto the curve, as printed.
+pub(super) const CURVED_SHARE: f64 = 0.25;
+
+/// I6: a proxy nearer to the surface than this, in m, lies on it: far above rounding, far below any encoder.
+pub(super) const LANDED_M: f64 = 1e-9;
+
+/// I7: a proxy that moves less in a cycle, in m, rests: below one unit in the last place of a coordinate.
+pub(super) const RESTING_STEP_M: f64 = 1e-15;
+
+/// I7: cycles beyond the time in which friction stops the proxy: the difference that gives its speed is a cycle old, and
+/// the step in which it stops is not a whole one.
+pub(super) const RESTING_CYCLES: u32 = 3;
+
+/// I9: the first position target may differ by the rounding of one count.
+pub(super) const FIRST_TARGET_COUNTS: i64 = 1;
+
+/// I16: the truth is taken at the computation, the measurement at SYNC: they differ by what a joint turns in between, at
+/// most twice its greatest rate times one period (the guard takes a faster encoder for one that has jumped), and by the counts of the encoder.
+pub(super) const MEASURED_COUNTS: f64 = 2.0;
+
+/// I18: cycles with set-points from a request for a reset to the reset edge: one low word, then the edge.
+pub(super) const RESET_CYCLES: u32 = 2;
+
+/// I19: share of the cycle that the rig's own frames may take, their real stuff bits counted: all of it. Process data and
+/// heartbeats of all nodes in one cycle take 93 % at 1 ms; emergencies of both drives in the same cycle fill the rest.
+pub(super) const BUS_SHARE: f64 = 1.0;
+
+/// I20: frames that may wait in one port: the master's two set-points, a heartbeat and SYNC, or what a node answers to SYNC
+/// with a heartbeat and an emergency, twice over.
+pub(super) const QUEUED_FRAMES: usize = 8;
+
+/// Watchdog: cycles from the last set-point to the drives' own reaction: the deadline of the RPDO is five cycles, and the
+/// drive notices it with the next tick of its own clock.
+pub(super) const WATCHDOG_CYCLES: u32 = 7;
+
+/// Watchdog: time in s that the drives' quick stop may take: from the greatest rate of a joint (6 rad/s) at the slowest
+/// deceleration that the profiles leave as delivered.
+pub(super) const QUICK_STOP_S: f64 = 0.5;
+
+/// Radius in m of the tool from the task's origin from which on an arm is far outside of where the rig promises to work
+/// (0.16 m): a hand has pushed it there while nobody held it.
+pub(super) const FAR_M: f64 = 0.24;

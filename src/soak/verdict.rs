@@ -1,0 +1,358 @@
+//! Which fault did what: the changes of state of a run against what its injections had to bring about.
+
+use serde::{Deserialize, Serialize};
+
+use super::draw::Machine;
+use super::invariant::{Invariant, Violation};
+use super::nature;
+use super::script::Script;
+use super::session::{End, Event, Play};
+use super::tolerance;
+use crate::guard::fault::{Bound, Stage};
+use crate::guard::{Fault, Reaction, State};
+use crate::injection::{Ending, Injection, Target};
+
+/// Faults that a hand alone brings about now and then, whatever else is broken: it is free to hit and to shake the tool.
+const HAND_FAULTS: [Fault; 6] =
+    [Fault::SensorSaturated, Fault::ForceStep, Fault::ForceLimit, Fault::OverSpeed, Fault::EnergyLimit, Fault::Chatter];
+/// Cycles per reaction to a hand alone, on average over a run, below which it is a false alarm that comes all the time.
+const LEAST_CYCLES_BETWEEN: usize = 200;
+
+/// Faults that an arm far outside of its working disc brings about, where a hand has pushed it while nobody held it.
+const FAR_FAULTS: [Fault; 5] =
+    [Fault::FollowingError, Fault::Runaway, Fault::WorkspaceLeft, Fault::Posture, Fault::EncoderJump];
+/// One injection and what followed.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Followed {
+    /// Name of the kind.
+    pub name: String,
+    /// Whether the rig ran when it began, or was booted with it.
+    pub met_running: bool,
+    /// Whether what had to follow did; `None` among several at once, or with another duration or size than usual.
+    pub as_expected: Option<bool>,
+}
+
+/// A fault that was the cause of a change of state.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Seen {
+    /// Name of the fault's row.
+    pub name: String,
+    /// What was done.
+    pub reaction: String,
+    /// Cycles from the first observable sign to the reaction, where the injection says when that was.
+    pub cycles: Option<u32>,
+    /// The row's bound in cycles of this rig, likewise.
+    pub bound: Option<u32>,
+}
+
+/// All that followed in a run.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub(super) struct Verdict {
+    pub(super) injections: Vec<Followed>,
+    pub(super) faults: Vec<Seen>,
+    pub(super) violations: Vec<Violation>,
+}
+
+/// Times of a rig that a bound is counted in.
+#[derive(Clone, Copy, Debug)]
+struct Clock {
+    period_s: f64,
+    sample_s: f64,
+    /// Consumer time of the longest heartbeat in s.
+    heartbeat_s: f64,
+    scene_from_ns: u64,
+    /// Whether the force sensor has noise, as every real one. Without it a hand at rest looks like a converter that hangs.
+    is_noisy: bool,
+}
+
+impl Clock {
+    fn of(machine: &Machine, scene_from_ns: u64) -> Self {
+        let rig = &machine.rig;
+        let heartbeats = rig.drives.iter().map(|drive| drive.heartbeat_ms).chain([rig.sensor.heartbeat_ms]);
+        // A heartbeat is missed after two of its periods.
+        let heartbeat_s = 2e-3 * f64::from(heartbeats.max().unwrap_or_default());
+        let period_s = machine.period_s();
+        let is_noisy = machine.scene.model.is_some_and(|model| model.force_noise_counts.get() > 0.0);
+        Self { period_s, sample_s: 1.0 / rig.sensor.sample_rate_hz.get(), heartbeat_s, scene_from_ns, is_noisy }
+    }
+
+    /// Time of an event in s since the scene began.
+    fn time_s(&self, event: &Event) -> f64 {
+        (event.sync_ns as f64 - self.scene_from_ns as f64) * 1e-9
+    }
+
+    /// Whether a hand and where it has pushed the arm explain the fault without anything injected.
+    fn is_natural(&self, event: &Event, fault: Fault) -> bool {
+        HAND_FAULTS.contains(&fault)
+            || (FAR_FAULTS.contains(&fault) && event.radius_m > tolerance::FAR_M)
+            || (fault == Fault::SensorStuck && !self.is_noisy)
+    }
+
+    /// A bound in cycles. Samples and heartbeats have their own clocks, which stand anywhere against SYNC: one more.
+    fn cycles(&self, bound: Bound) -> u32 {
+        match bound {
+            Bound::Cycles(cycles) => u32::from(cycles),
+            // At 1000 Hz the sensor samples with SYNC.
+            Bound::Samples(samples) if self.sample_s <= 1e-3 && self.period_s >= 1e-3 => u32::from(samples),
+            Bound::Samples(samples) => (f64::from(samples) * self.sample_s / self.period_s).ceil() as u32 + 1,
+            Bound::HeartbeatTime => (self.heartbeat_s / self.period_s).ceil() as u32 + 1,
+        }
+    }
+}
+
+/// Judges the changes of state of a run.
+pub(super) fn judge(machine: &Machine, script: &Script, play: &Play) -> Verdict {
+    let mut verdict = Verdict::default();
+    let clock = Clock::of(machine, play.scene_from_ns.unwrap_or(u64::MAX));
+    for (at, event) in play.events.iter().enumerate() {
+        if let Some(fault) = event.cause {
+            let reaction = reaction_of(event);
+            check_row(event, fault, reaction, &mut verdict);
+            let is_new = at == 0 || play.events[at - 1].cause != event.cause || event.to != event.from;
+            if is_new && reaction.is_some() {
+                verdict.faults.push(Seen {
+                    name: fault.row().name.to_owned(),
+                    reaction: format!("{:?}", reaction.unwrap_or(Reaction::Count)),
+                    cycles: None,
+                    bound: None,
+                });
+            }
+        }
+    }
+    let refusals: Vec<Seen> = play.events.iter().filter_map(refusal).collect();
+    if script.is_tangle {
+        verdict.faults.extend(refusals);
+        let met = |injection: &Injection| state_at(play, &clock, injection.start_s) == Some(State::Running);
+        verdict.injections.extend(script.injections.iter().map(|injection| Followed {
+            name: injection.kind.row().name.to_owned(),
+            met_running: met(injection),
+            as_expected: None,
+        }));
+        return verdict;
+    }
+    verdict.faults = refusals;
+    attribute(&clock, script, play, &mut verdict);
+    verdict
+}
+
+/// The reaction that a change of state is.
+fn reaction_of(event: &Event) -> Option<Reaction> {
+    match (event.from, event.to) {
+        (from, to) if from == to && !to.is_latched() => None,
+        (_, State::Holding) => Some(Reaction::Freeze),
+        (_, State::Stopping) => Some(Reaction::StopRamp),
+        // The end of a ramp is no reaction of its own.
+        (State::Stopping, State::Stopped) if event.cause == event.cause_before => None,
+        (_, State::Stopped | State::Disabled) => Some(Reaction::QuickStop),
+        (_, State::Lost) => Some(Reaction::Silence),
+        _ => None,
+    }
+}
+
+/// A fault for which a rig at rest was not enabled.
+fn refusal(event: &Event) -> Option<Seen> {
+    let fault = event.cause.filter(|_| (event.from, event.to) == (State::Idle, State::Idle))?;
+    Some(Seen { name: fault.row().name.to_owned(), reaction: "Refused".to_owned(), cycles: None, bound: None })
+}
+
+/// I11: the reaction is one of the fault's row, and the state is the row's.
+fn check_row(event: &Event, fault: Fault, reaction: Option<Reaction>, verdict: &mut Verdict) {
+    let Some(reaction) = reaction else { return };
+    let row = fault.row();
+    let holds = match reaction {
+        Reaction::Freeze | Reaction::StopRamp => row.steps.iter().any(|step| step.reaction == reaction),
+        // A quick stop ends in the row's own state, which may be Lost; what is milder leads there in Enabling.
+        _ => row.steps.iter().any(|step| {
+            let stops = step.reaction.max(Reaction::QuickStop);
+            // A ramp that cannot be followed ends in a quick stop, and so does whatever shows while enabling.
+            let is_ramp = step.reaction == Reaction::StopRamp && row.stage == Stage::Motion;
+            let is_milder = event.from == State::Enabling || is_ramp;
+            row.final_state(stops) == event.to && (step.reaction >= Reaction::QuickStop || is_milder)
+        }),
+    };
+    if !holds {
+        let (from, to) = (event.from, event.to);
+        let seen = format!("{} led from {from:?} to {to:?}, which is not in its row", row.name);
+        verdict.violations.push(violation(Invariant::I11, event, seen));
+    }
+}
+
+fn violation(invariant: Invariant, event: &Event, seen: String) -> Violation {
+    Violation { invariant, cycle: event.cycle, time_s: event.sync_ns as f64 * 1e-9, seen }
+}
+
+/// State in which the rig was at `time_s` since the scene began; `None` if the scene never began.
+fn state_at(play: &Play, clock: &Clock, time_s: f64) -> Option<State> {
+    play.scene_from_ns?;
+    // The cycle in which an injection begins already shows it.
+    let before = play.events.iter().take_while(|event| clock.time_s(event) < time_s - 0.5 * clock.period_s);
+    before.last().map(|event| event.to)
+}
+
+fn attribute(clock: &Clock, script: &Script, play: &Play, verdict: &mut Verdict) {
+    if let [injection] = script.injections.as_slice()
+        && nature::is_from_boot(injection.kind)
+    {
+        return judge_boot(injection, play, verdict);
+    }
+    let starts: Vec<f64> = script.injections.iter().map(|injection| injection.start_s).collect();
+    let first = starts.first().copied().unwrap_or(f64::INFINITY);
+    let early = play.events.iter().take_while(|event| clock.time_s(event) < first - 0.5 * clock.period_s);
+    for event in early {
+        check_alone(clock, event, verdict);
+    }
+    // What had not begun when a run broke off brought nothing about.
+    let end_s = match play.end {
+        End::Broken => play.simulated_s - clock.scene_from_ns as f64 * 1e-9 - clock.heartbeat_s,
+        _ => f64::INFINITY,
+    };
+    for (at, injection) in script.injections.iter().enumerate().filter(|(_, known)| known.start_s < end_s) {
+        let until = starts.get(at + 1).copied().unwrap_or(f64::INFINITY) - 0.5 * clock.period_s;
+        let from = injection.start_s - 0.5 * clock.period_s;
+        let window: Vec<&Event> =
+            play.events.iter().filter(|event| (from..until).contains(&clock.time_s(event))).collect();
+        judge_window(clock, injection, &window, play, verdict);
+    }
+    let alone = verdict.faults.iter().filter(|seen| HAND_FAULTS.iter().any(|fault| fault.row().name == seen.name));
+    if alone.count() * LEAST_CYCLES_BETWEEN > play.cycles as usize
+        && let Some(event) = play.events.last()
+    {
+        verdict.violations.push(violation(Invariant::FalseAlarm, event, "the hand is held all the time".to_owned()));
+    }
+}
+
+/// An event without an injection that could have caused it.
+fn check_alone(clock: &Clock, event: &Event, verdict: &mut Verdict) {
+    if let Some(fault) = event.cause
+        && let Some(reaction) = reaction_of(event)
+    {
+        verdict.faults.push(seen(fault, reaction, None));
+        if !clock.is_natural(event, fault) {
+            let message = format!("{} led to {:?}, and nothing was injected", fault.row().name, event.to);
+            verdict.violations.push(violation(Invariant::FalseAlarm, event, message));
+        }
+    }
+}
+
+fn seen(fault: Fault, reaction: Reaction, measured: Option<(u32, u32)>) -> Seen {
+    Seen {
+        name: fault.row().name.to_owned(),
+        reaction: format!("{reaction:?}"),
+        cycles: measured.map(|(cycles, _)| cycles),
+        bound: measured.map(|(_, bound)| bound),
+    }
+}
+
+fn judge_window(clock: &Clock, injection: &Injection, window: &[&Event], play: &Play, verdict: &mut Verdict) {
+    let row = injection.kind.row();
+    let met_running = state_at(play, clock, injection.start_s) == Some(State::Running);
+    let expected = row.expected;
+    let usual = nature::usual(injection.kind, injection.start_s, clock.period_s).on(injection.target);
+    let is_usual = usual == *injection;
+    let mut latched = None;
+    let mut has_expected = expected.faults.is_empty();
+    let at_once = nature::shows_at_once(injection.kind);
+    for event in window {
+        let (Some(fault), Some(reaction)) = (event.cause, reaction_of(event)) else {
+            if event.to.is_latched() && latched.is_none() {
+                latched = Some(event.to);
+            }
+            continue;
+        };
+        if event.to.is_latched() && latched.is_none() {
+            latched = Some(event.to);
+        }
+        // The same error, twice as large.
+        let is_worse = fault == Fault::Runaway && expected.faults.contains(&Fault::FollowingError);
+        // A hand that is out of bounds may load the arm beyond what its torques explain.
+        let is_forced = fault == Fault::ForceImplausible && injection.target == Target::Hand;
+        let is_expected = expected.faults.contains(&fault) || is_worse || is_forced;
+        has_expected |= is_expected;
+        if met_running && is_usual && !is_expected && !clock.is_natural(event, fault) {
+            let message = format!(
+                "{} led to {:?} under {}, which is not known to bring it",
+                fault.row().name,
+                event.to,
+                row.name
+            );
+            verdict.violations.push(violation(Invariant::FalseAlarm, event, message));
+        }
+        let is_first = window.iter().position(|other| other.cause == event.cause && other.to == event.to)
+            == window.iter().position(|other| std::ptr::eq(*other, *event));
+        let measured = (met_running && is_first && at_once.contains(&fault))
+            .then(|| measure(clock, injection, event, fault, reaction))
+            .flatten();
+        if let Some((cycles, bound)) = measured
+            && cycles > bound
+        {
+            let message = format!(
+                "{} under {} led to {:?} after {cycles} cycles, at most {bound}",
+                fault.row().name,
+                row.name,
+                event.to
+            );
+            verdict.violations.push(violation(Invariant::I11, event, message));
+        }
+        verdict.faults.push(seen(fault, reaction, measured));
+    }
+    let ends = match expected.ending {
+        Ending::GoesOn => latched.is_none(),
+        Ending::Latched(states) => latched.is_some_and(|state| states.contains(&state)),
+        Ending::NotEnabled => true,
+        Ending::DrivesStop => play.end == End::MasterGone,
+    };
+    let as_expected = (met_running && is_usual).then_some(ends && (has_expected || expected.ending == Ending::GoesOn));
+    if as_expected == Some(false) && nature::is_certain(injection.kind) {
+        let message = format!(
+            "{} on {} at {:.3} s had to end in {:?} by {:?}, and the rig went {:?}",
+            row.name,
+            injection.target.name(),
+            injection.start_s,
+            expected.ending,
+            expected.faults.iter().map(|fault| fault.row().name).collect::<Vec<_>>(),
+            window.iter().map(|event| (event.to, event.cause.map(|fault| fault.row().name))).collect::<Vec<_>>(),
+        );
+        let cycle = ((injection.start_s + clock.scene_from_ns as f64 * 1e-9) / clock.period_s) as u32;
+        let time_s = injection.start_s + clock.scene_from_ns as f64 * 1e-9;
+        let cycle = window.first().map_or(cycle, |event| event.cycle);
+        verdict.violations.push(Violation { invariant: Invariant::I11, cycle, time_s, seen: message });
+    }
+    verdict.injections.push(Followed { name: row.name.to_owned(), met_running, as_expected });
+}
+
+/// Cycles from the first cycle at or after the injection's start to the event, and the bound of the row's step.
+fn measure(
+    clock: &Clock,
+    injection: &Injection,
+    event: &Event,
+    fault: Fault,
+    reaction: Reaction,
+) -> Option<(u32, u32)> {
+    let step = fault.row().steps.iter().find(|step| {
+        step.reaction == reaction
+            || (reaction >= Reaction::QuickStop && fault.row().final_state(step.reaction) == event.to)
+    })?;
+    let since = (clock.time_s(event) - injection.start_s) / clock.period_s;
+    // The cycle that begins with the injection is the first.
+    let cycles = (since + 1e-6).floor().max(0.0) as u32 + 1;
+    Some((cycles, clock.cycles(step.bound)))
+}
+
+fn judge_boot(injection: &Injection, play: &Play, verdict: &mut Verdict) {
+    let row = injection.kind.row();
+    let ran = play.events.iter().any(|event| event.to == State::Running);
+    let refused = play.end == End::NotBooted || !ran;
+    if !refused
+        && nature::is_certain(injection.kind)
+        && let Some(event) = play.events.iter().find(|event| event.to == State::Running)
+    {
+        let message = format!("the rig ran in spite of {} on {}", row.name, injection.target.name());
+        verdict.violations.push(violation(Invariant::I11, event, message));
+    }
+    for event in &play.events {
+        if let (Some(fault), Some(reaction)) = (event.cause, reaction_of(event)) {
+            verdict.faults.push(seen(fault, reaction, None));
+        }
+    }
+    verdict.injections.push(Followed { name: row.name.to_owned(), met_running: true, as_expected: Some(refused) });
+}
