@@ -130,7 +130,7 @@ pub struct Signals {
     pub hold_counter: u32,
     /// Whether the proxy met the surface in this cycle.
     pub is_impact: bool,
-    /// Whether a torque was cut to its limit.
+    /// Whether a torque was cut to its limit; the proxy is then drawn back.
     pub is_saturated: bool,
 }
 
@@ -339,11 +339,15 @@ impl Cycle {
         let Some(posture) = self.posture.filter(|_| motion != Motion::Rest) else {
             return Ok(self.rest());
         };
+        let before = self.reference;
         let reference = self.advance(motion, reading, &posture, signals)?;
-        let (command, needed) = self.servo.command(&self.linkage, &reference, &self.measured, &posture)?;
-        let (allowed, cut) = self.gate.check(&command, &self.measured)?;
-        self.needed = needed;
-        signals.is_saturated = cut;
+        let effort = self.servo.command(&self.linkage, &reference, &self.measured, &posture)?;
+        let (allowed, cut) = self.gate.check(&effort.command, &self.measured)?;
+        self.needed = effort.needed;
+        signals.is_saturated = cut || effort.excess.is_some();
+        if let (Some(excess), Some(before), Motion::Run) = (effort.excess, before, motion) {
+            self.draw_back(excess, &before, &reference, &posture)?;
+        }
         Ok(allowed)
     }
 
