@@ -8,7 +8,7 @@ mod reference;
 mod servo;
 mod watch;
 
-use crate::fixture::{Fixture, Shape2, Surface};
+use crate::fixture::{Fixture, Shape2};
 use crate::guard::{
     Allowed, Cause, DeviceSet, Directive, Fault, FaultCounts, Gate, JointCommand, Measured, Motion, Request, State,
     StopRamp, Supervisor,
@@ -378,7 +378,7 @@ impl Cycle {
         signals.signed_distance_m = match signals.is_on_surface {
             // The fixture's own figure is exact there.
             true => signals.signed_distance_m,
-            false => self.fixture.surface().signed_distance_m(&signals.proxy.0),
+            false => self.fixture.signed_distance_m(&signals.proxy.0),
         };
         signals.target_angles = self.reference.as_ref().map_or(self.measured.angles, |reference| reference.angles);
     }
