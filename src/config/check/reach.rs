@@ -49,12 +49,17 @@ pub(super) fn check_linkage(findings: &mut Findings, rig: &Rig) {
 pub(super) fn check_surface_reach(findings: &mut Findings, at: &str, fixture: &Fixture, rig: &Rig) {
     let Ok(five_bar) = FiveBar::new(rig.linkage.geometry()) else { return };
     let margin_m = *rig.guard.singularity_margin_m;
-    let surface = &fixture.surface;
+    for (key, surface) in fixture.surfaces() {
+        check_reach(findings, &format!("{at}.{key}"), surface, rig, &five_bar, margin_m);
+    }
+}
+
+fn check_reach(findings: &mut Findings, at: &str, surface: &Surface, rig: &Rig, five_bar: &FiveBar, margin_m: f64) {
     if let Surface::Line { point_m, normal } = surface {
         let length = normal[0].hypot(*normal[1]);
         let distance = (*point_m[0] * *normal[0] + *point_m[1] * *normal[1]).abs() / length;
         if distance > *rig.linkage.working_radius_m {
-            let key = format!("{at}.surface.line.point_m");
+            let key = format!("{at}.line.point_m");
             findings.error(
                 &key,
                 format!(
@@ -76,7 +81,7 @@ pub(super) fn check_surface_reach(findings: &mut Findings, at: &str, fixture: &F
             .and_then(|posture| five_bar.require_clearance(&posture, margin_m));
         if let Err(error) = reached {
             let place = if matches!(surface, Surface::Point { .. }) { "point_m" } else { surface.size_key() };
-            let key = format!("{at}.surface.{}.{place}", surface.name());
+            let key = format!("{at}.{}.{place}", surface.name());
             let message = format!(
                 "the arm does not reach all of the {}: at {}, {}",
                 surface.summary(),

@@ -1,14 +1,13 @@
-//! The virtual fixture: coupling, levels, surface.
+//! The virtual fixture: coupling, levels, law, hold.
 
 use garde::Validate;
 use nalgebra::SVector;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
+use super::surface::Surface;
 use crate::config::number::{Finite, NotNegative, Positive};
-use crate::fixture::{
-    self, Chain, Circle, Cuboid, Cylinder, FixtureError, Plane, Shape2, Shape3, Sphere, Surface as _,
-};
+use crate::fixture::{self, FixtureError, Several, Shape2, Shape3, Surface as _};
 
 /// A plasticity-based virtual fixture (KTF08).
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema, Validate)]
@@ -39,6 +38,155 @@ pub struct Fixture {
     /// Reference C: a surface, or a curve in space or a point.
     #[garde(dive)]
     pub surface: Surface,
+    /// Further surfaces, with the same levels and the same side: walls leave what is free of all of them, of guides the
+    /// nearest counts. At most 15. Left out: none. Figures and measures are those of `surface`.
+    #[garde(dive, length(max = 15))]
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub also: Vec<Surface>,
+    /// How the fixture answers in place of the law of the paper. Left out: that law.
+    #[garde(dive)]
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub law: Option<FixtureLaw>,
+    /// A motion of the surfaces, for the admittance coupling. Left out: none. Figures show where they are without it.
+    #[garde(dive)]
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub motion: Option<Motion>,
+}
+
+impl Fixture {
+    /// The surfaces with their keys below the fixture's.
+    pub fn surfaces(&self) -> impl Iterator<Item = (String, &Surface)> {
+        let further = self.also.iter().enumerate().map(|(index, surface)| (format!("also[{index}]"), surface));
+        std::iter::once(("surface".to_owned(), &self.surface)).chain(further)
+    }
+
+    /// The reference in the plane; `None` when a surface lies in space.
+    ///
+    /// # Errors
+    /// Why the numbers give no shape.
+    pub fn planar(&self) -> Result<Option<Shape2>, FixtureError> {
+        let Some(first) = self.surface.planar()? else { return Ok(None) };
+        if self.also.is_empty() {
+            return Ok(Some(first));
+        }
+        let Some(mut all) = self.also.iter().map(Surface::planar).collect::<Result<Option<Vec<_>>, _>>()? else {
+            return Ok(None);
+        };
+        all.insert(0, first);
+        Ok(Some(Shape2::Several(Several::new(all, self.side == Side::Unilateral)?)))
+    }
+
+    /// The reference in space; `None` when a surface lies in the plane.
+    ///
+    /// # Errors
+    /// Why the numbers give no shape.
+    pub fn spatial(&self) -> Result<Option<Shape3>, FixtureError> {
+        let Some(first) = self.surface.spatial()? else { return Ok(None) };
+        if self.also.is_empty() {
+            return Ok(Some(first));
+        }
+        let Some(mut all) = self.also.iter().map(Surface::spatial).collect::<Result<Option<Vec<_>>, _>>()? else {
+            return Ok(None);
+        };
+        all.insert(0, first);
+        Ok(Some(Shape3::Several(Several::new(all, self.side == Side::Unilateral)?)))
+    }
+
+    /// Smallest radius of curvature in m; infinite when flat.
+    ///
+    /// # Errors
+    /// Why the numbers give no shape.
+    pub fn smallest_radius_m(&self) -> Result<f64, FixtureError> {
+        let planar = self.planar()?.map(|shape| shape.smallest_radius_m());
+        let spatial = self.spatial()?.map(|shape| shape.smallest_radius_m());
+        Ok(planar.or(spatial).unwrap_or(f64::INFINITY))
+    }
+}
+
+/// How a fixture answers in place of the law of the paper: with another admissible set, or without a yield law, for
+/// comparison.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema, Validate)]
+#[serde(rename_all = "snake_case", deny_unknown_fields)]
+#[garde(allow_unvalidated)]
+pub enum FixtureLaw {
+    /// The law of the paper with another yield force on the side that is not forbidden, for a bilateral fixture.
+    Tube {
+        /// Force at which a guide gives way off the forbidden side, N. At least `friction_n`.
+        #[garde(dive)]
+        outward_yield_n: Positive,
+    },
+    /// An ellipse with R across the surface and F along it: a force that turns without a corner.
+    Ellipse {},
+    /// A spring and a damper to the surface. It stores energy; friction acts besides.
+    Elastic {
+        /// Stiffness across the surface, N/m. At most 1e6.
+        #[garde(dive)]
+        stiffness_n_per_m: Positive,
+        /// Damping across the surface, N s/m. 0 to 1e6.
+        #[garde(dive)]
+        damping_n_s_per_m: NotNegative,
+        /// Whether the force is cut to R.
+        is_saturated: bool,
+    },
+    /// Damping that differs across and along the surface: an anisotropic admittance. Friction acts besides.
+    Viscous {
+        /// Across the surface, N s/m. 0 to 1e6.
+        #[garde(dive)]
+        across_n_s_per_m: NotNegative,
+        /// Along the surface, N s/m. 0 to 1e6.
+        #[garde(dive)]
+        along_n_s_per_m: NotNegative,
+    },
+    /// Friction alone.
+    Free {},
+}
+
+impl FixtureLaw {
+    /// The key that names it in a file.
+    pub fn name(&self) -> &'static str {
+        match self {
+            Self::Tube { .. } => "tube",
+            Self::Ellipse {} => "ellipse",
+            Self::Elastic { .. } => "elastic",
+            Self::Viscous { .. } => "viscous",
+            Self::Free {} => "free",
+        }
+    }
+
+    /// The contrast that it is; `None` for one that yields.
+    pub fn guidance(&self) -> Option<fixture::Guidance> {
+        match *self {
+            Self::Tube { .. } | Self::Ellipse {} => None,
+            Self::Elastic { stiffness_n_per_m, damping_n_s_per_m, is_saturated } => Some(fixture::Guidance::Elastic {
+                stiffness_n_per_m: *stiffness_n_per_m,
+                damping_n_s_per_m: *damping_n_s_per_m,
+                is_saturated,
+            }),
+            Self::Viscous { across_n_s_per_m, along_n_s_per_m } => Some(fixture::Guidance::Viscous {
+                across_n_s_per_m: *across_n_s_per_m,
+                along_n_s_per_m: *along_n_s_per_m,
+            }),
+            Self::Free {} => Some(fixture::Guidance::None),
+        }
+    }
+}
+
+/// A motion of the surfaces: from their place by the amplitude and back, smoothly, without end.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema, Validate)]
+#[serde(deny_unknown_fields)]
+#[garde(allow_unvalidated)]
+pub struct Motion {
+    /// Greatest displacement, m.
+    pub amplitude_m: [Finite; 2],
+    /// Duration of one way there and back, s. 0.01 to 10000; the greatest speed may be 0.5 m/s.
+    #[garde(dive)]
+    pub swing_s: Positive,
+}
+
+impl From<Motion> for fixture::Motion<2> {
+    fn from(motion: Motion) -> Self {
+        Self { amplitude_m: SVector::from(motion.amplitude_m.map(|value| value.get())), swing_s: *motion.swing_s }
+    }
 }
 
 /// A hold after an impact that ends when the push above R has brought more impulse than a hand's mass can, or with its
@@ -106,279 +254,6 @@ pub enum Side {
     Bilateral,
     /// The proxy is kept out of the forbidden side.
     Unilateral,
-}
-
-/// Reference of a fixture. `circle`, `line`, `polygon`, `closed_curve`, `open_curve` and `point` lie in the plane of a
-/// rig; `cylinder`, `plane`, `sphere`, `box`, `space_curve` and `space_point` in the space of an impedance device.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema, Validate)]
-#[serde(rename_all = "snake_case", deny_unknown_fields)]
-#[garde(allow_unvalidated)]
-pub enum Surface {
-    /// Circle in the plane.
-    Circle {
-        /// Centre, m.
-        center_m: [Finite; 2],
-        /// Radius, m. Above 0.
-        #[garde(dive)]
-        radius_m: Positive,
-        /// The side that a unilateral fixture forbids; without effect when `side` is bilateral.
-        forbidden: Forbidden,
-    },
-    /// Straight line in the plane.
-    Line {
-        /// A point of it, m.
-        point_m: [Finite; 2],
-        /// Direction across it, of any length but 0; points out of the forbidden side.
-        normal: [Finite; 2],
-    },
-    /// Circular cylinder in space, without end.
-    Cylinder {
-        /// A point of the axis, m.
-        axis_point_m: [Finite; 3],
-        /// Direction of the axis, of any length but 0.
-        axis_direction: [Finite; 3],
-        /// Radius, m. Above 0.
-        #[garde(dive)]
-        radius_m: Positive,
-        /// The side that a unilateral fixture forbids; without effect when `side` is bilateral.
-        forbidden: Forbidden,
-    },
-    /// Plane in space.
-    Plane {
-        /// A point of it, m.
-        point_m: [Finite; 3],
-        /// Direction across it, of any length but 0; points out of the forbidden side.
-        normal: [Finite; 3],
-    },
-    /// Sphere in space.
-    Sphere {
-        /// Centre, m.
-        center_m: [Finite; 3],
-        /// Radius, m. Above 0.
-        #[garde(dive)]
-        radius_m: Positive,
-        /// The side that a unilateral fixture forbids; without effect when `side` is bilateral.
-        forbidden: Forbidden,
-    },
-    /// Straight edges between corners, closed: a polygon, convex or not.
-    Polygon {
-        /// Corners in order, m. 3 to 512, no edges that cross.
-        #[garde(length(min = 3, max = 512))]
-        points_m: Vec<[Finite; 2]>,
-        /// The side that a unilateral fixture forbids; without effect when `side` is bilateral.
-        forbidden: Forbidden,
-    },
-    /// Smooth closed curve in the plane: a cubic spline through points.
-    ClosedCurve {
-        /// Points in order, m. 3 to 512; the curve does not cross itself.
-        #[garde(length(min = 3, max = 512))]
-        points_m: Vec<[Finite; 2]>,
-        /// The side that a unilateral fixture forbids; without effect when `side` is bilateral.
-        forbidden: Forbidden,
-    },
-    /// Smooth open curve in the plane: a cubic spline through points. A unilateral fixture forbids its right side.
-    OpenCurve {
-        /// Points in order, m. 2 to 512; the curve does not cross itself.
-        #[garde(length(min = 2, max = 512))]
-        points_m: Vec<[Finite; 2]>,
-    },
-    /// Point in the plane; `side` is bilateral.
-    Point {
-        /// Where, m.
-        point_m: [Finite; 2],
-        /// How near a passing proxy meets it, m. 0 to 0.1; 0 never.
-        #[garde(dive)]
-        capture_radius_m: NotNegative,
-    },
-    /// Box in space with its edges along the axes.
-    Box {
-        /// Centre, m.
-        center_m: [Finite; 3],
-        /// From the centre to each side, m. Above 0.
-        #[garde(dive)]
-        half_size_m: [Positive; 3],
-        /// The side that a unilateral fixture forbids; without effect when `side` is bilateral.
-        forbidden: Forbidden,
-    },
-    /// Smooth curve in space: a cubic spline through points; `side` is bilateral.
-    SpaceCurve {
-        /// Points in order, m. 2 to 512, at least 3 when closed.
-        #[garde(length(min = 2, max = 512))]
-        points_m: Vec<[Finite; 3]>,
-        /// Whether the last point is joined to the first.
-        is_closed: bool,
-        /// How near a passing proxy meets it, m. 0 to 0.1; 0 never.
-        #[garde(dive)]
-        capture_radius_m: NotNegative,
-    },
-    /// Point in space; `side` is bilateral.
-    SpacePoint {
-        /// Where, m.
-        point_m: [Finite; 3],
-        /// How near a passing proxy meets it, m. 0 to 0.1; 0 never.
-        #[garde(dive)]
-        capture_radius_m: NotNegative,
-    },
-}
-
-impl Surface {
-    /// Dimension of the space that it lies in: 2 or 3.
-    pub fn dimension(&self) -> usize {
-        match self {
-            Self::Circle { .. }
-            | Self::Line { .. }
-            | Self::Polygon { .. }
-            | Self::ClosedCurve { .. }
-            | Self::OpenCurve { .. }
-            | Self::Point { .. } => 2,
-            Self::Cylinder { .. }
-            | Self::Plane { .. }
-            | Self::Sphere { .. }
-            | Self::Box { .. }
-            | Self::SpaceCurve { .. }
-            | Self::SpacePoint { .. } => 3,
-        }
-    }
-
-    /// The key that names it in a file.
-    pub fn name(&self) -> &'static str {
-        match self {
-            Self::Circle { .. } => "circle",
-            Self::Line { .. } => "line",
-            Self::Cylinder { .. } => "cylinder",
-            Self::Plane { .. } => "plane",
-            Self::Sphere { .. } => "sphere",
-            Self::Polygon { .. } => "polygon",
-            Self::ClosedCurve { .. } => "closed_curve",
-            Self::OpenCurve { .. } => "open_curve",
-            Self::Point { .. } => "point",
-            Self::Box { .. } => "box",
-            Self::SpaceCurve { .. } => "space_curve",
-            Self::SpacePoint { .. } => "space_point",
-        }
-    }
-
-    /// The key of the numbers that give it its size or shape.
-    pub fn size_key(&self) -> &'static str {
-        match self {
-            Self::Circle { .. } | Self::Cylinder { .. } | Self::Sphere { .. } => "radius_m",
-            Self::Line { .. } | Self::Plane { .. } => "normal",
-            Self::Polygon { .. } | Self::ClosedCurve { .. } | Self::OpenCurve { .. } | Self::SpaceCurve { .. } => {
-                "points_m"
-            }
-            Self::Point { .. } | Self::SpacePoint { .. } => "capture_radius_m",
-            Self::Box { .. } => "half_size_m",
-        }
-    }
-
-    /// Whether it has sides, so that a fixture can be unilateral.
-    pub fn has_sides(&self) -> bool {
-        !matches!(self, Self::Point { .. } | Self::SpaceCurve { .. } | Self::SpacePoint { .. })
-    }
-
-    /// A few words that say which one it is.
-    pub fn summary(&self) -> String {
-        match self {
-            Self::Circle { radius_m, .. } | Self::Cylinder { radius_m, .. } | Self::Sphere { radius_m, .. } => {
-                format!("{} of {} m", self.name(), **radius_m)
-            }
-            Self::Polygon { points_m, .. } => format!("polygon of {} corners", points_m.len()),
-            Self::ClosedCurve { points_m, .. } => format!("closed curve through {} points", points_m.len()),
-            Self::OpenCurve { points_m } => format!("open curve through {} points", points_m.len()),
-            Self::SpaceCurve { points_m, .. } => format!("curve in space through {} points", points_m.len()),
-            Self::Line { .. } | Self::Plane { .. } | Self::Point { .. } | Self::Box { .. } => self.name().to_owned(),
-            Self::SpacePoint { .. } => "point in space".to_owned(),
-        }
-    }
-
-    /// The shape in the plane; `None` for one in space.
-    ///
-    /// # Errors
-    /// Why the numbers give no shape.
-    pub fn planar(&self) -> Result<Option<Shape2>, FixtureError> {
-        let all = |points: &[[Finite; 2]]| points.iter().map(vector).collect::<Vec<_>>();
-        Ok(Some(match self {
-            Self::Circle { center_m, radius_m, forbidden } => {
-                Shape2::Circle(Circle::new(vector(center_m), **radius_m, (*forbidden).into())?)
-            }
-            Self::Line { point_m, normal } => Shape2::Line(Plane::new(vector(point_m), vector(normal))?),
-            Self::Polygon { points_m, forbidden } => {
-                Shape2::Chain(Chain::polygon(&all(points_m), (*forbidden).into())?)
-            }
-            Self::ClosedCurve { points_m, forbidden } => {
-                Shape2::Chain(Chain::closed_curve(&all(points_m), (*forbidden).into())?)
-            }
-            Self::OpenCurve { points_m } => Shape2::Chain(Chain::open_curve(&all(points_m))?),
-            Self::Point { point_m, capture_radius_m } => {
-                Shape2::Chain(Chain::point(vector(point_m), **capture_radius_m)?)
-            }
-            _ => return Ok(None),
-        }))
-    }
-
-    /// The shape in space; `None` for one in the plane.
-    ///
-    /// # Errors
-    /// Why the numbers give no shape.
-    pub fn spatial(&self) -> Result<Option<Shape3>, FixtureError> {
-        Ok(Some(match self {
-            Self::Cylinder { axis_point_m, axis_direction, radius_m, forbidden } => Shape3::Cylinder(Cylinder::new(
-                vector(axis_point_m),
-                vector(axis_direction),
-                **radius_m,
-                (*forbidden).into(),
-            )?),
-            Self::Plane { point_m, normal } => Shape3::Plane(Plane::new(vector(point_m), vector(normal))?),
-            Self::Sphere { center_m, radius_m, forbidden } => {
-                Shape3::Sphere(Sphere::new(vector(center_m), **radius_m, (*forbidden).into())?)
-            }
-            Self::Box { center_m, half_size_m, forbidden } => {
-                let half = SVector::from(half_size_m.map(|value| value.get()));
-                Shape3::Cuboid(Cuboid::new(vector(center_m), half, (*forbidden).into())?)
-            }
-            Self::SpaceCurve { points_m, is_closed, capture_radius_m } => {
-                let points: Vec<_> = points_m.iter().map(vector).collect();
-                Shape3::Chain(Chain::space_curve(&points, *is_closed, **capture_radius_m)?)
-            }
-            Self::SpacePoint { point_m, capture_radius_m } => {
-                Shape3::Chain(Chain::point(vector(point_m), **capture_radius_m)?)
-            }
-            _ => return Ok(None),
-        }))
-    }
-
-    /// Smallest radius of curvature in m; infinite when flat.
-    ///
-    /// # Errors
-    /// Why the numbers give no shape.
-    pub fn smallest_radius_m(&self) -> Result<f64, FixtureError> {
-        let planar = self.planar()?.map(|shape| shape.smallest_radius_m());
-        let spatial = self.spatial()?.map(|shape| shape.smallest_radius_m());
-        Ok(planar.or(spatial).unwrap_or(f64::INFINITY))
-    }
-}
-
-fn vector<const N: usize>(point: &[Finite; N]) -> SVector<f64, N> {
-    SVector::from(point.map(|value| value.get()))
-}
-
-impl From<Forbidden> for fixture::Forbidden {
-    fn from(side: Forbidden) -> Self {
-        match side {
-            Forbidden::Inside => Self::Inside,
-            Forbidden::Outside => Self::Outside,
-        }
-    }
-}
-
-/// Side of a closed surface.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
-#[serde(rename_all = "snake_case")]
-pub enum Forbidden {
-    /// The side of the centre.
-    Inside,
-    /// The far side.
-    Outside,
 }
 
 /// How the surface's curvature enters the step.
