@@ -204,7 +204,11 @@ fn normal_sign(surface: &config::Surface) -> f64 {
     }
 }
 
+/// Mass of the proxy where the laws of impacts and energy hold: not with a spring, and not on a surface that moves.
 fn mass_kg(fixture: &config::Fixture) -> Option<f64> {
+    if fixture.motion.is_some() || fixture.law.is_some_and(|law| law.guidance().is_some()) {
+        return None;
+    }
     match fixture.coupling {
         config::Coupling::Admittance { mass_kg } => Some(mass_kg.get()),
         config::Coupling::Impedance { .. } => None,

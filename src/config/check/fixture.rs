@@ -1,7 +1,7 @@
 //! Fixtures, and the impedance device that has little else.
 
 use super::Findings;
-use super::words::round;
+use super::words::{round, shorten_numbers};
 use crate::config::tree::{Coupling, Curvature, Fixture, FixtureLaw, ImpedanceDevice, Side, Surface};
 use crate::fixture::{self, FixtureError};
 
@@ -128,6 +128,7 @@ fn check_motion(findings: &mut Findings, at: &str, fixture: &Fixture) {
     let Some(motion) = fixture.motion else { return };
     let key = format!("{at}.motion");
     if let Err(error) = fixture::Motion::from(motion).checked() {
+        let error = shorten_numbers(&error.to_string());
         findings.error(&key, format!("`{key}`: {error}"), "make the way shorter or the swing longer");
     }
     if matches!(fixture.coupling, Coupling::Impedance { .. }) {
