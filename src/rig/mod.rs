@@ -6,6 +6,7 @@
 //! [`EmbeddedRig`] processes events in order of virtual time: frames that arrive, moments that devices or the master
 //! wait for, and the two moments of each cycle. [`ImpedanceRig`] is the device without a bus.
 
+mod budget;
 mod build;
 mod embedded;
 mod error;
@@ -13,6 +14,7 @@ mod impedance;
 mod margins;
 mod world;
 
+pub use budget::bus_plan;
 pub use build::cycle;
 pub use embedded::{BodyTruth, EmbeddedRig, Observer, PORTS, Tap};
 pub use error::RigError;

@@ -9,6 +9,7 @@ mod fixture;
 mod injection;
 mod rig;
 mod scene;
+mod sensor;
 mod surface;
 
 pub use arm::{ArmInertia, ArmModel, DistalLink, ElbowSide, Linkage, Tool, WristSide};
@@ -18,10 +19,11 @@ pub use fixture::{AutomaticHold, Coupling, Curvature, Fixture, FixtureLaw, Motio
 pub use injection::{FaultName, FaultTarget, SceneFault};
 pub use rig::{
     Bus, BusTiming, CommandMode, Control, ControlGains, ControlLaw, Cycle, Drive, DrivePositionLoop, FeedForward,
-    Guard, Master, Mount, Rig, RigIdentity, RigPlant, Sensor,
+    Guard, Master, Rig, RigIdentity, RigPlant,
 };
 pub use scene::{
     ArcSpeed, DeviceModel, EncoderModel, ForceSensorModel, Hand, JointElasticity, PathSegment, Scene, SceneModel,
     Tracking, Tremor,
 };
+pub use sensor::{ByteOrder, Mount, Sensor, SensorProtocol};
 pub use surface::{Forbidden, Surface};

@@ -10,8 +10,9 @@ use crate::sim::Drive;
 
 /// Longest time from switching on to the exchange of process data, virtual.
 const BOOT_LIMIT: Duration = Duration::from_secs(5);
-/// Cycles of process data before the rig asks to be enabled: the drives have answered, the sensor has samples.
-const CYCLES_BEFORE_ENABLING: u32 = 10;
+/// Samples of the force sensor before the rig asks to be enabled, or as many cycles if those are longer: the drives have
+/// answered, and the sensor's noise is known.
+const SAMPLES_BEFORE_ENABLING: u128 = 10;
 /// Longest time from asking to running, virtual.
 const ENABLE_LIMIT_S: f64 = 1.5;
 /// Longest time from a reset to running, virtual.
@@ -86,7 +87,8 @@ impl EmbeddedRig {
     }
 
     fn come_to_run(&mut self, limit_s: f64) -> Result<(), RigError> {
-        for _ in 0..CYCLES_BEFORE_ENABLING {
+        let cycles_per_sample = self.sample_period.as_nanos().div_ceil(self.period.as_nanos()).max(1);
+        for _ in 0..SAMPLES_BEFORE_ENABLING * cycles_per_sample {
             self.run_cycle(Request::None)?;
         }
         let limit = (limit_s / self.period.as_secs_f64()) as u32;
