@@ -8,7 +8,6 @@ use super::margins::Margins;
 use super::output::Output;
 use crate::config::{
     self, Coupling, Diagnostic, Document, Figure, Fixture, ImpedanceDevice, Kind, Report, Rig, Scene, Severity, Source,
-    Surface,
 };
 
 #[derive(Debug, clap::Subcommand)]
@@ -174,12 +173,7 @@ fn fixture_summary(fixture: &Fixture) -> String {
         config::Side::Bilateral => "bilateral",
         config::Side::Unilateral => "unilateral",
     };
-    let surface = match fixture.surface {
-        Surface::Line { .. } | Surface::Plane { .. } => fixture.surface.name().to_owned(),
-        Surface::Circle { radius_m, .. } | Surface::Cylinder { radius_m, .. } | Surface::Sphere { radius_m, .. } => {
-            format!("{} of {} m", fixture.surface.name(), *radius_m)
-        }
-    };
+    let surface = fixture.surface.summary();
     format!("{side} {surface}, F = {} N, R = {} N, {coupling}", *fixture.friction_n, *fixture.yield_n)
 }
 

@@ -209,7 +209,11 @@ impl Facts<'_> {
         }
         lines.push(watchdogs_text(&self.drilled));
         let trace = &self.report.trace;
-        if let config::Coupling::Admittance { mass_kg } = self.rig.fixture.coupling {
+        let fixture = &self.rig.fixture;
+        let contrast = fixture.law.filter(|law| law.guidance().is_some());
+        if let Some(law) = contrast {
+            lines.push(format!("fixture   {}, F {} N, R {} N", law.name(), trace.friction_n, trace.yield_n));
+        } else if let config::Coupling::Admittance { mass_kg } = fixture.coupling {
             let capture = prediction::capture_speed_m_per_s(trace.yield_n, mass_kg.get(), self.report.period_s);
             lines.push(format!(
                 "fixture   M {} kg, F {} N, R {} N, N_wait {}; without a hold it catches impacts up to {:.0} mm/s",
@@ -301,11 +305,15 @@ pub(super) fn measures_text(measures: &Measures) -> Vec<String> {
         ));
     }
     let scope = if measures.stop_energy_j.is_some() { "in all" } else { "at most in one go" };
+    let bound = if measures.energy_bound_j.is_infinite() {
+        "without a bound: a spring or a moving surface gives of its own".to_owned()
+    } else {
+        let keeps = if measures.is_within_bound() { "within" } else { "ABOVE" };
+        format!("{keeps} the bound of {:.1} mJ", 1e3 * measures.energy_bound_j)
+    };
     lines.push(format!(
-        "energy    given to the hand {:.1} mJ {scope}, {} the bound of {:.1} mJ; taken from it {:.0} mJ",
+        "energy    given to the hand {:.1} mJ {scope}, {bound}; taken from it {:.0} mJ",
         1e3 * measures.bounded_energy_j(),
-        if measures.is_within_bound() { "within" } else { "ABOVE" },
-        1e3 * measures.energy_bound_j,
         1e3 * measures.energy_taken_j
     ));
     if let (Some(mean), Some(most)) = (measures.force_age_mean_ms, measures.force_age_max_ms) {

@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use nalgebra::{Matrix6, Vector2, Vector3};
+use nalgebra::{Matrix6, Vector2};
 
 use super::error::RigError;
 use crate::bus::{CommandMode, DriveSetup, Master, MasterSetup, SensorLink, SensorNode, SensorSetup};
@@ -10,8 +10,8 @@ use crate::config;
 use crate::control::{FeedForward, FeedForwardParameters, Gains, Law, RateLaw};
 use crate::cycle::{Cycle, Servo, Settings, TorqueServo};
 use crate::fixture::{
-    Admittance, BallAndTube, Circle, Coupling, Curvature, Cylinder, Fixture, Forbidden, Impedance, Limits, Parameters,
-    Plane, Rearm, Shape2, Shape3, Side, Sphere,
+    self, Admittance, BallAndEllipse, BallAndTube, Contrast, Coupling, Curvature, Fixture, Guidance, Impedance, Limits,
+    Parameters, Rearm, Shape2, Shape3, Side,
 };
 use crate::guard::{self, Gate};
 use crate::linkage::{FiveBar, MassModel};
@@ -77,52 +77,44 @@ fn parameters(fixture: &config::Fixture, period_s: f64) -> Parameters {
     }
 }
 
-fn forbidden(side: config::Forbidden) -> Forbidden {
-    match side {
-        config::Forbidden::Inside => Forbidden::Inside,
-        config::Forbidden::Outside => Forbidden::Outside,
-    }
-}
-
 pub(super) fn point2(point: [config::Finite; 2]) -> Vector2<f64> {
     Vector2::from(point.map(|value| value.get()))
 }
 
-fn point3(point: [config::Finite; 3]) -> Vector3<f64> {
-    Vector3::from(point.map(|value| value.get()))
+fn law(configured: &config::Fixture, period_s: f64) -> Result<fixture::Law, RigError> {
+    let Parameters { limits, side, curvature, .. } = parameters(configured, period_s);
+    let kappa = configured.coupling.equivalent_stiffness_n_per_m(period_s);
+    let tube = BallAndTube::new(limits, kappa, side, curvature);
+    Ok(match configured.law {
+        None => fixture::Law::Plastic(tube),
+        Some(config::FixtureLaw::Tube { outward_yield_n }) => {
+            fixture::Law::Plastic(tube.with_outward_yield(outward_yield_n.get(), kappa)?)
+        }
+        Some(config::FixtureLaw::Ellipse {}) => fixture::Law::Ellipse(BallAndEllipse::new(limits, kappa, side)),
+        Some(other) => {
+            let guidance = other.guidance().unwrap_or(Guidance::None);
+            fixture::Law::Contrast(Contrast::new(guidance, limits, side, kappa, period_s)?)
+        }
+    })
 }
 
 /// The planar fixture of an admittance rig.
-pub(super) fn planar_fixture(
-    fixture: &config::Fixture,
-    period_s: f64,
-) -> Result<Fixture<Shape2, 2, BallAndTube>, RigError> {
-    let shape = match fixture.surface {
-        config::Surface::Circle { center_m, radius_m, forbidden: side } => {
-            Shape2::Circle(Circle::new(point2(center_m), radius_m.get(), forbidden(side))?)
-        }
-        config::Surface::Line { point_m, normal } => Shape2::Line(Plane::new(point2(point_m), point2(normal))?),
-        ref other => return Err(wrong_dimension(other, 2)),
-    };
-    Ok(Fixture::new(shape, parameters(fixture, period_s))?)
+pub(super) fn planar_fixture(fixture: &config::Fixture, period_s: f64) -> Result<Fixture<Shape2, 2>, RigError> {
+    let shape = fixture.planar()?.ok_or_else(|| wrong_dimension(&fixture.surface, 2))?;
+    let mut built = Fixture::with_set(shape, parameters(fixture, period_s), law(fixture, period_s)?)?;
+    if let Some(hold) = fixture.automatic_hold {
+        built = built.with_automatic_hold(hold.into())?;
+    }
+    if let Some(motion) = fixture.motion {
+        built = built.with_motion(motion.into())?;
+    }
+    Ok(built)
 }
 
 /// The fixture of an impedance device, in space.
-pub(super) fn spatial_fixture(
-    fixture: &config::Fixture,
-    period_s: f64,
-) -> Result<Fixture<Shape3, 3, BallAndTube>, RigError> {
-    let shape = match fixture.surface {
-        config::Surface::Cylinder { axis_point_m, axis_direction, radius_m, forbidden: side } => Shape3::Cylinder(
-            Cylinder::new(point3(axis_point_m), point3(axis_direction), radius_m.get(), forbidden(side))?,
-        ),
-        config::Surface::Plane { point_m, normal } => Shape3::Plane(Plane::new(point3(point_m), point3(normal))?),
-        config::Surface::Sphere { center_m, radius_m, forbidden: side } => {
-            Shape3::Sphere(Sphere::new(point3(center_m), radius_m.get(), forbidden(side))?)
-        }
-        ref other => return Err(wrong_dimension(other, 3)),
-    };
-    Ok(Fixture::new(shape, parameters(fixture, period_s))?)
+pub(super) fn spatial_fixture(fixture: &config::Fixture, period_s: f64) -> Result<Fixture<Shape3, 3>, RigError> {
+    let shape = fixture.spatial()?.ok_or_else(|| wrong_dimension(&fixture.surface, 3))?;
+    Ok(Fixture::with_set(shape, parameters(fixture, period_s), law(fixture, period_s)?)?)
 }
 
 fn wrong_dimension(surface: &config::Surface, wanted: usize) -> RigError {

@@ -421,6 +421,7 @@ impl<'a> Run<'a> {
                 is_on_surface: signals.is_on_surface,
                 hold_counter: signals.hold_counter,
                 is_impact: signals.is_impact,
+                is_saturated: signals.is_saturated,
             };
         }
         let truth = machine.body_truth();

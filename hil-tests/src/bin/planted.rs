@@ -108,9 +108,9 @@ const DEFECTS: [Defect; 15] = [
     ),
     defect(
         "the proxy is held on the wrong side of a surface",
-        "src/fixture/proxy.rs",
-        "proxy = self.surface.foot(&proxy, &foot.normal).point;",
-        "proxy = self.surface.foot(&proxy, &foot.normal).point - foot.normal * 1e-3;",
+        "src/fixture/proxy/mod.rs",
+        "proxy = landing.point;",
+        "proxy = landing.point - landing.normal * 1e-3;",
     ),
 ];
 
