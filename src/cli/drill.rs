@@ -39,9 +39,10 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
     output.news("the rig is enabled three times, at rest; nobody may hold the handle")?;
     let drilling = move || -> Result<_, LiveError> {
         let _ = run_first();
-        machine.boot()?;
-        let identities = machine.identities(nodes)?;
-        Ok((identities, machine.drill(nodes, settling, &is_interrupted)?))
+        let booted = machine.boot().and_then(|()| machine.identities(nodes));
+        let drilled = booted.and_then(|identities| Ok((identities, machine.drill(nodes, settling, &is_interrupted)?)));
+        machine.leave();
+        drilled
     };
     let thread = thread::Builder::new().name("cycle".to_owned()).spawn(drilling);
     let thread = thread.map_err(|error| Failure::new(Exit::Internal, format!("thread of the cycle: {error}"), ""))?;
