@@ -149,6 +149,22 @@ fn an_interface_that_goes_down_is_a_lost_bus_and_the_drives_stop_by_themselves()
 }
 
 #[test]
+fn an_interface_that_stalls_releases_one_cycle_at_most() {
+    for scenario in [Scenario::torque(), Scenario::position()] {
+        let (cable, mut rig) = running(&scenario, Pace::Free, 300);
+        cable.set_stalled(true);
+        for _ in 0..20 {
+            rig.run_cycle(Request::None);
+        }
+        assert_eq!((rig.state(), fault(&rig)), (State::Lost, Some(Fault::TransmitStalled)));
+        // SYNC and the two set-points of the cycle in which it stalled, or less; nothing that was computed later.
+        let released = cable.set_stalled(false);
+        assert!(released <= 3, "{released} frames");
+        assert_at_rest(&cable, &mut rig, State::Lost);
+    }
+}
+
+#[test]
 fn a_drive_that_dies_stops_the_other_in_the_same_cycle() {
     for pace in [Pace::Free, Pace::Lockstep] {
         let scenario = Scenario::torque();
