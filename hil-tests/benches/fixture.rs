@@ -8,7 +8,7 @@ use criterion::{Criterion, criterion_group, criterion_main};
 use nalgebra::{SVector, Vector2, Vector3};
 use on_core::OnCore;
 use yieldwall::fixture::{
-    Admittance, Circle, Coupling, Curvature, Cylinder, Fixture, Forbidden, Impedance, Limits, Line,
+    Admittance, Chain, Circle, Coupling, Cuboid, Curvature, Cylinder, Fixture, Forbidden, Impedance, Limits, Line,
     ON_SURFACE_TOLERANCE_M, Parameters, Plane, Rearm, Shape2, Shape3, Side, Sphere, Surface,
 };
 
@@ -118,6 +118,46 @@ fn planar(criterion: &mut Criterion<OnCore>) {
     }
 }
 
+/// A closed curve near the circle, with a waist, and a square about its place.
+fn chains(criterion: &mut Criterion<OnCore>) {
+    let ring = |count: usize, waist: f64| -> Vec<Vector2<f64>> {
+        let turn = |index: usize| index as f64 / count as f64 * std::f64::consts::TAU;
+        (0..count)
+            .map(|index| {
+                Vector2::new(turn(index).cos(), turn(index).sin()) * (RADIUS_M + waist * (2.0 * turn(index)).cos())
+            })
+            .collect()
+    };
+    let square = Chain::polygon(&ring(4, 0.0), Forbidden::Inside).expect("a square");
+    let polygon = Chain::polygon(&ring(64, 0.01), Forbidden::Inside).expect("a polygon");
+    let curve = Chain::closed_curve(&ring(16, 0.01), Forbidden::Inside).expect("a curve");
+    println!("the curve has {} pieces", curve.pieces());
+    for (name, chain) in
+        [("2-D polygon, 4 corners", square), ("2-D polygon, 64 corners", polygon), ("2-D closed curve", curve)]
+    {
+        bench(criterion, name, &Fixture::new(Shape2::Chain(chain), admittance(Curvature::Tangent)).expect("a fixture"));
+    }
+    let cuboid = Cuboid::new(Vector3::zeros(), Vector3::new(0.1, 0.12, 0.2), Forbidden::Inside).expect("a box");
+    bench(
+        criterion,
+        "3-D box",
+        &Fixture::new(Shape3::Cuboid(cuboid), admittance(Curvature::Tangent)).expect("a fixture"),
+    );
+    let points: Vec<Vector3<f64>> = ring(16, 0.0).iter().map(|point| Vector3::new(point.x, point.y, 0.0)).collect();
+    let curve = Chain::space_curve(&points, true, 2e-4).expect("a curve in space");
+    bench(
+        criterion,
+        "3-D curve",
+        &Fixture::new(Shape3::Chain(curve), admittance(Curvature::Tangent)).expect("a fixture"),
+    );
+    let point = Chain::point(Vector3::new(RADIUS_M, 0.0, 0.0), 2e-4).expect("a point");
+    bench(
+        criterion,
+        "3-D point",
+        &Fixture::new(Shape3::Chain(point), admittance(Curvature::Tangent)).expect("a fixture"),
+    );
+}
+
 fn spatial(criterion: &mut Criterion<OnCore>) {
     let sphere = Shape3::Sphere(Sphere::new(Vector3::zeros(), RADIUS_M, Forbidden::Inside).expect("a sphere"));
     let axis = Vector3::new(0.0, 0.0, 1.0);
@@ -134,5 +174,5 @@ fn spatial(criterion: &mut Criterion<OnCore>) {
     }
 }
 
-criterion_group!(name = benches; config = on_core::criterion(); targets = planar, spatial);
+criterion_group!(name = benches; config = on_core::criterion(); targets = planar, chains, spatial);
 criterion_main!(benches);

@@ -4,6 +4,7 @@ use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 use std::thread;
+use std::time::Duration;
 
 use serde_json::{Value, json};
 
@@ -11,6 +12,7 @@ use super::failure::{Exit, Failure};
 use super::keep::{Keep, Kept, Watched, state_folder};
 use super::output::Output;
 use super::run::{Arguments, exit_of, judge, measures_text, mode_text, rig_failure, stopped_by, write_drawing};
+use crate::bus::SensorLink;
 use crate::canopen::cob;
 use crate::config::{self, Report, Source};
 use crate::guard::Fault;
@@ -18,7 +20,7 @@ use crate::link::{CobFilter, LinkError, SocketCan, SocketCanSettings};
 use crate::live::host::{Refusal, SystemMetronome, lock_memory, run_first};
 use crate::live::{Ended, Histogram, LinkCounts, LiveError, LiveRig, Play, Played, Subject, Unproven, drive_nodes};
 use crate::record::Row;
-use crate::rig::{Pace, RigError, drill};
+use crate::rig::{Pace, RigError, cycles_before_enabling, drill, sample_period, sensor_link};
 use crate::study::measures::Measures;
 use crate::study::{Overrides, drawing, measured, replay};
 use yieldwall_drives::profiles::{SIMULATED_VENDOR, find as find_profile};
@@ -72,14 +74,17 @@ pub(super) fn link_failure(error: &LinkError) -> Failure {
 
 /// The link of a master: process data apart from the rest.
 pub(super) fn open(bus: &str, rig: &config::Rig) -> Result<SocketCan, Failure> {
-    let nodes = [rig.drives[0].node_id, rig.drives[1].node_id, rig.sensor.node_id];
-    let nodes: Vec<_> = nodes.into_iter().filter_map(|node| cob::node_id(node).ok()).collect();
+    let nodes = rig.drives.iter().map(|drive| drive.node_id).chain(rig.sensor.protocol.node_id());
+    let nodes: Vec<_> = nodes.filter_map(|node| cob::node_id(node).ok()).collect();
     let mut process = vec![CobFilter::only(cob::SYNC)];
     let mut services = vec![CobFilter::only(cob::NMT), CobFilter::matching(0x700, 0x780)];
     for node in nodes {
         let pdos = (1..=4).flat_map(|number| [cob::tpdo(number, node), cob::rpdo(number, node)]);
         process.extend(pdos.flatten().map(CobFilter::only));
         services.extend([CobFilter::only(cob::emcy(node)), CobFilter::only(cob::sdo_response(node))]);
+    }
+    if let SensorLink::PlainCan(link) = sensor_link(&rig.sensor).map_err(|error| rig_failure(&error))? {
+        process.extend(link.protocol.data_ids().map(CobFilter::only));
     }
     SocketCan::open(&SocketCanSettings {
         interface: bus.to_owned(),
@@ -105,10 +110,14 @@ fn proof(pace: PaceArgument, rig: &config::Rig, scene: &config::Scene) -> Result
         let folder = state_folder("drills").ok_or_else(super::drill::no_home)?;
         return Ok(Proof::OnRecord { rig: Box::new(rig.clone()), folder });
     }
-    let names = [&rig.drives[0].profile, &rig.drives[1].profile, &rig.sensor.profile];
+    let sensor = match &rig.sensor.protocol {
+        config::SensorProtocol::Canopen { profile, .. } => Some(profile),
+        _ => None,
+    };
+    let mut names = rig.drives.iter().map(|drive| &drive.profile).chain(sensor);
     let is_simulated =
         |name: &&String| find_profile(name).is_some_and(|profile| profile.identity.vendor_id == SIMULATED_VENDOR);
-    if let Some(name) = names.into_iter().find(|name| !is_simulated(name)) {
+    if let Some(name) = names.find(|name| !is_simulated(name)) {
         let message = format!("--pace lockstep is for simulated devices, and {name} is none");
         return Err(Failure::new(Exit::Usage, message, "leave --pace away"));
     }
@@ -297,8 +306,10 @@ fn run_loop(
 
 pub(super) fn settling_cycles(rig: &config::Rig) -> u32 {
     let [left, right] = &rig.drives;
-    let slowest_ms = left.heartbeat_ms.max(right.heartbeat_ms).max(rig.sensor.heartbeat_ms);
-    (u32::from(slowest_ms) * SETTLING_HEARTBEATS * 1000).div_ceil(rig.cycle.period_us)
+    let sensor_ms = rig.sensor.protocol.heartbeat_ms().unwrap_or_default();
+    let slowest_ms = left.heartbeat_ms.max(right.heartbeat_ms).max(sensor_ms);
+    let heartbeats = (u32::from(slowest_ms) * SETTLING_HEARTBEATS * 1000).div_ceil(rig.cycle.period_us);
+    heartbeats.max(cycles_before_enabling(Duration::from_micros(rig.cycle.period_us.into()), sample_period(rig)))
 }
 
 /// With `--require-realtime` what was not granted is an error.

@@ -24,6 +24,8 @@ macro_rules! shipped {
 
 /// The files of `config/`, by their path in it.
 const SHIPPED: &[(&str, &str)] = shipped![
+    "circle-elastic.yaml",
+    "curve-guide.yaml",
     "figures/fig11.yaml",
     "figures/fig12.yaml",
     "figures/fig14.yaml",
@@ -31,22 +33,29 @@ const SHIPPED: &[(&str, &str)] = shipped![
     "figures/fig16.yaml",
     "figures/fig8.yaml",
     "figures/fig9.yaml",
+    "moving-walls.yaml",
     "paper-admittance-2ms.yaml",
     "paper-admittance-4ms.yaml",
     "paper-admittance-5ms.yaml",
     "paper-admittance-cartesian.yaml",
     "paper-admittance-csp.yaml",
     "paper-admittance-csv.yaml",
+    "paper-admittance-polled.yaml",
+    "paper-admittance-streaming.yaml",
     "paper-admittance.yaml",
     "paper-impedance.yaml",
+    "room.yaml",
     "scenes/circle-hold.yaml",
     "scenes/circle-tour-elastic.yaml",
     "scenes/circle-tour.yaml",
     "scenes/circle-wall.yaml",
+    "scenes/curve-tour.yaml",
     "scenes/cylinder-tour.yaml",
     "scenes/cylinder-wall.yaml",
     "scenes/line-push.yaml",
+    "scenes/moving-walls.yaml",
     "scenes/plane-push.yaml",
+    "scenes/room-walk.yaml",
 ];
 
 /// A document that can be read, and from which relative paths start.

@@ -91,6 +91,8 @@ impl EffortRange {
 pub struct AxisStep {
     /// The effort, N m or N: finite and within the range.
     pub effort: f64,
+    /// What the law would have commanded without a range.
+    pub wanted: f64,
     /// Whether the range clamped it.
     pub saturated: bool,
     /// Whether the input was usable. If not, the effort is zero and the guard must not let it drive an axis.
@@ -98,7 +100,7 @@ pub struct AxisStep {
 }
 
 impl AxisStep {
-    pub(super) const REFUSED: Self = Self { effort: 0.0, saturated: false, valid: false };
+    pub(super) const REFUSED: Self = Self { effort: 0.0, wanted: 0.0, saturated: false, valid: false };
 }
 
 /// A sampled law that turns the error of one axis into an effort.
@@ -116,6 +118,16 @@ pub trait AxisController {
     ///
     /// Real-time: yes.
     fn reset(&mut self, error: f64);
+
+    /// Takes the error of the last step to have been `error`, because the desired position was drawn back after it, and
+    /// what that step added to the integral back: all of the effort then stands in the error, as a spring, and an axis
+    /// that is let go comes to rest at the desired position.
+    ///
+    /// Real-time: yes.
+    fn draw_back(&mut self, error: f64);
+
+    /// By how much [`AxisStep::wanted`] grows with the error of the same step: `K + B/T + L T`, N m/rad or N/m.
+    fn step_stiffness(&self) -> f64;
 }
 
 /// Which law a rig uses.
@@ -163,6 +175,20 @@ impl AxisController for Axis {
         match self {
             Axis::Psmc(law) => law.reset(error),
             Axis::Pid(law) => law.reset(error),
+        }
+    }
+
+    fn draw_back(&mut self, error: f64) {
+        match self {
+            Axis::Psmc(law) => law.draw_back(error),
+            Axis::Pid(law) => law.draw_back(error),
+        }
+    }
+
+    fn step_stiffness(&self) -> f64 {
+        match self {
+            Axis::Psmc(law) => law.step_stiffness(),
+            Axis::Pid(law) => law.step_stiffness(),
         }
     }
 }

@@ -17,6 +17,8 @@ pub struct Pid {
     period_s: f64,
     /// `I`, rad s or m s.
     integral: f64,
+    /// What the last step added to it.
+    increment: f64,
     previous_error: Option<f64>,
 }
 
@@ -28,7 +30,7 @@ impl Pid {
     /// [`ControlError::OutOfRange`] for a gain or period that is not finite or outside its range.
     pub fn new(gains: Gains, period_s: f64) -> Result<Self, ControlError> {
         let (gains, period_s) = (gains.checked()?, positive("period", period_s)?);
-        Ok(Self { gains, period_s, integral: 0.0, previous_error: None })
+        Ok(Self { gains, period_s, integral: 0.0, increment: 0.0, previous_error: None })
     }
 
     /// `L I`, the effort of the integral term after the last step, N m or N.
@@ -44,23 +46,33 @@ impl AxisController for Pid {
     fn step(&mut self, error: f64, range: EffortRange) -> AxisStep {
         let Gains { stiffness, damping, integral: integral_gain } = self.gains;
         let rate = (error - self.previous_error.unwrap_or(error)) / self.period_s;
-        let integral = self.integral + self.period_s * error;
-        let free = stiffness * error + damping * rate + integral_gain * integral;
+        let increment = self.period_s * error;
+        let free = stiffness * error + damping * rate + integral_gain * (self.integral + increment);
         if !free.is_finite() {
             self.previous_error = None;
             return AxisStep::REFUSED;
         }
         let pushes_out = (free > range.upper() && error > 0.0) || (free < range.lower() && error < 0.0);
-        if !pushes_out {
-            self.integral = integral;
-        }
+        self.increment = if pushes_out { 0.0 } else { increment };
+        self.integral += self.increment;
         self.previous_error = Some(error);
         let effort = range.clamp(free);
-        AxisStep { effort, saturated: effort != free, valid: true }
+        AxisStep { effort, wanted: free, saturated: effort != free, valid: true }
     }
 
     fn reset(&mut self, error: f64) {
-        self.integral = 0.0;
+        (self.integral, self.increment) = (0.0, 0.0);
         self.previous_error = error.is_finite().then_some(error);
+    }
+
+    fn draw_back(&mut self, error: f64) {
+        self.integral -= self.increment;
+        self.increment = 0.0;
+        self.previous_error = error.is_finite().then_some(error);
+    }
+
+    fn step_stiffness(&self) -> f64 {
+        let Gains { stiffness, damping, integral } = self.gains;
+        stiffness + damping / self.period_s + integral * self.period_s
     }
 }

@@ -103,12 +103,22 @@ impl AxisController for Psmc {
         self.increment = (self.gains.damping * self.increment + t * t * (effort - held)) / self.step_gain;
         self.integral += self.increment;
         self.previous_error = Some(error);
-        AxisStep { effort, saturated: effort != free, valid: true }
+        AxisStep { effort, wanted: free, saturated: effort != free, valid: true }
     }
 
     fn reset(&mut self, error: f64) {
         self.integral = 0.0;
         self.increment = 0.0;
         self.previous_error = error.is_finite().then_some(error);
+    }
+
+    fn draw_back(&mut self, error: f64) {
+        self.integral -= self.increment;
+        self.previous_error = error.is_finite().then_some(error);
+    }
+
+    fn step_stiffness(&self) -> f64 {
+        // G/(T + H) (1 + H/T).
+        self.step_gain / self.period_s
     }
 }

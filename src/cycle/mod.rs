@@ -8,7 +8,7 @@ mod reference;
 mod servo;
 mod watch;
 
-use crate::fixture::{Fixture, Shape2, Surface};
+use crate::fixture::{Fixture, Shape2};
 use crate::guard::{
     Allowed, Cause, DeviceSet, Directive, Fault, FaultCounts, Gate, JointCommand, Measured, Motion, Request, State,
     StopRamp, Supervisor,
@@ -114,6 +114,8 @@ pub struct Outputs {
 pub struct Signals {
     /// Force of the hand on the tool as sensed.
     pub force: Force,
+    /// Age of the sample that the force comes from, in s, from its arrival.
+    pub force_age_s: f64,
     /// Tool point by the measured angles.
     pub tool: TipPoint,
     /// Proxy, or the measured tool point while there is no reference.
@@ -130,7 +132,7 @@ pub struct Signals {
     pub hold_counter: u32,
     /// Whether the proxy met the surface in this cycle.
     pub is_impact: bool,
-    /// Whether a torque was cut to its limit.
+    /// Whether a torque was cut to its limit; the proxy is then drawn back.
     pub is_saturated: bool,
 }
 
@@ -339,11 +341,15 @@ impl Cycle {
         let Some(posture) = self.posture.filter(|_| motion != Motion::Rest) else {
             return Ok(self.rest());
         };
+        let before = self.reference;
         let reference = self.advance(motion, reading, &posture, signals)?;
-        let (command, needed) = self.servo.command(&self.linkage, &reference, &self.measured, &posture)?;
-        let (allowed, cut) = self.gate.check(&command, &self.measured)?;
-        self.needed = needed;
-        signals.is_saturated = cut;
+        let effort = self.servo.command(&self.linkage, &reference, &self.measured, &posture)?;
+        let (allowed, cut) = self.gate.check(&effort.command, &self.measured)?;
+        self.needed = effort.needed;
+        signals.is_saturated = cut || effort.excess.is_some();
+        if let (Some(excess), Some(before), Motion::Run) = (effort.excess, before, motion) {
+            self.draw_back(excess, &before, &reference, &posture)?;
+        }
         Ok(allowed)
     }
 
@@ -368,13 +374,14 @@ impl Cycle {
 
     fn note(&self, reading: &Reading, signals: &mut Signals) {
         signals.force = reading.force;
+        signals.force_age_s = reading.age_s;
         signals.measured_angles = self.measured.angles;
         signals.tool = self.posture.map(|posture| posture.tip).unwrap_or_default();
         signals.proxy = self.reference.as_ref().map_or(signals.tool, |reference| reference.point);
         signals.signed_distance_m = match signals.is_on_surface {
             // The fixture's own figure is exact there.
             true => signals.signed_distance_m,
-            false => self.fixture.surface().signed_distance_m(&signals.proxy.0),
+            false => self.fixture.signed_distance_m(&signals.proxy.0),
         };
         signals.target_angles = self.reference.as_ref().map_or(self.measured.angles, |reference| reference.angles);
     }

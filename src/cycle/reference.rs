@@ -2,7 +2,7 @@
 
 use nalgebra::Vector2;
 
-use super::{Cycle, Settings, Signals};
+use super::{Cycle, Servo, Settings, Signals};
 use crate::guard::{Fault, Motion, StopRamp};
 use crate::linkage::Posture;
 use crate::quantity::{JointAngles, JointRates, TipPoint, TipVelocity};
@@ -119,6 +119,35 @@ impl Cycle {
         signals.is_impact = step.is_impact;
         let point = TipPoint(step.proxy);
         if point.is_finite() { Ok(point) } else { Err(Fault::NotFinite) }
+    }
+
+    /// Draws the proxy back to where the controllers would not have wanted more than they can have, so that it does not
+    /// run away from an arm that is blocked. `before` is the reference of the cycle before.
+    ///
+    /// # Source
+    /// The idea: R. Kikuuwe, *Torque-bounded admittance control realized by a set-valued algebraic feedback* (2019).
+    pub(super) fn draw_back(
+        &mut self,
+        excess: [f64; 2],
+        before: &Reference,
+        reference: &Reference,
+        posture: &Posture,
+    ) -> Result<(), Fault> {
+        let by = match &self.servo {
+            Servo::Torque(servo) if servo.is_cartesian => Vector2::from(excess),
+            _ => posture.tip_velocity(JointRates::from(excess)).map_err(|_| Fault::NotFinite)?.0,
+        };
+        let point = TipPoint(self.fixture.draw_back(&by));
+        let drawn = self.admit(point, before).map(|angles| before.moved(point, angles, self.settings.period_s));
+        match drawn.filter(|drawn| drawn.velocity.0.norm() <= self.settings.tool_speed_limit_m_per_s) {
+            Some(drawn) => {
+                self.servo.draw_back(&drawn, &self.measured, posture);
+                self.reference = Some(drawn);
+                Ok(())
+            }
+            // Where the linkage does not go, or not so fast, the reference stays as it is.
+            None => self.fixture.hold_back_to(&reference.point.0).map_err(|_| Fault::NotFinite),
+        }
     }
 
     fn stop(&mut self, last: &Reference) -> TipPoint {

@@ -7,6 +7,7 @@ use crate::control::{Axis, AxisController, EffortRange, FeedForward, InertiaTerm
 use crate::guard::{Fault, JointCommand, Measured};
 use crate::linkage::{FiveBar, MassModel, Posture};
 use crate::quantity::{Force, JointAngles, JointRates, JointTorques};
+use crate::setvalued::gsat;
 
 /// The inertia part of the feed-forward.
 pub type Inertia = Option<MassModel>;
@@ -58,8 +59,7 @@ impl Servo {
         }
     }
 
-    /// The command that brings the measured joints to the reference, and in torque mode with a model of the arm's inertia
-    /// the torques that the motion of the reference needs.
+    /// The command that brings the measured joints to the reference, and what goes with it in torque mode.
     ///
     /// # Errors
     /// [`Fault::NotFinite`] if a law was given or gave something that is not finite.
@@ -69,9 +69,9 @@ impl Servo {
         reference: &Reference,
         measured: &Measured,
         posture: &Posture,
-    ) -> Result<(JointCommand, Option<JointTorques>), Fault> {
+    ) -> Result<Effort, Fault> {
         match self {
-            Servo::Position => Ok((JointCommand::Position(reference.angles), None)),
+            Servo::Position => Ok(Effort::of(JointCommand::Position(reference.angles))),
             Servo::Velocity(law) => {
                 let error = reference.angles.0 - measured.angles.0;
                 let first = law.command(error.x, reference.rates.0.x);
@@ -79,15 +79,43 @@ impl Servo {
                 if !(first.valid && second.valid) {
                     return Err(Fault::NotFinite);
                 }
-                Ok((JointCommand::Velocity(JointRates::new(first.rate, second.rate)), None))
+                Ok(Effort::of(JointCommand::Velocity(JointRates::new(first.rate, second.rate))))
             }
             Servo::Torque(servo) => {
                 let inertia = servo.inertia_term(linkage, reference);
-                let torques = servo.torques(inertia.as_ref(), reference, measured, posture)?;
+                let (torques, excess) = servo.torques(inertia.as_ref(), reference, measured, posture)?;
                 let needed = inertia.map(|term| JointTorques(term.mass_matrix * term.accelerations + term.bias_n_m));
-                Ok((JointCommand::Torque(torques), needed))
+                let excess = (excess != [0.0; 2]).then_some(excess);
+                Ok(Effort { command: JointCommand::Torque(torques), needed, excess })
             }
         }
+    }
+
+    /// Takes the reference of the last command to have been this one.
+    pub(super) fn draw_back(&mut self, reference: &Reference, measured: &Measured, posture: &Posture) {
+        if let Servo::Torque(servo) = self {
+            let error = servo.error(reference, measured, posture);
+            for (axis, error) in servo.axes.iter_mut().zip(error) {
+                axis.draw_back(error);
+            }
+        }
+    }
+}
+
+/// A command with what the cycle needs to know about it.
+pub(super) struct Effort {
+    pub(super) command: JointCommand,
+    /// Torques that the motion of the reference needs, with a model of the arm's inertia.
+    pub(super) needed: Option<JointTorques>,
+    /// How much nearer the reference would have to be for the controllers alone to keep within their limit, per joint in
+    /// rad or per direction in m; `None` if they do. A feed-forward does not count: the acceleration of a proxy that stops
+    /// at once asks for any torque, for one cycle.
+    pub(super) excess: Option<[f64; 2]>,
+}
+
+impl Effort {
+    fn of(command: JointCommand) -> Self {
+        Self { command, needed: None, excess: None }
     }
 }
 
@@ -106,10 +134,10 @@ impl TorqueServo {
         reference: &Reference,
         measured: &Measured,
         posture: &Posture,
-    ) -> Result<JointTorques, Fault> {
+    ) -> Result<(JointTorques, [f64; 2]), Fault> {
         let forward = self.feed_forward.step(reference.rates, inertia);
         let error = self.error(reference, measured, posture);
-        let mut effort = [0.0; 2];
+        let (mut effort, mut excess) = ([0.0; 2], [0.0; 2]);
         let mut is_valid = forward.valid;
         for axis in 0..2 {
             let (law, limit) = (&mut self.axes[axis], self.effort_limit[axis]);
@@ -121,15 +149,16 @@ impl TorqueServo {
             let step = law.step(error[axis], range);
             is_valid &= step.valid;
             effort[axis] = base + step.effort;
+            excess[axis] = (step.wanted - gsat(-limit, step.wanted, limit)) / law.step_stiffness();
         }
         if !is_valid {
             return Err(Fault::NotFinite);
         }
         if !self.is_cartesian {
-            return Ok(JointTorques::from(effort));
+            return Ok((JointTorques::from(effort), excess));
         }
         let torques = posture.joint_torques(Force::from(effort)).map_err(|_| Fault::NotFinite)?;
-        Ok(JointTorques(torques.0 + forward.torques.0))
+        Ok((JointTorques(torques.0 + forward.torques.0), excess))
     }
 
     fn inertia_term(&self, linkage: &FiveBar, reference: &Reference) -> Option<InertiaTerm> {

@@ -2,19 +2,20 @@
 
 use std::time::Duration;
 
-use nalgebra::{Matrix6, Vector2, Vector3};
+use nalgebra::{Matrix6, Vector2};
 
 use super::error::RigError;
-use crate::bus::{CommandMode, DriveSetup, Master, MasterSetup, SensorSetup};
+use crate::bus::{CommandMode, DriveSetup, Master, MasterSetup, SensorLink, SensorNode, SensorSetup};
 use crate::config;
 use crate::control::{FeedForward, FeedForwardParameters, Gains, Law, RateLaw};
 use crate::cycle::{Cycle, Servo, Settings, TorqueServo};
 use crate::fixture::{
-    Admittance, BallAndTube, Circle, Coupling, Curvature, Cylinder, Fixture, Forbidden, Impedance, Limits, Parameters,
-    Plane, Rearm, Shape2, Shape3, Side, Sphere,
+    self, Admittance, BallAndEllipse, BallAndTube, Contrast, Coupling, Curvature, Fixture, Guidance, Impedance, Limits,
+    Parameters, Rearm, Shape2, Shape3, Side,
 };
 use crate::guard::{self, Gate};
 use crate::linkage::{FiveBar, MassModel};
+use crate::plain_can;
 use crate::quantity::TipPoint;
 use crate::sensing::{Calibration, MountedOn, Mounting, Sensing, SensingParameters};
 use crate::sim::hand::{Hand, HandParameters, Leg, Path, Speed, TremorParameters};
@@ -76,52 +77,44 @@ fn parameters(fixture: &config::Fixture, period_s: f64) -> Parameters {
     }
 }
 
-fn forbidden(side: config::Forbidden) -> Forbidden {
-    match side {
-        config::Forbidden::Inside => Forbidden::Inside,
-        config::Forbidden::Outside => Forbidden::Outside,
-    }
-}
-
 pub(super) fn point2(point: [config::Finite; 2]) -> Vector2<f64> {
     Vector2::from(point.map(|value| value.get()))
 }
 
-fn point3(point: [config::Finite; 3]) -> Vector3<f64> {
-    Vector3::from(point.map(|value| value.get()))
+fn law(configured: &config::Fixture, period_s: f64) -> Result<fixture::Law, RigError> {
+    let Parameters { limits, side, curvature, .. } = parameters(configured, period_s);
+    let kappa = configured.coupling.equivalent_stiffness_n_per_m(period_s);
+    let tube = BallAndTube::new(limits, kappa, side, curvature);
+    Ok(match configured.law {
+        None => fixture::Law::Plastic(tube),
+        Some(config::FixtureLaw::Tube { outward_yield_n }) => {
+            fixture::Law::Plastic(tube.with_outward_yield(outward_yield_n.get(), kappa)?)
+        }
+        Some(config::FixtureLaw::Ellipse {}) => fixture::Law::Ellipse(BallAndEllipse::new(limits, kappa, side)),
+        Some(other) => {
+            let guidance = other.guidance().unwrap_or(Guidance::None);
+            fixture::Law::Contrast(Contrast::new(guidance, limits, side, kappa, period_s)?)
+        }
+    })
 }
 
 /// The planar fixture of an admittance rig.
-pub(super) fn planar_fixture(
-    fixture: &config::Fixture,
-    period_s: f64,
-) -> Result<Fixture<Shape2, 2, BallAndTube>, RigError> {
-    let shape = match fixture.surface {
-        config::Surface::Circle { center_m, radius_m, forbidden: side } => {
-            Shape2::Circle(Circle::new(point2(center_m), radius_m.get(), forbidden(side))?)
-        }
-        config::Surface::Line { point_m, normal } => Shape2::Line(Plane::new(point2(point_m), point2(normal))?),
-        ref other => return Err(wrong_dimension(other, 2)),
-    };
-    Ok(Fixture::new(shape, parameters(fixture, period_s))?)
+pub(super) fn planar_fixture(fixture: &config::Fixture, period_s: f64) -> Result<Fixture<Shape2, 2>, RigError> {
+    let shape = fixture.planar()?.ok_or_else(|| wrong_dimension(&fixture.surface, 2))?;
+    let mut built = Fixture::with_set(shape, parameters(fixture, period_s), law(fixture, period_s)?)?;
+    if let Some(hold) = fixture.automatic_hold {
+        built = built.with_automatic_hold(hold.into())?;
+    }
+    if let Some(motion) = fixture.motion {
+        built = built.with_motion(motion.into())?;
+    }
+    Ok(built)
 }
 
 /// The fixture of an impedance device, in space.
-pub(super) fn spatial_fixture(
-    fixture: &config::Fixture,
-    period_s: f64,
-) -> Result<Fixture<Shape3, 3, BallAndTube>, RigError> {
-    let shape = match fixture.surface {
-        config::Surface::Cylinder { axis_point_m, axis_direction, radius_m, forbidden: side } => Shape3::Cylinder(
-            Cylinder::new(point3(axis_point_m), point3(axis_direction), radius_m.get(), forbidden(side))?,
-        ),
-        config::Surface::Plane { point_m, normal } => Shape3::Plane(Plane::new(point3(point_m), point3(normal))?),
-        config::Surface::Sphere { center_m, radius_m, forbidden: side } => {
-            Shape3::Sphere(Sphere::new(point3(center_m), radius_m.get(), forbidden(side))?)
-        }
-        ref other => return Err(wrong_dimension(other, 3)),
-    };
-    Ok(Fixture::new(shape, parameters(fixture, period_s))?)
+pub(super) fn spatial_fixture(fixture: &config::Fixture, period_s: f64) -> Result<Fixture<Shape3, 3>, RigError> {
+    let shape = fixture.spatial()?.ok_or_else(|| wrong_dimension(&fixture.surface, 3))?;
+    Ok(Fixture::with_set(shape, parameters(fixture, period_s), law(fixture, period_s)?)?)
 }
 
 fn wrong_dimension(surface: &config::Surface, wanted: usize) -> RigError {
@@ -285,7 +278,7 @@ pub fn master(rig: &config::Rig, fixture: &config::Fixture) -> Result<Master, Ri
 }
 
 /// The network as the master has to bring it up.
-fn network(rig: &config::Rig) -> Result<MasterSetup, RigError> {
+pub(super) fn network(rig: &config::Rig) -> Result<MasterSetup, RigError> {
     // The turn of the encoders is taken from the task's origin: an arm is always within half a turn of it.
     let home = linkage(rig)?.inverse(TipPoint::new(0.0, 0.0))?.to_array();
     let [left, right] = &rig.drives;
@@ -297,10 +290,50 @@ fn network(rig: &config::Rig) -> Result<MasterSetup, RigError> {
         drives: [drive(rig, left, home[0])?, drive(rig, right, home[1])?],
         sensor: SensorSetup {
             name: rig.sensor.name.clone(),
-            node_id: rig.sensor.node_id,
-            profile: profile(&rig.sensor.profile)?,
-            heartbeat: Duration::from_millis(rig.sensor.heartbeat_ms.into()),
+            link: sensor_link(&rig.sensor)?,
+            sample_period: sample_period(rig),
         },
+    })
+}
+
+/// Time from one sample of the force sensor to the next.
+pub fn sample_period(rig: &config::Rig) -> Duration {
+    Duration::from_secs_f64(rig.sensor.sample_rate_hz.get().recip())
+}
+
+/// What the force sensor speaks.
+///
+/// # Errors
+/// Where its profile or node-ID is unknown.
+pub fn sensor_link(sensor: &config::Sensor) -> Result<SensorLink, RigError> {
+    let plain = |protocol, pair_gap_us: u32, zero_at_start| {
+        let pair_gap = Duration::from_micros(pair_gap_us.into());
+        SensorLink::PlainCan(plain_can::Link { protocol, pair_gap, zero_at_start })
+    };
+    Ok(match sensor.protocol {
+        config::SensorProtocol::Canopen { node_id, profile: ref name, heartbeat_ms } => {
+            let heartbeat = Duration::from_millis(heartbeat_ms.into());
+            SensorLink::Canopen(SensorNode { node_id, profile: profile(name)?, heartbeat })
+        }
+        config::SensorProtocol::Streaming { command_id, data_ids, pair_gap_us, zero_at_start } => {
+            let ids = plain_can::streaming::Ids { command: command_id, data: data_ids };
+            plain(plain_can::Protocol::Streaming(ids), pair_gap_us, zero_at_start)
+        }
+        config::SensorProtocol::Polled {
+            base_id,
+            byte_order,
+            overload_bits,
+            invalid_bits,
+            pair_gap_us,
+            zero_at_start,
+        } => {
+            let byte_order = match byte_order {
+                config::ByteOrder::BigEndian => plain_can::polled::ByteOrder::BigEndian,
+                config::ByteOrder::LittleEndian => plain_can::polled::ByteOrder::LittleEndian,
+            };
+            let format = plain_can::polled::Format { base: base_id, byte_order, overload_bits, invalid_bits };
+            plain(plain_can::Protocol::Polled(format), pair_gap_us, zero_at_start)
+        }
     })
 }
 

@@ -1,10 +1,13 @@
 //! What a person does with a rig: asks for it to be enabled until it runs, and has it stopped until no drive makes torque.
 
+use std::time::Duration;
+
 use crate::guard::{Request, State};
 use yieldwall_drives::cia402;
 
-/// Cycles of process data before the rig asks to be enabled: the drives have answered, the sensor has samples.
-const CYCLES_BEFORE_ENABLING: u32 = 10;
+/// Samples of the force sensor before the rig asks to be enabled, or as many cycles if those are longer: the drives have
+/// answered, and the sensor's noise is known.
+const SAMPLES_BEFORE_ENABLING: u32 = 10;
 /// Cycles after which a person who was refused asks again.
 const CYCLES_BETWEEN_ASKING: u32 = 50;
 /// Longest time that a stop may take, s.
@@ -33,14 +36,14 @@ impl Enabling {
     /// Longest time from asking to running unless told otherwise, s.
     pub const LIMIT_S: f64 = 1.5;
 
-    /// Asks for up to [`Enabling::LIMIT_S`] of cycles of `period_s`.
-    pub fn new(period_s: f64) -> Self {
-        Self::within(Self::LIMIT_S, period_s)
+    /// Asks for up to [`Enabling::LIMIT_S`] of cycles of `period`, with a force sensor that samples every `sample_period`.
+    pub fn new(period: Duration, sample_period: Duration) -> Self {
+        Self::within(Self::LIMIT_S, period, sample_period)
     }
 
-    pub(super) fn within(limit_s: f64, period_s: f64) -> Self {
-        let cycles = (limit_s / period_s) as u32;
-        Self { cycle: 0, first: CYCLES_BEFORE_ENABLING, limit: CYCLES_BEFORE_ENABLING + cycles }
+    pub(super) fn within(limit_s: f64, period: Duration, sample_period: Duration) -> Self {
+        let first = cycles_before_enabling(period, sample_period);
+        Self { cycle: 0, first, limit: first.saturating_add((limit_s / period.as_secs_f64()) as u32) }
     }
 
     /// Asks no earlier than after so many cycles.
@@ -68,6 +71,12 @@ impl Enabling {
         let asks = state == State::Idle && asking.is_multiple_of(CYCLES_BETWEEN_ASKING);
         Enable::Ask(if asks { Request::Enable } else { Request::None })
     }
+}
+
+/// Cycles in which a sensor of this sample period gives the samples that are needed before the rig is enabled.
+pub fn cycles_before_enabling(period: Duration, sample_period: Duration) -> u32 {
+    let cycles_per_sample = sample_period.as_nanos().div_ceil(period.as_nanos().max(1)).max(1);
+    SAMPLES_BEFORE_ENABLING.saturating_mul(u32::try_from(cycles_per_sample).unwrap_or(u32::MAX))
 }
 
 /// Whether a drive in this state may make torque.

@@ -3,7 +3,7 @@
 use super::build;
 use super::error::RigError;
 use crate::config;
-use crate::fixture::{BallAndTube, Fixture, Shape3};
+use crate::fixture::{Fixture, Shape3};
 use crate::record::Row;
 use crate::sim::hand::Hand;
 use crate::sim::point_mass::{PointMass, PointMassParameters};
@@ -14,7 +14,7 @@ use nalgebra::Vector3;
 pub struct ImpedanceRig {
     device: PointMass<3>,
     hand: Hand<3>,
-    fixture: Fixture<Shape3, 3, BallAndTube>,
+    fixture: Fixture<Shape3, 3>,
     period_s: f64,
     longest_step_s: f64,
     sample: u64,

@@ -6,6 +6,7 @@ use super::build::{gains, linkage, mass_model, period_s, plant_mass, point2};
 use super::error::RigError;
 use crate::config;
 use crate::control::{Margins, ServoLoop, principal_inertias, worst_margins};
+use crate::fixture::Shape2;
 use crate::quantity::{JointAngles, JointRates, TipPoint};
 
 /// Cycles between sampling and the change of torque, besides the zero-order hold: set-points computed in a cycle are
@@ -53,8 +54,14 @@ fn poses(rig: &config::Rig) -> Vec<Vector2<f64>> {
             let along = Vector2::new(-normal.y, normal.x) * half_m;
             (0..POSES).map(|pose| foot + along * (2.0 * pose as f64 / (POSES - 1) as f64 - 1.0)).collect()
         }
-        // A rig is planar: these are refused when its cycle is built.
-        _ => around(Vector2::zeros(), working_m),
+        ref other => match other.planar() {
+            Ok(Some(Shape2::Chain(chain))) => {
+                let outline = chain.outline_m();
+                outline.iter().copied().step_by(outline.len().div_ceil(POSES)).collect()
+            }
+            // A rig is planar: others are refused when its cycle is built.
+            _ => around(Vector2::zeros(), working_m),
+        },
     }
 }
 

@@ -49,6 +49,8 @@ pub struct Reported {
     pub hold_counter: u32,
     /// Whether it met the surface in this cycle.
     pub is_impact: bool,
+    /// Whether the torques reached their limit, and it was drawn back.
+    pub is_saturated: bool,
 }
 
 /// What only a simulation knows, at the moment of the computation.

@@ -141,6 +141,7 @@ fn run_figure(
             let mode = machine.mode();
             let mut fixture = figure.value.fixture.clone().unwrap_or_else(|| machine.fixture().clone());
             fixture.hold_steps = hold_steps;
+            fixture.automatic_hold = None;
             let overrides = Overrides { fixture: Some(fixture), ..Overrides::default() };
             let fail = |source| ReproduceError::Rig { figure: name, mode, source };
             let mut stage = |stage| progress(name, mode, stage);

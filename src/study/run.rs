@@ -4,6 +4,7 @@ use std::time::Duration;
 
 use super::measures::{Context, Measures, measure};
 use crate::config;
+use crate::fixture::Shape2;
 use crate::guard::{Cause, Request, State};
 use crate::injection::Injection;
 use crate::record::{AROUND_FAULT_S, ForceMeaning, Reference, Row, Trace};
@@ -209,7 +210,11 @@ fn normal_sign(surface: &config::Surface) -> f64 {
     }
 }
 
+/// Mass of the proxy where the laws of impacts and energy hold: not with a spring, and not on a surface that moves.
 fn mass_kg(fixture: &config::Fixture) -> Option<f64> {
+    if fixture.motion.is_some() || fixture.law.is_some_and(|law| law.guidance().is_some()) {
+        return None;
+    }
     match fixture.coupling {
         config::Coupling::Admittance { mass_kg } => Some(mass_kg.get()),
         config::Coupling::Impedance { .. } => None,
@@ -257,6 +262,15 @@ fn reference(surface: &config::Surface) -> Reference {
             let [x, y, _] = three(center_m);
             Reference::Circle { center_m: [x, y], radius_m: radius_m.get() }
         }
+        // The outline of a wall runs so that its left is allowed. A point has no line, and what lies in space no
+        // section that a planar figure could show.
+        ref other => match other.planar() {
+            Ok(Some(Shape2::Chain(chain))) if other.has_sides() => Reference::Curve {
+                points_m: chain.outline_m().iter().map(|point| [point.x, point.y]).collect(),
+                is_closed: chain.is_closed(),
+            },
+            _ => Reference::None,
+        },
     }
 }
 

@@ -1,8 +1,9 @@
 //! Fixtures, and the impedance device that has little else.
 
 use super::Findings;
-use super::words::round;
-use crate::config::tree::{Coupling, Curvature, Fixture, ImpedanceDevice, Surface};
+use super::words::{round, shorten_numbers};
+use crate::config::tree::{Coupling, Curvature, Fixture, FixtureLaw, ImpedanceDevice, Side, Surface};
+use crate::fixture::{self, FixtureError};
 
 /// Radius of curvature in units of R / kappa below which the tangent step of the paper is off by a quarter of the
 /// friction level or more (measured: 0.25 F/kappa at 5, 0.97 at 2).
@@ -31,7 +32,13 @@ pub(super) fn check_fixture(findings: &mut Findings, at: &str, fixture: &Fixture
             .error(&key("yield_n"), message, "raise `yield_n` or lower `friction_n`; the paper has 20 N and 3 N")
             .see(&key("friction_n"), "friction_n");
     }
-    check_directions(findings, at, &fixture.surface);
+    for (key, surface) in fixture.surfaces() {
+        check_directions(findings, &format!("{at}.{key}"), surface);
+    }
+    check_sides(findings, at, fixture);
+    check_automatic_hold(findings, at, fixture);
+    check_law(findings, at, fixture);
+    check_motion(findings, at, fixture);
     check_hold(findings, at, &fixture.coupling, fixture.hold_steps, &key("hold_steps"));
     if period_s > 0.0 {
         check_curvature(findings, at, fixture, period_s);
@@ -49,10 +56,92 @@ pub(super) fn check_hold(findings: &mut Findings, at: &str, coupling: &Coupling,
     }
 }
 
+/// Refuses an automatic hold beside a fixed one, where there is no momentum, or out of its range.
+fn check_automatic_hold(findings: &mut Findings, at: &str, fixture: &Fixture) {
+    let Some(hold) = fixture.automatic_hold else { return };
+    let key = format!("{at}.automatic_hold");
+    if let Err(error) = fixture::AutomaticHold::from(hold).checked() {
+        findings.error(&key, format!("`{key}`: {error}"), "1.5 kg and 0.1 s serve most hands");
+    }
+    if fixture.hold_steps > 0 {
+        findings
+            .error(
+                &key,
+                format!("`{key}` stands beside `hold_steps` of {}", fixture.hold_steps),
+                "write `hold_steps: 0`, or leave this group out",
+            )
+            .see(&format!("{at}.hold_steps"), "hold_steps");
+    }
+    if matches!(fixture.coupling, Coupling::Impedance { .. }) {
+        findings.error(
+            &key,
+            format!("`{key}` needs the coupling `admittance`: a proxy without mass has no momentum to stop"),
+            "leave this group out",
+        );
+    }
+}
+
+/// Refuses a law that does not go with the rest of the fixture.
+fn check_law(findings: &mut Findings, at: &str, fixture: &Fixture) {
+    let Some(law) = fixture.law else { return };
+    let key = format!("{at}.law.{}", law.name());
+    let mut refuse = |key: &str, message: String, help: &str| {
+        findings.error(key, message, help);
+    };
+    match law {
+        FixtureLaw::Tube { outward_yield_n } => {
+            let key = format!("{key}.outward_yield_n");
+            if *outward_yield_n < *fixture.friction_n {
+                let friction_n = *fixture.friction_n;
+                let message = format!("`{key}` is {} N, below `friction_n` of {friction_n} N", *outward_yield_n);
+                refuse(&key, message, "raise it, or lower `friction_n`");
+            }
+            if fixture.side == Side::Unilateral {
+                let message = format!("`{key}` has no effect: a unilateral fixture lets go off its forbidden side");
+                refuse(&key, message, "write `side: bilateral`, or leave `law` out");
+            }
+        }
+        FixtureLaw::Ellipse {} if fixture.curvature == Curvature::Exact => {
+            refuse(&key, format!("`{key}` has no exact step about a centre"), "write `curvature: tangent`");
+        }
+        FixtureLaw::Ellipse {} => {}
+        FixtureLaw::Elastic { .. } | FixtureLaw::Viscous { .. } | FixtureLaw::Free {} => {
+            if fixture.hold_steps > 0 || fixture.automatic_hold.is_some() {
+                refuse(
+                    &key,
+                    format!("`{key}` keeps nothing on the surface, and a hold has no effect with it"),
+                    "write `hold_steps: 0` and no `automatic_hold`",
+                );
+            }
+            if matches!(fixture.coupling, Coupling::Impedance { .. }) {
+                refuse(&key, format!("`{key}` needs the coupling `admittance`"), "leave `law` out");
+            }
+            if let Some(Err(error)) = law.guidance().map(fixture::Guidance::checked) {
+                refuse(&key, format!("`{key}`: {error}"), "correct this number");
+            }
+        }
+    }
+}
+
+/// Refuses a motion that no proxy could follow, or that has nothing to move.
+fn check_motion(findings: &mut Findings, at: &str, fixture: &Fixture) {
+    let Some(motion) = fixture.motion else { return };
+    let key = format!("{at}.motion");
+    if let Err(error) = fixture::Motion::from(motion).checked() {
+        let error = shorten_numbers(&error.to_string());
+        findings.error(&key, format!("`{key}`: {error}"), "make the way shorter or the swing longer");
+    }
+    if matches!(fixture.coupling, Coupling::Impedance { .. }) {
+        findings.error(&key, format!("`{key}` needs the coupling `admittance`"), "leave this group out");
+    }
+}
+
 fn check_host(findings: &mut Findings, at: &str, fixture: &Fixture, host: Host) {
     let (machine, coupling, dimension, surfaces) = match host {
-        Host::Rig => ("a rig", "admittance", 2, "circle or line"),
-        Host::Device => ("an impedance device", "impedance", 3, "cylinder, plane or sphere"),
+        Host::Rig => ("a rig", "admittance", 2, "one of circle, line, polygon, closed_curve, open_curve, point"),
+        Host::Device => {
+            ("an impedance device", "impedance", 3, "one of cylinder, plane, sphere, box, space_curve, space_point")
+        }
     };
     let is_admittance = matches!(fixture.coupling, Coupling::Admittance { .. });
     if is_admittance != (host == Host::Rig) {
@@ -67,11 +156,11 @@ fn check_host(findings: &mut Findings, at: &str, fixture: &Fixture, host: Host) 
             },
         );
     }
-    if fixture.surface.dimension() != dimension {
-        let name = fixture.surface.name();
+    for (key, surface) in fixture.surfaces().filter(|(_, surface)| surface.dimension() != dimension) {
+        let name = surface.name();
         findings.error(
-            &format!("{at}.surface.{name}"),
-            format!("`{at}.surface` is a {name}, and {machine} moves in {dimension} dimensions"),
+            &format!("{at}.{key}.{name}"),
+            format!("`{at}.{key}` is a {name}, and {machine} moves in {dimension} dimensions"),
             format!("write {surfaces}"),
         );
     }
@@ -84,15 +173,49 @@ fn check_directions(findings: &mut Findings, at: &str, surface: &Surface) {
         Surface::Cylinder { axis_direction, .. } => {
             ("cylinder.axis_direction", axis_direction.iter().all(|x| **x == 0.0))
         }
-        Surface::Circle { .. } | Surface::Sphere { .. } => return,
+        _ => return,
     };
     if is_zero {
-        let key = format!("{at}.surface.{key}");
+        let key = format!("{at}.{key}");
         findings.error(
             &key,
             format!("`{key}` has no direction: all its parts are 0"),
             "write a direction, of any length",
         );
+    }
+}
+
+/// Refuses a wall that has no side to be kept out of.
+fn check_sides(findings: &mut Findings, at: &str, fixture: &Fixture) {
+    for (place, surface) in fixture.surfaces().filter(|(_, surface)| !surface.has_sides()) {
+        let name = surface.name();
+        let key = format!("{at}.side");
+        if fixture.side == Side::Unilateral {
+            findings
+                .error(&key, format!("`{key}` is unilateral, and a {name} has no sides"), "write bilateral")
+                .see(&format!("{at}.{place}.{name}"), name);
+        } else if !fixture.also.is_empty() {
+            let key = format!("{at}.{place}.{name}");
+            findings.error(
+                &key,
+                format!(
+                    "`{key}` stands beside other surfaces, and a {name} has no sides that could be weighed with theirs"
+                ),
+                "leave out `also`, or this one",
+            );
+        }
+    }
+}
+
+/// Where the points of a chain are that make it no shape.
+fn shape_error(at: &str, surface: &Surface, error: FixtureError) -> (String, &'static str) {
+    let key = format!("{at}.{}.{}", surface.name(), surface.size_key());
+    match error {
+        FixtureError::PointsMeet { second, .. } => (format!("{key}[{second}]"), "leave out one of the two points"),
+        FixtureError::Crossing { .. } => (key, "order the points along the way, so that no two pieces cross"),
+        FixtureError::RadiusBelowReach { .. } => (key, "move the points apart, so that the curve has no cusp"),
+        FixtureError::OutOfRange { name: "number of points", .. } => (key, "add points, or write an open curve"),
+        _ => (key, "correct this number"),
     }
 }
 
@@ -105,13 +228,35 @@ fn check_curvature(findings: &mut Findings, at: &str, fixture: &Fixture, period_
             .error(&key, format!("`{key}` cannot be exact on a {name}: it has no single centre"), "write tangent")
             .see(&format!("{at}.surface.{name}"), name);
     }
-    let Some(radius_m) = fixture.surface.radius_m() else { return };
+    for (place, surface) in fixture.surfaces() {
+        check_radius(findings, at, &place, surface, fixture, period_s);
+    }
+}
+
+/// Whether one surface has a shape, with curvature that the fixture's reach leaves room for.
+fn check_radius(findings: &mut Findings, at: &str, place: &str, surface: &Surface, fixture: &Fixture, period_s: f64) {
+    let radius_m = match surface.smallest_radius_m() {
+        Ok(radius_m) => radius_m,
+        // A direction of no length has been found already.
+        Err(FixtureError::OutOfRange { name: "length of the normal" | "length of axis_direction", .. }) => return,
+        Err(error) => {
+            let (key, help) = shape_error(&format!("{at}.{place}"), surface, error);
+            findings.error(&key, format!("`{key}`: {error}"), help);
+            return;
+        }
+    };
+    if fixture.law.is_some_and(|law| law.guidance().is_some()) {
+        return;
+    }
+    let name = surface.name();
+    let is_round = matches!(surface, Surface::Circle { .. } | Surface::Sphere { .. });
     let reach_m = *fixture.yield_n / fixture.coupling.equivalent_stiffness_n_per_m(period_s);
     let ratio = radius_m / reach_m;
     if !ratio.is_finite() {
         return;
     }
-    let key = format!("{at}.surface.{name}.radius_m");
+    let key = format!("{at}.{place}.{name}.{}", surface.size_key());
+    let of = if key.ends_with("radius_m") { "" } else { " has a radius of curvature that" };
     let reach = format!("R/kappa = {} mm, the way that the proxy can lie off its input", round(reach_m * 1e3));
     let remedy =
         "enlarge the radius, lower `yield_n`, shorten the period, or raise the mass or stiffness of the coupling";
@@ -119,13 +264,14 @@ fn check_curvature(findings: &mut Findings, at: &str, fixture: &Fixture, period_
         findings
             .error(
                 &key,
-                format!("`{key}` is {radius_m} m, below {reach}: the proxy would reach past the centre"),
+                format!("`{key}`{of} is {} m, below {reach}: the proxy would reach past the centre", round(radius_m)),
                 remedy,
             )
             .see(&format!("{at}.yield_n"), "R");
     } else if ratio < TANGENT_RADIUS_RATIO && fixture.curvature == Curvature::Tangent {
         let message = format!(
-            "`{key}` is {radius_m} m, only {} times {reach}: the tangent step is inexact on so small a radius",
+            "`{key}`{of} is {} m, only {} times {reach}: the tangent step is inexact on so small a radius",
+            round(radius_m),
             round(ratio)
         );
         let exact = if is_round { "write `curvature: exact`, or " } else { "" };

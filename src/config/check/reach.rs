@@ -5,6 +5,7 @@ use std::f64::consts::TAU;
 use super::Findings;
 use super::words::{round, shorten_numbers};
 use crate::config::tree::{Fixture, Rig, Surface};
+use crate::fixture::Shape2;
 use crate::linkage::FiveBar;
 use crate::quantity::TipPoint;
 
@@ -48,49 +49,66 @@ pub(super) fn check_linkage(findings: &mut Findings, rig: &Rig) {
 pub(super) fn check_surface_reach(findings: &mut Findings, at: &str, fixture: &Fixture, rig: &Rig) {
     let Ok(five_bar) = FiveBar::new(rig.linkage.geometry()) else { return };
     let margin_m = *rig.guard.singularity_margin_m;
-    match fixture.surface {
-        Surface::Circle { center_m, radius_m, .. } => {
-            for sample in 0..CIRCLE_SAMPLES {
+    for (key, surface) in fixture.surfaces() {
+        check_reach(findings, &format!("{at}.{key}"), surface, rig, &five_bar, margin_m);
+    }
+}
+
+fn check_reach(findings: &mut Findings, at: &str, surface: &Surface, rig: &Rig, five_bar: &FiveBar, margin_m: f64) {
+    if let Surface::Line { point_m, normal } = surface {
+        let length = normal[0].hypot(*normal[1]);
+        let distance = (*point_m[0] * *normal[0] + *point_m[1] * *normal[1]).abs() / length;
+        if distance > *rig.linkage.working_radius_m {
+            let key = format!("{at}.line.point_m");
+            findings.error(
+                &key,
+                format!(
+                    "the line passes {} m from the origin, outside of the disc of `linkage.working_radius_m` = {} m",
+                    round(distance),
+                    *rig.linkage.working_radius_m
+                ),
+                "move `point_m` nearer to the origin",
+            );
+        }
+        return;
+    }
+    // A surface in space and a chain without shape are refused already.
+    let Ok(Some(shape)) = surface.planar() else { return };
+    for tip in samples(surface, &shape) {
+        let reached = five_bar
+            .inverse(tip)
+            .and_then(|angles| five_bar.forward(angles))
+            .and_then(|posture| five_bar.require_clearance(&posture, margin_m));
+        if let Err(error) = reached {
+            let place = if matches!(surface, Surface::Point { .. }) { "point_m" } else { surface.size_key() };
+            let key = format!("{at}.{}.{place}", surface.name());
+            let message = format!(
+                "the arm does not reach all of the {}: at {}, {}",
+                surface.summary(),
+                point(tip),
+                shorten_numbers(&error.to_string())
+            );
+            let help = format!(
+                "make it smaller or move it; the arm reaches the disc of {} m about the origin",
+                *rig.linkage.working_radius_m
+            );
+            findings.error(&key, message, help);
+            return;
+        }
+    }
+}
+
+/// Places all along a bounded surface.
+fn samples(surface: &Surface, shape: &Shape2) -> Vec<TipPoint> {
+    match (surface, shape) {
+        (Surface::Circle { center_m, radius_m, .. }, _) => (0..CIRCLE_SAMPLES)
+            .map(|sample| {
                 let (sine, cosine) = (TAU * f64::from(sample) / f64::from(CIRCLE_SAMPLES)).sin_cos();
-                let tip = TipPoint::new(*center_m[0] + *radius_m * cosine, *center_m[1] + *radius_m * sine);
-                let reached = five_bar
-                    .inverse(tip)
-                    .and_then(|angles| five_bar.forward(angles))
-                    .and_then(|posture| five_bar.require_clearance(&posture, margin_m));
-                if let Err(error) = reached {
-                    let key = format!("{at}.surface.circle.radius_m");
-                    let message = format!(
-                        "the arm does not reach all of the circle of {} m: at {}, {}",
-                        *radius_m,
-                        point(tip),
-                        shorten_numbers(&error.to_string())
-                    );
-                    let help = format!(
-                        "lower `radius_m` or move `center_m`; the arm reaches the disc of {} m about the origin",
-                        *rig.linkage.working_radius_m
-                    );
-                    findings.error(&key, message, help);
-                    return;
-                }
-            }
-        }
-        Surface::Line { point_m, normal } => {
-            let length = normal[0].hypot(*normal[1]);
-            let distance = (*point_m[0] * *normal[0] + *point_m[1] * *normal[1]).abs() / length;
-            if distance > *rig.linkage.working_radius_m {
-                let key = format!("{at}.surface.line.point_m");
-                findings.error(
-                    &key,
-                    format!(
-                        "the line passes {} m from the origin, outside of the disc of `linkage.working_radius_m` = {} m",
-                        round(distance), *rig.linkage.working_radius_m
-                    ),
-                    "move `point_m` nearer to the origin",
-                );
-            }
-        }
-        // Refused already: a rig is planar.
-        Surface::Cylinder { .. } | Surface::Plane { .. } | Surface::Sphere { .. } => {}
+                TipPoint::new(*center_m[0] + **radius_m * cosine, *center_m[1] + **radius_m * sine)
+            })
+            .collect(),
+        (_, Shape2::Chain(chain)) => chain.outline_m().into_iter().map(TipPoint).collect(),
+        _ => Vec::new(),
     }
 }
 

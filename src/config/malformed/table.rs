@@ -51,6 +51,20 @@ macro_rules! ALIASES {
     };
 }
 
+/// The surface of the rig.
+macro_rules! CIRCLE {
+    () => {
+        "circle: {center_m: [0.0, 0.0], radius_m: 0.12, forbidden: inside}"
+    };
+}
+
+/// The surface of the device.
+macro_rules! CYLINDER {
+    () => {
+        "cylinder: {axis_point_m: [0.0, 0.0, 0.0], axis_direction: [0.0, 0.0, 1.0], radius_m: 0.04, forbidden: inside}"
+    };
+}
+
 /// All of them, by class.
 #[rustfmt::skip]
 pub(crate) const CASES: &[Case] = &[
@@ -131,6 +145,29 @@ pub(crate) const CASES: &[Case] = &[
     case("fixture", "cylinder on a rig", RIG, "circle: {center_m: [0.0, 0.0], ", "cylinder: {axis_point_m: [0.0, 0.0, 0.0], axis_direction: [0.0, 0.0, 1.0], "),
     case("fixture", "axis without direction", DEVICE, "axis_direction: [0.0, 0.0, 1.0]", "axis_direction: [0.0, 0.0, 0.0]"),
     case("fixture", "exact cylinder", DEVICE, "curvature: tangent", "curvature: exact"),
+    case("fixture", "two holds", RIG, "hold_steps: 0", "hold_steps: 5\n  automatic_hold: {hand_mass_kg: 1.5, longest_s: 0.1}"),
+    case("fixture", "endless automatic hold", RIG, "hold_steps: 0", "hold_steps: 0\n  automatic_hold: {hand_mass_kg: 1.5, longest_s: 10.0}"),
+    case("fixture", "automatic hold of a device", DEVICE, "hold_steps: 0", "hold_steps: 0\n  automatic_hold: {hand_mass_kg: 1.5, longest_s: 0.1}"),
+    case("fixture", "wall on a point", RIG, concat!("side: bilateral\n  hold_steps: 0\n  curvature: tangent\n  surface:\n    ", CIRCLE!()), "side: unilateral\n  hold_steps: 0\n  curvature: tangent\n  surface:\n    point: {point_m: [0.0, 0.1], capture_radius_m: 0.0002}"),
+    case("fixture", "point twice", RIG, CIRCLE!(), "polygon: {points_m: [[0.0, 0.0], [0.1, 0.0], [0.1, 0.0]], forbidden: inside}"),
+    case("fixture", "polygon crosses itself", RIG, CIRCLE!(), "polygon: {points_m: [[0.0, 0.0], [0.1, 0.1], [0.1, 0.0], [0.0, 0.1]], forbidden: inside}"),
+    case("fixture", "two corners", RIG, CIRCLE!(), "polygon: {points_m: [[0.0, 0.0], [0.1, 0.1]], forbidden: inside}"),
+    case("fixture", "curve tighter than its reach", RIG, CIRCLE!(), "open_curve: {points_m: [[0.0, 0.0], [0.00001, 0.0], [0.00001, 0.00001]]}"),
+    case("fixture", "curve out of reach", RIG, CIRCLE!(), "open_curve: {points_m: [[0.0, 0.0], [0.6, 0.0], [0.6, 0.6]]}"),
+    case("fixture", "point not finite", RIG, CIRCLE!(), "point: {point_m: [.nan, 0.0], capture_radius_m: 0.0002}"),
+    case("fixture", "wide capture", RIG, CIRCLE!(), "point: {point_m: [0.0, 0.0], capture_radius_m: 0.2}"),
+    case("fixture", "box without size", DEVICE, CYLINDER!(), "box: {center_m: [0.0, 0.0, 0.0], half_size_m: [0.1, 0.0, 0.1], forbidden: inside}"),
+    case("fixture", "ring of two points", DEVICE, CYLINDER!(), "space_curve: {points_m: [[0.0, 0.0, 0.0], [0.1, 0.0, 0.0]], is_closed: true, capture_radius_m: 0.0}"),
+    case("fixture", "outward below friction", RIG, "surface:\n", "law: {tube: {outward_yield_n: 2.0}}\n  surface:\n"),
+    case("fixture", "elastic with a hold", RIG, "hold_steps: 0", "hold_steps: 5\n  law: {elastic: {stiffness_n_per_m: 1000.0, damping_n_s_per_m: 10.0, is_saturated: false}}"),
+    case("fixture", "stiff elastic", RIG, "surface:\n", "law: {elastic: {stiffness_n_per_m: 2.0e6, damping_n_s_per_m: 10.0, is_saturated: false}}\n  surface:\n"),
+    case("fixture", "viscous device", DEVICE, "surface:\n", "law: {viscous: {across_n_s_per_m: 100.0, along_n_s_per_m: 5.0}}\n  surface:\n"),
+    case("fixture", "exact ellipse", RIG, "curvature: tangent", "curvature: exact\n  law: {ellipse: {}}"),
+    case("fixture", "unknown law", RIG, "surface:\n", "law: {rubber: {}}\n  surface:\n"),
+    case("fixture", "fast motion", RIG, "surface:\n", "motion: {amplitude_m: [0.1, 0.0], swing_s: 0.2}\n  surface:\n"),
+    case("fixture", "point among others", RIG, "surface:\n", "also:\n    - point: {point_m: [0.0, 0.1], capture_radius_m: 0.0002}\n  surface:\n"),
+    case("fixture", "further surface out of reach", RIG, "surface:\n", "also:\n    - circle: {center_m: [0.0, 0.0], radius_m: 2.0, forbidden: outside}\n  surface:\n"),
+    case("fixture", "further surface in space", RIG, "surface:\n", "also:\n    - plane: {point_m: [0.0, 0.0, 0.0], normal: [0.0, 0.0, 1.0]}\n  surface:\n"),
     case("fixture", "radius below reach", RIG, "radius_m: 0.12", "radius_m: 8.0e-6"),
     case("timing", "step after SYNC", RIG, "compute_at_us: 700", "compute_at_us: 1000"),
     case("timing", "inner loop does not fit", RIG, "period_us: 125", "period_us: 300"),

@@ -1,10 +1,13 @@
-//! The virtual fixture: coupling, levels, surface.
+//! The virtual fixture: coupling, levels, law, hold.
 
 use garde::Validate;
+use nalgebra::SVector;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
+use super::surface::Surface;
 use crate::config::number::{Finite, NotNegative, Positive};
+use crate::fixture::{self, FixtureError, Several, Shape2, Shape3, Surface as _};
 
 /// A plasticity-based virtual fixture (KTF08).
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema, Validate)]
@@ -26,11 +29,184 @@ pub struct Fixture {
     /// coupling 0 or at least 2, since the input position depends on two past steps.
     #[garde(range(max = 10_000))]
     pub hold_steps: u32,
+    /// A hold whose length follows from each impact; `hold_steps` is then 0. Left out: none.
+    #[garde(dive)]
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub automatic_hold: Option<AutomaticHold>,
     /// How the surface's curvature enters the step: `tangent` as in the paper, or `exact` for a circle or sphere.
     pub curvature: Curvature,
-    /// Reference surface C.
+    /// Reference C: a surface, or a curve in space or a point.
     #[garde(dive)]
     pub surface: Surface,
+    /// Further surfaces, with the same levels and the same side: walls leave what is free of all of them, of guides the
+    /// nearest counts. At most 15. Left out: none. Figures and measures are those of `surface`.
+    #[garde(dive, length(max = 15))]
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub also: Vec<Surface>,
+    /// How the fixture answers in place of the law of the paper. Left out: that law.
+    #[garde(dive)]
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub law: Option<FixtureLaw>,
+    /// A motion of the surfaces, for the admittance coupling. Left out: none. Figures show where they are without it.
+    #[garde(dive)]
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub motion: Option<Motion>,
+}
+
+impl Fixture {
+    /// The surfaces with their keys below the fixture's.
+    pub fn surfaces(&self) -> impl Iterator<Item = (String, &Surface)> {
+        let further = self.also.iter().enumerate().map(|(index, surface)| (format!("also[{index}]"), surface));
+        std::iter::once(("surface".to_owned(), &self.surface)).chain(further)
+    }
+
+    /// The reference in the plane; `None` when a surface lies in space.
+    ///
+    /// # Errors
+    /// Why the numbers give no shape.
+    pub fn planar(&self) -> Result<Option<Shape2>, FixtureError> {
+        let Some(first) = self.surface.planar()? else { return Ok(None) };
+        if self.also.is_empty() {
+            return Ok(Some(first));
+        }
+        let Some(mut all) = self.also.iter().map(Surface::planar).collect::<Result<Option<Vec<_>>, _>>()? else {
+            return Ok(None);
+        };
+        all.insert(0, first);
+        Ok(Some(Shape2::Several(Several::new(all, self.side == Side::Unilateral)?)))
+    }
+
+    /// The reference in space; `None` when a surface lies in the plane.
+    ///
+    /// # Errors
+    /// Why the numbers give no shape.
+    pub fn spatial(&self) -> Result<Option<Shape3>, FixtureError> {
+        let Some(first) = self.surface.spatial()? else { return Ok(None) };
+        if self.also.is_empty() {
+            return Ok(Some(first));
+        }
+        let Some(mut all) = self.also.iter().map(Surface::spatial).collect::<Result<Option<Vec<_>>, _>>()? else {
+            return Ok(None);
+        };
+        all.insert(0, first);
+        Ok(Some(Shape3::Several(Several::new(all, self.side == Side::Unilateral)?)))
+    }
+
+    /// Smallest radius of curvature in m; infinite when flat.
+    ///
+    /// # Errors
+    /// Why the numbers give no shape.
+    pub fn smallest_radius_m(&self) -> Result<f64, FixtureError> {
+        let planar = self.planar()?.map(|shape| shape.smallest_radius_m());
+        let spatial = self.spatial()?.map(|shape| shape.smallest_radius_m());
+        Ok(planar.or(spatial).unwrap_or(f64::INFINITY))
+    }
+}
+
+/// How a fixture answers in place of the law of the paper: with another admissible set, or without a yield law, for
+/// comparison.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema, Validate)]
+#[serde(rename_all = "snake_case", deny_unknown_fields)]
+#[garde(allow_unvalidated)]
+pub enum FixtureLaw {
+    /// The law of the paper with another yield force on the side that is not forbidden, for a bilateral fixture.
+    Tube {
+        /// Force at which a guide gives way off the forbidden side, N. At least `friction_n`.
+        #[garde(dive)]
+        outward_yield_n: Positive,
+    },
+    /// An ellipse with R across the surface and F along it: a force that turns without a corner.
+    Ellipse {},
+    /// A spring and a damper to the surface. It stores energy; friction acts besides.
+    Elastic {
+        /// Stiffness across the surface, N/m. At most 1e6.
+        #[garde(dive)]
+        stiffness_n_per_m: Positive,
+        /// Damping across the surface, N s/m. 0 to 1e6.
+        #[garde(dive)]
+        damping_n_s_per_m: NotNegative,
+        /// Whether the force is cut to R.
+        is_saturated: bool,
+    },
+    /// Damping that differs across and along the surface: an anisotropic admittance. Friction acts besides.
+    Viscous {
+        /// Across the surface, N s/m. 0 to 1e6.
+        #[garde(dive)]
+        across_n_s_per_m: NotNegative,
+        /// Along the surface, N s/m. 0 to 1e6.
+        #[garde(dive)]
+        along_n_s_per_m: NotNegative,
+    },
+    /// Friction alone.
+    Free {},
+}
+
+impl FixtureLaw {
+    /// The key that names it in a file.
+    pub fn name(&self) -> &'static str {
+        match self {
+            Self::Tube { .. } => "tube",
+            Self::Ellipse {} => "ellipse",
+            Self::Elastic { .. } => "elastic",
+            Self::Viscous { .. } => "viscous",
+            Self::Free {} => "free",
+        }
+    }
+
+    /// The contrast that it is; `None` for one that yields.
+    pub fn guidance(&self) -> Option<fixture::Guidance> {
+        match *self {
+            Self::Tube { .. } | Self::Ellipse {} => None,
+            Self::Elastic { stiffness_n_per_m, damping_n_s_per_m, is_saturated } => Some(fixture::Guidance::Elastic {
+                stiffness_n_per_m: *stiffness_n_per_m,
+                damping_n_s_per_m: *damping_n_s_per_m,
+                is_saturated,
+            }),
+            Self::Viscous { across_n_s_per_m, along_n_s_per_m } => Some(fixture::Guidance::Viscous {
+                across_n_s_per_m: *across_n_s_per_m,
+                along_n_s_per_m: *along_n_s_per_m,
+            }),
+            Self::Free {} => Some(fixture::Guidance::None),
+        }
+    }
+}
+
+/// A motion of the surfaces: from their place by the amplitude and back, smoothly, without end.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema, Validate)]
+#[serde(deny_unknown_fields)]
+#[garde(allow_unvalidated)]
+pub struct Motion {
+    /// Greatest displacement, m.
+    pub amplitude_m: [Finite; 2],
+    /// Duration of one way there and back, s. 0.01 to 10000; the greatest speed may be 0.5 m/s.
+    #[garde(dive)]
+    pub swing_s: Positive,
+}
+
+impl From<Motion> for fixture::Motion<2> {
+    fn from(motion: Motion) -> Self {
+        Self { amplitude_m: SVector::from(motion.amplitude_m.map(|value| value.get())), swing_s: *motion.swing_s }
+    }
+}
+
+/// A hold after an impact that ends when the push above R has brought more impulse than a hand's mass can, or with its
+/// window. For the admittance coupling.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema, Validate)]
+#[serde(deny_unknown_fields)]
+#[garde(allow_unvalidated)]
+pub struct AutomaticHold {
+    /// The heaviest hand that shall not break through at an impact, kg. 0.1 to 20; 1.5 serves most.
+    #[garde(dive)]
+    pub hand_mass_kg: Positive,
+    /// Longest hold after an impact, s. 0.002 to 1; 0.1 serves most.
+    #[garde(dive)]
+    pub longest_s: Positive,
+}
+
+impl From<AutomaticHold> for fixture::AutomaticHold {
+    fn from(hold: AutomaticHold) -> Self {
+        Self { hand_mass_kg: *hold.hand_mass_kg, longest_s: *hold.longest_s }
+    }
 }
 
 /// How the user's force and the proxy are coupled.
@@ -78,101 +254,6 @@ pub enum Side {
     Bilateral,
     /// The proxy is kept out of the forbidden side.
     Unilateral,
-}
-
-/// Reference surface of a fixture. `circle` and `line` lie in the plane of a rig; `cylinder`, `plane` and `sphere` in
-/// the space of an impedance device.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema, Validate)]
-#[serde(rename_all = "snake_case", deny_unknown_fields)]
-#[garde(allow_unvalidated)]
-pub enum Surface {
-    /// Circle in the plane.
-    Circle {
-        /// Centre, m.
-        center_m: [Finite; 2],
-        /// Radius, m. Above 0.
-        #[garde(dive)]
-        radius_m: Positive,
-        /// The side that a unilateral fixture forbids; without effect when `side` is bilateral.
-        forbidden: Forbidden,
-    },
-    /// Straight line in the plane.
-    Line {
-        /// A point of it, m.
-        point_m: [Finite; 2],
-        /// Direction across it, of any length but 0; points out of the forbidden side.
-        normal: [Finite; 2],
-    },
-    /// Circular cylinder in space, without end.
-    Cylinder {
-        /// A point of the axis, m.
-        axis_point_m: [Finite; 3],
-        /// Direction of the axis, of any length but 0.
-        axis_direction: [Finite; 3],
-        /// Radius, m. Above 0.
-        #[garde(dive)]
-        radius_m: Positive,
-        /// The side that a unilateral fixture forbids; without effect when `side` is bilateral.
-        forbidden: Forbidden,
-    },
-    /// Plane in space.
-    Plane {
-        /// A point of it, m.
-        point_m: [Finite; 3],
-        /// Direction across it, of any length but 0; points out of the forbidden side.
-        normal: [Finite; 3],
-    },
-    /// Sphere in space.
-    Sphere {
-        /// Centre, m.
-        center_m: [Finite; 3],
-        /// Radius, m. Above 0.
-        #[garde(dive)]
-        radius_m: Positive,
-        /// The side that a unilateral fixture forbids; without effect when `side` is bilateral.
-        forbidden: Forbidden,
-    },
-}
-
-impl Surface {
-    /// Dimension of the space that it lies in: 2 or 3.
-    pub fn dimension(&self) -> usize {
-        match self {
-            Self::Circle { .. } | Self::Line { .. } => 2,
-            Self::Cylinder { .. } | Self::Plane { .. } | Self::Sphere { .. } => 3,
-        }
-    }
-
-    /// Radius of curvature in m; `None` when flat.
-    pub fn radius_m(&self) -> Option<f64> {
-        match self {
-            Self::Circle { radius_m, .. } | Self::Cylinder { radius_m, .. } | Self::Sphere { radius_m, .. } => {
-                Some(**radius_m)
-            }
-            Self::Line { .. } | Self::Plane { .. } => None,
-        }
-    }
-
-    /// The key that names it in a file.
-    pub fn name(&self) -> &'static str {
-        match self {
-            Self::Circle { .. } => "circle",
-            Self::Line { .. } => "line",
-            Self::Cylinder { .. } => "cylinder",
-            Self::Plane { .. } => "plane",
-            Self::Sphere { .. } => "sphere",
-        }
-    }
-}
-
-/// Side of a closed surface.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
-#[serde(rename_all = "snake_case")]
-pub enum Forbidden {
-    /// The side of the centre.
-    Inside,
-    /// The far side.
-    Outside,
 }
 
 /// How the surface's curvature enters the step.

@@ -240,7 +240,7 @@ fn bad_input_is_refused_and_leaves_no_kick() {
             steady = axis.step(1e-3, range).effort;
         }
         for bad in [f64::NAN, f64::INFINITY, f64::NEG_INFINITY] {
-            assert_eq!(axis.step(bad, range), AxisStep { effort: 0.0, saturated: false, valid: false });
+            assert_eq!(axis.step(bad, range), AxisStep { effort: 0.0, wanted: 0.0, saturated: false, valid: false });
         }
         let step = axis.step(2e-3, range);
         // A difference over the gap would add 70 N m s/rad * 1 rad/s.
@@ -259,7 +259,7 @@ fn reset_is_bumpless() {
         axis.reset(0.0);
         assert_eq!(axis.step(0.0, range).effort, 0.0);
         axis.reset(f64::NAN);
-        assert!(axis.step(0.0, range) == AxisStep { effort: 0.0, saturated: false, valid: true });
+        assert!(axis.step(0.0, range) == AxisStep { effort: 0.0, wanted: 0.0, saturated: false, valid: true });
     }
 }
 

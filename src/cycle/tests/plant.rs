@@ -80,3 +80,54 @@ fn a_broken_law_does_not_follow() {
     servo.axes = [0, 1].map(|_| Law::Pid.controller(weak, 0.0, PERIOD_S).unwrap());
     assert!(worst_error(Servo::Torque(servo)) > 1.5e-3, "the bound tells a good loop from a bad one");
 }
+
+/// What a blocked arm does: the greatest distance of the proxy from the tool, while blocked and afterwards, and how far
+/// the tool goes beyond the proxy once it is let go, in m.
+fn blocked(servo: Servo) -> [f64; 2] {
+    let start = Vector2::new(-0.05, 0.02);
+    let mut bench = Bench::new(servo, start.into());
+    // Torque without motion is what is asked for here.
+    bench.cycle.settings.residual_limit_n_m = None;
+    bench.enable();
+    let angles = JointAngles::from(bench.angles.map(Option::unwrap));
+    let mut plant = Plant { angles, rates: JointRates::default() };
+    let mut pending = JointTorques::default();
+    let (mut farthest, mut beyond, mut saturated) = (0.0_f64, 0.0_f64, 0);
+    for cycle in 0..3000 {
+        let is_blocked = cycle < 2000;
+        bench.force = if is_blocked { [30.0, 0.0] } else { [0.0, 0.0] };
+        let outputs = bench.step(Request::None);
+        assert_eq!(outputs.directive.state, State::Running, "{cycle}: {:?}", bench.cycle.cause());
+        let JointCommand::Torque(torques) = outputs.command.get() else { unreachable!() };
+        let applied = std::mem::replace(&mut pending, *torques);
+        let (tool, proxy) = (outputs.signals.tool.0, outputs.signals.proxy.0);
+        farthest = farthest.max((proxy - tool).norm());
+        if is_blocked {
+            saturated += i32::from(outputs.signals.is_saturated);
+        } else {
+            plant.advance(&bench.cycle.linkage, applied);
+            bench.angles = plant.angles.to_array().map(Some);
+            beyond = beyond.max((tool - proxy).x);
+        }
+    }
+    assert!(saturated > 1800, "blocked at the limit: {saturated} cycles");
+    let (proxy, rates) = (bench.reference().point.0, plant.rates.0.norm());
+    let left = (bench.cycle.posture.unwrap().tip.0 - proxy).norm();
+    assert!(left < 2e-4 && rates < 1e-2, "it comes to rest: {left} m, {rates} rad/s");
+    [farthest, beyond]
+}
+
+/// 30 N of the hand alone would take the proxy 27 m away in 2 s.
+#[test]
+fn the_proxy_of_a_blocked_arm_stays_and_the_arm_does_not_shoot_past_it() {
+    for law in [Law::Psmc, Law::Pid] {
+        for is_cartesian in [false, true] {
+            let [farthest, beyond] = blocked(torque_servo(law, is_cartesian));
+            // Torque limit over stiffness, 10 mrad at the joints and 5 mm at the tool, and what the sliding adds.
+            let stated = if is_cartesian { 7e-3 } else { 4.5e-3 };
+            assert!(farthest < stated, "{law:?} cartesian {is_cartesian}: {farthest} m from the tool");
+            // The overshoot of this loop after any step: the test's arm has no dry friction.
+            assert!(beyond < 0.35 * farthest, "{law:?} cartesian {is_cartesian}: {beyond} m beyond, {farthest} m");
+        }
+    }
+}

@@ -78,7 +78,7 @@ impl EmbeddedRig {
     }
 
     fn come_to_run(&mut self, limit_s: f64) -> Result<(), RigError> {
-        let mut enabling = Enabling::within(limit_s, self.period.as_secs_f64());
+        let mut enabling = Enabling::within(limit_s, self.period, self.sample_period);
         loop {
             match enabling.next(self.state()) {
                 Enable::Ask(request) => self.run_cycle(request)?,

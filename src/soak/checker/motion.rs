@@ -203,7 +203,8 @@ fn check_measured(limits: &Limits, seen: &Observation, findings: &mut Findings<'
 fn check_levels(limits: &Limits, seen: &Observation, now: &Past, past: &Past, findings: &mut Findings<'_>) {
     let reported = &seen.reported;
     // The first three cycles of a run start at rest, so that the two steps before are not those of the fixture.
-    if now.running < 4 || reported.is_impact || (limits.has_hold && reported.hold_counter > 0) {
+    if now.running < 4 || reported.is_impact || reported.is_saturated || (limits.has_hold && reported.hold_counter > 0)
+    {
         return;
     }
     if is_near_edge(limits, past) {
