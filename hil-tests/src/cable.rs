@@ -20,6 +20,8 @@ struct Inner {
     passes: Option<Passage>,
     late: Duration,
     is_down: bool,
+    /// Frames of the master that wait in its interface, while it is stalled.
+    stalled: Option<Vec<Frame>>,
 }
 
 /// Both ends of the cable and the clock. Clones are the same cable.
@@ -39,6 +41,7 @@ impl Cable {
             passes: None,
             late: Duration::ZERO,
             is_down: false,
+            stalled: None,
         };
         inner.serve(|server, now, out| {
             server.switch_on(now, out);
@@ -67,6 +70,15 @@ impl Cable {
         }
     }
 
+    /// Has the master's frames wait in its interface, or lets them go; how many went.
+    pub fn set_stalled(&self, is_stalled: bool) -> usize {
+        let mut inner = self.0.borrow_mut();
+        let waiting = if is_stalled { inner.stalled.replace(Vec::new()) } else { inner.stalled.take() };
+        let waiting = waiting.unwrap_or_default();
+        waiting.iter().for_each(|frame| inner.transmit(frame));
+        waiting.len()
+    }
+
     /// Lets the time of the wall pass while the master's process is stopped.
     pub fn pass(&self, time: Duration) {
         let mut inner = self.0.borrow_mut();
@@ -88,6 +100,14 @@ impl Inner {
             if !self.is_down && self.passes(false, &frame) {
                 self.inbox.push_back(Arrival { time: self.now, what: Received::Frame(frame) });
             }
+        }
+    }
+
+    fn transmit(&mut self, frame: &Frame) {
+        let time = self.now;
+        self.inbox.push_back(Arrival { time, what: Received::Echo(*frame) });
+        if self.passes(true, frame) {
+            self.serve(|server, now, out| server.on_frame(now, frame, out).is_ok());
         }
     }
 
@@ -122,10 +142,9 @@ impl CanLink for Cable {
         if inner.is_down {
             return Err(SendError::Down);
         }
-        let time = inner.now;
-        inner.inbox.push_back(Arrival { time, what: Received::Echo(*frame) });
-        if inner.passes(true, frame) {
-            inner.serve(|server, now, out| server.on_frame(now, frame, out).is_ok());
+        match &mut inner.stalled {
+            Some(waiting) => waiting.push(*frame),
+            None => inner.transmit(frame),
         }
         Ok(())
     }

@@ -33,7 +33,8 @@ fn play(rig: &mut Rig, cycles: u64) -> (Played, Vec<Row>) {
 fn running(scenario: &Scenario, pace: Pace, cycles: u32) -> (Cable, Rig) {
     let (cable, mut rig) = wired(scenario, pace);
     rig.boot().unwrap();
-    let mut enabling = Enabling::new(scenario.period_s());
+    let period = Duration::from_micros(scenario.rig.cycle.period_us.into());
+    let mut enabling = Enabling::new(period, period);
     while let Enable::Ask(request) = enabling.next(rig.state()) {
         rig.run_cycle(request);
     }
@@ -149,6 +150,22 @@ fn an_interface_that_goes_down_is_a_lost_bus_and_the_drives_stop_by_themselves()
 }
 
 #[test]
+fn an_interface_that_stalls_releases_one_cycle_at_most() {
+    for scenario in [Scenario::torque(), Scenario::position()] {
+        let (cable, mut rig) = running(&scenario, Pace::Free, 300);
+        cable.set_stalled(true);
+        for _ in 0..20 {
+            rig.run_cycle(Request::None);
+        }
+        assert_eq!((rig.state(), fault(&rig)), (State::Lost, Some(Fault::TransmitStalled)));
+        // SYNC and the two set-points of the cycle in which it stalled, or less; nothing that was computed later.
+        let released = cable.set_stalled(false);
+        assert!(released <= 3, "{released} frames");
+        assert_at_rest(&cable, &mut rig, State::Lost);
+    }
+}
+
+#[test]
 fn a_drive_that_dies_stops_the_other_in_the_same_cycle() {
     for pace in [Pace::Free, Pace::Lockstep] {
         let scenario = Scenario::torque();
@@ -177,7 +194,7 @@ fn who_is_not_there_is_named_and_nothing_is_enabled() {
     cable.set_passage(|_, is_master, frame| is_master || frame.id() & 0x7f != 2);
     let error = rig.boot().unwrap_err();
     let LiveError::Boot(error) = &error else { panic!("{error}") };
-    assert_eq!((error.node_id, error.name.as_str()), (2, "right"));
+    assert_eq!((error.node_id, error.name.as_str()), (Some(2), "right"));
     assert!(matches!(error.failure, BootFailure::Missing { .. }), "{error}");
     assert!(drive_states(&cable).iter().all(|state| *state == cia402::State::SwitchOnDisabled));
     cable.set_down(true);

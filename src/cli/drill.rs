@@ -9,7 +9,7 @@ use super::keep::state_folder;
 use super::live::{live_failure, on_interrupt, open, settling_cycles};
 use super::output::Output;
 use super::run::{judge, rig_failure, watchdogs_json, watchdogs_text};
-use crate::config::{self, Source};
+use crate::config::{self, Report, Source};
 use crate::live::host::{SystemMetronome, lock_memory, run_first};
 use crate::live::{LiveError, LiveRig, Subject, drive_nodes};
 use crate::rig::{Drilled, Pace};
@@ -39,9 +39,10 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
     output.news("the rig is enabled three times, at rest; nobody may hold the handle")?;
     let drilling = move || -> Result<_, LiveError> {
         let _ = run_first();
-        machine.boot()?;
-        let identities = machine.identities(nodes)?;
-        Ok((identities, machine.drill(nodes, settling, &is_interrupted)?))
+        let booted = machine.boot().and_then(|()| machine.identities(nodes));
+        let drilled = booted.and_then(|identities| Ok((identities, machine.drill(nodes, settling, &is_interrupted)?)));
+        machine.leave();
+        drilled
     };
     let thread = thread::Builder::new().name("cycle".to_owned()).spawn(drilling);
     let thread = thread.map_err(|error| Failure::new(Exit::Internal, format!("thread of the cycle: {error}"), ""))?;
@@ -51,12 +52,17 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
     let path = Subject::new(&rig, identities).store(&drilled, &folder).map_err(|error| {
         Failure::new(Exit::Usage, format!("{}: {error}", folder.display()), "make the folder one that can be written")
     })?;
-    if output.is_json() {
-        output.json(&json!({ "drives": identities, "watchdogs": watchdogs_json(&drilled), "record": path }))?;
-    } else {
+    let judged = judge(&drilled, &rig);
+    if !output.is_json() {
         output.news(&lines(&drilled, &path.display().to_string()))?;
+        return judged;
     }
-    judge(&drilled, &rig)
+    let mut document = json!({ "drives": identities, "watchdogs": watchdogs_json(&drilled), "record": path });
+    let Err(Failure { exit, report }) = judged else { return output.json(&document) };
+    document["exit_code"] = json!(exit.code());
+    document["diagnostics"] = json!(report);
+    output.json(&document)?;
+    Err(Failure { exit, report: Report { diagnostics: Vec::new() } })
 }
 
 fn lines(drilled: &Drilled, path: &str) -> String {

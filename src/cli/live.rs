@@ -27,6 +27,8 @@ use yieldwall_drives::profiles::{SIMULATED_VENDOR, find as find_profile};
 
 /// Memory in bytes for frames that nobody has taken yet, per socket: half a second of the fullest bus.
 const RECEIVE_BUFFER: usize = 4 << 20;
+/// Cycles of which figure and measures are made, from the first one on: ten minutes at 1 kHz. A recording holds all.
+const LONGEST_TRACE: u64 = 600_000;
 /// Heartbeat periods of process data before a rig is enabled. Two devices with one node id show in fewer.
 const SETTLING_HEARTBEATS: u32 = 3;
 
@@ -263,7 +265,7 @@ fn run_loop(
     let priority = run_first();
     let mut outcome = Outcome {
         played: Err(LiveError::Interrupted.into()),
-        rows: Vec::with_capacity(play.cycles as usize),
+        rows: Vec::with_capacity(play.cycles.min(LONGEST_TRACE) as usize),
         sync_late: Histogram::default(),
         compute_late: Histogram::default(),
         compute: Histogram::default(),
@@ -291,7 +293,10 @@ fn run_loop(
             compute_late.add(nanos(timing.compute_late_ns));
             compute.add(nanos(timing.last_compute_ns));
             *skipped += u64::from(timing.skipped);
-            rows.push(record.row());
+            // Without room the cycle would have to wait for memory.
+            if rows.len() < rows.capacity() {
+                rows.push(record.row());
+            }
         })?)
     });
     machine.leave();

@@ -232,9 +232,12 @@ impl<L: CanLink, M: Metronome> LiveRig<L, M> {
         Some(record)
     }
 
-    /// Leaves the network after the rig was stopped, so that no drive waits for set-points.
+    /// Leaves the network after the rig was stopped, so that no drive waits for set-points. A bus that could not be reached
+    /// gets nothing.
     pub fn leave(&mut self) {
-        let _ = self.send(|master, _, out| master.leave(out));
+        if !self.master.is_silent() {
+            self.send(|master, _, out| master.leave(out));
+        }
     }
 
     /// SYNC on its grid point, then sleeps until the computation; the grid point.

@@ -247,7 +247,7 @@ pub(crate) fn nothing_comes_from_a_silent_bus(bus: &mut impl Network) {
 pub(crate) fn a_rig_boots_and_exchanges_process_data(bus: &mut impl Network) {
     let Scenario { rig, scene, seed, .. } = Scenario::torque();
     let mut link = bus.link();
-    bus.attach(Served(DeviceServer::new(&rig, &scene, seed, Pace::Free, [true; 3]).expect("a rig")));
+    bus.attach(Served(DeviceServer::new(&rig, &scene, seed, Pace::Free).expect("a rig")));
     let mut master = master(&rig, &rig.fixture).expect("a rig");
     let mut out = Vec::new();
     master.start(link.now(), &mut out);
