@@ -16,6 +16,7 @@ pub mod cycle;
 pub mod fixture;
 pub mod guard;
 pub mod linkage;
+pub mod plain_can;
 pub mod quantity;
 pub mod sensing;
 pub mod setvalued;

@@ -4,14 +4,12 @@ use std::sync::{Arc, Mutex};
 
 use yieldwall::bus::Master;
 use yieldwall::canopen::{Frame, Time};
-use yieldwall::cycle::{Cycle, DriveSample, Inputs, LinkEvents, Outputs, Timing};
+use yieldwall::cycle::{Cycle, Inputs, Outputs};
 use yieldwall::guard::Request;
 use yieldwall::rig::RigError;
-use yieldwall::sensing::RawSample;
 use yieldwall::sim::arm::Arm;
 use yieldwall::sim::hand::Hand;
 use yieldwall::sim::{Drive, ForceSensor};
-use yieldwall_drives::cia402;
 
 use crate::machine::Machine;
 
@@ -90,7 +88,7 @@ impl Tape {
             tape.periods.push(Period {
                 sync_at,
                 compute_at: rig.now(),
-                inputs: inputs(&frames, &outputs, tape.machine.rig.sensor.node_id),
+                inputs: *rig.master().last_inputs(),
                 frames,
                 outputs,
                 torques_n_m: [left.torque_n_m(), right.torque_n_m()],
@@ -110,43 +108,5 @@ impl Tape {
         for period in &self.periods {
             assert_eq!(cycle.step(&period.inputs), period.outputs, "period at {} s", period.sync_at.as_secs_f64());
         }
-    }
-}
-
-/// What entered a cycle of a healthy, running rig, by its process data and by what it made of them.
-fn inputs(frames: &[(Time, Frame)], outputs: &Outputs, sensor_node: u8) -> Inputs {
-    let word = |function: u16| {
-        let id = function + u16::from(sensor_node);
-        frames.iter().find(|(_, frame)| frame.id() == id).map_or(0, |(_, frame)| frame.bits())
-    };
-    // TPDO 1: Fx Fy Fz Tx; TPDO 2: Ty Tz, status, sample counter.
-    let (first, second) = (word(0x180), word(0x280));
-    let count = |word: u64, place: u32| i32::from((word >> (16 * place)) as i16);
-    let sample = RawSample {
-        counts: [
-            count(first, 0),
-            count(first, 1),
-            count(first, 2),
-            count(first, 3),
-            count(second, 0),
-            count(second, 1),
-        ],
-        overload: (second >> 32) & 1 != 0,
-        sequence: Some((second >> 40) as u8),
-        invalid: false,
-    };
-    let drive = |angle_rad| DriveSample {
-        angle_rad: Some(angle_rad),
-        state: cia402::State::OperationEnabled,
-        follows_command: true,
-        has_voltage: true,
-        has_warning: false,
-    };
-    Inputs {
-        drives: outputs.signals.measured_angles.to_array().map(drive),
-        sample: Some(sample),
-        link: LinkEvents::default(),
-        timing: Timing::default(),
-        request: Request::None,
     }
 }

@@ -81,6 +81,7 @@ fn inputs(cycle: usize, angles: [f64; 2], state: cia402::State) -> Inputs {
             sequence: Some(cycle as u8),
             overload: is_lost(20_011),
             invalid: is_lost(20_017),
+            age_ns: 420_000,
         }),
         link: LinkEvents {
             bad_length: DeviceSet::SENSOR.only_if(is_lost(30_011)),
@@ -211,5 +212,8 @@ fn what_runs_every_cycle_does_not_allocate() {
     for scenario in [Scenario::torque(), Scenario::position()] {
         the_cycle_does_not_allocate(&scenario);
         the_rig_does_not_allocate(&scenario);
+    }
+    for file in ["paper-admittance-streaming.yaml", "paper-admittance-polled.yaml"] {
+        the_rig_does_not_allocate(&Scenario::shipped(file));
     }
 }

@@ -16,6 +16,7 @@ use std::path::{Path, PathBuf};
 const RULE: &str = "\
 quantity, setvalued  <-  sensing, fixture, linkage, control (never one another)  <-  guard  <-  cycle  <-  bus  <-  rig  <-  study, soak (not one another)  <-  cli
 drives, canopen      <-  bus, sim; guard and cycle may name the states of `drives::cia402`
+plain_can            names canopen and sensing; named by bus, sim, rig
 sim                  may name drives, canopen, linkage, sensing, setvalued, quantity; never cycle, guard, control, fixture
 injection            may name guard; named by config, rig, study, soak, cli
 link                 names canopen and bus; named by live, cli
@@ -25,7 +26,7 @@ record               names what enters and leaves a cycle: cycle, guard, sensing
 ";
 
 /// All layers. `drives` is not among them: it is a package of its own, `yieldwall_drives`.
-const LAYERS: [&str; 20] = [
+const LAYERS: [&str; 21] = [
     "quantity",
     "setvalued",
     "sensing",
@@ -35,6 +36,7 @@ const LAYERS: [&str; 20] = [
     "guard",
     "cycle",
     "canopen",
+    "plain_can",
     "bus",
     "injection",
     "link",
@@ -54,17 +56,18 @@ fn may_name(layer: &str) -> Option<Vec<&'static str>> {
     let stages = [&base[..], &["sensing", "fixture", "linkage", "control"]].concat();
     let engines = ["drives", "canopen"];
     let states = ["drives::cia402"];
-    let bus = || [&stages[..], &["guard", "cycle"], &engines, &["config"]].concat();
+    let bus = || [&stages[..], &["guard", "cycle", "plain_can"], &engines, &["config"]].concat();
     Some(match layer {
         "quantity" | "setvalued" | "canopen" => vec![],
         "sensing" | "fixture" | "linkage" | "control" => base,
         "guard" => [&stages[..], &states].concat(),
         "cycle" => [&stages[..], &states, &["guard"]].concat(),
+        "plain_can" => vec!["canopen", "sensing"],
         "bus" => bus(),
         "injection" => vec!["guard"],
         "link" => vec!["canopen", "bus"],
         "config" => [&stages[..], &engines, &["guard", "injection"]].concat(),
-        "sim" => [&base[..], &engines, &["sensing", "linkage", "config"]].concat(),
+        "sim" => [&base[..], &engines, &["plain_can", "sensing", "linkage", "config"]].concat(),
         "record" => [&["quantity", "config", "sensing", "guard", "cycle"], &states[..]].concat(),
         "rig" => [bus(), vec!["bus", "injection", "sim", "record"]].concat(),
         "live" => [bus(), vec!["bus", "link", "sim", "record", "rig"]].concat(),

@@ -193,7 +193,7 @@ fn who_is_not_there_is_named_and_nothing_is_enabled() {
     cable.set_passage(|_, is_master, frame| is_master || frame.id() & 0x7f != 2);
     let error = rig.boot().unwrap_err();
     let LiveError::Boot(error) = &error else { panic!("{error}") };
-    assert_eq!((error.node_id, error.name.as_str()), (2, "right"));
+    assert_eq!((error.node_id, error.name.as_str()), (Some(2), "right"));
     assert!(matches!(error.failure, BootFailure::Missing { .. }), "{error}");
     assert!(drive_states(&cable).iter().all(|state| *state == cia402::State::SwitchOnDisabled));
     cable.set_down(true);

@@ -1,7 +1,7 @@
 //! The configuration of one node by SDO, as a list of steps.
 
 use super::error::BootFailure;
-use super::setup::{DriveSetup, MasterSetup, SensorSetup};
+use super::setup::{DriveSetup, MasterSetup, SensorNode};
 use crate::canopen::{Frame, NodeId, Outbox, SdoClient, SdoOutcome, Time, cob};
 use std::time::Duration;
 use yieldwall_drives::cia402::OperationMode;
@@ -95,7 +95,7 @@ impl Boot {
         Ok(Self::new(node, steps))
     }
 
-    pub(super) fn sensor(sensor: &SensorSetup, node: NodeId) -> Result<Self, BootFailure> {
+    pub(super) fn sensor(sensor: &SensorNode, node: NodeId) -> Result<Self, BootFailure> {
         let mut steps = identity(sensor.profile);
         steps.push(heartbeat(sensor.heartbeat.as_millis() as u32));
         steps.extend(pdos(mapping(sensor.profile, None)?, node, 0));

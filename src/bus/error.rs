@@ -7,6 +7,18 @@ use crate::canopen::AbortCode;
 /// What went wrong in one step of the boot.
 #[derive(Clone, Debug, PartialEq, Eq, Error)]
 pub enum BootFailure {
+    /// A sensor on plain CAN did not begin to send samples.
+    #[error("no whole sample within {waited_ms} ms")]
+    NoSample {
+        /// How long the master waited, in ms.
+        waited_ms: u64,
+    },
+    /// A sensor on plain CAN uses an identifier of something else.
+    #[error("identifier {id:03X}h has another use on this bus")]
+    Identifier {
+        /// The identifier.
+        id: u16,
+    },
     /// The node did not announce itself after the reset.
     #[error("no boot-up message within {waited_ms} ms after the reset")]
     Missing {
@@ -103,10 +115,10 @@ pub enum BootFailure {
 
 /// A failed boot: which node, in which step, and why. Nothing was enabled.
 #[derive(Clone, Debug, PartialEq, Eq, Error)]
-#[error("node {node_id} ({name}): {step}: {failure}")]
+#[error("{}{name}{}: {step}: {failure}", self.before_name(), self.after_name())]
 pub struct BootError {
-    /// Node id.
-    pub node_id: u8,
+    /// Node id; `None` for a sensor on plain CAN.
+    pub node_id: Option<u8>,
     /// The node's name in the configuration.
     pub name: String,
     /// What was being done.
@@ -114,4 +126,14 @@ pub struct BootError {
     /// What went wrong.
     #[source]
     pub failure: BootFailure,
+}
+
+impl BootError {
+    fn before_name(&self) -> String {
+        self.node_id.map_or(String::new(), |node_id| format!("node {node_id} ("))
+    }
+
+    fn after_name(&self) -> &'static str {
+        if self.node_id.is_some() { ")" } else { "" }
+    }
 }

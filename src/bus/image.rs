@@ -1,17 +1,20 @@
 //! The process image: which bits of which frame are which quantity.
 
-use super::boot::layout_entries;
+mod plan;
+
 use super::error::BootFailure;
-use super::setup::{CommandMode, DriveSetup, SensorSetup};
-use crate::canopen::pdo::{Field, Layout};
-use crate::canopen::{Frame, NodeId, Outbox, cob};
+use super::setup::{CommandMode, DriveSetup, SensorNode};
+use crate::canopen::pdo::Field;
+use crate::canopen::{Frame, NodeId, Outbox, Time};
 use crate::cycle::DriveSample;
 use crate::guard::{Allowed, DeviceSet, JointCommand};
+use crate::plain_can::{Client, Heard};
 use crate::sensing::RawSample;
 use yieldwall_drives::cia402::{Goal, State, StateWalk, Statusword};
-use yieldwall_drives::objects::{self, Object};
-use yieldwall_drives::profiles::{DeviceProfile, PdoMapping, STATUS_INVALID, STATUS_OVERLOAD};
+use yieldwall_drives::profiles::{STATUS_INVALID, STATUS_OVERLOAD};
 use yieldwall_drives::scaling::{AxisScaling, CountUnwrapper, wrap};
+
+use plan::Incomings;
 
 /// Identifiers of 11 bits.
 const IDENTIFIERS: usize = 0x800;
@@ -19,6 +22,8 @@ const IDENTIFIERS: usize = 0x800;
 const NO_SLOT: u8 = u8::MAX;
 /// A frame that only the master sends.
 const OWN_SLOT: u8 = u8::MAX - 1;
+/// A frame of the sensor on plain CAN.
+const PLAIN_SLOT: u8 = u8::MAX - 2;
 
 #[derive(Clone, Copy, Debug)]
 enum Source {
@@ -112,28 +117,54 @@ pub(super) struct Image {
     incoming: Vec<Incoming>,
     drives: [Drive; 2],
     sample: RawSample,
+    /// When the last frame of `sample` came.
+    sampled_at: Time,
+    /// The sensor, if it speaks plain CAN.
+    plain: Option<Client>,
     irregular: Irregular,
     /// Whether the process data of this cycle may arrive: from SYNC to the computation.
     is_open: bool,
 }
 
 /// No sample yet.
-const NO_SAMPLE: RawSample = RawSample { counts: [0; 6], sequence: None, overload: false, invalid: false };
+const NO_SAMPLE: RawSample = RawSample { counts: [0; 6], sequence: None, overload: false, invalid: false, age_ns: 0 };
+
+/// What is known of the sensor's frames.
+pub(super) enum SensorFrames<'a> {
+    /// TPDOs.
+    Canopen(&'a SensorNode, NodeId),
+    /// Those of a sensor on plain CAN.
+    PlainCan(Client),
+}
 
 impl Image {
     pub(super) fn new(
         mode: CommandMode,
         drives: [(&DriveSetup, NodeId); 2],
-        sensor: (&SensorSetup, NodeId),
+        sensor: SensorFrames<'_>,
     ) -> Result<Self, BootFailure> {
-        let mut image = Incomings { slots: vec![NO_SLOT; IDENTIFIERS].into_boxed_slice(), incoming: Vec::new() };
+        let mut image = Incomings::new();
         let [left, right] = drives;
         let drives = [image.drive(mode, 0, left)?, image.drive(mode, 1, right)?];
-        image.sensor(sensor)?;
+        let plain = match sensor {
+            SensorFrames::Canopen(setup, node) => {
+                image.sensor(setup, node)?;
+                None
+            }
+            SensorFrames::PlainCan(client) => Some(client),
+        };
         let set_points = drives.each_ref().map(|drive| drive.outgoing.id);
         let Incomings { slots, incoming } = image;
-        let irregular = Irregular::default();
-        let mut image = Self { slots, incoming, drives, sample: NO_SAMPLE, irregular, is_open: false };
+        let mut image = Self {
+            slots,
+            incoming,
+            drives,
+            sample: NO_SAMPLE,
+            sampled_at: Time::default(),
+            plain,
+            irregular: Irregular::default(),
+            is_open: false,
+        };
         set_points.into_iter().for_each(|id| image.reserve(id));
         Ok(image)
     }
@@ -143,6 +174,30 @@ impl Image {
         if let Some(slot) = self.slots.get_mut(usize::from(id)) {
             *slot = OWN_SLOT;
         }
+    }
+
+    /// Keeps the identifiers of a sensor on plain CAN for it; those of the master are reserved before.
+    pub(super) fn claim_plain(&mut self) -> Result<(), BootFailure> {
+        let Some(client) = self.plain else { return Ok(()) };
+        let [first, second] = client.protocol().data_ids();
+        let order = client.protocol().order_id();
+        for (id, wanted) in [(first, PLAIN_SLOT), (second, PLAIN_SLOT), (order, OWN_SLOT)] {
+            match self.slots.get_mut(usize::from(id)) {
+                Some(slot) if *slot == NO_SLOT => *slot = wanted,
+                _ => return Err(BootFailure::Identifier { id }),
+            }
+        }
+        Ok(())
+    }
+
+    /// The sensor, if it speaks plain CAN.
+    pub(super) fn plain(&self) -> Option<&Client> {
+        self.plain.as_ref()
+    }
+
+    /// The same, to be told something.
+    pub(super) fn plain_mut(&mut self) -> Option<&mut Client> {
+        self.plain.as_mut()
     }
 
     /// Forgets all that arrived and where the drives were.
@@ -155,6 +210,9 @@ impl Image {
             (drive.walk, drive.statusword) = (StateWalk::new(), Statusword::default());
         }
         (self.sample, self.irregular, self.is_open) = (NO_SAMPLE, Irregular::default(), false);
+        if let Some(client) = &mut self.plain {
+            client.restart();
+        }
     }
 
     /// Forgets what arrived; the process data of the next SYNC follow.
@@ -180,13 +238,21 @@ impl Image {
     /// A frame that comes after the computation is too late for its cycle and not used. Of two in one cycle the first
     /// counts and the second is a duplicate, unless one is owed from the cycle before, or the sample counter says that the
     /// second is newer: then the first was the late one, and the second counts. A late frame that comes alone in the next
-    /// cycle cannot be told from that cycle's own.
+    /// cycle cannot be told from that cycle's own. A sensor on plain CAN has its own clock: its frames may come at any time.
     ///
     /// Real-time: yes.
-    pub(super) fn on_frame(&mut self, frame: &Frame) -> Taken {
+    pub(super) fn on_frame(&mut self, now: Time, frame: &Frame) -> Taken {
         let slot = self.slots.get(usize::from(frame.id())).copied().unwrap_or(NO_SLOT);
         let Some(incoming) = self.incoming.get_mut(usize::from(slot)) else {
-            return if slot == OWN_SLOT { Taken::Own } else { Taken::Other };
+            return match (slot, &mut self.plain) {
+                (OWN_SLOT, _) => Taken::Own,
+                (PLAIN_SLOT, Some(client)) => {
+                    let is_short = client.on_frame(now, frame) == Heard::BadLength;
+                    self.irregular.bad_length |= DeviceSet::SENSOR.only_if(is_short);
+                    Taken::Image
+                }
+                _ => Taken::Other,
+            };
         };
         let device = incoming.device();
         if frame.len() != incoming.len {
@@ -195,23 +261,26 @@ impl Image {
             self.irregular.late |= device;
             // What was owed has come.
             incoming.has_arrived = true;
-        } else if !incoming.has_arrived {
+        } else if incoming.has_arrived && !incoming.is_owed && !incoming.is_newer(frame.bits()) {
+            self.irregular.duplicated |= device;
+        } else {
+            if incoming.has_arrived {
+                incoming.is_owed = false;
+                self.irregular.late |= device;
+            }
             incoming.word = frame.bits();
             incoming.has_arrived = true;
-        } else if incoming.is_owed || incoming.is_newer(frame.bits()) {
-            incoming.word = frame.bits();
-            incoming.is_owed = false;
-            self.irregular.late |= device;
-        } else {
-            self.irregular.duplicated |= device;
+            if device == DeviceSet::SENSOR {
+                self.sampled_at = now;
+            }
         }
         Taken::Image
     }
 
-    /// What arrived in this cycle, in SI. The force sensor's frames count only together.
+    /// What has arrived by `now` in this cycle, in SI. The force sensor's frames count only together.
     ///
     /// Real-time: yes.
-    pub(super) fn arrivals(&mut self) -> Arrivals {
+    pub(super) fn arrivals(&mut self, now: Time) -> Arrivals {
         self.is_open = false;
         let mut position = [None; 2];
         let mut sensor_is_whole = true;
@@ -243,12 +312,17 @@ impl Image {
         let [left_angle, right_angle] = position;
         Arrivals {
             drives: [sample_of(left, left_angle), sample_of(right, right_angle)],
-            sample: if sensor_is_whole { self.read_sensor() } else { None },
+            sample: match &mut self.plain {
+                Some(client) => client.take(now),
+                None if sensor_is_whole => self.read_sensor(now),
+                None => None,
+            },
             irregular: std::mem::take(&mut self.irregular),
         }
     }
 
-    fn read_sensor(&mut self) -> Option<RawSample> {
+    fn read_sensor(&mut self, now: Time) -> Option<RawSample> {
+        self.sample.age_ns = now.since(self.sampled_at).as_nanos().min(u128::from(u32::MAX)) as u32;
         for incoming in self.incoming.iter().filter(|incoming| incoming.joint.is_none()) {
             for (source, field) in &incoming.fields {
                 match *source {
@@ -283,6 +357,13 @@ impl Image {
     pub(super) fn request_fault_reset(&mut self) {
         for drive in &mut self.drives {
             drive.walk.request_fault_reset();
+        }
+    }
+
+    /// Drops resets that could not be sent: what fails in the meantime was not seen by the person who asked.
+    pub(super) fn cancel_fault_reset(&mut self) {
+        for drive in &mut self.drives {
+            drive.walk.cancel_fault_reset();
         }
     }
 
@@ -329,107 +410,4 @@ fn raw_set_points(command: &Allowed<JointCommand>, drives: &[Drive; 2]) -> [i64;
             drive.scaling.torque_per_mille(torque).map_or(0, |raw| i64::from(raw.value))
         }),
     }
-}
-
-struct Incomings {
-    slots: Box<[u8]>,
-    incoming: Vec<Incoming>,
-}
-
-impl Incomings {
-    fn drive(
-        &mut self,
-        mode: CommandMode,
-        joint: usize,
-        (setup, node): (&DriveSetup, NodeId),
-    ) -> Result<Drive, BootFailure> {
-        let profile = setup.profile;
-        let map = super::boot::mapping(profile, Some(mode.operation_mode()))?;
-        for pdo in map.tpdo {
-            self.add(profile, node, pdo, Some(joint), &|object| match object {
-                objects::STATUSWORD => Some(Source::Status(joint)),
-                objects::POSITION_ACTUAL => Some(Source::Position(joint)),
-                _ => None,
-            })?;
-        }
-        let set_point = match mode {
-            CommandMode::Position => objects::TARGET_POSITION,
-            CommandMode::Velocity => objects::TARGET_VELOCITY,
-            CommandMode::Torque => objects::TARGET_TORQUE,
-        };
-        let pdo = map.rpdo.first().ok_or_else(|| lacking(profile, set_point))?;
-        let layout = layout(profile, pdo)?;
-        let find = |object: Object| layout.field(object.index, object.sub).ok_or_else(|| lacking(profile, object));
-        let outgoing = Outgoing {
-            id: cob::rpdo(pdo.number, node).ok_or_else(|| lacking(profile, set_point))?,
-            len: layout.len(),
-            controlword: find(objects::CONTROLWORD)?,
-            set_point: find(set_point)?,
-        };
-        // The drive counts modulo 2^32: the expected angle says which turn it is.
-        let expected = setup.scaling.counts(setup.expected_angle_rad).unwrap_or_default();
-        Ok(Drive {
-            scaling: setup.scaling,
-            expected_counts: expected,
-            unwrapper: CountUnwrapper::near(expected),
-            walk: StateWalk::new(),
-            statusword: Statusword::default(),
-            outgoing,
-        })
-    }
-
-    fn sensor(&mut self, (setup, node): (&SensorSetup, NodeId)) -> Result<(), BootFailure> {
-        let map = super::boot::mapping(setup.profile, None)?;
-        for pdo in map.tpdo {
-            self.add(setup.profile, node, pdo, None, &|object| match object {
-                objects::SENSOR_STATUS => Some(Source::SensorStatus),
-                objects::SENSOR_SAMPLE_COUNTER => Some(Source::SampleCounter),
-                channel if channel.index == objects::PROCESS_VALUE.index && (1..=6).contains(&channel.sub) => {
-                    Some(Source::Count(usize::from(channel.sub) - 1))
-                }
-                _ => None,
-            })?;
-        }
-        Ok(())
-    }
-
-    fn add(
-        &mut self,
-        profile: &'static DeviceProfile,
-        node: NodeId,
-        pdo: &PdoMapping,
-        joint: Option<usize>,
-        source: &dyn Fn(Object) -> Option<Source>,
-    ) -> Result<(), BootFailure> {
-        let layout = layout(profile, pdo)?;
-        let mut fields = Vec::new();
-        for entry in pdo.entries {
-            let object =
-                objects::ALL.iter().find(|object| object.index == entry.index).map(|object| object.at(entry.sub));
-            if let (Some(source), Some(field)) = (object.and_then(source), layout.field(entry.index, entry.sub)) {
-                fields.push((source, field));
-            }
-        }
-        let id = cob::tpdo(pdo.number, node).unwrap_or_default();
-        if let Some(slot) = self.slots.get_mut(usize::from(id)) {
-            *slot = self.incoming.len() as u8;
-        }
-        self.incoming.push(Incoming { len: layout.len(), joint, fields, word: 0, has_arrived: false, is_owed: false });
-        Ok(())
-    }
-}
-
-fn layout(profile: &'static DeviceProfile, pdo: &PdoMapping) -> Result<Layout, BootFailure> {
-    Layout::new(&layout_entries(pdo)).map_err(|_| {
-        let entry = pdo.entries.last();
-        BootFailure::Layout {
-            profile: profile.name,
-            index: entry.map_or(0, |entry| entry.index),
-            sub: entry.map_or(0, |entry| entry.sub),
-        }
-    })
-}
-
-fn lacking(profile: &'static DeviceProfile, object: Object) -> BootFailure {
-    BootFailure::Layout { profile: profile.name, index: object.index, sub: object.sub }
 }

@@ -4,12 +4,13 @@ use std::time::Duration;
 
 use super::boot::{Boot, HEARTBEAT_PERIODS};
 use super::error::{BootError, BootFailure};
-use super::image::{Image, Taken};
-use super::setup::MasterSetup;
+use super::image::{Image, SensorFrames, Taken};
+use super::setup::{MasterSetup, SensorLink};
 use crate::canopen::nmt::{self, HeartbeatChange, HeartbeatConsumer};
 use crate::canopen::{self, Emergency, Frame, NmtCommand, NmtState, NodeId, Outbox, SyncProducer, Time, cob};
 use crate::cycle::{Cycle, Inputs, LinkEvents, Outputs, Timing};
 use crate::guard::{Allowed, Cause, DeviceSet, Directive, Fault, Request, State};
+use crate::plain_can::Client;
 
 /// How long a node may take from the reset to its boot-up message.
 const BOOT_UP_WAIT: Duration = Duration::from_millis(500);
@@ -119,6 +120,7 @@ pub struct Master {
     phase: Phase,
     phase_deadline: Time,
     nodes: Vec<Node>,
+    sensor_name: String,
     watch: HeartbeatConsumer,
     sync: SyncProducer,
     image: Image,
@@ -148,38 +150,50 @@ impl Master {
     /// If node identifiers are out of range or used twice, or if a profile lacks the process data of the command mode.
     pub fn new(setup: &MasterSetup, cycle: Cycle) -> Result<Self, BootError> {
         let id = node_id(setup.node_id, "master")?;
-        let names = [&setup.drives[0].name, &setup.drives[1].name, &setup.sensor.name];
-        let raw = [setup.drives[0].node_id, setup.drives[1].node_id, setup.sensor.node_id];
-        let mut ids = [id; 3];
-        for (at, (raw, name)) in raw.into_iter().zip(names).enumerate() {
+        let mut known = vec![id];
+        let mut fresh = |raw: u8, name: &str| -> Result<NodeId, BootError> {
             let fresh = node_id(raw, name)?;
-            if fresh == id || ids.iter().take(at).any(|known| *known == fresh) {
-                return Err(refuse(raw, name, "check the node ids", BootFailure::DuplicateNodeId { node_id: raw }));
+            if known.contains(&fresh) {
+                let failure = BootFailure::DuplicateNodeId { node_id: raw };
+                return Err(refuse(Some(raw), name, "check the node ids", failure));
             }
-            ids[at] = fresh;
-        }
-        let [left, right, sensor] = ids;
-        let drives = [(&setup.drives[0], left), (&setup.drives[1], right)];
-        let fail = |at: usize| move |failure| refuse(raw[at], names[at], "plan the process data", failure);
-        let mut image = Image::new(setup.mode, drives, (&setup.sensor, sensor)).map_err(fail(0))?;
+            known.push(fresh);
+            Ok(fresh)
+        };
+        let [left, right] = &setup.drives;
+        let drives = [(left, fresh(left.node_id, &left.name)?), (right, fresh(right.node_id, &right.name)?)];
+        let (sensor, sensor_id) = match &setup.sensor.link {
+            SensorLink::Canopen(node) => {
+                (SensorFrames::Canopen(node, fresh(node.node_id, &setup.sensor.name)?), Some(node.node_id))
+            }
+            SensorLink::PlainCan(link) => (SensorFrames::PlainCan(Client::new(*link)), None),
+        };
+        const PLAN: &str = "plan the process data";
+        let of_sensor = |failure| refuse(sensor_id, &setup.sensor.name, PLAN, failure);
         let mut watch = HeartbeatConsumer::new();
         let mut nodes = Vec::new();
         for (at, (drive, node)) in drives.into_iter().enumerate() {
             watch.watch(node, drive.heartbeat * HEARTBEAT_PERIODS);
-            let boot = Boot::drive(setup, drive, node).map_err(fail(at))?;
+            let boot = Boot::drive(setup, drive, node)
+                .map_err(|failure| refuse(Some(drive.node_id), &drive.name, PLAN, failure))?;
             nodes.push(Node::new(node, DeviceSet::drive(at), &drive.name, drive.heartbeat, boot));
         }
-        watch.watch(sensor, setup.sensor.heartbeat * HEARTBEAT_PERIODS);
-        let boot = Boot::sensor(&setup.sensor, sensor).map_err(fail(2))?;
-        nodes.push(Node::new(sensor, DeviceSet::SENSOR, &setup.sensor.name, setup.sensor.heartbeat, boot));
+        if let SensorFrames::Canopen(setup_of_node, node) = sensor {
+            watch.watch(node, setup_of_node.heartbeat * HEARTBEAT_PERIODS);
+            let boot = Boot::sensor(setup_of_node, node).map_err(of_sensor)?;
+            nodes.push(Node::new(node, DeviceSet::SENSOR, &setup.sensor.name, setup_of_node.heartbeat, boot));
+        }
+        // What the drives' profiles lack was found above.
+        let mut image = Image::new(setup.mode, drives, sensor).map_err(of_sensor)?;
         for own in [cob::NMT, cob::SYNC, cob::heartbeat(id)] {
             image.reserve(own);
         }
+        image.claim_plain().map_err(of_sensor)?;
         let last = cycle.idle();
         let sync = SyncProducer::new(cob::SYNC, 0).map_err(|_| {
-            refuse(setup.node_id, "master", "prepare SYNC", BootFailure::NodeId { node_id: setup.node_id })
+            refuse(Some(setup.node_id), "master", "prepare SYNC", BootFailure::NodeId { node_id: setup.node_id })
         })?;
-        let nothing = image.arrivals();
+        let nothing = image.arrivals(Time::default());
         let link = LinkEvents::default();
         let inputs = Inputs {
             drives: nothing.drives,
@@ -195,6 +209,7 @@ impl Master {
             phase: Phase::Off,
             phase_deadline: Time::NEVER,
             nodes,
+            sensor_name: setup.sensor.name.clone(),
             watch,
             sync,
             image,
@@ -288,6 +303,9 @@ impl Master {
         // In operation the heartbeat follows the set-points, where it is in nobody's way.
         let heartbeat = if self.phase == Phase::Operational { Time::NEVER } else { self.next_heartbeat };
         let base = heartbeat.min(self.watch.next_deadline()).min(self.phase_deadline);
+        if self.phase == Phase::Starting {
+            return self.image.plain().map_or(base, |client| base.min(client.next_deadline()));
+        }
         if self.phase != Phase::Configuring {
             return base;
         }
@@ -298,8 +316,8 @@ impl Master {
     ///
     /// Real-time: yes, while operational.
     pub fn on_frame(&mut self, now: Time, frame: &Frame, out: &mut impl Outbox) {
-        match self.image.on_frame(frame) {
-            Taken::Image => return,
+        match self.image.on_frame(now, frame) {
+            Taken::Image => return self.go_on_if_started(),
             Taken::Own => {
                 self.events.intruder = true;
                 return;
@@ -353,6 +371,12 @@ impl Master {
             }
             Phase::Starting if now >= self.phase_deadline => {
                 self.fail_where(|node| !node.is_operational, "start the node", START_WAIT);
+                self.fail_without_sample();
+            }
+            Phase::Starting => {
+                if let Some(client) = self.image.plain_mut() {
+                    client.poll(now, out);
+                }
             }
             _ => {}
         }
@@ -369,7 +393,7 @@ impl Master {
         }
     }
 
-    /// The begin of a cycle: SYNC alone.
+    /// The begin of a cycle: SYNC, and behind it the request to a sensor that is polled.
     ///
     /// At most one cycle is in flight: while set-points of an earlier cycle have not been seen on the bus, neither SYNC nor
     /// set-points are sent. At the second such cycle in a row the master falls silent ([`Master::is_silent`]).
@@ -380,6 +404,9 @@ impl Master {
         self.is_held = self.has_echo && self.in_flight > 0;
         if !(self.is_silent || self.is_held) {
             out.push(self.sync.next_frame());
+            if let Some(client) = self.image.plain() {
+                client.read(out);
+            }
         }
     }
 
@@ -438,7 +465,7 @@ impl Master {
     ///
     /// Real-time: yes.
     pub fn on_compute(&mut self, now: Time, request: Request, timing: Timing, out: &mut impl Outbox) -> Outputs {
-        let arrivals = self.image.arrivals();
+        let arrivals = self.image.arrivals(now);
         if self.has_failed {
             self.send(now, out);
             return self.last;
@@ -484,7 +511,7 @@ impl Master {
     /// Sends the set-points of this cycle, and a heartbeat that is due.
     fn send(&mut self, now: Time, out: &mut impl Outbox) {
         if self.is_silent || self.is_held {
-            return;
+            return self.image.cancel_fault_reset();
         }
         self.image.send(self.last.directive.goal, &self.last.command, out);
         self.in_flight = 2;
@@ -535,13 +562,13 @@ impl Master {
             (HeartbeatChange::BootUp, Phase::Configuring) => {
                 let step = node.boot.doing();
                 if let Err(failure) = node.boot.restart(now, out) {
-                    let error = refuse(id.raw(), &node.name, step, failure);
+                    let error = refuse(Some(id.raw()), &node.name, step, failure);
                     self.enter(Phase::Failed(error));
                 }
             }
             (HeartbeatChange::BootUp, Phase::Starting) => {
                 let failure = BootFailure::Restarted { times: 1 };
-                let error = refuse(id.raw(), &node.name, "start the node", failure);
+                let error = refuse(Some(id.raw()), &node.name, "start the node", failure);
                 self.enter(Phase::Failed(error));
             }
             (HeartbeatChange::BootUp, Phase::Operational) => node.has_restarted = true,
@@ -555,9 +582,13 @@ impl Master {
         }
     }
 
-    /// From Starting to Operational when all nodes are there.
+    /// From Starting to Operational when all nodes and the sensor's samples are there.
     fn go_on_if_started(&mut self) {
-        if self.phase == Phase::Starting && self.nodes.iter().all(|node| node.is_operational) {
+        let is_there = || {
+            let has_samples = self.image.plain().is_none_or(Client::has_begun);
+            has_samples && self.nodes.iter().all(|node| node.is_operational)
+        };
+        if self.phase == Phase::Starting && is_there() {
             self.enter(Phase::Operational);
             self.events = LinkEvents::default();
         }
@@ -576,7 +607,7 @@ impl Master {
             }
             let step = node.boot.doing();
             if let Err(failure) = act(&mut node.boot, now, out) {
-                let error = refuse(node.id.raw(), &node.name, step, failure);
+                let error = refuse(Some(node.id.raw()), &node.name, step, failure);
                 self.enter(Phase::Failed(error));
                 return;
             }
@@ -588,6 +619,9 @@ impl Master {
                 self.watch.start(now, node.id);
             }
             out.push(nmt::command(NmtCommand::StartRemoteNode, None));
+            if let Some(client) = self.image.plain_mut() {
+                client.start(now, out);
+            }
             // Nodes that have started by themselves do not say so again.
             self.go_on_if_started();
         }
@@ -596,18 +630,26 @@ impl Master {
     fn fail_where(&mut self, is_late: impl Fn(&Node) -> bool, step: &'static str, waited: Duration) {
         if let Some(node) = self.nodes.iter().find(|node| is_late(node)) {
             let failure = BootFailure::Missing { waited_ms: waited.as_millis() as u64 };
-            let error = refuse(node.id.raw(), &node.name, step, failure);
+            let error = refuse(Some(node.id.raw()), &node.name, step, failure);
             self.enter(Phase::Failed(error));
         }
         self.phase_deadline = Time::NEVER;
+    }
+
+    fn fail_without_sample(&mut self) {
+        if self.phase == Phase::Starting && !self.image.plain().is_none_or(Client::has_begun) {
+            let failure = BootFailure::NoSample { waited_ms: START_WAIT.as_millis() as u64 };
+            let error = refuse(None, &self.sensor_name, "wait for samples", failure);
+            self.enter(Phase::Failed(error));
+        }
     }
 }
 
 fn node_id(raw: u8, name: &str) -> Result<NodeId, BootError> {
     canopen::cob::node_id(raw)
-        .map_err(|_| refuse(raw, name, "check the node ids", BootFailure::NodeId { node_id: raw }))
+        .map_err(|_| refuse(Some(raw), name, "check the node ids", BootFailure::NodeId { node_id: raw }))
 }
 
-fn refuse(node_id: u8, name: &str, step: &'static str, failure: BootFailure) -> BootError {
+fn refuse(node_id: Option<u8>, name: &str, step: &'static str, failure: BootFailure) -> BootError {
     BootError { node_id, name: name.to_owned(), step, failure }
 }

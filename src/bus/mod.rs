@@ -7,8 +7,10 @@
 //! ```
 //! [`Master`] is sans-I/O: the caller brings frames and moments and carries away what it puts into the outbox. Two
 //! moments a cycle are its own: [`Master::on_sync`] at 0 and [`Master::on_compute`] when all process data are in.
+//! [`budget`] proves beforehand that they are.
 
 mod boot;
+pub mod budget;
 mod error;
 mod image;
 mod master;
@@ -16,7 +18,7 @@ mod setup;
 
 pub use error::{BootError, BootFailure};
 pub use master::{LinkEvent, Master, Phase};
-pub use setup::{CommandMode, DriveSetup, MasterSetup, SensorSetup};
+pub use setup::{CommandMode, DriveSetup, MasterSetup, SensorLink, SensorNode, SensorSetup};
 
 #[cfg(test)]
 mod tests;

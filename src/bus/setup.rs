@@ -2,6 +2,7 @@
 
 use std::time::Duration;
 
+use crate::plain_can;
 use yieldwall_drives::cia402::OperationMode;
 use yieldwall_drives::profiles::DeviceProfile;
 use yieldwall_drives::scaling::AxisScaling;
@@ -54,6 +55,24 @@ pub struct DriveSetup {
 pub struct SensorSetup {
     /// Name for messages.
     pub name: String,
+    /// What it speaks.
+    pub link: SensorLink,
+    /// Time from one sample to the next.
+    pub sample_period: Duration,
+}
+
+/// What a force sensor speaks.
+#[derive(Clone, Debug)]
+pub enum SensorLink {
+    /// CANopen.
+    Canopen(SensorNode),
+    /// Plain CAN.
+    PlainCan(plain_can::Link),
+}
+
+/// A force sensor that is a CANopen node.
+#[derive(Clone, Debug)]
+pub struct SensorNode {
     /// Node id, 1 to 127.
     pub node_id: u8,
     /// Device model.

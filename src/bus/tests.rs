@@ -45,7 +45,11 @@ fn setup(mode: CommandMode, home: [f64; 2], zero_offset_rad: f64) -> MasterSetup
         period: Duration::from_millis(1),
         mode,
         drives: [drive("left", 1, home[0]), drive("right", 2, home[1])],
-        sensor: SensorSetup { name: "wrist".into(), node_id: 10, profile: &SIMULATED_FORCE_SENSOR, heartbeat },
+        sensor: SensorSetup {
+            name: "wrist".into(),
+            link: SensorLink::Canopen(SensorNode { node_id: 10, profile: &SIMULATED_FORCE_SENSOR, heartbeat }),
+            sample_period: Duration::from_millis(1),
+        },
     }
 }
 
@@ -404,7 +408,7 @@ fn a_wrong_device_is_named_with_object_and_both_values() {
         net.reset();
         net.serve(|_, _| None);
         let error = failure(&net);
-        assert_eq!((error.node_id, error.name.as_str(), error.step), (2, "right", step));
+        assert_eq!((error.node_id, error.name.as_str(), error.step), (Some(2), "right", step));
         let BootFailure::Identity { index, sub, received, .. } = error.failure else { panic!("{error}") };
         assert_eq!((2, index, sub, received), (key.0, key.1, key.2, value));
         assert!(!net.take().contains(&"000#0100".to_owned()), "nothing is started");
@@ -421,7 +425,7 @@ fn an_abort_a_lie_and_silence_are_named_with_node_step_and_object() {
         is_it.then_some(Some([0x80, 0x72, 0x60, 0x00, 0x30, 0x00, 0x09, 0x06]))
     });
     let error = failure(&net);
-    assert_eq!((error.node_id, error.step), (1, "set the torque limit"));
+    assert_eq!((error.node_id, error.step), (Some(1), "set the torque limit"));
     let BootFailure::Refused { index: 0x6072, sub: 0, code } = error.failure else { panic!("{error}") };
     assert_eq!(code.0, 0x0609_0030);
 
@@ -432,7 +436,7 @@ fn an_abort_a_lie_and_silence_are_named_with_node_step_and_object() {
         is_it.then_some(Some([0x4b, 0x07, 0x60, 0x00, 0x01, 0, 0, 0]))
     });
     let expected = BootFailure::ReadBack { index: 0x6007, sub: 0, written: 3, received: 1 };
-    assert_eq!((failure(&net).node_id, &failure(&net).failure), (2, &expected));
+    assert_eq!((failure(&net).node_id, &failure(&net).failure), (Some(2), &expected));
 
     let mut net = Net::new(CommandMode::Torque);
     net.reset();
@@ -443,7 +447,7 @@ fn an_abort_a_lie_and_silence_are_named_with_node_step_and_object() {
     net.take();
     net.wait(Duration::from_millis(1));
     let error = failure(&net);
-    assert_eq!((error.node_id, error.name.as_str(), error.step), (10, "wrist", "set the heartbeat"));
+    assert_eq!((error.node_id, error.name.as_str(), error.step), (Some(10), "wrist", "set the heartbeat"));
     assert_eq!(error.failure, BootFailure::NoAnswer { index: 0x1017, sub: 0 });
     assert!(net.take().contains(&"60A#8017100000000405".to_owned()), "the device is told that it took too long");
 }
@@ -458,7 +462,7 @@ fn a_missing_node_is_named() {
     assert_eq!(*net.master.phase(), Phase::Resetting);
     net.wait(Duration::from_millis(1));
     let error = failure(&net);
-    assert_eq!((error.node_id, error.name.as_str()), (2, "right"));
+    assert_eq!((error.node_id, error.name.as_str()), (Some(2), "right"));
     assert_eq!(error.failure, BootFailure::Missing { waited_ms: 500 });
 }
 
@@ -494,7 +498,7 @@ fn a_node_that_keeps_restarting_is_given_up() {
         assert_eq!(*net.master.phase(), Phase::Configuring);
     }
     net.hear("702#00");
-    assert_eq!((failure(&net).node_id, &failure(&net).failure), (2, &BootFailure::Restarted { times: 4 }));
+    assert_eq!((failure(&net).node_id, &failure(&net).failure), (Some(2), &BootFailure::Restarted { times: 4 }));
 }
 
 #[test]
@@ -507,7 +511,8 @@ fn node_ids_are_checked_before_anything_is_sent() {
     ] {
         let (cycle, home) = torque_cycle();
         let mut setup = setup(CommandMode::Torque, home, 0.0);
-        [setup.drives[0].node_id, setup.drives[1].node_id, setup.sensor.node_id] = ids;
+        let SensorLink::Canopen(sensor) = &mut setup.sensor.link else { unreachable!() };
+        [setup.drives[0].node_id, setup.drives[1].node_id, sensor.node_id] = ids;
         let Err(error) = Master::new(&setup, cycle) else { panic!("{ids:?} were taken") };
         assert_eq!(error.failure, wanted);
     }
@@ -641,7 +646,7 @@ fn a_node_that_is_lost_before_all_are_started_is_named() {
             net.hear("70A#05");
         }
     }
-    assert_eq!((failure(&net).node_id, failure(&net).step), (1, "start the node"));
+    assert_eq!((failure(&net).node_id, failure(&net).step), (Some(1), "start the node"));
 }
 
 #[test]

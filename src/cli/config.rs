@@ -2,16 +2,18 @@
 
 use serde_json::{Value, json};
 
+use super::bus::Plan;
 use super::failure::{Exit, Failure};
 use super::margins::Margins;
 use super::output::Output;
 use crate::config::{
-    self, Coupling, Diagnostic, Document, Figure, Fixture, ImpedanceDevice, Kind, Report, Rig, Scene, Source, Surface,
+    self, Coupling, Diagnostic, Document, Figure, Fixture, ImpedanceDevice, Kind, Report, Rig, Scene, Severity, Source,
+    Surface,
 };
 
 #[derive(Debug, clap::Subcommand)]
 pub(super) enum Command {
-    /// Check files and say what would be run; of a rig also the margins of its loop
+    /// Check files and say what would be run; of a rig also the margins of its loop and the load of its bus
     Check {
         /// Rigs, devices, scenes or figures; `builtin:figures/fig11.yaml` names a copy inside the program
         #[arg(required = true, value_name = "FILE")]
@@ -41,29 +43,38 @@ fn check(files: &[String], output: &mut Output) -> Result<(), Failure> {
     let mut refused: Vec<Diagnostic> = Vec::new();
     for file in files {
         let result = config::load(Source::named(file));
-        let findings = match &result {
+        let mut findings = match &result {
             Ok(document) => document.warnings().to_vec(),
             Err(report) => report.diagnostics.clone(),
         };
-        let kind = result.as_ref().ok().map(|document| document.kind().to_string());
-        let margins = match &result {
-            Ok(Document::Rig(rig)) => Some(Margins::of(&rig.value)),
+        let rig = match &result {
+            Ok(Document::Rig(rig)) => Some(rig.as_ref()),
             _ => None,
         };
-        let mut entry = json!({ "file": file, "ok": result.is_ok(), "kind": kind, "diagnostics": findings });
+        let plan = rig.and_then(|rig| Plan::of(&rig.value).ok());
+        if let (Some(rig), Some(plan)) = (rig, &plan) {
+            findings.extend(plan.finding(rig));
+        }
+        let is_ok = findings.iter().all(|finding| finding.severity != Severity::Error);
+        let kind = result.as_ref().ok().map(|document| document.kind().to_string());
+        let margins = rig.map(|rig| Margins::of(&rig.value));
+        let mut entry = json!({ "file": file, "ok": is_ok, "kind": kind, "diagnostics": findings });
         if let Some(margins) = &margins {
             entry["margins"] = margins.to_json();
         }
+        if let Some(plan) = &plan {
+            entry["bus_budget"] = plan.to_json();
+        }
         checked.push(entry);
-        match result {
-            Ok(document) => {
+        match &result {
+            Ok(document) if is_ok => {
                 output.warnings(&findings);
-                output.news(&format!("ok  {file}: {}", summary(&document)))?;
-                for line in margins.iter().flat_map(Margins::lines) {
+                output.news(&format!("ok  {file}: {}", summary(document, findings.len())))?;
+                for line in margins.iter().flat_map(Margins::lines).chain(plan.iter().map(Plan::line)) {
                     output.news(&format!("    {line}"))?;
                 }
             }
-            Err(report) => refused.extend(report.diagnostics),
+            _ => refused.extend(findings),
         }
     }
     if output.is_json() {
@@ -95,14 +106,14 @@ fn show(file: &str, output: &mut Output) -> Result<(), Failure> {
 }
 
 /// What a checked document stands for, on one line.
-fn summary(document: &Document) -> String {
+fn summary(document: &Document, warnings: usize) -> String {
     let text = match document {
         Document::Rig(rig) => rig_summary(&rig.value),
         Document::Device(device) => device_summary(&device.value),
         Document::Scene(scene) => scene_summary(&scene.value),
         Document::Figure(figure) => figure_summary(&figure.value),
     };
-    match document.warnings().len() {
+    match warnings {
         0 => format!("{}, {text}", document.kind()),
         1 => format!("{}, {text}; 1 warning", document.kind()),
         number => format!("{}, {text}; {number} warnings", document.kind()),

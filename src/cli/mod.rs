@@ -3,6 +3,7 @@
 //! A command gets its arguments and an [`Output`], and returns nothing or a [`Failure`]. It prints results to standard
 //! output only; findings and failures go to standard error, or with `--json` into the one document on standard output.
 
+mod bus;
 mod config;
 #[cfg(target_os = "linux")]
 mod drill;
@@ -77,6 +78,9 @@ enum Command {
     Record(record::Command),
     /// Draw rigs, hands and faults from seeds, run them and judge every cycle
     Soak(soak::Arguments),
+    /// What the bus of a rig can carry
+    #[command(subcommand)]
+    Bus(bus::Command),
     /// Check, show and describe configuration files
     #[command(subcommand)]
     Config(config::Command),
@@ -120,6 +124,7 @@ fn run(arguments: impl IntoIterator<Item = OsString>) -> Exit {
         Command::Plot(arguments) => plot::run(&arguments, &mut output),
         Command::Record(command) => record::run(&command, &mut output),
         Command::Soak(arguments) => soak::run(&arguments, &mut output),
+        Command::Bus(command) => bus::run(&command, &mut output),
         Command::Config(command) => config::run(command, &mut output),
     };
     match result {

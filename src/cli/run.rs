@@ -5,13 +5,14 @@ use std::time::Instant;
 
 use serde_json::{Value, json};
 
+use super::bus::Plan;
 use super::failure::{Exit, Failure};
 use super::faults::FaultArgument;
 use super::keep::{Keep, Kept, LOG_STARTS_AT, Watched};
 use super::margins::Margins;
 use super::output::Output;
 use super::progress::Progress;
-use crate::config::{self, Report, Source};
+use crate::config::{self, Loaded, Report, Severity, Source};
 use crate::fixture::prediction;
 use crate::guard::{Cause, Fault};
 use crate::record::figure::Drawing;
@@ -54,6 +55,9 @@ pub(super) struct Arguments {
     /// Write every frame that went over the bus into this file, in the format of candump -L
     #[arg(long, value_name = "FILE")]
     pub(super) candump: Option<PathBuf>,
+    /// Run also if the bus cannot keep the cycle; `yieldwall bus budget` tells which frame comes too late
+    #[arg(long)]
+    pub(super) ignore_bus_budget: bool,
     /// Record every cycle and every frame into this folder, which is made: cycles.mcap, cycles.csv and bus.log
     #[arg(long, value_name = "DIR")]
     pub(super) record: Option<PathBuf>,
@@ -71,6 +75,7 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
     let rig = config::load_rig(Source::named(&arguments.rig))?;
     // Those of the scene are among them.
     output.warnings(&rig.warnings);
+    check_bus(&rig, arguments.ignore_bus_budget, output)?;
     let scene = config::load_scene(rig.source.relative(&rig.value.scene))?;
     let faults = arguments.fault.iter().map(|fault| fault.0).collect();
     let overrides = Overrides { fixture: None, duration_s: arguments.duration, seed: arguments.seed, faults };
@@ -131,6 +136,19 @@ fn check(arguments: &Arguments) -> Result<(), Failure> {
     if let Some(path) = &arguments.figure {
         check_picture(path)?;
     }
+    Ok(())
+}
+
+/// Whether the bus keeps the cycle: of a bus with timing an error, unless it is to be ignored.
+pub(super) fn check_bus(rig: &Loaded<config::Rig>, is_ignored: bool, output: &mut Output) -> Result<(), Failure> {
+    let plan = Plan::of(&rig.value).map_err(|error| rig_failure(&error))?;
+    let Some(mut finding) = plan.finding(rig) else { return Ok(()) };
+    if finding.severity == Severity::Error && !is_ignored {
+        finding.help = finding.help.map(|help| format!("{help}, --ignore-bus-budget runs the rig all the same"));
+        return Err(Report::from(finding).into());
+    }
+    finding.severity = Severity::Warning;
+    output.warnings(&[finding]);
     Ok(())
 }
 
@@ -290,6 +308,9 @@ pub(super) fn measures_text(measures: &Measures) -> Vec<String> {
         1e3 * measures.energy_bound_j,
         1e3 * measures.energy_taken_j
     ));
+    if let (Some(mean), Some(most)) = (measures.force_age_mean_ms, measures.force_age_max_ms) {
+        lines.push(format!("force     its sample is {mean:.2} ms old on average, {most:.2} ms at most"));
+    }
     if let (Some(torque), Some(saturated)) = (measures.peak_torque_n_m, measures.torque_saturated) {
         let at_limit = if saturated { ", at the limit" } else { "" };
         lines.push(format!("torque    at most {torque:.1} N m{at_limit}"));

@@ -7,7 +7,7 @@ use serde::Serialize;
 use serde::de::DeserializeOwned;
 
 use super::check::{
-    Findings, Machine, check_device, check_figure, check_override, check_rig, check_scene, check_scene_for,
+    Findings, Locator, Machine, check_device, check_figure, check_override, check_rig, check_scene, check_scene_for,
 };
 use super::diagnostic::{Diagnostic, Report, Severity};
 use super::explain::{explain, explain_syntax};
@@ -27,6 +27,24 @@ pub struct Loaded<T> {
     pub source: Source,
     /// What can be used but should be looked at, in the files that it names too.
     pub warnings: Vec<Diagnostic>,
+    locator: Arc<Locator>,
+}
+
+impl<T> Loaded<T> {
+    /// A finding at a key of this document, such as `cycle.period_us`, by a check that takes more than the document; and
+    /// the other keys that explain it, each with what stands there.
+    pub fn finding(
+        &self,
+        severity: Severity,
+        at: &str,
+        message: impl Into<String>,
+        help: impl Into<String>,
+        see: &[(&str, &str)],
+    ) -> Diagnostic {
+        let mut finding = self.locator.finding(severity, at, message.into(), help.into());
+        finding.related = see.iter().filter_map(|(key, label)| self.locator.related(key, label)).collect();
+        finding
+    }
 }
 
 /// A checked document of any kind.
@@ -69,7 +87,7 @@ pub fn load_rig(source: impl Into<Source>) -> Result<Loaded<Rig>, Report> {
     check_rig(&mut findings, &rig, in_range);
     let machine = in_range.then_some(Machine::Rig(&rig));
     let scene = linked_scene(&mut findings, &source, &rig.scene, machine);
-    finish(rig, source, [findings.into_sorted(), scene].concat())
+    finish(rig, source, findings.locator(), [findings.into_sorted(), scene].concat())
 }
 
 /// Reads and checks an impedance device and its scene.
@@ -83,7 +101,7 @@ pub fn load_device(source: impl Into<Source>) -> Result<Loaded<ImpedanceDevice>,
     check_device(&mut findings, &device, in_range);
     let machine = in_range.then_some(Machine::Device(&device));
     let scene = linked_scene(&mut findings, &source, &device.scene, machine);
-    finish(device, source, [findings.into_sorted(), scene].concat())
+    finish(device, source, findings.locator(), [findings.into_sorted(), scene].concat())
 }
 
 /// Reads and checks a scene.
@@ -93,7 +111,7 @@ pub fn load_device(source: impl Into<Source>) -> Result<Loaded<ImpedanceDevice>,
 pub fn load_scene(source: impl Into<Source>) -> Result<Loaded<Scene>, Report> {
     let source = source.into();
     let (scene, findings) = checked_scene(&source)?;
-    finish(scene, source, findings.into_sorted())
+    finish(scene, source, findings.locator(), findings.into_sorted())
 }
 
 /// Reads and checks a figure and every file that it names.
@@ -129,6 +147,7 @@ pub fn load_figure(source: impl Into<Source>) -> Result<Loaded<Figure>, Report> 
         check_override(&mut findings, &figure, machine);
         others.extend(linked_scene(&mut findings, &source, &figure.scene, Some(machine)));
     }
+    let locator = findings.locator();
     let mut all = [findings.into_sorted(), others].concat();
     // Two machines find the same fault of a shared scene or fixture.
     let mut seen: Vec<Diagnostic> = Vec::new();
@@ -138,7 +157,7 @@ pub fn load_figure(source: impl Into<Source>) -> Result<Loaded<Figure>, Report> 
             true
         }
     });
-    finish(figure, source, all)
+    finish(figure, source, locator, all)
 }
 
 /// The document in normal form: every key, in the order of the tree, in YAML that loads again.
@@ -183,11 +202,11 @@ impl Findings {
     }
 }
 
-fn finish<T>(value: T, source: Source, findings: Vec<Diagnostic>) -> Result<Loaded<T>, Report> {
+fn finish<T>(value: T, source: Source, locator: Arc<Locator>, findings: Vec<Diagnostic>) -> Result<Loaded<T>, Report> {
     if findings.iter().any(|finding| finding.severity == Severity::Error) {
         return Err(Report { diagnostics: findings });
     }
-    Ok(Loaded { value, source, warnings: findings })
+    Ok(Loaded { value, source, warnings: findings, locator })
 }
 
 fn read_outline(source: &Source) -> Result<(Arc<str>, Outline), Report> {
@@ -212,7 +231,7 @@ fn read<T: DeserializeOwned + Validate<Context = ()>>(source: &Source, kind: Kin
     }
     let (file, guide) = (source.to_string(), Guide::new(kind));
     match yaml::parse(&text) {
-        Ok(value) => Ok((value, Findings::new(file, text, outline, guide))),
+        Ok(value) => Ok((value, Findings::new(Locator { file, text, outline }, guide))),
         Err(fault) => Err(explain(fault, &outline, &guide, &file, &text).into()),
     }
 }

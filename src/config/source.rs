@@ -37,6 +37,8 @@ const SHIPPED: &[(&str, &str)] = shipped![
     "paper-admittance-cartesian.yaml",
     "paper-admittance-csp.yaml",
     "paper-admittance-csv.yaml",
+    "paper-admittance-polled.yaml",
+    "paper-admittance-streaming.yaml",
     "paper-admittance.yaml",
     "paper-impedance.yaml",
     "scenes/circle-hold.yaml",

@@ -114,6 +114,8 @@ pub struct Outputs {
 pub struct Signals {
     /// Force of the hand on the tool as sensed.
     pub force: Force,
+    /// Age of the sample that the force comes from, in s, from its arrival.
+    pub force_age_s: f64,
     /// Tool point by the measured angles.
     pub tool: TipPoint,
     /// Proxy, or the measured tool point while there is no reference.
@@ -368,6 +370,7 @@ impl Cycle {
 
     fn note(&self, reading: &Reading, signals: &mut Signals) {
         signals.force = reading.force;
+        signals.force_age_s = reading.age_s;
         signals.measured_angles = self.measured.angles;
         signals.tool = self.posture.map(|posture| posture.tip).unwrap_or_default();
         signals.proxy = self.reference.as_ref().map_or(signals.tool, |reference| reference.point);

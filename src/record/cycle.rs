@@ -75,6 +75,7 @@ impl CycleRecord {
             proxy_m: planar(signals.proxy.to_array()),
             tool_velocity_m_per_s: planar(truth.velocity.to_array()),
             force_n: planar(signals.force.to_array()),
+            force_age_s: signals.force_age_s,
             power_w: 0.0,
             torques_n_m: match self.command {
                 JointCommand::Torque(torques) => torques.to_array(),

@@ -18,6 +18,8 @@ pub struct Row {
     pub tool_velocity_m_per_s: [f64; 3],
     /// Force in N, base frame; whose force on whom is said by [`Trace::force_meaning`].
     pub force_n: [f64; 3],
+    /// Age of the sample that the force comes from, in s, from its arrival; 0 without a sensor.
+    pub force_age_s: f64,
     /// Power that the device delivers to the hand, in W.
     pub power_w: f64,
     /// Torques commanded at the two joints, in N m.

@@ -5,13 +5,17 @@ use nalgebra::Vector2;
 use super::build;
 use super::error::RigError;
 use super::world::{Body, Grip, Ideal, Truth, World};
-use crate::bus::CommandMode;
+use crate::bus::{CommandMode, SensorLink};
 use crate::canopen::node_id;
 use crate::config;
 use crate::linkage::{FiveBar, MassModel};
 use crate::quantity::{JointTorques, TipPoint, TipVelocity};
 use crate::sim::arm::{Arm, ArmParameters, JointElasticity};
-use crate::sim::{Drive, DriveSettings, Encoder, ForceSensor, ForceSensorSettings, PositionLoop};
+use crate::sim::{Drive, DriveSettings, Encoder, ForceSensor, ForceSensorSettings, PositionLoop, Speaks};
+
+/// By how much the clock of a sensor on plain CAN is slow, in parts per million: a usual crystal. It drifts through the
+/// cycle, once in 20 s at 1 ms.
+const SENSOR_SLOW_PPM: u32 = 50;
 
 pub(super) fn node(raw: u8) -> Result<crate::canopen::NodeId, RigError> {
     node_id(raw).map_err(|error| RigError::Device(error.to_string()))
@@ -52,10 +56,12 @@ pub fn drive(rig: &config::Rig, scene: &config::Scene, drive: &config::Drive, se
 /// If its profile is not that of a force sensor.
 pub fn force_sensor(rig: &config::Rig) -> Result<ForceSensor, RigError> {
     let sensor = &rig.sensor;
+    let speaks = match build::sensor_link(sensor)? {
+        SensorLink::Canopen(setup) => Speaks::Canopen { node: node(setup.node_id)?, profile: setup.profile, serial: 3 },
+        SensorLink::PlainCan(link) => Speaks::PlainCan { protocol: link.protocol, slow_ppm: SENSOR_SLOW_PPM },
+    };
     ForceSensor::new(ForceSensorSettings {
-        node: node(sensor.node_id)?,
-        profile: build::profile(&sensor.profile)?,
-        serial: 3,
+        speaks,
         sample_rate_hz: sensor.sample_rate_hz.get().round() as u32,
         phase_us: 0,
         range_counts: i32::from(sensor.range_counts),

@@ -5,7 +5,7 @@ use std::time::Duration;
 use nalgebra::{Matrix6, Vector2, Vector3};
 
 use super::error::RigError;
-use crate::bus::{CommandMode, DriveSetup, Master, MasterSetup, SensorSetup};
+use crate::bus::{CommandMode, DriveSetup, Master, MasterSetup, SensorLink, SensorNode, SensorSetup};
 use crate::config;
 use crate::control::{FeedForward, FeedForwardParameters, Gains, Law, RateLaw};
 use crate::cycle::{Cycle, Servo, Settings, TorqueServo};
@@ -15,6 +15,7 @@ use crate::fixture::{
 };
 use crate::guard::{self, Gate};
 use crate::linkage::{FiveBar, MassModel};
+use crate::plain_can;
 use crate::quantity::TipPoint;
 use crate::sensing::{Calibration, MountedOn, Mounting, Sensing, SensingParameters};
 use crate::sim::hand::{Hand, HandParameters, Leg, Path, Speed, TremorParameters};
@@ -285,7 +286,7 @@ pub fn master(rig: &config::Rig, fixture: &config::Fixture) -> Result<Master, Ri
 }
 
 /// The network as the master has to bring it up.
-fn network(rig: &config::Rig) -> Result<MasterSetup, RigError> {
+pub(super) fn network(rig: &config::Rig) -> Result<MasterSetup, RigError> {
     // The turn of the encoders is taken from the task's origin: an arm is always within half a turn of it.
     let home = linkage(rig)?.inverse(TipPoint::new(0.0, 0.0))?.to_array();
     let [left, right] = &rig.drives;
@@ -297,10 +298,47 @@ fn network(rig: &config::Rig) -> Result<MasterSetup, RigError> {
         drives: [drive(rig, left, home[0])?, drive(rig, right, home[1])?],
         sensor: SensorSetup {
             name: rig.sensor.name.clone(),
-            node_id: rig.sensor.node_id,
-            profile: profile(&rig.sensor.profile)?,
-            heartbeat: Duration::from_millis(rig.sensor.heartbeat_ms.into()),
+            link: sensor_link(&rig.sensor)?,
+            sample_period: sample_period(rig),
         },
+    })
+}
+
+/// Time from one sample of the force sensor to the next.
+pub(super) fn sample_period(rig: &config::Rig) -> Duration {
+    Duration::from_secs_f64(rig.sensor.sample_rate_hz.get().recip())
+}
+
+/// What the force sensor speaks.
+pub(super) fn sensor_link(sensor: &config::Sensor) -> Result<SensorLink, RigError> {
+    let plain = |protocol, pair_gap_us: u32, zero_at_start| {
+        let pair_gap = Duration::from_micros(pair_gap_us.into());
+        SensorLink::PlainCan(plain_can::Link { protocol, pair_gap, zero_at_start })
+    };
+    Ok(match sensor.protocol {
+        config::SensorProtocol::Canopen { node_id, profile: ref name, heartbeat_ms } => {
+            let heartbeat = Duration::from_millis(heartbeat_ms.into());
+            SensorLink::Canopen(SensorNode { node_id, profile: profile(name)?, heartbeat })
+        }
+        config::SensorProtocol::Streaming { command_id, data_ids, pair_gap_us, zero_at_start } => {
+            let ids = plain_can::streaming::Ids { command: command_id, data: data_ids };
+            plain(plain_can::Protocol::Streaming(ids), pair_gap_us, zero_at_start)
+        }
+        config::SensorProtocol::Polled {
+            base_id,
+            byte_order,
+            overload_bits,
+            invalid_bits,
+            pair_gap_us,
+            zero_at_start,
+        } => {
+            let byte_order = match byte_order {
+                config::ByteOrder::BigEndian => plain_can::polled::ByteOrder::BigEndian,
+                config::ByteOrder::LittleEndian => plain_can::polled::ByteOrder::LittleEndian,
+            };
+            let format = plain_can::polled::Format { base: base_id, byte_order, overload_bits, invalid_bits };
+            plain(plain_can::Protocol::Polled(format), pair_gap_us, zero_at_start)
+        }
     })
 }
 

@@ -1,14 +1,23 @@
 //! What a person does with a rig: asks for it to be enabled until it runs, and has it stopped until no drive makes torque.
 
+use std::time::Duration;
+
 use crate::guard::{Request, State};
 use yieldwall_drives::cia402;
 
-/// Cycles of process data before the rig asks to be enabled: the drives have answered, the sensor has samples.
-const CYCLES_BEFORE_ENABLING: u32 = 10;
+/// Samples of the force sensor before the rig asks to be enabled, or as many cycles if those are longer: the drives have
+/// answered, and the sensor's noise is known.
+const SAMPLES_BEFORE_ENABLING: u32 = 10;
 /// Cycles after which a person who was refused asks again.
 const CYCLES_BETWEEN_ASKING: u32 = 50;
 /// Longest time that a stop may take, s.
 pub const STOP_LIMIT_S: f64 = 2.0;
+
+/// Cycles before the rig asks to be enabled: so many that the sensor's noise is known.
+pub fn settling_cycles(period: Duration, sample_period: Duration) -> u32 {
+    let cycles_per_sample = sample_period.as_nanos().div_ceil(period.as_nanos().max(1)).clamp(1, 100_000);
+    SAMPLES_BEFORE_ENABLING * cycles_per_sample as u32
+}
 
 /// What to do with the next cycle of a rig that is being enabled.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -40,7 +49,7 @@ impl Enabling {
 
     pub(super) fn within(limit_s: f64, period_s: f64) -> Self {
         let cycles = (limit_s / period_s) as u32;
-        Self { cycle: 0, first: CYCLES_BEFORE_ENABLING, limit: CYCLES_BEFORE_ENABLING + cycles }
+        Self { cycle: 0, first: SAMPLES_BEFORE_ENABLING, limit: SAMPLES_BEFORE_ENABLING + cycles }
     }
 
     /// Asks no earlier than after so many cycles.

@@ -7,6 +7,7 @@
 //! wait for, and the two moments of each cycle. [`ImpedanceRig`] is the device without a bus.
 
 mod assembly;
+mod budget;
 mod build;
 mod conduct;
 mod drill;
@@ -20,8 +21,9 @@ mod server;
 mod world;
 
 pub use assembly::{drive as simulated_drive, force_sensor as simulated_force_sensor};
+pub use budget::bus_plan;
 pub use build::{cycle, master};
-pub use conduct::{Enable, Enabling, STOP_LIMIT_S, has_torque};
+pub use conduct::{Enable, Enabling, STOP_LIMIT_S, has_torque, settling_cycles};
 pub use drill::{CYCLES_BEFORE_SILENCE, DRILL_LIMIT, Drilled, Finding, TORQUE_LIMIT, Unsafe, drill};
 pub use embedded::{BodyTruth, EmbeddedRig, Observer, PORTS, Tap};
 pub use error::RigError;

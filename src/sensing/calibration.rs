@@ -22,6 +22,8 @@ pub struct RawSample {
     pub overload: bool,
     /// Whether the sensor says that the counts are not valid.
     pub invalid: bool,
+    /// Time from the last frame of the sample to the step that takes it, ns.
+    pub age_ns: u32,
 }
 
 /// Force and torque in the sensor frame: Fx, Fy, Fz in N, Tx, Ty, Tz in N m, about the sensor's origin, exerted on the

@@ -72,7 +72,7 @@ pub struct Reading {
     /// Whether `force` stands for the last sample: there was one, the angle and acceleration given with it were finite
     /// and no tare is under way. Says nothing of `saturated` and `stale`.
     pub valid: bool,
-    /// Time since the last new sample (or since the start), s, to one cycle.
+    /// Time since the last new sample came (or since the start), s: the sample's own age and the cycles since.
     pub age_s: f64,
     /// New samples that should have come since the last one and did not. Counted in the sensor's own interval (or in
     /// cycles, if those are longer): a sensor of 200 Hz misses none in the four cycles of 1 ms between its samples.
@@ -219,7 +219,8 @@ impl Sensing {
             }
         }
         let cycles = f64::from(self.cycles_since_new);
-        self.last.age_s = cycles * self.cycle_period_s;
+        let arrived_s = self.last_sample.map_or(0.0, |sample| 1e-9 * f64::from(sample.age_ns));
+        self.last.age_s = cycles * self.cycle_period_s + arrived_s;
         // A sample due at this very cycle counts as due: 5.000000001 cycles are five.
         self.last.missed_samples = (cycles / self.cycles_per_sample + 1e-6) as u32;
         self.last.stale = self.last.missed_samples >= STALE_AFTER_MISSED_SAMPLES;

@@ -13,7 +13,7 @@ mod substeps;
 
 pub use device::DeviceError;
 pub use drive::{Drive, DriveSettings, Encoder, PositionLoop, Watchdog};
-pub use force_sensor::{ForceSensor, ForceSensorSettings};
+pub use force_sensor::{ForceSensor, ForceSensorSettings, Speaks};
 
 #[cfg(test)]
 mod tests;

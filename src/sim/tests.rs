@@ -40,9 +40,7 @@ impl Rig {
             .unwrap()
         };
         let sensor = ForceSensor::new(ForceSensorSettings {
-            node: node_id(10).unwrap(),
-            profile: &SIMULATED_FORCE_SENSOR,
-            serial: 1,
+            speaks: Speaks::Canopen { node: node_id(10).unwrap(), profile: &SIMULATED_FORCE_SENSOR, serial: 1 },
             sample_rate_hz: 1000,
             phase_us: 0,
             range_counts: 32_000,

@@ -181,7 +181,7 @@ mod tests {
         let shipped = Shipped::load().unwrap();
         let mut drawn: BTreeMap<&str, u32> = BTreeMap::new();
         for seed in 0..200 {
-            let machine = Machine::draw(&shipped, seed, 10_000);
+            let machine = Machine::draw(&shipped, seed);
             for injection in Script::draw(&machine, seed, 10_000).injections {
                 let read: Script =
                     Script { injections: vec![injection], is_tangle: false }.to_string().parse().unwrap();

@@ -19,7 +19,7 @@ const TWICE_EVERY: u64 = 16;
 /// Runs `seed` for `cycles` cycles, with its own script unless another is given. A violation comes with the shortest
 /// command that was found to show it again.
 pub fn run_seed(shipped: &Shipped, seed: u64, cycles: u32, script: Option<&Script>) -> Outcome {
-    let machine = Machine::draw(shipped, seed, cycles);
+    let machine = Machine::draw(shipped, seed);
     let drawn = || Script::draw(&machine, seed, cycles);
     let script = script.cloned().unwrap_or_else(drawn);
     let (played, mut verdict) = run_script(&machine, &script, seed, cycles);

@@ -50,6 +50,8 @@ pub struct Event {
     pub cause_before: Option<Fault>,
     /// Distance of the tool from the task's origin, m.
     pub radius_m: f64,
+    /// Whether a drive gave all the torque that it may: a hand then moves the arm whatever the loop wants.
+    pub is_at_torque_limit: bool,
 }
 
 /// How a run ended.
@@ -348,6 +350,7 @@ impl<'a> Run<'a> {
             machine.take_handle();
             self.scene_from_ns = Some(machine.next_sync().0);
         }
+        let most = (1.0 - tolerance::ROUNDING) * self.course.machine.rig.guard.torque_limit_n_m.get();
         let seen = &self.seen;
         // A process that was killed says nothing; one that panicked has said it.
         let says = seen.ran || seen.cause == Some(Fault::CyclePanicked);
@@ -360,6 +363,7 @@ impl<'a> Run<'a> {
                 cause: seen.cause,
                 cause_before,
                 radius_m: seen.truth.tool_m[0].hypot(seen.truth.tool_m[1]),
+                is_at_torque_limit: seen.truth.torques_n_m.iter().any(|torque| torque.abs() >= most),
             });
         }
         if seen.ran {

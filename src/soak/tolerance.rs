@@ -23,11 +23,6 @@ pub(super) const RETURNED_J: f64 = 0.06;
 /// apart. At 25 Hz, as fast as hands tremble here, and 4 ms that is 1 - cos(2 pi 25 0.004).
 pub(super) const GUARD_SHARE: f64 = 0.2;
 
-/// I5: the same under a hand that shakes the tool on purpose or is stiff beyond any hand. What the rig gives is then the
-/// small difference of strokes to and fro, and a force that is sensed late hides up to half of it: the guard acts at its
-/// limit when twice as much has flowed.
-pub(super) const SHAKEN_SHARE: f64 = 1.0;
-
 /// I5: time in s over which the balance is forgotten, as the guard does: steps of sensor and encoder would add up for ever.
 pub(super) const FORGETTING_S: f64 = 1.0;
 

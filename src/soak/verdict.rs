@@ -19,8 +19,17 @@ const HAND_FAULTS: [Fault; 6] =
 const LEAST_CYCLES_BETWEEN: usize = 200;
 
 /// Faults that an arm far outside of its working disc brings about, where a hand has pushed it while nobody held it.
-const FAR_FAULTS: [Fault; 5] =
-    [Fault::FollowingError, Fault::Runaway, Fault::WorkspaceLeft, Fault::Posture, Fault::EncoderJump];
+const FAR_FAULTS: [Fault; 6] = [
+    Fault::FollowingError,
+    Fault::Runaway,
+    Fault::WorkspaceLeft,
+    Fault::Posture,
+    Fault::EncoderJump,
+    Fault::ForceImplausible,
+];
+/// Faults that a hand brings about where the drives give all they may.
+const OVERPOWERED_FAULTS: [Fault; 2] = [Fault::FollowingError, Fault::Runaway];
+
 /// One injection and what followed.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Followed {
@@ -68,7 +77,7 @@ struct Clock {
 impl Clock {
     fn of(machine: &Machine, scene_from_ns: u64) -> Self {
         let rig = &machine.rig;
-        let heartbeats = rig.drives.iter().map(|drive| drive.heartbeat_ms).chain([rig.sensor.heartbeat_ms]);
+        let heartbeats = rig.drives.iter().map(|drive| drive.heartbeat_ms).chain(rig.sensor.protocol.heartbeat_ms());
         // A heartbeat is missed after two of its periods.
         let heartbeat_s = 2e-3 * f64::from(heartbeats.max().unwrap_or_default());
         let period_s = machine.period_s();
@@ -85,6 +94,7 @@ impl Clock {
     fn is_natural(&self, event: &Event, fault: Fault) -> bool {
         HAND_FAULTS.contains(&fault)
             || (FAR_FAULTS.contains(&fault) && event.radius_m > tolerance::FAR_M)
+            || (OVERPOWERED_FAULTS.contains(&fault) && event.is_at_torque_limit)
             || (fault == Fault::SensorStuck && !self.is_noisy)
     }
 

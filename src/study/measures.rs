@@ -63,6 +63,10 @@ pub struct Measures {
     pub tool_max_on_surface_mm: Option<f64>,
     /// Greatest sensed normal force while the proxy was on the surface, in N.
     pub peak_force_on_surface_n: Option<f64>,
+    /// Mean age of the sample that the force comes from, in ms, from its arrival; `None` without a force sensor.
+    pub force_age_mean_ms: Option<f64>,
+    /// Greatest such age, in ms.
+    pub force_age_max_ms: Option<f64>,
     /// Work of the tool on the hand where it is positive, summed, in J.
     pub energy_given_j: f64,
     /// Work of the hand on the tool where it is positive, summed, in J.
@@ -128,6 +132,7 @@ pub fn measure(trace: &Trace, context: &Context) -> Measures {
     let peak_torque =
         trace.rows.iter().flat_map(|row| row.torques_n_m).fold(0.0f64, |peak, torque| peak.max(torque.abs()));
     let positive = trace.rows.iter().filter(|row| row.power_w > 0.0).count();
+    let ages_ms = || trace.rows.iter().map(|row| 1e3 * row.force_age_s).filter(|_| context.force_resolution_n > 0.0);
     Measures {
         penetration_mm: impacts.iter().map(|impact| impact.depth_mm).fold(0.0, f64::max),
         proxy_on_surface_max_mm: greatest(on.iter().map(|row| 1e3 * row.signed_distance_m.abs())),
@@ -137,6 +142,8 @@ pub fn measure(trace: &Trace, context: &Context) -> Measures {
         tool_rms_on_surface_mm: root_mean_square(on.iter().map(|row| distance_mm(row))),
         tool_max_on_surface_mm: greatest(on.iter().map(|row| distance_mm(row))),
         peak_force_on_surface_n: greatest(on.iter().map(|row| trace.normal_force_n(row).abs())),
+        force_age_mean_ms: greatest(ages_ms()).map(|_| ages_ms().sum::<f64>() / trace.rows.len() as f64),
+        force_age_max_ms: greatest(ages_ms()),
         energy_given_j,
         energy_taken_j,
         power_positive_fraction: positive as f64 / trace.rows.len().max(1) as f64,

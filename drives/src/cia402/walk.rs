@@ -111,6 +111,11 @@ impl StateWalk {
         self.reset = Reset::Low;
     }
 
+    /// Drops a fault reset that was asked for and has not gone out.
+    pub const fn cancel_fault_reset(&mut self) {
+        self.reset = Reset::None;
+    }
+
     /// One cycle: the statusword that came in, the controlword that goes out.
     ///
     /// From Quick Stop Active the walk goes up only after the drive reports standstill (bit 10), so that no torque is

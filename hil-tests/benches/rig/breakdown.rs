@@ -220,7 +220,7 @@ impl Stages {
         let rig = &self.tape.machine.rig;
         let bit_rate = rig.buses.values().next().map_or(1_000_000, |bus| bus.bit_rate_bit_per_s);
         let orders = [QueueOrder::Fifo, QueueOrder::Priority, QueueOrder::Priority, QueueOrder::Priority];
-        let nodes = [rig.drives[0].node_id, rig.drives[1].node_id, rig.sensor.node_id];
+        let nodes = [rig.drives[0].node_id, rig.drives[1].node_id, self.sensor_node()];
         let prepare = || VirtualBus::new(BitTiming::Arbitrated { bit_rate }, &orders).expect("the rate of the rig");
         let portion_and_port = |frame: &Frame| match nodes.iter().position(|node| is_from_node(frame, *node)) {
             Some(place) => (2, place + 1),
@@ -277,8 +277,12 @@ impl Stages {
         })
     }
 
+    fn sensor_node(&self) -> u8 {
+        self.tape.machine.rig.sensor.protocol.node_id().expect("a sensor on CANopen")
+    }
+
     fn sensor(&self) -> Spread {
-        let node = self.tape.machine.rig.sensor.node_id;
+        let node = self.sensor_node();
         let prepare = || (self.tape.sensor.clone(), Vec::with_capacity(64));
         self.time(prepare, |(sensor, out): &mut (_, Vec<Frame>)| {
             for period in &self.tape.periods {

@@ -12,6 +12,7 @@ mod cycle;
 mod device;
 mod laws;
 mod pdo;
+mod plain_can;
 mod recording;
 mod sdo;
 mod sensing;
@@ -24,6 +25,7 @@ pub use config::configuration;
 pub use cycle::cycle;
 pub use device::{device, dictionary};
 pub use pdo::{pdo_layout, pdo_parameters};
+pub use plain_can::plain_can;
 pub use recording::recording;
 pub use sdo::sdo_client;
 pub use sensing::{calibration, sensing};
@@ -62,6 +64,7 @@ targets! {
     master: bus::networks,
     pdo_layout: pdo::layouts,
     pdo_parameters: pdo::parameters,
+    plain_can: plain_can::conversations,
     recording: recording::recordings,
     scaling: cia402::positions,
     sdo_client: sdo::transfers,

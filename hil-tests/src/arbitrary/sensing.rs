@@ -23,7 +23,8 @@ fn matrix(bytes: &mut Bytes<'_>) -> Matrix6<f64> {
 pub(super) fn sample(bytes: &mut Bytes<'_>) -> RawSample {
     let counts = [0; 6].map(|_| if bytes.bool() { bytes.u32() as i32 } else { i32::from(bytes.u16() as i16) });
     let (sequence, flags) = (bytes.bool().then(|| bytes.u8()), bytes.u8());
-    RawSample { counts, sequence, overload: flags == 1, invalid: flags == 2 }
+    let age_ns = if bytes.bool() { bytes.u32() } else { 0 };
+    RawSample { counts, sequence, overload: flags == 1, invalid: flags == 2, age_ns }
 }
 
 /// A calibration is refused, or makes finite wrenches of any counts and counts within the range of any wrench.
@@ -55,7 +56,7 @@ pub fn calibration(bytes: &[u8]) {
 pub(super) fn calibrations() -> Vec<Vec<u8>> {
     let script =
         Script::new().raw(&[2, 0, 1]).number(0.0005).raw(&[4, 3]).number(-0.0002).raw(&32_000i32.to_le_bytes());
-    vec![script.raw(&[0, 100, 0]).raw(&[0; 18]).raw(&[1, 0]).number(10.0).number(-5.0).finish()]
+    vec![script.raw(&[0, 100, 0]).raw(&[0; 18]).raw(&[1, 0, 0]).number(10.0).number(-5.0).finish()]
 }
 
 /// A sensing chain is refused, or its readings are finite and say of themselves what they are.
@@ -94,7 +95,8 @@ pub fn sensing(bytes: &[u8]) {
         let numbers = [reading.force.0.x, reading.force.0.y, reading.torque_z_n_m, reading.age_s];
         assert!(numbers.iter().all(|value| value.is_finite()), "{reading:?}");
         assert!(!reading.new_sample || raw.is_some());
-        assert!(!reading.new_sample || (reading.missed_samples == 0 && !reading.stale && reading.age_s == 0.0));
+        let age_s = raw.map_or(0.0, |raw| 1e-9 * f64::from(raw.age_ns));
+        assert!(!reading.new_sample || (reading.missed_samples == 0 && !reading.stale && reading.age_s == age_s));
         if reading.new_sample && reading.valid {
             assert!(link_angle.is_finite() && !matches!(chain.tare_state(), Some(TareState::Collecting { .. })));
         }
@@ -110,12 +112,12 @@ pub fn sensing(bytes: &[u8]) {
 pub(super) fn chains() -> Vec<Vec<u8>> {
     let step = |script: Script, x: u8, sequence: u8| {
         let counts = [0, x, 0].iter().copied().chain([0; 15]).collect::<Vec<u8>>();
-        script.raw(&[0, 255]).raw(&counts).raw(&[1, sequence, 0]).number(0.1).number(0.2).number(0.0).number(1.0)
+        script.raw(&[0, 255]).raw(&counts).raw(&[1, sequence, 0, 0]).number(0.1).number(0.2).number(0.0).number(1.0)
     };
     let script = Script::new().raw(&[0, 0]).number(0.3).number(0.5).raw(&[1]).number(30.0).number(1000.0).number(0.001);
     let script = (0..10).fold(script, |script, at| step(script, 10 * at, at));
     let tare = script.raw(&[1, 3]).number(0.5).number(0.02);
     // The tare takes the place of the first byte of a step.
-    let tare = tare.raw(&[255]).raw(&[0; 18]).raw(&[1, 77, 0]).number(0.1).number(0.2).number(0.0).number(0.0);
+    let tare = tare.raw(&[255]).raw(&[0; 18]).raw(&[1, 77, 0, 0]).number(0.1).number(0.2).number(0.0).number(0.0);
     vec![(0..5).fold(tare, |script, at| step(script, 100, 100 + at)).finish()]
 }

@@ -3,7 +3,7 @@
 use std::sync::LazyLock;
 
 use yieldwall::canopen::{Frame, Time, cob, node_id};
-use yieldwall::sim::{Drive, DriveSettings, Encoder, ForceSensor, ForceSensorSettings, PositionLoop};
+use yieldwall::sim::{Drive, DriveSettings, Encoder, ForceSensor, ForceSensorSettings, PositionLoop, Speaks};
 use yieldwall_drives::cia402::State;
 use yieldwall_drives::profiles::{SIMULATED_FORCE_SENSOR, SIMULATED_SERVO};
 use yieldwall_drives::scaling::{AxisScaling, Direction};
@@ -135,9 +135,7 @@ pub fn force_sensor(bytes: &[u8]) {
     let mut bytes = Bytes::new(bytes);
     let node = node_id(NODE).expect("a node id");
     let settings = ForceSensorSettings {
-        node,
-        profile: &SIMULATED_FORCE_SENSOR,
-        serial: 1,
+        speaks: Speaks::Canopen { node, profile: &SIMULATED_FORCE_SENSOR, serial: 1 },
         sample_rate_hz: bytes.pick(&[200, 500, 1000]),
         phase_us: u32::from(bytes.u16() % 1000),
         range_counts: i32::from(bytes.u16() as i16),

@@ -35,11 +35,11 @@ pub(super) fn check_nodes(findings: &mut Findings, rig: &Rig) {
     let names: Vec<&str> = rig.buses.keys().map(String::as_str).collect();
     let mut taken: Vec<(&str, u8, String)> = Vec::new();
     let devices = [
-        ("drives[0]", &rig.drives[0].bus, rig.drives[0].node_id),
-        ("drives[1]", &rig.drives[1].bus, rig.drives[1].node_id),
-        ("sensor", &rig.sensor.bus, rig.sensor.node_id),
+        ("drives[0]", "drives[0].node_id", &rig.drives[0].bus, Some(rig.drives[0].node_id)),
+        ("drives[1]", "drives[1].node_id", &rig.drives[1].bus, Some(rig.drives[1].node_id)),
+        ("sensor", "sensor.protocol.canopen.node_id", &rig.sensor.bus, rig.sensor.protocol.node_id()),
     ];
-    for (device, bus, node_id) in devices {
+    for (device, id_key, bus, node_id) in devices {
         let key = format!("{device}.bus");
         if !names.contains(&bus.as_str()) {
             let help = match nearest(bus, names.iter().copied()) {
@@ -48,7 +48,8 @@ pub(super) fn check_nodes(findings: &mut Findings, rig: &Rig) {
             };
             findings.error(&key, format!("`{key}` is `{bus}`, which is not among `buses`"), help).see("buses", "buses");
         }
-        let key = format!("{device}.node_id");
+        let Some(node_id) = node_id else { continue };
+        let key = id_key.to_owned();
         let other = taken.iter().find(|(on, id, _)| on == bus && *id == node_id).map(|(_, _, other)| other.clone());
         let other = other.or_else(|| (node_id == rig.master.node_id).then(|| "master.node_id".to_owned()));
         if let Some(other) = other {
@@ -80,13 +81,13 @@ pub(super) fn check_nodes(findings: &mut Findings, rig: &Rig) {
 /// Whether nodes beat slowly enough for the cycle to tell a late beat from a lost one.
 pub(super) fn check_heartbeats(findings: &mut Findings, rig: &Rig) {
     let period = rig.cycle.period_us;
+    let sensor = rig.sensor.protocol.heartbeat_ms().map(|beat_ms| ("sensor.protocol.canopen.heartbeat_ms", beat_ms));
     let beats = [
         ("master.heartbeat_ms", rig.master.heartbeat_ms),
         ("drives[0].heartbeat_ms", rig.drives[0].heartbeat_ms),
         ("drives[1].heartbeat_ms", rig.drives[1].heartbeat_ms),
-        ("sensor.heartbeat_ms", rig.sensor.heartbeat_ms),
     ];
-    for (key, beat_ms) in beats {
+    for (key, beat_ms) in beats.into_iter().chain(sensor) {
         if 1000 * u64::from(beat_ms) < HEARTBEAT_CYCLES * u64::from(period) {
             let message = format!("`{key}` is {beat_ms} ms, below {HEARTBEAT_CYCLES} control periods of {period} us");
             let help =
@@ -96,7 +97,7 @@ pub(super) fn check_heartbeats(findings: &mut Findings, rig: &Rig) {
     }
 }
 
-/// Whether every device model is known and has what the rig asks of it.
+/// Whether every drive's model is known and has what the rig asks of it.
 pub(super) fn check_profiles(findings: &mut Findings, rig: &Rig) {
     let (mode, cia402) = match rig.rig.command_mode {
         CommandMode::Torque => ("torque", OperationMode::CyclicTorque),
@@ -124,40 +125,13 @@ pub(super) fn check_profiles(findings: &mut Findings, rig: &Rig) {
             None => refuse_profile(findings, &key, &drive.profile, "is not known", is_servo),
         }
     }
-    let sensor = &rig.sensor;
-    match profiles::find(&sensor.profile).map(|profile| profile.role) {
-        Some(Role::ForceSensor { sample_rates_hz, .. }) => {
-            if !sample_rates_hz.iter().any(|rate| f64::from(*rate) == *sensor.sample_rate_hz) {
-                let known: Vec<String> = sample_rates_hz.iter().map(u32::to_string).collect();
-                let rate = *sensor.sample_rate_hz;
-                findings
-                    .error(
-                        "sensor.sample_rate_hz",
-                        format!(
-                            "`sensor.sample_rate_hz` is {rate}, which the profile `{}` does not have",
-                            sensor.profile
-                        ),
-                        format!("write one of {}", known.join(", ")),
-                    )
-                    .see("sensor.profile", "profile");
-            }
-        }
-        Some(_) => {
-            refuse_profile(findings, "sensor.profile", &sensor.profile, "is not one of a force sensor", is_sensor)
-        }
-        None => refuse_profile(findings, "sensor.profile", &sensor.profile, "is not known", is_sensor),
-    }
 }
 
 fn is_servo(role: &Role) -> bool {
     matches!(role, Role::Servo { .. })
 }
 
-fn is_sensor(role: &Role) -> bool {
-    matches!(role, Role::ForceSensor { .. })
-}
-
-fn refuse_profile(findings: &mut Findings, key: &str, name: &str, why: &str, fits: fn(&Role) -> bool) {
+pub(super) fn refuse_profile(findings: &mut Findings, key: &str, name: &str, why: &str, fits: fn(&Role) -> bool) {
     let known: Vec<&str> =
         profiles::ALL.iter().filter(|profile| fits(&profile.role)).map(|profile| profile.name).collect();
     let help = match nearest(name, known.iter().copied()) {

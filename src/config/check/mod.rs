@@ -7,6 +7,8 @@ mod limits;
 mod reach;
 mod rig;
 mod scene;
+mod sensor;
+mod sensor_bus;
 mod words;
 
 use std::sync::Arc;
@@ -22,11 +24,39 @@ use super::explain::{name_of, with_description};
 use super::outline::Outline;
 use super::schema::Guide;
 
+/// Where the keys of one document stand.
+#[derive(Debug)]
+pub(super) struct Locator {
+    pub(super) file: String,
+    pub(super) text: Arc<str>,
+    pub(super) outline: Outline,
+}
+
+impl Locator {
+    /// A finding at a key.
+    pub(super) fn finding(&self, severity: Severity, at: &str, message: String, help: String) -> Diagnostic {
+        let place = self.outline.nearest(at).map(|node| node.place());
+        Diagnostic {
+            severity,
+            file: self.file.clone(),
+            place,
+            key: at.to_owned(),
+            message,
+            help: Some(help).filter(|help| !help.is_empty()),
+            related: Vec::new(),
+            text: place.map(|_| self.text.clone()),
+        }
+    }
+
+    /// Another key that explains a finding, if it stands in the document.
+    pub(super) fn related(&self, at: &str, label: &str) -> Option<Related> {
+        self.outline.find(at).map(|node| Related { place: node.place(), label: label.to_owned() })
+    }
+}
+
 /// The findings in one document, and what is needed to place them.
 pub(super) struct Findings {
-    file: String,
-    text: Arc<str>,
-    outline: Outline,
+    locator: Arc<Locator>,
     guide: Guide,
     found: Vec<Diagnostic>,
     /// Where values are out of range: relations with them mean nothing.
@@ -34,8 +64,13 @@ pub(super) struct Findings {
 }
 
 impl Findings {
-    pub(super) fn new(file: String, text: Arc<str>, outline: Outline, guide: Guide) -> Self {
-        Self { file, text, outline, guide, found: Vec::new(), out_of_range: Vec::new() }
+    pub(super) fn new(locator: Locator, guide: Guide) -> Self {
+        Self { locator: Arc::new(locator), guide, found: Vec::new(), out_of_range: Vec::new() }
+    }
+
+    /// Where findings go that are made later.
+    pub(super) fn locator(&self) -> Arc<Locator> {
+        self.locator.clone()
     }
 
     /// An error at a key.
@@ -49,24 +84,14 @@ impl Findings {
     }
 
     fn add(&mut self, severity: Severity, at: &str, message: String, help: String) -> &mut Self {
-        let place = self.outline.nearest(at).map(|node| node.place());
-        self.found.push(Diagnostic {
-            severity,
-            file: self.file.clone(),
-            place,
-            key: at.to_owned(),
-            message,
-            help: Some(help).filter(|help| !help.is_empty()),
-            related: Vec::new(),
-            text: place.map(|_| self.text.clone()),
-        });
+        self.found.push(self.locator.finding(severity, at, message, help));
         self
     }
 
     /// Points the last finding at another key as well.
     fn see(&mut self, at: &str, label: &str) -> &mut Self {
-        if let (Some(node), Some(last)) = (self.outline.find(at), self.found.last_mut()) {
-            last.related.push(Related { place: node.place(), label: label.to_owned() });
+        if let Some(last) = self.found.last_mut() {
+            last.related.extend(self.locator.related(at, label));
         }
         self
     }
@@ -76,7 +101,7 @@ impl Findings {
         let Err(report) = value.validate() else { return true };
         for (path, error) in report.iter() {
             let path = path.to_string();
-            let found = self.outline.find(&path).map(|node| node.describe()).unwrap_or_default();
+            let found = self.locator.outline.find(&path).map(|node| node.describe()).unwrap_or_default();
             let name = name_of(&path);
             let message = match error.message() {
                 "length is lower than 1" => format!("{name} is empty"),

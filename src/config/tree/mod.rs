@@ -9,6 +9,7 @@ mod fixture;
 mod injection;
 mod rig;
 mod scene;
+mod sensor;
 
 pub use arm::{ArmInertia, ArmModel, DistalLink, ElbowSide, Linkage, Tool, WristSide};
 pub use device::{DeviceCycle, DeviceIdentity, DevicePlant, ImpedanceDevice};
@@ -17,9 +18,10 @@ pub use fixture::{Coupling, Curvature, Fixture, Forbidden, Side, Surface};
 pub use injection::{FaultName, FaultTarget, SceneFault};
 pub use rig::{
     Bus, BusTiming, CommandMode, Control, ControlGains, ControlLaw, Cycle, Drive, DrivePositionLoop, FeedForward,
-    Guard, Master, Mount, Rig, RigIdentity, RigPlant, Sensor,
+    Guard, Master, Rig, RigIdentity, RigPlant,
 };
 pub use scene::{
     ArcSpeed, DeviceModel, EncoderModel, ForceSensorModel, Hand, JointElasticity, PathSegment, Scene, SceneModel,
     Tracking, Tremor,
 };
+pub use sensor::{ByteOrder, Mount, Sensor, SensorProtocol};

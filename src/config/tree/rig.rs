@@ -8,6 +8,7 @@ use serde::{Deserialize, Serialize};
 
 use super::arm::{ArmInertia, ArmModel, Linkage};
 use super::fixture::Fixture;
+use super::sensor::Sensor;
 use crate::config::number::{Finite, NotNegative, Positive, nullable, present};
 
 /// An admittance rig: five-bar arm, two servo drives, force sensor, virtual fixture.
@@ -154,59 +155,6 @@ pub struct Drive {
     /// Heartbeat period of the drive, ms; this program watches it. 1 to 10 000, at least two control periods.
     #[garde(range(min = 1, max = 10_000))]
     pub heartbeat_ms: u16,
-}
-
-/// A six-axis force sensor.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema, Validate)]
-#[serde(deny_unknown_fields)]
-#[garde(allow_unvalidated)]
-pub struct Sensor {
-    /// Name for reports and messages.
-    #[garde(length(min = 1))]
-    pub name: String,
-    /// The bus it is on: a key of `buses`.
-    pub bus: String,
-    /// CANopen node-ID, 1 to 127; no other node of the bus has it.
-    #[garde(range(min = 1, max = 127))]
-    pub node_id: u8,
-    /// Device model: identity, frame layout and status bits.
-    #[garde(length(min = 1))]
-    pub profile: String,
-    /// How often it samples, Hz: the fastest rate of the profile that is not above that of the cycle.
-    #[garde(dive)]
-    pub sample_rate_hz: Positive,
-    /// Heartbeat period of the sensor, ms; this program watches it. 1 to 10 000, at least two control periods.
-    #[garde(range(min = 1, max = 10_000))]
-    pub heartbeat_ms: u16,
-    /// Calibration matrix: wrench = matrix * counts; rows Fx Fy Fz (N per count) then Tx Ty Tz (N m per count).
-    pub calibration: [[Finite; 6]; 6],
-    /// Counts at which the sensor saturates, 1 to 32 767.
-    #[garde(range(min = 1, max = 32_767))]
-    pub range_counts: u16,
-    /// The link that the sensor turns with.
-    pub mounted_on: Mount,
-    /// Angle of the sensor's x axis against that link, rad.
-    pub mounting_angle_rad: Finite,
-    /// Mass beyond the sensor, whose inertia is taken out of the reading, kg. 0 or above.
-    #[garde(dive)]
-    pub handle_mass_kg: NotNegative,
-    /// Corner frequency of the low pass on the force, Hz, below half the sampling rate of the control; null for no filter.
-    #[garde(dive)]
-    #[serde(deserialize_with = "present")]
-    #[schemars(schema_with = "nullable::<Positive>")]
-    pub low_pass_hz: Option<Positive>,
-}
-
-/// The link that a sensor turns with.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
-#[serde(rename_all = "snake_case")]
-pub enum Mount {
-    /// It does not turn.
-    Base,
-    /// The distal link of the left arm.
-    LeftDistal,
-    /// The distal link of the right arm.
-    RightDistal,
 }
 
 /// Joint controllers.

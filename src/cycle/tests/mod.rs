@@ -223,7 +223,8 @@ impl Bench {
         let link = self.cycle.linkage.forward(angles).map(|posture| mounting.link_angle_rad(posture.distal_angle_rad));
         let wrench = mounting.to_sensor(Force::from(self.force), 0.0, link.unwrap_or_default());
         let counts = <[f64; 6]>::from(wrench.0 * COUNTS_PER_N).map(|count| count.round() as i32);
-        Some(RawSample { counts, sequence: Some(self.sequence), overload: self.overload, invalid: self.invalid })
+        let (overload, invalid) = (self.overload, self.invalid);
+        Some(RawSample { counts, sequence: Some(self.sequence), overload, invalid, age_ns: 0 })
     }
 
     fn inputs(&mut self, request: Request) -> Inputs {

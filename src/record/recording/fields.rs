@@ -128,9 +128,9 @@ fn drive<V: Visitor>(drive: &mut DriveSample, v: &mut V, fields: &[Field; 6]) {
 
 fn sample<V: Visitor>(target: &mut Option<RawSample>, v: &mut V) {
     let mut is_there = target.is_some();
-    let mut sample = target.unwrap_or(RawSample { counts: [0; 6], sequence: None, overload: false, invalid: false });
+    let mut sample = target.unwrap_or_default();
     v.visit(field("has_sample", "", "a force sample arrived"), &mut is_there);
-    let RawSample { counts: [fx, fy, fz, tx, ty, tz], sequence, overload, invalid } = &mut sample;
+    let RawSample { counts: [fx, fy, fz, tx, ty, tz], sequence, overload, invalid, age_ns } = &mut sample;
     v.visit_if(is_there, field("sample_fx_counts", "counts", "first channel of the force sensor"), fx);
     v.visit_if(is_there, field("sample_fy_counts", "counts", "second channel"), fy);
     v.visit_if(is_there, field("sample_fz_counts", "counts", "third channel"), fz);
@@ -145,6 +145,7 @@ fn sample<V: Visitor>(target: &mut Option<RawSample>, v: &mut V) {
     );
     v.visit_if(is_there, field("sample_overload", "", "the sensor's overload bit"), overload);
     v.visit_if(is_there, field("sample_invalid", "", "the sensor says that the counts are not valid"), invalid);
+    v.visit_if(is_there, field("sample_age_ns", "ns", "time since the last frame of the sample came"), age_ns);
     *target = is_there.then_some(sample);
 }
 
@@ -180,6 +181,7 @@ fn outputs<V: Visitor>(record: &mut CycleRecord, v: &mut V) {
 fn signals<V: Visitor>(signals: &mut Signals, v: &mut V) {
     let Signals {
         force,
+        force_age_s,
         tool,
         proxy,
         target_angles,
@@ -192,6 +194,7 @@ fn signals<V: Visitor>(signals: &mut Signals, v: &mut V) {
     } = signals;
     v.visit(field("force_x_n", "N", "force of the hand on the tool as sensed, base frame"), &mut force.0.x);
     v.visit(field("force_y_n", "N", "the same, y"), &mut force.0.y);
+    v.visit(field("force_age_s", "s", "age of the sample that the force comes from"), force_age_s);
     v.visit(field("tool_x_m", "m", "tool point by the measured angles, base frame"), &mut tool.0.x);
     v.visit(field("tool_y_m", "m", "the same, y"), &mut tool.0.y);
     v.visit(field("proxy_x_m", "m", "proxy; the tool point while there is no reference"), &mut proxy.0.x);

@@ -40,6 +40,9 @@ impl EmbeddedRig {
             let message = "arm-blocked needs `model.tracking: rigid`: there is no arm to block";
             return Err(RigError::Mismatch(message.into()));
         }
+        if let Some(needed) = self.troubles.refuse(injection) {
+            return Err(RigError::Mismatch(format!("{} needs {needed}", injection.kind.row().name)));
+        }
         if injection.kind.row().lasts == Lasts::FromBoot {
             self.begin(injection);
         } else {
@@ -103,6 +106,10 @@ impl EmbeddedRig {
             _ => {}
         }
         for device in (0..3).filter(|device| is_at(injection.target, *device)) {
+            if injection.kind == Kind::NodeReset {
+                self.far.switch_on(device, now, &mut self.bus);
+                continue;
+            }
             let Some(node) = self.troubles.node(device) else { continue };
             let emergency = |code: u16| {
                 let [low, high] = code.to_le_bytes();
@@ -112,7 +119,6 @@ impl EmbeddedRig {
                 Kind::Emergency => self.troubles.send(now, device + 1, emergency(EMERGENCIES[device])),
                 Kind::EmergencyWarning => self.troubles.send(now, device + 1, emergency(WARNING)),
                 Kind::IntruderNmt => self.troubles.send(now, STRANGER, Frame::new(cob::NMT, &[0x80, node.raw()])),
-                Kind::NodeReset => self.far.switch_on(device, now, &mut self.bus),
                 Kind::DriveFault => {
                     if let Some(drive) = self.far.drives.get_mut(device) {
                         drive.raise_fault(now, injection.size as u16, &mut self.bus.outbox(DEVICES[device], now));

@@ -62,6 +62,8 @@ pub struct EmbeddedRig {
     /// What a drill keeps from the devices.
     pub(super) silence: Option<Silence>,
     period: Duration,
+    /// Time from one sample of the force sensor to the next.
+    sample_period: Duration,
     compute_at: Duration,
     now: Time,
     next_sync: Time,
@@ -98,6 +100,7 @@ impl EmbeddedRig {
             host: Computer::default(),
             silence: None,
             period: Duration::from_micros(rig.cycle.period_us.into()),
+            sample_period: build::sample_period(rig),
             compute_at: Duration::from_micros(rig.cycle.compute_at_us.into()),
             now: Time::default(),
             next_sync: Time::NEVER,
@@ -263,12 +266,14 @@ impl EmbeddedRig {
 
 fn devices(rig: &config::Rig) -> Result<[Device; 3], RigError> {
     let device = |node: u8, heartbeat_ms: u16| {
-        Ok::<_, RigError>(Device { node: assembly::node(node)?, heartbeat: Duration::from_millis(heartbeat_ms.into()) })
+        let heartbeat = Duration::from_millis(heartbeat_ms.into());
+        Ok::<_, RigError>(Device::Node { node: assembly::node(node)?, heartbeat })
     };
-    let ([left, right], sensor) = (&rig.drives, &rig.sensor);
-    Ok([
-        device(left.node_id, left.heartbeat_ms)?,
-        device(right.node_id, right.heartbeat_ms)?,
-        device(sensor.node_id, sensor.heartbeat_ms)?,
-    ])
+    let [left, right] = &rig.drives;
+    let sensor = match rig.sensor.protocol {
+        config::SensorProtocol::Canopen { node_id, heartbeat_ms, .. } => device(node_id, heartbeat_ms)?,
+        config::SensorProtocol::Streaming { .. } => Device::Plain { can_be_invalid: false },
+        config::SensorProtocol::Polled { invalid_bits, .. } => Device::Plain { can_be_invalid: invalid_bits != 0 },
+    };
+    Ok([device(left.node_id, left.heartbeat_ms)?, device(right.node_id, right.heartbeat_ms)?, sensor])
 }

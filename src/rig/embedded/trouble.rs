@@ -19,11 +19,27 @@ const HELD_FRAMES: usize = 64;
 /// Shutdown, as somebody else's set-point tells it.
 const SHUTDOWN: u64 = 0x0006;
 
-/// A bus node that can be the target: its identifier and how often its heartbeat comes.
+/// A device that can be the target.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Device {
-    pub(super) node: NodeId,
-    pub(super) heartbeat: Duration,
+pub(super) enum Device {
+    /// A CANopen node: its identifier and how often its heartbeat comes.
+    Node { node: NodeId, heartbeat: Duration },
+    /// A sensor on plain CAN, and whether it can say that its samples are not valid.
+    Plain { can_be_invalid: bool },
+}
+
+impl Device {
+    fn node(self) -> Option<NodeId> {
+        match self {
+            Device::Node { node, .. } => Some(node),
+            Device::Plain { .. } => None,
+        }
+    }
+
+    /// Whether a frame that it sent is process data.
+    fn is_data(self, frame: &Frame) -> bool {
+        matches!(self, Device::Plain { .. }) || is_tpdo(frame)
+    }
 }
 
 /// One injection that acts, and what it has to remember.
@@ -92,7 +108,26 @@ impl Troubles {
     }
 
     pub(super) fn node(&self, device: usize) -> Option<NodeId> {
-        self.devices.get(device).map(|device| device.node)
+        self.devices.get(device).and_then(|device| device.node())
+    }
+
+    /// Why the injection is not possible with the devices of this rig.
+    pub(super) fn refuse(&self, injection: Injection) -> Option<&'static str> {
+        let is_plain = self.devices.iter().enumerate().find_map(|(at, device)| match *device {
+            Device::Plain { can_be_invalid } if is_at(injection.target, at) => Some(can_be_invalid),
+            _ => None,
+        })?;
+        match injection.kind {
+            Kind::SensorInvalid if !is_plain => Some("a sensor with a bit of its status for it"),
+            Kind::HeartbeatSilent
+            | Kind::DuplicateNode
+            | Kind::IntruderNmt
+            | Kind::Emergency
+            | Kind::EmergencyWarning
+            | Kind::IdentityMismatch
+            | Kind::WrongNodeId => Some("a CANopen node, and the sensor speaks plain CAN"),
+            _ => None,
+        }
     }
 
     /// Frames that others than the devices send in the cycle that begins at `sync_at`.
@@ -103,10 +138,11 @@ impl Troubles {
                 Kind::IntruderSync => hold(held, sync_at + period / 2, STRANGER, Frame::new(cob::SYNC, &[])),
                 Kind::DuplicateNode => {
                     for (at, device) in devices.iter().enumerate() {
-                        let cycles = (device.heartbeat.as_nanos() / period.as_nanos()).max(1) as u32;
+                        let Device::Node { node, heartbeat } = *device else { continue };
+                        let cycles = (heartbeat.as_nanos() / period.as_nanos()).max(1) as u32;
                         if is_at(active.injection.target, at) && active.count.is_multiple_of(cycles) {
                             // Late in the cycle, where it is in nobody's way.
-                            let heartbeat = Frame::new(cob::heartbeat(device.node), &[0x05]);
+                            let heartbeat = Frame::new(cob::heartbeat(node), &[0x05]);
                             hold(held, sync_at + period * 9 / 10, STRANGER, heartbeat);
                         }
                     }
@@ -141,9 +177,10 @@ impl Troubles {
         for active in active {
             let Injection { kind, target, size, .. } = active.injection;
             let sender = from.checked_sub(1).filter(|at| is_at(target, *at)).and_then(|at| devices.get(at));
-            let is_data = sender.is_some() && is_tpdo(&frame);
+            let is_data = sender.is_some_and(|device| device.is_data(&frame));
             let addressee = devices.iter().enumerate().find(|(at, device)| {
-                from == MASTER && is_at(target, *at) && frame.id() & 0x7f == u16::from(device.node.raw())
+                let is_it = |node: NodeId| frame.id() & 0x7f == u16::from(node.raw());
+                from == MASTER && is_at(target, *at) && device.node().is_some_and(is_it)
             });
             let is_set_point = addressee.is_some() && is_rpdo(&frame);
             let later = now + Duration::from_secs_f64(size.max(0.0));
@@ -151,7 +188,11 @@ impl Troubles {
                 Kind::PdoLost | Kind::SensorSilent if is_data => return None,
                 Kind::SetPointsLost if is_set_point => return None,
                 Kind::SyncLost if frame.id() == cob::SYNC => return None,
-                Kind::HeartbeatSilent if sender.is_some_and(|device| frame.id() == cob::heartbeat(device.node)) => {
+                Kind::HeartbeatSilent
+                    if sender
+                        .and_then(|device| device.node())
+                        .is_some_and(|node| frame.id() == cob::heartbeat(node)) =>
+                {
                     return None;
                 }
                 Kind::PdoDelayed if is_data => {

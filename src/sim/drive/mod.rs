@@ -194,7 +194,7 @@ impl Drive {
 
     /// State of the state machine.
     pub fn state(&self) -> State {
-        self.device.state()
+        if self.is_powered { self.device.state() } else { State::NotReadyToSwitchOn }
     }
 
     /// Sends what the device wished to send: emergencies, and event-driven TPDOs when the statusword has changed.

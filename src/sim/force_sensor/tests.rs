@@ -6,9 +6,7 @@ use super::*;
 use crate::canopen::node_id;
 
 const SETTINGS_AT_1_KHZ: fn() -> ForceSensorSettings = || ForceSensorSettings {
-    node: node_id(10).unwrap(),
-    profile: &SIMULATED_FORCE_SENSOR,
-    serial: 7,
+    speaks: Speaks::Canopen { node: node_id(10).unwrap(), profile: &SIMULATED_FORCE_SENSOR, serial: 7 },
     sample_rate_hz: 1000,
     phase_us: 0,
     range_counts: 32_000,
@@ -151,6 +149,139 @@ fn bad_settings_are_refused() {
     ] {
         assert!(matches!(ForceSensor::new(bad), Err(DeviceError::Setting { .. })));
     }
-    let role = ForceSensor::new(ForceSensorSettings { profile: &SIMULATED_SERVO, ..good }).unwrap_err();
+    let role = ForceSensor::new(ForceSensorSettings {
+        speaks: Speaks::Canopen { node: node_id(10).unwrap(), profile: &SIMULATED_SERVO, serial: 7 },
+        ..good
+    })
+    .unwrap_err();
     assert!(matches!(role, DeviceError::Role { wanted: "force sensor", .. }));
+}
+
+mod plain_can {
+    use super::*;
+    use crate::plain_can::{polled, streaming};
+
+    const STREAMING: Protocol = Protocol::Streaming(streaming::Ids { command: 0x35f, data: [0x360, 0x361] });
+    const POLLED: Protocol = Protocol::Polled(polled::Format {
+        base: 0x1b0,
+        byte_order: polled::ByteOrder::BigEndian,
+        overload_bits: 0x0002,
+        invalid_bits: 0x8000,
+    });
+
+    fn settings(protocol: Protocol, sample_rate_hz: u32) -> ForceSensorSettings {
+        let speaks = Speaks::PlainCan { protocol, slow_ppm: 0 };
+        ForceSensorSettings { speaks, sample_rate_hz, phase_us: 300, range_counts: 32_000 }
+    }
+
+    fn on(settings: ForceSensorSettings) -> (ForceSensor, Vec<Frame>) {
+        let (mut sensor, mut sent) = (ForceSensor::new(settings).unwrap(), Vec::new());
+        sensor.boot(Time(0), &mut sent);
+        assert!(sent.is_empty(), "it says nothing until it is told to");
+        (sensor, sent)
+    }
+
+    /// Moments in us at which something was sent up to `until_us`.
+    fn moments(sensor: &mut ForceSensor, until_us: u64) -> Vec<(u64, Vec<Frame>)> {
+        let mut moments = Vec::new();
+        while sensor.next_deadline() <= Time::from_micros(until_us) {
+            let (now, mut sent) = (sensor.next_deadline(), Vec::new());
+            sensor.poll(now, &mut sent);
+            if !sent.is_empty() {
+                moments.push((now.0 / 1000, sent));
+            }
+        }
+        moments
+    }
+
+    #[test]
+    fn a_streaming_sensor_sends_each_sample_of_its_clock_between_start_and_stop() {
+        for (rate, samples) in [(200, 4), (500, 10), (1000, 20)] {
+            let (mut sensor, mut sent) = on(settings(STREAMING, rate));
+            assert_eq!(moments(&mut sensor, 20_000).len(), 0);
+            sensor.measure([1, -2, 3, 0x0405, 6, -7]);
+            sensor.on_frame(Time::from_micros(20_000), &Frame::new(0x35f, &[0x0b, 0, 0, 0, 0, 0, 0, 0]), &mut sent);
+            let streamed = moments(&mut sensor, 40_000);
+            assert_eq!(streamed.len(), samples, "{rate} Hz");
+            let period_us = 1_000_000 / u64::from(rate);
+            assert!(streamed.windows(2).all(|pair| pair[1].0 - pair[0].0 == period_us) && streamed[0].0 == 20_300);
+            let first = Frame::new(0x360, &[0x0b, 0x00, 0x01, 0xff, 0xfe, 0x00, 0x03, 0x04]);
+            let second = Frame::new(0x361, &[0x05, 0x00, 0x06, 0xff, 0xf9, 0x00, 0x00, 0x00]);
+            assert!(streamed.iter().all(|(_, frames)| *frames == [first, second]));
+            sensor.on_frame(Time::from_micros(40_000), &Frame::new(0x35f, &[0x0c]), &mut sent);
+            assert!(moments(&mut sensor, 60_000).is_empty() && sent.is_empty());
+        }
+    }
+
+    #[test]
+    fn a_polled_sensor_answers_with_its_newest_sample_and_its_number() {
+        for (rate, number) in [(200, 4), (500, 10), (1000, 20)] {
+            let (mut sensor, mut sent) = on(settings(POLLED, rate));
+            sensor.measure([1, -2, 3, 0x0405, 6, 32_000]);
+            assert_eq!(moments(&mut sensor, 20_000).len(), 0, "nobody has asked");
+            sensor.on_frame(Time::from_micros(20_000), &Frame::new(0x1b0, &[2]), &mut sent);
+            let first = Frame::new(0x1b5, &[0x00, 0x01, 0x04, 0x05, 0xff, 0xfe, 0x00, 0x06]);
+            let second = Frame::new(0x1b6, &[0x00, 0x03, 0x7d, 0x00, 0x00, 0x02, 0x00, number]);
+            assert_eq!(sent, [first, second], "{rate} Hz");
+        }
+    }
+
+    #[test]
+    fn a_zero_holds_until_the_sensor_is_switched_off() {
+        let (mut sensor, mut sent) = on(settings(POLLED, 1000));
+        let read = |sensor: &mut ForceSensor, at_us: u64| {
+            moments(sensor, at_us);
+            let mut sent = Vec::new();
+            sensor.on_frame(Time::from_micros(at_us), &Frame::new(0x1b0, &[2]), &mut sent);
+            i16::from_be_bytes([sent[0].bytes()[0], sent[0].bytes()[1]])
+        };
+        sensor.measure([100; 6]);
+        assert_eq!(read(&mut sensor, 5000), 100);
+        sensor.on_frame(Time::from_micros(5000), &Frame::new(0x1b0, &[4]), &mut sent);
+        sensor.measure([107; 6]);
+        assert_eq!((read(&mut sensor, 6000), read(&mut sensor, 7000)), (107 - 100, 7));
+        sensor.switch_off();
+        sensor.on_frame(Time::from_micros(8000), &Frame::new(0x1b0, &[2]), &mut sent);
+        assert!(sent.is_empty() && sensor.next_deadline() == Time::NEVER);
+        sensor.boot(Time::from_micros(9000), &mut sent);
+        assert_eq!(read(&mut sensor, 10_000), 107);
+    }
+
+    #[test]
+    fn a_clock_that_stands_still_stops_a_stream_and_repeats_an_answer() {
+        let (mut sensor, mut sent) = on(settings(STREAMING, 1000));
+        sensor.on_frame(Time(0), &Frame::new(0x35f, &[0x0b]), &mut sent);
+        assert_eq!(moments(&mut sensor, 5000).len(), 5);
+        sensor.set_clock_rate(0.0);
+        assert!(moments(&mut sensor, 9000).is_empty());
+        let (mut sensor, mut sent) = on(settings(POLLED, 1000));
+        moments(&mut sensor, 5000);
+        sensor.set_clock_rate(0.0);
+        sensor.set_status_bits(yieldwall_drives::profiles::STATUS_INVALID);
+        for at_us in [6000, 7000] {
+            moments(&mut sensor, at_us);
+            sensor.on_frame(Time::from_micros(at_us), &Frame::new(0x1b0, &[2]), &mut sent);
+        }
+        assert_eq!(sent[1].bytes()[4..], [0x00, 0x00, 0x00, 0x05], "the sample of before");
+        assert_eq!(sent[1], sent[3]);
+        sensor.set_clock_rate(1.0);
+        moments(&mut sensor, 8000);
+        sensor.on_frame(Time::from_micros(8000), &Frame::new(0x1b0, &[2]), &mut sent);
+        assert_eq!(sent[5].bytes()[4..6], [0x80, 0x00]);
+    }
+
+    #[test]
+    fn bad_settings_are_refused() {
+        for bad in [
+            settings(STREAMING, 0),
+            settings(POLLED, 10_001),
+            ForceSensorSettings {
+                speaks: Speaks::PlainCan { protocol: POLLED, slow_ppm: 1001 },
+                ..settings(POLLED, 1000)
+            },
+            ForceSensorSettings { phase_us: 5000, ..settings(STREAMING, 200) },
+        ] {
+            assert!(matches!(ForceSensor::new(bad), Err(DeviceError::Setting { .. })), "{bad:?}");
+        }
+    }
 }

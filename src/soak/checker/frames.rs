@@ -11,6 +11,22 @@ use crate::sim::can::frame_bits;
 /// SYNC.
 const SYNC: u16 = 0x080;
 
+/// A set-point that the next SYNC makes act, and what was known when it was computed.
+#[derive(Clone, Copy, Debug)]
+struct Sent {
+    setpoint: Setpoint,
+    known: [Option<Status>; 2],
+    known_also: [Option<Status>; 2],
+    is_fresh: bool,
+    is_permitted: bool,
+    /// SYNC of the cycle that computed it, ns; an earlier one for what was kept.
+    computed_ns: u64,
+    /// A broken link had kept it: nobody knows of which cycle it is, and it is not judged.
+    is_kept: bool,
+    /// No SYNC came in its cycle: the next one may take its place.
+    has_waited: bool,
+}
+
 /// What the frames of the last cycles said.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Frames {
@@ -18,16 +34,20 @@ pub(super) struct Frames {
     told: [Option<Status>; 2],
     /// The same, as known at the last computation.
     known: [Option<Status>; 2],
-    /// The set-points since the last SYNC, and what was known when they were computed.
-    sent: [Option<Setpoint>; 2],
-    known_then: [Option<Status>; 2],
-    /// Joints that told something in the cycle of the last computation.
+    /// What a second one after SYNC told: of two after a cycle without any nobody knows which is the late one.
+    told_also: [Option<Status>; 2],
+    /// Joints that told something between SYNC and the last computation.
     is_fresh: [bool; 2],
-    fresh_then: [bool; 2],
+    /// The set-points since the last SYNC.
+    sent: [Option<Sent>; 2],
+    /// Whether nothing was sent between the last two SYNCs: what comes next may have waited.
+    had_gap: [bool; 2],
     /// What the last set-points were, those before the last SYNC.
     before: [Option<Setpoint>; 2],
-    /// SYNC of the cycle in which they were seen, ns.
+    /// SYNC of the cycle that computed them, ns.
     before_ns: u64,
+    /// SYNC of the last computation, ns.
+    computed_ns: u64,
     /// Whether both drives were enabled and commanded at the last SYNC.
     were_moving: bool,
     /// The person has asked to enable since the last latched or idle state.
@@ -42,6 +62,7 @@ pub(super) struct Frames {
 }
 
 impl Frames {
+    /// What is seen until the computation, and what it then knows.
     pub(super) fn check(
         &mut self,
         limits: &Limits,
@@ -49,6 +70,21 @@ impl Frames {
         peaks: &mut Peaks,
         findings: &mut Findings<'_>,
     ) {
+        self.is_fresh = self.watch(limits, seen, peaks, findings);
+        self.known = self.told;
+        self.computed_ns = seen.sync_ns;
+        self.note_requests(seen);
+        self.state = seen.state;
+    }
+
+    /// What is seen on the wire; which joints told something after SYNC.
+    pub(super) fn watch(
+        &mut self,
+        limits: &Limits,
+        seen: &Observation,
+        peaks: &mut Peaks,
+        findings: &mut Findings<'_>,
+    ) -> [bool; 2] {
         let (mut is_after_sync, mut has_told) = (false, [false; 2]);
         for sighting in &seen.frames {
             let frame = &sighting.frame;
@@ -57,38 +93,52 @@ impl Frames {
                 self.bits += u64::from(frame_bits(frame));
             }
             if is_ours && frame.id() == SYNC {
+                self.told_also = [None; 2];
                 let sent = std::mem::take(&mut self.sent);
                 self.end_of_epoch(limits, seen, &sent, findings);
                 self.check_load(limits, seen, peaks, findings);
                 is_after_sync = true;
             }
-            for joint in 0..2 {
+            for (joint, has_told) in has_told.iter_mut().enumerate() {
                 if is_ours && frame.id() == limits.set_point_ids[joint] {
                     findings.expect(
                         Invariant::I12,
                         !is_after_sync || seen.falsified.timing || seen.falsified.link,
                         || format!("the set-point {:?} of the cycle before came after SYNC", Setpoint::decode(frame)),
                     );
-                    findings.expect(Invariant::I12, self.sent[joint].is_none(), || {
+                    findings.expect(Invariant::I12, self.sent[joint].is_none_or(|sent| sent.has_waited), || {
                         format!("two set-points for joint {joint} before one SYNC")
                     });
-                    self.sent[joint] = Setpoint::decode(frame);
-                    (self.known_then, self.fresh_then) = (self.known, self.is_fresh);
+                    let is_kept = is_after_sync || (self.had_gap[joint] && seen.falsified.link);
+                    self.sent[joint] = Setpoint::decode(frame).map(|setpoint| Sent {
+                        setpoint,
+                        known: self.known,
+                        known_also: self.told_also,
+                        is_fresh: self.is_fresh[joint],
+                        is_permitted: self.is_permitted,
+                        computed_ns: if is_kept { self.before_ns } else { self.computed_ns },
+                        is_kept,
+                        has_waited: false,
+                    });
                 }
-                // Of what arrives between SYNC and the computation the first counts; before it, what is late.
                 if sighting.sender.is_none()
                     && frame.id() == limits.status_ids[joint]
                     && let Some(status) = Status::decode(frame)
-                    && !(is_after_sync && std::mem::replace(&mut has_told[joint], true))
                 {
-                    self.note_wrap(joint, &status, peaks);
-                    self.told[joint] = Some(status);
+                    // Of what arrives between SYNC and the computation the first counts; before it, what is late.
+                    if is_after_sync && std::mem::replace(has_told, true) {
+                        self.told_also[joint] = Some(status).filter(|_| !self.is_fresh[joint]);
+                    } else {
+                        self.note_wrap(joint, &status, peaks);
+                        self.told[joint] = Some(status);
+                    }
                 }
             }
         }
-        (self.known, self.is_fresh) = (self.told, has_told);
-        self.note_requests(seen);
-        self.state = seen.state;
+        if !is_after_sync {
+            self.sent.iter_mut().flatten().for_each(|sent| sent.has_waited = true);
+        }
+        has_told
     }
 
     fn note_wrap(&self, joint: usize, status: &Status, peaks: &mut Peaks) {
@@ -128,19 +178,22 @@ impl Frames {
         &mut self,
         limits: &Limits,
         seen: &Observation,
-        sent: &[Option<Setpoint>; 2],
+        sent: &[Option<Sent>; 2],
         findings: &mut Findings<'_>,
     ) {
-        let enabled = self.known_then.map(|status| status.is_some_and(|status| status.is_enabled()));
-        let commanded = sent.map(|sent| sent.is_some_and(|sent| sent.enables()));
-        let is_moving = enabled == [true; 2] && commanded == [true; 2];
+        let commanded = sent.map(|sent| sent.is_some_and(|sent| sent.setpoint.enables()));
+        let is_moving = commanded == [true; 2] && sent.iter().flatten().all(Sent::knew_both_enabled);
         for (joint, sent) in sent.iter().enumerate() {
+            self.had_gap[joint] = sent.is_none_or(|sent| sent.is_kept);
             let Some(sent) = sent else { continue };
-            self.check_enabling(limits, joint, sent, enabled, findings);
-            self.check_resets(joint, sent, findings);
-            self.check_target(limits, seen, joint, sent, findings);
-            if is_moving && !self.were_moving && !seen.falsified.angles {
-                self.check_first(limits, joint, sent, findings);
+            self.check_target(limits, joint, &sent.setpoint, findings);
+            if sent.is_kept {
+                continue;
+            }
+            Self::check_enabling(limits, joint, sent, findings);
+            self.check_resets(joint, &sent.setpoint, findings);
+            if is_moving && !self.were_moving {
+                Self::check_first(limits, joint, sent, findings);
             }
         }
         // What is not said changes nothing: a drive goes on with what it heard last.
@@ -150,41 +203,35 @@ impl Frames {
         // I17: what moves both may end only for both.
         if self.were_moving && !is_moving && !seen.falsified.link {
             findings.expect(Invariant::I17, commanded[0] == commanded[1], || {
-                format!("the set-points after a common motion were {sent:x?}")
+                format!(
+                    "the set-points after a common motion were {:x?}",
+                    sent.map(|sent| sent.map(|sent| sent.setpoint))
+                )
             });
         }
         self.were_moving = is_moving;
-        (self.before, self.before_ns) = (*sent, seen.sync_ns);
+        self.before = sent.map(|sent| sent.map(|sent| sent.setpoint));
+        self.before_ns = sent.iter().flatten().map(|sent| sent.computed_ns).min().unwrap_or(self.before_ns);
         self.resets = self.resets.saturating_sub(1);
     }
 
     /// I1, and the second half of I18.
-    fn check_enabling(
-        &self,
-        limits: &Limits,
-        joint: usize,
-        sent: &Setpoint,
-        enabled: [bool; 2],
-        findings: &mut Findings<'_>,
-    ) {
-        if !sent.enables() {
+    fn check_enabling(limits: &Limits, joint: usize, sent: &Sent, findings: &mut Findings<'_>) {
+        let setpoint = &sent.setpoint;
+        if !setpoint.enables() {
             return;
         }
         let is_motion = match limits.mode {
-            CommandMode::Torque | CommandMode::Velocity => sent.target != 0,
+            CommandMode::Torque | CommandMode::Velocity => setpoint.target != 0,
             CommandMode::Position => {
-                self.fresh_then[joint]
-                    && self.known_then[joint].is_none_or(|status| {
-                        let away = i64::from(sent.target.wrapping_sub(status.position));
-                        away.abs() > tolerance::FIRST_TARGET_COUNTS
-                    })
+                sent.is_fresh && sent.away(joint).is_none_or(|away| away > tolerance::FIRST_TARGET_COUNTS)
             }
         };
-        findings.expect(Invariant::I1, !is_motion || enabled == [true; 2], || {
-            format!("joint {joint} was told to move by {sent:x?} while the drives told {:x?}", self.known_then)
+        findings.expect(Invariant::I1, !is_motion || sent.knew_both_enabled(), || {
+            format!("joint {joint} was told to move by {setpoint:x?} while the drives told {:x?}", sent.known)
         });
-        findings.expect(Invariant::I18, self.is_permitted, || {
-            format!("joint {joint} was enabled by {sent:x?} and nobody had asked for it")
+        findings.expect(Invariant::I18, sent.is_permitted, || {
+            format!("joint {joint} was enabled by {setpoint:x?} and nobody had asked for it")
         });
     }
 
@@ -199,14 +246,7 @@ impl Frames {
     }
 
     /// I2 and I3 of what is on the wire.
-    fn check_target(
-        &self,
-        limits: &Limits,
-        seen: &Observation,
-        joint: usize,
-        sent: &Setpoint,
-        findings: &mut Findings<'_>,
-    ) {
+    fn check_target(&self, limits: &Limits, joint: usize, sent: &Setpoint, findings: &mut Findings<'_>) {
         let most_rate = limits.joint_speed_rad_per_s * limits.counts_per_rad[joint];
         match limits.mode {
             CommandMode::Torque => {
@@ -227,7 +267,7 @@ impl Frames {
                 };
                 let step = f64::from(sent.target.wrapping_sub(before.target)).abs();
                 // A host that is late leaves set-points out: the next one makes up for the time.
-                let elapsed_s = ((seen.sync_ns - self.before_ns) as f64 * 1e-9).max(limits.period_s);
+                let elapsed_s = (self.computed_ns.saturating_sub(self.before_ns) as f64 * 1e-9).max(limits.period_s);
                 let most = most_rate * elapsed_s + tolerance::TARGET_COUNTS;
                 findings.expect(Invariant::I2, step <= most, || {
                     format!("the target of joint {joint} went {step} counts in a cycle, at most {most:.1}")
@@ -237,18 +277,30 @@ impl Frames {
     }
 
     /// I9.
-    fn check_first(&self, limits: &Limits, joint: usize, sent: &Setpoint, findings: &mut Findings<'_>) {
+    fn check_first(limits: &Limits, joint: usize, sent: &Sent, findings: &mut Findings<'_>) {
         let away = match limits.mode {
-            CommandMode::Torque | CommandMode::Velocity => i64::from(sent.target),
-            CommandMode::Position => {
-                self.known_then[joint].map_or(0, |status| i64::from(sent.target.wrapping_sub(status.position)))
-            }
+            CommandMode::Torque | CommandMode::Velocity => i64::from(sent.setpoint.target).abs(),
+            CommandMode::Position => sent.away(joint).unwrap_or(0),
         };
-        findings.expect(Invariant::I9, away.abs() <= tolerance::FIRST_TARGET_COUNTS, || {
+        findings.expect(Invariant::I9, away <= tolerance::FIRST_TARGET_COUNTS, || {
             format!(
-                "the first set-point of joint {joint} was {sent:x?}, and the drive told {:x?}",
-                self.known_then[joint]
+                "the first set-point of joint {joint} was {:x?}, and the drive told {:x?}",
+                sent.setpoint, sent.known
             )
         });
+    }
+}
+
+impl Sent {
+    fn knew_both_enabled(&self) -> bool {
+        self.known.iter().all(|status| status.is_some_and(|status| status.is_enabled()))
+    }
+
+    /// How far the position target is from the told position, counts; `None` if the drive had told none.
+    fn away(&self, joint: usize) -> Option<i64> {
+        let told = [self.known[joint], self.known_also[joint]];
+        let away =
+            told.iter().flatten().map(|status| i64::from(self.setpoint.target.wrapping_sub(status.position)).abs());
+        away.min()
     }
 }

@@ -209,10 +209,11 @@ impl Checker {
     /// Judges one cycle; adds what did not hold to `found`.
     pub fn check(&mut self, seen: &Observation, found: &mut Vec<Violation>) {
         let limits = self.limits;
+        let mut findings = Findings { observation: seen, found };
         if !seen.ran {
+            self.frames.watch(&limits, seen, &mut self.peaks, &mut findings);
             return self.energy = Energy::default();
         }
-        let mut findings = Findings { observation: seen, found };
         self.check_state(seen, &mut findings);
         self.frames.check(&limits, seen, &mut self.peaks, &mut findings);
         self.motion.check(&limits, seen, &mut self.peaks, &mut findings);

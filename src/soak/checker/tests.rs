@@ -21,11 +21,11 @@ struct Run {
 fn sound(file: &str) -> Run {
     let shipped = Shipped::load().unwrap();
     let seed = (0..60).find(|seed| {
-        let machine = Machine::draw(&shipped, *seed, CYCLES);
+        let machine = Machine::draw(&shipped, *seed);
         machine.file == file && machine.rig.fixture.hold_steps == 0
     });
     let seed = seed.unwrap();
-    let machine = Machine::draw(&shipped, seed, CYCLES);
+    let machine = Machine::draw(&shipped, seed);
     let mut seen = Vec::new();
     play_watched(&Course { machine: &machine, script: &[], seed, cycles: CYCLES }, |observation| {
         seen.push(observation.clone());

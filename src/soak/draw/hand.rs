@@ -17,8 +17,11 @@ const FAST_M_PER_S: f64 = 0.5;
 /// Least time of a leg in s.
 const SHORTEST_S: f64 = 0.05;
 
-/// Draws a hand whose path lasts `duration_s`.
-pub(super) fn draw(dice: &mut Dice, rig: &config::Rig, duration_s: f64) -> config::Hand {
+/// Time in s for which a hand moves: longer than 60 000 cycles of 4 ms with the boots between them. After it the hand rests.
+const MOVES_S: f64 = 600.0;
+
+/// Draws a hand.
+pub(super) fn draw(dice: &mut Dice, rig: &config::Rig) -> config::Hand {
     let stiffness = dice.between(100.0, 600.0);
     // The damping ratio of the hand with its own mass on the arm of some 3 kg.
     let mass = dice.between(0.3, 1.5);
@@ -37,17 +40,17 @@ pub(super) fn draw(dice: &mut Dice, rig: &config::Rig, duration_s: f64) -> confi
             high_hz: positive(12.0),
         }),
         start_m: start.map(finite).to_vec(),
-        path: path(dice, start, yield_n / stiffness, duration_s),
+        path: path(dice, start, yield_n / stiffness),
     }
 }
 
-/// Legs until `duration_s` is over: reaches, rests, arcs, presses below and above the yield force, impacts, and now and
+/// Legs until [`MOVES_S`] is over: reaches, rests, arcs, presses below and above the yield force, impacts, and now and
 /// then a reach towards the edge of the workspace. `yield_m` is how far the hand has to aim beyond the surface to press
 /// with the yield force.
-fn path(dice: &mut Dice, start: [f64; 2], yield_m: f64, duration_s: f64) -> Vec<PathSegment> {
+fn path(dice: &mut Dice, start: [f64; 2], yield_m: f64) -> Vec<PathSegment> {
     let mut legs = Vec::new();
     let (mut here, mut time_s) = (start, 0.0);
-    while time_s < duration_s {
+    while time_s < MOVES_S {
         let leg = match dice.whole(0, 9) {
             0 | 1 => PathSegment::Wait { for_s: positive(dice.between(0.2, 1.5)) },
             2 if here[0].hypot(here[1]) > 0.01 => {

@@ -55,17 +55,17 @@ pub struct Machine {
 }
 
 impl Machine {
-    /// Draws the machine of `seed`, with a hand that moves for `cycles` cycles.
-    pub fn draw(shipped: &Shipped, seed: u64, cycles: u32) -> Self {
+    /// Draws the machine of `seed`. It is the same for any number of cycles, so that a shorter run is the beginning of a
+    /// longer one.
+    pub fn draw(shipped: &Shipped, seed: u64) -> Self {
         let mut dice = Dice::new(seed, Purpose::Rig);
         let choice = (seed % RIGS.len() as u64) as usize;
         let (mut rig, mut scene) = shipped.rigs[choice].clone();
         rig::vary_fixture(&mut dice, &mut rig);
         let wraps = rig::vary_devices(&mut dice, &mut rig);
         rig::vary_model(&mut dice, &rig, &mut scene);
-        let duration_s = f64::from(cycles) * f64::from(rig.cycle.period_us) * 1e-6;
         let mut dice = Dice::new(seed, Purpose::Hand);
-        scene.hand = hand::draw(&mut dice, &rig, duration_s);
+        scene.hand = hand::draw(&mut dice, &rig);
         scene.seed = seed;
         Self { file: RIGS[choice], rig, scene, wraps }
     }
@@ -99,7 +99,7 @@ mod tests {
         let folder = std::env::temp_dir().join(format!("yieldwall-draw-{}", std::process::id()));
         std::fs::create_dir_all(&folder).unwrap();
         for seed in 0..60 {
-            let Machine { file, mut rig, scene, .. } = Machine::draw(&shipped, seed, 3000);
+            let Machine { file, mut rig, scene, .. } = Machine::draw(&shipped, seed);
             files.insert(file);
             rig.scene = "scene.yaml".into();
             let write = |name: &str, text: String| std::fs::write(folder.join(name), text).unwrap();
@@ -116,7 +116,7 @@ mod tests {
     #[test]
     fn the_same_seed_draws_the_same_machine() {
         let shipped = Shipped::load().unwrap();
-        assert_eq!(Machine::draw(&shipped, 11, 3000), Machine::draw(&shipped, 11, 3000));
-        assert_ne!(Machine::draw(&shipped, 11, 3000), Machine::draw(&shipped, 17, 3000));
+        assert_eq!(Machine::draw(&shipped, 11), Machine::draw(&shipped, 11));
+        assert_ne!(Machine::draw(&shipped, 11), Machine::draw(&shipped, 17));
     }
 }

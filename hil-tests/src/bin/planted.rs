@@ -1,0 +1,275 @@
+//! Plants defects in a copy of the program, one at a time, and asks the soak to find each.
+//!
+//! The copy carries all defects at once, each behind a question to the environment, so that it is built only once:
+//! `cargo run -p hil-tests --bin planted`. A defect that no seed finds, or a line that is not there any more, is a failure.
+//! Without a defect the copy has to be clean: what finds defects where there are none proves nothing.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::process::{Command, ExitCode};
+
+/// A defect: in `file` the text `from`, an expression or statements, becomes `to`.
+struct Defect {
+    name: &'static str,
+    file: &'static str,
+    from: &'static str,
+    to: &'static str,
+}
+
+const fn defect(name: &'static str, file: &'static str, from: &'static str, to: &'static str) -> Defect {
+    Defect { name, file, from, to }
+}
+
+/// What is planted in gate, supervisor, fault counts, cycle, fixture, master and process data.
+const DEFECTS: [Defect; 15] = [
+    defect(
+        "the gate lets every torque through",
+        "src/guard/gate.rs",
+        "JointTorques::new(torques.0.x.clamp(-left, left), torques.0.y.clamp(-right, right))",
+        "JointTorques::new(torques.0.x * (1.0 + 0.1 * f64::from(torques.0.x > 0.9 * left)), torques.0.y.clamp(-right, right))",
+    ),
+    defect(
+        "the gate lets every position target through",
+        "src/guard/gate.rs",
+        "(target.0 - from.0).amax() > speed * self.limits.period_s",
+        "false",
+    ),
+    defect(
+        "a latched state is left when its fault has gone",
+        "src/guard/supervisor.rs",
+        "if view.request == Request::Reset {",
+        "if view.request == Request::Reset || view.worst.is_none() {",
+    ),
+    defect(
+        "drives in fault are reset without a request",
+        "src/bus/master.rs",
+        "if self.last.directive.fault_reset {",
+        "if self.last.directive.fault_reset || now.0 / 1_000_000 % 40 == 0 {",
+    ),
+    defect(
+        "a reaction comes two observations late",
+        "src/guard/fault/counts.rs",
+        "self.in_a_row >= times",
+        "self.in_a_row >= times + 2",
+    ),
+    defect(
+        "observations that are not in a row are counted as if they were",
+        "src/guard/fault/counts.rs",
+        "count.in_a_row = if present { count.in_a_row.saturating_add(1) } else { 0 };",
+        "count.in_a_row = count.in_a_row.saturating_add(u16::from(present));",
+    ),
+    defect(
+        "the stop ramp is ten times too steep",
+        "src/guard/stop.rs",
+        "1.5 * velocity.0.norm() / deceleration_m_per_s2",
+        "0.15 * velocity.0.norm() / deceleration_m_per_s2",
+    ),
+    defect(
+        "the reference of before the stop is kept for the next run",
+        "src/cycle/mod.rs",
+        "        self.reference = None;\n        self.halt = None;\n",
+        "        self.halt = None;\n",
+    ),
+    defect(
+        "a quick stop is sent to the left drive alone",
+        "src/bus/image.rs",
+        "drive.walk.set_goal(goal);",
+        "drive.walk.set_goal(if drive.outgoing.id % 2 == 0 && goal == Goal::QuickStop { Goal::OperationEnabled } else { goal });",
+    ),
+    defect(
+        "set-points go out although the last ones have not left",
+        "src/bus/master.rs",
+        "if self.is_silent || self.is_held {",
+        "if self.is_silent {",
+    ),
+    defect(
+        "the turn of an encoder is not looked for",
+        "src/bus/image.rs",
+        "drive.unwrapper = CountUnwrapper::near(drive.expected_counts);\n                            let",
+        "drive.unwrapper = CountUnwrapper::near(0);\n                            let",
+    ),
+    defect(
+        "a heartbeat is missed too late",
+        "src/bus/master.rs",
+        "drive.heartbeat * HEARTBEAT_PERIODS",
+        "drive.heartbeat * (HEARTBEAT_PERIODS + 1)",
+    ),
+    defect(
+        "a set-point loses its sign",
+        "src/bus/image.rs",
+        "target.put_signed(&mut word, set_point);",
+        "target.put_signed(&mut word, set_point.abs());",
+    ),
+    defect(
+        "the wall yields at half as much again as its force",
+        "src/fixture/yield_set.rs",
+        "yield_m: limits.yield_n / stiffness_n_per_m",
+        "yield_m: 1.5 * limits.yield_n / stiffness_n_per_m",
+    ),
+    defect(
+        "the proxy is held on the wrong side of a surface",
+        "src/fixture/proxy.rs",
+        "proxy = self.surface.foot(&proxy, &foot.normal).point;",
+        "proxy = self.surface.foot(&proxy, &foot.normal).point - foot.normal * 1e-3;",
+    ),
+];
+
+/// Seeds that a defect may take, in portions: most are found by the first.
+const PORTIONS: [(u32, u32); 4] = [(0, 6), (6, 24), (24, 72), (72, 200)];
+const CYCLES: u32 = 10_000;
+const WHICH: &str = "YIELDWALL_PLANTED";
+const PROGRAM: &str = "yieldwall-planted";
+
+/// What the copy asks; an expression of type `bool`.
+fn question(number: usize) -> String {
+    format!("(crate::planted() == {number})")
+}
+
+fn main() -> ExitCode {
+    let root = Path::new(env!("CARGO_MANIFEST_DIR")).parent().unwrap_or(Path::new(".")).to_owned();
+    match plant(&root, &root.join("target/planted")).and_then(|program| search(&program)) {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(message) => {
+            eprintln!("error: {message}");
+            ExitCode::FAILURE
+        }
+    }
+}
+
+/// Copies the program, plants all defects and builds it.
+fn plant(root: &Path, folder: &Path) -> Result<PathBuf, String> {
+    let tree = folder.join("tree");
+    if tree.exists() {
+        fs::remove_dir_all(&tree).map_err(|error| at(&tree, &error))?;
+    }
+    for part in ["src", "drives", "config", "hil-tests", "Cargo.toml", "Cargo.lock"] {
+        copy(&root.join(part), &tree.join(part))?;
+    }
+    for (index, defect) in DEFECTS.iter().enumerate() {
+        let path = tree.join(defect.file);
+        let text = fs::read_to_string(&path).map_err(|error| at(&path, &error))?;
+        if text.matches(defect.from).count() != 1 {
+            let text = defect.from;
+            return Err(format!("{}: `{text}` stands there not once; plant this defect elsewhere", defect.file));
+        }
+        fs::write(&path, text.replace(defect.from, &choice(index + 1, defect))).map_err(|error| at(&path, &error))?;
+    }
+    let library = tree.join("src/lib.rs");
+    let text = fs::read_to_string(&library).map_err(|error| at(&library, &error))?;
+    let text = format!(
+        "#![allow(warnings)]\n{text}\npub(crate) fn planted() -> usize {{\n    static WHICH: std::sync::OnceLock<usize> = std::sync::OnceLock::new();\n    \
+         *WHICH.get_or_init(|| std::env::var(\"{WHICH}\").ok().and_then(|which| which.parse().ok()).unwrap_or(0))\n}}\n"
+    );
+    fs::write(&library, text).map_err(|error| at(&library, &error))?;
+    // A program of another name, so that it can share the built dependencies.
+    let manifest = tree.join("Cargo.toml");
+    let text = fs::read_to_string(&manifest).map_err(|error| at(&manifest, &error))?;
+    let named = text.replace("[[bin]]\nname = \"yieldwall\"", &format!("[[bin]]\nname = \"{PROGRAM}\""));
+    let named = named.replace("default-run = \"yieldwall\"\n", "");
+    fs::write(&manifest, named).map_err(|error| at(&manifest, &error))?;
+    let target = root.join("target");
+    let status = Command::new(std::env::var("CARGO").unwrap_or_else(|_| "cargo".into()))
+        .args(["build", "--locked", "--quiet", "--bin", PROGRAM])
+        .current_dir(&tree)
+        .env("CARGO_TARGET_DIR", &target)
+        .status()
+        .map_err(|error| format!("cargo: {error}"))?;
+    if status.success() {
+        Ok(target.join("debug").join(PROGRAM))
+    } else {
+        Err("the planted copy does not build".into())
+    }
+}
+
+/// Both texts, the planted one if it is asked for.
+fn choice(number: usize, defect: &Defect) -> String {
+    let asked = question(number);
+    let Defect { from, to, .. } = defect;
+    if let (Some(from), Some(to)) = (block_head(from), block_head(to)) {
+        return format!("if (if {asked} {{ {to} }} else {{ {from} }}) {{");
+    }
+    match (from.split_once(": "), to.split_once(": ")) {
+        // A field of a literal.
+        (Some((field, from)), Some((_, to))) if !from.contains(';') => {
+            format!("{field}: if {asked} {{ {to} }} else {{ {from} }}")
+        }
+        _ if from.ends_with("let") => {
+            let [from, to] = [from, to].map(|text| text.trim_end_matches("let").trim_end());
+            format!("if {asked} {{ {to} }} else {{ {from} }}\nlet")
+        }
+        _ if from.trim_end().ends_with(';') => format!("if {asked} {{ {to} }} else {{ {from} }}\n"),
+        _ => format!("(if {asked} {{ {to} }} else {{ {from} }})"),
+    }
+}
+
+/// The condition of `if .. {`.
+fn block_head(text: &str) -> Option<&str> {
+    text.strip_prefix("if ")?.strip_suffix(" {")
+}
+
+fn copy(from: &Path, to: &Path) -> Result<(), String> {
+    if from.is_file() {
+        return fs::copy(from, to).map(|_| ()).map_err(|error| at(from, &error));
+    }
+    fs::create_dir_all(to).map_err(|error| at(to, &error))?;
+    for entry in fs::read_dir(from).map_err(|error| at(from, &error))? {
+        let name = entry.map_err(|error| at(from, &error))?.file_name();
+        if name != "target" {
+            copy(&from.join(&name), &to.join(&name))?;
+        }
+    }
+    Ok(())
+}
+
+fn at(path: &Path, error: &std::io::Error) -> String {
+    format!("{}: {error}", path.display())
+}
+
+/// Has every defect looked for.
+fn search(program: &Path) -> Result<(), String> {
+    if let Some((seed, invariants)) = soak(program, 0, PORTIONS[0])? {
+        return Err(format!("seed {seed} finds {invariants} where nothing is planted"));
+    }
+    let mut missed = Vec::new();
+    for (index, defect) in DEFECTS.iter().enumerate() {
+        let mut found = None;
+        for portion in PORTIONS {
+            found = soak(program, index + 1, portion)?;
+            if found.is_some() {
+                break;
+            }
+        }
+        match found {
+            Some((seed, invariants)) => println!("seed {seed:3} {invariants:14} {}", defect.name),
+            None => missed.push(defect.name),
+        }
+    }
+    match missed.as_slice() {
+        [] => {
+            println!("planted: {} defects, all found", DEFECTS.len());
+            Ok(())
+        }
+        missed => Err(format!("no seed of {} finds: {}", PORTIONS[3].1, missed.join("; "))),
+    }
+}
+
+/// The first seed of `seeds` that finds a violation, and which invariants it names.
+fn soak(program: &Path, number: usize, seeds: (u32, u32)) -> Result<Option<(u64, String)>, String> {
+    let output = Command::new(program)
+        .args(["soak", "--json", "--seeds", &format!("{}..{}", seeds.0, seeds.1), "--cycles", &CYCLES.to_string()])
+        .env(WHICH, number.to_string())
+        .output()
+        .map_err(|error| at(program, &error))?;
+    let told = || String::from_utf8_lossy(&output.stderr).into_owned();
+    let document: serde_json::Value = serde_json::from_slice(&output.stdout)
+        .map_err(|error| format!("soak printed no document: {error}\n{}", told()))?;
+    let runs = document["violations"].as_array().ok_or("soak told no violations")?;
+    let first = runs.iter().filter_map(|run| Some((run["seed"].as_u64()?, run))).min_by_key(|(seed, _)| *seed);
+    Ok(first.map(|(seed, run)| {
+        let found = run["violations"].as_array().into_iter().flatten();
+        let mut names: Vec<_> = found.filter_map(|violation| violation["invariant"].as_str()).collect();
+        names.sort_unstable();
+        names.dedup();
+        (seed, names.join(" "))
+    }))
+}

@@ -1,0 +1,405 @@
+//! `yieldwall bus`: what the bus of a rig can carry.
+
+use std::time::Duration;
+
+use serde_json::{Value, json};
+
+use super::failure::{Exit, Failure};
+use super::output::Output;
+use crate::bus::MasterSetup;
+use crate::bus::budget::{Advice, Budget, Conditions, FrameBudget, Moment, Use, advise};
+use crate::config::{self, BusTiming, Diagnostic, Loaded, Rig, Severity, Source};
+use crate::rig::{RigError, bus_plan};
+
+/// Longest name of a frame that the table shows whole.
+const NAME_WIDTH: usize = 22;
+
+#[derive(Debug, clap::Subcommand)]
+pub(super) enum Command {
+    /// Tell the longest time of every frame on a rig's bus, and whether the cycle can be kept
+    ///
+    /// Worst-case response times after Davis, Burns, Bril and Lukkien (2007). A bus that cannot keep the cycle is a
+    /// result, not an error: the exit code is 0. docs/bus-budget.md has the method and its assumptions.
+    Budget(Arguments),
+}
+
+#[derive(Debug, clap::Args)]
+pub(super) struct Arguments {
+    /// The rig; `builtin:paper-admittance.yaml` names the copy inside the program
+    #[arg(value_name = "RIG.yaml")]
+    rig: String,
+    /// Longest time from the end of SYNC to a TPDO in the queue of its device; the simulated devices take none
+    #[arg(long, value_name = "US", default_value_t = 0)]
+    device_delay_us: u32,
+    /// Let all frames be released at one moment, instead of TPDOs after SYNC and RPDOs after the control step
+    #[arg(long)]
+    no_release_jitter: bool,
+    /// Let the master's frames go out by priority, instead of through the FIFO of a Linux host
+    #[arg(long)]
+    no_fifo: bool,
+}
+
+pub(super) fn run(command: &Command, output: &mut Output) -> Result<(), Failure> {
+    let Command::Budget(arguments) = command;
+    let rig = config::load_rig(Source::named(&arguments.rig))?;
+    output.warnings(&rig.warnings);
+    let plan = Plan::new(&rig.value, |conditions| Conditions {
+        device_delay: Duration::from_micros(arguments.device_delay_us.into()),
+        has_release_jitter: !arguments.no_release_jitter,
+        has_fifo: !arguments.no_fifo,
+        ..conditions
+    });
+    let plan = plan.map_err(|error| failure(&error))?;
+    if output.is_json() { output.json(&plan.to_json()) } else { output.result(&plan.text()) }
+}
+
+fn failure(error: &RigError) -> Failure {
+    Failure::new(Exit::ConfigInvalid, error.to_string(), "run `yieldwall config check` on the rig")
+}
+
+/// The budget of a rig's bus and what it was made from.
+#[derive(Debug)]
+pub(super) struct Plan<'a> {
+    rig: &'a Rig,
+    setup: MasterSetup,
+    budget: Budget,
+}
+
+impl<'a> Plan<'a> {
+    /// As a run takes it.
+    pub(super) fn of(rig: &'a Rig) -> Result<Self, RigError> {
+        Self::new(rig, |conditions| conditions)
+    }
+
+    fn new(rig: &'a Rig, change: impl FnOnce(Conditions) -> Conditions) -> Result<Self, RigError> {
+        let (setup, conditions) = bus_plan(rig)?;
+        let budget = Budget::new(&setup, change(conditions))?;
+        Ok(Self { rig, setup, budget })
+    }
+
+    /// Name and entry of the bus.
+    fn bus(&self) -> Option<(&String, &config::Bus)> {
+        self.rig.buses.iter().next()
+    }
+
+    fn is_ideal(&self) -> bool {
+        self.bus().is_some_and(|(_, bus)| bus.timing == BusTiming::Ideal)
+    }
+
+    fn advice(&self) -> Option<Advice> {
+        advise(&self.setup, self.budget.conditions).ok().flatten()
+    }
+
+    /// One line for `config check`.
+    pub(super) fn line(&self) -> String {
+        let load = 100.0 * self.budget.load();
+        let nearest = self.budget.latest().map(|latest| format!(", {}", verdict(latest))).unwrap_or_default();
+        format!("bus load at most {load:.1} %{nearest}")
+    }
+
+    /// For a person to read in 80 columns.
+    fn text(&self) -> String {
+        let budget = &self.budget;
+        let Conditions { bit_rate, compute_at, .. } = budget.conditions;
+        let mut lines = vec![
+            format!(
+                "{}: {} kbit/s, cycle {} us, control step at {} us",
+                self.rig.rig.name,
+                f64::from(bit_rate) / 1e3,
+                budget.cycle.as_micros(),
+                compute_at.as_micros()
+            ),
+            format!(
+                "load at most {:.1} %, of it SYNC and process data {:.1} %",
+                100.0 * budget.load(),
+                100.0 * budget.cyclic_load()
+            ),
+            String::new(),
+            format!("{:>4}  {:<NAME_WIDTH$} {:>5} {:>4}    times in us", "", "", "", ""),
+            format!(
+                "{:>4}  {:<NAME_WIDTH$} {:>5} {:>4} {:>7} {:>7} {:>7} {:>7}  from",
+                "COB", "frame", "bytes", "bits", "period", "longest", "allowed", "slack"
+            ),
+        ];
+        lines.extend(budget.frames.iter().map(row));
+        lines.push(String::new());
+        lines.extend(self.verdict());
+        lines.push(String::new());
+        lines.push("* not counted for the other frames, and not in the verdict:".to_owned());
+        let disturbed = [
+            ("an SDO exchange in operation", &budget.latest_with_sdo, "this program makes none then"),
+            ("emergencies of all nodes in one cycle", &budget.latest_with_emergencies, "they stop the rig"),
+        ];
+        for (what, latest, why) in disturbed {
+            let verdict = latest.as_ref().map(verdict).unwrap_or_default();
+            lines.push(format!("  with {what} ({why}):"));
+            lines.push(format!("  {verdict}"));
+        }
+        if self.is_ideal() {
+            lines.push("`timing: ideal`: the embedded simulation delivers every frame at once; this".to_owned());
+            lines.push("table is what a real bus of this bit rate would do.".to_owned());
+        }
+        lines.join("\n") + "\n"
+    }
+
+    fn verdict(&self) -> Vec<String> {
+        let Some(latest) = self.budget.latest() else { return Vec::new() };
+        if self.budget.is_schedulable() {
+            return vec!["schedulable:".to_owned(), format!("  {}", verdict(latest))];
+        }
+        let late = self.budget.regular().filter(|frame| !frame.is_in_time()).count();
+        let others = if late > 1 { format!(", {late} frames late") } else { String::new() };
+        vec![format!("NOT schedulable{others}:"), format!("  {}", verdict(latest)), format!("  {}", self.help())]
+    }
+
+    /// What to change.
+    fn help(&self) -> String {
+        let Some(advice) = self.advice() else {
+            return "no bit rate or period does: map less process data".to_owned();
+        };
+        let [earliest, latest] = advice.compute_at_us;
+        let step = if earliest == latest {
+            format!("`compute_at_us` {earliest}")
+        } else {
+            format!("`compute_at_us` {earliest} to {latest}")
+        };
+        if advice.bit_rate != self.budget.conditions.bit_rate {
+            format!("raise `bit_rate_bit_per_s` to {}, with {step}", advice.bit_rate)
+        } else if advice.period != self.budget.cycle {
+            format!("raise `period_us` to {}, with {step}", advice.period.as_micros())
+        } else {
+            format!("write {step}")
+        }
+    }
+
+    /// The key that the help is about.
+    fn key(&self) -> String {
+        match (self.advice(), self.bus()) {
+            (Some(advice), Some((name, _))) if advice.bit_rate != self.budget.conditions.bit_rate => {
+                format!("buses.{name}.bit_rate_bit_per_s")
+            }
+            (Some(advice), _) if advice.period == self.budget.cycle => "cycle.compute_at_us".to_owned(),
+            _ => "cycle.period_us".to_owned(),
+        }
+    }
+
+    /// What a bus that cannot keep the cycle is for whoever wants to run the rig: an error, on a bus without timing a
+    /// warning. `None` if it can.
+    pub(super) fn finding(&self, file: &Loaded<Rig>) -> Option<Diagnostic> {
+        let latest = self.budget.latest().filter(|_| !self.budget.is_schedulable())?;
+        let (severity, where_to) = if self.is_ideal() {
+            (Severity::Warning, "a real bus would not keep the cycle")
+        } else {
+            (Severity::Error, "the bus cannot keep the cycle")
+        };
+        let key = self.key();
+        let bit_rate = self.bus().map(|(name, _)| format!("buses.{name}.bit_rate_bit_per_s")).unwrap_or_default();
+        let see = [
+            ("cycle.period_us", "period_us"),
+            ("cycle.compute_at_us", "compute_at_us"),
+            (bit_rate.as_str(), "bit_rate_bit_per_s"),
+        ];
+        let see: Vec<(&str, &str)> = see.into_iter().filter(|(other, _)| *other != key).collect();
+        let help = format!("{}; `yieldwall bus budget {}` lists every frame", self.help(), file.source);
+        Some(file.finding(severity, &key, format!("{where_to}: {}", verdict(latest)), help, &see))
+    }
+
+    /// For a program to read.
+    pub(super) fn to_json(&self) -> Value {
+        let budget = &self.budget;
+        let Conditions { bit_rate, compute_at, device_delay, has_release_jitter, has_fifo } = budget.conditions;
+        let disturbed = |latest: &Option<FrameBudget>| {
+            let is_schedulable = latest.as_ref().is_some_and(FrameBudget::is_in_time);
+            json!({ "schedulable": is_schedulable, "latest": latest.as_ref().map(figures) })
+        };
+        let mut document = json!({
+            "bit_rate": bit_rate,
+            "cycle_us": budget.cycle.as_micros() as u64,
+            "compute_at_us": compute_at.as_micros() as u64,
+            "device_delay_us": device_delay.as_micros() as u64,
+            "release_jitter": has_release_jitter,
+            "fifo": has_fifo,
+            "timing": if self.is_ideal() { "ideal" } else { "arbitrated" },
+            "load_worst": budget.load(),
+            "load_cyclic_worst": budget.cyclic_load(),
+            "schedulable": budget.is_schedulable(),
+            "frames": budget.frames.iter().map(figures).collect::<Vec<_>>(),
+            "with_sdo": disturbed(&budget.latest_with_sdo),
+            "with_emergencies": disturbed(&budget.latest_with_emergencies),
+        });
+        if !budget.is_schedulable() {
+            document["advice"] = json!(self.advice().map(|advice| json!({
+                "bit_rate": advice.bit_rate,
+                "cycle_us": advice.period.as_micros() as u64,
+                "compute_at_us": advice.compute_at_us,
+            })));
+        }
+        document
+    }
+}
+
+/// The longest time in whole us, rounded up.
+fn response_us(frame: &FrameBudget) -> Option<u64> {
+    frame.response_ns.map(|response| response.div_ceil(1000))
+}
+
+fn deadline_us(frame: &FrameBudget) -> u64 {
+    frame.deadline_ns / 1000
+}
+
+fn figures(frame: &FrameBudget) -> Value {
+    json!({
+        "name": frame.frame.name,
+        "cob_id": frame.frame.cob_id,
+        "bytes": frame.frame.bytes,
+        "bits_worst": frame.frame.bits_worst(),
+        "bits_longest": frame.frame.bits_longest(),
+        "period_us": frame.frame.period.as_micros() as u64,
+        "response_time_us": response_us(frame),
+        "deadline_us": deadline_us(frame),
+        "from": moment(frame.from),
+        "occasional": frame.is_occasional(),
+        "in_time": frame.is_in_time(),
+    })
+}
+
+fn row(frame: &FrameBudget) -> String {
+    let FrameBudget { frame: planned, from, .. } = frame;
+    let longest = response_us(frame);
+    let slack = longest.map(|longest| i128::from(deadline_us(frame)) - i128::from(longest));
+    let or_none = |value: Option<String>| value.unwrap_or_else(|| "none".to_owned());
+    format!(
+        "{:03X}h  {:<NAME_WIDTH$} {:>5} {:>4} {:>7} {:>7} {:>7} {:>7}  {}{}",
+        planned.cob_id,
+        shortened(&planned.name),
+        planned.bytes,
+        planned.bits_longest(),
+        planned.period.as_micros(),
+        or_none(longest.map(|us| us.to_string())),
+        deadline_us(frame),
+        or_none(slack.map(|us| us.to_string())),
+        moment(*from),
+        if frame.is_occasional() { " *" } else { "" },
+    )
+}
+
+fn shortened(name: &str) -> String {
+    if name.chars().count() <= NAME_WIDTH {
+        return name.to_owned();
+    }
+    // The end says which frame it is.
+    let end: Vec<char> = name.chars().rev().take(NAME_WIDTH - 1).collect();
+    format!("…{}", end.into_iter().rev().collect::<String>())
+}
+
+fn moment(from: Moment) -> &'static str {
+    match from {
+        Moment::Sync => "sync",
+        Moment::Compute => "step",
+        Moment::Release => "queue",
+    }
+}
+
+/// How a frame stands against its deadline, in words.
+fn verdict(frame: &FrameBudget) -> String {
+    let what = format!("{:03X}h {}", frame.frame.cob_id, frame.frame.name);
+    let by = match (frame.frame.usage, frame.from) {
+        (Use::Sync | Use::Measured, Moment::Sync) => "the control step",
+        (Use::SetPoint, Moment::Compute) => "the next SYNC",
+        _ => "its next period",
+    };
+    match (frame.late_ns(), response_us(frame)) {
+        (Some(0), Some(response)) => {
+            format!("{what} arrives at least {} us before {by}", deadline_us(frame) - response)
+        }
+        (Some(late), _) => format!("{what} can arrive up to {} us after {by}", late.div_ceil(1000)),
+        (None, _) => format!("{what} has no longest time: it can fall behind further in every cycle"),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::config::{builtin, builtin_names, load_rig};
+
+    fn rigs() -> impl Iterator<Item = &'static str> {
+        builtin_names().filter(|name| name.starts_with("paper-admittance"))
+    }
+
+    /// The shipped rig in torque mode with some of its text replaced.
+    fn changed(changes: &[(&str, &str)]) -> Loaded<Rig> {
+        let shipped = builtin("paper-admittance.yaml").read().unwrap();
+        let text = changes.iter().fold(shipped.to_string(), |text, (from, to)| {
+            assert!(text.contains(from), "{from}");
+            text.replace(from, to)
+        });
+        load_rig(Source::memory("rig.yaml", text)).unwrap()
+    }
+
+    fn drawn(changes: &[(&str, &str)]) -> String {
+        let rig = changed(changes);
+        let finding = Plan::of(&rig.value).unwrap().finding(&rig);
+        super::super::render::Renderer::new(false).render(finding.as_slice())
+    }
+
+    #[test]
+    fn shipped_rigs_fit_their_bus() {
+        assert_eq!(rigs().count(), 8);
+        for name in rigs() {
+            let rig = load_rig(builtin(name)).unwrap();
+            let plan = Plan::of(&rig.value).unwrap();
+            assert!(plan.budget.is_schedulable(), "{name}:\n{}", plan.text());
+            assert_eq!(plan.finding(&rig), None);
+        }
+    }
+
+    #[test]
+    fn the_table_fits_80_columns_and_is_sorted() {
+        let slow = ("bit_rate_bit_per_s: 1000000", "bit_rate_bit_per_s: 50000");
+        let long = ("name: left", "name: a-left-drive-with-a-name-that-goes-on-and-on");
+        for changes in [&[][..], &[slow], &[long], &[("timing: arbitrated", "timing: ideal")]] {
+            let rig = changed(changes);
+            let text = Plan::of(&rig.value).unwrap().text();
+            let rows = text.lines().filter(|line| line.len() > 5 && line.as_bytes()[3] == b'h');
+            let ids: Vec<&str> = rows.map(|line| &line[..3]).collect();
+            assert!(ids.len() == 16 && ids.is_sorted(), "{text}");
+            for line in text.lines() {
+                let is_long = changes.contains(&long) && line.contains("a-left-drive-with");
+                assert!(line.chars().count() <= 80 || is_long, "{line}");
+            }
+        }
+    }
+
+    #[test]
+    fn tables() {
+        insta::assert_snapshot!("bus-budget", Plan::of(&changed(&[]).value).unwrap().text());
+        let slow = changed(&[("bit_rate_bit_per_s: 1000000", "bit_rate_bit_per_s: 500000")]);
+        insta::assert_snapshot!("bus-budget-slow", Plan::of(&slow.value).unwrap().text());
+    }
+
+    #[test]
+    fn findings_say_which_frame_how_late_and_what_to_change() {
+        let early = drawn(&[("compute_at_us: 620", "compute_at_us: 500")]);
+        let late = drawn(&[("compute_at_us: 620", "compute_at_us: 900")]);
+        let slow = drawn(&[("bit_rate_bit_per_s: 1000000", "bit_rate_bit_per_s: 500000")]);
+        let ideal = drawn(&[("compute_at_us: 620", "compute_at_us: 500"), ("timing: arbitrated", "timing: ideal")]);
+        insta::assert_snapshot!("bus-findings", [early, late, slow, ideal].join("\n"));
+    }
+
+    #[test]
+    fn the_document_has_the_keys_that_programs_read() {
+        let rig = changed(&[]);
+        let document = Plan::of(&rig.value).unwrap().to_json();
+        assert_eq!((&document["bit_rate"], &document["cycle_us"]), (&json!(1_000_000), &json!(1000)));
+        assert_eq!(document["schedulable"], json!(true));
+        assert!((document["load_worst"].as_f64().unwrap() - 0.738).abs() < 1e-9);
+        let sync = &document["frames"][0];
+        assert_eq!((&sync["name"], &sync["cob_id"], &sync["bytes"]), (&json!("SYNC"), &json!(0x80), &json!(0)));
+        assert_eq!((&sync["bits_worst"], &sync["deadline_us"]), (&json!(55), &json!(620)));
+        assert!(sync["response_time_us"].as_u64().is_some());
+        let slow = changed(&[("bit_rate_bit_per_s: 1000000", "bit_rate_bit_per_s: 250000")]);
+        let document = Plan::of(&slow.value).unwrap().to_json();
+        assert_eq!((&document["schedulable"], &document["advice"]["bit_rate"]), (&json!(false), &json!(1_000_000)));
+        assert!(document["frames"].as_array().unwrap().iter().any(|frame| frame["response_time_us"].is_null()));
+    }
+}

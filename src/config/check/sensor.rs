@@ -1,0 +1,145 @@
+//! Relations between the keys of the force sensor, and to the rest of the rig.
+
+use nalgebra::Matrix6;
+use yieldwall_drives::profiles::{self, Role};
+
+use super::Findings;
+use super::bus::refuse_profile;
+use super::sensor_bus::check_plain_can;
+use super::words::{round, shorten_numbers};
+use crate::config::number::Finite;
+use crate::config::tree::{Rig, SensorProtocol};
+use crate::sensing::{Calibration, SensingError};
+
+/// Least squared sine of the angle between the rows Fx and Fy of a calibration; below it they say the same.
+const LEAST_ROW_ANGLE: f64 = 1e-12;
+
+/// Whether the force sensor suits its bus, the cycle and the forces that matter.
+pub(super) fn check_sensor(findings: &mut Findings, rig: &Rig) {
+    let sensor = &rig.sensor;
+    let cycle_hz = 1e6 / f64::from(rig.cycle.period_us);
+    if let Some(corner) = sensor.low_pass_hz
+        && *corner >= cycle_hz / 2.0
+    {
+        findings
+            .error(
+                "sensor.low_pass_hz",
+                format!(
+                    "`sensor.low_pass_hz` is {} Hz, not below half of the {} Hz of `cycle.period_us`",
+                    *corner,
+                    round(cycle_hz)
+                ),
+                "lower it, or write null for no filter",
+            )
+            .see("cycle.period_us", "period_us");
+    }
+    match &sensor.protocol {
+        SensorProtocol::Canopen { profile, .. } => check_profile(findings, rig, profile, cycle_hz),
+        _ => check_plain_can(findings, rig, cycle_hz),
+    }
+    let [fx, fy] = [&sensor.calibration[0], &sensor.calibration[1]];
+    let dot = |a: &[Finite; 6], b: &[Finite; 6]| a.iter().zip(b).map(|(a, b)| **a * **b).sum::<f64>();
+    let (xx, yy, xy) = (dot(fx, fx), dot(fy, fy), dot(fx, fy));
+    let determinant = xx * yy - xy * xy;
+    // Entries so large that the product overflows are no calibration either.
+    if determinant.is_nan() || determinant <= LEAST_ROW_ANGLE * xx * yy {
+        findings.error(
+            "sensor.calibration",
+            "the rows Fx and Fy of `sensor.calibration` do not tell two directions of force apart",
+            "copy the matrix from the sensor's calibration sheet: row by row, N and N m per count",
+        );
+        return;
+    }
+    let matrix = Matrix6::from_fn(|row, column| *sensor.calibration[row][column]);
+    if let Err(error) = Calibration::new(matrix, sensor.range_counts.max(1).into()) {
+        let message = match error {
+            SensingError::CalibrationSingular { .. } => {
+                "the rows of `sensor.calibration` do not tell six directions apart".to_owned()
+            }
+            error => format!("`sensor.calibration` is no calibration: {}", shorten_numbers(&error.to_string())),
+        };
+        findings.error(
+            "sensor.calibration",
+            message,
+            "copy all six rows of the matrix from the sensor's calibration sheet; an axis that is not used still has one",
+        );
+        return;
+    }
+    check_force_range(findings, rig);
+}
+
+/// Whether the device model is known and that of a sensor, and samples as often as the cycle can see.
+fn check_profile(findings: &mut Findings, rig: &Rig, profile: &str, cycle_hz: f64) {
+    let key = "sensor.protocol.canopen.profile";
+    let rates = match profiles::find(profile).map(|profile| profile.role) {
+        Some(Role::ForceSensor { sample_rates_hz, .. }) => sample_rates_hz,
+        Some(_) => return refuse_profile(findings, key, profile, "is not one of a force sensor", is_sensor),
+        None => return refuse_profile(findings, key, profile, "is not known", is_sensor),
+    };
+    let rate = *rig.sensor.sample_rate_hz;
+    if rates.iter().any(|known| f64::from(*known) == rate) {
+        return check_sample_rate(findings, rig, rates, cycle_hz);
+    }
+    let known: Vec<String> = rates.iter().map(u32::to_string).collect();
+    let message = format!("`sensor.sample_rate_hz` is {rate}, which the profile `{profile}` does not have");
+    findings.error("sensor.sample_rate_hz", message, format!("write one of {}", known.join(", "))).see(key, "profile");
+}
+
+fn is_sensor(role: &Role) -> bool {
+    matches!(role, Role::ForceSensor { .. })
+}
+
+/// Whether a sensor samples as often as it can without samples that no cycle sees.
+fn check_sample_rate(findings: &mut Findings, rig: &Rig, sample_rates_hz: &[u32], cycle_hz: f64) {
+    let sensor = &rig.sensor;
+    let rates = sample_rates_hz.iter().map(|rate| f64::from(*rate));
+    // A rate that is meant to be that of the cycle may differ by the rounding of its period.
+    let fitting = rates.clone().filter(|rate| *rate <= cycle_hz * 1.001).fold(0.0, f64::max);
+    let best = if fitting > 0.0 { fitting } else { rates.fold(f64::INFINITY, f64::min) };
+    let rate = *sensor.sample_rate_hz;
+    let key = "sensor.sample_rate_hz";
+    let head = format!("`{key}` is {rate} Hz, and the cycle has {} Hz", round(cycle_hz));
+    let help = format!("write {best}, the fastest rate of the profile that suits this cycle");
+    if rate > best {
+        findings.error(key, format!("{head}: samples between two SYNCs are lost"), help)
+    } else if rate < best {
+        findings.warning(key, format!("{head}: the force that it sees is older than it has to be"), help)
+    } else {
+        return;
+    }
+    .see("cycle.period_us", "period_us");
+}
+
+/// Whether the sensor can measure the forces that matter.
+fn check_force_range(findings: &mut Findings, rig: &Rig) {
+    let sensor = &rig.sensor;
+    let largest = |row: &[Finite; 6]| row.iter().map(|gain| gain.abs()).sum::<f64>() * f64::from(sensor.range_counts);
+    let [x, y] = [largest(&sensor.calibration[0]), largest(&sensor.calibration[1])];
+    let (axis, largest) = if x < y { ("Fx", x) } else { ("Fy", y) };
+    let (yield_n, limit) = (*rig.fixture.yield_n, *rig.guard.force_limit_n);
+    if largest < yield_n {
+        findings
+            .error(
+                "sensor.range_counts",
+                format!(
+                    "the sensor saturates at {} N in {axis}, below `fixture.yield_n` of {yield_n} N: the surface could \
+                     never yield",
+                    round(largest)
+                ),
+                "check `calibration` and `range_counts`, or lower `yield_n`",
+            )
+            .see("fixture.yield_n", "yield_n");
+    } else if largest < limit {
+        findings
+            .warning(
+                "guard.force_limit_n",
+                format!(
+                    "`guard.force_limit_n` is {limit} N, and the sensor saturates at {} N in {axis}: the limit is never \
+                     seen",
+                    round(largest)
+                ),
+                "lower the limit below what the sensor can measure",
+            )
+            .see("sensor.range_counts", "range_counts");
+    }
+}

@@ -1,0 +1,134 @@
+//! The force sensor.
+
+use garde::Validate;
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+use crate::config::number::{Finite, NotNegative, Positive, nullable, present};
+
+/// A six-axis force sensor.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema, Validate)]
+#[serde(deny_unknown_fields)]
+#[garde(allow_unvalidated)]
+pub struct Sensor {
+    /// Name for reports and messages.
+    #[garde(length(min = 1))]
+    pub name: String,
+    /// The bus it is on: a key of `buses`.
+    pub bus: String,
+    /// What it speaks on that bus, and its identifiers.
+    #[garde(dive)]
+    pub protocol: SensorProtocol,
+    /// How often it samples, Hz. On CANopen the fastest rate of the profile that is not above that of the cycle; on plain
+    /// CAN what the sensor is set to, a whole number from 1 to 10 000.
+    #[garde(dive)]
+    pub sample_rate_hz: Positive,
+    /// Calibration matrix: wrench = matrix * counts; rows Fx Fy Fz (N per count) then Tx Ty Tz (N m per count).
+    pub calibration: [[Finite; 6]; 6],
+    /// Counts at which the sensor saturates, 1 to 32 767.
+    #[garde(range(min = 1, max = 32_767))]
+    pub range_counts: u16,
+    /// The link that the sensor turns with.
+    pub mounted_on: Mount,
+    /// Angle of the sensor's x axis against that link, rad.
+    pub mounting_angle_rad: Finite,
+    /// Mass beyond the sensor, whose inertia is taken out of the reading, kg. 0 or above.
+    #[garde(dive)]
+    pub handle_mass_kg: NotNegative,
+    /// Corner frequency of the low pass on the force, Hz, below half the sampling rate of the control; null for no filter.
+    #[garde(dive)]
+    #[serde(deserialize_with = "present")]
+    #[schemars(schema_with = "nullable::<Positive>")]
+    pub low_pass_hz: Option<Positive>,
+}
+
+/// What a force sensor speaks.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema, Validate)]
+#[serde(rename_all = "snake_case", deny_unknown_fields)]
+#[garde(allow_unvalidated)]
+pub enum SensorProtocol {
+    /// A CANopen node whose process data follow SYNC.
+    Canopen {
+        /// CANopen node-ID, 1 to 127; no other node of the bus has it.
+        #[garde(range(min = 1, max = 127))]
+        node_id: u8,
+        /// Device model: identity, frame layout and status bits.
+        #[garde(length(min = 1))]
+        profile: String,
+        /// Heartbeat period of the sensor, ms; this program watches it. 1 to 10 000, at least two control periods.
+        #[garde(range(min = 1, max = 10_000))]
+        heartbeat_ms: u16,
+    },
+    /// Plain CAN: it streams samples by its own clock, each over two frames, as the Robotous RFT series does.
+    Streaming {
+        /// Identifier of orders to the sensor. 1 to 2047, written 0x001 to 0x7ff.
+        #[garde(range(min = 1, max = 0x7ff))]
+        command_id: u16,
+        /// Identifiers of the two frames of a sample, the first below the second. 1 to 2047.
+        #[garde(inner(range(min = 1, max = 0x7ff)))]
+        data_ids: [u16; 2],
+        /// Longest time from the first frame of a sample to its second, us: above what other frames can hold up the second,
+        /// below the time from sample to sample. 1 to 1 000 000.
+        #[garde(range(min = 1, max = 1_000_000))]
+        pair_gap_us: u32,
+        /// Whether the sensor is told to zero itself at each start; nobody may touch the handle then.
+        zero_at_start: bool,
+    },
+    /// Plain CAN: it is asked in every cycle and answers with two frames, as the ATI Net F/T does.
+    Polled {
+        /// Identifier of requests; those of the answers are 5 and 6 above. 1 to 2041, written 0x001 to 0x7f9.
+        #[garde(range(min = 1, max = 0x7f9))]
+        base_id: u16,
+        /// How a number lies in its two bytes.
+        byte_order: ByteOrder,
+        /// Bits of the status word of which any says that a channel is at the end of its range, such as 0x0002.
+        overload_bits: u16,
+        /// Bits of the status word of which any says that the sample is not valid.
+        invalid_bits: u16,
+        /// Longest time from the first frame of an answer to its second, us. 1 to 1 000 000.
+        #[garde(range(min = 1, max = 1_000_000))]
+        pair_gap_us: u32,
+        /// Whether the sensor is told to zero itself at each start; nobody may touch the handle then.
+        zero_at_start: bool,
+    },
+}
+
+impl SensorProtocol {
+    /// Node-ID of a sensor that is a CANopen node.
+    pub fn node_id(&self) -> Option<u8> {
+        match self {
+            SensorProtocol::Canopen { node_id, .. } => Some(*node_id),
+            _ => None,
+        }
+    }
+
+    /// Heartbeat period of a sensor that is a CANopen node, ms.
+    pub fn heartbeat_ms(&self) -> Option<u16> {
+        match self {
+            SensorProtocol::Canopen { heartbeat_ms, .. } => Some(*heartbeat_ms),
+            _ => None,
+        }
+    }
+}
+
+/// How a number lies in its two bytes.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum ByteOrder {
+    /// The high byte first.
+    BigEndian,
+    /// The low byte first.
+    LittleEndian,
+}
+
+/// The link that a sensor turns with.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum Mount {
+    /// It does not turn.
+    Base,
+    /// The distal link of the left arm.
+    LeftDistal,
+    /// The distal link of the right arm.
+    RightDistal,
+}

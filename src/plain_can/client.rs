@@ -1,0 +1,233 @@
+//! The master's side of a plain CAN sensor.
+
+use std::time::Duration;
+
+use super::pair::Pair;
+use super::{Link, Order, Protocol};
+use crate::canopen::{Frame, Outbox, Time};
+use crate::sensing::RawSample;
+
+/// How long a sensor that was told to begin may stay silent before it is told again.
+const RETRY: Duration = Duration::from_millis(50);
+/// Bytes of each frame of a sample.
+const WHOLE: u8 = 8;
+
+/// What a frame was.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Heard {
+    /// Half of a sample, or what an earlier half lacked.
+    Half,
+    /// A frame of the sensor that is too short for half of a sample.
+    BadLength,
+    /// Not of the sensor.
+    Other,
+}
+
+/// Wakes a sensor and puts its samples together.
+///
+/// Of several samples between two calls of [`Client::take`] the newest counts. A sample has the age of its last frame:
+/// what it took the sensor to measure, filter and queue it is not known here.
+#[derive(Clone, Copy, Debug)]
+pub struct Client {
+    link: Link,
+    pair: Pair,
+    newest: Option<(Time, RawSample)>,
+    /// Whether a whole sample has come since the start.
+    has_begun: bool,
+    next_order: Time,
+}
+
+impl Client {
+    /// A client that has told its sensor nothing.
+    pub fn new(link: Link) -> Self {
+        let pair = Pair::new(link.protocol.data_ids(), link.pair_gap);
+        Self { link, pair, newest: None, has_begun: false, next_order: Time::NEVER }
+    }
+
+    /// What is spoken.
+    pub fn protocol(&self) -> &Protocol {
+        &self.link.protocol
+    }
+
+    /// Forgets all that was heard, and tells the sensor nothing.
+    pub fn restart(&mut self) {
+        *self = Self::new(self.link);
+    }
+
+    /// Tells the sensor to begin: one that still streams for an earlier master is stopped first.
+    pub fn start(&mut self, now: Time, out: &mut impl Outbox) {
+        self.restart();
+        self.tell(Order::Stop, out);
+        self.begin(now, out);
+    }
+
+    /// Whether a whole sample has come since [`Client::start`].
+    pub fn has_begun(&self) -> bool {
+        self.has_begun
+    }
+
+    /// When [`Client::poll`] has to be called again at the latest.
+    ///
+    /// Real-time: yes.
+    pub fn next_deadline(&self) -> Time {
+        self.next_order
+    }
+
+    /// Tells a sensor that has not begun once more.
+    ///
+    /// Real-time: yes.
+    pub fn poll(&mut self, now: Time, out: &mut impl Outbox) {
+        if now >= self.next_order {
+            self.begin(now, out);
+        }
+    }
+
+    /// Asks for a sample, if the sensor sends none by itself.
+    ///
+    /// Real-time: yes.
+    pub fn read(&self, out: &mut impl Outbox) {
+        self.tell(Order::Read, out);
+    }
+
+    /// Takes a frame from the bus.
+    ///
+    /// Real-time: yes.
+    pub fn on_frame(&mut self, now: Time, frame: &Frame) -> Heard {
+        if !self.pair.has(frame.id()) {
+            return Heard::Other;
+        }
+        if frame.len() != WHOLE {
+            self.pair.clear();
+            return Heard::BadLength;
+        }
+        let Some([first, second]) = self.pair.take(now, frame) else { return Heard::Half };
+        if let Some(sample) = self.link.protocol.decode([&first, &second]) {
+            self.newest = Some((now, sample));
+            (self.has_begun, self.next_order) = (true, Time::NEVER);
+        }
+        Heard::Half
+    }
+
+    /// The newest sample that came since the last call.
+    ///
+    /// Real-time: yes.
+    pub fn take(&mut self, now: Time) -> Option<RawSample> {
+        let (at, sample) = self.newest.take()?;
+        let age_ns = now.since(at).as_nanos().min(u128::from(u32::MAX)) as u32;
+        Some(RawSample { age_ns, ..sample })
+    }
+
+    fn begin(&mut self, now: Time, out: &mut impl Outbox) {
+        if self.link.zero_at_start {
+            self.tell(Order::Zero, out);
+        }
+        self.tell(Order::Start, out);
+        self.tell(Order::Read, out);
+        self.next_order = now + RETRY;
+    }
+
+    fn tell(&self, order: Order, out: &mut impl Outbox) {
+        if let Some(frame) = self.link.protocol.order(order) {
+            out.push(frame);
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::{Status, Telling, polled, streaming};
+    use super::*;
+
+    const STREAMING: Link = Link {
+        protocol: Protocol::Streaming(streaming::Ids { command: 0x35f, data: [0x360, 0x361] }),
+        pair_gap: Duration::from_micros(500),
+        zero_at_start: true,
+    };
+    const POLLED: Link = Link {
+        protocol: Protocol::Polled(polled::Format {
+            base: 0x1b0,
+            byte_order: polled::ByteOrder::BigEndian,
+            overload_bits: 2,
+            invalid_bits: 1,
+        }),
+        pair_gap: Duration::from_micros(500),
+        zero_at_start: false,
+    };
+
+    fn telling(number: u16) -> Telling {
+        Telling { counts: [number as i16; 6], status: Status::default(), number }
+    }
+
+    fn us(us: u64) -> Time {
+        Time::from_micros(us)
+    }
+
+    #[test]
+    fn a_sensor_is_told_to_begin_until_it_does() {
+        let mut client = Client::new(STREAMING);
+        let mut out = Vec::new();
+        assert_eq!(client.next_deadline(), Time::NEVER);
+        client.start(us(0), &mut out);
+        let codes = |out: &mut Vec<Frame>| -> Vec<u8> { out.drain(..).map(|frame| frame.bytes()[0]).collect() };
+        assert_eq!(codes(&mut out), [0x0c, 0x11, 0x0b]);
+        client.poll(us(49_999), &mut out);
+        assert!(out.is_empty() && !client.has_begun());
+        client.poll(client.next_deadline(), &mut out);
+        assert_eq!(codes(&mut out), [0x11, 0x0b]);
+        for frame in STREAMING.protocol.encode(&telling(1)) {
+            client.on_frame(us(60_000), &frame);
+        }
+        assert!(client.has_begun() && client.next_deadline() == Time::NEVER);
+        client.read(&mut out);
+        assert!(out.is_empty(), "it streams");
+    }
+
+    #[test]
+    fn a_polled_sensor_is_asked() {
+        let mut client = Client::new(POLLED);
+        let mut out = Vec::new();
+        client.start(us(0), &mut out);
+        client.read(&mut out);
+        assert_eq!(out, [Frame::new(0x1b0, &[2]); 2]);
+    }
+
+    #[test]
+    fn a_sample_is_handed_out_once_with_its_age() {
+        let mut client = Client::new(POLLED);
+        let [first, second] = POLLED.protocol.encode(&telling(7));
+        assert_eq!(client.on_frame(us(100), &first), Heard::Half);
+        assert_eq!(client.take(us(150)), None, "half of it");
+        assert_eq!(client.on_frame(us(200), &second), Heard::Half);
+        let sample = client.take(us(620)).unwrap();
+        assert_eq!((sample.counts, sample.sequence, sample.age_ns), ([7; 6], Some(7), 420_000));
+        assert_eq!(client.take(us(630)), None);
+    }
+
+    #[test]
+    fn of_two_samples_the_newer_counts_and_halves_are_dropped() {
+        let mut client = Client::new(STREAMING);
+        let samples = [1, 2, 3].map(|number| STREAMING.protocol.encode(&telling(number)));
+        let [[one, one_more], [two, two_more], [three, three_more]] = samples;
+        for (at, frame) in [(0, one), (131, one_more), (1000, two), (1131, two_more)] {
+            client.on_frame(us(at), &frame);
+        }
+        assert_eq!(client.take(us(1200)).map(|sample| sample.counts), Some([2; 6]));
+        // The second of the third sample comes too late.
+        for (at, frame) in [(2000, three), (2501, three_more)] {
+            client.on_frame(us(at), &frame);
+        }
+        assert_eq!(client.take(us(2600)), None);
+    }
+
+    #[test]
+    fn short_frames_are_no_halves() {
+        let mut client = Client::new(STREAMING);
+        let [first, second] = STREAMING.protocol.encode(&telling(1));
+        let short = Frame::new(first.id(), &first.data()[..7]);
+        client.on_frame(us(0), &first);
+        assert_eq!(client.on_frame(us(1), &short), Heard::BadLength);
+        client.on_frame(us(2), &second);
+        assert_eq!(client.take(us(3)), None, "what was there before the short frame is not trusted");
+        assert_eq!(client.on_frame(us(4), &Frame::new(0x35f, &[0x0b])), Heard::Other);
+    }
+}

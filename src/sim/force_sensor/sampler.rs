@@ -1,0 +1,124 @@
+//! What every simulated force sensor has, whatever it speaks: channels, range, zero, and a clock.
+
+use std::time::Duration;
+
+use yieldwall_drives::profiles::{STATUS_INVALID, STATUS_OVERLOAD};
+
+use crate::canopen::Time;
+
+/// Channels: Fx Fy Fz Tx Ty Tz.
+pub(super) const CHANNELS: usize = 6;
+
+/// Converters and clock.
+#[derive(Clone, Debug)]
+pub(super) struct Sampler {
+    range_counts: i32,
+    /// `None` if somebody else is the clock.
+    period: Option<Duration>,
+    phase: Duration,
+    next_tick: Time,
+    present: [i32; CHANNELS],
+    zero: [i32; CHANNELS],
+    clock_rate: f64,
+    /// Share of a sample period that has passed since the last sample.
+    clock_phase: f64,
+    status_bits: u8,
+}
+
+/// One sample.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(super) struct Conversion {
+    pub(super) counts: [i16; CHANNELS],
+    /// Bits as in the status byte of the simulated CANopen sensor.
+    pub(super) status: u8,
+}
+
+impl Conversion {
+    pub(super) fn is_overloaded(&self) -> bool {
+        self.status & STATUS_OVERLOAD != 0
+    }
+
+    pub(super) fn is_invalid(&self) -> bool {
+        self.status & STATUS_INVALID != 0
+    }
+}
+
+impl Sampler {
+    pub(super) fn new(range_counts: i32, period: Option<Duration>, phase: Duration) -> Self {
+        Self {
+            range_counts,
+            period,
+            phase,
+            next_tick: Time::NEVER,
+            present: [0; CHANNELS],
+            zero: [0; CHANNELS],
+            clock_rate: 1.0,
+            clock_phase: 0.0,
+            status_bits: 0,
+        }
+    }
+
+    /// As after power-on.
+    pub(super) fn reset(&mut self, now: Time) {
+        self.zero = [0; CHANNELS];
+        self.next_tick = if self.period.is_some() { now + self.phase } else { Time::NEVER };
+    }
+
+    pub(super) fn measure(&mut self, counts: [i32; CHANNELS]) {
+        self.present = counts;
+    }
+
+    pub(super) fn set_clock_rate(&mut self, share: f64) {
+        self.clock_rate = share.clamp(0.0, 1.0);
+    }
+
+    pub(super) fn set_status_bits(&mut self, bits: u8) {
+        self.status_bits = bits;
+    }
+
+    /// Whether it has a clock of its own.
+    pub(super) fn has_clock(&self) -> bool {
+        self.period.is_some()
+    }
+
+    pub(super) fn next_tick(&self) -> Time {
+        self.next_tick
+    }
+
+    /// A sample of its own clock, if one is due.
+    pub(super) fn poll(&mut self, now: Time) -> Option<Conversion> {
+        let period = self.period.filter(|_| self.next_tick <= now)?;
+        self.next_tick = (self.next_tick + period).max(now + Duration::from_nanos(1));
+        self.tick()
+    }
+
+    /// One period of the clock at its true rate.
+    pub(super) fn tick(&mut self) -> Option<Conversion> {
+        self.clock_phase += self.clock_rate;
+        if self.clock_phase < 1.0 {
+            return None;
+        }
+        self.clock_phase -= 1.0;
+        Some(self.convert())
+    }
+
+    fn convert(&self) -> Conversion {
+        let mut conversion = Conversion { counts: [0; CHANNELS], status: self.status_bits };
+        for ((to, &present), &zero) in conversion.counts.iter_mut().zip(&self.present).zip(&self.zero) {
+            // At the end of the range the converter is cut off before the zero is taken.
+            let raw = present.clamp(-self.range_counts, self.range_counts);
+            if raw.abs() == self.range_counts {
+                conversion.status |= STATUS_OVERLOAD;
+            }
+            *to = (raw - zero).clamp(i16::MIN.into(), i16::MAX.into()) as i16;
+        }
+        conversion
+    }
+
+    /// Takes what one channel measures for its zero.
+    pub(super) fn take_zero(&mut self, channel: usize) {
+        if let (Some(zero), Some(present)) = (self.zero.get_mut(channel), self.present.get(channel)) {
+            *zero = (*present).clamp(-self.range_counts, self.range_counts);
+        }
+    }
+}
