@@ -227,6 +227,8 @@ fn a_circle_is_held_in_lockstep_over_two_processes() {
 #[ignore = "needs a CAN interface: see hil-tests/vcan"]
 fn devices_in_three_processes_share_one_arm_and_one_that_dies_stops_the_rig() {
     let socket = std::env::temp_dir().join(format!("yieldwall-plant-{}.sock", std::process::id()));
+    // One that an earlier run left, which was killed.
+    let _ = std::fs::remove_file(&socket);
     let socket = socket.to_str().expect("a plain path");
     let plant = Running::sim(RIG, &["--pace", "lockstep", "--nodes", "left", "--plant", socket]);
     let right = Running::sim(RIG, &["--nodes", "right", "--attach", socket]);
