@@ -400,7 +400,9 @@ fn a_drilled_rig_runs_on_the_wall_clock_or_says_that_this_computer_is_late() {
     let observer = Observer::new();
     let (code, document) = Running::run(SLOW_RIG, &["--duration", "3"]).document();
     assert!([OK, TIMING_MISSED].contains(&code), "{document:#}");
-    assert_stopped_together(&observer.rest());
+    if code == OK {
+        assert_stopped_together(&observer.rest());
+    }
     drop(sim);
     // The same drives, one of whose watchdogs is gone.
     let sim = Running::sim(SLOW_RIG, &["--unwatched", "heartbeat"]);
