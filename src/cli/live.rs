@@ -11,7 +11,9 @@ use serde_json::{Value, json};
 use super::failure::{Exit, Failure};
 use super::keep::{Keep, Kept, Watched, state_folder};
 use super::output::Output;
-use super::run::{Arguments, exit_of, judge, measures_text, mode_text, rig_failure, stopped_by, write_drawing};
+use super::run::{
+    Arguments, check_bus, exit_of, judge, measures_text, mode_text, rig_failure, stopped_by, write_drawing,
+};
 use crate::bus::SensorLink;
 use crate::canopen::cob;
 use crate::config::{self, Report, Source};
@@ -20,7 +22,7 @@ use crate::link::{CobFilter, LinkError, SocketCan, SocketCanSettings};
 use crate::live::host::{Refusal, SystemMetronome, lock_memory, run_first};
 use crate::live::{Ended, Histogram, LinkCounts, LiveError, LiveRig, Play, Played, Subject, Unproven, drive_nodes};
 use crate::record::Row;
-use crate::rig::{Pace, RigError, cycles_before_enabling, drill, sample_period, sensor_link};
+use crate::rig::{self, Pace, RigError, bus_plan, drill};
 use crate::study::measures::Measures;
 use crate::study::{Overrides, drawing, measured, replay};
 use yieldwall_drives::profiles::{SIMULATED_VENDOR, find as find_profile};
@@ -74,17 +76,21 @@ pub(super) fn link_failure(error: &LinkError) -> Failure {
 
 /// The link of a master: process data apart from the rest.
 pub(super) fn open(bus: &str, rig: &config::Rig) -> Result<SocketCan, Failure> {
-    let nodes = rig.drives.iter().map(|drive| drive.node_id).chain(rig.sensor.protocol.node_id());
-    let nodes: Vec<_> = nodes.filter_map(|node| cob::node_id(node).ok()).collect();
     let mut process = vec![CobFilter::only(cob::SYNC)];
+    let mut nodes = vec![rig.drives[0].node_id, rig.drives[1].node_id];
+    match bus_plan(rig).map_err(|error| rig_failure(&error))?.0.sensor.link {
+        SensorLink::Canopen(sensor) => nodes.push(sensor.node_id),
+        SensorLink::PlainCan(sensor) => {
+            let [first, second] = sensor.protocol.data_ids();
+            process.extend([first, second, sensor.protocol.order_id()].map(CobFilter::only));
+        }
+    }
+    let nodes: Vec<_> = nodes.into_iter().filter_map(|node| cob::node_id(node).ok()).collect();
     let mut services = vec![CobFilter::only(cob::NMT), CobFilter::matching(0x700, 0x780)];
     for node in nodes {
         let pdos = (1..=4).flat_map(|number| [cob::tpdo(number, node), cob::rpdo(number, node)]);
         process.extend(pdos.flatten().map(CobFilter::only));
         services.extend([CobFilter::only(cob::emcy(node)), CobFilter::only(cob::sdo_response(node))]);
-    }
-    if let SensorLink::PlainCan(link) = sensor_link(&rig.sensor).map_err(|error| rig_failure(&error))? {
-        process.extend(link.protocol.data_ids().map(CobFilter::only));
     }
     SocketCan::open(&SocketCanSettings {
         interface: bus.to_owned(),
@@ -110,14 +116,10 @@ fn proof(pace: PaceArgument, rig: &config::Rig, scene: &config::Scene) -> Result
         let folder = state_folder("drills").ok_or_else(super::drill::no_home)?;
         return Ok(Proof::OnRecord { rig: Box::new(rig.clone()), folder });
     }
-    let sensor = match &rig.sensor.protocol {
-        config::SensorProtocol::Canopen { profile, .. } => Some(profile),
-        _ => None,
-    };
-    let mut names = rig.drives.iter().map(|drive| &drive.profile).chain(sensor);
+    let names = [&rig.drives[0].profile, &rig.drives[1].profile];
     let is_simulated =
         |name: &&String| find_profile(name).is_some_and(|profile| profile.identity.vendor_id == SIMULATED_VENDOR);
-    if let Some(name) = names.find(|name| !is_simulated(name)) {
+    if let Some(name) = names.into_iter().find(|name| !is_simulated(name)) {
         let message = format!("--pace lockstep is for simulated devices, and {name} is none");
         return Err(Failure::new(Exit::Usage, message, "leave --pace away"));
     }
@@ -166,6 +168,7 @@ pub(super) fn run(bus: &str, arguments: &Arguments, output: &mut Output) -> Resu
     let rig = config::load_rig(Source::named(&arguments.rig))?;
     output.warnings(&rig.warnings);
     let scene = config::load_scene(rig.source.relative(&rig.value.scene))?;
+    check_bus(&rig, arguments.ignore_bus_budget, output)?;
     let overrides = Overrides { duration_s: arguments.duration, ..Overrides::default() };
     let rig = rig.value;
     let proof = proof(arguments.pace, &rig, &scene.value)?;
@@ -288,7 +291,7 @@ fn run_loop(
     let played = proven.and_then(|()| {
         Ok(machine.play(play, is_interrupted, |record| {
             let timing = record.inputs.timing;
-            let nanos = |ns: u32| std::time::Duration::from_nanos(ns.into());
+            let nanos = |ns: u32| Duration::from_nanos(ns.into());
             sync_late.add(nanos(timing.sync_late_ns));
             compute_late.add(nanos(timing.compute_late_ns));
             compute.add(nanos(timing.last_compute_ns));
@@ -309,7 +312,9 @@ pub(super) fn settling_cycles(rig: &config::Rig) -> u32 {
     let sensor_ms = rig.sensor.protocol.heartbeat_ms().unwrap_or_default();
     let slowest_ms = left.heartbeat_ms.max(right.heartbeat_ms).max(sensor_ms);
     let heartbeats = (u32::from(slowest_ms) * SETTLING_HEARTBEATS * 1000).div_ceil(rig.cycle.period_us);
-    heartbeats.max(cycles_before_enabling(Duration::from_micros(rig.cycle.period_us.into()), sample_period(rig)))
+    let period = Duration::from_micros(rig.cycle.period_us.into());
+    let sample_period = Duration::from_secs_f64(rig.sensor.sample_rate_hz.get().recip());
+    heartbeats.max(rig::settling_cycles(period, sample_period))
 }
 
 /// With `--require-realtime` what was not granted is an error.

@@ -57,7 +57,7 @@ pub(super) struct Arguments {
     pub(super) candump: Option<PathBuf>,
     /// Run also if the bus cannot keep the cycle; `yieldwall bus budget` tells which frame comes too late
     #[arg(long)]
-    ignore_bus_budget: bool,
+    pub(super) ignore_bus_budget: bool,
     /// Record every cycle and every frame into this folder, which is made: cycles.mcap, cycles.csv and bus.log
     #[arg(long, value_name = "DIR")]
     pub(super) record: Option<PathBuf>,
@@ -140,7 +140,7 @@ fn check(arguments: &Arguments) -> Result<(), Failure> {
 }
 
 /// Whether the bus keeps the cycle: of a bus with timing an error, unless it is to be ignored.
-fn check_bus(rig: &Loaded<config::Rig>, is_ignored: bool, output: &mut Output) -> Result<(), Failure> {
+pub(super) fn check_bus(rig: &Loaded<config::Rig>, is_ignored: bool, output: &mut Output) -> Result<(), Failure> {
     let plan = Plan::of(&rig.value).map_err(|error| rig_failure(&error))?;
     let Some(mut finding) = plan.finding(rig) else { return Ok(()) };
     if finding.severity == Severity::Error && !is_ignored {

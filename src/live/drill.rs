@@ -12,7 +12,7 @@ use super::rig::LiveRig;
 use crate::canopen::{NodeId, Outbox, SdoClient, SdoOutcome, Time, cob};
 use crate::guard::{Request, State};
 use crate::link::{Arrival, CanLink, LinkOutbox, Received};
-use crate::rig::{CYCLES_BEFORE_SILENCE, DRILL_LIMIT, Drilled, Finding};
+use crate::rig::{CYCLES_BEFORE_SILENCE, DRILL_LIMIT, Drilled, Enabling, Finding};
 use crate::sim::Watchdog;
 use yieldwall_drives::cia402::{self, Statusword};
 use yieldwall_drives::objects;
@@ -68,7 +68,7 @@ impl<L: CanLink, M: Metronome> LiveRig<L, M> {
     /// away while all others are repeated. The rig is stopped in the end. Nobody may hold the handle.
     ///
     /// # Errors
-    /// If the rig cannot be booted or enabled, or a person asks for the end.
+    /// If the rig cannot be booted or enabled, is stopped by something else, or a person asks for the end.
     pub fn drill(
         &mut self,
         nodes: [NodeId; 2],
@@ -84,8 +84,13 @@ impl<L: CanLink, M: Metronome> LiveRig<L, M> {
                 self.run_cycle(Request::None);
             }
             let mut drives = nodes.map(Watched::new);
-            let last =
-                if self.state() == State::Running { self.fall_silent(watchdog, &mut drives) } else { Time::NEVER };
+            if !matches!(self.state(), State::Running | State::Holding) {
+                // Stopped by something else: that says nothing of the watchdog.
+                let cause = self.cause();
+                self.stop();
+                return Err(LiveError::NotEnabled { waited_s: Enabling::LIMIT_S, cause });
+            }
+            let last = self.fall_silent(watchdog, &mut drives);
             let stopped_after = drives.each_ref().map(|drive| drive.stopped_at.map(|at| at.since(last)));
             findings.push(Finding { watchdog, stopped_after });
             resolution = drives.iter().map(|drive| drive.longest_gap).fold(resolution, Duration::max);

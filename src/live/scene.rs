@@ -93,7 +93,7 @@ impl<L: CanLink, M: Metronome> LiveRig<L, M> {
     }
 
     pub(super) fn enable(&mut self, settling: u32, is_interrupted: &AtomicBool) -> Result<(), LiveError> {
-        let mut enabling = Enabling::new(self.period(), self.period()).not_before(settling);
+        let mut enabling = Enabling::new(self.period().as_secs_f64()).not_before(settling);
         loop {
             if is_interrupted.load(Ordering::Relaxed) {
                 self.stop();

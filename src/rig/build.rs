@@ -297,7 +297,7 @@ pub(super) fn network(rig: &config::Rig) -> Result<MasterSetup, RigError> {
 }
 
 /// Time from one sample of the force sensor to the next.
-pub fn sample_period(rig: &config::Rig) -> Duration {
+pub(super) fn sample_period(rig: &config::Rig) -> Duration {
     Duration::from_secs_f64(rig.sensor.sample_rate_hz.get().recip())
 }
 

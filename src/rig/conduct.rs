@@ -13,6 +13,12 @@ const CYCLES_BETWEEN_ASKING: u32 = 50;
 /// Longest time that a stop may take, s.
 pub const STOP_LIMIT_S: f64 = 2.0;
 
+/// Cycles before the rig asks to be enabled: so many that the sensor's noise is known.
+pub fn settling_cycles(period: Duration, sample_period: Duration) -> u32 {
+    let cycles_per_sample = sample_period.as_nanos().div_ceil(period.as_nanos().max(1)).clamp(1, 100_000);
+    SAMPLES_BEFORE_ENABLING * cycles_per_sample as u32
+}
+
 /// What to do with the next cycle of a rig that is being enabled.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Enable {
@@ -36,14 +42,14 @@ impl Enabling {
     /// Longest time from asking to running unless told otherwise, s.
     pub const LIMIT_S: f64 = 1.5;
 
-    /// Asks for up to [`Enabling::LIMIT_S`] of cycles of `period`, with a force sensor that samples every `sample_period`.
-    pub fn new(period: Duration, sample_period: Duration) -> Self {
-        Self::within(Self::LIMIT_S, period, sample_period)
+    /// Asks for up to [`Enabling::LIMIT_S`] of cycles of `period_s`.
+    pub fn new(period_s: f64) -> Self {
+        Self::within(Self::LIMIT_S, period_s)
     }
 
-    pub(super) fn within(limit_s: f64, period: Duration, sample_period: Duration) -> Self {
-        let first = cycles_before_enabling(period, sample_period);
-        Self { cycle: 0, first, limit: first.saturating_add((limit_s / period.as_secs_f64()) as u32) }
+    pub(super) fn within(limit_s: f64, period_s: f64) -> Self {
+        let cycles = (limit_s / period_s) as u32;
+        Self { cycle: 0, first: SAMPLES_BEFORE_ENABLING, limit: SAMPLES_BEFORE_ENABLING + cycles }
     }
 
     /// Asks no earlier than after so many cycles.
@@ -71,12 +77,6 @@ impl Enabling {
         let asks = state == State::Idle && asking.is_multiple_of(CYCLES_BETWEEN_ASKING);
         Enable::Ask(if asks { Request::Enable } else { Request::None })
     }
-}
-
-/// Cycles in which a sensor of this sample period gives the samples that are needed before the rig is enabled.
-pub fn cycles_before_enabling(period: Duration, sample_period: Duration) -> u32 {
-    let cycles_per_sample = sample_period.as_nanos().div_ceil(period.as_nanos().max(1)).max(1);
-    SAMPLES_BEFORE_ENABLING.saturating_mul(u32::try_from(cycles_per_sample).unwrap_or(u32::MAX))
 }
 
 /// Whether a drive in this state may make torque.

@@ -22,8 +22,8 @@ mod world;
 
 pub use assembly::{drive as simulated_drive, force_sensor as simulated_force_sensor};
 pub use budget::bus_plan;
-pub use build::{cycle, master, sample_period, sensor_link};
-pub use conduct::{Enable, Enabling, STOP_LIMIT_S, cycles_before_enabling, has_torque};
+pub use build::{cycle, master};
+pub use conduct::{Enable, Enabling, STOP_LIMIT_S, has_torque, settling_cycles};
 pub use drill::{CYCLES_BEFORE_SILENCE, DRILL_LIMIT, Drilled, Finding, TORQUE_LIMIT, Unsafe, drill};
 pub use embedded::{BodyTruth, EmbeddedRig, Observer, PORTS, Tap};
 pub use error::RigError;

@@ -17,6 +17,10 @@ use yieldwall_drives::cia402;
 /// long for process data.
 const GRACE: Duration = Duration::from_secs(2);
 
+/// Simulated time that a simulation in lockstep makes up for at once while it runs by itself. One that cannot keep up with the
+/// wall falls behind it, and does not become deaf.
+const LAG: Duration = Duration::from_millis(5);
+
 /// What the clock of simulated devices on a real bus follows.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Pace {
@@ -118,7 +122,7 @@ impl DeviceServer {
         if frame.id() == cob::NMT {
             self.run_on(wall);
         }
-        let mut now = self.time_at(wall);
+        let mut now = self.due(wall);
         if frame.id() == cob::SYNC {
             self.counts.syncs += 1;
             if self.pace == Pace::Lockstep {
@@ -144,7 +148,8 @@ impl DeviceServer {
         if self.waits_since.is_some_and(|since| wall >= since + GRACE) {
             self.run_on(wall);
         }
-        self.advance(self.time_at(wall), out)
+        let until = self.due(wall);
+        self.advance(until, out)
     }
 
     /// The moment of the wall at which [`DeviceServer::poll`] has to be called again at the latest.
@@ -210,6 +215,16 @@ impl DeviceServer {
     /// Simulated time at a moment of the wall.
     fn time_at(&self, wall: Time) -> Time {
         if self.waits_since.is_some() { self.now } else { self.now.max(self.anchor.1 + wall.since(self.anchor.0)) }
+    }
+
+    /// The same for what is to be done now.
+    fn due(&mut self, wall: Time) -> Time {
+        let until = self.time_at(wall);
+        if self.pace == Pace::Free || until <= self.now + LAG {
+            return until;
+        }
+        self.anchor = (wall, self.now + LAG);
+        self.now + LAG
     }
 
     /// Has time follow the wall from now on.

@@ -227,6 +227,8 @@ fn a_circle_is_held_in_lockstep_over_two_processes() {
 #[ignore = "needs a CAN interface: see hil-tests/vcan"]
 fn devices_in_three_processes_share_one_arm_and_one_that_dies_stops_the_rig() {
     let socket = std::env::temp_dir().join(format!("yieldwall-plant-{}.sock", std::process::id()));
+    // One that an earlier run left, which was killed.
+    let _ = std::fs::remove_file(&socket);
     let socket = socket.to_str().expect("a plain path");
     let plant = Running::sim(RIG, &["--pace", "lockstep", "--nodes", "left", "--plant", socket]);
     let right = Running::sim(RIG, &["--nodes", "right", "--attach", socket]);
@@ -398,7 +400,9 @@ fn a_drilled_rig_runs_on_the_wall_clock_or_says_that_this_computer_is_late() {
     let observer = Observer::new();
     let (code, document) = Running::run(SLOW_RIG, &["--duration", "3"]).document();
     assert!([OK, TIMING_MISSED].contains(&code), "{document:#}");
-    assert_stopped_together(&observer.rest());
+    if code == OK {
+        assert_stopped_together(&observer.rest());
+    }
     drop(sim);
     // The same drives, one of whose watchdogs is gone.
     let sim = Running::sim(SLOW_RIG, &["--unwatched", "heartbeat"]);

@@ -6,7 +6,7 @@ use super::{DEVICES, EmbeddedRig, MASTER, RigError};
 use crate::bus::Phase;
 use crate::canopen::Time;
 use crate::guard::{Request, State};
-use crate::rig::conduct::{Enable, Enabling, STOP_LIMIT_S, has_torque};
+use crate::rig::conduct::{Enable, Enabling, STOP_LIMIT_S, has_torque, settling_cycles};
 
 /// Longest time from switching on to the exchange of process data, virtual.
 const BOOT_LIMIT: Duration = Duration::from_secs(5);
@@ -78,7 +78,8 @@ impl EmbeddedRig {
     }
 
     fn come_to_run(&mut self, limit_s: f64) -> Result<(), RigError> {
-        let mut enabling = Enabling::within(limit_s, self.period, self.sample_period);
+        let settling = settling_cycles(self.period, self.sample_period);
+        let mut enabling = Enabling::within(limit_s, self.period.as_secs_f64()).not_before(settling);
         loop {
             match enabling.next(self.state()) {
                 Enable::Ask(request) => self.run_cycle(request)?,
