@@ -110,7 +110,7 @@ fn planar(criterion: &mut Criterion<OnCore>) {
     let circle = Shape2::Circle(Circle::new(Vector2::zeros(), RADIUS_M, Forbidden::Inside).expect("a circle"));
     let line = Shape2::Line(Line::new(Vector2::zeros(), Vector2::new(0.6, 0.8)).expect("a line"));
     for (name, shape, curvature) in [
-        ("2-D circle", circle, Curvature::Tangent),
+        ("2-D circle", circle.clone(), Curvature::Tangent),
         ("2-D circle, exact curvature", circle, Curvature::Exact),
         ("2-D line", line, Curvature::Tangent),
     ] {
@@ -164,7 +164,7 @@ fn spatial(criterion: &mut Criterion<OnCore>) {
     let cylinder = Cylinder::new(Vector3::zeros(), axis, RADIUS_M, Forbidden::Inside).expect("a cylinder");
     let plane = Shape3::Plane(Plane::new(Vector3::zeros(), Vector3::new(0.6, 0.8, 0.0)).expect("a plane"));
     for (name, shape, parameters) in [
-        ("3-D sphere", sphere, admittance(Curvature::Tangent)),
+        ("3-D sphere", sphere.clone(), admittance(Curvature::Tangent)),
         ("3-D sphere, exact curvature", sphere, admittance(Curvature::Exact)),
         ("3-D cylinder", Shape3::Cylinder(cylinder), admittance(Curvature::Tangent)),
         ("3-D cylinder, impedance", Shape3::Cylinder(cylinder), impedance()),

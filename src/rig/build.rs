@@ -305,7 +305,7 @@ pub(super) fn sample_period(rig: &config::Rig) -> Duration {
 ///
 /// # Errors
 /// Where its profile or node-ID is unknown.
-pub fn sensor_link(sensor: &config::Sensor) -> Result<SensorLink, RigError> {
+pub(super) fn sensor_link(sensor: &config::Sensor) -> Result<SensorLink, RigError> {
     let plain = |protocol, pair_gap_us: u32, zero_at_start| {
         let pair_gap = Duration::from_micros(pair_gap_us.into());
         SensorLink::PlainCan(plain_can::Link { protocol, pair_gap, zero_at_start })
