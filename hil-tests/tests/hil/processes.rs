@@ -245,7 +245,12 @@ fn devices_in_three_processes_share_one_arm_and_one_that_dies_stops_the_rig() {
     assert_eq!((&document["cause"], &document["state"]), (&Value::from("pdo-missed"), &Value::from("Stopped")));
     assert_stopped_together(&observer.rest());
 
-    // It is named when it is missed, and can be put back.
+    // Without torque on one side the hand may have led the arm where it cannot go: a new one. Who is missed is named, and can
+    // be put back.
+    drop((plant, right, wrist));
+    let _ = std::fs::remove_file(socket);
+    let plant = Running::sim(RIG, &["--pace", "lockstep", "--nodes", "left", "--plant", socket]);
+    let wrist = Running::sim(RIG, &["--nodes", "wrist", "--attach", socket]);
     let (code, document) = run_for("1").document();
     assert_eq!(code, DEVICE_MISMATCH);
     assert!(document.to_string().contains("node 2 (right)"), "{document:#}");
