@@ -33,8 +33,7 @@ fn play(rig: &mut Rig, cycles: u64) -> (Played, Vec<Row>) {
 fn running(scenario: &Scenario, pace: Pace, cycles: u32) -> (Cable, Rig) {
     let (cable, mut rig) = wired(scenario, pace);
     rig.boot().unwrap();
-    let period = Duration::from_micros(scenario.rig.cycle.period_us.into());
-    let mut enabling = Enabling::new(period, period);
+    let mut enabling = Enabling::new(scenario.period_s());
     while let Enable::Ask(request) = enabling.next(rig.state()) {
         rig.run_cycle(request);
     }
