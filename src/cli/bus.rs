@@ -344,7 +344,7 @@ mod tests {
 
     #[test]
     fn shipped_rigs_fit_their_bus() {
-        assert_eq!(rigs().count(), 8);
+        assert_eq!(rigs().count(), 9);
         for name in rigs() {
             let rig = load_rig(builtin(name)).unwrap();
             let plan = Plan::of(&rig.value).unwrap();
