@@ -73,6 +73,14 @@ mod tests {
     }
 
     #[test]
+    fn half_way_in_time_it_has_gone_thirteen_sixteenths_of_its_way() {
+        // 1 m/s at 15 m/s^2 takes 0.1 s and 0.05 m: v T s (1 - s^2 (1 - s / 2)) at s = 1/2.
+        let mut ramp = StopRamp::new(TipPoint::new(0.0, 0.0), TipVelocity::new(1.0, 0.0), 15.0);
+        let way = ramp.advance(0.05).0.x;
+        assert!((way - 0.05 * 13.0 / 16.0).abs() < 1e-12, "{way}");
+    }
+
+    #[test]
     fn at_rest_it_stays() {
         let mut ramp = StopRamp::new(TipPoint::new(0.1, 0.2), TipVelocity::default(), 10.0);
         assert!(ramp.is_at_rest());

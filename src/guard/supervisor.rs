@@ -360,6 +360,57 @@ mod tests {
     }
 
     #[test]
+    fn a_freeze_of_one_cycle_takes_its_time_to_clear_again() {
+        let mut rig = Rig::running();
+        for _ in 0..2 {
+            rig.faults.observe(Fault::SensorSaturated, true);
+            assert_eq!(rig.step(Request::None).state, State::Holding);
+            rig.faults.observe(Fault::SensorSaturated, false);
+            for _ in 0..CLEAR_CYCLES - 1 {
+                assert_eq!(rig.step(Request::None).state, State::Holding);
+            }
+            assert_eq!(rig.step(Request::None).state, State::Running);
+            assert_eq!(rig.supervisor.state(), State::Running);
+        }
+    }
+
+    #[test]
+    fn latched_states_rank_by_what_they_take_to_leave() {
+        use State::{Disabled, Enabling, Holding, Idle, Lost, Running, Stopped, Stopping};
+        assert_eq!([Stopped, Disabled, Lost].map(State::severity), [1, 2, 3]);
+        assert_eq!([Idle, Enabling, Running, Holding, Stopping].map(State::severity), [0; 5]);
+    }
+
+    #[test]
+    fn what_is_only_counted_keeps_nobody_from_enabling() {
+        let mut rig = Rig::new(Drive::SwitchedOn);
+        rig.faults.observe(Fault::WorkspaceEdge, true);
+        assert_eq!(rig.faults.worst().map(|(_, reaction)| reaction), Some(Reaction::Count));
+        assert_eq!(rig.step(Request::Enable).state, State::Enabling);
+        // Nor does a freeze end it: nothing moves yet.
+        rig.faults.observe(Fault::SensorSaturated, true);
+        assert_eq!(rig.step(Request::None).state, State::Enabling);
+        let mut refused = Rig::new(Drive::SwitchedOn);
+        refused.faults.observe(Fault::SensorSaturated, true);
+        assert_eq!(refused.step(Request::Enable).state, State::Idle);
+    }
+
+    #[test]
+    fn a_latched_rig_takes_a_stronger_reaction_and_keeps_its_cause_under_an_equal_one() {
+        let mut rig = Rig::running();
+        let cause = |rig: &Rig| rig.supervisor.cause().map(|cause| cause.fault);
+        rig.faults.observe(Fault::NodeReset, true);
+        assert_eq!(rig.step(Request::None).state, State::Stopped);
+        rig.faults.observe(Fault::NodeReset, false);
+        rig.faults.observe(Fault::Emergency, true);
+        assert_eq!((rig.step(Request::None).state, cause(&rig)), (State::Stopped, Some(Fault::NodeReset)));
+        rig.faults.observe(Fault::BusOff, true);
+        let directive = rig.step(Request::None);
+        assert_eq!((directive.state, directive.is_silent), (State::Lost, true));
+        assert_eq!(cause(&rig), Some(Fault::BusOff));
+    }
+
+    #[test]
     fn a_stop_request_ramps_and_latches() {
         let mut rig = Rig::running();
         rig.faults.observe(Fault::StopRequested, true);

@@ -140,6 +140,36 @@ mod tests {
     use proptest::prelude::*;
 
     #[test]
+    fn observations_far_apart_are_not_within_so_many_cycles() {
+        // An overrun freezes the rig when it was seen three times within 100 cycles.
+        let seen_every = |cycles: u32| {
+            let mut counts = FaultCounts::default();
+            for _ in 0..3 {
+                (1..cycles).for_each(|_| {
+                    counts.begin_cycle();
+                    counts.observe(Fault::Overrun, false);
+                });
+                counts.begin_cycle();
+                counts.observe(Fault::Overrun, true);
+            }
+            counts.reaction(Fault::Overrun)
+        };
+        assert_eq!((seen_every(200), seen_every(20)), (Some(Reaction::Count), Some(Reaction::Freeze)));
+    }
+
+    #[test]
+    fn among_equals_the_first_of_the_table_is_the_cause() {
+        let mut counts = FaultCounts::default();
+        for _ in 0..2 {
+            counts.observe(Fault::Emergency, true);
+            counts.observe(Fault::NodeReset, true);
+        }
+        assert_eq!((counts.count(Fault::Emergency), counts.count(Fault::BusOff)), (2, 0));
+        let cause = Cause { fault: Fault::NodeReset, devices: DeviceSet::NONE };
+        assert_eq!(counts.worst(), Some((cause, Reaction::QuickStop)));
+    }
+
+    #[test]
     fn misses_escalate_and_a_good_cycle_starts_again() {
         let mut counts = FaultCounts::default();
         let cause = Cause { fault: Fault::PdoMissed, devices: DeviceSet::LEFT_DRIVE };

@@ -110,6 +110,8 @@ mod tests {
 
     #[test]
     fn sets_join_and_name_their_devices() {
+        assert_eq!([0, 1, 2].map(DeviceSet::drive), [DeviceSet::LEFT_DRIVE, DeviceSet::RIGHT_DRIVE, DeviceSet::NONE]);
+        assert_eq!(DeviceSet::DRIVES.bits(), 3);
         let mut set = DeviceSet::drive(1);
         set |= DeviceSet::SENSOR;
         assert_eq!(set.to_string(), "right drive, force sensor");
