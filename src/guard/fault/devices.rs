@@ -112,6 +112,7 @@ mod tests {
     fn sets_join_and_name_their_devices() {
         assert_eq!([0, 1, 2].map(DeviceSet::drive), [DeviceSet::LEFT_DRIVE, DeviceSet::RIGHT_DRIVE, DeviceSet::NONE]);
         assert_eq!(DeviceSet::DRIVES.bits(), 3);
+        assert_eq!(DeviceSet::SENSOR | DeviceSet::SENSOR, DeviceSet::SENSOR);
         let mut set = DeviceSet::drive(1);
         set |= DeviceSet::SENSOR;
         assert_eq!(set.to_string(), "right drive, force sensor");
