@@ -70,9 +70,11 @@ pub struct Failure {
 }
 
 impl Failure {
-    /// A failure outside of any file: what happened, and what to do next.
+    /// A failure outside of any file: what happened, and what to do next, if there is anything to add.
     pub fn new(exit: Exit, message: impl Into<String>, help: impl Into<String>) -> Self {
-        Self { exit, report: Diagnostic::about_file("", message, help).into() }
+        let mut diagnostic = Diagnostic::about_file("", message, help);
+        diagnostic.help = diagnostic.help.filter(|help| !help.is_empty());
+        Self { exit, report: diagnostic.into() }
     }
 }
 

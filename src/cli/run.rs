@@ -84,9 +84,10 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
         .map_err(|error| Failure::new(Exit::Internal, format!("documents of the recording: {error}"), ""))?;
     let [candump, record, black_box] =
         [&arguments.candump, &arguments.record, &arguments.black_box].map(Option::as_deref);
-    let (keep, watch) = Keep::start(Watched::Simulation, &rig.value, &about, candump, record, black_box)?;
+    // Before anything is written: a rig that is refused leaves no record.
     let drilled = rig::drill(&rig.value, &scene.value, |_| ()).map_err(|error| rig_failure(&error))?;
     judge(&drilled, &rig.value)?;
+    let (keep, watch) = Keep::start(Watched::Simulation, &rig.value, &about, candump, record, black_box)?;
     let progress = Progress::new(output);
     progress.begin(&rig.value.rig.name);
     let started = Instant::now();
