@@ -2,10 +2,12 @@
 //! of speed, accuracy and stability.
 
 pub mod chart;
+mod curvature;
 #[cfg(feature = "figures")]
 pub mod drawing;
 mod hold;
 pub mod measures;
+pub mod plant;
 #[cfg(feature = "recording")]
 pub mod replay;
 pub mod reproduce;
@@ -24,12 +26,14 @@ pub struct Options {
 }
 
 /// Names of all studies.
-pub const NAMES: [&str; 1] = ["hold"];
+pub const NAMES: [&str; 3] = ["fixture", "hold", "plant"];
 
 /// A study by its name.
-pub fn study(name: &str, _options: &Options) -> Option<Box<dyn sweep::Study>> {
+pub fn study(name: &str, options: &Options) -> Option<Box<dyn sweep::Study>> {
     Some(match name {
+        "fixture" => Box::new(curvature::TangentOrExact::new()),
         "hold" => Box::new(hold::Hold::new()),
+        "plant" => Box::new(plant::Integration::new(options.mujoco.clone())),
         _ => return None,
     })
 }
