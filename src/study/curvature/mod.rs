@@ -248,7 +248,7 @@ impl Study for TangentOrExact {
         }
         let series = |name: &str, points, mark, color| Series { name: name.to_owned(), points, mark, color };
         let theory = RATIOS.iter().filter(|&&ratio| ratio > 1.0).map(|&ratio| (ratio, 1.0 / (ratio - 1.0))).collect();
-        let ratio = || Axis::logarithmic("radius of the circle over R/kappa (-)");
+        let ratio = || Axis::logarithmic("radius of the circle over R/kappa (-)").over(0.8, 125.0);
         let panels = vec![
             Panel {
                 title: "greatest distance of a step's end from the nearest admissible point".to_owned(),

@@ -9,7 +9,7 @@ use crate::study::sweep::{Report, Row, Table};
 const USUAL_STEP_S: f64 = 1e-3;
 
 /// Below it the reference is compared with itself and rounding shows.
-const LEAST_SHOWN_M: f64 = 1e-12;
+const LEAST_SHOWN_UM: f64 = 1e-7;
 
 pub(super) fn read(speed: &Table, hold: &Table, stiff: &Table, lock: &Table) -> Report {
     let mut notes =
@@ -139,10 +139,12 @@ fn chart(speed: &Table) -> Chart {
             let rows: Vec<_> = speed.rows().filter(|row| is_of(row, contestant)).collect();
             let curves = [
                 rows.iter()
-                    .map(|row| (row.number("realtime_factor"), row.number("max_error_m")))
-                    .filter(|&(_, error_m)| error_m >= LEAST_SHOWN_M)
+                    .map(|row| (row.number("realtime_factor"), row.number("max_error_m") * 1e6))
+                    .filter(|&(_, error_um)| error_um >= LEAST_SHOWN_UM)
                     .collect(),
-                rows.iter().map(|row| (row.number("step_s"), row.number("hold_creep_m_per_s"))).collect::<Vec<_>>(),
+                rows.iter()
+                    .map(|row| (row.number("step_s") * 1e3, row.number("hold_creep_m_per_s") * 1e6))
+                    .collect::<Vec<_>>(),
             ];
             for (series, points) in series.iter_mut().zip(curves) {
                 if rows.is_empty() {
@@ -162,13 +164,13 @@ fn chart(speed: &Table) -> Chart {
         Panel {
             title: "error against speed, steps of 1 ms (right) to 10 us (left)".to_owned(),
             x: Axis::logarithmic("simulated seconds per second (-)").over(1.0, 1e4),
-            y: Axis::logarithmic("greatest error of the tool over 2 s (m)").over(LEAST_SHOWN_M, 1e-2),
+            y: Axis::logarithmic("greatest error of the tool over 2 s (um)").over(LEAST_SHOWN_UM, 1e3),
             series: error,
         },
         Panel {
             title: "creep under a push that dry friction holds; not shown: exactly 0".to_owned(),
-            x: Axis::logarithmic("step (s)"),
-            y: Axis::logarithmic("creep (m/s)"),
+            x: Axis::logarithmic("step (ms)").over(8e-3, 1.25),
+            y: Axis::logarithmic("creep (um/s)"),
             series: creep,
         },
     ];
