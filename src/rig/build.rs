@@ -18,7 +18,7 @@ use crate::linkage::{FiveBar, MassModel};
 use crate::plain_can;
 use crate::quantity::TipPoint;
 use crate::sensing::{Calibration, MountedOn, Mounting, Sensing, SensingParameters};
-use crate::sim::hand::{Hand, HandParameters, Leg, Path, Speed, TremorParameters};
+use crate::sim::hand::{AimError, Hand, HandParameters, Leg, NoiseBand, Path, Speed};
 use yieldwall_drives::profiles::{self, DeviceProfile};
 use yieldwall_drives::scaling::{AxisScaling, Direction};
 
@@ -388,12 +388,13 @@ pub(super) fn hand<const N: usize>(scene: &config::Scene, seed: u64) -> Result<H
         mass_kg: hand.mass_kg.get(),
         stiffness_n_per_m: hand.stiffness_n_per_m.get(),
         damping_n_s_per_m: hand.damping_n_s_per_m.get(),
-        voluntary_force_limit_n: hand.voluntary_force_limit_n.get(),
-        tremor: hand.tremor.as_ref().map(|tremor| TremorParameters {
-            force_rms_n: tremor.force_rms_n.get(),
+        voluntary_force_limit_n: hand.voluntary_force_limit_n.map_or(f64::INFINITY, |limit| limit.get()),
+        tremor: hand.tremor.as_ref().map(|tremor| NoiseBand {
+            rms: tremor.force_rms_n.get(),
             low_hz: tremor.low_hz.get(),
             high_hz: tremor.high_hz.get(),
         }),
+        aim_error: hand.aim_error.map(|error| AimError { rms_m: error.rms_m.get(), corner_hz: error.corner_hz.get() }),
     };
     Ok(Hand::new(parameters, path, seed)?)
 }

@@ -1,16 +1,19 @@
 //! Studies over whole rigs and over parts of them: the figures of the paper, the measures taken from runs, and the charts
 //! of speed, accuracy and stability.
 
+mod ablation;
 pub mod chart;
 #[cfg(feature = "figures")]
 pub mod drawing;
 mod hold;
+mod machine;
 pub mod measures;
 #[cfg(feature = "recording")]
 pub mod replay;
 pub mod reproduce;
 mod run;
 pub mod sweep;
+mod task;
 
 pub use run::{Overrides, RunReport, Stage, Watch, measured, run_device, run_rig};
 
@@ -24,12 +27,14 @@ pub struct Options {
 }
 
 /// Names of all studies.
-pub const NAMES: [&str; 1] = ["hold"];
+pub const NAMES: [&str; 3] = ["ablation", "hold", "task"];
 
 /// A study by its name.
 pub fn study(name: &str, _options: &Options) -> Option<Box<dyn sweep::Study>> {
     Some(match name {
+        "ablation" => Box::new(ablation::Ablation::new()),
         "hold" => Box::new(hold::Hold::new()),
+        "task" => Box::new(task::Task::new()),
         _ => return None,
     })
 }

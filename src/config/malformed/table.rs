@@ -209,6 +209,7 @@ pub(crate) const CASES: &[Case] = &[
     case("scene", "size of a fault", SCENE, "seed: 1", "seed: 1\nfaults:\n  - {inject: encoder-jump, at_s: 1.0, size: 9.0}"),
     case("scene", "duration of a fault", SCENE, "seed: 1", "seed: 1\nfaults:\n  - {inject: drive-fault, at_s: 1.0, for_s: 1.0}"),
     case("scene", "speed of an arc", SCENE, "speed: constant", "speed: steady"),
+    case("scene", "aim that errs too fast", SCENE, "  tremor:", "  aim_error: {rms_m: 0.01, corner_hz: 80.0}\n  tremor:"),
     case("scene", "tremor too fast", SCENE, "high_hz: 12.0", "high_hz: 120.0"),
     case("scene", "exact force", SCENE, "force_sensor: noisy", "force_sensor: exact"),
     case("scene", "no share before the gear", SCENE, "joint_elasticity: null", "joint_elasticity: {stiffness_n_m_per_rad: 2.0e+4, damping_n_m_s_per_rad: 5.0, motor_share: 0.0}"),
