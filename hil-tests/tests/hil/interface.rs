@@ -159,7 +159,7 @@ fn canplayer_replays_a_recorded_sensor_stream() {
     let mut link = own.link();
     let stream = sensor_stream();
     let path = std::env::temp_dir().join(format!("yieldwall-{}.log", std::process::id()));
-    let mut log = CandumpWriter::new(Vec::new(), "can0");
+    let mut log = CandumpWriter::new(Vec::new(), ["can0"]);
     for (time, frame) in &stream {
         log.record(*time, frame).expect("memory");
     }
@@ -196,7 +196,7 @@ fn candump_sees_what_was_sent_and_writes_it_as_this_project_does() {
     for frame in &frames {
         link.send(frame).expect("sent");
     }
-    let mut ours = CandumpWriter::new(Vec::new(), own.0);
+    let mut ours = CandumpWriter::new(Vec::new(), [own.0]);
     for frame in &frames {
         ours.record(Time(0), frame).expect("memory");
     }

@@ -7,10 +7,12 @@ mod error;
 mod facts;
 mod filter;
 mod message;
+mod several;
 
 pub use error::LinkError;
 pub use facts::{ControllerState, InterfaceFacts};
 pub use filter::CobFilter;
+pub use several::SocketCans;
 
 use std::io;
 use std::os::fd::{AsFd, BorrowedFd};
@@ -33,8 +35,8 @@ pub struct SocketCanSettings {
     pub interface: String,
     /// Process data of both ways, SYNC included: own frames among them come back as [`Received::Echo`].
     pub process: Vec<CobFilter>,
-    /// Everything else that is wanted. Own frames of these identifiers do not come back. If one of the two is empty there is
-    /// one socket only.
+    /// Everything else that is wanted. Own frames among it come back too, unless there are no process data. If one of the two
+    /// is empty there is one socket only.
     pub services: Vec<CobFilter>,
     /// Bit rate in bit/s that the interface has to have; an interface without one, such as vcan, passes.
     pub bit_rate: Option<u32>,
@@ -99,13 +101,15 @@ impl SocketCan {
         facts.check(settings.bit_rate)?;
         let failed = |step| move |source| LinkError::System { interface: name.to_owned(), step, source };
         first.socket.set_error_filter_accept_all().map_err(failed("have error frames come"))?;
+        let second = if others.is_empty() { None } else { Some(Port::open(name, index, others)?) };
         if has_process {
-            first.socket.set_recv_own_msgs(true).map_err(failed("have own frames come back"))?;
+            for port in std::iter::once(&first).chain(&second) {
+                port.socket.set_recv_own_msgs(true).map_err(failed("have own frames come back"))?;
+            }
             // The highest that needs no privilege. Queues that know no bands ignore it.
             let priority = first.socket.set_socket_option_int(libc::SOL_SOCKET, libc::SO_PRIORITY, 6);
             priority.map_err(failed("set the priority of process data"))?;
         }
-        let second = if others.is_empty() { None } else { Some(Port::open(name, index, others)?) };
         let mut receive_buffer = usize::MAX;
         for port in std::iter::once(&first).chain(&second) {
             let got = port.reserve(settings.receive_buffer).map_err(failed("reserve memory for frames"))?;
@@ -124,6 +128,20 @@ impl SocketCan {
     /// `CAP_NET_ADMIN` it is at most what `net.core.rmem_max` allows.
     pub fn receive_buffer(&self) -> usize {
         self.receive_buffer
+    }
+
+    /// The time of the clock on which frames arrive.
+    fn clock() -> Time {
+        Time(nanos(ClockId::Monotonic))
+    }
+
+    /// Whether something was taken from a socket and not asked for yet.
+    fn has_pending(&self) -> bool {
+        self.pending.is_some()
+    }
+
+    fn ports(&self) -> impl Iterator<Item = &Port> {
+        std::iter::once(&self.first).chain(&self.second)
     }
 
     /// The next arrival of one socket.
@@ -177,7 +195,7 @@ impl AsFd for SocketCan {
 
 impl CanLink for SocketCan {
     fn now(&self) -> Time {
-        Time(nanos(ClockId::Monotonic))
+        Self::clock()
     }
 
     fn receive(&mut self) -> Option<Arrival> {
@@ -203,19 +221,23 @@ impl CanLink for SocketCan {
     }
 
     fn wait(&mut self, until: Time) -> bool {
-        if self.pending.is_some() {
+        if self.has_pending() {
             return true;
         }
-        let wait = until.since(self.now());
-        let wait = Timespec { tv_sec: wait.as_secs() as i64, tv_nsec: i64::from(wait.subsec_nanos()) };
-        let timeout = (until != Time::NEVER).then_some(&wait);
         let first = PollFd::new(&self.first, PollFlags::IN);
-        let ready = match &self.second {
-            Some(second) => poll(&mut [first, PollFd::new(second, PollFlags::IN)], timeout),
-            None => poll(&mut [first], timeout),
-        };
-        ready.is_ok_and(|ready| ready > 0)
+        match &self.second {
+            Some(second) => wait_for_any(&mut [first, PollFd::new(second, PollFlags::IN)], until),
+            None => wait_for_any(&mut [first], until),
+        }
     }
+}
+
+/// Waits until one of the sockets has something or `until` has come; whether one has.
+fn wait_for_any(sockets: &mut [PollFd<'_>], until: Time) -> bool {
+    let wait = until.since(SocketCan::clock());
+    let wait = Timespec { tv_sec: wait.as_secs() as i64, tv_nsec: i64::from(wait.subsec_nanos()) };
+    let timeout = (until != Time::NEVER).then_some(&wait);
+    poll(sockets, timeout).is_ok_and(|ready| ready > 0)
 }
 
 impl Port {
