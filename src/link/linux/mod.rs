@@ -8,6 +8,7 @@ mod facts;
 mod filter;
 mod message;
 mod several;
+mod wall;
 
 pub use error::LinkError;
 pub use facts::{ControllerState, InterfaceFacts};
@@ -20,13 +21,13 @@ use std::time::Duration;
 
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use rustix::io::Errno;
-use rustix::time::{ClockId, clock_gettime};
 use socketcan::{CanDataFrame, CanFrame, CanRemoteFrame, CanSocket, EmbeddedFrame, Socket, SocketOptions, StandardId};
 
 use super::{Arrival, CanLink, ErrorFrame, Received, SendError};
 use crate::canopen::{Frame, Time};
 use filter::Identifiers;
 use message::Message;
+use wall::{Wall, monotonic};
 
 /// Which frames a link takes, and what it expects of the interface.
 #[derive(Clone, Debug)]
@@ -79,6 +80,7 @@ pub struct SocketCan {
     /// What came together with a loss, which is told first.
     pending: Option<Arrival>,
     latest: Time,
+    wall: Wall,
 }
 
 impl SocketCan {
@@ -116,7 +118,16 @@ impl SocketCan {
             receive_buffer = receive_buffer.min(got);
         }
         let is_process = Identifiers::passing(filters);
-        Ok(Self { first, second, is_process, facts, receive_buffer, pending: None, latest: Time(0) })
+        Ok(Self {
+            first,
+            second,
+            is_process,
+            facts,
+            receive_buffer,
+            pending: None,
+            latest: Time(0),
+            wall: Wall::default(),
+        })
     }
 
     /// What the system said of the interface when it was opened.
@@ -128,11 +139,6 @@ impl SocketCan {
     /// `CAP_NET_ADMIN` it is at most what `net.core.rmem_max` allows.
     pub fn receive_buffer(&self) -> usize {
         self.receive_buffer
-    }
-
-    /// The time of the clock on which frames arrive.
-    fn clock() -> Time {
-        Time(nanos(ClockId::Monotonic))
     }
 
     /// Whether something was taken from a socket and not asked for yet.
@@ -170,17 +176,11 @@ impl SocketCan {
         None
     }
 
-    /// Puts the stamp of the wall clock on the monotonic one, by its age. A wall clock that is set in between cannot move
-    /// it past now or before the arrival before it.
+    /// Puts the stamp of the wall clock on the monotonic one. A wall clock that is set in between cannot move it past now or
+    /// before the arrival before it.
     fn arrive(&mut self, stamp: Option<Duration>, what: Received) -> Arrival {
         let now = self.now();
-        let time = match stamp {
-            Some(stamp) => {
-                let age = Duration::from_nanos(nanos(ClockId::Realtime)).saturating_sub(stamp);
-                Time(now.0.saturating_sub(age.as_nanos().min(u128::from(u64::MAX)) as u64))
-            }
-            None => now,
-        };
+        let time = stamp.map_or(now, |stamp| self.wall.moment_of(stamp, now));
         self.latest = time.max(self.latest).min(now);
         Arrival { time: self.latest, what }
     }
@@ -195,7 +195,7 @@ impl AsFd for SocketCan {
 
 impl CanLink for SocketCan {
     fn now(&self) -> Time {
-        Self::clock()
+        monotonic()
     }
 
     fn receive(&mut self) -> Option<Arrival> {
@@ -234,7 +234,7 @@ impl CanLink for SocketCan {
 
 /// Waits until one of the sockets has something or `until` has come; whether one has.
 fn wait_for_any(sockets: &mut [PollFd<'_>], until: Time) -> bool {
-    let wait = until.since(SocketCan::clock());
+    let wait = until.since(monotonic());
     let wait = Timespec { tv_sec: wait.as_secs() as i64, tv_nsec: i64::from(wait.subsec_nanos()) };
     let timeout = (until != Time::NEVER).then_some(&wait);
     poll(sockets, timeout).is_ok_and(|ready| ready > 0)
@@ -267,12 +267,6 @@ impl AsFd for Port {
     fn as_fd(&self) -> BorrowedFd<'_> {
         self.socket.as_fd()
     }
-}
-
-fn nanos(clock: ClockId) -> u64 {
-    let time = clock_gettime(clock);
-    // Neither clock is before its begin.
-    time.tv_sec as u64 * 1_000_000_000 + time.tv_nsec as u64
 }
 
 /// What a message tells; `None` for a frame with 29-bit identifier, which no filter lets through.

@@ -2,6 +2,7 @@
 
 use rustix::event::{PollFd, PollFlags};
 
+use super::wall::monotonic;
 use super::{SocketCan, wait_for_any};
 use crate::canopen::{Frame, Time};
 use crate::link::{Arrival, CanLink, Received, SendError};
@@ -32,7 +33,7 @@ impl SocketCans {
 
 impl CanLink for SocketCans {
     fn now(&self) -> Time {
-        SocketCan::clock()
+        monotonic()
     }
 
     fn receive(&mut self) -> Option<Arrival> {
