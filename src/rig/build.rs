@@ -4,6 +4,7 @@ use std::time::Duration;
 
 use nalgebra::{Matrix6, Vector2};
 
+use super::buses;
 use super::error::RigError;
 use crate::bus::{CommandMode, DriveSetup, Master, MasterSetup, SensorLink, SensorNode, SensorSetup};
 use crate::config;
@@ -290,29 +291,11 @@ pub(super) fn network(rig: &config::Rig) -> Result<MasterSetup, RigError> {
         drives: [drive(rig, left, home[0])?, drive(rig, right, home[1])?],
         sensor: SensorSetup {
             name: rig.sensor.name.clone(),
-            bus: bus_number(rig, &rig.sensor.bus)?,
+            bus: buses::bus_number(rig, &rig.sensor.bus)?,
             link: sensor_link(&rig.sensor)?,
             sample_period: sample_period(rig),
         },
     })
-}
-
-/// Number of a bus: its place among the names.
-///
-/// # Errors
-/// If there is no bus of this name.
-pub(super) fn bus_number(rig: &config::Rig, name: &str) -> Result<u8, RigError> {
-    let at = rig.buses.keys().position(|bus| bus == name).and_then(|at| u8::try_from(at).ok());
-    at.ok_or_else(|| RigError::Mismatch(format!("`buses` has no bus named {name}")))
-}
-
-/// Numbers of the buses of the left drive, the right drive and the sensor.
-///
-/// # Errors
-/// If one is not among `buses`.
-pub(super) fn device_buses(rig: &config::Rig) -> Result<[u8; 3], RigError> {
-    let [left, right] = &rig.drives;
-    Ok([bus_number(rig, &left.bus)?, bus_number(rig, &right.bus)?, bus_number(rig, &rig.sensor.bus)?])
 }
 
 /// Time from one sample of the force sensor to the next.
@@ -362,7 +345,7 @@ fn drive(rig: &config::Rig, drive: &config::Drive, expected_angle_rad: f64) -> R
     let limit = scaling.torque_per_mille(rig.guard.torque_limit_n_m.get())?.value;
     Ok(DriveSetup {
         name: drive.name.clone(),
-        bus: bus_number(rig, &drive.bus)?,
+        bus: buses::bus_number(rig, &drive.bus)?,
         node_id: drive.node_id,
         profile: profile(&drive.profile)?,
         scaling,

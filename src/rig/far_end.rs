@@ -1,7 +1,7 @@
 //! The far end of the bus: the simulated devices and the machine that they are on.
 
 use super::assembly;
-use super::build;
+use super::buses;
 use super::error::RigError;
 use super::world::World;
 use crate::canopen::{Frame, Outbox, Time, cob};
@@ -146,7 +146,7 @@ impl FarEnd {
             drives: [assembly::drive(rig, scene, left, 1)?, assembly::drive(rig, scene, right, 2)?],
             sensor: assembly::force_sensor(rig)?,
             world: assembly::world(rig, scene, seed)?,
-            buses: build::device_buses(rig)?,
+            buses: buses::device_buses(rig)?,
         })
     }
 }

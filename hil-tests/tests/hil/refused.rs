@@ -82,19 +82,6 @@ fn a_device_that_is_another_one() {
 
 #[test]
 #[ignore = "needs a CAN interface: see hil-tests/vcan"]
-fn two_devices_with_one_node_id() {
-    let [sim, other] = [(), ()].map(|()| lockstep(RIG));
-    let observer = Observer::new();
-    let (code, message, help) = refusal(run_for("1"));
-    assert_eq!(code, DEVICE_MISMATCH, "{message}");
-    assert!(message.contains("because of duplicate-node (left drive"), "{message}");
-    assert!(help.contains("its own node id"), "{help}");
-    assert!(!is_enabled(&observer.rest()));
-    drop((sim, other));
-}
-
-#[test]
-#[ignore = "needs a CAN interface: see hil-tests/vcan"]
 fn drives_whose_watchdogs_nobody_has_tried() {
     let sim = Running::sim(RIG, &[]);
     let observer = Observer::new();

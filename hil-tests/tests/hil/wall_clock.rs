@@ -31,7 +31,7 @@ fn drill(rig: &str) -> Running {
 
 #[test]
 #[ignore = "needs a CAN interface: see hil-tests/vcan"]
-fn a_drilled_rig_runs_and_one_that_stalls_is_lost() {
+fn a_drilled_rig_runs_alone_on_its_bus_and_one_that_stalls_is_lost() {
     let (rig, scene) = slow();
     let devices = sim(&rig, &scene, &[]);
     let (code, document) = drill(&rig).document();
@@ -44,12 +44,25 @@ fn a_drilled_rig_runs_and_one_that_stalls_is_lost() {
     assert_eq!((code, &document["state"]), (OK, &"Running".into()), "{document:#}");
     assert_eq!((&document["cycles"], &document["skipped"]), (&20.into(), &0.into()), "{document:#}");
     assert_stopped_together(&observer.rest());
+    twice(&rig, &scene);
     if bus() == "vcan0" {
         stall(&rig);
     }
     drop(devices);
     std::fs::remove_file(rig).expect("it is there");
     std::fs::remove_file(scene).expect("it is there");
+}
+
+/// Every device is there twice. In lockstep nobody would wait for the second one.
+fn twice(rig: &str, scene: &str) {
+    let others = sim(rig, scene, &[]);
+    let observer = Observer::new();
+    let (code, message, help) = refusal(Running::run(rig, &["--duration", "1"]));
+    assert_eq!(code, DEVICE_MISMATCH, "{message}");
+    assert!(message.contains("because of duplicate-node (left drive"), "{message}");
+    assert!(help.contains("its own node id"), "{help}");
+    assert!(!is_enabled(&observer.rest()));
+    drop(others);
 }
 
 /// The queue of the interface stalls for two cycles and a half and is released then: what it lets go is of one cycle, and the

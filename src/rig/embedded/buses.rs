@@ -5,7 +5,6 @@ use std::sync::{Arc, Mutex, PoisonError};
 use super::{DEVICES, MASTER};
 use crate::canopen::{Frame, Outbox, Time};
 use crate::config;
-use crate::rig::build;
 use crate::rig::error::RigError;
 use crate::rig::far_end::Wire;
 use crate::sim::can::{BitTiming, BusCounters, Delivery, QueueOrder, Tamper, VirtualBus, Witness};
@@ -27,7 +26,7 @@ impl Buses {
             config::BusTiming::Ideal => BitTiming::Ideal,
         };
         let buses = rig.buses.values().map(|bus| VirtualBus::new(timing(bus), &orders)).collect::<Result<_, _>>()?;
-        Ok(Self { buses, of_devices: build::device_buses(rig)? })
+        Ok(Self { buses, of_devices: crate::rig::buses::device_buses(rig)? })
     }
 
     /// Number of the bus of a device.

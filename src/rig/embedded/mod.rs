@@ -93,7 +93,7 @@ impl EmbeddedRig {
             observer: None,
             cycles: 0,
             schedule: Schedule::default(),
-            troubles: Troubles::new(devices(rig)?, build::device_buses(rig)?, seed),
+            troubles: Troubles::new(devices(rig)?, super::buses::device_buses(rig)?, seed),
             host: Computer::default(),
             silence: None,
             period: Duration::from_micros(rig.cycle.period_us.into()),

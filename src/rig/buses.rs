@@ -1,4 +1,4 @@
-//! The bus of a rig as its budget takes it.
+//! The buses of a rig: their numbers, and what their budgets take.
 
 use std::time::Duration;
 
@@ -24,4 +24,22 @@ pub fn bus_plan(rig: &config::Rig) -> Result<(MasterSetup, Vec<Conditions>), Rig
         has_fifo: true,
     });
     Ok((build::network(rig)?, conditions.collect()))
+}
+
+/// Number of a bus: its place among the names.
+///
+/// # Errors
+/// If there is no bus of this name.
+pub(super) fn bus_number(rig: &config::Rig, name: &str) -> Result<u8, RigError> {
+    let at = rig.buses.keys().position(|bus| bus == name).and_then(|at| u8::try_from(at).ok());
+    at.ok_or_else(|| RigError::Mismatch(format!("`buses` has no bus named {name}")))
+}
+
+/// Numbers of the buses of the left drive, the right drive and the sensor.
+///
+/// # Errors
+/// If one is not among `buses`.
+pub(super) fn device_buses(rig: &config::Rig) -> Result<[u8; 3], RigError> {
+    let [left, right] = &rig.drives;
+    Ok([bus_number(rig, &left.bus)?, bus_number(rig, &right.bus)?, bus_number(rig, &rig.sensor.bus)?])
 }
