@@ -21,6 +21,8 @@ pub mod quantity;
 pub mod sensing;
 pub mod setvalued;
 
+#[cfg(feature = "config")]
+pub mod batch;
 pub mod bus;
 #[cfg(feature = "config")]
 pub mod config;

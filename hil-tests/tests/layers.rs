@@ -22,11 +22,13 @@ injection            may name guard; named by config, rig, study, soak, cli
 link                 names canopen and bus; named by live, cli
 live                 the rig on a real bus: names link, rig and what rig names; named by cli
 config               names the parameter types of the layers below cycle; named by bus, sim, rig, study, soak, record, cli
+batch                names nothing; named by study, soak, cli
 record               names what enters and leaves a cycle: cycle, guard, sensing, quantity, the states of `drives::cia402`; named by rig, study, soak, cli
 ";
 
 /// All layers. `drives` is not among them: it is a package of its own, `yieldwall_drives`.
-const LAYERS: [&str; 21] = [
+const LAYERS: [&str; 22] = [
+    "batch",
     "quantity",
     "setvalued",
     "sensing",
@@ -58,7 +60,7 @@ fn may_name(layer: &str) -> Option<Vec<&'static str>> {
     let states = ["drives::cia402"];
     let bus = || [&stages[..], &["guard", "cycle", "plain_can"], &engines, &["config"]].concat();
     Some(match layer {
-        "quantity" | "setvalued" | "canopen" => vec![],
+        "quantity" | "setvalued" | "canopen" | "batch" => vec![],
         "sensing" | "fixture" | "linkage" | "control" => base,
         "guard" => [&stages[..], &states].concat(),
         "cycle" => [&stages[..], &states, &["guard"]].concat(),
@@ -71,9 +73,10 @@ fn may_name(layer: &str) -> Option<Vec<&'static str>> {
         "record" => [&["quantity", "config", "sensing", "guard", "cycle"], &states[..]].concat(),
         "rig" => [bus(), vec!["bus", "injection", "sim", "record"]].concat(),
         "live" => [bus(), vec!["bus", "link", "sim", "record", "rig"]].concat(),
-        "study" => [bus(), vec!["bus", "injection", "sim", "record", "rig"]].concat(),
-        "soak" => [bus(), vec!["bus", "injection", "sim", "record", "rig"]].concat(),
-        "cli" => [bus(), vec!["bus", "injection", "sim", "link", "live", "record", "rig", "study", "soak"]].concat(),
+        "study" | "soak" => [bus(), vec!["batch", "bus", "injection", "sim", "record", "rig"]].concat(),
+        "cli" => {
+            [bus(), vec!["batch", "bus", "injection", "sim", "link", "live", "record", "rig", "study", "soak"]].concat()
+        }
         _ => return None,
     })
 }
@@ -83,7 +86,7 @@ const ONLY_IN: [(&str, &[&str]); 9] = [
     ("clap", &["cli", "main"]),
     ("miette", &["cli", "main"]),
     ("serde_saphyr", &["config::yaml"]),
-    ("kuva", &["record::figure"]),
+    ("kuva", &["record::figure", "study::chart"]),
     ("canopen_rs", &["canopen"]),
     ("mcap", &["record::recording"]),
     ("rtrb", &["record::recording"]),

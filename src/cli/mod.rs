@@ -28,6 +28,7 @@ mod run;
 #[cfg(target_os = "linux")]
 mod sim;
 mod soak;
+mod study;
 
 use std::ffi::OsString;
 use std::process::ExitCode;
@@ -80,6 +81,8 @@ enum Command {
     Record(record::Command),
     /// Draw rigs, hands and faults from seeds, run them and judge every cycle
     Soak(soak::Arguments),
+    /// Tables and charts of speed, accuracy and stability
+    Study(study::Arguments),
     /// What the bus of a rig can carry
     #[command(subcommand)]
     Bus(bus::Command),
@@ -126,6 +129,7 @@ fn run(arguments: impl IntoIterator<Item = OsString>) -> Exit {
         Command::Plot(arguments) => plot::run(&arguments, &mut output),
         Command::Record(command) => record::run(&command, &mut output),
         Command::Soak(arguments) => soak::run(&arguments, &mut output),
+        Command::Study(arguments) => study::run(&arguments, &mut output),
         Command::Bus(command) => bus::run(&command, &mut output),
         Command::Config(command) => config::run(command, &mut output),
     };

@@ -11,6 +11,7 @@ use serde_json::json;
 
 use super::failure::{Exit, Failure};
 use super::output::Output;
+use crate::batch::LinesError;
 use crate::config::Report;
 use crate::soak::{self, Campaign, Outcome, Script, Shipped, Store, StoreError, Tally};
 
@@ -173,8 +174,8 @@ fn bar(output: &Output, seeds: u64, known: u64) -> ProgressBar {
 fn store_failure(error: StoreError) -> Failure {
     let help = match error {
         StoreError::OtherLength { .. } => "choose another folder, or the cycles of these results",
-        StoreError::Line { .. } => "the file was changed or is of another version: move it away",
-        StoreError::Io { .. } => "choose a folder you can write to",
+        StoreError::Lines(LinesError::Line { .. }) => "the file was changed or is of another version: move it away",
+        StoreError::Lines(LinesError::Io { .. }) => "choose a folder you can write to",
     };
     Failure::new(Exit::Usage, error.to_string(), help)
 }

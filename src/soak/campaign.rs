@@ -2,14 +2,12 @@
 
 use std::collections::BTreeMap;
 use std::ops::Range;
-use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
-use std::sync::mpsc;
-use std::thread;
 
 use super::draw::Shipped;
 use super::seed::run_seed;
 use super::store::{Store, StoreError};
 use super::tally::Outcome;
+use crate::batch;
 
 /// What is run.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -37,34 +35,14 @@ pub fn run(
     let mut outcomes: BTreeMap<u64, Outcome> =
         known.into_iter().filter(|(seed, _)| campaign.seeds.contains(seed)).collect();
     let left: Vec<u64> = campaign.seeds.clone().filter(|seed| !outcomes.contains_key(seed)).collect();
-    let next = AtomicU64::new(0);
-    let is_over = AtomicBool::new(false);
-    let (results, inbox) = mpsc::channel();
-    thread::scope(|scope| {
-        for _ in 0..campaign.jobs.max(1).min(left.len()) {
-            let results = results.clone();
-            let (left, next, is_over) = (&left, &next, &is_over);
-            scope.spawn(move || {
-                while !is_over.load(Ordering::Relaxed)
-                    && let Some(seed) = left.get(next.fetch_add(1, Ordering::Relaxed) as usize)
-                {
-                    if results.send(run_seed(shipped, *seed, campaign.cycles, None)).is_err() {
-                        return;
-                    }
-                }
-            });
+    let work = |seed| run_seed(shipped, seed, campaign.cycles, None);
+    batch::run(&left, campaign.jobs, work, |seed, outcome| {
+        if let Some(store) = &mut store {
+            store.add(&outcome)?;
         }
-        drop(results);
-        for outcome in inbox {
-            if let Some(store) = &mut store
-                && let Err(error) = store.add(&outcome)
-            {
-                is_over.store(true, Ordering::Relaxed);
-                return Err(error);
-            }
-            progress(&outcome);
-            outcomes.insert(outcome.seed, outcome);
-        }
-        Ok(outcomes)
-    })
+        progress(&outcome);
+        outcomes.insert(seed, outcome);
+        Ok::<_, StoreError>(())
+    })?;
+    Ok(outcomes)
 }

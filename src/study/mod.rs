@@ -1,11 +1,35 @@
-//! Studies over whole rigs: the figures of the paper and the measures taken from runs.
+//! Studies over whole rigs and over parts of them: the figures of the paper, the measures taken from runs, and the charts
+//! of speed, accuracy and stability.
 
+pub mod chart;
 #[cfg(feature = "figures")]
 pub mod drawing;
+mod hold;
 pub mod measures;
 #[cfg(feature = "recording")]
 pub mod replay;
 pub mod reproduce;
 mod run;
+pub mod sweep;
 
 pub use run::{Overrides, RunReport, Stage, Watch, measured, run_device, run_rig};
+
+use std::path::PathBuf;
+
+/// What a user may choose of a study.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Options {
+    /// Program that runs the scene of `plant` in MuJoCo.
+    pub mujoco: Option<PathBuf>,
+}
+
+/// Names of all studies.
+pub const NAMES: [&str; 1] = ["hold"];
+
+/// A study by its name.
+pub fn study(name: &str, _options: &Options) -> Option<Box<dyn sweep::Study>> {
+    Some(match name {
+        "hold" => Box::new(hold::Hold::new()),
+        _ => return None,
+    })
+}

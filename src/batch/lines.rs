@@ -1,0 +1,111 @@
+//! A file of results: a line of JSON for each, appended when it is finished.
+
+use std::fs::{File, OpenOptions};
+use std::io::{self, BufRead, BufReader, Seek, SeekFrom, Write};
+use std::path::{Path, PathBuf};
+
+use serde::Serialize;
+use serde::de::DeserializeOwned;
+use thiserror::Error;
+
+/// Why results could not be kept or read.
+#[derive(Debug, Error)]
+pub enum LinesError {
+    /// The file cannot be read or written.
+    #[error("{}: {source}", path.display())]
+    Io {
+        /// The file.
+        path: PathBuf,
+        /// Why.
+        source: io::Error,
+    },
+    /// A whole line is not what the file should hold.
+    #[error("{}, line {line}: {source}", path.display())]
+    Line {
+        /// The file.
+        path: PathBuf,
+        /// Number of the line, from 1.
+        line: usize,
+        /// Why.
+        source: serde_json::Error,
+    },
+}
+
+/// A file of results that is open for more.
+#[derive(Debug)]
+pub struct Lines {
+    path: PathBuf,
+    file: File,
+}
+
+impl Lines {
+    /// Opens a file, makes it with its folder if it is missing, and reads what it holds. A last line without an end, as a
+    /// program that was interrupted leaves it, is cut off.
+    ///
+    /// # Errors
+    /// If the file cannot be read, written or understood.
+    pub fn open<T: DeserializeOwned>(path: &Path) -> Result<(Self, Vec<T>), LinesError> {
+        let fail = |source| LinesError::Io { path: path.to_path_buf(), source };
+        if let Some(folder) = path.parent() {
+            std::fs::create_dir_all(folder).map_err(fail)?;
+        }
+        let mut file =
+            OpenOptions::new().read(true).write(true).create(true).truncate(false).open(path).map_err(fail)?;
+        let mut finished = Vec::new();
+        let mut whole = 0u64;
+        let mut reader = BufReader::new(&file);
+        let mut line = Vec::new();
+        for number in 1.. {
+            line.clear();
+            let length = reader.read_until(b'\n', &mut line).map_err(fail)?;
+            if length == 0 || line.last() != Some(&b'\n') {
+                break;
+            }
+            finished.push(serde_json::from_slice(&line).map_err(|source| LinesError::Line {
+                path: path.to_path_buf(),
+                line: number,
+                source,
+            })?);
+            whole += length as u64;
+        }
+        file.set_len(whole).map_err(fail)?;
+        file.seek(SeekFrom::Start(whole)).map_err(fail)?;
+        Ok((Self { path: path.to_path_buf(), file }, finished))
+    }
+
+    /// Adds one line.
+    ///
+    /// # Errors
+    /// If the file cannot be written.
+    pub fn add(&mut self, result: &impl Serialize) -> Result<(), LinesError> {
+        let fail = |source| LinesError::Io { path: self.path.clone(), source };
+        let mut line = serde_json::to_vec(result).map_err(|source| fail(source.into()))?;
+        line.push(b'\n');
+        // One call: a line is there or it is the last one.
+        (&self.file).write_all(&line).map_err(fail)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_is_finished_is_found_again_and_a_torn_line_is_cut_off() {
+        let folder = std::env::temp_dir().join(format!("yieldwall-lines-{}", std::process::id()));
+        let path = folder.join("made").join("results.jsonl");
+        let add = |value: f64| {
+            let (mut lines, finished) = Lines::open::<f64>(&path).unwrap();
+            lines.add(&value).unwrap();
+            finished
+        };
+        assert!(add(0.1 + 0.2).is_empty());
+        let whole = std::fs::read(&path).unwrap();
+        std::fs::write(&path, [&whole[..], &whole[..whole.len() / 2]].concat()).unwrap();
+        assert_eq!(add(1.0), [0.1 + 0.2]);
+        assert_eq!(Lines::open::<f64>(&path).unwrap().1, [0.1 + 0.2, 1.0]);
+        std::fs::write(&path, "1.0\n{}\n").unwrap();
+        assert!(matches!(Lines::open::<f64>(&path), Err(LinesError::Line { line: 2, .. })));
+        std::fs::remove_dir_all(&folder).unwrap();
+    }
+}

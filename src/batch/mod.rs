@@ -1,0 +1,83 @@
+//! Many computations that know nothing of one another, each addressed by a number: over threads, and kept on disk as they
+//! finish, so that what was interrupted goes on where it stood.
+
+mod lines;
+
+pub use lines::{Lines, LinesError};
+
+use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
+use std::sync::mpsc;
+use std::thread;
+
+/// Works on all `numbers`, each on the next of `jobs` threads that is free, and calls `finished` on this thread with every
+/// result, in the order in which they come.
+///
+/// # Errors
+/// The first error of `finished`; what is running then comes to its end, nothing else begins.
+pub fn run<T: Send, E>(
+    numbers: &[u64],
+    jobs: usize,
+    work: impl Fn(u64) -> T + Sync,
+    mut finished: impl FnMut(u64, T) -> Result<(), E>,
+) -> Result<(), E> {
+    let next = AtomicUsize::new(0);
+    let is_over = AtomicBool::new(false);
+    let (results, inbox) = mpsc::channel();
+    thread::scope(|scope| {
+        for _ in 0..jobs.max(1).min(numbers.len()) {
+            let results = results.clone();
+            let (next, is_over, work) = (&next, &is_over, &work);
+            scope.spawn(move || {
+                while !is_over.load(Ordering::Relaxed)
+                    && let Some(&number) = numbers.get(next.fetch_add(1, Ordering::Relaxed))
+                {
+                    if results.send((number, work(number))).is_err() {
+                        return;
+                    }
+                }
+            });
+        }
+        drop(results);
+        for (number, result) in inbox {
+            finished(number, result).inspect_err(|_| is_over.store(true, Ordering::Relaxed))?;
+        }
+        Ok(())
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_number_is_worked_on_once() {
+        let numbers: Vec<u64> = (0..100).map(|number| 3 * number).collect();
+        let mut seen = vec![];
+        let all = run(
+            &numbers,
+            4,
+            |number| number + 1,
+            |number, result| {
+                assert_eq!(result, number + 1);
+                seen.push(number);
+                Ok::<(), ()>(())
+            },
+        );
+        assert_eq!(all, Ok(()));
+        seen.sort_unstable();
+        assert_eq!(seen, numbers);
+    }
+
+    #[test]
+    fn an_error_ends_the_work() {
+        let numbers: Vec<u64> = (0..1000).collect();
+        let begun = AtomicUsize::new(0);
+        let work = |number| {
+            begun.fetch_add(1, Ordering::Relaxed);
+            std::thread::sleep(std::time::Duration::from_millis(1));
+            number
+        };
+        assert_eq!(run(&numbers, 2, work, |number, _| if number == 0 { Err("full") } else { Ok(()) }), Err("full"));
+        assert!(begun.load(Ordering::Relaxed) < 500);
+    }
+}

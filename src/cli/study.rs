@@ -1,0 +1,304 @@
+//! `yieldwall study`: tables and charts of speed, accuracy and stability.
+
+use std::io::{self, IsTerminal};
+use std::num::NonZeroUsize;
+use std::path::{Path, PathBuf};
+use std::time::{Duration, Instant};
+
+use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
+use serde_json::{Map, Value, json};
+
+use super::failure::{Exit, Failure};
+use super::output::Output;
+use crate::batch::{self, LinesError};
+use crate::study::chart;
+use crate::study::sweep::{Report, Store, StoreError, Study, Sweep, Table};
+use crate::study::{NAMES, Options, study};
+
+/// Name of the file of a table that is not computed in shards.
+const WHOLE: &str = "whole";
+
+#[derive(Debug, clap::Args)]
+pub(super) struct Arguments {
+    /// The study
+    #[arg(value_name = "NAME", value_parser = clap::builder::PossibleValuesParser::new(NAMES))]
+    name: String,
+    /// Folder of the results, one for each study within; points that it holds already are not computed again
+    #[arg(long, value_name = "DIR", default_value = "out/study")]
+    out: PathBuf,
+    /// Threads; as many as there are cores unless given
+    #[arg(long, value_name = "J")]
+    jobs: Option<NonZeroUsize>,
+    /// Compute one part of N alone and draw nothing: for job arrays
+    #[arg(long, value_name = "I/N", value_parser = parse_shard, conflicts_with_all = ["merge", "point"])]
+    shard: Option<Shard>,
+    /// Compute nothing: draw what shards have left in the folder
+    #[arg(long, conflicts_with = "point")]
+    merge: bool,
+    /// Compute one point alone and print it
+    #[arg(long, value_name = "TABLE:INDEX", value_parser = parse_point)]
+    point: Option<(String, u64)>,
+    /// Take points that another build of this program has left
+    #[arg(long)]
+    any_build: bool,
+    /// The program that runs the scene of `plant` in MuJoCo, as hil-tests/peers/mujoco builds it
+    #[arg(long, value_name = "PROGRAM")]
+    mujoco: Option<PathBuf>,
+}
+
+/// Part `number`, from 1, of `of`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+struct Shard {
+    number: u64,
+    of: u64,
+}
+
+impl Shard {
+    fn name(self) -> String {
+        format!("{}-of-{}", self.number, self.of)
+    }
+}
+
+fn parse_shard(text: &str) -> Result<Shard, String> {
+    let wanted = || "a part and their number, such as 3/16, the first from 1".to_owned();
+    let (number, of) = text.split_once('/').ok_or_else(wanted)?;
+    let number_of = |text: &str| text.parse::<u64>().map_err(|_| wanted());
+    let shard = Shard { number: number_of(number)?, of: number_of(of)? };
+    if (1..=shard.of).contains(&shard.number) { Ok(shard) } else { Err(wanted()) }
+}
+
+fn parse_point(text: &str) -> Result<(String, u64), String> {
+    let point = text.rsplit_once(':').and_then(|(table, index)| Some((table.to_owned(), index.parse().ok()?)));
+    point.ok_or_else(|| "a table and a number, such as mass:17".to_owned())
+}
+
+pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Failure> {
+    let options = Options { mujoco: arguments.mujoco.clone() };
+    let study = study(&arguments.name, &options)
+        .ok_or_else(|| Failure::new(Exit::Internal, format!("no study {}", arguments.name), ""))?;
+    if let Some((table, index)) = &arguments.point {
+        return point(study.as_ref(), table, *index, output);
+    }
+    let folder = arguments.out.join(study.name());
+    let edition = edition(&options);
+    let mut tables = Vec::new();
+    for sweep in study.sweeps() {
+        tables.push(compute(arguments, sweep.as_ref(), &folder, &edition, output)?);
+    }
+    if arguments.shard.is_some() {
+        return output.news(&format!("kept in {}; when all parts are there, draw them with --merge", folder.display()));
+    }
+    let report = study.report(&tables);
+    let command = format!("yieldwall study {}", study.name());
+    let files = write(&folder, study.as_ref(), &tables, &report, &command)?;
+    if output.is_json() {
+        return output.json(&document(study.as_ref(), &tables, &report, &command));
+    }
+    for line in &report.notes {
+        output.news(line)?;
+    }
+    for file in files {
+        output.news(&format!("  written to {}", file.display()))?;
+    }
+    Ok(())
+}
+
+/// Computes and prints one point.
+fn point(study: &dyn Study, table: &str, index: u64, output: &mut Output) -> Result<(), Failure> {
+    let Some(sweep) = study.sweeps().iter().find(|sweep| sweep.name() == table) else {
+        let names: Vec<_> = study.sweeps().iter().map(|sweep| sweep.name()).collect();
+        let message = format!("{} has no table {table}", study.name());
+        return Err(Failure::new(Exit::Usage, message, format!("its tables are {}", names.join(", "))));
+    };
+    if index >= sweep.points() {
+        let message = format!("{table} has no point {index}");
+        let help = format!("its points are 0 to {}", sweep.points().saturating_sub(1));
+        return Err(Failure::new(Exit::Usage, message, help));
+    }
+    let mut one = Table::new(sweep.as_ref());
+    one.insert(index, sweep.point(index, &core_time));
+    for row in one.rows() {
+        if output.is_json() {
+            output.json(&row.json())?;
+        } else {
+            for column in sweep.columns() {
+                output.result(&format!("{column:32} {}\n", row.cell(column)))?;
+            }
+        }
+    }
+    Ok(())
+}
+
+/// The points of a table: those that the folder holds, and what of its part is missing.
+fn compute(
+    arguments: &Arguments,
+    sweep: &dyn Sweep,
+    folder: &Path,
+    edition: &str,
+    output: &mut Output,
+) -> Result<Table, Failure> {
+    let shard = arguments.shard.map_or_else(|| WHOLE.to_owned(), Shard::name);
+    let (mut store, mut table) =
+        Store::open(folder, sweep, edition, arguments.any_build, &shard).map_err(store_failure)?;
+    let missing = table.missing();
+    if arguments.merge {
+        return match missing.first() {
+            None => Ok(table),
+            Some(first) => {
+                let count = missing.len();
+                let message =
+                    format!("{}: {count} of {} points are missing, the first is {first}", table.name, table.points);
+                let help =
+                    format!("run the same command without --merge to compute what is missing in {}", folder.display());
+                Err(Failure::new(Exit::Usage, message, help))
+            }
+        };
+    }
+    let is_of_part = |index: &u64| arguments.shard.is_none_or(|part| index % part.of == part.number - 1);
+    let wanted: Vec<u64> = missing.into_iter().filter(is_of_part).collect();
+    if wanted.is_empty() {
+        return Ok(table);
+    }
+    let cores = std::thread::available_parallelism().map_or(1, NonZeroUsize::get);
+    let jobs = if sweep.is_timed() { 1 } else { arguments.jobs.map_or(cores, NonZeroUsize::get) };
+    let bar = bar(output, sweep.name(), wanted.len() as u64);
+    let started = Instant::now();
+    let mut spent = Duration::ZERO;
+    let work = |index| {
+        let before = core_time();
+        let cells = sweep.point(index, &core_time);
+        (cells, core_time().saturating_sub(before))
+    };
+    batch::run(&wanted, jobs, work, |index, (cells, time)| {
+        store.add(index, &cells)?;
+        table.insert(index, cells);
+        spent += time;
+        bar.inc(1);
+        Ok::<_, StoreError>(())
+    })
+    .map_err(store_failure)?;
+    bar.finish_and_clear();
+    let wall_s = started.elapsed().as_secs_f64();
+    let share = 100.0 * spent.as_secs_f64() / (wall_s * jobs as f64);
+    let count = wanted.len();
+    let rate = count as f64 / wall_s;
+    output.news(&format!(
+        "{}: {count} points in {wall_s:.1} s, {rate:.1} a second, {jobs} threads busy for {share:.0} % of the time",
+        table.name
+    ))?;
+    Ok(table)
+}
+
+/// What kept points hang on beside their table.
+fn edition(options: &Options) -> String {
+    // The program's own bytes tell one build from another.
+    let build = std::env::current_exe().and_then(std::fs::read).map_or(0, |bytes| crc32fast::hash(&bytes));
+    let chosen = options.mujoco.as_ref().map_or("", |_| " with MuJoCo");
+    format!("build {build:08x}{chosen}")
+}
+
+/// Tables, document and charts on disk.
+fn write(
+    folder: &Path,
+    study: &dyn Study,
+    tables: &[Table],
+    report: &Report,
+    command: &str,
+) -> Result<Vec<PathBuf>, Failure> {
+    let mut files = Vec::new();
+    let mut put = |name: String, bytes: &[u8]| {
+        let path = folder.join(name);
+        std::fs::write(&path, bytes).map_err(|error| {
+            Failure::new(Exit::Usage, format!("{}: {error}", path.display()), "choose a folder you can write to")
+        })?;
+        files.push(path);
+        Ok::<_, Failure>(())
+    };
+    for table in tables {
+        put(format!("{}.csv", table.name), table.csv().as_bytes())?;
+    }
+    let document = serde_json::to_string_pretty(&document(study, tables, report, command)).unwrap_or_default();
+    put(format!("{}.json", study.name()), document.as_bytes())?;
+    for (name, chart) in &report.charts {
+        put(format!("{name}.svg"), chart::svg(chart).as_bytes())?;
+        let picture = chart::png(chart).map_err(|error| Failure::new(Exit::Internal, error.to_string(), ""))?;
+        put(format!("{name}.png"), &picture)?;
+    }
+    Ok(files)
+}
+
+fn document(study: &dyn Study, tables: &[Table], report: &Report, command: &str) -> Value {
+    let others: Map<_, _> = tables.iter().skip(1).map(|table| (table.name.to_owned(), table.json())).collect();
+    json!({
+        "study": study.name(),
+        "command": command,
+        "machine": machine(),
+        "rows": tables.first().map(Table::json),
+        "tables": others,
+        "notes": report.notes,
+    })
+}
+
+/// What the results were computed with.
+fn machine() -> Value {
+    let processors = std::fs::read_to_string("/proc/cpuinfo").unwrap_or_default();
+    let model =
+        processors.lines().find_map(|line| line.strip_prefix("model name")?.split_once(": ").map(|pair| pair.1));
+    json!({
+        "processor": model,
+        "cores": std::thread::available_parallelism().map_or(1, NonZeroUsize::get),
+        "system": std::env::consts::OS,
+        "architecture": std::env::consts::ARCH,
+        "version": env!("CARGO_PKG_VERSION"),
+        "optimised": !cfg!(debug_assertions),
+    })
+}
+
+fn bar(output: &Output, name: &str, points: u64) -> ProgressBar {
+    let bar = ProgressBar::new(points);
+    if output.is_json() || output.is_quiet() || !io::stderr().is_terminal() {
+        bar.set_draw_target(ProgressDrawTarget::hidden());
+    }
+    if let Ok(style) = ProgressStyle::with_template("{msg:16} {bar:40} {pos}/{len}  {elapsed}, {eta} left") {
+        bar.set_style(style);
+    }
+    bar.with_message(name.to_owned())
+}
+
+/// Time that this thread has had on a core, where the system tells; elsewhere the wall clock's.
+fn core_time() -> Duration {
+    #[cfg(target_os = "linux")]
+    {
+        let time = rustix::time::clock_gettime(rustix::time::ClockId::ThreadCPUTime);
+        Duration::new(u64::try_from(time.tv_sec).unwrap_or(0), u32::try_from(time.tv_nsec).unwrap_or(0))
+    }
+    #[cfg(not(target_os = "linux"))]
+    {
+        static ORIGIN: std::sync::OnceLock<Instant> = std::sync::OnceLock::new();
+        ORIGIN.get_or_init(Instant::now).elapsed()
+    }
+}
+
+fn store_failure(error: StoreError) -> Failure {
+    let help = match &error {
+        StoreError::Other { .. } => "choose another folder, move these results away, or take them with --any-build",
+        StoreError::Lines(LinesError::Line { .. }) => "the file was changed or is of another version: move it away",
+        StoreError::Lines(LinesError::Io { .. }) | StoreError::Folder { .. } => "choose a folder you can write to",
+    };
+    Failure::new(Exit::Usage, error.to_string(), help)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn parts_and_points_are_read() {
+        assert_eq!(parse_shard("3/16"), Ok(Shard { number: 3, of: 16 }));
+        for wrong in ["0/4", "5/4", "1", "a/2", "1/0"] {
+            assert!(parse_shard(wrong).is_err(), "{wrong}");
+        }
+        assert_eq!(parse_point("mass:17"), Ok(("mass".to_owned(), 17)));
+        assert!(parse_point("mass").is_err());
+    }
+}

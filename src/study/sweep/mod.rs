@@ -1,0 +1,68 @@
+//! What studies have in common: tables of points, each computed from its number alone, and what is read from them.
+//!
+//! ```text
+//! Study -- sweeps --> Sweep::point(index) --> cells --> store (JSON lines, by shard) --> Table --> Study::report --> notes, charts
+//! ```
+//! A point knows nothing of the others and gives the same cells whenever it is computed, apart from measured times. So any
+//! point can be computed again alone, a table can be interrupted and gone on with, and parts of it can be computed elsewhere.
+
+mod store;
+mod table;
+
+pub use store::{Store, StoreError};
+pub use table::{Row, Table};
+
+use std::time::Duration;
+
+use serde_json::Value;
+
+use super::chart::Chart;
+
+/// Time that this thread has had on a core, from any origin. Studies that measure speed are given one.
+pub type Clock<'a> = &'a (dyn Fn() -> Duration + Sync);
+
+/// A table of a study: points by number, and what is found at each.
+pub trait Sweep: Sync {
+    /// Name, as in `--point NAME:INDEX` and in file names; small letters and hyphens.
+    fn name(&self) -> &'static str;
+
+    /// Names of the columns, in order: small letters, underscores, the unit last. What the point asks comes before what is
+    /// found there.
+    fn columns(&self) -> &'static [&'static str];
+
+    /// Number of points.
+    fn points(&self) -> u64;
+
+    /// Whether the points measure time: they are then computed one after the other, on one thread.
+    fn is_timed(&self) -> bool {
+        false
+    }
+
+    /// Computes one point, `index` below [`Sweep::points`]: a cell for each column. What cannot be computed is a cell that
+    /// says so (`null`, or a word in a column for outcomes), not an error. A number that is not finite becomes `null`.
+    fn point(&self, index: u64, clock: Clock<'_>) -> Vec<Value>;
+}
+
+/// A question, the tables that answer it, and how they are read.
+pub trait Study {
+    /// Name, as on the command line.
+    fn name(&self) -> &'static str;
+
+    /// What it asks, in one line.
+    fn about(&self) -> &'static str;
+
+    /// Its tables; the first is the one that answers.
+    fn sweeps(&self) -> &[Box<dyn Sweep>];
+
+    /// Reads the tables, which stand in the order of [`Study::sweeps`] and are whole.
+    fn report(&self, tables: &[Table]) -> Report;
+}
+
+/// What is read from the tables of a study.
+#[derive(Debug, Default)]
+pub struct Report {
+    /// Lines of text: what came out, what disagrees with theory and how to see a point again.
+    pub notes: Vec<String>,
+    /// Charts, each with its file name without ending.
+    pub charts: Vec<(&'static str, Chart)>,
+}

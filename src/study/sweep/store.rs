@@ -1,0 +1,193 @@
+//! Points on disk: a file for each table and shard, whose first line says what it belongs to.
+
+use std::path::{Path, PathBuf};
+
+use serde::{Deserialize, Serialize};
+use serde_json::Value;
+use thiserror::Error;
+
+use super::{Sweep, Table};
+use crate::batch::{Lines, LinesError};
+
+/// Why points could not be kept or read.
+#[derive(Debug, Error)]
+pub enum StoreError {
+    /// The file cannot be read, written or understood.
+    #[error(transparent)]
+    Lines(#[from] LinesError),
+    /// The file is of another table, or of this one as another build of the program computes it.
+    #[error("{} holds {found}, and {wanted} is asked for", path.display())]
+    Other {
+        /// The file.
+        path: PathBuf,
+        /// What it holds.
+        found: String,
+        /// What was asked for.
+        wanted: String,
+    },
+    /// The folder cannot be read.
+    #[error("{}: {source}", path.display())]
+    Folder {
+        /// The folder.
+        path: PathBuf,
+        /// Why.
+        source: std::io::Error,
+    },
+}
+
+/// A line of the file.
+#[derive(Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+enum Line {
+    Table { name: String, points: u64, edition: String },
+    Point { index: u64, cells: Vec<Value> },
+}
+
+/// What a file has to be of.
+struct Heading<'a> {
+    name: &'a str,
+    points: u64,
+    edition: &'a str,
+    takes_any: bool,
+}
+
+impl Heading<'_> {
+    fn takes(&self, found: &Heading<'_>) -> bool {
+        (self.name, self.points) == (found.name, found.points) && (self.takes_any || self.edition == found.edition)
+    }
+
+    fn text(&self) -> String {
+        format!("{} of {} points, {}", self.name, self.points, self.edition)
+    }
+}
+
+/// The file of one table and shard, open for more points.
+#[derive(Debug)]
+pub struct Store(Lines);
+
+impl Store {
+    /// Reads the points of a sweep from all its files in `folder`, whichever shard left them, and opens the file of `shard`
+    /// (a name that goes into the file's) for more. `edition` says what the points hang on beside the table itself, such as
+    /// the build of the program and the study's options.
+    ///
+    /// # Errors
+    /// If a file cannot be read, written or understood, or is of another table or, unless `takes_any`, another edition.
+    pub fn open(
+        folder: &Path,
+        sweep: &dyn Sweep,
+        edition: &str,
+        takes_any: bool,
+        shard: &str,
+    ) -> Result<(Self, Table), StoreError> {
+        let name = sweep.name();
+        let wanted = Heading { name, points: sweep.points(), edition, takes_any };
+        let mut table = Table::new(sweep);
+        let own = folder.join(format!("{name}.{shard}.jsonl"));
+        let mut store = Self::read(&own, &wanted, &mut table)?;
+        if table.cells.is_empty() {
+            // Nothing but, perhaps, the first line.
+            store = Self::begin(&own, &wanted)?;
+        }
+        let fail = |source| StoreError::Folder { path: folder.to_path_buf(), source };
+        for entry in std::fs::read_dir(folder).map_err(fail)? {
+            let path = entry.map_err(fail)?.path();
+            let file = path.file_name().and_then(|file| file.to_str()).unwrap_or("");
+            let is_of_sweep =
+                file.strip_prefix(name).is_some_and(|rest| rest.starts_with('.') && rest.ends_with(".jsonl"));
+            if is_of_sweep && path != own {
+                Self::read(&path, &wanted, &mut table)?;
+            }
+        }
+        Ok((store, table))
+    }
+
+    fn begin(path: &Path, wanted: &Heading<'_>) -> Result<Self, StoreError> {
+        let fail = |source| StoreError::Lines(LinesError::Io { path: path.to_path_buf(), source });
+        std::fs::write(path, "").map_err(fail)?;
+        let (mut lines, _) = Lines::open::<Line>(path)?;
+        let Heading { name, points, edition, .. } = *wanted;
+        lines.add(&Line::Table { name: name.to_owned(), points, edition: edition.to_owned() })?;
+        Ok(Self(lines))
+    }
+
+    fn read(path: &Path, wanted: &Heading<'_>, table: &mut Table) -> Result<Self, StoreError> {
+        let (lines, held) = Lines::open::<Line>(path)?;
+        let other = |found: String| StoreError::Other { path: path.to_path_buf(), found, wanted: wanted.text() };
+        for (number, line) in held.into_iter().enumerate() {
+            match line {
+                Line::Table { name, points, edition } => {
+                    let found = Heading { name: &name, points, edition: &edition, takes_any: false };
+                    if number > 0 || !wanted.takes(&found) {
+                        return Err(other(found.text()));
+                    }
+                }
+                Line::Point { index, cells }
+                    if number > 0 && index < table.points && cells.len() == table.columns.len() =>
+                {
+                    table.insert(index, cells);
+                }
+                Line::Point { index, .. } => return Err(other(format!("a point {index} that is not of the table"))),
+            }
+        }
+        Ok(Self(lines))
+    }
+
+    /// Adds one point.
+    ///
+    /// # Errors
+    /// As [`Lines::add`].
+    pub fn add(&mut self, index: u64, cells: &[Value]) -> Result<(), StoreError> {
+        Ok(self.0.add(&Line::Point { index, cells: cells.to_vec() })?)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::time::Duration;
+
+    use super::super::Clock;
+    use super::*;
+
+    struct Squares;
+
+    impl Sweep for Squares {
+        fn name(&self) -> &'static str {
+            "squares"
+        }
+        fn columns(&self) -> &'static [&'static str] {
+            &["side_m", "area_m2"]
+        }
+        fn points(&self) -> u64 {
+            10
+        }
+        fn point(&self, index: u64, _: Clock<'_>) -> Vec<Value> {
+            let side = 0.1 * index as f64;
+            vec![side.into(), (side * side).into()]
+        }
+    }
+
+    fn compute(folder: &Path, shard: &str, numbers: impl Iterator<Item = u64>) {
+        let (mut store, table) = Store::open(folder, &Squares, "build a", false, shard).unwrap();
+        for index in numbers.filter(|index| table.missing().contains(index)) {
+            store.add(index, &Squares.point(index, &|| Duration::ZERO)).unwrap();
+        }
+    }
+
+    #[test]
+    fn shards_together_are_the_whole_and_equal_it_bit_by_bit() {
+        let folder = std::env::temp_dir().join(format!("yieldwall-sweep-{}", std::process::id()));
+        compute(&folder.join("parts"), "1-of-2", (0..10).step_by(2));
+        compute(&folder.join("parts"), "2-of-2", (1..9).step_by(2));
+        let (_, table) = Store::open(&folder.join("parts"), &Squares, "build a", false, "all").unwrap();
+        assert_eq!(table.missing(), [9]);
+        compute(&folder.join("parts"), "all", 0..10);
+        compute(&folder.join("whole"), "all", 0..10);
+        let [parts, whole] = ["parts", "whole"]
+            .map(|part| Store::open(&folder.join(part), &Squares, "build a", false, "all").unwrap().1);
+        assert_eq!(parts.csv(), whole.csv());
+        assert!(Store::open(&folder.join("whole"), &Squares, "build b", true, "all").is_ok());
+        let other = Store::open(&folder.join("whole"), &Squares, "build b", false, "all").unwrap_err();
+        assert!(matches!(&other, StoreError::Other { found, .. } if found.ends_with("build a")), "{other}");
+        std::fs::remove_dir_all(&folder).unwrap();
+    }
+}

@@ -1,0 +1,153 @@
+//! Tables of results.
+
+use std::collections::BTreeMap;
+use std::fmt::Write;
+
+use serde_json::{Map, Value};
+
+use super::Sweep;
+
+/// The points of a table that have been computed.
+#[derive(Clone, Debug)]
+pub struct Table {
+    /// Its name.
+    pub name: &'static str,
+    /// Names of the columns.
+    pub columns: &'static [&'static str],
+    /// Number of points when all are there.
+    pub points: u64,
+    pub(super) cells: BTreeMap<u64, Vec<Value>>,
+}
+
+/// One point of a table.
+#[derive(Clone, Copy, Debug)]
+pub struct Row<'a> {
+    /// Number of the point.
+    pub index: u64,
+    columns: &'static [&'static str],
+    cells: &'a [Value],
+}
+
+impl Table {
+    /// A table without points.
+    pub fn new(sweep: &dyn Sweep) -> Self {
+        Self { name: sweep.name(), columns: sweep.columns(), points: sweep.points(), cells: BTreeMap::new() }
+    }
+
+    /// Takes a point in.
+    ///
+    /// # Panics
+    /// If there are not as many cells as columns: a mistake of the study.
+    pub fn insert(&mut self, index: u64, cells: Vec<Value>) {
+        assert_eq!(cells.len(), self.columns.len(), "cells of point {index} of {}", self.name);
+        self.cells.insert(index, cells);
+    }
+
+    /// The points, by number.
+    pub fn rows(&self) -> impl Iterator<Item = Row<'_>> {
+        self.cells.iter().map(|(&index, cells)| Row { index, columns: self.columns, cells })
+    }
+
+    /// Numbers of the points that have not been computed.
+    pub fn missing(&self) -> Vec<u64> {
+        (0..self.points).filter(|index| !self.cells.contains_key(index)).collect()
+    }
+
+    /// The rows as CSV with a line of names: the number of the point, then its columns. What is not there is empty.
+    pub fn csv(&self) -> String {
+        let mut text = format!("index,{}\n", self.columns.join(","));
+        for row in self.rows() {
+            // Writing to a string does not fail.
+            let _ = write!(text, "{}", row.index);
+            for cell in row.cells {
+                let _ = match cell {
+                    Value::Null => write!(text, ","),
+                    Value::String(word) if word.contains([',', '"', '\n']) => {
+                        write!(text, ",\"{}\"", word.replace('"', "\"\""))
+                    }
+                    Value::String(word) => write!(text, ",{word}"),
+                    other => write!(text, ",{other}"),
+                };
+            }
+            text.push('\n');
+        }
+        text
+    }
+
+    /// The rows as JSON objects.
+    pub fn json(&self) -> Value {
+        self.rows().map(|row| row.json()).collect()
+    }
+}
+
+impl<'a> Row<'a> {
+    /// What stands in a column; `null` if the study has no such column.
+    pub fn cell(&self, column: &str) -> &'a Value {
+        let place = self.columns.iter().position(|name| *name == column);
+        debug_assert!(place.is_some(), "no column {column}");
+        place.and_then(|place| self.cells.get(place)).unwrap_or(&Value::Null)
+    }
+
+    /// A number; NaN where there is none.
+    pub fn number(&self, column: &str) -> f64 {
+        self.cell(column).as_f64().unwrap_or(f64::NAN)
+    }
+
+    /// A word; empty where there is none.
+    pub fn word(&self, column: &str) -> &'a str {
+        self.cell(column).as_str().unwrap_or("")
+    }
+
+    /// Whether a column says so.
+    pub fn is(&self, column: &str) -> bool {
+        self.cell(column).as_bool().unwrap_or(false)
+    }
+
+    /// The point as an object, with its number.
+    pub fn json(&self) -> Value {
+        let cells = self.columns.iter().zip(self.cells).map(|(name, cell)| ((*name).to_owned(), cell.clone()));
+        let index = [("index".to_owned(), Value::from(self.index))];
+        Value::Object(index.into_iter().chain(cells).collect::<Map<_, _>>())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::Clock;
+    use super::*;
+
+    struct Halves;
+
+    impl Sweep for Halves {
+        fn name(&self) -> &'static str {
+            "halves"
+        }
+        fn columns(&self) -> &'static [&'static str] {
+            &["whole_m", "half_m", "remark"]
+        }
+        fn points(&self) -> u64 {
+            3
+        }
+        fn point(&self, index: u64, _: Clock<'_>) -> Vec<Value> {
+            let half = if index == 2 { f64::NAN } else { index as f64 / 2.0 };
+            vec![index.into(), half.into(), Value::from("so, \"so\"")]
+        }
+    }
+
+    #[test]
+    fn a_table_is_read_by_names_and_written_as_csv_and_json() {
+        let mut table = Table::new(&Halves);
+        for index in [2, 0] {
+            table.insert(index, Halves.point(index, &|| std::time::Duration::ZERO));
+        }
+        assert_eq!(table.missing(), [1]);
+        let csv = "index,whole_m,half_m,remark\n0,0,0.0,\"so, \"\"so\"\"\"\n2,2,,\"so, \"\"so\"\"\"\n";
+        assert_eq!(table.csv(), csv);
+        let rows: Vec<Row<'_>> = table.rows().collect();
+        assert_eq!(rows[0].number("half_m"), 0.0);
+        assert!(rows[1].number("half_m").is_nan());
+        assert_eq!(rows[1].word("remark"), "so, \"so\"");
+        assert_eq!(table.json()[1]["half_m"], Value::Null);
+        assert_eq!(table.json()[0]["index"], 0);
+    }
+}
