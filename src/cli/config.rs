@@ -2,7 +2,7 @@
 
 use serde_json::{Value, json};
 
-use super::bus::Plan;
+use super::bus::{Plan, plans, to_json};
 use super::failure::{Exit, Failure};
 use super::margins::Margins;
 use super::output::Output;
@@ -50,9 +50,9 @@ fn check(files: &[String], output: &mut Output) -> Result<(), Failure> {
             Ok(Document::Rig(rig)) => Some(rig.as_ref()),
             _ => None,
         };
-        let plan = rig.and_then(|rig| Plan::of(&rig.value).ok());
-        if let (Some(rig), Some(plan)) = (rig, &plan) {
-            findings.extend(plan.finding(rig));
+        let plans = rig.and_then(|rig| plans(&rig.value).ok()).unwrap_or_default();
+        if let Some(rig) = rig {
+            findings.extend(plans.iter().filter_map(|plan| plan.finding(rig)));
         }
         let is_ok = findings.iter().all(|finding| finding.severity != Severity::Error);
         let kind = result.as_ref().ok().map(|document| document.kind().to_string());
@@ -61,15 +61,15 @@ fn check(files: &[String], output: &mut Output) -> Result<(), Failure> {
         if let Some(margins) = &margins {
             entry["margins"] = margins.to_json();
         }
-        if let Some(plan) = &plan {
-            entry["bus_budget"] = plan.to_json();
+        if !plans.is_empty() {
+            entry["bus_budget"] = to_json(&plans);
         }
         checked.push(entry);
         match &result {
             Ok(document) if is_ok => {
                 output.warnings(&findings);
                 output.news(&format!("ok  {file}: {}", summary(document, findings.len())))?;
-                for line in margins.iter().flat_map(Margins::lines).chain(plan.iter().map(Plan::line)) {
+                for line in margins.iter().flat_map(Margins::lines).chain(plans.iter().map(Plan::line)) {
                     output.news(&format!("    {line}"))?;
                 }
             }

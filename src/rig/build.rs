@@ -4,6 +4,7 @@ use std::time::Duration;
 
 use nalgebra::{Matrix6, Vector2};
 
+use super::buses;
 use super::error::RigError;
 use crate::bus::{CommandMode, DriveSetup, Master, MasterSetup, SensorLink, SensorNode, SensorSetup};
 use crate::config;
@@ -290,6 +291,7 @@ pub(super) fn network(rig: &config::Rig) -> Result<MasterSetup, RigError> {
         drives: [drive(rig, left, home[0])?, drive(rig, right, home[1])?],
         sensor: SensorSetup {
             name: rig.sensor.name.clone(),
+            bus: buses::bus_number(rig, &rig.sensor.bus)?,
             link: sensor_link(&rig.sensor)?,
             sample_period: sample_period(rig),
         },
@@ -343,6 +345,7 @@ fn drive(rig: &config::Rig, drive: &config::Drive, expected_angle_rad: f64) -> R
     let limit = scaling.torque_per_mille(rig.guard.torque_limit_n_m.get())?.value;
     Ok(DriveSetup {
         name: drive.name.clone(),
+        bus: buses::bus_number(rig, &drive.bus)?,
         node_id: drive.node_id,
         profile: profile(&drive.profile)?,
         scaling,

@@ -134,7 +134,7 @@ pub(crate) const CASES: &[Case] = &[
     case("bus", "node-ID of the master", RIG, "  node_id: 10\n", "  node_id: 127\n"),
     case("bus", "same drive name", RIG, "name: right", "name: left"),
     case("bus", "no bus", RIG, "  main:\n    bit_rate_bit_per_s: 1000000\n    timing: arbitrated\n", "  {}\n"),
-    case("bus", "two buses", RIG, "buses:\n", "buses:\n  spare:\n    bit_rate_bit_per_s: 500000\n    timing: ideal\n"),
+    case("bus", "bus without a device", RIG, "buses:\n", "buses:\n  spare:\n    bit_rate_bit_per_s: 500000\n    timing: ideal\n"),
     case("bus", "heartbeat of every cycle", RIG, "heartbeat_ms: 20", "heartbeat_ms: 1"),
     case("profile", "unknown", RIG, "profile: simulated-servo", "profile: simulated-sevro"),
     case("profile", "sensor as drive", RIG, "profile: simulated-servo", "profile: simulated-force-sensor"),
