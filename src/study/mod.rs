@@ -1,6 +1,7 @@
 //! Studies over whole rigs and over parts of them: the figures of the paper, the measures taken from runs, and the charts
 //! of speed, accuracy and stability.
 
+pub mod bench;
 pub mod chart;
 #[cfg(feature = "figures")]
 pub mod drawing;
@@ -10,6 +11,7 @@ pub mod measures;
 pub mod replay;
 pub mod reproduce;
 mod run;
+mod stability;
 pub mod sweep;
 
 pub use run::{Overrides, RunReport, Stage, Watch, measured, run_device, run_rig};
@@ -24,12 +26,13 @@ pub struct Options {
 }
 
 /// Names of all studies.
-pub const NAMES: [&str; 1] = ["hold"];
+pub const NAMES: [&str; 2] = ["hold", "stability"];
 
 /// A study by its name.
 pub fn study(name: &str, _options: &Options) -> Option<Box<dyn sweep::Study>> {
     Some(match name {
         "hold" => Box::new(hold::Hold::new()),
+        "stability" => Box::new(stability::Stability::new()),
         _ => return None,
     })
 }
