@@ -9,7 +9,7 @@
 
 mod study_arm;
 
-pub use study_arm::{STUDY_GAINS, STUDY_START_M, study_arm};
+pub use study_arm::{STUDY_DISTAL_M, STUDY_GAINS, STUDY_START_M, study_arm};
 
 use nalgebra::Vector2;
 use thiserror::Error;

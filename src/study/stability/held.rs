@@ -7,9 +7,11 @@ use crate::fixture::{
     self, Admittance, Contrast, Coupling, Curvature, Fixture, Guidance, Limits, Line, Parameters, Rearm, Shape2, Side,
 };
 use crate::quantity::{JointRates, TipPoint};
-use crate::sim::arm::ArmParameters;
+use crate::sim::arm::{ArmError, ArmParameters};
 use crate::sim::hand::HandLoad;
-use crate::study::bench::{Bench, BenchParameters, Joints, STUDY_GAINS, STUDY_START_M, study_arm};
+use crate::study::bench::{
+    Bench, BenchError, BenchParameters, Joints, STUDY_DISTAL_M, STUDY_GAINS, STUDY_START_M, study_arm,
+};
 
 pub(super) const PERIOD_S: f64 = 1e-3;
 const PLANT_STEP_S: f64 = 1e-4;
@@ -46,6 +48,10 @@ pub(super) struct Setting {
     pub(super) hand_kg: f64,
     /// Delay of the joint controllers in cycles.
     pub(super) servo_delay: usize,
+    /// Where the tool starts, on the axis of symmetry.
+    pub(super) start_m: Vector2<f64>,
+    /// Length of the distal links.
+    pub(super) distal_m: f64,
     /// Force of the nudge in N.
     pub(super) nudge_n: f64,
 }
@@ -62,6 +68,8 @@ pub(super) const PLAIN: Setting = Setting {
     hand_n_s_per_m: 15.0,
     hand_kg: 0.0,
     servo_delay: 0,
+    start_m: STUDY_START_M,
+    distal_m: STUDY_DISTAL_M,
     nudge_n: 5.0,
 };
 
@@ -74,6 +82,8 @@ pub(super) enum Outcome {
     Lasts,
     /// The tool was thrown away.
     Lost,
+    /// The arm came where it cannot be or nearly locks, or its proxy did.
+    Refused,
 }
 
 impl Outcome {
@@ -82,6 +92,7 @@ impl Outcome {
             Self::Dies => "dies",
             Self::Lasts => "lasts",
             Self::Lost => "lost",
+            Self::Refused => "refused",
         }
     }
 }
@@ -104,29 +115,47 @@ impl Setting {
         };
         let grip =
             Grip { stiffness_n_per_m: hand_n_per_m, damping_n_s_per_m: self.hand_n_s_per_m, mass_kg: self.hand_kg };
-        pose().and_then(|pose| least_virtual_mass_kg(&servo, &pose, &grip, &outer).ok()).unwrap_or(f64::NAN)
+        self.pose().and_then(|pose| least_virtual_mass_kg(&servo, &pose, &grip, &outer).ok()).unwrap_or(f64::NAN)
+    }
+
+    /// The arm where the tool starts.
+    fn pose(&self) -> Option<Pose> {
+        let arm = study_arm(0.0, self.distal_m).ok()?;
+        let angles = arm.linkage.inverse(TipPoint(self.start_m)).ok()?;
+        let dynamics = arm.linkage.dynamics(&arm.mass, angles, JointRates::default()).ok()?;
+        Some(Pose {
+            mass: dynamics.mass,
+            viscous: Matrix2::zeros(),
+            jacobian: dynamics.jacobian,
+            forward_mass: Matrix2::zeros(),
+            forward_viscous: Matrix2::zeros(),
+        })
     }
 
     /// Runs for `duration_s` with this hand and virtual mass.
     pub(super) fn run(&self, hand_n_per_m: f64, mass_kg: f64, duration_s: f64) -> Outcome {
-        let Some(mut bench) = self.bench(mass_kg) else { return Outcome::Lost };
+        let Some(mut bench) = self.bench(mass_kg) else { return Outcome::Refused };
         let cycles = (duration_s / PERIOD_S).round() as u64;
         let window_cycles = cycles.div_ceil(WINDOWS);
         let mut energies = [0.0_f64; WINDOWS as usize];
         let mut fastest: f64 = 0.0;
-        let mut proxy = STUDY_START_M;
+        let mut proxy = self.start_m;
         let nudge = Vector2::repeat(self.nudge_n / 2.0_f64.sqrt());
         for cycle in 0..cycles {
             let held = u64::from(self.sample_cycles);
             let sample = cycle.saturating_sub(self.delay) / held * held;
             let seen = bench.run_cycle(sample, |time_s, tip| HandLoad {
-                force_n: (STUDY_START_M - tip.0) * hand_n_per_m
+                force_n: (self.start_m - tip.0) * hand_n_per_m
                     + if time_s < NUDGE_S { nudge } else { Vector2::zeros() },
                 damping_n_s_per_m: self.hand_n_s_per_m,
                 stiffness_n_per_m: hand_n_per_m,
             });
-            let Ok(seen) = seen else { return Outcome::Lost };
-            let away = seen.tool_m - STUDY_START_M;
+            let seen = match seen {
+                Ok(seen) => seen,
+                Err(BenchError::Arm(ArmError::NotFinite { .. })) => return Outcome::Lost,
+                Err(_) => return Outcome::Refused,
+            };
+            let away = seen.tool_m - self.start_m;
             if away.norm() > LOST_M {
                 return Outcome::Lost;
             }
@@ -156,8 +185,8 @@ impl Setting {
             delay_cycles: self.servo_delay,
         };
         let parameters = BenchParameters {
-            arm: ArmParameters { handle_kg: self.hand_kg, ..study_arm(self.coulomb_n_m).ok()? },
-            start_m: STUDY_START_M,
+            arm: ArmParameters { handle_kg: self.hand_kg, ..study_arm(self.coulomb_n_m, self.distal_m).ok()? },
+            start_m: self.start_m,
             period_s: PERIOD_S,
             plant_step_s: PLANT_STEP_S,
             joints,
@@ -185,20 +214,6 @@ pub(super) fn free_space(mass_kg: f64, friction_n: f64, damping_n_s_per_m: f64) 
     };
     let line = Line::new(Vector2::zeros(), Vector2::y()).ok()?;
     Fixture::with_set(Shape2::Line(line), parameters, fixture::Law::Contrast(set)).ok()
-}
-
-/// The arm of the maps where the tool starts.
-fn pose() -> Option<Pose> {
-    let arm = study_arm(0.0).ok()?;
-    let angles = arm.linkage.inverse(TipPoint(STUDY_START_M)).ok()?;
-    let dynamics = arm.linkage.dynamics(&arm.mass, angles, JointRates::default()).ok()?;
-    Some(Pose {
-        mass: dynamics.mass,
-        viscous: Matrix2::zeros(),
-        jacobian: dynamics.jacobian,
-        forward_mass: Matrix2::zeros(),
-        forward_viscous: Matrix2::zeros(),
-    })
 }
 
 #[cfg(test)]

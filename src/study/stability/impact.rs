@@ -9,7 +9,7 @@ use crate::control::{Gains, Law};
 use crate::fixture::prediction::{Impact, capture_probability, capture_speed_m_per_s};
 use crate::fixture::{Admittance, Coupling, Curvature, Fixture, Limits, Line, Parameters, Plane, Rearm, Shape2, Side};
 use crate::sim::hand::HandLoad;
-use crate::study::bench::{Bench, BenchParameters, Joints, STUDY_GAINS, STUDY_START_M, study_arm};
+use crate::study::bench::{Bench, BenchParameters, Joints, STUDY_DISTAL_M, STUDY_GAINS, STUDY_START_M, study_arm};
 use crate::study::chart::{Axis, Chart, Color, Mark, Panel, Series};
 use crate::study::sweep::{Clock, Report, Row, Sweep, Table};
 
@@ -165,7 +165,7 @@ fn with_arm(yield_n: f64, hold_steps: u32, speed_m_per_s: f64) -> Option<Oversho
     let joints =
         Joints { law: Law::Pid, gains, sliding_time_s: 0.0, torque_limit_n_m: TORQUE_LIMIT_N_M, delay_cycles: 1 };
     let parameters = BenchParameters {
-        arm: study_arm(COULOMB_N_M).ok()?,
+        arm: study_arm(COULOMB_N_M, STUDY_DISTAL_M).ok()?,
         start_m: STUDY_START_M,
         period_s: PERIOD_S,
         plant_step_s: 1e-4,

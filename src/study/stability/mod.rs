@@ -4,10 +4,15 @@
 //!
 //! Everything runs on [`bench`](super::bench) or on less: exact plant, no bus, no counts, no guard.
 
+mod corners;
 mod coupling;
+mod friction;
 mod held;
 mod impact;
 mod mass;
+mod samples;
+mod singular;
+mod sliding;
 
 use super::sweep::{Report, Study, Sweep, Table};
 
@@ -24,6 +29,11 @@ impl Stability {
             Box::new(impact::Proxy),
             Box::new(impact::Tool),
             Box::new(coupling::Map),
+            Box::new(sliding::Overshoot),
+            Box::new(singular::Map),
+            Box::new(corners::Jumps),
+            Box::new(samples::Samples),
+            Box::new(friction::Push),
         ])
     }
 }
@@ -42,11 +52,18 @@ impl Study for Stability {
     }
 
     fn report(&self, tables: &[Table]) -> Report {
-        let [map, theory, rows, proxy, tool, coupling] = tables else { return Report::default() };
+        let [map, theory, rows, proxy, tool, coupling, sliding, singular, corners, samples, friction] = tables else {
+            return Report::default();
+        };
         let mut report = Report::default();
         mass::report(map, theory, rows, &mut report);
         impact::report(proxy, tool, &mut report);
         coupling::report(coupling, &mut report);
+        sliding::report(sliding, &mut report);
+        singular::report(singular, &mut report);
+        corners::report(corners, &mut report);
+        samples::report(samples, &mut report);
+        friction::report(friction, &mut report);
         report
     }
 }
