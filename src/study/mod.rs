@@ -2,6 +2,7 @@
 //! of speed, accuracy and stability.
 
 mod ablation;
+pub mod bench;
 pub mod chart;
 #[cfg(feature = "figures")]
 pub mod drawing;
@@ -12,6 +13,7 @@ pub mod measures;
 pub mod replay;
 pub mod reproduce;
 mod run;
+mod stability;
 pub mod sweep;
 mod task;
 
@@ -27,13 +29,14 @@ pub struct Options {
 }
 
 /// Names of all studies.
-pub const NAMES: [&str; 3] = ["ablation", "hold", "task"];
+pub const NAMES: [&str; 4] = ["ablation", "hold", "stability", "task"];
 
 /// A study by its name.
 pub fn study(name: &str, _options: &Options) -> Option<Box<dyn sweep::Study>> {
     Some(match name {
         "ablation" => Box::new(ablation::Ablation::new()),
         "hold" => Box::new(hold::Hold::new()),
+        "stability" => Box::new(stability::Stability::new()),
         "task" => Box::new(task::Task::new()),
         _ => return None,
     })
