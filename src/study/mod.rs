@@ -6,6 +6,7 @@ pub mod chart;
 pub mod drawing;
 mod hold;
 pub mod measures;
+mod pair;
 #[cfg(feature = "recording")]
 pub mod replay;
 pub mod reproduce;
@@ -24,12 +25,13 @@ pub struct Options {
 }
 
 /// Names of all studies.
-pub const NAMES: [&str; 1] = ["hold"];
+pub const NAMES: [&str; 2] = ["hold", "pair"];
 
 /// A study by its name.
 pub fn study(name: &str, _options: &Options) -> Option<Box<dyn sweep::Study>> {
     Some(match name {
         "hold" => Box::new(hold::Hold::new()),
+        "pair" => Box::new(pair::PairStudy::new()),
         _ => return None,
     })
 }
