@@ -10,6 +10,7 @@ pub mod drawing;
 mod hold;
 mod machine;
 pub mod measures;
+mod pair;
 pub mod plant;
 #[cfg(feature = "recording")]
 pub mod replay;
@@ -31,7 +32,7 @@ pub struct Options {
 }
 
 /// Names of all studies.
-pub const NAMES: [&str; 6] = ["ablation", "fixture", "hold", "plant", "stability", "task"];
+pub const NAMES: [&str; 7] = ["ablation", "fixture", "hold", "pair", "plant", "stability", "task"];
 
 /// A study by its name.
 pub fn study(name: &str, options: &Options) -> Option<Box<dyn sweep::Study>> {
@@ -39,6 +40,7 @@ pub fn study(name: &str, options: &Options) -> Option<Box<dyn sweep::Study>> {
         "ablation" => Box::new(ablation::Ablation::new()),
         "fixture" => Box::new(curvature::TangentOrExact::new()),
         "hold" => Box::new(hold::Hold::new()),
+        "pair" => Box::new(pair::PairStudy::new()),
         "plant" => Box::new(plant::Integration::new(options.mujoco.clone())),
         "stability" => Box::new(stability::Stability::new()),
         "task" => Box::new(task::Task::new()),
