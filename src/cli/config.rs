@@ -2,17 +2,20 @@
 
 use serde_json::{Value, json};
 
-use super::bus::Plan;
+use super::bus::{Plan, plans, to_json};
 use super::failure::{Exit, Failure};
 use super::margins::Margins;
 use super::output::Output;
+use super::tune::{self, Masses};
 use crate::config::{
     self, Coupling, Diagnostic, Document, Figure, Fixture, ImpedanceDevice, Kind, Report, Rig, Scene, Severity, Source,
 };
+use crate::rig::coupled_device;
 
 #[derive(Debug, clap::Subcommand)]
 pub(super) enum Command {
-    /// Check files and say what would be run; of a rig also the margins of its loop and the load of its bus
+    /// Check files and say what would be run; of a rig also the margins of its loop, the least virtual mass
+    /// and the load of its bus
     Check {
         /// Rigs, devices, scenes or figures; `builtin:figures/fig11.yaml` names a copy inside the program
         #[arg(required = true, value_name = "FILE")]
@@ -50,9 +53,21 @@ fn check(files: &[String], output: &mut Output) -> Result<(), Failure> {
             Ok(Document::Rig(rig)) => Some(rig.as_ref()),
             _ => None,
         };
-        let plan = rig.and_then(|rig| Plan::of(&rig.value).ok());
-        if let (Some(rig), Some(plan)) = (rig, &plan) {
-            findings.extend(plan.finding(rig));
+        let masses = rig.and_then(|rig| Masses::of(rig, &[]).ok());
+        if let (Some(rig), Some(masses)) = (rig, &masses) {
+            findings.extend(masses.finding(rig));
+        }
+        let device = match &result {
+            Ok(Document::Device(device)) => Some(device.as_ref()),
+            _ => None,
+        };
+        let coupled = device.and_then(|device| coupled_device(&device.value, 1.0).ok().flatten());
+        if let (Some(device), Some(coupled)) = (device, &coupled) {
+            findings.extend(tune::coupled_finding(device, coupled));
+        }
+        let plans = rig.and_then(|rig| plans(&rig.value).ok()).unwrap_or_default();
+        if let Some(rig) = rig {
+            findings.extend(plans.iter().filter_map(|plan| plan.finding(rig)));
         }
         let is_ok = findings.iter().all(|finding| finding.severity != Severity::Error);
         let kind = result.as_ref().ok().map(|document| document.kind().to_string());
@@ -61,15 +76,24 @@ fn check(files: &[String], output: &mut Output) -> Result<(), Failure> {
         if let Some(margins) = &margins {
             entry["margins"] = margins.to_json();
         }
-        if let Some(plan) = &plan {
-            entry["bus_budget"] = plan.to_json();
+        if let Some(masses) = &masses {
+            entry["virtual_mass"] = masses.to_json(1.0);
+        }
+        if let Some(coupled) = &coupled {
+            entry["virtual_coupling"] = tune::coupled_json(coupled, 1.0);
+        }
+        if !plans.is_empty() {
+            entry["bus_budget"] = to_json(&plans);
         }
         checked.push(entry);
         match &result {
             Ok(document) if is_ok => {
                 output.warnings(&findings);
                 output.news(&format!("ok  {file}: {}", summary(document, findings.len())))?;
-                for line in margins.iter().flat_map(Margins::lines).chain(plan.iter().map(Plan::line)) {
+                let coupled =
+                    device.zip(coupled).map(|(device, coupled)| tune::coupled_lines(&device.value, &coupled, 1.0));
+                let lines = margins.iter().flat_map(Margins::lines).chain(masses.iter().map(Masses::line));
+                for line in lines.chain(coupled.into_iter().flatten()).chain(plans.iter().map(Plan::line)) {
                     output.news(&format!("    {line}"))?;
                 }
             }

@@ -9,6 +9,8 @@ mod config;
 mod drill;
 mod failure;
 mod faults;
+#[cfg(target_os = "linux")]
+mod interfaces;
 mod keep;
 #[cfg(target_os = "linux")]
 mod latency;
@@ -27,6 +29,7 @@ mod run;
 mod sim;
 mod soak;
 mod study;
+mod tune;
 
 use std::ffi::OsString;
 use std::process::ExitCode;
@@ -84,6 +87,9 @@ enum Command {
     /// What the bus of a rig can carry
     #[command(subcommand)]
     Bus(bus::Command),
+    /// Numbers of a fixture that stay stable with a reserve
+    #[command(subcommand)]
+    Tune(tune::Command),
     /// Check, show and describe configuration files
     #[command(subcommand)]
     Config(config::Command),
@@ -129,6 +135,7 @@ fn run(arguments: impl IntoIterator<Item = OsString>) -> Exit {
         Command::Soak(arguments) => soak::run(&arguments, &mut output),
         Command::Study(arguments) => study::run(&arguments, &mut output),
         Command::Bus(command) => bus::run(&command, &mut output),
+        Command::Tune(command) => tune::run(&command, &mut output),
         Command::Config(command) => config::run(command, &mut output),
     };
     match result {

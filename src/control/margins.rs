@@ -72,6 +72,14 @@ pub fn margins(servo: &ServoLoop, inertia: f64, viscous: f64) -> Result<Margins,
     Ok(OpenLoop::new(servo, inertia, viscous)?.margins())
 }
 
+/// Whether the loop of [`margins`] is stable. Much quicker than its margins.
+///
+/// # Errors
+/// As [`margins`].
+pub fn is_stable(servo: &ServoLoop, inertia: f64, viscous: f64) -> Result<bool, ControlError> {
+    Ok(OpenLoop::new(servo, inertia, viscous)?.is_stable(1.0))
+}
+
 /// The worst of [`margins`] over `inertias`: each figure the least of all, the crossover that of the least phase margin,
 /// stable if all are.
 ///

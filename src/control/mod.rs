@@ -15,6 +15,8 @@
 //! integral alone and says `valid: false`. So a command is always finite, and the guard sees that it must not be used.
 
 mod axis;
+mod coupled;
+mod coupling;
 mod error;
 mod feed_forward;
 mod margins;
@@ -26,9 +28,11 @@ mod stability;
 mod tests;
 
 pub use axis::{Axis, AxisController, AxisStep, EffortRange, Gains, Law};
+pub use coupled::{Grip, Outer, Pose, lag_s, least_virtual_mass_kg, passive_mass_kg};
+pub use coupling::{damping_needed_n_s_per_m, greatest_damping_n_s_per_m, greatest_stiffness_n_per_m};
 pub use error::ControlError;
 pub use feed_forward::{FeedForward, FeedForwardParameters, FeedForwardStep, InertiaTerm};
-pub use margins::{MAX_DELAY_CYCLES, Margins, ServoLoop, margins, principal_inertias, worst_margins};
+pub use margins::{MAX_DELAY_CYCLES, Margins, ServoLoop, is_stable, margins, principal_inertias, worst_margins};
 pub use pid::Pid;
 pub use psmc::Psmc;
 pub use rate::{RateLaw, RateStep};

@@ -11,7 +11,7 @@ use crate::quantity::{JointAngles, JointRates, TipPoint};
 
 /// Cycles between sampling and the change of torque, besides the zero-order hold: set-points computed in a cycle are
 /// applied at the next SYNC.
-const LOOP_DELAY_CYCLES: f64 = 1.0;
+pub(super) const LOOP_DELAY_CYCLES: f64 = 1.0;
 
 /// Margins of the torque loop at its worst pose, with and without the joints' viscous friction.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -39,7 +39,7 @@ pub struct PoseMargins {
 const POSES: usize = 48;
 
 /// Where the margins are taken: all along a circle, or a line within the working disc.
-fn poses(rig: &config::Rig) -> Vec<Vector2<f64>> {
+pub(super) fn poses(rig: &config::Rig) -> Vec<Vector2<f64>> {
     let working_m = rig.linkage.working_radius_m.get();
     let around = |center: Vector2<f64>, radius_m: f64| {
         let at = move |pose| std::f64::consts::TAU * pose as f64 / POSES as f64;

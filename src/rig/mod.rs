@@ -4,30 +4,35 @@
 //! config::Rig + config::Scene -> build -> Master (cycle inside) <-> VirtualBus <-> Drive x2, ForceSensor <-> World (arm, hand)
 //! ```
 //! [`EmbeddedRig`] processes events in order of virtual time: frames that arrive, moments that devices or the master
-//! wait for, and the two moments of each cycle. [`ImpedanceRig`] is the device without a bus.
+//! wait for, and the two moments of each cycle. [`ImpedanceRig`] is the device without a bus,
+//! [`Pair`] a master and a slave with a delay between them.
 
 mod assembly;
-mod budget;
 mod build;
+mod buses;
 mod conduct;
 mod drill;
 mod embedded;
 mod error;
 mod far_end;
+mod held;
 mod impedance;
 mod margins;
+mod pair;
 mod seat;
 mod server;
 mod world;
 
 pub use assembly::{drive as simulated_drive, force_sensor as simulated_force_sensor};
-pub use budget::bus_plan;
 pub use build::{cycle, master};
+pub use buses::bus_plan;
 pub use conduct::{Enable, Enabling, STOP_LIMIT_S, has_torque, settling_cycles};
 pub use drill::{CYCLES_BEFORE_SILENCE, DRILL_LIMIT, Drilled, Finding, TORQUE_LIMIT, Unsafe, drill};
 pub use embedded::{BodyTruth, EmbeddedRig, Observer, PORTS, Tap};
 pub use error::RigError;
+pub use held::{Coupled, Holding, coupled_device, hand_of, least_mass, stiffer, usual_hands};
 pub use impedance::ImpedanceRig;
 pub use margins::{Margin, PoseMargins, pose_margins};
+pub use pair::{Pair, PairParameters, PairRow, PairServo, Placement, Surroundings};
 pub use seat::{Answer, Call, Peer};
 pub use server::{DeviceServer, Pace, Served};

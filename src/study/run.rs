@@ -7,7 +7,7 @@ use crate::config;
 use crate::fixture::Shape2;
 use crate::guard::{Cause, Request, State};
 use crate::injection::Injection;
-use crate::record::{AROUND_FAULT_S, ForceMeaning, Reference, Row, Trace};
+use crate::record::{AROUND_FAULT_S, ForceMeaning, Reference, Row, SideYield, Trace};
 use crate::rig::{EmbeddedRig, ImpedanceRig, Observer, RigError, Tap};
 use crate::sim::can::BusCounters;
 
@@ -37,10 +37,10 @@ pub struct RunReport {
     pub state: Option<State>,
     /// The fault that stopped the rig or that held it at the end, if one did.
     pub cause: Option<Cause>,
-    /// What went over the bus from switching on to the end.
+    /// What went over all buses from switching on to the end.
     pub bus: Option<BusCounters>,
-    /// Share of the scene's time in which bits were on the bus, at its bit rate.
-    pub bus_load: Option<f64>,
+    /// Share of the scene's time in which bits were on each bus, at its bit rate, with the bus's name.
+    pub bus_loads: Vec<(String, f64)>,
     /// Virtual time since switching on at which the scene began, in s.
     pub started_at_s: Option<f64>,
     /// Time in s in which a fault held the reference at rest and cleared by itself.
@@ -95,7 +95,8 @@ pub fn run_rig(
     }
     overrides.faults.iter().try_for_each(|fault| machine.inject(*fault))?;
     machine.enable()?;
-    let (started_at, before) = (machine.next_sync(), *machine.bus_counters());
+    let started_at = machine.next_sync();
+    let before: Vec<BusCounters> = machine.bus_counters().copied().collect();
     let period_s = f64::from(rig.cycle.period_us) * 1e-6;
     let end_s = overrides.duration_s.unwrap_or(scene.duration_s.get());
     let cycles = ((end_s / period_s).round() as usize).max(1);
@@ -111,10 +112,13 @@ pub fn run_rig(
         }
     }
     let cause = machine.cause();
-    let bus_load = rig.buses.values().next().filter(|_| !rows.is_empty()).map(|bus| {
-        let elapsed = Duration::from_secs_f64(rows.len() as f64 * period_s);
-        machine.bus_counters().load_since(&before, elapsed, bus.bit_rate_bit_per_s)
+    // A scene has one cycle at least.
+    let elapsed = Duration::from_secs_f64(rows.len() as f64 * period_s);
+    let counted = rig.buses.iter().zip(machine.bus_counters().zip(&before));
+    let bus_loads = counted.map(|((name, bus), (counters, before))| {
+        (name.clone(), counters.load_since(before, elapsed, bus.bit_rate_bit_per_s))
     });
+    let bus_loads = bus_loads.collect();
     let held_s = rows.iter().filter(|row| row.supervisor_state == State::Holding as u8).count() as f64 * period_s;
     if state.is_latched() {
         for _ in 0..(AROUND_FAULT_S / period_s).round() as usize {
@@ -129,8 +133,8 @@ pub fn run_rig(
         measures,
         state: Some(state),
         cause,
-        bus: Some(*machine.bus_counters()),
-        bus_load,
+        bus: Some(machine.bus_counters().sum()),
+        bus_loads,
         started_at_s: Some(started_at.as_secs_f64()),
         held_s,
         period_s,
@@ -146,6 +150,7 @@ pub fn measured(rig: &config::Rig, fixture: &config::Fixture, rows: Vec<Row>) ->
         mass_kg: mass_kg(fixture),
         normal_sign: normal_sign(&fixture.surface),
         torque_limit_n_m: is_torque.then(|| rig.guard.torque_limit_n_m.get()),
+        has_hold: fixture.hold_steps > 0 || fixture.automatic_hold.is_some(),
         stiffness_n_per_m: 0.0,
         force_resolution_n: rig.sensor.calibration[0][0].get().abs().max(rig.sensor.calibration[1][1].get().abs()),
     };
@@ -180,6 +185,7 @@ pub fn run_device(
         mass_kg: None,
         normal_sign: normal_sign(&fixture.surface),
         torque_limit_n_m: None,
+        has_hold: fixture.hold_steps > 0,
         stiffness_n_per_m: match fixture.coupling {
             config::Coupling::Impedance { stiffness_n_per_m, .. } => stiffness_n_per_m.get(),
             config::Coupling::Admittance { .. } => 0.0,
@@ -193,7 +199,7 @@ pub fn run_device(
         state: None,
         cause: None,
         bus: None,
-        bus_load: None,
+        bus_loads: Vec::new(),
         started_at_s: None,
         held_s: 0.0,
         period_s,
@@ -207,6 +213,16 @@ fn normal_sign(surface: &config::Surface) -> f64 {
         | config::Surface::Cylinder { forbidden: config::Forbidden::Outside, .. }
         | config::Surface::Sphere { forbidden: config::Forbidden::Outside, .. } => -1.0,
         _ => 1.0,
+    }
+}
+
+/// A yield force of its own against pushes out of the forbidden side.
+fn side_yield(fixture: &config::Fixture) -> Option<SideYield> {
+    match fixture.law {
+        Some(config::FixtureLaw::Tube { outward_yield_n }) if fixture.side == config::Side::Bilateral => {
+            Some(SideYield { normal_sign: normal_sign(&fixture.surface), yield_n: outward_yield_n.get() })
+        }
+        _ => None,
     }
 }
 
@@ -227,6 +243,7 @@ pub(super) fn trace(title: String, fixture: &config::Fixture, force_meaning: For
         reference: reference(&fixture.surface),
         friction_n: fixture.friction_n.get(),
         yield_n: fixture.yield_n.get(),
+        side_yield: side_yield(fixture),
         is_unilateral: fixture.side == config::Side::Unilateral,
         hold_steps: fixture.hold_steps,
         force_meaning,
@@ -289,5 +306,51 @@ fn set_power(trace: &mut Trace) {
         .collect();
     for (row, power) in trace.rows.iter_mut().zip(power) {
         row.power_w = power;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn run(file: &str) -> RunReport {
+        let source = config::builtin(file);
+        let rig = config::load_rig(source.clone()).unwrap().value;
+        let scene = config::load_scene(source.relative(&rig.scene)).unwrap().value;
+        run_rig(&rig, &scene, &Overrides::default(), Watch::default(), |_| {}).unwrap()
+    }
+
+    /// The scenes go round a corner that forbids its inside, and off a guide to the side on which it yields sooner: neither is
+    /// a release below the yield force. The torque limit is reached where an impact stops the arm, and nowhere else.
+    #[test]
+    fn walls_and_guides_of_the_shipped_rigs_let_go_of_nothing_that_is_pressed_on_them() {
+        for file in ["room.yaml", "curve-guide.yaml"] {
+            let measures = run(file).measures;
+            assert_eq!(measures.unintended_releases, 0, "{file}");
+            assert_eq!(measures.on_surface_fraction_when_pressed, Some(1.0), "{file}");
+            assert!(measures.torque_limit_s.is_some_and(|limit_s| limit_s > 0.0), "{file}: no hard impact");
+            assert_eq!(measures.torque_limit_apart_s, Some(0.0), "{file}");
+            assert!(measures.impacts.iter().all(|impact| impact.predicted_depth_mm.is_none()), "{file} holds");
+        }
+    }
+
+    /// A hand of 8000 N/m on a rig with a cycle of 5 ms: it is fed until the rig is stopped for its speed. The passivity
+    /// controller lets it go on to the end, and is the difference.
+    #[test]
+    fn a_passivity_controller_keeps_a_slow_rig_running_in_a_braced_hand() {
+        let source = config::builtin("paper-admittance-5ms.yaml");
+        let rig = config::load_rig(source.clone()).unwrap().value;
+        let mut scene = config::load_scene(source.relative(&rig.scene)).unwrap().value;
+        scene.hand.stiffness_n_per_m = config::Positive::new(8000.0).unwrap();
+        let run = |passivity| {
+            let fixture = config::Fixture { passivity, ..rig.fixture.clone() };
+            let overrides = Overrides { fixture: Some(fixture), ..Overrides::default() };
+            run_rig(&rig, &scene, &overrides, Watch::default(), |_| {}).unwrap()
+        };
+        let without = run(None);
+        assert!(without.state.is_some_and(State::is_latched), "{:?}", without.cause);
+        let bound_j = config::Positive::new(0.02).unwrap();
+        let with = run(Some(config::Passivity { bound_j }));
+        assert_eq!(with.state, Some(State::Running), "{:?}", with.cause);
     }
 }

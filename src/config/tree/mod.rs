@@ -15,15 +15,15 @@ mod surface;
 pub use arm::{ArmInertia, ArmModel, DistalLink, ElbowSide, Linkage, Tool, WristSide};
 pub use device::{DeviceCycle, DeviceIdentity, DevicePlant, ImpedanceDevice};
 pub use figure::{Figure, MagnifiedWindow};
-pub use fixture::{AutomaticHold, Coupling, Curvature, Fixture, FixtureLaw, Motion, Side};
+pub use fixture::{AutomaticHold, Coupling, Curvature, Fixture, FixtureLaw, Motion, Passivity, Side};
 pub use injection::{FaultName, FaultTarget, SceneFault};
 pub use rig::{
     Bus, BusTiming, CommandMode, Control, ControlGains, ControlLaw, Cycle, Drive, DrivePositionLoop, FeedForward,
     Guard, Master, Rig, RigIdentity, RigPlant,
 };
 pub use scene::{
-    ArcSpeed, DeviceModel, EncoderModel, ForceSensorModel, Hand, JointElasticity, PathSegment, Scene, SceneModel,
-    Tracking, Tremor,
+    AimError, ArcSpeed, DeviceModel, EncoderModel, ForceSensorModel, Hand, JointElasticity, PathSegment, Scene,
+    SceneModel, SceneTolerance, Tracking, Tremor,
 };
 pub use sensor::{ByteOrder, Mount, Sensor, SensorProtocol};
 pub use surface::{Forbidden, Surface};

@@ -1,3 +1,4 @@
+mod coupling;
 mod feed_forward;
 mod joint;
 mod laws;

@@ -1,0 +1,305 @@
+//! `yieldwall tune`: numbers of a fixture that stay stable with a reserve.
+
+use serde_json::{Value, json};
+
+use super::failure::{Exit, Failure};
+use super::output::Output;
+use crate::config::{self, Coupling, Diagnostic, Document, ImpedanceDevice, Loaded, Rig, Severity, Source};
+use crate::control::Grip;
+use crate::rig::{Coupled, Holding, RigError, coupled_device, hand_of, least_mass, stiffer, usual_hands};
+
+/// Reserve unless another is asked for.
+const RESERVE: f64 = 2.0;
+/// What the numbers leave out.
+const LEFT_OUT: &str = "dry friction, torque limits and elastic joints are left out: try the numbers in a run";
+
+#[derive(Debug, clap::Subcommand)]
+pub(super) enum Command {
+    /// Tell the least virtual mass of a rig, or the greatest virtual stiffness and damping of a device
+    ///
+    /// By the sampled loop with its real delay at the worst pose along the surface, hand on the tool for a rig, hand off for
+    /// a device. docs/studies.md compares it with simulation.
+    Fixture(Arguments),
+}
+
+#[derive(Debug, clap::Args)]
+pub(super) struct Arguments {
+    /// Rig or device; `builtin:paper-admittance.yaml` names the copy inside the program
+    #[arg(value_name = "RIG.yaml")]
+    file: String,
+    /// Factor between the numbers given and the edge of stability, 1 or above
+    #[arg(long, value_name = "FACTOR", default_value_t = RESERVE, value_parser = parse_reserve)]
+    reserve: f64,
+    /// Stiffness of a hand to look at in N/m, besides the scene's; may be given again. The other hands are damped as the
+    /// scene's and have its mass
+    #[arg(long, value_name = "N/M", value_parser = parse_stiffness)]
+    hand_stiffness: Vec<f64>,
+}
+
+fn parse_reserve(text: &str) -> Result<f64, String> {
+    text.parse().ok().filter(|factor| (1.0..=1e3).contains(factor)).ok_or_else(|| "a factor from 1 to 1000".to_owned())
+}
+
+fn parse_stiffness(text: &str) -> Result<f64, String> {
+    let stiffness = text.parse().ok().filter(|stiffness| (1e-3..=1e7).contains(stiffness));
+    stiffness.ok_or_else(|| "a stiffness from 0.001 to 10000000 N/m".to_owned())
+}
+
+pub(super) fn run(command: &Command, output: &mut Output) -> Result<(), Failure> {
+    let Command::Fixture(arguments) = command;
+    let reserve = arguments.reserve;
+    match config::load(Source::named(&arguments.file))? {
+        Document::Rig(rig) => {
+            output.warnings(&rig.warnings);
+            let masses = Masses::of(&rig, &arguments.hand_stiffness).map_err(|error| failure(&error))?;
+            if output.is_json() { output.json(&masses.to_json(reserve)) } else { output.result(&masses.text(reserve)) }
+        }
+        Document::Device(device) => {
+            output.warnings(&device.warnings);
+            let coupled = coupled_device(&device.value, reserve).map_err(|error| failure(&error))?;
+            match coupled {
+                Some(coupled) if output.is_json() => output.json(&coupled_json(&coupled, reserve)),
+                Some(coupled) => output.result(&(coupled_lines(&device.value, &coupled, reserve).join("\n") + "\n")),
+                None => Err(Failure::new(Exit::Usage, "this device is no impedance", "name a rig for an admittance")),
+            }
+        }
+        _ => Err(Failure::new(
+            Exit::Usage,
+            format!("{} is neither a rig nor a device", arguments.file),
+            "name a file with a fixture, such as config/paper-admittance.yaml",
+        )),
+    }
+}
+
+fn failure(error: &RigError) -> Failure {
+    Failure::new(Exit::ConfigInvalid, error.to_string(), "run `yieldwall config check` on the file")
+}
+
+/// How light a rig may be, by hands; the first is the scene's, if it has a spring.
+pub(super) struct Masses {
+    name: String,
+    configured_kg: f64,
+    has_scene_hand: bool,
+    /// `None` where the loop is not known.
+    holdings: Option<Vec<Holding>>,
+}
+
+impl Masses {
+    /// For the hand of the scene and for the usual ones, or those of `stiffnesses` in N/m.
+    pub(super) fn of(rig: &Loaded<Rig>, stiffnesses: &[f64]) -> Result<Self, RigError> {
+        let scene = config::load_scene(rig.source.relative(&rig.value.scene))
+            .map_err(|_| RigError::Mismatch("the scene cannot be read".into()))?;
+        let hand = hand_of(&scene.value);
+        let others = stiffnesses.iter().map(|&stiffness| stiffer(&hand, stiffness)).collect::<Vec<_>>();
+        let others = if others.is_empty() { usual_hands(&hand).to_vec() } else { others };
+        let has_scene_hand = hand.stiffness_n_per_m > 0.0;
+        let hands: Vec<Grip> = has_scene_hand.then_some(hand).into_iter().chain(others).collect();
+        let configured_kg = match rig.value.fixture.coupling {
+            Coupling::Admittance { mass_kg } => mass_kg.get(),
+            Coupling::Impedance { .. } => return Err(RigError::Mismatch("a rig needs an admittance".into())),
+        };
+        let holdings = least_mass(&rig.value, &hands)?;
+        Ok(Self { name: rig.value.rig.name.clone(), configured_kg, has_scene_hand, holdings })
+    }
+
+    /// One line for `config check`.
+    pub(super) fn line(&self) -> String {
+        let Some(holdings) = &self.holdings else {
+            return "least virtual mass: not known, the velocity loop closes in the drives".to_owned();
+        };
+        let masses: Vec<String> = holdings
+            .iter()
+            .enumerate()
+            .map(|(index, holding)| {
+                let whose = if index == 0 && self.has_scene_hand { " (the scene's hand)" } else { "" };
+                format!("{} at {} N/m{whose}", mass_words(holding.least_kg), holding.grip.stiffness_n_per_m)
+            })
+            .collect();
+        format!("least stable virtual mass by stiffness of the hand, worst pose: {}", masses.join(", "))
+    }
+
+    /// What to say of a rig that is lighter than its scene's hand allows.
+    pub(super) fn finding(&self, rig: &Loaded<Rig>) -> Option<Diagnostic> {
+        let scenes = self.holdings.as_ref()?.first().filter(|_| self.has_scene_hand)?;
+        if self.configured_kg >= scenes.least_kg {
+            return None;
+        }
+        let [x, y] = scenes.tool_m;
+        let message = format!(
+            "a virtual mass of {} kg is unstable with the scene's hand ({}): the least at ({x:.3}, {y:.3}) m is {}",
+            self.configured_kg,
+            grip_words(&scenes.grip),
+            mass_words(scenes.least_kg)
+        );
+        let help = format!(
+            "make it heavier, the loop faster or the low pass of the force weaker; `yieldwall tune fixture {}` finds a mass",
+            rig.source
+        );
+        let see =
+            [("control.gains", "the servo's gains"), ("sensor.low_pass_hz", "the low pass"), ("scene", "the hand")];
+        Some(rig.finding(Severity::Warning, "fixture.coupling.admittance.mass_kg", message, help, &see))
+    }
+
+    fn text(&self, reserve: f64) -> String {
+        let Some(holdings) = &self.holdings else { return self.line() + "\n" };
+        let mut text = format!(
+            "{}: virtual mass, {} kg configured, at the worst pose along its surface\n  {:34}{:>14}{:>18}   worst at\n",
+            self.name,
+            self.configured_kg,
+            "hand",
+            "least stable",
+            format!("reserve of {reserve}")
+        );
+        for (index, holding) in holdings.iter().enumerate() {
+            let whose = if index == 0 && self.has_scene_hand { ", scene" } else { "" };
+            let [x, y] = holding.tool_m;
+            text += &format!(
+                "  {:34}{:>14}{:>18}   ({x:.3}, {y:.3}) m\n",
+                format!("{}{whose}", grip_words(&holding.grip)),
+                mass_words(holding.least_kg),
+                mass_words(reserve * holding.least_kg)
+            );
+        }
+        let passive_kg = holdings.iter().map(|holding| holding.passive_kg).fold(0.0, f64::max);
+        text + &format!("  no mass below {passive_kg:.1} kg, the arm's own, is passive for every hand\n  {LEFT_OUT}\n")
+    }
+
+    /// For a program to read. A mass that does not exist is `null`.
+    pub(super) fn to_json(&self, reserve: f64) -> Value {
+        let hands = self.holdings.as_ref().map(|holdings| {
+            let each = holdings.iter().enumerate().map(|(index, holding)| {
+                json!({
+                    "is_of_scene": index == 0 && self.has_scene_hand,
+                    "stiffness_n_per_m": holding.grip.stiffness_n_per_m,
+                    "damping_n_s_per_m": holding.grip.damping_n_s_per_m,
+                    "mass_kg": holding.grip.mass_kg,
+                    "least_virtual_mass_kg": holding.least_kg,
+                    "virtual_mass_with_reserve_kg": reserve * holding.least_kg,
+                    "worst_tool_m": holding.tool_m,
+                    "passive_mass_kg": holding.passive_kg,
+                })
+            });
+            each.collect::<Vec<_>>()
+        });
+        json!({ "configured_kg": self.configured_kg, "reserve": reserve, "hands": hands })
+    }
+}
+
+fn grip_words(grip: &Grip) -> String {
+    format!("{} N/m, {:.1} N s/m, {} kg", grip.stiffness_n_per_m, grip.damping_n_s_per_m, grip.mass_kg)
+}
+
+fn mass_words(mass_kg: f64) -> String {
+    if mass_kg.is_finite() { format!("{mass_kg:.3} kg") } else { "none".to_owned() }
+}
+
+/// What the coupling of a device bears, for a person to read.
+pub(super) fn coupled_lines(device: &ImpedanceDevice, coupled: &Coupled, reserve: f64) -> Vec<String> {
+    let Coupling::Impedance { stiffness_n_per_m, damping_n_s_per_m } = device.fixture.coupling else { return vec![] };
+    let own = device.plant.damping_n_s_per_m.get();
+    let bound = |value: Option<f64>| value.map_or("none".to_owned(), |value| format!("{value:.4}"));
+    vec![
+        format!(
+            "virtual coupling, hand off: {}; K = {} N/m needs about {:.3} N s/m, device and B have {:.3} N s/m",
+            if coupled.is_stable { "stable" } else { "UNSTABLE" },
+            *stiffness_n_per_m,
+            coupled.damping_needed_n_s_per_m,
+            own + damping_n_s_per_m.get()
+        ),
+        format!(
+            "with a reserve of {reserve}: K at most {} N/m beside this B, B at most {} N s/m beside this K",
+            bound(coupled.greatest_stiffness_n_per_m),
+            bound(coupled.greatest_damping_n_s_per_m)
+        ),
+    ]
+}
+
+/// The same for a program to read.
+pub(super) fn coupled_json(coupled: &Coupled, reserve: f64) -> Value {
+    json!({
+        "reserve": reserve,
+        "stable": coupled.is_stable,
+        "damping_needed_n_s_per_m": coupled.damping_needed_n_s_per_m,
+        "greatest_stiffness_n_per_m": coupled.greatest_stiffness_n_per_m,
+        "greatest_damping_n_s_per_m": coupled.greatest_damping_n_s_per_m,
+    })
+}
+
+/// What to say of a device whose coupling is unstable.
+pub(super) fn coupled_finding(device: &Loaded<ImpedanceDevice>, coupled: &Coupled) -> Option<Diagnostic> {
+    if coupled.is_stable {
+        return None;
+    }
+    let message = "spring and damper of the virtual coupling are unstable on the free device".to_owned();
+    let help = format!(
+        "a spring needs K T/2 of damping, at most that of a small B T/m; `yieldwall tune fixture {}` finds both",
+        device.source
+    );
+    let see = [("cycle.period_us", "the period"), ("plant.damping_n_s_per_m", "the device's own damping")];
+    Some(device.finding(Severity::Warning, "fixture.coupling.impedance", message, help, &see))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::config::{builtin, load_device, load_rig};
+
+    fn rig(changes: &[(&str, &str)]) -> Loaded<Rig> {
+        let source = builtin("paper-admittance.yaml");
+        let mut text = source.read().unwrap().to_string();
+        for (from, to) in changes {
+            assert!(text.contains(from), "{from}");
+            text = text.replace(from, to);
+        }
+        let scene = builtin("scenes/circle-tour.yaml").read().unwrap();
+        load_rig(Source::among(
+            "rig.yaml",
+            [("rig.yaml".into(), text.into()), ("scenes/circle-tour.yaml".into(), scene)],
+        ))
+        .unwrap()
+    }
+
+    #[test]
+    fn the_shipped_rigs_are_heavy_enough_and_light_ones_are_told() {
+        for name in ["paper-admittance.yaml", "paper-admittance-csp.yaml", "paper-admittance-cartesian.yaml"] {
+            let shipped = load_rig(builtin(name)).unwrap();
+            let masses = Masses::of(&shipped, &[]).unwrap();
+            assert!(masses.finding(&shipped).is_none(), "{name}: {}", masses.line());
+            assert_eq!(masses.holdings.as_ref().unwrap().len(), 4);
+        }
+        let light = rig(&[("mass_kg: 2.0}", "mass_kg: 0.02}")]);
+        let finding = Masses::of(&light, &[]).unwrap().finding(&light).unwrap();
+        assert_eq!(
+            (finding.key.as_str(), finding.severity),
+            ("fixture.coupling.admittance.mass_kg", Severity::Warning)
+        );
+        assert!(finding.place.is_some(), "{finding:?}");
+        let slow = rig(&[("low_pass_hz: null ", "low_pass_hz: 3.0 ")]);
+        assert!(Masses::of(&slow, &[]).unwrap().finding(&slow).unwrap().message.contains("none"));
+    }
+
+    #[test]
+    fn a_braced_hand_needs_more_mass_and_the_reserve_is_a_factor() {
+        let shipped = rig(&[]);
+        let masses = Masses::of(&shipped, &[500.0, 30_000.0]).unwrap();
+        let [_, soft, braced] = masses.holdings.as_deref().unwrap() else { panic!("{}", masses.line()) };
+        assert!(braced.least_kg > soft.least_kg, "{soft:?} {braced:?}");
+        let json = masses.to_json(3.0);
+        let [least, with] = ["least_virtual_mass_kg", "virtual_mass_with_reserve_kg"]
+            .map(|key| json["hands"][1][key].as_f64().unwrap());
+        assert!((with / least - 3.0).abs() < 1e-12);
+        assert!(masses.text(3.0).contains("(0."), "{}", masses.text(3.0));
+    }
+
+    #[test]
+    fn a_device_is_told_what_its_coupling_bears() {
+        let device = load_device(builtin("paper-impedance.yaml")).unwrap();
+        let coupled = coupled_device(&device.value, 2.0).unwrap().unwrap();
+        assert!(coupled_finding(&device, &coupled).is_none());
+        // (0.5 + 1.5) N s/m over 0.5 ms by the rule; the exact loop has B T/m = 0.03.
+        let greatest = coupled.greatest_stiffness_n_per_m.unwrap();
+        assert!((greatest / 2000.0 - 1.0).abs() < 0.05, "{greatest}");
+        let unstable = Coupled { is_stable: false, ..coupled };
+        assert!(coupled_finding(&device, &unstable).unwrap().place.is_some());
+    }
+}

@@ -1,0 +1,186 @@
+//! Near the singularities of the arm: which virtual mass is stable, and where the arm is refused.
+
+use nalgebra::Vector2;
+use serde_json::Value;
+
+use super::held::{Outcome, PLAIN, Setting};
+use super::{Agreement, cell, cells_below};
+use crate::study::chart::{Axis, Chart, Color, Mark, Panel, Series};
+use crate::study::sweep::{Clock, Report, Row, Sweep, Table};
+
+const GAPS: u64 = 36;
+const MASSES: u64 = 27;
+const GAPS_M: [f64; 2] = [1e-4, 0.1];
+const MASSES_KG: [f64; 2] = [0.01, 10.0];
+const HAND_N_PER_M: f64 = 500.0;
+const DURATION_S: f64 = 4.0;
+const CELL: u32 = 27;
+/// The virtual mass of the paper.
+const PAPER_KG: f64 = 2.0;
+
+const NUDGE_SHARE: f64 = 0.05;
+const DRY_NUDGE_N: f64 = 30.0;
+
+/// Distal links with which they can come to lie on one line.
+const SHORT_DISTAL_M: f64 = 0.25;
+const DISTAL_M: f64 = 0.30;
+const PROXIMAL_M: f64 = 0.25;
+const HALF_BASE_M: f64 = 0.05;
+
+#[derive(Clone, Copy, PartialEq)]
+enum Kind {
+    /// Both chains almost stretched; the gap is that of their reach.
+    Stretched,
+    /// The distal links almost on one line; the gap is that of the elbows.
+    DistalStretched,
+}
+
+struct Case {
+    name: &'static str,
+    kind: Kind,
+    setting: Setting,
+}
+
+const DRY: Setting = Setting { coulomb_n_m: 10.0, friction_n: 3.0, ..LATE };
+const LATE: Setting = Setting { servo_delay: 1, ..PLAIN };
+
+const CASES: [Case; 4] = [
+    Case { name: "chains stretched (type 1)", kind: Kind::Stretched, setting: LATE },
+    Case { name: "chains stretched, dry joints, F 3 N", kind: Kind::Stretched, setting: DRY },
+    Case { name: "distal links in line (type 2)", kind: Kind::DistalStretched, setting: LATE },
+    Case { name: "distal links in line, dry joints, F 3 N", kind: Kind::DistalStretched, setting: DRY },
+];
+
+impl Case {
+    /// The setting at a gap, with the tool on the axis of symmetry.
+    fn at(&self, gap_m: f64) -> Setting {
+        let (distal_m, y_m) = match self.kind {
+            Kind::Stretched => {
+                let reach_m = PROXIMAL_M + DISTAL_M - gap_m;
+                (DISTAL_M, (reach_m * reach_m - HALF_BASE_M * HALF_BASE_M).sqrt())
+            }
+            Kind::DistalStretched => {
+                let half_m = SHORT_DISTAL_M - 0.5 * gap_m;
+                let height = |side: f64, across: f64| (side * side - across * across).sqrt();
+                (SHORT_DISTAL_M, height(PROXIMAL_M, half_m - HALF_BASE_M) + height(SHORT_DISTAL_M, half_m))
+            }
+        };
+        // A nudge that moves a frictionless arm by a small share of the gap; dry joints need one that moves them.
+        let nudge_n = if self.setting.coulomb_n_m > 0.0 { DRY_NUDGE_N } else { NUDGE_SHARE * gap_m * HAND_N_PER_M };
+        Setting { distal_m, start_m: Vector2::new(0.0, y_m), nudge_n, ..self.setting }
+    }
+}
+
+/// Every virtual mass at every gap.
+pub(super) struct Map;
+
+impl Sweep for Map {
+    fn name(&self) -> &'static str {
+        "singular"
+    }
+
+    fn columns(&self) -> &'static [&'static str] {
+        &["case", "gap_m", "virtual_mass_kg", "outcome"]
+    }
+
+    fn points(&self) -> u64 {
+        CASES.len() as u64 * GAPS * MASSES
+    }
+
+    fn point(&self, index: u64, _: Clock<'_>) -> Vec<Value> {
+        let (rest, mass) = (index / MASSES, index % MASSES);
+        let case = &CASES[(rest / GAPS) as usize];
+        let gap_m = cell(rest % GAPS, GAPS, GAPS_M);
+        let mass_kg = cell(mass, MASSES, MASSES_KG);
+        let outcome = case.at(gap_m).run(HAND_N_PER_M, mass_kg, DURATION_S);
+        vec![case.name.into(), gap_m.into(), mass_kg.into(), outcome.word().into()]
+    }
+}
+
+pub(super) fn report(map: &Table, report: &mut Report) {
+    let mut panels = Vec::new();
+    for case in &CASES {
+        let points: Vec<_> = map.rows().filter(|row| row.word("case") == case.name).collect();
+        let bound: Vec<_> = (0..GAPS)
+            .map(|gap| cell(gap, GAPS, GAPS_M))
+            .map(|gap_m| (gap_m, case.at(gap_m).least_mass_kg(HAND_N_PER_M)))
+            .collect();
+        let is_dead = |row: &&Row<'_>| row.word("outcome") == Outcome::Dies.word();
+        if case.setting.coulomb_n_m == 0.0 {
+            let mut agreement = Agreement::default();
+            for &(gap_m, least_kg) in &bound {
+                let column: Vec<_> = points.iter().filter(|row| row.number("gap_m") == gap_m).collect();
+                let measured = column.iter().rposition(|row| !is_dead(row)).map_or(0, |last| last as u64 + 1);
+                let computed = if least_kg.is_finite() { cells_below(least_kg, MASSES, MASSES_KG) } else { MASSES };
+                agreement.add(measured, computed, || format!("{:.2} mm: {measured}, theory {computed}", gap_m * 1e3));
+            }
+            report.notes.push(agreement.line(case.name));
+            let [first, last] = [agreement.beyond.first(), agreement.beyond.last()];
+            if let (Some(first), Some(last)) = (first, last) {
+                report.notes.push(format!("    others (masses not stable of {MASSES}): {first} to {last}"));
+            }
+        }
+        // The cell that holds the mass of the paper.
+        let paper = cell(cells_below(PAPER_KG, MASSES, MASSES_KG).saturating_sub(1), MASSES, MASSES_KG);
+        let fails = points
+            .iter()
+            .filter(|row| row.number("virtual_mass_kg") == paper && !is_dead(row))
+            .map(|row| row.number("gap_m"))
+            .fold(0.0, f64::max);
+        report.notes.push(format!(
+            "{}: a virtual mass of {paper:.1} kg and a hand of {HAND_N_PER_M} N/m fail at gaps of up to {:.2} mm",
+            case.name,
+            fails * 1e3
+        ));
+        panels.push(panel(case, &points, bound));
+    }
+    let chart = Chart {
+        title: format!("Near singularities, a hand of {HAND_N_PER_M} N/m: does a nudge die away?"),
+        panels,
+        columns: 4,
+    };
+    report.charts.push(("study-stability-singular", chart));
+}
+
+fn panel(case: &Case, points: &[Row<'_>], bound: Vec<(f64, f64)>) -> Panel {
+    let cells = |outcome: Outcome, name: &str, color| Series {
+        name: name.to_owned(),
+        points: points
+            .iter()
+            .filter(|row| row.word("outcome") == outcome.word())
+            .map(|row| (row.number("gap_m") * 1e3, row.number("virtual_mass_kg")))
+            .collect(),
+        mark: Mark::Cells(CELL),
+        color,
+    };
+    let line = bound.into_iter().map(|(gap_m, least_kg)| (gap_m * 1e3, least_kg)).collect();
+    Panel {
+        title: case.name.to_owned(),
+        x: Axis::logarithmic("gap to the singularity (mm)").over(GAPS_M[0] * 1e3, GAPS_M[1] * 1e3),
+        y: Axis::logarithmic("virtual mass (kg)").over(MASSES_KG[0], MASSES_KG[1]),
+        series: vec![
+            cells(Outcome::Dies, "dies away", Color::Pale),
+            cells(Outcome::Lasts, "goes on", Color::Orange),
+            cells(Outcome::Lost, "tool thrown away", Color::Vermilion),
+            cells(Outcome::Refused, "refused", Color::Sky),
+            Series { name: "theory, no dry friction".to_owned(), points: line, mark: Mark::Line, color: Color::Black },
+        ],
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_boundary_holds_near_both_kinds() {
+        for case in CASES.iter().filter(|case| case.setting.coulomb_n_m == 0.0) {
+            for gap_m in [0.5e-3, 10e-3] {
+                let setting = case.at(gap_m);
+                let least = setting.least_mass_kg(HAND_N_PER_M);
+                assert_eq!(setting.run(HAND_N_PER_M, 1.1 * least, DURATION_S), Outcome::Dies, "{} {gap_m}", case.name);
+                assert_ne!(setting.run(HAND_N_PER_M, 0.9 * least, DURATION_S), Outcome::Dies, "{} {gap_m}", case.name);
+            }
+        }
+    }
+}
