@@ -197,5 +197,5 @@ fn read(text: &str, cycles: usize) -> Option<Outcome> {
         tips.push(Vector2::new(next()?, next()?));
         loop_gap_m = loop_gap_m.max(next()?);
     }
-    (tips.len() == cycles).then(|| Outcome { version, on_core_s: on_core_ns * 1e-9, tips, loop_gap_m })
+    (tips.len() == cycles).then_some(Outcome { version, on_core_s: on_core_ns * 1e-9, tips, loop_gap_m })
 }
