@@ -230,6 +230,7 @@ mod tests {
             damping_n_s_per_m: 8.0,
             voluntary_force_limit_n: 40.0,
             tremor: None,
+            aim_error: None,
         };
         let path = [Leg::To { point_m: Vector1::new(-0.015), in_s: 0.8 }];
         let hand = Hand::new(hand, Path::new(Vector1::new(0.04), &path).unwrap(), 1).unwrap();

@@ -137,6 +137,7 @@ fn pair(case: &Case) -> Result<Pair<Plane<1>, 1>, RigError> {
         damping_n_s_per_m: 15.0 * (case.hand_n_per_m / 500.0).sqrt(),
         voluntary_force_limit_n: 40.0,
         tremor: None,
+        aim_error: None,
     };
     let aim = Vector1::new(-PRESS_N / case.hand_n_per_m);
     let path = Path::new(Vector1::new(START_M), &[Leg::To { point_m: aim, in_s: APPROACH_S }])?;
