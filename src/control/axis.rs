@@ -143,7 +143,7 @@ pub trait AxisController {
     fn reset(&mut self, error: f64);
 
     /// Takes the error of the last step to have been `error`, because the desired position was drawn back after it, and
-    /// lets the integral go on as [`Gains::integral_drawn_back`] says: an axis that is let go then comes to rest at the
+    /// has the integral go to `-error B/K` within the integral time `K/L`: an axis that is let go then comes to rest at the
     /// desired position and does not pass it.
     ///
     /// Real-time: yes.

@@ -333,24 +333,4 @@ mod tests {
             assert!(measures.impacts.iter().all(|impact| impact.predicted_depth_mm.is_none()), "{file} holds");
         }
     }
-
-    /// A hand of 8000 N/m on a rig with a cycle of 5 ms: it is fed until the rig is stopped for its speed. The passivity
-    /// controller lets it go on to the end, and is the difference.
-    #[test]
-    fn a_passivity_controller_keeps_a_slow_rig_running_in_a_braced_hand() {
-        let source = config::builtin("paper-admittance-5ms.yaml");
-        let rig = config::load_rig(source.clone()).unwrap().value;
-        let mut scene = config::load_scene(source.relative(&rig.scene)).unwrap().value;
-        scene.hand.stiffness_n_per_m = config::Positive::new(8000.0).unwrap();
-        let run = |passivity| {
-            let fixture = config::Fixture { passivity, ..rig.fixture.clone() };
-            let overrides = Overrides { fixture: Some(fixture), ..Overrides::default() };
-            run_rig(&rig, &scene, &overrides, Watch::default(), |_| {}).unwrap()
-        };
-        let without = run(None);
-        assert!(without.state.is_some_and(State::is_latched), "{:?}", without.cause);
-        let bound_j = config::Positive::new(0.02).unwrap();
-        let with = run(Some(config::Passivity { bound_j }));
-        assert_eq!(with.state, Some(State::Running), "{:?}", with.cause);
-    }
 }
