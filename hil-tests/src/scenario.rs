@@ -166,7 +166,7 @@ impl Session {
     /// # Panics
     /// Never: memory can be written.
     pub fn candump(&self) -> Vec<u8> {
-        let mut log = CandumpWriter::new(Vec::new(), "vcan0");
+        let mut log = CandumpWriter::new(Vec::new(), ["vcan0", "vcan1", "vcan2"]);
         for seen in self.recording().frames {
             log.record(seen.time, &seen.frame).expect("memory can be written");
         }

@@ -12,7 +12,7 @@ use yieldwall::guard::Request;
 use yieldwall::rig::bus_plan;
 use yieldwall::sim::can::{BitTiming, QueueOrder, VirtualBus};
 
-const RIGS: [&str; 8] = [
+const RIGS: [&str; 9] = [
     "paper-admittance.yaml",
     "paper-admittance-cartesian.yaml",
     "paper-admittance-csv.yaml",
@@ -21,14 +21,15 @@ const RIGS: [&str; 8] = [
     "paper-admittance-4ms.yaml",
     "paper-admittance-streaming.yaml",
     "paper-admittance-polled.yaml",
+    "paper-admittance-two-buses.yaml",
 ];
 
 /// Simulated time of each rig, s: the hand goes through free motion, contact and yielding in it.
 const WATCHED_S: f64 = 4.0;
 
-fn budget_of(scenario: &Scenario) -> Budget {
+fn budgets_of(scenario: &Scenario) -> Vec<Budget> {
     let (setup, conditions) = bus_plan(&scenario.rig).unwrap();
-    Budget::new(&setup, conditions).unwrap()
+    conditions.into_iter().map(|conditions| Budget::new(&setup, conditions).unwrap()).collect()
 }
 
 fn frame(budget: &Budget, cob_id: u16) -> &FrameBudget {
@@ -78,7 +79,10 @@ impl<'a> Watch<'a> {
 
 /// Runs a rig and compares every frame of every cycle with the budget.
 fn watch_rig(scenario: &Scenario) -> Vec<(String, u64, u64)> {
-    let budget = budget_of(scenario);
+    budgets_of(scenario).into_iter().flat_map(|budget| watch_bus(scenario, budget)).collect()
+}
+
+fn watch_bus(scenario: &Scenario, budget: Budget) -> Vec<(String, u64, u64)> {
     assert!(budget.is_schedulable(), "{}", scenario.file);
     let mut watch = Watch::new(&budget);
     let compute_at = budget.conditions.compute_at;
@@ -89,7 +93,7 @@ fn watch_rig(scenario: &Scenario) -> Vec<(String, u64, u64)> {
     }
     let end = session.machine.next_sync();
     for Seen { time, frame: seen } in session.recording().frames {
-        if time < first || time >= end {
+        if seen.bus() != budget.conditions.bus || time < first || time >= end {
             continue;
         }
         let planned = frame(&budget, seen.id());
@@ -135,6 +139,8 @@ fn no_frame_of_a_shipped_rig_takes_longer_than_computed() {
 #[derive(Clone, Debug)]
 struct Traffic {
     file: &'static str,
+    /// Which bus, as far as there are more.
+    bus: usize,
     has_fifo: bool,
     delay_us: u64,
     heartbeat_ms: u16,
@@ -153,6 +159,7 @@ fn traffic() -> impl Strategy<Value = Traffic> {
     let phase = prop_oneof![0u64..20_000_000, 0u64..1_000, 550_000u64..700_000, 950_000u64..1_000_000];
     (
         prop::sample::select(RIGS.to_vec()),
+        any::<usize>(),
         any::<bool>(),
         prop::sample::select(vec![0u64, 20, 60]),
         prop::sample::select(vec![20u16, 9, 20, 11]),
@@ -160,8 +167,9 @@ fn traffic() -> impl Strategy<Value = Traffic> {
         prop::collection::vec(0u64..61, 64),
         prop::collection::vec(prop_oneof![any::<u64>(), sparse, stuffed], 64),
     )
-        .prop_map(|(file, has_fifo, delay_us, heartbeat_ms, phases, delays, data)| Traffic {
+        .prop_map(|(file, bus, has_fifo, delay_us, heartbeat_ms, phases, delays, data)| Traffic {
             file,
+            bus,
             has_fifo,
             delay_us,
             heartbeat_ms,
@@ -193,6 +201,7 @@ fn run_traffic(traffic: &Traffic) -> Option<u64> {
         *heartbeat_ms = traffic.heartbeat_ms;
     }
     let (setup, conditions) = bus_plan(&rig).unwrap();
+    let conditions = conditions[traffic.bus % conditions.len()];
     let device_delay = Duration::from_micros(traffic.delay_us);
     let budget = Budget::new(&setup, Conditions { device_delay, has_fifo: traffic.has_fifo, ..conditions }).unwrap();
     // What the budget does not promise cannot be held against it.
@@ -294,6 +303,7 @@ fn heartbeats_that_meet_hold_up_sync_and_the_measured_values_are_still_in_time()
         let phases = vec![619_000, 619_000, 618_999, 0];
         let traffic = Traffic {
             file,
+            bus: 0,
             has_fifo: true,
             delay_us: 0,
             heartbeat_ms: 20,

@@ -5,6 +5,7 @@ use yieldwall::canopen::Frame;
 use yieldwall::config::{BusTiming, CommandMode, Finite, PathSegment, Side, Tracking};
 use yieldwall::guard::State;
 use yieldwall::rig::RigError;
+use yieldwall::sim::can::BusCounters;
 
 /// Counts of a turn of the shipped rigs, over its angle.
 const COUNTS_PER_RAD: f64 = 800_000.0 / std::f64::consts::TAU;
@@ -41,7 +42,7 @@ fn every_shipped_rig_boots_enables_and_follows_the_hand() {
         let error = session.rows.iter().map(|row| distance(row.tool_m, row.proxy_m)).fold(0.0, f64::max);
         // The tool is where the proxy was about two cycles ago.
         assert!(error < 1e-3 + 4.0 * scenario.period_s() * 0.3, "tool and proxy are {error} m apart; {replay}");
-        let counters = session.machine.bus_counters();
+        let counters: BusCounters = session.machine.bus_counters().sum();
         assert_eq!((counters.overflowed, counters.dropped, counters.identifier_clashes), (0, 0, 0), "{replay}");
     }
 }
@@ -188,7 +189,7 @@ fn a_cycle_is_sync_alone_then_process_data_then_set_points_and_nothing_is_left_o
             }
         }
         let seconds = recording.frames.last().unwrap().time.as_secs_f64();
-        let load = session.machine.bus_counters().bits as f64 / (seconds * 1e6);
+        let load = session.machine.bus_counters().sum::<BusCounters>().bits as f64 / (seconds * 1e6);
         assert!(load < 0.80, "I19: bus load {load}; {replay}");
     }
 }

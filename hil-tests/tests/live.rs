@@ -7,7 +7,7 @@ use hil_tests::{Scenario, cable::Cable};
 use yieldwall::bus::BootFailure;
 use yieldwall::canopen::cob;
 use yieldwall::guard::{Fault, Request, State};
-use yieldwall::live::{Ended, LiveError, LiveRig, Play, Played, drive_nodes};
+use yieldwall::live::{Ended, LiveError, LiveRig, Play, Played, drive_addresses};
 use yieldwall::record::Row;
 use yieldwall::rig::{self, DRILL_LIMIT, DeviceServer, Enable, Enabling, Pace, Unsafe};
 use yieldwall::sim::Watchdog;
@@ -169,8 +169,8 @@ fn a_drive_that_dies_stops_the_other_in_the_same_cycle() {
     for pace in [Pace::Free, Pace::Lockstep] {
         let scenario = Scenario::torque();
         let (cable, mut rig) = running(&scenario, pace, 300);
-        let [left, _] = drive_nodes(&scenario.rig).unwrap();
-        let own = [cob::tpdo(1, left), Some(cob::heartbeat(left)), Some(cob::emcy(left))];
+        let [left, _] = drive_addresses(&scenario.rig).unwrap();
+        let own = [cob::tpdo(1, left.node), Some(cob::heartbeat(left.node)), Some(cob::emcy(left.node))];
         cable.set_passage(move |_, is_master, frame| is_master || !own.contains(&Some(frame.id())));
         // Missed process data: after two cycles the reference comes to rest, after five the drives quick-stop.
         assert_eq!(until_latched(&mut rig, 10), Some(5), "{pace:?}");
@@ -205,7 +205,7 @@ fn the_drill_on_a_bus_finds_what_the_one_in_virtual_time_finds() {
     for scenario in [Scenario::torque(), Scenario::position()] {
         let is_torque = scenario.file == "paper-admittance.yaml";
         let (_, mut live) = wired(&scenario, Pace::Free);
-        let on_bus = live.drill(drive_nodes(&scenario.rig).unwrap(), 50, &AtomicBool::new(false)).unwrap();
+        let on_bus = live.drill(drive_addresses(&scenario.rig).unwrap(), 50, &AtomicBool::new(false)).unwrap();
         let virtually = rig::drill(&scenario.rig, &scenario.scene, |_| ()).unwrap();
         on_bus.judge(is_torque).unwrap();
         virtually.judge(is_torque).unwrap();
@@ -228,7 +228,7 @@ fn a_drive_without_a_watchdog_is_found_on_the_bus_and_in_virtual_time() {
         server.ignore(watchdog);
         let cable = Cable::new(server);
         let mut live = LiveRig::new(&scenario.rig, cable.clone(), cable.clone(), Pace::Free).unwrap();
-        let on_bus = live.drill(drive_nodes(&scenario.rig).unwrap(), 50, &AtomicBool::new(false)).unwrap();
+        let on_bus = live.drill(drive_addresses(&scenario.rig).unwrap(), 50, &AtomicBool::new(false)).unwrap();
         let virtually = rig::drill(&scenario.rig, &scenario.scene, |machine| machine.ignore(watchdog)).unwrap();
         for drilled in [on_bus, virtually] {
             assert_eq!(drilled.judge(false), Err(Unsafe::GoesOn { side: "left", watchdog }), "{drilled:?}");

@@ -119,6 +119,11 @@ impl Boot {
         (self.next, self.verifying, self.started, self.restarts) = (0, false, false, 0);
     }
 
+    /// The node.
+    pub(super) fn node(&self) -> NodeId {
+        self.client.node()
+    }
+
     /// What is being done now.
     pub(super) fn doing(&self) -> &'static str {
         self.steps.get(self.next).map_or("start", |step| step.doing)

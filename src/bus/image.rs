@@ -85,6 +85,7 @@ pub(super) struct Irregular {
 
 #[derive(Clone, Copy, Debug)]
 struct Outgoing {
+    bus: u8,
     id: u16,
     len: u8,
     controlword: Field,
@@ -119,6 +120,8 @@ pub(super) struct Image {
     sample: RawSample,
     /// When the last frame of `sample` came.
     sampled_at: Time,
+    /// Number of the sensor's bus.
+    sensor_bus: u8,
     /// The sensor, if it speaks plain CAN.
     plain: Option<Client>,
     irregular: Irregular,
@@ -141,19 +144,21 @@ impl Image {
     pub(super) fn new(
         mode: CommandMode,
         drives: [(&DriveSetup, NodeId); 2],
+        sensor_bus: u8,
         sensor: SensorFrames<'_>,
     ) -> Result<Self, BootFailure> {
-        let mut image = Incomings::new();
+        let [(left, _), (right, _)] = &drives;
+        let mut image = Incomings::new(left.bus.max(right.bus).max(sensor_bus));
         let [left, right] = drives;
         let drives = [image.drive(mode, 0, left)?, image.drive(mode, 1, right)?];
         let plain = match sensor {
             SensorFrames::Canopen(setup, node) => {
-                image.sensor(setup, node)?;
+                image.sensor(sensor_bus, setup, node)?;
                 None
             }
             SensorFrames::PlainCan(client) => Some(client),
         };
-        let set_points = drives.each_ref().map(|drive| drive.outgoing.id);
+        let set_points = drives.each_ref().map(|drive| (drive.outgoing.bus, drive.outgoing.id));
         let Incomings { slots, incoming } = image;
         let mut image = Self {
             slots,
@@ -161,17 +166,18 @@ impl Image {
             drives,
             sample: NO_SAMPLE,
             sampled_at: Time::default(),
+            sensor_bus,
             plain,
             irregular: Irregular::default(),
             is_open: false,
         };
-        set_points.into_iter().for_each(|id| image.reserve(id));
+        set_points.into_iter().for_each(|(bus, id)| image.reserve(bus, id));
         Ok(image)
     }
 
-    /// Frames with this identifier are the master's alone.
-    pub(super) fn reserve(&mut self, id: u16) {
-        if let Some(slot) = self.slots.get_mut(usize::from(id)) {
+    /// Frames with this identifier are the master's alone on this bus.
+    pub(super) fn reserve(&mut self, bus: u8, id: u16) {
+        if let Some(slot) = self.slots.get_mut(slot_index(bus, id)) {
             *slot = OWN_SLOT;
         }
     }
@@ -182,7 +188,7 @@ impl Image {
         let [first, second] = client.protocol().data_ids();
         let order = client.protocol().order_id();
         for (id, wanted) in [(first, PLAIN_SLOT), (second, PLAIN_SLOT), (order, OWN_SLOT)] {
-            match self.slots.get_mut(usize::from(id)) {
+            match self.slots.get_mut(slot_index(self.sensor_bus, id)) {
                 Some(slot) if *slot == NO_SLOT => *slot = wanted,
                 _ => return Err(BootFailure::Identifier { id }),
             }
@@ -242,7 +248,7 @@ impl Image {
     ///
     /// Real-time: yes.
     pub(super) fn on_frame(&mut self, now: Time, frame: &Frame) -> Taken {
-        let slot = self.slots.get(usize::from(frame.id())).copied().unwrap_or(NO_SLOT);
+        let slot = self.slots.get(slot_index(frame.bus(), frame.id())).copied().unwrap_or(NO_SLOT);
         let Some(incoming) = self.incoming.get_mut(usize::from(slot)) else {
             return match (slot, &mut self.plain) {
                 (OWN_SLOT, _) => Taken::Own,
@@ -346,11 +352,12 @@ impl Image {
         Some(self.sample)
     }
 
-    /// Whether the frame with this identifier is a set-point.
+    /// Whether an own frame is a set-point.
     ///
     /// Real-time: yes.
-    pub(super) fn is_set_point(&self, id: u16) -> bool {
-        self.drives.iter().any(|drive| drive.outgoing.id == id)
+    pub(super) fn is_set_point(&self, frame: &Frame) -> bool {
+        let own = (frame.bus(), frame.id());
+        self.drives.iter().any(|drive| (drive.outgoing.bus, drive.outgoing.id) == own)
     }
 
     /// Asks every drive in Fault for one reset.
@@ -375,13 +382,18 @@ impl Image {
         for (drive, set_point) in self.drives.iter_mut().zip(set_points) {
             drive.walk.set_goal(goal);
             let controlword = drive.walk.step(drive.statusword).controlword;
-            let Outgoing { id, len, controlword: control, set_point: target } = drive.outgoing;
+            let Outgoing { bus, id, len, controlword: control, set_point: target } = drive.outgoing;
             let mut word = 0;
             control.put_unsigned(&mut word, u64::from(controlword));
             target.put_signed(&mut word, set_point);
-            out.push(Frame::from_bits(id, word, len));
+            out.push(Frame::from_bits(id, word, len).on_bus(bus));
         }
     }
+}
+
+/// Place of an identifier of a bus among the slots.
+fn slot_index(bus: u8, id: u16) -> usize {
+    usize::from(bus) * IDENTIFIERS + usize::from(id)
 }
 
 fn sample_of(drive: &Drive, angle_rad: Option<f64>) -> DriveSample {

@@ -34,6 +34,8 @@ impl CommandMode {
 pub struct DriveSetup {
     /// Name for messages.
     pub name: String,
+    /// Number of the bus that it is on.
+    pub bus: u8,
     /// Node id, 1 to 127.
     pub node_id: u8,
     /// Device model.
@@ -55,6 +57,8 @@ pub struct DriveSetup {
 pub struct SensorSetup {
     /// Name for messages.
     pub name: String,
+    /// Number of the bus that it is on.
+    pub bus: u8,
     /// What it speaks.
     pub link: SensorLink,
     /// Time from one sample to the next.
@@ -81,7 +85,7 @@ pub struct SensorNode {
     pub heartbeat: Duration,
 }
 
-/// The whole network of one rig.
+/// The whole network of one rig: its devices, on as many buses as they name.
 #[derive(Clone, Debug)]
 pub struct MasterSetup {
     /// Node id of the master, 1 to 127; the drives watch its heartbeat.
@@ -96,4 +100,42 @@ pub struct MasterSetup {
     pub drives: [DriveSetup; 2],
     /// The force sensor.
     pub sensor: SensorSetup,
+}
+
+impl MasterSetup {
+    /// Numbers of the buses: all that a device is on.
+    pub(super) fn buses(&self) -> impl Iterator<Item = u8> + use<> {
+        let [left, right] = &self.drives;
+        let used = [left.bus, right.bus, self.sensor.bus];
+        (0..=u8::MAX).filter(move |bus| used.contains(bus))
+    }
+
+    /// Whether somebody on a bus hears SYNC: a drive, or a force sensor with synchronous process data.
+    ///
+    /// # Source
+    /// CiA 301, transmission type: 0 to 240 are synchronous.
+    pub(super) fn has_sync(&self, bus: u8) -> bool {
+        const SYNCHRONOUS: std::ops::RangeInclusive<u8> = 0..=240;
+        let is_synchronous = |node: &SensorNode| {
+            let pdos = node.profile.pdos(None);
+            pdos.is_some_and(|map| map.tpdo.iter().any(|pdo| SYNCHRONOUS.contains(&pdo.transmission_type)))
+        };
+        self.drives.iter().any(|drive| drive.bus == bus)
+            || (self.sensor.bus == bus && self.sensor.node().is_some_and(is_synchronous))
+    }
+
+    /// Whether there are CANopen nodes on a bus.
+    pub(super) fn has_nodes(&self, bus: u8) -> bool {
+        self.drives.iter().any(|drive| drive.bus == bus) || (self.sensor.bus == bus && self.sensor.node().is_some())
+    }
+}
+
+impl SensorSetup {
+    /// The sensor as a CANopen node, if it is one.
+    fn node(&self) -> Option<&SensorNode> {
+        match &self.link {
+            SensorLink::Canopen(node) => Some(node),
+            SensorLink::PlainCan(_) => None,
+        }
+    }
 }

@@ -45,12 +45,16 @@ impl Sub<Time> for Time {
 ///
 /// A remote frame asks for the data frame of its identifier: node guarding alone uses it. Its payload is empty,
 /// whatever length it asks for, so that no decoder takes it for data.
+///
+/// Whoever takes part in several buses tells them apart by [`Frame::bus`]. It is no part of what is on the wire: engines of
+/// one node neither read nor set it, and [`Outbox::on`] sets it for them.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Frame {
     id: u16,
     len: u8,
     /// Data length code of a remote frame; `None` for a data frame.
     requested: Option<u8>,
+    bus: u8,
     data: [u8; 8],
 }
 
@@ -60,7 +64,7 @@ impl Frame {
     ///
     /// Real-time: yes.
     pub fn new(id: u16, data: &[u8]) -> Self {
-        let mut frame = Frame { id: id & 0x7ff, len: data.len().min(8) as u8, requested: None, data: [0; 8] };
+        let mut frame = Frame { id: id & 0x7ff, len: data.len().min(8) as u8, requested: None, bus: 0, data: [0; 8] };
         for (to, from) in frame.data.iter_mut().zip(data) {
             *to = *from;
         }
@@ -73,14 +77,27 @@ impl Frame {
     pub fn from_bits(id: u16, bits: u64, len: u8) -> Self {
         let len = len.min(8);
         let kept = if len == 8 { bits } else { bits & ((1u64 << (8 * len)) - 1) };
-        Frame { id: id & 0x7ff, len, requested: None, data: kept.to_le_bytes() }
+        Frame { id: id & 0x7ff, len, requested: None, bus: 0, data: kept.to_le_bytes() }
     }
 
     /// The remote frame that asks for the `len` (at most 8) bytes of `id`.
     ///
     /// Real-time: yes.
     pub fn remote(id: u16, len: u8) -> Self {
-        Frame { id: id & 0x7ff, len: 0, requested: Some(len.min(8)), data: [0; 8] }
+        Frame { id: id & 0x7ff, len: 0, requested: Some(len.min(8)), bus: 0, data: [0; 8] }
+    }
+
+    /// The same frame on the bus with this number.
+    ///
+    /// Real-time: yes.
+    #[must_use]
+    pub const fn on_bus(self, bus: u8) -> Self {
+        Frame { bus, ..self }
+    }
+
+    /// Number of the bus that it comes from or goes to, counted from 0; 0 where there is one bus.
+    pub const fn bus(&self) -> u8 {
+        self.bus
     }
 
     /// Whether this is a remote frame.
@@ -131,6 +148,27 @@ impl Frame {
 pub trait Outbox {
     /// Queues one frame. A full queue counts the loss; it never blocks.
     fn push(&mut self, frame: Frame);
+
+    /// The same for an engine that knows of one bus: whatever it sends goes to the bus with this number.
+    fn on(&mut self, bus: u8) -> OnBus<'_, Self>
+    where
+        Self: Sized,
+    {
+        OnBus { out: self, bus }
+    }
+}
+
+/// The part of an [`Outbox`] that leads to one bus.
+#[derive(Debug)]
+pub struct OnBus<'a, O> {
+    out: &'a mut O,
+    bus: u8,
+}
+
+impl<O: Outbox> Outbox for OnBus<'_, O> {
+    fn push(&mut self, frame: Frame) {
+        self.out.push(frame.on_bus(self.bus));
+    }
 }
 
 impl Outbox for Vec<Frame> {

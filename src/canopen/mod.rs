@@ -33,7 +33,7 @@ pub use cob::node_id;
 pub use dictionary::{Access, DeviceIdentity, Handle, Mappable, Object, ObjectDictionary};
 pub use emcy::{EmcyCode, Emergency, PastError};
 pub use error::CanopenError;
-pub use frame::{Frame, Outbox, Time};
+pub use frame::{Frame, OnBus, Outbox, Time};
 pub use guarding::{GuardEvent, NodeGuard};
 pub use nmt::{HeartbeatChange, HeartbeatConsumer, HeartbeatEvent};
 pub use node::{Application, Node, Reset};

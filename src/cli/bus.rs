@@ -43,58 +43,80 @@ pub(super) fn run(command: &Command, output: &mut Output) -> Result<(), Failure>
     let Command::Budget(arguments) = command;
     let rig = config::load_rig(Source::named(&arguments.rig))?;
     output.warnings(&rig.warnings);
-    let plan = Plan::new(&rig.value, |conditions| Conditions {
+    let plans = plans_under(&rig.value, |conditions| Conditions {
         device_delay: Duration::from_micros(arguments.device_delay_us.into()),
         has_release_jitter: !arguments.no_release_jitter,
         has_fifo: !arguments.no_fifo,
         ..conditions
     });
-    let plan = plan.map_err(|error| failure(&error))?;
-    if output.is_json() { output.json(&plan.to_json()) } else { output.result(&plan.text()) }
+    let plans = plans.map_err(|error| failure(&error))?;
+    if output.is_json() { output.json(&to_json(&plans)) } else { output.result(&text(&plans)) }
 }
 
 fn failure(error: &RigError) -> Failure {
     Failure::new(Exit::ConfigInvalid, error.to_string(), "run `yieldwall config check` on the rig")
 }
 
-/// The budget of a rig's bus and what it was made from.
+/// The budget of one of a rig's buses and what it was made from.
 #[derive(Debug)]
 pub(super) struct Plan<'a> {
     rig: &'a Rig,
+    /// Its name.
+    name: &'a str,
+    bus: &'a config::Bus,
     setup: MasterSetup,
     budget: Budget,
+    /// The conditions of the rig's other buses.
+    others: Vec<Conditions>,
 }
 
-impl<'a> Plan<'a> {
-    /// As a run takes it.
-    pub(super) fn of(rig: &'a Rig) -> Result<Self, RigError> {
-        Self::new(rig, |conditions| conditions)
-    }
+/// The budgets of all buses, as a run takes them.
+pub(super) fn plans(rig: &Rig) -> Result<Vec<Plan<'_>>, RigError> {
+    plans_under(rig, |conditions| conditions)
+}
 
-    fn new(rig: &'a Rig, change: impl FnOnce(Conditions) -> Conditions) -> Result<Self, RigError> {
-        let (setup, conditions) = bus_plan(rig)?;
-        let budget = Budget::new(&setup, change(conditions))?;
-        Ok(Self { rig, setup, budget })
-    }
+fn plans_under(rig: &Rig, change: impl Fn(Conditions) -> Conditions) -> Result<Vec<Plan<'_>>, RigError> {
+    let (setup, conditions) = bus_plan(rig)?;
+    let conditions: Vec<Conditions> = conditions.into_iter().map(change).collect();
+    let each = rig.buses.iter().zip(&conditions).map(|((name, bus), own)| {
+        let others = conditions.iter().filter(|other| other.bus != own.bus).copied().collect();
+        Ok(Plan { rig, name, bus, setup: setup.clone(), budget: Budget::new(&setup, *own)?, others })
+    });
+    each.collect()
+}
 
-    /// Name and entry of the bus.
-    fn bus(&self) -> Option<(&String, &config::Bus)> {
-        self.rig.buses.iter().next()
-    }
+/// One table for each bus.
+fn text(plans: &[Plan<'_>]) -> String {
+    plans.iter().map(Plan::text).collect::<Vec<_>>().join("\n")
+}
 
+/// All budgets for a program to read.
+pub(super) fn to_json(plans: &[Plan<'_>]) -> Value {
+    json!({
+        "schedulable": plans.iter().all(|plan| plan.budget.is_schedulable()),
+        "buses": plans.iter().map(Plan::to_json).collect::<Vec<_>>(),
+    })
+}
+
+impl Plan<'_> {
     fn is_ideal(&self) -> bool {
-        self.bus().is_some_and(|(_, bus)| bus.timing == BusTiming::Ideal)
+        self.bus.timing == BusTiming::Ideal
+    }
+
+    /// How the bus is called where there are several.
+    fn called(&self, before: &str, after: &str) -> String {
+        if self.rig.buses.len() > 1 { format!("{before}{}{after}", self.name) } else { String::new() }
     }
 
     fn advice(&self) -> Option<Advice> {
-        advise(&self.setup, self.budget.conditions).ok().flatten()
+        advise(&self.setup, self.budget.conditions, &self.others).ok().flatten()
     }
 
     /// One line for `config check`.
     pub(super) fn line(&self) -> String {
         let load = 100.0 * self.budget.load();
         let nearest = self.budget.latest().map(|latest| format!(", {}", verdict(latest))).unwrap_or_default();
-        format!("bus load at most {load:.1} %{nearest}")
+        format!("bus{} load at most {load:.1} %{nearest}", self.called(" ", ""))
     }
 
     /// For a person to read in 80 columns.
@@ -103,8 +125,9 @@ impl<'a> Plan<'a> {
         let Conditions { bit_rate, compute_at, .. } = budget.conditions;
         let mut lines = vec![
             format!(
-                "{}: {} kbit/s, cycle {} us, control step at {} us",
+                "{}{}: {} kbit/s, cycle {} us, control step at {} us",
                 self.rig.rig.name,
+                self.called(", bus ", ""),
                 f64::from(bit_rate) / 1e3,
                 budget.cycle.as_micros(),
                 compute_at.as_micros()
@@ -174,11 +197,11 @@ impl<'a> Plan<'a> {
 
     /// The key that the help is about.
     fn key(&self) -> String {
-        match (self.advice(), self.bus()) {
-            (Some(advice), Some((name, _))) if advice.bit_rate != self.budget.conditions.bit_rate => {
-                format!("buses.{name}.bit_rate_bit_per_s")
+        match self.advice() {
+            Some(advice) if advice.bit_rate != self.budget.conditions.bit_rate => {
+                format!("buses.{}.bit_rate_bit_per_s", self.name)
             }
-            (Some(advice), _) if advice.period == self.budget.cycle => "cycle.compute_at_us".to_owned(),
+            Some(advice) if advice.period == self.budget.cycle => "cycle.compute_at_us".to_owned(),
             _ => "cycle.period_us".to_owned(),
         }
     }
@@ -187,13 +210,14 @@ impl<'a> Plan<'a> {
     /// warning. `None` if it can.
     pub(super) fn finding(&self, file: &Loaded<Rig>) -> Option<Diagnostic> {
         let latest = self.budget.latest().filter(|_| !self.budget.is_schedulable())?;
+        let called = self.called(" ", "");
         let (severity, where_to) = if self.is_ideal() {
-            (Severity::Warning, "a real bus would not keep the cycle")
+            (Severity::Warning, format!("a real bus{called} would not keep the cycle"))
         } else {
-            (Severity::Error, "the bus cannot keep the cycle")
+            (Severity::Error, format!("the bus{called} cannot keep the cycle"))
         };
         let key = self.key();
-        let bit_rate = self.bus().map(|(name, _)| format!("buses.{name}.bit_rate_bit_per_s")).unwrap_or_default();
+        let bit_rate = format!("buses.{}.bit_rate_bit_per_s", self.name);
         let see = [
             ("cycle.period_us", "period_us"),
             ("cycle.compute_at_us", "compute_at_us"),
@@ -205,14 +229,15 @@ impl<'a> Plan<'a> {
     }
 
     /// For a program to read.
-    pub(super) fn to_json(&self) -> Value {
+    fn to_json(&self) -> Value {
         let budget = &self.budget;
-        let Conditions { bit_rate, compute_at, device_delay, has_release_jitter, has_fifo } = budget.conditions;
+        let Conditions { bit_rate, compute_at, device_delay, has_release_jitter, has_fifo, .. } = budget.conditions;
         let disturbed = |latest: &Option<FrameBudget>| {
             let is_schedulable = latest.as_ref().is_some_and(FrameBudget::is_in_time);
             json!({ "schedulable": is_schedulable, "latest": latest.as_ref().map(figures) })
         };
         let mut document = json!({
+            "bus": self.name,
             "bit_rate": bit_rate,
             "cycle_us": budget.cycle.as_micros() as u64,
             "compute_at_us": compute_at.as_micros() as u64,
@@ -338,18 +363,19 @@ mod tests {
 
     fn drawn(changes: &[(&str, &str)]) -> String {
         let rig = changed(changes);
-        let finding = Plan::of(&rig.value).unwrap().finding(&rig);
-        super::super::render::Renderer::new(false).render(finding.as_slice())
+        let findings: Vec<_> = plans(&rig.value).unwrap().iter().filter_map(|plan| plan.finding(&rig)).collect();
+        super::super::render::Renderer::new(false).render(&findings)
     }
 
     #[test]
     fn shipped_rigs_fit_their_bus() {
-        assert_eq!(rigs().count(), 9);
+        assert_eq!(rigs().count(), 10);
         for name in rigs() {
             let rig = load_rig(builtin(name)).unwrap();
-            let plan = Plan::of(&rig.value).unwrap();
-            assert!(plan.budget.is_schedulable(), "{name}:\n{}", plan.text());
-            assert_eq!(plan.finding(&rig), None);
+            for plan in plans(&rig.value).unwrap() {
+                assert!(plan.budget.is_schedulable(), "{name}:\n{}", plan.text());
+                assert_eq!(plan.finding(&rig), None);
+            }
         }
     }
 
@@ -359,7 +385,7 @@ mod tests {
         let long = ("name: left", "name: a-left-drive-with-a-name-that-goes-on-and-on");
         for changes in [&[][..], &[slow], &[long], &[("timing: arbitrated", "timing: ideal")]] {
             let rig = changed(changes);
-            let text = Plan::of(&rig.value).unwrap().text();
+            let text = text(&plans(&rig.value).unwrap());
             let rows = text.lines().filter(|line| line.len() > 5 && line.as_bytes()[3] == b'h');
             let ids: Vec<&str> = rows.map(|line| &line[..3]).collect();
             assert!(ids.len() == 16 && ids.is_sorted(), "{text}");
@@ -372,9 +398,9 @@ mod tests {
 
     #[test]
     fn tables() {
-        insta::assert_snapshot!("bus-budget", Plan::of(&changed(&[]).value).unwrap().text());
+        insta::assert_snapshot!("bus-budget", text(&plans(&changed(&[]).value).unwrap()));
         let slow = changed(&[("bit_rate_bit_per_s: 1000000", "bit_rate_bit_per_s: 500000")]);
-        insta::assert_snapshot!("bus-budget-slow", Plan::of(&slow.value).unwrap().text());
+        insta::assert_snapshot!("bus-budget-slow", text(&plans(&slow.value).unwrap()));
     }
 
     #[test]
@@ -389,7 +415,8 @@ mod tests {
     #[test]
     fn the_document_has_the_keys_that_programs_read() {
         let rig = changed(&[]);
-        let document = Plan::of(&rig.value).unwrap().to_json();
+        let document = &to_json(&plans(&rig.value).unwrap())["buses"][0];
+        assert_eq!(document["bus"], json!("main"));
         assert_eq!((&document["bit_rate"], &document["cycle_us"]), (&json!(1_000_000), &json!(1000)));
         assert_eq!(document["schedulable"], json!(true));
         assert!((document["load_worst"].as_f64().unwrap() - 0.738).abs() < 1e-9);
@@ -398,7 +425,9 @@ mod tests {
         assert_eq!((&sync["bits_worst"], &sync["deadline_us"]), (&json!(55), &json!(620)));
         assert!(sync["response_time_us"].as_u64().is_some());
         let slow = changed(&[("bit_rate_bit_per_s: 1000000", "bit_rate_bit_per_s: 250000")]);
-        let document = Plan::of(&slow.value).unwrap().to_json();
+        let document = to_json(&plans(&slow.value).unwrap());
+        assert_eq!(document["schedulable"], json!(false));
+        let document = &document["buses"][0];
         assert_eq!((&document["schedulable"], &document["advice"]["bit_rate"]), (&json!(false), &json!(1_000_000)));
         assert!(document["frames"].as_array().unwrap().iter().any(|frame| frame["response_time_us"].is_null()));
     }

@@ -2,7 +2,7 @@
 
 use serde_json::{Value, json};
 
-use super::bus::Plan;
+use super::bus::{Plan, plans, to_json};
 use super::failure::{Exit, Failure};
 use super::margins::Margins;
 use super::output::Output;
@@ -65,9 +65,9 @@ fn check(files: &[String], output: &mut Output) -> Result<(), Failure> {
         if let (Some(device), Some(coupled)) = (device, &coupled) {
             findings.extend(tune::coupled_finding(device, coupled));
         }
-        let plan = rig.and_then(|rig| Plan::of(&rig.value).ok());
-        if let (Some(rig), Some(plan)) = (rig, &plan) {
-            findings.extend(plan.finding(rig));
+        let plans = rig.and_then(|rig| plans(&rig.value).ok()).unwrap_or_default();
+        if let Some(rig) = rig {
+            findings.extend(plans.iter().filter_map(|plan| plan.finding(rig)));
         }
         let is_ok = findings.iter().all(|finding| finding.severity != Severity::Error);
         let kind = result.as_ref().ok().map(|document| document.kind().to_string());
@@ -82,8 +82,8 @@ fn check(files: &[String], output: &mut Output) -> Result<(), Failure> {
         if let Some(coupled) = &coupled {
             entry["virtual_coupling"] = tune::coupled_json(coupled, 1.0);
         }
-        if let Some(plan) = &plan {
-            entry["bus_budget"] = plan.to_json();
+        if !plans.is_empty() {
+            entry["bus_budget"] = to_json(&plans);
         }
         checked.push(entry);
         match &result {
@@ -93,7 +93,7 @@ fn check(files: &[String], output: &mut Output) -> Result<(), Failure> {
                 let coupled =
                     device.zip(coupled).map(|(device, coupled)| tune::coupled_lines(&device.value, &coupled, 1.0));
                 let lines = margins.iter().flat_map(Margins::lines).chain(masses.iter().map(Masses::line));
-                for line in lines.chain(coupled.into_iter().flatten()).chain(plan.iter().map(Plan::line)) {
+                for line in lines.chain(coupled.into_iter().flatten()).chain(plans.iter().map(Plan::line)) {
                     output.news(&format!("    {line}"))?;
                 }
             }

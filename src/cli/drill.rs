@@ -5,13 +5,14 @@ use std::thread;
 use serde_json::json;
 
 use super::failure::{Exit, Failure};
+use super::interfaces::Interfaces;
 use super::keep::state_folder;
 use super::live::{live_failure, on_interrupt, open, settling_cycles};
 use super::output::Output;
 use super::run::{judge, rig_failure, watchdogs_json, watchdogs_text};
 use crate::config::{self, Report, Source};
 use crate::live::host::{SystemMetronome, lock_memory, run_first};
-use crate::live::{LiveError, LiveRig, Subject, drive_nodes};
+use crate::live::{LiveError, LiveRig, Subject, drive_addresses};
 use crate::rig::{Drilled, Pace};
 
 #[derive(Debug, clap::Args)]
@@ -19,9 +20,9 @@ pub(super) struct Arguments {
     /// The rig; `builtin:paper-admittance.yaml` names the copy inside the program
     #[arg(value_name = "RIG.yaml")]
     rig: String,
-    /// The interface
-    #[arg(long, value_name = "INTERFACE")]
-    bus: String,
+    /// The interface; for a rig with several buses once for each, as NAME=INTERFACE
+    #[arg(long, value_name = "INTERFACE", required = true)]
+    bus: Vec<String>,
 }
 
 pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Failure> {
@@ -32,15 +33,15 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
     let is_interrupted = on_interrupt()?;
     // A drill on a computer that grants nothing is coarser, and says so by its resolution.
     let _ = lock_memory();
-    let link = open(&arguments.bus, &rig)?;
+    let link = open(&Interfaces::of(&rig, &arguments.bus)?, &rig)?;
     let mut machine = LiveRig::new(&rig, link, SystemMetronome, Pace::Free).map_err(|error| live_failure(&error))?;
-    let nodes = drive_nodes(&rig).map_err(|error| rig_failure(&error))?;
+    let drives = drive_addresses(&rig).map_err(|error| rig_failure(&error))?;
     let settling = settling_cycles(&rig);
     output.news("the rig is enabled three times, at rest; nobody may hold the handle")?;
     let drilling = move || -> Result<_, LiveError> {
         let _ = run_first();
-        let booted = machine.boot().and_then(|()| machine.identities(nodes));
-        let drilled = booted.and_then(|identities| Ok((identities, machine.drill(nodes, settling, &is_interrupted)?)));
+        let booted = machine.boot().and_then(|()| machine.identities(drives));
+        let drilled = booted.and_then(|identities| Ok((identities, machine.drill(drives, settling, &is_interrupted)?)));
         machine.leave();
         drilled
     };

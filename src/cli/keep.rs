@@ -24,27 +24,26 @@ const RING_FRAMES: usize = 8192;
 /// Time after which the bus log is handed to the operating system, in ns of the bus's clock.
 const FLUSH_NS: u64 = 250_000_000;
 
-/// Which bus is watched.
+/// What is watched, with the names of its buses in logs.
 #[derive(Clone, Copy, Debug)]
 pub(super) enum Watched<'a> {
     /// The embedded simulation, which is faster than any disk and waits for it.
-    Simulation,
-    /// A real interface, whose cycle waits for nothing.
-    Interface(&'a str),
+    Simulation(&'a [String]),
+    /// Real interfaces, whose cycle waits for nothing.
+    Interfaces(&'a [String]),
 }
 
 impl<'a> Watched<'a> {
     fn backpressure(self) -> Backpressure {
         match self {
-            Watched::Simulation => Backpressure::Wait,
-            Watched::Interface(_) => Backpressure::Drop,
+            Watched::Simulation(_) => Backpressure::Wait,
+            Watched::Interfaces(_) => Backpressure::Drop,
         }
     }
 
-    fn interface(self) -> &'a str {
+    fn interfaces(self) -> &'a [String] {
         match self {
-            Watched::Simulation => "vcan0",
-            Watched::Interface(name) => name,
+            Watched::Simulation(names) | Watched::Interfaces(names) => names,
         }
     }
 }
@@ -97,7 +96,7 @@ impl Keep {
         for (path, is_new) in logs {
             let mut options = OpenOptions::new();
             let file = options.write(true).create(true).create_new(is_new).truncate(!is_new).open(&path);
-            let log = BusLog::new(file.map_err(|error| cannot_write(&path, &error))?, watched.interface());
+            let log = BusLog::new(file.map_err(|error| cannot_write(&path, &error))?, watched.interfaces());
             let (producer, feed) = start("bus log", watched, RING_FRAMES, log)?;
             frames.push(producer);
             files.push((path, "frames", feed));
@@ -250,8 +249,8 @@ struct BusLog {
 }
 
 impl BusLog {
-    fn new(file: File, interface: &str) -> Self {
-        let log = CandumpWriter::new(BufWriter::new(file), interface);
+    fn new(file: File, interfaces: &[String]) -> Self {
+        let log = CandumpWriter::new(BufWriter::new(file), interfaces);
         Self { log, stretch: 0, written: 0, stored: 0 }
     }
 }

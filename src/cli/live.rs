@@ -1,5 +1,6 @@
 //! `yieldwall run --bus`: a rig with its scene on a real bus.
 
+use std::collections::BTreeMap;
 use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
@@ -9,26 +10,25 @@ use std::time::Duration;
 use serde_json::{Value, json};
 
 use super::failure::{Exit, Failure};
+use super::interfaces::Interfaces;
 use super::keep::{Keep, Kept, Watched, state_folder};
 use super::output::Output;
 use super::run::{
-    Arguments, check_bus, exit_of, judge, measures_text, mode_text, rig_failure, stopped_by, write_drawing,
+    Arguments, check_buses, exit_of, judge, measures_text, mode_text, rig_failure, stopped_by, write_drawing,
 };
 use crate::bus::SensorLink;
 use crate::canopen::cob;
 use crate::config::{self, Report, Source};
 use crate::guard::Fault;
-use crate::link::{CobFilter, LinkError, SocketCan, SocketCanSettings};
+use crate::link::{CobFilter, LinkError, SocketCans};
 use crate::live::host::{Refusal, SystemMetronome, lock_memory, run_first};
-use crate::live::{Ended, Histogram, LinkCounts, LiveError, LiveRig, Play, Played, Subject, Unproven, drive_nodes};
+use crate::live::{Ended, Histogram, LinkCounts, LiveError, LiveRig, Play, Played, Subject, Unproven, drive_addresses};
 use crate::record::Row;
 use crate::rig::{self, Pace, RigError, bus_plan, drill};
 use crate::study::measures::Measures;
 use crate::study::{Overrides, drawing, measured, replay};
 use yieldwall_drives::profiles::{SIMULATED_VENDOR, find as find_profile};
 
-/// Memory in bytes for frames that nobody has taken yet, per socket: half a second of the fullest bus.
-const RECEIVE_BUFFER: usize = 4 << 20;
 /// Cycles of which figure and measures are made, from the first one on: ten minutes at 1 kHz. A recording holds all.
 const LONGEST_TRACE: u64 = 600_000;
 /// Heartbeat periods of process data before a rig is enabled. Two devices with one node id show in fewer.
@@ -74,32 +74,30 @@ pub(super) fn link_failure(error: &LinkError) -> Failure {
     Failure::new(Exit::BusUnavailable, error.to_string(), "")
 }
 
-/// The link of a master: process data apart from the rest.
-pub(super) fn open(bus: &str, rig: &config::Rig) -> Result<SocketCan, Failure> {
-    let mut process = vec![CobFilter::only(cob::SYNC)];
-    let mut nodes = vec![rig.drives[0].node_id, rig.drives[1].node_id];
-    match bus_plan(rig).map_err(|error| rig_failure(&error))?.0.sensor.link {
-        SensorLink::Canopen(sensor) => nodes.push(sensor.node_id),
-        SensorLink::PlainCan(sensor) => {
-            let [first, second] = sensor.protocol.data_ids();
-            process.extend([first, second, sensor.protocol.order_id()].map(CobFilter::only));
+/// The links of a master, on each bus process data apart from the rest.
+pub(super) fn open(interfaces: &Interfaces, rig: &config::Rig) -> Result<SocketCans, Failure> {
+    let setup = bus_plan(rig).map_err(|error| rig_failure(&error))?.0;
+    interfaces.open(rig, |bus| {
+        let mut process = vec![CobFilter::only(cob::SYNC)];
+        let mut nodes: Vec<u8> =
+            setup.drives.iter().filter(|drive| drive.bus == bus).map(|drive| drive.node_id).collect();
+        match &setup.sensor.link {
+            _ if setup.sensor.bus != bus => {}
+            SensorLink::Canopen(sensor) => nodes.push(sensor.node_id),
+            SensorLink::PlainCan(sensor) => {
+                let [first, second] = sensor.protocol.data_ids();
+                process.extend([first, second, sensor.protocol.order_id()].map(CobFilter::only));
+            }
         }
-    }
-    let nodes: Vec<_> = nodes.into_iter().filter_map(|node| cob::node_id(node).ok()).collect();
-    let mut services = vec![CobFilter::only(cob::NMT), CobFilter::matching(0x700, 0x780)];
-    for node in nodes {
-        let pdos = (1..=4).flat_map(|number| [cob::tpdo(number, node), cob::rpdo(number, node)]);
-        process.extend(pdos.flatten().map(CobFilter::only));
-        services.extend([CobFilter::only(cob::emcy(node)), CobFilter::only(cob::sdo_response(node))]);
-    }
-    SocketCan::open(&SocketCanSettings {
-        interface: bus.to_owned(),
-        process,
-        services,
-        bit_rate: rig.buses.values().next().map(|bus| bus.bit_rate_bit_per_s),
-        receive_buffer: RECEIVE_BUFFER,
+        let mut services = vec![CobFilter::only(cob::NMT), CobFilter::matching(0x700, 0x780)];
+        for node in nodes.into_iter().filter_map(|node| cob::node_id(node).ok()) {
+            let pdos = (1..=4).flat_map(|number| [cob::tpdo(number, node), cob::rpdo(number, node)]);
+            process.extend(pdos.flatten().map(CobFilter::only));
+            let answers = [cob::emcy(node), cob::sdo_request(node), cob::sdo_response(node)];
+            services.extend(answers.map(CobFilter::only));
+        }
+        (process, services)
     })
-    .map_err(|error| link_failure(&error))
 }
 
 /// Where it is shown that the drives stop by themselves.
@@ -143,8 +141,8 @@ impl From<RigError> for NotRun {
 }
 
 /// The failure that drives are whose watchdogs nobody has tried, or that failed.
-fn unproven(error: &Unproven, bus: &str, arguments: &Arguments) -> Failure {
-    let help = format!("nothing was enabled; `yieldwall drill {} --bus {bus}` tries them", arguments.rig);
+fn unproven(error: &Unproven, buses: &str, arguments: &Arguments) -> Failure {
+    let help = format!("nothing was enabled; `yieldwall drill {} {buses}` tries them", arguments.rig);
     let exit = match error {
         Unproven::Missing { .. } | Unproven::Unreadable { .. } => Exit::DeviceMismatch,
         Unproven::Unsafe(_) => Exit::OutOfTolerance,
@@ -164,19 +162,20 @@ struct Outcome {
     priority: Result<(), Refusal>,
 }
 
-pub(super) fn run(bus: &str, arguments: &Arguments, output: &mut Output) -> Result<(), Failure> {
+pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Failure> {
     let rig = config::load_rig(Source::named(&arguments.rig))?;
     output.warnings(&rig.warnings);
     let scene = config::load_scene(rig.source.relative(&rig.value.scene))?;
-    check_bus(&rig, arguments.ignore_bus_budget, output)?;
+    check_buses(&rig, arguments.ignore_bus_budget, output)?;
     let overrides = Overrides { duration_s: arguments.duration, ..Overrides::default() };
     let rig = rig.value;
     let proof = proof(arguments.pace, &rig, &scene.value)?;
     let is_interrupted = on_interrupt()?;
     let memory = lock_memory();
     refuse(arguments, &memory)?;
-    let link = open(bus, &rig)?;
-    for advice in link.facts().advice() {
+    let interfaces = Interfaces::of(&rig, &arguments.bus)?;
+    let link = open(&interfaces, &rig)?;
+    for advice in link.links().iter().flat_map(|link| link.facts().advice()) {
         output.warnings(&[config::Diagnostic {
             severity: config::Severity::Warning,
             ..config::Diagnostic::about_file("", advice, "")
@@ -188,7 +187,7 @@ pub(super) fn run(bus: &str, arguments: &Arguments, output: &mut Output) -> Resu
         LiveRig::new(&rig, link, SystemMetronome, arguments.pace.pace()).map_err(|error| live_failure(&error))?;
     let [candump, record, black_box] =
         [&arguments.candump, &arguments.record, &arguments.black_box].map(Option::as_deref);
-    let (keep, watch) = Keep::start(Watched::Interface(bus), &rig, &about, candump, record, black_box)?;
+    let (keep, watch) = Keep::start(Watched::Interfaces(interfaces.names()), &rig, &about, candump, record, black_box)?;
     watch.tap.into_iter().for_each(|tap| machine.set_tap(tap));
     watch.observer.into_iter().for_each(|observer| machine.set_observer(observer));
     let period_s = machine.period().as_secs_f64();
@@ -208,7 +207,7 @@ pub(super) fn run(bus: &str, arguments: &Arguments, output: &mut Output) -> Resu
     let played = match &outcome.played {
         Ok(played) => *played,
         Err(NotRun::Live(error)) => return Err(kept.point_to_black_box(live_failure(error))),
-        Err(NotRun::Unproven(error)) => return Err(unproven(error, bus, arguments)),
+        Err(NotRun::Unproven(error)) => return Err(unproven(error, &interfaces.arguments(&rig), arguments)),
     };
     let time_s = played.cycles as f64 * period_s;
     let failure = match played.ended {
@@ -235,7 +234,7 @@ pub(super) fn run(bus: &str, arguments: &Arguments, output: &mut Output) -> Resu
         write_drawing(&drawing, path)?;
     }
     let facts = Facts {
-        bus,
+        interfaces: &interfaces,
         arguments,
         rig: &rig,
         outcome: &outcome,
@@ -259,7 +258,7 @@ pub(super) fn run(bus: &str, arguments: &Arguments, output: &mut Output) -> Resu
 
 /// On the thread of the cycle, from the boot to the end.
 fn run_loop(
-    mut machine: LiveRig<SocketCan, SystemMetronome>,
+    mut machine: LiveRig<SocketCans, SystemMetronome>,
     play: &Play,
     is_interrupted: &AtomicBool,
     must_be_first: bool,
@@ -284,7 +283,7 @@ fn run_loop(
     let proven = booted.map_err(NotRun::Live).and_then(|()| match proof {
         Proof::InVirtualTime => Ok(()),
         Proof::OnRecord { rig, folder } => {
-            let identities = machine.identities(drive_nodes(rig)?)?;
+            let identities = machine.identities(drive_addresses(rig)?)?;
             Ok(Subject::new(rig, identities).check(folder)?)
         }
     });
@@ -357,7 +356,7 @@ pub(super) fn live_failure(error: &LiveError) -> Failure {
 }
 
 struct Facts<'a> {
-    bus: &'a str,
+    interfaces: &'a Interfaces,
     arguments: &'a Arguments,
     rig: &'a config::Rig,
     outcome: &'a Outcome,
@@ -382,7 +381,7 @@ impl Facts<'_> {
             format!("rig       {}: {}, {period_ms} ms", self.rig.rig.name, mode_text(self.rig.rig.command_mode)),
             format!(
                 "bus       {}, {}: {} frames from others, {} own ones seen, {} lost here, {} not sent",
-                self.bus,
+                self.interfaces.shown(self.rig),
                 self.arguments.pace.name(),
                 counts.received,
                 counts.echoed,
@@ -421,7 +420,7 @@ impl Facts<'_> {
         json!({
             "rig": self.rig.rig.name,
             "mode": self.rig.rig.command_mode,
-            "bus": self.bus,
+            "buses": self.rig.buses.keys().zip(self.interfaces.names()).collect::<BTreeMap<_, _>>(),
             "pace": format!("{:?}", self.arguments.pace).to_lowercase(),
             "cycles": self.played.cycles,
             "time_s": time_s,

@@ -9,6 +9,8 @@ mod config;
 mod drill;
 mod failure;
 mod faults;
+#[cfg(target_os = "linux")]
+mod interfaces;
 mod keep;
 #[cfg(target_os = "linux")]
 mod latency;

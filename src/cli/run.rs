@@ -1,11 +1,12 @@
 //! `yieldwall run`: a rig with its scene on the embedded simulation.
 
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 use serde_json::{Value, json};
 
-use super::bus::Plan;
+use super::bus::plans;
 use super::failure::{Exit, Failure};
 use super::faults::FaultArgument;
 use super::keep::{Keep, Kept, LOG_STARTS_AT, Watched};
@@ -28,10 +29,12 @@ pub(super) struct Arguments {
     /// The rig; `builtin:paper-admittance.yaml` names the copy inside the program
     #[arg(value_name = "RIG.yaml")]
     pub(super) rig: String,
-    /// Run on this interface instead of the embedded simulation; `yieldwall sim` is a rig to try it on
+    /// Run on this interface instead of the embedded simulation; for a rig with several buses once for each, as NAME=INTERFACE
+    ///
+    /// `yieldwall sim` is a rig to try it on.
     #[cfg(target_os = "linux")]
     #[arg(long, value_name = "INTERFACE", conflicts_with_all = ["seed", "fault"])]
-    pub(super) bus: Option<String>,
+    pub(super) bus: Vec<String>,
     /// What a cycle waits for: the wall clock, or (simulated devices in lockstep alone) the process data
     #[cfg(target_os = "linux")]
     #[arg(long, value_enum, default_value_t = super::live::PaceArgument::Free, requires = "bus")]
@@ -69,13 +72,13 @@ pub(super) struct Arguments {
 pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Failure> {
     check(arguments)?;
     #[cfg(target_os = "linux")]
-    if let Some(bus) = &arguments.bus {
-        return super::live::run(bus, arguments, output);
+    if !arguments.bus.is_empty() {
+        return super::live::run(arguments, output);
     }
     let rig = config::load_rig(Source::named(&arguments.rig))?;
     // Those of the scene are among them.
     output.warnings(&rig.warnings);
-    check_bus(&rig, arguments.ignore_bus_budget, output)?;
+    check_buses(&rig, arguments.ignore_bus_budget, output)?;
     let scene = config::load_scene(rig.source.relative(&rig.value.scene))?;
     let faults = arguments.fault.iter().map(|fault| fault.0).collect();
     let overrides = Overrides { fixture: None, duration_s: arguments.duration, seed: arguments.seed, faults };
@@ -87,7 +90,14 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
     // Before anything is written: a rig that is refused leaves no record.
     let drilled = rig::drill(&rig.value, &scene.value, |_| ()).map_err(|error| rig_failure(&error))?;
     judge(&drilled, &rig.value)?;
-    let (keep, watch) = Keep::start(Watched::Simulation, &rig.value, &about, candump, record, black_box)?;
+    let (keep, watch) = Keep::start(
+        Watched::Simulation(&simulated_interfaces(&rig.value)),
+        &rig.value,
+        &about,
+        candump,
+        record,
+        black_box,
+    )?;
     let progress = Progress::new(output);
     progress.begin(&rig.value.rig.name);
     let started = Instant::now();
@@ -140,17 +150,23 @@ fn check(arguments: &Arguments) -> Result<(), Failure> {
     Ok(())
 }
 
-/// Whether the bus keeps the cycle: of a bus with timing an error, unless it is to be ignored.
-pub(super) fn check_bus(rig: &Loaded<config::Rig>, is_ignored: bool, output: &mut Output) -> Result<(), Failure> {
-    let plan = Plan::of(&rig.value).map_err(|error| rig_failure(&error))?;
-    let Some(mut finding) = plan.finding(rig) else { return Ok(()) };
-    if finding.severity == Severity::Error && !is_ignored {
-        finding.help = finding.help.map(|help| format!("{help}, --ignore-bus-budget runs the rig all the same"));
-        return Err(Report::from(finding).into());
+/// Whether the buses keep the cycle: of a bus with timing an error, unless it is to be ignored.
+pub(super) fn check_buses(rig: &Loaded<config::Rig>, is_ignored: bool, output: &mut Output) -> Result<(), Failure> {
+    for plan in plans(&rig.value).map_err(|error| rig_failure(&error))? {
+        let Some(mut finding) = plan.finding(rig) else { continue };
+        if finding.severity == Severity::Error && !is_ignored {
+            finding.help = finding.help.map(|help| format!("{help}, --ignore-bus-budget runs the rig all the same"));
+            return Err(Report::from(finding).into());
+        }
+        finding.severity = Severity::Warning;
+        output.warnings(&[finding]);
     }
-    finding.severity = Severity::Warning;
-    output.warnings(&[finding]);
     Ok(())
+}
+
+/// What the buses of the embedded simulation are called in logs, so that `canplayer` finds them.
+fn simulated_interfaces(rig: &config::Rig) -> Vec<String> {
+    (0..rig.buses.len()).map(|number| format!("vcan{number}")).collect()
 }
 
 struct Facts<'a> {
@@ -181,7 +197,7 @@ impl Facts<'_> {
             "cause_devices": self.report.cause.map(|cause| cause.devices.to_string()),
             "margins": self.margins.to_json(),
             "watchdogs": watchdogs_json(&self.drilled),
-            "bus_load": self.report.bus_load,
+            "bus_loads": self.report.bus_loads.iter().cloned().collect::<BTreeMap<_, _>>(),
             "held_s": self.report.held_s,
             "measures": self.report.measures,
             "figure": arguments.figure,
@@ -226,13 +242,23 @@ impl Facts<'_> {
             ));
         }
         lines.extend(measures_text(&self.report.measures));
-        if let (Some(counters), Some(load)) = (self.report.bus, self.report.bus_load) {
-            lines.push(format!("bus       {} frames, load {:.1} %", counters.frames, 100.0 * load));
+        if let Some(counters) = self.report.bus {
+            let loads = &self.report.bus_loads;
+            let load = |(name, load): &(String, f64)| {
+                let of = if loads.len() > 1 { format!(" of {name}") } else { String::new() };
+                format!(", load{of} {:.1} %", 100.0 * load)
+            };
+            lines.push(format!("bus       {} frames{}", counters.frames, loads.iter().map(load).collect::<String>()));
         }
         lines.extend(arguments.figure.as_ref().map(|path| format!("figure    {}", path.display())));
         if let (Some(path), Some(start_s)) = (&arguments.candump, self.report.started_at_s) {
             let start_s = start_s + LOG_STARTS_AT.as_secs_f64();
-            lines.push(format!("candump   {}; time 0 of the scene is {start_s:.3} in it", path.display()));
+            let buses = self.rig.buses.keys().zip(simulated_interfaces(self.rig));
+            let named = match self.rig.buses.len() {
+                1 => String::new(),
+                _ => buses.map(|(name, interface)| format!(", {interface} is {name}")).collect(),
+            };
+            lines.push(format!("candump   {}; time 0 of the scene is {start_s:.3} in it{named}", path.display()));
         }
         lines.extend(self.kept.lines());
         if self.report.held_s > 0.0 {

@@ -6,11 +6,12 @@ use std::path::{Path, PathBuf};
 use serde_json::json;
 
 use super::failure::{Exit, Failure};
+use super::interfaces::Interfaces;
 use super::live::{PaceArgument, link_failure, on_interrupt};
 use super::output::Output;
 use super::run::rig_failure;
 use crate::config::{self, Source};
-use crate::link::{SocketCan, SocketCanSettings};
+use crate::link::{CobFilter, SocketCan, SocketCanSettings};
 use crate::live::{Attached, Entrance, ServeError, attach, serve};
 use crate::rig::{DeviceServer, simulated_drive, simulated_force_sensor};
 use crate::sim::Watchdog;
@@ -21,9 +22,9 @@ pub(super) struct Arguments {
     /// The rig; `builtin:paper-admittance.yaml` names the copy inside the program
     #[arg(value_name = "RIG.yaml")]
     rig: String,
-    /// The interface
-    #[arg(long, value_name = "INTERFACE")]
-    bus: String,
+    /// The interface; for a rig with several buses once for each, as NAME=INTERFACE
+    #[arg(long, value_name = "INTERFACE", required = true)]
+    bus: Vec<String>,
     /// What simulated time follows; the same as for `run`
     #[arg(long, value_enum, default_value_t = PaceArgument::Free)]
     pace: PaceArgument,
@@ -76,13 +77,18 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
     let mut server = server.map_err(|error| rig_failure(&error))?.only(here);
     arguments.unwatched.iter().for_each(|unwatched| server.ignore(unwatched.watchdog()));
     let is_interrupted = on_interrupt()?;
-    let mut link = open(arguments, &rig)?;
+    let interfaces = Interfaces::of(&rig, &arguments.bus)?;
+    let mut link = interfaces.open(&rig, |_| (vec![CobFilter::EVERYTHING], Vec::new()))?;
     let entrance = match &arguments.plant {
         Some(path) => Some(Entrance::open(path).map_err(|error| no_socket(path, &error))?),
         None => None,
     };
     let names = names(&rig, here).join(", ");
-    output.news(&format!("simulated {names} on {}, {}; Ctrl-C ends it", arguments.bus, arguments.pace.name()))?;
+    output.news(&format!(
+        "simulated {names} on {}, {}; Ctrl-C ends it",
+        interfaces.shown(&rig),
+        arguments.pace.name()
+    ))?;
     let served = serve(&mut server, &mut link, &is_interrupted, |server| {
         if let Some(entrance) = &entrance {
             entrance.admit(server);
@@ -149,12 +155,6 @@ fn names(rig: &config::Rig, here: [bool; 3]) -> Vec<&str> {
     names.into_iter().zip(here).filter(|(_, is_here)| *is_here).map(|(name, _)| name.as_str()).collect()
 }
 
-fn open(arguments: &Arguments, rig: &config::Rig) -> Result<SocketCan, Failure> {
-    let bit_rate = rig.buses.values().next().map(|bus| bus.bit_rate_bit_per_s);
-    let settings = SocketCanSettings { bit_rate, ..SocketCanSettings::everything(&arguments.bus) };
-    SocketCan::open(&settings).map_err(|error| link_failure(&error))
-}
-
 fn no_socket(path: &Path, error: &io::Error) -> Failure {
     let help =
         "start the process with --plant first; a socket that is left over from one that was killed has to be removed";
@@ -170,7 +170,12 @@ fn attach_one(
     scene: &config::Scene,
     output: &mut Output,
 ) -> Result<(), Failure> {
-    let device = match rig.drives.iter().enumerate().find(|(joint, _)| here.get(*joint) == Some(&true)) {
+    let is_drive = |joint: usize| here.get(joint) == Some(&true);
+    let bus = match rig.drives.iter().enumerate().find(|(joint, _)| is_drive(*joint)) {
+        Some((_, drive)) => &drive.bus,
+        None => &rig.sensor.bus,
+    };
+    let device = match rig.drives.iter().enumerate().find(|(joint, _)| is_drive(*joint)) {
         Some((joint, drive)) => simulated_drive(rig, scene, drive, joint as u32 + 1).map(|mut drive| {
             arguments.unwatched.iter().for_each(|unwatched| drive.ignore(unwatched.watchdog()));
             Attached::Drive(joint, Box::new(drive))
@@ -179,7 +184,11 @@ fn attach_one(
     };
     let mut device = device.map_err(|error| rig_failure(&error))?;
     let is_interrupted = on_interrupt()?;
-    let mut link = open(arguments, rig)?;
-    output.news(&format!("simulated {} on {}; Ctrl-C ends it", names(rig, here).join(", "), arguments.bus))?;
+    // The device is on one bus, and hears no other.
+    let interface = Interfaces::one(rig, &arguments.bus, bus)?;
+    let bit_rate = rig.buses.get(bus).map(|bus| bus.bit_rate_bit_per_s);
+    let settings = SocketCanSettings { bit_rate, ..SocketCanSettings::everything(&interface) };
+    let mut link = SocketCan::open(&settings).map_err(|error| link_failure(&error))?;
+    output.news(&format!("simulated {} on {interface}; Ctrl-C ends it", names(rig, here).join(", ")))?;
     attach(&mut device, &mut link, path, &is_interrupted).map_err(|error| no_socket(path, &error))
 }

@@ -41,6 +41,9 @@ pub(super) struct Arguments {
     /// Take points that another build of this program has left
     #[arg(long)]
     any_build: bool,
+    /// Throw away the points that the folder holds
+    #[arg(long, conflicts_with_all = ["merge", "any_build", "point"])]
+    fresh: bool,
     /// The program that runs the scene of `plant` in MuJoCo, as hil-tests/peers/mujoco builds it
     #[arg(long, value_name = "PROGRAM")]
     mujoco: Option<PathBuf>,
@@ -82,6 +85,11 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
     let folder = arguments.out.join(study.name());
     let edition = edition(&options);
     let mut tables = Vec::new();
+    if arguments.fresh {
+        for sweep in study.sweeps() {
+            Store::discard(&folder, sweep.as_ref()).map_err(store_failure)?;
+        }
+    }
     for sweep in study.sweeps() {
         tables.push(compute(arguments, sweep.as_ref(), &folder, &edition, output)?);
     }
@@ -281,7 +289,9 @@ fn core_time() -> Duration {
 
 fn store_failure(error: StoreError) -> Failure {
     let help = match &error {
-        StoreError::Other { .. } => "choose another folder, move these results away, or take them with --any-build",
+        StoreError::Other { .. } => {
+            "throw them away with --fresh, take them with --any-build, or choose another folder"
+        }
         StoreError::Lines(LinesError::Line { .. }) => "the file was changed or is of another version: move it away",
         StoreError::Lines(LinesError::Io { .. }) | StoreError::Folder { .. } => "choose a folder you can write to",
     };

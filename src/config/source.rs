@@ -42,6 +42,7 @@ const SHIPPED: &[(&str, &str)] = shipped![
     "paper-admittance-csv.yaml",
     "paper-admittance-polled.yaml",
     "paper-admittance-streaming.yaml",
+    "paper-admittance-two-buses.yaml",
     "paper-admittance.yaml",
     "paper-impedance.yaml",
     "room.yaml",

@@ -111,7 +111,7 @@ pub enum Target {
     Hand,
     /// The computer that runs the master.
     Host,
-    /// The master's interface to the bus.
+    /// The master's interfaces to all buses; an injection that acts there can name devices instead, for their buses.
     Link,
     /// The person at the rig.
     Operator,

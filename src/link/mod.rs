@@ -1,7 +1,8 @@
 //! The bus as one participant sees it: frames that come with the moment of their arrival, own frames that are seen on the
 //! wire, and what the controller tells of itself.
 //!
-//! [`CanLink`] is all that a loop needs of an interface. [`SocketCan`] is the one of Linux, behind the feature `socketcan`.
+//! [`CanLink`] is all that a loop needs of an interface. [`SocketCan`] is the one of Linux, behind the feature `socketcan`, and
+//! [`SocketCans`] several of them, one for each bus.
 //!
 //! A link keeps no frame back: what [`CanLink::send`] refuses is gone and is never sent later. What is already in the
 //! queue of the kernel or of the controller can no longer be taken back by anybody but the interface going down, which is why
@@ -13,7 +14,7 @@ mod linux;
 
 pub use error_frame::ErrorFrame;
 #[cfg(all(feature = "socketcan", target_os = "linux"))]
-pub use linux::{CobFilter, ControllerState, InterfaceFacts, LinkError, SocketCan, SocketCanSettings};
+pub use linux::{CobFilter, ControllerState, InterfaceFacts, LinkError, SocketCan, SocketCanSettings, SocketCans};
 
 use crate::bus::LinkEvent;
 use crate::canopen::{Frame, Outbox, Time};
@@ -78,7 +79,7 @@ pub enum SendError {
     },
 }
 
-/// One participant's access to a bus.
+/// One participant's access to a bus, or to several whose frames say which is theirs ([`Frame::bus`]).
 pub trait CanLink {
     /// The time of the clock on which frames arrive.
     ///
@@ -105,21 +106,23 @@ pub trait CanLink {
 
 /// A link as the place where an engine puts its frames.
 ///
-/// After the first frame that could not be sent the rest is dropped: an order that arrives without what led to it is worse
-/// than none.
+/// After the first frame that could not be sent on a bus the rest for that bus is dropped: an order that arrives without what
+/// led to it is worse than none. What is for other buses is sent all the same, such as the quick stop of the drive there.
 #[derive(Debug)]
 pub struct LinkOutbox<'a, L> {
     link: &'a mut L,
+    /// The buses on which something could not be sent, a bit each.
+    failed: u8,
     failure: Option<SendError>,
 }
 
 impl<'a, L: CanLink> LinkOutbox<'a, L> {
     /// Sends over `link`.
     pub fn new(link: &'a mut L) -> Self {
-        Self { link, failure: None }
+        Self { link, failed: 0, failure: None }
     }
 
-    /// Why something was not sent; the master wants to know it as [`LinkEvent::SendFailed`].
+    /// Why the first of all was not sent; the master wants to know it as [`LinkEvent::SendFailed`].
     pub fn failure(&self) -> Option<SendError> {
         self.failure
     }
@@ -127,8 +130,13 @@ impl<'a, L: CanLink> LinkOutbox<'a, L> {
 
 impl<L: CanLink> Outbox for LinkOutbox<'_, L> {
     fn push(&mut self, frame: Frame) {
-        if self.failure.is_none() {
-            self.failure = self.link.send(&frame).err();
+        let own = 1_u8.checked_shl(frame.bus().into()).unwrap_or_default();
+        if self.failed & own != 0 {
+            return;
+        }
+        if let Err(error) = self.link.send(&frame) {
+            self.failed |= own;
+            self.failure.get_or_insert(error);
         }
     }
 }

@@ -9,10 +9,12 @@ use super::error::LiveError;
 use super::metronome::Metronome;
 use super::proof::DriveIdentity;
 use super::rig::LiveRig;
+use crate::bus::DriveSetup;
 use crate::canopen::{NodeId, Outbox, SdoClient, SdoOutcome, Time, cob};
+use crate::config;
 use crate::guard::{Request, State};
 use crate::link::{Arrival, CanLink, LinkOutbox, Received};
-use crate::rig::{CYCLES_BEFORE_SILENCE, DRILL_LIMIT, Drilled, Enabling, Finding};
+use crate::rig::{CYCLES_BEFORE_SILENCE, DRILL_LIMIT, Drilled, Enabling, Finding, RigError, bus_plan};
 use crate::sim::Watchdog;
 use yieldwall_drives::cia402::{self, Statusword};
 use yieldwall_drives::objects;
@@ -22,8 +24,18 @@ const SDO_TIMEOUT: Duration = Duration::from_millis(250);
 /// Cycles in which everything is sent before something stays away, so that its last moment is known.
 const CYCLES_REPEATED: u32 = 20;
 
+/// Where a drive is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct DriveAddress {
+    /// Number of its bus.
+    pub bus: u8,
+    /// Its node id.
+    pub node: NodeId,
+}
+
 /// What is asked of one drive, and what it said.
 struct Watched {
+    bus: u8,
     client: SdoClient,
     answered_at: Time,
     longest_gap: Duration,
@@ -31,14 +43,17 @@ struct Watched {
 }
 
 impl Watched {
-    fn new(node: NodeId) -> Self {
+    fn new(DriveAddress { bus, node }: DriveAddress) -> Self {
         let client = SdoClient::new(node, SDO_TIMEOUT, 4);
-        Self { client, answered_at: Time(0), longest_gap: Duration::ZERO, stopped_at: None }
+        Self { bus, client, answered_at: Time(0), longest_gap: Duration::ZERO, stopped_at: None }
     }
 
     fn take(&mut self, arrival: &Arrival, time: Time, out: &mut impl Outbox) {
         let Received::Frame(frame) = arrival.what else { return };
-        if !matches!(self.client.on_frame(time, &frame, out), Some(SdoOutcome::Uploaded { .. })) {
+        let out = &mut out.on(self.bus);
+        if frame.bus() != self.bus
+            || !matches!(self.client.on_frame(time, &frame, out), Some(SdoOutcome::Uploaded { .. }))
+        {
             return;
         }
         if self.answered_at > Time(0) && self.stopped_at.is_none() {
@@ -54,6 +69,7 @@ impl Watched {
 
     /// Asks again, if the last question was answered or has timed out.
     fn ask(&mut self, now: Time, out: &mut impl Outbox) {
+        let out = &mut out.on(self.bus);
         self.client.poll(now, out);
         if !self.client.is_busy() {
             let status = objects::STATUSWORD;
@@ -71,7 +87,7 @@ impl<L: CanLink, M: Metronome> LiveRig<L, M> {
     /// If the rig cannot be booted or enabled, is stopped by something else, or a person asks for the end.
     pub fn drill(
         &mut self,
-        nodes: [NodeId; 2],
+        drives: [DriveAddress; 2],
         settling: u32,
         is_interrupted: &AtomicBool,
     ) -> Result<Drilled, LiveError> {
@@ -83,7 +99,7 @@ impl<L: CanLink, M: Metronome> LiveRig<L, M> {
             for _ in 0..CYCLES_BEFORE_SILENCE {
                 self.run_cycle(Request::None);
             }
-            let mut drives = nodes.map(Watched::new);
+            let mut drives = drives.map(Watched::new);
             if !matches!(self.state(), State::Running | State::Holding) {
                 // Stopped by something else: that says nothing of the watchdog.
                 let cause = self.cause();
@@ -155,16 +171,17 @@ impl<L: CanLink, M: Metronome> LiveRig<L, M> {
         }
     }
 
-    /// Reads an unsigned object of a node of a booted network.
+    /// Reads an unsigned object of a drive of a booted network.
     ///
     /// # Errors
     /// [`LiveError::Unread`] if it does not answer or refuses.
-    pub fn read(&mut self, node: NodeId, index: u16, sub: u8) -> Result<u32, LiveError> {
+    pub fn read(&mut self, drive: DriveAddress, index: u16, sub: u8) -> Result<u32, LiveError> {
+        let DriveAddress { bus, node } = drive;
         let unread = LiveError::Unread { node_id: node.raw(), index, sub };
         let mut client = SdoClient::new(node, SDO_TIMEOUT, 4);
         let now = self.now();
         let mut out = LinkOutbox::new(&mut self.link);
-        client.start_upload(now, index, sub, &mut out).map_err(|_| unread.clone())?;
+        client.start_upload(now, index, sub, &mut out.on(bus)).map_err(|_| unread.clone())?;
         let mut outcome = None;
         while outcome.is_none() {
             // The drives already wait for heartbeats.
@@ -173,13 +190,16 @@ impl<L: CanLink, M: Metronome> LiveRig<L, M> {
             self.link.wait(self.started + next.since(Time(0)));
             while let Some(arrival) = self.link.receive() {
                 let time = self.time_of(&arrival);
-                if let Received::Frame(frame) = arrival.what {
-                    outcome = outcome.or(client.on_frame(time, &frame, &mut LinkOutbox::new(&mut self.link)));
+                if let Received::Frame(frame) = arrival.what
+                    && frame.bus() == bus
+                {
+                    let mut out = LinkOutbox::new(&mut self.link);
+                    outcome = outcome.or(client.on_frame(time, &frame, &mut out.on(bus)));
                 }
                 self.take(&arrival);
             }
             let now = self.now();
-            outcome = outcome.or_else(|| client.poll(now, &mut LinkOutbox::new(&mut self.link)));
+            outcome = outcome.or_else(|| client.poll(now, &mut LinkOutbox::new(&mut self.link).on(bus)));
             if let Some(SdoOutcome::Uploaded { .. }) = outcome {
                 return Ok(client.data().iter().take(4).rev().fold(0, |value, byte| value << 8 | u32::from(*byte)));
             }
@@ -191,15 +211,15 @@ impl<L: CanLink, M: Metronome> LiveRig<L, M> {
     ///
     /// # Errors
     /// As [`LiveRig::read`].
-    pub fn identities(&mut self, nodes: [NodeId; 2]) -> Result<[DriveIdentity; 2], LiveError> {
-        let [left, right] = nodes;
+    pub fn identities(&mut self, drives: [DriveAddress; 2]) -> Result<[DriveIdentity; 2], LiveError> {
+        let [left, right] = drives;
         Ok([self.identity(left)?, self.identity(right)?])
     }
 
-    fn identity(&mut self, node: NodeId) -> Result<DriveIdentity, LiveError> {
-        let mut read = |sub| self.read(node, objects::VENDOR_ID.index, sub);
+    fn identity(&mut self, drive: DriveAddress) -> Result<DriveIdentity, LiveError> {
+        let mut read = |sub| self.read(drive, objects::VENDOR_ID.index, sub);
         Ok(DriveIdentity {
-            node_id: node.raw(),
+            node_id: drive.node.raw(),
             vendor_id: read(1)?,
             product_code: read(2)?,
             revision: read(3)?,
@@ -208,11 +228,15 @@ impl<L: CanLink, M: Metronome> LiveRig<L, M> {
     }
 }
 
-/// The node ids of both drives.
+/// Where both drives are.
 ///
 /// # Errors
-/// If one is out of range, which no checked configuration has.
-pub fn drive_nodes(rig: &crate::config::Rig) -> Result<[NodeId; 2], crate::rig::RigError> {
-    let node = |raw| cob::node_id(raw).map_err(|error| crate::rig::RigError::Device(error.to_string()));
-    Ok([node(rig.drives[0].node_id)?, node(rig.drives[1].node_id)?])
+/// If a node id is out of range or a bus has no entry, which no checked configuration has.
+pub fn drive_addresses(rig: &config::Rig) -> Result<[DriveAddress; 2], RigError> {
+    let [left, right] = bus_plan(rig)?.0.drives;
+    let address = |drive: &DriveSetup| -> Result<DriveAddress, RigError> {
+        let node = cob::node_id(drive.node_id).map_err(|error| RigError::Device(error.to_string()))?;
+        Ok(DriveAddress { bus: drive.bus, node })
+    };
+    Ok([address(&left)?, address(&right)?])
 }

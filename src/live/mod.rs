@@ -23,7 +23,7 @@ mod serve;
 
 #[cfg(all(feature = "socketcan", target_os = "linux"))]
 pub use attach::{Attached, Entrance, attach};
-pub use drill::drive_nodes;
+pub use drill::{DriveAddress, drive_addresses};
 pub use error::LiveError;
 pub use histogram::Histogram;
 pub use latency::{Latency, PROBE, PROVING_CYCLES, Tier, measure_latency};

@@ -4,6 +4,7 @@ use std::time::Duration;
 
 use nalgebra::{Matrix6, Vector2};
 
+use super::buses;
 use super::error::RigError;
 use crate::bus::{CommandMode, DriveSetup, Master, MasterSetup, SensorLink, SensorNode, SensorSetup};
 use crate::config;
@@ -18,7 +19,7 @@ use crate::linkage::{FiveBar, MassModel};
 use crate::plain_can;
 use crate::quantity::TipPoint;
 use crate::sensing::{Calibration, MountedOn, Mounting, Sensing, SensingParameters};
-use crate::sim::hand::{Hand, HandParameters, Leg, Path, Speed, TremorParameters};
+use crate::sim::hand::{AimError, Hand, HandParameters, Leg, NoiseBand, Path, Speed};
 use yieldwall_drives::profiles::{self, DeviceProfile};
 use yieldwall_drives::scaling::{AxisScaling, Direction};
 
@@ -290,6 +291,7 @@ pub(super) fn network(rig: &config::Rig) -> Result<MasterSetup, RigError> {
         drives: [drive(rig, left, home[0])?, drive(rig, right, home[1])?],
         sensor: SensorSetup {
             name: rig.sensor.name.clone(),
+            bus: buses::bus_number(rig, &rig.sensor.bus)?,
             link: sensor_link(&rig.sensor)?,
             sample_period: sample_period(rig),
         },
@@ -343,6 +345,7 @@ fn drive(rig: &config::Rig, drive: &config::Drive, expected_angle_rad: f64) -> R
     let limit = scaling.torque_per_mille(rig.guard.torque_limit_n_m.get())?.value;
     Ok(DriveSetup {
         name: drive.name.clone(),
+        bus: buses::bus_number(rig, &drive.bus)?,
         node_id: drive.node_id,
         profile: profile(&drive.profile)?,
         scaling,
@@ -388,12 +391,13 @@ pub(super) fn hand<const N: usize>(scene: &config::Scene, seed: u64) -> Result<H
         mass_kg: hand.mass_kg.get(),
         stiffness_n_per_m: hand.stiffness_n_per_m.get(),
         damping_n_s_per_m: hand.damping_n_s_per_m.get(),
-        voluntary_force_limit_n: hand.voluntary_force_limit_n.get(),
-        tremor: hand.tremor.as_ref().map(|tremor| TremorParameters {
-            force_rms_n: tremor.force_rms_n.get(),
+        voluntary_force_limit_n: hand.voluntary_force_limit_n.map_or(f64::INFINITY, |limit| limit.get()),
+        tremor: hand.tremor.as_ref().map(|tremor| NoiseBand {
+            rms: tremor.force_rms_n.get(),
             low_hz: tremor.low_hz.get(),
             high_hz: tremor.high_hz.get(),
         }),
+        aim_error: hand.aim_error.map(|error| AimError { rms_m: error.rms_m.get(), corner_hz: error.corner_hz.get() }),
     };
     Ok(Hand::new(parameters, path, seed)?)
 }

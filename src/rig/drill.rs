@@ -2,6 +2,7 @@
 
 use std::time::Duration;
 
+use super::buses;
 use super::embedded::EmbeddedRig;
 use super::error::RigError;
 use crate::canopen::{Frame, Time, cob};
@@ -89,7 +90,8 @@ impl Drilled {
 #[derive(Debug)]
 pub(super) struct Silence {
     watchdog: Watchdog,
-    set_points: [u16; 2],
+    /// Buses and identifiers of the set-points.
+    set_points: [(u8, u16); 2],
     /// The set-points that are repeated, as the last cycle sent them.
     repeated: [Option<Frame>; 2],
     is_on: bool,
@@ -98,16 +100,17 @@ pub(super) struct Silence {
 }
 
 impl Silence {
-    fn new(watchdog: Watchdog, rig: &config::Rig) -> Self {
+    fn new(watchdog: Watchdog, rig: &config::Rig) -> Result<Self, RigError> {
         let id = |drive: &config::Drive| cob::node_id(drive.node_id).ok().and_then(|node| cob::rpdo(1, node));
         let [left, right] = &rig.drives;
-        let set_points = [id(left), id(right)].map(Option::unwrap_or_default);
-        Self { watchdog, set_points, repeated: [None; 2], is_on: false, last: Time(0), stopped_at: [None; 2] }
+        let [left_bus, right_bus, _] = buses::device_buses(rig)?;
+        let set_points = [(left_bus, id(left).unwrap_or_default()), (right_bus, id(right).unwrap_or_default())];
+        Ok(Self { watchdog, set_points, repeated: [None; 2], is_on: false, last: Time(0), stopped_at: [None; 2] })
     }
 
     /// What the devices get of a frame of the master.
     pub(super) fn pass(&mut self, now: Time, frame: Frame) -> Option<Frame> {
-        let drive = self.set_points.iter().position(|id| *id == frame.id());
+        let drive = self.set_points.iter().position(|own| *own == (frame.bus(), frame.id()));
         let is_watched = match self.watchdog {
             Watchdog::Sync => frame.id() == cob::SYNC,
             Watchdog::SetPoints => drive.is_some(),
@@ -157,7 +160,7 @@ pub fn drill(
         machine.clear_injections();
         prepare(&mut machine);
         machine.enable()?;
-        machine.silence = Some(Silence::new(watchdog, rig));
+        machine.silence = Some(Silence::new(watchdog, rig)?);
         for _ in 0..CYCLES_BEFORE_SILENCE {
             machine.run_cycle(Request::None)?;
         }

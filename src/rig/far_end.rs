@@ -1,6 +1,7 @@
 //! The far end of the bus: the simulated devices and the machine that they are on.
 
 use super::assembly;
+use super::buses;
 use super::error::RigError;
 use super::world::World;
 use crate::canopen::{Frame, Outbox, Time, cob};
@@ -133,6 +134,8 @@ pub(super) struct FarEnd<D = Drive, S = ForceSensor> {
     pub(super) drives: [D; 2],
     pub(super) sensor: S,
     pub(super) world: World,
+    /// Numbers of the buses of the left drive, the right drive and the sensor.
+    pub(super) buses: [u8; DEVICES],
 }
 
 impl FarEnd {
@@ -143,6 +146,7 @@ impl FarEnd {
             drives: [assembly::drive(rig, scene, left, 1)?, assembly::drive(rig, scene, right, 2)?],
             sensor: assembly::force_sensor(rig)?,
             world: assembly::world(rig, scene, seed)?,
+            buses: buses::device_buses(rig)?,
         })
     }
 }
@@ -163,7 +167,7 @@ impl<D: Actuator, S: Transducer> FarEnd<D, S> {
         }
     }
 
-    /// Brings a frame to every device but the one that sent it.
+    /// Brings a frame to every device on its bus but the one that sent it.
     pub(super) fn on_frame(
         &mut self,
         now: Time,
@@ -177,10 +181,12 @@ impl<D: Actuator, S: Transducer> FarEnd<D, S> {
             self.feel(now, senses)?;
             self.measure_joints(senses);
         }
-        for (device, drive) in self.drives.iter_mut().enumerate().filter(|(device, _)| from != Some(*device)) {
+        let buses = self.buses;
+        let hears = |device: usize| from != Some(device) && buses.get(device) == Some(&frame.bus());
+        for (device, drive) in self.drives.iter_mut().enumerate().filter(|(device, _)| hears(*device)) {
             drive.on_frame(now, frame, &mut Plug { wire: &mut *wire, device, now });
         }
-        if from != Some(SENSOR) {
+        if hears(SENSOR) {
             self.sensor.on_frame(now, frame, &mut Plug { wire, device: SENSOR, now });
         }
         self.take_torques(now, senses)

@@ -7,8 +7,8 @@
 //! wait for, and the two moments of each cycle. [`ImpedanceRig`] is the device without a bus.
 
 mod assembly;
-mod budget;
 mod build;
+mod buses;
 mod conduct;
 mod drill;
 mod embedded;
@@ -22,8 +22,8 @@ mod server;
 mod world;
 
 pub use assembly::{drive as simulated_drive, force_sensor as simulated_force_sensor};
-pub use budget::bus_plan;
 pub use build::{cycle, master};
+pub use buses::bus_plan;
 pub use conduct::{Enable, Enabling, STOP_LIMIT_S, has_torque, settling_cycles};
 pub use drill::{CYCLES_BEFORE_SILENCE, DRILL_LIMIT, Drilled, Finding, TORQUE_LIMIT, Unsafe, drill};
 pub use embedded::{BodyTruth, EmbeddedRig, Observer, PORTS, Tap};

@@ -24,7 +24,7 @@ const LAG: Duration = Duration::from_millis(5);
 /// What the clock of simulated devices on a real bus follows.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Pace {
-    /// Simulated time advances by one period with each SYNC. Before the first one, after an NMT command and 2 s after the
+    /// Simulated time advances by one period with each SYNC, or with those of all buses. Before the first one, after an NMT command and 2 s after the
     /// last SYNC it follows the wall, so that the network can be booted and watchdogs act on a master that has died.
     Lockstep,
     /// Simulated time follows the wall.
@@ -46,6 +46,8 @@ pub struct DeviceServer {
     anchor: (Time, Time),
     /// The last SYNC on the wall while time waits for the next one.
     waits_since: Option<Time>,
+    /// The buses whose SYNC of this period has come, a bit each.
+    synced: u8,
     counts: Served,
 }
 
@@ -58,16 +60,17 @@ pub struct Served {
     pub sent: u64,
 }
 
-/// All devices on one outbox.
+/// All devices on one outbox, each on its bus.
 struct Bus<'a, O> {
     out: &'a mut O,
+    buses: [u8; DEVICES],
     sent: &'a mut u64,
 }
 
 impl<O: Outbox> Wire for Bus<'_, O> {
-    fn submit(&mut self, _device: usize, _now: Time, frame: Frame) {
+    fn submit(&mut self, device: usize, _now: Time, frame: Frame) {
         *self.sent += 1;
-        self.out.push(frame);
+        self.out.push(frame.on_bus(self.buses.get(device).copied().unwrap_or_default()));
     }
 }
 
@@ -82,9 +85,9 @@ impl DeviceServer {
     /// # Errors
     /// Where parts of the configuration do not fit together, and for a scene without an arm.
     pub fn new(rig: &config::Rig, scene: &config::Scene, seed: u64, pace: Pace) -> Result<Self, RigError> {
-        let FarEnd { drives, sensor, world } = FarEnd::new(rig, scene, seed)?;
+        let FarEnd { drives, sensor, world, buses } = FarEnd::new(rig, scene, seed)?;
         let seat = |drive| Seat::Here(Box::new(drive));
-        let far = FarEnd { drives: drives.map(seat), sensor: Seat::Here(Box::new(sensor)), world };
+        let far = FarEnd { drives: drives.map(seat), sensor: Seat::Here(Box::new(sensor)), world, buses };
         if matches!(far.world.body, Body::Ideal(_)) {
             let message =
                 "model.tracking ideal works in the embedded simulation only: on a bus the arm has to be rigid";
@@ -97,6 +100,7 @@ impl DeviceServer {
             now: Time(0),
             anchor: (Time(0), Time(0)),
             waits_since: None,
+            synced: 0,
             counts: Served::default(),
         })
     }
@@ -109,8 +113,9 @@ impl DeviceServer {
     /// Switches all devices on at a moment of the wall.
     pub fn switch_on(&mut self, wall: Time, out: &mut impl Outbox) {
         self.anchor = (wall, self.now);
+        let buses = self.far.buses;
         for device in 0..DEVICES {
-            self.far.switch_on(device, self.now, &mut Bus { out: &mut *out, sent: &mut self.counts.sent });
+            self.far.switch_on(device, self.now, &mut Bus { out: &mut *out, buses, sent: &mut self.counts.sent });
         }
     }
 
@@ -125,15 +130,22 @@ impl DeviceServer {
         let mut now = self.due(wall);
         if frame.id() == cob::SYNC {
             self.counts.syncs += 1;
+            let own = 1_u8.checked_shl(frame.bus().into()).unwrap_or_default();
             if self.pace == Pace::Lockstep {
-                if self.waits_since.is_some() {
+                // One SYNC of each bus belongs to a period; the second one of a bus begins the next.
+                if self.waits_since.is_none() || self.synced & own != 0 {
+                    self.synced = 0;
+                }
+                if self.waits_since.is_some() && self.synced == 0 {
                     now = self.now + self.period;
                 }
+                self.synced |= own;
                 self.waits_since = Some(wall);
             }
         }
         self.advance(now, out)?;
-        self.far.on_frame(now, None, frame, &mut Plain, &mut Bus { out, sent: &mut self.counts.sent })?;
+        let buses = self.far.buses;
+        self.far.on_frame(now, None, frame, &mut Plain, &mut Bus { out, buses, sent: &mut self.counts.sent })?;
         if frame.id() == cob::SYNC {
             self.lead_hand();
         }
@@ -235,9 +247,10 @@ impl DeviceServer {
     }
 
     fn advance(&mut self, until: Time, out: &mut impl Outbox) -> Result<(), RigError> {
+        let buses = self.far.buses;
         while self.far.next_deadline() <= until {
             self.now = self.far.next_deadline().max(self.now);
-            self.far.poll(self.now, &mut Plain, &mut Bus { out: &mut *out, sent: &mut self.counts.sent })?;
+            self.far.poll(self.now, &mut Plain, &mut Bus { out: &mut *out, buses, sent: &mut self.counts.sent })?;
         }
         self.now = until;
         Ok(())

@@ -179,7 +179,7 @@ impl<const N: usize> PointMass<N> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::sim::hand::{Hand, HandParameters, Leg, Path, TremorParameters};
+    use crate::sim::hand::{Hand, HandParameters, Leg, NoiseBand, Path};
     use nalgebra::{Vector1, Vector3};
 
     const DEVICE: PointMassParameters =
@@ -252,7 +252,8 @@ mod tests {
                 stiffness_n_per_m: 400.0,
                 damping_n_s_per_m: 8.0,
                 voluntary_force_limit_n: 40.0,
-                tremor: Some(TremorParameters { force_rms_n: 0.1, low_hz: 8.0, high_hz: 12.0 }),
+                tremor: Some(NoiseBand { rms: 0.1, low_hz: 8.0, high_hz: 12.0 }),
+                aim_error: None,
             };
             let legs = [Leg::To { point_m: Vector3::new(0.05, 0.0, 0.02), in_s: 0.5 }, Leg::Wait { for_s: 1.0 }];
             let path = Path::new(Vector3::zeros(), &legs).unwrap();

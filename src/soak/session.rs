@@ -16,6 +16,7 @@ use crate::guard::{Fault, Request, State};
 use crate::injection::Injection;
 use crate::record::CycleRecord;
 use crate::rig::{EmbeddedRig, PORTS, RigError};
+use crate::sim::can::BusCounters;
 
 /// Violations that are kept of one run: the first of each invariant, and not more than this.
 const MOST_VIOLATIONS: usize = 5;
@@ -434,7 +435,7 @@ impl<'a> Run<'a> {
             torques_n_m: [left.torque_n_m(), right.torque_n_m()],
             drives: [left.state(), right.state()],
         };
-        let counters = machine.bus_counters();
+        let counters: BusCounters = machine.bus_counters().sum();
         seen.queue_high_water = counters.queue_high_water;
         seen.queue_lost = counters.overflowed;
         seen.request = request;

@@ -1,11 +1,13 @@
 //! Studies over whole rigs and over parts of them: the figures of the paper, the measures taken from runs, and the charts
 //! of speed, accuracy and stability.
 
+mod ablation;
 pub mod bench;
 pub mod chart;
 #[cfg(feature = "figures")]
 pub mod drawing;
 mod hold;
+mod machine;
 pub mod measures;
 #[cfg(feature = "recording")]
 pub mod replay;
@@ -13,6 +15,7 @@ pub mod reproduce;
 mod run;
 mod stability;
 pub mod sweep;
+mod task;
 
 pub use run::{Overrides, RunReport, Stage, Watch, measured, run_device, run_rig};
 
@@ -26,13 +29,15 @@ pub struct Options {
 }
 
 /// Names of all studies.
-pub const NAMES: [&str; 2] = ["hold", "stability"];
+pub const NAMES: [&str; 4] = ["ablation", "hold", "stability", "task"];
 
 /// A study by its name.
 pub fn study(name: &str, _options: &Options) -> Option<Box<dyn sweep::Study>> {
     Some(match name {
+        "ablation" => Box::new(ablation::Ablation::new()),
         "hold" => Box::new(hold::Hold::new()),
         "stability" => Box::new(stability::Stability::new()),
+        "task" => Box::new(task::Task::new()),
         _ => return None,
     })
 }

@@ -2,9 +2,10 @@
 
 use std::fmt;
 
+use super::machine::Machine;
 use super::measures::Measures;
-use super::run::{Overrides, RunReport, Stage, Watch, run_device, run_rig};
-use crate::config::{self, Loaded, Report, Source};
+use super::run::{Overrides, RunReport, Stage, Watch, run_rig};
+use crate::config::{self, Loaded, Report};
 use crate::record::Trace;
 use crate::rig::RigError;
 
@@ -138,18 +139,14 @@ fn run_figure(
     let mut runs = Vec::new();
     for machine in machines(&figure)? {
         for &hold_steps in &figure.value.hold_steps {
-            let mode = machine.mode();
+            let mode = mode(&machine);
             let mut fixture = figure.value.fixture.clone().unwrap_or_else(|| machine.fixture().clone());
             fixture.hold_steps = hold_steps;
             fixture.automatic_hold = None;
             let overrides = Overrides { fixture: Some(fixture), ..Overrides::default() };
             let fail = |source| ReproduceError::Rig { figure: name, mode, source };
             let mut stage = |stage| progress(name, mode, stage);
-            let report = match &machine {
-                Machine::Rig(rig) => run_rig(rig, &scene, &overrides, Watch::default(), &mut stage),
-                Machine::Device(device) => run_device(device, &scene, &overrides, &mut stage),
-            };
-            let report = report.map_err(fail)?;
+            let report = machine.run(&scene, &overrides, &mut stage).map_err(fail)?;
             let without_feed_forward = match &machine {
                 Machine::Rig(rig) if mode == Mode::Cst => {
                     let bare = stripped_of_feed_forward(rig);
@@ -165,42 +162,24 @@ fn run_figure(
     Ok(runs)
 }
 
-enum Machine {
-    Rig(Box<config::Rig>),
-    Device(Box<config::ImpedanceDevice>),
-}
-
-impl Machine {
-    fn mode(&self) -> Mode {
-        match self {
-            Machine::Rig(rig) => match rig.rig.command_mode {
-                config::CommandMode::Torque => Mode::Cst,
-                config::CommandMode::Velocity => Mode::Csv,
-                config::CommandMode::Position => Mode::Csp,
-            },
-            Machine::Device(_) => Mode::Impedance,
-        }
-    }
-
-    fn fixture(&self) -> &config::Fixture {
-        match self {
-            Machine::Rig(rig) => &rig.fixture,
-            Machine::Device(device) => &device.fixture,
-        }
+/// How a machine is driven.
+fn mode(machine: &Machine) -> Mode {
+    match machine {
+        Machine::Rig(rig) => match rig.rig.command_mode {
+            config::CommandMode::Torque => Mode::Cst,
+            config::CommandMode::Velocity => Mode::Csv,
+            config::CommandMode::Position => Mode::Csp,
+        },
+        Machine::Device(_) => Mode::Impedance,
     }
 }
 
 /// The machines of a figure, torque mode before position mode.
 fn machines(figure: &Loaded<config::Figure>) -> Result<Vec<Machine>, Report> {
-    let file = |path: &String| -> Source { figure.source.relative(path) };
-    let mut machines = Vec::new();
-    if let Some(device) = &figure.value.device {
-        machines.push(Machine::Device(Box::new(config::load_device(file(device))?.value)));
-    }
-    for rig in figure.value.rigs.values() {
-        machines.push(Machine::Rig(Box::new(config::load_rig(file(rig))?.value)));
-    }
-    machines.sort_by_key(Machine::mode);
+    let device = figure.value.device.iter();
+    let files = device.chain(figure.value.rigs.values()).map(|path| figure.source.relative(path));
+    let mut machines = files.map(Machine::load).collect::<Result<Vec<_>, _>>()?;
+    machines.sort_by_key(mode);
     Ok(machines)
 }
 

@@ -37,10 +37,10 @@ pub struct RunReport {
     pub state: Option<State>,
     /// The fault that stopped the rig or that held it at the end, if one did.
     pub cause: Option<Cause>,
-    /// What went over the bus from switching on to the end.
+    /// What went over all buses from switching on to the end.
     pub bus: Option<BusCounters>,
-    /// Share of the scene's time in which bits were on the bus, at its bit rate.
-    pub bus_load: Option<f64>,
+    /// Share of the scene's time in which bits were on each bus, at its bit rate, with the bus's name.
+    pub bus_loads: Vec<(String, f64)>,
     /// Virtual time since switching on at which the scene began, in s.
     pub started_at_s: Option<f64>,
     /// Time in s in which a fault held the reference at rest and cleared by itself.
@@ -95,7 +95,8 @@ pub fn run_rig(
     }
     overrides.faults.iter().try_for_each(|fault| machine.inject(*fault))?;
     machine.enable()?;
-    let (started_at, before) = (machine.next_sync(), *machine.bus_counters());
+    let started_at = machine.next_sync();
+    let before: Vec<BusCounters> = machine.bus_counters().copied().collect();
     let period_s = f64::from(rig.cycle.period_us) * 1e-6;
     let end_s = overrides.duration_s.unwrap_or(scene.duration_s.get());
     let cycles = ((end_s / period_s).round() as usize).max(1);
@@ -111,10 +112,13 @@ pub fn run_rig(
         }
     }
     let cause = machine.cause();
-    let bus_load = rig.buses.values().next().filter(|_| !rows.is_empty()).map(|bus| {
-        let elapsed = Duration::from_secs_f64(rows.len() as f64 * period_s);
-        machine.bus_counters().load_since(&before, elapsed, bus.bit_rate_bit_per_s)
+    // A scene has one cycle at least.
+    let elapsed = Duration::from_secs_f64(rows.len() as f64 * period_s);
+    let counted = rig.buses.iter().zip(machine.bus_counters().zip(&before));
+    let bus_loads = counted.map(|((name, bus), (counters, before))| {
+        (name.clone(), counters.load_since(before, elapsed, bus.bit_rate_bit_per_s))
     });
+    let bus_loads = bus_loads.collect();
     let held_s = rows.iter().filter(|row| row.supervisor_state == State::Holding as u8).count() as f64 * period_s;
     if state.is_latched() {
         for _ in 0..(AROUND_FAULT_S / period_s).round() as usize {
@@ -129,8 +133,8 @@ pub fn run_rig(
         measures,
         state: Some(state),
         cause,
-        bus: Some(*machine.bus_counters()),
-        bus_load,
+        bus: Some(machine.bus_counters().sum()),
+        bus_loads,
         started_at_s: Some(started_at.as_secs_f64()),
         held_s,
         period_s,
@@ -193,7 +197,7 @@ pub fn run_device(
         state: None,
         cause: None,
         bus: None,
-        bus_load: None,
+        bus_loads: Vec::new(),
         started_at_s: None,
         held_s: 0.0,
         period_s,

@@ -42,7 +42,7 @@ const DEFECTS: [Defect; 15] = [
     ),
     defect(
         "drives in fault are reset without a request",
-        "src/bus/master.rs",
+        "src/bus/master/mod.rs",
         "if self.last.directive.fault_reset {",
         "if self.last.directive.fault_reset || now.0 / 1_000_000 % 40 == 0 {",
     ),
@@ -78,7 +78,7 @@ const DEFECTS: [Defect; 15] = [
     ),
     defect(
         "set-points go out although the last ones have not left",
-        "src/bus/master.rs",
+        "src/bus/master/mod.rs",
         "if self.is_silent || self.is_held {",
         "if self.is_silent {",
     ),
@@ -90,9 +90,9 @@ const DEFECTS: [Defect; 15] = [
     ),
     defect(
         "a heartbeat is missed too late",
-        "src/bus/master.rs",
-        "drive.heartbeat * HEARTBEAT_PERIODS",
-        "drive.heartbeat * (HEARTBEAT_PERIODS + 1)",
+        "src/bus/master/line.rs",
+        "node.heartbeat * HEARTBEAT_PERIODS",
+        "node.heartbeat * (HEARTBEAT_PERIODS + 1)",
     ),
     defect(
         "a set-point loses its sign",

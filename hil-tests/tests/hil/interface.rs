@@ -117,11 +117,12 @@ fn only_what_a_filter_lets_through_comes_and_process_data_come_first() {
     let services = [(0x581, false), (0x5ff, false), (0x701, false), (0x582, true)];
     assert_eq!((ids, lost), ([&process[..], &services].concat(), 0));
 
-    // An own frame of the process data comes back, one of the services does not; others get both.
+    // Own frames come back, process data first; others get both.
     filtered.send(&Frame::new(0x701, &[5])).expect("sent");
     filtered.send(&Frame::new(0x201, &[6])).expect("sent");
     let echo = hear(&mut filtered, |_| true);
     assert_eq!(echo.what, Received::Echo(Frame::new(0x201, &[6])));
+    assert_eq!(hear(&mut filtered, |_| true).what, Received::Echo(Frame::new(0x701, &[5])));
     assert!(!filtered.wait(filtered.now() + Duration::from_millis(50)));
     let both = [Frame::new(0x701, &[5]), Frame::new(0x201, &[6])];
     for frame in both {
@@ -159,7 +160,7 @@ fn canplayer_replays_a_recorded_sensor_stream() {
     let mut link = own.link();
     let stream = sensor_stream();
     let path = std::env::temp_dir().join(format!("yieldwall-{}.log", std::process::id()));
-    let mut log = CandumpWriter::new(Vec::new(), "can0");
+    let mut log = CandumpWriter::new(Vec::new(), ["can0"]);
     for (time, frame) in &stream {
         log.record(*time, frame).expect("memory");
     }
@@ -196,7 +197,7 @@ fn candump_sees_what_was_sent_and_writes_it_as_this_project_does() {
     for frame in &frames {
         link.send(frame).expect("sent");
     }
-    let mut ours = CandumpWriter::new(Vec::new(), own.0);
+    let mut ours = CandumpWriter::new(Vec::new(), [own.0]);
     for frame in &frames {
         ours.record(Time(0), frame).expect("memory");
     }

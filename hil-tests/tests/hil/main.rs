@@ -12,9 +12,17 @@
 
 mod bodies;
 #[cfg(target_os = "linux")]
+mod buses;
+#[cfg(target_os = "linux")]
 mod interface;
 #[cfg(target_os = "linux")]
 mod processes;
+#[cfg(target_os = "linux")]
+mod programs;
+#[cfg(target_os = "linux")]
+mod refused;
+#[cfg(target_os = "linux")]
+mod wall_clock;
 
 /// Every body once on each kind of bus.
 macro_rules! on_both {

@@ -25,18 +25,27 @@ pub struct Advice {
     pub compute_at_us: [u64; 2],
 }
 
-/// The first that fits: another moment for the control step, a higher bit rate, a longer period.
+/// The first that fits: another moment for the control step, a higher bit rate, a longer period. The rig's other buses, under
+/// their conditions, have to keep the cycle too, but for a bit rate of theirs that has to be raised anyway.
 ///
 /// # Errors
 /// As [`Budget::new`].
-pub fn advise(setup: &MasterSetup, conditions: Conditions) -> Result<Option<Advice>, BootError> {
+pub fn advise(setup: &MasterSetup, conditions: Conditions, others: &[Conditions]) -> Result<Option<Advice>, BootError> {
     let rates = BIT_RATES.into_iter().filter(|rate| *rate > conditions.bit_rate).map(|rate| (rate, setup.period));
     let periods = PERIODS_US.into_iter().map(Duration::from_micros).filter(|period| *period > setup.period);
     let periods = periods.map(|period| (conditions.bit_rate, period));
     for (bit_rate, period) in [(conditions.bit_rate, setup.period)].into_iter().chain(rates).chain(periods) {
         let setup = MasterSetup { period, ..setup.clone() };
-        if let Some(compute_at_us) = compute_range_us(&setup, Conditions { bit_rate, ..conditions })? {
-            return Ok(Some(Advice { bit_rate, period, compute_at_us }));
+        let Some([mut earliest, mut latest]) = compute_range_us(&setup, Conditions { bit_rate, ..conditions })? else {
+            continue;
+        };
+        for other in others {
+            if let Some(range) = compute_range_us(&setup, *other)? {
+                (earliest, latest) = (earliest.max(range[0]), latest.min(range[1]));
+            }
+        }
+        if earliest <= latest {
+            return Ok(Some(Advice { bit_rate, period, compute_at_us: [earliest, latest] }));
         }
     }
     Ok(None)

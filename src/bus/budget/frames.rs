@@ -81,39 +81,43 @@ impl PlannedFrame {
     }
 }
 
-/// The frames of a network in operation, in the order in which the master queues its own.
+/// The frames of one bus of a network in operation, in the order in which the master queues its own.
 ///
 /// # Errors
 /// If node identifiers are out of range, or if a profile lacks the process data of the command mode.
-pub(super) fn frames(setup: &MasterSetup) -> Result<Vec<PlannedFrame>, BootError> {
+pub(super) fn frames(setup: &MasterSetup, bus: u8) -> Result<Vec<PlannedFrame>, BootError> {
     let mode = Some(setup.mode.operation_mode());
-    let [left, right] = &setup.drives;
     let sensor = &setup.sensor;
-    let mut devices = vec![
-        Device::new(&left.name, left.node_id, left.profile, mode, left.heartbeat)?,
-        Device::new(&right.name, right.node_id, right.profile, mode, right.heartbeat)?,
-    ];
-    if let SensorLink::Canopen(node) = &sensor.link {
+    let mut devices = Vec::new();
+    for drive in setup.drives.iter().filter(|drive| drive.bus == bus) {
+        devices.push(Device::new(&drive.name, drive.node_id, drive.profile, mode, drive.heartbeat)?);
+    }
+    if let (SensorLink::Canopen(node), true) = (&sensor.link, sensor.bus == bus) {
         devices.push(Device::new(&sensor.name, node.node_id, node.profile, None, node.heartbeat)?);
     }
     let master = node(setup.node_id, "master")?;
     let period = setup.period;
-    let mut all = vec![PlannedFrame {
-        name: "SYNC".to_owned(),
-        usage: Use::Sync,
-        is_of_master: true,
-        is_answer: false,
-        cob_id: cob::SYNC,
-        bytes: 0,
-        period,
-    }];
+    let mut all = Vec::new();
+    if setup.has_sync(bus) {
+        all.push(PlannedFrame {
+            name: "SYNC".to_owned(),
+            usage: Use::Sync,
+            is_of_master: true,
+            is_answer: false,
+            cob_id: cob::SYNC,
+            bytes: 0,
+            period,
+        });
+    }
     for device in &devices {
         device.process_data(&mut all, period)?;
     }
-    if let SensorLink::PlainCan(link) = &sensor.link {
+    if let (SensorLink::PlainCan(link), true) = (&sensor.link, sensor.bus == bus) {
         plain_can(&mut all, sensor, link, period);
     }
-    all.push(heartbeat("master", master, setup.heartbeat, true));
+    if setup.has_nodes(bus) {
+        all.push(heartbeat("master", master, setup.heartbeat, true));
+    }
     all.extend(devices.iter().map(|device| heartbeat(device.name, device.node, device.heartbeat, false)));
     // One exchange at a time; that with the highest node id waits longest.
     if let Some(device) = devices.iter().max_by_key(|device| device.node.raw()) {

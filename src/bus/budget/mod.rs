@@ -24,6 +24,8 @@ use phases::{Timing, responses_ns};
 /// What the response times depend on besides the frames.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Conditions {
+    /// Number of the bus; each is looked at by itself.
+    pub bus: u8,
     /// Bit rate in bit/s, above 0.
     pub bit_rate: u32,
     /// When the control step runs, after SYNC; below the period.
@@ -96,12 +98,12 @@ pub struct Budget {
 }
 
 impl Budget {
-    /// The budget of a network in operation.
+    /// The budget of one bus of a network in operation.
     ///
     /// # Errors
     /// If node identifiers are out of range, or if a profile lacks the process data of the command mode.
     pub fn new(setup: &MasterSetup, conditions: Conditions) -> Result<Self, BootError> {
-        let plan = frames::frames(setup)?;
+        let plan = frames::frames(setup, conditions.bus)?;
         let timing = Timing {
             bit: 1_000_000_000_u64.div_ceil(u64::from(conditions.bit_rate).max(1)),
             cycle: nanoseconds(setup.period),

@@ -95,9 +95,12 @@ impl Round<'_> {
         response_ns(&Stream { jitter_ns, ..*stream }, 0, &before, self.timing.bit)
     }
 
+    /// Longest time to the end of SYNC; on a bus without SYNC everything follows the begin of the cycle itself.
     fn sync_response_ns(&self) -> Option<u64> {
-        let sync = self.frames.iter().position(|frame| frame.usage == Use::Sync)?;
-        self.found.get(sync).copied()?
+        match self.frames.iter().position(|frame| frame.usage == Use::Sync) {
+            Some(sync) => self.found.get(sync).copied()?,
+            None => Some(0),
+        }
     }
 
     /// A measured value is released up to R(SYNC) and the device's delay late, and competes with the others of its cycle.
@@ -183,8 +186,8 @@ impl Round<'_> {
     /// The other frames as a frame sees them that can come at any moment: by how much each can be released late. Whatever
     /// has waited longer belongs to the same busy period.
     fn released(&self, at: usize) -> Option<Vec<Stream>> {
-        let sync = self.frames.iter().position(|frame| frame.usage == Use::Sync)?;
-        let sync_ns = self.streams.get(sync)?.transmission_ns;
+        let sync = self.frames.iter().position(|frame| frame.usage == Use::Sync);
+        let sync_ns = sync.and_then(|sync| self.streams.get(sync)).map_or(0, |sync| sync.transmission_ns);
         let sync_late = self.sync_response_ns()?.saturating_sub(sync_ns) + self.timing.device_delay;
         let mut others = Vec::new();
         for (other, stream) in self.select(|other| other != at) {

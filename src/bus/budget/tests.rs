@@ -10,6 +10,7 @@ fn setup(mode: CommandMode, period_us: u64) -> MasterSetup {
     let heartbeat = Duration::from_millis(20);
     let drive = |name: &str, node_id| DriveSetup {
         name: name.to_owned(),
+        bus: 0,
         node_id,
         profile: &SIMULATED_SERVO,
         scaling: AxisScaling::new(800_000.0, Direction::Same, 0.0, 60.0).unwrap(),
@@ -26,6 +27,7 @@ fn setup(mode: CommandMode, period_us: u64) -> MasterSetup {
         drives: [drive("left", 1), drive("right", 2)],
         sensor: SensorSetup {
             name: "wrist".to_owned(),
+            bus: 0,
             link: SensorLink::Canopen(SensorNode { node_id: 10, profile: &SIMULATED_FORCE_SENSOR, heartbeat }),
             sample_period: Duration::from_micros(period_us),
         },
@@ -33,6 +35,7 @@ fn setup(mode: CommandMode, period_us: u64) -> MasterSetup {
 }
 
 const HOST: Conditions = Conditions {
+    bus: 0,
     bit_rate: 1_000_000,
     compute_at: Duration::from_micros(620),
     device_delay: Duration::ZERO,
@@ -161,7 +164,7 @@ fn advice_is_the_least_change_that_fits() {
     let torque = setup(CommandMode::Torque, 1000);
     let early = Conditions { compute_at: Duration::from_micros(300), ..HOST };
     assert!(!Budget::new(&torque, early).unwrap().is_schedulable());
-    let advice = advise(&torque, early).unwrap().unwrap();
+    let advice = advise(&torque, early, &[]).unwrap().unwrap();
     assert_eq!((advice.bit_rate, advice.period), (1_000_000, Duration::from_millis(1)));
     let [earliest, latest] = advice.compute_at_us;
     assert!(earliest < 620 && 620 < latest, "{advice:?}");
@@ -173,10 +176,10 @@ fn advice_is_the_least_change_that_fits() {
     assert!(fits(earliest) && fits(latest) && !fits(earliest - 1) && !fits(latest + 1));
 
     let slow = Conditions { bit_rate: 500_000, ..HOST };
-    let advice = advise(&torque, slow).unwrap().unwrap();
+    let advice = advise(&torque, slow, &[]).unwrap().unwrap();
     // 800 kbit/s does not do.
     assert_eq!((advice.bit_rate, advice.period), (1_000_000, Duration::from_millis(1)));
-    let advice = advise(&setup(CommandMode::Position, 500), HOST).unwrap().unwrap();
+    let advice = advise(&setup(CommandMode::Position, 500), HOST, &[]).unwrap().unwrap();
     assert_eq!((advice.bit_rate, advice.period), (1_000_000, Duration::from_millis(1)));
 }
 
@@ -184,7 +187,7 @@ fn plain_can(protocol: Protocol, sample_us: u64) -> MasterSetup {
     let link = Link { protocol, pair_gap: Duration::from_micros(500), zero_at_start: false };
     let name = "wrist".to_owned();
     let sample_period = Duration::from_micros(sample_us);
-    let sensor = SensorSetup { name, link: SensorLink::PlainCan(link), sample_period };
+    let sensor = SensorSetup { name, bus: 0, link: SensorLink::PlainCan(link), sample_period };
     MasterSetup { sensor, ..setup(CommandMode::Torque, 1000) }
 }
 
@@ -241,4 +244,50 @@ fn a_streaming_sensor_comes_at_any_moment() {
     let outranking = Budget::new(&streaming(0x001, 2000), HOST).unwrap();
     assert!(response_us(&outranking, 0x080) >= 131 + 132 + 53);
     assert!(response_us(&outranking, 0x182) > response_us(&budget, 0x182) + 200);
+}
+
+/// The sensor on a bus of its own, at half the bit rate of the drives'.
+fn apart(mut setup: MasterSetup) -> [Budget; 2] {
+    setup.sensor.bus = 1;
+    let conditions = Conditions { compute_at: Duration::from_micros(740), ..HOST };
+    let sensor = Conditions { bus: 1, bit_rate: 500_000, ..conditions };
+    [conditions, sensor].map(|conditions| Budget::new(&setup, conditions).unwrap())
+}
+
+/// As above; 61 bits of the heartbeat, 131 and 111 of the process data of node 10.
+#[test]
+fn two_buses_do_not_wait_for_each_other() {
+    let [drives, sensor] = apart(setup(CommandMode::Torque, 1000));
+    assert!(drives.frames.iter().chain(&sensor.frames).all(|each| !each.frame.name.is_empty()));
+    assert!(sensor.frames.iter().all(|each| each.frame.name.starts_with("wrist")
+        || each.frame.name.starts_with("master")
+        || each.frame.name == "SYNC"));
+    assert!(drives.frames.iter().all(|each| !each.frame.name.starts_with("wrist")));
+    // One heartbeat that has just begun, then SYNC; the master's own does not last to the next cycle.
+    assert_eq!(response_us(&sensor, 0x080), 2 * (61 + 53));
+    assert_eq!(response_us(&sensor, 0x28a), 2 * (61 + 53 + 131 + 111));
+    assert_eq!(response_us(&drives, 0x202), 62 + 92 + 93);
+    assert!(drives.is_schedulable() && sensor.is_schedulable());
+}
+
+#[test]
+fn a_streaming_sensor_alone_on_its_bus_needs_no_sync() {
+    let [_, sensor] = apart(streaming(0x360, 2000));
+    let ids: Vec<u16> = sensor.frames.iter().map(|each| each.frame.cob_id).collect();
+    assert_eq!(ids, [0x360, 0x361]);
+    assert_eq!(response_us(&sensor, 0x361), 2 * (132 + 131));
+    let [_, polled] = apart(polled());
+    // Request and both answers follow the begin of the cycle.
+    assert_eq!(response_us(&polled, 0x1b6), 2 * (63 + 131 + 131));
+    assert!(sensor.is_schedulable() && polled.is_schedulable());
+}
+
+#[test]
+fn advice_for_one_bus_is_kept_by_the_others() {
+    let mut setup = setup(CommandMode::Torque, 1000);
+    setup.sensor.bus = 1;
+    let conditions = Conditions { compute_at: Duration::from_micros(600), ..HOST };
+    let sensor = Conditions { bus: 1, bit_rate: 500_000, ..conditions };
+    let advice = advise(&setup, sensor, &[conditions]).unwrap().unwrap();
+    assert_eq!((advice.bit_rate, advice.compute_at_us), (500_000, [712, 753]));
 }

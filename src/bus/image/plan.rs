@@ -1,6 +1,6 @@
 //! The plan of the process image, made once from setup and profiles.
 
-use super::{Drive, IDENTIFIERS, Incoming, NO_SLOT, Outgoing, Source};
+use super::{Drive, IDENTIFIERS, Incoming, NO_SLOT, Outgoing, Source, slot_index};
 use crate::bus::boot::{layout_entries, mapping};
 use crate::bus::error::BootFailure;
 use crate::bus::setup::{CommandMode, DriveSetup, SensorNode};
@@ -18,8 +18,9 @@ pub(super) struct Incomings {
 }
 
 impl Incomings {
-    pub(super) fn new() -> Self {
-        Self { slots: vec![NO_SLOT; IDENTIFIERS].into_boxed_slice(), incoming: Vec::new() }
+    /// None yet, with room for those of the buses up to this one.
+    pub(super) fn new(last_bus: u8) -> Self {
+        Self { slots: vec![NO_SLOT; slot_index(last_bus, 0) + IDENTIFIERS].into_boxed_slice(), incoming: Vec::new() }
     }
 
     pub(super) fn drive(
@@ -31,7 +32,7 @@ impl Incomings {
         let profile = setup.profile;
         let map = mapping(profile, Some(mode.operation_mode()))?;
         for pdo in map.tpdo {
-            self.add(profile, node, pdo, Some(joint), &|object| match object {
+            self.add(setup.bus, profile, node, pdo, Some(joint), &|object| match object {
                 objects::STATUSWORD => Some(Source::Status(joint)),
                 objects::POSITION_ACTUAL => Some(Source::Position(joint)),
                 _ => None,
@@ -46,6 +47,7 @@ impl Incomings {
         let layout = layout(profile, pdo)?;
         let find = |object: Object| layout.field(object.index, object.sub).ok_or_else(|| lacking(profile, object));
         let outgoing = Outgoing {
+            bus: setup.bus,
             id: cob::rpdo(pdo.number, node).ok_or_else(|| lacking(profile, set_point))?,
             len: layout.len(),
             controlword: find(objects::CONTROLWORD)?,
@@ -63,10 +65,10 @@ impl Incomings {
         })
     }
 
-    pub(super) fn sensor(&mut self, setup: &SensorNode, node: NodeId) -> Result<(), BootFailure> {
+    pub(super) fn sensor(&mut self, bus: u8, setup: &SensorNode, node: NodeId) -> Result<(), BootFailure> {
         let map = mapping(setup.profile, None)?;
         for pdo in map.tpdo {
-            self.add(setup.profile, node, pdo, None, &|object| match object {
+            self.add(bus, setup.profile, node, pdo, None, &|object| match object {
                 objects::SENSOR_STATUS => Some(Source::SensorStatus),
                 objects::SENSOR_SAMPLE_COUNTER => Some(Source::SampleCounter),
                 channel if channel.index == objects::PROCESS_VALUE.index && (1..=6).contains(&channel.sub) => {
@@ -80,6 +82,7 @@ impl Incomings {
 
     fn add(
         &mut self,
+        bus: u8,
         profile: &'static DeviceProfile,
         node: NodeId,
         pdo: &PdoMapping,
@@ -96,7 +99,7 @@ impl Incomings {
             }
         }
         let id = cob::tpdo(pdo.number, node).unwrap_or_default();
-        if let Some(slot) = self.slots.get_mut(usize::from(id)) {
+        if let Some(slot) = self.slots.get_mut(slot_index(bus, id)) {
             *slot = self.incoming.len() as u8;
         }
         self.incoming.push(Incoming { len: layout.len(), joint, fields, word: 0, has_arrived: false, is_owed: false });

@@ -138,6 +138,9 @@ pub(super) struct BlockReceiver {
     opened_by: Payload,
     is_first_block: bool,
     is_complete: bool,
+    /// Whether the last block was ended by silence: a sender that was only slow goes on with that block, and what it sends
+    /// of it must not be taken for the end of the next one.
+    is_early: bool,
     fruitless: u8,
     /// Bytes that the value may have.
     limit: usize,
@@ -154,6 +157,7 @@ impl BlockReceiver {
             opened_by,
             is_first_block: true,
             is_complete: false,
+            is_early: false,
             fruitless: 0,
             limit,
         }
@@ -187,12 +191,19 @@ impl BlockReceiver {
             self.good = sequence;
             self.is_complete = is_last;
         }
-        if is_last || sequence == self.block_size { self.close().map(Taken::Acknowledge) } else { Ok(Taken::Nothing) }
+        let is_of_last_block = self.is_early && self.good == 0;
+        let is_end = is_last || sequence == self.block_size;
+        if is_end && !is_of_last_block { self.close().map(Taken::Acknowledge) } else { Ok(Taken::Nothing) }
     }
 
     /// What to send because nothing has come for a while.
     pub(super) fn on_silence(&mut self) -> Result<Payload, AbortCode> {
-        if self.good == 0 { Ok(self.opened_by) } else { self.close() }
+        if self.good == 0 {
+            return Ok(self.opened_by);
+        }
+        let acknowledgement = self.close()?;
+        self.is_early = true;
+        Ok(acknowledgement)
     }
 
     /// Ends the block; the next one is larger after success, smaller after loss, and never as large as this one.
@@ -206,7 +217,7 @@ impl BlockReceiver {
             same => same - 1,
         };
         self.opened_by = wire::block_acknowledge(self.good, self.block_size);
-        (self.good, self.is_first_block) = (0, false);
+        (self.good, self.is_first_block, self.is_early) = (0, false, false);
         Ok(self.opened_by)
     }
 

@@ -1,4 +1,4 @@
-//! Nodes on the bus: names, numbers, device models and how often they are heard.
+//! Nodes on their buses: names, numbers, device models and how often they are heard.
 
 use yieldwall_drives::cia402::OperationMode;
 use yieldwall_drives::profiles::{self, Role};
@@ -12,13 +12,15 @@ const BIT_RATES: [u32; 8] = [10_000, 20_000, 50_000, 125_000, 250_000, 500_000, 
 /// Least heartbeat period in control periods: a node that is due in every cycle may come late in one.
 const HEARTBEAT_CYCLES: u64 = 2;
 
-/// Whether the bus exists, is one, and every node of it has a number of its own.
+/// Whether the buses exist and are in use, and every node of each has a number of its own.
 pub(super) fn check_nodes(findings: &mut Findings, rig: &Rig) {
-    if let Some(second) = rig.buses.keys().nth(1) {
+    let [left, right] = &rig.drives;
+    let used = [&left.bus, &right.bus, &rig.sensor.bus];
+    for name in rig.buses.keys().filter(|name| !used.contains(name)) {
         findings.error(
-            &format!("buses.{second}"),
-            format!("`buses` has {} buses, and this version runs one", rig.buses.len()),
-            "put both drives and the sensor on one bus: one SYNC keeps them in step, and 1 Mbit/s carries them at 1 kHz",
+            &format!("buses.{name}"),
+            format!("no device is on the bus `{name}`"),
+            "leave the bus away, or name it as the `bus` of a drive or of the sensor",
         );
     }
     for (name, bus) in &rig.buses {

@@ -12,6 +12,8 @@ use crate::quantity::TipPoint;
 pub const MAX_DURATION_S: f64 = 3600.0;
 /// Highest upper edge of a tremor, Hz: the simulated one is drawn on a grid of 1 ms and carries a tenth of its rate.
 const MAX_TREMOR_HZ: f64 = 100.0;
+/// Highest corner of the error of an aim, Hz: half of that of a tremor.
+const MAX_AIM_HZ: f64 = 50.0;
 /// Least distance of the start of an arc from its centre, m.
 const MIN_ARC_RADIUS_M: f64 = 1e-9;
 
@@ -53,22 +55,31 @@ pub(in crate::config) fn check_scene(findings: &mut Findings, scene: &Scene) {
     }
     check_dimension(findings, scene);
     check_arcs(findings, scene);
-    check_tremor(findings, scene);
+    check_noise(findings, scene);
     check_model(findings, scene);
 }
 
-fn check_tremor(findings: &mut Findings, scene: &Scene) {
-    let Some(tremor) = scene.hand.tremor else { return };
-    let (low, high) = (*tremor.low_hz, *tremor.high_hz);
-    if low >= high {
-        let message = format!("`hand.tremor.low_hz` is {low} Hz, not below `hand.tremor.high_hz` of {high} Hz");
-        findings
-            .error("hand.tremor.low_hz", message, "a hand trembles at about 8 to 12 Hz")
-            .see("hand.tremor.high_hz", "high_hz");
+/// What is random in a hand.
+fn check_noise(findings: &mut Findings, scene: &Scene) {
+    if let Some(tremor) = scene.hand.tremor {
+        let (low, high) = (*tremor.low_hz, *tremor.high_hz);
+        if low >= high {
+            let message = format!("`hand.tremor.low_hz` is {low} Hz, not below `hand.tremor.high_hz` of {high} Hz");
+            findings
+                .error("hand.tremor.low_hz", message, "a hand trembles at about 8 to 12 Hz")
+                .see("hand.tremor.high_hz", "high_hz");
+        }
+        if high > MAX_TREMOR_HZ {
+            let message =
+                format!("`hand.tremor.high_hz` is {high} Hz, above the {MAX_TREMOR_HZ} Hz that are simulated");
+            findings.error("hand.tremor.high_hz", message, "a hand trembles at about 8 to 12 Hz");
+        }
     }
-    if high > MAX_TREMOR_HZ {
-        let message = format!("`hand.tremor.high_hz` is {high} Hz, above the {MAX_TREMOR_HZ} Hz that are simulated");
-        findings.error("hand.tremor.high_hz", message, "a hand trembles at about 8 to 12 Hz");
+    if let Some(error) = scene.hand.aim_error
+        && *error.corner_hz > MAX_AIM_HZ
+    {
+        let message = format!("`hand.aim_error.corner_hz` is {} Hz, above {MAX_AIM_HZ} Hz", *error.corner_hz);
+        findings.error("hand.aim_error.corner_hz", message, "people move by intent below some 2 Hz");
     }
 }
 

@@ -76,6 +76,9 @@ fn check_identifiers(findings: &mut Findings, rig: &Rig, ids: &[(String, u16)]) 
             findings.error(key, message, help);
         }
     }
+    if rig.drives.iter().all(|drive| drive.bus != rig.sensor.bus) {
+        return;
+    }
     let above: Vec<String> = ids.iter().filter(|(_, id)| *id < SYNC).map(|(_, id)| format!("{id:03X}h")).collect();
     if let Some((key, _)) = ids.iter().find(|(_, id)| *id < SYNC) {
         let go = if above.len() == 1 { "goes" } else { "go" };
@@ -98,8 +101,9 @@ fn listed(words: &[String]) -> String {
 
 /// What CANopen uses an identifier for on this bus.
 fn user_of(id: u16, rig: &Rig) -> Option<String> {
-    let [left, right] = &rig.drives;
-    let nodes = [("the master", rig.master.node_id), (&left.name, left.node_id), (&right.name, right.node_id)];
+    let drives = rig.drives.iter().filter(|drive| drive.bus == rig.sensor.bus);
+    let drives = drives.map(|drive| (drive.name.as_str(), drive.node_id));
+    let nodes: Vec<(&str, u8)> = [("the master", rig.master.node_id)].into_iter().chain(drives).collect();
     let of_node = |what: &str| {
         let node = nodes.iter().find(|(_, node)| u16::from(*node) == id & 0x7f)?;
         Some(format!("{what} of {} (node {})", node.0, node.1))

@@ -22,8 +22,8 @@ pub use rig::{
     Guard, Master, Rig, RigIdentity, RigPlant,
 };
 pub use scene::{
-    ArcSpeed, DeviceModel, EncoderModel, ForceSensorModel, Hand, JointElasticity, PathSegment, Scene, SceneModel,
-    Tracking, Tremor,
+    AimError, ArcSpeed, DeviceModel, EncoderModel, ForceSensorModel, Hand, JointElasticity, PathSegment, Scene,
+    SceneModel, SceneTolerance, Tracking, Tremor,
 };
 pub use sensor::{ByteOrder, Mount, Sensor, SensorProtocol};
 pub use surface::{Forbidden, Surface};

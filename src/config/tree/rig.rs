@@ -22,7 +22,7 @@ pub struct Rig {
     /// Timing of the control.
     #[garde(dive)]
     pub cycle: Cycle,
-    /// CAN buses by name; drives and sensor refer to them. This version runs one bus, so there is one entry.
+    /// CAN buses by name; drives and sensor refer to them, and each bus has one of them at least. One fault stops all.
     #[garde(length(min = 1), dive)]
     pub buses: BTreeMap<String, Bus>,
     /// This program as a node of each bus.

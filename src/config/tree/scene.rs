@@ -32,6 +32,30 @@ pub struct Scene {
     #[garde(length(max = 64), dive)]
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub faults: Vec<SceneFault>,
+    /// How much the outputs of the scene may change when a modelled term is left out before the term counts as having an
+    /// effect: `yieldwall study ablation`. Left out: not judged.
+    #[garde(dive)]
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub tolerance: Option<SceneTolerance>,
+}
+
+/// What counts as no change of a scene's outputs.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema, Validate)]
+#[serde(deny_unknown_fields)]
+#[garde(allow_unvalidated)]
+pub struct SceneTolerance {
+    /// Of depths and distances from the surface, mm. Above 0.
+    #[garde(dive)]
+    pub distance_mm: Positive,
+    /// Of the greatest force, N. Above 0.
+    #[garde(dive)]
+    pub force_n: Positive,
+    /// Of the greatest torque, N m. Above 0; not used on an impedance device.
+    #[garde(dive)]
+    pub torque_n_m: Positive,
+    /// Of the energy given to the hand, mJ. Above 0.
+    #[garde(dive)]
+    pub energy_mj: Positive,
 }
 
 impl Scene {
@@ -136,14 +160,20 @@ pub struct Hand {
     /// Damping between the point aimed at and the tool, N s/m. 0 or above.
     #[garde(dive)]
     pub damping_n_s_per_m: NotNegative,
-    /// Largest force of the spring and damper together, N. Above 0.
+    /// Largest force of the spring and damper together, N, above 0; or null for a hand without limit.
     #[garde(dive)]
-    pub voluntary_force_limit_n: Positive,
+    #[serde(deserialize_with = "present")]
+    #[schemars(schema_with = "nullable::<Positive>")]
+    pub voluntary_force_limit_n: Option<Positive>,
     /// Force noise of a human hand, or null for none.
     #[garde(dive)]
     #[serde(deserialize_with = "present")]
     #[schemars(schema_with = "nullable::<Tremor>")]
     pub tremor: Option<Tremor>,
+    /// Error of the hand's aim: a slow random course about the path. Left out: none.
+    #[garde(dive)]
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub aim_error: Option<AimError>,
     /// Where tool and aim are at the start, m: two coordinates on a rig, three on an impedance device.
     #[garde(length(min = 2, max = 3))]
     pub start_m: Vec<Finite>,
@@ -166,6 +196,19 @@ pub struct Tremor {
     /// Upper edge of the band, Hz. Above `low_hz`, at most 100.
     #[garde(dive)]
     pub high_hz: Positive,
+}
+
+/// Slow random course of the point aimed at about its path. It grows from nothing over the first half second.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema, Validate)]
+#[serde(deny_unknown_fields)]
+#[garde(allow_unvalidated)]
+pub struct AimError {
+    /// Root mean square on each axis, m. 0 or above.
+    #[garde(dive)]
+    pub rms_m: NotNegative,
+    /// Above this frequency it has little power, Hz. Above 0, at most 50; people move by intent below some 2 Hz.
+    #[garde(dive)]
+    pub corner_hz: Positive,
 }
 
 /// One piece of the path of the point that the hand aims at.

@@ -3,11 +3,14 @@
 use super::super::Ending::DrivesStop;
 use super::super::Lasts::{For, Once, Stays};
 use super::super::Recovery::{NewProcess, Reset, Restart};
-use super::super::Target::{Host, Link, Operator};
-use super::super::{Kind, Row};
+use super::super::Target::{Drives, Host, LeftDrive, Link, Operator, RightDrive, Sensor};
+use super::super::{Kind, Row, Target};
 use super::{DISABLED, LOST, STOPPED, row, sized};
 use crate::guard::Fault as F;
 use crate::guard::Reaction::{QuickStop, Silence, StopRamp};
+
+/// The master's interfaces: all, or those to the bus of a device.
+const LINKS: [Target; 5] = [Link, LeftDrive, RightDrive, Drives, Sensor];
 
 pub(super) const ROWS: [Row; 14] = [
     row(
@@ -100,7 +103,7 @@ pub(super) const ROWS: [Row; 14] = [
     row(
         (Kind::SendFailed, "send-failed"),
         &[8],
-        &[Link],
+        &LINKS,
         For(0.02),
         "sending fails and says so; what others send arrives",
         &[F::LinkDown],
@@ -109,7 +112,7 @@ pub(super) const ROWS: [Row; 14] = [
     row(
         (Kind::InterfaceDown, "interface-down"),
         &[23],
-        &[Link],
+        &LINKS,
         For(0.2),
         "the interface is down: nothing goes in or out, and sending says so",
         &[F::LinkDown, F::PdoMissed, F::HeartbeatLost],
@@ -118,7 +121,7 @@ pub(super) const ROWS: [Row; 14] = [
     row(
         (Kind::BusOff, "bus-off"),
         &[21],
-        &[Link],
+        &LINKS,
         For(0.2),
         "the controller goes bus-off: nothing goes in or out",
         &[F::BusOff, F::PdoMissed, F::HeartbeatLost],
@@ -127,7 +130,7 @@ pub(super) const ROWS: [Row; 14] = [
     row(
         (Kind::ErrorPassive, "error-passive"),
         &[22],
-        &[Link],
+        &LINKS,
         For(0.02),
         "the controller is error-passive on a disturbed bus that still carries its frames",
         &[F::ErrorPassive],
@@ -136,7 +139,7 @@ pub(super) const ROWS: [Row; 14] = [
     row(
         (Kind::TransmitStalled, "transmit-stalled"),
         &[24],
-        &[Link],
+        &LINKS,
         For(0.01),
         "what the master sends waits in its interface",
         &[F::TransmitStalled, F::PdoMissed],
@@ -145,7 +148,7 @@ pub(super) const ROWS: [Row; 14] = [
     row(
         (Kind::CableOut, "cable-out"),
         &[22],
-        &[Link],
+        &LINKS,
         For(0.2),
         "the master's cable is out: its frames wait unacknowledged, and nothing arrives",
         &[F::TransmitStalled, F::ErrorPassive, F::PdoMissed, F::HeartbeatLost],

@@ -7,10 +7,13 @@ mod error;
 mod facts;
 mod filter;
 mod message;
+mod several;
+mod wall;
 
 pub use error::LinkError;
 pub use facts::{ControllerState, InterfaceFacts};
 pub use filter::CobFilter;
+pub use several::SocketCans;
 
 use std::io;
 use std::os::fd::{AsFd, BorrowedFd};
@@ -18,13 +21,13 @@ use std::time::Duration;
 
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use rustix::io::Errno;
-use rustix::time::{ClockId, clock_gettime};
 use socketcan::{CanDataFrame, CanFrame, CanRemoteFrame, CanSocket, EmbeddedFrame, Socket, SocketOptions, StandardId};
 
 use super::{Arrival, CanLink, ErrorFrame, Received, SendError};
 use crate::canopen::{Frame, Time};
 use filter::Identifiers;
 use message::Message;
+use wall::{Wall, monotonic};
 
 /// Which frames a link takes, and what it expects of the interface.
 #[derive(Clone, Debug)]
@@ -33,8 +36,8 @@ pub struct SocketCanSettings {
     pub interface: String,
     /// Process data of both ways, SYNC included: own frames among them come back as [`Received::Echo`].
     pub process: Vec<CobFilter>,
-    /// Everything else that is wanted. Own frames of these identifiers do not come back. If one of the two is empty there is
-    /// one socket only.
+    /// Everything else that is wanted. Own frames among it come back too, unless there are no process data. If one of the two
+    /// is empty there is one socket only.
     pub services: Vec<CobFilter>,
     /// Bit rate in bit/s that the interface has to have; an interface without one, such as vcan, passes.
     pub bit_rate: Option<u32>,
@@ -77,6 +80,7 @@ pub struct SocketCan {
     /// What came together with a loss, which is told first.
     pending: Option<Arrival>,
     latest: Time,
+    wall: Wall,
 }
 
 impl SocketCan {
@@ -99,20 +103,31 @@ impl SocketCan {
         facts.check(settings.bit_rate)?;
         let failed = |step| move |source| LinkError::System { interface: name.to_owned(), step, source };
         first.socket.set_error_filter_accept_all().map_err(failed("have error frames come"))?;
+        let second = if others.is_empty() { None } else { Some(Port::open(name, index, others)?) };
         if has_process {
-            first.socket.set_recv_own_msgs(true).map_err(failed("have own frames come back"))?;
+            for port in std::iter::once(&first).chain(&second) {
+                port.socket.set_recv_own_msgs(true).map_err(failed("have own frames come back"))?;
+            }
             // The highest that needs no privilege. Queues that know no bands ignore it.
             let priority = first.socket.set_socket_option_int(libc::SOL_SOCKET, libc::SO_PRIORITY, 6);
             priority.map_err(failed("set the priority of process data"))?;
         }
-        let second = if others.is_empty() { None } else { Some(Port::open(name, index, others)?) };
         let mut receive_buffer = usize::MAX;
         for port in std::iter::once(&first).chain(&second) {
             let got = port.reserve(settings.receive_buffer).map_err(failed("reserve memory for frames"))?;
             receive_buffer = receive_buffer.min(got);
         }
         let is_process = Identifiers::passing(filters);
-        Ok(Self { first, second, is_process, facts, receive_buffer, pending: None, latest: Time(0) })
+        Ok(Self {
+            first,
+            second,
+            is_process,
+            facts,
+            receive_buffer,
+            pending: None,
+            latest: Time(0),
+            wall: Wall::default(),
+        })
     }
 
     /// What the system said of the interface when it was opened.
@@ -124,6 +139,15 @@ impl SocketCan {
     /// `CAP_NET_ADMIN` it is at most what `net.core.rmem_max` allows.
     pub fn receive_buffer(&self) -> usize {
         self.receive_buffer
+    }
+
+    /// Whether something was taken from a socket and not asked for yet.
+    fn has_pending(&self) -> bool {
+        self.pending.is_some()
+    }
+
+    fn ports(&self) -> impl Iterator<Item = &Port> {
+        std::iter::once(&self.first).chain(&self.second)
     }
 
     /// The next arrival of one socket.
@@ -152,17 +176,11 @@ impl SocketCan {
         None
     }
 
-    /// Puts the stamp of the wall clock on the monotonic one, by its age. A wall clock that is set in between cannot move
-    /// it past now or before the arrival before it.
+    /// Puts the stamp of the wall clock on the monotonic one. A wall clock that is set in between cannot move it past now or
+    /// before the arrival before it.
     fn arrive(&mut self, stamp: Option<Duration>, what: Received) -> Arrival {
         let now = self.now();
-        let time = match stamp {
-            Some(stamp) => {
-                let age = Duration::from_nanos(nanos(ClockId::Realtime)).saturating_sub(stamp);
-                Time(now.0.saturating_sub(age.as_nanos().min(u128::from(u64::MAX)) as u64))
-            }
-            None => now,
-        };
+        let time = stamp.map_or(now, |stamp| self.wall.moment_of(stamp, now));
         self.latest = time.max(self.latest).min(now);
         Arrival { time: self.latest, what }
     }
@@ -177,7 +195,7 @@ impl AsFd for SocketCan {
 
 impl CanLink for SocketCan {
     fn now(&self) -> Time {
-        Time(nanos(ClockId::Monotonic))
+        monotonic()
     }
 
     fn receive(&mut self) -> Option<Arrival> {
@@ -203,19 +221,23 @@ impl CanLink for SocketCan {
     }
 
     fn wait(&mut self, until: Time) -> bool {
-        if self.pending.is_some() {
+        if self.has_pending() {
             return true;
         }
-        let wait = until.since(self.now());
-        let wait = Timespec { tv_sec: wait.as_secs() as i64, tv_nsec: i64::from(wait.subsec_nanos()) };
-        let timeout = (until != Time::NEVER).then_some(&wait);
         let first = PollFd::new(&self.first, PollFlags::IN);
-        let ready = match &self.second {
-            Some(second) => poll(&mut [first, PollFd::new(second, PollFlags::IN)], timeout),
-            None => poll(&mut [first], timeout),
-        };
-        ready.is_ok_and(|ready| ready > 0)
+        match &self.second {
+            Some(second) => wait_for_any(&mut [first, PollFd::new(second, PollFlags::IN)], until),
+            None => wait_for_any(&mut [first], until),
+        }
     }
+}
+
+/// Waits until one of the sockets has something or `until` has come; whether one has.
+fn wait_for_any(sockets: &mut [PollFd<'_>], until: Time) -> bool {
+    let wait = until.since(monotonic());
+    let wait = Timespec { tv_sec: wait.as_secs() as i64, tv_nsec: i64::from(wait.subsec_nanos()) };
+    let timeout = (until != Time::NEVER).then_some(&wait);
+    poll(sockets, timeout).is_ok_and(|ready| ready > 0)
 }
 
 impl Port {
@@ -245,12 +267,6 @@ impl AsFd for Port {
     fn as_fd(&self) -> BorrowedFd<'_> {
         self.socket.as_fd()
     }
-}
-
-fn nanos(clock: ClockId) -> u64 {
-    let time = clock_gettime(clock);
-    // Neither clock is before its begin.
-    time.tv_sec as u64 * 1_000_000_000 + time.tv_nsec as u64
 }
 
 /// What a message tells; `None` for a frame with 29-bit identifier, which no filter lets through.

@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use super::{DEVICES, EmbeddedRig, MASTER, RigError};
+use super::{DEVICES, EmbeddedRig, RigError};
 use crate::bus::Phase;
 use crate::canopen::Time;
 use crate::guard::{Request, State};
@@ -111,7 +111,7 @@ impl EmbeddedRig {
 
     pub(super) fn boot(&mut self) -> Result<(), RigError> {
         for device in 0..DEVICES.len() {
-            self.far.switch_on(device, self.now, &mut self.bus);
+            self.far.switch_on(device, self.now, &mut self.buses);
         }
         self.start_network()
     }
@@ -119,7 +119,7 @@ impl EmbeddedRig {
     /// Has the master find and configure the devices, up to the exchange of process data.
     pub(super) fn start_network(&mut self) -> Result<(), RigError> {
         self.next_sync = Time::NEVER;
-        self.master.start(self.now, &mut self.bus.outbox(MASTER, self.now));
+        self.master.start(self.now, &mut self.buses.outbox(self.now));
         let limit = self.now + BOOT_LIMIT;
         while self.now < limit {
             match self.master.phase() {

@@ -2,15 +2,13 @@
 
 use super::host::Exit;
 use super::{DEVICES, EmbeddedRig, MASTER, RigError};
-use crate::canopen::{Frame, Outbox, Time, cob};
-use crate::rig::far_end::Wire;
+use crate::canopen::{Frame, Time, cob};
 use crate::sim::Drive;
-use crate::sim::can::VirtualBus;
 
 impl EmbeddedRig {
     pub(super) fn next_event(&self) -> Time {
         let master = if self.host.is_asleep { Time::NEVER } else { self.master.next_deadline() };
-        self.bus.next_event().min(self.far.next_deadline()).min(master).min(self.troubles.next_held())
+        self.buses.next_event().min(self.far.next_deadline()).min(master).min(self.troubles.next_held())
     }
 
     /// Lets everything happen that is due up to `until`, in order of time; of one moment, frames come first.
@@ -21,7 +19,7 @@ impl EmbeddedRig {
                 break;
             }
             self.now = next;
-            while let Some(delivery) = self.bus.advance(next) {
+            while let Some(delivery) = self.buses.advance(next) {
                 let passed = self.troubles.pass(next, delivery.from, delivery.frame);
                 let passed = match &mut self.silence {
                     Some(silence) if delivery.from == MASTER => passed.and_then(|frame| silence.pass(next, frame)),
@@ -37,12 +35,12 @@ impl EmbeddedRig {
             while let Some((from, frame)) = self.troubles.take_held(next) {
                 self.arrive(next, from, &frame)?;
             }
-            self.far.poll(next, &mut self.troubles, &mut self.bus)?;
+            self.far.poll(next, &mut self.troubles, &mut self.buses)?;
             if let Some(silence) = &mut self.silence {
                 silence.look(next, self.far.drives.each_ref().map(Drive::state));
             }
             if !self.host.is_asleep && self.master.next_deadline() <= next {
-                self.master.poll(next, &mut Exit::new(&mut self.bus, &self.troubles, next));
+                self.master.poll(next, &mut Exit::new(&mut self.buses, &self.troubles, next));
             }
         }
         self.now = until;
@@ -66,28 +64,22 @@ impl EmbeddedRig {
 
     fn deliver(&mut self, from: usize, frame: &Frame) -> Result<(), RigError> {
         let now = self.now;
-        if let (cob::SYNC, Some(outputs)) = (frame.id(), &self.last) {
+        // The joints follow together, at one SYNC of the cycle.
+        let is_sync = frame.id() == cob::SYNC && frame.bus() == self.buses.of_device(0);
+        if let (true, Some(outputs)) = (is_sync, &self.last) {
             self.far.world.follow(now, outputs.signals.target_angles)?;
         }
         let device = DEVICES.iter().position(|port| *port == from);
-        self.far.on_frame(now, device, frame, &mut self.troubles, &mut self.bus)?;
+        self.far.on_frame(now, device, frame, &mut self.troubles, &mut self.buses)?;
         if from == MASTER {
             self.echo(frame);
-        } else if self.troubles.hears() {
+        } else if self.troubles.hears(frame.bus()) {
             if self.host.is_asleep {
                 self.host.keep(*frame, false);
             } else {
-                self.master.on_frame(now, frame, &mut Exit::new(&mut self.bus, &self.troubles, now));
+                self.master.on_frame(now, frame, &mut Exit::new(&mut self.buses, &self.troubles, now));
             }
         }
         Ok(())
-    }
-}
-
-impl Wire for VirtualBus {
-    fn submit(&mut self, device: usize, now: Time, frame: Frame) {
-        if let Some(port) = DEVICES.get(device) {
-            self.outbox(*port, now).push(frame);
-        }
     }
 }

@@ -4,13 +4,13 @@ use std::collections::VecDeque;
 use std::panic::{AssertUnwindSafe, catch_unwind, resume_unwind};
 use std::time::Duration;
 
+use super::buses::{Buses, MasterOutbox};
 use super::trouble::{Host, Troubles};
-use super::{EmbeddedRig, MASTER, RigError};
+use super::{EmbeddedRig, RigError};
 use crate::bus::LinkEvent;
 use crate::canopen::{Frame, Outbox, Time};
 use crate::cycle::{Outputs, Timing};
 use crate::guard::Request;
-use crate::sim::can::{PortOutbox, VirtualBus};
 
 /// Frames that wait for a process that is stopped, as in a socket's buffer; more are lost.
 const WAITING_FRAMES: usize = 256;
@@ -42,18 +42,18 @@ impl Computer {
 /// The panic that an injection asks for.
 struct Injected;
 
-/// The master's way to its port.
+/// The master's way to its ports.
 pub(super) struct Exit<'a> {
-    port: Option<PortOutbox<'a>>,
+    port: MasterOutbox<'a>,
+    troubles: &'a Troubles,
     panics: bool,
     /// Whether a frame could not be handed over.
     has_failed: bool,
 }
 
 impl<'a> Exit<'a> {
-    pub(super) fn new(bus: &'a mut VirtualBus, troubles: &Troubles, now: Time) -> Self {
-        let port = troubles.sends().then(|| bus.outbox(MASTER, now));
-        Self { port, panics: false, has_failed: false }
+    pub(super) fn new(buses: &'a mut Buses, troubles: &'a Troubles, now: Time) -> Self {
+        Self { port: buses.outbox(now), troubles, panics: false, has_failed: false }
     }
 }
 
@@ -62,9 +62,10 @@ impl Outbox for Exit<'_> {
         if self.panics {
             resume_unwind(Box::new(Injected));
         }
-        match &mut self.port {
-            Some(port) => port.push(frame),
-            None => self.has_failed = true,
+        if self.troubles.sends(frame.bus()) {
+            self.port.push(frame);
+        } else {
+            self.has_failed = true;
         }
     }
 }
@@ -72,13 +73,13 @@ impl Outbox for Exit<'_> {
 impl EmbeddedRig {
     /// Sends SYNC at `sync_at`, or throws away what still waits if the master has fallen silent.
     pub(super) fn send_sync(&mut self, sync_at: Time) {
-        if self.master.is_silent() && self.bus.queued(MASTER) > 0 {
-            self.bus.clear(MASTER);
+        if self.master.is_silent() {
+            self.buses.clear();
         }
         if let Some(event) = self.troubles.link_event() {
             self.master.on_link(event);
         }
-        let mut exit = Exit::new(&mut self.bus, &self.troubles, sync_at);
+        let mut exit = Exit::new(&mut self.buses, &self.troubles, sync_at);
         self.master.on_sync(&mut exit);
         if exit.has_failed {
             self.master.on_link(LinkEvent::SendFailed);
@@ -106,14 +107,14 @@ impl EmbeddedRig {
             self.pump(compute_at + host.compute_takes)?;
             self.wake();
             let now = self.now;
-            let mut exit = Exit::new(&mut self.bus, &self.troubles, now);
+            let mut exit = Exit::new(&mut self.buses, &self.troubles, now);
             frames.into_iter().for_each(|frame| exit.push(frame));
             if exit.has_failed {
                 self.master.on_link(LinkEvent::SendFailed);
             }
             return Ok(Some(outputs));
         }
-        let mut exit = Exit::new(&mut self.bus, &self.troubles, compute_at);
+        let mut exit = Exit::new(&mut self.buses, &self.troubles, compute_at);
         exit.panics = std::mem::take(&mut self.host.panics);
         let master = &mut self.master;
         let result = catch_unwind(AssertUnwindSafe(|| master.on_compute(compute_at, asked, timing, &mut exit)));
@@ -123,7 +124,7 @@ impl EmbeddedRig {
         match result {
             Ok(outputs) => Ok(Some(outputs)),
             Err(panic) => {
-                self.master.quick_stop_now(compute_at, &mut Exit::new(&mut self.bus, &self.troubles, compute_at));
+                self.master.quick_stop_now(compute_at, &mut Exit::new(&mut self.buses, &self.troubles, compute_at));
                 (self.host.is_asleep, self.host.is_dead) = (true, true);
                 if panic.is::<Injected>() { Ok(None) } else { resume_unwind(panic) }
             }
@@ -152,7 +153,7 @@ impl EmbeddedRig {
             if is_own {
                 self.master.on_echo(&frame);
             } else {
-                self.master.on_frame(now, &frame, &mut Exit::new(&mut self.bus, &self.troubles, now));
+                self.master.on_frame(now, &frame, &mut Exit::new(&mut self.buses, &self.troubles, now));
             }
         }
     }

@@ -1,9 +1,10 @@
 //! Injections carried out: what begins and ends, and what it does to devices, hand and arm.
 
 use super::trouble::is_at;
-use super::{DEVICES, EmbeddedRig, RigError, STRANGER};
+use super::{EmbeddedRig, RigError, STRANGER};
 use crate::canopen::{Frame, Time, cob};
 use crate::injection::{Injection, Kind, Lasts};
+use crate::rig::far_end::Plug;
 use crate::rig::world::{Body, Push, PushShape};
 use yieldwall_drives::profiles::STATUS_INVALID;
 
@@ -107,26 +108,30 @@ impl EmbeddedRig {
         }
         for device in (0..3).filter(|device| is_at(injection.target, *device)) {
             if injection.kind == Kind::NodeReset {
-                self.far.switch_on(device, now, &mut self.bus);
+                self.far.switch_on(device, now, &mut self.buses);
                 continue;
             }
             let Some(node) = self.troubles.node(device) else { continue };
+            let bus = self.buses.of_device(device);
+            let plug = &mut Plug { wire: &mut self.buses, device, now };
             let emergency = |code: u16| {
                 let [low, high] = code.to_le_bytes();
                 Frame::new(cob::emcy(node), &[low, high, 0x01, 0, 0, 0, 0, 0])
             };
             match injection.kind {
-                Kind::Emergency => self.troubles.send(now, device + 1, emergency(EMERGENCIES[device])),
-                Kind::EmergencyWarning => self.troubles.send(now, device + 1, emergency(WARNING)),
-                Kind::IntruderNmt => self.troubles.send(now, STRANGER, Frame::new(cob::NMT, &[0x80, node.raw()])),
+                Kind::Emergency => self.troubles.send(now, device + 1, emergency(EMERGENCIES[device]).on_bus(bus)),
+                Kind::EmergencyWarning => self.troubles.send(now, device + 1, emergency(WARNING).on_bus(bus)),
+                Kind::IntruderNmt => {
+                    self.troubles.send(now, STRANGER, Frame::new(cob::NMT, &[0x80, node.raw()]).on_bus(bus));
+                }
                 Kind::DriveFault => {
                     if let Some(drive) = self.far.drives.get_mut(device) {
-                        drive.raise_fault(now, injection.size as u16, &mut self.bus.outbox(DEVICES[device], now));
+                        drive.raise_fault(now, injection.size as u16, plug);
                     }
                 }
                 Kind::DriveLeavesOperation => {
                     if let Some(drive) = self.far.drives.get_mut(device) {
-                        drive.leave_operation(now, &mut self.bus.outbox(DEVICES[device], now));
+                        drive.leave_operation(now, plug);
                     }
                 }
                 _ => {}
@@ -154,12 +159,12 @@ impl EmbeddedRig {
             }
             Kind::MasterKilled => (self.host.is_asleep, self.host.is_dead) = (true, true),
             Kind::TransmitStalled | Kind::CableOut => {
-                self.bus.hold(super::MASTER, now, self.troubles.is_transmit_held());
+                self.buses.hold(now, |bus| self.troubles.is_transmit_held(bus));
             }
             Kind::NodeSilent => {
                 for device in (0..3).filter(|device| is_at(target, *device)) {
                     match self.far.drives.get_mut(device) {
-                        _ if !is_on => self.far.switch_on(device, now, &mut self.bus),
+                        _ if !is_on => self.far.switch_on(device, now, &mut self.buses),
                         Some(drive) => drive.switch_off(),
                         None => self.far.sensor.switch_off(),
                     }
@@ -172,7 +177,9 @@ impl EmbeddedRig {
                 Kind::DriveWarning => drive.set_warning(is_on),
                 Kind::DriveIgnoresCommand => drive.set_ignores_targets(is_on),
                 Kind::DriveNotEnabling => drive.set_ignores_controlword(is_on),
-                Kind::VoltageOff => drive.set_voltage(now, !is_on, &mut self.bus.outbox(DEVICES[joint], now)),
+                Kind::VoltageOff => {
+                    drive.set_voltage(now, !is_on, &mut Plug { wire: &mut self.buses, device: joint, now });
+                }
                 Kind::ArmBlocked => {
                     if let Body::Arm(arm) = &mut self.far.world.body {
                         arm.set_blocked(joint, is_on);

@@ -3,6 +3,7 @@
 use std::time::Duration;
 
 mod boot;
+mod buses;
 mod events;
 mod host;
 mod injecting;
@@ -25,33 +26,34 @@ use crate::guard::{Cause, Request, State};
 use crate::quantity::JointTorques;
 use crate::record::{self, CycleRecord, Moment, Row};
 use crate::sim::arm::Arm;
-use crate::sim::can::{BitTiming, BusCounters, QueueOrder, Tamper, VirtualBus};
+use crate::sim::can::{BusCounters, Tamper};
 use crate::sim::hand::Hand;
 use crate::sim::{Drive, ForceSensor, Watchdog};
+use buses::Buses;
 use host::Computer;
 use injecting::Schedule;
 use trouble::{Device, Troubles};
 
-/// Ports of the virtual bus.
+/// Ports of each virtual bus.
 const MASTER: usize = 0;
 /// The left drive, the right drive, the sensor.
 const DEVICES: [usize; 3] = [1, 2, 3];
-/// Who is not on the virtual bus and yet is heard.
+/// Who is not on a virtual bus and yet is heard.
 const STRANGER: usize = 4;
 
-/// Gets every frame that went over the bus, with the moment of its end.
+/// Gets every frame that went over a bus ([`Frame::bus`]), with the moment of its end.
 pub type Tap = Box<dyn FnMut(Time, &Frame) + Send>;
 
 /// Gets the record of every cycle, right after the cycle has run.
 pub type Observer = Box<dyn FnMut(&CycleRecord) + Send>;
 
-/// Master, virtual bus, simulated devices, arm and hand.
+/// Master, virtual buses, simulated devices, arm and hand.
 ///
 /// [`EmbeddedRig::new`] assembles them, [`EmbeddedRig::enable`] boots the network and enables the drives, and every
 /// [`EmbeddedRig::run_cycle`] is one period of the rig. The same configuration and seed give the same frames.
 pub struct EmbeddedRig {
     master: Master,
-    bus: VirtualBus,
+    buses: Buses,
     far: FarEnd,
     tap: Option<Tap>,
     observer: Option<Observer>,
@@ -83,20 +85,15 @@ impl EmbeddedRig {
         fixture: &config::Fixture,
         seed: u64,
     ) -> Result<Self, RigError> {
-        let timing = rig.buses.values().next().map_or(BitTiming::Ideal, |bus| match bus.timing {
-            config::BusTiming::Arbitrated => BitTiming::Arbitrated { bit_rate: bus.bit_rate_bit_per_s },
-            config::BusTiming::Ideal => BitTiming::Ideal,
-        });
-        let orders = [QueueOrder::Fifo, QueueOrder::Priority, QueueOrder::Priority, QueueOrder::Priority];
         let mut machine = Self {
             master: build::master(rig, fixture)?,
-            bus: VirtualBus::new(timing, &orders)?,
+            buses: Buses::new(rig)?,
             far: FarEnd::new(rig, scene, seed)?,
             tap: None,
             observer: None,
             cycles: 0,
             schedule: Schedule::default(),
-            troubles: Troubles::new(devices(rig)?, seed),
+            troubles: Troubles::new(devices(rig)?, super::buses::device_buses(rig)?, seed),
             host: Computer::default(),
             silence: None,
             period: Duration::from_micros(rig.cycle.period_us.into()),
@@ -135,7 +132,7 @@ impl EmbeddedRig {
 
     /// Has every frame pass through `tamper` from now on.
     pub fn set_tamper(&mut self, tamper: impl Tamper + Send + 'static) {
-        self.bus.set_tamper(tamper);
+        self.buses.set_tamper(tamper);
     }
 
     /// State of the supervisor; [`State::Lost`] if an injection killed its process, since the drives' watchdogs act.
@@ -179,9 +176,9 @@ impl EmbeddedRig {
         &self.far.world.hand
     }
 
-    /// What has gone over the bus so far.
-    pub fn bus_counters(&self) -> &BusCounters {
-        self.bus.counters()
+    /// What has gone over each bus so far, in the order of their names; the sum is that of the rig.
+    pub fn bus_counters(&self) -> impl Iterator<Item = &BusCounters> {
+        self.buses.counters()
     }
 
     /// Virtual time since switching on.

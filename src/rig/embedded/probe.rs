@@ -25,7 +25,7 @@ pub struct BodyTruth {
 impl EmbeddedRig {
     /// Has `witness` get the passage of every frame from now on.
     pub fn set_witness(&mut self, witness: Witness) {
-        self.bus.set_witness(witness);
+        self.buses.set_witness(witness);
     }
 
     /// Switches everything on and boots the network without enabling anything; cycles can be run from then on.

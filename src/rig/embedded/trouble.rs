@@ -75,6 +75,8 @@ pub(super) struct Host {
 pub(super) struct Troubles {
     /// The left drive, the right drive, the sensor.
     devices: [Device; 3],
+    /// Numbers of their buses.
+    buses: [u8; 3],
     active: Vec<Active>,
     held: Vec<Held>,
     noise: Xoshiro256PlusPlus,
@@ -82,9 +84,9 @@ pub(super) struct Troubles {
 
 impl Troubles {
     /// Nothing is broken. Whatever is random in what follows comes from `seed`.
-    pub(super) fn new(devices: [Device; 3], seed: u64) -> Self {
+    pub(super) fn new(devices: [Device; 3], buses: [u8; 3], seed: u64) -> Self {
         let noise = Xoshiro256PlusPlus::seed_from_u64(seed ^ 0xfa17_0000_0000_0002);
-        Self { devices, active: Vec::new(), held: Vec::new(), noise }
+        Self { devices, buses, active: Vec::new(), held: Vec::new(), noise }
     }
 
     pub(super) fn clear(&mut self) {
@@ -132,17 +134,19 @@ impl Troubles {
 
     /// Frames that others than the devices send in the cycle that begins at `sync_at`.
     pub(super) fn begin_cycle(&mut self, sync_at: Time, period: Duration) {
-        let Self { devices, active, held, .. } = self;
+        let Self { devices, buses, active, held, .. } = self;
         for active in active {
             match active.injection.kind {
-                Kind::IntruderSync => hold(held, sync_at + period / 2, STRANGER, Frame::new(cob::SYNC, &[])),
+                Kind::IntruderSync => {
+                    hold(held, sync_at + period / 2, STRANGER, Frame::new(cob::SYNC, &[]).on_bus(buses[0]));
+                }
                 Kind::DuplicateNode => {
-                    for (at, device) in devices.iter().enumerate() {
+                    for (at, (device, bus)) in devices.iter().zip(&*buses).enumerate() {
                         let Device::Node { node, heartbeat } = *device else { continue };
                         let cycles = (heartbeat.as_nanos() / period.as_nanos()).max(1) as u32;
                         if is_at(active.injection.target, at) && active.count.is_multiple_of(cycles) {
                             // Late in the cycle, where it is in nobody's way.
-                            let heartbeat = Frame::new(cob::heartbeat(node), &[0x05]);
+                            let heartbeat = Frame::new(cob::heartbeat(node), &[0x05]).on_bus(*bus);
                             hold(held, sync_at + period * 9 / 10, STRANGER, heartbeat);
                         }
                     }
@@ -173,14 +177,15 @@ impl Troubles {
 
     /// What receivers get of a frame that was on the wire.
     pub(super) fn pass(&mut self, now: Time, from: usize, mut frame: Frame) -> Option<Frame> {
-        let Self { devices, active, held, noise } = self;
+        let Self { devices, buses, active, held, noise } = self;
+        let bus = frame.bus();
         for active in active {
             let Injection { kind, target, size, .. } = active.injection;
             let sender = from.checked_sub(1).filter(|at| is_at(target, *at)).and_then(|at| devices.get(at));
             let is_data = sender.is_some_and(|device| device.is_data(&frame));
-            let addressee = devices.iter().enumerate().find(|(at, device)| {
+            let addressee = devices.iter().zip(&*buses).enumerate().find(|(at, (device, its_bus))| {
                 let is_it = |node: NodeId| frame.id() & 0x7f == u16::from(node.raw());
-                from == MASTER && is_at(target, *at) && device.node().is_some_and(is_it)
+                from == MASTER && **its_bus == bus && is_at(target, *at) && device.node().is_some_and(is_it)
             });
             let is_set_point = addressee.is_some() && is_rpdo(&frame);
             let later = now + Duration::from_secs_f64(size.max(0.0));
@@ -223,7 +228,7 @@ impl Troubles {
                     frame = Frame::from_bits(frame.id(), frame.bits(), frame.len().saturating_sub(1));
                 }
                 Kind::IntruderSetPoint if is_set_point => {
-                    hold(held, now, STRANGER, Frame::from_bits(frame.id(), SHUTDOWN, frame.len()));
+                    hold(held, now, STRANGER, Frame::from_bits(frame.id(), SHUTDOWN, frame.len()).on_bus(bus));
                 }
                 Kind::IdentityMismatch if sender.is_some() => frame = lie(frame, [0x18, 0x10, 1]),
                 Kind::ConfigDrift if sender.is_some() => frame = lie(frame, [0x72, 0x60, 0]),
@@ -234,6 +239,7 @@ impl Troubles {
                 }
                 _ => {}
             }
+            frame = frame.on_bus(bus);
         }
         Some(frame)
     }
@@ -261,19 +267,29 @@ impl Troubles {
         self.active.iter().any(|active| kinds.contains(&active.injection.kind))
     }
 
-    /// Whether frames of others reach the master.
-    pub(super) fn hears(&self) -> bool {
-        !self.is_any(&[Kind::InterfaceDown, Kind::BusOff, Kind::CableOut])
+    /// Whether one of `kinds` acts on the master's interface to a bus: that of the target, or every one.
+    fn is_any_on(&self, bus: u8, kinds: &[Kind]) -> bool {
+        self.active.iter().map(|active| active.injection).filter(|injection| kinds.contains(&injection.kind)).any(
+            |injection| {
+                let is_it = |(device, on): (usize, &u8)| *on == bus && is_at(injection.target, device);
+                injection.target == Target::Link || self.buses.iter().enumerate().any(is_it)
+            },
+        )
     }
 
-    /// Whether the master can hand frames to its interface.
-    pub(super) fn sends(&self) -> bool {
-        !self.is_any(&[Kind::SendFailed, Kind::InterfaceDown, Kind::BusOff])
+    /// Whether frames of others reach the master from a bus.
+    pub(super) fn hears(&self, bus: u8) -> bool {
+        !self.is_any_on(bus, &[Kind::InterfaceDown, Kind::BusOff, Kind::CableOut])
     }
 
-    /// Whether frames stay in the master's interface.
-    pub(super) fn is_transmit_held(&self) -> bool {
-        self.is_any(&[Kind::TransmitStalled, Kind::CableOut])
+    /// Whether the master can hand frames to its interface to a bus.
+    pub(super) fn sends(&self, bus: u8) -> bool {
+        !self.is_any_on(bus, &[Kind::SendFailed, Kind::InterfaceDown, Kind::BusOff])
+    }
+
+    /// Whether frames stay in the master's interface to a bus.
+    pub(super) fn is_transmit_held(&self, bus: u8) -> bool {
+        self.is_any_on(bus, &[Kind::TransmitStalled, Kind::CableOut])
     }
 
     /// What the master's interface tells of itself in every cycle.

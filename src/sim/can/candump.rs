@@ -10,13 +10,14 @@ use crate::canopen::{Frame, Time};
 #[derive(Debug)]
 pub struct CandumpWriter<W> {
     out: W,
-    interface: String,
+    interfaces: Vec<String>,
 }
 
 impl<W: Write> CandumpWriter<W> {
-    /// A log that names the interface `interface` in each line. `out` should be buffered.
-    pub fn new(out: W, interface: impl Into<String>) -> Self {
-        CandumpWriter { out, interface: interface.into() }
+    /// A log that names in each line one of the `interfaces`: the first for frames of bus 0 ([`Frame::bus`]), and so on; a
+    /// bus without one is `-`. `out` should be buffered.
+    pub fn new<I: Into<String>>(out: W, interfaces: impl IntoIterator<Item = I>) -> Self {
+        CandumpWriter { out, interfaces: interfaces.into_iter().map(Into::into).collect() }
     }
 
     /// Appends one frame.
@@ -25,14 +26,8 @@ impl<W: Write> CandumpWriter<W> {
     /// Those of the writer.
     pub fn record(&mut self, time: Time, frame: &Frame) -> io::Result<()> {
         let micros = time.0 / 1000;
-        write!(
-            self.out,
-            "({:010}.{:06}) {} {:03X}#",
-            micros / 1_000_000,
-            micros % 1_000_000,
-            self.interface,
-            frame.id()
-        )?;
+        let interface = self.interfaces.get(usize::from(frame.bus())).map_or("-", String::as_str);
+        write!(self.out, "({:010}.{:06}) {interface} {:03X}#", micros / 1_000_000, micros % 1_000_000, frame.id())?;
         if frame.is_remote() {
             write!(self.out, "R")?;
             if frame.length_code() > 0 {
@@ -69,17 +64,17 @@ mod tests {
 
     #[test]
     fn lines_are_those_of_candump() {
-        let mut log = CandumpWriter::new(Vec::new(), "vcan0");
+        let mut log = CandumpWriter::new(Vec::new(), ["vcan0", "can1"]);
         log.record(Time(1_002_003_999), &Frame::new(0x181, &[0x37, 0x16, 0x00])).unwrap();
         log.record(Time(61_000_000_000), &Frame::new(0x80, &[])).unwrap();
         log.record(Time(62_000_000_000), &Frame::remote(0x705, 1)).unwrap();
-        log.record(Time(63_000_000_000), &Frame::remote(0x705, 0)).unwrap();
+        log.record(Time(63_000_000_000), &Frame::remote(0x705, 0).on_bus(1)).unwrap();
         let text = String::from_utf8(log.finish().unwrap()).unwrap();
         let expected = [
             "(0000000001.002003) vcan0 181#371600",
             "(0000000061.000000) vcan0 080#",
             "(0000000062.000000) vcan0 705#R1",
-            "(0000000063.000000) vcan0 705#R",
+            "(0000000063.000000) can1 705#R",
         ];
         assert_eq!(text.lines().collect::<Vec<_>>(), expected);
     }

@@ -98,6 +98,21 @@ impl BusCounters {
     }
 }
 
+impl<'a> std::iter::Sum<&'a BusCounters> for BusCounters {
+    /// What has happened on several buses; the longest queue is the longest of all.
+    fn sum<I: Iterator<Item = &'a BusCounters>>(counters: I) -> Self {
+        counters.fold(BusCounters::default(), |sum, one| BusCounters {
+            frames: sum.frames + one.frames,
+            bits: sum.bits + one.bits,
+            overflowed: sum.overflowed + one.overflowed,
+            dropped: sum.dropped + one.dropped,
+            altered: sum.altered + one.altered,
+            identifier_clashes: sum.identifier_clashes + one.identifier_clashes,
+            queue_high_water: sum.queue_high_water.max(one.queue_high_water),
+        })
+    }
+}
+
 #[derive(Clone, Copy, Debug)]
 struct Queued {
     ready: Time,

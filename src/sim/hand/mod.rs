@@ -1,18 +1,24 @@
-//! A simulated hand: a spring and a damper that pull the handle towards a moving target, the hand's mass, and tremor.
+//! A simulated hand: a spring and a damper that pull the handle towards a moving target, the hand's mass, tremor,
+//! and an aim that errs.
 //!
 //! It serves mechanical claims (depth of penetration, energy, stability). It says nothing about how well people do.
 
+mod noise;
 mod path;
-mod tremor;
 
+pub use noise::{GRID_PERIOD_S, NoiseBand};
 pub use path::{Leg, Path, PathPoint, Speed};
-pub use tremor::{GRID_PERIOD_S, TremorParameters};
 
 use nalgebra::SVector;
 use thiserror::Error;
 
-use self::tremor::Tremor;
+use self::noise::Noise;
 use crate::setvalued::sat;
+
+/// Time over which the error of the aim grows: a hand that takes the tool aims where it is.
+const AIM_ERROR_RISE_S: f64 = 0.5;
+/// Added to the seed, so that the error of the aim knows nothing of the tremor.
+const AIM_STREAM: u64 = 0x9e37_79b9_7f4a_7c15;
 
 /// What is wrong with a hand, its tremor or its path.
 #[derive(Clone, Copy, Debug, PartialEq, Error)]
@@ -25,8 +31,8 @@ pub enum HandError {
         /// What was given.
         value: f64,
     },
-    /// The tremor's band is empty, below zero or beyond what its time grid carries.
-    #[error("a tremor from {low_hz} Hz to {high_hz} Hz: need 0 < low < high <= {highest_hz} Hz")]
+    /// A band is empty, below zero or beyond what its time grid carries.
+    #[error("a band from {low_hz} Hz to {high_hz} Hz: need 0 < low < high <= {highest_hz} Hz")]
     BadBand {
         /// Lower edge in Hz.
         low_hz: f64,
@@ -79,8 +85,20 @@ pub struct HandParameters {
     pub damping_n_s_per_m: f64,
     /// Greatest force of the spring in N; infinity for no limit.
     pub voluntary_force_limit_n: f64,
-    /// Force noise of the tremor, if any.
-    pub tremor: Option<TremorParameters>,
+    /// Force noise of the tremor in N, if any: 8 to 12 Hz. Force rather than motion, so that the mass of the device
+    /// attenuates it.
+    pub tremor: Option<NoiseBand>,
+    /// Error of the aim, if any.
+    pub aim_error: Option<AimError>,
+}
+
+/// A slow random course of the point that a hand aims at about its path. It grows from nothing over the first half second.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct AimError {
+    /// Root mean square along each axis in m.
+    pub rms_m: f64,
+    /// Above this frequency it has little power, in Hz; people move by intent below some 2 Hz.
+    pub corner_hz: f64,
 }
 
 /// What a hand does to the handle near one moment: `force - damping * velocity - stiffness * (position - here)`.
@@ -108,25 +126,34 @@ impl<const N: usize> Default for HandLoad<N> {
 pub struct Hand<const N: usize> {
     parameters: HandParameters,
     path: Path<N>,
-    tremor: Option<Tremor<N>>,
+    tremor: Option<Noise<N>>,
+    aim_error: Option<Noise<N>>,
 }
 
 impl<const N: usize> Hand<N> {
-    /// A hand with the given mechanics that aims along `path`; `seed` fixes its tremor.
+    /// A hand with the given mechanics that aims along `path`; `seed` fixes its noise.
     ///
     /// # Errors
-    /// A quantity that is negative, NaN or (the force limit excepted) infinite; a bad tremor band.
+    /// A quantity that is negative, NaN or (the force limit excepted) infinite; a bad band.
     pub fn new(parameters: HandParameters, path: Path<N>, seed: u64) -> Result<Self, HandError> {
-        let HandParameters { mass_kg, stiffness_n_per_m, damping_n_s_per_m, voluntary_force_limit_n, tremor } =
-            parameters;
+        let HandParameters {
+            mass_kg,
+            stiffness_n_per_m,
+            damping_n_s_per_m,
+            voluntary_force_limit_n,
+            tremor,
+            aim_error,
+        } = parameters;
         check_not_negative("mass in kg", mass_kg)?;
         check_not_negative("stiffness in N/m", stiffness_n_per_m)?;
         check_not_negative("damping in N s/m", damping_n_s_per_m)?;
         if voluntary_force_limit_n != f64::INFINITY {
             check_not_negative("voluntary force limit in N", voluntary_force_limit_n)?;
         }
-        let tremor = tremor.map(|tremor| Tremor::new(tremor, seed)).transpose()?;
-        Ok(Self { parameters, path, tremor })
+        let tremor = tremor.map(|tremor| Noise::in_band(tremor, seed)).transpose()?;
+        let stream = seed.wrapping_add(AIM_STREAM);
+        let aim_error = aim_error.map(|error| Noise::below(error.rms_m, error.corner_hz, stream)).transpose()?;
+        Ok(Self { parameters, path, tremor, aim_error })
     }
 
     /// The parameters it was made with.
@@ -156,22 +183,28 @@ impl<const N: usize> Hand<N> {
 
     /// Where the hand aims at `time_s`.
     pub fn target(&mut self, time_s: f64) -> PathPoint<N> {
-        self.path.at(time_s)
+        let mut target = self.path.at(time_s);
+        if let Some(error) = &mut self.aim_error {
+            let share = (time_s / AIM_ERROR_RISE_S).clamp(0.0, 1.0);
+            target.position_m += error.value(time_s) * share;
+            target.velocity_m_per_s += error.rate() * share;
+        }
+        target
     }
 
     /// What the hand does to a handle at `handle_m` at `time_s`.
     ///
-    /// Times should not decrease by more than [`GRID_PERIOD_S`] from call to call: tremor has no longer memory.
+    /// Times should not decrease by more than [`GRID_PERIOD_S`] from call to call: noise has no longer memory.
     #[inline]
     pub fn load(&mut self, time_s: f64, handle_m: SVector<f64, N>) -> HandLoad<N> {
-        let target = self.path.at(time_s);
+        let target = self.target(time_s);
         let HandParameters { stiffness_n_per_m, damping_n_s_per_m, voluntary_force_limit_n: limit, .. } =
             self.parameters;
         let pull = (target.position_m - handle_m) * stiffness_n_per_m;
         let at_limit = pull.norm_squared() > limit * limit;
         let mut force_n = sat(pull, limit) + target.velocity_m_per_s * damping_n_s_per_m;
         if let Some(tremor) = &mut self.tremor {
-            force_n += tremor.force_n(time_s);
+            force_n += tremor.value(time_s);
         }
         HandLoad { force_n, damping_n_s_per_m, stiffness_n_per_m: if at_limit { 0.0 } else { stiffness_n_per_m } }
     }
@@ -209,6 +242,7 @@ mod tests {
             damping_n_s_per_m: 8.0,
             voluntary_force_limit_n: 40.0,
             tremor: None,
+            aim_error: None,
         }
     }
 
@@ -254,13 +288,13 @@ mod tests {
         ] {
             assert!(matches!(Hand::new(bad, path(), 1), Err(HandError::BadParameter { .. })), "{bad:?}");
         }
-        let tremor = Some(TremorParameters { force_rms_n: -1.0, low_hz: 8.0, high_hz: 12.0 });
+        let tremor = Some(NoiseBand { rms: -1.0, low_hz: 8.0, high_hz: 12.0 });
         assert!(Hand::new(HandParameters { tremor, ..parameters() }, path(), 1).is_err());
     }
 
     #[test]
     fn forces_repeat_with_the_seed_and_do_not_depend_on_the_calls_between() {
-        let tremor = Some(TremorParameters { force_rms_n: 0.1, low_hz: 8.0, high_hz: 12.0 });
+        let tremor = Some(NoiseBand { rms: 0.1, low_hz: 8.0, high_hz: 12.0 });
         let parameters = HandParameters { tremor, ..parameters() };
         let run = |seed, calls_between: usize| {
             let mut hand = hand(parameters, seed);
@@ -277,5 +311,26 @@ mod tests {
         assert_eq!(run(1, 0), run(1, 0));
         assert_eq!(run(1, 0), run(1, 7));
         assert_ne!(run(1, 0), run(2, 0));
+    }
+
+    #[test]
+    fn an_aim_errs_about_its_path_and_begins_on_it() {
+        let aim_error = Some(AimError { rms_m: 0.01, corner_hz: 0.8 });
+        let mut hand = hand(HandParameters { aim_error, ..parameters() }, 3);
+        assert_eq!(hand.target(0.0).position_m, Vector2::new(0.1, 0.0));
+        // The path has ended; the error goes on.
+        let square =
+            |time_s: f64, hand: &mut Hand<2>| (hand.target(time_s).position_m - Vector2::new(0.1, 0.2)).x.powi(2);
+        let rms = ((0..200_000).map(|i| square(2.0 + 0.002 * f64::from(i), &mut hand)).sum::<f64>() / 200_000.0).sqrt();
+        // 400 s at a coherence time of 0.3 s: a scatter of some 4 %.
+        assert!((rms / 0.01 - 1.0).abs() < 0.12, "{rms}");
+        let (before, after) = (hand.target(500.0001), hand.target(500.0009));
+        let slope = (after.position_m - before.position_m) / 0.0008;
+        assert!((slope - after.velocity_m_per_s).norm() < 1e-9, "the velocity is that of the erring aim");
+        let speed = |time_s: f64, hand: &mut Hand<2>| hand.target(time_s).velocity_m_per_s.x.powi(2);
+        let rms =
+            ((0..200_000).map(|i| speed(600.0 + 0.002 * f64::from(i), &mut hand)).sum::<f64>() / 200_000.0).sqrt();
+        // That of a filter of the second order: natural frequency times RMS.
+        assert!((rms / (0.01 * std::f64::consts::TAU * 0.8) - 1.0).abs() < 0.12, "{rms}");
     }
 }

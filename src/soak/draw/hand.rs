@@ -33,7 +33,8 @@ pub(super) fn draw(dice: &mut Dice, rig: &config::Rig) -> config::Hand {
         mass_kg: not_negative(mass),
         stiffness_n_per_m: positive(stiffness),
         damping_n_s_per_m: not_negative(damping),
-        voluntary_force_limit_n: positive(limit.min(60.0)),
+        voluntary_force_limit_n: Some(positive(limit.min(60.0))),
+        aim_error: None,
         tremor: dice.chance(0.8).then(|| config::Tremor {
             force_rms_n: not_negative(dice.between(0.02, 0.3)),
             low_hz: positive(8.0),

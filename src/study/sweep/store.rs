@@ -88,17 +88,24 @@ impl Store {
             // Nothing but, perhaps, the first line.
             store = Self::begin(&own, &wanted)?;
         }
-        let fail = |source| StoreError::Folder { path: folder.to_path_buf(), source };
-        for entry in std::fs::read_dir(folder).map_err(fail)? {
-            let path = entry.map_err(fail)?.path();
-            let file = path.file_name().and_then(|file| file.to_str()).unwrap_or("");
-            let is_of_sweep =
-                file.strip_prefix(name).is_some_and(|rest| rest.starts_with('.') && rest.ends_with(".jsonl"));
-            if is_of_sweep && path != own {
-                Self::read(&path, &wanted, &mut table)?;
-            }
+        for path in files(folder, name)?.iter().filter(|path| **path != own) {
+            Self::read(path, &wanted, &mut table)?;
         }
         Ok((store, table))
+    }
+
+    /// Throws away all points of a sweep that `folder` holds, whichever shard left them; no folder is no error.
+    ///
+    /// # Errors
+    /// If a file cannot be removed.
+    pub fn discard(folder: &Path, sweep: &dyn Sweep) -> Result<(), StoreError> {
+        if !folder.exists() {
+            return Ok(());
+        }
+        for path in files(folder, sweep.name())? {
+            std::fs::remove_file(&path).map_err(|source| StoreError::Folder { path, source })?;
+        }
+        Ok(())
     }
 
     fn begin(path: &Path, wanted: &Heading<'_>) -> Result<Self, StoreError> {
@@ -139,6 +146,20 @@ impl Store {
     pub fn add(&mut self, index: u64, cells: &[Value]) -> Result<(), StoreError> {
         Ok(self.0.add(&Line::Point { index, cells: cells.to_vec() })?)
     }
+}
+
+/// The files of a sweep in a folder.
+fn files(folder: &Path, name: &str) -> Result<Vec<PathBuf>, StoreError> {
+    let fail = |source| StoreError::Folder { path: folder.to_path_buf(), source };
+    let mut files = Vec::new();
+    for entry in std::fs::read_dir(folder).map_err(fail)? {
+        let path = entry.map_err(fail)?.path();
+        let file = path.file_name().and_then(|file| file.to_str()).unwrap_or("");
+        if file.strip_prefix(name).is_some_and(|rest| rest.starts_with('.') && rest.ends_with(".jsonl")) {
+            files.push(path);
+        }
+    }
+    Ok(files)
 }
 
 #[cfg(test)]

@@ -295,6 +295,34 @@ fn server_aborts_what_is_wrong_and_writes_nothing() {
 }
 
 #[test]
+fn a_client_that_is_only_slow_may_finish_its_block() {
+    let data: Vec<u8> = (0..70).collect();
+    let mut server = serving(&[]);
+    server.0.set_sdo_block(10, Duration::ZERO);
+    let segment = |place: u8, sequence: u8| wire::block_segment(&data, place.into(), sequence);
+    asked(&mut server, [0xc6, 0x01, 0x20, 0, 70, 0, 0, 0]);
+    for sequence in 1..=3 {
+        asked(&mut server, segment(sequence - 1, sequence));
+    }
+    let mut out = Vec::new();
+    server.0.poll(NOW + Duration::from_millis(500), &mut (), &mut out);
+    assert_eq!(out, [Frame::new(0x581, &ack(3, 5))]);
+    // The rest of the old block: number 5 would end the new one, number 10 carries the last segment.
+    for sequence in 4..=10 {
+        assert_eq!(asked(&mut server, segment(sequence - 1, sequence)), [[0; 8]; 0]);
+    }
+    // Only then it reads the acknowledgement.
+    for (place, answer) in [(3, None), (4, None), (5, None), (6, None), (7, Some(ack(5, 10)))] {
+        assert_eq!(asked(&mut server, segment(place, place - 2)), answer.into_iter().collect::<Vec<_>>());
+    }
+    asked(&mut server, segment(8, 1));
+    assert_eq!(asked(&mut server, segment(9, 2)), [ack(2, 9)]);
+    let crc = crc(&data);
+    assert_eq!(asked(&mut server, [0xc1, crc[0], crc[1], 0, 0, 0, 0, 0]), [CONFIRMED]);
+    assert_eq!(server.value(0x2001), data);
+}
+
+#[test]
 fn server_repeats_an_acknowledgement_and_gives_up_in_the_end() {
     let mut server = serving(&[]);
     server.0.set_sdo_timeout(Duration::from_millis(20));

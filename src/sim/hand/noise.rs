@@ -1,4 +1,4 @@
-//! Tremor as a random force in a narrow band.
+//! Random courses: the force of a tremor, in a narrow band, and the error of an aim, slow and smooth.
 
 use nalgebra::{Matrix2, SVector, Vector2};
 use rand_distr::{Distribution, StandardNormal};
@@ -14,96 +14,128 @@ pub const GRID_PERIOD_S: f64 = 1e-3;
 /// The greatest upper edge of the band in Hz: a tenth of the grid's rate.
 const HIGHEST_HZ: f64 = 0.1 / GRID_PERIOD_S;
 
-/// Size and band of a tremor.
+/// Size and band of a noise.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct TremorParameters {
-    /// Root mean square of the force along each axis in N.
-    pub force_rms_n: f64,
+pub struct NoiseBand {
+    /// Root mean square along each axis, in the unit of what is noisy.
+    pub rms: f64,
     /// Lower edge of the band in Hz, where the power density has fallen to half.
     pub low_hz: f64,
     /// Upper edge of the band in Hz, where the power density has fallen to half.
     pub high_hz: f64,
 }
 
-/// White noise through a second-order band-pass, independent along each axis and stationary from time zero.
+/// Which output of the filter is taken.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Output {
+    /// `p'`: a band-pass. Its course has no slope.
+    Band,
+    /// `w p`: a low-pass, flat up to the natural frequency. Its course has a slope.
+    Smooth,
+}
+
+/// White noise through a second-order filter, independent along each axis and stationary from time zero.
 ///
-/// The filter `p'' + 2 z w p' + w^2 p = noise` with output `p'` is advanced on a fixed grid of [`GRID_PERIOD_S`] by its
-/// exact transition, so neither the step of the plant nor the moments of the calls change the force.
+/// The filter `p'' + 2 z w p' + w^2 p = noise` is advanced on a fixed grid of [`GRID_PERIOD_S`] by its
+/// exact transition, so neither the step of the plant nor the moments of the calls change its course.
 ///
 /// # Source
-/// Band: physiological tremor lies at 8 to 12 Hz. Force rather than motion, so that the mass of the device attenuates
-/// it. Discretisation: the stationary covariance of `(w p, p')` is `rms^2 I`; derived here.
+/// Discretisation: the stationary covariance of `(w p, p')` is `rms^2 I`; derived here.
 #[derive(Clone, Debug)]
-pub(super) struct Tremor<const N: usize> {
+pub(super) struct Noise<const N: usize> {
     generator: Xoshiro256PlusPlus,
     transition: Matrix2<f64>,
     /// Lower Cholesky factor of the covariance that one grid period adds.
     noise: Matrix2<f64>,
-    /// Filter states `(w p, p')` in N, one per axis.
+    /// Filter states `(w p, p')`, one per axis.
     states: [Vector2<f64>; N],
-    from_n: SVector<f64, N>,
-    to_n: SVector<f64, N>,
-    /// Grid number of `from_n`.
+    output: Output,
+    from: SVector<f64, N>,
+    to: SVector<f64, N>,
+    /// Grid number of `from`.
     index: u64,
 }
 
-impl<const N: usize> Tremor<N> {
-    /// A tremor whose course `seed` fixes.
+impl<const N: usize> Noise<N> {
+    /// A noise whose course `seed` fixes.
     ///
     /// # Errors
     /// An RMS that is negative or not finite; a band that is not `0 < low < high <= 100 Hz`.
-    pub(super) fn new(parameters: TremorParameters, seed: u64) -> Result<Self, HandError> {
-        let TremorParameters { force_rms_n, low_hz, high_hz } = parameters;
-        check_not_negative("tremor force in N", force_rms_n)?;
+    pub(super) fn in_band(parameters: NoiseBand, seed: u64) -> Result<Self, HandError> {
+        Self::new(parameters, Output::Band, seed)
+    }
+
+    /// A noise with a slope and no power far above `corner_hz`, whose course `seed` fixes.
+    ///
+    /// # Errors
+    /// An RMS that is negative or not finite; a corner that is not above 0 and at most 50 Hz.
+    pub(super) fn below(rms: f64, corner_hz: f64, seed: u64) -> Result<Self, HandError> {
+        // A natural frequency at the corner, damped by three quarters of the critical.
+        Self::new(NoiseBand { rms, low_hz: 0.5 * corner_hz, high_hz: 2.0 * corner_hz }, Output::Smooth, seed)
+    }
+
+    fn new(parameters: NoiseBand, output: Output, seed: u64) -> Result<Self, HandError> {
+        let NoiseBand { rms, low_hz, high_hz } = parameters;
+        check_not_negative("noise (RMS)", rms)?;
         if !(low_hz > 0.0 && low_hz < high_hz && high_hz <= HIGHEST_HZ) {
             return Err(HandError::BadBand { low_hz, high_hz, highest_hz: HIGHEST_HZ });
         }
         let transition = transition(low_hz, high_hz);
-        let added = (Matrix2::identity() - transition * transition.transpose()) * (force_rms_n * force_rms_n);
-        let mut tremor = Self {
+        let added = (Matrix2::identity() - transition * transition.transpose()) * (rms * rms);
+        let mut noise = Self {
             generator: Xoshiro256PlusPlus::seed_from_u64(seed),
             transition,
             noise: lower_factor(&added),
             states: [Vector2::zeros(); N],
-            from_n: SVector::zeros(),
-            to_n: SVector::zeros(),
+            output,
+            from: SVector::zeros(),
+            to: SVector::zeros(),
             index: 0,
         };
-        for state in &mut tremor.states {
-            *state = normal_pair(&mut tremor.generator) * force_rms_n;
+        for state in &mut noise.states {
+            *state = normal_pair(&mut noise.generator) * rms;
         }
-        tremor.from_n = tremor.output();
-        tremor.advance_state();
-        Ok(tremor)
+        noise.from = noise.output();
+        noise.advance_state();
+        Ok(noise)
     }
 
-    /// The force in N at `time_s`.
+    /// The value at `time_s`.
     ///
-    /// For a time before the present grid period it is the force at the period's beginning, and for one that is not
+    /// For a time before the present grid period it is that of the period's beginning, and for one that is not
     /// finite as well. A call costs one filter step for each grid period since the last call.
     #[inline]
-    pub(super) fn force_n(&mut self, time_s: f64) -> SVector<f64, N> {
+    pub(super) fn value(&mut self, time_s: f64) -> SVector<f64, N> {
         let grid = time_s / GRID_PERIOD_S;
         // The cast saturates: a negative time gives zero.
         let wanted = if grid.is_finite() { grid as u64 } else { 0 };
         while self.index < wanted {
             self.index += 1;
-            self.from_n = self.to_n;
+            self.from = self.to;
             self.advance_state();
         }
         let share = if wanted < self.index || !grid.is_finite() { 0.0 } else { (grid - wanted as f64).max(0.0) };
-        self.from_n + (self.to_n - self.from_n) * share
+        self.from + (self.to - self.from) * share
+    }
+
+    /// How fast the value changes around the time last asked for, per second.
+    #[inline]
+    pub(super) fn rate(&self) -> SVector<f64, N> {
+        (self.to - self.from) / GRID_PERIOD_S
     }
 
     fn advance_state(&mut self) {
         for state in &mut self.states {
             *state = self.transition * *state + self.noise * normal_pair(&mut self.generator);
         }
-        self.to_n = self.output();
+        self.to = self.output();
     }
 
     fn output(&self) -> SVector<f64, N> {
-        SVector::from_fn(|axis, _| self.states[axis].y)
+        SVector::from_fn(|axis, _| match self.output {
+            Output::Band => self.states[axis].y,
+            Output::Smooth => self.states[axis].x,
+        })
     }
 }
 
@@ -143,11 +175,11 @@ mod tests {
     use super::*;
     use std::f64::consts::TAU;
 
-    const USUAL: TremorParameters = TremorParameters { force_rms_n: 0.1, low_hz: 8.0, high_hz: 12.0 };
+    const USUAL: NoiseBand = NoiseBand { rms: 0.1, low_hz: 8.0, high_hz: 12.0 };
 
-    fn samples(parameters: TremorParameters, seed: u64, count: u32) -> Vec<[f64; 2]> {
-        let mut tremor = Tremor::<2>::new(parameters, seed).unwrap();
-        (0..count).map(|index| tremor.force_n((f64::from(index) + 0.5) * GRID_PERIOD_S).into()).collect()
+    fn samples(parameters: NoiseBand, seed: u64, count: u32) -> Vec<[f64; 2]> {
+        let mut noise = Noise::<2>::in_band(parameters, seed).unwrap();
+        (0..count).map(|index| noise.value((f64::from(index) + 0.5) * GRID_PERIOD_S).into()).collect()
     }
 
     /// Mean power density at one frequency over segments of 2 s, by direct Fourier sums.
@@ -183,7 +215,7 @@ mod tests {
     #[test]
     fn it_is_stationary_from_the_start() {
         let mean_square =
-            (0..4000).map(|seed| Tremor::<1>::new(USUAL, seed).unwrap().force_n(0.0).x.powi(2)).sum::<f64>() / 4000.0;
+            (0..4000).map(|seed| Noise::<1>::in_band(USUAL, seed).unwrap().value(0.0).x.powi(2)).sum::<f64>() / 4000.0;
         assert!((mean_square.sqrt() / 0.1 - 1.0).abs() < 0.04, "{}", mean_square.sqrt());
     }
 
@@ -220,10 +252,10 @@ mod tests {
 
     #[test]
     fn the_force_is_continuous_in_time() {
-        let mut tremor = Tremor::<2>::new(USUAL, 5).unwrap();
-        let mut before = tremor.force_n(0.0);
+        let mut noise = Noise::<2>::in_band(USUAL, 5).unwrap();
+        let mut before = noise.value(0.0);
         for index in 1..20_000 {
-            let now = tremor.force_n(f64::from(index) * 1e-4);
+            let now = noise.value(f64::from(index) * 1e-4);
             assert!((now - before).norm() < 0.01);
             before = now;
         }
@@ -231,26 +263,26 @@ mod tests {
 
     #[test]
     fn odd_times_give_a_finite_force() {
-        let mut tremor = Tremor::<2>::new(USUAL, 5).unwrap();
-        let start = tremor.force_n(0.0);
-        assert_eq!(tremor.force_n(-1.0), start);
-        assert_eq!(tremor.force_n(f64::NAN), start);
-        assert_eq!(tremor.force_n(f64::INFINITY), start);
-        let later = tremor.force_n(0.25);
-        assert_eq!(tremor.force_n(0.1), later);
+        let mut noise = Noise::<2>::in_band(USUAL, 5).unwrap();
+        let start = noise.value(0.0);
+        assert_eq!(noise.value(-1.0), start);
+        assert_eq!(noise.value(f64::NAN), start);
+        assert_eq!(noise.value(f64::INFINITY), start);
+        let later = noise.value(0.25);
+        assert_eq!(noise.value(0.1), later);
     }
 
     #[test]
     fn an_empty_band_is_refused() {
         for (low_hz, high_hz) in [(12.0, 8.0), (0.0, 8.0), (8.0, 200.0), (f64::NAN, 8.0)] {
-            let bad = TremorParameters { low_hz, high_hz, ..USUAL };
-            assert!(matches!(Tremor::<2>::new(bad, 1), Err(HandError::BadBand { .. })));
+            let bad = NoiseBand { low_hz, high_hz, ..USUAL };
+            assert!(matches!(Noise::<2>::in_band(bad, 1), Err(HandError::BadBand { .. })));
         }
     }
 
     #[test]
     fn no_tremor_force_is_no_force() {
-        let mut tremor = Tremor::<2>::new(TremorParameters { force_rms_n: 0.0, ..USUAL }, 1).unwrap();
-        assert_eq!(tremor.force_n(0.5).norm(), 0.0);
+        let mut noise = Noise::<2>::in_band(NoiseBand { rms: 0.0, ..USUAL }, 1).unwrap();
+        assert_eq!(noise.value(0.5).norm(), 0.0);
     }
 }

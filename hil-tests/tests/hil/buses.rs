@@ -1,0 +1,91 @@
+//! A rig on two interfaces.
+
+use std::process::Command;
+
+use serde_json::Value;
+use yieldwall::canopen::cob;
+
+use super::programs::*;
+
+const TWO_BUSES: &str = "builtin:paper-admittance-two-buses.yaml";
+const INTERFACES: [&str; 4] = ["--bus", "main=vcan0", "--bus", "sensor=vcan1"];
+
+fn sim() -> Running {
+    Running::ready(Running::start(&[&["sim", TWO_BUSES, "--pace", "lockstep"], &INTERFACES[..]].concat()))
+}
+
+fn run(arguments: &[&str]) -> Running {
+    Running::start(&[&["run", TWO_BUSES, "--pace", "lockstep", "--json"], &INTERFACES[..], arguments].concat())
+}
+
+#[test]
+#[ignore = "needs a CAN interface: see hil-tests/vcan"]
+fn a_rig_on_two_interfaces_runs_and_its_log_names_both() {
+    if bus() != "vcan0" {
+        return;
+    }
+    let sim = sim();
+    let log = std::env::temp_dir().join(format!("yieldwall-two-buses-{}.log", std::process::id()));
+    let [drives, sensor] = ["vcan0", "vcan1"].map(Observer::on);
+    let (code, document) = run(&["--duration", "3", "--candump", log.to_str().expect("a plain path")]).document();
+    assert_eq!((code, &document["state"]), (OK, &Value::from("Running")), "{document:#}");
+    assert_eq!((&document["frames"]["lost"], &document["frames"]["not_sent"]), (&0.into(), &0.into()), "{document:#}");
+    assert_eq!(document["buses"]["sensor"], "vcan1", "{document:#}");
+    let [drives, sensor] = [drives, sensor].map(Observer::rest);
+    let count = |frames: &[yieldwall::canopen::Frame], id: u16| frames.iter().filter(|frame| frame.id() == id).count();
+    let syncs = count(&drives, cob::SYNC);
+    assert!(syncs > 3000 && count(&sensor, cob::SYNC) == syncs, "one SYNC a cycle on both");
+    // Node 1 is the left drive on one bus and the sensor on the other.
+    assert!(drives.iter().all(|frame| frame.id() != 0x181 || frame.len() == 6));
+    assert!(sensor.iter().all(|frame| frame.id() != 0x181 || frame.len() == 8));
+    assert_eq!((count(&sensor, 0x201), count(&drives, 0x281)), (0, 0));
+    assert_stopped_together(&drives);
+    // The program's own log has what the observers have, its own requests included.
+    let text = std::fs::read_to_string(&log).expect("a log");
+    std::fs::remove_file(&log).expect("it is there");
+    let lines = |what: &str| text.lines().filter(|line| line.contains(what)).count();
+    assert_eq!((lines(" vcan0 080#"), lines(" vcan1 080#")), (syncs, syncs));
+    for (frames, interface, id) in [(&drives, "vcan0", 0x601), (&drives, "vcan0", 0x602), (&sensor, "vcan1", 0x601)] {
+        let requests = count(frames, id);
+        assert!(requests > 10 && lines(&format!(" {interface} {id:03X}#")) == requests, "{interface} {id:03X}h");
+    }
+    sim.interrupted();
+}
+
+#[test]
+#[ignore = "needs a CAN interface: see hil-tests/vcan"]
+fn one_interface_that_is_taken_down_stops_the_axes_on_the_other() {
+    if bus() != "vcan0" {
+        return;
+    }
+    for interface in ["vcan1", "vcan0"] {
+        let sim = sim();
+        let observer = Observer::on("vcan0");
+        let master = run(&["--duration", "60"]);
+        observer.until_moving(300);
+        let set = |state: &str| {
+            let done = Command::new("ip").args(["link", "set", interface, state]).status();
+            assert!(done.expect("ip of iproute2").success());
+        };
+        set("down");
+        let (code, document) = master.document();
+        set("up");
+        assert_eq!(code, SAFETY_STOP, "{document:#}");
+        assert_eq!((&document["cause"], &document["state"]), (&"link-down".into(), &"Lost".into()), "{document:#}");
+        if interface == "vcan1" {
+            // Nothing was said any more, and both drives have stopped by themselves.
+            observer.until("emergency of both drives", |frames| {
+                [1, 2].iter().all(|node| !emergencies(frames, *node).is_empty())
+            });
+        }
+        drop(sim);
+    }
+}
+
+#[test]
+#[ignore = "needs a CAN interface: see hil-tests/vcan"]
+fn a_bus_without_an_interface_is_named() {
+    let (code, message, help) = refusal(Running::start(&["run", TWO_BUSES, "--bus", "main=vcan0", "--json"]));
+    assert_eq!((code, message.as_str()), (2, "the rig's bus `sensor` has no interface"));
+    assert!(help.contains("--bus main=INTERFACE --bus sensor=INTERFACE"), "{help}");
+}

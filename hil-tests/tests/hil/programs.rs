@@ -1,0 +1,239 @@
+//! The program as a process, and who listens on its bus.
+
+use std::io::{BufRead, BufReader, Read};
+use std::path::PathBuf;
+use std::process::{Child, Command, Stdio};
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, Mutex};
+use std::thread::JoinHandle;
+use std::time::{Duration, Instant};
+
+use hil_tests::network::Real;
+use serde_json::Value;
+use yieldwall::canopen::{Emergency, Frame};
+use yieldwall::link::{CanLink, Received, SocketCanSettings};
+
+pub(super) const RIG: &str = "builtin:paper-admittance.yaml";
+/// How long anything may take; only a program that hangs does.
+pub(super) const LIMIT: Duration = Duration::from_secs(60);
+
+/// What a person sees of an end.
+pub(super) const OK: i32 = 0;
+pub(super) const BUS_UNAVAILABLE: i32 = 4;
+pub(super) const DEVICE_MISMATCH: i32 = 5;
+pub(super) const OUT_OF_TOLERANCE: i32 = 7;
+pub(super) const SAFETY_STOP: i32 = 8;
+pub(super) const INTERRUPTED: i32 = 130;
+
+pub(super) fn program() -> PathBuf {
+    let tests = std::env::current_exe().expect("a test has a file");
+    tests.ancestors().nth(2).expect("target/debug/deps").join("yieldwall")
+}
+
+pub(super) fn bus() -> String {
+    std::env::var("YIELDWALL_CAN").unwrap_or_else(|_| "vcan0".to_owned())
+}
+
+/// A process that does not outlive its test.
+pub(super) struct Running(Option<Child>);
+
+impl Running {
+    pub(super) fn start(arguments: &[&str]) -> Self {
+        let state = std::env::temp_dir().join(format!("yieldwall-hil-{}", std::process::id()));
+        let child = Command::new(program())
+            .args(arguments)
+            .env("XDG_STATE_HOME", state)
+            .stdout(Stdio::piped())
+            .stderr(Stdio::piped())
+            .spawn()
+            .expect("`cargo build --bin yieldwall` comes before these tests");
+        Self(Some(child))
+    }
+
+    /// Simulated devices that are ready.
+    pub(super) fn sim(rig: &str, arguments: &[&str]) -> Self {
+        let bus = bus();
+        Self::ready(Self::start(&[&["sim", rig, "--bus", &bus], arguments].concat()))
+    }
+
+    /// Waits until simulated devices say what they are.
+    pub(super) fn ready(mut sim: Self) -> Self {
+        let mut first = String::new();
+        let stdout = sim.0.as_mut().and_then(|child| child.stdout.as_mut()).expect("it is piped");
+        BufReader::with_capacity(1, stdout).read_line(&mut first).expect("it says what it is");
+        assert!(first.starts_with("simulated"), "{first}");
+        sim
+    }
+
+    pub(super) fn run(rig: &str, arguments: &[&str]) -> Self {
+        let bus = bus();
+        Self::start(&[&["run", rig, "--bus", &bus, "--json"], arguments].concat())
+    }
+
+    pub(super) fn signal(&self, name: &str) {
+        let id = self.0.as_ref().expect("it runs").id().to_string();
+        assert!(Command::new("kill").args(["-s", name, &id]).status().expect("procps").success());
+    }
+
+    /// Waits for the end; exit code, standard output, standard error.
+    pub(super) fn end(mut self) -> (i32, String, String) {
+        let mut child = self.0.take().expect("it runs");
+        let started = Instant::now();
+        while child.try_wait().expect("it is a child").is_none() {
+            assert!(started.elapsed() < LIMIT, "it hangs");
+            std::thread::sleep(Duration::from_millis(10));
+        }
+        let (mut out, mut error) = (String::new(), String::new());
+        child.stdout.take().expect("piped").read_to_string(&mut out).expect("text");
+        child.stderr.take().expect("piped").read_to_string(&mut error).expect("text");
+        (child.wait().expect("it is a child").code().unwrap_or(-1), out, error)
+    }
+
+    pub(super) fn document(self) -> (i32, Value) {
+        let (code, out, error) = self.end();
+        (code, serde_json::from_str(&out).unwrap_or_else(|problem| panic!("{problem}: {out}\n{error}")))
+    }
+
+    /// Ends simulated devices by Ctrl-C; what they say.
+    pub(super) fn interrupted(self) -> String {
+        self.signal("INT");
+        let (code, out, error) = self.end();
+        assert_eq!(code, OK, "{error}");
+        out
+    }
+}
+
+impl Drop for Running {
+    fn drop(&mut self) {
+        if let Some(child) = &mut self.0 {
+            let _ = child.kill();
+            let _ = child.wait();
+        }
+    }
+}
+
+/// Who listens on the bus, on a thread of its own.
+pub(super) struct Observer {
+    frames: Arc<Mutex<Vec<Frame>>>,
+    is_over: Arc<AtomicBool>,
+    thread: Option<JoinHandle<()>>,
+}
+
+impl Observer {
+    pub(super) fn new() -> Self {
+        Self::on(&bus())
+    }
+
+    /// On another interface.
+    pub(super) fn on(interface: &str) -> Self {
+        let mut link = Real::open(&SocketCanSettings::everything(interface));
+        let frames = Arc::new(Mutex::new(Vec::new()));
+        let is_over = Arc::new(AtomicBool::new(false));
+        let (heard, end) = (Arc::clone(&frames), Arc::clone(&is_over));
+        let thread = std::thread::spawn(move || {
+            while !end.load(Ordering::Relaxed) {
+                link.wait(link.now() + Duration::from_millis(20));
+                while let Some(arrival) = link.receive() {
+                    match arrival.what {
+                        Received::Frame(frame) => heard.lock().expect("nobody panics with it").push(frame),
+                        Received::Overflow { frames } => panic!("the observer has lost {frames} frames"),
+                        _ => {}
+                    }
+                }
+            }
+        });
+        Self { frames, is_over, thread: Some(thread) }
+    }
+
+    /// Waits until `is_enough` of all that was heard.
+    pub(super) fn until(&self, what: &str, is_enough: impl Fn(&[Frame]) -> bool) {
+        let started = Instant::now();
+        while !is_enough(&self.frames.lock().expect("nobody panics with it")) {
+            assert!(started.elapsed() < LIMIT, "no {what}");
+            std::thread::sleep(Duration::from_millis(20));
+        }
+    }
+
+    /// Both drives were told to be in Operation Enabled for so many cycles.
+    pub(super) fn until_moving(&self, cycles: usize) {
+        self.until("motion", |frames| set_points(frames).filter(|word| *word == 0x0f).count() > 2 * cycles);
+    }
+
+    /// What was heard so far, which is forgotten.
+    pub(super) fn take(&self) -> Vec<Frame> {
+        std::mem::take(&mut self.frames.lock().expect("nobody panics with it"))
+    }
+
+    /// All that was heard, and what still comes within a while: devices go on to send heartbeats.
+    pub(super) fn rest(mut self) -> Vec<Frame> {
+        std::thread::sleep(Duration::from_millis(300));
+        self.is_over.store(true, Ordering::Relaxed);
+        self.thread.take().expect("once").join().expect("the observer hears all");
+        self.take()
+    }
+}
+
+impl Drop for Observer {
+    fn drop(&mut self) {
+        self.is_over.store(true, Ordering::Relaxed);
+    }
+}
+
+/// The low byte of every controlword for a drive, in the order of the bus.
+pub(super) fn set_points(frames: &[Frame]) -> impl Iterator<Item = u8> {
+    frames.iter().filter(|frame| matches!(frame.id(), 0x201 | 0x202)).map(|frame| frame.bytes()[0])
+}
+
+pub(super) fn emergencies(frames: &[Frame], node: u8) -> Vec<u16> {
+    let own = frames.iter().filter_map(Emergency::decode).filter(|emergency| emergency.node.raw() == node);
+    own.filter(|emergency| !emergency.code.is_reset()).map(|emergency| emergency.code.0).collect()
+}
+
+/// Both axes get the quick stop with the same cycle: until the first word that is none to move, all are; from the next pair
+/// on, none is.
+pub(super) fn assert_stopped_together(frames: &[Frame]) {
+    let words: Vec<u8> = set_points(frames).collect();
+    let pairs: Vec<&[u8]> = words.chunks_exact(2).skip_while(|pair| **pair != [0x0f; 2]).collect();
+    let moving = pairs.iter().take_while(|pair| ***pair == [0x0f; 2]).count();
+    assert!(moving > 0 && moving < pairs.len(), "it moved, and then it did not");
+    for pair in &pairs[moving..] {
+        assert!(pair.iter().all(|word| *word != 0x0f), "{pair:?}");
+    }
+}
+
+pub(super) fn lockstep(rig: &str) -> Running {
+    Running::sim(rig, &["--pace", "lockstep"])
+}
+
+pub(super) fn run_for(seconds: &str) -> Running {
+    Running::run(RIG, &["--pace", "lockstep", "--duration", seconds])
+}
+
+/// A shipped rig with some of its text replaced, as a file; its path. `name` is that of the test.
+pub(super) fn changed(name: &str, file: &str, changes: &[(&str, &str)]) -> String {
+    let folder = concat!(env!("CARGO_MANIFEST_DIR"), "/../config");
+    let mut text = std::fs::read_to_string(format!("{folder}/{file}")).expect("a shipped rig");
+    for (from, to) in changes {
+        assert!(text.contains(from), "{from}");
+        text = text.replace(from, to);
+    }
+    let text = text.replace("scene: scenes/", &format!("scene: {folder}/scenes/"));
+    let path = std::env::temp_dir().join(format!("yieldwall-{name}-{}.yaml", std::process::id()));
+    std::fs::write(&path, text).expect("the folder for temporary files can be written");
+    path.to_str().expect("a plain path").to_owned()
+}
+
+/// What a program says that ends in failure: its exit code, and the only error with what to do next.
+pub(super) fn refusal(program: Running) -> (i32, String, String) {
+    let (code, document) = program.document();
+    let findings = document["diagnostics"].as_array().unwrap_or_else(|| panic!("{document:#}"));
+    let errors: Vec<&Value> = findings.iter().filter(|finding| finding["severity"] == "error").collect();
+    assert_eq!((errors.len(), &document["exit_code"]), (1, &Value::from(code)), "{document:#}");
+    let text = |key: &str| errors[0][key].as_str().unwrap_or_default().to_owned();
+    (code, text("message"), text("help"))
+}
+
+/// Whether a drive was told to be in Operation Enabled.
+pub(super) fn is_enabled(frames: &[Frame]) -> bool {
+    set_points(frames).any(|word| word == 0x0f)
+}

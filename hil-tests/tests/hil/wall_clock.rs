@@ -1,0 +1,134 @@
+//! On the clock of the wall, at a cycle so slow that any computer keeps it: 50 ms too late is in time. How a computer keeps a
+//! faster one is measured by `hil-tests/circle` and by `yieldwall latency`.
+
+use std::process::Command;
+
+use super::programs::*;
+
+/// The rig every 100 ms, and a hand that rests: at this cycle nobody could be guided.
+fn slow() -> (String, String) {
+    let scene =
+        changed("rests", "scenes/circle-hold.yaml", &[("in_s: 1.5}              # hits", "in_s: 900.0} # hits")]);
+    let rig = changed(
+        "slow",
+        "paper-admittance-5ms.yaml",
+        &[
+            ("period_us: 5000", "period_us: 100000"),
+            ("compute_at_us: 2500", "compute_at_us: 50000"),
+            ("_ms: 100", "_ms: 200"),
+        ],
+    );
+    (rig, scene)
+}
+
+fn sim(rig: &str, scene: &str, arguments: &[&str]) -> Running {
+    Running::sim(rig, &[&["--scene", scene], arguments].concat())
+}
+
+fn drill(rig: &str) -> Running {
+    Running::start(&["drill", rig, "--bus", &bus(), "--json"])
+}
+
+#[test]
+#[ignore = "needs a CAN interface: see hil-tests/vcan"]
+fn a_drilled_rig_runs_alone_on_its_bus_and_one_that_stalls_is_lost() {
+    let (rig, scene) = slow();
+    let devices = sim(&rig, &scene, &[]);
+    let (code, document) = drill(&rig).document();
+    assert_eq!(code, OK, "{document:#}");
+    for finding in document["watchdogs"]["findings"].as_array().expect("findings") {
+        assert!(finding["left_stops_after_ms"].is_number() && finding["right_stops_after_ms"].is_number(), "{finding}");
+    }
+    let observer = Observer::new();
+    let (code, document) = Running::run(&rig, &["--duration", "2"]).document();
+    assert_eq!((code, &document["state"]), (OK, &"Running".into()), "{document:#}");
+    assert_eq!((&document["cycles"], &document["skipped"]), (&20.into(), &0.into()), "{document:#}");
+    assert_stopped_together(&observer.rest());
+    twice(&rig, &scene);
+    if bus() == "vcan0" {
+        stall(&rig);
+    }
+    drop(devices);
+    std::fs::remove_file(rig).expect("it is there");
+    std::fs::remove_file(scene).expect("it is there");
+}
+
+/// Every device is there twice. In lockstep nobody would wait for the second one.
+fn twice(rig: &str, scene: &str) {
+    let others = sim(rig, scene, &[]);
+    let observer = Observer::new();
+    let (code, message, help) = refusal(Running::run(rig, &["--duration", "1"]));
+    assert_eq!(code, DEVICE_MISMATCH, "{message}");
+    assert!(message.contains("because of duplicate-node (left drive"), "{message}");
+    assert!(help.contains("its own node id"), "{help}");
+    assert!(!is_enabled(&observer.rest()));
+    drop(others);
+}
+
+/// The queue of the interface stalls for two cycles and a half and is released then: what it lets go is of one cycle, and the
+/// bus is lost.
+fn stall(rig: &str) {
+    let observer = Observer::new();
+    let master = Running::run(rig, &["--duration", "60"]);
+    observer.until_moving(5);
+    observer.take();
+    queue("add", "250ms");
+    let (code, document) = master.document();
+    queue("change", "0ms");
+    let frames = observer.rest();
+    queue("del", "0ms");
+    assert_eq!((code, &document["state"]), (SAFETY_STOP, &"Lost".into()), "{document:#}");
+    assert_eq!(document["cause"], "transmit-stalled", "{document:#}");
+    let syncs = frames.iter().filter(|frame| frame.id() == 0x080).count();
+    let words = set_points(&frames).count();
+    assert!(words <= 2 * (syncs + 1), "{words} set-points after {syncs} SYNC");
+    let last = frames.iter().rposition(|frame| frame.id() == 0x080).map_or(0, |at| at + 1);
+    assert!(set_points(&frames[last..]).count() <= 2, "one cycle");
+}
+
+/// Has frames wait in the queue of the interface.
+fn queue(order: &str, delay: &str) {
+    let bus = bus();
+    let done = Command::new("tc").args(["qdisc", order, "dev", &bus, "root", "netem", "delay", delay]).output();
+    let done = done.expect("tc of iproute2");
+    assert!(done.status.success(), "the module sch_netem: {}", String::from_utf8_lossy(&done.stderr));
+}
+
+#[test]
+#[ignore = "needs a CAN interface: see hil-tests/vcan"]
+fn drives_that_lack_a_watchdog_are_refused() {
+    let (rig, scene) = slow();
+    let devices = sim(&rig, &scene, &["--unwatched", "heartbeat"]);
+    let (code, document) = drill(&rig).document();
+    assert_eq!(code, OUT_OF_TOLERANCE, "{document:#}");
+    let observer = Observer::new();
+    let (code, document) = Running::run(&rig, &["--duration", "1"]).document();
+    assert_eq!(code, OUT_OF_TOLERANCE, "{document:#}");
+    assert!(document.to_string().contains("heartbeat"), "{document:#}");
+    assert!(!is_enabled(&observer.rest()));
+    drop(devices);
+    std::fs::remove_file(rig).expect("it is there");
+    std::fs::remove_file(scene).expect("it is there");
+}
+
+/// In lockstep time waits with the frames: whatever a queue does to them, nothing is lost and nothing happens twice.
+#[test]
+#[ignore = "needs a CAN interface: see hil-tests/vcan"]
+fn a_queue_that_stalls_for_20_ms_stops_time_in_lockstep() {
+    if bus() != "vcan0" {
+        return;
+    }
+    let sim = lockstep(RIG);
+    let observer = Observer::new();
+    let master = run_for("2");
+    observer.until_moving(300);
+    queue("add", "20ms");
+    std::thread::sleep(std::time::Duration::from_millis(500));
+    queue("change", "0ms");
+    let (code, document) = master.document();
+    queue("del", "0ms");
+    assert_eq!((code, &document["cycles"], &document["state"]), (OK, &2000.into(), &"Running".into()), "{document:#}");
+    assert_eq!((&document["frames"]["lost"], &document["frames"]["not_sent"]), (&0.into(), &0.into()), "{document:#}");
+    assert_stopped_together(&observer.rest());
+    drop(sim);
+}

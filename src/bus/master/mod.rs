@@ -1,0 +1,396 @@
+//! The master: boot, then two moments a cycle.
+
+mod line;
+mod network;
+mod node;
+mod phase;
+
+use std::time::Duration;
+
+use super::boot::Boot;
+use super::error::{BootError, BootFailure};
+use super::image::{Image, SensorFrames, Taken};
+use super::setup::{MasterSetup, SensorLink};
+use crate::canopen::nmt;
+use crate::canopen::{self, Emergency, Frame, NodeId, Outbox, SyncProducer, Time, cob};
+use crate::cycle::{Cycle, Inputs, LinkEvents, Outputs, Timing};
+use crate::guard::{Allowed, Cause, DeviceSet, Directive, Fault, Request, State};
+use crate::plain_can::Client;
+use line::Line;
+use node::Node;
+
+pub use phase::{LinkEvent, Phase};
+
+/// Emergencies that are remembered.
+const EMERGENCIES: usize = 8;
+
+/// The master of one rig, on the buses that its devices are on.
+///
+/// Frames come with the number of their bus ([`Frame::bus`]) and leave with it. SYNC, NMT commands and the master's
+/// heartbeat go to every bus where somebody hears them, and nothing is exchanged before the nodes of all buses are there.
+#[derive(Clone)]
+pub struct Master {
+    id: NodeId,
+    heartbeat: Duration,
+    next_heartbeat: Time,
+    phase: Phase,
+    phase_deadline: Time,
+    nodes: Vec<Node>,
+    sensor_name: String,
+    sensor_bus: u8,
+    /// The buses.
+    lines: Vec<Line>,
+    sync: SyncProducer,
+    image: Image,
+    cycle: Cycle,
+    inputs: Inputs,
+    events: LinkEvents,
+    /// Whether nothing is sent: the bus could not be reached, and the drives' watchdogs shall act.
+    is_silent: bool,
+    /// Whether the link shows own frames; without that nothing is known of what is still on its way.
+    has_echo: bool,
+    /// Whether SYNC and set-points of this cycle are held back.
+    is_held: bool,
+    /// Whether the cycle failed and never runs again.
+    has_failed: bool,
+    last: Outputs,
+    /// The last emergencies, a ring, and where the next one goes.
+    emergencies: [Option<(Time, Emergency)>; EMERGENCIES],
+    next_emergency: usize,
+}
+
+impl Master {
+    /// A master that has sent nothing yet.
+    ///
+    /// # Errors
+    /// If node identifiers are out of range or used twice, or if a profile lacks the process data of the command mode.
+    pub fn new(setup: &MasterSetup, cycle: Cycle) -> Result<Self, BootError> {
+        let id = node_id(setup.node_id, "master")?;
+        let mut known = Vec::new();
+        let mut fresh = |bus: u8, raw: u8, name: &str| -> Result<NodeId, BootError> {
+            let fresh = node_id(raw, name)?;
+            if fresh == id || known.contains(&(bus, fresh)) {
+                let failure = BootFailure::DuplicateNodeId { node_id: raw };
+                return Err(refuse(Some(raw), name, "check the node ids", failure));
+            }
+            known.push((bus, fresh));
+            Ok(fresh)
+        };
+        let [left, right] = &setup.drives;
+        let drives = [left, right].map(|drive| Ok((drive, fresh(drive.bus, drive.node_id, &drive.name)?)));
+        let [left, right] = drives;
+        let drives = [left?, right?];
+        let sensor_bus = setup.sensor.bus;
+        let (sensor, sensor_id) = match &setup.sensor.link {
+            SensorLink::Canopen(node) => {
+                let fresh = fresh(sensor_bus, node.node_id, &setup.sensor.name)?;
+                (SensorFrames::Canopen(node, fresh), Some(node.node_id))
+            }
+            SensorLink::PlainCan(link) => (SensorFrames::PlainCan(Client::new(*link)), None),
+        };
+        const PLAN: &str = "plan the process data";
+        let of_sensor = |failure| refuse(sensor_id, &setup.sensor.name, PLAN, failure);
+        let mut nodes = Vec::new();
+        for (at, (drive, node)) in drives.into_iter().enumerate() {
+            let boot = Boot::drive(setup, drive, node)
+                .map_err(|failure| refuse(Some(drive.node_id), &drive.name, PLAN, failure))?;
+            nodes.push(Node::new(drive.bus, DeviceSet::drive(at), &drive.name, drive.heartbeat, boot));
+        }
+        if let SensorFrames::Canopen(node, id) = sensor {
+            let boot = Boot::sensor(node, id).map_err(of_sensor)?;
+            nodes.push(Node::new(sensor_bus, DeviceSet::SENSOR, &setup.sensor.name, node.heartbeat, boot));
+        }
+        let lines: Vec<Line> = setup.buses().map(|bus| Line::new(setup, bus, &nodes)).collect();
+        // What the drives' profiles lack was found above.
+        let mut image = Image::new(setup.mode, drives, sensor_bus, sensor).map_err(of_sensor)?;
+        for line in &lines {
+            for own in [cob::NMT, cob::SYNC, cob::heartbeat(id)] {
+                image.reserve(line.bus, own);
+            }
+        }
+        image.claim_plain().map_err(of_sensor)?;
+        let last = cycle.idle();
+        let sync = SyncProducer::new(cob::SYNC, 0).map_err(|_| {
+            refuse(Some(setup.node_id), "master", "prepare SYNC", BootFailure::NodeId { node_id: setup.node_id })
+        })?;
+        let nothing = image.arrivals(Time::default());
+        let link = LinkEvents::default();
+        let inputs = Inputs {
+            drives: nothing.drives,
+            sample: nothing.sample,
+            link,
+            timing: Timing::default(),
+            request: Request::None,
+        };
+        Ok(Self {
+            id,
+            heartbeat: setup.heartbeat,
+            next_heartbeat: Time::NEVER,
+            phase: Phase::Off,
+            phase_deadline: Time::NEVER,
+            nodes,
+            sensor_name: setup.sensor.name.clone(),
+            sensor_bus,
+            lines,
+            sync,
+            image,
+            cycle,
+            inputs,
+            events: LinkEvents::default(),
+            is_silent: false,
+            has_echo: false,
+            is_held: false,
+            has_failed: false,
+            last,
+            emergencies: [None; EMERGENCIES],
+            next_emergency: 0,
+        })
+    }
+
+    /// Where the network stands.
+    pub fn phase(&self) -> &Phase {
+        &self.phase
+    }
+
+    /// The rig's cycle, for reports.
+    pub fn cycle(&self) -> &Cycle {
+        &self.cycle
+    }
+
+    /// What entered the last cycle; before the first one, that nothing has arrived.
+    ///
+    /// Real-time: yes.
+    pub fn last_inputs(&self) -> &Inputs {
+        &self.inputs
+    }
+
+    /// State of the rig.
+    pub fn state(&self) -> State {
+        if self.has_failed { Directive::QUICK_STOP.state } else { self.cycle.state() }
+    }
+
+    /// The fault that led to the present state.
+    pub fn cause(&self) -> Option<Cause> {
+        if self.has_failed {
+            return Some(Cause { fault: Fault::CyclePanicked, devices: DeviceSet::HOST });
+        }
+        self.cycle.cause()
+    }
+
+    /// Whether nothing is sent any more, so that the drives' watchdogs act. A link then drops what its queue still holds,
+    /// and sends nothing of it later.
+    pub fn is_silent(&self) -> bool {
+        self.is_silent
+    }
+
+    /// The last emergency message of any node.
+    pub fn last_emergency(&self) -> Option<Emergency> {
+        self.emergencies().last().map(|(_, emergency)| emergency)
+    }
+
+    /// The last emergency messages of all nodes with the moments at which they came, at most eight, the oldest first.
+    pub fn emergencies(&self) -> impl Iterator<Item = (Time, Emergency)> {
+        let (newer, older) = self.emergencies.split_at(self.next_emergency);
+        older.iter().chain(newer).copied().flatten()
+    }
+
+    /// Takes a frame of another node from the bus; own ones go to [`Master::on_echo`].
+    ///
+    /// Real-time: yes, while operational.
+    pub fn on_frame(&mut self, now: Time, frame: &Frame, out: &mut impl Outbox) {
+        match self.image.on_frame(now, frame) {
+            Taken::Image => return self.go_on_if_started(),
+            Taken::Own => {
+                self.events.intruder = true;
+                return;
+            }
+            Taken::Other => {}
+        }
+        if self.phase == Phase::Operational
+            && let Some((id, state)) = nmt::decode_heartbeat(frame)
+            && let Some(node) = self.nodes.iter_mut().find(|node| node.is(frame.bus(), id))
+        {
+            node.on_heartbeat(now, state);
+        }
+        let line = self.lines.iter_mut().find(|line| line.bus == frame.bus());
+        if let Some(event) = line.and_then(|line| line.watch.on_frame(now, frame)) {
+            return self.on_node(now, frame.bus(), event, out);
+        }
+        if let Some(emergency) = Emergency::decode(frame) {
+            if !emergency.code.is_reset()
+                && let Some(node) = self.nodes.iter().find(|node| node.is(frame.bus(), emergency.node))
+            {
+                if emergency.code.is_warning() {
+                    self.events.emergency_warning |= node.device;
+                } else {
+                    self.events.emergency |= node.device;
+                }
+                if let Some(place) = self.emergencies.get_mut(self.next_emergency) {
+                    *place = Some((now, emergency));
+                }
+                self.next_emergency = (self.next_emergency + 1) % EMERGENCIES;
+            }
+            return;
+        }
+        if self.phase == Phase::Configuring {
+            self.configure(now, out, |node, now, out| match node.bus == frame.bus() {
+                true => node.boot.on_frame(now, frame, &mut out.on(node.bus)),
+                false => Ok(()),
+            });
+        }
+    }
+
+    /// Takes an own frame that was seen on the bus. A link that cannot show own frames never calls this, and what is still
+    /// on its way is then not watched.
+    ///
+    /// Real-time: yes.
+    pub fn on_echo(&mut self, frame: &Frame) {
+        self.has_echo = true;
+        let is_set_point = self.image.is_set_point(frame);
+        if let Some(line) = self.lines.iter_mut().find(|line| line.bus == frame.bus()) {
+            line.on_echo(frame, is_set_point);
+        }
+    }
+
+    /// The begin of a cycle: SYNC, and behind it the request to a sensor that is polled.
+    ///
+    /// At most one cycle is in flight: while set-points of an earlier cycle have not been seen on their bus, or SYNC on a bus
+    /// without set-points, neither SYNC nor set-points are sent on any. At the second such cycle in a row the master falls
+    /// silent ([`Master::is_silent`]).
+    ///
+    /// Real-time: yes.
+    pub fn on_sync(&mut self, out: &mut impl Outbox) {
+        self.image.begin_cycle();
+        self.is_held = self.has_echo && self.is_in_flight();
+        if !(self.is_silent || self.is_held) {
+            self.repeat_sync(out);
+            self.lines.iter_mut().for_each(Line::note_sync);
+            if let Some(client) = self.image.plain() {
+                client.read(&mut out.on(self.sensor_bus));
+            }
+        }
+    }
+
+    /// Whether the process data of all nodes have arrived since [`Master::on_sync`].
+    ///
+    /// Real-time: yes.
+    pub fn has_process_data(&self) -> bool {
+        self.image.is_complete()
+    }
+
+    /// Whether SYNC was held back in this cycle, since the set-points of an earlier one are still on their way or nothing
+    /// is sent at all: no process data can come.
+    ///
+    /// Real-time: yes.
+    pub fn is_sync_held(&self) -> bool {
+        self.is_held || self.is_silent
+    }
+
+    /// Whether set-points, or SYNC where there are none, were sent that have not been seen on their bus yet.
+    ///
+    /// Real-time: yes.
+    pub fn is_in_flight(&self) -> bool {
+        self.lines.iter().any(|line| line.in_flight > 0)
+    }
+
+    /// SYNC on every bus where somebody hears it, outside of any cycle.
+    pub fn repeat_sync(&mut self, out: &mut impl Outbox) {
+        let sync = self.sync.next_frame();
+        self.lines.iter().filter(|line| line.has_sync).for_each(|line| out.push(sync.on_bus(line.bus)));
+    }
+
+    /// The set-points of the last cycle once more, whatever has happened since: a drive that stops then stops by itself.
+    pub fn repeat_set_points(&mut self, out: &mut impl Outbox) {
+        self.image.send(self.last.directive.goal, &self.last.command, out);
+    }
+
+    /// A heartbeat if one is due; when the last one was sent.
+    pub fn repeat_heartbeat(&mut self, now: Time, out: &mut impl Outbox) -> Time {
+        self.send_heartbeat(now, out);
+        Time(self.next_heartbeat.0.saturating_sub(self.heartbeat.as_nanos() as u64))
+    }
+
+    /// The heartbeat period that the drives watch.
+    pub fn heartbeat_period(&self) -> Duration {
+        self.heartbeat
+    }
+
+    /// The moment at which all process data are in: runs the cycle and sends the set-points that the next SYNC makes
+    /// the drives apply. A heartbeat that is due goes out behind them. `timing` says how this cycle ran against its
+    /// grid.
+    ///
+    /// Real-time: yes.
+    pub fn on_compute(&mut self, now: Time, request: Request, timing: Timing, out: &mut impl Outbox) -> Outputs {
+        let arrivals = self.image.arrivals(now);
+        if self.has_failed {
+            self.send(now, out);
+            return self.last;
+        }
+        let mut link = std::mem::take(&mut self.events);
+        link.bad_length = arrivals.irregular.bad_length;
+        link.duplicated = arrivals.irregular.duplicated;
+        link.late = arrivals.irregular.late;
+        link.transmit_stalled = self.is_held;
+        // A node that is not there stays a fault, so that the rig cannot be enabled again without it.
+        for node in &self.nodes {
+            link.node_reset |= node.device.only_if(node.has_restarted);
+            link.duplicate_node |= node.device.only_if(node.is_double);
+            link.heartbeat_lost |= node.device.only_if(!(node.is_operational || node.has_restarted));
+        }
+        self.inputs = Inputs { drives: arrivals.drives, sample: arrivals.sample, link, timing, request };
+        self.last = self.cycle.step(&self.inputs);
+        if self.last.directive.fault_reset {
+            self.image.request_fault_reset();
+        }
+        if self.is_silent && !self.last.directive.is_silent {
+            // A person has the exchange go on: what was on its way is gone.
+            self.lines.iter_mut().for_each(|line| line.in_flight = 0);
+        }
+        self.is_silent = self.last.directive.is_silent;
+        self.send(now, out);
+        self.last
+    }
+
+    /// Sends both drives a quick stop without the cycle, which has panicked in the caller's hands. It never runs again:
+    /// [`Master::on_compute`] goes on to send the quick stop, the state is [`State::Disabled`] for good, and its cause
+    /// [`Fault::CyclePanicked`].
+    ///
+    /// Real-time: yes.
+    pub fn quick_stop_now(&mut self, now: Time, out: &mut impl Outbox) {
+        self.has_failed = true;
+        self.last.command = Allowed::rest(self.last.command.get(), self.last.signals.measured_angles);
+        self.last.directive = Directive::QUICK_STOP;
+        (self.is_silent, self.is_held) = (false, false);
+        self.send(now, out);
+    }
+
+    /// Sends the set-points of this cycle, and a heartbeat that is due.
+    fn send(&mut self, now: Time, out: &mut impl Outbox) {
+        if self.is_silent || self.is_held {
+            return self.image.cancel_fault_reset();
+        }
+        self.image.send(self.last.directive.goal, &self.last.command, out);
+        self.lines.iter_mut().for_each(Line::note_set_points);
+        self.send_heartbeat(now, out);
+    }
+
+    /// Notes what the interface tells; the next cycle acts on it.
+    ///
+    /// Real-time: yes.
+    pub fn on_link(&mut self, event: LinkEvent) {
+        match event {
+            LinkEvent::SendFailed => self.events.send_failed = true,
+            LinkEvent::ErrorPassive => self.events.error_passive = true,
+            LinkEvent::BusOff => self.events.bus_off = true,
+        }
+    }
+}
+
+fn node_id(raw: u8, name: &str) -> Result<NodeId, BootError> {
+    canopen::cob::node_id(raw)
+        .map_err(|_| refuse(Some(raw), name, "check the node ids", BootFailure::NodeId { node_id: raw }))
+}
+
+fn refuse(node_id: Option<u8>, name: &str, step: &'static str, failure: BootFailure) -> BootError {
+    BootError { node_id, name: name.to_owned(), step, failure }
+}

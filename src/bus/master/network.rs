@@ -1,0 +1,213 @@
+//! The network from the reset to the exchange of process data, and what its nodes say of themselves.
+
+use std::time::Duration;
+
+use super::line::Line;
+use super::node::Node;
+use super::{Master, Phase, refuse};
+use crate::bus::error::BootFailure;
+use crate::canopen::nmt::{self, HeartbeatChange, HeartbeatEvent};
+use crate::canopen::{Frame, NmtCommand, NmtState, Outbox, Time};
+use crate::cycle::LinkEvents;
+use crate::plain_can::Client;
+
+/// How long a node may take from the reset to its boot-up message.
+const BOOT_UP_WAIT: Duration = Duration::from_millis(500);
+/// How long the nodes may take from the start command to the first heartbeat in Operational.
+const START_WAIT: Duration = Duration::from_millis(500);
+
+impl Master {
+    /// Resets the network and starts to watch it: the first time, and again when a person restarts the rig after a node
+    /// was reset or lost. Nothing is remembered of what was before but the emergencies, and nothing is enabled.
+    ///
+    /// After [`Master::quick_stop_now`] it does nothing: only a new master can tell what the cycle does.
+    pub fn start(&mut self, now: Time, out: &mut impl Outbox) {
+        if self.has_failed {
+            return;
+        }
+        self.cycle.restart();
+        self.image.restart();
+        self.lines.iter_mut().for_each(Line::restart);
+        self.nodes.iter_mut().for_each(Node::restart);
+        self.events = LinkEvents::default();
+        (self.is_silent, self.is_held, self.has_echo) = (false, false, false);
+        self.last = self.cycle.idle();
+        self.enter(Phase::Resetting);
+        self.phase_deadline = now + BOOT_UP_WAIT;
+        self.tell_nodes(nmt::command(NmtCommand::ResetNode, None), out);
+        self.next_heartbeat = now;
+        self.send_heartbeat(now, out);
+    }
+
+    /// When [`Master::poll`] has to be called again at the latest.
+    ///
+    /// Real-time: yes.
+    pub fn next_deadline(&self) -> Time {
+        // In operation the heartbeat follows the set-points, where it is in nobody's way.
+        let heartbeat = if self.phase == Phase::Operational { Time::NEVER } else { self.next_heartbeat };
+        let watched = self.lines.iter().map(|line| line.watch.next_deadline()).fold(Time::NEVER, Time::min);
+        let base = heartbeat.min(watched).min(self.phase_deadline);
+        if self.phase == Phase::Starting {
+            return self.image.plain().map_or(base, |client| base.min(client.next_deadline()));
+        }
+        if self.phase != Phase::Configuring {
+            return base;
+        }
+        self.nodes.iter().map(|node| node.boot.next_deadline()).fold(base, Time::min)
+    }
+
+    /// Does what time asks for: heartbeat, watched nodes, waits of the boot.
+    ///
+    /// Real-time: yes, while operational.
+    pub fn poll(&mut self, now: Time, out: &mut impl Outbox) {
+        if self.phase != Phase::Operational {
+            self.send_heartbeat(now, out);
+        }
+        while let Some((bus, event)) = self.lines.iter_mut().find_map(|line| Some((line.bus, line.watch.poll(now)?))) {
+            self.on_node(now, bus, event, out);
+        }
+        match self.phase {
+            Phase::Configuring => self.configure(now, out, |node, now, out| node.boot.poll(now, &mut out.on(node.bus))),
+            Phase::Resetting if now >= self.phase_deadline => {
+                self.fail_where(|node| !node.has_booted, "wait for the boot-up message", BOOT_UP_WAIT);
+            }
+            Phase::Starting if now >= self.phase_deadline => {
+                self.fail_where(|node| !node.is_operational, "start the node", START_WAIT);
+                self.fail_without_sample();
+            }
+            Phase::Starting => {
+                if let Some(client) = self.image.plain_mut() {
+                    client.poll(now, &mut out.on(self.sensor_bus));
+                }
+            }
+            _ => {}
+        }
+    }
+
+    /// Leaves the network: the nodes go to Pre-operational, where nobody waits for set-points. For a rig that was stopped.
+    pub fn leave(&mut self, out: &mut impl Outbox) {
+        self.enter(Phase::Off);
+        self.tell_nodes(nmt::command(NmtCommand::EnterPreOperational, None), out);
+    }
+
+    pub(super) fn enter(&mut self, phase: Phase) {
+        tracing::debug!(?phase, "network");
+        self.phase = phase;
+        // What the old phase waited for is over.
+        self.phase_deadline = Time::NEVER;
+    }
+
+    /// Sends a frame to every bus that has nodes.
+    fn tell_nodes(&self, frame: Frame, out: &mut impl Outbox) {
+        self.lines.iter().filter(|line| line.has_nodes).for_each(|line| out.push(frame.on_bus(line.bus)));
+    }
+
+    pub(super) fn send_heartbeat(&mut self, now: Time, out: &mut impl Outbox) {
+        if now < self.next_heartbeat {
+            return;
+        }
+        let state = if self.phase == Phase::Operational { NmtState::Operational } else { NmtState::PreOperational };
+        self.tell_nodes(nmt::heartbeat(self.id, state), out);
+        self.next_heartbeat = now + self.heartbeat;
+    }
+
+    pub(super) fn on_node(&mut self, now: Time, bus: u8, event: HeartbeatEvent, out: &mut impl Outbox) {
+        let HeartbeatEvent { node: id, change } = event;
+        let Some(node) = self.nodes.iter_mut().find(|node| node.is(bus, id)) else { return };
+        node.is_operational = matches!(
+            change,
+            HeartbeatChange::Present(NmtState::Operational) | HeartbeatChange::State(NmtState::Operational)
+        );
+        match (change, &self.phase) {
+            (HeartbeatChange::BootUp, Phase::Resetting) => {
+                node.has_booted = true;
+                if self.nodes.iter().all(|node| node.has_booted) {
+                    self.enter(Phase::Configuring);
+                    self.configure(now, out, |node, now, out| node.boot.start(now, &mut out.on(node.bus)));
+                }
+            }
+            (HeartbeatChange::BootUp, Phase::Configuring) => {
+                let step = node.boot.doing();
+                if let Err(failure) = node.boot.restart(now, &mut out.on(bus)) {
+                    let error = refuse(Some(id.raw()), &node.name, step, failure);
+                    self.enter(Phase::Failed(error));
+                }
+            }
+            (HeartbeatChange::BootUp, Phase::Starting) => {
+                let failure = BootFailure::Restarted { times: 1 };
+                let error = refuse(Some(id.raw()), &node.name, "start the node", failure);
+                self.enter(Phase::Failed(error));
+            }
+            (HeartbeatChange::BootUp, Phase::Operational) => node.has_restarted = true,
+            (HeartbeatChange::BootUp, _) => {}
+            // Seen in the cycle even if the node comes back before it.
+            (HeartbeatChange::Lost, _) => self.events.heartbeat_lost |= node.device,
+            (HeartbeatChange::Present(_) | HeartbeatChange::State(_), _) => {
+                self.events.heartbeat_lost |= node.device.only_if(!node.is_operational);
+                self.go_on_if_started();
+            }
+        }
+    }
+
+    /// From Starting to Operational when all nodes and the sensor's samples are there.
+    pub(super) fn go_on_if_started(&mut self) {
+        let is_there = || {
+            let has_samples = self.image.plain().is_none_or(Client::has_begun);
+            has_samples && self.nodes.iter().all(|node| node.is_operational)
+        };
+        if self.phase == Phase::Starting && is_there() {
+            self.enter(Phase::Operational);
+            self.events = LinkEvents::default();
+        }
+    }
+
+    /// Lets every node's boot do something, and goes on when all are done.
+    pub(super) fn configure<O: Outbox>(
+        &mut self,
+        now: Time,
+        out: &mut O,
+        mut act: impl FnMut(&mut Node, Time, &mut O) -> Result<(), BootFailure>,
+    ) {
+        for node in &mut self.nodes {
+            if node.boot.is_done() {
+                continue;
+            }
+            let step = node.boot.doing();
+            if let Err(failure) = act(node, now, out) {
+                let error = refuse(Some(node.id.raw()), &node.name, step, failure);
+                self.enter(Phase::Failed(error));
+                return;
+            }
+        }
+        if self.nodes.iter().all(|node| node.boot.is_done()) {
+            self.enter(Phase::Starting);
+            self.phase_deadline = now + START_WAIT;
+            for line in &mut self.lines {
+                self.nodes.iter().filter(|node| node.bus == line.bus).for_each(|node| line.watch.start(now, node.id));
+            }
+            self.tell_nodes(nmt::command(NmtCommand::StartRemoteNode, None), out);
+            if let Some(client) = self.image.plain_mut() {
+                client.start(now, &mut out.on(self.sensor_bus));
+            }
+            // Nodes that have started by themselves do not say so again.
+            self.go_on_if_started();
+        }
+    }
+
+    fn fail_where(&mut self, is_late: impl Fn(&Node) -> bool, step: &'static str, waited: Duration) {
+        if let Some(node) = self.nodes.iter().find(|node| is_late(node)) {
+            let failure = BootFailure::Missing { waited_ms: waited.as_millis() as u64 };
+            let error = refuse(Some(node.id.raw()), &node.name, step, failure);
+            self.enter(Phase::Failed(error));
+        }
+        self.phase_deadline = Time::NEVER;
+    }
+
+    fn fail_without_sample(&mut self) {
+        if self.phase == Phase::Starting && !self.image.plain().is_none_or(Client::has_begun) {
+            let failure = BootFailure::NoSample { waited_ms: START_WAIT.as_millis() as u64 };
+            let error = refuse(None, &self.sensor_name, "wait for samples", failure);
+            self.enter(Phase::Failed(error));
+        }
+    }
+}

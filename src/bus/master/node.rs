@@ -1,0 +1,82 @@
+//! What the master knows of one node.
+
+use std::time::Duration;
+
+use crate::bus::boot::Boot;
+use crate::canopen::{NmtState, NodeId, Time};
+use crate::guard::DeviceSet;
+
+/// So many heartbeats of one node ...
+const HEARTBEATS_OF_TWO: usize = 4;
+/// ... within so many of its periods are those of two nodes. A node of its own takes at least three periods less the delay
+/// of the first; a delay of one and a quarter periods, with every later one in time, does not occur: on a bus that was
+/// blocked for that long the process data are missing too.
+const PERIODS_OF_TWO: f64 = 1.75;
+
+#[derive(Clone)]
+pub(super) struct Node {
+    /// Number of the bus that it is on.
+    pub(super) bus: u8,
+    pub(super) id: NodeId,
+    pub(super) device: DeviceSet,
+    pub(super) name: String,
+    pub(super) boot: Boot,
+    pub(super) has_booted: bool,
+    /// Whether its last heartbeat said Operational and is not too old.
+    pub(super) is_operational: bool,
+    /// Whether it restarted after it was configured: its watchdogs and limits are gone until the master starts anew.
+    pub(super) has_restarted: bool,
+    /// Period of its heartbeat.
+    pub(super) heartbeat: Duration,
+    /// Shortest time in which one node sends [`HEARTBEATS_OF_TWO`] heartbeats.
+    shortest: Duration,
+    /// When its last heartbeats came, the oldest first.
+    heard: [Option<Time>; HEARTBEATS_OF_TWO - 1],
+    /// Whether another device uses its identifier.
+    pub(super) is_double: bool,
+}
+
+impl Node {
+    pub(super) fn new(bus: u8, device: DeviceSet, name: &str, heartbeat: Duration, boot: Boot) -> Self {
+        Self {
+            bus,
+            id: boot.node(),
+            device,
+            name: name.to_owned(),
+            boot,
+            has_booted: false,
+            is_operational: false,
+            has_restarted: false,
+            heartbeat,
+            shortest: heartbeat.mul_f64(PERIODS_OF_TWO),
+            heard: [None; HEARTBEATS_OF_TWO - 1],
+            is_double: false,
+        }
+    }
+
+    /// Whether it is this one.
+    pub(super) fn is(&self, bus: u8, id: NodeId) -> bool {
+        (self.bus, self.id) == (bus, id)
+    }
+
+    /// Forgets all that was heard of it.
+    pub(super) fn restart(&mut self) {
+        self.boot.reset();
+        (self.has_booted, self.is_operational, self.has_restarted) = (false, false, false);
+        (self.heard, self.is_double) = (Default::default(), false);
+    }
+
+    /// Notes a heartbeat, and whether it is one too many.
+    pub(super) fn on_heartbeat(&mut self, now: Time, state: NmtState) {
+        if state == NmtState::Initialising {
+            self.heard = Default::default();
+            return;
+        }
+        // A node that restarted waits for its start command; one that goes on is another one.
+        self.is_double |= self.has_restarted && state == NmtState::Operational;
+        let [oldest, later @ ..] = self.heard;
+        self.is_double |= oldest.is_some_and(|oldest| now.since(oldest) <= self.shortest);
+        let [second, third] = later;
+        self.heard = [second, third, Some(now)];
+    }
+}

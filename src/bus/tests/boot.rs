@@ -1,0 +1,261 @@
+//! From the reset to the exchange of process data, and back.
+
+use super::*;
+
+#[test]
+fn the_boot_of_a_torque_drive_is_this_sequence() {
+    let mut net = Net::new(CommandMode::Torque);
+    net.boot();
+    let left: Vec<&str> = net.requests.iter().filter(|(node, _)| *node == 1).map(|(_, line)| line.as_str()).collect();
+    let read = |object: &str| format!("601#40{object}00000000");
+    let mut expected: Vec<String> = ["001000", "181001", "181002", "026500"].map(read).to_vec();
+    let mut write = |command: &str, object: &str, value: &str, is_verified: bool| {
+        expected.push(format!("601#{command}{object}{value:0<8}"));
+        if is_verified {
+            expected.push(read(object));
+        }
+    };
+    write("2B", "171000", "1400", true); // heartbeat every 20 ms
+    write("23", "161001", "28007F00", true); // watch node 127 for 40 ms
+    write("2B", "076000", "0300", true); // quick stop when it is lost
+    write("2F", "291001", "00", true); // and Pre-operational
+    write("2B", "5A6000", "0200", true); // quick stop ramp, then Switch On Disabled
+    write("2F", "C26001", "01", true); // 1 ...
+    write("2F", "C26002", "FD", true); // ... ms
+    write("2F", "606000", "0A", false); // cyclic synchronous torque
+    write("2B", "726000", "E803", true); // 100 % torque at most
+    write("23", "656000", "BC310000", true); // following error window
+    write("23", "001401", "01020080", false); // RPDO 1 off
+    write("2F", "001600", "00", false);
+    write("23", "001601", "10004060", true); // controlword, 16 bits
+    write("23", "001602", "10007160", true); // target torque, 16 bits
+    write("2F", "001600", "02", true);
+    write("2F", "001402", "01", true); // at every SYNC
+    write("2B", "001405", "0500", true); // deadline of 5 ms
+    write("23", "001401", "01020000", true); // RPDO 1 on
+    write("23", "001801", "81010080", false); // TPDO 1 off
+    write("2F", "001A00", "00", false);
+    write("23", "001A01", "10004160", true); // statusword, 16 bits
+    write("23", "001A02", "20006460", true); // position, 32 bits
+    write("2F", "001A00", "02", true);
+    write("2F", "001802", "01", true);
+    write("23", "001801", "81010000", true); // TPDO 1 on
+    assert_eq!(left, expected);
+}
+
+#[test]
+fn nodes_that_start_by_themselves_are_started() {
+    let mut net = Net::new(CommandMode::Torque);
+    net.reset();
+    // Their heartbeats stay the same from here on: there is no further change to wait for.
+    for line in ["701#05", "702#05", "70A#05"] {
+        net.hear(line);
+    }
+    net.serve(|_, _| None);
+    assert_eq!((net.take(), net.master.phase()), (vec!["000#0100".to_owned()], &Phase::Operational));
+}
+
+#[test]
+fn a_boot_that_failed_waits_for_nothing_but_its_heartbeat() {
+    let mut net = Net::new(CommandMode::Torque);
+    net.reset();
+    net.serve(|_, _| None);
+    net.hear("701#00");
+    assert!(matches!(net.master.phase(), Phase::Failed(_)));
+    net.wait(Duration::from_secs(1));
+    assert_eq!(net.master.next_deadline(), net.now + Duration::from_millis(20));
+}
+
+#[test]
+fn a_position_drive_gets_its_mode_and_its_target() {
+    let mut net = Net::new(CommandMode::Position);
+    net.boot();
+    let has = |line: &str| net.requests.iter().any(|(_, request)| request == line);
+    assert!(has("602#2F60600008000000"), "cyclic synchronous position");
+    assert!(has("602#2300160220007A60"), "target position, 32 bits");
+    assert!(!has("602#2300160210007160"));
+}
+
+#[test]
+fn a_wrong_device_is_named_with_object_and_both_values() {
+    for (key, value, step) in [
+        ((2, 0x1018, 1), 0x0000_009a, "check the vendor"),
+        ((2, 0x1018, 2), 0x0000_0403, "check the product code"),
+        ((2, 0x1000, 0), 0x0001_0191, "check the device type"),
+        ((2, 0x6502, 0), 0x0000_0180, "check the command mode"),
+    ] {
+        let mut net = Net::new(CommandMode::Torque);
+        net.objects.insert(key, value);
+        net.reset();
+        net.serve(|_, _| None);
+        let error = failure(&net);
+        assert_eq!((error.node_id, error.name.as_str(), error.step), (Some(2), "right", step));
+        let BootFailure::Identity { index, sub, received, .. } = error.failure else { panic!("{error}") };
+        assert_eq!((2, index, sub, received), (key.0, key.1, key.2, value));
+        assert!(!net.take().contains(&"000#0100".to_owned()), "nothing is started");
+    }
+}
+
+#[test]
+fn an_abort_a_lie_and_silence_are_named_with_node_step_and_object() {
+    // 0609 0030h: value range.
+    let mut net = Net::new(CommandMode::Torque);
+    net.reset();
+    net.serve(|node, request| {
+        let is_it = node == 1 && request[..4] == [0x2b, 0x72, 0x60, 0x00];
+        is_it.then_some(Some([0x80, 0x72, 0x60, 0x00, 0x30, 0x00, 0x09, 0x06]))
+    });
+    let error = failure(&net);
+    assert_eq!((error.node_id, error.step), (Some(1), "set the torque limit"));
+    let BootFailure::Refused { index: 0x6072, sub: 0, code } = error.failure else { panic!("{error}") };
+    assert_eq!(code.0, 0x0609_0030);
+
+    let mut net = Net::new(CommandMode::Torque);
+    net.reset();
+    net.serve(|node, request| {
+        let is_it = node == 2 && request[..4] == [0x40, 0x07, 0x60, 0x00];
+        is_it.then_some(Some([0x4b, 0x07, 0x60, 0x00, 0x01, 0, 0, 0]))
+    });
+    let expected = BootFailure::ReadBack { index: 0x6007, sub: 0, written: 3, received: 1 };
+    assert_eq!((failure(&net).node_id, &failure(&net).failure), (Some(2), &expected));
+
+    let mut net = Net::new(CommandMode::Torque);
+    net.reset();
+    net.serve(|node, request| (node == 10 && request[1..4] == [0x17, 0x10, 0x00]).then_some(None));
+    assert_eq!(*net.master.phase(), Phase::Configuring);
+    net.wait(Duration::from_millis(249));
+    assert_eq!(*net.master.phase(), Phase::Configuring);
+    net.take();
+    net.wait(Duration::from_millis(1));
+    let error = failure(&net);
+    assert_eq!((error.node_id, error.name.as_str(), error.step), (Some(10), "wrist", "set the heartbeat"));
+    assert_eq!(error.failure, BootFailure::NoAnswer { index: 0x1017, sub: 0 });
+    assert!(net.take().contains(&"60A#8017100000000405".to_owned()), "the device is told that it took too long");
+}
+
+#[test]
+fn a_missing_node_is_named() {
+    let mut net = Net::new(CommandMode::Torque);
+    net.master.start(net.now, &mut net.sent);
+    net.hear("701#00");
+    net.hear("70A#00");
+    net.wait(Duration::from_millis(499));
+    assert_eq!(*net.master.phase(), Phase::Resetting);
+    net.wait(Duration::from_millis(1));
+    let error = failure(&net);
+    assert_eq!((error.node_id, error.name.as_str()), (Some(2), "right"));
+    assert_eq!(error.failure, BootFailure::Missing { waited_ms: 500 });
+}
+
+#[test]
+fn a_node_that_restarts_while_it_is_configured_is_configured_anew() {
+    let mut net = Net::new(CommandMode::Torque);
+    net.reset();
+    // The left drive restarts in the middle and forgets what was written.
+    let mut restarted = false;
+    net.serve(|node, request| {
+        restarted |= node == 1 && request[..4] == [0x2b, 0x72, 0x60, 0x00];
+        (restarted && node == 1).then_some(None)
+    });
+    net.objects = objects();
+    net.requests.clear();
+    net.hear("701#00");
+    net.serve(|_, _| None);
+    let left = net.requests.iter().filter(|(node, line)| *node == 1 && line.contains("#2B17100014"));
+    assert_eq!(left.count(), 1, "the heartbeat is written again");
+    assert_eq!(net.objects.get(&(1, 0x6007, 0)), Some(&3), "and so is the reaction to a lost master");
+    assert_eq!(*net.master.phase(), Phase::Starting);
+    // After that a restart is too late.
+    net.hear("701#00");
+    assert_eq!(failure(&net).failure, BootFailure::Restarted { times: 1 });
+}
+
+#[test]
+fn a_node_that_keeps_restarting_is_given_up() {
+    let mut net = Net::new(CommandMode::Torque);
+    net.reset();
+    for _ in 0..3 {
+        net.hear("702#00");
+        assert_eq!(*net.master.phase(), Phase::Configuring);
+    }
+    net.hear("702#00");
+    assert_eq!((failure(&net).node_id, &failure(&net).failure), (Some(2), &BootFailure::Restarted { times: 4 }));
+}
+
+#[test]
+fn node_ids_are_checked_before_anything_is_sent() {
+    for (ids, wanted) in [
+        ([1, 1, 10], BootFailure::DuplicateNodeId { node_id: 1 }),
+        ([1, 127, 10], BootFailure::DuplicateNodeId { node_id: 127 }),
+        ([1, 2, 128], BootFailure::NodeId { node_id: 128 }),
+        ([0, 2, 10], BootFailure::NodeId { node_id: 0 }),
+    ] {
+        let (cycle, home) = torque_cycle();
+        let mut setup = setup(CommandMode::Torque, home, 0.0);
+        let SensorLink::Canopen(sensor) = &mut setup.sensor.link else { unreachable!() };
+        [setup.drives[0].node_id, setup.drives[1].node_id, sensor.node_id] = ids;
+        let Err(error) = Master::new(&setup, cycle) else { panic!("{ids:?} were taken") };
+        assert_eq!(error.failure, wanted);
+    }
+}
+
+#[test]
+fn a_node_that_is_lost_before_all_are_started_is_named() {
+    let mut net = Net::new(CommandMode::Torque);
+    net.reset();
+    net.serve(|_, _| None);
+    net.hear("701#05");
+    net.hear("702#05");
+    // The left drive falls silent, the others go on.
+    for _ in 0..60 {
+        net.wait(Duration::from_millis(10));
+        net.hear("702#05");
+        if net.now >= Time(100_000_000) {
+            net.hear("70A#05");
+        }
+    }
+    assert_eq!((failure(&net).node_id, failure(&net).step), (Some(1), "start the node"));
+}
+
+#[test]
+fn a_person_starts_the_network_anew_from_any_phase() {
+    let restart = |net: &mut Net| {
+        net.take();
+        net.requests.clear();
+        net.objects = objects();
+        net.boot();
+        assert_eq!(net.master.state(), State::Idle);
+        net.quiet("5002", Request::None);
+        net.quiet("3102", Request::Enable);
+        net.quiet("3302", Request::None);
+        net.quiet("3712", Request::None);
+        assert_eq!(net.state(), (State::Running, None));
+        assert!(net.requests.iter().any(|(node, line)| *node == 1 && line.contains("#2B17100014")), "configured anew");
+    };
+    // After a node was reset, from where nothing else leads back.
+    let mut net = Net::running(CommandMode::Torque);
+    net.cycle(["3712"; 2], Request::None, |net| net.hear("701#00"));
+    assert_eq!(net.state(), (State::Stopped, Some(Fault::NodeReset)));
+    // The arm was moved by hand meanwhile, further than it can move in a cycle.
+    net.counts[0] += 20_000;
+    restart(&mut net);
+    // In the middle of its run, of its configuration, of its start.
+    restart(&mut net);
+    net.master.start(net.now, &mut net.sent);
+    for line in ["701#00", "702#00", "70A#00"] {
+        net.hear(line);
+    }
+    assert_eq!(*net.master.phase(), Phase::Configuring);
+    restart(&mut net);
+    // After it failed.
+    net.master.start(net.now, &mut net.sent);
+    net.wait(Duration::from_millis(500));
+    assert!(matches!(net.master.phase(), Phase::Failed(_)));
+    restart(&mut net);
+    // Out of silence.
+    net.master.on_link(LinkEvent::BusOff);
+    net.sync();
+    net.compute(Request::None);
+    assert!(net.master.is_silent());
+    restart(&mut net);
+}

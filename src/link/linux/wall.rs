@@ -1,0 +1,83 @@
+//! The clock on the wall, in which the kernel stamps frames, against the one that the loop lives on.
+
+use std::time::Duration;
+
+use rustix::time::{ClockId, clock_gettime};
+
+use crate::canopen::Time;
+
+/// How long a comparison of the clocks is good for: a clock that is slewed drifts by 5 us in it at most, and one that is set
+/// moves the stamps of this time only.
+const FRESH: Duration = Duration::from_millis(10);
+/// Time between the looks at the clocks with which a comparison is kept; more, and something came in between.
+const CLOSE: Duration = Duration::from_micros(20);
+
+/// By how much the clock on the wall is ahead. Reading it anew for each frame costs a system call where the kernel has no
+/// shared page for that, such as in a virtual machine without a stable clock.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct Wall {
+    ahead: Duration,
+    compared_at: Option<Time>,
+}
+
+impl Wall {
+    /// The moment of a stamp, at `now`.
+    pub(super) fn moment_of(&mut self, stamp: Duration, now: Time) -> Time {
+        if self.compared_at.is_none_or(|at| now.since(at) >= FRESH) {
+            let wall = since_begin(ClockId::Realtime);
+            let after = monotonic();
+            let between = after.since(now);
+            self.ahead = wall.saturating_sub(since_start(now) + between / 2);
+            self.compared_at = (between <= CLOSE).then_some(now);
+        }
+        Time(nanos(stamp.saturating_sub(self.ahead)))
+    }
+}
+
+/// The clock of the loop.
+pub(super) fn monotonic() -> Time {
+    Time(nanos(since_begin(ClockId::Monotonic)))
+}
+
+fn since_begin(clock: ClockId) -> Duration {
+    let time = clock_gettime(clock);
+    // Neither clock is before its begin.
+    Duration::new(time.tv_sec.max(0) as u64, time.tv_nsec as u32)
+}
+
+fn since_start(time: Time) -> Duration {
+    Duration::from_nanos(time.0)
+}
+
+fn nanos(time: Duration) -> u64 {
+    time.as_nanos().min(u128::from(u64::MAX)) as u64
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_stamp_of_now_is_now() {
+        let mut wall = Wall::default();
+        for _ in 0..3 {
+            let before = monotonic();
+            let stamp = since_begin(ClockId::Realtime);
+            let after = monotonic();
+            let moment = wall.moment_of(stamp, monotonic());
+            // Whatever came between the looks, unless the comparison itself was torn apart.
+            let slack = if wall.compared_at.is_some() { CLOSE } else { Duration::from_secs(60) };
+            assert!(moment + slack >= before && moment <= after + slack, "{before:?} {moment:?} {after:?}");
+        }
+    }
+
+    #[test]
+    fn a_comparison_is_made_anew_when_it_is_old() {
+        let old = Time(monotonic().0.saturating_sub(FRESH.as_nanos() as u64));
+        let mut wall = Wall { ahead: Duration::from_secs(1), compared_at: Some(old) };
+        wall.moment_of(Duration::ZERO, monotonic());
+        assert!(wall.ahead > Duration::from_secs(1));
+        let mut wall = Wall { ahead: Duration::from_secs(1), compared_at: Some(monotonic()) };
+        assert_eq!(wall.moment_of(Duration::from_secs(3), monotonic()), Time(2_000_000_000));
+    }
+}

@@ -1,0 +1,122 @@
+//! The virtual buses of a rig.
+
+use std::sync::{Arc, Mutex, PoisonError};
+
+use super::{DEVICES, MASTER};
+use crate::canopen::{Frame, Outbox, Time};
+use crate::config;
+use crate::rig::error::RigError;
+use crate::rig::far_end::Wire;
+use crate::sim::can::{BitTiming, BusCounters, Delivery, QueueOrder, Tamper, VirtualBus, Witness};
+
+/// All buses. Each has the same ports, of which a device uses those of its own bus alone.
+#[derive(Debug)]
+pub(super) struct Buses {
+    buses: Vec<VirtualBus>,
+    /// Numbers of the buses of the left drive, the right drive and the sensor.
+    of_devices: [u8; 3],
+}
+
+impl Buses {
+    /// Idle buses, numbered in the order of their names.
+    pub(super) fn new(rig: &config::Rig) -> Result<Self, RigError> {
+        let orders = [QueueOrder::Fifo, QueueOrder::Priority, QueueOrder::Priority, QueueOrder::Priority];
+        let timing = |bus: &config::Bus| match bus.timing {
+            config::BusTiming::Arbitrated => BitTiming::Arbitrated { bit_rate: bus.bit_rate_bit_per_s },
+            config::BusTiming::Ideal => BitTiming::Ideal,
+        };
+        let buses = rig.buses.values().map(|bus| VirtualBus::new(timing(bus), &orders)).collect::<Result<_, _>>()?;
+        Ok(Self { buses, of_devices: crate::rig::buses::device_buses(rig)? })
+    }
+
+    /// Number of the bus of a device.
+    pub(super) fn of_device(&self, device: usize) -> u8 {
+        self.of_devices.get(device).copied().unwrap_or_default()
+    }
+
+    /// When the next frame is delivered on any of them.
+    pub(super) fn next_event(&self) -> Time {
+        self.buses.iter().map(VirtualBus::next_event).fold(Time::NEVER, Time::min)
+    }
+
+    /// The next frame that is delivered not later than `until`, the earliest first.
+    pub(super) fn advance(&mut self, until: Time) -> Option<Delivery> {
+        let next = self.next_event();
+        if next > until {
+            return None;
+        }
+        (0..).zip(&mut self.buses).find_map(|(bus, virtual_bus)| {
+            let delivery = virtual_bus.advance(next)?;
+            Some(Delivery { frame: delivery.frame.on_bus(bus), ..delivery })
+        })
+    }
+
+    /// The master's ports at one moment; each frame goes to its bus.
+    pub(super) fn outbox(&mut self, now: Time) -> MasterOutbox<'_> {
+        MasterOutbox { buses: self, now }
+    }
+
+    /// Loses what waits in the master's ports.
+    pub(super) fn clear(&mut self) {
+        self.buses.iter_mut().for_each(|bus| bus.clear(MASTER));
+    }
+
+    /// Has what is in the master's port of the buses that `is_held` names wait, or leave from `now` on.
+    pub(super) fn hold(&mut self, now: Time, is_held: impl Fn(u8) -> bool) {
+        (0..).zip(&mut self.buses).for_each(|(number, bus)| bus.hold(MASTER, now, is_held(number)));
+    }
+
+    /// What has happened on each so far.
+    pub(super) fn counters(&self) -> impl Iterator<Item = &BusCounters> {
+        self.buses.iter().map(VirtualBus::counters)
+    }
+
+    pub(super) fn set_tamper(&mut self, tamper: impl Tamper + Send + 'static) {
+        let tamper = Arc::new(Mutex::new(tamper));
+        for (number, bus) in (0..).zip(&mut self.buses) {
+            let tamper = Arc::clone(&tamper);
+            bus.set_tamper(move |time: Time, from: usize, frame: Frame| {
+                let mut tamper = tamper.lock().unwrap_or_else(PoisonError::into_inner);
+                tamper.pass(time, from, frame).map(|frame| frame.on_bus(number))
+            });
+        }
+    }
+
+    pub(super) fn set_witness(&mut self, witness: Witness) {
+        let witness = Arc::new(Mutex::new(witness));
+        for bus in &mut self.buses {
+            let witness = Arc::clone(&witness);
+            bus.set_witness(Box::new(move |passage| {
+                let mut witness = witness.lock().unwrap_or_else(PoisonError::into_inner);
+                witness(passage);
+            }));
+        }
+    }
+
+    fn submit(&mut self, port: usize, now: Time, frame: Frame) {
+        if let Some(bus) = self.buses.get_mut(usize::from(frame.bus())) {
+            bus.submit(port, now, frame);
+        }
+    }
+}
+
+impl Wire for Buses {
+    fn submit(&mut self, device: usize, now: Time, frame: Frame) {
+        let frame = frame.on_bus(self.of_device(device));
+        if let Some(port) = DEVICES.get(device) {
+            Buses::submit(self, *port, now, frame);
+        }
+    }
+}
+
+/// The master's ports at one moment.
+pub(super) struct MasterOutbox<'a> {
+    buses: &'a mut Buses,
+    now: Time,
+}
+
+impl Outbox for MasterOutbox<'_> {
+    fn push(&mut self, frame: Frame) {
+        self.buses.submit(MASTER, self.now, frame);
+    }
+}

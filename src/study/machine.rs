@@ -1,0 +1,46 @@
+//! A shipped machine, whatever its kind.
+
+use super::run::{Overrides, RunReport, Stage, Watch, run_device, run_rig};
+use crate::config::{self, Document, Report, Source};
+use crate::rig::RigError;
+
+/// An admittance rig or an impedance device.
+#[derive(Clone, Debug)]
+pub(super) enum Machine {
+    Rig(Box<config::Rig>),
+    Device(Box<config::ImpedanceDevice>),
+}
+
+impl Machine {
+    /// Reads a file of either kind.
+    ///
+    /// # Panics
+    /// If the file is neither: only files that name a machine are read.
+    pub(super) fn load(source: Source) -> Result<Self, Report> {
+        Ok(match config::load(source)? {
+            Document::Rig(rig) => Self::Rig(Box::new(rig.value)),
+            Document::Device(device) => Self::Device(Box::new(device.value)),
+            Document::Scene(_) | Document::Figure(_) => panic!("a machine is a rig or a device"),
+        })
+    }
+
+    pub(super) fn fixture(&self) -> &config::Fixture {
+        match self {
+            Self::Rig(rig) => &rig.fixture,
+            Self::Device(device) => &device.fixture,
+        }
+    }
+
+    /// Plays a scene, as [`run_rig`] and [`run_device`].
+    pub(super) fn run(
+        &self,
+        scene: &config::Scene,
+        overrides: &Overrides,
+        progress: impl FnMut(Stage),
+    ) -> Result<RunReport, RigError> {
+        match self {
+            Self::Rig(rig) => run_rig(rig, scene, overrides, Watch::default(), progress),
+            Self::Device(device) => run_device(device, scene, overrides, progress),
+        }
+    }
+}
