@@ -125,11 +125,14 @@ impl Masses {
             return None;
         }
         let [x, y] = scenes.tool_m;
+        let least = match scenes.least_kg {
+            least_kg if least_kg.is_finite() => format!("the least at ({x:.3}, {y:.3}) m is {least_kg:.3} kg"),
+            _ => "none is stable with it".to_owned(),
+        };
         let message = format!(
-            "a virtual mass of {} kg is unstable with the scene's hand ({}): the least at ({x:.3}, {y:.3}) m is {}",
+            "a virtual mass of {} kg is unstable with the scene's hand ({}): {least}",
             self.configured_kg,
-            grip_words(&scenes.grip),
-            mass_words(scenes.least_kg)
+            grip_words(&scenes.grip)
         );
         let help = format!(
             "make it heavier, the loop faster or the low pass of the force weaker; `yieldwall tune fixture {}` finds a mass",
@@ -160,6 +163,15 @@ impl Masses {
                 mass_words(reserve * holding.least_kg)
             );
         }
+        for Holding { grip, lag_s, .. } in holdings.iter().filter(|holding| !holding.least_kg.is_finite()) {
+            let [lag_ms, allowed_ms] = [*lag_s, grip.damping_n_s_per_m / grip.stiffness_n_per_m].map(|time| 1e3 * time);
+            let why = if lag_ms > allowed_ms {
+                format!("the force lags by {lag_ms:.1} ms, the hand's damping makes up for {allowed_ms:.1} ms")
+            } else {
+                "the servo with this hand is unstable by itself, or nearly".to_owned()
+            };
+            text += &format!("  none at {} N/m: {why}\n", grip.stiffness_n_per_m);
+        }
         let passive_kg = holdings.iter().map(|holding| holding.passive_kg).fold(0.0, f64::max);
         text + &format!("  no mass below {passive_kg:.1} kg, the arm's own, is passive for every hand\n  {LEFT_OUT}\n")
     }
@@ -176,6 +188,7 @@ impl Masses {
                     "least_virtual_mass_kg": holding.least_kg,
                     "virtual_mass_with_reserve_kg": reserve * holding.least_kg,
                     "worst_tool_m": holding.tool_m,
+                    "lag_s": holding.lag_s,
                     "passive_mass_kg": holding.passive_kg,
                 })
             });
@@ -275,7 +288,9 @@ mod tests {
         );
         assert!(finding.place.is_some(), "{finding:?}");
         let slow = rig(&[("low_pass_hz: null ", "low_pass_hz: 3.0 ")]);
-        assert!(Masses::of(&slow, &[]).unwrap().finding(&slow).unwrap().message.contains("none"));
+        let slow_masses = Masses::of(&slow, &[]).unwrap();
+        assert!(slow_masses.finding(&slow).unwrap().message.contains("none"));
+        assert!(slow_masses.text(2.0).contains("the force lags by 5"), "{}", slow_masses.text(2.0));
     }
 
     #[test]

@@ -8,7 +8,7 @@ use super::margins::{LOOP_DELAY_CYCLES, poses};
 use crate::config;
 use crate::control::{
     Gains, Grip, Outer, Pose, ServoLoop, damping_needed_n_s_per_m, greatest_damping_n_s_per_m,
-    greatest_stiffness_n_per_m, is_stable, least_virtual_mass_kg, passive_mass_kg,
+    greatest_stiffness_n_per_m, is_stable, lag_s, least_virtual_mass_kg, passive_mass_kg,
 };
 use crate::quantity::{JointAngles, JointRates, TipPoint};
 
@@ -29,6 +29,8 @@ pub struct Holding {
     pub least_kg: f64,
     /// Tool point of the worst pose in m.
     pub tool_m: [f64; 2],
+    /// Lag of the loop in slow motion at that pose, s: with more than `B_h/K_h` no mass is stable.
+    pub lag_s: f64,
     /// No mass below this one is passive for all hands, kg: the arm's own, at its heaviest pose.
     pub passive_kg: f64,
 }
@@ -80,12 +82,13 @@ pub fn least_mass(rig: &config::Rig, hands: &[Grip]) -> Result<Option<Vec<Holdin
     let poses: Vec<_> = poses(rig).into_iter().step_by(POSE_STRIDE).collect();
     let mut found = Vec::new();
     for grip in hands {
-        let mut worst = Holding { grip: *grip, least_kg: -1.0, tool_m: [0.0; 2], passive_kg: 0.0 };
+        let mut worst = Holding { grip: *grip, least_kg: -1.0, tool_m: [0.0; 2], lag_s: 0.0, passive_kg: 0.0 };
         for tool in &poses {
             let pose = pose_at(rig, *tool, is_cartesian)?;
             let least_kg = least_virtual_mass_kg(&servo, &pose, grip, &outer)?;
             if least_kg > worst.least_kg {
                 (worst.least_kg, worst.tool_m) = (least_kg, (*tool).into());
+                worst.lag_s = lag_s(&servo, &pose, &outer)?;
             }
             worst.passive_kg = worst.passive_kg.max(passive_mass_kg(&pose)?);
         }
