@@ -232,12 +232,16 @@ impl Facts<'_> {
             lines.push(format!("fixture   {}, F {} N, R {} N", law.name(), trace.friction_n, trace.yield_n));
         } else if let config::Coupling::Admittance { mass_kg } = fixture.coupling {
             let capture = prediction::capture_speed_m_per_s(trace.yield_n, mass_kg.get(), self.report.period_s);
+            let outward = trace.side_yield.map_or(String::new(), |side| format!(", {} N outward", side.yield_n));
+            let hold = match fixture.automatic_hold {
+                Some(hold) => format!("automatic hold for hands up to {} kg", *hold.hand_mass_kg),
+                None => format!("N_wait {}", trace.hold_steps),
+            };
             lines.push(format!(
-                "fixture   M {} kg, F {} N, R {} N, N_wait {}; without a hold it catches impacts up to {:.0} mm/s",
+                "fixture   M {} kg, F {} N, R {} N{outward}, {hold}; without a hold it catches impacts up to {:.0} mm/s",
                 mass_kg.get(),
                 trace.friction_n,
                 trace.yield_n,
-                trace.hold_steps,
                 1e3 * capture
             ));
         }
@@ -346,8 +350,14 @@ pub(super) fn measures_text(measures: &Measures) -> Vec<String> {
     if let (Some(mean), Some(most)) = (measures.force_age_mean_ms, measures.force_age_max_ms) {
         lines.push(format!("force     its sample is {mean:.2} ms old on average, {most:.2} ms at most"));
     }
-    if let (Some(torque), Some(saturated)) = (measures.peak_torque_n_m, measures.torque_saturated) {
-        let at_limit = if saturated { ", at the limit" } else { "" };
+    if let (Some(torque), Some(limit_s), Some(apart_s)) =
+        (measures.peak_torque_n_m, measures.torque_limit_s, measures.torque_limit_apart_s)
+    {
+        let at_limit = match (1e3 * limit_s, 1e3 * apart_s) {
+            (0.0, _) => String::new(),
+            (ms, 0.0) => format!(", at the limit for {ms:.0} ms, where impacts stop the arm"),
+            (ms, apart_ms) => format!(", at the limit for {ms:.0} ms, {apart_ms:.0} ms of it other than after impacts"),
+        };
         lines.push(format!("torque    at most {torque:.1} N m{at_limit}"));
     }
     lines

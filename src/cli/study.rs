@@ -97,7 +97,8 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
         return output.news(&format!("kept in {}; when all parts are there, draw them with --merge", folder.display()));
     }
     let report = study.report(&tables);
-    let command = format!("yieldwall study {}", study.name());
+    let mujoco = options.mujoco.as_ref().map_or_else(String::new, |program| format!(" --mujoco {}", program.display()));
+    let command = format!("yieldwall study {}{mujoco}", study.name());
     let files = write(&folder, study.as_ref(), &tables, &report, &command)?;
     if output.is_json() {
         return output.json(&document(study.as_ref(), &tables, &report, &command));

@@ -29,6 +29,29 @@ impl Gains {
     }
 }
 
+impl Gains {
+    /// The integral of an axis that cannot move after one period of `period_s`, from `integral` before it and the `error` at
+    /// which the effort is at its limit: it goes to `-error B/K` within the integral time `K/L`. Rad s or m s.
+    ///
+    /// An axis that is let go, and has no friction, rests again where its effort is zero: at the desired position with an
+    /// integral of zero. On the way there the error thus integrates to what the integral lacked when it was let go. If that
+    /// was nothing, the axis has to pass the desired position, by as much area as it had to come. With `-error B/K` the area
+    /// is that of an approach under spring and damping alone, which does not pass. At most half of the spring is given up
+    /// for it: `B/K` counts up to `K/(2 L)`.
+    ///
+    /// Real-time: yes.
+    #[inline]
+    pub(super) fn integral_drawn_back(&self, integral: f64, error: f64, period_s: f64) -> f64 {
+        let Self { stiffness, damping, integral: gain } = *self;
+        if gain == 0.0 || !error.is_finite() {
+            return integral;
+        }
+        let lead_s = (damping / stiffness).min(0.5 * stiffness / gain);
+        let share = (period_s * gain / stiffness).min(1.0);
+        integral + share * (-lead_s * error - integral)
+    }
+}
+
 /// The efforts that a law may command, `lower <= 0 <= upper`: what a torque or force limit leaves beside the
 /// feed-forward, so in general not symmetric.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -120,8 +143,8 @@ pub trait AxisController {
     fn reset(&mut self, error: f64);
 
     /// Takes the error of the last step to have been `error`, because the desired position was drawn back after it, and
-    /// what that step added to the integral back: all of the effort then stands in the error, as a spring, and an axis
-    /// that is let go comes to rest at the desired position.
+    /// has the integral go to `-error B/K` within the integral time `K/L`: an axis that is let go then comes to rest at the
+    /// desired position and does not pass it.
     ///
     /// Real-time: yes.
     fn draw_back(&mut self, error: f64);

@@ -66,7 +66,7 @@ impl AxisController for Pid {
     }
 
     fn draw_back(&mut self, error: f64) {
-        self.integral -= self.increment;
+        self.integral = self.gains.integral_drawn_back(self.integral - self.increment, error, self.period_s);
         self.increment = 0.0;
         self.previous_error = error.is_finite().then_some(error);
     }

@@ -117,7 +117,8 @@ impl Cycle {
         signals.is_on_surface = step.is_on();
         signals.hold_counter = step.hold_count;
         signals.is_impact = step.is_impact;
-        let point = TipPoint(step.proxy);
+        let tool = self.posture.map_or(last.point, |posture| posture.tip);
+        let point = TipPoint(self.fixture.dissipate(&tool.0, &reading.force.0));
         if point.is_finite() { Ok(point) } else { Err(Fault::NotFinite) }
     }
 

@@ -124,7 +124,8 @@ impl Reference {
     }
 }
 
-/// Normal and signed distance at the nearest piece of a chain; the sign is that of the side of this piece.
+/// Normal and signed distance at the nearest point of a chain; the sign is that of the side of its piece. The normal at a
+/// corner points from it to the point, or from the point to it on the other side.
 fn nearest_on_curve(corners: &[[f64; 2]], is_closed: bool, point: [f64; 2]) -> Option<([f64; 3], f64)> {
     let pieces = corners.windows(2).map(|pair| (pair[0], pair[1]));
     let closing = match corners {
@@ -132,16 +133,29 @@ fn nearest_on_curve(corners: &[[f64; 2]], is_closed: bool, point: [f64; 2]) -> O
         _ => None,
     };
     let mut best: Option<([f64; 3], f64)> = None;
+    let mut height = 0.0;
     for (start, end) in pieces.chain(closing) {
         let Some((direction, length)) = unit([end[0] - start[0], end[1] - start[1], 0.0]) else { continue };
         let offset = [point[0] - start[0], point[1] - start[1], 0.0];
         let along = dot(offset, direction).clamp(0.0, length);
         let gap = subtract(offset, direction.map(|component| component * along));
-        let normal = [-direction[1], direction[0], 0.0];
-        let distance = dot(gap, gap).sqrt().copysign(dot(gap, normal));
-        if best.is_none_or(|(_, least)| distance.abs() < least.abs()) {
-            best = Some((normal, distance));
+        let own = [-direction[1], direction[0], 0.0];
+        let its_height = dot(gap, own);
+        let distance = dot(gap, gap).sqrt().copysign(its_height);
+        // Two pieces that meet in the nearest corner are equally far: the side is that of the one seen more steeply.
+        let is_nearer = best.is_none_or(|(_, least)| match distance.abs() - least.abs() {
+            less if less.abs() <= ON_SURFACE_M => its_height.abs() > height,
+            less => less < 0.0,
+        });
+        if !is_nearer {
+            continue;
         }
+        let is_beyond_end = along == 0.0 || along == length;
+        let normal = match is_beyond_end && distance.abs() > ON_SURFACE_M {
+            true => gap.map(|component| component / distance),
+            false => own,
+        };
+        (best, height) = (Some((normal, distance)), its_height.abs());
     }
     best
 }
@@ -157,6 +171,15 @@ pub struct Phase {
     pub to_s: f64,
 }
 
+/// Yield force of a surface against pushes to one side of it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct SideYield {
+    /// 1 for a push along the normal of the trace's reference, -1 for one against it.
+    pub normal_sign: f64,
+    /// The force in N.
+    pub yield_n: f64,
+}
+
 /// The rows of one run and what is the same for all of them.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Trace {
@@ -168,6 +191,8 @@ pub struct Trace {
     pub friction_n: f64,
     /// Yield force `R` of the surface in N.
     pub yield_n: f64,
+    /// The yield force against a push to one side, where it is not `yield_n`.
+    pub side_yield: Option<SideYield>,
     /// Whether the surface resists with `R` only motion against its normal (a wall), and not motion off it on both sides.
     pub is_unilateral: bool,
     /// Steps for which the proxy is held on the surface after an impact, `N_wait` of the paper.
@@ -205,7 +230,18 @@ impl Trace {
     /// Component of [`Trace::force_on_hand_n`] along the surface's normal at the tool, in N; zero where the surface
     /// has no normal.
     pub fn normal_force_n(&self, row: &Row) -> f64 {
-        self.reference.normal_at(row.tool_m).map_or(0.0, |normal| dot(self.force_on_hand_n(row), normal))
+        self.normal_force_at_n(row, row.tool_m)
+    }
+
+    /// As [`Trace::normal_force_n`], along the normal at `point_m`.
+    pub fn normal_force_at_n(&self, row: &Row, point_m: [f64; 3]) -> f64 {
+        self.reference.normal_at(point_m).map_or(0.0, |normal| dot(self.force_on_hand_n(row), normal))
+    }
+
+    /// Yield force in N against a push of the hand with this component along the normal of the reference.
+    pub fn yield_against_n(&self, push_n: f64) -> f64 {
+        let on_side = self.side_yield.filter(|side| side.normal_sign * push_n > 0.0);
+        on_side.map_or(self.yield_n, |side| side.yield_n)
     }
 }
 
@@ -263,6 +299,15 @@ mod tests {
         let closed = Reference::Curve { points_m, is_closed: true };
         let distance = closed.signed_distance_m([0.25, 0.75, 0.0]).unwrap();
         assert!((distance + 0.5f64.sqrt() / 2.0).abs() < 1e-12, "{distance}");
+        // Round the corner at (1, 0), outside of the bend and within its acute neighbour, where only one piece tells.
+        let open = Reference::Curve { points_m: vec![[0.0, 0.0], [1.0, 0.0], [0.0, 0.5]], is_closed: false };
+        for (x, y) in [(1.3, -0.4), (1.4, 0.3), (1.1, 0.2)] {
+            let (normal, distance) =
+                (open.normal_at([x, y, 0.0]).unwrap(), open.signed_distance_m([x, y, 0.0]).unwrap());
+            let length = (x - 1.0_f64).hypot(y);
+            assert!((distance + length).abs() < 1e-12, "{x} {y}: {distance}");
+            assert!((normal[0] + (x - 1.0) / length).abs() + (normal[1] + y / length).abs() < 1e-12, "{normal:?}");
+        }
         assert_eq!(Reference::Curve { points_m: vec![[1.0, 2.0]], is_closed: true }.normal_at([0.0; 3]), None);
     }
 }

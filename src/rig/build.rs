@@ -109,6 +109,9 @@ pub(super) fn planar_fixture(fixture: &config::Fixture, period_s: f64) -> Result
     if let Some(motion) = fixture.motion {
         built = built.with_motion(motion.into())?;
     }
+    if let Some(passivity) = fixture.passivity {
+        built = built.with_passivity(passivity.into())?;
+    }
     Ok(built)
 }
 

@@ -4,7 +4,8 @@
 //! config::Rig + config::Scene -> build -> Master (cycle inside) <-> VirtualBus <-> Drive x2, ForceSensor <-> World (arm, hand)
 //! ```
 //! [`EmbeddedRig`] processes events in order of virtual time: frames that arrive, moments that devices or the master
-//! wait for, and the two moments of each cycle. [`ImpedanceRig`] is the device without a bus.
+//! wait for, and the two moments of each cycle. [`ImpedanceRig`] is the device without a bus,
+//! [`Pair`] a master and a slave with a delay between them.
 
 mod assembly;
 mod build;
@@ -17,6 +18,7 @@ mod far_end;
 mod held;
 mod impedance;
 mod margins;
+mod pair;
 mod seat;
 mod server;
 mod world;
@@ -31,5 +33,6 @@ pub use error::RigError;
 pub use held::{Coupled, Holding, coupled_device, hand_of, least_mass, stiffer, usual_hands};
 pub use impedance::ImpedanceRig;
 pub use margins::{Margin, PoseMargins, pose_margins};
+pub use pair::{Pair, PairParameters, PairRow, PairServo, Placement, Surroundings};
 pub use seat::{Answer, Call, Peer};
 pub use server::{DeviceServer, Pace, Served};

@@ -53,7 +53,8 @@ pub struct Measures {
     /// Share of the rows with a pressing force between F and 0.95 R, since the proxy came to lie on the surface, in
     /// which it lies there. `None` without such a row.
     pub on_surface_fraction_when_pressed: Option<f64>,
-    /// How often the proxy left the surface in such a row, pressed by more than F and less than 0.95 R.
+    /// How often the proxy left the surface in such a row, pressed by more than F and less than 0.95 of the force at which
+    /// the surface yields on that side.
     pub unintended_releases: u32,
     /// RMS distance of the tool from the surface in steady tracing up to 0.1 m/s, in mm.
     pub tool_rms_tracing_mm: Option<f64>,
@@ -75,8 +76,10 @@ pub struct Measures {
     pub power_positive_fraction: f64,
     /// Greatest commanded joint torque in N m; `None` where no torque is commanded.
     pub peak_torque_n_m: Option<f64>,
-    /// Whether a torque reached its limit; `None` where no torque is commanded.
-    pub torque_saturated: Option<bool>,
+    /// Time in s in which a torque was at its limit; `None` where no torque is commanded.
+    pub torque_limit_s: Option<f64>,
+    /// The part of it in s that is not within 0.2 s after an impact, in which the arm is stopped as fast as it can be.
+    pub torque_limit_apart_s: Option<f64>,
     /// Greatest net work of the tool on the hand over any stretch of the run, in J.
     pub energy_rise_j: f64,
     /// Kinetic energy that the proxy lost in the stops after its impacts, summed, in J (admittance type).
@@ -110,6 +113,8 @@ pub struct Context {
     pub normal_sign: f64,
     /// Torque limit in N m; `None` where no torque is commanded.
     pub torque_limit_n_m: Option<f64>,
+    /// Whether the proxy is held on the surface after an impact, for a fixed time or by an automatic hold.
+    pub has_hold: bool,
     /// Stiffness of the impedance coupling in N/m; 0 for the admittance type.
     pub stiffness_n_per_m: f64,
     /// Force of one count of the sensor in N; 0 without a sensor.
@@ -123,7 +128,10 @@ pub fn measure(trace: &Trace, context: &Context) -> Measures {
     let stop_energy_j = context.mass_kg.map(|mass| stop_energy(trace, &impacts, context, mass));
     let energy_bound_j = match stop_energy_j {
         Some(stops) => stops + context.force_resolution_n * way_m,
-        None => prediction::stored_energy_limit_j(trace.yield_n, context.stiffness_n_per_m),
+        None => prediction::stored_energy_limit_j(
+            trace.yield_against_n(1.0).max(trace.yield_against_n(-1.0)),
+            context.stiffness_n_per_m,
+        ),
     };
     let on: Vec<&Row> = trace.rows.iter().filter(|row| row.is_on_surface).collect();
     let distance_mm = |row: &Row| 1e3 * trace.reference.signed_distance_m(row.tool_m).unwrap_or(0.0).abs();
@@ -148,12 +156,21 @@ pub fn measure(trace: &Trace, context: &Context) -> Measures {
         energy_taken_j,
         power_positive_fraction: positive as f64 / trace.rows.len().max(1) as f64,
         peak_torque_n_m: context.torque_limit_n_m.map(|_| peak_torque),
-        torque_saturated: context.torque_limit_n_m.map(|limit| peak_torque >= limit * (1.0 - 1e-9)),
+        torque_limit_s: context.torque_limit_n_m.map(|limit| at_limit_s(trace, context, limit, &[])),
+        torque_limit_apart_s: context.torque_limit_n_m.map(|limit| at_limit_s(trace, context, limit, &impacts)),
         energy_rise_j,
         stop_energy_j,
         energy_bound_j,
         impacts,
     }
+}
+
+/// Time in s in which a torque is at its limit, but for those within the window after one of `impacts`.
+fn at_limit_s(trace: &Trace, context: &Context, limit_n_m: f64, impacts: &[Impact]) -> f64 {
+    let is_at_limit = |row: &&Row| row.torques_n_m.iter().any(|torque| torque.abs() >= limit_n_m * (1.0 - 1e-9));
+    let is_after =
+        |row: &Row| impacts.iter().any(|impact| (0.0..IMPACT_WINDOW_S).contains(&(row.time_s - impact.time_s)));
+    context.period_s * trace.rows.iter().filter(is_at_limit).filter(|row| !is_after(row)).count() as f64
 }
 
 fn greatest(values: impl Iterator<Item = f64>) -> Option<f64> {
@@ -170,6 +187,12 @@ fn push_n(trace: &Trace, context: &Context, row: &Row) -> f64 {
     -context.normal_sign * trace.normal_force_n(row)
 }
 
+/// A push with this component along the normal of the trace's reference, as a share of the force that it has to reach for
+/// the surface to yield.
+fn pressed_share(trace: &Trace, along_normal_n: f64) -> f64 {
+    along_normal_n.abs() / trace.yield_against_n(along_normal_n)
+}
+
 fn impacts(trace: &Trace, context: &Context) -> Vec<Impact> {
     let rows = &trace.rows;
     trace
@@ -177,7 +200,7 @@ fn impacts(trace: &Trace, context: &Context) -> Vec<Impact> {
         .filter(|&at| at >= 2)
         // Against a unilateral surface only an approach from the free side is an impact.
         .filter(|&at| !trace.is_unilateral || rows[at - 1].signed_distance_m > 0.0)
-        .filter(|&at| push_n(trace, context, &rows[at]).abs() < YIELDING_SHARE * trace.yield_n)
+        .filter(|&at| pressed_share(trace, -trace.normal_force_n(&rows[at])) < YIELDING_SHARE)
         .map(|at| impact_at(trace, context, at))
         .collect()
 }
@@ -203,7 +226,7 @@ fn impact_at(trace: &Trace, context: &Context, at: usize) -> Impact {
     for row in rows.iter().skip(at).take(window) {
         let force = push_n(trace, context, row);
         impact.force_normal_max_n = impact.force_normal_max_n.max(force.abs());
-        below_yield &= force.abs() < YIELDING_SHARE * trace.yield_n;
+        below_yield &= pressed_share(trace, -trace.normal_force_n(row)) < YIELDING_SHARE;
         let depth = -side * row.signed_distance_m;
         came_back |= depth < -ON_SURFACE_M;
         if !below_yield || came_back {
@@ -216,11 +239,11 @@ fn impact_at(trace: &Trace, context: &Context, at: usize) -> Impact {
         let tool = context.normal_sign * trace.reference.signed_distance_m(row.tool_m).unwrap_or(0.0);
         impact.tool_depth_mm = impact.tool_depth_mm.max(-side * 1e3 * tool);
     }
-    if let (Some(mass), 0) = (context.mass_kg, trace.hold_steps) {
+    if let (Some(mass), false) = (context.mass_kg, context.has_hold) {
         let law = |hand_force_n: f64| {
             let law = prediction::Impact {
                 mass_kg: mass,
-                yield_n: trace.yield_n,
+                yield_n: trace.yield_against_n(-side * context.normal_sign),
                 hand_force_n,
                 speed_m_per_s: speed,
                 last_distance_m: rows[at - 1].signed_distance_m.abs(),
@@ -249,9 +272,11 @@ fn pressed(trace: &Trace, context: &Context) -> Pressed {
     let mut in_contact = false;
     let mut was_on = false;
     for row in &trace.rows {
-        let push = push_n(trace, context, row);
+        // By the proxy, which may have come round a corner when the tool has not, or the other way about.
+        let along_normal = -trace.normal_force_at_n(row, row.proxy_m);
+        let push = context.normal_sign * along_normal;
         let is_freeing = trace.is_unilateral && push > 0.0;
-        if push.abs() >= PRESSED_SHARE * trace.yield_n || is_freeing {
+        if pressed_share(trace, along_normal) >= PRESSED_SHARE || is_freeing {
             in_contact = false;
         } else if row.is_on_surface && was_on {
             in_contact = true;
@@ -395,6 +420,7 @@ mod tests {
             mass_kg: Some(2.0),
             normal_sign: -1.0,
             torque_limit_n_m: None,
+            has_hold: false,
             stiffness_n_per_m: 0.0,
             force_resolution_n: 0.0,
         };

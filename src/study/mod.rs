@@ -4,11 +4,14 @@
 mod ablation;
 pub mod bench;
 pub mod chart;
+mod curvature;
 #[cfg(feature = "figures")]
 pub mod drawing;
 mod hold;
 mod machine;
 pub mod measures;
+mod pair;
+pub mod plant;
 #[cfg(feature = "recording")]
 pub mod replay;
 pub mod reproduce;
@@ -29,13 +32,16 @@ pub struct Options {
 }
 
 /// Names of all studies.
-pub const NAMES: [&str; 4] = ["ablation", "hold", "stability", "task"];
+pub const NAMES: [&str; 7] = ["ablation", "fixture", "hold", "pair", "plant", "stability", "task"];
 
 /// A study by its name.
-pub fn study(name: &str, _options: &Options) -> Option<Box<dyn sweep::Study>> {
+pub fn study(name: &str, options: &Options) -> Option<Box<dyn sweep::Study>> {
     Some(match name {
         "ablation" => Box::new(ablation::Ablation::new()),
+        "fixture" => Box::new(curvature::TangentOrExact::new()),
         "hold" => Box::new(hold::Hold::new()),
+        "pair" => Box::new(pair::PairStudy::new()),
+        "plant" => Box::new(plant::Integration::new(options.mujoco.clone())),
         "stability" => Box::new(stability::Stability::new()),
         "task" => Box::new(task::Task::new()),
         _ => return None,

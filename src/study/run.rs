@@ -7,7 +7,7 @@ use crate::config;
 use crate::fixture::Shape2;
 use crate::guard::{Cause, Request, State};
 use crate::injection::Injection;
-use crate::record::{AROUND_FAULT_S, ForceMeaning, Reference, Row, Trace};
+use crate::record::{AROUND_FAULT_S, ForceMeaning, Reference, Row, SideYield, Trace};
 use crate::rig::{EmbeddedRig, ImpedanceRig, Observer, RigError, Tap};
 use crate::sim::can::BusCounters;
 
@@ -150,6 +150,7 @@ pub fn measured(rig: &config::Rig, fixture: &config::Fixture, rows: Vec<Row>) ->
         mass_kg: mass_kg(fixture),
         normal_sign: normal_sign(&fixture.surface),
         torque_limit_n_m: is_torque.then(|| rig.guard.torque_limit_n_m.get()),
+        has_hold: fixture.hold_steps > 0 || fixture.automatic_hold.is_some(),
         stiffness_n_per_m: 0.0,
         force_resolution_n: rig.sensor.calibration[0][0].get().abs().max(rig.sensor.calibration[1][1].get().abs()),
     };
@@ -184,6 +185,7 @@ pub fn run_device(
         mass_kg: None,
         normal_sign: normal_sign(&fixture.surface),
         torque_limit_n_m: None,
+        has_hold: fixture.hold_steps > 0,
         stiffness_n_per_m: match fixture.coupling {
             config::Coupling::Impedance { stiffness_n_per_m, .. } => stiffness_n_per_m.get(),
             config::Coupling::Admittance { .. } => 0.0,
@@ -214,6 +216,16 @@ fn normal_sign(surface: &config::Surface) -> f64 {
     }
 }
 
+/// A yield force of its own against pushes out of the forbidden side.
+fn side_yield(fixture: &config::Fixture) -> Option<SideYield> {
+    match fixture.law {
+        Some(config::FixtureLaw::Tube { outward_yield_n }) if fixture.side == config::Side::Bilateral => {
+            Some(SideYield { normal_sign: normal_sign(&fixture.surface), yield_n: outward_yield_n.get() })
+        }
+        _ => None,
+    }
+}
+
 /// Mass of the proxy where the laws of impacts and energy hold: not with a spring, and not on a surface that moves.
 fn mass_kg(fixture: &config::Fixture) -> Option<f64> {
     if fixture.motion.is_some() || fixture.law.is_some_and(|law| law.guidance().is_some()) {
@@ -231,6 +243,7 @@ pub(super) fn trace(title: String, fixture: &config::Fixture, force_meaning: For
         reference: reference(&fixture.surface),
         friction_n: fixture.friction_n.get(),
         yield_n: fixture.yield_n.get(),
+        side_yield: side_yield(fixture),
         is_unilateral: fixture.side == config::Side::Unilateral,
         hold_steps: fixture.hold_steps,
         force_meaning,
@@ -293,5 +306,31 @@ fn set_power(trace: &mut Trace) {
         .collect();
     for (row, power) in trace.rows.iter_mut().zip(power) {
         row.power_w = power;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn run(file: &str) -> RunReport {
+        let source = config::builtin(file);
+        let rig = config::load_rig(source.clone()).unwrap().value;
+        let scene = config::load_scene(source.relative(&rig.scene)).unwrap().value;
+        run_rig(&rig, &scene, &Overrides::default(), Watch::default(), |_| {}).unwrap()
+    }
+
+    /// The scenes go round a corner that forbids its inside, and off a guide to the side on which it yields sooner: neither is
+    /// a release below the yield force. The torque limit is reached where an impact stops the arm, and nowhere else.
+    #[test]
+    fn walls_and_guides_of_the_shipped_rigs_let_go_of_nothing_that_is_pressed_on_them() {
+        for file in ["room.yaml", "curve-guide.yaml"] {
+            let measures = run(file).measures;
+            assert_eq!(measures.unintended_releases, 0, "{file}");
+            assert_eq!(measures.on_surface_fraction_when_pressed, Some(1.0), "{file}");
+            assert!(measures.torque_limit_s.is_some_and(|limit_s| limit_s > 0.0), "{file}: no hard impact");
+            assert_eq!(measures.torque_limit_apart_s, Some(0.0), "{file}");
+            assert!(measures.impacts.iter().all(|impact| impact.predicted_depth_mm.is_none()), "{file} holds");
+        }
     }
 }

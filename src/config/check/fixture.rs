@@ -37,6 +37,7 @@ pub(super) fn check_fixture(findings: &mut Findings, at: &str, fixture: &Fixture
     }
     check_sides(findings, at, fixture);
     check_automatic_hold(findings, at, fixture);
+    check_passivity(findings, at, fixture);
     check_law(findings, at, fixture);
     check_motion(findings, at, fixture);
     check_hold(findings, at, &fixture.coupling, fixture.hold_steps, &key("hold_steps"));
@@ -78,6 +79,31 @@ fn check_automatic_hold(findings: &mut Findings, at: &str, fixture: &Fixture) {
             format!("`{key}` needs the coupling `admittance`: a proxy without mass has no momentum to stop"),
             "leave this group out",
         );
+    }
+}
+
+/// Refuses a passivity controller where there is no mass to damp or a surface does work, or out of its range.
+fn check_passivity(findings: &mut Findings, at: &str, fixture: &Fixture) {
+    let Some(passivity) = fixture.passivity else { return };
+    let key = format!("{at}.passivity");
+    if let Err(error) = fixture::Passivity::from(passivity).checked() {
+        findings.error(&key, format!("`{key}`: {error}"), "0.05 J is well above what a rig that does not swing gives");
+    }
+    if matches!(fixture.coupling, Coupling::Impedance { .. }) {
+        findings.error(
+            &key,
+            format!("`{key}` needs the coupling `admittance`: it damps the mass of the proxy"),
+            "leave this group out",
+        );
+    }
+    if fixture.motion.is_some() {
+        findings
+            .error(
+                &key,
+                format!("`{key}` stands beside `motion`: a surface that moves does work on the hand by itself"),
+                "leave one of them out",
+            )
+            .see(&format!("{at}.motion"), "motion");
     }
 }
 

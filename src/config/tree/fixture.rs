@@ -33,6 +33,11 @@ pub struct Fixture {
     #[garde(dive)]
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub automatic_hold: Option<AutomaticHold>,
+    /// Damping when the rig has given the hand more than it may, for the admittance coupling and surfaces that do not move.
+    /// Left out: none.
+    #[garde(dive)]
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub passivity: Option<Passivity>,
     /// How the surface's curvature enters the step: `tangent` as in the paper, or `exact` for a circle or sphere.
     pub curvature: Curvature,
     /// Reference C: a surface, or a curve in space or a point.
@@ -206,6 +211,23 @@ pub struct AutomaticHold {
 impl From<AutomaticHold> for fixture::AutomaticHold {
     fn from(hold: AutomaticHold) -> Self {
         Self { hand_mass_kg: *hold.hand_mass_kg, longest_s: *hold.longest_s }
+    }
+}
+
+/// Passivity control in the time domain.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema, Validate)]
+#[serde(deny_unknown_fields)]
+#[garde(allow_unvalidated)]
+pub struct Passivity {
+    /// What the rig may give the hand beyond the kinetic energy of its proxy before damping takes it back, J. 0.0001 to 10;
+    /// above what the lag of the servo makes of a rig that does not swing, and below `guard.energy_limit_j`.
+    #[garde(dive)]
+    pub bound_j: Positive,
+}
+
+impl From<Passivity> for fixture::Passivity {
+    fn from(passivity: Passivity) -> Self {
+        Self { bound_j: *passivity.bound_j }
     }
 }
 

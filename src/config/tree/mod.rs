@@ -15,7 +15,7 @@ mod surface;
 pub use arm::{ArmInertia, ArmModel, DistalLink, ElbowSide, Linkage, Tool, WristSide};
 pub use device::{DeviceCycle, DeviceIdentity, DevicePlant, ImpedanceDevice};
 pub use figure::{Figure, MagnifiedWindow};
-pub use fixture::{AutomaticHold, Coupling, Curvature, Fixture, FixtureLaw, Motion, Side};
+pub use fixture::{AutomaticHold, Coupling, Curvature, Fixture, FixtureLaw, Motion, Passivity, Side};
 pub use injection::{FaultName, FaultTarget, SceneFault};
 pub use rig::{
     Bus, BusTiming, CommandMode, Control, ControlGains, ControlLaw, Cycle, Drive, DrivePositionLoop, FeedForward,

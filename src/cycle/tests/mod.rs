@@ -95,7 +95,7 @@ fn mass_model() -> MassModel {
 
 fn torque_servo(law: Law, is_cartesian: bool) -> Servo {
     let gains = if is_cartesian {
-        Gains { stiffness: 40_000.0, damping: 450.0, integral: 600_000.0 }
+        Gains { stiffness: 90_000.0, damping: 850.0, integral: 1_300_000.0 }
     } else {
         Gains { stiffness: 6_000.0, damping: 70.0, integral: 100_000.0 }
     };

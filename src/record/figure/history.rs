@@ -53,8 +53,9 @@ pub(super) fn force_range<'a>(excerpts: impl Iterator<Item = (&'a Trace, &'a Exc
     let [low, high] = range_of(values.chain([0.0]), 0.0, 0.0);
     let with_surface = excerpts.filter(|(trace, _)| trace.reference != Reference::None);
     let levels = with_surface.flat_map(|(trace, _)| {
-        let up = (high > trace.friction_n / 2.0).then_some(trace.yield_n);
-        let down = (low < -trace.friction_n / 2.0 && !trace.is_unilateral).then_some(-trace.yield_n);
+        let [most, least] = yields_n(trace);
+        let up = (high > trace.friction_n / 2.0).then_some(most);
+        let down = (low < -trace.friction_n / 2.0 && !trace.is_unilateral).then_some(least);
         up.into_iter().chain(down)
     });
     range_of(levels.chain([low, high]), LEAST, 0.06)
@@ -68,18 +69,20 @@ pub(super) fn time_range(excerpt: &Excerpt<'_>) -> [f64; 2] {
     range_of(excerpt.span.into_iter(), 1e-3, 0.0)
 }
 
+/// The greatest and the least force on the hand that the surface answers with: a push along its normal is the least.
+fn yields_n(trace: &Trace) -> [f64; 2] {
+    [trace.yield_against_n(-1.0), -trace.yield_against_n(1.0)]
+}
+
 /// Dashed lines at `F` and `R` on both sides of zero, named at the right edge.
 fn levels(page: &mut Page, axes: &Axes, trace: &Trace) {
-    let names = [
-        (trace.yield_n, "", "R"),
-        (-trace.yield_n, "\u{2212}", "R"),
-        (trace.friction_n, "", "F"),
-        (-trace.friction_n, "\u{2212}", "F"),
-    ];
+    let [most, least] = yields_n(trace);
+    let names =
+        [(most, "", "R"), (least, "\u{2212}", "R"), (trace.friction_n, "", "F"), (-trace.friction_n, "\u{2212}", "F")];
     let mut taken: Vec<f64> = Vec::new();
     for (value, sign, letter) in names {
         // Against a wall the hand never feels -R: it pulls off it against F.
-        if trace.is_unilateral && value == -trace.yield_n {
+        if trace.is_unilateral && value == least {
             continue;
         }
         let (right, y) = axes.place(axes.x[1], value);

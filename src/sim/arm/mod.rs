@@ -8,8 +8,6 @@ mod friction;
 mod rigid;
 
 #[cfg(test)]
-mod oracle;
-#[cfg(test)]
 mod tests;
 
 pub use friction::{slip_rate, slip_rates};

@@ -1,0 +1,63 @@
+//! How fast and how exactly the simulated arm is integrated, beside other methods and beside MuJoCo.
+//!
+//! One scene, one controller, one hand for all; the controller, the steps and the copying of joint angles are timed, on one
+//! thread by the time it had a core, all contestants in turn.
+
+mod beside;
+mod contestant;
+mod contrast;
+mod events;
+mod machine;
+mod method;
+mod mujoco;
+mod reading;
+mod scene;
+mod speed;
+
+#[cfg(test)]
+mod tests;
+
+pub use events::Events;
+pub use machine::{Motion, STUDY_ARM, StudyArm};
+pub use method::{Method, Plant, Run};
+pub use mujoco::{Effort, Outcome, Settings, Softness, run as run_mujoco};
+pub use scene::{Aim, CYCLE_S, Gains, HOLD, STUDY, Scene, Spring, Way, lock, stiff};
+
+use std::path::PathBuf;
+
+use self::beside::{Hold, Lock, Stiff};
+use self::speed::Speed;
+use super::sweep::{Report, Study, Sweep, Table};
+
+/// The study `plant`.
+pub(super) struct Integration(Vec<Box<dyn Sweep>>);
+
+impl Integration {
+    /// With MuJoCo beside it if there is a program that runs it.
+    pub(super) fn new(program: Option<PathBuf>) -> Self {
+        let speed = Speed::new(program.clone());
+        let (hold, lock) = (Hold { program: program.clone() }, Lock { program: program.clone() });
+        Self(vec![Box::new(speed), Box::new(hold), Box::new(Stiff::new(program)), Box::new(lock)])
+    }
+}
+
+impl Study for Integration {
+    fn name(&self) -> &'static str {
+        "plant"
+    }
+
+    fn about(&self) -> &'static str {
+        "error against speed of the simulated arm's integrators, and of MuJoCo's, on one scene"
+    }
+
+    fn sweeps(&self) -> &[Box<dyn Sweep>] {
+        &self.0
+    }
+
+    fn report(&self, tables: &[Table]) -> Report {
+        match tables {
+            [speed, hold, stiff, lock] => reading::read(speed, hold, stiff, lock),
+            _ => Report::default(),
+        }
+    }
+}
