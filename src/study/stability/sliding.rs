@@ -159,10 +159,13 @@ mod tests {
 
     #[test]
     fn the_law_keeps_from_overshoot_and_a_fifth_of_it_does_not() {
-        let (peak, _) = run(60.0, 0.0, 0.4, 0.1).unwrap();
-        let law_s = LAW * peak * INERTIA_KG_M2 / (2.0 * 60.0);
-        let overshoot = |factor: f64| run(60.0, 0.0, 0.4, factor * law_s).unwrap().1;
-        assert!(overshoot(1.2) < 1e-3, "{}", overshoot(1.2));
-        assert!(overshoot(0.2) > 0.2, "{}", overshoot(0.2));
+        // The law's own time by the peak speed of the same run.
+        let at = |sliding_time_s: f64| {
+            let (peak, overshoot) = run(60.0, 0.0, 0.4, sliding_time_s).unwrap();
+            (sliding_time_s / (LAW * peak * INERTIA_KG_M2 / (2.0 * 60.0)), overshoot)
+        };
+        let [(above, kept), (below, broken)] = [0.035, 0.007].map(at);
+        assert!(above > 1.0 && above < 1.3 && kept < 1e-3, "{above} {kept}");
+        assert!(below < 0.2 && broken > 0.5, "{below} {broken}");
     }
 }
