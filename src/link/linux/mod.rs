@@ -2,7 +2,11 @@
 //!
 //! One socket for process data and one for services, so that neither a flood of one fills the other's queue nor a long
 //! transfer stands between two set-points: process data go out in a higher band of the interface's queue.
+//!
+//! A frame has the moment of the controller's stamp where there is one, brought to the clock of the loop, and of the kernel's
+//! otherwise.
 
+mod controller_clock;
 mod error;
 mod facts;
 mod filter;
@@ -17,7 +21,6 @@ pub use several::SocketCans;
 
 use std::io;
 use std::os::fd::{AsFd, BorrowedFd};
-use std::time::Duration;
 
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use rustix::io::Errno;
@@ -25,9 +28,16 @@ use socketcan::{CanDataFrame, CanFrame, CanRemoteFrame, CanSocket, EmbeddedFrame
 
 use super::{Arrival, CanLink, ErrorFrame, Received, SendError};
 use crate::canopen::{Frame, Time};
+use controller_clock::ControllerClock;
 use filter::Identifiers;
-use message::Message;
+use message::{Message, Told};
 use wall::{Wall, monotonic};
+
+/// Stamps of the kernel, and of the controller where it has a clock.
+const STAMPS: u32 = libc::SOF_TIMESTAMPING_RX_SOFTWARE
+    | libc::SOF_TIMESTAMPING_SOFTWARE
+    | libc::SOF_TIMESTAMPING_RX_HARDWARE
+    | libc::SOF_TIMESTAMPING_RAW_HARDWARE;
 
 /// Which frames a link takes, and what it expects of the interface.
 #[derive(Clone, Debug)]
@@ -81,6 +91,7 @@ pub struct SocketCan {
     pending: Option<Arrival>,
     latest: Time,
     wall: Wall,
+    controller: ControllerClock,
 }
 
 impl SocketCan {
@@ -127,6 +138,7 @@ impl SocketCan {
             pending: None,
             latest: Time(0),
             wall: Wall::default(),
+            controller: ControllerClock::default(),
         })
     }
 
@@ -158,15 +170,15 @@ impl SocketCan {
             let message = match message::receive(port.socket.as_fd()) {
                 Ok(message) => message,
                 Err(error) => match Errno::from_io_error(&error) {
-                    Some(Errno::NETDOWN) => return Some(self.arrive(None, Received::Down)),
-                    Some(Errno::NODEV) => return Some(self.arrive(None, Received::Gone)),
+                    Some(Errno::NETDOWN) => return Some(self.arrive(Told::default(), Received::Down)),
+                    Some(Errno::NODEV) => return Some(self.arrive(Told::default(), Received::Gone)),
                     Some(Errno::AGAIN) => return None,
                     _ => continue,
                 },
             };
-            let lost = message.lost.map_or(0, |lost| lost.wrapping_sub(std::mem::replace(&mut port.lost, lost)));
+            let lost = message.told.lost.map_or(0, |lost| lost.wrapping_sub(std::mem::replace(&mut port.lost, lost)));
             let Some(what) = decode(&message) else { continue };
-            let arrival = self.arrive(message.stamp, what);
+            let arrival = self.arrive(message.told, what);
             if lost == 0 {
                 return Some(arrival);
             }
@@ -176,11 +188,14 @@ impl SocketCan {
         None
     }
 
-    /// Puts the stamp of the wall clock on the monotonic one. A wall clock that is set in between cannot move it past now or
-    /// before the arrival before it.
-    fn arrive(&mut self, stamp: Option<Duration>, what: Received) -> Arrival {
+    /// Puts the stamps on the monotonic clock. A wall clock that is set in between cannot move them past now or before the
+    /// arrival before it.
+    fn arrive(&mut self, Told { software, hardware, .. }: Told, what: Received) -> Arrival {
         let now = self.now();
-        let time = stamp.map_or(now, |stamp| self.wall.moment_of(stamp, now));
+        let time = match (software.map(|stamp| self.wall.moment_of(stamp, now)), hardware) {
+            (Some(software), Some(hardware)) => self.controller.moment_of(software, hardware),
+            (software, _) => software.unwrap_or(now),
+        };
         self.latest = time.max(self.latest).min(now);
         Arrival { time: self.latest, what }
     }
@@ -247,7 +262,7 @@ impl Port {
         let filters: Vec<_> = filters.iter().map(CobFilter::of_kernel).collect();
         socket.set_filters(&filters).map_err(failed("filter frames"))?;
         socket.set_nonblocking(true).map_err(failed("never wait"))?;
-        socket.set_recv_timestamp(true).map_err(failed("stamp frames with the time"))?;
+        socket.set_timestamping(STAMPS).map_err(failed("stamp frames with the time"))?;
         let overflow = socket.set_socket_option_int(libc::SOL_SOCKET, libc::SO_RXQ_OVFL, 1);
         overflow.map_err(failed("count lost frames"))?;
         Ok(Self { socket, lost: 0 })
