@@ -43,6 +43,10 @@ pub(super) struct Arguments {
     #[cfg(target_os = "linux")]
     #[arg(long, requires = "bus")]
     pub(super) require_realtime: bool,
+    /// Run by the wall clock also if this computer has not proved the timing that the rig asks for; recordings say so
+    #[cfg(target_os = "linux")]
+    #[arg(long, requires = "bus")]
+    pub(super) ignore_latency: bool,
     /// Seconds to run, in place of the scene's duration
     #[arg(long, value_name = "S", allow_negative_numbers = true)]
     pub(super) duration: Option<f64>,
