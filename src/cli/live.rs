@@ -22,7 +22,7 @@ use crate::guard::Fault;
 use crate::link::{CobFilter, LinkError, SocketCans};
 use crate::live::host::{Refusal, SystemMetronome, lock_memory, run_first};
 use crate::live::{
-    Ended, Histogram, Kept as Timely, LinkCounts, LiveError, LiveRig, Play, Played, Untimely, drive_addresses,
+    Ended, Kept as Timely, LinkCounts, LiveError, LiveRig, Play, Played, StageTimes, Untimely, drive_addresses,
 };
 use crate::record::Row;
 use crate::rig::{self, Pace, bus_plan};
@@ -107,9 +107,7 @@ struct Outcome {
     timing: Option<Result<Timely, Untimely>>,
     played: Result<Played, NotRun>,
     rows: Vec<Row>,
-    sync_late: Histogram,
-    compute_late: Histogram,
-    compute: Histogram,
+    stages: StageTimes,
     skipped: u64,
     counts: LinkCounts,
     priority: Result<(), Refusal>,
@@ -242,9 +240,7 @@ fn run_loop(
         timing,
         played: Err(LiveError::Interrupted.into()),
         rows: Vec::with_capacity(play.cycles.min(LONGEST_TRACE) as usize),
-        sync_late: Histogram::default(),
-        compute_late: Histogram::default(),
-        compute: Histogram::default(),
+        stages: StageTimes::default(),
         skipped: 0,
         counts: LinkCounts::default(),
         priority,
@@ -258,19 +254,15 @@ fn run_loop(
         outcome.played = Err(error.clone().into());
         return outcome;
     }
-    let Outcome { rows, sync_late, compute_late, compute, skipped, .. } = &mut outcome;
+    let Outcome { rows, stages, skipped, .. } = &mut outcome;
     let booted = machine.boot();
     let proven = booted
         .map_err(NotRun::Live)
         .and_then(|()| proof.watchdogs(|rig| Ok(machine.identities(drive_addresses(rig)?)?)));
     let played = proven.and_then(|()| {
         Ok(machine.play(play, is_interrupted, |record| {
-            let timing = record.inputs.timing;
-            let nanos = |ns: u32| Duration::from_nanos(ns.into());
-            sync_late.add(nanos(timing.sync_late_ns));
-            compute_late.add(nanos(timing.compute_late_ns));
-            compute.add(nanos(timing.last_compute_ns));
-            *skipped += u64::from(timing.skipped);
+            stages.add(&record.moment.stages, &record.inputs.timing);
+            *skipped += u64::from(record.inputs.timing.skipped);
             // Without room the cycle would have to wait for memory.
             if rows.len() < rows.capacity() {
                 rows.push(record.row());

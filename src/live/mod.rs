@@ -20,6 +20,7 @@ mod proof;
 mod rig;
 mod scene;
 mod serve;
+mod stages;
 mod timing;
 
 #[cfg(all(feature = "socketcan", target_os = "linux"))]
@@ -33,4 +34,5 @@ pub use proof::{DriveIdentity, Subject, Unproven};
 pub use rig::{LinkCounts, LiveRig};
 pub use scene::{Ended, Play, Played};
 pub use serve::{ServeError, serve};
+pub use stages::StageTimes;
 pub use timing::{Computer, Kept, Measured, REDUCED_FORCE_N, REDUCED_SPEED_M_PER_S, Untimely};

@@ -315,15 +315,21 @@ impl Master {
         self.heartbeat
     }
 
-    /// The moment at which all process data are in: runs the cycle and sends the set-points that the next SYNC makes
-    /// the drives apply. A heartbeat that is due goes out behind them. `timing` says how this cycle ran against its
-    /// grid.
+    /// The moment at which all process data are in: [`Master::step`], and then [`Master::send_set_points`].
     ///
     /// Real-time: yes.
     pub fn on_compute(&mut self, now: Time, request: Request, timing: Timing, out: &mut impl Outbox) -> Outputs {
+        let outputs = self.step(now, request, timing);
+        self.send_set_points(now, out);
+        outputs
+    }
+
+    /// Decodes the process data and runs the cycle; nothing is sent. `timing` says how this cycle ran against its grid.
+    ///
+    /// Real-time: yes.
+    pub fn step(&mut self, now: Time, request: Request, timing: Timing) -> Outputs {
         let arrivals = self.image.arrivals(now);
         if self.has_failed {
-            self.send(now, out);
             return self.last;
         }
         let mut link = std::mem::take(&mut self.events);
@@ -347,12 +353,11 @@ impl Master {
             self.lines.iter_mut().for_each(|line| line.in_flight = 0);
         }
         self.is_silent = self.last.directive.is_silent;
-        self.send(now, out);
         self.last
     }
 
     /// Sends both drives a quick stop without the cycle, which has panicked in the caller's hands. It never runs again:
-    /// [`Master::on_compute`] goes on to send the quick stop, the state is [`State::Disabled`] for good, and its cause
+    /// [`Master::send_set_points`] goes on to send the quick stop, the state is [`State::Disabled`] for good, and its cause
     /// [`Fault::CyclePanicked`].
     ///
     /// Real-time: yes.
@@ -361,11 +366,14 @@ impl Master {
         self.last.command = Allowed::rest(self.last.command.get(), self.last.signals.measured_angles);
         self.last.directive = Directive::QUICK_STOP;
         (self.is_silent, self.is_held) = (false, false);
-        self.send(now, out);
+        self.send_set_points(now, out);
     }
 
-    /// Sends the set-points of this cycle, and a heartbeat that is due.
-    fn send(&mut self, now: Time, out: &mut impl Outbox) {
+    /// Sends the set-points of the last [`Master::step`], which the next SYNC makes the drives apply, and behind them a
+    /// heartbeat that is due.
+    ///
+    /// Real-time: yes.
+    pub fn send_set_points(&mut self, now: Time, out: &mut impl Outbox) {
         if self.is_silent || self.is_held {
             return self.image.cancel_fault_reset();
         }

@@ -59,13 +59,13 @@ impl Facts<'_> {
             Err(error) => format!("timing    not proved, which was ignored: {error}"),
         }));
         if self.arguments.pace == PaceArgument::Free {
-            let late = |times: &Histogram| {
+            for (at, (_, text, times)) in self.outcome.stages.each().enumerate() {
                 let us = |share| 1e6 * times.quantile(share).as_secs_f64();
-                format!("p50 {:.0}, p99 {:.0}, max {:.0} us", us(0.5), us(0.99), us(1.0))
-            };
-            lines.push(format!("SYNC      late by {}", late(&self.outcome.sync_late)));
-            lines.push(format!("cycle     late by {}", late(&self.outcome.compute_late)));
-            lines.push(format!("computed  in {}; {skipped} cycles skipped", late(&self.outcome.compute)));
+                let (p50, p99, max) = (us(0.5), us(0.99), us(1.0));
+                let head = if at == 0 { "stages" } else { "" };
+                lines.push(format!("{head:9} {text} p50 {p50:.0}, p99 {p99:.0}, max {max:.0} us"));
+            }
+            lines.push(format!("{:9} {skipped} cycles skipped", ""));
         }
         lines.extend(measures_text(self.measures));
         lines.extend(self.arguments.figure.as_ref().map(|path| format!("figure    {}", path.display())));
@@ -104,9 +104,7 @@ impl Facts<'_> {
                 Ok(Timely { tier, shown }) => json!({ "tier": tier, "shown": shown }),
                 Err(error) => json!({ "ignored": error.to_string() }),
             }),
-            "sync_late": times(&self.outcome.sync_late),
-            "compute_late": times(&self.outcome.compute_late),
-            "compute": times(&self.outcome.compute),
+            "stages": self.outcome.stages.each().map(|(name, _, of)| (name, times(of))).collect::<BTreeMap<_, _>>(),
             "skipped": skipped,
             "measures": self.measures,
             "figure": self.arguments.figure,
