@@ -278,7 +278,7 @@ impl<L: CanLink, M: Metronome> LiveRig<L, M> {
         self.drain();
         self.send_sync();
         if !self.master.is_sync_held() {
-            let is_whole = self.wait_for(Master::has_process_data);
+            let is_whole = self.wait_for(|master| master.has_process_data(grid));
             self.patience = if is_whole { PATIENCE } else { IMPATIENCE };
         }
         self.lockstep_now = grid + self.compute_at;

@@ -265,17 +265,18 @@ impl Master {
         if !(self.is_silent || self.is_held) {
             self.repeat_sync(out);
             self.lines.iter_mut().for_each(Line::note_sync);
-            if let Some(client) = self.image.plain() {
+            if let Some(client) = self.image.plain_mut() {
                 client.read(&mut out.on(self.sensor_bus));
             }
         }
     }
 
-    /// Whether the process data of all nodes have arrived since [`Master::on_sync`].
+    /// Whether all that answers SYNC has arrived since [`Master::on_sync`]: the process data of all nodes, the sample of a
+    /// sensor that was asked for one, and that of one which streams if its rate has it come by `now`.
     ///
     /// Real-time: yes.
-    pub fn has_process_data(&self) -> bool {
-        self.image.is_complete()
+    pub fn has_process_data(&self, now: Time) -> bool {
+        self.image.is_complete(now)
     }
 
     /// Whether SYNC was held back in this cycle, since the set-points of an earlier one are still on their way or nothing
