@@ -76,7 +76,7 @@ impl Cable {
         inner.is_down = is_down;
         if is_down {
             let time = inner.now;
-            inner.inbox.push_back(Arrival { time, what: Received::Down });
+            inner.inbox.push_back(Arrival { time, bus: 0, what: Received::Down });
         }
     }
 
@@ -111,9 +111,9 @@ impl Inner {
                 let what = Received::Frame(frame);
                 match &self.slow {
                     Some((ids, by)) if ids.contains(&frame.id()) => {
-                        self.on_the_way.push_back(Arrival { time: self.now + *by, what });
+                        self.on_the_way.push_back(Arrival { time: self.now + *by, bus: frame.bus(), what });
                     }
-                    _ => self.inbox.push_back(Arrival { time: self.now, what }),
+                    _ => self.inbox.push_back(Arrival { time: self.now, bus: frame.bus(), what }),
                 }
             }
         }
@@ -121,7 +121,7 @@ impl Inner {
 
     fn transmit(&mut self, frame: &Frame) {
         let time = self.now;
-        self.inbox.push_back(Arrival { time, what: Received::Echo(*frame) });
+        self.inbox.push_back(Arrival { time, bus: frame.bus(), what: Received::Echo(*frame) });
         if self.passes(true, frame) {
             self.serve(|server, now, out| server.on_frame(now, frame, out).is_ok());
         }

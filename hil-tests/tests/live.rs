@@ -248,7 +248,7 @@ fn who_is_not_there_is_named_and_nothing_is_enabled() {
     assert!(matches!(error.failure, BootFailure::Missing { .. }), "{error}");
     assert!(drive_states(&cable).iter().all(|state| *state == cia402::State::SwitchOnDisabled));
     cable.set_down(true);
-    assert!(matches!(rig.boot(), Err(LiveError::Send(_))));
+    assert!(matches!(rig.boot(), Err(LiveError::Send { bus: 0, .. })));
 }
 
 #[test]

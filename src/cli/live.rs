@@ -174,7 +174,7 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
         Ended::Interrupted => {
             Some(Failure::new(Exit::Interrupted, format!("interrupted after {time_s:.3} s; the rig was stopped"), ""))
         }
-        Ended::Stopped => Some(stopped_by(played.cause, time_s)),
+        Ended::Stopped => Some(stopped_by(played.cause, time_s, &rig)),
         Ended::StillMoving => Some(Failure::new(
             Exit::SafetyStop,
             "a drive says that it still makes torque after the rig was stopped",
@@ -301,7 +301,7 @@ pub(super) fn live_failure(error: &LiveError) -> Failure {
     match error {
         LiveError::Rig(error) => rig_failure(error),
         LiveError::Boot(error) => rig_failure(&error.clone().into()),
-        LiveError::Send(_) => Failure::new(
+        LiveError::Send { .. } => Failure::new(
             Exit::BusUnavailable,
             error.to_string(),
             "nobody acknowledges: look whether a device is switched on, at the cable, its termination and the bit rate",

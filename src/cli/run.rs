@@ -15,7 +15,7 @@ use super::output::Output;
 use super::progress::Progress;
 use crate::config::{self, Loaded, Report, Severity, Source};
 use crate::fixture::prediction;
-use crate::guard::{Cause, Fault};
+use crate::guard::{Cause, DeviceSet, Fault};
 use crate::record::figure::Drawing;
 use crate::rig::{self, Drilled, Finding, RigError};
 use crate::study::measures::Measures;
@@ -121,7 +121,7 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
     let facts = Facts { rig: &rig.value, drilled, margins, report: &report, kept: &kept, seed, wall_s };
     let is_disturbed = !(overrides.faults.is_empty() && scene.value.faults.is_empty());
     let failure = match report.state {
-        Some(state) if state.is_latched() => Some(kept.point_to_black_box(stopped(&report))),
+        Some(state) if state.is_latched() => Some(kept.point_to_black_box(stopped(&report, &rig.value))),
         // A push by injection is no fault of the loop.
         _ if report.measures.is_within_bound() || is_disturbed => None,
         _ => Some(above_bound(&report.measures, &rig.value.rig.name)),
@@ -198,7 +198,7 @@ impl Facts<'_> {
             "state": self.report.state.map(|state| format!("{state:?}")),
             "cause": self.report.cause.map(|cause| cause.fault.row().name),
             "cause_stage": self.report.cause.map(|cause| format!("{:?}", cause.fault.row().stage).to_lowercase()),
-            "cause_devices": self.report.cause.map(|cause| cause.devices.to_string()),
+            "cause_devices": self.report.cause.map(|cause| devices_text(cause.devices, &bus_names(self.rig))),
             "margins": self.margins.to_json(),
             "watchdogs": watchdogs_json(&self.drilled),
             "bus_loads": self.report.bus_loads.iter().cloned().collect::<BTreeMap<_, _>>(),
@@ -409,17 +409,17 @@ pub(super) fn above_bound(measures: &Measures, what: &str) -> Failure {
     Failure::new(Exit::OutOfTolerance, message, help)
 }
 
-fn stopped(report: &RunReport) -> Failure {
-    stopped_by(report.cause, report.trace.rows.last().map_or(0.0, |row| row.time_s))
+fn stopped(report: &RunReport, rig: &config::Rig) -> Failure {
+    stopped_by(report.cause, report.trace.rows.last().map_or(0.0, |row| row.time_s), rig)
 }
 
 /// The failure of a rig that `cause` stopped so long after its scene began; without a cause its process died.
-pub(super) fn stopped_by(cause: Option<Cause>, time_s: f64) -> Failure {
+pub(super) fn stopped_by(cause: Option<Cause>, time_s: f64, rig: &config::Rig) -> Failure {
     let (exit, message, help) = match cause {
         Some(cause) => {
             let row = cause.fault.row();
             let exit = exit_of(cause);
-            let at = describe(cause);
+            let at = describe(cause, &bus_names(rig));
             (exit, format!("stopped by {} ({at}): {} ({})", row.name, row.meaning, row.cause), row.next)
         }
         None => (
@@ -442,9 +442,21 @@ pub(super) fn exit_of(cause: Cause) -> Exit {
 }
 
 /// Where a fault showed: the stage, and the devices if there are any.
-pub(super) fn describe(cause: Cause) -> String {
+pub(super) fn describe(cause: Cause, buses: &[String]) -> String {
     let stage = format!("{:?}", cause.fault.row().stage).to_lowercase();
-    if cause.devices.is_empty() { stage } else { format!("{stage}, {}", cause.devices) }
+    if cause.devices.is_empty() { stage } else { format!("{stage}, {}", devices_text(cause.devices, buses)) }
+}
+
+/// The devices, interfaces by the names of their buses.
+pub(super) fn devices_text(devices: DeviceSet, buses: &[String]) -> String {
+    (0..).zip(buses).fold(devices.to_string(), |text, (number, bus)| {
+        text.replace(&DeviceSet::interface(number).to_string(), &format!("interface of bus `{bus}`"))
+    })
+}
+
+/// The names of the buses, by number.
+pub(super) fn bus_names(rig: &config::Rig) -> Vec<String> {
+    rig.buses.keys().cloned().collect()
 }
 
 /// The failure that a rig's error is.

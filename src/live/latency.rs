@@ -193,7 +193,7 @@ mod tests {
                 return Err(SendError::Full);
             }
             let time = self.now.get() + Duration::from_micros(80);
-            self.echo = Some(Arrival { time, what: Received::Echo(*frame) });
+            self.echo = Some(Arrival { time, bus: 0, what: Received::Echo(*frame) });
             Ok(())
         }
 

@@ -354,7 +354,7 @@ impl<L: CanLink, M: Metronome> LiveRig<L, M> {
         let time =
             if self.waits { self.lockstep_now } else { Time(arrival.time.since(self.started).as_nanos() as u64) };
         if let Some(event) = arrival.what.link_event() {
-            self.master.on_link(event);
+            self.master.on_link(arrival.bus, event);
         }
         match arrival.what {
             Received::Frame(frame) => {
@@ -388,10 +388,9 @@ impl<L: CanLink, M: Metronome> LiveRig<L, M> {
         let now = self.now();
         let mut out = LinkOutbox::new(&mut self.link);
         let result = act(&mut self.master, now, &mut out);
-        if out.failure().is_some() {
-            self.counts.refused += 1;
-            self.master.on_link(LinkEvent::SendFailed);
-        }
+        let failed = out.failed_buses();
+        self.counts.refused += u64::from(out.failure().is_some());
+        failed.for_each(|bus| self.master.on_link(bus, LinkEvent::SendFailed));
         result
     }
 
@@ -400,7 +399,7 @@ impl<L: CanLink, M: Metronome> LiveRig<L, M> {
         let now = self.now();
         let mut out = LinkOutbox::new(&mut self.link);
         act(&mut self.master, now, &mut out);
-        out.failure().map_or(Ok(()), |error| Err(error.into()))
+        out.failure().map_or(Ok(()), |(bus, error)| Err(LiveError::Send { bus, error }))
     }
 }
 

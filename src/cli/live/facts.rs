@@ -7,7 +7,7 @@ use serde_json::{Value, json};
 use super::{Outcome, PaceArgument, Timely};
 use crate::cli::interfaces::Interfaces;
 use crate::cli::keep::Kept;
-use crate::cli::run::{Arguments, measures_text, mode_text};
+use crate::cli::run::{Arguments, bus_names, devices_text, measures_text, mode_text};
 use crate::config;
 use crate::live::host::Refusal;
 use crate::live::{Histogram, Played};
@@ -92,7 +92,7 @@ impl Facts<'_> {
             "ended": format!("{:?}", self.played.ended),
             "state": format!("{:?}", self.played.state),
             "cause": cause.map(|cause| cause.fault.row().name),
-            "cause_devices": cause.map(|cause| cause.devices.to_string()),
+            "cause_devices": cause.map(|cause| devices_text(cause.devices, &bus_names(self.rig))),
             "frames": {
                 "received": counts.received,
                 "echoed": counts.echoed,

@@ -74,6 +74,8 @@ struct Port {
     socket: CanSocket,
     /// Frames that it had lost when it was asked last.
     lost: u32,
+    /// What came together with a loss, which is told first.
+    pending: Option<Arrival>,
 }
 
 /// An interface of SocketCAN.
@@ -87,8 +89,6 @@ pub struct SocketCan {
     is_process: Identifiers,
     facts: InterfaceFacts,
     receive_buffer: usize,
-    /// What came together with a loss, which is told first.
-    pending: Option<Arrival>,
     latest: Time,
     wall: Wall,
     controller: ControllerClock,
@@ -135,7 +135,6 @@ impl SocketCan {
             is_process,
             facts,
             receive_buffer,
-            pending: None,
             latest: Time(0),
             wall: Wall::default(),
             controller: ControllerClock::default(),
@@ -155,7 +154,7 @@ impl SocketCan {
 
     /// Whether something was taken from a socket and not asked for yet.
     fn has_pending(&self) -> bool {
-        self.pending.is_some()
+        self.ports().any(|port| port.pending.is_some())
     }
 
     fn ports(&self) -> impl Iterator<Item = &Port> {
@@ -165,6 +164,9 @@ impl SocketCan {
     /// The next arrival of one socket.
     fn take(&mut self, is_first: bool) -> Option<Arrival> {
         let port = if is_first { Some(&mut self.first) } else { self.second.as_mut() }?;
+        if let Some(arrival) = port.pending.take() {
+            return Some(arrival);
+        }
         // An interrupted call is tried again, and what is no classic frame passed over; both are rare.
         for _ in 0..4 {
             let message = match message::receive(port.socket.as_fd()) {
@@ -182,8 +184,9 @@ impl SocketCan {
             if lost == 0 {
                 return Some(arrival);
             }
-            self.pending = Some(arrival);
-            return Some(Arrival { time: arrival.time, what: Received::Overflow { frames: lost } });
+            let port = if is_first { Some(&mut self.first) } else { self.second.as_mut() }?;
+            port.pending = Some(arrival);
+            return Some(Arrival { what: Received::Overflow { frames: lost }, ..arrival });
         }
         None
     }
@@ -197,7 +200,7 @@ impl SocketCan {
             (software, _) => software.unwrap_or(now),
         };
         self.latest = time.max(self.latest).min(now);
-        Arrival { time: self.latest, what }
+        Arrival { time: self.latest, bus: 0, what }
     }
 }
 
@@ -214,7 +217,7 @@ impl CanLink for SocketCan {
     }
 
     fn receive(&mut self) -> Option<Arrival> {
-        self.pending.take().or_else(|| self.take(true)).or_else(|| self.take(false))
+        self.take(true).or_else(|| self.take(false))
     }
 
     fn send(&mut self, frame: &Frame) -> Result<(), SendError> {
@@ -265,7 +268,7 @@ impl Port {
         socket.set_timestamping(STAMPS).map_err(failed("stamp frames with the time"))?;
         let overflow = socket.set_socket_option_int(libc::SOL_SOCKET, libc::SO_RXQ_OVFL, 1);
         overflow.map_err(failed("count lost frames"))?;
-        Ok(Self { socket, lost: 0 })
+        Ok(Self { socket, lost: 0, pending: None })
     }
 
     /// Asks for memory for frames; what there is then.

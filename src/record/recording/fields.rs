@@ -97,10 +97,10 @@ fn inputs<V: Visitor>(record: &mut CycleRecord, v: &mut V) {
     v.visit(field("link_emergency", "", "an emergency message arrived"), emergency);
     v.visit(field("link_emergency_warning", "", "one that is a warning arrived"), emergency_warning);
     v.visit(field("link_intruder", "", "somebody else sent NMT, SYNC or set-points"), intruder);
-    v.visit(field("link_transmit_stalled", "", "the last frames have not left yet"), transmit_stalled);
-    v.visit(field("link_error_passive", "", "the interface is error-passive"), error_passive);
-    v.visit(field("link_bus_off", "", "the interface is bus-off"), bus_off);
-    v.visit(field("link_send_failed", "", "own frames could not be sent"), send_failed);
+    v.visit(field("link_transmit_stalled", "", "the last frames have not left these interfaces yet"), transmit_stalled);
+    v.visit(field("link_error_passive", "", "these interfaces are error-passive"), error_passive);
+    v.visit(field("link_bus_off", "", "these interfaces are bus-off"), bus_off);
+    v.visit(field("link_send_failed", "", "own frames could not be sent over these interfaces"), send_failed);
     let Timing { sync_late_ns, compute_late_ns, last_compute_ns, skipped, suspended } = timing;
     v.visit(
         field("sync_late_ns", "ns", "frames were taken and SYNC was sent, after the planned moment of SYNC"),

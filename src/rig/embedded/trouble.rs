@@ -275,10 +275,6 @@ impl Troubles {
         host
     }
 
-    fn is_any(&self, kinds: &[Kind]) -> bool {
-        self.active.iter().any(|active| kinds.contains(&active.injection.kind))
-    }
-
     /// Whether one of `kinds` acts on the master's interface to a bus: that of the target, or every one.
     fn is_any_on(&self, bus: u8, kinds: &[Kind]) -> bool {
         self.active.iter().map(|active| active.injection).filter(|injection| kinds.contains(&injection.kind)).any(
@@ -304,13 +300,13 @@ impl Troubles {
         self.is_any_on(bus, &[Kind::TransmitStalled, Kind::CableOut])
     }
 
-    /// What the master's interface tells of itself in every cycle.
-    pub(super) fn link_event(&self) -> Option<LinkEvent> {
-        match () {
-            () if self.is_any(&[Kind::BusOff]) => Some(LinkEvent::BusOff),
-            () if self.is_any(&[Kind::ErrorPassive, Kind::CableOut]) => Some(LinkEvent::ErrorPassive),
-            () => None,
-        }
+    /// What the master's interfaces tell of themselves in every cycle, with the number of the bus.
+    pub(super) fn link_events(&self) -> impl Iterator<Item = (u8, LinkEvent)> {
+        self.buses.into_iter().filter_map(|bus| match bus {
+            _ if self.is_any_on(bus, &[Kind::BusOff]) => Some((bus, LinkEvent::BusOff)),
+            _ if self.is_any_on(bus, &[Kind::ErrorPassive, Kind::CableOut]) => Some((bus, LinkEvent::ErrorPassive)),
+            _ => None,
+        })
     }
 }
 
