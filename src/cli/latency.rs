@@ -11,6 +11,7 @@ use super::failure::{Exit, Failure};
 use super::keep::state_folder;
 use super::live::{link_failure, on_interrupt};
 use super::output::Output;
+use crate::config::Report;
 use crate::link::{CobFilter, SocketCan, SocketCanSettings};
 use crate::live::host::{Refusal, SystemMetronome, computer, lock_memory, run_first};
 use crate::live::{
@@ -38,6 +39,9 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
             format!("--duration is {duration}: a measurement lasts more than 0 and at most 10 000 000 seconds");
         return Err(Failure::new(Exit::Usage, message, "give a number of seconds, such as --duration 60"));
     }
+    // What was found has to have a place before it is looked for, which may take a day.
+    let folder = state_folder("latency").ok_or_else(no_home)?;
+    std::fs::create_dir_all(&folder).map_err(|error| cannot_keep(&folder, &error))?;
     let period = Duration::from_micros(arguments.period_us.into());
     let cycles = (duration / period.as_secs_f64()).ceil() as u64;
     let is_interrupted = on_interrupt()?;
@@ -60,25 +64,34 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
     let (priority, latency) =
         thread.join().map_err(|_| Failure::new(Exit::Internal, "the thread of the cycle has panicked", ""))?;
     // Without a wake-up there is nothing to keep.
-    let record = match latency.wake.count() {
-        0 => None,
-        _ => Some(keep(arguments, &latency, [&priority, &memory].map(Result::is_ok))?),
+    let kept = match latency.wake.count() {
+        0 => Ok(None),
+        _ => keep(arguments, &latency, [&priority, &memory].map(Result::is_ok), &folder).map(Some),
     };
+    let record = kept.as_ref().ok().and_then(Option::as_deref);
     let refused: Vec<_> = [&priority, &memory].into_iter().filter_map(|granted| granted.as_ref().err()).collect();
-    if output.is_json() {
-        return output.json(&document(arguments, &latency, &refused, record.as_deref()));
+    if !output.is_json() {
+        output.result(&text(arguments, &latency, &refused, record))?;
+        return kept.map(|_| ());
     }
-    output.result(&text(arguments, &latency, &refused, record.as_deref()))
+    let mut document = document(arguments, &latency, &refused, record);
+    let Err(Failure { exit, report }) = kept else { return output.json(&document) };
+    document["exit_code"] = json!(exit.code());
+    document["diagnostics"] = json!(report);
+    output.json(&document)?;
+    Err(Failure { exit, report: Report { diagnostics: Vec::new() } })
 }
 
 /// Keeps what was measured, for `run --bus`; where.
-fn keep(arguments: &Arguments, latency: &Latency, granted: [bool; 2]) -> Result<PathBuf, Failure> {
-    let folder = state_folder("latency").ok_or_else(no_home)?;
+fn keep(arguments: &Arguments, latency: &Latency, granted: [bool; 2], folder: &Path) -> Result<PathBuf, Failure> {
     let [has_priority, has_locked_memory] = granted;
     let measured = Measured::now(computer(has_priority, has_locked_memory), arguments.period_us, latency.lateness());
-    measured.store(&folder).map_err(|error| {
-        Failure::new(Exit::Usage, format!("{}: {error}", folder.display()), "make the folder one that can be written")
-    })
+    measured.store(folder).map_err(|error| cannot_keep(folder, &error))
+}
+
+/// The failure that what was measured cannot be written.
+fn cannot_keep(folder: &Path, error: &std::io::Error) -> Failure {
+    Failure::new(Exit::Usage, format!("{}: {error}", folder.display()), "make the folder one that can be written")
 }
 
 /// The failure that there is no place for measurements.
