@@ -178,21 +178,25 @@ impl Setting {
 
     fn bench(&self, mass_kg: f64) -> Option<Bench> {
         let joints = Joints {
+        Bench::new(&self.parameters()?, free_space(mass_kg, self.friction_n, self.damping_n_s_per_m)?).ok()
+    }
+
+    /// The arm with its servo, whose torques have no limit, and the way of the force to it.
+    pub(super) fn parameters(&self) -> Option<BenchParameters> {
             law: Law::Pid,
             gains: self.gains(),
             sliding_time_s: 0.0,
             torque_limit_n_m: f64::INFINITY,
             delay_cycles: self.servo_delay,
         };
-        let parameters = BenchParameters {
+        Some(BenchParameters {
             arm: ArmParameters { handle_kg: self.hand_kg, ..study_arm(self.coulomb_n_m, self.distal_m).ok()? },
             start_m: self.start_m,
             period_s: PERIOD_S,
             plant_step_s: PLANT_STEP_S,
             joints,
             low_pass: self.low_pass_hz.map(|hz| (hz, f64::from(self.sample_cycles) * PERIOD_S)),
-        };
-        Bench::new(&parameters, free_space(mass_kg, self.friction_n, self.damping_n_s_per_m)?).ok()
+        })
     }
 }
 
