@@ -132,7 +132,9 @@ impl Masses {
             return None;
         }
         let least = match scenes.least_kg {
-            least_kg if least_kg.is_finite() => format!("the least at {} is {least_kg:.3} kg", place_words(scenes.tool_m)),
+            least_kg if least_kg.is_finite() => {
+                format!("the least at {} is {least_kg:.3} kg", place_words(scenes.tool_m))
+            }
             _ => "none is stable with it".to_owned(),
         };
         let message = format!(

@@ -86,7 +86,9 @@ pub enum LinkageError {
         margin_m: f64,
     },
     /// The Jacobian cannot be inverted.
-    #[error("no joint rates give this tool velocity: smallest singular value {smallest_m:.3e} m, largest {largest_m:.3} m")]
+    #[error(
+        "no joint rates give this tool velocity: smallest singular value {smallest_m:.3e} m, largest {largest_m:.3} m"
+    )]
     JacobianSingular {
         /// Smallest singular value of the Jacobian.
         smallest_m: f64,

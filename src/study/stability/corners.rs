@@ -153,7 +153,7 @@ pub(super) fn report(table: &Table, report: &mut Report) {
     for ((_, name), color) in PLACES.into_iter().zip(Color::LINES) {
         let rows = || table.rows().filter(move |row| row.word("place") == name);
         let points = rows().map(|row| (row.number("speed_m_per_s"), row.number("longest_excess_over_reach"))).collect();
-        series.push(Series { name: name.to_owned(), points, mark: Mark::Dots, color });
+        series.push(Series { name: name.to_owned(), points, mark: Mark::Marks, color });
         let worst = rows()
             .max_by(|a, b| a.number("longest_excess_over_reach").total_cmp(&b.number("longest_excess_over_reach")));
         let beyond = rows().filter(|row| row.number("longest_excess_over_reach") > RULE * (1.0 + 1e-6)).count();

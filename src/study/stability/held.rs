@@ -87,11 +87,12 @@ pub(super) enum Outcome {
 }
 
 impl Outcome {
+    /// As in the tables and the legends.
     pub(super) fn word(self) -> &'static str {
         match self {
-            Self::Dies => "dies",
-            Self::Lasts => "lasts",
-            Self::Lost => "lost",
+            Self::Dies => "dies away",
+            Self::Lasts => "goes on",
+            Self::Lost => "tool thrown away",
             Self::Refused => "refused",
         }
     }
@@ -177,12 +178,12 @@ impl Setting {
     }
 
     fn bench(&self, mass_kg: f64) -> Option<Bench> {
-        let joints = Joints {
         Bench::new(&self.parameters()?, free_space(mass_kg, self.friction_n, self.damping_n_s_per_m)?).ok()
     }
 
     /// The arm with its servo, whose torques have no limit, and the way of the force to it.
     pub(super) fn parameters(&self) -> Option<BenchParameters> {
+        let joints = Joints {
             law: Law::Pid,
             gains: self.gains(),
             sliding_time_s: 0.0,

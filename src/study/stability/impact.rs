@@ -216,7 +216,7 @@ fn capture_panel(proxy: &Table, notes: &mut Vec<String>) -> Panel {
                 (speed_m_per_s / capture_m_per_s, share)
             })
             .collect();
-        series.push(Series { name: format!("R = {yield_n} N"), points, mark: Mark::Dots, color });
+        series.push(Series { name: format!("R = {yield_n} N"), points, mark: Mark::Marks, color });
     }
     let theory = (0..=300).map(|i| f64::from(i) * 0.01).map(|ratio| (ratio, capture_probability(ratio, 1.0))).collect();
     series.push(Series { name: "theory".to_owned(), points: theory, mark: Mark::Line, color: Color::Black });
@@ -258,7 +258,7 @@ fn depth_panel(proxy: &Table, notes: &mut Vec<String>) -> Panel {
         let line = |column: &'static str| {
             (0..SPEEDS).map(|speed| (on_grid(speed, SPEEDS, SPEEDS_M_PER_S), mean(speed, column))).collect()
         };
-        series.push(Series { name: format!("R = {yield_n} N"), points: line("depth_m"), mark: Mark::Dots, color });
+        series.push(Series { name: format!("R = {yield_n} N"), points: line("depth_m"), mark: Mark::Marks, color });
         series.push(Series {
             name: "theory".to_owned(),
             points: line("theory_depth_m"),
@@ -284,7 +284,7 @@ fn tool_panel(tool: &Table, notes: &mut Vec<String>) -> Panel {
             })
         };
         let points = rows().map(|row| (row.number("impact_m_per_s"), row.number("tool_depth_m") * 1e3)).collect();
-        series.push(Series { name: format!("N_wait {hold_steps}"), points, mark: Mark::DottedLine, color });
+        series.push(Series { name: format!("N_wait {hold_steps}"), points, mark: Mark::MarkedLine, color });
         let deepest = rows().map(|row| row.number("depth_m")).fold(0.0, f64::max);
         let farthest = rows().map(|row| row.number("tool_depth_m")).fold(0.0, f64::max);
         notes.push(format!(

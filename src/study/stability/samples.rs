@@ -162,7 +162,7 @@ pub(super) fn report(table: &Table, report: &mut Report) {
                 if let (Some(none), Some(most)) = (points.first(), points.last()) {
                     line += &format!(", {} {:.4} ({:.4})", trouble.name, most.1, none.1);
                 }
-                series.push(Series { name: trouble.name.to_owned(), points, mark: Mark::DottedLine, color });
+                series.push(Series { name: trouble.name.to_owned(), points, mark: Mark::MarkedLine, color });
             }
             report.notes.push(line);
             panels.push(Panel {
