@@ -1,6 +1,6 @@
 //! A file of results: a line of JSON for each, appended when it is finished.
 
-use std::fs::{File, OpenOptions};
+use std::fs::{File, OpenOptions, TryLockError};
 use std::io::{self, BufRead, BufReader, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
 
@@ -18,6 +18,12 @@ pub enum LinesError {
         path: PathBuf,
         /// Why.
         source: io::Error,
+    },
+    /// Another program adds to the file.
+    #[error("{} is open in another program", path.display())]
+    Busy {
+        /// The file.
+        path: PathBuf,
     },
     /// A whole line is not what the file should hold.
     #[error("{}, line {line}: {source}", path.display())]
@@ -40,10 +46,10 @@ pub struct Lines {
 
 impl Lines {
     /// Opens a file, makes it with its folder if it is missing, and reads what it holds. A last line without an end, as a
-    /// program that was interrupted leaves it, is cut off.
+    /// program that was interrupted leaves it, is cut off. While it is open no other program can open it so.
     ///
     /// # Errors
-    /// If the file cannot be read, written or understood.
+    /// If the file cannot be read, written or understood, or another program has it open.
     pub fn open<T: DeserializeOwned>(path: &Path) -> Result<(Self, Vec<T>), LinesError> {
         let fail = |source| LinesError::Io { path: path.to_path_buf(), source };
         if let Some(folder) = path.parent() {
@@ -51,26 +57,28 @@ impl Lines {
         }
         let mut file =
             OpenOptions::new().read(true).write(true).create(true).truncate(false).open(path).map_err(fail)?;
-        let mut finished = Vec::new();
-        let mut whole = 0u64;
-        let mut reader = BufReader::new(&file);
-        let mut line = Vec::new();
-        for number in 1.. {
-            line.clear();
-            let length = reader.read_until(b'\n', &mut line).map_err(fail)?;
-            if length == 0 || line.last() != Some(&b'\n') {
-                break;
-            }
-            finished.push(serde_json::from_slice(&line).map_err(|source| LinesError::Line {
-                path: path.to_path_buf(),
-                line: number,
-                source,
-            })?);
-            whole += length as u64;
+        match file.try_lock() {
+            Ok(()) => {}
+            Err(TryLockError::WouldBlock) => return Err(LinesError::Busy { path: path.to_path_buf() }),
+            Err(TryLockError::Error(source)) => return Err(fail(source)),
         }
+        let (finished, whole) = read_whole(path, &file)?;
         file.set_len(whole).map_err(fail)?;
         file.seek(SeekFrom::Start(whole)).map_err(fail)?;
         Ok((Self { path: path.to_path_buf(), file }, finished))
+    }
+
+    /// Reads what a file holds and leaves it as it is, whether or not another program is adding to it; nothing if there is
+    /// no such file.
+    ///
+    /// # Errors
+    /// If the file cannot be read or understood.
+    pub fn read<T: DeserializeOwned>(path: &Path) -> Result<Vec<T>, LinesError> {
+        match File::open(path) {
+            Ok(file) => Ok(read_whole(path, &file)?.0),
+            Err(error) if error.kind() == io::ErrorKind::NotFound => Ok(Vec::new()),
+            Err(source) => Err(LinesError::Io { path: path.to_path_buf(), source }),
+        }
     }
 
     /// Adds one line.
@@ -84,6 +92,27 @@ impl Lines {
         // One call: a line is there or it is the last one.
         (&self.file).write_all(&line).map_err(fail)
     }
+}
+
+/// The whole lines of a file and their length in bytes.
+fn read_whole<T: DeserializeOwned>(path: &Path, file: &File) -> Result<(Vec<T>, u64), LinesError> {
+    let mut finished = Vec::new();
+    let mut whole = 0u64;
+    let mut reader = BufReader::new(file);
+    let mut line = Vec::new();
+    for number in 1.. {
+        line.clear();
+        let length = reader
+            .read_until(b'\n', &mut line)
+            .map_err(|source| LinesError::Io { path: path.to_path_buf(), source })?;
+        if length == 0 || line.last() != Some(&b'\n') {
+            break;
+        }
+        let read = serde_json::from_slice(&line);
+        finished.push(read.map_err(|source| LinesError::Line { path: path.to_path_buf(), line: number, source })?);
+        whole += length as u64;
+    }
+    Ok((finished, whole))
 }
 
 #[cfg(test)]
@@ -103,7 +132,15 @@ mod tests {
         let whole = std::fs::read(&path).unwrap();
         std::fs::write(&path, [&whole[..], &whole[..whole.len() / 2]].concat()).unwrap();
         assert_eq!(add(1.0), [0.1 + 0.2]);
-        assert_eq!(Lines::open::<f64>(&path).unwrap().1, [0.1 + 0.2, 1.0]);
+        let (open, finished) = Lines::open::<f64>(&path).unwrap();
+        assert_eq!(finished, [0.1 + 0.2, 1.0]);
+        assert!(matches!(Lines::open::<f64>(&path), Err(LinesError::Busy { .. })));
+        let half = [&std::fs::read(&path).unwrap()[..], b"2."].concat();
+        std::fs::write(&path, &half).unwrap();
+        assert_eq!(Lines::read::<f64>(&path).unwrap(), [0.1 + 0.2, 1.0]);
+        assert_eq!(std::fs::read(&path).unwrap(), half, "reading cuts nothing off");
+        assert!(Lines::read::<f64>(&folder.join("none")).unwrap().is_empty());
+        drop(open);
         std::fs::write(&path, "1.0\n{}\n").unwrap();
         assert!(matches!(Lines::open::<f64>(&path), Err(LinesError::Line { line: 2, .. })));
         std::fs::remove_dir_all(&folder).unwrap();

@@ -174,6 +174,7 @@ fn bar(output: &Output, seeds: u64, known: u64) -> ProgressBar {
 fn store_failure(error: StoreError) -> Failure {
     let help = match error {
         StoreError::OtherLength { .. } => "choose another folder, or the cycles of these results",
+        StoreError::Lines(LinesError::Busy { .. }) => "wait until it has ended, or choose another folder",
         StoreError::Lines(LinesError::Line { .. }) => "the file was changed or is of another version: move it away",
         StoreError::Lines(LinesError::Io { .. }) => "choose a folder you can write to",
     };

@@ -42,7 +42,7 @@ pub(super) struct Arguments {
     #[arg(long)]
     any_build: bool,
     /// Throw away the points that the folder holds
-    #[arg(long, conflicts_with_all = ["merge", "any_build", "point"])]
+    #[arg(long, conflicts_with_all = ["merge", "any_build", "point", "shard"])]
     fresh: bool,
     /// The program that runs the scene of `plant` in MuJoCo, as hil-tests/peers/mujoco builds it
     #[arg(long, value_name = "PROGRAM")]
@@ -146,23 +146,27 @@ fn compute(
     edition: &str,
     output: &mut Output,
 ) -> Result<Table, Failure> {
-    let shard = arguments.shard.map_or_else(|| WHOLE.to_owned(), Shard::name);
-    let (mut store, mut table) =
-        Store::open(folder, sweep, edition, arguments.any_build, &shard).map_err(store_failure)?;
-    let missing = table.missing();
     if arguments.merge {
+        let table = Store::read(folder, sweep, edition, arguments.any_build).map_err(store_failure)?;
+        let missing = table.missing();
         return match missing.first() {
             None => Ok(table),
             Some(first) => {
                 let count = missing.len();
                 let message =
                     format!("{}: {count} of {} points are missing, the first is {first}", table.name, table.points);
-                let help =
-                    format!("run the same command without --merge to compute what is missing in {}", folder.display());
+                let help = format!(
+                    "of N parts, part 1 + {first} modulo N computes it; without --merge and --shard all that is missing in {} is computed",
+                    folder.display()
+                );
                 Err(Failure::new(Exit::Usage, message, help))
             }
         };
     }
+    let shard = arguments.shard.map_or_else(|| WHOLE.to_owned(), Shard::name);
+    let (mut store, mut table) =
+        Store::open(folder, sweep, edition, arguments.any_build, &shard).map_err(store_failure)?;
+    let missing = table.missing();
     let is_of_part = |index: &u64| arguments.shard.is_none_or(|part| index % part.of == part.number - 1);
     let wanted: Vec<u64> = missing.into_iter().filter(is_of_part).collect();
     if wanted.is_empty() {
@@ -293,6 +297,7 @@ fn store_failure(error: StoreError) -> Failure {
         StoreError::Other { .. } => {
             "throw them away with --fresh, take them with --any-build, or choose another folder"
         }
+        StoreError::Lines(LinesError::Busy { .. }) => "wait until it has ended, or choose another folder",
         StoreError::Lines(LinesError::Line { .. }) => "the file was changed or is of another version: move it away",
         StoreError::Lines(LinesError::Io { .. }) | StoreError::Folder { .. } => "choose a folder you can write to",
     };

@@ -182,7 +182,7 @@ pub(super) fn report(table: &Table, report: &mut Report) {
     let panel = Panel {
         title: "each run's worst step".to_owned(),
         x: Axis::logarithmic("greatest speed of the tool (m/s), about").over(4e-3, 0.6),
-        y: Axis::linear("longer than the input's step by (R/kappa)").over(-0.05, 1.05),
+        y: Axis::linear("longer than the input's step by (R/kappa)").over(-0.05, 1.5),
         series,
     };
     let chart = Chart {

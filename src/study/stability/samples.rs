@@ -122,8 +122,9 @@ fn run(trouble: Trouble, share: f64, mass_kg: f64, hand_n_per_m: f64, seed: u64)
     let mut newest = 0;
     for cycle in 0..(DURATION_S / PERIOD_S) as u64 {
         let chance = (stream.next_u64() >> 11) as f64 / (1_u64 << 53) as f64;
-        // The first sample always comes.
-        if cycle > 0 && chance < share / trouble.run as f64 {
+        // The first sample always comes. Runs begin this often between runs so that they hit this share of all.
+        let begins = share / (trouble.run as f64 * (1.0 - share) + share);
+        if cycle > 0 && cycle >= hit_until && chance < begins {
             hit_until = cycle + trouble.run;
         }
         let arrival = if cycle < hit_until { trouble.late.map(|late| cycle + late) } else { Some(cycle) };

@@ -79,19 +79,32 @@ impl Store {
         takes_any: bool,
         shard: &str,
     ) -> Result<(Self, Table), StoreError> {
-        let name = sweep.name();
-        let wanted = Heading { name, points: sweep.points(), edition, takes_any };
+        let wanted = Heading { name: sweep.name(), points: sweep.points(), edition, takes_any };
+        let own = folder.join(format!("{}.{shard}.jsonl", wanted.name));
         let mut table = Table::new(sweep);
-        let own = folder.join(format!("{name}.{shard}.jsonl"));
-        let mut store = Self::read(&own, &wanted, &mut table)?;
-        if table.cells.is_empty() {
-            // Nothing but, perhaps, the first line.
-            store = Self::begin(&own, &wanted)?;
+        let (mut lines, held) = Lines::open(&own)?;
+        if held.is_empty() {
+            let Heading { name, points, edition, .. } = wanted;
+            lines.add(&Line::Table { name: name.to_owned(), points, edition: edition.to_owned() })?;
         }
-        for path in files(folder, name)?.iter().filter(|path| **path != own) {
-            Self::read(path, &wanted, &mut table)?;
+        take(&own, held, &wanted, &mut table)?;
+        for path in files(folder, wanted.name)?.iter().filter(|path| **path != own) {
+            take(path, Lines::read(path)?, &wanted, &mut table)?;
         }
-        Ok((store, table))
+        Ok((Self(lines), table))
+    }
+
+    /// Reads the points of a sweep from all its files in `folder` and leaves them as they are.
+    ///
+    /// # Errors
+    /// As [`Store::open`].
+    pub fn read(folder: &Path, sweep: &dyn Sweep, edition: &str, takes_any: bool) -> Result<Table, StoreError> {
+        let wanted = Heading { name: sweep.name(), points: sweep.points(), edition, takes_any };
+        let mut table = Table::new(sweep);
+        for path in files(folder, wanted.name)? {
+            take(&path, Lines::read(&path)?, &wanted, &mut table)?;
+        }
+        Ok(table)
     }
 
     /// Throws away all points of a sweep that `folder` holds, whichever shard left them; no folder is no error.
@@ -99,44 +112,10 @@ impl Store {
     /// # Errors
     /// If a file cannot be removed.
     pub fn discard(folder: &Path, sweep: &dyn Sweep) -> Result<(), StoreError> {
-        if !folder.exists() {
-            return Ok(());
-        }
         for path in files(folder, sweep.name())? {
             std::fs::remove_file(&path).map_err(|source| StoreError::Folder { path, source })?;
         }
         Ok(())
-    }
-
-    fn begin(path: &Path, wanted: &Heading<'_>) -> Result<Self, StoreError> {
-        let fail = |source| StoreError::Lines(LinesError::Io { path: path.to_path_buf(), source });
-        std::fs::write(path, "").map_err(fail)?;
-        let (mut lines, _) = Lines::open::<Line>(path)?;
-        let Heading { name, points, edition, .. } = *wanted;
-        lines.add(&Line::Table { name: name.to_owned(), points, edition: edition.to_owned() })?;
-        Ok(Self(lines))
-    }
-
-    fn read(path: &Path, wanted: &Heading<'_>, table: &mut Table) -> Result<Self, StoreError> {
-        let (lines, held) = Lines::open::<Line>(path)?;
-        let other = |found: String| StoreError::Other { path: path.to_path_buf(), found, wanted: wanted.text() };
-        for (number, line) in held.into_iter().enumerate() {
-            match line {
-                Line::Table { name, points, edition } => {
-                    let found = Heading { name: &name, points, edition: &edition, takes_any: false };
-                    if number > 0 || !wanted.takes(&found) {
-                        return Err(other(found.text()));
-                    }
-                }
-                Line::Point { index, cells }
-                    if number > 0 && index < table.points && cells.len() == table.columns.len() =>
-                {
-                    table.insert(index, cells);
-                }
-                Line::Point { index, .. } => return Err(other(format!("a point {index} that is not of the table"))),
-            }
-        }
-        Ok(Self(lines))
     }
 
     /// Adds one point.
@@ -148,10 +127,35 @@ impl Store {
     }
 }
 
+/// Puts the lines of a file into the table.
+fn take(path: &Path, held: Vec<Line>, wanted: &Heading<'_>, table: &mut Table) -> Result<(), StoreError> {
+    let other = |found: String| StoreError::Other { path: path.to_path_buf(), found, wanted: wanted.text() };
+    for (number, line) in held.into_iter().enumerate() {
+        match line {
+            Line::Table { name, points, edition } => {
+                let found = Heading { name: &name, points, edition: &edition, takes_any: false };
+                if number > 0 || !wanted.takes(&found) {
+                    return Err(other(found.text()));
+                }
+            }
+            Line::Point { index, cells }
+                if number > 0 && index < table.points && cells.len() == table.columns.len() =>
+            {
+                table.insert(index, cells);
+            }
+            Line::Point { index, .. } => return Err(other(format!("a point {index} that is not of the table"))),
+        }
+    }
+    Ok(())
+}
+
 /// The files of a sweep in a folder.
 fn files(folder: &Path, name: &str) -> Result<Vec<PathBuf>, StoreError> {
     let fail = |source| StoreError::Folder { path: folder.to_path_buf(), source };
     let mut files = Vec::new();
+    if !folder.exists() {
+        return Ok(files);
+    }
     for entry in std::fs::read_dir(folder).map_err(fail)? {
         let path = entry.map_err(fail)?.path();
         let file = path.file_name().and_then(|file| file.to_str()).unwrap_or("");
