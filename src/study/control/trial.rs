@@ -1,14 +1,18 @@
 //! One rig that meets the circle, traces it and turns round.
 
+use std::hint::black_box;
+
 use nalgebra::Vector2;
 
+use super::super::sweep::Clock;
 use super::RADIUS_M;
 use super::machine::Machine;
 use crate::control::{
     Axis, AxisController, ControlError, EffortRange, FeedForward, FeedForwardParameters, Gains, InertiaTerm, Law,
 };
 use crate::fixture::{
-    Admittance, Coupling, Curvature, Fixture, FixtureError, Forbidden, Limits, Parameters, Rearm, Shape2, Side, Sphere,
+    Admittance, AutomaticHold, Coupling, Curvature, Fixture, FixtureError, Forbidden, Limits, ON_SURFACE_TOLERANCE_M,
+    Parameters, Rearm, Shape2, Side, Sphere,
 };
 use crate::linkage::LinkageError;
 use crate::quantity::{Force, JointAngles, JointRates, JointTorques, TipPoint};
@@ -31,6 +35,10 @@ const TRACE_RAD: f64 = 0.8;
 /// After the impact's rest and after the turn, how long the error does not count as steady, s.
 const SETTLING_S: f64 = 0.2;
 
+/// Rounds of timing, and the cycles of one.
+const ROUNDS: usize = 9;
+const ROUND_CYCLES: u32 = 4000;
+
 /// What is varied.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Setting {
@@ -45,11 +53,17 @@ pub(super) struct Setting {
 /// What came out. Lengths in m.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Outcome {
+    /// How far proxy and tool get beyond the circle at the impact, without a hold.
     pub proxy_depth_m: f64,
     pub tool_depth_m: f64,
+    /// How far the tool gets with the automatic hold.
+    pub held_tool_depth_m: f64,
     /// Distance of the tool from the circle while it traces steadily, and over the whole tracing with its turn.
     pub steady_rms_m: f64,
     pub whole_max_m: f64,
+    /// Whether the proxy left the circle while it traced.
+    pub is_released: bool,
+    /// The greater joint's, while it traces.
     pub peak_torque_n_m: f64,
 }
 
@@ -68,18 +82,60 @@ pub(super) enum TrialError {
     Hand(#[from] HandError),
 }
 
+/// Two runs: one without a hold for the impact, and one with the automatic hold that traces, since a proxy that has
+/// broken through at the impact would trace off the circle.
 pub(super) fn run(machine: &Machine, setting: Setting, gains: Gains) -> Result<Outcome, TrialError> {
+    let mut outcome = Outcome::default();
+    let impact = fixture(setting.period_s)?;
+    simulate(machine, setting, gains, impact, APPROACH_S + REST_S, |_, cycle| {
+        outcome.proxy_depth_m = outcome.proxy_depth_m.max(cycle.proxy_beyond_m);
+        outcome.tool_depth_m = outcome.tool_depth_m.max(cycle.tool_beyond_m);
+    })?;
+    let held = fixture(setting.period_s)?.with_automatic_hold(AutomaticHold::default())?;
+    let (mut square, mut counted) = (0.0, 0u32);
+    simulate(machine, setting, gains, held, APPROACH_S + REST_S + 2.0 * TRACE_S, |time_s, cycle| {
+        let traced_s = time_s - (APPROACH_S + REST_S);
+        if traced_s < 0.0 {
+            outcome.held_tool_depth_m = outcome.held_tool_depth_m.max(cycle.tool_beyond_m);
+            return;
+        }
+        outcome.peak_torque_n_m = outcome.peak_torque_n_m.max(cycle.torque_n_m);
+        let error_m = cycle.tool_beyond_m.abs();
+        outcome.whole_max_m = outcome.whole_max_m.max(error_m);
+        outcome.is_released |= cycle.proxy_beyond_m.abs() > ON_SURFACE_TOLERANCE_M;
+        if traced_s % TRACE_S > SETTLING_S {
+            square += error_m * error_m;
+            counted += 1;
+        }
+    })?;
+    outcome.steady_rms_m = (square / f64::from(counted.max(1))).sqrt();
+    Ok(outcome)
+}
+
+/// What one cycle shows: signed distances from the circle, outward, and the greater torque.
+struct Cycle {
+    proxy_beyond_m: f64,
+    tool_beyond_m: f64,
+    torque_n_m: f64,
+}
+
+fn simulate(
+    machine: &Machine,
+    setting: Setting,
+    gains: Gains,
+    mut fixture: Fixture<Shape2, 2>,
+    for_s: f64,
+    mut watch: impl FnMut(f64, Cycle),
+) -> Result<(), TrialError> {
     let start = Vector2::new(START_M, 0.0);
-    let mut fixture = fixture(setting.period_s)?;
     fixture.reset(&start)?;
     let mut hand = hand(machine, start)?;
     let mut target = machine.linkage.inverse(TipPoint(start))?;
     let mut arm = Arm::new(&machine.arm(setting.is_elastic), target)?;
     let mut controller = Controller::new(machine, setting, gains, target)?;
+    // Before the first torque arrives there is none.
     let mut late = [Vector2::zeros(); MOST_DELAY + 1];
-    let cycles = ((APPROACH_S + REST_S + 2.0 * TRACE_S) / setting.period_s).round() as u64;
-    let mut outcome = Outcome::default();
-    let (mut square, mut counted) = (0.0, 0u32);
+    let cycles = (for_s / setting.period_s).round() as u64;
     for cycle in 0..cycles {
         let time_s = cycle as f64 * setting.period_s;
         let tip = arm.tip()?;
@@ -89,30 +145,51 @@ pub(super) fn run(machine: &Machine, setting: Setting, gains: Gains) -> Result<O
         let step = fixture.step_admittance(&force_n);
         target = machine.linkage.inverse_near(TipPoint(step.proxy), target)?;
         let torque = controller.step(machine, arm.motor_angles(), step.proxy, target)?;
-        outcome.peak_torque_n_m = outcome.peak_torque_n_m.max(torque.amax());
+        let beyond = |point: Vector2<f64>| point.norm() - RADIUS_M;
+        watch(
+            time_s,
+            Cycle {
+                proxy_beyond_m: beyond(step.proxy),
+                tool_beyond_m: beyond(tip.position.0),
+                torque_n_m: torque.amax(),
+            },
+        );
         let slot = cycle as usize % late.len();
         late[slot] = torque;
-        // Before the first torque arrives there is none.
         let applied = late[(slot + late.len() - setting.delay_cycles) % late.len()];
         let end_s = (cycle + 1) as f64 * setting.period_s;
         arm.advance_to(end_s, PLANT_STEP_S, JointTorques(applied), |time_s, tip| hand.load(time_s, tip.0))?;
-
-        let beyond = |point: Vector2<f64>| point.norm() - RADIUS_M;
-        let error = beyond(tip.position.0);
-        let traced_s = time_s - (APPROACH_S + REST_S);
-        if traced_s < 0.0 {
-            outcome.proxy_depth_m = outcome.proxy_depth_m.max(beyond(step.proxy));
-            outcome.tool_depth_m = outcome.tool_depth_m.max(error);
-        } else {
-            outcome.whole_max_m = outcome.whole_max_m.max(error.abs());
-            if traced_s % TRACE_S > SETTLING_S {
-                square += error * error;
-                counted += 1;
-            }
-        }
     }
-    outcome.steady_rms_m = (square / f64::from(counted.max(1))).sqrt();
-    Ok(outcome)
+    Ok(())
+}
+
+/// Time in s that a cycle's fixture, inverse kinematics and controllers take, in the median of several rounds.
+pub(super) fn computing_s(
+    machine: &Machine,
+    setting: Setting,
+    gains: Gains,
+    clock: Clock<'_>,
+) -> Result<f64, TrialError> {
+    let start = Vector2::new(RADIUS_M, 0.0);
+    let mut target = machine.linkage.inverse(TipPoint(start))?;
+    let mut fixture = fixture(setting.period_s)?;
+    fixture.reset(&start)?;
+    let mut controller = Controller::new(machine, setting, gains, target)?;
+    let mut rounds = [0.0; ROUNDS];
+    for round_s in &mut rounds {
+        let begin = clock();
+        for cycle in 0..ROUND_CYCLES {
+            // To and fro along the circle, so that nothing stays as it was.
+            let force_n = Vector2::new(5.0, if cycle < ROUND_CYCLES / 2 { 4.0 } else { -4.0 });
+            let proxy = fixture.step_admittance(black_box(&force_n)).proxy;
+            let measured = target;
+            target = machine.linkage.inverse_near(TipPoint(proxy), target)?;
+            black_box(controller.step(machine, measured, proxy, target)?);
+        }
+        *round_s = (clock() - begin).as_secs_f64() / f64::from(ROUND_CYCLES);
+    }
+    rounds.sort_by(f64::total_cmp);
+    Ok(rounds[ROUNDS / 2])
 }
 
 fn fixture(period_s: f64) -> Result<Fixture<Shape2, 2>, FixtureError> {
