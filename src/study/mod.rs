@@ -4,6 +4,7 @@
 mod ablation;
 pub mod bench;
 pub mod chart;
+mod control;
 mod curvature;
 #[cfg(feature = "figures")]
 pub mod drawing;
@@ -70,12 +71,13 @@ impl Options {
 const PLANT: &str = "plant";
 
 /// Names of all studies.
-pub const NAMES: [&str; 7] = ["ablation", "fixture", "hold", "pair", PLANT, "stability", "task"];
+pub const NAMES: [&str; 8] = ["ablation", "control", "fixture", "hold", "pair", PLANT, "stability", "task"];
 
 /// A study by its name.
 pub fn study(name: &str, options: &Options) -> Option<Box<dyn sweep::Study>> {
     Some(match name {
         "ablation" => Box::new(ablation::Ablation::new()),
+        "control" => Box::new(control::Control::new()),
         "fixture" => Box::new(curvature::TangentOrExact::new()),
         "hold" => Box::new(hold::Hold::new()),
         "pair" => Box::new(pair::PairStudy::new()),
