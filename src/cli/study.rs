@@ -33,10 +33,11 @@ pub(super) struct Arguments {
     /// Threads; as many as there are cores unless given. Times are measured on one
     #[arg(long, value_name = "J")]
     jobs: Option<NonZeroUsize>,
-    /// Compute part I of N alone, from 1, and draw nothing: for job arrays. Not for a study that measures time
+    /// Compute part I of N alone, from 1, and draw nothing: for job arrays
     ///
     /// The points are kept in the folder; parts may be computed at once and on several computers, by the same build. When all
-    /// are in one folder, --merge draws them.
+    /// are in one folder, --merge draws them. Tables that measure time are left out: their points belong in one run, which
+    /// is one without --shard.
     #[arg(long, value_name = "I/N", value_parser = parse_shard, conflicts_with_all = ["merge", "point"])]
     shard: Option<Shard>,
     /// Compute nothing: draw the points that the folder holds
@@ -101,11 +102,10 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
     if let Some((table, index)) = &arguments.point {
         return point(study.as_ref(), table, *index, output);
     }
-    if arguments.shard.is_some()
-        && let Some(timed) = study.sweeps().iter().find(|sweep| sweep.is_timed())
-    {
+    let timed: Vec<_> = study.sweeps().iter().filter(|sweep| sweep.is_timed()).map(|sweep| sweep.name()).collect();
+    if arguments.shard.is_some() && timed.len() == study.sweeps().len() {
         let message =
-            format!("--shard: {} measures time, and times of several runs are not to be compared", timed.name());
+            format!("--shard: {} measures time, and times of several runs are not to be compared", study.name());
         return Err(Failure::new(Exit::Usage, message, "leave --shard away: one run computes all of this study"));
     }
     let folder = arguments.out.join(study.name());
@@ -116,11 +116,16 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
             Store::discard(&folder, sweep.as_ref()).map_err(store_failure)?;
         }
     }
-    for sweep in study.sweeps() {
+    // Times of several runs are not to be compared.
+    for sweep in study.sweeps().iter().filter(|sweep| arguments.shard.is_none() || !sweep.is_timed()) {
         tables.push(compute(arguments, sweep.as_ref(), &folder, &edition, output)?);
     }
     if arguments.shard.is_some() {
-        return output.news(&format!("kept in {}; when all parts are there, draw them with --merge", folder.display()));
+        let next = match timed.as_slice() {
+            [] => "draw them with --merge".to_owned(),
+            timed => format!("run without --shard, which measures {} in one go and draws", timed.join(" and ")),
+        };
+        return output.news(&format!("kept in {}; when all parts are there, {next}", folder.display()));
     }
     let report = study.report(&tables);
     let mujoco = options.mujoco.as_ref().map_or_else(String::new, |program| format!(" --mujoco {}", program.display()));
@@ -181,8 +186,12 @@ fn compute(
                 let count = missing.len();
                 let message =
                     format!("{}: {count} of {} points are missing, the first is {first}", table.name, table.points);
+                let part = match sweep.is_timed() {
+                    true => String::new(),
+                    false => format!("of N parts, part 1 + {first} modulo N computes it; "),
+                };
                 let help = format!(
-                    "of N parts, part 1 + {first} modulo N computes it; without --merge and --shard all that is missing in {} is computed",
+                    "{part}without --merge and --shard all that is missing in {} is computed",
                     folder.display()
                 );
                 Err(Failure::new(Exit::Usage, message, help))

@@ -70,8 +70,7 @@ fn exit_codes_tell_what_happened() {
         assert_eq!(exit(&line), wanted, "{arguments}");
     }
     // Refused before anything is computed or written.
-    for study in ["hold --mujoco mujoco", "plant --mujoco no-such-program", "plant --shard 1/2", "fixture --shard 1/2"]
-    {
+    for study in ["hold --mujoco mujoco", "plant --mujoco no-such-program", "fixture --shard 1/2"] {
         assert_eq!(exit(&format!("yieldwall -q study {study}")), Exit::Usage, "{study}");
     }
 }
