@@ -231,8 +231,9 @@ fn compute(
     let count = wanted.len();
     let rate = count as f64 / wall_s;
     output.news(&format!(
-        "{}: {count} points in {wall_s:.1} s, {rate:.1} a second, {jobs} threads busy for {share:.0} % of the time",
-        table.name
+        "{}: {count} points in {wall_s:.1} s, {rate:.1} a second, {jobs} {} busy for {share:.0} % of the time",
+        table.name,
+        if jobs == 1 { "thread" } else { "threads" }
     ))?;
     Ok(table)
 }
