@@ -34,6 +34,7 @@ const SHIPPED: &[(&str, &str)] = shipped![
     "figures/fig8.yaml",
     "figures/fig9.yaml",
     "moving-walls.yaml",
+    "paper-admittance-10ms.yaml",
     "paper-admittance-2ms.yaml",
     "paper-admittance-4ms.yaml",
     "paper-admittance-5ms.yaml",
