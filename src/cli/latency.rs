@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::thread;
-use std::time::Duration;
+use std::time::{Duration, SystemTime};
 
 use serde_json::{Value, json};
 
@@ -85,8 +85,14 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
 /// Keeps what was measured, for `run --bus`; where.
 fn keep(arguments: &Arguments, latency: &Latency, granted: [bool; 2], folder: &Path) -> Result<PathBuf, Failure> {
     let [has_priority, has_locked_memory] = granted;
-    let measured = Measured::now(computer(has_priority, has_locked_memory), arguments.period_us, latency.lateness());
+    let computer = computer(has_priority, has_locked_memory);
+    let measured = Measured::new(computer, arguments.period_us, latency.lateness(), now_unix_s());
     measured.store(folder).map_err(|error| cannot_keep(folder, &error))
+}
+
+/// Seconds since 1970 by the clock on the wall.
+pub(super) fn now_unix_s() -> u64 {
+    SystemTime::now().duration_since(SystemTime::UNIX_EPOCH).unwrap_or_default().as_secs()
 }
 
 /// The failure that what was measured cannot be written.

@@ -4,7 +4,6 @@ use std::fmt;
 use std::fs;
 use std::io;
 use std::path::{Path, PathBuf};
-use std::time::{Duration, SystemTime};
 
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
@@ -62,10 +61,10 @@ pub struct Measured {
 }
 
 impl Measured {
-    /// What was measured just now.
-    pub fn now(computer: Computer, period_us: u32, lateness: Lateness) -> Self {
+    /// What was measured until a moment in s since 1970.
+    pub fn new(computer: Computer, period_us: u32, lateness: Lateness, ended_unix_s: u64) -> Self {
         let version = env!("CARGO_PKG_VERSION").to_owned();
-        Self { computer, period_us, lateness, ended_unix_s: unix_s(), version }
+        Self { computer, period_us, lateness, ended_unix_s, version }
     }
 
     fn path(&self, folder: &Path) -> PathBuf {
@@ -96,10 +95,10 @@ impl Measured {
         Ok(path)
     }
 
-    /// What it showed and when, for a person.
-    fn shown(&self, period_us: u32) -> String {
+    /// What it showed and how long before `now_unix_s`, for a person.
+    fn shown(&self, period_us: u32, now_unix_s: u64) -> String {
         let Lateness { cycles, missed, p999_us, p9999_us, max_us } = self.lateness;
-        let ago = ago(unix_s().saturating_sub(self.ended_unix_s));
+        let ago = ago(now_unix_s.saturating_sub(self.ended_unix_s));
         let at = if self.period_us == period_us { String::new() } else { format!(" at {} us", self.period_us) };
         format!(
             "{cycles} cycles{at} measured {ago} were late by {p999_us:.0} us in 99.9 %, {p9999_us:.0} us in 99.99 % and \
@@ -162,14 +161,14 @@ pub enum Untimely {
 }
 
 impl Computer {
-    /// What this computer has proved for a rig.
+    /// What this computer has proved for a rig, at a moment in s since 1970.
     ///
     /// Of the measurements at cycles that are not longer than the rig's, the one at the longest counts: a computer that keeps
     /// a cycle keeps a slower one as well, and how well is in its lateness.
     ///
     /// # Errors
     /// Why the rig must not run by the wall clock.
-    pub fn check(&self, rig: &config::Rig, folder: &Path) -> Result<Kept, Untimely> {
+    pub fn check(&self, rig: &config::Rig, folder: &Path, now_unix_s: u64) -> Result<Kept, Untimely> {
         let period_us = rig.cycle.period_us;
         let files = fs::read_dir(folder).into_iter().flatten().flatten().map(|entry| entry.path());
         let own = files.filter_map(|path| read(&path));
@@ -177,7 +176,7 @@ impl Computer {
         let Some(found) = own.max_by_key(|found| found.period_us) else {
             return Err(Untimely::Missing { computer: self.clone(), period_us, folder: folder.to_owned() });
         };
-        let (tier, shown) = (found.lateness.proven(period_us), found.shown(period_us));
+        let (tier, shown) = (found.lateness.proven(period_us), found.shown(period_us, now_unix_s));
         let limits = [
             ("guard.tool_speed_limit_m_per_s", rig.guard.tool_speed_limit_m_per_s.get(), REDUCED_SPEED_M_PER_S, "m/s"),
             ("guard.force_limit_n", rig.guard.force_limit_n.get(), REDUCED_FORCE_N, "N"),
@@ -198,10 +197,6 @@ fn read(path: &Path) -> Option<Measured> {
     serde_json::from_str(&fs::read_to_string(path).ok()?).ok()
 }
 
-fn unix_s() -> u64 {
-    SystemTime::now().duration_since(SystemTime::UNIX_EPOCH).unwrap_or(Duration::ZERO).as_secs()
-}
-
 fn ago(seconds: u64) -> String {
     match seconds {
         0..120 => format!("{seconds} s ago"),
@@ -216,6 +211,9 @@ mod tests {
     use super::*;
     use crate::live::{PROVING_CYCLES, STOCK_CYCLES};
 
+    const ENDED_S: u64 = 1_795_000_000;
+    const NOW_S: u64 = ENDED_S + 150;
+
     const GOOD: Lateness = Lateness { cycles: PROVING_CYCLES, missed: 0, p999_us: 20.0, p9999_us: 40.0, max_us: 90.0 };
     const STOCK: Lateness =
         Lateness { cycles: STOCK_CYCLES, missed: 3, p999_us: 480.0, p9999_us: 4000.0, max_us: 9000.0 };
@@ -229,6 +227,10 @@ mod tests {
         config::load_rig(config::Source::named(&format!("builtin:{file}"))).unwrap().value
     }
 
+    fn measured(computer: Computer, period_us: u32, lateness: Lateness) -> Measured {
+        Measured::new(computer, period_us, lateness, ENDED_S)
+    }
+
     /// A folder of its own, which does not exist yet.
     fn folder(name: &str) -> PathBuf {
         std::env::temp_dir().join(format!("yieldwall-timing-{name}-{}", std::process::id()))
@@ -238,25 +240,28 @@ mod tests {
     fn the_tier_that_was_proved_decides_over_the_limits() {
         let folder = folder("limits");
         let (fast, reduced) = (rig("paper-admittance.yaml"), rig("paper-admittance-5ms.yaml"));
-        assert!(matches!(computer().check(&fast, &folder), Err(Untimely::Missing { period_us: 1000, .. })));
-        Measured::now(computer(), 1000, STOCK).store(&folder).unwrap();
-        let refused = computer().check(&fast, &folder).unwrap_err();
+        assert!(matches!(computer().check(&fast, &folder, NOW_S), Err(Untimely::Missing { period_us: 1000, .. })));
+        measured(computer(), 1000, STOCK).store(&folder).unwrap();
+        let refused = computer().check(&fast, &folder, NOW_S).unwrap_err();
         assert!(matches!(refused, Untimely::Limit { key: "guard.tool_speed_limit_m_per_s", .. }), "{refused}");
         assert!(
-            refused.to_string().contains("3000 cycles measured 0 s ago were late by 480 us in 99.9 %"),
+            refused.to_string().contains("3000 cycles measured 2 min ago were late by 480 us in 99.9 %"),
             "{refused}"
         );
         // At 1 ms it is B; at 5 ms as well, since a cycle was missed.
-        assert_eq!(computer().check(&reduced, &folder).map(|kept| kept.tier), Ok(Tier::B));
+        assert_eq!(computer().check(&reduced, &folder, NOW_S).map(|kept| kept.tier), Ok(Tier::B));
         let mut strong = reduced.clone();
         strong.guard.force_limit_n = fast.guard.force_limit_n;
-        assert!(matches!(computer().check(&strong, &folder), Err(Untimely::Limit { key: "guard.force_limit_n", .. })));
-        Measured::now(computer(), 1000, GOOD).store(&folder).unwrap();
-        assert_eq!(computer().check(&fast, &folder).map(|kept| kept.tier), Ok(Tier::A));
-        Measured::now(computer(), 1000, Lateness { p999_us: 501.0, ..STOCK }).store(&folder).unwrap();
-        assert!(matches!(computer().check(&fast, &folder), Err(Untimely::Late { .. })));
+        assert!(matches!(
+            computer().check(&strong, &folder, NOW_S),
+            Err(Untimely::Limit { key: "guard.force_limit_n", .. })
+        ));
+        measured(computer(), 1000, GOOD).store(&folder).unwrap();
+        assert_eq!(computer().check(&fast, &folder, NOW_S).map(|kept| kept.tier), Ok(Tier::A));
+        measured(computer(), 1000, Lateness { p999_us: 501.0, ..STOCK }).store(&folder).unwrap();
+        assert!(matches!(computer().check(&fast, &folder, NOW_S), Err(Untimely::Late { .. })));
         // The same lateness is a tenth of a cycle of 5 ms.
-        assert_eq!(computer().check(&reduced, &folder).map(|kept| kept.tier), Ok(Tier::B));
+        assert_eq!(computer().check(&reduced, &folder, NOW_S).map(|kept| kept.tier), Ok(Tier::B));
         fs::remove_dir_all(&folder).unwrap();
     }
 
@@ -271,17 +276,17 @@ mod tests {
             Computer { has_locked_memory: false, ..computer() },
         ];
         for other in others {
-            Measured::now(other, 1000, GOOD).store(&folder).unwrap();
+            measured(other, 1000, GOOD).store(&folder).unwrap();
         }
-        Measured::now(computer(), 2000, GOOD).store(&folder).unwrap();
+        measured(computer(), 2000, GOOD).store(&folder).unwrap();
         fs::write(folder.join("no-record.json"), "{").unwrap();
-        assert!(matches!(computer().check(&fast, &folder), Err(Untimely::Missing { .. })));
-        Measured::now(computer(), 1000, GOOD).store(&folder).unwrap();
-        assert!(computer().check(&fast, &folder).is_ok());
+        assert!(matches!(computer().check(&fast, &folder, NOW_S), Err(Untimely::Missing { .. })));
+        measured(computer(), 1000, GOOD).store(&folder).unwrap();
+        assert!(computer().check(&fast, &folder, NOW_S).is_ok());
         // Of two that could count, the one nearer to the rig's cycle does.
-        Measured::now(computer(), 5000, Lateness { p999_us: 2600.0, ..STOCK }).store(&folder).unwrap();
+        measured(computer(), 5000, Lateness { p999_us: 2600.0, ..STOCK }).store(&folder).unwrap();
         let slow = rig("paper-admittance-5ms.yaml");
-        assert!(matches!(computer().check(&slow, &folder), Err(Untimely::Late { .. })));
+        assert!(matches!(computer().check(&slow, &folder, NOW_S), Err(Untimely::Late { .. })));
         fs::remove_dir_all(&folder).unwrap();
     }
 
@@ -289,11 +294,11 @@ mod tests {
     fn a_short_look_takes_no_proof_away_and_a_bad_one_does() {
         let folder = folder("short");
         let fast = rig("paper-admittance.yaml");
-        Measured::now(computer(), 1000, GOOD).store(&folder).unwrap();
-        Measured::now(computer(), 1000, Lateness { cycles: 10_000, ..GOOD }).store(&folder).unwrap();
-        assert_eq!(computer().check(&fast, &folder).map(|kept| kept.tier), Ok(Tier::A));
-        Measured::now(computer(), 1000, Lateness { cycles: 10_000, max_us: 101.0, ..GOOD }).store(&folder).unwrap();
-        assert!(computer().check(&fast, &folder).is_err());
+        measured(computer(), 1000, GOOD).store(&folder).unwrap();
+        measured(computer(), 1000, Lateness { cycles: 10_000, ..GOOD }).store(&folder).unwrap();
+        assert_eq!(computer().check(&fast, &folder, NOW_S).map(|kept| kept.tier), Ok(Tier::A));
+        measured(computer(), 1000, Lateness { cycles: 10_000, max_us: 101.0, ..GOOD }).store(&folder).unwrap();
+        assert!(computer().check(&fast, &folder, NOW_S).is_err());
         fs::remove_dir_all(&folder).unwrap();
     }
 

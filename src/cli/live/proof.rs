@@ -27,7 +27,7 @@ impl Proof {
         match self {
             Proof::InVirtualTime => None,
             Proof::OnRecord { rig, measurements, .. } => {
-                Some(computer(has_priority, has_locked_memory).check(rig, measurements))
+                Some(computer(has_priority, has_locked_memory).check(rig, measurements, latency::now_unix_s()))
             }
         }
     }

@@ -103,8 +103,9 @@ pub(super) fn receive(socket: BorrowedFd<'_>) -> io::Result<Message> {
         return Err(io::ErrorKind::InvalidData.into());
     }
     let is_own = header.msg_flags & libc::MSG_CONFIRM != 0;
-    // The kernel has put the true length into the header.
-    let told = Told::read(control.0.get(..header.msg_controllen as usize).unwrap_or_default());
+    // The kernel has put the true length into the header, whose type is another one with another C library.
+    let length: usize = header.msg_controllen as _;
+    let told = Told::read(control.0.get(..length).unwrap_or_default());
     Ok(Message { frame, is_own, told })
 }
 
