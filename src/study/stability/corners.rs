@@ -33,23 +33,25 @@ enum Place {
     Center,
     GuideCorner,
     WallCorner,
+    WallEdge,
     TwoWalls,
     TwoGuides,
 }
 
-const PLACES: [(Place, &str); 5] = [
+const PLACES: [(Place, &str); 6] = [
     (Place::Center, "centre of a small circle"),
     (Place::GuideCorner, "corner of a guide"),
     (Place::WallCorner, "inner corner of a wall"),
+    (Place::WallEdge, "outer corner of a wall"),
     (Place::TwoWalls, "two walls that cross"),
     (Place::TwoGuides, "two guides that cross"),
 ];
 
 impl Place {
     fn shape(self) -> Option<Shape2> {
-        let square = || {
+        let square = |forbidden| {
             let corners = [[0.0, 0.0], [0.1, 0.0], [0.1, 0.1], [0.0, 0.1]].map(Vector2::from);
-            Chain::polygon(&corners, Forbidden::Outside).ok().map(Shape2::Chain)
+            Chain::polygon(&corners, forbidden).ok().map(Shape2::Chain)
         };
         let crossing = |are_walls| {
             let lines = [Vector2::x(), Vector2::y()].map(|normal| Line::new(Vector2::zeros(), normal));
@@ -58,7 +60,8 @@ impl Place {
         };
         match self {
             Self::Center => Circle::new(Vector2::zeros(), 1.2 * REACH_M, Forbidden::Inside).ok().map(Shape2::Circle),
-            Self::GuideCorner | Self::WallCorner => square(),
+            Self::GuideCorner | Self::WallCorner => square(Forbidden::Outside),
+            Self::WallEdge => square(Forbidden::Inside),
             Self::TwoWalls => crossing(true),
             Self::TwoGuides => crossing(false),
         }
@@ -66,7 +69,7 @@ impl Place {
 
     fn side(self) -> Side {
         match self {
-            Self::WallCorner | Self::TwoWalls => Side::Unilateral,
+            Self::WallCorner | Self::WallEdge | Self::TwoWalls => Side::Unilateral,
             Self::Center | Self::GuideCorner | Self::TwoGuides => Side::Bilateral,
         }
     }
@@ -141,6 +144,26 @@ fn roam(place: Place, speed_m_per_s: f64, seed: u64) -> Option<(u32, f64, f64)> 
         let [moved, offered] = [(step.proxy - proxy).norm(), (step.input - input).norm()];
         jumps += u32::from(step.is_step_limited);
         longest = longest.max(moved);
+        if std::env::var("DBG").is_ok() && moved - offered > 0.101 * REACH_M {
+            let r = REACH_M;
+            eprintln!(
+                "{index} before {:.4},{:.4} in {:.4},{:.4} -> {:.4},{:.4} input {:.4},{:.4} hold {} {:?} lim {} imp {} sd {:.4} excess {:.3}",
+                proxy.x / r,
+                proxy.y / r,
+                input.x / r,
+                input.y / r,
+                step.proxy.x / r,
+                step.proxy.y / r,
+                step.input.x / r,
+                step.input.y / r,
+                step.hold_count,
+                step.branch,
+                step.is_step_limited,
+                step.is_impact,
+                step.signed_distance_m / r,
+                (moved - offered) / r
+            );
+        }
         excess = excess.max(moved - offered);
         (proxy, input) = (step.proxy, step.input);
     }
