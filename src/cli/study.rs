@@ -5,6 +5,7 @@ use std::num::NonZeroUsize;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
+use clap::builder::{PossibleValue, PossibleValuesParser};
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use serde_json::{Map, Value, json};
 
@@ -13,7 +14,7 @@ use super::output::Output;
 use crate::batch::{self, LinesError};
 use crate::study::chart;
 use crate::study::sweep::{Report, Store, StoreError, Study, Sweep, Table};
-use crate::study::{NAMES, Options, study};
+use crate::study::{NAMES, Options, OptionsError, study};
 
 /// Name of the file of a table that is not computed in shards.
 const WHOLE: &str = "whole";
@@ -21,32 +22,50 @@ const WHOLE: &str = "whole";
 #[derive(Debug, clap::Args)]
 pub(super) struct Arguments {
     /// The study
-    #[arg(value_name = "NAME", value_parser = clap::builder::PossibleValuesParser::new(NAMES))]
+    #[arg(value_name = "NAME", value_parser = names())]
     name: String,
-    /// Folder of the results, one for each study within; points that it holds already are not computed again
+    /// Folder of the results; each study has one of its own within
+    ///
+    /// In it are each table as CSV, all of them as one JSON document, the charts as SVG and PNG, and every point that was
+    /// computed (*.jsonl), so that an interrupted study goes on where it stood.
     #[arg(long, value_name = "DIR", default_value = "out/study")]
     out: PathBuf,
-    /// Threads; as many as there are cores unless given
+    /// Threads; as many as there are cores unless given. Times are measured on one
     #[arg(long, value_name = "J")]
     jobs: Option<NonZeroUsize>,
-    /// Compute one part of N alone and draw nothing: for job arrays
+    /// Compute part I of N alone, from 1, and draw nothing: for job arrays
+    ///
+    /// The points are kept in the folder; parts may be computed at once and on several computers, by the same build. When all
+    /// are in one folder, --merge draws them. Tables that measure time are left out: their points belong in one run, which
+    /// is one without --shard.
     #[arg(long, value_name = "I/N", value_parser = parse_shard, conflicts_with_all = ["merge", "point"])]
     shard: Option<Shard>,
-    /// Compute nothing: draw what shards have left in the folder
+    /// Compute nothing: draw the points that the folder holds
+    ///
+    /// It needs every point of every table, whichever parts (DIR/NAME/*.jsonl) they are in, and says which is missing if one
+    /// is. It leaves tables, document and charts as a whole run does, and the points as they are.
     #[arg(long, conflicts_with = "point")]
     merge: bool,
-    /// Compute one point alone and print it
+    /// Compute one point alone, print it and keep nothing
     #[arg(long, value_name = "TABLE:INDEX", value_parser = parse_point)]
     point: Option<(String, u64)>,
     /// Take points that another build of this program has left
     #[arg(long)]
     any_build: bool,
-    /// Throw away the points that the folder holds
+    /// Throw away the points that the folder holds, and compute all
     #[arg(long, conflicts_with_all = ["merge", "any_build", "point", "shard"])]
     fresh: bool,
-    /// The program that runs the scene of `plant` in MuJoCo, as hil-tests/peers/mujoco builds it
+    /// For `plant`: the program that runs its scene in MuJoCo; hil-tests/peers/mujoco builds it and prints its name
     #[arg(long, value_name = "PROGRAM")]
     mujoco: Option<PathBuf>,
+}
+
+/// The studies, each with what it asks.
+fn names() -> PossibleValuesParser {
+    PossibleValuesParser::new(NAMES.map(|name| {
+        let about = study(name, &Options::default()).map_or("", |study| study.about());
+        PossibleValue::new(name).help(about)
+    }))
 }
 
 /// Part `number`, from 1, of `of`.
@@ -77,10 +96,17 @@ fn parse_point(text: &str) -> Result<(String, u64), String> {
 
 pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Failure> {
     let options = Options { mujoco: arguments.mujoco.clone() };
+    options.check(&arguments.name, !arguments.merge).map_err(|error| options_failure(&error))?;
     let study = study(&arguments.name, &options)
         .ok_or_else(|| Failure::new(Exit::Internal, format!("no study {}", arguments.name), ""))?;
     if let Some((table, index)) = &arguments.point {
         return point(study.as_ref(), table, *index, output);
+    }
+    let timed: Vec<_> = study.sweeps().iter().filter(|sweep| sweep.is_timed()).map(|sweep| sweep.name()).collect();
+    if arguments.shard.is_some() && timed.len() == study.sweeps().len() {
+        let message =
+            format!("--shard: {} measures time, and times of several runs are not to be compared", study.name());
+        return Err(Failure::new(Exit::Usage, message, "leave --shard away: one run computes all of this study"));
     }
     let folder = arguments.out.join(study.name());
     let edition = edition(&options);
@@ -90,11 +116,16 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
             Store::discard(&folder, sweep.as_ref()).map_err(store_failure)?;
         }
     }
-    for sweep in study.sweeps() {
+    // Times of several runs are not to be compared.
+    for sweep in study.sweeps().iter().filter(|sweep| arguments.shard.is_none() || !sweep.is_timed()) {
         tables.push(compute(arguments, sweep.as_ref(), &folder, &edition, output)?);
     }
     if arguments.shard.is_some() {
-        return output.news(&format!("kept in {}; when all parts are there, draw them with --merge", folder.display()));
+        let next = match timed.as_slice() {
+            [] => "draw them with --merge".to_owned(),
+            timed => format!("run without --shard, which measures {} in one go and draws", timed.join(" and ")),
+        };
+        return output.news(&format!("kept in {}; when all parts are there, {next}", folder.display()));
     }
     let report = study.report(&tables);
     let mujoco = options.mujoco.as_ref().map_or_else(String::new, |program| format!(" --mujoco {}", program.display()));
@@ -155,8 +186,12 @@ fn compute(
                 let count = missing.len();
                 let message =
                     format!("{}: {count} of {} points are missing, the first is {first}", table.name, table.points);
+                let part = match sweep.is_timed() {
+                    true => String::new(),
+                    false => format!("of N parts, part 1 + {first} modulo N computes it; "),
+                };
                 let help = format!(
-                    "of N parts, part 1 + {first} modulo N computes it; without --merge and --shard all that is missing in {} is computed",
+                    "{part}without --merge and --shard all that is missing in {} is computed",
                     folder.display()
                 );
                 Err(Failure::new(Exit::Usage, message, help))
@@ -196,8 +231,9 @@ fn compute(
     let count = wanted.len();
     let rate = count as f64 / wall_s;
     output.news(&format!(
-        "{}: {count} points in {wall_s:.1} s, {rate:.1} a second, {jobs} threads busy for {share:.0} % of the time",
-        table.name
+        "{}: {count} points in {wall_s:.1} s, {rate:.1} a second, {jobs} {} busy for {share:.0} % of the time",
+        table.name,
+        if jobs == 1 { "thread" } else { "threads" }
     ))?;
     Ok(table)
 }
@@ -290,6 +326,16 @@ fn core_time() -> Duration {
         static ORIGIN: std::sync::OnceLock<Instant> = std::sync::OnceLock::new();
         ORIGIN.get_or_init(Instant::now).elapsed()
     }
+}
+
+fn options_failure(error: &OptionsError) -> Failure {
+    let help = match error {
+        OptionsError::WithoutMujoco { .. } => "leave --mujoco away; it is for `plant`",
+        OptionsError::Mujoco { .. } => {
+            "give --mujoco what hil-tests/peers/mujoco prints, or leave it away: our methods alone"
+        }
+    };
+    Failure::new(Exit::Usage, error.to_string(), help)
 }
 
 fn store_failure(error: StoreError) -> Failure {

@@ -65,6 +65,14 @@ fn exit_codes_tell_what_happened() {
         assert_eq!(exit(&format!("yieldwall -q {command} Cargo.toml")), Exit::ConfigInvalid, "{command}");
     }
     assert_eq!(exit("yieldwall -q run builtin:paper-admittance.yaml --record Cargo.toml"), Exit::Usage);
+    for (arguments, wanted) in [("paper-admittance.yaml", Exit::Ok), ("paper-impedance.yaml", Exit::Usage)] {
+        let line = format!("yieldwall -q tune fixture --json --hand-stiffness 500 builtin:{arguments}");
+        assert_eq!(exit(&line), wanted, "{arguments}");
+    }
+    // Refused before anything is computed or written.
+    for study in ["hold --mujoco mujoco", "plant --mujoco no-such-program", "fixture --shard 1/2"] {
+        assert_eq!(exit(&format!("yieldwall -q study {study}")), Exit::Usage, "{study}");
+    }
 }
 
 #[test]

@@ -10,6 +10,9 @@ use crate::rig::{Coupled, Holding, RigError, coupled_device, hand_of, least_mass
 
 /// Reserve unless another is asked for.
 const RESERVE: f64 = 2.0;
+/// What to do where the loop is not known.
+const UNKNOWN: &str = "least virtual mass: not known, since the velocity loop closes in the drives; try masses by `yieldwall run`, with \
+                       the stiffest hand (`hand.stiffness_n_per_m` of the scene): it tells a rig that swings by its energy";
 /// What the numbers leave out.
 const LEFT_OUT: &str = "dry friction, torque limits and elastic joints are left out: try the numbers in a run";
 
@@ -30,8 +33,8 @@ pub(super) struct Arguments {
     /// Factor between the numbers given and the edge of stability, 1 or above
     #[arg(long, value_name = "FACTOR", default_value_t = RESERVE, value_parser = parse_reserve)]
     reserve: f64,
-    /// Stiffness of a hand to look at in N/m, besides the scene's; may be given again. The other hands are damped as the
-    /// scene's and have its mass
+    /// For a rig: stiffness of a hand to look at in N/m, besides the scene's; may be given again. The other hands are damped
+    /// as the scene's and have its mass
     #[arg(long, value_name = "N/M", value_parser = parse_stiffness)]
     hand_stiffness: Vec<f64>,
 }
@@ -56,6 +59,10 @@ pub(super) fn run(command: &Command, output: &mut Output) -> Result<(), Failure>
         }
         Document::Device(device) => {
             output.warnings(&device.warnings);
+            if !arguments.hand_stiffness.is_empty() {
+                let message = "--hand-stiffness is for rigs: the coupling of a device is judged with the hand off, its worst case";
+                return Err(Failure::new(Exit::Usage, message, "leave --hand-stiffness away"));
+            }
             let coupled = coupled_device(&device.value, reserve).map_err(|error| failure(&error))?;
             match coupled {
                 Some(coupled) if output.is_json() => output.json(&coupled_json(&coupled, reserve)),
@@ -105,7 +112,7 @@ impl Masses {
     /// One line for `config check`.
     pub(super) fn line(&self) -> String {
         let Some(holdings) = &self.holdings else {
-            return "least virtual mass: not known, the velocity loop closes in the drives".to_owned();
+            return UNKNOWN.to_owned();
         };
         let masses: Vec<String> = holdings
             .iter()
@@ -124,9 +131,10 @@ impl Masses {
         if self.configured_kg >= scenes.least_kg {
             return None;
         }
-        let [x, y] = scenes.tool_m;
         let least = match scenes.least_kg {
-            least_kg if least_kg.is_finite() => format!("the least at ({x:.3}, {y:.3}) m is {least_kg:.3} kg"),
+            least_kg if least_kg.is_finite() => {
+                format!("the least at {} is {least_kg:.3} kg", place_words(scenes.tool_m))
+            }
             _ => "none is stable with it".to_owned(),
         };
         let message = format!(
@@ -155,12 +163,12 @@ impl Masses {
         );
         for (index, holding) in holdings.iter().enumerate() {
             let whose = if index == 0 && self.has_scene_hand { ", scene" } else { "" };
-            let [x, y] = holding.tool_m;
             text += &format!(
-                "  {:34}{:>14}{:>18}   ({x:.3}, {y:.3}) m\n",
+                "  {:34}{:>14}{:>18}   {}\n",
                 format!("{}{whose}", grip_words(&holding.grip)),
                 mass_words(holding.least_kg),
-                mass_words(reserve * holding.least_kg)
+                mass_words(reserve * holding.least_kg),
+                place_words(holding.tool_m)
             );
         }
         for Holding { grip, lag_s, .. } in holdings.iter().filter(|holding| !holding.least_kg.is_finite()) {
@@ -188,13 +196,15 @@ impl Masses {
                     "least_virtual_mass_kg": holding.least_kg,
                     "virtual_mass_with_reserve_kg": reserve * holding.least_kg,
                     "worst_tool_m": holding.tool_m,
-                    "lag_s": holding.lag_s,
+                    // Below zero the tool is ahead of a mass by a part of a cycle.
+                    "lag_s": holding.lag_s.max(0.0),
                     "passive_mass_kg": holding.passive_kg,
                 })
             });
             each.collect::<Vec<_>>()
         });
-        json!({ "configured_kg": self.configured_kg, "reserve": reserve, "hands": hands })
+        let note = hands.is_none().then_some(UNKNOWN);
+        json!({ "configured_kg": self.configured_kg, "reserve": reserve, "hands": hands, "note": note })
     }
 }
 
@@ -204,6 +214,12 @@ fn grip_words(grip: &Grip) -> String {
 
 fn mass_words(mass_kg: f64) -> String {
     if mass_kg.is_finite() { format!("{mass_kg:.3} kg") } else { "none".to_owned() }
+}
+
+fn place_words(tool_m: [f64; 2]) -> String {
+    // A zero without its sign.
+    let [x, y] = tool_m.map(|value| 1e-3 * (1e3 * value).round() + 0.0);
+    format!("({x:.3}, {y:.3}) m")
 }
 
 /// What the coupling of a device bears, for a person to read.
@@ -304,6 +320,28 @@ mod tests {
             .map(|key| json["hands"][1][key].as_f64().unwrap());
         assert!((with / least - 3.0).abs() < 1e-12);
         assert!(masses.text(3.0).contains("(0."), "{}", masses.text(3.0));
+    }
+
+    #[test]
+    fn where_the_loop_is_not_known_the_next_step_is_named() {
+        let velocity = load_rig(builtin("paper-admittance-csv.yaml")).unwrap();
+        let masses = Masses::of(&velocity, &[]).unwrap();
+        assert!(masses.line().contains("`yieldwall run`"), "{}", masses.line());
+        assert_eq!(masses.to_json(2.0)["note"], masses.line());
+        assert!(Masses::of(&rig(&[]), &[]).unwrap().to_json(2.0)["note"].is_null());
+    }
+
+    #[test]
+    fn a_zero_has_no_sign() {
+        assert_eq!(place_words([-2e-17, -0.0004]), "(0.000, 0.000) m");
+        assert_eq!(place_words([-0.12, 0.0125]), "(-0.120, 0.013) m");
+    }
+
+    #[test]
+    fn a_lag_is_never_negative() {
+        let json = Masses::of(&rig(&[]), &[]).unwrap().to_json(2.0);
+        let lags = json["hands"].as_array().unwrap().iter().map(|hand| hand["lag_s"].as_f64().unwrap());
+        assert!(lags.clone().all(|lag_s| lag_s >= 0.0 && lag_s.is_sign_positive()), "{json}");
     }
 
     #[test]

@@ -15,7 +15,9 @@ pub enum ControlError {
         requirement: &'static str,
     },
     /// A mass matrix that is not symmetric and positive definite.
-    #[error("the mass matrix is not symmetric positive definite: least eigenvalue {least}, asymmetry {asymmetry}")]
+    #[error(
+        "the mass matrix is not symmetric positive definite: least eigenvalue {least:.3e}, asymmetry {asymmetry:.3e}"
+    )]
     NotPositiveDefinite {
         /// Its least eigenvalue, kg m^2 or kg.
         least: f64,

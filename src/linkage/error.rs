@@ -86,7 +86,9 @@ pub enum LinkageError {
         margin_m: f64,
     },
     /// The Jacobian cannot be inverted.
-    #[error("no joint rates give this tool velocity: smallest singular value {smallest_m} m, largest {largest_m} m")]
+    #[error(
+        "no joint rates give this tool velocity: smallest singular value {smallest_m:.3e} m, largest {largest_m:.3} m"
+    )]
     JacobianSingular {
         /// Smallest singular value of the Jacobian.
         smallest_m: f64,
@@ -94,7 +96,7 @@ pub enum LinkageError {
         largest_m: f64,
     },
     /// The mass matrix is not positive definite, so the mass model is not one of a machine.
-    #[error("mass matrix not positive definite: determinant {determinant}")]
+    #[error("mass matrix not positive definite: determinant {determinant:.3e}")]
     MassNotPositive {
         /// Determinant of the mass matrix in kg^2 m^4.
         determinant: f64,

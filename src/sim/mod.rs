@@ -10,10 +10,12 @@ mod force_sensor;
 pub mod hand;
 pub mod point_mass;
 mod substeps;
+mod uniform;
 
 pub use device::DeviceError;
 pub use drive::{Drive, DriveSettings, Encoder, PositionLoop, Watchdog};
 pub use force_sensor::{ForceSensor, ForceSensorSettings, Speaks};
+pub use uniform::share_of_one;
 
 #[cfg(test)]
 mod tests;

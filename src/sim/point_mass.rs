@@ -18,7 +18,7 @@ pub enum PointMassError {
         value: f64,
     },
     /// A step that is not above zero, or a time that is not finite or needs too many steps.
-    #[error("the point mass cannot be moved on from {time_s} s to {end_s} s in steps of {step_s} s")]
+    #[error("the point mass cannot be moved on from {time_s:.6} s to {end_s:.6} s in steps of {step_s} s")]
     BadStep {
         /// Present time in s.
         time_s: f64,
@@ -28,7 +28,7 @@ pub enum PointMassError {
         step_s: f64,
     },
     /// A force or a hand is not finite, or it threw the mass to infinity. The state is that before the step.
-    #[error("the point mass has no finite motion after {time_s} s")]
+    #[error("the point mass has no finite motion after {time_s:.4} s")]
     NotFinite {
         /// Beginning of the step that failed, in s.
         time_s: f64,

@@ -3,6 +3,8 @@
 use rand_xoshiro::Xoshiro256PlusPlus;
 use rand_xoshiro::rand_core::{Rng, SeedableRng};
 
+use crate::sim::share_of_one;
+
 /// A stream of draws. Streams of one seed with different purposes know nothing of each other, so that leaving a fault
 /// out does not change the hand.
 #[derive(Clone, Debug)]
@@ -32,7 +34,7 @@ impl Dice {
 
     /// A number from 0 to below 1, with 53 random bits.
     pub(super) fn share(&mut self) -> f64 {
-        (self.0.next_u64() >> 11) as f64 * (1.0 / (1u64 << 53) as f64)
+        share_of_one(&mut self.0)
     }
 
     /// A number from `least` to below `most`.

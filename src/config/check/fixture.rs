@@ -2,7 +2,7 @@
 
 use super::Findings;
 use super::words::{round, shorten_numbers};
-use crate::config::tree::{Coupling, Curvature, Fixture, FixtureLaw, ImpedanceDevice, Side, Surface};
+use crate::config::tree::{Coupling, Curvature, Fixture, FixtureLaw, Guard, ImpedanceDevice, Side, Surface};
 use crate::fixture::{self, FixtureError};
 
 /// Radius of curvature in units of R / kappa below which the tangent step of the paper is off by a quarter of the
@@ -82,7 +82,7 @@ fn check_automatic_hold(findings: &mut Findings, at: &str, fixture: &Fixture) {
     }
 }
 
-/// Refuses a passivity controller where there is no mass to damp or a surface does work, or out of its range.
+/// Refuses a passivity controller where there is no mass to damp or the fixture itself gives energy, or out of its range.
 fn check_passivity(findings: &mut Findings, at: &str, fixture: &Fixture) {
     let Some(passivity) = fixture.passivity else { return };
     let key = format!("{at}.passivity");
@@ -104,6 +104,38 @@ fn check_passivity(findings: &mut Findings, at: &str, fixture: &Fixture) {
                 "leave one of them out",
             )
             .see(&format!("{at}.motion"), "motion");
+    }
+    if let Some(law @ FixtureLaw::Elastic { .. }) = fixture.law {
+        let law = format!("{at}.law.{}", law.name());
+        findings
+            .error(
+                &key,
+                format!("`{key}` stands beside `{law}`: what the spring gives back is taken for a swing of the rig"),
+                "leave one of them out",
+            )
+            .see(&law, "law");
+    }
+}
+
+/// Refuses a passivity controller at `at` that would wait for more than the rig may give before the guard holds it.
+pub(super) fn check_passivity_beside_guard(findings: &mut Findings, at: &str, fixture: &Fixture, guard: &Guard) {
+    // A bound that is out of its range has been found already.
+    let Some(passivity) = fixture.passivity.filter(|&it| fixture::Passivity::from(it).checked().is_ok()) else {
+        return;
+    };
+    let limit_j = *guard.energy_limit_j;
+    if *passivity.bound_j >= limit_j {
+        let key = format!("{at}.passivity.bound_j");
+        findings
+            .error(
+                &key,
+                format!(
+                    "`{key}` is {} J, not below `guard.energy_limit_j` of {limit_j} J: the rig would be held before it damps",
+                    *passivity.bound_j
+                ),
+                "lower it to a tenth of the limit or so, or raise the limit",
+            )
+            .see("guard.energy_limit_j", "energy_limit_j");
     }
 }
 

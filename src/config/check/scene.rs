@@ -14,6 +14,9 @@ pub const MAX_DURATION_S: f64 = 3600.0;
 const MAX_TREMOR_HZ: f64 = 100.0;
 /// Highest corner of the error of an aim, Hz: half of that of a tremor.
 const MAX_AIM_HZ: f64 = 50.0;
+/// Greatest error of an aim, m RMS on each axis: a person who traces a line by eye errs by millimetres, in haste by some
+/// 20 mm.
+const MAX_AIM_ERROR_M: f64 = 0.05;
 /// Least distance of the start of an arc from its centre, m.
 const MIN_ARC_RADIUS_M: f64 = 1e-9;
 
@@ -75,11 +78,16 @@ fn check_noise(findings: &mut Findings, scene: &Scene) {
             findings.error("hand.tremor.high_hz", message, "a hand trembles at about 8 to 12 Hz");
         }
     }
-    if let Some(error) = scene.hand.aim_error
-        && *error.corner_hz > MAX_AIM_HZ
-    {
-        let message = format!("`hand.aim_error.corner_hz` is {} Hz, above {MAX_AIM_HZ} Hz", *error.corner_hz);
-        findings.error("hand.aim_error.corner_hz", message, "people move by intent below some 2 Hz");
+    if let Some(error) = scene.hand.aim_error {
+        if *error.rms_m > MAX_AIM_ERROR_M {
+            let message = format!("`hand.aim_error.rms_m` is {} m, above {MAX_AIM_ERROR_M} m", *error.rms_m);
+            let help = "write metres: a person who traces a line by eye errs by some 0.005, in haste by 0.02";
+            findings.error("hand.aim_error.rms_m", message, help);
+        }
+        if *error.corner_hz > MAX_AIM_HZ {
+            let message = format!("`hand.aim_error.corner_hz` is {} Hz, above {MAX_AIM_HZ} Hz", *error.corner_hz);
+            findings.error("hand.aim_error.corner_hz", message, "people move by intent below some 2 Hz");
+        }
     }
 }
 

@@ -33,8 +33,8 @@ pub struct Fixture {
     #[garde(dive)]
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub automatic_hold: Option<AutomaticHold>,
-    /// Damping when the rig has given the hand more than it may, for the admittance coupling and surfaces that do not move.
-    /// Left out: none.
+    /// Damping when the rig has given the hand more than it may, for the admittance coupling, surfaces that do not move and
+    /// laws without a spring. Left out: none.
     #[garde(dive)]
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub passivity: Option<Passivity>,

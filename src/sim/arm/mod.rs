@@ -43,7 +43,7 @@ pub enum ArmError {
     #[error("the arm's masses: {0}")]
     BadMass(GeometryError),
     /// The linkage cannot be where the motion takes it.
-    #[error("the arm stops at {time_s} s: {source}")]
+    #[error("the arm stops at {time_s:.4} s: {source}")]
     Linkage {
         /// Beginning of the step that failed, in s.
         time_s: f64,
@@ -52,7 +52,7 @@ pub enum ArmError {
     },
     /// The distal links are almost on one line, so that the motors hardly hold the tool.
     #[error(
-        "the arm stops at {time_s} s: the tool moves {transmission} times as fast as the elbows, at most {limit} \
+        "the arm stops at {time_s:.4} s: the tool moves {transmission:.1} times as fast as the elbows, at most {limit} \
          (distal links almost in line)"
     )]
     NearSingularity {
@@ -64,13 +64,13 @@ pub enum ArmError {
         limit: f64,
     },
     /// A torque or a load is not finite, or it threw the arm to infinity.
-    #[error("the arm has no finite motion after {time_s} s")]
+    #[error("the arm has no finite motion after {time_s:.4} s")]
     NotFinite {
         /// Beginning of the step that failed, in s.
         time_s: f64,
     },
     /// A step that is not above zero, or a time that is not finite or needs too many steps.
-    #[error("the arm cannot be moved on from {time_s} s to {end_s} s in steps of {step_s} s")]
+    #[error("the arm cannot be moved on from {time_s:.6} s to {end_s:.6} s in steps of {step_s} s")]
     BadStep {
         /// Present time in s.
         time_s: f64,

@@ -1,12 +1,14 @@
 //! Charts drawn with the plots of the plotting crate, as SVG and PNG.
 
+use std::sync::Arc;
+
 use kuva::RasterBackend;
 use kuva::backend::svg::SvgBackend;
 use kuva::plot::legend::{LegendEntry, LegendShape};
 use kuva::plot::line::{LinePlot, LineStyle};
 use kuva::plot::scatter::{MarkerShape, ScatterPlot};
 use kuva::render::figure::{Figure, FigureLegendPosition};
-use kuva::render::layout::Layout;
+use kuva::render::layout::{Layout, TickFormat};
 use kuva::render::plots::Plot;
 use kuva::render::render::Scene;
 use thiserror::Error;
@@ -17,6 +19,13 @@ use super::{Axis, Chart, Color, Mark, Panel, Series};
 const PANEL: (f64, f64) = (520.0, 400.0);
 /// Part of a panel's width that lies within its axes, about.
 const WITHIN: f64 = 0.82;
+/// Half the width of a mark, in pixels of the SVG.
+const MARK: f64 = 4.0;
+/// How far within the frame marks stand that lie beyond it, as a share of the axis.
+const EDGE: f64 = 0.015;
+/// Between these a logarithmic axis has decimals at its ticks.
+const LEAST_PLAIN: f64 = 0.001;
+const MOST_PLAIN: f64 = 100_000.0;
 /// Pixels of the PNG for each of the SVG.
 const PICTURE_SCALE: f32 = 2.0;
 
@@ -70,9 +79,8 @@ fn legend(chart: &Chart) -> Vec<LegendEntry> {
             label: series.name.clone(),
             color: code(series.color).to_owned(),
             shape: match series.mark {
-                Mark::Line | Mark::Dashed | Mark::DottedLine => LegendShape::Line,
-                Mark::Dots => LegendShape::Circle,
-                Mark::Crosses => LegendShape::Marker(MarkerShape::Cross),
+                Mark::Line | Mark::Dashed => LegendShape::Line,
+                Mark::MarkedLine | Mark::MarkedDashes | Mark::Marks => LegendShape::Marker(shape(series)),
                 Mark::Cells(_) => LegendShape::Rect,
             },
             dasharray: if series.mark == Mark::Dashed { LineStyle::Dashed.dasharray() } else { None },
@@ -83,8 +91,14 @@ fn legend(chart: &Chart) -> Vec<LegendEntry> {
 
 fn layout(panel: &Panel) -> Layout {
     let [x, y] = [(&panel.x, 0), (&panel.y, 1)].map(|(axis, which)| range(axis, panel, which));
+    let beyond = panel.series.iter().map(|series| beyond(panel, series).len()).sum::<usize>();
+    let title = match beyond {
+        0 => panel.title.clone(),
+        1 => format!("{} (1 point beyond the edge)", panel.title),
+        _ => format!("{} ({beyond} points beyond the edge)", panel.title),
+    };
     let mut layout = Layout::new(x, y)
-        .with_title(&panel.title)
+        .with_title(&title)
         .with_title_size(13)
         .with_x_label(&panel.x.name)
         .with_y_label(&panel.y.name)
@@ -92,13 +106,34 @@ fn layout(panel: &Panel) -> Layout {
         .with_tick_size(11)
         .with_clamp_axis()
         .with_box_axes();
+    if !panel.x.words.is_empty() {
+        layout = layout.with_x_categories(panel.x.words.clone());
+    }
     if panel.x.is_logarithmic {
-        layout = layout.with_log_x();
+        layout = layout.with_log_x().with_x_tick_format(powers(x));
     }
     if panel.y.is_logarithmic {
-        layout = layout.with_log_y();
+        layout = layout.with_log_y().with_y_tick_format(powers(y));
+    }
+    if panel.x.range.is_some() {
+        layout = layout.with_x_axis_min(x.0).with_x_axis_max(x.1);
+    }
+    if panel.y.range.is_some() {
+        layout = layout.with_y_axis_min(y.0).with_y_axis_max(y.1);
     }
     layout
+}
+
+/// How a logarithmic axis names its ticks: all as decimals, or, where those are long, all as powers.
+fn powers((low, high): (f64, f64)) -> TickFormat {
+    let is_plain = low >= LEAST_PLAIN && high <= MOST_PLAIN;
+    TickFormat::Custom(Arc::new(move |value| tick(value, is_plain)))
+}
+
+fn tick(value: f64, is_plain: bool) -> String {
+    // A tick is one digit times a power of ten, but for rounding.
+    let exact = format!("{value:.0e}");
+    if is_plain { exact.parse::<f64>().map_or_else(|_| exact.clone(), |value| value.to_string()) } else { exact }
 }
 
 /// Range of an axis: as given, or that of what is drawn with a twentieth of it on both sides.
@@ -123,45 +158,95 @@ fn range(axis: &Axis, panel: &Panel, which: usize) -> (f64, f64) {
     }
 }
 
+/// The points that can be drawn, within the axes or beyond.
+fn drawable(panel: &Panel, series: &Series) -> Vec<(f64, f64)> {
+    let is_drawable = |value: f64, axis: &Axis| value.is_finite() && (value > 0.0 || !axis.is_logarithmic);
+    series.points.iter().copied().filter(|&(x, y)| is_drawable(x, &panel.x) && is_drawable(y, &panel.y)).collect()
+}
+
+fn is_within(panel: &Panel, (x, y): (f64, f64)) -> bool {
+    let holds = |value: f64, axis: &Axis| axis.range.is_none_or(|[low, high]| (low..=high).contains(&value));
+    holds(x, &panel.x) && holds(y, &panel.y)
+}
+
 /// The points that have a place on the axes.
 fn drawn(panel: &Panel, series: &Series) -> Vec<(f64, f64)> {
-    let has_place = |value: f64, axis: &Axis| {
-        let is_within = axis.range.is_none_or(|[low, high]| (low..=high).contains(&value));
-        value.is_finite() && is_within && (value > 0.0 || !axis.is_logarithmic)
+    drawable(panel, series).into_iter().filter(|&point| is_within(panel, point)).collect()
+}
+
+/// The marks that have none, each at the nearest place on the edge, and whether it lies below. A line alone has no marks.
+fn beyond(panel: &Panel, series: &Series) -> Vec<((f64, f64), bool)> {
+    if !matches!(series.mark, Mark::MarkedLine | Mark::MarkedDashes | Mark::Marks) {
+        return Vec::new();
+    }
+    let outside = drawable(panel, series).into_iter().filter(|&point| !is_within(panel, point));
+    outside.map(|(x, y)| ((edge(x, &panel.x), edge(y, &panel.y)), y < edge(y, &panel.y))).collect()
+}
+
+/// A value on the axis, or the place just within the end that it lies beyond.
+fn edge(value: f64, axis: &Axis) -> f64 {
+    let Some([low, high]) = axis.range else { return value };
+    let share = match value {
+        _ if value < low => EDGE,
+        _ if value > high => 1.0 - EDGE,
+        _ => return value,
     };
-    series.points.iter().copied().filter(|&(x, y)| has_place(x, &panel.x) && has_place(y, &panel.y)).collect()
+    if axis.is_logarithmic { low * (high / low).powf(share) } else { low + share * (high - low) }
 }
 
 fn plots(panel: &Panel) -> Vec<Plot> {
     let mut plots = Vec::new();
     for series in &panel.series {
-        let points = drawn(panel, series);
+        let (points, all) = (drawn(panel, series), drawable(panel, series));
         let color = code(series.color);
-        if points.is_empty() {
+        // What lies beyond the axes is cut off at their frame.
+        let line = |style| {
+            LinePlot::new().with_data(all.clone()).with_color(color).with_stroke_width(1.8).with_line_style(style)
+        };
+        let marks = |points: Vec<(f64, f64)>, marker, size| {
+            ScatterPlot::new().with_data(points).with_color(color).with_marker(marker).with_size(size)
+        };
+        if all.is_empty() {
             continue;
         }
-        let line = |style| {
-            LinePlot::new().with_data(points.clone()).with_color(color).with_stroke_width(1.8).with_line_style(style)
-        };
-        let dots = |marker, size| {
-            ScatterPlot::new().with_data(points.clone()).with_color(color).with_marker(marker).with_size(size)
-        };
         match series.mark {
-            Mark::Line => plots.push(line(LineStyle::Solid).into()),
-            Mark::Dashed => plots.push(line(LineStyle::Dashed).into()),
-            Mark::DottedLine => {
-                plots.push(line(LineStyle::Solid).into());
-                plots.push(dots(MarkerShape::Circle, 3.5).into());
+            Mark::Line | Mark::MarkedLine => plots.push(line(LineStyle::Solid).into()),
+            Mark::Dashed | Mark::MarkedDashes => plots.push(line(LineStyle::Dashed).into()),
+            Mark::Marks | Mark::Cells(_) => {}
+        }
+        match series.mark {
+            Mark::Line | Mark::Dashed => {}
+            Mark::MarkedLine | Mark::MarkedDashes | Mark::Marks => {
+                plots.push(marks(points, shape(series), MARK).into());
             }
-            Mark::Dots => plots.push(dots(MarkerShape::Circle, 3.5).into()),
-            Mark::Crosses => plots.push(dots(MarkerShape::Cross, 4.0).into()),
             Mark::Cells(width) => {
                 let half = 0.5 * f64::from(width) / 1000.0 * WITHIN * PANEL.0;
-                plots.push(dots(MarkerShape::Square, half).into());
+                plots.push(marks(points, MarkerShape::Square, half).into());
+            }
+        }
+        let (below, above): (Vec<_>, Vec<_>) = beyond(panel, series).into_iter().partition(|(_, is_below)| *is_below);
+        for (points, shape) in [(above, MarkerShape::Triangle), (below, MarkerShape::TriangleDown)] {
+            if !points.is_empty() {
+                plots.push(marks(points.into_iter().map(|(point, _)| point).collect(), shape, MARK).into());
             }
         }
     }
     plots
+}
+
+/// The shape of a series' marks. Triangles are those of points beyond the edge.
+fn shape(series: &Series) -> MarkerShape {
+    let (on_line, on_dashes) = match series.color {
+        Color::Blue => (MarkerShape::Circle, MarkerShape::Cross),
+        Color::Vermilion => (MarkerShape::Square, MarkerShape::Plus),
+        Color::Green => (MarkerShape::Diamond, MarkerShape::Star),
+        Color::Purple => (MarkerShape::Star, MarkerShape::Hexagon),
+        Color::Orange => (MarkerShape::Pentagon, MarkerShape::Diamond),
+        Color::Sky => (MarkerShape::Hexagon, MarkerShape::Cross),
+        Color::Black => (MarkerShape::Plus, MarkerShape::Square),
+        Color::Pale => (MarkerShape::Circle, MarkerShape::Cross),
+    };
+    if series.mark == Mark::MarkedDashes { on_dashes } else { on_line }
 }
 
 fn code(color: Color) -> &'static str {
@@ -194,9 +279,9 @@ mod tests {
             y,
             series: vec![
                 series("cells", Mark::Cells(30), Color::Pale, 0.5),
-                series("measured", Mark::DottedLine, Color::Blue, 1.0),
+                series("measured", Mark::MarkedLine, Color::Blue, 1.0),
                 series("theory", Mark::Dashed, Color::Black, 1.2),
-                series("", Mark::Dots, Color::Vermilion, -1.0),
+                series("", Mark::Marks, Color::Vermilion, -1.0),
             ],
         };
         let panels = vec![
@@ -225,5 +310,32 @@ mod tests {
         assert!(drawn(&chart.panels[0], &chart.panels[0].series[0]).is_empty());
         assert!(drawn(&chart.panels[0], &chart.panels[0].series[3]).is_empty());
         assert!(!svg(&chart).contains("NaN"));
+    }
+
+    #[test]
+    fn marks_beyond_the_edge_are_drawn_there_and_counted() {
+        let mut chart = chart();
+        chart.panels.truncate(1);
+        let panel = &mut chart.panels[0];
+        panel.y = Axis::linear("y").over(-300.0, 324.0);
+        // 19^2 and 20^2 of `measured` are above, -18^2 to -20^2 of the marks are below; the dashed line is only cut off.
+        let counts: Vec<_> = panel.series.iter().map(|series| beyond(panel, series).len()).collect();
+        assert_eq!(counts, [0, 2, 0, 3]);
+        let near = |((x, y), is_below): ((f64, f64), bool)| (x, y.round(), is_below);
+        assert_eq!(near(beyond(panel, &panel.series[1])[0]), (19.0, 315.0, false));
+        assert_eq!(near(beyond(panel, &panel.series[3])[0]), (18.0, -291.0, true));
+        assert!((edge(1e9, &Axis::logarithmic("x").over(1.0, 1e4)) / 8.7e3 - 1.0).abs() < 0.01);
+        assert!(svg(&chart).contains("left (5 points beyond the edge)"));
+    }
+
+    #[test]
+    fn the_ticks_of_an_axis_are_of_one_kind() {
+        let names = |low: f64, high: f64, ticks: &[f64]| {
+            let TickFormat::Custom(name) = powers((low, high)) else { panic!("numbers alone") };
+            ticks.iter().map(|&tick| name(tick)).collect::<Vec<_>>()
+        };
+        assert_eq!(names(0.001, 10.0, &[0.001, 0.02, 0.5, 10.0]), ["0.001", "0.02", "0.5", "10"]);
+        assert_eq!(names(1e-4, 10.0, &[1e-4, 0.02, 1.0, 10.0]), ["1e-4", "2e-2", "1e0", "1e1"]);
+        assert_eq!(names(0.01, 1.0, &[3.0 * 0.1]), ["0.3"]);
     }
 }

@@ -27,6 +27,7 @@ pub struct Panel {
     /// Axis upward.
     pub y: Axis,
     /// What is drawn, the last on top. Points that are not finite, or not above zero on a logarithmic axis, are left out.
+    /// Marks beyond the range of an axis are drawn as triangles at its edge, and the title says how many; lines are cut off.
     pub series: Vec<Series>,
 }
 
@@ -39,6 +40,8 @@ pub struct Axis {
     pub is_logarithmic: bool,
     /// Least and greatest value; `None`: those of the series.
     pub range: Option<[f64; 2]>,
+    /// What stands at 1, 2, ... in place of numbers; empty: numbers. Across only.
+    pub words: Vec<String>,
 }
 
 /// Points that belong together.
@@ -61,12 +64,12 @@ pub enum Mark {
     Line,
     /// A dashed line.
     Dashed,
-    /// A line with dots at the points.
-    DottedLine,
-    /// Dots.
-    Dots,
-    /// Crosses.
-    Crosses,
+    /// A line with a mark at each point, of a shape that goes with the colour.
+    MarkedLine,
+    /// A dashed line with a mark at each point, of another shape that goes with the colour.
+    MarkedDashes,
+    /// The marks of [`Mark::MarkedLine`] alone.
+    Marks,
     /// Squares as wide as this many parts of a thousand of the panel: the cells of a map.
     Cells(u32),
 }
@@ -104,7 +107,13 @@ impl Color {
 impl Axis {
     /// With even steps over the range of the series.
     pub fn linear(name: &str) -> Self {
-        Self { name: name.to_owned(), is_logarithmic: false, range: None }
+        Self { name: name.to_owned(), is_logarithmic: false, range: None, words: Vec::new() }
+    }
+
+    /// With a word at each of 1, 2, ...
+    pub fn of_words(name: &str, words: Vec<String>) -> Self {
+        let range = Some([0.5, words.len() as f64 + 0.5]);
+        Self { range, words, ..Self::linear(name) }
     }
 
     /// With powers of ten over the range of the series.

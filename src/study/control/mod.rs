@@ -272,7 +272,7 @@ impl Study for Control {
                 .map(|((name, line), color)| Series {
                     name: (*name).to_owned(),
                     points: line.over_rates(settings, column, factor),
-                    mark: Mark::DottedLine,
+                    mark: Mark::MarkedLine,
                     color,
                 })
                 .collect(),

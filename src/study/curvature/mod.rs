@@ -255,8 +255,8 @@ impl Study for TangentOrExact {
                 x: ratio(),
                 y: Axis::logarithmic("error over F/kappa (-)"),
                 series: vec![
-                    series("tangent", curve("tangent_error_f_kappa"), Mark::DottedLine, Color::Vermilion),
-                    series("exact", curve("exact_error_f_kappa"), Mark::DottedLine, Color::Blue),
+                    series("tangent", curve("tangent_error_f_kappa"), Mark::MarkedLine, Color::Vermilion),
+                    series("exact", curve("exact_error_f_kappa"), Mark::MarkedLine, Color::Blue),
                     series("1/(ratio - 1)", theory, Mark::Dashed, Color::Black),
                 ],
             },
@@ -265,8 +265,8 @@ impl Study for TangentOrExact {
                 x: ratio(),
                 y: Axis::linear("time (ns)").over(0.0, 100.0),
                 series: vec![
-                    series("tangent", curve("tangent_step_ns"), Mark::DottedLine, Color::Vermilion),
-                    series("exact", curve("exact_step_ns"), Mark::DottedLine, Color::Blue),
+                    series("tangent", curve("tangent_step_ns"), Mark::MarkedLine, Color::Vermilion),
+                    series("exact", curve("exact_step_ns"), Mark::MarkedLine, Color::Blue),
                 ],
             },
         ];

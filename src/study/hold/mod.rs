@@ -164,7 +164,7 @@ impl Study for Hold {
                 last.push((f64::from(onset_ms), most * 1e3));
             }
             notes.push(line);
-            let series = |points| Series { name: rule.name(), points, mark: Mark::DottedLine, color };
+            let series = |points| Series { name: rule.name(), points, mark: Mark::MarkedLine, color };
             median.push(series(middle));
             longest.push(series(last));
         }
@@ -176,11 +176,11 @@ impl Study for Hold {
         };
         let shares = RULES.into_iter().zip(Color::LINES).enumerate().map(|(place, (rule, color))| {
             let share = 100.0 * broken(impacts, rule) as f64 / CASES as f64;
-            Series { name: rule.name(), points: vec![(place as f64, share)], mark: Mark::Dots, color }
+            Series { name: rule.name(), points: vec![(1.0 + place as f64, share)], mark: Mark::Marks, color }
         });
         let shares = Panel {
             title: "broken through at the impact".to_owned(),
-            x: Axis::linear("rule, in the order of the legend").over(-0.5, RULES.len() as f64 - 0.5),
+            x: Axis::of_words("rule", RULES.map(Rule::name).to_vec()),
             y: Axis::linear("hands (%)").over(-3.0, 103.0),
             series: shares.collect(),
         };

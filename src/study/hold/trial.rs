@@ -5,6 +5,7 @@ use rand_xoshiro::SplitMix64;
 use rand_xoshiro::rand_core::{Rng, SeedableRng};
 
 use crate::fixture::{Admittance, AutomaticHold, Coupling, Curvature, Fixture, Limits, Parameters, Plane, Rearm, Side};
+use crate::sim::share_of_one;
 
 const PERIOD_S: f64 = 1e-3;
 const SUBSTEPS: u32 = 10;
@@ -78,8 +79,7 @@ impl Hand {
     pub(super) fn of_case(case: u64) -> Self {
         let mut stream = SplitMix64::seed_from_u64(SEED);
         (0..6 * case).for_each(|_| _ = stream.next_u64());
-        let mut uniform =
-            |low: f64, high: f64| low + (high - low) * (stream.next_u64() >> 11) as f64 / (1_u64 << 53) as f64;
+        let mut uniform = |low: f64, high: f64| low + (high - low) * share_of_one(&mut stream);
         Self {
             mass_kg: uniform(0.5, 1.5),
             speed_m_per_s: uniform(0.05, 0.5),

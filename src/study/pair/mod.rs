@@ -153,29 +153,24 @@ impl Study for PairStudy {
                 .map(|(rule, color)| Series {
                     name: rule.name().to_owned(),
                     points: over_delay(delays, rule, hand, tissue, column, scale),
-                    mark: Mark::DottedLine,
+                    mark: Mark::MarkedLine,
                     color,
                 })
                 .collect(),
         };
+        const FREE: &str = "braced hand, nothing before the wall";
+        const STIFF: &str = "soft hand, stiff tissue before the wall";
         let felt = || Axis::linear("force felt, most (N)");
         let given = || Axis::logarithmic("given to the hand in one go (J)");
         let chart = Chart {
             title: "a pair that presses on a wall with 12 N, by the place of its fixture".to_owned(),
             panels: vec![
-                panel("braced hand, nothing before the wall", felt(), braced, nothing, "peak_n", 1.0),
-                panel(
-                    "the same",
-                    Axis::logarithmic("slave beyond the wall (mm)"),
-                    braced,
-                    nothing,
-                    "slave_depth_m",
-                    1e3,
-                ),
-                panel("the same", given(), braced, nothing, "given_j", 1.0),
-                panel("soft hand, stiff tissue", felt(), soft, stiff, "peak_n", 1.0),
-                panel("the same", Axis::linear("speed in the end (mm/s)"), soft, stiff, "unrest_m_per_s", 1e3),
-                panel("the same", given(), soft, stiff, "given_j", 1.0),
+                panel(FREE, felt(), braced, nothing, "peak_n", 1.0),
+                panel(FREE, Axis::logarithmic("slave beyond the wall (mm)"), braced, nothing, "slave_depth_m", 1e3),
+                panel(FREE, given(), braced, nothing, "given_j", 1.0),
+                panel(STIFF, felt(), soft, stiff, "peak_n", 1.0),
+                panel(STIFF, Axis::linear("speed in the end (mm/s)"), soft, stiff, "unrest_m_per_s", 1e3),
+                panel(STIFF, given(), soft, stiff, "given_j", 1.0),
             ],
             columns: 3,
         };

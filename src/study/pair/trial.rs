@@ -49,8 +49,8 @@ impl Rule {
         match (self.placement, self.is_controlled) {
             (Placement::Master, false) => "master",
             (Placement::Slave, false) => "slave",
-            (Placement::Master, true) => "master, passive",
-            (Placement::Slave, true) => "slave, passive",
+            (Placement::Master, true) => "master, with passivity",
+            (Placement::Slave, true) => "slave, with passivity",
         }
     }
 }

@@ -23,11 +23,20 @@ pub use method::{Method, Plant, Run};
 pub use mujoco::{Effort, Outcome, Settings, Softness, run as run_mujoco};
 pub use scene::{Aim, CYCLE_S, Gains, HOLD, STUDY, Scene, Spring, Way, lock, stiff};
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use self::beside::{Hold, Lock, Stiff};
 use self::speed::Speed;
 use super::sweep::{Report, Study, Sweep, Table};
+
+/// Whether `program` runs MuJoCo: one cycle of a scene.
+///
+/// # Errors
+/// What it said, or that it cannot be started or understood, in words.
+pub(super) fn try_mujoco(program: &Path) -> Result<(), String> {
+    let settings = Settings { integrator: "implicitfast", softness: Softness::Default };
+    run_mujoco(program, settings, &Scene { cycles: 1, ..HOLD }, CYCLE_S, Effort { warm: 0, repeats: 1 }).map(|_| ())
+}
 
 /// The study `plant`.
 pub(super) struct Integration(Vec<Box<dyn Sweep>>);

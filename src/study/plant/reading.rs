@@ -134,7 +134,7 @@ fn locked(lock: &Table) -> Vec<String> {
 
 fn chart(speed: &Table) -> Chart {
     let mut series = [Vec::new(), Vec::new()];
-    for (contestants, marks) in [(&OURS, Mark::DottedLine), (&MUJOCO, Mark::Dashed)] {
+    for (contestants, mark) in [(&OURS, Mark::MarkedLine), (&MUJOCO, Mark::MarkedDashes)] {
         for (contestant, color) in contestants.iter().zip(Color::LINES) {
             let rows: Vec<_> = speed.rows().filter(|row| is_of(row, contestant)).collect();
             let curves = [
@@ -151,11 +151,7 @@ fn chart(speed: &Table) -> Chart {
                     continue;
                 }
                 let title = format!("{}: {}", contestant.engine(), contestant.method());
-                if marks == Mark::Dashed {
-                    let name = String::new();
-                    series.push(Series { name, points: points.clone(), mark: Mark::Crosses, color });
-                }
-                series.push(Series { name: title, points, mark: marks, color });
+                series.push(Series { name: title, points, mark, color });
             }
         }
     }

@@ -2,7 +2,7 @@
 
 use nalgebra::Vector2;
 use rand_xoshiro::SplitMix64;
-use rand_xoshiro::rand_core::{Rng, SeedableRng};
+use rand_xoshiro::rand_core::SeedableRng;
 use serde_json::Value;
 
 use super::held::PERIOD_S;
@@ -10,6 +10,7 @@ use crate::fixture::{
     Chain, Circle, Coupling, Curvature, Fixture, Forbidden, Impedance, Limits, Line, Parameters, Rearm, Several,
     Shape2, Side,
 };
+use crate::sim::share_of_one;
 use crate::study::chart::{Axis, Chart, Color, Mark, Panel, Series};
 use crate::study::sweep::{Clock, Report, Sweep, Table};
 
@@ -125,7 +126,7 @@ fn roam(place: Place, speed_m_per_s: f64, seed: u64) -> Option<(u32, f64, f64)> 
     };
     let mut fixture = Fixture::new(place.shape()?, parameters).ok()?;
     let mut stream = SplitMix64::seed_from_u64(seed);
-    let mut uniform = || (stream.next_u64() >> 11) as f64 / (1_u64 << 53) as f64;
+    let mut uniform = || share_of_one(&mut stream);
     // Tones within an octave; their amplitudes add up to the range.
     let turn_rad_per_s = speed_m_per_s / ROAM_M;
     let tones: Vec<[f64; 4]> = (0..TONES).map(|_| [0.5 + uniform(), uniform(), 0.5 + uniform(), uniform()]).collect();
@@ -175,7 +176,7 @@ pub(super) fn report(table: &Table, report: &mut Report) {
     for ((_, name), color) in PLACES.into_iter().zip(Color::LINES) {
         let rows = || table.rows().filter(move |row| row.word("place") == name);
         let points = rows().map(|row| (row.number("speed_m_per_s"), row.number("longest_excess_over_reach"))).collect();
-        series.push(Series { name: name.to_owned(), points, mark: Mark::Dots, color });
+        series.push(Series { name: name.to_owned(), points, mark: Mark::Marks, color });
         let worst = rows()
             .max_by(|a, b| a.number("longest_excess_over_reach").total_cmp(&b.number("longest_excess_over_reach")));
         let beyond = rows().filter(|row| row.number("longest_excess_over_reach") > RULE * (1.0 + 1e-6)).count();

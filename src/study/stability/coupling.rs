@@ -162,7 +162,9 @@ pub(super) fn report(map: &Table, report: &mut Report) {
         panels.push(panel(setting, &points));
     }
     let chart = Chart {
-        title: format!("Does an impedance device of {DEVICE_KG} kg come to rest at a wall? Virtual spring and damper"),
+        title: format!(
+            "An impedance device of {DEVICE_KG} kg at a wall, virtual spring and damper: does a touch die away?"
+        ),
         panels,
         columns: 3,
     };
@@ -194,8 +196,8 @@ fn panel(setting: &Setting, points: &[Row<'_>]) -> Panel {
         x: Axis::logarithmic("virtual damping B (N s/m)").over(DAMPINGS_N_S_PER_M[0], DAMPINGS_N_S_PER_M[1]),
         y: Axis::logarithmic("virtual stiffness K (N/m)").over(STIFFNESSES_N_PER_M[0], STIFFNESSES_N_PER_M[1]),
         series: vec![
-            cells(true, "comes to rest", Color::Pale),
-            cells(false, "does not", Color::Vermilion),
+            cells(true, "dies away", Color::Pale),
+            cells(false, "does not die away", Color::Vermilion),
             line("b + B = K (T/2 + d T)", Color::Blue, &|damping| setting.rule_n_per_m(damping)),
             line("exact sampled loop", Color::Black, &|damping| setting.greatest_n_per_m(damping)),
         ],

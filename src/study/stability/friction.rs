@@ -134,7 +134,7 @@ pub(super) fn report(table: &Table, report: &mut Report) {
                 .filter(|row| row.word("law") == name && row.number("virtual_mass_kg") == MASSES_KG[1])
                 .map(|row| (row.number("push_over_friction"), factor * row.number(column)))
                 .collect(),
-            mark: Mark::DottedLine,
+            mark: Mark::MarkedLine,
             color,
         });
         panels.push(Panel {

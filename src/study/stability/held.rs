@@ -87,11 +87,12 @@ pub(super) enum Outcome {
 }
 
 impl Outcome {
+    /// As in the tables and the legends.
     pub(super) fn word(self) -> &'static str {
         match self {
-            Self::Dies => "dies",
-            Self::Lasts => "lasts",
-            Self::Lost => "lost",
+            Self::Dies => "dies away",
+            Self::Lasts => "goes on",
+            Self::Lost => "tool thrown away",
             Self::Refused => "refused",
         }
     }
@@ -177,6 +178,11 @@ impl Setting {
     }
 
     fn bench(&self, mass_kg: f64) -> Option<Bench> {
+        Bench::new(&self.parameters()?, free_space(mass_kg, self.friction_n, self.damping_n_s_per_m)?).ok()
+    }
+
+    /// The arm with its servo, whose torques have no limit, and the way of the force to it.
+    pub(super) fn parameters(&self) -> Option<BenchParameters> {
         let joints = Joints {
             law: Law::Pid,
             gains: self.gains(),
@@ -184,15 +190,14 @@ impl Setting {
             torque_limit_n_m: f64::INFINITY,
             delay_cycles: self.servo_delay,
         };
-        let parameters = BenchParameters {
+        Some(BenchParameters {
             arm: ArmParameters { handle_kg: self.hand_kg, ..study_arm(self.coulomb_n_m, self.distal_m).ok()? },
             start_m: self.start_m,
             period_s: PERIOD_S,
             plant_step_s: PLANT_STEP_S,
             joints,
             low_pass: self.low_pass_hz.map(|hz| (hz, f64::from(self.sample_cycles) * PERIOD_S)),
-        };
-        Bench::new(&parameters, free_space(mass_kg, self.friction_n, self.damping_n_s_per_m)?).ok()
+        })
     }
 }
 

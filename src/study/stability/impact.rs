@@ -3,13 +3,12 @@
 use nalgebra::{Vector1, Vector2};
 use serde_json::Value;
 
-use super::held::PERIOD_S;
+use super::held::{PERIOD_S, PLAIN, Setting};
 use super::on_grid;
-use crate::control::{Gains, Law};
 use crate::fixture::prediction::{Impact, capture_probability, capture_speed_m_per_s};
 use crate::fixture::{Admittance, Coupling, Curvature, Fixture, Limits, Line, Parameters, Plane, Rearm, Shape2, Side};
 use crate::sim::hand::HandLoad;
-use crate::study::bench::{Bench, BenchParameters, Joints, STUDY_DISTAL_M, STUDY_GAINS, STUDY_START_M, study_arm};
+use crate::study::bench::{Bench, STUDY_START_M};
 use crate::study::chart::{Axis, Chart, Color, Mark, Panel, Series};
 use crate::study::sweep::{Clock, Report, Row, Sweep, Table};
 
@@ -161,17 +160,9 @@ fn with_arm(yield_n: f64, hold_steps: u32, speed_m_per_s: f64) -> Option<Oversho
     let wall_y = STUDY_START_M.y + WALL_M;
     let line = Line::new(Vector2::new(0.0, wall_y), -Vector2::y()).ok()?;
     let fixture = Fixture::new(Shape2::Line(line), parameters(yield_n, hold_steps)).ok()?;
-    let gains = Gains { stiffness: 4.0 * STUDY_GAINS.stiffness, damping: 2.0 * STUDY_GAINS.damping, integral: 0.0 };
-    let joints =
-        Joints { law: Law::Pid, gains, sliding_time_s: 0.0, torque_limit_n_m: TORQUE_LIMIT_N_M, delay_cycles: 1 };
-    let parameters = BenchParameters {
-        arm: study_arm(COULOMB_N_M, STUDY_DISTAL_M).ok()?,
-        start_m: STUDY_START_M,
-        period_s: PERIOD_S,
-        plant_step_s: 1e-4,
-        joints,
-        low_pass: None,
-    };
+    let stiffer = Setting { coulomb_n_m: COULOMB_N_M, servo_delay: 1, bandwidth: 2.0, ..PLAIN };
+    let mut parameters = stiffer.parameters()?;
+    parameters.joints.torque_limit_n_m = TORQUE_LIMIT_N_M;
     let mut bench = Bench::new(&parameters, fixture).ok()?;
     bench.start_moving(Vector2::y() * speed_m_per_s).ok()?;
     let press = Vector2::y() * (PRESS * yield_n);
@@ -225,7 +216,7 @@ fn capture_panel(proxy: &Table, notes: &mut Vec<String>) -> Panel {
                 (speed_m_per_s / capture_m_per_s, share)
             })
             .collect();
-        series.push(Series { name: format!("R = {yield_n} N"), points, mark: Mark::Dots, color });
+        series.push(Series { name: format!("R = {yield_n} N"), points, mark: Mark::Marks, color });
     }
     let theory = (0..=300).map(|i| f64::from(i) * 0.01).map(|ratio| (ratio, capture_probability(ratio, 1.0))).collect();
     series.push(Series { name: "theory".to_owned(), points: theory, mark: Mark::Line, color: Color::Black });
@@ -267,7 +258,7 @@ fn depth_panel(proxy: &Table, notes: &mut Vec<String>) -> Panel {
         let line = |column: &'static str| {
             (0..SPEEDS).map(|speed| (on_grid(speed, SPEEDS, SPEEDS_M_PER_S), mean(speed, column))).collect()
         };
-        series.push(Series { name: format!("R = {yield_n} N"), points: line("depth_m"), mark: Mark::Dots, color });
+        series.push(Series { name: format!("R = {yield_n} N"), points: line("depth_m"), mark: Mark::Marks, color });
         series.push(Series {
             name: "theory".to_owned(),
             points: line("theory_depth_m"),
@@ -293,7 +284,7 @@ fn tool_panel(tool: &Table, notes: &mut Vec<String>) -> Panel {
             })
         };
         let points = rows().map(|row| (row.number("impact_m_per_s"), row.number("tool_depth_m") * 1e3)).collect();
-        series.push(Series { name: format!("N_wait {hold_steps}"), points, mark: Mark::DottedLine, color });
+        series.push(Series { name: format!("N_wait {hold_steps}"), points, mark: Mark::MarkedLine, color });
         let deepest = rows().map(|row| row.number("depth_m")).fold(0.0, f64::max);
         let farthest = rows().map(|row| row.number("tool_depth_m")).fold(0.0, f64::max);
         notes.push(format!(

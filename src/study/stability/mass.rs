@@ -219,8 +219,8 @@ fn map_agreement(points: &[Row<'_>], bound: &[(f64, f64)]) -> Agreement {
 }
 
 fn panel(title: &str, points: &[Row<'_>], bound: Vec<(f64, f64)>) -> Panel {
-    let cells = |outcomes: &[Outcome], name: &str, color| Series {
-        name: name.to_owned(),
+    let cells = |outcomes: &[Outcome], color| Series {
+        name: outcomes.iter().map(|outcome| outcome.word()).collect::<Vec<_>>().join(" or "),
         points: points
             .iter()
             .filter(|row| outcomes.iter().any(|outcome| row.word("outcome") == outcome.word()))
@@ -236,9 +236,9 @@ fn panel(title: &str, points: &[Row<'_>], bound: Vec<(f64, f64)>) -> Panel {
         x: Axis::logarithmic("stiffness of the hand (N/m)").over(HANDS_N_PER_M[0], HANDS_N_PER_M[1]),
         y: Axis::logarithmic("virtual mass (kg)").over(MASSES_KG[0], MASSES_KG[1]),
         series: vec![
-            cells(&[Outcome::Dies], "dies away", Color::Pale),
-            cells(&[Outcome::Lasts], "goes on", Color::Orange),
-            cells(&[Outcome::Lost, Outcome::Refused], "tool thrown away", Color::Vermilion),
+            cells(&[Outcome::Dies], Color::Pale),
+            cells(&[Outcome::Lasts], Color::Orange),
+            cells(&[Outcome::Lost, Outcome::Refused], Color::Vermilion),
             line,
         ],
     }

@@ -2,16 +2,16 @@
 
 use nalgebra::Vector2;
 use rand_xoshiro::SplitMix64;
-use rand_xoshiro::rand_core::{Rng, SeedableRng};
+use rand_xoshiro::rand_core::SeedableRng;
 use serde_json::Value;
 
-use super::held::PERIOD_S;
-use crate::control::Law;
+use super::held::{PERIOD_S, PLAIN, Setting};
 use crate::fixture::{
     Admittance, Coupling, Curvature, EnergyObserver, Fixture, Limits, Line, Parameters, Rearm, Shape2, Side,
 };
 use crate::sim::hand::HandLoad;
-use crate::study::bench::{Bench, BenchParameters, Joints, STUDY_DISTAL_M, STUDY_GAINS, STUDY_START_M, study_arm};
+use crate::sim::share_of_one;
+use crate::study::bench::{Bench, STUDY_START_M};
 use crate::study::chart::{Axis, Chart, Color, Mark, Panel, Series};
 use crate::study::sweep::{Clock, Report, Sweep, Table};
 
@@ -36,6 +36,7 @@ const HANDS_N_PER_M: [f64; 2] = [1000.0, 3000.0];
 const MASSES_KG: [f64; 2] = [0.5, 2.0];
 const SEEDS: u64 = 8;
 const HAND_N_S_PER_M: f64 = 15.0;
+const COULOMB_N_M: f64 = 10.0;
 const DURATION_S: f64 = 4.0;
 /// The hand's force would swing by this much on a tool at rest: beyond `R` and back.
 const SWING_N: f64 = 30.0;
@@ -93,22 +94,8 @@ fn run(trouble: Trouble, share: f64, mass_kg: f64, hand_n_per_m: f64, seed: u64)
         period_s: PERIOD_S,
     };
     let fixture = Fixture::new(Shape2::Line(line), parameters).ok()?;
-    let joints = Joints {
-        law: Law::Pid,
-        gains: STUDY_GAINS,
-        sliding_time_s: 0.0,
-        torque_limit_n_m: f64::INFINITY,
-        delay_cycles: 1,
-    };
-    let parameters = BenchParameters {
-        arm: study_arm(10.0, STUDY_DISTAL_M).ok()?,
-        start_m: STUDY_START_M,
-        period_s: PERIOD_S,
-        plant_step_s: 1e-4,
-        joints,
-        low_pass: None,
-    };
-    let mut bench = Bench::new(&parameters, fixture).ok()?;
+    let dry = Setting { coulomb_n_m: COULOMB_N_M, servo_delay: 1, ..PLAIN };
+    let mut bench = Bench::new(&dry.parameters()?, fixture).ok()?;
     let mut observer = EnergyObserver::<2>::new(PERIOD_S, mass_kg);
     let mut stream = SplitMix64::seed_from_u64(seed);
     let mut arrivals = [Some(0_u64); OLDEST as usize + 1];
@@ -121,7 +108,7 @@ fn run(trouble: Trouble, share: f64, mass_kg: f64, hand_n_per_m: f64, seed: u64)
     let way_m = Vector2::new(0.3, 1.0) * (SWING_N / hand_n_per_m);
     let mut newest = 0;
     for cycle in 0..(DURATION_S / PERIOD_S) as u64 {
-        let chance = (stream.next_u64() >> 11) as f64 / (1_u64 << 53) as f64;
+        let chance = share_of_one(&mut stream);
         // The first sample always comes. Runs begin this often between runs so that they hit this share of all.
         let begins = share / (trouble.run as f64 * (1.0 - share) + share);
         if cycle > 0 && cycle >= hit_until && chance < begins {
@@ -175,7 +162,7 @@ pub(super) fn report(table: &Table, report: &mut Report) {
                 if let (Some(none), Some(most)) = (points.first(), points.last()) {
                     line += &format!(", {} {:.4} ({:.4})", trouble.name, most.1, none.1);
                 }
-                series.push(Series { name: trouble.name.to_owned(), points, mark: Mark::DottedLine, color });
+                series.push(Series { name: trouble.name.to_owned(), points, mark: Mark::MarkedLine, color });
             }
             report.notes.push(line);
             panels.push(Panel {

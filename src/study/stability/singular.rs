@@ -143,8 +143,8 @@ pub(super) fn report(map: &Table, report: &mut Report) {
 }
 
 fn panel(case: &Case, points: &[Row<'_>], bound: Vec<(f64, f64)>) -> Panel {
-    let cells = |outcome: Outcome, name: &str, color| Series {
-        name: name.to_owned(),
+    let cells = |outcome: Outcome, color| Series {
+        name: outcome.word().to_owned(),
         points: points
             .iter()
             .filter(|row| row.word("outcome") == outcome.word())
@@ -159,10 +159,10 @@ fn panel(case: &Case, points: &[Row<'_>], bound: Vec<(f64, f64)>) -> Panel {
         x: Axis::logarithmic("gap to the singularity (mm)").over(GAPS_M[0] * 1e3, GAPS_M[1] * 1e3),
         y: Axis::logarithmic("virtual mass (kg)").over(MASSES_KG[0], MASSES_KG[1]),
         series: vec![
-            cells(Outcome::Dies, "dies away", Color::Pale),
-            cells(Outcome::Lasts, "goes on", Color::Orange),
-            cells(Outcome::Lost, "tool thrown away", Color::Vermilion),
-            cells(Outcome::Refused, "refused", Color::Sky),
+            cells(Outcome::Dies, Color::Pale),
+            cells(Outcome::Lasts, Color::Orange),
+            cells(Outcome::Lost, Color::Vermilion),
+            cells(Outcome::Refused, Color::Sky),
             Series { name: "theory, no dry friction".to_owned(), points: line, mark: Mark::Line, color: Color::Black },
         ],
     }

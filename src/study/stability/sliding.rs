@@ -131,7 +131,7 @@ pub(super) fn report(table: &Table, report: &mut Report) {
                             (ratio, 100.0 * row.number("overshoot_share"))
                         })
                         .collect(),
-                    mark: Mark::DottedLine,
+                    mark: Mark::MarkedLine,
                     color,
                 })
                 .collect();

@@ -33,7 +33,7 @@ pub trait Sweep: Sync {
     /// Number of points.
     fn points(&self) -> u64;
 
-    /// Whether the points measure time: they are then computed one after the other, on one thread.
+    /// Whether the points measure time: they are then computed one after the other, on one thread, in one run.
     fn is_timed(&self) -> bool {
         false
     }

@@ -68,7 +68,8 @@ pub struct Store(Lines);
 impl Store {
     /// Reads the points of a sweep from all its files in `folder`, whichever shard left them, and opens the file of `shard`
     /// (a name that goes into the file's) for more. `edition` says what the points hang on beside the table itself, such as
-    /// the build of the program and the study's options.
+    /// the build of the program and the study's options. Of a table that measures time, points that are not all there are
+    /// thrown away: times of two runs are not to be compared.
     ///
     /// # Errors
     /// If a file cannot be read, written or understood, or is of another table or, unless `takes_any`, another edition.
@@ -83,13 +84,20 @@ impl Store {
         let own = folder.join(format!("{}.{shard}.jsonl", wanted.name));
         let mut table = Table::new(sweep);
         let (mut lines, held) = Lines::open(&own)?;
-        if held.is_empty() {
+        let mut is_empty = held.is_empty();
+        take(&own, held, &wanted, &mut table)?;
+        let others: Vec<_> = files(folder, wanted.name)?.into_iter().filter(|path| *path != own).collect();
+        for path in &others {
+            take(path, Lines::read(path)?, &wanted, &mut table)?;
+        }
+        if sweep.is_timed() && !table.missing().is_empty() {
+            others.into_iter().try_for_each(remove)?;
+            lines.clear()?;
+            (is_empty, table) = (true, Table::new(sweep));
+        }
+        if is_empty {
             let Heading { name, points, edition, .. } = wanted;
             lines.add(&Line::Table { name: name.to_owned(), points, edition: edition.to_owned() })?;
-        }
-        take(&own, held, &wanted, &mut table)?;
-        for path in files(folder, wanted.name)?.iter().filter(|path| **path != own) {
-            take(path, Lines::read(path)?, &wanted, &mut table)?;
         }
         Ok((Self(lines), table))
     }
@@ -112,10 +120,7 @@ impl Store {
     /// # Errors
     /// If a file cannot be removed.
     pub fn discard(folder: &Path, sweep: &dyn Sweep) -> Result<(), StoreError> {
-        for path in files(folder, sweep.name())? {
-            std::fs::remove_file(&path).map_err(|source| StoreError::Folder { path, source })?;
-        }
-        Ok(())
+        files(folder, sweep.name())?.into_iter().try_for_each(remove)
     }
 
     /// Adds one point.
@@ -125,6 +130,10 @@ impl Store {
     pub fn add(&mut self, index: u64, cells: &[Value]) -> Result<(), StoreError> {
         Ok(self.0.add(&Line::Point { index, cells: cells.to_vec() })?)
     }
+}
+
+fn remove(path: PathBuf) -> Result<(), StoreError> {
+    std::fs::remove_file(&path).map_err(|source| StoreError::Folder { path, source })
 }
 
 /// Puts the lines of a file into the table.
@@ -173,7 +182,9 @@ mod tests {
     use super::super::Clock;
     use super::*;
 
-    struct Squares;
+    struct Squares {
+        is_timed: bool,
+    }
 
     impl Sweep for Squares {
         fn name(&self) -> &'static str {
@@ -185,16 +196,22 @@ mod tests {
         fn points(&self) -> u64 {
             10
         }
+        fn is_timed(&self) -> bool {
+            self.is_timed
+        }
         fn point(&self, index: u64, _: Clock<'_>) -> Vec<Value> {
             let side = 0.1 * index as f64;
             vec![side.into(), (side * side).into()]
         }
     }
 
+    /// A table whose points may be of several runs.
+    const SQUARES: Squares = Squares { is_timed: false };
+
     fn compute(folder: &Path, shard: &str, numbers: impl Iterator<Item = u64>) {
-        let (mut store, table) = Store::open(folder, &Squares, "build a", false, shard).unwrap();
+        let (mut store, table) = Store::open(folder, &SQUARES, "build a", false, shard).unwrap();
         for index in numbers.filter(|index| table.missing().contains(index)) {
-            store.add(index, &Squares.point(index, &|| Duration::ZERO)).unwrap();
+            store.add(index, &SQUARES.point(index, &|| Duration::ZERO)).unwrap();
         }
     }
 
@@ -203,16 +220,36 @@ mod tests {
         let folder = std::env::temp_dir().join(format!("yieldwall-sweep-{}", std::process::id()));
         compute(&folder.join("parts"), "1-of-2", (0..10).step_by(2));
         compute(&folder.join("parts"), "2-of-2", (1..9).step_by(2));
-        let (_, table) = Store::open(&folder.join("parts"), &Squares, "build a", false, "all").unwrap();
+        let (_, table) = Store::open(&folder.join("parts"), &SQUARES, "build a", false, "all").unwrap();
         assert_eq!(table.missing(), [9]);
         compute(&folder.join("parts"), "all", 0..10);
         compute(&folder.join("whole"), "all", 0..10);
         let [parts, whole] = ["parts", "whole"]
-            .map(|part| Store::open(&folder.join(part), &Squares, "build a", false, "all").unwrap().1);
+            .map(|part| Store::open(&folder.join(part), &SQUARES, "build a", false, "all").unwrap().1);
         assert_eq!(parts.csv(), whole.csv());
-        assert!(Store::open(&folder.join("whole"), &Squares, "build b", true, "all").is_ok());
-        let other = Store::open(&folder.join("whole"), &Squares, "build b", false, "all").unwrap_err();
+        assert!(Store::open(&folder.join("whole"), &SQUARES, "build b", true, "all").is_ok());
+        let other = Store::open(&folder.join("whole"), &SQUARES, "build b", false, "all").unwrap_err();
         assert!(matches!(&other, StoreError::Other { found, .. } if found.ends_with("build a")), "{other}");
+        std::fs::remove_dir_all(&folder).unwrap();
+    }
+
+    #[test]
+    fn times_of_an_interrupted_run_are_measured_anew() {
+        let folder = std::env::temp_dir().join(format!("yieldwall-timed-{}", std::process::id()));
+        let timed = Squares { is_timed: true };
+        let open = || Store::open(&folder, &timed, "build a", false, "whole").unwrap();
+        let (mut store, _) = open();
+        for index in 0..9 {
+            store.add(index, &timed.point(index, &|| Duration::ZERO)).unwrap();
+        }
+        drop(store);
+        let (mut store, table) = open();
+        assert_eq!(table.missing().len(), 10, "one was missing");
+        for index in 0..10 {
+            store.add(index, &timed.point(index, &|| Duration::ZERO)).unwrap();
+        }
+        drop(store);
+        assert!(open().1.missing().is_empty(), "a whole table stays");
         std::fs::remove_dir_all(&folder).unwrap();
     }
 }

@@ -276,7 +276,7 @@ impl Study for Task {
                         points: SPEEDS_M_PER_S
                             .map(|speed| (0.1 / speed, 1e3 * middle(traces, way, aid, speed, column)))
                             .to_vec(),
-                        mark: Mark::DottedLine,
+                        mark: Mark::MarkedLine,
                         color,
                     })
                     .collect(),
@@ -299,7 +299,8 @@ impl Study for Task {
                     1e3 * value("error_max_m"),
                     1e3 * value("energy_given_across_j"),
                     1e3 * value("press_m"),
-                    1e3 * value("jump_back_m"),
+                    // A zero without its sign.
+                    1e-3 * (1e6 * value("jump_back_m")).round() + 0.0,
                 ));
             }
         }

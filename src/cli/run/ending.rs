@@ -1,0 +1,70 @@
+//! Why a run ended badly, and with which exit code.
+
+use super::super::failure::{Exit, Failure};
+use crate::guard::{Cause, Fault};
+use crate::rig::RigError;
+use crate::study::RunReport;
+use crate::study::measures::Measures;
+
+/// The failure of a run that gave the hand more energy than a fixture that stores none can.
+pub(in crate::cli) fn above_bound(measures: &Measures, what: &str) -> Failure {
+    let message = format!(
+        "{what} gave the hand {:.1} mJ, above the bound of {:.1} mJ: the loop of hand, fixture and arm swings",
+        1e3 * measures.bounded_energy_j(),
+        1e3 * measures.energy_bound_j
+    );
+    let help = "raise fixture.coupling's mass_kg, or look at the loop's margins with `yieldwall config check`";
+    Failure::new(Exit::OutOfTolerance, message, help)
+}
+
+/// The failure of a run that a fault stopped.
+pub(super) fn stopped(report: &RunReport) -> Failure {
+    stopped_by(report.cause, report.trace.rows.last().map_or(0.0, |row| row.time_s))
+}
+
+/// The failure of a rig that `cause` stopped so long after its scene began; without a cause its process died.
+pub(in crate::cli) fn stopped_by(cause: Option<Cause>, time_s: f64) -> Failure {
+    let (exit, message, help) = match cause {
+        Some(cause) => {
+            let row = cause.fault.row();
+            let exit = exit_of(cause);
+            let at = describe(cause);
+            (exit, format!("stopped by {} ({at}): {} ({})", row.name, row.meaning, row.cause), row.next)
+        }
+        None => (
+            Exit::SafetyStop,
+            "left alone: its process died, and the drives stopped by their own watchdogs".to_owned(),
+            "start the program anew",
+        ),
+    };
+    Failure::new(exit, format!("after {time_s:.3} s the rig was {message}"), help)
+}
+
+/// The exit code of a rig that a fault stopped or kept from running.
+pub(in crate::cli) fn exit_of(cause: Cause) -> Exit {
+    match cause.fault {
+        Fault::DriveFault => Exit::DeviceFault,
+        Fault::SyncJitter | Fault::Overrun | Fault::Stalled | Fault::Suspended => Exit::TimingMissed,
+        Fault::DuplicateNode => Exit::DeviceMismatch,
+        _ => Exit::SafetyStop,
+    }
+}
+
+/// Where a fault showed: the stage, and the devices if there are any.
+pub(in crate::cli) fn describe(cause: Cause) -> String {
+    let stage = format!("{:?}", cause.fault.row().stage).to_lowercase();
+    if cause.devices.is_empty() { stage } else { format!("{stage}, {}", cause.devices) }
+}
+
+/// The failure that a rig's error is.
+pub(in crate::cli) fn rig_failure(error: &RigError) -> Failure {
+    let (exit, help) = match error {
+        RigError::Boot(_) => {
+            (Exit::DeviceMismatch, "compare node ids and profiles in the rig file with the devices on the bus")
+        }
+        RigError::NotEnabled { .. } => (Exit::DeviceFault, "read the drives' error codes (603Fh)"),
+        RigError::Arm(_) => (Exit::SafetyStop, "the scene leads the simulated arm where it cannot go"),
+        _ => (Exit::ConfigInvalid, "run `yieldwall config check` on the rig"),
+    };
+    Failure::new(exit, error.to_string(), help)
+}

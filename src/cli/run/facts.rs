@@ -1,0 +1,121 @@
+//! What a run on the embedded simulation leaves to tell.
+
+use std::collections::BTreeMap;
+
+use serde_json::{Value, json};
+
+use super::super::keep::{Kept, LOG_STARTS_AT};
+use super::super::margins::Margins;
+use super::{Arguments, measures_text, mode_text, simulated_interfaces, watchdogs_json, watchdogs_text};
+use crate::config;
+use crate::fixture::prediction;
+use crate::rig::Drilled;
+use crate::study::RunReport;
+
+/// A run and what was known before it.
+pub(super) struct Facts<'a> {
+    pub(super) rig: &'a config::Rig,
+    pub(super) drilled: Drilled,
+    pub(super) margins: Margins,
+    pub(super) report: &'a RunReport,
+    pub(super) kept: &'a Kept,
+    pub(super) seed: u64,
+    pub(super) wall_s: f64,
+}
+
+impl Facts<'_> {
+    fn simulated_s(&self) -> f64 {
+        self.report.trace.rows.len() as f64 * self.report.period_s
+    }
+
+    /// For a program to read.
+    pub(super) fn json(&self, arguments: &Arguments) -> Value {
+        json!({
+            "rig": self.rig.rig.name,
+            "mode": self.rig.rig.command_mode,
+            "seed": self.seed,
+            "simulated_s": self.simulated_s(),
+            "wall_s": self.wall_s,
+            "state": self.report.state.map(|state| format!("{state:?}")),
+            "cause": self.report.cause.map(|cause| cause.fault.row().name),
+            "cause_stage": self.report.cause.map(|cause| format!("{:?}", cause.fault.row().stage).to_lowercase()),
+            "cause_devices": self.report.cause.map(|cause| cause.devices.to_string()),
+            "margins": self.margins.to_json(),
+            "watchdogs": watchdogs_json(&self.drilled),
+            "bus_loads": self.report.bus_loads.iter().cloned().collect::<BTreeMap<_, _>>(),
+            "held_s": self.report.held_s,
+            "measures": self.report.measures,
+            "figure": arguments.figure,
+            "candump": arguments.candump,
+            "recording": arguments.record,
+            "recorded": self.kept.files_json(),
+            "black_boxes": self.kept.black_boxes_json(),
+        })
+    }
+
+    /// For a person to read, a line each.
+    pub(super) fn text(&self, arguments: &Arguments) -> String {
+        let mut lines = Vec::new();
+        let period_ms = self.report.period_s * 1e3;
+        let simulated = self.simulated_s();
+        let mode = mode_text(self.rig.rig.command_mode);
+        lines.push(format!("rig       {}: {mode}, {period_ms} ms", self.rig.rig.name));
+        lines.push(format!(
+            "scene     {}: {simulated:.1} s, seed {}, run in {:.2} s ({:.0} x real time)",
+            self.rig.scene,
+            self.seed,
+            self.wall_s,
+            simulated / self.wall_s
+        ));
+        for (at, line) in self.margins.lines().into_iter().enumerate() {
+            lines.push(format!("{:9} {line}", if at == 0 { "margins" } else { "" }));
+        }
+        lines.push(watchdogs_text(&self.drilled));
+        let trace = &self.report.trace;
+        let fixture = &self.rig.fixture;
+        let contrast = fixture.law.filter(|law| law.guidance().is_some());
+        if let Some(law) = contrast {
+            lines.push(format!("fixture   {}, F {} N, R {} N", law.name(), trace.friction_n, trace.yield_n));
+        } else if let config::Coupling::Admittance { mass_kg } = fixture.coupling {
+            let capture = prediction::capture_speed_m_per_s(trace.yield_n, mass_kg.get(), self.report.period_s);
+            let outward = trace.side_yield.map_or(String::new(), |side| format!(", {} N outward", side.yield_n));
+            let hold = match fixture.automatic_hold {
+                Some(hold) => format!("automatic hold for hands up to {} kg", *hold.hand_mass_kg),
+                None => format!("N_wait {}", trace.hold_steps),
+            };
+            lines.push(format!(
+                "fixture   M {} kg, F {} N, R {} N{outward}, {hold}; without a hold it catches impacts up to {:.0} mm/s",
+                mass_kg.get(),
+                trace.friction_n,
+                trace.yield_n,
+                1e3 * capture
+            ));
+        }
+        lines.extend(measures_text(&self.report.measures));
+        if let Some(counters) = self.report.bus {
+            let loads = &self.report.bus_loads;
+            let load = |(name, load): &(String, f64)| {
+                let of = if loads.len() > 1 { format!(" of {name}") } else { String::new() };
+                format!(", load{of} {:.1} %", 100.0 * load)
+            };
+            lines.push(format!("bus       {} frames{}", counters.frames, loads.iter().map(load).collect::<String>()));
+        }
+        lines.extend(arguments.figure.as_ref().map(|path| format!("figure    {}", path.display())));
+        if let (Some(path), Some(start_s)) = (&arguments.candump, self.report.started_at_s) {
+            let start_s = start_s + LOG_STARTS_AT.as_secs_f64();
+            let buses = self.rig.buses.keys().zip(simulated_interfaces(self.rig));
+            let named = match self.rig.buses.len() {
+                1 => String::new(),
+                _ => buses.map(|(name, interface)| format!(", {interface} is {name}")).collect(),
+            };
+            lines.push(format!("candump   {}; time 0 of the scene is {start_s:.3} in it{named}", path.display()));
+        }
+        lines.extend(self.kept.lines());
+        if self.report.held_s > 0.0 {
+            let by =
+                self.report.cause.map_or(String::new(), |cause| format!(", in the end by {}", cause.fault.row().name));
+            lines.push(format!("held      {:.3} s at rest by a fault{by}", self.report.held_s));
+        }
+        lines.join("\n")
+    }
+}

@@ -1,0 +1,67 @@
+//! Drawings in files.
+
+use std::path::Path;
+
+use super::super::failure::{Exit, Failure};
+use crate::record::figure::Drawing;
+
+/// Width of PNG pictures: 160 mm at 300 dots per inch.
+const PICTURE_WIDTH_PX: u32 = 1890;
+
+/// The failure of a drawing, with all causes that the error names.
+pub(in crate::cli) fn drawing_failure(error: &dyn std::error::Error) -> Failure {
+    let mut message = format!("figure: {error}");
+    let mut source = error.source();
+    while let Some(cause) = source {
+        message.push_str(&format!(": {cause}"));
+        source = cause.source();
+    }
+    Failure::new(Exit::Usage, message, "choose a file that can be written, and a run with something to draw")
+}
+
+/// Whether a picture can have this name.
+pub(in crate::cli) fn check_picture(path: &Path) -> Result<(), Failure> {
+    picture_kind(path).map(|_| ())
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum PictureKind {
+    Svg,
+    Png,
+}
+
+fn picture_kind(path: &Path) -> Result<PictureKind, Failure> {
+    let ending = path.extension().map(|ending| ending.to_string_lossy().to_lowercase());
+    match ending.as_deref() {
+        Some("svg") => Ok(PictureKind::Svg),
+        Some("png") => Ok(PictureKind::Png),
+        _ => {
+            let ending = ending.map_or("no ending".to_owned(), |ending| format!("the ending .{ending}"));
+            let message = format!("--figure {} has {ending}: only .svg and .png are drawn", path.display());
+            Err(Failure::new(Exit::Usage, message, "end the name in .svg or .png"))
+        }
+    }
+}
+
+/// Writes a drawing as its file's ending says, and makes the folders on the way.
+pub(in crate::cli) fn write_drawing(drawing: &Drawing, path: &Path) -> Result<(), Failure> {
+    make_folder_of(path)?;
+    let written = match picture_kind(path)? {
+        PictureKind::Svg => drawing.write_svg(path),
+        PictureKind::Png => drawing.write_png(path, PICTURE_WIDTH_PX),
+    };
+    written.map_err(|error| drawing_failure(&error))
+}
+
+pub(in crate::cli) fn make_folder_of(path: &Path) -> Result<(), Failure> {
+    match path.parent() {
+        Some(folder) if !folder.as_os_str().is_empty() => std::fs::create_dir_all(folder).map_err(|error| {
+            Failure::new(
+                Exit::Usage,
+                format!("folder {}: {error}", folder.display()),
+                "choose a folder you can write to",
+            )
+        }),
+        _ => Ok(()),
+    }
+}

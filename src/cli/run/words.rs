@@ -1,0 +1,119 @@
+//! What was measured and what was tried before, for a person to read.
+
+use serde_json::{Value, json};
+
+use crate::config;
+use crate::rig::{Drilled, Finding};
+use crate::study::measures::Measures;
+
+/// How soon the drives stop by themselves, the slower one.
+pub(in crate::cli) fn watchdogs_text(drilled: &Drilled) -> String {
+    let after = |finding: &Finding| {
+        let slowest = finding.stopped_after.iter().copied().collect::<Option<Vec<_>>>();
+        let slowest = slowest.and_then(|times| times.into_iter().max());
+        let time = slowest.map_or("never".to_owned(), |time| format!("{:.1} ms", 1e3 * time.as_secs_f64()));
+        format!("{} {time}", finding.watchdog.name())
+    };
+    let findings: Vec<_> = drilled.findings.iter().map(after).collect();
+    let resolution = match 1e3 * drilled.resolution.as_secs_f64() {
+        0.0 => String::new(),
+        ms => format!(", seen every {ms:.1} ms"),
+    };
+    format!("watchdogs stop the drives without {}{resolution}", findings.join(", "))
+}
+
+/// The same as data.
+pub(in crate::cli) fn watchdogs_json(drilled: &Drilled) -> Value {
+    let ms = |time: std::time::Duration| 1e3 * time.as_secs_f64();
+    let finding = |finding: &Finding| {
+        json!({
+            "without": finding.watchdog.name(),
+            "left_stops_after_ms": finding.stopped_after[0].map(ms),
+            "right_stops_after_ms": finding.stopped_after[1].map(ms),
+        })
+    };
+    json!({
+        "findings": drilled.findings.iter().map(finding).collect::<Vec<_>>(),
+        "resolution_ms": ms(drilled.resolution),
+    })
+}
+
+/// What a command mode is.
+pub(in crate::cli) fn mode_text(mode: config::CommandMode) -> &'static str {
+    match mode {
+        config::CommandMode::Torque => "torque mode (CST), the loop closes here",
+        config::CommandMode::Velocity => "velocity mode (CSV)",
+        config::CommandMode::Position => "position mode (CSP), the loop closes in the drives",
+    }
+}
+
+/// What was measured, a line each.
+pub(in crate::cli) fn measures_text(measures: &Measures) -> Vec<String> {
+    let mut lines = Vec::new();
+    lines.push(impacts_text(measures));
+    lines.extend(tool_text(measures));
+    if let Some(share) = measures.on_surface_fraction_when_pressed {
+        lines.push(format!(
+            "contact   pressed below R the proxy is on the surface in {:.1} % of the time, {} unintended releases",
+            100.0 * share,
+            measures.unintended_releases
+        ));
+    }
+    let scope = if measures.stop_energy_j.is_some() { "in all" } else { "at most in one go" };
+    let bound = if measures.energy_bound_j.is_infinite() {
+        "without a bound: a spring or a moving surface gives of its own".to_owned()
+    } else {
+        let keeps = if measures.is_within_bound() { "within" } else { "ABOVE" };
+        format!("{keeps} the bound of {:.1} mJ", 1e3 * measures.energy_bound_j)
+    };
+    lines.push(format!(
+        "energy    given to the hand {:.1} mJ {scope}, {bound}; taken from it {:.0} mJ",
+        1e3 * measures.bounded_energy_j(),
+        1e3 * measures.energy_taken_j
+    ));
+    if let (Some(mean), Some(most)) = (measures.force_age_mean_ms, measures.force_age_max_ms) {
+        lines.push(format!("force     its sample is {mean:.2} ms old on average, {most:.2} ms at most"));
+    }
+    if let (Some(torque), Some(limit_s), Some(apart_s)) =
+        (measures.peak_torque_n_m, measures.torque_limit_s, measures.torque_limit_apart_s)
+    {
+        let at_limit = match (1e3 * limit_s, 1e3 * apart_s) {
+            (0.0, _) => String::new(),
+            (ms, 0.0) => format!(", at the limit for {ms:.0} ms, where impacts stop the arm"),
+            (ms, apart_ms) => format!(", at the limit for {ms:.0} ms, {apart_ms:.0} ms of it other than after impacts"),
+        };
+        lines.push(format!("torque    at most {torque:.1} N m{at_limit}"));
+    }
+    lines
+}
+
+/// How far the tool was from the surface, if it was on it.
+pub(in crate::cli) fn tool_text(measures: &Measures) -> Option<String> {
+    let (tracing, whole) = (measures.tool_rms_tracing_mm?, measures.tool_rms_on_surface_mm?);
+    let most = measures.tool_max_on_surface_mm?;
+    Some(format!(
+        "tool      off the surface by {tracing:.3} mm RMS tracing it steadily, {whole:.3} mm RMS and {most:.2} mm at \
+         most in all contacts"
+    ))
+}
+
+fn impacts_text(measures: &Measures) -> String {
+    let Some(deepest) = measures.impacts.iter().max_by(|one, other| one.depth_mm.total_cmp(&other.depth_mm)) else {
+        return "impacts   none".to_owned();
+    };
+    let fastest = measures.impacts.iter().map(|impact| impact.speed_m_per_s).fold(0.0, f64::max);
+    let count = measures.impacts.len();
+    if deepest.depth_mm == 0.0 {
+        return format!(
+            "impacts   {count} at up to {:.0} mm/s, the proxy never beyond the surface before R is reached",
+            1e3 * fastest
+        );
+    }
+    let law = deepest.predicted_depth_mm.map_or(String::new(), |depth| format!(", by the law {depth:.2} mm"));
+    format!(
+        "impacts   {count} at up to {:.0} mm/s; the deepest at {:.0} mm/s, {:.2} mm beyond the surface{law}",
+        1e3 * fastest,
+        1e3 * deepest.speed_m_per_s,
+        deepest.depth_mm
+    )
+}
