@@ -34,23 +34,25 @@ enum Place {
     Center,
     GuideCorner,
     WallCorner,
+    WallEdge,
     TwoWalls,
     TwoGuides,
 }
 
-const PLACES: [(Place, &str); 5] = [
+const PLACES: [(Place, &str); 6] = [
     (Place::Center, "centre of a small circle"),
     (Place::GuideCorner, "corner of a guide"),
     (Place::WallCorner, "inner corner of a wall"),
+    (Place::WallEdge, "outer corner of a wall"),
     (Place::TwoWalls, "two walls that cross"),
     (Place::TwoGuides, "two guides that cross"),
 ];
 
 impl Place {
     fn shape(self) -> Option<Shape2> {
-        let square = || {
+        let square = |forbidden| {
             let corners = [[0.0, 0.0], [0.1, 0.0], [0.1, 0.1], [0.0, 0.1]].map(Vector2::from);
-            Chain::polygon(&corners, Forbidden::Outside).ok().map(Shape2::Chain)
+            Chain::polygon(&corners, forbidden).ok().map(Shape2::Chain)
         };
         let crossing = |are_walls| {
             let lines = [Vector2::x(), Vector2::y()].map(|normal| Line::new(Vector2::zeros(), normal));
@@ -59,7 +61,8 @@ impl Place {
         };
         match self {
             Self::Center => Circle::new(Vector2::zeros(), 1.2 * REACH_M, Forbidden::Inside).ok().map(Shape2::Circle),
-            Self::GuideCorner | Self::WallCorner => square(),
+            Self::GuideCorner | Self::WallCorner => square(Forbidden::Outside),
+            Self::WallEdge => square(Forbidden::Inside),
             Self::TwoWalls => crossing(true),
             Self::TwoGuides => crossing(false),
         }
@@ -67,7 +70,7 @@ impl Place {
 
     fn side(self) -> Side {
         match self {
-            Self::WallCorner | Self::TwoWalls => Side::Unilateral,
+            Self::WallCorner | Self::WallEdge | Self::TwoWalls => Side::Unilateral,
             Self::Center | Self::GuideCorner | Self::TwoGuides => Side::Bilateral,
         }
     }
@@ -204,6 +207,20 @@ mod tests {
             for seed in 0..5 {
                 let (_, longest, excess) = roam(place, 0.1, seed).unwrap();
                 assert!(excess <= RULE * REACH_M && longest > 0.0, "{excess} {longest}");
+            }
+        }
+    }
+
+    /// Guides that jumped by 1.4 R/kappa before the proxy stayed with its own edge.
+    #[test]
+    fn guides_keep_the_rule_to_a_tenth_of_it() {
+        for place in [Place::Center, Place::GuideCorner, Place::TwoGuides] {
+            for seed in 0..5 {
+                for speed in [0.02, 0.5] {
+                    let (jumps, _, excess) = roam(place, speed, seed).unwrap();
+                    assert!(excess <= 1.1 * RULE * REACH_M, "{excess} at {speed}, {seed}");
+                    assert!(jumps > 0 || speed < 0.1);
+                }
             }
         }
     }
