@@ -18,6 +18,9 @@ struct Inner {
     server: DeviceServer,
     inbox: VecDeque<Arrival>,
     passes: Option<Passage>,
+    /// Which frames of the devices take longer, by how much, and those on their way.
+    slow: Option<(Vec<u16>, Duration)>,
+    on_the_way: VecDeque<Arrival>,
     late: Duration,
     is_down: bool,
     /// Frames of the master that wait in its interface, while it is stalled.
@@ -39,6 +42,8 @@ impl Cable {
             server,
             inbox: VecDeque::new(),
             passes: None,
+            slow: None,
+            on_the_way: VecDeque::new(),
             late: Duration::ZERO,
             is_down: false,
             stalled: None,
@@ -55,6 +60,11 @@ impl Cable {
         self.0.borrow_mut().passes = Some(Box::new(passes));
     }
 
+    /// Has frames of the devices with these identifiers take so much longer from now on.
+    pub fn set_slow(&self, ids: &[u16], by: Duration) {
+        self.0.borrow_mut().slow = Some((ids.to_vec(), by));
+    }
+
     /// Has the master wake up so much too late from now on.
     pub fn set_late(&self, late: Duration) {
         self.0.borrow_mut().late = late;
@@ -66,7 +76,7 @@ impl Cable {
         inner.is_down = is_down;
         if is_down {
             let time = inner.now;
-            inner.inbox.push_back(Arrival { time, what: Received::Down });
+            inner.inbox.push_back(Arrival { time, bus: 0, what: Received::Down });
         }
     }
 
@@ -98,14 +108,20 @@ impl Inner {
         assert!(act(&mut self.server, self.now, &mut out), "the simulated arm cannot go on");
         for frame in out {
             if !self.is_down && self.passes(false, &frame) {
-                self.inbox.push_back(Arrival { time: self.now, what: Received::Frame(frame) });
+                let what = Received::Frame(frame);
+                match &self.slow {
+                    Some((ids, by)) if ids.contains(&frame.id()) => {
+                        self.on_the_way.push_back(Arrival { time: self.now + *by, bus: frame.bus(), what });
+                    }
+                    _ => self.inbox.push_back(Arrival { time: self.now, bus: frame.bus(), what }),
+                }
             }
         }
     }
 
     fn transmit(&mut self, frame: &Frame) {
         let time = self.now;
-        self.inbox.push_back(Arrival { time, what: Received::Echo(*frame) });
+        self.inbox.push_back(Arrival { time, bus: frame.bus(), what: Received::Echo(*frame) });
         if self.passes(true, frame) {
             self.serve(|server, now, out| server.on_frame(now, frame, out).is_ok());
         }
@@ -117,7 +133,11 @@ impl Inner {
     }
 
     fn step(&mut self, until: Time) {
-        self.now = self.server.next_deadline().min(until).max(self.now);
+        let next = self.on_the_way.front().map_or(Time::NEVER, |arrival| arrival.time);
+        self.now = self.server.next_deadline().min(next).min(until).max(self.now);
+        while self.on_the_way.front().is_some_and(|arrival| arrival.time <= self.now) {
+            self.inbox.extend(self.on_the_way.pop_front());
+        }
         self.serve(|server, now, out| server.poll(now, out).is_ok());
     }
 

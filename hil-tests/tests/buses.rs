@@ -3,7 +3,7 @@
 use std::sync::atomic::AtomicBool;
 
 use hil_tests::{Scenario, Seen, cable::Cable};
-use yieldwall::guard::{DeviceSet, Fault, Request, State};
+use yieldwall::guard::{Cause, DeviceSet, Fault, Request, State};
 use yieldwall::injection::{Injection, Kind, Target};
 use yieldwall::live::{Ended, LiveRig, Play, drive_addresses};
 use yieldwall::rig::{self, DeviceServer, Pace};
@@ -94,6 +94,7 @@ fn a_fault_of_any_bus_stops_all_axes_in_the_same_cycle() {
                 assert_eq!(session.machine.state(), State::Lost, "{what}: {:?}", session.fault());
                 let faults = kind.row().expected.faults;
                 assert!(faults.contains(&session.fault().unwrap()), "{what}: {:?}", session.fault());
+                assert_names_its_bus(&scenario, target, session.machine.cause().unwrap());
                 // Nothing that moves an axis leaves on any bus from the cycle of the fault on.
                 let latched = session.rows.iter().position(|row| row.supervisor_state == State::Lost as u8).unwrap();
                 assert!(latched <= 500 + 20, "{what}: after {latched} cycles");
@@ -103,6 +104,23 @@ fn a_fault_of_any_bus_stops_all_axes_in_the_same_cycle() {
                 }
             }
         }
+    }
+}
+
+/// A fault of an interface is told of the one to the bus of the target, and of no other.
+fn assert_names_its_bus(scenario: &Scenario, target: Target, cause: Cause) {
+    let is_of_interface =
+        matches!(cause.fault, Fault::LinkDown | Fault::BusOff | Fault::ErrorPassive | Fault::TransmitStalled);
+    let rig = &scenario.rig;
+    let name = match target {
+        Target::LeftDrive => &rig.drives[0].bus,
+        Target::RightDrive => &rig.drives[1].bus,
+        Target::Sensor => &rig.sensor.bus,
+        _ => return,
+    };
+    let number = rig.buses.keys().position(|bus| bus == name).unwrap();
+    if is_of_interface {
+        assert_eq!(cause.devices, DeviceSet::interface(number as u8), "{target:?}: {cause:?}");
     }
 }
 

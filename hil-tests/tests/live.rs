@@ -4,7 +4,7 @@ use std::sync::atomic::AtomicBool;
 use std::time::Duration;
 
 use hil_tests::{Scenario, cable::Cable};
-use yieldwall::bus::BootFailure;
+use yieldwall::bus::{BootFailure, SensorLink};
 use yieldwall::canopen::cob;
 use yieldwall::guard::{Fault, Request, State};
 use yieldwall::live::{Ended, LiveError, LiveRig, Play, Played, drive_addresses};
@@ -75,6 +75,57 @@ fn the_scene_is_that_of_the_embedded_simulation_in_both_paces_and_modes() {
                 assert!(server.counts().syncs > 4000, "{what}");
             });
         }
+    }
+}
+
+/// A rig whose sensor speaks plain CAN.
+const PLAIN: [&str; 2] = ["paper-admittance-streaming.yaml", "paper-admittance-polled.yaml"];
+
+#[test]
+fn in_lockstep_a_sensor_on_plain_can_is_waited_for_and_the_moment_of_the_boot_does_not_matter() {
+    for file in PLAIN {
+        let scenario = Scenario::shipped(file);
+        let SensorLink::PlainCan(sensor) = rig::bus_plan(&scenario.rig).unwrap().0.sensor.link else {
+            panic!("{file}: not on plain CAN")
+        };
+        let mut runs = Vec::new();
+        // How much later the network is booted, and how much longer the samples take than all process data.
+        for (later_us, slower_us) in [(0, 0), (123_457, 0), (0, 700), (777_777, 1900)] {
+            let (cable, mut rig) = wired(&scenario, Pace::Lockstep);
+            cable.pass(Duration::from_micros(later_us));
+            cable.set_slow(&sensor.protocol.data_ids(), Duration::from_micros(slower_us));
+            rig.boot().unwrap();
+            let mut samples = Vec::new();
+            let play_it = Play { cycles: 3000, settling: 50 };
+            let played = rig.play(&play_it, &AtomicBool::new(false), |record| {
+                let sample = record.inputs.sample.map(|sample| sample.counts);
+                samples.push((record.moment.index, sample, record.row().proxy_m));
+            });
+            assert_eq!(played.unwrap().ended, Ended::Whole, "{file}");
+            runs.push(samples);
+        }
+        let come = runs[0].iter().filter(|(_, sample, _)| sample.is_some()).count();
+        let expected = 3000.0 * scenario.period_s() * scenario.rig.sensor.sample_rate_hz.get();
+        assert!((come as f64 - expected).abs() <= 1.0, "{file}: {come} samples, {expected} by the rate");
+        for (number, run) in runs.iter().enumerate() {
+            let first = run.iter().zip(&runs[0]).enumerate().find(|(_, (one, other))| one != other);
+            assert_eq!(first, None, "{file}: run {number} differs from the first one");
+        }
+    }
+}
+
+#[test]
+fn a_sensor_on_plain_can_that_dies_in_lockstep_is_not_waited_for_without_end() {
+    for file in PLAIN {
+        let scenario = Scenario::shipped(file);
+        let (cable, mut rig) = running(&scenario, Pace::Lockstep, 300);
+        let SensorLink::PlainCan(sensor) = rig::bus_plan(&scenario.rig).unwrap().0.sensor.link else {
+            panic!("{file}: not on plain CAN")
+        };
+        let ids = sensor.protocol.data_ids();
+        cable.set_passage(move |_, is_master, frame| is_master || !ids.contains(&frame.id()));
+        assert!(until_latched(&mut rig, 2000).is_some(), "{file}");
+        assert_at_rest(&cable, &mut rig, State::Stopped);
     }
 }
 
@@ -197,7 +248,7 @@ fn who_is_not_there_is_named_and_nothing_is_enabled() {
     assert!(matches!(error.failure, BootFailure::Missing { .. }), "{error}");
     assert!(drive_states(&cable).iter().all(|state| *state == cia402::State::SwitchOnDisabled));
     cable.set_down(true);
-    assert!(matches!(rig.boot(), Err(LiveError::Send(_))));
+    assert!(matches!(rig.boot(), Err(LiveError::Send { bus: 0, .. })));
 }
 
 #[test]

@@ -232,11 +232,12 @@ impl Image {
         self.is_open = true;
     }
 
-    /// Whether all process data of this cycle have arrived.
+    /// Whether all that has to come by `now` in this cycle has arrived.
     ///
     /// Real-time: yes.
-    pub(super) fn is_complete(&self) -> bool {
-        self.incoming.iter().all(|incoming| incoming.has_arrived)
+    pub(super) fn is_complete(&self, now: Time) -> bool {
+        let owes_sample = self.plain.as_ref().is_some_and(|client| client.is_owed(now));
+        !owes_sample && self.incoming.iter().all(|incoming| incoming.has_arrived)
     }
 
     /// Takes a frame from another node, and says what it is.

@@ -8,7 +8,7 @@ use std::time::Duration;
 use serde_json::{Value, json};
 
 use super::failure::{Exit, Failure};
-use super::run::{describe, make_folder_of};
+use super::run::{bus_names, describe, make_folder_of};
 use crate::canopen::{Frame, Time};
 use crate::config::{self, Diagnostic, Severity};
 use crate::record::recording::{About, Backpressure, BlackBox, Feed, Finished, Producer, Recorder, Saved, Sink};
@@ -50,6 +50,7 @@ impl<'a> Watched<'a> {
 
 /// Files under way.
 pub(super) struct Keep {
+    buses: Vec<String>,
     files: Vec<(PathBuf, &'static str, Feed<()>)>,
     black_box: Feed<Vec<Saved>>,
 }
@@ -63,6 +64,8 @@ struct KeptFile {
 
 /// What a run left.
 pub(super) struct Kept {
+    /// Names of the buses.
+    buses: Vec<String>,
     files: Vec<KeptFile>,
     black_boxes: Vec<Saved>,
 }
@@ -111,7 +114,7 @@ impl Keep {
                 frames.iter_mut().for_each(|producer| producer.push(&(time, *frame)));
             })),
         };
-        Ok((Self { files, black_box }, watch))
+        Ok((Self { buses: bus_names(rig), files, black_box }, watch))
     }
 
     /// Waits until everything is in its file.
@@ -120,7 +123,7 @@ impl Keep {
         for (path, what, feed) in self.files {
             files.push(KeptFile { path, what, end: finish(feed)? });
         }
-        Ok(Kept { files, black_boxes: finish(self.black_box)?.report })
+        Ok(Kept { buses: self.buses, files, black_boxes: finish(self.black_box)?.report })
     }
 }
 
@@ -225,7 +228,7 @@ impl Kept {
         let saved = |saved: &Saved| {
             json!({
                 "fault": saved.cause.fault.row().name,
-                "where": describe(saved.cause),
+                "where": describe(saved.cause, &self.buses),
                 "state": format!("{:?}", saved.state),
                 "time_s": saved.scene_time_s.is_finite().then_some(saved.scene_time_s),
                 "file": saved.file.as_ref().ok(),

@@ -1,17 +1,23 @@
 //! `yieldwall latency`: what this computer may be promised to keep.
 
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::thread;
-use std::time::Duration;
+use std::time::{Duration, SystemTime};
 
 use serde_json::{Value, json};
 
 use super::failure::{Exit, Failure};
+use super::keep::state_folder;
 use super::live::{link_failure, on_interrupt};
 use super::output::Output;
+use crate::config::Report;
 use crate::link::{CobFilter, SocketCan, SocketCanSettings};
-use crate::live::host::{Refusal, SystemMetronome, lock_memory, run_first};
-use crate::live::{Histogram, Latency, PROBE, PROVING_CYCLES, Tier, measure_latency};
+use crate::live::host::{Refusal, SystemMetronome, computer, lock_memory, run_first};
+use crate::live::{
+    Histogram, Latency, Measured, PROBE, PROVING_CYCLES, REDUCED_FORCE_N, REDUCED_SPEED_M_PER_S, STOCK_CYCLES, Tier,
+    measure_latency,
+};
 
 #[derive(Debug, clap::Args)]
 pub(super) struct Arguments {
@@ -33,6 +39,9 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
             format!("--duration is {duration}: a measurement lasts more than 0 and at most 10 000 000 seconds");
         return Err(Failure::new(Exit::Usage, message, "give a number of seconds, such as --duration 60"));
     }
+    // What was found has to have a place before it is looked for, which may take a day.
+    let folder = state_folder("latency").ok_or_else(no_home)?;
+    std::fs::create_dir_all(&folder).map_err(|error| cannot_keep(&folder, &error))?;
     let period = Duration::from_micros(arguments.period_us.into());
     let cycles = (duration / period.as_secs_f64()).ceil() as u64;
     let is_interrupted = on_interrupt()?;
@@ -54,11 +63,47 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
     let thread = thread.map_err(|error| Failure::new(Exit::Internal, format!("thread of the cycle: {error}"), ""))?;
     let (priority, latency) =
         thread.join().map_err(|_| Failure::new(Exit::Internal, "the thread of the cycle has panicked", ""))?;
+    // Without a wake-up there is nothing to keep.
+    let kept = match latency.wake.count() {
+        0 => Ok(None),
+        _ => keep(arguments, &latency, [&priority, &memory].map(Result::is_ok), &folder).map(Some),
+    };
+    let record = kept.as_ref().ok().and_then(Option::as_deref);
     let refused: Vec<_> = [&priority, &memory].into_iter().filter_map(|granted| granted.as_ref().err()).collect();
-    if output.is_json() {
-        return output.json(&document(arguments, &latency, &refused));
+    if !output.is_json() {
+        output.result(&text(arguments, &latency, &refused, record))?;
+        return kept.map(|_| ());
     }
-    output.result(&text(arguments, &latency, &refused))
+    let mut document = document(arguments, &latency, &refused, record);
+    let Err(Failure { exit, report }) = kept else { return output.json(&document) };
+    document["exit_code"] = json!(exit.code());
+    document["diagnostics"] = json!(report);
+    output.json(&document)?;
+    Err(Failure { exit, report: Report { diagnostics: Vec::new() } })
+}
+
+/// Keeps what was measured, for `run --bus`; where.
+fn keep(arguments: &Arguments, latency: &Latency, granted: [bool; 2], folder: &Path) -> Result<PathBuf, Failure> {
+    let [has_priority, has_locked_memory] = granted;
+    let computer = computer(has_priority, has_locked_memory);
+    let measured = Measured::new(computer, arguments.period_us, latency.lateness(), now_unix_s());
+    measured.store(folder).map_err(|error| cannot_keep(folder, &error))
+}
+
+/// Seconds since 1970 by the clock on the wall.
+pub(super) fn now_unix_s() -> u64 {
+    SystemTime::now().duration_since(SystemTime::UNIX_EPOCH).unwrap_or_default().as_secs()
+}
+
+/// The failure that what was measured cannot be written.
+fn cannot_keep(folder: &Path, error: &std::io::Error) -> Failure {
+    Failure::new(Exit::Usage, format!("{}: {error}", folder.display()), "make the folder one that can be written")
+}
+
+/// The failure that there is no place for measurements.
+pub(super) fn no_home() -> Failure {
+    let message = "there is no folder for the record of a measurement: neither XDG_STATE_HOME nor HOME is set";
+    Failure::new(Exit::Usage, message, "set XDG_STATE_HOME to a folder that is kept")
 }
 
 fn open(bus: &str) -> Result<SocketCan, Failure> {
@@ -73,23 +118,26 @@ fn open(bus: &str) -> Result<SocketCan, Failure> {
 }
 
 /// What the tier means for this program.
-fn verdict(latency: &Latency) -> String {
-    match latency.tier() {
-        Tier::A if latency.is_proven() => "A, real-time: every command mode".to_owned(),
-        Tier::A => format!(
-            "A, real-time, so far: {} of the {PROVING_CYCLES} cycles that show it; until then as B",
-            latency.wake.count()
-        ),
-        Tier::B => {
-            "B, stock kernel: no longest time is promised; position mode, and torque mode only with a drive whose \
-                    drill shows 10 ms or less"
-                .to_owned()
+fn verdict(latency: &Latency, period_us: u32) -> String {
+    let lateness = latency.lateness();
+    let (tier, proven, cycles) = (lateness.tier(period_us), lateness.proven(period_us), lateness.cycles);
+    match tier {
+        _ if tier != proven && proven == Tier::C => {
+            format!("{tier} so far: {cycles} of the {STOCK_CYCLES} cycles that show B; until then as C")
         }
+        Tier::A if proven == Tier::A => "A, real-time: every command mode and limit".to_owned(),
+        Tier::A => {
+            format!("A, real-time, so far: {cycles} of the {PROVING_CYCLES} cycles that show it; until then as B")
+        }
+        Tier::B => format!(
+            "B, stock kernel: no longest time is promised; tool speed up to {REDUCED_SPEED_M_PER_S} m/s, force up to \
+             {REDUCED_FORCE_N} N, and torque mode only with a drive whose drill shows 10 ms or less"
+        ),
         Tier::C => "C: simulation in lockstep or in virtual time only, or a slower cycle".to_owned(),
     }
 }
 
-fn text(arguments: &Arguments, latency: &Latency, refused: &[&Refusal]) -> String {
+fn text(arguments: &Arguments, latency: &Latency, refused: &[&Refusal], record: Option<&Path>) -> String {
     let mut lines = Vec::new();
     match refused {
         [] => lines.push("realtime  SCHED_FIFO and locked memory".to_owned()),
@@ -102,7 +150,8 @@ fn text(arguments: &Arguments, latency: &Latency, refused: &[&Refusal]) -> Strin
         lines.push(format!("frame     on {bus} and back in {}; {} lost", shares(&latency.round_trip), latency.lost));
     }
     lines.extend(bars(&latency.wake));
-    lines.push(format!("tier      {}", verdict(latency)));
+    lines.push(format!("tier      {}", verdict(latency, arguments.period_us)));
+    lines.extend(record.map(|path| format!("record    {}", path.display())));
     lines.join("\n") + "\n"
 }
 
@@ -132,7 +181,8 @@ fn bars(times: &Histogram) -> Vec<String> {
     doublings.into_iter().map(|(us, count)| format!("  < {us:>7} us {count:>10}  {}", bar(count))).collect()
 }
 
-fn document(arguments: &Arguments, latency: &Latency, refused: &[&Refusal]) -> Value {
+fn document(arguments: &Arguments, latency: &Latency, refused: &[&Refusal], record: Option<&Path>) -> Value {
+    let lateness = latency.lateness();
     let times = |times: &Histogram| {
         let us = |share| 1e6 * times.quantile(share).as_secs_f64();
         let classes = times.classes().map(|(time, count)| json!([1e6 * time.as_secs_f64(), count]));
@@ -154,8 +204,9 @@ fn document(arguments: &Arguments, latency: &Latency, refused: &[&Refusal]) -> V
         "round_trip": arguments.bus.as_ref().map(|_| times(&latency.round_trip)),
         "lost": latency.lost,
         "realtime_refused": refused.iter().map(ToString::to_string).collect::<Vec<_>>(),
-        "tier": format!("{:?}", latency.tier()),
-        "is_proven": latency.is_proven(),
-        "verdict": verdict(latency),
+        "tier": lateness.tier(arguments.period_us),
+        "proven_tier": lateness.proven(arguments.period_us),
+        "verdict": verdict(latency, arguments.period_us),
+        "record": record,
     })
 }

@@ -1,33 +1,34 @@
 //! `yieldwall run --bus`: a rig with its scene on a real bus.
 
-use std::collections::BTreeMap;
-use std::path::PathBuf;
+mod facts;
+mod proof;
+
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 use std::thread;
 use std::time::Duration;
 
-use serde_json::{Value, json};
+use serde_json::json;
 
 use super::failure::{Exit, Failure};
 use super::interfaces::Interfaces;
-use super::keep::{Keep, Kept, Watched, state_folder};
+use super::keep::{Keep, Watched};
 use super::output::Output;
-use super::run::{
-    Arguments, check_buses, exit_of, judge, measures_text, mode_text, rig_failure, stopped_by, write_drawing,
-};
+use super::run::{Arguments, check_buses, exit_of, rig_failure, stopped_by, write_drawing};
 use crate::bus::SensorLink;
 use crate::canopen::cob;
 use crate::config::{self, Report, Source};
 use crate::guard::Fault;
 use crate::link::{CobFilter, LinkError, SocketCans};
 use crate::live::host::{Refusal, SystemMetronome, lock_memory, run_first};
-use crate::live::{Ended, Histogram, LinkCounts, LiveError, LiveRig, Play, Played, Subject, Unproven, drive_addresses};
+use crate::live::{
+    Ended, Kept as Timely, LinkCounts, LiveError, LiveRig, Play, Played, StageTimes, Untimely, drive_addresses,
+};
 use crate::record::Row;
-use crate::rig::{self, Pace, RigError, bus_plan, drill};
-use crate::study::measures::Measures;
+use crate::rig::{self, Pace, bus_plan};
 use crate::study::{Overrides, drawing, measured, replay};
-use yieldwall_drives::profiles::{SIMULATED_VENDOR, find as find_profile};
+use facts::Facts;
+use proof::{NotRun, Proof, proof, unproven, untimely};
 
 /// Cycles of which figure and measures are made, from the first one on: ten minutes at 1 kHz. A recording holds all.
 const LONGEST_TRACE: u64 = 600_000;
@@ -100,63 +101,13 @@ pub(super) fn open(interfaces: &Interfaces, rig: &config::Rig) -> Result<SocketC
     })
 }
 
-/// Where it is shown that the drives stop by themselves.
-enum Proof {
-    /// In the embedded simulation, which has the same devices.
-    InVirtualTime,
-    /// In the record of a drill on a bus.
-    OnRecord { rig: Box<config::Rig>, folder: PathBuf },
-}
-
-/// In lockstep nothing measures time on the bus; the devices have to be simulated then, and are drilled in virtual time.
-fn proof(pace: PaceArgument, rig: &config::Rig, scene: &config::Scene) -> Result<Proof, Failure> {
-    if pace == PaceArgument::Free {
-        let folder = state_folder("drills").ok_or_else(super::drill::no_home)?;
-        return Ok(Proof::OnRecord { rig: Box::new(rig.clone()), folder });
-    }
-    let names = [&rig.drives[0].profile, &rig.drives[1].profile];
-    let is_simulated =
-        |name: &&String| find_profile(name).is_some_and(|profile| profile.identity.vendor_id == SIMULATED_VENDOR);
-    if let Some(name) = names.into_iter().find(|name| !is_simulated(name)) {
-        let message = format!("--pace lockstep is for simulated devices, and {name} is none");
-        return Err(Failure::new(Exit::Usage, message, "leave --pace away"));
-    }
-    judge(&drill(rig, scene, |_| ()).map_err(|error| rig_failure(&error))?, rig)?;
-    Ok(Proof::InVirtualTime)
-}
-
-/// Why the rig did not come to run.
-#[derive(Debug, thiserror::Error)]
-enum NotRun {
-    #[error(transparent)]
-    Live(#[from] LiveError),
-    #[error(transparent)]
-    Unproven(#[from] Unproven),
-}
-
-impl From<RigError> for NotRun {
-    fn from(error: RigError) -> Self {
-        Self::Live(error.into())
-    }
-}
-
-/// The failure that drives are whose watchdogs nobody has tried, or that failed.
-fn unproven(error: &Unproven, buses: &str, arguments: &Arguments) -> Failure {
-    let help = format!("nothing was enabled; `yieldwall drill {} {buses}` tries them", arguments.rig);
-    let exit = match error {
-        Unproven::Missing { .. } | Unproven::Unreadable { .. } => Exit::DeviceMismatch,
-        Unproven::Unsafe(_) => Exit::OutOfTolerance,
-    };
-    Failure::new(exit, error.to_string(), help)
-}
-
 /// What the loop leaves.
 struct Outcome {
+    /// What this computer has proved; nothing where nothing has to be in time.
+    timing: Option<Result<Timely, Untimely>>,
     played: Result<Played, NotRun>,
     rows: Vec<Row>,
-    sync_late: Histogram,
-    compute_late: Histogram,
-    compute: Histogram,
+    stages: StageTimes,
     skipped: u64,
     counts: LinkCounts,
     priority: Result<(), Refusal>,
@@ -181,8 +132,11 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
             ..config::Diagnostic::about_file("", advice, "")
         }]);
     }
-    let about = replay::about(&rig, &scene.value, &overrides)
+    let mut about = replay::about(&rig, &scene.value, &overrides)
         .map_err(|error| Failure::new(Exit::Internal, format!("documents of the recording: {error}"), ""))?;
+    if arguments.ignore_latency {
+        about.overrides = format!("{} --ignore-latency", about.overrides).trim().to_owned();
+    }
     let mut machine =
         LiveRig::new(&rig, link, SystemMetronome, arguments.pace.pace()).map_err(|error| live_failure(&error))?;
     let [candump, record, black_box] =
@@ -193,10 +147,14 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
     let period_s = machine.period().as_secs_f64();
     let duration_s = arguments.duration.unwrap_or(scene.value.duration_s.get());
     let play = Play { cycles: (duration_s / period_s).round().max(1.0) as u64, settling: settling_cycles(&rig) };
-    let must_be_first = arguments.require_realtime;
+    let demands = Demands {
+        is_first: arguments.require_realtime,
+        is_timely: !arguments.ignore_latency,
+        has_locked_memory: memory.is_ok(),
+    };
     let thread = thread::Builder::new().name("cycle".to_owned()).spawn({
         let is_interrupted = Arc::clone(&is_interrupted);
-        move || run_loop(machine, &play, &is_interrupted, must_be_first, &proof)
+        move || run_loop(machine, &play, &is_interrupted, demands, &proof)
     });
     let thread = thread.map_err(|error| Failure::new(Exit::Internal, format!("thread of the cycle: {error}"), ""))?;
     let mut outcome =
@@ -208,6 +166,7 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
         Ok(played) => *played,
         Err(NotRun::Live(error)) => return Err(kept.point_to_black_box(live_failure(error))),
         Err(NotRun::Unproven(error)) => return Err(unproven(error, &interfaces.arguments(&rig), arguments)),
+        Err(NotRun::Untimely(error)) => return Err(untimely(error, &rig)),
     };
     let time_s = played.cycles as f64 * period_s;
     let failure = match played.ended {
@@ -215,7 +174,7 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
         Ended::Interrupted => {
             Some(Failure::new(Exit::Interrupted, format!("interrupted after {time_s:.3} s; the rig was stopped"), ""))
         }
-        Ended::Stopped => Some(stopped_by(played.cause, time_s)),
+        Ended::Stopped => Some(stopped_by(played.cause, time_s, &rig)),
         Ended::StillMoving => Some(Failure::new(
             Exit::SafetyStop,
             "a drive says that it still makes torque after the rig was stopped",
@@ -256,45 +215,54 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
     Err(Failure { exit, report: Report { diagnostics: Vec::new() } })
 }
 
+/// What the person wants of this computer.
+#[derive(Clone, Copy)]
+struct Demands {
+    /// Real-time priority.
+    is_first: bool,
+    /// The timing that the rig asks for, as proved.
+    is_timely: bool,
+    /// Not a demand: what was granted.
+    has_locked_memory: bool,
+}
+
 /// On the thread of the cycle, from the boot to the end.
 fn run_loop(
     mut machine: LiveRig<SocketCans, SystemMetronome>,
     play: &Play,
     is_interrupted: &AtomicBool,
-    must_be_first: bool,
+    demands: Demands,
     proof: &Proof,
 ) -> Outcome {
     let priority = run_first();
+    let timing = proof.timing(priority.is_ok(), demands.has_locked_memory);
     let mut outcome = Outcome {
+        timing,
         played: Err(LiveError::Interrupted.into()),
         rows: Vec::with_capacity(play.cycles.min(LONGEST_TRACE) as usize),
-        sync_late: Histogram::default(),
-        compute_late: Histogram::default(),
-        compute: Histogram::default(),
+        stages: StageTimes::default(),
         skipped: 0,
         counts: LinkCounts::default(),
         priority,
     };
-    if must_be_first && outcome.priority.is_err() {
+    if demands.is_first && outcome.priority.is_err() {
         return outcome;
     }
-    let Outcome { rows, sync_late, compute_late, compute, skipped, .. } = &mut outcome;
+    if demands.is_timely
+        && let Some(Err(error)) = &outcome.timing
+    {
+        outcome.played = Err(error.clone().into());
+        return outcome;
+    }
+    let Outcome { rows, stages, skipped, .. } = &mut outcome;
     let booted = machine.boot();
-    let proven = booted.map_err(NotRun::Live).and_then(|()| match proof {
-        Proof::InVirtualTime => Ok(()),
-        Proof::OnRecord { rig, folder } => {
-            let identities = machine.identities(drive_addresses(rig)?)?;
-            Ok(Subject::new(rig, identities).check(folder)?)
-        }
-    });
+    let proven = booted
+        .map_err(NotRun::Live)
+        .and_then(|()| proof.watchdogs(|rig| Ok(machine.identities(drive_addresses(rig)?)?)));
     let played = proven.and_then(|()| {
         Ok(machine.play(play, is_interrupted, |record| {
-            let timing = record.inputs.timing;
-            let nanos = |ns: u32| Duration::from_nanos(ns.into());
-            sync_late.add(nanos(timing.sync_late_ns));
-            compute_late.add(nanos(timing.compute_late_ns));
-            compute.add(nanos(timing.last_compute_ns));
-            *skipped += u64::from(timing.skipped);
+            stages.add(&record.moment.stages, &record.inputs.timing);
+            *skipped += u64::from(record.inputs.timing.skipped);
             // Without room the cycle would have to wait for memory.
             if rows.len() < rows.capacity() {
                 rows.push(record.row());
@@ -333,7 +301,7 @@ pub(super) fn live_failure(error: &LiveError) -> Failure {
     match error {
         LiveError::Rig(error) => rig_failure(error),
         LiveError::Boot(error) => rig_failure(&error.clone().into()),
-        LiveError::Send(_) => Failure::new(
+        LiveError::Send { .. } => Failure::new(
             Exit::BusUnavailable,
             error.to_string(),
             "nobody acknowledges: look whether a device is switched on, at the cable, its termination and the bit rate",
@@ -352,99 +320,5 @@ pub(super) fn live_failure(error: &LiveError) -> Failure {
             "compare node ids and profiles with the devices on the bus",
         ),
         LiveError::Interrupted => Failure::new(Exit::Interrupted, error.to_string(), ""),
-    }
-}
-
-struct Facts<'a> {
-    interfaces: &'a Interfaces,
-    arguments: &'a Arguments,
-    rig: &'a config::Rig,
-    outcome: &'a Outcome,
-    played: &'a Played,
-    memory: &'a Result<(), Refusal>,
-    measures: &'a Measures,
-    kept: &'a Kept,
-}
-
-impl Facts<'_> {
-    fn refusals(&self) -> Vec<String> {
-        [&self.outcome.priority, self.memory]
-            .into_iter()
-            .filter_map(|granted| granted.as_ref().err().map(ToString::to_string))
-            .collect()
-    }
-
-    fn lines(&self, time_s: f64) -> Vec<String> {
-        let Outcome { counts, skipped, .. } = self.outcome;
-        let period_ms = f64::from(self.rig.cycle.period_us) * 1e-3;
-        let mut lines = vec![
-            format!("rig       {}: {}, {period_ms} ms", self.rig.rig.name, mode_text(self.rig.rig.command_mode)),
-            format!(
-                "bus       {}, {}: {} frames from others, {} own ones seen, {} lost here, {} not sent",
-                self.interfaces.shown(self.rig),
-                self.arguments.pace.name(),
-                counts.received,
-                counts.echoed,
-                counts.overflowed,
-                counts.refused
-            ),
-            format!("ran       {} cycles, {time_s:.1} s, to {:?}", self.played.cycles, self.played.state),
-        ];
-        match self.refusals().as_slice() {
-            [] => lines.push("realtime  SCHED_FIFO and locked memory".to_owned()),
-            refusals => lines.extend(refusals.iter().map(|refusal| format!("realtime  {refusal}"))),
-        }
-        if self.arguments.pace == PaceArgument::Free {
-            let late = |times: &Histogram| {
-                let us = |share| 1e6 * times.quantile(share).as_secs_f64();
-                format!("p50 {:.0}, p99 {:.0}, max {:.0} us", us(0.5), us(0.99), us(1.0))
-            };
-            lines.push(format!("SYNC      late by {}", late(&self.outcome.sync_late)));
-            lines.push(format!("cycle     late by {}", late(&self.outcome.compute_late)));
-            lines.push(format!("computed  in {}; {skipped} cycles skipped", late(&self.outcome.compute)));
-        }
-        lines.extend(measures_text(self.measures));
-        lines.extend(self.arguments.figure.as_ref().map(|path| format!("figure    {}", path.display())));
-        lines.extend(self.arguments.candump.as_ref().map(|path| format!("candump   {}", path.display())));
-        lines.extend(self.kept.lines());
-        lines
-    }
-
-    fn json(&self, time_s: f64) -> Value {
-        let Outcome { counts, skipped, .. } = self.outcome;
-        let times = |times: &Histogram| {
-            let us = |share| 1e6 * times.quantile(share).as_secs_f64();
-            json!({ "p50_us": us(0.5), "p99_us": us(0.99), "p999_us": us(0.999), "max_us": us(1.0) })
-        };
-        let cause = self.played.cause;
-        json!({
-            "rig": self.rig.rig.name,
-            "mode": self.rig.rig.command_mode,
-            "buses": self.rig.buses.keys().zip(self.interfaces.names()).collect::<BTreeMap<_, _>>(),
-            "pace": format!("{:?}", self.arguments.pace).to_lowercase(),
-            "cycles": self.played.cycles,
-            "time_s": time_s,
-            "ended": format!("{:?}", self.played.ended),
-            "state": format!("{:?}", self.played.state),
-            "cause": cause.map(|cause| cause.fault.row().name),
-            "cause_devices": cause.map(|cause| cause.devices.to_string()),
-            "frames": {
-                "received": counts.received,
-                "echoed": counts.echoed,
-                "lost": counts.overflowed,
-                "not_sent": counts.refused,
-            },
-            "realtime_refused": self.refusals(),
-            "sync_late": times(&self.outcome.sync_late),
-            "compute_late": times(&self.outcome.compute_late),
-            "compute": times(&self.outcome.compute),
-            "skipped": skipped,
-            "measures": self.measures,
-            "figure": self.arguments.figure,
-            "candump": self.arguments.candump,
-            "recording": self.arguments.record,
-            "recorded": self.kept.files_json(),
-            "black_boxes": self.kept.black_boxes_json(),
-        })
     }
 }

@@ -10,7 +10,7 @@ use std::time::Instant;
 
 use serde_json::json;
 
-pub(super) use self::ending::{above_bound, describe, exit_of, rig_failure, stopped_by};
+pub(super) use self::ending::{above_bound, bus_names, describe, devices_text, exit_of, rig_failure, stopped_by};
 use self::facts::Facts;
 pub(super) use self::picture::{check_picture, drawing_failure, make_folder_of, write_drawing};
 pub(super) use self::words::{measures_text, mode_text, tool_text, watchdogs_json, watchdogs_text};
@@ -44,6 +44,10 @@ pub(super) struct Arguments {
     #[cfg(target_os = "linux")]
     #[arg(long, requires = "bus")]
     pub(super) require_realtime: bool,
+    /// Run by the wall clock also if this computer has not proved the timing that the rig asks for; recordings say so
+    #[cfg(target_os = "linux")]
+    #[arg(long, requires = "bus")]
+    pub(super) ignore_latency: bool,
     /// Seconds to run, in place of the scene's duration
     #[arg(long, value_name = "S", allow_negative_numbers = true)]
     pub(super) duration: Option<f64>,
@@ -118,7 +122,7 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
     let facts = Facts { rig: &rig.value, drilled, margins, report: &report, kept: &kept, seed, wall_s };
     let is_disturbed = !(overrides.faults.is_empty() && scene.value.faults.is_empty());
     let failure = match report.state {
-        Some(state) if state.is_latched() => Some(kept.point_to_black_box(ending::stopped(&report))),
+        Some(state) if state.is_latched() => Some(kept.point_to_black_box(ending::stopped(&report, &rig.value))),
         // A push by injection is no fault of the loop.
         _ if report.measures.is_within_bound() || is_disturbed => None,
         _ => Some(above_bound(&report.measures, &rig.value.rig.name)),

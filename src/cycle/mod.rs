@@ -58,14 +58,14 @@ pub struct LinkEvents {
     pub emergency_warning: DeviceSet,
     /// Somebody else sent NMT commands, SYNC or set-points.
     pub intruder: bool,
-    /// The frames of the last cycle have not left yet.
-    pub transmit_stalled: bool,
-    /// The interface is error-passive.
-    pub error_passive: bool,
-    /// The interface is bus-off.
-    pub bus_off: bool,
-    /// Own frames could not be sent, or the interface is down.
-    pub send_failed: bool,
+    /// The interfaces that the frames of the last cycle have not left yet.
+    pub transmit_stalled: DeviceSet,
+    /// The interfaces that are error-passive.
+    pub error_passive: DeviceSet,
+    /// The interfaces that are bus-off.
+    pub bus_off: DeviceSet,
+    /// The interfaces over which own frames could not be sent, or that are down.
+    pub send_failed: DeviceSet,
 }
 
 /// When the cycle ran, against its grid. All zero for a cycle in time.

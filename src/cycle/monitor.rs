@@ -116,10 +116,10 @@ impl Cycle {
         faults.observe_on(Fault::Intruder, host(link.intruder));
         faults.observe_on(Fault::Emergency, link.emergency);
         faults.observe_on(Fault::EmergencyWarning, link.emergency_warning);
-        faults.observe_on(Fault::TransmitStalled, host(link.transmit_stalled));
-        faults.observe_on(Fault::ErrorPassive, host(link.error_passive));
-        faults.observe_on(Fault::BusOff, host(link.bus_off));
-        faults.observe_on(Fault::LinkDown, host(link.send_failed));
+        faults.observe_on(Fault::TransmitStalled, link.transmit_stalled);
+        faults.observe_on(Fault::ErrorPassive, link.error_passive);
+        faults.observe_on(Fault::BusOff, link.bus_off);
+        faults.observe_on(Fault::LinkDown, link.send_failed);
     }
 
     fn observe_drives(&mut self, drives: &[DriveSample; 2]) {

@@ -24,6 +24,8 @@ use crate::canopen::{Frame, Outbox, Time};
 pub struct Arrival {
     /// Moment of the arrival on the clock of [`CanLink::now`]; not before that of the arrival before it.
     pub time: Time,
+    /// Number of the bus, which a frame has as well ([`Frame::bus`]).
+    pub bus: u8,
     /// What has come.
     pub what: Received,
 }
@@ -86,7 +88,8 @@ pub trait CanLink {
     /// Real-time: yes.
     fn now(&self) -> Time;
 
-    /// The next thing that has come; never waits. Process data come before services, each in the order of the wire.
+    /// The next thing that has come; never waits. Process data come before services, each in the order of the wire, and of
+    /// several wires in the order of time.
     ///
     /// Real-time: yes; a caller in a cycle bounds how often it asks.
     fn receive(&mut self) -> Option<Arrival>;
@@ -113,7 +116,7 @@ pub struct LinkOutbox<'a, L> {
     link: &'a mut L,
     /// The buses on which something could not be sent, a bit each.
     failed: u8,
-    failure: Option<SendError>,
+    failure: Option<(u8, SendError)>,
 }
 
 impl<'a, L: CanLink> LinkOutbox<'a, L> {
@@ -122,9 +125,15 @@ impl<'a, L: CanLink> LinkOutbox<'a, L> {
         Self { link, failed: 0, failure: None }
     }
 
-    /// Why the first of all was not sent; the master wants to know it as [`LinkEvent::SendFailed`].
-    pub fn failure(&self) -> Option<SendError> {
+    /// Why the first of all was not sent, with the number of its bus.
+    pub fn failure(&self) -> Option<(u8, SendError)> {
         self.failure
+    }
+
+    /// The buses on which something was not sent; the master wants to know it as [`LinkEvent::SendFailed`].
+    pub fn failed_buses(&self) -> impl Iterator<Item = u8> + use<L> {
+        let failed = self.failed;
+        (0..8).filter(move |bus| failed >> bus & 1 == 1)
     }
 }
 
@@ -136,7 +145,7 @@ impl<L: CanLink> Outbox for LinkOutbox<'_, L> {
         }
         if let Err(error) = self.link.send(&frame) {
             self.failed |= own;
-            self.failure.get_or_insert(error);
+            self.failure.get_or_insert((frame.bus(), error));
         }
     }
 }

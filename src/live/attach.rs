@@ -3,9 +3,10 @@
 //! ```text
 //! the process with the arm                      a process with one device
 //! Call: time, SYNC or due, what it feels  --->  its frames up to that moment, then the device
-//!                                         <---  Answer: torque, state, when something is due; then what it sends
+//!                                         <---  what it sends; then Answer: torque, state, when something is due
 //! ```
-//! The process with the arm tells the moments, so that all devices live on one clock. A device that does not answer within
+//! The process with the arm tells the moments, so that all devices live on one clock; what a device measured up to a SYNC is on
+//! the bus before the others answer it. A device that does not answer within
 //! half a second is gone for good, and its joint without torque.
 
 use std::collections::VecDeque;
@@ -227,8 +228,8 @@ pub fn attach<L: CanLink + AsFd>(
                 device.measure(call.felt);
                 device.poll(now, &mut out);
             }
-            stream.write_all(&encode_answer(&device.answer()))?;
             send(link, out);
+            stream.write_all(&encode_answer(&device.answer()))?;
         }
         // What follows a SYNC waits until the arm has told of it.
         let mut out = Vec::new();

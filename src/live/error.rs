@@ -3,7 +3,7 @@
 use thiserror::Error;
 
 use crate::bus::BootError;
-use crate::guard::Cause;
+use crate::guard::{Cause, DeviceSet};
 use crate::link::SendError;
 use crate::rig::RigError;
 
@@ -17,8 +17,13 @@ pub enum LiveError {
     #[error(transparent)]
     Boot(#[from] BootError),
     /// The network could not be booted because nothing can be sent.
-    #[error("while the network was booted: {0}")]
-    Send(#[from] SendError),
+    #[error("while the network was booted, {}: {error}", DeviceSet::interface(*.bus))]
+    Send {
+        /// Number of the bus.
+        bus: u8,
+        /// Why not.
+        error: SendError,
+    },
     /// The network did not come up.
     #[error("the network did not come up within {waited_s} s: {phase}")]
     NotBooted {

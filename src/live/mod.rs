@@ -20,15 +20,19 @@ mod proof;
 mod rig;
 mod scene;
 mod serve;
+mod stages;
+mod timing;
 
 #[cfg(all(feature = "socketcan", target_os = "linux"))]
 pub use attach::{Attached, Entrance, attach};
 pub use drill::{DriveAddress, drive_addresses};
 pub use error::LiveError;
 pub use histogram::Histogram;
-pub use latency::{Latency, PROBE, PROVING_CYCLES, Tier, measure_latency};
+pub use latency::{Latency, Lateness, PROBE, PROVING_CYCLES, STOCK_CYCLES, Tier, measure_latency};
 pub use metronome::Metronome;
 pub use proof::{DriveIdentity, Subject, Unproven};
 pub use rig::{LinkCounts, LiveRig};
 pub use scene::{Ended, Play, Played};
 pub use serve::{ServeError, serve};
+pub use stages::StageTimes;
+pub use timing::{Computer, Kept, Measured, REDUCED_FORCE_N, REDUCED_SPEED_M_PER_S, Untimely};

@@ -11,7 +11,7 @@ use crate::config;
 use crate::cycle::{Outputs, Timing};
 use crate::guard::{Cause, Request, State};
 use crate::link::{Arrival, CanLink, LinkOutbox, Received};
-use crate::record::{CycleRecord, Moment};
+use crate::record::{CycleRecord, Moment, Stages};
 use crate::rig::{Observer, Pace, Tap, master};
 
 /// Longest time from the reset of the network to the exchange of process data.
@@ -62,6 +62,8 @@ pub struct LiveRig<L, M> {
     cycles: u64,
     scene_from: Option<Time>,
     timing: Timing,
+    /// Of the present cycle.
+    stages: Stages,
     suspended: Duration,
     patience: Duration,
     counts: LinkCounts,
@@ -92,6 +94,7 @@ impl<L: CanLink, M: Metronome> LiveRig<L, M> {
             cycles: 0,
             scene_from: None,
             timing: Timing::default(),
+            stages: Stages::default(),
             suspended,
             patience: PATIENCE,
             counts: LinkCounts::default(),
@@ -208,9 +211,11 @@ impl<L: CanLink, M: Metronome> LiveRig<L, M> {
         let suspended = self.metronome.suspended();
         self.timing.suspended = suspended.saturating_sub(std::mem::replace(&mut self.suspended, suspended)) > SUSPENDED;
         let timing = std::mem::take(&mut self.timing);
-        let outputs = self.compute(begin, request, timing)?;
+        let (outputs, stepped) = self.compute(begin, request, timing)?;
         let end = if self.waits { begin } else { self.now() };
         self.timing.last_compute_ns = nanos(end.since(begin));
+        self.stages.stepped_ns = nanos(stepped.since(planned));
+        self.stages.sent_ns = nanos(end.since(planned));
         // The first grid point that has not passed; those before it are skipped, and never made up for.
         let ahead = self.periods_between(grid, end);
         self.timing.skipped = ahead.saturating_sub(behind);
@@ -223,6 +228,7 @@ impl<L: CanLink, M: Metronome> LiveRig<L, M> {
             sync_ns: grid.0,
             compute_ns: planned.0,
             scene_time_s: self.scene_from.map_or(f64::NEG_INFINITY, |from| grid.as_secs_f64() - from.as_secs_f64()),
+            stages: std::mem::take(&mut self.stages),
         };
         self.cycles += 1;
         let record = CycleRecord::new(moment, self.master.last_inputs(), &outputs, self.master.cause(), None);
@@ -244,19 +250,23 @@ impl<L: CanLink, M: Metronome> LiveRig<L, M> {
     fn begin_on_the_wall(&mut self) -> Time {
         let mut grid = self.next_sync;
         self.sleep_until(grid);
-        let missed = self.periods_between(grid, self.now());
+        let mut woke = self.now();
+        let missed = self.periods_between(grid, woke);
         if missed > 0 {
             // The first grid point ahead: the cycle that was missed is not made up for.
             self.timing.skipped = self.timing.skipped.saturating_add(missed + 1);
             grid = grid + self.period * (missed + 1);
             self.sleep_until(grid);
+            woke = self.now();
         }
+        self.stages.sync_woke_ns = nanos(woke.since(grid));
         self.drain();
         let sent = self.now();
         self.timing.sync_late_ns = nanos(sent.since(grid));
         self.send_sync();
         // Process data follow SYNC, however late that was.
         self.sleep_until(sent + self.compute_at);
+        self.stages.woke_ns = nanos(self.now().since(grid + self.compute_at));
         self.drain();
         grid
     }
@@ -268,7 +278,7 @@ impl<L: CanLink, M: Metronome> LiveRig<L, M> {
         self.drain();
         self.send_sync();
         if !self.master.is_sync_held() {
-            let is_whole = self.wait_for(Master::has_process_data);
+            let is_whole = self.wait_for(|master| master.has_process_data(grid));
             self.patience = if is_whole { PATIENCE } else { IMPATIENCE };
         }
         self.lockstep_now = grid + self.compute_at;
@@ -279,18 +289,21 @@ impl<L: CanLink, M: Metronome> LiveRig<L, M> {
         self.send(|master, _, out| master.on_sync(out));
     }
 
-    /// Runs the cycle; nothing if it panicked, after a last quick stop.
-    fn compute(&mut self, begin: Time, request: Request, timing: Timing) -> Option<Outputs> {
+    /// Runs the cycle, and when it was stepped; nothing if it panicked, after a last quick stop.
+    fn compute(&mut self, begin: Time, request: Request, timing: Timing) -> Option<(Outputs, Time)> {
         if self.master.next_deadline() <= begin {
             self.send(|master, now, out| master.poll(now, out));
         }
         let result = catch_unwind(AssertUnwindSafe(|| {
-            self.send(|master, now, out| master.on_compute(now, request, timing, out))
+            let outputs = self.master.step(begin, request, timing);
+            let stepped = self.now();
+            self.send(|master, now, out| master.send_set_points(now, out));
+            (outputs, stepped)
         }));
         match result {
-            Ok(outputs) => {
+            Ok((outputs, stepped)) => {
                 self.last = Some(outputs);
-                Some(outputs)
+                Some((outputs, stepped))
             }
             Err(_) => {
                 self.has_panicked = true;
@@ -341,7 +354,7 @@ impl<L: CanLink, M: Metronome> LiveRig<L, M> {
         let time =
             if self.waits { self.lockstep_now } else { Time(arrival.time.since(self.started).as_nanos() as u64) };
         if let Some(event) = arrival.what.link_event() {
-            self.master.on_link(event);
+            self.master.on_link(arrival.bus, event);
         }
         match arrival.what {
             Received::Frame(frame) => {
@@ -375,10 +388,9 @@ impl<L: CanLink, M: Metronome> LiveRig<L, M> {
         let now = self.now();
         let mut out = LinkOutbox::new(&mut self.link);
         let result = act(&mut self.master, now, &mut out);
-        if out.failure().is_some() {
-            self.counts.refused += 1;
-            self.master.on_link(LinkEvent::SendFailed);
-        }
+        let failed = out.failed_buses();
+        self.counts.refused += u64::from(out.failure().is_some());
+        failed.for_each(|bus| self.master.on_link(bus, LinkEvent::SendFailed));
         result
     }
 
@@ -387,7 +399,7 @@ impl<L: CanLink, M: Metronome> LiveRig<L, M> {
         let now = self.now();
         let mut out = LinkOutbox::new(&mut self.link);
         act(&mut self.master, now, &mut out);
-        out.failure().map_or(Ok(()), |error| Err(error.into()))
+        out.failure().map_or(Ok(()), |(bus, error)| Err(LiveError::Send { bus, error }))
     }
 }
 

@@ -63,5 +63,5 @@ fn send<L: CanLink>(
 ) -> Result<(), ServeError> {
     let mut out = LinkOutbox::new(link);
     act(&mut out)?;
-    if out.failure() == Some(SendError::Gone) { Err(ServeError::Gone) } else { Ok(()) }
+    if matches!(out.failure(), Some((_, SendError::Gone))) { Err(ServeError::Gone) } else { Ok(()) }
 }

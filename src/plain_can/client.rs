@@ -34,6 +34,10 @@ pub struct Client {
     newest: Option<(Time, RawSample)>,
     /// Whether a whole sample has come since the start.
     has_begun: bool,
+    /// When the last whole sample came.
+    last_at: Time,
+    /// Whether a request has no answer yet.
+    is_asked: bool,
     next_order: Time,
 }
 
@@ -41,7 +45,7 @@ impl Client {
     /// A client that has told its sensor nothing.
     pub fn new(link: Link) -> Self {
         let pair = Pair::new(link.protocol.data_ids(), link.pair_gap);
-        Self { link, pair, newest: None, has_begun: false, next_order: Time::NEVER }
+        Self { link, pair, newest: None, has_begun: false, last_at: Time(0), is_asked: false, next_order: Time::NEVER }
     }
 
     /// What is spoken.
@@ -85,8 +89,17 @@ impl Client {
     /// Asks for a sample, if the sensor sends none by itself.
     ///
     /// Real-time: yes.
-    pub fn read(&self, out: &mut impl Outbox) {
-        self.tell(Order::Read, out);
+    pub fn read(&mut self, out: &mut impl Outbox) {
+        self.is_asked = self.tell(Order::Read, out);
+    }
+
+    /// Whether a sample that has not come has to come by `now`: one that was asked for, or the next one by the rate of a
+    /// sensor that streams.
+    ///
+    /// Real-time: yes.
+    pub fn is_owed(&self, now: Time) -> bool {
+        let is_streaming = self.link.protocol.order(Order::Read).is_none();
+        self.is_asked || is_streaming && self.has_begun && now.since(self.last_at) >= self.link.sample_period
     }
 
     /// Takes a frame from the bus.
@@ -103,7 +116,7 @@ impl Client {
         let Some([first, second]) = self.pair.take(now, frame) else { return Heard::Half };
         if let Some(sample) = self.link.protocol.decode([&first, &second]) {
             self.newest = Some((now, sample));
-            (self.has_begun, self.next_order) = (true, Time::NEVER);
+            (self.has_begun, self.last_at, self.is_asked, self.next_order) = (true, now, false, Time::NEVER);
         }
         Heard::Half
     }
@@ -126,10 +139,10 @@ impl Client {
         self.next_order = now + RETRY;
     }
 
-    fn tell(&self, order: Order, out: &mut impl Outbox) {
-        if let Some(frame) = self.link.protocol.order(order) {
-            out.push(frame);
-        }
+    /// Whether the sensor takes such an order.
+    fn tell(&self, order: Order, out: &mut impl Outbox) -> bool {
+        let frame = self.link.protocol.order(order);
+        frame.map(|frame| out.push(frame)).is_some()
     }
 }
 
@@ -141,6 +154,7 @@ mod tests {
     const STREAMING: Link = Link {
         protocol: Protocol::Streaming(streaming::Ids { command: 0x35f, data: [0x360, 0x361] }),
         pair_gap: Duration::from_micros(500),
+        sample_period: Duration::from_millis(2),
         zero_at_start: true,
     };
     const POLLED: Link = Link {
@@ -151,6 +165,7 @@ mod tests {
             invalid_bits: 1,
         }),
         pair_gap: Duration::from_micros(500),
+        sample_period: Duration::from_millis(1),
         zero_at_start: false,
     };
 
@@ -189,6 +204,31 @@ mod tests {
         client.start(us(0), &mut out);
         client.read(&mut out);
         assert_eq!(out, [Frame::new(0x1b0, &[2]); 2]);
+    }
+
+    #[test]
+    fn a_sample_is_owed_when_it_was_asked_for_or_when_the_rate_says_so() {
+        let hear = |client: &mut Client, at: Time| {
+            for frame in client.protocol().encode(&telling(1)) {
+                client.on_frame(at, &frame);
+            }
+        };
+        let mut out = Vec::new();
+        let mut polled = Client::new(POLLED);
+        assert!(!polled.is_owed(us(0)), "nobody has asked");
+        for cycle in [0, 1000] {
+            polled.read(&mut out);
+            assert!(polled.is_owed(us(cycle)));
+            hear(&mut polled, us(cycle));
+            assert!(!polled.is_owed(us(cycle + 900)));
+        }
+        let mut streaming = Client::new(STREAMING);
+        streaming.read(&mut out);
+        assert!(!streaming.is_owed(us(5000)), "it has not begun");
+        hear(&mut streaming, us(10_000));
+        assert!(!streaming.is_owed(us(11_999)) && streaming.is_owed(us(12_000)) && streaming.is_owed(us(13_000)));
+        hear(&mut streaming, us(12_000));
+        assert!(!streaming.is_owed(us(13_000)));
     }
 
     #[test]

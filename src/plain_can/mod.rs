@@ -122,6 +122,8 @@ pub struct Link {
     pub protocol: Protocol,
     /// Longest time from the first frame of a sample to its second; below the sensor's period.
     pub pair_gap: Duration,
+    /// Time from one sample to the next by the sensor's rate.
+    pub sample_period: Duration,
     /// Whether the sensor is told to zero itself when the network starts: the handle must be untouched then.
     pub zero_at_start: bool,
 }

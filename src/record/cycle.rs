@@ -17,6 +17,28 @@ pub struct Moment {
     pub compute_ns: u64,
     /// Moment of SYNC in s since the scene began; minus infinity before.
     pub scene_time_s: f64,
+    /// When its stages were over.
+    pub stages: Stages,
+}
+
+/// When the stages of a cycle were over, beside those that the cycle itself has to know
+/// ([`Timing`](crate::cycle::Timing)): in their order
+///
+/// ```text
+/// grid point         sync_woke_ns    frames taken, SYNC leaves: sync_late_ns
+/// planned compute    woke_ns         frames taken, decoding begins: compute_late_ns    stepped_ns    sent_ns
+/// ```
+/// Each in ns after the moment in front of its line; zero in lockstep, whose clock stands still meanwhile.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Stages {
+    /// The loop woke up for SYNC.
+    pub sync_woke_ns: u32,
+    /// The loop woke up for the computation.
+    pub woke_ns: u32,
+    /// Frames were decoded, and the cycle was stepped.
+    pub stepped_ns: u32,
+    /// Set-points were handed to the interface.
+    pub sent_ns: u32,
 }
 
 /// What a simulation knows of the machine and no device tells.

@@ -15,5 +15,5 @@ pub mod recording;
 /// Time before and after a fault that a black box keeps, in s.
 pub const AROUND_FAULT_S: f64 = 2.0;
 
-pub use cycle::{CycleRecord, Moment, Truth};
+pub use cycle::{CycleRecord, Moment, Stages, Truth};
 pub use trace::{ForceMeaning, ON_SURFACE_M, Phase, Reference, Row, SideYield, Trace};

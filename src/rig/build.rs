@@ -313,7 +313,8 @@ pub(super) fn sample_period(rig: &config::Rig) -> Duration {
 pub(super) fn sensor_link(sensor: &config::Sensor) -> Result<SensorLink, RigError> {
     let plain = |protocol, pair_gap_us: u32, zero_at_start| {
         let pair_gap = Duration::from_micros(pair_gap_us.into());
-        SensorLink::PlainCan(plain_can::Link { protocol, pair_gap, zero_at_start })
+        let sample_period = Duration::from_secs_f64(sensor.sample_rate_hz.get().recip());
+        SensorLink::PlainCan(plain_can::Link { protocol, pair_gap, sample_period, zero_at_start })
     };
     Ok(match sensor.protocol {
         config::SensorProtocol::Canopen { node_id, profile: ref name, heartbeat_ms } => {

@@ -7,7 +7,7 @@ use super::error::RigError;
 use super::far_end::{Actuator, DEVICES, FarEnd, Senses, Wire};
 use super::seat::{Peer, Seat};
 
-use super::world::Body;
+use super::world::{Body, World};
 use crate::canopen::{Frame, Outbox, Time, cob};
 use crate::config;
 use crate::sim::{Drive, ForceSensor, Watchdog};
@@ -21,11 +21,15 @@ const GRACE: Duration = Duration::from_secs(2);
 /// wall falls behind it, and does not become deaf.
 const LAG: Duration = Duration::from_millis(5);
 
+/// Step of simulated time.
+const SHORTEST: Duration = Duration::from_nanos(1);
+
 /// What the clock of simulated devices on a real bus follows.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Pace {
     /// Simulated time advances by one period with each SYNC, or with those of all buses. Before the first one, after an NMT command and 2 s after the
-    /// last SYNC it follows the wall, so that the network can be booted and watchdogs act on a master that has died.
+    /// last SYNC it follows the wall in whole periods, so that the network can be booted and watchdogs act on a master that has died. The
+    /// clock of a force sensor and its noise begin with the first SYNC, so that the moment of the boot does not matter.
     Lockstep,
     /// Simulated time follows the wall.
     Free,
@@ -38,6 +42,9 @@ pub enum Pace {
 #[derive(Debug)]
 pub struct DeviceServer {
     far: FarEnd<Seat<Drive>, Seat<ForceSensor>>,
+    seed: u64,
+    /// Of the force sensor, where it is on.
+    noise_counts: f64,
     pace: Pace,
     period: Duration,
     /// Simulated time.
@@ -87,14 +94,20 @@ impl DeviceServer {
     pub fn new(rig: &config::Rig, scene: &config::Scene, seed: u64, pace: Pace) -> Result<Self, RigError> {
         let FarEnd { drives, sensor, world, buses } = FarEnd::new(rig, scene, seed)?;
         let seat = |drive| Seat::Here(Box::new(drive));
-        let far = FarEnd { drives: drives.map(seat), sensor: Seat::Here(Box::new(sensor)), world, buses };
+        let mut far = FarEnd { drives: drives.map(seat), sensor: Seat::Here(Box::new(sensor)), world, buses };
         if matches!(far.world.body, Body::Ideal(_)) {
             let message =
                 "model.tracking ideal works in the embedded simulation only: on a bus the arm has to be rigid";
             return Err(RigError::Mismatch(message.into()));
         }
+        let noise_counts = far.world.noise_counts;
+        if pace == Pace::Lockstep {
+            far.world.noise_counts = 0.0;
+        }
         Ok(Self {
             far,
+            seed,
+            noise_counts,
             pace,
             period: Duration::from_micros(rig.cycle.period_us.into()),
             now: Time(0),
@@ -139,6 +152,10 @@ impl DeviceServer {
                 if self.waits_since.is_some() && self.synced == 0 {
                     now = self.now + self.period;
                 }
+                if self.waits_since.is_none() {
+                    self.advance(now, out)?;
+                    self.begin(now);
+                }
                 self.synced |= own;
                 self.waits_since = Some(wall);
             }
@@ -169,7 +186,14 @@ impl DeviceServer {
         match (self.waits_since, self.far.next_deadline()) {
             (Some(since), _) => since + GRACE,
             (None, Time::NEVER) => Time::NEVER,
-            (None, next) => self.anchor.0 + next.since(self.anchor.1),
+            (None, next) => {
+                let next = if self.pace == Pace::Lockstep {
+                    self.whole(next + self.period.saturating_sub(SHORTEST))
+                } else {
+                    next
+                };
+                self.anchor.0 + next.since(self.anchor.1)
+            }
         }
     }
 
@@ -226,23 +250,43 @@ impl DeviceServer {
 
     /// Simulated time at a moment of the wall.
     fn time_at(&self, wall: Time) -> Time {
-        if self.waits_since.is_some() { self.now } else { self.now.max(self.anchor.1 + wall.since(self.anchor.0)) }
+        if self.waits_since.is_some() {
+            return self.now;
+        }
+        let time = self.anchor.1 + wall.since(self.anchor.0);
+        self.now.max(if self.pace == Pace::Lockstep { self.whole(time) } else { time })
+    }
+
+    /// The end of the last whole period before a moment or at it.
+    fn whole(&self, time: Time) -> Time {
+        Time(time.0 - time.0 % self.period.as_nanos() as u64)
     }
 
     /// The same for what is to be done now.
     fn due(&mut self, wall: Time) -> Time {
         let until = self.time_at(wall);
-        if self.pace == Pace::Free || until <= self.now + LAG {
+        let latest = self.whole(self.now + LAG.max(self.period));
+        if self.pace == Pace::Free || until <= latest {
             return until;
         }
-        self.anchor = (wall, self.now + LAG);
-        self.now + LAG
+        self.anchor = (wall, latest);
+        latest
+    }
+
+    /// Has all that is not at rest begin with the first SYNC: the clock of the sensor, and the noise on its samples. Before, a
+    /// sensor that is told to zero itself would take a noise with it that depends on when it is told.
+    fn begin(&mut self, now: Time) {
+        (self.far.world.noise, self.far.world.noise_counts) = (World::noise_from(self.seed), self.noise_counts);
+        if let Some(sensor) = self.far.sensor.here_mut() {
+            sensor.begin_clock(now);
+        }
     }
 
     /// Has time follow the wall from now on.
     fn run_on(&mut self, wall: Time) {
         if self.waits_since.take().is_some() {
             self.anchor = (wall, self.now);
+            self.far.world.noise_counts = 0.0;
         }
     }
 

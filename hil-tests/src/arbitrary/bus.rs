@@ -383,11 +383,10 @@ fn play(bytes: &[u8]) -> Net {
                 net.cycle(Request::None, timing, |frame| spoil(&mut bytes, frame), &strangers);
             }
             10 if net.phase == Phase::Operational && bytes.u8() < 16 => net.panic(),
-            10 => net.parts.master.on_link(bytes.pick(&[
-                LinkEvent::SendFailed,
-                LinkEvent::ErrorPassive,
-                LinkEvent::BusOff,
-            ])),
+            10 => net.parts.master.on_link(
+                bytes.u8() % 5,
+                bytes.pick(&[LinkEvent::SendFailed, LinkEvent::ErrorPassive, LinkEvent::BusOff]),
+            ),
             11 => {
                 let joint = usize::from(bytes.u8() % 2);
                 let (now, code, mut out) = (net.parts.now, bytes.u16(), Vec::new());

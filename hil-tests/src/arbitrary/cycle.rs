@@ -126,10 +126,10 @@ fn link(bytes: &mut Bytes<'_>) -> LinkEvents {
         emergency: at(6),
         emergency_warning: at(7),
         intruder: is(8),
-        transmit_stalled: is(9),
-        error_passive: is(10),
-        bus_off: is(11),
-        send_failed: is(12),
+        transmit_stalled: DeviceSet::interface(0).only_if(is(9)),
+        error_passive: DeviceSet::interface(1).only_if(is(10)),
+        bus_off: DeviceSet::interface(2).only_if(is(11)),
+        send_failed: DeviceSet::interface(3).only_if(is(12)),
     }
 }
 

@@ -53,7 +53,7 @@ pub fn plain_can(bytes: &[u8]) {
     let mut bytes = Bytes::new(bytes);
     let protocol = protocol(&mut bytes);
     let pair_gap = Duration::from_micros(u64::from(bytes.u16()));
-    let mut client = Client::new(Link { protocol, pair_gap, zero_at_start: bytes.bool() });
+    let mut client = Client::new(Link { protocol, pair_gap, sample_period: 2 * pair_gap, zero_at_start: bytes.bool() });
     let settings = ForceSensorSettings {
         speaks: Speaks::PlainCan { protocol, slow_ppm: u32::from(bytes.u8()) },
         sample_rate_hz: bytes.pick(&[200, 500, 1000]),

@@ -73,7 +73,7 @@ impl Network for Real {
                     continue;
                 }
                 if link.wait(device.next_deadline().min(now + NAP))
-                    && let Some(Arrival { time, what: Received::Frame(frame) }) = link.receive()
+                    && let Some(Arrival { time, what: Received::Frame(frame), .. }) = link.receive()
                 {
                     device.on_frame(time.max(now), &frame, &mut out);
                 }

@@ -107,7 +107,7 @@ impl World {
                 Port::Link(arrivals) => arrivals.extend(delivery.map(|delivery| {
                     let is_own = delivery.from == port;
                     let what = if is_own { Received::Echo(delivery.frame) } else { Received::Frame(delivery.frame) };
-                    Arrival { time: delivery.time, what }
+                    Arrival { time: delivery.time, bus: 0, what }
                 })),
                 Port::Free => {}
             }

@@ -268,7 +268,7 @@ pub(crate) fn a_rig_boots_and_exchanges_process_data(bus: &mut impl Network) {
         master.on_sync(&mut out);
         assert_eq!(out.iter().map(Frame::id).collect::<Vec<_>>(), [cob::SYNC], "cycle {cycle}");
         hil_tests::network::send_all(&mut link, &mut out);
-        while !master.has_process_data() {
+        while !master.has_process_data(link.now()) {
             assert!(link.now() < until, "no process data in cycle {cycle}");
             link.wait(until);
             take(&mut link, &mut master, &mut out);

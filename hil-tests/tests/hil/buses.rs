@@ -72,6 +72,8 @@ fn one_interface_that_is_taken_down_stops_the_axes_on_the_other() {
         set("up");
         assert_eq!(code, SAFETY_STOP, "{document:#}");
         assert_eq!((&document["cause"], &document["state"]), (&"link-down".into(), &"Lost".into()), "{document:#}");
+        let bus = if interface == "vcan1" { "sensor" } else { "main" };
+        assert_eq!(document["cause_devices"], format!("interface of bus `{bus}`"), "{document:#}");
         if interface == "vcan1" {
             // Nothing was said any more, and both drives have stopped by themselves.
             observer.until("emergency of both drives", |frames| {

@@ -132,6 +132,21 @@ fn only_what_a_filter_lets_through_comes_and_process_data_come_first() {
 
 #[test]
 #[ignore = "needs a CAN interface: see hil-tests/vcan"]
+fn a_frame_has_the_moment_at_which_it_came_and_not_that_at_which_it_was_taken() {
+    let own = Own::new("ywstamp");
+    let (mut one, mut other) = (own.link(), own.link());
+    for number in 0..5u8 {
+        one.send(&Frame::new(0x181, &[number])).expect("sent");
+        std::thread::sleep(Duration::from_millis(200));
+        for link in [&mut one, &mut other] {
+            let arrival = link.receive().expect("it came long ago");
+            assert!(arrival.time + Duration::from_millis(100) < link.now(), "{arrival:?}");
+        }
+    }
+}
+
+#[test]
+#[ignore = "needs a CAN interface: see hil-tests/vcan"]
 fn a_client_sees_the_answers_alone() {
     let own = Own::new("ywclient");
     let answers = vec![CobFilter::only(0x585)];

@@ -30,6 +30,40 @@ fn a_circle_is_held_in_lockstep_over_two_processes() {
     assert!(served.contains("SYNC"), "{served}");
 }
 
+/// What a recorded run in lockstep has from the begin of its scene on: counts of the sensor, and the proxy.
+fn recorded(rig: &str, name: &str) -> Vec<String> {
+    let folder = std::env::temp_dir().join(format!("yieldwall-lockstep-{name}-{}", std::process::id()));
+    let sim = lockstep(rig);
+    let path = folder.to_str().expect("a plain path");
+    let arguments = ["--pace", "lockstep", "--duration", "3", "--record", path];
+    let (code, document) = Running::run(rig, &arguments).document();
+    assert_eq!((code, &document["state"]), (OK, &Value::from("Running")), "{document:#}");
+    drop(sim);
+    let text = std::fs::read_to_string(folder.join("cycles.csv")).expect("a recording");
+    std::fs::remove_dir_all(folder).expect("it is there");
+    let mut lines = text.lines().map(|line| line.split(',').collect::<Vec<_>>());
+    let head = lines.next().expect("names");
+    let column = |name: &str| head.iter().position(|field| *field == name).expect("a field");
+    let scene = column("scene_time_s");
+    let wanted = ["has_sample", "sample_fx_counts", "sample_fy_counts", "proxy_x_m", "proxy_y_m"].map(column);
+    let in_scene = lines.filter(|line| line[scene].parse::<f64>().is_ok_and(|time| time >= 0.0));
+    in_scene.map(|line| wanted.map(|column| line[column]).join(",")).collect()
+}
+
+#[test]
+#[ignore = "needs a CAN interface: see hil-tests/vcan"]
+fn in_lockstep_sensors_on_plain_can_give_the_same_run_again() {
+    for rig in ["paper-admittance-streaming.yaml", "paper-admittance-polled.yaml"] {
+        let rig = format!("builtin:{rig}");
+        let (one, other) = (recorded(&rig, "one"), recorded(&rig, "other"));
+        assert!(one.len() >= 3000, "{rig}: {} cycles", one.len());
+        let apart = one.iter().zip(&other).position(|(one, other)| one != other);
+        assert_eq!((apart, one.len()), (None, other.len()), "{rig}");
+        // Rows that are alike because nothing happens would prove nothing.
+        assert!(one.iter().collect::<std::collections::BTreeSet<_>>().len() > 1000, "{rig}");
+    }
+}
+
 #[test]
 #[ignore = "needs a CAN interface: see hil-tests/vcan"]
 fn devices_in_three_processes_share_one_arm_and_one_that_dies_stops_the_rig() {

@@ -1,7 +1,7 @@
 //! The program as a process, and who listens on its bus.
 
 use std::io::{BufRead, BufReader, Read};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex};
@@ -23,6 +23,7 @@ pub(super) const BUS_UNAVAILABLE: i32 = 4;
 pub(super) const DEVICE_MISMATCH: i32 = 5;
 pub(super) const OUT_OF_TOLERANCE: i32 = 7;
 pub(super) const SAFETY_STOP: i32 = 8;
+pub(super) const TIMING_MISSED: i32 = 9;
 pub(super) const INTERRUPTED: i32 = 130;
 
 pub(super) fn program() -> PathBuf {
@@ -39,7 +40,11 @@ pub(super) struct Running(Option<Child>);
 
 impl Running {
     pub(super) fn start(arguments: &[&str]) -> Self {
-        let state = std::env::temp_dir().join(format!("yieldwall-hil-{}", std::process::id()));
+        Self::start_with(&std::env::temp_dir().join(format!("yieldwall-hil-{}", std::process::id())), arguments)
+    }
+
+    /// With records of its own.
+    pub(super) fn start_with(state: &Path, arguments: &[&str]) -> Self {
         let child = Command::new(program())
             .args(arguments)
             .env("XDG_STATE_HOME", state)

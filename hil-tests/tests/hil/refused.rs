@@ -85,7 +85,7 @@ fn a_device_that_is_another_one() {
 fn drives_whose_watchdogs_nobody_has_tried() {
     let sim = Running::sim(RIG, &[]);
     let observer = Observer::new();
-    let (code, _, help) = refusal(Running::run(RIG, &["--duration", "1"]));
+    let (code, _, help) = refusal(Running::run(RIG, &["--duration", "1", "--ignore-latency"]));
     assert_eq!(code, DEVICE_MISMATCH);
     assert!(help.contains(&format!("yieldwall drill {RIG} --bus {}", bus())), "{help}");
     assert!(!is_enabled(&observer.rest()));

@@ -1,6 +1,7 @@
 //! On the clock of the wall, at a cycle so slow that any computer keeps it: 50 ms too late is in time. How a computer keeps a
 //! faster one is measured by `hil-tests/circle` and by `yieldwall latency`.
 
+use std::path::Path;
 use std::process::Command;
 
 use super::programs::*;
@@ -29,6 +30,49 @@ fn drill(rig: &str) -> Running {
     Running::start(&["drill", rig, "--bus", &bus(), "--json"])
 }
 
+/// Measures this computer at 1 ms for as many cycles as show tier B. At 100 ms it has that tier if it wakes up within 50 ms.
+fn measure(state: Option<&Path>) {
+    let arguments = ["latency", "--duration", "4", "--json"];
+    let measuring = match state {
+        Some(state) => Running::start_with(state, &arguments),
+        None => Running::start(&arguments),
+    };
+    let (code, document) = measuring.document();
+    assert_eq!((code, document["record"].is_string()), (OK, true), "{document:#}");
+}
+
+#[test]
+#[ignore = "needs a CAN interface: see hil-tests/vcan"]
+fn a_computer_that_nobody_has_measured_is_refused_unless_a_person_says_otherwise() {
+    let (rig, scene) = slow();
+    let devices = sim(&rig, &scene, &[]);
+    let state = std::env::temp_dir().join(format!("yieldwall-unmeasured-{}", std::process::id()));
+    let bus = bus();
+    let run = |also: &[&str]| {
+        refusal(Running::start_with(
+            &state,
+            &[&["run", &rig, "--bus", &bus, "--json", "--duration", "1"], also].concat(),
+        ))
+    };
+    let observer = Observer::new();
+    let (code, message, help) = run(&[]);
+    assert_eq!(code, TIMING_MISSED, "{message}");
+    assert!(message.contains("nobody has measured how late"), "{message}");
+    assert!(help.contains("nothing was sent; `yieldwall latency --period-us 100000"), "{help}");
+    assert!(observer.rest().iter().all(|frame| frame.id() != 0x000), "no NMT command");
+    // What comes next is the drill, which these drives have not passed with these records.
+    let (code, message, _) = run(&["--ignore-latency"]);
+    assert_eq!(code, DEVICE_MISMATCH, "{message}");
+    measure(Some(&state));
+    let (code, message, _) = run(&[]);
+    assert_eq!(code, DEVICE_MISMATCH, "{message}");
+    assert!(message.contains("no watchdog drill is on record"), "{message}");
+    drop(devices);
+    std::fs::remove_dir_all(state).expect("it is there");
+    std::fs::remove_file(rig).expect("it is there");
+    std::fs::remove_file(scene).expect("it is there");
+}
+
 #[test]
 #[ignore = "needs a CAN interface: see hil-tests/vcan"]
 fn a_drilled_rig_runs_alone_on_its_bus_and_one_that_stalls_is_lost() {
@@ -39,9 +83,11 @@ fn a_drilled_rig_runs_alone_on_its_bus_and_one_that_stalls_is_lost() {
     for finding in document["watchdogs"]["findings"].as_array().expect("findings") {
         assert!(finding["left_stops_after_ms"].is_number() && finding["right_stops_after_ms"].is_number(), "{finding}");
     }
+    measure(None);
     let observer = Observer::new();
     let (code, document) = Running::run(&rig, &["--duration", "2"]).document();
     assert_eq!((code, &document["state"]), (OK, &"Running".into()), "{document:#}");
+    assert!(document["timing"]["tier"].is_string(), "{document:#}");
     assert_eq!((&document["cycles"], &document["skipped"]), (&20.into(), &0.into()), "{document:#}");
     assert_stopped_together(&observer.rest());
     twice(&rig, &scene);
@@ -101,6 +147,7 @@ fn drives_that_lack_a_watchdog_are_refused() {
     let devices = sim(&rig, &scene, &["--unwatched", "heartbeat"]);
     let (code, document) = drill(&rig).document();
     assert_eq!(code, OUT_OF_TOLERANCE, "{document:#}");
+    measure(None);
     let observer = Observer::new();
     let (code, document) = Running::run(&rig, &["--duration", "1"]).document();
     assert_eq!(code, OUT_OF_TOLERANCE, "{document:#}");

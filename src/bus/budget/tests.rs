@@ -184,7 +184,12 @@ fn advice_is_the_least_change_that_fits() {
 }
 
 fn plain_can(protocol: Protocol, sample_us: u64) -> MasterSetup {
-    let link = Link { protocol, pair_gap: Duration::from_micros(500), zero_at_start: false };
+    let link = Link {
+        protocol,
+        pair_gap: Duration::from_micros(500),
+        sample_period: Duration::from_millis(1),
+        zero_at_start: false,
+    };
     let name = "wrist".to_owned();
     let sample_period = Duration::from_micros(sample_us);
     let sensor = SensorSetup { name, bus: 0, link: SensorLink::PlainCan(link), sample_period };

@@ -49,8 +49,8 @@ pub struct Master {
     is_silent: bool,
     /// Whether the link shows own frames; without that nothing is known of what is still on its way.
     has_echo: bool,
-    /// Whether SYNC and set-points of this cycle are held back.
-    is_held: bool,
+    /// The interfaces because of which SYNC and set-points of this cycle are held back.
+    held: DeviceSet,
     /// Whether the cycle failed and never runs again.
     has_failed: bool,
     last: Outputs,
@@ -139,7 +139,7 @@ impl Master {
             events: LinkEvents::default(),
             is_silent: false,
             has_echo: false,
-            is_held: false,
+            held: DeviceSet::NONE,
             has_failed: false,
             last,
             emergencies: [None; EMERGENCIES],
@@ -261,21 +261,23 @@ impl Master {
     /// Real-time: yes.
     pub fn on_sync(&mut self, out: &mut impl Outbox) {
         self.image.begin_cycle();
-        self.is_held = self.has_echo && self.is_in_flight();
-        if !(self.is_silent || self.is_held) {
+        let waiting = self.lines.iter().filter(|line| self.has_echo && line.in_flight > 0);
+        self.held = waiting.fold(DeviceSet::NONE, |held, line| held | DeviceSet::interface(line.bus));
+        if !self.is_sync_held() {
             self.repeat_sync(out);
             self.lines.iter_mut().for_each(Line::note_sync);
-            if let Some(client) = self.image.plain() {
+            if let Some(client) = self.image.plain_mut() {
                 client.read(&mut out.on(self.sensor_bus));
             }
         }
     }
 
-    /// Whether the process data of all nodes have arrived since [`Master::on_sync`].
+    /// Whether all that answers SYNC has arrived since [`Master::on_sync`]: the process data of all nodes, the sample of a
+    /// sensor that was asked for one, and that of one which streams if its rate has it come by `now`.
     ///
     /// Real-time: yes.
-    pub fn has_process_data(&self) -> bool {
-        self.image.is_complete()
+    pub fn has_process_data(&self, now: Time) -> bool {
+        self.image.is_complete(now)
     }
 
     /// Whether SYNC was held back in this cycle, since the set-points of an earlier one are still on their way or nothing
@@ -283,7 +285,7 @@ impl Master {
     ///
     /// Real-time: yes.
     pub fn is_sync_held(&self) -> bool {
-        self.is_held || self.is_silent
+        self.is_silent || !self.held.is_empty()
     }
 
     /// Whether set-points, or SYNC where there are none, were sent that have not been seen on their bus yet.
@@ -315,22 +317,28 @@ impl Master {
         self.heartbeat
     }
 
-    /// The moment at which all process data are in: runs the cycle and sends the set-points that the next SYNC makes
-    /// the drives apply. A heartbeat that is due goes out behind them. `timing` says how this cycle ran against its
-    /// grid.
+    /// The moment at which all process data are in: [`Master::step`], and then [`Master::send_set_points`].
     ///
     /// Real-time: yes.
     pub fn on_compute(&mut self, now: Time, request: Request, timing: Timing, out: &mut impl Outbox) -> Outputs {
+        let outputs = self.step(now, request, timing);
+        self.send_set_points(now, out);
+        outputs
+    }
+
+    /// Decodes the process data and runs the cycle; nothing is sent. `timing` says how this cycle ran against its grid.
+    ///
+    /// Real-time: yes.
+    pub fn step(&mut self, now: Time, request: Request, timing: Timing) -> Outputs {
         let arrivals = self.image.arrivals(now);
         if self.has_failed {
-            self.send(now, out);
             return self.last;
         }
         let mut link = std::mem::take(&mut self.events);
         link.bad_length = arrivals.irregular.bad_length;
         link.duplicated = arrivals.irregular.duplicated;
         link.late = arrivals.irregular.late;
-        link.transmit_stalled = self.is_held;
+        link.transmit_stalled = self.held;
         // A node that is not there stays a fault, so that the rig cannot be enabled again without it.
         for node in &self.nodes {
             link.node_reset |= node.device.only_if(node.has_restarted);
@@ -347,12 +355,11 @@ impl Master {
             self.lines.iter_mut().for_each(|line| line.in_flight = 0);
         }
         self.is_silent = self.last.directive.is_silent;
-        self.send(now, out);
         self.last
     }
 
     /// Sends both drives a quick stop without the cycle, which has panicked in the caller's hands. It never runs again:
-    /// [`Master::on_compute`] goes on to send the quick stop, the state is [`State::Disabled`] for good, and its cause
+    /// [`Master::send_set_points`] goes on to send the quick stop, the state is [`State::Disabled`] for good, and its cause
     /// [`Fault::CyclePanicked`].
     ///
     /// Real-time: yes.
@@ -360,13 +367,16 @@ impl Master {
         self.has_failed = true;
         self.last.command = Allowed::rest(self.last.command.get(), self.last.signals.measured_angles);
         self.last.directive = Directive::QUICK_STOP;
-        (self.is_silent, self.is_held) = (false, false);
-        self.send(now, out);
+        (self.is_silent, self.held) = (false, DeviceSet::NONE);
+        self.send_set_points(now, out);
     }
 
-    /// Sends the set-points of this cycle, and a heartbeat that is due.
-    fn send(&mut self, now: Time, out: &mut impl Outbox) {
-        if self.is_silent || self.is_held {
+    /// Sends the set-points of the last [`Master::step`], which the next SYNC makes the drives apply, and behind them a
+    /// heartbeat that is due.
+    ///
+    /// Real-time: yes.
+    pub fn send_set_points(&mut self, now: Time, out: &mut impl Outbox) {
+        if self.is_sync_held() {
             return self.image.cancel_fault_reset();
         }
         self.image.send(self.last.directive.goal, &self.last.command, out);
@@ -374,15 +384,16 @@ impl Master {
         self.send_heartbeat(now, out);
     }
 
-    /// Notes what the interface tells; the next cycle acts on it.
+    /// Notes what the interface to a bus tells; the next cycle acts on it.
     ///
     /// Real-time: yes.
-    pub fn on_link(&mut self, event: LinkEvent) {
-        match event {
-            LinkEvent::SendFailed => self.events.send_failed = true,
-            LinkEvent::ErrorPassive => self.events.error_passive = true,
-            LinkEvent::BusOff => self.events.bus_off = true,
-        }
+    pub fn on_link(&mut self, bus: u8, event: LinkEvent) {
+        let events = match event {
+            LinkEvent::SendFailed => &mut self.events.send_failed,
+            LinkEvent::ErrorPassive => &mut self.events.error_passive,
+            LinkEvent::BusOff => &mut self.events.bus_off,
+        };
+        *events |= DeviceSet::interface(bus);
     }
 }
 

@@ -9,6 +9,7 @@ use crate::bus::error::BootFailure;
 use crate::canopen::nmt::{self, HeartbeatChange, HeartbeatEvent};
 use crate::canopen::{Frame, NmtCommand, NmtState, Outbox, Time};
 use crate::cycle::LinkEvents;
+use crate::guard::DeviceSet;
 use crate::plain_can::Client;
 
 /// How long a node may take from the reset to its boot-up message.
@@ -30,7 +31,7 @@ impl Master {
         self.lines.iter_mut().for_each(Line::restart);
         self.nodes.iter_mut().for_each(Node::restart);
         self.events = LinkEvents::default();
-        (self.is_silent, self.is_held, self.has_echo) = (false, false, false);
+        (self.is_silent, self.held, self.has_echo) = (false, DeviceSet::NONE, false);
         self.last = self.cycle.idle();
         self.enter(Phase::Resetting);
         self.phase_deadline = now + BOOT_UP_WAIT;

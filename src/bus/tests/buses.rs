@@ -165,6 +165,7 @@ fn only_a_bus_where_somebody_hears_it_gets_sync() {
     let link = crate::plain_can::Link {
         protocol: crate::plain_can::Protocol::Streaming(ids),
         pair_gap: Duration::from_micros(500),
+        sample_period: Duration::from_millis(1),
         zero_at_start: false,
     };
     let mut setup = setup(CommandMode::Torque, home, 0.0);

@@ -99,7 +99,7 @@ fn half_a_force_sample_is_none() {
 #[test]
 fn own_frames_that_cannot_be_sent_are_the_end() {
     let mut net = Net::running(CommandMode::Torque);
-    net.master.on_link(LinkEvent::SendFailed);
+    net.master.on_link(0, LinkEvent::SendFailed);
     net.master.on_sync(&mut net.sent);
     net.take();
     net.report(["3712"; 2]);

@@ -1,7 +1,8 @@
 //! Why a run ended badly, and with which exit code.
 
 use super::super::failure::{Exit, Failure};
-use crate::guard::{Cause, Fault};
+use crate::config;
+use crate::guard::{Cause, DeviceSet, Fault};
 use crate::rig::RigError;
 use crate::study::RunReport;
 use crate::study::measures::Measures;
@@ -18,17 +19,17 @@ pub(in crate::cli) fn above_bound(measures: &Measures, what: &str) -> Failure {
 }
 
 /// The failure of a run that a fault stopped.
-pub(super) fn stopped(report: &RunReport) -> Failure {
-    stopped_by(report.cause, report.trace.rows.last().map_or(0.0, |row| row.time_s))
+pub(super) fn stopped(report: &RunReport, rig: &config::Rig) -> Failure {
+    stopped_by(report.cause, report.trace.rows.last().map_or(0.0, |row| row.time_s), rig)
 }
 
 /// The failure of a rig that `cause` stopped so long after its scene began; without a cause its process died.
-pub(in crate::cli) fn stopped_by(cause: Option<Cause>, time_s: f64) -> Failure {
+pub(in crate::cli) fn stopped_by(cause: Option<Cause>, time_s: f64, rig: &config::Rig) -> Failure {
     let (exit, message, help) = match cause {
         Some(cause) => {
             let row = cause.fault.row();
             let exit = exit_of(cause);
-            let at = describe(cause);
+            let at = describe(cause, &bus_names(rig));
             (exit, format!("stopped by {} ({at}): {} ({})", row.name, row.meaning, row.cause), row.next)
         }
         None => (
@@ -51,9 +52,21 @@ pub(in crate::cli) fn exit_of(cause: Cause) -> Exit {
 }
 
 /// Where a fault showed: the stage, and the devices if there are any.
-pub(in crate::cli) fn describe(cause: Cause) -> String {
+pub(in crate::cli) fn describe(cause: Cause, buses: &[String]) -> String {
     let stage = format!("{:?}", cause.fault.row().stage).to_lowercase();
-    if cause.devices.is_empty() { stage } else { format!("{stage}, {}", cause.devices) }
+    if cause.devices.is_empty() { stage } else { format!("{stage}, {}", devices_text(cause.devices, buses)) }
+}
+
+/// The devices, interfaces by the names of their buses.
+pub(in crate::cli) fn devices_text(devices: DeviceSet, buses: &[String]) -> String {
+    (0..).zip(buses).fold(devices.to_string(), |text, (number, bus)| {
+        text.replace(&DeviceSet::interface(number).to_string(), &format!("interface of bus `{bus}`"))
+    })
+}
+
+/// The names of the buses, by number.
+pub(in crate::cli) fn bus_names(rig: &config::Rig) -> Vec<String> {
+    rig.buses.keys().cloned().collect()
 }
 
 /// The failure that a rig's error is.

@@ -6,7 +6,9 @@ use serde_json::{Value, json};
 
 use super::super::keep::{Kept, LOG_STARTS_AT};
 use super::super::margins::Margins;
-use super::{Arguments, measures_text, mode_text, simulated_interfaces, watchdogs_json, watchdogs_text};
+use super::{
+    Arguments, bus_names, devices_text, measures_text, mode_text, simulated_interfaces, watchdogs_json, watchdogs_text,
+};
 use crate::config;
 use crate::fixture::prediction;
 use crate::rig::Drilled;
@@ -39,7 +41,7 @@ impl Facts<'_> {
             "state": self.report.state.map(|state| format!("{state:?}")),
             "cause": self.report.cause.map(|cause| cause.fault.row().name),
             "cause_stage": self.report.cause.map(|cause| format!("{:?}", cause.fault.row().stage).to_lowercase()),
-            "cause_devices": self.report.cause.map(|cause| cause.devices.to_string()),
+            "cause_devices": self.report.cause.map(|cause| devices_text(cause.devices, &bus_names(self.rig))),
             "margins": self.margins.to_json(),
             "watchdogs": watchdogs_json(&self.drilled),
             "bus_loads": self.report.bus_loads.iter().cloned().collect::<BTreeMap<_, _>>(),

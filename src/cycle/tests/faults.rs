@@ -132,15 +132,15 @@ fn inject(fault: Fault, bench: &mut Bench) -> Outputs {
                 reference.angles.0.x = f64::NAN;
             }
         }
-        Fault::LinkDown => bench.link.send_failed = true,
+        Fault::LinkDown => bench.link.send_failed = DeviceSet::interface(1),
         Fault::PdoDuplicated => bench.link.duplicated = DeviceSet::LEFT_DRIVE,
         Fault::PdoLate => bench.link.late = DeviceSet::SENSOR,
         Fault::DuplicateNode => bench.link.duplicate_node = DeviceSet::LEFT_DRIVE,
         Fault::EmergencyWarning => bench.link.emergency_warning = DeviceSet::LEFT_DRIVE,
         Fault::Intruder => bench.link.intruder = true,
-        Fault::TransmitStalled => bench.link.transmit_stalled = true,
-        Fault::ErrorPassive => bench.link.error_passive = true,
-        Fault::BusOff => bench.link.bus_off = true,
+        Fault::TransmitStalled => bench.link.transmit_stalled = DeviceSet::interface(1),
+        Fault::ErrorPassive => bench.link.error_passive = DeviceSet::interface(1),
+        Fault::BusOff => bench.link.bus_off = DeviceSet::interface(1),
         Fault::CyclePanicked => unreachable!("not seen in the cycle"),
     }
     let outputs = bench.step(request);

@@ -15,12 +15,28 @@ impl DeviceSet {
     pub const RIGHT_DRIVE: Self = Self(2);
     /// The force sensor.
     pub const SENSOR: Self = Self(4);
-    /// This computer and its interface.
+    /// This computer.
     pub const HOST: Self = Self(8);
     /// Both drives.
     pub const DRIVES: Self = Self(3);
 
-    const NAMES: [&'static str; 4] = ["left drive", "right drive", "force sensor", "host"];
+    const NAMES: [&'static str; 8] = [
+        "left drive",
+        "right drive",
+        "force sensor",
+        "host",
+        "first interface",
+        "second interface",
+        "third interface",
+        "fourth interface",
+    ];
+
+    /// This computer's interface to the bus of this number, 0 to 3; the computer itself for another number.
+    ///
+    /// Real-time: yes.
+    pub const fn interface(bus: u8) -> Self {
+        if bus < 4 { Self(0x10 << bus) } else { Self::HOST }
+    }
 
     /// The drive of joint 0 (left) or 1 (right); none for another number.
     ///
@@ -58,14 +74,14 @@ impl DeviceSet {
         self.0 & other.0 == other.0
     }
 
-    /// One bit per device: left drive, right drive, force sensor, host.
+    /// One bit per device: left drive, right drive, force sensor, host, interfaces.
     pub const fn bits(self) -> u8 {
         self.0
     }
 
-    /// The set with these bits; unknown ones are left out.
+    /// The set with these bits.
     pub const fn from_bits(bits: u8) -> Self {
-        Self(bits & 0x0f)
+        Self(bits)
     }
 }
 
@@ -119,7 +135,8 @@ mod tests {
         assert!(set.contains(DeviceSet::SENSOR) && !set.contains(DeviceSet::DRIVES));
         assert_eq!(DeviceSet::drives_where([true, true]), DeviceSet::DRIVES);
         assert_eq!(set & DeviceSet::DRIVES, DeviceSet::RIGHT_DRIVE);
-        assert_eq!(DeviceSet::from_bits(0xf2), DeviceSet::RIGHT_DRIVE);
+        assert_eq!(DeviceSet::from_bits(0xa2).to_string(), "right drive, second interface, fourth interface");
+        assert_eq!([0, 3, 4].map(|bus| DeviceSet::interface(bus).bits()), [0x10, 0x80, 8]);
         assert!(DeviceSet::drive(2).is_empty() && DeviceSet::HOST.only_if(false).is_empty());
         assert_eq!(DeviceSet::NONE.to_string(), "");
     }

@@ -1,7 +1,7 @@
 //! One message of a CAN socket with all that the kernel says about it.
 //!
 //! `recvmsg` is called here because no safe wrapper passes on all three things that are needed: whether the frame is an own
-//! one (`MSG_CONFIRM`, which nix cuts off), when it came (`SO_TIMESTAMPNS`, which rustix drops) and how many were lost
+//! one (`MSG_CONFIRM`, which nix cuts off), when it came (`SO_TIMESTAMPING`, which rustix drops) and how many were lost
 //! before it (`SO_RXQ_OVFL`, which the crate `socketcan` drops).
 #![allow(unsafe_code)]
 
@@ -17,10 +17,64 @@ pub(super) struct Message {
     pub(super) frame: libc::can_frame,
     /// Whether the socket that received it has sent it.
     pub(super) is_own: bool,
-    /// When it came, since the begin of the wall clock.
-    pub(super) stamp: Option<Duration>,
+    /// What the kernel says of it.
+    pub(super) told: Told,
+}
+
+/// What stands in the control messages.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(super) struct Told {
+    /// When the kernel had it, since the begin of the wall clock.
+    pub(super) software: Option<Duration>,
+    /// When the controller had it, on a clock of its own.
+    pub(super) hardware: Option<Duration>,
     /// Messages that the socket has lost so far; wraps.
     pub(super) lost: Option<u32>,
+}
+
+/// Bytes of a `size_t`, to which control messages are aligned.
+const WORD: usize = size_of::<usize>();
+/// Length, level and type.
+const HEADER: usize = WORD + 8;
+/// Bytes of a `timespec`: seconds and nanoseconds, half of it each.
+const TIMESPEC: usize = size_of::<libc::timespec>();
+
+impl Told {
+    /// Reads control messages as the kernel lays them out (`cmsghdr`, and `scm_timestamping` of
+    /// `include/uapi/linux/errqueue.h`: software, nothing, hardware). What does not fit is left out.
+    fn read(mut control: &[u8]) -> Self {
+        let mut told = Self::default();
+        while let Some((length, rest)) = control.split_first_chunk::<WORD>() {
+            let length = usize::from_ne_bytes(*length);
+            let kind = (number(rest, 0, 4), number(rest, 4, 4));
+            let Some(data) = control.get(HEADER..length) else { break };
+            let is = |name: libc::c_int| kind == (Some(libc::SOL_SOCKET.into()), Some(name.into()));
+            if is(libc::SO_TIMESTAMPING) {
+                (told.software, told.hardware) = (stamp(data, 0), stamp(data, 2));
+            } else if is(libc::SO_RXQ_OVFL) {
+                told.lost = number(data, 0, 4).map(|lost| lost as u32);
+            }
+            control = control.get(length.next_multiple_of(WORD)..).unwrap_or_default();
+        }
+        told
+    }
+}
+
+/// One `timespec` of several; `None` for zero, which stands for none, and for what is no time.
+fn stamp(data: &[u8], at: usize) -> Option<Duration> {
+    let half = TIMESPEC / 2;
+    let seconds = u64::try_from(number(data, at * TIMESPEC, half)?).ok()?;
+    let nanos = u32::try_from(number(data, at * TIMESPEC + half, half)?).ok().filter(|nanos| *nanos < 1_000_000_000)?;
+    Some(Duration::new(seconds, nanos)).filter(|stamp| !stamp.is_zero())
+}
+
+/// A signed number of 4 or 8 bytes of this machine.
+fn number(data: &[u8], from: usize, size: usize) -> Option<i64> {
+    let bytes = data.get(from..from + size)?;
+    match size {
+        4 => Some(i32::from_ne_bytes(bytes.try_into().ok()?).into()),
+        _ => Some(i64::from_ne_bytes(bytes.try_into().ok()?)),
+    }
 }
 
 /// Room for the two control messages, aligned as `cmsghdr` has to be.
@@ -49,28 +103,82 @@ pub(super) fn receive(socket: BorrowedFd<'_>) -> io::Result<Message> {
         return Err(io::ErrorKind::InvalidData.into());
     }
     let is_own = header.msg_flags & libc::MSG_CONFIRM != 0;
-    let mut message = Message { frame, is_own, stamp: None, lost: None };
-    // SAFETY: the kernel has filled in the control memory, of which `header` now holds the true length.
-    let mut next = unsafe { libc::CMSG_FIRSTHDR(&raw const header) };
-    // The memory has room for fewer.
-    for _ in 0..8 {
-        if next.is_null() {
-            break;
+    // The kernel has put the true length into the header, whose type is another one with another C library.
+    let length: usize = header.msg_controllen as _;
+    let told = Told::read(control.0.get(..length).unwrap_or_default());
+    Ok(Message { frame, is_own, told })
+}
+
+#[cfg(all(test, target_pointer_width = "64", target_endian = "little"))]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    /// SOL_SOCKET 1, SO_TIMESTAMPING 37, three times; then SO_RXQ_OVFL 40, four bytes and four of padding.
+    #[rustfmt::skip]
+    const BOTH: [u8; 88] = [
+        64, 0, 0, 0, 0, 0, 0, 0, 1, 0, 0, 0, 37, 0, 0, 0,
+        0x00, 0xe4, 0x20, 0x69, 0, 0, 0, 0, 0x15, 0xcd, 0x5b, 0x07, 0, 0, 0, 0,
+        0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0,
+        0x2a, 0, 0, 0, 0, 0, 0, 0, 0xff, 0xc9, 0x9a, 0x3b, 0, 0, 0, 0,
+        20, 0, 0, 0, 0, 0, 0, 0, 1, 0, 0, 0, 40, 0, 0, 0, 0xfe, 0xff, 0xff, 0xff, 0, 0, 0, 0,
+    ];
+
+    #[test]
+    fn both_stamps_and_the_loss_are_read() {
+        let expected = Told {
+            software: Some(Duration::new(0x6920_e400, 123_456_789)),
+            hardware: Some(Duration::new(42, 999_999_999)),
+            lost: Some(0xffff_fffe),
+        };
+        assert_eq!(Told::read(&BOTH), expected);
+        // In the other order, and the last one without its padding.
+        let turned = [&BOTH[64..], &BOTH[..64]].concat();
+        assert_eq!(Told::read(&turned), expected);
+        assert_eq!(Told::read(&BOTH[..84]), expected);
+    }
+
+    #[test]
+    fn a_stamp_that_is_zero_is_none() {
+        let mut without = BOTH;
+        without[48..64].fill(0);
+        assert_eq!(Told::read(&without), Told { hardware: None, ..Told::read(&BOTH) });
+        without[16..32].fill(0);
+        assert_eq!(Told::read(&without), Told { lost: Some(0xffff_fffe), ..Told::default() });
+    }
+
+    #[test]
+    fn what_is_no_time_is_none() {
+        let mut wrong = BOTH;
+        wrong[23] = 0x80;
+        wrong[60] = 0xff;
+        assert_eq!(Told::read(&wrong), Told { lost: Some(0xffff_fffe), ..Told::default() });
+    }
+
+    #[test]
+    fn other_messages_are_passed_over_and_cut_ones_left_out() {
+        let mut other = BOTH;
+        other[12] = 35;
+        assert_eq!(Told::read(&other), Told { lost: Some(0xffff_fffe), ..Told::default() });
+        other[8] = 101;
+        other[12] = 37;
+        assert_eq!(Told::read(&other), Told { lost: Some(0xffff_fffe), ..Told::default() });
+        assert_eq!(Told::read(&BOTH[..63]), Told::default());
+        assert_eq!(Told::read(&BOTH[..80]), Told { lost: None, ..Told::read(&BOTH) });
+        assert_eq!(Told::read(&[]), Told::default());
+    }
+
+    proptest! {
+        #[test]
+        fn no_bytes_are_read_for_ever(control in prop::collection::vec(any::<u8>(), 0..200)) {
+            Told::read(&control);
         }
-        // SAFETY: `next` is not null and points to a control message within the memory; its data are as long as the type
-        // of the message says, and need no alignment here.
-        unsafe {
-            let data = libc::CMSG_DATA(next);
-            match ((*next).cmsg_level, (*next).cmsg_type) {
-                (libc::SOL_SOCKET, libc::SO_TIMESTAMPNS) => {
-                    let stamp = data.cast::<libc::timespec>().read_unaligned();
-                    message.stamp = Some(Duration::new(stamp.tv_sec.max(0) as u64, stamp.tv_nsec as u32));
-                }
-                (libc::SOL_SOCKET, libc::SO_RXQ_OVFL) => message.lost = Some(data.cast::<u32>().read_unaligned()),
-                _ => {}
-            }
-            next = libc::CMSG_NXTHDR(&raw const header, next);
+
+        #[test]
+        fn no_length_is_believed(length: u64) {
+            let mut control = BOTH;
+            control[..8].copy_from_slice(&length.to_le_bytes());
+            Told::read(&control);
         }
     }
-    Ok(message)
 }

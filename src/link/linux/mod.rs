@@ -2,7 +2,11 @@
 //!
 //! One socket for process data and one for services, so that neither a flood of one fills the other's queue nor a long
 //! transfer stands between two set-points: process data go out in a higher band of the interface's queue.
+//!
+//! A frame has the moment of the controller's stamp where there is one, brought to the clock of the loop, and of the kernel's
+//! otherwise.
 
+mod controller_clock;
 mod error;
 mod facts;
 mod filter;
@@ -17,7 +21,6 @@ pub use several::SocketCans;
 
 use std::io;
 use std::os::fd::{AsFd, BorrowedFd};
-use std::time::Duration;
 
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use rustix::io::Errno;
@@ -25,9 +28,16 @@ use socketcan::{CanDataFrame, CanFrame, CanRemoteFrame, CanSocket, EmbeddedFrame
 
 use super::{Arrival, CanLink, ErrorFrame, Received, SendError};
 use crate::canopen::{Frame, Time};
+use controller_clock::ControllerClock;
 use filter::Identifiers;
-use message::Message;
+use message::{Message, Told};
 use wall::{Wall, monotonic};
+
+/// Stamps of the kernel, and of the controller where it has a clock.
+const STAMPS: u32 = libc::SOF_TIMESTAMPING_RX_SOFTWARE
+    | libc::SOF_TIMESTAMPING_SOFTWARE
+    | libc::SOF_TIMESTAMPING_RX_HARDWARE
+    | libc::SOF_TIMESTAMPING_RAW_HARDWARE;
 
 /// Which frames a link takes, and what it expects of the interface.
 #[derive(Clone, Debug)]
@@ -64,6 +74,8 @@ struct Port {
     socket: CanSocket,
     /// Frames that it had lost when it was asked last.
     lost: u32,
+    /// What came together with a loss, which is told first.
+    pending: Option<Arrival>,
 }
 
 /// An interface of SocketCAN.
@@ -77,10 +89,9 @@ pub struct SocketCan {
     is_process: Identifiers,
     facts: InterfaceFacts,
     receive_buffer: usize,
-    /// What came together with a loss, which is told first.
-    pending: Option<Arrival>,
     latest: Time,
     wall: Wall,
+    controller: ControllerClock,
 }
 
 impl SocketCan {
@@ -124,9 +135,9 @@ impl SocketCan {
             is_process,
             facts,
             receive_buffer,
-            pending: None,
             latest: Time(0),
             wall: Wall::default(),
+            controller: ControllerClock::default(),
         })
     }
 
@@ -143,7 +154,7 @@ impl SocketCan {
 
     /// Whether something was taken from a socket and not asked for yet.
     fn has_pending(&self) -> bool {
-        self.pending.is_some()
+        self.ports().any(|port| port.pending.is_some())
     }
 
     fn ports(&self) -> impl Iterator<Item = &Port> {
@@ -153,36 +164,43 @@ impl SocketCan {
     /// The next arrival of one socket.
     fn take(&mut self, is_first: bool) -> Option<Arrival> {
         let port = if is_first { Some(&mut self.first) } else { self.second.as_mut() }?;
+        if let Some(arrival) = port.pending.take() {
+            return Some(arrival);
+        }
         // An interrupted call is tried again, and what is no classic frame passed over; both are rare.
         for _ in 0..4 {
             let message = match message::receive(port.socket.as_fd()) {
                 Ok(message) => message,
                 Err(error) => match Errno::from_io_error(&error) {
-                    Some(Errno::NETDOWN) => return Some(self.arrive(None, Received::Down)),
-                    Some(Errno::NODEV) => return Some(self.arrive(None, Received::Gone)),
+                    Some(Errno::NETDOWN) => return Some(self.arrive(Told::default(), Received::Down)),
+                    Some(Errno::NODEV) => return Some(self.arrive(Told::default(), Received::Gone)),
                     Some(Errno::AGAIN) => return None,
                     _ => continue,
                 },
             };
-            let lost = message.lost.map_or(0, |lost| lost.wrapping_sub(std::mem::replace(&mut port.lost, lost)));
+            let lost = message.told.lost.map_or(0, |lost| lost.wrapping_sub(std::mem::replace(&mut port.lost, lost)));
             let Some(what) = decode(&message) else { continue };
-            let arrival = self.arrive(message.stamp, what);
+            let arrival = self.arrive(message.told, what);
             if lost == 0 {
                 return Some(arrival);
             }
-            self.pending = Some(arrival);
-            return Some(Arrival { time: arrival.time, what: Received::Overflow { frames: lost } });
+            let port = if is_first { Some(&mut self.first) } else { self.second.as_mut() }?;
+            port.pending = Some(arrival);
+            return Some(Arrival { what: Received::Overflow { frames: lost }, ..arrival });
         }
         None
     }
 
-    /// Puts the stamp of the wall clock on the monotonic one. A wall clock that is set in between cannot move it past now or
-    /// before the arrival before it.
-    fn arrive(&mut self, stamp: Option<Duration>, what: Received) -> Arrival {
+    /// Puts the stamps on the monotonic clock. A wall clock that is set in between cannot move them past now or before the
+    /// arrival before it.
+    fn arrive(&mut self, Told { software, hardware, .. }: Told, what: Received) -> Arrival {
         let now = self.now();
-        let time = stamp.map_or(now, |stamp| self.wall.moment_of(stamp, now));
+        let time = match (software.map(|stamp| self.wall.moment_of(stamp, now)), hardware) {
+            (Some(software), Some(hardware)) => self.controller.moment_of(software, hardware),
+            (software, _) => software.unwrap_or(now),
+        };
         self.latest = time.max(self.latest).min(now);
-        Arrival { time: self.latest, what }
+        Arrival { time: self.latest, bus: 0, what }
     }
 }
 
@@ -199,7 +217,7 @@ impl CanLink for SocketCan {
     }
 
     fn receive(&mut self) -> Option<Arrival> {
-        self.pending.take().or_else(|| self.take(true)).or_else(|| self.take(false))
+        self.take(true).or_else(|| self.take(false))
     }
 
     fn send(&mut self, frame: &Frame) -> Result<(), SendError> {
@@ -247,10 +265,10 @@ impl Port {
         let filters: Vec<_> = filters.iter().map(CobFilter::of_kernel).collect();
         socket.set_filters(&filters).map_err(failed("filter frames"))?;
         socket.set_nonblocking(true).map_err(failed("never wait"))?;
-        socket.set_recv_timestamp(true).map_err(failed("stamp frames with the time"))?;
+        socket.set_timestamping(STAMPS).map_err(failed("stamp frames with the time"))?;
         let overflow = socket.set_socket_option_int(libc::SOL_SOCKET, libc::SO_RXQ_OVFL, 1);
         overflow.map_err(failed("count lost frames"))?;
-        Ok(Self { socket, lost: 0 })
+        Ok(Self { socket, lost: 0, pending: None })
     }
 
     /// Asks for memory for frames; what there is then.

@@ -8,6 +8,7 @@ use rustix::thread::clock_nanosleep_absolute;
 use rustix::time::{ClockId, Timespec, clock_gettime};
 
 use super::metronome::Metronome;
+use super::timing::Computer;
 use crate::canopen::Time;
 
 pub use scheduler::{PRIORITY, Refusal, lock_memory, run_first};
@@ -34,6 +35,16 @@ impl SystemMetronome {
     pub fn now(&self) -> Time {
         Time(duration(ClockId::Monotonic).as_nanos() as u64)
     }
+}
+
+/// This computer, with what it grants to the loop.
+pub fn computer(has_priority: bool, has_locked_memory: bool) -> Computer {
+    let of = |name: &str| {
+        let text = std::fs::read_to_string(format!("/proc/sys/kernel/{name}")).unwrap_or_default();
+        text.trim().to_owned()
+    };
+    let kernel = format!("{} {}", of("osrelease"), of("version"));
+    Computer { name: of("hostname"), kernel, has_priority, has_locked_memory }
 }
 
 fn duration(clock: ClockId) -> Duration {

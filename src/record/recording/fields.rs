@@ -4,7 +4,7 @@ use super::scalar::{CommandKind, Scalar};
 use crate::cycle::{DriveSample, Inputs, LinkEvents, Signals, Timing};
 use crate::guard::{Cause, DeviceSet, Directive, Fault, JointCommand};
 use crate::quantity::{JointAngles, JointRates, JointTorques};
-use crate::record::{CycleRecord, Truth};
+use crate::record::{CycleRecord, Stages, Truth};
 use crate::sensing::RawSample;
 
 /// What is known of a field besides its value.
@@ -51,9 +51,21 @@ pub(super) fn walk<V: Visitor>(record: &mut CycleRecord, v: &mut V) {
         field("scene_time_s", "s", "moment of SYNC since the scene began; minus infinity before"),
         &mut moment.scene_time_s,
     );
+    stages(&mut record.moment.stages, v);
     inputs(record, v);
     outputs(record, v);
     truth(&mut record.truth, v);
+}
+
+fn stages<V: Visitor>(stages: &mut Stages, v: &mut V) {
+    let Stages { sync_woke_ns, woke_ns, stepped_ns, sent_ns } = stages;
+    v.visit(field("sync_woke_ns", "ns", "the loop woke up for SYNC, after the planned moment of SYNC"), sync_woke_ns);
+    v.visit(field("woke_ns", "ns", "the loop woke up for the computation, after its planned begin"), woke_ns);
+    v.visit(
+        field("stepped_ns", "ns", "frames were decoded and the cycle was stepped, after the planned begin"),
+        stepped_ns,
+    );
+    v.visit(field("sent_ns", "ns", "set-points were handed to the interface, after the planned begin"), sent_ns);
 }
 
 fn inputs<V: Visitor>(record: &mut CycleRecord, v: &mut V) {
@@ -85,13 +97,19 @@ fn inputs<V: Visitor>(record: &mut CycleRecord, v: &mut V) {
     v.visit(field("link_emergency", "", "an emergency message arrived"), emergency);
     v.visit(field("link_emergency_warning", "", "one that is a warning arrived"), emergency_warning);
     v.visit(field("link_intruder", "", "somebody else sent NMT, SYNC or set-points"), intruder);
-    v.visit(field("link_transmit_stalled", "", "the last frames have not left yet"), transmit_stalled);
-    v.visit(field("link_error_passive", "", "the interface is error-passive"), error_passive);
-    v.visit(field("link_bus_off", "", "the interface is bus-off"), bus_off);
-    v.visit(field("link_send_failed", "", "own frames could not be sent"), send_failed);
+    v.visit(field("link_transmit_stalled", "", "the last frames have not left these interfaces yet"), transmit_stalled);
+    v.visit(field("link_error_passive", "", "these interfaces are error-passive"), error_passive);
+    v.visit(field("link_bus_off", "", "these interfaces are bus-off"), bus_off);
+    v.visit(field("link_send_failed", "", "own frames could not be sent over these interfaces"), send_failed);
     let Timing { sync_late_ns, compute_late_ns, last_compute_ns, skipped, suspended } = timing;
-    v.visit(field("sync_late_ns", "ns", "SYNC after its grid point"), sync_late_ns);
-    v.visit(field("compute_late_ns", "ns", "begin of the computation after its plan"), compute_late_ns);
+    v.visit(
+        field("sync_late_ns", "ns", "frames were taken and SYNC was sent, after the planned moment of SYNC"),
+        sync_late_ns,
+    );
+    v.visit(
+        field("compute_late_ns", "ns", "frames were taken and the computation began, after its planned begin"),
+        compute_late_ns,
+    );
     v.visit(field("last_compute_ns", "ns", "duration of the computation of the cycle before"), last_compute_ns);
     v.visit(field("skipped", "cycles", "grid points without a cycle since the last one"), skipped);
     v.visit(field("suspended", "", "the computer was suspended since the last cycle"), suspended);

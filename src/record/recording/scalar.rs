@@ -174,8 +174,9 @@ impl Scalar for DeviceSet {
     }
 
     fn codes() -> Vec<(String, u64)> {
-        [Self::LEFT_DRIVE, Self::RIGHT_DRIVE, Self::SENSOR, Self::HOST]
+        (0..8)
+            .map(|bit| Self::from_bits(1 << bit))
             .map(|device| (device.to_string().replace(' ', "-"), DeviceSet::bits(device).into()))
-            .into()
+            .collect()
     }
 }

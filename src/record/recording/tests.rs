@@ -11,7 +11,7 @@ use super::scalar::Scalar;
 use super::*;
 use crate::cycle::DriveSample;
 use crate::guard::{Cause, DeviceSet, Fault, State};
-use crate::record::CycleRecord;
+use crate::record::{CycleRecord, Stages};
 use yieldwall_drives::cia402;
 
 /// A folder of this test's own, removed at the end.
@@ -192,6 +192,7 @@ fn a_message_has_these_bytes() {
     record.moment.sync_ns = 3;
     record.moment.compute_ns = 4;
     record.moment.scene_time_s = 0.5;
+    record.moment.stages = Stages { sync_woke_ns: 5, woke_ns: 6, stepped_ns: 0x0708, sent_ns: 0x090a_0b0c };
     record.inputs.drives[0] = DriveSample {
         angle_rad: Some(-2.0),
         state: cia402::State::OperationEnabled,
@@ -208,6 +209,8 @@ fn a_message_has_these_bytes() {
         3, 0, 0, 0, 0, 0, 0, 0,        // sync_ns
         4, 0, 0, 0, 0, 0, 0, 0,        // compute_ns
         0, 0, 0, 0, 0, 0, 0xe0, 0x3f,  // scene_time_s
+        5, 0, 0, 0, 6, 0, 0, 0,        // sync_woke_ns, woke_ns
+        8, 7, 0, 0, 0x0c, 0x0b, 0x0a, 9, // stepped_ns, sent_ns
         1, 0, 0, 0, 0, 0, 0, 0,        // left_has_angle, and the way to a multiple of 8
         0, 0, 0, 0, 0, 0, 0, 0xc0,     // left_angle_rad
         4, 1, 1, 0, 0, 0, 0, 0,        // left_state, _follows_command, _has_voltage, _has_warning, right_has_angle

@@ -47,13 +47,13 @@ pub(super) struct Exit<'a> {
     port: MasterOutbox<'a>,
     troubles: &'a Troubles,
     panics: bool,
-    /// Whether a frame could not be handed over.
-    has_failed: bool,
+    /// The buses on which a frame could not be handed over, a bit each.
+    failed: u8,
 }
 
 impl<'a> Exit<'a> {
     pub(super) fn new(buses: &'a mut Buses, troubles: &'a Troubles, now: Time) -> Self {
-        Self { port: buses.outbox(now), troubles, panics: false, has_failed: false }
+        Self { port: buses.outbox(now), troubles, panics: false, failed: 0 }
     }
 }
 
@@ -65,7 +65,7 @@ impl Outbox for Exit<'_> {
         if self.troubles.sends(frame.bus()) {
             self.port.push(frame);
         } else {
-            self.has_failed = true;
+            self.failed |= 1_u8.checked_shl(frame.bus().into()).unwrap_or_default();
         }
     }
 }
@@ -76,14 +76,15 @@ impl EmbeddedRig {
         if self.master.is_silent() {
             self.buses.clear();
         }
-        if let Some(event) = self.troubles.link_event() {
-            self.master.on_link(event);
-        }
+        self.troubles.link_events().for_each(|(bus, event)| self.master.on_link(bus, event));
         let mut exit = Exit::new(&mut self.buses, &self.troubles, sync_at);
         self.master.on_sync(&mut exit);
-        if exit.has_failed {
-            self.master.on_link(LinkEvent::SendFailed);
-        }
+        let failed = exit.failed;
+        self.note_failed(failed);
+    }
+
+    fn note_failed(&mut self, buses: u8) {
+        (0..8).filter(|bus| buses >> bus & 1 == 1).for_each(|bus| self.master.on_link(bus, LinkEvent::SendFailed));
     }
 
     /// Runs the cycle at `compute_at`; nothing if it panicked, after a last quick stop.
@@ -109,18 +110,16 @@ impl EmbeddedRig {
             let now = self.now;
             let mut exit = Exit::new(&mut self.buses, &self.troubles, now);
             frames.into_iter().for_each(|frame| exit.push(frame));
-            if exit.has_failed {
-                self.master.on_link(LinkEvent::SendFailed);
-            }
+            let failed = exit.failed;
+            self.note_failed(failed);
             return Ok(Some(outputs));
         }
         let mut exit = Exit::new(&mut self.buses, &self.troubles, compute_at);
         exit.panics = std::mem::take(&mut self.host.panics);
         let master = &mut self.master;
         let result = catch_unwind(AssertUnwindSafe(|| master.on_compute(compute_at, asked, timing, &mut exit)));
-        if exit.has_failed {
-            self.master.on_link(LinkEvent::SendFailed);
-        }
+        let failed = exit.failed;
+        self.note_failed(failed);
         match result {
             Ok(outputs) => Ok(Some(outputs)),
             Err(panic) => {

@@ -24,7 +24,7 @@ use crate::config;
 use crate::cycle::Outputs;
 use crate::guard::{Cause, Request, State};
 use crate::quantity::JointTorques;
-use crate::record::{self, CycleRecord, Moment, Row};
+use crate::record::{self, CycleRecord, Moment, Row, Stages};
 use crate::sim::arm::Arm;
 use crate::sim::can::{BusCounters, Tamper};
 use crate::sim::hand::Hand;
@@ -230,7 +230,8 @@ impl EmbeddedRig {
         let Some(outputs) = self.compute(compute_at, &host, request)? else { return self.idle_row(grid) };
         self.last = Some(outputs);
         self.next_sync = self.next_grid(grid, self.now);
-        let record = self.record(grid, compute_at, &outputs);
+        let stages = host.stages(self.now.since(compute_at));
+        let record = self.record(grid, compute_at, stages, &outputs);
         self.cycles += 1;
         if let Some(observer) = &mut self.observer {
             observer(&record);
@@ -243,10 +244,10 @@ impl EmbeddedRig {
         self.next_sync = grid + self.period;
         let state = "the process does not run".to_owned();
         let outputs = self.last.ok_or(RigError::NotEnabled { waited_s: 0.0, state })?;
-        Ok(self.record(grid, grid + self.compute_at, &outputs).row())
+        Ok(self.record(grid, grid + self.compute_at, Stages::default(), &outputs).row())
     }
 
-    fn record(&self, sync_at: Time, compute_at: Time, outputs: &Outputs) -> CycleRecord {
+    fn record(&self, sync_at: Time, compute_at: Time, stages: Stages, outputs: &Outputs) -> CycleRecord {
         let Truth { tip, velocity, .. } = self.far.world.truth;
         let [left, right] = &self.far.drives;
         let moment = Moment {
@@ -254,6 +255,7 @@ impl EmbeddedRig {
             sync_ns: sync_at.0,
             compute_ns: compute_at.0,
             scene_time_s: sync_at.as_secs_f64() - self.far.world.hand_from_s,
+            stages,
         };
         let truth =
             record::Truth { tool: tip, velocity, torques: JointTorques::new(left.torque_n_m(), right.torque_n_m()) };

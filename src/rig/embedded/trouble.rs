@@ -10,6 +10,7 @@ use super::{MASTER, STRANGER};
 use crate::bus::LinkEvent;
 use crate::canopen::{Frame, NodeId, Time, cob};
 use crate::injection::{Injection, Kind, Target};
+use crate::record::Stages;
 use crate::rig::far_end::{SENSOR, Senses};
 use crate::sensing::{Calibration, Wrench};
 use yieldwall_drives::cia402;
@@ -68,6 +69,17 @@ pub(super) struct Host {
     pub(super) sync_late: Duration,
     pub(super) compute_late: Duration,
     pub(super) compute_takes: Duration,
+}
+
+impl Host {
+    /// When the stages of this cycle were over, the last one so long after the computation began. Between waking up and that
+    /// no virtual time passes.
+    pub(super) fn stages(&self, took: Duration) -> Stages {
+        let nanos = |time: Duration| time.as_nanos().min(u128::from(u32::MAX)) as u32;
+        let began = self.sync_late + self.compute_late;
+        let sent = nanos(began + took);
+        Stages { sync_woke_ns: nanos(self.sync_late), woke_ns: nanos(began), stepped_ns: sent, sent_ns: sent }
+    }
 }
 
 /// What is broken at the moment.
@@ -263,10 +275,6 @@ impl Troubles {
         host
     }
 
-    fn is_any(&self, kinds: &[Kind]) -> bool {
-        self.active.iter().any(|active| kinds.contains(&active.injection.kind))
-    }
-
     /// Whether one of `kinds` acts on the master's interface to a bus: that of the target, or every one.
     fn is_any_on(&self, bus: u8, kinds: &[Kind]) -> bool {
         self.active.iter().map(|active| active.injection).filter(|injection| kinds.contains(&injection.kind)).any(
@@ -292,13 +300,13 @@ impl Troubles {
         self.is_any_on(bus, &[Kind::TransmitStalled, Kind::CableOut])
     }
 
-    /// What the master's interface tells of itself in every cycle.
-    pub(super) fn link_event(&self) -> Option<LinkEvent> {
-        match () {
-            () if self.is_any(&[Kind::BusOff]) => Some(LinkEvent::BusOff),
-            () if self.is_any(&[Kind::ErrorPassive, Kind::CableOut]) => Some(LinkEvent::ErrorPassive),
-            () => None,
-        }
+    /// What the master's interfaces tell of themselves in every cycle, with the number of the bus.
+    pub(super) fn link_events(&self) -> impl Iterator<Item = (u8, LinkEvent)> {
+        self.buses.into_iter().filter_map(|bus| match bus {
+            _ if self.is_any_on(bus, &[Kind::BusOff]) => Some((bus, LinkEvent::BusOff)),
+            _ if self.is_any_on(bus, &[Kind::ErrorPassive, Kind::CableOut]) => Some((bus, LinkEvent::ErrorPassive)),
+            _ => None,
+        })
     }
 }
 

@@ -148,6 +148,11 @@ impl ForceSensor {
         self.sampler().set_clock_rate(share);
     }
 
+    /// Has a free-running clock begin anew at this moment, with a sample at once; its phase then counts from here.
+    pub fn begin_clock(&mut self, now: Time) {
+        self.sampler().begin_clock(now);
+    }
+
     /// Has the status show these bits, those of the CANopen sensor's status byte, beside its own. A streaming sensor can
     /// show an overload alone.
     pub fn set_status_bits(&mut self, bits: u8) {

@@ -64,6 +64,14 @@ impl Sampler {
         self.next_tick = if self.period.is_some() { now + self.phase } else { Time::NEVER };
     }
 
+    /// Has its own clock begin at `now`: with a sample at once, and the next one as long after `now` as the first one after
+    /// power-on, right behind it without a phase.
+    pub(super) fn begin_clock(&mut self, now: Time) {
+        if let Some(period) = self.period {
+            self.next_tick = Time(now.0.saturating_sub(period.saturating_sub(self.phase).as_nanos() as u64));
+        }
+    }
+
     pub(super) fn measure(&mut self, counts: [i32; CHANNELS]) {
         self.present = counts;
     }

@@ -1,0 +1,117 @@
+//! What a run on a real bus says when it is over.
+
+use std::collections::BTreeMap;
+
+use serde_json::{Value, json};
+
+use super::{Outcome, PaceArgument, Timely};
+use crate::cli::interfaces::Interfaces;
+use crate::cli::keep::Kept;
+use crate::cli::run::{Arguments, bus_names, devices_text, measures_text, mode_text};
+use crate::config;
+use crate::live::host::Refusal;
+use crate::live::{Histogram, Played};
+use crate::study::measures::Measures;
+
+/// All of it.
+pub(super) struct Facts<'a> {
+    pub(super) interfaces: &'a Interfaces,
+    pub(super) arguments: &'a Arguments,
+    pub(super) rig: &'a config::Rig,
+    pub(super) outcome: &'a Outcome,
+    pub(super) played: &'a Played,
+    pub(super) memory: &'a Result<(), Refusal>,
+    pub(super) measures: &'a Measures,
+    pub(super) kept: &'a Kept,
+}
+
+impl Facts<'_> {
+    fn refusals(&self) -> Vec<String> {
+        [&self.outcome.priority, self.memory]
+            .into_iter()
+            .filter_map(|granted| granted.as_ref().err().map(ToString::to_string))
+            .collect()
+    }
+
+    /// For a person.
+    pub(super) fn lines(&self, time_s: f64) -> Vec<String> {
+        let Outcome { counts, skipped, .. } = self.outcome;
+        let period_ms = f64::from(self.rig.cycle.period_us) * 1e-3;
+        let mut lines = vec![
+            format!("rig       {}: {}, {period_ms} ms", self.rig.rig.name, mode_text(self.rig.rig.command_mode)),
+            format!(
+                "bus       {}, {}: {} frames from others, {} own ones seen, {} lost here, {} not sent",
+                self.interfaces.shown(self.rig),
+                self.arguments.pace.name(),
+                counts.received,
+                counts.echoed,
+                counts.overflowed,
+                counts.refused
+            ),
+            format!("ran       {} cycles, {time_s:.1} s, to {:?}", self.played.cycles, self.played.state),
+        ];
+        match self.refusals().as_slice() {
+            [] => lines.push("realtime  SCHED_FIFO and locked memory".to_owned()),
+            refusals => lines.extend(refusals.iter().map(|refusal| format!("realtime  {refusal}"))),
+        }
+        lines.extend(self.outcome.timing.as_ref().map(|timing| match timing {
+            Ok(Timely { tier, shown }) => format!("timing    tier {tier}: {shown}"),
+            Err(error) => format!("timing    not proved, which was ignored: {error}"),
+        }));
+        if self.arguments.pace == PaceArgument::Free {
+            for (at, (_, text, times)) in self.outcome.stages.each().enumerate() {
+                let us = |share| 1e6 * times.quantile(share).as_secs_f64();
+                let (p50, p99, max) = (us(0.5), us(0.99), us(1.0));
+                let head = if at == 0 { "stages" } else { "" };
+                lines.push(format!("{head:9} {text} p50 {p50:.0}, p99 {p99:.0}, max {max:.0} us"));
+            }
+            lines.push(format!("{:9} {skipped} cycles skipped", ""));
+        }
+        lines.extend(measures_text(self.measures));
+        lines.extend(self.arguments.figure.as_ref().map(|path| format!("figure    {}", path.display())));
+        lines.extend(self.arguments.candump.as_ref().map(|path| format!("candump   {}", path.display())));
+        lines.extend(self.kept.lines());
+        lines
+    }
+
+    /// As data.
+    pub(super) fn json(&self, time_s: f64) -> Value {
+        let Outcome { counts, skipped, .. } = self.outcome;
+        let times = |times: &Histogram| {
+            let us = |share| 1e6 * times.quantile(share).as_secs_f64();
+            json!({ "p50_us": us(0.5), "p99_us": us(0.99), "p999_us": us(0.999), "max_us": us(1.0) })
+        };
+        let cause = self.played.cause;
+        json!({
+            "rig": self.rig.rig.name,
+            "mode": self.rig.rig.command_mode,
+            "buses": self.rig.buses.keys().zip(self.interfaces.names()).collect::<BTreeMap<_, _>>(),
+            "pace": format!("{:?}", self.arguments.pace).to_lowercase(),
+            "cycles": self.played.cycles,
+            "time_s": time_s,
+            "ended": format!("{:?}", self.played.ended),
+            "state": format!("{:?}", self.played.state),
+            "cause": cause.map(|cause| cause.fault.row().name),
+            "cause_devices": cause.map(|cause| devices_text(cause.devices, &bus_names(self.rig))),
+            "frames": {
+                "received": counts.received,
+                "echoed": counts.echoed,
+                "lost": counts.overflowed,
+                "not_sent": counts.refused,
+            },
+            "realtime_refused": self.refusals(),
+            "timing": self.outcome.timing.as_ref().map(|timing| match timing {
+                Ok(Timely { tier, shown }) => json!({ "tier": tier, "shown": shown }),
+                Err(error) => json!({ "ignored": error.to_string() }),
+            }),
+            "stages": self.outcome.stages.each().map(|(name, _, of)| (name, times(of))).collect::<BTreeMap<_, _>>(),
+            "skipped": skipped,
+            "measures": self.measures,
+            "figure": self.arguments.figure,
+            "candump": self.arguments.candump,
+            "recording": self.arguments.record,
+            "recorded": self.kept.files_json(),
+            "black_boxes": self.kept.black_boxes_json(),
+        })
+    }
+}

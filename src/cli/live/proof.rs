@@ -1,0 +1,109 @@
+//! What has to be shown before a rig on a real bus is enabled.
+
+use std::path::PathBuf;
+
+use super::PaceArgument;
+use crate::cli::failure::{Exit, Failure};
+use crate::cli::keep::state_folder;
+use crate::cli::run::{Arguments, judge, rig_failure};
+use crate::cli::{drill, latency};
+use crate::config;
+use crate::live::host::computer;
+use crate::live::{DriveIdentity, Kept, LiveError, Subject, Unproven, Untimely};
+use crate::rig::{self, RigError};
+use yieldwall_drives::profiles::{SIMULATED_VENDOR, find as find_profile};
+
+/// Where it is shown that the drives stop by themselves, and that this computer keeps the cycle.
+pub(super) enum Proof {
+    /// In the embedded simulation, which has the same devices. Nothing has to be in time.
+    InVirtualTime,
+    /// In the records of a drill on a bus, and of a measurement on this computer.
+    OnRecord { rig: Box<config::Rig>, drills: PathBuf, measurements: PathBuf },
+}
+
+impl Proof {
+    /// What this computer has proved of its timing; nothing where nothing has to be in time.
+    pub(super) fn timing(&self, has_priority: bool, has_locked_memory: bool) -> Option<Result<Kept, Untimely>> {
+        match self {
+            Proof::InVirtualTime => None,
+            Proof::OnRecord { rig, measurements, .. } => {
+                Some(computer(has_priority, has_locked_memory).check(rig, measurements, latency::now_unix_s()))
+            }
+        }
+    }
+
+    /// Whether the drives stop by themselves, which `identify` asks what they are.
+    pub(super) fn watchdogs(
+        &self,
+        identify: impl FnOnce(&config::Rig) -> Result<[DriveIdentity; 2], NotRun>,
+    ) -> Result<(), NotRun> {
+        match self {
+            Proof::InVirtualTime => Ok(()),
+            Proof::OnRecord { rig, drills, .. } => Ok(Subject::new(rig, identify(rig)?).check(drills)?),
+        }
+    }
+}
+
+/// In lockstep nothing measures time on the bus; the devices have to be simulated then, and are drilled in virtual time.
+pub(super) fn proof(pace: PaceArgument, rig: &config::Rig, scene: &config::Scene) -> Result<Proof, Failure> {
+    if pace == PaceArgument::Free {
+        let drills = state_folder("drills").ok_or_else(drill::no_home)?;
+        let measurements = state_folder("latency").ok_or_else(latency::no_home)?;
+        return Ok(Proof::OnRecord { rig: Box::new(rig.clone()), drills, measurements });
+    }
+    let names = [&rig.drives[0].profile, &rig.drives[1].profile];
+    let is_simulated =
+        |name: &&String| find_profile(name).is_some_and(|profile| profile.identity.vendor_id == SIMULATED_VENDOR);
+    if let Some(name) = names.into_iter().find(|name| !is_simulated(name)) {
+        let message = format!("--pace lockstep is for simulated devices, and {name} is none");
+        return Err(Failure::new(Exit::Usage, message, "leave --pace away"));
+    }
+    judge(&rig::drill(rig, scene, |_| ()).map_err(|error| rig_failure(&error))?, rig)?;
+    Ok(Proof::InVirtualTime)
+}
+
+/// Why the rig did not come to run.
+#[derive(Debug, thiserror::Error)]
+pub(super) enum NotRun {
+    #[error(transparent)]
+    Live(#[from] LiveError),
+    #[error(transparent)]
+    Unproven(#[from] Unproven),
+    #[error(transparent)]
+    Untimely(#[from] Untimely),
+}
+
+impl From<RigError> for NotRun {
+    fn from(error: RigError) -> Self {
+        Self::Live(error.into())
+    }
+}
+
+/// The failure that drives are whose watchdogs nobody has tried, or that failed.
+pub(super) fn unproven(error: &Unproven, buses: &str, arguments: &Arguments) -> Failure {
+    let help = format!("nothing was enabled; `yieldwall drill {} {buses}` tries them", arguments.rig);
+    let exit = match error {
+        Unproven::Missing { .. } | Unproven::Unreadable { .. } => Exit::DeviceMismatch,
+        Unproven::Unsafe(_) => Exit::OutOfTolerance,
+    };
+    Failure::new(exit, error.to_string(), help)
+}
+
+/// The failure that a computer is that has not proved the timing which the rig asks for.
+pub(super) fn untimely(error: &Untimely, rig: &config::Rig) -> Failure {
+    let period_us = rig.cycle.period_us;
+    // Long enough for tier B, with a reserve.
+    let duration_s = (10 * period_us).div_ceil(1000).max(60);
+    let measure = format!("`yieldwall latency --period-us {period_us} --duration {duration_s}` measures it");
+    let next = match error {
+        Untimely::Missing { .. } => measure,
+        Untimely::Late { .. } => {
+            format!(
+                "give the computer less to do or the rig a slower cycle, grant what docs/realtime.md says; {measure}"
+            )
+        }
+        Untimely::Limit { .. } => "lower the limit, or prove tier A as docs/realtime.md says".to_owned(),
+    };
+    let help = format!("nothing was sent; {next}; --ignore-latency runs the rig all the same, and recordings say so");
+    Failure::new(Exit::TimingMissed, error.to_string(), help)
+}
