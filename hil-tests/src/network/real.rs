@@ -65,17 +65,22 @@ impl Network for Real {
         self.devices.push(std::thread::spawn(move || {
             let mut out = Vec::new();
             device.switch_on(link.now(), &mut out);
+            let mut now = link.now();
             while !is_over.load(Ordering::Relaxed) {
                 send(&mut link, &mut out);
-                let now = link.now();
                 if device.next_deadline() <= now {
                     device.poll(now, &mut out);
                     continue;
                 }
-                if link.wait(device.next_deadline().min(now + NAP))
-                    && let Some(Arrival { time, what: Received::Frame(frame), .. }) = link.receive()
-                {
-                    device.on_frame(time.max(now), &frame, &mut out);
+                // The moment of a frame is that of the device: reading the clock costs a system call in some kernels.
+                match link.wait(device.next_deadline().min(now + NAP)).then(|| link.receive()).flatten() {
+                    Some(Arrival { time, what, .. }) => {
+                        now = time.max(now);
+                        if let Received::Frame(frame) = what {
+                            device.on_frame(now, &frame, &mut out);
+                        }
+                    }
+                    None => now = link.now(),
                 }
             }
         }));

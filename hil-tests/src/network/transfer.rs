@@ -32,15 +32,20 @@ pub fn run<T>(
     let mut deadline = first;
     let mut idle_since: Option<Time> = None;
     loop {
-        link.wait(idle_since.map_or(deadline, |since| deadline.min(since + PATIENCE)));
-        while let Some(arrival) = link.receive() {
-            let Received::Frame(frame) = arrival.what else { continue };
+        let until = idle_since.map_or(deadline, |since| deadline.min(since + PATIENCE));
+        if link.wait(until)
+            && let Some(arrival) = link.receive()
+            && let Received::Frame(frame) = arrival.what
+        {
             idle_since = Some(arrival.time);
             let done = act(arrival.time, Some(&frame), &mut out);
             send_all(link, &mut out);
             match done {
                 Ok(result) => return result,
                 Err(next) => deadline = next,
+            }
+            if arrival.time < deadline {
+                continue;
             }
         }
         let now = link.now();

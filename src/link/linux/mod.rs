@@ -194,12 +194,11 @@ impl SocketCan {
     /// Puts the stamps on the monotonic clock. A wall clock that is set in between cannot move them past now or before the
     /// arrival before it.
     fn arrive(&mut self, Told { software, hardware, .. }: Told, what: Received) -> Arrival {
-        let now = self.now();
-        let time = match (software.map(|stamp| self.wall.moment_of(stamp, now)), hardware) {
+        let time = match (software.map(|stamp| self.wall.moment_of(stamp)), hardware) {
             (Some(software), Some(hardware)) => self.controller.moment_of(software, hardware),
-            (software, _) => software.unwrap_or(now),
+            (software, _) => software.unwrap_or_else(monotonic),
         };
-        self.latest = time.max(self.latest).min(now);
+        self.latest = time.max(self.latest);
         Arrival { time: self.latest, bus: 0, what }
     }
 }

@@ -17,18 +17,19 @@ const CLOSE: Duration = Duration::from_micros(20);
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Wall {
     ahead: Duration,
-    compared_at: Option<Time>,
+    /// On the wall.
+    compared_at: Option<Duration>,
 }
 
 impl Wall {
-    /// The moment of a stamp, at `now`.
-    pub(super) fn moment_of(&mut self, stamp: Duration, now: Time) -> Time {
-        if self.compared_at.is_none_or(|at| now.since(at) >= FRESH) {
+    /// The moment of a stamp, which tells by itself how old the comparison is.
+    pub(super) fn moment_of(&mut self, stamp: Duration) -> Time {
+        if self.compared_at.is_none_or(|at| stamp.abs_diff(at) >= FRESH) {
+            let before = monotonic();
             let wall = since_begin(ClockId::Realtime);
-            let after = monotonic();
-            let between = after.since(now);
-            self.ahead = wall.saturating_sub(since_start(now) + between / 2);
-            self.compared_at = (between <= CLOSE).then_some(now);
+            let between = monotonic().since(before);
+            self.ahead = wall.saturating_sub(since_start(before) + between / 2);
+            self.compared_at = (between <= CLOSE).then_some(wall);
         }
         Time(nanos(stamp.saturating_sub(self.ahead)))
     }
@@ -64,7 +65,7 @@ mod tests {
             let before = monotonic();
             let stamp = since_begin(ClockId::Realtime);
             let after = monotonic();
-            let moment = wall.moment_of(stamp, monotonic());
+            let moment = wall.moment_of(stamp);
             // Whatever came between the looks, unless the comparison itself was torn apart.
             let slack = if wall.compared_at.is_some() { CLOSE } else { Duration::from_secs(60) };
             assert!(moment + slack >= before && moment <= after + slack, "{before:?} {moment:?} {after:?}");
@@ -73,11 +74,12 @@ mod tests {
 
     #[test]
     fn a_comparison_is_made_anew_when_it_is_old() {
-        let old = Time(monotonic().0.saturating_sub(FRESH.as_nanos() as u64));
-        let mut wall = Wall { ahead: Duration::from_secs(1), compared_at: Some(old) };
-        wall.moment_of(Duration::ZERO, monotonic());
+        let now = since_begin(ClockId::Realtime);
+        let mut wall = Wall { ahead: Duration::from_secs(1), compared_at: Some(now.saturating_sub(FRESH)) };
+        wall.moment_of(now);
         assert!(wall.ahead > Duration::from_secs(1));
-        let mut wall = Wall { ahead: Duration::from_secs(1), compared_at: Some(monotonic()) };
-        assert_eq!(wall.moment_of(Duration::from_secs(3), monotonic()), Time(2_000_000_000));
+        let at = Duration::from_secs(3);
+        let mut wall = Wall { ahead: Duration::from_secs(1), compared_at: Some(at) };
+        assert_eq!(wall.moment_of(at), Time(2_000_000_000));
     }
 }
