@@ -79,7 +79,7 @@ const DEFECTS: [Defect; 15] = [
     defect(
         "set-points go out although the last ones have not left",
         "src/bus/master/mod.rs",
-        "if self.is_silent || self.is_held {",
+        "if self.is_sync_held() {",
         "if self.is_silent {",
     ),
     defect(
