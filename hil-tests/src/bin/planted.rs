@@ -109,8 +109,8 @@ const DEFECTS: [Defect; 15] = [
     defect(
         "the proxy is held on the wrong side of a surface",
         "src/fixture/proxy/mod.rs",
-        "proxy = landing.point;",
-        "proxy = landing.point - landing.normal * 1e-3;",
+        "proxy = landed;",
+        "proxy = landed - foot.normal * 1e-3;",
     ),
 ];
 
