@@ -15,7 +15,7 @@ use std::sync::OnceLock;
 
 use self::truth::Annulus;
 use super::chart::{Axis, Chart, Color, Mark, Panel, Series};
-use super::sweep::{Clock, Report, Study, Sweep, Table};
+use super::sweep::{Clock, Report, Study, Sweep, Table, median};
 use crate::fixture::{
     BallAndTube, Circle, Coupling, Curvature, Fixture, FixtureError, Forbidden, Impedance, Limits,
     ON_SURFACE_TOLERANCE_M, Parameters, Rearm, Side, Surface, YieldSet,
@@ -60,7 +60,7 @@ struct Ratios {
     times: OnceLock<Vec<Times>>,
 }
 
-/// Nanoseconds for a step, sorted, and the share of steps that end on the circle.
+/// Nanoseconds for a step in each round, and the share of steps that end on the circle.
 #[derive(Clone, Debug, Default)]
 struct Times {
     tangent_ns: Vec<f64>,
@@ -99,14 +99,13 @@ impl Sweep for Ratios {
         let [tangent, exact] = errors(ratio);
         let all = self.times.get_or_init(|| times(clock).unwrap_or_default());
         let times = all.get(index as usize).cloned().unwrap_or_default();
-        let middle = |sorted: &[f64]| sorted.get(sorted.len() / 2).copied();
         vec![
             ratio.into(),
             (ratio * LIMITS.yield_n / STIFFNESS_N_PER_M).into(),
             tangent.into(),
             exact.into(),
-            middle(&times.tangent_ns).into(),
-            middle(&times.exact_ns).into(),
+            median(times.tangent_ns).into(),
+            median(times.exact_ns).into(),
             times.on_circle.into(),
         ]
     }
@@ -205,10 +204,6 @@ fn times(clock: Clock<'_>) -> Result<Vec<Times>, FixtureError> {
                 times.on_circle = on as f64 / STEPS as f64;
             }
         }
-    }
-    for times in &mut all {
-        times.tangent_ns.sort_by(f64::total_cmp);
-        times.exact_ns.sort_by(f64::total_cmp);
     }
     Ok(all)
 }

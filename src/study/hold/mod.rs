@@ -11,7 +11,7 @@ use serde_json::Value;
 
 use self::trial::{Hand, RULES, Rule, run};
 use super::chart::{Axis, Chart, Color, Mark, Panel, Series};
-use super::sweep::{Clock, Report, Study, Sweep, Table};
+use super::sweep::{Clock, Report, Study, Sweep, Table, median};
 
 /// Hands.
 const CASES: u64 = 150;
@@ -149,13 +149,13 @@ impl Study for Hold {
     fn report(&self, tables: &[Table]) -> Report {
         let [impacts, pushes] = tables else { return Report::default() };
         let mut notes = vec![format!("{:12} {:>14}   delay of a push, median (longest) in ms", "", "broken through")];
-        let [mut median, mut longest] = [Vec::new(), Vec::new()];
+        let [mut medians, mut longest] = [Vec::new(), Vec::new()];
         for (rule, color) in RULES.into_iter().zip(Color::LINES) {
             let mut line = format!("{:12} {:>7} of {CASES}  ", rule.name(), broken(impacts, rule));
             let [mut middle, mut last] = [Vec::new(), Vec::new()];
             for onset_ms in ONSETS_MS {
                 let Group { through, early, delays_s } = group(pushes, rule, onset_ms);
-                let (Some(&half), Some(&most)) = (delays_s.get(delays_s.len() / 2), delays_s.last()) else { continue };
+                let (Some(half), Some(&most)) = (median(delays_s.iter().copied()), delays_s.last()) else { continue };
                 line += &format!("  {onset_ms} ms: {:.0} ({:.0})", half * 1e3, most * 1e3);
                 if through + early < CASES as usize {
                     line += &format!(" {} never", CASES as usize - through - early);
@@ -165,7 +165,7 @@ impl Study for Hold {
             }
             notes.push(line);
             let series = |points| Series { name: rule.name(), points, mark: Mark::MarkedLine, color };
-            median.push(series(middle));
+            medians.push(series(middle));
             longest.push(series(last));
         }
         let panel = |title: &str, series| Panel {
@@ -186,7 +186,7 @@ impl Study for Hold {
         };
         let chart = Chart {
             title: format!("{CASES} hands of 0.5 to 1.5 kg, up to 0.5 m/s; then a push of 1.5 R"),
-            panels: vec![shares, panel("median", median), panel("longest", longest)],
+            panels: vec![shares, panel("median", medians), panel("longest", longest)],
             columns: 3,
         };
         Report { notes, charts: vec![("study-hold", chart)] }

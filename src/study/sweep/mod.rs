@@ -21,6 +21,16 @@ use super::chart::Chart;
 /// Time that this thread has had on a core, from any origin. Studies that measure speed are given one.
 pub type Clock<'a> = &'a (dyn Fn() -> Duration + Sync);
 
+/// The median: of an even number of values the mean of the two in the middle. Values that are not finite are left out; `None`
+/// if there is no other.
+pub fn median(values: impl IntoIterator<Item = f64>) -> Option<f64> {
+    let mut sorted: Vec<f64> = values.into_iter().filter(|value| value.is_finite()).collect();
+    sorted.sort_by(f64::total_cmp);
+    let above = *sorted.get(sorted.len() / 2)?;
+    let below = *sorted.get((sorted.len() - 1) / 2)?;
+    Some(0.5 * (below + above))
+}
+
 /// A table of a study: points by number, and what is found at each.
 pub trait Sweep: Sync {
     /// Name, as in `--point NAME:INDEX` and in file names; small letters and hyphens.
@@ -65,4 +75,16 @@ pub struct Report {
     pub notes: Vec<String>,
     /// Charts, each with its file name without ending.
     pub charts: Vec<(&'static str, Chart)>,
+}
+
+#[cfg(test)]
+mod tests {
+    use super::median;
+
+    #[test]
+    fn the_median_of_an_even_number_is_the_mean_of_the_two_in_the_middle() {
+        assert_eq!(median([4.0, f64::NAN, 1.0, 2.0, 9.0]), Some(3.0));
+        assert_eq!(median([7.0, 1.0, f64::INFINITY, 2.0]), Some(2.0));
+        assert_eq!(median([f64::NAN]), None);
+    }
 }

@@ -24,6 +24,7 @@ pub struct Table {
 pub struct Row<'a> {
     /// Number of the point.
     pub index: u64,
+    table: &'static str,
     columns: &'static [&'static str],
     cells: &'a [Value],
 }
@@ -45,7 +46,7 @@ impl Table {
 
     /// The points, by number.
     pub fn rows(&self) -> impl Iterator<Item = Row<'_>> {
-        self.cells.iter().map(|(&index, cells)| Row { index, columns: self.columns, cells })
+        self.cells.iter().map(|(&index, cells)| Row { index, table: self.name, columns: self.columns, cells })
     }
 
     /// Numbers of the points that have not been computed.
@@ -103,6 +104,11 @@ impl<'a> Row<'a> {
         self.cell(column).as_bool().unwrap_or(false)
     }
 
+    /// The command that computes this point of a study again, alone.
+    pub fn command(&self, study: &str) -> String {
+        format!("yieldwall study {study} --point {}:{}", self.table, self.index)
+    }
+
     /// The point as an object, with its number.
     pub fn json(&self) -> Value {
         let cells = self.columns.iter().zip(self.cells).map(|(name, cell)| ((*name).to_owned(), cell.clone()));
@@ -144,6 +150,7 @@ mod tests {
         let csv = "index,whole_m,half_m,remark\n0,0,0.0,\"so, \"\"so\"\"\"\n2,2,,\"so, \"\"so\"\"\"\n";
         assert_eq!(table.csv(), csv);
         let rows: Vec<Row<'_>> = table.rows().collect();
+        assert_eq!(rows[1].command("shares"), "yieldwall study shares --point halves:2");
         assert_eq!(rows[0].number("half_m"), 0.0);
         assert!(rows[1].number("half_m").is_nan());
         assert_eq!(rows[1].word("remark"), "so, \"so\"");

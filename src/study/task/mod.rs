@@ -14,7 +14,7 @@ use serde_json::Value;
 use self::way::{WAYS, Way, finite, positive};
 use super::chart::{Axis, Chart, Color, Mark, Panel, Series};
 use super::run::{Overrides, RunReport, Watch, run_rig};
-use super::sweep::{Clock, Report, Row, Study, Sweep, Table};
+use super::sweep::{Clock, Report, Row, Study, Sweep, Table, median};
 use crate::config::{self, AimError, FixtureLaw, NotNegative, PathSegment};
 use crate::injection::{Injection, Kind};
 
@@ -42,6 +42,9 @@ const HALF_WIDTH_M: f64 = 0.002;
 /// A proxy that is further from the way than this, in m, has left it.
 const LEFT_M: f64 = 1e-4;
 
+/// The spring whose force has a limit.
+const SATURATED: &str = "elastic, at most 20 N";
+
 /// A fixture to trace with.
 struct Aid {
     name: &'static str,
@@ -65,7 +68,7 @@ const AIDS: [Aid; 8] = [
         },
     },
     Aid { name: "elastic", yield_n: 20.0, law: || Some(elastic(false)) },
-    Aid { name: "elastic, at most 20 N", yield_n: 20.0, law: || Some(elastic(true)) },
+    Aid { name: SATURATED, yield_n: 20.0, law: || Some(elastic(true)) },
     plastic("plastic, R = 5 N", 5.0),
     plastic("plastic, R = 10 N", 10.0),
     plastic("plastic, R = 20 N", 20.0),
@@ -226,18 +229,24 @@ impl Sweep for Traces {
     }
 }
 
-fn median(mut values: Vec<f64>) -> f64 {
-    values.retain(|value| value.is_finite());
-    values.sort_by(f64::total_cmp);
-    values.get(values.len() / 2).copied().unwrap_or(f64::NAN)
-}
-
-/// Median over the users of a column.
-fn middle(table: &Table, way: Way, aid: &Aid, speed: f64, column: &str) -> f64 {
+/// A column of all users.
+fn of_users(table: &Table, way: Way, aid: &Aid, speed: f64, column: &str) -> Vec<f64> {
     let is_meant = |row: &Row<'_>| {
         row.word("way") == way.name() && row.word("fixture") == aid.name && row.number("speed_m_per_s") == speed
     };
-    median(table.rows().filter(is_meant).map(|row| row.number(column)).collect())
+    table.rows().filter(is_meant).map(|row| row.number(column)).collect()
+}
+
+/// How the users are taken together; not a number if there is none.
+type Together = fn(Vec<f64>) -> f64;
+
+fn middle(values: Vec<f64>) -> f64 {
+    median(values).unwrap_or(f64::NAN)
+}
+
+/// Of small counts, which a median would hide.
+fn mean(values: Vec<f64>) -> f64 {
+    values.iter().sum::<f64>() / values.len() as f64
 }
 
 impl Study for Task {
@@ -265,33 +274,36 @@ impl Study for Task {
             Color::Green,
             Color::Blue,
         ];
-        let chart_of = |title: &str, name: &str, column: &'static str, axis: fn(&str) -> Axis| {
+        let chart_of = |title: &str, axis: Axis, column: &'static str, factor: f64, together: Together| {
+            let curve = |way: Way, aid: &Aid, color| Series {
+                name: aid.name.to_owned(),
+                points: SPEEDS_M_PER_S
+                    .map(|speed| (0.1 / speed, factor * together(of_users(traces, way, aid, speed, column))))
+                    .to_vec(),
+                // Dashes let the other spring be seen, on which this one lies.
+                mark: if aid.name == SATURATED { Mark::MarkedDashes } else { Mark::MarkedLine },
+                color,
+            };
             let panels = WAYS.map(|way| Panel {
                 title: way.name().to_owned(),
                 x: Axis::logarithmic("time for 100 mm of the way (s)"),
-                y: axis(name),
+                y: axis.clone(),
                 series: (AIDS.iter().zip(colors))
-                    .map(|(aid, color)| Series {
-                        name: aid.name.to_owned(),
-                        points: SPEEDS_M_PER_S
-                            .map(|speed| (0.1 / speed, 1e3 * middle(traces, way, aid, speed, column)))
-                            .to_vec(),
-                        mark: Mark::MarkedLine,
-                        color,
-                    })
+                    .map(|(aid, color)| curve(way, aid, color))
+                    .filter(|series| series.points.iter().any(|point| point.1.is_finite()))
                     .collect(),
             });
             Chart { title: title.to_owned(), panels: panels.to_vec(), columns: WAYS.len() }
         };
         let mut notes = vec![format!(
             "{:22} {:>9} {:>9} {:>9} {:>12} {:>10} {:>10} {:>9}",
-            "circle, medians", "speed m/s", "RMS mm", "max mm", "penetrations", "across mJ", "press mm", "back mm"
+            "circle, medians", "speed m/s", "RMS mm", "max mm", "leaves, mean", "across mJ", "press mm", "back mm"
         )];
         for aid in &AIDS {
             for speed in SPEEDS_M_PER_S {
-                let value = |column| middle(traces, Way::Circle, aid, speed, column);
-                let penetrations = value("penetrations");
-                let count = if penetrations.is_nan() { String::new() } else { format!("{penetrations:.0}") };
+                let value = |column| middle(of_users(traces, Way::Circle, aid, speed, column));
+                let penetrations = mean(of_users(traces, Way::Circle, aid, speed, "penetrations"));
+                let count = if penetrations.is_nan() { String::new() } else { format!("{penetrations:.1}") };
                 notes.push(format!(
                     "{:22} {speed:>9.2} {:>9.3} {:>9.3} {count:>12} {:>10.2} {:>10.2} {:>9.3}",
                     aid.name,
@@ -304,31 +316,52 @@ impl Study for Task {
                 ));
             }
         }
+        notes.push(
+            "a simulated user supports mechanical claims only: error, energy, jump; none about people".to_owned(),
+        );
         let stopped: Vec<_> = traces.rows().filter(|row| row.word("outcome") != "ran").collect();
         notes.push(format!("{} of {} runs did not come to their end", stopped.len(), traces.points));
-        notes.extend(
-            stopped
-                .iter()
-                .take(10)
-                .map(|row| format!("  yieldwall study task --point traces:{}: {}", row.index, row.word("outcome"))),
-        );
+        notes.extend(stopped.iter().take(10).map(|row| format!("  {}: {}", row.command("task"), row.word("outcome"))));
         let charts = vec![
             (
                 "study-task-error",
-                chart_of("Time against error, medians", "RMS error (mm)", "error_rms_m", Axis::logarithmic),
+                chart_of(
+                    "Time against error, medians",
+                    Axis::logarithmic("RMS error (mm)"),
+                    "error_rms_m",
+                    1e3,
+                    middle,
+                ),
             ),
             (
                 "study-task-energy",
                 chart_of(
                     "Energy given to the hand across the way, medians",
-                    "energy (mJ)",
+                    Axis::logarithmic("energy (mJ)"),
                     "energy_given_across_j",
-                    Axis::logarithmic,
+                    1e3,
+                    middle,
                 ),
             ),
             (
                 "study-task-jump",
-                chart_of("Jump back when the hand lets go, medians", "jump (mm)", "jump_back_m", Axis::linear),
+                chart_of(
+                    "Jump back when the hand lets go, medians",
+                    Axis::linear("jump (mm)"),
+                    "jump_back_m",
+                    1e3,
+                    middle,
+                ),
+            ),
+            (
+                "study-task-penetrations",
+                chart_of(
+                    "How often a user who traces leaves a plastic guide, mean of the users",
+                    Axis::linear("times a trace"),
+                    "penetrations",
+                    1.0,
+                    mean,
+                ),
             ),
         ];
         Report { notes, charts }
