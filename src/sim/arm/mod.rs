@@ -50,10 +50,10 @@ pub enum ArmError {
         /// What the linkage says.
         source: LinkageError,
     },
-    /// The distal links are almost on one line, so that the motors hardly hold the tool.
+    /// The distal links are almost on one line or on each other, so that the motors hardly hold the tool.
     #[error(
         "the arm stops at {time_s:.4} s: the tool moves {transmission:.1} times as fast as the elbows, at most {limit} \
-         (distal links almost in line)"
+         (distal links almost in line or folded)"
     )]
     NearSingularity {
         /// Beginning of the step that failed, in s.

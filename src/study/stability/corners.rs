@@ -5,6 +5,7 @@ use rand_xoshiro::SplitMix64;
 use rand_xoshiro::rand_core::SeedableRng;
 use serde_json::Value;
 
+use super::STUDY;
 use super::held::PERIOD_S;
 use crate::fixture::{
     Chain, Circle, Coupling, Curvature, Fixture, Forbidden, Impedance, Limits, Line, Parameters, Rearm, Several,
@@ -164,9 +165,9 @@ pub(super) fn report(table: &Table, report: &mut Report) {
         if let Some(worst) = worst {
             report.notes.push(format!(
                 "{name}: {kept} steps kept from a jump; a step is longer than that of the input position by {:.3} R/kappa at most \
-                 (corners:{}); {beyond} of {} runs beyond {RULE}",
+                 ({}); {beyond} of {} runs beyond {RULE}",
                 worst.number("longest_excess_over_reach"),
-                worst.index,
+                worst.command(STUDY),
                 SPEEDS * SEEDS
             ));
         }

@@ -3,7 +3,7 @@
 use nalgebra::Vector1;
 use serde_json::Value;
 
-use super::{Agreement, cell, cells_below, on_grid};
+use super::{Agreement, STUDY, cell, cells_below, on_grid};
 use crate::control::{Gains, ServoLoop, damping_needed_n_s_per_m, greatest_stiffness_n_per_m};
 use crate::fixture::{Coupling, Curvature, Fixture, Impedance, Limits, Parameters, Plane, Rearm, Side};
 use crate::sim::hand::HandLoad;
@@ -143,10 +143,8 @@ pub(super) fn report(map: &Table, report: &mut Report) {
             let place = |stiffness: f64| cells_below(stiffness, STIFFNESSES, STIFFNESSES_N_PER_M);
             let what = |computed: f64| {
                 let row = column.get((measured as usize).min(column.len().saturating_sub(1)));
-                let index = row.map_or(0, |row| row.index);
-                format!(
-                    "B {damping:.3} N s/m: {measured} stiffnesses stable, theory {computed:.0} N/m (coupling:{index})"
-                )
+                let again = row.map_or(String::new(), |row| row.command(STUDY));
+                format!("B {damping:.3} N s/m: {measured} stiffnesses stable, theory {computed:.0} N/m: {again}")
             };
             let computed = setting.greatest_n_per_m(damping);
             exact.add(measured, place(computed), || what(computed));

@@ -2,10 +2,12 @@
 
 use nalgebra::{Matrix2, Vector2};
 
+use super::crossover::Crossover;
 use crate::control::{Gains, Grip, Law, Outer, Pose, ServoLoop, least_virtual_mass_kg};
 use crate::fixture::{
     self, Admittance, Contrast, Coupling, Curvature, Fixture, Guidance, Limits, Line, Parameters, Rearm, Shape2, Side,
 };
+use crate::linkage::{self, Chain, FiveBar, Geometry, GeometryError, Tool, WristSide};
 use crate::quantity::{JointRates, TipPoint};
 use crate::sim::arm::{ArmError, ArmParameters};
 use crate::sim::hand::HandLoad;
@@ -25,6 +27,32 @@ const REST_M_PER_S: f64 = 1e-6;
 const WINDOWS: u64 = 8;
 /// The motion dies away if the energy of its swing falls below this share from one quarter of the run to the next but one.
 const DYING: f64 = 0.9;
+
+/// Elbows away from the axis of symmetry, as the arm of the study has them.
+pub(super) const OUTWARD: [linkage::Side; 2] = [linkage::Side::Left, linkage::Side::Right];
+
+/// Lengths and sides of an arm that is symmetric about the y axis, with the tool at the wrist.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Links {
+    /// Half of the distance between the base joints.
+    pub(super) half_base_m: f64,
+    pub(super) proximal_m: f64,
+    pub(super) distal_m: f64,
+    pub(super) elbows: [linkage::Side; 2],
+}
+
+impl Links {
+    fn linkage(&self) -> Result<FiveBar, GeometryError> {
+        FiveBar::new(Geometry {
+            base_m: [[-self.half_base_m, 0.0], [self.half_base_m, 0.0]],
+            proximal_m: [self.proximal_m; 2],
+            distal_m: [self.distal_m; 2],
+            elbows: self.elbows,
+            wrist: WristSide::Forward,
+            tool: Tool { fixed_to: Chain::Right, along_m: 0.0, across_m: 0.0 },
+        })
+    }
+}
 
 /// Everything that a map or a row of a table fixes.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -50,8 +78,8 @@ pub(super) struct Setting {
     pub(super) servo_delay: usize,
     /// Where the tool starts, on the axis of symmetry.
     pub(super) start_m: Vector2<f64>,
-    /// Length of the distal links.
-    pub(super) distal_m: f64,
+    /// Links of the arm.
+    pub(super) links: Links,
     /// Force of the nudge in N.
     pub(super) nudge_n: f64,
 }
@@ -69,7 +97,7 @@ pub(super) const PLAIN: Setting = Setting {
     hand_kg: 0.0,
     servo_delay: 0,
     start_m: STUDY_START_M,
-    distal_m: STUDY_DISTAL_M,
+    links: Links { half_base_m: 0.05, proximal_m: 0.25, distal_m: STUDY_DISTAL_M, elbows: OUTWARD },
     nudge_n: 5.0,
 };
 
@@ -119,9 +147,37 @@ impl Setting {
         self.pose().and_then(|pose| least_virtual_mass_kg(&servo, &pose, &grip, &outer).ok()).unwrap_or(f64::NAN)
     }
 
+    /// Whether the formula for a continuous servo is for this loop: it knows of no dry joints, low pass, slow sensor, hand with
+    /// mass, servo that is late or damping of the proxy.
+    pub(super) fn has_crossover(&self) -> bool {
+        let Self { name, delay, bandwidth, hand_n_s_per_m, start_m, links, nudge_n, .. } = *self;
+        *self == Self { name, delay, bandwidth, hand_n_s_per_m, start_m, links, nudge_n, ..PLAIN }
+    }
+
+    /// The least stable virtual mass in kg by the formula for a continuous servo that the hand does not load, the greater of
+    /// the two directions; `None` where that is for another loop.
+    pub(super) fn least_mass_by_crossover_kg(&self, hand_n_per_m: f64) -> Option<f64> {
+        if !self.has_crossover() {
+            return None;
+        }
+        let inertias = self.pose()?.mass.symmetric_eigenvalues();
+        let masses = inertias.iter().map(|&inertia_kg_m2| {
+            let loop_of = Crossover {
+                gains: self.gains(),
+                inertia_kg_m2,
+                period_s: PERIOD_S,
+                delay_cycles: self.delay as f64,
+                hand_n_per_m,
+                hand_n_s_per_m: self.hand_n_s_per_m,
+            };
+            loop_of.least_mass_kg()
+        });
+        masses.reduce(f64::max)
+    }
+
     /// The arm where the tool starts.
     fn pose(&self) -> Option<Pose> {
-        let arm = study_arm(0.0, self.distal_m).ok()?;
+        let arm = self.arm()?;
         let angles = arm.linkage.inverse(TipPoint(self.start_m)).ok()?;
         let dynamics = arm.linkage.dynamics(&arm.mass, angles, JointRates::default()).ok()?;
         Some(Pose {
@@ -177,6 +233,13 @@ impl Setting {
         if c.max(d) < DYING * a.max(b) { Outcome::Dies } else { Outcome::Lasts }
     }
 
+    /// The arm of the study with these links, the same masses and this hand.
+    pub(super) fn arm(&self) -> Option<ArmParameters> {
+        let linkage = self.links.linkage().ok()?;
+        let arm = study_arm(self.coulomb_n_m, self.links.distal_m).ok()?;
+        Some(ArmParameters { linkage, handle_kg: self.hand_kg, ..arm })
+    }
+
     fn bench(&self, mass_kg: f64) -> Option<Bench> {
         Bench::new(&self.parameters()?, free_space(mass_kg, self.friction_n, self.damping_n_s_per_m)?).ok()
     }
@@ -191,7 +254,7 @@ impl Setting {
             delay_cycles: self.servo_delay,
         };
         Some(BenchParameters {
-            arm: ArmParameters { handle_kg: self.hand_kg, ..study_arm(self.coulomb_n_m, self.distal_m).ok()? },
+            arm: self.arm()?,
             start_m: self.start_m,
             period_s: PERIOD_S,
             plant_step_s: PLANT_STEP_S,

@@ -4,7 +4,7 @@ use nalgebra::{Vector1, Vector2};
 use serde_json::Value;
 
 use super::held::{PERIOD_S, PLAIN, Setting};
-use super::on_grid;
+use super::{STUDY, on_grid};
 use crate::fixture::prediction::{Impact, capture_probability, capture_speed_m_per_s};
 use crate::fixture::{Admittance, Coupling, Curvature, Fixture, Limits, Line, Parameters, Plane, Rearm, Shape2, Side};
 use crate::sim::hand::HandLoad;
@@ -241,14 +241,14 @@ fn depth_panel(proxy: &Table, notes: &mut Vec<String>) -> Panel {
         let error_m = (row.number("depth_m") - row.number("theory_depth_m")).abs();
         count += 1;
         if error_m.is_nan() || error_m > tolerance_m + ON_SURFACE_M {
-            off.push((row.index, row.number("depth_m"), row.number("theory_depth_m")));
+            off.push((row.command(STUDY), row.number("depth_m"), row.number("theory_depth_m")));
         }
     }
     notes.push(format!(
         "depth of these impacts: {} of {count} within v_c T/4 of the formula{}",
         count - off.len(),
-        off.first().map_or(String::new(), |(index, measured, computed)| {
-            format!("; first other: impact:{index}, {:.3} um against {:.3} um", measured * 1e6, computed * 1e6)
+        off.first().map_or(String::new(), |(again, measured, computed)| {
+            format!("; first other: {:.3} um against {:.3} um, {again}", measured * 1e6, computed * 1e6)
         })
     ));
     for (yield_n, color) in YIELDS_N.into_iter().zip(Color::LINES) {

@@ -3,7 +3,7 @@
 use serde_json::Value;
 
 use super::held::{Outcome, PLAIN, Setting};
-use super::{Agreement, cell, cells_below, on_grid};
+use super::{Agreement, STUDY, cell, cells_below, on_grid};
 use crate::study::chart::{Axis, Chart, Color, Mark, Panel, Series};
 use crate::study::sweep::{Clock, Report, Row, Sweep, Table};
 
@@ -14,6 +14,9 @@ const MASSES_KG: [f64; 2] = [0.01, 10.0];
 const MAP_DURATION_S: f64 = 2.0;
 /// Share of a panel's width that a cell takes, in thousandths.
 const CELL: u32 = 25;
+
+/// Name of the formula for a continuous servo.
+const CROSSOVER: &str = "continuous servo, hand no load";
 
 const MAPS: [Setting; 12] = [
     Setting { name: "no delay", ..PLAIN },
@@ -72,7 +75,7 @@ impl Sweep for Theory {
     }
 
     fn columns(&self) -> &'static [&'static str] {
-        &["setting", "hand_n_per_m", "least_mass_kg"]
+        &["setting", "hand_n_per_m", "least_mass_kg", "crossover_kg"]
     }
 
     fn points(&self) -> u64 {
@@ -82,7 +85,12 @@ impl Sweep for Theory {
     fn point(&self, index: u64, _: Clock<'_>) -> Vec<Value> {
         let setting = MAPS[(index / MAP_HANDS) as usize];
         let hand_n_per_m = cell(index % MAP_HANDS, MAP_HANDS, HANDS_N_PER_M);
-        vec![setting.name.into(), hand_n_per_m.into(), setting.least_mass_kg(hand_n_per_m).into()]
+        vec![
+            setting.name.into(),
+            hand_n_per_m.into(),
+            setting.least_mass_kg(hand_n_per_m).into(),
+            setting.least_mass_by_crossover_kg(hand_n_per_m).into(),
+        ]
     }
 }
 
@@ -129,7 +137,7 @@ impl Sweep for Rows {
     }
 
     fn columns(&self) -> &'static [&'static str] {
-        &["setting", "hand_n_per_m", "joint_friction_n_m", "measured_kg", "theory_kg", "reference_kg"]
+        &["setting", "hand_n_per_m", "joint_friction_n_m", "measured_kg", "theory_kg", "crossover_kg", "reference_kg"]
     }
 
     fn points(&self) -> u64 {
@@ -155,6 +163,7 @@ impl Sweep for Rows {
             setting.coulomb_n_m.into(),
             least_of(place).into(),
             setting.least_mass_kg(hand_n_per_m).into(),
+            setting.least_mass_by_crossover_kg(hand_n_per_m).into(),
             reference[hand].into(),
         ]
     }
@@ -181,17 +190,23 @@ pub(super) fn report(map: &Table, theory: &Table, rows: &Table, report: &mut Rep
     report.notes.push("least stable virtual mass, map by map:".to_owned());
     for setting in MAPS {
         let points: Vec<_> = map.rows().filter(|row| row.word("setting") == setting.name).collect();
-        let bound: Vec<_> = theory
-            .rows()
-            .filter(|row| row.word("setting") == setting.name)
-            .map(|row| (row.number("hand_n_per_m"), row.number("least_mass_kg")))
-            .collect();
+        let bound = |column: &str| -> Vec<_> {
+            let rows = theory.rows().filter(|row| row.word("setting") == setting.name);
+            rows.map(|row| (row.number("hand_n_per_m"), row.number(column))).collect()
+        };
+        let sampled = bound("least_mass_kg");
+        let by_crossover = if setting.has_crossover() { bound("crossover_kg") } else { Vec::new() };
         if setting.coulomb_n_m == 0.0 {
-            let agreement = map_agreement(&points, &bound);
+            let agreement = map_agreement(&points, &sampled);
             report.notes.push(format!("  {}", agreement.line(setting.name)));
             report.notes.extend(agreement.beyond.iter().map(|line| format!("    {line}")));
         }
-        panels.push(panel(setting.name, &points, bound));
+        if setting.has_crossover() {
+            let agreement = map_agreement(&points, &by_crossover);
+            report.notes.push(format!("  {}", agreement.line(&format!("{}, {CROSSOVER}", setting.name))));
+            report.notes.extend(agreement.ends().map(|line| format!("    {line}")));
+        }
+        panels.push(panel(setting.name, &points, sampled, by_crossover));
     }
     let chart = Chart {
         title: "Does a nudge of a hand on the tool die away? Virtual mass against stiffness of the hand".to_owned(),
@@ -211,14 +226,15 @@ fn map_agreement(points: &[Row<'_>], bound: &[(f64, f64)]) -> Agreement {
         let measured = unstable.map_or(0, |last| last as u64 + 1);
         let computed = if least_kg.is_nan() { MAP_MASSES } else { cells_below(least_kg, MAP_MASSES, MASSES_KG) };
         agreement.add(measured, computed, || {
-            let last = unstable.map_or(0, |place| column[place].index);
-            format!("{hand_n_per_m:.0} N/m: {measured} of {MAP_MASSES} masses, {computed} by theory (mass:{last})")
+            let last = unstable.unwrap_or(0);
+            let again = column.get(last).map_or(String::new(), |row| row.command(STUDY));
+            format!("{hand_n_per_m:.0} N/m: {measured} of {MAP_MASSES} masses unstable, {computed} by theory: {again}")
         });
     }
     agreement
 }
 
-fn panel(title: &str, points: &[Row<'_>], bound: Vec<(f64, f64)>) -> Panel {
+fn panel(title: &str, points: &[Row<'_>], sampled: Vec<(f64, f64)>, by_crossover: Vec<(f64, f64)>) -> Panel {
     let cells = |outcomes: &[Outcome], color| Series {
         name: outcomes.iter().map(|outcome| outcome.word()).collect::<Vec<_>>().join(" or "),
         points: points
@@ -229,34 +245,39 @@ fn panel(title: &str, points: &[Row<'_>], bound: Vec<(f64, f64)>) -> Panel {
         mark: Mark::Cells(CELL),
         color,
     };
-    let line =
-        Series { name: "theory, no dry friction".to_owned(), points: bound, mark: Mark::Line, color: Color::Black };
+    let line = |name: &str, points, mark, color| Series { name: name.to_owned(), points, mark, color };
+    let mut series = vec![
+        cells(&[Outcome::Dies], Color::Pale),
+        cells(&[Outcome::Lasts], Color::Orange),
+        cells(&[Outcome::Lost, Outcome::Refused], Color::Vermilion),
+        line("sampled loop, no dry friction", sampled, Mark::Line, Color::Black),
+    ];
+    if !by_crossover.is_empty() {
+        series.push(line(CROSSOVER, by_crossover, Mark::Dashed, Color::Blue));
+    }
     Panel {
         title: title.to_owned(),
         x: Axis::logarithmic("stiffness of the hand (N/m)").over(HANDS_N_PER_M[0], HANDS_N_PER_M[1]),
         y: Axis::logarithmic("virtual mass (kg)").over(MASSES_KG[0], MASSES_KG[1]),
-        series: vec![
-            cells(&[Outcome::Dies], Color::Pale),
-            cells(&[Outcome::Lasts], Color::Orange),
-            cells(&[Outcome::Lost, Outcome::Refused], Color::Vermilion),
-            line,
-        ],
+        series,
     }
 }
 
 fn row_notes(rows: &Table, report: &mut Report) {
     let header: Vec<String> = ROW_HANDS_N_PER_M.iter().map(|hand| format!("{hand:>17.0}")).collect();
     report.notes.push(format!("least stable virtual mass in kg, measured/theory/reference{}", header.join("")));
-    let [mut by_theory, mut by_reference] = [Agreement::default(), Agreement::default()];
+    let [mut by_theory, mut by_crossover, mut by_reference] = <[Agreement; 3]>::default();
     for (setting, _) in ROWS {
         let mut line = format!("  {:24}", setting.name);
         for row in rows.rows().filter(|row| row.word("setting") == setting.name) {
             let [measured, computed, reference] =
                 ["measured_kg", "theory_kg", "reference_kg"].map(|column| row.number(column));
-            let what =
-                || format!("{} at {:.0} N/m (mass-rows:{})", setting.name, row.number("hand_n_per_m"), row.index);
+            let what = || format!("{} at {:.0} N/m: {}", setting.name, row.number("hand_n_per_m"), row.command(STUDY));
             if setting.coulomb_n_m == 0.0 {
                 by_theory.add(row_place(measured), row_place(computed), what);
+            }
+            if setting.has_crossover() {
+                by_crossover.add(row_place(measured), row_place(row.number("crossover_kg")), what);
             }
             let is_near = is_within_a_step(measured, reference);
             by_reference.add(0, if is_near { 0 } else { 2 }, what);
@@ -265,7 +286,11 @@ fn row_notes(rows: &Table, report: &mut Report) {
         }
         report.notes.push(line);
     }
-    for (name, agreement) in [("rows against theory", by_theory), ("rows against the reference", by_reference)] {
+    for (name, agreement) in [
+        ("rows against the sampled loop", by_theory),
+        ("rows against the formula for a continuous servo", by_crossover),
+        ("rows against the reference", by_reference),
+    ] {
         let all = agreement.within_a_step + agreement.beyond.len();
         report.notes.push(format!("{name}: {} of {all} within one grid step of 14 %", agreement.within_a_step));
         report.notes.extend(agreement.beyond.iter().map(|line| format!("    {line}")));

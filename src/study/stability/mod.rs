@@ -6,6 +6,7 @@
 
 mod corners;
 mod coupling;
+mod crossover;
 mod friction;
 mod held;
 mod impact;
@@ -40,7 +41,7 @@ impl Stability {
 
 impl Study for Stability {
     fn name(&self) -> &'static str {
-        "stability"
+        STUDY
     }
 
     fn about(&self) -> &'static str {
@@ -68,6 +69,9 @@ impl Study for Stability {
     }
 }
 
+/// Name of the study, as on the command line.
+const STUDY: &str = "stability";
+
 /// How boundaries that were measured and computed on one grid agree.
 #[derive(Debug, Default)]
 struct Agreement {
@@ -79,6 +83,12 @@ impl Agreement {
     /// Takes in a pair of places on the grid; `what` names it.
     fn add(&mut self, measured: u64, computed: u64, what: impl FnOnce() -> String) {
         if measured.abs_diff(computed) <= 1 { self.within_a_step += 1 } else { self.beyond.push(what()) }
+    }
+
+    /// The first and the last that disagree.
+    fn ends(&self) -> impl Iterator<Item = &String> {
+        let last = self.beyond.len().checked_sub(1).filter(|&last| last > 0);
+        self.beyond.first().into_iter().chain(last.and_then(|last| self.beyond.get(last)))
     }
 
     fn line(&self, name: &str) -> String {

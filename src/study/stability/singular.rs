@@ -3,8 +3,9 @@
 use nalgebra::Vector2;
 use serde_json::Value;
 
-use super::held::{Outcome, PLAIN, Setting};
-use super::{Agreement, cell, cells_below};
+use super::held::{Links, Outcome, PLAIN, Setting};
+use super::{Agreement, STUDY, cell, cells_below};
+use crate::linkage::Side;
 use crate::study::chart::{Axis, Chart, Color, Mark, Panel, Series};
 use crate::study::sweep::{Clock, Report, Row, Sweep, Table};
 
@@ -21,18 +22,16 @@ const PAPER_KG: f64 = 2.0;
 const NUDGE_SHARE: f64 = 0.05;
 const DRY_NUDGE_N: f64 = 30.0;
 
-/// Distal links with which they can come to lie on one line.
-const SHORT_DISTAL_M: f64 = 0.25;
-const DISTAL_M: f64 = 0.30;
-const PROXIMAL_M: f64 = 0.25;
-const HALF_BASE_M: f64 = 0.05;
-
-#[derive(Clone, Copy, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 enum Kind {
     /// Both chains almost stretched; the gap is that of their reach.
     Stretched,
+    /// Both chains almost folded; the gap is that of their reach.
+    Folded,
     /// The distal links almost on one line; the gap is that of the elbows.
     DistalStretched,
+    /// The elbows almost meet; the gap is the distance between them.
+    DistalFolded,
 }
 
 struct Case {
@@ -44,30 +43,62 @@ struct Case {
 const DRY: Setting = Setting { coulomb_n_m: 10.0, friction_n: 3.0, ..LATE };
 const LATE: Setting = Setting { servo_delay: 1, ..PLAIN };
 
-const CASES: [Case; 4] = [
+const CASES: [Case; 8] = [
     Case { name: "chains stretched (type 1)", kind: Kind::Stretched, setting: LATE },
-    Case { name: "chains stretched, dry joints, F 3 N", kind: Kind::Stretched, setting: DRY },
+    Case { name: "chains folded (type 1)", kind: Kind::Folded, setting: LATE },
     Case { name: "distal links in line (type 2)", kind: Kind::DistalStretched, setting: LATE },
+    Case { name: "elbows meet (type 2)", kind: Kind::DistalFolded, setting: LATE },
+    Case { name: "chains stretched, dry joints, F 3 N", kind: Kind::Stretched, setting: DRY },
+    Case { name: "chains folded, dry joints, F 3 N", kind: Kind::Folded, setting: DRY },
     Case { name: "distal links in line, dry joints, F 3 N", kind: Kind::DistalStretched, setting: DRY },
+    Case { name: "elbows meet, dry joints, F 3 N", kind: Kind::DistalFolded, setting: DRY },
 ];
+
+/// A way across from the length of a link and its other projection.
+fn leg_m(link_m: f64, other_m: f64) -> f64 {
+    (link_m * link_m - other_m * other_m).sqrt()
+}
+
+impl Kind {
+    /// The links with which a pose of this kind can be had away from all others.
+    fn links(self) -> Links {
+        match self {
+            Self::Stretched => PLAIN.links,
+            // Proximal links of 0.25 m fold where the distal ones lie on one line.
+            Self::Folded => Links { proximal_m: 0.15, ..PLAIN.links },
+            // Longer ones never come to lie on one line.
+            Self::DistalStretched => Links { distal_m: 0.25, ..PLAIN.links },
+            // With elbows outward and the tool before them they are never near each other; on a narrow base they meet
+            // where the chains are almost stretched.
+            Self::DistalFolded => Links { half_base_m: 0.15, elbows: [Side::Right, Side::Left], ..PLAIN.links },
+        }
+    }
+
+    /// How far along the axis of symmetry the tool is at a gap.
+    fn tool_m(self, gap_m: f64) -> f64 {
+        let Links { half_base_m, proximal_m, distal_m, .. } = self.links();
+        match self {
+            Self::Stretched => leg_m(proximal_m + distal_m - gap_m, half_base_m),
+            Self::Folded => leg_m(distal_m - proximal_m + gap_m, half_base_m),
+            Self::DistalStretched => {
+                let half_m = distal_m - 0.5 * gap_m;
+                leg_m(proximal_m, half_m - half_base_m) + leg_m(distal_m, half_m)
+            }
+            Self::DistalFolded => {
+                let half_m = 0.5 * gap_m;
+                leg_m(proximal_m, half_base_m - half_m) + leg_m(distal_m, half_m)
+            }
+        }
+    }
+}
 
 impl Case {
     /// The setting at a gap, with the tool on the axis of symmetry.
     fn at(&self, gap_m: f64) -> Setting {
-        let (distal_m, y_m) = match self.kind {
-            Kind::Stretched => {
-                let reach_m = PROXIMAL_M + DISTAL_M - gap_m;
-                (DISTAL_M, (reach_m * reach_m - HALF_BASE_M * HALF_BASE_M).sqrt())
-            }
-            Kind::DistalStretched => {
-                let half_m = SHORT_DISTAL_M - 0.5 * gap_m;
-                let height = |side: f64, across: f64| (side * side - across * across).sqrt();
-                (SHORT_DISTAL_M, height(PROXIMAL_M, half_m - HALF_BASE_M) + height(SHORT_DISTAL_M, half_m))
-            }
-        };
         // A nudge that moves a frictionless arm by a small share of the gap; dry joints need one that moves them.
         let nudge_n = if self.setting.coulomb_n_m > 0.0 { DRY_NUDGE_N } else { NUDGE_SHARE * gap_m * HAND_N_PER_M };
-        Setting { distal_m, start_m: Vector2::new(0.0, y_m), nudge_n, ..self.setting }
+        let start_m = Vector2::new(0.0, self.kind.tool_m(gap_m));
+        Setting { links: self.kind.links(), start_m, nudge_n, ..self.setting }
     }
 }
 
@@ -108,17 +139,28 @@ pub(super) fn report(map: &Table, report: &mut Report) {
         let is_dead = |row: &&Row<'_>| row.word("outcome") == Outcome::Dies.word();
         if case.setting.coulomb_n_m == 0.0 {
             let mut agreement = Agreement::default();
+            let mut refused = Vec::new();
             for &(gap_m, least_kg) in &bound {
                 let column: Vec<_> = points.iter().filter(|row| row.number("gap_m") == gap_m).collect();
+                // Where the arm is refused at every mass there is no boundary to compare.
+                if column.iter().all(|row| row.word("outcome") == Outcome::Refused.word()) {
+                    refused.extend(column.first().map(|row| row.command(STUDY)));
+                    continue;
+                }
                 let measured = column.iter().rposition(|row| !is_dead(row)).map_or(0, |last| last as u64 + 1);
                 let computed = if least_kg.is_finite() { cells_below(least_kg, MASSES, MASSES_KG) } else { MASSES };
-                agreement.add(measured, computed, || format!("{:.2} mm: {measured}, theory {computed}", gap_m * 1e3));
+                agreement.add(measured, computed, || {
+                    let again = column.get(measured.saturating_sub(1) as usize).map(|row| row.command(STUDY));
+                    format!("{:.2} mm: {measured}, theory {computed}: {}", gap_m * 1e3, again.unwrap_or_default())
+                });
             }
             report.notes.push(agreement.line(case.name));
-            let [first, last] = [agreement.beyond.first(), agreement.beyond.last()];
-            if let (Some(first), Some(last)) = (first, last) {
-                report.notes.push(format!("    others (masses not stable of {MASSES}): {first} to {last}"));
+            if let Some(last) = refused.last() {
+                report
+                    .notes
+                    .push(format!("    refused whatever the mass: {} of {GAPS} gaps, the last {last}", refused.len()));
             }
+            report.notes.extend(agreement.ends().map(|line| format!("    masses not stable of {MASSES} at {line}")));
         }
         // The cell that holds the mass of the paper.
         let paper = cell(cells_below(PAPER_KG, MASSES, MASSES_KG).saturating_sub(1), MASSES, MASSES_KG);
@@ -171,11 +213,46 @@ fn panel(case: &Case, points: &[Row<'_>], bound: Vec<(f64, f64)>) -> Panel {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::quantity::TipPoint;
+
+    /// The tool would move thirty times as fast as the elbows: the arm says so before anything is not finite.
+    #[test]
+    fn an_arm_whose_elbows_almost_meet_is_refused() {
+        let case = CASES.iter().find(|case| case.kind == Kind::DistalFolded).unwrap();
+        assert_eq!(case.at(5e-3).run(HAND_N_PER_M, PAPER_KG, DURATION_S), Outcome::Refused);
+    }
 
     #[test]
-    fn the_boundary_holds_near_both_kinds() {
+    fn each_pose_is_near_its_own_singularity_and_no_other() {
+        for case in &CASES {
+            for gap_m in [0.5e-3, 20e-3] {
+                let setting = case.at(gap_m);
+                let linkage = setting.arm().unwrap().linkage;
+                let posture = linkage.forward(linkage.inverse(TipPoint(setting.start_m)).unwrap()).unwrap();
+                assert_eq!(posture.elbow_sides, setting.links.elbows);
+                let clearance = linkage.clearance(&posture);
+                let gaps = [
+                    (Kind::Stretched, clearance.stretched_m[0].min(clearance.stretched_m[1])),
+                    (Kind::Folded, clearance.folded_m[0].min(clearance.folded_m[1])),
+                    (Kind::DistalStretched, clearance.distal_stretched_m),
+                    (Kind::DistalFolded, clearance.distal_folded_m),
+                ];
+                for (kind, found_m) in gaps {
+                    if kind == case.kind {
+                        assert!((found_m - gap_m).abs() < 1e-9, "{kind:?}: {found_m} m, {gap_m} m");
+                    } else {
+                        assert!(found_m > 20e-3, "{:?} at {gap_m} m: {found_m} m from {kind:?}", case.kind);
+                    }
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn the_boundary_holds_near_every_kind() {
         for case in CASES.iter().filter(|case| case.setting.coulomb_n_m == 0.0) {
-            for gap_m in [0.5e-3, 10e-3] {
+            // Nearer than this the arm refuses elbows that almost meet.
+            for gap_m in [if case.kind == Kind::DistalFolded { 9e-3 } else { 0.5e-3 }, 12e-3] {
                 let setting = case.at(gap_m);
                 let least = setting.least_mass_kg(HAND_N_PER_M);
                 assert_eq!(setting.run(HAND_N_PER_M, 1.1 * least, DURATION_S), Outcome::Dies, "{} {gap_m}", case.name);

@@ -2,8 +2,8 @@
 
 use serde_json::Value;
 
-use super::cell;
 use super::held::PERIOD_S;
+use super::{STUDY, cell};
 use crate::control::{AxisController, EffortRange, Gains, Psmc};
 use crate::sim::arm::slip_rate;
 use crate::study::chart::{Axis, Chart, Color, Mark, Panel, Series};
@@ -100,7 +100,7 @@ pub(super) fn report(table: &Table, report: &mut Report) {
         saturated += 1;
         match (row.number("sliding_time_s") >= row.number("law_time_s"), is_free) {
             (true, true) => kept += 1,
-            (true, false) => broken.push(row.index),
+            (true, false) => broken.push(row.command(STUDY)),
             (false, true) => needless += 1,
             (false, false) => {}
         }
@@ -109,7 +109,7 @@ pub(super) fn report(table: &Table, report: &mut Report) {
         "sliding mode after saturation, {saturated} steps: H >= 1.3 v/(2 a) leaves {kept} without overshoot above 1 %, {} with{}; \
          {needless} of those below it have none either",
         broken.len(),
-        broken.first().map_or(String::new(), |index| format!(" (first: sliding:{index})"))
+        broken.first().map_or(String::new(), |again| format!(" (first: {again})"))
     ));
     let mut panels = Vec::new();
     for limit_n_m in LIMITS_N_M {
