@@ -1,5 +1,7 @@
 //! `yieldwall study`: tables and charts of speed, accuracy and stability.
 
+mod document;
+
 use std::io::{self, IsTerminal};
 use std::num::NonZeroUsize;
 use std::path::{Path, PathBuf};
@@ -7,13 +9,13 @@ use std::time::{Duration, Instant};
 
 use clap::builder::{PossibleValue, PossibleValuesParser};
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
-use serde_json::{Map, Value, json};
+use serde_json::{Value, json};
 
+use self::document::{Origin, Pace};
 use super::failure::{Exit, Failure};
 use super::output::Output;
 use crate::batch::{self, LinesError};
-use crate::study::chart;
-use crate::study::sweep::{Report, Store, StoreError, Study, Sweep, Table};
+use crate::study::sweep::{Store, StoreError, Study, Sweep, Table};
 use crate::study::{NAMES, Options, OptionsError, study};
 
 /// Name of the file of a table that is not computed in shards.
@@ -79,6 +81,10 @@ impl Shard {
     fn name(self) -> String {
         format!("{}-of-{}", self.number, self.of)
     }
+
+    fn text(self) -> String {
+        format!("{}/{}", self.number, self.of)
+    }
 }
 
 fn parse_shard(text: &str) -> Result<Shard, String> {
@@ -99,8 +105,18 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
     options.check(&arguments.name, !arguments.merge).map_err(|error| options_failure(&error))?;
     let study = study(&arguments.name, &options)
         .ok_or_else(|| Failure::new(Exit::Internal, format!("no study {}", arguments.name), ""))?;
+    compute_or_draw(study.as_ref(), &options, arguments, output)
+}
+
+fn compute_or_draw(
+    study: &dyn Study,
+    options: &Options,
+    arguments: &Arguments,
+    output: &mut Output,
+) -> Result<(), Failure> {
     if let Some((table, index)) = &arguments.point {
-        return point(study.as_ref(), table, *index, output);
+        let (sweep, one) = point(study, table, *index)?;
+        return print(sweep, &one, output);
     }
     let timed: Vec<_> = study.sweeps().iter().filter(|sweep| sweep.is_timed()).map(|sweep| sweep.name()).collect();
     if arguments.shard.is_some() && timed.len() == study.sweeps().len() {
@@ -109,8 +125,9 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
         return Err(Failure::new(Exit::Usage, message, "leave --shard away: one run computes all of this study"));
     }
     let folder = arguments.out.join(study.name());
-    let edition = edition(&options);
-    let mut tables = Vec::new();
+    let build = build();
+    let edition = edition(&build, options);
+    let (mut tables, mut computed) = (Vec::new(), Vec::new());
     if arguments.fresh {
         for sweep in study.sweeps() {
             Store::discard(&folder, sweep.as_ref()).map_err(store_failure)?;
@@ -118,9 +135,16 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
     }
     // Times of several runs are not to be compared.
     for sweep in study.sweeps().iter().filter(|sweep| arguments.shard.is_none() || !sweep.is_timed()) {
-        tables.push(compute(arguments, sweep.as_ref(), &folder, &edition, output)?);
+        let (table, pace) = compute(arguments, sweep.as_ref(), &folder, &edition, output)?;
+        tables.push(table);
+        computed.extend(pace);
     }
-    if arguments.shard.is_some() {
+    if let Some(shard) = arguments.shard {
+        if output.is_json() {
+            let paces: Value = computed.iter().map(Pace::json).collect();
+            return output
+                .json(&json!({ "study": study.name(), "shard": shard.text(), "folder": folder, "computed": paces }));
+        }
         let next = match timed.as_slice() {
             [] => "draw them with --merge".to_owned(),
             timed => format!("run without --shard, which measures {} in one go and draws", timed.join(" and ")),
@@ -130,9 +154,12 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
     let report = study.report(&tables);
     let mujoco = options.mujoco.as_ref().map_or_else(String::new, |program| format!(" --mujoco {}", program.display()));
     let command = format!("yieldwall study {}{mujoco}", study.name());
-    let files = write(&folder, study.as_ref(), &tables, &report, &command)?;
+    let mujoco = if arguments.merge { None } else { options.mujoco_version() };
+    let origin = Origin { command, build: &build, mujoco, computed: &computed };
+    let document = document::document(study, &tables, &report, &origin);
+    let files = document::write(&folder, study, &tables, &report, &document)?;
     if output.is_json() {
-        return output.json(&document(study.as_ref(), &tables, &report, &command));
+        return output.json(&document);
     }
     for line in &report.notes {
         output.news(line)?;
@@ -143,8 +170,8 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
     Ok(())
 }
 
-/// Computes and prints one point.
-fn point(study: &dyn Study, table: &str, index: u64, output: &mut Output) -> Result<(), Failure> {
+/// Computes one point.
+fn point<'a>(study: &'a dyn Study, table: &str, index: u64) -> Result<(&'a dyn Sweep, Table), Failure> {
     let Some(sweep) = study.sweeps().iter().find(|sweep| sweep.name() == table) else {
         let names: Vec<_> = study.sweeps().iter().map(|sweep| sweep.name()).collect();
         let message = format!("{} has no table {table}", study.name());
@@ -157,6 +184,10 @@ fn point(study: &dyn Study, table: &str, index: u64, output: &mut Output) -> Res
     }
     let mut one = Table::new(sweep.as_ref());
     one.insert(index, sweep.point(index, &core_time));
+    Ok((sweep.as_ref(), one))
+}
+
+fn print(sweep: &dyn Sweep, one: &Table, output: &mut Output) -> Result<(), Failure> {
     for row in one.rows() {
         if output.is_json() {
             output.json(&row.json())?;
@@ -169,19 +200,20 @@ fn point(study: &dyn Study, table: &str, index: u64, output: &mut Output) -> Res
     Ok(())
 }
 
-/// The points of a table: those that the folder holds, and what of its part is missing.
+/// The points of a table: those that the folder holds, and what of its part is missing, with the pace at which that was
+/// computed.
 fn compute(
     arguments: &Arguments,
     sweep: &dyn Sweep,
     folder: &Path,
     edition: &str,
     output: &mut Output,
-) -> Result<Table, Failure> {
+) -> Result<(Table, Option<Pace>), Failure> {
     if arguments.merge {
         let table = Store::read(folder, sweep, edition, arguments.any_build).map_err(store_failure)?;
         let missing = table.missing();
         return match missing.first() {
-            None => Ok(table),
+            None => Ok((table, None)),
             Some(first) => {
                 let count = missing.len();
                 let message =
@@ -205,7 +237,7 @@ fn compute(
     let is_of_part = |index: &u64| arguments.shard.is_none_or(|part| index % part.of == part.number - 1);
     let wanted: Vec<u64> = missing.into_iter().filter(is_of_part).collect();
     if wanted.is_empty() {
-        return Ok(table);
+        return Ok((table, None));
     }
     let cores = std::thread::available_parallelism().map_or(1, NonZeroUsize::get);
     let jobs = if sweep.is_timed() { 1 } else { arguments.jobs.map_or(cores, NonZeroUsize::get) };
@@ -227,80 +259,21 @@ fn compute(
     .map_err(store_failure)?;
     bar.finish_and_clear();
     let wall_s = started.elapsed().as_secs_f64();
-    let share = 100.0 * spent.as_secs_f64() / (wall_s * jobs as f64);
-    let count = wanted.len();
-    let rate = count as f64 / wall_s;
-    output.news(&format!(
-        "{}: {count} points in {wall_s:.1} s, {rate:.1} a second, {jobs} {} busy for {share:.0} % of the time",
-        table.name,
-        if jobs == 1 { "thread" } else { "threads" }
-    ))?;
-    Ok(table)
+    let pace = Pace { table: table.name, runs: wanted.len(), wall_s, jobs, busy_s: spent.as_secs_f64() };
+    output.news(&pace.line())?;
+    Ok((table, Some(pace)))
+}
+
+/// The program's own bytes, which tell one build from another.
+fn build() -> String {
+    let sum = std::env::current_exe().and_then(std::fs::read).map_or(0, |bytes| crc32fast::hash(&bytes));
+    format!("{sum:08x}")
 }
 
 /// What kept points hang on beside their table.
-fn edition(options: &Options) -> String {
-    // The program's own bytes tell one build from another.
-    let build = std::env::current_exe().and_then(std::fs::read).map_or(0, |bytes| crc32fast::hash(&bytes));
+fn edition(build: &str, options: &Options) -> String {
     let chosen = options.mujoco.as_ref().map_or("", |_| " with MuJoCo");
-    format!("build {build:08x}{chosen}")
-}
-
-/// Tables, document and charts on disk.
-fn write(
-    folder: &Path,
-    study: &dyn Study,
-    tables: &[Table],
-    report: &Report,
-    command: &str,
-) -> Result<Vec<PathBuf>, Failure> {
-    let mut files = Vec::new();
-    let mut put = |name: String, bytes: &[u8]| {
-        let path = folder.join(name);
-        std::fs::write(&path, bytes).map_err(|error| {
-            Failure::new(Exit::Usage, format!("{}: {error}", path.display()), "choose a folder you can write to")
-        })?;
-        files.push(path);
-        Ok::<_, Failure>(())
-    };
-    for table in tables {
-        put(format!("{}.csv", table.name), table.csv().as_bytes())?;
-    }
-    let document = serde_json::to_string_pretty(&document(study, tables, report, command)).unwrap_or_default();
-    put(format!("{}.json", study.name()), document.as_bytes())?;
-    for (name, chart) in &report.charts {
-        put(format!("{name}.svg"), chart::svg(chart).as_bytes())?;
-        let picture = chart::png(chart).map_err(|error| Failure::new(Exit::Internal, error.to_string(), ""))?;
-        put(format!("{name}.png"), &picture)?;
-    }
-    Ok(files)
-}
-
-fn document(study: &dyn Study, tables: &[Table], report: &Report, command: &str) -> Value {
-    let others: Map<_, _> = tables.iter().skip(1).map(|table| (table.name.to_owned(), table.json())).collect();
-    json!({
-        "study": study.name(),
-        "command": command,
-        "machine": machine(),
-        "rows": tables.first().map(Table::json),
-        "tables": others,
-        "notes": report.notes,
-    })
-}
-
-/// What the results were computed with.
-fn machine() -> Value {
-    let processors = std::fs::read_to_string("/proc/cpuinfo").unwrap_or_default();
-    let model =
-        processors.lines().find_map(|line| line.strip_prefix("model name")?.split_once(": ").map(|pair| pair.1));
-    json!({
-        "processor": model,
-        "cores": std::thread::available_parallelism().map_or(1, NonZeroUsize::get),
-        "system": std::env::consts::OS,
-        "architecture": std::env::consts::ARCH,
-        "version": env!("CARGO_PKG_VERSION"),
-        "optimised": !cfg!(debug_assertions),
-    })
+    format!("build {build}{chosen}")
 }
 
 fn bar(output: &Output, name: &str, points: u64) -> ProgressBar {
@@ -351,16 +324,4 @@ fn store_failure(error: StoreError) -> Failure {
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn parts_and_points_are_read() {
-        assert_eq!(parse_shard("3/16"), Ok(Shard { number: 3, of: 16 }));
-        for wrong in ["0/4", "5/4", "1", "a/2", "1/0"] {
-            assert!(parse_shard(wrong).is_err(), "{wrong}");
-        }
-        assert_eq!(parse_point("mass:17"), Ok(("mass".to_owned(), 17)));
-        assert!(parse_point("mass").is_err());
-    }
-}
+mod tests;

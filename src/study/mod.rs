@@ -61,9 +61,16 @@ impl Options {
         match &self.mujoco {
             None => Ok(()),
             Some(_) if name != PLANT => Err(OptionsError::WithoutMujoco { name: name.to_owned() }),
-            Some(program) if computes => plant::try_mujoco(program).map_err(|why| OptionsError::Mujoco { why }),
+            Some(program) if computes => {
+                plant::try_mujoco(program).map(drop).map_err(|why| OptionsError::Mujoco { why })
+            }
             Some(_) => Ok(()),
         }
+    }
+
+    /// Version of the MuJoCo that takes part, by a run of one cycle; `None` without one, or where it does not run.
+    pub fn mujoco_version(&self) -> Option<String> {
+        plant::try_mujoco(self.mujoco.as_deref()?).ok()
     }
 }
 

@@ -29,13 +29,14 @@ use self::beside::{Hold, Lock, Stiff};
 use self::speed::Speed;
 use super::sweep::{Report, Study, Sweep, Table};
 
-/// Whether `program` runs MuJoCo: one cycle of a scene.
+/// Whether `program` runs MuJoCo: one cycle of a scene, and the version of the library.
 ///
 /// # Errors
 /// What it said, or that it cannot be started or understood, in words.
-pub(super) fn try_mujoco(program: &Path) -> Result<(), String> {
+pub(super) fn try_mujoco(program: &Path) -> Result<String, String> {
     let settings = Settings { integrator: "implicitfast", softness: Softness::Default };
-    run_mujoco(program, settings, &Scene { cycles: 1, ..HOLD }, CYCLE_S, Effort { warm: 0, repeats: 1 }).map(|_| ())
+    run_mujoco(program, settings, &Scene { cycles: 1, ..HOLD }, CYCLE_S, Effort { warm: 0, repeats: 1 })
+        .map(|outcome| outcome.version)
 }
 
 /// The study `plant`.

@@ -1,0 +1,128 @@
+//! What a study leaves: tables, charts, and one document that says with what they were computed.
+
+use std::num::NonZeroUsize;
+use std::path::{Path, PathBuf};
+
+use serde_json::{Map, Value, json};
+
+use crate::cli::failure::{Exit, Failure};
+use crate::study::chart;
+use crate::study::sweep::{Report, Study, Table};
+
+/// How fast the points of a table were computed in this run.
+#[derive(Clone, Debug)]
+pub(super) struct Pace {
+    pub(super) table: &'static str,
+    /// Points, each a run of what the table is about.
+    pub(super) runs: usize,
+    pub(super) wall_s: f64,
+    pub(super) jobs: usize,
+    /// Time that all threads together had a core.
+    pub(super) busy_s: f64,
+}
+
+impl Pace {
+    fn runs_per_s(&self) -> f64 {
+        self.runs as f64 / self.wall_s
+    }
+
+    /// Share of the wall clock for which a thread had a core. It is less than one where the computer has other work or the last
+    /// points keep few threads, and no comparison with another number of jobs.
+    fn busy_share(&self) -> f64 {
+        self.busy_s / (self.wall_s * self.jobs as f64)
+    }
+
+    /// A line for people.
+    pub(super) fn line(&self) -> String {
+        let Self { table, runs, wall_s, jobs, .. } = self;
+        let (rate, busy) = (self.runs_per_s(), 100.0 * self.busy_share());
+        let threads = if *jobs == 1 { "1 job, whose thread".to_owned() } else { format!("{jobs} jobs, whose threads") };
+        format!(
+            "{table}: {runs} runs in {wall_s:.1} s, {rate:.1} runs a second; {threads} had a core for {busy:.0} % of it"
+        )
+    }
+
+    pub(super) fn json(&self) -> Value {
+        json!({
+            "table": self.table,
+            "runs": self.runs,
+            "wall_s": self.wall_s,
+            "runs_per_s": self.runs_per_s(),
+            "jobs": self.jobs,
+            "busy_share": self.busy_share(),
+        })
+    }
+}
+
+/// What is in the document beside the tables.
+pub(super) struct Origin<'a> {
+    pub(super) command: String,
+    pub(super) build: &'a str,
+    /// Version of the MuJoCo that took part, if one did.
+    pub(super) mujoco: Option<String>,
+    /// What this run computed; points that were there are not in it.
+    pub(super) computed: &'a [Pace],
+}
+
+/// Tables, document and charts on disk.
+pub(super) fn write(
+    folder: &Path,
+    study: &dyn Study,
+    tables: &[Table],
+    report: &Report,
+    document: &Value,
+) -> Result<Vec<PathBuf>, Failure> {
+    let mut files = Vec::new();
+    let mut put = |name: String, bytes: &[u8]| {
+        let path = folder.join(name);
+        std::fs::write(&path, bytes).map_err(|error| {
+            Failure::new(Exit::Usage, format!("{}: {error}", path.display()), "choose a folder you can write to")
+        })?;
+        files.push(path);
+        Ok::<_, Failure>(())
+    };
+    for table in tables {
+        put(format!("{}.csv", table.name), table.csv().as_bytes())?;
+    }
+    let document = serde_json::to_string_pretty(document).unwrap_or_default();
+    put(format!("{}.json", study.name()), document.as_bytes())?;
+    for (name, chart) in &report.charts {
+        put(format!("{name}.svg"), chart::svg(chart).as_bytes())?;
+        let picture = chart::png(chart).map_err(|error| Failure::new(Exit::Internal, error.to_string(), ""))?;
+        put(format!("{name}.png"), &picture)?;
+    }
+    Ok(files)
+}
+
+/// All in one.
+pub(super) fn document(study: &dyn Study, tables: &[Table], report: &Report, origin: &Origin<'_>) -> Value {
+    let others: Map<_, _> = tables.iter().skip(1).map(|table| (table.name.to_owned(), table.json())).collect();
+    json!({
+        "study": study.name(),
+        "command": origin.command,
+        "machine": machine(origin),
+        "computed": origin.computed.iter().map(Pace::json).collect::<Value>(),
+        "rows": tables.first().map(Table::json),
+        "tables": others,
+        "notes": report.notes,
+    })
+}
+
+/// What the results were computed with.
+fn machine(origin: &Origin<'_>) -> Value {
+    let processors = std::fs::read_to_string("/proc/cpuinfo").unwrap_or_default();
+    let model =
+        processors.lines().find_map(|line| line.strip_prefix("model name")?.split_once(": ").map(|pair| pair.1));
+    json!({
+        "processor": model,
+        "cores": std::thread::available_parallelism().map_or(1, NonZeroUsize::get),
+        "system": std::env::consts::OS,
+        "architecture": std::env::consts::ARCH,
+        "version": env!("CARGO_PKG_VERSION"),
+        "build": origin.build,
+        "rustc": env!("YIELDWALL_RUSTC"),
+        "opt_level": env!("YIELDWALL_OPT_LEVEL"),
+        "debug_assertions": cfg!(debug_assertions),
+        "mujoco": origin.mujoco,
+    })
+}

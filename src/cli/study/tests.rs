@@ -1,0 +1,180 @@
+use std::fs;
+
+use clap::Parser;
+
+use super::*;
+use crate::study::sweep::{Clock, Report};
+
+/// Points that need no time: a table of halves and one of squares.
+struct Small([Box<dyn Sweep>; 2]);
+
+struct Powers {
+    name: &'static str,
+    of: fn(f64) -> f64,
+}
+
+impl Sweep for Powers {
+    fn name(&self) -> &'static str {
+        self.name
+    }
+    fn columns(&self) -> &'static [&'static str] {
+        &["side_m", "value"]
+    }
+    fn points(&self) -> u64 {
+        25
+    }
+    fn point(&self, index: u64, _: Clock<'_>) -> Vec<Value> {
+        let side = 0.1 * index as f64;
+        vec![side.into(), (self.of)(side).into()]
+    }
+}
+
+impl Study for Small {
+    fn name(&self) -> &'static str {
+        "small"
+    }
+    fn about(&self) -> &'static str {
+        "tables for a test"
+    }
+    fn sweeps(&self) -> &[Box<dyn Sweep>] {
+        &self.0
+    }
+    fn report(&self, tables: &[Table]) -> Report {
+        Report { notes: vec![format!("{} tables", tables.len())], charts: Vec::new() }
+    }
+}
+
+#[derive(Parser)]
+struct Line {
+    #[command(flatten)]
+    arguments: Arguments,
+}
+
+/// A folder that goes with the test.
+struct Folder(PathBuf);
+
+impl Folder {
+    fn new(name: &str) -> Self {
+        let path = std::env::temp_dir().join(format!("yieldwall-study-{name}-{}", std::process::id()));
+        let _ = fs::remove_dir_all(&path);
+        Self(path)
+    }
+}
+
+impl Drop for Folder {
+    fn drop(&mut self) {
+        let _ = fs::remove_dir_all(&self.0);
+    }
+}
+
+/// Runs the small study with the arguments of a command line.
+fn study_of(folder: &Folder, line: &str) -> Result<(), Failure> {
+    let study = Small([
+        Box::new(Powers { name: "halves", of: |side| 0.5 * side }),
+        Box::new(Powers { name: "squares", of: |side| side * side }),
+    ]);
+    let words = ["study", "pair", "--out"].into_iter().map(str::to_owned);
+    let out = folder.0.display().to_string();
+    let Line { arguments } = Line::parse_from(words.chain([out]).chain(line.split_whitespace().map(str::to_owned)));
+    let mut output = Output::new(true, false);
+    compute_or_draw(&study, &Options::default(), &arguments, &mut output)
+}
+
+fn read(folder: &Folder, name: &str) -> String {
+    fs::read_to_string(folder.0.join("small").join(name)).unwrap()
+}
+
+fn document(folder: &Folder) -> Value {
+    serde_json::from_str(&read(folder, "small.json")).unwrap()
+}
+
+#[test]
+fn two_shards_merged_are_the_whole() {
+    let (whole, parts) = (Folder::new("whole"), Folder::new("parts"));
+    study_of(&whole, "").unwrap();
+    study_of(&parts, "--shard 1/2").unwrap();
+    let missing = study_of(&parts, "--merge").unwrap_err();
+    assert_eq!(missing.exit, Exit::Usage, "half of the points are missing");
+    study_of(&parts, "--shard 2/2").unwrap();
+    assert!(!parts.0.join("small/halves.csv").exists(), "a part draws nothing");
+    study_of(&parts, "--merge").unwrap();
+    for name in ["halves.csv", "squares.csv"] {
+        assert_eq!(read(&parts, name), read(&whole, name));
+    }
+    let [mut one, mut other] = [document(&parts), document(&whole)];
+    assert_eq!(one["computed"], json!([]), "nothing was computed by the merge");
+    assert_eq!(other["computed"].as_array().unwrap().len(), 2);
+    for document in [&mut one, &mut other] {
+        document.as_object_mut().unwrap().remove("computed");
+    }
+    assert_eq!(one, other);
+}
+
+#[test]
+fn a_torn_file_is_gone_on_with() {
+    let (whole, torn) = (Folder::new("untorn"), Folder::new("torn"));
+    study_of(&whole, "").unwrap();
+    study_of(&torn, "").unwrap();
+    let path = torn.0.join("small/halves.whole.jsonl");
+    let kept = fs::read_to_string(&path).unwrap();
+    let lines: Vec<&str> = kept.lines().collect();
+    // The last line broke off, and of those before it the last ten never came.
+    let (last, before) = (lines[lines.len() - 11], lines[..lines.len() - 11].join("\n"));
+    fs::write(&path, format!("{before}\n{}", &last[..last.len() / 2])).unwrap();
+    fs::remove_file(torn.0.join("small/halves.csv")).unwrap();
+    study_of(&torn, "").unwrap();
+    assert_eq!(read(&torn, "halves.csv"), read(&whole, "halves.csv"));
+    assert_eq!(document(&torn)["computed"][0]["runs"], 11, "what was there was not computed again");
+    assert_eq!(document(&torn)["computed"].as_array().unwrap().len(), 1);
+}
+
+#[test]
+fn the_document_says_with_what_it_was_computed_and_how_fast() {
+    let folder = Folder::new("document");
+    study_of(&folder, "--jobs 2").unwrap();
+    let document = document(&folder);
+    assert_eq!(document["command"], "yieldwall study small");
+    assert_eq!(document["notes"], json!(["2 tables"]));
+    assert_eq!(document["rows"][3], json!({ "index": 3, "side_m": 0.1 * 3.0, "value": 0.5 * (0.1 * 3.0) }));
+    assert_eq!(document["tables"]["squares"].as_array().unwrap().len(), 25);
+    let machine = &document["machine"];
+    assert!(machine["rustc"].as_str().unwrap().starts_with("rustc 1."), "{machine}");
+    assert!(machine["build"].as_str().unwrap().len() == 8 && machine["mujoco"].is_null(), "{machine}");
+    assert!(["0", "1", "2", "3", "s", "z"].contains(&machine["opt_level"].as_str().unwrap()), "{machine}");
+    let pace = &document["computed"][0];
+    assert_eq!((&pace["table"], &pace["runs"], &pace["jobs"]), (&json!("halves"), &json!(25), &json!(2)));
+    let (rate, wall_s) = (pace["runs_per_s"].as_f64().unwrap(), pace["wall_s"].as_f64().unwrap());
+    assert!((rate * wall_s / 25.0 - 1.0).abs() < 1e-9 && pace["busy_share"].as_f64().unwrap() >= 0.0, "{pace}");
+}
+
+/// The study that is computed soonest, by its command.
+#[test]
+fn a_point_alone_is_its_row() {
+    let folder = Folder::new("point");
+    let out = folder.0.display();
+    let line = format!("yieldwall -q study pair --out {out}");
+    assert_eq!(crate::cli::run(line.split(' ').map(Into::into)), Exit::Ok);
+    let text = fs::read_to_string(folder.0.join("pair/pair.json")).unwrap();
+    let document: Value = serde_json::from_str(&text).unwrap();
+    let pair = study("pair", &Options::default()).unwrap();
+    let name = pair.sweeps()[0].name();
+    for index in [0, 77, 191] {
+        let (_, one) = point(pair.as_ref(), name, index).unwrap();
+        assert_eq!(one.json()[0], document["rows"][index as usize]);
+    }
+    assert_eq!(point(pair.as_ref(), name, 192).map(|_| ()).unwrap_err().exit, Exit::Usage);
+    assert_eq!(point(pair.as_ref(), "none", 0).map(|_| ()).unwrap_err().exit, Exit::Usage);
+    for chart in ["study-pair.svg", "study-pair.png"] {
+        assert!(folder.0.join("pair").join(chart).exists(), "{chart}");
+    }
+}
+
+#[test]
+fn parts_and_points_are_read() {
+    assert_eq!(parse_shard("3/16"), Ok(Shard { number: 3, of: 16 }));
+    for wrong in ["0/4", "5/4", "1", "a/2", "1/0"] {
+        assert!(parse_shard(wrong).is_err(), "{wrong}");
+    }
+    assert_eq!(parse_point("mass:17"), Ok(("mass".to_owned(), 17)));
+    assert!(parse_point("mass").is_err());
+}
