@@ -2,16 +2,15 @@
 
 use nalgebra::{Matrix2, Vector2};
 
-use crate::control::{Gains, Grip, Law, Outer, Pose, ServoLoop, least_virtual_mass_kg};
+use crate::control::{FeedForwardParameters, Gains, Grip, Law, Outer, Pose, ServoLoop, least_virtual_mass_kg};
+use crate::cycle::TorqueServoParameters;
 use crate::fixture::{
     self, Admittance, Contrast, Coupling, Curvature, Fixture, Guidance, Limits, Line, Parameters, Rearm, Shape2, Side,
 };
 use crate::quantity::{JointRates, TipPoint};
 use crate::sim::arm::{ArmError, ArmParameters};
 use crate::sim::hand::HandLoad;
-use crate::study::bench::{
-    Bench, BenchError, BenchParameters, Joints, STUDY_DISTAL_M, STUDY_GAINS, STUDY_START_M, study_arm,
-};
+use crate::study::bench::{Bench, BenchError, BenchParameters, STUDY_DISTAL_M, STUDY_GAINS, STUDY_START_M, study_arm};
 
 pub(super) const PERIOD_S: f64 = 1e-3;
 const PLANT_STEP_S: f64 = 1e-4;
@@ -183,19 +182,22 @@ impl Setting {
 
     /// The arm with its servo, whose torques have no limit, and the way of the force to it.
     pub(super) fn parameters(&self) -> Option<BenchParameters> {
-        let joints = Joints {
+        let servo = TorqueServoParameters {
             law: Law::Pid,
             gains: self.gains(),
             sliding_time_s: 0.0,
+            is_cartesian: false,
             torque_limit_n_m: f64::INFINITY,
-            delay_cycles: self.servo_delay,
+            feed_forward: FeedForwardParameters::NONE,
+            inertia: None,
         };
         Some(BenchParameters {
             arm: ArmParameters { handle_kg: self.hand_kg, ..study_arm(self.coulomb_n_m, self.distal_m).ok()? },
             start_m: self.start_m,
             period_s: PERIOD_S,
             plant_step_s: PLANT_STEP_S,
-            joints,
+            servo,
+            delay_cycles: self.servo_delay,
             low_pass: self.low_pass_hz.map(|hz| (hz, f64::from(self.sample_cycles) * PERIOD_S)),
         })
     }

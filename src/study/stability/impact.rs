@@ -162,7 +162,7 @@ fn with_arm(yield_n: f64, hold_steps: u32, speed_m_per_s: f64) -> Option<Oversho
     let fixture = Fixture::new(Shape2::Line(line), parameters(yield_n, hold_steps)).ok()?;
     let stiffer = Setting { coulomb_n_m: COULOMB_N_M, servo_delay: 1, bandwidth: 2.0, ..PLAIN };
     let mut parameters = stiffer.parameters()?;
-    parameters.joints.torque_limit_n_m = TORQUE_LIMIT_N_M;
+    parameters.servo.torque_limit_n_m = TORQUE_LIMIT_N_M;
     let mut bench = Bench::new(&parameters, fixture).ok()?;
     bench.start_moving(Vector2::y() * speed_m_per_s).ok()?;
     let press = Vector2::y() * (PRESS * yield_n);
