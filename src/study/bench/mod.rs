@@ -11,10 +11,8 @@
 //! What a whole rig does besides is the business of [`run_rig`](super::run_rig).
 
 mod computer;
-mod study_arm;
 
 pub use computer::{Command, Computer};
-pub use study_arm::{STUDY_DISTAL_M, STUDY_GAINS, STUDY_START_M, study_arm};
 
 use nalgebra::Vector2;
 use thiserror::Error;
