@@ -11,7 +11,7 @@ use yieldwall::link::{Arrival, CanLink, CobFilter, Received, SocketCan, SocketCa
 use super::{Network, Participant};
 
 /// How long a device sleeps at most before it looks whether it is to end.
-const NAP: Duration = Duration::from_millis(20);
+const NAP: Duration = Duration::from_millis(100);
 
 /// A bus behind an interface of this machine; each device has a thread and a socket of its own.
 pub struct Real {

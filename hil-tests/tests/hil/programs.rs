@@ -117,6 +117,10 @@ impl Drop for Running {
     }
 }
 
+/// Memory in bytes for what an observer has not taken yet. In lockstep time goes as fast as the processor does, and who only
+/// listens may wait for it for seconds.
+const MEMORY: usize = 64 << 20;
+
 /// Who listens on the bus, on a thread of its own.
 pub(super) struct Observer {
     frames: Arc<Mutex<Vec<Frame>>>,
@@ -131,7 +135,8 @@ impl Observer {
 
     /// On another interface.
     pub(super) fn on(interface: &str) -> Self {
-        let mut link = Real::open(&SocketCanSettings::everything(interface));
+        let everything = SocketCanSettings::everything(interface);
+        let mut link = Real::open(&SocketCanSettings { receive_buffer: MEMORY, ..everything });
         let frames = Arc::new(Mutex::new(Vec::new()));
         let is_over = Arc::new(AtomicBool::new(false));
         let (heard, end) = (Arc::clone(&frames), Arc::clone(&is_over));

@@ -11,7 +11,7 @@ use std::os::fd::{AsRawFd, BorrowedFd};
 use std::time::Duration;
 
 /// A `can_frame` and what came with it.
-#[derive(Clone, Copy)]
+#[derive(Clone, Copy, Debug)]
 pub(super) struct Message {
     /// Identifier with flags, length and bytes, as the kernel has them.
     pub(super) frame: libc::can_frame,
@@ -81,11 +81,12 @@ fn number(data: &[u8], from: usize, size: usize) -> Option<i64> {
 #[repr(C, align(8))]
 struct Control([u8; 128]);
 
-/// The next message of a CAN socket, without waiting.
+/// The next message of a CAN socket, without waiting if `flags` are `MSG_DONTWAIT`, else within its timeout.
 ///
 /// # Errors
-/// `WouldBlock` if there is none, the socket's pending error, and `InvalidData` for what is no classic frame.
-pub(super) fn receive(socket: BorrowedFd<'_>) -> io::Result<Message> {
+/// `WouldBlock` if there is none, `Interrupted` after a signal, the socket's pending error, and `InvalidData` for what is no
+/// classic frame.
+pub(super) fn receive(socket: BorrowedFd<'_>, flags: libc::c_int) -> io::Result<Message> {
     // SAFETY: both are plain C structures for which all bits zero are a valid value.
     let (mut frame, mut header): (libc::can_frame, libc::msghdr) = unsafe { (zeroed(), zeroed()) };
     let mut control = Control([0; 128]);
@@ -95,7 +96,7 @@ pub(super) fn receive(socket: BorrowedFd<'_>) -> io::Result<Message> {
     header.msg_control = control.0.as_mut_ptr().cast();
     header.msg_controllen = control.0.len() as _;
     // SAFETY: `header` points to one part and to control memory that are alive and as long as it says.
-    let len = unsafe { libc::recvmsg(socket.as_raw_fd(), &raw mut header, libc::MSG_DONTWAIT) };
+    let len = unsafe { libc::recvmsg(socket.as_raw_fd(), &raw mut header, flags) };
     if len < 0 {
         return Err(io::Error::last_os_error());
     }

@@ -5,6 +5,10 @@
 //!
 //! A frame has the moment of the controller's stamp where there is one, brought to the clock of the loop, and of the kernel's
 //! otherwise.
+//!
+//! Who waits long for one socket, as an SDO client does for its answer, waits in the call that receives: one call of the system
+//! instead of three (the time, the wait, the frame), which counts where calls are dear. That call's own timeout is as coarse as
+//! the kernel's ticks, so that the end of every wait is left to `ppoll`.
 
 mod controller_clock;
 mod error;
@@ -19,12 +23,14 @@ pub use facts::{ControllerState, InterfaceFacts};
 pub use filter::CobFilter;
 pub use several::SocketCans;
 
+use std::cell::Cell;
 use std::io;
 use std::os::fd::{AsFd, BorrowedFd};
+use std::time::Duration;
 
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use rustix::io::Errno;
-use socketcan::{CanDataFrame, CanFrame, CanRemoteFrame, CanSocket, EmbeddedFrame, Socket, SocketOptions, StandardId};
+use socketcan::{CanSocket, Socket, SocketOptions};
 
 use super::{Arrival, CanLink, ErrorFrame, Received, SendError};
 use crate::canopen::{Frame, Time};
@@ -38,6 +44,12 @@ const STAMPS: u32 = libc::SOF_TIMESTAMPING_RX_SOFTWARE
     | libc::SOF_TIMESTAMPING_SOFTWARE
     | libc::SOF_TIMESTAMPING_RX_HARDWARE
     | libc::SOF_TIMESTAMPING_RAW_HARDWARE;
+
+/// Longest wait in the call that receives.
+const NAP: Duration = Duration::from_millis(20);
+/// A wait for a moment that is further ahead than this begins in that call. Twice as long, so that it ends before that moment
+/// although the link knows the present only by what it has told last.
+const FAR: Duration = Duration::from_millis(50);
 
 /// Which frames a link takes, and what it expects of the interface.
 #[derive(Clone, Debug)]
@@ -74,6 +86,8 @@ struct Port {
     socket: CanSocket,
     /// Frames that it had lost when it was asked last.
     lost: u32,
+    /// What came while it was waited for.
+    heard: Option<io::Result<Message>>,
     /// What came together with a loss, which is told first.
     pending: Option<Arrival>,
 }
@@ -90,6 +104,8 @@ pub struct SocketCan {
     facts: InterfaceFacts,
     receive_buffer: usize,
     latest: Time,
+    /// The moment that was asked for or came with a frame last.
+    told: Cell<Time>,
     wall: Wall,
     controller: ControllerClock,
 }
@@ -136,6 +152,7 @@ impl SocketCan {
             facts,
             receive_buffer,
             latest: Time(0),
+            told: Cell::new(monotonic()),
             wall: Wall::default(),
             controller: ControllerClock::default(),
         })
@@ -154,7 +171,7 @@ impl SocketCan {
 
     /// Whether something was taken from a socket and not asked for yet.
     fn has_pending(&self) -> bool {
-        self.ports().any(|port| port.pending.is_some())
+        self.ports().any(|port| port.pending.is_some() || port.heard.is_some())
     }
 
     fn ports(&self) -> impl Iterator<Item = &Port> {
@@ -169,7 +186,8 @@ impl SocketCan {
         }
         // An interrupted call is tried again, and what is no classic frame passed over; both are rare.
         for _ in 0..4 {
-            let message = match message::receive(port.socket.as_fd()) {
+            let heard = port.heard.take().unwrap_or_else(|| message::receive(port.socket.as_fd(), libc::MSG_DONTWAIT));
+            let message = match heard {
                 Ok(message) => message,
                 Err(error) => match Errno::from_io_error(&error) {
                     Some(Errno::NETDOWN) => return Some(self.arrive(Told::default(), Received::Down)),
@@ -199,6 +217,7 @@ impl SocketCan {
             (software, _) => software.unwrap_or_else(monotonic),
         };
         self.latest = time.max(self.latest);
+        self.told.set(self.latest);
         Arrival { time: self.latest, bus: 0, what }
     }
 }
@@ -212,7 +231,9 @@ impl AsFd for SocketCan {
 
 impl CanLink for SocketCan {
     fn now(&self) -> Time {
-        monotonic()
+        let now = monotonic();
+        self.told.set(now);
+        now
     }
 
     fn receive(&mut self) -> Option<Arrival> {
@@ -224,10 +245,8 @@ impl CanLink for SocketCan {
             Some(services) if !self.is_process.has(frame.id()) => services,
             _ => &self.first,
         };
-        // An identifier of 11 bits and a length of at most 8 are what a `Frame` has.
-        let Some(frame) = encode(frame) else { return Ok(()) };
-        match port.socket.write_frame(&frame) {
-            Ok(()) => Ok(()),
+        match port.socket.as_raw_socket().send_with_flags(&encode(frame), libc::MSG_DONTWAIT) {
+            Ok(_) => Ok(()),
             Err(error) => Err(match Errno::from_io_error(&error) {
                 Some(Errno::NOBUFS | Errno::AGAIN) => SendError::Full,
                 Some(Errno::NETDOWN) => SendError::Down,
@@ -240,6 +259,16 @@ impl CanLink for SocketCan {
     fn wait(&mut self, until: Time) -> bool {
         if self.has_pending() {
             return true;
+        }
+        while self.second.is_none() && until.since(self.told.get()) > FAR {
+            match message::receive(self.first.socket.as_fd(), 0) {
+                Err(error) if error.kind() == io::ErrorKind::WouldBlock => self.now(),
+                Err(error) if error.kind() == io::ErrorKind::Interrupted => return false,
+                heard => {
+                    self.first.heard = Some(heard);
+                    return true;
+                }
+            };
         }
         let first = PollFd::new(&self.first, PollFlags::IN);
         match &self.second {
@@ -263,11 +292,11 @@ impl Port {
         let socket = CanSocket::open_iface(index).map_err(|source| LinkError::from_open(name, source))?;
         let filters: Vec<_> = filters.iter().map(CobFilter::of_kernel).collect();
         socket.set_filters(&filters).map_err(failed("filter frames"))?;
-        socket.set_nonblocking(true).map_err(failed("never wait"))?;
+        socket.set_read_timeout(NAP).map_err(failed("wait so long only"))?;
         socket.set_timestamping(STAMPS).map_err(failed("stamp frames with the time"))?;
         let overflow = socket.set_socket_option_int(libc::SOL_SOCKET, libc::SO_RXQ_OVFL, 1);
         overflow.map_err(failed("count lost frames"))?;
-        Ok(Self { socket, lost: 0, pending: None })
+        Ok(Self { socket, lost: 0, heard: None, pending: None })
     }
 
     /// Asks for memory for frames; what there is then.
@@ -304,10 +333,25 @@ fn decode(message: &Message) -> Option<Received> {
     Some(if *is_own { Received::Echo(frame) } else { Received::Frame(frame) })
 }
 
-fn encode(frame: &Frame) -> Option<CanFrame> {
-    let id = StandardId::new(frame.id())?;
-    if frame.is_remote() {
-        return CanRemoteFrame::new_remote(id, usize::from(frame.length_code())).map(CanFrame::Remote);
+/// A `can_frame` of `include/uapi/linux/can.h`: identifier with flags, length, three bytes of nothing and the data.
+fn encode(frame: &Frame) -> [u8; 16] {
+    let flag = if frame.is_remote() { libc::CAN_RTR_FLAG } else { 0 };
+    let [a, b, c, d] = (u32::from(frame.id()) | flag).to_ne_bytes();
+    let [e, f, g, h, i, j, k, l] = *frame.bytes();
+    [a, b, c, d, frame.length_code(), 0, 0, 0, e, f, g, h, i, j, k, l]
+}
+
+#[cfg(all(test, target_endian = "little"))]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn frames_are_laid_out_as_the_kernel_wants_them() {
+        #[rustfmt::skip]
+        assert_eq!(
+            encode(&Frame::new(0x6a5, &[0x11, 0x22, 0x33])),
+            [0xa5, 0x06, 0, 0, 3, 0, 0, 0, 0x11, 0x22, 0x33, 0, 0, 0, 0, 0]
+        );
+        assert_eq!(encode(&Frame::remote(0x701, 1)), [0x01, 0x07, 0, 0x40, 1, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0]);
     }
-    CanDataFrame::new(id, frame.data()).map(CanFrame::Data)
 }
