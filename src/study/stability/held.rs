@@ -3,7 +3,8 @@
 use nalgebra::{Matrix2, Vector2};
 
 use super::crossover::Crossover;
-use crate::control::{Gains, Grip, Law, Outer, Pose, ServoLoop, least_virtual_mass_kg};
+use crate::control::{FeedForwardParameters, Gains, Grip, Law, Outer, Pose, ServoLoop, least_virtual_mass_kg};
+use crate::cycle::TorqueServoParameters;
 use crate::fixture::{
     self, Admittance, Contrast, Coupling, Curvature, Fixture, Guidance, Limits, Line, Parameters, Rearm, Shape2, Side,
 };
@@ -11,12 +12,16 @@ use crate::linkage::{self, Chain, FiveBar, Geometry, GeometryError, Tool, WristS
 use crate::quantity::{JointRates, TipPoint};
 use crate::sim::arm::{ArmError, ArmParameters};
 use crate::sim::hand::HandLoad;
-use crate::study::bench::{
-    Bench, BenchError, BenchParameters, Joints, STUDY_DISTAL_M, STUDY_GAINS, STUDY_START_M, study_arm,
-};
+use crate::study::bench::{Bench, BenchError, BenchParameters};
+use crate::study::plant::{STUDY_ARM, StudyArm};
 
 pub(super) const PERIOD_S: f64 = 1e-3;
 const PLANT_STEP_S: f64 = 1e-4;
+/// Where the tool starts: on the axis of symmetry, where the directions x and y do not couple. The arm weighs 5.5 kg along x
+/// and 3.9 kg along y there.
+pub(super) const START_M: Vector2<f64> = Vector2::new(0.0, 0.36);
+/// PD gains of the joints: N m/rad, N m s/rad.
+const GAINS: Gains = Gains { stiffness: 4000.0, damping: 45.0, integral: 0.0 };
 /// How long the nudge lasts.
 const NUDGE_S: f64 = 0.02;
 /// The tool is lost when it is that far from where it started.
@@ -96,8 +101,13 @@ pub(super) const PLAIN: Setting = Setting {
     hand_n_s_per_m: 15.0,
     hand_kg: 0.0,
     servo_delay: 0,
-    start_m: STUDY_START_M,
-    links: Links { half_base_m: 0.05, proximal_m: 0.25, distal_m: STUDY_DISTAL_M, elbows: OUTWARD },
+    start_m: START_M,
+    links: Links {
+        half_base_m: STUDY_ARM.half_base_m,
+        proximal_m: STUDY_ARM.proximal_m,
+        distal_m: STUDY_ARM.distal_m,
+        elbows: OUTWARD,
+    },
     nudge_n: 5.0,
 };
 
@@ -128,7 +138,7 @@ impl Outcome {
 
 impl Setting {
     fn gains(&self) -> Gains {
-        let Gains { stiffness, damping, integral } = STUDY_GAINS;
+        let Gains { stiffness, damping, integral } = GAINS;
         Gains { stiffness: stiffness * self.bandwidth * self.bandwidth, damping: damping * self.bandwidth, integral }
     }
 
@@ -236,8 +246,9 @@ impl Setting {
     /// The arm of the study with these links, the same masses and this hand.
     pub(super) fn arm(&self) -> Option<ArmParameters> {
         let linkage = self.links.linkage().ok()?;
-        let arm = study_arm(self.coulomb_n_m, self.links.distal_m).ok()?;
-        Some(ArmParameters { linkage, handle_kg: self.hand_kg, ..arm })
+        let (coulomb_n_m, distal_m) = (self.coulomb_n_m, self.links.distal_m);
+        let arm = StudyArm { coulomb_n_m, viscous_n_m_s_per_rad: 0.0, distal_m, ..STUDY_ARM };
+        Some(ArmParameters { linkage, handle_kg: self.hand_kg, ..arm.parameters().ok()? })
     }
 
     fn bench(&self, mass_kg: f64) -> Option<Bench> {
@@ -246,19 +257,22 @@ impl Setting {
 
     /// The arm with its servo, whose torques have no limit, and the way of the force to it.
     pub(super) fn parameters(&self) -> Option<BenchParameters> {
-        let joints = Joints {
+        let servo = TorqueServoParameters {
             law: Law::Pid,
             gains: self.gains(),
             sliding_time_s: 0.0,
+            is_cartesian: false,
             torque_limit_n_m: f64::INFINITY,
-            delay_cycles: self.servo_delay,
+            feed_forward: FeedForwardParameters::NONE,
+            inertia: None,
         };
         Some(BenchParameters {
             arm: self.arm()?,
             start_m: self.start_m,
             period_s: PERIOD_S,
             plant_step_s: PLANT_STEP_S,
-            joints,
+            servo,
+            delay_cycles: self.servo_delay,
             low_pass: self.low_pass_hz.map(|hz| (hz, f64::from(self.sample_cycles) * PERIOD_S)),
         })
     }
