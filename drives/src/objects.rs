@@ -96,6 +96,8 @@ objects! {
     ERROR_BEHAVIOUR = 0x1029:1, U8, "on communication error: 0 pre-operational, 1 no change, 2 stopped (CiA 301)";
     SENSOR_STATUS = 0x2001:0, U8, "status of the newest sample: bit 0 overload (simulated force sensor)";
     SENSOR_SAMPLE_COUNTER = 0x2002:0, U8, "rises by one with each new sample, wraps (simulated force sensor)";
+    SIMULATION_LACKS = 0x2010:0, U8, "watchdogs that the drive lacks: bit 0 SYNC, 1 set-points, 2 heartbeat (simulated servo)";
+    SIMULATION_CLOCK = 0x2011:0, U8, "what its time follows: 0 another process, 1 SYNC, 2 the wall (simulated servo)";
     ABORT_CONNECTION_OPTION = 0x6007:0, I16, "on loss of communication: 0 nothing, 1 fault, 2 disable voltage, 3 quick stop (CiA 402)";
     ERROR_CODE = 0x603f:0, U16, "last error code (CiA 402)";
     CONTROLWORD = 0x6040:0, U16, "controlword (CiA 402)";

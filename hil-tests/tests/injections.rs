@@ -2,6 +2,7 @@
 //! ends, that nothing comes back by itself, and that the rig runs again when a person has done what the catalogue says.
 
 use hil_tests::{Recording, Scenario, Seen, Session, setpoint};
+use yieldwall::bus::BootFailure;
 use yieldwall::guard::fault::{Bound, Rate, Stage, TABLE};
 use yieldwall::guard::{Fault, Reaction, Request, State};
 use yieldwall::injection::{CATALOGUE, Ending, Injection, Kind, Lasts, Recovery, Row, Target};
@@ -226,6 +227,29 @@ fn the_torque_rig_answers_every_injection_as_the_catalogue_says() {
 #[test]
 fn the_position_rig_answers_every_injection_as_the_catalogue_says() {
     check_all(&Scenario::position());
+}
+
+#[test]
+fn another_bit_rate_is_refused_with_the_device_that_nobody_hears() {
+    for scenario in both() {
+        for (target, name, is_alone) in [
+            (Target::LeftDrive, "left", false),
+            (Target::RightDrive, "right", false),
+            (Target::Sensor, "wrist", false),
+            (Target::Link, "left", true),
+        ] {
+            let what = format!("{}; {}", target.name(), scenario.replay());
+            let mut session = scenario.start();
+            session.inject(Injection::new(Kind::WrongBitRate, 0.0).on(target));
+            let Err(RigError::Boot(error)) = session.enable() else { panic!("{what}: it was booted") };
+            assert_eq!((error.name.as_str(), error.step), (name, "wait for the boot-up message"), "{what}");
+            let BootFailure::Missing { is_unheard, .. } = error.failure else { panic!("{what}: {error}") };
+            assert_eq!(is_unheard, is_alone, "{what}: who is alone on the bus is told by its own interface");
+            for drive in session.machine.drives() {
+                assert_eq!(drive.state(), cia402::State::SwitchOnDisabled, "{what}");
+            }
+        }
+    }
 }
 
 #[test]

@@ -1,12 +1,13 @@
 //! The loop for a real bus, on a cable in memory: the rig against the same simulated devices, on a clock of its own.
 
 use std::sync::atomic::AtomicBool;
+use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
 use hil_tests::{Scenario, cable::Cable};
 use yieldwall::bus::{BootFailure, SensorLink};
 use yieldwall::canopen::cob;
-use yieldwall::guard::{Fault, Request, State};
+use yieldwall::guard::{DeviceSet, Fault, Request, State};
 use yieldwall::live::{Ended, LiveError, LiveRig, Play, Played, drive_addresses};
 use yieldwall::record::Row;
 use yieldwall::rig::{self, DRILL_LIMIT, DeviceServer, Enable, Enabling, Pace, Unsafe};
@@ -289,5 +290,68 @@ fn a_drive_without_a_watchdog_is_found_on_the_bus_and_in_virtual_time() {
             }));
         }
         cable.look(|server| assert!(server.torques_n_m() == [0.0; 2], "it was stopped"));
+    }
+}
+
+#[test]
+fn simulated_drives_of_another_pace_or_in_lockstep_without_a_watchdog_are_refused_with_the_reason() {
+    let scenario = Scenario::torque();
+    let asked = |devices: Pace, pace: Pace, lacks: Option<Watchdog>| {
+        let mut server = DeviceServer::new(&scenario.rig, &scenario.scene, scenario.seed, devices).unwrap();
+        lacks.into_iter().for_each(|watchdog| server.ignore(watchdog));
+        let cable = Cable::new(server);
+        let mut rig = LiveRig::new(&scenario.rig, cable.clone(), cable.clone(), pace).unwrap();
+        rig.boot().unwrap();
+        rig.check_simulation(drive_addresses(&scenario.rig).unwrap())
+    };
+    for (pace, other) in [(Pace::Lockstep, Pace::Free), (Pace::Free, Pace::Lockstep)] {
+        assert_eq!(asked(pace, pace, None), Ok(()));
+        assert_eq!(asked(other, pace, None), Err(LiveError::Pace { node_id: 1, pace }));
+    }
+    for watchdog in Watchdog::ALL {
+        let refused = LiveError::Unwatched { node_id: 1, watchdog };
+        assert_eq!(asked(Pace::Lockstep, Pace::Lockstep, Some(watchdog)), Err(refused));
+        // By the wall clock the drill finds it.
+        assert_eq!(asked(Pace::Free, Pace::Free, Some(watchdog)), Ok(()));
+    }
+}
+
+#[test]
+fn in_lockstep_one_device_that_is_missing_takes_no_patience_from_the_others() {
+    let (cable, mut rig) = running(&Scenario::torque(), Pace::Lockstep, 300);
+    cable.set_passage(|_, is_master, frame| is_master || !matches!(frame.id(), 0x18a | 0x28a));
+    cable.set_slow(&[0x181], Duration::from_millis(100));
+    for cycle in 0..5 {
+        let record = rig.run_cycle(Request::None).unwrap();
+        let there = record.inputs.drives.map(|drive| drive.angle_rad.is_some());
+        assert_eq!((there, record.inputs.sample), ([true; 2], None), "cycle {cycle}");
+    }
+}
+
+#[test]
+fn what_came_while_a_master_in_lockstep_was_stopped_is_of_one_device_each() {
+    let (cable, mut rig) = running(&Scenario::torque(), Pace::Lockstep, 300);
+    cable.pass(Duration::from_secs(5));
+    assert!(drive_states(&cable).iter().all(|state| *state != cia402::State::OperationEnabled));
+    for cycle in 0..20 {
+        let record = rig.run_cycle(Request::None).unwrap();
+        assert_eq!(record.inputs.link.duplicate_node, DeviceSet::NONE, "cycle {cycle}");
+    }
+    assert!(rig.state().is_latched());
+}
+
+#[test]
+fn who_watches_a_run_sees_its_last_frames() {
+    for pace in [Pace::Free, Pace::Lockstep] {
+        let (_, mut rig) = running(&Scenario::torque(), pace, 100);
+        let seen = Arc::new(Mutex::new(Vec::new()));
+        let tapped = Arc::clone(&seen);
+        rig.set_tap(Box::new(move |_, frame| tapped.lock().unwrap().push(*frame)));
+        rig.run_cycle(Request::None);
+        rig.leave();
+        let ids: Vec<u16> = seen.lock().unwrap().iter().map(|frame| frame.id()).collect();
+        for id in [0x080, 0x201, 0x202, cob::NMT] {
+            assert!(ids.contains(&id), "{pace:?}: {id:03X}h is not among {ids:03X?}");
+        }
     }
 }

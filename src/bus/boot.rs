@@ -52,6 +52,8 @@ struct Step {
 #[derive(Clone, Debug)]
 pub(super) struct Boot {
     client: SdoClient,
+    /// How long the node may take to answer one request.
+    timeout: Duration,
     steps: Vec<Step>,
     next: usize,
     verifying: bool,
@@ -105,6 +107,7 @@ impl Boot {
     fn new(node: NodeId, steps: Vec<Step>) -> Self {
         Self {
             client: SdoClient::new(node, SDO_TIMEOUT, SDO_CAPACITY),
+            timeout: SDO_TIMEOUT,
             steps,
             next: 0,
             verifying: false,
@@ -113,9 +116,14 @@ impl Boot {
         }
     }
 
+    /// Has the node take so many times longer to answer, from the next [`Boot::reset`] on.
+    pub(super) fn set_patience(&mut self, patience: u32) {
+        self.timeout = SDO_TIMEOUT * patience;
+    }
+
     /// As it was before anything was sent.
     pub(super) fn reset(&mut self) {
-        self.client = SdoClient::new(self.client.node(), SDO_TIMEOUT, SDO_CAPACITY);
+        self.client = SdoClient::new(self.client.node(), self.timeout, SDO_CAPACITY);
         (self.next, self.verifying, self.started, self.restarts) = (0, false, false, 0);
     }
 

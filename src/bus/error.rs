@@ -20,13 +20,18 @@ pub enum BootFailure {
         id: u16,
     },
     /// The node did not announce itself after the reset.
-    #[error("no boot-up message within {waited_ms} ms after the reset")]
+    #[error(
+        "no boot-up message within {waited_ms} ms after the reset{}",
+        if *.is_unheard { "; the interface is error-passive: nobody acknowledges its frames" } else { "" }
+    )]
     Missing {
         /// How long the master waited, in ms.
         waited_ms: u64,
+        /// Whether the interface told that nobody acknowledges what it sends, or that it is bus-off.
+        is_unheard: bool,
     },
     /// The node restarted, so that its configuration is lost.
-    #[error("the node restarted {times} times while it was configured and started")]
+    #[error("the node restarted {times} times while it was configured and started, or two nodes have its node id")]
     Restarted {
         /// How often.
         times: u8,

@@ -232,12 +232,13 @@ impl Image {
         self.is_open = true;
     }
 
-    /// Whether all that has to come by `now` in this cycle has arrived.
+    /// The devices of which something that has to come by `now` in this cycle has not arrived.
     ///
     /// Real-time: yes.
-    pub(super) fn is_complete(&self, now: Time) -> bool {
+    pub(super) fn missing(&self, now: Time) -> DeviceSet {
         let owes_sample = self.plain.as_ref().is_some_and(|client| client.is_owed(now));
-        !owes_sample && self.incoming.iter().all(|incoming| incoming.has_arrived)
+        let late = self.incoming.iter().filter(|incoming| !incoming.has_arrived).map(Incoming::device);
+        late.fold(DeviceSet::SENSOR.only_if(owes_sample), |missing, device| missing | device)
     }
 
     /// Takes a frame from another node, and says what it is.

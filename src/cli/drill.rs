@@ -1,5 +1,6 @@
 //! `yieldwall drill`: do the drives stop by themselves when the master falls silent?
 
+use std::sync::mpsc;
 use std::thread;
 
 use serde_json::json;
@@ -7,7 +8,7 @@ use serde_json::json;
 use super::failure::{Exit, Failure};
 use super::interfaces::Interfaces;
 use super::keep::state_folder;
-use super::live::{live_failure, on_interrupt, open, settling_cycles};
+use super::live::{different, live_failure, on_interrupt, open, settling_cycles, warn_of, with_emergencies};
 use super::output::Output;
 use super::run::{judge, rig_failure, watchdogs_json, watchdogs_text};
 use crate::config::{self, Report, Source};
@@ -32,24 +33,31 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
     let folder = state_folder("drills").ok_or_else(no_home)?;
     let is_interrupted = on_interrupt()?;
     // A drill on a computer that grants nothing is coarser, and says so by its resolution.
-    let _ = lock_memory();
+    warn_of(output, &lock_memory());
     let link = open(&Interfaces::of(&rig, &arguments.bus)?, &rig)?;
     let mut machine = LiveRig::new(&rig, link, SystemMetronome, Pace::Free).map_err(|error| live_failure(&error))?;
     let drives = drive_addresses(&rig).map_err(|error| rig_failure(&error))?;
     let settling = settling_cycles(&rig);
     output.news("the rig is enabled three times, at rest; nobody may hold the handle")?;
-    let drilling = move || -> Result<_, LiveError> {
-        let _ = run_first();
-        let booted = machine.boot().and_then(|()| machine.identities(drives));
-        let drilled = booted.and_then(|identities| Ok((identities, machine.drill(drives, settling, &is_interrupted)?)));
+    let (granted, told) = mpsc::channel();
+    let drilling = move || {
+        // Nobody listens if the thread that waits has died.
+        let _ = granted.send(run_first());
+        let booted = machine.boot().and_then(|()| machine.check_simulation(drives));
+        let known = booted.and_then(|()| machine.identities(drives));
+        let drilled: Result<_, LiveError> =
+            known.and_then(|identities| Ok((identities, machine.drill(drives, settling, &is_interrupted)?)));
         machine.leave();
-        drilled
+        (drilled, different(machine.master().emergencies().map(|(_, emergency)| emergency)))
     };
     let thread = thread::Builder::new().name("cycle".to_owned()).spawn(drilling);
     let thread = thread.map_err(|error| Failure::new(Exit::Internal, format!("thread of the cycle: {error}"), ""))?;
-    let drilled =
+    if let Ok(granted) = told.recv() {
+        warn_of(output, &granted);
+    }
+    let (drilled, emergencies) =
         thread.join().map_err(|_| Failure::new(Exit::Internal, "the thread of the cycle has panicked", ""))?;
-    let (identities, drilled) = drilled.map_err(|error| live_failure(&error))?;
+    let (identities, drilled) = drilled.map_err(|error| with_emergencies(live_failure(&error), &emergencies, &rig))?;
     let path = Subject::new(&rig, identities).store(&drilled, &folder).map_err(|error| {
         Failure::new(Exit::Usage, format!("{}: {error}", folder.display()), "make the folder one that can be written")
     })?;

@@ -1,10 +1,12 @@
 //! `yieldwall run --bus`: a rig with its scene on a real bus.
 
+mod emergencies;
 mod facts;
 mod proof;
 
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
+use std::sync::mpsc;
 use std::thread;
 use std::time::Duration;
 
@@ -16,7 +18,7 @@ use super::keep::{Keep, Watched};
 use super::output::Output;
 use super::run::{Arguments, check_buses, exit_of, rig_failure, stopped_by, write_drawing};
 use crate::bus::SensorLink;
-use crate::canopen::cob;
+use crate::canopen::{Emergency, cob};
 use crate::config::{self, Report, Source};
 use crate::guard::Fault;
 use crate::link::{CobFilter, LinkError, SocketCans};
@@ -27,6 +29,7 @@ use crate::live::{
 use crate::record::Row;
 use crate::rig::{self, Pace, bus_plan};
 use crate::study::{Overrides, drawing, measured, replay};
+pub(super) use emergencies::{different, with_emergencies};
 use facts::Facts;
 use proof::{NotRun, Proof, proof, unproven, untimely};
 
@@ -111,6 +114,8 @@ struct Outcome {
     skipped: u64,
     counts: LinkCounts,
     priority: Result<(), Refusal>,
+    /// What the devices told of themselves, the latest last.
+    emergencies: Vec<Emergency>,
 }
 
 pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Failure> {
@@ -126,12 +131,8 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
     refuse(arguments, &memory)?;
     let interfaces = Interfaces::of(&rig, &arguments.bus)?;
     let link = open(&interfaces, &rig)?;
-    for advice in link.links().iter().flat_map(|link| link.facts().advice()) {
-        output.warnings(&[config::Diagnostic {
-            severity: config::Severity::Warning,
-            ..config::Diagnostic::about_file("", advice, "")
-        }]);
-    }
+    link.links().iter().flat_map(|link| link.facts().advice()).for_each(|advice| warn(output, advice));
+    warn_of(output, &memory);
     let mut about = replay::about(&rig, &scene.value, &overrides)
         .map_err(|error| Failure::new(Exit::Internal, format!("documents of the recording: {error}"), ""))?;
     if arguments.ignore_latency {
@@ -152,11 +153,20 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
         is_timely: !arguments.ignore_latency,
         has_locked_memory: memory.is_ok(),
     };
+    let (granted, told) = mpsc::channel();
     let thread = thread::Builder::new().name("cycle".to_owned()).spawn({
         let is_interrupted = Arc::clone(&is_interrupted);
-        move || run_loop(machine, &play, &is_interrupted, demands, &proof)
+        move || {
+            let priority = run_first();
+            // Nobody listens if the thread that waits has died.
+            let _ = granted.send(priority.as_ref().err().map(ToString::to_string));
+            run_loop(machine, &play, &is_interrupted, demands, &proof, priority)
+        }
     });
     let thread = thread.map_err(|error| Failure::new(Exit::Internal, format!("thread of the cycle: {error}"), ""))?;
+    if let (Ok(Some(refusal)), false) = (told.recv(), arguments.require_realtime) {
+        warn(output, refusal);
+    }
     let mut outcome =
         thread.join().map_err(|_| Failure::new(Exit::Internal, "the thread of the cycle has panicked", ""))?;
     let kept = keep.finish()?;
@@ -164,7 +174,10 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
     refuse(arguments, &outcome.priority)?;
     let played = match &outcome.played {
         Ok(played) => *played,
-        Err(NotRun::Live(error)) => return Err(kept.point_to_black_box(live_failure(error))),
+        Err(NotRun::Live(error)) => {
+            let failure = with_emergencies(live_failure(error), &outcome.emergencies, &rig);
+            return Err(kept.point_to_black_box(failure));
+        }
         Err(NotRun::Unproven(error)) => return Err(unproven(error, &interfaces.arguments(&rig), arguments)),
         Err(NotRun::Untimely(error)) => return Err(untimely(error, &rig)),
     };
@@ -174,7 +187,7 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
         Ended::Interrupted => {
             Some(Failure::new(Exit::Interrupted, format!("interrupted after {time_s:.3} s; the rig was stopped"), ""))
         }
-        Ended::Stopped => Some(stopped_by(played.cause, time_s, &rig)),
+        Ended::Stopped => Some(with_emergencies(stopped_by(played.cause, time_s, &rig), &outcome.emergencies, &rig)),
         Ended::StillMoving => Some(Failure::new(
             Exit::SafetyStop,
             "a drive says that it still makes torque after the rig was stopped",
@@ -233,8 +246,8 @@ fn run_loop(
     is_interrupted: &AtomicBool,
     demands: Demands,
     proof: &Proof,
+    priority: Result<(), Refusal>,
 ) -> Outcome {
-    let priority = run_first();
     let timing = proof.timing(priority.is_ok(), demands.has_locked_memory);
     let mut outcome = Outcome {
         timing,
@@ -244,6 +257,7 @@ fn run_loop(
         skipped: 0,
         counts: LinkCounts::default(),
         priority,
+        emergencies: Vec::new(),
     };
     if demands.is_first && outcome.priority.is_err() {
         return outcome;
@@ -256,7 +270,8 @@ fn run_loop(
     }
     let Outcome { rows, stages, skipped, .. } = &mut outcome;
     let booted = machine.boot();
-    let proven = booted
+    let simulated = booted.and_then(|()| machine.check_simulation(drive_addresses(proof.rig())?));
+    let proven = simulated
         .map_err(NotRun::Live)
         .and_then(|()| proof.watchdogs(|rig| Ok(machine.identities(drive_addresses(rig)?)?)));
     let played = proven.and_then(|()| {
@@ -271,6 +286,7 @@ fn run_loop(
     });
     machine.leave();
     (outcome.played, outcome.counts) = (played, machine.counts());
+    outcome.emergencies = different(machine.master().emergencies().map(|(_, emergency)| emergency));
     outcome
 }
 
@@ -282,6 +298,19 @@ pub(super) fn settling_cycles(rig: &config::Rig) -> u32 {
     let period = Duration::from_micros(rig.cycle.period_us.into());
     let sample_period = Duration::from_secs_f64(rig.sensor.sample_rate_hz.get().recip());
     heartbeats.max(rig::settling_cycles(period, sample_period))
+}
+
+/// Prints what a person should know before anything is sent.
+fn warn(output: &mut Output, message: String) {
+    let finding = config::Diagnostic::about_file("", message, "");
+    output.warnings(&[config::Diagnostic { severity: config::Severity::Warning, ..finding }]);
+}
+
+/// Prints what this computer did not grant.
+pub(super) fn warn_of(output: &mut Output, granted: &Result<(), Refusal>) {
+    if let Err(refusal) = granted {
+        warn(output, refusal.to_string());
+    }
 }
 
 /// With `--require-realtime` what was not granted is an error.
@@ -318,6 +347,16 @@ pub(super) fn live_failure(error: &LiveError) -> Failure {
             Exit::DeviceMismatch,
             error.to_string(),
             "compare node ids and profiles with the devices on the bus",
+        ),
+        LiveError::Pace { pace, .. } => {
+            let pace = if *pace == Pace::Lockstep { "lockstep" } else { "free" };
+            let help = format!("nothing was enabled; start `yieldwall sim` with --pace {pace} as well");
+            Failure::new(Exit::DeviceMismatch, error.to_string(), help)
+        }
+        LiveError::Unwatched { .. } => Failure::new(
+            Exit::OutOfTolerance,
+            error.to_string(),
+            "nothing was enabled; start `yieldwall sim` without --unwatched, or drill the rig by the wall clock",
         ),
         LiveError::Interrupted => Failure::new(Exit::Interrupted, error.to_string(), ""),
     }

@@ -12,7 +12,7 @@ use super::output::Output;
 use super::run::rig_failure;
 use crate::config::{self, Source};
 use crate::link::{CobFilter, SocketCan, SocketCanSettings};
-use crate::live::{Attached, Entrance, ServeError, attach, serve};
+use crate::live::{AttachError, Attached, Entrance, ServeError, attach, serve};
 use crate::rig::{DeviceServer, simulated_drive, simulated_force_sensor};
 use crate::sim::Watchdog;
 use yieldwall_drives::cia402;
@@ -80,7 +80,7 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
     let interfaces = Interfaces::of(&rig, &arguments.bus)?;
     let mut link = interfaces.open(&rig, |_| (vec![CobFilter::EVERYTHING], Vec::new()))?;
     let entrance = match &arguments.plant {
-        Some(path) => Some(Entrance::open(path).map_err(|error| no_socket(path, &error))?),
+        Some(path) => Some(Entrance::open(path, arguments.pace.pace()).map_err(|error| no_socket(path, &error))?),
         None => None,
     };
     let names = names(&rig, here).join(", ");
@@ -155,10 +155,26 @@ fn names(rig: &config::Rig, here: [bool; 3]) -> Vec<&str> {
     names.into_iter().zip(here).filter(|(_, is_here)| *is_here).map(|(name, _)| name.as_str()).collect()
 }
 
+/// The failure that a socket is which cannot be made.
 fn no_socket(path: &Path, error: &io::Error) -> Failure {
-    let help =
-        "start the process with --plant first; a socket that is left over from one that was killed has to be removed";
-    Failure::new(Exit::Usage, format!("{}: {error}", path.display()), help)
+    let help = match error.kind() {
+        io::ErrorKind::AddrInUse => {
+            "another process has the arm, or one that was killed has left its socket: remove it"
+        }
+        _ => "name a socket in a folder that is there and can be written",
+    };
+    Failure::new(Exit::Usage, format!("--plant {}: {error}", path.display()), help)
+}
+
+/// The failure that a device is which the arm does not keep.
+fn not_attached(path: &Path, error: &AttachError) -> Failure {
+    let (exit, help) = match error {
+        AttachError::NoArm(_) => (Exit::Usage, "start the process with --plant first"),
+        AttachError::NotTaken => (Exit::Usage, "leave the device out of --nodes of the process with --plant"),
+        AttachError::Gone => (Exit::BusUnavailable, "start the process with --plant again, and then this one"),
+        AttachError::Wait(_) => (Exit::Internal, ""),
+    };
+    Failure::new(exit, format!("--attach {}: {error}", path.display()), help)
 }
 
 /// One device of an arm that is in another process.
@@ -190,5 +206,5 @@ fn attach_one(
     let settings = SocketCanSettings { bit_rate, ..SocketCanSettings::everything(&interface) };
     let mut link = SocketCan::open(&settings).map_err(|error| link_failure(&error))?;
     output.news(&format!("simulated {} on {interface}; Ctrl-C ends it", names(rig, here).join(", ")))?;
-    attach(&mut device, &mut link, path, &is_interrupted).map_err(|error| no_socket(path, &error))
+    attach(&mut device, &mut link, path, &is_interrupted).map_err(|error| not_attached(path, &error))
 }

@@ -77,11 +77,12 @@ pub enum Kind {
     WrongNodeId,
     EncoderOffset,
     DriveNotEnabling,
+    WrongBitRate,
 }
 
 impl Kind {
     /// Number of kinds.
-    pub const COUNT: usize = Kind::DriveNotEnabling as usize + 1;
+    pub const COUNT: usize = Kind::WrongBitRate as usize + 1;
 
     /// The row of [`CATALOGUE`] that describes this kind.
     pub fn row(self) -> &'static Row {

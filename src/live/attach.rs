@@ -7,7 +7,7 @@
 //! ```
 //! The process with the arm tells the moments, so that all devices live on one clock; what a device measured up to a SYNC is on
 //! the bus before the others answer it. A device that does not answer within
-//! half a second is gone for good, and its joint without torque.
+//! half a second, 5 s in lockstep, is gone for good, and its joint without torque.
 
 use std::collections::VecDeque;
 use std::io::{self, Read, Write};
@@ -21,12 +21,14 @@ use rustix::event::{PollFd, PollFlags, Timespec, poll};
 
 use crate::canopen::{Frame, Outbox, Time, cob};
 use crate::link::{CanLink, LinkOutbox, Received};
-use crate::rig::{Answer, Call, DeviceServer, Peer};
+use crate::rig::{Answer, Call, DeviceServer, Pace, Peer};
 use crate::sim::{Drive, ForceSensor};
 use yieldwall_drives::cia402;
 
-/// How long a device may take to answer.
+/// How long a device may take to answer by the wall clock ...
 const PATIENCE: Duration = Duration::from_millis(500);
+/// ... and in lockstep, where time waits for it. One that dies is noticed at once: its end of the socket is closed.
+const LOCKSTEP_PATIENCE: Duration = Duration::from_secs(5);
 /// How long a device waits for a SYNC of which it was told.
 const SYNC_PATIENCE: Duration = Duration::from_millis(20);
 /// Longest wait before the wish to end is looked at.
@@ -98,26 +100,47 @@ impl Peer for Remote {
 
 /// Takes devices in that attach to an arm.
 #[derive(Debug)]
-pub struct Entrance(UnixListener);
+pub struct Entrance {
+    listener: UnixListener,
+    patience: Duration,
+}
+
+/// Why a device could not go on with an arm elsewhere.
+#[derive(Debug, thiserror::Error)]
+pub enum AttachError {
+    /// Nobody listens there.
+    #[error("no process with the arm is at this socket: {0}")]
+    NoArm(io::Error),
+    /// The arm did not take the device in.
+    #[error("the process with the arm did not take this device in: it has the device itself, or has ended")]
+    NotTaken,
+    /// The arm has gone away.
+    #[error("the process with the arm has ended, or another process has attached this device")]
+    Gone,
+    /// The system refuses to wait.
+    #[error("waiting for the arm and the bus: {0}")]
+    Wait(io::Error),
+}
 
 impl Entrance {
-    /// Listens at `path`, where nothing may be yet.
+    /// Listens at `path`, where nothing may be yet, for devices of this pace.
     ///
     /// # Errors
     /// If the system refuses.
-    pub fn open(path: &Path) -> io::Result<Self> {
+    pub fn open(path: &Path, pace: Pace) -> io::Result<Self> {
         let listener = UnixListener::bind(path)?;
         listener.set_nonblocking(true)?;
-        Ok(Self(listener))
+        let patience = if pace == Pace::Lockstep { LOCKSTEP_PATIENCE } else { PATIENCE };
+        Ok(Self { listener, patience })
     }
 
     /// Seats those who have come. One that says nothing, or that is simulated here already, is sent away.
     pub fn admit(&self, server: &mut DeviceServer) {
-        while let Ok((mut stream, _)) = self.0.accept() {
+        while let Ok((mut stream, _)) = self.listener.accept() {
             let mut device = [0];
             let is_ready = stream.set_nonblocking(false).is_ok()
-                && stream.set_read_timeout(Some(PATIENCE)).is_ok()
-                && stream.set_write_timeout(Some(PATIENCE)).is_ok()
+                && stream.set_read_timeout(Some(self.patience)).is_ok()
+                && stream.set_write_timeout(Some(self.patience)).is_ok()
                 && stream.read_exact(&mut device).is_ok();
             let device = usize::from(device[0]);
             if is_ready && device < 3 && !server.is_here(device) {
@@ -187,15 +210,15 @@ impl Attached {
 /// Attaches a device to the arm at `path`, switches it on and serves it until `is_over` or until the arm is gone.
 ///
 /// # Errors
-/// If there is no arm, if it goes away, or if waiting fails.
+/// If there is no arm, if it does not take the device in or goes away, or if waiting fails.
 pub fn attach<L: CanLink + AsFd>(
     device: &mut Attached,
     link: &mut L,
     path: &Path,
     is_over: &AtomicBool,
-) -> io::Result<()> {
-    let mut stream = UnixStream::connect(path)?;
-    stream.write_all(&[device.number()])?;
+) -> Result<(), AttachError> {
+    let mut stream = UnixStream::connect(path).map_err(AttachError::NoArm)?;
+    stream.write_all(&[device.number()]).map_err(AttachError::NoArm)?;
     let mut heard = VecDeque::new();
     let mut now = Time(0);
     let mut is_on = false;
@@ -203,13 +226,14 @@ pub fn attach<L: CanLink + AsFd>(
         let mut fds = [PollFd::new(&stream, PollFlags::IN), PollFd::new(&*link, PollFlags::IN)];
         match poll(&mut fds, Some(&LOOK_UP)) {
             Err(rustix::io::Errno::INTR) => continue,
-            result => result?,
+            result => result.map_err(|error| AttachError::Wait(error.into()))?,
         };
         let is_called = !fds[0].revents().is_empty();
         listen(link, &mut heard);
         if is_called {
             let mut bytes = [0; CALL_BYTES];
-            stream.read_exact(&mut bytes)?;
+            let gone = |_| if is_on { AttachError::Gone } else { AttachError::NotTaken };
+            stream.read_exact(&mut bytes).map_err(gone)?;
             let call = decode_call(&bytes);
             now = call.now;
             let mut out = Vec::new();
@@ -229,7 +253,7 @@ pub fn attach<L: CanLink + AsFd>(
                 device.poll(now, &mut out);
             }
             send(link, out);
-            stream.write_all(&encode_answer(&device.answer()))?;
+            stream.write_all(&encode_answer(&device.answer())).map_err(|_| AttachError::Gone)?;
         }
         // What follows a SYNC waits until the arm has told of it.
         let mut out = Vec::new();

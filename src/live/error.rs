@@ -5,7 +5,8 @@ use thiserror::Error;
 use crate::bus::BootError;
 use crate::guard::{Cause, DeviceSet};
 use crate::link::SendError;
-use crate::rig::RigError;
+use crate::rig::{Pace, RigError};
+use crate::sim::Watchdog;
 
 /// Why a rig on a real bus could not go on.
 #[derive(Clone, Debug, PartialEq, Error)]
@@ -50,6 +51,28 @@ pub enum LiveError {
         /// Sub-index.
         sub: u8,
     },
+    /// The simulated devices live on another clock. Nothing was enabled.
+    #[error(
+        "the simulated drive with node id {node_id} {}",
+        match .pace {
+            Pace::Lockstep => "follows the wall clock, and this rig runs in lockstep",
+            Pace::Free => "runs in lockstep, and this rig follows the wall clock",
+        }
+    )]
+    Pace {
+        /// Node id.
+        node_id: u8,
+        /// The pace of the rig.
+        pace: Pace,
+    },
+    /// A simulated drive would go on without its master. Nothing was enabled.
+    #[error("the simulated drive with node id {node_id} does not stop without {}", .watchdog.name())]
+    Unwatched {
+        /// Node id.
+        node_id: u8,
+        /// What it does not wait for.
+        watchdog: Watchdog,
+    },
     /// A person asked for the end before the rig ran.
     #[error("interrupted before the rig ran")]
     Interrupted,
@@ -58,6 +81,26 @@ pub enum LiveError {
 fn because(cause: &Option<Cause>) -> String {
     cause.map_or(String::new(), |cause| {
         let row = cause.fault.row();
-        format!(", because of {} ({}): {}", row.name, cause.devices, row.meaning)
+        let devices = if cause.devices.is_empty() { String::new() } else { format!(" ({})", cause.devices) };
+        format!(", because of {}{devices}: {}", row.name, row.meaning)
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::guard::Fault;
+
+    #[test]
+    fn what_kept_a_rig_from_being_enabled_is_named_with_the_devices_if_there_are_any() {
+        let said = |fault, devices| {
+            let error = LiveError::NotEnabled { waited_s: 1.5, cause: Some(Cause { fault, devices }) };
+            error.to_string()
+        };
+        assert!(
+            said(Fault::Overrun, DeviceSet::NONE)
+                .starts_with("the rig was not enabled within 1.5 s, because of overrun: ")
+        );
+        assert!(said(Fault::PdoMissed, DeviceSet::SENSOR).contains(" because of pdo-missed (force sensor): "));
+    }
 }

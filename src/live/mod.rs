@@ -20,11 +20,12 @@ mod proof;
 mod rig;
 mod scene;
 mod serve;
+mod simulation;
 mod stages;
 mod timing;
 
 #[cfg(all(feature = "socketcan", target_os = "linux"))]
-pub use attach::{Attached, Entrance, attach};
+pub use attach::{AttachError, Attached, Entrance, attach};
 pub use drill::{DriveAddress, drive_addresses};
 pub use error::LiveError;
 pub use histogram::Histogram;

@@ -1,28 +1,31 @@
 //! The loop.
 
+mod arrivals;
+
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::time::Duration;
 
 use super::error::LiveError;
 use super::metronome::Metronome;
 use crate::bus::{LinkEvent, Master, Phase};
-use crate::canopen::{Frame, Time};
+use crate::canopen::Time;
 use crate::config;
 use crate::cycle::{Outputs, Timing};
-use crate::guard::{Cause, Request, State};
-use crate::link::{Arrival, CanLink, LinkOutbox, Received};
+use crate::guard::{Cause, DeviceSet, Request, State};
+use crate::link::{CanLink, LinkOutbox};
 use crate::record::{CycleRecord, Moment, Stages};
 use crate::rig::{Observer, Pace, Tap, master};
 
 /// Longest time from the reset of the network to the exchange of process data.
 const BOOT_LIMIT: Duration = Duration::from_secs(10);
-/// Arrivals that are taken at one wake-up; more wait for the next one. Four cycles of the fullest bus are fewer.
-const ARRIVALS: usize = 256;
+/// So many times longer the boot waits for simulated devices in lockstep, which a busy computer may keep from answering.
+const LOCKSTEP_PATIENCE: u32 = 8;
+/// How long the end of the run is listened to, on the wall: own last frames come back, and the devices answer.
+const FAREWELL: Duration = Duration::from_millis(50);
 /// How long lockstep waits for the process data of a cycle, on the wall ...
 const PATIENCE: Duration = Duration::from_secs(1);
-/// ... and while a device already let it wait in vain.
+/// ... and for those of a device that already let it wait in vain.
 const IMPATIENCE: Duration = Duration::from_millis(2);
-
 /// Time by which the clock that counts suspended time has to have gained on the other since the last cycle. Less may be the
 /// time that passed between reading the one and the other.
 const SUSPENDED: Duration = Duration::from_millis(50);
@@ -65,7 +68,12 @@ pub struct LiveRig<L, M> {
     /// Of the present cycle.
     stages: Stages,
     suspended: Duration,
-    patience: Duration,
+    /// Devices that let lockstep wait in vain.
+    absent: DeviceSet,
+    /// When the link was looked at last, on its clock, where time waits.
+    looked_at: Time,
+    /// What has come before is from a time in which the process was stopped.
+    back_since: Time,
     counts: LinkCounts,
     tap: Option<Tap>,
     observer: Option<Observer>,
@@ -80,8 +88,12 @@ impl<L: CanLink, M: Metronome> LiveRig<L, M> {
     /// Where parts of the configuration do not fit together.
     pub fn new(rig: &config::Rig, link: L, metronome: M, pace: Pace) -> Result<Self, LiveError> {
         let (started, suspended) = (link.now(), metronome.suspended());
+        let mut master = master(rig, &rig.fixture)?;
+        if pace == Pace::Lockstep {
+            master.set_patience(LOCKSTEP_PATIENCE);
+        }
         Ok(Self {
-            master: master(rig, &rig.fixture)?,
+            master,
             link,
             metronome,
             pace,
@@ -96,7 +108,9 @@ impl<L: CanLink, M: Metronome> LiveRig<L, M> {
             timing: Timing::default(),
             stages: Stages::default(),
             suspended,
-            patience: PATIENCE,
+            absent: DeviceSet::NONE,
+            looked_at: started,
+            back_since: Time(0),
             counts: LinkCounts::default(),
             tap: None,
             observer: None,
@@ -140,6 +154,11 @@ impl<L: CanLink, M: Metronome> LiveRig<L, M> {
         &self.link
     }
 
+    /// What it waits for.
+    pub fn pace(&self) -> Pace {
+        self.pace
+    }
+
     /// The cycle time.
     pub fn period(&self) -> Duration {
         self.period
@@ -163,7 +182,8 @@ impl<L: CanLink, M: Metronome> LiveRig<L, M> {
         self.waits = false;
         // What came before the reset says nothing of what comes after it.
         self.drain();
-        let limit = self.now() + BOOT_LIMIT;
+        let boot_limit = if self.pace == Pace::Lockstep { BOOT_LIMIT * LOCKSTEP_PATIENCE } else { BOOT_LIMIT };
+        let limit = self.now() + boot_limit;
         self.send_or_fail(|master, now, out| master.start(now, out))?;
         loop {
             self.drain();
@@ -173,7 +193,7 @@ impl<L: CanLink, M: Metronome> LiveRig<L, M> {
                 Phase::Failed(error) => return Err(error.clone().into()),
                 phase if self.now() >= limit => {
                     let phase = format!("{phase:?}");
-                    return Err(LiveError::NotBooted { waited_s: BOOT_LIMIT.as_secs_f64(), phase });
+                    return Err(LiveError::NotBooted { waited_s: boot_limit.as_secs_f64(), phase });
                 }
                 _ => {}
             }
@@ -181,6 +201,9 @@ impl<L: CanLink, M: Metronome> LiveRig<L, M> {
             self.link.wait(self.started + next.since(Time(0)));
         }
         self.next_sync = Time::NEVER;
+        if self.pace == Pace::Lockstep {
+            self.listen();
+        }
         Ok(())
     }
 
@@ -189,6 +212,7 @@ impl<L: CanLink, M: Metronome> LiveRig<L, M> {
         let (now, period) = (self.now().0, self.period.as_nanos() as u64);
         self.next_sync = Time((now / period + 2) * period);
         self.lockstep_now = self.next_sync;
+        self.looked_at = self.link.now();
         self.waits = self.pace == Pace::Lockstep;
     }
 
@@ -221,7 +245,8 @@ impl<L: CanLink, M: Metronome> LiveRig<L, M> {
         self.timing.skipped = ahead.saturating_sub(behind);
         self.next_sync = grid + self.period * (ahead + 1);
         if self.waits {
-            self.wait_for(|master| !master.is_in_flight());
+            let patience = if self.absent.is_empty() { PATIENCE } else { IMPATIENCE };
+            self.wait_for(patience, |master| !master.is_in_flight());
         }
         let moment = Moment {
             index: self.cycles,
@@ -239,10 +264,15 @@ impl<L: CanLink, M: Metronome> LiveRig<L, M> {
     }
 
     /// Leaves the network after the rig was stopped, so that no drive waits for set-points. A bus that could not be reached
-    /// gets nothing.
+    /// gets nothing. Whoever watches sees the last frames as well.
     pub fn leave(&mut self) {
         if !self.master.is_silent() {
             self.send(|master, _, out| master.leave(out));
+        }
+        let until = self.link.now() + FAREWELL;
+        while self.link.now() < until {
+            self.link.wait(until);
+            self.drain();
         }
     }
 
@@ -278,8 +308,10 @@ impl<L: CanLink, M: Metronome> LiveRig<L, M> {
         self.drain();
         self.send_sync();
         if !self.master.is_sync_held() {
-            let is_whole = self.wait_for(|master| master.has_process_data(grid));
-            self.patience = if is_whole { PATIENCE } else { IMPATIENCE };
+            let absent = self.absent;
+            self.wait_for(PATIENCE, |master| absent.contains(master.missing(grid)));
+            self.wait_for(IMPATIENCE, |master| master.missing(grid).is_empty());
+            self.absent = self.master.missing(grid);
         }
         self.lockstep_now = grid + self.compute_at;
         grid
@@ -325,62 +357,6 @@ impl<L: CanLink, M: Metronome> LiveRig<L, M> {
     /// Whole periods from a grid point to a moment.
     pub(super) fn periods_between(&self, grid: Time, moment: Time) -> u32 {
         (moment.since(grid).as_nanos() / self.period.as_nanos()).min(u128::from(u32::MAX / 2)) as u32
-    }
-
-    /// Takes what the link holds, until `is_enough` or for as long as there is patience; whether it was enough.
-    fn wait_for(&mut self, is_enough: impl Fn(&Master) -> bool) -> bool {
-        let until = self.link.now() + self.patience;
-        loop {
-            self.drain();
-            if is_enough(&self.master) {
-                return true;
-            }
-            if self.link.now() >= until {
-                return false;
-            }
-            self.link.wait(until);
-        }
-    }
-
-    /// Takes what the link holds.
-    fn drain(&mut self) {
-        for _ in 0..ARRIVALS {
-            let Some(arrival) = self.link.receive() else { break };
-            self.take(&arrival);
-        }
-    }
-
-    pub(super) fn take(&mut self, arrival: &Arrival) {
-        let time =
-            if self.waits { self.lockstep_now } else { Time(arrival.time.since(self.started).as_nanos() as u64) };
-        if let Some(event) = arrival.what.link_event() {
-            self.master.on_link(arrival.bus, event);
-        }
-        match arrival.what {
-            Received::Frame(frame) => {
-                self.counts.received += 1;
-                self.show(time, &frame);
-                self.send(|master, _, out| master.on_frame(time, &frame, out));
-            }
-            Received::Echo(frame) => {
-                self.counts.echoed += 1;
-                self.show(time, &frame);
-                self.master.on_echo(&frame);
-            }
-            Received::Overflow { frames } => self.counts.overflowed += u64::from(frames),
-            Received::Error(_) | Received::Down | Received::Gone => {}
-        }
-    }
-
-    /// When something arrived, since switching on.
-    pub(super) fn time_of(&self, arrival: &Arrival) -> Time {
-        if self.waits { self.lockstep_now } else { Time(arrival.time.since(self.started).as_nanos() as u64) }
-    }
-
-    fn show(&mut self, time: Time, frame: &Frame) {
-        if let Some(tap) = &mut self.tap {
-            tap(time, frame);
-        }
     }
 
     /// Has the master send; a frame that could not be sent is told to the next cycle.

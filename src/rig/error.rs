@@ -5,6 +5,7 @@ use thiserror::Error;
 use crate::bus::BootError;
 use crate::control::ControlError;
 use crate::fixture::FixtureError;
+use crate::guard::Cause;
 use crate::injection::InjectionError;
 use crate::linkage::{GeometryError, LinkageError};
 use crate::sensing::SensingError;
@@ -74,5 +75,7 @@ pub enum RigError {
         waited_s: f64,
         /// What the supervisor said.
         state: String,
+        /// The fault that kept it from being enabled, if one did.
+        cause: Option<Cause>,
     },
 }

@@ -10,7 +10,7 @@ use super::seat::{Peer, Seat};
 use super::world::{Body, World};
 use crate::canopen::{Frame, Outbox, Time, cob};
 use crate::config;
-use crate::sim::{Drive, ForceSensor, Watchdog};
+use crate::sim::{Clock, Drive, ForceSensor, Watchdog};
 use yieldwall_drives::cia402;
 
 /// Time on the wall without SYNC after which a simulation in lockstep goes on by itself. A master in lockstep waits less
@@ -94,6 +94,14 @@ impl DeviceServer {
     pub fn new(rig: &config::Rig, scene: &config::Scene, seed: u64, pace: Pace) -> Result<Self, RigError> {
         let FarEnd { drives, sensor, world, buses } = FarEnd::new(rig, scene, seed)?;
         let seat = |drive| Seat::Here(Box::new(drive));
+        let clock = match pace {
+            Pace::Lockstep => Clock::Sync,
+            Pace::Free => Clock::Wall,
+        };
+        let drives = drives.map(|mut drive| {
+            drive.set_clock(clock);
+            drive
+        });
         let mut far = FarEnd { drives: drives.map(seat), sensor: Seat::Here(Box::new(sensor)), world, buses };
         if matches!(far.world.body, Body::Ideal(_)) {
             let message =

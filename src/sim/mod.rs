@@ -13,7 +13,7 @@ mod substeps;
 mod uniform;
 
 pub use device::DeviceError;
-pub use drive::{Drive, DriveSettings, Encoder, PositionLoop, Watchdog};
+pub use drive::{Clock, Drive, DriveSettings, Encoder, PositionLoop, Watchdog};
 pub use force_sensor::{ForceSensor, ForceSensorSettings, Speaks};
 pub use uniform::share_of_one;
 

@@ -66,7 +66,8 @@ pub(super) fn falsifies(kind: Kind) -> Falsified {
         | Kind::StopRequest
         | Kind::IdentityMismatch
         | Kind::ConfigDrift
-        | Kind::WrongNodeId => none,
+        | Kind::WrongNodeId
+        | Kind::WrongBitRate => none,
     }
 }
 

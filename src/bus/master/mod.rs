@@ -35,6 +35,8 @@ pub struct Master {
     next_heartbeat: Time,
     phase: Phase,
     phase_deadline: Time,
+    /// Times that the boot waits longer than usual.
+    patience: u32,
     nodes: Vec<Node>,
     sensor_name: String,
     sensor_bus: u8,
@@ -128,6 +130,7 @@ impl Master {
             next_heartbeat: Time::NEVER,
             phase: Phase::Off,
             phase_deadline: Time::NEVER,
+            patience: 1,
             nodes,
             sensor_name: setup.sensor.name.clone(),
             sensor_bus,
@@ -206,6 +209,8 @@ impl Master {
             }
             Taken::Other => {}
         }
+        let has_echo = self.has_echo;
+        self.nodes.iter_mut().filter(|node| node.bus == frame.bus()).for_each(|node| node.on_sdo(frame, has_echo));
         if self.phase == Phase::Operational
             && let Some((id, state)) = nmt::decode_heartbeat(frame)
             && let Some(node) = self.nodes.iter_mut().find(|node| node.is(frame.bus(), id))
@@ -250,6 +255,7 @@ impl Master {
         if let Some(line) = self.lines.iter_mut().find(|line| line.bus == frame.bus()) {
             line.on_echo(frame, is_set_point);
         }
+        self.nodes.iter_mut().filter(|node| node.bus == frame.bus()).for_each(|node| node.on_echo(frame));
     }
 
     /// The begin of a cycle: SYNC, and behind it the request to a sensor that is polled.
@@ -277,7 +283,28 @@ impl Master {
     ///
     /// Real-time: yes.
     pub fn has_process_data(&self, now: Time) -> bool {
-        self.image.is_complete(now)
+        self.missing(now).is_empty()
+    }
+
+    /// The devices of which something of that is missing.
+    ///
+    /// Real-time: yes.
+    pub fn missing(&self, now: Time) -> DeviceSet {
+        self.image.missing(now)
+    }
+
+    /// Has all waits of the boot last so many times longer, 1 unless told otherwise: for simulated devices, which may not get
+    /// to run in time.
+    pub fn set_patience(&mut self, patience: u32) {
+        self.patience = patience;
+        self.nodes.iter_mut().for_each(|node| node.boot.set_patience(patience));
+    }
+
+    /// Forgets when the nodes' heartbeats came, which do not tell one device from two where they waited to be taken.
+    ///
+    /// Real-time: yes.
+    pub fn forget_heartbeat_times(&mut self) {
+        self.nodes.iter_mut().for_each(Node::forget_times);
     }
 
     /// Whether SYNC was held back in this cycle, since the set-points of an earlier one are still on their way or nothing

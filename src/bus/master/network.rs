@@ -34,7 +34,7 @@ impl Master {
         (self.is_silent, self.held, self.has_echo) = (false, DeviceSet::NONE, false);
         self.last = self.cycle.idle();
         self.enter(Phase::Resetting);
-        self.phase_deadline = now + BOOT_UP_WAIT;
+        self.phase_deadline = now + BOOT_UP_WAIT * self.patience;
         self.tell_nodes(nmt::command(NmtCommand::ResetNode, None), out);
         self.next_heartbeat = now;
         self.send_heartbeat(now, out);
@@ -70,10 +70,10 @@ impl Master {
         match self.phase {
             Phase::Configuring => self.configure(now, out, |node, now, out| node.boot.poll(now, &mut out.on(node.bus))),
             Phase::Resetting if now >= self.phase_deadline => {
-                self.fail_where(|node| !node.has_booted, "wait for the boot-up message", BOOT_UP_WAIT);
+                self.fail_where(|node| !node.has_booted, "wait for the boot-up message", BOOT_UP_WAIT * self.patience);
             }
             Phase::Starting if now >= self.phase_deadline => {
-                self.fail_where(|node| !node.is_operational, "start the node", START_WAIT);
+                self.fail_where(|node| !node.is_operational, "start the node", START_WAIT * self.patience);
                 self.fail_without_sample();
             }
             Phase::Starting => {
@@ -182,7 +182,7 @@ impl Master {
         }
         if self.nodes.iter().all(|node| node.boot.is_done()) {
             self.enter(Phase::Starting);
-            self.phase_deadline = now + START_WAIT;
+            self.phase_deadline = now + START_WAIT * self.patience;
             for line in &mut self.lines {
                 self.nodes.iter().filter(|node| node.bus == line.bus).for_each(|node| line.watch.start(now, node.id));
             }
@@ -197,7 +197,9 @@ impl Master {
 
     fn fail_where(&mut self, is_late: impl Fn(&Node) -> bool, step: &'static str, waited: Duration) {
         if let Some(node) = self.nodes.iter().find(|node| is_late(node)) {
-            let failure = BootFailure::Missing { waited_ms: waited.as_millis() as u64 };
+            let errors = self.events.error_passive | self.events.bus_off;
+            let is_unheard = errors.contains(DeviceSet::interface(node.bus));
+            let failure = BootFailure::Missing { waited_ms: waited.as_millis() as u64, is_unheard };
             let error = refuse(Some(node.id.raw()), &node.name, step, failure);
             self.enter(Phase::Failed(error));
         }
@@ -206,7 +208,7 @@ impl Master {
 
     fn fail_without_sample(&mut self) {
         if self.phase == Phase::Starting && !self.image.plain().is_none_or(Client::has_begun) {
-            let failure = BootFailure::NoSample { waited_ms: START_WAIT.as_millis() as u64 };
+            let failure = BootFailure::NoSample { waited_ms: (START_WAIT * self.patience).as_millis() as u64 };
             let error = refuse(None, &self.sensor_name, "wait for samples", failure);
             self.enter(Phase::Failed(error));
         }

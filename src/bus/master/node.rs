@@ -3,7 +3,7 @@
 use std::time::Duration;
 
 use crate::bus::boot::Boot;
-use crate::canopen::{NmtState, NodeId, Time};
+use crate::canopen::{Frame, NmtState, NodeId, Time, cob};
 use crate::guard::DeviceSet;
 
 /// So many heartbeats of one node ...
@@ -12,6 +12,11 @@ const HEARTBEATS_OF_TWO: usize = 4;
 /// of the first; a delay of one and a quarter periods, with every later one in time, does not occur: on a bus that was
 /// blocked for that long the process data are missing too.
 const PERIODS_OF_TWO: f64 = 1.75;
+/// More SDO answers than requests by so many are those of two nodes. CAN itself doubles a frame whose last bit is disturbed
+/// (CAN 2.0, end of frame), but rarely.
+const ANSWERS_OF_TWO: i32 = 3;
+/// An SDO abort, which nobody answers (CiA 301).
+const ABORT: u8 = 0x80;
 
 #[derive(Clone)]
 pub(super) struct Node {
@@ -32,6 +37,10 @@ pub(super) struct Node {
     shortest: Duration,
     /// When its last heartbeats came, the oldest first.
     heard: [Option<Time>; HEARTBEATS_OF_TWO - 1],
+    /// SDO requests of the master less the answers, as both were seen on the bus.
+    unanswered: i32,
+    /// Whether somebody else asks it too, so that its answers say nothing.
+    has_other_client: bool,
     /// Whether another device uses its identifier.
     pub(super) is_double: bool,
 }
@@ -50,6 +59,8 @@ impl Node {
             heartbeat,
             shortest: heartbeat.mul_f64(PERIODS_OF_TWO),
             heard: [None; HEARTBEATS_OF_TWO - 1],
+            unanswered: 0,
+            has_other_client: false,
             is_double: false,
         }
     }
@@ -64,6 +75,28 @@ impl Node {
         self.boot.reset();
         (self.has_booted, self.is_operational, self.has_restarted) = (false, false, false);
         (self.heard, self.is_double) = (Default::default(), false);
+        (self.unanswered, self.has_other_client) = (0, false);
+    }
+
+    /// Forgets when its heartbeats came.
+    pub(super) fn forget_times(&mut self) {
+        self.heard = Default::default();
+    }
+
+    /// Notes an own frame that was seen on its bus.
+    pub(super) fn on_echo(&mut self, frame: &Frame) {
+        if frame.id() == cob::sdo_request(self.id) && frame.data().first() != Some(&ABORT) {
+            self.unanswered = self.unanswered.saturating_add(1);
+        }
+    }
+
+    /// Notes an SDO answer of it, or a request of somebody else; `has_echo` says whether own requests are noted.
+    pub(super) fn on_sdo(&mut self, frame: &Frame, has_echo: bool) {
+        self.has_other_client |= frame.id() == cob::sdo_request(self.id);
+        if has_echo && !self.has_other_client && frame.id() == cob::sdo_response(self.id) {
+            self.unanswered = self.unanswered.saturating_sub(1);
+            self.is_double |= self.unanswered <= -ANSWERS_OF_TWO;
+        }
     }
 
     /// Notes a heartbeat, and whether it is one too many.

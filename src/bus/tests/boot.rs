@@ -144,7 +144,7 @@ fn a_missing_node_is_named() {
     net.wait(Duration::from_millis(1));
     let error = failure(&net);
     assert_eq!((error.node_id, error.name.as_str()), (Some(2), "right"));
-    assert_eq!(error.failure, BootFailure::Missing { waited_ms: 500 });
+    assert_eq!(error.failure, BootFailure::Missing { waited_ms: 500, is_unheard: false });
 }
 
 #[test]

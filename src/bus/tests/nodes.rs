@@ -1,6 +1,7 @@
 //! What nodes and strangers do while process data are exchanged.
 
 use super::*;
+use crate::guard::DeviceSet;
 
 #[test]
 fn what_happens_on_the_bus_stops_both_drives_in_the_same_cycle() {
@@ -151,6 +152,43 @@ fn two_devices_with_one_node_id_are_found_by_their_heartbeats() {
     assert_eq!((net.state(), net.seen(Fault::DuplicateNode)), ((State::Stopped, Some(Fault::NodeReset)), 0));
     net.cycle(["3712"; 2], Request::None, |net| net.hear("701#05"));
     assert_eq!(net.seen(Fault::DuplicateNode), 1);
+}
+
+#[test]
+fn two_devices_with_one_node_id_are_found_by_their_answers_before_anything_is_enabled() {
+    // Boots a network in which all own frames are seen; whether each answer of the left drive comes twice, and what else is
+    // heard before. What the first cycle says of duplicates.
+    let found = |is_twice: bool, before: &[&str]| {
+        let mut net = Net::new(CommandMode::Torque);
+        net.reset();
+        before.iter().for_each(|line| net.hear(line));
+        let mut answers = 0;
+        for _ in 0..1000 {
+            let sent = std::mem::take(&mut net.sent);
+            sent.iter().for_each(|frame| net.master.on_echo(frame));
+            for request in sent.iter().filter(|frame| (0x601..=0x67f).contains(&frame.id())) {
+                let answer = net.answer((request.id() - 0x600) as u8, request.bytes());
+                let answer = Frame::new(request.id() - 0x80, &answer);
+                for _ in 0..1 + usize::from(is_twice && answer.id() == 0x581) {
+                    net.master.on_frame(net.now, &answer, &mut net.sent);
+                    answers += 1;
+                }
+            }
+        }
+        assert!(answers > 60, "{answers}");
+        ["701#05", "702#05", "70A#05"].iter().for_each(|line| net.hear(line));
+        assert_eq!(*net.master.phase(), Phase::Operational);
+        net.sync();
+        net.report(["5002"; 2]);
+        net.compute(Request::Enable);
+        assert_eq!(net.state().0 == State::Enabling, !is_twice || !before.is_empty(), "{:?}", net.state());
+        net.master.last_inputs().link.duplicate_node
+    };
+    assert_eq!(found(true, &[]), DeviceSet::LEFT_DRIVE);
+    assert_eq!(found(false, &[]), DeviceSet::NONE);
+    // CAN may double a frame, and somebody else may ask the same node.
+    assert_eq!(found(false, &["581#6000100000000000"; 2]), DeviceSet::NONE);
+    assert_eq!(found(true, &["601#4000100000000000"]), DeviceSet::NONE);
 }
 
 #[test]

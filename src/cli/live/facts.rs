@@ -4,6 +4,7 @@ use std::collections::BTreeMap;
 
 use serde_json::{Value, json};
 
+use super::emergencies::{document, text};
 use super::{Outcome, PaceArgument, Timely};
 use crate::cli::interfaces::Interfaces;
 use crate::cli::keep::Kept;
@@ -58,6 +59,8 @@ impl Facts<'_> {
             Ok(Timely { tier, shown }) => format!("timing    tier {tier}: {shown}"),
             Err(error) => format!("timing    not proved, which was ignored: {error}"),
         }));
+        let emergencies = &self.outcome.emergencies;
+        lines.extend(emergencies.iter().map(|emergency| format!("emergency {}", text(emergency, self.rig))));
         if self.arguments.pace == PaceArgument::Free {
             for (at, (_, text, times)) in self.outcome.stages.each().enumerate() {
                 let us = |share| 1e6 * times.quantile(share).as_secs_f64();
@@ -93,6 +96,7 @@ impl Facts<'_> {
             "state": format!("{:?}", self.played.state),
             "cause": cause.map(|cause| cause.fault.row().name),
             "cause_devices": cause.map(|cause| devices_text(cause.devices, &bus_names(self.rig))),
+            "emergencies": self.outcome.emergencies.iter().map(|one| document(one, self.rig)).collect::<Vec<_>>(),
             "frames": {
                 "received": counts.received,
                 "echoed": counts.echoed,

@@ -15,17 +15,25 @@ use yieldwall_drives::profiles::{SIMULATED_VENDOR, find as find_profile};
 
 /// Where it is shown that the drives stop by themselves, and that this computer keeps the cycle.
 pub(super) enum Proof {
-    /// In the embedded simulation, which has the same devices. Nothing has to be in time.
-    InVirtualTime,
+    /// In the embedded simulation, which has the same devices; those on the bus say whether they lack a watchdog. Nothing
+    /// has to be in time.
+    InVirtualTime(Box<config::Rig>),
     /// In the records of a drill on a bus, and of a measurement on this computer.
     OnRecord { rig: Box<config::Rig>, drills: PathBuf, measurements: PathBuf },
 }
 
 impl Proof {
+    /// The rig.
+    pub(super) fn rig(&self) -> &config::Rig {
+        match self {
+            Proof::InVirtualTime(rig) | Proof::OnRecord { rig, .. } => rig,
+        }
+    }
+
     /// What this computer has proved of its timing; nothing where nothing has to be in time.
     pub(super) fn timing(&self, has_priority: bool, has_locked_memory: bool) -> Option<Result<Kept, Untimely>> {
         match self {
-            Proof::InVirtualTime => None,
+            Proof::InVirtualTime(_) => None,
             Proof::OnRecord { rig, measurements, .. } => {
                 Some(computer(has_priority, has_locked_memory).check(rig, measurements, latency::now_unix_s()))
             }
@@ -38,13 +46,13 @@ impl Proof {
         identify: impl FnOnce(&config::Rig) -> Result<[DriveIdentity; 2], NotRun>,
     ) -> Result<(), NotRun> {
         match self {
-            Proof::InVirtualTime => Ok(()),
+            Proof::InVirtualTime(_) => Ok(()),
             Proof::OnRecord { rig, drills, .. } => Ok(Subject::new(rig, identify(rig)?).check(drills)?),
         }
     }
 }
 
-/// In lockstep nothing measures time on the bus; the devices have to be simulated then, and are drilled in virtual time.
+/// In lockstep nothing measures time on the bus; the devices have to be simulated then. Their kind is drilled in virtual time.
 pub(super) fn proof(pace: PaceArgument, rig: &config::Rig, scene: &config::Scene) -> Result<Proof, Failure> {
     if pace == PaceArgument::Free {
         let drills = state_folder("drills").ok_or_else(drill::no_home)?;
@@ -59,7 +67,7 @@ pub(super) fn proof(pace: PaceArgument, rig: &config::Rig, scene: &config::Scene
         return Err(Failure::new(Exit::Usage, message, "leave --pace away"));
     }
     judge(&rig::drill(rig, scene, |_| ()).map_err(|error| rig_failure(&error))?, rig)?;
-    Ok(Proof::InVirtualTime)
+    Ok(Proof::InVirtualTime(Box::new(rig.clone())))
 }
 
 /// Why the rig did not come to run.

@@ -1,6 +1,7 @@
 //! Why a run ended badly, and with which exit code.
 
 use super::super::failure::{Exit, Failure};
+use crate::bus::BootFailure;
 use crate::config;
 use crate::guard::{Cause, DeviceSet, Fault};
 use crate::rig::RigError;
@@ -72,12 +73,56 @@ pub(in crate::cli) fn bus_names(rig: &config::Rig) -> Vec<String> {
 /// The failure that a rig's error is.
 pub(in crate::cli) fn rig_failure(error: &RigError) -> Failure {
     let (exit, help) = match error {
-        RigError::Boot(_) => {
-            (Exit::DeviceMismatch, "compare node ids and profiles in the rig file with the devices on the bus")
-        }
+        RigError::Boot(error) => (Exit::DeviceMismatch, boot_help(&error.failure)),
+        RigError::NotEnabled { cause: Some(cause), .. } => (exit_of(*cause), cause.fault.row().next),
         RigError::NotEnabled { .. } => (Exit::DeviceFault, "read the drives' error codes (603Fh)"),
         RigError::Arm(_) => (Exit::SafetyStop, "the scene leads the simulated arm where it cannot go"),
         _ => (Exit::ConfigInvalid, "run `yieldwall config check` on the rig"),
     };
     Failure::new(exit, error.to_string(), help)
+}
+
+/// What to try when the boot has failed.
+fn boot_help(failure: &BootFailure) -> &'static str {
+    match failure {
+        BootFailure::Missing { .. } | BootFailure::NoSample { .. } | BootFailure::NoAnswer { .. } => {
+            "check the device's supply, its cable and its bit rate, and compare the node ids with those in the rig file"
+        }
+        BootFailure::Restarted { .. } => "check the node's supply, and give each device its own node id",
+        _ => "compare node ids and profiles in the rig file with the devices on the bus",
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::bus::BootError;
+
+    fn said(error: &RigError) -> (Exit, String) {
+        let Failure { exit, report } = rig_failure(error);
+        (exit, report.diagnostics[0].help.clone().unwrap_or_default())
+    }
+
+    #[test]
+    fn a_node_that_nobody_hears_has_supply_cable_and_bit_rate_looked_at() {
+        let boot = |failure| {
+            let error =
+                BootError { node_id: Some(1), name: "left".to_owned(), step: "wait for the boot-up message", failure };
+            said(&RigError::Boot(error))
+        };
+        let (exit, help) = boot(BootFailure::Missing { waited_ms: 500, is_unheard: true });
+        assert_eq!(exit, Exit::DeviceMismatch);
+        assert!(["supply", "cable", "bit rate", "node ids"].iter().all(|word| help.contains(word)), "{help}");
+        let (exit, help) = boot(BootFailure::Restarted { times: 4 });
+        assert!(exit == Exit::DeviceMismatch && help.contains("its own node id"), "{help}");
+    }
+
+    #[test]
+    fn a_fault_that_keeps_a_rig_from_being_enabled_says_what_to_do() {
+        let not_enabled = |cause| said(&RigError::NotEnabled { waited_s: 1.5, state: "Idle".to_owned(), cause });
+        let lost = Cause { fault: Fault::SensorLost, devices: DeviceSet::SENSOR };
+        assert_eq!(not_enabled(Some(lost)), (Exit::SafetyStop, Fault::SensorLost.row().next.to_owned()));
+        let (exit, help) = not_enabled(None);
+        assert!(exit == Exit::DeviceFault && help.contains("603Fh"), "{help}");
+    }
 }

@@ -3,13 +3,13 @@
 use super::super::Ending::NotEnabled;
 use super::super::Lasts::FromBoot;
 use super::super::Recovery::{Reset, Restart};
-use super::super::Target::{LeftDrive, RightDrive, Sensor};
+use super::super::Target::{LeftDrive, Link, RightDrive, Sensor};
 use super::super::{Kind, Row};
 use super::{ONE_DRIVE, row, sized};
 use crate::guard::Fault as F;
 use crate::guard::Reaction::{Count, QuickStop};
 
-pub(super) const ROWS: [Row; 5] = [
+pub(super) const ROWS: [Row; 6] = [
     row(
         (Kind::IdentityMismatch, "identity-mismatch"),
         &[36],
@@ -59,5 +59,15 @@ pub(super) const ROWS: [Row; 5] = [
         "the drive does not follow its controlword to Operation Enabled",
         &[F::EnablingTimeout],
         (QuickStop, NotEnabled, Reset),
+    ),
+    row(
+        (Kind::WrongBitRate, "wrong-bit-rate"),
+        &[21, 22],
+        &[LeftDrive, RightDrive, Sensor, Link],
+        FromBoot,
+        "the bit rate of the device, or of the master's interface, is another one: what it sends is an error to the others, \
+         and it acknowledges nothing",
+        &[],
+        (Count, NotEnabled, Restart),
     ),
 ];

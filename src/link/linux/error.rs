@@ -30,7 +30,16 @@ pub enum LinkError {
         wanted: Option<u32>,
     },
     /// The interface is of another type.
-    #[error("`{interface}` is no CAN interface{}", found(.others))]
+    #[error(
+        "`{interface}` is no CAN interface{}. {}",
+        found(.others),
+        if .others.is_empty() {
+            "Plug an adapter in, and look for it with `dmesg | grep -i can`; for simulated devices make one: `sudo ip link add \
+             vcan0 type vcan && sudo ip link set vcan0 up`"
+        } else {
+            "Name one of them with --bus"
+        }
+    )]
     NotCan {
         /// Its name.
         interface: String,
@@ -58,7 +67,7 @@ pub enum LinkError {
     #[error(
         "`{interface}` runs at {has} bit/s and the rig at {wanted} bit/s. Change the interface with \
          `sudo ip link set {interface} down && sudo ip link set {interface} up type can bitrate {wanted}`, or the key \
-         `bit_rate` of the rig's bus"
+         `bit_rate_bit_per_s` of the rig's bus"
     )]
     BitRate {
         /// Name of the interface.
@@ -150,5 +159,15 @@ mod tests {
         assert!(down(Some(250_000)).ends_with("`sudo ip link set can0 up type can bitrate 250000`"));
         let rates = LinkError::BitRate { interface: "can0".to_owned(), has: 125_000, wanted: 1_000_000 }.to_string();
         assert!(rates.starts_with("`can0` runs at 125000 bit/s and the rig at 1000000 bit/s."));
+        assert!(rates.ends_with("or the key `bit_rate_bit_per_s` of the rig's bus"), "{rates}");
+        let no_can = |others: &[&str]| {
+            let others = others.iter().map(|&other| other.to_owned()).collect();
+            LinkError::NotCan { interface: "lo".to_owned(), others }.to_string()
+        };
+        assert!(no_can(&[]).starts_with("`lo` is no CAN interface, and no other CAN interface. Plug an adapter in"));
+        assert_eq!(
+            no_can(&["can0"]),
+            "`lo` is no CAN interface; CAN interfaces here: can0. Name one of them with --bus"
+        );
     }
 }

@@ -74,7 +74,7 @@ impl EmbeddedRig {
             return Ok(());
         }
         let state = "the process is dead: only a new one can run the rig".to_owned();
-        Err(RigError::NotEnabled { waited_s: 0.0, state })
+        Err(RigError::NotEnabled { waited_s: 0.0, state, cause: None })
     }
 
     fn come_to_run(&mut self, limit_s: f64) -> Result<(), RigError> {
@@ -90,8 +90,9 @@ impl EmbeddedRig {
                 Enable::GivenUp => break,
             };
         }
-        let cause = self.cause().map_or(String::new(), |cause| format!(", {}", cause.fault.row().name));
-        Err(RigError::NotEnabled { waited_s: limit_s, state: format!("{:?}{cause}", self.state()) })
+        let cause = self.cause();
+        let name = cause.map_or(String::new(), |cause| format!(", {}", cause.fault.row().name));
+        Err(RigError::NotEnabled { waited_s: limit_s, state: format!("{:?}{name}", self.state()), cause })
     }
 
     /// Stops the rig along its ramp and runs until no drive makes torque; at once done if none does.
@@ -120,6 +121,7 @@ impl EmbeddedRig {
     pub(super) fn start_network(&mut self) -> Result<(), RigError> {
         self.next_sync = Time::NEVER;
         self.master.start(self.now, &mut self.buses.outbox(self.now));
+        self.troubles.link_events().for_each(|(bus, event)| self.master.on_link(bus, event));
         let limit = self.now + BOOT_LIMIT;
         while self.now < limit {
             match self.master.phase() {
@@ -135,6 +137,7 @@ impl EmbeddedRig {
             self.pump(next)?;
             self.now = next;
         }
-        Err(RigError::NotEnabled { waited_s: BOOT_LIMIT.as_secs_f64(), state: format!("{:?}", self.master.phase()) })
+        let state = format!("{:?}", self.master.phase());
+        Err(RigError::NotEnabled { waited_s: BOOT_LIMIT.as_secs_f64(), state, cause: None })
     }
 }

@@ -158,7 +158,7 @@ impl EmbeddedRig {
                 let _ = self.far.world.hand.set_stiffness(self.far.world.hand_stiffness_n_per_m * share);
             }
             Kind::MasterKilled => (self.host.is_asleep, self.host.is_dead) = (true, true),
-            Kind::TransmitStalled | Kind::CableOut => {
+            Kind::TransmitStalled | Kind::CableOut | Kind::WrongBitRate => {
                 self.buses.hold(now, |bus| self.troubles.is_transmit_held(bus));
             }
             Kind::NodeSilent => {

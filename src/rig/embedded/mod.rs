@@ -211,7 +211,11 @@ impl EmbeddedRig {
     pub fn run_cycle(&mut self, request: Request) -> Result<Row, RigError> {
         let grid = self.next_sync;
         if grid == Time::NEVER {
-            return Err(RigError::NotEnabled { waited_s: 0.0, state: "the network was not booted".to_owned() });
+            return Err(RigError::NotEnabled {
+                waited_s: 0.0,
+                state: "the network was not booted".to_owned(),
+                cause: None,
+            });
         }
         self.pump(grid)?;
         self.follow_injections(grid);
@@ -243,7 +247,7 @@ impl EmbeddedRig {
     fn idle_row(&mut self, grid: Time) -> Result<Row, RigError> {
         self.next_sync = grid + self.period;
         let state = "the process does not run".to_owned();
-        let outputs = self.last.ok_or(RigError::NotEnabled { waited_s: 0.0, state })?;
+        let outputs = self.last.ok_or(RigError::NotEnabled { waited_s: 0.0, state, cause: None })?;
         Ok(self.record(grid, grid + self.compute_at, Stages::default(), &outputs).row())
     }
 

@@ -244,6 +244,7 @@ impl Troubles {
                 }
                 Kind::IdentityMismatch if sender.is_some() => frame = lie(frame, [0x18, 0x10, 1]),
                 Kind::ConfigDrift if sender.is_some() => frame = lie(frame, [0x72, 0x60, 0]),
+                Kind::WrongBitRate if sender.is_some() || addressee.is_some() => return None,
                 Kind::WrongNodeId if addressee.is_some() && !is_set_point => return None,
                 Kind::WrongNodeId if sender.is_some() => {
                     frame =
@@ -285,9 +286,15 @@ impl Troubles {
         )
     }
 
+    /// Whether the bit rate of the master's interfaces is another one than that of the devices.
+    fn is_alone(&self) -> bool {
+        let is_it = |injection: Injection| injection.kind == Kind::WrongBitRate && injection.target == Target::Link;
+        self.active.iter().any(|active| is_it(active.injection))
+    }
+
     /// Whether frames of others reach the master from a bus.
     pub(super) fn hears(&self, bus: u8) -> bool {
-        !self.is_any_on(bus, &[Kind::InterfaceDown, Kind::BusOff, Kind::CableOut])
+        !self.is_alone() && !self.is_any_on(bus, &[Kind::InterfaceDown, Kind::BusOff, Kind::CableOut])
     }
 
     /// Whether the master can hand frames to its interface to a bus.
@@ -297,14 +304,16 @@ impl Troubles {
 
     /// Whether frames stay in the master's interface to a bus.
     pub(super) fn is_transmit_held(&self, bus: u8) -> bool {
-        self.is_any_on(bus, &[Kind::TransmitStalled, Kind::CableOut])
+        self.is_alone() || self.is_any_on(bus, &[Kind::TransmitStalled, Kind::CableOut])
     }
 
     /// What the master's interfaces tell of themselves in every cycle, with the number of the bus.
     pub(super) fn link_events(&self) -> impl Iterator<Item = (u8, LinkEvent)> {
         self.buses.into_iter().filter_map(|bus| match bus {
             _ if self.is_any_on(bus, &[Kind::BusOff]) => Some((bus, LinkEvent::BusOff)),
-            _ if self.is_any_on(bus, &[Kind::ErrorPassive, Kind::CableOut]) => Some((bus, LinkEvent::ErrorPassive)),
+            _ if self.is_alone() || self.is_any_on(bus, &[Kind::ErrorPassive, Kind::CableOut]) => {
+                Some((bus, LinkEvent::ErrorPassive))
+            }
             _ => None,
         })
     }

@@ -36,6 +36,8 @@ impl Application for Device {
 
     fn before_read(&mut self, od: &mut ObjectDictionary, _at: Address) -> Result<(), AbortCode> {
         self.refresh(od);
+        od.set(self.objects.lacks, self.lacks);
+        od.set(self.objects.clock, self.clock.code());
         Ok(())
     }
 

@@ -9,7 +9,7 @@ use yieldwall_drives::scaling::{AxisScaling, CountUnwrapper, wrap};
 
 use super::objects::Objects;
 use super::servo::{Motion, Plan, Servo, TorqueRange};
-use super::{DriveSettings, Encoder};
+use super::{Clock, DriveSettings, Encoder};
 use crate::canopen::{CanopenError, ObjectDictionary, Time};
 
 /// Bit of the error register 1001h for errors of the device profile.
@@ -31,7 +31,7 @@ pub(super) struct Parameters {
 
 #[derive(Clone, Debug)]
 pub(super) struct Device {
-    objects: Objects,
+    pub(super) objects: Objects,
     scaling: AxisScaling,
     encoder: Encoder,
     pub(super) supported_modes: u32,
@@ -52,6 +52,9 @@ pub(super) struct Device {
     is_warning: bool,
     ignores_targets: bool,
     ignores_controlword: bool,
+    /// Watchdogs that it lacks, a bit each ([`Watchdog::bit`](super::Watchdog::bit)).
+    pub(super) lacks: u8,
+    pub(super) clock: Clock,
     status: u16,
     has_status_changed: bool,
     pub(super) emergency: Option<u16>,
@@ -89,6 +92,8 @@ impl Device {
             is_warning: false,
             ignores_targets: false,
             ignores_controlword: false,
+            lacks: 0,
+            clock: Clock::Elsewhere,
             status: 0,
             has_status_changed: false,
             emergency: None,

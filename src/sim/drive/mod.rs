@@ -58,6 +58,11 @@ impl Watchdog {
     /// All of them.
     pub const ALL: [Self; 3] = [Self::Sync, Self::SetPoints, Self::Heartbeat];
 
+    /// Its bit in 2010h of a simulated drive.
+    pub const fn bit(self) -> u8 {
+        1 << self as u8
+    }
+
     /// What it waits for.
     pub const fn name(self) -> &'static str {
         match self {
@@ -65,6 +70,24 @@ impl Watchdog {
             Watchdog::SetPoints => "set-points",
             Watchdog::Heartbeat => "heartbeat",
         }
+    }
+}
+
+/// What the time of a simulated drive follows, as it says in 2011h.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Clock {
+    /// What somebody else says: the embedded simulation, or the process with the arm.
+    Elsewhere,
+    /// SYNC: one period for each.
+    Sync,
+    /// The wall.
+    Wall,
+}
+
+impl Clock {
+    /// Value of 2011h.
+    pub const fn code(self) -> u8 {
+        self as u8
     }
 }
 
@@ -174,12 +197,20 @@ impl Drive {
 
     /// Takes a watch off the drive, as a model has it that lacks it or was delivered with it switched off: what it waits for
     /// may stay away, and the drive goes on.
+    ///
+    /// The drive says so in 2010h, so that a master in lockstep, where no drill on the bus is possible, can refuse it.
     pub fn ignore(&mut self, watchdog: Watchdog) {
+        self.device.lacks |= watchdog.bit();
         match watchdog {
             Watchdog::Sync => self.device.quirks.sync_lost_periods = 0,
             Watchdog::SetPoints => self.device.quirks.rpdo_timeout = RpdoTimeoutReaction::None,
             Watchdog::Heartbeat => self.ignores_heartbeats = true,
         }
+    }
+
+    /// Has the drive say in 2011h what its time follows.
+    pub fn set_clock(&mut self, clock: Clock) {
+        self.device.clock = clock;
     }
 
     /// Has the drive keep its last target and say so (statusword bit 12), or follow again.

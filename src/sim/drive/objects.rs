@@ -34,6 +34,8 @@ macro_rules! handles {
 }
 
 handles! {
+    lacks: u8 = SIMULATION_LACKS,
+    clock: u8 = SIMULATION_CLOCK,
     abort_connection: i16 = ABORT_CONNECTION_OPTION,
     error_code: u16 = ERROR_CODE,
     controlword: u16 = CONTROLWORD,
@@ -74,6 +76,8 @@ pub(super) fn build(settings: &DriveSettings, supported_modes: u32) -> Result<Ob
     let option = |object, value: i16, lo: i16, hi: i16| declare(object, value.into()).limits(lo, hi);
     let fixed = |object, value: i64| declare(object, value).access(Access::ReadOnly);
     let builder = dictionary(settings.node, settings.profile, settings.serial)
+        .object(fixed(cia::SIMULATION_LACKS, 0))
+        .object(fixed(cia::SIMULATION_CLOCK, 0))
         .object(option(cia::ABORT_CONNECTION_OPTION, options.abort_connection, 0, 3))
         .object(shown(cia::ERROR_CODE))
         .object(commanded(cia::CONTROLWORD, 0))

@@ -1,0 +1,93 @@
+//! What comes over the link, and when.
+
+use std::time::Duration;
+
+use super::LiveRig;
+use crate::bus::Master;
+use crate::canopen::{Frame, Time};
+use crate::link::{Arrival, CanLink, Received};
+use crate::live::metronome::Metronome;
+
+/// How long lockstep listens before the first cycle, on the wall, to what the boot has made the devices say: there time goes
+/// so fast that the answers of a second device with the same node id could come after the drives were enabled.
+const LISTEN: Duration = Duration::from_millis(250);
+/// Arrivals that are taken at one wake-up; more wait for the next one. Four cycles of the fullest bus are fewer.
+const ARRIVALS: usize = 256;
+/// Time on the wall between two looks at the link after which what has come meanwhile tells nothing of lockstep's time: the
+/// process was stopped, and devices that are left alone follow the wall.
+const ABSENCE: Duration = Duration::from_millis(500);
+
+impl<L: CanLink, M: Metronome> LiveRig<L, M> {
+    /// Takes what comes for [`LISTEN`]. The drives wait for heartbeats already.
+    pub(super) fn listen(&mut self) {
+        let until = self.now() + LISTEN;
+        while self.now() < until {
+            let sent = self.send(|master, now, out| master.repeat_heartbeat(now, out));
+            let next = until.min(sent + self.master.heartbeat_period());
+            self.link.wait(self.started + next.since(Time(0)));
+            self.drain();
+        }
+    }
+
+    /// Takes what the link holds, until `is_enough` or for as long as there is patience.
+    pub(super) fn wait_for(&mut self, patience: Duration, is_enough: impl Fn(&Master) -> bool) {
+        let until = self.link.now() + patience;
+        loop {
+            self.drain();
+            if is_enough(&self.master) || self.link.now() >= until {
+                return;
+            }
+            self.link.wait(until);
+        }
+    }
+
+    /// Takes what the link holds.
+    pub(super) fn drain(&mut self) {
+        if self.waits {
+            let wall = self.link.now();
+            if wall.since(self.looked_at) > ABSENCE {
+                self.back_since = wall;
+            }
+            self.looked_at = wall;
+        }
+        for _ in 0..ARRIVALS {
+            let Some(arrival) = self.link.receive() else { break };
+            self.take(&arrival);
+        }
+    }
+
+    pub(in crate::live) fn take(&mut self, arrival: &Arrival) {
+        let time = self.time_of(arrival);
+        if let Some(event) = arrival.what.link_event() {
+            self.master.on_link(arrival.bus, event);
+        }
+        match arrival.what {
+            Received::Frame(frame) => {
+                self.counts.received += 1;
+                self.show(time, &frame);
+                self.send(|master, _, out| master.on_frame(time, &frame, out));
+                if self.waits && arrival.time < self.back_since {
+                    self.master.forget_heartbeat_times();
+                }
+            }
+            Received::Echo(frame) => {
+                self.counts.echoed += 1;
+                self.show(time, &frame);
+                self.master.on_echo(&frame);
+            }
+            Received::Overflow { frames } => self.counts.overflowed += u64::from(frames),
+            Received::Error(_) | Received::Down | Received::Gone => {}
+        }
+    }
+
+    /// When something arrived, since switching on.
+    pub(in crate::live) fn time_of(&self, arrival: &Arrival) -> Time {
+        if self.waits { self.lockstep_now } else { Time(arrival.time.since(self.started).as_nanos() as u64) }
+    }
+
+    fn show(&mut self, time: Time, frame: &Frame) {
+        if let Some(tap) = &mut self.tap {
+            tap(time, frame);
+        }
+    }
+}
