@@ -116,6 +116,12 @@ def equal(got, wanted):
     assert got == wanted, f"{got!r:.80} is not {wanted!r:.80}"
 
 
+def wait_for(is_so, longest_s=5):
+    end = time.monotonic() + longest_s
+    while not is_so() and time.monotonic() < end:
+        time.sleep(0.005)
+
+
 def round_trip(node, size, writes_blocks, reads_blocks):
     data = randomness.randbytes(size)
     buffering = 127 * 7 if writes_blocks else 1024
@@ -160,9 +166,9 @@ def our_server():
     def guarding():
         answers = []
         net.subscribe(0x700 + NODE, lambda _id, data, _time: answers.append(data[0]))
-        for _ in range(3):
+        for asked in (1, 2, 3):
             net.send_message(0x700 + NODE, [], remote=True)
-            time.sleep(0.2)
+            wait_for(lambda: len(answers) == asked)
         equal(answers, [0x7F, 0xFF, 0x7F])
 
     check("their client, expedited and segmented", short_values)
@@ -252,7 +258,7 @@ def our_lss_slave():
     peer = our_device(["bare-device"])
     net = network()
     # Silence is an answer in a scan: too short a time makes it wrong.
-    net.lss.RESPONSE_TIMEOUT = 0.2
+    net.lss.RESPONSE_TIMEOUT = 0.5
 
     def commission():
         is_found, identity = net.lss.fast_scan()

@@ -23,6 +23,13 @@ impl FeedForwardParameters {
     /// 50 microradians, 15 micrometres at an arm of 0.3 m: below the accuracy that a rig needs and far above the
     /// rounding and noise of a resting proxy.
     pub const DEFAULT_TRANSITION_RAD: f64 = 50e-6;
+
+    /// No friction.
+    pub const NONE: Self = Self {
+        coulomb_n_m: [0.0; 2],
+        viscous_n_m_s_per_rad: [0.0; 2],
+        coulomb_transition_rad: Self::DEFAULT_TRANSITION_RAD,
+    };
 }
 
 /// The inertia part: what the rigid arm needs for the desired acceleration.

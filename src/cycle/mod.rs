@@ -20,7 +20,7 @@ use watch::{Balance, Chatter, GivenEnergy};
 use yieldwall_drives::cia402;
 
 pub use reference::Reference;
-pub use servo::{Inertia, Servo, TorqueServo};
+pub use servo::{Servo, TorqueServo, TorqueServoParameters, TorqueStep};
 
 /// What one drive reported in this cycle.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -345,7 +345,7 @@ impl Cycle {
         };
         let before = self.reference;
         let reference = self.advance(motion, reading, &posture, signals)?;
-        let effort = self.servo.command(&self.linkage, &reference, &self.measured, &posture)?;
+        let effort = self.servo.command(&self.linkage, &reference, &posture)?;
         let (allowed, cut) = self.gate.check(&effort.command, &self.measured)?;
         self.needed = effort.needed;
         signals.is_saturated = cut || effort.excess.is_some();

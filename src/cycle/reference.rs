@@ -37,7 +37,7 @@ pub struct Reference {
 
 impl Reference {
     /// At rest where the arm is measured to be.
-    fn at_rest(point: TipPoint, angles: JointAngles) -> Self {
+    pub fn at_rest(point: TipPoint, angles: JointAngles) -> Self {
         Self {
             point,
             velocity: TipVelocity::default(),
@@ -48,7 +48,11 @@ impl Reference {
         }
     }
 
-    fn moved(&self, point: TipPoint, angles: JointAngles, period_s: f64) -> Self {
+    /// The reference of the next cycle, which has come to this point and these angles within `period_s`.
+    ///
+    /// Real-time: yes.
+    #[must_use]
+    pub fn moved(&self, point: TipPoint, angles: JointAngles, period_s: f64) -> Self {
         let velocity = TipVelocity((point.0 - self.point.0) / period_s);
         let rates = JointRates((angles.0 - self.angles.0) / period_s);
         Self {
@@ -77,7 +81,7 @@ impl Cycle {
         let Some(last) = self.reference else {
             let start = Reference::at_rest(posture.tip, self.measured.angles);
             self.reset_fixture(start.point)?;
-            self.servo.reset(&start, &self.measured, posture);
+            self.servo.reset(&start, posture);
             self.reference = Some(start);
             return Ok(start);
         };
@@ -142,7 +146,7 @@ impl Cycle {
         let drawn = self.admit(point, before).map(|angles| before.moved(point, angles, self.settings.period_s));
         match drawn.filter(|drawn| drawn.velocity.0.norm() <= self.settings.tool_speed_limit_m_per_s) {
             Some(drawn) => {
-                self.servo.draw_back(&drawn, &self.measured, posture);
+                self.servo.draw_back(&drawn, posture);
                 self.reference = Some(drawn);
                 Ok(())
             }

@@ -3,14 +3,14 @@
 use nalgebra::Matrix2;
 
 use super::Reference;
-use crate::control::{Axis, AxisController, EffortRange, FeedForward, InertiaTerm, RateLaw};
-use crate::guard::{Fault, JointCommand, Measured};
+use crate::control::{
+    Axis, AxisController, ControlError, EffortRange, FeedForward, FeedForwardParameters, Gains, InertiaTerm, Law,
+    RateLaw,
+};
+use crate::guard::{Fault, JointCommand};
 use crate::linkage::{FiveBar, MassModel, Posture};
 use crate::quantity::{Force, JointAngles, JointRates, JointTorques};
 use crate::setvalued::gsat;
-
-/// The inertia part of the feed-forward.
-pub type Inertia = Option<MassModel>;
 
 /// How the rig commands its joints.
 #[derive(Clone, Debug)]
@@ -21,6 +21,25 @@ pub enum Servo {
     Velocity(RateLaw),
     /// The loop closes here (CST).
     Torque(Box<TorqueServo>),
+}
+
+/// What a servo in torque mode is made of.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct TorqueServoParameters {
+    /// PID or PSMC.
+    pub law: Law,
+    /// Gains per joint, or per direction of the base frame if the servo is Cartesian; the same on both axes.
+    pub gains: Gains,
+    /// `H` of PSMC in s.
+    pub sliding_time_s: f64,
+    /// Whether the controllers act on the tool's position and not on the joints' angles.
+    pub is_cartesian: bool,
+    /// Greatest torque of a joint in N m, positive; infinity for no limit.
+    pub torque_limit_n_m: f64,
+    /// Friction feed-forward.
+    pub feed_forward: FeedForwardParameters,
+    /// Masses for the inertia feed-forward; `None` leaves it out.
+    pub inertia: Option<MassModel>,
 }
 
 /// Two controllers with feed-forward.
@@ -35,7 +54,7 @@ pub struct TorqueServo {
     /// Friction and inertia feed-forward.
     pub feed_forward: FeedForward,
     /// Masses for the inertia feed-forward; `None` leaves it out.
-    pub inertia: Inertia,
+    pub inertia: Option<MassModel>,
 }
 
 impl Servo {
@@ -49,9 +68,9 @@ impl Servo {
     }
 
     /// Forgets the past: integrals are empty and the present error is no step.
-    pub(super) fn reset(&mut self, reference: &Reference, measured: &Measured, posture: &Posture) {
+    pub(super) fn reset(&mut self, reference: &Reference, posture: &Posture) {
         if let Servo::Torque(servo) = self {
-            let error = servo.error(reference, measured, posture);
+            let error = servo.error(reference, posture);
             for (axis, error) in servo.axes.iter_mut().zip(error) {
                 axis.reset(error);
             }
@@ -67,13 +86,12 @@ impl Servo {
         &mut self,
         linkage: &FiveBar,
         reference: &Reference,
-        measured: &Measured,
         posture: &Posture,
     ) -> Result<Effort, Fault> {
         match self {
             Servo::Position => Ok(Effort::of(JointCommand::Position(reference.angles))),
             Servo::Velocity(law) => {
-                let error = reference.angles.0 - measured.angles.0;
+                let error = reference.angles.0 - posture.angles.0;
                 let first = law.command(error.x, reference.rates.0.x);
                 let second = law.command(error.y, reference.rates.0.y);
                 if !(first.valid && second.valid) {
@@ -82,19 +100,16 @@ impl Servo {
                 Ok(Effort::of(JointCommand::Velocity(JointRates::new(first.rate, second.rate))))
             }
             Servo::Torque(servo) => {
-                let inertia = servo.inertia_term(linkage, reference);
-                let (torques, excess) = servo.torques(inertia.as_ref(), reference, measured, posture)?;
-                let needed = inertia.map(|term| JointTorques(term.mass_matrix * term.accelerations + term.bias_n_m));
-                let excess = (excess != [0.0; 2]).then_some(excess);
+                let TorqueStep { torques, needed, excess } = servo.step(linkage, reference, posture)?;
                 Ok(Effort { command: JointCommand::Torque(torques), needed, excess })
             }
         }
     }
 
     /// Takes the reference of the last command to have been this one.
-    pub(super) fn draw_back(&mut self, reference: &Reference, measured: &Measured, posture: &Posture) {
+    pub(super) fn draw_back(&mut self, reference: &Reference, posture: &Posture) {
         if let Servo::Torque(servo) = self {
-            let error = servo.error(reference, measured, posture);
+            let error = servo.error(reference, posture);
             for (axis, error) in servo.axes.iter_mut().zip(error) {
                 axis.draw_back(error);
             }
@@ -105,11 +120,9 @@ impl Servo {
 /// A command with what the cycle needs to know about it.
 pub(super) struct Effort {
     pub(super) command: JointCommand,
-    /// Torques that the motion of the reference needs, with a model of the arm's inertia.
+    /// As in [`TorqueStep`].
     pub(super) needed: Option<JointTorques>,
-    /// How much nearer the reference would have to be for the controllers alone to keep within their limit, per joint in
-    /// rad or per direction in m; `None` if they do. A feed-forward does not count: the acceleration of a proxy that stops
-    /// at once asks for any torque, for one cycle.
+    /// As in [`TorqueStep`].
     pub(super) excess: Option<[f64; 2]>,
 }
 
@@ -119,12 +132,60 @@ impl Effort {
     }
 }
 
+/// What a servo in torque mode does in one cycle.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct TorqueStep {
+    /// The torques, not yet cut to what a joint may have.
+    pub torques: JointTorques,
+    /// Torques that the motion of the reference needs, with a model of the arm's inertia.
+    pub needed: Option<JointTorques>,
+    /// How much nearer the reference would have to be for the controllers alone to keep within their limit, per joint in
+    /// rad or per direction in m; `None` if they do. A feed-forward does not count: the acceleration of a proxy that stops
+    /// at once asks for any torque, for one cycle.
+    pub excess: Option<[f64; 2]>,
+}
+
 impl TorqueServo {
-    fn error(&self, reference: &Reference, measured: &Measured, posture: &Posture) -> [f64; 2] {
+    /// A servo at rest for an arm with this linkage. The limit of a Cartesian controller is the force that makes the
+    /// greatest torque at the longer proximal link.
+    ///
+    /// # Errors
+    /// A gain, a time, a friction or the period out of range.
+    pub fn new(parameters: &TorqueServoParameters, linkage: &FiveBar, period_s: f64) -> Result<Self, ControlError> {
+        let TorqueServoParameters { law, gains, sliding_time_s, is_cartesian, torque_limit_n_m, feed_forward, inertia } =
+            *parameters;
+        let axis = law.controller(gains, sliding_time_s, period_s)?;
+        let [left_m, right_m] = linkage.geometry().proximal_m;
+        // No limit is the largest effort that stays finite in sums.
+        let torque_n_m = torque_limit_n_m.min(f64::MAX / 4.0);
+        let limit = if is_cartesian { torque_n_m / left_m.max(right_m) } else { torque_n_m };
+        Ok(Self {
+            axes: [axis.clone(), axis],
+            is_cartesian,
+            effort_limit: [limit; 2],
+            feed_forward: FeedForward::new(feed_forward, period_s)?,
+            inertia,
+        })
+    }
+
+    /// The torques that bring the arm in this posture to the reference.
+    ///
+    /// Real-time: yes.
+    ///
+    /// # Errors
+    /// [`Fault::NotFinite`] if a law was given or gave something that is not finite.
+    pub fn step(&mut self, linkage: &FiveBar, reference: &Reference, posture: &Posture) -> Result<TorqueStep, Fault> {
+        let inertia = self.inertia_term(linkage, reference);
+        let (torques, excess) = self.torques(inertia.as_ref(), reference, posture)?;
+        let needed = inertia.map(|term| JointTorques(term.mass_matrix * term.accelerations + term.bias_n_m));
+        Ok(TorqueStep { torques, needed, excess: (excess != [0.0; 2]).then_some(excess) })
+    }
+
+    fn error(&self, reference: &Reference, posture: &Posture) -> [f64; 2] {
         if self.is_cartesian {
             (reference.point.0 - posture.tip.0).into()
         } else {
-            (reference.angles.0 - measured.angles.0).into()
+            (reference.angles.0 - posture.angles.0).into()
         }
     }
 
@@ -132,11 +193,10 @@ impl TorqueServo {
         &mut self,
         inertia: Option<&InertiaTerm>,
         reference: &Reference,
-        measured: &Measured,
         posture: &Posture,
     ) -> Result<(JointTorques, [f64; 2]), Fault> {
         let forward = self.feed_forward.step(reference.rates, inertia);
-        let error = self.error(reference, measured, posture);
+        let error = self.error(reference, posture);
         let (mut effort, mut excess) = ([0.0; 2], [0.0; 2]);
         let mut is_valid = forward.valid;
         for axis in 0..2 {

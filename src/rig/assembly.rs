@@ -8,7 +8,7 @@ use super::world::{Body, Grip, Ideal, Truth, World};
 use crate::bus::{CommandMode, SensorLink};
 use crate::canopen::node_id;
 use crate::config;
-use crate::linkage::{FiveBar, MassModel};
+use crate::linkage::FiveBar;
 use crate::quantity::{JointTorques, TipPoint, TipVelocity};
 use crate::sim::arm::{Arm, ArmParameters, JointElasticity};
 use crate::sim::{Drive, DriveSettings, Encoder, ForceSensor, ForceSensorSettings, PositionLoop, Speaks};
@@ -69,6 +69,26 @@ pub fn force_sensor(rig: &config::Rig) -> Result<ForceSensor, RigError> {
     .map_err(|error| RigError::Device(error.to_string()))
 }
 
+/// The arm that the embedded simulation takes a rig to have, with the mass of the scene's hand and the gears of its model.
+///
+/// # Errors
+/// A linkage that does not close, or a scene without a model.
+pub fn arm(rig: &config::Rig, scene: &config::Scene) -> Result<ArmParameters, RigError> {
+    let arm = &rig.plant.arm;
+    Ok(ArmParameters {
+        linkage: build::linkage(rig)?,
+        mass: build::plant_mass(rig),
+        handle_kg: scene.hand.mass_kg.get(),
+        coulomb_n_m: arm.coulomb_n_m.map(|value| value.get()),
+        viscous_n_m_s_per_rad: arm.viscous_n_m_s_per_rad.map(|value| value.get()),
+        joint_elasticity: model(scene)?.joint_elasticity.as_ref().map(|elasticity| JointElasticity {
+            stiffness_n_m_per_rad: elasticity.stiffness_n_m_per_rad.get(),
+            damping_n_m_s_per_rad: elasticity.damping_n_m_s_per_rad.get(),
+            motor_share: elasticity.motor_share.get(),
+        }),
+    })
+}
+
 pub(super) fn world(rig: &config::Rig, scene: &config::Scene, seed: u64) -> Result<World, RigError> {
     let linkage: FiveBar = build::linkage(rig)?;
     let hand = build::hand::<2>(scene, seed)?;
@@ -76,25 +96,7 @@ pub(super) fn world(rig: &config::Rig, scene: &config::Scene, seed: u64) -> Resu
     let angles = linkage.inverse(start)?;
     let model = model(scene)?;
     let body = match model.tracking {
-        config::Tracking::Rigid => {
-            let mass: MassModel = build::plant_mass(rig);
-            let arm = &rig.plant.arm;
-            Body::Arm(Arm::new(
-                &ArmParameters {
-                    linkage,
-                    mass,
-                    handle_kg: hand.mass_kg(),
-                    coulomb_n_m: arm.coulomb_n_m.map(|value| value.get()),
-                    viscous_n_m_s_per_rad: arm.viscous_n_m_s_per_rad.map(|value| value.get()),
-                    joint_elasticity: model.joint_elasticity.as_ref().map(|elasticity| JointElasticity {
-                        stiffness_n_m_per_rad: elasticity.stiffness_n_m_per_rad.get(),
-                        damping_n_m_s_per_rad: elasticity.damping_n_m_s_per_rad.get(),
-                        motor_share: elasticity.motor_share.get(),
-                    }),
-                },
-                angles,
-            )?)
-        }
+        config::Tracking::Rigid => Body::Arm(Arm::new(&arm(rig, scene)?, angles)?),
         config::Tracking::Ideal => {
             if build::command_mode(rig) != CommandMode::Position {
                 let message = "model.tracking ideal needs command_mode position: a torque has no place to go to";

@@ -8,8 +8,8 @@ use super::buses;
 use super::error::RigError;
 use crate::bus::{CommandMode, DriveSetup, Master, MasterSetup, SensorLink, SensorNode, SensorSetup};
 use crate::config;
-use crate::control::{FeedForward, FeedForwardParameters, Gains, Law, RateLaw};
-use crate::cycle::{Cycle, Servo, Settings, TorqueServo};
+use crate::control::{FeedForwardParameters, Gains, Law, RateLaw};
+use crate::cycle::{Cycle, Servo, Settings, TorqueServo, TorqueServoParameters};
 use crate::fixture::{
     self, Admittance, BallAndEllipse, BallAndTube, Contrast, Coupling, Curvature, Fixture, Guidance, Impedance, Limits,
     Parameters, Rearm, Shape2, Shape3, Side,
@@ -184,42 +184,36 @@ fn servo(rig: &config::Rig) -> Result<Servo, RigError> {
             _ => Err(RigError::Mismatch("command_mode velocity needs control.gains.rate".into())),
         },
         config::CommandMode::Torque => {
-            let Some((gains, is_cartesian)) = gains(control) else {
-                return Err(RigError::Mismatch("command_mode torque needs control.gains joint or cartesian".into()));
-            };
-            let law = match control.law {
-                config::ControlLaw::Psmc => Law::Psmc,
-                config::ControlLaw::Pid => Law::Pid,
-            };
-            let axis = law.controller(gains, control.sliding_time_s.get(), period_s(rig))?;
-            let feed_forward = FeedForward::new(
-                FeedForwardParameters {
-                    coulomb_n_m: control.feed_forward.coulomb_n_m.map(|value| value.get()),
-                    viscous_n_m_s_per_rad: control.feed_forward.viscous_n_m_s_per_rad.map(|value| value.get()),
-                    coulomb_transition_rad: FeedForwardParameters::DEFAULT_TRANSITION_RAD,
-                },
-                period_s(rig),
-            )?;
-            let limit = effort_limit(rig, is_cartesian);
-            Ok(Servo::Torque(Box::new(TorqueServo {
-                axes: [axis.clone(), axis],
-                is_cartesian,
-                effort_limit: [limit; 2],
-                feed_forward,
-                inertia: control.feed_forward.inertia.as_ref().map(mass_model),
-            })))
+            Ok(Servo::Torque(Box::new(TorqueServo::new(&torque_servo(rig)?, &linkage(rig)?, period_s(rig))?)))
         }
     }
 }
 
-/// Greatest effort of one controller: the torque limit, or the force that it makes at the longer proximal link.
-fn effort_limit(rig: &config::Rig, is_cartesian: bool) -> f64 {
-    let torque = rig.guard.torque_limit_n_m.get();
-    if !is_cartesian {
-        return torque;
-    }
-    let [left, right] = rig.linkage.proximal_m;
-    torque / left.get().max(right.get())
+/// What the servo of a rig in torque mode is made of.
+///
+/// # Errors
+/// If its gains are those of another mode.
+pub fn torque_servo(rig: &config::Rig) -> Result<TorqueServoParameters, RigError> {
+    let control = &rig.control;
+    let Some((gains, is_cartesian)) = gains(control) else {
+        return Err(RigError::Mismatch("command_mode torque needs control.gains joint or cartesian".into()));
+    };
+    Ok(TorqueServoParameters {
+        law: match control.law {
+            config::ControlLaw::Psmc => Law::Psmc,
+            config::ControlLaw::Pid => Law::Pid,
+        },
+        gains,
+        sliding_time_s: control.sliding_time_s.get(),
+        is_cartesian,
+        torque_limit_n_m: rig.guard.torque_limit_n_m.get(),
+        feed_forward: FeedForwardParameters {
+            coulomb_n_m: control.feed_forward.coulomb_n_m.map(|value| value.get()),
+            viscous_n_m_s_per_rad: control.feed_forward.viscous_n_m_s_per_rad.map(|value| value.get()),
+            coulomb_transition_rad: FeedForwardParameters::DEFAULT_TRANSITION_RAD,
+        },
+        inertia: control.feed_forward.inertia.as_ref().map(mass_model),
+    })
 }
 
 /// All stages of the cycle. `fixture` stands in place of the rig's own.

@@ -23,8 +23,8 @@ mod seat;
 mod server;
 mod world;
 
-pub use assembly::{drive as simulated_drive, force_sensor as simulated_force_sensor};
-pub use build::{cycle, master};
+pub use assembly::{arm as simulated_arm, drive as simulated_drive, force_sensor as simulated_force_sensor};
+pub use build::{cycle, master, torque_servo};
 pub use buses::bus_plan;
 pub use conduct::{Enable, Enabling, STOP_LIMIT_S, has_torque, settling_cycles};
 pub use drill::{CYCLES_BEFORE_SILENCE, DRILL_LIMIT, Drilled, Finding, TORQUE_LIMIT, Unsafe, drill};

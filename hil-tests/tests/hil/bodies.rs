@@ -136,6 +136,23 @@ pub(crate) fn blocks_pass_when_5_percent_of_all_frames_are_lost(bus: &mut impl N
     assert!(acknowledgements > 0, "no seed has lost an acknowledgement");
 }
 
+pub(crate) fn blocks_pass_when_the_last_segment_the_end_and_every_acknowledgement_are_lost_once(
+    bus: &mut impl Network,
+) {
+    bus.attach(alert());
+    // 4000 bytes are 572 segments in blocks of 127 and 126 by turns: 66 in the fifth one, the last with 3 of its 7 bytes.
+    const LAST: u8 = 0x80 | 66;
+    const END: u8 = 0xc1 | 4 << 2;
+    for kind in [LAST, END, 0xa1, 0xa2] {
+        let mut is_lost_of = [false; 2];
+        let once = |is_own, frame: &Frame| {
+            frame.data().first() == Some(&kind) && !std::mem::replace(&mut is_lost_of[usize::from(is_own)], true)
+        };
+        over_a_lossy_line(bus, once, 1);
+        assert_eq!(is_lost_of, [true; 2], "{kind:02X}h");
+    }
+}
+
 pub(crate) fn a_device_refuses_what_it_does_not_have(bus: &mut impl Network) {
     let mut link = bus.link();
     bus.attach(device(NODE));

@@ -1,7 +1,5 @@
 //! A rig on two interfaces.
 
-use std::process::Command;
-
 use serde_json::Value;
 use yieldwall::canopen::cob;
 
@@ -63,13 +61,9 @@ fn one_interface_that_is_taken_down_stops_the_axes_on_the_other() {
         let observer = Observer::on("vcan0");
         let master = run(&["--duration", "60"]);
         observer.until_moving(300);
-        let set = |state: &str| {
-            let done = Command::new("ip").args(["link", "set", interface, state]).status();
-            assert!(done.expect("ip of iproute2").success());
-        };
-        set("down");
+        let down = PutBack::down(interface);
         let (code, document) = master.document();
-        set("up");
+        drop(down);
         assert_eq!(code, SAFETY_STOP, "{document:#}");
         assert_eq!((&document["cause"], &document["state"]), (&"link-down".into(), &"Lost".into()), "{document:#}");
         let bus = if interface == "vcan1" { "sensor" } else { "main" };

@@ -43,6 +43,7 @@ on_both! {
     long_values_pass_in_segments_and_in_blocks,
     blocks_pass_when_every_seventh_data_frame_is_lost,
     blocks_pass_when_5_percent_of_all_frames_are_lost,
+    blocks_pass_when_the_last_segment_the_end_and_every_acknowledgement_are_lost_once,
     a_device_refuses_what_it_does_not_have,
     a_device_follows_its_master_and_tells_of_its_state,
     a_lost_heartbeat_is_an_emergency,

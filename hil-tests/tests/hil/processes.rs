@@ -4,12 +4,15 @@
 //! An observer on the bus sees what the master sends and what the drives say. Simulated time is that of lockstep, so that no
 //! computer is too slow; what is said about order, counts and states holds at any speed.
 
+use std::collections::BTreeSet;
 use std::process::Command;
 
+use hil_tests::Scenario;
 use hil_tests::network::Real;
 use serde_json::Value;
 use yieldwall::canopen::{EmcyCode, Frame, cob};
 use yieldwall::link::{CanLink, SocketCanSettings};
+use yieldwall::sim::can::CandumpWriter;
 
 use super::programs::*;
 
@@ -17,9 +20,9 @@ use super::programs::*;
 #[ignore = "needs a CAN interface: see hil-tests/vcan"]
 fn a_circle_is_held_in_lockstep_over_two_processes() {
     let sim = Running::sim(RIG, &["--pace", "lockstep", "--scene", "builtin:scenes/circle-hold.yaml"]);
-    let (code, document) = run_for("8").document();
+    let (code, document) = run_for("60").document();
     assert_eq!(code, OK, "{document:#}");
-    assert_eq!((&document["cycles"], &document["state"]), (&Value::from(8000), &Value::from("Running")));
+    assert_eq!((&document["cycles"], &document["state"]), (&Value::from(60_000), &Value::from("Running")));
     assert_eq!((&document["frames"]["lost"], &document["frames"]["not_sent"]), (&Value::from(0), &Value::from(0)));
     let measures = &document["measures"];
     assert_eq!(measures["unintended_releases"], 0, "{measures:#}");
@@ -62,6 +65,50 @@ fn in_lockstep_sensors_on_plain_can_give_the_same_run_again() {
         // Rows that are alike because nothing happens would prove nothing.
         assert!(one.iter().collect::<std::collections::BTreeSet<_>>().len() > 1000, "{rig}");
     }
+}
+
+/// The sensor is a log that `canplayer` replays in a ring: the rig runs on what was felt then.
+#[test]
+#[ignore = "needs a CAN interface: see hil-tests/vcan"]
+fn a_rig_runs_on_a_sensor_stream_that_canplayer_replays() {
+    let rig = "builtin:paper-admittance-streaming.yaml";
+    let folder = std::env::temp_dir().join(format!("yieldwall-replayed-{}", std::process::id()));
+    std::fs::create_dir_all(&folder).expect("the folder for temporary files can be written");
+    let path = |name: &str| folder.join(name).to_str().expect("a plain path").to_owned();
+    let (socket, log, recording) = (path("plant.sock"), path("stream.log"), path("run"));
+    let session = Scenario::shipped("paper-admittance-streaming.yaml").run(3000);
+    let of_sensor = session.recording().frames.into_iter().filter(|seen| [0x360, 0x361].contains(&seen.frame.id()));
+    let mut writer = CandumpWriter::new(Vec::new(), ["can0"]);
+    let mut felt = BTreeSet::new();
+    for seen in of_sensor {
+        writer.record(seen.time, &seen.frame).expect("memory");
+        if let [_, high, low, ..] = *seen.frame.data()
+            && seen.frame.id() == 0x360
+        {
+            felt.insert(i16::from_be_bytes([high, low]));
+        }
+    }
+    std::fs::write(&log, writer.finish().expect("memory")).expect("the folder is there");
+    let sim = Running::sim(rig, &["--pace", "lockstep", "--nodes", "left,right", "--plant", &socket]);
+    let bus = bus();
+    let player = Command::new("canplayer").args(["-l", "i", "-I", &log, &format!("{bus}=can0")]).spawn();
+    let player = Running::of(player.expect("can-utils is installed"));
+    let arguments = ["--pace", "lockstep", "--duration", "3", "--record", &recording];
+    let (code, document) = Running::run(rig, &arguments).document();
+    assert_eq!((code, &document["state"]), (OK, &Value::from("Running")), "{document:#}");
+    drop((player, sim));
+    let text = std::fs::read_to_string(format!("{recording}/cycles.csv")).expect("a recording");
+    std::fs::remove_dir_all(folder).expect("it is there");
+    let mut lines = text.lines().map(|line| line.split(',').collect::<Vec<_>>());
+    let head = lines.next().expect("names");
+    let [is_new, force] = ["has_sample", "sample_fx_counts"].map(|name| head.iter().position(|field| *field == name));
+    let taken: Vec<i16> = lines
+        .filter(|line| line[is_new.expect("a field")] == "1")
+        .map(|line| line[force.expect("a field")].parse().expect("counts"))
+        .collect();
+    assert!(taken.len() > 1000, "{} samples", taken.len());
+    assert!(taken.iter().all(|counts| felt.contains(counts)), "samples that nobody replayed");
+    assert!(taken.iter().collect::<BTreeSet<_>>().len() > 100, "a stream that says nothing");
 }
 
 #[test]
@@ -122,8 +169,12 @@ fn a_master_that_is_killed_leaves_drives_that_stop_by_themselves() {
     master.signal("KILL");
     observer
         .until("emergency of both drives", |frames| [1, 2].iter().all(|node| !emergencies(frames, *node).is_empty()));
-    let frames = observer.rest();
+    let (frames, times) = observer.rest_with_times();
     let last_sync = frames.iter().rposition(|frame| frame.id() == cob::SYNC).expect("it ran");
+    // How soon in virtual time is what hil-tests/tests/watchdogs.rs holds each of them to.
+    let told = [0x081, 0x082].map(|id| frames.iter().position(|frame| frame.id() == id).expect("both told"));
+    let after = told.map(|at| times[at].since(times[last_sync]));
+    println!("after the last SYNC: left {:?}, right {:?}, apart {:?}", after[0], after[1], after[0].abs_diff(after[1]));
     let first = frames.iter().position(|frame| matches!(frame.id(), 0x081 | 0x082)).expect("they told");
     assert!(first > last_sync, "they held on as long as the master lived");
     assert!(set_points(&frames[last_sync..]).count() <= 2, "nobody moves them any more");
@@ -181,11 +232,9 @@ fn an_interface_that_is_taken_down_is_a_lost_bus() {
     let observer = Observer::new();
     let master = run_for("60");
     observer.until_moving(300);
-    let set =
-        |state: &str| assert!(Command::new("ip").args(["link", "set", "vcan0", state]).status().unwrap().success());
-    set("down");
+    let down = PutBack::down("vcan0");
     let (code, document) = master.document();
-    set("up");
+    drop(down);
     assert_eq!(code, SAFETY_STOP, "{document:#}");
     assert_eq!((&document["cause"], &document["state"]), (&Value::from("link-down"), &Value::from("Lost")));
     drop(sim);

@@ -10,12 +10,14 @@ use std::time::{Duration, Instant};
 
 use hil_tests::network::Real;
 use serde_json::Value;
-use yieldwall::canopen::{Emergency, Frame};
+use yieldwall::canopen::{Emergency, Frame, Time};
 use yieldwall::link::{CanLink, Received, SocketCanSettings};
 
 pub(super) const RIG: &str = "builtin:paper-admittance.yaml";
 /// How long anything may take; only a program that hangs does.
-pub(super) const LIMIT: Duration = Duration::from_secs(60);
+pub(super) const LIMIT: Duration = Duration::from_secs(240);
+/// How often something is tried that a computer which stands still for a moment can spoil.
+pub(super) const TRIES: usize = 4;
 
 /// What a person sees of an end.
 pub(super) const OK: i32 = 0;
@@ -52,6 +54,11 @@ impl Running {
             .stderr(Stdio::piped())
             .spawn()
             .expect("`cargo build --bin yieldwall` comes before these tests");
+        Self(Some(child))
+    }
+
+    /// A program of others.
+    pub(super) fn of(child: Child) -> Self {
         Self(Some(child))
     }
 
@@ -121,9 +128,16 @@ impl Drop for Running {
 /// listens may wait for it for seconds.
 const MEMORY: usize = 64 << 20;
 
+/// What an observer has heard, each frame with its moment.
+#[derive(Default)]
+struct Heard {
+    frames: Vec<Frame>,
+    times: Vec<Time>,
+}
+
 /// Who listens on the bus, on a thread of its own.
 pub(super) struct Observer {
-    frames: Arc<Mutex<Vec<Frame>>>,
+    heard: Arc<Mutex<Heard>>,
     is_over: Arc<AtomicBool>,
     thread: Option<JoinHandle<()>>,
 }
@@ -137,29 +151,34 @@ impl Observer {
     pub(super) fn on(interface: &str) -> Self {
         let everything = SocketCanSettings::everything(interface);
         let mut link = Real::open(&SocketCanSettings { receive_buffer: MEMORY, ..everything });
-        let frames = Arc::new(Mutex::new(Vec::new()));
+        let heard = Arc::new(Mutex::new(Heard::default()));
         let is_over = Arc::new(AtomicBool::new(false));
-        let (heard, end) = (Arc::clone(&frames), Arc::clone(&is_over));
+        let (own, end) = (Arc::clone(&heard), Arc::clone(&is_over));
         let thread = std::thread::spawn(move || {
             while !end.load(Ordering::Relaxed) {
                 link.wait(link.now() + Duration::from_millis(20));
                 while let Some(arrival) = link.receive() {
                     match arrival.what {
-                        Received::Frame(frame) => heard.lock().expect("nobody panics with it").push(frame),
+                        Received::Frame(frame) => {
+                            let mut heard = own.lock().expect("nobody panics with it");
+                            heard.frames.push(frame);
+                            heard.times.push(arrival.time);
+                        }
                         Received::Overflow { frames } => panic!("the observer has lost {frames} frames"),
                         _ => {}
                     }
                 }
             }
         });
-        Self { frames, is_over, thread: Some(thread) }
+        Self { heard, is_over, thread: Some(thread) }
     }
 
     /// Waits until `is_enough` of all that was heard.
     pub(super) fn until(&self, what: &str, is_enough: impl Fn(&[Frame]) -> bool) {
         let started = Instant::now();
-        while !is_enough(&self.frames.lock().expect("nobody panics with it")) {
+        while !is_enough(&self.heard.lock().expect("nobody panics with it").frames) {
             assert!(started.elapsed() < LIMIT, "no {what}");
+            assert!(!self.thread.as_ref().is_some_and(JoinHandle::is_finished), "the observer hears all");
             std::thread::sleep(Duration::from_millis(20));
         }
     }
@@ -171,15 +190,20 @@ impl Observer {
 
     /// What was heard so far, which is forgotten.
     pub(super) fn take(&self) -> Vec<Frame> {
-        std::mem::take(&mut self.frames.lock().expect("nobody panics with it"))
+        std::mem::take(&mut *self.heard.lock().expect("nobody panics with it")).frames
     }
 
     /// All that was heard, and what still comes within a while: devices go on to send heartbeats.
-    pub(super) fn rest(mut self) -> Vec<Frame> {
+    pub(super) fn rest(self) -> Vec<Frame> {
+        self.rest_with_times().0
+    }
+
+    pub(super) fn rest_with_times(mut self) -> (Vec<Frame>, Vec<Time>) {
         std::thread::sleep(Duration::from_millis(300));
         self.is_over.store(true, Ordering::Relaxed);
         self.thread.take().expect("once").join().expect("the observer hears all");
-        self.take()
+        let heard = std::mem::take(&mut *self.heard.lock().expect("nobody panics with it"));
+        (heard.frames, heard.times)
     }
 }
 
@@ -187,6 +211,41 @@ impl Drop for Observer {
     fn drop(&mut self) {
         self.is_over.store(true, Ordering::Relaxed);
     }
+}
+
+/// An interface or its queue put back as it was, also when a test fails in between.
+pub(super) struct PutBack(Vec<String>);
+
+impl PutBack {
+    /// Takes an interface down until this is dropped.
+    pub(super) fn down(interface: &str) -> Self {
+        system(&["ip", "link", "set", interface, "down"]);
+        Self(["ip", "link", "set", interface, "up"].map(str::to_owned).to_vec())
+    }
+
+    /// Has the frames of an interface wait in its queue, each for so long, until this is dropped: it lets go what still waits.
+    pub(super) fn delayed(interface: &str, delay: &str) -> Self {
+        system(&["tc", "qdisc", "add", "dev", interface, "root", "netem", "delay", delay]);
+        Self(["tc", "qdisc", "change", "dev", interface, "root", "netem", "delay", "0ms"].map(str::to_owned).to_vec())
+    }
+}
+
+impl Drop for PutBack {
+    fn drop(&mut self) {
+        let words: Vec<&str> = self.0.iter().map(String::as_str).collect();
+        system(&words);
+        if let ["tc", "qdisc", "change", "dev", interface, ..] = words[..] {
+            // What waited has gone on by then.
+            std::thread::sleep(Duration::from_millis(50));
+            system(&["tc", "qdisc", "del", "dev", interface, "root"]);
+        }
+    }
+}
+
+fn system(words: &[&str]) {
+    let done = Command::new(words[0]).args(&words[1..]).output().expect("iproute2 is installed");
+    let said = String::from_utf8_lossy(&done.stderr);
+    assert!(done.status.success() || std::thread::panicking(), "{}: {said}", words.join(" "));
 }
 
 /// The low byte of every controlword for a drive, in the order of the bus.

@@ -83,11 +83,17 @@ fn a_device_that_is_another_one() {
 #[test]
 #[ignore = "needs a CAN interface: see hil-tests/vcan"]
 fn drives_whose_watchdogs_nobody_has_tried() {
-    let sim = Running::sim(RIG, &[]);
+    let (rig, scene) = super::wall_clock::slow();
+    let state = std::env::temp_dir().join(format!("yieldwall-untried-{}", std::process::id()));
+    let bus = bus();
+    let arguments = ["run", &rig, "--bus", &bus, "--json", "--duration", "1", "--ignore-latency"];
+    let sim = Running::sim(&rig, &["--scene", &scene]);
     let observer = Observer::new();
-    let (code, _, help) = refusal(Running::run(RIG, &["--duration", "1", "--ignore-latency"]));
+    let (code, _, help) = refusal(Running::start_with(&state, &arguments));
     assert_eq!(code, DEVICE_MISMATCH);
-    assert!(help.contains(&format!("yieldwall drill {RIG} --bus {}", bus())), "{help}");
+    assert!(help.contains(&format!("yieldwall drill {rig} --bus {bus}")), "{help}");
     assert!(!is_enabled(&observer.rest()));
     drop(sim);
+    std::fs::remove_file(rig).expect("it is there");
+    std::fs::remove_file(scene).expect("it is there");
 }

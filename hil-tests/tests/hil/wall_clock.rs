@@ -2,12 +2,14 @@
 //! faster one is measured by `hil-tests/circle` and by `yieldwall latency`.
 
 use std::path::Path;
-use std::process::Command;
+use std::time::Duration;
+
+use serde_json::Value;
 
 use super::programs::*;
 
 /// The rig every 100 ms, and a hand that rests: at this cycle nobody could be guided.
-fn slow() -> (String, String) {
+pub(super) fn slow() -> (String, String) {
     let scene =
         changed("rests", "scenes/circle-hold.yaml", &[("in_s: 1.5}              # hits", "in_s: 900.0} # hits")]);
     let rig = changed(
@@ -26,18 +28,24 @@ fn sim(rig: &str, scene: &str, arguments: &[&str]) -> Running {
     Running::sim(rig, &[&["--scene", scene], arguments].concat())
 }
 
-fn drill(rig: &str) -> Running {
-    Running::start(&["drill", rig, "--bus", &bus(), "--json"])
+/// An exit code and what else there is of a program that this computer was in time for: if it stood still meanwhile, it is
+/// tried again.
+fn in_time<T>(what: impl Fn() -> (i32, T)) -> (i32, T) {
+    let tries = std::iter::repeat_with(&what).take(TRIES - 1);
+    { tries }.find(|(code, _)| *code != TIMING_MISSED).unwrap_or_else(what)
+}
+
+fn drill(rig: &str) -> (i32, Value) {
+    in_time(|| Running::start(&["drill", rig, "--bus", &bus(), "--json"]).document())
 }
 
 /// Measures this computer at 1 ms for as many cycles as show tier B. At 100 ms it has that tier if it wakes up within 50 ms.
 fn measure(state: Option<&Path>) {
     let arguments = ["latency", "--duration", "4", "--json"];
-    let measuring = match state {
-        Some(state) => Running::start_with(state, &arguments),
-        None => Running::start(&arguments),
-    };
-    let (code, document) = measuring.document();
+    let (code, document) = in_time(|| match state {
+        Some(state) => Running::start_with(state, &arguments).document(),
+        None => Running::start(&arguments).document(),
+    });
     assert_eq!((code, document["record"].is_string()), (OK, true), "{document:#}");
 }
 
@@ -78,18 +86,22 @@ fn a_computer_that_nobody_has_measured_is_refused_unless_a_person_says_otherwise
 fn a_drilled_rig_runs_alone_on_its_bus_and_one_that_stalls_is_lost() {
     let (rig, scene) = slow();
     let devices = sim(&rig, &scene, &[]);
-    let (code, document) = drill(&rig).document();
+    let (code, document) = drill(&rig);
     assert_eq!(code, OK, "{document:#}");
     for finding in document["watchdogs"]["findings"].as_array().expect("findings") {
         assert!(finding["left_stops_after_ms"].is_number() && finding["right_stops_after_ms"].is_number(), "{finding}");
     }
     measure(None);
-    let observer = Observer::new();
-    let (code, document) = Running::run(&rig, &["--duration", "2"]).document();
+    let (code, (document, frames)) = in_time(|| {
+        let observer = Observer::new();
+        let (code, document) = Running::run(&rig, &["--duration", "2"]).document();
+        let code = if code == OK && document["skipped"] != 0 { TIMING_MISSED } else { code };
+        (code, (document, observer.rest()))
+    });
     assert_eq!((code, &document["state"]), (OK, &"Running".into()), "{document:#}");
     assert!(document["timing"]["tier"].is_string(), "{document:#}");
     assert_eq!((&document["cycles"], &document["skipped"]), (&20.into(), &0.into()), "{document:#}");
-    assert_stopped_together(&observer.rest());
+    assert_stopped_together(&frames);
     twice(&rig, &scene);
     if bus() == "vcan0" {
         stall(&rig);
@@ -118,11 +130,10 @@ fn stall(rig: &str) {
     let master = Running::run(rig, &["--duration", "60"]);
     observer.until_moving(5);
     observer.take();
-    queue("add", "250ms");
+    let stalled = PutBack::delayed(&bus(), "250ms");
     let (code, document) = master.document();
-    queue("change", "0ms");
+    drop(stalled);
     let frames = observer.rest();
-    queue("del", "0ms");
     assert_eq!((code, &document["state"]), (SAFETY_STOP, &"Lost".into()), "{document:#}");
     assert_eq!(document["cause"], "transmit-stalled", "{document:#}");
     let syncs = frames.iter().filter(|frame| frame.id() == 0x080).count();
@@ -132,20 +143,12 @@ fn stall(rig: &str) {
     assert!(set_points(&frames[last..]).count() <= 2, "one cycle");
 }
 
-/// Has frames wait in the queue of the interface.
-fn queue(order: &str, delay: &str) {
-    let bus = bus();
-    let done = Command::new("tc").args(["qdisc", order, "dev", &bus, "root", "netem", "delay", delay]).output();
-    let done = done.expect("tc of iproute2");
-    assert!(done.status.success(), "the module sch_netem: {}", String::from_utf8_lossy(&done.stderr));
-}
-
 #[test]
 #[ignore = "needs a CAN interface: see hil-tests/vcan"]
 fn drives_that_lack_a_watchdog_are_refused() {
     let (rig, scene) = slow();
     let devices = sim(&rig, &scene, &["--unwatched", "heartbeat"]);
-    let (code, document) = drill(&rig).document();
+    let (code, document) = drill(&rig);
     assert_eq!(code, OUT_OF_TOLERANCE, "{document:#}");
     measure(None);
     let observer = Observer::new();
@@ -167,15 +170,19 @@ fn a_queue_that_stalls_for_20_ms_stops_time_in_lockstep() {
     }
     let sim = lockstep(RIG);
     let observer = Observer::new();
-    let master = run_for("2");
+    let master = run_for("8");
     observer.until_moving(300);
-    queue("add", "20ms");
-    std::thread::sleep(std::time::Duration::from_millis(500));
-    queue("change", "0ms");
+    let stalled = PutBack::delayed(&bus(), "20ms");
+    std::thread::sleep(Duration::from_millis(500));
+    drop(stalled);
     let (code, document) = master.document();
-    queue("del", "0ms");
-    assert_eq!((code, &document["cycles"], &document["state"]), (OK, &2000.into(), &"Running".into()), "{document:#}");
+    assert_eq!((code, &document["cycles"], &document["state"]), (OK, &8000.into(), &"Running".into()), "{document:#}");
     assert_eq!((&document["frames"]["lost"], &document["frames"]["not_sent"]), (&0.into(), &0.into()), "{document:#}");
-    assert_stopped_together(&observer.rest());
+    let (frames, times) = observer.rest_with_times();
+    assert_stopped_together(&frames);
+    // The queue has met a running rig.
+    let syncs: Vec<_> = frames.iter().zip(times).filter(|(frame, _)| frame.id() == 0x080).map(|(_, at)| at).collect();
+    let stalls = syncs.windows(2).filter(|pair| pair[1].since(pair[0]) >= Duration::from_millis(20)).count();
+    assert!(stalls >= 5, "{stalls} cycles of 20 ms or more");
     drop(sim);
 }

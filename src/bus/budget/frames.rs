@@ -70,11 +70,16 @@ impl PlannedFrame {
         longest_bits(self.cob_id, self.bytes)
     }
 
+    /// The bits that times are computed from: the most with this identifier, or with any (`is_plain`).
+    pub fn bits(&self, is_plain: bool) -> u32 {
+        if is_plain { self.bits_worst() } else { self.bits_longest() }
+    }
+
     /// As a stream without jitter on a bus whose bits last `bit_ns`.
-    pub(super) fn stream(&self, bit_ns: u64) -> Stream {
+    pub(super) fn stream(&self, bit_ns: u64, is_plain: bool) -> Stream {
         Stream {
             cob_id: self.cob_id,
-            transmission_ns: u64::from(self.bits_longest()) * bit_ns,
+            transmission_ns: u64::from(self.bits(is_plain)) * bit_ns,
             period_ns: u64::try_from(self.period.as_nanos()).unwrap_or(u64::MAX).max(1),
             jitter_ns: 0,
         }

@@ -40,6 +40,14 @@ pub struct Conditions {
     pub has_fifo: bool,
 }
 
+impl Conditions {
+    /// Whether nothing is known of plan and host: the analysis of \[DBBL07\] as it stands, its bits for any identifier
+    /// included.
+    pub fn is_plain(&self) -> bool {
+        !self.has_release_jitter && !self.has_fifo
+    }
+}
+
 /// The moment from which the time of a frame counts.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Moment {
@@ -111,6 +119,7 @@ impl Budget {
             device_delay: nanoseconds(conditions.device_delay),
             has_release_jitter: conditions.has_release_jitter,
             has_fifo: conditions.has_fifo,
+            is_plain: conditions.is_plain(),
         };
         let [regular, sdo, emergency] =
             [Use::Heartbeat, Use::Sdo, Use::Emergency].map(|with| traffic(&plan, with, timing));

@@ -24,12 +24,14 @@ pub(super) struct Timing {
     pub(super) device_delay: u64,
     pub(super) has_release_jitter: bool,
     pub(super) has_fifo: bool,
+    /// Whether a frame has the bits that it has with any identifier.
+    pub(super) is_plain: bool,
 }
 
 /// The longest time of each frame from its moment (SYNC, control step, or its own release) to its end, ns; `None` where
 /// there is no bound. The master's frames are in the order in which it queues them.
 pub(super) fn responses_ns(frames: &[PlannedFrame], timing: Timing) -> Vec<Option<u64>> {
-    let streams: Vec<Stream> = frames.iter().map(|frame| frame.stream(timing.bit)).collect();
+    let streams: Vec<Stream> = frames.iter().map(|frame| frame.stream(timing.bit, timing.is_plain)).collect();
     let mut found: Vec<Option<u64>> = streams.iter().map(|stream| Some(stream.transmission_ns)).collect();
     for _ in 0..ROUNDS {
         let round = Round { frames, streams: &streams, timing, found: &found };

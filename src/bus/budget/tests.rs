@@ -137,11 +137,13 @@ fn sdo_and_emergencies_are_counted_apart() {
 #[test]
 fn all_together_without_fifo_is_the_plain_analysis() {
     let plain = budget(CommandMode::Position, Conditions { has_release_jitter: false, has_fifo: false, ..HOST });
-    // All 11 regular frames once: the longest heartbeat in the way of the last cyclic frame.
-    assert_eq!(response_us(&plain, 0x28a), 62 + 53 + 465 + 223);
-    let streams: Vec<Stream> = plain.regular().map(|frame| frame.frame.stream(1000)).collect();
+    // A heartbeat in the way of the last cyclic frame, SYNC, four frames of 6 bytes of the drives, 8 and 6 of the sensor:
+    // 55 + 10 s bits each.
+    assert_eq!(response_us(&plain, 0x28a), 65 + 55 + 4 * 115 + 135 + 115);
+    let stream = |frame: &FrameBudget| frame.frame.stream(1000, true);
+    let streams: Vec<Stream> = plain.regular().map(stream).collect();
     for frame in plain.regular() {
-        assert_eq!(frame.response_ns, response_among_ns(&frame.frame.stream(1000), &streams, 1000));
+        assert_eq!(frame.response_ns, response_among_ns(&stream(frame), &streams, 1000));
         assert_eq!(frame.deadline_ns, frame.frame.period.as_nanos() as u64);
     }
     let fifo = budget(CommandMode::Position, Conditions { has_release_jitter: false, ..HOST });

@@ -32,7 +32,7 @@ pub(super) fn figures(frame: &FrameBudget) -> Value {
     })
 }
 
-pub(super) fn row(frame: &FrameBudget) -> String {
+pub(super) fn row(frame: &FrameBudget, is_plain: bool) -> String {
     let FrameBudget { frame: planned, from, .. } = frame;
     let longest = response_us(frame);
     let slack = longest.map(|longest| i128::from(deadline_us(frame)) - i128::from(longest));
@@ -42,7 +42,7 @@ pub(super) fn row(frame: &FrameBudget) -> String {
         planned.cob_id,
         shortened(&planned.name),
         planned.bytes,
-        planned.bits_longest(),
+        planned.bits(is_plain),
         planned.period.as_micros(),
         or_none(longest.map(|us| us.to_string())),
         deadline_us(frame),

@@ -5,7 +5,7 @@ mod motion;
 mod plant;
 
 use super::*;
-use crate::control::{FeedForward, FeedForwardParameters, Gains, Law, RateLaw};
+use crate::control::{FeedForwardParameters, Gains, Law, RateLaw};
 use crate::fixture::{
     Admittance, Circle, Coupling, Curvature, Forbidden, Limits, Parameters, Rearm, Shape2, Side as Resists,
 };
@@ -99,19 +99,17 @@ fn torque_servo(law: Law, is_cartesian: bool) -> Servo {
     } else {
         Gains { stiffness: 6_000.0, damping: 70.0, integral: 100_000.0 }
     };
-    let axis = law.controller(gains, 0.02, PERIOD_S).unwrap();
-    let feed_forward = FeedForwardParameters {
-        coulomb_n_m: [0.0; 2],
-        viscous_n_m_s_per_rad: [0.5; 2],
-        coulomb_transition_rad: FeedForwardParameters::DEFAULT_TRANSITION_RAD,
-    };
-    Servo::Torque(Box::new(TorqueServo {
-        axes: [axis.clone(), axis],
+    let parameters = TorqueServoParameters {
+        law,
+        gains,
+        sliding_time_s: 0.02,
         is_cartesian,
-        effort_limit: [if is_cartesian { 200.0 } else { 60.0 }; 2],
-        feed_forward: FeedForward::new(feed_forward, PERIOD_S).unwrap(),
+        torque_limit_n_m: 60.0,
+        feed_forward: FeedForwardParameters { viscous_n_m_s_per_rad: [0.5; 2], ..FeedForwardParameters::NONE },
         inertia: Some(mass_model()),
-    }))
+    };
+    let linkage = FiveBar::new(geometry()).unwrap();
+    Servo::Torque(Box::new(TorqueServo::new(&parameters, &linkage, PERIOD_S).unwrap()))
 }
 
 fn velocity_servo() -> Servo {

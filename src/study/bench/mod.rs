@@ -1,26 +1,30 @@
-//! A rig without bus, encoders and guard: arm, hand, fixture and joint controllers in one sampled loop.
+//! A rig without bus, encoders and guard: arm, hand, fixture and servo in one sampled loop.
 //!
 //! Studies of the loop alone run thousands of cases; this loop has what they ask about and nothing else. One cycle:
 //! ```text
-//! force of a sample -> low pass -> fixture -> inverse kinematics -> controllers -> delay -> arm and hand for one period
+//! force of a sample -> low pass -> fixture -> proxy -> inverse kinematics -> reference -> servo -> torque limit
+//!                                                              angles of the motors ---^              |
+//!                                   arm, with gears if it has any, and hand for one period <--- delay <
 //! ```
-//! Angles, forces and torques are exact: no counts, no noise. What a whole rig does besides is the business of
-//! [`run_rig`](super::run_rig).
+//! The servo is that of the cycle in torque mode ([`TorqueServo`]): joint or Cartesian gains, with or without feed-forward.
+//! Angles, forces and torques are exact: no counts, no noise, and the proxy is not drawn back from a torque at its limit.
+//! What a whole rig does besides is the business of [`run_rig`](super::run_rig).
 
-mod study_arm;
+mod computer;
 
-pub use study_arm::{STUDY_DISTAL_M, STUDY_GAINS, STUDY_START_M, study_arm};
+pub use computer::{Command, Computer};
 
 use nalgebra::Vector2;
 use thiserror::Error;
 
-use crate::control::{Axis, AxisController, ControlError, EffortRange, Gains, Law};
+use crate::control::ControlError;
+use crate::cycle::TorqueServoParameters;
 use crate::fixture::{Fixture, FixtureError, Shape2, Step};
 use crate::linkage::{FiveBar, LinkageError};
-use crate::quantity::{JointAngles, JointTorques, TipPoint};
+use crate::quantity::{JointTorques, TipPoint, TipVelocity};
 use crate::sensing::{LowPass, SensingError};
 use crate::sim::arm::{Arm, ArmError, ArmParameters};
-use crate::sim::hand::HandLoad;
+use crate::sim::hand::{HandError, HandLoad};
 
 /// Longest age of a force sample and longest delay of a torque, in cycles.
 pub const LONGEST_DELAY_CYCLES: usize = 31;
@@ -35,33 +39,24 @@ pub enum BenchError {
     /// The start or the proxy lies where the linkage does not reach.
     #[error(transparent)]
     Linkage(#[from] LinkageError),
-    /// A gain or a time of the controllers.
+    /// A gain or a time of the servo.
     #[error(transparent)]
     Control(#[from] ControlError),
-    /// The start of the proxy.
+    /// The fixture, or the start of its proxy.
     #[error(transparent)]
     Fixture(#[from] FixtureError),
     /// The low pass.
     #[error(transparent)]
     Sensing(#[from] SensingError),
+    /// The hand that moves the tool.
+    #[error(transparent)]
+    Hand(#[from] HandError),
     /// A delay that the bench does not hold.
     #[error("a delay of {0} cycles; at most {LONGEST_DELAY_CYCLES}")]
     Delay(usize),
-}
-
-/// The joint controllers of a bench: the same on both joints.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Joints {
-    /// PID or PSMC. PID without an integral is a PD law with velocity feed-forward: its rate is that of the error.
-    pub law: Law,
-    /// Gains per joint.
-    pub gains: Gains,
-    /// `H` of PSMC in s.
-    pub sliding_time_s: f64,
-    /// Greatest torque of a joint in N m; infinity for no limit.
-    pub torque_limit_n_m: f64,
-    /// Cycles from measuring the angles to the change of torque, besides the hold; at most [`LONGEST_DELAY_CYCLES`].
-    pub delay_cycles: usize,
+    /// The servo was given or gave a number that is not finite.
+    #[error("the servo was given or gave a number that is not finite")]
+    NotFinite,
 }
 
 /// What a bench is made of, besides the fixture.
@@ -75,13 +70,15 @@ pub struct BenchParameters {
     pub period_s: f64,
     /// Longest step of the plant in s.
     pub plant_step_s: f64,
-    /// The controllers.
-    pub joints: Joints,
+    /// The servo. PID without an integral is a PD law with velocity feed-forward: its rate is that of the error.
+    pub servo: TorqueServoParameters,
+    /// Cycles from measuring the angles to the change of torque, besides the hold; at most [`LONGEST_DELAY_CYCLES`].
+    pub delay_cycles: usize,
     /// Cut-off of the first-order low pass of the force in Hz, and the interval of its samples in s; `None` for none.
     pub low_pass: Option<(f64, f64)>,
 }
 
-/// What a cycle saw at its begin.
+/// What a cycle saw at its begin, and what came of it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Seen {
     /// Time in s.
@@ -94,17 +91,17 @@ pub struct Seen {
     pub force_n: Vector2<f64>,
     /// What the fixture made of the force that it was given.
     pub step: Step<2>,
+    /// Torques computed in this cycle in N m; they act after the delay.
+    pub torques: JointTorques,
 }
 
 /// A loop that runs.
 #[derive(Clone, Debug)]
 pub struct Bench {
     arm: Arm,
-    hand_mass_kg: f64,
     linkage: FiveBar,
-    fixture: Fixture<Shape2, 2>,
-    axes: [Axis; 2],
-    range: EffortRange,
+    hand_mass_kg: f64,
+    computer: Computer,
     delay_cycles: usize,
     period_s: f64,
     plant_step_s: f64,
@@ -113,11 +110,10 @@ pub struct Bench {
     /// Forces at the begin of the last cycles, by cycle modulo the length.
     forces: [Vector2<f64>; RING],
     /// Torques computed in the last cycles, likewise.
-    torques: [Vector2<f64>; RING],
+    torques: [JointTorques; RING],
     /// Of which cycle the force is that the fixture has; `None` before the first.
     sample: Option<u64>,
     given_n: Vector2<f64>,
-    target: JointAngles,
 }
 
 impl Bench {
@@ -125,36 +121,26 @@ impl Bench {
     ///
     /// # Errors
     /// An arm, gain or delay out of range, or a start out of reach.
-    pub fn new(parameters: &BenchParameters, mut fixture: Fixture<Shape2, 2>) -> Result<Self, BenchError> {
-        let BenchParameters { arm, start_m, period_s, plant_step_s, joints, low_pass } = parameters;
-        if joints.delay_cycles > LONGEST_DELAY_CYCLES {
-            return Err(BenchError::Delay(joints.delay_cycles));
+    pub fn new(parameters: &BenchParameters, fixture: Fixture<Shape2, 2>) -> Result<Self, BenchError> {
+        let BenchParameters { arm, period_s, plant_step_s, delay_cycles, low_pass, .. } = parameters;
+        if *delay_cycles > LONGEST_DELAY_CYCLES {
+            return Err(BenchError::Delay(*delay_cycles));
         }
-        let target = arm.linkage.inverse(TipPoint(*start_m))?;
-        fixture.reset(start_m)?;
-        let axis = joints.law.controller(joints.gains, joints.sliding_time_s, *period_s)?;
-        let range = match joints.torque_limit_n_m {
-            // The largest torque that stays finite in sums.
-            limit if limit == f64::INFINITY => EffortRange::symmetric(f64::MAX / 4.0),
-            limit => EffortRange::symmetric(limit),
-        };
+        let computer = Computer::new(parameters, fixture)?;
         Ok(Self {
-            arm: Arm::new(arm, target)?,
-            hand_mass_kg: arm.handle_kg,
+            arm: Arm::new(arm, computer.target())?,
             linkage: arm.linkage,
-            fixture,
-            axes: [axis.clone(), axis],
-            range,
-            delay_cycles: joints.delay_cycles,
+            hand_mass_kg: arm.handle_kg,
+            computer,
+            delay_cycles: *delay_cycles,
             period_s: *period_s,
             plant_step_s: *plant_step_s,
             low_pass: low_pass.map(|(cut_off_hz, interval_s)| LowPass::new(cut_off_hz, interval_s)).transpose()?,
             cycle: 0,
             forces: [Vector2::zeros(); RING],
-            torques: [Vector2::zeros(); RING],
+            torques: [JointTorques::default(); RING],
             sample: None,
             given_n: Vector2::zeros(),
-            target,
         })
     }
 
@@ -174,12 +160,9 @@ impl Bench {
     /// Where the linkage cannot be.
     pub fn start_moving(&mut self, velocity_m_per_s: Vector2<f64>) -> Result<(), BenchError> {
         let posture = self.arm.posture()?;
-        let rates = posture.joint_rates(crate::quantity::TipVelocity(velocity_m_per_s))?;
+        let rates = posture.joint_rates(TipVelocity(velocity_m_per_s))?;
         self.arm.set_rates(rates);
-        let here = posture.tip.0;
-        self.fixture.reset(&(here - velocity_m_per_s * self.period_s))?;
-        self.fixture.hold_back_to(&here)?;
-        Ok(())
+        self.computer.start_moving(posture.tip.0, velocity_m_per_s)
     }
 
     /// One cycle under `hand`, which is asked for its load at a time in s and a tool point. The fixture is given the
@@ -194,26 +177,29 @@ impl Bench {
         mut hand: impl FnMut(f64, TipPoint) -> HandLoad<2>,
     ) -> Result<Seen, BenchError> {
         let time_s = self.cycle as f64 * self.period_s;
-        let tip = self.arm.tip()?;
+        let posture = self.arm.posture()?;
+        let tip = self.arm.tip_in(&posture);
         let load = hand(time_s, tip.position);
         let acceleration = Vector2::from(tip.acceleration_m_per_s2);
         let force_n = load.force_n - tip.velocity.0 * load.damping_n_s_per_m - acceleration * self.hand_mass_kg;
         self.forces[slot(self.cycle)] = force_n;
         self.take(sample);
-        let step = self.fixture.step_admittance(&self.given_n);
-        self.target = self.linkage.inverse_near(TipPoint(step.proxy), self.target)?;
-        let error = self.target.0 - self.arm.angles().0;
-        let [left, right] = &mut self.axes;
-        let torque = Vector2::new(left.step(error.x, self.range).effort, right.step(error.y, self.range).effort);
-        self.torques[slot(self.cycle)] = torque;
+        // Behind gears encoders see another posture than the one that the tool is in.
+        let measured = match self.arm.motor_angles() {
+            angles if angles == posture.angles => posture,
+            angles => self.linkage.forward(angles)?,
+        };
+        let Command { step, torques } = self.computer.step(&self.given_n, &measured)?;
+        self.torques[slot(self.cycle)] = torques;
         let applied = match self.cycle.checked_sub(self.delay_cycles as u64) {
             Some(cycle) => self.torques[slot(cycle)],
-            None => Vector2::zeros(),
+            None => JointTorques::default(),
         };
         self.cycle += 1;
         let end_s = self.cycle as f64 * self.period_s;
-        self.arm.advance_to(end_s, self.plant_step_s, JointTorques(applied), hand)?;
-        Ok(Seen { time_s, tool_m: tip.position.0, tool_velocity_m_per_s: tip.velocity.0, force_n, step })
+        self.arm.advance_to(end_s, self.plant_step_s, applied, hand)?;
+        let (tool_m, tool_velocity_m_per_s) = (tip.position.0, tip.velocity.0);
+        Ok(Seen { time_s, tool_m, tool_velocity_m_per_s, force_n, step, torques })
     }
 
     /// Passes a new sample through the low pass; the same one again changes nothing.

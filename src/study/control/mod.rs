@@ -2,7 +2,7 @@
 //!
 //! Every setting has the stiffest gains that keep 6 dB and 30 degrees at every pose of the circle, so that settings are
 //! compared at the same distance from instability: see [`servo`]. The gears are not in that model, as in `config check`.
-//! Arm, hand, fixture and controllers run in one sampled loop with exact angles and forces: no bus, no counts, no guard.
+//! The loop is the [bench](super::bench) of all studies: exact angles and forces, no bus, no counts, no guard.
 
 mod machine;
 mod servo;

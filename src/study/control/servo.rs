@@ -62,8 +62,8 @@ fn inertias(machine: &Machine, is_cartesian: bool) -> Result<Vec<f64>, LinkageEr
     for pose in 0..POSES {
         let angle = std::f64::consts::TAU * f64::from(pose) / f64::from(POSES);
         let angles =
-            machine.linkage.inverse(TipPoint::new(super::RADIUS_M * angle.cos(), super::RADIUS_M * angle.sin()))?;
-        let dynamics = machine.linkage.dynamics(&machine.model, angles, JointRates::default())?;
+            machine.arm.linkage.inverse(TipPoint::new(super::RADIUS_M * angle.cos(), super::RADIUS_M * angle.sin()))?;
+        let dynamics = machine.arm.linkage.dynamics(&machine.arm.mass, angles, JointRates::default())?;
         let mass = match (is_cartesian, dynamics.jacobian.try_inverse()) {
             (true, Some(inverse)) => inverse.transpose() * dynamics.mass * inverse,
             _ => dynamics.mass,

@@ -2,19 +2,24 @@
 
 use nalgebra::{Matrix2, Vector2};
 
-use crate::control::{Gains, Grip, Law, Outer, Pose, ServoLoop, least_virtual_mass_kg};
+use crate::control::{FeedForwardParameters, Gains, Grip, Law, Outer, Pose, ServoLoop, least_virtual_mass_kg};
+use crate::cycle::TorqueServoParameters;
 use crate::fixture::{
     self, Admittance, Contrast, Coupling, Curvature, Fixture, Guidance, Limits, Line, Parameters, Rearm, Shape2, Side,
 };
 use crate::quantity::{JointRates, TipPoint};
 use crate::sim::arm::{ArmError, ArmParameters};
 use crate::sim::hand::HandLoad;
-use crate::study::bench::{
-    Bench, BenchError, BenchParameters, Joints, STUDY_DISTAL_M, STUDY_GAINS, STUDY_START_M, study_arm,
-};
+use crate::study::bench::{Bench, BenchError, BenchParameters};
+use crate::study::plant::{STUDY_ARM, StudyArm};
 
 pub(super) const PERIOD_S: f64 = 1e-3;
 const PLANT_STEP_S: f64 = 1e-4;
+/// Where the tool starts: on the axis of symmetry, where the directions x and y do not couple. The arm weighs 5.5 kg along x
+/// and 3.9 kg along y there.
+pub(super) const START_M: Vector2<f64> = Vector2::new(0.0, 0.36);
+/// PD gains of the joints: N m/rad, N m s/rad.
+const GAINS: Gains = Gains { stiffness: 4000.0, damping: 45.0, integral: 0.0 };
 /// How long the nudge lasts.
 const NUDGE_S: f64 = 0.02;
 /// The tool is lost when it is that far from where it started.
@@ -68,8 +73,8 @@ pub(super) const PLAIN: Setting = Setting {
     hand_n_s_per_m: 15.0,
     hand_kg: 0.0,
     servo_delay: 0,
-    start_m: STUDY_START_M,
-    distal_m: STUDY_DISTAL_M,
+    start_m: START_M,
+    distal_m: STUDY_ARM.distal_m,
     nudge_n: 5.0,
 };
 
@@ -100,7 +105,7 @@ impl Outcome {
 
 impl Setting {
     fn gains(&self) -> Gains {
-        let Gains { stiffness, damping, integral } = STUDY_GAINS;
+        let Gains { stiffness, damping, integral } = GAINS;
         Gains { stiffness: stiffness * self.bandwidth * self.bandwidth, damping: damping * self.bandwidth, integral }
     }
 
@@ -119,9 +124,15 @@ impl Setting {
         self.pose().and_then(|pose| least_virtual_mass_kg(&servo, &pose, &grip, &outer).ok()).unwrap_or(f64::NAN)
     }
 
+    fn arm(&self) -> Option<ArmParameters> {
+        let (coulomb_n_m, distal_m) = (self.coulomb_n_m, self.distal_m);
+        let arm = StudyArm { coulomb_n_m, viscous_n_m_s_per_rad: 0.0, distal_m, ..STUDY_ARM };
+        Some(ArmParameters { handle_kg: self.hand_kg, ..arm.parameters().ok()? })
+    }
+
     /// The arm where the tool starts.
     fn pose(&self) -> Option<Pose> {
-        let arm = study_arm(0.0, self.distal_m).ok()?;
+        let arm = self.arm()?;
         let angles = arm.linkage.inverse(TipPoint(self.start_m)).ok()?;
         let dynamics = arm.linkage.dynamics(&arm.mass, angles, JointRates::default()).ok()?;
         Some(Pose {
@@ -183,19 +194,22 @@ impl Setting {
 
     /// The arm with its servo, whose torques have no limit, and the way of the force to it.
     pub(super) fn parameters(&self) -> Option<BenchParameters> {
-        let joints = Joints {
+        let servo = TorqueServoParameters {
             law: Law::Pid,
             gains: self.gains(),
             sliding_time_s: 0.0,
+            is_cartesian: false,
             torque_limit_n_m: f64::INFINITY,
-            delay_cycles: self.servo_delay,
+            feed_forward: FeedForwardParameters::NONE,
+            inertia: None,
         };
         Some(BenchParameters {
-            arm: ArmParameters { handle_kg: self.hand_kg, ..study_arm(self.coulomb_n_m, self.distal_m).ok()? },
+            arm: self.arm()?,
             start_m: self.start_m,
             period_s: PERIOD_S,
             plant_step_s: PLANT_STEP_S,
-            joints,
+            servo,
+            delay_cycles: self.servo_delay,
             low_pass: self.low_pass_hz.map(|hz| (hz, f64::from(self.sample_cycles) * PERIOD_S)),
         })
     }

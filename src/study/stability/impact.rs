@@ -3,12 +3,12 @@
 use nalgebra::{Vector1, Vector2};
 use serde_json::Value;
 
-use super::held::{PERIOD_S, PLAIN, Setting};
+use super::held::{PERIOD_S, PLAIN, START_M, Setting};
 use super::on_grid;
 use crate::fixture::prediction::{Impact, capture_probability, capture_speed_m_per_s};
 use crate::fixture::{Admittance, Coupling, Curvature, Fixture, Limits, Line, Parameters, Plane, Rearm, Shape2, Side};
 use crate::sim::hand::HandLoad;
-use crate::study::bench::{Bench, STUDY_START_M};
+use crate::study::bench::Bench;
 use crate::study::chart::{Axis, Chart, Color, Mark, Panel, Series};
 use crate::study::sweep::{Clock, Report, Row, Sweep, Table};
 
@@ -157,17 +157,17 @@ struct Overshoot {
 /// The arm of the maps with dry joints, moving along y towards a wall. The stiffer servo and the torque limit are those of
 /// the rig of the paper.
 fn with_arm(yield_n: f64, hold_steps: u32, speed_m_per_s: f64) -> Option<Overshoot> {
-    let wall_y = STUDY_START_M.y + WALL_M;
+    let wall_y = START_M.y + WALL_M;
     let line = Line::new(Vector2::new(0.0, wall_y), -Vector2::y()).ok()?;
     let fixture = Fixture::new(Shape2::Line(line), parameters(yield_n, hold_steps)).ok()?;
     let stiffer = Setting { coulomb_n_m: COULOMB_N_M, servo_delay: 1, bandwidth: 2.0, ..PLAIN };
     let mut parameters = stiffer.parameters()?;
-    parameters.joints.torque_limit_n_m = TORQUE_LIMIT_N_M;
+    parameters.servo.torque_limit_n_m = TORQUE_LIMIT_N_M;
     let mut bench = Bench::new(&parameters, fixture).ok()?;
     bench.start_moving(Vector2::y() * speed_m_per_s).ok()?;
     let press = Vector2::y() * (PRESS * yield_n);
     let mut found = Overshoot { impact_m_per_s: f64::NAN, last_distance_m: f64::NAN, depth_m: 0.0, tool_depth_m: 0.0 };
-    let mut before = [STUDY_START_M.y - speed_m_per_s * PERIOD_S, STUDY_START_M.y];
+    let mut before = [START_M.y - speed_m_per_s * PERIOD_S, START_M.y];
     // The proxy comes along freely, so its crossing is known. The last force before it is that of the step that crosses.
     let crossing = (WALL_M / (speed_m_per_s * PERIOD_S)).ceil() as u64;
     for cycle in 0..crossing + TOOL_CYCLES {

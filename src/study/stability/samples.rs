@@ -5,13 +5,13 @@ use rand_xoshiro::SplitMix64;
 use rand_xoshiro::rand_core::SeedableRng;
 use serde_json::Value;
 
-use super::held::{PERIOD_S, PLAIN, Setting};
+use super::held::{PERIOD_S, PLAIN, START_M, Setting};
 use crate::fixture::{
     Admittance, Coupling, Curvature, EnergyObserver, Fixture, Limits, Line, Parameters, Rearm, Shape2, Side,
 };
 use crate::sim::hand::HandLoad;
 use crate::sim::share_of_one;
-use crate::study::bench::{Bench, STUDY_START_M};
+use crate::study::bench::Bench;
 use crate::study::chart::{Axis, Chart, Color, Mark, Panel, Series};
 use crate::study::sweep::{Clock, Report, Sweep, Table};
 
@@ -83,7 +83,7 @@ impl Sweep for Samples {
 
 /// Energy given to the hand in all, and the most in one go, in J; `None` if the tool is thrown out of reach.
 fn run(trouble: Trouble, share: f64, mass_kg: f64, hand_n_per_m: f64, seed: u64) -> Option<[f64; 2]> {
-    let line = Line::new(STUDY_START_M, Vector2::y()).ok()?;
+    let line = Line::new(START_M, Vector2::y()).ok()?;
     let parameters = Parameters {
         coupling: Coupling::Admittance(Admittance { mass_kg }),
         limits: LIMITS,
@@ -122,7 +122,7 @@ fn run(trouble: Trouble, share: f64, mass_kg: f64, hand_n_per_m: f64, seed: u64)
         let hand = |time_s: f64, tip: crate::quantity::TipPoint| {
             let (place, rate) = swing(time_s);
             HandLoad {
-                force_n: (STUDY_START_M + way_m * place - tip.0) * hand_n_per_m + way_m * (rate * HAND_N_S_PER_M),
+                force_n: (START_M + way_m * place - tip.0) * hand_n_per_m + way_m * (rate * HAND_N_S_PER_M),
                 damping_n_s_per_m: HAND_N_S_PER_M,
                 stiffness_n_per_m: hand_n_per_m,
             }

@@ -6,6 +6,7 @@ use serde_json::Value;
 use super::held::{Outcome, PLAIN, Setting};
 use super::{Agreement, cell, cells_below};
 use crate::study::chart::{Axis, Chart, Color, Mark, Panel, Series};
+use crate::study::plant::{STUDY_ARM, StudyArm};
 use crate::study::sweep::{Clock, Report, Row, Sweep, Table};
 
 const GAPS: u64 = 36;
@@ -23,9 +24,6 @@ const DRY_NUDGE_N: f64 = 30.0;
 
 /// Distal links with which they can come to lie on one line.
 const SHORT_DISTAL_M: f64 = 0.25;
-const DISTAL_M: f64 = 0.30;
-const PROXIMAL_M: f64 = 0.25;
-const HALF_BASE_M: f64 = 0.05;
 
 #[derive(Clone, Copy, PartialEq)]
 enum Kind {
@@ -54,15 +52,16 @@ const CASES: [Case; 4] = [
 impl Case {
     /// The setting at a gap, with the tool on the axis of symmetry.
     fn at(&self, gap_m: f64) -> Setting {
+        let StudyArm { half_base_m, proximal_m, distal_m, .. } = STUDY_ARM;
         let (distal_m, y_m) = match self.kind {
             Kind::Stretched => {
-                let reach_m = PROXIMAL_M + DISTAL_M - gap_m;
-                (DISTAL_M, (reach_m * reach_m - HALF_BASE_M * HALF_BASE_M).sqrt())
+                let reach_m = proximal_m + distal_m - gap_m;
+                (distal_m, (reach_m * reach_m - half_base_m * half_base_m).sqrt())
             }
             Kind::DistalStretched => {
                 let half_m = SHORT_DISTAL_M - 0.5 * gap_m;
                 let height = |side: f64, across: f64| (side * side - across * across).sqrt();
-                (SHORT_DISTAL_M, height(PROXIMAL_M, half_m - HALF_BASE_M) + height(SHORT_DISTAL_M, half_m))
+                (SHORT_DISTAL_M, height(proximal_m, half_m - half_base_m) + height(SHORT_DISTAL_M, half_m))
             }
         };
         // A nudge that moves a frictionless arm by a small share of the gap; dry joints need one that moves them.

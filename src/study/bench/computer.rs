@@ -1,0 +1,79 @@
+//! What the computer of a bench does: from a force and a measured posture to torques.
+
+use nalgebra::Vector2;
+
+use super::{BenchError, BenchParameters};
+use crate::cycle::{Reference, TorqueServo};
+use crate::fixture::{Fixture, Shape2, Step};
+use crate::linkage::{FiveBar, Posture};
+use crate::quantity::{JointAngles, JointTorques, TipPoint};
+use crate::setvalued::gsat;
+
+/// Fixture, kinematics and servo of a bench.
+#[derive(Clone, Debug)]
+pub struct Computer {
+    linkage: FiveBar,
+    fixture: Fixture<Shape2, 2>,
+    servo: TorqueServo,
+    torque_limit_n_m: f64,
+    reference: Reference,
+    period_s: f64,
+}
+
+/// What a cycle commands.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Command {
+    /// What the fixture did.
+    pub step: Step<2>,
+    /// The torques within their limit.
+    pub torques: JointTorques,
+}
+
+impl Computer {
+    /// At rest with `fixture` reset to the start of the bench.
+    ///
+    /// # Errors
+    /// A gain or time out of range, or a start out of reach.
+    pub fn new(parameters: &BenchParameters, mut fixture: Fixture<Shape2, 2>) -> Result<Self, BenchError> {
+        let BenchParameters { arm, start_m, period_s, servo, .. } = parameters;
+        fixture.reset(start_m)?;
+        let start = TipPoint(*start_m);
+        Ok(Self {
+            linkage: arm.linkage,
+            fixture,
+            servo: TorqueServo::new(servo, &arm.linkage, *period_s)?,
+            torque_limit_n_m: servo.torque_limit_n_m,
+            reference: Reference::at_rest(start, arm.linkage.inverse(start)?),
+            period_s: *period_s,
+        })
+    }
+
+    /// The angles at which the joints shall be.
+    pub fn target(&self) -> JointAngles {
+        self.reference.angles
+    }
+
+    /// Lets the proxy come to the tool with this velocity.
+    pub(super) fn start_moving(
+        &mut self,
+        tool_m: Vector2<f64>,
+        velocity_m_per_s: Vector2<f64>,
+    ) -> Result<(), BenchError> {
+        self.fixture.reset(&(tool_m - velocity_m_per_s * self.period_s))?;
+        Ok(self.fixture.hold_back_to(&tool_m)?)
+    }
+
+    /// One cycle of an arm that is measured to be in this posture.
+    ///
+    /// # Errors
+    /// Where the linkage cannot be, and for numbers that are not finite.
+    pub fn step(&mut self, force_n: &Vector2<f64>, measured: &Posture) -> Result<Command, BenchError> {
+        let step = self.fixture.step_admittance(force_n);
+        let proxy = TipPoint(step.proxy);
+        let angles = self.linkage.inverse_near(proxy, self.reference.angles)?;
+        self.reference = self.reference.moved(proxy, angles, self.period_s);
+        let servo = self.servo.step(&self.linkage, &self.reference, measured).map_err(|_| BenchError::NotFinite)?;
+        let limit = self.torque_limit_n_m;
+        Ok(Command { step, torques: JointTorques(servo.torques.0.map(|torque| gsat(-limit, torque, limit))) })
+    }
+}
