@@ -8,12 +8,13 @@ use super::failure::{Exit, Failure};
 use super::output::Output;
 use super::progress::Progress;
 use super::run::{above_bound, drawing_failure, measures_text, rig_failure, tool_text, write_drawing};
+use crate::study::Stage;
 use crate::study::drawing;
-use crate::study::reproduce::{FIGURES, FigureRun, HandScale, ReproduceError, reproduce};
+use crate::study::reproduce::{FIGURES, FigureRun, HandScale, Mode, ReproduceError, reproduce, reproduce_file};
 
 #[derive(Debug, clap::Args)]
 pub(super) struct Arguments {
-    /// The figure, or all of them
+    /// The figure of the paper, all of them, or a file of your own, such as a copy of config/figures/fig9.yaml
     #[arg(value_name = "FIGURE", value_parser = parse_figure)]
     figure: Choice,
     /// Folder of the drawings, each as .svg and .png; made if it is missing
@@ -28,15 +29,19 @@ pub(super) struct Arguments {
 }
 
 #[derive(Clone, Debug)]
-struct Choice(Vec<&'static str>);
+enum Choice {
+    Paper(Vec<&'static str>),
+    File(String),
+}
 
 fn parse_figure(text: &str) -> Result<Choice, String> {
     if text == "all" {
-        return Ok(Choice(FIGURES.to_vec()));
+        return Ok(Choice::Paper(FIGURES.to_vec()));
     }
     match FIGURES.iter().find(|figure| **figure == text) {
-        Some(figure) => Ok(Choice(vec![figure])),
-        None => Err(format!("the figures are {}, all", FIGURES.join(", "))),
+        Some(figure) => Ok(Choice::Paper(vec![figure])),
+        None if text.contains(['.', '/', ':']) => Ok(Choice::File(text.to_owned())),
+        None => Err(format!("the figures are {}, all; or name a file, FIGURE.yaml", FIGURES.join(", "))),
     }
 }
 
@@ -51,14 +56,23 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
     let hand = HandScale { stiffness: arguments.hand_stiffness, mass: arguments.hand_mass };
     let mut entries: Vec<Value> = Vec::new();
     let mut out_of_bound = None;
-    for &figure in &arguments.figure.0 {
+    let names = match &arguments.figure {
+        Choice::Paper(figures) => figures.clone(),
+        Choice::File(path) => vec![path.as_str()],
+    };
+    for figure in names {
         let progress = Progress::new(output);
-        let runs = reproduce(figure, hand, |figure, mode, stage| {
+        let at = |figure: &str, mode: Mode, stage: Stage| {
             progress.begin(&format!("{figure} {mode}"));
             progress.at(stage);
-        });
+        };
+        let runs = match &arguments.figure {
+            Choice::Paper(_) => reproduce(figure, hand, at).map(|runs| (runs, Vec::new())),
+            Choice::File(path) => reproduce_file(path, hand, at),
+        };
         progress.end();
-        let runs = runs.map_err(failure)?;
+        let (runs, warnings) = runs.map_err(failure)?;
+        output.warnings(&warnings);
         let mut files = Vec::new();
         let drawings = drawing::figure(&runs).map_err(|error| drawing_failure(&error))?;
         for named in drawings {

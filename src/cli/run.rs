@@ -1,5 +1,6 @@
-//! `yieldwall run`: a rig with its scene on the embedded simulation.
+//! `yieldwall run`: a rig or an impedance device with its scene on the embedded simulation.
 
+mod device;
 mod ending;
 mod facts;
 mod picture;
@@ -21,13 +22,13 @@ use super::keep::{Keep, Watched};
 use super::margins::Margins;
 use super::output::Output;
 use super::progress::Progress;
-use crate::config::{self, Loaded, Report, Severity, Source};
+use crate::config::{self, Document, Loaded, Report, Severity, Source};
 use crate::rig::{self, Drilled};
 use crate::study::{Overrides, drawing, replay, run_rig};
 
 #[derive(Debug, clap::Args)]
 pub(super) struct Arguments {
-    /// The rig; `builtin:paper-admittance.yaml` names the copy inside the program
+    /// The rig or the impedance device; `builtin:paper-admittance.yaml` names the copy inside the program
     #[arg(value_name = "RIG.yaml")]
     pub(super) rig: String,
     /// Run on this interface instead of the embedded simulation; for a rig with several buses once for each, as NAME=INTERFACE
@@ -80,7 +81,13 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
     if !arguments.bus.is_empty() {
         return super::live::run(arguments, output);
     }
-    let rig = config::load_rig(Source::named(&arguments.rig))?;
+    let source = Source::named(&arguments.rig);
+    let rig = match config::load(source.clone())? {
+        Document::Rig(rig) => *rig,
+        Document::Device(device) => return device::run(arguments, &device, output),
+        // Says what it is.
+        Document::Scene(_) | Document::Figure(_) => config::load_rig(source)?,
+    };
     // Those of the scene are among them.
     output.warnings(&rig.warnings);
     check_buses(&rig, arguments.ignore_bus_budget, output)?;

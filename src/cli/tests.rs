@@ -75,6 +75,25 @@ fn exit_codes_tell_what_happened() {
     }
 }
 
+/// What `config check` takes, a command runs: a device, and a figure in a file.
+#[test]
+fn devices_and_figures_in_files_are_run_and_drawn() {
+    let out = std::env::temp_dir().join(format!("yieldwall-files-{}", std::process::id()));
+    let folder = out.display();
+    let exit = |line: &str| run(line.split(' ').map(OsString::from));
+    let drawn = |name: &str| std::fs::read(out.join(name)).is_ok_and(|bytes| !bytes.is_empty());
+    let device = format!("yieldwall -q run builtin:sphere.yaml --duration 1 --figure {folder}/sphere.svg");
+    assert_eq!(exit(&device), Exit::Ok);
+    assert!(drawn("sphere.svg"));
+    assert_eq!(exit("yieldwall -q run builtin:sphere.yaml --fault node-reset@1"), Exit::Usage);
+    assert_eq!(exit("yieldwall -q run builtin:scenes/cylinder-tour.yaml"), Exit::ConfigInvalid);
+    assert_eq!(exit(&format!("yieldwall -q reproduce builtin:figures/fig9.yaml --out {folder}")), Exit::Ok);
+    assert!(drawn("fig9-impedance.svg") && drawn("fig9-impedance.png"));
+    assert_eq!(exit("yieldwall -q reproduce builtin:sphere.yaml"), Exit::ConfigInvalid);
+    assert_eq!(exit("yieldwall -q reproduce fig10"), Exit::Usage);
+    std::fs::remove_dir_all(&out).unwrap();
+}
+
 #[test]
 fn a_warning_is_drawn_as_one() {
     let text = malformed::base_text("rig.yaml").replace("radius_m: 0.12", "radius_m: 3.0e-5");

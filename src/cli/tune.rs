@@ -222,11 +222,16 @@ fn place_words(tool_m: [f64; 2]) -> String {
     format!("({x:.3}, {y:.3}) m")
 }
 
+/// A number to four significant digits.
+fn four_digits(value: f64) -> f64 {
+    format!("{value:.3e}").parse().unwrap_or(value)
+}
+
 /// What the coupling of a device bears, for a person to read.
 pub(super) fn coupled_lines(device: &ImpedanceDevice, coupled: &Coupled, reserve: f64) -> Vec<String> {
     let Coupling::Impedance { stiffness_n_per_m, damping_n_s_per_m } = device.fixture.coupling else { return vec![] };
     let own = device.plant.damping_n_s_per_m.get();
-    let bound = |value: Option<f64>| value.map_or("none".to_owned(), |value| format!("{value:.4}"));
+    let bound = |value: Option<f64>| value.map_or("none".to_owned(), |value| four_digits(value).to_string());
     vec![
         format!(
             "virtual coupling, hand off: {}; K = {} N/m needs about {:.3} N s/m, device and B have {:.3} N s/m",
@@ -342,6 +347,16 @@ mod tests {
         let json = Masses::of(&rig(&[]), &[]).unwrap().to_json(2.0);
         let lags = json["hands"].as_array().unwrap().iter().map(|hand| hand["lag_s"].as_f64().unwrap());
         assert!(lags.clone().all(|lag_s| lag_s >= 0.0 && lag_s.is_sign_positive()), "{json}");
+    }
+
+    #[test]
+    fn bounds_are_told_to_four_digits() {
+        let device = load_device(builtin("paper-impedance.yaml")).unwrap();
+        let coupled = coupled_device(&device.value, 2.0).unwrap().unwrap();
+        let coupled = Coupled { greatest_stiffness_n_per_m: Some(1944.4191), ..coupled };
+        let lines = coupled_lines(&device.value, &coupled, 2.0);
+        assert!(lines[1].contains("K at most 1944 N/m beside"), "{lines:?}");
+        assert_eq!(four_digits(0.000_123_456), 0.000_123_5);
     }
 
     #[test]

@@ -58,6 +58,7 @@ const SHIPPED: &[(&str, &str)] = shipped![
     "scenes/moving-walls.yaml",
     "scenes/plane-push.yaml",
     "scenes/room-walk.yaml",
+    "sphere.yaml",
 ];
 
 /// A document that can be read, and from which relative paths start.

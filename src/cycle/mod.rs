@@ -120,6 +120,8 @@ pub struct Signals {
     pub tool: TipPoint,
     /// Proxy, or the measured tool point while there is no reference.
     pub proxy: TipPoint,
+    /// How far the fixture's surfaces have moved from their place.
+    pub surface: TipPoint,
     /// Angles that the proxy asks for.
     pub target_angles: JointAngles,
     /// Measured angles.
@@ -378,6 +380,7 @@ impl Cycle {
         signals.measured_angles = self.measured.angles;
         signals.tool = self.posture.map(|posture| posture.tip).unwrap_or_default();
         signals.proxy = self.reference.as_ref().map_or(signals.tool, |reference| reference.point);
+        signals.surface = TipPoint(self.fixture.origin());
         signals.signed_distance_m = match signals.is_on_surface {
             // The fixture's own figure is exact there.
             true => signals.signed_distance_m,

@@ -98,18 +98,20 @@ impl CycleRecord {
             tool_velocity_m_per_s: planar(truth.velocity.to_array()),
             force_n: planar(signals.force.to_array()),
             force_age_s: signals.force_age_s,
-            power_w: 0.0,
             torques_n_m: match self.command {
                 JointCommand::Torque(torques) => torques.to_array(),
                 _ => truth.torques.to_array(),
             },
             target_angles_rad: signals.target_angles.to_array(),
             measured_angles_rad: signals.measured_angles.to_array(),
+            surface_m: planar(signals.surface.to_array()),
             signed_distance_m: signals.signed_distance_m,
             is_on_surface: signals.is_on_surface,
             hold_counter: signals.hold_counter,
             is_impact: signals.is_impact,
             supervisor_state: self.directive.state as u8,
+            // The rest is for those who know the surfaces.
+            ..Row::default()
         }
     }
 }

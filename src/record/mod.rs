@@ -16,4 +16,4 @@ pub mod recording;
 pub const AROUND_FAULT_S: f64 = 2.0;
 
 pub use cycle::{CycleRecord, Moment, Stages, Truth};
-pub use trace::{ForceMeaning, ON_SURFACE_M, Phase, Reference, Row, SideYield, Trace};
+pub use trace::{ForceMeaning, ON_SURFACE_M, Phase, Reference, Row, Trace};

@@ -1,6 +1,6 @@
 //! Which drawing shows which run, as in the paper.
 
-use super::reproduce::{FigureRun, Mode};
+use super::reproduce::{FIG13, FigureRun, Mode};
 use crate::record::Trace;
 use crate::record::figure::{
     Drawing, Error, Options, TimeSpan, View, Window, hold_comparison, magnified, trajectory_and_time,
@@ -42,15 +42,17 @@ pub fn figure(runs: &[FigureRun]) -> Result<Vec<NamedDrawing>, Error> {
             Mode::Impedance => Some(first.title.clone()),
             _ => Some(format!("{} ({mode})", first.title)),
         };
-        let drawing = match first.figure {
-            "fig13" | "fig16" => enlarged(&of_mode, heading)?,
-            "fig14" | "fig15" => {
+        // Holds side by side, or in the windows of the figure.
+        let drawing = match (of_mode.len() > 1, first.magnified.is_empty()) {
+            _ if first.figure == FIG13 => enlarged(&of_mode, heading)?,
+            (true, false) => enlarged(&of_mode, heading)?,
+            (true, true) => {
                 let [before_s, after_s] = AROUND_IMPACT_S;
                 let traces: Vec<&Trace> = of_mode.iter().map(|run| run.trace()).collect();
                 let time_span = TimeSpan::AroundImpact { before_s, after_s };
                 hold_comparison(&traces, &Options { time_span, heading, ..Options::default() })?
             }
-            _ => run(first.trace(), heading)?,
+            (false, _) => run(first.trace(), heading)?,
         };
         drawings.push(NamedDrawing { name: format!("{}-{mode}", first.figure), drawing });
     }

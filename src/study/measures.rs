@@ -109,8 +109,6 @@ pub struct Context {
     pub period_s: f64,
     /// Proxy mass in kg; `None` for the impedance type.
     pub mass_kg: Option<f64>,
-    /// 1 if the rows' signed distance grows along the normal of the trace's reference, -1 if against it.
-    pub normal_sign: f64,
     /// Torque limit in N m; `None` where no torque is commanded.
     pub torque_limit_n_m: Option<f64>,
     /// Whether the proxy is held on the surface after an impact, for a fixed time or by an automatic hold.
@@ -134,9 +132,9 @@ pub fn measure(trace: &Trace, context: &Context) -> Measures {
         ),
     };
     let on: Vec<&Row> = trace.rows.iter().filter(|row| row.is_on_surface).collect();
-    let distance_mm = |row: &Row| 1e3 * trace.reference.signed_distance_m(row.tool_m).unwrap_or(0.0).abs();
+    let distance_mm = |row: &Row| 1e3 * row.tool_distance_m.abs();
     let tracing: Vec<&Row> = steady_tracing(trace, context, &impacts).collect();
-    let pressed = pressed(trace, context);
+    let pressed = pressed(trace);
     let peak_torque =
         trace.rows.iter().flat_map(|row| row.torques_n_m).fold(0.0f64, |peak, torque| peak.max(torque.abs()));
     let positive = trace.rows.iter().filter(|row| row.power_w > 0.0).count();
@@ -182,13 +180,8 @@ fn root_mean_square(values: impl Iterator<Item = f64>) -> Option<f64> {
     (count > 0).then(|| (sum / f64::from(count)).sqrt())
 }
 
-/// Normal force of the hand on the tool in N, positive in the direction in which the rows' signed distance grows.
-fn push_n(trace: &Trace, context: &Context, row: &Row) -> f64 {
-    -context.normal_sign * trace.normal_force_n(row)
-}
-
-/// A push with this component along the normal of the trace's reference, as a share of the force that it has to reach for
-/// the surface to yield.
+/// A push of the hand with this component along the normal, as a share of the force that it has to reach for the surface to
+/// yield.
 fn pressed_share(trace: &Trace, along_normal_n: f64) -> f64 {
     along_normal_n.abs() / trace.yield_against_n(along_normal_n)
 }
@@ -208,7 +201,9 @@ fn impacts(trace: &Trace, context: &Context) -> Vec<Impact> {
 fn impact_at(trace: &Trace, context: &Context, at: usize) -> Impact {
     let rows = &trace.rows;
     let side = rows[at - 1].signed_distance_m.signum();
-    let speed = (rows[at - 1].signed_distance_m - rows[at - 2].signed_distance_m).abs() / context.period_s;
+    // A distance that grows or shrinks by more than the way is one from another surface.
+    let approach = (rows[at - 1].signed_distance_m - rows[at - 2].signed_distance_m).abs();
+    let speed = approach.min(trace.way_m(at - 1)) / context.period_s;
     let window = (IMPACT_WINDOW_S / context.period_s).round() as usize;
     let mut impact = Impact {
         row: at,
@@ -222,28 +217,30 @@ fn impact_at(trace: &Trace, context: &Context, at: usize) -> Impact {
     };
     let mut below_yield = true;
     let mut came_back = false;
+    let mut is_this_surface = true;
     let mut push = Vec::new();
-    for row in rows.iter().skip(at).take(window) {
-        let force = push_n(trace, context, row);
+    for (place, row) in rows.iter().enumerate().skip(at).take(window) {
+        let force = -trace.normal_force_n(row);
         impact.force_normal_max_n = impact.force_normal_max_n.max(force.abs());
-        below_yield &= pressed_share(trace, -trace.normal_force_n(row)) < YIELDING_SHARE;
+        below_yield &= pressed_share(trace, force) < YIELDING_SHARE;
+        let change = (row.signed_distance_m - rows[place - 1].signed_distance_m).abs();
+        is_this_surface &= change <= trace.way_m(place) + ON_SURFACE_M;
         let depth = -side * row.signed_distance_m;
         came_back |= depth < -ON_SURFACE_M;
-        if !below_yield || came_back {
+        if !below_yield || came_back || !is_this_surface {
             continue;
         }
         if 1e3 * depth > impact.depth_mm {
             push.push(-side * force);
         }
         impact.depth_mm = impact.depth_mm.max(1e3 * depth);
-        let tool = context.normal_sign * trace.reference.signed_distance_m(row.tool_m).unwrap_or(0.0);
-        impact.tool_depth_mm = impact.tool_depth_mm.max(-side * 1e3 * tool);
+        impact.tool_depth_mm = impact.tool_depth_mm.max(-side * 1e3 * row.tool_distance_m);
     }
     if let (Some(mass), false) = (context.mass_kg, context.has_hold) {
         let law = |hand_force_n: f64| {
             let law = prediction::Impact {
                 mass_kg: mass,
-                yield_n: trace.yield_against_n(-side * context.normal_sign),
+                yield_n: trace.yield_against_n(-side),
                 hand_force_n,
                 speed_m_per_s: speed,
                 last_distance_m: rows[at - 1].signed_distance_m.abs(),
@@ -267,16 +264,15 @@ struct Pressed {
 
 /// Walks the contacts: from the second row in a row with the proxy on the surface (a single one is a landing in flight)
 /// until the push reaches 0.95 R, or points to the free side of a unilateral surface.
-fn pressed(trace: &Trace, context: &Context) -> Pressed {
+fn pressed(trace: &Trace) -> Pressed {
     let mut pressed = Pressed { rows: 0, on: 0, releases: 0 };
     let mut in_contact = false;
     let mut was_on = false;
     for row in &trace.rows {
         // By the proxy, which may have come round a corner when the tool has not, or the other way about.
-        let along_normal = -trace.normal_force_at_n(row, row.proxy_m);
-        let push = context.normal_sign * along_normal;
+        let push = -trace.normal_force_at_proxy_n(row);
         let is_freeing = trace.is_unilateral && push > 0.0;
-        if pressed_share(trace, along_normal) >= PRESSED_SHARE || is_freeing {
+        if pressed_share(trace, push) >= PRESSED_SHARE || is_freeing {
             in_contact = false;
         } else if row.is_on_surface && was_on {
             in_contact = true;
@@ -385,7 +381,6 @@ fn norm(a: [f64; 3]) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::record::Reference;
 
     /// A proxy in the plane that goes outward along x to a circle of 0.12 m, under a push of 10 N, and stays on it.
     fn pressed_outward() -> Trace {
@@ -399,12 +394,14 @@ mod tests {
                 force_n: [10.0, 0.0, 0.0],
                 // Forbidden outside: the fixture counts positive inside.
                 signed_distance_m: gap,
+                tool_distance_m: 0.12 - tool_m[0],
+                tool_normal: [-1.0, 0.0, 0.0],
+                proxy_normal: [-1.0, 0.0, 0.0],
                 is_on_surface: at >= 5,
                 ..Row::default()
             }
         };
         Trace {
-            reference: Reference::Circle { center_m: [0.0, 0.0], radius_m: 0.12 },
             friction_n: 3.0,
             yield_n: 20.0,
             is_unilateral: true,
@@ -418,7 +415,6 @@ mod tests {
         let context = Context {
             period_s: 1e-3,
             mass_kg: Some(2.0),
-            normal_sign: -1.0,
             torque_limit_n_m: None,
             has_hold: false,
             stiffness_n_per_m: 0.0,

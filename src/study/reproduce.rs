@@ -1,16 +1,20 @@
 //! The figures of the paper, run again on the simulated machines.
 
 use std::fmt;
+use std::path::Path;
 
 use super::machine::Machine;
 use super::measures::Measures;
 use super::run::{Overrides, RunReport, Stage, Watch, run_rig};
-use crate::config::{self, Loaded, Report};
+use crate::config::{self, Loaded, Report, Source};
 use crate::record::Trace;
 use crate::rig::RigError;
 
 /// The figures that can be reproduced, in the paper's order.
 pub const FIGURES: [&str; 8] = ["fig8", "fig9", "fig11", "fig12", "fig13", "fig14", "fig15", "fig16"];
+
+/// The figure of parts of others.
+pub(super) const FIG13: &str = "fig13";
 
 /// The figures that Fig. 13 shows enlarged.
 const MAGNIFIED_IN_FIG13: [&str; 2] = ["fig8", "fig11"];
@@ -43,7 +47,7 @@ impl fmt::Display for Mode {
 #[derive(Clone, Debug)]
 pub struct FigureRun {
     /// Name of the figure, such as `fig11`.
-    pub figure: &'static str,
+    pub figure: String,
     /// What it shows.
     pub title: String,
     /// How the machine was driven.
@@ -78,7 +82,7 @@ pub enum ReproduceError {
     /// A machine could not be built or could not go on.
     Rig {
         /// The figure.
-        figure: &'static str,
+        figure: String,
         /// How the machine was driven.
         mode: Mode,
         /// What went wrong.
@@ -113,38 +117,53 @@ impl HandScale {
 /// # Errors
 /// A file that was refused, or a machine that could not be run.
 pub fn reproduce(
-    figure: &'static str,
+    figure: &str,
     hand: HandScale,
-    mut progress: impl FnMut(&'static str, Mode, Stage),
+    mut progress: impl FnMut(&str, Mode, Stage),
 ) -> Result<Vec<FigureRun>, ReproduceError> {
-    if figure != "fig13" {
-        return run_figure(figure, figure, hand, &mut progress);
+    let of_file = |file: &str| config::load_figure(config::builtin(format!("figures/{file}.yaml")));
+    if figure != FIG13 {
+        return run_figure(figure, &of_file(figure)?, hand, &mut progress);
     }
     let mut runs = Vec::new();
     for shown in MAGNIFIED_IN_FIG13 {
-        runs.extend(run_figure(figure, shown, hand, &mut progress)?);
+        runs.extend(run_figure(figure, &of_file(shown)?, hand, &mut progress)?);
     }
     Ok(runs)
 }
 
-fn run_figure(
-    name: &'static str,
-    file: &str,
+/// As [`reproduce`], of a figure in a file, which has the file's name without its ending. Returns its warnings too.
+///
+/// # Errors
+/// As [`reproduce`].
+pub fn reproduce_file(
+    path: &str,
     hand: HandScale,
-    progress: &mut impl FnMut(&'static str, Mode, Stage),
+    mut progress: impl FnMut(&str, Mode, Stage),
+) -> Result<(Vec<FigureRun>, Vec<config::Diagnostic>), ReproduceError> {
+    let figure = config::load_figure(Source::named(path))?;
+    let name = Path::new(path).file_stem().map_or_else(|| path.into(), |stem| stem.to_string_lossy());
+    let runs = run_figure(&name, &figure, hand, &mut progress)?;
+    Ok((runs, figure.warnings))
+}
+
+fn run_figure(
+    name: &str,
+    figure: &Loaded<config::Figure>,
+    hand: HandScale,
+    progress: &mut impl FnMut(&str, Mode, Stage),
 ) -> Result<Vec<FigureRun>, ReproduceError> {
-    let figure = config::load_figure(config::builtin(format!("figures/{file}.yaml")))?;
     let scene = config::load_scene(figure.source.relative(&figure.value.scene))?;
     let scene = with_hand(scene.value, hand);
     let mut runs = Vec::new();
-    for machine in machines(&figure)? {
+    for machine in machines(figure)? {
         for &hold_steps in &figure.value.hold_steps {
             let mode = mode(&machine);
             let mut fixture = figure.value.fixture.clone().unwrap_or_else(|| machine.fixture().clone());
             fixture.hold_steps = hold_steps;
             fixture.automatic_hold = None;
             let overrides = Overrides { fixture: Some(fixture), ..Overrides::default() };
-            let fail = |source| ReproduceError::Rig { figure: name, mode, source };
+            let fail = |source| ReproduceError::Rig { figure: name.to_owned(), mode, source };
             let mut stage = |stage| progress(name, mode, stage);
             let report = machine.run(&scene, &overrides, &mut stage).map_err(fail)?;
             let without_feed_forward = match &machine {
@@ -155,8 +174,8 @@ fn run_figure(
                 _ => None,
             };
             let magnified = figure.value.magnify.clone();
-            let title = figure.value.title.clone();
-            runs.push(FigureRun { figure: name, title, mode, hold_steps, report, without_feed_forward, magnified });
+            let (figure, title) = (name.to_owned(), figure.value.title.clone());
+            runs.push(FigureRun { figure, title, mode, hold_steps, report, without_feed_forward, magnified });
         }
     }
     Ok(runs)

@@ -1,21 +1,17 @@
 //! One scene on one machine, from switching on to the trace and its measures.
 
+mod seen;
+
 use std::time::Duration;
 
+pub(super) use self::seen::trace;
 use super::measures::{Context, Measures, measure};
 use crate::config;
-use crate::fixture::Shape2;
 use crate::guard::{Cause, Request, State};
 use crate::injection::Injection;
-use crate::record::{AROUND_FAULT_S, ForceMeaning, Reference, Row, SideYield, Trace};
+use crate::record::{AROUND_FAULT_S, ForceMeaning, Row, Trace};
 use crate::rig::{EmbeddedRig, ImpedanceRig, Observer, RigError, Tap};
 use crate::sim::can::BusCounters;
-
-/// Rows of the moving average over the tool velocity in the power.
-///
-/// # Source
-/// [KTF08], text to Fig. 11.
-const POWER_AVERAGE_ROWS: usize = 5;
 
 /// What a caller may want to know while a scene runs.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -148,7 +144,6 @@ pub fn measured(rig: &config::Rig, fixture: &config::Fixture, rows: Vec<Row>) ->
     let context = Context {
         period_s: f64::from(rig.cycle.period_us) * 1e-6,
         mass_kg: mass_kg(fixture),
-        normal_sign: normal_sign(&fixture.surface),
         torque_limit_n_m: is_torque.then(|| rig.guard.torque_limit_n_m.get()),
         has_hold: fixture.hold_steps > 0 || fixture.automatic_hold.is_some(),
         stiffness_n_per_m: 0.0,
@@ -172,7 +167,7 @@ pub fn run_device(
     let mut machine = ImpedanceRig::new(device, scene, fixture, overrides.seed.unwrap_or(scene.seed))?;
     let period_s = f64::from(device.cycle.period_us) * 1e-6;
     let end_s = overrides.duration_s.unwrap_or(scene.duration_s.get());
-    let cycles = (end_s / period_s).round() as usize;
+    let cycles = ((end_s / period_s).round() as usize).max(1);
     let mut rows = Vec::with_capacity(cycles);
     for _ in 0..cycles {
         let row = machine.run_cycle()?;
@@ -183,7 +178,6 @@ pub fn run_device(
     let context = Context {
         period_s,
         mass_kg: None,
-        normal_sign: normal_sign(&fixture.surface),
         torque_limit_n_m: None,
         has_hold: fixture.hold_steps > 0,
         stiffness_n_per_m: match fixture.coupling {
@@ -206,29 +200,12 @@ pub fn run_device(
     })
 }
 
-/// The fixture's normal points out of the forbidden side, that of the trace's reference away from the centre.
-fn normal_sign(surface: &config::Surface) -> f64 {
-    match *surface {
-        config::Surface::Circle { forbidden: config::Forbidden::Outside, .. }
-        | config::Surface::Cylinder { forbidden: config::Forbidden::Outside, .. }
-        | config::Surface::Sphere { forbidden: config::Forbidden::Outside, .. } => -1.0,
-        _ => 1.0,
-    }
-}
-
-/// A yield force of its own against pushes out of the forbidden side.
-fn side_yield(fixture: &config::Fixture) -> Option<SideYield> {
-    match fixture.law {
-        Some(config::FixtureLaw::Tube { outward_yield_n }) if fixture.side == config::Side::Bilateral => {
-            Some(SideYield { normal_sign: normal_sign(&fixture.surface), yield_n: outward_yield_n.get() })
-        }
-        _ => None,
-    }
-}
-
-/// Mass of the proxy where the laws of impacts and energy hold: not with a spring, and not on a surface that moves.
+/// Mass of the proxy where the laws of impacts and energy hold: not with a spring, not on a surface that moves, and not
+/// where the proxy is taken onto a point from beside it.
 fn mass_kg(fixture: &config::Fixture) -> Option<f64> {
-    if fixture.motion.is_some() || fixture.law.is_some_and(|law| law.guidance().is_some()) {
+    let is_captured =
+        matches!(fixture.surface, config::Surface::Point { capture_radius_m, .. } if *capture_radius_m > 0.0);
+    if is_captured || fixture.motion.is_some() || fixture.law.is_some_and(|law| law.guidance().is_some()) {
         return None;
     }
     match fixture.coupling {
@@ -237,87 +214,100 @@ fn mass_kg(fixture: &config::Fixture) -> Option<f64> {
     }
 }
 
-pub(super) fn trace(title: String, fixture: &config::Fixture, force_meaning: ForceMeaning, rows: Vec<Row>) -> Trace {
-    let mut trace = Trace {
-        title,
-        reference: reference(&fixture.surface),
-        friction_n: fixture.friction_n.get(),
-        yield_n: fixture.yield_n.get(),
-        side_yield: side_yield(fixture),
-        is_unilateral: fixture.side == config::Side::Unilateral,
-        hold_steps: fixture.hold_steps,
-        force_meaning,
-        phases: Vec::new(),
-        rows,
-    };
-    set_power(&mut trace);
-    trace
-}
-
-fn reference(surface: &config::Surface) -> Reference {
-    let two = |[x, y]: [config::Finite; 2]| [x.get(), y.get()];
-    let three = |point: [config::Finite; 3]| point.map(|value| value.get());
-    let flat = |point: [config::Finite; 2]| {
-        let [x, y] = two(point);
-        [x, y, 0.0]
-    };
-    match *surface {
-        config::Surface::Circle { center_m, radius_m, .. } => {
-            Reference::Circle { center_m: two(center_m), radius_m: radius_m.get() }
-        }
-        config::Surface::Line { point_m, normal } => Reference::Plane { point_m: flat(point_m), normal: flat(normal) },
-        config::Surface::Cylinder { axis_point_m, axis_direction, radius_m, .. } => Reference::Cylinder {
-            axis_point_m: three(axis_point_m),
-            axis_direction: three(axis_direction),
-            radius_m: radius_m.get(),
-        },
-        config::Surface::Plane { point_m, normal } => {
-            Reference::Plane { point_m: three(point_m), normal: three(normal) }
-        }
-        // A planar figure of a sphere is its great circle.
-        config::Surface::Sphere { center_m, radius_m, .. } => {
-            let [x, y, _] = three(center_m);
-            Reference::Circle { center_m: [x, y], radius_m: radius_m.get() }
-        }
-        // The outline of a wall runs so that its left is allowed. A point has no line, and what lies in space no
-        // section that a planar figure could show.
-        ref other => match other.planar() {
-            Ok(Some(Shape2::Chain(chain))) if other.has_sides() => Reference::Curve {
-                points_m: chain.outline_m().iter().map(|point| [point.x, point.y]).collect(),
-                is_closed: chain.is_closed(),
-            },
-            _ => Reference::None,
-        },
-    }
-}
-
-/// Power of the device on the hand: force times the tool velocity after a centred moving average.
-fn set_power(trace: &mut Trace) {
-    let half = POWER_AVERAGE_ROWS / 2;
-    let power: Vec<f64> = (0..trace.rows.len())
-        .map(|at| {
-            let window = &trace.rows[at.saturating_sub(half)..(at + half + 1).min(trace.rows.len())];
-            let force = trace.force_on_hand_n(&trace.rows[at]);
-            let mean = |axis: usize| {
-                window.iter().map(|row| row.tool_velocity_m_per_s[axis]).sum::<f64>() / window.len() as f64
-            };
-            (0..3).map(|axis| force[axis] * mean(axis)).sum()
-        })
-        .collect();
-    for (row, power) in trace.rows.iter_mut().zip(power) {
-        row.power_w = power;
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
 
     fn run(file: &str) -> RunReport {
+        run_changed(file, |_| ())
+    }
+
+    fn run_changed(file: &str, change: impl Fn(&mut config::Fixture)) -> RunReport {
         let source = config::builtin(file);
-        let rig = config::load_rig(source.clone()).unwrap().value;
+        let mut rig = config::load_rig(source.clone()).unwrap().value;
+        change(&mut rig.fixture);
         let scene = config::load_scene(source.relative(&rig.scene)).unwrap().value;
         run_rig(&rig, &scene, &Overrides::default(), Watch::default(), |_| {}).unwrap()
+    }
+
+    fn surface(yaml_key: &str, values: serde_json::Value) -> config::Surface {
+        serde_json::from_value(serde_json::json!({ yaml_key: values })).unwrap()
+    }
+
+    /// Which of two walls is named first is nothing that a measure could see, and both are measured where they are.
+    #[test]
+    fn walls_that_move_are_measured_where_they_are_and_in_any_order() {
+        let named = run("moving-walls.yaml");
+        let swapped =
+            run_changed("moving-walls.yaml", |fixture| std::mem::swap(&mut fixture.surface, &mut fixture.also[0]));
+        for report in [&named, &swapped] {
+            assert_eq!(report.trace.references.len(), 2);
+            let Measures { tool_rms_tracing_mm, tool_max_on_surface_mm, .. } = report.measures;
+            assert!(tool_rms_tracing_mm.unwrap() < 0.5, "{:?}", report.measures);
+            assert!(tool_max_on_surface_mm.unwrap() < 5.0, "{:?}", report.measures);
+            assert!(report.measures.impacts.iter().all(|impact| impact.tool_depth_mm < 5.0), "{:?}", report.measures);
+            assert_eq!(report.measures.unintended_releases, 0);
+        }
+        assert_eq!(named.measures, swapped.measures);
+        let farthest = named.trace.rows.iter().map(|row| row.surface_m[0]).fold(0.0, f64::max);
+        assert!((farthest - 0.05).abs() < 1e-4, "{farthest}");
+    }
+
+    /// The stops on the second guide count, and going over to it is no way through the first.
+    #[test]
+    fn a_second_guide_is_measured_as_the_first() {
+        let line = surface("line", serde_json::json!({ "point_m": [-0.03, 0.0], "normal": [1.0, 0.0] }));
+        let report = run_changed("paper-admittance.yaml", |fixture| fixture.also = vec![line.clone()]);
+        let measures = &report.measures;
+        assert!(measures.is_within_bound(), "{measures:?}");
+        assert!(
+            measures.impacts.iter().all(|impact| impact.depth_mm < 4.0 && impact.tool_depth_mm < 5.0),
+            "{measures:?}"
+        );
+        let is_on_line = |row: &Row| row.is_on_surface && (row.proxy_m[0] + 0.03).abs() < 1e-9;
+        assert!(measures.impacts.iter().any(|impact| is_on_line(&report.trace.rows[impact.row])), "{measures:?}");
+        assert!(measures.tool_rms_on_surface_mm.unwrap() < 0.1, "{measures:?}");
+    }
+
+    /// Every reference in space, on the shipped device: what is run can be measured and drawn.
+    #[test]
+    fn references_in_space_are_run_and_drawn() {
+        let source = config::builtin("sphere.yaml");
+        let device = config::load_device(source.clone()).unwrap().value;
+        let scene = config::load_scene(source.relative(&device.scene)).unwrap().value;
+        let others = [
+            surface(
+                "box",
+                serde_json::json!({
+                    "center_m": [0.0, 0.0, -0.02], "half_size_m": [0.035, 0.03, 0.03], "forbidden": "inside"
+                }),
+            ),
+            surface(
+                "space_curve",
+                serde_json::json!({
+                    "points_m": [[0.04, 0.0, -0.01], [0.0, 0.04, 0.0], [-0.04, 0.0, 0.01]],
+                    "is_closed": false, "capture_radius_m": 0.002
+                }),
+            ),
+            surface("space_point", serde_json::json!({ "point_m": [0.0333, 0.0204, 0.0], "capture_radius_m": 0.002 })),
+        ];
+        for surface in std::iter::once(device.fixture.surface.clone()).chain(others) {
+            let curvature = match surface {
+                config::Surface::Sphere { .. } => config::Curvature::Exact,
+                _ => config::Curvature::Tangent,
+            };
+            let fixture = config::Fixture { surface, curvature, ..device.fixture.clone() };
+            let name = fixture.surface.name();
+            let overrides = Overrides { fixture: Some(fixture), ..Overrides::default() };
+            let report = run_device(&device, &scene, &overrides, |_| {}).unwrap();
+            let measures = &report.measures;
+            assert!(measures.is_within_bound(), "{name}: {measures:?}");
+            assert!(measures.tool_max_on_surface_mm.is_some_and(|most| most < 5.0), "{name}: {measures:?}");
+            let leaves_plane = report.trace.rows.iter().any(|row| row.tool_m[2].abs() > 1e-4);
+            assert!(leaves_plane || name != "sphere", "a sphere beside its great circle pushes along z");
+            let svg = super::super::drawing::run(&report.trace, None).unwrap().svg();
+            assert!(svg.contains(">reference surface</text>"), "{name}");
+        }
     }
 
     /// The scenes go round a corner that forbids its inside, and off a guide to the side on which it yields sooner: neither is

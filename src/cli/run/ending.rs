@@ -15,7 +15,10 @@ pub(in crate::cli) fn above_bound(measures: &Measures, what: &str) -> Failure {
         1e3 * measures.bounded_energy_j(),
         1e3 * measures.energy_bound_j
     );
-    let help = "raise fixture.coupling's mass_kg, or look at the loop's margins with `yieldwall config check`";
+    let help = match measures.stop_energy_j {
+        Some(_) => "raise fixture.coupling's mass_kg, or look at the loop's margins with `yieldwall config check`",
+        None => "lower fixture.coupling's stiffness_n_per_m, or see what it bears with `yieldwall tune fixture`",
+    };
     Failure::new(Exit::OutOfTolerance, message, help)
 }
 

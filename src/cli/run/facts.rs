@@ -80,7 +80,7 @@ impl Facts<'_> {
             lines.push(format!("fixture   {}, F {} N, R {} N", law.name(), trace.friction_n, trace.yield_n));
         } else if let config::Coupling::Admittance { mass_kg } = fixture.coupling {
             let capture = prediction::capture_speed_m_per_s(trace.yield_n, mass_kg.get(), self.report.period_s);
-            let outward = trace.side_yield.map_or(String::new(), |side| format!(", {} N outward", side.yield_n));
+            let outward = trace.outward_yield_n.map_or(String::new(), |yield_n| format!(", {yield_n} N outward"));
             let hold = match fixture.automatic_hold {
                 Some(hold) => format!("automatic hold for hands up to {} kg", *hold.hand_mass_kg),
                 None => format!("N_wait {}", trace.hold_steps),

@@ -61,7 +61,7 @@ pub(in crate::cli) fn measures_text(measures: &Measures) -> Vec<String> {
     }
     let scope = if measures.stop_energy_j.is_some() { "in all" } else { "at most in one go" };
     let bound = if measures.energy_bound_j.is_infinite() {
-        "without a bound: a spring or a moving surface gives of its own".to_owned()
+        "without a bound: the law that has one is the paper's, at rest and without a capture radius".to_owned()
     } else {
         let keeps = if measures.is_within_bound() { "within" } else { "ABOVE" };
         format!("{keeps} the bound of {:.1} mJ", 1e3 * measures.energy_bound_j)

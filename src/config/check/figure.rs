@@ -1,7 +1,7 @@
 //! Figures, alone and with the machines that they name.
 
 use super::Findings;
-use super::fixture::{Host, check_fixture, check_hold, check_passivity_beside_guard};
+use super::fixture::{Host, check_capture_beside_guard, check_fixture, check_hold, check_passivity_beside_guard};
 use super::reach::check_surface_reach;
 use super::scene::Machine;
 use crate::config::tree::Figure;
@@ -37,6 +37,7 @@ pub(in crate::config) fn check_override(findings: &mut Findings, figure: &Figure
         check_fixture(findings, "fixture", fixture, host, f64::from(period_us) * 1e-6);
         if let Machine::Rig(rig) = machine {
             check_passivity_beside_guard(findings, "fixture", fixture, &rig.guard);
+            check_capture_beside_guard(findings, "fixture", fixture, &rig.guard, f64::from(period_us) * 1e-6);
             check_surface_reach(findings, "fixture", fixture, rig);
         }
     }

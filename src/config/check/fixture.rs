@@ -9,6 +9,9 @@ use crate::fixture::{self, FixtureError};
 /// friction level or more (measured: 0.25 F/kappa at 5, 0.97 at 2).
 const TANGENT_RADIUS_RATIO: f64 = 5.0;
 
+/// Share of the guard's speed limit that a capture may take: the way of the proxy itself comes on top of it.
+const CAPTURE_SHARE: f64 = 0.5;
+
 /// What a fixture works on.
 #[derive(Clone, Copy, PartialEq, Eq)]
 pub(super) enum Host {
@@ -136,6 +139,32 @@ pub(super) fn check_passivity_beside_guard(findings: &mut Findings, at: &str, fi
                 "lower it to a tenth of the limit or so, or raise the limit",
             )
             .see("guard.energy_limit_j", "energy_limit_j");
+    }
+}
+
+/// Refuses a capture radius at `at` over which the proxy would come faster than the guard lets the reference move.
+pub(super) fn check_capture_beside_guard(
+    findings: &mut Findings,
+    at: &str,
+    fixture: &Fixture,
+    guard: &Guard,
+    period_s: f64,
+) {
+    for (place, surface) in fixture.surfaces() {
+        let Surface::Point { capture_radius_m, .. } = surface else { continue };
+        let limit = *guard.tool_speed_limit_m_per_s;
+        let most_m = CAPTURE_SHARE * limit * period_s;
+        if **capture_radius_m > most_m {
+            let key = format!("{at}.{place}.point.capture_radius_m");
+            let message = format!(
+                "`{key}` is {} m: a proxy that passes so far off comes onto the point within one cycle, {} m/s beside its \
+                 own speed, and `guard.tool_speed_limit_m_per_s` is {limit} m/s",
+                **capture_radius_m,
+                round(**capture_radius_m / period_s)
+            );
+            let help = format!("write at most {} m, which leaves half of the limit to the proxy", round(most_m));
+            findings.error(&key, message, help).see("guard.tool_speed_limit_m_per_s", "limit");
+        }
     }
 }
 

@@ -2,7 +2,7 @@
 
 use super::Findings;
 use super::bus::{check_heartbeats, check_nodes, check_profiles};
-use super::fixture::{Host, check_fixture, check_passivity_beside_guard};
+use super::fixture::{Host, check_capture_beside_guard, check_fixture, check_passivity_beside_guard};
 use super::limits::{check_control, check_drive_limits, check_guard};
 use super::reach::check_linkage;
 use super::sensor::check_sensor;
@@ -21,6 +21,7 @@ pub(in crate::config) fn check_rig(findings: &mut Findings, rig: &Rig, in_range:
     check_fixture(findings, "fixture", &rig.fixture, Host::Rig, period_s);
     check_passivity_beside_guard(findings, "fixture", &rig.fixture, &rig.guard);
     if in_range {
+        check_capture_beside_guard(findings, "fixture", &rig.fixture, &rig.guard, period_s);
         check_drive_limits(findings, rig);
         check_linkage(findings, rig);
     }

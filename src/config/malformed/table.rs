@@ -161,6 +161,7 @@ pub(crate) const CASES: &[Case] = &[
     case("fixture", "curve out of reach", RIG, CIRCLE!(), "open_curve: {points_m: [[0.0, 0.0], [0.6, 0.0], [0.6, 0.6]]}"),
     case("fixture", "point not finite", RIG, CIRCLE!(), "point: {point_m: [.nan, 0.0], capture_radius_m: 0.0002}"),
     case("fixture", "wide capture", RIG, CIRCLE!(), "point: {point_m: [0.0, 0.0], capture_radius_m: 0.2}"),
+    case("fixture", "capture faster than the guard allows", RIG, CIRCLE!(), "point: {point_m: [0.0, 0.1], capture_radius_m: 0.003}"),
     case("fixture", "box without size", DEVICE, CYLINDER!(), "box: {center_m: [0.0, 0.0, 0.0], half_size_m: [0.1, 0.0, 0.1], forbidden: inside}"),
     case("fixture", "ring of two points", DEVICE, CYLINDER!(), "space_curve: {points_m: [[0.0, 0.0, 0.0], [0.1, 0.0, 0.0]], is_closed: true, capture_radius_m: 0.0}"),
     case("fixture", "outward below friction", RIG, "surface:\n", "law: {tube: {outward_yield_n: 2.0}}\n  surface:\n"),

@@ -34,7 +34,7 @@ pub struct Figure {
     #[serde(deserialize_with = "present")]
     #[schemars(schema_with = "nullable::<Fixture>")]
     pub fixture: Option<Fixture>,
-    /// Windows drawn enlarged; may be empty.
+    /// Windows drawn enlarged, of a figure with several holds, in place of positions over time; may be empty.
     #[garde(dive)]
     pub magnify: Vec<MagnifiedWindow>,
 }

@@ -44,7 +44,7 @@ pub struct Fixture {
     #[garde(dive)]
     pub surface: Surface,
     /// Further surfaces, with the same levels and the same side: walls leave what is free of all of them, of guides the
-    /// nearest counts. At most 15. Left out: none. Figures and measures are those of `surface`.
+    /// nearest counts. At most 15. Left out: none.
     #[garde(dive, length(max = 15))]
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub also: Vec<Surface>,
@@ -52,7 +52,8 @@ pub struct Fixture {
     #[garde(dive)]
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub law: Option<FixtureLaw>,
-    /// A motion of the surfaces, for the admittance coupling. Left out: none. Figures show where they are without it.
+    /// A motion of the surfaces, all together, for the admittance coupling. Left out: none. Figures show them where they
+    /// are nearest to their place, and dashed where they are farthest.
     #[garde(dive)]
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub motion: Option<Motion>,

@@ -88,7 +88,8 @@ pub enum Surface {
     Point {
         /// Where, m.
         point_m: [Finite; 2],
-        /// How near a passing proxy meets it, m. 0 to 0.1; 0 never.
+        /// How near a passing proxy meets it, m. 0 to 0.1, 0 never; at most half of what
+        /// `guard.tool_speed_limit_m_per_s` allows in a cycle, in which the proxy comes onto the point.
         #[garde(dive)]
         capture_radius_m: NotNegative,
     },

@@ -104,16 +104,16 @@ pub(super) fn check(trace: &Trace) -> Result<(), Error> {
         expect("from_s of a phase", *from_s, true, "a finite time")?;
         expect("to_s of a phase", *to_s, to_s >= from_s, "a finite time after the phase's begin")?;
     }
-    check_reference(&trace.reference)
+    trace.references.iter().try_for_each(check_reference)
 }
 
 fn check_reference(reference: &Reference) -> Result<(), Error> {
     let (points, radius): (Vec<f64>, Option<f64>) = match reference {
-        Reference::None => (Vec::new(), None),
         Reference::Circle { center_m, radius_m } => (center_m.to_vec(), Some(*radius_m)),
         Reference::Cylinder { axis_point_m, axis_direction, radius_m } => {
             ([*axis_point_m, *axis_direction].concat(), Some(*radius_m))
         }
+        Reference::Point { point_m, capture_radius_m } => ([&point_m[..], &[*capture_radius_m]].concat(), None),
         Reference::Plane { point_m, normal } => ([*point_m, *normal].concat(), None),
         Reference::Curve { points_m, .. } => (points_m.concat(), None),
     };
@@ -133,7 +133,18 @@ fn is_drawable(value: f64) -> bool {
 }
 
 fn drawn(row: &Row) -> impl Iterator<Item = (&'static str, f64)> {
-    let single = [("time_s", row.time_s), ("power_w", row.power_w)];
-    let vectors = [("tool_m", row.tool_m), ("proxy_m", row.proxy_m), ("force_n", row.force_n)];
+    let single = [
+        ("time_s", row.time_s),
+        ("power_w", row.power_w),
+        ("signed_distance_m", row.signed_distance_m),
+        ("tool_distance_m", row.tool_distance_m),
+    ];
+    let vectors = [
+        ("tool_m", row.tool_m),
+        ("proxy_m", row.proxy_m),
+        ("force_n", row.force_n),
+        ("surface_m", row.surface_m),
+        ("tool_normal", row.tool_normal),
+    ];
     single.into_iter().chain(vectors.into_iter().flat_map(|(field, values)| values.map(|value| (field, value))))
 }

@@ -4,7 +4,7 @@ use super::axes::{Axes, Kind, range_of};
 use super::page::{Anchor, BLACK, GREY, Page, Stroke, WIDTH};
 use super::plane::{self, MM_PER_M, PROXY, SURFACE, SURFACE_BAND, TOOL};
 use super::{Drawing, Error, Excerpt, Options};
-use crate::record::{Reference, Row, Trace};
+use crate::record::{Row, Trace};
 
 const FORCE: Stroke = Stroke { color: BLACK, width: 3.0, dash: &[] };
 const LEVEL: Stroke = Stroke { color: BLACK, width: 2.0, dash: &[18.0, 10.0] };
@@ -23,10 +23,10 @@ const RIGHT: f64 = 60.0;
 
 /// The force component along the normal; without a surface the magnitude of the force.
 fn shown_force_n(trace: &Trace, row: &Row) -> f64 {
-    match trace.reference {
-        Reference::None => row.force_n.iter().map(|component| component * component).sum::<f64>().sqrt(),
-        _ => trace.normal_force_n(row),
+    if trace.references.is_empty() {
+        return row.force_n.iter().map(|component| component * component).sum::<f64>().sqrt();
     }
+    trace.drawn_sign() * trace.normal_force_n(row)
 }
 
 /// The force along the normal, with the levels `F` and `R`.
@@ -51,11 +51,11 @@ pub(super) fn force_range<'a>(excerpts: impl Iterator<Item = (&'a Trace, &'a Exc
         .clone()
         .flat_map(|(trace, excerpt)| excerpt.rows.iter().map(move |row| shown_force_n(trace, row)).collect::<Vec<_>>());
     let [low, high] = range_of(values.chain([0.0]), 0.0, 0.0);
-    let with_surface = excerpts.filter(|(trace, _)| trace.reference != Reference::None);
+    let with_surface = excerpts.filter(|(trace, _)| !trace.references.is_empty());
     let levels = with_surface.flat_map(|(trace, _)| {
         let [most, least] = yields_n(trace);
-        let up = (high > trace.friction_n / 2.0).then_some(most);
-        let down = (low < -trace.friction_n / 2.0 && !trace.is_unilateral).then_some(least);
+        let up = most.filter(|_| high > trace.friction_n / 2.0);
+        let down = least.filter(|_| low < -trace.friction_n / 2.0);
         up.into_iter().chain(down)
     });
     range_of(levels.chain([low, high]), LEAST, 0.06)
@@ -69,22 +69,25 @@ pub(super) fn time_range(excerpt: &Excerpt<'_>) -> [f64; 2] {
     range_of(excerpt.span.into_iter(), 1e-3, 0.0)
 }
 
-/// The greatest and the least force on the hand that the surface answers with: a push along its normal is the least.
-fn yields_n(trace: &Trace) -> [f64; 2] {
-    [trace.yield_against_n(-1.0), -trace.yield_against_n(1.0)]
+/// The greatest and the least force on the hand that the surface answers with. A wall answers along its normal alone: the
+/// hand pulls off it against `F`.
+fn yields_n(trace: &Trace) -> [Option<f64>; 2] {
+    let against = |sign: f64| {
+        let push = -sign * trace.drawn_sign();
+        (push < 0.0 || !trace.is_unilateral).then(|| sign * trace.yield_against_n(push))
+    };
+    [against(1.0), against(-1.0)]
 }
 
 /// Dashed lines at `F` and `R` on both sides of zero, named at the right edge.
 fn levels(page: &mut Page, axes: &Axes, trace: &Trace) {
     let [most, least] = yields_n(trace);
+    let friction = trace.friction_n;
     let names =
-        [(most, "", "R"), (least, "\u{2212}", "R"), (trace.friction_n, "", "F"), (-trace.friction_n, "\u{2212}", "F")];
+        [(most, "", "R"), (least, "\u{2212}", "R"), (Some(friction), "", "F"), (Some(-friction), "\u{2212}", "F")];
     let mut taken: Vec<f64> = Vec::new();
     for (value, sign, letter) in names {
-        // Against a wall the hand never feels -R: it pulls off it against F.
-        if trace.is_unilateral && value == least {
-            continue;
-        }
+        let Some(value) = value else { continue };
         let (right, y) = axes.place(axes.x[1], value);
         if !axes.frame.contains((right, y)) {
             continue;
@@ -135,7 +138,7 @@ pub fn hold_comparison(traces: &[&Trace], options: &Options) -> Result<Drawing, 
     let (above, height, gap) = (head + 84.0, 430.0, 62.0);
     let mut page = Page::new(above + 2.0 * height + gap + 96.0);
     super::heading(&mut page, options);
-    plane::legend(&mut page, (LEFT, head - 14.0), true);
+    plane::legend(&mut page, (LEFT, head - 14.0), true, false);
     let cell = WIDTH / count as f64;
     let width = (cell - LEFT - RIGHT).min(1000.0);
     for (number, column) in columns.iter().enumerate() {
@@ -164,15 +167,14 @@ struct Column<'a> {
 impl<'a> Column<'a> {
     fn new(trace: &'a Trace, options: &Options) -> Result<Self, Error> {
         let excerpt = Excerpt::new(trace, options.time_span)?;
-        let along = |point: fn(&Row) -> [f64; 3]| {
-            let at = |row: &&Row| {
-                let distance = trace.reference.signed_distance_m(point(row))?;
-                Some((excerpt.shown_time(row.time_s), distance * MM_PER_M))
-            };
-            let points: Option<Vec<_>> = excerpt.rows.iter().map(at).collect();
-            points.ok_or_else(|| Error::NoLine { title: trace.title.clone() })
+        if trace.references.is_empty() {
+            return Err(Error::NoLine { title: trace.title.clone() });
+        }
+        let along = |distance_m: fn(&Row) -> f64| {
+            let shown = |row: &&Row| (excerpt.shown_time(row.time_s), trace.drawn_sign() * distance_m(row) * MM_PER_M);
+            excerpt.rows.iter().map(shown).collect()
         };
-        let (tool, proxy) = (along(|row| row.tool_m)?, along(|row| row.proxy_m)?);
+        let (tool, proxy) = (along(|row| row.tool_distance_m), along(|row| row.signed_distance_m));
         Ok(Self { trace, excerpt, tool, proxy })
     }
 

@@ -3,7 +3,7 @@
 use super::axes::Axes;
 use super::page::{Page, WIDTH};
 use super::{Drawing, Error, Excerpt, Options, Window, plane};
-use crate::record::{Reference, Trace};
+use crate::record::Trace;
 
 /// Most panels: three rows of three.
 const MOST_PANELS: usize = 9;
@@ -42,15 +42,17 @@ pub fn magnified(views: &[View<'_>], options: &Options) -> Result<Drawing, Error
     let head = if options.heading.is_some() { 100.0 } else { 54.0 };
     let mut page = Page::new(head + lines as f64 * (ABOVE + side + BELOW));
     super::heading(&mut page, options);
-    let has_surface = views.iter().any(|view| view.trace.reference != Reference::None);
-    plane::legend(&mut page, (LEFT, head - 14.0), has_surface);
-    for (number, view) in views.iter().enumerate() {
+    let has_surface = views.iter().any(|view| !view.trace.references.is_empty());
+    let excerpts =
+        views.iter().map(|view| Excerpt::new(view.trace, options.time_span)).collect::<Result<Vec<_>, _>>()?;
+    let moves = excerpts.iter().any(|excerpt| plane::places(excerpt).1.is_some());
+    plane::legend(&mut page, (LEFT, head - 14.0), has_surface, moves);
+    for (number, (view, excerpt)) in views.iter().zip(&excerpts).enumerate() {
         let left = (number % columns) as f64 * cell + LEFT + (cell - LEFT - RIGHT - side) / 2.0;
         let top = head + (number / columns) as f64 * (ABOVE + side + BELOW) + ABOVE;
         let (x, y) = plane::ranges(view.window)?;
         let axes = Axes::with_equal_scales(plane::frame(left, top, side, side), x, y);
-        let excerpt = Excerpt::new(view.trace, options.time_span)?;
-        plane::ways(&mut page, &axes, view.trace, &excerpt)?;
+        plane::ways(&mut page, &axes, view.trace, excerpt)?;
         axes.draw(&mut page, Some("x (mm)"), "y (mm)");
         super::panel_letter(&mut page, (left, top - 52.0), number);
         page.hold_steps((left + 55.0, top - 52.0), view.trace.hold_steps);

@@ -20,6 +20,8 @@ fn tour(row_count: usize) -> Trace {
             force_n: [force_n * cosine, force_n * sine, 0.0],
             power_w: -0.03 * force_n.abs(),
             signed_distance_m: if step < row_count / 2 { 0.01 } else { 0.0 },
+            tool_distance_m: radius_m - 0.12,
+            tool_normal: [cosine, sine, 0.0],
             is_impact: step == row_count / 2,
             ..Row::default()
         }
@@ -27,7 +29,7 @@ fn tour(row_count: usize) -> Trace {
     let phase = |letter: &str, from_s, to_s| Phase { letter: letter.to_owned(), from_s, to_s };
     Trace {
         title: "tour".to_owned(),
-        reference: CIRCLE,
+        references: vec![CIRCLE],
         friction_n: 3.0,
         yield_n: 20.0,
         hold_steps: 15,
@@ -83,6 +85,30 @@ fn an_impedance_run_shows_the_actuator_force() {
     assert!(!svg.contains("\u{2212}h"));
 }
 
+/// All of several surfaces, and one that moves twice: where it is at rest and where it is farthest.
+#[test]
+fn every_surface_is_drawn_and_a_moving_one_also_where_it_swings_to() {
+    let line = |x_m: f64| Reference::Plane { point_m: [x_m, 0.0, 0.0], normal: [1.0, 0.0, 0.0] };
+    let point = Reference::Point { point_m: [0.13, 0.01], capture_radius_m: 0.005 };
+    let drawn = |references: Vec<Reference>, swing_m: f64| {
+        let mut trace = Trace { references, ..tour(2000) };
+        let count = trace.rows.len() as f64;
+        let share = |step: usize| (std::f64::consts::PI * step as f64 / count).sin();
+        trace.rows.iter_mut().enumerate().for_each(|(step, row)| row.surface_m[0] = swing_m * share(step));
+        trajectory_and_time(&trace, &Options::default()).unwrap().svg()
+    };
+    let paths = |svg: &str| svg.matches("<polyline").count() + svg.matches("<path").count();
+    let dots = |svg: &str| svg.matches("<circle").count();
+    let (none, one) = (drawn(Vec::new(), 0.0), drawn(vec![line(0.12)], 0.0));
+    let (two, moving) = (drawn(vec![line(0.12), line(0.13)], 0.0), drawn(vec![line(0.12)], 0.02));
+    assert!(one.contains(">reference surface</text>") && !one.contains(">swung</text>"));
+    assert!(moving.contains(">surface</text>") && moving.contains(">swung</text>"));
+    assert_eq!(paths(&two), paths(&one) + 2, "a band and a line more");
+    assert!(paths(&moving) > paths(&one) + 20, "the dashes of the line and of its sample in the legend");
+    assert!(paths(&one) > paths(&none));
+    assert_eq!(dots(&drawn(vec![point], 0.0)), dots(&one) + 1);
+}
+
 #[test]
 fn no_more_arrows_than_allowed() {
     let arrows = |arrow_limit| {
@@ -130,7 +156,7 @@ fn the_same_trace_gives_the_same_figure() {
 fn runs_without_change_have_axes_too() {
     let one = tour(1);
     let still = Trace { rows: vec![Row { force_n: [0.0; 3], ..one.rows[0] }; 50], ..one.clone() };
-    let free = Trace { reference: Reference::None, friction_n: 0.0, yield_n: 0.0, ..tour(100) };
+    let free = Trace { references: Vec::new(), friction_n: 0.0, yield_n: 0.0, ..tour(100) };
     for trace in [one, still, free] {
         let svg = trajectory_and_time(&trace, &Options::default()).unwrap().svg();
         assert!(!svg.contains("NaN") && !svg.contains("inf"));
@@ -168,12 +194,12 @@ fn traces_that_cannot_be_drawn_are_refused() {
     let around = spans(TimeSpan::AroundImpact { before_s: 0.1, after_s: 0.1 });
     assert!(matches!(refuse(&smooth, &around), Error::NoImpact { .. }));
     let level = Reference::Plane { point_m: [0.0; 3], normal: [0.0, 0.0, 1.0] };
-    assert!(matches!(refuse(&Trace { reference: level, ..tour(10) }, &options), Error::NoLine { .. }));
+    assert!(matches!(refuse(&Trace { references: vec![level], ..tour(10) }, &options), Error::NoLine { .. }));
     let lying = Reference::Cylinder { axis_point_m: [0.0; 3], axis_direction: [1.0, 0.0, 0.0], radius_m: 0.1 };
-    assert!(matches!(refuse(&Trace { reference: lying, ..tour(10) }, &options), Error::NoLine { .. }));
+    assert!(matches!(refuse(&Trace { references: vec![lying], ..tour(10) }, &options), Error::NoLine { .. }));
     let empty = Reference::Circle { center_m: [0.0, 0.0], radius_m: 0.0 };
     assert!(matches!(
-        refuse(&Trace { reference: empty, ..tour(10) }, &options),
+        refuse(&Trace { references: vec![empty], ..tour(10) }, &options),
         Error::Setting { field: "radius_m", .. }
     ));
     assert!(matches!(refuse(&Trace { yield_n: f64::NAN, ..tour(10) }, &options), Error::Setting { .. }));
@@ -187,7 +213,7 @@ fn settings_that_cannot_be_drawn_are_refused() {
     let near = View { trace: &trace, window: near_circle() };
     assert!(matches!(magnified(&[near; 10], &options), Err(Error::PanelCount { count: 10, most: 9 })));
     assert!(matches!(hold_comparison(&[], &options), Err(Error::PanelCount { count: 0, most: 3 })));
-    let free = Trace { reference: Reference::None, ..tour(10) };
+    let free = Trace { references: Vec::new(), ..tour(10) };
     assert!(matches!(hold_comparison(&[&free], &options), Err(Error::NoLine { .. })));
     let drawing = trajectory_and_time(&trace, &options).unwrap();
     assert!(matches!(drawing.png(99), Err(Error::PictureWidth { width_px: 99 })));
@@ -216,7 +242,7 @@ proptest! {
             ..Row::default()
         });
         let reference = Reference::Circle { center_m: [0.0, 0.0], radius_m: 10f64.powi(radius_power) };
-        let trace = Trace { rows: rows.collect(), reference, ..tour(0) };
+        let trace = Trace { rows: rows.collect(), references: vec![reference], ..tour(0) };
         let options = Options::default();
         let mut drawings = vec![
             trajectory_and_time(&trace, &options).unwrap(),

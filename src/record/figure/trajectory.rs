@@ -28,7 +28,7 @@ const LEAST_WAY_MM: f64 = 0.01;
 /// A surface is shown whole when it is at most this many times as large as the way.
 const WHOLE_SURFACE: f64 = 4.0;
 
-/// Left the ways of tool and proxy in the plane with the reference surface and the force on the hand as arrows at the
+/// Left the ways of tool and proxy, seen along z, with all surfaces, those that move also where they are farthest, and the force on the hand as arrows at the
 /// tool; right the force component along the surface's normal (its magnitude if there is no surface), with `F`
 /// and `R`, and the power over time. Letters of
 /// the trace's phases stand below the force curve and beside the way. An arrow that would leave the frame is left out:
@@ -55,8 +55,8 @@ pub fn trajectory_and_time(trace: &Trace, options: &Options) -> Result<Drawing, 
     phase_letters(&mut page, &axes, trace, &excerpt);
     axes.draw(&mut page, Some("x (mm)"), "y (mm)");
     super::panel_letter(&mut page, (frame.left - LETTER_OFFSET, top - 15.0), 0);
-    let has_surface = trace.reference != Reference::None;
-    let behind = plane::legend(&mut page, (frame.left, head + 40.0), has_surface);
+    let moves = plane::places(&excerpt).1.is_some();
+    let behind = plane::legend(&mut page, (frame.left, head + 40.0), !trace.references.is_empty(), moves);
     arrows.legend(&mut page, (behind, head + 40.0), trace.force_meaning);
 
     let (left, width, gap) = (950.0, 590.0, 84.0);
@@ -76,10 +76,10 @@ pub fn trajectory_and_time(trace: &Trace, options: &Options) -> Result<Drawing, 
 }
 
 fn force_name(trace: &Trace) -> String {
-    let part = match (&trace.reference, plane::circle(&trace.reference)) {
-        (Reference::None, _) => "magnitude",
-        (_, Some(_)) => "radial part",
-        (_, None) => "normal part",
+    let part = match &trace.references[..] {
+        [] => "magnitude",
+        [only] if plane::circle(only).is_some() => "radial part",
+        _ => "normal part",
     };
     let force = match trace.force_meaning {
         ForceMeaning::HandOnTool => "\u{2212}h",
@@ -102,7 +102,11 @@ fn fit(frame: Frame, trace: &Trace, excerpt: &Excerpt<'_>, options: &Options) ->
         .flat_map(|row| [row.tool_m, row.proxy_m])
         .map(|[x, y, _]| (x * MM_PER_M, y * MM_PER_M))
         .collect();
-    points.extend(surface_corners(trace, &points));
+    let (place, swung) = plane::places(excerpt);
+    for place in std::iter::once(place).chain(swung) {
+        let corners = trace.references.iter().flat_map(|reference| surface_corners(reference, place, &points));
+        points.extend(corners.collect::<Vec<_>>());
+    }
     let ways = around(frame, &points, 0.02);
     let arrows = Arrows::new(&ways, trace, excerpt, options.arrow_limit);
     let per_length = 1.0 / ways.length_per_unit();
@@ -121,14 +125,15 @@ fn around(frame: Frame, points: &[(f64, f64)], margin: f64) -> Axes {
     Axes::with_equal_scales(frame, x, y)
 }
 
-/// Two opposite corners of what the surface fills, in mm, if it should be shown whole.
-fn surface_corners(trace: &Trace, way: &[(f64, f64)]) -> Vec<(f64, f64)> {
-    let corners: Vec<(f64, f64)> = match (&trace.reference, plane::circle(&trace.reference)) {
+/// Two opposite corners of what the surface fills, `moved_m` from its place, in mm, if it should be shown whole.
+fn surface_corners(reference: &Reference, moved_m: [f64; 3], way: &[(f64, f64)]) -> Vec<(f64, f64)> {
+    let corners: Vec<(f64, f64)> = match (reference, plane::circle(reference)) {
         (_, Some(([x, y], radius))) => vec![(x - radius, y - radius), (x + radius, y + radius)],
         (Reference::Curve { points_m, .. }, _) => points_m.iter().map(|[x, y]| (*x, *y)).collect(),
         _ => Vec::new(),
     };
-    let corners: Vec<_> = corners.into_iter().map(|(x, y)| (x * MM_PER_M, y * MM_PER_M)).collect();
+    let corners: Vec<_> =
+        corners.into_iter().map(|(x, y)| ((x + moved_m[0]) * MM_PER_M, (y + moved_m[1]) * MM_PER_M)).collect();
     let extent = |points: &[(f64, f64)]| {
         let [left, right] = range_of(points.iter().map(|point| point.0), 0.0, 0.0);
         let [low, high] = range_of(points.iter().map(|point| point.1), 0.0, 0.0);

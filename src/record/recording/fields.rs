@@ -202,6 +202,7 @@ fn signals<V: Visitor>(signals: &mut Signals, v: &mut V) {
         force_age_s,
         tool,
         proxy,
+        surface,
         target_angles,
         measured_angles,
         signed_distance_m,
@@ -217,6 +218,11 @@ fn signals<V: Visitor>(signals: &mut Signals, v: &mut V) {
     v.visit(field("tool_y_m", "m", "the same, y"), &mut tool.0.y);
     v.visit(field("proxy_x_m", "m", "proxy; the tool point while there is no reference"), &mut proxy.0.x);
     v.visit(field("proxy_y_m", "m", "the same, y"), &mut proxy.0.y);
+    v.visit(
+        field("surface_x_m", "m", "how far the surfaces have moved from their place, base frame"),
+        &mut surface.0.x,
+    );
+    v.visit(field("surface_y_m", "m", "the same, y"), &mut surface.0.y);
     v.visit(field("target_left_rad", "rad", "left angle that the proxy asks for"), &mut target_angles.0.x);
     v.visit(field("target_right_rad", "rad", "right angle that the proxy asks for"), &mut target_angles.0.y);
     v.visit(field("measured_left_rad", "rad", "left angle as measured or predicted"), &mut measured_angles.0.x);

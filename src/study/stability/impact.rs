@@ -219,7 +219,12 @@ fn capture_panel(proxy: &Table, notes: &mut Vec<String>) -> Panel {
         series.push(Series { name: format!("R = {yield_n} N"), points, mark: Mark::Marks, color });
     }
     let theory = (0..=300).map(|i| f64::from(i) * 0.01).map(|ratio| (ratio, capture_probability(ratio, 1.0))).collect();
-    series.push(Series { name: "theory".to_owned(), points: theory, mark: Mark::Line, color: Color::Black });
+    series.push(Series {
+        name: "theory, of the proxy".to_owned(),
+        points: theory,
+        mark: Mark::Line,
+        color: Color::Black,
+    });
     notes.push(format!(
         "impacts without a hold: the share that is captured is off the law by {worst:.3} at most, with steps of {:.3}",
         1.0 / PHASES as f64
@@ -300,9 +305,14 @@ fn tool_panel(tool: &Table, notes: &mut Vec<String>) -> Panel {
         .filter(|row| row.number("yield_n") == SHOWN_N && row.number("hold_steps") == 0.0)
         .map(|row| (row.number("impact_m_per_s"), row.number("theory_depth_m") * 1e3))
         .collect();
-    series.push(Series { name: "theory".to_owned(), points: theory, mark: Mark::Line, color: Color::Black });
+    series.push(Series {
+        name: "theory, of the proxy".to_owned(),
+        points: theory,
+        mark: Mark::Line,
+        color: Color::Black,
+    });
     Panel {
-        title: "depth of the tool, dry joints of 60 N m, R = 20 N, hand 10 N".to_owned(),
+        title: "depth of the tool, torques up to 60 N m, R = 20 N, hand 10 N".to_owned(),
         x: Axis::logarithmic("speed at the wall (m/s)"),
         y: Axis::logarithmic("depth (mm)"),
         series,

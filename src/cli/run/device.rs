@@ -1,0 +1,96 @@
+//! `yieldwall run` with an impedance device, which has no bus.
+
+use std::time::Instant;
+
+use serde_json::json;
+
+use super::super::failure::{Exit, Failure};
+use super::super::output::Output;
+use super::super::progress::Progress;
+use super::{Arguments, above_bound, drawing_failure, measures_text, rig_failure, write_drawing};
+use crate::config::{self, Coupling, ImpedanceDevice, Loaded, Report};
+use crate::study::{Overrides, RunReport, drawing, run_device};
+
+pub(super) fn run(arguments: &Arguments, device: &Loaded<ImpedanceDevice>, output: &mut Output) -> Result<(), Failure> {
+    check(arguments)?;
+    // Those of the scene are among them.
+    output.warnings(&device.warnings);
+    let scene = config::load_scene(device.source.relative(&device.value.scene))?.value;
+    let overrides = Overrides { duration_s: arguments.duration, seed: arguments.seed, ..Overrides::default() };
+    let name = &device.value.device.name;
+    let progress = Progress::new(output);
+    progress.begin(name);
+    let started = Instant::now();
+    let report = run_device(&device.value, &scene, &overrides, |stage| progress.at(stage));
+    let wall_s = started.elapsed().as_secs_f64();
+    progress.end();
+    let report = report.map_err(|error| rig_failure(&error))?;
+    if let Some(path) = &arguments.figure {
+        let drawing = drawing::run(&report.trace, Some(name.clone())).map_err(|error| drawing_failure(&error))?;
+        write_drawing(&drawing, path)?;
+    }
+    let seed = overrides.seed.unwrap_or(scene.seed);
+    let failure = (!report.measures.is_within_bound()).then(|| above_bound(&report.measures, name));
+    if !output.is_json() {
+        output.news(&text(arguments, &device.value, &report, seed, wall_s))?;
+        return failure.map_or(Ok(()), Err);
+    }
+    let mut document = json!({
+        "device": name,
+        "seed": seed,
+        "simulated_s": simulated_s(&report),
+        "wall_s": wall_s,
+        "measures": report.measures,
+        "figure": arguments.figure,
+    });
+    let Some(Failure { exit, report }) = failure else { return output.json(&document) };
+    // One document: what is wrong stands beside what was measured.
+    document["exit_code"] = json!(exit.code());
+    document["diagnostics"] = json!(report);
+    output.json(&document)?;
+    Err(Failure { exit, report: Report { diagnostics: Vec::new() } })
+}
+
+/// Refuses what needs a bus or the cycles of a rig.
+fn check(arguments: &Arguments) -> Result<(), Failure> {
+    let options = [
+        ("--fault", !arguments.fault.is_empty()),
+        ("--candump", arguments.candump.is_some()),
+        ("--record", arguments.record.is_some()),
+        ("--black-box", arguments.black_box.is_some()),
+        ("--ignore-bus-budget", arguments.ignore_bus_budget),
+    ];
+    match options.into_iter().find(|(_, is_given)| *is_given) {
+        Some((option, _)) => {
+            let message = format!("{option} is for a rig, and {} is an impedance device, without a bus", arguments.rig);
+            Err(Failure::new(Exit::Usage, message, "leave it out, or run a rig"))
+        }
+        None => Ok(()),
+    }
+}
+
+fn simulated_s(report: &RunReport) -> f64 {
+    report.trace.rows.len() as f64 * report.period_s
+}
+
+/// For a person to read, a line each.
+fn text(arguments: &Arguments, device: &ImpedanceDevice, report: &RunReport, seed: u64, wall_s: f64) -> String {
+    let (trace, simulated) = (&report.trace, simulated_s(report));
+    let mut lines = vec![
+        format!("device    {}: impedance type, {} ms", device.device.name, report.period_s * 1e3),
+        format!(
+            "scene     {}: {simulated:.1} s, seed {seed}, run in {wall_s:.2} s ({:.0} x real time)",
+            device.scene,
+            simulated / wall_s
+        ),
+    ];
+    if let Coupling::Impedance { stiffness_n_per_m, damping_n_s_per_m } = device.fixture.coupling {
+        lines.push(format!(
+            "fixture   K {} N/m, B {} N s/m, F {} N, R {} N, N_wait {}",
+            *stiffness_n_per_m, *damping_n_s_per_m, trace.friction_n, trace.yield_n, trace.hold_steps
+        ));
+    }
+    lines.extend(measures_text(&report.measures));
+    lines.extend(arguments.figure.as_ref().map(|path| format!("figure    {}", path.display())));
+    lines.join("\n")
+}

@@ -1,0 +1,151 @@
+//! The trace of a run from its rows and the surfaces of its fixture.
+
+use nalgebra::SVector;
+
+use crate::config;
+use crate::fixture::{Shape2, Shape3, Surface};
+use crate::record::{ForceMeaning, Reference, Row, Trace};
+
+/// Rows of the moving average over the tool velocity in the power.
+///
+/// # Source
+/// [KTF08], text to Fig. 11.
+const POWER_AVERAGE_ROWS: usize = 5;
+
+/// The trace of a run of this fixture.
+pub(in crate::study) fn trace(
+    title: String,
+    fixture: &config::Fixture,
+    force_meaning: ForceMeaning,
+    rows: Vec<Row>,
+) -> Trace {
+    let mut trace = Trace {
+        title,
+        references: fixture.surfaces().map(|(_, surface)| reference(surface)).collect(),
+        is_normal_inward: is_normal_inward(fixture),
+        friction_n: fixture.friction_n.get(),
+        yield_n: fixture.yield_n.get(),
+        outward_yield_n: outward_yield_n(fixture),
+        is_unilateral: fixture.side == config::Side::Unilateral,
+        hold_steps: fixture.hold_steps,
+        force_meaning,
+        phases: Vec::new(),
+        rows,
+    };
+    set_power(&mut trace);
+    // A fixture that is run has its surfaces in the plane or in space.
+    if let Ok(Some(shape)) = fixture.planar() {
+        set_feet::<Shape2, 2>(&shape, &mut trace.rows);
+    } else if let Ok(Some(shape)) = fixture.spatial() {
+        set_feet::<Shape3, 3>(&shape, &mut trace.rows);
+    }
+    trace
+}
+
+/// Where tool and proxy are as seen from the surfaces of the fixture, all of them, where they are in each row.
+fn set_feet<S: Surface<N>, const N: usize>(surface: &S, rows: &mut [Row]) {
+    let (mut tool, mut proxy) = (surface.own_foot(), surface.own_foot());
+    for row in rows {
+        let seen = |point: [f64; 3]| SVector::<f64, N>::from_fn(|axis, _| point[axis] - row.surface_m[axis]);
+        (tool, proxy) = (surface.foot(&seen(row.tool_m), &tool), surface.foot(&seen(row.proxy_m), &proxy));
+        let padded = |vector: SVector<f64, N>| std::array::from_fn(|axis| vector.get(axis).copied().unwrap_or(0.0));
+        row.tool_distance_m = tool.signed_distance_m;
+        (row.tool_normal, row.proxy_normal) = (padded(tool.normal), padded(proxy.normal));
+    }
+}
+
+/// A surface as it is seen along z.
+fn reference(surface: &config::Surface) -> Reference {
+    use config::Surface as Of;
+    let two = |[x, y]: [config::Finite; 2]| [x.get(), y.get()];
+    let three = |point: [config::Finite; 3]| point.map(|value| value.get());
+    let above = |point: [config::Finite; 3]| {
+        let [x, y, _] = three(point);
+        [x, y]
+    };
+    let flat = |point: [config::Finite; 2]| {
+        let [x, y] = two(point);
+        [x, y, 0.0]
+    };
+    match *surface {
+        Of::Circle { center_m, radius_m, .. } => {
+            Reference::Circle { center_m: two(center_m), radius_m: radius_m.get() }
+        }
+        Of::Sphere { center_m, radius_m, .. } => {
+            Reference::Circle { center_m: above(center_m), radius_m: radius_m.get() }
+        }
+        Of::Line { point_m, normal } => Reference::Plane { point_m: flat(point_m), normal: flat(normal) },
+        Of::Plane { point_m, normal } => Reference::Plane { point_m: three(point_m), normal: three(normal) },
+        Of::Cylinder { axis_point_m, axis_direction, radius_m, .. } => Reference::Cylinder {
+            axis_point_m: three(axis_point_m),
+            axis_direction: three(axis_direction),
+            radius_m: radius_m.get(),
+        },
+        Of::Point { point_m, capture_radius_m } => {
+            Reference::Point { point_m: two(point_m), capture_radius_m: capture_radius_m.get() }
+        }
+        Of::SpacePoint { point_m, capture_radius_m } => {
+            Reference::Point { point_m: above(point_m), capture_radius_m: capture_radius_m.get() }
+        }
+        Of::Box { center_m, half_size_m, .. } => {
+            let ([x, y], [half_x, half_y, _]) = (above(center_m), half_size_m.map(|half| half.get()));
+            let corner = |[right, up]: [f64; 2]| [x + right * half_x, y + up * half_y];
+            let points_m = [[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]].map(corner).to_vec();
+            Reference::Curve { points_m, is_closed: true }
+        }
+        Of::Polygon { .. } | Of::ClosedCurve { .. } | Of::OpenCurve { .. } | Of::SpaceCurve { .. } => outline(surface),
+    }
+}
+
+/// The line of a chain of pieces.
+fn outline(surface: &config::Surface) -> Reference {
+    let (points_m, is_closed) = match (surface.planar(), surface.spatial()) {
+        (Ok(Some(Shape2::Chain(chain))), _) => {
+            (chain.outline_m().iter().map(|point| [point.x, point.y]).collect(), chain.is_closed())
+        }
+        (_, Ok(Some(Shape3::Chain(chain)))) => {
+            (chain.outline_m().iter().map(|point| [point.x, point.y]).collect(), chain.is_closed())
+        }
+        _ => (Vec::new(), false),
+    };
+    Reference::Curve { points_m, is_closed }
+}
+
+/// Power of the device on the hand: force times the tool velocity after a centred moving average.
+fn set_power(trace: &mut Trace) {
+    let half = POWER_AVERAGE_ROWS / 2;
+    let power: Vec<f64> = (0..trace.rows.len())
+        .map(|at| {
+            let window = &trace.rows[at.saturating_sub(half)..(at + half + 1).min(trace.rows.len())];
+            let force = trace.force_on_hand_n(&trace.rows[at]);
+            let mean = |axis: usize| {
+                window.iter().map(|row| row.tool_velocity_m_per_s[axis]).sum::<f64>() / window.len() as f64
+            };
+            (0..3).map(|axis| force[axis] * mean(axis)).sum()
+        })
+        .collect();
+    for (row, power) in trace.rows.iter_mut().zip(power) {
+        row.power_w = power;
+    }
+}
+
+/// Whether the normal of the only surface, out of the forbidden side, points to its centre.
+fn is_normal_inward(fixture: &config::Fixture) -> bool {
+    let is_outside_forbidden = matches!(
+        fixture.surface,
+        config::Surface::Circle { forbidden: config::Forbidden::Outside, .. }
+            | config::Surface::Cylinder { forbidden: config::Forbidden::Outside, .. }
+            | config::Surface::Sphere { forbidden: config::Forbidden::Outside, .. }
+    );
+    is_outside_forbidden && fixture.also.is_empty()
+}
+
+/// A yield force of its own against pushes out of the forbidden side.
+fn outward_yield_n(fixture: &config::Fixture) -> Option<f64> {
+    match fixture.law {
+        Some(config::FixtureLaw::Tube { outward_yield_n }) if fixture.side == config::Side::Bilateral => {
+            Some(outward_yield_n.get())
+        }
+        _ => None,
+    }
+}
