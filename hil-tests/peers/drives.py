@@ -30,6 +30,8 @@ ENTRIES = {
     0x1017: ("Producer heartbeat time", od.UNSIGNED16, 0),
     0x1016: ("Consumer heartbeat time", [(0, "Highest", od.UNSIGNED8, 1), (1, "Node 1", od.UNSIGNED32, 0)]),
     0x1029: ("Error behaviour", [(0, "Highest", od.UNSIGNED8, 1), (1, "Communication error", od.UNSIGNED8, 0)]),
+    0x2010: ("Watchdogs that it lacks", od.UNSIGNED8, 0),
+    0x2011: ("Its time follows SYNC", od.UNSIGNED8, 1),
     0x6007: ("Abort connection option", od.INTEGER16, 0),
     0x6040: ("Controlword", od.UNSIGNED16, 0),
     0x6041: ("Statusword", od.UNSIGNED16, 0),

@@ -306,3 +306,15 @@ pub(super) fn refusal(program: Running) -> (i32, String, String) {
 pub(super) fn is_enabled(frames: &[Frame]) -> bool {
     set_points(frames).any(|word| word == 0x0f)
 }
+
+/// Of devices that are there twice none is enabled, and the doubled node id is named. When the second one is heard is up to this
+/// computer: in the boot, before the drives are enabled, or so late that it looks like a restart of the first.
+pub(super) fn assert_duplicates_are_refused(master: impl FnOnce() -> Running) {
+    let observer = Observer::new();
+    let (code, message, help) = refusal(master());
+    let (told, exit) = if message.contains("node-reset") { (&help, SAFETY_STOP) } else { (&message, DEVICE_MISMATCH) };
+    let names = ["because of duplicate-node", "two nodes have its node id", "a duplicate node id"];
+    assert!(names.iter().any(|name| told.contains(name)), "{code}: {message}; {help}");
+    assert_eq!(code, exit, "{message}");
+    assert!(!is_enabled(&observer.rest()), "{message}");
+}

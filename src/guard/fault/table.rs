@@ -201,8 +201,8 @@ pub const TABLE: [Row; Fault::COUNT] = [
         [once(QuickStop)],
         Stopped,
         "a node restarted while the rig was running",
-        "its supply dipped, or its watchdog acted",
-        "check the node's supply, then restart"
+        "its supply dipped, its watchdog acted, or a second node has its id",
+        "check the node's supply, look for a duplicate node id, then restart"
     ),
     row!(
         HeartbeatLost,
