@@ -11,7 +11,7 @@ use super::keep::state_folder;
 use super::live::{different, live_failure, on_interrupt, open, settling_cycles, warn_of, with_emergencies};
 use super::output::Output;
 use super::run::{judge, rig_failure, watchdogs_json, watchdogs_text};
-use crate::config::{self, Report, Source};
+use crate::config::{self, Source};
 use crate::live::host::{SystemMetronome, lock_memory, run_first};
 use crate::live::{LiveError, LiveRig, Subject, drive_addresses};
 use crate::rig::{Drilled, Pace};
@@ -66,12 +66,8 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
         output.news(&lines(&drilled, &path.display().to_string()))?;
         return judged;
     }
-    let mut document = json!({ "drives": identities, "watchdogs": watchdogs_json(&drilled), "record": path });
-    let Err(Failure { exit, report }) = judged else { return output.json(&document) };
-    document["exit_code"] = json!(exit.code());
-    document["diagnostics"] = json!(report);
-    output.json(&document)?;
-    Err(Failure { exit, report: Report { diagnostics: Vec::new() } })
+    let document = json!({ "drives": identities, "watchdogs": watchdogs_json(&drilled), "record": path });
+    output.end(document, judged)
 }
 
 fn lines(drilled: &Drilled, path: &str) -> String {

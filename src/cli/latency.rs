@@ -11,7 +11,6 @@ use super::failure::{Exit, Failure};
 use super::keep::state_folder;
 use super::live::{link_failure, on_interrupt};
 use super::output::Output;
-use crate::config::Report;
 use crate::link::{CobFilter, SocketCan, SocketCanSettings};
 use crate::live::host::{Refusal, SystemMetronome, computer, lock_memory, run_first};
 use crate::live::{
@@ -74,12 +73,7 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
         output.result(&text(arguments, &latency, &refused, record))?;
         return kept.map(|_| ());
     }
-    let mut document = document(arguments, &latency, &refused, record);
-    let Err(Failure { exit, report }) = kept else { return output.json(&document) };
-    document["exit_code"] = json!(exit.code());
-    document["diagnostics"] = json!(report);
-    output.json(&document)?;
-    Err(Failure { exit, report: Report { diagnostics: Vec::new() } })
+    output.end(document(arguments, &latency, &refused, record), kept.map(|_| ()))
 }
 
 /// Keeps what was measured, for `run --bus`; where.

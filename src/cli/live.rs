@@ -10,8 +10,6 @@ use std::sync::mpsc;
 use std::thread;
 use std::time::Duration;
 
-use serde_json::json;
-
 use super::failure::{Exit, Failure};
 use super::interfaces::Interfaces;
 use super::keep::{Keep, Watched};
@@ -19,7 +17,7 @@ use super::output::Output;
 use super::run::{Arguments, check_buses, exit_of, rig_failure, stopped_by, write_drawing};
 use crate::bus::SensorLink;
 use crate::canopen::{Emergency, cob};
-use crate::config::{self, Report, Source};
+use crate::config::{self, Source};
 use crate::guard::Fault;
 use crate::link::{CobFilter, LinkError, SocketCans};
 use crate::live::host::{Refusal, SystemMetronome, lock_memory, run_first};
@@ -215,17 +213,12 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
         measures: &measures,
         kept: &kept,
     };
-    let failure = failure.map(|failure| kept.point_to_black_box(failure));
+    let end = failure.map_or(Ok(()), |failure| Err(kept.point_to_black_box(failure)));
     if !output.is_json() {
         output.news(&facts.lines(time_s).join("\n"))?;
-        return failure.map_or(Ok(()), Err);
+        return end;
     }
-    let mut document = facts.json(time_s);
-    let Some(Failure { exit, report }) = failure else { return output.json(&document) };
-    document["exit_code"] = json!(exit.code());
-    document["diagnostics"] = json!(report);
-    output.json(&document)?;
-    Err(Failure { exit, report: Report { diagnostics: Vec::new() } })
+    output.end(facts.json(time_s), end)
 }
 
 /// What the person wants of this computer.

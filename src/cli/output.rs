@@ -3,11 +3,11 @@
 use std::io::{self, IsTerminal, Write};
 
 use serde::Serialize;
-use serde_json::json;
+use serde_json::{Value, json};
 
 use super::failure::{Exit, Failure};
 use super::render::Renderer;
-use crate::config::Diagnostic;
+use crate::config::{Diagnostic, Report};
 
 /// Standard output and standard error under `--quiet` and `--json`.
 #[derive(Debug)]
@@ -63,6 +63,19 @@ impl Output {
             Ok(text) => self.result(&format!("{text}\n")),
             Err(error) => Err(Failure::new(Exit::Internal, format!("JSON: {error}"), "")),
         }
+    }
+
+    /// Ends a command whose JSON document this is: of a failure, the exit code and what is wrong stand in it, beside what was
+    /// measured.
+    ///
+    /// # Errors
+    /// The failure, of which nothing is left to print; as [`Output::result`].
+    pub(super) fn end(&mut self, mut document: Value, end: Result<(), Failure>) -> Result<(), Failure> {
+        let Err(Failure { exit, report }) = end else { return self.json(&document) };
+        document["exit_code"] = json!(exit.code());
+        document["diagnostics"] = json!(report);
+        self.json(&document)?;
+        Err(Failure { exit, report: Report { diagnostics: Vec::new() } })
     }
 
     /// Prints a line of news, unless quiet or JSON.

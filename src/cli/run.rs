@@ -9,8 +9,6 @@ mod words;
 use std::path::PathBuf;
 use std::time::Instant;
 
-use serde_json::json;
-
 pub(super) use self::ending::{above_bound, bus_names, describe, devices_text, exit_of, rig_failure, stopped_by};
 use self::facts::Facts;
 pub(super) use self::picture::{check_picture, drawing_failure, make_folder_of, write_drawing};
@@ -128,23 +126,17 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
     let seed = overrides.seed.unwrap_or(scene.value.seed);
     let facts = Facts { rig: &rig.value, drilled, margins, report: &report, kept: &kept, seed, wall_s };
     let is_disturbed = !(overrides.faults.is_empty() && scene.value.faults.is_empty());
-    let failure = match report.state {
-        Some(state) if state.is_latched() => Some(kept.point_to_black_box(ending::stopped(&report, &rig.value))),
+    let end = match report.state {
+        Some(state) if state.is_latched() => Err(kept.point_to_black_box(ending::stopped(&report, &rig.value))),
         // A push by injection is no fault of the loop.
-        _ if report.measures.is_within_bound() || is_disturbed => None,
-        _ => Some(above_bound(&report.measures, &rig.value.rig.name)),
+        _ if report.measures.is_within_bound() || is_disturbed => Ok(()),
+        _ => Err(above_bound(&report.measures, &rig.value.rig.name)),
     };
     if !output.is_json() {
         output.news(&facts.text(arguments))?;
-        return failure.map_or(Ok(()), Err);
+        return end;
     }
-    let mut document = facts.json(arguments);
-    let Some(Failure { exit, report }) = failure else { return output.json(&document) };
-    // One document: what stopped the rig stands beside what was measured.
-    document["exit_code"] = json!(exit.code());
-    document["diagnostics"] = json!(report);
-    output.json(&document)?;
-    Err(Failure { exit, report: Report { diagnostics: Vec::new() } })
+    output.end(facts.json(arguments), end)
 }
 
 /// What can be known to be wrong before anything is run.

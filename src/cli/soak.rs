@@ -99,20 +99,16 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
             Failure::new(Exit::Usage, format!("{}: {error}", path.display()), "choose a file that can be written")
         })?;
     }
-    let failure = judge(arguments, &tally, &outcomes);
+    let end = judge(arguments, &tally, &outcomes);
     if output.is_json() {
-        let mut document = json!({
+        let document = json!({
             "summary": tally,
             "wall_s": wall_s,
             "violations": outcomes.iter().filter(|outcome| !outcome.violations.is_empty()).collect::<Vec<_>>(),
             "missed_injections": tally.missed_injections(),
             "missed_faults": tally.missed_faults(),
         });
-        let Some(Failure { exit, report }) = failure else { return output.json(&document) };
-        document["exit_code"] = json!(exit.code());
-        document["diagnostics"] = json!(report);
-        output.json(&document)?;
-        return Err(Failure { exit, report: Report { diagnostics: Vec::new() } });
+        return output.end(document, end);
     }
     output.news(&soak::text(&tally))?;
     output.news(&format!("{:34} {wall_s:.1} s, {:.0} cycles/s", "run in", tally.cycles as f64 / wall_s))?;
@@ -127,11 +123,11 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
             output.result(&format!("yieldwall soak {replay}\n"))?;
         }
     }
-    failure.map_or(Ok(()), Err)
+    end
 }
 
 /// What did not hold, and how to see it again.
-fn judge(arguments: &Arguments, tally: &Tally, outcomes: &[Outcome]) -> Option<Failure> {
+fn judge(arguments: &Arguments, tally: &Tally, outcomes: &[Outcome]) -> Result<(), Failure> {
     let mut failed = outcomes.iter().filter(|outcome| !outcome.violations.is_empty());
     if let Some(first) = failed.next() {
         let told = std::iter::once(first).chain(failed).take(MOST_TOLD);
@@ -150,14 +146,14 @@ fn judge(arguments: &Arguments, tally: &Tally, outcomes: &[Outcome]) -> Option<F
                 Failure::new(Exit::OutOfTolerance, message, help.clone()).report.diagnostics
             })
         });
-        return Some(Failure { exit: Exit::OutOfTolerance, report: Report { diagnostics: diagnostics.collect() } });
+        return Err(Failure { exit: Exit::OutOfTolerance, report: Report { diagnostics: diagnostics.collect() } });
     }
     let missed = [tally.missed_injections(), tally.missed_faults()].concat();
     if (arguments.require_hits || tally.seeds >= ALL_HIT_FROM) && !missed.is_empty() {
         let message = format!("never met in {} seeds: {}", tally.seeds, missed.join(", "));
-        return Some(Failure::new(Exit::OutOfTolerance, message, "run more seeds, or more cycles of each"));
+        return Err(Failure::new(Exit::OutOfTolerance, message, "run more seeds, or more cycles of each"));
     }
-    None
+    Ok(())
 }
 
 fn bar(output: &Output, seeds: u64, known: u64) -> ProgressBar {

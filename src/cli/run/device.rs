@@ -8,7 +8,7 @@ use super::super::failure::{Exit, Failure};
 use super::super::output::Output;
 use super::super::progress::Progress;
 use super::{Arguments, above_bound, drawing_failure, measures_text, rig_failure, write_drawing};
-use crate::config::{self, Coupling, ImpedanceDevice, Loaded, Report};
+use crate::config::{self, Coupling, ImpedanceDevice, Loaded};
 use crate::study::{Overrides, RunReport, drawing, run_device};
 
 pub(super) fn run(arguments: &Arguments, device: &Loaded<ImpedanceDevice>, output: &mut Output) -> Result<(), Failure> {
@@ -30,12 +30,12 @@ pub(super) fn run(arguments: &Arguments, device: &Loaded<ImpedanceDevice>, outpu
         write_drawing(&drawing, path)?;
     }
     let seed = overrides.seed.unwrap_or(scene.seed);
-    let failure = (!report.measures.is_within_bound()).then(|| above_bound(&report.measures, name));
+    let end = if report.measures.is_within_bound() { Ok(()) } else { Err(above_bound(&report.measures, name)) };
     if !output.is_json() {
         output.news(&text(arguments, &device.value, &report, seed, wall_s))?;
-        return failure.map_or(Ok(()), Err);
+        return end;
     }
-    let mut document = json!({
+    let document = json!({
         "device": name,
         "seed": seed,
         "simulated_s": simulated_s(&report),
@@ -43,12 +43,7 @@ pub(super) fn run(arguments: &Arguments, device: &Loaded<ImpedanceDevice>, outpu
         "measures": report.measures,
         "figure": arguments.figure,
     });
-    let Some(Failure { exit, report }) = failure else { return output.json(&document) };
-    // One document: what is wrong stands beside what was measured.
-    document["exit_code"] = json!(exit.code());
-    document["diagnostics"] = json!(report);
-    output.json(&document)?;
-    Err(Failure { exit, report: Report { diagnostics: Vec::new() } })
+    output.end(document, end)
 }
 
 /// Refuses what needs a bus or the cycles of a rig.

@@ -28,6 +28,10 @@ const NUDGE_S: f64 = 0.02;
 const LOST_M: f64 = 0.15;
 /// Below this speed of proxy and tool all through a window the loop is at rest.
 const REST_M_PER_S: f64 = 1e-6;
+/// With dry joints the tool is at rest if it swings by less than this in the last quarter of a run: a proxy then creeps within
+/// the band in which the joints stick. A hand that holds still trembles by as much, 49 um RMS (Riviere, Rader, Khosla,
+/// *Characteristics of hand motion of eye surgeons*, 1997).
+const STILL_M: f64 = 50e-6;
 /// Windows of a run.
 const WINDOWS: u64 = 8;
 /// The motion dies away if the energy of its swing falls below this share from one quarter of the run to the next but one.
@@ -207,6 +211,7 @@ impl Setting {
         let mut energies = [0.0_f64; WINDOWS as usize];
         let mut fastest: f64 = 0.0;
         let mut proxy = self.start_m;
+        let mut swing = Swing::default();
         let nudge = Vector2::repeat(self.nudge_n / 2.0_f64.sqrt());
         for cycle in 0..cycles {
             let held = u64::from(self.sample_cycles);
@@ -226,6 +231,9 @@ impl Setting {
             if away.norm() > LOST_M {
                 return Outcome::Lost;
             }
+            if cycle >= cycles / 4 * 3 {
+                swing.add(&seen.tool_m);
+            }
             let velocity = (seen.step.proxy - proxy) / PERIOD_S;
             proxy = seen.step.proxy;
             let energy = 0.5 * (hand_n_per_m * away.norm_squared() + mass_kg * velocity.norm_squared());
@@ -240,7 +248,8 @@ impl Setting {
             }
         }
         let [.., a, b, _, _, c, d] = energies;
-        if c.max(d) < DYING * a.max(b) { Outcome::Dies } else { Outcome::Lasts }
+        let is_still = self.coulomb_n_m > 0.0 && swing.amplitude_m() < STILL_M;
+        if is_still || c.max(d) < DYING * a.max(b) { Outcome::Dies } else { Outcome::Lasts }
     }
 
     /// The arm of the study with these links, the same masses and this hand.
@@ -278,6 +287,22 @@ impl Setting {
     }
 }
 
+/// Where a point has been: the least and the greatest of each coordinate.
+#[derive(Clone, Copy, Debug, Default)]
+struct Swing(Option<[Vector2<f64>; 2]>);
+
+impl Swing {
+    fn add(&mut self, point_m: &Vector2<f64>) {
+        let [low, high] = self.0.unwrap_or([*point_m; 2]);
+        self.0 = Some([low.inf(point_m), high.sup(point_m)]);
+    }
+
+    /// Half of the way across.
+    fn amplitude_m(&self) -> f64 {
+        self.0.map_or(0.0, |[low, high]| 0.5 * (high - low).norm())
+    }
+}
+
 /// An admittance without a wall: mass, friction `F` and damping alone.
 pub(super) fn free_space(mass_kg: f64, friction_n: f64, damping_n_s_per_m: f64) -> Option<Fixture<Shape2, 2>> {
     let limits = Limits { friction_n, yield_n: friction_n };
@@ -301,6 +326,15 @@ pub(super) fn free_space(mass_kg: f64, friction_n: f64, damping_n_s_per_m: f64) 
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    /// Behind dry joints a damped proxy creeps on where the tool stands, and a light one hunts by millimetres.
+    #[test]
+    fn a_proxy_that_creeps_behind_dry_joints_is_at_rest_and_one_that_hunts_is_not() {
+        let dry = Setting { delay: 1, coulomb_n_m: 10.0, nudge_n: 30.0, ..PLAIN };
+        let creeps = Setting { damping_n_s_per_m: 30.0, ..dry };
+        assert_eq!(creeps.run(300.0, 2.046, 4.0), Outcome::Dies);
+        assert_eq!(dry.run(500.0, 1.376, 4.0), Outcome::Lasts);
+    }
 
     /// Theory and simulation meet within 5 % on both sides, at delays, with a slow sensor and behind a low pass.
     #[test]

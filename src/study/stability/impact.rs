@@ -265,7 +265,7 @@ fn depth_panel(proxy: &Table, notes: &mut Vec<String>) -> Panel {
         };
         series.push(Series { name: format!("R = {yield_n} N"), points: line("depth_m"), mark: Mark::Marks, color });
         series.push(Series {
-            name: "theory".to_owned(),
+            name: "theory, of the proxy".to_owned(),
             points: line("theory_depth_m"),
             mark: Mark::Line,
             color: Color::Black,
@@ -289,7 +289,7 @@ fn tool_panel(tool: &Table, notes: &mut Vec<String>) -> Panel {
             })
         };
         let points = rows().map(|row| (row.number("impact_m_per_s"), row.number("tool_depth_m") * 1e3)).collect();
-        series.push(Series { name: format!("N_wait {hold_steps}"), points, mark: Mark::MarkedLine, color });
+        series.push(Series { name: format!("tool, N_wait {hold_steps}"), points, mark: Mark::MarkedLine, color });
         let deepest = rows().map(|row| row.number("depth_m")).fold(0.0, f64::max);
         let farthest = rows().map(|row| row.number("tool_depth_m")).fold(0.0, f64::max);
         notes.push(format!(
