@@ -3,7 +3,8 @@
 //! The plant has one dimension: the tool of an arm, 4 kg, under a position servo with the stiffness and damping of the
 //! rig of the paper as they are at the tool, a force limit of 200 N and a delay of one cycle. The hand has mass and holds
 //! the tool by a grip with stiffness and damping, from soft to braced; what the sensor reads is the force of the grip. Its
-//! voluntary force aims at a speed and never exceeds its own limit, which is below `R`.
+//! voluntary force aims at a speed and never exceeds its own limit, which is below `R`. Who breaks through is settled across
+//! the wall within the hold, in which the pose hardly changes: the linkage of [`bench`](super::bench) would add nothing.
 
 mod trial;
 

@@ -2,7 +2,8 @@
 //! goes, and what energy the delay makes.
 //!
 //! Forces of hand and tissue move one proxy, which both tools track. A hand of 0.5 kg goes towards a wall of R = 20 N and
-//! presses on it with 12 N; 10 mm before the wall there may lie a tissue.
+//! presses on it with 12 N; 10 mm before the wall there may lie a tissue. The loop is of its own: two tools with delays between
+//! them, in one dimension, where [`bench`](super::bench) has one arm.
 
 mod trial;
 
