@@ -4,7 +4,8 @@
 //! rig of the paper as they are at the tool, a force limit of 200 N and a delay of one cycle. The hand has mass and holds
 //! the tool by a grip with stiffness and damping, from soft to braced; what the sensor reads is the force of the grip. Its
 //! voluntary force aims at a speed and never exceeds its own limit, which is below `R`. Who breaks through is settled across
-//! the wall within the hold, in which the pose hardly changes: the linkage of [`bench`](super::bench) would add nothing.
+//! the wall within the hold, in which the tool hardly moves along it, so the linkage of
+//! [`bench`](super::bench) is left out.
 
 mod trial;
 
