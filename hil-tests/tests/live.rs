@@ -34,7 +34,7 @@ fn play(rig: &mut Rig, cycles: u64) -> (Played, Vec<Row>) {
 fn running(scenario: &Scenario, pace: Pace, cycles: u32) -> (Cable, Rig) {
     let (cable, mut rig) = wired(scenario, pace);
     rig.boot().unwrap();
-    let mut enabling = Enabling::new(scenario.period_s());
+    let mut enabling = Enabling::new(&scenario.rig);
     while let Enable::Ask(request) = enabling.next(rig.state()) {
         rig.run_cycle(request);
     }

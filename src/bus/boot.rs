@@ -12,8 +12,6 @@ use yieldwall_drives::profiles::{DeviceProfile, PdoMap, PdoMapping};
 pub(super) const HEARTBEAT_PERIODS: u32 = 2;
 /// A drive whose set-points stay away for this many cycles stops by itself.
 const RPDO_DEADLINE_CYCLES: u32 = 5;
-/// How long a node may take to answer one request.
-const SDO_TIMEOUT: Duration = Duration::from_millis(250);
 /// Bytes of the largest object that the boot reads.
 const SDO_CAPACITY: usize = 8;
 /// How often a node may restart while it is configured: a node that was switched on together with the master
@@ -94,31 +92,26 @@ impl Boot {
             drive.following_error_counts,
         ));
         steps.extend(pdos(map, node, rpdo_deadline_ms(period_us)));
-        Ok(Self::new(node, steps))
+        Ok(Self::new(node, drive.waits.sdo, steps))
     }
 
-    pub(super) fn sensor(sensor: &SensorNode, node: NodeId) -> Result<Self, BootFailure> {
+    pub(super) fn sensor(sensor: &SensorNode, node: NodeId, timeout: Duration) -> Result<Self, BootFailure> {
         let mut steps = identity(sensor.profile);
         steps.push(heartbeat(sensor.heartbeat.as_millis() as u32));
         steps.extend(pdos(mapping(sensor.profile, None)?, node, 0));
-        Ok(Self::new(node, steps))
+        Ok(Self::new(node, timeout, steps))
     }
 
-    fn new(node: NodeId, steps: Vec<Step>) -> Self {
+    fn new(node: NodeId, timeout: Duration, steps: Vec<Step>) -> Self {
         Self {
-            client: SdoClient::new(node, SDO_TIMEOUT, SDO_CAPACITY),
-            timeout: SDO_TIMEOUT,
+            client: SdoClient::new(node, timeout, SDO_CAPACITY),
+            timeout,
             steps,
             next: 0,
             verifying: false,
             started: false,
             restarts: 0,
         }
-    }
-
-    /// Has the node take so many times longer to answer, from the next [`Boot::reset`] on.
-    pub(super) fn set_patience(&mut self, patience: u32) {
-        self.timeout = SDO_TIMEOUT * patience;
     }
 
     /// As it was before anything was sent.

@@ -120,7 +120,7 @@ pub enum BootFailure {
 
 /// A failed boot: which node, in which step, and why. Nothing was enabled.
 #[derive(Clone, Debug, PartialEq, Eq, Error)]
-#[error("{}{name}{}: {step}: {failure}", self.before_name(), self.after_name())]
+#[error("{}: {step}: {failure}", named(*.node_id, .name))]
 pub struct BootError {
     /// Node id; `None` for a sensor on plain CAN.
     pub node_id: Option<u8>,
@@ -133,12 +133,7 @@ pub struct BootError {
     pub failure: BootFailure,
 }
 
-impl BootError {
-    fn before_name(&self) -> String {
-        self.node_id.map_or(String::new(), |node_id| format!("node {node_id} ("))
-    }
-
-    fn after_name(&self) -> &'static str {
-        if self.node_id.is_some() { ")" } else { "" }
-    }
+/// `node 1 (left)`, or the name alone where there is no node id.
+pub(super) fn named(node_id: Option<u8>, name: &str) -> String {
+    node_id.map_or_else(|| name.to_owned(), |node_id| format!("node {node_id} ({name})"))
 }

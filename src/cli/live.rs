@@ -2,6 +2,7 @@
 
 mod emergencies;
 mod facts;
+mod news;
 mod proof;
 
 use std::sync::Arc;
@@ -29,6 +30,7 @@ use crate::rig::{self, Pace, bus_plan};
 use crate::study::{Overrides, drawing, measured, replay};
 pub(super) use emergencies::{different, with_emergencies};
 use facts::Facts;
+pub(super) use news::{News, boot_watch, print_news};
 use proof::{NotRun, Proof, proof, unproven, untimely};
 
 /// Cycles of which figure and measures are made, from the first one on: ten minutes at 1 kHz. A recording holds all.
@@ -151,20 +153,19 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
         is_timely: !arguments.ignore_latency,
         has_locked_memory: memory.is_ok(),
     };
-    let (granted, told) = mpsc::channel();
+    let (news, told) = mpsc::channel();
+    machine.set_boot_watch(boot_watch(news.clone(), Arc::clone(&is_interrupted)));
     let thread = thread::Builder::new().name("cycle".to_owned()).spawn({
         let is_interrupted = Arc::clone(&is_interrupted);
         move || {
             let priority = run_first();
             // Nobody listens if the thread that waits has died.
-            let _ = granted.send(priority.as_ref().err().map(ToString::to_string));
+            let _ = priority.as_ref().map_err(|refusal| news.send(News::Refused(refusal.to_string())));
             run_loop(machine, &play, &is_interrupted, demands, &proof, priority)
         }
     });
     let thread = thread.map_err(|error| Failure::new(Exit::Internal, format!("thread of the cycle: {error}"), ""))?;
-    if let (Ok(Some(refusal)), false) = (told.recv(), arguments.require_realtime) {
-        warn(output, refusal);
-    }
+    print_news(&told, arguments.require_realtime, output);
     let mut outcome =
         thread.join().map_err(|_| Failure::new(Exit::Internal, "the thread of the cycle has panicked", ""))?;
     let kept = keep.finish()?;
@@ -328,10 +329,8 @@ pub(super) fn live_failure(error: &LiveError) -> Failure {
             error.to_string(),
             "nobody acknowledges: look whether a device is switched on, at the cable, its termination and the bit rate",
         ),
-        LiveError::NotBooted { .. } => {
-            Failure::new(Exit::DeviceMismatch, error.to_string(), "run with --verbose to see how far each node came")
-        }
-        LiveError::NotEnabled { cause, .. } => {
+        LiveError::NotBooted => Failure::new(Exit::Internal, error.to_string(), "please report what was printed above"),
+        LiveError::NotEnabled { cause, .. } | LiveError::NotTried { cause, .. } => {
             let exit = cause.map_or(Exit::DeviceFault, exit_of);
             let help = cause.map_or("read the drives' error codes (603Fh)", |cause| cause.fault.row().next);
             Failure::new(exit, error.to_string(), help)

@@ -33,6 +33,35 @@ fn a_circle_is_held_in_lockstep_over_two_processes() {
     assert!(served.contains("SYNC"), "{served}");
 }
 
+#[test]
+#[ignore = "needs a CAN interface: see hil-tests/vcan"]
+fn drives_that_take_their_time_to_reset_or_to_answer_are_waited_for() {
+    for slow in [["--reset-ms", "700"], ["--reset-ms", "3000"], ["--sdo-ms", "600"]] {
+        let sim = Running::sim(RIG, &[&["--pace", "lockstep"], &slow[..]].concat());
+        let (code, document) = run_for("1").document();
+        assert_eq!((code, &document["state"]), (OK, &Value::from("Running")), "{slow:?}: {document:#}");
+        drop(sim);
+    }
+    // Longer than the rig allows; and a person who does not wait for it.
+    let sim = Running::sim(RIG, &["--pace", "lockstep", "--reset-ms", "30000"]);
+    let impatient = changed(
+        "impatient",
+        "paper-admittance.yaml",
+        &[("    node_id: 1\n", "    node_id: 1\n    waits: {boot_up_ms: 800}\n")],
+    );
+    let (code, message, _) = refusal(Running::run(&impatient, &["--pace", "lockstep"]));
+    assert_eq!(code, DEVICE_MISMATCH);
+    assert!(message.contains("node 1 (left)") && message.contains("within 800 ms"), "{message}");
+    let observer = Observer::new();
+    let master = run_for("1");
+    observer.until("reset", |frames| frames.iter().any(|frame| frame.id() == cob::NMT));
+    master.signal("INT");
+    let (code, message, _) = refusal(master);
+    assert_eq!(code, INTERRUPTED, "{message}");
+    drop(sim);
+    std::fs::remove_file(impatient).expect("it is there");
+}
+
 /// What a recorded run in lockstep has from the begin of its scene on: counts of the sensor, and the proxy.
 fn recorded(rig: &str, name: &str) -> Vec<String> {
     let folder = std::env::temp_dir().join(format!("yieldwall-lockstep-{name}-{}", std::process::id()));

@@ -4,6 +4,7 @@ mod line;
 mod network;
 mod node;
 mod phase;
+mod waiting;
 
 use std::time::Duration;
 
@@ -20,6 +21,7 @@ use line::Line;
 use node::Node;
 
 pub use phase::{LinkEvent, Phase};
+pub use waiting::Waiting;
 
 /// Emergencies that are remembered.
 const EMERGENCIES: usize = 8;
@@ -34,12 +36,13 @@ pub struct Master {
     heartbeat: Duration,
     next_heartbeat: Time,
     phase: Phase,
-    phase_deadline: Time,
-    /// Times that the boot waits longer than usual.
-    patience: u32,
+    /// When the phase began.
+    phase_since: Time,
     nodes: Vec<Node>,
     sensor_name: String,
     sensor_bus: u8,
+    /// How long the samples of a sensor on plain CAN are waited for.
+    sample_wait: Duration,
     /// The buses.
     lines: Vec<Line>,
     sync: SyncProducer,
@@ -96,11 +99,12 @@ impl Master {
         for (at, (drive, node)) in drives.into_iter().enumerate() {
             let boot = Boot::drive(setup, drive, node)
                 .map_err(|failure| refuse(Some(drive.node_id), &drive.name, PLAN, failure))?;
-            nodes.push(Node::new(drive.bus, DeviceSet::drive(at), &drive.name, drive.heartbeat, boot));
+            nodes.push(Node::new(drive.bus, DeviceSet::drive(at), &drive.name, drive.heartbeat, drive.waits, boot));
         }
         if let SensorFrames::Canopen(node, id) = sensor {
-            let boot = Boot::sensor(node, id).map_err(of_sensor)?;
-            nodes.push(Node::new(sensor_bus, DeviceSet::SENSOR, &setup.sensor.name, node.heartbeat, boot));
+            let waits = setup.sensor.waits;
+            let boot = Boot::sensor(node, id, waits.sdo).map_err(of_sensor)?;
+            nodes.push(Node::new(sensor_bus, DeviceSet::SENSOR, &setup.sensor.name, node.heartbeat, waits, boot));
         }
         let lines: Vec<Line> = setup.buses().map(|bus| Line::new(setup, bus, &nodes)).collect();
         // What the drives' profiles lack was found above.
@@ -129,11 +133,11 @@ impl Master {
             heartbeat: setup.heartbeat,
             next_heartbeat: Time::NEVER,
             phase: Phase::Off,
-            phase_deadline: Time::NEVER,
-            patience: 1,
+            phase_since: Time::default(),
             nodes,
             sensor_name: setup.sensor.name.clone(),
             sensor_bus,
+            sample_wait: setup.sensor.waits.start,
             lines,
             sync,
             image,
@@ -291,13 +295,6 @@ impl Master {
     /// Real-time: yes.
     pub fn missing(&self, now: Time) -> DeviceSet {
         self.image.missing(now)
-    }
-
-    /// Has all waits of the boot last so many times longer, 1 unless told otherwise: for simulated devices, which may not get
-    /// to run in time.
-    pub fn set_patience(&mut self, patience: u32) {
-        self.patience = patience;
-        self.nodes.iter_mut().for_each(|node| node.boot.set_patience(patience));
     }
 
     /// Forgets when the nodes' heartbeats came, which do not tell one device from two where they waited to be taken.

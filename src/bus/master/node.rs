@@ -2,7 +2,9 @@
 
 use std::time::Duration;
 
+use super::phase::Phase;
 use crate::bus::boot::Boot;
+use crate::bus::setup::Waits;
 use crate::canopen::{Frame, NmtState, NodeId, Time, cob};
 use crate::guard::DeviceSet;
 
@@ -33,6 +35,8 @@ pub(super) struct Node {
     pub(super) has_restarted: bool,
     /// Period of its heartbeat.
     pub(super) heartbeat: Duration,
+    /// How long it is waited for.
+    waits: Waits,
     /// Shortest time in which one node sends [`HEARTBEATS_OF_TWO`] heartbeats.
     shortest: Duration,
     /// When its last heartbeats came, the oldest first.
@@ -46,7 +50,7 @@ pub(super) struct Node {
 }
 
 impl Node {
-    pub(super) fn new(bus: u8, device: DeviceSet, name: &str, heartbeat: Duration, boot: Boot) -> Self {
+    pub(super) fn new(bus: u8, device: DeviceSet, name: &str, heartbeat: Duration, waits: Waits, boot: Boot) -> Self {
         Self {
             bus,
             id: boot.node(),
@@ -57,6 +61,7 @@ impl Node {
             is_operational: false,
             has_restarted: false,
             heartbeat,
+            waits,
             shortest: heartbeat.mul_f64(PERIODS_OF_TWO),
             heard: [None; HEARTBEATS_OF_TWO - 1],
             unanswered: 0,
@@ -68,6 +73,16 @@ impl Node {
     /// Whether it is this one.
     pub(super) fn is(&self, bus: u8, id: NodeId) -> bool {
         (self.bus, self.id) == (bus, id)
+    }
+
+    /// What it is waited for in this phase, and how long since the phase began; nothing if it has done it. How long the answer
+    /// to a request takes is the business of its [`Boot`].
+    pub(super) fn owes(&self, phase: &Phase) -> Option<(&'static str, Duration)> {
+        match phase {
+            Phase::Resetting if !self.has_booted => Some(("wait for the boot-up message", self.waits.boot_up)),
+            Phase::Starting if !self.is_operational => Some(("start the node", self.waits.start)),
+            _ => None,
+        }
     }
 
     /// Forgets all that was heard of it.

@@ -139,12 +139,56 @@ fn a_missing_node_is_named() {
     net.master.start(net.now, &mut net.sent);
     net.hear("701#00");
     net.hear("70A#00");
-    net.wait(Duration::from_millis(499));
+    net.wait(Duration::from_millis(699));
     assert_eq!(*net.master.phase(), Phase::Resetting);
     net.wait(Duration::from_millis(1));
     let error = failure(&net);
     assert_eq!((error.node_id, error.name.as_str()), (Some(2), "right"));
-    assert_eq!(error.failure, BootFailure::Missing { waited_ms: 500, is_unheard: false });
+    assert_eq!(error.failure, BootFailure::Missing { waited_ms: 700, is_unheard: false });
+}
+
+/// What the boot waits for: node, step, time waited and time left in ms.
+fn waiting(net: &Net) -> Option<(Option<u8>, &'static str, u128, u128)> {
+    let waiting = net.master.waiting(net.now)?;
+    Some((waiting.node_id, waiting.step, waiting.waited.as_millis(), waiting.left.as_millis()))
+}
+
+#[test]
+fn each_node_is_waited_for_as_long_as_it_may_take_and_who_looks_on_is_told() {
+    let (cycle, home) = torque_cycle();
+    let mut setup = setup(CommandMode::Torque, home, 0.0);
+    setup.drives[1].waits = Waits {
+        boot_up: Duration::from_millis(5000),
+        sdo: Duration::from_millis(1000),
+        start: Duration::from_millis(4000),
+    };
+    let mut net = Net::with(cycle, setup, home);
+    assert_eq!(waiting(&net), None);
+    net.master.start(net.now, &mut net.sent);
+    net.wait(Duration::from_millis(600));
+    assert_eq!(waiting(&net), Some((Some(1), "wait for the boot-up message", 600, 100)));
+    net.hear("701#00");
+    net.hear("70A#00");
+    net.wait(Duration::from_millis(4399));
+    assert_eq!(waiting(&net), Some((Some(2), "wait for the boot-up message", 4999, 1)));
+    net.hear("702#00");
+    assert_eq!(*net.master.phase(), Phase::Configuring);
+    net.serve(|node, _| (node == 2).then_some(None));
+    net.wait(Duration::from_millis(999));
+    assert_eq!(waiting(&net), Some((Some(2), "check the device type", 999, 1)));
+    net.master.start(net.now, &mut net.sent);
+    for line in ["701#00", "702#00", "70A#00"] {
+        net.hear(line);
+    }
+    net.serve(|_, _| None);
+    for _ in 0..399 {
+        ["701#05", "70A#05"].into_iter().for_each(|line| net.hear(line));
+        net.wait(Duration::from_millis(10));
+    }
+    assert_eq!(waiting(&net), Some((Some(2), "start the node", 3990, 10)));
+    net.wait(Duration::from_millis(10));
+    assert_eq!((failure(&net).node_id, failure(&net).step), (Some(2), "start the node"));
+    assert_eq!(waiting(&net), None);
 }
 
 #[test]
@@ -249,7 +293,7 @@ fn a_person_starts_the_network_anew_from_any_phase() {
     restart(&mut net);
     // After it failed.
     net.master.start(net.now, &mut net.sent);
-    net.wait(Duration::from_millis(500));
+    net.wait(Duration::from_millis(700));
     assert!(matches!(net.master.phase(), Phase::Failed(_)));
     restart(&mut net);
     // Out of silence.
