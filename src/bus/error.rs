@@ -2,7 +2,28 @@
 
 use thiserror::Error;
 
-use crate::canopen::AbortCode;
+use crate::canopen::{AbortCode, Emergency, NmtState};
+
+/// What a node said last of itself since the boot began.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Said {
+    /// The state in its last heartbeat; [`NmtState::Initialising`] for its boot-up message.
+    pub state: Option<NmtState>,
+    /// Its last emergency.
+    pub emergency: Option<Emergency>,
+}
+
+impl fmt::Display for Said {
+    fn fmt(&self, out: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self.state {
+            None => write!(out, "; nothing was heard of it")?,
+            Some(NmtState::Initialising) => write!(out, "; its last word was its boot-up message")?,
+            Some(NmtState::PreOperational) => write!(out, "; its last heartbeat says Pre-operational")?,
+            Some(state) => write!(out, "; its last heartbeat says {state:?}")?,
+        }
+        self.emergency.map_or(Ok(()), |emergency| write!(out, "; its last emergency is {}", emergency.code))
+    }
+}
 
 /// What went wrong in one step of the boot.
 #[derive(Clone, Debug, PartialEq, Eq, Error)]
@@ -21,7 +42,7 @@ pub enum BootFailure {
     },
     /// The node did not announce itself after the reset.
     #[error(
-        "no boot-up message within {waited_ms} ms after the reset{}",
+        "no boot-up message within {waited_ms} ms after the reset{}{said}",
         if *.is_unheard { "; the interface is error-passive: nobody acknowledges its frames" } else { "" }
     )]
     Missing {
@@ -31,6 +52,16 @@ pub enum BootFailure {
         is_unheard: bool,
     },
     /// The node restarted, so that its configuration is lost.
+        /// What it said meanwhile.
+        said: Said,
+    },
+    /// The node did not become Operational after the start command.
+    #[error("not Operational within {waited_ms} ms after the start command{said}")]
+    NotStarted {
+        /// How long the master waited, in ms.
+        waited_ms: u64,
+        /// What it said last.
+        said: Said,
     #[error("the node restarted {times} times while it was configured and started, or two nodes have its node id")]
     Restarted {
         /// How often.

@@ -16,7 +16,7 @@ mod image;
 mod master;
 mod setup;
 
-pub use error::{BootError, BootFailure};
+pub use error::{BootError, BootFailure, Said};
 pub use master::{LinkEvent, Master, Phase, Waiting};
 pub use setup::{CommandMode, DriveSetup, MasterSetup, SensorLink, SensorNode, SensorSetup, Waits};
 

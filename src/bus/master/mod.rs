@@ -219,7 +219,10 @@ impl Master {
             && let Some((id, state)) = nmt::decode_heartbeat(frame)
             && let Some(node) = self.nodes.iter_mut().find(|node| node.is(frame.bus(), id))
         {
-            node.on_heartbeat(now, state);
+            node.said.state = Some(state);
+            if self.phase == Phase::Operational {
+                node.on_heartbeat(now, state);
+            }
         }
         let line = self.lines.iter_mut().find(|line| line.bus == frame.bus());
         if let Some(event) = line.and_then(|line| line.watch.on_frame(now, frame)) {
@@ -228,6 +231,7 @@ impl Master {
         if let Some(emergency) = Emergency::decode(frame) {
             if !emergency.code.is_reset()
                 && let Some(node) = self.nodes.iter().find(|node| node.is(frame.bus(), emergency.node))
+                node.said.emergency = Some(emergency);
             {
                 if emergency.code.is_warning() {
                     self.events.emergency_warning |= node.device;

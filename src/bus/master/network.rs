@@ -205,7 +205,11 @@ impl Master {
             (Some((node, (step, wait))), _) => {
                 let errors = self.events.error_passive | self.events.bus_off;
                 let is_unheard = errors.contains(DeviceSet::interface(node.bus));
-                let failure = BootFailure::Missing { waited_ms: waited_ms(wait), is_unheard };
+                let (waited_ms, said) = (waited_ms(wait), node.said);
+                let failure = match self.phase {
+                    Phase::Starting => BootFailure::NotStarted { waited_ms, said },
+                    _ => BootFailure::Missing { waited_ms, is_unheard, said },
+                };
                 refuse(Some(node.id.raw()), &node.name, step, failure)
             }
             (None, Some((step, wait))) => {

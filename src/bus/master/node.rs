@@ -4,6 +4,7 @@ use std::time::Duration;
 
 use super::phase::Phase;
 use crate::bus::boot::Boot;
+use crate::bus::error::Said;
 use crate::bus::setup::Waits;
 use crate::canopen::{Frame, NmtState, NodeId, Time, cob};
 use crate::guard::DeviceSet;
@@ -29,6 +30,8 @@ pub(super) struct Node {
     pub(super) name: String,
     pub(super) boot: Boot,
     pub(super) has_booted: bool,
+    /// What it said since the boot began.
+    pub(super) said: Said,
     /// Whether its last heartbeat said Operational and is not too old.
     pub(super) is_operational: bool,
     /// Whether it restarted after it was configured: its watchdogs and limits are gone until the master starts anew.
@@ -58,6 +61,7 @@ impl Node {
             name: name.to_owned(),
             boot,
             has_booted: false,
+            said: Said::default(),
             is_operational: false,
             has_restarted: false,
             heartbeat,
@@ -88,6 +92,7 @@ impl Node {
     /// Forgets all that was heard of it.
     pub(super) fn restart(&mut self) {
         self.boot.reset();
+        self.said = Said::default();
         (self.has_booted, self.is_operational, self.has_restarted) = (false, false, false);
         (self.heard, self.is_double) = (Default::default(), false);
         (self.unanswered, self.has_other_client) = (0, false);

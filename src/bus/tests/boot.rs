@@ -144,7 +144,7 @@ fn a_missing_node_is_named() {
     net.wait(Duration::from_millis(1));
     let error = failure(&net);
     assert_eq!((error.node_id, error.name.as_str()), (Some(2), "right"));
-    assert_eq!(error.failure, BootFailure::Missing { waited_ms: 700, is_unheard: false });
+    assert_eq!(error.failure, BootFailure::Missing { waited_ms: 700, is_unheard: false, said: Said::default() });
 }
 
 /// What the boot waits for: node, step, time waited and time left in ms.
@@ -287,6 +287,33 @@ fn a_person_starts_the_network_anew_from_any_phase() {
     restart(&mut net);
     net.master.start(net.now, &mut net.sent);
     for line in ["701#00", "702#00", "70A#00"] {
+#[test]
+fn a_node_that_does_not_start_is_named_with_its_state_and_its_emergency() {
+    for (heard, told) in [
+        (&[][..], "; its last word was its boot-up message"),
+        (&["701#7F"][..], "; its last heartbeat says Pre-operational"),
+        (
+            &["081#2042214321AABBCC", "081#4350210000000000", "701#04"][..],
+            "Stopped; its last emergency is 5043h device hardware",
+        ),
+    ] {
+        let mut net = Net::new(CommandMode::Torque);
+        net.reset();
+        net.serve(|_, _| None);
+        for _ in 0..50 {
+            ["702#05", "70A#05"].iter().chain(heard).for_each(|line| net.hear(line));
+            net.wait(Duration::from_millis(10));
+        }
+        let text = failure(&net).to_string();
+        assert!(text.starts_with("node 1 (left): start the node: not Operational within 500 ms"), "{text}");
+        assert!(text.ends_with(told), "{text}");
+        // The next boot knows nothing of it.
+        net.master.start(net.now, &mut net.sent);
+        net.wait(Duration::from_millis(700));
+        assert!(failure(&net).to_string().ends_with("after the reset; nothing was heard of it"), "{}", failure(&net));
+    }
+}
+
         net.hear(line);
     }
     assert_eq!(*net.master.phase(), Phase::Configuring);
