@@ -1,5 +1,7 @@
 //! Why the network did not come up.
 
+use std::fmt;
+
 use thiserror::Error;
 
 use crate::canopen::{AbortCode, Emergency, NmtState};
@@ -50,8 +52,6 @@ pub enum BootFailure {
         waited_ms: u64,
         /// Whether the interface told that nobody acknowledges what it sends, or that it is bus-off.
         is_unheard: bool,
-    },
-    /// The node restarted, so that its configuration is lost.
         /// What it said meanwhile.
         said: Said,
     },
@@ -62,6 +62,8 @@ pub enum BootFailure {
         waited_ms: u64,
         /// What it said last.
         said: Said,
+    },
+    /// The node restarted, so that its configuration is lost.
     #[error("the node restarted {times} times while it was configured and started, or two nodes have its node id")]
     Restarted {
         /// How often.
@@ -109,6 +111,14 @@ pub enum BootFailure {
         /// What was written.
         written: u32,
         /// What came back.
+        received: u32,
+    },
+    /// The drive is in another mode of operation than it was told.
+    #[error("the drive was told mode {wanted} (6060h) and is in mode {} (6061h)", *.received as u8 as i8)]
+    Mode {
+        /// Code of the mode in 6060h.
+        wanted: u32,
+        /// What 6061h says.
         received: u32,
     },
     /// The profile has no process data for the rig's command mode.

@@ -22,7 +22,8 @@ fn the_boot_of_a_torque_drive_is_this_sequence() {
     write("2B", "5A6000", "0200", true); // quick stop ramp, then Switch On Disabled
     write("2F", "C26001", "01", true); // 1 ...
     write("2F", "C26002", "FD", true); // ... ms
-    write("2F", "606000", "0A", false); // cyclic synchronous torque
+    write("2F", "606000", "0A", false); // cyclic synchronous torque ...
+    write("40", "616000", "", false); // ... in force
     write("2B", "726000", "E803", true); // 100 % torque at most
     write("23", "656000", "BC310000", true); // following error window
     write("23", "001401", "01020080", false); // RPDO 1 off
@@ -41,6 +42,31 @@ fn the_boot_of_a_torque_drive_is_this_sequence() {
     write("2F", "001802", "01", true);
     write("23", "001801", "81010000", true); // TPDO 1 on
     assert_eq!(left, expected);
+}
+
+#[test]
+fn a_drive_that_comes_to_its_mode_late_is_waited_for_and_one_in_another_mode_is_not_started() {
+    for (late_ms, is_started) in [(30, true), (1000, false)] {
+        let mut net = Net::new(CommandMode::Torque);
+        net.reset();
+        // Profile position, mode 1, which the drive was in.
+        let until = net.now + Duration::from_millis(late_ms);
+        for _ in 0..100 {
+            let has_changed = net.now >= until;
+            net.serve(|node, request| {
+                let is_it = node == 2 && request[..3] == [0x40, 0x61, 0x60];
+                (is_it && !has_changed).then_some(Some([0x4f, 0x61, 0x60, 0, 1, 0, 0, 0]))
+            });
+            net.wait(Duration::from_millis(10));
+        }
+        if is_started {
+            // They did not say so in time, but they were told to.
+            assert_eq!(failure(&net).step, "start the node");
+            continue;
+        }
+        assert_eq!(failure(&net).failure, BootFailure::Mode { wanted: 10, received: 1 });
+        assert!(!net.take().contains(&"000#0100".to_owned()), "nothing is started");
+    }
 }
 
 #[test]
@@ -262,32 +288,6 @@ fn a_node_that_is_lost_before_all_are_started_is_named() {
 }
 
 #[test]
-fn a_person_starts_the_network_anew_from_any_phase() {
-    let restart = |net: &mut Net| {
-        net.take();
-        net.requests.clear();
-        net.objects = objects();
-        net.boot();
-        assert_eq!(net.master.state(), State::Idle);
-        net.quiet("5002", Request::None);
-        net.quiet("3102", Request::Enable);
-        net.quiet("3302", Request::None);
-        net.quiet("3712", Request::None);
-        assert_eq!(net.state(), (State::Running, None));
-        assert!(net.requests.iter().any(|(node, line)| *node == 1 && line.contains("#2B17100014")), "configured anew");
-    };
-    // After a node was reset, from where nothing else leads back.
-    let mut net = Net::running(CommandMode::Torque);
-    net.cycle(["3712"; 2], Request::None, |net| net.hear("701#00"));
-    assert_eq!(net.state(), (State::Stopped, Some(Fault::NodeReset)));
-    // The arm was moved by hand meanwhile, further than it can move in a cycle.
-    net.counts[0] += 20_000;
-    restart(&mut net);
-    // In the middle of its run, of its configuration, of its start.
-    restart(&mut net);
-    net.master.start(net.now, &mut net.sent);
-    for line in ["701#00", "702#00", "70A#00"] {
-#[test]
 fn a_node_that_does_not_start_is_named_with_its_state_and_its_emergency() {
     for (heard, told) in [
         (&[][..], "; its last word was its boot-up message"),
@@ -314,6 +314,32 @@ fn a_node_that_does_not_start_is_named_with_its_state_and_its_emergency() {
     }
 }
 
+#[test]
+fn a_person_starts_the_network_anew_from_any_phase() {
+    let restart = |net: &mut Net| {
+        net.take();
+        net.requests.clear();
+        net.objects = objects();
+        net.boot();
+        assert_eq!(net.master.state(), State::Idle);
+        net.quiet("5002", Request::None);
+        net.quiet("3102", Request::Enable);
+        net.quiet("3302", Request::None);
+        net.quiet("3712", Request::None);
+        assert_eq!(net.state(), (State::Running, None));
+        assert!(net.requests.iter().any(|(node, line)| *node == 1 && line.contains("#2B17100014")), "configured anew");
+    };
+    // After a node was reset, from where nothing else leads back.
+    let mut net = Net::running(CommandMode::Torque);
+    net.cycle(["3712"; 2], Request::None, |net| net.hear("701#00"));
+    assert_eq!(net.state(), (State::Stopped, Some(Fault::NodeReset)));
+    // The arm was moved by hand meanwhile, further than it can move in a cycle.
+    net.counts[0] += 20_000;
+    restart(&mut net);
+    // In the middle of its run, of its configuration, of its start.
+    restart(&mut net);
+    net.master.start(net.now, &mut net.sent);
+    for line in ["701#00", "702#00", "70A#00"] {
         net.hear(line);
     }
     assert_eq!(*net.master.phase(), Phase::Configuring);

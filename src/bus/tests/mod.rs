@@ -169,6 +169,9 @@ impl Net {
         }
         assert!(matches!(command, 0x23 | 0x2b | 0x2f), "an expedited download: {command:02X}");
         self.objects.insert(key, u32::from_le_bytes([a, b, c, d]));
+        if key.1 == 0x6060 {
+            self.objects.insert((node, 0x6061, 0), u32::from_le_bytes([a, b, c, d]));
+        }
         [0x60, low, high, sub, 0, 0, 0, 0]
     }
 
