@@ -215,8 +215,7 @@ impl Master {
         }
         let has_echo = self.has_echo;
         self.nodes.iter_mut().filter(|node| node.bus == frame.bus()).for_each(|node| node.on_sdo(frame, has_echo));
-        if self.phase == Phase::Operational
-            && let Some((id, state)) = nmt::decode_heartbeat(frame)
+        if let Some((id, state)) = nmt::decode_heartbeat(frame)
             && let Some(node) = self.nodes.iter_mut().find(|node| node.is(frame.bus(), id))
         {
             node.said.state = Some(state);
@@ -230,9 +229,9 @@ impl Master {
         }
         if let Some(emergency) = Emergency::decode(frame) {
             if !emergency.code.is_reset()
-                && let Some(node) = self.nodes.iter().find(|node| node.is(frame.bus(), emergency.node))
-                node.said.emergency = Some(emergency);
+                && let Some(node) = self.nodes.iter_mut().find(|node| node.is(frame.bus(), emergency.node))
             {
+                node.said.emergency = Some(emergency);
                 if emergency.code.is_warning() {
                     self.events.emergency_warning |= node.device;
                 } else {
@@ -372,6 +371,10 @@ impl Master {
             link.node_reset |= node.device.only_if(node.has_restarted);
             link.duplicate_node |= node.device.only_if(node.is_double);
             link.heartbeat_lost |= node.device.only_if(!(node.is_operational || node.has_restarted));
+        }
+        if link.intruder {
+            // What nodes do in the cycle of a stranger's command is its effect; if it stays, the next cycle shows it.
+            (link.heartbeat_lost, link.node_reset) = (DeviceSet::NONE, DeviceSet::NONE);
         }
         self.inputs = Inputs { drives: arrivals.drives, sample: arrivals.sample, link, timing, request };
         self.last = self.cycle.step(&self.inputs);
