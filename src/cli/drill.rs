@@ -63,7 +63,8 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
     let path = Subject::new(&rig, identities).store(&drilled, &folder).map_err(|error| {
         Failure::new(Exit::Usage, format!("{}: {error}", folder.display()), "make the folder one that can be written")
     })?;
-    let judged = judge(&drilled, &rig);
+    let done = format!("the rig was enabled at rest for each of {} watchdogs and is stopped", drilled.findings.len());
+    let judged = judge(&drilled, &rig, &done);
     if !output.is_json() {
         output.news(&lines(&drilled, &path.display().to_string()))?;
         return judged;
