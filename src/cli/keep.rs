@@ -31,19 +31,22 @@ pub(super) enum Watched<'a> {
     Simulation(&'a [String]),
     /// Real interfaces, whose cycle waits for nothing.
     Interfaces(&'a [String]),
+    /// Real interfaces in lockstep: time waits, and for the disk as well. A rig that has lost its bus waits for nothing else, and
+    /// its cycles follow each other faster than any disk takes them.
+    Lockstep(&'a [String]),
 }
 
 impl<'a> Watched<'a> {
     fn backpressure(self) -> Backpressure {
         match self {
-            Watched::Simulation(_) => Backpressure::Wait,
+            Watched::Simulation(_) | Watched::Lockstep(_) => Backpressure::Wait,
             Watched::Interfaces(_) => Backpressure::Drop,
         }
     }
 
     fn interfaces(self) -> &'a [String] {
         match self {
-            Watched::Simulation(names) | Watched::Interfaces(names) => names,
+            Watched::Simulation(names) | Watched::Interfaces(names) | Watched::Lockstep(names) => names,
         }
     }
 }

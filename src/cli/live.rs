@@ -155,7 +155,11 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
         LiveRig::new(&rig, link, SystemMetronome, arguments.pace.pace()).map_err(|error| live_failure(&error))?;
     let [candump, record, black_box] =
         [&arguments.candump, &arguments.record, &arguments.black_box].map(Option::as_deref);
-    let (keep, watch) = Keep::start(Watched::Interfaces(interfaces.names()), &rig, &about, candump, record, black_box)?;
+    let watched = match arguments.pace {
+        PaceArgument::Free => Watched::Interfaces(interfaces.names()),
+        PaceArgument::Lockstep => Watched::Lockstep(interfaces.names()),
+    };
+    let (keep, watch) = Keep::start(watched, &rig, &about, candump, record, black_box)?;
     watch.tap.into_iter().for_each(|tap| machine.set_tap(tap));
     watch.observer.into_iter().for_each(|observer| machine.set_observer(observer));
     let period_s = machine.period().as_secs_f64();

@@ -259,12 +259,18 @@ fn an_interface_that_is_taken_down_is_a_lost_bus() {
     }
     let sim = lockstep(RIG);
     let observer = Observer::new();
-    let master = run_for("60");
+    let folder = std::env::temp_dir().join(format!("yieldwall-down-{}", std::process::id()));
+    let record = ["--pace", "lockstep", "--duration", "60", "--record", folder.to_str().expect("a plain path")];
+    let master = Running::run(RIG, &record);
     observer.until_moving(300);
     let down = PutBack::down("vcan0");
     let (code, document) = master.document();
     drop(down);
+    std::fs::remove_dir_all(folder).expect("it is there");
     assert_eq!(code, SAFETY_STOP, "{document:#}");
+    for file in document["recorded"].as_array().expect("files") {
+        assert_eq!(file["dropped"], 0, "time waits for the disk: {file}");
+    }
     assert_eq!((&document["cause"], &document["state"]), (&Value::from("link-down"), &Value::from("Lost")));
     drop(sim);
 }
