@@ -10,14 +10,14 @@ use super::metronome::Metronome;
 use super::proof::DriveIdentity;
 use super::rig::LiveRig;
 use crate::bus::DriveSetup;
-use crate::canopen::{NodeId, Outbox, SdoClient, SdoOutcome, Time, cob};
+use crate::canopen::{NodeId, OnBus, Outbox, SdoClient, SdoOutcome, Time, cob};
 use crate::config;
 use crate::guard::{Request, State};
 use crate::link::{Arrival, CanLink, LinkOutbox, Received};
 use crate::rig::{CYCLES_BEFORE_SILENCE, DRILL_LIMIT, Drilled, Finding, RigError, bus_plan};
 use crate::sim::Watchdog;
 use yieldwall_drives::cia402::{self, Statusword};
-use yieldwall_drives::objects;
+use yieldwall_drives::objects::{self, Object};
 
 /// Cycles in which everything is sent before something stays away, so that its last moment is known.
 const CYCLES_REPEATED: u32 = 20;
@@ -193,12 +193,36 @@ impl<L: CanLink, M: Metronome> LiveRig<L, M> {
     /// # Errors
     /// [`LiveError::Unread`] if it does not answer or refuses.
     pub fn read(&mut self, drive: DriveAddress, index: u16, sub: u8) -> Result<u32, LiveError> {
+        let client =
+            self.transfer(drive, (index, sub), |client, now, out| client.start_upload(now, index, sub, out))?;
+        Ok(client.data().iter().take(4).rev().fold(0, |value, byte| value << 8 | u32::from(*byte)))
+    }
+
+    /// Writes an unsigned object of a drive of a booted network.
+    ///
+    /// # Errors
+    /// As [`LiveRig::read`].
+    pub(super) fn write(&mut self, drive: DriveAddress, object: Object, value: u32) -> Result<(), LiveError> {
+        let bytes = value.to_le_bytes();
+        let data = bytes.get(..usize::from(object.bits() / 8)).unwrap_or(&bytes);
+        let Object { index, sub, .. } = object;
+        self.transfer(drive, (index, sub), |client, now, out| client.start_download(now, index, sub, data, out))?;
+        Ok(())
+    }
+
+    /// One SDO transfer; the client that has what came.
+    fn transfer<E>(
+        &mut self,
+        drive: DriveAddress,
+        (index, sub): (u16, u8),
+        start: impl FnOnce(&mut SdoClient, Time, &mut OnBus<'_, LinkOutbox<'_, L>>) -> Result<(), E>,
+    ) -> Result<SdoClient, LiveError> {
         let DriveAddress { bus, node, sdo_wait } = drive;
         let unread = LiveError::Unread { node_id: node.raw(), index, sub };
         let mut client = SdoClient::new(node, sdo_wait, 4);
         let now = self.now();
         let mut out = LinkOutbox::new(&mut self.link);
-        client.start_upload(now, index, sub, &mut out.on(bus)).map_err(|_| unread.clone())?;
+        start(&mut client, now, &mut out.on(bus)).map_err(|_| unread.clone())?;
         let mut outcome = None;
         while outcome.is_none() {
             // The drives already wait for heartbeats.
@@ -217,11 +241,11 @@ impl<L: CanLink, M: Metronome> LiveRig<L, M> {
             }
             let now = self.now();
             outcome = outcome.or_else(|| client.poll(now, &mut LinkOutbox::new(&mut self.link).on(bus)));
-            if let Some(SdoOutcome::Uploaded { .. }) = outcome {
-                return Ok(client.data().iter().take(4).rev().fold(0, |value, byte| value << 8 | u32::from(*byte)));
-            }
         }
-        Err(unread)
+        match outcome {
+            Some(SdoOutcome::Uploaded { .. } | SdoOutcome::Downloaded { .. }) => Ok(client),
+            _ => Err(unread),
+        }
     }
 
     /// What both drives of a booted network say that they are.

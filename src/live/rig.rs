@@ -5,6 +5,7 @@ mod arrivals;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::time::Duration;
 
+use super::drill::{DriveAddress, drive_addresses};
 use super::error::LiveError;
 use super::metronome::Metronome;
 use crate::bus::{LinkEvent, Master, Phase, Waiting};
@@ -15,6 +16,7 @@ use crate::guard::{Cause, DeviceSet, Request, State};
 use crate::link::{CanLink, LinkOutbox};
 use crate::record::{CycleRecord, Moment, Stages};
 use crate::rig::{Enabling, Observer, Pace, Tap, master};
+use yieldwall_drives::objects;
 
 /// Longest time between two calls of a [`BootWatch`].
 const LOOK_UP: Duration = Duration::from_millis(100);
@@ -81,6 +83,7 @@ pub struct LiveRig<L, M> {
     observer: Option<Observer>,
     boot_watch: Option<BootWatch>,
     pub(super) enabling: Enabling,
+    drives: [DriveAddress; 2],
     last: Option<Outputs>,
     has_panicked: bool,
 }
@@ -116,6 +119,7 @@ impl<L: CanLink, M: Metronome> LiveRig<L, M> {
             observer: None,
             boot_watch: None,
             enabling: Enabling::new(rig),
+            drives: drive_addresses(rig)?,
             last: None,
             has_panicked: false,
         })
@@ -286,12 +290,30 @@ impl<L: CanLink, M: Metronome> LiveRig<L, M> {
     /// gets nothing. Whoever watches sees the last frames as well.
     pub fn leave(&mut self) {
         if !self.master.is_silent() {
+            let was_exchanging = *self.master.phase() == Phase::Operational;
             self.send(|master, _, out| master.leave(out));
+            if was_exchanging && !self.makes_torque() {
+                self.end_watch();
+            }
         }
         let until = self.link.now() + FAREWELL;
         while self.link.now() < until {
             self.link.wait(until);
             self.drain();
+        }
+    }
+
+    /// Has the drives no longer watch the master's heartbeat, which ends: they would enter that as an error (8130h). Only drives
+    /// without torque are told; heartbeats go on until they have answered.
+    fn end_watch(&mut self) {
+        if self.waits {
+            // Time follows the wall from here on.
+            self.started = Time(self.link.now().0.saturating_sub(self.lockstep_now.0));
+            self.waits = false;
+        }
+        for drive in self.drives {
+            // One that does not answer is left as it is.
+            let _ = self.write(drive, objects::CONSUMER_HEARTBEAT, 0);
         }
     }
 

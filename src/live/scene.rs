@@ -123,7 +123,7 @@ impl<L: CanLink, M: Metronome> LiveRig<L, M> {
         !self.makes_torque()
     }
 
-    fn makes_torque(&self) -> bool {
+    pub(super) fn makes_torque(&self) -> bool {
         self.master().last_inputs().drives.iter().any(|drive| has_torque(drive.state))
     }
 
