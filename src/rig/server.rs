@@ -289,7 +289,9 @@ impl DeviceServer {
     /// The same for what is to be done now.
     fn due(&mut self, wall: Time) -> Time {
         let until = self.time_at(wall);
-        let latest = self.whole(self.now + LAG.max(self.period));
+        // Up to the next thing that is due there is nothing to make up for.
+        let idle_until = self.now.max(self.far.next_deadline().min(until));
+        let latest = self.whole(idle_until + LAG.max(self.period));
         if self.pace == Pace::Free || until <= latest {
             return until;
         }
