@@ -96,6 +96,11 @@ impl Cable {
         inner.run_until(until);
     }
 
+    /// Changes the devices.
+    pub fn change(&self, change: impl FnOnce(&mut DeviceServer)) {
+        change(&mut self.0.borrow_mut().server);
+    }
+
     /// Looks at the devices.
     pub fn look<R>(&self, at: impl FnOnce(&DeviceServer) -> R) -> R {
         at(&self.0.borrow().server)

@@ -230,7 +230,7 @@ fn the_loop_does_not_allocate(scenario: &Scenario, pace: Pace) {
         frames.fetch_add(1, Ordering::Relaxed);
     }));
     live.boot().expect("all devices are there");
-    let mut enabling = Enabling::new(scenario.period_s());
+    let mut enabling = Enabling::new(&scenario.rig);
     while let Enable::Ask(request) = enabling.next(live.state()) {
         live.run_cycle(request);
     }

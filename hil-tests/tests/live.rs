@@ -34,7 +34,7 @@ fn play(rig: &mut Rig, cycles: u64) -> (Played, Vec<Row>) {
 fn running(scenario: &Scenario, pace: Pace, cycles: u32) -> (Cable, Rig) {
     let (cable, mut rig) = wired(scenario, pace);
     rig.boot().unwrap();
-    let mut enabling = Enabling::new(scenario.period_s());
+    let mut enabling = Enabling::new(&scenario.rig);
     while let Enable::Ask(request) = enabling.next(rig.state()) {
         rig.run_cycle(request);
     }
@@ -338,6 +338,56 @@ fn what_came_while_a_master_in_lockstep_was_stopped_is_of_one_device_each() {
         assert_eq!(record.inputs.link.duplicate_node, DeviceSet::NONE, "cycle {cycle}");
     }
     assert!(rig.state().is_latched());
+}
+
+#[test]
+fn an_orderly_end_leaves_no_error_in_the_drives_and_their_watch_lasts_until_they_are_stopped() {
+    for (pace, slow_ms) in [(Pace::Free, 0), (Pace::Lockstep, 0), (Pace::Free, 600)] {
+        let (cable, mut rig) = running(&Scenario::torque(), pace, 100);
+        cable.change(|server| server.set_sdo_time(Duration::from_millis(slow_ms)));
+        let seen = Arc::new(Mutex::new(Vec::new()));
+        let noted = Arc::clone(&seen);
+        cable.set_passage(move |_, _, frame| {
+            let is_told = matches!(frame.id(), 0x081 | 0x082) || frame.bytes()[..4] == [0x23, 0x16, 0x10, 0x01];
+            is_told.then(|| noted.lock().unwrap().push(frame.id()));
+            true
+        });
+        assert!(rig.stop());
+        assert_eq!(*seen.lock().unwrap(), [0_u16; 0], "{pace:?}: nothing is taken from drives that make torque");
+        rig.leave();
+        cable.pass(Duration::from_secs(1));
+        assert_eq!(
+            *seen.lock().unwrap(),
+            [0x601, 0x602],
+            "{pace:?}, {slow_ms} ms: the watch is ended, and no emergency"
+        );
+    }
+}
+
+#[test]
+fn drives_that_still_make_torque_keep_their_watch_when_the_master_leaves() {
+    let (cable, mut rig) = running(&Scenario::torque(), Pace::Free, 100);
+    let written = Arc::new(Mutex::new(0));
+    let count = Arc::clone(&written);
+    cable.set_passage(move |_, _, frame| {
+        *count.lock().unwrap() += u32::from(frame.bytes()[..4] == [0x23, 0x16, 0x10, 0x01]);
+        true
+    });
+    rig.leave();
+    assert_eq!(*written.lock().unwrap(), 0);
+    cable.pass(Duration::from_secs(1));
+    assert!(drive_states(&cable).iter().all(|state| *state != cia402::State::OperationEnabled));
+}
+
+#[test]
+fn nodes_that_stay_pre_operational_are_named_with_their_state() {
+    let (cable, mut rig) = wired(&Scenario::torque(), Pace::Free);
+    // The start command is lost.
+    cable.set_passage(|_, is_master, frame| !(is_master && frame.id() == cob::NMT && frame.data() == [1, 0]));
+    let text = rig.boot().unwrap_err().to_string();
+    let told = "node 1 (left): start the node: not Operational within 5000 ms after the start command; its last heartbeat says \
+                Pre-operational";
+    assert_eq!(text, told);
 }
 
 #[test]

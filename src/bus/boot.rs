@@ -12,8 +12,8 @@ use yieldwall_drives::profiles::{DeviceProfile, PdoMap, PdoMapping};
 pub(super) const HEARTBEAT_PERIODS: u32 = 2;
 /// A drive whose set-points stay away for this many cycles stops by itself.
 const RPDO_DEADLINE_CYCLES: u32 = 5;
-/// How long a node may take to answer one request.
-const SDO_TIMEOUT: Duration = Duration::from_millis(250);
+/// Time between two looks at an object that has not come to its value.
+const READ_AGAIN: Duration = Duration::from_millis(10);
 /// Bytes of the largest object that the boot reads.
 const SDO_CAPACITY: usize = 8;
 /// How often a node may restart while it is configured: a node that was switched on together with the master
@@ -37,6 +37,8 @@ enum Action {
     Write { value: u32 },
     /// The object gets this value and has to hold it.
     WriteAndVerify { value: u32 },
+    /// The object has to come to this value within the time that an answer may take.
+    Await { value: u32 },
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -57,6 +59,9 @@ pub(super) struct Boot {
     steps: Vec<Step>,
     next: usize,
     verifying: bool,
+    /// When the object is read again that has not come to its value yet, and when it is given up.
+    again_at: Time,
+    given_up_at: Time,
     started: bool,
     restarts: u8,
 }
@@ -87,6 +92,9 @@ impl Boot {
         steps.push(verify("set the cycle time", objects::INTERPOLATION_TIME, value));
         steps.push(verify("set the cycle time", objects::INTERPOLATION_EXPONENT, exponent));
         steps.push(write("set the command mode", objects::MODE_OF_OPERATION, mode.code() as u8 as u32));
+        // A mode may be taken over some time after it was asked for.
+        let await_mode = Action::Await { value: mode.code() as u8 as u32 };
+        steps.push(step("check the command mode in force", objects::MODE_DISPLAY, await_mode));
         steps.push(verify("set the torque limit", objects::MAX_TORQUE, u32::from(drive.torque_limit_per_mille)));
         steps.push(verify(
             "set the following error window",
@@ -94,37 +102,35 @@ impl Boot {
             drive.following_error_counts,
         ));
         steps.extend(pdos(map, node, rpdo_deadline_ms(period_us)));
-        Ok(Self::new(node, steps))
+        Ok(Self::new(node, drive.waits.sdo, steps))
     }
 
-    pub(super) fn sensor(sensor: &SensorNode, node: NodeId) -> Result<Self, BootFailure> {
+    pub(super) fn sensor(sensor: &SensorNode, node: NodeId, timeout: Duration) -> Result<Self, BootFailure> {
         let mut steps = identity(sensor.profile);
         steps.push(heartbeat(sensor.heartbeat.as_millis() as u32));
         steps.extend(pdos(mapping(sensor.profile, None)?, node, 0));
-        Ok(Self::new(node, steps))
+        Ok(Self::new(node, timeout, steps))
     }
 
-    fn new(node: NodeId, steps: Vec<Step>) -> Self {
+    fn new(node: NodeId, timeout: Duration, steps: Vec<Step>) -> Self {
         Self {
-            client: SdoClient::new(node, SDO_TIMEOUT, SDO_CAPACITY),
-            timeout: SDO_TIMEOUT,
+            client: SdoClient::new(node, timeout, SDO_CAPACITY),
+            timeout,
             steps,
             next: 0,
             verifying: false,
+            again_at: Time::NEVER,
+            given_up_at: Time::NEVER,
             started: false,
             restarts: 0,
         }
-    }
-
-    /// Has the node take so many times longer to answer, from the next [`Boot::reset`] on.
-    pub(super) fn set_patience(&mut self, patience: u32) {
-        self.timeout = SDO_TIMEOUT * patience;
     }
 
     /// As it was before anything was sent.
     pub(super) fn reset(&mut self) {
         self.client = SdoClient::new(self.client.node(), self.timeout, SDO_CAPACITY);
         (self.next, self.verifying, self.started, self.restarts) = (0, false, false, 0);
+        (self.again_at, self.given_up_at) = (Time::NEVER, Time::NEVER);
     }
 
     /// The node.
@@ -142,7 +148,8 @@ impl Boot {
     }
 
     pub(super) fn next_deadline(&self) -> Time {
-        if self.is_done() || !self.started { Time::NEVER } else { self.client.next_deadline() }
+        let due = self.client.next_deadline().min(self.again_at);
+        if self.is_done() || !self.started { Time::NEVER } else { due }
     }
 
     /// Sends the first request.
@@ -158,8 +165,8 @@ impl Boot {
             return Err(BootFailure::Restarted { times: self.restarts });
         }
         self.client.cancel(out);
-        self.next = 0;
-        self.verifying = false;
+        (self.next, self.verifying) = (0, false);
+        (self.again_at, self.given_up_at) = (Time::NEVER, Time::NEVER);
         self.start(now, out)
     }
 
@@ -171,6 +178,10 @@ impl Boot {
     }
 
     pub(super) fn poll(&mut self, now: Time, out: &mut impl Outbox) -> Result<(), BootFailure> {
+        if now >= self.again_at {
+            self.again_at = Time::NEVER;
+            return self.request(now, out);
+        }
         match self.client.poll(now, out) {
             Some(outcome) => self.on_outcome(now, outcome, out),
             None => Ok(()),
@@ -199,6 +210,10 @@ impl Boot {
             SdoOutcome::Downloaded { .. } => {
                 self.verifying = matches!(step.action, Action::WriteAndVerify { .. });
             }
+            SdoOutcome::Uploaded { .. } if self.has_to_wait(now, &step) => {
+                self.again_at = now + READ_AGAIN;
+                return Ok(());
+            }
             SdoOutcome::Uploaded { .. } => {
                 check(&step, little_endian(self.client.data()))?;
                 self.verifying = false;
@@ -208,8 +223,16 @@ impl Boot {
             let node = self.client.node().raw();
             tracing::debug!(node, object = %format_args!("{index:04X}h:{sub}"), "{}: done", step.doing);
             self.next += 1;
+            self.given_up_at = Time::NEVER;
         }
         self.request(now, out)
+    }
+
+    /// Whether the object has not come to its value yet and has time to.
+    fn has_to_wait(&mut self, now: Time, step: &Step) -> bool {
+        let Action::Await { value } = step.action else { return false };
+        self.given_up_at = self.given_up_at.min(now + self.timeout);
+        little_endian(self.client.data()) & width_mask(step.bytes) != value && now < self.given_up_at
     }
 }
 
@@ -218,6 +241,9 @@ fn check(step: &Step, received: u32) -> Result<(), BootFailure> {
     match step.action {
         Action::Expect { value, mask } if received & mask != value & mask => {
             Err(BootFailure::Identity { what: step.doing, index, sub, expected: value, received })
+        }
+        Action::Await { value: wanted } if received & width_mask(step.bytes) != wanted => {
+            Err(BootFailure::Mode { wanted, received })
         }
         Action::WriteAndVerify { value: written } if received != written & width_mask(step.bytes) => {
             Err(BootFailure::ReadBack { index, sub, written, received })

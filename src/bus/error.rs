@@ -1,8 +1,31 @@
 //! Why the network did not come up.
 
+use std::fmt;
+
 use thiserror::Error;
 
-use crate::canopen::AbortCode;
+use crate::canopen::{AbortCode, Emergency, NmtState};
+
+/// What a node said last of itself since the boot began.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Said {
+    /// The state in its last heartbeat; [`NmtState::Initialising`] for its boot-up message.
+    pub state: Option<NmtState>,
+    /// Its last emergency.
+    pub emergency: Option<Emergency>,
+}
+
+impl fmt::Display for Said {
+    fn fmt(&self, out: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self.state {
+            None => write!(out, "; nothing was heard of it")?,
+            Some(NmtState::Initialising) => write!(out, "; its last word was its boot-up message")?,
+            Some(NmtState::PreOperational) => write!(out, "; its last heartbeat says Pre-operational")?,
+            Some(state) => write!(out, "; its last heartbeat says {state:?}")?,
+        }
+        self.emergency.map_or(Ok(()), |emergency| write!(out, "; its last emergency is {}", emergency.code))
+    }
+}
 
 /// What went wrong in one step of the boot.
 #[derive(Clone, Debug, PartialEq, Eq, Error)]
@@ -21,7 +44,7 @@ pub enum BootFailure {
     },
     /// The node did not announce itself after the reset.
     #[error(
-        "no boot-up message within {waited_ms} ms after the reset{}",
+        "no boot-up message within {waited_ms} ms after the reset{}{said}",
         if *.is_unheard { "; the interface is error-passive: nobody acknowledges its frames" } else { "" }
     )]
     Missing {
@@ -29,6 +52,16 @@ pub enum BootFailure {
         waited_ms: u64,
         /// Whether the interface told that nobody acknowledges what it sends, or that it is bus-off.
         is_unheard: bool,
+        /// What it said meanwhile.
+        said: Said,
+    },
+    /// The node did not become Operational after the start command.
+    #[error("not Operational within {waited_ms} ms after the start command{said}")]
+    NotStarted {
+        /// How long the master waited, in ms.
+        waited_ms: u64,
+        /// What it said last.
+        said: Said,
     },
     /// The node restarted, so that its configuration is lost.
     #[error("the node restarted {times} times while it was configured and started, or two nodes have its node id")]
@@ -80,6 +113,14 @@ pub enum BootFailure {
         /// What came back.
         received: u32,
     },
+    /// The drive is in another mode of operation than it was told.
+    #[error("the drive was told mode {wanted} (6060h) and is in mode {} (6061h)", *.received as u8 as i8)]
+    Mode {
+        /// Code of the mode in 6060h.
+        wanted: u32,
+        /// What 6061h says.
+        received: u32,
+    },
     /// The profile has no process data for the rig's command mode.
     #[error("profile {profile} has no process data for {mode}")]
     NoMapping {
@@ -120,7 +161,7 @@ pub enum BootFailure {
 
 /// A failed boot: which node, in which step, and why. Nothing was enabled.
 #[derive(Clone, Debug, PartialEq, Eq, Error)]
-#[error("{}{name}{}: {step}: {failure}", self.before_name(), self.after_name())]
+#[error("{}: {step}: {failure}", named(*.node_id, .name))]
 pub struct BootError {
     /// Node id; `None` for a sensor on plain CAN.
     pub node_id: Option<u8>,
@@ -133,12 +174,7 @@ pub struct BootError {
     pub failure: BootFailure,
 }
 
-impl BootError {
-    fn before_name(&self) -> String {
-        self.node_id.map_or(String::new(), |node_id| format!("node {node_id} ("))
-    }
-
-    fn after_name(&self) -> &'static str {
-        if self.node_id.is_some() { ")" } else { "" }
-    }
+/// `node 1 (left)`, or the name alone where there is no node id.
+pub(super) fn named(node_id: Option<u8>, name: &str) -> String {
+    node_id.map_or_else(|| name.to_owned(), |node_id| format!("node {node_id} ({name})"))
 }

@@ -16,9 +16,9 @@ mod image;
 mod master;
 mod setup;
 
-pub use error::{BootError, BootFailure};
-pub use master::{LinkEvent, Master, Phase};
-pub use setup::{CommandMode, DriveSetup, MasterSetup, SensorLink, SensorNode, SensorSetup};
+pub use error::{BootError, BootFailure, Said};
+pub use master::{LinkEvent, Master, Phase, Waiting};
+pub use setup::{CommandMode, DriveSetup, MasterSetup, SensorLink, SensorNode, SensorSetup, Waits};
 
 #[cfg(test)]
 mod tests;

@@ -29,6 +29,17 @@ impl CommandMode {
     }
 }
 
+/// How long a device is waited for while the network is booted.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Waits {
+    /// From the reset to the boot-up message.
+    pub boot_up: Duration,
+    /// For the answer to one SDO request.
+    pub sdo: Duration,
+    /// From the start command to the first heartbeat in Operational, or to the first sample of a sensor on plain CAN.
+    pub start: Duration,
+}
+
 /// One drive.
 #[derive(Clone, Debug)]
 pub struct DriveSetup {
@@ -46,6 +57,8 @@ pub struct DriveSetup {
     pub expected_angle_rad: f64,
     /// Period of the node's heartbeat.
     pub heartbeat: Duration,
+    /// How long it is waited for.
+    pub waits: Waits,
     /// Torque limit that the drive is given, in per mille of its rated torque.
     pub torque_limit_per_mille: u16,
     /// Following error window that the drive is given, in counts.
@@ -61,6 +74,8 @@ pub struct SensorSetup {
     pub bus: u8,
     /// What it speaks.
     pub link: SensorLink,
+    /// How long it is waited for.
+    pub waits: Waits,
     /// Time from one sample to the next.
     pub sample_period: Duration,
 }

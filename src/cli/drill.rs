@@ -1,6 +1,6 @@
 //! `yieldwall drill`: do the drives stop by themselves when the master falls silent?
 
-use std::sync::mpsc;
+use std::sync::{Arc, mpsc};
 use std::thread;
 
 use serde_json::json;
@@ -8,7 +8,10 @@ use serde_json::json;
 use super::failure::{Exit, Failure};
 use super::interfaces::Interfaces;
 use super::keep::state_folder;
-use super::live::{different, live_failure, on_interrupt, open, settling_cycles, warn_of, with_emergencies};
+use super::live::{
+    News, boot_watch, different, live_failure, on_interrupt, open, print_news, settling_cycles, warn_of,
+    with_emergencies,
+};
 use super::output::Output;
 use super::run::{judge, rig_failure, watchdogs_json, watchdogs_text};
 use crate::config::{self, Source};
@@ -39,10 +42,11 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
     let drives = drive_addresses(&rig).map_err(|error| rig_failure(&error))?;
     let settling = settling_cycles(&rig);
     output.news("the rig is enabled three times, at rest; nobody may hold the handle")?;
-    let (granted, told) = mpsc::channel();
+    let (news, told) = mpsc::channel();
+    machine.set_boot_watch(boot_watch(news.clone(), Arc::clone(&is_interrupted)));
     let drilling = move || {
         // Nobody listens if the thread that waits has died.
-        let _ = granted.send(run_first());
+        let _ = run_first().map_err(|refusal| news.send(News::Refused(refusal.to_string())));
         let booted = machine.boot().and_then(|()| machine.check_simulation(drives));
         let known = booted.and_then(|()| machine.identities(drives));
         let drilled: Result<_, LiveError> =
@@ -52,16 +56,15 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
     };
     let thread = thread::Builder::new().name("cycle".to_owned()).spawn(drilling);
     let thread = thread.map_err(|error| Failure::new(Exit::Internal, format!("thread of the cycle: {error}"), ""))?;
-    if let Ok(granted) = told.recv() {
-        warn_of(output, &granted);
-    }
+    print_news(&told, false, output);
     let (drilled, emergencies) =
         thread.join().map_err(|_| Failure::new(Exit::Internal, "the thread of the cycle has panicked", ""))?;
     let (identities, drilled) = drilled.map_err(|error| with_emergencies(live_failure(&error), &emergencies, &rig))?;
     let path = Subject::new(&rig, identities).store(&drilled, &folder).map_err(|error| {
         Failure::new(Exit::Usage, format!("{}: {error}", folder.display()), "make the folder one that can be written")
     })?;
-    let judged = judge(&drilled, &rig);
+    let done = format!("the rig was enabled at rest for each of {} watchdogs and is stopped", drilled.findings.len());
+    let judged = judge(&drilled, &rig, &done);
     if !output.is_json() {
         output.news(&lines(&drilled, &path.display().to_string()))?;
         return judged;

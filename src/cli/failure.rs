@@ -1,5 +1,6 @@
 //! Why a command failed, and the exit code that says so.
 
+use std::path::Path;
 use std::process::ExitCode;
 
 use crate::config::{Diagnostic, Report};
@@ -75,6 +76,15 @@ impl Failure {
         let mut diagnostic = Diagnostic::about_file("", message, help);
         diagnostic.help = diagnostic.help.filter(|help| !help.is_empty());
         Self { exit, report: diagnostic.into() }
+    }
+}
+
+impl Failure {
+    /// A failure of a file, which the message names as well.
+    pub(super) fn about_file(exit: Exit, file: &Path, message: impl Into<String>, help: impl Into<String>) -> Self {
+        let mut failure = Self::new(exit, message, help);
+        failure.report.diagnostics.iter_mut().for_each(|finding| finding.file = file.display().to_string());
+        failure
     }
 }
 

@@ -31,19 +31,22 @@ pub(super) enum Watched<'a> {
     Simulation(&'a [String]),
     /// Real interfaces, whose cycle waits for nothing.
     Interfaces(&'a [String]),
+    /// Real interfaces in lockstep: time waits, and for the disk as well. A rig that has lost its bus waits for nothing else, and
+    /// its cycles follow each other faster than any disk takes them.
+    Lockstep(&'a [String]),
 }
 
 impl<'a> Watched<'a> {
     fn backpressure(self) -> Backpressure {
         match self {
-            Watched::Simulation(_) => Backpressure::Wait,
+            Watched::Simulation(_) | Watched::Lockstep(_) => Backpressure::Wait,
             Watched::Interfaces(_) => Backpressure::Drop,
         }
     }
 
     fn interfaces(self) -> &'a [String] {
         match self {
-            Watched::Simulation(names) | Watched::Interfaces(names) => names,
+            Watched::Simulation(names) | Watched::Interfaces(names) | Watched::Lockstep(names) => names,
         }
     }
 }
@@ -147,7 +150,7 @@ fn cannot_write(path: &Path, error: &io::Error) -> Failure {
     // Some errors name the file themselves.
     let shown = path.display().to_string();
     let message = if message.starts_with(&shown) { message } else { format!("{shown}: {message}") };
-    Failure::new(Exit::Usage, message, help)
+    Failure::about_file(Exit::Usage, path, message, help)
 }
 
 /// `$XDG_STATE_HOME/yieldwall/NAME`, by default below `~/.local/state`; `None` without a home.
@@ -173,9 +176,9 @@ impl Kept {
 
     /// What was lost.
     pub(super) fn warnings(&self) -> Vec<Diagnostic> {
-        let warning = |message: String, help: &str| Diagnostic {
+        let warning = |file: &str, message: String, help: &str| Diagnostic {
             severity: Severity::Warning,
-            ..Diagnostic::about_file("", message, help)
+            ..Diagnostic::about_file(file, message, help)
         };
         let files =
             self.files.iter().filter(|file| file.end.counts.lost() > 0 || file.end.error.is_some()).map(|file| {
@@ -185,13 +188,14 @@ impl Kept {
                     None => "the disk was too slow".to_owned(),
                 };
                 let all = counts.kept + counts.lost();
-                let message = format!("{}: {} of {all} {what} are lost: {why}", file.path.display(), counts.lost());
-                warning(message, "the run itself went on; make room on the disk, or record to another one")
+                let path = file.path.display().to_string();
+                let message = format!("{path}: {} of {all} {what} are lost: {why}", counts.lost());
+                warning(&path, message, "the run itself went on; make room on the disk, or record to another one")
             });
         let boxes = self.black_boxes.iter().filter_map(|saved| {
             let error = saved.file.as_ref().err()?;
             let message = format!("no black box of {} at {}: {error}", saved.cause.fault.row().name, when(saved));
-            Some(warning(message, "name a folder that can be written with --black-box"))
+            Some(warning("", message, "name a folder that can be written with --black-box"))
         });
         files.chain(boxes).collect()
     }

@@ -2,6 +2,7 @@
 
 mod emergencies;
 mod facts;
+mod news;
 mod proof;
 
 use std::sync::Arc;
@@ -9,6 +10,8 @@ use std::sync::atomic::AtomicBool;
 use std::sync::mpsc;
 use std::thread;
 use std::time::Duration;
+
+use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
 
 use super::failure::{Exit, Failure};
 use super::interfaces::Interfaces;
@@ -29,6 +32,7 @@ use crate::rig::{self, Pace, bus_plan};
 use crate::study::{Overrides, drawing, measured, replay};
 pub(super) use emergencies::{different, with_emergencies};
 use facts::Facts;
+pub(super) use news::{News, boot_watch, print_news};
 use proof::{NotRun, Proof, proof, unproven, untimely};
 
 /// Cycles of which figure and measures are made, from the first one on: ten minutes at 1 kHz. A recording holds all.
@@ -61,14 +65,25 @@ impl PaceArgument {
     }
 }
 
-/// Set by Ctrl-C and by the wish of a service manager that the program ends.
+/// Set by Ctrl-C, by the wish of a service manager that the program ends, and by a terminal that goes away, unless the program
+/// was started to outlive it (`nohup`).
 pub(super) fn on_interrupt() -> Result<Arc<AtomicBool>, Failure> {
     let flag = Arc::new(AtomicBool::new(false));
-    for signal in [signal_hook::consts::SIGINT, signal_hook::consts::SIGTERM] {
+    // Where the system does not tell, a terminal that goes away stops the rig.
+    let status = std::fs::read_to_string("/proc/self/status").unwrap_or_default();
+    let hangup = Some(SIGHUP).filter(|signal| !is_ignored(*signal, &status));
+    for signal in [SIGINT, SIGTERM].into_iter().chain(hangup) {
         signal_hook::flag::register(signal, Arc::clone(&flag))
             .map_err(|error| Failure::new(Exit::Internal, format!("signal {signal}: {error}"), ""))?;
     }
     Ok(flag)
+}
+
+/// Whether a process with this `/proc/PID/status` ignores a signal.
+fn is_ignored(signal: i32, status: &str) -> bool {
+    let mask = status.lines().find_map(|line| line.strip_prefix("SigIgn:"));
+    let mask = mask.and_then(|mask| u64::from_str_radix(mask.trim(), 16).ok()).unwrap_or_default();
+    mask >> (signal - 1) & 1 == 1
 }
 
 /// The failure that an interface is which cannot be used.
@@ -140,7 +155,11 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
         LiveRig::new(&rig, link, SystemMetronome, arguments.pace.pace()).map_err(|error| live_failure(&error))?;
     let [candump, record, black_box] =
         [&arguments.candump, &arguments.record, &arguments.black_box].map(Option::as_deref);
-    let (keep, watch) = Keep::start(Watched::Interfaces(interfaces.names()), &rig, &about, candump, record, black_box)?;
+    let watched = match arguments.pace {
+        PaceArgument::Free => Watched::Interfaces(interfaces.names()),
+        PaceArgument::Lockstep => Watched::Lockstep(interfaces.names()),
+    };
+    let (keep, watch) = Keep::start(watched, &rig, &about, candump, record, black_box)?;
     watch.tap.into_iter().for_each(|tap| machine.set_tap(tap));
     watch.observer.into_iter().for_each(|observer| machine.set_observer(observer));
     let period_s = machine.period().as_secs_f64();
@@ -151,20 +170,19 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
         is_timely: !arguments.ignore_latency,
         has_locked_memory: memory.is_ok(),
     };
-    let (granted, told) = mpsc::channel();
+    let (news, told) = mpsc::channel();
+    machine.set_boot_watch(boot_watch(news.clone(), Arc::clone(&is_interrupted)));
     let thread = thread::Builder::new().name("cycle".to_owned()).spawn({
         let is_interrupted = Arc::clone(&is_interrupted);
         move || {
             let priority = run_first();
             // Nobody listens if the thread that waits has died.
-            let _ = granted.send(priority.as_ref().err().map(ToString::to_string));
+            let _ = priority.as_ref().map_err(|refusal| news.send(News::Refused(refusal.to_string())));
             run_loop(machine, &play, &is_interrupted, demands, &proof, priority)
         }
     });
     let thread = thread.map_err(|error| Failure::new(Exit::Internal, format!("thread of the cycle: {error}"), ""))?;
-    if let (Ok(Some(refusal)), false) = (told.recv(), arguments.require_realtime) {
-        warn(output, refusal);
-    }
+    print_news(&told, arguments.require_realtime, output);
     let mut outcome =
         thread.join().map_err(|_| Failure::new(Exit::Internal, "the thread of the cycle has panicked", ""))?;
     let kept = keep.finish()?;
@@ -328,10 +346,8 @@ pub(super) fn live_failure(error: &LiveError) -> Failure {
             error.to_string(),
             "nobody acknowledges: look whether a device is switched on, at the cable, its termination and the bit rate",
         ),
-        LiveError::NotBooted { .. } => {
-            Failure::new(Exit::DeviceMismatch, error.to_string(), "run with --verbose to see how far each node came")
-        }
-        LiveError::NotEnabled { cause, .. } => {
+        LiveError::NotBooted => Failure::new(Exit::Internal, error.to_string(), "please report what was printed above"),
+        LiveError::NotEnabled { cause, .. } | LiveError::NotTried { cause, .. } => {
             let exit = cause.map_or(Exit::DeviceFault, exit_of);
             let help = cause.map_or("read the drives' error codes (603Fh)", |cause| cause.fault.row().next);
             Failure::new(exit, error.to_string(), help)
@@ -352,5 +368,24 @@ pub(super) fn live_failure(error: &LiveError) -> Failure {
             "nothing was enabled; start `yieldwall sim` without --unwatched, or drill the rig by the wall clock",
         ),
         LiveError::Interrupted => Failure::new(Exit::Interrupted, error.to_string(), ""),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_signal_that_was_ignored_when_the_program_began_stays_ignored() {
+        let status = |mask: &str| format!("Name:\tyieldwall\nSigBlk:\t0000000000000000\nSigIgn:\t{mask}\nSigCgt:\t0\n");
+        for (mask, signal, expected) in [
+            ("0000000000000001", SIGHUP, true),
+            ("0000000000001000", SIGHUP, false),
+            ("0000000000004002", SIGINT, true),
+            ("0000000000004000", SIGTERM, true),
+        ] {
+            assert_eq!(is_ignored(signal, &status(mask)), expected, "{mask} {signal}");
+        }
+        assert!(!is_ignored(SIGHUP, ""), "a system that does not tell");
     }
 }

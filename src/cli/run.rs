@@ -99,7 +99,7 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
         [&arguments.candump, &arguments.record, &arguments.black_box].map(Option::as_deref);
     // Before anything is written: a rig that is refused leaves no record.
     let drilled = rig::drill(&rig.value, &scene.value, |_| ()).map_err(|error| rig_failure(&error))?;
-    judge(&drilled, &rig.value)?;
+    judge(&drilled, &rig.value, NOTHING_ENABLED)?;
     let (keep, watch) = Keep::start(
         Watched::Simulation(&simulated_interfaces(&rig.value)),
         &rig.value,
@@ -173,10 +173,14 @@ fn simulated_interfaces(rig: &config::Rig) -> Vec<String> {
     (0..rig.buses.len()).map(|number| format!("vcan{number}")).collect()
 }
 
-/// Refuses drives that would go on when their master has died.
-pub(super) fn judge(drilled: &Drilled, rig: &config::Rig) -> Result<(), Failure> {
+/// What a refusal says that comes before any drive on a bus was enabled.
+pub(super) const NOTHING_ENABLED: &str = "nothing was enabled";
+
+/// Refuses drives that would go on when their master has died; `before` says what was done with the rig.
+pub(super) fn judge(drilled: &Drilled, rig: &config::Rig, before: &str) -> Result<(), Failure> {
     let is_torque = rig.rig.command_mode == config::CommandMode::Torque;
-    let help = "nothing was enabled; give the drive this watchdog, or a shorter cycle or heartbeat; in position mode the \
-                drive may take longer";
+    let help = format!(
+        "{before}; give the drive this watchdog, or a shorter cycle or heartbeat; in position mode the drive may take longer"
+    );
     drilled.judge(is_torque).map_err(|error| Failure::new(Exit::OutOfTolerance, error.to_string(), help))
 }

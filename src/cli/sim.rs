@@ -2,6 +2,7 @@
 
 use std::io;
 use std::path::{Path, PathBuf};
+use std::time::Duration;
 
 use serde_json::json;
 
@@ -46,6 +47,12 @@ pub(super) struct Arguments {
     /// Have the drives ignore that this stays away, so that a drill has something to find; may be repeated
     #[arg(long, value_enum, value_name = "WHAT")]
     unwatched: Vec<Unwatched>,
+    /// Have the drives take so long from a reset, or from switching on, to their boot-up message
+    #[arg(long, value_name = "MS", value_parser = clap::value_parser!(u64).range(..=60_000))]
+    reset_ms: Option<u64>,
+    /// Have the drives take so long to answer each SDO request
+    #[arg(long, value_name = "MS", value_parser = clap::value_parser!(u64).range(..=60_000))]
+    sdo_ms: Option<u64>,
 }
 
 /// What a drive may not watch.
@@ -76,6 +83,8 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
     let server = DeviceServer::new(&rig, &scene.value, seed, arguments.pace.pace());
     let mut server = server.map_err(|error| rig_failure(&error))?.only(here);
     arguments.unwatched.iter().for_each(|unwatched| server.ignore(unwatched.watchdog()));
+    server.set_reset_time(milliseconds(arguments.reset_ms));
+    server.set_sdo_time(milliseconds(arguments.sdo_ms));
     let is_interrupted = on_interrupt()?;
     let interfaces = Interfaces::of(&rig, &arguments.bus)?;
     let mut link = interfaces.open(&rig, |_| (vec![CobFilter::EVERYTHING], Vec::new()))?;
@@ -155,6 +164,10 @@ fn names(rig: &config::Rig, here: [bool; 3]) -> Vec<&str> {
     names.into_iter().zip(here).filter(|(_, is_here)| *is_here).map(|(name, _)| name.as_str()).collect()
 }
 
+fn milliseconds(time: Option<u64>) -> Duration {
+    Duration::from_millis(time.unwrap_or_default())
+}
+
 /// The failure that a socket is which cannot be made.
 fn no_socket(path: &Path, error: &io::Error) -> Failure {
     let help = match error.kind() {
@@ -194,6 +207,8 @@ fn attach_one(
     let device = match rig.drives.iter().enumerate().find(|(joint, _)| is_drive(*joint)) {
         Some((joint, drive)) => simulated_drive(rig, scene, drive, joint as u32 + 1).map(|mut drive| {
             arguments.unwatched.iter().for_each(|unwatched| drive.ignore(unwatched.watchdog()));
+            drive.set_reset_time(milliseconds(arguments.reset_ms));
+            drive.set_sdo_time(milliseconds(arguments.sdo_ms));
             Attached::Drive(joint, Box::new(drive))
         }),
         None => simulated_force_sensor(rig).map(|sensor| Attached::Sensor(Box::new(sensor))),

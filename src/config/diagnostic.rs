@@ -71,11 +71,13 @@ pub struct Related {
 pub struct Diagnostic {
     /// Whether the configuration can be used.
     pub severity: Severity,
-    /// The file, as it was named.
+    /// The file, as it was named; empty, and left out of JSON, where it is about none.
+    #[serde(skip_serializing_if = "String::is_empty")]
     pub file: String,
     /// Where in the file; `None` when it concerns the whole file.
     pub place: Option<Place>,
-    /// The key that it concerns, such as `drives[0].node_id`; empty for the whole document.
+    /// The key that it concerns, such as `drives[0].node_id`; empty, and left out of JSON, where it is about none.
+    #[serde(skip_serializing_if = "String::is_empty")]
     pub key: String,
     /// What is wrong.
     pub message: String,
@@ -104,9 +106,10 @@ impl Diagnostic {
     }
 }
 
-/// `file:line:column: error: message`, on one line.
+/// `file:line:column: error: message`, on one line; without a file `error: message`.
 impl fmt::Display for Diagnostic {
     fn fmt(&self, out: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let colon = if self.file.is_empty() { "" } else { ": " };
         write!(out, "{}", self.file)?;
         if let Some(place) = self.place {
             write!(out, ":{}:{}", place.line, place.column)?;
@@ -115,7 +118,7 @@ impl fmt::Display for Diagnostic {
             Severity::Error => "error",
             Severity::Warning => "warning",
         };
-        write!(out, ": {severity}: {}", self.message)
+        write!(out, "{colon}{severity}: {}", self.message)
     }
 }
 
@@ -157,6 +160,14 @@ impl std::error::Error for Report {}
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn json_has_no_file_and_no_key_where_there_is_none() {
+        let json = |file: &str| serde_json::to_value(Diagnostic::about_file(file, "wrong", "mend it")).unwrap();
+        assert_eq!((json("").get("file"), json("").get("key")), (None, None));
+        assert_eq!((json("a.yaml")["file"].as_str(), json("a.yaml").get("key")), (Some("a.yaml"), None));
+        assert_eq!(Diagnostic::about_file("", "wrong", "").to_string(), "error: wrong");
+    }
 
     #[test]
     fn a_place_counts_the_line_breaks_of_yaml() {

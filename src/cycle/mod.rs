@@ -159,6 +159,8 @@ pub struct Settings {
     pub residual_limit_n_m: Option<f64>,
     /// Greatest energy in J that the rig may give the hand in one go.
     pub energy_limit_j: f64,
+    /// Longest time in s from the request to Operation Enabled, of the left and of the right drive.
+    pub enabling_limit_s: [f64; 2],
     /// Longest time in s that a computation may take.
     pub compute_budget_s: f64,
 }

@@ -16,8 +16,6 @@ const LEFT_SHARE: f64 = 0.5;
 const PREDICTED_CYCLES: u16 = 5;
 /// Missing samples, in the sensor's own interval, from which the sensor counts as lost.
 const LOST_AFTER_MISSED_SAMPLES: u32 = 10;
-/// Longest time from the request to Operation Enabled of both drives, s.
-const ENABLING_LIMIT_S: f64 = 1.0;
 /// Share of a period by which SYNC may leave late.
 const JITTER_SHARE: f64 = 0.2;
 /// Share of a period by which a computation may begin late.
@@ -135,15 +133,17 @@ impl Cycle {
         let out = DeviceSet::drives_where(are_enabled.map(|is_enabled| !is_enabled));
         let dead = DeviceSet::drives_where(drives.map(|drive| !drive.has_voltage));
         let deaf = DeviceSet::drives_where(drives.map(|drive| !drive.follows_command));
-        let bound = (ENABLING_LIMIT_S / self.settings.period_s) as u32;
         self.enabling_cycles = if is_enabling { self.enabling_cycles.saturating_add(1) } else { 0 };
+        let (enabling_cycles, period_s) = (self.enabling_cycles, self.settings.period_s);
+        let is_late = |limit_s: f64| enabling_cycles > (limit_s / period_s) as u32;
+        let late = DeviceSet::drives_where(self.settings.enabling_limit_s.map(is_late));
         let faults = &mut self.faults;
         faults.observe_on(Fault::DriveFault, DeviceSet::drives_where(drives.map(is_fault)));
         faults.observe_on(Fault::DriveVoltageOff, dead & shall_be_enabled);
         faults.observe_on(Fault::DriveLeftOperation, out & shall_be_enabled);
         faults.observe_on(Fault::DriveWarning, DeviceSet::drives_where(drives.map(|drive| drive.has_warning)));
         faults.observe_on(Fault::DriveIgnoresCommand, deaf.only_if(is_moving));
-        faults.observe_on(Fault::EnablingTimeout, out.only_if(self.enabling_cycles > bound));
+        faults.observe_on(Fault::EnablingTimeout, out & late);
     }
 
     fn observe_arm(&mut self) {

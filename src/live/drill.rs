@@ -10,17 +10,15 @@ use super::metronome::Metronome;
 use super::proof::DriveIdentity;
 use super::rig::LiveRig;
 use crate::bus::DriveSetup;
-use crate::canopen::{NodeId, Outbox, SdoClient, SdoOutcome, Time, cob};
+use crate::canopen::{NodeId, OnBus, Outbox, SdoClient, SdoOutcome, Time, cob};
 use crate::config;
 use crate::guard::{Request, State};
 use crate::link::{Arrival, CanLink, LinkOutbox, Received};
-use crate::rig::{CYCLES_BEFORE_SILENCE, DRILL_LIMIT, Drilled, Enabling, Finding, RigError, bus_plan};
+use crate::rig::{CYCLES_BEFORE_SILENCE, DRILL_LIMIT, Drilled, Finding, RigError, bus_plan};
 use crate::sim::Watchdog;
 use yieldwall_drives::cia402::{self, Statusword};
-use yieldwall_drives::objects;
+use yieldwall_drives::objects::{self, Object};
 
-/// How long a drive may take to answer.
-const SDO_TIMEOUT: Duration = Duration::from_millis(250);
 /// Cycles in which everything is sent before something stays away, so that its last moment is known.
 const CYCLES_REPEATED: u32 = 20;
 
@@ -31,21 +29,28 @@ pub struct DriveAddress {
     pub bus: u8,
     /// Its node id.
     pub node: NodeId,
+    /// How long it may take to answer an SDO request.
+    pub sdo_wait: Duration,
 }
 
 /// What is asked of one drive, and what it said.
 struct Watched {
     bus: u8,
     client: SdoClient,
+    sdo_wait: Duration,
+    asked_at: Time,
     answered_at: Time,
+    /// When the question was asked that it answered last.
+    told_of: Time,
     longest_gap: Duration,
     stopped_at: Option<Time>,
 }
 
 impl Watched {
-    fn new(DriveAddress { bus, node }: DriveAddress) -> Self {
-        let client = SdoClient::new(node, SDO_TIMEOUT, 4);
-        Self { bus, client, answered_at: Time(0), longest_gap: Duration::ZERO, stopped_at: None }
+    fn new(DriveAddress { bus, node, sdo_wait }: DriveAddress) -> Self {
+        let client = SdoClient::new(node, sdo_wait, 4);
+        let (asked_at, answered_at, told_of) = Default::default();
+        Self { bus, client, sdo_wait, asked_at, answered_at, told_of, longest_gap: Duration::ZERO, stopped_at: None }
     }
 
     fn take(&mut self, arrival: &Arrival, time: Time, out: &mut impl Outbox) {
@@ -59,7 +64,7 @@ impl Watched {
         if self.answered_at > Time(0) && self.stopped_at.is_none() {
             self.longest_gap = self.longest_gap.max(time.since(self.answered_at));
         }
-        self.answered_at = time;
+        (self.answered_at, self.told_of) = (time, self.asked_at);
         if let &[low, high, ..] = self.client.data()
             && Statusword(u16::from_le_bytes([low, high])).state() != Some(cia402::State::OperationEnabled)
         {
@@ -75,7 +80,20 @@ impl Watched {
             let status = objects::STATUSWORD;
             // It is not busy, which is the only reason to refuse.
             let _ = self.client.start_upload(now, status.index, status.sub, out);
+            self.asked_at = now;
         }
+    }
+
+    /// Whether it has stopped, or has told of its state at `limit` or later, or does not tell.
+    fn is_known(&self, now: Time, limit: Time) -> bool {
+        let is_mute = now.since(limit) >= self.sdo_wait * 2;
+        now >= limit && (self.told_of >= limit || is_mute) || self.stopped_at.is_some()
+    }
+
+    /// Time from `last` to its stop, if that was within [`DRILL_LIMIT`] as finely as its answers tell.
+    fn stopped_after(&self, last: Time) -> Option<Duration> {
+        let after = self.stopped_at?.since(last);
+        (after <= DRILL_LIMIT + self.longest_gap).then_some(after)
     }
 }
 
@@ -101,13 +119,12 @@ impl<L: CanLink, M: Metronome> LiveRig<L, M> {
             }
             let mut drives = drives.map(Watched::new);
             if !matches!(self.state(), State::Running | State::Holding) {
-                // Stopped by something else: that says nothing of the watchdog.
                 let cause = self.cause();
                 self.stop();
-                return Err(LiveError::NotEnabled { waited_s: Enabling::LIMIT_S, cause });
+                return Err(LiveError::NotTried { watchdog, cause });
             }
             let last = self.fall_silent(watchdog, &mut drives);
-            let stopped_after = drives.each_ref().map(|drive| drive.stopped_at.map(|at| at.since(last)));
+            let stopped_after = drives.each_ref().map(|drive| drive.stopped_after(last));
             findings.push(Finding { watchdog, stopped_after });
             resolution = drives.iter().map(|drive| drive.longest_gap).fold(resolution, Duration::max);
             // A drive that goes on is stopped by what it does hear.
@@ -153,7 +170,7 @@ impl<L: CanLink, M: Metronome> LiveRig<L, M> {
             if cycle == CYCLES_REPEATED {
                 limit = now + DRILL_LIMIT;
             }
-            if now >= limit || drives.iter().all(|drive| drive.stopped_at.is_some()) {
+            if drives.iter().all(|drive| drive.is_known(now, limit)) {
                 return last;
             }
         }
@@ -176,12 +193,36 @@ impl<L: CanLink, M: Metronome> LiveRig<L, M> {
     /// # Errors
     /// [`LiveError::Unread`] if it does not answer or refuses.
     pub fn read(&mut self, drive: DriveAddress, index: u16, sub: u8) -> Result<u32, LiveError> {
-        let DriveAddress { bus, node } = drive;
+        let client =
+            self.transfer(drive, (index, sub), |client, now, out| client.start_upload(now, index, sub, out))?;
+        Ok(client.data().iter().take(4).rev().fold(0, |value, byte| value << 8 | u32::from(*byte)))
+    }
+
+    /// Writes an unsigned object of a drive of a booted network.
+    ///
+    /// # Errors
+    /// As [`LiveRig::read`].
+    pub(super) fn write(&mut self, drive: DriveAddress, object: Object, value: u32) -> Result<(), LiveError> {
+        let bytes = value.to_le_bytes();
+        let data = bytes.get(..usize::from(object.bits() / 8)).unwrap_or(&bytes);
+        let Object { index, sub, .. } = object;
+        self.transfer(drive, (index, sub), |client, now, out| client.start_download(now, index, sub, data, out))?;
+        Ok(())
+    }
+
+    /// One SDO transfer; the client that has what came.
+    fn transfer<E>(
+        &mut self,
+        drive: DriveAddress,
+        (index, sub): (u16, u8),
+        start: impl FnOnce(&mut SdoClient, Time, &mut OnBus<'_, LinkOutbox<'_, L>>) -> Result<(), E>,
+    ) -> Result<SdoClient, LiveError> {
+        let DriveAddress { bus, node, sdo_wait } = drive;
         let unread = LiveError::Unread { node_id: node.raw(), index, sub };
-        let mut client = SdoClient::new(node, SDO_TIMEOUT, 4);
+        let mut client = SdoClient::new(node, sdo_wait, 4);
         let now = self.now();
         let mut out = LinkOutbox::new(&mut self.link);
-        client.start_upload(now, index, sub, &mut out.on(bus)).map_err(|_| unread.clone())?;
+        start(&mut client, now, &mut out.on(bus)).map_err(|_| unread.clone())?;
         let mut outcome = None;
         while outcome.is_none() {
             // The drives already wait for heartbeats.
@@ -200,11 +241,11 @@ impl<L: CanLink, M: Metronome> LiveRig<L, M> {
             }
             let now = self.now();
             outcome = outcome.or_else(|| client.poll(now, &mut LinkOutbox::new(&mut self.link).on(bus)));
-            if let Some(SdoOutcome::Uploaded { .. }) = outcome {
-                return Ok(client.data().iter().take(4).rev().fold(0, |value, byte| value << 8 | u32::from(*byte)));
-            }
         }
-        Err(unread)
+        match outcome {
+            Some(SdoOutcome::Uploaded { .. } | SdoOutcome::Downloaded { .. }) => Ok(client),
+            _ => Err(unread),
+        }
     }
 
     /// What both drives of a booted network say that they are.
@@ -236,7 +277,7 @@ pub fn drive_addresses(rig: &config::Rig) -> Result<[DriveAddress; 2], RigError>
     let [left, right] = bus_plan(rig)?.0.drives;
     let address = |drive: &DriveSetup| -> Result<DriveAddress, RigError> {
         let node = cob::node_id(drive.node_id).map_err(|error| RigError::Device(error.to_string()))?;
-        Ok(DriveAddress { bus: drive.bus, node })
+        Ok(DriveAddress { bus: drive.bus, node, sdo_wait: drive.waits.sdo })
     };
     Ok([address(&left)?, address(&right)?])
 }

@@ -25,20 +25,23 @@ pub enum LiveError {
         /// Why not.
         error: SendError,
     },
-    /// The network did not come up.
-    #[error("the network did not come up within {waited_s} s: {phase}")]
-    NotBooted {
-        /// How long it was waited for, in s.
-        waited_s: f64,
-        /// Where it stood.
-        phase: String,
-    },
+    /// The cycle has panicked, and nothing is booted for it.
+    #[error("the cycle has panicked: only a new process can boot the network")]
+    NotBooted,
     /// The drives did not reach Operation Enabled.
-    #[error("the rig was not enabled within {waited_s} s{}", because(.cause))]
+    #[error("the rig was not enabled within {waited_s:.1} s{}", because(.cause))]
     NotEnabled {
         /// How long it was waited for, in s.
         waited_s: f64,
         /// The fault that kept it from being enabled, if one did.
+        cause: Option<Cause>,
+    },
+    /// Something stopped the rig before a watchdog was tried: that says nothing of the watchdog.
+    #[error("the rig was stopped before the watchdog on {} was tried{}", .watchdog.name(), because(.cause))]
+    NotTried {
+        /// What the watchdog waits for.
+        watchdog: Watchdog,
+        /// The fault that stopped it.
         cause: Option<Cause>,
     },
     /// A node does not tell an object.

@@ -32,7 +32,7 @@ pub use histogram::Histogram;
 pub use latency::{Latency, Lateness, PROBE, PROVING_CYCLES, STOCK_CYCLES, Tier, measure_latency};
 pub use metronome::Metronome;
 pub use proof::{DriveIdentity, Subject, Unproven};
-pub use rig::{LinkCounts, LiveRig};
+pub use rig::{BootWatch, LinkCounts, LiveRig};
 pub use scene::{Ended, Play, Played};
 pub use serve::{ServeError, serve};
 pub use stages::StageTimes;

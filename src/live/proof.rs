@@ -71,13 +71,17 @@ pub enum Unproven {
 impl Subject {
     /// These drives in this rig.
     pub fn new(rig: &config::Rig, drives: [DriveIdentity; 2]) -> Self {
-        let configuration = json!({
+        let mut configuration = json!({
             "command_mode": rig.rig.command_mode,
             "period_us": rig.cycle.period_us,
             "master": rig.master,
             "drives": rig.drives,
             "torque_limit_n_m": rig.guard.torque_limit_n_m,
         });
+        // How long the master waits is nothing to a watchdog.
+        for drive in configuration["drives"].as_array_mut().into_iter().flatten().filter_map(Value::as_object_mut) {
+            drive.retain(|key, _| !matches!(key.as_str(), "waits" | "enabling_ms"));
+        }
         Self { drives, configuration }
     }
 
@@ -193,9 +197,10 @@ mod tests {
         let mut slower = rig();
         slower.drives[1].heartbeat_ms += 1;
         assert!(matches!(Subject::new(&slower, drives(7)).check(&folder), Err(Unproven::Missing { .. })));
-        // The fixture is nothing to a watchdog.
+        // The fixture is nothing to a watchdog, nor is the master's patience.
         let mut other = rig();
         other.fixture.hold_steps += 1;
+        (other.drives[0].waits.sdo_ms, other.drives[1].enabling_ms) = (10, 10);
         Subject::new(&other, drives(7)).check(&folder).unwrap();
         fs::write(&path, "{").unwrap();
         assert!(matches!(subject.check(&folder), Err(Unproven::Unreadable { .. })));

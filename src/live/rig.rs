@@ -5,21 +5,21 @@ mod arrivals;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::time::Duration;
 
+use super::drill::{DriveAddress, drive_addresses};
 use super::error::LiveError;
 use super::metronome::Metronome;
-use crate::bus::{LinkEvent, Master, Phase};
+use crate::bus::{LinkEvent, Master, Phase, Waiting};
 use crate::canopen::Time;
 use crate::config;
 use crate::cycle::{Outputs, Timing};
 use crate::guard::{Cause, DeviceSet, Request, State};
 use crate::link::{CanLink, LinkOutbox};
 use crate::record::{CycleRecord, Moment, Stages};
-use crate::rig::{Observer, Pace, Tap, master};
+use crate::rig::{Enabling, Observer, Pace, Tap, master};
+use yieldwall_drives::objects;
 
-/// Longest time from the reset of the network to the exchange of process data.
-const BOOT_LIMIT: Duration = Duration::from_secs(10);
-/// So many times longer the boot waits for simulated devices in lockstep, which a busy computer may keep from answering.
-const LOCKSTEP_PATIENCE: u32 = 8;
+/// Longest time between two calls of a [`BootWatch`].
+const LOOK_UP: Duration = Duration::from_millis(100);
 /// How long the end of the run is listened to, on the wall: own last frames come back, and the devices answer.
 const FAREWELL: Duration = Duration::from_millis(50);
 /// How long lockstep waits for the process data of a cycle, on the wall ...
@@ -29,6 +29,10 @@ const IMPATIENCE: Duration = Duration::from_millis(2);
 /// Time by which the clock that counts suspended time has to have gained on the other since the last cycle. Less may be the
 /// time that passed between reading the one and the other.
 const SUSPENDED: Duration = Duration::from_millis(50);
+
+/// Is told what the boot waits for, ten times a second, and nothing when the boot is over. The boot ends when it says that a
+/// person asked for the end.
+pub type BootWatch = Box<dyn FnMut(Option<Waiting<'_>>) -> bool + Send>;
 
 /// What a link has told besides frames.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -77,6 +81,9 @@ pub struct LiveRig<L, M> {
     counts: LinkCounts,
     tap: Option<Tap>,
     observer: Option<Observer>,
+    boot_watch: Option<BootWatch>,
+    pub(super) enabling: Enabling,
+    drives: [DriveAddress; 2],
     last: Option<Outputs>,
     has_panicked: bool,
 }
@@ -88,12 +95,8 @@ impl<L: CanLink, M: Metronome> LiveRig<L, M> {
     /// Where parts of the configuration do not fit together.
     pub fn new(rig: &config::Rig, link: L, metronome: M, pace: Pace) -> Result<Self, LiveError> {
         let (started, suspended) = (link.now(), metronome.suspended());
-        let mut master = master(rig, &rig.fixture)?;
-        if pace == Pace::Lockstep {
-            master.set_patience(LOCKSTEP_PATIENCE);
-        }
         Ok(Self {
-            master,
+            master: master(rig, &rig.fixture)?,
             link,
             metronome,
             pace,
@@ -114,6 +117,9 @@ impl<L: CanLink, M: Metronome> LiveRig<L, M> {
             counts: LinkCounts::default(),
             tap: None,
             observer: None,
+            boot_watch: None,
+            enabling: Enabling::new(rig),
+            drives: drive_addresses(rig)?,
             last: None,
             has_panicked: false,
         })
@@ -127,6 +133,11 @@ impl<L: CanLink, M: Metronome> LiveRig<L, M> {
     /// Has `observer` get the record of every cycle from now on.
     pub fn set_observer(&mut self, observer: Observer) {
         self.observer = Some(observer);
+    }
+
+    /// Has `watch` follow every boot from now on.
+    pub fn set_boot_watch(&mut self, watch: BootWatch) {
+        self.boot_watch = Some(watch);
     }
 
     /// State of the supervisor.
@@ -177,13 +188,19 @@ impl<L: CanLink, M: Metronome> LiveRig<L, M> {
     /// Resets the network, configures and starts all nodes, up to the exchange of process data. Nothing is enabled.
     ///
     /// # Errors
-    /// If a node is missing or is not what it should be, or nothing can be sent.
+    /// If a node is missing or is not what it should be, nothing can be sent, or the watch asks for the end.
     pub fn boot(&mut self) -> Result<(), LiveError> {
+        let booted = self.bring_up();
+        if let Some(watch) = &mut self.boot_watch {
+            watch(None);
+        }
+        booted
+    }
+
+    fn bring_up(&mut self) -> Result<(), LiveError> {
         self.waits = false;
         // What came before the reset says nothing of what comes after it.
         self.drain();
-        let boot_limit = if self.pace == Pace::Lockstep { BOOT_LIMIT * LOCKSTEP_PATIENCE } else { BOOT_LIMIT };
-        let limit = self.now() + boot_limit;
         self.send_or_fail(|master, now, out| master.start(now, out))?;
         loop {
             self.drain();
@@ -191,13 +208,19 @@ impl<L: CanLink, M: Metronome> LiveRig<L, M> {
             match self.master.phase() {
                 Phase::Operational => break,
                 Phase::Failed(error) => return Err(error.clone().into()),
-                phase if self.now() >= limit => {
-                    let phase = format!("{phase:?}");
-                    return Err(LiveError::NotBooted { waited_s: boot_limit.as_secs_f64(), phase });
-                }
+                // A master whose cycle has panicked does not start.
+                Phase::Off => return Err(LiveError::NotBooted),
+                // The master gives every other phase a bound.
                 _ => {}
             }
-            let next = self.master.next_deadline().min(limit);
+            let now = self.now();
+            let mut next = self.master.next_deadline();
+            if let Some(watch) = &mut self.boot_watch {
+                if watch(self.master.waiting(now)) {
+                    return Err(LiveError::Interrupted);
+                }
+                next = next.min(now + LOOK_UP);
+            }
             self.link.wait(self.started + next.since(Time(0)));
         }
         self.next_sync = Time::NEVER;
@@ -267,12 +290,30 @@ impl<L: CanLink, M: Metronome> LiveRig<L, M> {
     /// gets nothing. Whoever watches sees the last frames as well.
     pub fn leave(&mut self) {
         if !self.master.is_silent() {
+            let was_exchanging = *self.master.phase() == Phase::Operational;
             self.send(|master, _, out| master.leave(out));
+            if was_exchanging && !self.makes_torque() {
+                self.end_watch();
+            }
         }
         let until = self.link.now() + FAREWELL;
         while self.link.now() < until {
             self.link.wait(until);
             self.drain();
+        }
+    }
+
+    /// Has the drives no longer watch the master's heartbeat, which ends: they would enter that as an error (8130h). Only drives
+    /// without torque are told; heartbeats go on until they have answered.
+    fn end_watch(&mut self) {
+        if self.waits {
+            // Time follows the wall from here on.
+            self.started = Time(self.link.now().0.saturating_sub(self.lockstep_now.0));
+            self.waits = false;
+        }
+        for drive in self.drives {
+            // One that does not answer is left as it is.
+            let _ = self.write(drive, objects::CONSUMER_HEARTBEAT, 0);
         }
     }
 

@@ -8,7 +8,7 @@ use super::rig::LiveRig;
 use crate::guard::{Cause, Request, State};
 use crate::link::CanLink;
 use crate::record::{AROUND_FAULT_S, CycleRecord};
-use crate::rig::{Enable, Enabling, STOP_LIMIT_S, has_torque};
+use crate::rig::{Enable, STOP_LIMIT_S, has_torque};
 
 /// What is asked of a scene.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -93,7 +93,7 @@ impl<L: CanLink, M: Metronome> LiveRig<L, M> {
     }
 
     pub(super) fn enable(&mut self, settling: u32, is_interrupted: &AtomicBool) -> Result<(), LiveError> {
-        let mut enabling = Enabling::new(self.period().as_secs_f64()).not_before(settling);
+        let mut enabling = self.enabling.not_before(settling);
         loop {
             if is_interrupted.load(Ordering::Relaxed) {
                 self.stop();
@@ -107,7 +107,7 @@ impl<L: CanLink, M: Metronome> LiveRig<L, M> {
         }
         let cause = self.cause();
         self.stop();
-        Err(LiveError::NotEnabled { waited_s: Enabling::LIMIT_S, cause })
+        Err(LiveError::NotEnabled { waited_s: enabling.waited_s(), cause })
     }
 
     /// Stops the rig along its ramp; whether both drives said in time that they make no torque.
@@ -123,7 +123,7 @@ impl<L: CanLink, M: Metronome> LiveRig<L, M> {
         !self.makes_torque()
     }
 
-    fn makes_torque(&self) -> bool {
+    pub(super) fn makes_torque(&self) -> bool {
         self.master().last_inputs().drives.iter().any(|drive| has_torque(drive.state))
     }
 

@@ -5,11 +5,16 @@ use std::time::Duration;
 
 use thiserror::Error;
 
+use crate::canopen::{Time, cob};
 use crate::link::{CanLink, LinkOutbox, Received, SendError};
 use crate::rig::{DeviceServer, RigError};
 
 /// Longest wait for a frame before the wish to end is looked at.
 const LOOK_UP: Duration = Duration::from_millis(50);
+
+/// Time between two looks at the link after which what has come meanwhile is stale: the process was stopped. A master in
+/// lockstep waits so long for process data.
+const ABSENCE: Duration = Duration::from_secs(1);
 
 /// Why simulated devices could not go on.
 #[derive(Clone, Debug, PartialEq, Error)]
@@ -22,7 +27,8 @@ pub enum ServeError {
     Gone,
 }
 
-/// Switches the devices on that are simulated here and serves them until `is_over` or the interface is removed. An interface that is down is waited
+/// Switches the devices on that are simulated here and serves them. Of what came while the process was stopped, or could not
+/// run for a second, only NMT commands are taken. It serves until `is_over` or the interface is removed. An interface that is down is waited
 /// for: the devices then hear nothing, as on a cable that is out. `between` is called now and then, at least twenty times a second.
 ///
 /// # Errors
@@ -38,11 +44,18 @@ pub fn serve<L: CanLink>(
         server.switch_on(wall, out);
         Ok(())
     })?;
+    let mut looked_at = wall;
+    let mut back_since = Time::default();
     while !is_over.load(Ordering::Relaxed) {
         while let Some(arrival) = link.receive() {
+            let wall = link.now();
+            if wall.since(std::mem::replace(&mut looked_at, wall)) > ABSENCE {
+                back_since = wall;
+            }
             match arrival.what {
+                // What was commanded of devices that were away is no longer meant. NMT commands are, whenever they come.
+                Received::Frame(frame) if arrival.time < back_since && frame.id() != cob::NMT => {}
                 Received::Frame(frame) => {
-                    let wall = link.now();
                     send(link, |out| server.on_frame(wall, &frame, out))?;
                 }
                 Received::Gone => return Err(ServeError::Gone),
@@ -51,6 +64,9 @@ pub fn serve<L: CanLink>(
         }
         between(server);
         let wall = link.now();
+        if wall.since(std::mem::replace(&mut looked_at, wall)) > ABSENCE {
+            back_since = wall;
+        }
         send(link, |out| server.poll(wall, out))?;
         link.wait(server.next_deadline().min(wall + LOOK_UP));
     }
@@ -64,4 +80,69 @@ fn send<L: CanLink>(
     let mut out = LinkOutbox::new(link);
     act(&mut out)?;
     if matches!(out.failure(), Some((_, SendError::Gone))) { Err(ServeError::Gone) } else { Ok(()) }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::collections::VecDeque;
+
+    use super::*;
+    use crate::canopen::Frame;
+    use crate::config;
+    use crate::link::Arrival;
+    use crate::rig::Pace;
+
+    /// What comes, and at which moment the process looks at it.
+    struct Script {
+        now: Time,
+        coming: VecDeque<(Time, Arrival)>,
+        sent: Vec<Frame>,
+    }
+
+    impl CanLink for Script {
+        fn now(&self) -> Time {
+            self.now
+        }
+
+        fn receive(&mut self) -> Option<Arrival> {
+            let (looked_at, _) = self.coming.front()?;
+            self.now = self.now.max(*looked_at);
+            self.coming.pop_front().map(|(_, arrival)| arrival)
+        }
+
+        fn send(&mut self, frame: &Frame) -> Result<(), SendError> {
+            self.sent.push(*frame);
+            Ok(())
+        }
+
+        fn wait(&mut self, until: Time) -> bool {
+            self.now = until;
+            false
+        }
+    }
+
+    #[test]
+    fn what_came_while_the_process_was_stopped_is_dropped_but_for_nmt_commands() {
+        let rig = config::load_rig(config::Source::named("builtin:paper-admittance.yaml")).unwrap().value;
+        let scene = config::load_scene(config::Source::named("builtin:scenes/circle-tour.yaml")).unwrap().value;
+        for pace in [Pace::Lockstep, Pace::Free] {
+            let mut server = DeviceServer::new(&rig, &scene, 1, pace).unwrap();
+            let at = |seconds: f64| Time((1e9 * seconds) as u64);
+            let arrival = |stamp: f64, looked_at: f64, id: u16, data: &[u8]| {
+                let what = Received::Frame(Frame::new(id, data));
+                (at(looked_at), Arrival { time: at(stamp), bus: 0, what })
+            };
+            // One in time, then a stop of 9 s in which 4000 came, then one in time again.
+            let mut coming = VecDeque::from([arrival(0.1, 0.1, cob::SYNC, &[])]);
+            coming.extend((0..4000).map(|number| arrival(0.2 + 0.002 * f64::from(number), 9.1, cob::SYNC, &[])));
+            coming.push_back(arrival(9.0, 9.1, cob::NMT, &[0x81, 1]));
+            coming.push_back(arrival(9.2, 9.2, cob::SYNC, &[]));
+            let mut link = Script { now: Time(0), coming, sent: Vec::new() };
+            let is_over = AtomicBool::new(false);
+            serve(&mut server, &mut link, &is_over, |_| is_over.store(true, Ordering::Relaxed)).unwrap();
+            assert_eq!(server.counts().syncs, 2, "{pace:?}");
+            let boot_ups = link.sent.iter().filter(|frame| frame.id() == 0x701 && frame.data() == [0]);
+            assert_eq!(boot_ups.count(), 2, "{pace:?}: one of switching on, one of the reset");
+        }
+    }
 }

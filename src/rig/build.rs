@@ -6,7 +6,7 @@ use nalgebra::{Matrix6, Vector2};
 
 use super::buses;
 use super::error::RigError;
-use crate::bus::{CommandMode, DriveSetup, Master, MasterSetup, SensorLink, SensorNode, SensorSetup};
+use crate::bus::{CommandMode, DriveSetup, Master, MasterSetup, SensorLink, SensorNode, SensorSetup, Waits};
 use crate::config;
 use crate::control::{FeedForwardParameters, Gains, Law, RateLaw};
 use crate::cycle::{Cycle, Servo, Settings, TorqueServo, TorqueServoParameters};
@@ -248,6 +248,7 @@ pub fn cycle(rig: &config::Rig, fixture: &config::Fixture) -> Result<Cycle, RigE
         stop_deceleration_m_per_s2: limits.stop_deceleration_m_per_s2.get(),
         residual_limit_n_m: limits.residual_limit_n_m.map(|value| value.get()),
         energy_limit_j: limits.energy_limit_j.get(),
+        enabling_limit_s: enabling_limit_s(rig),
         compute_budget_s: f64::from(rig.cycle.period_us.saturating_sub(rig.cycle.compute_at_us)) * 1e-6,
     };
     Ok(Cycle::new(settings, linkage(rig)?, sensing, planar_fixture(fixture, period_s)?, servo(rig)?, gate))
@@ -290,6 +291,7 @@ pub(super) fn network(rig: &config::Rig) -> Result<MasterSetup, RigError> {
             name: rig.sensor.name.clone(),
             bus: buses::bus_number(rig, &rig.sensor.bus)?,
             link: sensor_link(&rig.sensor)?,
+            waits: waits(&rig.sensor.waits),
             sample_period: sample_period(rig),
         },
     })
@@ -337,6 +339,17 @@ pub(super) fn sensor_link(sensor: &config::Sensor) -> Result<SensorLink, RigErro
     })
 }
 
+fn waits(waits: &config::Waits) -> Waits {
+    let [boot_up, sdo, start] =
+        [waits.boot_up_ms, waits.sdo_ms, waits.start_ms].map(|ms| Duration::from_millis(ms.into()));
+    Waits { boot_up, sdo, start }
+}
+
+/// Longest time to Operation Enabled of the left and of the right drive, s.
+pub(super) fn enabling_limit_s(rig: &config::Rig) -> [f64; 2] {
+    rig.drives.each_ref().map(|drive| f64::from(drive.enabling_ms) * 1e-3)
+}
+
 fn drive(rig: &config::Rig, drive: &config::Drive, expected_angle_rad: f64) -> Result<DriveSetup, RigError> {
     let scaling = scaling(drive)?;
     let window = 2.0 * rig.guard.following_error_limit_rad.get() * scaling.counts_per_rad();
@@ -349,6 +362,7 @@ fn drive(rig: &config::Rig, drive: &config::Drive, expected_angle_rad: f64) -> R
         scaling,
         expected_angle_rad,
         heartbeat: Duration::from_millis(drive.heartbeat_ms.into()),
+        waits: waits(&drive.waits),
         torque_limit_per_mille: limit.unsigned_abs(),
         // The drive's own window is the guard's second, wider one.
         following_error_counts: window.round().min(f64::from(u32::MAX - 1)) as u32,

@@ -2,6 +2,8 @@
 
 use std::time::Duration;
 
+use super::build;
+use crate::config;
 use crate::guard::{Request, State};
 use yieldwall_drives::cia402;
 
@@ -10,6 +12,10 @@ use yieldwall_drives::cia402;
 const SAMPLES_BEFORE_ENABLING: u32 = 10;
 /// Cycles after which a person who was refused asks again.
 const CYCLES_BETWEEN_ASKING: u32 = 50;
+/// How long a rig that refuses is asked again, s.
+const REFUSED_LIMIT_S: f64 = 1.5;
+/// The same after a reset: what was seen within the last seconds is forgotten by then, s.
+const REFUSED_AFTER_RESET_S: f64 = 5.0;
 /// Longest time that a stop may take, s.
 pub const STOP_LIMIT_S: f64 = 2.0;
 
@@ -30,34 +36,45 @@ pub enum Enable {
     GivenUp,
 }
 
-/// Asks a rig that idles to be enabled, until it runs.
+/// Asks a rig that idles to be enabled, until it runs. It gives up when the rig goes on refusing, when a fault has stopped it
+/// on the way, and when the drives take longer than they may.
 #[derive(Clone, Copy, Debug)]
 pub struct Enabling {
+    period_s: f64,
     cycle: u32,
     first: u32,
+    /// Cycles for which the rig may refuse.
+    refusals: u32,
+    /// Cycles from asking to running.
     limit: u32,
+    /// Cycles in which it has refused.
+    refused: u32,
 }
 
 impl Enabling {
-    /// Longest time from asking to running unless told otherwise, s.
-    pub const LIMIT_S: f64 = 1.5;
-
-    /// Asks for up to [`Enabling::LIMIT_S`] of cycles of `period_s`.
-    pub fn new(period_s: f64) -> Self {
-        Self::within(Self::LIMIT_S, period_s)
+    /// Asks this rig, as long as its drives may take.
+    pub fn new(rig: &config::Rig) -> Self {
+        let [left, right] = build::enabling_limit_s(rig);
+        let none = Self { period_s: build::period_s(rig), cycle: 0, first: 0, refusals: 0, limit: 0, refused: 0 };
+        let (first, limit) = (SAMPLES_BEFORE_ENABLING, none.cycles_in(left.max(right)));
+        Self { first, limit, ..none }.refused_for(REFUSED_LIMIT_S)
     }
 
-    pub(super) fn within(limit_s: f64, period_s: f64) -> Self {
-        let cycles = (limit_s / period_s) as u32;
-        Self { cycle: 0, first: SAMPLES_BEFORE_ENABLING, limit: SAMPLES_BEFORE_ENABLING + cycles }
+    /// Asks after a reset.
+    #[must_use]
+    pub(super) fn after_reset(self) -> Self {
+        self.refused_for(REFUSED_AFTER_RESET_S)
+    }
+
+    fn refused_for(self, limit_s: f64) -> Self {
+        let refusals = self.cycles_in(limit_s);
+        Self { refusals, limit: self.limit - self.refusals + refusals, ..self }
     }
 
     /// Asks no earlier than after so many cycles.
     #[must_use]
-    pub fn not_before(mut self, cycles: u32) -> Self {
-        let later = cycles.saturating_sub(self.first);
-        (self.first, self.limit) = (self.first + later, self.limit + later);
-        self
+    pub fn not_before(self, cycles: u32) -> Self {
+        Self { first: self.first.max(cycles), ..self }
     }
 
     /// What to do next with a rig in this state.
@@ -66,16 +83,27 @@ impl Enabling {
             self.cycle += 1;
             return Enable::Ask(Request::None);
         };
-        if self.cycle >= self.limit {
-            return Enable::GivenUp;
-        }
         if state == State::Running {
             return Enable::Done;
         }
+        let is_over = asking >= self.limit || self.refused >= self.refusals;
+        if is_over || (asking > 0 && state.is_latched()) {
+            return Enable::GivenUp;
+        }
         self.cycle += 1;
+        self.refused += u32::from(state == State::Idle);
         // What was seen within the last seconds keeps the rig from being enabled: a person asks again.
         let asks = state == State::Idle && asking.is_multiple_of(CYCLES_BETWEEN_ASKING);
         Enable::Ask(if asks { Request::Enable } else { Request::None })
+    }
+
+    /// How long the rig has been asked, s.
+    pub fn waited_s(&self) -> f64 {
+        f64::from(self.cycle.saturating_sub(self.first)) * self.period_s
+    }
+
+    fn cycles_in(&self, time_s: f64) -> u32 {
+        (time_s / self.period_s) as u32
     }
 }
 

@@ -69,7 +69,7 @@ pub enum RigError {
         state: String,
     },
     /// The drives did not reach Operation Enabled.
-    #[error("the rig was not enabled after {waited_s} s: {state}")]
+    #[error("the rig was not enabled after {waited_s:.1} s: {state}")]
     NotEnabled {
         /// How long it was waited for, in s.
         waited_s: f64,

@@ -131,6 +131,22 @@ impl DeviceServer {
         self.far.drives.iter_mut().filter_map(Seat::here_mut).for_each(|drive| drive.ignore(watchdog));
     }
 
+    /// Has both drives take so long from a reset to their boot-up message.
+    pub fn set_reset_time(&mut self, time: Duration) {
+        self.far.drives.iter_mut().filter_map(Seat::here_mut).for_each(|drive| drive.set_reset_time(time));
+    }
+
+    /// Has both drives take so long to answer an SDO request.
+    pub fn set_sdo_time(&mut self, time: Duration) {
+        self.far.drives.iter_mut().filter_map(Seat::here_mut).for_each(|drive| drive.set_sdo_time(time));
+    }
+
+    /// Has the state machine of a drive, 0 the left, ignore the controlword, or follow it again.
+    pub fn set_ignores_controlword(&mut self, drive: usize, ignores: bool) {
+        let drive = self.far.drives.get_mut(drive).and_then(Seat::here_mut);
+        drive.into_iter().for_each(|drive| drive.set_ignores_controlword(ignores));
+    }
+
     /// Switches all devices on at a moment of the wall.
     pub fn switch_on(&mut self, wall: Time, out: &mut impl Outbox) {
         self.anchor = (wall, self.now);
@@ -273,7 +289,9 @@ impl DeviceServer {
     /// The same for what is to be done now.
     fn due(&mut self, wall: Time) -> Time {
         let until = self.time_at(wall);
-        let latest = self.whole(self.now + LAG.max(self.period));
+        // Up to the next thing that is due there is nothing to make up for.
+        let idle_until = self.now.max(self.far.next_deadline().min(until));
+        let latest = self.whole(idle_until + LAG.max(self.period));
         if self.pace == Pace::Free || until <= latest {
             return until;
         }

@@ -10,7 +10,7 @@ use std::process::Command;
 use hil_tests::Scenario;
 use hil_tests::network::Real;
 use serde_json::Value;
-use yieldwall::canopen::{EmcyCode, Frame, cob};
+use yieldwall::canopen::{Frame, cob};
 use yieldwall::link::{CanLink, SocketCanSettings};
 use yieldwall::sim::can::CandumpWriter;
 
@@ -31,6 +31,35 @@ fn a_circle_is_held_in_lockstep_over_two_processes() {
     // Every cycle is a SYNC that the devices took part in.
     let served = sim.interrupted();
     assert!(served.contains("SYNC"), "{served}");
+}
+
+#[test]
+#[ignore = "needs a CAN interface: see hil-tests/vcan"]
+fn drives_that_take_their_time_to_reset_or_to_answer_are_waited_for() {
+    for slow in [["--reset-ms", "700"], ["--reset-ms", "3000"], ["--sdo-ms", "600"]] {
+        let sim = Running::sim(RIG, &[&["--pace", "lockstep"], &slow[..]].concat());
+        let (code, document) = run_for("1").document();
+        assert_eq!((code, &document["state"]), (OK, &Value::from("Running")), "{slow:?}: {document:#}");
+        drop(sim);
+    }
+    // Longer than the rig allows; and a person who does not wait for it.
+    let sim = Running::sim(RIG, &["--pace", "lockstep", "--reset-ms", "30000"]);
+    let impatient = changed(
+        "impatient",
+        "paper-admittance.yaml",
+        &[("    node_id: 1\n", "    node_id: 1\n    waits: {boot_up_ms: 800}\n")],
+    );
+    let (code, message, _) = refusal(Running::run(&impatient, &["--pace", "lockstep"]));
+    assert_eq!(code, DEVICE_MISMATCH);
+    assert!(message.contains("node 1 (left)") && message.contains("within 800 ms"), "{message}");
+    let observer = Observer::new();
+    let master = run_for("1");
+    observer.until("reset", |frames| frames.iter().any(|frame| frame.id() == cob::NMT));
+    master.signal("INT");
+    let (code, message, _) = refusal(master);
+    assert_eq!(code, INTERRUPTED, "{message}");
+    drop(sim);
+    std::fs::remove_file(impatient).expect("it is there");
 }
 
 /// What a recorded run in lockstep has from the begin of its scene on: counts of the sensor, and the proxy.
@@ -230,31 +259,92 @@ fn an_interface_that_is_taken_down_is_a_lost_bus() {
     }
     let sim = lockstep(RIG);
     let observer = Observer::new();
-    let master = run_for("60");
+    let folder = std::env::temp_dir().join(format!("yieldwall-down-{}", std::process::id()));
+    let record = ["--pace", "lockstep", "--duration", "60", "--record", folder.to_str().expect("a plain path")];
+    let master = Running::run(RIG, &record);
     observer.until_moving(300);
     let down = PutBack::down("vcan0");
     let (code, document) = master.document();
     drop(down);
+    std::fs::remove_dir_all(folder).expect("it is there");
     assert_eq!(code, SAFETY_STOP, "{document:#}");
+    for file in document["recorded"].as_array().expect("files") {
+        assert_eq!(file["dropped"], 0, "time waits for the disk: {file}");
+    }
     assert_eq!((&document["cause"], &document["state"]), (&Value::from("link-down"), &Value::from("Lost")));
     drop(sim);
 }
 
 #[test]
 #[ignore = "needs a CAN interface: see hil-tests/vcan"]
-fn ctrl_c_is_a_controlled_stop() {
+fn ctrl_c_and_a_terminal_that_goes_away_are_controlled_stops_that_leave_no_error_in_the_drives() {
+    for signal in ["INT", "HUP"] {
+        let sim = lockstep(RIG);
+        let observer = Observer::new();
+        let master = run_for("60");
+        observer.until_moving(300);
+        master.signal(signal);
+        let (code, document) = master.document();
+        assert_eq!(code, INTERRUPTED, "{signal}: {document:#}");
+        assert_eq!((&document["state"], &document["cause"]), (&Value::from("Running"), &Value::Null));
+        let frames = observer.rest();
+        assert_stopped_together(&frames);
+        // Nobody waits for set-points or for the master's heartbeat any more.
+        let told = [emergencies(&frames, 1), emergencies(&frames, 2)].concat();
+        assert_eq!(told, [0_u16; 0], "{signal}: {told:x?}");
+        drop(sim);
+    }
+}
+
+#[test]
+#[ignore = "needs a CAN interface: see hil-tests/vcan"]
+fn a_program_that_was_started_to_outlive_its_terminal_does() {
+    let sim = lockstep(RIG);
+    let observer = Observer::new();
+    let line = format!(
+        "trap '' HUP; exec {} run {RIG} --bus {} --json --pace lockstep --duration 4",
+        program().display(),
+        bus()
+    );
+    let mut shell = Command::new("sh");
+    shell.args(["-c", &line]).stdout(std::process::Stdio::piped()).stderr(std::process::Stdio::piped());
+    let master = Running::of(shell.spawn().expect("a shell"));
+    observer.until_moving(300);
+    master.signal("HUP");
+    let (code, document) = master.document();
+    assert_eq!((code, &document["cycles"]), (OK, &Value::from(4000)), "{document:#}");
+    drop((observer, sim));
+}
+
+#[test]
+#[ignore = "needs a CAN interface: see hil-tests/vcan"]
+fn a_stranger_that_takes_all_nodes_to_pre_operational_is_named() {
     let sim = lockstep(RIG);
     let observer = Observer::new();
     let master = run_for("60");
     observer.until_moving(300);
-    master.signal("INT");
+    let mut stranger = Real::open(&SocketCanSettings::everything(&bus()));
+    stranger.send(&Frame::new(cob::NMT, &[0x80, 0])).expect("the interface is up");
     let (code, document) = master.document();
-    assert_eq!(code, INTERRUPTED, "{document:#}");
-    assert_eq!((&document["state"], &document["cause"]), (&Value::from("Running"), &Value::Null));
-    let frames = observer.rest();
-    assert_stopped_together(&frames);
-    // Who is there no longer is missed by its heartbeat, but nobody waits for set-points.
-    let told = [emergencies(&frames, 1), emergencies(&frames, 2)].concat();
-    assert!(told.iter().all(|code| *code == EmcyCode::HEARTBEAT.0), "{told:x?}");
+    assert_eq!((code, &document["cause"]), (SAFETY_STOP, &Value::from("intruder")), "{document:#}");
+    assert_stopped_together(&observer.rest());
+    drop(sim);
+}
+
+#[test]
+#[ignore = "needs a CAN interface: see hil-tests/vcan"]
+fn devices_that_were_stopped_do_not_work_off_what_came_meanwhile() {
+    let sim = lockstep(RIG);
+    let observer = Observer::new();
+    let master = run_for("60");
+    observer.until_moving(300);
+    sim.signal("STOP");
+    let (code, document) = master.document();
+    assert_eq!(code, SAFETY_STOP, "{document:#}");
+    let missed = observer.take().iter().filter(|frame| frame.id() == cob::SYNC).count();
+    sim.signal("CONT");
+    let answers = observer.rest().iter().filter(|frame| frame.id() == 0x181).count();
+    // One period may have been under way.
+    assert!(missed > 300 && answers <= 1, "{answers} answers after {missed} SYNC");
     drop(sim);
 }

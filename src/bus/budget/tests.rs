@@ -1,4 +1,5 @@
 use super::*;
+use crate::bus::tests::WAITS;
 use crate::bus::{CommandMode, DriveSetup, SensorLink, SensorNode, SensorSetup};
 use crate::plain_can::{Link, Protocol, polled, streaming};
 use yieldwall_drives::profiles::{SIMULATED_FORCE_SENSOR, SIMULATED_SERVO};
@@ -16,6 +17,7 @@ fn setup(mode: CommandMode, period_us: u64) -> MasterSetup {
         scaling: AxisScaling::new(800_000.0, Direction::Same, 0.0, 60.0).unwrap(),
         expected_angle_rad: 0.0,
         heartbeat,
+        waits: WAITS,
         torque_limit_per_mille: 1000,
         following_error_counts: 1000,
     };
@@ -29,6 +31,7 @@ fn setup(mode: CommandMode, period_us: u64) -> MasterSetup {
             name: "wrist".to_owned(),
             bus: 0,
             link: SensorLink::Canopen(SensorNode { node_id: 10, profile: &SIMULATED_FORCE_SENSOR, heartbeat }),
+            waits: WAITS,
             sample_period: Duration::from_micros(period_us),
         },
     }
@@ -194,7 +197,7 @@ fn plain_can(protocol: Protocol, sample_us: u64) -> MasterSetup {
     };
     let name = "wrist".to_owned();
     let sample_period = Duration::from_micros(sample_us);
-    let sensor = SensorSetup { name, bus: 0, link: SensorLink::PlainCan(link), sample_period };
+    let sensor = SensorSetup { name, bus: 0, link: SensorLink::PlainCan(link), waits: WAITS, sample_period };
     MasterSetup { sensor, ..setup(CommandMode::Torque, 1000) }
 }
 

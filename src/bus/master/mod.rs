@@ -4,6 +4,7 @@ mod line;
 mod network;
 mod node;
 mod phase;
+mod waiting;
 
 use std::time::Duration;
 
@@ -20,6 +21,7 @@ use line::Line;
 use node::Node;
 
 pub use phase::{LinkEvent, Phase};
+pub use waiting::Waiting;
 
 /// Emergencies that are remembered.
 const EMERGENCIES: usize = 8;
@@ -34,12 +36,13 @@ pub struct Master {
     heartbeat: Duration,
     next_heartbeat: Time,
     phase: Phase,
-    phase_deadline: Time,
-    /// Times that the boot waits longer than usual.
-    patience: u32,
+    /// When the phase began.
+    phase_since: Time,
     nodes: Vec<Node>,
     sensor_name: String,
     sensor_bus: u8,
+    /// How long the samples of a sensor on plain CAN are waited for.
+    sample_wait: Duration,
     /// The buses.
     lines: Vec<Line>,
     sync: SyncProducer,
@@ -96,11 +99,12 @@ impl Master {
         for (at, (drive, node)) in drives.into_iter().enumerate() {
             let boot = Boot::drive(setup, drive, node)
                 .map_err(|failure| refuse(Some(drive.node_id), &drive.name, PLAN, failure))?;
-            nodes.push(Node::new(drive.bus, DeviceSet::drive(at), &drive.name, drive.heartbeat, boot));
+            nodes.push(Node::new(drive.bus, DeviceSet::drive(at), &drive.name, drive.heartbeat, drive.waits, boot));
         }
         if let SensorFrames::Canopen(node, id) = sensor {
-            let boot = Boot::sensor(node, id).map_err(of_sensor)?;
-            nodes.push(Node::new(sensor_bus, DeviceSet::SENSOR, &setup.sensor.name, node.heartbeat, boot));
+            let waits = setup.sensor.waits;
+            let boot = Boot::sensor(node, id, waits.sdo).map_err(of_sensor)?;
+            nodes.push(Node::new(sensor_bus, DeviceSet::SENSOR, &setup.sensor.name, node.heartbeat, waits, boot));
         }
         let lines: Vec<Line> = setup.buses().map(|bus| Line::new(setup, bus, &nodes)).collect();
         // What the drives' profiles lack was found above.
@@ -129,11 +133,11 @@ impl Master {
             heartbeat: setup.heartbeat,
             next_heartbeat: Time::NEVER,
             phase: Phase::Off,
-            phase_deadline: Time::NEVER,
-            patience: 1,
+            phase_since: Time::default(),
             nodes,
             sensor_name: setup.sensor.name.clone(),
             sensor_bus,
+            sample_wait: setup.sensor.waits.start,
             lines,
             sync,
             image,
@@ -211,11 +215,13 @@ impl Master {
         }
         let has_echo = self.has_echo;
         self.nodes.iter_mut().filter(|node| node.bus == frame.bus()).for_each(|node| node.on_sdo(frame, has_echo));
-        if self.phase == Phase::Operational
-            && let Some((id, state)) = nmt::decode_heartbeat(frame)
+        if let Some((id, state)) = nmt::decode_heartbeat(frame)
             && let Some(node) = self.nodes.iter_mut().find(|node| node.is(frame.bus(), id))
         {
-            node.on_heartbeat(now, state);
+            node.said.state = Some(state);
+            if self.phase == Phase::Operational {
+                node.on_heartbeat(now, state);
+            }
         }
         let line = self.lines.iter_mut().find(|line| line.bus == frame.bus());
         if let Some(event) = line.and_then(|line| line.watch.on_frame(now, frame)) {
@@ -223,8 +229,9 @@ impl Master {
         }
         if let Some(emergency) = Emergency::decode(frame) {
             if !emergency.code.is_reset()
-                && let Some(node) = self.nodes.iter().find(|node| node.is(frame.bus(), emergency.node))
+                && let Some(node) = self.nodes.iter_mut().find(|node| node.is(frame.bus(), emergency.node))
             {
+                node.said.emergency = Some(emergency);
                 if emergency.code.is_warning() {
                     self.events.emergency_warning |= node.device;
                 } else {
@@ -291,13 +298,6 @@ impl Master {
     /// Real-time: yes.
     pub fn missing(&self, now: Time) -> DeviceSet {
         self.image.missing(now)
-    }
-
-    /// Has all waits of the boot last so many times longer, 1 unless told otherwise: for simulated devices, which may not get
-    /// to run in time.
-    pub fn set_patience(&mut self, patience: u32) {
-        self.patience = patience;
-        self.nodes.iter_mut().for_each(|node| node.boot.set_patience(patience));
     }
 
     /// Forgets when the nodes' heartbeats came, which do not tell one device from two where they waited to be taken.
@@ -371,6 +371,10 @@ impl Master {
             link.node_reset |= node.device.only_if(node.has_restarted);
             link.duplicate_node |= node.device.only_if(node.is_double);
             link.heartbeat_lost |= node.device.only_if(!(node.is_operational || node.has_restarted));
+        }
+        if link.intruder {
+            // What nodes do in the cycle of a stranger's command is its effect; if it stays, the next cycle shows it.
+            (link.heartbeat_lost, link.node_reset) = (DeviceSet::NONE, DeviceSet::NONE);
         }
         self.inputs = Inputs { drives: arrivals.drives, sample: arrivals.sample, link, timing, request };
         self.last = self.cycle.step(&self.inputs);

@@ -12,11 +12,6 @@ use crate::cycle::LinkEvents;
 use crate::guard::DeviceSet;
 use crate::plain_can::Client;
 
-/// How long a node may take from the reset to its boot-up message.
-const BOOT_UP_WAIT: Duration = Duration::from_millis(500);
-/// How long the nodes may take from the start command to the first heartbeat in Operational.
-const START_WAIT: Duration = Duration::from_millis(500);
-
 impl Master {
     /// Resets the network and starts to watch it: the first time, and again when a person restarts the rig after a node
     /// was reset or lost. Nothing is remembered of what was before but the emergencies, and nothing is enabled.
@@ -34,7 +29,7 @@ impl Master {
         (self.is_silent, self.held, self.has_echo) = (false, DeviceSet::NONE, false);
         self.last = self.cycle.idle();
         self.enter(Phase::Resetting);
-        self.phase_deadline = now + BOOT_UP_WAIT * self.patience;
+        self.phase_since = now;
         self.tell_nodes(nmt::command(NmtCommand::ResetNode, None), out);
         self.next_heartbeat = now;
         self.send_heartbeat(now, out);
@@ -47,7 +42,7 @@ impl Master {
         // In operation the heartbeat follows the set-points, where it is in nobody's way.
         let heartbeat = if self.phase == Phase::Operational { Time::NEVER } else { self.next_heartbeat };
         let watched = self.lines.iter().map(|line| line.watch.next_deadline()).fold(Time::NEVER, Time::min);
-        let base = heartbeat.min(watched).min(self.phase_deadline);
+        let base = heartbeat.min(watched).min(self.phase_deadline());
         if self.phase == Phase::Starting {
             return self.image.plain().map_or(base, |client| base.min(client.next_deadline()));
         }
@@ -69,13 +64,7 @@ impl Master {
         }
         match self.phase {
             Phase::Configuring => self.configure(now, out, |node, now, out| node.boot.poll(now, &mut out.on(node.bus))),
-            Phase::Resetting if now >= self.phase_deadline => {
-                self.fail_where(|node| !node.has_booted, "wait for the boot-up message", BOOT_UP_WAIT * self.patience);
-            }
-            Phase::Starting if now >= self.phase_deadline => {
-                self.fail_where(|node| !node.is_operational, "start the node", START_WAIT * self.patience);
-                self.fail_without_sample();
-            }
+            Phase::Resetting | Phase::Starting if now >= self.phase_deadline() => self.give_up(now),
             Phase::Starting => {
                 if let Some(client) = self.image.plain_mut() {
                     client.poll(now, &mut out.on(self.sensor_bus));
@@ -94,8 +83,6 @@ impl Master {
     pub(super) fn enter(&mut self, phase: Phase) {
         tracing::debug!(?phase, "network");
         self.phase = phase;
-        // What the old phase waited for is over.
-        self.phase_deadline = Time::NEVER;
     }
 
     /// Sends a frame to every bus that has nodes.
@@ -124,6 +111,7 @@ impl Master {
                 node.has_booted = true;
                 if self.nodes.iter().all(|node| node.has_booted) {
                     self.enter(Phase::Configuring);
+                    self.phase_since = now;
                     self.configure(now, out, |node, now, out| node.boot.start(now, &mut out.on(node.bus)));
                 }
             }
@@ -182,7 +170,7 @@ impl Master {
         }
         if self.nodes.iter().all(|node| node.boot.is_done()) {
             self.enter(Phase::Starting);
-            self.phase_deadline = now + START_WAIT * self.patience;
+            self.phase_since = now;
             for line in &mut self.lines {
                 self.nodes.iter().filter(|node| node.bus == line.bus).for_each(|node| line.watch.start(now, node.id));
             }
@@ -195,22 +183,40 @@ impl Master {
         }
     }
 
-    fn fail_where(&mut self, is_late: impl Fn(&Node) -> bool, step: &'static str, waited: Duration) {
-        if let Some(node) = self.nodes.iter().find(|node| is_late(node)) {
-            let errors = self.events.error_passive | self.events.bus_off;
-            let is_unheard = errors.contains(DeviceSet::interface(node.bus));
-            let failure = BootFailure::Missing { waited_ms: waited.as_millis() as u64, is_unheard };
-            let error = refuse(Some(node.id.raw()), &node.name, step, failure);
-            self.enter(Phase::Failed(error));
-        }
-        self.phase_deadline = Time::NEVER;
+    /// When the first of those that are waited for in this phase is given up.
+    fn phase_deadline(&self) -> Time {
+        let nodes = self.nodes.iter().filter_map(|node| node.owes(&self.phase));
+        let waits = nodes.chain(self.owes_samples()).map(|(_, wait)| self.phase_since + wait);
+        waits.fold(Time::NEVER, Time::min)
     }
 
-    fn fail_without_sample(&mut self) {
-        if self.phase == Phase::Starting && !self.image.plain().is_none_or(Client::has_begun) {
-            let failure = BootFailure::NoSample { waited_ms: (START_WAIT * self.patience).as_millis() as u64 };
-            let error = refuse(None, &self.sensor_name, "wait for samples", failure);
-            self.enter(Phase::Failed(error));
-        }
+    /// What a sensor on plain CAN is waited for, and how long since the phase began.
+    pub(super) fn owes_samples(&self) -> Option<(&'static str, Duration)> {
+        let has_samples = self.image.plain().is_none_or(Client::has_begun);
+        (self.phase == Phase::Starting && !has_samples).then_some(("wait for samples", self.sample_wait))
+    }
+
+    /// Fails because of the first that is too late.
+    fn give_up(&mut self, now: Time) {
+        let is_over = |wait: &(&'static str, Duration)| now >= self.phase_since + wait.1;
+        let waited_ms = |wait: Duration| wait.as_millis() as u64;
+        let late = self.nodes.iter().find_map(|node| Some((node, node.owes(&self.phase).filter(is_over)?)));
+        let error = match (late, self.owes_samples().filter(is_over)) {
+            (Some((node, (step, wait))), _) => {
+                let errors = self.events.error_passive | self.events.bus_off;
+                let is_unheard = errors.contains(DeviceSet::interface(node.bus));
+                let (waited_ms, said) = (waited_ms(wait), node.said);
+                let failure = match self.phase {
+                    Phase::Starting => BootFailure::NotStarted { waited_ms, said },
+                    _ => BootFailure::Missing { waited_ms, is_unheard, said },
+                };
+                refuse(Some(node.id.raw()), &node.name, step, failure)
+            }
+            (None, Some((step, wait))) => {
+                refuse(None, &self.sensor_name, step, BootFailure::NoSample { waited_ms: waited_ms(wait) })
+            }
+            (None, None) => return,
+        };
+        self.enter(Phase::Failed(error));
     }
 }

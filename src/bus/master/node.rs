@@ -2,7 +2,10 @@
 
 use std::time::Duration;
 
+use super::phase::Phase;
 use crate::bus::boot::Boot;
+use crate::bus::error::Said;
+use crate::bus::setup::Waits;
 use crate::canopen::{Frame, NmtState, NodeId, Time, cob};
 use crate::guard::DeviceSet;
 
@@ -27,12 +30,16 @@ pub(super) struct Node {
     pub(super) name: String,
     pub(super) boot: Boot,
     pub(super) has_booted: bool,
+    /// What it said since the boot began.
+    pub(super) said: Said,
     /// Whether its last heartbeat said Operational and is not too old.
     pub(super) is_operational: bool,
     /// Whether it restarted after it was configured: its watchdogs and limits are gone until the master starts anew.
     pub(super) has_restarted: bool,
     /// Period of its heartbeat.
     pub(super) heartbeat: Duration,
+    /// How long it is waited for.
+    waits: Waits,
     /// Shortest time in which one node sends [`HEARTBEATS_OF_TWO`] heartbeats.
     shortest: Duration,
     /// When its last heartbeats came, the oldest first.
@@ -46,7 +53,7 @@ pub(super) struct Node {
 }
 
 impl Node {
-    pub(super) fn new(bus: u8, device: DeviceSet, name: &str, heartbeat: Duration, boot: Boot) -> Self {
+    pub(super) fn new(bus: u8, device: DeviceSet, name: &str, heartbeat: Duration, waits: Waits, boot: Boot) -> Self {
         Self {
             bus,
             id: boot.node(),
@@ -54,9 +61,11 @@ impl Node {
             name: name.to_owned(),
             boot,
             has_booted: false,
+            said: Said::default(),
             is_operational: false,
             has_restarted: false,
             heartbeat,
+            waits,
             shortest: heartbeat.mul_f64(PERIODS_OF_TWO),
             heard: [None; HEARTBEATS_OF_TWO - 1],
             unanswered: 0,
@@ -70,9 +79,20 @@ impl Node {
         (self.bus, self.id) == (bus, id)
     }
 
+    /// What it is waited for in this phase, and how long since the phase began; nothing if it has done it. How long the answer
+    /// to a request takes is the business of its [`Boot`].
+    pub(super) fn owes(&self, phase: &Phase) -> Option<(&'static str, Duration)> {
+        match phase {
+            Phase::Resetting if !self.has_booted => Some(("wait for the boot-up message", self.waits.boot_up)),
+            Phase::Starting if !self.is_operational => Some(("start the node", self.waits.start)),
+            _ => None,
+        }
+    }
+
     /// Forgets all that was heard of it.
     pub(super) fn restart(&mut self) {
         self.boot.reset();
+        self.said = Said::default();
         (self.has_booted, self.is_operational, self.has_restarted) = (false, false, false);
         (self.heard, self.is_double) = (Default::default(), false);
         (self.unanswered, self.has_other_client) = (0, false);

@@ -22,7 +22,8 @@ fn the_boot_of_a_torque_drive_is_this_sequence() {
     write("2B", "5A6000", "0200", true); // quick stop ramp, then Switch On Disabled
     write("2F", "C26001", "01", true); // 1 ...
     write("2F", "C26002", "FD", true); // ... ms
-    write("2F", "606000", "0A", false); // cyclic synchronous torque
+    write("2F", "606000", "0A", false); // cyclic synchronous torque ...
+    write("40", "616000", "", false); // ... in force
     write("2B", "726000", "E803", true); // 100 % torque at most
     write("23", "656000", "BC310000", true); // following error window
     write("23", "001401", "01020080", false); // RPDO 1 off
@@ -41,6 +42,31 @@ fn the_boot_of_a_torque_drive_is_this_sequence() {
     write("2F", "001802", "01", true);
     write("23", "001801", "81010000", true); // TPDO 1 on
     assert_eq!(left, expected);
+}
+
+#[test]
+fn a_drive_that_comes_to_its_mode_late_is_waited_for_and_one_in_another_mode_is_not_started() {
+    for (late_ms, is_started) in [(30, true), (1000, false)] {
+        let mut net = Net::new(CommandMode::Torque);
+        net.reset();
+        // Profile position, mode 1, which the drive was in.
+        let until = net.now + Duration::from_millis(late_ms);
+        for _ in 0..100 {
+            let has_changed = net.now >= until;
+            net.serve(|node, request| {
+                let is_it = node == 2 && request[..3] == [0x40, 0x61, 0x60];
+                (is_it && !has_changed).then_some(Some([0x4f, 0x61, 0x60, 0, 1, 0, 0, 0]))
+            });
+            net.wait(Duration::from_millis(10));
+        }
+        if is_started {
+            // They did not say so in time, but they were told to.
+            assert_eq!(failure(&net).step, "start the node");
+            continue;
+        }
+        assert_eq!(failure(&net).failure, BootFailure::Mode { wanted: 10, received: 1 });
+        assert!(!net.take().contains(&"000#0100".to_owned()), "nothing is started");
+    }
 }
 
 #[test]
@@ -139,12 +165,56 @@ fn a_missing_node_is_named() {
     net.master.start(net.now, &mut net.sent);
     net.hear("701#00");
     net.hear("70A#00");
-    net.wait(Duration::from_millis(499));
+    net.wait(Duration::from_millis(699));
     assert_eq!(*net.master.phase(), Phase::Resetting);
     net.wait(Duration::from_millis(1));
     let error = failure(&net);
     assert_eq!((error.node_id, error.name.as_str()), (Some(2), "right"));
-    assert_eq!(error.failure, BootFailure::Missing { waited_ms: 500, is_unheard: false });
+    assert_eq!(error.failure, BootFailure::Missing { waited_ms: 700, is_unheard: false, said: Said::default() });
+}
+
+/// What the boot waits for: node, step, time waited and time left in ms.
+fn waiting(net: &Net) -> Option<(Option<u8>, &'static str, u128, u128)> {
+    let waiting = net.master.waiting(net.now)?;
+    Some((waiting.node_id, waiting.step, waiting.waited.as_millis(), waiting.left.as_millis()))
+}
+
+#[test]
+fn each_node_is_waited_for_as_long_as_it_may_take_and_who_looks_on_is_told() {
+    let (cycle, home) = torque_cycle();
+    let mut setup = setup(CommandMode::Torque, home, 0.0);
+    setup.drives[1].waits = Waits {
+        boot_up: Duration::from_millis(5000),
+        sdo: Duration::from_millis(1000),
+        start: Duration::from_millis(4000),
+    };
+    let mut net = Net::with(cycle, setup, home);
+    assert_eq!(waiting(&net), None);
+    net.master.start(net.now, &mut net.sent);
+    net.wait(Duration::from_millis(600));
+    assert_eq!(waiting(&net), Some((Some(1), "wait for the boot-up message", 600, 100)));
+    net.hear("701#00");
+    net.hear("70A#00");
+    net.wait(Duration::from_millis(4399));
+    assert_eq!(waiting(&net), Some((Some(2), "wait for the boot-up message", 4999, 1)));
+    net.hear("702#00");
+    assert_eq!(*net.master.phase(), Phase::Configuring);
+    net.serve(|node, _| (node == 2).then_some(None));
+    net.wait(Duration::from_millis(999));
+    assert_eq!(waiting(&net), Some((Some(2), "check the device type", 999, 1)));
+    net.master.start(net.now, &mut net.sent);
+    for line in ["701#00", "702#00", "70A#00"] {
+        net.hear(line);
+    }
+    net.serve(|_, _| None);
+    for _ in 0..399 {
+        ["701#05", "70A#05"].into_iter().for_each(|line| net.hear(line));
+        net.wait(Duration::from_millis(10));
+    }
+    assert_eq!(waiting(&net), Some((Some(2), "start the node", 3990, 10)));
+    net.wait(Duration::from_millis(10));
+    assert_eq!((failure(&net).node_id, failure(&net).step), (Some(2), "start the node"));
+    assert_eq!(waiting(&net), None);
 }
 
 #[test]
@@ -218,6 +288,33 @@ fn a_node_that_is_lost_before_all_are_started_is_named() {
 }
 
 #[test]
+fn a_node_that_does_not_start_is_named_with_its_state_and_its_emergency() {
+    for (heard, told) in [
+        (&[][..], "; its last word was its boot-up message"),
+        (&["701#7F"][..], "; its last heartbeat says Pre-operational"),
+        (
+            &["081#2042214321AABBCC", "081#4350210000000000", "701#04"][..],
+            "Stopped; its last emergency is 5043h device hardware",
+        ),
+    ] {
+        let mut net = Net::new(CommandMode::Torque);
+        net.reset();
+        net.serve(|_, _| None);
+        for _ in 0..50 {
+            ["702#05", "70A#05"].iter().chain(heard).for_each(|line| net.hear(line));
+            net.wait(Duration::from_millis(10));
+        }
+        let text = failure(&net).to_string();
+        assert!(text.starts_with("node 1 (left): start the node: not Operational within 500 ms"), "{text}");
+        assert!(text.ends_with(told), "{text}");
+        // The next boot knows nothing of it.
+        net.master.start(net.now, &mut net.sent);
+        net.wait(Duration::from_millis(700));
+        assert!(failure(&net).to_string().ends_with("after the reset; nothing was heard of it"), "{}", failure(&net));
+    }
+}
+
+#[test]
 fn a_person_starts_the_network_anew_from_any_phase() {
     let restart = |net: &mut Net| {
         net.take();
@@ -249,7 +346,7 @@ fn a_person_starts_the_network_anew_from_any_phase() {
     restart(&mut net);
     // After it failed.
     net.master.start(net.now, &mut net.sent);
-    net.wait(Duration::from_millis(500));
+    net.wait(Duration::from_millis(700));
     assert!(matches!(net.master.phase(), Phase::Failed(_)));
     restart(&mut net);
     // Out of silence.

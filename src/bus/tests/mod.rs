@@ -16,6 +16,10 @@ use crate::guard::{Fault, Request, State};
 use yieldwall_drives::profiles::{SIMULATED_FORCE_SENSOR, SIMULATED_SERVO};
 use yieldwall_drives::scaling::{AxisScaling, Direction};
 
+/// Waits that differ, so that one taken for the other shows.
+pub(super) const WAITS: Waits =
+    Waits { boot_up: Duration::from_millis(700), sdo: Duration::from_millis(250), start: Duration::from_millis(500) };
+
 const COUNTS_PER_REV: f64 = 800_000.0;
 
 /// A frame as candump writes it, such as `201#06000000`; on another bus than 0 with its number, `1:201#06000000`.
@@ -44,6 +48,7 @@ fn setup(mode: CommandMode, home: [f64; 2], zero_offset_rad: f64) -> MasterSetup
         scaling,
         expected_angle_rad,
         heartbeat,
+        waits: WAITS,
         torque_limit_per_mille: 1000,
         following_error_counts: 12_732,
     };
@@ -57,6 +62,7 @@ fn setup(mode: CommandMode, home: [f64; 2], zero_offset_rad: f64) -> MasterSetup
             name: "wrist".into(),
             bus: 0,
             link: SensorLink::Canopen(SensorNode { node_id: 10, profile: &SIMULATED_FORCE_SENSOR, heartbeat }),
+            waits: WAITS,
             sample_period: Duration::from_millis(1),
         },
     }
@@ -163,6 +169,9 @@ impl Net {
         }
         assert!(matches!(command, 0x23 | 0x2b | 0x2f), "an expedited download: {command:02X}");
         self.objects.insert(key, u32::from_le_bytes([a, b, c, d]));
+        if key.1 == 0x6060 {
+            self.objects.insert((node, 0x6061, 0), u32::from_le_bytes([a, b, c, d]));
+        }
         [0x60, low, high, sub, 0, 0, 0, 0]
     }
 

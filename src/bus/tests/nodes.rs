@@ -38,6 +38,27 @@ fn what_happens_on_the_bus_stops_both_drives_in_the_same_cycle() {
 }
 
 #[test]
+fn what_nodes_do_on_a_strangers_command_is_told_as_the_stranger() {
+    for (command, answers) in
+        [("000#8000", ["701#7F", "702#7F", "70A#7F"]), ("000#8100", ["701#00", "702#00", "70A#00"])]
+    {
+        let mut net = Net::running(CommandMode::Torque);
+        let (_, sent) = net.cycle(["3712"; 2], Request::None, |net| {
+            net.hear(command);
+            answers.iter().for_each(|line| net.hear(line));
+        });
+        assert_eq!(net.state(), (State::Stopped, Some(Fault::Intruder)), "{command}");
+        assert!(sent[0].starts_with("201#0200"), "{sent:?}");
+        net.cycle(["3712"; 2], Request::None, |_| {});
+        assert_eq!(net.state(), (State::Stopped, Some(Fault::Intruder)), "{command}: the first cause stays");
+        // Nobody runs it again without the nodes.
+        net.cycle(["3712"; 2], Request::Reset, |_| {});
+        net.cycle(["3712"; 2], Request::Enable, |_| {});
+        assert_eq!(net.state().0, State::Idle, "{command}");
+    }
+}
+
+#[test]
 fn the_emergency_is_kept_for_reports() {
     let mut net = Net::running(CommandMode::Torque);
     net.cycle(["3712"; 2], Request::None, |net| net.hear("082#1042200000000000"));

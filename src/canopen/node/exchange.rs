@@ -92,8 +92,20 @@ impl Node {
 
     /// Segments of a block, repetitions and aborts that are due.
     pub(super) fn poll_sdo(&mut self, now: Time, out: &mut impl Outbox) {
+        while self.answers.front().is_some_and(|(time, _)| now >= *time) {
+            self.answers.pop_front().into_iter().for_each(|(_, frame)| out.push(frame));
+        }
         while let Some(payload) = self.sdo.poll(now) {
-            out.push(Frame::new(cob::sdo_response(self.id), &payload));
+            self.answer(now, &payload, out);
+        }
+    }
+
+    fn answer(&mut self, now: Time, payload: &[u8; 8], out: &mut impl Outbox) {
+        let frame = Frame::new(cob::sdo_response(self.id), payload);
+        if self.sdo_time.is_zero() {
+            out.push(frame);
+        } else {
+            self.answers.push_back((now + self.sdo_time, frame));
         }
     }
 
@@ -128,7 +140,7 @@ impl Node {
         let answer = self.sdo.on_request(now, frame.bytes(), &mut service);
         let changed = service.changed;
         if let Some(payload) = answer {
-            out.push(Frame::new(cob::sdo_response(self.id), &payload));
+            self.answer(now, &payload, out);
         }
         self.poll_sdo(now, out);
         if let Some(index) = changed {

@@ -8,6 +8,7 @@ mod service;
 #[cfg(test)]
 mod tests;
 
+use std::collections::VecDeque;
 use std::time::Duration;
 
 pub use application::{Application, Reset};
@@ -57,6 +58,14 @@ pub struct Node {
     life_guard: LifeGuard,
     lss: LssSlave,
     is_powered: bool,
+    /// Time from a reset to the boot-up message.
+    reset_time: Duration,
+    /// When that is sent.
+    starts_at: Time,
+    /// Time from an SDO request to what answers it.
+    sdo_time: Duration,
+    /// Answers that wait for their time.
+    answers: VecDeque<(Time, Frame)>,
     next: Time,
 }
 
@@ -108,6 +117,10 @@ impl Node {
             life_guard: LifeGuard::new(),
             lss: LssSlave::new(address, Some(id)),
             is_powered: false,
+            reset_time: Duration::ZERO,
+            starts_at: Time::NEVER,
+            sdo_time: Duration::ZERO,
+            answers: VecDeque::new(),
             next: Time::NEVER,
             od,
         };
@@ -157,6 +170,16 @@ impl Node {
     /// transfer it waits four times as long, and repeats an acknowledgement after half the time.
     pub fn set_sdo_timeout(&mut self, timeout: Duration) {
         self.sdo.set_timeout(timeout);
+    }
+
+    /// How long the device takes from a reset to its boot-up message, deaf and silent; it is there at once unless set.
+    pub fn set_reset_time(&mut self, time: Duration) {
+        self.reset_time = time;
+    }
+
+    /// How long the SDO server takes to answer; it answers at once unless set.
+    pub fn set_sdo_time(&mut self, time: Duration) {
+        self.sdo_time = time;
     }
 
     /// How many segments of a block download the SDO server asks for at a time (1 to 127, clamped; 127 unless set), and
@@ -281,7 +304,9 @@ impl Node {
         self.od.restore_power_on_values(0, last);
         self.sdo.reset();
         self.emergencies.reset();
+        self.answers.clear();
         self.window_until = Time::NEVER;
+        self.starts_at = Time::NEVER;
         let Some(id) = self.lss.activate() else {
             self.next = Time::NEVER;
             return;
@@ -289,6 +314,15 @@ impl Node {
         self.take_node_id(id);
         app.on_reset(now, &mut self.od, reset);
         self.reload(now);
+        if self.reset_time.is_zero() {
+            return self.announce(now, app, out);
+        }
+        self.starts_at = now + self.reset_time;
+        self.next = self.starts_at;
+    }
+
+    fn announce(&mut self, now: Time, app: &mut impl Application, out: &mut impl Outbox) {
+        self.starts_at = Time::NEVER;
         out.push(nmt::heartbeat(self.id, NmtState::Initialising));
         self.enter(now, NmtState::PreOperational, app);
     }
@@ -354,6 +388,12 @@ impl Node {
     }
 
     fn do_what_is_due(&mut self, now: Time, app: &mut impl Application, out: &mut impl Outbox) {
+        if self.state == NmtState::Initialising {
+            if now >= self.starts_at {
+                self.announce(now, app, out);
+            }
+            return;
+        }
         if now >= self.heartbeat_at {
             out.push(nmt::heartbeat(self.id, self.state));
             let on_grid = self.heartbeat_at + self.heartbeat_period;
@@ -410,10 +450,11 @@ impl Node {
 
     fn earliest(&self) -> Time {
         if self.state == NmtState::Initialising {
-            return Time::NEVER;
+            return self.starts_at;
         }
+        let answer = self.answers.front().map_or(Time::NEVER, |(time, _)| *time);
         let control = self.heartbeat_at.min(self.heartbeats.next_deadline()).min(self.life_guard.deadline());
-        let others = control.min(self.sdo.next_deadline());
+        let others = control.min(self.sdo.next_deadline()).min(answer);
         let rpdos = self.rpdos.iter().map(Rpdo::deadline).fold(Time::NEVER, Time::min);
         self.tpdos.iter().map(Tpdo::deadline).fold(others.min(rpdos), Time::min)
     }

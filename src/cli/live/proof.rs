@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use super::PaceArgument;
 use crate::cli::failure::{Exit, Failure};
 use crate::cli::keep::state_folder;
-use crate::cli::run::{Arguments, judge, rig_failure};
+use crate::cli::run::{Arguments, NOTHING_ENABLED, judge, rig_failure};
 use crate::cli::{drill, latency};
 use crate::config;
 use crate::live::host::computer;
@@ -66,7 +66,7 @@ pub(super) fn proof(pace: PaceArgument, rig: &config::Rig, scene: &config::Scene
         let message = format!("--pace lockstep is for simulated devices, and {name} is none");
         return Err(Failure::new(Exit::Usage, message, "leave --pace away"));
     }
-    judge(&rig::drill(rig, scene, |_| ()).map_err(|error| rig_failure(&error))?, rig)?;
+    judge(&rig::drill(rig, scene, |_| ()).map_err(|error| rig_failure(&error))?, rig, NOTHING_ENABLED)?;
     Ok(Proof::InVirtualTime(Box::new(rig.clone())))
 }
 

@@ -91,6 +91,12 @@ fn boot_help(failure: &BootFailure) -> &'static str {
         BootFailure::Missing { .. } | BootFailure::NoSample { .. } | BootFailure::NoAnswer { .. } => {
             "check the device's supply, its cable and its bit rate, and compare the node ids with those in the rig file"
         }
+        BootFailure::NotStarted { said, .. } if said.emergency.is_some() => {
+            "look up the emergency in the manual of the device, and mend what it names"
+        }
+        BootFailure::NotStarted { .. } => {
+            "look at the device's error register (1001h) and at its last error (603Fh, 1003h)"
+        }
         BootFailure::Restarted { .. } => "check the node's supply, and give each device its own node id",
         _ => "compare node ids and profiles in the rig file with the devices on the bus",
     }
@@ -99,7 +105,7 @@ fn boot_help(failure: &BootFailure) -> &'static str {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::bus::BootError;
+    use crate::bus::{BootError, Said};
 
     fn said(error: &RigError) -> (Exit, String) {
         let Failure { exit, report } = rig_failure(error);
@@ -113,7 +119,7 @@ mod tests {
                 BootError { node_id: Some(1), name: "left".to_owned(), step: "wait for the boot-up message", failure };
             said(&RigError::Boot(error))
         };
-        let (exit, help) = boot(BootFailure::Missing { waited_ms: 500, is_unheard: true });
+        let (exit, help) = boot(BootFailure::Missing { waited_ms: 500, is_unheard: true, said: Said::default() });
         assert_eq!(exit, Exit::DeviceMismatch);
         assert!(["supply", "cable", "bit rate", "node ids"].iter().all(|word| help.contains(word)), "{help}");
         let (exit, help) = boot(BootFailure::Restarted { times: 4 });

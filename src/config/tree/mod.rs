@@ -11,6 +11,7 @@ mod rig;
 mod scene;
 mod sensor;
 mod surface;
+mod waits;
 
 pub use arm::{ArmInertia, ArmModel, DistalLink, ElbowSide, Linkage, Tool, WristSide};
 pub use device::{DeviceCycle, DeviceIdentity, DevicePlant, ImpedanceDevice};
@@ -27,3 +28,4 @@ pub use scene::{
 };
 pub use sensor::{ByteOrder, Mount, Sensor, SensorProtocol};
 pub use surface::{Forbidden, Surface};
+pub use waits::Waits;

@@ -9,6 +9,7 @@ use serde::{Deserialize, Serialize};
 use super::arm::{ArmInertia, ArmModel, Linkage};
 use super::fixture::Fixture;
 use super::sensor::Sensor;
+use super::waits::{Waits, enabling_ms};
 use crate::config::number::{Finite, NotNegative, Positive, nullable, present};
 
 /// An admittance rig: five-bar arm, two servo drives, force sensor, virtual fixture.
@@ -155,6 +156,14 @@ pub struct Drive {
     /// Heartbeat period of the drive, ms; this program watches it. 1 to 10 000, at least two control periods.
     #[garde(range(min = 1, max = 10_000))]
     pub heartbeat_ms: u16,
+    /// How long the drive is waited for while the network is booted; the usual times if left out.
+    #[garde(dive)]
+    #[serde(default)]
+    pub waits: Waits,
+    /// Longest time from the request to be enabled to Operation Enabled, ms, brakes included. 1 to 60 000; 5000 if left out.
+    #[garde(range(min = 1, max = 60_000))]
+    #[serde(default = "enabling_ms")]
+    pub enabling_ms: u32,
 }
 
 /// Joint controllers.

@@ -4,6 +4,7 @@ use garde::Validate;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
+use super::waits::Waits;
 use crate::config::number::{Finite, NotNegative, Positive, nullable, present};
 
 /// A six-axis force sensor.
@@ -40,6 +41,10 @@ pub struct Sensor {
     #[serde(deserialize_with = "present")]
     #[schemars(schema_with = "nullable::<Positive>")]
     pub low_pass_hz: Option<Positive>,
+    /// How long the sensor is waited for while the network is booted; the usual times if left out.
+    #[garde(dive)]
+    #[serde(default)]
+    pub waits: Waits,
 }
 
 /// What a force sensor speaks.

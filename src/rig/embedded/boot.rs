@@ -1,17 +1,11 @@
 //! Switching on, enabling, stopping, and coming back after a stop.
 
-use std::time::Duration;
-
 use super::{DEVICES, EmbeddedRig, RigError};
 use crate::bus::Phase;
 use crate::canopen::Time;
 use crate::guard::{Request, State};
 use crate::rig::conduct::{Enable, Enabling, STOP_LIMIT_S, has_torque, settling_cycles};
 
-/// Longest time from switching on to the exchange of process data, virtual.
-const BOOT_LIMIT: Duration = Duration::from_secs(5);
-/// Longest time from a reset to running, virtual.
-const RETURN_LIMIT_S: f64 = 5.0;
 /// Cycles from a reset to the question to be enabled again: the drives have left their fault state.
 const CYCLES_AFTER_RESET: u32 = 50;
 
@@ -23,7 +17,7 @@ impl EmbeddedRig {
     /// come to run.
     pub fn enable(&mut self) -> Result<(), RigError> {
         self.boot()?;
-        self.come_to_run(Enabling::LIMIT_S)
+        self.come_to_run(self.enabling)
     }
 
     /// Resets a rig that was stopped and enables it again; at once done if it runs. The hand lets go of the tool
@@ -53,7 +47,7 @@ impl EmbeddedRig {
         for _ in 0..CYCLES_AFTER_RESET {
             self.run_cycle(Request::None)?;
         }
-        self.come_to_run(RETURN_LIMIT_S)
+        self.come_to_run(self.enabling.after_reset())
     }
 
     /// Boots the network anew, without switching anything off, and enables the rig. The hand lets go of the tool
@@ -77,9 +71,9 @@ impl EmbeddedRig {
         Err(RigError::NotEnabled { waited_s: 0.0, state, cause: None })
     }
 
-    fn come_to_run(&mut self, limit_s: f64) -> Result<(), RigError> {
+    fn come_to_run(&mut self, enabling: Enabling) -> Result<(), RigError> {
         let settling = settling_cycles(self.period, self.sample_period);
-        let mut enabling = Enabling::within(limit_s, self.period.as_secs_f64()).not_before(settling);
+        let mut enabling = enabling.not_before(settling);
         loop {
             match enabling.next(self.state()) {
                 Enable::Ask(request) => self.run_cycle(request)?,
@@ -92,7 +86,8 @@ impl EmbeddedRig {
         }
         let cause = self.cause();
         let name = cause.map_or(String::new(), |cause| format!(", {}", cause.fault.row().name));
-        Err(RigError::NotEnabled { waited_s: limit_s, state: format!("{:?}{name}", self.state()), cause })
+        let state = format!("{:?}{name}", self.state());
+        Err(RigError::NotEnabled { waited_s: enabling.waited_s(), state, cause })
     }
 
     /// Stops the rig along its ramp and runs until no drive makes torque; at once done if none does.
@@ -122,8 +117,7 @@ impl EmbeddedRig {
         self.next_sync = Time::NEVER;
         self.master.start(self.now, &mut self.buses.outbox(self.now));
         self.troubles.link_events().for_each(|(bus, event)| self.master.on_link(bus, event));
-        let limit = self.now + BOOT_LIMIT;
-        while self.now < limit {
+        loop {
             match self.master.phase() {
                 Phase::Operational => {
                     let period = self.period.as_nanos() as u64;
@@ -131,13 +125,12 @@ impl EmbeddedRig {
                     return Ok(());
                 }
                 Phase::Failed(error) => return Err(error.clone().into()),
+                // The master gives every other phase a bound.
                 _ => {}
             }
-            let next = self.next_event().min(limit);
+            let next = self.next_event();
             self.pump(next)?;
             self.now = next;
         }
-        let state = format!("{:?}", self.master.phase());
-        Err(RigError::NotEnabled { waited_s: BOOT_LIMIT.as_secs_f64(), state, cause: None })
     }
 }

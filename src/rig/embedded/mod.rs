@@ -14,6 +14,7 @@ pub use probe::{BodyTruth, PORTS};
 
 use super::assembly;
 use super::build;
+use super::conduct::Enabling;
 use super::drill::Silence;
 use super::error::RigError;
 use super::far_end::FarEnd;
@@ -67,6 +68,7 @@ pub struct EmbeddedRig {
     /// Time from one sample of the force sensor to the next.
     sample_period: Duration,
     compute_at: Duration,
+    enabling: Enabling,
     now: Time,
     next_sync: Time,
     last: Option<Outputs>,
@@ -99,6 +101,7 @@ impl EmbeddedRig {
             period: Duration::from_micros(rig.cycle.period_us.into()),
             sample_period: build::sample_period(rig),
             compute_at: Duration::from_micros(rig.cycle.compute_at_us.into()),
+            enabling: Enabling::new(rig),
             now: Time::default(),
             next_sync: Time::NEVER,
             last: None,
@@ -112,6 +115,16 @@ impl EmbeddedRig {
     /// Takes a watch off both drives, as [`Drive::ignore`].
     pub fn ignore(&mut self, watchdog: Watchdog) {
         self.far.drives.iter_mut().for_each(|drive| drive.ignore(watchdog));
+    }
+
+    /// Has both drives take so long from a reset to their boot-up message.
+    pub fn set_reset_time(&mut self, time: Duration) {
+        self.far.drives.iter_mut().for_each(|drive| drive.set_reset_time(time));
+    }
+
+    /// Has both drives take so long to answer an SDO request.
+    pub fn set_sdo_time(&mut self, time: Duration) {
+        self.far.drives.iter_mut().for_each(|drive| drive.set_sdo_time(time));
     }
 
     /// Forgets what was injected and what the scene would.

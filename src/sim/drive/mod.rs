@@ -9,6 +9,8 @@ mod tests;
 
 pub use servo::PositionLoop;
 
+use std::time::Duration;
+
 use yieldwall_drives::cia402::State;
 use yieldwall_drives::profiles::{DeviceProfile, Role, RpdoTimeoutReaction};
 use yieldwall_drives::scaling::AxisScaling;
@@ -206,6 +208,17 @@ impl Drive {
             Watchdog::SetPoints => self.device.quirks.rpdo_timeout = RpdoTimeoutReaction::None,
             Watchdog::Heartbeat => self.ignores_heartbeats = true,
         }
+    }
+
+    /// Has the drive take so long from a reset or from switching on to its boot-up message; it is deaf meanwhile. At once
+    /// unless set.
+    pub fn set_reset_time(&mut self, time: Duration) {
+        self.node.set_reset_time(time);
+    }
+
+    /// Has the drive take so long to answer an SDO request; at once unless set.
+    pub fn set_sdo_time(&mut self, time: Duration) {
+        self.node.set_sdo_time(time);
     }
 
     /// Has the drive say in 2011h what its time follows.

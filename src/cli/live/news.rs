@@ -1,0 +1,88 @@
+//! What the thread of the cycle tells the thread that prints.
+
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::mpsc::{Receiver, Sender};
+use std::time::Duration;
+
+use super::warn;
+use crate::bus::Waiting;
+use crate::cli::output::Output;
+use crate::cli::progress::Progress;
+use crate::live::BootWatch;
+
+/// How long the boot waits before a person is told.
+const QUIET: Duration = Duration::from_secs(1);
+
+/// One piece of it.
+pub(in crate::cli) enum News {
+    /// This computer did not grant something.
+    Refused(String),
+    /// What the boot waits for, if that has taken a while.
+    Waiting(Option<String>),
+}
+
+/// Tells what every boot waits for, and ends it when a person asks for the end.
+pub(in crate::cli) fn boot_watch(news: Sender<News>, is_interrupted: Arc<AtomicBool>) -> BootWatch {
+    let mut was_told = false;
+    Box::new(move |waiting| {
+        let text = worth_telling(waiting);
+        if was_told || text.is_some() {
+            was_told = text.is_some();
+            // Nobody listens if the thread that prints has died.
+            let _ = news.send(News::Waiting(text));
+        }
+        is_interrupted.load(Ordering::Relaxed)
+    })
+}
+
+fn worth_telling(waiting: Option<Waiting<'_>>) -> Option<String> {
+    waiting.filter(|waiting| waiting.waited >= QUIET).map(|waiting| waiting.to_string())
+}
+
+/// Prints the news until the thread of the cycle has ended; with `is_strict` what was refused is told as an error later.
+pub(in crate::cli) fn print_news(told: &Receiver<News>, is_strict: bool, output: &mut Output) {
+    let mut line: Option<Progress> = None;
+    for news in told {
+        match news {
+            News::Refused(_) if is_strict => {}
+            News::Refused(refusal) => warn(output, refusal),
+            News::Waiting(Some(text)) => line.get_or_insert_with(|| Progress::line(output)).begin(&text),
+            News::Waiting(None) => line.take().into_iter().for_each(Progress::end),
+        }
+    }
+    line.into_iter().for_each(Progress::end);
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::sync::mpsc;
+
+    fn waiting(waited_ms: u64) -> Option<Waiting<'static>> {
+        let [waited, left] = [waited_ms, 5000 - waited_ms].map(Duration::from_millis);
+        Some(Waiting { node_id: Some(1), name: "left", step: "wait for the boot-up message", waited, left })
+    }
+
+    #[test]
+    fn a_boot_that_takes_a_while_says_for_whom_it_waits_what_for_and_how_long_still() {
+        let (news, told) = mpsc::channel();
+        let is_interrupted = Arc::new(AtomicBool::new(false));
+        let mut watch = boot_watch(news, Arc::clone(&is_interrupted));
+        for waited_ms in [0, 999, 1000, 1100] {
+            assert!(!watch(waiting(waited_ms)));
+        }
+        is_interrupted.store(true, Ordering::Relaxed);
+        assert!(watch(None) && watch(None), "the boot is to end");
+        drop(watch);
+        let told: Vec<Option<String>> = told
+            .iter()
+            .map(|news| match news {
+                News::Waiting(text) => text,
+                News::Refused(refusal) => panic!("{refusal}"),
+            })
+            .collect();
+        let text = |left| Some(format!("node 1 (left): wait for the boot-up message, for {left} s at most"));
+        assert_eq!(told, [text("4.0"), text("3.9"), None]);
+    }
+}
