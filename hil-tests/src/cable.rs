@@ -13,11 +13,15 @@ use yieldwall::rig::DeviceServer;
 /// What becomes of a frame on the way; the flag says whether the master sent it.
 pub type Passage = Box<dyn FnMut(Time, bool, &Frame) -> bool>;
 
+/// What somebody else sends behind a frame of the master, if anything.
+pub type Stranger = Box<dyn FnMut(&Frame) -> Option<Frame>>;
+
 struct Inner {
     now: Time,
     server: DeviceServer,
     inbox: VecDeque<Arrival>,
     passes: Option<Passage>,
+    stranger: Option<Stranger>,
     /// Which frames of the devices take longer, by how much, and those on their way.
     slow: Option<(Vec<u16>, Duration)>,
     on_the_way: VecDeque<Arrival>,
@@ -42,6 +46,7 @@ impl Cable {
             server,
             inbox: VecDeque::new(),
             passes: None,
+            stranger: None,
             slow: None,
             on_the_way: VecDeque::new(),
             late: Duration::ZERO,
@@ -58,6 +63,11 @@ impl Cable {
     /// Has `passes` decide for every frame whether it arrives.
     pub fn set_passage(&self, passes: impl FnMut(Time, bool, &Frame) -> bool + 'static) {
         self.0.borrow_mut().passes = Some(Box::new(passes));
+    }
+
+    /// Has somebody else send what `sends` says behind each frame of the master.
+    pub fn set_stranger(&self, sends: impl FnMut(&Frame) -> Option<Frame> + 'static) {
+        self.0.borrow_mut().stranger = Some(Box::new(sends));
     }
 
     /// Has frames of the devices with these identifiers take so much longer from now on.
@@ -129,6 +139,10 @@ impl Inner {
         self.inbox.push_back(Arrival { time, bus: frame.bus(), what: Received::Echo(*frame) });
         if self.passes(true, frame) {
             self.serve(|server, now, out| server.on_frame(now, frame, out).is_ok());
+        }
+        if let Some(foreign) = self.stranger.as_mut().and_then(|sends| sends(frame)) {
+            self.inbox.push_back(Arrival { time, bus: foreign.bus(), what: Received::Frame(foreign) });
+            self.serve(|server, now, out| server.on_frame(now, &foreign, out).is_ok());
         }
     }
 

@@ -3,7 +3,7 @@
 use std::sync::{Arc, Mutex};
 
 use yieldwall::canopen::{Frame, Time};
-use yieldwall::config::{self, Rig, Scene, Source};
+use yieldwall::config::{self, NotNegative, Positive, Rig, Scene, Source};
 use yieldwall::guard::{Fault, Request};
 use yieldwall::injection::Injection;
 use yieldwall::record::Row;
@@ -47,6 +47,19 @@ impl Scenario {
     /// The rig whose loop closes in the drives, in cyclic synchronous position mode.
     pub fn position() -> Self {
         Self::shipped("paper-admittance-csp.yaml")
+    }
+
+    /// The same with a hand that does nothing, so that the tool stays where it is.
+    ///
+    /// # Panics
+    /// Never: the numbers are in their range.
+    #[must_use]
+    pub fn still(mut self) -> Self {
+        let none = || NotNegative::new(0.0).expect("zero");
+        let hand = &mut self.scene.hand;
+        hand.stiffness_n_per_m = Positive::new(1e-6).expect("above zero");
+        (hand.mass_kg, hand.damping_n_s_per_m, hand.tremor) = (none(), none(), None);
+        self
     }
 
     /// The command that runs the shipped files with this seed.

@@ -21,12 +21,13 @@ fn both() -> [Scenario; 2] {
 }
 
 /// Injections whose first sign does not come in their first cycle, or hangs on the motion.
-const SIGN_COMES_LATER: [Kind; 13] = [
+const SIGN_COMES_LATER: [Kind; 14] = [
     Kind::SensorDrift,
     Kind::SetPointsLost,
     Kind::NodeSilent,
     Kind::DuplicateNode,
-    Kind::IntruderSetPoint,
+    Kind::ForeignSetPoint,
+    Kind::ForeignDownload,
     Kind::DriveRunaway,
     Kind::EncoderStuck,
     Kind::ArmBlocked,

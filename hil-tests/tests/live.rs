@@ -1,12 +1,14 @@
 //! The loop for a real bus, on a cable in memory: the rig against the same simulated devices, on a clock of its own.
 
+use std::cell::Cell;
+use std::rc::Rc;
 use std::sync::atomic::AtomicBool;
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
 use hil_tests::{Scenario, cable::Cable};
 use yieldwall::bus::{BootFailure, SensorLink};
-use yieldwall::canopen::cob;
+use yieldwall::canopen::{Frame, cob};
 use yieldwall::guard::{DeviceSet, Fault, Request, State};
 use yieldwall::live::{Ended, LiveError, LiveRig, Play, Played, drive_addresses};
 use yieldwall::record::Row;
@@ -228,6 +230,69 @@ fn a_drive_that_dies_stops_the_other_in_the_same_cycle() {
         assert_eq!(until_latched(&mut rig, 10), Some(5), "{pace:?}");
         assert_eq!((rig.state(), fault(&rig)), (State::Stopped, Some(Fault::PdoMissed)));
         assert_at_rest(&cable, &mut rig, State::Stopped);
+    }
+}
+
+#[test]
+fn no_sync_follows_a_foreign_set_point_before_a_quick_stop_and_no_joint_moves() {
+    for (scenario, pace, strikes) in [
+        (Scenario::torque(), Pace::Lockstep, 1000),
+        (Scenario::position(), Pace::Lockstep, 200),
+        (Scenario::torque(), Pace::Free, 200),
+        (Scenario::position(), Pace::Free, 200),
+    ] {
+        let file = scenario.file;
+        // Enable Operation with half of the rated torque, or with position 0.
+        let target = if file == Scenario::torque().file { &[0x0f, 0, 0xf4, 0x01][..] } else { &[0x0f, 0, 0, 0, 0, 0] };
+        let (cable, mut rig) = running(&scenario.still(), pace, 20);
+        // Behind which own frame the stranger sends next, and the identifier for which no quick stop has followed.
+        let (next, open, syncs) = (Rc::new(Cell::new(None)), Rc::new(Cell::new(None)), Rc::new(Cell::new(0)));
+        cable.set_stranger({
+            let (next, open) = (Rc::clone(&next), Rc::clone(&open));
+            move |own| {
+                let (_, foreign): (u16, Frame) = next.get().filter(|(behind, _)| own.id() == *behind)?;
+                next.set(None);
+                open.set(Some(foreign.id()));
+                Some(foreign)
+            }
+        });
+        cable.set_passage({
+            let (open, syncs) = (Rc::clone(&open), Rc::clone(&syncs));
+            move |_, is_master, frame| {
+                let is_stop = frame.bytes()[0] & 0x8f != 0x0f;
+                if is_master && frame.id() == cob::SYNC {
+                    syncs.set(syncs.get() + u32::from(open.get().is_some()));
+                } else if is_master && open.get() == Some(frame.id()) && is_stop {
+                    open.set(None);
+                }
+                true
+            }
+        });
+        let mut farthest_rad = 0.0_f64;
+        for strike in 0..strikes {
+            let what = format!("{file} {pace:?} strike {strike}");
+            let id = [0x201, 0x202][strike % 2];
+            next.set(Some(([0x080, 0x201, 0x202][strike / 2 % 3], Frame::new(id, target))));
+            let angles = |rig: &Rig| rig.last_outputs().map(|last| last.signals.measured_angles.to_array()).unwrap();
+            let before = angles(&rig);
+            for _ in 0..10 {
+                rig.run_cycle(Request::None);
+                let moved = angles(&rig).into_iter().zip(before).map(|(now, then)| (now - then).abs());
+                farthest_rad = moved.fold(farthest_rad, f64::max);
+            }
+            assert_eq!((rig.state(), fault(&rig)), (State::Stopped, Some(Fault::Intruder)), "{what}");
+            assert_eq!((syncs.get(), open.get()), (0, None), "{what}: SYNC made it act");
+            assert!(farthest_rad < 5e-5, "{what}: a joint went {farthest_rad} rad");
+            rig.run_cycle(Request::Reset);
+            for cycle in 0..400 {
+                if rig.state() == State::Running {
+                    break;
+                }
+                let asks = rig.state() == State::Idle && cycle % 8 == 7;
+                rig.run_cycle(if asks { Request::Enable } else { Request::None });
+            }
+            assert_eq!(rig.state(), State::Running, "{what}: {:?}", rig.cause());
+        }
     }
 }
 

@@ -5,7 +5,7 @@ mod plan;
 use super::error::BootFailure;
 use super::setup::{CommandMode, DriveSetup, SensorNode};
 use crate::canopen::pdo::Field;
-use crate::canopen::{Frame, NodeId, Outbox, Time};
+use crate::canopen::{Frame, NodeId, Outbox, Time, cob};
 use crate::cycle::DriveSample;
 use crate::guard::{Allowed, DeviceSet, JointCommand};
 use crate::plain_can::{Client, Heard};
@@ -24,6 +24,8 @@ const NO_SLOT: u8 = u8::MAX;
 const OWN_SLOT: u8 = u8::MAX - 1;
 /// A frame of the sensor on plain CAN.
 const PLAIN_SLOT: u8 = u8::MAX - 2;
+/// A set-point, which only the master sends.
+const SET_POINT_SLOT: u8 = u8::MAX - 3;
 
 #[derive(Clone, Copy, Debug)]
 enum Source {
@@ -71,6 +73,8 @@ pub(super) enum Taken {
     Image,
     /// One that only the master sends.
     Own,
+    /// A set-point for a drive, which only the master sends.
+    SetPoint,
     /// None of its business.
     Other,
 }
@@ -150,6 +154,7 @@ impl Image {
         let [(left, _), (right, _)] = &drives;
         let mut image = Incomings::new(left.bus.max(right.bus).max(sensor_bus));
         let [left, right] = drives;
+        let rpdos = [left, right].map(|(drive, node)| (drive.bus, [1, 2, 3, 4].map(|number| cob::rpdo(number, node))));
         let drives = [image.drive(mode, 0, left)?, image.drive(mode, 1, right)?];
         let plain = match sensor {
             SensorFrames::Canopen(setup, node) => {
@@ -158,7 +163,6 @@ impl Image {
             }
             SensorFrames::PlainCan(client) => Some(client),
         };
-        let set_points = drives.each_ref().map(|drive| (drive.outgoing.bus, drive.outgoing.id));
         let Incomings { slots, incoming } = image;
         let mut image = Self {
             slots,
@@ -171,14 +175,21 @@ impl Image {
             irregular: Irregular::default(),
             is_open: false,
         };
-        set_points.into_iter().for_each(|(bus, id)| image.reserve(bus, id));
+        // A drive may take set-points by the RPDOs that the master leaves as it found them, too.
+        for (bus, ids) in rpdos {
+            ids.into_iter().flatten().for_each(|id| image.keep(bus, id, SET_POINT_SLOT));
+        }
         Ok(image)
     }
 
     /// Frames with this identifier are the master's alone on this bus.
     pub(super) fn reserve(&mut self, bus: u8, id: u16) {
+        self.keep(bus, id, OWN_SLOT);
+    }
+
+    fn keep(&mut self, bus: u8, id: u16, wanted: u8) {
         if let Some(slot) = self.slots.get_mut(slot_index(bus, id)) {
-            *slot = OWN_SLOT;
+            *slot = wanted;
         }
     }
 
@@ -188,8 +199,9 @@ impl Image {
         let [first, second] = client.protocol().data_ids();
         let order = client.protocol().order_id();
         for (id, wanted) in [(first, PLAIN_SLOT), (second, PLAIN_SLOT), (order, OWN_SLOT)] {
+            let is_sent = self.is_set_point(&Frame::new(id, &[]).on_bus(self.sensor_bus));
             match self.slots.get_mut(slot_index(self.sensor_bus, id)) {
-                Some(slot) if *slot == NO_SLOT => *slot = wanted,
+                Some(slot) if *slot == NO_SLOT || (*slot == SET_POINT_SLOT && !is_sent) => *slot = wanted,
                 _ => return Err(BootFailure::Identifier { id }),
             }
         }
@@ -254,6 +266,7 @@ impl Image {
         let Some(incoming) = self.incoming.get_mut(usize::from(slot)) else {
             return match (slot, &mut self.plain) {
                 (OWN_SLOT, _) => Taken::Own,
+                (SET_POINT_SLOT, _) => Taken::SetPoint,
                 (PLAIN_SLOT, Some(client)) => {
                     let is_short = client.on_frame(now, frame) == Heard::BadLength;
                     self.irregular.bad_length |= DeviceSet::SENSOR.only_if(is_short);

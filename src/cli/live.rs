@@ -129,6 +129,10 @@ struct Outcome {
     priority: Result<(), Refusal>,
     /// What the devices told of themselves, the latest last.
     emergencies: Vec<Emergency>,
+    /// Faults that held nothing, each with the number of cycles in which it was seen.
+    counted: Vec<(Fault, u32)>,
+    /// SDO downloads of somebody else to the rig's nodes.
+    foreign_downloads: u32,
 }
 
 pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Failure> {
@@ -269,6 +273,8 @@ fn run_loop(
         counts: LinkCounts::default(),
         priority,
         emergencies: Vec::new(),
+        counted: Vec::new(),
+        foreign_downloads: 0,
     };
     if demands.is_first && outcome.priority.is_err() {
         return outcome;
@@ -297,6 +303,8 @@ fn run_loop(
     });
     machine.leave();
     (outcome.played, outcome.counts) = (played, machine.counts());
+    outcome.counted = machine.master().cycle().faults().counted().collect();
+    outcome.foreign_downloads = machine.master().foreign_downloads();
     outcome.emergencies = different(machine.master().emergencies().map(|(_, emergency)| emergency));
     outcome
 }

@@ -12,7 +12,9 @@ use std::time::Instant;
 pub(super) use self::ending::{above_bound, bus_names, describe, devices_text, exit_of, rig_failure, stopped_by};
 use self::facts::Facts;
 pub(super) use self::picture::{check_picture, drawing_failure, make_folder_of, write_drawing};
-pub(super) use self::words::{measures_text, mode_text, tool_text, watchdogs_json, watchdogs_text};
+pub(super) use self::words::{
+    counted_json, counted_text, measures_text, mode_text, tool_text, watchdogs_json, watchdogs_text,
+};
 use super::bus::plans;
 use super::failure::{Exit, Failure};
 use super::faults::FaultArgument;

@@ -56,7 +56,7 @@ pub struct LinkEvents {
     pub emergency: DeviceSet,
     /// An emergency message that is a warning arrived.
     pub emergency_warning: DeviceSet,
-    /// Somebody else sent NMT commands, SYNC or set-points.
+    /// Somebody else sent NMT commands, SYNC or set-points, or has written to a node by SDO.
     pub intruder: bool,
     /// The interfaces that the frames of the last cycle have not left yet.
     pub transmit_stalled: DeviceSet,
@@ -244,7 +244,7 @@ impl Cycle {
     pub fn step(&mut self, inputs: &Inputs) -> Outputs {
         self.faults.begin_cycle();
         // measure
-        self.measure(&inputs.drives, &inputs.timing);
+        self.measure(inputs);
         let reading = self.sense(inputs.sample.as_ref());
         // supervise
         self.observe(inputs, &reading);

@@ -25,7 +25,7 @@ const STALLED_AFTER_SKIPPED: u32 = 3;
 
 impl Cycle {
     /// Takes the measured angles; a joint without new process data is predicted by its last rate, for a few cycles.
-    pub(super) fn measure(&mut self, drives: &[DriveSample; 2], timing: &Timing) {
+    pub(super) fn measure(&mut self, Inputs { drives, timing, link, .. }: &Inputs) {
         let period = self.settings.period_s;
         let last = self.measured;
         let mut angles = last.angles.to_array();
@@ -62,7 +62,9 @@ impl Cycle {
         }
         self.measured = Measured { angles: JointAngles::from(angles), rates: JointRates::from(rates) };
         self.faults.observe_on(Fault::EncoderJump, jumped);
-        self.faults.observe_on(Fault::PdoMissed, DeviceSet::drives_where(self.missed.map(|missed| missed > 0)));
+        // An intruder keeps SYNC from leaving, and with it the process data: what is missed then is no fault of its own.
+        let missed = DeviceSet::drives_where(self.missed.map(|missed| missed > 0));
+        self.faults.observe_on(Fault::PdoMissed, missed.only_if(!link.intruder));
         let is_known = self.missed.iter().all(|missed| *missed != u16::MAX);
         // The closure alone does not tell on which sides the elbows lie.
         let sides = self.linkage.geometry().elbows;

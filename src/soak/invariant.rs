@@ -41,6 +41,8 @@ pub enum Invariant {
     I19,
     /// Queues keep to their bounds.
     I20,
+    /// No SYNC makes a drive act on the set-point of a stranger.
+    I21,
     /// The drives stop by themselves when nobody commands them.
     Watchdog,
     /// Nothing stops the rig that nobody injected.
@@ -51,7 +53,7 @@ pub enum Invariant {
 
 impl Invariant {
     /// All of them.
-    pub const ALL: [Self; 21] = [
+    pub const ALL: [Self; 22] = [
         Self::I1,
         Self::I2,
         Self::I3,
@@ -70,6 +72,7 @@ impl Invariant {
         Self::I18,
         Self::I19,
         Self::I20,
+        Self::I21,
         Self::Watchdog,
         Self::FalseAlarm,
         Self::Simulation,
@@ -96,6 +99,7 @@ impl Invariant {
             Self::I18 => "I18",
             Self::I19 => "I19",
             Self::I20 => "I20",
+            Self::I21 => "I21",
             Self::Watchdog => "watchdog",
             Self::FalseAlarm => "false-alarm",
             Self::Simulation => "simulation",
@@ -123,6 +127,7 @@ impl Invariant {
             Self::I18 => "nothing resets a fault or enables without a person",
             Self::I19 => "the frames of a cycle fit into it",
             Self::I20 => "queues keep to their bounds",
+            Self::I21 => "no SYNC makes a drive act on a stranger's set-point",
             Self::Watchdog => "drives that nobody commands stop by themselves",
             Self::FalseAlarm => "nothing stops the rig that nobody injected",
             Self::Simulation => "the simulation goes on",

@@ -33,7 +33,8 @@ pub(super) fn falsifies(kind: Kind) -> Falsified {
         | Kind::DriveLeavesOperation
         | Kind::DriveIgnoresCommand
         | Kind::DriveRunaway
-        | Kind::IntruderSetPoint => Falsified { drives: true, ..none },
+        | Kind::ForeignSetPoint
+        | Kind::ForeignDownload => Falsified { drives: true, ..none },
         Kind::NodeReset | Kind::NodeSilent | Kind::IntruderNmt | Kind::DriveNotEnabling => {
             Falsified { drives: true, force: true, angles: true, ..none }
         }
@@ -41,6 +42,7 @@ pub(super) fn falsifies(kind: Kind) -> Falsified {
         Kind::ArmBlocked => Falsified { arm: true, ..none },
         Kind::SyncLost
         | Kind::IntruderSync
+        | Kind::SecondMaster
         | Kind::SyncLate
         | Kind::ComputeLate
         | Kind::CycleOverrun
@@ -86,6 +88,11 @@ pub(super) fn usual(kind: Kind, start_s: f64, period_s: f64) -> Injection {
         }
         _ => injection,
     }
+}
+
+/// Whether its size is a moment of the cycle, and what has to follow is the same at all of them.
+pub(super) fn is_at_any_moment(kind: Kind) -> bool {
+    matches!(kind, Kind::ForeignSetPoint)
 }
 
 /// When what an injection does has settled, in s since the scene began.

@@ -17,6 +17,8 @@ pub enum Sender {
     Drive(usize),
     /// The force sensor.
     Sensor,
+    /// Whoever else is on the bus.
+    Stranger,
 }
 
 /// A frame, as it left its sender or as it arrived.

@@ -79,6 +79,7 @@ fn one_by_one(dice: &mut Dice, machine: &Machine, duration_s: f64) -> Vec<Inject
         if dice.chance(0.3) {
             vary(dice, &mut injection);
         }
+        choose_moment(dice, &mut injection);
         let end_s = if injection.end_s().is_finite() { injection.end_s() } else { time_s };
         if end_s + APART_S[0] > duration_s {
             if time_s + APART_S[1] > duration_s {
@@ -100,6 +101,7 @@ fn tangle(dice: &mut Dice, duration_s: f64) -> Vec<Injection> {
         let kind = dice.one_of(&deck);
         let mut injection = at(dice, kind, time_s);
         vary(dice, &mut injection);
+        choose_moment(dice, &mut injection);
         injections.push(injection);
         // A burst now and then, else a pause in which the rig can come back.
         time_s += if dice.chance(0.3) { dice.between(0.5, 1.5) } else { dice.between(0.0, 2.0 * TANGLE_APART_S) };
@@ -118,6 +120,13 @@ fn vary(dice: &mut Dice, injection: &mut Injection) {
     {
         let drawn = size.usual * dice.between(0.3, 1.5);
         injection.size = drawn.clamp(size.least, size.most);
+    }
+}
+
+/// Any moment of the cycle, where the size says which.
+fn choose_moment(dice: &mut Dice, injection: &mut Injection) {
+    if let (true, Some(size)) = (nature::is_at_any_moment(injection.kind), injection.kind.row().size) {
+        injection.size = dice.between(size.least, size.most);
     }
 }
 

@@ -310,13 +310,13 @@ impl<'a> Run<'a> {
         let sightings = Arc::clone(&self.sightings);
         machine.set_witness(Box::new(move |passage| {
             let sender = match PORTS.iter().position(|port| *port == passage.from) {
-                Some(0) => Some(Sender::Master),
-                Some(joint @ (1 | 2)) => Some(Sender::Drive(joint - 1)),
-                Some(3) => Some(Sender::Sensor),
-                _ => return,
+                Some(0) => Sender::Master,
+                Some(joint @ (1 | 2)) => Sender::Drive(joint - 1),
+                Some(_) => Sender::Sensor,
+                None => Sender::Stranger,
             };
             if let Ok(mut sightings) = sightings.lock() {
-                sightings.push(Sighting { time_ns: passage.time.0, sender, frame: passage.sent });
+                sightings.push(Sighting { time_ns: passage.time.0, sender: Some(sender), frame: passage.sent });
             }
         }));
         let arrivals = Arc::clone(&self.sightings);

@@ -258,6 +258,7 @@ fn judge_window(clock: &Clock, injection: &Injection, window: &[&Event], play: &
     let met_running = state_at(play, clock, injection.start_s) == Some(State::Running);
     let expected = row.expected;
     let usual = nature::usual(injection.kind, injection.start_s, clock.period_s).on(injection.target);
+    let usual = if nature::is_at_any_moment(injection.kind) { usual.sized(injection.size) } else { usual };
     let is_usual = usual == *injection;
     let mut latched = None;
     let mut has_expected = expected.faults.is_empty();

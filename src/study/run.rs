@@ -7,7 +7,7 @@ use std::time::Duration;
 pub(super) use self::seen::trace;
 use super::measures::{Context, Measures, measure};
 use crate::config;
-use crate::guard::{Cause, Request, State};
+use crate::guard::{Cause, Fault, Request, State};
 use crate::injection::Injection;
 use crate::record::{AROUND_FAULT_S, ForceMeaning, Row, Trace};
 use crate::rig::{EmbeddedRig, ImpedanceRig, Observer, RigError, Tap};
@@ -41,6 +41,10 @@ pub struct RunReport {
     pub started_at_s: Option<f64>,
     /// Time in s in which a fault held the reference at rest and cleared by itself.
     pub held_s: f64,
+    /// Faults that hold nothing, each with the number of cycles in which it was seen, from the boot to the end.
+    pub counted: Vec<(Fault, u32)>,
+    /// SDO downloads of somebody else to the rig's nodes.
+    pub foreign_downloads: u32,
     /// Cycle time in s.
     pub period_s: f64,
 }
@@ -133,6 +137,8 @@ pub fn run_rig(
         bus_loads,
         started_at_s: Some(started_at.as_secs_f64()),
         held_s,
+        counted: machine.master().cycle().faults().counted().collect(),
+        foreign_downloads: machine.master().foreign_downloads(),
         period_s,
     })
 }
@@ -196,6 +202,8 @@ pub fn run_device(
         bus_loads: Vec::new(),
         started_at_s: None,
         held_s: 0.0,
+        counted: Vec::new(),
+        foreign_downloads: 0,
         period_s,
     })
 }

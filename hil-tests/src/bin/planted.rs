@@ -21,7 +21,7 @@ const fn defect(name: &'static str, file: &'static str, from: &'static str, to: 
 }
 
 /// What is planted in gate, supervisor, fault counts, cycle, fixture, master and process data.
-const DEFECTS: [Defect; 15] = [
+const DEFECTS: [Defect; 16] = [
     defect(
         "the gate lets every torque through",
         "src/guard/gate.rs",
@@ -79,8 +79,14 @@ const DEFECTS: [Defect; 15] = [
     defect(
         "set-points go out although the last ones have not left",
         "src/bus/master/mod.rs",
-        "if self.is_sync_held() {",
+        "if self.is_mute() {",
         "if self.is_silent {",
+    ),
+    defect(
+        "SYNC leaves although a stranger's set-point was heard",
+        "src/bus/master/mod.rs",
+        "self.is_sync_held = self.is_mute() || self.is_overwritten;",
+        "self.is_sync_held = self.is_mute();",
     ),
     defect(
         "the turn of an encoder is not looked for",

@@ -56,6 +56,12 @@ pub struct Master {
     has_echo: bool,
     /// The interfaces because of which SYNC and set-points of this cycle are held back.
     held: DeviceSet,
+    /// Whether somebody else's set-point was heard and no own ones have been sent since: SYNC might make a drive act on it.
+    is_overwritten: bool,
+    /// Whether SYNC of this cycle is held back.
+    is_sync_held: bool,
+    /// SDO downloads of somebody else to configured nodes.
+    foreign_downloads: u32,
     /// Whether the cycle failed and never runs again.
     has_failed: bool,
     last: Outputs,
@@ -147,6 +153,9 @@ impl Master {
             is_silent: false,
             has_echo: false,
             held: DeviceSet::NONE,
+            is_overwritten: false,
+            is_sync_held: false,
+            foreign_downloads: 0,
             has_failed: false,
             last,
             emergencies: [None; EMERGENCIES],
@@ -190,6 +199,12 @@ impl Master {
         self.is_silent
     }
 
+    /// How often somebody else began to write to a configured node by SDO. While the rig is enabled that is
+    /// [`Fault::Intruder`], until the network is started anew; otherwise it is only counted. Reading is nobody's harm.
+    pub fn foreign_downloads(&self) -> u32 {
+        self.foreign_downloads
+    }
+
     /// The last emergency message of any node.
     pub fn last_emergency(&self) -> Option<Emergency> {
         self.emergencies().last().map(|(_, emergency)| emergency)
@@ -207,14 +222,21 @@ impl Master {
     pub fn on_frame(&mut self, now: Time, frame: &Frame, out: &mut impl Outbox) {
         match self.image.on_frame(now, frame) {
             Taken::Image => return self.go_on_if_started(),
-            Taken::Own => {
+            taken @ (Taken::Own | Taken::SetPoint) => {
                 self.events.intruder = true;
+                self.is_overwritten |= taken == Taken::SetPoint;
                 return;
             }
             Taken::Other => {}
         }
-        let has_echo = self.has_echo;
-        self.nodes.iter_mut().filter(|node| node.bus == frame.bus()).for_each(|node| node.on_sdo(frame, has_echo));
+        let (has_echo, state) = (self.has_echo, self.state());
+        for node in self.nodes.iter_mut().filter(|node| node.bus == frame.bus()) {
+            node.on_sdo(frame, has_echo);
+            if node.is_written_by(frame) {
+                self.foreign_downloads = self.foreign_downloads.saturating_add(1);
+                node.is_altered |= !(state == State::Idle || state.is_latched());
+            }
+        }
         if let Some((id, state)) = nmt::decode_heartbeat(frame)
             && let Some(node) = self.nodes.iter_mut().find(|node| node.is(frame.bus(), id))
         {
@@ -271,13 +293,18 @@ impl Master {
     /// without set-points, neither SYNC nor set-points are sent on any. At the second such cycle in a row the master falls
     /// silent ([`Master::is_silent`]).
     ///
+    /// Drives act at SYNC on the last set-point that they heard. After one of somebody else SYNC therefore waits on all buses
+    /// until own ones, which the cycle has computed as the answer to [`Fault::Intruder`], were sent and seen.
+    /// Sending them here already would gain nothing: the SYNC that makes the drives act on them is that of the next cycle.
+    ///
     /// Real-time: yes.
     pub fn on_sync(&mut self, out: &mut impl Outbox) {
         self.image.begin_cycle();
         let waiting = self.lines.iter().filter(|line| self.has_echo && line.in_flight > 0);
         self.held = waiting.fold(DeviceSet::NONE, |held, line| held | DeviceSet::interface(line.bus));
-        if !self.is_sync_held() {
-            self.repeat_sync(out);
+        self.is_sync_held = self.is_mute() || self.is_overwritten;
+        if !self.is_sync_held {
+            self.send_sync(out);
             self.lines.iter_mut().for_each(Line::note_sync);
             if let Some(client) = self.image.plain_mut() {
                 client.read(&mut out.on(self.sensor_bus));
@@ -307,11 +334,16 @@ impl Master {
         self.nodes.iter_mut().for_each(Node::forget_times);
     }
 
-    /// Whether SYNC was held back in this cycle, since the set-points of an earlier one are still on their way or nothing
-    /// is sent at all: no process data can come.
+    /// Whether SYNC was held back in this cycle, since the set-points of an earlier one are still on their way, a drive may
+    /// hold a set-point of somebody else, or nothing is sent at all: no process data can come.
     ///
     /// Real-time: yes.
     pub fn is_sync_held(&self) -> bool {
+        self.is_sync_held
+    }
+
+    /// Whether neither SYNC nor set-points are sent in this cycle.
+    fn is_mute(&self) -> bool {
         self.is_silent || !self.held.is_empty()
     }
 
@@ -322,8 +354,15 @@ impl Master {
         self.lines.iter().any(|line| line.in_flight > 0)
     }
 
-    /// SYNC on every bus where somebody hears it, outside of any cycle.
+    /// SYNC on every bus where somebody hears it, outside of any cycle; none while a drive may hold a set-point of somebody
+    /// else.
     pub fn repeat_sync(&mut self, out: &mut impl Outbox) {
+        if !self.is_overwritten {
+            self.send_sync(out);
+        }
+    }
+
+    fn send_sync(&mut self, out: &mut impl Outbox) {
         let sync = self.sync.next_frame();
         self.lines.iter().filter(|line| line.has_sync).for_each(|line| out.push(sync.on_bus(line.bus)));
     }
@@ -368,6 +407,7 @@ impl Master {
         link.transmit_stalled = self.held;
         // A node that is not there stays a fault, so that the rig cannot be enabled again without it.
         for node in &self.nodes {
+            link.intruder |= node.is_altered;
             link.node_reset |= node.device.only_if(node.has_restarted);
             link.duplicate_node |= node.device.only_if(node.is_double);
             link.heartbeat_lost |= node.device.only_if(!(node.is_operational || node.has_restarted));
@@ -407,10 +447,12 @@ impl Master {
     ///
     /// Real-time: yes.
     pub fn send_set_points(&mut self, now: Time, out: &mut impl Outbox) {
-        if self.is_sync_held() {
+        if self.is_mute() {
             return self.image.cancel_fault_reset();
         }
         self.image.send(self.last.directive.goal, &self.last.command, out);
+        // What was heard up to the computation is the cycle's cause to stop both drives.
+        self.is_overwritten = false;
         self.lines.iter_mut().for_each(Line::note_set_points);
         self.send_heartbeat(now, out);
     }

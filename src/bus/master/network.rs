@@ -27,6 +27,7 @@ impl Master {
         self.nodes.iter_mut().for_each(Node::restart);
         self.events = LinkEvents::default();
         (self.is_silent, self.held, self.has_echo) = (false, DeviceSet::NONE, false);
+        (self.is_overwritten, self.is_sync_held) = (false, false);
         self.last = self.cycle.idle();
         self.enter(Phase::Resetting);
         self.phase_since = now;

@@ -20,6 +20,10 @@ const PERIODS_OF_TWO: f64 = 1.75;
 const ANSWERS_OF_TWO: i32 = 3;
 /// An SDO abort, which nobody answers (CiA 301).
 const ABORT: u8 = 0x80;
+/// What begins an SDO download, in segments or at once, by its three highest bits ...
+const DOWNLOAD: u8 = 1;
+/// ... and by block, of which the lowest bit ends one (CiA 301).
+const BLOCK_DOWNLOAD: u8 = 6;
 
 #[derive(Clone)]
 pub(super) struct Node {
@@ -50,6 +54,9 @@ pub(super) struct Node {
     has_other_client: bool,
     /// Whether another device uses its identifier.
     pub(super) is_double: bool,
+    /// Whether somebody else wrote to it while the rig was enabled: its watchdogs and limits may be gone until the master
+    /// starts anew.
+    pub(super) is_altered: bool,
 }
 
 impl Node {
@@ -71,6 +78,7 @@ impl Node {
             unanswered: 0,
             has_other_client: false,
             is_double: false,
+            is_altered: false,
         }
     }
 
@@ -95,7 +103,7 @@ impl Node {
         self.said = Said::default();
         (self.has_booted, self.is_operational, self.has_restarted) = (false, false, false);
         (self.heard, self.is_double) = (Default::default(), false);
-        (self.unanswered, self.has_other_client) = (0, false);
+        (self.unanswered, self.has_other_client, self.is_altered) = (0, false, false);
     }
 
     /// Forgets when its heartbeats came.
@@ -117,6 +125,13 @@ impl Node {
             self.unanswered = self.unanswered.saturating_sub(1);
             self.is_double |= self.unanswered <= -ANSWERS_OF_TWO;
         }
+    }
+
+    /// Whether a frame of somebody else begins to write to it, after it was configured.
+    pub(super) fn is_written_by(&self, frame: &Frame) -> bool {
+        let command = frame.data().first().copied().unwrap_or_default();
+        let begins = command >> 5 == DOWNLOAD || (command >> 5 == BLOCK_DOWNLOAD && command & 1 == 0);
+        begins && frame.id() == cob::sdo_request(self.id) && self.boot.is_done()
     }
 
     /// Notes a heartbeat, and whether it is one too many.

@@ -6,7 +6,7 @@ use crate::guard::DeviceSet;
 const SENSOR_HERE: u8 = 128 + 1;
 
 impl Net {
-    fn two_buses() -> Self {
+    pub(super) fn two_buses() -> Self {
         let (cycle, home) = torque_cycle();
         let mut setup = setup(CommandMode::Torque, home, 0.0);
         let node = SensorNode { node_id: 1, profile: &SIMULATED_FORCE_SENSOR, heartbeat: setup.heartbeat };
@@ -51,7 +51,12 @@ impl Net {
     }
 
     /// One cycle whose frames are seen on both buses but for those of which `is_lost`; what the master sends in it.
-    fn seen_cycle(&mut self, statusword: &str, request: Request, is_lost: impl Fn(&str) -> bool) -> Vec<String> {
+    pub(super) fn seen_cycle(
+        &mut self,
+        statusword: &str,
+        request: Request,
+        is_lost: impl Fn(&str) -> bool,
+    ) -> Vec<String> {
         self.master.on_sync(&mut self.sent);
         let mut sent = std::mem::take(&mut self.sent);
         self.report_both(statusword);
@@ -62,7 +67,7 @@ impl Net {
         sent.iter().map(text).filter(|line| !line.contains("77F#")).collect()
     }
 
-    fn run_both(&mut self) {
+    pub(super) fn run_both(&mut self) {
         self.boot_both();
         for (word, request) in
             [("5002", Request::None), ("3102", Request::Enable), ("3302", Request::None), ("3712", Request::None)]

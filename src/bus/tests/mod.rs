@@ -4,6 +4,7 @@ mod boot;
 mod buses;
 mod exchange;
 mod nodes;
+mod strangers;
 
 use std::collections::BTreeMap;
 use std::time::Duration;

@@ -8,7 +8,7 @@ use super::emergencies::{document, text};
 use super::{Outcome, PaceArgument, Timely};
 use crate::cli::interfaces::Interfaces;
 use crate::cli::keep::Kept;
-use crate::cli::run::{Arguments, bus_names, devices_text, measures_text, mode_text};
+use crate::cli::run::{Arguments, bus_names, counted_json, counted_text, devices_text, measures_text, mode_text};
 use crate::config;
 use crate::live::host::Refusal;
 use crate::live::{Histogram, Played};
@@ -61,6 +61,7 @@ impl Facts<'_> {
         }));
         let emergencies = &self.outcome.emergencies;
         lines.extend(emergencies.iter().map(|emergency| format!("emergency {}", text(emergency, self.rig))));
+        lines.extend(counted_text(&self.outcome.counted, self.outcome.foreign_downloads));
         if self.arguments.pace == PaceArgument::Free {
             for (at, (_, text, times)) in self.outcome.stages.each().enumerate() {
                 let us = |share| 1e6 * times.quantile(share).as_secs_f64();
@@ -97,6 +98,8 @@ impl Facts<'_> {
             "cause": cause.map(|cause| cause.fault.row().name),
             "cause_devices": cause.map(|cause| devices_text(cause.devices, &bus_names(self.rig))),
             "emergencies": self.outcome.emergencies.iter().map(|one| document(one, self.rig)).collect::<Vec<_>>(),
+            "counted": counted_json(&self.outcome.counted),
+            "foreign_downloads": self.outcome.foreign_downloads,
             "frames": {
                 "received": counts.received,
                 "echoed": counts.echoed,

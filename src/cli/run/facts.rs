@@ -7,7 +7,8 @@ use serde_json::{Value, json};
 use super::super::keep::{Kept, LOG_STARTS_AT};
 use super::super::margins::Margins;
 use super::{
-    Arguments, bus_names, devices_text, measures_text, mode_text, simulated_interfaces, watchdogs_json, watchdogs_text,
+    Arguments, bus_names, counted_json, counted_text, devices_text, measures_text, mode_text, simulated_interfaces,
+    watchdogs_json, watchdogs_text,
 };
 use crate::config;
 use crate::fixture::prediction;
@@ -46,6 +47,8 @@ impl Facts<'_> {
             "watchdogs": watchdogs_json(&self.drilled),
             "bus_loads": self.report.bus_loads.iter().cloned().collect::<BTreeMap<_, _>>(),
             "held_s": self.report.held_s,
+            "counted": counted_json(&self.report.counted),
+            "foreign_downloads": self.report.foreign_downloads,
             "measures": self.report.measures,
             "figure": arguments.figure,
             "candump": arguments.candump,
@@ -113,6 +116,7 @@ impl Facts<'_> {
             lines.push(format!("candump   {}; time 0 of the scene is {start_s:.3} in it{named}", path.display()));
         }
         lines.extend(self.kept.lines());
+        lines.extend(counted_text(&self.report.counted, self.report.foreign_downloads));
         if self.report.held_s > 0.0 {
             let by =
                 self.report.cause.map_or(String::new(), |cause| format!(", in the end by {}", cause.fault.row().name));

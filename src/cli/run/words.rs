@@ -3,6 +3,7 @@
 use serde_json::{Value, json};
 
 use crate::config;
+use crate::guard::Fault;
 use crate::rig::{Drilled, Finding};
 use crate::study::measures::Measures;
 
@@ -36,6 +37,23 @@ pub(in crate::cli) fn watchdogs_json(drilled: &Drilled) -> Value {
         "findings": drilled.findings.iter().map(finding).collect::<Vec<_>>(),
         "resolution_ms": ms(drilled.resolution),
     })
+}
+
+/// What was counted and held nothing, a line each: faults with the number of cycles, and SDO downloads of somebody else.
+pub(in crate::cli) fn counted_text(counted: &[(Fault, u32)], foreign_downloads: u32) -> Vec<String> {
+    let faults = counted.iter().map(|(fault, cycles)| {
+        let row = fault.row();
+        format!("counted   {} in {cycles} cycles: {}", row.name, row.meaning)
+    });
+    let downloads = (foreign_downloads > 0).then(|| {
+        format!("counted   {foreign_downloads} SDO downloads of somebody else to nodes of this rig: boot it anew")
+    });
+    faults.chain(downloads).collect()
+}
+
+/// The faults of the same as data.
+pub(in crate::cli) fn counted_json(counted: &[(Fault, u32)]) -> Value {
+    counted.iter().map(|(fault, cycles)| (fault.row().name.to_owned(), Value::from(*cycles))).collect()
 }
 
 /// What a command mode is.

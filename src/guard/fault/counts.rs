@@ -20,11 +20,19 @@ struct Count {
     next: u8,
     /// Observations so far, as far as the ring goes.
     seen: u16,
+    /// Cycles in which it was observed.
+    cycles: u32,
 }
 
 impl Count {
-    const NONE: Self =
-        Self { in_a_row: 0, devices: DeviceSet::NONE, recent: [0; FaultCounts::MAX_WITHIN as usize], next: 0, seen: 0 };
+    const NONE: Self = Self {
+        in_a_row: 0,
+        devices: DeviceSet::NONE,
+        recent: [0; FaultCounts::MAX_WITHIN as usize],
+        next: 0,
+        seen: 0,
+        cycles: 0,
+    };
 
     fn note(&mut self, cycle: u32) {
         let size = self.recent.len();
@@ -37,6 +45,7 @@ impl Count {
         }
         self.next = ((usize::from(self.next) + 1) % size) as u8;
         self.seen = (self.seen + 1).min(FaultCounts::MAX_WITHIN);
+        self.cycles = self.cycles.saturating_add(1);
     }
 
     fn has_reached(&self, rate: Rate, cycle: u32) -> bool {
@@ -102,6 +111,13 @@ impl FaultCounts {
         self.counts[fault as usize].in_a_row
     }
 
+    /// The faults that hold nothing when they show ([`Reaction::Count`]) and that were observed, each with the number of
+    /// cycles in which it was.
+    pub fn counted(&self) -> impl Iterator<Item = (Fault, u32)> {
+        let rows = TABLE.iter().filter(|row| row.steps.iter().any(|step| step.reaction == Reaction::Count));
+        rows.map(|row| (row.fault, self.counts[row.fault as usize].cycles)).filter(|(_, cycles)| *cycles > 0)
+    }
+
     /// The devices that showed `fault` in its last observation.
     pub fn devices(&self, fault: Fault) -> DeviceSet {
         self.counts[fault as usize].devices
@@ -155,6 +171,24 @@ mod tests {
             counts.reaction(Fault::Overrun)
         };
         assert_eq!((seen_every(200), seen_every(20)), (Some(Reaction::Count), Some(Reaction::Freeze)));
+    }
+
+    #[test]
+    fn what_holds_nothing_is_counted_by_the_cycle() {
+        let mut counts = FaultCounts::default();
+        for cycle in 0..40 {
+            counts.begin_cycle();
+            counts.observe(Fault::PdoDuplicated, cycle % 2 == 0);
+            // Seen twice in one cycle, and one that holds the rig.
+            counts.observe(Fault::PdoDuplicated, cycle % 2 == 0);
+            counts.observe(Fault::SensorStale, true);
+        }
+        assert_eq!(counts.counted().collect::<Vec<_>>(), [(Fault::PdoDuplicated, 20)]);
+        assert_eq!(counts.reaction(Fault::PdoDuplicated), Some(Reaction::StopRamp), "as often as late ones may come");
+        let mut once = FaultCounts::default();
+        once.begin_cycle();
+        once.observe(Fault::PdoDuplicated, true);
+        assert_eq!(once.reaction(Fault::PdoDuplicated), Some(Reaction::Count));
     }
 
     #[test]

@@ -178,10 +178,10 @@ pub const TABLE: [Row; Fault::COUNT] = [
         PdoDuplicated,
         "pdo-duplicated",
         Bus,
-        [once(Count)],
+        [once(Count), within(10, 1000, StopRamp)],
         Stopped,
         "a process data frame came twice in one cycle",
-        "another node uses the same COB-ID, or a gateway repeats frames",
+        "another node uses the same COB-ID, or a gateway repeats frames; CAN itself doubles one now and then",
         "look for a duplicate node id"
     ),
     row!(
@@ -230,7 +230,7 @@ pub const TABLE: [Row; Fault::COUNT] = [
         Bus,
         [once(QuickStop)],
         Stopped,
-        "somebody else sends NMT commands, SYNC or set-points on this bus",
+        "somebody else sends NMT commands, SYNC, set-points or SDO downloads to our nodes on this bus",
         "a second master or a service tool is connected",
         "disconnect the other master"
     ),

@@ -9,7 +9,7 @@ use super::{ANY, LOST, ONE_DRIVE, STOPPED, row, sized};
 use crate::guard::Fault as F;
 use crate::guard::Reaction::{Count, QuickStop, StopRamp};
 
-pub(super) const ROWS: [Row; 18] = [
+pub(super) const ROWS: [Row; 20] = [
     row(
         (Kind::PdoLost, "pdo-lost"),
         &[11],
@@ -54,7 +54,7 @@ pub(super) const ROWS: [Row; 18] = [
         For(0.2),
         "the drive's process data arrive twice",
         &[F::PdoDuplicated],
-        (Count, GoesOn, Nothing),
+        (StopRamp, STOPPED, Reset),
     ),
     row(
         (Kind::PdoReordered, "pdo-reordered"),
@@ -170,14 +170,45 @@ pub(super) const ROWS: [Row; 18] = [
         &[F::Intruder, F::PdoDuplicated, F::PdoLate],
         (QuickStop, STOPPED, Reset),
     ),
+    sized(
+        row(
+            (Kind::ForeignSetPoint, "foreign-set-point"),
+            &[],
+            ONE_DRIVE,
+            For(0.01),
+            "another master sends the drive a set-point in each cycle, enabled and far from ours",
+            &[F::Intruder],
+            (QuickStop, STOPPED, Reset),
+        ),
+        "the moment, as a share of the cycle from SYNC on",
+        0.8,
+        (0.0, 1.0),
+    ),
     row(
-        (Kind::IntruderSetPoint, "intruder-set-point"),
+        (Kind::ForeignDownload, "foreign-download"),
         &[],
         ONE_DRIVE,
-        For(0.01),
-        "another master sends the drive Shutdown in set-points of its own",
-        &[F::Intruder, F::DriveLeftOperation],
-        (QuickStop, STOPPED, Reset),
+        Once,
+        "a service tool takes a watchdog off the drive, by an SDO download of 6007h",
+        &[F::Intruder],
+        (QuickStop, STOPPED, Restart),
+    ),
+    row(
+        (Kind::SecondMaster, "second-master"),
+        &[],
+        &[Bus],
+        For(0.05),
+        "another master starts: its boot-up, a reset of all nodes, then heartbeats, SYNC and set-points of its own",
+        &[
+            F::Intruder,
+            F::NodeReset,
+            F::HeartbeatLost,
+            F::PdoMissed,
+            F::PdoDuplicated,
+            F::PdoLate,
+            F::DriveLeftOperation,
+        ],
+        (QuickStop, ANY, Restart),
     ),
     row(
         (Kind::Emergency, "emergency"),

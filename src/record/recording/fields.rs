@@ -96,7 +96,7 @@ fn inputs<V: Visitor>(record: &mut CycleRecord, v: &mut V) {
     v.visit(field("link_duplicate_node", "", "two devices answer to one node id"), duplicate_node);
     v.visit(field("link_emergency", "", "an emergency message arrived"), emergency);
     v.visit(field("link_emergency_warning", "", "one that is a warning arrived"), emergency_warning);
-    v.visit(field("link_intruder", "", "somebody else sent NMT, SYNC or set-points"), intruder);
+    v.visit(field("link_intruder", "", "somebody else sent NMT, SYNC or set-points, or wrote to a node"), intruder);
     v.visit(field("link_transmit_stalled", "", "the last frames have not left these interfaces yet"), transmit_stalled);
     v.visit(field("link_error_passive", "", "these interfaces are error-passive"), error_passive);
     v.visit(field("link_bus_off", "", "these interfaces are bus-off"), bus_off);

@@ -2,12 +2,15 @@
 
 use std::sync::{Arc, Mutex, PoisonError};
 
-use super::{DEVICES, MASTER};
+use super::{DEVICES, MASTER, STRANGER};
 use crate::canopen::{Frame, Outbox, Time};
 use crate::config;
 use crate::rig::error::RigError;
 use crate::rig::far_end::Wire;
 use crate::sim::can::{BitTiming, BusCounters, Delivery, QueueOrder, Tamper, VirtualBus, Witness};
+
+/// Ports of each bus: those of the rig, and the one of whoever else is there.
+const PORT_COUNT: usize = STRANGER + 1;
 
 /// All buses. Each has the same ports, of which a device uses those of its own bus alone.
 #[derive(Debug)]
@@ -20,7 +23,8 @@ pub(super) struct Buses {
 impl Buses {
     /// Idle buses, numbered in the order of their names.
     pub(super) fn new(rig: &config::Rig) -> Result<Self, RigError> {
-        let orders = [QueueOrder::Fifo, QueueOrder::Priority, QueueOrder::Priority, QueueOrder::Priority];
+        let mut orders = [QueueOrder::Priority; PORT_COUNT];
+        orders[MASTER] = QueueOrder::Fifo;
         let timing = |bus: &config::Bus| match bus.timing {
             config::BusTiming::Arbitrated => BitTiming::Arbitrated { bit_rate: bus.bit_rate_bit_per_s },
             config::BusTiming::Ideal => BitTiming::Ideal,
@@ -91,6 +95,11 @@ impl Buses {
                 witness(passage);
             }));
         }
+    }
+
+    /// Has somebody who is not of the rig send a frame.
+    pub(super) fn submit_foreign(&mut self, now: Time, frame: Frame) {
+        self.submit(STRANGER, now, frame);
     }
 
     fn submit(&mut self, port: usize, now: Time, frame: Frame) {

@@ -1,7 +1,7 @@
 //! What happens between the two moments of a cycle, in order of virtual time.
 
 use super::host::Exit;
-use super::{DEVICES, EmbeddedRig, MASTER, RigError};
+use super::{DEVICES, EmbeddedRig, MASTER, RigError, STRANGER};
 use crate::canopen::{Frame, Time, cob};
 use crate::sim::Drive;
 
@@ -33,7 +33,10 @@ impl EmbeddedRig {
                 }
             }
             while let Some((from, frame)) = self.troubles.take_held(next) {
-                self.arrive(next, from, &frame)?;
+                match from {
+                    STRANGER => self.buses.submit_foreign(next, frame),
+                    _ => self.arrive(next, from, &frame)?,
+                }
             }
             self.far.poll(next, &mut self.troubles, &mut self.buses)?;
             if let Some(silence) = &mut self.silence {

@@ -12,6 +12,8 @@ use yieldwall_drives::profiles::STATUS_INVALID;
 const SLACK_S: f64 = 1e-9;
 /// Emergency of a drive: voltage of the DC link too high; of the sensor: device hardware.
 const EMERGENCIES: [u16; 3] = [0x3210, 0x3210, 0x5000];
+/// Download of 6007h = 0 in two bytes: the drive goes on when its master's heartbeat stays away.
+const ABORT_CONNECTION_IGNORED: [u8; 8] = [0x2b, 0x07, 0x60, 0, 0, 0, 0, 0];
 /// Emergency that is a warning: messages were lost.
 const WARNING: u16 = 0x8110;
 
@@ -123,6 +125,10 @@ impl EmbeddedRig {
                 Kind::EmergencyWarning => self.troubles.send(now, device + 1, emergency(WARNING).on_bus(bus)),
                 Kind::IntruderNmt => {
                     self.troubles.send(now, STRANGER, Frame::new(cob::NMT, &[0x80, node.raw()]).on_bus(bus));
+                }
+                Kind::ForeignDownload => {
+                    let download = Frame::new(cob::sdo_request(node), &ABORT_CONNECTION_IGNORED);
+                    self.troubles.send(now, STRANGER, download.on_bus(bus));
                 }
                 Kind::DriveFault => {
                     if let Some(drive) = self.far.drives.get_mut(device) {

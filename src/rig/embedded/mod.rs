@@ -39,7 +39,7 @@ use trouble::{Device, Troubles};
 const MASTER: usize = 0;
 /// The left drive, the right drive, the sensor.
 const DEVICES: [usize; 3] = [1, 2, 3];
-/// Who is not on a virtual bus and yet is heard.
+/// Whoever else is on a bus.
 const STRANGER: usize = 4;
 
 /// Gets every frame that went over a bus ([`Frame::bus`]), with the moment of its end.

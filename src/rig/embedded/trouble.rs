@@ -17,8 +17,14 @@ use yieldwall_drives::cia402;
 
 /// Frames that may wait to arrive later; more are lost.
 const HELD_FRAMES: usize = 64;
-/// Shutdown, as somebody else's set-point tells it.
-const SHUTDOWN: u64 = 0x0006;
+/// Heartbeat of another master, node 126.
+const SECOND_HEARTBEAT: u16 = 0x77e;
+/// Enable Operation, as somebody else's set-point tells it ...
+const ENABLE_OPERATION: u64 = 0x000f;
+/// ... and how far its target is from the last own one: 500 per mille of the rated torque in a frame of 4 bytes ...
+const FOREIGN_TORQUE_PER_MILLE: u64 = 500;
+/// ... and in one of 6 bytes so many counts, or counts per second: about a radian for the shipped drives.
+const FOREIGN_COUNTS: u64 = 1 << 17;
 
 /// A device that can be the target.
 #[derive(Clone, Copy, Debug)]
@@ -91,6 +97,8 @@ pub(super) struct Troubles {
     buses: [u8; 3],
     active: Vec<Active>,
     held: Vec<Held>,
+    /// The last set-points of the master.
+    set_points: [Option<Frame>; 2],
     noise: Xoshiro256PlusPlus,
 }
 
@@ -98,7 +106,7 @@ impl Troubles {
     /// Nothing is broken. Whatever is random in what follows comes from `seed`.
     pub(super) fn new(devices: [Device; 3], buses: [u8; 3], seed: u64) -> Self {
         let noise = Xoshiro256PlusPlus::seed_from_u64(seed ^ 0xfa17_0000_0000_0002);
-        Self { devices, buses, active: Vec::new(), held: Vec::new(), noise }
+        Self { devices, buses, active: Vec::new(), held: Vec::new(), set_points: [None; 2], noise }
     }
 
     pub(super) fn clear(&mut self) {
@@ -136,6 +144,7 @@ impl Troubles {
             Kind::HeartbeatSilent
             | Kind::DuplicateNode
             | Kind::IntruderNmt
+            | Kind::ForeignDownload
             | Kind::Emergency
             | Kind::EmergencyWarning
             | Kind::IdentityMismatch
@@ -146,9 +155,35 @@ impl Troubles {
 
     /// Frames that others than the devices send in the cycle that begins at `sync_at`.
     pub(super) fn begin_cycle(&mut self, sync_at: Time, period: Duration) {
-        let Self { devices, buses, active, held, .. } = self;
+        let Self { devices, buses, active, held, set_points, .. } = self;
         for active in active {
-            match active.injection.kind {
+            let Injection { kind, target, size, .. } = active.injection;
+            match kind {
+                Kind::ForeignSetPoint => {
+                    let own = set_points.iter().enumerate().filter(|(joint, _)| target.has_joint(*joint));
+                    for frame in own.filter_map(|(_, frame)| *frame) {
+                        hold(held, sync_at + period.mul_f64(size), STRANGER, foreign(frame));
+                    }
+                }
+                Kind::SecondMaster => {
+                    let mut on: Vec<u8> = buses.to_vec();
+                    on.sort_unstable();
+                    on.dedup();
+                    for bus in on {
+                        let mut send = |at: Time, frame: Frame| hold(held, at, STRANGER, frame.on_bus(bus));
+                        if active.count == 0 {
+                            send(sync_at, Frame::new(SECOND_HEARTBEAT, &[0x00]));
+                            send(sync_at, Frame::new(cob::NMT, &[0x81, 0x00]));
+                        } else {
+                            send(sync_at + period / 4, Frame::new(SECOND_HEARTBEAT, &[0x05]));
+                        }
+                        send(sync_at + period / 2, Frame::new(cob::SYNC, &[]));
+                    }
+                    for frame in set_points.iter().flatten() {
+                        hold(held, sync_at + period * 3 / 4, STRANGER, foreign(*frame));
+                    }
+                    active.count += 1;
+                }
                 Kind::IntruderSync => {
                     hold(held, sync_at + period / 2, STRANGER, Frame::new(cob::SYNC, &[]).on_bus(buses[0]));
                 }
@@ -156,7 +191,7 @@ impl Troubles {
                     for (at, (device, bus)) in devices.iter().zip(&*buses).enumerate() {
                         let Device::Node { node, heartbeat } = *device else { continue };
                         let cycles = (heartbeat.as_nanos() / period.as_nanos()).max(1) as u32;
-                        if is_at(active.injection.target, at) && active.count.is_multiple_of(cycles) {
+                        if is_at(target, at) && active.count.is_multiple_of(cycles) {
                             // Late in the cycle, where it is in nobody's way.
                             let heartbeat = Frame::new(cob::heartbeat(node), &[0x05]).on_bus(*bus);
                             hold(held, sync_at + period * 9 / 10, STRANGER, heartbeat);
@@ -189,8 +224,16 @@ impl Troubles {
 
     /// What receivers get of a frame that was on the wire.
     pub(super) fn pass(&mut self, now: Time, from: usize, mut frame: Frame) -> Option<Frame> {
-        let Self { devices, buses, active, held, noise } = self;
+        let Self { devices, buses, active, held, set_points, noise } = self;
         let bus = frame.bus();
+        if from == MASTER && is_rpdo(&frame) {
+            for ((device, its_bus), set_point) in devices.iter().zip(&*buses).zip(set_points) {
+                let is_it = |node: NodeId| frame.id() & 0x7f == u16::from(node.raw());
+                if *its_bus == bus && device.node().is_some_and(is_it) {
+                    *set_point = Some(frame);
+                }
+            }
+        }
         for active in active {
             let Injection { kind, target, size, .. } = active.injection;
             let sender = from.checked_sub(1).filter(|at| is_at(target, *at)).and_then(|at| devices.get(at));
@@ -238,9 +281,6 @@ impl Troubles {
                 }
                 Kind::PdoShort if is_data => {
                     frame = Frame::from_bits(frame.id(), frame.bits(), frame.len().saturating_sub(1));
-                }
-                Kind::IntruderSetPoint if is_set_point => {
-                    hold(held, now, STRANGER, Frame::from_bits(frame.id(), SHUTDOWN, frame.len()).on_bus(bus));
                 }
                 Kind::IdentityMismatch if sender.is_some() => frame = lie(frame, [0x18, 0x10, 1]),
                 Kind::ConfigDrift if sender.is_some() => frame = lie(frame, [0x72, 0x60, 0]),
@@ -384,6 +424,16 @@ fn is_tpdo(frame: &Frame) -> bool {
 /// Function codes of RPDO 1 to 4.
 fn is_rpdo(frame: &Frame) -> bool {
     matches!(frame.id() >> 7, 4 | 6 | 8 | 10)
+}
+
+/// What another master sends in place of a set-point.
+fn foreign(own: Frame) -> Frame {
+    let target = own.bits() >> 16;
+    let target = match own.len() {
+        4 => target.wrapping_add(FOREIGN_TORQUE_PER_MILLE) & 0xffff,
+        _ => target.wrapping_add(FOREIGN_COUNTS) & 0xffff_ffff,
+    };
+    Frame::from_bits(own.id(), target << 16 | ENABLE_OPERATION, own.len()).on_bus(own.bus())
 }
 
 /// Changes the value in an expedited SDO answer about an object.

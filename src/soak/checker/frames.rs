@@ -1,7 +1,7 @@
 //! What is seen on the wire: who is commanded to do what, and when.
 
 use super::super::invariant::Invariant;
-use super::super::observation::{Observation, Sender, Setpoint, Status};
+use super::super::observation::{Observation, Sender, Setpoint, Sighting, Status};
 use super::super::tolerance;
 use super::{Findings, Limits, Peaks};
 use crate::config::CommandMode;
@@ -30,6 +30,8 @@ struct Sent {
 /// What the frames of the last cycles said.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Frames {
+    /// When a set-point of somebody else ended, ns, after which the master has sent none that stops the drive.
+    foreign_ns: [Option<u64>; 2],
     /// What the drives told last.
     told: [Option<Status>; 2],
     /// The same, as known at the last computation.
@@ -89,9 +91,10 @@ impl Frames {
         for sighting in &seen.frames {
             let frame = &sighting.frame;
             let is_ours = sighting.sender == Some(Sender::Master);
-            if sighting.sender.is_some() {
+            if sighting.sender.is_some_and(|sender| sender != Sender::Stranger) {
                 self.bits += u64::from(frame_bits(frame));
             }
+            self.watch_strangers(limits, seen, sighting, findings);
             if is_ours && frame.id() == SYNC {
                 self.told_also = [None; 2];
                 let sent = std::mem::take(&mut self.sent);
@@ -139,6 +142,32 @@ impl Frames {
             self.sent.iter_mut().flatten().for_each(|sent| sent.has_waited = true);
         }
         has_told
+    }
+
+    /// I21. Of what ends after SYNC was due, the master knows nothing when it sends it.
+    fn watch_strangers(
+        &mut self,
+        limits: &Limits,
+        seen: &Observation,
+        sighting: &Sighting,
+        findings: &mut Findings<'_>,
+    ) {
+        let Sighting { time_ns, sender, frame } = sighting;
+        let joints = limits.set_point_ids.iter().zip(&mut self.foreign_ns);
+        if let Some((_, foreign_ns)) = joints.into_iter().find(|(id, _)| **id == frame.id()) {
+            match sender {
+                Some(Sender::Stranger) => *foreign_ns = Some(*time_ns),
+                Some(Sender::Master) if Setpoint::decode(frame).is_some_and(|own| !own.enables()) => *foreign_ns = None,
+                _ => {}
+            }
+        }
+        if *sender == Some(Sender::Master) && frame.id() == SYNC && !seen.falsified.timing && !seen.falsified.link {
+            for (joint, foreign_ns) in self.foreign_ns.iter().enumerate() {
+                findings.expect(Invariant::I21, foreign_ns.is_none_or(|end_ns| end_ns > seen.sync_ns), || {
+                    format!("SYNC made joint {joint} act on the set-point of a stranger, heard at {foreign_ns:?} ns")
+                });
+            }
+        }
     }
 
     fn note_wrap(&self, joint: usize, status: &Status, peaks: &mut Peaks) {

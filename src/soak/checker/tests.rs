@@ -286,3 +286,23 @@ fn i20_a_queue_that_grows_and_one_that_is_full() {
     }
     expect_found(&run, Invariant::I20, at);
 }
+
+#[test]
+fn i21_sync_after_a_set_point_of_a_stranger() {
+    let mut run = torque();
+    let at = run.moving();
+    let foreign = Frame::new(run.limits.set_point_ids[0], &[0x0f, 0, 0xf4, 0x01]);
+    let heard = |ns: u64| Sighting { time_ns: ns, sender: Some(Sender::Stranger), frame: foreign };
+    // Behind the set-points of the cycle before, and heard when SYNC is due.
+    let sync_ns = run.seen[at].sync_ns;
+    let is_sync = |seen: &Sighting| seen.sender == Some(Sender::Master) && seen.frame.id() == 0x080;
+    let place = run.seen[at].frames.iter().position(is_sync).unwrap();
+    run.seen[at].frames.insert(place, heard(sync_ns));
+    expect_found(&run, Invariant::I21, at);
+    // One that nobody could hear in time is not the master's doing, if it stops both drives in the cycle.
+    run.seen[at].frames[place] = heard(sync_ns + 1);
+    for joint in 0..2 {
+        run.change_set_point(at + 1, joint, |data| data.copy_from_slice(&[0x02, 0, 0, 0]));
+    }
+    assert!(run.found().iter().all(|found| found.invariant != Invariant::I21), "{:?}", run.found());
+}
