@@ -15,10 +15,12 @@ mod error;
 mod image;
 mod master;
 mod setup;
+mod signs;
 
 pub use error::{BootError, BootFailure};
 pub use master::{LinkEvent, Master, Phase};
 pub use setup::{CommandMode, DriveSetup, MasterSetup, SensorLink, SensorNode, SensorSetup};
+pub use signs::{Heard, LISTENING, Sign, Signs};
 
 #[cfg(test)]
 mod tests;

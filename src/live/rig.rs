@@ -1,5 +1,6 @@
 //! The loop.
 
+mod alone;
 mod arrivals;
 
 use std::panic::{AssertUnwindSafe, catch_unwind};
@@ -14,7 +15,7 @@ use crate::cycle::{Outputs, Timing};
 use crate::guard::{Cause, DeviceSet, Request, State};
 use crate::link::{CanLink, LinkOutbox};
 use crate::record::{CycleRecord, Moment, Stages};
-use crate::rig::{Observer, Pace, Tap, master};
+use crate::rig::{Observer, Pace, Tap, bus_plan, master};
 
 /// Longest time from the reset of the network to the exchange of process data.
 const BOOT_LIMIT: Duration = Duration::from_secs(10);
@@ -79,6 +80,10 @@ pub struct LiveRig<L, M> {
     observer: Option<Observer>,
     last: Option<Outputs>,
     has_panicked: bool,
+    /// How long another master is listened for before anything is sent.
+    listening: Duration,
+    /// Whether that was done, and nobody was heard since.
+    has_listened: bool,
 }
 
 impl<L: CanLink, M: Metronome> LiveRig<L, M> {
@@ -116,6 +121,8 @@ impl<L: CanLink, M: Metronome> LiveRig<L, M> {
             observer: None,
             last: None,
             has_panicked: false,
+            listening: bus_plan(rig)?.0.listening(),
+            has_listened: false,
         })
     }
 
@@ -174,14 +181,15 @@ impl<L: CanLink, M: Metronome> LiveRig<L, M> {
         self.scene_from = Some(self.next_sync);
     }
 
-    /// Resets the network, configures and starts all nodes, up to the exchange of process data. Nothing is enabled.
+    /// Resets, configures and starts the rig's nodes, up to the exchange of process data. Nothing is enabled.
+    ///
+    /// The first time it listens before that, on the wall in both paces, and sends nothing if there is another master.
     ///
     /// # Errors
-    /// If a node is missing or is not what it should be, or nothing can be sent.
+    /// If there is another master, a node is missing or is not what it should be, or nothing can be sent.
     pub fn boot(&mut self) -> Result<(), LiveError> {
         self.waits = false;
-        // What came before the reset says nothing of what comes after it.
-        self.drain();
+        self.make_sure_to_be_alone()?;
         let boot_limit = if self.pace == Pace::Lockstep { BOOT_LIMIT * LOCKSTEP_PATIENCE } else { BOOT_LIMIT };
         let limit = self.now() + boot_limit;
         self.send_or_fail(|master, now, out| master.start(now, out))?;
@@ -190,7 +198,11 @@ impl<L: CanLink, M: Metronome> LiveRig<L, M> {
             self.send_or_fail(|master, now, out| master.poll(now, out))?;
             match self.master.phase() {
                 Phase::Operational => break,
-                Phase::Failed(error) => return Err(error.clone().into()),
+                Phase::Failed(error) => {
+                    let error = error.clone();
+                    self.check_alone()?;
+                    return Err(error.into());
+                }
                 phase if self.now() >= limit => {
                     let phase = format!("{phase:?}");
                     return Err(LiveError::NotBooted { waited_s: boot_limit.as_secs_f64(), phase });
@@ -371,7 +383,10 @@ impl<L: CanLink, M: Metronome> LiveRig<L, M> {
     }
 
     /// The same where nothing goes on without it.
-    fn send_or_fail(&mut self, act: impl FnOnce(&mut Master, Time, &mut LinkOutbox<'_, L>)) -> Result<(), LiveError> {
+    pub(super) fn send_or_fail(
+        &mut self,
+        act: impl FnOnce(&mut Master, Time, &mut LinkOutbox<'_, L>),
+    ) -> Result<(), LiveError> {
         let now = self.now();
         let mut out = LinkOutbox::new(&mut self.link);
         act(&mut self.master, now, &mut out);

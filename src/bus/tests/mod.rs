@@ -1,5 +1,6 @@
 //! The master against frames written by hand.
 
+mod alone;
 mod boot;
 mod buses;
 mod exchange;
@@ -15,6 +16,9 @@ use crate::cycle::{Cycle, Outputs, Timing};
 use crate::guard::{Fault, Request, State};
 use yieldwall_drives::profiles::{SIMULATED_FORCE_SENSOR, SIMULATED_SERVO};
 use yieldwall_drives::scaling::{AxisScaling, Direction};
+
+/// The start of the nodes.
+const STARTED: [&str; 3] = ["000#0101", "000#0102", "000#010A"];
 
 const COUNTS_PER_REV: f64 = 800_000.0;
 
@@ -169,7 +173,8 @@ impl Net {
     /// Boot-ups of all nodes after the reset.
     fn reset(&mut self) {
         self.master.start(self.now, &mut self.sent);
-        assert_eq!(self.take(), ["000#8100", "77F#7F"], "reset of all nodes, then a heartbeat in Pre-operational");
+        let reset = ["000#8101", "000#8102", "000#810A", "77F#7F"];
+        assert_eq!(self.take(), reset, "a reset of each node, then a heartbeat in Pre-operational");
         for line in ["701#00", "702#00", "70A#00"] {
             assert_eq!(*self.master.phase(), Phase::Resetting);
             self.hear(line);
@@ -181,7 +186,7 @@ impl Net {
     fn boot(&mut self) {
         self.reset();
         self.serve(|_, _| None);
-        assert_eq!(self.take(), ["000#0100"], "all nodes are started when all are configured");
+        assert_eq!(self.take(), STARTED, "each node is started when all are configured");
         for line in ["701#05", "702#05"] {
             self.hear(line);
             assert_eq!(*self.master.phase(), Phase::Starting);
