@@ -10,6 +10,7 @@ pub mod machine;
 pub mod network;
 mod observe;
 mod scenario;
+pub mod shared_cable;
 pub mod stopwatch;
 pub mod tape;
 

@@ -4,6 +4,7 @@ use std::fmt;
 
 use thiserror::Error;
 
+use super::signs::Heard;
 use crate::canopen::{AbortCode, Emergency, NmtState};
 
 /// What a node said last of itself since the boot began.
@@ -30,6 +31,18 @@ impl fmt::Display for Said {
 /// What went wrong in one step of the boot.
 #[derive(Clone, Debug, PartialEq, Eq, Error)]
 pub enum BootFailure {
+    /// Somebody else is the master of a bus. Nothing more is sent.
+    #[error("{}: heard {heard}", if *.has_sent {
+        "another master began at the same moment; nothing was enabled"
+    } else {
+        "a master is on this bus; nothing was sent"
+    })]
+    OtherMaster {
+        /// What told so, with its bus.
+        heard: Heard,
+        /// Whether this master had sent something before.
+        has_sent: bool,
+    },
     /// A sensor on plain CAN did not begin to send samples.
     #[error("no whole sample within {waited_ms} ms")]
     NoSample {

@@ -15,10 +15,12 @@ mod error;
 mod image;
 mod master;
 mod setup;
+mod signs;
 
 pub use error::{BootError, BootFailure, Said};
 pub use master::{LinkEvent, Master, Phase, Waiting};
 pub use setup::{CommandMode, DriveSetup, MasterSetup, SensorLink, SensorNode, SensorSetup, Waits};
+pub use signs::{Heard, LISTENING, Sign, Signs};
 
 #[cfg(test)]
 mod tests;

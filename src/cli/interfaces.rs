@@ -3,7 +3,7 @@
 use super::failure::{Exit, Failure};
 use super::live::link_failure;
 use crate::config;
-use crate::link::{CobFilter, SocketCan, SocketCanSettings, SocketCans};
+use crate::link::{CobFilter, Role, SocketCan, SocketCanSettings, SocketCans};
 
 /// The interfaces of a rig's buses, in the order of the buses' names.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -81,10 +81,12 @@ impl Interfaces {
         each.collect::<Vec<_>>().join(" ")
     }
 
-    /// Opens all, each at the bit rate of its bus; `filters` gives what is wanted of a bus: process data, and the rest.
+    /// Opens all, each at the bit rate of its bus; `filters` gives what is wanted of a bus: process data, and the rest; `roles` what
+    /// only one process may do there.
     pub(super) fn open(
         &self,
         rig: &config::Rig,
+        roles: impl Fn(u8) -> Vec<Role>,
         filters: impl Fn(u8) -> (Vec<CobFilter>, Vec<CobFilter>),
     ) -> Result<SocketCans, Failure> {
         let mut links = Vec::new();
@@ -94,6 +96,7 @@ impl Interfaces {
                 process,
                 services,
                 bit_rate: Some(bus.bit_rate_bit_per_s),
+                roles: roles(number),
                 ..SocketCanSettings::everything(interface)
             };
             links.push(SocketCan::open(&settings).map_err(|error| link_failure(&error))?);

@@ -2,6 +2,7 @@
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
+use std::sync::atomic::AtomicBool;
 use std::thread;
 use std::time::{Duration, SystemTime};
 
@@ -9,13 +10,14 @@ use serde_json::{Value, json};
 
 use super::failure::{Exit, Failure};
 use super::keep::state_folder;
-use super::live::{link_failure, on_interrupt};
+use super::live::{link_failure, on_interrupt, other_master};
 use super::output::Output;
-use crate::link::{CobFilter, SocketCan, SocketCanSettings};
+use crate::bus::{LISTENING, Signs};
+use crate::link::{CobFilter, Role, SocketCan, SocketCanSettings};
 use crate::live::host::{Refusal, SystemMetronome, computer, lock_memory, run_first};
 use crate::live::{
     Histogram, Latency, Measured, PROBE, PROVING_CYCLES, REDUCED_FORCE_N, REDUCED_SPEED_M_PER_S, STOCK_CYCLES, Tier,
-    measure_latency,
+    listen, measure_latency,
 };
 
 #[derive(Debug, clap::Args)]
@@ -46,7 +48,7 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
     let is_interrupted = on_interrupt()?;
     let memory = lock_memory();
     let mut link = match &arguments.bus {
-        Some(bus) => Some(open(bus)?),
+        Some(bus) => Some(open(bus, &is_interrupted)?),
         None => None,
     };
     let measuring = {
@@ -100,15 +102,26 @@ pub(super) fn no_home() -> Failure {
     Failure::new(Exit::Usage, message, "set XDG_STATE_HOME to a folder that is kept")
 }
 
-fn open(bus: &str) -> Result<SocketCan, Failure> {
-    SocketCan::open(&SocketCanSettings {
+/// The link for the probes, on a bus that has no master.
+fn open(bus: &str, is_over: &AtomicBool) -> Result<SocketCan, Failure> {
+    let failed = |error| link_failure(&error);
+    let link = SocketCan::open(&SocketCanSettings {
         interface: bus.to_owned(),
         process: vec![CobFilter::only(PROBE)],
         services: Vec::new(),
         bit_rate: None,
         receive_buffer: 1 << 20,
+        roles: vec![Role::Master],
     })
-    .map_err(|error| link_failure(&error))
+    .map_err(failed)?;
+    let mut ear = SocketCan::open(&SocketCanSettings::everything(bus)).map_err(failed)?;
+    let signs = Signs::of_any_master();
+    match listen(&mut ear, LISTENING, is_over, |frame| signs.find(frame)) {
+        Some(heard) => {
+            Err(other_master(format!("a master is on this bus; nothing was sent. Heard: {heard}, on `{bus}`"), &heard))
+        }
+        None => Ok(link),
+    }
 }
 
 /// What the tier means for this program.

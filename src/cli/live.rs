@@ -18,11 +18,11 @@ use super::interfaces::Interfaces;
 use super::keep::{Keep, Watched};
 use super::output::Output;
 use super::run::{Arguments, check_buses, exit_of, rig_failure, stopped_by, write_drawing};
-use crate::bus::SensorLink;
+use crate::bus::{Heard, SensorLink, Sign};
 use crate::canopen::{Emergency, cob};
 use crate::config::{self, Source};
 use crate::guard::Fault;
-use crate::link::{CobFilter, LinkError, SocketCans};
+use crate::link::{CobFilter, LinkError, Role, SocketCans};
 use crate::live::host::{Refusal, SystemMetronome, lock_memory, run_first};
 use crate::live::{
     Ended, Kept as Timely, LinkCounts, LiveError, LiveRig, Play, Played, StageTimes, Untimely, drive_addresses,
@@ -91,10 +91,11 @@ pub(super) fn link_failure(error: &LinkError) -> Failure {
     Failure::new(Exit::BusUnavailable, error.to_string(), "")
 }
 
-/// The links of a master, on each bus process data apart from the rest.
+/// The links of the only master of this computer, on each bus process data apart from the rest.
 pub(super) fn open(interfaces: &Interfaces, rig: &config::Rig) -> Result<SocketCans, Failure> {
     let setup = bus_plan(rig).map_err(|error| rig_failure(&error))?.0;
-    interfaces.open(rig, |bus| {
+    let roles = |_| vec![Role::Master];
+    interfaces.open(rig, roles, |bus| {
         let mut process = vec![CobFilter::only(cob::SYNC)];
         let mut nodes: Vec<u8> =
             setup.drives.iter().filter(|drive| drive.bus == bus).map(|drive| drive.node_id).collect();
@@ -344,11 +345,23 @@ fn refuse(arguments: &Arguments, granted: &Result<(), Refusal>) -> Result<(), Fa
     }
 }
 
+/// The failure that another master is.
+pub(super) fn other_master(message: String, heard: &Heard) -> Failure {
+    let help = match heard.sign {
+        Sign::Master { .. } => {
+            "end the other master, or give this rig's master a node id of its own (`master.node_id`) if it is a device"
+        }
+        _ => "end the other master, or run this one on a bus of its own; `candump` shows what is on a bus",
+    };
+    Failure::new(Exit::BusUnavailable, message, help)
+}
+
 /// The failure that an error of the loop is.
 pub(super) fn live_failure(error: &LiveError) -> Failure {
     match error {
         LiveError::Rig(error) => rig_failure(error),
         LiveError::Boot(error) => rig_failure(&error.clone().into()),
+        LiveError::OtherMaster { heard, .. } => other_master(error.to_string(), heard),
         LiveError::Send { .. } => Failure::new(
             Exit::BusUnavailable,
             error.to_string(),

@@ -2,6 +2,7 @@
 
 use std::io;
 use std::path::{Path, PathBuf};
+use std::sync::atomic::AtomicBool;
 use std::time::Duration;
 
 use serde_json::json;
@@ -11,10 +12,13 @@ use super::interfaces::Interfaces;
 use super::live::{PaceArgument, link_failure, on_interrupt};
 use super::output::Output;
 use super::run::rig_failure;
+use crate::bus::{MasterSetup, SensorLink, Signs};
+use crate::canopen::Frame;
 use crate::config::{self, Source};
-use crate::link::{CobFilter, SocketCan, SocketCanSettings};
-use crate::live::{AttachError, Attached, Entrance, ServeError, attach, serve};
-use crate::rig::{DeviceServer, simulated_drive, simulated_force_sensor};
+use crate::guard::DeviceSet;
+use crate::link::{CanLink, CobFilter, Role, SocketCan, SocketCanSettings};
+use crate::live::{AttachError, Attached, Entrance, ServeError, attach, listen, serve};
+use crate::rig::{DeviceServer, bus_plan, simulated_drive, simulated_force_sensor};
 use crate::sim::Watchdog;
 use yieldwall_drives::cia402;
 
@@ -87,7 +91,9 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
     server.set_sdo_time(milliseconds(arguments.sdo_ms));
     let is_interrupted = on_interrupt()?;
     let interfaces = Interfaces::of(&rig, &arguments.bus)?;
-    let mut link = interfaces.open(&rig, |_| (vec![CobFilter::EVERYTHING], Vec::new()))?;
+    let own = Own::new(&rig, here)?;
+    let mut link = interfaces.open(&rig, |bus| own.roles(bus), |_| (vec![CobFilter::EVERYTHING], Vec::new()))?;
+    own.listen(&mut link, &is_interrupted, |frame| *frame)?;
     let entrance = match &arguments.plant {
         Some(path) => Some(Entrance::open(path, arguments.pace.pace()).map_err(|error| no_socket(path, &error))?),
         None => None,
@@ -168,6 +174,53 @@ fn milliseconds(time: Option<u64>) -> Duration {
     Duration::from_millis(time.unwrap_or_default())
 }
 
+/// The devices of this process as others know them on the buses.
+struct Own {
+    setup: MasterSetup,
+    devices: DeviceSet,
+}
+
+impl Own {
+    fn new(rig: &config::Rig, [has_left, has_right, has_sensor]: [bool; 3]) -> Result<Self, Failure> {
+        let setup = bus_plan(rig).map_err(|error| rig_failure(&error))?.0;
+        let devices = DeviceSet::drives_where([has_left, has_right]) | DeviceSet::SENSOR.only_if(has_sensor);
+        Ok(Self { setup, devices })
+    }
+
+    /// What only one process may be on a bus.
+    fn roles(&self, bus: u8) -> Vec<Role> {
+        let drives = (0..).zip(&self.setup.drives).map(|(at, drive)| {
+            let role = Role::Node(drive.node_id);
+            (DeviceSet::drive(at), drive.bus, role)
+        });
+        let sensor = match &self.setup.sensor.link {
+            SensorLink::Canopen(node) => Role::Node(node.node_id),
+            SensorLink::PlainCan(link) => Role::PlainCan(link.protocol.data_ids()[0]),
+        };
+        let all = drives.chain([(DeviceSet::SENSOR, self.setup.sensor.bus, sensor)]);
+        all.filter(|(device, on, _)| self.devices.contains(*device) && *on == bus).map(|(.., role)| role).collect()
+    }
+
+    /// Listens for others that are the same devices; `numbered` gives a frame the number of its bus.
+    fn listen(
+        &self,
+        link: &mut impl CanLink,
+        is_over: &AtomicBool,
+        numbered: impl Fn(&Frame) -> Frame,
+    ) -> Result<(), Failure> {
+        let signs = Signs::of_devices(&self.setup, self.devices);
+        let heard = listen(link, self.setup.listening(), is_over, |frame| signs.find(&numbered(frame)));
+        heard.map_or(Ok(()), |heard| {
+            let bus = DeviceSet::interface(heard.frame.bus());
+            let message = format!(
+                "a device of this process is on the bus already; nothing was sent. Heard: {heard}, on the {bus}"
+            );
+            let help = "switch that device off, or leave it out of --nodes";
+            Err(Failure::new(Exit::BusUnavailable, message, help))
+        })
+    }
+}
+
 /// The failure that a socket is which cannot be made.
 fn no_socket(path: &Path, error: &io::Error) -> Failure {
     let help = match error.kind() {
@@ -218,8 +271,13 @@ fn attach_one(
     // The device is on one bus, and hears no other.
     let interface = Interfaces::one(rig, &arguments.bus, bus)?;
     let bit_rate = rig.buses.get(bus).map(|bus| bus.bit_rate_bit_per_s);
-    let settings = SocketCanSettings { bit_rate, ..SocketCanSettings::everything(&interface) };
+    let own = Own::new(rig, here)?;
+    let number = rig.buses.keys().take_while(|name| *name != bus).count() as u8;
+    let roles = own.roles(number);
+    let settings = SocketCanSettings { bit_rate, roles, ..SocketCanSettings::everything(&interface) };
     let mut link = SocketCan::open(&settings).map_err(|error| link_failure(&error))?;
+    // Whoever is attached has little time to answer: before that.
+    own.listen(&mut link, &is_interrupted, |frame| frame.on_bus(number))?;
     output.news(&format!("simulated {} on {interface}; Ctrl-C ends it", names(rig, here).join(", ")))?;
     attach(&mut device, &mut link, path, &is_interrupted).map_err(|error| not_attached(path, &error))
 }

@@ -14,7 +14,9 @@ mod linux;
 
 pub use error_frame::ErrorFrame;
 #[cfg(all(feature = "socketcan", target_os = "linux"))]
-pub use linux::{CobFilter, ControllerState, InterfaceFacts, LinkError, SocketCan, SocketCanSettings, SocketCans};
+pub use linux::{
+    CobFilter, ControllerState, Holder, InterfaceFacts, LinkError, Role, SocketCan, SocketCanSettings, SocketCans,
+};
 
 use crate::bus::LinkEvent;
 use crate::canopen::{Frame, Outbox, Time};

@@ -2,7 +2,7 @@
 
 use thiserror::Error;
 
-use crate::bus::BootError;
+use crate::bus::{BootError, Heard};
 use crate::guard::{Cause, DeviceSet};
 use crate::link::SendError;
 use crate::rig::{Pace, RigError};
@@ -17,6 +17,19 @@ pub enum LiveError {
     /// A node is missing or is not what it should be. Nothing was enabled.
     #[error(transparent)]
     Boot(#[from] BootError),
+    /// Somebody else is the master of a bus.
+    #[error(
+        "{}{}. Heard: {heard}, on the {}",
+        if *.has_sent { "another master began at the same moment" } else { "a master is on this bus" },
+        if *.has_sent { "; nothing was enabled, and nothing more is sent" } else { "; nothing was sent" },
+        DeviceSet::interface(heard.frame.bus())
+    )]
+    OtherMaster {
+        /// What told so.
+        heard: Heard,
+        /// Whether this master had sent something before.
+        has_sent: bool,
+    },
     /// The network could not be booted because nothing can be sent.
     #[error("while the network was booted, {}: {error}", DeviceSet::interface(*.bus))]
     Send {

@@ -15,6 +15,7 @@ mod histogram;
 #[cfg(all(feature = "socketcan", target_os = "linux"))]
 pub mod host;
 mod latency;
+mod listen;
 mod metronome;
 mod proof;
 mod rig;
@@ -30,6 +31,7 @@ pub use drill::{DriveAddress, drive_addresses};
 pub use error::LiveError;
 pub use histogram::Histogram;
 pub use latency::{Latency, Lateness, PROBE, PROVING_CYCLES, STOCK_CYCLES, Tier, measure_latency};
+pub use listen::listen;
 pub use metronome::Metronome;
 pub use proof::{DriveIdentity, Subject, Unproven};
 pub use rig::{BootWatch, LinkCounts, LiveRig};

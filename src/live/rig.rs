@@ -1,5 +1,6 @@
 //! The loop.
 
+mod alone;
 mod arrivals;
 
 use std::panic::{AssertUnwindSafe, catch_unwind};
@@ -15,7 +16,7 @@ use crate::cycle::{Outputs, Timing};
 use crate::guard::{Cause, DeviceSet, Request, State};
 use crate::link::{CanLink, LinkOutbox};
 use crate::record::{CycleRecord, Moment, Stages};
-use crate::rig::{Enabling, Observer, Pace, Tap, master};
+use crate::rig::{Enabling, Observer, Pace, Tap, bus_plan, master};
 use yieldwall_drives::objects;
 
 /// Longest time between two calls of a [`BootWatch`].
@@ -86,6 +87,10 @@ pub struct LiveRig<L, M> {
     drives: [DriveAddress; 2],
     last: Option<Outputs>,
     has_panicked: bool,
+    /// How long another master is listened for before anything is sent.
+    listening: Duration,
+    /// Whether that was done, and nobody was heard since.
+    has_listened: bool,
 }
 
 impl<L: CanLink, M: Metronome> LiveRig<L, M> {
@@ -122,6 +127,8 @@ impl<L: CanLink, M: Metronome> LiveRig<L, M> {
             drives: drive_addresses(rig)?,
             last: None,
             has_panicked: false,
+            listening: bus_plan(rig)?.0.listening(),
+            has_listened: false,
         })
     }
 
@@ -185,10 +192,13 @@ impl<L: CanLink, M: Metronome> LiveRig<L, M> {
         self.scene_from = Some(self.next_sync);
     }
 
-    /// Resets the network, configures and starts all nodes, up to the exchange of process data. Nothing is enabled.
+    /// Resets, configures and starts the rig's nodes, up to the exchange of process data. Nothing is enabled.
+    ///
+    /// The first time it listens before that, on the wall in both paces, and sends nothing if there is another master.
     ///
     /// # Errors
-    /// If a node is missing or is not what it should be, nothing can be sent, or the watch asks for the end.
+    /// If there is another master, a node is missing or is not what it should be, nothing can be sent, or the watch asks for the
+    /// end.
     pub fn boot(&mut self) -> Result<(), LiveError> {
         let booted = self.bring_up();
         if let Some(watch) = &mut self.boot_watch {
@@ -199,15 +209,18 @@ impl<L: CanLink, M: Metronome> LiveRig<L, M> {
 
     fn bring_up(&mut self) -> Result<(), LiveError> {
         self.waits = false;
-        // What came before the reset says nothing of what comes after it.
-        self.drain();
+        self.make_sure_to_be_alone()?;
         self.send_or_fail(|master, now, out| master.start(now, out))?;
         loop {
             self.drain();
             self.send_or_fail(|master, now, out| master.poll(now, out))?;
             match self.master.phase() {
                 Phase::Operational => break,
-                Phase::Failed(error) => return Err(error.clone().into()),
+                Phase::Failed(error) => {
+                    let error = error.clone();
+                    self.check_alone()?;
+                    return Err(error.into());
+                }
                 // A master whose cycle has panicked does not start.
                 Phase::Off => return Err(LiveError::NotBooted),
                 // The master gives every other phase a bound.
@@ -412,7 +425,10 @@ impl<L: CanLink, M: Metronome> LiveRig<L, M> {
     }
 
     /// The same where nothing goes on without it.
-    fn send_or_fail(&mut self, act: impl FnOnce(&mut Master, Time, &mut LinkOutbox<'_, L>)) -> Result<(), LiveError> {
+    pub(super) fn send_or_fail(
+        &mut self,
+        act: impl FnOnce(&mut Master, Time, &mut LinkOutbox<'_, L>),
+    ) -> Result<(), LiveError> {
         let now = self.now();
         let mut out = LinkOutbox::new(&mut self.link);
         act(&mut self.master, now, &mut out);

@@ -3,7 +3,7 @@
 use std::sync::LazyLock;
 use std::time::Duration;
 
-use yieldwall::bus::{LinkEvent, Master, Phase};
+use yieldwall::bus::{BootFailure, LinkEvent, Master, Phase};
 use yieldwall::canopen::{Frame, Time};
 use yieldwall::config::{self, builtin};
 use yieldwall::cycle::Timing;
@@ -32,6 +32,9 @@ const PHASE_LIMIT: Duration = Duration::from_millis(501);
 /// How long frames of devices may take while nothing happens on the bus, and how many of such times are looked at.
 const SLICE: Duration = Duration::from_millis(10);
 const MOST_SLICES: u128 = 100;
+
+/// Who is told to be reset and to start.
+const NODES: [u16; 3] = [DRIVE_NODES[0], DRIVE_NODES[1], SENSOR_NODE];
 
 /// One rig per command mode.
 const FILES: [&str; 3] = ["paper-admittance.yaml", "paper-admittance-csp.yaml", "paper-admittance-csv.yaml"];
@@ -118,7 +121,7 @@ impl Net {
             drive.boot(now, &mut boot);
         }
         self.parts.sensor.boot(now, &mut boot);
-        self.act(3, |master, out| master.start(now, out));
+        self.act(1 + NODES.len(), |master, out| master.start(now, out));
     }
 
     /// Has the master do something and looks at what it sends.
@@ -268,10 +271,13 @@ fn is_set_point(frame: &Frame) -> bool {
 /// What the master sends in a phase.
 fn check_sent(frame: &Frame, phase: &Phase) {
     let is_operational = *phase == Phase::Operational;
+    let has_given_way =
+        matches!(phase, Phase::Failed(error) if matches!(error.failure, BootFailure::OtherMaster { .. }));
+    assert!(!has_given_way, "{frame:x?} although there is another master");
     let is_good = match (frame.id(), frame.data()) {
-        (0x000, [0x81, 0]) => *phase == Phase::Resetting,
+        (0x000, [0x81, node]) => NODES.contains(&u16::from(*node)) && *phase == Phase::Resetting,
         // Nodes that have started by themselves are there at once.
-        (0x000, [0x01, 0]) => is_operational || *phase == Phase::Starting,
+        (0x000, [0x01, node]) => NODES.contains(&u16::from(*node)) && (is_operational || *phase == Phase::Starting),
         (0x080, []) => is_operational,
         (0x201 | 0x202, data) => is_operational && matches!(data.len(), 4 | 6),
         // A request, and the aborts of those that are given up.

@@ -2,6 +2,7 @@
 
 use yieldwall::canopen::Frame;
 use yieldwall::link::{CanLink, SocketCanSettings};
+use yieldwall::rig::Pace;
 
 use super::programs::*;
 use hil_tests::network::Real;
@@ -9,7 +10,7 @@ use hil_tests::network::Real;
 #[test]
 #[ignore = "needs a CAN interface: see hil-tests/vcan"]
 fn devices_that_are_there_twice_are_refused_before_a_drive_is_enabled() {
-    let devices = [lockstep(RIG), lockstep(RIG)];
+    let devices = (lockstep(RIG), Doubles::start(RIG, None, Pace::Lockstep));
     assert_duplicates_are_refused(|| run_for("1"));
     drop(devices);
 }
@@ -104,10 +105,17 @@ fn a_device_that_cannot_be_attached_and_one_that_is_left_say_why() {
     assert!(message.contains("--plant /no/dir/x") && help.contains("a folder that is there"), "{message}: {help}");
 
     let plant = Running::sim(RIG, &["--pace", "lockstep", "--nodes", "left", "--plant", socket]);
-    let (code, message, help) = refusal(start(attach("left")));
-    assert_eq!(code, 2, "{message}");
-    assert!(message.contains("did not take this device in"), "{message}");
-    assert!(help.contains("--nodes"), "{help}");
+    let (code, message, _) = refusal(start(attach("left")));
+    assert_eq!(code, BUS_UNAVAILABLE, "{message}");
+    assert!(message.contains("node 1 is on this bus; nothing was sent"), "{message}");
+    if bus == "vcan0" {
+        // On another bus nobody has the node id, and yet the arm has the device.
+        let elsewhere = attach("left").map(|word| if word == bus { "vcan1".to_owned() } else { word });
+        let (code, message, help) = refusal(start(elsewhere));
+        assert_eq!(code, 2, "{message}");
+        assert!(message.contains("did not take this device in"), "{message}");
+        assert!(help.contains("--nodes"), "{help}");
+    }
     // One that is served: the arm calls it while time follows the wall.
     let right = start(attach("right"));
     let wrist = Running::sim(RIG, &["--nodes", "wrist", "--attach", socket]);

@@ -18,6 +18,8 @@ mod interface;
 #[cfg(target_os = "linux")]
 mod lockstep;
 #[cfg(target_os = "linux")]
+mod masters;
+#[cfg(target_os = "linux")]
 mod processes;
 #[cfg(target_os = "linux")]
 mod programs;

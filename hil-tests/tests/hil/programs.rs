@@ -11,7 +11,10 @@ use std::time::{Duration, Instant};
 use hil_tests::network::Real;
 use serde_json::Value;
 use yieldwall::canopen::{Emergency, Frame, Time};
+use yieldwall::config::{self, Source};
 use yieldwall::link::{CanLink, Received, SocketCanSettings};
+use yieldwall::live::serve;
+use yieldwall::rig::{DeviceServer, Pace};
 
 pub(super) const RIG: &str = "builtin:paper-admittance.yaml";
 /// How long anything may take; only a program that hangs does.
@@ -23,6 +26,7 @@ pub(super) const TRIES: usize = 4;
 pub(super) const OK: i32 = 0;
 pub(super) const BUS_UNAVAILABLE: i32 = 4;
 pub(super) const DEVICE_MISMATCH: i32 = 5;
+pub(super) const DEVICE_FAULT: i32 = 6;
 pub(super) const OUT_OF_TOLERANCE: i32 = 7;
 pub(super) const SAFETY_STOP: i32 = 8;
 pub(super) const TIMING_MISSED: i32 = 9;
@@ -83,8 +87,18 @@ impl Running {
     }
 
     pub(super) fn signal(&self, name: &str) {
-        let id = self.0.as_ref().expect("it runs").id().to_string();
+        let id = self.pid().to_string();
         assert!(Command::new("kill").args(["-s", name, &id]).status().expect("procps").success());
+    }
+
+    /// Number of the process.
+    pub(super) fn pid(&self) -> u32 {
+        self.0.as_ref().expect("it runs").id()
+    }
+
+    /// Whether it has ended.
+    pub(super) fn has_ended(&mut self) -> bool {
+        self.0.as_mut().expect("it runs").try_wait().expect("it is a child").is_some()
     }
 
     /// Waits for the end; exit code, standard output, standard error.
@@ -121,6 +135,44 @@ impl Drop for Running {
             let _ = child.kill();
             let _ = child.wait();
         }
+    }
+}
+
+/// The simulated devices of a rig once more, on the bus beside those of a program: in this process, which is none of those
+/// that keep a node id for one of them.
+pub(super) struct Doubles {
+    is_over: Arc<AtomicBool>,
+    thread: Option<JoinHandle<()>>,
+}
+
+impl Doubles {
+    /// Devices that are switched on; `scene` in place of the rig's.
+    pub(super) fn start(rig: &str, scene: Option<&str>, pace: Pace) -> Self {
+        let rig = config::load_rig(Source::named(rig)).expect("a good rig");
+        let scene = scene.map_or_else(|| rig.source.relative(&rig.value.scene), Source::named);
+        let scene = config::load_scene(scene).expect("a good scene").value;
+        let mut link = Real::open(&SocketCanSettings::everything(&bus()));
+        let is_over = Arc::new(AtomicBool::new(false));
+        let (end, (is_on, switched_on)) = (Arc::clone(&is_over), std::sync::mpsc::channel());
+        let thread = std::thread::spawn(move || {
+            let server = DeviceServer::new(&rig.value, &scene, scene.seed, pace);
+            let mut server = server.expect("a rig that can be simulated");
+            let served = serve(&mut server, &mut link, &end, |_| {
+                // Nobody waits a second time.
+                let _ = is_on.send(());
+            });
+            served.expect("the interface stays");
+        });
+        switched_on.recv().expect("they are served");
+        Self { is_over, thread: Some(thread) }
+    }
+}
+
+impl Drop for Doubles {
+    fn drop(&mut self) {
+        self.is_over.store(true, Ordering::Relaxed);
+        let ended = self.thread.take().map(JoinHandle::join);
+        assert!(std::thread::panicking() || ended.is_none_or(|ended| ended.is_ok()), "the devices have failed");
     }
 }
 
@@ -185,7 +237,7 @@ impl Observer {
 
     /// Both drives were told to be in Operation Enabled for so many cycles.
     pub(super) fn until_moving(&self, cycles: usize) {
-        self.until("motion", |frames| set_points(frames).filter(|word| *word == 0x0f).count() > 2 * cycles);
+        self.until("motion", |frames| moves(frames, cycles));
     }
 
     /// What was heard so far, which is forgotten.
@@ -246,6 +298,11 @@ fn system(words: &[&str]) {
     let done = Command::new(words[0]).args(&words[1..]).output().expect("iproute2 is installed");
     let said = String::from_utf8_lossy(&done.stderr);
     assert!(done.status.success() || std::thread::panicking(), "{}: {said}", words.join(" "));
+}
+
+/// Whether both drives were told to be in Operation Enabled for so many cycles.
+pub(super) fn moves(frames: &[Frame], cycles: usize) -> bool {
+    set_points(frames).filter(|word| *word == 0x0f).count() > 2 * cycles
 }
 
 /// The low byte of every controlword for a drive, in the order of the bus.

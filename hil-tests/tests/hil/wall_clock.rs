@@ -5,6 +5,7 @@ use std::path::Path;
 use std::time::Duration;
 
 use serde_json::Value;
+use yieldwall::rig::Pace;
 
 use super::programs::*;
 
@@ -113,7 +114,7 @@ fn a_drilled_rig_runs_alone_on_its_bus_and_one_that_stalls_is_lost() {
 
 /// Every device is there twice. In lockstep nobody would wait for the second one.
 fn twice(rig: &str, scene: &str) {
-    let others = sim(rig, scene, &[]);
+    let others = Doubles::start(rig, Some(scene), Pace::Free);
     assert_duplicates_are_refused(|| Running::run(rig, &["--duration", "1"]));
     drop(others);
 }

@@ -12,6 +12,7 @@ use super::boot::Boot;
 use super::error::{BootError, BootFailure};
 use super::image::{Image, SensorFrames, Taken};
 use super::setup::{MasterSetup, SensorLink};
+use super::signs::Signs;
 use crate::canopen::nmt;
 use crate::canopen::{self, Emergency, Frame, NodeId, Outbox, SyncProducer, Time, cob};
 use crate::cycle::{Cycle, Inputs, LinkEvents, Outputs, Timing};
@@ -45,6 +46,10 @@ pub struct Master {
     sample_wait: Duration,
     /// The buses.
     lines: Vec<Line>,
+    /// What another master is known by, until process data are exchanged.
+    signs: Signs,
+    /// Whether anything was ever sent.
+    has_sent: bool,
     sync: SyncProducer,
     image: Image,
     cycle: Cycle,
@@ -145,6 +150,8 @@ impl Master {
             sensor_bus,
             sample_wait: setup.sensor.waits.start,
             lines,
+            signs: Signs::of_masters(setup),
+            has_sent: false,
             sync,
             image,
             cycle,
@@ -220,6 +227,14 @@ impl Master {
     ///
     /// Real-time: yes, while operational.
     pub fn on_frame(&mut self, now: Time, frame: &Frame, out: &mut impl Outbox) {
+        if self.phase != Phase::Operational {
+            if let Some(heard) = self.signs.find(frame) {
+                return self.give_way(heard);
+            }
+            if !self.has_sent {
+                return;
+            }
+        }
         match self.image.on_frame(now, frame) {
             Taken::Image => return self.go_on_if_started(),
             taken @ (Taken::Own | Taken::SetPoint) => {

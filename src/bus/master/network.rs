@@ -6,6 +6,7 @@ use super::line::Line;
 use super::node::Node;
 use super::{Master, Phase, refuse};
 use crate::bus::error::BootFailure;
+use crate::bus::signs::Heard;
 use crate::canopen::nmt::{self, HeartbeatChange, HeartbeatEvent};
 use crate::canopen::{Frame, NmtCommand, NmtState, Outbox, Time};
 use crate::cycle::LinkEvents;
@@ -13,7 +14,34 @@ use crate::guard::DeviceSet;
 use crate::plain_can::Client;
 
 impl Master {
-    /// Resets the network and starts to watch it: the first time, and again when a person restarts the rig after a node
+    /// Begins to listen for another master, with nothing sent until [`Master::announce`] or [`Master::start`]. One that is
+    /// heard is [`Phase::Failed`] with [`BootFailure::OtherMaster`], and so it is from then on until the exchange of process
+    /// data: in operation such frames are a fault of the cycle.
+    pub fn listen(&mut self) {
+        self.enter(Phase::Off);
+    }
+
+    /// Sends the first heartbeat, which disturbs nobody, before anything that does: two masters that begin at the same moment
+    /// hear each other's.
+    pub fn announce(&mut self, now: Time, out: &mut impl Outbox) {
+        self.has_sent = true;
+        self.next_heartbeat = now;
+        self.send_heartbeat(now, out);
+    }
+
+    /// Leaves the network to another master: nothing more is sent until the network is started anew.
+    pub(super) fn give_way(&mut self, heard: Heard) {
+        if matches!(self.phase, Phase::Failed(_)) {
+            return;
+        }
+        let has_sent = self.has_sent;
+        let step = if has_sent { "boot the network" } else { "listen" };
+        let error = refuse(Some(self.id.raw()), "master", step, BootFailure::OtherMaster { heard, has_sent });
+        self.enter(Phase::Failed(error));
+        (self.is_silent, self.next_heartbeat) = (true, Time::NEVER);
+    }
+
+    /// Resets the nodes of the rig, no others, and starts to watch them: the first time, and again when a person restarts it after a node
     /// was reset or lost. Nothing is remembered of what was before but the emergencies, and nothing is enabled.
     ///
     /// After [`Master::quick_stop_now`] it does nothing: only a new master can tell what the cycle does.
@@ -31,7 +59,8 @@ impl Master {
         self.last = self.cycle.idle();
         self.enter(Phase::Resetting);
         self.phase_since = now;
-        self.tell_nodes(nmt::command(NmtCommand::ResetNode, None), out);
+        self.has_sent = true;
+        self.command(NmtCommand::ResetNode, out);
         self.next_heartbeat = now;
         self.send_heartbeat(now, out);
     }
@@ -78,12 +107,17 @@ impl Master {
     /// Leaves the network: the nodes go to Pre-operational, where nobody waits for set-points. For a rig that was stopped.
     pub fn leave(&mut self, out: &mut impl Outbox) {
         self.enter(Phase::Off);
-        self.tell_nodes(nmt::command(NmtCommand::EnterPreOperational, None), out);
+        self.command(NmtCommand::EnterPreOperational, out);
     }
 
     pub(super) fn enter(&mut self, phase: Phase) {
         tracing::debug!(?phase, "network");
         self.phase = phase;
+    }
+
+    /// Commands each node of the rig, and no other that may be on its bus.
+    fn command(&self, command: NmtCommand, out: &mut impl Outbox) {
+        self.nodes.iter().for_each(|node| out.push(nmt::command(command, Some(node.id)).on_bus(node.bus)));
     }
 
     /// Sends a frame to every bus that has nodes.
@@ -175,7 +209,7 @@ impl Master {
             for line in &mut self.lines {
                 self.nodes.iter().filter(|node| node.bus == line.bus).for_each(|node| line.watch.start(now, node.id));
             }
-            self.tell_nodes(nmt::command(NmtCommand::StartRemoteNode, None), out);
+            self.command(NmtCommand::StartRemoteNode, out);
             if let Some(client) = self.image.plain_mut() {
                 client.start(now, &mut out.on(self.sensor_bus));
             }

@@ -5,7 +5,7 @@ use crate::bus::error::BootError;
 /// Where the network stands.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Phase {
-    /// Nothing was sent yet.
+    /// Nothing was sent yet but a heartbeat, or the network was left.
     Off,
     /// The nodes were reset and have to announce themselves.
     Resetting,
@@ -15,7 +15,7 @@ pub enum Phase {
     Starting,
     /// Process data are exchanged; `on_sync` and `on_compute` are called every cycle.
     Operational,
-    /// A node is missing or is not what it should be. Final: nothing is enabled.
+    /// A node is missing or is not what it should be, or there is another master. Final: nothing is enabled.
     Failed(BootError),
 }
 

@@ -22,7 +22,7 @@ impl Net {
 
     fn reset_both(&mut self) {
         self.master.start(self.now, &mut self.sent);
-        assert_eq!(self.take(), ["000#8100", "1:000#8100", "77F#7F", "1:77F#7F"]);
+        assert_eq!(self.take(), ["000#8101", "000#8102", "1:000#8101", "77F#7F", "1:77F#7F"]);
         for line in ["701#00", "702#00", "1:701#00"] {
             assert_eq!(*self.master.phase(), Phase::Resetting);
             self.hear(line);
@@ -32,7 +32,7 @@ impl Net {
     fn boot_both(&mut self) {
         self.reset_both();
         self.serve(|_, _| None);
-        assert_eq!(self.take(), ["000#0100", "1:000#0100"]);
+        assert_eq!(self.take(), ["000#0101", "000#0102", "1:000#0101"]);
         for line in ["701#05", "702#05", "1:701#05"] {
             assert_eq!(*self.master.phase(), Phase::Starting);
             self.hear(line);
@@ -177,12 +177,12 @@ fn only_a_bus_where_somebody_hears_it_gets_sync() {
     (setup.sensor.bus, setup.sensor.link) = (1, SensorLink::PlainCan(link));
     let mut net = Net::with(cycle, setup, home);
     net.master.start(net.now, &mut net.sent);
-    assert_eq!(net.take(), ["000#8100", "77F#7F"]);
+    assert_eq!(net.take(), ["000#8101", "000#8102", "77F#7F"]);
     ["701#00", "702#00"].iter().for_each(|line| net.hear(line));
     net.serve(|_, _| None);
     let started = net.take();
-    assert_eq!(started[0], "000#0100");
-    assert!(started[1..].iter().all(|line| line.starts_with("1:35F#")), "orders go to the sensor's bus: {started:?}");
+    assert_eq!(started[..2], ["000#0101", "000#0102"]);
+    assert!(started[2..].iter().all(|line| line.starts_with("1:35F#")), "orders go to the sensor's bus: {started:?}");
     net.master.on_sync(&mut net.sent);
     assert_eq!(net.take(), ["080#"]);
 }

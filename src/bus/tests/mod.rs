@@ -1,5 +1,6 @@
 //! The master against frames written by hand.
 
+mod alone;
 mod boot;
 mod buses;
 mod exchange;
@@ -20,6 +21,9 @@ use yieldwall_drives::scaling::{AxisScaling, Direction};
 /// Waits that differ, so that one taken for the other shows.
 pub(super) const WAITS: Waits =
     Waits { boot_up: Duration::from_millis(700), sdo: Duration::from_millis(250), start: Duration::from_millis(500) };
+
+/// The start of the nodes.
+const STARTED: [&str; 3] = ["000#0101", "000#0102", "000#010A"];
 
 const COUNTS_PER_REV: f64 = 800_000.0;
 
@@ -179,7 +183,8 @@ impl Net {
     /// Boot-ups of all nodes after the reset.
     fn reset(&mut self) {
         self.master.start(self.now, &mut self.sent);
-        assert_eq!(self.take(), ["000#8100", "77F#7F"], "reset of all nodes, then a heartbeat in Pre-operational");
+        let reset = ["000#8101", "000#8102", "000#810A", "77F#7F"];
+        assert_eq!(self.take(), reset, "a reset of each node, then a heartbeat in Pre-operational");
         for line in ["701#00", "702#00", "70A#00"] {
             assert_eq!(*self.master.phase(), Phase::Resetting);
             self.hear(line);
@@ -191,7 +196,7 @@ impl Net {
     fn boot(&mut self) {
         self.reset();
         self.serve(|_, _| None);
-        assert_eq!(self.take(), ["000#0100"], "all nodes are started when all are configured");
+        assert_eq!(self.take(), STARTED, "each node is started when all are configured");
         for line in ["701#05", "702#05"] {
             self.hear(line);
             assert_eq!(*self.master.phase(), Phase::Starting);

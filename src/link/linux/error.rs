@@ -4,6 +4,8 @@ use std::io;
 
 use rustix::io::Errno;
 
+use super::hold::{Holder, Role};
+
 /// What is wrong with an interface.
 #[derive(Debug, thiserror::Error)]
 pub enum LinkError {
@@ -77,6 +79,24 @@ pub enum LinkError {
         /// The wanted one in bit/s.
         wanted: u32,
     },
+    /// Another process of this computer does on the interface what only one may do.
+    #[error(
+        "{role} is on this bus; nothing was sent: on `{interface}` it is {} of this computer. {}, or name another interface \
+         with --bus",
+        .holder.as_ref().map_or_else(|| "another process".to_owned(), ToString::to_string),
+        .holder.as_ref().map_or_else(
+            || "End it".to_owned(),
+            |holder| format!("End it with `kill -INT {pid}`, or with `kill -KILL {pid}` if it hangs", pid = holder.pid)
+        )
+    )]
+    Held {
+        /// Name of the interface.
+        interface: String,
+        /// What the process does.
+        role: Role,
+        /// Which process it is, if the kernel tells.
+        holder: Option<Holder>,
+    },
     /// Anything else that the system refuses.
     #[error("`{interface}`: the system refuses to {step}: {source}")]
     System {
@@ -136,6 +156,23 @@ mod tests {
         assert!(matches!(opened(Errno::PERM), LinkError::NotPermitted));
         assert!(matches!(opened(Errno::NODEV), LinkError::NotCan { .. }));
         assert!(matches!(opened(Errno::NOMEM), LinkError::System { .. }));
+    }
+
+    #[test]
+    fn who_is_there_already_is_named() {
+        let held = |role, holder| LinkError::Held { interface: "can0".to_owned(), role, holder }.to_string();
+        let holder = Holder { pid: 42, command: Some("yieldwall run rig.yaml --bus can0".to_owned()) };
+        assert_eq!(
+            held(Role::Master, Some(holder)),
+            "a master is on this bus; nothing was sent: on `can0` it is process 42 (`yieldwall run rig.yaml --bus can0`) of \
+             this computer. End it with `kill -INT 42`, or with `kill -KILL 42` if it hangs, or name another interface with \
+             --bus"
+        );
+        assert_eq!(
+            held(Role::Node(1), None),
+            "node 1 is on this bus; nothing was sent: on `can0` it is another process of this computer. End it, or name \
+             another interface with --bus"
+        );
     }
 
     #[test]

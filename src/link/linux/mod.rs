@@ -14,6 +14,7 @@ mod controller_clock;
 mod error;
 mod facts;
 mod filter;
+mod hold;
 mod message;
 mod several;
 mod wall;
@@ -21,6 +22,7 @@ mod wall;
 pub use error::LinkError;
 pub use facts::{ControllerState, InterfaceFacts};
 pub use filter::CobFilter;
+pub use hold::{Holder, Role};
 pub use several::SocketCans;
 
 use std::cell::Cell;
@@ -36,6 +38,7 @@ use super::{Arrival, CanLink, ErrorFrame, Received, SendError};
 use crate::canopen::{Frame, Time};
 use controller_clock::ControllerClock;
 use filter::Identifiers;
+use hold::Hold;
 use message::{Message, Told};
 use wall::{Wall, monotonic};
 
@@ -65,6 +68,9 @@ pub struct SocketCanSettings {
     pub bit_rate: Option<u32>,
     /// Memory in bytes for what nobody has taken yet, per socket. A frame takes about 1 kB of it.
     pub receive_buffer: usize,
+    /// What the link does on the interface that only one process of this computer may do, for as long as the link lives. Who only
+    /// listens needs none.
+    pub roles: Vec<Role>,
 }
 
 impl SocketCanSettings {
@@ -76,7 +82,7 @@ impl SocketCanSettings {
     /// What these filters let through, without own frames, as a device or a client wants it.
     pub fn services(interface: &str, services: Vec<CobFilter>) -> Self {
         let interface = interface.to_owned();
-        Self { interface, process: Vec::new(), services, bit_rate: None, receive_buffer: 4 << 20 }
+        Self { interface, process: Vec::new(), services, bit_rate: None, receive_buffer: 4 << 20, roles: Vec::new() }
     }
 }
 
@@ -108,17 +114,19 @@ pub struct SocketCan {
     told: Cell<Time>,
     wall: Wall,
     controller: ControllerClock,
+    _holds: Vec<Hold>,
 }
 
 impl SocketCan {
     /// Opens an interface and checks that it can be used: that it is there, is a CAN interface, is up, is not bus-off and
-    /// has the wanted bit rate.
+    /// has the wanted bit rate. Takes the roles on it.
     ///
     /// # Errors
-    /// What is wrong with it, and what to try next.
+    /// What is wrong with it or who has one of the roles, and what to try next.
     pub fn open(settings: &SocketCanSettings) -> Result<Self, LinkError> {
         let name = settings.interface.as_str();
         let index = facts::find(name, settings.bit_rate)?;
+        let holds = settings.roles.iter().map(|role| Hold::take(name, *role)).collect::<Result<_, _>>()?;
         let has_process = !settings.process.is_empty();
         let (filters, others) = if has_process {
             (settings.process.as_slice(), settings.services.as_slice())
@@ -155,6 +163,7 @@ impl SocketCan {
             told: Cell::new(monotonic()),
             wall: Wall::default(),
             controller: ControllerClock::default(),
+            _holds: holds,
         })
     }
 

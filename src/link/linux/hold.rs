@@ -1,0 +1,193 @@
+//! What only one process of a computer does on an interface.
+//!
+//! A process that does it holds an abstract Unix socket. Its name is scoped by the network namespace, as CAN interfaces are, it
+//! is in no file system, and it goes with the process, however that ends. Who is refused asks the kernel who listens there.
+#![allow(unsafe_code)]
+
+use std::fmt;
+use std::fs;
+use std::io;
+use std::mem::size_of;
+use std::os::fd::{AsRawFd, OwnedFd};
+
+use rustix::io::Errno;
+use rustix::net::{AddressFamily, SocketAddrUnix, SocketFlags, SocketType, bind, connect, listen, socket_with};
+
+use super::error::LinkError;
+
+/// Attempts to hold what another process lets go of at the same moment.
+const ATTEMPTS: u32 = 4;
+/// Characters of a command line that are shown.
+const LONGEST_COMMAND: usize = 200;
+
+/// What only one process of a computer does on an interface.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Role {
+    /// To be the master.
+    Master,
+    /// To be the CANopen device with this node id.
+    Node(u8),
+    /// To be the device on plain CAN that sends this identifier.
+    PlainCan(u16),
+}
+
+impl fmt::Display for Role {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Role::Master => write!(f, "a master"),
+            Role::Node(node_id) => write!(f, "node {node_id}"),
+            Role::PlainCan(id) => write!(f, "the device that sends {id:03X}h"),
+        }
+    }
+}
+
+/// A process of this computer.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Holder {
+    /// Its number.
+    pub pid: i32,
+    /// Its command line, if the system tells.
+    pub command: Option<String>,
+}
+
+impl fmt::Display for Holder {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "process {}", self.pid)?;
+        self.command.as_ref().map_or(Ok(()), |command| write!(f, " (`{command}`)"))
+    }
+}
+
+/// A role that this process holds, for as long as this lives.
+#[derive(Debug)]
+pub(super) struct Hold {
+    _socket: OwnedFd,
+}
+
+impl Hold {
+    /// Takes a role on an interface.
+    pub(super) fn take(interface: &str, role: Role) -> Result<Self, LinkError> {
+        let name = match role {
+            Role::Master => format!("yieldwall/{interface}/master"),
+            Role::Node(node_id) => format!("yieldwall/{interface}/node/{node_id}"),
+            Role::PlainCan(id) => format!("yieldwall/{interface}/id/{id:03X}"),
+        };
+        let failed = |error: Errno| LinkError::System {
+            interface: interface.to_owned(),
+            step: "keep it for one process",
+            source: error.into(),
+        };
+        let address = SocketAddrUnix::new_abstract_name(name.as_bytes()).map_err(failed)?;
+        let mut holder = None;
+        for _ in 0..ATTEMPTS {
+            let socket = stream().map_err(failed)?;
+            match bind(&socket, &address) {
+                Ok(()) => {
+                    listen(&socket, i32::MAX).map_err(failed)?;
+                    return Ok(Self { _socket: socket });
+                }
+                Err(Errno::ADDRINUSE) => {}
+                Err(error) => return Err(failed(error)),
+            }
+            holder = who_listens(&address).map_err(failed)?;
+            if holder.is_some() {
+                break;
+            }
+        }
+        Err(LinkError::Held { interface: interface.to_owned(), role, holder })
+    }
+}
+
+fn stream() -> Result<OwnedFd, Errno> {
+    socket_with(AddressFamily::UNIX, SocketType::STREAM, SocketFlags::CLOEXEC | SocketFlags::NONBLOCK, None)
+}
+
+/// The process that listens at an address; `None` if nobody does, if too many have asked it before, or if it is none of this
+/// process namespace.
+fn who_listens(address: &SocketAddrUnix) -> Result<Option<Holder>, Errno> {
+    let socket = stream()?;
+    match connect(&socket, address) {
+        Ok(()) => {}
+        Err(Errno::CONNREFUSED | Errno::AGAIN) => return Ok(None),
+        Err(error) => return Err(error),
+    }
+    let mut peer = libc::ucred { pid: 0, uid: 0, gid: 0 };
+    let mut length = size_of::<libc::ucred>() as libc::socklen_t;
+    // SAFETY: `peer` and `length` are alive and the length is that of `peer`. rustix has no wrapper that may be told pid 0, which
+    // a process of another namespace has.
+    let result = unsafe {
+        libc::getsockopt(
+            socket.as_raw_fd(),
+            libc::SOL_SOCKET,
+            libc::SO_PEERCRED,
+            (&raw mut peer).cast(),
+            &raw mut length,
+        )
+    };
+    if result != 0 {
+        return Err(Errno::from_io_error(&io::Error::last_os_error()).unwrap_or(Errno::INVAL));
+    }
+    Ok((peer.pid > 0).then(|| Holder { pid: peer.pid, command: command_of(peer.pid) }))
+}
+
+/// The command line of a process, its words with spaces in between and nothing in it that a terminal would act on.
+fn command_of(pid: i32) -> Option<String> {
+    let bytes = fs::read(format!("/proc/{pid}/cmdline")).ok()?;
+    let words = String::from_utf8_lossy(&bytes).replace('\0', " ");
+    let shown: String = words.trim_end().chars().filter(|letter| !letter.is_control()).take(LONGEST_COMMAND).collect();
+    (!shown.is_empty()).then_some(shown)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// An interface that no other test names; none has to be there.
+    fn interface(name: &str) -> String {
+        format!("{name}{}", std::process::id())
+    }
+
+    fn refused(interface: &str, role: Role) -> Option<Holder> {
+        match Hold::take(interface, role) {
+            Err(LinkError::Held { holder, role: of, interface: on }) => {
+                assert_eq!((of, on.as_str()), (role, interface));
+                holder
+            }
+            other => panic!("{other:?}"),
+        }
+    }
+
+    #[test]
+    fn one_process_holds_a_role_until_it_lets_go_and_is_named() {
+        let (one, other) = (interface("a"), interface("b"));
+        let hold = Hold::take(&one, Role::Master).unwrap();
+        // Other roles and other interfaces are free.
+        let others = [Role::Node(1), Role::Node(2), Role::PlainCan(1)].map(|role| Hold::take(&one, role).unwrap());
+        drop(Hold::take(&other, Role::Master).unwrap());
+        for role in [Role::Master, Role::Node(1), Role::PlainCan(1)] {
+            let holder = refused(&one, role).unwrap();
+            assert_eq!(u32::try_from(holder.pid), Ok(std::process::id()));
+            let program = std::env::args().next().unwrap();
+            assert!(holder.to_string().contains(&program), "{holder}");
+        }
+        drop((hold, others));
+        drop(Hold::take(&one, Role::Master).unwrap());
+    }
+
+    #[test]
+    fn who_was_refused_thousands_of_times_is_refused_and_does_not_hang() {
+        let interface = interface("c");
+        let _hold = Hold::take(&interface, Role::Master).unwrap();
+        let named = (0..10_000).filter(|_| refused(&interface, Role::Master).is_some()).count();
+        // In the end the kernel keeps no more of those who ask.
+        assert!(named > 100, "{named}");
+    }
+
+    #[test]
+    fn a_role_that_somebody_has_bound_without_listening_is_held_by_nobody_known() {
+        let interface = interface("d");
+        let socket = stream().unwrap();
+        let name = format!("yieldwall/{interface}/master");
+        bind(&socket, &SocketAddrUnix::new_abstract_name(name.as_bytes()).unwrap()).unwrap();
+        assert_eq!(refused(&interface, Role::Master), None);
+    }
+}
