@@ -122,6 +122,7 @@ fn facts(tally: &Tally) -> Vec<[String; 2]> {
         fact("own frames on the bus", format!("{:.1} % of a cycle at most", 100.0 * peaks.bus_share)),
         fact("frames waiting in one port", format!("{} at most", peaks.queue)),
         fact("wraps of position counters", peaks.wraps.to_string()),
+        fact("did not hold and was excused", format!("{} times", tally.excused.values().sum::<u64>())),
         fact("mark of all runs", format!("{:016x}", tally.hash)),
     ]
 }
@@ -134,20 +135,31 @@ fn violations(tally: &Tally) -> Vec<[String; 2]> {
     each.collect()
 }
 
+/// What did not hold and was excused, by invariant and reason.
+fn excuses(tally: &Tally) -> Table {
+    let mut rows = vec![row(["did not hold", "excused", "times"])];
+    for (name, times) in &tally.excused {
+        let (invariant, excuse) = name.split_once(' ').unwrap_or((name, ""));
+        rows.push(vec![invariant.to_owned(), excuse.to_owned(), times.to_string()]);
+    }
+    Table(rows)
+}
+
 /// The summary as text.
 pub fn text(tally: &Tally) -> String {
     let mut text = String::new();
     for [name, value] in facts(tally).into_iter().chain(violations(tally)) {
         let _ = writeln!(text, "{name:34} {value}");
     }
-    let _ = write!(text, "\n{}\n{}", faults(tally).text(), injections(tally).text());
+    let tables = [excuses(tally), faults(tally), injections(tally)];
+    tables.iter().for_each(|table| text += &format!("\n{}", table.text()));
     text
 }
 
-/// The summary as Markdown: three tables.
+/// The summary as Markdown: four tables.
 pub fn markdown(tally: &Tally) -> String {
     let head = [row(["", ""])];
     let facts = head.into_iter().chain(facts(tally).into_iter().chain(violations(tally)).map(|fact| fact.to_vec()));
-    let tables = [Table(facts.collect()), faults(tally), injections(tally)];
+    let tables = [Table(facts.collect()), excuses(tally), faults(tally), injections(tally)];
     tables.map(|table| table.markdown()).join("\n")
 }

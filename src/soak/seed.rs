@@ -2,15 +2,13 @@
 
 use std::panic::{AssertUnwindSafe, catch_unwind};
 
-use super::checker::Peaks;
 use super::draw::{Machine, Shipped};
 use super::invariant::{Invariant, Violation};
 use super::script::Script;
-use super::session::{Course, End, Play, play};
+use super::session::{Course, Play, play};
 use super::shrink::shrink;
 use super::tally::Outcome;
 use super::verdict::{Verdict, judge};
-use crate::guard::Fault;
 use crate::guard::fault::TABLE;
 
 /// One seed in so many is run twice.
@@ -22,7 +20,7 @@ pub fn run_seed(shipped: &Shipped, seed: u64, cycles: u32, script: Option<&Scrip
     let machine = Machine::draw(shipped, seed);
     let drawn = || Script::draw(&machine, seed, cycles);
     let script = script.cloned().unwrap_or_else(drawn);
-    let (played, mut verdict) = run_script(&machine, &script, seed, cycles);
+    let (mut played, mut verdict) = run_script(&machine, &script, seed, cycles);
     if seed.is_multiple_of(TWICE_EVERY) {
         let (again, _) = run_script(&machine, &script, seed, cycles);
         if again.hash != played.hash {
@@ -31,6 +29,7 @@ pub fn run_seed(shipped: &Shipped, seed: u64, cycles: u32, script: Option<&Scrip
             verdict.violations.push(Violation { invariant: Invariant::I15, cycle, time_s, seen });
         }
     }
+    played.excused.join(&verdict.excused);
     let mut violations = played.violations;
     for found in verdict.violations {
         if violations.iter().all(|known| known.invariant != found.invariant) {
@@ -57,6 +56,7 @@ pub fn run_seed(shipped: &Shipped, seed: u64, cycles: u32, script: Option<&Scrip
             .map(|(row, times)| (row.name.to_owned(), times))
             .collect(),
         peaks: played.peaks,
+        excused: played.excused.by_name(),
         violations,
         replay,
     }
@@ -75,18 +75,7 @@ pub(super) fn run_script(machine: &Machine, script: &Script, seed: u64, cycles: 
             let text = text.or_else(|| panic.downcast_ref::<&str>().copied()).unwrap_or("without a message");
             let seen = format!("panic: {text}");
             let found = Violation { invariant: Invariant::Simulation, cycle: 0, time_s: 0.0, seen };
-            let played = Play {
-                end: End::Broken,
-                cycles: 0,
-                simulated_s: 0.0,
-                hash: 0,
-                events: Vec::new(),
-                shown: [0; Fault::COUNT],
-                scene_from_ns: None,
-                violations: vec![found],
-                peaks: Peaks::default(),
-                restarts: 0,
-            };
+            let played = Play { violations: vec![found], ..Play::nothing() };
             (played, Verdict::default())
         }
     }

@@ -1,11 +1,15 @@
 //! One run: the rig of a seed, its script of faults, its person, and the checker that watches.
 
+#[cfg(test)]
+mod tests;
+
 use std::sync::{Arc, Mutex};
 
 use serde::{Deserialize, Serialize};
 
 use super::checker::{Checker, Limits, Peaks};
 use super::draw::Machine;
+use super::excuse::{Excuse, Excused};
 use super::invariant::{Invariant, Violation};
 use super::nature;
 use super::observation::{Falsified, Observation, Reported, Sender, Sighting, Truth};
@@ -53,6 +57,8 @@ pub struct Event {
     pub radius_m: f64,
     /// Whether a drive gave all the torque that it may: a hand then moves the arm whatever the loop wants.
     pub is_at_torque_limit: bool,
+    /// Whether the drives were enabled a moment ago on an arm that moved outside of where the rig promises to work.
+    pub is_carried: bool,
 }
 
 /// How a run ended.
@@ -89,8 +95,29 @@ pub struct Play {
     pub violations: Vec<Violation>,
     /// The greatest values.
     pub peaks: Peaks,
+    /// What did not hold and was excused.
+    pub(super) excused: Excused,
     /// Times that the network was booted anew.
     pub restarts: u32,
+}
+
+impl Play {
+    /// That of a run in which nothing happened.
+    pub(super) fn nothing() -> Self {
+        Self {
+            end: End::Broken,
+            cycles: 0,
+            simulated_s: 0.0,
+            hash: 0,
+            events: Vec::new(),
+            shown: [0; Fault::COUNT],
+            scene_from_ns: None,
+            violations: Vec::new(),
+            peaks: Peaks::default(),
+            excused: Excused::default(),
+            restarts: 0,
+        }
+    }
 }
 
 /// Mixes words into a mark. Not meant against anybody who wants to cheat.
@@ -133,16 +160,14 @@ pub fn play_watched(course: &Course<'_>, watch: impl FnMut(&Observation)) -> Pla
     let end = match run.all(watch) {
         Ok(end) => end,
         Err(error) => {
-            // A hand may push an arm that nobody holds to where its model ends, and have it enabled not far from there.
-            let is_held = matches!(run.seen.state, State::Running | State::Holding | State::Stopping);
-            let is_near = run.seen.truth.tool_m[0].hypot(run.seen.truth.tool_m[1]) < tolerance::FAR_M;
-            if (is_held && is_near) || !matches!(error, RigError::Arm(_)) {
-                let seen = error.to_string();
-                run.kept.push(run.violation(Invariant::Simulation, seen));
+            match run.excuse_of(&error) {
+                Some(excuse) => run.excused.note(Invariant::Simulation, excuse),
+                None => run.kept.push(run.violation(Invariant::Simulation, error.to_string())),
             }
             End::Broken
         }
     };
+    run.excused.join(run.checker.excused());
     Play {
         end,
         cycles: run.seen.cycle,
@@ -153,6 +178,7 @@ pub fn play_watched(course: &Course<'_>, watch: impl FnMut(&Observation)) -> Pla
         scene_from_ns: run.scene_from_ns,
         violations: run.kept,
         peaks: *run.checker.peaks(),
+        excused: run.excused,
         restarts: run.restarts,
     }
 }
@@ -170,6 +196,11 @@ struct Run<'a> {
     shown: [u32; Fault::COUNT],
     scene_from_ns: Option<u64>,
     restarts: u32,
+    excused: Excused,
+    /// Whether a drive was enabled in the last cycle.
+    was_held: bool,
+    /// Until when an arm that the drives took over in motion may still be on its way, ns.
+    carried_until_ns: u64,
 }
 
 impl<'a> Run<'a> {
@@ -209,7 +240,42 @@ impl<'a> Run<'a> {
             shown: [0; Fault::COUNT],
             scene_from_ns: None,
             restarts: 0,
+            excused: Excused::default(),
+            was_held: false,
+            carried_until_ns: 0,
         }
+    }
+
+    /// Why an arm that cannot go on is no violation.
+    fn excuse_of(&self, error: &RigError) -> Option<Excuse> {
+        let falsified = self.falsified();
+        let is_held = matches!(self.seen.state, State::Running | State::Holding | State::Stopping);
+        match error {
+            RigError::Arm(_) if !is_held => Some(Excuse::Unheld),
+            // An arm that is led by an angle that is not its own goes anywhere.
+            RigError::Arm(_) if falsified.angles || falsified.drives => Some(Excuse::Falsified),
+            // Pushed there by a hand while nobody held it, and enabled not far from there.
+            RigError::Arm(_) if self.tool_radius_m() >= tolerance::FAR_M => Some(Excuse::Far),
+            _ => None,
+        }
+    }
+
+    /// Distance of the tool from the task's origin in m.
+    fn tool_radius_m(&self) -> f64 {
+        let [x, y] = self.seen.truth.tool_m;
+        x.hypot(y)
+    }
+
+    /// Notes when drives take over an arm that moves outside of where the rig promises to work.
+    fn note_takeover(&mut self) {
+        use yieldwall_drives::cia402::State as Drive;
+        let is_held = self.seen.truth.drives.contains(&Drive::OperationEnabled);
+        let [x, y] = self.seen.truth.velocity_m_per_s;
+        let is_outside = self.tool_radius_m() > self.course.machine.rig.linkage.working_radius_m.get();
+        if is_held && !self.was_held && is_outside && x.hypot(y) > tolerance::CARRIED_M_PER_S {
+            self.carried_until_ns = self.seen.sync_ns + (tolerance::QUICK_STOP_S * 1e9) as u64;
+        }
+        self.was_held = is_held;
     }
 
     fn violation(&self, invariant: Invariant, seen: String) -> Violation {
@@ -292,7 +358,11 @@ impl<'a> Run<'a> {
             let torque = drives.iter().any(|drive| drive.torque_n_m() != 0.0);
             let seen = match cycle {
                 // What a held interface lets go late is a set-point to the drives.
-                _ if cycle == bound && enabled > 0 && !self.seen.falsified.link => {
+                _ if cycle == bound && enabled > 0 && self.seen.falsified.link => {
+                    self.excused.note(Invariant::Watchdog, Excuse::Falsified);
+                    continue;
+                }
+                _ if cycle == bound && enabled > 0 => {
                     format!("{enabled} drives are still in Operation Enabled {bound} cycles after the last set-point")
                 }
                 _ if cycle == rest && torque => {
@@ -344,9 +414,11 @@ impl<'a> Run<'a> {
         self.seen.cycle += 1;
         let before = self.seen.state;
         let cause_before = self.seen.cause;
+        let grid_ns = machine.next_sync().0;
         machine.run_cycle(request)?;
-        self.look(machine, request);
+        self.look(machine, request, grid_ns);
         self.seen.falsified = self.falsified();
+        self.note_takeover();
         if self.scene_from_ns.is_none() && self.seen.state == State::Running {
             machine.take_handle();
             self.scene_from_ns = Some(machine.next_sync().0);
@@ -363,8 +435,9 @@ impl<'a> Run<'a> {
                 to: seen.state,
                 cause: seen.cause,
                 cause_before,
-                radius_m: seen.truth.tool_m[0].hypot(seen.truth.tool_m[1]),
+                radius_m: self.tool_radius_m(),
                 is_at_torque_limit: seen.truth.torques_n_m.iter().any(|torque| torque.abs() >= most),
+                is_carried: seen.sync_ns <= self.carried_until_ns,
             });
         }
         if seen.ran {
@@ -398,8 +471,8 @@ impl<'a> Run<'a> {
         all
     }
 
-    /// Takes what is to be seen of the cycle that has just run.
-    fn look(&mut self, machine: &EmbeddedRig, request: Request) {
+    /// Takes what is to be seen of the cycle that was to begin at `grid_ns` and has just run.
+    fn look(&mut self, machine: &EmbeddedRig, request: Request, grid_ns: u64) {
         let seen = &mut self.seen;
         seen.frames.clear();
         if let Ok(mut sightings) = self.sightings.lock() {
@@ -407,12 +480,9 @@ impl<'a> Run<'a> {
         }
         let record = self.record.lock().ok().and_then(|mut record| record.take());
         seen.ran = record.is_some();
-        if record.is_none() {
-            seen.sync_ns += (self.course.machine.period_s() * 1e9).round() as u64;
-        }
+        seen.sync_ns = grid_ns;
         if let Some(record) = record {
             let signals = &record.signals;
-            seen.sync_ns = record.moment.sync_ns;
             seen.reported = Reported {
                 force_n: signals.force.to_array(),
                 proxy_m: signals.proxy.to_array(),

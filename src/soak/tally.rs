@@ -40,6 +40,8 @@ pub struct Outcome {
     pub shown: BTreeMap<String, u32>,
     /// The greatest values.
     pub peaks: Peaks,
+    /// How often what did not hold was excused, by `invariant reason`: the names of [`super::Excuse`].
+    pub excused: BTreeMap<String, u64>,
     /// What did not hold.
     pub violations: Vec<Violation>,
     /// What replays the violations: arguments of `yieldwall soak`.
@@ -122,6 +124,8 @@ pub struct Tally {
     pub faults: BTreeMap<String, FaultTally>,
     /// The greatest values.
     pub peaks: Peaks,
+    /// How often what did not hold was excused, by `invariant reason`: the names of [`super::Excuse`].
+    pub excused: BTreeMap<String, u64>,
     /// Number of violations by invariant.
     pub violations: BTreeMap<String, u64>,
 }
@@ -156,6 +160,9 @@ impl Tally {
             }
         }
         self.peaks.join(&outcome.peaks);
+        for (name, times) in &outcome.excused {
+            *self.excused.entry(name.clone()).or_default() += times;
+        }
         for violation in &outcome.violations {
             *self.violations.entry(violation.invariant.name().to_owned()).or_default() += 1;
         }

@@ -11,6 +11,11 @@ pub(super) const TARGET_COUNTS: f64 = 1.0;
 /// two half steps fall together, so twice is allowed.
 pub(super) const RAMP_SHARE: f64 = 2.0;
 
+/// I2: before both drives are enabled a position target moves nothing: it is where the joint is told to be, or predicted by
+/// its last rate, and an arm that nobody holds turns as fast as a hand pushes it. Up to so many times the greatest rate the guard
+/// takes that for motion; from there on for an encoder that has jumped, and the rig is not enabled.
+pub(super) const TURNING_SHARE: f64 = 2.0;
+
 /// I3: torques on the bus are whole per mille of the rated torque, rounded.
 pub(super) const TORQUE_PER_MILLE: f64 = 1.0;
 
@@ -51,7 +56,9 @@ pub(super) const RESTING_CYCLES: u32 = 3;
 pub(super) const FIRST_TARGET_COUNTS: i64 = 1;
 
 /// I16: the truth is taken at the computation, the measurement at SYNC: they differ by what a joint turns in between, at
-/// most twice its greatest rate times one period (the guard takes a faster encoder for one that has jumped), and by the counts of the encoder.
+/// most twice its greatest rate times one period (the guard takes a faster encoder for one that has jumped), and by the counts of
+/// the encoder. An arm that nobody holds may turn faster under a hand of 200 N. Then they differ by no more than the joint truly
+/// turned from one computation to the next, since SYNC lies between the two.
 pub(super) const MEASURED_COUNTS: f64 = 2.0;
 
 /// I18: cycles with set-points from a request for a reset to the reset edge: one low word, then the edge.
@@ -76,3 +83,16 @@ pub(super) const QUICK_STOP_S: f64 = 0.5;
 /// Radius in m of the tool from the task's origin from which on an arm is far outside of where the rig promises to work
 /// (0.16 m): a hand has pushed it there while nobody held it.
 pub(super) const FAR_M: f64 = 0.24;
+
+/// Speed in m/s above which an arm that the drives take over outside of where the rig promises to work was carried there by
+/// a hand, and is still on its way outward: at 1.2 m/s 60 N m take 15 mm to stop it. For as long as a quick stop may take
+/// ([`QUICK_STOP_S`]) what shows at the edge is the hand's doing, not the reference's.
+pub(super) const CARRIED_M_PER_S: f64 = 0.05;
+
+/// False alarm: reactions to a hand alone below which their rate over a run is none. A run of 10 000 cycles in which the hand is
+/// held all the time has 50.
+pub(super) const LEAST_REACTIONS: usize = 10;
+
+/// I11: cycles' worth of a joint's greatest rate from which on a jump of an encoder cannot be motion: the guard takes two for a
+/// jump, and the joint may turn by one the other way.
+pub(super) const JUMP_CYCLES: f64 = 3.0;

@@ -2,33 +2,24 @@
 
 use serde::{Deserialize, Serialize};
 
+mod clock;
+#[cfg(test)]
+mod tests;
+
 use super::draw::Machine;
+use super::excuse::{Excuse, Excused};
 use super::invariant::{Invariant, Violation};
 use super::nature;
 use super::script::Script;
 use super::session::{End, Event, Play};
 use super::tolerance;
-use crate::guard::fault::{Bound, Stage};
+use crate::guard::fault::Stage;
 use crate::guard::{Fault, Reaction, State};
-use crate::injection::{Ending, Injection, Target};
+use crate::injection::{Ending, Injection, Kind, Target};
+use clock::{Clock, HAND_FAULTS};
 
-/// Faults that a hand alone brings about now and then, whatever else is broken: it is free to hit and to shake the tool.
-const HAND_FAULTS: [Fault; 6] =
-    [Fault::SensorSaturated, Fault::ForceStep, Fault::ForceLimit, Fault::OverSpeed, Fault::EnergyLimit, Fault::Chatter];
 /// Cycles per reaction to a hand alone, on average over a run, below which it is a false alarm that comes all the time.
 const LEAST_CYCLES_BETWEEN: usize = 200;
-
-/// Faults that an arm far outside of its working disc brings about, where a hand has pushed it while nobody held it.
-const FAR_FAULTS: [Fault; 6] = [
-    Fault::FollowingError,
-    Fault::Runaway,
-    Fault::WorkspaceLeft,
-    Fault::Posture,
-    Fault::EncoderJump,
-    Fault::ForceImplausible,
-];
-/// Faults that a hand brings about where the drives give all they may.
-const OVERPOWERED_FAULTS: [Fault; 2] = [Fault::FollowingError, Fault::Runaway];
 
 /// One injection and what followed.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -60,52 +51,15 @@ pub(super) struct Verdict {
     pub(super) injections: Vec<Followed>,
     pub(super) faults: Vec<Seen>,
     pub(super) violations: Vec<Violation>,
+    pub(super) excused: Excused,
 }
 
-/// Times of a rig that a bound is counted in.
-#[derive(Clone, Copy, Debug)]
-struct Clock {
-    period_s: f64,
-    sample_s: f64,
-    /// Consumer time of the longest heartbeat in s.
-    heartbeat_s: f64,
-    scene_from_ns: u64,
-    /// Whether the force sensor has noise, as every real one. Without it a hand at rest looks like a converter that hangs.
-    is_noisy: bool,
-}
-
-impl Clock {
-    fn of(machine: &Machine, scene_from_ns: u64) -> Self {
-        let rig = &machine.rig;
-        let heartbeats = rig.drives.iter().map(|drive| drive.heartbeat_ms).chain(rig.sensor.protocol.heartbeat_ms());
-        // A heartbeat is missed after two of its periods.
-        let heartbeat_s = 2e-3 * f64::from(heartbeats.max().unwrap_or_default());
-        let period_s = machine.period_s();
-        let is_noisy = machine.scene.model.is_some_and(|model| model.force_noise_counts.get() > 0.0);
-        Self { period_s, sample_s: 1.0 / rig.sensor.sample_rate_hz.get(), heartbeat_s, scene_from_ns, is_noisy }
-    }
-
-    /// Time of an event in s since the scene began.
-    fn time_s(&self, event: &Event) -> f64 {
-        (event.sync_ns as f64 - self.scene_from_ns as f64) * 1e-9
-    }
-
-    /// Whether a hand and where it has pushed the arm explain the fault without anything injected.
-    fn is_natural(&self, event: &Event, fault: Fault) -> bool {
-        HAND_FAULTS.contains(&fault)
-            || (FAR_FAULTS.contains(&fault) && event.radius_m > tolerance::FAR_M)
-            || (OVERPOWERED_FAULTS.contains(&fault) && event.is_at_torque_limit)
-            || (fault == Fault::SensorStuck && !self.is_noisy)
-    }
-
-    /// A bound in cycles. Samples and heartbeats have their own clocks, which stand anywhere against SYNC: one more.
-    fn cycles(&self, bound: Bound) -> u32 {
-        match bound {
-            Bound::Cycles(cycles) => u32::from(cycles),
-            // At 1000 Hz the sensor samples with SYNC.
-            Bound::Samples(samples) if self.sample_s <= 1e-3 && self.period_s >= 1e-3 => u32::from(samples),
-            Bound::Samples(samples) => (f64::from(samples) * self.sample_s / self.period_s).ceil() as u32 + 1,
-            Bound::HeartbeatTime => (self.heartbeat_s / self.period_s).ceil() as u32 + 1,
+impl Verdict {
+    /// Notes what did not hold, or counts it if it has an excuse.
+    fn found(&mut self, invariant: Invariant, event: &Event, excuse: Option<Excuse>, seen: impl FnOnce() -> String) {
+        match excuse {
+            Some(excuse) => self.excused.note(invariant, excuse),
+            None => self.violations.push(violation(invariant, event, seen())),
         }
     }
 }
@@ -133,6 +87,7 @@ pub(super) fn judge(machine: &Machine, script: &Script, play: &Play) -> Verdict 
     if script.is_tangle {
         verdict.faults.extend(refusals);
         let met = |injection: &Injection| state_at(play, &clock, injection.start_s) == Some(State::Running);
+        script.injections.iter().for_each(|_| verdict.excused.note(Invariant::I11, Excuse::SeveralAtOnce));
         verdict.injections.extend(script.injections.iter().map(|injection| Followed {
             name: injection.kind.row().name.to_owned(),
             met_running: met(injection),
@@ -221,13 +176,15 @@ fn attribute(clock: &Clock, script: &Script, play: &Play, verdict: &mut Verdict)
         let from = injection.start_s - 0.5 * clock.period_s;
         let window: Vec<&Event> =
             play.events.iter().filter(|event| (from..until).contains(&clock.time_s(event))).collect();
-        judge_window(clock, injection, &window, play, verdict);
+        judge_window(clock, injection, &script.injections[..at], &window, play, verdict);
     }
     let alone = verdict.faults.iter().filter(|seen| HAND_FAULTS.iter().any(|fault| fault.row().name == seen.name));
-    if alone.count() * LEAST_CYCLES_BETWEEN > play.cycles as usize
+    let alone = alone.count();
+    if alone * LEAST_CYCLES_BETWEEN > play.cycles as usize
         && let Some(event) = play.events.last()
     {
-        verdict.violations.push(violation(Invariant::FalseAlarm, event, "the hand is held all the time".to_owned()));
+        let excuse = (alone < tolerance::LEAST_REACTIONS).then_some(Excuse::TooFew);
+        verdict.found(Invariant::FalseAlarm, event, excuse, || "the hand is held all the time".to_owned());
     }
 }
 
@@ -237,10 +194,9 @@ fn check_alone(clock: &Clock, event: &Event, verdict: &mut Verdict) {
         && let Some(reaction) = reaction_of(event)
     {
         verdict.faults.push(seen(fault, reaction, None));
-        if !clock.is_natural(event, fault) {
-            let message = format!("{} led to {:?}, and nothing was injected", fault.row().name, event.to);
-            verdict.violations.push(violation(Invariant::FalseAlarm, event, message));
-        }
+        verdict.found(Invariant::FalseAlarm, event, clock.nature_of(event, fault), || {
+            format!("{} led to {:?}, and nothing was injected", fault.row().name, event.to)
+        });
     }
 }
 
@@ -253,7 +209,14 @@ fn seen(fault: Fault, reaction: Reaction, measured: Option<(u32, u32)>) -> Seen 
     }
 }
 
-fn judge_window(clock: &Clock, injection: &Injection, window: &[&Event], play: &Play, verdict: &mut Verdict) {
+fn judge_window(
+    clock: &Clock,
+    injection: &Injection,
+    earlier: &[Injection],
+    window: &[&Event],
+    play: &Play,
+    verdict: &mut Verdict,
+) {
     let row = injection.kind.row();
     let met_running = state_at(play, clock, injection.start_s) == Some(State::Running);
     let expected = row.expected;
@@ -279,30 +242,30 @@ fn judge_window(clock: &Clock, injection: &Injection, window: &[&Event], play: &
         let is_forced = fault == Fault::ForceImplausible && injection.target == Target::Hand;
         let is_expected = expected.faults.contains(&fault) || is_worse || is_forced;
         has_expected |= is_expected;
-        if met_running && is_usual && !is_expected && !clock.is_natural(event, fault) {
-            let message = format!(
-                "{} led to {:?} under {}, which is not known to bring it",
-                fault.row().name,
-                event.to,
-                row.name
-            );
-            verdict.violations.push(violation(Invariant::FalseAlarm, event, message));
+        if met_running && is_usual && !is_expected {
+            let is_filled = clock.has_been_filled(event, fault, reaction, earlier);
+            let excuse = clock.nature_of(event, fault).or(is_filled.then_some(Excuse::EarlierInjection));
+            verdict.found(Invariant::FalseAlarm, event, excuse, || {
+                let name = fault.row().name;
+                format!("{name} led to {:?} under {}, which is not known to bring it", event.to, row.name)
+            });
         }
         let is_first = window.iter().position(|other| other.cause == event.cause && other.to == event.to)
             == window.iter().position(|other| std::ptr::eq(*other, *event));
-        let measured = (met_running && is_first && at_once.contains(&fault))
+        let mut measured = (met_running && is_first && at_once.contains(&fault))
             .then(|| measure(clock, injection, event, fault, reaction))
             .flatten();
         if let Some((cycles, bound)) = measured
             && cycles > bound
         {
-            let message = format!(
-                "{} under {} led to {:?} after {cycles} cycles, at most {bound}",
-                fault.row().name,
-                row.name,
-                event.to
-            );
-            verdict.violations.push(violation(Invariant::I11, event, message));
+            // A jump that is no more than motion may show when it ends, or not at all.
+            let is_small =
+                injection.kind == Kind::EncoderJump && injection.size.abs() <= tolerance::JUMP_CYCLES * clock.turn_rad;
+            measured = measured.filter(|_| !is_small);
+            verdict.found(Invariant::I11, event, is_small.then_some(Excuse::SmallJump), || {
+                let name = fault.row().name;
+                format!("{name} under {} led to {:?} after {cycles} cycles, at most {bound}", row.name, event.to)
+            });
         }
         verdict.faults.push(seen(fault, reaction, measured));
     }

@@ -2,6 +2,7 @@
 
 use nalgebra::Vector2;
 
+use super::super::excuse::Excuse;
 use super::super::invariant::Invariant;
 use super::super::observation::Observation;
 use super::super::tolerance;
@@ -48,8 +49,10 @@ impl Energy {
             proxy: Vector2::from(seen.reported.proxy_m),
         };
         let falsified = seen.falsified;
-        let counts = seen.state == State::Running
-            && !(falsified.force || falsified.angles || falsified.drives || falsified.arm || falsified.timing);
+        let is_false = falsified.force || falsified.angles || falsified.drives || falsified.arm || falsified.timing;
+        let is_running = seen.state == State::Running;
+        findings.expect_unless(Invariant::I5, !(is_running && is_false), Some(Excuse::Falsified), String::new);
+        let counts = is_running && !is_false;
         let Some(past) = self.past.filter(|_| counts) else {
             *self = Self { past: counts.then_some(now), ..Self::default() };
             return;

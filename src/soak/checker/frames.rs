@@ -1,5 +1,6 @@
 //! What is seen on the wire: who is commanded to do what, and when.
 
+use super::super::excuse::Excuse;
 use super::super::invariant::Invariant;
 use super::super::observation::{Observation, Sender, Setpoint, Sighting, Status};
 use super::super::tolerance;
@@ -104,9 +105,11 @@ impl Frames {
             }
             for (joint, has_told) in has_told.iter_mut().enumerate() {
                 if is_ours && frame.id() == limits.set_point_ids[joint] {
-                    findings.expect(
+                    let is_false = seen.falsified.timing || seen.falsified.link;
+                    findings.expect_unless(
                         Invariant::I12,
-                        !is_after_sync || seen.falsified.timing || seen.falsified.link,
+                        !is_after_sync,
+                        is_false.then_some(Excuse::Falsified),
                         || format!("the set-point {:?} of the cycle before came after SYNC", Setpoint::decode(frame)),
                     );
                     findings.expect(Invariant::I12, self.sent[joint].is_none_or(|sent| sent.has_waited), || {
@@ -181,9 +184,13 @@ impl Frames {
     fn check_load(&mut self, limits: &Limits, seen: &Observation, peaks: &mut Peaks, findings: &mut Findings<'_>) {
         let share = self.bits as f64 / (limits.bit_rate * limits.period_s);
         self.bits = 0;
-        if std::mem::replace(&mut self.has_synced, true) && !seen.falsified.timing && !seen.falsified.link {
-            peaks.bus_share = peaks.bus_share.max(share);
-            findings.expect(Invariant::I19, share <= tolerance::BUS_SHARE, || {
+        if std::mem::replace(&mut self.has_synced, true) {
+            let is_false = seen.falsified.timing || seen.falsified.link;
+            if !is_false {
+                peaks.bus_share = peaks.bus_share.max(share);
+            }
+            let excuse = is_false.then_some(Excuse::Falsified);
+            findings.expect_unless(Invariant::I19, share <= tolerance::BUS_SHARE, excuse, || {
                 format!("the rig's own frames took {:.1} % of a cycle", 100.0 * share)
             });
         }
@@ -211,15 +218,15 @@ impl Frames {
         findings: &mut Findings<'_>,
     ) {
         let commanded = sent.map(|sent| sent.is_some_and(|sent| sent.setpoint.enables()));
-        let is_moving = commanded == [true; 2] && sent.iter().flatten().all(Sent::knew_both_enabled);
+        let is_moving = commanded == [true; 2] && sent.iter().flatten().all(Sent::was_told_both_enabled);
         for (joint, sent) in sent.iter().enumerate() {
             self.had_gap[joint] = sent.is_none_or(|sent| sent.is_kept);
             let Some(sent) = sent else { continue };
-            self.check_target(limits, joint, &sent.setpoint, findings);
+            self.check_target(limits, joint, sent, findings);
+            Self::check_enabling(limits, joint, sent, findings);
             if sent.is_kept {
                 continue;
             }
-            Self::check_enabling(limits, joint, sent, findings);
             self.check_resets(joint, &sent.setpoint, findings);
             if is_moving && !self.were_moving {
                 Self::check_first(limits, joint, sent, findings);
@@ -230,8 +237,9 @@ impl Frames {
             return;
         }
         // I17: what moves both may end only for both.
-        if self.were_moving && !is_moving && !seen.falsified.link {
-            findings.expect(Invariant::I17, commanded[0] == commanded[1], || {
+        if self.were_moving && !is_moving {
+            let excuse = seen.falsified.link.then_some(Excuse::Falsified);
+            findings.expect_unless(Invariant::I17, commanded[0] == commanded[1], excuse, || {
                 format!(
                     "the set-points after a common motion were {:x?}",
                     sent.map(|sent| sent.map(|sent| sent.setpoint))
@@ -250,16 +258,19 @@ impl Frames {
         if !setpoint.enables() {
             return;
         }
+        let is_position = limits.mode == CommandMode::Position;
         let is_motion = match limits.mode {
             CommandMode::Torque | CommandMode::Velocity => setpoint.target != 0,
-            CommandMode::Position => {
-                sent.is_fresh && sent.away(joint).is_none_or(|away| away > tolerance::FIRST_TARGET_COUNTS)
-            }
+            CommandMode::Position => sent.away(joint).is_none_or(|away| away > tolerance::FIRST_TARGET_COUNTS),
         };
-        findings.expect(Invariant::I1, !is_motion || sent.knew_both_enabled(), || {
+        let kept = sent.is_kept.then_some(Excuse::Kept);
+        let untold = (is_position && !sent.is_fresh).then_some(Excuse::Untold);
+        let told_twice = sent.was_told_both_enabled().then_some(Excuse::ToldTwice);
+        let excuse = kept.or(untold).or(told_twice);
+        findings.expect_unless(Invariant::I1, !is_motion || sent.knew_both_enabled(), excuse, || {
             format!("joint {joint} was told to move by {setpoint:x?} while the drives told {:x?}", sent.known)
         });
-        findings.expect(Invariant::I18, sent.is_permitted, || {
+        findings.expect_unless(Invariant::I18, sent.is_permitted, kept, || {
             format!("joint {joint} was enabled by {setpoint:x?} and nobody had asked for it")
         });
     }
@@ -275,7 +286,9 @@ impl Frames {
     }
 
     /// I2 and I3 of what is on the wire.
-    fn check_target(&self, limits: &Limits, joint: usize, sent: &Setpoint, findings: &mut Findings<'_>) {
+    fn check_target(&self, limits: &Limits, joint: usize, sent: &Sent, findings: &mut Findings<'_>) {
+        let follows = sent.follows(joint);
+        let sent = &sent.setpoint;
         let most_rate = limits.joint_speed_rad_per_s * limits.counts_per_rad[joint];
         match limits.mode {
             CommandMode::Torque => {
@@ -298,7 +311,9 @@ impl Frames {
                 // A host that is late leaves set-points out: the next one makes up for the time.
                 let elapsed_s = (self.computed_ns.saturating_sub(self.before_ns) as f64 * 1e-9).max(limits.period_s);
                 let most = most_rate * elapsed_s + tolerance::TARGET_COUNTS;
-                findings.expect(Invariant::I2, step <= most, || {
+                let as_joint = tolerance::TURNING_SHARE * most_rate * elapsed_s + tolerance::TARGET_COUNTS;
+                let excuse = follows.filter(|is_there| *is_there || step <= as_joint).map(|_| Excuse::Follows);
+                findings.expect_unless(Invariant::I2, step <= most, excuse, || {
                     format!("the target of joint {joint} went {step} counts in a cycle, at most {most:.1}")
                 });
             }
@@ -321,8 +336,22 @@ impl Frames {
 }
 
 impl Sent {
+    /// By the first that each told after SYNC.
     fn knew_both_enabled(&self) -> bool {
         self.known.iter().all(|status| status.is_some_and(|status| status.is_enabled()))
+    }
+
+    /// By any that each told: of two, the one that the master took may be the second.
+    fn was_told_both_enabled(&self) -> bool {
+        let is_enabled = |status: &Option<Status>| status.is_some_and(|status| status.is_enabled());
+        self.known.iter().zip(&self.known_also).all(|(first, second)| is_enabled(first) || is_enabled(second))
+    }
+
+    /// Of a target that moves nothing, since no drive was said to be enabled: whether it is the told position. `None` for
+    /// one that moves.
+    fn follows(&self, joint: usize) -> Option<bool> {
+        let is_there = || self.away(joint).is_some_and(|away| away <= tolerance::FIRST_TARGET_COUNTS);
+        (!self.was_told_both_enabled()).then(is_there)
     }
 
     /// How far the position target is from the told position, counts; `None` if the drive had told none.

@@ -10,6 +10,7 @@ mod motion;
 #[cfg(test)]
 mod tests;
 
+use super::excuse::{Excuse, Excused};
 use super::invariant::{Invariant, Violation};
 use super::observation::Observation;
 use crate::config;
@@ -152,6 +153,7 @@ impl Peaks {
 pub(super) struct Findings<'a> {
     observation: &'a Observation,
     found: &'a mut Vec<Violation>,
+    excused: &'a mut Excused,
 }
 
 impl Findings<'_> {
@@ -166,6 +168,20 @@ impl Findings<'_> {
             });
         }
     }
+
+    /// The same, but what has an excuse is counted in place of noted.
+    pub(super) fn expect_unless(
+        &mut self,
+        invariant: Invariant,
+        holds: bool,
+        excuse: Option<Excuse>,
+        seen: impl FnOnce() -> String,
+    ) {
+        match excuse.filter(|_| !holds) {
+            Some(excuse) => self.excused.note(invariant, excuse),
+            None => self.expect(invariant, holds, seen),
+        }
+    }
 }
 
 /// Judges the cycles of one run, in their order.
@@ -178,6 +194,7 @@ pub struct Checker {
     state: State,
     peaks: Peaks,
     queue_lost: u64,
+    excused: Excused,
 }
 
 impl Checker {
@@ -191,7 +208,13 @@ impl Checker {
             state,
             peaks: Peaks::default(),
             queue_lost: 0,
+            excused: Excused::default(),
         }
+    }
+
+    /// How often what did not hold was excused.
+    pub(super) fn excused(&self) -> &Excused {
+        &self.excused
     }
 
     /// The greatest values so far.
@@ -209,16 +232,21 @@ impl Checker {
     /// Judges one cycle; adds what did not hold to `found`.
     pub fn check(&mut self, seen: &Observation, found: &mut Vec<Violation>) {
         let limits = self.limits;
-        let mut findings = Findings { observation: seen, found };
+        let mut excused = std::mem::take(&mut self.excused);
+        self.judge(&limits, seen, &mut Findings { observation: seen, found, excused: &mut excused });
+        self.excused = excused;
+    }
+
+    fn judge(&mut self, limits: &Limits, seen: &Observation, findings: &mut Findings<'_>) {
         if !seen.ran {
-            self.frames.watch(&limits, seen, &mut self.peaks, &mut findings);
+            self.frames.watch(limits, seen, &mut self.peaks, findings);
             return self.energy = Energy::default();
         }
-        self.check_state(seen, &mut findings);
-        self.frames.check(&limits, seen, &mut self.peaks, &mut findings);
-        self.motion.check(&limits, seen, &mut self.peaks, &mut findings);
-        self.energy.check(&limits, seen, &mut self.peaks, &mut findings);
-        self.check_queues(seen, &mut findings);
+        self.check_state(seen, findings);
+        self.frames.check(limits, seen, &mut self.peaks, findings);
+        self.motion.check(limits, seen, &mut self.peaks, findings);
+        self.energy.check(limits, seen, &mut self.peaks, findings);
+        self.check_queues(seen, findings);
         self.state = seen.state;
     }
 
@@ -245,12 +273,10 @@ impl Checker {
         self.peaks.queue = self.peaks.queue.max(seen.queue_high_water);
         let lost = seen.queue_lost - self.queue_lost.min(seen.queue_lost);
         self.queue_lost = seen.queue_lost;
-        if seen.falsified.link {
-            return;
-        }
+        let excuse = seen.falsified.link.then_some(Excuse::Falsified);
         let most = super::tolerance::QUEUED_FRAMES;
-        findings.expect(Invariant::I20, lost == 0, || format!("{lost} frames found a full queue"));
-        findings.expect(Invariant::I20, seen.queue_high_water <= most, || {
+        findings.expect_unless(Invariant::I20, lost == 0, excuse, || format!("{lost} frames found a full queue"));
+        findings.expect_unless(Invariant::I20, seen.queue_high_water <= most, excuse, || {
             format!("{} frames waited in one port, at most {most} may", seen.queue_high_water)
         });
     }

@@ -2,6 +2,7 @@
 
 use nalgebra::Vector2;
 
+use super::super::excuse::Excuse;
 use super::super::invariant::Invariant;
 use super::super::observation::Observation;
 use super::super::tolerance;
@@ -56,6 +57,8 @@ pub(super) struct Motion {
     past: Option<Past>,
     unforced: Quiet,
     halted: Quiet,
+    /// True angles at the last computation, rad.
+    angles_rad: Option<[f64; 2]>,
 }
 
 impl Motion {
@@ -68,7 +71,8 @@ impl Motion {
     ) {
         check_finite(seen, findings);
         check_torques(limits, seen, peaks, findings);
-        check_measured(limits, seen, findings);
+        let before_rad = self.angles_rad.replace(seen.truth.angles_rad).unwrap_or(seen.truth.angles_rad);
+        check_measured(limits, seen, before_rad, findings);
         let proxy = Vector2::from(seen.reported.proxy_m);
         let is_running = seen.state == State::Running;
         let is_halting = matches!(seen.state, State::Holding | State::Stopping);
@@ -110,14 +114,15 @@ impl Motion {
         let change = (now.step - past.step).norm();
         let most = tolerance::RAMP_SHARE * limits.stop_m_per_s2 * limits.period_s * limits.period_s;
         let slack = tolerance::ROUNDING * limits.period_s;
-        let is_held = is_near_edge(limits, past);
-        findings.expect(Invariant::I2, change <= most + slack || is_held, || {
+        let excuse = is_near_edge(limits, past).then_some(Excuse::Edge);
+        findings.expect_unless(Invariant::I2, change <= most + slack, excuse, || {
             let (from, to) = (past.step.norm() / limits.period_s, now.step.norm() / limits.period_s);
             format!("the reference went from {from:.4} to {to:.4} m/s in one cycle of a stop")
         });
-        findings.expect(
+        findings.expect_unless(
             Invariant::I2,
-            now.step.norm() <= past.step.norm() + slack * limits.period_s || is_held,
+            now.step.norm() <= past.step.norm() + slack * limits.period_s,
+            excuse,
             || "the reference got faster in a stop".to_owned(),
         );
     }
@@ -129,14 +134,16 @@ impl Motion {
         let force = Vector2::from(seen.reported.force_n).norm();
         self.unforced.next(now.running > 1 && force <= friction, speed);
         self.halted.next(now.halting > 0, speed);
-        let rests = now.step.norm() <= tolerance::RESTING_STEP_M || is_near_edge(limits, now);
+        let rests = now.step.norm() <= tolerance::RESTING_STEP_M;
+        let excuse = is_near_edge(limits, now).then_some(Excuse::Edge);
         let deceleration = (limits.friction_n - friction) / limits.mass_kg;
-        findings.expect(Invariant::I7, rests || !self.unforced.is_over(deceleration, limits.period_s), || {
+        let is_unforced = self.unforced.is_over(deceleration, limits.period_s);
+        findings.expect_unless(Invariant::I7, rests || !is_unforced, excuse, || {
             format!("the proxy still goes at {speed:.3e} m/s after {} cycles below F / 2", self.unforced.cycles)
         });
         // The ramp takes 1.5 times what its greatest deceleration would.
         let ramp = limits.stop_m_per_s2 / 1.5;
-        findings.expect(Invariant::I7, rests || !self.halted.is_over(ramp, limits.period_s), || {
+        findings.expect_unless(Invariant::I7, rests || !self.halted.is_over(ramp, limits.period_s), excuse, || {
             format!("the reference still goes at {speed:.3e} m/s after {} cycles of a stop", self.halted.cycles)
         });
     }
@@ -179,21 +186,29 @@ fn check_torques(limits: &Limits, seen: &Observation, peaks: &mut Peaks, finding
     });
 }
 
-/// I16: what is measured is what is true, wherever the counter stands.
-fn check_measured(limits: &Limits, seen: &Observation, findings: &mut Findings<'_>) {
-    if seen.falsified.angles || seen.falsified.timing || seen.falsified.drives || seen.falsified.arm {
-        return;
-    }
+/// I16: what is measured is what is true, wherever the counter stands. `before_rad` are the true angles at the last computation.
+fn check_measured(limits: &Limits, seen: &Observation, before_rad: [f64; 2], findings: &mut Findings<'_>) {
+    let falsified = seen.falsified;
+    let is_false = falsified.angles || falsified.timing || falsified.drives || falsified.arm;
     let has_told = |joint: usize| {
         let id = limits.status_ids[joint];
         seen.frames.iter().any(|seen| seen.sender.is_none() && seen.frame.id() == id && seen.frame.len() == 6)
     };
-    for joint in 0..2 {
+    for (joint, before_rad) in before_rad.into_iter().enumerate() {
         // The guard takes an encoder that moves more than twice the limit for one that has jumped.
         let away = (seen.reported.measured_rad[joint] - seen.truth.angles_rad[joint]).abs();
-        let most = 2.0 * limits.joint_speed_rad_per_s * limits.period_s
-            + tolerance::MEASURED_COUNTS / limits.counts_per_rad[joint];
-        findings.expect(Invariant::I16, away <= most || !has_told(joint), || {
+        let counts_rad = tolerance::MEASURED_COUNTS / limits.counts_per_rad[joint];
+        let most = 2.0 * limits.joint_speed_rad_per_s * limits.period_s + counts_rad;
+        if away <= most {
+            continue;
+        }
+        let turned = (seen.truth.angles_rad[joint] - before_rad).abs() + counts_rad;
+        let excuse = match () {
+            () if is_false => Some(Excuse::Falsified),
+            () if !has_told(joint) => Some(Excuse::Untold),
+            () => (away <= turned).then_some(Excuse::Turned),
+        };
+        findings.expect_unless(Invariant::I16, false, excuse, || {
             format!("joint {joint} is {away:.3e} rad away from what was measured, at most {most:.3e}")
         });
     }
@@ -202,14 +217,17 @@ fn check_measured(limits: &Limits, seen: &Observation, findings: &mut Findings<'
 /// I6: the fixture's force on the proxy, from the proxy's equation of motion `M (q - 2 q1 + q2) / T^2 = h + f`.
 fn check_levels(limits: &Limits, seen: &Observation, now: &Past, past: &Past, findings: &mut Findings<'_>) {
     let reported = &seen.reported;
-    // The first three cycles of a run start at rest, so that the two steps before are not those of the fixture.
-    if now.running < 4 || reported.is_impact || reported.is_saturated || (limits.has_hold && reported.hold_counter > 0)
-    {
+    if now.running == 0 {
         return;
     }
-    if is_near_edge(limits, past) {
-        return;
-    }
+    let is_held = limits.has_hold && reported.hold_counter > 0;
+    let excuse = match () {
+        // The first three cycles of a run start at rest, so that the two steps before are not those of the fixture.
+        () if now.running < 4 => Some(Excuse::Start),
+        () if reported.is_saturated => Some(Excuse::DrawnBack),
+        () if reported.is_impact || is_held => Some(Excuse::Impact),
+        () => is_near_edge(limits, past).then_some(Excuse::Edge),
+    };
     let kappa = limits.mass_kg / (limits.period_s * limits.period_s);
     let force = (now.step - past.step) * kappa - Vector2::from(reported.force_n);
     let both = limits.friction_n.hypot(limits.yield_n);
@@ -221,28 +239,30 @@ fn check_levels(limits: &Limits, seen: &Observation, now: &Past, past: &Past, fi
         level * (1.0 + share) + tolerance::LEVEL_N
     };
     let most = slack(both);
-    findings.expect(Invariant::I6, force.norm() <= most, || {
+    findings.expect_unless(Invariant::I6, force.norm() <= most, excuse, || {
         format!("the fixture held the proxy with {:.4} N, at most {most:.4}", force.norm())
     });
     if is_touching {
         return;
     }
     let work = force.dot(&now.step);
-    findings.expect(Invariant::I6, work <= tolerance::LEVEL_N * now.step.norm(), || {
+    findings.expect_unless(Invariant::I6, work <= tolerance::LEVEL_N * now.step.norm(), excuse, || {
         format!("the fixture did work of {work:.3e} J on the proxy")
     });
     // Only what leads away from the surface, or deeper beyond it, meets R: all else meets F.
     let outward = limits.round.map_or(Vector2::from(limits.normal), |(center, _)| now.proxy - Vector2::from(center));
     let (along, far) = (outward.norm(), outward / outward.norm());
-    if along.is_nan() || limits.round.is_some_and(|(_, radius)| along < 0.5 * radius) {
+    if along.is_nan() {
         return;
     }
+    let is_central = limits.round.is_some_and(|(_, radius)| along < 0.5 * radius);
+    let excuse = excuse.or(is_central.then_some(Excuse::Centre));
     let away = if limits.round.map_or(reported.distance_m > 0.0, |(_, radius)| along > radius) { far } else { -far };
     let is_free = limits.is_unilateral && reported.distance_m > 0.0 && past.distance_m > 0.0;
     let pull = -force.dot(&away);
     let rest = if is_free || pull < 0.0 { force } else { force + away * pull };
     let most = slack(limits.friction_n);
-    findings.expect(Invariant::I6, rest.norm() <= most, || {
+    findings.expect_unless(Invariant::I6, rest.norm() <= most, excuse, || {
         format!("along or towards the surface the fixture held the proxy with {:.4} N, at most {most:.4}", rest.norm())
     });
 }

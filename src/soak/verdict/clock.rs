@@ -1,0 +1,103 @@
+//! In which times a bound is counted, and what a hand or an earlier injection explains.
+
+use super::super::draw::Machine;
+use super::super::excuse::Excuse;
+use super::super::session::Event;
+use super::super::tolerance;
+use crate::guard::fault::{Bound, Rate};
+use crate::guard::{Fault, Reaction};
+use crate::injection::Injection;
+
+/// Faults that a hand alone brings about now and then, whatever else is broken: it is free to hit and to shake the tool.
+pub(super) const HAND_FAULTS: [Fault; 6] =
+    [Fault::SensorSaturated, Fault::ForceStep, Fault::ForceLimit, Fault::OverSpeed, Fault::EnergyLimit, Fault::Chatter];
+/// Faults that an arm far outside of its working disc brings about, where a hand has pushed it while nobody held it.
+const FAR_FAULTS: [Fault; 6] = [
+    Fault::FollowingError,
+    Fault::Runaway,
+    Fault::WorkspaceLeft,
+    Fault::Posture,
+    Fault::EncoderJump,
+    Fault::ForceImplausible,
+];
+/// Faults that a hand brings about where the drives give all they may. The balance behind the third takes the reference's motion
+/// for the arm's.
+const OVERPOWERED_FAULTS: [Fault; 3] = [Fault::FollowingError, Fault::Runaway, Fault::ForceImplausible];
+
+/// Times of a rig that a bound is counted in.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Clock {
+    pub(super) period_s: f64,
+    sample_s: f64,
+    /// Consumer time of the longest heartbeat in s.
+    pub(super) heartbeat_s: f64,
+    pub(super) scene_from_ns: u64,
+    /// Whether the force sensor has noise, as every real one. Without it a hand at rest looks like a converter that hangs.
+    is_noisy: bool,
+    /// What a joint turns in a cycle at most, rad.
+    pub(super) turn_rad: f64,
+}
+
+impl Clock {
+    pub(super) fn of(machine: &Machine, scene_from_ns: u64) -> Self {
+        let rig = &machine.rig;
+        let heartbeats = rig.drives.iter().map(|drive| drive.heartbeat_ms).chain(rig.sensor.protocol.heartbeat_ms());
+        // A heartbeat is missed after two of its periods.
+        let heartbeat_s = 2e-3 * f64::from(heartbeats.max().unwrap_or_default());
+        let period_s = machine.period_s();
+        let is_noisy = machine.scene.model.is_some_and(|model| model.force_noise_counts.get() > 0.0);
+        let turn_rad = rig.guard.joint_speed_limit_rad_per_s.get() * period_s;
+        Self {
+            period_s,
+            sample_s: 1.0 / rig.sensor.sample_rate_hz.get(),
+            heartbeat_s,
+            scene_from_ns,
+            is_noisy,
+            turn_rad,
+        }
+    }
+
+    /// Time of an event in s since the scene began.
+    pub(super) fn time_s(&self, event: &Event) -> f64 {
+        (event.sync_ns as f64 - self.scene_from_ns as f64) * 1e-9
+    }
+
+    /// How a hand and where it has pushed the arm explain the fault without anything injected.
+    pub(super) fn nature_of(&self, event: &Event, fault: Fault) -> Option<Excuse> {
+        match fault {
+            _ if HAND_FAULTS.contains(&fault) => Some(Excuse::Hand),
+            _ if FAR_FAULTS.contains(&fault) && event.radius_m > tolerance::FAR_M => Some(Excuse::Far),
+            _ if FAR_FAULTS.contains(&fault) && event.is_carried => Some(Excuse::Carried),
+            _ if OVERPOWERED_FAULTS.contains(&fault) && event.is_at_torque_limit => Some(Excuse::TorqueLimit),
+            Fault::SensorStuck if !self.is_noisy => Some(Excuse::Noiseless),
+            _ => None,
+        }
+    }
+
+    /// Whether one of the injections before has filled the window of cycles over which the fault counts.
+    pub(super) fn has_been_filled(
+        &self,
+        event: &Event,
+        fault: Fault,
+        reaction: Reaction,
+        earlier: &[Injection],
+    ) -> bool {
+        let window = fault.row().steps.iter().find_map(|step| match step.rate {
+            Rate::Within { cycles, .. } if step.reaction == reaction => Some(f64::from(cycles) * self.period_s),
+            _ => None,
+        });
+        let is_recent = |injection: &Injection| window.is_some_and(|s| injection.end_s() + s > self.time_s(event));
+        earlier.iter().any(|known| known.kind.row().expected.faults.contains(&fault) && is_recent(known))
+    }
+
+    /// A bound in cycles. Samples and heartbeats have their own clocks, which stand anywhere against SYNC: one more.
+    pub(super) fn cycles(&self, bound: Bound) -> u32 {
+        match bound {
+            Bound::Cycles(cycles) => u32::from(cycles),
+            // At 1000 Hz the sensor samples with SYNC.
+            Bound::Samples(samples) if self.sample_s <= 1e-3 && self.period_s >= 1e-3 => u32::from(samples),
+            Bound::Samples(samples) => (f64::from(samples) * self.sample_s / self.period_s).ceil() as u32 + 1,
+            Bound::HeartbeatTime => (self.heartbeat_s / self.period_s).ceil() as u32 + 1,
+        }
+    }
+}

@@ -1,0 +1,112 @@
+//! What a change of state is taken for, by events that were made up.
+
+use super::super::draw::{Machine, Shipped};
+use super::super::excuse::Excuse;
+use super::super::invariant::Invariant;
+use super::super::nature::usual;
+use super::super::script::Script;
+use super::super::session::{End, Event, Play};
+use super::{Verdict, judge};
+use crate::guard::{Fault, State};
+use crate::injection::{Injection, Kind};
+
+/// The rig at 4 ms.
+fn machine() -> Machine {
+    Machine::draw(&Shipped::load().unwrap(), 5)
+}
+
+/// A change of state at `time_s` since the scene began.
+fn event(time_s: f64, [from, to]: [State; 2], cause: Option<Fault>) -> Event {
+    Event {
+        cycle: (time_s / 4e-3) as u32,
+        sync_ns: (time_s * 1e9) as u64,
+        from,
+        to,
+        cause,
+        cause_before: None,
+        radius_m: 0.1,
+        is_at_torque_limit: false,
+        is_carried: false,
+    }
+}
+
+fn stopping(time_s: f64, fault: Fault) -> Event {
+    event(time_s, [State::Running, State::Stopping], Some(fault))
+}
+
+/// What is found of a rig that runs from the begin of the scene on.
+fn verdict(injections: &[Injection], events: Vec<Event>) -> Verdict {
+    let cycles = events.last().map_or(0, |event| event.cycle + 1);
+    let events = [vec![event(0.0, [State::Enabling, State::Running], None)], events].concat();
+    let script = Script { injections: injections.to_vec(), is_tangle: false };
+    let play = Play { end: End::Complete, cycles, scene_from_ns: Some(0), events, ..Play::nothing() };
+    judge(&machine(), &script, &play)
+}
+
+#[track_caller]
+fn expect_excused(verdict: &Verdict, invariant: Invariant, excuse: Excuse) {
+    let counts = verdict.excused.by_name();
+    assert_eq!(verdict.violations, [], "{counts:?}");
+    let name = format!("{} {}", invariant.name(), excuse.name());
+    assert_eq!(counts.get(&name), Some(&1), "{counts:?}");
+}
+
+#[track_caller]
+fn expect_found(verdict: &Verdict, invariant: Invariant) {
+    assert!(verdict.violations.iter().any(|found| found.invariant == invariant), "{:?}", verdict.violations);
+}
+
+#[test]
+fn a_window_that_an_earlier_injection_has_filled() {
+    let overrun = usual(Kind::CycleOverrun, 0.5, 4e-3);
+    // Overruns count over 1000 cycles, here 4 s.
+    for (start_s, is_filled) in [(2.0, true), (6.0, false)] {
+        let stopped = usual(Kind::MasterStopped, start_s, 4e-3);
+        let found = verdict(&[overrun, stopped], vec![stopping(start_s, Fault::Overrun)]);
+        if is_filled {
+            expect_excused(&found, Invariant::FalseAlarm, Excuse::EarlierInjection);
+        } else {
+            expect_found(&found, Invariant::FalseAlarm);
+        }
+    }
+}
+
+/// At 6 rad/s a joint turns 24 mrad in a cycle of 4 ms, and the guard takes twice that for a jump.
+#[test]
+fn a_jump_that_could_be_motion_has_no_bound() {
+    for (size, is_small) in [(0.04, true), (0.072, true), (0.073, false)] {
+        let jump = usual(Kind::EncoderJump, 1.0, 4e-3).sized(size);
+        let late = event(1.0 + 91.0 * 4e-3, [State::Running, State::Disabled], Some(Fault::EncoderJump));
+        let found = verdict(&[jump], vec![late]);
+        let cycles: Vec<_> = found.faults.iter().map(|seen| seen.cycles).collect();
+        if is_small {
+            expect_excused(&found, Invariant::I11, Excuse::SmallJump);
+            assert_eq!(cycles, [None]);
+        } else {
+            expect_found(&found, Invariant::I11);
+            assert_eq!(cycles, [Some(92)]);
+        }
+    }
+}
+
+#[test]
+fn few_reactions_to_a_hand_are_no_rate() {
+    let holding = |time_s: f64| event(time_s, [State::Running, State::Holding], Some(Fault::ForceStep));
+    let few = verdict(&[], (1..4).map(|at| holding(0.3 * f64::from(at))).collect());
+    assert_eq!(few.violations, []);
+    assert_eq!(few.excused.by_name().get("false-alarm too-few"), Some(&1));
+    let all_the_time = verdict(&[], (1..40).map(|at| holding(0.3 * f64::from(at))).collect());
+    expect_found(&all_the_time, Invariant::FalseAlarm);
+}
+
+#[test]
+fn an_arm_that_a_hand_carried_out_or_overpowers() {
+    let edge = stopping(1.0, Fault::WorkspaceLeft);
+    expect_found(&verdict(&[], vec![edge]), Invariant::FalseAlarm);
+    let carried = verdict(&[], vec![Event { is_carried: true, ..edge }]);
+    expect_excused(&carried, Invariant::FalseAlarm, Excuse::Carried);
+    let force = stopping(1.0, Fault::ForceImplausible);
+    expect_found(&verdict(&[], vec![force]), Invariant::FalseAlarm);
+    let overpowered = verdict(&[], vec![Event { is_at_torque_limit: true, ..force }]);
+    expect_excused(&overpowered, Invariant::FalseAlarm, Excuse::TorqueLimit);
+}
