@@ -1,12 +1,14 @@
 //! What only an interface of the kernel can show.
 
 use std::process::{Command, Stdio};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
 use hil_tests::Scenario;
-use hil_tests::network::{PATIENCE, Real, hear};
+use hil_tests::network::{Network, PATIENCE, Real, client, device, hear, transfer};
 use yieldwall::bus::LinkEvent;
-use yieldwall::canopen::{Frame, Time};
+use yieldwall::canopen::{Address, Frame, SdoOutcome, Time};
 use yieldwall::link::{CanLink, CobFilter, ErrorFrame, LinkError, Received, SendError, SocketCan, SocketCanSettings};
 use yieldwall::sim::can::CandumpWriter;
 
@@ -43,6 +45,12 @@ impl Drop for Own {
 fn ip(arguments: &[&str]) {
     let done = Command::new("ip").args(arguments).output().expect("iproute2 is installed");
     assert!(done.status.success(), "ip {}: {}", arguments.join(" "), String::from_utf8_lossy(&done.stderr));
+}
+
+fn tc(arguments: &[&str]) -> String {
+    let done = Command::new("tc").args(arguments).output().expect("iproute2 is installed");
+    assert!(done.status.success(), "tc {}: {}", arguments.join(" "), String::from_utf8_lossy(&done.stderr));
+    String::from_utf8_lossy(&done.stdout).into_owned()
 }
 
 fn refused(interface: &str) -> LinkError {
@@ -256,6 +264,53 @@ fn with_the_memory_that_it_asks_for_a_link_loses_none_of_a_burst() {
     let (frames, lost) = count(&mut other);
     assert_eq!((frames.len(), lost), (2000, 0));
     assert!(frames.iter().zip(0..2000u16).all(|(frame, number)| frame.data() == number.to_le_bytes()));
+}
+
+/// Writes 40 kB in blocks to a device on an interface and reads them back; how many frames that took.
+fn pass_blocks(interface: &str) -> usize {
+    let mut observer = Real::open(&SocketCanSettings::everything(interface));
+    let is_over = Arc::new(AtomicBool::new(false));
+    let counter = std::thread::spawn({
+        let is_over = is_over.clone();
+        move || {
+            let mut frames = 0;
+            while observer.wait(observer.now() + Duration::from_millis(50)) || !is_over.load(Ordering::Relaxed) {
+                while let Some(arrival) = observer.receive() {
+                    assert!(matches!(arrival.what, Received::Frame(_)), "{arrival:?}");
+                    frames += 1;
+                }
+            }
+            frames
+        }
+    });
+    let mut bus = Real::on(interface);
+    bus.attach(device(5));
+    let (mut link, mut client) = (bus.client(5), client(5));
+    let data: Vec<u8> = (0..=250).cycle().take(40_000).collect();
+    let at = Address::new(0x2001, 0);
+    let written = transfer(&mut link, &mut client, |client, now, out| {
+        client.start_block_download(now, 0x2001, 0, &data, out).expect("idle");
+    });
+    assert_eq!(written, SdoOutcome::Downloaded { at });
+    let read = transfer(&mut link, &mut client, |client, now, out| {
+        client.start_block_upload(now, 0x2001, 0, out).expect("idle");
+    });
+    assert_eq!(read, SdoOutcome::Uploaded { at, len: data.len(), is_size_indicated: true });
+    assert_eq!(client.data(), data);
+    is_over.store(true, Ordering::Relaxed);
+    counter.join().expect("counted")
+}
+
+#[test]
+#[ignore = "needs a CAN interface: see hil-tests/vcan"]
+fn blocks_lose_nothing_in_a_short_queue() {
+    let own = Own::new("ywshort");
+    let frames = pass_blocks(own.0);
+    tc(&["qdisc", "add", "dev", own.0, "root", "netem", "delay", "1ms", "limit", "10"]);
+    // Whatever is lost is sent again, and makes the number another one.
+    assert_eq!(pass_blocks(own.0), frames);
+    let told = tc(&["-s", "qdisc", "show", "dev", own.0]);
+    assert!(told.contains("dropped") && !told.contains("dropped 0,"), "the queue was never full: {told}");
 }
 
 #[test]

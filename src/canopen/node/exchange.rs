@@ -4,7 +4,7 @@ use super::super::pdo::{self, NO_ID, Pdo, Reception, Rpdo, Tpdo};
 use super::super::{EmcyCode, ErrorRegister, Frame, NmtState, Outbox, Time, cob};
 use super::application::Application;
 use super::service::Service;
-use super::{Node, PDOS};
+use super::{Node, PDOS, SYNC_REST};
 
 impl Node {
     /// Synchronous RPDOs to the dictionary, then the device, then TPDOs.
@@ -13,6 +13,7 @@ impl Node {
         if !(is_operational || self.state == NmtState::PreOperational) {
             return;
         }
+        self.synced_until = now + SYNC_REST;
         // Without a counter of its own (1019h) the device takes SYNC with and without one.
         if frame.len() > 1 || (self.has_sync_counter && frame.is_empty()) {
             let bits = ErrorRegister(ErrorRegister::COMMUNICATION);
@@ -92,8 +93,10 @@ impl Node {
 
     /// Segments of a block, repetitions and aborts that are due.
     pub(super) fn poll_sdo(&mut self, now: Time, out: &mut impl Outbox) {
-        while let Some(payload) = self.sdo.poll(now) {
-            out.push(Frame::new(cob::sdo_response(self.id), &payload));
+        let id = cob::sdo_response(self.id);
+        let is_exchanging = self.state == NmtState::Operational || now < self.synced_until;
+        if let Some(payload) = self.sdo.poll(now, is_exchanging, |payload| out.offer(Frame::new(id, &payload))) {
+            out.push(Frame::new(id, &payload));
         }
     }
 
