@@ -14,7 +14,9 @@ mod linux;
 
 pub use error_frame::ErrorFrame;
 #[cfg(all(feature = "socketcan", target_os = "linux"))]
-pub use linux::{CobFilter, ControllerState, InterfaceFacts, LinkError, SocketCan, SocketCanSettings, SocketCans};
+pub use linux::{
+    Attachment, CobFilter, ControllerState, InterfaceFacts, LinkError, SocketCan, SocketCanSettings, SocketCans, Stamps,
+};
 
 use crate::bus::LinkEvent;
 use crate::canopen::{Frame, Outbox, Time};

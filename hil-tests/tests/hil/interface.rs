@@ -9,7 +9,9 @@ use hil_tests::Scenario;
 use hil_tests::network::{Network, PATIENCE, Real, client, device, hear, transfer};
 use yieldwall::bus::LinkEvent;
 use yieldwall::canopen::{Address, Frame, SdoOutcome, Time};
-use yieldwall::link::{CanLink, CobFilter, ErrorFrame, LinkError, Received, SendError, SocketCan, SocketCanSettings};
+use yieldwall::link::{
+    Attachment, CanLink, CobFilter, ErrorFrame, LinkError, Received, SendError, SocketCan, SocketCanSettings,
+};
 use yieldwall::sim::can::CandumpWriter;
 
 /// An interface that this test makes, changes and removes.
@@ -100,9 +102,41 @@ fn a_virtual_interface_has_no_bit_rate_and_passes_for_any() {
     let link = Real::open(&settings);
     let facts = link.facts();
     assert!(facts.is_virtual() && facts.is_up && !facts.has_hardware_time, "{facts:?}");
-    assert_eq!((facts.bit_rate, facts.restart_ms, facts.advice()), (None, None, vec![]));
+    let advice: Vec<_> = facts.advice().into_iter().filter(|advice| !advice.contains("modprobe")).collect();
+    assert_eq!((facts.bit_rate, facts.restart_ms, advice), (None, None, vec![]));
+    assert_eq!((&facts.attachment, facts.queueing.as_deref()), (&Attachment::Virtual, Some("noqueue")));
+    // Whether it has an echo of its own is an option of the module.
+    let echo = std::fs::read_to_string("/sys/module/vcan/parameters/echo").expect("the module of vcan");
+    assert_eq!(facts.has_echo, Some(echo.trim() == "Y"));
     // The kernel has the privilege here to give what is asked for.
     assert!(link.receive_buffer() >= settings.receive_buffer, "{}", link.receive_buffer());
+}
+
+#[test]
+#[ignore = "needs a CAN interface: see hil-tests/vcan"]
+fn what_is_advised_of_a_queue_mends_it() {
+    let own = Own::new("ywqueue");
+    let advice = || {
+        let all = own.link().facts().advice();
+        all.into_iter().filter(|advice| advice.contains("queue of")).collect::<Vec<_>>()
+    };
+    assert_eq!(advice(), [""; 0]);
+    for (discipline, len) in [("pfifo", "5"), ("pfifo_fast", "1000")] {
+        ip(&["link", "set", own.0, "txqueuelen", len]);
+        tc(&["qdisc", "replace", "dev", own.0, "root", discipline]);
+        let link = own.link();
+        assert_eq!(link.facts().queueing.as_deref(), Some(discipline));
+        assert_eq!(link.facts().tx_queue_len.map(|len| len.to_string()).as_deref(), Some(len));
+        let said = advice();
+        assert_eq!(said.len(), if discipline == "pfifo" { 2 } else { 1 }, "{said:#?}");
+        for sentence in said {
+            let command = sentence.split('`').rfind(|part| part.starts_with("sudo ")).expect("a command");
+            let words: Vec<_> = command.split(' ').skip(1).collect();
+            let done = Command::new(words[0]).args(&words[1..]).output().expect("iproute2 is installed");
+            assert!(done.status.success(), "{command}: {}", String::from_utf8_lossy(&done.stderr));
+        }
+        assert_eq!(advice(), [""; 0]);
+    }
 }
 
 #[test]
