@@ -5,8 +5,11 @@
 //! canopen_peer bare-device               the same without a node id: waits for LSS
 //! canopen_peer read 2001 0 [block]       reads an object of node 5, prints `= DATA` and ends
 //! canopen_peer write 2001 0 HEX [block]  writes it, prints `= ok` and ends
-//! canopen_peer speed N BYTES ROUNDS      reads 2000h:0 of node 5 N times, then 2001h:0 of BYTES bytes ROUNDS times in
-//!                                        segments; prints `= READS_PER_S BYTES_PER_S` and ends
+//! canopen_peer speed N BYTES ROUNDS BLOCK
+//!                                        reads 2000h:0 of node 5 N times; writes BYTES bytes to 2001h:0 and reads them
+//!                                        ROUNDS times in segments; writes BLOCK bytes there in blocks and reads them in
+//!                                        blocks, unless BLOCK is 0. Prints
+//!                                        `= READS_PER_S BYTES_PER_S [READ_PER_S WRITTEN_PER_S]` and ends
 //! ```
 //!
 //! A device prints `= ready` when it is on the bus, and is there until it is killed.
@@ -29,11 +32,12 @@ mod peer {
             ["bare-device"] => serve(bare()),
             ["read", index, sub, options @ ..] => pass(index, sub, None, options).map(|data| say(&hex(&data))),
             ["write", index, sub, data, options @ ..] => pass(index, sub, Some(data), options).map(|_| say("ok")),
-            ["speed", reads, bytes, rounds] => speed(number(reads)?, number(bytes)?, number(rounds)?),
-            _ => Err(
-                "device | bare-device | read INDEX SUB [block] | write INDEX SUB HEX [block] | speed N BYTES ROUNDS"
-                    .into(),
-            ),
+            ["speed", reads, bytes, rounds, block] => {
+                speed(number(reads)?, number(bytes)?, number(rounds)?, number(block)?)
+            }
+            _ => Err("device | bare-device | read INDEX SUB [block] | write INDEX SUB HEX [block] | \
+                      speed N BYTES ROUNDS BLOCK"
+                .into()),
         }
     }
 
@@ -74,27 +78,57 @@ mod peer {
         }
     }
 
-    fn speed(reads: usize, bytes: usize, rounds: usize) -> Result<(), String> {
+    fn speed(reads: usize, bytes: usize, rounds: usize, block: usize) -> Result<(), String> {
         let mut link = Real::new().client(NODE);
         let mut client = client(NODE);
-        let mut time = |index: u16, times: usize, len: usize| {
+        let mut time = |times: usize, way: Way<'_>| {
             let start = Instant::now();
             for _ in 0..times {
-                upload(&mut link, &mut client, index)?;
-                if client.data().len() != len {
-                    return Err(format!("{index:04X}h has {} bytes, not {len}", client.data().len()));
-                }
+                pass_once(&mut link, &mut client, way)?;
             }
-            Ok(start.elapsed().as_secs_f64())
+            Ok::<_, String>(times as f64 / start.elapsed().as_secs_f64())
         };
-        let short = reads as f64 / time(0x2000, reads, 4)?;
-        let long = (bytes * rounds) as f64 / time(0x2001, rounds, bytes)?;
-        say(&format!("{short:.0} {long:.0}"));
+        let short = time(reads, Way::Read(0x2000, &[0; 4]))?;
+        let data = bytes_of(bytes);
+        time(1, Way::Write(&data))?;
+        let long = bytes as f64 * time(rounds, Way::Read(0x2001, &data))?;
+        if block == 0 {
+            say(&format!("{short:.0} {long:.0}"));
+            return Ok(());
+        }
+        let data = bytes_of(block);
+        let written = block as f64 * time(1, Way::WriteBlocks(&data))?;
+        let read = block as f64 * time(1, Way::ReadBlocks(&data))?;
+        say(&format!("{short:.0} {long:.0} {read:.0} {written:.0}"));
         Ok(())
     }
 
-    fn upload(link: &mut SocketCan, client: &mut SdoClient, index: u16) -> Result<(), String> {
-        check(transfer(link, client, |client, now, out| client.start_upload(now, index, 0, out).expect("idle")))
+    /// A transfer, with what is written or has to be read.
+    #[derive(Clone, Copy)]
+    enum Way<'a> {
+        Read(u16, &'a [u8]),
+        Write(&'a [u8]),
+        ReadBlocks(&'a [u8]),
+        WriteBlocks(&'a [u8]),
+    }
+
+    fn pass_once(link: &mut SocketCan, client: &mut SdoClient, way: Way<'_>) -> Result<(), String> {
+        let outcome = transfer(link, client, |client, now, out| {
+            match way {
+                Way::Read(index, _) => client.start_upload(now, index, 0, out),
+                Way::Write(data) => client.start_download(now, 0x2001, 0, data, out),
+                Way::ReadBlocks(_) => client.start_block_upload(now, 0x2001, 0, out),
+                Way::WriteBlocks(data) => client.start_block_download(now, 0x2001, 0, data, out),
+            }
+            .expect("idle, and within the capacity");
+        });
+        check(outcome)?;
+        let (Way::Read(_, data) | Way::ReadBlocks(data) | Way::Write(data) | Way::WriteBlocks(data)) = way;
+        if client.data() == data { Ok(()) } else { Err(format!("other than the {} bytes", data.len())) }
+    }
+
+    fn bytes_of(len: usize) -> Vec<u8> {
+        (0..=249).cycle().take(len).collect()
     }
 
     fn number(text: &str) -> Result<usize, String> {

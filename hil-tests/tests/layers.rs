@@ -82,7 +82,7 @@ fn may_name(layer: &str) -> Option<Vec<&'static str>> {
 }
 
 /// Foreign crates that only some places may name, tests included.
-const ONLY_IN: [(&str, &[&str]); 9] = [
+const ONLY_IN: [(&str, &[&str]); 10] = [
     ("clap", &["cli", "main"]),
     ("miette", &["cli", "main"]),
     ("serde_saphyr", &["config::yaml"]),
@@ -91,6 +91,7 @@ const ONLY_IN: [(&str, &[&str]); 9] = [
     ("mcap", &["record::recording"]),
     ("rtrb", &["record::recording"]),
     ("socketcan", &["link::linux"]),
+    ("neli", &["link::linux"]),
     ("libc", &["link::linux", "live::host"]),
 ];
 

@@ -149,6 +149,13 @@ pub trait Outbox {
     /// Queues one frame. A full queue counts the loss; it never blocks.
     fn push(&mut self, frame: Frame);
 
+    /// Queues a frame that can wait, if there is room for it now; whether it was taken. Who is refused keeps the frame and
+    /// offers it again later. An outbox that cannot tell takes all.
+    fn offer(&mut self, frame: Frame) -> bool {
+        self.push(frame);
+        true
+    }
+
     /// The same for an engine that knows of one bus: whatever it sends goes to the bus with this number.
     fn on(&mut self, bus: u8) -> OnBus<'_, Self>
     where
@@ -168,6 +175,20 @@ pub struct OnBus<'a, O> {
 impl<O: Outbox> Outbox for OnBus<'_, O> {
     fn push(&mut self, frame: Frame) {
         self.out.push(frame.on_bus(self.bus));
+    }
+
+    fn offer(&mut self, frame: Frame) -> bool {
+        self.out.offer(frame.on_bus(self.bus))
+    }
+}
+
+impl<O: Outbox + ?Sized> Outbox for &mut O {
+    fn push(&mut self, frame: Frame) {
+        (**self).push(frame);
+    }
+
+    fn offer(&mut self, frame: Frame) -> bool {
+        (**self).offer(frame)
     }
 }
 

@@ -10,11 +10,11 @@ use serde_json::{Value, json};
 
 use super::failure::{Exit, Failure};
 use super::keep::state_folder;
-use super::live::{link_failure, on_interrupt, other_master};
+use super::live::{link_failure, on_interrupt, other_master, warn};
 use super::output::Output;
 use crate::bus::{LISTENING, Signs};
-use crate::link::{CobFilter, Role, SocketCan, SocketCanSettings};
-use crate::live::host::{Refusal, SystemMetronome, computer, lock_memory, run_first};
+use crate::link::{CobFilter, InterfaceFacts, Role, SocketCan, SocketCanSettings, Stamps};
+use crate::live::host::{Load, Readiness, Refusal, SystemMetronome, computer, lock_memory, run_first};
 use crate::live::{
     Histogram, Latency, Measured, PROBE, PROVING_CYCLES, REDUCED_FORCE_N, REDUCED_SPEED_M_PER_S, STOCK_CYCLES, Tier,
     listen, measure_latency,
@@ -31,6 +31,20 @@ pub(super) struct Arguments {
     /// Cycle time in us, 100 to 100 000
     #[arg(long, value_name = "US", default_value_t = 1000, value_parser = clap::value_parser!(u32).range(100..=100_000))]
     period_us: u32,
+    /// Keep every processor, the memory and the disk busy meanwhile; all of it ends with the measurement or with Ctrl-C
+    #[arg(long)]
+    load: bool,
+}
+
+/// What is told beside the times.
+struct Told {
+    record: Option<PathBuf>,
+    /// The load under which it was measured.
+    load: Option<String>,
+    /// Of the computer, a line each.
+    computer: Vec<String>,
+    /// Of the interface, and whose stamps counted on it.
+    interface: Option<(InterfaceFacts, Stamps)>,
 }
 
 pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Failure> {
@@ -51,38 +65,69 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
         Some(bus) => Some(open(bus, &is_interrupted)?),
         None => None,
     };
+    let facts = link.as_ref().map(|link| link.facts().clone());
+    if let Some(facts) = &facts {
+        facts.advice().into_iter().for_each(|advice| warn(output, advice));
+        if let Some((why, help)) = facts.attachment.too_slow_for(arguments.period_us) {
+            warn(output, format!("`{}` {why}: {help}", facts.name));
+        }
+    }
+    let load = match arguments.load {
+        true => Some(Load::start(&folder).map_err(|error| cannot_load(&error))?),
+        false => None,
+    };
+    let loaded = load.as_ref().map(Load::told);
+    if let Some(load) = &loaded {
+        output.news(&format!("load      started: {load}"))?;
+    }
     let measuring = {
         let is_interrupted = Arc::clone(&is_interrupted);
         move || {
             let priority = run_first();
             let now = || SystemMetronome.now();
             let latency = measure_latency(&mut SystemMetronome, now, link.as_mut(), period, cycles, &is_interrupted);
-            (priority, latency)
+            (priority, latency, link.map(|link| link.stamps()))
         }
     };
     let thread = thread::Builder::new().name("cycle".to_owned()).spawn(measuring);
     let thread = thread.map_err(|error| Failure::new(Exit::Internal, format!("thread of the cycle: {error}"), ""))?;
-    let (priority, latency) =
-        thread.join().map_err(|_| Failure::new(Exit::Internal, "the thread of the cycle has panicked", ""))?;
+    let measured = thread.join();
+    drop(load);
+    if loaded.is_some() {
+        output.news("load      stopped")?;
+    }
+    let (priority, latency, stamps) =
+        measured.map_err(|_| Failure::new(Exit::Internal, "the thread of the cycle has panicked", ""))?;
     // Without a wake-up there is nothing to keep.
     let kept = match latency.wake.count() {
         0 => Ok(None),
-        _ => keep(arguments, &latency, [&priority, &memory].map(Result::is_ok), &folder).map(Some),
+        _ => keep(arguments, &latency, [&priority, &memory].map(Result::is_ok), loaded.clone(), &folder).map(Some),
     };
-    let record = kept.as_ref().ok().and_then(Option::as_deref);
+    let told = Told {
+        record: kept.as_ref().ok().cloned().flatten(),
+        load: loaded,
+        computer: Readiness::read(Path::new("/"), arguments.bus.as_deref()).told(period, arguments.bus.as_deref()),
+        interface: facts.zip(stamps),
+    };
     let refused: Vec<_> = [&priority, &memory].into_iter().filter_map(|granted| granted.as_ref().err()).collect();
     if !output.is_json() {
-        output.result(&text(arguments, &latency, &refused, record))?;
+        output.result(&text(arguments, &latency, &refused, &told))?;
         return kept.map(|_| ());
     }
-    output.end(document(arguments, &latency, &refused, record), kept.map(|_| ()))
+    output.end(document(arguments, &latency, &refused, &told), kept.map(|_| ()))
 }
 
 /// Keeps what was measured, for `run --bus`; where.
-fn keep(arguments: &Arguments, latency: &Latency, granted: [bool; 2], folder: &Path) -> Result<PathBuf, Failure> {
+fn keep(
+    arguments: &Arguments,
+    latency: &Latency,
+    granted: [bool; 2],
+    load: Option<String>,
+    folder: &Path,
+) -> Result<PathBuf, Failure> {
     let [has_priority, has_locked_memory] = granted;
     let computer = computer(has_priority, has_locked_memory);
-    let measured = Measured::new(computer, arguments.period_us, latency.lateness(), now_unix_s());
+    let measured = Measured::new(computer, arguments.period_us, latency.lateness(), now_unix_s()).under(load);
     measured.store(folder).map_err(|error| cannot_keep(folder, &error))
 }
 
@@ -94,6 +139,15 @@ pub(super) fn now_unix_s() -> u64 {
 /// The failure that what was measured cannot be written.
 fn cannot_keep(folder: &Path, error: &std::io::Error) -> Failure {
     Failure::new(Exit::Usage, format!("{}: {error}", folder.display()), "make the folder one that can be written")
+}
+
+/// The failure that the load cannot be started.
+fn cannot_load(error: &std::io::Error) -> Failure {
+    Failure::new(
+        Exit::Usage,
+        format!("the load cannot be started: {error}"),
+        "allow this user more threads, or leave --load away",
+    )
 }
 
 /// The failure that there is no place for measurements.
@@ -144,12 +198,22 @@ fn verdict(latency: &Latency, period_us: u32) -> String {
     }
 }
 
-fn text(arguments: &Arguments, latency: &Latency, refused: &[&Refusal], record: Option<&Path>) -> String {
+fn text(arguments: &Arguments, latency: &Latency, refused: &[&Refusal], told: &Told) -> String {
     let mut lines = Vec::new();
     match refused {
         [] => lines.push("realtime  SCHED_FIFO and locked memory".to_owned()),
         refused => lines.extend(refused.iter().map(|refusal| format!("realtime  {refusal}"))),
     }
+    lines.extend(told.computer.iter().cloned());
+    if let Some((facts, stamps)) = &told.interface {
+        lines.push(format!("adapter   {}", facts.told()));
+        let Stamps { hardware, kernel, none } = stamps;
+        lines.push(format!("stamps    {hardware} of the controller, {kernel} of the kernel, {none} of this program"));
+    }
+    lines.push(match &told.load {
+        Some(load) => format!("load      {load}"),
+        None => "load      none: with --load it is measured while the computer is busy".to_owned(),
+    });
     let cycles = latency.wake.count();
     lines.push(format!("cycles    {cycles} of {} us, {} missed", arguments.period_us, latency.missed));
     lines.push(format!("wake-up   late by {}", shares(&latency.wake)));
@@ -158,7 +222,7 @@ fn text(arguments: &Arguments, latency: &Latency, refused: &[&Refusal], record: 
     }
     lines.extend(bars(&latency.wake));
     lines.push(format!("tier      {}", verdict(latency, arguments.period_us)));
-    lines.extend(record.map(|path| format!("record    {}", path.display())));
+    lines.extend(told.record.as_ref().map(|path| format!("record    {}", path.display())));
     lines.join("\n") + "\n"
 }
 
@@ -188,7 +252,7 @@ fn bars(times: &Histogram) -> Vec<String> {
     doublings.into_iter().map(|(us, count)| format!("  < {us:>7} us {count:>10}  {}", bar(count))).collect()
 }
 
-fn document(arguments: &Arguments, latency: &Latency, refused: &[&Refusal], record: Option<&Path>) -> Value {
+fn document(arguments: &Arguments, latency: &Latency, refused: &[&Refusal], told: &Told) -> Value {
     let lateness = latency.lateness();
     let times = |times: &Histogram| {
         let us = |share| 1e6 * times.quantile(share).as_secs_f64();
@@ -214,6 +278,12 @@ fn document(arguments: &Arguments, latency: &Latency, refused: &[&Refusal], reco
         "tier": lateness.tier(arguments.period_us),
         "proven_tier": lateness.proven(arguments.period_us),
         "verdict": verdict(latency, arguments.period_us),
-        "record": record,
+        "record": told.record,
+        "load": told.load,
+        "computer": told.computer,
+        "adapter": told.interface.as_ref().map(|(facts, _)| facts.told()),
+        "stamps": told.interface.as_ref().map(|(_, Stamps { hardware, kernel, none })| {
+            json!({ "controller": hardware, "kernel": kernel, "program": none })
+        }),
     })
 }

@@ -22,7 +22,7 @@ use crate::bus::{Heard, SensorLink, Sign};
 use crate::canopen::{Emergency, cob};
 use crate::config::{self, Source};
 use crate::guard::Fault;
-use crate::link::{CobFilter, LinkError, Role, SocketCans};
+use crate::link::{CobFilter, LinkError, Role, SocketCan, SocketCans};
 use crate::live::host::{Refusal, SystemMetronome, lock_memory, run_first};
 use crate::live::{
     Ended, Kept as Timely, LinkCounts, LiveError, LiveRig, Play, Played, StageTimes, Untimely, drive_addresses,
@@ -142,14 +142,24 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
     let scene = config::load_scene(rig.source.relative(&rig.value.scene))?;
     check_buses(&rig, arguments.ignore_bus_budget, output)?;
     let overrides = Overrides { duration_s: arguments.duration, ..Overrides::default() };
-    let rig = rig.value;
+    let file = rig;
+    let rig = file.value.clone();
     let proof = proof(arguments.pace, &rig, &scene.value)?;
     let is_interrupted = on_interrupt()?;
     let memory = lock_memory();
     refuse(arguments, &memory)?;
     let interfaces = Interfaces::of(&rig, &arguments.bus)?;
     let link = open(&interfaces, &rig)?;
-    link.links().iter().flat_map(|link| link.facts().advice()).for_each(|advice| warn(output, advice));
+    for facts in link.links().iter().map(SocketCan::facts) {
+        facts.advice().into_iter().for_each(|advice| warn(output, advice));
+        // In lockstep nothing has to be in time.
+        if arguments.pace == PaceArgument::Free
+            && let Some((why, help)) = facts.attachment.too_slow_for(rig.cycle.period_us)
+        {
+            let message = format!("`{}` {why}", facts.name);
+            output.warnings(&[file.finding(config::Severity::Warning, "cycle.period_us", message, help, &[])]);
+        }
+    }
     warn_of(output, &memory);
     let mut about = replay::about(&rig, &scene.value, &overrides)
         .map_err(|error| Failure::new(Exit::Internal, format!("documents of the recording: {error}"), ""))?;
@@ -321,7 +331,7 @@ pub(super) fn settling_cycles(rig: &config::Rig) -> u32 {
 }
 
 /// Prints what a person should know before anything is sent.
-fn warn(output: &mut Output, message: String) {
+pub(super) fn warn(output: &mut Output, message: String) {
     let finding = config::Diagnostic::about_file("", message, "");
     output.warnings(&[config::Diagnostic { severity: config::Severity::Warning, ..finding }]);
 }

@@ -15,7 +15,8 @@ mod linux;
 pub use error_frame::ErrorFrame;
 #[cfg(all(feature = "socketcan", target_os = "linux"))]
 pub use linux::{
-    CobFilter, ControllerState, Holder, InterfaceFacts, LinkError, Role, SocketCan, SocketCanSettings, SocketCans,
+    Attachment, CobFilter, ControllerState, Holder, InterfaceFacts, LinkError, Role, SocketCan, SocketCanSettings,
+    SocketCans, Stamps,
 };
 
 use crate::bus::LinkEvent;
@@ -139,15 +140,102 @@ impl<'a, L: CanLink> LinkOutbox<'a, L> {
     }
 }
 
+impl<L: CanLink> LinkOutbox<'_, L> {
+    /// Why a frame could not be sent now; nothing on a bus on which something could not be sent before.
+    fn try_send(&mut self, frame: &Frame) -> Option<Result<(), SendError>> {
+        let is_failed = self.failed & bit_of(frame) != 0;
+        (!is_failed).then(|| self.link.send(frame))
+    }
+
+    fn fail(&mut self, frame: &Frame, error: SendError) {
+        self.failed |= bit_of(frame);
+        self.failure.get_or_insert((frame.bus(), error));
+    }
+}
+
+fn bit_of(frame: &Frame) -> u8 {
+    1_u8.checked_shl(frame.bus().into()).unwrap_or_default()
+}
+
 impl<L: CanLink> Outbox for LinkOutbox<'_, L> {
     fn push(&mut self, frame: Frame) {
-        let own = 1_u8.checked_shl(frame.bus().into()).unwrap_or_default();
-        if self.failed & own != 0 {
-            return;
+        if let Some(Err(error)) = self.try_send(&frame) {
+            self.fail(&frame, error);
         }
-        if let Err(error) = self.link.send(&frame) {
-            self.failed |= own;
-            self.failure.get_or_insert((frame.bus(), error));
+    }
+
+    /// A full queue refuses, and that is no failure.
+    fn offer(&mut self, frame: Frame) -> bool {
+        match self.try_send(&frame) {
+            Some(Err(error)) => {
+                if error != SendError::Full {
+                    self.fail(&frame, error);
+                }
+                false
+            }
+            sent => sent.is_some(),
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A link whose queue holds so many frames, or that has failed.
+    struct Short {
+        sent: Vec<Frame>,
+        room: usize,
+        error: SendError,
+    }
+
+    impl CanLink for Short {
+        fn now(&self) -> Time {
+            Time(0)
+        }
+
+        fn receive(&mut self) -> Option<Arrival> {
+            None
+        }
+
+        fn send(&mut self, frame: &Frame) -> Result<(), SendError> {
+            if self.sent.len() >= self.room {
+                return Err(self.error);
+            }
+            self.sent.push(*frame);
+            Ok(())
+        }
+
+        fn wait(&mut self, _: Time) -> bool {
+            false
+        }
+    }
+
+    fn frame(id: u16) -> Frame {
+        Frame::new(id, &[])
+    }
+
+    #[test]
+    fn what_can_wait_is_refused_by_a_full_queue_without_failing() {
+        let mut link = Short { sent: Vec::new(), room: 2, error: SendError::Full };
+        let mut out = LinkOutbox::new(&mut link);
+        assert_eq!([1, 2, 3].map(|id| out.offer(frame(id))), [true, true, false]);
+        assert_eq!((out.failure(), out.failed_buses().count()), (None, 0));
+        out.link.room = 3;
+        assert!(out.offer(frame(3)));
+        // What cannot wait fails, and nothing follows it.
+        out.push(frame(4));
+        assert_eq!(out.failure(), Some((0, SendError::Full)));
+        out.link.room = 9;
+        assert!(!out.offer(frame(5)));
+        assert_eq!(link.sent, [1, 2, 3].map(frame));
+    }
+
+    #[test]
+    fn another_refusal_is_a_failure_for_what_can_wait_too() {
+        let mut link = Short { sent: Vec::new(), room: 0, error: SendError::Down };
+        let mut out = LinkOutbox::new(&mut link);
+        assert!(!out.offer(frame(1).on_bus(2)));
+        assert_eq!(out.failure(), Some((2, SendError::Down)));
     }
 }

@@ -236,12 +236,14 @@ pub fn attach<L: CanLink + AsFd>(
             stream.read_exact(&mut bytes).map_err(gone)?;
             let call = decode_call(&bytes);
             now = call.now;
-            let mut out = Vec::new();
+            if call.is_sync {
+                wait_for_sync(link, &mut heard);
+            }
+            let mut out = LinkOutbox::new(link);
             if !std::mem::replace(&mut is_on, true) {
                 device.boot(now, &mut out);
             }
             if call.is_sync {
-                wait_for_sync(link, &mut heard);
                 let after_sync = heard.iter().rposition(|frame: &Frame| frame.id() == cob::SYNC).map_or(0, |at| at + 1);
                 for frame in heard.drain(..after_sync).filter(|frame| frame.id() != cob::SYNC) {
                     device.on_frame(now, &frame, &mut out);
@@ -252,17 +254,15 @@ pub fn attach<L: CanLink + AsFd>(
                 device.measure(call.felt);
                 device.poll(now, &mut out);
             }
-            send(link, out);
             stream.write_all(&encode_answer(&device.answer())).map_err(|_| AttachError::Gone)?;
         }
         // What follows a SYNC waits until the arm has told of it.
-        let mut out = Vec::new();
+        let mut out = LinkOutbox::new(link);
         while is_on && heard.front().is_some_and(|frame| frame.id() != cob::SYNC) {
             if let Some(frame) = heard.pop_front() {
                 device.on_frame(now, &frame, &mut out);
             }
         }
-        send(link, out);
     }
     Ok(())
 }
@@ -281,11 +281,6 @@ fn wait_for_sync<L: CanLink>(link: &mut L, heard: &mut VecDeque<Frame>) {
         link.wait(until);
         listen(link, heard);
     }
-}
-
-fn send<L: CanLink>(link: &mut L, frames: Vec<Frame>) {
-    let mut out = LinkOutbox::new(link);
-    frames.into_iter().for_each(|frame| out.push(frame));
 }
 
 #[cfg(test)]

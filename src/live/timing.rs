@@ -54,6 +54,9 @@ pub struct Measured {
     pub period_us: u32,
     /// What it showed.
     pub lateness: Lateness,
+    /// What kept the computer busy meanwhile; `None` if nothing did on purpose.
+    #[serde(default)]
+    pub load: Option<String>,
     /// When it ended, in s since 1970.
     pub ended_unix_s: u64,
     /// Version of the program that measured.
@@ -61,10 +64,16 @@ pub struct Measured {
 }
 
 impl Measured {
-    /// What was measured until a moment in s since 1970.
+    /// What was measured until a moment in s since 1970, without load.
     pub fn new(computer: Computer, period_us: u32, lateness: Lateness, ended_unix_s: u64) -> Self {
         let version = env!("CARGO_PKG_VERSION").to_owned();
-        Self { computer, period_us, lateness, ended_unix_s, version }
+        Self { computer, period_us, lateness, load: None, ended_unix_s, version }
+    }
+
+    /// The same, measured under this load.
+    #[must_use]
+    pub fn under(self, load: Option<String>) -> Self {
+        Self { load, ..self }
     }
 
     fn path(&self, folder: &Path) -> PathBuf {
@@ -100,8 +109,9 @@ impl Measured {
         let Lateness { cycles, missed, p999_us, p9999_us, max_us } = self.lateness;
         let ago = ago(now_unix_s.saturating_sub(self.ended_unix_s));
         let at = if self.period_us == period_us { String::new() } else { format!(" at {} us", self.period_us) };
+        let load = if self.load.is_some() { "under load" } else { "without load" };
         format!(
-            "{cycles} cycles{at} measured {ago} were late by {p999_us:.0} us in 99.9 %, {p9999_us:.0} us in 99.99 % and \
+            "{cycles} cycles{at} measured {load} {ago} were late by {p999_us:.0} us in 99.9 %, {p9999_us:.0} us in 99.99 % and \
              {max_us:.0} us at most, {missed} missed"
         )
     }
@@ -245,7 +255,7 @@ mod tests {
         let refused = computer().check(&fast, &folder, NOW_S).unwrap_err();
         assert!(matches!(refused, Untimely::Limit { key: "guard.tool_speed_limit_m_per_s", .. }), "{refused}");
         assert!(
-            refused.to_string().contains("3000 cycles measured 2 min ago were late by 480 us in 99.9 %"),
+            refused.to_string().contains("3000 cycles measured without load 2 min ago were late by 480 us in 99.9 %"),
             "{refused}"
         );
         // At 1 ms it is B; at 5 ms as well, since a cycle was missed.
@@ -299,6 +309,22 @@ mod tests {
         assert_eq!(computer().check(&fast, &folder, NOW_S).map(|kept| kept.tier), Ok(Tier::A));
         measured(computer(), 1000, Lateness { cycles: 10_000, max_us: 101.0, ..GOOD }).store(&folder).unwrap();
         assert!(computer().check(&fast, &folder, NOW_S).is_err());
+        fs::remove_dir_all(&folder).unwrap();
+    }
+
+    #[test]
+    fn a_record_says_whether_it_was_measured_under_load() {
+        let folder = folder("load");
+        let rig = rig("paper-admittance-5ms.yaml");
+        let shown = || computer().check(&rig, &folder, NOW_S).unwrap().shown;
+        let path = measured(computer(), 5000, GOOD).under(Some("two threads".to_owned())).store(&folder).unwrap();
+        assert!(shown().contains("cycles measured under load 2 min ago"), "{}", shown());
+        assert!(fs::read_to_string(&path).unwrap().contains(r#""load": "two threads""#));
+        // A record of an earlier build says nothing of it.
+        let text = fs::read_to_string(&path).unwrap().replace("  \"load\": \"two threads\",\n", "");
+        assert!(!text.contains("load"));
+        fs::write(&path, text).unwrap();
+        assert!(shown().contains("cycles measured without load 2 min ago"), "{}", shown());
         fs::remove_dir_all(&folder).unwrap();
     }
 

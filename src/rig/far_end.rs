@@ -20,6 +20,9 @@ pub(super) const SENSOR: usize = 2;
 pub(super) trait Wire {
     /// Takes a frame of a device: 0 the left drive, 1 the right drive, 2 the sensor.
     fn submit(&mut self, device: usize, now: Time, frame: Frame);
+
+    /// The same for a frame that can wait; whether there was room for it.
+    fn offer(&mut self, device: usize, now: Time, frame: Frame) -> bool;
 }
 
 /// One device's way to the wire.
@@ -32,6 +35,10 @@ pub(super) struct Plug<'a, W> {
 impl<W: Wire> Outbox for Plug<'_, W> {
     fn push(&mut self, frame: Frame) {
         self.wire.submit(self.device, self.now, frame);
+    }
+
+    fn offer(&mut self, frame: Frame) -> bool {
+        self.wire.offer(self.device, self.now, frame)
     }
 }
 

@@ -77,7 +77,19 @@ struct Bus<'a, O> {
 impl<O: Outbox> Wire for Bus<'_, O> {
     fn submit(&mut self, device: usize, _now: Time, frame: Frame) {
         *self.sent += 1;
-        self.out.push(frame.on_bus(self.buses.get(device).copied().unwrap_or_default()));
+        self.out.push(frame.on_bus(self.bus_of(device)));
+    }
+
+    fn offer(&mut self, device: usize, _now: Time, frame: Frame) -> bool {
+        let is_taken = self.out.offer(frame.on_bus(self.bus_of(device)));
+        *self.sent += u64::from(is_taken);
+        is_taken
+    }
+}
+
+impl<O> Bus<'_, O> {
+    fn bus_of(&self, device: usize) -> u8 {
+        self.buses.get(device).copied().unwrap_or_default()
     }
 }
 

@@ -1,6 +1,6 @@
 //! Devices for tests.
 
-use yieldwall::canopen::{DataType, DeviceIdentity, Frame, Node, Object, ObjectDictionary, Time, node_id};
+use yieldwall::canopen::{DataType, DeviceIdentity, Frame, Node, Object, ObjectDictionary, Outbox, Time, node_id};
 use yieldwall::rig::DeviceServer;
 
 use super::Participant;
@@ -43,16 +43,16 @@ pub fn bare() -> Node {
 }
 
 impl Participant for Node {
-    fn switch_on(&mut self, now: Time, out: &mut Vec<Frame>) {
-        self.boot(now, &mut (), out);
+    fn switch_on(&mut self, now: Time, mut out: &mut dyn Outbox) {
+        self.boot(now, &mut (), &mut out);
     }
 
-    fn on_frame(&mut self, now: Time, frame: &Frame, out: &mut Vec<Frame>) {
-        Node::on_frame(self, now, frame, &mut (), out);
+    fn on_frame(&mut self, now: Time, frame: &Frame, mut out: &mut dyn Outbox) {
+        Node::on_frame(self, now, frame, &mut (), &mut out);
     }
 
-    fn poll(&mut self, now: Time, out: &mut Vec<Frame>) {
-        Node::poll(self, now, &mut (), out);
+    fn poll(&mut self, now: Time, mut out: &mut dyn Outbox) {
+        Node::poll(self, now, &mut (), &mut out);
     }
 
     fn next_deadline(&self) -> Time {
@@ -65,16 +65,16 @@ impl Participant for Node {
 pub struct Served(pub DeviceServer);
 
 impl Participant for Served {
-    fn switch_on(&mut self, now: Time, out: &mut Vec<Frame>) {
-        self.0.switch_on(now, out);
+    fn switch_on(&mut self, now: Time, mut out: &mut dyn Outbox) {
+        self.0.switch_on(now, &mut out);
     }
 
-    fn on_frame(&mut self, now: Time, frame: &Frame, out: &mut Vec<Frame>) {
-        self.0.on_frame(now, frame, out).expect("the arm goes on");
+    fn on_frame(&mut self, now: Time, frame: &Frame, mut out: &mut dyn Outbox) {
+        self.0.on_frame(now, frame, &mut out).expect("the arm goes on");
     }
 
-    fn poll(&mut self, now: Time, out: &mut Vec<Frame>) {
-        self.0.poll(now, out).expect("the arm goes on");
+    fn poll(&mut self, now: Time, mut out: &mut dyn Outbox) {
+        self.0.poll(now, &mut out).expect("the arm goes on");
     }
 
     fn next_deadline(&self) -> Time {

@@ -17,7 +17,7 @@ pub use real::Real;
 pub use simulated::{Virtual, VirtualLink};
 pub use transfer::{client, hear, lss, run, send_all, transfer};
 
-use yieldwall::canopen::{Frame, Time};
+use yieldwall::canopen::{Frame, Outbox, Time};
 use yieldwall::link::CanLink;
 
 /// What a link may make of it, and a test has to wait for, at most; in virtual time it costs nothing.
@@ -26,11 +26,11 @@ pub const PATIENCE: std::time::Duration = std::time::Duration::from_secs(20);
 /// One device of a bus, without I/O.
 pub trait Participant: Send {
     /// Switches it on.
-    fn switch_on(&mut self, now: Time, out: &mut Vec<Frame>);
+    fn switch_on(&mut self, now: Time, out: &mut dyn Outbox);
     /// Takes a frame of another participant.
-    fn on_frame(&mut self, now: Time, frame: &Frame, out: &mut Vec<Frame>);
+    fn on_frame(&mut self, now: Time, frame: &Frame, out: &mut dyn Outbox);
     /// Does what is due.
-    fn poll(&mut self, now: Time, out: &mut Vec<Frame>);
+    fn poll(&mut self, now: Time, out: &mut dyn Outbox);
     /// When to poll next.
     fn next_deadline(&self) -> Time;
 }

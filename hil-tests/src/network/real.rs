@@ -5,8 +5,8 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread::JoinHandle;
 use std::time::Duration;
 
-use yieldwall::canopen::Frame;
-use yieldwall::link::{Arrival, CanLink, CobFilter, Received, SocketCan, SocketCanSettings};
+use yieldwall::canopen::Outbox;
+use yieldwall::link::{Arrival, CanLink, CobFilter, LinkOutbox, Received, SocketCan, SocketCanSettings};
 
 use super::{Network, Participant};
 
@@ -23,8 +23,12 @@ pub struct Real {
 impl Real {
     /// The interface that the environment names as `YIELDWALL_CAN`, else `vcan0`. It has no other nodes on it.
     pub fn new() -> Self {
-        let interface = std::env::var("YIELDWALL_CAN").unwrap_or_else(|_| "vcan0".to_owned());
-        Self { interface, is_over: Arc::default(), devices: Vec::new() }
+        Self::on(&std::env::var("YIELDWALL_CAN").unwrap_or_else(|_| "vcan0".to_owned()))
+    }
+
+    /// This interface.
+    pub fn on(interface: &str) -> Self {
+        Self { interface: interface.to_owned(), is_over: Arc::default(), devices: Vec::new() }
     }
 
     /// Name of the interface.
@@ -63,13 +67,11 @@ impl Network for Real {
         let mut link = Self::open(&SocketCanSettings::services(&self.interface, vec![CobFilter::EVERYTHING]));
         let is_over = self.is_over.clone();
         self.devices.push(std::thread::spawn(move || {
-            let mut out = Vec::new();
-            device.switch_on(link.now(), &mut out);
             let mut now = link.now();
+            send(&mut link, |out| device.switch_on(now, out));
             while !is_over.load(Ordering::Relaxed) {
-                send(&mut link, &mut out);
                 if device.next_deadline() <= now {
-                    device.poll(now, &mut out);
+                    send(&mut link, |out| device.poll(now, out));
                     continue;
                 }
                 // The moment of a frame is that of the device: reading the clock costs a system call in some kernels.
@@ -77,7 +79,7 @@ impl Network for Real {
                     Some(Arrival { time, what, .. }) => {
                         now = time.max(now);
                         if let Received::Frame(frame) = what {
-                            device.on_frame(now, &frame, &mut out);
+                            send(&mut link, |out| device.on_frame(now, &frame, out));
                         }
                     }
                     None => now = link.now(),
@@ -99,8 +101,9 @@ impl Drop for Real {
     }
 }
 
-fn send(link: &mut SocketCan, out: &mut Vec<Frame>) {
-    for frame in out.drain(..) {
-        link.send(&frame).unwrap_or_else(|error| panic!("{:03X}h: {error}", frame.id()));
-    }
+/// Has a device send at once, so that it knows what there was no room for.
+fn send(link: &mut SocketCan, act: impl FnOnce(&mut dyn Outbox)) {
+    let mut out = LinkOutbox::new(link);
+    act(&mut out);
+    assert_eq!(out.failure(), None);
 }

@@ -4,7 +4,7 @@ use std::cell::RefCell;
 use std::collections::VecDeque;
 use std::rc::Rc;
 
-use yieldwall::canopen::{Frame, Time};
+use yieldwall::canopen::{Frame, Outbox, Time};
 use yieldwall::link::{Arrival, CanLink, Received, SendError};
 use yieldwall::sim::can::{BitTiming, QueueOrder, VirtualBus};
 
@@ -50,29 +50,23 @@ impl Network for Virtual {
 
     fn attach(&mut self, mut device: impl Participant + 'static) {
         let mut world = self.0.borrow_mut();
-        let mut out = Vec::new();
-        device.switch_on(world.now, &mut out);
-        let port = world.take(Port::Device(Box::new(device)));
-        world.submit(port, out);
+        let (port, now) = (world.free(), world.now);
+        device.switch_on(now, &mut world.bus.outbox(port, now));
+        world.ports[port] = Port::Device(Box::new(device));
     }
 
     fn link(&mut self) -> VirtualLink {
-        let port = self.0.borrow_mut().take(Port::Link(VecDeque::new()));
+        let mut world = self.0.borrow_mut();
+        let port = world.free();
+        world.ports[port] = Port::Link(VecDeque::new());
+        drop(world);
         VirtualLink { world: self.0.clone(), port }
     }
 }
 
 impl World {
-    fn take(&mut self, port: Port) -> usize {
-        let free = self.ports.iter().position(|port| matches!(port, Port::Free)).expect("a free port");
-        self.ports[free] = port;
-        free
-    }
-
-    fn submit(&mut self, port: usize, frames: Vec<Frame>) {
-        for frame in frames {
-            assert!(self.bus.submit(port, self.now, frame), "the queue of port {port} is full");
-        }
+    fn free(&self) -> usize {
+        self.ports.iter().position(|port| matches!(port, Port::Free)).expect("a free port")
     }
 
     fn has_arrivals(&self, port: usize) -> bool {
@@ -94,9 +88,9 @@ impl World {
         let now = self.now;
         let delivery = self.bus.advance(now);
         for port in 0..self.ports.len() {
-            let mut out = Vec::new();
             match &mut self.ports[port] {
                 Port::Device(device) => {
+                    let mut out = self.bus.outbox(port, now);
                     if let Some(delivery) = delivery.filter(|delivery| delivery.from != port) {
                         device.on_frame(now, &delivery.frame, &mut out);
                     }
@@ -111,8 +105,8 @@ impl World {
                 })),
                 Port::Free => {}
             }
-            self.submit(port, out);
         }
+        assert_eq!(self.bus.counters().overflowed, 0, "a queue is full");
         true
     }
 }
@@ -132,7 +126,7 @@ impl CanLink for VirtualLink {
     fn send(&mut self, frame: &Frame) -> Result<(), SendError> {
         let mut world = self.world.borrow_mut();
         let now = world.now;
-        if world.bus.submit(self.port, now, *frame) { Ok(()) } else { Err(SendError::Full) }
+        if world.bus.outbox(self.port, now).offer(*frame) { Ok(()) } else { Err(SendError::Full) }
     }
 
     fn wait(&mut self, until: Time) -> bool {

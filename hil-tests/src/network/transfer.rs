@@ -4,7 +4,7 @@ use std::time::Duration;
 
 use yieldwall::canopen::lss::{LssMaster, LssOutcome, LssRequest};
 use yieldwall::canopen::{Frame, SdoClient, SdoOutcome, Time, node_id};
-use yieldwall::link::{Arrival, CanLink, Received};
+use yieldwall::link::{Arrival, CanLink, LinkOutbox, Received};
 
 use super::PATIENCE;
 
@@ -23,12 +23,17 @@ pub fn send_all(link: &mut impl CanLink, frames: &mut Vec<Frame>) {
 ///
 /// # Panics
 /// If it takes longer than [`PATIENCE`] without frames.
-pub fn run<T>(
-    link: &mut impl CanLink,
+pub fn run<T, L: CanLink>(
+    link: &mut L,
     first: Time,
-    mut act: impl FnMut(Time, Option<&Frame>, &mut Vec<Frame>) -> Result<T, Time>,
+    mut act: impl FnMut(Time, Option<&Frame>, &mut LinkOutbox<'_, L>) -> Result<T, Time>,
 ) -> T {
-    let mut out = Vec::new();
+    let mut act = |link: &mut L, now: Time, frame: Option<&Frame>| {
+        let mut out = LinkOutbox::new(link);
+        let done = act(now, frame, &mut out);
+        assert_eq!(out.failure(), None);
+        done
+    };
     let mut deadline = first;
     let mut idle_since: Option<Time> = None;
     loop {
@@ -38,9 +43,7 @@ pub fn run<T>(
             && let Received::Frame(frame) = arrival.what
         {
             idle_since = Some(arrival.time);
-            let done = act(arrival.time, Some(&frame), &mut out);
-            send_all(link, &mut out);
-            match done {
+            match act(link, arrival.time, Some(&frame)) {
                 Ok(result) => return result,
                 Err(next) => deadline = next,
             }
@@ -50,9 +53,7 @@ pub fn run<T>(
         }
         let now = link.now();
         if deadline <= now {
-            let done = act(now, None, &mut out);
-            send_all(link, &mut out);
-            match done {
+            match act(link, now, None) {
                 Ok(result) => return result,
                 Err(next) => deadline = next,
             }
@@ -61,12 +62,15 @@ pub fn run<T>(
     }
 }
 
-/// A client for a node, with times that a busy machine keeps.
+/// A client for a node, with times that a busy machine keeps, where no process data run.
 ///
 /// # Panics
 /// If `id` is no node id.
 pub fn client(id: u8) -> SdoClient {
-    SdoClient::new(node_id(id).expect("1 to 127"), Duration::from_secs(1), SdoClient::DEFAULT_CAPACITY)
+    let id = node_id(id).expect("1 to 127");
+    let mut client = SdoClient::new(id, Duration::from_secs(1), SdoClient::DEFAULT_CAPACITY);
+    client.set_exchanging(false);
+    client
 }
 
 /// Runs the transfer that `start` begins to its end.

@@ -1,13 +1,17 @@
 //! What only an interface of the kernel can show.
 
 use std::process::{Command, Stdio};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
 use hil_tests::Scenario;
-use hil_tests::network::{PATIENCE, Real, hear};
+use hil_tests::network::{Network, PATIENCE, Real, client, device, hear, transfer};
 use yieldwall::bus::LinkEvent;
-use yieldwall::canopen::{Frame, Time};
-use yieldwall::link::{CanLink, CobFilter, ErrorFrame, LinkError, Received, SendError, SocketCan, SocketCanSettings};
+use yieldwall::canopen::{Address, Frame, SdoOutcome, Time};
+use yieldwall::link::{
+    Attachment, CanLink, CobFilter, ErrorFrame, LinkError, Received, SendError, SocketCan, SocketCanSettings,
+};
 use yieldwall::sim::can::CandumpWriter;
 
 /// An interface that this test makes, changes and removes.
@@ -43,6 +47,12 @@ impl Drop for Own {
 fn ip(arguments: &[&str]) {
     let done = Command::new("ip").args(arguments).output().expect("iproute2 is installed");
     assert!(done.status.success(), "ip {}: {}", arguments.join(" "), String::from_utf8_lossy(&done.stderr));
+}
+
+fn tc(arguments: &[&str]) -> String {
+    let done = Command::new("tc").args(arguments).output().expect("iproute2 is installed");
+    assert!(done.status.success(), "tc {}: {}", arguments.join(" "), String::from_utf8_lossy(&done.stderr));
+    String::from_utf8_lossy(&done.stdout).into_owned()
 }
 
 fn refused(interface: &str) -> LinkError {
@@ -92,9 +102,41 @@ fn a_virtual_interface_has_no_bit_rate_and_passes_for_any() {
     let link = Real::open(&settings);
     let facts = link.facts();
     assert!(facts.is_virtual() && facts.is_up && !facts.has_hardware_time, "{facts:?}");
-    assert_eq!((facts.bit_rate, facts.restart_ms, facts.advice()), (None, None, vec![]));
+    let advice: Vec<_> = facts.advice().into_iter().filter(|advice| !advice.contains("modprobe")).collect();
+    assert_eq!((facts.bit_rate, facts.restart_ms, advice), (None, None, vec![]));
+    assert_eq!((&facts.attachment, facts.queueing.as_deref()), (&Attachment::Virtual, Some("noqueue")));
+    // Whether it has an echo of its own is an option of the module.
+    let echo = std::fs::read_to_string("/sys/module/vcan/parameters/echo").expect("the module of vcan");
+    assert_eq!(facts.has_echo, Some(echo.trim() == "Y"));
     // The kernel has the privilege here to give what is asked for.
     assert!(link.receive_buffer() >= settings.receive_buffer, "{}", link.receive_buffer());
+}
+
+#[test]
+#[ignore = "needs a CAN interface: see hil-tests/vcan"]
+fn what_is_advised_of_a_queue_mends_it() {
+    let own = Own::new("ywqueue");
+    let advice = || {
+        let all = own.link().facts().advice();
+        all.into_iter().filter(|advice| advice.contains("queue of")).collect::<Vec<_>>()
+    };
+    assert_eq!(advice(), [""; 0]);
+    for (discipline, len) in [("pfifo", "5"), ("pfifo_fast", "1000")] {
+        ip(&["link", "set", own.0, "txqueuelen", len]);
+        tc(&["qdisc", "replace", "dev", own.0, "root", discipline]);
+        let link = own.link();
+        assert_eq!(link.facts().queueing.as_deref(), Some(discipline));
+        assert_eq!(link.facts().tx_queue_len.map(|len| len.to_string()).as_deref(), Some(len));
+        let said = advice();
+        assert_eq!(said.len(), if discipline == "pfifo" { 2 } else { 1 }, "{said:#?}");
+        for sentence in said {
+            let command = sentence.split('`').rfind(|part| part.starts_with("sudo ")).expect("a command");
+            let words: Vec<_> = command.split(' ').skip(1).collect();
+            let done = Command::new(words[0]).args(&words[1..]).output().expect("iproute2 is installed");
+            assert!(done.status.success(), "{command}: {}", String::from_utf8_lossy(&done.stderr));
+        }
+        assert_eq!(advice(), [""; 0]);
+    }
 }
 
 #[test]
@@ -256,6 +298,53 @@ fn with_the_memory_that_it_asks_for_a_link_loses_none_of_a_burst() {
     let (frames, lost) = count(&mut other);
     assert_eq!((frames.len(), lost), (2000, 0));
     assert!(frames.iter().zip(0..2000u16).all(|(frame, number)| frame.data() == number.to_le_bytes()));
+}
+
+/// Writes 40 kB in blocks to a device on an interface and reads them back; how many frames that took.
+fn pass_blocks(interface: &str) -> usize {
+    let mut observer = Real::open(&SocketCanSettings::everything(interface));
+    let is_over = Arc::new(AtomicBool::new(false));
+    let counter = std::thread::spawn({
+        let is_over = is_over.clone();
+        move || {
+            let mut frames = 0;
+            while observer.wait(observer.now() + Duration::from_millis(50)) || !is_over.load(Ordering::Relaxed) {
+                while let Some(arrival) = observer.receive() {
+                    assert!(matches!(arrival.what, Received::Frame(_)), "{arrival:?}");
+                    frames += 1;
+                }
+            }
+            frames
+        }
+    });
+    let mut bus = Real::on(interface);
+    bus.attach(device(5));
+    let (mut link, mut client) = (bus.client(5), client(5));
+    let data: Vec<u8> = (0..=250).cycle().take(40_000).collect();
+    let at = Address::new(0x2001, 0);
+    let written = transfer(&mut link, &mut client, |client, now, out| {
+        client.start_block_download(now, 0x2001, 0, &data, out).expect("idle");
+    });
+    assert_eq!(written, SdoOutcome::Downloaded { at });
+    let read = transfer(&mut link, &mut client, |client, now, out| {
+        client.start_block_upload(now, 0x2001, 0, out).expect("idle");
+    });
+    assert_eq!(read, SdoOutcome::Uploaded { at, len: data.len(), is_size_indicated: true });
+    assert_eq!(client.data(), data);
+    is_over.store(true, Ordering::Relaxed);
+    counter.join().expect("counted")
+}
+
+#[test]
+#[ignore = "needs a CAN interface: see hil-tests/vcan"]
+fn blocks_lose_nothing_in_a_short_queue() {
+    let own = Own::new("ywshort");
+    let frames = pass_blocks(own.0);
+    tc(&["qdisc", "add", "dev", own.0, "root", "netem", "delay", "1ms", "limit", "10"]);
+    // Whatever is lost is sent again, and makes the number another one.
+    assert_eq!(pass_blocks(own.0), frames);
+    let told = tc(&["-s", "qdisc", "show", "dev", own.0]);
+    assert!(told.contains("dropped") && !told.contains("dropped 0,"), "the queue was never full: {told}");
 }
 
 #[test]

@@ -52,6 +52,35 @@ fn measure(state: Option<&Path>) {
 
 #[test]
 #[ignore = "needs a CAN interface: see hil-tests/vcan"]
+fn a_load_is_told_stopped_and_on_record_also_after_an_interrupt() {
+    let state = std::env::temp_dir().join(format!("yieldwall-loaded-{}", std::process::id()));
+    let bus = bus();
+    let load = ["latency", "--bus", &bus, "--load", "--period-us", "100000"];
+    let (code, document) =
+        Running::start_with(&state, &[&load[..], &["--duration", "1", "--json"]].concat()).document();
+    assert_eq!(code, OK, "{document:#}");
+    assert!(document["load"].as_str().is_some_and(|load| load.contains("threads of arithmetic")), "{document:#}");
+    assert!(document["stamps"]["kernel"].as_u64().is_some_and(|count| count > 0), "{document:#}");
+    assert!(
+        document["adapter"].as_str().is_some_and(|told| told.starts_with("virtual, driver unknown")),
+        "{document:#}"
+    );
+    let record = || std::fs::read_to_string(document["record"].as_str().expect("a path")).expect("it was kept");
+    assert!(record().contains("threads of arithmetic"), "{}", record());
+
+    let measuring = Running::start_with(&state, &[&load[..], &["--duration", "600"]].concat());
+    std::thread::sleep(Duration::from_secs(2));
+    let said = measuring.interrupted();
+    let at = |text: &str| said.find(text).unwrap_or_else(|| panic!("no `{text}` in {said}"));
+    assert!(at("load      started: ") < at("load      stopped") && at("load      stopped") < at("tier "), "{said}");
+    // Nothing is left but the record.
+    let left: Vec<_> = std::fs::read_dir(state.join("yieldwall/latency")).expect("a folder").collect();
+    assert_eq!(left.len(), 1, "{left:?}");
+    std::fs::remove_dir_all(state).expect("it is there");
+}
+
+#[test]
+#[ignore = "needs a CAN interface: see hil-tests/vcan"]
 fn a_computer_that_nobody_has_measured_is_refused_unless_a_person_says_otherwise() {
     let (rig, scene) = slow();
     let devices = sim(&rig, &scene, &[]);

@@ -4,7 +4,7 @@ use super::super::pdo::{self, NO_ID, Pdo, Reception, Rpdo, Tpdo};
 use super::super::{EmcyCode, ErrorRegister, Frame, NmtState, Outbox, Time, cob};
 use super::application::Application;
 use super::service::Service;
-use super::{Node, PDOS};
+use super::{Node, PDOS, SYNC_REST};
 
 impl Node {
     /// Synchronous RPDOs to the dictionary, then the device, then TPDOs.
@@ -13,6 +13,7 @@ impl Node {
         if !(is_operational || self.state == NmtState::PreOperational) {
             return;
         }
+        self.synced_until = now + SYNC_REST;
         // Without a counter of its own (1019h) the device takes SYNC with and without one.
         if frame.len() > 1 || (self.has_sync_counter && frame.is_empty()) {
             let bits = ErrorRegister(ErrorRegister::COMMUNICATION);
@@ -95,7 +96,17 @@ impl Node {
         while self.answers.front().is_some_and(|(time, _)| now >= *time) {
             self.answers.pop_front().into_iter().for_each(|(_, frame)| out.push(frame));
         }
-        while let Some(payload) = self.sdo.poll(now) {
+        let is_exchanging = self.state == NmtState::Operational || now < self.synced_until;
+        let (id, due, is_slow) = (cob::sdo_response(self.id), now + self.sdo_time, !self.sdo_time.is_zero());
+        let answers = &mut self.answers;
+        let payload = self.sdo.poll(now, is_exchanging, |payload| {
+            let frame = Frame::new(id, &payload);
+            if is_slow {
+                answers.push_back((due, frame));
+            }
+            is_slow || out.offer(frame)
+        });
+        if let Some(payload) = payload {
             self.answer(now, &payload, out);
         }
     }

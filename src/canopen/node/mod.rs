@@ -29,6 +29,9 @@ const PDOS: usize = MAX_PDOS as usize;
 /// First vendor byte of emergency 8130h when it was life guarding: no node id.
 const LIFE_GUARDING: u8 = 0;
 
+/// Time without SYNC after which a device that is not Operational takes it that no process data run on the bus.
+const SYNC_REST: Duration = Duration::from_secs(1);
+
 /// How long the SDO server waits for a client unless told otherwise.
 const SDO_TIMEOUT: Duration = Duration::from_secs(1);
 
@@ -46,6 +49,8 @@ pub struct Node {
     sync_window: Duration,
     /// End of the synchronous window of this cycle.
     window_until: Time,
+    /// Until then process data are taken to run for the last SYNC alone.
+    synced_until: Time,
     time_id: u16,
     rpdo_ids: [u16; PDOS],
     rpdos: [Rpdo; PDOS],
@@ -105,6 +110,7 @@ impl Node {
             has_sync_counter: false,
             sync_window: Duration::ZERO,
             window_until: Time::NEVER,
+            synced_until: Time(0),
             time_id: NO_ID,
             rpdo_ids: [NO_ID; PDOS],
             rpdos: [0, 1, 2, 3].map(|place| Rpdo::new(&od, place)),
@@ -183,7 +189,9 @@ impl Node {
     }
 
     /// How many segments of a block download the SDO server asks for at a time (1 to 127, clamped; 127 unless set), and
-    /// the time between two segments that it sends (250 us unless set; zero sends a whole block at once).
+    /// the time between two segments that it sends while process data run (250 us unless set; zero sends a whole block at
+    /// once). They run in Operational, and for 1 s after each SYNC; otherwise a block is sent as fast as the outbox takes it
+    /// ([`Outbox::offer`]).
     pub fn set_sdo_block(&mut self, block_size: u8, segment_interval: Duration) {
         self.sdo.set_block(block_size, segment_interval);
     }

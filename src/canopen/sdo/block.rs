@@ -14,6 +14,8 @@ use std::time::Duration;
 use super::super::{AbortCode, Time};
 use super::wire::{self, BlockFrame, LARGEST_BLOCK, Payload, SEGMENT};
 
+/// Time after which a segment for which there was no room is offered again: that of about two frames at 1 Mbit/s.
+const BACK_OFF: Duration = Duration::from_micros(250);
 /// Blocks in a row that may fail to bring anything; more is a peer that only keeps the transfer open.
 const FRUITLESS_BLOCKS: u8 = 16;
 
@@ -30,13 +32,12 @@ pub(super) struct BlockSender {
     /// Whether the receiver has asked for another size each time, so that an equal acknowledgement is an old one.
     is_alternating: bool,
     fruitless: u8,
-    interval: Duration,
     next_at: Time,
 }
 
 impl BlockSender {
-    /// Sends from `now` on, one segment every `interval`; zero sends a block at once.
-    pub(super) fn new(now: Time, block_size: u8, interval: Duration) -> Result<Self, AbortCode> {
+    /// Sends from `now` on.
+    pub(super) fn new(now: Time, block_size: u8) -> Result<Self, AbortCode> {
         if !is_valid(block_size) {
             return Err(AbortCode::BLOCK_SIZE);
         }
@@ -47,21 +48,31 @@ impl BlockSender {
             opened_by: None,
             is_alternating: true,
             fruitless: 0,
-            interval,
             next_at: now,
         })
     }
 
-    /// The segment that is due.
-    pub(super) fn poll(&mut self, now: Time, data: &[u8]) -> Option<Payload> {
-        if now < self.next_at {
-            return None;
+    /// Offers the segments of `data` that are due, one every `interval`; a zero one sends the block as fast as it is taken.
+    /// Whether one was taken. What is refused is offered again after [`BACK_OFF`].
+    pub(super) fn poll(
+        &mut self,
+        now: Time,
+        interval: Duration,
+        data: &[u8],
+        mut offer: impl FnMut(Payload) -> bool,
+    ) -> bool {
+        let before = self.sent;
+        while now >= self.next_at {
+            let place = self.base + usize::from(self.sent);
+            if !offer(wire::block_segment(data, place, self.sent + 1)) {
+                self.next_at = now + BACK_OFF;
+                break;
+            }
+            self.sent += 1;
+            let is_block_done = self.sent >= self.block_size || place + 1 >= wire::segments(data.len());
+            self.next_at = if is_block_done { Time::NEVER } else { now + interval };
         }
-        let place = self.base + usize::from(self.sent);
-        self.sent += 1;
-        let is_block_done = self.sent >= self.block_size || place + 1 >= wire::segments(data.len());
-        self.next_at = if is_block_done { Time::NEVER } else { now + self.interval };
-        Some(wire::block_segment(data, place, self.sent))
+        self.sent > before
     }
 
     /// When the next segment is due; [`Time::NEVER`] while an acknowledgement is awaited.

@@ -59,6 +59,8 @@ const BLOCKS_FROM: usize = 64;
 pub struct SdoClients {
     lanes: Vec<Lane>,
     issued: u64,
+    /// Whether the owner of the loop has said that no process data run.
+    is_quiet: bool,
 }
 
 impl SdoClients {
@@ -69,7 +71,10 @@ impl SdoClients {
 
     /// Adds a node through its client, which may have been set up before; one of the same node is replaced with all its
     /// requests.
-    pub fn add(&mut self, client: SdoClient) {
+    pub fn add(&mut self, mut client: SdoClient) {
+        if self.is_quiet {
+            client.set_exchanging(false);
+        }
         self.lanes.retain(|lane| lane.client.node() != client.node());
         self.lanes.push(Lane { client, running: None, waiting: VecDeque::new() });
     }
@@ -77,6 +82,12 @@ impl SdoClients {
     /// Adds a node with a waiting time for answers and the default capacity.
     pub fn add_node(&mut self, node: NodeId, timeout: Duration) {
         self.add(SdoClient::new(node, timeout, SdoClient::DEFAULT_CAPACITY));
+    }
+
+    /// Tells all nodes whether process data run, as [`SdoClient::set_exchanging`].
+    pub fn set_exchanging(&mut self, is_exchanging: bool) {
+        self.is_quiet = !is_exchanging;
+        self.lanes.iter_mut().for_each(|lane| lane.client.set_exchanging(is_exchanging));
     }
 
     /// Queues a request behind the others of its node, and starts it if there are none. Long values are written in

@@ -29,7 +29,7 @@ enum Phase {
     BlockDownload { receiver: BlockReceiver, request: Payload, declared: Option<usize>, has_crc: bool },
 }
 
-/// Time between two segments of a block unless told otherwise.
+/// Time between two segments of a block while process data run, unless told otherwise.
 const SEGMENT_INTERVAL: Duration = Duration::from_micros(250);
 /// In a block transfer a client is given up after so many waiting times. An acknowledgement is repeated after half a
 /// waiting time: a client that is only slow would misunderstand an earlier repetition.
@@ -96,9 +96,14 @@ impl SdoServer {
         }
     }
 
-    /// The frame that is due: a segment of a block, a repeated acknowledgement, or the abort of a transfer that the
-    /// client let hang. Call until there is none.
-    pub(in super::super) fn poll(&mut self, now: Time) -> Option<Payload> {
+    /// Offers the segments of a block that are due, and gives what is to be sent besides: a repeated acknowledgement, or the
+    /// abort of a transfer that the client let hang or for which there was no room.
+    pub(in super::super) fn poll(
+        &mut self,
+        now: Time,
+        is_exchanging: bool,
+        offer: impl FnMut(Payload) -> bool,
+    ) -> Option<Payload> {
         if now < self.next_deadline() {
             return None;
         }
@@ -110,9 +115,11 @@ impl SdoServer {
         }
         match &mut self.phase {
             Phase::BlockUpload { sender, .. } => {
-                let segment = sender.poll(now, &self.value);
-                self.deadline = now + self.timeout * BLOCK_PATIENCE;
-                segment
+                let interval = if is_exchanging { self.segment_interval } else { Duration::ZERO };
+                if sender.poll(now, interval, &self.value, offer) {
+                    self.deadline = now + self.timeout * BLOCK_PATIENCE;
+                }
+                None
             }
             Phase::BlockDownload { receiver, .. } => {
                 self.repeat_at = now + self.timeout / 2;
@@ -301,7 +308,7 @@ impl SdoServer {
     fn begin_block(&mut self, now: Time) -> Answer {
         match &mut self.phase {
             Phase::BlockUploadStart { block_size, has_crc } => {
-                let sender = BlockSender::new(now, *block_size, self.segment_interval)?;
+                let sender = BlockSender::new(now, *block_size)?;
                 self.phase = Phase::BlockUpload { sender, has_crc: *has_crc };
                 Ok(None)
             }

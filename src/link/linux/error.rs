@@ -65,6 +65,19 @@ pub enum LinkError {
         /// Name of the interface.
         interface: String,
     },
+    /// Nothing tells when a frame has left.
+    #[error(
+        "the driver of `{interface}` ({}) does not tell when a frame has left, and without that a frame that is stuck cannot \
+         be told from one that was sent. No option changes that: take an adapter whose `ip -details link show` has ECHO among \
+         its flags; docs/adapters.md",
+        .driver.as_deref().unwrap_or("of unknown name")
+    )]
+    NoEcho {
+        /// Name of the interface.
+        interface: String,
+        /// Name of the driver, where it is known.
+        driver: Option<String>,
+    },
     /// The interface has another bit rate than the rig.
     #[error(
         "`{interface}` runs at {has} bit/s and the rig at {wanted} bit/s. Change the interface with \

@@ -1,11 +1,14 @@
 //! What the system says of an interface.
 
 use std::fs;
+use std::path::Path;
 
 use socketcan::nl::CanState;
-use socketcan::{CanAddr, CanInterface, CanSocket, Socket};
+use socketcan::{CanAddr, CanCtrlMode, CanInterface, CanSocket, Socket};
 
+use super::adapter::{Attachment, Folder, NET};
 use super::error::LinkError;
+use super::queue;
 
 /// `ARPHRD_CAN` of `linux/if_arp.h`.
 const TYPE_CAN: &str = "280";
@@ -46,6 +49,21 @@ pub struct InterfaceFacts {
     pub restart_ms: Option<u32>,
     /// Whether its controller stamps frames with a clock of its own.
     pub has_hardware_time: bool,
+    /// Whether a frame is not repeated after an error or a lost arbitration; `None` where nothing tells it.
+    pub is_one_shot: Option<bool>,
+    /// Whether each error on the bus is reported by a frame of its own; `None` where nothing tells it.
+    pub reports_bus_errors: Option<bool>,
+    /// Whether own frames come back when they have left, and not already when they enter the queue; `None` where nothing
+    /// tells it.
+    pub has_echo: Option<bool>,
+    /// Frames that its queue holds; `None` where nothing tells it.
+    pub tx_queue_len: Option<u32>,
+    /// Name of its queueing discipline; `None` where nothing tells it.
+    pub queueing: Option<String>,
+    /// What is between the computer and the controller.
+    pub attachment: Attachment,
+    /// Name of the driver; `None` where nothing tells it.
+    pub driver: Option<String>,
 }
 
 impl InterfaceFacts {
@@ -67,7 +85,55 @@ impl InterfaceFacts {
         if matches!(self.state, Some(ControllerState::ErrorWarning | ControllerState::ErrorPassive)) {
             advice.push(format!("the controller of `{name}` has seen errors: check cable, termination and bit rates"));
         }
+        // Options can be changed only while the interface is down.
+        let switch_off = |option: &str| {
+            format!("set `sudo ip link set {name} down && sudo ip link set {name} up type can {option} off`")
+        };
+        if self.is_one_shot == Some(true) {
+            let switch_off = switch_off("one-shot");
+            advice.push(format!(
+                "`{name}` is in one-shot mode: a frame that meets an error or a stronger one is lost; {switch_off}"
+            ));
+        }
+        if self.reports_bus_errors == Some(true) {
+            let switch_off = switch_off("berr-reporting");
+            advice.push(format!(
+                "`{name}` reports each error on the bus by a frame: a bad cable then floods the computer; {switch_off}, \
+                 unless you look for the error"
+            ));
+        }
+        if self.has_echo == Some(false) && self.is_virtual() {
+            advice.push(format!(
+                "own frames come back on `{name}` when they enter its queue, not when they have left it, as they do on \
+                 hardware; for that load its module anew with `sudo modprobe -r vcan && sudo modprobe vcan echo=1` and make \
+                 the interface again"
+            ));
+        }
+        advice.extend(queue::advice(name, self.is_virtual(), self.queueing.as_deref(), self.tx_queue_len));
         advice
+    }
+
+    /// What is known of it beside name, bit rate and state, for a person; what is not known says so.
+    pub fn told(&self) -> String {
+        let or_unknown = |known: Option<String>| known.unwrap_or_else(|| "unknown".to_owned());
+        let switch = |is_on: Option<bool>| is_on.map_or("unknown", |is_on| if is_on { "on" } else { "off" });
+        let mut told = format!(
+            "{}, driver {}; queue {} of {} frames; own frames come back {}",
+            self.attachment,
+            or_unknown(self.driver.clone()),
+            or_unknown(self.queueing.clone()),
+            or_unknown(self.tx_queue_len.map(|len| len.to_string())),
+            match self.has_echo {
+                Some(true) => "when they have left",
+                Some(false) => "when they enter the queue",
+                None => "at an unknown moment",
+            },
+        );
+        if !self.is_virtual() {
+            let (one_shot, errors) = (switch(self.is_one_shot), switch(self.reports_bus_errors));
+            told += &format!("; one-shot {one_shot}, berr-reporting {errors}");
+        }
+        told
     }
 
     /// Whether a rig can run on it.
@@ -79,6 +145,9 @@ impl InterfaceFacts {
         }
         if self.state == Some(ControllerState::BusOff) {
             return Err(LinkError::BusOff { interface });
+        }
+        if self.has_echo == Some(false) && !self.is_virtual() {
+            return Err(LinkError::NoEcho { interface, driver: self.driver.clone() });
         }
         match (self.bit_rate, wanted) {
             (Some(has), Some(wanted)) if has != wanted => Err(LinkError::BitRate { interface, has, wanted }),
@@ -117,6 +186,8 @@ pub(super) fn query(name: &str, index: u32, socket: &CanSocket) -> Result<Interf
         source: std::io::Error::other(error.to_string()),
     })?;
     let can = details.can;
+    let mode = |mode| can.ctrl_mode.map(|modes| modes.has_mode(mode));
+    let folder = Folder::read(Path::new(NET), name);
     Ok(InterfaceFacts {
         name: name.to_owned(),
         is_up: details.is_up,
@@ -133,6 +204,13 @@ pub(super) fn query(name: &str, index: u32, socket: &CanSocket) -> Result<Interf
         error_counters: can.berr_counter.map(|counters| (counters.txerr, counters.rxerr)),
         restart_ms: can.restart_ms,
         has_hardware_time: socket.has_hw_timestamps(),
+        is_one_shot: mode(CanCtrlMode::OneShot),
+        reports_bus_errors: mode(CanCtrlMode::BerrReporting),
+        has_echo: folder.has_echo,
+        tx_queue_len: folder.tx_queue_len,
+        queueing: queue::discipline(index),
+        attachment: folder.attachment,
+        driver: folder.driver,
     })
 }
 
@@ -150,6 +228,13 @@ mod tests {
             error_counters: None,
             restart_ms: None,
             has_hardware_time: false,
+            is_one_shot: None,
+            reports_bus_errors: None,
+            has_echo: Some(true),
+            tx_queue_len: Some(0),
+            queueing: Some("noqueue".to_owned()),
+            attachment: Attachment::Virtual,
+            driver: None,
         }
     }
 
@@ -159,6 +244,12 @@ mod tests {
             bit_rate: Some(500_000),
             state: Some(ControllerState::ErrorActive),
             restart_ms: Some(0),
+            is_one_shot: Some(false),
+            reports_bus_errors: Some(false),
+            tx_queue_len: Some(10),
+            queueing: Some("pfifo_fast".to_owned()),
+            attachment: Attachment::Usb { mbit_per_s: Some(480) },
+            driver: Some("gs_usb".to_owned()),
             ..vcan()
         }
     }
@@ -179,6 +270,54 @@ mod tests {
         assert!(matches!(down.check(Some(1_000_000)), Err(LinkError::Down { bit_rate: Some(1_000_000), .. })));
         let off = InterfaceFacts { state: Some(ControllerState::BusOff), ..can() };
         assert!(matches!(off.check(None), Err(LinkError::BusOff { .. })));
+    }
+
+    #[test]
+    fn a_controller_whose_own_frames_do_not_come_back_is_refused_and_a_virtual_one_is_told_of() {
+        let refused = InterfaceFacts { has_echo: Some(false), ..can() }.check(None).unwrap_err();
+        assert!(matches!(&refused, LinkError::NoEcho { driver: Some(driver), .. } if driver == "gs_usb"), "{refused}");
+        // What is not known is no reason to refuse.
+        assert!(InterfaceFacts { has_echo: None, ..can() }.check(None).is_ok());
+        let own = InterfaceFacts { has_echo: Some(false), ..vcan() };
+        assert!(own.check(None).is_ok());
+        assert!(own.advice().concat().contains("sudo modprobe vcan echo=1"));
+    }
+
+    #[test]
+    fn options_that_lose_frames_or_flood_are_advised_against() {
+        let one_shot = InterfaceFacts { is_one_shot: Some(true), ..can() }.advice().concat();
+        assert!(
+            one_shot.ends_with("`sudo ip link set can0 down && sudo ip link set can0 up type can one-shot off`"),
+            "{one_shot}"
+        );
+        let reporting = InterfaceFacts { reports_bus_errors: Some(true), ..can() }.advice().concat();
+        assert!(reporting.contains("up type can berr-reporting off`"), "{reporting}");
+    }
+
+    #[test]
+    fn what_is_not_known_is_said_to_be_unknown() {
+        assert_eq!(
+            can().told(),
+            "USB at 480 Mbit/s, driver gs_usb; queue pfifo_fast of 10 frames; own frames come back when they have left; \
+             one-shot off, berr-reporting off"
+        );
+        let unknown = InterfaceFacts {
+            is_one_shot: None,
+            reports_bus_errors: None,
+            has_echo: None,
+            tx_queue_len: None,
+            queueing: None,
+            attachment: Attachment::Unknown,
+            driver: None,
+            ..can()
+        };
+        assert_eq!(
+            unknown.told(),
+            "unknown, driver unknown; queue unknown of unknown frames; own frames come back at an unknown moment; one-shot \
+             unknown, berr-reporting unknown"
+        );
+        assert!(unknown.advice().is_empty());
+        assert!(!vcan().told().contains("one-shot"));
     }
 
     #[test]

@@ -10,15 +10,18 @@
 //! instead of three (the time, the wait, the frame), which counts where calls are dear. That call's own timeout is as coarse as
 //! the kernel's ticks, so that the end of every wait is left to `ppoll`.
 
+mod adapter;
 mod controller_clock;
 mod error;
 mod facts;
 mod filter;
 mod hold;
 mod message;
+mod queue;
 mod several;
 mod wall;
 
+pub use adapter::Attachment;
 pub use error::LinkError;
 pub use facts::{ControllerState, InterfaceFacts};
 pub use filter::CobFilter;
@@ -115,6 +118,18 @@ pub struct SocketCan {
     wall: Wall,
     controller: ControllerClock,
     _holds: Vec<Hold>,
+    stamps: Stamps,
+}
+
+/// How many arrivals had the moment of which clock.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Stamps {
+    /// The controller's, the best: it is taken at the wire.
+    pub hardware: u64,
+    /// The kernel's, taken when the driver handed the frame over.
+    pub kernel: u64,
+    /// None: the moment at which the frame was taken from the socket.
+    pub none: u64,
 }
 
 impl SocketCan {
@@ -164,7 +179,13 @@ impl SocketCan {
             wall: Wall::default(),
             controller: ControllerClock::default(),
             _holds: holds,
+            stamps: Stamps::default(),
         })
+    }
+
+    /// Whose stamps counted so far.
+    pub fn stamps(&self) -> Stamps {
+        self.stamps
     }
 
     /// What the system said of the interface when it was opened.
@@ -221,6 +242,11 @@ impl SocketCan {
     /// Puts the stamps on the monotonic clock. A wall clock that is set in between cannot move them past now or before the
     /// arrival before it.
     fn arrive(&mut self, Told { software, hardware, .. }: Told, what: Received) -> Arrival {
+        *match (software, hardware) {
+            (Some(_), Some(_)) => &mut self.stamps.hardware,
+            (Some(_), None) => &mut self.stamps.kernel,
+            (None, _) => &mut self.stamps.none,
+        } += 1;
         let time = match (software.map(|stamp| self.wall.moment_of(stamp)), hardware) {
             (Some(software), Some(hardware)) => self.controller.moment_of(software, hardware),
             (software, _) => software.unwrap_or_else(monotonic),

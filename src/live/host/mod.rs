@@ -1,5 +1,7 @@
 //! This computer: its clock, and what it grants to a loop that has to be in time.
 
+mod load;
+mod readiness;
 mod scheduler;
 
 use std::time::Duration;
@@ -11,6 +13,8 @@ use super::metronome::Metronome;
 use super::timing::Computer;
 use crate::canopen::Time;
 
+pub use load::Load;
+pub use readiness::Readiness;
 pub use scheduler::{PRIORITY, Refusal, lock_memory, run_first};
 
 /// Sleeps on CLOCK_MONOTONIC until absolute moments, so that lateness does not add up.

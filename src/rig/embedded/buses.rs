@@ -116,6 +116,15 @@ impl Wire for Buses {
             Buses::submit(self, *port, now, frame);
         }
     }
+
+    fn offer(&mut self, device: usize, now: Time, frame: Frame) -> bool {
+        let bus = self.buses.get(usize::from(self.of_device(device)));
+        let has_room = DEVICES.get(device).zip(bus).is_some_and(|(port, bus)| bus.has_room(*port));
+        if has_room {
+            Wire::submit(self, device, now, frame);
+        }
+        has_room
+    }
 }
 
 /// The master's ports at one moment.

@@ -244,6 +244,11 @@ impl VirtualBus {
         self.tamper = None;
     }
 
+    /// Whether `port` has room for one more frame. An unknown port has none.
+    pub fn has_room(&self, port: usize) -> bool {
+        self.ports.get(port).is_some_and(|port| port.queue.len() < QUEUE_FRAMES)
+    }
+
     /// Queues `frame` in `port` at the moment `now`; whether there was room. An unknown port has none.
     pub fn submit(&mut self, port: usize, now: Time, frame: Frame) -> bool {
         let Some(sender) = self.ports.get_mut(port).filter(|port| port.queue.len() < QUEUE_FRAMES) else {
@@ -397,6 +402,10 @@ pub struct PortOutbox<'a> {
 impl Outbox for PortOutbox<'_> {
     fn push(&mut self, frame: Frame) {
         self.bus.submit(self.port, self.now, frame);
+    }
+
+    fn offer(&mut self, frame: Frame) -> bool {
+        self.bus.has_room(self.port) && self.bus.submit(self.port, self.now, frame)
     }
 }
 

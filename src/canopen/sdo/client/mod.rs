@@ -75,7 +75,7 @@ enum Step {
 const RETRIES: u8 = 2;
 /// Longest transfer unless told otherwise: 1 MiB in segments at 125 kbit/s.
 const LONGEST_TRANSFER: Duration = Duration::from_secs(600);
-/// Time between two segments of a block unless told otherwise: half of the bus at 1 Mbit/s stays free.
+/// Time between two segments of a block while process data run, unless told otherwise: half of the bus at 1 Mbit/s stays free.
 const SEGMENT_INTERVAL: Duration = Duration::from_micros(250);
 /// Bytes reserved when a client is made; more only as data really arrive.
 const RESERVED: usize = 1024;
@@ -96,6 +96,7 @@ pub struct SdoClient {
     longest: Duration,
     block_size: u8,
     segment_interval: Duration,
+    is_exchanging: bool,
     phase: Phase,
     at: Address,
     data: Vec<u8>,
@@ -125,6 +126,7 @@ impl SdoClient {
             longest: LONGEST_TRANSFER,
             block_size: wire::LARGEST_BLOCK,
             segment_interval: SEGMENT_INTERVAL,
+            is_exchanging: true,
             phase: Phase::Idle,
             at: Address::new(0, 0),
             data: Vec::with_capacity(capacity.min(RESERVED)),
@@ -158,11 +160,17 @@ impl SdoClient {
     }
 
     /// How many segments a device may send before an acknowledgement (1 to 127, clamped; 127 unless set), and how long
-    /// to wait between two segments of ours (250 us unless set; zero sends a whole block at once, which holds up every
-    /// other frame behind it).
+    /// to wait between two segments of ours while process data run (250 us unless set; zero sends a whole block at once,
+    /// which holds up every other frame behind it).
     pub fn set_block(&mut self, block_size: u8, segment_interval: Duration) {
         self.block_size = block_size.clamp(1, wire::LARGEST_BLOCK);
         self.segment_interval = segment_interval;
+    }
+
+    /// Tells whether process data run, which the owner of the loop knows; unless told they do. While they do not, a block is
+    /// sent as fast as the outbox takes it ([`Outbox::offer`]). Holds for a transfer that is running too.
+    pub fn set_exchanging(&mut self, is_exchanging: bool) {
+        self.is_exchanging = is_exchanging;
     }
 
     /// Whether a transfer is running.
@@ -256,6 +264,7 @@ impl SdoClient {
             }
             Step::Stream => {
                 self.tries = self.retries;
+                self.deadline = now + self.timeout;
                 self.stream(now, out);
                 None
             }
@@ -385,12 +394,13 @@ impl SdoClient {
 
     fn stream(&mut self, now: Time, out: &mut impl Outbox) {
         let Phase::BlockDownload { sender, .. } = &mut self.phase else { return };
-        while let Some(payload) = sender.poll(now, &self.data) {
-            out.push(Frame::new(cob::sdo_request(self.node), &payload));
-            self.deadline = now + self.timeout;
-        }
-        if sender.next_at() != Time::NEVER {
-            self.deadline = Time::NEVER;
+        let id = cob::sdo_request(self.node);
+        let interval = if self.is_exchanging { self.segment_interval } else { Duration::ZERO };
+        // Without room for a time the transfer ends as one without answers does.
+        if sender.poll(now, interval, &self.data, |payload| out.offer(Frame::new(id, &payload))) {
+            self.tries = self.retries;
+            let last = if sender.next_at() == Time::NEVER { now } else { sender.next_at() };
+            self.deadline = last + self.timeout;
         }
     }
 

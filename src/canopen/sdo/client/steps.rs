@@ -57,7 +57,7 @@ impl SdoClient {
             (Phase::BlockDownloadInitiate { unanswered }, Response::BlockDownload { at, block_size, has_crc })
                 if at == mine =>
             {
-                match BlockSender::new(now, block_size, self.segment_interval) {
+                match BlockSender::new(now, block_size) {
                     Ok(sender) => {
                         self.phase = Phase::BlockDownload { sender, unanswered, has_crc };
                         Step::Stream

@@ -2,6 +2,7 @@
 
 mod block;
 mod lossy;
+mod pacing;
 
 use std::time::Duration;
 
@@ -12,7 +13,7 @@ use super::super::{
     node_id,
 };
 use super::wire::{self, Initiate, Request, Response};
-use super::{SdoClient, SdoOutcome};
+use super::{SdoClient, SdoClients, SdoOutcome, SdoRequest};
 
 const TIMEOUT: Duration = Duration::from_millis(100);
 const NOW: Time = Time(1_000_000_000);

@@ -1,0 +1,207 @@
+//! What this computer says of itself that decides how soon it reacts: its kernel, its sleep, and who handles interrupts.
+
+use std::fs;
+use std::path::Path;
+use std::time::Duration;
+
+use super::PRIORITY;
+
+/// Share of the cycle that waking up from an idle state may take: the bound of tier A for a late wake-up.
+const WAKING_SHARE: u32 = 10;
+
+/// What was read. `None` is what could not be read: it is unknown, and not fine.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Readiness {
+    /// Whether the kernel is PREEMPT_RT.
+    pub is_realtime_kernel: Option<bool>,
+    /// The idle state that a processor may enter and from which it wakes up slowest: its name, and the time that takes.
+    pub deepest_idle: Option<(String, Duration)>,
+    /// Threads that handle the interrupts of an interface: name and real-time priority, 0 for none.
+    pub interrupt_threads: Vec<(String, u32)>,
+    /// Whether an interrupt has the name of the interface. One of USB has not: it is that of the USB controller.
+    pub has_interrupt: bool,
+}
+
+impl Readiness {
+    /// Reads `/sys` and `/proc` below `root`, and what there is of `interface`.
+    pub fn read(root: &Path, interface: Option<&str>) -> Self {
+        let text = |path: &str| fs::read_to_string(root.join(path)).ok();
+        let version = text("proc/sys/kernel/version");
+        let is_realtime_kernel = match text("sys/kernel/realtime") {
+            Some(flag) => Some(flag.trim() == "1"),
+            None => version.map(|version| version.contains("PREEMPT_RT")),
+        };
+        let folders = |path: &str| {
+            let entries = fs::read_dir(root.join(path)).into_iter().flatten().flatten();
+            entries.map(|entry| entry.path()).collect::<Vec<_>>()
+        };
+        let states = folders("sys/devices/system/cpu").into_iter().flat_map(|cpu| {
+            let entries = fs::read_dir(cpu.join("cpuidle")).into_iter().flatten().flatten();
+            entries.map(|entry| entry.path()).collect::<Vec<_>>()
+        });
+        let deepest_idle = states.filter_map(|state| idle_state(&state)).max_by_key(|(_, latency)| *latency);
+        let mut readiness = Self { is_realtime_kernel, deepest_idle, ..Self::default() };
+        if let Some(interface) = interface {
+            readiness.has_interrupt = folders("proc/irq").iter().any(|irq| irq.join(interface).is_dir());
+            let threads = folders("proc").into_iter().filter_map(|process| interrupt_thread(&process, interface));
+            readiness.interrupt_threads = threads.collect();
+            readiness.interrupt_threads.sort();
+        }
+        readiness
+    }
+
+    /// One line for each thing: what is so, what is unknown, and what to do where something should be another way.
+    pub fn told(&self, period: Duration, interface: Option<&str>) -> Vec<String> {
+        let kernel = match self.is_realtime_kernel {
+            Some(true) => "PREEMPT_RT".to_owned(),
+            Some(false) => "not PREEMPT_RT: no longest time is kept under load".to_owned(),
+            None => "whether it is PREEMPT_RT is unknown".to_owned(),
+        };
+        let idle = match &self.deepest_idle {
+            None => "idle states are unknown".to_owned(),
+            Some((name, latency)) if *latency * WAKING_SHARE > period => {
+                let most_us = period.as_micros() / u128::from(WAKING_SHARE);
+                format!(
+                    "{name} takes {} us to wake up from, more than a tenth of the cycle: `sudo cpupower idle-set -D \
+                     {most_us}` switches such states off until the next start",
+                    latency.as_micros()
+                )
+            }
+            Some((name, latency)) => format!("{name} takes {} us to wake up from", latency.as_micros()),
+        };
+        let mut lines = vec![format!("kernel    {kernel}"), format!("idle      {idle}")];
+        if let Some(interface) = interface {
+            let interrupts = match self.interrupt_threads.as_slice() {
+                [] if self.has_interrupt => format!("that of {interface} is handled without a thread"),
+                [] => format!("none has the name of {interface}, so that who handles its frames is unknown"),
+                threads => {
+                    let each = threads.iter().map(|(name, priority)| {
+                        let advice = match u32::try_from(PRIORITY) {
+                            Ok(loop_priority) if *priority >= loop_priority => {
+                                format!(", not below the loop at {PRIORITY}: `sudo chrt -f -p 50 $(pgrep -x {name})`")
+                            }
+                            _ => String::new(),
+                        };
+                        format!("{name} at priority {priority}{advice}")
+                    });
+                    each.collect::<Vec<_>>().join("; ")
+                }
+            };
+            lines.push(format!("interrupt {interrupts}"));
+        }
+        lines
+    }
+}
+
+/// Name and waking time of an idle state that is not switched off.
+fn idle_state(state: &Path) -> Option<(String, Duration)> {
+    let text = |name: &str| fs::read_to_string(state.join(name)).ok().map(|text| text.trim().to_owned());
+    let is_off = text("disable").is_some_and(|flag| flag != "0");
+    let latency = Duration::from_micros(text("latency")?.parse().ok()?);
+    (!is_off).then_some((text("name")?, latency))
+}
+
+/// A thread of the kernel such as `irq/42-can0`, and its priority.
+fn interrupt_thread(process: &Path, interface: &str) -> Option<(String, u32)> {
+    let name = fs::read_to_string(process.join("comm")).ok()?.trim().to_owned();
+    let (_, of) = name.strip_prefix("irq/")?.split_once('-')?;
+    // A second thread of the same interrupt has `s-` before its name, and names are cut off after 15 bytes.
+    let of = of.strip_prefix("s-").unwrap_or(of);
+    let is_cut = name.len() >= 15 && !of.is_empty();
+    if of != interface && !(is_cut && interface.starts_with(of)) {
+        return None;
+    }
+    let stat = fs::read_to_string(process.join("stat")).ok()?;
+    // After the name in brackets; the priority is the 40th field of all.
+    let priority = stat.rsplit_once(") ")?.1.split(' ').nth(37)?.parse().ok()?;
+    Some((name, priority))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    struct Tree(std::path::PathBuf);
+
+    impl Tree {
+        fn new(name: &str) -> Self {
+            let root = std::env::temp_dir().join(format!("yieldwall-computer-{name}-{}", std::process::id()));
+            let _ = fs::remove_dir_all(&root);
+            fs::create_dir_all(&root).unwrap();
+            Self(root)
+        }
+
+        fn file(&self, path: &str, text: &str) -> &Self {
+            let path = self.0.join(path);
+            fs::create_dir_all(path.parent().unwrap()).unwrap();
+            fs::write(path, text).unwrap();
+            self
+        }
+
+        fn state(&self, place: &str, name: &str, latency_us: u32, disable: u32) -> &Self {
+            let folder = format!("sys/devices/system/cpu/{place}");
+            self.file(&format!("{folder}/name"), name)
+                .file(&format!("{folder}/latency"), &latency_us.to_string())
+                .file(&format!("{folder}/disable"), &disable.to_string())
+        }
+    }
+
+    impl Drop for Tree {
+        fn drop(&mut self) {
+            let _ = fs::remove_dir_all(&self.0);
+        }
+    }
+
+    const MS: Duration = Duration::from_millis(1);
+
+    #[test]
+    fn what_cannot_be_read_is_unknown() {
+        let tree = Tree::new("empty");
+        let found = Readiness::read(&tree.0, Some("can0"));
+        assert_eq!(found, Readiness::default());
+        let told = found.told(MS, Some("can0")).join("\n");
+        assert_eq!(told.matches("unknown").count(), 3, "{told}");
+    }
+
+    #[test]
+    fn the_slowest_idle_state_that_may_be_entered_counts() {
+        let tree = Tree::new("idle");
+        tree.state("cpu0/cpuidle/state0", "POLL", 0, 0).state("cpu0/cpuidle/state1", "C1\n", 2, 0);
+        tree.state("cpu1/cpuidle/state2", "C6", 133, 0).state("cpu1/cpuidle/state3", "C8", 900, 1);
+        let found = Readiness::read(&tree.0, None);
+        assert_eq!(found.deepest_idle, Some(("C6".to_owned(), Duration::from_micros(133))));
+        let told = found.told(MS, None);
+        assert!(told[1].contains("C6 takes 133 us") && told[1].contains("`sudo cpupower idle-set -D 100`"), "{told:?}");
+        assert!(!found.told(2 * MS, None)[1].contains("cpupower"));
+        assert_eq!(told.len(), 2);
+    }
+
+    #[test]
+    fn the_kernel_tells_what_it_is() {
+        let kernel = |name, path, text| Readiness::read(&Tree::new(name).file(path, text).0, None).is_realtime_kernel;
+        assert_eq!(kernel("flag", "sys/kernel/realtime", "1\n"), Some(true));
+        assert_eq!(kernel("rt", "proc/sys/kernel/version", "#1 SMP PREEMPT_RT Debian"), Some(true));
+        assert_eq!(kernel("stock", "proc/sys/kernel/version", "#1 SMP PREEMPT_DYNAMIC"), Some(false));
+    }
+
+    #[test]
+    fn the_thread_of_an_interrupt_is_found_by_name_and_its_priority_read() {
+        let tree = Tree::new("irq");
+        let fields = |priority: u32| {
+            let zeros = vec!["0"; 37].join(" ");
+            format!("7 (irq/16-can0) {zeros} {priority} 1 0")
+        };
+        fs::create_dir_all(tree.0.join("proc/irq/16/can0")).unwrap();
+        tree.file("proc/7/comm", "irq/16-can0\n").file("proc/7/stat", &fields(50));
+        tree.file("proc/8/comm", "irq/17-can01\n").file("proc/8/stat", &fields(50));
+        tree.file("proc/9/comm", "bash\n").file("proc/9/stat", &fields(0));
+        let found = Readiness::read(&tree.0, Some("can0"));
+        assert_eq!(found.interrupt_threads, [("irq/16-can0".to_owned(), 50)]);
+        assert!(found.has_interrupt);
+        assert_eq!(found.told(MS, Some("can0"))[2], "interrupt irq/16-can0 at priority 50");
+        let loud = Readiness { interrupt_threads: vec![("irq/16-can0".to_owned(), 90)], ..found.clone() };
+        assert!(loud.told(MS, Some("can0"))[2].contains("sudo chrt -f -p 50 $(pgrep -x irq/16-can0)"));
+        let bare = Readiness { interrupt_threads: Vec::new(), ..found };
+        assert!(bare.told(MS, Some("can0"))[2].contains("without a thread"));
+    }
+}
