@@ -110,7 +110,9 @@ impl Motion {
         let change = (now.step - past.step).norm();
         let most = tolerance::RAMP_SHARE * limits.stop_m_per_s2 * limits.period_s * limits.period_s;
         let slack = tolerance::ROUNDING * limits.period_s;
-        let is_held = is_near_edge(limits, past);
+        // A surface stops it at once, as at an impact.
+        let is_stopped = now.distance_m.abs() <= tolerance::LANDED_M;
+        let is_held = is_near_edge(limits, past) || is_stopped;
         findings.expect(Invariant::I2, change <= most + slack || is_held, || {
             let (from, to) = (past.step.norm() / limits.period_s, now.step.norm() / limits.period_s);
             format!("the reference went from {from:.4} to {to:.4} m/s in one cycle of a stop")
