@@ -87,7 +87,7 @@ impl Cycle {
         };
         let candidate = match motion {
             Motion::Run => self.run(&last, reading, signals)?,
-            Motion::Halt | Motion::Rest => self.stop(&last),
+            Motion::Halt | Motion::Rest => self.stop(&last)?,
         };
         let braked = self.brake(candidate, &last);
         let next = match braked.and_then(|point| self.admit(point, &last).map(|angles| (point, angles))) {
@@ -114,7 +114,7 @@ impl Cycle {
 
     fn run(&mut self, last: &Reference, reading: &Reading, signals: &mut Signals) -> Result<TipPoint, Fault> {
         if self.halt.take().is_some() {
-            self.reset_fixture(last.point)?;
+            self.fixture.lead_to(&last.point.0);
         }
         let step = self.fixture.step_admittance(&reading.force.0);
         signals.signed_distance_m = step.signed_distance_m;
@@ -155,10 +155,17 @@ impl Cycle {
         }
     }
 
-    fn stop(&mut self, last: &Reference) -> TipPoint {
+    /// The next point of the ramp, which leads neither through a surface nor off one: there the reference stops at once, as it
+    /// does at an impact.
+    fn stop(&mut self, last: &Reference) -> Result<TipPoint, Fault> {
+        // A fixture whose step was refused is not where the reference is.
+        if self.halt.is_none() && *self.fixture.proxy() != last.point.0 {
+            self.reset_fixture(last.point)?;
+        }
         let deceleration = self.settings.stop_deceleration_m_per_s2;
         let ramp = self.halt.get_or_insert_with(|| StopRamp::new(last.point, last.velocity, deceleration));
-        ramp.advance(self.settings.period_s)
+        let point = ramp.advance(self.settings.period_s);
+        Ok(TipPoint(self.fixture.lead_to(&point.0)))
     }
 
     /// The joint angles for `candidate`, or `None` if the linkage cannot go there, or if the arm is within the margin

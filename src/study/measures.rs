@@ -1,8 +1,10 @@
 //! Measures of one run, taken from its rows.
 
+use nalgebra::Vector3;
 use serde::Serialize;
 
-use crate::fixture::prediction;
+use crate::fixture::{Excess, Port, prediction};
+use crate::guard::State;
 use crate::record::{ForceMeaning, ON_SURFACE_M, Row, Trace};
 
 /// Time after a crossing in which a penetration belongs to the impact, in s.
@@ -17,6 +19,10 @@ const RESTING_SPEED_M_PER_S: f64 = 1e-3;
 const YIELDING_SHARE: f64 = 1.0 - 1e-6;
 /// Share of R up to which a force counts as pressing on the surface below the yield force.
 const PRESSED_SHARE: f64 = 0.95;
+
+/// What a rig that does not swing may give beyond the law, in J: what the arm's own momentum does to the hand while the servo
+/// stops it at a surface that holds the proxy. A rig that swings passes it within some periods.
+const EXCESS_BOUND_J: f64 = 0.02;
 
 /// One crossing of the surface by a proxy that came from off it, pushed by less than R.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
@@ -82,18 +88,20 @@ pub struct Measures {
     pub torque_limit_apart_s: Option<f64>,
     /// Greatest net work of the tool on the hand over any stretch of the run, in J.
     pub energy_rise_j: f64,
-    /// Kinetic energy that the proxy lost in the stops after its impacts, summed, in J (admittance type).
-    pub stop_energy_j: Option<f64>,
-    /// What the bound holds: for the admittance type `energy_given_j`, by the stop energy and the work of one count of
-    /// the force sensor over the tool's way; for the impedance type `energy_rise_j`, by `R^2 / (2 K)`; in J.
+    /// Greatest work on the hand in one go beyond what the proxy held and moving surfaces brought, in J
+    /// ([`Excess`]); `None` where no mass holds energy (impedance type, elastic law).
+    pub energy_excess_j: Option<f64>,
+    /// What the bound holds, in J: for the admittance type `energy_excess_j`, by 0.02 J, which the stop of an arm may leave,
+    /// and the work of one count of the force sensor over the tool's way; for the impedance type `energy_rise_j`, by
+    /// `R^2 / (2 K)`.
     pub energy_bound_j: f64,
 }
 
 impl Measures {
-    /// What the bound holds, in J: all that was given to the hand (admittance type), or the most in one go (impedance
-    /// type).
+    /// What the bound holds, in J: the most that was given to the hand in one go, less what the proxy held and what moving
+    /// surfaces brought (admittance type).
     pub fn bounded_energy_j(&self) -> f64 {
-        if self.stop_energy_j.is_some() { self.energy_given_j } else { self.energy_rise_j }
+        self.energy_excess_j.unwrap_or(self.energy_rise_j)
     }
 
     /// Whether the energy keeps within its bound.
@@ -107,12 +115,12 @@ impl Measures {
 pub struct Context {
     /// Cycle time in s.
     pub period_s: f64,
-    /// Proxy mass in kg; `None` for the impedance type.
+    /// Proxy mass in kg; `None` for the impedance type, and where a spring or a capture holds energy beside it.
     pub mass_kg: Option<f64>,
     /// Torque limit in N m; `None` where no torque is commanded.
     pub torque_limit_n_m: Option<f64>,
-    /// Whether the proxy is held on the surface after an impact, for a fixed time or by an automatic hold.
-    pub has_hold: bool,
+    /// Whether impacts go as deep as the law says: not with a hold, fixed or automatic, nor on a surface that moves.
+    pub has_depth_law: bool,
     /// Stiffness of the impedance coupling in N/m; 0 for the admittance type.
     pub stiffness_n_per_m: f64,
     /// Force of one count of the sensor in N; 0 without a sensor.
@@ -123,9 +131,9 @@ pub struct Context {
 pub fn measure(trace: &Trace, context: &Context) -> Measures {
     let impacts = impacts(trace, context);
     let Work { given_j: energy_given_j, taken_j: energy_taken_j, rise_j: energy_rise_j, way_m } = work(trace);
-    let stop_energy_j = context.mass_kg.map(|mass| stop_energy(trace, &impacts, context, mass));
-    let energy_bound_j = match stop_energy_j {
-        Some(stops) => stops + context.force_resolution_n * way_m,
+    let energy_excess_j = context.mass_kg.map(|mass| excess(trace, context, mass));
+    let energy_bound_j = match energy_excess_j {
+        Some(_) => EXCESS_BOUND_J + context.force_resolution_n * way_m,
         None => prediction::stored_energy_limit_j(
             trace.yield_against_n(1.0).max(trace.yield_against_n(-1.0)),
             context.stiffness_n_per_m,
@@ -157,7 +165,7 @@ pub fn measure(trace: &Trace, context: &Context) -> Measures {
         torque_limit_s: context.torque_limit_n_m.map(|limit| at_limit_s(trace, context, limit, &[])),
         torque_limit_apart_s: context.torque_limit_n_m.map(|limit| at_limit_s(trace, context, limit, &impacts)),
         energy_rise_j,
-        stop_energy_j,
+        energy_excess_j,
         energy_bound_j,
         impacts,
     }
@@ -236,7 +244,7 @@ fn impact_at(trace: &Trace, context: &Context, at: usize) -> Impact {
         impact.depth_mm = impact.depth_mm.max(1e3 * depth);
         impact.tool_depth_mm = impact.tool_depth_mm.max(-side * 1e3 * row.tool_distance_m);
     }
-    if let (Some(mass), false) = (context.mass_kg, context.has_hold) {
+    if let (Some(mass), true) = (context.mass_kg, context.has_depth_law) {
         let law = |hand_force_n: f64| {
             let law = prediction::Impact {
                 mass_kg: mass,
@@ -345,29 +353,30 @@ fn work(trace: &Trace) -> Work {
     sums
 }
 
-/// Kinetic energy that the proxy lost in the stops that its impacts began, `sum 1/2 M (v0^2 - v1^2)`; a stop ends when
-/// the proxy is faster again.
-fn stop_energy(trace: &Trace, impacts: &[Impact], context: &Context, mass_kg: f64) -> f64 {
-    let rows = &trace.rows;
-    let square = |at: usize| {
-        let step = std::array::from_fn::<f64, 3, _>(|axis| rows[at].proxy_m[axis] - rows[at - 1].proxy_m[axis]);
-        dot(step, step) / (context.period_s * context.period_s)
-    };
-    let window = (IMPACT_WINDOW_S / context.period_s).round() as usize;
-    let mut energy = 0.0;
-    for impact in impacts {
-        let before = square(impact.row - 1);
-        let mut least = before;
-        for at in impact.row..(impact.row + window).min(rows.len()) {
-            let now = square(at);
-            if now > least {
-                break;
-            }
-            least = now;
+/// The most that was given beyond what the proxy held and moving surfaces brought, in J, counted from the
+/// begin each time the rig runs.
+fn excess(trace: &Trace, context: &Context, mass_kg: f64) -> f64 {
+    let vector = |row: &Row, of: fn(&Row) -> [f64; 3]| Vector3::from(of(row));
+    let mut most = 0.0_f64;
+    for stretch in trace.rows.split(|row| row.supervisor_state != State::Running as u8) {
+        let mut excess = Excess::<3>::new(context.period_s, mass_kg, f64::INFINITY);
+        for (at, row) in stretch.iter().enumerate() {
+            let force_n = vector(row, |row| row.force_n);
+            let proxy = vector(row, |row| row.proxy_m);
+            let brought_j = match at.checked_sub(2).map(|from| &stretch[from..at]) {
+                Some([two_before, before]) => {
+                    let way = vector(row, |row| row.surface_m) - vector(before, |row| row.surface_m);
+                    let bend = proxy - vector(before, |row| row.proxy_m) * 2.0 + vector(two_before, |row| row.proxy_m);
+                    // The fixture's force, by the law of the proxy.
+                    let fixture_n = bend * (mass_kg / (context.period_s * context.period_s)) - force_n;
+                    fixture_n.dot(&way).max(0.0)
+                }
+                _ => 0.0,
+            };
+            most = most.max(excess.step(Port { tool: vector(row, |row| row.tool_m), force_n, proxy }, brought_j));
         }
-        energy += 0.5 * mass_kg * (before - least);
     }
-    energy
+    most
 }
 
 fn dot(a: [f64; 3], b: [f64; 3]) -> f64 {
@@ -416,7 +425,7 @@ mod tests {
             period_s: 1e-3,
             mass_kg: Some(2.0),
             torque_limit_n_m: None,
-            has_hold: false,
+            has_depth_law: true,
             stiffness_n_per_m: 0.0,
             force_resolution_n: 0.0,
         };

@@ -151,7 +151,7 @@ pub fn measured(rig: &config::Rig, fixture: &config::Fixture, rows: Vec<Row>) ->
         period_s: f64::from(rig.cycle.period_us) * 1e-6,
         mass_kg: mass_kg(fixture),
         torque_limit_n_m: is_torque.then(|| rig.guard.torque_limit_n_m.get()),
-        has_hold: fixture.hold_steps > 0 || fixture.automatic_hold.is_some(),
+        has_depth_law: fixture.hold_steps == 0 && fixture.automatic_hold.is_none() && fixture.motion.is_none(),
         stiffness_n_per_m: 0.0,
         force_resolution_n: rig.sensor.calibration[0][0].get().abs().max(rig.sensor.calibration[1][1].get().abs()),
     };
@@ -185,7 +185,7 @@ pub fn run_device(
         period_s,
         mass_kg: None,
         torque_limit_n_m: None,
-        has_hold: fixture.hold_steps > 0,
+        has_depth_law: false,
         stiffness_n_per_m: match fixture.coupling {
             config::Coupling::Impedance { stiffness_n_per_m, .. } => stiffness_n_per_m.get(),
             config::Coupling::Admittance { .. } => 0.0,
@@ -208,12 +208,12 @@ pub fn run_device(
     })
 }
 
-/// Mass of the proxy where the laws of impacts and energy hold: not with a spring, not on a surface that moves, and not
-/// where the proxy is taken onto a point from beside it.
+/// Mass of the proxy where the law of energy holds: not with a spring, and not where the proxy is taken onto a point from
+/// beside it.
 fn mass_kg(fixture: &config::Fixture) -> Option<f64> {
     let is_captured =
         matches!(fixture.surface, config::Surface::Point { capture_radius_m, .. } if *capture_radius_m > 0.0);
-    if is_captured || fixture.motion.is_some() || fixture.law.is_some_and(|law| law.guidance().is_some()) {
+    if is_captured || fixture.law.is_some_and(|law| law.guidance().is_some()) {
         return None;
     }
     match fixture.coupling {

@@ -11,15 +11,24 @@ use crate::study::measures::Measures;
 /// The failure of a run that gave the hand more energy than a fixture that stores none can.
 pub(in crate::cli) fn above_bound(measures: &Measures, what: &str) -> Failure {
     let message = format!(
-        "{what} gave the hand {:.1} mJ, above the bound of {:.1} mJ: the loop of hand, fixture and arm swings",
+        "{what} gave the hand {:.1} mJ {}, above the bound of {:.1} mJ: the loop of hand, fixture and arm swings",
         1e3 * measures.bounded_energy_j(),
+        scope_text(measures),
         1e3 * measures.energy_bound_j
     );
-    let help = match measures.stop_energy_j {
+    let help = match measures.energy_excess_j {
         Some(_) => "raise fixture.coupling's mass_kg, or look at the loop's margins with `yieldwall config check`",
         None => "lower fixture.coupling's stiffness_n_per_m, or see what it bears with `yieldwall tune fixture`",
     };
     Failure::new(Exit::OutOfTolerance, message, help)
+}
+
+/// What is counted of the energy that the hand gets.
+pub(super) fn scope_text(measures: &Measures) -> &'static str {
+    match measures.energy_excess_j {
+        Some(_) => "in one go beyond what the proxy held and moving surfaces brought",
+        None => "in one go",
+    }
 }
 
 /// The failure of a run that a fault stopped.

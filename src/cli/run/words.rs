@@ -2,6 +2,7 @@
 
 use serde_json::{Value, json};
 
+use super::ending::scope_text;
 use crate::config;
 use crate::guard::Fault;
 use crate::rig::{Drilled, Finding};
@@ -77,16 +78,17 @@ pub(in crate::cli) fn measures_text(measures: &Measures) -> Vec<String> {
             measures.unintended_releases
         ));
     }
-    let scope = if measures.stop_energy_j.is_some() { "in all" } else { "at most in one go" };
     let bound = if measures.energy_bound_j.is_infinite() {
-        "without a bound: the law that has one is the paper's, at rest and without a capture radius".to_owned()
+        "without a bound: a spring or a capture radius gives energy by itself".to_owned()
     } else {
         let keeps = if measures.is_within_bound() { "within" } else { "ABOVE" };
         format!("{keeps} the bound of {:.1} mJ", 1e3 * measures.energy_bound_j)
     };
     lines.push(format!(
-        "energy    given to the hand {:.1} mJ {scope}, {bound}; taken from it {:.0} mJ",
+        "energy    given to the hand {:.1} mJ {}, {bound}; in all {:.1} mJ, taken from it {:.0} mJ",
         1e3 * measures.bounded_energy_j(),
+        scope_text(measures),
+        1e3 * measures.energy_given_j,
         1e3 * measures.energy_taken_j
     ));
     if let (Some(mean), Some(most)) = (measures.force_age_mean_ms, measures.force_age_max_ms) {

@@ -297,3 +297,61 @@ fn whole_turns_of_the_encoders_change_nothing() {
         assert!((point - shifted_point).norm() < 1e-9 && (angles - shifted_angles).norm() < 1e-9, "{turns:?}");
     }
 }
+
+/// A bench whose proxy meets the circle from inside at `speed` and is held there.
+fn at_an_impact(push_n: f64, hold_steps: u32) -> Bench {
+    let mut bench = Bench::with_fixture(Servo::Position, [0.04, 0.0], fixture(hold_steps));
+    bench.enable();
+    bench.force = [push_n, 0.0];
+    for _ in 0..3000 {
+        if bench.follow().signals.is_impact {
+            return bench;
+        }
+    }
+    panic!("no impact");
+}
+
+/// Within one cycle, or some, of an impact the force leaps: the rig freezes. The reference stays on the surface that it met,
+/// and the hold goes on when the rig runs again: a hand that still presses with more than R is held as without the fault.
+#[test]
+fn a_freeze_right_after_an_impact_keeps_the_proxy_on_its_side_and_its_hold() {
+    for later in 0..4 {
+        for push_n in [6.0, 12.0, 18.0] {
+            let mut bench = at_an_impact(push_n, 40);
+            for _ in 0..later {
+                bench.follow();
+            }
+            bench.force = [push_n + FORCE_STEP_LIMIT_N + 5.0, 0.0];
+            assert_eq!(bench.follow().directive.state, State::Holding);
+            bench.force = [30.0, 0.0];
+            let mut running = 0;
+            while running < 30 {
+                let signals = bench.follow().signals;
+                let distance_m = signals.proxy.0.norm() - 0.12;
+                assert!(
+                    distance_m.abs() <= 1e-9,
+                    "{later} {push_n} N, running {running}: {distance_m} m beyond the circle"
+                );
+                running += u32::from(bench.cycle.state() == State::Running);
+            }
+        }
+    }
+}
+
+/// A stop ramp of a proxy that flies towards the surface ends on the surface, not beyond it.
+#[test]
+fn a_freeze_before_an_impact_leads_up_to_the_surface_at_most() {
+    let mut bench = Bench::with_fixture(Servo::Position, [0.04, 0.0], fixture(40));
+    bench.enable();
+    bench.force = [18.0, 0.0];
+    // 0.75 v^2 / a with the 0.6 m/s of then is 27 mm.
+    while bench.follow().signals.proxy.0.norm() < 0.11 {}
+    bench.force = [-30.0, 0.0];
+    assert_eq!(bench.follow().directive.state, State::Holding);
+    let mut farthest = 0.0_f64;
+    for _ in 0..200 {
+        farthest = farthest.max(bench.follow().signals.proxy.0.norm());
+        bench.force = [-5.0, 0.0];
+    }
+    assert!((farthest - 0.12).abs() <= 1e-9, "{farthest}");
+}

@@ -114,7 +114,10 @@ impl Motion {
         let change = (now.step - past.step).norm();
         let most = tolerance::RAMP_SHARE * limits.stop_m_per_s2 * limits.period_s * limits.period_s;
         let slack = tolerance::ROUNDING * limits.period_s;
-        let excuse = is_near_edge(limits, past).then_some(Excuse::Edge);
+        // A surface stops it at once, as at an impact.
+        let has_landed = now.distance_m.abs() <= tolerance::LANDED_M;
+        let at_edge = is_near_edge(limits, past).then_some(Excuse::Edge);
+        let excuse = at_edge.or(has_landed.then_some(Excuse::Impact));
         findings.expect_unless(Invariant::I2, change <= most + slack, excuse, || {
             let (from, to) = (past.step.norm() / limits.period_s, now.step.norm() / limits.period_s);
             format!("the reference went from {from:.4} to {to:.4} m/s in one cycle of a stop")

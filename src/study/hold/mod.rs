@@ -11,12 +11,15 @@ mod trial;
 
 use serde_json::Value;
 
-use self::trial::{Hand, RULES, Rule, run};
+use self::trial::{Hand, RULES, Rule, run, run_moving, wall_of_case};
 use super::chart::{Axis, Chart, Color, Mark, Panel, Series};
 use super::sweep::{Clock, Report, Study, Sweep, Table, median};
 
 /// Hands.
 const CASES: u64 = 150;
+/// Hands beside walls that move, and the rules under which they meet them.
+const WALLS: u64 = 300;
+const WALL_RULES: [Rule; 2] = [Rule::Fixed(0), Rule::Automatic];
 /// From the impact to the push, in ms.
 const ONSETS_MS: [u32; 5] = [20, 50, 100, 200, 400];
 
@@ -24,9 +27,9 @@ const ONSETS_MS: [u32; 5] = [20, 50, 100, 200, 400];
 pub(super) struct Hold(Vec<Box<dyn Sweep>>);
 
 impl Hold {
-    /// With its two tables.
+    /// With its three tables.
     pub(super) fn new() -> Self {
-        Self(vec![Box::new(Impacts), Box::new(Pushes)])
+        Self(vec![Box::new(Impacts), Box::new(Pushes), Box::new(Walls)])
     }
 }
 
@@ -106,6 +109,52 @@ impl Sweep for Pushes {
     }
 }
 
+/// Hands against walls that come and go.
+struct Walls;
+
+impl Sweep for Walls {
+    fn name(&self) -> &'static str {
+        "walls"
+    }
+
+    fn columns(&self) -> &'static [&'static str] {
+        &[
+            "rule",
+            "case",
+            "hand_kg",
+            "grip_n_per_m",
+            "voluntary_limit_n",
+            "wall_m_per_s",
+            "impact_m_per_s",
+            "peak_n",
+            "depth_m",
+            "tool_depth_m",
+        ]
+    }
+
+    fn points(&self) -> u64 {
+        WALL_RULES.len() as u64 * WALLS
+    }
+
+    fn point(&self, index: u64, _: Clock<'_>) -> Vec<Value> {
+        let (rule, case) = (WALL_RULES[(index / WALLS) as usize], index % WALLS);
+        let (wall_m_per_s, hand) = wall_of_case(case);
+        let outcome = run_moving(rule, hand, wall_m_per_s);
+        vec![
+            rule.name().into(),
+            case.into(),
+            hand.mass_kg.into(),
+            hand.grip_n_per_m.into(),
+            hand.limit_n.into(),
+            outcome.wall_m_per_s.into(),
+            outcome.impact_speed_m_per_s.into(),
+            outcome.peak_n.into(),
+            outcome.depth_m.into(),
+            outcome.tool_depth_m.into(),
+        ]
+    }
+}
+
 /// What the pushes of one rule and onset gave.
 struct Group {
     through: usize,
@@ -149,7 +198,7 @@ impl Study for Hold {
     }
 
     fn report(&self, tables: &[Table]) -> Report {
-        let [impacts, pushes] = tables else { return Report::default() };
+        let [impacts, pushes, walls] = tables else { return Report::default() };
         let mut notes = vec![format!("{:12} {:>14}   delay of a push, median (longest) in ms", "", "broken through")];
         let [mut medians, mut longest] = [Vec::new(), Vec::new()];
         for (rule, color) in RULES.into_iter().zip(Color::LINES) {
@@ -169,6 +218,10 @@ impl Study for Hold {
             let series = |points| Series { name: rule.name(), points, mark: Mark::MarkedLine, color };
             medians.push(series(middle));
             longest.push(series(last));
+        }
+        for rule in WALL_RULES {
+            let line = format!("{:12} {:>7} of {WALLS}   beside walls that move", rule.name(), broken(walls, rule));
+            notes.push(line);
         }
         let panel = |title: &str, series| Panel {
             title: title.to_owned(),
@@ -198,6 +251,22 @@ impl Study for Hold {
 #[cfg(test)]
 mod tests {
     use std::time::Duration;
+
+    /// A wall that comes or goes is met at the speed at which it is met: nobody breaks through, as at a wall at rest.
+    #[test]
+    fn beside_a_wall_that_moves_a_hand_with_mass_is_held() {
+        let walls = table(&Walls);
+        let of = |rule: Rule| walls.rows().filter(move |row| row.word("rule") == rule.name());
+        let met = |is_receding: bool| {
+            of(Rule::Automatic).filter(|row| (row.number("wall_m_per_s") < -0.04) == is_receding).count()
+        };
+        assert!(met(true) > 100 && met(false) > 100, "{} {}", met(true), met(false));
+        assert!(of(Rule::Automatic).all(|row| row.number("impact_m_per_s") > 0.0), "every hand meets its wall");
+        let through: Vec<_> =
+            of(Rule::Automatic).filter(|row| row.number("depth_m") > 1e-9).map(|row| row.number("case")).collect();
+        assert!(through.is_empty(), "{} broke through: {through:?}", through.len());
+        assert!(broken(&walls, Rule::Fixed(0)) > WALLS as usize / 2);
+    }
 
     use super::*;
 

@@ -4,7 +4,9 @@ use nalgebra::Vector1;
 use rand_xoshiro::SplitMix64;
 use rand_xoshiro::rand_core::{Rng, SeedableRng};
 
-use crate::fixture::{Admittance, AutomaticHold, Coupling, Curvature, Fixture, Limits, Parameters, Plane, Rearm, Side};
+use crate::fixture::{
+    Admittance, AutomaticHold, Coupling, Curvature, Fixture, Limits, Motion, Parameters, Plane, Rearm, Side,
+};
 use crate::sim::share_of_one;
 
 const PERIOD_S: f64 = 1e-3;
@@ -17,6 +19,12 @@ const SERVO_N_S_PER_M: f64 = 1055.0;
 const SERVO_LIMIT_N: f64 = 200.0;
 /// The proxy starts here and has the way up to the wall at 0 to come to speed.
 const START_M: f64 = 0.25;
+/// Duration of one swing of a wall that moves, s: its speed changes by less than a tenth within half a second about the middle
+/// of its way.
+const SWING_S: f64 = 8.0;
+/// How long a wall has been on its way when the hand starts, s, and how far away from it.
+const WALL_AHEAD_S: f64 = 1.7;
+const WALL_START_M: f64 = 0.1;
 /// Seed of all hands.
 const SEED: u64 = 2026;
 
@@ -91,10 +99,28 @@ impl Hand {
     }
 }
 
+/// The speed of the wall of a case where it is greatest, towards the hand, in m/s: 0.05 to 0.25, receding in every other
+/// case, and no faster than the hand follows; and the hand of that case.
+pub(super) fn wall_of_case(case: u64) -> (f64, Hand) {
+    let mut stream = SplitMix64::seed_from_u64(SEED ^ 0x57a1);
+    (0..2 * case).for_each(|_| _ = stream.next_u64());
+    let mut uniform = |low: f64, high: f64| low + (high - low) * share_of_one(&mut stream);
+    let (speed, faster) = (uniform(0.05, 0.25), uniform(0.05, 0.5));
+    let hand = Hand::of_case(case);
+    if case.is_multiple_of(2) {
+        (speed, hand)
+    } else {
+        (-speed, Hand { speed_m_per_s: hand.speed_m_per_s.max(speed + faster), ..hand })
+    }
+}
+
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Outcome {
+    /// Of the tool against the wall.
     pub(super) impact_speed_m_per_s: f64,
-    /// Greatest depth of the proxy before the deliberate push, in m.
+    /// Of the wall towards the hand, at the impact.
+    pub(super) wall_m_per_s: f64,
+    /// Greatest depth of the proxy behind the wall, where it then is, before the deliberate push, in m.
     pub(super) depth_m: f64,
     pub(super) tool_depth_m: f64,
     /// Greatest force that the sensor read after the impact.
@@ -106,15 +132,32 @@ pub(super) struct Outcome {
 
 /// Runs until 1 s after the impact. With an onset the hand pushes with 1.5 R from then on.
 pub(super) fn run(rule: Rule, hand: Hand, onset_s: Option<f64>) -> Outcome {
-    let mut fixture = rule.fixture();
-    fixture.reset(&Vector1::new(START_M)).expect("a finite start");
-    let (mut x, mut v, mut sensed) = (START_M, 0.0_f64, 0.0);
-    let (mut hand_x, mut hand_v) = (START_M, 0.0_f64);
+    strike(rule.fixture(), rule, START_M, hand, onset_s)
+}
+
+/// The same against a wall that goes towards the hand at up to `wall_m_per_s`, or away from it.
+pub(super) fn run_moving(rule: Rule, hand: Hand, wall_m_per_s: f64) -> Outcome {
+    let amplitude_m = Vector1::new(wall_m_per_s * SWING_S / std::f64::consts::PI);
+    let motion = Motion { amplitude_m, swing_s: SWING_S };
+    let mut fixture = rule.fixture().with_motion(motion).expect("no faster than a surface may be");
+    // Far ahead of the wall, where nothing meets it.
+    fixture.reset(&Vector1::new(10.0)).expect("a finite start");
+    for _ in 0..(WALL_AHEAD_S / PERIOD_S) as u32 {
+        fixture.step_admittance(&Vector1::zeros());
+    }
+    let start_m = fixture.origin().x + WALL_START_M;
+    strike(fixture, rule, start_m, hand, None)
+}
+
+fn strike(mut fixture: Fixture<Plane<1>, 1>, rule: Rule, start_m: f64, hand: Hand, onset_s: Option<f64>) -> Outcome {
+    fixture.reset(&Vector1::new(start_m)).expect("a finite start");
+    let (mut x, mut v, mut sensed) = (start_m, 0.0_f64, 0.0);
+    let (mut hand_x, mut hand_v) = (start_m, 0.0_f64);
     let grip_n_s_per_m = 2.0 * hand.grip_damping * (hand.grip_n_per_m * hand.mass_kg).sqrt();
-    let mut targets = [(START_M, 0.0); 2];
+    let mut targets = [(start_m, 0.0); 2];
     let mut impact_s: Option<f64> = None;
     let mut outcome = Outcome::default();
-    let mut before = START_M;
+    let mut before = start_m;
     for cycle in 0..8000 {
         let time = f64::from(cycle) * PERIOD_S;
         let since = impact_s.map_or(0.0, |impact| time - impact);
@@ -122,19 +165,24 @@ pub(super) fn run(rule: Rule, hand: Hand, onset_s: Option<f64>) -> Outcome {
             break;
         }
         let is_pushing = impact_s.is_some() && onset_s.is_some_and(|onset| since >= onset);
+        let wall_before = fixture.origin().x;
         let step = fixture.step_admittance(&Vector1::new(sensed));
+        let wall = fixture.origin().x;
+        let wall_m_per_s = (wall - wall_before) / PERIOD_S;
         if step.is_impact && impact_s.is_none() {
             impact_s = Some(time);
-            outcome.impact_speed_m_per_s = (before - step.proxy.x).max(-v * PERIOD_S) / PERIOD_S;
+            outcome.impact_speed_m_per_s = (before - step.proxy.x).max(-v * PERIOD_S) / PERIOD_S + wall_m_per_s;
+            outcome.wall_m_per_s = wall_m_per_s;
         }
-        let depth = -step.proxy.x;
+        let depth = wall - step.proxy.x;
         if rule == Rule::Fixed(0) && impact_s.is_none() && depth > 0.0 {
             impact_s = Some(time);
-            outcome.impact_speed_m_per_s = -v;
+            outcome.impact_speed_m_per_s = wall_m_per_s - v;
+            outcome.wall_m_per_s = wall_m_per_s;
         }
         if impact_s.is_some() {
             outcome.peak_n = outcome.peak_n.max(-sensed);
-            outcome.tool_depth_m = if is_pushing { outcome.tool_depth_m } else { outcome.tool_depth_m.max(-x) };
+            outcome.tool_depth_m = if is_pushing { outcome.tool_depth_m } else { outcome.tool_depth_m.max(wall - x) };
             if !is_pushing {
                 outcome.depth_m = outcome.depth_m.max(depth);
                 outcome.is_early = outcome.depth_m > 1e-9;
