@@ -6,7 +6,7 @@ use super::failure::{Exit, Failure};
 use super::output::Output;
 use crate::config::{self, Coupling, Diagnostic, Document, ImpedanceDevice, Loaded, Rig, Severity, Source};
 use crate::control::Grip;
-use crate::rig::{Coupled, Holding, RigError, coupled_device, hand_of, least_mass, stiffer, usual_hands};
+use crate::rig::{Coupled, HeldMasses, Holding, RigError, coupled_device, hand_of, held_masses, stiffer, usual_hands};
 
 /// Reserve unless another is asked for.
 const RESERVE: f64 = 2.0;
@@ -18,10 +18,10 @@ const LEFT_OUT: &str = "dry friction, torque limits and elastic joints are left 
 
 #[derive(Debug, clap::Subcommand)]
 pub(super) enum Command {
-    /// Tell the least virtual mass of a rig, or the greatest virtual stiffness and damping of a device
+    /// Tell the virtual masses of a rig that are stable, or the greatest virtual stiffness and damping of a device
     ///
-    /// By the sampled loop with its real delay at the worst pose along the surface, hand on the tool for a rig, hand off for
-    /// a device. docs/studies.md compares it with simulation.
+    /// By the sampled loop with its real delays at the worst pose along the surface and the worst phase of a sensor with its own
+    /// clock, hand on the tool for a rig, hand off for a device. docs/studies.md compares it with simulation.
     Fixture(Arguments),
 }
 
@@ -105,7 +105,7 @@ impl Masses {
             Coupling::Admittance { mass_kg } => mass_kg.get(),
             Coupling::Impedance { .. } => return Err(RigError::Mismatch("a rig needs an admittance".into())),
         };
-        let holdings = least_mass(&rig.value, &hands)?;
+        let holdings = held_masses(&rig.value, &hands, configured_kg)?;
         Ok(Self { name: rig.value.rig.name.clone(), configured_kg, has_scene_hand, holdings })
     }
 
@@ -119,33 +119,35 @@ impl Masses {
             .enumerate()
             .map(|(index, holding)| {
                 let whose = if index == 0 && self.has_scene_hand { " (the scene's hand)" } else { "" };
-                format!("{} at {} N/m{whose}", mass_words(holding.least_kg), holding.grip.stiffness_n_per_m)
+                format!("{} at {} N/m{whose}", range_words(holding.masses.as_ref()), holding.grip.stiffness_n_per_m)
             })
             .collect();
-        format!("least stable virtual mass by stiffness of the hand, worst pose: {}", masses.join(", "))
+        format!("stable virtual masses by stiffness of the hand, worst pose: {}", masses.join(", "))
     }
 
-    /// What to say of a rig that is lighter than its scene's hand allows.
+    /// What to say of a rig whose mass its scene's hand does not allow.
     pub(super) fn finding(&self, rig: &Loaded<Rig>) -> Option<Diagnostic> {
         let scenes = self.holdings.as_ref()?.first().filter(|_| self.has_scene_hand)?;
-        if self.configured_kg >= scenes.least_kg {
+        if scenes.is_configured_stable {
             return None;
         }
-        let least = match scenes.least_kg {
-            least_kg if least_kg.is_finite() => {
-                format!("the least at {} is {least_kg:.3} kg", place_words(scenes.tool_m))
-            }
-            _ => "none is stable with it".to_owned(),
+        let (allowed, help) = match scenes.masses {
+            Some(masses) if self.configured_kg > masses.greatest_kg => (
+                format!("the greatest at {} is {:.3} kg", place_words(masses.greatest_at_m), masses.greatest_kg),
+                "make it lighter, the loop faster or the low pass of the force weaker",
+            ),
+            Some(masses) => (
+                format!("the least at {} is {:.3} kg", place_words(masses.least_at_m), masses.least_kg),
+                "make it heavier, the loop faster or the low pass of the force weaker",
+            ),
+            None => ("none is stable with it".to_owned(), "make the loop faster or the low pass of the force weaker"),
         };
         let message = format!(
-            "a virtual mass of {} kg is unstable with the scene's hand ({}): {least}",
+            "a virtual mass of {} kg is unstable with the scene's hand ({}): {allowed}",
             self.configured_kg,
             grip_words(&scenes.grip)
         );
-        let help = format!(
-            "make it heavier, the loop faster or the low pass of the force weaker; `yieldwall tune fixture {}` finds a mass",
-            rig.source
-        );
+        let help = format!("{help}; `yieldwall tune fixture {}` tells the stable masses", rig.source);
         let see =
             [("control.gains", "the servo's gains"), ("sensor.low_pass_hz", "the low pass"), ("scene", "the hand")];
         Some(rig.finding(Severity::Warning, "fixture.coupling.admittance.mass_kg", message, help, &see))
@@ -154,48 +156,51 @@ impl Masses {
     fn text(&self, reserve: f64) -> String {
         let Some(holdings) = &self.holdings else { return self.line() + "\n" };
         let mut text = format!(
-            "{}: virtual mass, {} kg configured, at the worst pose along its surface\n  {:34}{:>14}{:>18}   worst at\n",
+            "{}: virtual mass, {} kg configured, at the worst pose along its surface\n  {:34}{:>24}{:>24}  {:12}least at\n",
             self.name,
             self.configured_kg,
             "hand",
-            "least stable",
-            format!("reserve of {reserve}")
+            "stable",
+            format!("reserve of {reserve}"),
+            format!("{} kg", self.configured_kg),
         );
         for (index, holding) in holdings.iter().enumerate() {
             let whose = if index == 0 && self.has_scene_hand { ", scene" } else { "" };
+            let reserved = holding.masses.as_ref().and_then(|masses| with_reserve(masses, reserve));
             text += &format!(
-                "  {:34}{:>14}{:>18}   {}\n",
+                "  {:34}{:>24}{:>24}  {:12}{}\n",
                 format!("{}{whose}", grip_words(&holding.grip)),
-                mass_words(holding.least_kg),
-                mass_words(reserve * holding.least_kg),
-                place_words(holding.tool_m)
+                range_words(holding.masses.as_ref()),
+                range_words(reserved.as_ref()),
+                if holding.is_configured_stable { "stable" } else { "UNSTABLE" },
+                holding.masses.map_or_else(String::new, |masses| place_words(masses.least_at_m)),
             );
         }
-        for Holding { grip, lag_s, .. } in holdings.iter().filter(|holding| !holding.least_kg.is_finite()) {
-            let [lag_ms, allowed_ms] = [*lag_s, grip.damping_n_s_per_m / grip.stiffness_n_per_m].map(|time| 1e3 * time);
-            let why = if lag_ms > allowed_ms {
-                format!("the force lags by {lag_ms:.1} ms, the hand's damping makes up for {allowed_ms:.1} ms")
-            } else {
-                "the servo with this hand is unstable by itself, or nearly".to_owned()
-            };
-            text += &format!("  none at {} N/m: {why}\n", grip.stiffness_n_per_m);
+        for holding in holdings {
+            text += &why(holding);
         }
         let passive_kg = holdings.iter().map(|holding| holding.passive_kg).fold(0.0, f64::max);
         text + &format!("  no mass below {passive_kg:.1} kg, the arm's own, is passive for every hand\n  {LEFT_OUT}\n")
     }
 
-    /// For a program to read. A mass that does not exist is `null`.
+    /// For a program to read. A mass that does not exist is `null`, and so is a greatest one where none drifts.
     pub(super) fn to_json(&self, reserve: f64) -> Value {
         let hands = self.holdings.as_ref().map(|holdings| {
             let each = holdings.iter().enumerate().map(|(index, holding)| {
+                let reserved = holding.masses.as_ref().and_then(|masses| with_reserve(masses, reserve));
                 json!({
                     "is_of_scene": index == 0 && self.has_scene_hand,
                     "stiffness_n_per_m": holding.grip.stiffness_n_per_m,
                     "damping_n_s_per_m": holding.grip.damping_n_s_per_m,
                     "mass_kg": holding.grip.mass_kg,
-                    "least_virtual_mass_kg": holding.least_kg,
-                    "virtual_mass_with_reserve_kg": reserve * holding.least_kg,
-                    "worst_tool_m": holding.tool_m,
+                    "is_any_stable": holding.masses.is_some(),
+                    "is_configured_stable": holding.is_configured_stable,
+                    "least_virtual_mass_kg": holding.masses.map(|masses| masses.least_kg),
+                    "greatest_virtual_mass_kg": holding.masses.map(|masses| masses.greatest_kg),
+                    "virtual_mass_with_reserve_kg": reserved.map(|masses| masses.least_kg),
+                    "greatest_virtual_mass_with_reserve_kg": reserved.map(|masses| masses.greatest_kg),
+                    "worst_tool_m": holding.masses.map(|masses| masses.least_at_m),
+                    "worst_tool_for_greatest_m": holding.masses.map(|masses| masses.greatest_at_m),
                     // Below zero the tool is ahead of a mass by a part of a cycle.
                     "lag_s": holding.lag_s.max(0.0),
                     "passive_mass_kg": holding.passive_kg,
@@ -212,8 +217,39 @@ fn grip_words(grip: &Grip) -> String {
     format!("{} N/m, {:.1} N s/m, {} kg", grip.stiffness_n_per_m, grip.damping_n_s_per_m, grip.mass_kg)
 }
 
-fn mass_words(mass_kg: f64) -> String {
-    if mass_kg.is_finite() { format!("{mass_kg:.3} kg") } else { "none".to_owned() }
+/// A range in words.
+fn range_words(masses: Option<&HeldMasses>) -> String {
+    let three = |mass_kg: f64| if mass_kg < 10.0 { format!("{mass_kg:.3}") } else { format!("{mass_kg:.0}") };
+    match masses {
+        None => "none".to_owned(),
+        Some(HeldMasses { least_kg, greatest_kg, .. }) if greatest_kg.is_finite() => {
+            format!("{} to {} kg", three(*least_kg), three(*greatest_kg))
+        }
+        Some(HeldMasses { least_kg, .. }) => format!("from {} kg", three(*least_kg)),
+    }
+}
+
+/// What is left of a range when both ends keep a factor of `reserve` away from the edge.
+fn with_reserve(masses: &HeldMasses, reserve: f64) -> Option<HeldMasses> {
+    let [least_kg, greatest_kg] = [masses.least_kg * reserve, masses.greatest_kg / reserve];
+    (least_kg <= greatest_kg).then_some(HeldMasses { least_kg, greatest_kg, ..*masses })
+}
+
+/// Why a range of masses ends, or why there is none, as a line; nothing of a range without an upper end.
+fn why(holding: &Holding) -> String {
+    let Holding { grip, masses, lag_s, .. } = holding;
+    let [lag_ms, allowed_ms] = [*lag_s, grip.damping_n_s_per_m / grip.stiffness_n_per_m].map(|time| 1e3 * time);
+    let lags =
+        format!("the loop lags by {lag_ms:.1} ms in slow motion, the hand's damping makes up for {allowed_ms:.1} ms");
+    let stiffness = grip.stiffness_n_per_m;
+    match masses {
+        Some(masses) if masses.greatest_kg.is_finite() => {
+            format!("  heavier ones drift at {stiffness} N/m: {lags}\n")
+        }
+        Some(_) => String::new(),
+        None if lag_ms > allowed_ms => format!("  none at {stiffness} N/m: {lags}\n"),
+        None => format!("  none at {stiffness} N/m: the servo with this hand is unstable by itself, or nearly\n"),
+    }
 }
 
 fn place_words(tool_m: [f64; 2]) -> String {
@@ -310,21 +346,67 @@ mod tests {
         assert!(finding.place.is_some(), "{finding:?}");
         let slow = rig(&[("low_pass_hz: null ", "low_pass_hz: 3.0 ")]);
         let slow_masses = Masses::of(&slow, &[]).unwrap();
-        assert!(slow_masses.finding(&slow).unwrap().message.contains("none"));
-        assert!(slow_masses.text(2.0).contains("the force lags by 5"), "{}", slow_masses.text(2.0));
+        let message = slow_masses.finding(&slow).unwrap().message;
+        assert!(message.contains("none") || message.contains("the greatest"), "{message}");
+        assert!(slow_masses.text(2.0).contains("the loop lags by 5"), "{}", slow_masses.text(2.0));
     }
 
     #[test]
     fn a_braced_hand_needs_more_mass_and_the_reserve_is_a_factor() {
         let shipped = rig(&[]);
-        let masses = Masses::of(&shipped, &[500.0, 30_000.0]).unwrap();
+        let masses = Masses::of(&shipped, &[500.0, 3000.0]).unwrap();
         let [_, soft, braced] = masses.holdings.as_deref().unwrap() else { panic!("{}", masses.line()) };
-        assert!(braced.least_kg > soft.least_kg, "{soft:?} {braced:?}");
+        assert!(braced.masses.unwrap().least_kg > soft.masses.unwrap().least_kg, "{soft:?} {braced:?}");
         let json = masses.to_json(3.0);
         let [least, with] = ["least_virtual_mass_kg", "virtual_mass_with_reserve_kg"]
             .map(|key| json["hands"][1][key].as_f64().unwrap());
         assert!((with / least - 3.0).abs() < 1e-12);
         assert!(masses.text(3.0).contains("(0."), "{}", masses.text(3.0));
+    }
+
+    fn least_kg(rig: &Loaded<Rig>) -> f64 {
+        Masses::of(rig, &[500.0]).unwrap().holdings.unwrap()[0].masses.unwrap().least_kg
+    }
+
+    #[test]
+    fn position_mode_uses_nothing_of_the_control() {
+        let mut other = load_rig(builtin("paper-admittance-csp.yaml")).unwrap();
+        let before = least_kg(&other);
+        assert!((before / 0.179 - 1.0).abs() < 0.01, "{before}");
+        other.value.control.feed_forward.inertia = None;
+        assert_eq!(least_kg(&other), before);
+    }
+
+    #[test]
+    fn a_sensor_with_its_own_clock_asks_for_more_than_one_that_sync_clocks() {
+        for (name, exact_kg) in [("paper-admittance-2ms.yaml", 0.477), ("paper-admittance-5ms.yaml", 1.19)] {
+            let found = least_kg(&load_rig(builtin(name)).unwrap());
+            assert!((0.98..1.15).contains(&(found / exact_kg)), "{name}: {found}");
+        }
+    }
+
+    #[test]
+    fn every_corner_of_a_polygon_counts_whichever_comes_first() {
+        let circle = "circle: {center_m: [0.0, 0.0], radius_m: 0.12, forbidden: inside}";
+        let [first, second] = [
+            "[[0.14, 0.0], [0.0, 0.14], [-0.14, 0.0], [0.0, -0.14]]",
+            "[[0.0, -0.14], [0.14, 0.0], [0.0, 0.14], [-0.14, 0.0]]",
+        ]
+        .map(|points| least_kg(&rig(&[(circle, &format!("polygon: {{points_m: {points}, forbidden: inside}}"))])));
+        assert!((first / second - 1.0).abs() < 0.003, "{first} {second}");
+    }
+
+    #[test]
+    fn a_stiff_hand_has_stable_masses_and_a_greatest_one() {
+        for (name, [least, greatest]) in
+            [("paper-admittance.yaml", [0.603, 56.3]), ("paper-admittance-csp.yaml", [0.187, 94.6])]
+        {
+            let stiff = Masses::of(&load_rig(builtin(name)).unwrap(), &[8000.0]).unwrap().holdings.unwrap()[1];
+            let masses = stiff.masses.unwrap();
+            assert!(stiff.is_configured_stable, "{name}: 2 kg");
+            assert!((masses.least_kg / least - 1.0).abs() < 0.01, "{name}: {masses:?}");
+            assert!((masses.greatest_kg / greatest - 1.0).abs() < 0.02, "{name}: {masses:?}");
+        }
     }
 
     #[test]

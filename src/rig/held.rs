@@ -1,38 +1,53 @@
-//! How light an admittance may be, and how stiff an impedance, before a rig's own loop is unstable with a hand on it.
+//! How light and how heavy an admittance may be, and how stiff an impedance, before a rig's own loop is unstable with a hand on it.
 
 use nalgebra::{Matrix2, Vector2};
 
 use super::build::{gains, linkage, mass_model, period_s, plant_mass};
+use super::buses::{bus_number, bus_plan};
 use super::error::RigError;
 use super::margins::{LOOP_DELAY_CYCLES, poses};
+use crate::bus::budget::{Budget, Use};
 use crate::config;
 use crate::control::{
-    Gains, Grip, Outer, Pose, ServoLoop, damping_needed_n_s_per_m, greatest_damping_n_s_per_m,
-    greatest_stiffness_n_per_m, is_stable, lag_s, least_virtual_mass_kg, passive_mass_kg,
+    Follower, Gains, Grip, HeldLoop, Outer, Pose, Sampling, ServoLoop, damping_needed_n_s_per_m,
+    greatest_damping_n_s_per_m, greatest_stiffness_n_per_m, is_stable, lag_s, passive_mass_kg, stable_masses,
 };
 use crate::quantity::{JointAngles, JointRates, TipPoint};
+use crate::sim::SYNC_RATE_HZ;
 
 /// Hands for which a rig is looked at when none is named: normal, stiff and braced, N/m.
 const USUAL_HANDS_N_PER_M: [f64; 3] = [500.0, 1000.0, 3000.0];
-/// Every which pose of those of the margins is looked at.
-const POSE_STRIDE: usize = 3;
-/// Cycles from the force sample to the end of the line along which a drive follows a target position: one until the next
-/// SYNC, one for the line.
-const POSITION_DELAY_CYCLES: f64 = 2.0;
+/// Phases of a sensor's own clock that are looked at.
+const PHASES: u32 = 4;
+/// Every which pose is looked at at phases of that clock but the first.
+const POSE_STRIDE: usize = 4;
 
-/// The least stable virtual mass of a rig with one hand, at its worst pose.
+/// The stable virtual masses of a rig with one hand, over all poses and all phases of the sensor's clock.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Holding {
     /// The hand.
     pub grip: Grip,
-    /// The least mass in kg; infinity if none is stable.
-    pub least_kg: f64,
-    /// Tool point of the worst pose in m.
-    pub tool_m: [f64; 2],
-    /// Lag of the loop in slow motion at that pose, s: with more than `B_h/K_h` no mass is stable.
+    /// The masses; `None` if none is stable.
+    pub masses: Option<HeldMasses>,
+    /// Whether the mass that is configured is stable everywhere.
+    pub is_configured_stable: bool,
+    /// Greatest lag of the loop in slow motion, s: with more than `B_h/K_h` the heaviest masses drift.
     pub lag_s: f64,
     /// No mass below this one is passive for all hands, kg: the arm's own, at its heaviest pose.
     pub passive_kg: f64,
+}
+
+/// The widest range of virtual masses that is stable with one hand.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct HeldMasses {
+    /// The least mass in kg.
+    pub least_kg: f64,
+    /// The greatest mass in kg; infinity where none drifts.
+    pub greatest_kg: f64,
+    /// Tool point of the pose that asks for the least, m.
+    pub least_at_m: [f64; 2],
+    /// Tool point of the pose that bears no more than the greatest, m.
+    pub greatest_at_m: [f64; 2],
 }
 
 /// What the virtual coupling of an impedance device bears, the hand off.
@@ -69,50 +84,56 @@ pub fn stiffer(hand: &Grip, stiffness_n_per_m: f64) -> Grip {
     Grip { stiffness_n_per_m, damping_n_s_per_m: hand.damping_n_s_per_m * ratio.sqrt(), ..*hand }
 }
 
-/// The least stable virtual mass with each hand over the poses along a rig's surface. `None` in velocity mode, where the
-/// drives' loops are not known.
+/// The stable virtual masses with each hand over the poses along a rig's surface, and whether `configured_kg` is one. `None` in
+/// velocity mode, where the drives' loops are not known.
 ///
-/// In torque mode the servo is that of the rig, with its inertia and viscous feed-forward; in position mode it is that of
-/// the simulated drives. Friction is left out, as are limits of the torque.
+/// In torque mode the servo is that of the rig, with its inertia and viscous feed-forward, and the arm is the feed-forward's
+/// model where there is one; in position mode the servo is that of the simulated drives and the arm the simulated one.
+/// Friction is left out, as are limits of the torque.
 ///
 /// # Errors
 /// If the arm cannot be built, does not reach a pose or is singular there; numbers out of range.
-pub fn least_mass(rig: &config::Rig, hands: &[Grip]) -> Result<Option<Vec<Holding>>, RigError> {
-    let Some((servo, outer, is_cartesian)) = loops(rig) else { return Ok(None) };
-    let poses: Vec<_> = poses(rig).into_iter().step_by(POSE_STRIDE).collect();
-    let mut found = Vec::new();
-    for grip in hands {
-        let mut worst = Holding { grip: *grip, least_kg: -1.0, tool_m: [0.0; 2], lag_s: 0.0, passive_kg: 0.0 };
-        for tool in &poses {
-            let pose = pose_at(rig, *tool, is_cartesian)?;
-            let least_kg = least_virtual_mass_kg(&servo, &pose, grip, &outer)?;
-            if least_kg > worst.least_kg {
-                (worst.least_kg, worst.tool_m) = (least_kg, (*tool).into());
-                worst.lag_s = lag_s(&servo, &pose, &outer)?;
-            }
-            worst.passive_kg = worst.passive_kg.max(passive_mass_kg(&pose)?);
-        }
-        found.push(worst);
+pub fn held_masses(rig: &config::Rig, hands: &[Grip], configured_kg: f64) -> Result<Option<Vec<Holding>>, RigError> {
+    let Some((follower, is_cartesian)) = follower(rig) else { return Ok(None) };
+    let outer = outer(rig)?;
+    let tools = poses(rig);
+    let poses = tools.iter().map(|tool| pose_at(rig, *tool, is_cartesian)).collect::<Result<Vec<_>, _>>()?;
+    let mut passive_kg: f64 = 0.0;
+    for pose in &poses {
+        passive_kg = passive_kg.max(passive_mass_kg(pose)?);
     }
-    Ok(Some(found))
+    let held = |grip: &Grip| {
+        // Right behind SYNC at every pose. Other phases are lighter as a rule: some poses will do.
+        let first = (0..poses.len()).map(|pose| (pose, 0));
+        let others = (1..outer.sampling.phases)
+            .flat_map(|phase| (0..poses.len()).step_by(POSE_STRIDE).map(move |pose| (pose, phase)));
+        let places: Vec<(usize, u32)> = first.chain(others).collect();
+        let loops = places.iter().map(|&(pose, phase)| HeldLoop::new(&follower, &poses[pose], grip, &outer, phase));
+        let loops = loops.collect::<Result<Vec<_>, _>>()?;
+        let masses = stable_masses(&loops).map(|found| {
+            let at = |number: usize| tools[places[number].0].into();
+            HeldMasses {
+                least_kg: found.least_kg,
+                greatest_kg: found.greatest_kg,
+                least_at_m: at(found.least_at),
+                greatest_at_m: at(found.greatest_at),
+            }
+        });
+        let is_within = masses.is_some_and(|found| (found.least_kg..=found.greatest_kg).contains(&configured_kg));
+        let is_configured_stable = is_within || loops.iter().all(|held| held.is_stable(configured_kg));
+        let lags = poses.iter().map(|pose| lag_s(&follower, pose, grip, &outer)).collect::<Result<Vec<_>, _>>()?;
+        let lag_s = lags.into_iter().fold(f64::NEG_INFINITY, f64::max);
+        Ok(Holding { grip: *grip, masses, is_configured_stable, lag_s, passive_kg })
+    };
+    hands.iter().map(held).collect::<Result<Vec<_>, _>>().map(Some)
 }
 
-/// The servo, the way to it, and whether it acts on the tool.
-fn loops(rig: &config::Rig) -> Option<(ServoLoop, Outer, bool)> {
-    let period_s = period_s(rig);
-    let sample_cycles = (1.0 / (rig.sensor.sample_rate_hz.get() * period_s)).round().max(1.0) as u32;
-    let outer = |delay_cycles| Outer {
-        period_s,
-        delay_cycles,
-        sample_cycles,
-        low_pass_hz: rig.sensor.low_pass_hz.map(|value| value.get()),
-        damping_n_s_per_m: 0.0,
-    };
+/// The servo, and whether it acts on the tool.
+fn follower(rig: &config::Rig) -> Option<(Follower, bool)> {
     match rig.rig.command_mode {
         config::CommandMode::Torque => {
             let (gains, is_cartesian) = gains(&rig.control)?;
-            let servo = ServoLoop { gains, period_s, delay_cycles: LOOP_DELAY_CYCLES };
-            Some((servo, outer(0.0), is_cartesian))
+            Some((Follower::Host { gains, delay_cycles: LOOP_DELAY_CYCLES as usize }, is_cartesian))
         }
         config::CommandMode::Position => {
             let drive = &rig.plant.drive_position_loop;
@@ -121,29 +142,73 @@ fn loops(rig: &config::Rig) -> Option<(ServoLoop, Outer, bool)> {
                 damping: drive.damping_n_m_s_per_rad.get(),
                 integral: drive.integral_n_m_per_rad_s.get(),
             };
-            let servo = ServoLoop { gains, period_s: f64::from(drive.period_us) * 1e-6, delay_cycles: 0.0 };
-            Some((servo, outer(POSITION_DELAY_CYCLES), false))
+            Some((Follower::Drive { gains, period_s: f64::from(drive.period_us) * 1e-6 }, false))
         }
         config::CommandMode::Velocity => None,
     }
 }
 
+/// The way of the force, with the oldest samples that the sensor's clock can have the cycle use.
+fn outer(rig: &config::Rig) -> Result<Outer, RigError> {
+    let period_s = period_s(rig);
+    let interval_s = rig.sensor.sample_rate_hz.get().recip();
+    let own_clock = |latest_s: f64| Sampling { interval_s, oldest_s: interval_s - latest_s, phases: PHASES };
+    let sampling = match rig.sensor.protocol {
+        config::SensorProtocol::Canopen { .. } if *rig.sensor.sample_rate_hz == f64::from(SYNC_RATE_HZ) => {
+            Sampling::at_sync(period_s)
+        }
+        // SYNC, or the request that follows it, has the newest sample of the sensor's own clock sent.
+        config::SensorProtocol::Canopen { .. } | config::SensorProtocol::Polled { .. } => own_clock(0.0),
+        config::SensorProtocol::Streaming { .. } => own_clock(latest_sample_s(rig)?),
+    };
+    Ok(Outer {
+        period_s,
+        sampling,
+        // More than one sample in a cycle cannot be seen.
+        low_pass: rig.sensor.low_pass_hz.map(|cut_off_hz| (cut_off_hz.get(), interval_s.max(period_s))),
+        damping_n_s_per_m: 0.0,
+    })
+}
+
+/// How long after SYNC a sample of a streaming sensor may be taken that always comes before the computation, s; negative if it
+/// has to be taken before SYNC.
+fn latest_sample_s(rig: &config::Rig) -> Result<f64, RigError> {
+    let bus = bus_number(rig, &rig.sensor.bus)?;
+    let (setup, conditions) = bus_plan(rig)?;
+    let conditions = conditions.into_iter().find(|conditions| conditions.bus == bus);
+    let conditions = conditions.ok_or_else(|| RigError::Mismatch("the sensor's bus has no plan".into()))?;
+    let budget = Budget::new(&setup, conditions).map_err(|error| RigError::Mismatch(error.to_string()))?;
+    let longest_s = |usage: Use| {
+        let frames = budget.frames.iter().filter(|frame| frame.frame.usage == usage);
+        // Without a bound they take what there is of the cycle.
+        let longest_ns = frames.map(|frame| frame.response_ns.unwrap_or(frame.deadline_ns)).max();
+        1e-9 * longest_ns.unwrap_or_default() as f64
+    };
+    let compute_s = f64::from(rig.cycle.compute_at_us) * 1e-6;
+    Ok(compute_s - longest_s(Use::Sync) - longest_s(Use::Streamed))
+}
+
 fn pose_at(rig: &config::Rig, tool: Vector2<f64>, is_cartesian: bool) -> Result<Pose, RigError> {
     let linkage = linkage(rig)?;
-    let forward = &rig.control.feed_forward;
-    let model = forward.inertia.as_ref().map_or_else(|| plant_mass(rig), mass_model);
+    // What the control feeds forward acts, and stands for the arm, in torque mode alone.
+    let forward = Some(&rig.control.feed_forward).filter(|_| rig.rig.command_mode == config::CommandMode::Torque);
+    let model = forward.and_then(|forward| forward.inertia.as_ref());
     let angles: JointAngles = linkage.inverse(TipPoint(tool))?;
-    let dynamics = linkage.dynamics(&model, angles, JointRates::default())?;
-    let viscous = Matrix2::from_diagonal(&Vector2::from(forward.viscous_n_m_s_per_rad.map(|value| value.get())));
-    // Feed-forward acts on the joints, and in torque mode alone.
-    let is_fed = rig.rig.command_mode == config::CommandMode::Torque;
-    let forward_mass = if is_fed && forward.inertia.is_some() { dynamics.mass } else { Matrix2::zeros() };
-    let forward_viscous = if is_fed { viscous } else { Matrix2::zeros() };
-    let joints = Pose { mass: dynamics.mass, viscous, jacobian: dynamics.jacobian, forward_mass, forward_viscous };
+    let mass = linkage.dynamics(&model.map_or_else(|| plant_mass(rig), mass_model), angles, JointRates::default())?;
+    let diagonal =
+        |values: [config::NotNegative; 2]| Matrix2::from_diagonal(&Vector2::from(values.map(|value| value.get())));
+    let forward_viscous = forward.map_or_else(Matrix2::zeros, |forward| diagonal(forward.viscous_n_m_s_per_rad));
+    let joints = Pose {
+        mass: mass.mass,
+        viscous: if model.is_some() { forward_viscous } else { diagonal(rig.plant.arm.viscous_n_m_s_per_rad) },
+        jacobian: mass.jacobian,
+        forward_mass: if model.is_some() { mass.mass } else { Matrix2::zeros() },
+        forward_viscous,
+    };
     if !is_cartesian {
         return Ok(joints);
     }
-    let inverse = dynamics.jacobian.try_inverse().ok_or_else(|| RigError::Mismatch("singular pose".into()))?;
+    let inverse = joints.jacobian.try_inverse().ok_or_else(|| RigError::Mismatch("singular pose".into()))?;
     let at_tool = |matrix: Matrix2<f64>| inverse.transpose() * matrix * inverse;
     Ok(Pose {
         mass: at_tool(joints.mass),

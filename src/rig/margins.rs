@@ -38,7 +38,7 @@ pub struct PoseMargins {
 /// Poses along the surface at which the margins are taken.
 const POSES: usize = 48;
 
-/// Where the margins are taken: all along a circle, or a line within the working disc.
+/// Where the margins are taken: all along a circle, a line within the working disc, or corners and edges of an outline.
 pub(super) fn poses(rig: &config::Rig) -> Vec<Vector2<f64>> {
     let working_m = rig.linkage.working_radius_m.get();
     let around = |center: Vector2<f64>, radius_m: f64| {
@@ -55,14 +55,29 @@ pub(super) fn poses(rig: &config::Rig) -> Vec<Vector2<f64>> {
             (0..POSES).map(|pose| foot + along * (2.0 * pose as f64 / (POSES - 1) as f64 - 1.0)).collect()
         }
         ref other => match other.planar() {
-            Ok(Some(Shape2::Chain(chain))) => {
-                let outline = chain.outline_m();
-                outline.iter().copied().step_by(outline.len().div_ceil(POSES)).collect()
-            }
+            Ok(Some(Shape2::Chain(chain))) => along(&chain.outline_m(), chain.is_closed()),
             // A rig is planar: others are refused when its cycle is built.
             _ => around(Vector2::zeros(), working_m),
         },
     }
+}
+
+/// Every corner of an outline, and points along its edges, none farther from the next than a share of the whole. Of an
+/// outline with more corners than poses every so many.
+fn along(outline_m: &[Vector2<f64>], is_closed: bool) -> Vec<Vector2<f64>> {
+    let corners: Vec<_> = outline_m.iter().copied().step_by(outline_m.len().div_ceil(POSES).max(1)).collect();
+    let ends = corners.iter().skip(1).chain(corners.first().filter(|_| is_closed));
+    let edges: Vec<_> = corners.iter().copied().zip(ends.copied()).collect();
+    let whole_m: f64 = edges.iter().map(|(from, to)| (to - from).norm()).sum();
+    let mut points: Vec<_> = edges
+        .iter()
+        .flat_map(|&(from, to)| {
+            let parts = ((to - from).norm() / whole_m * POSES as f64).ceil().max(1.0) as usize;
+            (0..parts).map(move |part| from + (to - from) * (part as f64 / parts as f64))
+        })
+        .collect();
+    points.extend(corners.last().filter(|_| !is_closed));
+    points
 }
 
 /// Loop margins of a rig in torque mode over poses all along its reference surface; `None` in the other modes, where the

@@ -14,7 +14,7 @@ mod uniform;
 
 pub use device::DeviceError;
 pub use drive::{Clock, Drive, DriveSettings, Encoder, PositionLoop, Watchdog};
-pub use force_sensor::{ForceSensor, ForceSensorSettings, Speaks};
+pub use force_sensor::{ForceSensor, ForceSensorSettings, SYNC_RATE_HZ, Speaks};
 pub use uniform::share_of_one;
 
 #[cfg(test)]

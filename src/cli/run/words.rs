@@ -92,7 +92,9 @@ pub(in crate::cli) fn measures_text(measures: &Measures) -> Vec<String> {
         1e3 * measures.energy_taken_j
     ));
     if let (Some(mean), Some(most)) = (measures.force_age_mean_ms, measures.force_age_max_ms) {
-        lines.push(format!("force     its sample is {mean:.2} ms old on average, {most:.2} ms at most"));
+        lines.push(format!(
+            "force     its sample came {mean:.2} ms before it was used on average, {most:.2} ms at most; felt it was sooner"
+        ));
     }
     if let (Some(torque), Some(limit_s), Some(apart_s)) =
         (measures.peak_torque_n_m, measures.torque_limit_s, measures.torque_limit_apart_s)

@@ -18,7 +18,7 @@ use plain::PlainSensor;
 use sampler::{CHANNELS, Sampler};
 
 /// The rate at which the CANopen sensor has no clock of its own but takes a sample at each SYNC.
-const SYNC_RATE_HZ: u32 = 1000;
+pub const SYNC_RATE_HZ: u32 = 1000;
 /// Greatest sample rate of the sensors on plain CAN.
 const MOST_HZ: u32 = 10_000;
 /// Greatest error of a free-running clock, in parts per million.

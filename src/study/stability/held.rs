@@ -3,7 +3,9 @@
 use nalgebra::{Matrix2, Vector2};
 
 use super::crossover::Crossover;
-use crate::control::{FeedForwardParameters, Gains, Grip, Law, Outer, Pose, ServoLoop, least_virtual_mass_kg};
+use crate::control::{
+    FeedForwardParameters, Follower, Gains, Grip, HeldLoop, Law, Outer, Pose, Sampling, StableMasses, stable_masses,
+};
 use crate::cycle::TorqueServoParameters;
 use crate::fixture::{
     self, Admittance, Contrast, Coupling, Curvature, Fixture, Guidance, Limits, Line, Parameters, Rearm, Shape2, Side,
@@ -17,6 +19,8 @@ use crate::study::plant::{STUDY_ARM, StudyArm};
 
 pub(super) const PERIOD_S: f64 = 1e-3;
 const PLANT_STEP_S: f64 = 1e-4;
+/// Heaviest virtual mass of the maps.
+const HEAVIEST_KG: f64 = 10.0;
 /// Where the tool starts: on the axis of symmetry, where the directions x and y do not couple. The arm weighs 5.5 kg along x
 /// and 3.9 kg along y there.
 pub(super) const START_M: Vector2<f64> = Vector2::new(0.0, 0.36);
@@ -146,19 +150,26 @@ impl Setting {
         Gains { stiffness: stiffness * self.bandwidth * self.bandwidth, damping: damping * self.bandwidth, integral }
     }
 
-    /// The least stable virtual mass in kg by theory, which leaves the dry friction of the joints and `F` out.
-    pub(super) fn least_mass_kg(&self, hand_n_per_m: f64) -> f64 {
-        let servo = ServoLoop { gains: self.gains(), period_s: PERIOD_S, delay_cycles: self.servo_delay as f64 };
+    /// The stable virtual masses by theory, which leaves the dry friction of the joints and `F` out; `None` if there are none.
+    pub(super) fn stable_masses(&self, hand_n_per_m: f64) -> Option<StableMasses> {
+        let follower = Follower::Host { gains: self.gains(), delay_cycles: self.servo_delay };
+        let interval_s = f64::from(self.sample_cycles) * PERIOD_S;
         let outer = Outer {
             period_s: PERIOD_S,
-            delay_cycles: self.delay as f64,
-            sample_cycles: self.sample_cycles,
-            low_pass_hz: self.low_pass_hz,
+            sampling: Sampling { interval_s, oldest_s: (self.delay as f64 - 1.0) * PERIOD_S + interval_s, phases: 1 },
+            low_pass: self.low_pass_hz.map(|cut_off_hz| (cut_off_hz, interval_s)),
             damping_n_s_per_m: self.damping_n_s_per_m,
         };
         let grip =
             Grip { stiffness_n_per_m: hand_n_per_m, damping_n_s_per_m: self.hand_n_s_per_m, mass_kg: self.hand_kg };
-        self.pose().and_then(|pose| least_virtual_mass_kg(&servo, &pose, &grip, &outer).ok()).unwrap_or(f64::NAN)
+        let held = HeldLoop::new(&follower, &self.pose()?, &grip, &outer, 0).ok()?;
+        stable_masses(&[held])
+    }
+
+    /// The least virtual mass in kg from which on all are stable up to [`HEAVIEST_KG`]; infinity if that one is not.
+    pub(super) fn least_mass_kg(&self, hand_n_per_m: f64) -> f64 {
+        let found = self.stable_masses(hand_n_per_m).filter(|found| found.greatest_kg >= HEAVIEST_KG);
+        found.map_or(f64::INFINITY, |found| found.least_kg)
     }
 
     /// Whether the formula for a continuous servo is for this loop: it knows of no dry joints, low pass, slow sensor, hand with

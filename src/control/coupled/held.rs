@@ -1,0 +1,355 @@
+//! One loop at one pose and one phase of the sensor, followed from event to event.
+
+use nalgebra::{DMatrix, Matrix2, Matrix2x4, Matrix4x2, SMatrix, Schur, Vector2, Vector4};
+
+use super::super::error::{ControlError, not_negative, positive};
+use super::super::{Gains, principal_inertias};
+use super::{Follower, Grip, Outer, Pose, Sampling, inverse_jacobian};
+
+/// Most cycles after which sensor and cycle have to be together again.
+const MOST_CYCLES: usize = 32;
+/// Share by which the sensor's interval may be bent for that: its phase then drifts by a period in a thousand.
+const BENT: f64 = 1e-3;
+/// Iterations within which the eigenvalues of a small matrix are found.
+const SCHUR_ITERATIONS: usize = 10_000;
+/// Events nearer to each other than this are of one moment, s.
+const MOMENT_S: f64 = 1e-12;
+
+/// How far behind an event a sample is that sees what the event did, in phases of a cycle.
+const BEHIND: f64 = 1e-6;
+
+/// Places of the state, two components each. The first three are moved on together.
+const POSITION: usize = 0;
+const RATE: usize = 2;
+const EFFORT: usize = 4;
+/// The last reference and the one before.
+const LAST: usize = 6;
+const EARLIER: usize = 8;
+/// What the fixture is given.
+const FORCE: usize = 10;
+/// Of a servo of the host: encoders of this SYNC, last error, sum of errors; efforts on their way follow at the end.
+const ENCODER: usize = 12;
+const ERROR: usize = 14;
+const SUM: usize = 16;
+/// Of a servo of the drive: ends of its line, and its integral.
+const FROM: usize = 12;
+const TO: usize = 14;
+const INTEGRAL: usize = 16;
+/// Samples that were felt, the newest first.
+const SAMPLES: usize = 18;
+
+/// What happens at a moment. Of one moment, in this order.
+#[derive(Clone, Copy, Debug, PartialEq, PartialOrd)]
+enum Event {
+    /// A sample is taken.
+    Feel,
+    /// Encoders are read, and what was computed is applied.
+    Sync,
+    /// The fixture steps, with the sample that is this many behind the newest.
+    Compute { behind: usize, is_new: bool },
+    /// The drive's loop: so much of the cycle has passed, and so much time since its last sample, s.
+    Tick { share: f64, elapsed_s: f64 },
+    /// Arm and hand move on, by the propagator of this number.
+    Advance(usize),
+}
+
+/// Arm with hand under its servo, the way of the force to the reference, and the order of events at one phase of the sensor.
+#[derive(Clone, Debug)]
+pub struct HeldLoop {
+    follower: Follower,
+    gains: Gains,
+    period_s: f64,
+    damping_n_s_per_m: f64,
+    /// `alpha` of the low pass.
+    taken: f64,
+    forward_mass: Matrix2<f64>,
+    forward_viscous: Matrix2<f64>,
+    /// Force that is felt by position and rate, and by effort, in the coordinates of the controllers.
+    felt: Matrix2x4<f64>,
+    felt_by_effort: Matrix2<f64>,
+    events: Vec<Event>,
+    /// Position and rate later, by both and by the effort in between.
+    propagators: Vec<(Matrix4, Matrix4x2<f64>)>,
+    samples: usize,
+    size: usize,
+}
+
+type Matrix4 = nalgebra::Matrix4<f64>;
+
+impl HeldLoop {
+    /// The loop at `phase` of those of [`Sampling::phases`]: 0 has samples right behind SYNC.
+    ///
+    /// Exact for rigid joints without dry friction and efforts without limit, but that the interval of a sensor is bent by
+    /// up to a thousandth where it fits no small number of cycles.
+    ///
+    /// # Errors
+    /// [`ControlError::OutOfRange`] for what is not finite or outside its range; [`ControlError::NotPositiveDefinite`] for a
+    /// mass matrix or a Jacobian that is none.
+    pub fn new(follower: &Follower, pose: &Pose, grip: &Grip, outer: &Outer, phase: u32) -> Result<Self, ControlError> {
+        let gains = follower.gains().checked()?;
+        positive("stiffness of the hand", grip.stiffness_n_per_m)?;
+        not_negative("damping of the hand", grip.damping_n_s_per_m)?;
+        not_negative("mass of the hand", grip.mass_kg)?;
+        principal_inertias(&pose.mass)?;
+        let outer = outer.checked()?;
+        inverse_jacobian(pose)?;
+        let weight = pose.jacobian.tr_mul(&pose.jacobian);
+        let mobility = (pose.mass + weight * grip.mass_kg)
+            .try_inverse()
+            .ok_or(ControlError::NotPositiveDefinite { least: 0.0, asymmetry: 0.0 })?;
+        // Rates of position, rate and effort.
+        let mut rates = SMatrix::<f64, 6, 6>::zeros();
+        rates.fixed_view_mut::<2, 2>(0, 2).copy_from(&Matrix2::identity());
+        rates.fixed_view_mut::<2, 2>(2, 0).copy_from(&(-mobility * weight * grip.stiffness_n_per_m));
+        let damping = pose.viscous + weight * grip.damping_n_s_per_m;
+        rates.fixed_view_mut::<2, 2>(2, 2).copy_from(&(-mobility * damping));
+        rates.fixed_view_mut::<2, 2>(2, 4).copy_from(&mobility);
+        // `J^-1 F`: what the reference takes, in the coordinates of the controllers, in which the hand is the same everywhere.
+        let mut felt = rates.fixed_view::<2, 4>(2, 0).into_owned() * grip.mass_kg;
+        felt += Matrix2x4::from_fn(|row, column| match column {
+            _ if row != column % 2 => 0.0,
+            0 | 1 => grip.stiffness_n_per_m,
+            _ => grip.damping_n_s_per_m,
+        });
+        let mut one = Self {
+            follower: *follower,
+            gains,
+            period_s: outer.period_s,
+            damping_n_s_per_m: outer.damping_n_s_per_m,
+            taken: 1.0 - outer.remembered(),
+            forward_mass: pose.forward_mass,
+            forward_viscous: pose.forward_viscous,
+            felt: -felt,
+            felt_by_effort: -mobility * grip.mass_kg,
+            events: Vec::new(),
+            propagators: Vec::new(),
+            samples: 1,
+            size: 0,
+        };
+        one.plan(outer.sampling, phase, &rates)?;
+        Ok(one)
+    }
+
+    /// Whether this virtual mass, positive, is stable with this hand.
+    pub fn is_stable(&self, mass_kg: f64) -> bool {
+        self.spectral_radius(mass_kg).is_some_and(|radius| radius < 1.0)
+    }
+
+    /// Greatest modulus of an eigenvalue of the map of the state over the common period of cycle and sensor; `None` if they
+    /// were not found.
+    pub fn spectral_radius(&self, mass_kg: f64) -> Option<f64> {
+        let mut map = DMatrix::identity(self.size, self.size);
+        for mut state in map.column_iter_mut() {
+            self.follow(mass_kg, state.as_mut_slice());
+        }
+        nalgebra::linalg::balancing::balance_parlett_reinsch(&mut map);
+        let poles = Schur::try_new(map, f64::EPSILON, SCHUR_ITERATIONS)?.complex_eigenvalues();
+        let radius = poles.iter().map(|pole| pole.norm()).fold(0.0, f64::max);
+        radius.is_finite().then_some(radius)
+    }
+
+    /// Puts the events of the common period in order.
+    fn plan(&mut self, sampling: Sampling, phase: u32, rates: &SMatrix<f64, 6, 6>) -> Result<(), ControlError> {
+        let period_s = self.period_s;
+        let (cycles, interval_s) = common_period(period_s, sampling.interval_s);
+        let end_s = cycles as f64 * period_s;
+        // Other phases of the clock come back to the same pattern, begun at another cycle. The first one has samples right
+        // behind SYNC: what is applied there shakes the hand's mass, and that sample waits longest.
+        let apart_s = interval_s / cycles as f64;
+        let age_s = if sampling.phases == 1 {
+            sampling.oldest_s
+        } else {
+            let share = f64::from(phase % sampling.phases) / f64::from(sampling.phases) + BEHIND;
+            let age_s = ((sampling.oldest_s / apart_s + BEHIND).floor() - share) * apart_s;
+            if age_s <= sampling.oldest_s - apart_s { age_s + apart_s } else { age_s }
+        };
+        let least_age_s = sampling.oldest_s - interval_s;
+        let felt_at = |sample: i64| sample as f64 * interval_s - age_s;
+        // The newest sample that is older than the least age.
+        let used_in = |cycle: i64| {
+            let waited = (cycle as f64 * period_s + age_s - least_age_s) / interval_s;
+            (waited - 1e-9).ceil() as i64 - 1
+        };
+        let newest_at = |time_s: f64| ((time_s + age_s) / interval_s + 1e-9).floor() as i64;
+        let mut events: Vec<(f64, Event)> = Vec::new();
+        let mut sample = newest_at(-2.0 * MOMENT_S - 1e-9 * interval_s) + 1;
+        while felt_at(sample) < end_s - MOMENT_S {
+            events.push((felt_at(sample).max(0.0), Event::Feel));
+            sample += 1;
+        }
+        for cycle in 0..cycles as i64 {
+            let sync_s = cycle as f64 * period_s;
+            events.push((sync_s, Event::Sync));
+            let used = used_in(cycle);
+            let compute_s = sync_s.max(felt_at(used));
+            let behind = usize::try_from(newest_at(compute_s) - used).unwrap_or(0);
+            self.samples = self.samples.max(behind + 1);
+            events.push((compute_s, Event::Compute { behind, is_new: used != used_in(cycle - 1) }));
+            if let Follower::Drive { period_s: tick_s, .. } = self.follower {
+                positive("period of the drives' loop", tick_s)?;
+                let ticks = (period_s / tick_s - 1e-9).ceil().max(1.0) as u32;
+                let left_s = period_s - f64::from(ticks - 1) * tick_s;
+                events.extend((0..ticks).map(|tick| {
+                    let since_s = f64::from(tick) * tick_s;
+                    let elapsed_s = if tick == 0 { left_s } else { tick_s };
+                    (sync_s + since_s, Event::Tick { share: since_s / period_s, elapsed_s })
+                }));
+            }
+        }
+        let is_same = |one: f64, other: f64| (one - other).abs() < MOMENT_S;
+        events.sort_by(|(one_s, one), (other_s, other)| {
+            let by_kind = one.partial_cmp(other).unwrap_or(std::cmp::Ordering::Equal);
+            if is_same(*one_s, *other_s) { by_kind } else { one_s.total_cmp(other_s) }
+        });
+        let mut lengths_s: Vec<f64> = Vec::new();
+        let mut now_s = 0.0;
+        for (time_s, event) in events.into_iter().map(|(time_s, event)| (time_s, Some(event))).chain([(end_s, None)]) {
+            if time_s - now_s > MOMENT_S {
+                let length_s = time_s - now_s;
+                let number = lengths_s.iter().position(|known| is_same(*known, length_s)).unwrap_or_else(|| {
+                    let over = (rates * length_s).exp();
+                    let free = over.fixed_view::<4, 4>(0, 0).into_owned();
+                    self.propagators.push((free, over.fixed_view::<4, 2>(0, 4).into_owned()));
+                    lengths_s.push(length_s);
+                    lengths_s.len() - 1
+                });
+                self.events.push(Event::Advance(number));
+                now_s = time_s;
+            }
+            self.events.extend(event);
+        }
+        let on_the_way = match self.follower {
+            Follower::Host { delay_cycles, .. } if delay_cycles > Follower::MOST_DELAY => {
+                let requirement = "at most Follower::MOST_DELAY";
+                return Err(ControlError::OutOfRange {
+                    name: "delay in cycles",
+                    value: delay_cycles as f64,
+                    requirement,
+                });
+            }
+            Follower::Host { delay_cycles, .. } => delay_cycles,
+            Follower::Drive { .. } => 0,
+        };
+        self.size = SAMPLES + 2 * (self.samples + on_the_way);
+        Ok(())
+    }
+
+    /// Moves a state on by the common period.
+    fn follow(&self, mass_kg: f64, state: &mut [f64]) {
+        for event in &self.events {
+            match *event {
+                Event::Advance(number) => {
+                    let (free, forced) = &self.propagators[number];
+                    let motion = free * Vector4::from_column_slice(&state[..4]) + forced * pair(state, EFFORT);
+                    state[..4].copy_from_slice(motion.as_slice());
+                }
+                Event::Feel => {
+                    let felt =
+                        self.felt * Vector4::from_column_slice(&state[..4]) + self.felt_by_effort * pair(state, EFFORT);
+                    let end = SAMPLES + 2 * self.samples;
+                    state.copy_within(SAMPLES..end - 2, SAMPLES + 2);
+                    put(state, SAMPLES, felt);
+                }
+                Event::Sync => self.apply(state),
+                Event::Compute { behind, is_new } => {
+                    if is_new {
+                        let sample = pair(state, SAMPLES + 2 * behind);
+                        let force = pair(state, FORCE);
+                        put(state, FORCE, force + (sample - force) * self.taken);
+                    }
+                    self.compute(mass_kg, state);
+                }
+                Event::Tick { share, elapsed_s } => self.tick(share, elapsed_s, state),
+            }
+        }
+    }
+
+    fn apply(&self, state: &mut [f64]) {
+        match self.follower {
+            Follower::Host { delay_cycles, .. } => {
+                put(state, ENCODER, pair(state, POSITION));
+                if delay_cycles > 0 {
+                    put(state, EFFORT, pair(state, self.size - 2));
+                }
+            }
+            Follower::Drive { .. } => {
+                put(state, FROM, pair(state, TO));
+                put(state, TO, pair(state, LAST));
+            }
+        }
+    }
+
+    fn compute(&self, mass_kg: f64, state: &mut [f64]) {
+        let t = self.period_s;
+        let (last, earlier) = (pair(state, LAST), pair(state, EARLIER));
+        let inert = mass_kg + self.damping_n_s_per_m * t;
+        let next = last + (last - earlier) * (mass_kg / inert) + pair(state, FORCE) * (t * t / inert);
+        put(state, EARLIER, last);
+        put(state, LAST, next);
+        let Follower::Host { delay_cycles, .. } = self.follower else { return };
+        let Gains { stiffness, damping, integral } = self.gains;
+        let error = next - pair(state, ENCODER);
+        let change = error - pair(state, ERROR);
+        put(state, ERROR, error);
+        let mut effort = error * stiffness
+            + change * (damping / t)
+            + self.forward_mass * (next - last * 2.0 + earlier) / (t * t)
+            + self.forward_viscous * (next - last) / t;
+        if integral > 0.0 {
+            let sum = pair(state, SUM) + error * t;
+            put(state, SUM, sum);
+            effort += sum * integral;
+        } else {
+            put(state, SUM, Vector2::zeros());
+        }
+        if delay_cycles == 0 {
+            return put(state, EFFORT, effort);
+        }
+        let first = self.size - 2 * delay_cycles;
+        state.copy_within(first..self.size - 2, first + 2);
+        put(state, first, effort);
+    }
+
+    fn tick(&self, share: f64, elapsed_s: f64, state: &mut [f64]) {
+        let Gains { stiffness, damping, integral } = self.gains;
+        let way = pair(state, TO) - pair(state, FROM);
+        let error = pair(state, FROM) + way * share - pair(state, POSITION);
+        let slip = way / self.period_s - pair(state, RATE);
+        let sum = pair(state, INTEGRAL);
+        put(state, EFFORT, error * stiffness + slip * damping + sum);
+        // Without an integral nothing is to remain of it: what stays as it is would be a pole at one.
+        let kept = if integral > 0.0 { sum } else { Vector2::zeros() };
+        put(state, INTEGRAL, kept + error * (integral * elapsed_s));
+    }
+}
+
+/// The fewest cycles after which a sensor with this interval is where it was, and the interval that makes it so.
+fn common_period(period_s: f64, interval_s: f64) -> (usize, f64) {
+    let bent = |cycles: usize| {
+        let samples = (cycles as f64 * period_s / interval_s).round().max(1.0);
+        let interval = cycles as f64 * period_s / samples;
+        ((interval / interval_s - 1.0).abs(), cycles, interval)
+    };
+    // A sensor may be slower than the longest pattern: then one sample each.
+    let most = MOST_CYCLES.max((interval_s / period_s).round() as usize);
+    let mut best = bent(1);
+    for cycles in 2..=most {
+        if best.0 <= BENT {
+            break;
+        }
+        let next = bent(cycles);
+        if next.0 < best.0 {
+            best = next;
+        }
+    }
+    (best.1, best.2)
+}
+
+fn pair(state: &[f64], place: usize) -> Vector2<f64> {
+    Vector2::new(state[place], state[place + 1])
+}
+
+fn put(state: &mut [f64], place: usize, value: Vector2<f64>) {
+    state[place] = value.x;
+    state[place + 1] = value.y;
+}
