@@ -27,7 +27,7 @@ const MOST_PER_POLL: usize = 1 + 3 + 3;
 /// Most exchanges back and forth that the configuration of all nodes takes.
 const MOST_EXCHANGES: usize = 400;
 /// Longest time that the nodes have between the reset and the exchange of process data, but for their configuration.
-const PHASE_LIMIT: Duration = Duration::from_millis(501);
+const PHASE_LIMIT: Duration = Duration::from_millis(5001);
 
 /// How long frames of devices may take while nothing happens on the bus, and how many of such times are looked at.
 const SLICE: Duration = Duration::from_millis(10);

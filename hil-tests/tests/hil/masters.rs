@@ -114,7 +114,7 @@ fn a_master_of_somebody_else_is_heard_and_nothing_is_sent() {
             assert!(message.starts_with("a master is on this bus; nothing was sent. Heard: "), "{name}: {message}");
             assert!(message.contains(meaning) && help.contains("end the other master"), "{name}: {message}; {help}");
             let frames = observer.rest();
-            assert!(frames.len() > 5 && frames.iter().all(|heard| *heard == frame), "{name}: {frames:x?}");
+            assert!(!frames.is_empty() && frames.iter().all(|heard| *heard == frame), "{name}: {frames:x?}");
         }
         drop(stranger);
     }

@@ -136,7 +136,9 @@ impl Motion {
         let friction = 0.5 * limits.friction_n;
         let force = Vector2::from(seen.reported.force_n).norm();
         self.unforced.next(now.running > 1 && force <= friction, speed);
-        self.halted.next(now.halting > 0, speed);
+        // The ramp begins at the speed of the cycle before, of which a surface may take a part at once.
+        let before = self.past.map_or(0.0, |past| past.step.norm() / limits.period_s);
+        self.halted.next(now.halting > 0, speed.max(before));
         let rests = now.step.norm() <= tolerance::RESTING_STEP_M;
         let excuse = is_near_edge(limits, now).then_some(Excuse::Edge);
         let deceleration = (limits.friction_n - friction) / limits.mass_kg;
