@@ -61,7 +61,8 @@ pub(super) struct Frames {
     state: State,
     /// Bits of the rig's own frames since the last SYNC.
     bits: u64,
-    has_synced: bool,
+    /// Cycle of that SYNC, ns.
+    synced_ns: Option<u64>,
 }
 
 impl Frames {
@@ -182,9 +183,11 @@ impl Frames {
 
     /// I19.
     fn check_load(&mut self, limits: &Limits, seen: &Observation, peaks: &mut Peaks, findings: &mut Findings<'_>) {
-        let share = self.bits as f64 / (limits.bit_rate * limits.period_s);
-        self.bits = 0;
-        if std::mem::replace(&mut self.has_synced, true) {
+        let bits = std::mem::take(&mut self.bits);
+        if let Some(before_ns) = self.synced_ns.replace(seen.sync_ns) {
+            // After a stranger's set-point SYNC stays out for some cycles, in which set-points go on.
+            let cycles = ((seen.sync_ns.saturating_sub(before_ns)) as f64 * 1e-9 / limits.period_s).round().max(1.0);
+            let share = bits as f64 / (limits.bit_rate * limits.period_s * cycles);
             let is_false = seen.falsified.timing || seen.falsified.link;
             if !is_false {
                 peaks.bus_share = peaks.bus_share.max(share);
