@@ -331,6 +331,53 @@ fn a_stranger_that_takes_all_nodes_to_pre_operational_is_named() {
     drop(sim);
 }
 
+/// A stranger's set-point bears a halt bit, which the program never sends, so that it is told from own ones.
+#[test]
+#[ignore = "needs a CAN interface: see hil-tests/vcan"]
+fn a_set_point_of_a_stranger_holds_sync_back_until_a_quick_stop_was_sent() {
+    let foreign = Frame::new(0x202, &[0x0f, 0x01, 0xf4, 0x01]);
+    let is_quick_stop = |frame: &Frame| [0x201, 0x202].contains(&frame.id()) && frame.bytes()[..2] == [0x02, 0x00];
+    let sim = lockstep(RIG);
+    for round in 0..5 {
+        let observer = Observer::new();
+        let master = run_for("60");
+        observer.until_moving(200 + 37 * round);
+        let mut stranger = Real::open(&SocketCanSettings::services(&bus(), Vec::new()));
+        stranger.send(&foreign).expect("the interface is up");
+        let (code, document) = master.document();
+        assert_eq!((code, &document["cause"]), (SAFETY_STOP, &Value::from("intruder")), "{document:#}");
+        let frames = observer.rest();
+        let from = frames.iter().position(|frame| *frame == foreign).expect("the observer hears it too");
+        let after = &frames[from..];
+        let stop = after.iter().position(is_quick_stop).expect("a quick stop");
+        // One that was about to leave when the frame came may still do so.
+        let syncs = after[..stop].iter().filter(|frame| frame.id() == cob::SYNC).count();
+        assert!(syncs <= 1, "round {round}: {:x?}", &after[..stop]);
+        let own: Vec<Frame> = frames.into_iter().filter(|frame| *frame != foreign).collect();
+        assert_stopped_together(&own);
+    }
+    sim.interrupted();
+}
+
+#[test]
+#[ignore = "needs a CAN interface: see hil-tests/vcan"]
+fn a_stranger_that_takes_a_watchdog_off_a_drive_stops_the_rig() {
+    let sim = lockstep(RIG);
+    let observer = Observer::new();
+    let master = run_for("60");
+    observer.until_moving(300);
+    let mut stranger = Real::open(&SocketCanSettings::everything(&bus()));
+    // Reading changes nothing; 6007h = 0 has the drive go on without its master's heartbeat.
+    stranger.send(&Frame::new(0x601, &[0x40, 0x07, 0x60, 0, 0, 0, 0, 0])).expect("the interface is up");
+    observer.until_moving(300);
+    stranger.send(&Frame::new(0x601, &[0x2b, 0x07, 0x60, 0, 0, 0, 0, 0])).expect("the interface is up");
+    let (code, document) = master.document();
+    assert_eq!((code, &document["cause"]), (SAFETY_STOP, &Value::from("intruder")), "{document:#}");
+    assert_eq!(document["foreign_downloads"], 1, "{document:#}");
+    assert_stopped_together(&observer.rest());
+    drop(sim);
+}
+
 #[test]
 #[ignore = "needs a CAN interface: see hil-tests/vcan"]
 fn devices_that_were_stopped_do_not_work_off_what_came_meanwhile() {
