@@ -172,7 +172,21 @@ fn plant(root: &Path, folder: &Path) -> Result<PathBuf, String> {
     let text = fs::read_to_string(&manifest).map_err(|error| at(&manifest, &error))?;
     let named = text.replace("[[bin]]\nname = \"yieldwall\"", &format!("[[bin]]\nname = \"{PROGRAM}\""));
     let named = named.replace("default-run = \"yieldwall\"\n", "");
-    fs::write(&manifest, named).map_err(|error| at(&manifest, &error))?;
+    // And of another version: cargo takes packages of one name and version in one folder of built files for the same, wherever
+    // their sources lie, and would not build the program itself anew afterwards.
+    let plain = "[workspace.package]\nversion = \"0.1.0\"";
+    if !named.contains(plain) {
+        return Err(format!("{}: the version is not 0.1.0 any more; name the one that is", manifest.display()));
+    }
+    fs::write(&manifest, named.replace(plain, "[workspace.package]\nversion = \"0.1.0+planted\""))
+        .map_err(|error| at(&manifest, &error))?;
+    let lock = tree.join("Cargo.lock");
+    let mut locked = fs::read_to_string(&lock).map_err(|error| at(&lock, &error))?;
+    for package in ["yieldwall", "yieldwall-drives", "hil-tests"] {
+        let named = format!("name = \"{package}\"\nversion = \"0.1.0");
+        locked = locked.replace(&format!("{named}\""), &format!("{named}+planted\""));
+    }
+    fs::write(&lock, locked).map_err(|error| at(&lock, &error))?;
     let target = root.join("target");
     let status = Command::new(std::env::var("CARGO").unwrap_or_else(|_| "cargo".into()))
         .args(["build", "--locked", "--quiet", "--bin", PROGRAM])
