@@ -118,6 +118,7 @@ objects! {
     RATED_TORQUE = 0x6076:0, U32, "motor rated torque in mN m (CiA 402)";
     TORQUE_ACTUAL = 0x6077:0, I16, "torque in per mille of rated torque (CiA 402)";
     TARGET_POSITION = 0x607a:0, I32, "target position in counts (CiA 402)";
+    MAX_MOTOR_SPEED = 0x6080:0, U32, "speed limit in r/min of the motor, before a gear (CiA 402)";
     PROFILE_DECELERATION = 0x6084:0, U32, "slow-down ramp in counts/s^2 (CiA 402)";
     QUICK_STOP_DECELERATION = 0x6085:0, U32, "quick stop ramp in counts/s^2 (CiA 402)";
     ENCODER_INCREMENTS = 0x608f:1, U32, "encoder resolution: increments (CiA 402)";

@@ -41,6 +41,11 @@ ENTRIES = {
     0x6064: ("Position actual value", od.INTEGER32, 0),
     0x6065: ("Following error window", od.UNSIGNED32, 0),
     0x6072: ("Max torque", od.UNSIGNED16, 0),
+    0x6080: ("Max motor speed", od.UNSIGNED32, 3000),
+    0x608F: (
+        "Encoder resolution",
+        [(0, "Highest", od.UNSIGNED8, 2), (1, "Increments", od.UNSIGNED32, 800_000), (2, "Revolutions", od.UNSIGNED32, 1)],
+    ),
     0x607A: ("Target position", od.INTEGER32, 0),
     0x60C2: (
         "Interpolation time",

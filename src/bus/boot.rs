@@ -37,6 +37,10 @@ enum Action {
     Write { value: u32 },
     /// The object gets this value and has to hold it.
     WriteAndVerify { value: u32 },
+    /// The object gets this speed in r/min of the motor, by the resolution of its encoder that was read before.
+    LimitSpeed { counts_per_s: u32 },
+    /// The resolution of the encoder: increments in so many revolutions.
+    Resolution { part: usize },
     /// The object has to come to this value within the time that an answer may take.
     Await { value: u32 },
 }
@@ -59,6 +63,8 @@ pub(super) struct Boot {
     steps: Vec<Step>,
     next: usize,
     verifying: bool,
+    /// Increments and revolutions of the encoder, as the drive tells them.
+    resolution: [u32; 2],
     /// When the object is read again that has not come to its value yet, and when it is given up.
     again_at: Time,
     given_up_at: Time,
@@ -96,6 +102,13 @@ impl Boot {
         let await_mode = Action::Await { value: mode.code() as u8 as u32 };
         steps.push(step("check the command mode in force", objects::MODE_DISPLAY, await_mode));
         steps.push(verify("set the torque limit", objects::MAX_TORQUE, u32::from(drive.torque_limit_per_mille)));
+        if drive.profile.quirks().is_some_and(|quirks| quirks.limits_motor_speed) {
+            const DOING: &str = "set the speed limit";
+            steps.push(step(DOING, objects::ENCODER_INCREMENTS, Action::Resolution { part: 0 }));
+            steps.push(step(DOING, objects::ENCODER_REVOLUTIONS, Action::Resolution { part: 1 }));
+            let counts_per_s = drive.speed_limit_counts_per_s;
+            steps.push(step(DOING, objects::MAX_MOTOR_SPEED, Action::LimitSpeed { counts_per_s }));
+        }
         steps.push(verify(
             "set the following error window",
             objects::FOLLOWING_ERROR_WINDOW,
@@ -119,6 +132,7 @@ impl Boot {
             steps,
             next: 0,
             verifying: false,
+            resolution: [0; 2],
             again_at: Time::NEVER,
             given_up_at: Time::NEVER,
             started: false,
@@ -189,7 +203,10 @@ impl Boot {
     }
 
     fn request(&mut self, now: Time, out: &mut impl Outbox) -> Result<(), BootFailure> {
-        let Some(step) = self.steps.get(self.next) else { return Ok(()) };
+        let Some(step) = self.steps.get_mut(self.next) else { return Ok(()) };
+        if let Action::LimitSpeed { counts_per_s } = step.action {
+            step.action = Action::WriteAndVerify { value: motor_speed(counts_per_s, self.resolution)? };
+        }
         let started = match step.action {
             Action::Write { value } | Action::WriteAndVerify { value } if !self.verifying => {
                 let bytes = value.to_le_bytes();
@@ -215,7 +232,13 @@ impl Boot {
                 return Ok(());
             }
             SdoOutcome::Uploaded { .. } => {
-                check(&step, little_endian(self.client.data()))?;
+                let received = little_endian(self.client.data());
+                check(&step, received)?;
+                if let Action::Resolution { part } = step.action
+                    && let Some(known) = self.resolution.get_mut(part)
+                {
+                    *known = received;
+                }
                 self.verifying = false;
             }
         }
@@ -250,6 +273,16 @@ fn check(step: &Step, received: u32) -> Result<(), BootFailure> {
         }
         _ => Ok(()),
     }
+}
+
+/// `counts_per_s` in r/min of the motor, at least 1, for an encoder with that many increments in that many revolutions.
+fn motor_speed(counts_per_s: u32, resolution: [u32; 2]) -> Result<u32, BootFailure> {
+    let [increments, revolutions] = resolution;
+    if increments == 0 || revolutions == 0 {
+        return Err(BootFailure::Resolution { increments, revolutions });
+    }
+    let per_minute = 60 * u128::from(counts_per_s) * u128::from(revolutions) / u128::from(increments);
+    Ok(u32::try_from(per_minute).unwrap_or(u32::MAX).max(1))
 }
 
 fn width_mask(bytes: u8) -> u32 {
@@ -363,6 +396,19 @@ mod tests {
         }
         // 113 would be its low byte.
         assert_eq!(interpolation_time(625), None);
+    }
+
+    #[test]
+    fn a_speed_limit_is_told_in_turns_of_the_motor() {
+        // 10 000 counts a turn, and 2 500 in 3 turns.
+        assert_eq!(motor_speed(10_000, [10_000, 1]), Ok(60));
+        assert_eq!(motor_speed(1_000, [2_500, 3]), Ok(72));
+        assert_eq!(motor_speed(0, [10_000, 1]), Ok(1));
+        assert_eq!(motor_speed(u32::MAX, [1, u32::MAX]), Ok(u32::MAX));
+        for resolution in [[0, 1], [10_000, 0]] {
+            let failure = motor_speed(10_000, resolution).unwrap_err();
+            assert!(failure.to_string().contains("608Fh"), "{failure}");
+        }
     }
 
     #[test]

@@ -114,6 +114,17 @@ pub enum BootFailure {
         /// The device's value.
         received: u32,
     },
+    /// The drive does not tell how many increments its encoder has.
+    #[error(
+        "its encoder has {increments} increments in {revolutions} revolutions (608Fh), by which no speed limit in r/min \
+         (6080h) can be told; set the encoder's resolution in the drive"
+    )]
+    Resolution {
+        /// 608Fh:1.
+        increments: u32,
+        /// 608Fh:2.
+        revolutions: u32,
+    },
     /// An object does not hold what was written to it.
     #[error("object {index:04X}h:{sub} was set to {written:#x} and reads back {received:#x}")]
     ReadBack {

@@ -61,6 +61,8 @@ pub struct DriveSetup {
     pub waits: Waits,
     /// Torque limit that the drive is given, in per mille of its rated torque.
     pub torque_limit_per_mille: u16,
+    /// Speed limit that the drive is given where it heeds one, in counts/s.
+    pub speed_limit_counts_per_s: u32,
     /// Following error window that the drive is given, in counts.
     pub following_error_counts: u32,
 }

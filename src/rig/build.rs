@@ -350,9 +350,13 @@ pub(super) fn enabling_limit_s(rig: &config::Rig) -> [f64; 2] {
     rig.drives.each_ref().map(|drive| f64::from(drive.enabling_ms) * 1e-3)
 }
 
+/// The drive's own speed limit as a share of the guard's, which is to act first.
+const SPEED_LIMIT_SHARE: f64 = 1.25;
+
 fn drive(rig: &config::Rig, drive: &config::Drive, expected_angle_rad: f64) -> Result<DriveSetup, RigError> {
     let scaling = scaling(drive)?;
     let window = 2.0 * rig.guard.following_error_limit_rad.get() * scaling.counts_per_rad();
+    let speed = SPEED_LIMIT_SHARE * rig.guard.joint_speed_limit_rad_per_s.get() * scaling.counts_per_rad();
     let limit = scaling.torque_per_mille(rig.guard.torque_limit_n_m.get())?.value;
     Ok(DriveSetup {
         name: drive.name.clone(),
@@ -364,6 +368,7 @@ fn drive(rig: &config::Rig, drive: &config::Drive, expected_angle_rad: f64) -> R
         heartbeat: Duration::from_millis(drive.heartbeat_ms.into()),
         waits: waits(&drive.waits),
         torque_limit_per_mille: limit.unsigned_abs(),
+        speed_limit_counts_per_s: speed.round().min(f64::from(u32::MAX)) as u32,
         // The drive's own window is the guard's second, wider one.
         following_error_counts: window.round().min(f64::from(u32::MAX - 1)) as u32,
     })

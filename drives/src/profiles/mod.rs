@@ -123,6 +123,8 @@ pub struct Quirks {
     pub rpdo_timeout: RpdoTimeoutReaction,
     /// After how many interpolation periods (60C2h) without SYNC an enabled drive goes into fault; 0 for never.
     pub sync_lost_periods: u32,
+    /// Whether the drive has 6080h and heeds it in the cyclic synchronous modes.
+    pub limits_motor_speed: bool,
 }
 
 /// What a device is used as.
@@ -166,6 +168,14 @@ impl DeviceProfile {
             (Role::Servo { modes, .. }, Some(mode)) => modes.iter().find(|map| map.mode == mode).map(|map| map.pdos),
             (Role::ForceSensor { pdos, .. }, None) => Some(pdos),
             _ => None,
+        }
+    }
+
+    /// Peculiarities of a drive; `None` of a sensor.
+    pub fn quirks(&self) -> Option<Quirks> {
+        match self.role {
+            Role::Servo { quirks, .. } => Some(quirks),
+            Role::ForceSensor { .. } => None,
         }
     }
 }

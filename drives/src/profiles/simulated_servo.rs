@@ -58,6 +58,7 @@ pub const SIMULATED_SERVO: DeviceProfile = DeviceProfile {
             mode_changes_while_enabled: false,
             rpdo_timeout: RpdoTimeoutReaction::Fault,
             sync_lost_periods: 5,
+            limits_motor_speed: true,
         },
     },
 };

@@ -19,6 +19,7 @@ fn setup(mode: CommandMode, period_us: u64) -> MasterSetup {
         heartbeat,
         waits: WAITS,
         torque_limit_per_mille: 1000,
+        speed_limit_counts_per_s: 10_000,
         following_error_counts: 1000,
     };
     MasterSetup {

@@ -103,6 +103,25 @@ fn a_position_drive_gets_its_mode_and_its_target() {
 }
 
 #[test]
+fn drives_get_a_speed_limit_in_turns_of_their_motor() {
+    let mut net = Net::new(CommandMode::Torque);
+    // A gear of 1 to 5: 95 493 counts/s are 14 turns/s of this motor.
+    net.objects.insert((1, 0x608f, 1), 6_820);
+    net.boot();
+    let has = |line: &str| net.requests.iter().any(|(_, request)| request == line);
+    assert!(has("601#2380600048030000") && has("602#238060000E000000"), "{:?}", net.requests);
+    assert!(has("601#4080600000000000"), "it is read back");
+
+    let mut net = Net::new(CommandMode::Torque);
+    net.objects.insert((2, 0x608f, 1), 0);
+    net.reset();
+    net.serve(|_, _| None);
+    let error = failure(&net);
+    assert_eq!((error.node_id, error.step), (Some(2), "set the speed limit"));
+    assert_eq!(error.failure, BootFailure::Resolution { increments: 0, revolutions: 1 });
+}
+
+#[test]
 fn a_wrong_device_is_named_with_object_and_both_values() {
     for (key, value, step) in [
         ((2, 0x1018, 1), 0x0000_009a, "check the vendor"),

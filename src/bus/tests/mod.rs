@@ -55,6 +55,7 @@ fn setup(mode: CommandMode, home: [f64; 2], zero_offset_rad: f64) -> MasterSetup
         heartbeat,
         waits: WAITS,
         torque_limit_per_mille: 1000,
+        speed_limit_counts_per_s: 95_493,
         following_error_counts: 12_732,
     };
     MasterSetup {
@@ -80,6 +81,8 @@ fn objects() -> BTreeMap<(u8, u16, u8), u32> {
         objects.insert((node, 0x1000, 0), 0x0002_0192);
         objects.insert((node, 0x1018, 2), 0x0402);
         objects.insert((node, 0x6502, 0), 0x0000_0380);
+        objects.insert((node, 0x608f, 1), 400_000);
+        objects.insert((node, 0x608f, 2), 1);
     }
     objects.insert((10, 0x1000, 0), 0x0002_0194);
     objects.insert((10, 0x1018, 2), 0x0404);

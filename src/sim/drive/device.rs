@@ -337,13 +337,19 @@ impl Device {
         }
     }
 
-    /// The smallest of the torque limits 6072h, 60E0h and 60E1h in each direction of the joint.
+    /// The smallest of the torque limits 6072h, 60E0h and 60E1h in each direction of the joint; none in the direction in which it
+    /// turns faster than 6080h allows. The motor is the joint.
     fn torque_range(&self, od: &ObjectDictionary) -> TorqueRange {
         let most = od.get(self.objects.max_torque);
         let limit = |other: u16| most.min(other).min(i16::MAX as u16) as i16;
         let positive = self.scaling.torque_n_m(limit(od.get(self.objects.positive_torque_limit)));
         let negative = self.scaling.torque_n_m(-limit(od.get(self.objects.negative_torque_limit)));
-        TorqueRange { lowest: positive.min(negative), highest: positive.max(negative) }
+        let rate = self.motion.rate_rad_per_s;
+        let fastest = f64::from(od.get(self.objects.max_speed)) * (std::f64::consts::TAU / 60.0);
+        TorqueRange {
+            lowest: if rate < -fastest { 0.0 } else { positive.min(negative) },
+            highest: if rate > fastest { 0.0 } else { positive.max(negative) },
+        }
     }
 
     pub(super) fn tick(&mut self, od: &mut ObjectDictionary) {

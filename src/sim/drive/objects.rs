@@ -16,6 +16,8 @@ const SLOW_DOWN_RAD_PER_S2: f64 = 20.0;
 /// Following error window in rad unless the master sets one, and its time-out in ms.
 const FOLLOWING_ERROR_RAD: f64 = 0.1;
 const FOLLOWING_ERROR_MS: i64 = 10;
+/// Speed limit at power-on, r/min of the motor.
+const MAX_MOTOR_RPM: i64 = 3000;
 
 macro_rules! handles {
     ($($field:ident: $type:ty = $object:ident,)*) => {
@@ -55,6 +57,7 @@ handles! {
     max_torque: u16 = MAX_TORQUE,
     torque: i16 = TORQUE_ACTUAL,
     target_position: i32 = TARGET_POSITION,
+    max_speed: u32 = MAX_MOTOR_SPEED,
     deceleration: u32 = PROFILE_DECELERATION,
     quick_deceleration: u32 = QUICK_STOP_DECELERATION,
     position_offset: i32 = POSITION_OFFSET,
@@ -98,6 +101,7 @@ pub(super) fn build(settings: &DriveSettings, supported_modes: u32) -> Result<Ob
         .object(fixed(cia::RATED_TORQUE, (scaling.rated_torque_n_m() * 1000.0).round() as i64))
         .object(shown(cia::TORQUE_ACTUAL))
         .object(commanded(cia::TARGET_POSITION, 0))
+        .object(declare(cia::MAX_MOTOR_SPEED, MAX_MOTOR_RPM))
         .object(declare(cia::PROFILE_DECELERATION, counts(SLOW_DOWN_RAD_PER_S2)))
         .object(declare(cia::QUICK_STOP_DECELERATION, counts(QUICK_STOP_RAD_PER_S2)))
         .highest_sub(cia::ENCODER_INCREMENTS.index, 2)

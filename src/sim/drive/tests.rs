@@ -243,6 +243,28 @@ fn the_torque_limit_cuts_off_and_shows() {
     assert_eq!(bench.cycle(0x0f, 0).0 & 0x0800, 0);
 }
 
+/// Above its speed limit the motor is not driven on; it may be braked, and pushed from without.
+#[test]
+fn above_its_speed_limit_a_motor_is_only_braked() {
+    let mut bench = Bench::enabled(OperationMode::CyclicTorque);
+    // 60 r/min are 6.28 rad/s.
+    bench.write(0x6080, 0, &60u32.to_le_bytes());
+    let drive = |bench: &mut Bench, per_mille: i16, rate_rad_per_s: f64| {
+        bench.rate = rate_rad_per_s;
+        bench.cycle(0x0f, per_mille.into());
+        bench.rate = rate_rad_per_s;
+        bench.cycle(0x0f, per_mille.into());
+        bench.drive.torque_n_m()
+    };
+    let free = drive(&mut bench, 50, 6.2);
+    assert!(free.abs() > 1.0, "{free}");
+    let direction = free.signum();
+    assert_eq!(drive(&mut bench, 50, 6.4 * direction), 0.0);
+    assert_eq!(drive(&mut bench, -50, 6.4 * direction), -free);
+    assert_eq!(drive(&mut bench, -50, -6.4 * direction), 0.0);
+    assert_eq!(drive(&mut bench, 50, -6.4 * direction), free);
+}
+
 #[test]
 fn a_position_target_is_followed_along_a_sine() {
     let mut bench = Bench::enabled(OperationMode::CyclicPosition);

@@ -11,6 +11,8 @@ use crate::sim::can::frame_bits;
 
 /// SYNC.
 const SYNC: u16 = 0x080;
+/// Emergencies of nodes 1 to 127.
+const EMERGENCIES: std::ops::RangeInclusive<u16> = 0x081..=0x0ff;
 
 /// A set-point that the next SYNC makes act, and what was known when it was computed.
 #[derive(Clone, Copy, Debug)]
@@ -93,7 +95,8 @@ impl Frames {
         for sighting in &seen.frames {
             let frame = &sighting.frame;
             let is_ours = sighting.sender == Some(Sender::Master);
-            if sighting.sender.is_some_and(|sender| sender != Sender::Stranger) {
+            let is_own = sighting.sender.is_some_and(|sender| sender != Sender::Stranger);
+            if is_own && !EMERGENCIES.contains(&frame.id()) {
                 self.bits += u64::from(frame_bits(frame));
             }
             self.watch_strangers(limits, seen, sighting, findings);

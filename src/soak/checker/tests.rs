@@ -368,6 +368,12 @@ fn i19_more_frames_than_fit() {
     let extra = Sighting { time_ns: 0, sender: Some(Sender::Drive(0)), frame };
     run.seen[at].frames.extend([extra; 8]);
     expect_found(&run, Invariant::I19, at + 1);
+
+    // Emergencies come when the rig has stopped, and are not in the budget's verdict either.
+    let mut run = torque();
+    let emergency = Sighting { frame: Frame::new(0x081, &[0; 8]), ..extra };
+    run.seen[at].frames.extend([emergency; 8]);
+    assert!(run.found().iter().all(|found| found.invariant != Invariant::I19));
 }
 
 #[test]

@@ -21,8 +21,9 @@ const FAR_FAULTS: [Fault; 6] = [
     Fault::ForceImplausible,
 ];
 /// Faults that a hand brings about where the drives give all they may. The balance behind the third takes the reference's motion
-/// for the arm's.
-const OVERPOWERED_FAULTS: [Fault; 3] = [Fault::FollowingError, Fault::Runaway, Fault::ForceImplausible];
+/// for the arm's; near the edge of the workspace the hand pushes the arm past it.
+const OVERPOWERED_FAULTS: [Fault; 4] =
+    [Fault::FollowingError, Fault::Runaway, Fault::ForceImplausible, Fault::WorkspaceLeft];
 
 /// Times of a rig that a bound is counted in.
 #[derive(Clone, Copy, Debug)]

@@ -105,6 +105,8 @@ fn an_arm_that_a_hand_carried_out_or_overpowers() {
     expect_found(&verdict(&[], vec![edge]), Invariant::FalseAlarm);
     let carried = verdict(&[], vec![Event { is_carried: true, ..edge }]);
     expect_excused(&carried, Invariant::FalseAlarm, Excuse::Carried);
+    let pushed = verdict(&[], vec![Event { is_at_torque_limit: true, ..edge }]);
+    expect_excused(&pushed, Invariant::FalseAlarm, Excuse::TorqueLimit);
     let force = stopping(1.0, Fault::ForceImplausible);
     expect_found(&verdict(&[], vec![force]), Invariant::FalseAlarm);
     let overpowered = verdict(&[], vec![Event { is_at_torque_limit: true, ..force }]);
