@@ -202,7 +202,8 @@ fn check(scenario: &Scenario, row: &Row, injection: Injection) -> Vec<Fault> {
 }
 
 /// Faults that are found before the rig runs, or that no injection brings about.
-const NOT_WHILE_RUNNING: [Fault; 4] = [Fault::Posture, Fault::EnablingTimeout, Fault::NotFinite, Fault::WorkspaceLeft];
+const NOT_WHILE_RUNNING: [Fault; 5] =
+    [Fault::Posture, Fault::EnablingTimeout, Fault::NotFinite, Fault::WorkspaceLeft, Fault::EnergyLimit];
 
 fn check_all(scenario: &Scenario) {
     let mut seen = Vec::new();

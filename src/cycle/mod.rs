@@ -8,7 +8,7 @@ mod reference;
 mod servo;
 mod watch;
 
-use crate::fixture::{Fixture, Shape2};
+use crate::fixture::{Excess, Fixture, Shape2};
 use crate::guard::{
     Allowed, Cause, DeviceSet, Directive, Fault, FaultCounts, Gate, JointCommand, Measured, Motion, Request, State,
     StopRamp, Supervisor,
@@ -16,11 +16,14 @@ use crate::guard::{
 use crate::linkage::{FiveBar, Posture};
 use crate::quantity::{Force, JointAngles, JointTorques, TipPoint};
 use crate::sensing::{RawSample, Reading, Sensing};
-use watch::{Balance, Chatter, GivenEnergy};
+use watch::{Balance, Chatter};
 use yieldwall_drives::cia402;
 
 pub use reference::Reference;
 pub use servo::{Servo, TorqueServo, TorqueServoParameters, TorqueStep};
+
+/// Time in which given energy is forgotten, s. Without it the noise of force and position would add up for ever.
+const EXCESS_FORGETTING_S: f64 = 1.0;
 
 /// What one drive reported in this cycle.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -157,7 +160,7 @@ pub struct Settings {
     pub stop_deceleration_m_per_s2: f64,
     /// Greatest mean torque of a joint in N m that force and motion do not account for; `None` for no watch.
     pub residual_limit_n_m: Option<f64>,
-    /// Greatest energy in J that the rig may give the hand in one go.
+    /// Greatest energy in J that the rig may give the hand in one go beyond what it held and what its surfaces brought.
     pub energy_limit_j: f64,
     /// Longest time in s from the request to Operation Enabled, of the left and of the right drive.
     pub enabling_limit_s: [f64; 2],
@@ -188,7 +191,9 @@ pub struct Cycle {
     /// Torques that the reference's motion needs; known in torque mode alone.
     needed: Option<JointTorques>,
     enabling_cycles: u32,
-    given: GivenEnergy,
+    excess: Excess<2>,
+    /// Work of the fixture on the proxy in its last step, beyond what its spring lost, J.
+    brought_j: f64,
     chatter: Chatter,
     balance: Balance,
 }
@@ -203,6 +208,8 @@ impl Cycle {
         servo: Servo,
         gate: Gate,
     ) -> Self {
+        let period_s = settings.period_s;
+        let mass_kg = fixture.stiffness_n_per_m() * period_s * period_s;
         Self {
             settings,
             linkage,
@@ -221,7 +228,8 @@ impl Cycle {
             halt: None,
             needed: None,
             enabling_cycles: 0,
-            given: GivenEnergy::default(),
+            excess: Excess::new(period_s, mass_kg, EXCESS_FORGETTING_S),
+            brought_j: 0.0,
             chatter: Chatter::default(),
             balance: Balance::default(),
         }
@@ -235,7 +243,8 @@ impl Cycle {
         (self.measured, self.posture, self.clearance_m) = (Measured::default(), None, f64::NAN);
         (self.missed, self.were_enabled) = ([u16::MAX; 2], [false; 2]);
         (self.reference, self.halt, self.needed, self.enabling_cycles) = (None, None, None, 0);
-        (self.given, self.chatter, self.balance) = Default::default();
+        self.excess.restart();
+        (self.brought_j, self.chatter, self.balance) = Default::default();
     }
 
     /// One cycle of the rig, from what the bus brought to what it shall carry.

@@ -2,7 +2,9 @@
 
 use nalgebra::Vector2;
 
+use super::watch::Chatter;
 use super::{Cycle, DriveSample, Inputs, LinkEvents, Timing};
+use crate::fixture::Port;
 use crate::guard::{DeviceSet, Fault, Measured, Request, State};
 use crate::linkage::ANGLE_LIMIT_RAD;
 use crate::quantity::{JointAngles, JointRates};
@@ -169,14 +171,21 @@ impl Cycle {
         let period = self.settings.period_s;
         let running = self.reference.filter(|_| self.supervisor.state() == State::Running);
         if running.is_none() {
-            (self.given, self.chatter) = Default::default();
+            self.excess.restart();
+            self.chatter = Chatter::default();
         }
-        let given = match (running, self.posture) {
-            (Some(_), Some(posture)) => self.given.step(posture.tip, reading.force, period),
+        let excess_j = match (running, self.posture) {
+            (Some(reference), Some(posture)) => self.excess.step(Port {
+                tool: posture.tip.0,
+                force_n: reading.force.0,
+                proxy: reference.point.0,
+                stored_j: self.fixture.stored_j(),
+                brought_j: self.brought_j,
+            }),
             _ => 0.0,
         };
         let is_chatter = running.is_some_and(|reference| self.chatter.step(reference.velocity.0, period));
-        self.faults.observe(Fault::EnergyLimit, given > self.settings.energy_limit_j);
+        self.faults.observe(Fault::EnergyLimit, excess_j > self.settings.energy_limit_j);
         self.faults.observe(Fault::Chatter, is_chatter);
         self.faults.observe(Fault::OverSpeed, false);
         self.faults.observe(Fault::NotFinite, false);

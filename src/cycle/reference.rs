@@ -116,7 +116,9 @@ impl Cycle {
         if self.halt.take().is_some() {
             self.fixture.lead_to(&last.point.0);
         }
+        let (before, stored_j) = (*self.fixture.proxy(), self.fixture.stored_j());
         let step = self.fixture.step_admittance(&reading.force.0);
+        self.brought_j = step.force_n.dot(&(step.proxy - before)) + self.fixture.stored_j() - stored_j;
         signals.signed_distance_m = step.signed_distance_m;
         signals.is_on_surface = step.is_on();
         signals.hold_counter = step.hold_count;

@@ -1,38 +1,6 @@
-//! What the cycle watches over more than one cycle: energy given to the hand, chatter, and the balance of torques.
+//! What the cycle watches over more than one cycle: chatter, and the balance of torques.
 
 use nalgebra::Vector2;
-
-use crate::quantity::{Force, TipPoint};
-
-/// Time in which given energy is forgotten, s. Without it the noise of force and position would add up for ever.
-const FORGETTING_S: f64 = 1.0;
-
-/// Energy that the rig gave the hand in one go: what went through the tool to the hand, less what came back, never below
-/// zero, and forgotten over a second.
-///
-/// The port is the tool: the sensed force of the hand, and the measured way of the tool. The work of a cycle is exact for
-/// a force that changes linearly in it.
-#[derive(Clone, Copy, Debug, Default)]
-pub(super) struct GivenEnergy {
-    energy_j: f64,
-    last: Option<(TipPoint, Force)>,
-}
-
-impl GivenEnergy {
-    /// One cycle; the energy after it, in J.
-    ///
-    /// Real-time: yes.
-    pub(super) fn step(&mut self, tool: TipPoint, force: Force, period_s: f64) -> f64 {
-        if let Some((tool_before, force_before)) = self.last {
-            let given = -0.5 * (force_before.0 + force.0).dot(&(tool.0 - tool_before.0));
-            let kept = self.energy_j * (1.0 - period_s / FORGETTING_S).max(0.0);
-            // `max` leaves out what is not a number.
-            self.energy_j = (kept + given).max(0.0);
-        }
-        self.last = Some((tool, force));
-        self.energy_j
-    }
-}
 
 /// Half a swing of chatter, s: 10 to 100 Hz.
 const HALF_SWING_S: [f64; 2] = [0.005, 0.05];
@@ -128,60 +96,9 @@ impl Balance {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use proptest::prelude::*;
     use std::f64::consts::TAU;
 
     const T: f64 = 1e-3;
-
-    /// The most energy over `seconds` of a tool at `x(t)` under a force `f(t)`, both along x.
-    fn most_energy(seconds: f64, x: impl Fn(f64) -> f64, f: impl Fn(f64) -> f64) -> f64 {
-        let mut given = GivenEnergy::default();
-        let steps = (seconds / T) as u32;
-        (0..steps)
-            .map(|step| f64::from(step) * T)
-            .map(|t| given.step(TipPoint::new(x(t), 0.0), Force::new(f(t), 0.0), T))
-            .fold(0.0, f64::max)
-    }
-
-    #[test]
-    fn a_hand_that_pushes_gets_nothing_and_one_that_is_pushed_gets_the_work() {
-        assert_eq!(most_energy(3.0, |t| 0.1 * t, |_| 10.0), 0.0);
-        // 10 N over 50 mm in 0.1 s are 0.5 J, less what is forgotten meanwhile: about 5 %.
-        let pushed = most_energy(0.1, |t| -0.5 * t, |_| 10.0);
-        assert!((0.46..0.5).contains(&pushed), "{pushed}");
-    }
-
-    #[test]
-    fn a_spring_gives_back_what_it_got_and_a_swing_that_grows_gives_more() {
-        // Half of the swing's way back is given in one go, 1/2 k A^2 = 0.05 J, and taken again.
-        let swing = |t: f64| 0.01 * (TAU * 5.0 * t).sin();
-        let spring = most_energy(4.0, swing, |t| -1000.0 * swing(t));
-        assert!((0.045..0.056).contains(&spring), "{spring}");
-        // A force that lags feeds the swing: 3 J in four seconds.
-        let fed = most_energy(4.0, swing, |t| -10.0 * (TAU * 5.0 * t).cos());
-        assert!(fed > 1.0, "{fed}");
-    }
-
-    proptest! {
-        /// Noise of position and force does not add up: within a hundred times the work of one cycle, however long it lasts.
-        #[test]
-        fn noise_does_not_drift(noise in proptest::collection::vec((-1.0..1.0f64, -1.0..1.0f64), 20_000)) {
-            let mut given = GivenEnergy::default();
-            // A micrometre and a newton: work of about a microjoule.
-            let most = noise.iter().map(|(x, f)| given.step(TipPoint::new(1e-6 * x, 0.0), Force::new(*f, 0.0), T));
-            let most = most.fold(0.0, f64::max);
-            prop_assert!(most < 1e-4, "{}", most);
-        }
-    }
-
-    #[test]
-    fn what_is_not_a_number_does_no_harm() {
-        let mut given = GivenEnergy::default();
-        for force in [1.0, f64::NAN, f64::INFINITY, 1.0, 1.0] {
-            let energy = given.step(TipPoint::new(0.0, 0.0), Force::new(force, 0.0), T);
-            assert_eq!(energy, 0.0);
-        }
-    }
 
     /// How often a swing at `frequency_hz` with this speed is chatter in two seconds.
     fn chatters(frequency_hz: f64, speed: f64) -> usize {

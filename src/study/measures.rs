@@ -356,24 +356,19 @@ fn work(trace: &Trace) -> Work {
 /// The most that was given beyond what the proxy held and moving surfaces brought, in J, counted from the
 /// begin each time the rig runs.
 fn excess(trace: &Trace, context: &Context, mass_kg: f64) -> f64 {
-    let vector = |row: &Row, of: fn(&Row) -> [f64; 3]| Vector3::from(of(row));
     let mut most = 0.0_f64;
     for stretch in trace.rows.split(|row| row.supervisor_state != State::Running as u8) {
         let mut excess = Excess::<3>::new(context.period_s, mass_kg, f64::INFINITY);
-        for (at, row) in stretch.iter().enumerate() {
-            let force_n = vector(row, |row| row.force_n);
-            let proxy = vector(row, |row| row.proxy_m);
-            let brought_j = match at.checked_sub(2).map(|from| &stretch[from..at]) {
-                Some([two_before, before]) => {
-                    let way = vector(row, |row| row.surface_m) - vector(before, |row| row.surface_m);
-                    let bend = proxy - vector(before, |row| row.proxy_m) * 2.0 + vector(two_before, |row| row.proxy_m);
-                    // The fixture's force, by the law of the proxy.
-                    let fixture_n = bend * (mass_kg / (context.period_s * context.period_s)) - force_n;
-                    fixture_n.dot(&way).max(0.0)
-                }
-                _ => 0.0,
-            };
-            most = most.max(excess.step(Port { tool: vector(row, |row| row.tool_m), force_n, proxy }, brought_j));
+        // The tool was led to the proxy of the row before; the two rows before that tell how it came there.
+        for rows in stretch.windows(4) {
+            let [earliest, earlier, last, row] = rows else { continue };
+            let [proxy, before, two_before] = [last, earlier, earliest].map(|row| Vector3::from(row.proxy_m));
+            let way = Vector3::from(last.surface_m) - Vector3::from(earlier.surface_m);
+            // The fixture's force, by the law of the proxy.
+            let bend = (proxy - before * 2.0 + two_before) * (mass_kg / (context.period_s * context.period_s));
+            let brought_j = (bend - Vector3::from(last.force_n)).dot(&way);
+            let (tool, force_n) = (Vector3::from(row.tool_m), Vector3::from(row.force_n));
+            most = most.max(excess.step(Port { tool, force_n, proxy, stored_j: 0.0, brought_j }));
         }
     }
     most

@@ -223,6 +223,9 @@ fn mass_kg(fixture: &config::Fixture) -> Option<f64> {
 }
 
 #[cfg(test)]
+mod energy_tests;
+
+#[cfg(test)]
 mod tests {
     use super::*;
 

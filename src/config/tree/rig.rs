@@ -278,8 +278,8 @@ pub struct Guard {
     #[serde(deserialize_with = "present")]
     #[schemars(schema_with = "nullable::<Positive>")]
     pub residual_limit_n_m: Option<Positive>,
-    /// Greatest energy that the rig may give the hand in one go, J, before it holds; what was given is forgotten within a
-    /// second. Above 0.
+    /// Greatest energy that the rig may give the hand in one go beyond what it held and what moving surfaces brought, J, before
+    /// it holds; what was given is forgotten within a second. Above 0.
     #[garde(dive)]
     pub energy_limit_j: Positive,
     /// Distance that the tool keeps from singular positions and from the edge of the workspace, m. Above 0.

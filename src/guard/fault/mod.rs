@@ -52,7 +52,7 @@ pub enum Fault {
     ForceLimit,
     /// The sensed force does not fit the torques and the motion of the arm.
     ForceImplausible,
-    /// The rig gave the hand more energy in one go than its proxy can hold.
+    /// The rig gave the hand more energy in one go than it held and its surfaces brought.
     EnergyLimit,
     /// The reference swings to and fro under the hand.
     Chatter,

@@ -140,8 +140,8 @@ pub const TABLE: [Row; Fault::COUNT] = [
         Motion,
         [once(Freeze)],
         Stopped,
-        "the rig gave the hand more energy in one go than energy_limit_j",
-        "hand, fixture and arm swing together",
+        "the rig gave the hand more than it held and its surfaces brought, by more than energy_limit_j in one go",
+        "the loop of hand, fixture and arm feeds the hand: the tool lags behind the proxy while the force swings",
         "raise fixture.coupling's mass_kg, or look at the loop's margins with `yieldwall config check`"
     ),
     row!(
