@@ -128,6 +128,7 @@ impl Balance {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::elementary;
     use proptest::prelude::*;
     use std::f64::consts::TAU;
 
@@ -154,11 +155,11 @@ mod tests {
     #[test]
     fn a_spring_gives_back_what_it_got_and_a_swing_that_grows_gives_more() {
         // Half of the swing's way back is given in one go, 1/2 k A^2 = 0.05 J, and taken again.
-        let swing = |t: f64| 0.01 * (TAU * 5.0 * t).sin();
+        let swing = |t: f64| 0.01 * elementary::sin(TAU * 5.0 * t);
         let spring = most_energy(4.0, swing, |t| -1000.0 * swing(t));
         assert!((0.045..0.056).contains(&spring), "{spring}");
         // A force that lags feeds the swing: 3 J in four seconds.
-        let fed = most_energy(4.0, swing, |t| -10.0 * (TAU * 5.0 * t).cos());
+        let fed = most_energy(4.0, swing, |t| -10.0 * elementary::cos(TAU * 5.0 * t));
         assert!(fed > 1.0, "{fed}");
     }
 
@@ -186,7 +187,7 @@ mod tests {
     /// How often a swing at `frequency_hz` with this speed is chatter in two seconds.
     fn chatters(frequency_hz: f64, speed: f64) -> usize {
         let mut chatter = Chatter::default();
-        let at = |step: u32| speed * (TAU * frequency_hz * f64::from(step) * T).cos();
+        let at = |step: u32| speed * elementary::cos(TAU * frequency_hz * f64::from(step) * T);
         (0..2000).filter(|step| chatter.step(Vector2::new(0.6 * at(*step), 0.8 * at(*step)), T)).count()
     }
 
@@ -201,8 +202,8 @@ mod tests {
         }
         // From standing still to the first finding: four swings.
         let mut chatter = Chatter::default();
-        let first =
-            (0..1000).find(|step| chatter.step(Vector2::new(0.1 * (TAU * 50.0 * f64::from(*step) * T).sin(), 0.0), T));
+        let first = (0..1000)
+            .find(|step| chatter.step(Vector2::new(0.1 * elementary::sin(TAU * 50.0 * f64::from(*step) * T), 0.0), T));
         assert!(first.is_some_and(|step| step <= 80), "{first:?}");
     }
 
@@ -212,7 +213,7 @@ mod tests {
         // Two swings at 25 Hz every 200 ms: blows that bounce.
         let is_found = (0..6000).any(|step| {
             let t = f64::from(step % 200) * T;
-            let speed = if t < 0.08 { 0.3 * (TAU * 25.0 * t).sin() } else { 0.0 };
+            let speed = if t < 0.08 { 0.3 * elementary::sin(TAU * 25.0 * t) } else { 0.0 };
             chatter.step(Vector2::new(speed, 0.0), T)
         });
         assert!(!is_found);
