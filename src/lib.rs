@@ -13,6 +13,7 @@
 pub mod canopen;
 pub mod control;
 pub mod cycle;
+pub mod elementary;
 pub mod fixture;
 pub mod guard;
 pub mod linkage;

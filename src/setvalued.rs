@@ -56,6 +56,7 @@ pub fn sat<const N: usize>(x: SVector<f64, N>, limit: f64) -> SVector<f64, N> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::elementary;
     use nalgebra::{Vector2, Vector3};
     use proptest::prelude::*;
 
@@ -116,7 +117,7 @@ mod tests {
         /// Rule (10), with `k` a power of two to stay exact.
         #[test]
         fn rule_10(x in eighth(), y in eighth(), [a, b, ..] in ordered(), exponent in -3_i32..=3) {
-            let k = 2_f64.powi(exponent);
+            let k = elementary::powi(2.0, exponent);
             let z = y + gsat(a / k, x - y, b / k);
             prop_assert!(is_in(k * (z - y), gsgn(a, x - z, b)));
         }
@@ -124,7 +125,7 @@ mod tests {
         /// Rule (11): the nested form that a fixture on a line solves.
         #[test]
         fn rule_11(x in eighth(), y in eighth(), [a, b, c, d] in ordered(), exponent in -3_i32..=3) {
-            let k = 2_f64.powi(exponent);
+            let k = elementary::powi(2.0, exponent);
             let z = y + gsat(gsat(a / k, -y, b / k), x - y, gsat(c / k, -y, d / k));
             let (least, most) = if x > z {
                 gsgn(c, -z, d)

@@ -3,6 +3,7 @@
 mod on_core;
 
 use std::hint::black_box;
+use yieldwall::elementary;
 
 use criterion::{Criterion, criterion_group, criterion_main};
 use nalgebra::{SVector, Vector2, Vector3};
@@ -48,8 +49,12 @@ fn impedance() -> Parameters {
 /// Swings across the surfaces while it turns about the z axis.
 fn target<const N: usize>(step: usize) -> SVector<f64, N> {
     let turn = step as f64 / STEPS as f64 * std::f64::consts::TAU;
-    let radius_m = RADIUS_M + SWING_M * (2.0 * turn).sin();
-    let full = [radius_m * turn.cos(), radius_m * turn.sin(), 0.5 * SWING_M * (3.0 * turn).sin()];
+    let radius_m = RADIUS_M + SWING_M * elementary::sin(2.0 * turn);
+    let full = [
+        radius_m * elementary::cos(turn),
+        radius_m * elementary::sin(turn),
+        0.5 * SWING_M * elementary::sin(3.0 * turn),
+    ];
     SVector::from_fn(|axis, _| full[axis])
 }
 
@@ -124,7 +129,8 @@ fn chains(criterion: &mut Criterion<OnCore>) {
         let turn = |index: usize| index as f64 / count as f64 * std::f64::consts::TAU;
         (0..count)
             .map(|index| {
-                Vector2::new(turn(index).cos(), turn(index).sin()) * (RADIUS_M + waist * (2.0 * turn(index)).cos())
+                Vector2::new(elementary::cos(turn(index)), elementary::sin(turn(index)))
+                    * (RADIUS_M + waist * elementary::cos(2.0 * turn(index)))
             })
             .collect()
     };

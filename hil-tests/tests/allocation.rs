@@ -8,6 +8,7 @@ use std::cell::Cell;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Duration;
+use yieldwall::elementary;
 
 use hil_tests::{Scenario, cable::Cable};
 use yieldwall::canopen::{Frame, Outbox, Time};
@@ -70,8 +71,8 @@ fn calls(act: impl FnOnce()) -> u64 {
 fn inputs(cycle: usize, angles: [f64; 2], state: cia402::State) -> Inputs {
     // A hand that pushes round in circles, beyond R every now and then, and a frame that is missing now and then.
     let turn = cycle as f64 * 2e-3;
-    let force = 2000.0 + 2500.0 * (turn * 0.1).sin();
-    let counts = [(force * turn.cos()) as i32, (force * turn.sin()) as i32, 0, 0, 0, 0];
+    let force = 2000.0 + 2500.0 * elementary::sin(turn * 0.1);
+    let counts = [(force * elementary::cos(turn)) as i32, (force * elementary::sin(turn)) as i32, 0, 0, 0, 0];
     let is_lost = |every: usize| cycle % every == every - 1;
     Inputs {
         drives: [0, 1].map(|joint| DriveSample {

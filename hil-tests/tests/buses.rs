@@ -1,6 +1,7 @@
 //! Rigs on several buses: the embedded simulation, and the loop for real buses on a cable in memory.
 
 use std::sync::atomic::AtomicBool;
+use yieldwall::elementary;
 
 use hil_tests::{Scenario, Seen, cable::Cable};
 use yieldwall::guard::{Cause, DeviceSet, Fault, Request, State};
@@ -38,7 +39,7 @@ fn the_scene_is_that_of_one_bus() {
         assert_eq!((several.machine.state(), several.fault()), (State::Running, None), "{}", several.replay);
         let farthest = several.rows.iter().zip(&one.rows).map(|(two, one)| {
             let [x, y] = [0, 1].map(|axis| two.proxy_m[axis] - one.proxy_m[axis]);
-            x.hypot(y)
+            elementary::hypot(x, y)
         });
         let farthest = farthest.fold(0.0, f64::max);
         assert!(farthest < 2e-3, "{farthest} m apart");

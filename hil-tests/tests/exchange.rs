@@ -3,6 +3,7 @@
 use hil_tests::{DRIVE_NODES, Recording, SENSOR_NODE, Scenario, Seen, Session};
 use yieldwall::canopen::Frame;
 use yieldwall::config::{BusTiming, CommandMode, Finite, PathSegment, Side, Tracking};
+use yieldwall::elementary;
 use yieldwall::guard::State;
 use yieldwall::rig::RigError;
 use yieldwall::sim::can::BusCounters;
@@ -27,7 +28,7 @@ fn cycles_of(scenario: &Scenario, seconds: f64) -> usize {
 }
 
 fn distance(a: [f64; 3], b: [f64; 3]) -> f64 {
-    (a[0] - b[0]).hypot(a[1] - b[1])
+    elementary::hypot(a[0] - b[0], a[1] - b[1])
 }
 
 #[test]
@@ -238,8 +239,9 @@ fn knock(hold_steps: u32) -> (f64, f64) {
     hand.path = vec![to(0.14, 0.5), to(0.10, 0.4), to(0.14, 0.3)];
     let session = scenario.run(1500);
     assert_eq!(session.machine.state(), State::Running);
-    let depth = session.rows.iter().map(|row| row.proxy_m[0].hypot(row.proxy_m[1]) - 0.12).fold(0.0, f64::max);
-    let push = session.rows.iter().map(|row| row.force_n[0].hypot(row.force_n[1])).fold(0.0, f64::max);
+    let depth =
+        session.rows.iter().map(|row| elementary::hypot(row.proxy_m[0], row.proxy_m[1]) - 0.12).fold(0.0, f64::max);
+    let push = session.rows.iter().map(|row| elementary::hypot(row.force_n[0], row.force_n[1])).fold(0.0, f64::max);
     assert!(session.rows.iter().any(|row| row.is_impact) || hold_steps == 0);
     (1e3 * depth, push)
 }

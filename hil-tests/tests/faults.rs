@@ -3,6 +3,7 @@
 use hil_tests::{Recording, Scenario, Session, setpoint};
 use yieldwall::bus::{BootFailure, Phase};
 use yieldwall::canopen::Frame;
+use yieldwall::elementary;
 use yieldwall::guard::{Fault, JointCommand, Request, State};
 use yieldwall::injection::{Injection, Kind};
 use yieldwall::rig::RigError;
@@ -22,7 +23,7 @@ fn both() -> [Scenario; 2] {
 fn moving(scenario: &Scenario) -> Session {
     let session = scenario.run(700);
     let row = session.rows.last().unwrap();
-    assert!(row.tool_velocity_m_per_s[0].hypot(row.tool_velocity_m_per_s[1]) > 0.02, "{}", session.replay);
+    assert!(elementary::hypot(row.tool_velocity_m_per_s[0], row.tool_velocity_m_per_s[1]) > 0.02, "{}", session.replay);
     session
 }
 

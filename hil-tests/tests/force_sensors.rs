@@ -3,6 +3,7 @@
 use hil_tests::{Scenario, Session};
 use yieldwall::canopen::{Frame, Time};
 use yieldwall::config::Positive;
+use yieldwall::elementary;
 use yieldwall::guard::{Fault, Request, State};
 use yieldwall::injection::{Injection, Kind, Target};
 use yieldwall::rig::RigError;
@@ -50,7 +51,8 @@ fn rigs_run_at_every_rate_and_the_force_is_no_older_than_a_period_and_a_cycle() 
             // Its clock is slow by 50 ppm; an answer tells the sample of up to a cycle before.
             let allowed = 1.0001 / rate_hz + scenario.period_s() + 0.0005;
             assert!(oldest > 0.0 && oldest <= allowed, "{file} at {rate_hz} Hz: {oldest} s");
-            let pressed = session.rows.iter().map(|row| row.force_n[0].hypot(row.force_n[1])).fold(0.0, f64::max);
+            let pressed =
+                session.rows.iter().map(|row| elementary::hypot(row.force_n[0], row.force_n[1])).fold(0.0, f64::max);
             assert!(pressed > 5.0, "{file} at {rate_hz} Hz: the hand is felt, {pressed} N");
         }
     }

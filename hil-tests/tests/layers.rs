@@ -22,13 +22,15 @@ injection            may name guard; named by config, rig, study, soak, cli
 link                 names canopen and bus; named by live, cli
 live                 the rig on a real bus: names link, rig and what rig names; named by cli
 config               names the parameter types of the layers below cycle; named by bus, sim, rig, study, soak, record, cli
+elementary           names nothing; named by all
 batch                names nothing; named by study, soak, cli
 record               names what enters and leaves a cycle: cycle, guard, sensing, quantity, the states of `drives::cia402`; named by rig, study, soak, cli
 ";
 
 /// All layers. `drives` is not among them: it is a package of its own, `yieldwall_drives`.
-const LAYERS: [&str; 22] = [
+const LAYERS: [&str; 23] = [
     "batch",
+    "elementary",
     "quantity",
     "setvalued",
     "sensing",
@@ -54,13 +56,13 @@ const LAYERS: [&str; 22] = [
 
 /// The layers that a layer may name beside itself; `None` for what is not a layer.
 fn may_name(layer: &str) -> Option<Vec<&'static str>> {
-    let base = vec!["quantity", "setvalued"];
+    let base = vec!["quantity", "setvalued", "elementary"];
     let stages = [&base[..], &["sensing", "fixture", "linkage", "control"]].concat();
     let engines = ["drives", "canopen"];
     let states = ["drives::cia402"];
     let bus = || [&stages[..], &["guard", "cycle", "plain_can"], &engines, &["config"]].concat();
     Some(match layer {
-        "quantity" | "setvalued" | "canopen" | "batch" => vec![],
+        "elementary" | "quantity" | "setvalued" | "canopen" | "batch" => vec![],
         "sensing" | "fixture" | "linkage" | "control" => base,
         "guard" => [&stages[..], &states].concat(),
         "cycle" => [&stages[..], &states, &["guard"]].concat(),
@@ -70,7 +72,7 @@ fn may_name(layer: &str) -> Option<Vec<&'static str>> {
         "link" => vec!["canopen", "bus"],
         "config" => [&stages[..], &engines, &["guard", "injection"]].concat(),
         "sim" => [&base[..], &engines, &["plain_can", "sensing", "linkage", "config"]].concat(),
-        "record" => [&["quantity", "config", "sensing", "guard", "cycle"], &states[..]].concat(),
+        "record" => [&["elementary", "quantity", "config", "sensing", "guard", "cycle"], &states[..]].concat(),
         "rig" => [bus(), vec!["bus", "injection", "sim", "record"]].concat(),
         "live" => [bus(), vec!["bus", "link", "sim", "record", "rig"]].concat(),
         "study" | "soak" => [bus(), vec!["batch", "bus", "injection", "sim", "record", "rig"]].concat(),
@@ -82,7 +84,8 @@ fn may_name(layer: &str) -> Option<Vec<&'static str>> {
 }
 
 /// Foreign crates that only some places may name, tests included.
-const ONLY_IN: [(&str, &[&str]); 10] = [
+const ONLY_IN: [(&str, &[&str]); 11] = [
+    ("libm", &["elementary"]),
     ("clap", &["cli", "main"]),
     ("miette", &["cli", "main"]),
     ("serde_saphyr", &["config::yaml"]),

@@ -5,6 +5,7 @@ use std::rc::Rc;
 use std::sync::atomic::AtomicBool;
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
+use yieldwall::elementary;
 
 use hil_tests::{Scenario, cable::Cable};
 use yieldwall::bus::{BootFailure, SensorLink};
@@ -65,7 +66,7 @@ fn the_scene_is_that_of_the_embedded_simulation_in_both_paces_and_modes() {
             // The devices' clocks start at other moments: the same motion within a cycle, not the same bits.
             let farthest = rows.iter().zip(&embedded.rows).map(|(live, embedded)| {
                 let [x, y] = [0, 1].map(|axis| live.proxy_m[axis] - embedded.proxy_m[axis]);
-                x.hypot(y)
+                elementary::hypot(x, y)
             });
             let farthest = farthest.fold(0.0, f64::max);
             assert!(farthest < 2e-3, "{what}: {farthest} m apart");

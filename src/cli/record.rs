@@ -83,6 +83,8 @@ fn info(file: &Path, schema: bool, output: &mut Output) -> Result<(), Failure> {
         return output.json(&json!({
             "file": file,
             "version": about.version,
+            "commit": about.commit,
+            "target": about.target,
             "seed": about.seed,
             "overrides": about.overrides,
             "cycles": content.cycles,
@@ -99,7 +101,7 @@ fn info(file: &Path, schema: bool, output: &mut Output) -> Result<(), Failure> {
         }));
     }
     output.warnings(&damage);
-    let mut text = format!("recorded  by version {}, seed {}", about.version.escape_debug(), about.seed);
+    let mut text = format!("recorded  by {}, seed {}", super::replay::maker(about), about.seed);
     if !about.overrides.is_empty() {
         text.push_str(&format!(", {}", about.overrides.escape_debug()));
     }

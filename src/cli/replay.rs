@@ -9,7 +9,7 @@ use super::failure::{Exit, Failure};
 use super::output::Output;
 use super::run::rig_failure;
 use crate::config::{Diagnostic, Severity};
-use crate::record::recording::{ReadError, Reader};
+use crate::record::recording::{About, ReadError, Reader};
 use crate::study::replay::{End, ReplayError, replay};
 
 #[derive(Debug, clap::Args)]
@@ -41,7 +41,7 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
                 difference.one,
                 difference.other
             ),
-            "replay with the program that recorded it; on another processor the last bits may differ",
+            "replay with the program that recorded it: `yieldwall record info` names it",
         )),
         End::Gap { expected, found } => {
             let gap = if found > expected {
@@ -123,13 +123,24 @@ fn warning(path: &Path, message: &str, help: &str) -> Diagnostic {
     Diagnostic { severity: Severity::Warning, ..Diagnostic::about_file(path.display().to_string(), message, help) }
 }
 
+/// The program that made a recording: version, commit and processor, as far as the recording names them.
+pub(super) fn maker(about: &About) -> String {
+    let mut text = format!("version {}", about.version.escape_debug());
+    for (name, value) in [("commit", &about.commit), ("built for", &about.target)] {
+        if !value.is_empty() {
+            text.push_str(&format!(", {name} {}", value.escape_debug()));
+        }
+    }
+    text
+}
+
 /// A warning, if another version of the program made the recording.
 fn warn_of_version(reader: &Reader<File>, path: &Path) -> Vec<Diagnostic> {
-    let version = &reader.about().version;
+    let about = reader.about();
     let own = env!("CARGO_PKG_VERSION");
-    let message = format!("was recorded by version {} of this program, and this is {own}", version.escape_debug());
+    let message = format!("was recorded by {} of this program, and this is version {own}", maker(about));
     let help = "what differs may come from the program";
-    if version == own { Vec::new() } else { vec![warning(path, &message, help)] }
+    if about.version == own { Vec::new() } else { vec![warning(path, &message, help)] }
 }
 
 /// A warning for each place at which something of the file is lost.

@@ -27,10 +27,12 @@
 //! Light masses swing, since servo and delay turn the hand's spring against the motion. Very heavy ones drift if the loop lags
 //! by more than `B_h/K_h` ([`lag_s`]). What is stable lies between, from a least mass to a greatest one.
 
+mod exponential;
 mod held;
 
 pub use held::HeldLoop;
 
+use crate::elementary;
 use std::f64::consts::TAU;
 
 use nalgebra::Matrix2;
@@ -156,7 +158,7 @@ impl Outer {
 
     /// `1 - alpha` of the low pass, `y += alpha (x - y)`.
     fn remembered(&self) -> f64 {
-        self.low_pass.map_or(0.0, |(cut_off_hz, interval_s)| (-TAU * cut_off_hz * interval_s).exp())
+        self.low_pass.map_or(0.0, |(cut_off_hz, interval_s)| elementary::exp(-TAU * cut_off_hz * interval_s))
     }
 }
 
@@ -266,7 +268,7 @@ impl StableMasses {
         // A hole within the range leaves its longer side.
         for point in 1..=INNER_POINTS {
             let share = point as f64 / (INNER_POINTS + 1) as f64;
-            let mass_kg = self.least_kg * (self.greatest_kg / self.least_kg).powf(share);
+            let mass_kg = self.least_kg * elementary::powf(self.greatest_kg / self.least_kg, share);
             if other.is_stable(mass_kg) {
                 continue;
             }
@@ -304,7 +306,7 @@ impl StableMasses {
 
 fn mass_at(point: usize) -> f64 {
     let [least, most] = MASSES_KG;
-    least * (most / least).powf(point as f64 / (SEARCH_POINTS - 1) as f64)
+    least * elementary::powf(most / least, point as f64 / (SEARCH_POINTS - 1) as f64)
 }
 
 /// First and last place of the longest run of `true`.

@@ -5,6 +5,7 @@
 
 use super::error::positive;
 use super::{ControlError, Gains, ServoLoop, is_stable};
+use crate::elementary;
 
 /// Stiffnesses (N/m) and dampings (N s/m) among which the greatest is looked for.
 const RANGE: [f64; 2] = [1e-6, 1e9];
@@ -64,7 +65,7 @@ pub fn greatest_damping_n_s_per_m(
 fn greatest(reserve: f64, is_stable: impl Fn(f64) -> Result<bool, ControlError>) -> Result<Option<f64>, ControlError> {
     let reserve = positive("reserve", reserve)?;
     let [least, most] = RANGE;
-    let at = |i: u32| least * (most / least).powf(f64::from(i) / f64::from(SEARCH_POINTS));
+    let at = |i: u32| least * elementary::powf(most / least, f64::from(i) / f64::from(SEARCH_POINTS));
     for i in (0..=SEARCH_POINTS).rev() {
         if !is_stable(at(i))? {
             continue;

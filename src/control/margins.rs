@@ -5,6 +5,7 @@
 //! inertias, exactly, at a fixed pose. So the margins of the arm are the worst over the eigenvalues of `M` over all
 //! poses. In Cartesian space the same holds for the task-space mass matrix, in kg.
 
+use crate::elementary;
 use std::f64::consts::PI;
 
 use nalgebra::{Complex, Matrix2};
@@ -111,7 +112,7 @@ pub fn principal_inertias(mass_matrix: &Matrix2<f64>) -> Result<[f64; 2], Contro
     let [a, d] = [mass_matrix[(0, 0)], mass_matrix[(1, 1)]];
     let asymmetry = mass_matrix[(0, 1)] - mass_matrix[(1, 0)];
     let off = 0.5 * (mass_matrix[(0, 1)] + mass_matrix[(1, 0)]);
-    let greater = 0.5 * (a + d) + (0.5 * (a - d)).hypot(off);
+    let greater = 0.5 * (a + d) + elementary::hypot(0.5 * (a - d), off);
     // By the determinant, not by the difference, which cancels.
     let least = (a * d - off * off) / greater;
     if greater.is_finite() && least > 0.0 && asymmetry.abs() <= 1e-9 * (a + d) {
@@ -151,12 +152,12 @@ impl OpenLoop {
         let [late_position, late_rate] = step_response(late, decay);
         // The old input acts first and then coasts through the rest of the interval.
         let rest = t - late;
-        let old = [late_position + coast(rest, decay) * late_rate, (-decay * rest).exp() * late_rate];
+        let old = [late_position + coast(rest, decay) * late_rate, elementary::exp(-decay * rest) * late_rate];
         let new = step_response(rest, decay);
         Ok(Self {
             servo: *servo,
             input: [new, old].map(|pair| pair.map(|x| x / j)),
-            rate_loss: -(-decay * t).exp_m1(),
+            rate_loss: -elementary::exp_m1(-decay * t),
             coast: coast(t, decay),
             whole_delay: delay.trunc() as usize,
         })
@@ -167,7 +168,7 @@ impl OpenLoop {
         let Gains { stiffness, damping, integral } = self.servo.gains;
         let t = self.servo.period_s;
         // z - 1 without cancellation at low frequencies.
-        let below = Complex::new(-2.0 * (0.5 * theta).sin().powi(2), theta.sin());
+        let below = Complex::new(-2.0 * elementary::powi(elementary::sin(0.5 * theta), 2), elementary::sin(theta));
         let z = below + 1.0;
         let back = below / (z * t);
         let controller = back * damping + stiffness + back.inv() * integral;
@@ -175,7 +176,8 @@ impl OpenLoop {
         let [position, rate] = [0, 1].map(|i| z.inv() * old[i] + new[i]);
         let free = below + self.rate_loss;
         let plant = (position * free + rate * self.coast) / (below * free);
-        controller * plant * Complex::from_polar(1.0, -theta * self.whole_delay as f64)
+        let (sin, cos) = elementary::sin_cos(-theta * self.whole_delay as f64);
+        controller * plant * Complex::new(cos, sin)
     }
 
     /// Whether the loop is stable with all gains multiplied by `factor`.
@@ -219,7 +221,8 @@ impl OpenLoop {
         let mut delay_cycles = f64::INFINITY;
         for theta in gain_crossovers {
             // Lag that turns L to -1, 0 to 2 pi; the lead that does is its complement.
-            let lag = (PI + self.response(theta).arg()).rem_euclid(2.0 * PI);
+            let response = self.response(theta);
+            let lag = (PI + elementary::atan2(response.im, response.re)).rem_euclid(2.0 * PI);
             delay_cycles = delay_cycles.min(lag / theta);
             let phase = lag.min(2.0 * PI - lag);
             if phase < least {
@@ -236,7 +239,10 @@ impl OpenLoop {
 
     /// Frequencies `theta` at which `|L| = 1`, and the factors on all gains at which `L` passes through -1.
     fn crossovers(&self) -> (Vec<f64>, Vec<f64>) {
-        let gain = |theta: f64| self.response(theta).norm().ln();
+        let gain = |theta: f64| {
+            let response = self.response(theta);
+            elementary::ln(elementary::hypot(response.re, response.im))
+        };
         let imaginary = |theta: f64| self.response(theta).im;
         let mut gain_crossovers = Vec::new();
         let mut critical_gains = Vec::new();
@@ -245,7 +251,7 @@ impl OpenLoop {
         if nyquist < 0.0 {
             critical_gains.push(-1.0 / nyquist);
         }
-        let at = |i: usize| PI * (1.0 - 1e-7) * GRID_SPAN.powf(1.0 - i as f64 / GRID_POINTS as f64);
+        let at = |i: usize| PI * (1.0 - 1e-7) * elementary::powf(GRID_SPAN, 1.0 - i as f64 / GRID_POINTS as f64);
         for i in 0..GRID_POINTS {
             let (low, high) = (at(i), at(i + 1));
             if let Some(theta) = zero_between(low, high, gain) {
@@ -266,7 +272,7 @@ impl OpenLoop {
     /// which the loop is stable.
     fn gain_margins(&self, critical_gains: &[f64]) -> (f64, f64) {
         let mut best: Option<(f64, f64)> = None;
-        let distance = |(low, high): (f64, f64)| low.ln().max(-high.ln()).max(0.0);
+        let distance = |(low, high): (f64, f64)| elementary::ln(low).max(-elementary::ln(high)).max(0.0);
         for i in 0..=critical_gains.len() {
             let low = if i == 0 { 0.0 } else { critical_gains[i - 1] };
             let high = critical_gains.get(i).copied().unwrap_or(f64::INFINITY);
@@ -280,13 +286,15 @@ impl OpenLoop {
                 best = Some((low, high));
             }
         }
-        best.map_or((f64::NEG_INFINITY, f64::NEG_INFINITY), |(low, high)| (20.0 * high.log10(), -20.0 * low.log10()))
+        best.map_or((f64::NEG_INFINITY, f64::NEG_INFINITY), |(low, high)| {
+            (20.0 * elementary::log10(high), -20.0 * elementary::log10(low))
+        })
     }
 }
 
 /// Position gained in the time `t` by a unit rate that friction slows with the rate constant `decay`, s.
 fn coast(t: f64, decay: f64) -> f64 {
-    if decay * t == 0.0 { t } else { -(-decay * t).exp_m1() / decay }
+    if decay * t == 0.0 { t } else { -elementary::exp_m1(-decay * t) / decay }
 }
 
 /// Position (s^2) and rate (s) after the time `t` under a unit acceleration from rest, slowed with `decay`.

@@ -96,6 +96,7 @@ impl Balance {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::elementary;
     use std::f64::consts::TAU;
 
     const T: f64 = 1e-3;
@@ -103,7 +104,7 @@ mod tests {
     /// How often a swing at `frequency_hz` with this speed is chatter in two seconds.
     fn chatters(frequency_hz: f64, speed: f64) -> usize {
         let mut chatter = Chatter::default();
-        let at = |step: u32| speed * (TAU * frequency_hz * f64::from(step) * T).cos();
+        let at = |step: u32| speed * elementary::cos(TAU * frequency_hz * f64::from(step) * T);
         (0..2000).filter(|step| chatter.step(Vector2::new(0.6 * at(*step), 0.8 * at(*step)), T)).count()
     }
 
@@ -118,8 +119,8 @@ mod tests {
         }
         // From standing still to the first finding: four swings.
         let mut chatter = Chatter::default();
-        let first =
-            (0..1000).find(|step| chatter.step(Vector2::new(0.1 * (TAU * 50.0 * f64::from(*step) * T).sin(), 0.0), T));
+        let first = (0..1000)
+            .find(|step| chatter.step(Vector2::new(0.1 * elementary::sin(TAU * 50.0 * f64::from(*step) * T), 0.0), T));
         assert!(first.is_some_and(|step| step <= 80), "{first:?}");
     }
 
@@ -129,7 +130,7 @@ mod tests {
         // Two swings at 25 Hz every 200 ms: blows that bounce.
         let is_found = (0..6000).any(|step| {
             let t = f64::from(step % 200) * T;
-            let speed = if t < 0.08 { 0.3 * (TAU * 25.0 * t).sin() } else { 0.0 };
+            let speed = if t < 0.08 { 0.3 * elementary::sin(TAU * 25.0 * t) } else { 0.0 };
             chatter.step(Vector2::new(speed, 0.0), T)
         });
         assert!(!is_found);

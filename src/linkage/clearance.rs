@@ -3,6 +3,7 @@ use super::error::LinkageError;
 use super::five_bar::FiveBar;
 use super::geometry::Chain;
 use super::posture::Posture;
+use crate::elementary;
 use crate::quantity::TipPoint;
 use std::f64::consts::TAU;
 use std::fmt;
@@ -195,7 +196,7 @@ impl FiveBar {
         for ring in 1..=DISC_RINGS {
             let radius = radius_m * f64::from(ring) / f64::from(DISC_RINGS);
             for spoke in 0..DISC_SPOKES {
-                let (sine, cosine) = (TAU * f64::from(spoke) / f64::from(DISC_SPOKES)).sin_cos();
+                let (sine, cosine) = elementary::sin_cos(TAU * f64::from(spoke) / f64::from(DISC_SPOKES));
                 check(TipPoint::new(center.0.x + radius * cosine, center.0.y + radius * sine))?;
             }
         }

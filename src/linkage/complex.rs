@@ -1,6 +1,7 @@
 //! Planar vectors as complex numbers: to turn and scale a vector is one product, which is what the tool's offset and
 //! the triangles of the linkage need.
 
+use crate::elementary;
 use std::ops::{Add, Mul, Sub};
 
 /// `re + i im`: the vector with x = `re` and y = `im`.
@@ -19,7 +20,7 @@ impl Complex {
     /// The vector of the given length at the given angle.
     #[inline]
     pub(super) fn polar(length: f64, angle_rad: f64) -> Self {
-        let (sine, cosine) = angle_rad.sin_cos();
+        let (sine, cosine) = elementary::sin_cos(angle_rad);
         Self::new(length * cosine, length * sine)
     }
 
@@ -52,11 +53,11 @@ impl Complex {
 
     /// Length, without overflow where the square would have one.
     pub(super) fn length(self) -> f64 {
-        self.re.hypot(self.im)
+        elementary::hypot(self.re, self.im)
     }
 
     pub(super) fn angle_rad(self) -> f64 {
-        self.im.atan2(self.re)
+        elementary::atan2(self.im, self.re)
     }
 
     /// `1 / z`; the caller keeps `z` away from zero.

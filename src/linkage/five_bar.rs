@@ -2,6 +2,7 @@ use super::complex::Complex;
 use super::error::{LinkageError, finite};
 use super::geometry::{Chain, Geometry, GeometryError};
 use super::posture::Posture;
+use crate::elementary;
 use crate::quantity::{JointAngles, TipPoint};
 use std::f64::consts::TAU;
 
@@ -96,7 +97,7 @@ impl FiveBar {
         let held = geometry.distal_m[carrier.index()];
         let tool_ratio = Complex::new(1.0 + geometry.tool.along_m / held, geometry.tool.across_m / held);
         let mut carried = geometry.distal_m;
-        carried[carrier.index()] = (held + geometry.tool.along_m).hypot(geometry.tool.across_m);
+        carried[carrier.index()] = elementary::hypot(held + geometry.tool.along_m, geometry.tool.across_m);
         let chain = |i: usize| Triangle::new(geometry.proximal_m[i], carried[i], geometry.elbows[i].sign());
         Ok(Self {
             geometry,

@@ -1,3 +1,4 @@
+use crate::elementary;
 use std::fmt;
 use std::ops::RangeInclusive;
 use thiserror::Error;
@@ -206,7 +207,7 @@ impl Geometry {
             }
         }
         let chain = self.tool.fixed_to;
-        let distance_m = (self.distal_m[chain.index()] + self.tool.along_m).hypot(self.tool.across_m);
+        let distance_m = elementary::hypot(self.distal_m[chain.index()] + self.tool.along_m, self.tool.across_m);
         if distance_m < *LENGTH_RANGE_M.start() {
             return Err(GeometryError::ToolOnElbow { chain, distance_m });
         }
@@ -215,7 +216,7 @@ impl Geometry {
 
     fn check_closable(&self) -> Result<(), GeometryError> {
         let [left, right] = self.base_m;
-        let base = (right[0] - left[0]).hypot(right[1] - left[1]);
+        let base = elementary::hypot(right[0] - left[0], right[1] - left[1]);
         let [a, b] = self.proximal_m;
         let [c, d] = self.distal_m;
         let farthest_m = base + a + b;

@@ -2,6 +2,7 @@ use super::complex::Complex;
 use super::error::LinkageError;
 use super::five_bar::{Closure, FiveBar};
 use super::geometry::{Chain, Side};
+use crate::elementary;
 use crate::quantity::{Force, JointAngles, JointRates, JointTorques, TipPoint, TipVelocity};
 use nalgebra::{Matrix2, Vector2};
 
@@ -104,8 +105,8 @@ impl Posture {
     /// nearly equal numbers would lose it near a singularity.
     fn singular_values_m(&self) -> (f64, f64) {
         let j = &self.jacobian;
-        let turn = (j.m11 + j.m22).hypot(j.m21 - j.m12);
-        let flip = (j.m11 - j.m22).hypot(j.m12 + j.m21);
+        let turn = elementary::hypot(j.m11 + j.m22, j.m21 - j.m12);
+        let flip = elementary::hypot(j.m11 - j.m22, j.m12 + j.m21);
         let largest = 0.5 * (turn + flip);
         if largest > 0.0 { (largest, j.determinant().abs() / largest) } else { (0.0, 0.0) }
     }

@@ -1,5 +1,6 @@
 //! Margins of a rig's own loop over the poses of its surface.
 
+use crate::elementary;
 use nalgebra::Vector2;
 
 use super::build::{gains, linkage, mass_model, period_s, plant_mass, point2};
@@ -43,7 +44,9 @@ pub(super) fn poses(rig: &config::Rig) -> Vec<Vector2<f64>> {
     let working_m = rig.linkage.working_radius_m.get();
     let around = |center: Vector2<f64>, radius_m: f64| {
         let at = move |pose| std::f64::consts::TAU * pose as f64 / POSES as f64;
-        (0..POSES).map(move |pose| center + radius_m * Vector2::new(at(pose).cos(), at(pose).sin())).collect()
+        (0..POSES)
+            .map(move |pose| center + radius_m * Vector2::new(elementary::cos(at(pose)), elementary::sin(at(pose))))
+            .collect()
     };
     match rig.fixture.surface {
         config::Surface::Circle { center_m, radius_m, .. } => around(point2(center_m), radius_m.get()),

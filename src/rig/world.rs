@@ -1,7 +1,7 @@
 //! The physical side of the embedded simulation: the arm with the hand on it, and what the devices feel of it.
 
+use crate::elementary;
 use nalgebra::Vector2;
-use rand_distr::{Distribution, StandardNormal};
 use rand_xoshiro::Xoshiro256PlusPlus;
 use rand_xoshiro::rand_core::SeedableRng;
 
@@ -12,6 +12,7 @@ use crate::quantity::{Force, JointAngles, JointRates, JointTorques, TipPoint, Ti
 use crate::sensing::{Calibration, Mounting};
 use crate::sim::arm::Arm;
 use crate::sim::hand::{Hand, HandLoad};
+use crate::sim::standard_normal;
 
 /// How the tool follows the drives.
 #[derive(Clone, Debug)]
@@ -67,7 +68,7 @@ impl Grip {
             Grip::Again { from_s, offset_m } => {
                 let share = ((time_s - from_s) / RETURN_S).min(1.0);
                 // Minimum jerk from one to zero.
-                Some(offset_m * (1.0 - share.powi(3) * (10.0 - 15.0 * share + 6.0 * share * share)))
+                Some(offset_m * (1.0 - elementary::powi(share, 3) * (10.0 - 15.0 * share + 6.0 * share * share)))
             }
         }
     }
@@ -112,9 +113,9 @@ impl Push {
         let turn = std::f64::consts::TAU * from_start;
         let (share, is_along) = match self.shape {
             PushShape::Along => (ramp(Self::SHORT_RAMP_S), true),
-            PushShape::Blow => ((0.5 * turn / (self.end_s - self.start_s)).sin(), true),
-            PushShape::Swing => ((turn / (self.end_s - self.start_s)).sin(), true),
-            PushShape::Tremble => ((turn * Self::TREMBLE_HZ).sin(), true),
+            PushShape::Blow => (elementary::sin(0.5 * turn / (self.end_s - self.start_s)), true),
+            PushShape::Swing => (elementary::sin(turn / (self.end_s - self.start_s)), true),
+            PushShape::Tremble => (elementary::sin(turn * Self::TREMBLE_HZ), true),
             PushShape::Outward => (ramp(Self::LONG_RAMP_S), false),
         };
         let outward = tip.try_normalize(1e-6).unwrap_or_else(Vector2::x);
@@ -229,8 +230,7 @@ impl World {
         if self.noise_counts > 0.0 {
             let range = self.calibration.range_counts();
             for count in &mut counts {
-                let sample: f64 = StandardNormal.sample(&mut self.noise);
-                *count = (f64::from(*count) + self.noise_counts * sample).round() as i32;
+                *count = (f64::from(*count) + self.noise_counts * standard_normal(&mut self.noise)).round() as i32;
                 *count = (*count).clamp(-range, range);
             }
         }

@@ -1,5 +1,6 @@
 //! First-order low pass of a sampled signal.
 
+use crate::elementary;
 use std::f64::consts::TAU;
 
 use super::error::{SensingError, not_negative, positive};
@@ -23,7 +24,7 @@ impl LowPass {
     /// not finite.
     pub fn new(cut_off_hz: f64, interval_s: f64) -> Result<Self, SensingError> {
         let interval_s = positive("sample interval", interval_s)?;
-        let alpha = -(-TAU * positive("low-pass cut-off", cut_off_hz)? * interval_s).exp_m1();
+        let alpha = -elementary::exp_m1(-TAU * positive("low-pass cut-off", cut_off_hz)? * interval_s);
         let filter = Self { alpha, interval_s };
         not_negative("low-pass delay in s", filter.delay_s())?;
         Ok(filter)

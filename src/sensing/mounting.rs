@@ -1,5 +1,6 @@
 //! Between the sensor frame, which turns with a link, and the base frame.
 
+use crate::elementary;
 use nalgebra::{Vector2, Vector6};
 
 use super::Wrench;
@@ -59,7 +60,7 @@ impl Mounting {
     /// Real-time: yes.
     #[inline]
     pub fn to_base(&self, wrench: &Wrench, link_angle_rad: f64) -> Force {
-        let (sin, cos) = (link_angle_rad + self.angle_rad).sin_cos();
+        let (sin, cos) = elementary::sin_cos(link_angle_rad + self.angle_rad);
         let (x, y) = (wrench.0.x, wrench.0.y);
         Force(Vector2::new(cos * x - sin * y, sin * x + cos * y))
     }
@@ -69,7 +70,7 @@ impl Mounting {
     ///
     /// Real-time: yes.
     pub fn to_sensor(&self, force: Force, torque_z_n_m: f64, link_angle_rad: f64) -> Wrench {
-        let (sin, cos) = (link_angle_rad + self.angle_rad).sin_cos();
+        let (sin, cos) = elementary::sin_cos(link_angle_rad + self.angle_rad);
         let (x, y) = (force.0.x, force.0.y);
         Wrench(Vector6::new(cos * x + sin * y, cos * y - sin * x, 0.0, 0.0, 0.0, torque_z_n_m))
     }

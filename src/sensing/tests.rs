@@ -1,5 +1,6 @@
 //! The chain from counts to force and back, its flags, and what it refuses.
 
+use crate::elementary;
 use nalgebra::{Matrix6, Vector2, Vector6};
 use proptest::prelude::*;
 
@@ -190,7 +191,7 @@ fn the_low_pass_lags_by_its_stated_delay() {
     let mut chain = sensing(SensingParameters { low_pass_hz: Some(5.0), sample_rate_hz: 200.0, ..parameters() });
     let mut peak = 0.0_f64;
     for cycle in 0..3000 {
-        let x = 100.0 * (std::f64::consts::TAU * 5e-3 * f64::from(cycle)).sin();
+        let x = 100.0 * elementary::sin(std::f64::consts::TAU * 5e-3 * f64::from(cycle));
         let reading = chain.step((cycle % 5 == 0).then_some(&newton(x)), 0.0, STILL);
         peak = if cycle > 1000 { peak.max(reading.force.0.x) } else { 0.0 };
     }

@@ -8,6 +8,7 @@ mod device;
 mod drive;
 mod force_sensor;
 pub mod hand;
+mod normal;
 pub mod point_mass;
 mod substeps;
 mod uniform;
@@ -15,6 +16,7 @@ mod uniform;
 pub use device::DeviceError;
 pub use drive::{Clock, Drive, DriveSettings, Encoder, PositionLoop, Watchdog};
 pub use force_sensor::{ForceSensor, ForceSensorSettings, SYNC_RATE_HZ, Speaks};
+pub use normal::standard_normal;
 pub use uniform::share_of_one;
 
 #[cfg(test)]

@@ -179,6 +179,7 @@ impl<const N: usize> PointMass<N> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::elementary;
     use crate::sim::hand::{Hand, HandParameters, Leg, NoiseBand, Path};
     use nalgebra::{Vector1, Vector3};
 
@@ -202,8 +203,10 @@ mod tests {
         let (mass, stiffness, damping) = (0.55, 400.0, 8.0);
         let decay = 0.5 * (damping + 0.5) / mass;
         let turn = f64::sqrt(stiffness / mass - decay * decay);
-        let exact =
-            |time: f64| 0.02 * (-decay * time).exp() * ((turn * time).cos() + decay / turn * (turn * time).sin());
+        let exact = |time: f64| {
+            0.02 * elementary::exp(-decay * time)
+                * (elementary::cos(turn * time) + decay / turn * elementary::sin(turn * time))
+        };
         let error = |step_s: f64| {
             let mut device = PointMass::new(DEVICE, 0.5, Vector1::new(0.02)).unwrap();
             (1..=300).fold(0.0, |worst: f64, ms| {

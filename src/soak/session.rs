@@ -3,6 +3,7 @@
 #[cfg(test)]
 mod tests;
 
+use crate::elementary;
 use std::sync::{Arc, Mutex};
 
 use serde::{Deserialize, Serialize};
@@ -263,7 +264,7 @@ impl<'a> Run<'a> {
     /// Distance of the tool from the task's origin in m.
     fn tool_radius_m(&self) -> f64 {
         let [x, y] = self.seen.truth.tool_m;
-        x.hypot(y)
+        elementary::hypot(x, y)
     }
 
     /// Notes when drives take over an arm that moves outside of where the rig promises to work.
@@ -272,7 +273,7 @@ impl<'a> Run<'a> {
         let is_held = self.seen.truth.drives.contains(&Drive::OperationEnabled);
         let [x, y] = self.seen.truth.velocity_m_per_s;
         let is_outside = self.tool_radius_m() > self.course.machine.rig.linkage.working_radius_m.get();
-        if is_held && !self.was_held && is_outside && x.hypot(y) > tolerance::CARRIED_M_PER_S {
+        if is_held && !self.was_held && is_outside && elementary::hypot(x, y) > tolerance::CARRIED_M_PER_S {
             self.carried_until_ns = self.seen.sync_ns + (tolerance::QUICK_STOP_S * 1e9) as u64;
         }
         self.was_held = is_held;

@@ -25,6 +25,8 @@ pub fn about(rig: &config::Rig, scene: &config::Scene, overrides: &Overrides) ->
     let duration = overrides.duration_s.map(|duration| format!("--duration {duration}"));
     Ok(About {
         version: env!("CARGO_PKG_VERSION").to_owned(),
+        commit: env!("YIELDWALL_COMMIT").to_owned(),
+        target: env!("YIELDWALL_TARGET").to_owned(),
         rig: config::to_yaml(&effective)?,
         scene: config::to_yaml(scene)?,
         seed: overrides.seed.unwrap_or(scene.seed),

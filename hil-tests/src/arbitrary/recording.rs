@@ -59,7 +59,7 @@ impl Write for Shared {
 }
 
 fn about() -> About {
-    About { version: "0.1.0".into(), rig: "rig".into(), scene: "scene".into(), seed: 1, overrides: String::new() }
+    About { version: "0.1.0".into(), rig: "rig".into(), scene: "scene".into(), seed: 1, ..About::default() }
 }
 
 /// A file, or what follows a good begin of one: it is refused, or gives no more cycles than its bytes hold, each of which

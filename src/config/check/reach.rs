@@ -1,5 +1,6 @@
 //! What the arm reaches.
 
+use crate::elementary;
 use std::f64::consts::TAU;
 
 use super::Findings;
@@ -56,7 +57,7 @@ pub(super) fn check_surface_reach(findings: &mut Findings, at: &str, fixture: &F
 
 fn check_reach(findings: &mut Findings, at: &str, surface: &Surface, rig: &Rig, five_bar: &FiveBar, margin_m: f64) {
     if let Surface::Line { point_m, normal } = surface {
-        let length = normal[0].hypot(*normal[1]);
+        let length = elementary::hypot(*normal[0], *normal[1]);
         let distance = (*point_m[0] * *normal[0] + *point_m[1] * *normal[1]).abs() / length;
         if distance > *rig.linkage.working_radius_m {
             let key = format!("{at}.line.point_m");
@@ -103,7 +104,7 @@ fn samples(surface: &Surface, shape: &Shape2) -> Vec<TipPoint> {
     match (surface, shape) {
         (Surface::Circle { center_m, radius_m, .. }, _) => (0..CIRCLE_SAMPLES)
             .map(|sample| {
-                let (sine, cosine) = (TAU * f64::from(sample) / f64::from(CIRCLE_SAMPLES)).sin_cos();
+                let (sine, cosine) = elementary::sin_cos(TAU * f64::from(sample) / f64::from(CIRCLE_SAMPLES));
                 TipPoint::new(*center_m[0] + **radius_m * cosine, *center_m[1] + **radius_m * sine)
             })
             .collect(),

@@ -4,6 +4,7 @@ use super::Findings;
 use super::words::{round, shorten_numbers};
 use crate::config::number::Finite;
 use crate::config::tree::{CommandMode, ImpedanceDevice, PathSegment, Rig, Scene, Tracking};
+use crate::elementary;
 use crate::injection::InjectionError;
 use crate::linkage::FiveBar;
 use crate::quantity::TipPoint;
@@ -138,14 +139,14 @@ fn check_arcs(findings: &mut Findings, scene: &Scene) {
             PathSegment::Arc { center_m, by_rad, .. } => {
                 let Some([center_x, center_y]) = plane(center_m) else { return };
                 let (x, y) = (here[0] - center_x, here[1] - center_y);
-                if x.hypot(y) < MIN_ARC_RADIUS_M {
+                if elementary::hypot(x, y) < MIN_ARC_RADIUS_M {
                     let key = format!("hand.path[{index}].arc.center_m");
                     let message = format!("`{key}` is where the arc starts: it has no radius");
                     let help = "end the segment before it elsewhere, or move the centre";
                     findings.error(&key, message, help);
                     return;
                 }
-                let (sine, cosine) = by_rad.sin_cos();
+                let (sine, cosine) = elementary::sin_cos(**by_rad);
                 here = [center_x + cosine * x - sine * y, center_y + sine * x + cosine * y];
             }
             PathSegment::Wait { .. } => {}

@@ -1,5 +1,6 @@
 #![cfg(test)]
 
+use crate::elementary;
 use std::collections::BTreeSet;
 use std::path::PathBuf;
 
@@ -299,7 +300,7 @@ proptest! {
     #[test]
     fn any_number_in_a_rig_is_answered(
         which in 0..300_usize,
-        number in prop_oneof![any::<f64>(), -10.0..1e4_f64, Just(0.0), (-320.0..320.0_f64).prop_map(|power| 10f64.powf(power))],
+        number in prop_oneof![any::<f64>(), -10.0..1e4_f64, Just(0.0), (-320.0..320.0_f64).prop_map(|power| elementary::powf(10.0, power))],
         is_whole in any::<bool>(),
         mode in prop_oneof![Just("torque"), Just("position")],
     ) {

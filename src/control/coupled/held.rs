@@ -1,9 +1,11 @@
 //! One loop at one pose and one phase of the sensor, followed from event to event.
 
+use crate::elementary;
 use nalgebra::{DMatrix, Matrix2, Matrix2x4, Matrix4x2, SMatrix, Schur, Vector2, Vector4};
 
 use super::super::error::{ControlError, not_negative, positive};
 use super::super::{Gains, principal_inertias};
+use super::exponential::exponential;
 use super::{Follower, Grip, Outer, Pose, Sampling, inverse_jacobian};
 
 /// Most cycles after which sensor and cycle have to be together again.
@@ -144,7 +146,7 @@ impl HeldLoop {
         }
         nalgebra::linalg::balancing::balance_parlett_reinsch(&mut map);
         let poles = Schur::try_new(map, f64::EPSILON, SCHUR_ITERATIONS)?.complex_eigenvalues();
-        let radius = poles.iter().map(|pole| pole.norm()).fold(0.0, f64::max);
+        let radius = poles.iter().map(|pole| elementary::hypot(pole.re, pole.im)).fold(0.0, f64::max);
         radius.is_finite().then_some(radius)
     }
 
@@ -207,7 +209,7 @@ impl HeldLoop {
             if time_s - now_s > MOMENT_S {
                 let length_s = time_s - now_s;
                 let number = lengths_s.iter().position(|known| is_same(*known, length_s)).unwrap_or_else(|| {
-                    let over = (rates * length_s).exp();
+                    let over = exponential(&(rates * length_s));
                     let free = over.fixed_view::<4, 4>(0, 0).into_owned();
                     self.propagators.push((free, over.fixed_view::<4, 2>(0, 4).into_owned()));
                     lengths_s.push(length_s);

@@ -1,5 +1,6 @@
 //! The stable virtual masses against closed forms, other computations and their own laws.
 
+use crate::elementary;
 use proptest::prelude::*;
 
 use super::super::stability::{is_stable_about_one, product, sum};
@@ -129,7 +130,7 @@ fn a_low_pass_lags_by_its_delay() {
     let slow = Outer { low_pass: Some((10.0, PERIOD_S)), ..outer(0.0) };
     // 15.4 ms of low pass less a cycle.
     let lag = lag_s(&host(1.0, 0), &pose, &grip(50.0, 1.0), &slow).unwrap();
-    assert!((lag - (1e-3 / (std::f64::consts::TAU * 0.01).exp_m1() - 1e-3)).abs() < 1e-12, "{lag}");
+    assert!((lag - (1e-3 / elementary::exp_m1(std::f64::consts::TAU * 0.01) - 1e-3)).abs() < 1e-12, "{lag}");
     for factor in [0.9, 1.1] {
         let found = masses(&host(1.0, 0), &pose, &grip(50.0, factor * lag * 50.0), &slow);
         assert_eq!(found.is_some_and(|found| found.greatest_kg == f64::INFINITY), factor > 1.0, "{found:?}");
@@ -168,7 +169,7 @@ fn a_passive_mass_is_that_of_the_arm() {
     let pose = Pose { mass: Matrix2::new(0.3, 0.02, 0.02, 0.25), ..pose(0.28, 0.25) };
     // J^-T M J^-1 by hand: eigenvalues of M over 0.25^2.
     let heaviest = passive_mass_kg(&pose).unwrap();
-    assert!((heaviest - (0.275 + 0.025_f64.hypot(0.02)) / 0.0625).abs() < 1e-12, "{heaviest}");
+    assert!((heaviest - (0.275 + elementary::hypot(0.025, 0.02)) / 0.0625).abs() < 1e-12, "{heaviest}");
 }
 
 #[test]

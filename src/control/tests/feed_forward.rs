@@ -1,5 +1,6 @@
 //! Feed-forward terms, the direction of the Coulomb term, and what they are worth on a joint that sticks.
 
+use crate::elementary;
 use nalgebra::{Matrix2, Vector2};
 use proptest::prelude::*;
 
@@ -148,7 +149,7 @@ fn slow_start(t: f64) -> f64 {
 }
 
 fn swings(t: f64) -> f64 {
-    0.05 * (1.0 - (std::f64::consts::PI * t).cos())
+    0.05 * (1.0 - elementary::cos(std::f64::consts::PI * t))
 }
 
 #[test]

@@ -1,5 +1,6 @@
 //! PSMC against PID and against the inclusion it solves; saturation, reset and bad input of all laws.
 
+use crate::elementary;
 use proptest::prelude::*;
 
 use crate::control::*;
@@ -9,7 +10,7 @@ const WIDE: f64 = 1e12;
 fn gains() -> impl Strategy<Value = Gains> {
     // Stiffness in powers of ten; damping and integral by their time constants.
     (2.0..5.0, 0.0..0.05, prop_oneof![Just(0.0), 0.1..20.0]).prop_map(|(k, b, l)| {
-        let stiffness = 10.0_f64.powf(k);
+        let stiffness = elementary::powf(10.0, k);
         Gains { stiffness, damping: stiffness * b, integral: stiffness * l }
     })
 }
@@ -21,7 +22,7 @@ fn sliding_time() -> impl Strategy<Value = f64> {
 /// A smooth error that starts at zero.
 fn error_at(i: u32, frequency: f64) -> f64 {
     let t = f64::from(i) * 1e-3;
-    0.01 * (frequency * t).sin() * (1.0 + 0.3 * (1.7 * frequency * t).cos())
+    0.01 * elementary::sin(frequency * t) * (1.0 + 0.3 * elementary::cos(1.7 * frequency * t))
 }
 
 /// Largest difference between PSMC and PID over 2 s from zero error, over the largest sum of PID's terms: of the terms,

@@ -1,5 +1,6 @@
 //! Margins against published figures, against the time domain and against their own definition.
 
+use crate::elementary;
 use nalgebra::{Matrix2, Vector2};
 use proptest::prelude::*;
 
@@ -13,7 +14,7 @@ fn servo(stiffness: f64, damping: f64, integral: f64, delay_cycles: f64) -> Serv
 }
 
 fn scaled(servo: ServoLoop, db: f64) -> ServoLoop {
-    let factor = 10.0_f64.powf(db / 20.0);
+    let factor = elementary::powf(10.0, db / 20.0);
     let Gains { stiffness, damping, integral } = servo.gains;
     let gains = Gains { stiffness: stiffness * factor, damping: damping * factor, integral: integral * factor };
     ServoLoop { gains, ..servo }
@@ -54,7 +55,7 @@ fn proportional_and_derivative_action_without_delay_has_closed_forms() {
     // (1 + g x) + g^2 y (x+y) - 2 g y = 1 - g^2 y^2 -> g = (2 y - x)/(y (x + 2 y)).
     let critical = (2.0 * y - x) / (y * (x + 2.0 * y));
     let found = margins(&servo(k, b, 0.0, 0.0), j, 0.0).unwrap();
-    assert!((found.gain_db - 20.0 * critical.log10()).abs() < 1e-9, "{found:?} {critical}");
+    assert!((found.gain_db - 20.0 * elementary::log10(critical)).abs() < 1e-9, "{found:?} {critical}");
     assert_eq!(found.gain_reduction_db, f64::INFINITY);
 }
 
@@ -64,7 +65,7 @@ fn integral_action_needs_a_least_gain_that_viscous_friction_provides() {
     let (k, b, l, j) = (6000.0, 70.0, 30000.0, 0.35);
     let fast = ServoLoop { period_s: 1e-6, ..servo(k, b, l, 0.0) };
     let found = margins(&fast, j, 0.0).unwrap();
-    assert!((found.gain_reduction_db + 20.0 * (j * l / (b * k)).log10()).abs() < 1e-2, "{found:?}");
+    assert!((found.gain_reduction_db + 20.0 * elementary::log10(j * l / (b * k))).abs() < 1e-2, "{found:?}");
     // With friction b and K b > J L any small gain will do.
     assert_eq!(margins(&fast, j, 2.0).unwrap().gain_reduction_db, f64::INFINITY);
     assert!(margins(&fast, j, 1.7).unwrap().gain_reduction_db.is_finite());
@@ -97,8 +98,8 @@ fn simulate(servo: &ServoLoop, inertia: f64, viscous: f64, cycles: usize) -> [f6
     let (keep, coast, drift) = if decay == 0.0 {
         (1.0, h, 0.5 * h * h)
     } else {
-        let coast = (1.0 - (-decay * h).exp()) / decay;
-        ((-decay * h).exp(), coast, (h - coast) / decay)
+        let coast = (1.0 - elementary::exp(-decay * h)) / decay;
+        (elementary::exp(-decay * h), coast, (h - coast) / decay)
     };
     let mut pid = Pid::new(servo.gains, servo.period_s).unwrap();
     let mut queue = std::collections::VecDeque::from(vec![0.0; late]);
@@ -179,7 +180,7 @@ proptest! {
         let eigen = mass.symmetric_eigen();
         let gains = Gains { stiffness: 6000.0, damping: 70.0, integral: 30000.0 };
         let inverse = mass.try_inverse().unwrap();
-        let start = Vector2::new(f64::cos(angle), f64::sin(angle));
+        let start = Vector2::new(elementary::cos(angle), elementary::sin(angle));
         let coupled = free_run(gains, start, |torque| inverse * torque);
         for i in 0..2 {
             let direction = eigen.eigenvectors.column(i).into_owned();
@@ -267,7 +268,7 @@ proptest! {
     fn stability_test_on_random_roots(
         real in prop::collection::vec(-1.2..1.2, 0..6), pairs in prop::collection::vec((-1.2..1.2, 0.0..1.2), 0..6),
     ) {
-        let sizes = real.iter().map(|root: &f64| root.abs()).chain(pairs.iter().map(|(re, im)| f64::hypot(*re, *im)));
+        let sizes = real.iter().map(|root: &f64| root.abs()).chain(pairs.iter().map(|(re, im)| elementary::hypot(*re, *im)));
         let radius = sizes.fold(0.0, f64::max);
         prop_assume!((radius - 1.0).abs() > 1e-3);
         prop_assert_eq!(is_stable_about_one(&with_roots(&real, &pairs)), radius < 1.0, "{}", radius);

@@ -1,6 +1,7 @@
 //! Every fault by an injection, the cycle in which the reaction leaves, and what garbage does.
 
 use super::*;
+use crate::elementary;
 use crate::guard::fault::TABLE;
 use proptest::prelude::*;
 
@@ -426,7 +427,7 @@ fn the_distance_from_the_surface_is_known_in_every_state() {
         bench.angles = outputs.signals.target_angles.to_array().map(Some);
         assert_eq!(outputs.directive.state, state);
         let [x, y] = outputs.signals.proxy.to_array();
-        assert!((outputs.signals.signed_distance_m - (x.hypot(y) - 0.12)).abs() < 1e-12, "{state:?}");
+        assert!((outputs.signals.signed_distance_m - (elementary::hypot(x, y) - 0.12)).abs() < 1e-12, "{state:?}");
     };
     check(&mut bench, Request::None, State::Running);
     bench.overload = true;

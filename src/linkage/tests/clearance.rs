@@ -1,4 +1,5 @@
 use super::*;
+use crate::elementary;
 use nalgebra::Vector2;
 
 fn at(arm: &FiveBar, x: f64, y: f64) -> Posture {
@@ -33,11 +34,11 @@ fn each_end_is_named() {
     let posture = coaxial.forward(JointAngles::new(1.6, 1.5)).unwrap();
     // The elbows are nearly as near to meeting as the chains are to being stretched; the chains come first.
     let clearance = coaxial.clearance(&posture);
-    assert!((clearance.distal_folded_m - 0.6 * 0.05_f64.sin()).abs() < 1e-15);
-    assert!((clearance.stretched_m[0] - 0.6 * (1.0 - 0.05_f64.cos())).abs() < 1e-15);
+    assert!((clearance.distal_folded_m - 0.6 * elementary::sin(0.05)).abs() < 1e-15);
+    assert!((clearance.stretched_m[0] - 0.6 * (1.0 - elementary::cos(0.05))).abs() < 1e-15);
     // Elbows that meet above the middle of a wide base, while both chains are bent.
     let wide = five_bar(Geometry { base_m: [[-0.15, 0.0], [0.15, 0.0]], ..DESK });
-    let angle = 0.2_f64.atan2(0.15) + 0.01;
+    let angle = elementary::atan2(0.2, 0.15) + 0.01;
     let meeting = wide.forward(JointAngles::new(angle, std::f64::consts::PI - angle)).unwrap();
     assert_eq!(wide.clearance(&meeting).nearest().0, Singularity::DistalFolded);
 }
@@ -49,7 +50,7 @@ fn the_wrists_way_to_the_elbows_line_follows_from_the_stretched_clearance() {
     let x = arm.clearance(&posture).distal_stretched_m;
     let [[x0, y0], [x1, y1]] = posture.elbows_m;
     let [wx, wy] = posture.wrist_m;
-    let offset = ((x1 - x0) * (wy - y0) - (y1 - y0) * (wx - x0)) / (x1 - x0).hypot(y1 - y0);
+    let offset = ((x1 - x0) * (wy - y0) - (y1 - y0) * (wx - x0)) / elementary::hypot(x1 - x0, y1 - y0);
     let predicted = (2.0 * 0.32 * 0.29 * x / 0.61_f64).sqrt();
     assert!(x < 0.011 && (offset / predicted - 1.0).abs() < 0.02, "{x} {offset} {predicted}");
 }
@@ -124,7 +125,7 @@ proptest! {
         let posture = arm.forward(posture.angles).unwrap();
         let clearance = arm.clearance(&posture);
         let way = clearance.edge_m * share;
-        let there = TipPoint(posture.tip.0 + way * Vector2::new(direction.cos(), direction.sin()));
+        let there = TipPoint(posture.tip.0 + way * Vector2::new(elementary::cos(direction), elementary::sin(direction)));
         prop_assert!(arm.inverse(there).map_or_else(|error| !is_reach(&error), |_| true));
         // And along the line through the nearer base joint it ends there.
         let ends = (0..2).any(|i| {
@@ -148,7 +149,7 @@ proptest! {
             let moved = arm.forward(arm.inverse(tip).unwrap()).unwrap();
             [(Vector2::from(moved.wrist_m) - base).norm()]
         })[0];
-        let steepness = slope(0).hypot(slope(1));
+        let steepness = elementary::hypot(slope(0), slope(1));
         let clearance = arm.clearance(&posture);
         let free = clearance.stretched_m[f].min(clearance.folded_m[f]) / steepness;
         let expected = free.min(clearance.stretched_m[h]).min(clearance.folded_m[h]);

@@ -1,4 +1,5 @@
 use super::*;
+use crate::elementary;
 use crate::quantity::{JointRates, JointTorques};
 use nalgebra::{Matrix2, Vector2};
 
@@ -43,12 +44,12 @@ fn energy_of_bodies(arm: &FiveBar, model: &MassModel, posture: &Posture, rates: 
     for i in 0..2 {
         let elbow = velocity(i);
         let rate = rates.0[i];
-        let proximal = model.proximal_kg[i] * geometry.proximal_m[i].powi(2);
+        let proximal = model.proximal_kg[i] * elementary::powi(geometry.proximal_m[i], 2);
         // A rod about its end: its centre moves with half its length, and it turns about its centre.
         energy += 0.5 * (model.motor_kg_m2[i] + proximal / 4.0 + proximal / 12.0) * rate * rate;
         let centre = 0.5 * (elbow + wrist);
         let turn_rate = (wrist - elbow).norm() / geometry.distal_m[i];
-        let about_centre = model.distal_kg[i] * geometry.distal_m[i].powi(2) / 12.0;
+        let about_centre = model.distal_kg[i] * elementary::powi(geometry.distal_m[i], 2) / 12.0;
         energy += 0.5 * model.distal_kg[i] * centre.norm_squared() + 0.5 * about_centre * turn_rate * turn_rate;
     }
     energy
@@ -106,7 +107,7 @@ fn desk_scene_has_the_known_mass_at_the_handle() {
         let at = arm.dynamics(&DESK_MASSES, angles, JointRates::default()).unwrap();
         (at.jacobian * at.mass.try_inverse().unwrap() * at.jacobian.transpose()).try_inverse().unwrap()
     };
-    let reach = (0.55_f64.powi(2) - 0.05_f64.powi(2)).sqrt();
+    let reach = (elementary::powi(0.55, 2) - elementary::powi(0.05, 2)).sqrt();
     let near =
         |found: f64, expected: f64, share: f64| assert!((found / expected - 1.0).abs() < share, "{found} {expected}");
     near(handle(0.36).m11, 5.5, 0.01);
@@ -123,12 +124,14 @@ fn a_parallelogram_without_rods_has_the_inertias_of_two_vectors() {
     let arm = five_bar(PARALLELOGRAM);
     let found = arm.dynamics(&PAPER_MASSES, JointAngles::new(2.0, 0.7), JointRates::new(3.0, -2.0)).unwrap();
     // The tool is 0.3 (u(2.0) + u(0.7)), so m l^2 and the angle between the cranks say it all.
-    let coupling = 0.09 * 1.3_f64.cos();
+    let coupling = 0.09 * elementary::cos(1.3);
     assert!((found.mass - Matrix2::new(0.34, coupling, coupling, 0.34)).amax() < 1e-15);
-    let sine = 0.09 * 1.3_f64.sin();
+    let sine = 0.09 * elementary::sin(1.3);
     assert!(gap(found.bias.to_array(), [sine * 4.0, -sine * 9.0]) < 1e-14, "{:?}", found.bias);
-    let expected =
-        [-0.3 * (9.0 * 2.0_f64.cos() + 4.0 * 0.7_f64.cos()), -0.3 * (9.0 * 2.0_f64.sin() + 4.0 * 0.7_f64.sin())];
+    let expected = [
+        -0.3 * (9.0 * elementary::cos(2.0) + 4.0 * elementary::cos(0.7)),
+        -0.3 * (9.0 * elementary::sin(2.0) + 4.0 * elementary::sin(0.7)),
+    ];
     assert!(gap(found.tip_bias_m_per_s2, expected) < 1e-14);
 }
 

@@ -1,4 +1,5 @@
 use super::*;
+use crate::elementary;
 use crate::quantity::{Force, JointRates, TipVelocity};
 use nalgebra::Matrix2;
 use std::f64::consts::{PI, TAU};
@@ -55,7 +56,7 @@ fn skew_scene_with_a_tool_offset_has_the_points_of_a_computation_with_60_digits(
 #[test]
 fn desk_scene_loses_its_smallest_singular_value_towards_both_singularities() {
     let arm = five_bar(DESK);
-    let reach = (0.55_f64.powi(2) - 0.05_f64.powi(2)).sqrt();
+    let reach = (elementary::powi(0.55, 2) - elementary::powi(0.05, 2)).sqrt();
     let cases = [
         (0.36, 0.226, 5e-4),
         (0.05, 0.032, 5e-4),
@@ -110,10 +111,12 @@ fn every_working_mode_has_one_answer_and_it_belongs_to_one_assembly_mode() {
 fn coaxial_parallelogram_adds_the_two_cranks() {
     let arm = five_bar(PARALLELOGRAM);
     let posture = arm.forward(JointAngles::new(2.0, 0.7)).unwrap();
-    let expected = [0.3 * (2.0_f64.cos() + 0.7_f64.cos()), 0.3 * (2.0_f64.sin() + 0.7_f64.sin())];
+    let expected =
+        [0.3 * (elementary::cos(2.0) + elementary::cos(0.7)), 0.3 * (elementary::sin(2.0) + elementary::sin(0.7))];
     assert!(gap(posture.tip.to_array(), expected) < 1e-15);
     assert!(gap(posture.distal_angle_rad, [0.7, 2.0]) < 1e-15);
-    let jacobian = 0.3 * Matrix2::new(-2.0_f64.sin(), -0.7_f64.sin(), 2.0_f64.cos(), 0.7_f64.cos());
+    let jacobian =
+        0.3 * Matrix2::new(-elementary::sin(2.0), -elementary::sin(0.7), elementary::cos(2.0), elementary::cos(0.7));
     assert!((posture.jacobian - jacobian).amax() < 1e-15);
     assert!(gap(arm.inverse(posture.tip).unwrap().to_array(), [2.0, 0.7]) < 1e-15);
 }
@@ -125,7 +128,7 @@ fn angles_stay_continuous_over_three_turns_about_a_coaxial_base() {
     let start = arm.inverse(point(0.4, 0.0)).unwrap();
     let mut angles = start;
     for step in 1..=300 {
-        let (sine, cosine) = (TAU * f64::from(step) / 100.0).sin_cos();
+        let (sine, cosine) = elementary::sin_cos(TAU * f64::from(step) / 100.0);
         let next = arm.inverse_near(point(0.4 * cosine, 0.4 * sine), angles).unwrap();
         assert!(gap((next.0 - angles.0).into(), [TAU / 100.0; 2]) < 1e-12);
         angles = next;
@@ -139,7 +142,7 @@ fn tool_point_is_fixed_to_its_distal_link() {
         let tool = Tool { fixed_to, along_m: 0.05, across_m: 0.02 };
         let arm = five_bar(Geometry { tool, ..PAPER });
         let posture = arm.forward(JointAngles::new(2.2, 0.6)).unwrap();
-        let (sine, cosine) = posture.distal_angle_rad[fixed_to.index()].sin_cos();
+        let (sine, cosine) = elementary::sin_cos(posture.distal_angle_rad[fixed_to.index()]);
         let [x, y] = posture.wrist_m;
         let expected = [x + 0.05 * cosine - 0.02 * sine, y + 0.05 * sine + 0.02 * cosine];
         assert!(gap(posture.tip.to_array(), expected) < 1e-15);
@@ -166,7 +169,7 @@ proptest! {
     #[test]
     fn links_keep_their_lengths((arm, posture) in posed(1e-3)) {
         let Geometry { base_m, proximal_m, distal_m, wrist, .. } = *arm.geometry();
-        let apart = |a: [f64; 2], b: [f64; 2]| (a[0] - b[0]).hypot(a[1] - b[1]);
+        let apart = |a: [f64; 2], b: [f64; 2]| elementary::hypot(a[0] - b[0], a[1] - b[1]);
         for i in 0..2 {
             prop_assert!((apart(base_m[i], posture.elbows_m[i]) - proximal_m[i]).abs() < 1e-14);
             prop_assert!((apart(posture.wrist_m, posture.elbows_m[i]) - distal_m[i]).abs() < 1e-13);

@@ -1,4 +1,5 @@
 use super::*;
+use crate::elementary;
 use crate::quantity::{Force, JointRates, TipVelocity};
 use proptest::num::f64::ANY;
 
@@ -44,7 +45,7 @@ fn the_edge_of_the_workspace_belongs_to_it_and_the_next_number_does_not() {
     let base = Geometry { base_m: [[0.0, 0.0], [0.25, 0.0]], ..PAPER };
     let arm = five_bar(Geometry { proximal_m: [0.5, 0.5], distal_m: [0.75, 0.75], ..base });
     let angles = arm.inverse(point(0.75, 1.0)).unwrap();
-    assert!(close_to(angles.0.x, 1.0_f64.atan2(0.75)));
+    assert!(close_to(angles.0.x, elementary::atan2(1.0, 0.75)));
     let beyond = arm.inverse(point(0.75, 1.0_f64.next_up().next_up()));
     assert!(matches!(beyond, Err(LinkageError::OutOfReach { chain: Chain::Left, .. })), "{beyond:?}");
     // No joint rates move the tool outwards there.
@@ -94,7 +95,7 @@ fn meeting_elbows_are_refused_as_folded() {
     let unequal = five_bar(Geometry { distal_m: [0.4, 0.3], ..PARALLELOGRAM });
     let error = unequal.forward(JointAngles::new(0.1, 0.0)).unwrap_err();
     let LinkageError::DistalFolded { elbow_distance_m, shortest_m } = error else { panic!("{error}") };
-    assert!(close_to(elbow_distance_m, 0.6 * 0.05_f64.sin()) && close_to(shortest_m, 0.1));
+    assert!(close_to(elbow_distance_m, 0.6 * elementary::sin(0.05)) && close_to(shortest_m, 0.1));
     // From the inverse: with both elbows on one side of a coaxial base they coincide at every tool point.
     let doubled = five_bar(Geometry { elbows: [Side::Left, Side::Left], ..PARALLELOGRAM });
     let error = doubled.inverse(point(0.2, 0.3)).unwrap_err();

@@ -2,6 +2,7 @@
 
 use super::curve::{self, Frame};
 use super::page::{Anchor, BLACK, GREY, LETTER, Page, Point, Stroke};
+use crate::elementary;
 
 /// Ticks wished for per tenth of a millimetre of axis: one every 11 mm upright, one every 15 mm across and where both
 /// directions have one scale.
@@ -127,14 +128,14 @@ impl Ticks {
     /// With steps of 1, 2 or 5 times a power of ten, as near to the wished number as these come, three at least.
     fn new(range: [f64; 2], wished: f64) -> Self {
         let rough = (range[1] - range[0]) / wished.max(3.0);
-        let power = 10f64.powf(rough.log10().floor());
+        let power = elementary::powf(10.0, elementary::log10(rough).floor());
         // Each step serves up to its geometric mean with the next.
         let serves = |digit: &f64| rough <= power * digit * if *digit == 2.0 { 2.5f64 } else { 2.0 }.sqrt();
         let step = power * [1.0, 2.0, 5.0].into_iter().find(serves).unwrap_or(10.0);
         // Half a thousandth of a step of slack, so that rounding does not cost the tick at the very edge.
         let first = (range[0] / step - 5e-4).ceil() as i64;
         let last = (range[1] / step + 5e-4).floor() as i64;
-        Self { step, first, last, decimals: (-(step * 1.001).log10().floor()).max(0.0) as usize }
+        Self { step, first, last, decimals: (-elementary::log10(step * 1.001).floor()).max(0.0) as usize }
     }
 
     /// Count, value and number of each tick.

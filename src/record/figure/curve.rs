@@ -1,6 +1,7 @@
 //! Curves on paper: cut to a frame, thinned, dashed. Lengths in tenths of a millimetre.
 
 use super::page::Point;
+use crate::elementary;
 use std::f64::consts::{FRAC_PI_2, PI};
 
 /// Half of the greatest distance by which thinning may move a line: 0.02 mm.
@@ -107,7 +108,7 @@ struct Cone {
 impl Cone {
     /// Whether a point at this offset can be the end of the line; if so, the cone narrows to it.
     fn take(&mut self, dx: f64, dy: f64) -> bool {
-        let distance = dx.hypot(dy);
+        let distance = elementary::hypot(dx, dy);
         if distance < self.reach - TOLERANCE {
             return false;
         }
@@ -115,8 +116,8 @@ impl Cone {
         if distance <= TOLERANCE {
             return true;
         }
-        let angle = dy.atan2(dx);
-        let opening = (TOLERANCE / distance).asin();
+        let angle = elementary::atan2(dy, dx);
+        let opening = elementary::asin(TOLERANCE / distance);
         let Some(middle) = self.middle else {
             (self.middle, self.low, self.high) = (Some(angle), -opening, opening);
             return true;
@@ -162,7 +163,7 @@ pub(super) fn dashes(points: &[Point], pattern: &[f64]) -> Vec<Vec<Point>> {
     let mut phase = 0;
     let mut left = pattern[0];
     for pair in points.windows(2) {
-        let ((x, y), length) = (pair[0], (pair[1].0 - pair[0].0).hypot(pair[1].1 - pair[0].1));
+        let ((x, y), length) = (pair[0], elementary::hypot(pair[1].0 - pair[0].0, pair[1].1 - pair[0].1));
         let mut done = 0.0;
         while length - done > left {
             done += left;
@@ -200,7 +201,7 @@ mod tests {
         let length_squared = dx * dx + dy * dy;
         let along = ((point.0 - from.0) * dx + (point.1 - from.1) * dy) / length_squared.max(1e-300);
         let part = along.clamp(0.0, 1.0);
-        (point.0 - from.0 - part * dx).hypot(point.1 - from.1 - part * dy)
+        elementary::hypot(point.0 - from.0 - part * dx, point.1 - from.1 - part * dy)
     }
 
     #[test]

@@ -7,6 +7,7 @@
 
 use super::Error;
 use super::curve::Frame;
+use crate::elementary;
 use kuva::RasterBackend;
 use kuva::backend::svg::SvgBackend;
 use kuva::render::color::Color as Paint;
@@ -123,7 +124,7 @@ impl Page {
     /// An arrow; its head shrinks with arrows too short for it.
     pub(super) fn arrow(&mut self, from: Point, to: Point, color: Color, width: f64) {
         let (dx, dy) = (to.0 - from.0, to.1 - from.1);
-        let length = dx.hypot(dy);
+        let length = elementary::hypot(dx, dy);
         if length == 0.0 {
             return;
         }

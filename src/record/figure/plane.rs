@@ -4,6 +4,7 @@ use super::axes::{Axes, Kind};
 use super::curve::Frame;
 use super::page::{Anchor, GREY, PALE, Page, Point, SKY, Stroke, VERMILION};
 use super::{Error, Excerpt, Window};
+use crate::elementary;
 use crate::record::{Reference, Trace};
 use std::f64::consts::TAU;
 
@@ -54,7 +55,7 @@ pub(super) fn ways(page: &mut Page, axes: &Axes, trace: &Trace, excerpt: &Excerp
 
 /// How far the surfaces are from their place where they are nearest to it, and, if they move, where they are farthest.
 pub(super) fn places(excerpt: &Excerpt<'_>) -> ([f64; 3], Option<[f64; 3]>) {
-    let length = |[x, y, z]: &[f64; 3]| x.hypot(*y).hypot(*z);
+    let length = |[x, y, z]: &[f64; 3]| elementary::hypot(elementary::hypot(*x, *y), *z);
     let all = || excerpt.rows.iter().map(|row| row.surface_m);
     let by_length = |a: &[f64; 3], b: &[f64; 3]| length(a).total_cmp(&length(b));
     let (least, most) = (all().min_by(by_length).unwrap_or_default(), all().max_by(by_length).unwrap_or_default());
@@ -93,7 +94,7 @@ fn line(reference: &Reference, moved_m: [f64; 3], axes: &Axes) -> Option<Vec<Poi
             let corners = (TAU / (8.0 * SAGITTA / on_paper).sqrt()).clamp(60.0, MOST_CORNERS).ceil();
             Some(
                 (0..=corners as usize)
-                    .map(|corner| (corner as f64 / corners * TAU).sin_cos())
+                    .map(|corner| elementary::sin_cos(corner as f64 / corners * TAU))
                     .map(|(sine, cosine)| (cx + radius * cosine, cy + radius * sine))
                     .collect(),
             )
@@ -107,7 +108,7 @@ pub(super) fn circle(reference: &Reference) -> Option<([f64; 2], f64)> {
         Reference::Circle { center_m, radius_m } => Some((*center_m, *radius_m)),
         Reference::Point { point_m, capture_radius_m } => Some((*point_m, *capture_radius_m)),
         Reference::Cylinder { axis_point_m: [x, y, _], axis_direction: [dx, dy, dz], radius_m } => {
-            (dx.hypot(*dy) <= 1e-9 * dz.abs() && *dz != 0.0).then_some(([*x, *y], *radius_m))
+            (elementary::hypot(*dx, *dy) <= 1e-9 * dz.abs() && *dz != 0.0).then_some(([*x, *y], *radius_m))
         }
         _ => None,
     }

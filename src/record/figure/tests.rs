@@ -1,6 +1,7 @@
 //! Every figure, from made-up runs: what must be in it, and what is refused.
 
 use super::*;
+use crate::elementary;
 use crate::record::{ForceMeaning, Phase, Reference};
 use proptest::prelude::*;
 
@@ -10,9 +11,9 @@ const CIRCLE: Reference = Reference::Circle { center_m: [0.0, 0.0], radius_m: 0.
 fn tour(row_count: usize) -> Trace {
     let rows = (0..row_count).map(|step| {
         let time_s = step as f64 * 1e-3;
-        let radius_m = 0.12 + 0.03 * (0.9 * time_s).sin();
-        let (sine, cosine) = (0.5 * time_s).sin_cos();
-        let force_n = 15.0 * (0.9 * time_s).sin() + 0.2 * (12.9898 * step as f64).sin();
+        let radius_m = 0.12 + 0.03 * elementary::sin(0.9 * time_s);
+        let (sine, cosine) = elementary::sin_cos(0.5 * time_s);
+        let force_n = 15.0 * elementary::sin(0.9 * time_s) + 0.2 * elementary::sin(12.9898 * step as f64);
         Row {
             time_s,
             tool_m: [radius_m * cosine, radius_m * sine, 0.0],
@@ -93,7 +94,7 @@ fn every_surface_is_drawn_and_a_moving_one_also_where_it_swings_to() {
     let drawn = |references: Vec<Reference>, swing_m: f64| {
         let mut trace = Trace { references, ..tour(2000) };
         let count = trace.rows.len() as f64;
-        let share = |step: usize| (std::f64::consts::PI * step as f64 / count).sin();
+        let share = |step: usize| elementary::sin(std::f64::consts::PI * step as f64 / count);
         trace.rows.iter_mut().enumerate().for_each(|(step, row)| row.surface_m[0] = swing_m * share(step));
         trajectory_and_time(&trace, &Options::default()).unwrap().svg()
     };
@@ -230,7 +231,7 @@ proptest! {
         radius_power in -9..10i32,
     ) {
         let value = |(is_zero, part, power): (bool, f64, i32)| {
-            if is_zero { 0.0 } else { (part * 10f64.powi(power)).clamp(-1e9, 1e9) }
+            if is_zero { 0.0 } else { (part * elementary::powi(10.0, power)).clamp(-1e9, 1e9) }
         };
         let numbers: Vec<f64> = numbers.into_iter().map(value).collect();
         let rows = numbers.chunks_exact(11).map(|n| Row {
@@ -241,7 +242,7 @@ proptest! {
             power_w: n[10],
             ..Row::default()
         });
-        let reference = Reference::Circle { center_m: [0.0, 0.0], radius_m: 10f64.powi(radius_power) };
+        let reference = Reference::Circle { center_m: [0.0, 0.0], radius_m: elementary::powi(10.0, radius_power) };
         let trace = Trace { rows: rows.collect(), references: vec![reference], ..tour(0) };
         let options = Options::default();
         let mut drawings = vec![

@@ -6,6 +6,7 @@ use super::history::{force_panel, force_range, power_panel, power_range, time_ra
 use super::page::{Anchor, Color, GREY, Page, Point, Stroke};
 use super::plane::{self, MM_PER_M};
 use super::{Drawing, Error, Excerpt, Options};
+use crate::elementary;
 use crate::record::{ForceMeaning, Phase, Reference, Row, Trace};
 
 const LEFT: f64 = 100.0;
@@ -112,7 +113,7 @@ fn fit(frame: Frame, trace: &Trace, excerpt: &Excerpt<'_>, options: &Options) ->
     let per_length = 1.0 / ways.length_per_unit();
     points.extend(arrows.all.iter().filter_map(|Arrow { tail, along }| {
         let (x, y) = (along.0 * arrows.length_per_n, along.1 * arrows.length_per_n);
-        (x.hypot(y) <= LONGEST_ARROW).then_some((tail.0 + x * per_length, tail.1 + y * per_length))
+        (elementary::hypot(x, y) <= LONGEST_ARROW).then_some((tail.0 + x * per_length, tail.1 + y * per_length))
     }));
     let axes = around(frame, &points, 0.03);
     let arrows = Arrows::new(&axes, trace, excerpt, options.arrow_limit);
@@ -179,12 +180,12 @@ impl Arrows {
 
     /// An arrow of a round force, for scale.
     fn legend(&self, page: &mut Page, (x, y): Point, meaning: ForceMeaning) {
-        let power = 10f64.powf((ARROW_LENGTH / self.length_per_n).log10().floor());
+        let power = elementary::powf(10.0, elementary::log10(ARROW_LENGTH / self.length_per_n).floor());
         let fits = |force: &f64| force * self.length_per_n <= ARROW_LENGTH;
         let force = [5.0, 2.0, 1.0].map(|digit| digit * power).into_iter().find(fits).unwrap_or(power);
         let length = force * self.length_per_n;
         page.arrow((x, y - 9.0), (x + length, y - 9.0), ARROW, ARROW_WIDTH);
-        let decimals = (-force.log10().floor()).max(0.0) as usize;
+        let decimals = (-elementary::log10(force).floor()).max(0.0) as usize;
         let what = match meaning {
             ForceMeaning::HandOnTool => "\u{2212}h, force on the hand",
             ForceMeaning::ActuatorOnTool => "f, force on the hand",
@@ -203,7 +204,7 @@ fn spaced(axes: &Axes, trace: &Trace, excerpt: &Excerpt<'_>, length_per_n: f64, 
         let tail = (row.tool_m[0] * MM_PER_M, row.tool_m[1] * MM_PER_M);
         let from = axes.place(tail.0, tail.1);
         let to = (from.0 + fx * length_per_n, from.1 - fy * length_per_n);
-        if !axes.frame.contains(from) || fx.hypot(fy) * length_per_n < LEAST_ARROW {
+        if !axes.frame.contains(from) || elementary::hypot(fx, fy) * length_per_n < LEAST_ARROW {
             continue;
         }
         // From the last backward: most rows lie near the arrow drawn just before.
@@ -217,7 +218,7 @@ fn spaced(axes: &Axes, trace: &Trace, excerpt: &Excerpt<'_>, length_per_n: f64, 
 }
 
 fn far(a: Point, b: Point, distance: f64) -> bool {
-    (a.0 - b.0).hypot(a.1 - b.1) >= distance
+    elementary::hypot(a.0 - b.0, a.1 - b.1) >= distance
 }
 
 /// `R`, or the force below which 98 of 100 lie if that is larger: a short impact does not shrink all other arrows.
@@ -230,7 +231,7 @@ fn large_force_n(trace: &Trace, excerpt: &Excerpt<'_>) -> f64 {
 
 fn planar_force_n(trace: &Trace, row: &Row) -> f64 {
     let [x, y, _] = trace.force_on_hand_n(row);
-    x.hypot(y)
+    elementary::hypot(x, y)
 }
 
 /// Letters beside the way, at the middle of each phase.
@@ -259,10 +260,10 @@ fn phase_letters(page: &mut Page, axes: &Axes, trace: &Trace, excerpt: &Excerpt<
 /// Unit vector on the page across a motion, on the side away from a force; at rest, straight away from the force.
 fn beside(motion: Point, force: Point) -> Point {
     let unit = |(x, y): Point| {
-        let length = x.hypot(y);
+        let length = elementary::hypot(x, y);
         (length > 0.0).then(|| (x / length, y / length))
     };
-    if motion.0.hypot(motion.1) < LEAST_ARROW {
+    if elementary::hypot(motion.0, motion.1) < LEAST_ARROW {
         return unit(force).map_or((0.0, -1.0), |(x, y)| (-x, -y));
     }
     let (x, y) = unit(motion).map_or((0.0, -1.0), |(x, y)| (-y, x));

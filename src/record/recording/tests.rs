@@ -73,6 +73,8 @@ fn any_record() -> impl Strategy<Value = CycleRecord> {
 fn about() -> About {
     About {
         version: "1.2.3".into(),
+        commit: "0123456789ab-dirty".into(),
+        target: "aarch64-unknown-linux-gnu".into(),
         rig: "rig: {}".into(),
         scene: "hand: {}".into(),
         seed: 7,

@@ -31,6 +31,10 @@ const MESSAGE_ENCODING: &str = "cdr";
 pub struct About {
     /// Version of the program that made the recording.
     pub version: String,
+    /// Commit that the program was built from, with `-dirty` if the tree was changed; empty if not known.
+    pub commit: String,
+    /// What it was built for, as the compiler names it: processor, system and C library; empty if not known.
+    pub target: String,
     /// The rig as a document, with the fixture that it ran with and `scene.yaml` as its scene.
     pub rig: String,
     /// The scene as a document.
@@ -46,6 +50,8 @@ impl About {
         let entry = |key: &str, value: &str| (key.to_owned(), value.to_owned());
         let metadata = BTreeMap::from([
             entry("version", &self.version),
+            entry("commit", &self.commit),
+            entry("target", &self.target),
             entry("rig.yaml", &self.rig),
             entry("scene.yaml", &self.scene),
             entry("seed", &self.seed.to_string()),
@@ -59,6 +65,8 @@ impl About {
         let mut take = |key| metadata.remove(key);
         Some(Self {
             version: take("version")?,
+            commit: take("commit").unwrap_or_default(),
+            target: take("target").unwrap_or_default(),
             rig: take("rig.yaml")?,
             scene: take("scene.yaml")?,
             seed: take("seed")?.parse().ok()?,

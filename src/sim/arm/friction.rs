@@ -63,6 +63,7 @@ pub fn slip_rate(inertia: f64, impulse: f64, limit: f64) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::elementary;
     use proptest::prelude::*;
 
     /// Distance of `impulse - inertia v` from the set `limit Sgn(v)`, the larger of the two joints.
@@ -87,7 +88,7 @@ mod tests {
     /// Symmetric positive definite with eigenvalues in 0.05 to 5, any axes.
     fn inertia() -> impl Strategy<Value = Matrix2<f64>> {
         (0.05..5.0, 0.05..5.0, 0.0..std::f64::consts::PI).prop_map(|(first, second, turn): (f64, f64, f64)| {
-            let (s, c) = turn.sin_cos();
+            let (s, c) = elementary::sin_cos(turn);
             let coupling = (first - second) * s * c;
             Matrix2::new(first * c * c + second * s * s, coupling, coupling, first * s * s + second * c * c)
         })

@@ -1,3 +1,4 @@
+use crate::elementary;
 use nalgebra::Vector2;
 use proptest::prelude::*;
 use std::f64::consts::TAU;
@@ -31,7 +32,7 @@ fn greatest_distance(one: &[Vector2<f64>], other: &[Vector2<f64>]) -> f64 {
 /// the two disagree the ground truth has to be refined before the arm is blamed.
 #[test]
 fn a_grazing_break_away_is_seen_where_a_coarse_ground_truth_misses_it() {
-    let force = |time_s: f64| Vector2::new((63.5 - 20.0 * ((time_s - 3.5e-3) / 1e-3).powi(2)).max(0.0), 0.0);
+    let force = |time_s: f64| Vector2::new((63.5 - 20.0 * elementary::powi((time_s - 3.5e-3) / 1e-3, 2)).max(0.0), 0.0);
     let start = STUDY_ARM.inverse(Vector2::new(0.0, 0.36));
     let oracle = |step_s: f64| {
         let mut oracle = Events::new(STUDY_ARM, start, |time_s: f64, _: Vector2<f64>| HandLoad {
@@ -175,7 +176,10 @@ fn the_attached_mass_is_felt_through_the_tip_acceleration() {
     let mut alone = arm_at(&alone, Vector2::new(0.05, 0.34));
     let mut moved = 0u32;
     for index in 0..3000 {
-        let force_n = Vector2::new(90.0 * (f64::from(index) * 2e-2).sin(), 70.0 * (f64::from(index) * 3.1e-2).cos());
+        let force_n = Vector2::new(
+            90.0 * elementary::sin(f64::from(index) * 2e-2),
+            70.0 * elementary::cos(f64::from(index) * 3.1e-2),
+        );
         let torques = JointTorques::new(3.0, -2.0);
         held.advance(1e-4, torques, push(force_n)).unwrap();
         let taken = Vector2::from(held.tip().unwrap().acceleration_m_per_s2) * 0.5;
@@ -201,7 +205,7 @@ fn elastic(stiffness_n_m_per_rad: f64, damping_n_m_s_per_rad: f64, arm: &StudyAr
 fn pushed_about(parameters: &ArmParameters, step_s: f64) -> Vec<Vector2<f64>> {
     let mut arm = arm_at(parameters, Vector2::new(0.05, 0.36));
     let load = |time_s: f64, _: TipPoint| {
-        let (sin, cos) = (TAU * 2.0 * time_s).sin_cos();
+        let (sin, cos) = elementary::sin_cos(TAU * 2.0 * time_s);
         HandLoad { force_n: Vector2::new(100.0 * sin, 100.0 * cos), damping_n_s_per_m: 5.0, stiffness_n_per_m: 0.0 }
     };
     (1..=400)

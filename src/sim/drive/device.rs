@@ -1,5 +1,6 @@
 //! State machine, control loop and monitoring of a drive.
 
+use crate::elementary;
 use std::time::Duration;
 
 use yieldwall_drives::cia402::{OperationMode, OptionCodes, Reaction, State, StateMachine, Statusword, Transition};
@@ -392,7 +393,7 @@ impl Device {
         self.parameters = Parameters {
             slow_rad_per_s2: f64::from(od.get(objects.deceleration)) / per_rad,
             quick_rad_per_s2: f64::from(od.get(objects.quick_deceleration)) / per_rad,
-            period_s: f64::from(od.get(objects.interpolation_time)) * 10f64.powi(exponent),
+            period_s: f64::from(od.get(objects.interpolation_time)) * elementary::powi(10.0, exponent),
             window: (window != u32::MAX).then_some(f64::from(window)),
             window_time: Duration::from_millis(od.get(objects.following_timeout).into()),
         };

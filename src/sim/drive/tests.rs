@@ -1,5 +1,6 @@
 //! The drive as a master sees it: frames in, frames out, and a joint behind it.
 
+use crate::elementary;
 use std::time::Duration;
 
 use yieldwall_drives::cia402::OperationMode;
@@ -269,7 +270,7 @@ fn above_its_speed_limit_a_motor_is_only_braked() {
 fn a_position_target_is_followed_along_a_sine() {
     let mut bench = Bench::enabled(OperationMode::CyclicPosition);
     // 0.2 rad at 1 Hz: 1.26 rad/s, 7.9 rad/s^2.
-    let sine = |cycle: i32| 0.2 * (1.0 - (std::f64::consts::TAU * f64::from(cycle) * 1e-3).cos());
+    let sine = |cycle: i32| 0.2 * (1.0 - elementary::cos(std::f64::consts::TAU * f64::from(cycle) * 1e-3));
     let counts = |angle: f64| (angle / std::f64::consts::TAU * COUNTS_PER_REV).round() as i32;
     let mut worst = 0.0f64;
     for cycle in 0..1000 {

@@ -233,6 +233,7 @@ fn check_not_negative(name: &'static str, value: f64) -> Result<(), HandError> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::elementary;
     use nalgebra::Vector2;
 
     fn parameters() -> HandParameters {
@@ -319,15 +320,16 @@ mod tests {
         let mut hand = hand(HandParameters { aim_error, ..parameters() }, 3);
         assert_eq!(hand.target(0.0).position_m, Vector2::new(0.1, 0.0));
         // The path has ended; the error goes on.
-        let square =
-            |time_s: f64, hand: &mut Hand<2>| (hand.target(time_s).position_m - Vector2::new(0.1, 0.2)).x.powi(2);
+        let square = |time_s: f64, hand: &mut Hand<2>| {
+            elementary::powi((hand.target(time_s).position_m - Vector2::new(0.1, 0.2)).x, 2)
+        };
         let rms = ((0..200_000).map(|i| square(2.0 + 0.002 * f64::from(i), &mut hand)).sum::<f64>() / 200_000.0).sqrt();
         // 400 s at a coherence time of 0.3 s: a scatter of some 4 %.
         assert!((rms / 0.01 - 1.0).abs() < 0.12, "{rms}");
         let (before, after) = (hand.target(500.0001), hand.target(500.0009));
         let slope = (after.position_m - before.position_m) / 0.0008;
         assert!((slope - after.velocity_m_per_s).norm() < 1e-9, "the velocity is that of the erring aim");
-        let speed = |time_s: f64, hand: &mut Hand<2>| hand.target(time_s).velocity_m_per_s.x.powi(2);
+        let speed = |time_s: f64, hand: &mut Hand<2>| elementary::powi(hand.target(time_s).velocity_m_per_s.x, 2);
         let rms =
             ((0..200_000).map(|i| speed(600.0 + 0.002 * f64::from(i), &mut hand)).sum::<f64>() / 200_000.0).sqrt();
         // That of a filter of the second order: natural frequency times RMS.

@@ -1,7 +1,8 @@
 //! Random courses: the force of a tremor, in a narrow band, and the error of an aim, slow and smooth.
 
+use crate::elementary;
+use crate::sim::standard_normal;
 use nalgebra::{Matrix2, SVector, Vector2};
-use rand_distr::{Distribution, StandardNormal};
 use rand_xoshiro::Xoshiro256PlusPlus;
 use rand_xoshiro::rand_core::SeedableRng;
 
@@ -144,16 +145,16 @@ fn transition(low_hz: f64, high_hz: f64) -> Matrix2<f64> {
     let natural = std::f64::consts::TAU * (low_hz * high_hz).sqrt();
     // Half of the -3 dB width, which is also the rate at which the envelope decays.
     let decay = 0.5 * std::f64::consts::TAU * (high_hz - low_hz);
-    let envelope = (-decay * GRID_PERIOD_S).exp();
+    let envelope = elementary::exp(-decay * GRID_PERIOD_S);
     // (cos, sin/rate) of the damped rotation; with low close to zero the filter is overdamped.
     let squared = natural * natural - decay * decay;
     let turn = squared.abs().sqrt() * GRID_PERIOD_S;
     let (cos, sin_by_rate) = if turn < 1e-6 {
         (1.0, GRID_PERIOD_S)
     } else if squared > 0.0 {
-        (turn.cos(), turn.sin() * GRID_PERIOD_S / turn)
+        (elementary::cos(turn), elementary::sin(turn) * GRID_PERIOD_S / turn)
     } else {
-        (turn.cosh(), turn.sinh() * GRID_PERIOD_S / turn)
+        (elementary::cosh(turn), elementary::sinh(turn) * GRID_PERIOD_S / turn)
     };
     Matrix2::new(cos + decay * sin_by_rate, natural * sin_by_rate, -natural * sin_by_rate, cos - decay * sin_by_rate)
         * envelope
@@ -167,7 +168,7 @@ fn lower_factor(covariance: &Matrix2<f64>) -> Matrix2<f64> {
 }
 
 fn normal_pair(generator: &mut Xoshiro256PlusPlus) -> Vector2<f64> {
-    Vector2::new(StandardNormal.sample(generator), StandardNormal.sample(generator))
+    Vector2::new(standard_normal(generator), standard_normal(generator))
 }
 
 #[cfg(test)]
@@ -191,8 +192,8 @@ mod tests {
                 let (mut cos, mut sin) = (0.0, 0.0);
                 for (index, sample) in segment.iter().enumerate() {
                     let phase = TAU * frequency_hz * index as f64 * GRID_PERIOD_S;
-                    cos += sample * phase.cos();
-                    sin += sample * phase.sin();
+                    cos += sample * elementary::cos(phase);
+                    sin += sample * elementary::sin(phase);
                 }
                 cos * cos + sin * sin
             })
@@ -214,8 +215,10 @@ mod tests {
 
     #[test]
     fn it_is_stationary_from_the_start() {
-        let mean_square =
-            (0..4000).map(|seed| Noise::<1>::in_band(USUAL, seed).unwrap().value(0.0).x.powi(2)).sum::<f64>() / 4000.0;
+        let mean_square = (0..4000)
+            .map(|seed| elementary::powi(Noise::<1>::in_band(USUAL, seed).unwrap().value(0.0).x, 2))
+            .sum::<f64>()
+            / 4000.0;
         assert!((mean_square.sqrt() / 0.1 - 1.0).abs() < 0.04, "{}", mean_square.sqrt());
     }
 

@@ -1,5 +1,6 @@
 //! The path of the point that a hand aims at.
 
+use crate::elementary;
 use nalgebra::SVector;
 
 use super::HandError;
@@ -151,7 +152,7 @@ fn checked_shape<const N: usize>(
                 return Err(HandError::NotFinite { leg });
             }
             let Some([x, y]) = plane(from_m) else { return Err(HandError::NoPlane { leg }) };
-            let radius_m = (x - center_m[0]).hypot(y - center_m[1]);
+            let radius_m = elementary::hypot(x - center_m[0], y - center_m[1]);
             if radius_m < SMALLEST_RADIUS_M {
                 return Err(HandError::NoRadius { leg, radius_m });
             }
@@ -193,7 +194,7 @@ impl<const N: usize> Piece<N> {
     fn turned(&self, center_m: [f64; 2], angle_rad: f64, rate_rad_per_s: f64) -> PathPoint<N> {
         let mut point = PathPoint { position_m: self.from_m, velocity_m_per_s: SVector::zeros() };
         let [center_x, center_y] = center_m;
-        let (sin, cos) = angle_rad.sin_cos();
+        let (sin, cos) = elementary::sin_cos(angle_rad);
         if let ([x, y, ..], [velocity_x, velocity_y, ..]) =
             (point.position_m.as_mut_slice(), point.velocity_m_per_s.as_mut_slice())
         {

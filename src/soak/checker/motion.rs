@@ -1,5 +1,6 @@
 //! What the reference, the fixture and the arm do.
 
+use crate::elementary;
 use nalgebra::Vector2;
 
 use super::super::excuse::Excuse;
@@ -235,7 +236,7 @@ fn check_levels(limits: &Limits, seen: &Observation, now: &Past, past: &Past, fi
     };
     let kappa = limits.mass_kg / (limits.period_s * limits.period_s);
     let force = (now.step - past.step) * kappa - Vector2::from(reported.force_n);
-    let both = limits.friction_n.hypot(limits.yield_n);
+    let both = elementary::hypot(limits.friction_n, limits.yield_n);
     // A proxy that has just landed is put onto the surface before it is said to lie there.
     let has_landed = reported.distance_m.abs() <= tolerance::LANDED_M;
     let is_touching = reported.is_on_surface || past.is_on_surface || has_landed;

@@ -7,6 +7,7 @@ use super::super::observation::{Observation, Sender, Sighting};
 use super::super::session::{Course, play_watched};
 use super::{Checker, Limits};
 use crate::canopen::Frame;
+use crate::elementary;
 use crate::guard::{Request, State};
 
 /// Cycles of the runs: the rig is enabled and moves.
@@ -72,7 +73,7 @@ impl Run {
     fn moving(&self) -> usize {
         let speed = |at: usize| {
             let [now, before] = [self.seen[at].reported.proxy_m, self.seen[at - 1].reported.proxy_m];
-            (now[0] - before[0]).hypot(now[1] - before[1]) / self.limits.period_s
+            elementary::hypot(now[0] - before[0], now[1] - before[1]) / self.limits.period_s
         };
         let start = self.running() + 100;
         (start..self.seen.len() - 100).find(|at| (0..5).all(|step| speed(at + step) > 0.01)).expect("the proxy moves")
@@ -242,7 +243,7 @@ fn i6_a_fixture_that_holds_too_hard() {
     let mut run = torque();
     let at = run.moving();
     // A force that the motion does not answer.
-    let force = 3.0 * run.limits.friction_n.hypot(run.limits.yield_n);
+    let force = 3.0 * elementary::hypot(run.limits.friction_n, run.limits.yield_n);
     run.seen[at].reported.force_n = [force.min(149.0), 0.0];
     expect_found(&run, Invariant::I6, at);
 }

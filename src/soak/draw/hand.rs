@@ -1,5 +1,6 @@
 //! A hand and the path that it aims along.
 
+use crate::elementary;
 use std::f64::consts::TAU;
 
 use super::{finite, not_negative, positive};
@@ -54,11 +55,11 @@ fn path(dice: &mut Dice, start: [f64; 2], yield_m: f64) -> Vec<PathSegment> {
     while time_s < MOVES_S {
         let leg = match dice.whole(0, 9) {
             0 | 1 => PathSegment::Wait { for_s: positive(dice.between(0.2, 1.5)) },
-            2 if here[0].hypot(here[1]) > 0.01 => {
+            2 if elementary::hypot(here[0], here[1]) > 0.01 => {
                 let by = dice.between(-1.5, 1.5);
-                let way = by.abs() * here[0].hypot(here[1]);
+                let way = by.abs() * elementary::hypot(here[0], here[1]);
                 let in_s = (way / dice.between(0.04, CALM_M_PER_S)).max(SHORTEST_S);
-                let (sine, cosine) = by.sin_cos();
+                let (sine, cosine) = elementary::sin_cos(by);
                 let [x, y] = here;
                 here = [cosine * x - sine * y, sine * x + cosine * y];
                 PathSegment::Arc {
@@ -75,7 +76,7 @@ fn path(dice: &mut Dice, start: [f64; 2], yield_m: f64) -> Vec<PathSegment> {
                 go(dice, &mut here, to, FAST_M_PER_S)
             }
             6 if dice.chance(0.3) => {
-                let (sine, cosine) = dice.between(0.0, TAU).sin_cos();
+                let (sine, cosine) = elementary::sin_cos(dice.between(0.0, TAU));
                 let to = [TOWARDS_EDGE_M * cosine, TOWARDS_EDGE_M * sine];
                 go(dice, &mut here, to, CALM_M_PER_S)
             }
@@ -92,23 +93,23 @@ fn path(dice: &mut Dice, start: [f64; 2], yield_m: f64) -> Vec<PathSegment> {
 
 /// A leg from `here` by up to `most_m` in any direction, kept within the workspace.
 fn reach(dice: &mut Dice, here: &mut [f64; 2], most_m: f64, speed: f64) -> PathSegment {
-    let (sine, cosine) = dice.between(0.0, TAU).sin_cos();
+    let (sine, cosine) = elementary::sin_cos(dice.between(0.0, TAU));
     let by = dice.between(0.2, 1.0) * most_m;
     let to = [here[0] + by * cosine, here[1] + by * sine];
-    let radius = to[0].hypot(to[1]);
+    let radius = elementary::hypot(to[0], to[1]);
     let scale = if radius > WITHIN_M { WITHIN_M / radius } else { 1.0 };
     go(dice, here, to.map(|value| value * scale), speed)
 }
 
 fn go(dice: &mut Dice, here: &mut [f64; 2], to: [f64; 2], speed: f64) -> PathSegment {
-    let way = (to[0] - here[0]).hypot(to[1] - here[1]);
+    let way = elementary::hypot(to[0] - here[0], to[1] - here[1]);
     let in_s = (way / dice.between(0.2 * speed, speed)).max(SHORTEST_S);
     *here = to;
     PathSegment::To { point_m: to.map(finite).to_vec(), in_s: positive(in_s) }
 }
 
 fn point_in_disc(dice: &mut Dice, radius_m: f64) -> [f64; 2] {
-    let (sine, cosine) = dice.between(0.0, TAU).sin_cos();
+    let (sine, cosine) = elementary::sin_cos(dice.between(0.0, TAU));
     // The square root spreads the points evenly over the area.
     let radius = radius_m * dice.share().sqrt();
     [radius * cosine, radius * sine]

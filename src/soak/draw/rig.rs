@@ -1,5 +1,6 @@
 //! What of a shipped rig is varied.
 
+use crate::elementary;
 use std::f64::consts::TAU;
 
 use super::{finite, not_negative, positive};
@@ -29,7 +30,7 @@ pub(super) fn vary_fixture(dice: &mut Dice, rig: &mut config::Rig) {
         fixture.surface = config::Surface::Circle { center_m, radius_m: positive(dice.between(0.07, 0.13)), forbidden };
         fixture.curvature = if dice.chance(0.5) { config::Curvature::Tangent } else { config::Curvature::Exact };
     } else {
-        let (sine, cosine) = dice.between(0.0, TAU).sin_cos();
+        let (sine, cosine) = elementary::sin_cos(dice.between(0.0, TAU));
         let point_m = [finite(dice.between(-0.05, 0.05)), finite(dice.between(-0.05, 0.05))];
         fixture.surface = config::Surface::Line { point_m, normal: [finite(cosine), finite(sine)] };
         fixture.curvature = config::Curvature::Tangent;

@@ -5,6 +5,7 @@
 
 mod term;
 
+use crate::elementary;
 use serde_json::Value;
 
 use self::term::TERMS;
@@ -107,7 +108,7 @@ fn outcome(run: &Result<RunReport, RigError>) -> String {
 /// Greatest distance between the tools of two runs at the same time, in mm.
 fn way_change_mm(one: &RunReport, other: &RunReport) -> f64 {
     let pairs = one.trace.rows.iter().zip(&other.trace.rows);
-    pairs.map(|(a, b)| 1e3 * (0..3).map(|i| a.tool_m[i] - b.tool_m[i]).fold(0.0, f64::hypot)).fold(0.0, f64::max)
+    pairs.map(|(a, b)| 1e3 * (0..3).map(|i| a.tool_m[i] - b.tool_m[i]).fold(0.0, elementary::hypot)).fold(0.0, f64::max)
 }
 
 impl Sweep for Terms {

@@ -1,5 +1,6 @@
 //! Charts drawn with the plots of the plotting crate, as SVG and PNG.
 
+use crate::elementary;
 use std::sync::Arc;
 
 use kuva::RasterBackend;
@@ -147,7 +148,7 @@ fn range(axis: &Axis, panel: &Panel, which: usize) -> (f64, f64) {
         values.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), value| (low.min(value), high.max(value)));
     match (low < high, axis.is_logarithmic) {
         (true, true) => {
-            let factor = (high / low).powf(0.05);
+            let factor = elementary::powf(high / low, 0.05);
             (low / factor, high * factor)
         }
         (true, false) => (low - 0.05 * (high - low), high + 0.05 * (high - low)),
@@ -191,7 +192,7 @@ fn edge(value: f64, axis: &Axis) -> f64 {
         _ if value > high => 1.0 - EDGE,
         _ => return value,
     };
-    if axis.is_logarithmic { low * (high / low).powf(share) } else { low + share * (high - low) }
+    if axis.is_logarithmic { low * elementary::powf(high / low, share) } else { low + share * (high - low) }
 }
 
 fn plots(panel: &Panel) -> Vec<Plot> {

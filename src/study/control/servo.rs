@@ -1,5 +1,6 @@
 //! Gains that keep the same margins at every period and delay.
 
+use crate::elementary;
 use nalgebra::Matrix2;
 
 use super::machine::Machine;
@@ -30,7 +31,11 @@ pub(super) struct Tuned {
 /// The shipped gains at another bandwidth: stiffness by its square, damping by itself, integral by its cube, so that the shape of the loop stays.
 fn at_bandwidth(is_cartesian: bool, factor: f64) -> Gains {
     let Gains { stiffness, damping, integral } = if is_cartesian { CARTESIAN } else { JOINT };
-    Gains { stiffness: stiffness * factor.powi(2), damping: damping * factor, integral: integral * factor.powi(3) }
+    Gains {
+        stiffness: stiffness * elementary::powi(factor, 2),
+        damping: damping * factor,
+        integral: integral * elementary::powi(factor, 3),
+    }
 }
 
 /// The greatest bandwidth that keeps the margins; `None` if no bandwidth does.
@@ -61,8 +66,10 @@ fn inertias(machine: &Machine, is_cartesian: bool) -> Result<Vec<f64>, LinkageEr
     let mut all = Vec::new();
     for pose in 0..POSES {
         let angle = std::f64::consts::TAU * f64::from(pose) / f64::from(POSES);
-        let angles =
-            machine.arm.linkage.inverse(TipPoint::new(super::RADIUS_M * angle.cos(), super::RADIUS_M * angle.sin()))?;
+        let angles = machine.arm.linkage.inverse(TipPoint::new(
+            super::RADIUS_M * elementary::cos(angle),
+            super::RADIUS_M * elementary::sin(angle),
+        ))?;
         let dynamics = machine.arm.linkage.dynamics(&machine.arm.mass, angles, JointRates::default())?;
         let mass = match (is_cartesian, dynamics.jacobian.try_inverse()) {
             (true, Some(inverse)) => inverse.transpose() * dynamics.mass * inverse,

@@ -8,6 +8,7 @@ mod truth;
 #[cfg(test)]
 mod tests;
 
+use crate::elementary;
 use nalgebra::Vector2;
 use serde_json::Value;
 use std::f64::consts::{PI, TAU};
@@ -138,7 +139,7 @@ fn errors(ratio: f64) -> [f64; 2] {
             let height_m = from_m - away_m * share(along, PROXIES);
             for across in 0..PROXIES {
                 let side_m = friction_m * (2.0 * share(across, PROXIES) - 1.0);
-                let (sin, cos) = (side_m / from_m).clamp(-PI, PI).sin_cos();
+                let (sin, cos) = elementary::sin_cos((side_m / from_m).clamp(-PI, PI));
                 for before in [Vector2::new(height_m, side_m), Vector2::new(cos, sin) * height_m] {
                     let right = truth.nearest(input, before);
                     for (set, error) in sets.iter().zip(&mut errors) {
@@ -170,8 +171,8 @@ fn motion(radius_m: f64) -> Vec<Vector2<f64>> {
     let reach_m = LIMITS.yield_n / STIFFNESS_N_PER_M;
     let at = |step: usize| {
         let turn = step as f64 / STEPS as f64 * TAU;
-        let across_m = SWING * reach_m * (8.0 * turn).sin();
-        Vector2::new(turn.cos(), turn.sin()) * (radius_m + across_m)
+        let across_m = SWING * reach_m * elementary::sin(8.0 * turn);
+        Vector2::new(elementary::cos(turn), elementary::sin(turn)) * (radius_m + across_m)
     };
     (0..STEPS).map(at).collect()
 }

@@ -1,4 +1,5 @@
 use super::*;
+use crate::elementary;
 
 /// Figures of the step in the literature's form, measured before with other means: error over `F/kappa` by ratio.
 const MEASURED: [(f64, f64); 5] = [(100.0, 0.010), (33.0, 0.032), (10.0, 0.113), (5.0, 0.25), (2.0, 0.97)];
@@ -26,7 +27,7 @@ fn the_truth_is_in_the_set_and_nothing_nearer_is() {
     let near = |x: f64, y: f64| set.nearest(input, Vector2::new(x, y));
     assert!((near(2.6, 0.0) - Vector2::new(2.6, 0.0)).norm() < CLOSE);
     assert!((near(5.0, 0.0) - Vector2::new(3.0, 0.0)).norm() < CLOSE);
-    let edge = Vector2::new(0.1f64.cos(), 0.1f64.sin());
+    let edge = Vector2::new(elementary::cos(0.1), elementary::sin(0.1));
     let beside = edge * 2.5 + Vector2::new(-edge.y, edge.x) * 0.3;
     assert!((set.nearest(input, beside) - edge * 2.5).norm() < CLOSE);
     assert!((near(1.0, 0.0) - Vector2::new(1.8, 0.0)).norm() < CLOSE);

@@ -1,5 +1,6 @@
 //! The nearest point of the admissible set about a circle, sought and not derived: independent of [`crate::fixture`].
 
+use crate::elementary;
 use nalgebra::Vector2;
 use std::f64::consts::PI;
 
@@ -42,9 +43,9 @@ impl Annulus {
         let to = from + (self.radius - from).clamp(-self.reach, self.reach);
         let (least, most) = (from.min(to), from.max(to));
         let half = if from * PI <= self.friction { PI } else { self.friction / from };
-        let middle = input.y.atan2(input.x);
+        let middle = elementary::atan2(input.y, input.x);
         let point = |turn: f64| {
-            let direction = Vector2::new((middle + turn).cos(), (middle + turn).sin());
+            let direction = Vector2::new(elementary::cos(middle + turn), elementary::sin(middle + turn));
             direction * direction.dot(&before).clamp(least, most)
         };
         let off = |turn: f64| (point(turn) - before).norm_squared();

@@ -1,5 +1,6 @@
 //! One hand and one wall in one dimension.
 
+use crate::elementary;
 use nalgebra::Vector1;
 use rand_xoshiro::SplitMix64;
 use rand_xoshiro::rand_core::{Rng, SeedableRng};
@@ -93,7 +94,7 @@ impl Hand {
             speed_m_per_s: uniform(0.05, 0.5),
             limit_n: uniform(0.4, 0.9) * YIELD_N,
             gain: uniform(20.0, 80.0),
-            grip_n_per_m: 1e3 * 30.0_f64.powf(uniform(0.0, 1.0)),
+            grip_n_per_m: 1e3 * elementary::powf(30.0, uniform(0.0, 1.0)),
             grip_damping: uniform(0.3, 0.7),
         }
     }

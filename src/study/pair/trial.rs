@@ -1,5 +1,6 @@
 //! One hand, one pair, one wall and what lies before it, in one dimension.
 
+use crate::elementary;
 use nalgebra::Vector1;
 
 use crate::fixture::{
@@ -103,7 +104,7 @@ pub(super) fn run(case: &Case) -> Result<Outcome, RigError> {
             running_j = (running_j + 0.5 * (felt + felt_before) * moved).max(0.0);
             outcome.given_j = outcome.given_j.max(running_j);
             if row.time_s >= END_S - REST_S {
-                squares += (moved / PERIOD_S).powi(2);
+                squares += elementary::powi(moved / PERIOD_S, 2);
                 forces += felt;
                 counted += 1.0;
             }

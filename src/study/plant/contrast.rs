@@ -1,5 +1,6 @@
 //! Methods that the simulation does not use, with its own equations of motion: for contrast.
 
+use crate::elementary;
 use nalgebra::{Matrix2, Vector2};
 
 use super::machine::inverse;
@@ -124,7 +125,7 @@ impl<F: Fn(f64, Vector2<f64>) -> HandLoad<2>> Plant for Smooth<F> {
                 let dynamics = body.dynamics(angles, rates)?;
                 let load = (body.load)(body.time_s + after_s, dynamics.tip.0);
                 let force = load.force_n - dynamics.jacobian * rates * load.damping_n_s_per_m;
-                let friction = body.coulomb_n_m.component_mul(&(rates / scale).map(f64::tanh))
+                let friction = body.coulomb_n_m.component_mul(&(rates / scale).map(elementary::tanh))
                     + body.viscous_n_m_s_per_rad.component_mul(&rates);
                 let torque = torque_n_m + dynamics.jacobian.tr_mul(&force) - dynamics.bias.0 - friction;
                 Ok(inverse(&dynamics.mass) * torque)

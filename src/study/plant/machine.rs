@@ -2,6 +2,7 @@
 //!
 //! It shares no code with [`crate::linkage`], so that the reference is independent of what it judges.
 
+use crate::elementary;
 use nalgebra::{Matrix2, Vector2};
 
 use crate::linkage::{Chain, FiveBar, Geometry, GeometryError, MassModel, Side, Tool, WristSide};
@@ -64,7 +65,7 @@ impl StudyArm {
     /// Derived here. The tool lies on the perpendicular bisector of the elbows. A uniform rod between points with
     /// velocities a and b has the kinetic energy `m / 6 (a.a + a.b + b.b)`.
     pub fn motion(&self, angles: Vector2<f64>, rates: Vector2<f64>) -> Motion {
-        let unit = angles.map(|angle| Vector2::new(angle.cos(), angle.sin()));
+        let unit = angles.map(|angle| Vector2::new(elementary::cos(angle), elementary::sin(angle)));
         let across = |v: Vector2<f64>| Vector2::new(-v.y, v.x);
         let base = [Vector2::new(-self.half_base_m, 0.0), Vector2::new(self.half_base_m, 0.0)];
         let elbow = [base[0] + unit[0] * self.proximal_m, base[1] + unit[1] * self.proximal_m];
@@ -102,7 +103,7 @@ impl StudyArm {
             let reach = tip - Vector2::new(base_x, 0.0);
             let (l1, l2) = (self.proximal_m, self.distal_m);
             let cos = (reach.norm_squared() + l1 * l1 - l2 * l2) / (2.0 * l1 * reach.norm());
-            reach.y.atan2(reach.x) + side * cos.acos()
+            elementary::atan2(reach.y, reach.x) + side * elementary::acos(cos)
         };
         Vector2::new(angle(-self.half_base_m, 1.0), angle(self.half_base_m, -1.0))
     }

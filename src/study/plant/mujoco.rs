@@ -1,5 +1,6 @@
 //! The same scene in MuJoCo: its model as MJCF, and a program beside this one that runs it.
 
+use crate::elementary;
 use nalgebra::Vector2;
 use std::fmt::Write as _;
 use std::io::Write as _;
@@ -94,9 +95,10 @@ fn start(scene: &Scene) -> [f64; 4] {
     let driven = scene.start();
     let tip = arm.motion(driven, Vector2::zeros()).tip;
     let passive = |angle: f64, base_m: f64| {
-        let elbow = Vector2::new(base_m, 0.0) + Vector2::new(angle.cos(), angle.sin()) * arm.proximal_m;
+        let elbow =
+            Vector2::new(base_m, 0.0) + Vector2::new(elementary::cos(angle), elementary::sin(angle)) * arm.proximal_m;
         let distal = tip - elbow;
-        distal.y.atan2(distal.x) - angle
+        elementary::atan2(distal.y, distal.x) - angle
     };
     [driven.x, passive(driven.x, -arm.half_base_m), driven.y, passive(driven.y, arm.half_base_m)]
 }
@@ -122,8 +124,8 @@ fn mjcf(settings: Settings, scene: &Scene, step_s: f64) -> String {
         let (kg, middle_m) = (arm.distal_kg + tool_kg, 0.5 * arm.distal_m);
         let center_m = (arm.distal_kg * middle_m + tool_kg * arm.distal_m) / kg;
         let about_center = rod(arm.distal_kg, arm.distal_m)
-            + arm.distal_kg * (center_m - middle_m).powi(2)
-            + tool_kg * (arm.distal_m - center_m).powi(2);
+            + arm.distal_kg * elementary::powi(center_m - middle_m, 2)
+            + tool_kg * elementary::powi(arm.distal_m - center_m, 2);
         let distal = body(kg, center_m, about_center);
         // Writing to a string does not fail.
         let _ = write!(

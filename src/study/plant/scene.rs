@@ -1,5 +1,6 @@
 //! What the arm of the study does: motors, hand and pushes, and the motion that they make.
 
+use crate::elementary;
 use nalgebra::Vector2;
 use std::f64::consts::TAU;
 
@@ -117,10 +118,10 @@ impl Way {
     /// Point and velocity on the arc of another radius, which grows at a rate in m/s.
     #[inline]
     fn at(&self, time_s: f64, radius_m: f64, growth_m_per_s: f64) -> (Vector2<f64>, Vector2<f64>) {
-        let (sin, cos) = (TAU * self.swing_hz * time_s).sin_cos();
+        let (sin, cos) = elementary::sin_cos(TAU * self.swing_hz * time_s);
         let angle = self.from_rad + self.swing_rad * (1.0 - cos);
         let rate = self.swing_rad * TAU * self.swing_hz * sin;
-        let (sin, cos) = angle.sin_cos();
+        let (sin, cos) = elementary::sin_cos(angle);
         let (outward, along) = (Vector2::new(cos, sin), Vector2::new(-sin, cos));
         (Vector2::from(self.center_m) + outward * radius_m, along * (rate * radius_m) + outward * growth_m_per_s)
     }
@@ -133,7 +134,7 @@ impl Way {
     /// Where the hand aims, and how that moves.
     #[inline]
     pub fn of_hand(&self, time_s: f64) -> (Vector2<f64>, Vector2<f64>) {
-        let (sin, cos) = (TAU * self.tremor_hz * time_s).sin_cos();
+        let (sin, cos) = elementary::sin_cos(TAU * self.tremor_hz * time_s);
         let radius_m = self.radius_m + self.offset_m + self.tremor_m * sin;
         self.at(time_s, radius_m, self.tremor_m * TAU * self.tremor_hz * cos)
     }

@@ -1,5 +1,6 @@
 //! Corners, centres and bisectors, where the nearest point of the surface jumps: how far the proxy jumps.
 
+use crate::elementary;
 use nalgebra::Vector2;
 use rand_xoshiro::SplitMix64;
 use rand_xoshiro::rand_core::SeedableRng;
@@ -132,7 +133,9 @@ fn roam(place: Place, speed_m_per_s: f64, seed: u64) -> Option<(u32, f64, f64)> 
     let turn_rad_per_s = speed_m_per_s / ROAM_M;
     let tones: Vec<[f64; 4]> = (0..TONES).map(|_| [0.5 + uniform(), uniform(), 0.5 + uniform(), uniform()]).collect();
     let at = |time_s: f64| {
-        let wave = |rate: f64, phase: f64| (2.0 * rate * turn_rad_per_s * time_s + std::f64::consts::TAU * phase).sin();
+        let wave = |rate: f64, phase: f64| {
+            elementary::sin(2.0 * rate * turn_rad_per_s * time_s + std::f64::consts::TAU * phase)
+        };
         let sum = tones
             .iter()
             .fold(Vector2::zeros(), |sum, tone| sum + Vector2::new(wave(tone[0], tone[1]), wave(tone[2], tone[3])));

@@ -1,5 +1,6 @@
 //! The least virtual mass by the crossovers of the phase: a formula for a servo that is known by its continuous answer.
 
+use crate::elementary;
 use nalgebra::Complex;
 
 use crate::control::Gains;
@@ -30,7 +31,9 @@ impl Crossover {
     /// leaves out that the hand loads the servo, and that a servo which holds its torques follows slow motion without lag.
     pub(super) fn least_mass_kg(&self) -> f64 {
         let nyquist = std::f64::consts::PI / self.period_s;
-        let at = |i: u32| LOWEST_RAD_PER_S * (nyquist / LOWEST_RAD_PER_S).powf(f64::from(i) / f64::from(FREQUENCIES));
+        let at = |i: u32| {
+            LOWEST_RAD_PER_S * elementary::powf(nyquist / LOWEST_RAD_PER_S, f64::from(i) / f64::from(FREQUENCIES))
+        };
         if self.edge_mass_kg(at(0)).im < 0.0 {
             return f64::INFINITY;
         }
@@ -55,8 +58,9 @@ impl Crossover {
         let s = Complex::new(0.0, w);
         let law = s * self.gains.damping + self.gains.stiffness;
         let servo = law / (s * s * self.inertia_kg_m2 + law);
-        let lag = Complex::from_polar(1.0, -w * (self.delay_cycles - 0.5) * self.period_s);
-        let rate = 2.0 / self.period_s * (0.5 * w * self.period_s).sin();
+        let (sin, cos) = elementary::sin_cos(-w * (self.delay_cycles - 0.5) * self.period_s);
+        let lag = Complex::new(cos, sin);
+        let rate = 2.0 / self.period_s * elementary::sin(0.5 * w * self.period_s);
         (s * self.hand_n_s_per_m + self.hand_n_per_m) * servo * lag / (rate * rate)
     }
 }
@@ -97,7 +101,8 @@ mod tests {
         let least = slow.least_mass_kg();
         // By hand: tan(x)/x = B_h/(K_h lag) = 2 at x = 1.16556, so w = x/2.5 ms = 466.2 rad/s.
         let w = 1.165_561 / 2.5e-3;
-        let expected = (3000.0_f64).hypot(15.0 * w) / (2000.0 * (0.5e-3 * w).sin()).powi(2);
+        let expected =
+            elementary::hypot(3000.0_f64, 15.0 * w) / elementary::powi(2000.0 * elementary::sin(0.5e-3 * w), 2);
         assert!((least / expected - 1.0).abs() < 1e-3, "{least} {expected}");
         assert_eq!(Crossover { hand_n_per_m: 10_000.0, ..slow }.least_mass_kg(), f64::INFINITY);
     }

@@ -1,5 +1,6 @@
 //! Friction of the fixture by its proxy against friction that is computed from the last velocity.
 
+use crate::elementary;
 use nalgebra::Vector2;
 use serde_json::Value;
 
@@ -92,7 +93,7 @@ fn run(law: Law, mass_kg: f64, push_n: f64) -> Option<Found> {
             }
             Law::Sign | Law::Smooth(_) => {
                 let share = match law {
-                    Law::Smooth(width) => (velocity / width).tanh(),
+                    Law::Smooth(width) => elementary::tanh(velocity / width),
                     _ if velocity == 0.0 => 0.0,
                     _ => velocity.signum(),
                 };
@@ -107,7 +108,7 @@ fn run(law: Law, mass_kg: f64, push_n: f64) -> Option<Found> {
         }
         if index > steps / 2 {
             let even = (push_n - FRICTION_N).max(0.0) * PERIOD_S / mass_kg;
-            squares += (velocity - before.1 - even).powi(2);
+            squares += elementary::powi(velocity - before.1 - even, 2);
         }
     }
     found.moved_m = place - half_m;

@@ -16,6 +16,7 @@ mod singular;
 mod sliding;
 
 use super::sweep::{Report, Study, Sweep, Table};
+use crate::elementary;
 
 /// The study `stability`.
 pub(super) struct Stability(Vec<Box<dyn Sweep>>);
@@ -99,12 +100,12 @@ impl Agreement {
 
 /// The value of a logarithmic grid.
 fn on_grid(index: u64, points: u64, [low, high]: [f64; 2]) -> f64 {
-    low * (high / low).powf(index as f64 / (points - 1) as f64)
+    low * elementary::powf(high / low, index as f64 / (points - 1) as f64)
 }
 
 /// The middle of a cell of a logarithmic map.
 fn cell(index: u64, cells: u64, [low, high]: [f64; 2]) -> f64 {
-    low * (high / low).powf((index as f64 + 0.5) / cells as f64)
+    low * elementary::powf(high / low, (index as f64 + 0.5) / cells as f64)
 }
 
 /// Number of cells of a logarithmic map whose middles lie below `value`.

@@ -1,5 +1,6 @@
 //! Samples of the force that are lost or come late, against the energy that the rig gives back.
 
+use crate::elementary;
 use nalgebra::Vector2;
 use rand_xoshiro::SplitMix64;
 use rand_xoshiro::rand_core::SeedableRng;
@@ -101,7 +102,7 @@ fn run(trouble: Trouble, share: f64, mass_kg: f64, hand_n_per_m: f64, seed: u64)
     let mut arrivals = [Some(0_u64); OLDEST as usize + 1];
     let mut hit_until = 0;
     let swing = |time_s: f64| {
-        let (sin, cos) = (std::f64::consts::TAU * SWING_HZ * time_s).sin_cos();
+        let (sin, cos) = elementary::sin_cos(std::f64::consts::TAU * SWING_HZ * time_s);
         (sin, std::f64::consts::TAU * SWING_HZ * cos)
     };
     // A little along the guide too.

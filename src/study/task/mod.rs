@@ -9,6 +9,7 @@
 
 mod way;
 
+use crate::elementary;
 use serde_json::Value;
 
 use self::way::{WAYS, Way, finite, positive};
@@ -196,10 +197,10 @@ impl Sweep for Traces {
         let error = |row: &crate::record::Row| trial.way.distance_m(plane(row.tool_m));
         let traced: Vec<_> = between(BEFORE_S, trial.press_from_s()).collect();
         let count = traced.len().max(1) as f64;
-        let square: f64 = traced.iter().map(|row| error(row).powi(2)).sum();
+        let square: f64 = traced.iter().map(|row| elementary::powi(error(row), 2)).sum();
         let is_off = |row: &crate::record::Row| row.signed_distance_m.abs() > LEFT_M;
         let penetrations = traced.windows(2).filter(|pair| !is_off(pair[0]) && is_off(pair[1])).count();
-        let force = |row: &crate::record::Row| row.force_n[0].hypot(row.force_n[1]);
+        let force = |row: &crate::record::Row| elementary::hypot(row.force_n[0], row.force_n[1]);
         let place = |at_s: f64| rows.iter().rfind(|row| row.time_s < at_s).map(|row| plane(row.tool_m));
         let pressed = place(trial.let_go_s()).map(|at| trial.way.distance_m(at));
         let jump = pressed.zip(rows.last()).map(|(pressed, last)| pressed - error(last));

@@ -1,5 +1,6 @@
 //! What the simulated user traces: a line, part of a circle, a curve that turns both ways.
 
+use crate::elementary;
 use std::f64::consts::PI;
 use std::ops::RangeInclusive;
 
@@ -48,7 +49,7 @@ impl Way {
     pub(super) fn start_m(self) -> [f64; 2] {
         match self {
             Self::Line => [-LINE_M, 0.0],
-            Self::Circle => [CIRCLE_M * CIRCLE_FROM.cos(), CIRCLE_M * CIRCLE_FROM.sin()],
+            Self::Circle => [CIRCLE_M * elementary::cos(CIRCLE_FROM), CIRCLE_M * elementary::sin(CIRCLE_FROM)],
             Self::Curve => [-2.0 * BEND_M, 0.0],
         }
     }
@@ -59,7 +60,7 @@ impl Way {
         match self {
             Self::Line => [LINE_M, by_m],
             // Inward: outside of the circle the arm's reach ends.
-            Self::Circle => [(CIRCLE_M - by_m) * end.cos(), (CIRCLE_M - by_m) * end.sin()],
+            Self::Circle => [(CIRCLE_M - by_m) * elementary::cos(end), (CIRCLE_M - by_m) * elementary::sin(end)],
             Self::Curve => [2.0 * BEND_M - by_m, 0.0],
         }
     }
@@ -93,7 +94,7 @@ impl Way {
                 let half = |center: f64, turn: f64, places: RangeInclusive<i32>| {
                     places.map(move |place| {
                         let angle = PI - PI * f64::from(place) / f64::from(POINTS);
-                        [center + BEND_M * angle.cos(), turn * BEND_M * angle.sin()].map(finite)
+                        [center + BEND_M * elementary::cos(angle), turn * BEND_M * elementary::sin(angle)].map(finite)
                     })
                 };
                 let first = half(-BEND_M, 1.0, -BEYOND..=POINTS);
@@ -110,7 +111,7 @@ impl Way {
             Self::Circle => 0.0,
             Self::Curve => BEND_M.copysign(x),
         };
-        let radius = (x - center_x).hypot(y).max(f64::MIN_POSITIVE);
+        let radius = elementary::hypot(x - center_x, y).max(f64::MIN_POSITIVE);
         [(x - center_x) / radius, y / radius]
     }
 
@@ -118,8 +119,8 @@ impl Way {
     pub(super) fn distance_m(self, [x, y]: [f64; 2]) -> f64 {
         match self {
             Self::Line => y.abs(),
-            Self::Circle => (x.hypot(y) - CIRCLE_M).abs(),
-            Self::Curve => ((x - BEND_M.copysign(x)).hypot(y) - BEND_M).abs(),
+            Self::Circle => (elementary::hypot(x, y) - CIRCLE_M).abs(),
+            Self::Curve => (elementary::hypot(x - BEND_M.copysign(x), y) - BEND_M).abs(),
         }
     }
 }
