@@ -36,29 +36,38 @@ pub struct PoseMargins {
     pub is_cartesian: bool,
 }
 
-/// Poses along the surface at which the margins are taken.
+/// Poses along a surface at which the margins are taken; along each of several, as many as keep to this in all.
 const POSES: usize = 48;
+/// Poses along each surface, at least.
+const LEAST_POSES: usize = 12;
 
-/// Where the margins are taken: all along a circle, a line within the working disc, or corners and edges of an outline.
+/// Where the margins are taken: all along every surface of the fixture.
 pub(super) fn poses(rig: &config::Rig) -> Vec<Vector2<f64>> {
+    let surfaces = 1 + rig.fixture.also.len();
+    let each = (POSES / surfaces).max(LEAST_POSES);
+    rig.fixture.surfaces().flat_map(|(_, surface)| poses_along(rig, surface, each)).collect()
+}
+
+/// So many poses all along a circle or a line within the working disc, or corners and edges of an outline.
+fn poses_along(rig: &config::Rig, surface: &config::Surface, poses: usize) -> Vec<Vector2<f64>> {
     let working_m = rig.linkage.working_radius_m.get();
     let around = |center: Vector2<f64>, radius_m: f64| {
-        let at = move |pose| std::f64::consts::TAU * pose as f64 / POSES as f64;
-        (0..POSES)
+        let at = move |pose| std::f64::consts::TAU * pose as f64 / poses as f64;
+        (0..poses)
             .map(move |pose| center + radius_m * Vector2::new(elementary::cos(at(pose)), elementary::sin(at(pose))))
             .collect()
     };
-    match rig.fixture.surface {
+    match *surface {
         config::Surface::Circle { center_m, radius_m, .. } => around(point2(center_m), radius_m.get()),
         config::Surface::Line { point_m, normal } => {
             let normal = point2(normal).normalize();
             let foot = normal * normal.dot(&point2(point_m));
             let half_m = (working_m * working_m - foot.norm_squared()).max(0.0).sqrt();
             let along = Vector2::new(-normal.y, normal.x) * half_m;
-            (0..POSES).map(|pose| foot + along * (2.0 * pose as f64 / (POSES - 1) as f64 - 1.0)).collect()
+            (0..poses).map(|pose| foot + along * (2.0 * pose as f64 / (poses - 1) as f64 - 1.0)).collect()
         }
         ref other => match other.planar() {
-            Ok(Some(Shape2::Chain(chain))) => along(&chain.outline_m(), chain.is_closed()),
+            Ok(Some(Shape2::Chain(chain))) => along(&chain.outline_m(), chain.is_closed(), poses),
             // A rig is planar: others are refused when its cycle is built.
             _ => around(Vector2::zeros(), working_m),
         },
@@ -67,15 +76,15 @@ pub(super) fn poses(rig: &config::Rig) -> Vec<Vector2<f64>> {
 
 /// Every corner of an outline, and points along its edges, none farther from the next than a share of the whole. Of an
 /// outline with more corners than poses every so many.
-fn along(outline_m: &[Vector2<f64>], is_closed: bool) -> Vec<Vector2<f64>> {
-    let corners: Vec<_> = outline_m.iter().copied().step_by(outline_m.len().div_ceil(POSES).max(1)).collect();
+fn along(outline_m: &[Vector2<f64>], is_closed: bool, poses: usize) -> Vec<Vector2<f64>> {
+    let corners: Vec<_> = outline_m.iter().copied().step_by(outline_m.len().div_ceil(poses).max(1)).collect();
     let ends = corners.iter().skip(1).chain(corners.first().filter(|_| is_closed));
     let edges: Vec<_> = corners.iter().copied().zip(ends.copied()).collect();
     let whole_m: f64 = edges.iter().map(|(from, to)| (to - from).norm()).sum();
     let mut points: Vec<_> = edges
         .iter()
         .flat_map(|&(from, to)| {
-            let parts = ((to - from).norm() / whole_m * POSES as f64).ceil().max(1.0) as usize;
+            let parts = ((to - from).norm() / whole_m * poses as f64).ceil().max(1.0) as usize;
             (0..parts).map(move |part| from + (to - from) * (part as f64 / parts as f64))
         })
         .collect();

@@ -1,0 +1,86 @@
+//! What the virtual coupling of an impedance device bears, for a person and for a program to read.
+
+use serde_json::{Value, json};
+
+use crate::config::{Coupling, Diagnostic, ImpedanceDevice, Loaded, Severity};
+use crate::rig::Coupled;
+
+/// A number to four significant digits.
+fn four_digits(value: f64) -> f64 {
+    format!("{value:.3e}").parse().unwrap_or(value)
+}
+
+/// What the coupling of a device bears, for a person to read.
+pub(in crate::cli) fn coupled_lines(device: &ImpedanceDevice, coupled: &Coupled, reserve: f64) -> Vec<String> {
+    let Coupling::Impedance { stiffness_n_per_m, damping_n_s_per_m } = device.fixture.coupling else { return vec![] };
+    let own = device.plant.damping_n_s_per_m.get();
+    let bound = |value: Option<f64>| value.map_or("none".to_owned(), |value| four_digits(value).to_string());
+    vec![
+        format!(
+            "virtual coupling, hand off: {}; K = {} N/m needs about {:.3} N s/m, device and B have {:.3} N s/m",
+            if coupled.is_stable { "stable" } else { "UNSTABLE" },
+            *stiffness_n_per_m,
+            coupled.damping_needed_n_s_per_m,
+            own + damping_n_s_per_m.get()
+        ),
+        format!(
+            "with a reserve of {reserve}: K at most {} N/m beside this B, B at most {} N s/m beside this K",
+            bound(coupled.greatest_stiffness_n_per_m),
+            bound(coupled.greatest_damping_n_s_per_m)
+        ),
+    ]
+}
+
+/// The same for a program to read.
+pub(in crate::cli) fn coupled_json(coupled: &Coupled, reserve: f64) -> Value {
+    json!({
+        "reserve": reserve,
+        "stable": coupled.is_stable,
+        "damping_needed_n_s_per_m": coupled.damping_needed_n_s_per_m,
+        "greatest_stiffness_n_per_m": coupled.greatest_stiffness_n_per_m,
+        "greatest_damping_n_s_per_m": coupled.greatest_damping_n_s_per_m,
+    })
+}
+
+/// What to say of a device whose coupling is unstable.
+pub(in crate::cli) fn coupled_finding(device: &Loaded<ImpedanceDevice>, coupled: &Coupled) -> Option<Diagnostic> {
+    if coupled.is_stable {
+        return None;
+    }
+    let message = "spring and damper of the virtual coupling are unstable on the free device".to_owned();
+    let help = format!(
+        "a spring needs K T/2 of damping, at most that of a small B T/m; `yieldwall tune fixture {}` finds both",
+        device.source
+    );
+    let see = [("cycle.period_us", "the period"), ("plant.damping_n_s_per_m", "the device's own damping")];
+    Some(device.finding(Severity::Warning, "fixture.coupling.impedance", message, help, &see))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::config::{builtin, load_device};
+    use crate::rig::coupled_device;
+
+    #[test]
+    fn bounds_are_told_to_four_digits() {
+        let device = load_device(builtin("paper-impedance.yaml")).unwrap();
+        let coupled = coupled_device(&device.value, 2.0).unwrap().unwrap();
+        let coupled = Coupled { greatest_stiffness_n_per_m: Some(1944.4191), ..coupled };
+        let lines = coupled_lines(&device.value, &coupled, 2.0);
+        assert!(lines[1].contains("K at most 1944 N/m beside"), "{lines:?}");
+        assert_eq!(four_digits(0.000_123_456), 0.000_123_5);
+    }
+
+    #[test]
+    fn a_device_is_told_what_its_coupling_bears() {
+        let device = load_device(builtin("paper-impedance.yaml")).unwrap();
+        let coupled = coupled_device(&device.value, 2.0).unwrap().unwrap();
+        assert!(coupled_finding(&device, &coupled).is_none());
+        // (0.5 + 1.5) N s/m over 0.5 ms by the rule; the exact loop has B T/m = 0.03.
+        let greatest = coupled.greatest_stiffness_n_per_m.unwrap();
+        assert!((greatest / 2000.0 - 1.0).abs() < 0.05, "{greatest}");
+        let unstable = Coupled { is_stable: false, ..coupled };
+        assert!(coupled_finding(&device, &unstable).unwrap().place.is_some());
+    }
+}
