@@ -45,8 +45,27 @@ pub(super) fn check_fixture(findings: &mut Findings, at: &str, fixture: &Fixture
     check_motion(findings, at, fixture);
     check_hold(findings, at, &fixture.coupling, fixture.hold_steps, &key("hold_steps"));
     if period_s > 0.0 {
+        check_stiffness(findings, at, fixture, period_s);
         check_curvature(findings, at, fixture, period_s);
     }
+}
+
+/// Refuses a coupling that no fixture can be computed with.
+fn check_stiffness(findings: &mut Findings, at: &str, fixture: &Fixture, period_s: f64) {
+    let kappa = fixture.coupling.equivalent_stiffness_n_per_m(period_s);
+    let [softest, stiffest] = fixture::STIFFNESS_RANGE_N_PER_M;
+    if (softest..=stiffest).contains(&kappa) {
+        return;
+    }
+    let key = format!("{at}.coupling");
+    let (message, help) = match fixture.coupling {
+        Coupling::Admittance { .. } => ("`mass_kg` over the square of the cycle", "write the mass of a tool, such as 2 kg"),
+        Coupling::Impedance { .. } => {
+            ("`stiffness_n_per_m` with damping over the cycle", "write the stiffness of a coupling, such as 1000 N/m")
+        }
+    };
+    let message = format!("{message} is {kappa:.3e} N/m, and only {softest:e} to {stiffest:e} N/m can be computed with");
+    findings.error(&key, message, help);
 }
 
 /// Refuses a hold of a single step with an admittance coupling.

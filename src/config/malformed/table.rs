@@ -116,6 +116,7 @@ pub(crate) const CASES: &[Case] = &[
     case("not finite", "NaN where null may be", RIG, "low_pass_hz: null", "low_pass_hz: .NaN"),
     case("range", "absurdly large", RIG, "torque_limit_n_m: 60.0", "torque_limit_n_m: 6.0e+60"),
     case("range", "absurdly small", RIG, "mass_kg: 2.0", "mass_kg: 2.0e-60"),
+    case("range", "a mass that no step can be computed with", RIG, "mass_kg: 2.0", "mass_kg: 4.0e+8"),
     case("range", "negative mass", RIG, "mass_kg: 2.0", "mass_kg: -2.0"),
     case("range", "no mass", RIG, "mass_kg: 2.0", "mass_kg: 0"),
     case("range", "negative damping", DEVICE, "damping_n_s_per_m: 1.5", "damping_n_s_per_m: -1.5"),
