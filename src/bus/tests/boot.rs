@@ -25,6 +25,9 @@ fn the_boot_of_a_torque_drive_is_this_sequence() {
     write("2F", "606000", "0A", false); // cyclic synchronous torque ...
     write("40", "616000", "", false); // ... in force
     write("2B", "726000", "E803", true); // 100 % torque at most
+    write("40", "8F6001", "", false); // increments of its encoder ...
+    write("40", "8F6002", "", false); // ... in so many revolutions
+    write("23", "806000", "0E000000", true); // 14 r/min of the motor at most
     write("23", "656000", "BC310000", true); // following error window
     write("23", "001401", "01020080", false); // RPDO 1 off
     write("2F", "001600", "00", false);
