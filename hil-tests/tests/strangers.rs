@@ -152,7 +152,7 @@ fn at_10_ms_no_foreign_set_point_that_is_heard_moves_a_joint() {
 
 #[test]
 fn at_100_ms_no_foreign_set_point_that_is_heard_moves_a_joint() {
-    strike(&slow().still(), 200);
+    strike(&slow().still(), 1000);
 }
 
 #[test]

@@ -59,12 +59,15 @@ fn check_stiffness(findings: &mut Findings, at: &str, fixture: &Fixture, period_
     }
     let key = format!("{at}.coupling");
     let (message, help) = match fixture.coupling {
-        Coupling::Admittance { .. } => ("`mass_kg` over the square of the cycle", "write the mass of a tool, such as 2 kg"),
+        Coupling::Admittance { .. } => {
+            ("`mass_kg` over the square of the cycle", "write the mass of a tool, such as 2 kg")
+        }
         Coupling::Impedance { .. } => {
             ("`stiffness_n_per_m` with damping over the cycle", "write the stiffness of a coupling, such as 1000 N/m")
         }
     };
-    let message = format!("{message} is {kappa:.3e} N/m, and only {softest:e} to {stiffest:e} N/m can be computed with");
+    let message =
+        format!("{message} is {kappa:.3e} N/m, and only {softest:e} to {stiffest:e} N/m can be computed with");
     findings.error(&key, message, help);
 }
 
