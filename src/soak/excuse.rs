@@ -125,9 +125,12 @@ impl Excuse {
             Self::Centre => "near the centre of a circle the direction away from the surface turns within a step",
             Self::Hand => "a hand is free to hit, to throw and to shake the tool",
             Self::Far => "a hand has pushed an arm that nobody held beyond 0.24 m",
-            Self::Carried => "the drives were enabled on an arm that a hand carried outward: it takes way to stop",
+            Self::Carried => {
+                "the drives were enabled, or being enabled, on an arm that a hand carried outward: it takes way to stop"
+            }
             Self::TorqueLimit => {
-                "a drive gives all it may: the arm goes where the hand pushes it, not with the reference"
+                "a drive gives all it may, or did so within the cycles over which the guard takes a mean: the arm goes where the \
+                 hand pushes it, not with the reference"
             }
             Self::Noiseless => "without noise a hand at rest looks like a converter that hangs",
             Self::TooFew => "the run broke off after so few reactions that they are no rate",

@@ -56,9 +56,11 @@ pub struct Event {
     pub cause_before: Option<Fault>,
     /// Distance of the tool from the task's origin, m.
     pub radius_m: f64,
-    /// Whether a drive gave all the torque that it may: a hand then moves the arm whatever the loop wants.
-    pub is_at_torque_limit: bool,
-    /// Whether the drives were enabled a moment ago on an arm that moved outside of where the rig promises to work.
+    /// Cycles since a drive gave all the torque that it may: a hand then moves the arm whatever the loop wants. `None` if
+    /// none ever did.
+    pub since_torque_limit: Option<u32>,
+    /// Whether the drives were enabled, or being enabled, a moment ago on an arm that moved outside of where the rig promises
+    /// to work.
     pub is_carried: bool,
 }
 
@@ -198,6 +200,8 @@ struct Run<'a> {
     scene_from_ns: Option<u64>,
     restarts: u32,
     excused: Excused,
+    /// Cycle in which a drive last gave all the torque that it may.
+    torque_limit_cycle: Option<u32>,
     /// Whether a drive was enabled in the last cycle.
     was_held: bool,
     /// Until when an arm that the drives took over in motion may still be on its way, ns.
@@ -242,6 +246,7 @@ impl<'a> Run<'a> {
             scene_from_ns: None,
             restarts: 0,
             excused: Excused::default(),
+            torque_limit_cycle: None,
             was_held: false,
             carried_until_ns: 0,
         }
@@ -273,7 +278,9 @@ impl<'a> Run<'a> {
         let is_held = self.seen.truth.drives.contains(&Drive::OperationEnabled);
         let [x, y] = self.seen.truth.velocity_m_per_s;
         let is_outside = self.tool_radius_m() > self.course.machine.rig.linkage.working_radius_m.get();
-        if is_held && !self.was_held && is_outside && elementary::hypot(x, y) > tolerance::CARRIED_M_PER_S {
+        let is_moving = elementary::hypot(x, y) > tolerance::CARRIED_M_PER_S;
+        let is_takeover = self.seen.state == State::Enabling || (is_held && !self.was_held);
+        if is_takeover && is_outside && is_moving {
             self.carried_until_ns = self.seen.sync_ns + (tolerance::QUICK_STOP_S * 1e9) as u64;
         }
         self.was_held = is_held;
@@ -426,6 +433,9 @@ impl<'a> Run<'a> {
         }
         let most = (1.0 - tolerance::ROUNDING) * self.course.machine.rig.guard.torque_limit_n_m.get();
         let seen = &self.seen;
+        if seen.truth.torques_n_m.iter().any(|torque| torque.abs() >= most) {
+            self.torque_limit_cycle = Some(seen.cycle);
+        }
         // A process that was killed says nothing; one that panicked has said it.
         let says = seen.ran || seen.cause == Some(Fault::CyclePanicked);
         if says && (seen.state != before || seen.cause != cause_before) {
@@ -437,7 +447,7 @@ impl<'a> Run<'a> {
                 cause: seen.cause,
                 cause_before,
                 radius_m: self.tool_radius_m(),
-                is_at_torque_limit: seen.truth.torques_n_m.iter().any(|torque| torque.abs() >= most),
+                since_torque_limit: self.torque_limit_cycle.map(|cycle| seen.cycle.saturating_sub(cycle)),
                 is_carried: seen.sync_ns <= self.carried_until_ns,
             });
         }

@@ -19,12 +19,7 @@ pub(super) const TURNING_SHARE: f64 = 2.0;
 /// I3: torques on the bus are whole per mille of the rated torque, rounded.
 pub(super) const TORQUE_PER_MILLE: f64 = 1.0;
 
-/// I5: what the rig may return beyond its kinetic energy at the begin of the stretch and the configured energy limit, at
-/// which the guard holds it, in J. The guard sees the proxy's side; the tool follows the proxy at a distance: what it gives back while it catches up was put in by the hand before. 1 mm (what the loops of
-/// the shipped rigs leave at the greatest forces here) times 60 N is 0.06 J. A loop that swings passes it in a few periods.
-pub(super) const RETURNED_J: f64 = 0.06;
-
-/// I5: share of the energy limit by which the guard may be mistaken: it multiplies a force and a motion that are a cycle
+/// I5: share of the energy limit, at which the guard holds the rig, by which the guard may be mistaken: it multiplies a force and a motion that are a cycle
 /// apart. At 25 Hz, as fast as hands tremble here, and 4 ms that is 1 - cos(2 pi 25 0.004).
 pub(super) const GUARD_SHARE: f64 = 0.2;
 
@@ -89,6 +84,10 @@ pub(super) const FAR_M: f64 = 0.24;
 /// a hand, and is still on its way outward: at 1.2 m/s 60 N m take 15 mm to stop it. For as long as a quick stop may take
 /// ([`QUICK_STOP_S`]) what shows at the edge is the hand's doing, not the reference's.
 pub(super) const CARRIED_M_PER_S: f64 = 0.05;
+
+/// False alarm: cycles for which a time at the torque limit still shows in `force-implausible`. The guard's mean over so many
+/// cycles takes the reference's motion for the arm's, and the arm is behind then.
+pub(super) const BALANCE_CYCLES: u32 = 20;
 
 /// False alarm: reactions to a hand alone below which their rate over a run is none. A run of 10 000 cycles in which the hand is
 /// held all the time has 50.

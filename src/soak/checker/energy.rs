@@ -19,8 +19,10 @@ pub(super) struct Energy {
     returned_j: f64,
     /// The part of it that the sensed force did not show, while a hand shakes the tool, J.
     hidden_j: f64,
-    /// Kinetic energy of the rig when the stretch began, J.
+    /// Energy that the rig held when the stretch began: as motion, and in the servo that holds the tool to the proxy, J.
     held_j: f64,
+    /// By how much the sums may be off, at most: force and way are known once a cycle, J.
+    quadrature_j: f64,
     /// Whether the stretch has already passed its bound: told once.
     is_told: bool,
 }
@@ -64,20 +66,24 @@ impl Energy {
         let told_j = -0.5 * (now.sensed_n + past.sensed_n).dot(&way);
         let hidden_j = if falsified.hand { work_j - told_j } else { 0.0 };
         let speed = (now.proxy - past.proxy).norm().max((now.tool - past.tool).norm()) / limits.period_s;
-        let held_j = 0.5 * limits.mass_kg.max(tolerance::ARM_KG) * speed * speed;
-        // As the guard forgets what is long past, so does this.
-        let kept = 1.0 - limits.period_s / tolerance::FORGETTING_S;
+        // A servo whose tool a hand has carried ahead of the proxy is a spring: it gives back at most force times way.
+        let ahead_j = now.hand_n.dot(&(now.tool - now.proxy)).max(0.0);
+        let held_j = 0.5 * limits.mass_kg.max(tolerance::ARM_KG) * speed * speed + ahead_j;
+        // What is long past is forgotten, or steps of sensor and encoder would add up. What the rig still holds is not.
+        let is_beyond = self.returned_j > self.held_j;
+        let kept = if is_beyond { 1.0 - limits.period_s / tolerance::FORGETTING_S } else { 1.0 };
         (self.returned_j, self.held_j) = (self.returned_j * kept + work_j, self.held_j * kept);
         self.hidden_j = self.hidden_j * kept + hidden_j;
+        self.quadrature_j = self.quadrature_j * kept + 0.5 * (now.hand_n - past.hand_n).dot(&way).abs();
         // A stretch begins with what is held then, and anew wherever that makes it worse.
-        if !std::mem::replace(&mut self.is_begun, true) || self.returned_j - self.held_j < -held_j {
-            (self.returned_j, self.hidden_j, self.held_j, self.is_told) = (0.0, 0.0, held_j, false);
+        if !self.is_begun || self.returned_j - self.held_j < -held_j {
+            *self = Self { is_begun: true, held_j, ..Self::default() };
         }
         let beyond_j = self.returned_j - self.held_j - self.hidden_j.max(0.0);
         peaks.returned_j = peaks.returned_j.max(beyond_j);
         // The guard sees a cycle's energy at its end, and acts in the next one.
-        let holds = beyond_j
-            <= limits.energy_j * (1.0 + tolerance::GUARD_SHARE) + tolerance::RETURNED_J + 2.0 * work_j.max(0.0);
+        let delay_j = 2.0 * work_j.max(0.0);
+        let holds = beyond_j <= limits.energy_j * (1.0 + tolerance::GUARD_SHARE) + self.quadrature_j + delay_j;
         findings.expect(Invariant::I5, holds || self.is_told, || {
             format!("the hand got {:.1} mJ, and the rig had held {:.1} mJ", 1e3 * self.returned_j, 1e3 * self.held_j)
         });

@@ -14,6 +14,10 @@ const SYNC: u16 = 0x080;
 /// Emergencies of nodes 1 to 127.
 const EMERGENCIES: std::ops::RangeInclusive<u16> = 0x081..=0x0ff;
 
+/// SDO answers of nodes 1 to 127, and the requests to them.
+const SDO_ANSWERS: std::ops::RangeInclusive<u16> = 0x581..=0x5ff;
+const SDO_REQUESTS: std::ops::RangeInclusive<u16> = 0x601..=0x67f;
+
 /// A set-point that the next SYNC makes act, and what was known when it was computed.
 #[derive(Clone, Copy, Debug)]
 struct Sent {
@@ -61,6 +65,8 @@ pub(super) struct Frames {
     resets: u32,
     had_reset: [bool; 2],
     state: State,
+    /// Nodes whose last SDO request came from a stranger, one bit each.
+    answers_stranger: u128,
     /// Bits of the rig's own frames since the last SYNC.
     bits: u64,
     /// Cycle of that SYNC, ns.
@@ -95,8 +101,7 @@ impl Frames {
         for sighting in &seen.frames {
             let frame = &sighting.frame;
             let is_ours = sighting.sender == Some(Sender::Master);
-            let is_own = sighting.sender.is_some_and(|sender| sender != Sender::Stranger);
-            if is_own && !EMERGENCIES.contains(&frame.id()) {
+            if self.is_own_load(sighting) {
                 self.bits += u64::from(frame_bits(frame));
             }
             self.watch_strangers(limits, seen, sighting, findings);
@@ -175,6 +180,19 @@ impl Frames {
                 });
             }
         }
+    }
+
+    /// Whether the frame belongs to the rig's own load in I19. An emergency does not, nor does what a node answers a stranger.
+    fn is_own_load(&mut self, sighting: &Sighting) -> bool {
+        let id = sighting.frame.id();
+        let node = 1_u128 << (id & 0x7f);
+        let is_stranger = sighting.sender.is_none_or(|sender| sender == Sender::Stranger);
+        if SDO_REQUESTS.contains(&id) {
+            self.answers_stranger &= !node;
+            self.answers_stranger |= if is_stranger { node } else { 0 };
+        }
+        let is_for_stranger = SDO_ANSWERS.contains(&id) && self.answers_stranger & node != 0;
+        !(is_stranger || is_for_stranger || EMERGENCIES.contains(&id))
     }
 
     fn note_wrap(&self, joint: usize, status: &Status, peaks: &mut Peaks) {

@@ -238,6 +238,51 @@ fn i5_a_rig_that_pushes_the_hand() {
     assert!(found.iter().any(|found| found.invariant == Invariant::I5), "{found:?}");
 }
 
+/// What a servo that was stretched gives back is what the hand had put in, and no more.
+#[test]
+fn i5_a_servo_that_takes_the_tool_back_to_the_proxy() {
+    let has_given = |lowest: i32| {
+        let mut run = torque();
+        let at = run.moving();
+        let proxy = run.seen[at].reported.proxy_m;
+        // 90 N hold the tool, which goes 14 mm ahead of the proxy and back: 1.3 J.
+        let way = (0..140).chain((lowest..140).rev()).map(|step| 1e-4 * f64::from(step));
+        for (seen, ahead_m) in run.seen[at..].iter_mut().zip(way) {
+            seen.reported.proxy_m = proxy;
+            (seen.truth.hand_n, seen.truth.tool_m) = ([90.0, 0.0], [proxy[0] + ahead_m, proxy[1]]);
+            seen.state = State::Running;
+        }
+        run.found().iter().any(|found| found.invariant == Invariant::I5)
+    };
+    assert!(!has_given(0));
+    // On to 10 mm behind the proxy: another 0.9 J.
+    assert!(has_given(-100));
+}
+
+/// The kinetic energy of arm and proxy is given back however long the hand takes to stop them.
+#[test]
+fn i5_a_hand_that_stops_a_fast_arm_gently() {
+    let has_given = |stopping_n: f64| {
+        let mut run = torque();
+        let at = run.running() + 100;
+        let [x, y] = run.seen[at - 1].truth.tool_m;
+        // To 1.5 m/s and back to rest, 0.6 s each. 20 N are 9 J, what 8 kg hold; 25 N are 11 J.
+        for (step, seen) in run.seen[at..].iter_mut().enumerate() {
+            let t = step as f64 * 1e-3;
+            let (way, force_n) = match t {
+                _ if t < 0.6 => (1.25 * t * t, 20.0),
+                _ if t < 1.2 => (0.9 - 1.25 * (1.2 - t) * (1.2 - t), -stopping_n),
+                _ => (0.9, 0.0),
+            };
+            (seen.reported.proxy_m, seen.truth.tool_m) = ([x + way, y], [x + way, y]);
+            (seen.truth.hand_n, seen.state) = ([force_n, 0.0], State::Running);
+        }
+        run.found().into_iter().find(|found| found.invariant == Invariant::I5)
+    };
+    assert_eq!(has_given(20.0), None);
+    assert!(has_given(25.0).is_some());
+}
+
 #[test]
 fn i6_a_fixture_that_holds_too_hard() {
     let mut run = torque();
@@ -375,6 +420,16 @@ fn i19_more_frames_than_fit() {
     let emergency = Sighting { frame: Frame::new(0x081, &[0; 8]), ..extra };
     run.seen[at].frames.extend([emergency; 8]);
     assert!(run.found().iter().all(|found| found.invariant != Invariant::I19));
+
+    // A node has to answer a stranger: that is the stranger's load. What it answers the master is the rig's again.
+    let asked = |sender| Sighting { sender: Some(sender), frame: Frame::new(0x601, &[0; 8]), ..extra };
+    let mut run = torque();
+    run.seen[at].frames.push(asked(Sender::Stranger));
+    run.seen[at].frames.extend([extra; 8]);
+    assert!(run.found().iter().all(|found| found.invariant != Invariant::I19));
+    run.seen[at].frames.push(asked(Sender::Master));
+    run.seen[at].frames.extend([extra; 8]);
+    expect_found(&run, Invariant::I19, at + 1);
 }
 
 #[test]

@@ -51,15 +51,20 @@ fn an_arm_that_the_drives_take_over_in_motion_is_carried_for_a_while() {
     use yieldwall_drives::cia402::State as Drive;
     let drawn = machine();
     let course = Course { machine: &drawn, script: &[], seed: 0, cycles: 10 };
-    let carried = |radius_m: f64, speed: f64, was_held: bool| {
+    let carried = |radius_m: f64, speed: f64, was_held: bool, drive: Drive, state: State| {
         let mut run = Run::new(&course);
         run.was_held = was_held;
-        run.seen.truth.drives = [Drive::OperationEnabled; 2];
+        (run.seen.truth.drives, run.seen.state) = ([drive; 2], state);
         (run.seen.truth.tool_m, run.seen.truth.velocity_m_per_s) = ([0.0, radius_m], [0.0, speed]);
         run.note_takeover();
         run.carried_until_ns > 0
     };
-    assert!(carried(0.2, 1.2, false));
+    let (on, off) = (Drive::OperationEnabled, Drive::ReadyToSwitchOn);
+    assert!(carried(0.2, 1.2, false, on, State::Running) && carried(0.2, 1.2, false, off, State::Enabling));
     // In motion within the working disc, at rest outside of it, and held all the while.
-    assert!(!carried(0.15, 1.2, false) && !carried(0.2, 0.0, false) && !carried(0.2, 1.2, true));
+    for (radius_m, speed, was_held) in [(0.15, 1.2, false), (0.2, 0.0, false), (0.2, 1.2, true)] {
+        assert!(!carried(radius_m, speed, was_held, on, State::Running));
+    }
+    assert!(!carried(0.15, 1.2, false, off, State::Enabling) && !carried(0.2, 0.0, false, off, State::Enabling));
+    assert!(!carried(0.2, 1.2, false, off, State::Idle), "nobody asked to be enabled");
 }

@@ -65,11 +65,13 @@ impl Clock {
 
     /// How a hand and where it has pushed the arm explain the fault without anything injected.
     pub(super) fn nature_of(&self, event: &Event, fault: Fault) -> Option<Excuse> {
+        let shows_for = if fault == Fault::ForceImplausible { tolerance::BALANCE_CYCLES } else { 0 };
+        let was_at_limit = event.since_torque_limit.is_some_and(|cycles| cycles <= shows_for);
         match fault {
             _ if HAND_FAULTS.contains(&fault) => Some(Excuse::Hand),
             _ if FAR_FAULTS.contains(&fault) && event.radius_m > tolerance::FAR_M => Some(Excuse::Far),
             _ if FAR_FAULTS.contains(&fault) && event.is_carried => Some(Excuse::Carried),
-            _ if OVERPOWERED_FAULTS.contains(&fault) && event.is_at_torque_limit => Some(Excuse::TorqueLimit),
+            _ if OVERPOWERED_FAULTS.contains(&fault) && was_at_limit => Some(Excuse::TorqueLimit),
             Fault::SensorStuck if !self.is_noisy => Some(Excuse::Noiseless),
             _ => None,
         }

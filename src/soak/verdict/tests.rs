@@ -25,7 +25,7 @@ fn event(time_s: f64, [from, to]: [State; 2], cause: Option<Fault>) -> Event {
         cause,
         cause_before: None,
         radius_m: 0.1,
-        is_at_torque_limit: false,
+        since_torque_limit: None,
         is_carried: false,
     }
 }
@@ -105,10 +105,16 @@ fn an_arm_that_a_hand_carried_out_or_overpowers() {
     expect_found(&verdict(&[], vec![edge]), Invariant::FalseAlarm);
     let carried = verdict(&[], vec![Event { is_carried: true, ..edge }]);
     expect_excused(&carried, Invariant::FalseAlarm, Excuse::Carried);
-    let pushed = verdict(&[], vec![Event { is_at_torque_limit: true, ..edge }]);
+    let pushed = verdict(&[], vec![Event { since_torque_limit: Some(0), ..edge }]);
     expect_excused(&pushed, Invariant::FalseAlarm, Excuse::TorqueLimit);
     let force = stopping(1.0, Fault::ForceImplausible);
     expect_found(&verdict(&[], vec![force]), Invariant::FalseAlarm);
-    let overpowered = verdict(&[], vec![Event { is_at_torque_limit: true, ..force }]);
-    expect_excused(&overpowered, Invariant::FalseAlarm, Excuse::TorqueLimit);
+    for cycles in [0, 20] {
+        let overpowered = verdict(&[], vec![Event { since_torque_limit: Some(cycles), ..force }]);
+        expect_excused(&overpowered, Invariant::FalseAlarm, Excuse::TorqueLimit);
+    }
+    // The mean of the guard's balance is forgotten then, and the place of the arm does not lag at all.
+    for late in [Event { since_torque_limit: Some(21), ..force }, Event { since_torque_limit: Some(1), ..edge }] {
+        expect_found(&verdict(&[], vec![late]), Invariant::FalseAlarm);
+    }
 }
