@@ -276,6 +276,11 @@ fn judge_window(
         Ending::DrivesStop => play.end == End::MasterGone,
     };
     let as_expected = (met_running && is_usual).then_some(ends && (has_expected || expected.ending == Ending::GoesOn));
+    let pre_empted = pre_empted(clock, injection, window).filter(|_| as_expected == Some(false));
+    let as_expected = as_expected.filter(|_| pre_empted.is_none());
+    if let Some(excuse) = pre_empted {
+        verdict.excused.note(Invariant::I11, excuse);
+    }
     if as_expected == Some(false) && nature::is_certain(injection.kind) {
         let message = format!(
             "{} on {} at {:.3} s had to end in {:?} by {:?}, and the rig went {:?}",
@@ -292,6 +297,16 @@ fn judge_window(
         verdict.violations.push(Violation { invariant: Invariant::I11, cycle, time_s, seen: message });
     }
     verdict.injections.push(Followed { name: row.name.to_owned(), met_running, as_expected });
+}
+
+/// Why the rig stopped by something else before the injection had to show, if it did: it then ends where that leads.
+fn pre_empted(clock: &Clock, injection: &Injection, window: &[&Event]) -> Option<Excuse> {
+    let faults = injection.kind.row().expected.faults;
+    let bounds = faults.iter().flat_map(|fault| fault.row().steps).map(|step| clock.cycles(step.bound));
+    let due_s = injection.start_s + f64::from(bounds.max()?) * clock.period_s;
+    let first = window.iter().find(|event| event.from == State::Running && event.cause.is_some())?;
+    let cause = first.cause.filter(|cause| !faults.contains(cause))?;
+    clock.nature_of(first, cause).filter(|_| clock.time_s(first) <= due_s)
 }
 
 /// Cycles from the first cycle at or after the injection's start to the event, and the bound of the row's step.

@@ -16,7 +16,7 @@ pub(super) const ROWS: [Row; 8] = [
         &[Sensor],
         For(0.3),
         "the force sensor repeats its last counts on all channels, with its counter running",
-        &[F::SensorStuck],
+        &[F::SensorStuck, F::ForceImplausible],
         (StopRamp, STOPPED, Reset),
     ),
     row(

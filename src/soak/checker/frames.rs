@@ -106,7 +106,6 @@ impl Frames {
             }
             self.watch_strangers(limits, seen, sighting, findings);
             if is_ours && frame.id() == SYNC {
-                self.told_also = [None; 2];
                 let sent = std::mem::take(&mut self.sent);
                 self.end_of_epoch(limits, seen, &sent, findings);
                 self.check_load(limits, seen, peaks, findings);
@@ -145,7 +144,7 @@ impl Frames {
                         self.told_also[joint] = Some(status).filter(|_| !self.is_fresh[joint]);
                     } else {
                         self.note_wrap(joint, &status, peaks);
-                        self.told[joint] = Some(status);
+                        (self.told[joint], self.told_also[joint]) = (Some(status), None);
                     }
                 }
             }

@@ -89,6 +89,21 @@ fn a_jump_that_could_be_motion_has_no_bound() {
     }
 }
 
+/// Heartbeats are missed after tens of milliseconds. A hand that stops the rig before that decides where it ends.
+#[test]
+fn a_hand_that_stops_the_rig_before_the_injection_shows() {
+    for (after_s, is_early) in [(0.02, true), (0.4, false)] {
+        let silent = usual(Kind::HeartbeatSilent, 1.0, 4e-3);
+        let found = verdict(&[silent], vec![stopping(1.0 + after_s, Fault::OverSpeed)]);
+        if is_early {
+            assert_eq!(found.excused.by_name().get("I11 hand"), Some(&1));
+            assert_eq!(found.injections[0].as_expected, None);
+        } else {
+            expect_found(&found, Invariant::I11);
+        }
+    }
+}
+
 #[test]
 fn few_reactions_to_a_hand_are_no_rate() {
     let holding = |time_s: f64| event(time_s, [State::Running, State::Holding], Some(Fault::ForceStep));
