@@ -8,6 +8,7 @@ mod control;
 mod curvature;
 #[cfg(feature = "figures")]
 pub mod drawing;
+mod energy;
 mod hold;
 mod machine;
 pub mod measures;
@@ -78,13 +79,14 @@ impl Options {
 const PLANT: &str = "plant";
 
 /// Names of all studies.
-pub const NAMES: [&str; 8] = ["ablation", "control", "fixture", "hold", "pair", PLANT, "stability", "task"];
+pub const NAMES: [&str; 9] = ["ablation", "control", "energy", "fixture", "hold", "pair", PLANT, "stability", "task"];
 
 /// A study by its name.
 pub fn study(name: &str, options: &Options) -> Option<Box<dyn sweep::Study>> {
     Some(match name {
         "ablation" => Box::new(ablation::Ablation::new()),
         "control" => Box::new(control::Control::new()),
+        "energy" => Box::new(energy::Energy::new()),
         "fixture" => Box::new(curvature::TangentOrExact::new()),
         "hold" => Box::new(hold::Hold::new()),
         "pair" => Box::new(pair::PairStudy::new()),

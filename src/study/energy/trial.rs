@@ -1,0 +1,188 @@
+//! Rigs and hands that a case draws: clean runs by passive hands, and loops that swing.
+
+use std::f64::consts::TAU;
+
+use rand_xoshiro::SplitMix64;
+use rand_xoshiro::rand_core::SeedableRng;
+use serde_json::{Value, json};
+
+use super::super::run::{Overrides, RunReport, Watch, run_rig};
+use crate::config;
+use crate::elementary;
+use crate::rig::{hand_of, held_masses};
+use crate::sim::share_of_one;
+
+/// Seed of all cases.
+const SEED: u64 = 0xe4e5;
+/// Rigs of the clean runs, by their cycle: 0.5 ms is the first one at twice its rate, on a bus that costs no time.
+const CYCLES: [(&str, Option<u32>); 7] = [
+    ("paper-admittance.yaml", Some(500)),
+    ("paper-admittance.yaml", None),
+    ("paper-admittance-csp.yaml", None),
+    ("paper-admittance-2ms.yaml", None),
+    ("paper-admittance-4ms.yaml", None),
+    ("paper-admittance-5ms.yaml", None),
+    ("paper-admittance-10ms.yaml", None),
+];
+/// What a passive hand does.
+const ERRANDS: [&str; 3] = ["free", "impact", "trace"];
+/// Radius in m of the circle of the shipped rigs.
+const CIRCLE_M: f64 = 0.12;
+/// Peak over mean speed of a way by minimum jerk.
+const PEAK: f64 = 1.875;
+/// Force limit of a hand that swings, N: the swing grows until it is there.
+const SWING_LIMIT_N: f64 = 10.0;
+
+/// A rig with a scene.
+pub(super) struct Trial {
+    pub(super) rig: config::Rig,
+    pub(super) scene: config::Scene,
+    pub(super) is_frictionless: bool,
+    pub(super) errand: &'static str,
+    /// Least virtual mass with this hand, kg; `None` if none is stable.
+    pub(super) least_kg: Option<f64>,
+}
+
+struct Draws(SplitMix64);
+
+impl Draws {
+    fn between(&mut self, low: f64, high: f64) -> f64 {
+        low + (high - low) * share_of_one(&mut self.0)
+    }
+}
+
+/// Puts a value at a place of a document.
+fn put<T: serde::Serialize + serde::de::DeserializeOwned>(of: &T, places: &[(&str, Value)]) -> Result<T, String> {
+    let mut document = serde_json::to_value(of).map_err(|error| error.to_string())?;
+    for (place, value) in places {
+        *document.pointer_mut(place).ok_or_else(|| format!("no {place}"))? = value.clone();
+    }
+    serde_json::from_value(document).map_err(|error| error.to_string())
+}
+
+fn shipped((file, period_us): (&str, Option<u32>)) -> Result<(config::Rig, config::Scene), String> {
+    let source = config::builtin(file);
+    let rig = config::load_rig(source.clone()).map_err(|report| report.to_string())?.value;
+    let scene = config::load_scene(source.relative(&rig.scene)).map_err(|report| report.to_string())?.value;
+    let rig = match period_us {
+        Some(period_us) => put(
+            &rig,
+            &[
+                ("/cycle/period_us", json!(period_us)),
+                ("/cycle/compute_at_us", json!(period_us / 2)),
+                ("/buses/main/timing", json!("ideal")),
+            ],
+        )?,
+        None => rig,
+    };
+    Ok((rig, scene))
+}
+
+fn without_friction(rig: &config::Rig) -> Result<config::Rig, String> {
+    let mut places = vec![("/fixture/friction_n", json!(0.0)), ("/plant/arm/coulomb_n_m", json!([0.0, 0.0]))];
+    if rig.rig.command_mode == config::CommandMode::Torque {
+        places.push(("/control/feed_forward/coulomb_n_m", json!([0.0, 0.0])));
+    }
+    put(rig, &places)
+}
+
+/// Least virtual mass in kg of the rig with the hand of the scene; `None` if none is stable.
+fn least_kg(rig: &config::Rig, scene: &config::Scene) -> Result<Option<f64>, String> {
+    let found = held_masses(rig, &[hand_of(scene)], 1.0).map_err(|error| error.to_string())?;
+    Ok(found.iter().flatten().filter_map(|held| held.masses).map(|masses| masses.least_kg).next())
+}
+
+impl Trial {
+    /// A passive hand without tremor on a rig with the mass of its file.
+    pub(super) fn clean(case: u64) -> Result<Self, String> {
+        let mut draws = Draws(SplitMix64::seed_from_u64(SEED ^ case));
+        let (rig, scene) = shipped(CYCLES[(case % CYCLES.len() as u64) as usize])?;
+        let is_frictionless = (case / CYCLES.len() as u64) % 2 == 1;
+        let rig = if is_frictionless { without_friction(&rig)? } else { rig };
+        let errand = ERRANDS[(case / (2 * CYCLES.len() as u64)) as usize % ERRANDS.len()];
+        let (mass_kg, stiffness) = (draws.between(0.3, 1.5), draws.between(100.0, 600.0));
+        let damping = draws.between(0.15, 0.5) * 2.0 * (stiffness * (mass_kg + 2.0)).sqrt();
+        let yield_n = rig.fixture.yield_n.get();
+        // A hand aims at most at a third of the rig's speed limit, since the tool overshoots.
+        let least_s = |way_m: f64| PEAK * way_m / (rig.guard.tool_speed_limit_m_per_s.get() / 3.0);
+        let angle = draws.between(0.0, TAU);
+        let at = |radius: f64, angle: f64| json!([radius * elementary::cos(angle), radius * elementary::sin(angle)]);
+        let to = |point: Value, in_s: f64| json!({ "to": { "point_m": point, "in_s": in_s } });
+        let wait = |for_s: f64| json!({ "wait": { "for_s": for_s } });
+        let mut path = vec![wait(0.2)];
+        let start = match errand {
+            // To and fro within the circle.
+            "free" => {
+                for leg in 0..4 {
+                    let turn = draws.between(0.7, 1.3) * TAU / 2.0;
+                    let aim = at(draws.between(0.02, 0.06), angle + f64::from(leg + 1) * turn);
+                    let in_s = draws.between(0.25, 1.0).max(least_s(0.12));
+                    path.extend([to(aim, in_s), wait(draws.between(0.0, 0.4) + 0.01)]);
+                }
+                at(0.05, angle)
+            }
+            // Against the circle from within, below and above R, and back.
+            "impact" => {
+                for _ in 0..3 {
+                    let beyond = draws.between(0.2, 1.3) * yield_n / stiffness;
+                    let [there_s, back_s] = [0.25, 0.4].map(|least| draws.between(least, 0.8).max(least_s(0.08)));
+                    path.extend([to(at(CIRCLE_M + beyond.min(0.04), angle), there_s), wait(0.3)]);
+                    path.push(to(at(0.08, angle), back_s));
+                }
+                at(0.08, angle)
+            }
+            _ => {
+                let beyond = draws.between(0.3, 0.8) * yield_n / stiffness;
+                path.extend([to(at(CIRCLE_M + beyond.min(0.05), angle), least_s(0.07).max(0.8)), wait(0.2)]);
+                for _ in 0..2 {
+                    let by_rad = draws.between(-1.0, 1.0);
+                    let arc = json!({ "center_m": [0.0, 0.0], "by_rad": by_rad, "in_s": draws.between(0.8, 1.6).max(least_s(CIRCLE_M)), "speed": "smooth" });
+                    path.push(json!({ "arc": arc }));
+                }
+                at(0.10, angle)
+            }
+        };
+        let hand = json!({
+            "mass_kg": mass_kg, "stiffness_n_per_m": stiffness, "damping_n_s_per_m": damping,
+            "voluntary_force_limit_n": null, "tremor": null, "start_m": start, "path": path,
+        });
+        let scene = put(&scene, &[("/hand", hand), ("/duration_s", json!(4.0)), ("/seed", json!(case + 1))])?;
+        let least_kg = least_kg(&rig, &scene)?;
+        Ok(Self { rig, scene, is_frictionless, errand, least_kg })
+    }
+
+    /// A stiff hand on a rig without friction whose mass is a share of the least one that `tune fixture` gives.
+    pub(super) fn swinging(case: u64) -> Result<Self, String> {
+        let mut draws = Draws(SplitMix64::seed_from_u64(SEED ^ (case + 1_000_000)));
+        let (rig, scene) = shipped(CYCLES[1 + (case % (CYCLES.len() as u64 - 1)) as usize])?;
+        let rig = without_friction(&rig)?;
+        let (mass_kg, stiffness) = (draws.between(0.3, 1.0), draws.between(1000.0, 6000.0));
+        let damping = draws.between(0.1, 0.25) * 2.0 * (stiffness * (mass_kg + 1.0)).sqrt();
+        let angle = draws.between(0.0, TAU);
+        let point = [0.02 * elementary::cos(angle), 0.02 * elementary::sin(angle)];
+        let hand = json!({
+            "mass_kg": mass_kg, "stiffness_n_per_m": stiffness, "damping_n_s_per_m": damping,
+            "voluntary_force_limit_n": SWING_LIMIT_N, "tremor": null, "start_m": [0.0, 0.0],
+            "path": [{ "wait": { "for_s": 0.2 } }, { "to": { "point_m": point, "in_s": 0.2 } }, { "wait": { "for_s": 1.0 } }],
+        });
+        let scene = put(&scene, &[("/hand", hand), ("/duration_s", json!(4.0)), ("/seed", json!(case + 1))])?;
+        let least_kg = least_kg(&rig, &scene)?;
+        let virtual_kg = least_kg.unwrap_or(1.0) * draws.between(0.2, 0.7);
+        let rig = put(&rig, &[("/fixture/coupling", json!({ "admittance": { "mass_kg": virtual_kg } }))])?;
+        Ok(Self { rig, scene, is_frictionless: true, errand: "swing", least_kg })
+    }
+
+    /// The virtual mass in kg.
+    pub(super) fn virtual_kg(&self) -> Option<f64> {
+        match &self.rig.fixture.coupling {
+            config::Coupling::Admittance { mass_kg } => Some(mass_kg.get()),
+            config::Coupling::Impedance { .. } => None,
+        }
+    }
+
+    /// Runs it.
+    pub(super) fn run(&self) -> Result<RunReport, String> {
+        run_rig(&self.rig, &self.scene, &Overrides::default(), Watch::default(), |_| {})
+            .map_err(|error| error.to_string())
+    }
+}
