@@ -136,7 +136,9 @@ impl Motion {
         let speed = now.step.norm() / limits.period_s;
         let friction = 0.5 * limits.friction_n;
         let force = Vector2::from(seen.reported.force_n).norm();
-        self.unforced.next(now.running > 1 && force <= friction, speed);
+        // A proxy that is drawn back, since the torques reached their limit, is moved by more than the hand.
+        let is_free = force <= friction && !seen.reported.is_saturated;
+        self.unforced.next(now.running > 1 && is_free, speed);
         // The ramp begins at the speed of the cycle before, of which a surface may take a part at once.
         let before = self.past.map_or(0.0, |past| past.step.norm() / limits.period_s);
         self.halted.next(now.halting > 0, speed.max(before));

@@ -308,6 +308,11 @@ fn i7_a_proxy_that_drifts() {
     }
     let found = run.found();
     assert!(found.iter().any(|found| found.invariant == Invariant::I7), "{found:?}");
+
+    // Not while drives at their torque limit have it drawn back.
+    run.seen.iter_mut().for_each(|seen| seen.reported.is_saturated = true);
+    let found = run.found();
+    assert!(found.iter().all(|found| found.invariant != Invariant::I7), "{found:?}");
 }
 
 #[test]
