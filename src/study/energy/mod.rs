@@ -220,6 +220,8 @@ mod tests {
         // 1 ms by torque and by position, 2 ms.
         let swinging = rows_of(&Swinging, (0..18).filter(|case| case % 6 < 3));
         let verdicts: Vec<_> = swinging.rows().filter(swings).map(|row| row.word("verdict").to_owned()).collect();
-        assert!(verdicts.len() >= 6 && verdicts.iter().all(|verdict| verdict == ABOVE), "{verdicts:?}");
+        // The guard stops some of them.
+        let above = verdicts.iter().filter(|verdict| *verdict == ABOVE).count();
+        assert!(above >= 6 && verdicts.iter().all(|verdict| verdict != WITHIN), "{verdicts:?}");
     }
 }
