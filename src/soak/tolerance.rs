@@ -19,8 +19,8 @@ pub(super) const TURNING_SHARE: f64 = 2.0;
 /// I3: torques on the bus are whole per mille of the rated torque, rounded.
 pub(super) const TORQUE_PER_MILLE: f64 = 1.0;
 
-/// I5: share of the energy limit, at which the guard holds the rig, by which the guard may be mistaken: it multiplies a force and a motion that are a cycle
-/// apart. At 25 Hz, as fast as hands tremble here, and 4 ms that is 1 - cos(2 pi 25 0.004).
+/// I5: share of the energy limit, at which the guard holds the rig, by which the guard may be mistaken: it multiplies a force
+/// and a motion that are a cycle apart. At 25 Hz, as fast as hands tremble here, and 4 ms that is 1 - cos(2 pi 25 0.004).
 pub(super) const GUARD_SHARE: f64 = 0.2;
 
 /// I5: time in s over which the balance is forgotten, as the guard does: steps of sensor and encoder would add up for ever.

@@ -276,12 +276,13 @@ fn judge_window(
         Ending::DrivesStop => play.end == End::MasterGone,
     };
     let as_expected = (met_running && is_usual).then_some(ends && (has_expected || expected.ending == Ending::GoesOn));
-    let pre_empted = pre_empted(clock, injection, window).filter(|_| as_expected == Some(false));
-    let as_expected = as_expected.filter(|_| pre_empted.is_none());
+    let fails = as_expected == Some(false) && nature::is_certain(injection.kind);
+    let pre_empted = pre_empted(clock, injection, window).filter(|_| fails);
     if let Some(excuse) = pre_empted {
         verdict.excused.note(Invariant::I11, excuse);
     }
-    if as_expected == Some(false) && nature::is_certain(injection.kind) {
+    let as_expected = as_expected.filter(|_| pre_empted.is_none());
+    if fails && pre_empted.is_none() {
         let message = format!(
             "{} on {} at {:.3} s had to end in {:?} by {:?}, and the rig went {:?}",
             row.name,

@@ -22,7 +22,7 @@ const PRESSED_SHARE: f64 = 0.95;
 
 /// What a rig that does not swing may give beyond the law, in J: what the arm's own momentum does to the hand while the servo
 /// stops it at a surface that holds the proxy. A rig that swings passes it within some periods.
-const EXCESS_BOUND_J: f64 = 0.02;
+pub(super) const EXCESS_BOUND_J: f64 = 0.02;
 
 /// One crossing of the surface by a proxy that came from off it, pushed by less than R.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]

@@ -6,15 +6,12 @@ use serde_json::Value;
 
 use self::trial::Trial;
 use super::chart::{Axis, Chart, Color, Mark, Panel, Series};
+use super::measures::EXCESS_BOUND_J;
 use super::run::RunReport;
 use super::sweep::{Clock, Report, Row, Study, Sweep, Table};
 
 /// Name of the study, as on the command line.
 const STUDY: &str = "energy";
-/// Runs by passive hands.
-const CLEAN: u64 = 210;
-/// Rigs with a virtual mass below what their hand asks for.
-const SWINGING: u64 = 60;
 /// A tool that in the last second of a run is faster on average, m/s, long after the hand's aim came to rest, swings.
 const SWINGS_M_PER_S: f64 = 0.01;
 
@@ -23,7 +20,7 @@ pub(super) struct Energy([Box<dyn Sweep>; 2]);
 
 impl Energy {
     pub(super) fn new() -> Self {
-        Self([Box::new(Clean), Box::new(Swinging)])
+        Self([Box::new(CLEAN), Box::new(SWINGING)])
     }
 }
 
@@ -47,7 +44,7 @@ impl Study for Energy {
             summary("clean", clean.rows().filter(has_reserve), WITHIN),
             summary("without", clean.rows().filter(|row| !has_reserve(row)), WITHIN),
             summary("swinging", swinging.rows().filter(swings), ABOVE),
-            format!("of {SWINGING} rigs with too light a mass {still} do not swing in the last second"),
+            format!("of {} rigs with too light a mass {still} do not swing in the last second", SWINGING.points),
         ];
         let wrong = clean.rows().filter(|row| has_reserve(row) && row.word("verdict") != WITHIN);
         let wrong = wrong.chain(swinging.rows().filter(|row| swings(row) && row.word("verdict") != ABOVE));
@@ -60,7 +57,7 @@ impl Study for Energy {
         };
         let bound = Series {
             name: "bound, less what the sensor's counts add".to_owned(),
-            points: vec![(0.4, 20.0), (12.0, 20.0)],
+            points: [0.4, 12.0].map(|period_ms| (period_ms, 1e3 * EXCESS_BOUND_J)).to_vec(),
             mark: Mark::Dashed,
             color: Color::LINES[2],
         };
@@ -157,31 +154,21 @@ fn cells(case: u64, trial: Result<Trial, String>) -> Vec<Value> {
     ]
 }
 
-struct Clean;
-
-impl Sweep for Clean {
-    fn name(&self) -> &'static str {
-        "clean"
-    }
-
-    fn columns(&self) -> &'static [&'static str] {
-        &COLUMNS
-    }
-
-    fn points(&self) -> u64 {
-        CLEAN
-    }
-
-    fn point(&self, index: u64, _: Clock<'_>) -> Vec<Value> {
-        cells(index, Trial::clean(index))
-    }
+/// The cases of one kind.
+struct Cases {
+    name: &'static str,
+    points: u64,
+    draw: fn(u64) -> Result<Trial, String>,
 }
 
-struct Swinging;
+/// Passive hands.
+const CLEAN: Cases = Cases { name: "clean", points: 210, draw: Trial::clean };
+/// Rigs with a virtual mass below what their hand asks for.
+const SWINGING: Cases = Cases { name: "swinging", points: 60, draw: Trial::swinging };
 
-impl Sweep for Swinging {
+impl Sweep for Cases {
     fn name(&self) -> &'static str {
-        "swinging"
+        self.name
     }
 
     fn columns(&self) -> &'static [&'static str] {
@@ -189,11 +176,11 @@ impl Sweep for Swinging {
     }
 
     fn points(&self) -> u64 {
-        SWINGING
+        self.points
     }
 
     fn point(&self, index: u64, _: Clock<'_>) -> Vec<Value> {
-        cells(index, Trial::swinging(index))
+        cells(index, (self.draw)(index))
     }
 }
 
@@ -213,12 +200,12 @@ mod tests {
     #[test]
     fn passive_hands_keep_within_the_bound_and_loops_that_swing_pass_it() {
         let is_sure = |case: u64| case % 7 < 5 && (case / 7).is_multiple_of(2);
-        let clean = rows_of(&Clean, (0..CLEAN / 2).filter(|case| is_sure(*case)));
+        let clean = rows_of(&CLEAN, (0..CLEAN.points / 2).filter(|case| is_sure(*case)));
         assert!(clean.rows().all(|row| row.word("is_frictionless") != "true" && row.number("period_ms") <= 4.0));
         let verdicts: Vec<_> = clean.rows().map(|row| row.word("verdict").to_owned()).collect();
         assert!(verdicts.len() >= 35 && verdicts.iter().all(|verdict| verdict == WITHIN), "{verdicts:?}");
         // 1 ms by torque and by position, 2 ms.
-        let swinging = rows_of(&Swinging, (0..18).filter(|case| case % 6 < 3));
+        let swinging = rows_of(&SWINGING, (0..18).filter(|case| case % 6 < 3));
         let verdicts: Vec<_> = swinging.rows().filter(swings).map(|row| row.word("verdict").to_owned()).collect();
         // The guard stops some of them.
         let above = verdicts.iter().filter(|verdict| *verdict == ABOVE).count();
