@@ -8,7 +8,7 @@ mod reference;
 mod servo;
 mod watch;
 
-use crate::fixture::{Excess, Fixture, Shape2};
+use crate::fixture::{EXCESS_FORGETTING_S, Excess, Fixture, Shape2};
 use crate::guard::{
     Allowed, Cause, DeviceSet, Directive, Fault, FaultCounts, Gate, JointCommand, Measured, Motion, Request, State,
     StopRamp, Supervisor,
@@ -21,9 +21,6 @@ use yieldwall_drives::cia402;
 
 pub use reference::Reference;
 pub use servo::{Servo, TorqueServo, TorqueServoParameters, TorqueStep};
-
-/// Time in which given energy is forgotten, s. Without it the noise of force and position would add up for ever.
-const EXCESS_FORGETTING_S: f64 = 1.0;
 
 /// What one drive reported in this cycle.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -3,7 +3,7 @@
 use nalgebra::Vector3;
 use serde::Serialize;
 
-use crate::fixture::{Excess, Port, prediction};
+use crate::fixture::{EXCESS_FORGETTING_S, Excess, Port, prediction};
 use crate::guard::State;
 use crate::record::{ForceMeaning, ON_SURFACE_M, Row, Trace};
 
@@ -22,7 +22,7 @@ const PRESSED_SHARE: f64 = 0.95;
 
 /// What a rig that does not swing may give beyond the law, in J: what the arm's own momentum does to the hand while the servo
 /// stops it at a surface that holds the proxy. A rig that swings passes it within some periods.
-pub(super) const EXCESS_BOUND_J: f64 = 0.02;
+const EXCESS_BOUND_J: f64 = 0.02;
 
 /// One crossing of the surface by a proxy that came from off it, pushed by less than R.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
@@ -88,12 +88,17 @@ pub struct Measures {
     pub torque_limit_apart_s: Option<f64>,
     /// Greatest net work of the tool on the hand over any stretch of the run, in J.
     pub energy_rise_j: f64,
-    /// Greatest work on the hand in one go beyond what the proxy held and moving surfaces brought, in J
-    /// ([`Excess`]); `None` where no mass holds energy (impedance type, elastic law).
+    /// Work on the hand in one go beyond what the proxy held and moving surfaces brought, in J, forgotten within a second
+    /// ([`Excess`]), when it came nearest to its bound or furthest beyond; `None` where no mass holds energy (impedance type,
+    /// elastic law).
     pub energy_excess_j: Option<f64>,
-    /// What the bound holds, in J: for the admittance type `energy_excess_j`, by 0.02 J, which the stop of an arm may leave,
-    /// and the work of one count of the force sensor over the tool's way; for the impedance type `energy_rise_j`, by
-    /// `R^2 / (2 K)`.
+    /// What the bound holds, in J: for the admittance type `energy_excess_j`, by the sum of 0.02 J, which the stop of an arm
+    /// may leave, the work of one count of the force sensor over the tool's way, and the most kinetic energy that the proxy
+    /// had until then, forgotten as fast; for the impedance type `energy_rise_j`, by `R^2 / (2 K)`.
+    ///
+    /// The kinetic energy stands for moves: a tool that follows its proxy late by `lag` gives a hand that moves the mass by
+    /// the shortest jerk in the time `T` some `10 lag / T` of it beyond what the hand put in. A move does so once, a swing
+    /// anew in each of its halves.
     pub energy_bound_j: f64,
 }
 
@@ -131,9 +136,9 @@ pub struct Context {
 pub fn measure(trace: &Trace, context: &Context) -> Measures {
     let impacts = impacts(trace, context);
     let Work { given_j: energy_given_j, taken_j: energy_taken_j, rise_j: energy_rise_j, way_m } = work(trace);
-    let energy_excess_j = context.mass_kg.map(|mass| excess(trace, context, mass));
-    let energy_bound_j = match energy_excess_j {
-        Some(_) => EXCESS_BOUND_J + context.force_resolution_n * way_m,
+    let given = context.mass_kg.map(|mass| given(trace, context, mass));
+    let energy_bound_j = match given {
+        Some(given) => EXCESS_BOUND_J + context.force_resolution_n * way_m + given.moved_j,
         None => prediction::stored_energy_limit_j(
             trace.yield_against_n(1.0).max(trace.yield_against_n(-1.0)),
             context.stiffness_n_per_m,
@@ -165,7 +170,7 @@ pub fn measure(trace: &Trace, context: &Context) -> Measures {
         torque_limit_s: context.torque_limit_n_m.map(|limit| at_limit_s(trace, context, limit, &[])),
         torque_limit_apart_s: context.torque_limit_n_m.map(|limit| at_limit_s(trace, context, limit, &impacts)),
         energy_rise_j,
-        energy_excess_j,
+        energy_excess_j: given.map(|given| given.excess_j),
         energy_bound_j,
         impacts,
     }
@@ -353,12 +358,22 @@ fn work(trace: &Trace) -> Work {
     sums
 }
 
-/// The most that was given beyond what the proxy held and moving surfaces brought, in J, counted from the
-/// begin each time the rig runs.
-fn excess(trace: &Trace, context: &Context, mass_kg: f64) -> f64 {
-    let mut most = 0.0_f64;
+/// What was given to the hand when it was most beyond what moves account for.
+#[derive(Clone, Copy)]
+struct Given {
+    /// Beyond what the proxy held and moving surfaces brought, in J.
+    excess_j: f64,
+    /// The most kinetic energy of the proxy until then, forgotten as the excess is, in J.
+    moved_j: f64,
+}
+
+/// What was given to the hand, counted from the begin each time the rig runs.
+fn given(trace: &Trace, context: &Context, mass_kg: f64) -> Given {
+    let kept = (1.0 - context.period_s / EXCESS_FORGETTING_S).max(0.0);
+    let mut most = Given { excess_j: 0.0, moved_j: 0.0 };
     for stretch in trace.rows.split(|row| row.supervisor_state != State::Running as u8) {
-        let mut excess = Excess::<3>::new(context.period_s, mass_kg, f64::INFINITY);
+        let mut excess = Excess::<3>::new(context.period_s, mass_kg, EXCESS_FORGETTING_S);
+        let mut moved_j = 0.0_f64;
         // The tool was led to the proxy of the row before; the two rows before that tell how it came there.
         for rows in stretch.windows(4) {
             let [earliest, earlier, last, row] = rows else { continue };
@@ -368,7 +383,11 @@ fn excess(trace: &Trace, context: &Context, mass_kg: f64) -> f64 {
             let bend = (proxy - before * 2.0 + two_before) * (mass_kg / (context.period_s * context.period_s));
             let brought_j = (bend - Vector3::from(last.force_n)).dot(&way);
             let (tool, force_n) = (Vector3::from(row.tool_m), Vector3::from(row.force_n));
-            most = most.max(excess.step(Port { tool, force_n, proxy, stored_j: 0.0, brought_j }));
+            let excess_j = excess.step(Port { tool, force_n, proxy, stored_j: 0.0, brought_j });
+            moved_j = (moved_j * kept).max(excess.kinetic_j());
+            if excess_j - moved_j > most.excess_j - most.moved_j {
+                most = Given { excess_j, moved_j };
+            }
         }
     }
     most

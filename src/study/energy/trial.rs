@@ -30,8 +30,14 @@ const ERRANDS: [&str; 3] = ["free", "impact", "trace"];
 const CIRCLE_M: f64 = 0.12;
 /// Peak over mean speed of a way by minimum jerk.
 const PEAK: f64 = 1.875;
+/// A passive hand on a mass so many times the least one with it, or more, does not go on swinging.
+const RESERVE: f64 = 1.5;
 /// Force limit of a hand that swings, N: the swing grows until it is there.
-const SWING_LIMIT_N: f64 = 10.0;
+const SWING_LIMIT_N: f64 = 3.0;
+/// Speed limit of the rigs that swing, m/s.
+const SWING_SPEED_LIMIT_M_PER_S: f64 = 1.5;
+/// Cycle in s at which a hand that swings has the stiffness that is drawn; at longer ones it is softer by as much.
+const SWING_CYCLE_S: f64 = 1e-3;
 
 /// A rig with a scene.
 pub(super) struct Trial {
@@ -39,8 +45,10 @@ pub(super) struct Trial {
     pub(super) scene: config::Scene,
     pub(super) is_frictionless: bool,
     pub(super) errand: &'static str,
-    /// Least virtual mass with this hand, kg; `None` if none is stable.
-    pub(super) least_kg: Option<f64>,
+    /// Virtual mass, kg.
+    pub(super) virtual_kg: f64,
+    /// Least virtual mass with this hand, kg.
+    pub(super) least_kg: f64,
 }
 
 struct Draws(SplitMix64);
@@ -92,14 +100,21 @@ fn least_kg(rig: &config::Rig, scene: &config::Scene) -> Result<Option<f64>, Str
     Ok(found.iter().flatten().filter_map(|held| held.masses).map(|masses| masses.least_kg).next())
 }
 
+fn with_mass(rig: &config::Rig, virtual_kg: f64) -> Result<config::Rig, String> {
+    put(rig, &[("/fixture/coupling", json!({ "admittance": { "mass_kg": virtual_kg } }))])
+}
+
 impl Trial {
-    /// A passive hand without tremor on a rig with the mass of its file.
+    /// A passive hand without tremor on a rig with the mass of its file, or a heavier one where the hand asks for that.
     pub(super) fn clean(case: u64) -> Result<Self, String> {
         let mut draws = Draws(SplitMix64::seed_from_u64(SEED ^ case));
         let (rig, scene) = shipped(CYCLES[(case % CYCLES.len() as u64) as usize])?;
         let is_frictionless = (case / CYCLES.len() as u64) % 2 == 1;
         let rig = if is_frictionless { without_friction(&rig)? } else { rig };
         let errand = ERRANDS[(case / (2 * CYCLES.len() as u64)) as usize % ERRANDS.len()];
+        // Within a guide R resists every way off it.
+        let wall = [("/fixture/side", json!("unilateral")), ("/fixture/surface/circle/forbidden", json!("outside"))];
+        let rig = if errand == "free" { put(&rig, &wall)? } else { rig };
         let (mass_kg, stiffness) = (draws.between(0.3, 1.5), draws.between(100.0, 600.0));
         let damping = draws.between(0.15, 0.5) * 2.0 * (stiffness * (mass_kg + 2.0)).sqrt();
         let yield_n = rig.fixture.yield_n.get();
@@ -147,8 +162,13 @@ impl Trial {
             "voluntary_force_limit_n": null, "tremor": null, "start_m": start, "path": path,
         });
         let scene = put(&scene, &[("/hand", hand), ("/duration_s", json!(4.0)), ("/seed", json!(case + 1))])?;
-        let least_kg = least_kg(&rig, &scene)?;
-        Ok(Self { rig, scene, is_frictionless, errand, least_kg })
+        let least_kg = least_kg(&rig, &scene)?.ok_or("no mass is stable with this hand")?;
+        let shipped_kg = match &rig.fixture.coupling {
+            config::Coupling::Admittance { mass_kg } => mass_kg.get(),
+            config::Coupling::Impedance { .. } => return Err("not of the admittance type".to_owned()),
+        };
+        let virtual_kg = shipped_kg.max(RESERVE * least_kg);
+        Ok(Self { rig: with_mass(&rig, virtual_kg)?, scene, is_frictionless, errand, virtual_kg, least_kg })
     }
 
     /// A stiff hand on a rig without friction whose mass is a share of the least one that `tune fixture` gives.
@@ -156,28 +176,29 @@ impl Trial {
         let mut draws = Draws(SplitMix64::seed_from_u64(SEED ^ (case + 1_000_000)));
         let (rig, scene) = shipped(CYCLES[1 + (case % (CYCLES.len() as u64 - 1)) as usize])?;
         let rig = without_friction(&rig)?;
-        let (mass_kg, stiffness) = (draws.between(0.3, 1.0), draws.between(1000.0, 6000.0));
+        let softer = SWING_CYCLE_S / (f64::from(rig.cycle.period_us) * 1e-6);
+        let (mass_kg, stiffness) = (draws.between(0.3, 1.0), draws.between(1000.0, 5000.0) * softer);
         let damping = draws.between(0.1, 0.25) * 2.0 * (stiffness * (mass_kg + 1.0)).sqrt();
         let angle = draws.between(0.0, TAU);
-        let point = [0.02 * elementary::cos(angle), 0.02 * elementary::sin(angle)];
+        let point = [0.005 * elementary::cos(angle), 0.005 * elementary::sin(angle)];
         let hand = json!({
             "mass_kg": mass_kg, "stiffness_n_per_m": stiffness, "damping_n_s_per_m": damping,
             "voluntary_force_limit_n": SWING_LIMIT_N, "tremor": null, "start_m": [0.0, 0.0],
             "path": [{ "wait": { "for_s": 0.2 } }, { "to": { "point_m": point, "in_s": 0.2 } }, { "wait": { "for_s": 1.0 } }],
         });
         let scene = put(&scene, &[("/hand", hand), ("/duration_s", json!(4.0)), ("/seed", json!(case + 1))])?;
-        let least_kg = least_kg(&rig, &scene)?;
-        let virtual_kg = least_kg.unwrap_or(1.0) * draws.between(0.2, 0.7);
-        let rig = put(&rig, &[("/fixture/coupling", json!({ "admittance": { "mass_kg": virtual_kg } }))])?;
-        Ok(Self { rig, scene, is_frictionless: true, errand: "swing", least_kg })
-    }
-
-    /// The virtual mass in kg.
-    pub(super) fn virtual_kg(&self) -> Option<f64> {
-        match &self.rig.fixture.coupling {
-            config::Coupling::Admittance { mass_kg } => Some(mass_kg.get()),
-            config::Coupling::Impedance { .. } => None,
-        }
+        let least_kg = least_kg(&rig, &scene)?.ok_or("no mass is stable with this hand")?;
+        let virtual_kg = least_kg * draws.between(0.5, 0.9);
+        // The bound is to be tried, not the guard.
+        let rig = put(&rig, &[("/guard/tool_speed_limit_m_per_s", json!(SWING_SPEED_LIMIT_M_PER_S))])?;
+        Ok(Self {
+            rig: with_mass(&rig, virtual_kg)?,
+            scene,
+            is_frictionless: true,
+            errand: "swing",
+            virtual_kg,
+            least_kg,
+        })
     }
 
     /// Runs it.
