@@ -21,7 +21,7 @@
 //! holds, samples that are on their way, and the servo's own (last error, sum of errors, efforts on their way; or integral and
 //! line). With a sensor at `N T = m T_s` the state after `N` cycles is a matrix times the state before, and the loop is stable
 //! if no eigenvalue of that matrix lies on or outside the unit circle. A sensor with its own clock drifts through all phases,
-//! so it is looked at right behind SYNC, where its samples wait longest, and at phases between.
+//! so it is looked at right behind SYNC, where a sample has just missed its cycle, and at phases between.
 //!
 //! # Which masses
 //! Light masses swing, since servo and delay turn the hand's spring against the motion. Very heavy ones drift if the loop lags
@@ -106,8 +106,8 @@ pub struct Sampling {
     /// How old the sample may be at SYNC that the cycle uses, in s. The newest sample is less than `interval_s` younger than
     /// that; negative where it is felt after SYNC and comes in time all the same.
     pub oldest_s: f64,
-    /// Phases of the sensor's clock that are to be looked at, one right behind SYNC first; 1 if SYNC is the clock, and the
-    /// sample then is as old as it may be.
+    /// Phases of the sensor's clock that are to be looked at: one right behind SYNC first, last the one whose sample is as old as
+    /// it may be, which is the only one if SYNC is the clock.
     pub phases: u32,
 }
 

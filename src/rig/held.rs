@@ -6,7 +6,7 @@ use super::build::{gains, linkage, mass_model, period_s, plant_mass};
 use super::buses::{bus_number, bus_plan};
 use super::error::RigError;
 use super::margins::{LOOP_DELAY_CYCLES, poses};
-use crate::bus::budget::{Budget, Use};
+use crate::bus::budget::{Budget, PlannedFrame, Use};
 use crate::config;
 use crate::control::{
     Follower, Gains, Grip, HeldLoop, Outer, Pose, Sampling, ServoLoop, damping_needed_n_s_per_m,
@@ -18,8 +18,8 @@ use crate::sim::SYNC_RATE_HZ;
 /// Hands for which a rig is looked at when none is named: normal, stiff and braced, N/m.
 const USUAL_HANDS_N_PER_M: [f64; 3] = [500.0, 1000.0, 3000.0];
 /// Phases of a sensor's own clock that are looked at.
-const PHASES: u32 = 4;
-/// Every which pose is looked at at phases of that clock but the first.
+const PHASES: u32 = 17;
+/// Every which pose is looked at at phases of that clock but the first and the last.
 const POSE_STRIDE: usize = 4;
 
 /// The stable virtual masses of a rig with one hand, over all poses and all phases of the sensor's clock.
@@ -103,11 +103,14 @@ pub fn held_masses(rig: &config::Rig, hands: &[Grip], configured_kg: f64) -> Res
         passive_kg = passive_kg.max(passive_mass_kg(pose)?);
     }
     let held = |grip: &Grip| {
-        // Right behind SYNC at every pose. Other phases are lighter as a rule: some poses will do.
-        let first = (0..poses.len()).map(|pose| (pose, 0));
-        let others = (1..outer.sampling.phases)
-            .flat_map(|phase| (0..poses.len()).step_by(POSE_STRIDE).map(move |pose| (pose, phase)));
-        let places: Vec<(usize, u32)> = first.chain(others).collect();
+        // The first and the last at every pose. Those between are lighter as a rule: some poses will do.
+        let last = outer.sampling.phases - 1;
+        let places: Vec<(usize, u32)> = (0..=last)
+            .flat_map(|phase| {
+                let stride = if phase == 0 || phase == last { 1 } else { POSE_STRIDE };
+                (0..poses.len()).step_by(stride).map(move |pose| (pose, phase))
+            })
+            .collect();
         let loops = places.iter().map(|&(pose, phase)| HeldLoop::new(&follower, &poses[pose], grip, &outer, phase));
         let loops = loops.collect::<Result<Vec<_>, _>>()?;
         let masses = stable_masses(&loops).map(|found| {
@@ -157,9 +160,11 @@ fn outer(rig: &config::Rig) -> Result<Outer, RigError> {
         config::SensorProtocol::Canopen { .. } if *rig.sensor.sample_rate_hz == f64::from(SYNC_RATE_HZ) => {
             Sampling::at_sync(period_s)
         }
-        // SYNC, or the request that follows it, has the newest sample of the sensor's own clock sent.
-        config::SensorProtocol::Canopen { .. } | config::SensorProtocol::Polled { .. } => own_clock(0.0),
-        config::SensorProtocol::Streaming { .. } => own_clock(latest_sample_s(rig)?),
+        // SYNC has the newest sample of the sensor's own clock sent.
+        config::SensorProtocol::Canopen { .. } => own_clock(0.0),
+        config::SensorProtocol::Streaming { .. } | config::SensorProtocol::Polled { .. } => {
+            own_clock(latest_sample_s(rig)?)
+        }
     };
     Ok(Outer {
         period_s,
@@ -170,22 +175,35 @@ fn outer(rig: &config::Rig) -> Result<Outer, RigError> {
     })
 }
 
-/// How long after SYNC a sample of a streaming sensor may be taken that always comes before the computation, s; negative if it
-/// has to be taken before SYNC.
+/// How long after SYNC a sample of a sensor on plain CAN may be taken that its cycle still uses, s; negative if it has to be
+/// taken before SYNC. In the regular course of the bus: a heartbeat that makes one sample late now and then does not count.
 fn latest_sample_s(rig: &config::Rig) -> Result<f64, RigError> {
     let bus = bus_number(rig, &rig.sensor.bus)?;
     let (setup, conditions) = bus_plan(rig)?;
     let conditions = conditions.into_iter().find(|conditions| conditions.bus == bus);
     let conditions = conditions.ok_or_else(|| RigError::Mismatch("the sensor's bus has no plan".into()))?;
     let budget = Budget::new(&setup, conditions).map_err(|error| RigError::Mismatch(error.to_string()))?;
-    let longest_s = |usage: Use| {
-        let frames = budget.frames.iter().filter(|frame| frame.frame.usage == usage);
-        // Without a bound they take what there is of the cycle.
-        let longest_ns = frames.map(|frame| frame.response_ns.unwrap_or(frame.deadline_ns)).max();
-        1e-9 * longest_ns.unwrap_or_default() as f64
+    let frames = || budget.frames.iter().map(|budgeted| &budgeted.frame);
+    let request = frames().find(|frame| frame.usage == Use::Request);
+    // Behind SYNC the devices of SYNC answer, and the request waits for those that go before it.
+    let goes_first = |frame: &&PlannedFrame| match frame.usage {
+        Use::Sync => true,
+        Use::Measured if !frame.is_answer => request.is_none_or(|request| frame.cob_id < request.cob_id),
+        _ => false,
     };
-    let compute_s = f64::from(rig.cycle.compute_at_us) * 1e-6;
-    Ok(compute_s - longest_s(Use::Sync) - longest_s(Use::Streamed))
+    let takes_time = rig.buses.get(&rig.sensor.bus).is_some_and(|bus| bus.timing == config::BusTiming::Arbitrated);
+    let duration_s = |frame: &PlannedFrame| match takes_time {
+        true => f64::from(frame.bits(conditions.is_plain())) / f64::from(conditions.bit_rate),
+        false => 0.0,
+    };
+    let first_s: f64 = frames().filter(goes_first).map(duration_s).sum();
+    if let Some(request) = request {
+        return Ok(first_s + duration_s(request));
+    }
+    let sample_s: f64 = frames().filter(|frame| frame.usage == Use::Streamed).map(duration_s).sum();
+    let latest_s = f64::from(rig.cycle.compute_at_us) * 1e-6 - sample_s;
+    // Where the bus is not free again in time, the sample has to go before SYNC.
+    Ok(if latest_s >= first_s { latest_s } else { -sample_s })
 }
 
 fn pose_at(rig: &config::Rig, tool: Vector2<f64>, is_cartesian: bool) -> Result<Pose, RigError> {

@@ -8,6 +8,7 @@ mod control;
 mod curvature;
 #[cfg(feature = "figures")]
 pub mod drawing;
+mod edge;
 mod energy;
 mod hold;
 mod machine;
@@ -79,13 +80,15 @@ impl Options {
 const PLANT: &str = "plant";
 
 /// Names of all studies.
-pub const NAMES: [&str; 9] = ["ablation", "control", "energy", "fixture", "hold", "pair", PLANT, "stability", "task"];
+pub const NAMES: [&str; 10] =
+    ["ablation", "control", "edge", "energy", "fixture", "hold", "pair", PLANT, "stability", "task"];
 
 /// A study by its name.
 pub fn study(name: &str, options: &Options) -> Option<Box<dyn sweep::Study>> {
     Some(match name {
         "ablation" => Box::new(ablation::Ablation::new()),
         "control" => Box::new(control::Control::new()),
+        "edge" => Box::new(edge::Edge::new()),
         "energy" => Box::new(energy::Energy::new()),
         "fixture" => Box::new(curvature::TangentOrExact::new()),
         "hold" => Box::new(hold::Hold::new()),

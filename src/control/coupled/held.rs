@@ -79,7 +79,8 @@ pub struct HeldLoop {
 type Matrix4 = nalgebra::Matrix4<f64>;
 
 impl HeldLoop {
-    /// The loop at `phase` of those of [`Sampling::phases`]: 0 has samples right behind SYNC.
+    /// The loop at `phase` of those of [`Sampling::phases`]: 0 has samples right behind SYNC, the last one samples as old as they
+    /// may be.
     ///
     /// Exact for rigid joints without dry friction and efforts without limit, but that the interval of a sensor is bent by
     /// up to a thousandth where it fits no small number of cycles.
@@ -155,13 +156,19 @@ impl HeldLoop {
         let period_s = self.period_s;
         let (cycles, interval_s) = common_period(period_s, sampling.interval_s);
         let end_s = cycles as f64 * period_s;
-        // Other phases of the clock come back to the same pattern, begun at another cycle. The first one has samples right
-        // behind SYNC: what is applied there shakes the hand's mass, and that sample waits longest.
+        // Other phases of the clock come back to the same pattern, begun at another cycle. Two are worse than others: the one that
+        // has samples right behind SYNC, where what is applied shakes the hand's mass, and the one whose oldest sample has just
+        // missed its cycle.
         let apart_s = interval_s / cycles as f64;
-        let age_s = if sampling.phases == 1 {
+        let even = sampling.phases - 1;
+        let phase = phase % sampling.phases;
+        let age_s = if even == 0 {
             sampling.oldest_s
+        } else if phase == even {
+            // One that is taken in the moment of SYNC sees what SYNC did.
+            sampling.oldest_s - BEHIND * apart_s
         } else {
-            let share = f64::from(phase % sampling.phases) / f64::from(sampling.phases) + BEHIND;
+            let share = f64::from(phase) / f64::from(even) + BEHIND;
             let age_s = ((sampling.oldest_s / apart_s + BEHIND).floor() - share) * apart_s;
             if age_s <= sampling.oldest_s - apart_s { age_s + apart_s } else { age_s }
         };

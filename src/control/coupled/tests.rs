@@ -75,9 +75,9 @@ fn on_the_line(mass_kg: f64, grip: &Grip, age: f64) -> bool {
 fn a_sensor_with_its_own_clock_is_as_old_as_its_phase_says() {
     let heavy = pose(1.0, 0.25);
     let hand = grip(3000.0, 6.0);
-    for (phases, phase, age) in [(4, 1, 0.75), (2, 1, 0.5), (16, 15, 0.0625)] {
-        let outer =
-            Outer { sampling: Sampling { oldest_s: PERIOD_S, phases, ..Sampling::at_sync(PERIOD_S) }, ..outer(0.0) };
+    for (oldest, phases, phase, age) in [(1.0, 5, 1, 0.75), (1.0, 3, 1, 0.5), (1.0, 17, 15, 0.0625), (0.8, 5, 4, 0.8)] {
+        let sampling = Sampling { oldest_s: oldest * PERIOD_S, phases, ..Sampling::at_sync(PERIOD_S) };
+        let outer = Outer { sampling, ..outer(0.0) };
         let held = HeldLoop::new(&STIFF, &heavy, &hand, &outer, phase).unwrap();
         let found = stable_masses(&[held]).unwrap().least_kg;
         assert!(on_the_line(1.05 * found, &hand, age) && !on_the_line(0.95 * found, &hand, age), "{age}: {found}");

@@ -127,6 +127,12 @@ impl EmbeddedRig {
         self.far.drives.iter_mut().for_each(|drive| drive.set_sdo_time(time));
     }
 
+    /// Has the force sensor take its next sample so long after the next SYNC is due, and the others by an exact clock, so that
+    /// the phase between both is known. Nothing happens where SYNC is the sensor's clock.
+    pub fn align_sensor(&mut self, after_sync: Duration) {
+        self.far.sensor.set_clock(self.next_sync + after_sync, self.sample_period);
+    }
+
     /// Forgets what was injected and what the scene would.
     pub(super) fn clear_injections(&mut self) {
         self.schedule = Schedule::default();

@@ -153,6 +153,11 @@ impl ForceSensor {
         self.sampler().begin_clock(now);
     }
 
+    /// Has a free-running clock take its next sample at this moment, and the others so long after one another.
+    pub fn set_clock(&mut self, next: Time, period: Duration) {
+        self.sampler().set_clock(next, period);
+    }
+
     /// Has the status show these bits, those of the CANopen sensor's status byte, beside its own. A streaming sensor can
     /// show an overload alone.
     pub fn set_status_bits(&mut self, bits: u8) {

@@ -72,6 +72,13 @@ impl Sampler {
         }
     }
 
+    /// Has its own clock, if there is one, take its next sample at `next` and go by `period`.
+    pub(super) fn set_clock(&mut self, next: Time, period: Duration) {
+        if self.period.is_some() {
+            (self.period, self.next_tick) = (Some(period), next);
+        }
+    }
+
     pub(super) fn measure(&mut self, counts: [i32; CHANNELS]) {
         self.present = counts;
     }
