@@ -1,6 +1,7 @@
 //! What this computer says of itself that decides how soon it reacts: its kernel, its sleep, and who handles interrupts.
 
-use std::fs;
+use std::fs::{self, File};
+use std::io::Read;
 use std::path::Path;
 use std::time::Duration;
 
@@ -18,12 +19,14 @@ pub struct Readiness {
     pub deepest_idle: Option<(String, Duration)>,
     /// Threads that handle the interrupts of an interface: name and real-time priority, 0 for none.
     pub interrupt_threads: Vec<(String, u32)>,
+    /// Threads to which the kernel hands on what it received, where that is much (`ksoftirqd/0`, ...), likewise.
+    pub softirq_threads: Vec<(String, u32)>,
     /// Whether an interrupt has the name of the interface. One of USB has not: it is that of the USB controller.
     pub has_interrupt: bool,
 }
 
 impl Readiness {
-    /// Reads `/sys` and `/proc` below `root`, and what there is of `interface`.
+    /// Reads `/sys`, `/proc` and `/dev` below `root`, and what there is of `interface`.
     pub fn read(root: &Path, interface: Option<&str>) -> Self {
         let text = |path: &str| fs::read_to_string(root.join(path)).ok();
         let version = text("proc/sys/kernel/version");
@@ -39,13 +42,27 @@ impl Readiness {
             let entries = fs::read_dir(cpu.join("cpuidle")).into_iter().flatten().flatten();
             entries.map(|entry| entry.path()).collect::<Vec<_>>()
         });
-        let deepest_idle = states.filter_map(|state| idle_state(&state)).max_by_key(|(_, latency)| *latency);
+        // Somebody may have asked for a latency for as long as the file is open; without the right to read it that is unknown.
+        let asked_for = asked_latency(&root.join("dev/cpu_dma_latency"));
+        let is_entered = |(_, latency): &(String, Duration)| asked_for.is_none_or(|most| *latency <= most);
+        let deepest_idle =
+            states.filter_map(|state| idle_state(&state)).filter(is_entered).max_by_key(|(_, latency)| *latency);
         let mut readiness = Self { is_realtime_kernel, deepest_idle, ..Self::default() };
         if let Some(interface) = interface {
             readiness.has_interrupt = folders("proc/irq").iter().any(|irq| irq.join(interface).is_dir());
-            let threads = folders("proc").into_iter().filter_map(|process| interrupt_thread(&process, interface));
-            readiness.interrupt_threads = threads.collect();
+            for process in folders("proc") {
+                let Some(name) = name_of(&process) else { continue };
+                let threads = if is_interrupt_thread(&name, interface) {
+                    &mut readiness.interrupt_threads
+                } else if name.starts_with("ksoftirqd/") {
+                    &mut readiness.softirq_threads
+                } else {
+                    continue;
+                };
+                threads.extend(priority_of(&process).map(|priority| (name, priority)));
+            }
             readiness.interrupt_threads.sort();
+            readiness.softirq_threads.sort();
         }
         readiness
     }
@@ -88,6 +105,15 @@ impl Readiness {
                 }
             };
             lines.push(format!("interrupt {interrupts}"));
+            let softirqs = match self.softirq_threads.iter().min_by_key(|(_, priority)| *priority) {
+                None => "who takes over when many frames come is unknown".to_owned(),
+                Some((name, 0)) => format!(
+                    "{name} is a program like any other: when many frames come they wait for it, unless `for pid in $(pgrep \
+                     ksoftirqd); do sudo chrt -f -p 49 $pid; done` has it go before those"
+                ),
+                Some((name, priority)) => format!("{name} at priority {priority}"),
+            };
+            lines.push(format!("softirq   {softirqs}"));
         }
         lines
     }
@@ -101,20 +127,31 @@ fn idle_state(state: &Path) -> Option<(String, Duration)> {
     (!is_off).then_some((text("name")?, latency))
 }
 
-/// A thread of the kernel such as `irq/42-can0`, and its priority.
-fn interrupt_thread(process: &Path, interface: &str) -> Option<(String, u32)> {
-    let name = fs::read_to_string(process.join("comm")).ok()?.trim().to_owned();
-    let (_, of) = name.strip_prefix("irq/")?.split_once('-')?;
+/// The longest time to wake up that any program asks for: a number of 32 bits in us. Idle states that take longer are not entered.
+fn asked_latency(file: &Path) -> Option<Duration> {
+    let mut number = [0; 4];
+    File::open(file).and_then(|mut file| file.read_exact(&mut number)).ok()?;
+    u64::try_from(i32::from_ne_bytes(number)).ok().map(Duration::from_micros)
+}
+
+fn name_of(process: &Path) -> Option<String> {
+    Some(fs::read_to_string(process.join("comm")).ok()?.trim().to_owned())
+}
+
+/// Whether it is a thread of the kernel such as `irq/42-can0`.
+fn is_interrupt_thread(name: &str, interface: &str) -> bool {
+    let Some((_, of)) = name.strip_prefix("irq/").and_then(|rest| rest.split_once('-')) else { return false };
     // A second thread of the same interrupt has `s-` before its name, and names are cut off after 15 bytes.
     let of = of.strip_prefix("s-").unwrap_or(of);
     let is_cut = name.len() >= 15 && !of.is_empty();
-    if of != interface && !(is_cut && interface.starts_with(of)) {
-        return None;
-    }
+    of == interface || (is_cut && interface.starts_with(of))
+}
+
+/// Real-time priority of a thread; 0 for none.
+fn priority_of(process: &Path) -> Option<u32> {
     let stat = fs::read_to_string(process.join("stat")).ok()?;
     // After the name in brackets; the priority is the 40th field of all.
-    let priority = stat.rsplit_once(") ")?.1.split(' ').nth(37)?.parse().ok()?;
-    Some((name, priority))
+    stat.rsplit_once(") ")?.1.split(' ').nth(37)?.parse().ok()
 }
 
 #[cfg(test)]
@@ -160,7 +197,7 @@ mod tests {
         let found = Readiness::read(&tree.0, Some("can0"));
         assert_eq!(found, Readiness::default());
         let told = found.told(MS, Some("can0")).join("\n");
-        assert_eq!(told.matches("unknown").count(), 3, "{told}");
+        assert_eq!(told.matches("unknown").count(), 4, "{told}");
     }
 
     #[test]
@@ -174,6 +211,10 @@ mod tests {
         assert!(told[1].contains("C6 takes 133 us") && told[1].contains("`sudo cpupower idle-set -D 100`"), "{told:?}");
         assert!(!found.told(2 * MS, None)[1].contains("cpupower"));
         assert_eq!(told.len(), 2);
+        // Somebody asks for 100 us: the kernel enters nothing slower.
+        fs::create_dir_all(tree.0.join("dev")).unwrap();
+        fs::write(tree.0.join("dev/cpu_dma_latency"), 100_i32.to_ne_bytes()).unwrap();
+        assert_eq!(Readiness::read(&tree.0, None).deepest_idle, Some(("C1".to_owned(), Duration::from_micros(2))));
     }
 
     #[test]
@@ -199,6 +240,17 @@ mod tests {
         assert_eq!(found.interrupt_threads, [("irq/16-can0".to_owned(), 50)]);
         assert!(found.has_interrupt);
         assert_eq!(found.told(MS, Some("can0"))[2], "interrupt irq/16-can0 at priority 50");
+        assert!(found.told(MS, Some("can0"))[3].contains("unknown"));
+        tree.file("proc/14/comm", "ksoftirqd/0\n").file("proc/14/stat", &fields(49));
+        tree.file("proc/22/comm", "ksoftirqd/1\n").file("proc/22/stat", &fields(0));
+        let soft = Readiness::read(&tree.0, Some("can0"));
+        assert_eq!(soft.softirq_threads, [("ksoftirqd/0".to_owned(), 49), ("ksoftirqd/1".to_owned(), 0)]);
+        assert!(soft.told(MS, Some("can0"))[3].contains("ksoftirqd/1 is a program like any other"));
+        tree.file("proc/22/stat", &fields(49));
+        assert_eq!(
+            Readiness::read(&tree.0, Some("can0")).told(MS, Some("can0"))[3],
+            "softirq   ksoftirqd/0 at priority 49"
+        );
         let loud = Readiness { interrupt_threads: vec![("irq/16-can0".to_owned(), 90)], ..found.clone() };
         assert!(loud.told(MS, Some("can0"))[2].contains("sudo chrt -f -p 50 $(pgrep -x irq/16-can0)"));
         let bare = Readiness { interrupt_threads: Vec::new(), ..found };
