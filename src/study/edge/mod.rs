@@ -29,14 +29,15 @@ const NONE_KG: [f64; 6] = [0.03, 0.2, 1.0, 5.0, 30.0, 200.0];
 const GREATEST_KG: f64 = 100.0;
 
 /// The study `edge`.
-pub(super) struct Edge([Box<dyn Sweep>; 3]);
+pub(super) struct Edge([Box<dyn Sweep>; 4]);
 
 impl Edge {
     pub(super) fn new() -> Self {
         Self([
             Box::new(DrawnRigs { name: "rigs", on_ideal_buses: true }),
-            Box::new(ShippedRigs),
+            Box::new(ShippedRigs { name: "shipped", on_ideal_buses: true }),
             Box::new(DrawnRigs { name: "arbitrated", on_ideal_buses: false }),
+            Box::new(ShippedRigs { name: "shipped-arbitrated", on_ideal_buses: false }),
         ])
     }
 }
@@ -237,11 +238,15 @@ const SHIPPED: [(&str, f64); 10] = [
     ("paper-admittance-polled.yaml", 500.0),
 ];
 
-struct ShippedRigs;
+struct ShippedRigs {
+    name: &'static str,
+    /// Whether frames cost no time.
+    on_ideal_buses: bool,
+}
 
 impl Sweep for ShippedRigs {
     fn name(&self) -> &'static str {
-        "shipped"
+        self.name
     }
 
     fn columns(&self) -> &'static [&'static str] {
@@ -256,7 +261,7 @@ impl Sweep for ShippedRigs {
         let (name, stiffness_n_per_m) = SHIPPED[index as usize];
         match shipped(name) {
             Ok((rig, scene)) => {
-                let rig = on_ideal_buses(&rig);
+                let rig = if self.on_ideal_buses { on_ideal_buses(&rig) } else { rig };
                 let grip = stiffer(&crate::rig::hand_of(&scene), stiffness_n_per_m);
                 cells(name, &rig, &grip, &judge(&rig, &scene, &grip, PHASES))
             }
