@@ -230,6 +230,8 @@ pub fn attach<L: CanLink + AsFd>(
         };
         let is_called = !fds[0].revents().is_empty();
         listen(link, &mut heard);
+        // Before its time goes on: a heartbeat that waits here is not missed.
+        take(device, link, &mut heard, now, is_on);
         if is_called {
             let mut bytes = [0; CALL_BYTES];
             let gone = |_| if is_on { AttachError::Gone } else { AttachError::NotTaken };
@@ -256,15 +258,19 @@ pub fn attach<L: CanLink + AsFd>(
             }
             stream.write_all(&encode_answer(&device.answer())).map_err(|_| AttachError::Gone)?;
         }
-        // What follows a SYNC waits until the arm has told of it.
-        let mut out = LinkOutbox::new(link);
-        while is_on && heard.front().is_some_and(|frame| frame.id() != cob::SYNC) {
-            if let Some(frame) = heard.pop_front() {
-                device.on_frame(now, &frame, &mut out);
-            }
-        }
+        take(device, link, &mut heard, now, is_on);
     }
     Ok(())
+}
+
+/// Has the device take what it has heard. What follows a SYNC waits until the arm has told of it.
+fn take<L: CanLink>(device: &mut Attached, link: &mut L, heard: &mut VecDeque<Frame>, now: Time, is_on: bool) {
+    let mut out = LinkOutbox::new(link);
+    while is_on && heard.front().is_some_and(|frame| frame.id() != cob::SYNC) {
+        if let Some(frame) = heard.pop_front() {
+            device.on_frame(now, &frame, &mut out);
+        }
+    }
 }
 
 fn listen<L: CanLink>(link: &mut L, heard: &mut VecDeque<Frame>) {

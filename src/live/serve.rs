@@ -90,7 +90,8 @@ mod tests {
     use crate::canopen::Frame;
     use crate::config;
     use crate::link::Arrival;
-    use crate::rig::Pace;
+    use crate::rig::{Answer, Call, Pace, Peer};
+    use yieldwall_drives::cia402;
 
     /// What comes, and at which moment the process looks at it.
     struct Script {
@@ -144,5 +145,32 @@ mod tests {
             let boot_ups = link.sent.iter().filter(|frame| frame.id() == 0x701 && frame.data() == [0]);
             assert_eq!(boot_ups.count(), 2, "{pace:?}: one of switching on, one of the reset");
         }
+    }
+
+    /// A device elsewhere with nothing to do.
+    struct Idle;
+
+    impl Peer for Idle {
+        fn call(&mut self, _: &Call) -> Option<Answer> {
+            Some(Answer { torque_n_m: 0.0, state: cia402::State::SwitchOnDisabled, next: Time::NEVER })
+        }
+    }
+
+    #[test]
+    fn in_lockstep_frames_that_waited_take_no_time_from_a_device_elsewhere_that_has_heard_them() {
+        let rig = config::load_rig(config::Source::named("builtin:paper-admittance.yaml")).unwrap().value;
+        let scene = config::load_scene(config::Source::named("builtin:scenes/circle-tour.yaml")).unwrap().value;
+        let mut server = DeviceServer::new(&rig, &scene, 1, Pace::Lockstep).unwrap().only([true, false, true]);
+        server.attach(1, Box::new(Idle));
+        let at = |milliseconds: u64| Time(milliseconds * 1_000_000);
+        let heartbeat = |number: u64| {
+            let what = Received::Frame(Frame::new(0x77f, &[5]));
+            // It takes the computer long to serve each of them.
+            (at(20 * number), Arrival { time: at(20), bus: 0, what })
+        };
+        let mut link = Script { now: Time(0), coming: (1..=40).map(heartbeat).collect(), sent: Vec::new() };
+        let is_over = AtomicBool::new(false);
+        serve(&mut server, &mut link, &is_over, |_| is_over.store(true, Ordering::Relaxed)).unwrap();
+        assert!(server.now() <= at(10), "{:?}", server.now());
     }
 }

@@ -176,7 +176,10 @@ impl DeviceServer {
         if frame.id() == cob::NMT {
             self.run_on(wall);
         }
-        let mut now = self.due(wall);
+        // In lockstep frames that waited to be taken do not make up for time: devices elsewhere have heard them already, and
+        // would miss heartbeats.
+        let goes_on = self.pace == Pace::Free || frame.id() == cob::SYNC;
+        let mut now = if goes_on { self.due(wall) } else { self.now };
         if frame.id() == cob::SYNC {
             self.counts.syncs += 1;
             let own = 1_u8.checked_shl(frame.bus().into()).unwrap_or_default();
