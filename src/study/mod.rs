@@ -8,6 +8,7 @@ mod control;
 mod curvature;
 #[cfg(feature = "figures")]
 pub mod drawing;
+mod drawn;
 mod edge;
 mod energy;
 mod hold;

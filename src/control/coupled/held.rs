@@ -160,15 +160,15 @@ impl HeldLoop {
         // has samples right behind SYNC, where what is applied shakes the hand's mass, and the one whose oldest sample has just
         // missed its cycle.
         let apart_s = interval_s / cycles as f64;
-        let even = sampling.phases - 1;
+        let last = sampling.phases - 1;
         let phase = phase % sampling.phases;
-        let age_s = if even == 0 {
+        let age_s = if last == 0 {
             sampling.oldest_s
-        } else if phase == even {
+        } else if phase == last {
             // One that is taken in the moment of SYNC sees what SYNC did.
             sampling.oldest_s - BEHIND * apart_s
         } else {
-            let share = f64::from(phase) / f64::from(even) + BEHIND;
+            let share = f64::from(phase) / f64::from(last) + BEHIND;
             let age_s = ((sampling.oldest_s / apart_s + BEHIND).floor() - share) * apart_s;
             if age_s <= sampling.oldest_s - apart_s { age_s + apart_s } else { age_s }
         };

@@ -5,11 +5,11 @@ use std::f64::consts::TAU;
 use rand_xoshiro::SplitMix64;
 use rand_xoshiro::rand_core::{Rng, SeedableRng};
 
+use super::super::drawn::{Dice, shipped};
 use super::trial::{finite, not_negative, positive};
 use crate::config::{self, CommandMode, ControlGains, SensorProtocol, Surface};
 use crate::control::Grip;
 use crate::elementary;
-use crate::sim::share_of_one;
 
 /// Seed of all rigs.
 const SEED: u64 = 2027;
@@ -24,38 +24,6 @@ pub(super) struct Drawn {
     pub(super) grip: Grip,
 }
 
-struct Dice(SplitMix64);
-
-impl Dice {
-    fn between(&mut self, least: f64, most: f64) -> f64 {
-        least + (most - least) * share_of_one(&mut self.0)
-    }
-
-    /// Evenly in the logarithm.
-    fn log_between(&mut self, least: f64, most: f64) -> f64 {
-        least * elementary::powf(most / least, share_of_one(&mut self.0))
-    }
-
-    fn chance(&mut self, probability: f64) -> bool {
-        share_of_one(&mut self.0) < probability
-    }
-
-    fn one_of<T: Copy>(&mut self, choices: &[T]) -> T {
-        choices[(share_of_one(&mut self.0) * choices.len() as f64) as usize]
-    }
-}
-
-/// A shipped rig and its scene.
-///
-/// # Errors
-/// If the file is refused.
-pub(super) fn shipped(name: &str) -> Result<(config::Rig, config::Scene), String> {
-    let source = config::builtin(name);
-    let rig = config::load_rig(source.clone()).map_err(|report| report.to_string())?.value;
-    let scene = config::load_scene(source.relative(&rig.scene)).map_err(|report| report.to_string())?.value;
-    Ok((rig, scene))
-}
-
 impl Drawn {
     /// The rig of a number: the modes by turns, everything else by chance.
     ///
@@ -64,7 +32,7 @@ impl Drawn {
     pub(super) fn of(number: u64) -> Result<Self, String> {
         let mut seeds = SplitMix64::seed_from_u64(SEED);
         (0..number).for_each(|_| _ = seeds.next_u64());
-        let dice = &mut Dice(SplitMix64::seed_from_u64(seeds.next_u64()));
+        let dice = &mut Dice::new(seeds.next_u64());
         let file = match number % 4 {
             0 | 2 => "paper-admittance-csp.yaml",
             1 => "paper-admittance.yaml",

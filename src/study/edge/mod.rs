@@ -5,8 +5,9 @@ mod trial;
 
 use serde_json::Value;
 
-use self::draw::{Drawn, shipped};
+use self::draw::Drawn;
 use self::trial::Bench;
+use super::drawn::shipped;
 use super::sweep::{Clock, Report, Row, Study, Sweep, Table};
 use crate::config::{self, CommandMode, SensorProtocol, Surface};
 use crate::control::Grip;

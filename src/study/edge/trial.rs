@@ -3,6 +3,7 @@
 use std::f64::consts::TAU;
 use std::time::Duration;
 
+use super::super::drawn::PEAK;
 use crate::config::{self, Finite, NotNegative, PathSegment, Positive};
 use crate::control::Grip;
 use crate::elementary;
@@ -17,8 +18,6 @@ const NUDGE_M_PER_S2: f64 = 1.5;
 const NUDGE_N: f64 = 8.0;
 /// Cycles in which the hand's aim is displaced, at least: the sensor has to see it.
 const NUDGE_CYCLES: f64 = 4.0;
-/// Peak over mean speed of a way by minimum jerk.
-const PEAK: f64 = 1.875;
 /// Direction of the nudge, rad: along no axis.
 const NUDGE_RAD: f64 = 0.6;
 /// By how much a sample is later than the moment that its phase says, s: it is to be behind SYNC for certain.
@@ -275,13 +274,13 @@ impl Swing {
         self.last.is_some_and(|[x, y]| elementary::hypot(x, y) > speed_m_per_s)
     }
 
-    /// Whether this part of the motion is so small, against its greatest, that counts and rounding may be in it.
-    fn is_small(&self, which: usize, square: f64) -> bool {
-        square <= (DIED * DIED * self.greatest(which)).max(self.floor_m_per_s * self.floor_m_per_s)
+    /// Whether the mean square of this part of the motion is below such a share of its greatest, or so small that counts make it.
+    fn is_below(&self, share: f64, which: usize, square: f64) -> bool {
+        square <= (share * share * self.greatest(which)).max(self.floor_m_per_s * self.floor_m_per_s)
     }
 
     fn has_died(&self) -> bool {
-        self.windows.last().is_some_and(|last| (0..2).all(|which| self.is_small(which, last[which])))
+        self.windows.last().is_some_and(|last| (0..2).all(|which| self.is_below(DIED, which, last[which])))
     }
 
     fn has_grown(&self) -> bool {
@@ -299,8 +298,7 @@ impl Swing {
         };
         (0..2).all(|which| {
             let [before, last] = [mean(WINDOWS - 2 * quarter, which), mean(WINDOWS - quarter, which)];
-            let is_little =
-                last <= (LITTLE * LITTLE * self.greatest(which)).max(self.floor_m_per_s * self.floor_m_per_s);
+            let is_little = self.is_below(LITTLE, which, last);
             last < before * if is_little { GROWING * GROWING } else { FALLS * FALLS }
         })
     }

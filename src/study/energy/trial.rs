@@ -2,15 +2,13 @@
 
 use std::f64::consts::TAU;
 
-use rand_xoshiro::SplitMix64;
-use rand_xoshiro::rand_core::SeedableRng;
 use serde_json::{Value, json};
 
+use super::super::drawn::{Dice, PEAK, shipped};
 use super::super::run::{Overrides, RunReport, Watch, run_rig};
 use crate::config;
 use crate::elementary;
 use crate::rig::{hand_of, held_masses};
-use crate::sim::share_of_one;
 
 /// Seed of all cases.
 const SEED: u64 = 0xe4e5;
@@ -28,8 +26,6 @@ const CYCLES: [(&str, Option<u32>); 7] = [
 const ERRANDS: [&str; 3] = ["free", "impact", "trace"];
 /// Radius in m of the circle of the shipped rigs.
 const CIRCLE_M: f64 = 0.12;
-/// Peak over mean speed of a way by minimum jerk.
-const PEAK: f64 = 1.875;
 /// A passive hand on a mass so many times the least one with it, or more, does not go on swinging.
 const RESERVE: f64 = 1.5;
 /// Force limit of a hand that swings, N: the swing grows until it is there.
@@ -51,14 +47,6 @@ pub(super) struct Trial {
     pub(super) least_kg: f64,
 }
 
-struct Draws(SplitMix64);
-
-impl Draws {
-    fn between(&mut self, low: f64, high: f64) -> f64 {
-        low + (high - low) * share_of_one(&mut self.0)
-    }
-}
-
 /// Puts a value at a place of a document.
 fn put<T: serde::Serialize + serde::de::DeserializeOwned>(of: &T, places: &[(&str, Value)]) -> Result<T, String> {
     let mut document = serde_json::to_value(of).map_err(|error| error.to_string())?;
@@ -68,10 +56,8 @@ fn put<T: serde::Serialize + serde::de::DeserializeOwned>(of: &T, places: &[(&st
     serde_json::from_value(document).map_err(|error| error.to_string())
 }
 
-fn shipped((file, period_us): (&str, Option<u32>)) -> Result<(config::Rig, config::Scene), String> {
-    let source = config::builtin(file);
-    let rig = config::load_rig(source.clone()).map_err(|report| report.to_string())?.value;
-    let scene = config::load_scene(source.relative(&rig.scene)).map_err(|report| report.to_string())?.value;
+fn of_cycle((file, period_us): (&str, Option<u32>)) -> Result<(config::Rig, config::Scene), String> {
+    let (rig, scene) = shipped(file)?;
     let rig = match period_us {
         Some(period_us) => put(
             &rig,
@@ -107,8 +93,8 @@ fn with_mass(rig: &config::Rig, virtual_kg: f64) -> Result<config::Rig, String> 
 impl Trial {
     /// A passive hand without tremor on a rig with the mass of its file, or a heavier one where the hand asks for that.
     pub(super) fn clean(case: u64) -> Result<Self, String> {
-        let mut draws = Draws(SplitMix64::seed_from_u64(SEED ^ case));
-        let (rig, scene) = shipped(CYCLES[(case % CYCLES.len() as u64) as usize])?;
+        let mut draws = Dice::new(SEED ^ case);
+        let (rig, scene) = of_cycle(CYCLES[(case % CYCLES.len() as u64) as usize])?;
         let is_frictionless = (case / CYCLES.len() as u64) % 2 == 1;
         let rig = if is_frictionless { without_friction(&rig)? } else { rig };
         let errand = ERRANDS[(case / (2 * CYCLES.len() as u64)) as usize % ERRANDS.len()];
@@ -173,8 +159,8 @@ impl Trial {
 
     /// A stiff hand on a rig without friction whose mass is a share of the least one that `tune fixture` gives.
     pub(super) fn swinging(case: u64) -> Result<Self, String> {
-        let mut draws = Draws(SplitMix64::seed_from_u64(SEED ^ (case + 1_000_000)));
-        let (rig, scene) = shipped(CYCLES[1 + (case % (CYCLES.len() as u64 - 1)) as usize])?;
+        let mut draws = Dice::new(SEED ^ (case + 1_000_000));
+        let (rig, scene) = of_cycle(CYCLES[1 + (case % (CYCLES.len() as u64 - 1)) as usize])?;
         let rig = without_friction(&rig)?;
         let softer = SWING_CYCLE_S / (f64::from(rig.cycle.period_us) * 1e-6);
         let (mass_kg, stiffness) = (draws.between(0.3, 1.0), draws.between(1000.0, 5000.0) * softer);

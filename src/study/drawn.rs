@@ -1,0 +1,49 @@
+//! What studies draw rigs and hands with.
+
+use rand_xoshiro::SplitMix64;
+use rand_xoshiro::rand_core::SeedableRng;
+
+use crate::config;
+use crate::elementary;
+use crate::sim::share_of_one;
+
+/// Peak over mean speed of a way by minimum jerk.
+pub(super) const PEAK: f64 = 1.875;
+
+/// A stream of random numbers. The same seed: the same numbers.
+pub(super) struct Dice(SplitMix64);
+
+impl Dice {
+    pub(super) fn new(seed: u64) -> Self {
+        Self(SplitMix64::seed_from_u64(seed))
+    }
+
+    /// Evenly.
+    pub(super) fn between(&mut self, least: f64, most: f64) -> f64 {
+        least + (most - least) * share_of_one(&mut self.0)
+    }
+
+    /// Evenly in the logarithm.
+    pub(super) fn log_between(&mut self, least: f64, most: f64) -> f64 {
+        least * elementary::powf(most / least, share_of_one(&mut self.0))
+    }
+
+    pub(super) fn chance(&mut self, probability: f64) -> bool {
+        share_of_one(&mut self.0) < probability
+    }
+
+    pub(super) fn one_of<T: Copy>(&mut self, choices: &[T]) -> T {
+        choices[(share_of_one(&mut self.0) * choices.len() as f64) as usize]
+    }
+}
+
+/// A shipped rig and its scene.
+///
+/// # Errors
+/// If a file is refused.
+pub(super) fn shipped(name: &str) -> Result<(config::Rig, config::Scene), String> {
+    let source = config::builtin(name);
+    let rig = config::load_rig(source.clone()).map_err(|report| report.to_string())?.value;
+    let scene = config::load_scene(source.relative(&rig.scene)).map_err(|report| report.to_string())?.value;
+    Ok((rig, scene))
+}
