@@ -56,7 +56,7 @@ pub fn serve<L: CanLink>(
                 // What was commanded of devices that were away is no longer meant. NMT commands are, whenever they come.
                 Received::Frame(frame) if arrival.time < back_since && frame.id() != cob::NMT => {}
                 Received::Frame(frame) => {
-                    send(link, |out| server.on_frame(wall, &frame, out))?;
+                    send(link, |out| server.on_frame(arrival.time, &frame, out))?;
                 }
                 Received::Gone => return Err(ServeError::Gone),
                 _ => {}
@@ -144,6 +144,32 @@ mod tests {
             assert_eq!(server.counts().syncs, 2, "{pace:?}");
             let boot_ups = link.sent.iter().filter(|frame| frame.id() == 0x701 && frame.data() == [0]);
             assert_eq!(boot_ups.count(), 2, "{pace:?}: one of switching on, one of the reset");
+        }
+    }
+
+    #[test]
+    fn a_heartbeat_that_waited_to_be_taken_was_heard_when_it_came() {
+        let rig = config::load_rig(config::Source::named("builtin:paper-admittance.yaml")).unwrap().value;
+        let scene = config::load_scene(config::Source::named("builtin:scenes/circle-tour.yaml")).unwrap().value;
+        let at = |milliseconds: u64| Time(milliseconds * 1_000_000);
+        let is_lost = |pace, beats: &[(u64, u64)]| {
+            let mut server = DeviceServer::new(&rig, &scene, 1, pace).unwrap();
+            let arrival = |(stamp, looked_at), id: u16, data: &[u8]| {
+                let what = Received::Frame(Frame::new(id, data));
+                (at(looked_at), Arrival { time: at(stamp), bus: 0, what })
+            };
+            // 1016h:1: the left drive hears node 127 every 40 ms.
+            let mut coming = VecDeque::from([arrival((10, 10), 0x601, &[0x23, 0x16, 0x10, 1, 40, 0, 127, 0])]);
+            coming.extend(beats.iter().map(|beat| arrival(*beat, 0x77f, &[5])));
+            let mut link = Script { now: Time(0), coming, sent: Vec::new() };
+            let is_over = AtomicBool::new(false);
+            serve(&mut server, &mut link, &is_over, |_| is_over.store(true, Ordering::Relaxed)).unwrap();
+            link.sent.iter().any(|frame| frame.id() == 0x081)
+        };
+        for pace in [Pace::Lockstep, Pace::Free] {
+            // The process stood still from 20 to 75 ms.
+            assert!(!is_lost(pace, &[(20, 20), (40, 75), (60, 75), (80, 80)]), "{pace:?}");
+            assert!(is_lost(pace, &[(20, 20), (80, 80)]), "{pace:?}: nobody sent one");
         }
     }
 

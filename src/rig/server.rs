@@ -168,7 +168,7 @@ impl DeviceServer {
         }
     }
 
-    /// Takes a frame that the devices did not send themselves.
+    /// Takes a frame that the devices did not send themselves; `wall` is when it came, and not when somebody got round to it.
     ///
     /// # Errors
     /// If the simulated arm cannot go on.
@@ -176,9 +176,10 @@ impl DeviceServer {
         if frame.id() == cob::NMT {
             self.run_on(wall);
         }
-        // In lockstep frames that waited to be taken do not make up for time: devices elsewhere have heard them already, and
-        // would miss heartbeats.
-        let goes_on = self.pace == Pace::Free || frame.id() == cob::SYNC;
+        // Devices elsewhere have heard already what waited here to be taken: if that made up for lost time in lockstep, they would
+        // miss heartbeats.
+        let is_alone = (0..DEVICES).all(|device| self.is_here(device));
+        let goes_on = is_alone || self.pace == Pace::Free || frame.id() == cob::SYNC;
         let mut now = if goes_on { self.due(wall) } else { self.now };
         if frame.id() == cob::SYNC {
             self.counts.syncs += 1;

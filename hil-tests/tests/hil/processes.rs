@@ -15,6 +15,7 @@ use yieldwall::link::{CanLink, SocketCanSettings};
 use yieldwall::sim::can::CandumpWriter;
 
 use super::programs::*;
+use super::wall_clock::slow;
 
 #[test]
 #[ignore = "needs a CAN interface: see hil-tests/vcan"]
@@ -332,31 +333,41 @@ fn a_stranger_that_takes_all_nodes_to_pre_operational_is_named() {
 }
 
 /// A stranger's set-point bears a halt bit, which the program never sends, so that it is told from own ones.
-#[test]
-#[ignore = "needs a CAN interface: see hil-tests/vcan"]
-fn a_set_point_of_a_stranger_holds_sync_back_until_a_quick_stop_was_sent() {
-    let foreign = Frame::new(0x202, &[0x0f, 0x01, 0xf4, 0x01]);
+fn assert_sync_waits_for_a_quick_stop(rig: &str, sim: &[&str], foreign: &Frame, rounds: usize) {
     let is_quick_stop = |frame: &Frame| [0x201, 0x202].contains(&frame.id()) && frame.bytes()[..2] == [0x02, 0x00];
-    let sim = lockstep(RIG);
-    for round in 0..5 {
+    let sim = Running::sim(rig, &[&["--pace", "lockstep"], sim].concat());
+    for round in 0..rounds {
         let observer = Observer::new();
-        let master = run_for("60");
+        let master = Running::run(rig, &["--pace", "lockstep", "--duration", "600"]);
         observer.until_moving(200 + 37 * round);
         let mut stranger = Real::open(&SocketCanSettings::services(&bus(), Vec::new()));
-        stranger.send(&foreign).expect("the interface is up");
+        stranger.send(foreign).expect("the interface is up");
         let (code, document) = master.document();
         assert_eq!((code, &document["cause"]), (SAFETY_STOP, &Value::from("intruder")), "{document:#}");
         let frames = observer.rest();
-        let from = frames.iter().position(|frame| *frame == foreign).expect("the observer hears it too");
+        let from = frames.iter().position(|frame| frame == foreign).expect("the observer hears it too");
         let after = &frames[from..];
         let stop = after.iter().position(is_quick_stop).expect("a quick stop");
         // One that was about to leave when the frame came may still do so.
         let syncs = after[..stop].iter().filter(|frame| frame.id() == cob::SYNC).count();
-        assert!(syncs <= 1, "round {round}: {:x?}", &after[..stop]);
-        let own: Vec<Frame> = frames.into_iter().filter(|frame| *frame != foreign).collect();
+        assert!(syncs <= 1, "{rig}, round {round}: {:x?}", &after[..stop]);
+        let own: Vec<Frame> = frames.into_iter().filter(|frame| frame != foreign).collect();
         assert_stopped_together(&own);
     }
     sim.interrupted();
+}
+
+#[test]
+#[ignore = "needs a CAN interface: see hil-tests/vcan"]
+fn a_set_point_of_a_stranger_holds_sync_back_until_a_quick_stop_was_sent() {
+    assert_sync_waits_for_a_quick_stop(RIG, &[], &Frame::new(0x202, &[0x0f, 0x01, 0xf4, 0x01]), 5);
+    // 3.6 rad from where the joint is at 800 000 counts a turn.
+    let position = Frame::new(0x202, &[0x0f, 0x01, 0x00, 0x00, 0x07, 0x00]);
+    assert_sync_waits_for_a_quick_stop("builtin:paper-admittance-10ms.yaml", &[], &position, 3);
+    let (rig, scene) = slow();
+    assert_sync_waits_for_a_quick_stop(&rig, &["--scene", &scene], &position, 3);
+    std::fs::remove_file(rig).expect("it is there");
+    std::fs::remove_file(scene).expect("it is there");
 }
 
 #[test]
@@ -393,5 +404,31 @@ fn devices_that_were_stopped_do_not_work_off_what_came_meanwhile() {
     let answers = observer.rest().iter().filter(|frame| frame.id() == 0x181).count();
     // One period may have been under way.
     assert!(missed > 300 && answers <= 1, "{answers} answers after {missed} SYNC");
+    drop(sim);
+}
+
+#[test]
+#[ignore = "needs a CAN interface: see hil-tests/vcan"]
+fn drives_get_a_speed_limit_of_their_own_before_they_are_started() {
+    let sim = lockstep(RIG);
+    let observer = Observer::new();
+    let (code, document) = run_for("1").document();
+    assert_eq!(code, OK, "{document:#}");
+    let frames = observer.rest();
+    for node in [1_u8, 2] {
+        let place = |id: u16, head: [u8; 4]| {
+            let is_it = |frame: &Frame| frame.id() == id + u16::from(node) && frame.bytes()[..4] == head;
+            frames.iter().position(is_it).unwrap_or_else(|| panic!("no {head:x?} to or from node {node}"))
+        };
+        let limit = |at: usize| u32::from_le_bytes([4, 5, 6, 7].map(|byte| frames[at].bytes()[byte]));
+        let written = place(0x600, [0x23, 0x80, 0x60, 0x00]);
+        let read_back = place(0x580, [0x43, 0x80, 0x60, 0x00]);
+        let started =
+            frames.iter().position(|frame| *frame == Frame::new(cob::NMT, &[1, node])).expect("it is started");
+        assert!(written < read_back && read_back < started, "node {node}");
+        assert_eq!(limit(written), limit(read_back), "node {node}");
+        // A quarter above the guard's 6 rad/s, in turns of the motor, which is the joint: 71.6, rounded down.
+        assert_eq!(limit(written), 71, "node {node}");
+    }
     drop(sim);
 }
