@@ -10,12 +10,15 @@ use std::time::Duration;
 
 use hil_tests::Scenario;
 use yieldwall::canopen::{Frame, Time};
+use yieldwall::config;
 use yieldwall::guard::{Fault, Request};
-use yieldwall::record::CycleRecord;
-use yieldwall::record::recording::{About, Backpressure, BlackBox, Feed, Reader, Recorder, Sink, Writer};
+use yieldwall::record::recording::{
+    self, About, Backpressure, BlackBox, Feed, ReadError, Reader, Recorder, Sink, Writer,
+};
+use yieldwall::record::{CycleRecord, DeviceRecord};
 use yieldwall::rig::{EmbeddedRig, Observer};
-use yieldwall::study::replay::{self, End, replay};
-use yieldwall::study::{Overrides, Watch, run_rig};
+use yieldwall::study::replay::{self, End, recorded_trace, replay, replay_any, replay_device};
+use yieldwall::study::{Overrides, Watch, run_device, run_rig};
 
 /// A folder of this test's own, removed at the end.
 struct Folder(PathBuf);
@@ -332,7 +335,7 @@ fn a_fault_leaves_a_black_box_and_its_recording_replays() {
     let [saved] = &saved[..] else { panic!("one fault, one file: {saved:?}") };
     assert_eq!(saved.cause, cause);
     let all = read(&folder);
-    let mut reader = Reader::open(saved.file.as_ref().expect("a file")).expect("a recording");
+    let mut reader: Reader<_> = Reader::open(saved.file.as_ref().expect("a file")).expect("a recording");
     let kept: Vec<_> = std::iter::from_fn(|| reader.next_record().expect("it can be read")).collect();
     let second = (1.0 / scenario.period_s()).round() as usize;
     assert_eq!(kept.len(), 4 * second);
@@ -345,4 +348,40 @@ fn a_fault_leaves_a_black_box_and_its_recording_replays() {
     assert!(all.last().expect("cycles").moment.scene_time_s > last + 1.9);
     let replayed = replay(&mut Reader::open(&folder.mcap()).expect("a recording")).expect("it replays");
     assert_eq!(replayed, replay::Replay { cycles: all.len() as u64, end: End::Whole });
+}
+
+#[test]
+fn an_impedance_device_is_recorded_and_run_again() {
+    let folder = Folder::new();
+    let device = config::load_device(config::builtin("paper-impedance.yaml")).expect("a shipped device");
+    let scene = config::load_scene(device.source.relative(&device.value.scene)).expect("its scene").value;
+    let (device, asked) = (device.value, overrides(1.5));
+    let about = replay::about_device(&device, &scene, &asked).expect("shipped documents");
+    let recorder = Recorder::<_, DeviceRecord>::create(&folder.0, &about).expect("an empty folder");
+    let (mut producer, feed) = Feed::start("test", 4096, Backpressure::Wait, recorder).expect("a thread");
+    let report = run_device(&device, &scene, &asked, |record| producer.push(record), |_| {}).expect("it runs");
+    assert_eq!(feed.finish().expect("the thread ends").counts.lost(), 0);
+    let count = report.trace.rows.len() as u64;
+    assert!(count >= 1500 && report.trace.rows.iter().any(|row| row.is_impact));
+
+    let again = || recording::open(&folder.mcap()).expect("a recording");
+    assert_eq!(replay_any(&mut again()).expect("it replays"), replay::Replay { cycles: count, end: End::Whole });
+    let trace = recorded_trace(&mut again()).expect("a recording");
+    assert_eq!(trace, report.trace);
+    let Err(ReadError::OtherMachine { .. }) = Reader::<_, CycleRecord>::open(&folder.mcap()) else {
+        panic!("it has no cycles of a rig")
+    };
+
+    // A position that was reported otherwise gives another proxy, and one that was recorded otherwise is found.
+    let mut reader: Reader<_, DeviceRecord> = Reader::open(&folder.mcap()).expect("a recording");
+    let mut records: Vec<_> = std::iter::from_fn(|| reader.next_record().expect("it can be read")).collect();
+    records[700].force_n[1] += 1e-9;
+    let mut file = Vec::new();
+    let mut writer = Writer::new(&mut file, &about).expect("memory");
+    records.iter().for_each(|record| writer.write(record).expect("memory"));
+    writer.finish().expect("memory");
+    drop(writer);
+    let replayed = replay_device(&mut Reader::new(&file[..]).expect("a recording")).expect("it replays");
+    let End::Different { index: 700, difference, .. } = replayed.end else { panic!("{:?}", replayed.end) };
+    assert_eq!((replayed.cycles, difference.field), (700, "force_y_n"));
 }

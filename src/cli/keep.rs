@@ -11,7 +11,10 @@ use super::failure::{Exit, Failure};
 use super::run::{bus_names, describe, make_folder_of};
 use crate::canopen::{Frame, Time};
 use crate::config::{self, Diagnostic, Severity};
-use crate::record::recording::{About, Backpressure, BlackBox, Feed, Finished, Producer, Recorder, Saved, Sink};
+use crate::record::DeviceRecord;
+use crate::record::recording::{
+    About, Backpressure, BlackBox, Feed, Finished, Producer, Recorded, Recorder, Saved, Sink,
+};
 use crate::sim::can::CandumpWriter;
 use crate::study::Watch;
 
@@ -23,6 +26,9 @@ const RING_S: f64 = 0.5;
 const RING_FRAMES: usize = 8192;
 /// Time after which the bus log is handed to the operating system, in ns of the bus's clock.
 const FLUSH_NS: u64 = 250_000_000;
+
+/// The file of the records.
+const MCAP: &str = "cycles.mcap";
 
 /// What is watched, with the names of its buses in logs.
 #[derive(Clone, Copy, Debug)]
@@ -55,7 +61,8 @@ impl<'a> Watched<'a> {
 pub(super) struct Keep {
     buses: Vec<String>,
     files: Vec<(PathBuf, &'static str, Feed<()>)>,
-    black_box: Feed<Vec<Saved>>,
+    /// Impedance devices have no faults.
+    black_box: Option<Feed<Vec<Saved>>>,
 }
 
 /// A file that a run left.
@@ -84,15 +91,13 @@ impl Keep {
         black_box: Option<&Path>,
     ) -> Result<(Self, Watch), Failure> {
         let period_s = f64::from(rig.cycle.period_us) * 1e-6;
-        let capacity = (RING_S / period_s).ceil().clamp(64.0, 65_536.0) as usize;
+        let capacity = ring(rig.cycle.period_us);
         let (mut cycles, mut frames) = (Vec::new(), Vec::new());
         let (mut files, mut logs) = (Vec::new(), Vec::new());
         if let Some(folder) = record {
-            fs::create_dir_all(folder).map_err(|error| cannot_write(folder, &error))?;
-            let recorder = Recorder::create(folder, about).map_err(|error| cannot_write(folder, &error))?;
-            let (producer, feed) = start("recorder", watched, capacity, recorder)?;
+            let (producer, feed) = record_into(folder, about, watched, capacity)?;
             cycles.push(producer);
-            files.push((folder.join("cycles.mcap"), "cycles", feed));
+            files.push((folder.join(MCAP), "cycles", feed));
             logs.push((folder.join("bus.log"), true));
         }
         if let Some(path) = candump {
@@ -117,7 +122,23 @@ impl Keep {
                 frames.iter_mut().for_each(|producer| producer.push(&(time, *frame)));
             })),
         };
-        Ok((Self { buses: bus_names(rig), files, black_box }, watch))
+        Ok((Self { buses: bus_names(rig), files, black_box: Some(black_box) }, watch))
+    }
+
+    /// The same for an impedance device.
+    pub(super) fn start_device(
+        device: &config::ImpedanceDevice,
+        about: &About,
+        record: Option<&Path>,
+    ) -> Result<(Self, impl FnMut(&DeviceRecord) + use<>), Failure> {
+        let (mut samples, mut files) = (None, Vec::new());
+        if let Some(folder) = record {
+            let (producer, feed) = record_into(folder, about, Watched::Simulation(&[]), ring(device.cycle.period_us))?;
+            samples = Some(producer);
+            files.push((folder.join(MCAP), "samples", feed));
+        }
+        let observer = move |record: &DeviceRecord| samples.iter_mut().for_each(|producer| producer.push(record));
+        Ok((Self { buses: Vec::new(), files, black_box: None }, observer))
     }
 
     /// Waits until everything is in its file.
@@ -126,8 +147,29 @@ impl Keep {
         for (path, what, feed) in self.files {
             files.push(KeptFile { path, what, end: finish(feed)? });
         }
-        Ok(Kept { buses: self.buses, files, black_boxes: finish(self.black_box)?.report })
+        let black_boxes = match self.black_box {
+            Some(feed) => finish(feed)?.report,
+            None => Vec::new(),
+        };
+        Ok(Kept { buses: self.buses, files, black_boxes })
     }
+}
+
+/// Records that wait for a thread.
+fn ring(period_us: u32) -> usize {
+    (RING_S / (f64::from(period_us) * 1e-6)).ceil().clamp(64.0, 65_536.0) as usize
+}
+
+/// Has records go into a folder, which is made.
+fn record_into<T: Recorded>(
+    folder: &Path,
+    about: &About,
+    watched: Watched<'_>,
+    capacity: usize,
+) -> Result<(Producer<T>, Feed<()>), Failure> {
+    fs::create_dir_all(folder).map_err(|error| cannot_write(folder, &error))?;
+    let recorder = Recorder::<_, T>::create(folder, about).map_err(|error| cannot_write(folder, &error))?;
+    start("recorder", watched, capacity, recorder)
 }
 
 fn start<T: Copy + Send + 'static, R: Send + 'static>(
@@ -163,9 +205,9 @@ pub(super) fn state_folder(name: &str) -> Option<PathBuf> {
 impl Kept {
     /// A line for each file.
     pub(super) fn lines(&self) -> Vec<String> {
-        let files = self.files.iter().filter(|file| file.what == "cycles").map(|file| {
-            let kept = file.end.counts.kept;
-            format!("recorded  {kept} cycles into {}", file.path.display())
+        let files = self.files.iter().filter(|file| file.what != "frames").map(|file| {
+            let (kept, what) = (file.end.counts.kept, file.what);
+            format!("recorded  {kept} {what} into {}", file.path.display())
         });
         let boxes = self.black_boxes.iter().filter_map(|saved| {
             let path = saved.file.as_ref().ok()?;

@@ -6,7 +6,7 @@ use serde_json::json;
 
 use super::failure::Failure;
 use super::output::Output;
-use super::replay::{damage, failure, open};
+use super::replay::{damage, failure, open, records};
 use super::run::{check_picture, drawing_failure, write_drawing};
 use crate::study::drawing;
 use crate::study::replay::recorded_trace;
@@ -24,14 +24,14 @@ pub(super) struct Arguments {
 pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Failure> {
     let (path, figure) = (&arguments.recording, &arguments.figure);
     check_picture(figure)?;
-    let mut reader = open(path)?;
-    let trace = recorded_trace(&mut reader).map_err(|error| failure(path, error))?;
-    output.warnings(&damage(&reader, path));
+    let mut recording = open(path)?;
+    let trace = recorded_trace(&mut recording).map_err(|error| failure(path, error))?;
+    output.warnings(&damage(recording.damage(), path));
     let heading = Some(trace.title.clone());
     let drawing = drawing::run(&trace, heading).map_err(|error| drawing_failure(&error))?;
     write_drawing(&drawing, figure)?;
     if output.is_json() {
         return output.json(&json!({ "recording": path, "figure": figure, "rows": trace.rows.len() }));
     }
-    output.news(&format!("{}: {} cycles of the scene", figure.display(), trace.rows.len()))
+    output.news(&format!("{}: {} {} of the scene", figure.display(), trace.rows.len(), records(&recording)))
 }

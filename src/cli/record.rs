@@ -1,15 +1,16 @@
 //! `yieldwall record`: what is in a recording, and what can be saved of a damaged one.
 
-use std::fs::{self, OpenOptions};
+use std::fs::{self, File, OpenOptions};
+use std::io;
 use std::path::{Path, PathBuf};
 
 use serde_json::json;
 
 use super::failure::{Exit, Failure};
 use super::output::Output;
-use super::replay::{damage, open, read_failure};
-use crate::record::CycleRecord;
-use crate::record::recording::Writer;
+use super::replay::{damage, open, read_failure, records};
+use crate::record::recording::{Reader, Recorded, Recording, Writer, definition};
+use crate::record::{CycleRecord, DeviceRecord};
 
 #[derive(Debug, clap::Subcommand)]
 pub(super) enum Command {
@@ -40,44 +41,58 @@ pub(super) fn run(command: &Command, output: &mut Output) -> Result<(), Failure>
     }
 }
 
-/// What the cycles of a recording have in common.
+/// What the records of a recording have in common.
 #[derive(Default)]
 struct Content {
-    cycles: u64,
-    first: Option<CycleRecord>,
-    last: Option<CycleRecord>,
+    count: u64,
+    /// Number and begin in ns of the first and the last one.
+    ends: Option<[(u64, u64); 2]>,
     gaps: u64,
     missing: u64,
 }
 
 impl Content {
-    fn take(&mut self, record: &CycleRecord) {
-        if let Some(last) = &self.last {
-            let missing = record.moment.index.saturating_sub(last.moment.index).saturating_sub(1);
-            self.gaps += u64::from(missing > 0);
-            self.missing = self.missing.saturating_add(missing);
-        }
-        self.cycles += 1;
-        self.first.get_or_insert(*record);
-        self.last = Some(*record);
+    fn take<T: Recorded>(&mut self, record: &T) {
+        let this = (record.index(), record.begun_ns());
+        let [first, last] = self.ends.unwrap_or([this; 2]);
+        let missing = this.0.saturating_sub(last.0).saturating_sub(1);
+        self.gaps += u64::from(missing > 0);
+        self.missing = self.missing.saturating_add(missing);
+        self.count += 1;
+        self.ends = Some([first, this]);
     }
 
-    /// Numbers and times of the first and the last cycle.
+    /// Numbers, and times in s.
     fn ends(&self) -> Option<[(u64, f64); 2]> {
-        let end = |record: CycleRecord| (record.moment.index, record.moment.sync_ns as f64 * 1e-9);
-        Some([end(self.first?), end(self.last?)])
+        Some(self.ends?.map(|(index, begun_ns)| (index, begun_ns as f64 * 1e-9)))
     }
 }
 
-fn info(file: &Path, schema: bool, output: &mut Output) -> Result<(), Failure> {
-    let mut reader = open(file)?;
+/// Goes over all records.
+fn go_over<T: Recorded>(
+    reader: &mut Reader<File, T>,
+    file: &Path,
+    mut each: impl FnMut(&T) -> Result<(), Failure>,
+) -> Result<Content, Failure> {
     let mut content = Content::default();
     while let Some(record) = reader.next_record().map_err(|error| read_failure(file, &error))? {
         content.take(&record);
+        each(&record)?;
     }
-    let definition = schema.then(crate::record::recording::definition);
-    let damage = damage(&reader, file);
-    let about = reader.about();
+    Ok(content)
+}
+
+fn info(file: &Path, schema: bool, output: &mut Output) -> Result<(), Failure> {
+    let mut recording = open(file)?;
+    let (content, definition, since) = match &mut recording {
+        Recording::Rig(reader) => (go_over(reader, file, |_| Ok(()))?, definition::<CycleRecord>(), "switching on"),
+        Recording::Device(reader) => {
+            (go_over(reader, file, |_| Ok(()))?, definition::<DeviceRecord>(), "the scene began")
+        }
+    };
+    let definition = schema.then_some(definition);
+    let damage = damage(recording.damage(), file);
+    let (about, records) = (recording.about(), records(&recording));
     if output.is_json() {
         let ends = content.ends();
         return output.json(&json!({
@@ -87,7 +102,7 @@ fn info(file: &Path, schema: bool, output: &mut Output) -> Result<(), Failure> {
             "target": about.target,
             "seed": about.seed,
             "overrides": about.overrides,
-            "cycles": content.cycles,
+            "cycles": content.count,
             "first_cycle": ends.map(|[(first, _), _]| first),
             "last_cycle": ends.map(|[_, (last, _)]| last),
             "from_s": ends.map(|[(_, from), _]| from),
@@ -95,7 +110,7 @@ fn info(file: &Path, schema: bool, output: &mut Output) -> Result<(), Failure> {
             "gaps": content.gaps,
             "missing_cycles": content.missing,
             "is_whole": damage.is_empty(),
-            "damage": reader.damage_count(),
+            "damage": recording.damage_count(),
             "schema": definition,
             "diagnostics": damage,
         }));
@@ -107,16 +122,16 @@ fn info(file: &Path, schema: bool, output: &mut Output) -> Result<(), Failure> {
     }
     text.push_str(&match content.ends() {
         Some([(first, from_s), (last, to_s)]) => format!(
-            "\ncycles    {}, number {first} to {last}, {from_s:.3} to {to_s:.3} s since switching on",
-            content.cycles
+            "\n{records:9} {}, number {first} to {last}, {from_s:.3} to {to_s:.3} s since {since}",
+            content.count
         ),
-        None => "\ncycles    none".to_owned(),
+        None => format!("\n{records:9} none"),
     });
     text.push_str(&match content.gaps {
         0 => "\ngaps      none".to_owned(),
-        gaps => format!("\ngaps      {gaps}, {} cycles are missing", content.missing),
+        gaps => format!("\ngaps      {gaps}, {} {records} are missing", content.missing),
     });
-    text.push_str(&match reader.damage_count() {
+    text.push_str(&match recording.damage_count() {
         0 => "\nfile      whole".to_owned(),
         1 => "\nfile      damaged at 1 place".to_owned(),
         count => format!("\nfile      damaged at {count} places"),
@@ -129,44 +144,56 @@ fn info(file: &Path, schema: bool, output: &mut Output) -> Result<(), Failure> {
 }
 
 fn repair(file: &Path, out: Option<&Path>, output: &mut Output) -> Result<(), Failure> {
-    let mut reader = open(file)?;
+    let mut recording = open(file)?;
     let out = out.map_or_else(|| file.with_extension("repaired.mcap"), Path::to_owned);
-    let cannot = |error: std::io::Error| {
+    let cannot = |error: io::Error| {
         let help = "choose a new file in a folder that can be written, with --out";
         Failure::new(Exit::Usage, format!("{}: {error}", out.display()), help)
     };
     let target = OpenOptions::new().write(true).create_new(true).open(&out).map_err(cannot)?;
-    let mut content = Content::default();
-    let save = || -> Result<(), Failure> {
-        let mut writer = Writer::new(target, reader.about()).map_err(cannot)?;
-        while let Some(record) = reader.next_record().map_err(|error| read_failure(file, &error))? {
-            content.take(&record);
-            writer.write(&record).map_err(cannot)?;
-        }
-        writer.finish().map_err(cannot)
+    let about = recording.about().clone();
+    let saved = match &mut recording {
+        Recording::Rig(reader) => save(reader, file, Writer::new(target, &about), cannot),
+        Recording::Device(reader) => save(reader, file, Writer::new(target, &about), cannot),
     };
-    if let Err(failure) = save() {
-        // Half a file is of no use to anybody.
-        let _ = fs::remove_file(&out);
-        return Err(failure);
-    }
-    let damage = damage(&reader, file);
+    let content = match saved {
+        Ok(content) => content,
+        Err(failure) => {
+            // Half a file is of no use to anybody.
+            let _ = fs::remove_file(&out);
+            return Err(failure);
+        }
+    };
+    let (damage, records) = (damage(recording.damage(), file), records(&recording));
     if output.is_json() {
         return output.json(&json!({
             "file": file,
             "out": out,
-            "kept_cycles": content.cycles,
+            "kept_cycles": content.count,
             "gaps": content.gaps,
             "missing_cycles": content.missing,
-            "damage": reader.damage_count(),
+            "damage": recording.damage_count(),
             "diagnostics": damage,
         }));
     }
     output.warnings(&damage);
-    let lost = match (content.missing, reader.damage_count()) {
+    let lost = match (content.missing, recording.damage_count()) {
         (0, 0) => "nothing is lost".to_owned(),
-        (0, _) => "no cycle between the first and the last is lost".to_owned(),
-        (missing, _) => format!("{missing} cycles are missing in {} gaps", content.gaps),
+        (0, _) => "nothing between the first and the last is lost".to_owned(),
+        (missing, _) => format!("{missing} {records} are missing in {} gaps", content.gaps),
     };
-    output.news(&format!("{}: {} cycles kept; {lost}", out.display(), content.cycles))
+    output.news(&format!("{}: {} {records} kept; {lost}", out.display(), content.count))
+}
+
+/// Writes all records into a new file.
+fn save<T: Recorded>(
+    reader: &mut Reader<File, T>,
+    file: &Path,
+    writer: io::Result<Writer<File, T>>,
+    cannot: impl Fn(io::Error) -> Failure,
+) -> Result<Content, Failure> {
+    let mut writer = writer.map_err(&cannot)?;
+    let content = go_over(reader, file, |record| writer.write(record).map_err(&cannot))?;
+    writer.finish().map_err(&cannot)?;
+    Ok(content)
 }

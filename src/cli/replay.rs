@@ -9,8 +9,8 @@ use super::failure::{Exit, Failure};
 use super::output::Output;
 use super::run::rig_failure;
 use crate::config::{Diagnostic, Severity};
-use crate::record::recording::{About, ReadError, Reader};
-use crate::study::replay::{End, ReplayError, replay};
+use crate::record::recording::{self, About, Damage, ReadError, Recording};
+use crate::study::replay::{End, ReplayError, replay_any};
 
 #[derive(Debug, clap::Args)]
 pub(super) struct Arguments {
@@ -21,11 +21,11 @@ pub(super) struct Arguments {
 
 pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Failure> {
     let path = &arguments.recording;
-    let mut reader = open(path)?;
-    let found = warn_of_version(&reader, path);
+    let mut recording = open(path)?;
+    let found = warn_of_version(recording.about(), path);
     output.warnings(&found);
-    let replayed = replay(&mut reader).map_err(|error| failure(path, error))?;
-    let damage = damage(&reader, path);
+    let replayed = replay_any(&mut recording).map_err(|error| failure(path, error))?;
+    let damage = damage(recording.damage(), path);
     output.warnings(&damage);
     let cycles = replayed.cycles;
     let failure = match &replayed.end {
@@ -85,13 +85,21 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
     }
     match failure {
         Some(failure) => Err(failure),
-        None => output.news(&format!("{cycles} cycles, byte-identical")),
+        None => output.news(&format!("{cycles} {}, byte-identical", records(&recording))),
     }
 }
 
 /// Opens a recording.
-pub(super) fn open(path: &Path) -> Result<Reader<File>, Failure> {
-    Reader::open(path).map_err(|error| read_failure(path, &error))
+pub(super) fn open(path: &Path) -> Result<Recording<File>, Failure> {
+    recording::open(path).map_err(|error| read_failure(path, &error))
+}
+
+/// What its records are called.
+pub(super) fn records(recording: &Recording<File>) -> &'static str {
+    match recording {
+        Recording::Rig(_) => "cycles",
+        Recording::Device(_) => "samples",
+    }
 }
 
 pub(super) fn read_failure(path: &Path, error: &ReadError) -> Failure {
@@ -99,6 +107,7 @@ pub(super) fn read_failure(path: &Path, error: &ReadError) -> Failure {
         ReadError::Io(_) => "check the path",
         ReadError::NotMcap => "name a cycles.mcap or the file of a black box",
         ReadError::NoDescription(_) => "it is not a recording of this program, or was cut before its first cycle",
+        ReadError::OtherMachine { .. } => "name a recording of the other kind",
         ReadError::OtherFields { .. } => "use the program of that version; other readers of MCAP can read it",
     };
     // What stands in a file may have control characters.
@@ -135,8 +144,7 @@ pub(super) fn maker(about: &About) -> String {
 }
 
 /// A warning, if another version of the program made the recording.
-fn warn_of_version(reader: &Reader<File>, path: &Path) -> Vec<Diagnostic> {
-    let about = reader.about();
+fn warn_of_version(about: &About, path: &Path) -> Vec<Diagnostic> {
     let own = env!("CARGO_PKG_VERSION");
     let message = format!("was recorded by {} of this program, and this is version {own}", maker(about));
     let help = "what differs may come from the program";
@@ -144,8 +152,8 @@ fn warn_of_version(reader: &Reader<File>, path: &Path) -> Vec<Diagnostic> {
 }
 
 /// A warning for each place at which something of the file is lost.
-pub(super) fn damage(reader: &Reader<File>, path: &Path) -> Vec<Diagnostic> {
+pub(super) fn damage(damage: &[Damage], path: &Path) -> Vec<Diagnostic> {
     let help = "`yieldwall record repair` writes what is left into a whole file";
     let one = |damage| warning(path, &format!("is damaged at {damage}"), help);
-    reader.damage().iter().map(one).collect()
+    damage.iter().map(one).collect()
 }

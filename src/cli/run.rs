@@ -67,7 +67,8 @@ pub(super) struct Arguments {
     /// Run also if the bus cannot keep the cycle; `yieldwall bus budget` tells which frame comes too late
     #[arg(long)]
     pub(super) ignore_bus_budget: bool,
-    /// Record every cycle and every frame into this folder, which is made: cycles.mcap, cycles.csv and bus.log
+    /// Record every cycle and every frame into this folder, which is made: cycles.mcap, cycles.csv and bus.log; of an impedance
+    /// device, which has no bus, its samples
     #[arg(long, value_name = "DIR")]
     pub(super) record: Option<PathBuf>,
     /// Where the time around a fault is kept, in place of the record's folder or yieldwall/black-box in the state folder

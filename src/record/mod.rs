@@ -1,10 +1,11 @@
-//! What a run leaves: a [`CycleRecord`] of every control cycle, and what is made of records: the [`Row`]s of a [`Trace`]
+//! What a run leaves: a [`CycleRecord`] of every control cycle, or a [`DeviceRecord`] of every sample, and what is made of records: the [`Row`]s of a [`Trace`]
 //! with the figures drawn from them, and recordings on disk.
 //!
 //! Rows and traces are plain data without units of their own: every field carries its unit in its name, lengths and
 //! forces are in the base frame. Planar rigs leave the third component zero.
 
 mod cycle;
+mod device;
 mod trace;
 
 #[cfg(feature = "figures")]
@@ -16,4 +17,5 @@ pub mod recording;
 pub const AROUND_FAULT_S: f64 = 2.0;
 
 pub use cycle::{CycleRecord, Moment, Stages, Truth};
+pub use device::DeviceRecord;
 pub use trace::{ForceMeaning, ON_SURFACE_M, Phase, Reference, Row, Trace};

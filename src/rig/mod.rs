@@ -31,7 +31,7 @@ pub use drill::{CYCLES_BEFORE_SILENCE, DRILL_LIMIT, Drilled, Finding, TORQUE_LIM
 pub use embedded::{BodyTruth, EmbeddedRig, Observer, PORTS, Tap};
 pub use error::RigError;
 pub use held::{Coupled, HeldMasses, Holding, coupled_device, hand_of, held_masses, stiffer, usual_hands};
-pub use impedance::ImpedanceRig;
+pub use impedance::{ImpedanceLoop, ImpedanceRig};
 pub use margins::{Margin, PoseMargins, pose_margins};
 pub use pair::{Pair, PairParameters, PairRow, PairServo, Placement, Surroundings};
 pub use seat::{Answer, Call, Peer};

@@ -40,7 +40,7 @@ impl Machine {
     ) -> Result<RunReport, RigError> {
         match self {
             Self::Rig(rig) => run_rig(rig, scene, overrides, Watch::default(), progress),
-            Self::Device(device) => run_device(device, scene, overrides, progress),
+            Self::Device(device) => run_device(device, scene, overrides, |_| {}, progress),
         }
     }
 }

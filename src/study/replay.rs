@@ -7,11 +7,12 @@ use std::sync::Arc;
 use super::run::{Overrides, trace};
 use crate::config::{self, Report, Source};
 use crate::guard::{Request, State};
-use crate::record::recording::{About, Difference, ReadError, Reader, difference, encode};
-use crate::record::{CycleRecord, ForceMeaning, Trace};
-use crate::rig::{self, RigError};
+use crate::record::recording::{
+    About, Difference, Machine, ReadError, Reader, Recorded, Recording, difference, encode,
+};
+use crate::record::{CycleRecord, DeviceRecord, ForceMeaning, Trace};
+use crate::rig::{self, ImpedanceLoop, RigError};
 
-const RIG: &str = "rig.yaml";
 const SCENE: &str = "scene.yaml";
 
 /// What a recording of a run with these documents says of it.
@@ -21,17 +22,42 @@ const SCENE: &str = "scene.yaml";
 pub fn about(rig: &config::Rig, scene: &config::Scene, overrides: &Overrides) -> Result<About, String> {
     let fixture = overrides.fixture.as_ref().unwrap_or(&rig.fixture).clone();
     let effective = config::Rig { fixture, scene: SCENE.to_owned(), ..rig.clone() };
+    about_run(Machine::Rig(config::to_yaml(&effective)?), scene, overrides)
+}
+
+/// The same of an impedance device.
+///
+/// # Errors
+/// As [`about`].
+pub fn about_device(
+    device: &config::ImpedanceDevice,
+    scene: &config::Scene,
+    overrides: &Overrides,
+) -> Result<About, String> {
+    let fixture = overrides.fixture.as_ref().unwrap_or(&device.fixture).clone();
+    let effective = config::ImpedanceDevice { fixture, scene: SCENE.to_owned(), ..device.clone() };
+    about_run(Machine::Device(config::to_yaml(&effective)?), scene, overrides)
+}
+
+fn about_run(machine: Machine, scene: &config::Scene, overrides: &Overrides) -> Result<About, String> {
     let seed = overrides.seed.map(|seed| format!("--seed {seed}"));
     let duration = overrides.duration_s.map(|duration| format!("--duration {duration}"));
     Ok(About {
         version: env!("CARGO_PKG_VERSION").to_owned(),
         commit: env!("YIELDWALL_COMMIT").to_owned(),
         target: env!("YIELDWALL_TARGET").to_owned(),
-        rig: config::to_yaml(&effective)?,
+        machine,
         scene: config::to_yaml(scene)?,
         seed: overrides.seed.unwrap_or(scene.seed),
         overrides: [duration, seed].into_iter().flatten().collect::<Vec<_>>().join(" "),
     })
+}
+
+/// The documents of a recording as files beside each other; the first is that of the machine.
+fn documents(about: &About) -> Source {
+    let name = about.machine.name();
+    let texts = [(name, about.machine.document()), (SCENE, &about.scene)];
+    Source::among(name, texts.map(|(name, text)| (PathBuf::from(name), Arc::from(text))))
 }
 
 /// The rig that was recorded.
@@ -39,9 +65,15 @@ pub fn about(rig: &config::Rig, scene: &config::Scene, overrides: &Overrides) ->
 /// # Errors
 /// If its documents are refused, as they are when they are read from files.
 pub fn rig(about: &About) -> Result<config::Rig, Report> {
-    let texts = [(RIG, &about.rig), (SCENE, &about.scene)];
-    let texts = texts.map(|(name, text)| (PathBuf::from(name), Arc::from(text.as_str())));
-    Ok(config::load_rig(Source::among(RIG, texts))?.value)
+    Ok(config::load_rig(documents(about))?.value)
+}
+
+/// The impedance device that was recorded.
+///
+/// # Errors
+/// As [`rig`].
+pub fn device(about: &About) -> Result<config::ImpedanceDevice, Report> {
+    Ok(config::load_device(documents(about))?.value)
 }
 
 /// Why a recording could not be run again or drawn.
@@ -53,7 +85,7 @@ pub enum ReplayError {
     /// The documents in it.
     #[error("the documents in it are refused")]
     Config(#[from] Report),
-    /// The rig that they describe.
+    /// The machine that they describe.
     #[error(transparent)]
     Rig(#[from] RigError),
 }
@@ -90,29 +122,64 @@ pub enum End {
     },
 }
 
-/// Runs the cycles of a recording again on what entered them, from the first one after the boot, and compares what left
-/// them.
+/// Runs what was recorded again on what entered it, from the first record on, and compares what left it.
 ///
 /// # Errors
-/// If the recording cannot be read, or its rig not be built.
+/// If the recording cannot be read, or its machine not be built.
+pub fn replay_any<R: Read>(recording: &mut Recording<R>) -> Result<Replay, ReplayError> {
+    match recording {
+        Recording::Rig(reader) => replay(reader),
+        Recording::Device(reader) => replay_device(reader),
+    }
+}
+
+/// The same of the cycles of a rig, from the first one after the boot.
+///
+/// # Errors
+/// As [`replay_any`].
 pub fn replay<R: Read>(reader: &mut Reader<R>) -> Result<Replay, ReplayError> {
     let rig = rig(reader.about())?;
     let mut cycle = rig::cycle(&rig, &rig.fixture)?;
+    again(reader, |CycleRecord { moment, inputs, truth, .. }| {
+        let outputs = cycle.step(inputs);
+        Ok(CycleRecord::new(*moment, inputs, &outputs, cycle.cause(), *truth))
+    })
+}
+
+/// The same of the samples of an impedance device.
+///
+/// # Errors
+/// As [`replay_any`].
+pub fn replay_device<R: Read>(reader: &mut Reader<R, DeviceRecord>) -> Result<Replay, ReplayError> {
+    let device = device(reader.about())?;
+    let mut control = None;
+    again(reader, |record| {
+        let begun = match control.take() {
+            Some(begun) => begun,
+            None => ImpedanceLoop::new(&device, &device.fixture, record.reported_m)?,
+        };
+        Ok(control.insert(begun).step(record))
+    })
+}
+
+fn again<R: Read, T: Recorded>(
+    reader: &mut Reader<R, T>,
+    mut step: impl FnMut(&T) -> Result<T, RigError>,
+) -> Result<Replay, ReplayError> {
     let (mut before, mut after) = (Vec::new(), Vec::new());
     let mut cycles = 0;
     while let Some(recorded) = reader.next_record()? {
-        if recorded.moment.index != cycles {
-            return Ok(Replay { cycles, end: End::Gap { expected: cycles, found: recorded.moment.index } });
+        let index = recorded.index();
+        if index != cycles {
+            return Ok(Replay { cycles, end: End::Gap { expected: cycles, found: index } });
         }
-        let outputs = cycle.step(&recorded.inputs);
-        let CycleRecord { moment, inputs, truth, .. } = recorded;
-        let again = CycleRecord::new(moment, &inputs, &outputs, cycle.cause(), truth);
+        let again = step(&recorded)?;
         encode(&recorded, &mut before);
         encode(&again, &mut after);
         if before != after
             && let Some(difference) = difference(&recorded, &again)
         {
-            let end = End::Different { index: moment.index, scene_time_s: moment.scene_time_s, difference };
+            let end = End::Different { index, scene_time_s: recorded.scene_time_s(), difference };
             return Ok(Replay { cycles, end });
         }
         cycles += 1;
@@ -123,17 +190,28 @@ pub fn replay<R: Read>(reader: &mut Reader<R>) -> Result<Replay, ReplayError> {
 /// The trace of a recording, for drawings: the same as that of the run that was recorded.
 ///
 /// # Errors
-/// As [`replay`].
-pub fn recorded_trace<R: Read>(reader: &mut Reader<R>) -> Result<Trace, ReplayError> {
-    let rig = rig(reader.about())?;
+/// As [`replay_any`].
+pub fn recorded_trace<R: Read>(recording: &mut Recording<R>) -> Result<Trace, ReplayError> {
     let mut rows = Vec::new();
-    let mut was_latched = false;
-    while let Some(record) = reader.next_record()? {
-        // From the begin of the scene to the stop at its end, or to the fault that stopped the rig.
-        if record.moment.scene_time_s >= 0.0 && record.inputs.request == Request::None && !was_latched {
-            rows.push(record.row());
+    match recording {
+        Recording::Rig(reader) => {
+            let rig = rig(reader.about())?;
+            let mut was_latched = false;
+            while let Some(record) = reader.next_record()? {
+                // From the begin of the scene to the stop at its end, or to the fault that stopped the rig.
+                if record.moment.scene_time_s >= 0.0 && record.inputs.request == Request::None && !was_latched {
+                    rows.push(record.row());
+                }
+                was_latched |= State::is_latched(record.directive.state);
+            }
+            Ok(trace(rig.rig.name.clone(), &rig.fixture, ForceMeaning::HandOnTool, rows))
         }
-        was_latched |= State::is_latched(record.directive.state);
+        Recording::Device(reader) => {
+            let device = device(reader.about())?;
+            while let Some(record) = reader.next_record()? {
+                rows.push(record.row());
+            }
+            Ok(trace(device.device.name.clone(), &device.fixture, ForceMeaning::ActuatorOnTool, rows))
+        }
     }
-    Ok(trace(rig.rig.name.clone(), &rig.fixture, ForceMeaning::HandOnTool, rows))
 }

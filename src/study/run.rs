@@ -9,7 +9,7 @@ use super::measures::{Context, Measures, measure};
 use crate::config;
 use crate::guard::{Cause, Fault, Request, State};
 use crate::injection::Injection;
-use crate::record::{AROUND_FAULT_S, ForceMeaning, Row, Trace};
+use crate::record::{AROUND_FAULT_S, DeviceRecord, ForceMeaning, Row, Trace};
 use crate::rig::{EmbeddedRig, ImpedanceRig, Observer, RigError, Tap};
 use crate::sim::can::BusCounters;
 
@@ -167,6 +167,7 @@ pub fn run_device(
     device: &config::ImpedanceDevice,
     scene: &config::Scene,
     overrides: &Overrides,
+    mut observer: impl FnMut(&DeviceRecord),
     mut progress: impl FnMut(Stage),
 ) -> Result<RunReport, RigError> {
     let fixture = overrides.fixture.as_ref().unwrap_or(&device.fixture);
@@ -176,9 +177,10 @@ pub fn run_device(
     let cycles = ((end_s / period_s).round() as usize).max(1);
     let mut rows = Vec::with_capacity(cycles);
     for _ in 0..cycles {
-        let row = machine.run_cycle()?;
-        progress(Stage { time_s: row.time_s, end_s });
-        rows.push(row);
+        let record = machine.run_cycle()?;
+        observer(&record);
+        progress(Stage { time_s: record.scene_time_s, end_s });
+        rows.push(record.row());
     }
     let trace = trace(device.device.name.clone(), fixture, ForceMeaning::ActuatorOnTool, rows);
     let context = Context {
@@ -310,7 +312,7 @@ mod tests {
             let fixture = config::Fixture { surface, curvature, ..device.fixture.clone() };
             let name = fixture.surface.name();
             let overrides = Overrides { fixture: Some(fixture), ..Overrides::default() };
-            let report = run_device(&device, &scene, &overrides, |_| {}).unwrap();
+            let report = run_device(&device, &scene, &overrides, |_| {}, |_| {}).unwrap();
             let measures = &report.measures;
             assert!(measures.is_within_bound(), "{name}: {measures:?}");
             assert!(measures.tool_max_on_surface_mm.is_some_and(|most| most < 5.0), "{name}: {measures:?}");

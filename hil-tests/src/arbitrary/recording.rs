@@ -6,7 +6,7 @@ use std::sync::{Arc, LazyLock, Mutex};
 use yieldwall::config::{self, builtin};
 use yieldwall::guard::Request;
 use yieldwall::record::CycleRecord;
-use yieldwall::record::recording::{About, Reader, Writer, csv_header, csv_row, decode, difference, encode};
+use yieldwall::record::recording::{About, Machine, Reader, Writer, csv_header, csv_row, decode, difference, encode};
 use yieldwall::rig::EmbeddedRig;
 
 /// Most places of damage that are told.
@@ -59,7 +59,13 @@ impl Write for Shared {
 }
 
 fn about() -> About {
-    About { version: "0.1.0".into(), rig: "rig".into(), scene: "scene".into(), seed: 1, ..About::default() }
+    About {
+        version: "0.1.0".into(),
+        machine: Machine::Rig("rig".into()),
+        scene: "scene".into(),
+        seed: 1,
+        ..About::default()
+    }
 }
 
 /// A file, or what follows a good begin of one: it is refused, or gives no more cycles than its bytes hold, each of which
@@ -99,7 +105,7 @@ fn check(record: &CycleRecord) -> usize {
     assert!(difference(record, &again).is_none(), "{:?}", difference(record, &again));
     csv_row(record, &mut row);
     let columns = |line: &str| line.trim_end().split(',').count();
-    assert_eq!((columns(&row), row.trim_end().lines().count()), (columns(&csv_header()), 1), "{row}");
+    assert_eq!((columns(&row), row.trim_end().lines().count()), (columns(&csv_header::<CycleRecord>()), 1), "{row}");
     bytes.len()
 }
 
@@ -136,7 +142,7 @@ mod tests {
     fn recordings_hold_their_cycles() {
         for (seed, begin) in recordings().iter().zip([&[][..], &BEGIN]) {
             let file = [begin, &seed[1..]].concat();
-            let mut reader = Reader::new(&file[..]).expect("a recording");
+            let mut reader: Reader<_> = Reader::new(&file[..]).expect("a recording");
             for number in 0..3 {
                 let record = reader.next_record().expect("memory can be read");
                 assert!(record.is_some(), "{number}: {:?}", reader.damage());

@@ -5,11 +5,12 @@ use std::time::Instant;
 use serde_json::json;
 
 use super::super::failure::{Exit, Failure};
+use super::super::keep::Keep;
 use super::super::output::Output;
 use super::super::progress::Progress;
 use super::{Arguments, above_bound, drawing_failure, measures_text, rig_failure, write_drawing};
 use crate::config::{self, Coupling, ImpedanceDevice, Loaded};
-use crate::study::{Overrides, RunReport, drawing, run_device};
+use crate::study::{Overrides, RunReport, drawing, replay, run_device};
 
 pub(super) fn run(arguments: &Arguments, device: &Loaded<ImpedanceDevice>, output: &mut Output) -> Result<(), Failure> {
     check(arguments)?;
@@ -17,13 +18,19 @@ pub(super) fn run(arguments: &Arguments, device: &Loaded<ImpedanceDevice>, outpu
     output.warnings(&device.warnings);
     let scene = config::load_scene(device.source.relative(&device.value.scene))?.value;
     let overrides = Overrides { duration_s: arguments.duration, seed: arguments.seed, ..Overrides::default() };
+    let about = replay::about_device(&device.value, &scene, &overrides)
+        .map_err(|error| Failure::new(Exit::Internal, format!("documents of the recording: {error}"), ""))?;
+    let (keep, observer) = Keep::start_device(&device.value, &about, arguments.record.as_deref())?;
     let name = &device.value.device.name;
     let progress = Progress::new(output);
     progress.begin(name);
     let started = Instant::now();
-    let report = run_device(&device.value, &scene, &overrides, |stage| progress.at(stage));
+    let report = run_device(&device.value, &scene, &overrides, observer, |stage| progress.at(stage));
     let wall_s = started.elapsed().as_secs_f64();
     progress.end();
+    // A run that broke off leaves what there is of it.
+    let kept = keep.finish()?;
+    output.warnings(&kept.warnings());
     let report = report.map_err(|error| rig_failure(&error))?;
     if let Some(path) = &arguments.figure {
         let drawing = drawing::run(&report.trace, Some(name.clone())).map_err(|error| drawing_failure(&error))?;
@@ -32,7 +39,9 @@ pub(super) fn run(arguments: &Arguments, device: &Loaded<ImpedanceDevice>, outpu
     let seed = overrides.seed.unwrap_or(scene.seed);
     let end = if report.measures.is_within_bound() { Ok(()) } else { Err(above_bound(&report.measures, name)) };
     if !output.is_json() {
-        output.news(&text(arguments, &device.value, &report, seed, wall_s))?;
+        let mut lines = text(arguments, &device.value, &report, seed, wall_s);
+        lines.extend(kept.lines());
+        output.news(&lines.join("\n"))?;
         return end;
     }
     let document = json!({
@@ -42,6 +51,7 @@ pub(super) fn run(arguments: &Arguments, device: &Loaded<ImpedanceDevice>, outpu
         "wall_s": wall_s,
         "measures": report.measures,
         "figure": arguments.figure,
+        "recorded": kept.files_json(),
     });
     output.end(document, end)
 }
@@ -51,7 +61,6 @@ fn check(arguments: &Arguments) -> Result<(), Failure> {
     let options = [
         ("--fault", !arguments.fault.is_empty()),
         ("--candump", arguments.candump.is_some()),
-        ("--record", arguments.record.is_some()),
         ("--black-box", arguments.black_box.is_some()),
         ("--ignore-bus-budget", arguments.ignore_bus_budget),
     ];
@@ -69,7 +78,7 @@ fn simulated_s(report: &RunReport) -> f64 {
 }
 
 /// For a person to read, a line each.
-fn text(arguments: &Arguments, device: &ImpedanceDevice, report: &RunReport, seed: u64, wall_s: f64) -> String {
+fn text(arguments: &Arguments, device: &ImpedanceDevice, report: &RunReport, seed: u64, wall_s: f64) -> Vec<String> {
     let (trace, simulated) = (&report.trace, simulated_s(report));
     let mut lines = vec![
         format!("device    {}: impedance type, {} ms", device.device.name, report.period_s * 1e3),
@@ -87,5 +96,5 @@ fn text(arguments: &Arguments, device: &ImpedanceDevice, report: &RunReport, see
     }
     lines.extend(measures_text(&report.measures));
     lines.extend(arguments.figure.as_ref().map(|path| format!("figure    {}", path.display())));
-    lines.join("\n")
+    lines
 }

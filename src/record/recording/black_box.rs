@@ -5,8 +5,9 @@ use std::fs::{self, File};
 use std::io;
 use std::path::{Path, PathBuf};
 
+use super::about::About;
 use super::feed::Sink;
-use super::writer::{About, Writer, create_new};
+use super::writer::{Writer, create_new};
 use crate::guard::{Cause, Fault, State};
 use crate::record::{AROUND_FAULT_S, CycleRecord};
 

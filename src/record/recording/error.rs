@@ -11,9 +11,15 @@ pub enum ReadError {
     /// The first bytes are not those of MCAP.
     #[error("is not an MCAP file")]
     NotMcap,
-    /// Nothing says which rig was recorded: the file ends too early, or another program wrote it.
-    #[error("has no description of the rig that was recorded{}", .0.as_ref().map(|damage| format!(": {damage}")).unwrap_or_default())]
+    /// Nothing says what was recorded: the file ends too early, or another program wrote it.
+    #[error("has no description of what was recorded{}", .0.as_ref().map(|damage| format!(": {damage}")).unwrap_or_default())]
     NoDescription(Option<super::Damage>),
+    /// It is one of another kind of machine.
+    #[error("is the recording of another machine, whose document is `{name}`")]
+    OtherMachine {
+        /// Name of that document.
+        name: &'static str,
+    },
     /// The fields are not those that this program records.
     #[error("has other fields than this program records; it was written by version {}", .version.escape_debug())]
     OtherFields {

@@ -4,22 +4,22 @@ use super::scalar::{CommandKind, Scalar};
 use crate::cycle::{DriveSample, Inputs, LinkEvents, Signals, Timing};
 use crate::guard::{Cause, DeviceSet, Directive, Fault, JointCommand};
 use crate::quantity::{JointAngles, JointRates, JointTorques};
-use crate::record::{CycleRecord, Stages, Truth};
+use crate::record::{CycleRecord, DeviceRecord, Stages, Truth};
 use crate::sensing::RawSample;
 
 /// What is known of a field besides its value.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) struct Field {
+pub struct Field {
     /// Name, unique; ends in the unit where there is one.
-    pub(super) name: &'static str,
+    pub name: &'static str,
     /// Unit; empty for a number without one.
-    pub(super) unit: &'static str,
+    pub unit: &'static str,
     /// What it is.
-    pub(super) meaning: &'static str,
+    pub meaning: &'static str,
 }
 
 /// Goes over the fields in their order; may read a value, or put another in its place.
-pub(super) trait Visitor {
+pub trait Visitor {
     fn visit<S: Scalar>(&mut self, field: Field, value: &mut S);
 
     /// The same for a field that another one may say is not there; its value is then a zero that means nothing.
@@ -42,7 +42,7 @@ fn optional<V: Visitor, S: Scalar + Default>(visitor: &mut V, flag: Field, value
 }
 
 /// Shows `visitor` every field of `record`.
-pub(super) fn walk<V: Visitor>(record: &mut CycleRecord, v: &mut V) {
+pub(super) fn walk_cycle<V: Visitor>(record: &mut CycleRecord, v: &mut V) {
     let moment = &mut record.moment;
     v.visit(field("index", "", "number of the cycle since the boot, from 0"), &mut moment.index);
     v.visit(field("sync_ns", "ns", "planned moment of SYNC since switching on"), &mut moment.sync_ns);
@@ -55,6 +55,49 @@ pub(super) fn walk<V: Visitor>(record: &mut CycleRecord, v: &mut V) {
     inputs(record, v);
     outputs(record, v);
     truth(&mut record.truth, v);
+}
+
+/// Shows `visitor` every field of `record`.
+pub(super) fn walk_sample<V: Visitor>(record: &mut DeviceRecord, v: &mut V) {
+    let DeviceRecord {
+        index,
+        sample_ns,
+        scene_time_s,
+        reported_m: [reported_x, reported_y, reported_z],
+        proxy_m: [proxy_x, proxy_y, proxy_z],
+        force_n: [force_x, force_y, force_z],
+        signed_distance_m,
+        is_on_surface,
+        hold_counter,
+        is_impact,
+        true_position_m: [true_x, true_y, true_z],
+        true_velocity_m_per_s: [velocity_x, velocity_y, velocity_z],
+    } = record;
+    v.visit(field("index", "", "number of the sample, from 0"), index);
+    v.visit(field("sample_ns", "ns", "moment of the sample since the scene began"), sample_ns);
+    v.visit(field("scene_time_s", "s", "the same"), scene_time_s);
+    v.visit(field("reported_x_m", "m", "position of the handle as the device reports it, base frame"), reported_x);
+    v.visit(field("reported_y_m", "m", "the same, y"), reported_y);
+    v.visit(field("reported_z_m", "m", "the same, z"), reported_z);
+    v.visit(field("proxy_x_m", "m", "proxy, base frame"), proxy_x);
+    v.visit(field("proxy_y_m", "m", "the same, y"), proxy_y);
+    v.visit(field("proxy_z_m", "m", "the same, z"), proxy_z);
+    v.visit(field("force_x_n", "N", "force of the actuators on the handle from this sample on, base frame"), force_x);
+    v.visit(field("force_y_n", "N", "the same, y"), force_y);
+    v.visit(field("force_z_n", "N", "the same, z"), force_z);
+    v.visit(
+        field("signed_distance_m", "m", "distance of the proxy from the surface, negative on the forbidden side"),
+        signed_distance_m,
+    );
+    v.visit(field("is_on_surface", "", "the fixture keeps the proxy on the surface"), is_on_surface);
+    v.visit(field("hold_counter", "samples", "samples for which the proxy is still held"), hold_counter);
+    v.visit(field("is_impact", "", "the proxy met the surface at this sample"), is_impact);
+    v.visit(field("true_x_m", "m", "position of the handle in the simulation, base frame"), true_x);
+    v.visit(field("true_y_m", "m", "the same, y"), true_y);
+    v.visit(field("true_z_m", "m", "the same, z"), true_z);
+    v.visit(field("true_velocity_x_m_per_s", "m/s", "velocity of the handle in the simulation"), velocity_x);
+    v.visit(field("true_velocity_y_m_per_s", "m/s", "the same, y"), velocity_y);
+    v.visit(field("true_velocity_z_m_per_s", "m/s", "the same, z"), velocity_z);
 }
 
 fn stages<V: Visitor>(stages: &mut Stages, v: &mut V) {

@@ -2,20 +2,18 @@
 
 use std::fmt::Write;
 
-use super::fields::{Field, Visitor, walk};
+use super::fields::{Field, Visitor};
+use super::recorded::Recorded;
 use super::scalar::Scalar;
-use crate::record::CycleRecord;
 
 /// What stands before the data of a message: plain CDR, little-endian.
 const ENCAPSULATION: [u8; 4] = [0, 1, 0, 0];
 
 /// The message definition: one line a field, with unit and meaning behind it, and before a field with few values these as
 /// constants.
-pub fn definition() -> String {
-    let mut definition = Definition(String::from(
-        "# One control cycle: what entered it and what left it. What a has_ field denies is 0.\n# Where several devices may be meant their numbers are added.\n",
-    ));
-    walk(&mut blank(), &mut definition);
+pub fn definition<T: Recorded>() -> String {
+    let mut definition = Definition(T::HEAD.to_owned());
+    T::blank().walk(&mut definition);
     definition.0
 }
 
@@ -34,10 +32,10 @@ impl Visitor for Definition {
 }
 
 /// The fields as a table of a document.
-pub fn table() -> String {
+pub fn table<T: Recorded>() -> String {
     let head = String::from("| field | type | unit | meaning |\n|---|---|---|---|\n");
     let mut table = Table { text: head, seen: Vec::new() };
-    walk(&mut blank(), &mut table);
+    T::blank().walk(&mut table);
     table.text
 }
 
@@ -63,10 +61,10 @@ impl Visitor for Table {
 }
 
 /// Puts the bytes of `record` into `out`, in place of what was there.
-pub fn encode(record: &CycleRecord, out: &mut Vec<u8>) {
+pub fn encode<T: Recorded>(record: &T, out: &mut Vec<u8>) {
     out.clear();
     out.extend_from_slice(&ENCAPSULATION);
-    walk(&mut record.clone(), &mut Encoder(out));
+    { *record }.walk(&mut Encoder(out));
 }
 
 struct Encoder<'a>(&'a mut Vec<u8>);
@@ -107,11 +105,11 @@ pub enum DecodeError {
 ///
 /// # Errors
 /// If they are none.
-pub fn decode(bytes: &[u8]) -> Result<CycleRecord, DecodeError> {
+pub fn decode<T: Recorded>(bytes: &[u8]) -> Result<T, DecodeError> {
     let data = bytes.strip_prefix(&ENCAPSULATION).ok_or(DecodeError::Encapsulation)?;
     let mut decoder = Decoder { data, at: 0, error: None };
-    let mut record = blank();
-    walk(&mut record, &mut decoder);
+    let mut record = T::blank();
+    record.walk(&mut decoder);
     match decoder.error {
         Some(error) => Err(error),
         None if decoder.at < data.len() => Err(DecodeError::Length { length: bytes.len(), is_long: true }),
@@ -146,9 +144,9 @@ impl Visitor for Decoder<'_> {
 }
 
 /// The names of the fields, between commas.
-pub fn csv_header() -> String {
+pub fn csv_header<T: Recorded>() -> String {
     let mut header = Header(String::new());
-    walk(&mut blank(), &mut header);
+    T::blank().walk(&mut header);
     header.0
 }
 
@@ -164,9 +162,9 @@ impl Visitor for Header {
 /// Puts the values of `record`, between commas, into `out`, in place of what was there. A number is written with as many
 /// digits as tell it from its neighbours,
 /// what is not there as nothing.
-pub fn csv_row(record: &CycleRecord, out: &mut String) {
+pub fn csv_row<T: Recorded>(record: &T, out: &mut String) {
     out.clear();
-    walk(&mut record.clone(), &mut Row(out));
+    { *record }.walk(&mut Row(out));
 }
 
 struct Row<'a>(&'a mut String);
@@ -204,11 +202,11 @@ pub struct Difference {
 }
 
 /// The first difference between two records; `None` if they are the same, bit by bit.
-pub fn difference(one: &CycleRecord, other: &CycleRecord) -> Option<Difference> {
+pub fn difference<T: Recorded>(one: &T, other: &T) -> Option<Difference> {
     let mut values = Values(Vec::new());
-    walk(&mut other.clone(), &mut values);
+    { *other }.walk(&mut values);
     let mut compare = Compare { others: values.0.into_iter(), found: None };
-    walk(&mut one.clone(), &mut compare);
+    { *one }.walk(&mut compare);
     compare.found
 }
 
@@ -244,33 +242,4 @@ fn exact<S: Scalar>(value: S) -> String {
         let _ = write!(text, " ({:016x}h)", value.bits());
     }
     text
-}
-
-/// A record to be filled in.
-pub(super) fn blank() -> CycleRecord {
-    use crate::cycle::{DriveSample, Inputs, LinkEvents, Signals, Timing};
-    use crate::guard::{Directive, JointCommand, Request};
-    use yieldwall_drives::cia402;
-    let drive = DriveSample {
-        angle_rad: None,
-        state: cia402::State::NotReadyToSwitchOn,
-        follows_command: false,
-        has_voltage: false,
-        has_warning: false,
-    };
-    CycleRecord {
-        moment: Default::default(),
-        inputs: Inputs {
-            drives: [drive; 2],
-            sample: None,
-            link: LinkEvents::default(),
-            timing: Timing::default(),
-            request: Request::None,
-        },
-        command: JointCommand::Torque(Default::default()),
-        directive: Directive::IDLE,
-        cause: None,
-        signals: Signals::default(),
-        truth: None,
-    }
 }

@@ -6,15 +6,16 @@
 use std::collections::VecDeque;
 use std::fmt;
 use std::fs::File;
-use std::io::{self, BufReader, Read};
+use std::io::{self, BufReader, Read, Seek};
 use std::path::Path;
 
 use mcap::records::{Record, op};
 
+use super::about::{ABOUT, About, Machine};
 use super::error::ReadError;
 use super::forms;
-use super::writer::{ABOUT, About, SCHEMA, TOPIC};
-use crate::record::CycleRecord;
+use super::recorded::Recorded;
+use crate::record::{CycleRecord, DeviceRecord};
 
 /// Largest chunk that is read, bytes.
 const MAX_CHUNK: u64 = 64 << 20;
@@ -40,15 +41,15 @@ impl fmt::Display for Damage {
 
 /// Reads a recording from its begin to its end.
 #[derive(Debug)]
-pub struct Reader<R> {
+pub struct Reader<R, T = CycleRecord> {
     input: BufReader<R>,
     offset: u64,
     about: Option<About>,
-    /// The channels with cycles.
+    /// The channels with such records.
     channels: Vec<u16>,
     schemas: Vec<u16>,
     has_other_fields: bool,
-    ready: VecDeque<CycleRecord>,
+    ready: VecDeque<T>,
     damage: Vec<Damage>,
     damage_count: u64,
     is_past_data: bool,
@@ -69,27 +70,91 @@ enum Next {
     End,
 }
 
-impl Reader<File> {
-    /// Opens a file.
-    ///
-    /// # Errors
-    /// If it cannot be read, or is no recording that this program can use.
-    pub fn open(path: &Path) -> Result<Self, ReadError> {
-        let file = File::open(path)?;
-        // A pipe or a device could block for ever.
-        if !file.metadata()?.is_file() {
-            return Err(io::Error::new(io::ErrorKind::InvalidInput, "is not a regular file").into());
+/// Opens a file, whatever was recorded.
+///
+/// # Errors
+/// If it cannot be read, or is no recording that this program can use.
+pub fn open(path: &Path) -> Result<Recording<File>, ReadError> {
+    let mut file = regular(path)?;
+    let about = Reader::<_, CycleRecord>::described(&file)?.about;
+    file.rewind()?;
+    Ok(match about.map(|about| about.machine) {
+        Some(Machine::Device(_)) => Recording::Device(Reader::new(file)?),
+        _ => Recording::Rig(Reader::new(file)?),
+    })
+}
+
+fn regular(path: &Path) -> io::Result<File> {
+    let file = File::open(path)?;
+    // A pipe or a device could block for ever.
+    if !file.metadata()?.is_file() {
+        return Err(io::Error::new(io::ErrorKind::InvalidInput, "is not a regular file"));
+    }
+    Ok(file)
+}
+
+/// A recording of any kind.
+#[derive(Debug)]
+pub enum Recording<R> {
+    /// The cycles of a rig.
+    Rig(Reader<R, CycleRecord>),
+    /// The samples of an impedance device.
+    Device(Reader<R, DeviceRecord>),
+}
+
+impl<R: Read> Recording<R> {
+    /// What it says of the run.
+    pub fn about(&self) -> &About {
+        match self {
+            Recording::Rig(reader) => reader.about(),
+            Recording::Device(reader) => reader.about(),
         }
-        Self::new(file)
+    }
+
+    /// As [`Reader::damage`].
+    pub fn damage(&self) -> &[Damage] {
+        match self {
+            Recording::Rig(reader) => reader.damage(),
+            Recording::Device(reader) => reader.damage(),
+        }
+    }
+
+    /// As [`Reader::damage_count`].
+    pub fn damage_count(&self) -> u64 {
+        match self {
+            Recording::Rig(reader) => reader.damage_count(),
+            Recording::Device(reader) => reader.damage_count(),
+        }
     }
 }
 
-impl<R: Read> Reader<R> {
-    /// Reads up to the first cycle.
+impl<T: Recorded> Reader<File, T> {
+    /// Opens a file with such records.
     ///
     /// # Errors
-    /// As [`Reader::open`].
+    /// As [`open`], and if another kind of machine was recorded.
+    pub fn open(path: &Path) -> Result<Self, ReadError> {
+        Self::new(regular(path)?)
+    }
+}
+
+impl<R: Read, T: Recorded> Reader<R, T> {
+    /// Reads up to the first record.
+    ///
+    /// # Errors
+    /// If the input cannot be read, or is no recording that this program can use, or one of another kind of machine.
     pub fn new(input: R) -> Result<Self, ReadError> {
+        let mut reader = Self::described(input)?;
+        reader.fill()?;
+        match &reader.about {
+            None => Err(ReadError::NoDescription(reader.damage.first().cloned())),
+            Some(about) if !T::fits(&about.machine) => Err(ReadError::OtherMachine { name: about.machine.name() }),
+            Some(_) => Ok(reader),
+        }
+    }
+
+    /// Reads up to the description of the run, or to the end if there is none.
+    fn described(input: R) -> Result<Self, ReadError> {
         let mut reader = Self {
             input: BufReader::with_capacity(1 << 16, input),
             offset: 0,
@@ -113,10 +178,7 @@ impl<R: Read> Reader<R> {
             return Err(ReadError::NotMcap);
         }
         reader.offset = magic.len() as u64;
-        reader.fill()?;
-        if reader.about.is_none() {
-            return Err(ReadError::NoDescription(reader.damage.first().cloned()));
-        }
+        reader.read_until(|reader| reader.about.is_some())?;
         Ok(reader)
     }
 
@@ -127,11 +189,11 @@ impl<R: Read> Reader<R> {
         self.about.as_ref().unwrap_or(&NOTHING)
     }
 
-    /// The next cycle; `None` at the end.
+    /// The next record; `None` at the end.
     ///
     /// # Errors
     /// If the file cannot be read.
-    pub fn next_record(&mut self) -> Result<Option<CycleRecord>, ReadError> {
+    pub fn next_record(&mut self) -> Result<Option<T>, ReadError> {
         self.fill()?;
         Ok(self.ready.pop_front())
     }
@@ -146,9 +208,13 @@ impl<R: Read> Reader<R> {
         self.damage_count
     }
 
-    /// Reads until there is a cycle, or the file ends.
+    /// Reads until there is a record, or the file ends.
     fn fill(&mut self) -> Result<(), ReadError> {
-        while self.ready.is_empty() && !self.is_over {
+        self.read_until(|reader| !reader.ready.is_empty())
+    }
+
+    fn read_until(&mut self, is_enough: impl Fn(&Self) -> bool) -> Result<(), ReadError> {
+        while !is_enough(self) && !self.is_over {
             match self.read_record()? {
                 Next::End => self.is_over = true,
                 Next::Passed => {}
@@ -231,13 +297,15 @@ impl<R: Read> Reader<R> {
                 Ok(Record::Metadata(metadata)) if metadata.name == ABOUT && self.about.is_none() => {
                     self.about = About::of(metadata.metadata);
                 }
-                Ok(Record::Schema { header, data }) if header.name == SCHEMA => {
-                    self.has_other_fields |= *data != *forms::definition().as_bytes();
+                Ok(Record::Schema { header, data }) if header.name == T::SCHEMA => {
+                    self.has_other_fields |= *data != *forms::definition::<T>().as_bytes();
                     if !self.schemas.contains(&header.id) {
                         self.schemas.push(header.id);
                     }
                 }
-                Ok(Record::Channel(channel)) if self.schemas.contains(&channel.schema_id) && channel.topic == TOPIC => {
+                Ok(Record::Channel(channel))
+                    if self.schemas.contains(&channel.schema_id) && channel.topic == T::TOPIC =>
+                {
                     if !self.channels.contains(&channel.id) {
                         self.channels.push(channel.id);
                     }

@@ -6,7 +6,7 @@ use crate::guard::{DeviceSet, Fault, Motion, Request, State, fault};
 use yieldwall_drives::cia402;
 
 /// A value of at most eight bytes.
-pub(super) trait Scalar: Copy {
+pub trait Scalar: Copy {
     /// Its name in a message definition.
     const TYPE: &'static str;
     /// Its size in bytes, which is its alignment too.

@@ -5,13 +5,12 @@ use std::sync::mpsc;
 
 use proptest::prelude::*;
 
-use super::fields::{Field, Visitor, walk};
-use super::forms::blank;
+use super::fields::{Field, Visitor};
 use super::scalar::Scalar;
 use super::*;
 use crate::cycle::DriveSample;
 use crate::guard::{Cause, DeviceSet, Fault, State};
-use crate::record::{CycleRecord, Stages};
+use crate::record::{CycleRecord, DeviceRecord, Stages};
 use yieldwall_drives::cia402;
 
 /// A folder of this test's own, removed at the end.
@@ -56,7 +55,7 @@ impl Visitor for Fill<'_> {
     }
 }
 
-fn any_record() -> impl Strategy<Value = CycleRecord> {
+fn any_record<T: Recorded + std::fmt::Debug>() -> impl Strategy<Value = T> {
     // Numbers that are not, with bits that have to stay, more often than chance has them.
     let bits = prop_oneof![
         4 => any::<u64>(),
@@ -64,8 +63,8 @@ fn any_record() -> impl Strategy<Value = CycleRecord> {
         1 => (0u64..1 << 52).prop_map(|payload| 0x7ff0_0000_0000_0000 | payload),
     ];
     proptest::collection::vec(bits, 97).prop_map(|bits| {
-        let mut record = blank();
-        walk(&mut record, &mut Fill(bits.iter().cycle()));
+        let mut record = T::blank();
+        record.walk(&mut Fill(bits.iter().cycle()));
         record
     })
 }
@@ -75,7 +74,7 @@ fn about() -> About {
         version: "1.2.3".into(),
         commit: "0123456789ab-dirty".into(),
         target: "aarch64-unknown-linux-gnu".into(),
-        rig: "rig: {}".into(),
+        machine: Machine::Rig("rig: {}".into()),
         scene: "hand: {}".into(),
         seed: 7,
         overrides: String::new(),
@@ -85,7 +84,7 @@ fn about() -> About {
 /// The cycles of one run at 1 ms, in state Running.
 fn records(count: u64) -> Vec<CycleRecord> {
     let record = |index| {
-        let mut record = blank();
+        let mut record = CycleRecord::blank();
         record.moment.index = index;
         record.moment.sync_ns = 45_000_000 + index * 1_000_000;
         record.moment.compute_ns = record.moment.sync_ns + 620_000;
@@ -115,22 +114,28 @@ fn read(file: &[u8]) -> Result<(Vec<CycleRecord>, Vec<Damage>), ReadError> {
     Ok((records, reader.damage().to_vec()))
 }
 
+fn comes_back<T: Recorded>(record: &T) -> Result<(), TestCaseError> {
+    let (mut bytes, mut again) = (Vec::new(), Vec::new());
+    encode(record, &mut bytes);
+    let decoded: T = decode(&bytes).unwrap();
+    encode(&decoded, &mut again);
+    prop_assert_eq!(&bytes, &again);
+    prop_assert_eq!(difference(record, &decoded), None);
+    prop_assert!(decode::<T>(&bytes[..bytes.len() - 1]).is_err());
+    bytes.push(0);
+    prop_assert!(decode::<T>(&bytes).is_err());
+    Ok(())
+}
+
 proptest! {
     #[test]
-    fn a_record_comes_back_bit_by_bit(record in any_record()) {
-        let (mut bytes, mut again) = (Vec::new(), Vec::new());
-        encode(&record, &mut bytes);
-        let decoded = decode(&bytes).unwrap();
-        encode(&decoded, &mut again);
-        prop_assert_eq!(&bytes, &again);
-        prop_assert_eq!(difference(&record, &decoded), None);
-        prop_assert!(decode(&bytes[..bytes.len() - 1]).is_err());
-        bytes.push(0);
-        prop_assert!(decode(&bytes).is_err());
+    fn a_record_comes_back_bit_by_bit(cycle in any_record::<CycleRecord>(), sample in any_record::<DeviceRecord>()) {
+        comes_back(&cycle)?;
+        comes_back(&sample)?;
     }
 
     #[test]
-    fn a_difference_of_one_bit_is_found(record in any_record(), place in any::<proptest::sample::Index>(), bit in 0..8u8) {
+    fn a_difference_of_one_bit_is_found(record in any_record::<CycleRecord>(), place in any::<proptest::sample::Index>(), bit in 0..8u8) {
         let mut bytes = Vec::new();
         encode(&record, &mut bytes);
         *place.get_mut(&mut bytes[4..]) ^= 1 << bit;
@@ -144,7 +149,8 @@ proptest! {
 
     #[test]
     fn bytes_that_are_no_record_are_refused(bytes in proptest::collection::vec(any::<u8>(), 0..600)) {
-        let _ = decode(&bytes);
+        let _ = decode::<CycleRecord>(&bytes);
+        let _ = decode::<DeviceRecord>(&bytes);
     }
 
     #[test]
@@ -189,7 +195,7 @@ fn what_a_file_says_of_itself_does_nothing_to_a_terminal() {
 
 #[test]
 fn a_message_has_these_bytes() {
-    let mut record = blank();
+    let mut record = CycleRecord::blank();
     record.moment.index = 0x0102;
     record.moment.sync_ns = 3;
     record.moment.compute_ns = 4;
@@ -221,9 +227,8 @@ fn a_message_has_these_bytes() {
     assert_eq!(bytes[..begin.len()], begin);
 }
 
-#[test]
-fn names_are_those_that_a_message_definition_may_have() {
-    let header = csv_header();
+fn check_names<T: Recorded>() {
+    let header = csv_header::<T>();
     let names: Vec<&str> = header.split(',').collect();
     for (at, name) in names.iter().enumerate() {
         let plain = |c: char| c.is_ascii_lowercase() || c.is_ascii_digit() || c == '_';
@@ -232,16 +237,24 @@ fn names_are_those_that_a_message_definition_may_have() {
         assert!(!names[..at].contains(name), "{name} twice");
     }
     let mut row = String::new();
-    csv_row(&blank(), &mut row);
+    csv_row(&T::blank(), &mut row);
     assert_eq!(row.split(',').count(), names.len());
-    assert_eq!(definition().lines().filter(|line| line.contains("  # ")).count(), names.len());
+    assert_eq!(definition::<T>().lines().filter(|line| line.contains("  # ")).count(), names.len());
+}
+
+#[test]
+fn names_are_those_that_a_message_definition_may_have() {
+    check_names::<CycleRecord>();
+    check_names::<DeviceRecord>();
 }
 
 #[test]
 fn the_document_lists_the_fields() {
     let document = concat!(env!("CARGO_MANIFEST_DIR"), "/docs/recording.md");
     let text = std::fs::read_to_string(document).unwrap();
-    assert!(text.contains(&table()), "docs/recording.md lists other fields; it should have\n{}", table());
+    for table in [table::<CycleRecord>(), table::<DeviceRecord>()] {
+        assert!(text.contains(&table), "docs/recording.md lists other fields; it should have\n{table}");
+    }
 }
 
 #[test]
@@ -249,7 +262,7 @@ fn the_same_cycles_give_the_same_file_and_come_back() {
     let records = records(1000);
     let file = file_of(&records);
     assert_eq!(file, file_of(&records));
-    let mut reader = Reader::new(&file[..]).unwrap();
+    let mut reader: Reader<_> = Reader::new(&file[..]).unwrap();
     assert_eq!(reader.about(), &about());
     let (kept, damage) = read(&file).unwrap();
     assert_eq!((kept, damage), (records, Vec::new()));
@@ -295,7 +308,7 @@ fn other_fields_are_refused() {
     // The sum of the chunk no longer fits; an unknown schema in a whole chunk is what another version writes.
     let (kept, damage) = read(&file).unwrap();
     assert_eq!((kept.len(), damage.len()), (0, 1));
-    let cut = &file[..place + definition().len() + 10];
+    let cut = &file[..place + definition::<CycleRecord>().len() + 10];
     assert!(matches!(read(cut), Err(ReadError::OtherFields { version }) if version == "1.2.3"));
 }
 
@@ -417,7 +430,7 @@ fn a_device_that_is_full_is_a_full_disk() {
     let end = feed.finish().unwrap();
     assert_eq!(end.error.unwrap().kind(), io::ErrorKind::StorageFull);
     // The other file is whole, and has what is said to be kept.
-    let mut reader = Reader::open(&folder.0.join("cycles.mcap")).unwrap();
+    let mut reader: Reader<_> = Reader::open(&folder.0.join("cycles.mcap")).unwrap();
     let mut kept = 0;
     while reader.next_record().unwrap().is_some() {
         kept += 1;
@@ -441,7 +454,7 @@ fn black_box(folder: &Folder, name: &str, state: impl Fn(u64) -> Option<State>) 
 }
 
 fn span(saved: &Saved) -> (u64, u64) {
-    let mut reader = Reader::open(saved.file.as_ref().unwrap()).unwrap();
+    let mut reader: Reader<_> = Reader::open(saved.file.as_ref().unwrap()).unwrap();
     let first = reader.next_record().unwrap().unwrap().moment.index;
     let mut last = first;
     while let Some(record) = reader.next_record().unwrap() {

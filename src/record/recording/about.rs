@@ -1,0 +1,93 @@
+//! What a recording says of its run.
+
+use std::collections::BTreeMap;
+
+use mcap::write::Metadata;
+
+/// Name of the metadata record.
+pub(super) const ABOUT: &str = "yieldwall";
+const RIG: &str = "rig.yaml";
+const DEVICE: &str = "device.yaml";
+
+/// What was run, as a document with the fixture that it ran with and `scene.yaml` as its scene.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Machine {
+    /// An admittance rig.
+    Rig(String),
+    /// An impedance device.
+    Device(String),
+}
+
+impl Machine {
+    /// Its document.
+    pub fn document(&self) -> &str {
+        let (Machine::Rig(document) | Machine::Device(document)) = self;
+        document
+    }
+
+    /// Name of its document in a recording.
+    pub fn name(&self) -> &'static str {
+        match self {
+            Machine::Rig(_) => RIG,
+            Machine::Device(_) => DEVICE,
+        }
+    }
+}
+
+impl Default for Machine {
+    fn default() -> Self {
+        Machine::Rig(String::new())
+    }
+}
+
+/// What a recording says of the run besides its cycles: enough to run them again.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct About {
+    /// Version of the program that made the recording.
+    pub version: String,
+    /// Commit that the program was built from, with `-dirty` if the tree was changed; empty if not known.
+    pub commit: String,
+    /// What it was built for, as the compiler names it: processor, system and C library; empty if not known.
+    pub target: String,
+    /// What was run.
+    pub machine: Machine,
+    /// The scene as a document.
+    pub scene: String,
+    /// Seed of the run.
+    pub seed: u64,
+    /// What was asked for in place of what the documents say, as on the command line; may be empty.
+    pub overrides: String,
+}
+
+impl About {
+    pub(super) fn metadata(&self) -> Metadata {
+        let entry = |key: &str, value: &str| (key.to_owned(), value.to_owned());
+        let metadata = BTreeMap::from([
+            entry("version", &self.version),
+            entry("commit", &self.commit),
+            entry("target", &self.target),
+            entry(self.machine.name(), self.machine.document()),
+            entry("scene.yaml", &self.scene),
+            entry("seed", &self.seed.to_string()),
+            entry("overrides", &self.overrides),
+        ]);
+        Metadata { name: ABOUT.to_owned(), metadata }
+    }
+
+    /// `None` if something is missing.
+    pub(super) fn of(mut metadata: BTreeMap<String, String>) -> Option<Self> {
+        let mut take = |key| metadata.remove(key);
+        Some(Self {
+            version: take("version")?,
+            commit: take("commit").unwrap_or_default(),
+            target: take("target").unwrap_or_default(),
+            machine: match take(RIG) {
+                Some(rig) => Machine::Rig(rig),
+                None => Machine::Device(take(DEVICE)?),
+            },
+            scene: take("scene.yaml")?,
+            seed: take("seed")?.parse().ok()?,
+            overrides: take("overrides")?,
+        })
+    }
+}

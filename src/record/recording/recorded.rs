@@ -1,0 +1,129 @@
+//! What can be recorded: the cycles of a rig, the samples of an impedance device.
+
+use super::about::Machine;
+use super::fields::{Visitor, walk_cycle, walk_sample};
+use crate::record::{CycleRecord, DeviceRecord};
+
+/// A record with a list of fields, from which schema, bytes, text and comparison come. Those of this program alone.
+pub trait Recorded: Copy + Send + 'static {
+    /// Name of the message definition.
+    const SCHEMA: &'static str;
+    /// Topic of its channel.
+    const TOPIC: &'static str;
+    /// What stands at the head of the definition.
+    const HEAD: &'static str;
+
+    /// Whether recordings of this machine hold such records.
+    fn fits(machine: &Machine) -> bool;
+
+    /// One to be filled in.
+    fn blank() -> Self;
+
+    /// Shows `visitor` every field in its order.
+    fn walk<V: Visitor>(&mut self, visitor: &mut V);
+
+    /// Number among its kind.
+    fn index(&self) -> u64;
+
+    /// When it began, in ns of its own clock.
+    fn begun_ns(&self) -> u64;
+
+    /// When its inputs were complete, in ns of its own clock.
+    fn complete_ns(&self) -> u64;
+
+    /// Time of the scene in s; minus infinity before.
+    fn scene_time_s(&self) -> f64;
+}
+
+impl Recorded for CycleRecord {
+    const SCHEMA: &'static str = "yieldwall_msgs/msg/Cycle";
+    const TOPIC: &'static str = "/cycle";
+    const HEAD: &'static str = "# One control cycle: what entered it and what left it. What a has_ field denies is 0.\n# Where several devices may be meant their numbers are added.\n";
+
+    fn fits(machine: &Machine) -> bool {
+        matches!(machine, Machine::Rig(_))
+    }
+
+    fn blank() -> Self {
+        use crate::cycle::{DriveSample, Inputs, LinkEvents, Signals, Timing};
+        use crate::guard::{Directive, JointCommand, Request};
+        use yieldwall_drives::cia402;
+        let drive = DriveSample {
+            angle_rad: None,
+            state: cia402::State::NotReadyToSwitchOn,
+            follows_command: false,
+            has_voltage: false,
+            has_warning: false,
+        };
+        CycleRecord {
+            moment: Default::default(),
+            inputs: Inputs {
+                drives: [drive; 2],
+                sample: None,
+                link: LinkEvents::default(),
+                timing: Timing::default(),
+                request: Request::None,
+            },
+            command: JointCommand::Torque(Default::default()),
+            directive: Directive::IDLE,
+            cause: None,
+            signals: Signals::default(),
+            truth: None,
+        }
+    }
+
+    fn walk<V: Visitor>(&mut self, visitor: &mut V) {
+        walk_cycle(self, visitor);
+    }
+
+    fn index(&self) -> u64 {
+        self.moment.index
+    }
+
+    fn begun_ns(&self) -> u64 {
+        self.moment.sync_ns
+    }
+
+    fn complete_ns(&self) -> u64 {
+        self.moment.compute_ns
+    }
+
+    fn scene_time_s(&self) -> f64 {
+        self.moment.scene_time_s
+    }
+}
+
+impl Recorded for DeviceRecord {
+    const SCHEMA: &'static str = "yieldwall_msgs/msg/Sample";
+    const TOPIC: &'static str = "/sample";
+    const HEAD: &'static str =
+        "# One sample of an impedance device: what it reported and what its fixture made of that.\n";
+
+    fn fits(machine: &Machine) -> bool {
+        matches!(machine, Machine::Device(_))
+    }
+
+    fn blank() -> Self {
+        Self::default()
+    }
+
+    fn walk<V: Visitor>(&mut self, visitor: &mut V) {
+        walk_sample(self, visitor);
+    }
+
+    fn index(&self) -> u64 {
+        self.index
+    }
+
+    fn begun_ns(&self) -> u64 {
+        self.sample_ns
+    }
+
+    fn complete_ns(&self) -> u64 {
+        self.sample_ns
+    }
+
+    fn scene_time_s(&self) -> f64 {
+        self.scene_time_s
+    }
+}
