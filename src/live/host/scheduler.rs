@@ -38,7 +38,9 @@ pub fn lock_memory() -> Result<(), Refusal> {
 /// # Errors
 /// If the system refuses.
 pub fn run_first() -> Result<(), Refusal> {
-    let parameters = libc::sched_param { sched_priority: PRIORITY };
+    // SAFETY: it is a struct of numbers, and of more of them with some C libraries than with others.
+    let mut parameters: libc::sched_param = unsafe { std::mem::zeroed() };
+    parameters.sched_priority = PRIORITY;
     // SAFETY: `parameters` is a valid `sched_param` that the call only reads; 0 names the calling thread.
     let result = unsafe { libc::sched_setscheduler(0, libc::SCHED_FIFO, &raw const parameters) };
     if result == 0 { Ok(()) } else { Err(Refusal::Priority(io::Error::last_os_error())) }
