@@ -20,7 +20,7 @@ impl Progress {
 
     /// A line that says what is waited for.
     pub(super) fn line(output: &Output) -> Self {
-        Self::with(output, "waiting for {msg}")
+        Self::with(output, "boot      {msg}")
     }
 
     fn with(output: &Output, template: &str) -> Self {
