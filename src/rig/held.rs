@@ -175,7 +175,7 @@ fn outer(rig: &config::Rig) -> Result<Outer, RigError> {
     })
 }
 
-/// How long after SYNC a sample of a sensor on plain CAN may be taken that its cycle still uses, s; negative if it has to be
+/// How long after the end of SYNC a sample of a sensor on plain CAN may be taken that its cycle still uses, s; negative if it has to be
 /// taken before SYNC. In the regular course of the bus: a heartbeat that makes one sample late now and then does not count.
 fn latest_sample_s(rig: &config::Rig) -> Result<f64, RigError> {
     let bus = bus_number(rig, &rig.sensor.bus)?;
@@ -197,13 +197,15 @@ fn latest_sample_s(rig: &config::Rig) -> Result<f64, RigError> {
         false => 0.0,
     };
     let first_s: f64 = frames().filter(goes_first).map(duration_s).sum();
+    // The drives act when SYNC is over; the computation is planned from its begin.
+    let sync_s: f64 = frames().filter(|frame| frame.usage == Use::Sync).map(duration_s).sum();
     if let Some(request) = request {
-        return Ok(first_s + duration_s(request));
+        return Ok(first_s + duration_s(request) - sync_s);
     }
     let sample_s: f64 = frames().filter(|frame| frame.usage == Use::Streamed).map(duration_s).sum();
     let latest_s = f64::from(rig.cycle.compute_at_us) * 1e-6 - sample_s;
     // Where the bus is not free again in time, the sample has to go before SYNC.
-    Ok(if latest_s >= first_s { latest_s } else { -sample_s })
+    Ok(if latest_s >= first_s { latest_s } else { -sample_s } - sync_s)
 }
 
 fn pose_at(rig: &config::Rig, tool: Vector2<f64>, is_cartesian: bool) -> Result<Pose, RigError> {
@@ -255,4 +257,46 @@ pub fn coupled_device(device: &config::ImpedanceDevice, reserve: f64) -> Result<
         greatest_stiffness_n_per_m: greatest_stiffness_n_per_m(&servo, mass, viscous, reserve)?,
         greatest_damping_n_s_per_m: greatest_damping_n_s_per_m(&servo, mass, viscous, reserve)?,
     }))
+}
+
+#[cfg(test)]
+mod tests {
+    use std::sync::{Arc, Mutex};
+
+    use super::*;
+    use crate::config::Source;
+    use crate::guard::Request;
+    use crate::rig::EmbeddedRig;
+
+    #[test]
+    fn a_polled_sensor_takes_its_sample_when_the_request_has_come_to_drives_that_sync_has_reached() {
+        let loaded = config::load_rig(Source::named("builtin:paper-admittance-polled.yaml")).unwrap();
+        let scene = config::load_scene(loaded.source.relative(&loaded.value.scene)).unwrap().value;
+        let rig = loaded.value;
+        let config::SensorProtocol::Polled { base_id, .. } = rig.sensor.protocol else { panic!("it is polled") };
+        let mut machine = EmbeddedRig::new(&rig, &scene, &rig.fixture, 1).unwrap();
+        machine.enable().unwrap();
+        let ends = Arc::new(Mutex::new(Vec::new()));
+        let seen = Arc::clone(&ends);
+        machine.set_witness(Box::new(move |passage| {
+            seen.lock().unwrap().push((passage.sent.id(), passage.time));
+        }));
+        (0..20).for_each(|_| _ = machine.run_cycle(Request::None).unwrap());
+        let ends = ends.lock().unwrap();
+        let mut sync = None;
+        let mut between_s = Vec::new();
+        for (id, end) in ends.iter() {
+            match (*id, sync) {
+                (0x080, _) => sync = Some(*end),
+                (id, Some(begun)) if id == base_id => between_s.push(end.since(begun).as_secs_f64()),
+                _ => {}
+            }
+        }
+        // Frames have as many stuff bits as they may have in the plan, and in the run as their data give.
+        let planned_s = latest_sample_s(&rig).unwrap();
+        assert!(between_s.len() > 10);
+        for took_s in between_s {
+            assert!((0.0..40e-6).contains(&(planned_s - took_s)), "{planned_s} against {took_s}");
+        }
+    }
 }

@@ -71,7 +71,7 @@ pub fn rig(about: &About) -> Result<config::Rig, Report> {
 /// The impedance device that was recorded.
 ///
 /// # Errors
-/// As [`rig`].
+/// As [`rig()`].
 pub fn device(about: &About) -> Result<config::ImpedanceDevice, Report> {
     Ok(config::load_device(documents(about))?.value)
 }
