@@ -27,15 +27,18 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
     let replayed = replay_any(&mut recording).map_err(|error| failure(path, error))?;
     let damage = damage(recording.damage(), path);
     output.warnings(&damage);
-    let cycles = replayed.cycles;
+    let (cycles, records) = (replayed.cycles, records(&recording));
+    let record = records.trim_end_matches('s');
     let failure = match &replayed.end {
         End::Whole if cycles > 0 => None,
-        End::Whole => Some(refuse(path, "holds no cycle", "record one with `yieldwall run RIG.yaml --record DIR`")),
+        End::Whole => {
+            Some(refuse(path, &format!("holds no {record}"), "record one with `yieldwall run RIG.yaml --record DIR`"))
+        }
         End::Different { index, scene_time_s, difference } => Some(Failure::new(
             Exit::OutOfTolerance,
             format!(
-                "{}: cycle {index} (scene {scene_time_s:.3} s) gives another {}: {} was recorded, {} came out; the {cycles} \
-                 cycles before are byte-identical",
+                "{}: {record} {index} (scene {scene_time_s:.3} s) gives another {}: {} was recorded, {} came out; the {cycles} \
+                 {records} before are byte-identical",
                 path.display(),
                 difference.field,
                 difference.one,
@@ -45,12 +48,12 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
         )),
         End::Gap { expected, found } => {
             let gap = if found > expected {
-                format!("misses the cycles {expected} to {}", found - 1)
+                format!("misses the {records} {expected} to {}", found - 1)
             } else {
-                format!("has cycle {found} where cycle {expected} should be")
+                format!("has {record} {found} where {record} {expected} should be")
             };
             let message = format!(
-                "{gap}: {cycles} cycles are byte-identical, and what the stages remember afterwards is not known"
+                "{gap}: {cycles} {records} are byte-identical, and what the stages remember afterwards is not known"
             );
             let help = "only a recording from the first cycle after the boot on can be run again; a black box can be \
                         drawn with `yieldwall plot`";
@@ -85,7 +88,7 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
     }
     match failure {
         Some(failure) => Err(failure),
-        None => output.news(&format!("{cycles} {}, byte-identical", records(&recording))),
+        None => output.news(&format!("{cycles} {records}, byte-identical")),
     }
 }
 

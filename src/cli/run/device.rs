@@ -10,6 +10,7 @@ use super::super::output::Output;
 use super::super::progress::Progress;
 use super::{Arguments, above_bound, drawing_failure, measures_text, rig_failure, write_drawing};
 use crate::config::{self, Coupling, ImpedanceDevice, Loaded};
+use crate::rig::ImpedanceRig;
 use crate::study::{Overrides, RunReport, drawing, replay, run_device};
 
 pub(super) fn run(arguments: &Arguments, device: &Loaded<ImpedanceDevice>, output: &mut Output) -> Result<(), Failure> {
@@ -18,6 +19,9 @@ pub(super) fn run(arguments: &Arguments, device: &Loaded<ImpedanceDevice>, outpu
     output.warnings(&device.warnings);
     let scene = config::load_scene(device.source.relative(&device.value.scene))?.value;
     let overrides = Overrides { duration_s: arguments.duration, seed: arguments.seed, ..Overrides::default() };
+    let seed = overrides.seed.unwrap_or(scene.seed);
+    // Before anything is written: a device that is refused leaves no recording.
+    ImpedanceRig::new(&device.value, &scene, &device.value.fixture, seed).map_err(|error| rig_failure(&error))?;
     let about = replay::about_device(&device.value, &scene, &overrides)
         .map_err(|error| Failure::new(Exit::Internal, format!("documents of the recording: {error}"), ""))?;
     let (keep, observer) = Keep::start_device(&device.value, &about, arguments.record.as_deref())?;
@@ -36,7 +40,6 @@ pub(super) fn run(arguments: &Arguments, device: &Loaded<ImpedanceDevice>, outpu
         let drawing = drawing::run(&report.trace, Some(name.clone())).map_err(|error| drawing_failure(&error))?;
         write_drawing(&drawing, path)?;
     }
-    let seed = overrides.seed.unwrap_or(scene.seed);
     let end = if report.measures.is_within_bound() { Ok(()) } else { Err(above_bound(&report.measures, name)) };
     if !output.is_json() {
         let mut lines = text(arguments, &device.value, &report, seed, wall_s);

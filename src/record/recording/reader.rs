@@ -153,7 +153,7 @@ impl<R: Read, T: Recorded> Reader<R, T> {
         }
     }
 
-    /// Reads up to the description of the run, or to the end if there is none.
+    /// Reads up to the description of the run, or to the first record or the end if there is none before.
     fn described(input: R) -> Result<Self, ReadError> {
         let mut reader = Self {
             input: BufReader::with_capacity(1 << 16, input),
@@ -178,7 +178,7 @@ impl<R: Read, T: Recorded> Reader<R, T> {
             return Err(ReadError::NotMcap);
         }
         reader.offset = magic.len() as u64;
-        reader.read_until(|reader| reader.about.is_some())?;
+        reader.read_until(|reader| reader.about.is_some() || !reader.ready.is_empty())?;
         Ok(reader)
     }
 

@@ -1,8 +1,11 @@
+use std::collections::BTreeMap;
 use std::io::{self, Write};
 use std::path::PathBuf;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::mpsc;
 
+use mcap::records::MessageHeader;
+use mcap::write::NoSeek;
 use proptest::prelude::*;
 
 use super::fields::{Field, Visitor};
@@ -536,4 +539,24 @@ fn a_stop_that_was_asked_for_is_no_fault() {
     }
     sink.finish().unwrap();
     assert!(sink.report().is_empty() && folder.files().is_empty());
+}
+
+#[test]
+fn cycles_that_come_before_any_description_are_refused_and_not_gathered() {
+    let mut file = Vec::new();
+    let mut writer = mcap::WriteOptions::new().disable_seeking(true).create(NoSeek::new(&mut file)).unwrap();
+    let schema = writer.add_schema(CycleRecord::SCHEMA, "ros2msg", definition::<CycleRecord>().as_bytes()).unwrap();
+    let channel_id = writer.add_channel(schema, CycleRecord::TOPIC, "cdr", &BTreeMap::new()).unwrap();
+    let mut message = Vec::new();
+    for (sequence, record) in (0..).zip(records(3)) {
+        encode(&record, &mut message);
+        let header = MessageHeader { channel_id, sequence, log_time: 0, publish_time: 0 };
+        writer.write_to_known_channel(&header, &message).unwrap();
+        writer.flush().unwrap();
+    }
+    writer.write_metadata(&about().metadata()).unwrap();
+    writer.finish().unwrap();
+    drop(writer);
+    let refused = Reader::<_, CycleRecord>::new(&file[..]).map(|_| ());
+    assert!(matches!(refused, Err(ReadError::NoDescription(_))), "{refused:?}");
 }
