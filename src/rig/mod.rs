@@ -30,7 +30,10 @@ pub use conduct::{Enable, Enabling, STOP_LIMIT_S, has_torque, settling_cycles};
 pub use drill::{CYCLES_BEFORE_SILENCE, DRILL_LIMIT, Drilled, Finding, TORQUE_LIMIT, Unsafe, drill};
 pub use embedded::{BodyTruth, EmbeddedRig, Observer, PORTS, Tap};
 pub use error::RigError;
-pub use held::{Coupled, HeldMasses, Holding, coupled_device, hand_of, held_masses, stiffer, usual_hands};
+pub use held::{
+    Coupled, HeldMasses, Holding, UnevenSamples, coupled_device, hand_of, held_masses, stiffer, uneven_samples,
+    usual_hands,
+};
 pub use impedance::{ImpedanceLoop, ImpedanceRig};
 pub use margins::{Margin, PoseMargins, pose_margins};
 pub use pair::{Pair, PairParameters, PairRow, PairServo, Placement, Surroundings};

@@ -11,8 +11,12 @@ const PLAIN: u32 = 13;
 /// # Source
 /// [DBBL07, eq. 3]: `8 s + 47 + floor((34 + 8 s - 1) / 4)`, which is `55 + 10 s`.
 pub const fn worst_bits(bytes: u8) -> u32 {
-    let data = 8 * bytes as u32;
-    data + STUFFED + PLAIN + (STUFFED + data - 1) / 4
+    shortest_bits(bytes) + (STUFFED + 8 * bytes as u32 - 1) / 4
+}
+
+/// The bits of a frame with `bytes` data bytes (0 to 8) without any stuff bit, interframe space included: none is shorter.
+pub const fn shortest_bits(bytes: u8) -> u32 {
+    8 * bytes as u32 + STUFFED + PLAIN
 }
 
 /// The most bits that a frame with this identifier of 11 bits and `bytes` data bytes (0 to 8) takes, over all data.
@@ -32,11 +36,10 @@ pub fn longest_bits(cob_id: u16, bytes: u8) -> u32 {
     for shift in (0..4).rev() {
         runs.take(u16::from(bytes) >> shift & 1);
     }
-    let data = 8 * u32::from(bytes);
-    for _ in 0..data + 15 {
+    for _ in 0..8 * u32::from(bytes) + 15 {
         runs.take_any();
     }
-    data + STUFFED + PLAIN + runs.most()
+    shortest_bits(bytes) + runs.most()
 }
 
 /// The most stuff bits so far for each last bit and each run of it, 1 to 4 long; `None` where nothing leads.

@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use super::bits::{longest_bits, worst_bits};
+use super::bits::{longest_bits, shortest_bits, worst_bits};
 use super::response::Stream;
 use crate::bus::boot::mapping;
 use crate::bus::error::{BootError, BootFailure};
@@ -68,6 +68,11 @@ impl PlannedFrame {
     /// The most bits of a frame of this length with this identifier.
     pub fn bits_longest(&self) -> u32 {
         longest_bits(self.cob_id, self.bytes)
+    }
+
+    /// The bits of a frame of this length without any stuff bit.
+    pub fn bits_shortest(&self) -> u32 {
+        shortest_bits(self.bytes)
     }
 
     /// The bits that times are computed from: the most with this identifier, or with any (`is_plain`).

@@ -11,7 +11,7 @@ mod phases;
 mod response;
 
 pub use advice::{Advice, advise};
-pub use bits::{longest_bits, worst_bits};
+pub use bits::{longest_bits, shortest_bits, worst_bits};
 pub use frames::{PlannedFrame, Use};
 pub use response::{Stream, blocking_ns, response_among_ns, response_ns};
 

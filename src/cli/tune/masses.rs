@@ -4,7 +4,9 @@ use serde_json::{Value, json};
 
 use crate::config::{self, Coupling, Diagnostic, Loaded, Rig, Severity};
 use crate::control::Grip;
-use crate::rig::{HeldMasses, Holding, RigError, hand_of, held_masses, stiffer, usual_hands};
+use crate::rig::{
+    HeldMasses, Holding, RigError, UnevenSamples, hand_of, held_masses, stiffer, uneven_samples, usual_hands,
+};
 
 /// What to do where the loop is not known.
 const UNKNOWN: &str = "least virtual mass: not known, since the velocity loop closes in the drives; try masses by `yieldwall run`, with \
@@ -12,11 +14,18 @@ const UNKNOWN: &str = "least virtual mass: not known, since the velocity loop cl
 /// What the numbers leave out.
 const LEFT_OUT: &str = "dry friction, torque limits and elastic joints are left out: try the numbers in a run";
 
+/// What a bus adds where the sensor's clock is its own; the figures are those of `yieldwall study edge`.
+const SYNC_WAITS: &str = "SYNC waits for frames that the sensor sends by its own clock, which is left out: at some of its phases the rig \
+                          may need more mass, and without dry friction it may swing slowly at every mass";
+const SAMPLE_MISSED: &str = "heartbeats that delay SYNC can decide whether a sample of the sensor's own clock is in time, which is left out: \
+                             at some of its phases the rig may need more mass, 1.5 times the least in the worst of 60 drawn rigs";
+
 /// How light a rig may be, by hands; the first is the scene's, if it has a spring.
 pub(in crate::cli) struct Masses {
     name: String,
     configured_kg: f64,
     has_scene_hand: bool,
+    uneven: Option<UnevenSamples>,
     /// `None` where the loop is not known.
     holdings: Option<Vec<Holding>>,
 }
@@ -36,7 +45,13 @@ impl Masses {
             Coupling::Impedance { .. } => return Err(RigError::Mismatch("a rig needs an admittance".into())),
         };
         let holdings = held_masses(&rig.value, &hands, configured_kg)?;
-        Ok(Self { name: rig.value.rig.name.clone(), configured_kg, has_scene_hand, holdings })
+        Ok(Self {
+            name: rig.value.rig.name.clone(),
+            configured_kg,
+            has_scene_hand,
+            uneven: uneven_samples(&rig.value),
+            holdings,
+        })
     }
 
     /// One line for `config check`.
@@ -83,6 +98,15 @@ impl Masses {
         Some(rig.finding(Severity::Warning, "fixture.coupling.admittance.mass_kg", message, help, &see))
     }
 
+    /// What the bus adds to the numbers.
+    fn bus_words(&self) -> Option<&'static str> {
+        self.holdings.as_ref()?;
+        self.uneven.map(|uneven| match uneven {
+            UnevenSamples::SyncWaits => SYNC_WAITS,
+            UnevenSamples::SampleMissed => SAMPLE_MISSED,
+        })
+    }
+
     /// A table for a person to read.
     pub(in crate::cli) fn text(&self, reserve: f64) -> String {
         let Some(holdings) = &self.holdings else { return self.line() + "\n" };
@@ -111,7 +135,11 @@ impl Masses {
             text += &why(holding);
         }
         let passive_kg = holdings.iter().map(|holding| holding.passive_kg).fold(0.0, f64::max);
-        text + &format!("  no mass below {passive_kg:.1} kg, the arm's own, is passive for every hand\n  {LEFT_OUT}\n")
+        text += &format!("  no mass below {passive_kg:.1} kg, the arm's own, is passive for every hand\n");
+        for words in self.bus_words().into_iter().chain([LEFT_OUT]) {
+            text += &format!("  {words}\n");
+        }
+        text
     }
 
     /// For a program to read. A mass that does not exist is `null`, and so is a greatest one where none drifts.
@@ -139,7 +167,7 @@ impl Masses {
             });
             each.collect::<Vec<_>>()
         });
-        let note = hands.is_none().then_some(UNKNOWN);
+        let note = if hands.is_none() { Some(UNKNOWN) } else { self.bus_words() };
         json!({ "configured_kg": self.configured_kg, "reserve": reserve, "hands": hands, "note": note })
     }
 }
@@ -310,6 +338,22 @@ mod tests {
         assert!(masses.line().contains("`yieldwall run`"), "{}", masses.line());
         assert_eq!(masses.to_json(2.0)["note"], masses.line());
         assert!(Masses::of(&rig(&[]), &[]).unwrap().to_json(2.0)["note"].is_null());
+    }
+
+    #[test]
+    fn what_a_bus_adds_is_told_of_sensors_with_a_clock_of_their_own() {
+        for (name, words) in [
+            ("paper-admittance.yaml", None),
+            ("paper-admittance-streaming.yaml", Some("SYNC waits")),
+            ("paper-admittance-polled.yaml", Some("in time")),
+        ] {
+            let masses = Masses::of(&load_rig(builtin(name)).unwrap(), &[]).unwrap();
+            let note = masses.to_json(2.0)["note"].as_str().map(str::to_owned);
+            assert_eq!(note.is_some(), words.is_some(), "{name}: {note:?}");
+            if let (Some(note), Some(words)) = (note, words) {
+                assert!(note.contains(words) && masses.text(2.0).contains(&note), "{name}: {note}");
+            }
+        }
     }
 
     #[test]

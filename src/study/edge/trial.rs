@@ -9,8 +9,7 @@ use crate::control::Grip;
 use crate::elementary;
 use crate::guard::{Fault, Request, State};
 use crate::record::Row;
-use crate::rig::EmbeddedRig;
-use crate::sim::SYNC_RATE_HZ;
+use crate::rig::{EmbeddedRig, uneven_samples};
 
 /// Acceleration in m/s^2 of the virtual mass, and force of the hand in N, to which a nudge is limited: far above what counts of torque
 /// do, and far below what the torques can follow.
@@ -93,9 +92,7 @@ struct Trial {
 impl Bench {
     /// `phases` of the sensor's clock are looked at, where it has one of its own.
     pub(super) fn new(rig: &config::Rig, scene: &config::Scene, grip: &Grip, tool_m: [f64; 2], phases: u32) -> Self {
-        let is_of_sync = matches!(rig.sensor.protocol, config::SensorProtocol::Canopen { .. })
-            && *rig.sensor.sample_rate_hz == f64::from(SYNC_RATE_HZ);
-        let phases = if is_of_sync { 1 } else { phases };
+        let phases = if uneven_samples(rig).is_some() { phases } else { 1 };
         Self { rig: frictionless(rig), scene: scene.clone(), grip: *grip, tool_m, phases, worst: 0 }
     }
 
