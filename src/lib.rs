@@ -23,18 +23,23 @@ pub mod sensing;
 pub mod setvalued;
 
 #[cfg(feature = "config")]
+pub mod assembly;
+#[cfg(feature = "config")]
 pub mod batch;
 pub mod bus;
 #[cfg(feature = "config")]
 pub mod config;
+#[cfg(feature = "config")]
+pub mod host;
 pub mod injection;
 pub mod link;
 #[cfg(feature = "sim")]
 pub mod live;
-#[cfg(feature = "sim")]
 pub mod record;
 #[cfg(feature = "sim")]
 pub mod rig;
+#[cfg(feature = "config")]
+pub mod run;
 #[cfg(feature = "sim")]
 pub mod sim;
 #[cfg(feature = "sim")]

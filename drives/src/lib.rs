@@ -8,3 +8,4 @@ pub mod cia402;
 pub mod objects;
 pub mod profiles;
 pub mod scaling;
+pub mod watchdog;

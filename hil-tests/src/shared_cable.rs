@@ -9,7 +9,7 @@ use std::time::Duration;
 
 use yieldwall::canopen::{Frame, Time};
 use yieldwall::link::{Arrival, CanLink, Received, SendError};
-use yieldwall::live::Metronome;
+use yieldwall::run::Metronome;
 
 /// How long a frame takes to the others, and its echo to its sender.
 pub const DELAY: Duration = Duration::from_micros(100);

@@ -9,17 +9,20 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Duration;
 use yieldwall::elementary;
+use yieldwall::run::{Ask, Enable, Enabling, Metronome, Pace, Runner};
 
-use hil_tests::{Scenario, cable::Cable};
+use hil_tests::{
+    Scenario,
+    cable::{Cable, permit},
+};
 use yieldwall::canopen::{Frame, Outbox, Time};
 use yieldwall::cycle::{Cycle, DriveSample, Inputs, LinkEvents, Timing};
 use yieldwall::guard::{DeviceSet, Request, State};
 use yieldwall::injection::{Injection, Kind};
 use yieldwall::link::{Arrival, CanLink, SendError};
-use yieldwall::live::{LiveRig, Metronome};
 use yieldwall::record::CycleRecord;
 use yieldwall::record::recording::{Backpressure, Feed, Sink};
-use yieldwall::rig::{self, DeviceServer, EmbeddedRig, Enable, Enabling, Pace};
+use yieldwall::rig::{DeviceServer, EmbeddedRig};
 use yieldwall::sensing::RawSample;
 use yieldwall_drives::cia402;
 
@@ -122,7 +125,7 @@ fn run_cycles(cycle: &mut Cycle, start: [f64; 2]) -> [usize; 8] {
 }
 
 fn the_cycle_does_not_allocate(scenario: &Scenario) {
-    let mut cycle = rig::cycle(&scenario.rig, &scenario.rig.fixture).expect("a shipped rig");
+    let mut cycle = yieldwall::assembly::cycle(&scenario.rig, &scenario.rig.fixture).expect("a shipped rig");
     let start = {
         let geometry = scenario.rig.linkage.geometry();
         let linkage = yieldwall::linkage::FiveBar::new(geometry).expect("a shipped linkage");
@@ -222,7 +225,7 @@ fn the_loop_does_not_allocate(scenario: &Scenario, pace: Pace) {
     let cable = Cable::new(server);
     let ends = [(), ()].map(|()| Uncounted(cable.clone()));
     let [link, metronome] = ends;
-    let mut live = LiveRig::new(&scenario.rig, link, metronome, pace).expect("a shipped rig");
+    let mut live = Runner::on_link(&scenario.rig, link, metronome, pace).expect("a shipped rig");
     let (mut ring, feed) = Feed::start("test", 512, Backpressure::Drop, Forget(0)).expect("a thread");
     live.set_observer(Box::new(move |record| ring.push(record)));
     let seen = Arc::new(AtomicU64::new(0));
@@ -231,14 +234,15 @@ fn the_loop_does_not_allocate(scenario: &Scenario, pace: Pace) {
         frames.fetch_add(1, Ordering::Relaxed);
     }));
     live.boot().expect("all devices are there");
+    let permit = permit();
     let mut enabling = Enabling::new(&scenario.rig);
-    while let Enable::Ask(request) = enabling.next(live.state()) {
-        live.run_cycle(request);
+    while let Enable::Ask(ask) = enabling.next(live.state(), &permit) {
+        live.run_cycle(ask);
     }
-    let run = |live: &mut LiveRig<_, _>, cycles: u32| {
+    let run = |live: &mut Runner<_>, cycles: u32| {
         calls(|| {
             for _ in 0..cycles {
-                live.run_cycle(Request::None);
+                live.run_cycle(Ask::Nothing);
             }
         })
     };

@@ -5,11 +5,11 @@ use std::time::Duration;
 
 use hil_tests::{Scenario, Seen};
 use proptest::prelude::*;
+use yieldwall::assembly::bus_plan;
 use yieldwall::bus::budget::{Budget, Conditions, FrameBudget, Moment, Use};
 use yieldwall::canopen::{Frame, Time};
 use yieldwall::config::SensorProtocol;
 use yieldwall::guard::Request;
-use yieldwall::rig::bus_plan;
 use yieldwall::sim::can::{BitTiming, QueueOrder, VirtualBus};
 
 const RIGS: [&str; 9] = [

@@ -2,12 +2,15 @@
 
 use std::sync::atomic::AtomicBool;
 use yieldwall::elementary;
+use yieldwall::run::{Ask, Ended, Pace, Play, Runner, drive_addresses};
 
-use hil_tests::{Scenario, Seen, cable::Cable};
-use yieldwall::guard::{Cause, DeviceSet, Fault, Request, State};
+use hil_tests::{
+    Scenario, Seen,
+    cable::{Cable, permit},
+};
+use yieldwall::guard::{Cause, DeviceSet, Fault, State};
 use yieldwall::injection::{Injection, Kind, Target};
-use yieldwall::live::{Ended, LiveRig, Play, drive_addresses};
-use yieldwall::rig::{self, DeviceServer, Pace};
+use yieldwall::rig::{self, DeviceServer};
 use yieldwall_drives::cia402;
 
 /// The sensor on a bus of its own.
@@ -167,13 +170,13 @@ fn the_loop_for_real_buses_runs_them_in_both_paces() {
             let what = format!("{} {pace:?}", scenario.rig.rig.name);
             let server = DeviceServer::new(&scenario.rig, &scenario.scene, scenario.seed, pace).unwrap();
             let cable = Cable::new(server);
-            let mut live = LiveRig::new(&scenario.rig, cable.clone(), cable.clone(), pace).unwrap();
+            let mut live = Runner::on_link(&scenario.rig, cable.clone(), cable.clone(), pace).unwrap();
             live.boot().unwrap();
             let serials = live.identities(drive_addresses(&scenario.rig).unwrap()).unwrap();
             assert_eq!(serials.map(|drive| drive.serial_number), [1, 2], "{what}");
             let begun = cable.look(|server| (server.now(), server.counts().syncs));
             let play = Play { cycles: 2000, settling: 50 };
-            let played = live.play(&play, &AtomicBool::new(false), |_| ()).unwrap();
+            let played = live.play(&play, &permit(), &AtomicBool::new(false), |_| ()).unwrap();
             assert_eq!((played.ended, played.state, played.cause), (Ended::Whole, State::Running, None), "{what}");
             // Two SYNC a cycle are one period of the devices.
             let ended = cable.look(|server| (server.now(), server.counts().syncs));
@@ -191,18 +194,18 @@ fn a_bus_that_stays_silent_is_the_fault_of_its_devices() {
     let scenario = drives_apart();
     let server = DeviceServer::new(&scenario.rig, &scenario.scene, scenario.seed, Pace::Free).unwrap();
     let cable = Cable::new(server);
-    let mut live = LiveRig::new(&scenario.rig, cable.clone(), cable.clone(), Pace::Free).unwrap();
+    let mut live = Runner::on_link(&scenario.rig, cable.clone(), cable.clone(), Pace::Free).unwrap();
     live.boot().unwrap();
     let play = Play { cycles: 300, settling: 50 };
     cable.set_passage({
         let begun = cable.look(|server| server.now());
         move |now, is_master, frame| is_master || frame.bus() == 0 || now.0 < begun.0 + 1_300_000_000
     });
-    let played = live.play(&play, &AtomicBool::new(false), |_| ()).unwrap();
+    let played = live.play(&play, &permit(), &AtomicBool::new(false), |_| ()).unwrap();
     assert_eq!(played.ended, Ended::Stopped);
     assert_eq!(played.cause.map(|cause| (cause.fault, cause.devices)), Some((Fault::PdoMissed, DeviceSet::drive(1))));
     for _ in 0..1000 {
-        live.run_cycle(Request::None);
+        live.run_cycle(Ask::Nothing);
     }
     assert!(cable.look(|server| server.torques_n_m()) == [0.0; 2]);
 }

@@ -14,21 +14,24 @@ use std::path::{Path, PathBuf};
 
 /// The rule as people read it. When this block and the one in the document differ, one of them is out of date.
 const RULE: &str = "\
-quantity, setvalued  <-  sensing, fixture, linkage, control (never one another)  <-  guard  <-  cycle  <-  bus  <-  rig  <-  study, soak (not one another)  <-  cli
-drives, canopen      <-  bus, sim; guard and cycle may name the states of `drives::cia402`
-plain_can            names canopen and sensing; named by bus, sim, rig
+quantity, setvalued  <-  sensing, fixture, linkage, control (never one another)  <-  guard  <-  cycle  <-  bus  <-  assembly  <-  run  <-  rig  <-  study, soak (not one another)  <-  cli
+drives, canopen      <-  bus, run, sim; guard and cycle may name the states of `drives::cia402`
+plain_can            names canopen and sensing; named by bus, assembly, sim, rig
+assembly             from config to the parts below run; names nothing simulated
+run                  the loop: names assembly, link, record and what they name; never rig, sim, host, cli
 sim                  may name drives, canopen, linkage, sensing, setvalued, quantity; never cycle, guard, control, fixture
 injection            may name guard; named by config, rig, study, soak, cli
-link                 names canopen and bus; named by live, cli
-live                 the rig on a real bus: names link, rig and what rig names; named by cli
-config               names the parameter types of the layers below cycle; named by bus, sim, rig, study, soak, record, cli
+link                 names canopen and bus; named by run, rig, host, live, cli
+host                 the computer: names link, run, config; named by cli
+live                 simulated devices on an interface: names link, rig and what rig names; named by cli
+config               names the parameter types of the layers below cycle; named by bus, assembly, run, sim, rig, host, study, soak, record, cli
 elementary           names nothing; named by all
 batch                names nothing; named by study, soak, cli
-record               names what enters and leaves a cycle: cycle, guard, sensing, quantity, the states of `drives::cia402`; named by rig, study, soak, cli
+record               names what enters and leaves a cycle: cycle, guard, sensing, quantity, the states of `drives::cia402`; named by run, rig, study, soak, cli
 ";
 
 /// All layers. `drives` is not among them: it is a package of its own, `yieldwall_drives`.
-const LAYERS: [&str; 23] = [
+const LAYERS: [&str; 26] = [
     "batch",
     "elementary",
     "quantity",
@@ -47,6 +50,9 @@ const LAYERS: [&str; 23] = [
     "config",
     "sim",
     "record",
+    "assembly",
+    "run",
+    "host",
     "rig",
     "live",
     "study",
@@ -61,6 +67,7 @@ fn may_name(layer: &str) -> Option<Vec<&'static str>> {
     let engines = ["drives", "canopen"];
     let states = ["drives::cia402"];
     let bus = || [&stages[..], &["guard", "cycle", "plain_can"], &engines, &["config"]].concat();
+    let run = vec!["assembly", "bus", "link", "record"];
     Some(match layer {
         "elementary" | "quantity" | "setvalued" | "canopen" | "batch" => vec![],
         "sensing" | "fixture" | "linkage" | "control" => base,
@@ -73,11 +80,15 @@ fn may_name(layer: &str) -> Option<Vec<&'static str>> {
         "config" => [&stages[..], &engines, &["guard", "injection"]].concat(),
         "sim" => [&base[..], &engines, &["plain_can", "sensing", "linkage", "config"]].concat(),
         "record" => [&["elementary", "quantity", "config", "sensing", "guard", "cycle"], &states[..]].concat(),
-        "rig" => [bus(), vec!["bus", "injection", "sim", "record"]].concat(),
-        "live" => [bus(), vec!["bus", "link", "sim", "record", "rig"]].concat(),
-        "study" | "soak" => [bus(), vec!["batch", "bus", "injection", "sim", "record", "rig"]].concat(),
+        "assembly" => [bus(), vec!["bus"]].concat(),
+        "run" => [bus(), run].concat(),
+        "host" => vec!["canopen", "config", "link", "run"],
+        "rig" => [bus(), run, vec!["run", "injection", "sim"]].concat(),
+        "live" => [bus(), run, vec!["run", "sim", "rig"]].concat(),
+        "study" | "soak" => [bus(), run, vec!["run", "batch", "injection", "sim", "rig"]].concat(),
         "cli" => {
-            [bus(), vec!["batch", "bus", "injection", "sim", "link", "live", "record", "rig", "study", "soak"]].concat()
+            let above = ["batch", "injection", "run", "host", "sim", "live", "rig", "study", "soak"];
+            [bus(), run, above.to_vec()].concat()
         }
         _ => return None,
     })
@@ -95,7 +106,7 @@ const ONLY_IN: [(&str, &[&str]); 11] = [
     ("rtrb", &["record::recording"]),
     ("socketcan", &["link::linux"]),
     ("neli", &["link::linux"]),
-    ("libc", &["link::linux", "live::host"]),
+    ("libc", &["link::linux", "host::system"]),
 ];
 
 #[test]

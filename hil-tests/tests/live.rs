@@ -6,30 +6,35 @@ use std::sync::atomic::AtomicBool;
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
 use yieldwall::elementary;
+use yieldwall::run::{
+    Ask, DRILL_LIMIT, Enable, Enabling, Ended, OnLink, Pace, Play, Played, RunError, Runner, Unsafe, drive_addresses,
+};
 
-use hil_tests::{Scenario, cable::Cable};
+use hil_tests::{
+    Scenario,
+    cable::{Cable, permit},
+};
 use yieldwall::bus::{BootFailure, SensorLink};
 use yieldwall::canopen::{Frame, cob};
-use yieldwall::guard::{DeviceSet, Fault, Request, State};
-use yieldwall::live::{Ended, LiveError, LiveRig, Play, Played, drive_addresses};
+use yieldwall::guard::{DeviceSet, Fault, State};
 use yieldwall::record::Row;
-use yieldwall::rig::{self, DRILL_LIMIT, DeviceServer, Enable, Enabling, Pace, Unsafe};
-use yieldwall::sim::Watchdog;
+use yieldwall::rig::{self, DeviceServer};
 use yieldwall_drives::cia402;
+use yieldwall_drives::watchdog::Watchdog;
 
-type Rig = LiveRig<Cable, Cable>;
+type Rig = Runner<OnLink<Cable, Cable>>;
 
 fn wired(scenario: &Scenario, pace: Pace) -> (Cable, Rig) {
     let server = DeviceServer::new(&scenario.rig, &scenario.scene, scenario.seed, pace).unwrap();
     let cable = Cable::new(server);
-    let rig = LiveRig::new(&scenario.rig, cable.clone(), cable.clone(), pace).unwrap();
+    let rig = Runner::on_link(&scenario.rig, cable.clone(), cable.clone(), pace).unwrap();
     (cable, rig)
 }
 
 fn play(rig: &mut Rig, cycles: u64) -> (Played, Vec<Row>) {
     let mut rows = Vec::new();
     let play = Play { cycles, settling: 50 };
-    let played = rig.play(&play, &AtomicBool::new(false), |record| rows.push(record.row())).unwrap();
+    let played = rig.play(&play, &permit(), &AtomicBool::new(false), |record| rows.push(record.row())).unwrap();
     (played, rows)
 }
 
@@ -37,12 +42,13 @@ fn play(rig: &mut Rig, cycles: u64) -> (Played, Vec<Row>) {
 fn running(scenario: &Scenario, pace: Pace, cycles: u32) -> (Cable, Rig) {
     let (cable, mut rig) = wired(scenario, pace);
     rig.boot().unwrap();
+    let permit = permit();
     let mut enabling = Enabling::new(&scenario.rig);
-    while let Enable::Ask(request) = enabling.next(rig.state()) {
-        rig.run_cycle(request);
+    while let Enable::Ask(ask) = enabling.next(rig.state(), &permit) {
+        rig.run_cycle(ask);
     }
     for _ in 0..cycles {
-        rig.run_cycle(Request::None);
+        rig.run_cycle(Ask::Nothing);
     }
     assert_eq!(rig.state(), State::Running);
     (cable, rig)
@@ -89,7 +95,7 @@ const PLAIN: [&str; 2] = ["paper-admittance-streaming.yaml", "paper-admittance-p
 fn in_lockstep_a_sensor_on_plain_can_is_waited_for_and_the_moment_of_the_boot_does_not_matter() {
     for file in PLAIN {
         let scenario = Scenario::shipped(file);
-        let SensorLink::PlainCan(sensor) = rig::bus_plan(&scenario.rig).unwrap().0.sensor.link else {
+        let SensorLink::PlainCan(sensor) = yieldwall::assembly::bus_plan(&scenario.rig).unwrap().0.sensor.link else {
             panic!("{file}: not on plain CAN")
         };
         let mut runs = Vec::new();
@@ -101,7 +107,7 @@ fn in_lockstep_a_sensor_on_plain_can_is_waited_for_and_the_moment_of_the_boot_do
             rig.boot().unwrap();
             let mut samples = Vec::new();
             let play_it = Play { cycles: 3000, settling: 50 };
-            let played = rig.play(&play_it, &AtomicBool::new(false), |record| {
+            let played = rig.play(&play_it, &permit(), &AtomicBool::new(false), |record| {
                 let sample = record.inputs.sample.map(|sample| sample.counts);
                 samples.push((record.moment.index, sample, record.row().proxy_m));
             });
@@ -123,7 +129,7 @@ fn a_sensor_on_plain_can_that_dies_in_lockstep_is_not_waited_for_without_end() {
     for file in PLAIN {
         let scenario = Scenario::shipped(file);
         let (cable, mut rig) = running(&scenario, Pace::Lockstep, 300);
-        let SensorLink::PlainCan(sensor) = rig::bus_plan(&scenario.rig).unwrap().0.sensor.link else {
+        let SensorLink::PlainCan(sensor) = yieldwall::assembly::bus_plan(&scenario.rig).unwrap().0.sensor.link else {
             panic!("{file}: not on plain CAN")
         };
         let ids = sensor.protocol.data_ids();
@@ -136,7 +142,7 @@ fn a_sensor_on_plain_can_that_dies_in_lockstep_is_not_waited_for_without_end() {
 /// Runs until the supervisor latches, for at most so many cycles; how many it took.
 fn until_latched(rig: &mut Rig, limit: u32) -> Option<u32> {
     (1..=limit).find(|_| {
-        rig.run_cycle(Request::None);
+        rig.run_cycle(Ask::Nothing);
         rig.state().is_latched()
     })
 }
@@ -152,7 +158,7 @@ fn drive_states(cable: &Cable) -> [cia402::State; 2] {
 /// Latched, both drives without torque, and nothing starts again by itself.
 fn assert_at_rest(cable: &Cable, rig: &mut Rig, state: State) {
     for _ in 0..1500 {
-        rig.run_cycle(Request::None);
+        rig.run_cycle(Ask::Nothing);
     }
     assert_eq!(rig.state(), state);
     cable.look(|server| {
@@ -168,7 +174,7 @@ fn a_master_that_was_stopped_sends_no_target_when_it_goes_on() {
         cable.pass(Duration::from_millis(200));
         // The drives have acted meanwhile, by themselves.
         assert!(drive_states(&cable).iter().all(|state| *state != cia402::State::OperationEnabled));
-        let record = rig.run_cycle(Request::None).unwrap();
+        let record = rig.run_cycle(Ask::Nothing).unwrap();
         assert!(record.inputs.timing.skipped >= 199, "{:?}", record.inputs.timing);
         assert!(rig.state().is_latched(), "in the first cycle");
         let state = rig.state();
@@ -209,7 +215,7 @@ fn an_interface_that_stalls_releases_one_cycle_at_most() {
         let (cable, mut rig) = running(&scenario, Pace::Free, 300);
         cable.set_stalled(true);
         for _ in 0..20 {
-            rig.run_cycle(Request::None);
+            rig.run_cycle(Ask::Nothing);
         }
         assert_eq!((rig.state(), fault(&rig)), (State::Lost, Some(Fault::TransmitStalled)));
         // SYNC and the two set-points of the cycle in which it stalled, or less; nothing that was computed later.
@@ -277,20 +283,21 @@ fn no_sync_follows_a_foreign_set_point_before_a_quick_stop_and_no_joint_moves() 
             let angles = |rig: &Rig| rig.last_outputs().map(|last| last.signals.measured_angles.to_array()).unwrap();
             let before = angles(&rig);
             for _ in 0..10 {
-                rig.run_cycle(Request::None);
+                rig.run_cycle(Ask::Nothing);
                 let moved = angles(&rig).into_iter().zip(before).map(|(now, then)| (now - then).abs());
                 farthest_rad = moved.fold(farthest_rad, f64::max);
             }
             assert_eq!((rig.state(), fault(&rig)), (State::Stopped, Some(Fault::Intruder)), "{what}");
             assert_eq!((syncs.get(), open.get()), (0, None), "{what}: SYNC made it act");
             assert!(farthest_rad < 5e-5, "{what}: a joint went {farthest_rad} rad");
-            rig.run_cycle(Request::Reset);
+            rig.run_cycle(Ask::Reset);
             for cycle in 0..400 {
                 if rig.state() == State::Running {
                     break;
                 }
                 let asks = rig.state() == State::Idle && cycle % 8 == 7;
-                rig.run_cycle(if asks { Request::Enable } else { Request::None });
+                let permit = permit();
+                rig.run_cycle(if asks { Ask::Enable(&permit) } else { Ask::Nothing });
             }
             assert_eq!(rig.state(), State::Running, "{what}: {:?}", rig.cause());
         }
@@ -310,12 +317,12 @@ fn who_is_not_there_is_named_and_nothing_is_enabled() {
     let (cable, mut rig) = wired(&Scenario::torque(), Pace::Free);
     cable.set_passage(|_, is_master, frame| is_master || frame.id() & 0x7f != 2);
     let error = rig.boot().unwrap_err();
-    let LiveError::Boot(error) = &error else { panic!("{error}") };
+    let RunError::Boot(error) = &error else { panic!("{error}") };
     assert_eq!((error.node_id, error.name.as_str()), (Some(2), "right"));
     assert!(matches!(error.failure, BootFailure::Missing { .. }), "{error}");
     assert!(drive_states(&cable).iter().all(|state| *state == cia402::State::SwitchOnDisabled));
     cable.set_down(true);
-    assert!(matches!(rig.boot(), Err(LiveError::Send { bus: 0, .. })));
+    assert!(matches!(rig.boot(), Err(RunError::Send { bus: 0, .. })));
 }
 
 #[test]
@@ -345,7 +352,7 @@ fn a_drive_without_a_watchdog_is_found_on_the_bus_and_in_virtual_time() {
         let mut server = DeviceServer::new(&scenario.rig, &scenario.scene, scenario.seed, Pace::Free).unwrap();
         server.ignore(watchdog);
         let cable = Cable::new(server);
-        let mut live = LiveRig::new(&scenario.rig, cable.clone(), cable.clone(), Pace::Free).unwrap();
+        let mut live = Runner::on_link(&scenario.rig, cable.clone(), cable.clone(), Pace::Free).unwrap();
         let on_bus = live.drill(drive_addresses(&scenario.rig).unwrap(), 50, &AtomicBool::new(false)).unwrap();
         let virtually = rig::drill(&scenario.rig, &scenario.scene, |machine| machine.ignore(watchdog)).unwrap();
         for drilled in [on_bus, virtually] {
@@ -366,16 +373,16 @@ fn simulated_drives_of_another_pace_or_in_lockstep_without_a_watchdog_are_refuse
         let mut server = DeviceServer::new(&scenario.rig, &scenario.scene, scenario.seed, devices).unwrap();
         lacks.into_iter().for_each(|watchdog| server.ignore(watchdog));
         let cable = Cable::new(server);
-        let mut rig = LiveRig::new(&scenario.rig, cable.clone(), cable.clone(), pace).unwrap();
+        let mut rig = Runner::on_link(&scenario.rig, cable.clone(), cable.clone(), pace).unwrap();
         rig.boot().unwrap();
         rig.check_simulation(drive_addresses(&scenario.rig).unwrap())
     };
     for (pace, other) in [(Pace::Lockstep, Pace::Free), (Pace::Free, Pace::Lockstep)] {
         assert_eq!(asked(pace, pace, None), Ok(()));
-        assert_eq!(asked(other, pace, None), Err(LiveError::Pace { node_id: 1, pace }));
+        assert_eq!(asked(other, pace, None), Err(RunError::Pace { node_id: 1, pace }));
     }
     for watchdog in Watchdog::ALL {
-        let refused = LiveError::Unwatched { node_id: 1, watchdog };
+        let refused = RunError::Unwatched { node_id: 1, watchdog };
         assert_eq!(asked(Pace::Lockstep, Pace::Lockstep, Some(watchdog)), Err(refused));
         // By the wall clock the drill finds it.
         assert_eq!(asked(Pace::Free, Pace::Free, Some(watchdog)), Ok(()));
@@ -388,7 +395,7 @@ fn in_lockstep_one_device_that_is_missing_takes_no_patience_from_the_others() {
     cable.set_passage(|_, is_master, frame| is_master || !matches!(frame.id(), 0x18a | 0x28a));
     cable.set_slow(&[0x181], Duration::from_millis(100));
     for cycle in 0..5 {
-        let record = rig.run_cycle(Request::None).unwrap();
+        let record = rig.run_cycle(Ask::Nothing).unwrap();
         let there = record.inputs.drives.map(|drive| drive.angle_rad.is_some());
         assert_eq!((there, record.inputs.sample), ([true; 2], None), "cycle {cycle}");
     }
@@ -400,7 +407,7 @@ fn what_came_while_a_master_in_lockstep_was_stopped_is_of_one_device_each() {
     cable.pass(Duration::from_secs(5));
     assert!(drive_states(&cable).iter().all(|state| *state != cia402::State::OperationEnabled));
     for cycle in 0..20 {
-        let record = rig.run_cycle(Request::None).unwrap();
+        let record = rig.run_cycle(Ask::Nothing).unwrap();
         assert_eq!(record.inputs.link.duplicate_node, DeviceSet::NONE, "cycle {cycle}");
     }
     assert!(rig.state().is_latched());
@@ -463,7 +470,7 @@ fn who_watches_a_run_sees_its_last_frames() {
         let seen = Arc::new(Mutex::new(Vec::new()));
         let tapped = Arc::clone(&seen);
         rig.set_tap(Box::new(move |_, frame| tapped.lock().unwrap().push(*frame)));
-        rig.run_cycle(Request::None);
+        rig.run_cycle(Ask::Nothing);
         rig.leave();
         let ids: Vec<u16> = seen.lock().unwrap().iter().map(|frame| frame.id()).collect();
         for id in [0x080, 0x201, 0x202, cob::NMT] {

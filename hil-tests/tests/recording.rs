@@ -16,7 +16,8 @@ use yieldwall::record::recording::{
     self, About, Backpressure, BlackBox, Feed, ReadError, Reader, Recorder, Sink, Writer,
 };
 use yieldwall::record::{CycleRecord, DeviceRecord};
-use yieldwall::rig::{EmbeddedRig, Observer};
+use yieldwall::rig::EmbeddedRig;
+use yieldwall::run::Observer;
 use yieldwall::study::replay::{self, End, recorded_trace, replay, replay_any, replay_device};
 use yieldwall::study::{Overrides, Watch, run_device, run_rig};
 

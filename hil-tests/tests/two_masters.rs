@@ -5,11 +5,13 @@ use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::time::Duration;
 
 use hil_tests::Scenario;
+use hil_tests::cable::permit;
 use hil_tests::shared_cable::{DELAY, Plug, SharedCable};
 use yieldwall::bus::{LISTENING, Sign};
 use yieldwall::canopen::{Frame, Time, cob};
-use yieldwall::live::{Ended, LiveError, LiveRig, Play, Played, serve};
-use yieldwall::rig::{DeviceServer, Pace};
+use yieldwall::live::serve;
+use yieldwall::rig::DeviceServer;
+use yieldwall::run::{Ended, Pace, Play, Played, RunError, Runner};
 
 /// Cycles of a master that runs: more than it takes to boot.
 const CYCLES: u64 = 300;
@@ -20,11 +22,11 @@ const FIRST: Time = Time(1_000_000_000);
 const DEVICES: usize = 0;
 const MASTERS: [usize; 2] = [1, 2];
 
-fn master(plug: Plug, pace: Pace) -> Result<Played, LiveError> {
+fn master(plug: Plug, pace: Pace) -> Result<Played, RunError> {
     let _turn = plug.begin();
-    let mut rig = LiveRig::new(&Scenario::torque().rig, plug.clone(), plug, pace)?;
+    let mut rig = Runner::on_link(&Scenario::torque().rig, plug.clone(), plug, pace)?;
     let play = Play { cycles: CYCLES, settling: 70 };
-    let result = rig.boot().and_then(|()| rig.play(&play, &AtomicBool::new(false), |_| ()));
+    let result = rig.boot().and_then(|()| rig.play(&play, &permit(), &AtomicBool::new(false), |_| ()));
     // As the program does, whatever has happened.
     rig.leave();
     result
@@ -39,7 +41,7 @@ fn devices(plug: Plug, pace: Pace, is_over: &AtomicBool) {
 }
 
 /// What becomes of both.
-type Outcomes = [Result<Played, LiveError>; 2];
+type Outcomes = [Result<Played, RunError>; 2];
 
 /// What becomes of both, the second of which begins so much later, and what was sent by whom.
 fn meet(pace: Pace, later: Duration) -> (Outcomes, Vec<(usize, Frame)>) {
@@ -63,8 +65,8 @@ fn sent_by(log: &[(usize, Frame)], who: usize) -> impl Iterator<Item = &Frame> {
     log.iter().filter(move |(by, _)| *by == who).map(|(_, frame)| frame)
 }
 
-fn is_refused(result: &Result<Played, LiveError>, had_sent: bool) -> bool {
-    matches!(result, Err(LiveError::OtherMaster { has_sent, .. }) if *has_sent == had_sent)
+fn is_refused(result: &Result<Played, RunError>, had_sent: bool) -> bool {
+    matches!(result, Err(RunError::OtherMaster { has_sent, .. }) if *has_sent == had_sent)
 }
 
 #[test]
@@ -90,7 +92,7 @@ fn of_two_that_begin_at_the_same_moment_neither_resets_or_enables_anything() {
             let what = format!("{pace:?}, {later_us} us later: {results:?}");
             assert!(results.iter().all(|result| is_refused(result, true)), "{what}");
             for result in &results {
-                let Err(LiveError::OtherMaster { heard, .. }) = result else { unreachable!() };
+                let Err(RunError::OtherMaster { heard, .. }) = result else { unreachable!() };
                 assert_eq!(heard.sign, Sign::Master { node_id: 127 }, "{what}");
             }
             for master in MASTERS {

@@ -4,12 +4,15 @@ use std::sync::atomic::AtomicBool;
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
-use hil_tests::{Scenario, cable::Cable};
+use hil_tests::{
+    Scenario,
+    cable::{Cable, permit},
+};
 use yieldwall::bus::BootFailure;
 use yieldwall::config::Waits;
-use yieldwall::guard::{Fault, Request, State};
-use yieldwall::live::{LiveError, LiveRig, drive_addresses};
-use yieldwall::rig::{DeviceServer, EmbeddedRig, Enable, Enabling, Pace, RigError};
+use yieldwall::guard::{Fault, State};
+use yieldwall::rig::{DeviceServer, EmbeddedRig, RigError};
+use yieldwall::run::{Ask, Enable, Enabling, OnLink, Pace, RunError, Runner, drive_addresses};
 
 /// How slow the drives are: reset and SDO, in ms.
 type Slow = [u64; 2];
@@ -21,12 +24,12 @@ fn embedded(scenario: &Scenario, [reset, sdo]: Slow) -> EmbeddedRig {
     rig
 }
 
-fn wired(scenario: &Scenario, pace: Pace, [reset, sdo]: Slow) -> (Cable, LiveRig<Cable, Cable>) {
+fn wired(scenario: &Scenario, pace: Pace, [reset, sdo]: Slow) -> (Cable, Runner<OnLink<Cable, Cable>>) {
     let mut server = DeviceServer::new(&scenario.rig, &scenario.scene, scenario.seed, pace).unwrap();
     server.set_reset_time(Duration::from_millis(reset));
     server.set_sdo_time(Duration::from_millis(sdo));
     let cable = Cable::new(server);
-    let rig = LiveRig::new(&scenario.rig, cable.clone(), cable.clone(), pace).unwrap();
+    let rig = Runner::on_link(&scenario.rig, cable.clone(), cable.clone(), pace).unwrap();
     (cable, rig)
 }
 
@@ -40,9 +43,10 @@ fn a_drive_that_takes_its_time_to_reset_or_to_answer_is_waited_for() {
             let (_cable, mut rig) = wired(&scenario, pace, slow);
             rig.boot().unwrap_or_else(|error| panic!("{slow:?} {pace:?}: {error}"));
             rig.check_simulation(drive_addresses(&scenario.rig).unwrap()).unwrap();
+            let permit = permit();
             let mut enabling = Enabling::new(&scenario.rig);
-            while let Enable::Ask(request) = enabling.next(rig.state()) {
-                rig.run_cycle(request);
+            while let Enable::Ask(ask) = enabling.next(rig.state(), &permit) {
+                rig.run_cycle(ask);
             }
             assert_eq!(rig.state(), State::Running, "{slow:?} {pace:?}");
         }
@@ -67,7 +71,7 @@ fn a_drive_that_takes_longer_than_its_setting_is_named_with_what_it_was_waited_f
         for pace in [Pace::Lockstep, Pace::Free] {
             let (_cable, mut rig) = wired(&scenario, pace, slow);
             match rig.boot().unwrap_err() {
-                LiveError::Boot(error) => check(error.into(), slow),
+                RunError::Boot(error) => check(error.into(), slow),
                 other => panic!("{slow:?} {pace:?}: {other}"),
             }
         }
@@ -84,7 +88,7 @@ fn a_person_can_end_a_boot_that_waits_and_sees_what_it_waits_for() {
         seen.push(waiting.map(|waiting| waiting.to_string()));
         waiting.is_some_and(|waiting| waiting.waited >= Duration::from_millis(220))
     }));
-    assert_eq!(rig.boot(), Err(LiveError::Interrupted));
+    assert_eq!(rig.boot(), Err(RunError::Interrupted));
     let told = told.lock().unwrap();
     assert_eq!(told[0].as_deref(), Some("node 1 (left): wait for the boot-up message, for 5.0 s at most"));
     assert!(
@@ -115,20 +119,21 @@ fn a_drive_that_is_enabled_late_is_waited_for_as_long_as_its_setting_says() {
         let (cable, mut rig) = wired(&scenario, Pace::Free, [0, 0]);
         rig.boot().unwrap();
         cable.change(|server| server.set_ignores_controlword(0, true));
+        let permit = permit();
         let mut enabling = Enabling::new(&scenario.rig);
         let mut cycle = 0;
-        while let Enable::Ask(request) = enabling.next(rig.state()) {
+        while let Enable::Ask(ask) = enabling.next(rig.state(), &permit) {
             if cycle == 3000 {
                 cable.change(|server| server.set_ignores_controlword(0, false));
             }
-            rig.run_cycle(request);
+            rig.run_cycle(ask);
             cycle += 1;
         }
         assert_eq!(rig.state() == State::Running, is_enabled, "{enabling_ms} ms");
         if !is_enabled {
             assert_eq!(rig.cause().map(|cause| cause.fault), Some(Fault::EnablingTimeout));
             assert!((2000..2100).contains(&cycle), "{cycle} cycles");
-            rig.run_cycle(Request::None);
+            rig.run_cycle(Ask::Nothing);
             assert!(rig.state().is_latched());
         }
     }

@@ -9,10 +9,11 @@ use serde_json::{Value, json};
 use self::frame::{NAME_WIDTH, figures, row, verdict};
 use super::failure::{Exit, Failure};
 use super::output::Output;
+use crate::assembly::bus_plan;
 use crate::bus::MasterSetup;
 use crate::bus::budget::{Advice, Budget, Conditions, FrameBudget, advise};
 use crate::config::{self, BusTiming, Diagnostic, Loaded, Rig, Severity, Source};
-use crate::rig::{RigError, bus_plan};
+use crate::rig::RigError;
 
 #[derive(Debug, clap::Subcommand)]
 pub(super) enum Command {

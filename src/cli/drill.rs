@@ -15,9 +15,8 @@ use super::live::{
 use super::output::Output;
 use super::run::{judge, rig_failure, watchdogs_json, watchdogs_text};
 use crate::config::{self, Source};
-use crate::live::host::{SystemMetronome, lock_memory, run_first};
-use crate::live::{LiveError, LiveRig, Subject, drive_addresses};
-use crate::rig::{Drilled, Pace};
+use crate::host::system::{SystemMetronome, lock_memory, run_first};
+use crate::run::{Drilled, Pace, RunError, Runner, Subject, drive_addresses};
 
 #[derive(Debug, clap::Args)]
 pub(super) struct Arguments {
@@ -38,8 +37,8 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
     // A drill on a computer that grants nothing is coarser, and says so by its resolution.
     warn_of(output, &lock_memory());
     let link = open(&Interfaces::of(&rig, &arguments.bus)?, &rig)?;
-    let mut machine = LiveRig::new(&rig, link, SystemMetronome, Pace::Free).map_err(|error| live_failure(&error))?;
-    let drives = drive_addresses(&rig).map_err(|error| rig_failure(&error))?;
+    let mut machine = Runner::on_link(&rig, link, SystemMetronome, Pace::Free).map_err(|error| live_failure(&error))?;
+    let drives = drive_addresses(&rig).map_err(|error| rig_failure(&error.into()))?;
     let settling = settling_cycles(&rig);
     output.news("the rig is enabled three times, at rest; nobody may hold the handle")?;
     let (news, told) = mpsc::channel();
@@ -49,7 +48,7 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
         let _ = run_first().map_err(|refusal| news.send(News::Refused(refusal.to_string())));
         let booted = machine.boot().and_then(|()| machine.check_simulation(drives));
         let known = booted.and_then(|()| machine.identities(drives));
-        let drilled: Result<_, LiveError> =
+        let drilled: Result<_, RunError> =
             known.and_then(|identities| Ok((identities, machine.drill(drives, settling, &is_interrupted)?)));
         machine.leave();
         (drilled, different(machine.master().emergencies().map(|(_, emergency)| emergency)))

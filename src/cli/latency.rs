@@ -13,12 +13,13 @@ use super::keep::state_folder;
 use super::live::{link_failure, on_interrupt, other_master, warn};
 use super::output::Output;
 use crate::bus::{LISTENING, Signs};
-use crate::link::{CobFilter, InterfaceFacts, Role, SocketCan, SocketCanSettings, Stamps};
-use crate::live::host::{Load, Readiness, Refusal, SystemMetronome, computer, lock_memory, run_first};
-use crate::live::{
+use crate::host::system::{Load, Readiness, Refusal, SystemMetronome, computer, lock_memory, run_first};
+use crate::host::{
     Histogram, Latency, Measured, PROBE, PROVING_CYCLES, REDUCED_FORCE_N, REDUCED_SPEED_M_PER_S, STOCK_CYCLES, Tier,
-    listen, measure_latency,
+    measure_latency,
 };
+use crate::link::{CobFilter, InterfaceFacts, Role, SocketCan, SocketCanSettings, Stamps};
+use crate::live::listen;
 
 #[derive(Debug, clap::Args)]
 pub(super) struct Arguments {

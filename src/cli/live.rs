@@ -18,22 +18,21 @@ use super::interfaces::Interfaces;
 use super::keep::{Keep, Watched};
 use super::output::Output;
 use super::run::{Arguments, check_buses, exit_of, rig_failure, stopped_by, write_drawing};
+use crate::assembly::bus_plan;
 use crate::bus::{Heard, SensorLink, Sign};
 use crate::canopen::{Emergency, cob};
 use crate::config::{self, Source};
 use crate::guard::Fault;
+use crate::host::system::{Refusal, SystemMetronome, lock_memory, run_first};
+use crate::host::{Kept as Timely, StageTimes, Untimely};
 use crate::link::{CobFilter, LinkError, Role, SocketCan, SocketCans};
-use crate::live::host::{Refusal, SystemMetronome, lock_memory, run_first};
-use crate::live::{
-    Ended, Kept as Timely, LinkCounts, LiveError, LiveRig, Play, Played, StageTimes, Untimely, drive_addresses,
-};
 use crate::record::Row;
-use crate::rig::{self, Pace, bus_plan};
+use crate::run::{Ended, LinkCounts, OnLink, Pace, Play, Played, RunError, Runner};
 use crate::study::{Overrides, drawing, measured, replay};
 pub(super) use emergencies::{different, with_emergencies};
 use facts::Facts;
 pub(super) use news::{News, boot_watch, print_news};
-use proof::{NotRun, Proof, proof, unproven, untimely};
+use proof::{Demanded, NotRun, proof, unproven, untimely};
 
 /// Cycles of which figure and measures are made, from the first one on: ten minutes at 1 kHz. A recording holds all.
 const LONGEST_TRACE: u64 = 600_000;
@@ -93,7 +92,7 @@ pub(super) fn link_failure(error: &LinkError) -> Failure {
 
 /// The links of the only master of this computer, on each bus process data apart from the rest.
 pub(super) fn open(interfaces: &Interfaces, rig: &config::Rig) -> Result<SocketCans, Failure> {
-    let setup = bus_plan(rig).map_err(|error| rig_failure(&error))?.0;
+    let setup = bus_plan(rig).map_err(|error| rig_failure(&error.into()))?.0;
     let roles = |_| vec![Role::Master];
     interfaces.open(rig, roles, |bus| {
         let mut process = vec![CobFilter::only(cob::SYNC)];
@@ -144,7 +143,7 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
     let overrides = Overrides { duration_s: arguments.duration, ..Overrides::default() };
     let file = rig;
     let rig = file.value.clone();
-    let proof = proof(arguments.pace, &rig, &scene.value)?;
+    let demanded = proof(arguments.pace, &rig, &scene.value)?;
     let is_interrupted = on_interrupt()?;
     let memory = lock_memory();
     refuse(arguments, &memory)?;
@@ -167,7 +166,7 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
         about.overrides = format!("{} --ignore-latency", about.overrides).trim().to_owned();
     }
     let mut machine =
-        LiveRig::new(&rig, link, SystemMetronome, arguments.pace.pace()).map_err(|error| live_failure(&error))?;
+        Runner::on_link(&rig, link, SystemMetronome, arguments.pace.pace()).map_err(|error| live_failure(&error))?;
     let [candump, record, black_box] =
         [&arguments.candump, &arguments.record, &arguments.black_box].map(Option::as_deref);
     let watched = match arguments.pace {
@@ -188,12 +187,12 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
     let (news, told) = mpsc::channel();
     machine.set_boot_watch(boot_watch(news.clone(), Arc::clone(&is_interrupted)));
     let thread = thread::Builder::new().name("cycle".to_owned()).spawn({
-        let is_interrupted = Arc::clone(&is_interrupted);
+        let (is_interrupted, rig) = (Arc::clone(&is_interrupted), rig.clone());
         move || {
             let priority = run_first();
             // Nobody listens if the thread that waits has died.
             let _ = priority.as_ref().map_err(|refusal| news.send(News::Refused(refusal.to_string())));
-            run_loop(machine, &play, &is_interrupted, demands, &proof, priority)
+            run_loop(machine, &play, &is_interrupted, demands, &rig, &demanded, priority)
         }
     });
     let thread = thread.map_err(|error| Failure::new(Exit::Internal, format!("thread of the cycle: {error}"), ""))?;
@@ -205,7 +204,7 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
     refuse(arguments, &outcome.priority)?;
     let played = match &outcome.played {
         Ok(played) => *played,
-        Err(NotRun::Live(error)) => {
+        Err(NotRun::Run(error)) => {
             let failure = with_emergencies(live_failure(error), &outcome.emergencies, &rig);
             return Err(kept.point_to_black_box(failure));
         }
@@ -267,17 +266,18 @@ struct Demands {
 
 /// On the thread of the cycle, from the boot to the end.
 fn run_loop(
-    mut machine: LiveRig<SocketCans, SystemMetronome>,
+    mut machine: Runner<OnLink<SocketCans, SystemMetronome>>,
     play: &Play,
     is_interrupted: &AtomicBool,
     demands: Demands,
-    proof: &Proof,
+    rig: &config::Rig,
+    demanded: &Demanded,
     priority: Result<(), Refusal>,
 ) -> Outcome {
-    let timing = proof.timing(priority.is_ok(), demands.has_locked_memory);
+    let timing = demanded.timing(rig, priority.is_ok(), demands.has_locked_memory);
     let mut outcome = Outcome {
         timing,
-        played: Err(LiveError::Interrupted.into()),
+        played: Err(RunError::Interrupted.into()),
         rows: Vec::with_capacity(play.cycles.min(LONGEST_TRACE) as usize),
         stages: StageTimes::default(),
         skipped: 0,
@@ -297,13 +297,10 @@ fn run_loop(
         return outcome;
     }
     let Outcome { rows, stages, skipped, .. } = &mut outcome;
-    let booted = machine.boot();
-    let simulated = booted.and_then(|()| machine.check_simulation(drive_addresses(proof.rig())?));
-    let proven = simulated
-        .map_err(NotRun::Live)
-        .and_then(|()| proof.watchdogs(|rig| Ok(machine.identities(drive_addresses(rig)?)?)));
-    let played = proven.and_then(|()| {
-        Ok(machine.play(play, is_interrupted, |record| {
+    let booted = machine.boot().map_err(NotRun::from);
+    let permit = booted.and_then(|()| Ok(machine.prove(rig, &demanded.proof)?));
+    let played = permit.and_then(|permit| {
+        Ok(machine.play(play, &permit, is_interrupted, |record| {
             stages.add(&record.moment.stages, &record.inputs.timing);
             *skipped += u64::from(record.inputs.timing.skipped);
             // Without room the cycle would have to wait for memory.
@@ -327,7 +324,7 @@ pub(super) fn settling_cycles(rig: &config::Rig) -> u32 {
     let heartbeats = (u32::from(slowest_ms) * SETTLING_HEARTBEATS * 1000).div_ceil(rig.cycle.period_us);
     let period = Duration::from_micros(rig.cycle.period_us.into());
     let sample_period = Duration::from_secs_f64(rig.sensor.sample_rate_hz.get().recip());
-    heartbeats.max(rig::settling_cycles(period, sample_period))
+    heartbeats.max(crate::run::settling_cycles(period, sample_period))
 }
 
 /// Prints what a person should know before anything is sent.
@@ -367,38 +364,38 @@ pub(super) fn other_master(message: String, heard: &Heard) -> Failure {
 }
 
 /// The failure that an error of the loop is.
-pub(super) fn live_failure(error: &LiveError) -> Failure {
+pub(super) fn live_failure(error: &RunError) -> Failure {
     match error {
-        LiveError::Rig(error) => rig_failure(error),
-        LiveError::Boot(error) => rig_failure(&error.clone().into()),
-        LiveError::OtherMaster { heard, .. } => other_master(error.to_string(), heard),
-        LiveError::Send { .. } => Failure::new(
+        RunError::Assembly(error) => rig_failure(&error.clone().into()),
+        RunError::Boot(error) => rig_failure(&error.clone().into()),
+        RunError::OtherMaster { heard, .. } => other_master(error.to_string(), heard),
+        RunError::Send { .. } => Failure::new(
             Exit::BusUnavailable,
             error.to_string(),
             "nobody acknowledges: look whether a device is switched on, at the cable, its termination and the bit rate",
         ),
-        LiveError::NotBooted => Failure::new(Exit::Internal, error.to_string(), "please report what was printed above"),
-        LiveError::NotEnabled { cause, .. } | LiveError::NotTried { cause, .. } => {
+        RunError::NotBooted => Failure::new(Exit::Internal, error.to_string(), "please report what was printed above"),
+        RunError::NotEnabled { cause, .. } | RunError::NotTried { cause, .. } => {
             let exit = cause.map_or(Exit::DeviceFault, exit_of);
             let help = cause.map_or("read the drives' error codes (603Fh)", |cause| cause.fault.row().next);
             Failure::new(exit, error.to_string(), help)
         }
-        LiveError::Unread { .. } => Failure::new(
+        RunError::Unread { .. } => Failure::new(
             Exit::DeviceMismatch,
             error.to_string(),
             "compare node ids and profiles with the devices on the bus",
         ),
-        LiveError::Pace { pace, .. } => {
+        RunError::Pace { pace, .. } => {
             let pace = if *pace == Pace::Lockstep { "lockstep" } else { "free" };
             let help = format!("nothing was enabled; start `yieldwall sim` with --pace {pace} as well");
             Failure::new(Exit::DeviceMismatch, error.to_string(), help)
         }
-        LiveError::Unwatched { .. } => Failure::new(
+        RunError::Unwatched { .. } => Failure::new(
             Exit::OutOfTolerance,
             error.to_string(),
             "nothing was enabled; start `yieldwall sim` without --unwatched, or drill the rig by the wall clock",
         ),
-        LiveError::Interrupted => Failure::new(Exit::Interrupted, error.to_string(), ""),
+        RunError::Interrupted => Failure::new(Exit::Interrupted, error.to_string(), ""),
     }
 }
 

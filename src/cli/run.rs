@@ -23,7 +23,8 @@ use super::margins::Margins;
 use super::output::Output;
 use super::progress::Progress;
 use crate::config::{self, Document, Loaded, Report, Severity, Source};
-use crate::rig::{self, Drilled};
+use crate::rig::{self};
+use crate::run::Drilled;
 use crate::study::{Overrides, drawing, replay, run_rig};
 
 #[derive(Debug, clap::Args)]

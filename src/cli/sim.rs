@@ -12,15 +12,16 @@ use super::interfaces::Interfaces;
 use super::live::{PaceArgument, link_failure, on_interrupt};
 use super::output::Output;
 use super::run::rig_failure;
+use crate::assembly::bus_plan;
 use crate::bus::{MasterSetup, SensorLink, Signs};
 use crate::canopen::Frame;
 use crate::config::{self, Source};
 use crate::guard::DeviceSet;
 use crate::link::{CanLink, CobFilter, Role, SocketCan, SocketCanSettings};
 use crate::live::{AttachError, Attached, Entrance, ServeError, attach, listen, serve};
-use crate::rig::{DeviceServer, bus_plan, simulated_drive, simulated_force_sensor};
-use crate::sim::Watchdog;
+use crate::rig::{DeviceServer, simulated_drive, simulated_force_sensor};
 use yieldwall_drives::cia402;
+use yieldwall_drives::watchdog::Watchdog;
 
 #[derive(Debug, clap::Args)]
 pub(super) struct Arguments {
@@ -182,7 +183,7 @@ struct Own {
 
 impl Own {
     fn new(rig: &config::Rig, [has_left, has_right, has_sensor]: [bool; 3]) -> Result<Self, Failure> {
-        let setup = bus_plan(rig).map_err(|error| rig_failure(&error))?.0;
+        let setup = bus_plan(rig).map_err(|error| rig_failure(&error.into()))?.0;
         let devices = DeviceSet::drives_where([has_left, has_right]) | DeviceSet::SENSOR.only_if(has_sensor);
         Ok(Self { setup, devices })
     }

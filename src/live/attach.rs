@@ -21,7 +21,8 @@ use rustix::event::{PollFd, PollFlags, Timespec, poll};
 
 use crate::canopen::{Frame, Outbox, Time, cob};
 use crate::link::{CanLink, LinkOutbox, Received};
-use crate::rig::{Answer, Call, DeviceServer, Pace, Peer};
+use crate::rig::{Answer, Call, DeviceServer, Peer};
+use crate::run::Pace;
 use crate::sim::{Drive, ForceSensor};
 use yieldwall_drives::cia402;
 

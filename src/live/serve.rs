@@ -90,7 +90,8 @@ mod tests {
     use crate::canopen::Frame;
     use crate::config;
     use crate::link::Arrival;
-    use crate::rig::{Answer, Call, Pace, Peer};
+    use crate::rig::{Answer, Call, Peer};
+    use crate::run::Pace;
     use yieldwall_drives::cia402;
 
     /// What comes, and at which moment the process looks at it.

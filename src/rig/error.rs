@@ -2,6 +2,7 @@
 
 use thiserror::Error;
 
+use crate::assembly::AssemblyError;
 use crate::bus::BootError;
 use crate::control::ControlError;
 use crate::fixture::FixtureError;
@@ -78,4 +79,20 @@ pub enum RigError {
         /// The fault that kept it from being enabled, if one did.
         cause: Option<Cause>,
     },
+}
+
+impl From<AssemblyError> for RigError {
+    fn from(error: AssemblyError) -> Self {
+        match error {
+            AssemblyError::Boot(error) => Self::Boot(error),
+            AssemblyError::Geometry(error) => Self::Geometry(error),
+            AssemblyError::Linkage(error) => Self::Linkage(error),
+            AssemblyError::Fixture(error) => Self::Fixture(error),
+            AssemblyError::Control(error) => Self::Control(error),
+            AssemblyError::Sensing(error) => Self::Sensing(error),
+            AssemblyError::Scaling(error) => Self::Scaling(error),
+            AssemblyError::Device(error) => Self::Device(error),
+            AssemblyError::Mismatch(error) => Self::Mismatch(error),
+        }
+    }
 }

@@ -1,7 +1,6 @@
 //! The far end of the bus: the simulated devices and the machine that they are on.
 
-use super::assembly;
-use super::buses;
+use super::devices;
 use super::error::RigError;
 use super::world::World;
 use crate::canopen::{Frame, Outbox, Time, cob};
@@ -150,10 +149,10 @@ impl FarEnd {
     pub(super) fn new(rig: &config::Rig, scene: &config::Scene, seed: u64) -> Result<Self, RigError> {
         let [left, right] = &rig.drives;
         Ok(Self {
-            drives: [assembly::drive(rig, scene, left, 1)?, assembly::drive(rig, scene, right, 2)?],
-            sensor: assembly::force_sensor(rig)?,
-            world: assembly::world(rig, scene, seed)?,
-            buses: buses::device_buses(rig)?,
+            drives: [devices::drive(rig, scene, left, 1)?, devices::drive(rig, scene, right, 2)?],
+            sensor: devices::force_sensor(rig)?,
+            world: devices::world(rig, scene, seed)?,
+            buses: crate::assembly::device_buses(rig)?,
         })
     }
 }

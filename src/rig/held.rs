@@ -2,10 +2,10 @@
 
 use nalgebra::{Matrix2, Vector2};
 
-use super::build::{gains, linkage, mass_model, period_s, plant_mass};
-use super::buses::{bus_number, bus_plan};
 use super::error::RigError;
 use super::margins::{LOOP_DELAY_CYCLES, poses};
+use crate::assembly::{bus_number, bus_plan};
+use crate::assembly::{gains, linkage, mass_model, period_s, plant_mass};
 use crate::bus::budget::{Budget, PlannedFrame, Use};
 use crate::config;
 use crate::control::{

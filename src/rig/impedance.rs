@@ -1,7 +1,7 @@
 //! The impedance device: position in, force out, no bus.
 
-use super::build;
 use super::error::RigError;
+use crate::assembly;
 use crate::config;
 use crate::fixture::{Fixture, Shape3};
 use crate::record::DeviceRecord;
@@ -21,7 +21,7 @@ impl ImpedanceLoop {
         fixture: &config::Fixture,
         reported_m: [f64; 3],
     ) -> Result<Self, RigError> {
-        let mut fixture = build::spatial_fixture(fixture, f64::from(device.cycle.period_us) * 1e-6)?;
+        let mut fixture = assembly::spatial_fixture(fixture, f64::from(device.cycle.period_us) * 1e-6)?;
         fixture.reset(&reported_m.into())?;
         Ok(Self(fixture))
     }
@@ -65,7 +65,7 @@ impl ImpedanceRig {
         seed: u64,
     ) -> Result<Self, RigError> {
         let period_s = f64::from(config.cycle.period_us) * 1e-6;
-        let mut hand = build::hand::<3>(scene, seed)?;
+        let mut hand = super::hand::hand::<3>(scene, seed)?;
         let start = hand.target(0.0).position_m;
         let parameters = PointMassParameters {
             mass_kg: config.plant.mass_kg.get(),

@@ -3,8 +3,8 @@
 use crate::elementary;
 use nalgebra::Vector2;
 
-use super::build::{gains, linkage, mass_model, period_s, plant_mass, point2};
 use super::error::RigError;
+use crate::assembly::{gains, linkage, mass_model, period_s, plant_mass};
 use crate::config;
 use crate::control::{Margins, ServoLoop, principal_inertias, worst_margins};
 use crate::fixture::Shape2;
@@ -131,4 +131,8 @@ pub fn pose_margins(rig: &config::Rig) -> Result<Option<PoseMargins>, RigError> 
     let least = inertias.iter().copied().fold(f64::INFINITY, f64::min);
     let greatest = inertias.iter().copied().fold(0.0, f64::max);
     Ok(Some(PoseMargins { delay_cycles: LOOP_DELAY_CYCLES, inertia: [least, greatest], worst, is_cartesian }))
+}
+
+fn point2(point: [config::Finite; 2]) -> Vector2<f64> {
+    Vector2::from(point.map(|value| value.get()))
 }

@@ -7,14 +7,12 @@
 //! wait for, and the two moments of each cycle. [`ImpedanceRig`] is the device without a bus,
 //! [`Pair`] a master and a slave with a delay between them.
 
-mod assembly;
-mod build;
-mod buses;
-mod conduct;
+mod devices;
 mod drill;
 mod embedded;
 mod error;
 mod far_end;
+mod hand;
 mod held;
 mod impedance;
 mod margins;
@@ -23,12 +21,9 @@ mod seat;
 mod server;
 mod world;
 
-pub use assembly::{arm as simulated_arm, drive as simulated_drive, force_sensor as simulated_force_sensor};
-pub use build::{cycle, master, torque_servo};
-pub use buses::bus_plan;
-pub use conduct::{Enable, Enabling, STOP_LIMIT_S, has_torque, settling_cycles};
-pub use drill::{CYCLES_BEFORE_SILENCE, DRILL_LIMIT, Drilled, Finding, TORQUE_LIMIT, Unsafe, drill};
-pub use embedded::{BodyTruth, EmbeddedRig, Observer, PORTS, Tap};
+pub use devices::{arm as simulated_arm, drive as simulated_drive, force_sensor as simulated_force_sensor};
+pub use drill::drill;
+pub use embedded::{BodyTruth, EmbeddedRig, PORTS};
 pub use error::RigError;
 pub use held::{
     Coupled, HeldMasses, Holding, UnevenSamples, coupled_device, hand_of, held_masses, stiffer, uneven_samples,
@@ -38,4 +33,4 @@ pub use impedance::{ImpedanceLoop, ImpedanceRig};
 pub use margins::{Margin, PoseMargins, pose_margins};
 pub use pair::{Pair, PairParameters, PairRow, PairServo, Placement, Surroundings};
 pub use seat::{Answer, Call, Peer};
-pub use server::{DeviceServer, Pace, Served};
+pub use server::{DeviceServer, Served};

@@ -2,7 +2,6 @@
 
 use std::time::Duration;
 
-use super::conduct::has_torque;
 use super::error::RigError;
 use super::far_end::{Actuator, DEVICES, FarEnd, Senses, Wire};
 use super::seat::{Peer, Seat};
@@ -10,8 +9,10 @@ use super::seat::{Peer, Seat};
 use super::world::{Body, World};
 use crate::canopen::{Frame, Outbox, Time, cob};
 use crate::config;
-use crate::sim::{Clock, Drive, ForceSensor, Watchdog};
+use crate::run::{Pace, has_torque};
+use crate::sim::{Drive, ForceSensor};
 use yieldwall_drives::cia402;
+use yieldwall_drives::watchdog::{Clock, Watchdog};
 
 /// Time on the wall without SYNC after which a simulation in lockstep goes on by itself. A master in lockstep waits less
 /// long for process data.
@@ -23,17 +24,6 @@ const LAG: Duration = Duration::from_millis(5);
 
 /// Step of simulated time.
 const SHORTEST: Duration = Duration::from_nanos(1);
-
-/// What the clock of simulated devices on a real bus follows.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Pace {
-    /// Simulated time advances by one period with each SYNC, or with those of all buses. Before the first one, after an NMT command and 2 s after the
-    /// last SYNC it follows the wall in whole periods, so that the network can be booted and watchdogs act on a master that has died. The
-    /// clock of a force sensor and its noise begin with the first SYNC, so that the moment of the boot does not matter.
-    Lockstep,
-    /// Simulated time follows the wall.
-    Free,
-}
 
 /// Two simulated drives, a force sensor, and the arm and the hand between them, as devices on a bus.
 ///

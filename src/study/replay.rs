@@ -11,7 +11,7 @@ use crate::record::recording::{
     About, Difference, Machine, ReadError, Reader, Recorded, Recording, difference, encode,
 };
 use crate::record::{CycleRecord, DeviceRecord, ForceMeaning, Trace};
-use crate::rig::{self, ImpedanceLoop, RigError};
+use crate::rig::{ImpedanceLoop, RigError};
 
 const SCENE: &str = "scene.yaml";
 
@@ -139,7 +139,7 @@ pub fn replay_any<R: Read>(recording: &mut Recording<R>) -> Result<Replay, Repla
 /// As [`replay_any`].
 pub fn replay<R: Read>(reader: &mut Reader<R>) -> Result<Replay, ReplayError> {
     let rig = rig(reader.about())?;
-    let mut cycle = rig::cycle(&rig, &rig.fixture)?;
+    let mut cycle = crate::assembly::cycle(&rig, &rig.fixture).map_err(RigError::from)?;
     again(reader, |CycleRecord { moment, inputs, truth, .. }| {
         let outputs = cycle.step(inputs);
         Ok(CycleRecord::new(*moment, inputs, &outputs, cycle.cause(), *truth))

@@ -10,7 +10,8 @@ use crate::config;
 use crate::guard::{Cause, Fault, Request, State};
 use crate::injection::Injection;
 use crate::record::{AROUND_FAULT_S, DeviceRecord, ForceMeaning, Row, Trace};
-use crate::rig::{EmbeddedRig, ImpedanceRig, Observer, RigError, Tap};
+use crate::rig::{EmbeddedRig, ImpedanceRig, RigError};
+use crate::run::{Observer, Tap};
 use crate::sim::can::BusCounters;
 
 /// What a caller may want to know while a scene runs.

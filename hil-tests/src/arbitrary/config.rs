@@ -1,7 +1,6 @@
 //! The loader of configurations.
 
 use yieldwall::config::{self, Document, Report, Severity, Source};
-use yieldwall::rig;
 
 /// Where the text pretends to lie.
 const NAME: &str = "arbitrary.yaml";
@@ -19,7 +18,7 @@ pub fn configuration(bytes: &[u8]) {
             let written = match &document {
                 Document::Rig(rig) => {
                     let rig = &rig.value;
-                    rig::cycle(rig, &rig.fixture).expect("a rig that was accepted can be built");
+                    yieldwall::assembly::cycle(rig, &rig.fixture).expect("a rig that was accepted can be built");
                     config::to_yaml(rig)
                 }
                 Document::Device(device) => config::to_yaml(&device.value),

@@ -6,7 +6,6 @@ use yieldwall::config::{self, builtin};
 use yieldwall::cycle::{Cycle, DriveSample, Inputs, LinkEvents, Outputs, Timing};
 use yieldwall::guard::{DeviceSet, Request};
 use yieldwall::quantity::TipPoint;
-use yieldwall::rig;
 use yieldwall::sensing::RawSample;
 use yieldwall_drives::cia402::{Goal, State};
 
@@ -35,7 +34,7 @@ struct Start {
 static STARTS: LazyLock<[Start; 4]> = LazyLock::new(|| {
     FILES.map(|file| {
         let rig = config::load_rig(builtin(file)).expect("a shipped rig").value;
-        let cycle = rig::cycle(&rig, &rig.fixture).expect("a rig that can be built");
+        let cycle = yieldwall::assembly::cycle(&rig, &rig.fixture).expect("a rig that can be built");
         let home = cycle.linkage().inverse(TipPoint::new(0.02, 0.0)).expect("a point in reach").to_array();
         Start { cycle, home, torque_limit_n_m: rig.guard.torque_limit_n_m.get() }
     })

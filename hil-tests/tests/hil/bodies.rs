@@ -4,6 +4,7 @@ use std::time::Duration;
 
 use hil_tests::Scenario;
 use hil_tests::network::{Lossy, Network, PATIENCE, Served, bare, client, device, hear, lss, run, transfer};
+use yieldwall::assembly::master;
 use yieldwall::bus::Phase;
 use yieldwall::canopen::lss::{LssAddress, LssMaster, LssOutcome, LssRequest};
 use yieldwall::canopen::{
@@ -13,7 +14,8 @@ use yieldwall::canopen::{
 use yieldwall::cycle::Timing;
 use yieldwall::guard::Request;
 use yieldwall::link::{CanLink, Received};
-use yieldwall::rig::{DeviceServer, Pace, master};
+use yieldwall::rig::DeviceServer;
+use yieldwall::run::Pace;
 
 const NODE: u8 = 5;
 

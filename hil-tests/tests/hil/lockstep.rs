@@ -2,7 +2,7 @@
 
 use yieldwall::canopen::Frame;
 use yieldwall::link::{CanLink, SocketCanSettings};
-use yieldwall::rig::Pace;
+use yieldwall::run::Pace;
 
 use super::programs::*;
 use hil_tests::network::Real;

@@ -14,7 +14,8 @@ use yieldwall::canopen::{Emergency, Frame, Time};
 use yieldwall::config::{self, Source};
 use yieldwall::link::{CanLink, Received, SocketCanSettings};
 use yieldwall::live::serve;
-use yieldwall::rig::{DeviceServer, Pace};
+use yieldwall::rig::DeviceServer;
+use yieldwall::run::Pace;
 
 pub(super) const RIG: &str = "builtin:paper-admittance.yaml";
 /// How long anything may take; only a program that hangs does.

@@ -3,9 +3,9 @@
 
 use std::path::Path;
 use std::time::Duration;
+use yieldwall::run::Pace;
 
 use serde_json::Value;
-use yieldwall::rig::Pace;
 
 use super::programs::*;
 

@@ -10,8 +10,9 @@ use crate::cli::interfaces::Interfaces;
 use crate::cli::keep::Kept;
 use crate::cli::run::{Arguments, bus_names, counted_json, counted_text, devices_text, measures_text, mode_text};
 use crate::config;
-use crate::live::host::Refusal;
-use crate::live::{Histogram, Played};
+use crate::host::Histogram;
+use crate::host::system::Refusal;
+use crate::run::Played;
 use crate::study::measures::Measures;
 
 /// All of it.

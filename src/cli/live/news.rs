@@ -9,7 +9,7 @@ use super::warn;
 use crate::bus::Waiting;
 use crate::cli::output::Output;
 use crate::cli::progress::Progress;
-use crate::live::BootWatch;
+use crate::run::BootWatch;
 
 /// How long the boot waits before a person is told.
 const QUIET: Duration = Duration::from_secs(1);

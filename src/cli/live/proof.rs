@@ -8,56 +8,39 @@ use crate::cli::keep::state_folder;
 use crate::cli::run::{Arguments, NOTHING_ENABLED, judge, rig_failure};
 use crate::cli::{drill, latency};
 use crate::config;
-use crate::live::host::computer;
-use crate::live::{DriveIdentity, Kept, LiveError, Subject, Unproven, Untimely};
-use crate::rig::{self, RigError};
+use crate::host::system::computer;
+use crate::host::{Kept, Untimely};
+use crate::rig;
+use crate::run::{NotProven, Proof, RunError, Unproven};
 use yieldwall_drives::profiles::{SIMULATED_VENDOR, find as find_profile};
 
-/// Where it is shown that the drives stop by themselves, and that this computer keeps the cycle.
-pub(super) enum Proof {
-    /// In the embedded simulation, which has the same devices; those on the bus say whether they lack a watchdog. Nothing
-    /// has to be in time.
-    InVirtualTime(Box<config::Rig>),
-    /// In the records of a drill on a bus, and of a measurement on this computer.
-    OnRecord { rig: Box<config::Rig>, drills: PathBuf, measurements: PathBuf },
+/// What has to be shown of drives and computer.
+pub(super) struct Demanded {
+    /// Of the drives.
+    pub(super) proof: Proof,
+    /// Of the computer, by the records in this folder; nothing where nothing has to be in time.
+    measurements: Option<PathBuf>,
 }
 
-impl Proof {
-    /// The rig.
-    pub(super) fn rig(&self) -> &config::Rig {
-        match self {
-            Proof::InVirtualTime(rig) | Proof::OnRecord { rig, .. } => rig,
-        }
-    }
-
+impl Demanded {
     /// What this computer has proved of its timing; nothing where nothing has to be in time.
-    pub(super) fn timing(&self, has_priority: bool, has_locked_memory: bool) -> Option<Result<Kept, Untimely>> {
-        match self {
-            Proof::InVirtualTime(_) => None,
-            Proof::OnRecord { rig, measurements, .. } => {
-                Some(computer(has_priority, has_locked_memory).check(rig, measurements, latency::now_unix_s()))
-            }
-        }
-    }
-
-    /// Whether the drives stop by themselves, which `identify` asks what they are.
-    pub(super) fn watchdogs(
+    pub(super) fn timing(
         &self,
-        identify: impl FnOnce(&config::Rig) -> Result<[DriveIdentity; 2], NotRun>,
-    ) -> Result<(), NotRun> {
-        match self {
-            Proof::InVirtualTime(_) => Ok(()),
-            Proof::OnRecord { rig, drills, .. } => Ok(Subject::new(rig, identify(rig)?).check(drills)?),
-        }
+        rig: &config::Rig,
+        has_priority: bool,
+        has_locked_memory: bool,
+    ) -> Option<Result<Kept, Untimely>> {
+        let folder = self.measurements.as_ref()?;
+        Some(computer(has_priority, has_locked_memory).check(rig, folder, latency::now_unix_s()))
     }
 }
 
 /// In lockstep nothing measures time on the bus; the devices have to be simulated then. Their kind is drilled in virtual time.
-pub(super) fn proof(pace: PaceArgument, rig: &config::Rig, scene: &config::Scene) -> Result<Proof, Failure> {
+pub(super) fn proof(pace: PaceArgument, rig: &config::Rig, scene: &config::Scene) -> Result<Demanded, Failure> {
     if pace == PaceArgument::Free {
         let drills = state_folder("drills").ok_or_else(drill::no_home)?;
         let measurements = state_folder("latency").ok_or_else(latency::no_home)?;
-        return Ok(Proof::OnRecord { rig: Box::new(rig.clone()), drills, measurements });
+        return Ok(Demanded { proof: Proof::OnRecord(drills), measurements: Some(measurements) });
     }
     let names = [&rig.drives[0].profile, &rig.drives[1].profile];
     let is_simulated =
@@ -67,23 +50,26 @@ pub(super) fn proof(pace: PaceArgument, rig: &config::Rig, scene: &config::Scene
         return Err(Failure::new(Exit::Usage, message, "leave --pace away"));
     }
     judge(&rig::drill(rig, scene, |_| ()).map_err(|error| rig_failure(&error))?, rig, NOTHING_ENABLED)?;
-    Ok(Proof::InVirtualTime(Box::new(rig.clone())))
+    Ok(Demanded { proof: Proof::InVirtualTime, measurements: None })
 }
 
 /// Why the rig did not come to run.
 #[derive(Debug, thiserror::Error)]
 pub(super) enum NotRun {
     #[error(transparent)]
-    Live(#[from] LiveError),
+    Run(#[from] RunError),
     #[error(transparent)]
     Unproven(#[from] Unproven),
     #[error(transparent)]
     Untimely(#[from] Untimely),
 }
 
-impl From<RigError> for NotRun {
-    fn from(error: RigError) -> Self {
-        Self::Live(error.into())
+impl From<NotProven> for NotRun {
+    fn from(error: NotProven) -> Self {
+        match error {
+            NotProven::Run(error) => Self::Run(error),
+            NotProven::Unproven(error) => Self::Unproven(error),
+        }
     }
 }
 

@@ -12,7 +12,7 @@ use super::{
 };
 use crate::config;
 use crate::fixture::prediction;
-use crate::rig::Drilled;
+use crate::run::Drilled;
 use crate::study::RunReport;
 
 /// A run and what was known before it.

@@ -5,7 +5,7 @@ use serde_json::{Value, json};
 use super::ending::scope_text;
 use crate::config;
 use crate::guard::Fault;
-use crate::rig::{Drilled, Finding};
+use crate::run::{Drilled, Finding};
 use crate::study::measures::Measures;
 
 /// How soon the drives stop by themselves, the slower one.

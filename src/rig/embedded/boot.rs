@@ -1,10 +1,10 @@
 //! Switching on, enabling, stopping, and coming back after a stop.
 
+use std::sync::atomic::AtomicBool;
+
 use super::{DEVICES, EmbeddedRig, RigError};
-use crate::bus::Phase;
-use crate::canopen::Time;
 use crate::guard::{Request, State};
-use crate::rig::conduct::{Enable, Enabling, STOP_LIMIT_S, has_torque, settling_cycles};
+use crate::run::{Enabling, RunError, STOP_LIMIT_S, has_torque, settling_cycles};
 
 /// Cycles from a reset to the question to be enabled again: the drives have left their fault state.
 const CYCLES_AFTER_RESET: u32 = 50;
@@ -31,7 +31,7 @@ impl EmbeddedRig {
         if matches!(self.state(), State::Running | State::Holding) {
             return Ok(());
         }
-        self.far.world.let_go();
+        self.place_mut().far.world.let_go();
         let limit = (STOP_LIMIT_S / self.period.as_secs_f64()) as u32;
         for _ in 0..limit {
             if self.state().is_latched() || self.state() == State::Idle {
@@ -57,14 +57,13 @@ impl EmbeddedRig {
     /// As [`EmbeddedRig::enable`]; also if the process that would have to do it is dead.
     pub fn restart(&mut self) -> Result<(), RigError> {
         self.check_alive()?;
-        self.far.world.let_go();
-        self.host.is_asleep = false;
+        self.place_mut().far.world.let_go();
         self.start_network()?;
         self.reset_and_enable()
     }
 
     fn check_alive(&self) -> Result<(), RigError> {
-        if !self.host.is_dead {
+        if !self.place().computer.is_dead {
             return Ok(());
         }
         let state = "the process is dead: only a new one can run the rig".to_owned();
@@ -72,22 +71,20 @@ impl EmbeddedRig {
     }
 
     fn come_to_run(&mut self, enabling: Enabling) -> Result<(), RigError> {
-        let settling = settling_cycles(self.period, self.sample_period);
-        let mut enabling = enabling.not_before(settling);
-        loop {
-            match enabling.next(self.state()) {
-                Enable::Ask(request) => self.run_cycle(request)?,
-                Enable::Done => {
-                    self.far.world.take_tool(self.next_sync);
-                    return Ok(());
-                }
-                Enable::GivenUp => break,
-            };
+        let enabling = enabling.not_before(settling_cycles(self.period, self.sample_period));
+        let enabled = self.runner.come_to_run(enabling, &self.permit, &AtomicBool::new(false));
+        self.go_on()?;
+        match enabled {
+            Ok(()) => {
+                self.take_tool();
+                Ok(())
+            }
+            Err(RunError::NotEnabled { waited_s, cause }) => {
+                let name = cause.map_or(String::new(), |cause| format!(", {}", cause.fault.row().name));
+                Err(RigError::NotEnabled { waited_s, state: format!("{:?}{name}", self.state()), cause })
+            }
+            Err(error) => Err(not_run(error)),
         }
-        let cause = self.cause();
-        let name = cause.map_or(String::new(), |cause| format!(", {}", cause.fault.row().name));
-        let state = format!("{:?}{name}", self.state());
-        Err(RigError::NotEnabled { waited_s: enabling.waited_s(), state, cause })
     }
 
     /// Stops the rig along its ramp and runs until no drive makes torque; at once done if none does.
@@ -97,7 +94,7 @@ impl EmbeddedRig {
     pub fn stop(&mut self) -> Result<(), RigError> {
         let limit = (STOP_LIMIT_S / self.period.as_secs_f64()) as u32;
         for _ in 0..limit {
-            if !self.far.drives.iter().any(|drive| has_torque(drive.state())) {
+            if !self.drives().iter().any(|drive| has_torque(drive.state())) {
                 return Ok(());
             }
             self.run_cycle(Request::Stop)?;
@@ -106,31 +103,41 @@ impl EmbeddedRig {
     }
 
     pub(super) fn boot(&mut self) -> Result<(), RigError> {
+        let place = self.place_mut();
         for device in 0..DEVICES.len() {
-            self.far.switch_on(device, self.now, &mut self.buses);
+            place.far.switch_on(device, place.now, &mut place.buses);
         }
         self.start_network()
     }
 
     /// Has the master find and configure the devices, up to the exchange of process data.
     pub(super) fn start_network(&mut self) -> Result<(), RigError> {
-        self.next_sync = Time::NEVER;
-        self.master.start(self.now, &mut self.buses.outbox(self.now));
-        self.troubles.link_events().for_each(|(bus, event)| self.master.on_link(bus, event));
-        loop {
-            match self.master.phase() {
-                Phase::Operational => {
-                    let period = self.period.as_nanos() as u64;
-                    self.next_sync = Time((self.now.0 / period + 1) * period);
-                    return Ok(());
-                }
-                Phase::Failed(error) => return Err(error.clone().into()),
-                // The master gives every other phase a bound.
-                _ => {}
-            }
-            let next = self.next_event();
-            self.pump(next)?;
-            self.now = next;
+        let place = self.place_mut();
+        place.computer.is_asleep = false;
+        place.tell_link_events();
+        let booted = self.runner.boot();
+        if let Some(error) = self.place_mut().failure.take() {
+            return Err(error);
         }
+        booted.map_err(not_run)
+    }
+
+    /// The hand takes the handle at the next SYNC, and the scene begins if it has not.
+    pub(super) fn take_tool(&mut self) {
+        let next_sync = self.next_sync();
+        let world = &mut self.place_mut().far.world;
+        let is_first = world.hand_from_s == f64::INFINITY;
+        world.take_tool(next_sync);
+        if is_first {
+            self.runner.begin_scene();
+        }
+    }
+}
+
+fn not_run(error: RunError) -> RigError {
+    match error {
+        RunError::Assembly(error) => error.into(),
+        RunError::Boot(error) => error.into(),
+        other => RigError::NotEnabled { waited_s: 0.0, state: other.to_string(), cause: None },
     }
 }

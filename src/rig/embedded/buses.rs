@@ -3,7 +3,7 @@
 use std::sync::{Arc, Mutex, PoisonError};
 
 use super::{DEVICES, MASTER, STRANGER};
-use crate::canopen::{Frame, Outbox, Time};
+use crate::canopen::{Frame, Time};
 use crate::config;
 use crate::rig::error::RigError;
 use crate::rig::far_end::Wire;
@@ -30,7 +30,7 @@ impl Buses {
             config::BusTiming::Ideal => BitTiming::Ideal,
         };
         let buses = rig.buses.values().map(|bus| VirtualBus::new(timing(bus), &orders)).collect::<Result<_, _>>()?;
-        Ok(Self { buses, of_devices: crate::rig::buses::device_buses(rig)? })
+        Ok(Self { buses, of_devices: crate::assembly::device_buses(rig)? })
     }
 
     /// Number of the bus of a device.
@@ -55,9 +55,9 @@ impl Buses {
         })
     }
 
-    /// The master's ports at one moment; each frame goes to its bus.
-    pub(super) fn outbox(&mut self, now: Time) -> MasterOutbox<'_> {
-        MasterOutbox { buses: self, now }
+    /// Has the master send a frame on its bus.
+    pub(super) fn submit_own(&mut self, now: Time, frame: Frame) {
+        self.submit(MASTER, now, frame);
     }
 
     /// Loses what waits in the master's ports.
@@ -124,17 +124,5 @@ impl Wire for Buses {
             Wire::submit(self, device, now, frame);
         }
         has_room
-    }
-}
-
-/// The master's ports at one moment.
-pub(super) struct MasterOutbox<'a> {
-    buses: &'a mut Buses,
-    now: Time,
-}
-
-impl Outbox for MasterOutbox<'_> {
-    fn push(&mut self, frame: Frame) {
-        self.buses.submit(MASTER, self.now, frame);
     }
 }

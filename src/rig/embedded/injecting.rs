@@ -1,7 +1,8 @@
 //! Injections carried out: what begins and ends, and what it does to devices, hand and arm.
 
+use super::simulation::Simulation;
 use super::trouble::is_at;
-use super::{EmbeddedRig, RigError, STRANGER};
+use super::{RigError, STRANGER};
 use crate::canopen::{Frame, Time, cob};
 use crate::injection::{Injection, Kind, Lasts};
 use crate::rig::far_end::Plug;
@@ -31,13 +32,13 @@ impl Default for Schedule {
     }
 }
 
-impl EmbeddedRig {
+impl Simulation {
     /// Adds an injection. It acts from the first cycle at or after its start to the last one before its end; what is
     /// there from switching on acts at once.
     ///
     /// # Errors
     /// If it is not possible, on this rig or at all.
-    pub fn inject(&mut self, injection: Injection) -> Result<(), RigError> {
+    pub(super) fn inject(&mut self, injection: Injection) -> Result<(), RigError> {
         injection.check()?;
         if injection.kind == Kind::ArmBlocked && matches!(self.far.world.body, Body::Ideal(_)) {
             let message = "arm-blocked needs `model.tracking: rigid`: there is no arm to block";
@@ -59,10 +60,16 @@ impl EmbeddedRig {
     ///
     /// # Errors
     /// As [`EmbeddedRig::inject`].
-    pub fn set_injections(&mut self, injections: &[Injection]) -> Result<(), RigError> {
+    pub(super) fn set_injections(&mut self, injections: &[Injection]) -> Result<(), RigError> {
         self.schedule.waiting.clear();
         self.end_where(|_| true);
         injections.iter().try_for_each(|injection| self.inject(*injection))
+    }
+
+    /// Forgets what was injected and what the scene would.
+    pub(super) fn clear_injections(&mut self) {
+        self.schedule = Schedule::default();
+        self.troubles.clear();
     }
 
     fn plan(&mut self) {
@@ -104,8 +111,8 @@ impl EmbeddedRig {
     fn happen(&mut self, injection: Injection) {
         let now = self.now;
         match injection.kind {
-            Kind::StopRequest => self.host.stop_is_requested = true,
-            Kind::CyclePanic => self.host.panics = true,
+            Kind::StopRequest => self.computer.stop_is_requested = true,
+            Kind::CyclePanic => self.computer.panics = true,
             _ => {}
         }
         for device in (0..3).filter(|device| is_at(injection.target, *device)) {
@@ -163,7 +170,7 @@ impl EmbeddedRig {
                 let share = if is_on { size } else { 1.0 };
                 let _ = self.far.world.hand.set_stiffness(self.far.world.hand_stiffness_n_per_m * share);
             }
-            Kind::MasterKilled => (self.host.is_asleep, self.host.is_dead) = (true, true),
+            Kind::MasterKilled => (self.computer.is_asleep, self.computer.is_dead) = (true, true),
             Kind::TransmitStalled | Kind::CableOut | Kind::WrongBitRate => {
                 self.buses.hold(now, |bus| self.troubles.is_transmit_held(bus));
             }

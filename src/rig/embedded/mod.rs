@@ -1,39 +1,39 @@
 //! The whole rig in one process, in virtual time.
 
+use std::panic::resume_unwind;
 use std::time::Duration;
 
 mod boot;
 mod buses;
-mod events;
-mod host;
 mod injecting;
 mod probe;
+mod simulation;
 mod trouble;
 
 pub use probe::{BodyTruth, PORTS};
 
-use super::assembly;
-use super::build;
-use super::conduct::Enabling;
+use super::devices;
 use super::drill::Silence;
 use super::error::RigError;
 use super::far_end::FarEnd;
-use super::world::{Body, Truth};
+use super::world::Body;
+use crate::assembly;
 use crate::bus::Master;
-use crate::canopen::{Frame, Time};
+use crate::canopen::Time;
 use crate::config;
 use crate::cycle::Outputs;
 use crate::guard::{Cause, Request, State};
-use crate::quantity::JointTorques;
-use crate::record::{self, CycleRecord, Moment, Row, Stages};
+use crate::injection::Injection;
+use crate::record::{CycleRecord, Moment, Row, Stages};
+use crate::run::{Ask, Enabling, Observer, Pace, Permit, Place, RunError, Runner, Tap};
 use crate::sim::arm::Arm;
 use crate::sim::can::{BusCounters, Tamper};
 use crate::sim::hand::Hand;
-use crate::sim::{Drive, ForceSensor, Watchdog};
+use crate::sim::{Drive, ForceSensor};
 use buses::Buses;
-use host::Computer;
-use injecting::Schedule;
+use simulation::{Injected, Simulation};
 use trouble::{Device, Troubles};
+use yieldwall_drives::watchdog::Watchdog;
 
 /// Ports of each virtual bus.
 const MASTER: usize = 0;
@@ -42,36 +42,18 @@ const DEVICES: [usize; 3] = [1, 2, 3];
 /// Whoever else is on a bus.
 const STRANGER: usize = 4;
 
-/// Gets every frame that went over a bus ([`Frame::bus`]), with the moment of its end.
-pub type Tap = Box<dyn FnMut(Time, &Frame) + Send>;
-
-/// Gets the record of every cycle, right after the cycle has run.
-pub type Observer = Box<dyn FnMut(&CycleRecord) + Send>;
-
 /// Master, virtual buses, simulated devices, arm and hand.
 ///
 /// [`EmbeddedRig::new`] assembles them, [`EmbeddedRig::enable`] boots the network and enables the drives, and every
 /// [`EmbeddedRig::run_cycle`] is one period of the rig. The same configuration and seed give the same frames.
 pub struct EmbeddedRig {
-    master: Master,
-    buses: Buses,
-    far: FarEnd,
-    tap: Option<Tap>,
-    observer: Option<Observer>,
-    cycles: u64,
-    schedule: Schedule,
-    troubles: Troubles,
-    host: Computer,
-    /// What a drill keeps from the devices.
-    pub(super) silence: Option<Silence>,
+    runner: Runner<Simulation>,
     period: Duration,
     /// Time from one sample of the force sensor to the next.
     sample_period: Duration,
     compute_at: Duration,
     enabling: Enabling,
-    now: Time,
-    next_sync: Time,
-    last: Option<Outputs>,
+    permit: Permit,
 }
 
 impl EmbeddedRig {
@@ -87,24 +69,20 @@ impl EmbeddedRig {
         fixture: &config::Fixture,
         seed: u64,
     ) -> Result<Self, RigError> {
+        let period = Duration::from_micros(rig.cycle.period_us.into());
+        let troubles = Troubles::new(devices(rig)?, crate::assembly::device_buses(rig)?, seed);
+        let place = Simulation::new(Buses::new(rig)?, FarEnd::new(rig, scene, seed)?, troubles, period);
+        let runner = Runner::new(rig, fixture, place, Pace::Free).map_err(|error| match error {
+            RunError::Assembly(error) => error.into(),
+            other => RigError::Mismatch(other.to_string()),
+        })?;
         let mut machine = Self {
-            master: build::master(rig, fixture)?,
-            buses: Buses::new(rig)?,
-            far: FarEnd::new(rig, scene, seed)?,
-            tap: None,
-            observer: None,
-            cycles: 0,
-            schedule: Schedule::default(),
-            troubles: Troubles::new(devices(rig)?, super::buses::device_buses(rig)?, seed),
-            host: Computer::default(),
-            silence: None,
-            period: Duration::from_micros(rig.cycle.period_us.into()),
-            sample_period: build::sample_period(rig),
+            runner,
+            period,
+            sample_period: assembly::sample_period(rig),
             compute_at: Duration::from_micros(rig.cycle.compute_at_us.into()),
             enabling: Enabling::new(rig),
-            now: Time::default(),
-            next_sync: Time::NEVER,
-            last: None,
+            permit: Permit::simulated(),
         };
         for fault in &scene.faults {
             machine.inject(fault.injection()?)?;
@@ -112,79 +90,106 @@ impl EmbeddedRig {
         Ok(machine)
     }
 
+    fn place(&self) -> &Simulation {
+        self.runner.place()
+    }
+
+    fn place_mut(&mut self) -> &mut Simulation {
+        self.runner.place_mut()
+    }
+
+    /// Adds an injection. It acts from the first cycle at or after its start to the last one before its end; what is
+    /// there from switching on acts at once.
+    ///
+    /// # Errors
+    /// If it is not possible, on this rig or at all.
+    pub fn inject(&mut self, injection: Injection) -> Result<(), RigError> {
+        self.place_mut().inject(injection)
+    }
+
+    /// Ends all injections and has these follow.
+    ///
+    /// # Errors
+    /// As [`EmbeddedRig::inject`].
+    pub fn set_injections(&mut self, injections: &[Injection]) -> Result<(), RigError> {
+        self.place_mut().set_injections(injections)
+    }
+
     /// Takes a watch off both drives, as [`Drive::ignore`].
     pub fn ignore(&mut self, watchdog: Watchdog) {
-        self.far.drives.iter_mut().for_each(|drive| drive.ignore(watchdog));
+        self.place_mut().far.drives.iter_mut().for_each(|drive| drive.ignore(watchdog));
     }
 
     /// Has both drives take so long from a reset to their boot-up message.
     pub fn set_reset_time(&mut self, time: Duration) {
-        self.far.drives.iter_mut().for_each(|drive| drive.set_reset_time(time));
+        self.place_mut().far.drives.iter_mut().for_each(|drive| drive.set_reset_time(time));
     }
 
     /// Has both drives take so long to answer an SDO request.
     pub fn set_sdo_time(&mut self, time: Duration) {
-        self.far.drives.iter_mut().for_each(|drive| drive.set_sdo_time(time));
+        self.place_mut().far.drives.iter_mut().for_each(|drive| drive.set_sdo_time(time));
     }
 
     /// Has the force sensor take its next sample so long after the next SYNC is due, and the others by an exact clock, so that
     /// the phase between both is known. Nothing happens where SYNC is the sensor's clock.
     pub fn align_sensor(&mut self, after_sync: Duration) {
-        self.far.sensor.set_clock(self.next_sync + after_sync, self.sample_period);
+        let (next, period) = (self.next_sync() + after_sync, self.sample_period);
+        self.place_mut().far.sensor.set_clock(next, period);
     }
 
     /// Forgets what was injected and what the scene would.
     pub(super) fn clear_injections(&mut self) {
-        self.schedule = Schedule::default();
-        self.troubles.clear();
+        self.place_mut().clear_injections();
+    }
+
+    /// What a drill keeps from the devices.
+    pub(super) fn silence_mut(&mut self) -> &mut Option<Silence> {
+        &mut self.place_mut().silence
     }
 
     /// Has `tap` get every frame from now on.
     pub fn set_tap(&mut self, tap: Tap) {
-        self.tap = Some(tap);
+        self.place_mut().tap = Some(tap);
     }
 
     /// Has `observer` get the record of every cycle from now on, those of enabling and stopping included.
     pub fn set_observer(&mut self, observer: Observer) {
-        self.observer = Some(observer);
+        self.runner.set_observer(observer);
     }
 
     /// Has every frame pass through `tamper` from now on.
     pub fn set_tamper(&mut self, tamper: impl Tamper + Send + 'static) {
-        self.buses.set_tamper(tamper);
+        self.place_mut().buses.set_tamper(tamper);
     }
 
     /// State of the supervisor; [`State::Lost`] if an injection killed its process, since the drives' watchdogs act.
     pub fn state(&self) -> State {
-        match self.master.state() {
-            state if state.is_latched() || !self.host.is_dead => state,
-            _ => State::Lost,
-        }
+        self.runner.state()
     }
 
     /// The fault that led to the present state.
     pub fn cause(&self) -> Option<Cause> {
-        self.master.cause()
+        self.runner.cause()
     }
 
     /// The master, for reports.
     pub fn master(&self) -> &Master {
-        &self.master
+        self.runner.master()
     }
 
     /// The simulated drives, left and right, for reports.
     pub fn drives(&self) -> &[Drive; 2] {
-        &self.far.drives
+        &self.place().far.drives
     }
 
     /// The force sensor.
     pub fn force_sensor(&self) -> &ForceSensor {
-        &self.far.sensor
+        &self.place().far.sensor
     }
 
     /// The arm; `None` if the joints follow their targets without one.
     pub fn arm(&self) -> Option<&Arm> {
-        match &self.far.world.body {
+        match &self.place().far.world.body {
             Body::Arm(arm) => Some(arm),
             Body::Ideal(_) => None,
         }
@@ -192,32 +197,32 @@ impl EmbeddedRig {
 
     /// The hand.
     pub fn hand(&self) -> &Hand<2> {
-        &self.far.world.hand
+        &self.place().far.world.hand
     }
 
     /// What has gone over each bus so far, in the order of their names; the sum is that of the rig.
     pub fn bus_counters(&self) -> impl Iterator<Item = &BusCounters> {
-        self.buses.counters()
+        self.place().buses.counters()
     }
 
     /// Virtual time since switching on.
     pub fn now(&self) -> Time {
-        self.now
+        self.place().now
     }
 
     /// Time of the next cycle since the scene began, in s; minus infinity before it has.
     pub fn scene_time_s(&self) -> f64 {
-        self.next_sync.as_secs_f64() - self.far.world.hand_from_s
+        self.next_sync().as_secs_f64() - self.place().far.world.hand_from_s
     }
 
     /// When the next cycle begins.
     pub fn next_sync(&self) -> Time {
-        self.next_sync
+        self.runner.next_sync()
     }
 
     /// What the last cycle gave.
     pub fn last_outputs(&self) -> Option<&Outputs> {
-        self.last.as_ref()
+        self.runner.last_outputs()
     }
 
     /// One period: SYNC, process data, the cycle, set-points.
@@ -228,7 +233,7 @@ impl EmbeddedRig {
     /// # Errors
     /// If the simulated arm cannot go on.
     pub fn run_cycle(&mut self, request: Request) -> Result<Row, RigError> {
-        let grid = self.next_sync;
+        let grid = self.next_sync();
         if grid == Time::NEVER {
             return Err(RigError::NotEnabled {
                 waited_s: 0.0,
@@ -236,60 +241,47 @@ impl EmbeddedRig {
                 cause: None,
             });
         }
-        self.pump(grid)?;
-        self.follow_injections(grid);
-        self.troubles.begin_cycle(grid, self.period);
-        let host = self.troubles.host();
-        if host.is_stopped || self.host.is_dead {
-            self.sleep(grid, &host)?;
-            return self.idle_row(grid);
+        let record = self.runner.run_cycle(match request {
+            Request::None => Ask::Nothing,
+            Request::Enable => Ask::Enable(&self.permit),
+            Request::Stop => Ask::Stop,
+            Request::Reset => Ask::Reset,
+        });
+        self.go_on()?;
+        record.map_or_else(|| self.idle_row(grid), |record| Ok(record.row()))
+    }
+
+    /// Fails if the simulation cannot go on, and panics as the cycle has if nobody asked for that.
+    fn go_on(&mut self) -> Result<(), RigError> {
+        if let Some(error) = self.place_mut().failure.take() {
+            return Err(error);
         }
-        self.wake();
-        let sync_at = grid + host.sync_late;
-        self.pump(sync_at)?;
-        self.send_sync(sync_at);
-        let compute_at = sync_at + self.compute_at + host.compute_late;
-        self.pump(compute_at)?;
-        let Some(outputs) = self.compute(compute_at, &host, request)? else { return self.idle_row(grid) };
-        self.last = Some(outputs);
-        self.next_sync = self.next_grid(grid, self.now);
-        let stages = host.stages(self.now.since(compute_at));
-        let record = self.record(grid, compute_at, stages, &outputs);
-        self.cycles += 1;
-        if let Some(observer) = &mut self.observer {
-            observer(&record);
+        match self.runner.take_panic() {
+            Some(panic) if !panic.is::<Injected>() => resume_unwind(panic),
+            _ => Ok(()),
         }
-        Ok(record.row())
     }
 
     /// The row of a period without a cycle.
-    fn idle_row(&mut self, grid: Time) -> Result<Row, RigError> {
-        self.next_sync = grid + self.period;
+    fn idle_row(&self, grid: Time) -> Result<Row, RigError> {
         let state = "the process does not run".to_owned();
-        let outputs = self.last.ok_or(RigError::NotEnabled { waited_s: 0.0, state, cause: None })?;
-        Ok(self.record(grid, grid + self.compute_at, Stages::default(), &outputs).row())
-    }
-
-    fn record(&self, sync_at: Time, compute_at: Time, stages: Stages, outputs: &Outputs) -> CycleRecord {
-        let Truth { tip, velocity, .. } = self.far.world.truth;
-        let [left, right] = &self.far.drives;
+        let outputs = self.last_outputs().ok_or(RigError::NotEnabled { waited_s: 0.0, state, cause: None })?;
         let moment = Moment {
-            index: self.cycles,
-            sync_ns: sync_at.0,
-            compute_ns: compute_at.0,
-            scene_time_s: sync_at.as_secs_f64() - self.far.world.hand_from_s,
-            stages,
+            index: 0,
+            sync_ns: grid.0,
+            compute_ns: (grid + self.compute_at).0,
+            scene_time_s: grid.as_secs_f64() - self.place().far.world.hand_from_s,
+            stages: Stages::default(),
         };
-        let truth =
-            record::Truth { tool: tip, velocity, torques: JointTorques::new(left.torque_n_m(), right.torque_n_m()) };
-        CycleRecord::new(moment, self.master.last_inputs(), outputs, self.cause(), Some(truth))
+        let truth = self.place().truth();
+        Ok(CycleRecord::new(moment, self.master().last_inputs(), outputs, self.cause(), truth).row())
     }
 }
 
 fn devices(rig: &config::Rig) -> Result<[Device; 3], RigError> {
     let device = |node: u8, heartbeat_ms: u16| {
         let heartbeat = Duration::from_millis(heartbeat_ms.into());
-        Ok::<_, RigError>(Device::Node { node: assembly::node(node)?, heartbeat })
+        Ok::<_, RigError>(Device::Node { node: devices::node(node)?, heartbeat })
     };
     let [left, right] = &rig.drives;
     let sensor = match rig.sensor.protocol {
@@ -298,4 +290,39 @@ fn devices(rig: &config::Rig) -> Result<[Device; 3], RigError> {
         config::SensorProtocol::Polled { invalid_bits, .. } => Device::Plain { can_be_invalid: invalid_bits != 0 },
     };
     Ok([device(left.node_id, left.heartbeat_ms)?, device(right.node_id, right.heartbeat_ms)?, sensor])
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn shipped(permit: Permit) -> EmbeddedRig {
+        let loaded = config::load_rig(config::Source::named("builtin:paper-admittance.yaml")).unwrap();
+        let scene = config::load_scene(loaded.source.relative(&loaded.value.scene)).unwrap().value;
+        let mut machine = EmbeddedRig::new(&loaded.value, &scene, &loaded.value.fixture, scene.seed).unwrap();
+        machine.permit = permit;
+        machine.enable().unwrap();
+        machine
+    }
+
+    /// How far the reference is led in a second by the hand of the scene, rad, and the state then.
+    fn led(mut machine: EmbeddedRig) -> (f64, State) {
+        let at = |row: &Row| row.target_angles_rad;
+        let first = at(&machine.run_cycle(Request::None).unwrap());
+        let mut farthest = 0.0_f64;
+        for _ in 0..1000 {
+            let [left, right] = at(&machine.run_cycle(Request::None).unwrap());
+            farthest = farthest.max((left - first[0]).abs()).max((right - first[1]).abs());
+        }
+        (farthest, machine.state())
+    }
+
+    #[test]
+    fn a_rig_that_was_enabled_to_rest_is_stopped_when_somebody_leads_it_away() {
+        let (farthest, state) = led(shipped(Permit::simulated()));
+        assert!(farthest > 0.1 && state == State::Running, "{farthest} {state:?}");
+        let (farthest, state) = led(shipped(Permit::for_drill()));
+        // And what the ramp takes.
+        assert!(farthest < 0.04 && state == State::Stopped, "{farthest} {state:?}");
+    }
 }

@@ -25,7 +25,7 @@ pub struct BodyTruth {
 impl EmbeddedRig {
     /// Has `witness` get the passage of every frame from now on.
     pub fn set_witness(&mut self, witness: Witness) {
-        self.buses.set_witness(witness);
+        self.place_mut().buses.set_witness(witness);
     }
 
     /// Switches everything on and boots the network without enabling anything; cycles can be run from then on.
@@ -41,24 +41,23 @@ impl EmbeddedRig {
     /// # Errors
     /// As [`EmbeddedRig::power_up`].
     pub fn boot_again(&mut self) -> Result<(), RigError> {
-        self.host.is_asleep = false;
         self.start_network()
     }
 
     /// Has the hand take the handle and begin its path at the next SYNC.
     pub fn take_handle(&mut self) {
-        self.far.world.take_tool(self.next_sync);
+        self.take_tool();
     }
 
     /// Whether the process that runs the master has ended for good.
     pub fn is_master_gone(&self) -> bool {
-        self.host.is_dead
+        self.place().computer.is_dead
     }
 
     /// What is true of arm and hand.
     pub fn body_truth(&self) -> BodyTruth {
-        let truth = &self.far.world.truth;
-        let angles = match &self.far.world.body {
+        let truth = &self.place().far.world.truth;
+        let angles = match &self.place().far.world.body {
             Body::Arm(arm) => arm.motor_angles(),
             Body::Ideal(ideal) => ideal.angles,
         };

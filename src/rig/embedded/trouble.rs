@@ -10,7 +10,6 @@ use super::{MASTER, STRANGER};
 use crate::bus::LinkEvent;
 use crate::canopen::{Frame, NodeId, Time, cob};
 use crate::injection::{Injection, Kind, Target};
-use crate::record::Stages;
 use crate::rig::far_end::{SENSOR, Senses};
 use crate::sensing::{Calibration, Wrench};
 use yieldwall_drives::cia402;
@@ -75,17 +74,6 @@ pub(super) struct Host {
     pub(super) sync_late: Duration,
     pub(super) compute_late: Duration,
     pub(super) compute_takes: Duration,
-}
-
-impl Host {
-    /// When the stages of this cycle were over, the last one so long after the computation began. Between waking up and that
-    /// no virtual time passes.
-    pub(super) fn stages(&self, took: Duration) -> Stages {
-        let nanos = |time: Duration| time.as_nanos().min(u128::from(u32::MAX)) as u32;
-        let began = self.sync_late + self.compute_late;
-        let sent = nanos(began + took);
-        Stages { sync_woke_ns: nanos(self.sync_late), woke_ns: nanos(began), stepped_ns: sent, sent_ns: sent }
-    }
 }
 
 /// What is broken at the moment.

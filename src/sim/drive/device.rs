@@ -10,8 +10,9 @@ use yieldwall_drives::scaling::{AxisScaling, CountUnwrapper, wrap};
 
 use super::objects::Objects;
 use super::servo::{Motion, Plan, Servo, TorqueRange};
-use super::{Clock, DriveSettings, Encoder};
+use super::{DriveSettings, Encoder};
 use crate::canopen::{CanopenError, ObjectDictionary, Time};
+use yieldwall_drives::watchdog::Clock;
 
 /// Bit of the error register 1001h for errors of the device profile.
 pub(super) const PROFILE_ERROR: u8 = 1 << 5;
@@ -53,7 +54,7 @@ pub(super) struct Device {
     is_warning: bool,
     ignores_targets: bool,
     ignores_controlword: bool,
-    /// Watchdogs that it lacks, a bit each ([`Watchdog::bit`](super::Watchdog::bit)).
+    /// Watchdogs that it lacks, a bit each ([`Watchdog::bit`](yieldwall_drives::watchdog::Watchdog::bit)).
     pub(super) lacks: u8,
     pub(super) clock: Clock,
     status: u16,

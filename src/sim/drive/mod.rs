@@ -14,6 +14,7 @@ use std::time::Duration;
 use yieldwall_drives::cia402::State;
 use yieldwall_drives::profiles::{DeviceProfile, Role, RpdoTimeoutReaction};
 use yieldwall_drives::scaling::AxisScaling;
+use yieldwall_drives::watchdog::{Clock, Watchdog};
 
 use super::DeviceError;
 use crate::canopen::{EmcyCode, ErrorRegister, Frame, Node, NodeId, Outbox, Time, cob};
@@ -43,54 +44,6 @@ pub struct DriveSettings {
     pub position_loop: PositionLoop,
     /// What the drive knows about the angle.
     pub encoder: Encoder,
-}
-
-/// A watch that a drive keeps on its master.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-pub enum Watchdog {
-    /// SYNC has to come.
-    Sync,
-    /// Set-points have to come (14xxh:5).
-    SetPoints,
-    /// The master's heartbeat has to come (1016h).
-    Heartbeat,
-}
-
-impl Watchdog {
-    /// All of them.
-    pub const ALL: [Self; 3] = [Self::Sync, Self::SetPoints, Self::Heartbeat];
-
-    /// Its bit in 2010h of a simulated drive.
-    pub const fn bit(self) -> u8 {
-        1 << self as u8
-    }
-
-    /// What it waits for.
-    pub const fn name(self) -> &'static str {
-        match self {
-            Watchdog::Sync => "SYNC",
-            Watchdog::SetPoints => "set-points",
-            Watchdog::Heartbeat => "heartbeat",
-        }
-    }
-}
-
-/// What the time of a simulated drive follows, as it says in 2011h.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Clock {
-    /// What somebody else says: the embedded simulation, or the process with the arm.
-    Elsewhere,
-    /// SYNC: one period for each.
-    Sync,
-    /// The wall.
-    Wall,
-}
-
-impl Clock {
-    /// Value of 2011h.
-    pub const fn code(self) -> u8 {
-        self as u8
-    }
 }
 
 /// A simulated servo drive on a joint.

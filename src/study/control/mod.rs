@@ -15,9 +15,9 @@ use self::servo::{GAIN_DB, PHASE_DEG, tune};
 use self::trial::{MOST_DELAY, Setting, computing_s, run};
 use super::chart::{Axis, Chart, Color, Mark, Panel, Series};
 use super::sweep::{Clock, Report, Row, Study, Sweep, Table};
+use crate::assembly::bus_plan;
 use crate::config;
 use crate::control::Law;
-use crate::rig::bus_plan;
 
 /// Radius of the circle about the origin: the paper's.
 const RADIUS_M: f64 = 0.12;

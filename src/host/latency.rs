@@ -7,9 +7,9 @@ use std::time::Duration;
 use serde::{Deserialize, Serialize};
 
 use super::histogram::Histogram;
-use super::metronome::Metronome;
 use crate::canopen::{Frame, Time};
 use crate::link::{CanLink, Received};
+use crate::run::Metronome;
 
 /// Identifier of the frames that are sent: of the lowest priority, and none that CiA 301 lets a device use.
 pub const PROBE: u16 = 0x7ff;

@@ -1,19 +1,20 @@
-//! Why a rig on a real bus could not go on.
+//! Why a rig could not go on.
 
 use thiserror::Error;
 
+use super::pace::Pace;
+use crate::assembly::AssemblyError;
 use crate::bus::{BootError, Heard};
 use crate::guard::{Cause, DeviceSet};
 use crate::link::SendError;
-use crate::rig::{Pace, RigError};
-use crate::sim::Watchdog;
+use yieldwall_drives::watchdog::Watchdog;
 
-/// Why a rig on a real bus could not go on.
+/// Why a rig could not go on.
 #[derive(Clone, Debug, PartialEq, Error)]
-pub enum LiveError {
+pub enum RunError {
     /// The rig cannot be built.
     #[error(transparent)]
-    Rig(#[from] RigError),
+    Assembly(#[from] AssemblyError),
     /// A node is missing or is not what it should be. Nothing was enabled.
     #[error(transparent)]
     Boot(#[from] BootError),
@@ -110,7 +111,7 @@ mod tests {
     #[test]
     fn what_kept_a_rig_from_being_enabled_is_named_with_the_devices_if_there_are_any() {
         let said = |fault, devices| {
-            let error = LiveError::NotEnabled { waited_s: 1.5, cause: Some(Cause { fault, devices }) };
+            let error = RunError::NotEnabled { waited_s: 1.5, cause: Some(Cause { fault, devices }) };
             error.to_string()
         };
         assert!(

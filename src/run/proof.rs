@@ -9,9 +9,14 @@ use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 use thiserror::Error;
 
+use super::drill::drive_addresses;
+use super::drilled::{Drilled, Finding, Unsafe};
+use super::error::RunError;
+use super::permit::Permit;
+use super::place::Place;
+use super::runner::Runner;
 use crate::config;
-use crate::rig::{Drilled, Finding, Unsafe};
-use crate::sim::Watchdog;
+use yieldwall_drives::watchdog::Watchdog;
 
 /// A drive as it says what it is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -66,6 +71,44 @@ pub enum Unproven {
     /// The drill has shown that a drive does not stop, or not soon enough.
     #[error("the watchdog drill on record: {0}")]
     Unsafe(#[from] Unsafe),
+}
+
+/// Where it is shown that the drives of a rig stop by themselves.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Proof {
+    /// In virtual time, by the same simulated drives: those on the bus say whether they lack a watchdog.
+    InVirtualTime,
+    /// In the records of drills on a bus, which are in this folder.
+    OnRecord(PathBuf),
+}
+
+/// Why a rig may not be enabled.
+#[derive(Debug, Error)]
+pub enum NotProven {
+    /// The drives do not say what they are, or are simulated for another pace.
+    #[error(transparent)]
+    Run(#[from] RunError),
+    /// It is not shown that the drives stop by themselves.
+    #[error(transparent)]
+    Unproven(#[from] Unproven),
+}
+
+impl<P: Place> Runner<P> {
+    /// Asks the drives of a booted network what they are, and looks for the proof that such drives stop by themselves.
+    ///
+    /// # Errors
+    /// Why the rig may not be enabled.
+    pub fn prove(&mut self, rig: &config::Rig, proof: &Proof) -> Result<Permit, NotProven> {
+        let drives = drive_addresses(rig).map_err(RunError::from)?;
+        self.check_simulation(drives)?;
+        match proof {
+            Proof::InVirtualTime => Ok(Permit::simulated()),
+            Proof::OnRecord(drills) => {
+                Subject::new(rig, self.identities(drives)?).check(drills)?;
+                Ok(Permit::proved())
+            }
+        }
+    }
 }
 
 impl Subject {
@@ -156,7 +199,7 @@ impl Record {
 ///
 /// # Source
 /// Fowler, Noll, Vo: FNV-1a, 64 bits.
-pub(super) fn fnv1a(bytes: &[u8]) -> u64 {
+pub(crate) fn fnv1a(bytes: &[u8]) -> u64 {
     bytes.iter().fold(0xcbf2_9ce4_8422_2325, |hash, byte| (hash ^ u64::from(*byte)).wrapping_mul(0x0100_0000_01b3))
 }
 

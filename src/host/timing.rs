@@ -9,8 +9,8 @@ use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
 use super::latency::{Lateness, Tier};
-use super::proof::fnv1a;
 use crate::config;
+use crate::run::fnv1a;
 
 /// Greatest tool speed on a computer of tier B, m/s.
 ///
@@ -219,7 +219,7 @@ fn ago(seconds: u64) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::live::{PROVING_CYCLES, STOCK_CYCLES};
+    use crate::host::{PROVING_CYCLES, STOCK_CYCLES};
 
     const ENDED_S: u64 = 1_795_000_000;
     const NOW_S: u64 = ENDED_S + 150;

@@ -3,20 +3,26 @@
 mod alone;
 mod arrivals;
 
+use std::any::Any;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::time::Duration;
 
+use super::conduct::Enabling;
 use super::drill::{DriveAddress, drive_addresses};
-use super::error::LiveError;
+use super::error::RunError;
 use super::metronome::Metronome;
+use super::pace::Pace;
+use super::permit::Ask;
+use super::place::{OnLink, Place, Process};
+use crate::assembly::{bus_plan, master};
 use crate::bus::{LinkEvent, Master, Phase, Waiting};
-use crate::canopen::Time;
+use crate::canopen::{Frame, Time};
 use crate::config;
 use crate::cycle::{Outputs, Timing};
 use crate::guard::{Cause, DeviceSet, Request, State};
 use crate::link::{CanLink, LinkOutbox};
+use crate::quantity::JointAngles;
 use crate::record::{CycleRecord, Moment, Stages};
-use crate::rig::{Enabling, Observer, Pace, Tap, bus_plan, master};
 use yieldwall_drives::objects;
 
 /// Longest time between two calls of a [`BootWatch`].
@@ -31,9 +37,36 @@ const IMPATIENCE: Duration = Duration::from_millis(2);
 /// time that passed between reading the one and the other.
 const SUSPENDED: Duration = Duration::from_millis(50);
 
+/// Gets every frame that went over a bus ([`Frame::bus`]), with the moment of its end.
+pub type Tap = Box<dyn FnMut(Time, &Frame) + Send>;
+
+/// Gets the record of every cycle, right after the cycle has run.
+pub type Observer = Box<dyn FnMut(&CycleRecord) + Send>;
+
 /// Is told what the boot waits for, ten times a second, and nothing when the boot is over. The boot ends when it says that a
 /// person asked for the end.
 pub type BootWatch = Box<dyn FnMut(Option<Waiting<'_>>) -> bool + Send>;
+
+/// How far the joints may be led away from rest, rad.
+const REST_RAD: f64 = 0.02;
+
+/// A rig that has to rest.
+#[derive(Clone, Copy, Debug, Default)]
+struct Rest {
+    /// What was asked of the joints when the rig came to run.
+    at: Option<JointAngles>,
+    is_left: bool,
+}
+
+impl Rest {
+    fn look(&mut self, state: State, targets: JointAngles) {
+        if state == State::Running {
+            let [left, right] = self.at.get_or_insert(targets).to_array();
+            let [is_left, is_right] = targets.to_array();
+            self.is_left |= (is_left - left).abs().max((is_right - right).abs()) > REST_RAD;
+        }
+    }
+}
 
 /// What a link has told besides frames.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -48,15 +81,14 @@ pub struct LinkCounts {
     pub refused: u64,
 }
 
-/// A rig on a link.
+/// A rig at a place.
 ///
-/// [`LiveRig::boot`] brings the network up, and every [`LiveRig::run_cycle`] is one period. Under [`Pace::Free`] the
-/// periods are those of the wall; under [`Pace::Lockstep`] a cycle waits for its process data, however long they take, and
+/// [`Runner::boot`] brings the network up, and every [`Runner::run_cycle`] is one period. Under [`Pace::Free`] the
+/// periods are those of the place's clock; under [`Pace::Lockstep`] a cycle waits for its process data, however long they take, and
 /// time advances by one period: for simulated devices on a computer of any speed.
-pub struct LiveRig<L, M> {
+pub struct Runner<P> {
     master: Master,
-    pub(super) link: L,
-    metronome: M,
+    pub(super) place: P,
     pace: Pace,
     pub(super) period: Duration,
     pub(super) compute_at: Duration,
@@ -86,24 +118,38 @@ pub struct LiveRig<L, M> {
     pub(super) enabling: Enabling,
     drives: [DriveAddress; 2],
     last: Option<Outputs>,
+    /// Where the rig rests, if it was enabled for that alone.
+    rests: Option<Rest>,
+    /// What the process did at the last grid point.
+    process: Process,
     has_panicked: bool,
+    panic: Option<Box<dyn Any + Send>>,
     /// How long another master is listened for before anything is sent.
     listening: Duration,
     /// Whether that was done, and nobody was heard since.
     has_listened: bool,
 }
 
-impl<L: CanLink, M: Metronome> LiveRig<L, M> {
-    /// A rig that has sent nothing yet.
+impl<L: CanLink, M: Metronome> Runner<OnLink<L, M>> {
+    /// A rig on a computer that has sent nothing yet.
     ///
     /// # Errors
     /// Where parts of the configuration do not fit together.
-    pub fn new(rig: &config::Rig, link: L, metronome: M, pace: Pace) -> Result<Self, LiveError> {
-        let (started, suspended) = (link.now(), metronome.suspended());
+    pub fn on_link(rig: &config::Rig, link: L, metronome: M, pace: Pace) -> Result<Self, RunError> {
+        Self::new(rig, &rig.fixture, OnLink { link, metronome }, pace)
+    }
+}
+
+impl<P: Place> Runner<P> {
+    /// A rig that has sent nothing yet. `fixture` stands in place of the rig's own.
+    ///
+    /// # Errors
+    /// Where parts of the configuration do not fit together.
+    pub fn new(rig: &config::Rig, fixture: &config::Fixture, place: P, pace: Pace) -> Result<Self, RunError> {
+        let (started, suspended) = (place.now(), place.suspended());
         Ok(Self {
-            master: master(rig, &rig.fixture)?,
-            link,
-            metronome,
+            master: master(rig, fixture)?,
+            place,
             pace,
             period: Duration::from_micros(rig.cycle.period_us.into()),
             compute_at: Duration::from_micros(rig.cycle.compute_at_us.into()),
@@ -126,7 +172,10 @@ impl<L: CanLink, M: Metronome> LiveRig<L, M> {
             enabling: Enabling::new(rig),
             drives: drive_addresses(rig)?,
             last: None,
+            rests: None,
+            process: Process::Runs,
             has_panicked: false,
+            panic: None,
             listening: bus_plan(rig)?.0.listening(),
             has_listened: false,
         })
@@ -147,9 +196,12 @@ impl<L: CanLink, M: Metronome> LiveRig<L, M> {
         self.boot_watch = Some(watch);
     }
 
-    /// State of the supervisor.
+    /// State of the supervisor; [`State::Lost`] if its process never runs again, since the drives' watchdogs act.
     pub fn state(&self) -> State {
-        self.master.state()
+        match self.master.state() {
+            state if state.is_latched() || self.process != Process::Dead => state,
+            _ => State::Lost,
+        }
     }
 
     /// The fault that led to the present state.
@@ -167,9 +219,29 @@ impl<L: CanLink, M: Metronome> LiveRig<L, M> {
         self.counts
     }
 
-    /// The link.
-    pub fn link(&self) -> &L {
-        &self.link
+    /// Where it runs.
+    pub fn place(&self) -> &P {
+        &self.place
+    }
+
+    /// Where it runs, to change it.
+    pub fn place_mut(&mut self) -> &mut P {
+        &mut self.place
+    }
+
+    /// Whether a cycle has panicked; none is run any more.
+    pub fn has_panicked(&self) -> bool {
+        self.has_panicked
+    }
+
+    /// With what the cycle has panicked, once.
+    pub fn take_panic(&mut self) -> Option<Box<dyn Any + Send>> {
+        self.panic.take()
+    }
+
+    /// Grid point of the next cycle, since switching on; [`Time::NEVER`] before the first one is known.
+    pub fn next_sync(&self) -> Time {
+        self.next_sync
     }
 
     /// What it waits for.
@@ -199,7 +271,7 @@ impl<L: CanLink, M: Metronome> LiveRig<L, M> {
     /// # Errors
     /// If there is another master, a node is missing or is not what it should be, nothing can be sent, or the watch asks for the
     /// end.
-    pub fn boot(&mut self) -> Result<(), LiveError> {
+    pub fn boot(&mut self) -> Result<(), RunError> {
         let booted = self.bring_up();
         if let Some(watch) = &mut self.boot_watch {
             watch(None);
@@ -207,13 +279,18 @@ impl<L: CanLink, M: Metronome> LiveRig<L, M> {
         booted
     }
 
-    fn bring_up(&mut self) -> Result<(), LiveError> {
+    fn bring_up(&mut self) -> Result<(), RunError> {
         self.waits = false;
-        self.make_sure_to_be_alone()?;
+        self.next_sync = Time::NEVER;
+        if !P::IS_VIRTUAL {
+            self.make_sure_to_be_alone()?;
+        }
         self.send_or_fail(|master, now, out| master.start(now, out))?;
         loop {
-            self.drain();
-            self.send_or_fail(|master, now, out| master.poll(now, out))?;
+            let has_come = self.drain();
+            if !(P::IS_VIRTUAL && has_come) {
+                self.send_or_fail(|master, now, out| master.poll(now, out))?;
+            }
             match self.master.phase() {
                 Phase::Operational => break,
                 Phase::Failed(error) => {
@@ -222,7 +299,7 @@ impl<L: CanLink, M: Metronome> LiveRig<L, M> {
                     return Err(error.into());
                 }
                 // A master whose cycle has panicked does not start.
-                Phase::Off => return Err(LiveError::NotBooted),
+                Phase::Off => return Err(RunError::NotBooted),
                 // The master gives every other phase a bound.
                 _ => {}
             }
@@ -230,59 +307,79 @@ impl<L: CanLink, M: Metronome> LiveRig<L, M> {
             let mut next = self.master.next_deadline();
             if let Some(watch) = &mut self.boot_watch {
                 if watch(self.master.waiting(now)) {
-                    return Err(LiveError::Interrupted);
+                    return Err(RunError::Interrupted);
                 }
                 next = next.min(now + LOOK_UP);
             }
-            self.link.wait(self.started + next.since(Time(0)));
+            self.place.wait(self.started + next.since(Time(0)));
         }
-        self.next_sync = Time::NEVER;
         if self.pace == Pace::Lockstep {
             self.listen();
+        }
+        if P::IS_VIRTUAL {
+            self.begin(1);
         }
         Ok(())
     }
 
-    /// Has the cycles begin at the grid point after the next one.
-    fn begin(&mut self) {
+    /// Has the cycles begin so many grid points ahead.
+    fn begin(&mut self, ahead: u64) {
         let (now, period) = (self.now().0, self.period.as_nanos() as u64);
-        self.next_sync = Time((now / period + 2) * period);
+        self.next_sync = Time((now / period + ahead) * period);
         self.lockstep_now = self.next_sync;
-        self.looked_at = self.link.now();
+        self.looked_at = self.place.now();
         self.waits = self.pace == Pace::Lockstep;
     }
 
-    /// One period: SYNC, process data, the cycle, set-points. Nothing comes of it once a cycle has panicked.
+    /// One period: SYNC, process data, the cycle, set-points. Nothing comes of it once a cycle has panicked, and in a period in which
+    /// the process does not run. A rig that was enabled to rest and is led away from where it was is stopped.
     ///
     /// Real-time: yes, if the observer and the tap are.
-    pub fn run_cycle(&mut self, request: Request) -> Option<CycleRecord> {
-        if self.has_panicked {
+    pub fn run_cycle(&mut self, ask: Ask<'_>) -> Option<CycleRecord> {
+        if let Ask::Enable(permit) = ask {
+            self.rests = permit.is_for_rest().then_some(Rest::default());
+        }
+        let mut request = if self.rests.is_some_and(|rest| rest.is_left) { Request::Stop } else { ask.request() };
+        if self.has_panicked && !P::IS_VIRTUAL {
             return None;
         }
         if self.next_sync == Time::NEVER {
-            self.begin();
+            // The first one may be too near.
+            self.begin(2);
         }
-        let grid = if self.waits { self.begin_in_lockstep() } else { self.begin_on_the_wall() };
+        if P::IS_VIRTUAL {
+            self.attend_until(self.next_sync);
+            self.process = self.place.begin_cycle(self.next_sync, &mut request);
+            if self.process != Process::Runs {
+                self.miss_cycle();
+                return None;
+            }
+        }
+        let grid = if self.waits { self.begin_in_lockstep() } else { self.begin_on_the_clock() };
         let begin = self.now();
         let planned = grid + self.compute_at;
-        let behind = self.periods_between(grid, begin);
         self.timing.compute_late_ns = nanos(begin.since(planned));
-        self.timing.skipped = self.timing.skipped.saturating_add(behind);
-        let suspended = self.metronome.suspended();
-        self.timing.suspended = suspended.saturating_sub(std::mem::replace(&mut self.suspended, suspended)) > SUSPENDED;
+        let suspended = self.place.suspended();
+        self.timing.suspended |=
+            suspended.saturating_sub(std::mem::replace(&mut self.suspended, suspended)) > SUSPENDED;
         let timing = std::mem::take(&mut self.timing);
-        let (outputs, stepped) = self.compute(begin, request, timing)?;
+        let Some((outputs, stepped)) = self.compute(begin, request, timing) else {
+            self.next_sync = grid + self.period;
+            return None;
+        };
         let end = if self.waits { begin } else { self.now() };
         self.timing.last_compute_ns = nanos(end.since(begin));
         self.stages.stepped_ns = nanos(stepped.since(planned));
         self.stages.sent_ns = nanos(end.since(planned));
-        // The first grid point that has not passed; those before it are skipped, and never made up for.
-        let ahead = self.periods_between(grid, end);
-        self.timing.skipped = ahead.saturating_sub(behind);
-        self.next_sync = grid + self.period * (ahead + 1);
+        // The first grid point that has not passed; the next cycle is told of those before it, and they are never made up for.
+        self.timing.skipped = self.periods_between(grid, end);
+        self.next_sync = grid + self.period * (self.timing.skipped + 1);
         if self.waits {
             let patience = if self.absent.is_empty() { PATIENCE } else { IMPATIENCE };
             self.wait_for(patience, |master| !master.is_in_flight());
+        }
+        if let Some(rest) = &mut self.rests {
+            rest.look(self.master.state(), outputs.signals.target_angles);
         }
         let moment = Moment {
             index: self.cycles,
@@ -292,7 +389,8 @@ impl<L: CanLink, M: Metronome> LiveRig<L, M> {
             stages: std::mem::take(&mut self.stages),
         };
         self.cycles += 1;
-        let record = CycleRecord::new(moment, self.master.last_inputs(), &outputs, self.master.cause(), None);
+        let record =
+            CycleRecord::new(moment, self.master.last_inputs(), &outputs, self.master.cause(), self.place.truth());
         if let Some(observer) = &mut self.observer {
             observer(&record);
         }
@@ -309,9 +407,9 @@ impl<L: CanLink, M: Metronome> LiveRig<L, M> {
                 self.end_watch();
             }
         }
-        let until = self.link.now() + FAREWELL;
-        while self.link.now() < until {
-            self.link.wait(until);
+        let until = self.place.now() + FAREWELL;
+        while self.place.now() < until {
+            self.place.wait(until);
             self.drain();
         }
     }
@@ -321,7 +419,7 @@ impl<L: CanLink, M: Metronome> LiveRig<L, M> {
     fn end_watch(&mut self) {
         if self.waits {
             // Time follows the wall from here on.
-            self.started = Time(self.link.now().0.saturating_sub(self.lockstep_now.0));
+            self.started = Time(self.place.now().0.saturating_sub(self.lockstep_now.0));
             self.waits = false;
         }
         for drive in self.drives {
@@ -330,29 +428,59 @@ impl<L: CanLink, M: Metronome> LiveRig<L, M> {
         }
     }
 
+    /// A period in which the process does not run.
+    fn miss_cycle(&mut self) {
+        let grid = self.next_sync;
+        match self.process {
+            Process::Suspended => self.timing.suspended = true,
+            _ => self.timing.skipped = self.timing.skipped.saturating_add(1),
+        }
+        self.place.sleep_until(self.started + (grid + self.compute_at).since(Time(0)), Time::NEVER);
+        self.next_sync = grid + self.period;
+    }
+
     /// SYNC on its grid point, then sleeps until the computation; the grid point.
-    fn begin_on_the_wall(&mut self) -> Time {
+    fn begin_on_the_clock(&mut self) -> Time {
         let mut grid = self.next_sync;
-        self.sleep_until(grid);
-        let mut woke = self.now();
+        let mut woke = self.attend_until(grid);
         let missed = self.periods_between(grid, woke);
         if missed > 0 {
             // The first grid point ahead: the cycle that was missed is not made up for.
             self.timing.skipped = self.timing.skipped.saturating_add(missed + 1);
             grid = grid + self.period * (missed + 1);
-            self.sleep_until(grid);
-            woke = self.now();
+            woke = self.attend_until(grid);
         }
         self.stages.sync_woke_ns = nanos(woke.since(grid));
-        self.drain();
         let sent = self.now();
         self.timing.sync_late_ns = nanos(sent.since(grid));
         self.send_sync();
         // Process data follow SYNC, however late that was.
-        self.sleep_until(sent + self.compute_at);
-        self.stages.woke_ns = nanos(self.now().since(grid + self.compute_at));
-        self.drain();
+        let woke = self.attend_until(sent + self.compute_at);
+        self.stages.woke_ns = nanos(woke.since(grid + self.compute_at));
         grid
+    }
+
+    /// Lets time pass until a moment, and takes what has come; when the loop woke up.
+    fn attend_until(&mut self, moment: Time) -> Time {
+        loop {
+            let on_clock = |time: Time| self.started + time.since(Time(0));
+            let runs = self.process == Process::Runs;
+            let deadline = if runs { self.master.next_deadline() } else { Time::NEVER };
+            self.place.sleep_until(on_clock(moment), on_clock(deadline));
+            let woke = self.now();
+            let has_come = self.drain();
+            if !P::IS_VIRTUAL {
+                return woke;
+            }
+            if has_come {
+                continue;
+            }
+            if deadline <= woke {
+                self.send(|master, now, out| master.poll(now, out));
+            } else if woke >= moment {
+                return woke;
+            }
+        }
     }
 
     /// SYNC, then waits for the process data; the grid point.
@@ -372,6 +500,9 @@ impl<L: CanLink, M: Metronome> LiveRig<L, M> {
     }
 
     fn send_sync(&mut self) {
+        if self.master.is_silent() {
+            self.place.drop_queue();
+        }
         self.send(|master, _, out| master.on_sync(out));
     }
 
@@ -382,6 +513,7 @@ impl<L: CanLink, M: Metronome> LiveRig<L, M> {
         }
         let result = catch_unwind(AssertUnwindSafe(|| {
             let outputs = self.master.step(begin, request, timing);
+            self.place.computed(&outputs);
             let stepped = self.now();
             self.send(|master, now, out| master.send_set_points(now, out));
             (outputs, stepped)
@@ -391,8 +523,8 @@ impl<L: CanLink, M: Metronome> LiveRig<L, M> {
                 self.last = Some(outputs);
                 Some((outputs, stepped))
             }
-            Err(_) => {
-                self.has_panicked = true;
+            Err(panic) => {
+                (self.has_panicked, self.panic) = (true, Some(panic));
                 self.send(|master, now, out| master.quick_stop_now(now, out));
                 None
             }
@@ -401,22 +533,23 @@ impl<L: CanLink, M: Metronome> LiveRig<L, M> {
 
     /// Time since switching on.
     pub(super) fn now(&self) -> Time {
-        if self.waits { self.lockstep_now } else { Time(self.link.now().since(self.started).as_nanos() as u64) }
+        if self.waits { self.lockstep_now } else { Time(self.place.now().since(self.started).as_nanos() as u64) }
     }
 
     pub(super) fn sleep_until(&mut self, moment: Time) {
-        self.metronome.sleep_until(self.started + moment.since(Time(0)));
+        self.place.sleep_until(self.started + moment.since(Time(0)), Time::NEVER);
     }
 
-    /// Whole periods from a grid point to a moment.
+    /// How many grid points after `grid` have passed before a moment. One at that moment has not.
     pub(super) fn periods_between(&self, grid: Time, moment: Time) -> u32 {
-        (moment.since(grid).as_nanos() / self.period.as_nanos()).min(u128::from(u32::MAX / 2)) as u32
+        let periods = moment.since(grid).as_nanos().div_ceil(self.period.as_nanos().max(1));
+        periods.saturating_sub(1).min(u128::from(u32::MAX / 2)) as u32
     }
 
     /// Has the master send; a frame that could not be sent is told to the next cycle.
-    pub(super) fn send<R>(&mut self, act: impl FnOnce(&mut Master, Time, &mut LinkOutbox<'_, L>) -> R) -> R {
+    pub(super) fn send<R>(&mut self, act: impl FnOnce(&mut Master, Time, &mut LinkOutbox<'_, P>) -> R) -> R {
         let now = self.now();
-        let mut out = LinkOutbox::new(&mut self.link);
+        let mut out = LinkOutbox::new(&mut self.place);
         let result = act(&mut self.master, now, &mut out);
         let failed = out.failed_buses();
         self.counts.refused += u64::from(out.failure().is_some());
@@ -427,12 +560,12 @@ impl<L: CanLink, M: Metronome> LiveRig<L, M> {
     /// The same where nothing goes on without it.
     pub(super) fn send_or_fail(
         &mut self,
-        act: impl FnOnce(&mut Master, Time, &mut LinkOutbox<'_, L>),
-    ) -> Result<(), LiveError> {
+        act: impl FnOnce(&mut Master, Time, &mut LinkOutbox<'_, P>),
+    ) -> Result<(), RunError> {
         let now = self.now();
-        let mut out = LinkOutbox::new(&mut self.link);
+        let mut out = LinkOutbox::new(&mut self.place);
         act(&mut self.master, now, &mut out);
-        out.failure().map_or(Ok(()), |(bus, error)| Err(LiveError::Send { bus, error }))
+        out.failure().map_or(Ok(()), |(bus, error)| Err(RunError::Send { bus, error }))
     }
 }
 

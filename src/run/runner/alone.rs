@@ -2,20 +2,20 @@
 
 use std::time::Duration;
 
-use super::LiveRig;
+use super::Runner;
 use crate::bus::{BootError, BootFailure, Master, Phase};
 use crate::canopen::Time;
-use crate::link::{CanLink, LinkOutbox};
-use crate::live::error::LiveError;
-use crate::live::metronome::Metronome;
+use crate::link::LinkOutbox;
+use crate::run::error::RunError;
+use crate::run::place::Place;
 
 /// How long a master that has sent its first heartbeat listens for that of another one, before it resets its nodes.
 const ANNOUNCED: Duration = Duration::from_millis(50);
 
-impl<L: CanLink, M: Metronome> LiveRig<L, M> {
+impl<P: Place> Runner<P> {
     /// Listens for another master, and the first time for long, before anything is sent that could disturb it. What comes
     /// meanwhile says nothing of what comes after the reset.
-    pub(super) fn make_sure_to_be_alone(&mut self) -> Result<(), LiveError> {
+    pub(super) fn make_sure_to_be_alone(&mut self) -> Result<(), RunError> {
         if self.has_listened {
             // Since the network was left.
             self.check_alone()?;
@@ -37,27 +37,27 @@ impl<L: CanLink, M: Metronome> LiveRig<L, M> {
     fn listen_until(
         &mut self,
         until: Time,
-        send: impl Fn(&mut Master, Time, &mut LinkOutbox<'_, L>),
-    ) -> Result<(), LiveError> {
+        send: impl Fn(&mut Master, Time, &mut LinkOutbox<'_, P>),
+    ) -> Result<(), RunError> {
         let end = self.started + until.since(Time(0));
         loop {
             self.drain();
             self.check_alone()?;
             // What has come while this process was stopped is looked at as well.
-            if self.now() >= until && !self.link.wait(end) {
+            if self.now() >= until && !self.place.wait(end) {
                 return Ok(());
             }
             self.send(&send);
-            self.link.wait(end.min(self.link.now() + self.master.heartbeat_period()));
+            self.place.wait(end.min(self.place.now() + self.master.heartbeat_period()));
         }
     }
 
     /// Fails if somebody else was heard who is a master.
-    pub(super) fn check_alone(&mut self) -> Result<(), LiveError> {
+    pub(super) fn check_alone(&mut self) -> Result<(), RunError> {
         match self.master.phase() {
             Phase::Failed(BootError { failure: BootFailure::OtherMaster { heard, has_sent }, .. }) => {
                 self.has_listened = false;
-                Err(LiveError::OtherMaster { heard: *heard, has_sent: *has_sent })
+                Err(RunError::OtherMaster { heard: *heard, has_sent: *has_sent })
             }
             _ => Ok(()),
         }

@@ -2,9 +2,9 @@
 
 use nalgebra::Vector2;
 
-use super::build;
 use super::error::RigError;
 use super::world::{Body, Grip, Ideal, Truth, World};
+use crate::assembly;
 use crate::bus::{CommandMode, SensorLink};
 use crate::canopen::node_id;
 use crate::config;
@@ -33,9 +33,9 @@ pub fn drive(rig: &config::Rig, scene: &config::Scene, drive: &config::Drive, se
     let servo = &rig.plant.drive_position_loop;
     Drive::new(DriveSettings {
         node: node(drive.node_id)?,
-        profile: build::profile(&drive.profile)?,
+        profile: assembly::profile(&drive.profile)?,
         serial,
-        scaling: build::scaling(drive)?,
+        scaling: assembly::scaling(drive)?,
         position_loop: PositionLoop {
             period_us: servo.period_us,
             stiffness_n_m_per_rad: servo.stiffness_n_m_per_rad.get(),
@@ -56,7 +56,7 @@ pub fn drive(rig: &config::Rig, scene: &config::Scene, drive: &config::Drive, se
 /// If its profile is not that of a force sensor.
 pub fn force_sensor(rig: &config::Rig) -> Result<ForceSensor, RigError> {
     let sensor = &rig.sensor;
-    let speaks = match build::sensor_link(sensor)? {
+    let speaks = match assembly::sensor_link(sensor)? {
         SensorLink::Canopen(setup) => Speaks::Canopen { node: node(setup.node_id)?, profile: setup.profile, serial: 3 },
         SensorLink::PlainCan(link) => Speaks::PlainCan { protocol: link.protocol, slow_ppm: SENSOR_SLOW_PPM },
     };
@@ -76,8 +76,8 @@ pub fn force_sensor(rig: &config::Rig) -> Result<ForceSensor, RigError> {
 pub fn arm(rig: &config::Rig, scene: &config::Scene) -> Result<ArmParameters, RigError> {
     let arm = &rig.plant.arm;
     Ok(ArmParameters {
-        linkage: build::linkage(rig)?,
-        mass: build::plant_mass(rig),
+        linkage: assembly::linkage(rig)?,
+        mass: assembly::plant_mass(rig),
         handle_kg: scene.hand.mass_kg.get(),
         coulomb_n_m: arm.coulomb_n_m.map(|value| value.get()),
         viscous_n_m_s_per_rad: arm.viscous_n_m_s_per_rad.map(|value| value.get()),
@@ -90,15 +90,15 @@ pub fn arm(rig: &config::Rig, scene: &config::Scene) -> Result<ArmParameters, Ri
 }
 
 pub(super) fn world(rig: &config::Rig, scene: &config::Scene, seed: u64) -> Result<World, RigError> {
-    let linkage: FiveBar = build::linkage(rig)?;
-    let hand = build::hand::<2>(scene, seed)?;
+    let linkage: FiveBar = assembly::linkage(rig)?;
+    let hand = super::hand::hand::<2>(scene, seed)?;
     let start = TipPoint::new(scene.hand.start_m[0].get(), scene.hand.start_m[1].get());
     let angles = linkage.inverse(start)?;
     let model = model(scene)?;
     let body = match model.tracking {
         config::Tracking::Rigid => Body::Arm(Arm::new(&arm(rig, scene)?, angles)?),
         config::Tracking::Ideal => {
-            if build::command_mode(rig) != CommandMode::Position {
+            if assembly::command_mode(rig) != CommandMode::Position {
                 let message = "model.tracking ideal needs command_mode position: a torque has no place to go to";
                 return Err(RigError::Mismatch(message.into()));
             }
@@ -112,7 +112,7 @@ pub(super) fn world(rig: &config::Rig, scene: &config::Scene, seed: u64) -> Resu
             })
         }
     };
-    let (calibration, mounting) = build::calibration(rig)?;
+    let (calibration, mounting) = assembly::calibration(rig)?;
     Ok(World {
         body,
         hand_stiffness_n_per_m: hand.parameters().stiffness_n_per_m,

@@ -2,11 +2,11 @@
 
 use std::time::Duration;
 
-use super::LiveRig;
+use super::Runner;
 use crate::bus::Master;
 use crate::canopen::{Frame, Time};
-use crate::link::{Arrival, CanLink, Received};
-use crate::live::metronome::Metronome;
+use crate::link::{Arrival, Received};
+use crate::run::place::Place;
 
 /// How long lockstep listens before the first cycle, on the wall, to what the boot has made the devices say: there time goes
 /// so fast that the answers of a second device with the same node id could come after the drives were enabled.
@@ -17,46 +17,49 @@ const ARRIVALS: usize = 256;
 /// process was stopped, and devices that are left alone follow the wall.
 const ABSENCE: Duration = Duration::from_millis(500);
 
-impl<L: CanLink, M: Metronome> LiveRig<L, M> {
+impl<P: Place> Runner<P> {
     /// Takes what comes for [`LISTEN`]. The drives wait for heartbeats already.
     pub(super) fn listen(&mut self) {
         let until = self.now() + LISTEN;
         while self.now() < until {
             let sent = self.send(|master, now, out| master.repeat_heartbeat(now, out));
             let next = until.min(sent + self.master.heartbeat_period());
-            self.link.wait(self.started + next.since(Time(0)));
+            self.place.wait(self.started + next.since(Time(0)));
             self.drain();
         }
     }
 
     /// Takes what the link holds, until `is_enough` or for as long as there is patience.
     pub(super) fn wait_for(&mut self, patience: Duration, is_enough: impl Fn(&Master) -> bool) {
-        let until = self.link.now() + patience;
+        let until = self.place.now() + patience;
         loop {
             self.drain();
-            if is_enough(&self.master) || self.link.now() >= until {
+            if is_enough(&self.master) || self.place.now() >= until {
                 return;
             }
-            self.link.wait(until);
+            self.place.wait(until);
         }
     }
 
-    /// Takes what the link holds.
-    pub(super) fn drain(&mut self) {
+    /// Takes what the link holds; whether that was anything.
+    pub(super) fn drain(&mut self) -> bool {
         if self.waits {
-            let wall = self.link.now();
+            let wall = self.place.now();
             if wall.since(self.looked_at) > ABSENCE {
                 self.back_since = wall;
             }
             self.looked_at = wall;
         }
+        let mut has_come = false;
         for _ in 0..ARRIVALS {
-            let Some(arrival) = self.link.receive() else { break };
+            let Some(arrival) = self.place.receive() else { break };
             self.take(&arrival);
+            has_come = true;
         }
+        has_come
     }
 
-    pub(in crate::live) fn take(&mut self, arrival: &Arrival) {
+    pub(in crate::run) fn take(&mut self, arrival: &Arrival) {
         let time = self.time_of(arrival);
         if let Some(event) = arrival.what.link_event() {
             self.master.on_link(arrival.bus, event);
@@ -81,7 +84,7 @@ impl<L: CanLink, M: Metronome> LiveRig<L, M> {
     }
 
     /// When something arrived, since switching on.
-    pub(in crate::live) fn time_of(&self, arrival: &Arrival) -> Time {
+    pub(in crate::run) fn time_of(&self, arrival: &Arrival) -> Time {
         if self.waits { self.lockstep_now } else { Time(arrival.time.since(self.started).as_nanos() as u64) }
     }
 

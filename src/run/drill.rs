@@ -5,19 +5,21 @@
 use std::sync::atomic::AtomicBool;
 use std::time::Duration;
 
-use super::error::LiveError;
-use super::metronome::Metronome;
+use super::drilled::{CYCLES_BEFORE_SILENCE, DRILL_LIMIT, Drilled, Finding};
+use super::error::RunError;
+use super::permit::{Ask, Permit};
+use super::place::Place;
 use super::proof::DriveIdentity;
-use super::rig::LiveRig;
+use super::runner::Runner;
+use crate::assembly::{AssemblyError, bus_plan};
 use crate::bus::DriveSetup;
 use crate::canopen::{NodeId, OnBus, Outbox, SdoClient, SdoOutcome, Time, cob};
 use crate::config;
-use crate::guard::{Request, State};
-use crate::link::{Arrival, CanLink, LinkOutbox, Received};
-use crate::rig::{CYCLES_BEFORE_SILENCE, DRILL_LIMIT, Drilled, Finding, RigError, bus_plan};
-use crate::sim::Watchdog;
+use crate::guard::State;
+use crate::link::{Arrival, LinkOutbox, Received};
 use yieldwall_drives::cia402::{self, Statusword};
 use yieldwall_drives::objects::{self, Object};
+use yieldwall_drives::watchdog::Watchdog;
 
 /// Cycles in which everything is sent before something stays away, so that its last moment is known.
 const CYCLES_REPEATED: u32 = 20;
@@ -97,7 +99,7 @@ impl Watched {
     }
 }
 
-impl<L: CanLink, M: Metronome> LiveRig<L, M> {
+impl<P: Place> Runner<P> {
     /// Drills all watchdogs of the drives: for each the network is booted, the rig enabled at rest, and then one thing stays
     /// away while all others are repeated. The rig is stopped in the end. Nobody may hold the handle.
     ///
@@ -108,20 +110,20 @@ impl<L: CanLink, M: Metronome> LiveRig<L, M> {
         drives: [DriveAddress; 2],
         settling: u32,
         is_interrupted: &AtomicBool,
-    ) -> Result<Drilled, LiveError> {
+    ) -> Result<Drilled, RunError> {
         let mut findings = Vec::new();
         let mut resolution = Duration::ZERO;
         for watchdog in Watchdog::ALL {
             self.boot()?;
-            self.enable(settling, is_interrupted)?;
+            self.enable(settling, &Permit::for_drill(), is_interrupted)?;
             for _ in 0..CYCLES_BEFORE_SILENCE {
-                self.run_cycle(Request::None);
+                self.run_cycle(Ask::Nothing);
             }
             let mut drives = drives.map(Watched::new);
             if !matches!(self.state(), State::Running | State::Holding) {
                 let cause = self.cause();
                 self.stop();
-                return Err(LiveError::NotTried { watchdog, cause });
+                return Err(RunError::NotTried { watchdog, cause });
             }
             let last = self.fall_silent(watchdog, &mut drives);
             let stopped_after = drives.each_ref().map(|drive| drive.stopped_after(last));
@@ -178,10 +180,10 @@ impl<L: CanLink, M: Metronome> LiveRig<L, M> {
 
     /// Takes what the link holds, for the drives that are asked and for the master.
     fn watch(&mut self, drives: &mut [Watched; 2]) {
-        while let Some(arrival) = self.link.receive() {
+        while let Some(arrival) = self.place.receive() {
             let time = self.time_of(&arrival);
             for drive in drives.iter_mut() {
-                let mut out = LinkOutbox::new(&mut self.link);
+                let mut out = LinkOutbox::new(&mut self.place);
                 drive.take(&arrival, time, &mut out);
             }
             self.take(&arrival);
@@ -191,8 +193,8 @@ impl<L: CanLink, M: Metronome> LiveRig<L, M> {
     /// Reads an unsigned object of a drive of a booted network.
     ///
     /// # Errors
-    /// [`LiveError::Unread`] if it does not answer or refuses.
-    pub fn read(&mut self, drive: DriveAddress, index: u16, sub: u8) -> Result<u32, LiveError> {
+    /// [`RunError::Unread`] if it does not answer or refuses.
+    pub fn read(&mut self, drive: DriveAddress, index: u16, sub: u8) -> Result<u32, RunError> {
         let client =
             self.transfer(drive, (index, sub), |client, now, out| client.start_upload(now, index, sub, out))?;
         Ok(client.data().iter().take(4).rev().fold(0, |value, byte| value << 8 | u32::from(*byte)))
@@ -201,8 +203,8 @@ impl<L: CanLink, M: Metronome> LiveRig<L, M> {
     /// Writes an unsigned object of a drive of a booted network.
     ///
     /// # Errors
-    /// As [`LiveRig::read`].
-    pub(super) fn write(&mut self, drive: DriveAddress, object: Object, value: u32) -> Result<(), LiveError> {
+    /// As [`Runner::read`].
+    pub(super) fn write(&mut self, drive: DriveAddress, object: Object, value: u32) -> Result<(), RunError> {
         let bytes = value.to_le_bytes();
         let data = bytes.get(..usize::from(object.bits() / 8)).unwrap_or(&bytes);
         let Object { index, sub, .. } = object;
@@ -215,32 +217,32 @@ impl<L: CanLink, M: Metronome> LiveRig<L, M> {
         &mut self,
         drive: DriveAddress,
         (index, sub): (u16, u8),
-        start: impl FnOnce(&mut SdoClient, Time, &mut OnBus<'_, LinkOutbox<'_, L>>) -> Result<(), E>,
-    ) -> Result<SdoClient, LiveError> {
+        start: impl FnOnce(&mut SdoClient, Time, &mut OnBus<'_, LinkOutbox<'_, P>>) -> Result<(), E>,
+    ) -> Result<SdoClient, RunError> {
         let DriveAddress { bus, node, sdo_wait } = drive;
-        let unread = LiveError::Unread { node_id: node.raw(), index, sub };
+        let unread = RunError::Unread { node_id: node.raw(), index, sub };
         let mut client = SdoClient::new(node, sdo_wait, 4);
         let now = self.now();
-        let mut out = LinkOutbox::new(&mut self.link);
+        let mut out = LinkOutbox::new(&mut self.place);
         start(&mut client, now, &mut out.on(bus)).map_err(|_| unread.clone())?;
         let mut outcome = None;
         while outcome.is_none() {
             // The drives already wait for heartbeats.
             let sent = self.send(|master, now, out| master.repeat_heartbeat(now, out));
             let next = client.next_deadline().min(sent + self.master().heartbeat_period());
-            self.link.wait(self.started + next.since(Time(0)));
-            while let Some(arrival) = self.link.receive() {
+            self.place.wait(self.started + next.since(Time(0)));
+            while let Some(arrival) = self.place.receive() {
                 let time = self.time_of(&arrival);
                 if let Received::Frame(frame) = arrival.what
                     && frame.bus() == bus
                 {
-                    let mut out = LinkOutbox::new(&mut self.link);
+                    let mut out = LinkOutbox::new(&mut self.place);
                     outcome = outcome.or(client.on_frame(time, &frame, &mut out.on(bus)));
                 }
                 self.take(&arrival);
             }
             let now = self.now();
-            outcome = outcome.or_else(|| client.poll(now, &mut LinkOutbox::new(&mut self.link).on(bus)));
+            outcome = outcome.or_else(|| client.poll(now, &mut LinkOutbox::new(&mut self.place).on(bus)));
         }
         match outcome {
             Some(SdoOutcome::Uploaded { .. } | SdoOutcome::Downloaded { .. }) => Ok(client),
@@ -251,13 +253,13 @@ impl<L: CanLink, M: Metronome> LiveRig<L, M> {
     /// What both drives of a booted network say that they are.
     ///
     /// # Errors
-    /// As [`LiveRig::read`].
-    pub fn identities(&mut self, drives: [DriveAddress; 2]) -> Result<[DriveIdentity; 2], LiveError> {
+    /// As [`Runner::read`].
+    pub fn identities(&mut self, drives: [DriveAddress; 2]) -> Result<[DriveIdentity; 2], RunError> {
         let [left, right] = drives;
         Ok([self.identity(left)?, self.identity(right)?])
     }
 
-    fn identity(&mut self, drive: DriveAddress) -> Result<DriveIdentity, LiveError> {
+    fn identity(&mut self, drive: DriveAddress) -> Result<DriveIdentity, RunError> {
         let mut read = |sub| self.read(drive, objects::VENDOR_ID.index, sub);
         Ok(DriveIdentity {
             node_id: drive.node.raw(),
@@ -273,10 +275,10 @@ impl<L: CanLink, M: Metronome> LiveRig<L, M> {
 ///
 /// # Errors
 /// If a node id is out of range or a bus has no entry, which no checked configuration has.
-pub fn drive_addresses(rig: &config::Rig) -> Result<[DriveAddress; 2], RigError> {
+pub fn drive_addresses(rig: &config::Rig) -> Result<[DriveAddress; 2], AssemblyError> {
     let [left, right] = bus_plan(rig)?.0.drives;
-    let address = |drive: &DriveSetup| -> Result<DriveAddress, RigError> {
-        let node = cob::node_id(drive.node_id).map_err(|error| RigError::Device(error.to_string()))?;
+    let address = |drive: &DriveSetup| -> Result<DriveAddress, AssemblyError> {
+        let node = cob::node_id(drive.node_id).map_err(|error| AssemblyError::Device(error.to_string()))?;
         Ok(DriveAddress { bus: drive.bus, node, sdo_wait: drive.waits.sdo })
     };
     Ok([address(&left)?, address(&right)?])

@@ -1,22 +1,21 @@
 //! What simulated drives on the bus say of themselves: what their time follows, and which watchdogs they lack.
 
 use super::drill::DriveAddress;
-use super::error::LiveError;
-use super::metronome::Metronome;
-use super::rig::LiveRig;
-use crate::link::CanLink;
-use crate::rig::Pace;
-use crate::sim::{Clock, Watchdog};
+use super::error::RunError;
+use super::pace::Pace;
+use super::place::Place;
+use super::runner::Runner;
 use yieldwall_drives::objects;
 use yieldwall_drives::profiles::SIMULATED_VENDOR;
+use yieldwall_drives::watchdog::{Clock, Watchdog};
 
-impl<L: CanLink, M: Metronome> LiveRig<L, M> {
+impl<P: Place> Runner<P> {
     /// Asks the drives of a booted network, where they are simulated, whether they are simulated for this pace. In lockstep
     /// they also have to have all watchdogs: there time stands still without SYNC, so that no drill is possible.
     ///
     /// # Errors
-    /// [`LiveError::Pace`] and [`LiveError::Unwatched`] if not; as [`LiveRig::read`].
-    pub fn check_simulation(&mut self, drives: [DriveAddress; 2]) -> Result<(), LiveError> {
+    /// [`RunError::Pace`] and [`RunError::Unwatched`] if not; as [`Runner::read`].
+    pub fn check_simulation(&mut self, drives: [DriveAddress; 2]) -> Result<(), RunError> {
         for drive in drives {
             let node_id = drive.node.raw();
             let mut read = |object: objects::Object| self.read(drive, object.index, object.sub);
@@ -30,11 +29,11 @@ impl<L: CanLink, M: Metronome> LiveRig<L, M> {
                 Pace::Free => Clock::Sync,
             };
             if clock == u32::from(other.code()) {
-                return Err(LiveError::Pace { node_id, pace: self.pace() });
+                return Err(RunError::Pace { node_id, pace: self.pace() });
             }
             let lacking = Watchdog::ALL.into_iter().find(|watchdog| lacks & u32::from(watchdog.bit()) != 0);
             if let (Pace::Lockstep, Some(watchdog)) = (self.pace(), lacking) {
-                return Err(LiveError::Unwatched { node_id, watchdog });
+                return Err(RunError::Unwatched { node_id, watchdog });
             }
         }
         Ok(())

@@ -9,9 +9,9 @@ use std::time::Duration;
 use rustix::thread::clock_nanosleep_absolute;
 use rustix::time::{ClockId, Timespec, clock_gettime};
 
-use super::metronome::Metronome;
 use super::timing::Computer;
 use crate::canopen::Time;
+use crate::run::Metronome;
 
 pub use load::Load;
 pub use readiness::Readiness;

@@ -1,11 +1,15 @@
-//! From the configuration to the parts of a rig.
+//! From the configuration to the parts of a rig: linkage, fixture, control, guard, cycle and master, and what its buses carry.
+
+mod buses;
+mod error;
+
+pub use buses::{bus_number, bus_plan, device_buses};
+pub use error::AssemblyError;
 
 use std::time::Duration;
 
-use nalgebra::{Matrix6, Vector2};
+use nalgebra::Matrix6;
 
-use super::buses;
-use super::error::RigError;
 use crate::bus::{CommandMode, DriveSetup, Master, MasterSetup, SensorLink, SensorNode, SensorSetup, Waits};
 use crate::config;
 use crate::control::{FeedForwardParameters, Gains, Law, RateLaw};
@@ -19,19 +23,18 @@ use crate::linkage::{FiveBar, MassModel};
 use crate::plain_can;
 use crate::quantity::TipPoint;
 use crate::sensing::{Calibration, MountedOn, Mounting, Sensing, SensingParameters};
-use crate::sim::hand::{AimError, Hand, HandParameters, Leg, NoiseBand, Path, Speed};
 use yieldwall_drives::profiles::{self, DeviceProfile};
 use yieldwall_drives::scaling::{AxisScaling, Direction};
 
-pub(super) fn period_s(rig: &config::Rig) -> f64 {
+pub(crate) fn period_s(rig: &config::Rig) -> f64 {
     f64::from(rig.cycle.period_us) * 1e-6
 }
 
-pub(super) fn linkage(rig: &config::Rig) -> Result<FiveBar, RigError> {
+pub(crate) fn linkage(rig: &config::Rig) -> Result<FiveBar, AssemblyError> {
     Ok(FiveBar::new(rig.linkage.geometry())?)
 }
 
-pub(super) fn mass_model(inertia: &config::ArmInertia) -> MassModel {
+pub(crate) fn mass_model(inertia: &config::ArmInertia) -> MassModel {
     MassModel {
         motor_kg_m2: inertia.motor_kg_m2.map(|value| value.get()),
         proximal_kg: inertia.proximal_kg.map(|value| value.get()),
@@ -40,7 +43,8 @@ pub(super) fn mass_model(inertia: &config::ArmInertia) -> MassModel {
     }
 }
 
-pub(super) fn plant_mass(rig: &config::Rig) -> MassModel {
+/// Inertia of the simulated arm.
+pub fn plant_mass(rig: &config::Rig) -> MassModel {
     let arm = &rig.plant.arm;
     MassModel {
         motor_kg_m2: arm.motor_kg_m2.map(|value| value.get()),
@@ -78,11 +82,7 @@ fn parameters(fixture: &config::Fixture, period_s: f64) -> Parameters {
     }
 }
 
-pub(super) fn point2(point: [config::Finite; 2]) -> Vector2<f64> {
-    Vector2::from(point.map(|value| value.get()))
-}
-
-fn law(configured: &config::Fixture, period_s: f64) -> Result<fixture::Law, RigError> {
+fn law(configured: &config::Fixture, period_s: f64) -> Result<fixture::Law, AssemblyError> {
     let Parameters { limits, side, curvature, .. } = parameters(configured, period_s);
     let kappa = configured.coupling.equivalent_stiffness_n_per_m(period_s);
     let tube = BallAndTube::new(limits, kappa, side, curvature);
@@ -100,7 +100,7 @@ fn law(configured: &config::Fixture, period_s: f64) -> Result<fixture::Law, RigE
 }
 
 /// The planar fixture of an admittance rig.
-pub(super) fn planar_fixture(fixture: &config::Fixture, period_s: f64) -> Result<Fixture<Shape2, 2>, RigError> {
+pub(crate) fn planar_fixture(fixture: &config::Fixture, period_s: f64) -> Result<Fixture<Shape2, 2>, AssemblyError> {
     let shape = fixture.planar()?.ok_or_else(|| wrong_dimension(&fixture.surface, 2))?;
     let mut built = Fixture::with_set(shape, parameters(fixture, period_s), law(fixture, period_s)?)?;
     if let Some(hold) = fixture.automatic_hold {
@@ -116,13 +116,17 @@ pub(super) fn planar_fixture(fixture: &config::Fixture, period_s: f64) -> Result
 }
 
 /// The fixture of an impedance device, in space.
-pub(super) fn spatial_fixture(fixture: &config::Fixture, period_s: f64) -> Result<Fixture<Shape3, 3>, RigError> {
+/// The fixture of a machine in space.
+///
+/// # Errors
+/// If its surface or its parameters are refused.
+pub fn spatial_fixture(fixture: &config::Fixture, period_s: f64) -> Result<Fixture<Shape3, 3>, AssemblyError> {
     let shape = fixture.spatial()?.ok_or_else(|| wrong_dimension(&fixture.surface, 3))?;
     Ok(Fixture::with_set(shape, parameters(fixture, period_s), law(fixture, period_s)?)?)
 }
 
-fn wrong_dimension(surface: &config::Surface, wanted: usize) -> RigError {
-    RigError::Mismatch(format!(
+fn wrong_dimension(surface: &config::Surface, wanted: usize) -> AssemblyError {
+    AssemblyError::Mismatch(format!(
         "the fixture's surface is a {} in {} dimensions, this machine moves in {wanted}",
         surface.name(),
         surface.dimension()
@@ -130,7 +134,7 @@ fn wrong_dimension(surface: &config::Surface, wanted: usize) -> RigError {
 }
 
 /// Calibration and mounting of the force sensor, shared with the simulated one.
-pub(super) fn calibration(rig: &config::Rig) -> Result<(Calibration, Mounting), RigError> {
+pub(crate) fn calibration(rig: &config::Rig) -> Result<(Calibration, Mounting), AssemblyError> {
     let sensor = &rig.sensor;
     let matrix = Matrix6::from_fn(|row, column| sensor.calibration[row][column].get());
     let link = match sensor.mounted_on {
@@ -142,7 +146,7 @@ pub(super) fn calibration(rig: &config::Rig) -> Result<(Calibration, Mounting), 
     Ok((Calibration::new(matrix, i32::from(sensor.range_counts))?, mounting))
 }
 
-pub(super) fn command_mode(rig: &config::Rig) -> CommandMode {
+pub(crate) fn command_mode(rig: &config::Rig) -> CommandMode {
     match rig.rig.command_mode {
         config::CommandMode::Position => CommandMode::Position,
         config::CommandMode::Velocity => CommandMode::Velocity,
@@ -150,7 +154,7 @@ pub(super) fn command_mode(rig: &config::Rig) -> CommandMode {
     }
 }
 
-pub(super) fn gains(control: &config::Control) -> Option<(Gains, bool)> {
+pub(crate) fn gains(control: &config::Control) -> Option<(Gains, bool)> {
     match control.gains {
         config::ControlGains::Joint { stiffness_n_m_per_rad, damping_n_m_s_per_rad, integral_n_m_per_rad_s } => Some((
             Gains {
@@ -172,7 +176,7 @@ pub(super) fn gains(control: &config::Control) -> Option<(Gains, bool)> {
     }
 }
 
-fn servo(rig: &config::Rig) -> Result<Servo, RigError> {
+fn servo(rig: &config::Rig) -> Result<Servo, AssemblyError> {
     let control = &rig.control;
     match rig.rig.command_mode {
         config::CommandMode::Position => Ok(Servo::Position),
@@ -181,7 +185,7 @@ fn servo(rig: &config::Rig) -> Result<Servo, RigError> {
                 let limit = rig.guard.joint_speed_limit_rad_per_s.get();
                 Ok(Servo::Velocity(RateLaw::new(gain_per_s.get(), limit)?))
             }
-            _ => Err(RigError::Mismatch("command_mode velocity needs control.gains.rate".into())),
+            _ => Err(AssemblyError::Mismatch("command_mode velocity needs control.gains.rate".into())),
         },
         config::CommandMode::Torque => {
             Ok(Servo::Torque(Box::new(TorqueServo::new(&torque_servo(rig)?, &linkage(rig)?, period_s(rig))?)))
@@ -193,10 +197,10 @@ fn servo(rig: &config::Rig) -> Result<Servo, RigError> {
 ///
 /// # Errors
 /// If its gains are those of another mode.
-pub fn torque_servo(rig: &config::Rig) -> Result<TorqueServoParameters, RigError> {
+pub fn torque_servo(rig: &config::Rig) -> Result<TorqueServoParameters, AssemblyError> {
     let control = &rig.control;
     let Some((gains, is_cartesian)) = gains(control) else {
-        return Err(RigError::Mismatch("command_mode torque needs control.gains joint or cartesian".into()));
+        return Err(AssemblyError::Mismatch("command_mode torque needs control.gains joint or cartesian".into()));
     };
     Ok(TorqueServoParameters {
         law: match control.law {
@@ -220,7 +224,7 @@ pub fn torque_servo(rig: &config::Rig) -> Result<TorqueServoParameters, RigError
 ///
 /// # Errors
 /// Where parts of the configuration do not fit together.
-pub fn cycle(rig: &config::Rig, fixture: &config::Fixture) -> Result<Cycle, RigError> {
+pub fn cycle(rig: &config::Rig, fixture: &config::Fixture) -> Result<Cycle, AssemblyError> {
     let period_s = period_s(rig);
     let limits = &rig.guard;
     let (calibration, mounting) = calibration(rig)?;
@@ -248,17 +252,17 @@ pub fn cycle(rig: &config::Rig, fixture: &config::Fixture) -> Result<Cycle, RigE
         stop_deceleration_m_per_s2: limits.stop_deceleration_m_per_s2.get(),
         residual_limit_n_m: limits.residual_limit_n_m.map(|value| value.get()),
         energy_limit_j: limits.energy_limit_j.get(),
-        enabling_limit_s: enabling_limit_s(rig),
+        enabling_limit_s: rig.drives.each_ref().map(|drive| f64::from(drive.enabling_ms) * 1e-3),
         compute_budget_s: f64::from(rig.cycle.period_us.saturating_sub(rig.cycle.compute_at_us)) * 1e-6,
     };
     Ok(Cycle::new(settings, linkage(rig)?, sensing, planar_fixture(fixture, period_s)?, servo(rig)?, gate))
 }
 
-pub(super) fn profile(name: &str) -> Result<&'static DeviceProfile, RigError> {
-    profiles::find(name).ok_or_else(|| RigError::Mismatch(format!("there is no device profile named {name}")))
+pub(crate) fn profile(name: &str) -> Result<&'static DeviceProfile, AssemblyError> {
+    profiles::find(name).ok_or_else(|| AssemblyError::Mismatch(format!("there is no device profile named {name}")))
 }
 
-pub(super) fn scaling(drive: &config::Drive) -> Result<AxisScaling, RigError> {
+pub(crate) fn scaling(drive: &config::Drive) -> Result<AxisScaling, AssemblyError> {
     let direction = if drive.direction < 0 { Direction::Reversed } else { Direction::Same };
     Ok(AxisScaling::new(
         f64::from(drive.encoder_counts_per_rev),
@@ -272,12 +276,12 @@ pub(super) fn scaling(drive: &config::Drive) -> Result<AxisScaling, RigError> {
 ///
 /// # Errors
 /// Where parts of the configuration do not fit together.
-pub fn master(rig: &config::Rig, fixture: &config::Fixture) -> Result<Master, RigError> {
+pub fn master(rig: &config::Rig, fixture: &config::Fixture) -> Result<Master, AssemblyError> {
     Ok(Master::new(&network(rig)?, cycle(rig, fixture)?)?)
 }
 
 /// The network as the master has to bring it up.
-pub(super) fn network(rig: &config::Rig) -> Result<MasterSetup, RigError> {
+pub(crate) fn network(rig: &config::Rig) -> Result<MasterSetup, AssemblyError> {
     // The turn of the encoders is taken from the task's origin: an arm is always within half a turn of it.
     let home = linkage(rig)?.inverse(TipPoint::new(0.0, 0.0))?.to_array();
     let [left, right] = &rig.drives;
@@ -298,7 +302,7 @@ pub(super) fn network(rig: &config::Rig) -> Result<MasterSetup, RigError> {
 }
 
 /// Time from one sample of the force sensor to the next.
-pub(super) fn sample_period(rig: &config::Rig) -> Duration {
+pub(crate) fn sample_period(rig: &config::Rig) -> Duration {
     Duration::from_secs_f64(rig.sensor.sample_rate_hz.get().recip())
 }
 
@@ -306,7 +310,7 @@ pub(super) fn sample_period(rig: &config::Rig) -> Duration {
 ///
 /// # Errors
 /// Where its profile or node-ID is unknown.
-pub(super) fn sensor_link(sensor: &config::Sensor) -> Result<SensorLink, RigError> {
+pub(crate) fn sensor_link(sensor: &config::Sensor) -> Result<SensorLink, AssemblyError> {
     let plain = |protocol, pair_gap_us: u32, zero_at_start| {
         let pair_gap = Duration::from_micros(pair_gap_us.into());
         let sample_period = Duration::from_secs_f64(sensor.sample_rate_hz.get().recip());
@@ -345,15 +349,10 @@ fn waits(waits: &config::Waits) -> Waits {
     Waits { boot_up, sdo, start }
 }
 
-/// Longest time to Operation Enabled of the left and of the right drive, s.
-pub(super) fn enabling_limit_s(rig: &config::Rig) -> [f64; 2] {
-    rig.drives.each_ref().map(|drive| f64::from(drive.enabling_ms) * 1e-3)
-}
-
 /// The drive's own speed limit as a share of the guard's, which is to act first.
 const SPEED_LIMIT_SHARE: f64 = 1.25;
 
-fn drive(rig: &config::Rig, drive: &config::Drive, expected_angle_rad: f64) -> Result<DriveSetup, RigError> {
+fn drive(rig: &config::Rig, drive: &config::Drive, expected_angle_rad: f64) -> Result<DriveSetup, AssemblyError> {
     let scaling = scaling(drive)?;
     let window = 2.0 * rig.guard.following_error_limit_rad.get() * scaling.counts_per_rad();
     let speed = SPEED_LIMIT_SHARE * rig.guard.joint_speed_limit_rad_per_s.get() * scaling.counts_per_rad();
@@ -372,49 +371,4 @@ fn drive(rig: &config::Rig, drive: &config::Drive, expected_angle_rad: f64) -> R
         // The drive's own window is the guard's second, wider one.
         following_error_counts: window.round().min(f64::from(u32::MAX - 1)) as u32,
     })
-}
-
-fn fixed<const N: usize>(point: &[config::Finite], what: &str) -> Result<nalgebra::SVector<f64, N>, RigError> {
-    if point.len() != N {
-        let found = point.len();
-        return Err(RigError::Mismatch(format!("{what} of the scene has {found} coordinates, this machine has {N}")));
-    }
-    Ok(nalgebra::SVector::from_iterator(point.iter().map(|value| value.get())))
-}
-
-/// The hand of a scene.
-pub(super) fn hand<const N: usize>(scene: &config::Scene, seed: u64) -> Result<Hand<N>, RigError> {
-    let hand = &scene.hand;
-    let mut legs = Vec::new();
-    for segment in &hand.path {
-        legs.push(match segment {
-            config::PathSegment::To { point_m, in_s } => {
-                Leg::To { point_m: fixed(point_m, "a way-point")?, in_s: in_s.get() }
-            }
-            config::PathSegment::Arc { center_m, by_rad, in_s, speed } => Leg::Arc {
-                center_m: fixed::<2>(center_m.get(..2).unwrap_or(center_m), "the centre of an arc")?.into(),
-                by_rad: by_rad.get(),
-                in_s: in_s.get(),
-                speed: match speed {
-                    config::ArcSpeed::Smooth => Speed::Smooth,
-                    config::ArcSpeed::Constant => Speed::Constant,
-                },
-            },
-            config::PathSegment::Wait { for_s } => Leg::Wait { for_s: for_s.get() },
-        });
-    }
-    let path = Path::new(fixed(&hand.start_m, "the start")?, &legs)?;
-    let parameters = HandParameters {
-        mass_kg: hand.mass_kg.get(),
-        stiffness_n_per_m: hand.stiffness_n_per_m.get(),
-        damping_n_s_per_m: hand.damping_n_s_per_m.get(),
-        voluntary_force_limit_n: hand.voluntary_force_limit_n.map_or(f64::INFINITY, |limit| limit.get()),
-        tremor: hand.tremor.as_ref().map(|tremor| NoiseBand {
-            rms: tremor.force_rms_n.get(),
-            low_hz: tremor.low_hz.get(),
-            high_hz: tremor.high_hz.get(),
-        }),
-        aim_error: hand.aim_error.map(|error| AimError { rms_m: error.rms_m.get(), corner_hz: error.corner_hz.get() }),
-    };
-    Ok(Hand::new(parameters, path, seed)?)
 }

@@ -2,13 +2,13 @@
 
 use std::sync::atomic::{AtomicBool, Ordering};
 
-use super::error::LiveError;
-use super::metronome::Metronome;
-use super::rig::LiveRig;
-use crate::guard::{Cause, Request, State};
-use crate::link::CanLink;
+use super::conduct::{Enable, Enabling, STOP_LIMIT_S, has_torque};
+use super::error::RunError;
+use super::permit::{Ask, Permit};
+use super::place::Place;
+use super::runner::Runner;
+use crate::guard::{Cause, State};
 use crate::record::{AROUND_FAULT_S, CycleRecord};
-use crate::rig::{Enable, STOP_LIMIT_S, has_torque};
 
 /// What is asked of a scene.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -47,7 +47,7 @@ pub struct Played {
     pub cycles: u64,
 }
 
-impl<L: CanLink, M: Metronome> LiveRig<L, M> {
+impl<P: Place> Runner<P> {
     /// Enables a booted rig, runs its scene and stops it. `each` gets every record of the scene. A rig that a fault stops
     /// goes on for [`AROUND_FAULT_S`], in which its drives stop, for those who watch.
     ///
@@ -56,10 +56,11 @@ impl<L: CanLink, M: Metronome> LiveRig<L, M> {
     pub fn play(
         &mut self,
         play: &Play,
+        permit: &Permit,
         is_interrupted: &AtomicBool,
         mut each: impl FnMut(&CycleRecord),
-    ) -> Result<Played, LiveError> {
-        self.enable(play.settling, is_interrupted)?;
+    ) -> Result<Played, RunError> {
+        self.enable(play.settling, permit, is_interrupted)?;
         self.begin_scene();
         let mut cycles = 0;
         let mut ended = Ended::Whole;
@@ -68,11 +69,12 @@ impl<L: CanLink, M: Metronome> LiveRig<L, M> {
                 ended = Ended::Interrupted;
                 break;
             }
-            let Some(record) = self.run_cycle(Request::None) else {
+            let record = self.run_cycle(Ask::Nothing);
+            if self.has_panicked() {
                 ended = Ended::Panicked;
                 break;
-            };
-            each(&record);
+            }
+            record.iter().for_each(&mut each);
             cycles += 1;
             if self.state().is_latched() {
                 ended = Ended::Stopped;
@@ -83,7 +85,7 @@ impl<L: CanLink, M: Metronome> LiveRig<L, M> {
         match ended {
             Ended::Stopped => {
                 for _ in 0..self.cycles_in(AROUND_FAULT_S) {
-                    self.run_cycle(Request::None);
+                    self.run_cycle(Ask::Nothing);
                 }
             }
             Ended::Whole | Ended::Interrupted if !self.stop() => ended = Ended::StillMoving,
@@ -92,22 +94,37 @@ impl<L: CanLink, M: Metronome> LiveRig<L, M> {
         Ok(Played { ended, state, cause, cycles })
     }
 
-    pub(super) fn enable(&mut self, settling: u32, is_interrupted: &AtomicBool) -> Result<(), LiveError> {
-        let mut enabling = self.enabling.not_before(settling);
+    /// Enables a booted rig after so many cycles of process data; one that does not come to run is stopped.
+    ///
+    /// # Errors
+    /// If the rig does not come to run, or a person asks for the end.
+    pub fn enable(&mut self, settling: u32, permit: &Permit, is_interrupted: &AtomicBool) -> Result<(), RunError> {
+        let enabling = self.enabling.not_before(settling);
+        let enabled = self.come_to_run(enabling, permit, is_interrupted);
+        if enabled.is_err() {
+            self.stop();
+        }
+        enabled
+    }
+
+    /// Asks a booted rig to be enabled until it runs.
+    pub(crate) fn come_to_run(
+        &mut self,
+        mut enabling: Enabling,
+        permit: &Permit,
+        is_interrupted: &AtomicBool,
+    ) -> Result<(), RunError> {
         loop {
             if is_interrupted.load(Ordering::Relaxed) {
-                self.stop();
-                return Err(LiveError::Interrupted);
+                return Err(RunError::Interrupted);
             }
-            match enabling.next(self.state()) {
-                Enable::Ask(request) => self.run_cycle(request),
+            match enabling.next(self.state(), permit) {
+                Enable::Ask(ask) => self.run_cycle(ask),
                 Enable::Done => return Ok(()),
                 Enable::GivenUp => break,
             };
         }
-        let cause = self.cause();
-        self.stop();
-        Err(LiveError::NotEnabled { waited_s: enabling.waited_s(), cause })
+        Err(RunError::NotEnabled { waited_s: enabling.waited_s(), cause: self.cause() })
     }
 
     /// Stops the rig along its ramp; whether both drives said in time that they make no torque.
@@ -116,7 +133,8 @@ impl<L: CanLink, M: Metronome> LiveRig<L, M> {
             if !self.makes_torque() {
                 return true;
             }
-            if self.run_cycle(Request::Stop).is_none() {
+            self.run_cycle(Ask::Stop);
+            if self.has_panicked() {
                 return false;
             }
         }

@@ -2,9 +2,9 @@
 
 use std::time::Duration;
 
-use super::build;
+use super::permit::{Ask, Permit};
 use crate::config;
-use crate::guard::{Request, State};
+use crate::guard::State;
 use yieldwall_drives::cia402;
 
 /// Samples of the force sensor before the rig asks to be enabled, or as many cycles if those are longer: the drives have
@@ -27,9 +27,9 @@ pub fn settling_cycles(period: Duration, sample_period: Duration) -> u32 {
 
 /// What to do with the next cycle of a rig that is being enabled.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Enable {
-    /// Run it with this request.
-    Ask(Request),
+pub enum Enable<'a> {
+    /// Run it, and ask for this.
+    Ask(Ask<'a>),
     /// The rig runs.
     Done,
     /// It took too long.
@@ -54,15 +54,22 @@ pub struct Enabling {
 impl Enabling {
     /// Asks this rig, as long as its drives may take.
     pub fn new(rig: &config::Rig) -> Self {
-        let [left, right] = build::enabling_limit_s(rig);
-        let none = Self { period_s: build::period_s(rig), cycle: 0, first: 0, refusals: 0, limit: 0, refused: 0 };
+        let [left, right] = rig.drives.each_ref().map(|drive| f64::from(drive.enabling_ms) * 1e-3);
+        let none = Self {
+            period_s: f64::from(rig.cycle.period_us) * 1e-6,
+            cycle: 0,
+            first: 0,
+            refusals: 0,
+            limit: 0,
+            refused: 0,
+        };
         let (first, limit) = (SAMPLES_BEFORE_ENABLING, none.cycles_in(left.max(right)));
         Self { first, limit, ..none }.refused_for(REFUSED_LIMIT_S)
     }
 
     /// Asks after a reset.
     #[must_use]
-    pub(super) fn after_reset(self) -> Self {
+    pub fn after_reset(self) -> Self {
         self.refused_for(REFUSED_AFTER_RESET_S)
     }
 
@@ -78,10 +85,10 @@ impl Enabling {
     }
 
     /// What to do next with a rig in this state.
-    pub fn next(&mut self, state: State) -> Enable {
+    pub fn next<'a>(&mut self, state: State, permit: &'a Permit) -> Enable<'a> {
         let Some(asking) = self.cycle.checked_sub(self.first) else {
             self.cycle += 1;
-            return Enable::Ask(Request::None);
+            return Enable::Ask(Ask::Nothing);
         };
         if state == State::Running {
             return Enable::Done;
@@ -94,7 +101,7 @@ impl Enabling {
         self.refused += u32::from(state == State::Idle);
         // What was seen within the last seconds keeps the rig from being enabled: a person asks again.
         let asks = state == State::Idle && asking.is_multiple_of(CYCLES_BETWEEN_ASKING);
-        Enable::Ask(if asks { Request::Enable } else { Request::None })
+        Enable::Ask(if asks { Ask::Enable(permit) } else { Ask::Nothing })
     }
 
     /// How long the rig has been asked, s.

@@ -2,8 +2,8 @@
 
 use std::time::Duration;
 
-use super::build;
-use super::error::RigError;
+use super::error::AssemblyError;
+use super::network;
 use crate::bus::MasterSetup;
 use crate::bus::budget::Conditions;
 use crate::config;
@@ -14,7 +14,7 @@ use crate::config;
 ///
 /// # Errors
 /// Where parts of the configuration do not fit together.
-pub fn bus_plan(rig: &config::Rig) -> Result<(MasterSetup, Vec<Conditions>), RigError> {
+pub fn bus_plan(rig: &config::Rig) -> Result<(MasterSetup, Vec<Conditions>), AssemblyError> {
     let conditions = (0..).zip(rig.buses.values()).map(|(bus, configured)| Conditions {
         bus,
         bit_rate: configured.bit_rate_bit_per_s,
@@ -23,23 +23,23 @@ pub fn bus_plan(rig: &config::Rig) -> Result<(MasterSetup, Vec<Conditions>), Rig
         has_release_jitter: true,
         has_fifo: true,
     });
-    Ok((build::network(rig)?, conditions.collect()))
+    Ok((network(rig)?, conditions.collect()))
 }
 
 /// Number of a bus: its place among the names.
 ///
 /// # Errors
 /// If there is no bus of this name.
-pub(super) fn bus_number(rig: &config::Rig, name: &str) -> Result<u8, RigError> {
+pub fn bus_number(rig: &config::Rig, name: &str) -> Result<u8, AssemblyError> {
     let at = rig.buses.keys().position(|bus| bus == name).and_then(|at| u8::try_from(at).ok());
-    at.ok_or_else(|| RigError::Mismatch(format!("`buses` has no bus named {name}")))
+    at.ok_or_else(|| AssemblyError::Mismatch(format!("`buses` has no bus named {name}")))
 }
 
 /// Numbers of the buses of the left drive, the right drive and the sensor.
 ///
 /// # Errors
 /// If one is not among `buses`.
-pub(super) fn device_buses(rig: &config::Rig) -> Result<[u8; 3], RigError> {
+pub fn device_buses(rig: &config::Rig) -> Result<[u8; 3], AssemblyError> {
     let [left, right] = &rig.drives;
     Ok([bus_number(rig, &left.bus)?, bus_number(rig, &right.bus)?, bus_number(rig, &rig.sensor.bus)?])
 }

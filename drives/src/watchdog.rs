@@ -1,0 +1,49 @@
+//! What a drive watches its master by, and what a simulated one says of its time.
+
+/// A watch that a drive keeps on its master.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum Watchdog {
+    /// SYNC has to come.
+    Sync,
+    /// Set-points have to come (14xxh:5).
+    SetPoints,
+    /// The master's heartbeat has to come (1016h).
+    Heartbeat,
+}
+
+impl Watchdog {
+    /// All of them.
+    pub const ALL: [Self; 3] = [Self::Sync, Self::SetPoints, Self::Heartbeat];
+
+    /// Its bit in 2010h of a simulated drive.
+    pub const fn bit(self) -> u8 {
+        1 << self as u8
+    }
+
+    /// What it waits for.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Watchdog::Sync => "SYNC",
+            Watchdog::SetPoints => "set-points",
+            Watchdog::Heartbeat => "heartbeat",
+        }
+    }
+}
+
+/// What the time of a simulated drive follows, as it says in 2011h.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Clock {
+    /// What somebody else says: the embedded simulation, or the process with the arm.
+    Elsewhere,
+    /// SYNC: one period for each.
+    Sync,
+    /// The wall.
+    Wall,
+}
+
+impl Clock {
+    /// Value of 2011h.
+    pub const fn code(self) -> u8 {
+        self as u8
+    }
+}

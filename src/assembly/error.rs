@@ -1,0 +1,42 @@
+//! Why a configuration makes no rig.
+
+use thiserror::Error;
+
+use crate::bus::BootError;
+use crate::control::ControlError;
+use crate::fixture::FixtureError;
+use crate::linkage::{GeometryError, LinkageError};
+use crate::sensing::SensingError;
+use yieldwall_drives::scaling::ScalingError;
+
+/// Why a configuration makes no rig.
+#[derive(Clone, Debug, PartialEq, Error)]
+pub enum AssemblyError {
+    /// The network cannot be planned.
+    #[error(transparent)]
+    Boot(#[from] BootError),
+    /// The linkage cannot be built.
+    #[error("linkage: {0}")]
+    Geometry(#[from] GeometryError),
+    /// The linkage cannot be where it has to be.
+    #[error("linkage: {0}")]
+    Linkage(#[from] LinkageError),
+    /// The fixture was refused.
+    #[error("fixture: {0}")]
+    Fixture(#[from] FixtureError),
+    /// A controller was refused.
+    #[error("control: {0}")]
+    Control(#[from] ControlError),
+    /// The sensor's parameters were refused.
+    #[error("sensor: {0}")]
+    Sensing(#[from] SensingError),
+    /// A drive's scaling was refused.
+    #[error("drive: {0}")]
+    Scaling(#[from] ScalingError),
+    /// A device was refused.
+    #[error("device: {0}")]
+    Device(String),
+    /// Two parts of the configuration do not fit together.
+    #[error("{0}")]
+    Mismatch(String),
+}

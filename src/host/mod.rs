@@ -1,0 +1,13 @@
+//! The computer that a loop runs on: what it grants, how late it wakes up, and what was proved of that.
+
+mod histogram;
+mod latency;
+mod stages;
+#[cfg(all(feature = "socketcan", target_os = "linux"))]
+pub mod system;
+mod timing;
+
+pub use histogram::Histogram;
+pub use latency::{Latency, Lateness, PROBE, PROVING_CYCLES, STOCK_CYCLES, Tier, measure_latency};
+pub use stages::StageTimes;
+pub use timing::{Computer, Kept, Measured, REDUCED_FORCE_N, REDUCED_SPEED_M_PER_S, Untimely};

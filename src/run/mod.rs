@@ -1,0 +1,34 @@
+//! The loop that runs a rig, wherever it runs: boot, proofs, enabling, cycles, stop, records, watchdog drill.
+//!
+//! ```text
+//! grid point:         take what has come, SYNC alone
+//! grid + t_compute:   take what has come, Cycle::step, set-points
+//! ```
+//! [`Runner`] is the only loop, and a [`Place`] is all that it needs of its surroundings: [`OnLink`] is a computer with interfaces,
+//! [`EmbeddedRig`](crate::rig::EmbeddedRig) has the one in virtual time. Nothing else here reads a clock.
+
+mod conduct;
+mod drill;
+mod drilled;
+mod error;
+mod metronome;
+mod pace;
+mod permit;
+mod place;
+mod proof;
+mod runner;
+mod scene;
+mod simulation;
+
+pub use conduct::{Enable, Enabling, STOP_LIMIT_S, has_torque, settling_cycles};
+pub use drill::{DriveAddress, drive_addresses};
+pub use drilled::{CYCLES_BEFORE_SILENCE, DRILL_LIMIT, Drilled, Finding, TORQUE_LIMIT, Unsafe};
+pub use error::RunError;
+pub use metronome::Metronome;
+pub use pace::Pace;
+pub use permit::{Ask, Permit};
+pub use place::{OnLink, Place, Process};
+pub(crate) use proof::fnv1a;
+pub use proof::{DriveIdentity, NotProven, Proof, Subject, Unproven};
+pub use runner::{BootWatch, LinkCounts, Observer, Runner, Tap};
+pub use scene::{Ended, Play, Played};

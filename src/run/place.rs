@@ -1,0 +1,107 @@
+//! Where a rig runs: a clock, and the buses as they are seen from there.
+
+use std::time::Duration;
+
+use super::metronome::Metronome;
+use crate::canopen::{Frame, Time};
+use crate::cycle::Outputs;
+use crate::guard::Request;
+use crate::link::{Arrival, CanLink, SendError};
+use crate::record::Truth;
+
+/// Whether the process that runs the loop can run a cycle.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Process {
+    /// It can.
+    Runs,
+    /// It is stopped for this period, and knows afterwards that a grid point has passed.
+    Stopped,
+    /// The computer is suspended for this period, and so is its clock.
+    Suspended,
+    /// It never runs again.
+    Dead,
+}
+
+/// A clock and the buses of a rig: those of a computer ([`OnLink`]), or simulated ones.
+pub trait Place: CanLink {
+    /// Whether its time is simulated. Then nobody else is on its buses, no time passes while the loop computes, and the loop takes
+    /// every frame at the moment of its arrival; elsewhere it looks at two moments of a cycle.
+    const IS_VIRTUAL: bool;
+
+    /// Lets time pass up to a moment of [`CanLink::now`]; returns at once if that has passed. In virtual time it ends before, where
+    /// something has come to be received, or at `deadline`, each when all that happens up to then has happened.
+    ///
+    /// Real-time: yes.
+    fn sleep_until(&mut self, moment: Time, deadline: Time);
+
+    /// A cycle is due, at its grid point: whether the process can run it, and with what it is asked for. Only a simulation says anything
+    /// but that it runs: a process that is stopped asks nobody.
+    ///
+    /// Real-time: yes.
+    fn begin_cycle(&mut self, _grid: Time, _request: &mut Request) -> Process {
+        Process::Runs
+    }
+
+    /// How long the computer was suspended since it was switched on, in which [`CanLink::now`] stood still.
+    ///
+    /// Real-time: yes.
+    fn suspended(&self) -> Duration;
+
+    /// A cycle was computed, and its set-points have not been sent. In virtual time the computation takes as long as the simulation
+    /// says; on a computer that time has passed already.
+    ///
+    /// Real-time: yes.
+    fn computed(&mut self, _outputs: &Outputs) {}
+
+    /// The master has fallen silent: what its interfaces have not sent yet is not to be sent. A link of a computer cannot take it
+    /// back.
+    ///
+    /// Real-time: yes.
+    fn drop_queue(&mut self) {}
+
+    /// What a simulation knows of the machine and no device tells.
+    ///
+    /// Real-time: yes.
+    fn truth(&self) -> Option<Truth> {
+        None
+    }
+}
+
+/// A computer: a link to its buses, and a metronome on the same clock.
+#[derive(Debug)]
+pub struct OnLink<L, M> {
+    /// The link.
+    pub link: L,
+    /// What wakes the loop.
+    pub metronome: M,
+}
+
+impl<L: CanLink, M> CanLink for OnLink<L, M> {
+    fn now(&self) -> Time {
+        self.link.now()
+    }
+
+    fn receive(&mut self) -> Option<Arrival> {
+        self.link.receive()
+    }
+
+    fn send(&mut self, frame: &Frame) -> Result<(), SendError> {
+        self.link.send(frame)
+    }
+
+    fn wait(&mut self, until: Time) -> bool {
+        self.link.wait(until)
+    }
+}
+
+impl<L: CanLink, M: Metronome> Place for OnLink<L, M> {
+    const IS_VIRTUAL: bool = false;
+
+    fn sleep_until(&mut self, moment: Time, _: Time) {
+        self.metronome.sleep_until(moment);
+    }
+
+    fn suspended(&self) -> Duration {
+        self.metronome.suspended()
+    }
+}
