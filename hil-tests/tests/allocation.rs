@@ -8,8 +8,6 @@ use std::cell::Cell;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Duration;
-use yieldwall::elementary;
-use yieldwall::run::{Ask, Enable, Enabling, Metronome, Pace, Runner};
 
 use hil_tests::{
     Scenario,
@@ -17,12 +15,14 @@ use hil_tests::{
 };
 use yieldwall::canopen::{Frame, Outbox, Time};
 use yieldwall::cycle::{Cycle, DriveSample, Inputs, LinkEvents, Timing};
+use yieldwall::elementary;
 use yieldwall::guard::{DeviceSet, Request, State};
 use yieldwall::injection::{Injection, Kind};
 use yieldwall::link::{Arrival, CanLink, SendError};
 use yieldwall::record::CycleRecord;
 use yieldwall::record::recording::{Backpressure, Feed, Sink};
 use yieldwall::rig::{DeviceServer, EmbeddedRig};
+use yieldwall::run::{Ask, Enable, Enabling, Metronome, Pace, Runner};
 use yieldwall::sensing::RawSample;
 use yieldwall_drives::cia402;
 

@@ -1,16 +1,16 @@
 //! Rigs on several buses: the embedded simulation, and the loop for real buses on a cable in memory.
 
 use std::sync::atomic::AtomicBool;
-use yieldwall::elementary;
-use yieldwall::run::{Ask, Ended, Pace, Play, Runner, drive_addresses};
 
 use hil_tests::{
     Scenario, Seen,
     cable::{Cable, permit},
 };
+use yieldwall::elementary;
 use yieldwall::guard::{Cause, DeviceSet, Fault, State};
 use yieldwall::injection::{Injection, Kind, Target};
 use yieldwall::rig::{self, DeviceServer};
+use yieldwall::run::{Ask, Ended, Pace, Play, Runner, drive_addresses};
 use yieldwall_drives::cia402;
 
 /// The sensor on a bus of its own.

@@ -5,10 +5,6 @@ use std::rc::Rc;
 use std::sync::atomic::AtomicBool;
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
-use yieldwall::elementary;
-use yieldwall::run::{
-    Ask, DRILL_LIMIT, Enable, Enabling, Ended, OnLink, Pace, Play, Played, RunError, Runner, Unsafe, drive_addresses,
-};
 
 use hil_tests::{
     Scenario,
@@ -16,9 +12,13 @@ use hil_tests::{
 };
 use yieldwall::bus::{BootFailure, SensorLink};
 use yieldwall::canopen::{Frame, cob};
+use yieldwall::elementary;
 use yieldwall::guard::{DeviceSet, Fault, State};
 use yieldwall::record::Row;
 use yieldwall::rig::{self, DeviceServer};
+use yieldwall::run::{
+    Ask, DRILL_LIMIT, Enable, Enabling, Ended, OnLink, Pace, Play, Played, RunError, Runner, Unsafe, drive_addresses,
+};
 use yieldwall_drives::cia402;
 use yieldwall_drives::watchdog::Watchdog;
 

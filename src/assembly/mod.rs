@@ -3,9 +3,6 @@
 mod buses;
 mod error;
 
-pub use buses::{bus_number, bus_plan, device_buses};
-pub use error::AssemblyError;
-
 use std::time::Duration;
 
 use nalgebra::Matrix6;
@@ -25,6 +22,9 @@ use crate::quantity::TipPoint;
 use crate::sensing::{Calibration, MountedOn, Mounting, Sensing, SensingParameters};
 use yieldwall_drives::profiles::{self, DeviceProfile};
 use yieldwall_drives::scaling::{AxisScaling, Direction};
+
+pub use buses::{bus_number, bus_plan, device_buses};
+pub use error::AssemblyError;
 
 pub(crate) fn period_s(rig: &config::Rig) -> f64 {
     f64::from(rig.cycle.period_us) * 1e-6

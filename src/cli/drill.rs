@@ -9,14 +9,13 @@ use super::failure::{Exit, Failure};
 use super::interfaces::Interfaces;
 use super::keep::state_folder;
 use super::live::{
-    News, boot_watch, different, live_failure, on_interrupt, open, print_news, settling_cycles, warn_of,
-    with_emergencies,
+    News, boot_watch, different, live_failure, on_interrupt, open, print_news, warn_of, with_emergencies,
 };
 use super::output::Output;
 use super::run::{judge, rig_failure, watchdogs_json, watchdogs_text};
 use crate::config::{self, Source};
 use crate::host::system::{SystemMetronome, lock_memory, run_first};
-use crate::run::{Drilled, Pace, RunError, Runner, Subject, drive_addresses};
+use crate::run::{Drilled, Pace, RunError, Runner, Subject, drive_addresses, settling_on_bus};
 
 #[derive(Debug, clap::Args)]
 pub(super) struct Arguments {
@@ -39,7 +38,7 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
     let link = open(&Interfaces::of(&rig, &arguments.bus)?, &rig)?;
     let mut machine = Runner::on_link(&rig, link, SystemMetronome, Pace::Free).map_err(|error| live_failure(&error))?;
     let drives = drive_addresses(&rig).map_err(|error| rig_failure(&error.into()))?;
-    let settling = settling_cycles(&rig);
+    let settling = settling_on_bus(&rig);
     output.news("the rig is enabled three times, at rest; nobody may hold the handle")?;
     let (news, told) = mpsc::channel();
     machine.set_boot_watch(boot_watch(news.clone(), Arc::clone(&is_interrupted)));

@@ -9,7 +9,6 @@ use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 use std::sync::mpsc;
 use std::thread;
-use std::time::Duration;
 
 use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
 
@@ -36,8 +35,6 @@ use proof::{Demanded, NotRun, proof, unproven, untimely};
 
 /// Cycles of which figure and measures are made, from the first one on: ten minutes at 1 kHz. A recording holds all.
 const LONGEST_TRACE: u64 = 600_000;
-/// Heartbeat periods of process data before a rig is enabled. Two devices with one node id show in fewer.
-const SETTLING_HEARTBEATS: u32 = 3;
 
 /// What the loop or the devices wait for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
@@ -178,7 +175,7 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
     watch.observer.into_iter().for_each(|observer| machine.set_observer(observer));
     let period_s = machine.period().as_secs_f64();
     let duration_s = arguments.duration.unwrap_or(scene.value.duration_s.get());
-    let play = Play { cycles: (duration_s / period_s).round().max(1.0) as u64, settling: settling_cycles(&rig) };
+    let play = Play::on_bus(&rig, duration_s);
     let demands = Demands {
         is_first: arguments.require_realtime,
         is_timely: !arguments.ignore_latency,
@@ -317,16 +314,6 @@ fn run_loop(
     outcome
 }
 
-pub(super) fn settling_cycles(rig: &config::Rig) -> u32 {
-    let [left, right] = &rig.drives;
-    let sensor_ms = rig.sensor.protocol.heartbeat_ms().unwrap_or_default();
-    let slowest_ms = left.heartbeat_ms.max(right.heartbeat_ms).max(sensor_ms);
-    let heartbeats = (u32::from(slowest_ms) * SETTLING_HEARTBEATS * 1000).div_ceil(rig.cycle.period_us);
-    let period = Duration::from_micros(rig.cycle.period_us.into());
-    let sample_period = Duration::from_secs_f64(rig.sensor.sample_rate_hz.get().recip());
-    heartbeats.max(crate::run::settling_cycles(period, sample_period))
-}
-
 /// Prints what a person should know before anything is sent.
 pub(super) fn warn(output: &mut Output, message: String) {
     let finding = config::Diagnostic::about_file("", message, "");
@@ -390,6 +377,16 @@ pub(super) fn live_failure(error: &RunError) -> Failure {
             let help = format!("nothing was enabled; start `yieldwall sim` with --pace {pace} as well");
             Failure::new(Exit::DeviceMismatch, error.to_string(), help)
         }
+        RunError::NotSimulated { .. } => Failure::new(
+            Exit::DeviceMismatch,
+            error.to_string(),
+            "nothing was enabled; leave --pace lockstep away and drill the drives",
+        ),
+        RunError::LedAway { .. } => Failure::new(
+            Exit::OutOfTolerance,
+            error.to_string(),
+            "the rig was stopped; drill it again with nobody at the handle",
+        ),
         RunError::Unwatched { .. } => Failure::new(
             Exit::OutOfTolerance,
             error.to_string(),

@@ -200,7 +200,9 @@ impl Cycle {
         let faults = &mut self.faults;
         faults.observe_on(Fault::SyncJitter, host(seconds(timing.sync_late_ns) > JITTER_SHARE * period));
         faults.observe_on(Fault::Overrun, host(is_late || is_long || timing.skipped > 0));
-        faults.observe_on(Fault::Stalled, host(timing.skipped >= STALLED_AFTER_SKIPPED));
+        // A computation that begins so late has let those grid points pass, and tells it before it sends what it computes.
+        let is_stalled = seconds(timing.compute_late_ns) >= f64::from(STALLED_AFTER_SKIPPED) * period;
+        faults.observe_on(Fault::Stalled, host(is_stalled || timing.skipped >= STALLED_AFTER_SKIPPED));
         faults.observe_on(Fault::Suspended, host(timing.suspended));
     }
 }

@@ -3,7 +3,18 @@
 use super::fault::Fault;
 use crate::quantity::{JointAngles, JointRates, JointTorques};
 
-/// What the joints shall do next, in the rig's command mode.
+/// What the joints shall do next, in the rig's command mode. A set-point has its unit in its type:
+///
+/// ```
+/// use yieldwall::guard::JointCommand;
+/// use yieldwall::quantity::JointTorques;
+/// let command = JointCommand::Torque(JointTorques::new(1.0, 2.0));
+/// ```
+/// ```compile_fail
+/// use yieldwall::guard::JointCommand;
+/// use yieldwall::quantity::JointAngles;
+/// let command = JointCommand::Torque(JointAngles::new(1.0, 2.0));
+/// ```
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum JointCommand {
     /// Target angles for drives that close the position loop themselves (CSP).
@@ -15,6 +26,14 @@ pub enum JointCommand {
 }
 
 /// A command that passed the gate. Nothing else can be scaled and encoded.
+///
+/// ```compile_fail
+/// use yieldwall::guard::{Allowed, JointCommand};
+/// use yieldwall::quantity::JointTorques;
+/// let command = JointCommand::Torque(JointTorques::new(1.0, 2.0));
+/// // Only the gate says so.
+/// let allowed = Allowed(command);
+/// ```
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Allowed<T>(T);
 

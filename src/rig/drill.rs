@@ -4,6 +4,7 @@ use std::time::Duration;
 
 use super::embedded::EmbeddedRig;
 use super::error::RigError;
+use crate::assembly::device_buses;
 use crate::canopen::{Frame, Time, cob};
 use crate::config;
 use crate::guard::Request;
@@ -28,7 +29,7 @@ impl Silence {
     fn new(watchdog: Watchdog, rig: &config::Rig) -> Result<Self, RigError> {
         let id = |drive: &config::Drive| cob::node_id(drive.node_id).ok().and_then(|node| cob::rpdo(1, node));
         let [left, right] = &rig.drives;
-        let [left_bus, right_bus, _] = crate::assembly::device_buses(rig)?;
+        let [left_bus, right_bus, _] = device_buses(rig)?;
         let set_points = [(left_bus, id(left).unwrap_or_default()), (right_bus, id(right).unwrap_or_default())];
         Ok(Self { watchdog, set_points, repeated: [None; 2], is_on: false, last: Time(0), stopped_at: [None; 2] })
     }

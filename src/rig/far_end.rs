@@ -3,6 +3,7 @@
 use super::devices;
 use super::error::RigError;
 use super::world::World;
+use crate::assembly::device_buses;
 use crate::canopen::{Frame, Outbox, Time, cob};
 use crate::config;
 use crate::quantity::JointTorques;
@@ -152,7 +153,7 @@ impl FarEnd {
             drives: [devices::drive(rig, scene, left, 1)?, devices::drive(rig, scene, right, 2)?],
             sensor: devices::force_sensor(rig)?,
             world: devices::world(rig, scene, seed)?,
-            buses: crate::assembly::device_buses(rig)?,
+            buses: device_buses(rig)?,
         })
     }
 }

@@ -1,10 +1,10 @@
 //! A configuration assembled into a rig that runs in virtual time.
 //!
 //! ```text
-//! config::Rig + config::Scene -> build -> Master (cycle inside) <-> VirtualBus <-> Drive x2, ForceSensor <-> World (arm, hand)
+//! config -> assembly -> run::Runner [ Master [ Cycle ] ] <-> place in virtual time [ VirtualBus <-> Drive x2, ForceSensor <-> World (arm, hand) ]
 //! ```
-//! [`EmbeddedRig`] processes events in order of virtual time: frames that arrive, moments that devices or the master
-//! wait for, and the two moments of each cycle. [`ImpedanceRig`] is the device without a bus,
+//! The place of [`EmbeddedRig`] processes events in order of virtual time: frames that arrive, and moments that devices or the loop
+//! wait for. [`DeviceServer`] has the same devices on any other bus, [`ImpedanceRig`] is the device without a bus,
 //! [`Pair`] a master and a slave with a delay between them.
 
 mod devices;

@@ -10,6 +10,8 @@ use yieldwall_drives::cia402;
 /// Samples of the force sensor before the rig asks to be enabled, or as many cycles if those are longer: the drives have
 /// answered, and the sensor's noise is known.
 const SAMPLES_BEFORE_ENABLING: u32 = 10;
+/// Heartbeat periods of process data before a rig on a real bus is enabled. Two devices with one node id show in fewer.
+const SETTLING_HEARTBEATS: u32 = 3;
 /// Cycles after which a person who was refused asks again.
 const CYCLES_BETWEEN_ASKING: u32 = 50;
 /// How long a rig that refuses is asked again, s.
@@ -23,6 +25,17 @@ pub const STOP_LIMIT_S: f64 = 2.0;
 pub fn settling_cycles(period: Duration, sample_period: Duration) -> u32 {
     let cycles_per_sample = sample_period.as_nanos().div_ceil(period.as_nanos().max(1)).clamp(1, 100_000);
     SAMPLES_BEFORE_ENABLING * cycles_per_sample as u32
+}
+
+/// The same of a rig on a real bus, where two devices with one node id have to show before.
+pub fn settling_on_bus(rig: &config::Rig) -> u32 {
+    let [left, right] = &rig.drives;
+    let sensor_ms = rig.sensor.protocol.heartbeat_ms().unwrap_or_default();
+    let slowest_ms = left.heartbeat_ms.max(right.heartbeat_ms).max(sensor_ms);
+    let heartbeats = (u32::from(slowest_ms) * SETTLING_HEARTBEATS * 1000).div_ceil(rig.cycle.period_us);
+    let period = Duration::from_micros(rig.cycle.period_us.into());
+    let sample_period = Duration::from_secs_f64(rig.sensor.sample_rate_hz.get().recip());
+    heartbeats.max(settling_cycles(period, sample_period))
 }
 
 /// What to do with the next cycle of a rig that is being enabled.

@@ -1,4 +1,4 @@
-//! The watchdog drill on a real bus.
+//! The watchdog drill over the bus.
 //!
 //! Without SYNC the drives send no process data, so they are asked for their statusword (6041h) over SDO, once a cycle.
 
@@ -120,6 +120,10 @@ impl<P: Place> Runner<P> {
                 self.run_cycle(Ask::Nothing);
             }
             let mut drives = drives.map(Watched::new);
+            if self.is_led_away() {
+                self.stop();
+                return Err(RunError::LedAway { watchdog });
+            }
             if !matches!(self.state(), State::Running | State::Holding) {
                 let cause = self.cause();
                 self.stop();

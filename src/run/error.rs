@@ -82,6 +82,20 @@ pub enum RunError {
         /// The pace of the rig.
         pace: Pace,
     },
+    /// A drive is no simulated one in lockstep, and was not drilled. Nothing was enabled.
+    #[error(
+        "the drive with node id {node_id} is no simulated one in lockstep, and nothing shows that it stops without its master"
+    )]
+    NotSimulated {
+        /// Node id.
+        node_id: u8,
+    },
+    /// Somebody led the handle away while the drives were drilled, and the rig was stopped.
+    #[error("the handle was led away before the watchdog on {} was tried", .watchdog.name())]
+    LedAway {
+        /// What the watchdog waits for.
+        watchdog: Watchdog,
+    },
     /// A simulated drive would go on without its master. Nothing was enabled.
     #[error("the simulated drive with node id {node_id} does not stop without {}", .watchdog.name())]
     Unwatched {

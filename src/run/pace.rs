@@ -7,6 +7,6 @@ pub enum Pace {
     /// last SYNC it follows the wall in whole periods, so that the network can be booted and watchdogs act on a master that has died. The
     /// clock of a force sensor and its noise begin with the first SYNC, so that the moment of the boot does not matter.
     Lockstep,
-    /// Simulated time follows the wall.
+    /// Simulated time follows the wall. So does a rig, on the clock of its place.
     Free,
 }

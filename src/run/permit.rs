@@ -1,23 +1,30 @@
 //! What it takes to enable a rig, as a type.
 
+use super::place::Place;
 use crate::guard::Request;
 
-/// That a rig may be enabled. Only a proof makes one, as only the guard makes an [`Allowed`](crate::guard::Allowed) command.
+/// That a rig may be enabled. A proof makes one ([`Runner::prove`](super::Runner::prove)), or somebody who says by name why there is none
+/// ([`Permit::without_proof`]); nothing else does, as only the guard makes an [`Allowed`](crate::guard::Allowed) command.
 ///
 /// ```compile_fail
 /// use yieldwall::run::Permit;
-/// // Nobody else can make one.
-/// let permit = Permit(None);
+/// // Private to the module that proves.
+/// let permit = Permit::proved();
 /// ```
-/// ```compile_fail
-/// # use yieldwall::run::{OnLink, Runner, Metronome};
-/// # use yieldwall::link::CanLink;
-/// fn enable<L: CanLink, M: Metronome>(rig: &mut Runner<OnLink<L, M>>) {
-///     // What is asked of a rig with every cycle has no word for enabling but with a permit.
-///     rig.run_cycle(yieldwall::guard::Request::Enable);
+/// What is asked of a rig with a cycle has no word for enabling it without one:
+/// ```
+/// use yieldwall::run::{Ask, Permit, Place, Runner};
+/// fn enable<P: Place>(rig: &mut Runner<P>, permit: &Permit) {
+///     rig.run_cycle(Ask::Enable(permit));
 /// }
 /// ```
-#[derive(Clone, Debug, PartialEq, Eq)]
+/// ```compile_fail
+/// use yieldwall::run::{Ask, Permit, Place, Runner};
+/// fn enable<P: Place>(rig: &mut Runner<P>) {
+///     rig.run_cycle(Ask::Enable);
+/// }
+/// ```
+#[derive(Debug, PartialEq, Eq)]
 pub struct Permit(Scope);
 
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -29,8 +36,8 @@ enum Scope {
 }
 
 impl Permit {
-    /// Without proof, for a reason that is told by [`Permit::unproved`] and that a recording has to hold: the drives may go on
-    /// when their master dies.
+    /// Without proof, for a reason that [`Permit::unproved`] tells: the drives may go on when their master dies. No command of the
+    /// program uses it. Who does has to keep the reason with what is recorded.
     pub fn without_proof(why: &str) -> Self {
         Self(Scope::Whole(Some(why.to_owned())))
     }
@@ -40,8 +47,9 @@ impl Permit {
         Self(Scope::Whole(None))
     }
 
-    /// What nothing real needs a proof for: simulated time, or simulated devices.
-    pub(crate) fn simulated() -> Self {
+    /// In a place of virtual time nothing moves.
+    pub(crate) fn in_virtual_time<P: Place>() -> Self {
+        const { assert!(P::IS_VIRTUAL, "a computer needs a proof") };
         Self::proved()
     }
 

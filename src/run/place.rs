@@ -5,7 +5,6 @@ use std::time::Duration;
 use super::metronome::Metronome;
 use crate::canopen::{Frame, Time};
 use crate::cycle::Outputs;
-use crate::guard::Request;
 use crate::link::{Arrival, CanLink, SendError};
 use crate::record::Truth;
 
@@ -34,12 +33,15 @@ pub trait Place: CanLink {
     /// Real-time: yes.
     fn sleep_until(&mut self, moment: Time, deadline: Time);
 
-    /// A cycle is due, at its grid point: whether the process can run it, and with what it is asked for. Only a simulation says anything
-    /// but that it runs: a process that is stopped asks nobody.
-    ///
-    /// Real-time: yes.
-    fn begin_cycle(&mut self, _grid: Time, _request: &mut Request) -> Process {
+    /// A cycle is due, at its grid point: whether the process can run it. Asked in virtual time alone: a process that is stopped asks
+    /// nobody.
+    fn begin_cycle(&mut self, _grid: Time) -> Process {
         Process::Runs
+    }
+
+    /// Whether somebody has asked for a stop, once. Asked in virtual time alone.
+    fn takes_stop(&mut self) -> bool {
+        false
     }
 
     /// How long the computer was suspended since it was switched on, in which [`CanLink::now`] stood still.

@@ -76,7 +76,8 @@ pub enum Unproven {
 /// Where it is shown that the drives of a rig stop by themselves.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Proof {
-    /// In virtual time, by the same simulated drives: those on the bus say whether they lack a watchdog.
+    /// In virtual time, by the same simulated drives: those on the bus say that they are, and whether they lack a watchdog. For
+    /// lockstep, in which no drill is possible.
     InVirtualTime,
     /// In the records of drills on a bus, which are in this folder.
     OnRecord(PathBuf),
@@ -102,7 +103,10 @@ impl<P: Place> Runner<P> {
         let drives = drive_addresses(rig).map_err(RunError::from)?;
         self.check_simulation(drives)?;
         match proof {
-            Proof::InVirtualTime => Ok(Permit::simulated()),
+            Proof::InVirtualTime => {
+                self.check_lockstep(drives)?;
+                Ok(Permit::proved())
+            }
             Proof::OnRecord(drills) => {
                 Subject::new(rig, self.identities(drives)?).check(drills)?;
                 Ok(Permit::proved())

@@ -2,11 +2,12 @@
 
 use std::sync::atomic::{AtomicBool, Ordering};
 
-use super::conduct::{Enable, Enabling, STOP_LIMIT_S, has_torque};
+use super::conduct::{Enable, Enabling, STOP_LIMIT_S, has_torque, settling_on_bus};
 use super::error::RunError;
 use super::permit::{Ask, Permit};
 use super::place::Place;
 use super::runner::Runner;
+use crate::config;
 use crate::guard::{Cause, State};
 use crate::record::{AROUND_FAULT_S, CycleRecord};
 
@@ -17,6 +18,14 @@ pub struct Play {
     pub cycles: u64,
     /// Cycles of process data before the rig is enabled: long enough for two devices with one node id to show.
     pub settling: u32,
+}
+
+impl Play {
+    /// A scene of this length, in s, of a rig on a real bus: one cycle at least.
+    pub fn on_bus(rig: &config::Rig, duration_s: f64) -> Self {
+        let period_s = f64::from(rig.cycle.period_us) * 1e-6;
+        Self { cycles: (duration_s / period_s).round().max(1.0) as u64, settling: settling_on_bus(rig) }
+    }
 }
 
 /// How a scene ended.
@@ -123,14 +132,19 @@ impl<P: Place> Runner<P> {
                 Enable::Done => return Ok(()),
                 Enable::GivenUp => break,
             };
+            if self.has_panicked() {
+                break;
+            }
         }
         Err(RunError::NotEnabled { waited_s: enabling.waited_s(), cause: self.cause() })
     }
 
     /// Stops the rig along its ramp; whether both drives said in time that they make no torque.
     pub fn stop(&mut self) -> bool {
+        // Drives that were told to go on, and have not yet, do so after the last look at them.
+        let mut is_coming_up = self.state() == State::Enabling;
         for _ in 0..self.cycles_in(STOP_LIMIT_S) {
-            if !self.makes_torque() {
+            if !self.makes_torque() && !std::mem::take(&mut is_coming_up) {
                 return true;
             }
             self.run_cycle(Ask::Stop);

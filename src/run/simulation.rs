@@ -38,4 +38,18 @@ impl<P: Place> Runner<P> {
         }
         Ok(())
     }
+
+    /// Makes sure that both drives are simulated ones in lockstep, which need no drill on the bus.
+    ///
+    /// # Errors
+    /// [`RunError::NotSimulated`] if not; as [`Runner::read`].
+    pub(super) fn check_lockstep(&mut self, drives: [DriveAddress; 2]) -> Result<(), RunError> {
+        for drive in drives {
+            let vendor = self.read(drive, objects::VENDOR_ID.index, objects::VENDOR_ID.sub)?;
+            if self.pace() != Pace::Lockstep || vendor != SIMULATED_VENDOR {
+                return Err(RunError::NotSimulated { node_id: drive.node.raw() });
+            }
+        }
+        Ok(())
+    }
 }

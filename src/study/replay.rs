@@ -5,6 +5,7 @@ use std::path::PathBuf;
 use std::sync::Arc;
 
 use super::run::{Overrides, trace};
+use crate::assembly;
 use crate::config::{self, Report, Source};
 use crate::guard::{Request, State};
 use crate::record::recording::{
@@ -139,7 +140,7 @@ pub fn replay_any<R: Read>(recording: &mut Recording<R>) -> Result<Replay, Repla
 /// As [`replay_any`].
 pub fn replay<R: Read>(reader: &mut Reader<R>) -> Result<Replay, ReplayError> {
     let rig = rig(reader.about())?;
-    let mut cycle = crate::assembly::cycle(&rig, &rig.fixture).map_err(RigError::from)?;
+    let mut cycle = assembly::cycle(&rig, &rig.fixture).map_err(RigError::from)?;
     again(reader, |CycleRecord { moment, inputs, truth, .. }| {
         let outputs = cycle.step(inputs);
         Ok(CycleRecord::new(*moment, inputs, &outputs, cycle.cause(), *truth))

@@ -112,9 +112,7 @@ impl EmbeddedRig {
 
     /// Has the master find and configure the devices, up to the exchange of process data.
     pub(super) fn start_network(&mut self) -> Result<(), RigError> {
-        let place = self.place_mut();
-        place.computer.is_asleep = false;
-        place.tell_link_events();
+        self.place_mut().begin_boot();
         let booted = self.runner.boot();
         if let Some(error) = self.place_mut().failure.take() {
             return Err(error);

@@ -3,6 +3,7 @@
 use std::sync::{Arc, Mutex, PoisonError};
 
 use super::{DEVICES, MASTER, STRANGER};
+use crate::assembly::device_buses;
 use crate::canopen::{Frame, Time};
 use crate::config;
 use crate::rig::error::RigError;
@@ -30,7 +31,7 @@ impl Buses {
             config::BusTiming::Ideal => BitTiming::Ideal,
         };
         let buses = rig.buses.values().map(|bus| VirtualBus::new(timing(bus), &orders)).collect::<Result<_, _>>()?;
-        Ok(Self { buses, of_devices: crate::assembly::device_buses(rig)? })
+        Ok(Self { buses, of_devices: device_buses(rig)? })
     }
 
     /// Number of the bus of a device.

@@ -70,7 +70,7 @@ impl EmbeddedRig {
         seed: u64,
     ) -> Result<Self, RigError> {
         let period = Duration::from_micros(rig.cycle.period_us.into());
-        let troubles = Troubles::new(devices(rig)?, crate::assembly::device_buses(rig)?, seed);
+        let troubles = Troubles::new(devices(rig)?, assembly::device_buses(rig)?, seed);
         let place = Simulation::new(Buses::new(rig)?, FarEnd::new(rig, scene, seed)?, troubles, period);
         let runner = Runner::new(rig, fixture, place, Pace::Free).map_err(|error| match error {
             RunError::Assembly(error) => error.into(),
@@ -82,7 +82,7 @@ impl EmbeddedRig {
             sample_period: assembly::sample_period(rig),
             compute_at: Duration::from_micros(rig.cycle.compute_at_us.into()),
             enabling: Enabling::new(rig),
-            permit: Permit::simulated(),
+            permit: Permit::in_virtual_time::<Simulation>(),
         };
         for fault in &scene.faults {
             machine.inject(fault.injection()?)?;
@@ -319,7 +319,7 @@ mod tests {
 
     #[test]
     fn a_rig_that_was_enabled_to_rest_is_stopped_when_somebody_leads_it_away() {
-        let (farthest, state) = led(shipped(Permit::simulated()));
+        let (farthest, state) = led(shipped(Permit::in_virtual_time::<Simulation>()));
         assert!(farthest > 0.1 && state == State::Running, "{farthest} {state:?}");
         let (farthest, state) = led(shipped(Permit::for_drill()));
         // And what the ramp takes.

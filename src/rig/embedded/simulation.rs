@@ -12,7 +12,6 @@ use super::{DEVICES, MASTER, STRANGER};
 use crate::bus::LinkEvent;
 use crate::canopen::{Frame, Time, cob};
 use crate::cycle::Outputs;
-use crate::guard::Request;
 use crate::link::{Arrival, CanLink, ErrorFrame, Received, SendError};
 use crate::quantity::{JointAngles, JointTorques};
 use crate::record;
@@ -109,6 +108,13 @@ impl Simulation {
             target_angles: None,
             failure: None,
         }
+    }
+
+    /// The process is there to boot the network: what waited for it is from before.
+    pub(super) fn begin_boot(&mut self) {
+        self.computer.is_asleep = false;
+        self.computer.waiting.clear();
+        self.tell_link_events();
     }
 
     /// Has the master's interfaces tell what is wrong with them.
@@ -223,7 +229,10 @@ impl Place for Simulation {
         self.run_until((moment + late).min(deadline));
     }
 
-    fn begin_cycle(&mut self, grid: Time, request: &mut Request) -> Process {
+    fn begin_cycle(&mut self, grid: Time) -> Process {
+        if self.failure.is_some() {
+            return Process::Dead;
+        }
         self.follow_injections(grid);
         self.troubles.begin_cycle(grid, self.period);
         let host = self.troubles.host();
@@ -237,13 +246,14 @@ impl Place for Simulation {
         }
         self.computer.wake(self.now);
         self.tell_link_events();
-        if std::mem::take(&mut self.computer.stop_is_requested) {
-            *request = Request::Stop;
-        }
         let computer = &mut self.computer;
         (computer.grid, computer.sync_late) = (grid, host.sync_late);
         (computer.compute_late, computer.compute_takes) = (host.compute_late, host.compute_takes);
         Process::Runs
+    }
+
+    fn takes_stop(&mut self) -> bool {
+        std::mem::take(&mut self.computer.stop_is_requested)
     }
 
     fn suspended(&self) -> Duration {

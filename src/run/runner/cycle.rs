@@ -1,0 +1,227 @@
+//! One period after another.
+
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::time::Duration;
+
+use super::Runner;
+use crate::canopen::Time;
+use crate::cycle::{Outputs, Timing};
+use crate::guard::{Request, State};
+use crate::quantity::JointAngles;
+use crate::record::{CycleRecord, Moment};
+use crate::run::permit::Ask;
+use crate::run::place::{Place, Process};
+
+/// How long lockstep waits for the process data of a cycle, on the wall ...
+const PATIENCE: Duration = Duration::from_secs(1);
+/// ... and for those of a device that already let it wait in vain.
+const IMPATIENCE: Duration = Duration::from_millis(2);
+/// Time by which the clock that counts suspended time has to have gained on the other since the last cycle. Less may be the
+/// time that passed between reading the one and the other.
+const SUSPENDED: Duration = Duration::from_millis(50);
+/// How far the joints may be led away from rest, rad.
+const REST_RAD: f64 = 0.02;
+
+/// A rig that has to rest.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct Rest {
+    /// What was asked of the joints when the rig came to run.
+    at: Option<JointAngles>,
+    is_left: bool,
+}
+
+impl Rest {
+    fn look(&mut self, state: State, targets: JointAngles) {
+        if state == State::Running {
+            let [left, right] = self.at.get_or_insert(targets).to_array();
+            let [is_left, is_right] = targets.to_array();
+            self.is_left |= (is_left - left).abs().max((is_right - right).abs()) > REST_RAD;
+        }
+    }
+}
+
+impl<P: Place> Runner<P> {
+    /// One period: SYNC, process data, the cycle, set-points. Nothing comes of it once a cycle has panicked, and in a period in which
+    /// the process does not run: in virtual time the periods go on all the same. A rig that was enabled to rest and is led away from where it was is stopped.
+    ///
+    /// Real-time: yes, if the observer and the tap are.
+    pub fn run_cycle(&mut self, ask: Ask<'_>) -> Option<CycleRecord> {
+        if let Ask::Enable(permit) = ask {
+            self.rests = permit.is_for_rest().then_some(Rest::default());
+        }
+        let mut request = match ask {
+            Ask::Nothing if self.is_led_away() => Request::Stop,
+            _ => ask.request(),
+        };
+        if self.has_panicked && !P::IS_VIRTUAL {
+            return None;
+        }
+        if self.next_sync == Time::NEVER {
+            // The first one may be too near.
+            self.begin(2);
+        }
+        if P::IS_VIRTUAL {
+            self.attend_until(self.next_sync);
+            self.process = self.place.begin_cycle(self.next_sync);
+            if self.process != Process::Runs {
+                self.miss_cycle();
+                return None;
+            }
+            if self.place.takes_stop() {
+                request = Request::Stop;
+            }
+        }
+        let grid = if self.waits { self.begin_in_lockstep() } else { self.begin_on_the_clock() };
+        let begin = self.now();
+        let planned = grid + self.compute_at;
+        self.timing.compute_late_ns = nanos(begin.since(planned));
+        let suspended = self.place.suspended();
+        self.timing.suspended |=
+            suspended.saturating_sub(std::mem::replace(&mut self.suspended, suspended)) > SUSPENDED;
+        let timing = std::mem::take(&mut self.timing);
+        let Some((outputs, stepped)) = self.compute(begin, request, timing) else {
+            self.next_sync = grid + self.period;
+            return None;
+        };
+        let end = if self.waits { begin } else { self.now() };
+        self.timing.last_compute_ns = nanos(end.since(begin));
+        self.stages.stepped_ns = nanos(stepped.since(planned));
+        self.stages.sent_ns = nanos(end.since(planned));
+        // The first grid point that has not passed; the next cycle is told of those before it, and they are never made up for.
+        self.timing.skipped = self.periods_between(grid, end);
+        self.next_sync = grid + self.period * (self.timing.skipped + 1);
+        if self.waits {
+            let patience = if self.absent.is_empty() { PATIENCE } else { IMPATIENCE };
+            self.wait_for(patience, |master| !master.is_in_flight());
+        }
+        if let Some(rest) = &mut self.rests {
+            rest.look(self.master.state(), outputs.signals.target_angles);
+        }
+        let moment = Moment {
+            index: self.cycles,
+            sync_ns: grid.0,
+            compute_ns: planned.0,
+            scene_time_s: self.scene_from.map_or(f64::NEG_INFINITY, |from| grid.as_secs_f64() - from.as_secs_f64()),
+            stages: std::mem::take(&mut self.stages),
+        };
+        self.cycles += 1;
+        let record =
+            CycleRecord::new(moment, self.master.last_inputs(), &outputs, self.master.cause(), self.place.truth());
+        if let Some(observer) = &mut self.observer {
+            observer(&record);
+        }
+        Some(record)
+    }
+
+    /// Whether a rig that was enabled to rest was led away.
+    pub(in crate::run) fn is_led_away(&self) -> bool {
+        self.rests.is_some_and(|rest| rest.is_left)
+    }
+
+    /// A period in which the process does not run.
+    fn miss_cycle(&mut self) {
+        let grid = self.next_sync;
+        match self.process {
+            Process::Suspended => self.timing.suspended = true,
+            _ => self.timing.skipped = self.timing.skipped.saturating_add(1),
+        }
+        self.place.sleep_until(self.started + (grid + self.compute_at).since(Time(0)), Time::NEVER);
+        self.next_sync = grid + self.period;
+    }
+
+    /// SYNC on its grid point, then sleeps until the computation; the grid point.
+    fn begin_on_the_clock(&mut self) -> Time {
+        let mut grid = self.next_sync;
+        let mut woke = self.attend_until(grid);
+        let missed = self.periods_between(grid, woke);
+        if missed > 0 {
+            // The first grid point ahead: the cycle that was missed is not made up for.
+            self.timing.skipped = self.timing.skipped.saturating_add(missed + 1);
+            grid = grid + self.period * (missed + 1);
+            woke = self.attend_until(grid);
+        }
+        self.stages.sync_woke_ns = nanos(woke.since(grid));
+        let sent = self.now();
+        self.timing.sync_late_ns = nanos(sent.since(grid));
+        self.send_sync();
+        // Process data follow SYNC, however late that was.
+        let woke = self.attend_until(sent + self.compute_at);
+        self.stages.woke_ns = nanos(woke.since(grid + self.compute_at));
+        grid
+    }
+
+    /// Lets time pass until a moment, and takes what has come; when the loop woke up.
+    fn attend_until(&mut self, moment: Time) -> Time {
+        loop {
+            let on_clock = |time: Time| self.started + time.since(Time(0));
+            let runs = self.process == Process::Runs;
+            let deadline = if runs { self.master.next_deadline() } else { Time::NEVER };
+            self.place.sleep_until(on_clock(moment), on_clock(deadline));
+            let woke = self.now();
+            let has_come = self.drain();
+            if !P::IS_VIRTUAL {
+                return woke;
+            }
+            if has_come {
+                continue;
+            }
+            if deadline <= woke {
+                self.send(|master, now, out| master.poll(now, out));
+            } else if woke >= moment {
+                return woke;
+            }
+        }
+    }
+
+    /// SYNC, then waits for the process data; the grid point.
+    fn begin_in_lockstep(&mut self) -> Time {
+        let grid = self.next_sync;
+        self.lockstep_now = grid;
+        self.drain();
+        self.send_sync();
+        if !self.master.is_sync_held() {
+            let absent = self.absent;
+            self.wait_for(PATIENCE, |master| absent.contains(master.missing(grid)));
+            self.wait_for(IMPATIENCE, |master| master.missing(grid).is_empty());
+            self.absent = self.master.missing(grid);
+        }
+        self.lockstep_now = grid + self.compute_at;
+        grid
+    }
+
+    fn send_sync(&mut self) {
+        if self.master.is_silent() {
+            self.place.drop_queue();
+        }
+        self.send(|master, _, out| master.on_sync(out));
+    }
+
+    /// Runs the cycle, and when it was stepped; nothing if it panicked, after a last quick stop.
+    fn compute(&mut self, begin: Time, request: Request, timing: Timing) -> Option<(Outputs, Time)> {
+        if self.master.next_deadline() <= begin {
+            self.send(|master, now, out| master.poll(now, out));
+        }
+        let result = catch_unwind(AssertUnwindSafe(|| {
+            let outputs = self.master.step(begin, request, timing);
+            self.place.computed(&outputs);
+            let stepped = self.now();
+            self.send(|master, now, out| master.send_set_points(now, out));
+            (outputs, stepped)
+        }));
+        match result {
+            Ok((outputs, stepped)) => {
+                self.last = Some(outputs);
+                Some((outputs, stepped))
+            }
+            Err(panic) => {
+                (self.has_panicked, self.panic) = (true, Some(panic));
+                self.send(|master, now, out| master.quick_stop_now(now, out));
+                None
+            }
+        }
+    }
+}
+
+fn nanos(time: Duration) -> u32 {
+    time.as_nanos().min(u128::from(u32::MAX)) as u32
+}

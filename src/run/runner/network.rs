@@ -1,0 +1,117 @@
+//! The network: up to the exchange of process data, and left again.
+
+use std::time::Duration;
+
+use super::Runner;
+use crate::bus::Phase;
+use crate::canopen::Time;
+use crate::run::error::RunError;
+use crate::run::pace::Pace;
+use crate::run::place::{Place, Process};
+use yieldwall_drives::objects;
+
+/// Longest time between two calls of a [`BootWatch`](super::BootWatch).
+const LOOK_UP: Duration = Duration::from_millis(100);
+/// How long the end of the run is listened to, on the wall: own last frames come back, and the devices answer.
+const FAREWELL: Duration = Duration::from_millis(50);
+
+impl<P: Place> Runner<P> {
+    /// Resets, configures and starts the rig's nodes, up to the exchange of process data. Nothing is enabled.
+    ///
+    /// The first time it listens before that, on the wall in both paces, and sends nothing if there is another master.
+    ///
+    /// # Errors
+    /// If there is another master, a node is missing or is not what it should be, nothing can be sent, or the watch asks for the
+    /// end.
+    pub fn boot(&mut self) -> Result<(), RunError> {
+        let booted = self.bring_up();
+        if let Some(watch) = &mut self.boot_watch {
+            watch(None);
+        }
+        booted
+    }
+
+    fn bring_up(&mut self) -> Result<(), RunError> {
+        self.waits = false;
+        self.next_sync = Time::NEVER;
+        (self.rests, self.process) = (None, Process::Runs);
+        if !P::IS_VIRTUAL {
+            self.make_sure_to_be_alone()?;
+        }
+        self.send_or_fail(|master, now, out| master.start(now, out))?;
+        loop {
+            let has_come = self.drain();
+            if !(P::IS_VIRTUAL && has_come) {
+                self.send_or_fail(|master, now, out| master.poll(now, out))?;
+            }
+            match self.master.phase() {
+                Phase::Operational => break,
+                Phase::Failed(error) => {
+                    let error = error.clone();
+                    self.check_alone()?;
+                    return Err(error.into());
+                }
+                // A master whose cycle has panicked does not start.
+                Phase::Off => return Err(RunError::NotBooted),
+                // The master gives every other phase a bound.
+                _ => {}
+            }
+            let now = self.now();
+            let mut next = self.master.next_deadline();
+            if let Some(watch) = &mut self.boot_watch {
+                if watch(self.master.waiting(now)) {
+                    return Err(RunError::Interrupted);
+                }
+                next = next.min(now + LOOK_UP);
+            }
+            self.place.wait(self.started + next.since(Time(0)));
+        }
+        if self.pace == Pace::Lockstep {
+            self.listen();
+        }
+        if P::IS_VIRTUAL {
+            self.begin(1);
+        }
+        Ok(())
+    }
+
+    /// Has the cycles begin so many grid points ahead.
+    pub(super) fn begin(&mut self, ahead: u64) {
+        let (now, period) = (self.now().0, self.period.as_nanos() as u64);
+        self.next_sync = Time((now / period + ahead) * period);
+        self.lockstep_now = self.next_sync;
+        self.looked_at = self.place.now();
+        self.waits = self.pace == Pace::Lockstep;
+    }
+
+    /// Leaves the network after the rig was stopped, so that no drive waits for set-points. A bus that could not be reached
+    /// gets nothing. Whoever watches sees the last frames as well.
+    pub fn leave(&mut self) {
+        if !self.master.is_silent() {
+            let was_exchanging = *self.master.phase() == Phase::Operational;
+            self.send(|master, _, out| master.leave(out));
+            if was_exchanging && !self.makes_torque() {
+                self.end_watch();
+            }
+        }
+        let until = self.place.now() + FAREWELL;
+        while self.place.now() < until {
+            self.place.wait(until);
+            self.drain();
+        }
+    }
+
+    /// Has the drives no longer watch the master's heartbeat, which ends: they would enter that as an error (8130h). Only drives
+    /// without torque are told; heartbeats go on until they have answered.
+    fn end_watch(&mut self) {
+        if self.waits {
+            // Time follows the wall from here on.
+            self.started = Time(self.place.now().0.saturating_sub(self.lockstep_now.0));
+            self.waits = false;
+        }
+        for drive in self.drives {
+            // One that does not answer is left as it is.
+            let _ = self.write(drive, objects::CONSUMER_HEARTBEAT, 0);
+        }
+    }
+}
