@@ -22,24 +22,9 @@ pub enum RigError {
     /// The network did not come up.
     #[error(transparent)]
     Boot(#[from] BootError),
-    /// The linkage cannot be built.
-    #[error("linkage: {0}")]
-    Geometry(#[from] GeometryError),
-    /// The linkage cannot be where it has to be.
-    #[error("linkage: {0}")]
-    Linkage(#[from] LinkageError),
-    /// The fixture was refused.
-    #[error("fixture: {0}")]
-    Fixture(#[from] FixtureError),
-    /// A controller was refused.
-    #[error("control: {0}")]
-    Control(#[from] ControlError),
-    /// The sensor's parameters were refused.
-    #[error("sensor: {0}")]
-    Sensing(#[from] SensingError),
-    /// A drive's scaling was refused.
-    #[error("drive: {0}")]
-    Scaling(#[from] ScalingError),
+    /// The configuration makes no rig, or the arm cannot be where it has to be.
+    #[error(transparent)]
+    Assembly(AssemblyError),
     /// The simulated arm was refused, or cannot go on.
     #[error("arm: {0}")]
     Arm(#[from] ArmError),
@@ -84,15 +69,23 @@ pub enum RigError {
 impl From<AssemblyError> for RigError {
     fn from(error: AssemblyError) -> Self {
         match error {
+            // A network that cannot be planned does not come up.
             AssemblyError::Boot(error) => Self::Boot(error),
-            AssemblyError::Geometry(error) => Self::Geometry(error),
-            AssemblyError::Linkage(error) => Self::Linkage(error),
-            AssemblyError::Fixture(error) => Self::Fixture(error),
-            AssemblyError::Control(error) => Self::Control(error),
-            AssemblyError::Sensing(error) => Self::Sensing(error),
-            AssemblyError::Scaling(error) => Self::Scaling(error),
-            AssemblyError::Device(error) => Self::Device(error),
             AssemblyError::Mismatch(error) => Self::Mismatch(error),
+            other => Self::Assembly(other),
         }
     }
 }
+
+/// What goes wrong in a part of a rig goes wrong alike while it is assembled and while it runs.
+macro_rules! as_in_assembly {
+    ($($error:ty),*) => {
+        $(impl From<$error> for RigError {
+            fn from(error: $error) -> Self {
+                Self::Assembly(error.into())
+            }
+        })*
+    };
+}
+
+as_in_assembly!(GeometryError, LinkageError, FixtureError, ControlError, SensingError, ScalingError);

@@ -32,7 +32,7 @@ impl EmbeddedRig {
             return Ok(());
         }
         self.place_mut().far.world.let_go();
-        let limit = (STOP_LIMIT_S / self.period.as_secs_f64()) as u32;
+        let limit = (STOP_LIMIT_S / self.runner.period().as_secs_f64()) as u32;
         for _ in 0..limit {
             if self.state().is_latched() || self.state() == State::Idle {
                 return self.reset_and_enable();
@@ -71,7 +71,7 @@ impl EmbeddedRig {
     }
 
     fn come_to_run(&mut self, enabling: Enabling) -> Result<(), RigError> {
-        let enabling = enabling.not_before(settling_cycles(self.period, self.sample_period));
+        let enabling = enabling.not_before(settling_cycles(self.runner.period(), self.sample_period));
         let enabled = self.runner.come_to_run(enabling, &self.permit, &AtomicBool::new(false));
         self.go_on()?;
         match enabled {
@@ -92,7 +92,7 @@ impl EmbeddedRig {
     /// # Errors
     /// [`RigError::NotStopped`] if a drive still makes torque after 2 s; else as [`EmbeddedRig::run_cycle`].
     pub fn stop(&mut self) -> Result<(), RigError> {
-        let limit = (STOP_LIMIT_S / self.period.as_secs_f64()) as u32;
+        let limit = (STOP_LIMIT_S / self.runner.period().as_secs_f64()) as u32;
         for _ in 0..limit {
             if !self.drives().iter().any(|drive| has_torque(drive.state())) {
                 return Ok(());

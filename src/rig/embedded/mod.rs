@@ -48,7 +48,6 @@ const STRANGER: usize = 4;
 /// [`EmbeddedRig::run_cycle`] is one period of the rig. The same configuration and seed give the same frames.
 pub struct EmbeddedRig {
     runner: Runner<Simulation>,
-    period: Duration,
     /// Time from one sample of the force sensor to the next.
     sample_period: Duration,
     compute_at: Duration,
@@ -78,7 +77,6 @@ impl EmbeddedRig {
         })?;
         let mut machine = Self {
             runner,
-            period,
             sample_period: assembly::sample_period(rig),
             compute_at: Duration::from_micros(rig.cycle.compute_at_us.into()),
             enabling: Enabling::new(rig),

@@ -34,15 +34,16 @@ impl Rest {
     fn look(&mut self, state: State, targets: JointAngles) {
         if state == State::Running {
             let [left, right] = self.at.get_or_insert(targets).to_array();
-            let [is_left, is_right] = targets.to_array();
-            self.is_left |= (is_left - left).abs().max((is_right - right).abs()) > REST_RAD;
+            let [left_now, right_now] = targets.to_array();
+            self.is_left |= (left_now - left).abs().max((right_now - right).abs()) > REST_RAD;
         }
     }
 }
 
 impl<P: Place> Runner<P> {
     /// One period: SYNC, process data, the cycle, set-points. Nothing comes of it once a cycle has panicked, and in a period in which
-    /// the process does not run: in virtual time the periods go on all the same. A rig that was enabled to rest and is led away from where it was is stopped.
+    /// the process does not run; in virtual time the periods go on all the same. A rig that was enabled to rest and is led away from
+    /// where it was is stopped.
     ///
     /// Real-time: yes, if the observer and the tap are.
     pub fn run_cycle(&mut self, ask: Ask<'_>) -> Option<CycleRecord> {
