@@ -98,6 +98,7 @@ objects! {
     SENSOR_SAMPLE_COUNTER = 0x2002:0, U8, "rises by one with each new sample, wraps (simulated force sensor)";
     SIMULATION_LACKS = 0x2010:0, U8, "watchdogs that the drive lacks: bit 0 SYNC, 1 set-points, 2 heartbeat (simulated servo)";
     SIMULATION_CLOCK = 0x2011:0, U8, "what its time follows: 0 another process, 1 SYNC, 2 the wall (simulated servo)";
+    SIMULATION_MARK = 0x2012:1, U32, "first of four words that hold the text `simulated device` (every simulated device)";
     ABORT_CONNECTION_OPTION = 0x6007:0, I16, "on loss of communication: 0 nothing, 1 fault, 2 disable voltage, 3 quick stop (CiA 402)";
     ERROR_CODE = 0x603f:0, U16, "last error code (CiA 402)";
     CONTROLWORD = 0x6040:0, U16, "controlword (CiA 402)";
@@ -155,6 +156,14 @@ pub const STORE_SIGNATURE: u32 = u32::from_le_bytes(*b"save");
 /// CiA 301, object 1011h.
 pub const RESTORE_SIGNATURE: u32 = u32::from_le_bytes(*b"load");
 
+/// What [`SIMULATION_MARK`] and the three sub-indices behind it say: the text `simulated device`, first letter in the lowest byte.
+pub const SIMULATED_DEVICE: [u32; 4] = [
+    u32::from_le_bytes(*b"simu"),
+    u32::from_le_bytes(*b"late"),
+    u32::from_le_bytes(*b"d de"),
+    u32::from_le_bytes(*b"vice"),
+];
+
 /// Emergency error codes (CiA 301 and CiA 402) that the devices of this project raise.
 pub mod error_code {
     /// No error, or the last one was reset.
@@ -190,5 +199,11 @@ mod tests {
     fn signatures_are_the_literals_of_the_standards() {
         assert_eq!(AUTO_ZERO_SIGNATURE, 0x6f72_657a);
         assert_eq!((STORE_SIGNATURE, RESTORE_SIGNATURE), (0x6576_6173, 0x6461_6f6c));
+    }
+
+    #[test]
+    fn the_mark_of_a_simulated_device_is_text_of_four_words() {
+        let text: Vec<u8> = SIMULATED_DEVICE.into_iter().flat_map(u32::to_le_bytes).collect();
+        assert_eq!(text, b"simulated device");
     }
 }

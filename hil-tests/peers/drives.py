@@ -15,6 +15,7 @@ from canopen import objectdictionary as od
 RIG = "config/paper-admittance-csp.yaml"
 LEFT, RIGHT, SENSOR = 1, 2, 10
 VENDOR = 0xFFFF_5957
+SIMULATED = [int.from_bytes(b"simulated device"[n : n + 4], "little") for n in range(0, 16, 4)]
 SENSOR_STATUS, SAMPLE_COUNTER = 0x2001, 0x2002
 
 PDO = [
@@ -32,6 +33,10 @@ ENTRIES = {
     0x1029: ("Error behaviour", [(0, "Highest", od.UNSIGNED8, 1), (1, "Communication error", od.UNSIGNED8, 0)]),
     0x2010: ("Watchdogs that it lacks", od.UNSIGNED8, 0),
     0x2011: ("Its time follows SYNC", od.UNSIGNED8, 1),
+    0x2012: (
+        "Mark of a simulated device",
+        [(0, "Highest", od.UNSIGNED8, 4)] + [(n, f"Word {n}", od.UNSIGNED32, word) for n, word in enumerate(SIMULATED, 1)],
+    ),
     0x6007: ("Abort connection option", od.INTEGER16, 0),
     0x6040: ("Controlword", od.UNSIGNED16, 0),
     0x6041: ("Statusword", od.UNSIGNED16, 0),

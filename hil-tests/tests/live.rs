@@ -17,7 +17,8 @@ use yieldwall::guard::{DeviceSet, Fault, State};
 use yieldwall::record::Row;
 use yieldwall::rig::{self, DeviceServer};
 use yieldwall::run::{
-    Ask, DRILL_LIMIT, Enable, Enabling, Ended, OnLink, Pace, Play, Played, RunError, Runner, Unsafe, drive_addresses,
+    Ask, DRILL_LIMIT, Enable, Enabling, Ended, NotProven, OnLink, Pace, Play, Played, Proof, RunError, Runner, Unsafe,
+    drive_addresses,
 };
 use yieldwall_drives::cia402;
 use yieldwall_drives::watchdog::Watchdog;
@@ -387,6 +388,63 @@ fn simulated_drives_of_another_pace_or_in_lockstep_without_a_watchdog_are_refuse
         // By the wall clock the drill finds it.
         assert_eq!(asked(Pace::Free, Pace::Free, Some(watchdog)), Ok(()));
     }
+}
+
+#[test]
+fn a_drive_without_the_mark_of_simulated_ones_is_refused_in_lockstep_and_nothing_but_the_whole_mark_counts() {
+    let scenario = Scenario::torque();
+    for pace in [Pace::Lockstep, Pace::Free] {
+        for sub in 1..=4 {
+            let (cable, mut rig) = wired(&scenario, pace);
+            rig.boot().unwrap();
+            // It does not answer when it is asked for one of the four words.
+            cable.set_passage(move |_, _, frame| {
+                (frame.id(), frame.data().get(..4)) != (0x602, Some(&[0x40, 0x12, 0x20, sub]))
+            });
+            let proved = rig.prove(&scenario.rig, &Proof::InVirtualTime);
+            assert!(
+                matches!(proved, Err(NotProven::Run(RunError::Unmarked { node_id: 2 }))),
+                "{pace:?}, word {sub}: {proved:?}"
+            );
+        }
+    }
+    let (_, mut rig) = wired(&scenario, Pace::Lockstep);
+    rig.boot().unwrap();
+    assert!(rig.prove(&scenario.rig, &Proof::InVirtualTime).is_ok());
+    // Not by the wall clock, where their drill is possible.
+    let (_, mut rig) = wired(&scenario, Pace::Free);
+    rig.boot().unwrap();
+    let proved = rig.prove(&scenario.rig, &Proof::InVirtualTime);
+    assert!(matches!(proved, Err(NotProven::Run(RunError::NotSimulated { node_id: 1 }))), "{proved:?}");
+}
+
+/// Has somebody answer in the place of the right drive when it is asked for these objects.
+fn answer_for_right(cable: &Cable, answers: &'static [([u8; 3], u32)]) {
+    let answer = |frame: &Frame| {
+        let asked = frame.data().get(1..4).filter(|_| frame.id() == 0x602 && frame.data()[0] == 0x40)?;
+        let (multiplexer, value) = answers.iter().find(|(multiplexer, _)| multiplexer == asked)?;
+        Some(Frame::new(0x582, &[&[0x43], &multiplexer[..], &value.to_le_bytes()].concat()))
+    };
+    cable.set_passage(move |_, _, frame| answer(frame).is_none());
+    cable.set_stranger(answer);
+}
+
+#[test]
+fn a_drive_of_another_vendor_is_a_simulated_one_by_its_mark_alone() {
+    const VENDOR: ([u8; 3], u32) = ([0x18, 0x10, 1], 0x0000_01dd);
+    // Another word in the mark.
+    const UNMARKED: &[([u8; 3], u32)] = &[VENDOR, ([0x12, 0x20, 4], u32::from_le_bytes(*b"vicf"))];
+    let scenario = Scenario::torque();
+    let asked = |pace: Pace, answers| {
+        let (cable, mut rig) = wired(&scenario, pace);
+        rig.boot().unwrap();
+        answer_for_right(&cable, answers);
+        rig.check_simulation(drive_addresses(&scenario.rig).unwrap())
+    };
+    // The drives of a model that somebody has described in a file are simulated under that model's vendor.
+    assert_eq!(asked(Pace::Lockstep, &[VENDOR]), Ok(()));
+    assert_eq!(asked(Pace::Lockstep, UNMARKED), Err(RunError::NotSimulated { node_id: 2 }));
+    assert_eq!(asked(Pace::Free, UNMARKED), Ok(()));
 }
 
 #[test]

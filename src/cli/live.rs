@@ -377,6 +377,12 @@ pub(super) fn live_failure(error: &RunError) -> Failure {
             let help = format!("nothing was enabled; start `yieldwall sim` with --pace {pace} as well");
             Failure::new(Exit::DeviceMismatch, error.to_string(), help)
         }
+        RunError::Unmarked { .. } => Failure::new(
+            Exit::DeviceMismatch,
+            error.to_string(),
+            "nothing was enabled; start the `yieldwall sim` of this version. A simulated device of somebody else says `simulated device` in \
+             2012h:1 to 4, four letters each, the first one in the lowest byte; a real drive has the vendor of its maker",
+        ),
         RunError::NotSimulated { .. } => Failure::new(
             Exit::DeviceMismatch,
             error.to_string(),

@@ -7,6 +7,7 @@ use crate::assembly::AssemblyError;
 use crate::bus::{BootError, Heard};
 use crate::guard::{Cause, DeviceSet};
 use crate::link::SendError;
+use yieldwall_drives::profiles::SIMULATED_VENDOR;
 use yieldwall_drives::watchdog::Watchdog;
 
 /// Why a rig could not go on.
@@ -81,6 +82,15 @@ pub enum RunError {
         node_id: u8,
         /// The pace of the rig.
         pace: Pace,
+    },
+    /// A drive has the vendor of the simulated ones and not their mark. Nothing was enabled.
+    #[error(
+        "the drive with node id {node_id} gives itself out as a simulated one (vendor {SIMULATED_VENDOR:08X}h), and its object 2012h \
+         does not say `simulated device`"
+    )]
+    Unmarked {
+        /// Node id.
+        node_id: u8,
     },
     /// A drive is no simulated one in lockstep, and was not drilled. Nothing was enabled.
     #[error(

@@ -1,4 +1,4 @@
-//! What simulated drives on the bus say of themselves: what their time follows, and which watchdogs they lack.
+//! What simulated drives on the bus say of themselves: that they are, what their time follows, and which watchdogs they lack.
 
 use super::drill::DriveAddress;
 use super::error::RunError;
@@ -10,18 +10,26 @@ use yieldwall_drives::profiles::SIMULATED_VENDOR;
 use yieldwall_drives::watchdog::{Clock, Watchdog};
 
 impl<P: Place> Runner<P> {
-    /// Asks the drives of a booted network, where they are simulated, whether they are simulated for this pace. In lockstep
-    /// they also have to have all watchdogs: there time stands still without SYNC, so that no drill is possible.
+    /// Asks the drives of a booted network whether they are simulated, by their object 2012h, and if so, whether for this pace. In
+    /// lockstep they have to be simulated and have all watchdogs: there time stands still without SYNC, so that no drill is possible.
     ///
     /// # Errors
-    /// [`RunError::Pace`] and [`RunError::Unwatched`] if not; as [`Runner::read`].
+    /// [`RunError::Unmarked`], [`RunError::NotSimulated`], [`RunError::Pace`] and [`RunError::Unwatched`] if not; as [`Runner::read`].
     pub fn check_simulation(&mut self, drives: [DriveAddress; 2]) -> Result<(), RunError> {
         for drive in drives {
             let node_id = drive.node.raw();
             let mut read = |object: objects::Object| self.read(drive, object.index, object.sub);
-            if read(objects::VENDOR_ID)? != SIMULATED_VENDOR {
+            let vendor_id = read(objects::VENDOR_ID)?;
+            if !self.is_marked(drive) {
+                if vendor_id == SIMULATED_VENDOR {
+                    return Err(RunError::Unmarked { node_id });
+                }
+                if self.pace() == Pace::Lockstep {
+                    return Err(RunError::NotSimulated { node_id });
+                }
                 continue;
             }
+            let mut read = |object: objects::Object| self.read(drive, object.index, object.sub);
             let clock = read(objects::SIMULATION_CLOCK)?;
             let lacks = read(objects::SIMULATION_LACKS)?;
             let other = match self.pace() {
@@ -39,17 +47,10 @@ impl<P: Place> Runner<P> {
         Ok(())
     }
 
-    /// Makes sure that both drives are simulated ones in lockstep, which need no drill on the bus.
-    ///
-    /// # Errors
-    /// [`RunError::NotSimulated`] if not; as [`Runner::read`].
-    pub(super) fn check_lockstep(&mut self, drives: [DriveAddress; 2]) -> Result<(), RunError> {
-        for drive in drives {
-            let vendor = self.read(drive, objects::VENDOR_ID.index, objects::VENDOR_ID.sub)?;
-            if self.pace() != Pace::Lockstep || vendor != SIMULATED_VENDOR {
-                return Err(RunError::NotSimulated { node_id: drive.node.raw() });
-            }
-        }
-        Ok(())
+    /// Whether a drive says all of the text that only simulated ones say. One that does not tell the object is none.
+    fn is_marked(&mut self, drive: DriveAddress) -> bool {
+        let mark = objects::SIMULATION_MARK;
+        let mut words = (mark.sub..).zip(objects::SIMULATED_DEVICE);
+        words.all(|(sub, word)| self.read(drive, mark.index, sub) == Ok(word))
     }
 }

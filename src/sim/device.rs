@@ -58,9 +58,9 @@ pub(super) fn commanded(object: objects::Object, value: i64) -> Object {
     declare(object, value).mappable(Mappable::Both)
 }
 
-/// A dictionary with the communication profile of a device model.
+/// A dictionary with the communication profile of a device model, and the mark of a simulated device.
 pub(super) fn dictionary(node: NodeId, profile: &DeviceProfile, serial: u32) -> Builder {
-    ObjectDictionary::builder().communication_profile(
+    let builder = ObjectDictionary::builder().communication_profile(
         node,
         &DeviceIdentity {
             device_type: profile.device_type,
@@ -70,7 +70,12 @@ pub(super) fn dictionary(node: NodeId, profile: &DeviceProfile, serial: u32) -> 
             revision: profile.identity.revision,
             serial,
         },
-    )
+    );
+    let mark = objects::SIMULATION_MARK;
+    let words = (mark.sub..).zip(objects::SIMULATED_DEVICE);
+    words.fold(builder.highest_sub(mark.index, objects::SIMULATED_DEVICE.len() as u8), |builder, (sub, word)| {
+        builder.object(declare(mark.at(sub), word.into()).access(Access::ReadOnly))
+    })
 }
 
 /// Mapping entries as the dictionary takes them.
