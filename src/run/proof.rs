@@ -96,7 +96,8 @@ pub enum NotProven {
 }
 
 impl<P: Place> Runner<P> {
-    /// Asks the drives of a booted network what they are, and looks for the proof that such drives stop by themselves.
+    /// Asks the drives of a booted network what they are, and looks for the proof that such drives stop by themselves. The
+    /// permit is of this boot.
     ///
     /// # Errors
     /// Why the rig may not be enabled.
@@ -105,14 +106,14 @@ impl<P: Place> Runner<P> {
         self.check_simulation(drives)?;
         match proof {
             // What the drives were asked makes sure that they are simulated ones in lockstep.
-            Proof::InVirtualTime if self.pace() == Pace::Lockstep => Ok(Permit::proved()),
+            Proof::InVirtualTime if self.pace() == Pace::Lockstep => Ok(Permit::proved(self)),
             Proof::InVirtualTime => {
                 let [DriveAddress { node, .. }, _] = drives;
                 Err(RunError::NotSimulated { node_id: node.raw() }.into())
             }
             Proof::OnRecord(drills) => {
                 Subject::new(rig, self.identities(drives)?).check(drills)?;
-                Ok(Permit::proved())
+                Ok(Permit::proved(self))
             }
         }
     }
