@@ -17,8 +17,8 @@ use yieldwall::guard::{DeviceSet, Fault, State};
 use yieldwall::record::Row;
 use yieldwall::rig::{self, DeviceServer};
 use yieldwall::run::{
-    Ask, DRILL_LIMIT, Enable, Enabling, Ended, NotProven, OnLink, Pace, Play, Played, Proof, RunError, Runner, Unsafe,
-    drive_addresses,
+    Ask, DRILL_LIMIT, Enable, Enabling, Ended, NotProven, OnLink, Pace, Play, Played, Proof, RunError, Runner,
+    Unproven, Unsafe, drive_addresses,
 };
 use yieldwall_drives::cia402;
 use yieldwall_drives::watchdog::Watchdog;
@@ -395,6 +395,7 @@ fn simulated_drives_of_another_pace_or_in_lockstep_without_a_watchdog_are_refuse
 #[test]
 fn a_drive_without_the_mark_of_simulated_ones_is_refused_in_lockstep_and_nothing_but_the_whole_mark_counts() {
     let scenario = Scenario::torque();
+    let proof = Proof::InVirtualTime(rig::drill(&scenario.rig, &scenario.scene, |_| ()).unwrap());
     for pace in [Pace::Lockstep, Pace::Free] {
         for sub in 1..=4 {
             let (cable, mut rig) = wired(&scenario, pace);
@@ -403,7 +404,7 @@ fn a_drive_without_the_mark_of_simulated_ones_is_refused_in_lockstep_and_nothing
             cable.set_passage(move |_, _, frame| {
                 (frame.id(), frame.data().get(..4)) != (0x602, Some(&[0x40, 0x12, 0x20, sub]))
             });
-            let proved = rig.prove(&scenario.rig, &Proof::InVirtualTime);
+            let proved = rig.prove(&scenario.rig, &proof);
             assert!(
                 matches!(proved, Err(NotProven::Run(RunError::Unmarked { node_id: 2 }))),
                 "{pace:?}, word {sub}: {proved:?}"
@@ -412,11 +413,14 @@ fn a_drive_without_the_mark_of_simulated_ones_is_refused_in_lockstep_and_nothing
     }
     let (_, mut rig) = wired(&scenario, Pace::Lockstep);
     rig.boot().unwrap();
-    assert!(rig.prove(&scenario.rig, &Proof::InVirtualTime).is_ok());
+    assert!(rig.prove(&scenario.rig, &proof).is_ok());
+    let lacking = rig::drill(&scenario.rig, &scenario.scene, |machine| machine.ignore(Watchdog::Sync)).unwrap();
+    let proved = rig.prove(&scenario.rig, &Proof::InVirtualTime(lacking));
+    assert!(matches!(proved, Err(NotProven::Unproven(Unproven::Unsafe(_)))), "{proved:?}");
     // Not by the wall clock, where their drill is possible.
     let (_, mut rig) = wired(&scenario, Pace::Free);
     rig.boot().unwrap();
-    let proved = rig.prove(&scenario.rig, &Proof::InVirtualTime);
+    let proved = rig.prove(&scenario.rig, &proof);
     assert!(matches!(proved, Err(NotProven::Run(RunError::NotSimulated { node_id: 1 }))), "{proved:?}");
 }
 

@@ -70,16 +70,16 @@ pub enum Unproven {
         reason: String,
     },
     /// The drill has shown that a drive does not stop, or not soon enough.
-    #[error("the watchdog drill on record: {0}")]
+    #[error("the watchdog drill: {0}")]
     Unsafe(#[from] Unsafe),
 }
 
 /// Where it is shown that the drives of a rig stop by themselves.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Proof {
-    /// In virtual time, by the same simulated drives: those on the bus say that they are (2012h), and whether they lack a watchdog. For
-    /// lockstep, in which no drill is possible.
-    InVirtualTime,
+    /// In virtual time, by a drill of the same simulated drives: those on the bus say that they are (2012h), and whether they lack a
+    /// watchdog. For lockstep, in which no drill is possible.
+    InVirtualTime(Drilled),
     /// In the records of drills on a bus, which are in this folder.
     OnRecord(PathBuf),
 }
@@ -106,8 +106,11 @@ impl<P: Place> Runner<P> {
         self.check_simulation(drives)?;
         match proof {
             // What the drives were asked makes sure that they are simulated ones in lockstep.
-            Proof::InVirtualTime if self.pace() == Pace::Lockstep => Ok(Permit::proved(self)),
-            Proof::InVirtualTime => {
+            Proof::InVirtualTime(drilled) if self.pace() == Pace::Lockstep => {
+                drilled.judge(is_torque(rig)).map_err(Unproven::from)?;
+                Ok(Permit::proved(self))
+            }
+            Proof::InVirtualTime(_) => {
                 let [DriveAddress { node, .. }, _] = drives;
                 Err(RunError::NotSimulated { node_id: node.raw() }.into())
             }
@@ -117,6 +120,10 @@ impl<P: Place> Runner<P> {
             }
         }
     }
+}
+
+fn is_torque(rig: &config::Rig) -> bool {
+    rig.rig.command_mode == config::CommandMode::Torque
 }
 
 impl Subject {
