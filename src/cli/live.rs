@@ -47,6 +47,7 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
         evidence: evidence(arguments.pace, &rig, &scene.value)?,
         needs_realtime: arguments.require_realtime,
         ignores_latency: arguments.ignore_latency,
+        ignores_bus_budget: arguments.ignore_bus_budget,
     };
     let is_interrupted = on_interrupt()?;
     let interfaces = Interfaces::of(&rig, &arguments.bus)?;
@@ -105,6 +106,8 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
         }
         Err(NotRun::Unproven(error)) => return Err(unproven(error, &interfaces.arguments(&rig), arguments)),
         Err(NotRun::Untimely(error)) => return Err(untimely(error, &rig)),
+        // Said with the line of the file before anything was opened.
+        Err(error @ NotRun::Overfull { .. }) => return Err(Failure::new(Exit::ConfigInvalid, error.to_string(), "")),
         Err(error @ NotRun::NotGranted) => return Err(Failure::new(Exit::TimingMissed, error.to_string(), "")),
     };
     let time_s = played.cycles as f64 * period_s;

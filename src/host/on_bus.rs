@@ -16,8 +16,9 @@ use thiserror::Error;
 use super::system::{Refusal, SystemMetronome, computer, lock_memory, run_first};
 use super::timing::{Kept, Untimely};
 use crate::assembly::bus_plan;
+use crate::bus::budget::Budget;
 use crate::canopen::Emergency;
-use crate::config;
+use crate::config::{self, BusTiming};
 use crate::guard::Fault;
 use crate::link::{InterfaceFacts, Role, SocketCan, SocketCans};
 use crate::record::CycleRecord;
@@ -35,7 +36,7 @@ pub use open::{OpenError, open_buses};
 /// apart from the rest; a thread with real-time priority for the loop; nobody else's master listened for before anything is sent; this
 /// computer's timing asked before, and drives that have shown that they stop by themselves; as many cycles before the drives are
 /// enabled as it takes two devices with one node id to show; a stop along the ramp, and the network left in the end, whatever happened.
-/// Whether the buses carry the cycle is not asked here: [`Budget`](crate::bus::budget::Budget) tells.
+/// A rig whose buses cannot keep its cycle is refused.
 ///
 /// ```no_run
 /// use std::sync::{Arc, atomic::AtomicBool};
@@ -45,7 +46,7 @@ pub use open::{OpenError, open_buses};
 /// let rig = config::load_rig(config::Source::named("rig.yaml"))?.value;
 /// let on_bus = RigOnBus::open(&rig, &["can0".to_owned()], Pace::Free)?;
 /// let evidence = Evidence::OnRecord { drills: "drills".into(), latency: "latency".into(), now_unix_s };
-/// let demands = Demands { evidence, needs_realtime: true, ignores_latency: false };
+/// let demands = Demands { evidence, needs_realtime: true, ignores_latency: false, ignores_bus_budget: false };
 /// let is_interrupted = Arc::new(AtomicBool::new(false));
 /// let outcome = on_bus.run(&demands, 10.0, &is_interrupted, |_| (), |news| println!("{news:?}"))?;
 /// println!("{:?}", outcome.played?);
@@ -56,6 +57,8 @@ pub struct RigOnBus {
     rig: config::Rig,
     runner: Runner<OnLink<SocketCans, SystemMetronome>>,
     memory: Result<(), Refusal>,
+    /// The buses that cannot keep the cycle.
+    overfull: Vec<String>,
 }
 
 /// What shows that a rig may be enabled.
@@ -84,6 +87,8 @@ pub struct Demands {
     pub needs_realtime: bool,
     /// Whether the rig runs also if this computer has not proved the timing that it asks for. A recording has to say so.
     pub ignores_latency: bool,
+    /// Whether the rig runs also if a bus with arbitration cannot keep its cycle.
+    pub ignores_bus_budget: bool,
 }
 
 /// Why a rig did not come to run.
@@ -98,6 +103,12 @@ pub enum NotRun {
     /// This computer has not proved its timing. Nothing was sent.
     #[error(transparent)]
     Untimely(#[from] Untimely),
+    /// A bus cannot keep the cycle in the worst case. Nothing was sent.
+    #[error("the bus `{bus}` cannot keep the cycle")]
+    Overfull {
+        /// Its name.
+        bus: String,
+    },
     /// Priority or locked memory was demanded and not granted ([`Outcome::priority`], [`Outcome::memory`]). Nothing was sent.
     #[error("this computer does not grant what the loop needs to be in time")]
     NotGranted,
@@ -161,10 +172,17 @@ impl RigOnBus {
     /// If an interface cannot be used or has a master in another process, or parts of the configuration do not fit together.
     pub fn open(rig: &config::Rig, interfaces: &[String], pace: Pace) -> Result<Self, OpenError> {
         let memory = lock_memory();
-        let setup = bus_plan(rig).map_err(RunError::from)?.0;
+        let (setup, conditions) = bus_plan(rig).map_err(RunError::from)?;
+        let mut overfull = Vec::new();
+        for ((name, bus), conditions) in rig.buses.iter().zip(conditions) {
+            let budget = Budget::new(&setup, conditions).map_err(RunError::from)?;
+            if bus.timing == BusTiming::Arbitrated && !budget.is_schedulable() {
+                overfull.push(name.clone());
+            }
+        }
         let link = open_buses(rig, interfaces, |_| vec![Role::Master], |bus| open::filters(&setup, bus))?;
         let runner = Runner::on_link(rig, link, SystemMetronome, pace)?;
-        Ok(Self { rig: rig.clone(), runner, memory })
+        Ok(Self { rig: rig.clone(), runner, memory, overfull })
     }
 
     /// Whether memory is locked.
@@ -201,13 +219,15 @@ impl RigOnBus {
         tell: impl FnMut(News),
     ) -> Result<Outcome, ThreadError> {
         let (news, told) = channel();
-        let Self { rig, mut runner, memory } = self;
+        let Self { rig, mut runner, memory, overfull } = self;
         runner.set_boot_watch(boot_watch(news.clone(), Arc::clone(is_interrupted)));
         on_thread_of_the_cycle(news, &told, tell, move |priority| {
             let timing = demands.timing(&rig, runner.pace(), [&priority, &memory].map(Result::is_ok));
+            let overfull = overfull.join("`, `");
             let is_granted = priority.is_ok() && memory.is_ok();
             let played = match &timing {
                 _ if demands.needs_realtime && !is_granted => Err(NotRun::NotGranted),
+                _ if !demands.ignores_bus_budget && !overfull.is_empty() => Err(NotRun::Overfull { bus: overfull }),
                 Some(Err(error)) if !demands.ignores_latency => Err(error.clone().into()),
                 _ => {
                     let played = play(&mut runner, &rig, demands, duration_s, is_interrupted, each);
