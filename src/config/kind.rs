@@ -1,4 +1,4 @@
-//! The four kinds of document, told apart by their keys.
+//! The five kinds of document, told apart by their keys.
 
 use std::fmt;
 
@@ -13,11 +13,13 @@ pub enum Kind {
     Scene,
     /// A figure.
     Figure,
+    /// A device profile.
+    Profile,
 }
 
 impl Kind {
     /// All of them.
-    pub const ALL: [Self; 4] = [Self::Rig, Self::Device, Self::Scene, Self::Figure];
+    pub const ALL: [Self; 5] = [Self::Rig, Self::Device, Self::Scene, Self::Figure, Self::Profile];
 
     /// The key that only this kind has at the top.
     pub fn mark(self) -> &'static str {
@@ -26,6 +28,7 @@ impl Kind {
             Self::Device => "device",
             Self::Scene => "hand",
             Self::Figure => "title",
+            Self::Profile => "profile",
         }
     }
 
@@ -37,8 +40,10 @@ impl Kind {
     /// The kind of a document with these keys at the top; `None` when no mark is among them.
     pub(super) fn detect<'a>(keys: impl Iterator<Item = &'a str>) -> Option<Self> {
         let keys: Vec<&str> = keys.collect();
-        // A figure may name a device, so its mark is asked for first.
-        [Self::Figure, Self::Rig, Self::Device, Self::Scene].into_iter().find(|kind| keys.contains(&kind.mark()))
+        // A profile and a figure have a key `device` too, so their marks are asked for first.
+        [Self::Profile, Self::Figure, Self::Rig, Self::Device, Self::Scene]
+            .into_iter()
+            .find(|kind| keys.contains(&kind.mark()))
     }
 }
 
@@ -49,6 +54,7 @@ impl fmt::Display for Kind {
             Self::Device => "impedance device",
             Self::Scene => "scene",
             Self::Figure => "figure",
+            Self::Profile => "device profile",
         })
     }
 }

@@ -7,7 +7,8 @@ use serde::Serialize;
 use serde::de::DeserializeOwned;
 
 use super::check::{
-    Findings, Locator, Machine, check_device, check_figure, check_override, check_rig, check_scene, check_scene_for,
+    Findings, Locator, Machine, check_device, check_figure, check_override, check_profile, check_rig, check_scene,
+    check_scene_for, refuse_profile,
 };
 use super::diagnostic::{Diagnostic, Report, Severity};
 use super::explain::{explain, explain_syntax};
@@ -17,6 +18,7 @@ use super::schema::Guide;
 use super::source::Source;
 use super::tree::{Figure, ImpedanceDevice, Rig, Scene};
 use super::yaml;
+use yieldwall_drives::profiles::DeviceProfile;
 
 /// A checked document, where it came from, and what its writer should look at.
 #[derive(Clone, Debug)]
@@ -58,6 +60,8 @@ pub enum Document {
     Scene(Box<Loaded<Scene>>),
     /// A figure.
     Figure(Box<Loaded<Figure>>),
+    /// A device profile.
+    Profile(Box<Loaded<DeviceProfile>>),
 }
 
 /// Reads and checks a document, whatever its kind.
@@ -72,22 +76,24 @@ pub fn load(source: impl Into<Source>) -> Result<Document, Report> {
         Some(Kind::Device) => load_device(source).map(|device| Document::Device(Box::new(device))),
         Some(Kind::Scene) => load_scene(source).map(|scene| Document::Scene(Box::new(scene))),
         Some(Kind::Figure) => load_figure(source).map(|figure| Document::Figure(Box::new(figure))),
+        Some(Kind::Profile) => load_profile(source).map(|profile| Document::Profile(Box::new(profile))),
         None => Err(unknown_kind(&source, "is not a configuration").into()),
     }
 }
 
-/// Reads and checks a rig and its scene.
+/// Reads and checks a rig, its device profiles and its scene.
 ///
 /// # Errors
-/// The file; its first syntax or type error; or all errors of meaning in the rig and in the scene that it names.
+/// The file; its first syntax or type error; or all errors of meaning in the rig and in the files that it names.
 pub fn load_rig(source: impl Into<Source>) -> Result<Loaded<Rig>, Report> {
     let source = source.into();
-    let (rig, mut findings): (Rig, _) = read(&source, Kind::Rig)?;
+    let (mut rig, mut findings): (Rig, _) = read(&source, Kind::Rig)?;
     let in_range = findings.check_ranges(&rig);
+    let profiles = linked_profiles(&mut findings, &source, &mut rig);
     check_rig(&mut findings, &rig, in_range);
     let machine = in_range.then_some(Machine::Rig(&rig));
     let scene = linked_scene(&mut findings, &source, &rig.scene, machine);
-    finish(rig, source, findings.locator(), [findings.into_sorted(), scene].concat())
+    finish(rig, source, findings.locator(), [findings.into_sorted(), profiles, scene].concat())
 }
 
 /// Reads and checks an impedance device and its scene.
@@ -112,6 +118,16 @@ pub fn load_scene(source: impl Into<Source>) -> Result<Loaded<Scene>, Report> {
     let source = source.into();
     let (scene, findings) = checked_scene(&source)?;
     finish(scene, source, findings.locator(), findings.into_sorted())
+}
+
+/// Reads and checks a device profile.
+///
+/// # Errors
+/// As [`load_rig`].
+pub fn load_profile(source: impl Into<Source>) -> Result<Loaded<DeviceProfile>, Report> {
+    let source = source.into();
+    let (profile, findings) = checked_profile(&source)?;
+    finish(profile, source, findings.locator(), findings.into_sorted())
 }
 
 /// Reads and checks a figure and every file that it names.
@@ -142,7 +158,7 @@ pub fn load_figure(source: impl Into<Source>) -> Result<Loaded<Figure>, Report> 
         let machine = match &machine {
             Document::Rig(rig) => Machine::Rig(&rig.value),
             Document::Device(device) => Machine::Device(&device.value),
-            Document::Scene(_) | Document::Figure(_) => continue,
+            Document::Scene(_) | Document::Figure(_) | Document::Profile(_) => continue,
         };
         check_override(&mut findings, &figure, machine);
         others.extend(linked_scene(&mut findings, &source, &figure.scene, Some(machine)));
@@ -150,13 +166,7 @@ pub fn load_figure(source: impl Into<Source>) -> Result<Loaded<Figure>, Report> 
     let locator = findings.locator();
     let mut all = [findings.into_sorted(), others].concat();
     // Two machines find the same fault of a shared scene or fixture.
-    let mut seen: Vec<Diagnostic> = Vec::new();
-    all.retain(|finding| {
-        !seen.contains(finding) && {
-            seen.push(finding.clone());
-            true
-        }
-    });
+    keep_first(&mut all);
     finish(figure, source, locator, all)
 }
 
@@ -173,6 +183,48 @@ fn checked_scene(source: &Source) -> Result<(Scene, Findings), Report> {
     findings.check_ranges(&scene);
     check_scene(&mut findings, &scene);
     Ok((scene, findings))
+}
+
+/// Leaves each finding once.
+fn keep_first(all: &mut Vec<Diagnostic>) {
+    let mut seen: Vec<Diagnostic> = Vec::new();
+    all.retain(|finding| {
+        !seen.contains(finding) && {
+            seen.push(finding.clone());
+            true
+        }
+    });
+}
+
+fn checked_profile(source: &Source) -> Result<(DeviceProfile, Findings), Report> {
+    let (profile, mut findings): (DeviceProfile, _) = read(source, Kind::Profile)?;
+    if findings.check_ranges(&profile) {
+        check_profile(&mut findings, &profile);
+    }
+    Ok((profile, findings))
+}
+
+/// Reads the profiles that a rig names by their files, and the findings in them. A name that is unknown, and a file that is no
+/// profile, are findings at the key that names it.
+fn linked_profiles(findings: &mut Findings, source: &Source, rig: &mut Rig) -> Vec<Diagnostic> {
+    let mut found = Vec::new();
+    for (key, name, fits) in rig.profiles_mut() {
+        if name.get().is_none() && !name.is_file() {
+            refuse_profile(findings, key, name.as_str(), "is not known", fits);
+        }
+        if !name.is_file() {
+            continue;
+        }
+        match checked_profile(&source.relative(name.as_str())) {
+            Ok((profile, of_profile)) => {
+                found.extend(of_profile.into_sorted());
+                name.set(profile);
+            }
+            Err(report) => found.extend(findings.link(key, report)),
+        }
+    }
+    keep_first(&mut found);
+    found
 }
 
 /// The findings in a scene that a document names by `path`, and with the machine that runs it where its numbers are in

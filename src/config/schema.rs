@@ -6,6 +6,7 @@ use serde_json::{Value, json};
 use super::kind::Kind;
 use super::outline::{Step, steps};
 use super::tree::{Figure, ImpedanceDevice, Rig, Scene};
+use yieldwall_drives::profiles::DeviceProfile;
 
 /// The JSON Schema of every kind of document, for editors. It is committed as `config/schema.json`.
 pub fn schema() -> Value {
@@ -15,11 +16,12 @@ pub fn schema() -> Value {
         ImpedanceDevice::json_schema(&mut generator),
         Scene::json_schema(&mut generator),
         Figure::json_schema(&mut generator),
+        DeviceProfile::json_schema(&mut generator),
     ];
     json!({
         "$schema": "https://json-schema.org/draft/2020-12/schema",
         "title": "yieldwall configuration",
-        "description": "A rig, an impedance device, a scene or a figure.",
+        "description": "A rig, an impedance device, a scene, a figure or a device profile.",
         "oneOf": kinds,
         "$defs": generator.take_definitions(true),
     })

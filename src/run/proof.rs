@@ -10,7 +10,7 @@ use serde_json::{Value, json};
 use thiserror::Error;
 
 use super::drill::{DriveAddress, drive_addresses};
-use super::drilled::{Drilled, Finding, Unsafe};
+use super::drilled::{Demands, Drilled, Finding, Unsafe};
 use super::error::RunError;
 use super::pace::Pace;
 use super::permit::Permit;
@@ -39,6 +39,7 @@ pub struct DriveIdentity {
 pub struct Subject {
     drives: [DriveIdentity; 2],
     configuration: Value,
+    demands: Demands,
 }
 
 /// A drill's record on disk.
@@ -127,12 +128,13 @@ impl Subject {
             "master": rig.master,
             "drives": rig.drives,
             "torque_limit_n_m": rig.guard.torque_limit_n_m,
+            "profiles": rig.drives.each_ref().map(|drive| drive.profile.get().map(|profile| &**profile)),
         });
         // How long the master waits is nothing to a watchdog.
         for drive in configuration["drives"].as_array_mut().into_iter().flatten().filter_map(Value::as_object_mut) {
             drive.retain(|key, _| !matches!(key.as_str(), "waits" | "enabling_ms"));
         }
-        Self { drives, configuration }
+        Self { drives, configuration, demands: Demands::of(rig) }
     }
 
     /// File of its record in a folder of records.
@@ -182,7 +184,7 @@ impl Subject {
             return Err(unreadable("it is of other drives or of another configuration".to_owned()));
         }
         let drilled = record.drilled().ok_or_else(|| unreadable("a time in it is none".to_owned()))?;
-        Ok(drilled.judge(self.configuration["command_mode"] == "torque")?)
+        Ok(drilled.judge(self.demands)?)
     }
 }
 
@@ -250,7 +252,7 @@ mod tests {
         // The fixture is nothing to a watchdog, nor is the master's patience.
         let mut other = rig();
         other.fixture.hold_steps += 1;
-        (other.drives[0].waits.sdo_ms, other.drives[1].enabling_ms) = (10, 10);
+        (other.drives[0].waits.sdo_ms, other.drives[1].enabling_ms) = (Some(10), 10);
         Subject::new(&other, drives(7)).check(&folder).unwrap();
         fs::write(&path, "{").unwrap();
         assert!(matches!(subject.check(&folder), Err(Unproven::Unreadable { .. })));

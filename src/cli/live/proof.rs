@@ -12,7 +12,6 @@ use crate::host::system::computer;
 use crate::host::{Kept, Untimely};
 use crate::rig;
 use crate::run::{NotProven, Proof, RunError, Unproven};
-use yieldwall_drives::profiles::{SIMULATED_VENDOR, find as find_profile};
 
 /// What has to be shown of drives and computer.
 pub(super) struct Demanded {
@@ -41,13 +40,6 @@ pub(super) fn proof(pace: PaceArgument, rig: &config::Rig, scene: &config::Scene
         let drills = state_folder("drills").ok_or_else(drill::no_home)?;
         let measurements = state_folder("latency").ok_or_else(latency::no_home)?;
         return Ok(Demanded { proof: Proof::OnRecord(drills), measurements: Some(measurements) });
-    }
-    let names = [&rig.drives[0].profile, &rig.drives[1].profile];
-    let is_simulated =
-        |name: &&String| find_profile(name).is_some_and(|profile| profile.identity.vendor_id == SIMULATED_VENDOR);
-    if let Some(name) = names.into_iter().find(|name| !is_simulated(name)) {
-        let message = format!("--pace lockstep is for simulated devices, and {name} is none");
-        return Err(Failure::new(Exit::Usage, message, "leave --pace away"));
     }
     judge(&rig::drill(rig, scene, |_| ()).map_err(|error| rig_failure(&error))?, rig, NOTHING_ENABLED)?;
     Ok(Demanded { proof: Proof::InVirtualTime, measurements: None })

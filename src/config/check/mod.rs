@@ -4,6 +4,8 @@ mod bus;
 mod figure;
 mod fixture;
 mod limits;
+mod models;
+mod profile;
 mod reach;
 mod rig;
 mod scene;
@@ -15,6 +17,8 @@ use std::sync::Arc;
 
 pub(super) use figure::{check_figure, check_override};
 pub(super) use fixture::check_device;
+pub(super) use models::refuse_profile;
+pub(super) use profile::check_profile;
 pub(super) use rig::check_rig;
 pub use scene::MAX_DURATION_S;
 pub(super) use scene::{Machine, check_scene, check_scene_for};

@@ -35,6 +35,7 @@ fn what_the_table_changes_is_right() {
             Document::Device(device) => device.warnings,
             Document::Scene(scene) => scene.warnings,
             Document::Figure(figure) => figure.warnings,
+            Document::Profile(profile) => profile.warnings,
         };
         assert_eq!(warnings, [], "{name}");
     }
@@ -191,6 +192,7 @@ fn shipped_files_are_those_in_the_folder_and_load_without_warning() {
                 Document::Device(device) => device.warnings,
                 Document::Scene(scene) => scene.warnings,
                 Document::Figure(figure) => figure.warnings,
+                Document::Profile(profile) => profile.warnings,
             };
             assert_eq!(warnings, [], "{name}");
         }
