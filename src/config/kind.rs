@@ -34,6 +34,16 @@ impl Kind {
         format!("{} {self}", if self == Self::Device { "an" } else { "a" })
     }
 
+    /// Whether documents of this kind may be variants of another one.
+    pub(super) fn has_variants(self) -> bool {
+        self == Self::Rig
+    }
+
+    /// Whether what stands at a key is the path of a file, which starts from the folder of the file in which it stands.
+    pub(super) fn names_file(self, key: &str, _value: &str) -> bool {
+        matches!((self, key), (Self::Rig, "scene"))
+    }
+
     /// The kind of a document with these keys at the top; `None` when no mark is among them.
     pub(super) fn detect<'a>(keys: impl Iterator<Item = &'a str>) -> Option<Self> {
         let keys: Vec<&str> = keys.collect();
