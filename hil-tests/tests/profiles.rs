@@ -5,7 +5,7 @@ use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
 use hil_tests::{Scenario, cable::Cable};
-use yieldwall::config::{self, CommandMode, ProfileName, Report, Severity, Source};
+use yieldwall::config::{self, CommandMode, ProfileName, Report, Source};
 use yieldwall::guard::State;
 use yieldwall::rig::{self, DeviceServer, EmbeddedRig};
 use yieldwall::run::{Demands, Pace, Runner, TORQUE_LIMIT, Unsafe, drive_addresses};
@@ -15,22 +15,25 @@ use yieldwall_drives::watchdog::Watchdog;
 
 const PROFILE: &str = include_str!("other-vendor.yaml");
 
-fn shipped_rig(file: &str) -> String {
-    Source::named(&format!("builtin:{file}")).read().unwrap().to_string()
+fn shipped_rig() -> String {
+    Source::named("builtin:paper-admittance.yaml").read().unwrap().to_string()
+}
+
+/// A rig whose drives name this profile.
+fn with_profile(rig: &str, name: &str) -> String {
+    assert_eq!(rig.matches("profile: simulated-servo").count(), 2);
+    rig.replace("profile: simulated-servo", &format!("profile: {name}"))
 }
 
 /// A rig whose drives have the profile of this text.
 fn load(rig: &str, profile: &str) -> Result<config::Loaded<config::Rig>, Report> {
-    let rig = rig
-        .replace("profile: simulated-servo ", "profile: drive.yaml ")
-        .replace("profile: simulated-servo\n", "profile: drive.yaml\n");
-    let texts = [("rig.yaml", rig), ("drive.yaml", profile.to_owned())];
+    let texts = [("rig.yaml", with_profile(rig, "drive.yaml")), ("drive.yaml", profile.to_owned())];
     config::load_rig(Source::among("rig.yaml", texts.map(|(name, text)| (PathBuf::from(name), Arc::from(text)))))
 }
 
 /// A shipped scenario with drives of this profile.
 fn scenario(mut scenario: Scenario, profile: &str) -> Scenario {
-    let loaded = load(&shipped_rig("paper-admittance.yaml"), profile).unwrap_or_else(|report| panic!("{report}"));
+    let loaded = load(&shipped_rig(), profile).unwrap_or_else(|report| panic!("{report}"));
     for (drive, of_profile) in scenario.rig.drives.iter_mut().zip(loaded.value.drives) {
         drive.profile = of_profile.profile;
     }
@@ -69,8 +72,8 @@ fn a_watchdog_that_the_profile_lacks_is_told_in_position_mode_and_refused_in_tor
     let set_points =
         without_sync.split("      set_points:\n").nth(1).and_then(|rest| rest.lines().next()).unwrap().to_owned();
     let without_both = without_sync.replace(&format!("      set_points:\n{set_points}"), "      set_points: none");
-    let (torque, position) = (shipped_rig("paper-admittance.yaml"), shipped_rig("paper-admittance-csp.yaml"));
-    // Not every shipped file says its mode itself.
+    let torque = shipped_rig();
+    let position = torque.replace("command_mode: torque", "command_mode: position");
     let told = |rig: &str, profile: &str| load(rig, profile).map(|loaded| loaded.warnings.len());
     assert_eq!(told(&torque, PROFILE).unwrap(), 0);
     assert_eq!(told(&torque, &without_sync).unwrap(), 2, "the watch for set-points acts within 5 ms");
@@ -104,8 +107,9 @@ fn a_drive_without_the_masters_heartbeat_is_never_run() {
     let from = PROFILE.find("      heartbeat:\n").unwrap();
     let to = PROFILE.find("      set_points:\n").unwrap();
     let profile = format!("{}      heartbeat: none\n{}", &PROFILE[..from], &PROFILE[to..]);
-    for rig in ["paper-admittance.yaml", "paper-admittance-csp.yaml"] {
-        let report = load(&shipped_rig(rig), &profile).unwrap_err();
+    for mode in ["torque", "velocity", "position"] {
+        let rig = shipped_rig().replace("command_mode: torque", &format!("command_mode: {mode}"));
+        let report = load(&rig, &profile).unwrap_err();
         assert!(report.to_string().contains("go on when this program dies"), "{report}");
     }
 }
@@ -126,15 +130,13 @@ fn the_profiles_of_real_drives_run_on_simulated_drives_of_their_kind_and_say_tha
         let session = base.run(500);
         assert_eq!(session.machine.state(), State::Running, "{name}");
 
-        let rig = shipped_rig("paper-admittance-csp.yaml")
-            .replace("profile: simulated-servo\n", &format!("profile: {name}\n"));
-        let with_encoder = rig.replace("    direction: 1", "    encoder: multi_turn\n    direction: 1");
-        let load =
-            |text: String| config::load_rig(Source::among("rig.yaml", [(PathBuf::from("rig.yaml"), Arc::from(text))]));
-        if let Ok(loaded) = load(with_encoder) {
-            assert!(loaded.warnings.iter().all(|finding| finding.severity == Severity::Warning));
-            assert!(loaded.warnings.iter().any(|finding| finding.message.contains("never tried")), "{name}");
-        }
+        let rig = with_profile(&shipped_rig().replace("command_mode: torque", "command_mode: position"), name);
+        let load = |text: String| config::load_rig(Source::memory("rig.yaml", text));
+        let loaded = load(rig.replace("    direction: 1", "    encoder: multi_turn\n    direction: 1"));
+        let loaded = loaded.unwrap_or_else(|report| panic!("{name}: {report}"));
+        assert!(loaded.warnings.iter().any(|finding| finding.message.contains("never tried")), "{name}");
+        let incremental = load(rig.replace("    direction: 1", "    encoder: incremental\n    direction: 1"));
+        assert!(incremental.unwrap_err().to_string().contains("may not know where their zero is"), "{name}");
     }
 }
 
@@ -234,7 +236,7 @@ const MISTAKES: [(&str, &str, &str); 63] = [
 fn a_wrong_profile_is_refused_at_its_place_and_nothing_moves() {
     let classes: std::collections::BTreeSet<&str> = MISTAKES.iter().map(|mistake| mistake.0).collect();
     assert!(MISTAKES.len() >= 60 && classes.len() >= 9, "{classes:?}");
-    let rig = shipped_rig("paper-admittance.yaml");
+    let rig = shipped_rig();
     for (class, from, to) in MISTAKES {
         let what = format!("{class}: `{from}` -> `{to}`");
         assert!(PROFILE.contains(from), "{what}");
@@ -263,11 +265,11 @@ fn a_wrong_profile_is_refused_at_its_place_and_nothing_moves() {
 #[test]
 fn a_simulated_drive_refuses_objects_where_it_does_not_have_them() {
     let profile = PROFILE.replace("index: 0x6040", "index: 0x6840");
-    let rig = load(&shipped_rig("paper-admittance.yaml"), &profile).unwrap().value;
+    let rig = load(&shipped_rig(), &profile).unwrap().value;
     let Scenario { scene, seed, .. } = Scenario::torque();
     let error = EmbeddedRig::new(&rig, &scene, &rig.fixture, seed).err().unwrap().to_string();
     assert!(error.contains("the simulated drive has its controlword at 6040h:0 with 16 bits"), "{error}");
-    let mut velocity = load(&shipped_rig("paper-admittance.yaml"), PROFILE).unwrap().value;
+    let mut velocity = load(&shipped_rig(), PROFILE).unwrap().value;
     velocity.rig.command_mode = CommandMode::Velocity;
     let error = EmbeddedRig::new(&velocity, &scene, &velocity.fixture, seed).err().unwrap().to_string();
     assert!(error.contains("velocity"), "{error}");

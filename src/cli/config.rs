@@ -74,6 +74,9 @@ fn check(files: &[String], output: &mut Output) -> Result<(), Failure> {
         let kind = result.as_ref().ok().map(|document| document.kind().to_string());
         let margins = rig.map(|rig| Margins::of(&rig.value));
         let mut entry = json!({ "file": file, "ok": is_ok, "kind": kind, "diagnostics": findings });
+        if let Some(like) = rig.and_then(|rig| rig.like.as_ref()) {
+            entry["like"] = like.to_string().into();
+        }
         if let Some(margins) = &margins {
             entry["margins"] = margins.to_json();
         }
@@ -134,7 +137,10 @@ fn show(file: &str, output: &mut Output) -> Result<(), Failure> {
 /// What a checked document stands for, on one line.
 fn summary(document: &Document, warnings: usize) -> String {
     let text = match document {
-        Document::Rig(rig) => rig_summary(&rig.value),
+        Document::Rig(rig) => {
+            let like = rig.like.as_ref().map(|like| format!("like {like}, ")).unwrap_or_default();
+            format!("{like}{}", rig_summary(&rig.value))
+        }
         Document::Device(device) => device_summary(&device.value),
         Document::Scene(scene) => scene_summary(&scene.value),
         Document::Figure(figure) => figure_summary(&figure.value),

@@ -2,6 +2,8 @@
 
 use std::fmt;
 
+use super::tree::ProfileName;
+
 /// What a document is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Kind {
@@ -35,6 +37,20 @@ impl Kind {
     /// Its name with the indefinite article.
     pub(super) fn with_article(self) -> String {
         format!("{} {self}", if self == Self::Device { "an" } else { "a" })
+    }
+
+    /// Whether documents of this kind may be variants of another one.
+    pub(super) fn has_variants(self) -> bool {
+        self == Self::Rig
+    }
+
+    /// Whether what stands at a key is the path of a file, which starts from the folder of the file in which it stands.
+    pub(super) fn names_file(self, key: &str, value: &str) -> bool {
+        match (self, key) {
+            (Self::Rig, "scene") => true,
+            (Self::Rig, _) => key.ends_with(".profile") && ProfileName::from(value.to_owned()).is_file(),
+            _ => false,
+        }
     }
 
     /// The kind of a document with these keys at the top; `None` when no mark is among them.

@@ -17,6 +17,9 @@ mod schema;
 mod source;
 mod suggest;
 mod tree;
+mod variant;
+#[cfg(test)]
+mod variant_tests;
 mod yaml;
 
 pub use check::MAX_DURATION_S;

@@ -126,8 +126,12 @@ impl Source {
         }
     }
 
-    /// The document that `path`, written in this document, means.
+    /// The document that `path`, written in this document, means: a file by its way from the folder of this one, or with
+    /// `builtin:` before it a shipped file.
     pub fn relative(&self, path: &str) -> Self {
+        if let Some(shipped) = path.strip_prefix(BUILTIN_PREFIX) {
+            return builtin(shipped);
+        }
         let joined = self.path.parent().unwrap_or(Path::new("")).join(path);
         match &self.origin {
             Origin::Disk => Self::disk(joined),
@@ -264,6 +268,18 @@ impl fmt::Display for Source {
     fn fmt(&self, out: &mut fmt::Formatter<'_>) -> fmt::Result {
         let prefix = if self.origin == Origin::Builtin { BUILTIN_PREFIX } else { "" };
         write!(out, "{prefix}{}", self.path.display())
+    }
+}
+
+/// What a document that names another one by `other` writes for the file that the other one calls `path`.
+pub(super) fn rebase(other: &str, path: &str) -> String {
+    if path.starts_with(BUILTIN_PREFIX) {
+        return path.to_owned();
+    }
+    let joined = |other: &str| Path::new(other).parent().unwrap_or(Path::new("")).join(path);
+    match other.strip_prefix(BUILTIN_PREFIX) {
+        Some(shipped) => format!("{BUILTIN_PREFIX}{}", normalise(&joined(shipped)).display()),
+        None => joined(other).display().to_string(),
     }
 }
 

@@ -29,7 +29,7 @@ fn the_table_is_wide() {
 
 #[test]
 fn what_the_table_changes_is_right() {
-    for name in ["device.yaml", "figure.yaml", "rig.yaml", "scene.yaml", "space.yaml"] {
+    for name in ["device.yaml", "figure.yaml", "rig.yaml", "scene.yaml", "space.yaml", "variant.yaml"] {
         let warnings = match load(base(name)).unwrap_or_else(|report| panic!("{report}")) {
             Document::Rig(rig) => rig.warnings,
             Document::Device(device) => device.warnings,
