@@ -1,5 +1,14 @@
 //! What a drive watches its master by, and what a simulated one says of its time.
 
+use std::time::Duration;
+
+/// Heartbeat periods after which a node is taken for lost, by the master and by the drives alike.
+pub const HEARTBEAT_PERIODS: u32 = 2;
+/// Cycles after which a drive stops by itself whose set-points, or SYNC, stay away.
+pub const WATCHED_CYCLES: u32 = 5;
+/// Longest time from the last thing heard to the drive's reaction with which torque may be commanded.
+pub const TORQUE_LIMIT: Duration = Duration::from_millis(10);
+
 /// A watch that a drive keeps on its master.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Watchdog {

@@ -10,7 +10,7 @@ use yieldwall::elementary;
 use yieldwall::guard::{Cause, DeviceSet, Fault, State};
 use yieldwall::injection::{Injection, Kind, Target};
 use yieldwall::rig::{self, DeviceServer};
-use yieldwall::run::{Ask, Ended, Pace, Play, Runner, drive_addresses};
+use yieldwall::run::{Ask, Demands, Ended, Pace, Play, Runner, drive_addresses};
 use yieldwall_drives::cia402;
 
 /// The sensor on a bus of its own.
@@ -158,7 +158,7 @@ fn what_a_node_of_one_bus_does_is_told_of_it_and_stops_the_drives_of_the_other()
 fn the_watchdogs_of_drives_on_two_buses_are_drilled() {
     let scenario = drives_apart();
     let drilled = rig::drill(&scenario.rig, &scenario.scene, |_| ()).unwrap();
-    assert!(drilled.judge(true).is_ok(), "{drilled:?}");
+    assert!(drilled.judge(Demands::of(&scenario.rig)).is_ok(), "{drilled:?}");
     let of = |scenario: &Scenario| rig::drill(&scenario.rig, &scenario.scene, |_| ()).unwrap();
     assert_eq!(of(&sensor_apart()).findings.len(), drilled.findings.len());
 }

@@ -17,7 +17,7 @@ use yieldwall::guard::{DeviceSet, Fault, State};
 use yieldwall::record::Row;
 use yieldwall::rig::{self, DeviceServer};
 use yieldwall::run::{
-    Ask, DRILL_LIMIT, Enable, Enabling, Ended, NotProven, OnLink, Pace, Play, Played, Proof, RunError, Runner,
+    Ask, DRILL_LIMIT, Demands, Enable, Enabling, Ended, NotProven, OnLink, Pace, Play, Played, Proof, RunError, Runner,
     Unproven, Unsafe, drive_addresses,
 };
 use yieldwall_drives::cia402;
@@ -331,12 +331,12 @@ fn who_is_not_there_is_named_and_nothing_is_enabled() {
 #[test]
 fn the_drill_on_a_bus_finds_what_the_one_in_virtual_time_finds() {
     for scenario in [Scenario::torque(), Scenario::position()] {
-        let is_torque = scenario.file == "paper-admittance.yaml";
+        let demands = Demands::of(&scenario.rig);
         let (_, mut live) = wired(&scenario, Pace::Free);
         let on_bus = live.drill(drive_addresses(&scenario.rig).unwrap(), 50, &AtomicBool::new(false)).unwrap();
         let virtually = rig::drill(&scenario.rig, &scenario.scene, |_| ()).unwrap();
-        on_bus.judge(is_torque).unwrap();
-        virtually.judge(is_torque).unwrap();
+        on_bus.judge(demands).unwrap();
+        virtually.judge(demands).unwrap();
         assert!(on_bus.resolution <= Duration::from_millis(3), "{:?}", on_bus.resolution);
         for (one, other) in on_bus.findings.iter().zip(&virtually.findings) {
             assert_eq!(one.watchdog, other.watchdog);
@@ -359,7 +359,11 @@ fn a_drive_without_a_watchdog_is_found_on_the_bus_and_in_virtual_time() {
         let on_bus = live.drill(drive_addresses(&scenario.rig).unwrap(), 50, &AtomicBool::new(false)).unwrap();
         let virtually = rig::drill(&scenario.rig, &scenario.scene, |machine| machine.ignore(watchdog)).unwrap();
         for drilled in [on_bus, virtually] {
-            assert_eq!(drilled.judge(false), Err(Unsafe::GoesOn { side: "left", watchdog }), "{drilled:?}");
+            assert_eq!(
+                drilled.judge(Demands::of(&scenario.rig)),
+                Err(Unsafe::GoesOn { side: "left", watchdog }),
+                "{drilled:?}"
+            );
             let others = drilled.findings.iter().filter(|finding| finding.watchdog != watchdog);
             assert!(others.into_iter().all(|finding| {
                 finding.stopped_after.iter().all(|after| after.is_some_and(|after| after < DRILL_LIMIT))

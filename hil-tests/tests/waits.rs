@@ -12,7 +12,7 @@ use yieldwall::bus::BootFailure;
 use yieldwall::config::Waits;
 use yieldwall::guard::{Fault, State};
 use yieldwall::rig::{DeviceServer, EmbeddedRig, RigError};
-use yieldwall::run::{Ask, Enable, Enabling, OnLink, Pace, RunError, Runner, drive_addresses};
+use yieldwall::run::{Ask, Demands, Enable, Enabling, OnLink, Pace, RunError, Runner, drive_addresses};
 
 /// How slow the drives are: reset and SDO, in ms.
 type Slow = [u64; 2];
@@ -56,7 +56,7 @@ fn a_drive_that_takes_its_time_to_reset_or_to_answer_is_waited_for() {
 #[test]
 fn a_drive_that_takes_longer_than_its_setting_is_named_with_what_it_was_waited_for() {
     let mut scenario = Scenario::torque();
-    scenario.rig.drives[1].waits = Waits { boot_up_ms: 600, sdo_ms: 500, start_ms: 5000 };
+    scenario.rig.drives[1].waits = Waits { boot_up_ms: Some(600), sdo_ms: Some(500), start_ms: None };
     let check = |error: RigError, slow: Slow| {
         let RigError::Boot(error) = error else { panic!("{slow:?}: {error}") };
         assert_eq!((error.node_id, error.name.as_str()), (Some(2), "right"), "{slow:?}");
@@ -103,8 +103,9 @@ fn a_drive_that_answers_slowly_is_drilled_as_finely_as_it_answers() {
     let scenario = Scenario::position();
     let (_cable, mut rig) = wired(&scenario, Pace::Free, [700, 600]);
     let drilled = rig.drill(drive_addresses(&scenario.rig).unwrap(), 50, &AtomicBool::new(false)).unwrap();
-    drilled.judge(false).unwrap();
-    assert!(drilled.judge(true).is_err(), "nobody knows that it stops within 10 ms");
+    let demands = Demands::of(&scenario.rig);
+    drilled.judge(demands).unwrap();
+    assert!(drilled.judge(Demands { is_torque: true, ..demands }).is_err(), "nobody knows that it stops within 10 ms");
     let resolution = drilled.resolution.as_millis();
     assert!((600..700).contains(&resolution), "{drilled:?}");
 }

@@ -3,6 +3,7 @@
 mod buses;
 mod error;
 
+use std::sync::Arc;
 use std::time::Duration;
 
 use nalgebra::Matrix6;
@@ -20,7 +21,7 @@ use crate::linkage::{FiveBar, MassModel};
 use crate::plain_can;
 use crate::quantity::TipPoint;
 use crate::sensing::{Calibration, MountedOn, Mounting, Sensing, SensingParameters};
-use yieldwall_drives::profiles::{self, DeviceProfile};
+use yieldwall_drives::profiles::{DeviceProfile, NodeTraits};
 use yieldwall_drives::scaling::{AxisScaling, Direction};
 
 pub use buses::{bus_number, bus_plan, device_buses};
@@ -258,8 +259,9 @@ pub fn cycle(rig: &config::Rig, fixture: &config::Fixture) -> Result<Cycle, Asse
     Ok(Cycle::new(settings, linkage(rig)?, sensing, planar_fixture(fixture, period_s)?, servo(rig)?, gate))
 }
 
-pub(crate) fn profile(name: &str) -> Result<&'static DeviceProfile, AssemblyError> {
-    profiles::find(name).ok_or_else(|| AssemblyError::Mismatch(format!("there is no device profile named {name}")))
+pub(crate) fn profile(name: &config::ProfileName) -> Result<Arc<DeviceProfile>, AssemblyError> {
+    let missing = || AssemblyError::Mismatch(format!("there is no device profile named {}", name.as_str()));
+    name.get().cloned().ok_or_else(missing)
 }
 
 pub(crate) fn scaling(drive: &config::Drive) -> Result<AxisScaling, AssemblyError> {
@@ -285,6 +287,11 @@ pub(crate) fn network(rig: &config::Rig) -> Result<MasterSetup, AssemblyError> {
     // The turn of the encoders is taken from the task's origin: an arm is always within half a turn of it.
     let home = linkage(rig)?.inverse(TipPoint::new(0.0, 0.0))?.to_array();
     let [left, right] = &rig.drives;
+    let link = sensor_link(&rig.sensor)?;
+    let of_profile = match &link {
+        SensorLink::Canopen(node) => Some(&node.profile.node),
+        SensorLink::PlainCan(_) => None,
+    };
     Ok(MasterSetup {
         node_id: rig.master.node_id,
         heartbeat: Duration::from_millis(rig.master.heartbeat_ms.into()),
@@ -294,8 +301,8 @@ pub(crate) fn network(rig: &config::Rig) -> Result<MasterSetup, AssemblyError> {
         sensor: SensorSetup {
             name: rig.sensor.name.clone(),
             bus: buses::bus_number(rig, &rig.sensor.bus)?,
-            link: sensor_link(&rig.sensor)?,
-            waits: waits(&rig.sensor.waits),
+            waits: waits(&rig.sensor.waits, of_profile),
+            link,
             sample_period: sample_period(rig),
         },
     })
@@ -343,17 +350,25 @@ pub(crate) fn sensor_link(sensor: &config::Sensor) -> Result<SensorLink, Assembl
     })
 }
 
-fn waits(waits: &config::Waits) -> Waits {
-    let [boot_up, sdo, start] =
-        [waits.boot_up_ms, waits.sdo_ms, waits.start_ms].map(|ms| Duration::from_millis(ms.into()));
-    Waits { boot_up, sdo, start }
+/// How long a sensor on plain CAN is waited for.
+const PLAIN_WAIT_MS: u32 = 5000;
+
+fn waits(waits: &config::Waits, of_profile: Option<&NodeTraits>) -> Waits {
+    let wait = |own: Option<u32>, of_profile: Option<u32>| {
+        Duration::from_millis(own.or(of_profile).unwrap_or(PLAIN_WAIT_MS).into())
+    };
+    Waits {
+        boot_up: wait(waits.boot_up_ms, of_profile.map(|node| node.boot_up_ms)),
+        sdo: wait(waits.sdo_ms, of_profile.map(|node| node.sdo_ms)),
+        start: wait(waits.start_ms, of_profile.map(|node| node.start_ms)),
+    }
 }
 
 /// The drive's own speed limit as a share of the guard's, which is to act first.
 const SPEED_LIMIT_SHARE: f64 = 1.25;
 
 fn drive(rig: &config::Rig, drive: &config::Drive, expected_angle_rad: f64) -> Result<DriveSetup, AssemblyError> {
-    let scaling = scaling(drive)?;
+    let (scaling, profile) = (scaling(drive)?, profile(&drive.profile)?);
     let window = 2.0 * rig.guard.following_error_limit_rad.get() * scaling.counts_per_rad();
     let speed = SPEED_LIMIT_SHARE * rig.guard.joint_speed_limit_rad_per_s.get() * scaling.counts_per_rad();
     let limit = scaling.torque_per_mille(rig.guard.torque_limit_n_m.get())?.value;
@@ -361,11 +376,11 @@ fn drive(rig: &config::Rig, drive: &config::Drive, expected_angle_rad: f64) -> R
         name: drive.name.clone(),
         bus: buses::bus_number(rig, &drive.bus)?,
         node_id: drive.node_id,
-        profile: profile(&drive.profile)?,
         scaling,
         expected_angle_rad,
         heartbeat: Duration::from_millis(drive.heartbeat_ms.into()),
-        waits: waits(&drive.waits),
+        waits: waits(&drive.waits, Some(&profile.node)),
+        profile,
         torque_limit_per_mille: limit.unsigned_abs(),
         speed_limit_counts_per_s: speed.round().min(f64::from(u32::MAX)) as u32,
         // The drive's own window is the guard's second, wider one.

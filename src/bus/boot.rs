@@ -2,16 +2,16 @@
 
 use super::error::BootFailure;
 use super::setup::{DriveSetup, MasterSetup, SensorNode};
-use crate::canopen::{Frame, NodeId, Outbox, SdoClient, SdoOutcome, Time, cob};
+use crate::canopen::{Frame, NmtCommand, NodeId, Outbox, SdoClient, SdoOutcome, Time, cob};
 use std::time::Duration;
 use yieldwall_drives::cia402::OperationMode;
 use yieldwall_drives::objects::{self, Object};
-use yieldwall_drives::profiles::{DeviceProfile, PdoMap, PdoMapping};
+use yieldwall_drives::profiles::{
+    DeviceProfile, Entry, HeartbeatWatch, Identity, Pdo, PdoMap, Quantity, Reset, Revisions, Servo, SetPointWatch,
+    Setting, SyncWatch, TimeUnit, TimedObject,
+};
+use yieldwall_drives::watchdog::{HEARTBEAT_PERIODS, WATCHED_CYCLES};
 
-/// Heartbeat periods after which a node is taken for lost, by the master and by the drives alike.
-pub(super) const HEARTBEAT_PERIODS: u32 = 2;
-/// A drive whose set-points stay away for this many cycles stops by itself.
-const RPDO_DEADLINE_CYCLES: u32 = 5;
 /// Time between two looks at an object that has not come to its value.
 const READ_AGAIN: Duration = Duration::from_millis(10);
 /// Bytes of the largest object that the boot reads.
@@ -21,18 +21,16 @@ const SDO_CAPACITY: usize = 8;
 const RESTARTS: u8 = 3;
 /// PDOs of each direction that the master knows of; those that the profile does not name stay as the device has them.
 const PDO_COUNT: u8 = 4;
-/// Abort connection option: quick stop (CiA 402, 6007h).
-const ON_LOSS_QUICK_STOP: u32 = 3;
-/// Quick stop option: quick stop ramp, then Switch On Disabled (CiA 402, 605Ah).
-const QUICK_STOP_RAMP: u32 = 2;
-/// Error behaviour: to Pre-operational (CiA 301, 1029h).
-const ON_ERROR_PRE_OPERATIONAL: u32 = 0;
 
 /// One access to one object.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Action {
     /// The object has to have this value under the mask.
     Expect { value: u32, mask: u32 },
+    /// The product has to be one that the profile is for.
+    Product,
+    /// The revision has to be one that the profile is for.
+    Revision,
     /// The object gets this value.
     Write { value: u32 },
     /// The object gets this value and has to hold it.
@@ -60,6 +58,8 @@ pub(super) struct Boot {
     client: SdoClient,
     /// How long the node may take to answer one request.
     timeout: Duration,
+    identity: Identity,
+    reset: Reset,
     steps: Vec<Step>,
     next: usize,
     verifying: bool,
@@ -75,60 +75,60 @@ pub(super) struct Boot {
 impl Boot {
     pub(super) fn drive(master: &MasterSetup, drive: &DriveSetup, node: NodeId) -> Result<Self, BootFailure> {
         let mode = master.mode.operation_mode();
-        let map = mapping(drive.profile, Some(mode))?;
-        let mut steps = identity(drive.profile);
-        steps.push(expect(
-            "check the command mode",
-            objects::SUPPORTED_MODES,
-            mode.supported_bit(),
-            mode.supported_bit(),
-        ));
+        let profile = &*drive.profile;
+        let (map, servo) = (mapping(profile, Some(mode))?, servo(profile)?);
+        let own = &servo.objects;
+        let mut steps = identity(profile);
+        let mode_bit = Action::Expect { value: mode.supported_bit(), mask: mode.supported_bit() };
+        steps.push(step("check the command mode", &own.supported_modes, mode_bit));
         steps.push(heartbeat(drive.heartbeat.as_millis() as u32));
-        let watch_ms = master.heartbeat.as_millis() as u32 * HEARTBEAT_PERIODS;
-        steps.push(verify(
-            "let the drive watch the master",
-            objects::CONSUMER_HEARTBEAT,
-            u32::from(master.node_id) << 16 | watch_ms,
-        ));
-        steps.push(verify("set the reaction to a lost master", objects::ABORT_CONNECTION_OPTION, ON_LOSS_QUICK_STOP));
-        steps.push(verify("set the reaction to a lost master", objects::ERROR_BEHAVIOUR, ON_ERROR_PRE_OPERATIONAL));
-        steps.push(verify("set the quick stop", objects::QUICK_STOP_OPTION, QUICK_STOP_RAMP));
-        let period_us = master.period.as_micros() as u32;
-        let (value, exponent) = interpolation_time(period_us).ok_or(BootFailure::CycleTime { period_us })?;
-        steps.push(verify("set the cycle time", objects::INTERPOLATION_TIME, value));
-        steps.push(verify("set the cycle time", objects::INTERPOLATION_EXPONENT, exponent));
-        steps.push(write("set the command mode", objects::MODE_OF_OPERATION, mode.code() as u8 as u32));
-        // A mode may be taken over some time after it was asked for.
-        let await_mode = Action::Await { value: mode.code() as u8 as u32 };
-        steps.push(step("check the command mode in force", objects::MODE_DISPLAY, await_mode));
-        steps.push(verify("set the torque limit", objects::MAX_TORQUE, u32::from(drive.torque_limit_per_mille)));
-        if drive.profile.quirks().is_some_and(|quirks| quirks.limits_motor_speed) {
-            const DOING: &str = "set the speed limit";
-            steps.push(step(DOING, objects::ENCODER_INCREMENTS, Action::Resolution { part: 0 }));
-            steps.push(step(DOING, objects::ENCODER_REVOLUTIONS, Action::Resolution { part: 1 }));
-            let counts_per_s = drive.speed_limit_counts_per_s;
-            steps.push(step(DOING, objects::MAX_MOTOR_SPEED, Action::LimitSpeed { counts_per_s }));
+        if let HeartbeatWatch::Consumer(consumer) = &servo.watchdogs.heartbeat {
+            let watch_ms = master.heartbeat.as_millis() as u32 * HEARTBEAT_PERIODS;
+            let value = u32::from(master.node_id) << 16 | watch_ms;
+            steps.push(verify("let the drive watch the master", consumer, value));
         }
-        steps.push(verify(
-            "set the following error window",
-            objects::FOLLOWING_ERROR_WINDOW,
-            drive.following_error_counts,
-        ));
-        steps.extend(pdos(map, node, rpdo_deadline_ms(period_us)));
-        Ok(Self::new(node, drive.waits.sdo, steps))
+        let options = &servo.option_codes;
+        let mut set = |doing, settings: &[Setting]| {
+            steps.extend(settings.iter().map(|setting| verify(doing, &setting.object, setting.raw())));
+        };
+        set("set the reaction to a lost master", options.lost_master.as_slice());
+        set("set the reaction to a lost master", options.communication_error.as_slice());
+        set("set the quick stop", options.quick_stop.as_slice());
+        set("set what the profile says", &servo.settings);
+        let period_us = master.period.as_micros() as u32;
+        if let Some(cycle_time) = &own.cycle_time {
+            let (value, exponent) = interpolation_time(period_us).ok_or(BootFailure::CycleTime { period_us })?;
+            steps.push(verify("set the cycle time", &cycle_time.value, value));
+            steps.push(verify("set the cycle time", &cycle_time.exponent, exponent));
+        }
+        let mode_code = mode.code() as u8 as u32;
+        steps.push(step("set the command mode", &own.mode_of_operation, Action::Write { value: mode_code }));
+        // A mode may be taken over some time after it was asked for.
+        steps.push(step("check the command mode in force", &own.mode_display, Action::Await { value: mode_code }));
+        limits(drive, servo, &mut steps);
+        watches(servo, period_us, &mut steps)?;
+        let deadline_ms = match servo.watchdogs.set_points {
+            SetPointWatch::EventTimer { .. } => rpdo_deadline_ms(period_us),
+            SetPointWatch::None | SetPointWatch::BuiltIn(_) | SetPointWatch::Object(_) => 0,
+        };
+        steps.extend(pdos(profile, map, node, deadline_ms)?);
+        Ok(Self::new(node, profile, drive.waits.sdo, steps))
     }
 
     pub(super) fn sensor(sensor: &SensorNode, node: NodeId, timeout: Duration) -> Result<Self, BootFailure> {
-        let mut steps = identity(sensor.profile);
+        let profile = &*sensor.profile;
+        let mut steps = identity(profile);
         steps.push(heartbeat(sensor.heartbeat.as_millis() as u32));
-        steps.extend(pdos(mapping(sensor.profile, None)?, node, 0));
-        Ok(Self::new(node, timeout, steps))
+        steps.extend(pdos(profile, mapping(profile, None)?, node, 0)?);
+        Ok(Self::new(node, profile, timeout, steps))
     }
 
-    fn new(node: NodeId, timeout: Duration, steps: Vec<Step>) -> Self {
+    fn new(node: NodeId, profile: &DeviceProfile, timeout: Duration, steps: Vec<Step>) -> Self {
         Self {
             client: SdoClient::new(node, timeout, SDO_CAPACITY),
             timeout,
+            identity: profile.identity.clone(),
+            reset: profile.node.reset,
             steps,
             next: 0,
             verifying: false,
@@ -150,6 +150,14 @@ impl Boot {
     /// The node.
     pub(super) fn node(&self) -> NodeId {
         self.client.node()
+    }
+
+    /// The command by which the node comes to its power-on values.
+    pub(super) fn reset_command(&self) -> NmtCommand {
+        match self.reset {
+            Reset::Node => NmtCommand::ResetNode,
+            Reset::Communication => NmtCommand::ResetCommunication,
+        }
     }
 
     /// What is being done now.
@@ -233,7 +241,7 @@ impl Boot {
             }
             SdoOutcome::Uploaded { .. } => {
                 let received = little_endian(self.client.data());
-                check(&step, received)?;
+                check(&step, received, &self.identity)?;
                 if let Action::Resolution { part } = step.action
                     && let Some(known) = self.resolution.get_mut(part)
                 {
@@ -259,12 +267,18 @@ impl Boot {
     }
 }
 
-fn check(step: &Step, received: u32) -> Result<(), BootFailure> {
+fn check(step: &Step, received: u32, identity: &Identity) -> Result<(), BootFailure> {
     let Step { index, sub, .. } = *step;
+    let other = |expected: String| Err(BootFailure::Identity { what: step.doing, index, sub, expected, received });
     match step.action {
-        Action::Expect { value, mask } if received & mask != value & mask => {
-            Err(BootFailure::Identity { what: step.doing, index, sub, expected: value, received })
+        Action::Expect { value, mask } if received & mask != value & mask => other(format!("{value:#x}")),
+        Action::Product if !identity.product_codes.contains(&received) => {
+            other(identity.product_codes.iter().map(|code| format!("{code:#x}")).collect::<Vec<_>>().join(" or "))
         }
+        Action::Revision if !identity.revisions.includes(received) => match identity.revisions {
+            Revisions::Any => Ok(()),
+            Revisions::Range { from, to } => other(format!("{from:#x} to {to:#x}")),
+        },
         Action::Await { value: wanted } if received & width_mask(step.bytes) != wanted => {
             Err(BootFailure::Mode { wanted, received })
         }
@@ -293,47 +307,94 @@ fn little_endian(data: &[u8]) -> u32 {
     data.iter().take(4).rev().fold(0, |value, byte| value << 8 | u32::from(*byte))
 }
 
-pub(super) fn mapping(profile: &'static DeviceProfile, mode: Option<OperationMode>) -> Result<PdoMap, BootFailure> {
+pub(super) fn mapping(profile: &DeviceProfile, mode: Option<OperationMode>) -> Result<&PdoMap, BootFailure> {
     let name = match mode {
         Some(OperationMode::CyclicPosition) => "cyclic synchronous position",
         Some(OperationMode::CyclicVelocity) => "cyclic synchronous velocity",
         Some(OperationMode::CyclicTorque) => "cyclic synchronous torque",
         _ => "a sensor",
     };
-    profile.pdos(mode).ok_or(BootFailure::NoMapping { profile: profile.name, mode: name })
+    profile.pdos(mode).ok_or_else(|| BootFailure::NoMapping { profile: profile.name().to_owned(), mode: name })
 }
 
-fn step(doing: &'static str, object: Object, action: Action) -> Step {
+fn servo(profile: &DeviceProfile) -> Result<&Servo, BootFailure> {
+    profile.servo().ok_or_else(|| BootFailure::Role { profile: profile.name().to_owned(), wanted: "a drive" })
+}
+
+fn step(doing: &'static str, entry: &Entry, action: Action) -> Step {
+    Step { doing, index: entry.index, sub: entry.sub, bytes: entry.bytes(), action }
+}
+
+fn verify(doing: &'static str, entry: &Entry, value: u32) -> Step {
+    step(doing, entry, Action::WriteAndVerify { value })
+}
+
+/// A step with an object that every device has at the same place.
+fn common(doing: &'static str, object: Object, action: Action) -> Step {
     Step { doing, index: object.index, sub: object.sub, bytes: object.bits() / 8, action }
 }
 
-fn expect(doing: &'static str, object: Object, value: u32, mask: u32) -> Step {
-    step(doing, object, Action::Expect { value, mask })
-}
-
-fn write(doing: &'static str, object: Object, value: u32) -> Step {
-    step(doing, object, Action::Write { value })
-}
-
-fn verify(doing: &'static str, object: Object, value: u32) -> Step {
-    step(doing, object, Action::WriteAndVerify { value })
-}
-
 fn identity(profile: &DeviceProfile) -> Vec<Step> {
-    vec![
-        expect("check the device type", objects::DEVICE_TYPE, profile.device_type, u32::MAX),
-        expect("check the vendor", objects::VENDOR_ID, profile.identity.vendor_id, u32::MAX),
-        expect("check the product code", objects::PRODUCT_CODE, profile.identity.product_code, u32::MAX),
-    ]
+    let expect = |value: u32| Action::Expect { value, mask: u32::MAX };
+    let mut steps = vec![
+        common("check the device type", objects::DEVICE_TYPE, expect(profile.identity.device_type)),
+        common("check the vendor", objects::VENDOR_ID, expect(profile.identity.vendor_id)),
+        common("check the product code", objects::PRODUCT_CODE, Action::Product),
+    ];
+    if profile.identity.revisions != Revisions::Any {
+        steps.push(common("check the revision", objects::REVISION, Action::Revision));
+    }
+    steps
 }
 
 fn heartbeat(period_ms: u32) -> Step {
-    verify("set the heartbeat", objects::PRODUCER_HEARTBEAT, period_ms)
+    common("set the heartbeat", objects::PRODUCER_HEARTBEAT, Action::WriteAndVerify { value: period_ms })
 }
 
-/// Milliseconds (14xxh:5) in which at least [`RPDO_DEADLINE_CYCLES`] cycles of `period_us` fit.
+/// The limits that the drive heeds.
+fn limits(drive: &DriveSetup, servo: &Servo, steps: &mut Vec<Step>) {
+    if let Some(torque) = &servo.limits.torque {
+        steps.push(verify("set the torque limit", torque, u32::from(drive.torque_limit_per_mille)));
+    }
+    if let Some(speed) = &servo.limits.motor_speed {
+        const DOING: &str = "set the speed limit";
+        steps.push(step(DOING, &speed.increments, Action::Resolution { part: 0 }));
+        steps.push(step(DOING, &speed.revolutions, Action::Resolution { part: 1 }));
+        let counts_per_s = drive.speed_limit_counts_per_s;
+        steps.push(step(DOING, &speed.limit, Action::LimitSpeed { counts_per_s }));
+    }
+    if let Some(window) = &servo.limits.following_error {
+        steps.push(verify("set the following error window", window, drive.following_error_counts));
+    }
+}
+
+/// The watchdogs that are set by objects of their own.
+fn watches(servo: &Servo, period_us: u32, steps: &mut Vec<Step>) -> Result<(), BootFailure> {
+    let after_us = period_us.saturating_mul(WATCHED_CYCLES);
+    let mut watch = |doing, timed: &TimedObject| {
+        let Entry { index, sub, .. } = timed.object;
+        let value = match timed.unit {
+            TimeUnit::Us(unit) => after_us.div_ceil(unit.max(1)),
+            TimeUnit::Cycles => WATCHED_CYCLES,
+        };
+        if value > width_mask(timed.object.bytes()) {
+            return Err(BootFailure::WatchTime { index, sub, after_us });
+        }
+        steps.push(verify(doing, &timed.object, value));
+        Ok(())
+    };
+    if let SetPointWatch::Object(timed) = &servo.watchdogs.set_points {
+        watch("let the drive watch for set-points", timed)?;
+    }
+    if let SyncWatch::Object(timed) = &servo.watchdogs.sync {
+        watch("let the drive watch for SYNC", timed)?;
+    }
+    Ok(())
+}
+
+/// Milliseconds (14xxh:5) in which at least [`WATCHED_CYCLES`] cycles of `period_us` fit.
 fn rpdo_deadline_ms(period_us: u32) -> u32 {
-    period_us.saturating_mul(RPDO_DEADLINE_CYCLES).div_ceil(1000)
+    period_us.saturating_mul(WATCHED_CYCLES).div_ceil(1000)
 }
 
 /// 60C2h:1 and :2 for a period: the largest power of ten of a second that divides it. `None` if that leaves more than the
@@ -348,24 +409,27 @@ fn interpolation_time(period_us: u32) -> Option<(u32, u32)> {
 }
 
 /// The remap order of CiA 301: switch the PDO off, clear the mapping, write it, set the type, switch it on.
-fn pdos(map: PdoMap, node: NodeId, rpdo_deadline_ms: u32) -> Vec<Step> {
+fn pdos(profile: &DeviceProfile, map: &PdoMap, node: NodeId, rpdo_deadline_ms: u32) -> Result<Vec<Step>, BootFailure> {
     const DOING: &str = "map the process data";
     let mut steps = Vec::new();
-    let directions = [(0x1400, 0x1600, map.rpdo, true), (0x1800, 0x1a00, map.tpdo, false)];
+    let directions = [(0x1400, 0x1600, &map.rpdo, true), (0x1800, 0x1a00, &map.tpdo, false)];
     for (communication, mapping, used, is_rpdo) in directions {
         let access = |index: u16, sub: u8, bytes: u8, action: Action| Step { doing: DOING, index, sub, bytes, action };
         for number in 1..=PDO_COUNT {
             let Some(pdo) = used.iter().find(|pdo| pdo.number == number) else { continue };
             let offset = u16::from(number) - 1;
             let id = if is_rpdo { cob::rpdo(number, node) } else { cob::tpdo(number, node) };
-            let id = u32::from(id.unwrap_or_default());
+            // An identifier of 0 would be a network command.
+            let id = id.ok_or_else(|| lacking(profile, "an identifier"))?;
+            let id = u32::from(id);
             let (comm, map) = (communication + offset, mapping + offset);
             steps.push(access(comm, 1, 4, Action::Write { value: id | cob::INVALID }));
             steps.push(access(map, 0, 1, Action::Write { value: 0 }));
-            for (sub, entry) in (1..).zip(pdo.entries) {
-                steps.push(access(map, sub, 4, Action::WriteAndVerify { value: entry.to_u32() }));
+            for (sub, quantity) in (1..).zip(&pdo.maps) {
+                let value = mapped(profile, *quantity)?.to_u32();
+                steps.push(access(map, sub, 4, Action::WriteAndVerify { value }));
             }
-            let entries = pdo.entries.len() as u32;
+            let entries = pdo.maps.len() as u32;
             steps.push(access(map, 0, 1, Action::WriteAndVerify { value: entries }));
             let transmission = u32::from(pdo.transmission_type);
             steps.push(access(comm, 2, 1, Action::WriteAndVerify { value: transmission }));
@@ -375,12 +439,22 @@ fn pdos(map: PdoMap, node: NodeId, rpdo_deadline_ms: u32) -> Vec<Step> {
             steps.push(access(comm, 1, 4, Action::WriteAndVerify { value: id }));
         }
     }
-    steps
+    Ok(steps)
+}
+
+/// The object of the device that is meant.
+pub(super) fn mapped(profile: &DeviceProfile, quantity: Quantity) -> Result<&Entry, BootFailure> {
+    profile.object(quantity).ok_or_else(|| lacking(profile, quantity.word()))
+}
+
+pub(super) fn lacking(profile: &DeviceProfile, what: &'static str) -> BootFailure {
+    BootFailure::Layout { profile: profile.name().to_owned(), lacking: what }
 }
 
 /// The objects of one PDO as the compiled layout wants them.
-pub(super) fn layout_entries(pdo: &PdoMapping) -> Vec<(u16, u8, u8)> {
-    pdo.entries.iter().map(|entry| (entry.index, entry.sub, entry.bits)).collect()
+pub(super) fn layout_entries(profile: &DeviceProfile, pdo: &Pdo) -> Result<Vec<(u16, u8, u8)>, BootFailure> {
+    let entry = |quantity: &Quantity| mapped(profile, *quantity).map(|entry| (entry.index, entry.sub, entry.bits));
+    pdo.maps.iter().map(entry).collect()
 }
 
 #[cfg(test)]
@@ -421,8 +495,8 @@ mod tests {
     #[test]
     fn remapping_switches_the_pdo_off_first_and_on_last() {
         let node = cob::node_id(1).unwrap();
-        let map = yieldwall_drives::profiles::SIMULATED_SERVO.pdos(Some(OperationMode::CyclicTorque)).unwrap();
-        let steps = pdos(map, node, 5);
+        let profile = crate::config::shipped_profile("simulated-servo");
+        let steps = pdos(&profile, profile.pdos(Some(OperationMode::CyclicTorque)).unwrap(), node, 5).unwrap();
         assert_eq!((steps[0].index, steps[0].sub, steps[0].action), (0x1400, 1, Action::Write { value: 0x8000_0201 }));
         assert_eq!((steps[1].index, steps[1].sub, steps[1].action), (0x1600, 0, Action::Write { value: 0 }));
         assert_eq!(steps[2].action, Action::WriteAndVerify { value: 0x6040_0010 });

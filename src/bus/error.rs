@@ -101,7 +101,7 @@ pub enum BootFailure {
         code: AbortCode,
     },
     /// An object that says what the device is has another value than the profile.
-    #[error("{what} ({index:04X}h:{sub}) is {received:#x}, the profile says {expected:#x}")]
+    #[error("{what} ({index:04X}h:{sub}) is {received:#x}, the profile says {expected}")]
     Identity {
         /// What the object means.
         what: &'static str,
@@ -109,8 +109,8 @@ pub enum BootFailure {
         index: u16,
         /// Sub-index.
         sub: u8,
-        /// The profile's value.
-        expected: u32,
+        /// What the profile says.
+        expected: String,
         /// The device's value.
         received: u32,
     },
@@ -149,7 +149,7 @@ pub enum BootFailure {
     #[error("profile {profile} has no process data for {mode}")]
     NoMapping {
         /// Name of the profile.
-        profile: &'static str,
+        profile: String,
         /// The mode.
         mode: &'static str,
     },
@@ -172,14 +172,30 @@ pub enum BootFailure {
         node_id: u8,
     },
     /// A process data frame would be longer than 8 bytes, or lacks an object that the rig needs.
-    #[error("the process data of profile {profile} lack object {index:04X}h:{sub}, or are longer than 8 bytes")]
+    #[error("the process data of profile {profile} lack {lacking}, or are longer than 8 bytes")]
     Layout {
         /// Name of the profile.
-        profile: &'static str,
+        profile: String,
+        /// What they lack.
+        lacking: &'static str,
+    },
+    /// The profile is not one of this kind of device.
+    #[error("profile {profile} is not one of {wanted}")]
+    Role {
+        /// Name of the profile.
+        profile: String,
+        /// The wanted kind of device.
+        wanted: &'static str,
+    },
+    /// The object of a watchdog cannot hold the time that it has to.
+    #[error("object {index:04X}h:{sub} cannot hold {after_us} us, after which the drive has to stop")]
+    WatchTime {
         /// Index.
         index: u16,
         /// Sub-index.
         sub: u8,
+        /// The time in us.
+        after_us: u32,
     },
 }
 

@@ -11,7 +11,7 @@ use crate::guard::{Allowed, DeviceSet, JointCommand};
 use crate::plain_can::{Client, Heard};
 use crate::sensing::RawSample;
 use yieldwall_drives::cia402::{Goal, State, StateWalk, Statusword};
-use yieldwall_drives::profiles::{STATUS_INVALID, STATUS_OVERLOAD};
+use yieldwall_drives::profiles::StatusBits;
 use yieldwall_drives::scaling::{AxisScaling, CountUnwrapper, wrap};
 
 use plan::Incomings;
@@ -122,6 +122,8 @@ pub(super) struct Image {
     incoming: Vec<Incoming>,
     drives: [Drive; 2],
     sample: RawSample,
+    /// What the bits of the sensor's status mean.
+    status_bits: StatusBits,
     /// When the last frame of `sample` came.
     sampled_at: Time,
     /// Number of the sensor's bus.
@@ -156,12 +158,9 @@ impl Image {
         let [left, right] = drives;
         let rpdos = [left, right].map(|(drive, node)| (drive.bus, [1, 2, 3, 4].map(|number| cob::rpdo(number, node))));
         let drives = [image.drive(mode, 0, left)?, image.drive(mode, 1, right)?];
-        let plain = match sensor {
-            SensorFrames::Canopen(setup, node) => {
-                image.sensor(sensor_bus, setup, node)?;
-                None
-            }
-            SensorFrames::PlainCan(client) => Some(client),
+        let (plain, status_bits) = match sensor {
+            SensorFrames::Canopen(setup, node) => (None, image.sensor(sensor_bus, setup, node)?),
+            SensorFrames::PlainCan(client) => (Some(client), StatusBits::default()),
         };
         let Incomings { slots, incoming } = image;
         let mut image = Self {
@@ -169,6 +168,7 @@ impl Image {
             incoming,
             drives,
             sample: NO_SAMPLE,
+            status_bits,
             sampled_at: Time::default(),
             sensor_bus,
             plain,
@@ -354,8 +354,8 @@ impl Image {
                     }
                     Source::SensorStatus => {
                         let status = field.get_unsigned(incoming.word) as u8;
-                        self.sample.overload = status & STATUS_OVERLOAD != 0;
-                        self.sample.invalid = status & STATUS_INVALID != 0;
+                        self.sample.overload = status & self.status_bits.overload != 0;
+                        self.sample.invalid = status & self.status_bits.invalid != 0;
                     }
                     Source::SampleCounter => {
                         self.sample.sequence = Some(field.get_unsigned(incoming.word) as u8);

@@ -1,10 +1,11 @@
 //! What the master has to know of the network.
 
+use std::sync::Arc;
 use std::time::Duration;
 
 use crate::plain_can;
 use yieldwall_drives::cia402::OperationMode;
-use yieldwall_drives::profiles::DeviceProfile;
+use yieldwall_drives::profiles::{DeviceProfile, Pdo, Quantity};
 use yieldwall_drives::scaling::AxisScaling;
 
 /// Which quantity the drives take as set-point.
@@ -25,6 +26,15 @@ impl CommandMode {
             CommandMode::Position => OperationMode::CyclicPosition,
             CommandMode::Velocity => OperationMode::CyclicVelocity,
             CommandMode::Torque => OperationMode::CyclicTorque,
+        }
+    }
+
+    /// What the drives are sent.
+    pub const fn set_point(self) -> Quantity {
+        match self {
+            CommandMode::Position => Quantity::TargetPosition,
+            CommandMode::Velocity => Quantity::TargetVelocity,
+            CommandMode::Torque => Quantity::TargetTorque,
         }
     }
 }
@@ -50,7 +60,7 @@ pub struct DriveSetup {
     /// Node id, 1 to 127.
     pub node_id: u8,
     /// Device model.
-    pub profile: &'static DeviceProfile,
+    pub profile: Arc<DeviceProfile>,
     /// Scaling between raw values and SI.
     pub scaling: AxisScaling,
     /// Angle of the joint in rad near which the first position is unwrapped.
@@ -97,7 +107,7 @@ pub struct SensorNode {
     /// Node id, 1 to 127.
     pub node_id: u8,
     /// Device model.
-    pub profile: &'static DeviceProfile,
+    pub profile: Arc<DeviceProfile>,
     /// Period of the node's heartbeat.
     pub heartbeat: Duration,
 }
@@ -128,15 +138,9 @@ impl MasterSetup {
     }
 
     /// Whether somebody on a bus hears SYNC: a drive, or a force sensor with synchronous process data.
-    ///
-    /// # Source
-    /// CiA 301, transmission type: 0 to 240 are synchronous.
     pub(super) fn has_sync(&self, bus: u8) -> bool {
-        const SYNCHRONOUS: std::ops::RangeInclusive<u8> = 0..=240;
-        let is_synchronous = |node: &SensorNode| {
-            let pdos = node.profile.pdos(None);
-            pdos.is_some_and(|map| map.tpdo.iter().any(|pdo| SYNCHRONOUS.contains(&pdo.transmission_type)))
-        };
+        let is_synchronous =
+            |node: &SensorNode| node.profile.pdos(None).is_some_and(|map| map.tpdo.iter().any(Pdo::is_synchronous));
         self.drives.iter().any(|drive| drive.bus == bus)
             || (self.sensor.bus == bus && self.sensor.node().is_some_and(is_synchronous))
     }

@@ -11,19 +11,20 @@ use crate::config::{
     self, Coupling, Diagnostic, Document, Figure, Fixture, ImpedanceDevice, Kind, Report, Rig, Scene, Severity, Source,
 };
 use crate::rig::coupled_device;
+use yieldwall_drives::profiles::{DeviceProfile, Tried};
 
 #[derive(Debug, clap::Subcommand)]
 pub(super) enum Command {
     /// Check files and say what would be run; of a rig also the margins of its loop, the least virtual mass
     /// and the load of its bus
     Check {
-        /// Rigs, devices, scenes or figures; `builtin:figures/fig11.yaml` names a copy inside the program
+        /// Rigs, devices, scenes, figures or device profiles; `builtin:figures/fig11.yaml` names a copy inside the program
         #[arg(required = true, value_name = "FILE")]
         files: Vec<String>,
     },
     /// Print the checked configuration in normal form
     Show {
-        /// Rig, device, scene or figure; `builtin:figures/fig11.yaml` names a copy inside the program
+        /// Rig, device, scene, figure or device profile; `builtin:figures/fig11.yaml` names a copy inside the program
         #[arg(value_name = "FILE")]
         file: String,
     },
@@ -73,6 +74,9 @@ fn check(files: &[String], output: &mut Output) -> Result<(), Failure> {
         let kind = result.as_ref().ok().map(|document| document.kind().to_string());
         let margins = rig.map(|rig| Margins::of(&rig.value));
         let mut entry = json!({ "file": file, "ok": is_ok, "kind": kind, "diagnostics": findings });
+        if let Some(like) = rig.and_then(|rig| rig.like.as_ref()) {
+            entry["like"] = like.to_string().into();
+        }
         if let Some(margins) = &margins {
             entry["margins"] = margins.to_json();
         }
@@ -117,6 +121,7 @@ fn show(file: &str, output: &mut Output) -> Result<(), Failure> {
             Document::Device(device) => output.json(&device.value),
             Document::Scene(scene) => output.json(&scene.value),
             Document::Figure(figure) => output.json(&figure.value),
+            Document::Profile(profile) => output.json(&profile.value),
         };
     }
     let text = match &document {
@@ -124,6 +129,7 @@ fn show(file: &str, output: &mut Output) -> Result<(), Failure> {
         Document::Device(device) => config::to_yaml(&device.value),
         Document::Scene(scene) => config::to_yaml(&scene.value),
         Document::Figure(figure) => config::to_yaml(&figure.value),
+        Document::Profile(profile) => config::to_yaml(&profile.value),
     };
     output.result(&text.map_err(|error| Failure::new(Exit::Internal, error, ""))?)
 }
@@ -131,10 +137,14 @@ fn show(file: &str, output: &mut Output) -> Result<(), Failure> {
 /// What a checked document stands for, on one line.
 fn summary(document: &Document, warnings: usize) -> String {
     let text = match document {
-        Document::Rig(rig) => rig_summary(&rig.value),
+        Document::Rig(rig) => {
+            let like = rig.like.as_ref().map(|like| format!("like {like}, ")).unwrap_or_default();
+            format!("{like}{}", rig_summary(&rig.value))
+        }
         Document::Device(device) => device_summary(&device.value),
         Document::Scene(scene) => scene_summary(&scene.value),
         Document::Figure(figure) => figure_summary(&figure.value),
+        Document::Profile(profile) => profile_summary(&profile.value),
     };
     match warnings {
         0 => format!("{}, {text}", document.kind()),
@@ -186,6 +196,23 @@ fn figure_summary(figure: &Figure) -> String {
     )
 }
 
+fn profile_summary(profile: &DeviceProfile) -> String {
+    let about = &profile.profile;
+    let used = match profile.servo() {
+        Some(servo) => {
+            let modes = servo.process_data.modes().into_iter().filter(|mode| mode.3.is_some()).map(|mode| mode.1);
+            format!("servo drive with {}", modes.collect::<Vec<_>>().join(", "))
+        }
+        None => "force sensor".to_owned(),
+    };
+    let tried = match about.tried {
+        Tried::Never => "never tried on the device",
+        Tried::Simulation => "tried on the simulated device",
+        Tried::Bench => "tried on the device",
+    };
+    format!("{}: {used}, vendor {:08X}h, {tried}", about.name, profile.identity.vendor_id)
+}
+
 fn fixture_summary(fixture: &Fixture) -> String {
     let coupling = match fixture.coupling {
         Coupling::Admittance { mass_kg } => format!("M = {} kg", *mass_kg),
@@ -208,6 +235,7 @@ impl Document {
             Self::Device(_) => Kind::Device,
             Self::Scene(_) => Kind::Scene,
             Self::Figure(_) => Kind::Figure,
+            Self::Profile(_) => Kind::Profile,
         }
     }
 
@@ -217,6 +245,7 @@ impl Document {
             Self::Device(device) => &device.warnings,
             Self::Scene(scene) => &scene.warnings,
             Self::Figure(figure) => &figure.warnings,
+            Self::Profile(profile) => &profile.warnings,
         }
     }
 }

@@ -18,7 +18,7 @@ use super::run::{Arguments, check, check_buses};
 use crate::config::{self, Source};
 use crate::guard::Fault;
 use crate::host::system::Refusal;
-use crate::host::{Demands, NotRun, RigOnBus, StageTimes};
+use crate::host::{NotRun, RigOnBus, StageTimes, Terms};
 use crate::record::CycleRecord;
 use crate::run::{Ended, Play};
 use crate::study::{Overrides, drawing, measured, replay};
@@ -43,7 +43,7 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
     let overrides = Overrides { duration_s: arguments.duration, ..Overrides::default() };
     let file = rig;
     let rig = file.value.clone();
-    let demands = Demands {
+    let terms = Terms {
         evidence: evidence(arguments.pace, &rig, &scene.value)?,
         needs_realtime: arguments.require_realtime,
         ignores_latency: arguments.ignore_latency,
@@ -92,7 +92,7 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
         }
     };
     let tell = print_news(arguments.require_realtime, output);
-    let outcome = on_bus.run(&demands, duration_s, &is_interrupted, each, tell);
+    let outcome = on_bus.run(&terms, duration_s, &is_interrupted, each, tell);
     let mut outcome = outcome.map_err(|error| thread_failure(&error))?;
     outcome.emergencies = different(outcome.emergencies.into_iter());
     let kept = keep.finish()?;

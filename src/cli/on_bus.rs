@@ -90,7 +90,7 @@ pub(super) fn live_failure(error: &RunError) -> Failure {
             Exit::DeviceMismatch,
             error.to_string(),
             "nothing was enabled; start the `yieldwall sim` of this version. A simulated device of somebody else says `simulated device` in \
-             2012h:1 to 4, four letters each, the first one in the lowest byte; a real drive has the vendor of its maker",
+             2012h:1 to 4, four letters each, the first one in the lowest byte; a real drive has a profile of its own",
         ),
         RunError::NotSimulated { .. } => Failure::new(
             Exit::DeviceMismatch,

@@ -4,7 +4,7 @@ use std::fmt;
 
 use miette::{GraphicalReportHandler, GraphicalTheme, LabeledSpan, NamedSource, SourceCode};
 
-use crate::config::{Diagnostic, Place, Severity};
+use crate::config::{Diagnostic, Place, Related, Severity};
 
 /// Farthest line from the place that a snippet still shows.
 const SNIPPET_LINES: usize = 6;
@@ -45,9 +45,9 @@ impl Renderer {
     }
 }
 
-/// Whether two places fit into one snippet.
-fn is_near(place: Place, other: Place) -> bool {
-    place.line.abs_diff(other.line) <= SNIPPET_LINES
+/// Whether another place fits into the snippet of a finding.
+fn is_near(place: Place, other: &Related) -> bool {
+    other.file.is_empty() && place.line.abs_diff(other.place.line) <= SNIPPET_LINES
 }
 
 fn count(errors: usize, warnings: usize) -> String {
@@ -91,8 +91,11 @@ impl miette::Diagnostic for Shown<'_> {
 
     fn help(&self) -> Option<Box<dyn fmt::Display + '_>> {
         let place = self.finding.place;
-        let far = self.finding.related.iter().filter(|other| place.is_none_or(|place| !is_near(place, other.place)));
-        let far = far.map(|other| format!("see also line {}: {}", other.place.line, other.label));
+        let far = self.finding.related.iter().filter(|other| place.is_none_or(|place| !is_near(place, other)));
+        let far = far.map(|other| match other.file.as_str() {
+            "" => format!("see also line {}: {}", other.place.line, other.label),
+            file => format!("see also {file}, line {}: {}", other.place.line, other.label),
+        });
         let lines: Vec<String> = self.finding.help.iter().cloned().chain(far).collect();
         (!lines.is_empty()).then(|| Box::new(lines.join("\n")) as Box<dyn fmt::Display>)
     }
@@ -109,7 +112,7 @@ impl miette::Diagnostic for Shown<'_> {
             .finding
             .related
             .iter()
-            .filter(move |other| is_near(place, other.place))
+            .filter(move |other| is_near(place, other))
             .map(move |other| LabeledSpan::new_with_span(Some(other.label.clone()), span(other.place)));
         Some(Box::new(std::iter::once(primary).chain(related)))
     }

@@ -22,7 +22,7 @@ use super::picture::{check_picture, drawing_failure, write_drawing};
 use super::progress::Progress;
 use crate::config::{self, Document, Loaded, Report, Severity, Source};
 use crate::rig::{self};
-use crate::run::Drilled;
+use crate::run::{Demands as DrillDemands, Drilled};
 use crate::study::{Overrides, drawing, replay, run_rig};
 
 #[derive(Debug, clap::Args)]
@@ -82,7 +82,7 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
         Document::Rig(rig) => *rig,
         Document::Device(device) => return device::run(arguments, &device, output),
         // Says what it is.
-        Document::Scene(_) | Document::Figure(_) => config::load_rig(source)?,
+        Document::Scene(_) | Document::Figure(_) | Document::Profile(_) => config::load_rig(source)?,
     };
     // Those of the scene are among them.
     output.warnings(&rig.warnings);
@@ -176,9 +176,8 @@ pub(super) const NOTHING_ENABLED: &str = "nothing was enabled";
 
 /// Refuses drives that would go on when their master has died; `before` says what was done with the rig.
 pub(super) fn judge(drilled: &Drilled, rig: &config::Rig, before: &str) -> Result<(), Failure> {
-    let is_torque = rig.rig.command_mode == config::CommandMode::Torque;
     let help = format!(
         "{before}; give the drive this watchdog, or a shorter cycle or heartbeat; in position mode the drive may take longer"
     );
-    drilled.judge(is_torque).map_err(|error| Failure::new(Exit::OutOfTolerance, error.to_string(), help))
+    drilled.judge(DrillDemands::of(rig)).map_err(|error| Failure::new(Exit::OutOfTolerance, error.to_string(), help))
 }

@@ -57,9 +57,12 @@ fn lines(mut text: &str) -> impl Iterator<Item = &str> {
     })
 }
 
-/// Another place of the same file that explains a finding.
+/// Another place that explains a finding.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct Related {
+    /// The file; empty, and left out of JSON, where it is that of the finding.
+    #[serde(skip_serializing_if = "String::is_empty")]
+    pub file: String,
     /// Where.
     pub place: Place,
     /// What stands there.
@@ -83,7 +86,7 @@ pub struct Diagnostic {
     pub message: String,
     /// What to do next.
     pub help: Option<String>,
-    /// Other places of the same file that explain it.
+    /// Other places that explain it.
     pub related: Vec<Related>,
     /// The text of the file, for the snippet.
     #[serde(skip)]

@@ -2,9 +2,10 @@
 
 use std::sync::Arc;
 
-use super::diagnostic::{Diagnostic, Place, Related, Severity};
+use super::check::Locator;
+use super::diagnostic::{Diagnostic, Place, Severity};
 use super::number::TOO_LARGE;
-use super::outline::{Content, Node, Outline, Step, steps};
+use super::outline::{Content, Node, Step, steps};
 use super::schema::Guide;
 use super::suggest::nearest;
 use super::yaml::{Cause, Fault};
@@ -56,13 +57,17 @@ fn syntax_help(message: &str) -> String {
 }
 
 /// The finding for YAML that is not the wanted tree.
-pub(super) fn explain(fault: Fault, outline: &Outline, guide: &Guide, file: &str, text: &Arc<str>) -> Diagnostic {
+pub(super) fn explain(fault: Fault, locator: &Locator, guide: &Guide) -> Diagnostic {
+    let outline = &locator.outline;
+    let finding = |place: Option<Place>, key: String, message: String, help: String| {
+        locator.finding_at(Severity::Error, place, key, message, help)
+    };
     let found = fault.place.and_then(|place| outline.path_at(place.offset));
     let place = found.as_ref().map(|(_, node)| node.place()).or(fault.place);
     let path = found.as_ref().map(|(path, _)| path.clone()).unwrap_or_default();
     let finish = |place: Option<Place>, path: String, message: String, help: String| {
         let help = with_description(help, guide, &path);
-        finding(file, text, place, path, message, help)
+        finding(place, path, message, help)
     };
     match fault.cause {
         Cause::UnknownKey { key, known } => {
@@ -71,7 +76,7 @@ pub(super) fn explain(fault: Fault, outline: &Outline, guide: &Guide, file: &str
                 None => format!("{} has the keys {}", name_of(parent(&path)), shorten(&known)),
             };
             let key_place = found.as_ref().and_then(|(_, node)| node.key).or(fault.place);
-            finding(file, text, key_place, path.clone(), format!("{} has no key `{key}`", name_of(parent(&path))), help)
+            finding(key_place, path.clone(), format!("{} has no key `{key}`", name_of(parent(&path))), help)
         }
         Cause::MissingKey { key } => {
             let group = group_without(&path, key, found.map(|(_, node)| node), guide);
@@ -84,9 +89,9 @@ pub(super) fn explain(fault: Fault, outline: &Outline, guide: &Guide, file: &str
         Cause::DuplicateKey { key } => {
             let key = key.unwrap_or_default();
             let message = format!("{} has the key `{key}` twice", name_of(parent(&path)));
-            let mut finding = finding(file, text, fault.place, path.clone(), message, "keep one of the two".to_owned());
+            let mut finding = finding(fault.place, path.clone(), message, "keep one of the two".to_owned());
             let first = outline.find(&path).and_then(|node| node.key);
-            finding.related.extend(first.map(|place| Related { place, label: "first here".to_owned() }));
+            first.into_iter().for_each(|place| locator.relate_at(&mut finding, place, "first here"));
             finding
         }
         Cause::UnknownChoice { word, known } => {
@@ -120,7 +125,7 @@ pub(super) fn explain(fault: Fault, outline: &Outline, guide: &Guide, file: &str
             });
             let before = fault.place.filter(|_| at_key).and_then(|at| outline.scalar_before(at.offset));
             let Some((path, node)) = before.or(found) else {
-                return finding(file, text, fault.place, path, format!("{expected} was expected"), syntax_help(""));
+                return finding(fault.place, path, format!("{expected} was expected"), syntax_help(""));
             };
             let is_infinite = matches!(&node.content, Content::Scalar(word) if overflows(word));
             if is_infinite {
@@ -139,7 +144,12 @@ pub(super) fn explain(fault: Fault, outline: &Outline, guide: &Guide, file: &str
             };
             finish(Some(node.place()), path, message, help)
         }
-        cause => explain_syntax(Fault { cause, place: fault.place }, file, text),
+        cause => {
+            let file = locator.files.first().map_or("", |file| file.name.as_str());
+            let Diagnostic { key, message, help, .. } =
+                explain_syntax(Fault { cause, place: None }, file, &locator.text);
+            finding(fault.place, key, message, help.unwrap_or_default())
+        }
     }
 }
 

@@ -1,6 +1,8 @@
-//! The four kinds of document, told apart by their keys.
+//! The five kinds of document, told apart by their keys.
 
 use std::fmt;
+
+use super::tree::ProfileName;
 
 /// What a document is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -13,11 +15,13 @@ pub enum Kind {
     Scene,
     /// A figure.
     Figure,
+    /// A device profile.
+    Profile,
 }
 
 impl Kind {
     /// All of them.
-    pub const ALL: [Self; 4] = [Self::Rig, Self::Device, Self::Scene, Self::Figure];
+    pub const ALL: [Self; 5] = [Self::Rig, Self::Device, Self::Scene, Self::Figure, Self::Profile];
 
     /// The key that only this kind has at the top.
     pub fn mark(self) -> &'static str {
@@ -26,6 +30,7 @@ impl Kind {
             Self::Device => "device",
             Self::Scene => "hand",
             Self::Figure => "title",
+            Self::Profile => "profile",
         }
     }
 
@@ -34,11 +39,27 @@ impl Kind {
         format!("{} {self}", if self == Self::Device { "an" } else { "a" })
     }
 
+    /// Whether documents of this kind may be variants of another one.
+    pub(super) fn has_variants(self) -> bool {
+        self == Self::Rig
+    }
+
+    /// Whether what stands at a key is the path of a file, which starts from the folder of the file in which it stands.
+    pub(super) fn names_file(self, key: &str, value: &str) -> bool {
+        match (self, key) {
+            (Self::Rig, "scene") => true,
+            (Self::Rig, _) => key.ends_with(".profile") && ProfileName::from(value.to_owned()).is_file(),
+            _ => false,
+        }
+    }
+
     /// The kind of a document with these keys at the top; `None` when no mark is among them.
     pub(super) fn detect<'a>(keys: impl Iterator<Item = &'a str>) -> Option<Self> {
         let keys: Vec<&str> = keys.collect();
-        // A figure may name a device, so its mark is asked for first.
-        [Self::Figure, Self::Rig, Self::Device, Self::Scene].into_iter().find(|kind| keys.contains(&kind.mark()))
+        // A profile and a figure have a key `device` too, so their marks are asked for first.
+        [Self::Profile, Self::Figure, Self::Rig, Self::Device, Self::Scene]
+            .into_iter()
+            .find(|kind| keys.contains(&kind.mark()))
     }
 }
 
@@ -49,6 +70,7 @@ impl fmt::Display for Kind {
             Self::Device => "impedance device",
             Self::Scene => "scene",
             Self::Figure => "figure",
+            Self::Profile => "device profile",
         })
     }
 }

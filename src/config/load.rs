@@ -7,16 +7,19 @@ use serde::Serialize;
 use serde::de::DeserializeOwned;
 
 use super::check::{
-    Findings, Locator, Machine, check_device, check_figure, check_override, check_rig, check_scene, check_scene_for,
+    Findings, Locator, Machine, check_device, check_figure, check_override, check_profile, check_rig, check_scene,
+    check_scene_for, refuse_profile,
 };
 use super::diagnostic::{Diagnostic, Report, Severity};
 use super::explain::{explain, explain_syntax};
 use super::kind::Kind;
-use super::outline::Outline;
+use super::outline::{Content, Outline};
 use super::schema::Guide;
 use super::source::Source;
 use super::tree::{Figure, ImpedanceDevice, Rig, Scene};
+use super::variant::{self, File, LIKE, Merged};
 use super::yaml;
+use yieldwall_drives::profiles::DeviceProfile;
 
 /// A checked document, where it came from, and what its writer should look at.
 #[derive(Clone, Debug)]
@@ -25,6 +28,8 @@ pub struct Loaded<T> {
     pub value: T,
     /// Where it came from; relative paths in it start there.
     pub source: Source,
+    /// The file that it is like, when it is a variant. The value has everything of it.
+    pub like: Option<Source>,
     /// What can be used but should be looked at, in the files that it names too.
     pub warnings: Vec<Diagnostic>,
     locator: Arc<Locator>,
@@ -42,7 +47,7 @@ impl<T> Loaded<T> {
         see: &[(&str, &str)],
     ) -> Diagnostic {
         let mut finding = self.locator.finding(severity, at, message.into(), help.into());
-        finding.related = see.iter().filter_map(|(key, label)| self.locator.related(key, label)).collect();
+        see.iter().for_each(|(key, label)| self.locator.relate(&mut finding, key, label));
         finding
     }
 }
@@ -58,6 +63,8 @@ pub enum Document {
     Scene(Box<Loaded<Scene>>),
     /// A figure.
     Figure(Box<Loaded<Figure>>),
+    /// A device profile.
+    Profile(Box<Loaded<DeviceProfile>>),
 }
 
 /// Reads and checks a document, whatever its kind.
@@ -66,28 +73,30 @@ pub enum Document {
 /// As [`load_rig`]; or the document has the mark of no kind.
 pub fn load(source: impl Into<Source>) -> Result<Document, Report> {
     let source = source.into();
-    let (_, outline) = read_outline(&source)?;
-    match Kind::detect(outline.top_keys()) {
+    let (locator, _) = open(&source)?;
+    match Kind::detect(locator.outline.top_keys()) {
         Some(Kind::Rig) => load_rig(source).map(|rig| Document::Rig(Box::new(rig))),
         Some(Kind::Device) => load_device(source).map(|device| Document::Device(Box::new(device))),
         Some(Kind::Scene) => load_scene(source).map(|scene| Document::Scene(Box::new(scene))),
         Some(Kind::Figure) => load_figure(source).map(|figure| Document::Figure(Box::new(figure))),
+        Some(Kind::Profile) => load_profile(source).map(|profile| Document::Profile(Box::new(profile))),
         None => Err(unknown_kind(&source, "is not a configuration").into()),
     }
 }
 
-/// Reads and checks a rig and its scene.
+/// Reads and checks a rig, its device profiles and its scene.
 ///
 /// # Errors
-/// The file; its first syntax or type error; or all errors of meaning in the rig and in the scene that it names.
+/// The file; its first syntax or type error; or all errors of meaning in the rig and in the files that it names.
 pub fn load_rig(source: impl Into<Source>) -> Result<Loaded<Rig>, Report> {
     let source = source.into();
-    let (rig, mut findings): (Rig, _) = read(&source, Kind::Rig)?;
+    let Read { value: mut rig, mut findings, like } = read::<Rig>(&source, Kind::Rig)?;
     let in_range = findings.check_ranges(&rig);
+    let profiles = linked_profiles(&mut findings, &source, &mut rig);
     check_rig(&mut findings, &rig, in_range);
     let machine = in_range.then_some(Machine::Rig(&rig));
     let scene = linked_scene(&mut findings, &source, &rig.scene, machine);
-    finish(rig, source, findings.locator(), [findings.into_sorted(), scene].concat())
+    finish(rig, source, like, findings.locator(), [findings.into_sorted(), profiles, scene].concat())
 }
 
 /// Reads and checks an impedance device and its scene.
@@ -96,12 +105,12 @@ pub fn load_rig(source: impl Into<Source>) -> Result<Loaded<Rig>, Report> {
 /// As [`load_rig`].
 pub fn load_device(source: impl Into<Source>) -> Result<Loaded<ImpedanceDevice>, Report> {
     let source = source.into();
-    let (device, mut findings): (ImpedanceDevice, _) = read(&source, Kind::Device)?;
+    let Read { value: device, mut findings, like } = read::<ImpedanceDevice>(&source, Kind::Device)?;
     let in_range = findings.check_ranges(&device);
     check_device(&mut findings, &device, in_range);
     let machine = in_range.then_some(Machine::Device(&device));
     let scene = linked_scene(&mut findings, &source, &device.scene, machine);
-    finish(device, source, findings.locator(), [findings.into_sorted(), scene].concat())
+    finish(device, source, like, findings.locator(), [findings.into_sorted(), scene].concat())
 }
 
 /// Reads and checks a scene.
@@ -111,7 +120,17 @@ pub fn load_device(source: impl Into<Source>) -> Result<Loaded<ImpedanceDevice>,
 pub fn load_scene(source: impl Into<Source>) -> Result<Loaded<Scene>, Report> {
     let source = source.into();
     let (scene, findings) = checked_scene(&source)?;
-    finish(scene, source, findings.locator(), findings.into_sorted())
+    finish(scene, source, None, findings.locator(), findings.into_sorted())
+}
+
+/// Reads and checks a device profile.
+///
+/// # Errors
+/// As [`load_rig`].
+pub fn load_profile(source: impl Into<Source>) -> Result<Loaded<DeviceProfile>, Report> {
+    let source = source.into();
+    let (profile, findings) = checked_profile(&source)?;
+    finish(profile, source, None, findings.locator(), findings.into_sorted())
 }
 
 /// Reads and checks a figure and every file that it names.
@@ -120,7 +139,7 @@ pub fn load_scene(source: impl Into<Source>) -> Result<Loaded<Scene>, Report> {
 /// As [`load_rig`].
 pub fn load_figure(source: impl Into<Source>) -> Result<Loaded<Figure>, Report> {
     let source = source.into();
-    let (figure, mut findings): (Figure, _) = read(&source, Kind::Figure)?;
+    let Read { value: figure, mut findings, like } = read::<Figure>(&source, Kind::Figure)?;
     findings.check_ranges(&figure);
     check_figure(&mut findings, &figure);
     let mut others = Vec::new();
@@ -142,7 +161,7 @@ pub fn load_figure(source: impl Into<Source>) -> Result<Loaded<Figure>, Report> 
         let machine = match &machine {
             Document::Rig(rig) => Machine::Rig(&rig.value),
             Document::Device(device) => Machine::Device(&device.value),
-            Document::Scene(_) | Document::Figure(_) => continue,
+            Document::Scene(_) | Document::Figure(_) | Document::Profile(_) => continue,
         };
         check_override(&mut findings, &figure, machine);
         others.extend(linked_scene(&mut findings, &source, &figure.scene, Some(machine)));
@@ -150,14 +169,8 @@ pub fn load_figure(source: impl Into<Source>) -> Result<Loaded<Figure>, Report> 
     let locator = findings.locator();
     let mut all = [findings.into_sorted(), others].concat();
     // Two machines find the same fault of a shared scene or fixture.
-    let mut seen: Vec<Diagnostic> = Vec::new();
-    all.retain(|finding| {
-        !seen.contains(finding) && {
-            seen.push(finding.clone());
-            true
-        }
-    });
-    finish(figure, source, locator, all)
+    keep_first(&mut all);
+    finish(figure, source, like, locator, all)
 }
 
 /// The document in normal form: every key, in the order of the tree, in YAML that loads again.
@@ -169,10 +182,52 @@ pub fn to_yaml<T: Serialize>(value: &T) -> Result<String, String> {
 }
 
 fn checked_scene(source: &Source) -> Result<(Scene, Findings), Report> {
-    let (scene, mut findings): (Scene, _) = read(source, Kind::Scene)?;
+    let Read { value: scene, mut findings, .. } = read::<Scene>(source, Kind::Scene)?;
     findings.check_ranges(&scene);
     check_scene(&mut findings, &scene);
     Ok((scene, findings))
+}
+
+/// Leaves each finding once.
+fn keep_first(all: &mut Vec<Diagnostic>) {
+    let mut seen: Vec<Diagnostic> = Vec::new();
+    all.retain(|finding| {
+        !seen.contains(finding) && {
+            seen.push(finding.clone());
+            true
+        }
+    });
+}
+
+fn checked_profile(source: &Source) -> Result<(DeviceProfile, Findings), Report> {
+    let Read { value: profile, mut findings, .. } = read::<DeviceProfile>(source, Kind::Profile)?;
+    if findings.check_ranges(&profile) {
+        check_profile(&mut findings, &profile);
+    }
+    Ok((profile, findings))
+}
+
+/// Reads the profiles that a rig names by their files, and the findings in them. A name that is unknown, and a file that is no
+/// profile, are findings at the key that names it.
+fn linked_profiles(findings: &mut Findings, source: &Source, rig: &mut Rig) -> Vec<Diagnostic> {
+    let mut found = Vec::new();
+    for (key, name, fits) in rig.profiles_mut() {
+        if name.get().is_none() && !name.is_file() {
+            refuse_profile(findings, key, name.as_str(), "is not known", fits);
+        }
+        if !name.is_file() {
+            continue;
+        }
+        match checked_profile(&source.relative(name.as_str())) {
+            Ok((profile, of_profile)) => {
+                found.extend(of_profile.into_sorted());
+                name.set(profile);
+            }
+            Err(report) => found.extend(findings.link(key, report)),
+        }
+    }
+    keep_first(&mut found);
+    found
 }
 
 /// The findings in a scene that a document names by `path`, and with the machine that runs it where its numbers are in
@@ -202,23 +257,80 @@ impl Findings {
     }
 }
 
-fn finish<T>(value: T, source: Source, locator: Arc<Locator>, findings: Vec<Diagnostic>) -> Result<Loaded<T>, Report> {
+fn finish<T>(
+    value: T,
+    source: Source,
+    like: Option<Source>,
+    locator: Arc<Locator>,
+    findings: Vec<Diagnostic>,
+) -> Result<Loaded<T>, Report> {
     if findings.iter().any(|finding| finding.severity == Severity::Error) {
         return Err(Report { diagnostics: findings });
     }
-    Ok(Loaded { value, source, warnings: findings, locator })
+    Ok(Loaded { value, source, like, warnings: findings, locator })
 }
 
-fn read_outline(source: &Source) -> Result<(Arc<str>, Outline), Report> {
-    let text = source.read()?;
-    let outline = yaml::outline(&text).map_err(|fault| explain_syntax(fault, &source.to_string(), &text))?;
-    Ok((text, outline))
+fn read_outline(source: &Source) -> Result<(File, Outline), Report> {
+    let file = File { name: source.to_string(), text: source.read()? };
+    let outline = yaml::outline(&file.text).map_err(|fault| explain_syntax(fault, &file.name, &file.text))?;
+    Ok((file, outline))
+}
+
+/// Reads a file, and the one that it is like with it.
+fn open(source: &Source) -> Result<(Locator, Option<Source>), Report> {
+    let (file, outline) = read_outline(source)?;
+    let Some((base, like)) = variant::base(&file, &outline, source)? else {
+        return Ok((Locator::of_file(file, outline), None));
+    };
+    let refuse = |message: String, help: &str| {
+        Report::from(file.finding(like.place(), LIKE, format!("`{LIKE}`: {message}"), help.to_owned()))
+    };
+    let (base_file, base_outline) = read_outline(&base).map_err(|report| {
+        let at_like = |finding: Diagnostic| match finding.place {
+            Some(_) => finding,
+            None => file.finding(
+                like.place(),
+                LIKE,
+                format!("`{LIKE}`: {}", finding.message),
+                finding.help.unwrap_or_default(),
+            ),
+        };
+        Report { diagnostics: report.diagnostics.into_iter().map(at_like).collect() }
+    })?;
+    let name = &base_file.name;
+    if base_outline.top_keys().any(|key| key == LIKE) {
+        let help = "variants have one level: name the file that the other one is like, and write the keys that differ from that";
+        return Err(refuse(format!("{name} is itself a variant"), help));
+    }
+    let kind = match Kind::detect(base_outline.top_keys()) {
+        Some(kind) if kind.has_variants() => kind,
+        Some(kind) => {
+            let help = "name a rig, or write the document whole";
+            return Err(refuse(format!("{name} is {}, and only a rig has variants", kind.with_article()), help));
+        }
+        None => return Err(refuse(format!("{name} is not a configuration"), "name a rig")),
+    };
+    let path = match &like.content {
+        Content::Scalar(path) => path.as_str(),
+        _ => "",
+    };
+    let files = [file.clone(), base_file];
+    let merged = variant::merge(&files, [&outline, &base_outline], path, kind, &Guide::new(kind))?;
+    let Merged { text, outline, origins } = merged;
+    Ok((Locator { files: files.into(), text, outline, origins }, Some(base)))
+}
+
+/// A document that has been read.
+struct Read<T> {
+    value: T,
+    findings: Findings,
+    like: Option<Source>,
 }
 
 /// Reads a document of a kind: its tree, and where findings about it go.
-fn read<T: DeserializeOwned + Validate<Context = ()>>(source: &Source, kind: Kind) -> Result<(T, Findings), Report> {
-    let (text, outline) = read_outline(source)?;
-    match Kind::detect(outline.top_keys()) {
+fn read<T: DeserializeOwned + Validate<Context = ()>>(source: &Source, kind: Kind) -> Result<Read<T>, Report> {
+    let (locator, like) = open(source)?;
+    match Kind::detect(locator.outline.top_keys()) {
         Some(found) if found == kind => {}
         Some(found) => {
             let message = format!("is {}, and {} is wanted", found.with_article(), kind.with_article());
@@ -229,15 +341,16 @@ fn read<T: DeserializeOwned + Validate<Context = ()>>(source: &Source, kind: Kin
             return Err(unknown_kind(source, &message).into());
         }
     }
-    let (file, guide) = (source.to_string(), Guide::new(kind));
-    match yaml::parse(&text) {
-        Ok(value) => Ok((value, Findings::new(Locator { file, text, outline }, guide))),
-        Err(fault) => Err(explain(fault, &outline, &guide, &file, &text).into()),
+    let guide = Guide::new(kind);
+    match yaml::parse(&locator.text) {
+        Ok(value) => Ok(Read { value, findings: Findings::new(locator, guide), like }),
+        Err(fault) => Err(explain(fault, &locator, &guide).into()),
     }
 }
 
 fn unknown_kind(source: &Source, message: &str) -> Diagnostic {
     let marks = Kind::ALL.map(|kind| format!("{} has `{}`", kind.with_article(), kind.mark()));
-    let help = format!("the keys at the top tell what a document is: {}", marks.join(", "));
+    let help =
+        format!("the keys at the top tell what a document is: {}; a variant of a rig has `{LIKE}`", marks.join(", "));
     Diagnostic::about_file(source.to_string(), format!("{source} {message}"), help)
 }

@@ -10,22 +10,34 @@ pub(super) struct Outline {
 }
 
 /// One value.
-#[derive(Debug)]
+#[derive(Clone, Debug)]
 pub(super) struct Node {
     /// Where the key of the value stands, when it has one.
     pub(super) key: Option<Place>,
     /// Where the value stands; for a list or mapping in block style only its start.
     pub(super) value: Place,
     pub(super) content: Content,
+    pub(super) form: Form,
+}
+
+/// How a value is written, as far as it matters to whoever writes it again.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct Form {
+    /// The number of its anchor, from 1; 0 without one.
+    pub(super) anchor: usize,
+    /// Whether it is a text in quotes or a block of text.
+    pub(super) is_quoted: bool,
+    /// Whether it has a tag, such as `!!str`.
+    pub(super) has_tag: bool,
 }
 
 /// What a value is.
-#[derive(Debug)]
+#[derive(Clone, Debug)]
 pub(super) enum Content {
     /// Plain or quoted text.
     Scalar(String),
-    /// A reference to an anchor.
-    Alias,
+    /// A reference to the anchor of this number.
+    Alias(usize),
     /// Entries in the order of the file.
     List(Vec<Node>),
     /// Entries by key in the order of the file.
@@ -62,7 +74,7 @@ impl Node {
             Content::Scalar(text) if text.is_empty() || self.value.length == 0 => "empty".to_owned(),
             Content::Scalar(text) if text.chars().count() > 40 => "a long text".to_owned(),
             Content::Scalar(text) => format!("`{}`", text.escape_debug()),
-            Content::Alias => "an alias".to_owned(),
+            Content::Alias(_) => "an alias".to_owned(),
             Content::List(items) if items.len() == 1 => "a list of 1 entry".to_owned(),
             Content::List(items) => format!("a list of {} entries", items.len()),
             Content::Map(_) => "a group of keys".to_owned(),
@@ -96,7 +108,7 @@ impl Node {
             Content::List(items) => {
                 items.iter().enumerate().find_map(|(index, node)| node.path_at(offset, &format!("{here}[{index}]")))
             }
-            Content::Scalar(_) | Content::Alias => None,
+            Content::Scalar(_) | Content::Alias(_) => None,
         };
         inner.or_else(|| (self.value.offset == offset).then(|| (here.to_owned(), self)))
     }
@@ -131,8 +143,8 @@ impl Outline {
             match &node.content {
                 Content::Map(entries) => entries.iter().for_each(|(_, inner)| visit(inner, offset, best)),
                 Content::List(items) => items.iter().for_each(|inner| visit(inner, offset, best)),
-                Content::Scalar(_) | Content::Alias if node.value.offset < offset => *best = Some(node),
-                Content::Scalar(_) | Content::Alias => {}
+                Content::Scalar(_) | Content::Alias(_) if node.value.offset < offset => *best = Some(node),
+                Content::Scalar(_) | Content::Alias(_) => {}
             }
         }
         let mut best = None;

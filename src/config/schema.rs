@@ -1,28 +1,95 @@
 //! The JSON Schema of all documents, and what it says about a key.
 
 use schemars::{JsonSchema, SchemaGenerator};
-use serde_json::{Value, json};
+use serde_json::{Map, Value, json};
 
 use super::kind::Kind;
 use super::outline::{Step, steps};
 use super::tree::{Figure, ImpedanceDevice, Rig, Scene};
+use super::variant::LIKE;
+use yieldwall_drives::profiles::DeviceProfile;
 
 /// The JSON Schema of every kind of document, for editors. It is committed as `config/schema.json`.
 pub fn schema() -> Value {
     let mut generator = SchemaGenerator::default();
-    let kinds = [
-        Rig::json_schema(&mut generator),
-        ImpedanceDevice::json_schema(&mut generator),
-        Scene::json_schema(&mut generator),
-        Figure::json_schema(&mut generator),
+    let mut kinds = vec![
+        Value::from(Rig::json_schema(&mut generator)),
+        ImpedanceDevice::json_schema(&mut generator).into(),
+        Scene::json_schema(&mut generator).into(),
+        Figure::json_schema(&mut generator).into(),
+        DeviceProfile::json_schema(&mut generator).into(),
     ];
+    let mut definitions = generator.take_definitions(true);
+    let variants: Vec<Value> = Kind::ALL
+        .iter()
+        .zip(&kinds)
+        .filter(|(kind, _)| kind.has_variants())
+        .map(|(kind, whole)| variant(*kind, whole, &mut definitions))
+        .collect();
+    kinds.extend(variants);
     json!({
         "$schema": "https://json-schema.org/draft/2020-12/schema",
         "title": "yieldwall configuration",
-        "description": "A rig, an impedance device, a scene or a figure.",
+        "description": "A rig or a variant of one, an impedance device, a scene, a figure or a device profile.",
         "oneOf": kinds,
-        "$defs": generator.take_definitions(true),
+        "$defs": definitions,
     })
+}
+
+/// The schema of a variant: the keys of its kind, none of which has to be there, and the file that it is like.
+fn variant(kind: Kind, whole: &Value, definitions: &mut Map<String, Value>) -> Value {
+    let mut schema = loosen(whole, definitions);
+    schema["description"] =
+        format!("A variant of a {kind}: the keys that differ from those of the {kind} that it is like.").into();
+    schema["required"] = json!([LIKE]);
+    schema["properties"][LIKE] = json!({
+        "description": format!("File of the {kind} that this one is a variant of, relative to this file; not a variant itself. \
+            Groups are merged with those of that file key by key, drives by their names; anything else replaces what stands there."),
+        "type": "string",
+        "minLength": 1,
+    });
+    schema
+}
+
+/// A schema without the keys that have to be there, but for the key of a choice and the name of an entry.
+fn loosen(schema: &Value, definitions: &mut Map<String, Value>) -> Value {
+    let mut loose = schema.clone();
+    if let Some(name) = reference(schema) {
+        let Some(whole) = definitions.get(name).cloned() else { return loose };
+        let part = loosen(&whole, definitions);
+        if part != whole {
+            let name = format!("{name}Part");
+            loose["$ref"] = format!("#/$defs/{name}").into();
+            definitions.insert(name, part);
+        }
+        return loose;
+    }
+    let is_choice = has_one_key(schema);
+    if let Some(Value::Object(keys)) = loose.get_mut("properties") {
+        keys.values_mut().for_each(|key| *key = loosen(key, definitions));
+    }
+    if let Some(entries) = loose.get_mut("additionalProperties").filter(|entries| entries.is_object()) {
+        *entries = loosen(entries, definitions);
+    }
+    for key in ["oneOf", "anyOf"] {
+        if let Some(Value::Array(choices)) = loose.get_mut(key) {
+            choices.iter_mut().for_each(|choice| *choice = loosen(choice, definitions));
+        }
+    }
+    let entry =
+        schema.get("items").map(|items| reference(items).and_then(|name| definitions.get(name)).unwrap_or(items));
+    if entry.and_then(|entry| entry.get("properties")?.get("name")).is_some()
+        && let (Some(entry), Some(list)) = (entry.cloned(), loose.as_object_mut())
+    {
+        let mut entry = loosen(&entry, definitions);
+        entry["required"] = json!(["name"]);
+        list.insert("items".to_owned(), entry);
+        list.insert("minItems".to_owned(), json!(1));
+    }
+    if !is_choice && let Some(schema) = loose.as_object_mut() {
+        schema.remove("required");
+    }
+    loose
 }
 
 /// The schema of one kind of document, for questions about its keys.
@@ -52,14 +119,28 @@ impl Guide {
         self.find(path).is_some()
     }
 
+    /// Whether what stands at a path is a choice: a group with one of several keys.
+    pub(super) fn is_choice(&self, path: &str) -> bool {
+        self.find(path).is_some_and(|schema| self.chooses(schema))
+    }
+
+    fn chooses(&self, schema: &Value) -> bool {
+        let schema = self.resolve(schema);
+        let choices: Vec<&Value> = alternatives(schema).filter(|choice| !is_null(choice)).collect();
+        match choices.as_slice() {
+            [] => false,
+            [only] => self.chooses(only),
+            several => several.iter().all(|choice| has_one_key(choice)),
+        }
+    }
+
     fn find(&self, path: &str) -> Option<&Value> {
         let place = Kind::ALL.iter().position(|kind| *kind == self.kind)?;
         steps(path).try_fold(self.root.get("oneOf")?.get(place)?, |schema, step| self.step(schema, step))
     }
 
     fn resolve<'a>(&'a self, schema: &'a Value) -> &'a Value {
-        let name = schema.get("$ref").and_then(Value::as_str).and_then(|name| name.strip_prefix("#/$defs/"));
-        name.and_then(|name| self.root.get("$defs")?.get(name)).unwrap_or(schema)
+        reference(schema).and_then(|name| self.root.get("$defs")?.get(name)).unwrap_or(schema)
     }
 
     fn step<'a>(&'a self, schema: &'a Value, step: Step<'_>) -> Option<&'a Value> {
@@ -163,6 +244,21 @@ fn alternatives(schema: &Value) -> impl Iterator<Item = &Value> {
     ["oneOf", "anyOf"].into_iter().filter_map(|key| schema.get(key)?.as_array()).flatten()
 }
 
+/// The name of the definition that stands for a schema.
+fn reference(schema: &Value) -> Option<&str> {
+    schema.get("$ref")?.as_str()?.strip_prefix("#/$defs/")
+}
+
+/// Whether a schema is that of a group with one key that has to be there.
+fn has_one_key(schema: &Value) -> bool {
+    let count = |key: &str| match schema.get(key) {
+        Some(Value::Object(keys)) => keys.len(),
+        Some(Value::Array(keys)) => keys.len(),
+        _ => 0,
+    };
+    count("properties") == 1 && count("required") == 1
+}
+
 fn is_null(schema: &Value) -> bool {
     schema.get("type").is_some_and(|kind| kind == "null")
 }
@@ -196,6 +292,32 @@ mod tests {
         assert!(guide.description("drives[1].node_id").unwrap().starts_with("CANopen node-ID"));
         assert!(guide.description("buses.main.timing").is_some());
         assert!(!guide.has("fixture.mass_kg") && !guide.has("nothing"));
+    }
+
+    #[test]
+    fn choices_are_groups_with_one_of_several_keys() {
+        let guide = Guide::new(Kind::Rig);
+        for path in ["sensor.protocol", "control.gains", "fixture.coupling", "fixture.law", "fixture.surface"] {
+            assert!(guide.is_choice(path), "{path}");
+        }
+        for path in
+            ["sensor", "control.law", "control.feed_forward.inertia", "drives", "buses", "fixture.passivity", "x"]
+        {
+            assert!(!guide.is_choice(path), "{path}");
+        }
+    }
+
+    #[test]
+    fn a_variant_has_to_say_what_it_is_like_and_nothing_else() {
+        let schema = schema();
+        let variant = schema["oneOf"].as_array().unwrap().last().unwrap();
+        assert_eq!(variant["required"], json!([LIKE]));
+        let part = |name: &str| &schema["$defs"][name];
+        assert_eq!(variant["properties"]["cycle"]["$ref"], "#/$defs/CyclePart");
+        assert!(part("CyclePart").get("required").is_none() && part("Cycle").get("required").is_some());
+        assert_eq!(variant["properties"]["drives"]["items"]["required"], json!(["name"]));
+        assert_eq!(part("SensorProtocolPart")["oneOf"][0]["required"], json!(["canopen"]));
+        assert!(part("SensorProtocolPart")["oneOf"][0]["properties"]["canopen"].get("required").is_none());
     }
 
     #[test]

@@ -9,9 +9,13 @@ use std::sync::Arc;
 
 use super::diagnostic::{Diagnostic, Report};
 use super::suggest::nearest;
+use yieldwall_drives::profiles;
 
 /// Largest file that is read, bytes. The shipped rigs have 5 kB.
 pub const MAX_FILE_BYTES: usize = 1 << 20;
+
+/// Folder of the shipped device profiles among the shipped files.
+const PROFILES: &str = "profiles";
 
 /// What stands before the name of a shipped file.
 const BUILTIN_PREFIX: &str = "builtin:";
@@ -82,7 +86,16 @@ pub fn builtin(path: impl AsRef<Path>) -> Source {
     Source { path: normalise(path.as_ref()), origin: Origin::Builtin }
 }
 
-/// The paths of all shipped files, in alphabetical order.
+/// The text of a shipped file: one of `config/`, or a device profile as `profiles/NAME.yaml`.
+fn shipped(path: &Path) -> Option<&'static str> {
+    let of_config = SHIPPED.iter().find(|(name, _)| Path::new(name) == path).map(|(_, text)| *text);
+    of_config.or_else(|| {
+        let name = path.strip_prefix(PROFILES).ok()?.to_str()?.strip_suffix(".yaml")?;
+        profiles::SHIPPED.iter().find(|(known, _)| *known == name).map(|(_, text)| *text)
+    })
+}
+
+/// The paths of all shipped files in `config/`, in alphabetical order.
 pub fn builtin_names() -> impl Iterator<Item = &'static str> {
     SHIPPED.iter().map(|(name, _)| *name)
 }
@@ -113,8 +126,12 @@ impl Source {
         }
     }
 
-    /// The document that `path`, written in this document, means.
+    /// The document that `path`, written in this document, means: a file by its way from the folder of this one, or with
+    /// `builtin:` before it a shipped file.
     pub fn relative(&self, path: &str) -> Self {
+        if let Some(shipped) = path.strip_prefix(BUILTIN_PREFIX) {
+            return builtin(shipped);
+        }
         let joined = self.path.parent().unwrap_or(Path::new("")).join(path);
         match &self.origin {
             Origin::Disk => Self::disk(joined),
@@ -132,8 +149,8 @@ impl Source {
     pub fn read(&self) -> Result<Arc<str>, Report> {
         match &self.origin {
             Origin::Disk => self.read_disk(),
-            Origin::Builtin => match SHIPPED.iter().find(|(name, _)| Path::new(name) == self.path) {
-                Some((_, text)) => Ok(Arc::from(*text)),
+            Origin::Builtin => match shipped(&self.path) {
+                Some(text) => Ok(Arc::from(text)),
                 None => {
                     let help = match nearest(&self.path.to_string_lossy(), builtin_names()) {
                         Some(meant) => format!("did you mean `{meant}`?"),
@@ -251,6 +268,18 @@ impl fmt::Display for Source {
     fn fmt(&self, out: &mut fmt::Formatter<'_>) -> fmt::Result {
         let prefix = if self.origin == Origin::Builtin { BUILTIN_PREFIX } else { "" };
         write!(out, "{prefix}{}", self.path.display())
+    }
+}
+
+/// What a document that names another one by `other` writes for the file that the other one calls `path`.
+pub(super) fn rebase(other: &str, path: &str) -> String {
+    if path.starts_with(BUILTIN_PREFIX) {
+        return path.to_owned();
+    }
+    let joined = |other: &str| Path::new(other).parent().unwrap_or(Path::new("")).join(path);
+    match other.strip_prefix(BUILTIN_PREFIX) {
+        Some(shipped) => format!("{BUILTIN_PREFIX}{}", normalise(&joined(shipped)).display()),
+        None => joined(other).display().to_string(),
     }
 }
 

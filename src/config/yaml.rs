@@ -2,12 +2,12 @@
 
 use serde::Serialize;
 use serde::de::DeserializeOwned;
-use serde_saphyr::granit_parser::{Event, Marker, Parser, Span, StructureStyle};
+use serde_saphyr::granit_parser::{Event, Marker, Parser, ScalarStyle, Span, StructureStyle};
 use serde_saphyr::{DefaultMessageFormatter, Error, Location, MessageFormatter, Options};
 
 use super::diagnostic::Place;
 use super::number::{NOT_FINITE, TOO_LARGE};
-use super::outline::{Content, Node, Outline};
+use super::outline::{Content, Form, Node, Outline};
 
 /// Deepest nesting. The deepest value of a rig lies at 5.
 pub(super) const MAX_DEPTH: usize = 32;
@@ -134,6 +134,7 @@ struct Open {
     start: Span,
     in_flow: bool,
     content: Content,
+    form: Form,
     /// A key of the mapping whose value comes next.
     pending: Option<(String, Place)>,
 }
@@ -159,18 +160,27 @@ pub(super) fn outline(text: &str) -> Result<Outline, Fault> {
         let here = place(span.start, span.end);
         match event {
             Event::DocumentStart(..) => documents += 1,
-            Event::SequenceStart(style, ..) => start(&mut open, span, style, Content::List(Vec::new())),
-            Event::MappingStart(style, ..) => start(&mut open, span, style, Content::Map(Vec::new())),
+            Event::SequenceStart(style, anchor, tag) => {
+                let form = Form { anchor, is_quoted: false, has_tag: tag.is_some() };
+                start(&mut open, span, style, Content::List(Vec::new()), form);
+            }
+            Event::MappingStart(style, anchor, tag) => {
+                let form = Form { anchor, is_quoted: false, has_tag: tag.is_some() };
+                start(&mut open, span, style, Content::Map(Vec::new()), form);
+            }
             Event::SequenceEnd | Event::MappingEnd => close(&mut open, &mut root, span),
-            Event::Scalar(value, ..) => match open.last_mut() {
+            Event::Scalar(value, style, anchor, tag) => match open.last_mut() {
                 Some(Open { content: Content::Map(_), pending: pending @ None, .. }) => {
                     *pending = Some((value.into_owned(), here));
                 }
-                _ => add(&mut open, &mut root, here, Content::Scalar(value.into_owned())),
+                _ => {
+                    let form = Form { anchor, is_quoted: style != ScalarStyle::Plain, has_tag: tag.is_some() };
+                    add(&mut open, &mut root, here, Content::Scalar(value.into_owned()), form);
+                }
             },
-            Event::Alias(_) => {
+            Event::Alias(anchor) => {
                 aliases += 1;
-                add(&mut open, &mut root, here, Content::Alias);
+                add(&mut open, &mut root, here, Content::Alias(anchor), Form::default());
             }
             _ => continue,
         }
@@ -197,24 +207,24 @@ fn too_big(limit: usize, what: &str, place: Place) -> Fault {
     Fault { cause: Cause::TooBig { limit: format!("{limit} {what}") }, place: Some(place) }
 }
 
-fn start(open: &mut Vec<Open>, span: Span, style: StructureStyle, content: Content) {
-    open.push(Open { start: span, in_flow: matches!(style, StructureStyle::Flow), content, pending: None });
+fn start(open: &mut Vec<Open>, span: Span, style: StructureStyle, content: Content, form: Form) {
+    open.push(Open { start: span, in_flow: matches!(style, StructureStyle::Flow), content, form, pending: None });
 }
 
 fn close(open: &mut Vec<Open>, root: &mut Option<Node>, end: Span) {
     let Some(done) = open.pop() else { return };
     let end = if done.in_flow { end.end } else { done.start.start };
-    add(open, root, place(done.start.start, end), done.content);
+    add(open, root, place(done.start.start, end), done.content, done.form);
 }
 
-fn add(open: &mut [Open], root: &mut Option<Node>, value: Place, content: Content) {
+fn add(open: &mut [Open], root: &mut Option<Node>, value: Place, content: Content, form: Form) {
     match open.last_mut() {
-        None => *root = Some(Node { key: None, value, content }),
-        Some(Open { content: Content::List(items), .. }) => items.push(Node { key: None, value, content }),
+        None => *root = Some(Node { key: None, value, content, form }),
+        Some(Open { content: Content::List(items), .. }) => items.push(Node { key: None, value, content, form }),
         Some(Open { content: Content::Map(entries), pending, .. }) => {
             // A list or mapping as key has no name here; no key of a configuration is one.
             let (name, key) = pending.take().map_or((String::new(), None), |(name, place)| (name, Some(place)));
-            entries.push((name, Node { key, value, content }));
+            entries.push((name, Node { key, value, content, form }));
         }
         Some(_) => {}
     }

@@ -40,15 +40,15 @@ pub use open::{OpenError, open_buses};
 ///
 /// ```no_run
 /// use std::sync::{Arc, atomic::AtomicBool};
-/// use yieldwall::{config, host::{Demands, Evidence, RigOnBus}, run::Pace};
+/// use yieldwall::{config, host::{Terms, Evidence, RigOnBus}, run::Pace};
 ///
 /// # fn run(now_unix_s: u64) -> Result<(), Box<dyn std::error::Error>> {
 /// let rig = config::load_rig(config::Source::named("rig.yaml"))?.value;
 /// let on_bus = RigOnBus::open(&rig, &["can0".to_owned()], Pace::Free)?;
 /// let evidence = Evidence::OnRecord { drills: "drills".into(), latency: "latency".into(), now_unix_s };
-/// let demands = Demands { evidence, needs_realtime: true, ignores_latency: false, ignores_bus_budget: false };
+/// let terms = Terms { evidence, needs_realtime: true, ignores_latency: false, ignores_bus_budget: false };
 /// let is_interrupted = Arc::new(AtomicBool::new(false));
-/// let outcome = on_bus.run(&demands, 10.0, &is_interrupted, |_| (), |news| println!("{news:?}"))?;
+/// let outcome = on_bus.run(&terms, 10.0, &is_interrupted, |_| (), |news| println!("{news:?}"))?;
 /// println!("{:?}", outcome.played?);
 /// # Ok(())
 /// # }
@@ -80,7 +80,7 @@ pub enum Evidence {
 
 /// What has to be so before a rig is enabled.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Demands {
+pub struct Terms {
     /// Of drives and computer.
     pub evidence: Evidence,
     /// Whether nothing is sent unless this computer grants real-time priority and locked memory.
@@ -212,7 +212,7 @@ impl RigOnBus {
     /// If there is no such thread; what kept the rig from running is in the outcome.
     pub fn run(
         self,
-        demands: &Demands,
+        terms: &Terms,
         duration_s: f64,
         is_interrupted: &Arc<AtomicBool>,
         each: impl FnMut(&CycleRecord) + Send,
@@ -222,15 +222,15 @@ impl RigOnBus {
         let Self { rig, mut runner, memory, overfull } = self;
         runner.set_boot_watch(boot_watch(news.clone(), Arc::clone(is_interrupted)));
         on_thread_of_the_cycle(news, &told, tell, move |priority| {
-            let timing = demands.timing(&rig, runner.pace(), [&priority, &memory].map(Result::is_ok));
+            let timing = terms.timing(&rig, runner.pace(), [&priority, &memory].map(Result::is_ok));
             let overfull = overfull.join("`, `");
             let is_granted = priority.is_ok() && memory.is_ok();
             let played = match &timing {
-                _ if demands.needs_realtime && !is_granted => Err(NotRun::NotGranted),
-                _ if !demands.ignores_bus_budget && !overfull.is_empty() => Err(NotRun::Overfull { bus: overfull }),
-                Some(Err(error)) if !demands.ignores_latency => Err(error.clone().into()),
+                _ if terms.needs_realtime && !is_granted => Err(NotRun::NotGranted),
+                _ if !terms.ignores_bus_budget && !overfull.is_empty() => Err(NotRun::Overfull { bus: overfull }),
+                Some(Err(error)) if !terms.ignores_latency => Err(error.clone().into()),
                 _ => {
-                    let played = play(&mut runner, &rig, demands, duration_s, is_interrupted, each);
+                    let played = play(&mut runner, &rig, terms, duration_s, is_interrupted, each);
                     runner.leave();
                     played
                 }
@@ -266,7 +266,7 @@ impl RigOnBus {
     }
 }
 
-impl Demands {
+impl Terms {
     /// What this computer has proved of its timing; nothing where nothing has to be in time.
     fn timing(
         &self,
@@ -296,13 +296,13 @@ type OnInterfaces = Runner<OnLink<SocketCans, SystemMetronome>>;
 fn play(
     runner: &mut OnInterfaces,
     rig: &config::Rig,
-    demands: &Demands,
+    terms: &Terms,
     duration_s: f64,
     is_interrupted: &AtomicBool,
     each: impl FnMut(&CycleRecord),
 ) -> Result<Played, NotRun> {
     runner.boot()?;
-    let permit = runner.prove(rig, &demands.proof())?;
+    let permit = runner.prove(rig, &terms.proof())?;
     Ok(runner.play(&Play::on_bus(rig, duration_s), &permit, is_interrupted, each)?)
 }
 

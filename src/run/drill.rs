@@ -19,6 +19,7 @@ use crate::guard::State;
 use crate::link::{Arrival, LinkOutbox, Received};
 use yieldwall_drives::cia402::{self, Statusword};
 use yieldwall_drives::objects::{self, Object};
+use yieldwall_drives::profiles::Tried;
 use yieldwall_drives::watchdog::Watchdog;
 
 /// Cycles in which everything is sent before something stays away, so that its last moment is known.
@@ -33,6 +34,8 @@ pub struct DriveAddress {
     pub node: NodeId,
     /// How long it may take to answer an SDO request.
     pub sdo_wait: Duration,
+    /// Whether its profile is one of simulated drives.
+    pub has_simulated_profile: bool,
 }
 
 /// What is asked of one drive, and what it said.
@@ -49,7 +52,7 @@ struct Watched {
 }
 
 impl Watched {
-    fn new(DriveAddress { bus, node, sdo_wait }: DriveAddress) -> Self {
+    fn new(DriveAddress { bus, node, sdo_wait, .. }: DriveAddress) -> Self {
         let client = SdoClient::new(node, sdo_wait, 4);
         let (asked_at, answered_at, told_of) = Default::default();
         Self { bus, client, sdo_wait, asked_at, answered_at, told_of, longest_gap: Duration::ZERO, stopped_at: None }
@@ -223,7 +226,7 @@ impl<P: Place> Runner<P> {
         (index, sub): (u16, u8),
         start: impl FnOnce(&mut SdoClient, Time, &mut OnBus<'_, LinkOutbox<'_, P>>) -> Result<(), E>,
     ) -> Result<SdoClient, RunError> {
-        let DriveAddress { bus, node, sdo_wait } = drive;
+        let DriveAddress { bus, node, sdo_wait, .. } = drive;
         let unread = RunError::Unread { node_id: node.raw(), index, sub };
         let mut client = SdoClient::new(node, sdo_wait, 4);
         let now = self.now();
@@ -283,7 +286,8 @@ pub fn drive_addresses(rig: &config::Rig) -> Result<[DriveAddress; 2], AssemblyE
     let [left, right] = bus_plan(rig)?.0.drives;
     let address = |drive: &DriveSetup| -> Result<DriveAddress, AssemblyError> {
         let node = cob::node_id(drive.node_id).map_err(|error| AssemblyError::Device(error.to_string()))?;
-        Ok(DriveAddress { bus: drive.bus, node, sdo_wait: drive.waits.sdo })
+        let has_simulated_profile = drive.profile.profile.tried == Tried::Simulation;
+        Ok(DriveAddress { bus: drive.bus, node, sdo_wait: drive.waits.sdo, has_simulated_profile })
     };
     Ok([address(&left)?, address(&right)?])
 }

@@ -2,12 +2,12 @@
 
 use std::time::Duration;
 
+use crate::config;
+pub use yieldwall_drives::watchdog::TORQUE_LIMIT;
 use yieldwall_drives::watchdog::Watchdog;
 
 /// Longest time that a drive is waited for.
 pub const DRILL_LIMIT: Duration = Duration::from_secs(1);
-/// Longest time from the last thing heard to the drive's reaction with which torque may be commanded.
-pub const TORQUE_LIMIT: Duration = Duration::from_millis(10);
 /// Cycles from enabling to the silence: the arm rests.
 pub const CYCLES_BEFORE_SILENCE: u32 = 50;
 
@@ -55,23 +55,47 @@ pub enum Unsafe {
     },
 }
 
+/// What a rig asks of the watchdogs of its drives.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Demands {
+    /// Whether torque is commanded.
+    pub is_torque: bool,
+    /// Watchdogs that the left and the right drive do not have by their profiles, a bit each ([`Watchdog::bit`]).
+    pub lacks: [u8; 2],
+}
+
+impl Demands {
+    /// Of a rig.
+    pub fn of(rig: &config::Rig) -> Self {
+        let lacks = |drive: &config::Drive| {
+            let servo = drive.profile.get().and_then(|profile| profile.servo());
+            let lacking =
+                Watchdog::ALL.into_iter().filter(|watchdog| servo.is_some_and(|servo| servo.lacks(*watchdog)));
+            lacking.fold(0, |bits, watchdog| bits | watchdog.bit())
+        };
+        Self { is_torque: rig.rig.command_mode == config::CommandMode::Torque, lacks: rig.drives.each_ref().map(lacks) }
+    }
+}
+
 impl Drilled {
-    /// Whether drives with these watchdogs may be enabled: each of them has to stop each drive, and in torque mode the one that
-    /// is fastest when the master dies within [`TORQUE_LIMIT`].
+    /// Whether drives with these watchdogs may be enabled. That for the heartbeat has to stop each drive, and so has each other
+    /// one that the drive has by its profile; in torque mode the one that is fastest when the master dies has to within
+    /// [`TORQUE_LIMIT`].
     ///
     /// # Errors
     /// Why not.
-    pub fn judge(&self, is_torque: bool) -> Result<(), Unsafe> {
+    pub fn judge(&self, demands: Demands) -> Result<(), Unsafe> {
         for (drive, side) in ["left", "right"].into_iter().enumerate() {
             let mut fastest = Duration::MAX;
             for watchdog in Watchdog::ALL {
                 let finding = self.findings.iter().find(|finding| finding.watchdog == watchdog);
                 match finding.and_then(|finding| finding.stopped_after.get(drive).copied().flatten()) {
                     Some(takes) => fastest = fastest.min(takes),
+                    None if watchdog != Watchdog::Heartbeat && demands.lacks[drive] & watchdog.bit() != 0 => {}
                     None => return Err(Unsafe::GoesOn { side, watchdog }),
                 }
             }
-            if is_torque && fastest > TORQUE_LIMIT {
+            if demands.is_torque && fastest > TORQUE_LIMIT {
                 return Err(Unsafe::TooSlow { side, takes: fastest });
             }
         }

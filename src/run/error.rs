@@ -7,7 +7,6 @@ use crate::assembly::AssemblyError;
 use crate::bus::{BootError, Heard};
 use crate::guard::{Cause, DeviceSet};
 use crate::link::SendError;
-use yieldwall_drives::profiles::SIMULATED_VENDOR;
 use yieldwall_drives::watchdog::Watchdog;
 
 /// Why a rig could not go on.
@@ -88,10 +87,10 @@ pub enum RunError {
         /// The pace of the rig.
         pace: Pace,
     },
-    /// A drive has the vendor of the simulated ones and not their mark. Nothing was enabled.
+    /// A drive has a profile of simulated ones and not their mark. Nothing was enabled.
     #[error(
-        "the drive with node id {node_id} gives itself out as a simulated one (vendor {SIMULATED_VENDOR:08X}h), and its object 2012h \
-         does not say `simulated device`"
+        "the profile of the drive with node id {node_id} is one of simulated drives, and the drive's object 2012h does not say \
+         `simulated device`"
     )]
     Unmarked {
         /// Node id.

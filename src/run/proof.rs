@@ -10,7 +10,7 @@ use serde_json::{Value, json};
 use thiserror::Error;
 
 use super::drill::{DriveAddress, drive_addresses};
-use super::drilled::{Drilled, Finding, Unsafe};
+use super::drilled::{Demands, Drilled, Finding, Unsafe};
 use super::error::RunError;
 use super::pace::Pace;
 use super::permit::Permit;
@@ -39,6 +39,7 @@ pub struct DriveIdentity {
 pub struct Subject {
     drives: [DriveIdentity; 2],
     configuration: Value,
+    demands: Demands,
 }
 
 /// A drill's record on disk.
@@ -107,7 +108,7 @@ impl<P: Place> Runner<P> {
         match proof {
             // What the drives were asked makes sure that they are simulated ones in lockstep.
             Proof::InVirtualTime(drilled) if self.pace() == Pace::Lockstep => {
-                drilled.judge(is_torque(rig)).map_err(Unproven::from)?;
+                drilled.judge(Demands::of(rig)).map_err(Unproven::from)?;
                 Ok(Permit::proved(self))
             }
             Proof::InVirtualTime(_) => {
@@ -122,10 +123,6 @@ impl<P: Place> Runner<P> {
     }
 }
 
-fn is_torque(rig: &config::Rig) -> bool {
-    rig.rig.command_mode == config::CommandMode::Torque
-}
-
 impl Subject {
     /// These drives in this rig.
     pub fn new(rig: &config::Rig, drives: [DriveIdentity; 2]) -> Self {
@@ -135,12 +132,13 @@ impl Subject {
             "master": rig.master,
             "drives": rig.drives,
             "torque_limit_n_m": rig.guard.torque_limit_n_m,
+            "profiles": rig.drives.each_ref().map(|drive| drive.profile.get().map(|profile| &**profile)),
         });
         // How long the master waits is nothing to a watchdog.
         for drive in configuration["drives"].as_array_mut().into_iter().flatten().filter_map(Value::as_object_mut) {
             drive.retain(|key, _| !matches!(key.as_str(), "waits" | "enabling_ms"));
         }
-        Self { drives, configuration }
+        Self { drives, configuration, demands: Demands::of(rig) }
     }
 
     /// File of its record in a folder of records.
@@ -190,7 +188,7 @@ impl Subject {
             return Err(unreadable("it is of other drives or of another configuration".to_owned()));
         }
         let drilled = record.drilled().ok_or_else(|| unreadable("a time in it is none".to_owned()))?;
-        Ok(drilled.judge(self.configuration["command_mode"] == "torque")?)
+        Ok(drilled.judge(self.demands)?)
     }
 }
 
@@ -258,7 +256,7 @@ mod tests {
         // The fixture is nothing to a watchdog, nor is the master's patience.
         let mut other = rig();
         other.fixture.hold_steps += 1;
-        (other.drives[0].waits.sdo_ms, other.drives[1].enabling_ms) = (10, 10);
+        (other.drives[0].waits.sdo_ms, other.drives[1].enabling_ms) = (Some(10), 10);
         Subject::new(&other, drives(7)).check(&folder).unwrap();
         fs::write(&path, "{").unwrap();
         assert!(matches!(subject.check(&folder), Err(Unproven::Unreadable { .. })));

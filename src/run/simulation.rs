@@ -6,7 +6,6 @@ use super::pace::Pace;
 use super::place::Place;
 use super::runner::Runner;
 use yieldwall_drives::objects;
-use yieldwall_drives::profiles::SIMULATED_VENDOR;
 use yieldwall_drives::watchdog::{Clock, Watchdog};
 
 impl<P: Place> Runner<P> {
@@ -18,10 +17,8 @@ impl<P: Place> Runner<P> {
     pub fn check_simulation(&mut self, drives: [DriveAddress; 2]) -> Result<(), RunError> {
         for drive in drives {
             let node_id = drive.node.raw();
-            let mut read = |object: objects::Object| self.read(drive, object.index, object.sub);
-            let vendor_id = read(objects::VENDOR_ID)?;
             if !self.is_marked(drive) {
-                if vendor_id == SIMULATED_VENDOR {
+                if drive.has_simulated_profile {
                     return Err(RunError::Unmarked { node_id });
                 }
                 if self.pace() == Pace::Lockstep {

@@ -1,7 +1,7 @@
 //! What simulated devices have in common.
 
 use yieldwall_drives::objects::{self, DataType};
-use yieldwall_drives::profiles::{DeviceProfile, MappingEntry};
+use yieldwall_drives::profiles::{DeviceProfile, Entry, Pdo};
 
 use crate::canopen::dictionary::Builder;
 use crate::canopen::{
@@ -18,9 +18,23 @@ pub enum DeviceError {
     #[error("the device model {profile} is not a {wanted}")]
     Role {
         /// Name of the profile.
-        profile: &'static str,
+        profile: String,
         /// The wanted kind of device.
         wanted: &'static str,
+    },
+    /// The simulated device has an object that the profile says lies elsewhere, or has another length.
+    #[error("the simulated drive has its {what} at {wanted}, and its profile says {index:04X}h:{sub} with {bits} bits")]
+    Elsewhere {
+        /// What the object means.
+        what: &'static str,
+        /// Where the simulated device has it.
+        wanted: String,
+        /// Index in the profile.
+        index: u16,
+        /// Sub-index in the profile.
+        sub: u8,
+        /// Length in the profile.
+        bits: u8,
     },
     /// A setting is outside its range.
     #[error("{setting} is {value}, but has to be {range}")]
@@ -63,11 +77,11 @@ pub(super) fn dictionary(node: NodeId, profile: &DeviceProfile, serial: u32) -> 
     let builder = ObjectDictionary::builder().communication_profile(
         node,
         &DeviceIdentity {
-            device_type: profile.device_type,
-            name: profile.name.to_owned(),
+            device_type: profile.identity.device_type,
+            name: profile.name().to_owned(),
             vendor_id: profile.identity.vendor_id,
-            product_code: profile.identity.product_code,
-            revision: profile.identity.revision,
+            product_code: profile.identity.product_codes.first().copied().unwrap_or_default(),
+            revision: profile.identity.revisions.example(),
             serial,
         },
     );
@@ -78,9 +92,18 @@ pub(super) fn dictionary(node: NodeId, profile: &DeviceProfile, serial: u32) -> 
     })
 }
 
-/// Mapping entries as the dictionary takes them.
-pub(super) fn mapping(entries: &[MappingEntry]) -> Vec<(u16, u8, u8)> {
-    entries.iter().map(|entry| (entry.index, entry.sub, entry.bits)).collect()
+/// The mapped objects of a PDO as the dictionary takes them.
+pub(super) fn mapping(profile: &DeviceProfile, pdo: &Pdo) -> Vec<(u16, u8, u8)> {
+    profile.entries(pdo).map(|entry| (entry.index, entry.sub, entry.bits)).collect()
+}
+
+/// An unsigned object of a profile, 0 at power-on.
+pub(super) fn plain(entry: &Entry) -> Object {
+    match entry.bits {
+        8 => Object::new(entry.index, entry.sub, 0u8),
+        16 => Object::new(entry.index, entry.sub, 0u16),
+        _ => Object::new(entry.index, entry.sub, 0u32),
+    }
 }
 
 /// The handle of an object that the device has declared.

@@ -1,7 +1,7 @@
 //! Two drives and a sensor on one bus, with a script in the master's place.
 
+use crate::config::shipped_profile;
 use yieldwall_drives::cia402::OperationMode;
-use yieldwall_drives::profiles::{SIMULATED_FORCE_SENSOR, SIMULATED_SERVO};
 use yieldwall_drives::scaling::{AxisScaling, Direction};
 
 use super::can::{BitTiming, Delivery, QueueOrder, VirtualBus};
@@ -26,7 +26,7 @@ impl Rig {
         let drive = |node| {
             Drive::new(DriveSettings {
                 node: node_id(node).unwrap(),
-                profile: &SIMULATED_SERVO,
+                profile: shipped_profile("simulated-servo"),
                 serial: 1,
                 scaling: AxisScaling::new(800_000.0, Direction::Same, 0.0, 60.0).unwrap(),
                 position_loop: PositionLoop {
@@ -40,7 +40,11 @@ impl Rig {
             .unwrap()
         };
         let sensor = ForceSensor::new(ForceSensorSettings {
-            speaks: Speaks::Canopen { node: node_id(10).unwrap(), profile: &SIMULATED_FORCE_SENSOR, serial: 1 },
+            speaks: Speaks::Canopen {
+                node: node_id(10).unwrap(),
+                profile: shipped_profile("simulated-force-sensor"),
+                serial: 1,
+            },
             sample_rate_hz: 1000,
             phase_us: 0,
             range_counts: 32_000,
@@ -112,16 +116,17 @@ impl Rig {
 
     /// Operational in CST, the mapping of the profiles.
     fn configure(&mut self) {
-        let pdos = SIMULATED_SERVO.pdos(Some(OperationMode::CyclicTorque)).unwrap();
+        let profile = shipped_profile("simulated-servo");
+        let pdos = profile.pdos(Some(OperationMode::CyclicTorque)).unwrap();
         for node in [1, 2] {
-            let mut remap = |parameter: u16, id: u32, mapping: &yieldwall_drives::profiles::PdoMapping| {
+            let mut remap = |parameter: u16, id: u32, pdo: &yieldwall_drives::profiles::Pdo| {
                 self.write(node, parameter, 1, id | 1 << 31, 4);
                 self.write(node, parameter + 0x200, 0, 0, 1);
-                for (sub, entry) in (1..).zip(mapping.entries) {
+                for (sub, entry) in (1..).zip(profile.entries(pdo)) {
                     self.write(node, parameter + 0x200, sub, entry.to_u32(), 4);
                 }
-                self.write(node, parameter + 0x200, 0, mapping.entries.len() as u32, 1);
-                self.write(node, parameter, 2, mapping.transmission_type.into(), 1);
+                self.write(node, parameter + 0x200, 0, pdo.maps.len() as u32, 1);
+                self.write(node, parameter, 2, pdo.transmission_type.into(), 1);
                 self.write(node, parameter, 1, id, 4);
             };
             remap(0x1400, 0x200 + u32::from(node), &pdos.rpdo[0]);

@@ -1,5 +1,6 @@
 //! Recordings made, run again and drawn.
 
+use std::collections::BTreeMap;
 use std::io::Read;
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -22,8 +23,12 @@ const SCENE: &str = "scene.yaml";
 /// When a document cannot be written; no checked one cannot.
 pub fn about(rig: &config::Rig, scene: &config::Scene, overrides: &Overrides) -> Result<About, String> {
     let fixture = overrides.fixture.as_ref().unwrap_or(&rig.fixture).clone();
-    let effective = config::Rig { fixture, scene: SCENE.to_owned(), ..rig.clone() };
-    about_run(Machine::Rig(config::to_yaml(&effective)?), scene, overrides)
+    let mut effective = config::Rig { fixture, scene: SCENE.to_owned(), ..rig.clone() };
+    let mut profiles = BTreeMap::new();
+    for (name, profile) in effective.name_profile_files() {
+        profiles.insert(name, config::to_yaml(&*profile)?);
+    }
+    about_run(Machine::Rig(config::to_yaml(&effective)?), scene, profiles, overrides)
 }
 
 /// The same of an impedance device.
@@ -37,10 +42,15 @@ pub fn about_device(
 ) -> Result<About, String> {
     let fixture = overrides.fixture.as_ref().unwrap_or(&device.fixture).clone();
     let effective = config::ImpedanceDevice { fixture, scene: SCENE.to_owned(), ..device.clone() };
-    about_run(Machine::Device(config::to_yaml(&effective)?), scene, overrides)
+    about_run(Machine::Device(config::to_yaml(&effective)?), scene, BTreeMap::new(), overrides)
 }
 
-fn about_run(machine: Machine, scene: &config::Scene, overrides: &Overrides) -> Result<About, String> {
+fn about_run(
+    machine: Machine,
+    scene: &config::Scene,
+    profiles: BTreeMap<String, String>,
+    overrides: &Overrides,
+) -> Result<About, String> {
     let seed = overrides.seed.map(|seed| format!("--seed {seed}"));
     let duration = overrides.duration_s.map(|duration| format!("--duration {duration}"));
     Ok(About {
@@ -49,6 +59,7 @@ fn about_run(machine: Machine, scene: &config::Scene, overrides: &Overrides) -> 
         target: env!("YIELDWALL_TARGET").to_owned(),
         machine,
         scene: config::to_yaml(scene)?,
+        profiles,
         seed: overrides.seed.unwrap_or(scene.seed),
         overrides: [duration, seed].into_iter().flatten().collect::<Vec<_>>().join(" "),
     })
@@ -57,7 +68,8 @@ fn about_run(machine: Machine, scene: &config::Scene, overrides: &Overrides) -> 
 /// The documents of a recording as files beside each other; the first is that of the machine.
 fn documents(about: &About) -> Source {
     let name = about.machine.name();
-    let texts = [(name, about.machine.document()), (SCENE, &about.scene)];
+    let profiles = about.profiles.iter().map(|(name, text)| (name.as_str(), text.as_str()));
+    let texts = [(name, about.machine.document()), (SCENE, &about.scene)].into_iter().chain(profiles);
     Source::among(name, texts.map(|(name, text)| (PathBuf::from(name), Arc::from(text))))
 }
 

@@ -5,6 +5,8 @@
 /// # Source
 /// CiA 402-2, statusword 6041h and controlword 6040h.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+#[cfg_attr(feature = "config", derive(serde::Serialize, serde::Deserialize, schemars::JsonSchema))]
+#[cfg_attr(feature = "config", serde(rename_all = "snake_case"))]
 pub enum State {
     /// Starting up.
     NotReadyToSwitchOn,

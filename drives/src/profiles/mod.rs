@@ -1,260 +1,448 @@
-//! What the master has to know about a device model: identity, PDO mapping per mode, peculiarities. One file per model.
+//! What the master has to know about a device model: identity, process data per mode, limits, watchdogs, peculiarities.
+//!
+//! A profile is a file. [`SHIPPED`] holds the texts of those in `drives/profiles`; the main crate reads them as it reads rigs,
+//! with the feature `config` of this one.
 
-mod simulated_force_sensor;
-mod simulated_servo;
+mod servo;
 
-pub use simulated_force_sensor::{SIMULATED_FORCE_SENSOR, STATUS_INVALID, STATUS_OVERLOAD};
-pub use simulated_servo::SIMULATED_SERVO;
+pub use servo::{
+    Brake, BrakeHolder, BuiltInWatch, CycleTime, Encoder, EncoderKind, EncoderSide, HeartbeatWatch, Limits, MotorSpeed,
+    OptionCodes, ProcessData, Reaction, Servo, ServoObjects, SetPointWatch, Setting, SyncWatch, TimeUnit, TimedObject,
+    Watchdogs,
+};
+
+use std::collections::BTreeMap;
+
+#[cfg(feature = "config")]
+use garde::Validate;
+#[cfg(feature = "config")]
+use schemars::JsonSchema;
+#[cfg(feature = "config")]
+use serde::{Deserialize, Serialize};
 
 use crate::cia402::OperationMode;
-use crate::objects::Object;
 
-/// Identity object 1018h, without the serial number.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+macro_rules! shipped {
+    ($($name:literal),* $(,)?) => {
+        &[$(($name, include_str!(concat!("../../profiles/", $name, ".yaml")))),*]
+    };
+}
+
+/// The profiles that come with the program: name and text, in alphabetical order.
+pub const SHIPPED: &[(&str, &str)] =
+    shipped!["elmo-gold", "maxon-epos4", "simulated-force-sensor", "simulated-servo", "zeroerr-edriver"];
+
+/// A device model: a servo drive of CiA 402 or a six-axis force sensor on CANopen.
+#[derive(Clone, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "config", derive(Serialize, Deserialize, JsonSchema, Validate))]
+#[cfg_attr(feature = "config", serde(deny_unknown_fields), garde(allow_unvalidated))]
+pub struct DeviceProfile {
+    /// What the profile is called, and what it rests on.
+    #[cfg_attr(feature = "config", garde(dive))]
+    pub profile: About,
+    /// What the device says that it is.
+    #[cfg_attr(feature = "config", garde(dive))]
+    pub identity: Identity,
+    /// How it behaves as a node.
+    #[cfg_attr(feature = "config", garde(dive))]
+    pub node: NodeTraits,
+    /// What it is used as.
+    #[cfg_attr(feature = "config", garde(dive))]
+    pub device: Role,
+}
+
+/// What a profile is called, and what it rests on.
+#[derive(Clone, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "config", derive(Serialize, Deserialize, JsonSchema, Validate))]
+#[cfg_attr(feature = "config", serde(deny_unknown_fields), garde(allow_unvalidated))]
+pub struct About {
+    /// Name for messages.
+    #[cfg_attr(feature = "config", garde(length(min = 1)))]
+    pub name: String,
+    /// On what it was tried.
+    pub tried: Tried,
+    /// The documents that were read, by the short names that `source` uses.
+    #[cfg_attr(feature = "config", garde(length(min = 1)))]
+    pub sources: BTreeMap<String, String>,
+}
+
+/// On what a profile was tried.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "config", derive(Serialize, Deserialize, JsonSchema))]
+#[cfg_attr(feature = "config", serde(rename_all = "snake_case"))]
+pub enum Tried {
+    /// On no device: it is written from documents.
+    Never,
+    /// On the simulated device alone.
+    Simulation,
+    /// On the real device.
+    Bench,
+}
+
+/// What a device says that it is: 1000h and 1018h, without the serial number.
+#[derive(Clone, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "config", derive(Serialize, Deserialize, JsonSchema, Validate))]
+#[cfg_attr(feature = "config", serde(deny_unknown_fields), garde(allow_unvalidated))]
 pub struct Identity {
-    /// 1018h:1.
+    /// Device type, 1000h.
+    pub device_type: u32,
+    /// Vendor, 1018h:1.
     pub vendor_id: u32,
-    /// 1018h:2.
-    pub product_code: u32,
-    /// 1018h:3.
-    pub revision: u32,
+    /// Products that the profile is for, 1018h:2.
+    #[cfg_attr(feature = "config", garde(length(min = 1, max = 64)))]
+    pub product_codes: Vec<u32>,
+    /// Revisions that the profile is for, 1018h:3.
+    pub revisions: Revisions,
 }
 
-/// Vendor id of the simulated devices; not assigned by CiA.
-pub const SIMULATED_VENDOR: u32 = 0xffff_5957;
-
-/// One mapped object of a PDO.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-pub struct MappingEntry {
-    /// Index of the mapped object.
-    pub index: u16,
-    /// Sub-index of the mapped object.
-    pub sub: u8,
-    /// Length in bits.
-    pub bits: u8,
+/// Revisions that a profile is for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "config", derive(Serialize, Deserialize, JsonSchema))]
+#[cfg_attr(feature = "config", serde(rename_all = "snake_case", deny_unknown_fields))]
+pub enum Revisions {
+    /// All: 1018h:3 is not read.
+    Any,
+    /// A range, both ends in it.
+    Range {
+        /// The first.
+        from: u32,
+        /// The last.
+        to: u32,
+    },
 }
 
-impl MappingEntry {
-    /// Maps the whole of an object.
-    pub const fn of(object: Object) -> Self {
-        MappingEntry { index: object.index, sub: object.sub, bits: object.bits() }
+impl Revisions {
+    /// One that the profile is for.
+    pub const fn example(self) -> u32 {
+        match self {
+            Revisions::Any => 0x0001_0000,
+            Revisions::Range { from, .. } => from,
+        }
     }
 
+    /// Whether the profile is for this revision.
+    pub fn includes(self, revision: u32) -> bool {
+        match self {
+            Revisions::Any => true,
+            Revisions::Range { from, to } => (from..=to).contains(&revision),
+        }
+    }
+}
+
+/// How a device behaves as a node.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "config", derive(Serialize, Deserialize, JsonSchema, Validate))]
+#[cfg_attr(feature = "config", serde(deny_unknown_fields), garde(allow_unvalidated))]
+pub struct NodeTraits {
+    /// The command that brings it to its power-on values before it is configured.
+    pub reset: Reset,
+    /// Whether that reset makes a drive forget where its zero is.
+    pub reset_loses_reference: Known,
+    /// Longest time from the reset to the boot-up message, ms. 1 to 60 000.
+    #[cfg_attr(feature = "config", garde(range(min = 1, max = 60_000)))]
+    pub boot_up_ms: u32,
+    /// Longest time to the answer to one SDO request, ms. 1 to 60 000.
+    #[cfg_attr(feature = "config", garde(range(min = 1, max = 60_000)))]
+    pub sdo_ms: u32,
+    /// Longest time from the start command to the first heartbeat in Operational, ms. 1 to 60 000.
+    #[cfg_attr(feature = "config", garde(range(min = 1, max = 60_000)))]
+    pub start_ms: u32,
+}
+
+/// The NMT command that resets a node.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "config", derive(Serialize, Deserialize, JsonSchema))]
+#[cfg_attr(feature = "config", serde(rename_all = "snake_case"))]
+pub enum Reset {
+    /// Reset node: the whole device starts anew.
+    Node,
+    /// Reset communication: the communication objects start anew, the drive's own stay.
+    Communication,
+}
+
+/// What a source says, or does not say.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "config", derive(Serialize, Deserialize, JsonSchema))]
+#[cfg_attr(feature = "config", serde(rename_all = "snake_case"))]
+pub enum Known {
+    /// It is so.
+    Yes,
+    /// It is not so.
+    No,
+    /// No source that was read says so; the answer that is safe counts.
+    Unknown,
+}
+
+/// What a device is used as.
+#[derive(Clone, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "config", derive(Serialize, Deserialize, JsonSchema, Validate))]
+#[cfg_attr(feature = "config", serde(rename_all = "snake_case"), garde(allow_unvalidated))]
+pub enum Role {
+    /// A servo drive of CiA 402.
+    Servo(#[cfg_attr(feature = "config", garde(dive))] Box<Servo>),
+    /// A six-axis force sensor.
+    ForceSensor(#[cfg_attr(feature = "config", garde(dive))] ForceSensor),
+}
+
+/// An object of the device and where that was read.
+#[derive(Clone, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "config", derive(Serialize, Deserialize, JsonSchema, Validate))]
+#[cfg_attr(feature = "config", serde(deny_unknown_fields), garde(allow_unvalidated))]
+pub struct Entry {
+    /// Index in the object dictionary.
+    #[cfg_attr(feature = "config", garde(range(min = 0x1000, max = 0xbfff)))]
+    pub index: u16,
+    /// Sub-index.
+    pub sub: u8,
+    /// Length in bits: 8, 16 or 32.
+    pub bits: u8,
+    /// Where that was read: a key of `profile.sources`.
+    #[cfg_attr(feature = "config", garde(length(min = 1)))]
+    pub source: String,
+}
+
+impl Entry {
     /// The value of the mapping parameter (1600h, 1A00h and following).
     ///
     /// # Source
     /// CiA 301, PDO mapping parameter record: index, sub-index, length in bits, from the highest byte down.
-    pub const fn to_u32(self) -> u32 {
-        (self.index as u32) << 16 | (self.sub as u32) << 8 | self.bits as u32
+    pub fn to_u32(&self) -> u32 {
+        u32::from(self.index) << 16 | u32::from(self.sub) << 8 | u32::from(self.bits)
+    }
+
+    /// Length in bytes.
+    pub fn bytes(&self) -> u8 {
+        self.bits / 8
+    }
+}
+
+/// What a mapped object means.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+#[cfg_attr(feature = "config", derive(Serialize, Deserialize, JsonSchema))]
+#[cfg_attr(feature = "config", serde(rename_all = "snake_case"))]
+pub enum Quantity {
+    /// Controlword of a drive.
+    Controlword,
+    /// Target position, counts.
+    TargetPosition,
+    /// Target velocity, counts/s.
+    TargetVelocity,
+    /// Target torque, per mille of the rated torque.
+    TargetTorque,
+    /// Statusword of a drive.
+    Statusword,
+    /// Actual position, counts.
+    PositionActual,
+    /// Force along x of a sensor, counts.
+    Fx,
+    /// Force along y.
+    Fy,
+    /// Force along z.
+    Fz,
+    /// Torque about x.
+    Tx,
+    /// Torque about y.
+    Ty,
+    /// Torque about z.
+    Tz,
+    /// Status of a sensor's sample.
+    Status,
+    /// Counter of a sensor's samples.
+    SampleCounter,
+}
+
+impl Quantity {
+    /// Channels of a force sensor in their order.
+    pub const CHANNELS: [Quantity; 6] =
+        [Quantity::Fx, Quantity::Fy, Quantity::Fz, Quantity::Tx, Quantity::Ty, Quantity::Tz];
+
+    /// Its word in a profile.
+    pub const fn word(self) -> &'static str {
+        match self {
+            Quantity::Controlword => "controlword",
+            Quantity::TargetPosition => "target_position",
+            Quantity::TargetVelocity => "target_velocity",
+            Quantity::TargetTorque => "target_torque",
+            Quantity::Statusword => "statusword",
+            Quantity::PositionActual => "position_actual",
+            Quantity::Fx => "fx",
+            Quantity::Fy => "fy",
+            Quantity::Fz => "fz",
+            Quantity::Tx => "tx",
+            Quantity::Ty => "ty",
+            Quantity::Tz => "tz",
+            Quantity::Status => "status",
+            Quantity::SampleCounter => "sample_counter",
+        }
     }
 }
 
 /// The wanted configuration of one PDO.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct PdoMapping {
-    /// Number of the PDO, from 1; its parameters are at 13FFh + number (RPDO) or 17FFh + number (TPDO).
+#[derive(Clone, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "config", derive(Serialize, Deserialize, JsonSchema, Validate))]
+#[cfg_attr(feature = "config", serde(deny_unknown_fields), garde(allow_unvalidated))]
+pub struct Pdo {
+    /// Number of the PDO, 1 to 4; its parameters are at 13FFh + number (RPDO) or 17FFh + number (TPDO).
+    #[cfg_attr(feature = "config", garde(range(min = 1, max = 4)))]
     pub number: u8,
     /// Transmission type: 1 to 240 every n-th SYNC, 254 and 255 event-driven.
+    #[cfg_attr(feature = "config", garde(range(min = 1)))]
     pub transmission_type: u8,
-    /// Mapped objects in the order of the payload.
-    pub entries: &'static [MappingEntry],
+    /// Mapped objects in the order of the payload, 8 bytes at most.
+    #[cfg_attr(feature = "config", garde(length(min = 1, max = 8)))]
+    pub maps: Vec<Quantity>,
 }
 
-impl PdoMapping {
-    /// Payload length in bytes.
-    pub fn len(&self) -> usize {
-        self.entries.iter().map(|entry| usize::from(entry.bits)).sum::<usize>().div_ceil(8)
-    }
-
-    /// Whether the PDO carries nothing.
-    pub fn is_empty(&self) -> bool {
-        self.entries.is_empty()
-    }
-
-    /// Bit offset of an object in the payload, `None` if the PDO does not carry it.
-    pub fn offset_bits(&self, object: Object) -> Option<usize> {
-        let mut offset = 0;
-        for entry in self.entries {
-            if (entry.index, entry.sub) == (object.index, object.sub) {
-                return Some(offset);
-            }
-            offset += usize::from(entry.bits);
-        }
-        None
+impl Pdo {
+    /// Whether it follows SYNC.
+    ///
+    /// # Source
+    /// CiA 301, transmission type: 0 to 240 are synchronous.
+    pub fn is_synchronous(&self) -> bool {
+        self.transmission_type <= 240
     }
 }
 
 /// PDOs of a device, as the device sees them: it receives RPDOs and transmits TPDOs.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "config", derive(Serialize, Deserialize, JsonSchema, Validate))]
+#[cfg_attr(feature = "config", serde(deny_unknown_fields), garde(allow_unvalidated))]
 pub struct PdoMap {
-    /// Received by the device, sent by the master.
-    pub rpdo: &'static [PdoMapping],
+    /// Received by the device, sent by the master; the first one carries controlword and set-point.
+    #[cfg_attr(feature = "config", garde(length(max = 4), dive))]
+    pub rpdo: Vec<Pdo>,
     /// Sent by the device.
-    pub tpdo: &'static [PdoMapping],
+    #[cfg_attr(feature = "config", garde(length(min = 1, max = 4), dive))]
+    pub tpdo: Vec<Pdo>,
 }
 
-/// The PDOs of a drive in one mode of operation.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct ModeMap {
-    /// The mode.
-    pub mode: OperationMode,
+/// A six-axis force sensor.
+#[derive(Clone, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "config", derive(Serialize, Deserialize, JsonSchema, Validate))]
+#[cfg_attr(feature = "config", serde(deny_unknown_fields), garde(allow_unvalidated))]
+pub struct ForceSensor {
+    /// Its objects.
+    #[cfg_attr(feature = "config", garde(dive))]
+    pub objects: SensorObjects,
+    /// Objects that one PDO can carry at most. 1 to 64.
+    #[cfg_attr(feature = "config", garde(range(min = 1, max = 64)))]
+    pub mapping_entries: u8,
     /// Its PDOs.
-    pub pdos: PdoMap,
+    #[cfg_attr(feature = "config", garde(dive))]
+    pub process_data: PdoMap,
+    /// Bits of its status.
+    pub status_bits: StatusBits,
+    /// Sample rates that it has, Hz.
+    #[cfg_attr(feature = "config", garde(length(min = 1, max = 64)))]
+    pub sample_rates_hz: Vec<u32>,
 }
 
-/// What a device does with an RPDO that does not come in its deadline (event timer of the RPDO); the standard leaves it
-/// to the maker.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-pub enum RpdoTimeoutReaction {
-    /// Nothing.
-    None,
-    /// EMCY 8250h and the reaction of 6007h.
-    AbortConnection,
-    /// EMCY 8250h and a fault: the reaction of 605Eh, then Fault.
-    Fault,
+/// Objects of a force sensor.
+#[derive(Clone, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "config", derive(Serialize, Deserialize, JsonSchema, Validate))]
+#[cfg_attr(feature = "config", serde(deny_unknown_fields), garde(allow_unvalidated))]
+pub struct SensorObjects {
+    /// Process values Fx Fy Fz Tx Ty Tz, signed counts of 16 bits.
+    #[cfg_attr(feature = "config", garde(dive))]
+    pub channels: [Entry; 6],
+    /// Status of the newest sample; null if it has none.
+    #[cfg_attr(feature = "config", garde(dive))]
+    #[cfg_attr(feature = "config", serde(deserialize_with = "present"), schemars(schema_with = "nullable::<Entry>"))]
+    pub status: Option<Entry>,
+    /// Rises by one with each new sample; null if it has none.
+    #[cfg_attr(feature = "config", garde(dive))]
+    #[cfg_attr(feature = "config", serde(deserialize_with = "present"), schemars(schema_with = "nullable::<Entry>"))]
+    pub sample_counter: Option<Entry>,
 }
 
-/// Where a model differs from another within the standard.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Quirks {
-    /// Whether 6060h may change in Operation Enabled.
-    pub mode_changes_while_enabled: bool,
-    /// What an RPDO timeout does.
-    pub rpdo_timeout: RpdoTimeoutReaction,
-    /// After how many interpolation periods (60C2h) without SYNC an enabled drive goes into fault; 0 for never.
-    pub sync_lost_periods: u32,
-    /// Whether the drive has 6080h and heeds it in the cyclic synchronous modes.
-    pub limits_motor_speed: bool,
-}
-
-/// What a device is used as.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Role {
-    /// A drive of CiA 402.
-    Servo {
-        /// Supported modes, 6502h.
-        supported_modes: u32,
-        /// PDOs for each mode that the master may use.
-        modes: &'static [ModeMap],
-        /// Peculiarities.
-        quirks: Quirks,
-    },
-    /// A six-axis force sensor in the manner of CiA 404.
-    ForceSensor {
-        /// PDOs.
-        pdos: PdoMap,
-        /// Sample rates in Hz that the model has.
-        sample_rates_hz: &'static [u32],
-    },
-}
-
-/// One device model.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct DeviceProfile {
-    /// Name that a configuration uses.
-    pub name: &'static str,
-    /// Device type, 1000h.
-    pub device_type: u32,
-    /// What 1018h has to say.
-    pub identity: Identity,
-    /// What it is used as.
-    pub role: Role,
+/// Bits of a force sensor's status; 0 where it tells no such thing.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[cfg_attr(feature = "config", derive(Serialize, Deserialize, JsonSchema))]
+#[cfg_attr(feature = "config", serde(deny_unknown_fields))]
+pub struct StatusBits {
+    /// A channel is at the end of its range.
+    pub overload: u8,
+    /// The sample is not valid.
+    pub invalid: u8,
 }
 
 impl DeviceProfile {
+    /// Its name.
+    pub fn name(&self) -> &str {
+        &self.profile.name
+    }
+
+    /// The drive; `None` of a sensor.
+    pub fn servo(&self) -> Option<&Servo> {
+        match &self.device {
+            Role::Servo(servo) => Some(servo),
+            Role::ForceSensor(_) => None,
+        }
+    }
+
+    /// The force sensor; `None` of a drive.
+    pub fn force_sensor(&self) -> Option<&ForceSensor> {
+        match &self.device {
+            Role::ForceSensor(sensor) => Some(sensor),
+            Role::Servo(_) => None,
+        }
+    }
+
     /// PDOs of a drive in `mode`, of a sensor in any mode (`None`); nothing if the model does not have the mode.
-    pub fn pdos(&self, mode: Option<OperationMode>) -> Option<PdoMap> {
-        match (self.role, mode) {
-            (Role::Servo { modes, .. }, Some(mode)) => modes.iter().find(|map| map.mode == mode).map(|map| map.pdos),
-            (Role::ForceSensor { pdos, .. }, None) => Some(pdos),
+    pub fn pdos(&self, mode: Option<OperationMode>) -> Option<&PdoMap> {
+        match (&self.device, mode) {
+            (Role::Servo(servo), Some(mode)) => servo.process_data.of(mode),
+            (Role::ForceSensor(sensor), None) => Some(&sensor.process_data),
             _ => None,
         }
     }
 
-    /// Peculiarities of a drive; `None` of a sensor.
-    pub fn quirks(&self) -> Option<Quirks> {
-        match self.role {
-            Role::Servo { quirks, .. } => Some(quirks),
-            Role::ForceSensor { .. } => None,
+    /// Objects that one PDO can carry at most.
+    pub fn mapping_entries(&self) -> u8 {
+        match &self.device {
+            Role::Servo(servo) => servo.process_data.mapping_entries,
+            Role::ForceSensor(sensor) => sensor.mapping_entries,
         }
+    }
+
+    /// The object that is meant; `None` if the device has none.
+    pub fn object(&self, quantity: Quantity) -> Option<&Entry> {
+        match &self.device {
+            Role::Servo(servo) => servo.objects.of(quantity),
+            Role::ForceSensor(sensor) => match quantity {
+                Quantity::Status => sensor.objects.status.as_ref(),
+                Quantity::SampleCounter => sensor.objects.sample_counter.as_ref(),
+                _ => {
+                    let channel = Quantity::CHANNELS.iter().position(|channel| *channel == quantity)?;
+                    sensor.objects.channels.get(channel)
+                }
+            },
+        }
+    }
+
+    /// The mapped objects of a PDO; those that the device does not have are left out.
+    pub fn entries(&self, pdo: &Pdo) -> impl Iterator<Item = &Entry> {
+        pdo.maps.iter().filter_map(|quantity| self.object(*quantity))
+    }
+
+    /// Payload length of a PDO in bytes.
+    pub fn payload_bytes(&self, pdo: &Pdo) -> usize {
+        self.entries(pdo).map(|entry| usize::from(entry.bits)).sum::<usize>().div_ceil(8)
     }
 }
 
-/// All device models.
-pub const ALL: &[&DeviceProfile] = &[&SIMULATED_SERVO, &SIMULATED_FORCE_SENSOR];
-
-/// The model with this name.
-pub fn find(name: &str) -> Option<&'static DeviceProfile> {
-    ALL.iter().copied().find(|profile| profile.name == name)
+/// Reads a key that may be `null` but must be written.
+#[cfg(feature = "config")]
+fn present<'de, D, T>(deserializer: D) -> Result<Option<T>, D::Error>
+where
+    D: serde::Deserializer<'de>,
+    T: Deserialize<'de>,
+{
+    Option::deserialize(deserializer)
 }
 
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::objects;
-
-    fn every_pdo() -> impl Iterator<Item = PdoMapping> {
-        ALL.iter()
-            .flat_map(|profile| match profile.role {
-                Role::Servo { modes, .. } => modes.iter().map(|map| map.pdos).collect::<Vec<_>>(),
-                Role::ForceSensor { pdos, .. } => vec![pdos],
-            })
-            .flat_map(|map| map.rpdo.iter().chain(map.tpdo).copied().collect::<Vec<_>>())
-    }
-
-    #[test]
-    fn every_mapping_fits_a_frame_and_names_known_objects() {
-        for pdo in every_pdo() {
-            assert!((1..=4).contains(&pdo.number));
-            assert!((1..=8).contains(&pdo.len()), "{pdo:?}");
-            for entry in pdo.entries {
-                let known = objects::ALL.iter().find(|object| {
-                    object.index == entry.index
-                        && (object.sub == entry.sub || object.index == objects::PROCESS_VALUE.index)
-                });
-                assert_eq!(known.map(|object| object.bits()), Some(entry.bits), "{entry:?}");
-            }
-        }
-    }
-
-    #[test]
-    fn every_mode_map_is_a_supported_mode_and_starts_with_the_words() {
-        for profile in ALL {
-            let Role::Servo { supported_modes, modes, .. } = profile.role else { continue };
-            for map in modes {
-                assert!(map.mode.is_in(supported_modes));
-                assert_eq!(map.pdos.rpdo[0].offset_bits(objects::CONTROLWORD), Some(0));
-                assert_eq!(map.pdos.tpdo[0].offset_bits(objects::STATUSWORD), Some(0));
-                assert_eq!(map.pdos.tpdo[0].offset_bits(objects::POSITION_ACTUAL), Some(16));
-            }
-        }
-    }
-
-    #[test]
-    fn names_are_found() {
-        assert_eq!(find("simulated-servo").map(|profile| profile.identity), Some(SIMULATED_SERVO.identity));
-        assert!(find("no-such-device").is_none());
-        for profile in ALL {
-            assert_eq!(find(profile.name).map(|found| found.name), Some(profile.name));
-        }
-    }
-
-    #[test]
-    fn payload_lengths_are_those_of_the_bus_budget() {
-        let lengths = |mode| {
-            let map = SIMULATED_SERVO.pdos(Some(mode)).unwrap();
-            (map.rpdo[0].len(), map.tpdo[0].len())
-        };
-        assert_eq!(lengths(OperationMode::CyclicTorque), (4, 6));
-        assert_eq!(lengths(OperationMode::CyclicPosition), (6, 6));
-        assert_eq!(lengths(OperationMode::CyclicVelocity), (6, 6));
-        let sensor = SIMULATED_FORCE_SENSOR.pdos(None).unwrap();
-        assert_eq!(sensor.tpdo.iter().map(PdoMapping::len).collect::<Vec<_>>(), [8, 6]);
-    }
-
-    #[test]
-    fn mapping_entries_are_the_literals_of_the_standard() {
-        assert_eq!(MappingEntry::of(objects::CONTROLWORD).to_u32(), 0x6040_0010);
-        assert_eq!(MappingEntry::of(objects::PROCESS_VALUE.at(6)).to_u32(), 0x7130_0610);
-    }
+/// The schema of a key that may be `null` but must be written.
+#[cfg(feature = "config")]
+fn nullable<T: JsonSchema>(generator: &mut schemars::SchemaGenerator) -> schemars::Schema {
+    generator.subschema_for::<Option<T>>()
 }

@@ -24,6 +24,7 @@ pub fn configuration(bytes: &[u8]) {
                 Document::Device(device) => config::to_yaml(&device.value),
                 Document::Scene(scene) => config::to_yaml(&scene.value),
                 Document::Figure(figure) => config::to_yaml(&figure.value),
+                Document::Profile(profile) => config::to_yaml(&profile.value),
             };
             let written = written.expect("a document can be written");
             if let Err(report) = config::load(Source::memory(NAME, &*written)) {

@@ -3,9 +3,9 @@
 use std::sync::LazyLock;
 
 use yieldwall::canopen::{Frame, Time, cob, node_id};
+use yieldwall::config::shipped_profile;
 use yieldwall::sim::{Drive, DriveSettings, Encoder, ForceSensor, ForceSensorSettings, PositionLoop, Speaks};
 use yieldwall_drives::cia402::State;
-use yieldwall_drives::profiles::{SIMULATED_FORCE_SENSOR, SIMULATED_SERVO};
 use yieldwall_drives::scaling::{AxisScaling, Direction};
 
 use super::bytes::{Bytes, Script};
@@ -24,7 +24,7 @@ static SCALING: LazyLock<AxisScaling> =
 fn new_drive(encoder: Encoder) -> Drive {
     Drive::new(DriveSettings {
         node: node_id(NODE).expect("a node id"),
-        profile: &SIMULATED_SERVO,
+        profile: shipped_profile("simulated-servo"),
         serial: 1,
         scaling: *SCALING,
         position_loop: PositionLoop {
@@ -135,13 +135,14 @@ pub fn force_sensor(bytes: &[u8]) {
     let mut bytes = Bytes::new(bytes);
     let node = node_id(NODE).expect("a node id");
     let settings = ForceSensorSettings {
-        speaks: Speaks::Canopen { node, profile: &SIMULATED_FORCE_SENSOR, serial: 1 },
+        speaks: Speaks::Canopen { node, profile: shipped_profile("simulated-force-sensor"), serial: 1 },
         sample_rate_hz: bytes.pick(&[200, 500, 1000]),
         phase_us: u32::from(bytes.u16() % 1000),
         range_counts: i32::from(bytes.u16() as i16),
     };
+    let range_counts = settings.range_counts;
     let Ok(mut sensor) = ForceSensor::new(settings) else {
-        return assert!(settings.range_counts < 1, "{settings:?}");
+        return assert!(range_counts < 1, "{range_counts}");
     };
     let (mut now, mut out, mut is_powered) = (Time::default(), Vec::new(), true);
     sensor.boot(now, &mut out);

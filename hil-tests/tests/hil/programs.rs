@@ -345,6 +345,7 @@ pub(super) fn changed(name: &str, file: &str, changes: &[(&str, &str)]) -> Strin
         text = text.replace(from, to);
     }
     let text = text.replace("scene: scenes/", &format!("scene: {folder}/scenes/"));
+    let text = text.replace("like: ", &format!("like: {folder}/"));
     let path = std::env::temp_dir().join(format!("yieldwall-{name}-{}.yaml", std::process::id()));
     std::fs::write(&path, text).expect("the folder for temporary files can be written");
     path.to_str().expect("a plain path").to_owned()

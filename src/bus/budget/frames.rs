@@ -10,7 +10,7 @@ use crate::bus::setup::{MasterSetup, SensorLink, SensorSetup};
 use crate::canopen::{NodeId, cob};
 use crate::plain_can::{Link, Order, Protocol};
 use yieldwall_drives::cia402::OperationMode;
-use yieldwall_drives::profiles::{DeviceProfile, PdoMapping};
+use yieldwall_drives::profiles::{DeviceProfile, Pdo};
 
 /// Least time from one SDO exchange to the next.
 const SDO_PERIOD: Duration = Duration::from_millis(5);
@@ -100,10 +100,10 @@ pub(super) fn frames(setup: &MasterSetup, bus: u8) -> Result<Vec<PlannedFrame>, 
     let sensor = &setup.sensor;
     let mut devices = Vec::new();
     for drive in setup.drives.iter().filter(|drive| drive.bus == bus) {
-        devices.push(Device::new(&drive.name, drive.node_id, drive.profile, mode, drive.heartbeat)?);
+        devices.push(Device::new(&drive.name, drive.node_id, &drive.profile, mode, drive.heartbeat)?);
     }
     if let (SensorLink::Canopen(node), true) = (&sensor.link, sensor.bus == bus) {
-        devices.push(Device::new(&sensor.name, node.node_id, node.profile, None, node.heartbeat)?);
+        devices.push(Device::new(&sensor.name, node.node_id, &node.profile, None, node.heartbeat)?);
     }
     let master = node(setup.node_id, "master")?;
     let period = setup.period;
@@ -195,7 +195,7 @@ fn heartbeat(name: &str, node: NodeId, period: Duration, is_of_master: bool) -> 
 struct Device<'a> {
     name: &'a str,
     node: NodeId,
-    profile: &'static DeviceProfile,
+    profile: &'a DeviceProfile,
     mode: Option<OperationMode>,
     heartbeat: Duration,
 }
@@ -204,7 +204,7 @@ impl<'a> Device<'a> {
     fn new(
         name: &'a str,
         node_id: u8,
-        profile: &'static DeviceProfile,
+        profile: &'a DeviceProfile,
         mode: Option<OperationMode>,
         heartbeat: Duration,
     ) -> Result<Self, BootError> {
@@ -213,13 +213,13 @@ impl<'a> Device<'a> {
 
     fn process_data(&self, all: &mut Vec<PlannedFrame>, period: Duration) -> Result<(), BootError> {
         let map = mapping(self.profile, self.mode).map_err(|failure| refuse(self.node.raw(), self.name, failure))?;
-        let plan = |pdo: &PdoMapping, usage, cob_id: Option<u16>| PlannedFrame {
+        let plan = |pdo: &Pdo, usage, cob_id: Option<u16>| PlannedFrame {
             name: format!("{} {}{}", self.name, if usage == Use::SetPoint { "RPDO" } else { "TPDO" }, pdo.number),
             usage,
             is_of_master: usage == Use::SetPoint,
             is_answer: false,
             cob_id: cob_id.unwrap_or_default(),
-            bytes: pdo.len() as u8,
+            bytes: self.profile.payload_bytes(pdo) as u8,
             // Every n-th SYNC; the master sends its own in every cycle, and the rest is taken as if it did.
             period: match pdo.transmission_type {
                 every @ 1..=240 if usage == Use::Measured => period * u32::from(every),

@@ -1,8 +1,8 @@
 use super::*;
 use crate::bus::tests::WAITS;
 use crate::bus::{CommandMode, DriveSetup, SensorLink, SensorNode, SensorSetup};
+use crate::config::shipped_profile;
 use crate::plain_can::{Link, Protocol, polled, streaming};
-use yieldwall_drives::profiles::{SIMULATED_FORCE_SENSOR, SIMULATED_SERVO};
 use yieldwall_drives::scaling::{AxisScaling, Direction};
 
 const US: u64 = 1000;
@@ -13,7 +13,7 @@ fn setup(mode: CommandMode, period_us: u64) -> MasterSetup {
         name: name.to_owned(),
         bus: 0,
         node_id,
-        profile: &SIMULATED_SERVO,
+        profile: shipped_profile("simulated-servo"),
         scaling: AxisScaling::new(800_000.0, Direction::Same, 0.0, 60.0).unwrap(),
         expected_angle_rad: 0.0,
         heartbeat,
@@ -31,7 +31,11 @@ fn setup(mode: CommandMode, period_us: u64) -> MasterSetup {
         sensor: SensorSetup {
             name: "wrist".to_owned(),
             bus: 0,
-            link: SensorLink::Canopen(SensorNode { node_id: 10, profile: &SIMULATED_FORCE_SENSOR, heartbeat }),
+            link: SensorLink::Canopen(SensorNode {
+                node_id: 10,
+                profile: shipped_profile("simulated-force-sensor"),
+                heartbeat,
+            }),
             waits: WAITS,
             sample_period: Duration::from_micros(period_us),
         },

@@ -1,14 +1,13 @@
 //! The plan of the process image, made once from setup and profiles.
 
 use super::{Drive, IDENTIFIERS, Incoming, NO_SLOT, Outgoing, Source, slot_index};
-use crate::bus::boot::{layout_entries, mapping};
+use crate::bus::boot::{lacking, layout_entries, mapped, mapping};
 use crate::bus::error::BootFailure;
 use crate::bus::setup::{CommandMode, DriveSetup, SensorNode};
 use crate::canopen::pdo::Layout;
 use crate::canopen::{NodeId, cob};
 use yieldwall_drives::cia402::{StateWalk, Statusword};
-use yieldwall_drives::objects::{self, Object};
-use yieldwall_drives::profiles::{DeviceProfile, PdoMapping};
+use yieldwall_drives::profiles::{DeviceProfile, Pdo, Quantity, StatusBits};
 use yieldwall_drives::scaling::CountUnwrapper;
 
 /// The incoming frames while they are collected.
@@ -29,28 +28,27 @@ impl Incomings {
         joint: usize,
         (setup, node): (&DriveSetup, NodeId),
     ) -> Result<Drive, BootFailure> {
-        let profile = setup.profile;
+        let profile = &*setup.profile;
         let map = mapping(profile, Some(mode.operation_mode()))?;
-        for pdo in map.tpdo {
-            self.add(setup.bus, profile, node, pdo, Some(joint), &|object| match object {
-                objects::STATUSWORD => Some(Source::Status(joint)),
-                objects::POSITION_ACTUAL => Some(Source::Position(joint)),
+        for pdo in &map.tpdo {
+            self.add(setup.bus, profile, node, pdo, Some(joint), &|quantity| match quantity {
+                Quantity::Statusword => Some(Source::Status(joint)),
+                Quantity::PositionActual => Some(Source::Position(joint)),
                 _ => None,
             })?;
         }
-        let set_point = match mode {
-            CommandMode::Position => objects::TARGET_POSITION,
-            CommandMode::Velocity => objects::TARGET_VELOCITY,
-            CommandMode::Torque => objects::TARGET_TORQUE,
-        };
-        let pdo = map.rpdo.first().ok_or_else(|| lacking(profile, set_point))?;
+        let set_point = mode.set_point();
+        let pdo = map.rpdo.first().ok_or_else(|| lacking(profile, set_point.word()))?;
         let layout = layout(profile, pdo)?;
-        let find = |object: Object| layout.field(object.index, object.sub).ok_or_else(|| lacking(profile, object));
+        let find = |quantity: Quantity| {
+            let entry = mapped(profile, quantity)?;
+            layout.field(entry.index, entry.sub).ok_or_else(|| lacking(profile, quantity.word()))
+        };
         let outgoing = Outgoing {
             bus: setup.bus,
-            id: cob::rpdo(pdo.number, node).ok_or_else(|| lacking(profile, set_point))?,
+            id: cob::rpdo(pdo.number, node).ok_or_else(|| lacking(profile, set_point.word()))?,
             len: layout.len(),
-            controlword: find(objects::CONTROLWORD)?,
+            controlword: find(Quantity::Controlword)?,
             set_point: find(set_point)?,
         };
         // The drive counts modulo 2^32: the expected angle says which turn it is.
@@ -65,40 +63,39 @@ impl Incomings {
         })
     }
 
-    pub(super) fn sensor(&mut self, bus: u8, setup: &SensorNode, node: NodeId) -> Result<(), BootFailure> {
-        let map = mapping(setup.profile, None)?;
-        for pdo in map.tpdo {
-            self.add(bus, setup.profile, node, pdo, None, &|object| match object {
-                objects::SENSOR_STATUS => Some(Source::SensorStatus),
-                objects::SENSOR_SAMPLE_COUNTER => Some(Source::SampleCounter),
-                channel if channel.index == objects::PROCESS_VALUE.index && (1..=6).contains(&channel.sub) => {
-                    Some(Source::Count(usize::from(channel.sub) - 1))
-                }
-                _ => None,
+    pub(super) fn sensor(&mut self, bus: u8, setup: &SensorNode, node: NodeId) -> Result<StatusBits, BootFailure> {
+        let profile = &*setup.profile;
+        for pdo in &mapping(profile, None)?.tpdo {
+            self.add(bus, profile, node, pdo, None, &|quantity| match quantity {
+                Quantity::Status => Some(Source::SensorStatus),
+                Quantity::SampleCounter => Some(Source::SampleCounter),
+                _ => Quantity::CHANNELS.iter().position(|channel| *channel == quantity).map(Source::Count),
             })?;
         }
-        Ok(())
+        let sensor = profile.force_sensor();
+        let other = || BootFailure::Role { profile: profile.name().to_owned(), wanted: "a force sensor" };
+        sensor.map(|sensor| sensor.status_bits).ok_or_else(other)
     }
 
     fn add(
         &mut self,
         bus: u8,
-        profile: &'static DeviceProfile,
+        profile: &DeviceProfile,
         node: NodeId,
-        pdo: &PdoMapping,
+        pdo: &Pdo,
         joint: Option<usize>,
-        source: &dyn Fn(Object) -> Option<Source>,
+        source: &dyn Fn(Quantity) -> Option<Source>,
     ) -> Result<(), BootFailure> {
         let layout = layout(profile, pdo)?;
         let mut fields = Vec::new();
-        for entry in pdo.entries {
-            let object =
-                objects::ALL.iter().find(|object| object.index == entry.index).map(|object| object.at(entry.sub));
-            if let (Some(source), Some(field)) = (object.and_then(source), layout.field(entry.index, entry.sub)) {
+        for quantity in &pdo.maps {
+            let entry = mapped(profile, *quantity)?;
+            if let (Some(source), Some(field)) = (source(*quantity), layout.field(entry.index, entry.sub)) {
                 fields.push((source, field));
             }
         }
-        let id = cob::tpdo(pdo.number, node).unwrap_or_default();
+        // An identifier of 0 would be a network command.
+        let id = cob::tpdo(pdo.number, node).ok_or_else(|| lacking(profile, "an identifier"))?;
         if let Some(slot) = self.slots.get_mut(slot_index(bus, id)) {
             *slot = self.incoming.len() as u8;
         }
@@ -107,17 +104,7 @@ impl Incomings {
     }
 }
 
-fn layout(profile: &'static DeviceProfile, pdo: &PdoMapping) -> Result<Layout, BootFailure> {
-    Layout::new(&layout_entries(pdo)).map_err(|_| {
-        let entry = pdo.entries.last();
-        BootFailure::Layout {
-            profile: profile.name,
-            index: entry.map_or(0, |entry| entry.index),
-            sub: entry.map_or(0, |entry| entry.sub),
-        }
-    })
-}
-
-fn lacking(profile: &'static DeviceProfile, object: Object) -> BootFailure {
-    BootFailure::Layout { profile: profile.name, index: object.index, sub: object.sub }
+fn layout(profile: &DeviceProfile, pdo: &Pdo) -> Result<Layout, BootFailure> {
+    let last = pdo.maps.last().map_or("an object", |quantity| quantity.word());
+    Layout::new(&layout_entries(profile, pdo)?).map_err(|_| lacking(profile, last))
 }

@@ -1,10 +1,10 @@
 //! What the master knows of one bus.
 
 use super::node::Node;
-use crate::bus::boot::HEARTBEAT_PERIODS;
 use crate::bus::setup::MasterSetup;
 use crate::canopen::nmt::HeartbeatConsumer;
 use crate::canopen::{Frame, cob};
+use yieldwall_drives::watchdog::HEARTBEAT_PERIODS;
 
 /// One bus.
 #[derive(Clone)]

@@ -60,7 +60,9 @@ impl Master {
         self.enter(Phase::Resetting);
         self.phase_since = now;
         self.has_sent = true;
-        self.command(NmtCommand::ResetNode, out);
+        for node in &self.nodes {
+            out.push(nmt::command(node.boot.reset_command(), Some(node.id)).on_bus(node.bus));
+        }
         self.next_heartbeat = now;
         self.send_heartbeat(now, out);
     }

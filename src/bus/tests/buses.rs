@@ -9,7 +9,8 @@ impl Net {
     pub(super) fn two_buses() -> Self {
         let (cycle, home) = torque_cycle();
         let mut setup = setup(CommandMode::Torque, home, 0.0);
-        let node = SensorNode { node_id: 1, profile: &SIMULATED_FORCE_SENSOR, heartbeat: setup.heartbeat };
+        let node =
+            SensorNode { node_id: 1, profile: shipped_profile("simulated-force-sensor"), heartbeat: setup.heartbeat };
         (setup.sensor.bus, setup.sensor.link) = (1, SensorLink::Canopen(node));
         let mut net = Self::with(cycle, setup, home);
         for ((node, index, sub), value) in objects() {

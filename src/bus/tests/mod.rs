@@ -12,10 +12,10 @@ use std::time::Duration;
 
 use super::*;
 use crate::canopen::{Frame, Time};
+use crate::config::shipped_profile;
 use crate::cycle::tests::{position_cycle, torque_cycle};
 use crate::cycle::{Cycle, Outputs, Timing};
 use crate::guard::{Fault, Request, State};
-use yieldwall_drives::profiles::{SIMULATED_FORCE_SENSOR, SIMULATED_SERVO};
 use yieldwall_drives::scaling::{AxisScaling, Direction};
 
 /// Waits that differ, so that one taken for the other shows.
@@ -49,7 +49,7 @@ fn setup(mode: CommandMode, home: [f64; 2], zero_offset_rad: f64) -> MasterSetup
         name: name.into(),
         bus: 0,
         node_id,
-        profile: &SIMULATED_SERVO,
+        profile: shipped_profile("simulated-servo"),
         scaling,
         expected_angle_rad,
         heartbeat,
@@ -67,7 +67,11 @@ fn setup(mode: CommandMode, home: [f64; 2], zero_offset_rad: f64) -> MasterSetup
         sensor: SensorSetup {
             name: "wrist".into(),
             bus: 0,
-            link: SensorLink::Canopen(SensorNode { node_id: 10, profile: &SIMULATED_FORCE_SENSOR, heartbeat }),
+            link: SensorLink::Canopen(SensorNode {
+                node_id: 10,
+                profile: shipped_profile("simulated-force-sensor"),
+                heartbeat,
+            }),
             waits: WAITS,
             sample_period: Duration::from_millis(1),
         },

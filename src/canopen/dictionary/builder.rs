@@ -102,6 +102,7 @@ pub struct DeviceIdentity {
 #[derive(Clone, Debug, Default)]
 pub struct Builder {
     objects: Vec<Object>,
+    mapping_entries: Option<u8>,
     fault: Option<CanopenError>,
 }
 
@@ -121,6 +122,17 @@ impl Builder {
     /// Declares sub-index 0 of a record or array: its highest sub-index.
     pub fn highest_sub(self, index: u16, highest: u8) -> Self {
         self.object(Object::new(index, 0, highest).access(Access::Const))
+    }
+
+    /// Whether an object is declared.
+    pub fn has(&self, index: u16, sub: u8) -> bool {
+        self.objects.iter().any(|object| (object.at.index, object.at.subindex) == (index, sub))
+    }
+
+    /// Objects that one PDO carries at most, 1 to 8; 8 unless set. For the PDOs that are declared after this.
+    pub fn mapping_entries(mut self, most: u8) -> Self {
+        self.mapping_entries = Some(most.clamp(1, MAX_MAPPED as u8));
+        self
     }
 
     /// Declares what [`Node`](super::super::Node) needs: 1000h, 1001h, 1003h, 1005h to 1008h, 100Ch, 100Dh, 1010h to
@@ -177,7 +189,8 @@ impl Builder {
             self.fault.get_or_insert(CanopenError::PdoNumber(number));
             return self;
         }
-        if parameters.mapping.len() > MAX_MAPPED {
+        let most = self.mapping_entries.map_or(MAX_MAPPED, usize::from);
+        if parameters.mapping.len() > most {
             self.fault.get_or_insert(CanopenError::PdoEntries(parameters.mapping.len()));
             return self;
         }
@@ -187,7 +200,7 @@ impl Builder {
             let mapped = parameters.mapping.get(place).copied();
             mapped.map_or(0u32, |(index, sub, bits)| MappingEntry::new(index, sub, bits).to_u32())
         };
-        let entries = (0..MAX_MAPPED).map(|place| Object::new(mapping, place as u8 + 1, entry(place)));
+        let entries = (0..most).map(|place| Object::new(mapping, place as u8 + 1, entry(place)));
         let tpdo_only = [
             Object::new(communication, 3, parameters.inhibit_time_100_us),
             Object::new(communication, 6, 0u8).limits(0u8, 240),
@@ -197,7 +210,7 @@ impl Builder {
             .object(Object::new(communication, 2, parameters.transmission_type))
             .objects(tpdo_only.into_iter().filter(|_| is_tpdo))
             .object(Object::new(communication, 5, parameters.event_timer_ms))
-            .object(Object::new(mapping, 0, parameters.mapping.len() as u8))
+            .object(Object::new(mapping, 0, parameters.mapping.len() as u8).limits(0u8, most as u8))
             .objects(entries)
     }
 

@@ -11,7 +11,6 @@ use crate::config;
 use crate::host::{Evidence, Untimely};
 use crate::rig;
 use crate::run::Unproven;
-use yieldwall_drives::profiles::{SIMULATED_VENDOR, find as find_profile};
 
 /// In lockstep nothing measures time on the bus; the devices have to be simulated then. Their kind is drilled in virtual time.
 pub(super) fn evidence(pace: PaceArgument, rig: &config::Rig, scene: &config::Scene) -> Result<Evidence, Failure> {
@@ -19,13 +18,6 @@ pub(super) fn evidence(pace: PaceArgument, rig: &config::Rig, scene: &config::Sc
         let drills = state_folder("drills").ok_or_else(drill::no_home)?;
         let latency = state_folder("latency").ok_or_else(latency::no_home)?;
         return Ok(Evidence::OnRecord { drills, latency, now_unix_s: now_unix_s() });
-    }
-    let names = [&rig.drives[0].profile, &rig.drives[1].profile];
-    let is_simulated =
-        |name: &&String| find_profile(name).is_some_and(|profile| profile.identity.vendor_id == SIMULATED_VENDOR);
-    if let Some(name) = names.into_iter().find(|name| !is_simulated(name)) {
-        let message = format!("--pace lockstep is for simulated devices, and {name} is none");
-        return Err(Failure::new(Exit::Usage, message, "leave --pace away"));
     }
     let drilled = rig::drill(rig, scene, |_| ()).map_err(|error| rig_failure(&error))?;
     judge(&drilled, rig, NOTHING_ENABLED)?;

@@ -1,11 +1,8 @@
-//! Nodes on their buses: names, numbers, device models and how often they are heard.
-
-use yieldwall_drives::cia402::OperationMode;
-use yieldwall_drives::profiles::{self, Role};
+//! Nodes on their buses: names, numbers and how often they are heard.
 
 use super::Findings;
 use crate::config::suggest::nearest;
-use crate::config::tree::{CommandMode, Rig};
+use crate::config::tree::Rig;
 
 /// Bit rates of CiA 301, bit/s.
 const BIT_RATES: [u32; 8] = [10_000, 20_000, 50_000, 125_000, 250_000, 500_000, 800_000, 1_000_000];
@@ -97,48 +94,4 @@ pub(super) fn check_heartbeats(findings: &mut Findings, rig: &Rig) {
             findings.error(key, message, help).see("cycle.period_us", "period_us");
         }
     }
-}
-
-/// Whether every drive's model is known and has what the rig asks of it.
-pub(super) fn check_profiles(findings: &mut Findings, rig: &Rig) {
-    let (mode, cia402) = match rig.rig.command_mode {
-        CommandMode::Torque => ("torque", OperationMode::CyclicTorque),
-        CommandMode::Velocity => ("velocity", OperationMode::CyclicVelocity),
-        CommandMode::Position => ("position", OperationMode::CyclicPosition),
-    };
-    for (index, drive) in rig.drives.iter().enumerate() {
-        let key = format!("drives[{index}].profile");
-        match profiles::find(&drive.profile).map(|profile| (profile, profile.role)) {
-            Some((profile, Role::Servo { modes, .. })) if profile.pdos(Some(cia402)).is_none() => {
-                let known: Vec<String> = modes.iter().map(|map| format!("{:?}", map.mode)).collect();
-                findings
-                    .error(
-                        "rig.command_mode",
-                        format!(
-                            "`rig.command_mode` is {mode}, which the profile `{}` of `drives[{index}]` does not have",
-                            drive.profile
-                        ),
-                        format!("the profile has {}", known.join(", ")),
-                    )
-                    .see(&key, "profile");
-            }
-            Some((_, Role::Servo { .. })) => {}
-            Some(_) => refuse_profile(findings, &key, &drive.profile, "is not one of a drive", is_servo),
-            None => refuse_profile(findings, &key, &drive.profile, "is not known", is_servo),
-        }
-    }
-}
-
-fn is_servo(role: &Role) -> bool {
-    matches!(role, Role::Servo { .. })
-}
-
-pub(super) fn refuse_profile(findings: &mut Findings, key: &str, name: &str, why: &str, fits: fn(&Role) -> bool) {
-    let known: Vec<&str> =
-        profiles::ALL.iter().filter(|profile| fits(&profile.role)).map(|profile| profile.name).collect();
-    let help = match nearest(name, known.iter().copied()) {
-        Some(meant) => format!("did you mean `{meant}`?"),
-        None => format!("the profiles that fit are {}", known.join(", ")),
-    };
-    findings.error(key, format!("`{key}` is `{name}`, which {why}"), help);
 }

@@ -1,9 +1,10 @@
 //! Relations between the keys of a rig.
 
 use super::Findings;
-use super::bus::{check_heartbeats, check_nodes, check_profiles};
+use super::bus::{check_heartbeats, check_nodes};
 use super::fixture::{Host, check_capture_beside_guard, check_fixture, check_passivity_beside_guard};
 use super::limits::{check_control, check_drive_limits, check_guard};
+use super::models::check_profiles;
 use super::reach::check_linkage;
 use super::sensor::check_sensor;
 use crate::config::tree::Rig;

@@ -1,14 +1,14 @@
 //! Relations between the keys of the force sensor, and to the rest of the rig.
 
 use nalgebra::Matrix6;
-use yieldwall_drives::profiles::{self, Role};
+use yieldwall_drives::profiles::Role;
 
 use super::Findings;
-use super::bus::refuse_profile;
+use super::models::refuse_profile;
 use super::sensor_bus::check_plain_can;
 use super::words::{round, shorten_numbers};
 use crate::config::number::Finite;
-use crate::config::tree::{Rig, SensorProtocol};
+use crate::config::tree::{ProfileName, Rig, SensorProtocol};
 use crate::sensing::{Calibration, SensingError};
 
 /// Least squared sine of the angle between the rows Fx and Fy of a calibration; below it they say the same.
@@ -69,24 +69,24 @@ pub(super) fn check_sensor(findings: &mut Findings, rig: &Rig) {
 }
 
 /// Whether the device model is known and that of a sensor, and samples as often as the cycle can see.
-fn check_profile(findings: &mut Findings, rig: &Rig, profile: &str, cycle_hz: f64) {
+fn check_profile(findings: &mut Findings, rig: &Rig, name: &ProfileName, cycle_hz: f64) {
     let key = "sensor.protocol.canopen.profile";
-    let rates = match profiles::find(profile).map(|profile| profile.role) {
-        Some(Role::ForceSensor { sample_rates_hz, .. }) => sample_rates_hz,
-        Some(_) => return refuse_profile(findings, key, profile, "is not one of a force sensor", is_sensor),
-        None => return refuse_profile(findings, key, profile, "is not known", is_sensor),
+    let (Some(profile), name) = (name.get(), name.as_str()) else { return };
+    let Some(model) = profile.force_sensor() else {
+        return refuse_profile(findings, key, name, "is not one of a force sensor", is_sensor);
     };
+    let rates = &model.sample_rates_hz;
     let rate = *rig.sensor.sample_rate_hz;
     if rates.iter().any(|known| f64::from(*known) == rate) {
         return check_sample_rate(findings, rig, rates, cycle_hz);
     }
     let known: Vec<String> = rates.iter().map(u32::to_string).collect();
-    let message = format!("`sensor.sample_rate_hz` is {rate}, which the profile `{profile}` does not have");
+    let message = format!("`sensor.sample_rate_hz` is {rate}, which the profile `{name}` does not have");
     findings.error("sensor.sample_rate_hz", message, format!("write one of {}", known.join(", "))).see(key, "profile");
 }
 
 fn is_sensor(role: &Role) -> bool {
-    matches!(role, Role::ForceSensor { .. })
+    matches!(role, Role::ForceSensor(_))
 }
 
 /// Whether a sensor samples as often as it can without samples that no cycle sees.

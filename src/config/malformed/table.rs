@@ -22,6 +22,7 @@ const DEVICE: &str = "device.yaml";
 const SCENE: &str = "scene.yaml";
 const SPACE: &str = "space.yaml";
 const FIGURE: &str = "figure.yaml";
+const VARIANT: &str = "variant.yaml";
 
 const fn case(
     class: &'static str,
@@ -234,6 +235,30 @@ pub(crate) const CASES: &[Case] = &[
     case("figure", "device among the rigs", FIGURE, "cst: rig.yaml", "cst: device.yaml"),
     case("figure", "passivity above the energy limit", FIGURE, "fixture: null", "fixture: {coupling: {admittance: {mass_kg: 2.0}}, friction_n: 3.0, yield_n: 20.0, side: bilateral, hold_steps: 0, passivity: {bound_j: 2.0}, curvature: tangent, surface: {circle: {center_m: [0.0, 0.0], radius_m: 0.12, forbidden: inside}}}"),
     case("figure", "circle that replaces is too large", FIGURE, "fixture: null", "fixture: {coupling: {admittance: {mass_kg: 2.0}}, friction_n: 3.0, yield_n: 20.0, side: bilateral, hold_steps: 0, curvature: tangent, surface: {circle: {center_m: [0.0, 0.0], radius_m: 0.6, forbidden: inside}}}"),
+    case("variant", "of a variant", VARIANT, "like: rig.yaml", "like: variant.yaml"),
+    case("variant", "of no file", VARIANT, "like: rig.yaml", "like: rgi.yaml"),
+    case("variant", "of a scene", VARIANT, "like: rig.yaml", "like: scene.yaml"),
+    case("variant", "of nothing", VARIANT, "like: rig.yaml", "like:"),
+    case("variant", "of two", VARIANT, "like: rig.yaml", "like: rig.yaml\nlike: rig.yaml"),
+    case("variant", "of a list", VARIANT, "like: rig.yaml", "like: [rig.yaml]"),
+    linked("variant", "of a file that is no YAML", [VARIANT, RIG], "cycle:\n", "cycle\n"),
+    case("variant", "with a key that its base lacks", VARIANT, "yield_n: 25.0", "yield: 25.0"),
+    case("variant", "with a value of another type", VARIANT, "yield_n: 25.0", "yield_n: 25 N"),
+    case("variant", "with nothing for a number", VARIANT, "  yield_n: 25.0\n", "  yield_n:\n"),
+    case("variant", "with a key twice", VARIANT, "yield_n: 25.0", "yield_n: 25.0\n  yield_n: 26.0"),
+    linked("variant", "of a file with a key twice", [VARIANT, RIG], "friction_n: 3.0", "friction_n: 3.0\n  friction_n: 4.0"),
+    case("variant", "out of range", VARIANT, "mass_kg: 3.0", "mass_kg: -3.0"),
+    linked("variant", "of a file out of range", [VARIANT, RIG], "friction_n: 3.0", "friction_n: -3.0"),
+    linked("variant", "with a value that does not suit its base", [VARIANT, VARIANT], "yield_n: 25.0", "yield_n: 2.0"),
+    linked("variant", "of a file with a value that does not suit it", [VARIANT, RIG], "friction_n: 3.0", "friction_n: 30.0"),
+    case("variant", "with half of another choice", VARIANT, "      byte_order: big_endian\n", ""),
+    case("variant", "with two choices", VARIANT, "    polled:\n", "    canopen: {node_id: 9}\n    polled:\n"),
+    case("variant", "with a drive that its base lacks", VARIANT, "name: right", "name: rigth"),
+    case("variant", "with a drive without name", VARIANT, "name: right, ", ""),
+    case("variant", "with a drive twice", VARIANT, "drives:\n", "drives:\n  - {name: right, node_id: 3}\n"),
+    case("variant", "with a tag", VARIANT, "yield_n: 25.0", "yield_n: !force 25.0"),
+    case("variant", "with an alias of itself", VARIANT, "  yield_n: 25.0\n", "  yield_n: 25.0\n  also: &a [*a]\n"),
+    case("variant", "with a list as key", VARIANT, "fixture:\n", "? [1, 2]\n: 3\n\nfixture:\n"),
     case("wrong kind", "no configuration", "", "", "services:\n  web: {image: nginx}\n"),
     case("wrong kind", "a list", "", "", "- 1\n- 2\n"),
     case("wrong kind", "a word", "", "", "rig\n"),

@@ -29,12 +29,13 @@ fn the_table_is_wide() {
 
 #[test]
 fn what_the_table_changes_is_right() {
-    for name in ["device.yaml", "figure.yaml", "rig.yaml", "scene.yaml", "space.yaml"] {
+    for name in ["device.yaml", "figure.yaml", "rig.yaml", "scene.yaml", "space.yaml", "variant.yaml"] {
         let warnings = match load(base(name)).unwrap_or_else(|report| panic!("{report}")) {
             Document::Rig(rig) => rig.warnings,
             Document::Device(device) => device.warnings,
             Document::Scene(scene) => scene.warnings,
             Document::Figure(figure) => figure.warnings,
+            Document::Profile(profile) => profile.warnings,
         };
         assert_eq!(warnings, [], "{name}");
     }
@@ -191,6 +192,7 @@ fn shipped_files_are_those_in_the_folder_and_load_without_warning() {
                 Document::Device(device) => device.warnings,
                 Document::Scene(scene) => scene.warnings,
                 Document::Figure(figure) => figure.warnings,
+                Document::Profile(profile) => profile.warnings,
             };
             assert_eq!(warnings, [], "{name}");
         }

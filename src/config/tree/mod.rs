@@ -7,6 +7,7 @@ mod device;
 mod figure;
 mod fixture;
 mod injection;
+mod profile;
 mod rig;
 mod scene;
 mod sensor;
@@ -18,6 +19,7 @@ pub use device::{DeviceCycle, DeviceIdentity, DevicePlant, ImpedanceDevice};
 pub use figure::{Figure, MagnifiedWindow};
 pub use fixture::{AutomaticHold, Coupling, Curvature, Fixture, FixtureLaw, Motion, Passivity, Side};
 pub use injection::{FaultName, FaultTarget, SceneFault};
+pub use profile::{ProfileName, shipped_profile};
 pub use rig::{
     Bus, BusTiming, CommandMode, Control, ControlGains, ControlLaw, Cycle, Drive, DrivePositionLoop, FeedForward,
     Guard, Master, Rig, RigIdentity, RigPlant,

@@ -1,14 +1,17 @@
 //! The admittance rig on CANopen servo drives.
 
 use std::collections::BTreeMap;
+use std::sync::Arc;
 
 use garde::Validate;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
+use yieldwall_drives::profiles::{DeviceProfile, EncoderKind, Role};
 
 use super::arm::{ArmInertia, ArmModel, Linkage};
 use super::fixture::Fixture;
-use super::sensor::Sensor;
+use super::profile::ProfileName;
+use super::sensor::{Sensor, SensorProtocol};
 use super::waits::{Waits, enabling_ms};
 use crate::config::number::{Finite, NotNegative, Positive, nullable, present};
 
@@ -53,6 +56,40 @@ pub struct Rig {
     /// File with the scene to run, relative to this file.
     #[garde(length(min = 1))]
     pub scene: String,
+}
+
+impl Rig {
+    /// Gives the device profiles that are files names of their own, so that they can lie beside this document; names and
+    /// profiles.
+    pub(crate) fn name_profile_files(&mut self) -> Vec<(String, Arc<DeviceProfile>)> {
+        let mut named: Vec<(String, Arc<DeviceProfile>)> = Vec::new();
+        for (_, name, _) in self.profiles_mut() {
+            let Some(profile) = name.get().filter(|_| name.is_file()).cloned() else { continue };
+            let known = named.iter().find(|(_, known)| *known == profile).map(|(known, _)| known.clone());
+            let new = known.unwrap_or_else(|| {
+                let new = format!("profile-{}.yaml", named.len() + 1);
+                named.push((new.clone(), Arc::clone(&profile)));
+                new
+            });
+            name.rename(new);
+        }
+        named
+    }
+
+    /// The device models that it names: the key of each, its name, and whether a model is of the kind that is wanted there.
+    pub(in crate::config) fn profiles_mut(&mut self) -> Vec<(&'static str, &mut ProfileName, fn(&Role) -> bool)> {
+        let is_servo: fn(&Role) -> bool = |role| matches!(role, Role::Servo(_));
+        let is_sensor: fn(&Role) -> bool = |role| matches!(role, Role::ForceSensor(_));
+        let [left, right] = &mut self.drives;
+        let mut named = vec![
+            ("drives[0].profile", &mut left.profile, is_servo),
+            ("drives[1].profile", &mut right.profile, is_servo),
+        ];
+        if let SensorProtocol::Canopen { profile, .. } = &mut self.sensor.protocol {
+            named.push(("sensor.protocol.canopen.profile", profile, is_sensor));
+        }
+        named
+    }
 }
 
 /// Identity of a rig and the way it commands its drives.
@@ -140,12 +177,14 @@ pub struct Drive {
     /// CANopen node-ID, 1 to 127; no other node of the bus has it.
     #[garde(range(min = 1, max = 127))]
     pub node_id: u8,
-    /// Device model: identity, PDO map and option codes.
-    #[garde(length(min = 1))]
-    pub profile: String,
+    /// Device model: identity, process data, watchdogs and limits.
+    pub profile: ProfileName,
     /// Position counts for one turn of the proximal link, gear included. Above 0.
     #[garde(range(min = 1))]
     pub encoder_counts_per_rev: u32,
+    /// What the encoder knows at power-on; what the profile says if left out.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub encoder: Option<EncoderKind>,
     /// Sign of the counts for a positive angle: 1 or -1.
     pub direction: i8,
     /// Angle of the proximal link when the drive reads 0, rad.

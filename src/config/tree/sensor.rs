@@ -4,6 +4,7 @@ use garde::Validate;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
+use super::profile::ProfileName;
 use super::waits::Waits;
 use crate::config::number::{Finite, NotNegative, Positive, nullable, present};
 
@@ -57,9 +58,8 @@ pub enum SensorProtocol {
         /// CANopen node-ID, 1 to 127; no other node of the bus has it.
         #[garde(range(min = 1, max = 127))]
         node_id: u8,
-        /// Device model: identity, frame layout and status bits.
-        #[garde(length(min = 1))]
-        profile: String,
+        /// Device model: identity, process data and status bits.
+        profile: ProfileName,
         /// Heartbeat period of the sensor, ms; this program watches it. 1 to 10 000, at least two control periods.
         #[garde(range(min = 1, max = 10_000))]
         heartbeat_ms: u16,

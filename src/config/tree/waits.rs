@@ -4,27 +4,25 @@ use garde::Validate;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-/// How long one device is waited for while the network is booted, ms. A key that is left out has the value of its kind.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema, Validate)]
+/// How long one device is waited for while the network is booted, ms. A key that is left out has the value of the device's
+/// profile; a force sensor on plain CAN is waited for 5000 ms.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema, Validate)]
 #[serde(default, deny_unknown_fields)]
 #[garde(allow_unvalidated)]
 pub struct Waits {
-    /// From the reset to the boot-up message, ms. 1 to 60 000; 5000 if left out.
+    /// From the reset to the boot-up message, ms. 1 to 60 000.
     #[garde(range(min = 1, max = 60_000))]
-    pub boot_up_ms: u32,
-    /// For the answer to one SDO request, ms. 1 to 60 000; 1000 if left out.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub boot_up_ms: Option<u32>,
+    /// For the answer to one SDO request, ms. 1 to 60 000.
     #[garde(range(min = 1, max = 60_000))]
-    pub sdo_ms: u32,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub sdo_ms: Option<u32>,
     /// From the start command to the first heartbeat in Operational, or to the first sample of a force sensor on plain CAN, ms.
-    /// 1 to 60 000; 5000 if left out.
+    /// 1 to 60 000.
     #[garde(range(min = 1, max = 60_000))]
-    pub start_ms: u32,
-}
-
-impl Default for Waits {
-    fn default() -> Self {
-        Self { boot_up_ms: 5000, sdo_ms: 1000, start_ms: 5000 }
-    }
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub start_ms: Option<u32>,
 }
 
 /// `enabling_ms` of a drive that does not say.
@@ -47,10 +45,10 @@ mod tests {
     fn a_device_is_waited_for_the_usual_times_unless_its_entry_says_otherwise() {
         let usual = with("").unwrap();
         let [left, right] = &usual.drives;
-        assert_eq!((left.waits, left.enabling_ms), (Waits { boot_up_ms: 5000, sdo_ms: 1000, start_ms: 5000 }, 5000));
+        assert_eq!((left.waits, left.enabling_ms), (Waits::default(), 5000));
         assert_eq!((right.waits, usual.sensor.waits), (left.waits, left.waits));
         let [left, right] = &with("    waits: {boot_up_ms: 9000}\n    enabling_ms: 700\n").unwrap().drives;
-        assert_eq!((left.waits, left.enabling_ms), (Waits { boot_up_ms: 9000, ..Waits::default() }, 700));
+        assert_eq!((left.waits, left.enabling_ms), (Waits { boot_up_ms: Some(9000), ..Waits::default() }, 700));
         assert_eq!((right.waits, right.enabling_ms), (Waits::default(), 5000));
     }
 

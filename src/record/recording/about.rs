@@ -8,6 +8,8 @@ use mcap::write::Metadata;
 pub(super) const ABOUT: &str = "yieldwall";
 const RIG: &str = "rig.yaml";
 const DEVICE: &str = "device.yaml";
+/// What stands before the name of a device profile.
+const PROFILE: &str = "profile:";
 
 /// What was run, as a document with the fixture that it ran with and `scene.yaml` as its scene.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -53,6 +55,8 @@ pub struct About {
     pub machine: Machine,
     /// The scene as a document.
     pub scene: String,
+    /// Device profiles that the machine names by a file: name and document.
+    pub profiles: BTreeMap<String, String>,
     /// Seed of the run.
     pub seed: u64,
     /// What was asked for in place of what the documents say, as on the command line; may be empty.
@@ -62,7 +66,7 @@ pub struct About {
 impl About {
     pub(super) fn metadata(&self) -> Metadata {
         let entry = |key: &str, value: &str| (key.to_owned(), value.to_owned());
-        let metadata = BTreeMap::from([
+        let mut metadata = BTreeMap::from([
             entry("version", &self.version),
             entry("commit", &self.commit),
             entry("target", &self.target),
@@ -71,11 +75,15 @@ impl About {
             entry("seed", &self.seed.to_string()),
             entry("overrides", &self.overrides),
         ]);
+        metadata.extend(self.profiles.iter().map(|(name, text)| entry(&format!("{PROFILE}{name}"), text)));
         Metadata { name: ABOUT.to_owned(), metadata }
     }
 
     /// `None` if something is missing.
     pub(super) fn of(mut metadata: BTreeMap<String, String>) -> Option<Self> {
+        let profiles =
+            metadata.iter().filter_map(|(key, text)| Some((key.strip_prefix(PROFILE)?.to_owned(), text.clone())));
+        let profiles = profiles.collect();
         let mut take = |key| metadata.remove(key);
         Some(Self {
             version: take("version")?,
@@ -86,6 +94,7 @@ impl About {
                 None => Machine::Device(take(DEVICE)?),
             },
             scene: take("scene.yaml")?,
+            profiles,
             seed: take("seed")?.parse().ok()?,
             overrides: take("overrides")?,
         })

@@ -79,6 +79,7 @@ fn about() -> About {
         target: "aarch64-unknown-linux-gnu".into(),
         machine: Machine::Rig("rig: {}".into()),
         scene: "hand: {}".into(),
+        profiles: [("profile-1.yaml".to_owned(), "profile: {}".to_owned())].into(),
         seed: 7,
         overrides: String::new(),
     }

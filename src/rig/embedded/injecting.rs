@@ -7,7 +7,6 @@ use crate::canopen::{Frame, Time, cob};
 use crate::injection::{Injection, Kind, Lasts};
 use crate::rig::far_end::Plug;
 use crate::rig::world::{Body, Push, PushShape};
-use yieldwall_drives::profiles::STATUS_INVALID;
 
 /// Slack of moments in s, far below a cycle.
 const SLACK_S: f64 = 1e-9;
@@ -157,7 +156,7 @@ impl Simulation {
         let Injection { kind, target, size, .. } = injection;
         let now = self.now;
         match kind {
-            Kind::SensorInvalid => self.far.sensor.set_status_bits(if is_on { STATUS_INVALID } else { 0 }),
+            Kind::SensorInvalid => self.far.sensor.set_invalid(is_on),
             Kind::SensorStale => self.far.sensor.set_clock_rate(if is_on { 0.0 } else { 1.0 }),
             Kind::SensorClockDrift => self.far.sensor.set_clock_rate(if is_on { size } else { 1.0 }),
             Kind::HandPush | Kind::HandOverload => self.push(PushShape::Along, injection, is_on),

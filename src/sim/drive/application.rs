@@ -1,10 +1,8 @@
 //! What the drive does with its objects.
 
-use std::time::Duration;
-
 use yieldwall_drives::cia402::{OperationMode, OptionCodes, StateMachine};
 use yieldwall_drives::objects::{self as cia, error_code};
-use yieldwall_drives::profiles::RpdoTimeoutReaction;
+use yieldwall_drives::profiles::Reaction;
 
 use super::device::Device;
 use crate::canopen::{
@@ -47,9 +45,10 @@ impl Application for Device {
             self.follow(od);
         }
         let plan = self.servo.plan();
-        if plan.follows_command() && self.quirks.sync_lost_periods > 0 {
-            let wait = self.parameters.period_s * f64::from(self.quirks.sync_lost_periods);
-            self.sync_deadline = now + Duration::from_secs_f64(wait);
+        if plan.follows_command()
+            && let Some(wait) = self.watches.sync.wait(od, self.parameters.period_s)
+        {
+            self.sync_deadline = now + wait;
         }
         if plan.is_closed_loop() {
             self.tick(od);
@@ -61,11 +60,16 @@ impl Application for Device {
         self.wake(now);
         self.apply_controlword(od);
         self.take_targets(od);
+        let wait = self.watches.set_points.wait(od, self.parameters.period_s);
+        self.set_point_deadline = wait.map_or(Time::NEVER, |wait| now + wait);
     }
 
     fn on_nmt(&mut self, now: Time, od: &mut ObjectDictionary, state: NmtState) {
         self.wake(now);
         let was_operational = std::mem::replace(&mut self.is_operational, state == NmtState::Operational);
+        if !self.is_operational {
+            self.set_point_deadline = Time::NEVER;
+        }
         if was_operational && !self.is_operational {
             self.lose_connection(od, error_code::HEARTBEAT);
         }
@@ -74,6 +78,7 @@ impl Application for Device {
     fn on_reset(&mut self, now: Time, od: &mut ObjectDictionary, reset: Reset) {
         self.wake(now);
         self.is_operational = false;
+        self.set_point_deadline = Time::NEVER;
         self.reload(od);
         match reset {
             Reset::Communication => self.lose_connection(od, error_code::HEARTBEAT),
@@ -103,10 +108,11 @@ impl Application for Device {
 
     fn on_rpdo_timeout(&mut self, now: Time, od: &mut ObjectDictionary, _number: u8) {
         self.wake(now);
-        match self.quirks.rpdo_timeout {
-            RpdoTimeoutReaction::None => {}
-            RpdoTimeoutReaction::AbortConnection => self.lose_connection(od, error_code::RPDO_TIMEOUT),
-            RpdoTimeoutReaction::Fault => {
+        // The node tells of it by an emergency of its own.
+        match self.watches.set_points.reaction() {
+            Reaction::Nothing | Reaction::Unknown => {}
+            Reaction::AbortConnection => self.lose_connection(od, error_code::RPDO_TIMEOUT),
+            Reaction::Fault => {
                 self.fault(od, error_code::RPDO_TIMEOUT);
             }
         }

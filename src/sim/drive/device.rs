@@ -5,11 +5,12 @@ use std::time::Duration;
 
 use yieldwall_drives::cia402::{OperationMode, OptionCodes, Reaction, State, StateMachine, Statusword, Transition};
 use yieldwall_drives::objects::error_code;
-use yieldwall_drives::profiles::Quirks;
+use yieldwall_drives::profiles::{Reaction as Missed, Servo as Model};
 use yieldwall_drives::scaling::{AxisScaling, CountUnwrapper, wrap};
 
 use super::objects::Objects;
 use super::servo::{Motion, Plan, Servo, TorqueRange};
+use super::watches::Watches;
 use super::{DriveSettings, Encoder};
 use crate::canopen::{CanopenError, ObjectDictionary, Time};
 use yieldwall_drives::watchdog::Clock;
@@ -37,7 +38,9 @@ pub(super) struct Device {
     scaling: AxisScaling,
     encoder: Encoder,
     pub(super) supported_modes: u32,
-    pub(super) quirks: Quirks,
+    /// States in which the mode may change, a bit each.
+    mode_changes_in: u16,
+    pub(super) watches: Watches,
     pub(super) machine: StateMachine,
     pub(super) servo: Servo,
     mode: Option<OperationMode>,
@@ -49,6 +52,7 @@ pub(super) struct Device {
     aimed_at: Option<i32>,
     outside_since: Option<Time>,
     pub(super) sync_deadline: Time,
+    pub(super) set_point_deadline: Time,
     pub(super) is_operational: bool,
     has_voltage: bool,
     is_warning: bool,
@@ -67,18 +71,14 @@ pub(super) struct Device {
 }
 
 impl Device {
-    pub(super) fn new(
-        od: &ObjectDictionary,
-        settings: &DriveSettings,
-        supported_modes: u32,
-        quirks: Quirks,
-    ) -> Result<Self, CanopenError> {
+    pub(super) fn new(od: &ObjectDictionary, settings: &DriveSettings, model: &Model) -> Result<Self, CanopenError> {
         Ok(Device {
             objects: Objects::of(od)?,
             scaling: settings.scaling,
             encoder: settings.encoder,
-            supported_modes,
-            quirks,
+            supported_modes: model.process_data.supported_modes(),
+            mode_changes_in: model.mode_changes_in.iter().fold(0, |bits, state| bits | 1 << *state as u16),
+            watches: Watches::new(od, model)?,
             machine: StateMachine::new(OptionCodes::default()),
             servo: Servo::new(settings.position_loop),
             mode: None,
@@ -89,6 +89,7 @@ impl Device {
             aimed_at: None,
             outside_since: None,
             sync_deadline: Time::NEVER,
+            set_point_deadline: Time::NEVER,
             is_operational: false,
             has_voltage: true,
             is_warning: false,
@@ -156,7 +157,7 @@ impl Device {
     }
 
     pub(super) fn next_deadline(&self) -> Time {
-        self.servo.next_tick().min(self.sync_deadline)
+        self.servo.next_tick().min(self.sync_deadline).min(self.set_point_deadline)
     }
 
     pub(super) fn take_status_change(&mut self) -> bool {
@@ -179,10 +180,26 @@ impl Device {
         self.wake(now);
         if self.sync_deadline <= now {
             self.sync_deadline = Time::NEVER;
-            self.raise_fault(now, od, error_code::SYNC_LOST);
+            self.miss(now, od, self.watches.sync.reaction(), error_code::SYNC_LOST);
+        }
+        if self.set_point_deadline <= now {
+            self.set_point_deadline = Time::NEVER;
+            self.miss(now, od, self.watches.set_points.reaction(), error_code::RPDO_TIMEOUT);
         }
         if self.servo.next_tick() <= now {
             self.tick(od);
+        }
+    }
+
+    /// Does what the drive does when something stays away that it watches for.
+    fn miss(&mut self, now: Time, od: &mut ObjectDictionary, reaction: Missed, code: u16) {
+        match reaction {
+            Missed::Nothing | Missed::Unknown => {}
+            Missed::AbortConnection => {
+                self.lose_connection(od, code);
+                self.emergency = Some(code);
+            }
+            Missed::Fault => self.raise_fault(now, od, code),
         }
     }
 
@@ -287,8 +304,7 @@ impl Device {
         if is_stopping && (is_helpless || self.machine.reaction() == Reaction::Off) {
             self.machine.standstill();
         }
-        let is_enabled = self.machine.state() == State::OperationEnabled;
-        if !is_enabled || self.quirks.mode_changes_while_enabled {
+        if self.mode_changes_in & (1 << self.machine.state() as u16) != 0 {
             let wanted = OperationMode::from_code(od.get(self.objects.mode));
             self.mode = wanted.filter(|mode| mode.is_in(self.supported_modes));
         }

@@ -6,19 +6,22 @@ mod objects;
 mod servo;
 #[cfg(test)]
 mod tests;
+mod watches;
 
 pub use servo::PositionLoop;
 
+use std::sync::Arc;
 use std::time::Duration;
 
 use yieldwall_drives::cia402::State;
-use yieldwall_drives::profiles::{DeviceProfile, Role, RpdoTimeoutReaction};
+use yieldwall_drives::profiles::DeviceProfile;
 use yieldwall_drives::scaling::AxisScaling;
 use yieldwall_drives::watchdog::{Clock, Watchdog};
 
 use super::DeviceError;
 use crate::canopen::{EmcyCode, ErrorRegister, Frame, Node, NodeId, Outbox, Time, cob};
 use device::{Device, PROFILE_ERROR};
+use watches::Watch;
 
 /// What the drive knows about the joint angle.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -30,12 +33,12 @@ pub enum Encoder {
 }
 
 /// Settings of a simulated drive.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Debug)]
 pub struct DriveSettings {
     /// Node id.
     pub node: NodeId,
     /// Device model, which has to be a servo drive.
-    pub profile: &'static DeviceProfile,
+    pub profile: Arc<DeviceProfile>,
     /// Serial number, 1018h:4.
     pub serial: u32,
     /// Counts and per mille against the joint.
@@ -69,12 +72,13 @@ impl Drive {
     /// # Errors
     /// If the profile is not that of a servo drive, or the gains of the loop are not finite or negative.
     pub fn new(settings: DriveSettings) -> Result<Self, DeviceError> {
-        let Role::Servo { supported_modes, quirks, .. } = settings.profile.role else {
-            return Err(DeviceError::Role { profile: settings.profile.name, wanted: "servo drive" });
-        };
+        let profile = &settings.profile;
+        let role = || DeviceError::Role { profile: profile.name().to_owned(), wanted: "servo drive" };
+        let servo = profile.servo().ok_or_else(role)?;
         settings.position_loop.check()?;
-        let od = objects::build(&settings, supported_modes)?;
-        let device = Device::new(&od, &settings, supported_modes, quirks)?;
+        objects::check(servo)?;
+        let od = objects::build(&settings, servo)?;
+        let device = Device::new(&od, &settings, servo)?;
         Ok(Drive { node: Node::new(settings.node, od)?, device, is_powered: false, ignores_heartbeats: false })
     }
 
@@ -157,8 +161,8 @@ impl Drive {
     pub fn ignore(&mut self, watchdog: Watchdog) {
         self.device.lacks |= watchdog.bit();
         match watchdog {
-            Watchdog::Sync => self.device.quirks.sync_lost_periods = 0,
-            Watchdog::SetPoints => self.device.quirks.rpdo_timeout = RpdoTimeoutReaction::None,
+            Watchdog::Sync => self.device.watches.sync = Watch::None,
+            Watchdog::SetPoints => self.device.watches.set_points = Watch::None,
             Watchdog::Heartbeat => self.ignores_heartbeats = true,
         }
     }

@@ -2,9 +2,9 @@
 
 use yieldwall_drives::cia402::OptionCodes;
 use yieldwall_drives::objects as cia;
-use yieldwall_drives::profiles::MappingEntry;
+use yieldwall_drives::profiles::{Entry, Servo, SetPointWatch, Setting, SyncWatch};
 
-use super::super::device::{commanded, declare, dictionary, handle, mapping, shown};
+use super::super::device::{DeviceError, commanded, declare, dictionary, handle, plain, shown};
 use super::DriveSettings;
 use crate::canopen::dictionary::Builder;
 use crate::canopen::{Access, CanopenError, Handle, ObjectDictionary, PdoParameters, cob};
@@ -72,13 +72,13 @@ handles! {
 }
 
 /// The dictionary at power-on.
-pub(super) fn build(settings: &DriveSettings, supported_modes: u32) -> Result<ObjectDictionary, CanopenError> {
+pub(super) fn build(settings: &DriveSettings, servo: &Servo) -> Result<ObjectDictionary, CanopenError> {
     let scaling = &settings.scaling;
     let counts = |rad: f64| (rad * scaling.counts_per_rad()).round() as i64;
     let options = OptionCodes::default();
     let option = |object, value: i16, lo: i16, hi: i16| declare(object, value.into()).limits(lo, hi);
     let fixed = |object, value: i64| declare(object, value).access(Access::ReadOnly);
-    let builder = dictionary(settings.node, settings.profile, settings.serial)
+    let builder = dictionary(settings.node, &settings.profile, settings.serial)
         .object(fixed(cia::SIMULATION_LACKS, 0))
         .object(fixed(cia::SIMULATION_CLOCK, 0))
         .object(option(cia::ABORT_CONNECTION_OPTION, options.abort_connection, 0, 3))
@@ -117,8 +117,64 @@ pub(super) fn build(settings: &DriveSettings, supported_modes: u32) -> Result<Ob
         .object(commanded(cia::NEGATIVE_TORQUE_LIMIT, 1000))
         .object(shown(cia::FOLLOWING_ERROR_ACTUAL))
         .object(commanded(cia::TARGET_VELOCITY, 0))
-        .object(fixed(cia::SUPPORTED_MODES, supported_modes.into()));
-    default_pdos(builder, settings).build()
+        .object(fixed(cia::SUPPORTED_MODES, servo.process_data.supported_modes().into()))
+        .mapping_entries(servo.process_data.mapping_entries);
+    default_pdos(of_profile(builder, servo), settings).build()
+}
+
+/// What a profile says of its drive beyond the objects of CiA 402: those that are set at each start, and those of its watchdogs.
+fn of_profile(builder: Builder, servo: &Servo) -> Builder {
+    let mut own: Vec<&Entry> = settings(servo).map(|setting| &setting.object).collect();
+    if let SetPointWatch::Object(timed) = &servo.watchdogs.set_points {
+        own.push(&timed.object);
+    }
+    if let SyncWatch::Object(timed) = &servo.watchdogs.sync {
+        own.push(&timed.object);
+    }
+    own.sort_by_key(|entry| (entry.index, entry.sub));
+    own.dedup_by_key(|entry| (entry.index, entry.sub));
+    own.retain(|entry| !builder.has(entry.index, entry.sub));
+    builder.objects(own.into_iter().map(plain))
+}
+
+/// All that is set at each start by the word of the profile.
+fn settings(servo: &Servo) -> impl Iterator<Item = &Setting> {
+    let options = &servo.option_codes;
+    options.lost_master.iter().chain(&options.communication_error).chain(&options.quick_stop).chain(&servo.settings)
+}
+
+/// Whether the objects of CiA 402 lie where the simulated drive has them.
+pub(super) fn check(servo: &Servo) -> Result<(), DeviceError> {
+    let own = &servo.objects;
+    let cycle_time = own.cycle_time.as_ref();
+    let speed = servo.limits.motor_speed.as_ref();
+    let known = [
+        (Some(&own.controlword), cia::CONTROLWORD),
+        (Some(&own.statusword), cia::STATUSWORD),
+        (Some(&own.mode_of_operation), cia::MODE_OF_OPERATION),
+        (Some(&own.mode_display), cia::MODE_DISPLAY),
+        (Some(&own.supported_modes), cia::SUPPORTED_MODES),
+        (Some(&own.position_actual), cia::POSITION_ACTUAL),
+        (own.target_position.as_ref(), cia::TARGET_POSITION),
+        (own.target_velocity.as_ref(), cia::TARGET_VELOCITY),
+        (own.target_torque.as_ref(), cia::TARGET_TORQUE),
+        (cycle_time.map(|time| &time.value), cia::INTERPOLATION_TIME),
+        (cycle_time.map(|time| &time.exponent), cia::INTERPOLATION_EXPONENT),
+        (servo.limits.torque.as_ref(), cia::MAX_TORQUE),
+        (servo.limits.following_error.as_ref(), cia::FOLLOWING_ERROR_WINDOW),
+        (speed.map(|speed| &speed.limit), cia::MAX_MOTOR_SPEED),
+        (speed.map(|speed| &speed.increments), cia::ENCODER_INCREMENTS),
+        (speed.map(|speed| &speed.revolutions), cia::ENCODER_REVOLUTIONS),
+    ];
+    for (entry, object) in known {
+        let Some(&Entry { index, sub, bits, .. }) = entry else { continue };
+        if (index, sub, bits) != (object.index, object.sub, object.bits()) {
+            let wanted = format!("{:04X}h:{} with {} bits", object.index, object.sub, object.bits());
+            let what = object.meaning.split(',').next().unwrap_or(object.meaning);
+            return Err(DeviceError::Elsewhere { what, wanted, index, sub, bits });
+        }
+    }
+    Ok(())
 }
 
 /// The default PDOs of CiA 402, event-driven; the first pair is in use, the others wait for a master.
@@ -136,8 +192,8 @@ fn default_pdos(mut builder: Builder, settings: &DriveSettings) -> Builder {
         &[cia::STATUSWORD, cia::VELOCITY_ACTUAL],
     ];
     let parameters = |number: u8, id: Option<u16>, objects: &[cia::Object]| {
-        let entries: Vec<MappingEntry> = objects.iter().copied().map(MappingEntry::of).collect();
-        let event_driven = PdoParameters::event_driven(id.unwrap_or_default(), &mapping(&entries));
+        let mapping: Vec<_> = objects.iter().map(|object| (object.index, object.sub, object.bits())).collect();
+        let event_driven = PdoParameters::event_driven(id.unwrap_or_default(), &mapping);
         if number == 1 { event_driven } else { event_driven.unused() }
     };
     for (number, (rpdo, tpdo)) in (1u8..).zip(rpdos.into_iter().zip(tpdos)) {

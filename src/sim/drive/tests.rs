@@ -4,11 +4,12 @@ use crate::elementary;
 use std::time::Duration;
 
 use yieldwall_drives::cia402::OperationMode;
-use yieldwall_drives::profiles::{MappingEntry, SIMULATED_FORCE_SENSOR, SIMULATED_SERVO};
+use yieldwall_drives::profiles::Entry;
 use yieldwall_drives::scaling::{AxisScaling, Direction};
 
 use super::*;
 use crate::canopen::node_id;
+use crate::config::shipped_profile;
 
 const NODE: u8 = 1;
 const CYCLE: Duration = Duration::from_micros(1000);
@@ -18,7 +19,7 @@ const INERTIA_KG_M2: f64 = 0.25;
 fn settings(direction: Direction) -> DriveSettings {
     DriveSettings {
         node: node_id(NODE).unwrap(),
-        profile: &SIMULATED_SERVO,
+        profile: shipped_profile("simulated-servo"),
         serial: 4711,
         scaling: AxisScaling::new(COUNTS_PER_REV, direction, 0.0, 60.0).unwrap(),
         position_loop: PositionLoop {
@@ -64,25 +65,26 @@ impl Bench {
     }
 
     fn configure(&mut self, mode: OperationMode) {
-        let pdos = SIMULATED_SERVO.pdos(Some(mode)).unwrap();
-        self.remap(0x1400, 0x201, pdos.rpdo[0].entries);
-        self.remap(0x1800, 0x181, pdos.tpdo[0].entries);
+        let profile = shipped_profile("simulated-servo");
+        let pdos = profile.pdos(Some(mode)).unwrap();
+        self.remap(0x1400, 0x201, &profile.entries(&pdos.rpdo[0]).map(Entry::to_u32).collect::<Vec<_>>());
+        self.remap(0x1800, 0x181, &profile.entries(&pdos.tpdo[0]).map(Entry::to_u32).collect::<Vec<_>>());
         self.write(0x6060, 0, &[mode.code() as u8]);
         self.send(Frame::new(0x000, &[0x01, NODE]));
     }
 
-    fn remap(&mut self, parameter: u16, id: u32, entries: &[MappingEntry]) {
+    fn remap(&mut self, parameter: u16, id: u32, entries: &[u32]) {
         let map = parameter + 0x200;
         self.write(parameter, 1, &(id | 1 << 31).to_le_bytes());
         self.write(map, 0, &[0]);
         for (sub, entry) in (1..).zip(entries) {
-            self.write(map, sub, &entry.to_u32().to_le_bytes());
+            self.write(map, sub, &entry.to_le_bytes());
         }
         self.write(map, 0, &[entries.len() as u8]);
         self.write(parameter, 2, &[1]);
         self.write(parameter, 1, &id.to_le_bytes());
         for (sub, entry) in (1..).zip(entries) {
-            assert_eq!(self.read(map, sub), entry.to_u32());
+            assert_eq!(self.read(map, sub), *entry);
         }
     }
 
@@ -177,9 +179,8 @@ impl Bench {
 #[test]
 fn identity_and_supported_modes_are_those_of_the_profile() {
     let mut bench = Bench::with(settings(Direction::Same));
-    let identity = SIMULATED_SERVO.identity;
     let read = [1, 2, 3, 4].map(|sub| bench.read(0x1018, sub));
-    assert_eq!(read, [identity.vendor_id, identity.product_code, identity.revision, 4711]);
+    assert_eq!(read, [0xffff_5957, 0x402, 0x0001_0000, 4711]);
     assert_eq!(bench.read(0x1000, 0), 0x0002_0192);
     assert_eq!(bench.read(0x6502, 0), 0x0000_0380);
     assert_eq!(bench.read(0x6076, 0), 60_000);
@@ -544,7 +545,8 @@ fn a_drive_that_is_off_is_silent() {
 #[test]
 fn bad_settings_are_refused() {
     let good = settings(Direction::Same);
-    let role = Drive::new(DriveSettings { profile: &SIMULATED_FORCE_SENSOR, ..good }).unwrap_err();
+    let role =
+        Drive::new(DriveSettings { profile: shipped_profile("simulated-force-sensor"), ..good.clone() }).unwrap_err();
     assert!(matches!(role, DeviceError::Role { wanted: "servo drive", .. }));
     for position_loop in [
         PositionLoop { period_us: 0, ..good.position_loop },
@@ -552,6 +554,9 @@ fn bad_settings_are_refused() {
         PositionLoop { damping_n_m_s_per_rad: -1.0, ..good.position_loop },
         PositionLoop { integral_n_m_per_rad_s: f64::NAN, ..good.position_loop },
     ] {
-        assert!(matches!(Drive::new(DriveSettings { position_loop, ..good }), Err(DeviceError::Setting { .. })));
+        assert!(matches!(
+            Drive::new(DriveSettings { position_loop, ..good.clone() }),
+            Err(DeviceError::Setting { .. })
+        ));
     }
 }

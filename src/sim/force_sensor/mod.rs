@@ -6,9 +6,10 @@ mod sampler;
 #[cfg(test)]
 mod tests;
 
+use std::sync::Arc;
 use std::time::Duration;
 
-use yieldwall_drives::profiles::{DeviceProfile, Role};
+use yieldwall_drives::profiles::DeviceProfile;
 
 use super::DeviceError;
 use crate::canopen::{Frame, NodeId, Outbox, Time};
@@ -25,7 +26,7 @@ const MOST_HZ: u32 = 10_000;
 const MOST_PPM: u32 = 1000;
 
 /// Settings of a simulated force sensor.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Debug)]
 pub struct ForceSensorSettings {
     /// What it speaks.
     pub speaks: Speaks,
@@ -39,14 +40,14 @@ pub struct ForceSensorSettings {
 }
 
 /// What a simulated force sensor speaks.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Debug)]
 pub enum Speaks {
     /// CANopen.
     Canopen {
         /// Node id.
         node: NodeId,
         /// Device model, which has to be a force sensor.
-        profile: &'static DeviceProfile,
+        profile: Arc<DeviceProfile>,
         /// Serial number, 1018h:4.
         serial: u32,
     },
@@ -85,15 +86,15 @@ impl ForceSensor {
             if is_good { Ok(()) } else { Err(DeviceError::Setting { setting, value, range }) }
         };
         let ForceSensorSettings { speaks, sample_rate_hz: rate, phase_us, range_counts } = settings;
-        let (has_clock, slow_ppm) = match speaks {
+        let (has_clock, slow_ppm) = match &speaks {
             Speaks::Canopen { profile, .. } => {
-                let Role::ForceSensor { sample_rates_hz, .. } = profile.role else {
-                    return Err(DeviceError::Role { profile: profile.name, wanted: "force sensor" });
+                let Some(sensor) = profile.force_sensor() else {
+                    return Err(DeviceError::Role { profile: profile.name().to_owned(), wanted: "force sensor" });
                 };
-                check("sample_rate_hz", rate.into(), sample_rates_hz.contains(&rate), "a rate of the model")?;
+                check("sample_rate_hz", rate.into(), sensor.sample_rates_hz.contains(&rate), "a rate of the model")?;
                 (rate != SYNC_RATE_HZ, 0)
             }
-            Speaks::PlainCan { slow_ppm, .. } => {
+            &Speaks::PlainCan { slow_ppm, .. } => {
                 check("sample_rate_hz", rate.into(), (1..=MOST_HZ).contains(&rate), "1 to 10000")?;
                 check("slow_ppm", slow_ppm.into(), slow_ppm <= MOST_PPM, "0 to 1000")?;
                 (true, slow_ppm)
@@ -109,7 +110,7 @@ impl ForceSensor {
         let sampler = Sampler::new(range_counts, period, Duration::from_micros(phase_us.into()));
         let speaker = match speaks {
             Speaks::Canopen { node, profile, serial } => {
-                Speaker::Canopen(Box::new(CanopenSensor::new(node, profile, serial, sampler)?))
+                Speaker::Canopen(Box::new(CanopenSensor::new(node, &profile, serial, sampler)?))
             }
             Speaks::PlainCan { protocol, .. } => Speaker::PlainCan(PlainSensor::new(protocol, sampler)),
         };
@@ -158,10 +159,9 @@ impl ForceSensor {
         self.sampler().set_clock(next, period);
     }
 
-    /// Has the status show these bits, those of the CANopen sensor's status byte, beside its own. A streaming sensor can
-    /// show an overload alone.
-    pub fn set_status_bits(&mut self, bits: u8) {
-        self.sampler().set_status_bits(bits);
+    /// Has the status say that samples are not valid, or no longer. A streaming sensor can show an overload alone.
+    pub fn set_invalid(&mut self, is_invalid: bool) {
+        self.sampler().set_invalid(is_invalid);
     }
 
     /// Takes one frame from the bus.

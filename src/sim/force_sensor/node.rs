@@ -1,14 +1,16 @@
 //! The sensor on CANopen.
 
+use std::collections::BTreeMap;
+
 use yieldwall_drives::objects::{self as cia, AUTO_ZERO_SIGNATURE};
-use yieldwall_drives::profiles::DeviceProfile;
+use yieldwall_drives::profiles::{DeviceProfile, Entry, ForceSensor, StatusBits};
 
 use super::super::DeviceError;
-use super::super::device::{declare, dictionary, handle, mapping, shown};
+use super::super::device::{declare, dictionary, mapping};
 use super::sampler::{CHANNELS, Conversion, Sampler};
 use crate::canopen::{
-    AbortCode, Access, Address, Application, CanopenError, Frame, Handle, Node, NodeId, ObjectDictionary, Outbox,
-    PdoParameters, Reset, Time, cob,
+    AbortCode, Access, Address, Application, CanopenError, Frame, Handle, Mappable, Node, NodeId, Object,
+    ObjectDictionary, Outbox, PdoParameters, Reset, Time, cob,
 };
 
 /// A CANopen node whose samples become six process values (7130h), a status byte and a counter at once; the TPDOs carry
@@ -23,8 +25,9 @@ pub(super) struct CanopenSensor {
 pub(super) struct Device {
     pub(super) sampler: Sampler,
     process: [Handle<i16>; CHANNELS],
-    status: Handle<u8>,
-    counter: Handle<u8>,
+    status: Option<Handle<u8>>,
+    status_bits: StatusBits,
+    counter: Option<Handle<u8>>,
     sample_count: u8,
 }
 
@@ -35,8 +38,10 @@ impl CanopenSensor {
         serial: u32,
         sampler: Sampler,
     ) -> Result<Self, DeviceError> {
-        let od = build(node, profile, serial)?;
-        let device = Device::new(&od, sampler)?;
+        let role = || DeviceError::Role { profile: profile.name().to_owned(), wanted: "force sensor" };
+        let model = profile.force_sensor().ok_or_else(role)?;
+        let od = build(node, profile, model, serial)?;
+        let device = Device::new(&od, model, sampler)?;
         Ok(Self { node: Node::new(node, od)?, device })
     }
 
@@ -60,45 +65,69 @@ impl CanopenSensor {
     }
 }
 
-fn build(node: NodeId, profile: &DeviceProfile, serial: u32) -> Result<ObjectDictionary, CanopenError> {
-    let channels = 1..=CHANNELS as u8;
+fn build(
+    node: NodeId,
+    profile: &DeviceProfile,
+    model: &ForceSensor,
+    serial: u32,
+) -> Result<ObjectDictionary, CanopenError> {
+    let objects = &model.objects;
+    let bytes =
+        objects.status.iter().chain(&objects.sample_counter).map(|entry| Object::new(entry.index, entry.sub, 0u8));
+    let channels = objects.channels.iter().map(|entry| Object::new(entry.index, entry.sub, 0i16));
     let mut builder = dictionary(node, profile, serial)
-        .object(shown(cia::SENSOR_STATUS))
-        .object(shown(cia::SENSOR_SAMPLE_COUNTER))
+        .objects(bytes.chain(channels).map(|object| object.access(Access::ReadOnly).mappable(Mappable::Tpdo)))
         .highest_sub(cia::AUTO_ZERO.index, CHANNELS as u8)
-        .objects(channels.clone().map(|sub| declare(cia::AUTO_ZERO.at(sub), 0).access(Access::WriteOnly)))
-        .highest_sub(cia::PROCESS_VALUE.index, CHANNELS as u8)
-        .objects(channels.map(|sub| shown(cia::PROCESS_VALUE.at(sub))));
+        .objects((1..=CHANNELS as u8).map(|sub| declare(cia::AUTO_ZERO.at(sub), 0).access(Access::WriteOnly)));
+    // What lies at sub-indices says how many there are.
+    let mut records = BTreeMap::new();
+    for entry in objects.channels.iter().filter(|entry| entry.sub > 0) {
+        let highest = records.entry(entry.index).or_insert(entry.sub);
+        *highest = entry.sub.max(*highest);
+    }
+    for (index, highest) in records {
+        builder = builder.highest_sub(index, highest);
+    }
     // As delivered, the TPDOs are mapped but switched off: the master decides who talks on its bus.
-    for tpdo in profile.pdos(None).map_or(&[][..], |pdos| pdos.tpdo) {
+    builder = builder.mapping_entries(model.mapping_entries);
+    for tpdo in &model.process_data.tpdo {
         let id = cob::tpdo(tpdo.number, node).unwrap_or_default();
-        builder = builder.tpdo(tpdo.number, &PdoParameters::synchronous(id, &mapping(tpdo.entries)).unused());
+        builder = builder.tpdo(tpdo.number, &PdoParameters::synchronous(id, &mapping(profile, tpdo)).unused());
     }
     builder.build()
 }
 
 impl Device {
-    fn new(od: &ObjectDictionary, sampler: Sampler) -> Result<Self, CanopenError> {
+    fn new(od: &ObjectDictionary, model: &ForceSensor, sampler: Sampler) -> Result<Self, CanopenError> {
+        let objects = &model.objects;
         let mut process = [Handle::NOWHERE; CHANNELS];
-        for (sub, to) in (1..).zip(&mut process) {
-            *to = handle(od, cia::PROCESS_VALUE.at(sub))?;
+        for (entry, to) in objects.channels.iter().zip(&mut process) {
+            *to = od.handle(entry.index, entry.sub)?;
         }
+        let byte = |entry: &Option<Entry>| entry.as_ref().map(|entry| od.handle(entry.index, entry.sub)).transpose();
         Ok(Device {
             sampler,
             process,
-            status: handle(od, cia::SENSOR_STATUS)?,
-            counter: handle(od, cia::SENSOR_SAMPLE_COUNTER)?,
+            status: byte(&objects.status)?,
+            status_bits: model.status_bits,
+            counter: byte(&objects.sample_counter)?,
             sample_count: 0,
         })
     }
 
     fn show(&mut self, od: &mut ObjectDictionary, conversion: &Conversion) {
         self.sample_count = self.sample_count.wrapping_add(1);
-        od.set(self.counter, self.sample_count);
+        if let Some(counter) = self.counter {
+            od.set(counter, self.sample_count);
+        }
         for (&handle, &counts) in self.process.iter().zip(&conversion.counts) {
             od.set(handle, counts);
         }
-        od.set(self.status, conversion.status);
+        if let Some(status) = self.status {
+            let bit = |is_set: bool, mask: u8| if is_set { mask } else { 0 };
+            let StatusBits { overload, invalid } = self.status_bits;
+            od.set(status, bit(conversion.is_overloaded, overload) | bit(conversion.is_invalid, invalid));
+        }
     }
 }
 

@@ -37,7 +37,7 @@ impl PlainSensor {
         let Some(conversion) = self.sampler.poll(now) else { return };
         self.newest = Telling {
             counts: conversion.counts,
-            status: Status { overload: conversion.is_overloaded(), invalid: conversion.is_invalid() },
+            status: Status { overload: conversion.is_overloaded, invalid: conversion.is_invalid },
             number: self.newest.number.wrapping_add(1),
         };
         if self.is_streaming {

@@ -2,8 +2,6 @@
 
 use std::time::Duration;
 
-use yieldwall_drives::profiles::{STATUS_INVALID, STATUS_OVERLOAD};
-
 use crate::canopen::Time;
 
 /// Channels: Fx Fy Fz Tx Ty Tz.
@@ -22,25 +20,17 @@ pub(super) struct Sampler {
     clock_rate: f64,
     /// Share of a sample period that has passed since the last sample.
     clock_phase: f64,
-    status_bits: u8,
+    is_invalid: bool,
 }
 
 /// One sample.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(super) struct Conversion {
     pub(super) counts: [i16; CHANNELS],
-    /// Bits as in the status byte of the simulated CANopen sensor.
-    pub(super) status: u8,
-}
-
-impl Conversion {
-    pub(super) fn is_overloaded(&self) -> bool {
-        self.status & STATUS_OVERLOAD != 0
-    }
-
-    pub(super) fn is_invalid(&self) -> bool {
-        self.status & STATUS_INVALID != 0
-    }
+    /// A channel is at the end of its range.
+    pub(super) is_overloaded: bool,
+    /// The sensor's own monitoring says so.
+    pub(super) is_invalid: bool,
 }
 
 impl Sampler {
@@ -54,7 +44,7 @@ impl Sampler {
             zero: [0; CHANNELS],
             clock_rate: 1.0,
             clock_phase: 0.0,
-            status_bits: 0,
+            is_invalid: false,
         }
     }
 
@@ -87,8 +77,8 @@ impl Sampler {
         self.clock_rate = share.clamp(0.0, 1.0);
     }
 
-    pub(super) fn set_status_bits(&mut self, bits: u8) {
-        self.status_bits = bits;
+    pub(super) fn set_invalid(&mut self, is_invalid: bool) {
+        self.is_invalid = is_invalid;
     }
 
     /// Whether it has a clock of its own.
@@ -118,12 +108,12 @@ impl Sampler {
     }
 
     fn convert(&self) -> Conversion {
-        let mut conversion = Conversion { counts: [0; CHANNELS], status: self.status_bits };
+        let mut conversion = Conversion { counts: [0; CHANNELS], is_overloaded: false, is_invalid: self.is_invalid };
         for ((to, &present), &zero) in conversion.counts.iter_mut().zip(&self.present).zip(&self.zero) {
             // At the end of the range the converter is cut off before the zero is taken.
             let raw = present.clamp(-self.range_counts, self.range_counts);
             if raw.abs() == self.range_counts {
-                conversion.status |= STATUS_OVERLOAD;
+                conversion.is_overloaded = true;
             }
             *to = (raw - zero).clamp(i16::MIN.into(), i16::MAX.into()) as i16;
         }

@@ -1,12 +1,16 @@
 //! The sensor as a master sees it.
 
-use yieldwall_drives::profiles::{SIMULATED_FORCE_SENSOR, SIMULATED_SERVO};
+use crate::config::shipped_profile;
 
 use super::*;
 use crate::canopen::node_id;
 
 const SETTINGS_AT_1_KHZ: fn() -> ForceSensorSettings = || ForceSensorSettings {
-    speaks: Speaks::Canopen { node: node_id(10).unwrap(), profile: &SIMULATED_FORCE_SENSOR, serial: 7 },
+    speaks: Speaks::Canopen {
+        node: node_id(10).unwrap(),
+        profile: shipped_profile("simulated-force-sensor"),
+        serial: 7,
+    },
     sample_rate_hz: 1000,
     phase_us: 0,
     range_counts: 32_000,
@@ -135,22 +139,22 @@ fn auto_zero_needs_its_signature_and_zeroes_one_channel() {
 fn identity_is_that_of_the_profile() {
     let mut bench = Bench::new(SETTINGS_AT_1_KHZ());
     let answer = bench.request([0x40, 0x18, 0x10, 2, 0, 0, 0, 0]);
-    assert_eq!(answer[4..], SIMULATED_FORCE_SENSOR.identity.product_code.to_le_bytes());
+    assert_eq!(answer[4..], 0x404u32.to_le_bytes());
 }
 
 #[test]
 fn bad_settings_are_refused() {
     let good = SETTINGS_AT_1_KHZ();
     for bad in [
-        ForceSensorSettings { sample_rate_hz: 300, ..good },
-        ForceSensorSettings { range_counts: 0, ..good },
-        ForceSensorSettings { range_counts: 32_768, ..good },
-        ForceSensorSettings { sample_rate_hz: 200, phase_us: 5000, ..good },
+        ForceSensorSettings { sample_rate_hz: 300, ..good.clone() },
+        ForceSensorSettings { range_counts: 0, ..good.clone() },
+        ForceSensorSettings { range_counts: 32_768, ..good.clone() },
+        ForceSensorSettings { sample_rate_hz: 200, phase_us: 5000, ..good.clone() },
     ] {
         assert!(matches!(ForceSensor::new(bad), Err(DeviceError::Setting { .. })));
     }
     let role = ForceSensor::new(ForceSensorSettings {
-        speaks: Speaks::Canopen { node: node_id(10).unwrap(), profile: &SIMULATED_SERVO, serial: 7 },
+        speaks: Speaks::Canopen { node: node_id(10).unwrap(), profile: shipped_profile("simulated-servo"), serial: 7 },
         ..good
     })
     .unwrap_err();
@@ -257,7 +261,7 @@ mod plain_can {
         let (mut sensor, mut sent) = on(settings(POLLED, 1000));
         moments(&mut sensor, 5000);
         sensor.set_clock_rate(0.0);
-        sensor.set_status_bits(yieldwall_drives::profiles::STATUS_INVALID);
+        sensor.set_invalid(true);
         for at_us in [6000, 7000] {
             moments(&mut sensor, at_us);
             sensor.on_frame(Time::from_micros(at_us), &Frame::new(0x1b0, &[2]), &mut sent);
@@ -281,7 +285,8 @@ mod plain_can {
             },
             ForceSensorSettings { phase_us: 5000, ..settings(STREAMING, 200) },
         ] {
-            assert!(matches!(ForceSensor::new(bad), Err(DeviceError::Setting { .. })), "{bad:?}");
+            let told = format!("{bad:?}");
+            assert!(matches!(ForceSensor::new(bad), Err(DeviceError::Setting { .. })), "{told}");
         }
     }
 }

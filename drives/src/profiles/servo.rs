@@ -1,0 +1,436 @@
+//! What a profile says of a servo drive.
+
+#[cfg(feature = "config")]
+use garde::Validate;
+#[cfg(feature = "config")]
+use schemars::JsonSchema;
+#[cfg(feature = "config")]
+use serde::{Deserialize, Serialize};
+
+use super::{Entry, PdoMap, Quantity};
+#[cfg(feature = "config")]
+use super::{nullable, present};
+use crate::cia402::{OperationMode, State};
+use crate::watchdog::Watchdog;
+
+/// A servo drive of CiA 402.
+#[derive(Clone, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "config", derive(Serialize, Deserialize, JsonSchema, Validate))]
+#[cfg_attr(feature = "config", serde(deny_unknown_fields), garde(allow_unvalidated))]
+pub struct Servo {
+    /// Its objects.
+    #[cfg_attr(feature = "config", garde(dive))]
+    pub objects: ServoObjects,
+    /// Its PDOs in each mode that the master may use.
+    #[cfg_attr(feature = "config", garde(dive))]
+    pub process_data: ProcessData,
+    /// States in which the mode of operation may change; the master changes it in `switch_on_disabled`.
+    #[cfg_attr(feature = "config", garde(length(min = 1, max = 8)))]
+    pub mode_changes_in: Vec<State>,
+    /// What it is told to do by itself.
+    #[cfg_attr(feature = "config", garde(dive))]
+    pub option_codes: OptionCodes,
+    /// Other objects that are set before it is started, in this order.
+    #[cfg_attr(feature = "config", garde(length(max = 64), dive))]
+    pub settings: Vec<Setting>,
+    /// Limits that it heeds; it gets those of the rig.
+    #[cfg_attr(feature = "config", garde(dive))]
+    pub limits: Limits,
+    /// What it watches its master by.
+    #[cfg_attr(feature = "config", garde(dive))]
+    pub watchdogs: Watchdogs,
+    /// Its encoder.
+    pub encoder: Encoder,
+    /// The brake of its axis.
+    pub brake: Brake,
+}
+
+impl Servo {
+    /// Whether the drive does not keep a watch, as far as the profile says.
+    pub fn lacks(&self, watchdog: Watchdog) -> bool {
+        match watchdog {
+            Watchdog::Sync => self.watchdogs.sync == SyncWatch::None,
+            Watchdog::SetPoints => self.watchdogs.set_points == SetPointWatch::None,
+            Watchdog::Heartbeat => self.watchdogs.heartbeat == HeartbeatWatch::None,
+        }
+    }
+}
+
+/// Objects of a servo drive. One that the drive does not have is null.
+#[derive(Clone, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "config", derive(Serialize, Deserialize, JsonSchema, Validate))]
+#[cfg_attr(feature = "config", serde(deny_unknown_fields), garde(allow_unvalidated))]
+pub struct ServoObjects {
+    /// Controlword, 16 bits: 6040h.
+    #[cfg_attr(feature = "config", garde(dive))]
+    pub controlword: Entry,
+    /// Statusword, 16 bits: 6041h.
+    #[cfg_attr(feature = "config", garde(dive))]
+    pub statusword: Entry,
+    /// Wanted mode of operation, 8 bits: 6060h.
+    #[cfg_attr(feature = "config", garde(dive))]
+    pub mode_of_operation: Entry,
+    /// Mode of operation in force, 8 bits: 6061h.
+    #[cfg_attr(feature = "config", garde(dive))]
+    pub mode_display: Entry,
+    /// Supported modes, 32 bits: 6502h.
+    #[cfg_attr(feature = "config", garde(dive))]
+    pub supported_modes: Entry,
+    /// Actual position in counts, 32 bits: 6064h.
+    #[cfg_attr(feature = "config", garde(dive))]
+    pub position_actual: Entry,
+    /// Target position in counts, 32 bits: 607Ah.
+    #[cfg_attr(feature = "config", garde(dive))]
+    #[cfg_attr(feature = "config", serde(deserialize_with = "present"), schemars(schema_with = "nullable::<Entry>"))]
+    pub target_position: Option<Entry>,
+    /// Target velocity in counts/s, 32 bits: 60FFh.
+    #[cfg_attr(feature = "config", garde(dive))]
+    #[cfg_attr(feature = "config", serde(deserialize_with = "present"), schemars(schema_with = "nullable::<Entry>"))]
+    pub target_velocity: Option<Entry>,
+    /// Target torque in per mille of the rated torque, 16 bits: 6071h.
+    #[cfg_attr(feature = "config", garde(dive))]
+    #[cfg_attr(feature = "config", serde(deserialize_with = "present"), schemars(schema_with = "nullable::<Entry>"))]
+    pub target_torque: Option<Entry>,
+    /// Cycle time (60C2h); null if the drive does not ask for it.
+    #[cfg_attr(feature = "config", garde(dive))]
+    #[cfg_attr(
+        feature = "config",
+        serde(deserialize_with = "present"),
+        schemars(schema_with = "nullable::<CycleTime>")
+    )]
+    pub cycle_time: Option<CycleTime>,
+}
+
+impl ServoObjects {
+    pub(super) fn of(&self, quantity: Quantity) -> Option<&Entry> {
+        match quantity {
+            Quantity::Controlword => Some(&self.controlword),
+            Quantity::Statusword => Some(&self.statusword),
+            Quantity::PositionActual => Some(&self.position_actual),
+            Quantity::TargetPosition => self.target_position.as_ref(),
+            Quantity::TargetVelocity => self.target_velocity.as_ref(),
+            Quantity::TargetTorque => self.target_torque.as_ref(),
+            _ => None,
+        }
+    }
+}
+
+/// Objects that a drive is told the cycle time by.
+#[derive(Clone, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "config", derive(Serialize, Deserialize, JsonSchema, Validate))]
+#[cfg_attr(feature = "config", serde(deny_unknown_fields), garde(allow_unvalidated))]
+pub struct CycleTime {
+    /// The number, 8 bits: 60C2h:1.
+    #[cfg_attr(feature = "config", garde(dive))]
+    pub value: Entry,
+    /// Its power of ten of a second, 8 bits: 60C2h:2.
+    #[cfg_attr(feature = "config", garde(dive))]
+    pub exponent: Entry,
+}
+
+/// PDOs of a drive in each mode that the master may use. A mode that it does not have is null.
+#[derive(Clone, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "config", derive(Serialize, Deserialize, JsonSchema, Validate))]
+#[cfg_attr(feature = "config", serde(deny_unknown_fields), garde(allow_unvalidated))]
+pub struct ProcessData {
+    /// Objects that one PDO can carry at most. 1 to 64.
+    #[cfg_attr(feature = "config", garde(range(min = 1, max = 64)))]
+    pub mapping_entries: u8,
+    /// Cyclic synchronous torque (CST).
+    #[cfg_attr(feature = "config", garde(dive))]
+    #[cfg_attr(feature = "config", serde(deserialize_with = "present"), schemars(schema_with = "nullable::<PdoMap>"))]
+    pub torque: Option<PdoMap>,
+    /// Cyclic synchronous velocity (CSV).
+    #[cfg_attr(feature = "config", garde(dive))]
+    #[cfg_attr(feature = "config", serde(deserialize_with = "present"), schemars(schema_with = "nullable::<PdoMap>"))]
+    pub velocity: Option<PdoMap>,
+    /// Cyclic synchronous position (CSP).
+    #[cfg_attr(feature = "config", garde(dive))]
+    #[cfg_attr(feature = "config", serde(deserialize_with = "present"), schemars(schema_with = "nullable::<PdoMap>"))]
+    pub position: Option<PdoMap>,
+}
+
+impl ProcessData {
+    /// Modes in the order of the keys, with their words and set-points.
+    pub fn modes(&self) -> [(OperationMode, &'static str, Quantity, Option<&PdoMap>); 3] {
+        [
+            (OperationMode::CyclicTorque, "torque", Quantity::TargetTorque, self.torque.as_ref()),
+            (OperationMode::CyclicVelocity, "velocity", Quantity::TargetVelocity, self.velocity.as_ref()),
+            (OperationMode::CyclicPosition, "position", Quantity::TargetPosition, self.position.as_ref()),
+        ]
+    }
+
+    /// PDOs in a mode.
+    pub fn of(&self, mode: OperationMode) -> Option<&PdoMap> {
+        self.modes().into_iter().find(|(of, ..)| *of == mode)?.3
+    }
+
+    /// Its modes as 6502h tells them.
+    pub fn supported_modes(&self) -> u32 {
+        self.modes().into_iter().filter(|mode| mode.3.is_some()).fold(0, |bits, mode| bits | mode.0.supported_bit())
+    }
+}
+
+/// What a drive is told to do by itself: an object and its value each, null if the drive has no such object.
+#[derive(Clone, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "config", derive(Serialize, Deserialize, JsonSchema, Validate))]
+#[cfg_attr(feature = "config", serde(deny_unknown_fields), garde(allow_unvalidated))]
+pub struct OptionCodes {
+    /// When the master is lost: 6007h, a stop.
+    #[cfg_attr(feature = "config", garde(dive))]
+    #[cfg_attr(feature = "config", serde(deserialize_with = "present"), schemars(schema_with = "nullable::<Setting>"))]
+    pub lost_master: Option<Setting>,
+    /// When communication fails: 1029h:1.
+    #[cfg_attr(feature = "config", garde(dive))]
+    #[cfg_attr(feature = "config", serde(deserialize_with = "present"), schemars(schema_with = "nullable::<Setting>"))]
+    pub communication_error: Option<Setting>,
+    /// At quick stop: 605Ah, a ramp that ends in Switch On Disabled.
+    #[cfg_attr(feature = "config", garde(dive))]
+    #[cfg_attr(feature = "config", serde(deserialize_with = "present"), schemars(schema_with = "nullable::<Setting>"))]
+    pub quick_stop: Option<Setting>,
+}
+
+/// An object and the value that it gets.
+#[derive(Clone, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "config", derive(Serialize, Deserialize, JsonSchema, Validate))]
+#[cfg_attr(feature = "config", serde(deny_unknown_fields), garde(allow_unvalidated))]
+pub struct Setting {
+    /// The object.
+    #[cfg_attr(feature = "config", garde(dive))]
+    pub object: Entry,
+    /// Its value; a negative one is written in two's complement.
+    pub value: i64,
+}
+
+impl Setting {
+    /// The value as the bits of the object, in the low part.
+    pub fn raw(&self) -> u32 {
+        (self.value as u32) & (u32::MAX >> (32 - u32::from(self.object.bits).clamp(1, 32)))
+    }
+
+    /// Whether the object holds the value.
+    pub fn fits(&self) -> bool {
+        let bits = u32::from(self.object.bits).clamp(1, 32);
+        (-(1i64 << (bits - 1))..1i64 << bits).contains(&self.value)
+    }
+}
+
+/// Limits that a drive heeds. One that it does not have is null.
+#[derive(Clone, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "config", derive(Serialize, Deserialize, JsonSchema, Validate))]
+#[cfg_attr(feature = "config", serde(deny_unknown_fields), garde(allow_unvalidated))]
+pub struct Limits {
+    /// Torque in per mille of the rated torque: 6072h.
+    #[cfg_attr(feature = "config", garde(dive))]
+    #[cfg_attr(feature = "config", serde(deserialize_with = "present"), schemars(schema_with = "nullable::<Entry>"))]
+    pub torque: Option<Entry>,
+    /// Speed of the motor.
+    #[cfg_attr(feature = "config", garde(dive))]
+    #[cfg_attr(
+        feature = "config",
+        serde(deserialize_with = "present"),
+        schemars(schema_with = "nullable::<MotorSpeed>")
+    )]
+    pub motor_speed: Option<MotorSpeed>,
+    /// Following error in counts: 6065h.
+    #[cfg_attr(feature = "config", garde(dive))]
+    #[cfg_attr(feature = "config", serde(deserialize_with = "present"), schemars(schema_with = "nullable::<Entry>"))]
+    pub following_error: Option<Entry>,
+}
+
+/// A limit of the motor's speed in r/min, and the resolution that it is computed by.
+#[derive(Clone, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "config", derive(Serialize, Deserialize, JsonSchema, Validate))]
+#[cfg_attr(feature = "config", serde(deny_unknown_fields), garde(allow_unvalidated))]
+pub struct MotorSpeed {
+    /// The limit, r/min: 6080h.
+    #[cfg_attr(feature = "config", garde(dive))]
+    pub limit: Entry,
+    /// Increments of the encoder: 608Fh:1.
+    #[cfg_attr(feature = "config", garde(dive))]
+    pub increments: Entry,
+    /// In so many revolutions: 608Fh:2.
+    #[cfg_attr(feature = "config", garde(dive))]
+    pub revolutions: Entry,
+}
+
+/// What a drive watches its master by. Which of them suffice is not the profile's to say.
+#[derive(Clone, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "config", derive(Serialize, Deserialize, JsonSchema, Validate))]
+#[cfg_attr(feature = "config", serde(deny_unknown_fields), garde(allow_unvalidated))]
+pub struct Watchdogs {
+    /// The master's heartbeat.
+    #[cfg_attr(feature = "config", garde(dive))]
+    pub heartbeat: HeartbeatWatch,
+    /// Set-points.
+    #[cfg_attr(feature = "config", garde(dive))]
+    pub set_points: SetPointWatch,
+    /// SYNC.
+    #[cfg_attr(feature = "config", garde(dive))]
+    pub sync: SyncWatch,
+}
+
+/// How a drive watches the master's heartbeat.
+#[derive(Clone, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "config", derive(Serialize, Deserialize, JsonSchema, Validate))]
+#[cfg_attr(feature = "config", serde(rename_all = "snake_case"), garde(allow_unvalidated))]
+pub enum HeartbeatWatch {
+    /// It does not.
+    None,
+    /// By an entry of 1016h, 32 bits: node id in bits 16 to 22, time in ms in the low word.
+    Consumer(#[cfg_attr(feature = "config", garde(dive))] Entry),
+}
+
+/// How a drive watches for set-points.
+#[derive(Clone, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "config", derive(Serialize, Deserialize, JsonSchema, Validate))]
+#[cfg_attr(feature = "config", serde(rename_all = "snake_case", deny_unknown_fields), garde(allow_unvalidated))]
+pub enum SetPointWatch {
+    /// It does not.
+    None,
+    /// By itself, for so many interpolation periods.
+    BuiltIn(#[cfg_attr(feature = "config", garde(dive))] BuiltInWatch),
+    /// By the event timer of each RPDO, 14xxh:5.
+    EventTimer {
+        /// What it does then.
+        reaction: Reaction,
+        /// Where that was read: a key of `profile.sources`.
+        #[cfg_attr(feature = "config", garde(length(min = 1)))]
+        source: String,
+    },
+    /// By an object that holds the longest time.
+    Object(#[cfg_attr(feature = "config", garde(dive))] TimedObject),
+}
+
+/// How a drive watches for SYNC.
+#[derive(Clone, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "config", derive(Serialize, Deserialize, JsonSchema, Validate))]
+#[cfg_attr(feature = "config", serde(rename_all = "snake_case"), garde(allow_unvalidated))]
+pub enum SyncWatch {
+    /// It does not.
+    None,
+    /// By itself, for so many interpolation periods.
+    BuiltIn(#[cfg_attr(feature = "config", garde(dive))] BuiltInWatch),
+    /// By an object that holds the longest time.
+    Object(#[cfg_attr(feature = "config", garde(dive))] TimedObject),
+}
+
+/// A watch that the drive keeps by itself.
+#[derive(Clone, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "config", derive(Serialize, Deserialize, JsonSchema, Validate))]
+#[cfg_attr(feature = "config", serde(deny_unknown_fields), garde(allow_unvalidated))]
+pub struct BuiltInWatch {
+    /// Number of interpolation periods, 1 to 1000; null if no source that was read says it.
+    #[cfg_attr(feature = "config", garde(range(min = 1, max = 1000)))]
+    #[cfg_attr(feature = "config", serde(deserialize_with = "present"), schemars(schema_with = "nullable::<u32>"))]
+    pub periods: Option<u32>,
+    /// What the drive does then.
+    pub reaction: Reaction,
+    /// Where that was read: a key of `profile.sources`.
+    #[cfg_attr(feature = "config", garde(length(min = 1)))]
+    pub source: String,
+}
+
+/// An object that holds how long something may stay away.
+#[derive(Clone, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "config", derive(Serialize, Deserialize, JsonSchema, Validate))]
+#[cfg_attr(feature = "config", serde(deny_unknown_fields), garde(allow_unvalidated))]
+pub struct TimedObject {
+    /// The object.
+    #[cfg_attr(feature = "config", garde(dive))]
+    pub object: Entry,
+    /// What it counts.
+    #[cfg_attr(feature = "config", garde(dive))]
+    pub unit: TimeUnit,
+    /// What the drive does then.
+    pub reaction: Reaction,
+}
+
+/// What a time in an object counts.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "config", derive(Serialize, Deserialize, JsonSchema, Validate))]
+#[cfg_attr(feature = "config", serde(rename_all = "snake_case"), garde(allow_unvalidated))]
+pub enum TimeUnit {
+    /// So many microseconds. 1 to 1 000 000.
+    Us(#[cfg_attr(feature = "config", garde(range(min = 1, max = 1_000_000)))] u32),
+    /// Interpolation periods.
+    Cycles,
+}
+
+/// What a drive does when what it watches stays away.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+#[cfg_attr(feature = "config", derive(Serialize, Deserialize, JsonSchema))]
+#[cfg_attr(feature = "config", serde(rename_all = "snake_case"))]
+pub enum Reaction {
+    /// Nothing but to tell it.
+    Nothing,
+    /// What 6007h says.
+    AbortConnection,
+    /// Fault: what 605Eh says.
+    Fault,
+    /// No source that was read says it; taken for nothing until the drill has shown it.
+    Unknown,
+}
+
+/// The encoder of a drive.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "config", derive(Serialize, Deserialize, JsonSchema))]
+#[cfg_attr(feature = "config", serde(deny_unknown_fields))]
+pub struct Encoder {
+    /// What it knows at power-on.
+    pub kind: EncoderKind,
+    /// What it sits on.
+    pub side: EncoderSide,
+}
+
+/// What an encoder knows at power-on.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "config", derive(Serialize, Deserialize, JsonSchema))]
+#[cfg_attr(feature = "config", serde(rename_all = "snake_case"))]
+pub enum EncoderKind {
+    /// Nothing: it counts from where it is.
+    Incremental,
+    /// The angle within one of its turns.
+    SingleTurn,
+    /// The angle, turns included.
+    MultiTurn,
+    /// It depends on the motor.
+    Unknown,
+}
+
+/// What an encoder sits on.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "config", derive(Serialize, Deserialize, JsonSchema))]
+#[cfg_attr(feature = "config", serde(rename_all = "snake_case"))]
+pub enum EncoderSide {
+    /// The motor, before the gear.
+    Motor,
+    /// The joint, behind the gear.
+    Joint,
+    /// It depends on the machine.
+    Unknown,
+}
+
+/// The brake of an axis.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "config", derive(Serialize, Deserialize, JsonSchema))]
+#[cfg_attr(feature = "config", serde(deny_unknown_fields))]
+pub struct Brake {
+    /// Who opens and closes it.
+    pub held_by: BrakeHolder,
+}
+
+/// Who opens and closes a brake.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "config", derive(Serialize, Deserialize, JsonSchema))]
+#[cfg_attr(feature = "config", serde(rename_all = "snake_case"))]
+pub enum BrakeHolder {
+    /// There is none, or nothing holds it.
+    None,
+    /// The drive, with Operation Enabled.
+    Drive,
+    /// The master, by a digital output of the drive (60FEh).
+    Output,
+    /// No source that was read says it.
+    Unknown,
+}

@@ -1,0 +1,315 @@
+//! What a device profile says, against the standards and against itself.
+
+use yieldwall_drives::cia402::State;
+use yieldwall_drives::profiles::{
+    DeviceProfile, Entry, ForceSensor, HeartbeatWatch, Pdo, PdoMap, Quantity, Revisions, Role, Servo, SetPointWatch,
+    Setting, SyncWatch,
+};
+
+use super::Findings;
+use crate::config::suggest::nearest;
+
+/// Bytes that a CAN frame carries.
+const FRAME_BYTES: usize = 8;
+/// Abort connection option code and quick stop option code of CiA 402.
+const ABORT_CONNECTION: u16 = 0x6007;
+const QUICK_STOP: u16 = 0x605a;
+
+/// All rules of a profile.
+pub(in crate::config) fn check_profile(findings: &mut Findings, profile: &DeviceProfile) {
+    if let Revisions::Range { from, to } = profile.identity.revisions
+        && from > to
+    {
+        let message = format!("`identity.revisions` goes from {from:#x} to {to:#x}, and no revision lies between them");
+        findings.error("identity.revisions", message, "write the lower end at `from`, or `any`");
+    }
+    match &profile.device {
+        Role::Servo(servo) => check_servo(findings, profile, servo),
+        Role::ForceSensor(sensor) => check_sensor(findings, profile, sensor),
+    }
+}
+
+fn check_servo(findings: &mut Findings, profile: &DeviceProfile, servo: &Servo) {
+    let mut check = Checked { findings, profile };
+    let own = &servo.objects;
+    let at = |key: &str| format!("device.servo.objects.{key}");
+    for (key, entry, bits) in [
+        ("controlword", &own.controlword, 16),
+        ("statusword", &own.statusword, 16),
+        ("mode_of_operation", &own.mode_of_operation, 8),
+        ("mode_display", &own.mode_display, 8),
+        ("supported_modes", &own.supported_modes, 32),
+        ("position_actual", &own.position_actual, 32),
+    ] {
+        check.entry(&at(key), entry, Some(bits));
+    }
+    for (key, entry, bits) in [
+        ("target_position", &own.target_position, 32),
+        ("target_velocity", &own.target_velocity, 32),
+        ("target_torque", &own.target_torque, 16),
+    ] {
+        check.optional(&at(key), entry.as_ref(), bits);
+    }
+    if let Some(cycle_time) = &own.cycle_time {
+        check.entry(&at("cycle_time.value"), &cycle_time.value, Some(8));
+        check.entry(&at("cycle_time.exponent"), &cycle_time.exponent, Some(8));
+    }
+    let limits = &servo.limits;
+    check.optional("device.servo.limits.torque", limits.torque.as_ref(), 16);
+    check.optional("device.servo.limits.following_error", limits.following_error.as_ref(), 32);
+    if let Some(speed) = &limits.motor_speed {
+        for (key, entry) in
+            [("limit", &speed.limit), ("increments", &speed.increments), ("revolutions", &speed.revolutions)]
+        {
+            check.entry(&format!("device.servo.limits.motor_speed.{key}"), entry, Some(32));
+        }
+    }
+    check.option_codes(servo);
+    for (index, setting) in servo.settings.iter().enumerate() {
+        check.setting(&format!("device.servo.settings[{index}]"), Some(setting), None);
+    }
+    check.watchdogs(servo);
+    if !servo.mode_changes_in.contains(&State::SwitchOnDisabled) {
+        check.findings.error(
+            "device.servo.mode_changes_in",
+            "`device.servo.mode_changes_in` lacks `switch_on_disabled`, in which the mode is set",
+            "a drive whose mode cannot change there cannot be used",
+        );
+    }
+    let modes = servo.process_data.modes();
+    if modes.iter().all(|mode| mode.3.is_none()) {
+        check.findings.error(
+            "device.servo.process_data",
+            "`device.servo.process_data` has no mode",
+            "write the process data of `torque`, `velocity` or `position`",
+        );
+    }
+    for (_, word, set_point, map) in modes {
+        let Some(map) = map else { continue };
+        let key = format!("device.servo.process_data.{word}");
+        check.pdos(&format!("{key}.rpdo"), &map.rpdo, &[Quantity::Controlword, set_point]);
+        check.pdos(&format!("{key}.tpdo"), &map.tpdo, &[Quantity::Statusword, Quantity::PositionActual]);
+        check.drive_pdos(&key, map, set_point);
+    }
+}
+
+fn check_sensor(findings: &mut Findings, profile: &DeviceProfile, sensor: &ForceSensor) {
+    let mut check = Checked { findings, profile };
+    for (index, entry) in sensor.objects.channels.iter().enumerate() {
+        check.entry(&format!("device.force_sensor.objects.channels[{index}]"), entry, Some(16));
+    }
+    check.optional("device.force_sensor.objects.status", sensor.objects.status.as_ref(), 8);
+    check.optional("device.force_sensor.objects.sample_counter", sensor.objects.sample_counter.as_ref(), 8);
+    let sent = [&Quantity::CHANNELS[..], &[Quantity::Status, Quantity::SampleCounter]].concat();
+    let key = "device.force_sensor.process_data";
+    check.pdos(&format!("{key}.tpdo"), &sensor.process_data.tpdo, &sent);
+    if !sensor.process_data.rpdo.is_empty() {
+        let message = format!("`{key}.rpdo` is not empty, and a force sensor is sent nothing");
+        check.findings.error(&format!("{key}.rpdo"), message, "write `rpdo: []`");
+    }
+    for channel in Quantity::CHANNELS {
+        if !sensor.process_data.tpdo.iter().any(|pdo| pdo.maps.contains(&channel)) {
+            let message = format!("`{key}.tpdo` does not carry `{}`", channel.word());
+            check.findings.error(&format!("{key}.tpdo"), message, "the six channels come with process data");
+        }
+    }
+    let (bits, has_status) = (sensor.status_bits, sensor.objects.status.is_some());
+    if !has_status && (bits.overload, bits.invalid) != (0, 0) {
+        check
+            .findings
+            .error(
+                "device.force_sensor.status_bits",
+                "`device.force_sensor.status_bits` names bits of a status that the sensor does not have",
+                "write 0 for both, or the object of the status",
+            )
+            .see("device.force_sensor.objects.status", "status");
+    }
+    if let Some(index) = sensor.sample_rates_hz.iter().position(|rate| *rate == 0) {
+        let key = format!("device.force_sensor.sample_rates_hz[{index}]");
+        check.findings.error(&key, format!("`{key}` is 0"), "write the rates that the sensor has, in Hz");
+    }
+}
+
+struct Checked<'a> {
+    findings: &'a mut Findings,
+    profile: &'a DeviceProfile,
+}
+
+impl Checked<'_> {
+    fn source(&mut self, key: &str, source: &str) {
+        let known = &self.profile.profile.sources;
+        if known.contains_key(source) {
+            return;
+        }
+        let names: Vec<&str> = known.keys().map(String::as_str).collect();
+        let help = match nearest(source, names.iter().copied()) {
+            Some(meant) => format!("did you mean `{meant}`?"),
+            None => format!("the sources are {}; what no source says stays out of a profile", names.join(", ")),
+        };
+        let message = format!("`{key}` is `{source}`, which is not among `profile.sources`");
+        self.findings.error(key, message, help).see("profile.sources", "sources");
+    }
+
+    fn entry(&mut self, key: &str, entry: &Entry, bits: Option<u8>) {
+        self.source(&format!("{key}.source"), &entry.source);
+        let at = format!("{key}.bits");
+        match bits {
+            Some(bits) if bits != entry.bits => {
+                let message = format!("`{at}` is {}, and this object has {bits} bits in CiA 402", entry.bits);
+                self.findings.error(
+                    &at,
+                    message,
+                    "an object of another length has another meaning; compare with the source",
+                );
+            }
+            None if !matches!(entry.bits, 8 | 16 | 32) => {
+                self.findings.error(&at, format!("`{at}` is {}", entry.bits), "write 8, 16 or 32");
+            }
+            _ => {}
+        }
+    }
+
+    fn optional(&mut self, key: &str, entry: Option<&Entry>, bits: u8) {
+        if let Some(entry) = entry {
+            self.entry(key, entry, Some(bits));
+        }
+    }
+
+    fn setting(&mut self, key: &str, setting: Option<&Setting>, bits: Option<u8>) {
+        let Some(setting) = setting else { return };
+        self.entry(&format!("{key}.object"), &setting.object, bits);
+        if !setting.fits() {
+            let at = format!("{key}.value");
+            let message = format!("`{at}` is {}, which {} bits do not hold", setting.value, setting.object.bits);
+            self.findings.error(&at, message, "compare value and length with the source");
+        }
+    }
+
+    fn option_codes(&mut self, servo: &Servo) {
+        let options = &servo.option_codes;
+        self.setting("device.servo.option_codes.lost_master", options.lost_master.as_ref(), None);
+        self.setting("device.servo.option_codes.communication_error", options.communication_error.as_ref(), None);
+        self.setting("device.servo.option_codes.quick_stop", options.quick_stop.as_ref(), None);
+        let code = |setting: &Option<Setting>, index: u16| {
+            setting.as_ref().filter(|setting| setting.object.index == index).map(|setting| setting.value)
+        };
+        if let Some(value) = code(&options.lost_master, ABORT_CONNECTION).filter(|value| !(1..=3).contains(value)) {
+            self.findings.error(
+                "device.servo.option_codes.lost_master.value",
+                format!("`device.servo.option_codes.lost_master.value` is {value}, by which the drive does not stop"),
+                "write 3 for a quick stop, 1 for a fault or 2 for torque off, whichever the drive has",
+            );
+        }
+        if let Some(value) = code(&options.quick_stop, QUICK_STOP).filter(|value| !(1..=8).contains(value)) {
+            self.findings.error(
+                "device.servo.option_codes.quick_stop.value",
+                format!("`device.servo.option_codes.quick_stop.value` is {value}, by which the drive runs out"),
+                "write 2 for the quick stop ramp, or another from 1 to 8 that the drive has",
+            );
+        }
+    }
+
+    fn watchdogs(&mut self, servo: &Servo) {
+        let key = "device.servo.watchdogs";
+        if let HeartbeatWatch::Consumer(entry) = &servo.watchdogs.heartbeat {
+            self.entry(&format!("{key}.heartbeat.consumer"), entry, Some(32));
+        }
+        match &servo.watchdogs.set_points {
+            SetPointWatch::None => {}
+            SetPointWatch::BuiltIn(watch) => self.source(&format!("{key}.set_points.built_in.source"), &watch.source),
+            SetPointWatch::EventTimer { source, .. } => {
+                self.source(&format!("{key}.set_points.event_timer.source"), source)
+            }
+            SetPointWatch::Object(timed) => self.entry(&format!("{key}.set_points.object.object"), &timed.object, None),
+        }
+        match &servo.watchdogs.sync {
+            SyncWatch::None => {}
+            SyncWatch::BuiltIn(watch) => self.source(&format!("{key}.sync.built_in.source"), &watch.source),
+            SyncWatch::Object(timed) => self.entry(&format!("{key}.sync.object.object"), &timed.object, None),
+        }
+    }
+
+    /// PDOs of one direction, of which each may carry what is `known`.
+    fn pdos(&mut self, key: &str, pdos: &[Pdo], known: &[Quantity]) {
+        let most = usize::from(self.profile.mapping_entries());
+        let mut carried: Vec<Quantity> = Vec::new();
+        for (index, pdo) in pdos.iter().enumerate() {
+            let at = format!("{key}[{index}]");
+            if pdos.iter().take(index).any(|other| other.number == pdo.number) {
+                let message = format!("`{at}.number` is {}, and so is that of another", pdo.number);
+                self.findings.error(
+                    &format!("{at}.number"),
+                    message,
+                    "give each PDO of a direction a number of its own",
+                );
+            }
+            if (241..=253).contains(&pdo.transmission_type) {
+                let message =
+                    format!("`{at}.transmission_type` is {}, which sends nothing by itself", pdo.transmission_type);
+                self.findings.error(
+                    &format!("{at}.transmission_type"),
+                    message,
+                    "write 1 for each SYNC, 2 to 240 for each n-th, or 254",
+                );
+            }
+            for (place, quantity) in pdo.maps.iter().enumerate() {
+                let at = format!("{at}.maps[{place}]");
+                let word = quantity.word();
+                if !known.contains(quantity) {
+                    let words: Vec<&str> = known.iter().map(|quantity| quantity.word()).collect();
+                    let message = format!("`{at}` is `{word}`, which does not go this way");
+                    self.findings.error(&at, message, format!("here {} can be mapped", words.join(", ")));
+                } else if self.profile.object(*quantity).is_none() {
+                    let message = format!("`{at}` is `{word}`, which the device does not have");
+                    self.findings.error(&at, message, "write its object, or leave it out");
+                } else if carried.contains(quantity) {
+                    self.findings.error(
+                        &at,
+                        format!("`{at}` is `{word}`, which is mapped before"),
+                        "map each object once",
+                    );
+                }
+                carried.push(*quantity);
+            }
+            let bytes = self.profile.payload_bytes(pdo);
+            if bytes > FRAME_BYTES {
+                let message = format!("`{at}.maps` make {bytes} bytes, and a CAN frame carries {FRAME_BYTES}");
+                self.findings.error(&format!("{at}.maps"), message, "spread them over two PDOs");
+            }
+            if pdo.maps.len() > most {
+                let message =
+                    format!("`{at}.maps` has {} objects, and a PDO of this device carries {most}", pdo.maps.len());
+                self.findings.error(&format!("{at}.maps"), message, "spread them over two PDOs");
+            }
+        }
+    }
+
+    /// What the process data of a drive have to carry, and when.
+    fn drive_pdos(&mut self, key: &str, map: &PdoMap, set_point: Quantity) {
+        let first = map.rpdo.first().map_or(&[][..], |pdo| &pdo.maps[..]);
+        for quantity in [Quantity::Controlword, set_point] {
+            if !first.contains(&quantity) {
+                let message = format!("the first PDO of `{key}.rpdo` does not carry `{}`", quantity.word());
+                self.findings.error(&format!("{key}.rpdo"), message, "controlword and set-point are sent in one frame");
+            }
+        }
+        if map.rpdo.len() > 1 {
+            let message = format!("`{key}.rpdo` has {} PDOs, and one is sent", map.rpdo.len());
+            self.findings.error(&format!("{key}.rpdo"), message, "write one PDO with controlword and set-point");
+        }
+        for quantity in [Quantity::Statusword, Quantity::PositionActual] {
+            if !map.tpdo.iter().any(|pdo| pdo.maps.contains(&quantity)) {
+                let message = format!("`{key}.tpdo` does not carry `{}`", quantity.word());
+                self.findings.error(&format!("{key}.tpdo"), message, "both come in every cycle");
+            }
+        }
+        let directions = [("rpdo", &map.rpdo), ("tpdo", &map.tpdo)];
+        for (word, pdos) in directions {
+            for (index, pdo) in pdos.iter().enumerate().filter(|(_, pdo)| pdo.transmission_type != 1) {
+                let at = format!("{key}.{word}[{index}].transmission_type");
+                let message = format!("`{at}` is {}, and a drive follows every SYNC", pdo.transmission_type);
+                self.findings.error(&at, message, "write 1");
+            }
+        }
+    }
+}

@@ -1,0 +1,99 @@
+//! What a simulated drive watches its master by, as its profile says.
+
+use std::time::Duration;
+
+use yieldwall_drives::profiles::{BuiltInWatch, Reaction, Servo, SetPointWatch, SyncWatch, TimeUnit, TimedObject};
+
+use crate::canopen::{CanopenError, Handle, ObjectDictionary};
+
+/// How one thing is watched for.
+#[derive(Clone, Copy, Debug)]
+pub(super) enum Watch {
+    /// It may stay away.
+    None,
+    /// By what the node itself watches: the event timers of the RPDOs.
+    Node(Reaction),
+    /// For so many interpolation periods.
+    Periods { periods: u32, reaction: Reaction },
+    /// For the time that an object holds; 0 switches the watch off.
+    Object { time: Time, unit: TimeUnit, reaction: Reaction },
+}
+
+/// An object that holds a time.
+#[derive(Clone, Copy, Debug)]
+pub(super) enum Time {
+    U8(Handle<u8>),
+    U16(Handle<u16>),
+    U32(Handle<u32>),
+}
+
+/// The watches of a drive beside that for heartbeats.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Watches {
+    pub(super) sync: Watch,
+    pub(super) set_points: Watch,
+}
+
+impl Watches {
+    pub(super) fn new(od: &ObjectDictionary, servo: &Servo) -> Result<Self, CanopenError> {
+        let sync = match &servo.watchdogs.sync {
+            SyncWatch::None => Watch::None,
+            SyncWatch::BuiltIn(watch) => Watch::built_in(watch),
+            SyncWatch::Object(timed) => Watch::object(od, timed)?,
+        };
+        let set_points = match &servo.watchdogs.set_points {
+            SetPointWatch::None => Watch::None,
+            SetPointWatch::BuiltIn(watch) => Watch::built_in(watch),
+            SetPointWatch::EventTimer { reaction, .. } => Watch::Node(*reaction),
+            SetPointWatch::Object(timed) => Watch::object(od, timed)?,
+        };
+        Ok(Self { sync, set_points })
+    }
+}
+
+impl Watch {
+    /// One whose time nobody knows is none.
+    fn built_in(watch: &BuiltInWatch) -> Self {
+        let reaction = watch.reaction;
+        watch.periods.map_or(Self::None, |periods| Self::Periods { periods, reaction })
+    }
+
+    fn object(od: &ObjectDictionary, timed: &TimedObject) -> Result<Self, CanopenError> {
+        let (index, sub) = (timed.object.index, timed.object.sub);
+        let time = match timed.object.bits {
+            8 => Time::U8(od.handle(index, sub)?),
+            16 => Time::U16(od.handle(index, sub)?),
+            _ => Time::U32(od.handle(index, sub)?),
+        };
+        Ok(Self::Object { time, unit: timed.unit, reaction: timed.reaction })
+    }
+
+    /// How long what is watched for may stay away; `None` for as long as it likes.
+    pub(super) fn wait(self, od: &ObjectDictionary, period_s: f64) -> Option<Duration> {
+        let cycles = |number: u32| Duration::from_secs_f64(period_s * f64::from(number));
+        match self {
+            Watch::None | Watch::Node(_) => None,
+            Watch::Periods { periods, .. } => Some(cycles(periods)),
+            Watch::Object { time, unit, .. } => {
+                let value = match time {
+                    Time::U8(handle) => u32::from(od.get(handle)),
+                    Time::U16(handle) => u32::from(od.get(handle)),
+                    Time::U32(handle) => od.get(handle),
+                };
+                let wait = match unit {
+                    TimeUnit::Us(unit) => Duration::from_micros(u64::from(value) * u64::from(unit)),
+                    TimeUnit::Cycles => cycles(value),
+                };
+                (value > 0).then_some(wait)
+            }
+        }
+    }
+
+    /// What the drive does when it stays away for longer.
+    pub(super) fn reaction(self) -> Reaction {
+        match self {
+            Watch::None => Reaction::Nothing,
+            Watch::Node(reaction) | Watch::Periods { reaction, .. } | Watch::Object { reaction, .. } => reaction,
+        }
+    }
+}
