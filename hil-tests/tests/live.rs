@@ -17,8 +17,8 @@ use yieldwall::guard::{DeviceSet, Fault, State};
 use yieldwall::record::Row;
 use yieldwall::rig::{self, DeviceServer};
 use yieldwall::run::{
-    Ask, DRILL_LIMIT, Demands, Enable, Enabling, Ended, NotProven, OnLink, Pace, Play, Played, Proof, RunError, Runner,
-    Unproven, Unsafe, drive_addresses,
+    Ask, DRILL_LIMIT, Demands, DriveAddress, Enable, Enabling, Ended, NotProven, OnLink, Pace, Play, Played, Proof,
+    RunError, Runner, Unproven, Unsafe, drive_addresses,
 };
 use yieldwall_drives::cia402;
 use yieldwall_drives::watchdog::Watchdog;
@@ -463,7 +463,7 @@ fn answer_for_right(cable: &Cable, answers: &'static [([u8; 3], u32)]) {
 }
 
 #[test]
-fn a_drive_of_another_vendor_is_a_simulated_one_by_its_mark_alone() {
+fn a_drive_of_another_profile_and_vendor_is_a_simulated_one_by_its_mark_alone() {
     const VENDOR: ([u8; 3], u32) = ([0x18, 0x10, 1], 0x0000_01dd);
     // Another word in the mark.
     const UNMARKED: &[([u8; 3], u32)] = &[VENDOR, ([0x12, 0x20, 4], u32::from_le_bytes(*b"vicf"))];
@@ -472,7 +472,8 @@ fn a_drive_of_another_vendor_is_a_simulated_one_by_its_mark_alone() {
         let (cable, mut rig) = wired(&scenario, pace);
         rig.boot().unwrap();
         answer_for_right(&cable, answers);
-        rig.check_simulation(drive_addresses(&scenario.rig).unwrap())
+        let drives = drive_addresses(&scenario.rig).unwrap();
+        rig.check_simulation(drives.map(|drive| DriveAddress { has_simulated_profile: false, ..drive }))
     };
     // The drives of a model that somebody has described in a file are simulated under that model's vendor.
     assert_eq!(asked(Pace::Lockstep, &[VENDOR]), Ok(()));
