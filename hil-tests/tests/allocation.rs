@@ -234,7 +234,7 @@ fn the_loop_does_not_allocate(scenario: &Scenario, pace: Pace) {
         frames.fetch_add(1, Ordering::Relaxed);
     }));
     live.boot().expect("all devices are there");
-    let permit = permit();
+    let permit = permit(&live);
     let mut enabling = Enabling::new(&scenario.rig);
     while let Enable::Ask(ask) = enabling.next(live.state(), &permit) {
         live.run_cycle(ask);

@@ -176,7 +176,8 @@ fn the_loop_for_real_buses_runs_them_in_both_paces() {
             assert_eq!(serials.map(|drive| drive.serial_number), [1, 2], "{what}");
             let begun = cable.look(|server| (server.now(), server.counts().syncs));
             let play = Play { cycles: 2000, settling: 50 };
-            let played = live.play(&play, &permit(), &AtomicBool::new(false), |_| ()).unwrap();
+            let permit = permit(&live);
+            let played = live.play(&play, &permit, &AtomicBool::new(false), |_| ()).unwrap();
             assert_eq!((played.ended, played.state, played.cause), (Ended::Whole, State::Running, None), "{what}");
             // Two SYNC a cycle are one period of the devices.
             let ended = cable.look(|server| (server.now(), server.counts().syncs));
@@ -201,7 +202,8 @@ fn a_bus_that_stays_silent_is_the_fault_of_its_devices() {
         let begun = cable.look(|server| server.now());
         move |now, is_master, frame| is_master || frame.bus() == 0 || now.0 < begun.0 + 1_300_000_000
     });
-    let played = live.play(&play, &permit(), &AtomicBool::new(false), |_| ()).unwrap();
+    let permit = permit(&live);
+    let played = live.play(&play, &permit, &AtomicBool::new(false), |_| ()).unwrap();
     assert_eq!(played.ended, Ended::Stopped);
     assert_eq!(played.cause.map(|cause| (cause.fault, cause.devices)), Some((Fault::PdoMissed, DeviceSet::drive(1))));
     for _ in 0..1000 {

@@ -22,7 +22,7 @@ run                  the loop: names assembly, link, record and what they name; 
 sim                  may name drives, canopen, linkage, sensing, setvalued, quantity; never cycle, guard, control, fixture
 injection            may name guard; named by config, rig, study, soak, cli
 link                 names canopen and bus; named by run, rig, host, live, cli
-host                 the computer: names link, run, record, cycle, canopen, config; named by cli
+host                 the computer, and a rig on its interfaces: names run and what run names; named by cli
 live                 simulated devices on an interface: names link, rig and what rig names; named by cli
 config               names the parameter types of the layers below cycle; named by bus, assembly, run, sim, rig, host, study, soak, record, cli
 elementary           names nothing; named by all
@@ -82,7 +82,7 @@ fn may_name(layer: &str) -> Option<Vec<&'static str>> {
         "record" => [&["elementary", "quantity", "config", "sensing", "guard", "cycle"], &states[..]].concat(),
         "assembly" => [bus(), vec!["bus"]].concat(),
         "run" => [bus(), run].concat(),
-        "host" => vec!["canopen", "config", "cycle", "link", "record", "run"],
+        "host" => [bus(), run, vec!["run"]].concat(),
         "rig" => [bus(), run, vec!["run", "injection", "sim"]].concat(),
         "live" => [bus(), run, vec!["run", "sim", "rig"]].concat(),
         "study" | "soak" => [bus(), run, vec!["run", "batch", "injection", "sim", "rig"]].concat(),

@@ -18,7 +18,7 @@ use yieldwall::record::Row;
 use yieldwall::rig::{self, DeviceServer};
 use yieldwall::run::{
     Ask, DRILL_LIMIT, Demands, Enable, Enabling, Ended, NotProven, OnLink, Pace, Play, Played, Proof, RunError, Runner,
-    Unsafe, drive_addresses,
+    Unproven, Unsafe, drive_addresses,
 };
 use yieldwall_drives::cia402;
 use yieldwall_drives::watchdog::Watchdog;
@@ -35,7 +35,8 @@ fn wired(scenario: &Scenario, pace: Pace) -> (Cable, Rig) {
 fn play(rig: &mut Rig, cycles: u64) -> (Played, Vec<Row>) {
     let mut rows = Vec::new();
     let play = Play { cycles, settling: 50 };
-    let played = rig.play(&play, &permit(), &AtomicBool::new(false), |record| rows.push(record.row())).unwrap();
+    let permit = permit(rig);
+    let played = rig.play(&play, &permit, &AtomicBool::new(false), |record| rows.push(record.row())).unwrap();
     (played, rows)
 }
 
@@ -43,7 +44,7 @@ fn play(rig: &mut Rig, cycles: u64) -> (Played, Vec<Row>) {
 fn running(scenario: &Scenario, pace: Pace, cycles: u32) -> (Cable, Rig) {
     let (cable, mut rig) = wired(scenario, pace);
     rig.boot().unwrap();
-    let permit = permit();
+    let permit = permit(&rig);
     let mut enabling = Enabling::new(&scenario.rig);
     while let Enable::Ask(ask) = enabling.next(rig.state(), &permit) {
         rig.run_cycle(ask);
@@ -108,7 +109,8 @@ fn in_lockstep_a_sensor_on_plain_can_is_waited_for_and_the_moment_of_the_boot_do
             rig.boot().unwrap();
             let mut samples = Vec::new();
             let play_it = Play { cycles: 3000, settling: 50 };
-            let played = rig.play(&play_it, &permit(), &AtomicBool::new(false), |record| {
+            let permit = permit(&rig);
+            let played = rig.play(&play_it, &permit, &AtomicBool::new(false), |record| {
                 let sample = record.inputs.sample.map(|sample| sample.counts);
                 samples.push((record.moment.index, sample, record.row().proxy_m));
             });
@@ -297,7 +299,7 @@ fn no_sync_follows_a_foreign_set_point_before_a_quick_stop_and_no_joint_moves() 
                     break;
                 }
                 let asks = rig.state() == State::Idle && cycle % 8 == 7;
-                let permit = permit();
+                let permit = permit(&rig);
                 rig.run_cycle(if asks { Ask::Enable(&permit) } else { Ask::Nothing });
             }
             assert_eq!(rig.state(), State::Running, "{what}: {:?}", rig.cause());
@@ -397,6 +399,7 @@ fn simulated_drives_of_another_pace_or_in_lockstep_without_a_watchdog_are_refuse
 #[test]
 fn a_drive_without_the_mark_of_simulated_ones_is_refused_in_lockstep_and_nothing_but_the_whole_mark_counts() {
     let scenario = Scenario::torque();
+    let proof = Proof::InVirtualTime(rig::drill(&scenario.rig, &scenario.scene, |_| ()).unwrap());
     for pace in [Pace::Lockstep, Pace::Free] {
         for sub in 1..=4 {
             let (cable, mut rig) = wired(&scenario, pace);
@@ -405,7 +408,7 @@ fn a_drive_without_the_mark_of_simulated_ones_is_refused_in_lockstep_and_nothing
             cable.set_passage(move |_, _, frame| {
                 (frame.id(), frame.data().get(..4)) != (0x602, Some(&[0x40, 0x12, 0x20, sub]))
             });
-            let proved = rig.prove(&scenario.rig, &Proof::InVirtualTime);
+            let proved = rig.prove(&scenario.rig, &proof);
             assert!(
                 matches!(proved, Err(NotProven::Run(RunError::Unmarked { node_id: 2 }))),
                 "{pace:?}, word {sub}: {proved:?}"
@@ -414,12 +417,38 @@ fn a_drive_without_the_mark_of_simulated_ones_is_refused_in_lockstep_and_nothing
     }
     let (_, mut rig) = wired(&scenario, Pace::Lockstep);
     rig.boot().unwrap();
-    assert!(rig.prove(&scenario.rig, &Proof::InVirtualTime).is_ok());
+    assert!(rig.prove(&scenario.rig, &proof).is_ok());
+    let lacking = rig::drill(&scenario.rig, &scenario.scene, |machine| machine.ignore(Watchdog::Sync)).unwrap();
+    let proved = rig.prove(&scenario.rig, &Proof::InVirtualTime(lacking));
+    assert!(matches!(proved, Err(NotProven::Unproven(Unproven::Unsafe(_)))), "{proved:?}");
     // Not by the wall clock, where their drill is possible.
     let (_, mut rig) = wired(&scenario, Pace::Free);
     rig.boot().unwrap();
-    let proved = rig.prove(&scenario.rig, &Proof::InVirtualTime);
+    let proved = rig.prove(&scenario.rig, &proof);
     assert!(matches!(proved, Err(NotProven::Run(RunError::NotSimulated { node_id: 1 }))), "{proved:?}");
+}
+
+#[test]
+fn a_permit_of_an_earlier_boot_enables_nothing() {
+    let (cable, mut rig) = wired(&Scenario::torque(), Pace::Free);
+    let before = permit(&rig);
+    rig.boot().unwrap();
+    let first = permit(&rig);
+    let play = Play { cycles: 100, settling: 50 };
+    let is_interrupted = AtomicBool::new(false);
+    assert_eq!(rig.play(&play, &before, &is_interrupted, |_| ()), Err(RunError::OldPermit));
+    rig.play(&play, &first, &is_interrupted, |_| ()).unwrap();
+    rig.leave();
+    rig.boot().unwrap();
+    assert_eq!(rig.play(&play, &first, &is_interrupted, |_| ()), Err(RunError::OldPermit));
+    rig.run_cycle(Ask::Reset);
+    for _ in 0..100 {
+        rig.run_cycle(Ask::Enable(&first));
+    }
+    assert_eq!(rig.state(), State::Idle);
+    assert!(drive_states(&cable).iter().all(|state| *state != cia402::State::OperationEnabled));
+    let again = permit(&rig);
+    rig.play(&play, &again, &is_interrupted, |_| ()).unwrap();
 }
 
 /// Has somebody answer in the place of the right drive when it is asked for these objects.

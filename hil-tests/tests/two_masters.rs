@@ -26,7 +26,10 @@ fn master(plug: Plug, pace: Pace) -> Result<Played, RunError> {
     let _turn = plug.begin();
     let mut rig = Runner::on_link(&Scenario::torque().rig, plug.clone(), plug, pace)?;
     let play = Play { cycles: CYCLES, settling: 70 };
-    let result = rig.boot().and_then(|()| rig.play(&play, &permit(), &AtomicBool::new(false), |_| ()));
+    let result = rig.boot().and_then(|()| {
+        let permit = permit(&rig);
+        rig.play(&play, &permit, &AtomicBool::new(false), |_| ())
+    });
     // As the program does, whatever has happened.
     rig.leave();
     result

@@ -43,7 +43,7 @@ fn a_drive_that_takes_its_time_to_reset_or_to_answer_is_waited_for() {
             let (_cable, mut rig) = wired(&scenario, pace, slow);
             rig.boot().unwrap_or_else(|error| panic!("{slow:?} {pace:?}: {error}"));
             rig.check_simulation(drive_addresses(&scenario.rig).unwrap()).unwrap();
-            let permit = permit();
+            let permit = permit(&rig);
             let mut enabling = Enabling::new(&scenario.rig);
             while let Enable::Ask(ask) = enabling.next(rig.state(), &permit) {
                 rig.run_cycle(ask);
@@ -120,7 +120,7 @@ fn a_drive_that_is_enabled_late_is_waited_for_as_long_as_its_setting_says() {
         let (cable, mut rig) = wired(&scenario, Pace::Free, [0, 0]);
         rig.boot().unwrap();
         cable.change(|server| server.set_ignores_controlword(0, true));
-        let permit = permit();
+        let permit = permit(&rig);
         let mut enabling = Enabling::new(&scenario.rig);
         let mut cycle = 0;
         while let Enable::Ask(ask) = enabling.next(rig.state(), &permit) {

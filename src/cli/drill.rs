@@ -1,21 +1,17 @@
 //! `yieldwall drill`: do the drives stop by themselves when the master falls silent?
 
-use std::sync::{Arc, mpsc};
-use std::thread;
-
 use serde_json::json;
 
 use super::failure::{Exit, Failure};
 use super::interfaces::Interfaces;
+use super::interrupt::on_interrupt;
 use super::keep::state_folder;
-use super::live::{
-    News, boot_watch, different, live_failure, on_interrupt, open, print_news, warn_of, with_emergencies,
-};
+use super::on_bus::{different, live_failure, open_failure, print_news, thread_failure, warn_of, with_emergencies};
 use super::output::Output;
-use super::run::{judge, rig_failure, watchdogs_json, watchdogs_text};
+use super::run::{judge, watchdogs_json, watchdogs_text};
 use crate::config::{self, Source};
-use crate::host::system::{SystemMetronome, lock_memory, run_first};
-use crate::run::{Drilled, Pace, RunError, Runner, Subject, drive_addresses, settling_on_bus};
+use crate::host::RigOnBus;
+use crate::run::{Drilled, Pace, Subject};
 
 #[derive(Debug, clap::Args)]
 pub(super) struct Arguments {
@@ -33,31 +29,14 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
     let rig = rig.value;
     let folder = state_folder("drills").ok_or_else(no_home)?;
     let is_interrupted = on_interrupt()?;
-    // A drill on a computer that grants nothing is coarser, and says so by its resolution.
-    warn_of(output, &lock_memory());
-    let link = open(&Interfaces::of(&rig, &arguments.bus)?, &rig)?;
-    let mut machine = Runner::on_link(&rig, link, SystemMetronome, Pace::Free).map_err(|error| live_failure(&error))?;
-    let drives = drive_addresses(&rig).map_err(|error| rig_failure(&error.into()))?;
-    let settling = settling_on_bus(&rig);
+    let on_bus = RigOnBus::open(&rig, Interfaces::of(&rig, &arguments.bus)?.names(), Pace::Free);
+    let on_bus = on_bus.map_err(|error| open_failure(&error))?;
+    warn_of(output, on_bus.memory());
     output.news("the rig is enabled three times, at rest; nobody may hold the handle")?;
-    let (news, told) = mpsc::channel();
-    machine.set_boot_watch(boot_watch(news.clone(), Arc::clone(&is_interrupted)));
-    let drilling = move || {
-        // Nobody listens if the thread that waits has died.
-        let _ = run_first().map_err(|refusal| news.send(News::Refused(refusal.to_string())));
-        let booted = machine.boot().and_then(|()| machine.check_simulation(drives));
-        let known = booted.and_then(|()| machine.identities(drives));
-        let drilled: Result<_, RunError> =
-            known.and_then(|identities| Ok((identities, machine.drill(drives, settling, &is_interrupted)?)));
-        machine.leave();
-        (drilled, different(machine.master().emergencies().map(|(_, emergency)| emergency)))
-    };
-    let thread = thread::Builder::new().name("cycle".to_owned()).spawn(drilling);
-    let thread = thread.map_err(|error| Failure::new(Exit::Internal, format!("thread of the cycle: {error}"), ""))?;
-    print_news(&told, false, output);
-    let (drilled, emergencies) =
-        thread.join().map_err(|_| Failure::new(Exit::Internal, "the thread of the cycle has panicked", ""))?;
-    let (identities, drilled) = drilled.map_err(|error| with_emergencies(live_failure(&error), &emergencies, &rig))?;
+    let outcome = on_bus.drill(&is_interrupted, print_news(false, output)).map_err(|error| thread_failure(&error))?;
+    let emergencies = different(outcome.emergencies.into_iter());
+    let (identities, drilled) =
+        outcome.drilled.map_err(|error| with_emergencies(live_failure(&error), &emergencies, &rig))?;
     let path = Subject::new(&rig, identities).store(&drilled, &folder).map_err(|error| {
         Failure::new(Exit::Usage, format!("{}: {error}", folder.display()), "make the folder one that can be written")
     })?;

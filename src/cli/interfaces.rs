@@ -1,9 +1,7 @@
 //! `--bus`: which interface is which bus of the rig.
 
 use super::failure::{Exit, Failure};
-use super::live::link_failure;
 use crate::config;
-use crate::link::{CobFilter, Role, SocketCan, SocketCanSettings, SocketCans};
 
 /// The interfaces of a rig's buses, in the order of the buses' names.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -79,29 +77,6 @@ impl Interfaces {
         }
         let each = rig.buses.keys().zip(&self.0).map(|(name, interface)| format!("--bus {name}={interface}"));
         each.collect::<Vec<_>>().join(" ")
-    }
-
-    /// Opens all, each at the bit rate of its bus; `filters` gives what is wanted of a bus: process data, and the rest; `roles` what
-    /// only one process may do there.
-    pub(super) fn open(
-        &self,
-        rig: &config::Rig,
-        roles: impl Fn(u8) -> Vec<Role>,
-        filters: impl Fn(u8) -> (Vec<CobFilter>, Vec<CobFilter>),
-    ) -> Result<SocketCans, Failure> {
-        let mut links = Vec::new();
-        for ((number, bus), interface) in (0..).zip(rig.buses.values()).zip(&self.0) {
-            let (process, services) = filters(number);
-            let settings = SocketCanSettings {
-                process,
-                services,
-                bit_rate: Some(bus.bit_rate_bit_per_s),
-                roles: roles(number),
-                ..SocketCanSettings::everything(interface)
-            };
-            links.push(SocketCan::open(&settings).map_err(|error| link_failure(&error))?);
-        }
-        Ok(SocketCans::new(links))
     }
 }
 

@@ -7,8 +7,9 @@ use std::time::Duration;
 
 use serde_json::{Value, json};
 
+use super::ending::{bus_names, describe};
 use super::failure::{Exit, Failure};
-use super::run::{bus_names, describe, make_folder_of};
+use super::picture::make_folder_of;
 use crate::canopen::{Frame, Time};
 use crate::config::{self, Diagnostic, Severity};
 use crate::record::DeviceRecord;

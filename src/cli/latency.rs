@@ -9,8 +9,9 @@ use std::time::{Duration, SystemTime};
 use serde_json::{Value, json};
 
 use super::failure::{Exit, Failure};
+use super::interrupt::on_interrupt;
 use super::keep::state_folder;
-use super::live::{link_failure, on_interrupt, other_master, warn};
+use super::on_bus::{link_failure, other_master, warn};
 use super::output::Output;
 use crate::bus::{LISTENING, Signs};
 use crate::host::system::{Load, Readiness, Refusal, SystemMetronome, computer, lock_memory, run_first};

@@ -7,17 +7,25 @@ mod bus;
 mod config;
 #[cfg(target_os = "linux")]
 mod drill;
+mod ending;
 mod failure;
 mod faults;
 #[cfg(target_os = "linux")]
 mod interfaces;
+#[cfg(target_os = "linux")]
+mod interrupt;
 mod keep;
 #[cfg(target_os = "linux")]
 mod latency;
 #[cfg(target_os = "linux")]
 mod live;
 mod margins;
+#[cfg(target_os = "linux")]
+mod on_bus;
 mod output;
+#[cfg(target_os = "linux")]
+mod pace;
+mod picture;
 mod plot;
 mod progress;
 mod record;
@@ -120,6 +128,8 @@ fn run(arguments: impl IntoIterator<Item = OsString>) -> Exit {
     }
     let mut output = Output::new(arguments.quiet, arguments.json);
     let result = match arguments.command {
+        #[cfg(target_os = "linux")]
+        Command::Run(arguments) if !arguments.bus.is_empty() => live::run(&arguments, &mut output),
         Command::Run(arguments) => run::run(&arguments, &mut output),
         #[cfg(target_os = "linux")]
         Command::Sim(arguments) => sim::run(&arguments, &mut output),

@@ -6,8 +6,8 @@ use serde_json::json;
 
 use super::failure::Failure;
 use super::output::Output;
+use super::picture::{check_picture, drawing_failure, write_drawing};
 use super::replay::{damage, failure, open, records};
-use super::run::{check_picture, drawing_failure, write_drawing};
 use crate::study::drawing;
 use crate::study::replay::recorded_trace;
 

@@ -5,9 +5,9 @@ use std::path::{Path, PathBuf};
 
 use serde_json::json;
 
+use super::ending::rig_failure;
 use super::failure::{Exit, Failure};
 use super::output::Output;
-use super::run::rig_failure;
 use crate::config::{Diagnostic, Severity};
 use crate::record::recording::{self, About, Damage, ReadError, Recording};
 use crate::study::replay::{End, ReplayError, replay_any};

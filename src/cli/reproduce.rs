@@ -4,10 +4,12 @@ use std::path::PathBuf;
 
 use serde_json::{Value, json};
 
+use super::ending::{above_bound, rig_failure};
 use super::failure::{Exit, Failure};
 use super::output::Output;
+use super::picture::{drawing_failure, write_drawing};
 use super::progress::Progress;
-use super::run::{above_bound, drawing_failure, measures_text, rig_failure, tool_text, write_drawing};
+use super::run::{measures_text, tool_text};
 use crate::study::Stage;
 use crate::study::drawing;
 use crate::study::reproduce::{FIGURES, FigureRun, HandScale, Mode, ReproduceError, reproduce, reproduce_file};

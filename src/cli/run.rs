@@ -1,26 +1,24 @@
-//! `yieldwall run`: a rig or an impedance device with its scene on the embedded simulation.
+//! `yieldwall run`: a rig or an impedance device with its scene on the embedded simulation, and the arguments of both kinds of run.
 
 mod device;
-mod ending;
 mod facts;
-mod picture;
 mod words;
 
 use std::path::PathBuf;
 use std::time::Instant;
 
-pub(super) use self::ending::{above_bound, bus_names, describe, devices_text, exit_of, rig_failure, stopped_by};
 use self::facts::Facts;
-pub(super) use self::picture::{check_picture, drawing_failure, make_folder_of, write_drawing};
 pub(super) use self::words::{
     counted_json, counted_text, measures_text, mode_text, tool_text, watchdogs_json, watchdogs_text,
 };
 use super::bus::plans;
+use super::ending::{self, above_bound, rig_failure};
 use super::failure::{Exit, Failure};
 use super::faults::FaultArgument;
 use super::keep::{Keep, Watched};
 use super::margins::Margins;
 use super::output::Output;
+use super::picture::{check_picture, drawing_failure, write_drawing};
 use super::progress::Progress;
 use crate::config::{self, Document, Loaded, Report, Severity, Source};
 use crate::rig::{self};
@@ -40,8 +38,8 @@ pub(super) struct Arguments {
     pub(super) bus: Vec<String>,
     /// What a cycle waits for: the wall clock, or (simulated devices in lockstep alone) the process data
     #[cfg(target_os = "linux")]
-    #[arg(long, value_enum, default_value_t = super::live::PaceArgument::Free, requires = "bus")]
-    pub(super) pace: super::live::PaceArgument,
+    #[arg(long, value_enum, default_value_t = super::pace::PaceArgument::Free, requires = "bus")]
+    pub(super) pace: super::pace::PaceArgument,
     /// Fail instead of warning when this computer grants no real-time priority or no locked memory
     #[cfg(target_os = "linux")]
     #[arg(long, requires = "bus")]
@@ -79,10 +77,6 @@ pub(super) struct Arguments {
 
 pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Failure> {
     check(arguments)?;
-    #[cfg(target_os = "linux")]
-    if !arguments.bus.is_empty() {
-        return super::live::run(arguments, output);
-    }
     let source = Source::named(&arguments.rig);
     let rig = match config::load(source.clone())? {
         Document::Rig(rig) => *rig,
@@ -144,7 +138,7 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
 }
 
 /// What can be known to be wrong before anything is run.
-fn check(arguments: &Arguments) -> Result<(), Failure> {
+pub(super) fn check(arguments: &Arguments) -> Result<(), Failure> {
     if let Some(duration) = arguments.duration
         && !(duration > 0.0 && duration <= config::MAX_DURATION_S)
     {

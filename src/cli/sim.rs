@@ -7,16 +7,19 @@ use std::time::Duration;
 
 use serde_json::json;
 
+use super::ending::rig_failure;
 use super::failure::{Exit, Failure};
 use super::interfaces::Interfaces;
-use super::live::{PaceArgument, link_failure, on_interrupt};
+use super::interrupt::on_interrupt;
+use super::on_bus::{link_failure, open_failure};
 use super::output::Output;
-use super::run::rig_failure;
+use super::pace::PaceArgument;
 use crate::assembly::bus_plan;
 use crate::bus::{MasterSetup, SensorLink, Signs};
 use crate::canopen::Frame;
 use crate::config::{self, Source};
 use crate::guard::DeviceSet;
+use crate::host::open_buses;
 use crate::link::{CanLink, CobFilter, Role, SocketCan, SocketCanSettings};
 use crate::live::{AttachError, Attached, Entrance, ServeError, attach, listen, serve};
 use crate::rig::{DeviceServer, simulated_drive, simulated_force_sensor};
@@ -93,7 +96,9 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
     let is_interrupted = on_interrupt()?;
     let interfaces = Interfaces::of(&rig, &arguments.bus)?;
     let own = Own::new(&rig, here)?;
-    let mut link = interfaces.open(&rig, |bus| own.roles(bus), |_| (vec![CobFilter::EVERYTHING], Vec::new()))?;
+    let everything = |_| (vec![CobFilter::EVERYTHING], Vec::new());
+    let link = open_buses(&rig, interfaces.names(), |bus| own.roles(bus), everything);
+    let mut link = link.map_err(|error| open_failure(&error))?;
     own.listen(&mut link, &is_interrupted, |frame| *frame)?;
     let entrance = match &arguments.plant {
         Some(path) => Some(Entrance::open(path, arguments.pace.pace()).map_err(|error| no_socket(path, &error))?),

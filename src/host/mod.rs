@@ -1,7 +1,10 @@
-//! The computer that a loop runs on: what it grants, how late it wakes up, and what was proved of that.
+//! The computer that a loop runs on: what it grants, how late it wakes up, and what was proved of that; and a rig on its
+//! interfaces.
 
 mod histogram;
 mod latency;
+#[cfg(all(feature = "socketcan", target_os = "linux"))]
+mod on_bus;
 mod stages;
 #[cfg(all(feature = "socketcan", target_os = "linux"))]
 pub mod system;
@@ -9,5 +12,9 @@ mod timing;
 
 pub use histogram::Histogram;
 pub use latency::{Latency, Lateness, PROBE, PROVING_CYCLES, STOCK_CYCLES, Tier, measure_latency};
+#[cfg(all(feature = "socketcan", target_os = "linux"))]
+pub use on_bus::{
+    Demands, DrillOutcome, Evidence, News, NotRun, OpenError, Outcome, RigOnBus, ThreadError, open_buses,
+};
 pub use stages::StageTimes;
 pub use timing::{Computer, Kept, Measured, REDUCED_FORCE_N, REDUCED_SPEED_M_PER_S, Untimely};

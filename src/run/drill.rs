@@ -118,7 +118,7 @@ impl<P: Place> Runner<P> {
         let mut resolution = Duration::ZERO;
         for watchdog in Watchdog::ALL {
             self.boot()?;
-            self.enable(settling, &Permit::for_drill(), is_interrupted)?;
+            self.enable(settling, &Permit::for_drill(self), is_interrupted)?;
             for _ in 0..CYCLES_BEFORE_SILENCE {
                 self.run_cycle(Ask::Nothing);
             }

@@ -42,6 +42,11 @@ pub enum RunError {
     /// The cycle has panicked, and nothing is booted for it.
     #[error("the cycle has panicked: only a new process can boot the network")]
     NotBooted,
+    /// The permit to enable is of another boot, or of another rig. Nothing was enabled.
+    #[error(
+        "the network was booted anew since it was proved that its drives stop by themselves: they may be others, prove it again"
+    )]
+    OldPermit,
     /// The drives did not reach Operation Enabled.
     #[error("the rig was not enabled within {waited_s:.1} s{}", because(.cause))]
     NotEnabled {

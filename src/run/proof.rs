@@ -71,16 +71,16 @@ pub enum Unproven {
         reason: String,
     },
     /// The drill has shown that a drive does not stop, or not soon enough.
-    #[error("the watchdog drill on record: {0}")]
+    #[error("the watchdog drill: {0}")]
     Unsafe(#[from] Unsafe),
 }
 
 /// Where it is shown that the drives of a rig stop by themselves.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Proof {
-    /// In virtual time, by the same simulated drives: those on the bus say that they are (2012h), and whether they lack a watchdog. For
-    /// lockstep, in which no drill is possible.
-    InVirtualTime,
+    /// In virtual time, by a drill of the same simulated drives: those on the bus say that they are (2012h), and whether they lack a
+    /// watchdog. For lockstep, in which no drill is possible.
+    InVirtualTime(Drilled),
     /// In the records of drills on a bus, which are in this folder.
     OnRecord(PathBuf),
 }
@@ -97,7 +97,8 @@ pub enum NotProven {
 }
 
 impl<P: Place> Runner<P> {
-    /// Asks the drives of a booted network what they are, and looks for the proof that such drives stop by themselves.
+    /// Asks the drives of a booted network what they are, and looks for the proof that such drives stop by themselves. The
+    /// permit is of this boot.
     ///
     /// # Errors
     /// Why the rig may not be enabled.
@@ -106,14 +107,17 @@ impl<P: Place> Runner<P> {
         self.check_simulation(drives)?;
         match proof {
             // What the drives were asked makes sure that they are simulated ones in lockstep.
-            Proof::InVirtualTime if self.pace() == Pace::Lockstep => Ok(Permit::proved()),
-            Proof::InVirtualTime => {
+            Proof::InVirtualTime(drilled) if self.pace() == Pace::Lockstep => {
+                drilled.judge(Demands::of(rig)).map_err(Unproven::from)?;
+                Ok(Permit::proved(self))
+            }
+            Proof::InVirtualTime(_) => {
                 let [DriveAddress { node, .. }, _] = drives;
                 Err(RunError::NotSimulated { node_id: node.raw() }.into())
             }
             Proof::OnRecord(drills) => {
                 Subject::new(rig, self.identities(drives)?).check(drills)?;
-                Ok(Permit::proved())
+                Ok(Permit::proved(self))
             }
         }
     }

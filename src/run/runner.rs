@@ -13,6 +13,7 @@ use super::drill::{DriveAddress, drive_addresses};
 use super::error::RunError;
 use super::metronome::Metronome;
 use super::pace::Pace;
+use super::permit::{Boot, Permit};
 use super::place::{OnLink, Place, Process};
 use crate::assembly::{bus_plan, master};
 use crate::bus::{LinkEvent, Master, Waiting};
@@ -83,6 +84,8 @@ pub struct Runner<P> {
     boot_watch: Option<BootWatch>,
     pub(super) enabling: Enabling,
     drives: [DriveAddress; 2],
+    /// Of which a permit has to be.
+    pub(super) boot: Boot,
     last: Option<Outputs>,
     /// Where the rig rests, if it was enabled for that alone.
     rests: Option<Rest>,
@@ -137,6 +140,7 @@ impl<P: Place> Runner<P> {
             boot_watch: None,
             enabling: Enabling::new(rig),
             drives: drive_addresses(rig)?,
+            boot: Boot::NONE,
             last: None,
             rests: None,
             process: Process::Runs,
@@ -160,6 +164,16 @@ impl<P: Place> Runner<P> {
     /// Has `watch` follow every boot from now on.
     pub fn set_boot_watch(&mut self, watch: BootWatch) {
         self.boot_watch = Some(watch);
+    }
+
+    /// Whether a permit is of the present boot of this rig. A cycle with one of another boot asks for nothing.
+    ///
+    /// # Errors
+    /// [`RunError::OldPermit`] if not.
+    ///
+    /// Real-time: yes.
+    pub fn check_permit(&self, permit: &Permit) -> Result<(), RunError> {
+        if permit.is_of(self.boot) { Ok(()) } else { Err(RunError::OldPermit) }
     }
 
     /// State of the supervisor; [`State::Lost`] if its process never runs again, since the drives' watchdogs act.

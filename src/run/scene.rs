@@ -106,7 +106,7 @@ impl<P: Place> Runner<P> {
     /// Enables a booted rig after so many cycles of process data; one that does not come to run is stopped.
     ///
     /// # Errors
-    /// If the rig does not come to run, or a person asks for the end.
+    /// If the permit is of another boot, the rig does not come to run, or a person asks for the end.
     pub fn enable(&mut self, settling: u32, permit: &Permit, is_interrupted: &AtomicBool) -> Result<(), RunError> {
         let enabling = self.enabling.not_before(settling);
         let enabled = self.come_to_run(enabling, permit, is_interrupted);
@@ -116,13 +116,14 @@ impl<P: Place> Runner<P> {
         enabled
     }
 
-    /// Asks a booted rig to be enabled until it runs.
+    /// Asks a booted rig to be enabled until it runs, if the permit is of this boot.
     pub(crate) fn come_to_run(
         &mut self,
         mut enabling: Enabling,
         permit: &Permit,
         is_interrupted: &AtomicBool,
     ) -> Result<(), RunError> {
+        self.check_permit(permit)?;
         loop {
             if is_interrupted.load(Ordering::Relaxed) {
                 return Err(RunError::Interrupted);

@@ -4,14 +4,15 @@ use std::collections::BTreeMap;
 
 use serde_json::{Value, json};
 
-use super::emergencies::{document, text};
-use super::{Outcome, PaceArgument, Timely};
+use super::Seen;
+use crate::cli::ending::{bus_names, devices_text};
 use crate::cli::interfaces::Interfaces;
 use crate::cli::keep::Kept;
-use crate::cli::run::{Arguments, bus_names, counted_json, counted_text, devices_text, measures_text, mode_text};
+use crate::cli::on_bus::{document, text};
+use crate::cli::pace::PaceArgument;
+use crate::cli::run::{Arguments, counted_json, counted_text, measures_text, mode_text};
 use crate::config;
-use crate::host::Histogram;
-use crate::host::system::Refusal;
+use crate::host::{Histogram, Kept as Timely, Outcome};
 use crate::run::Played;
 use crate::study::measures::Measures;
 
@@ -21,15 +22,15 @@ pub(super) struct Facts<'a> {
     pub(super) arguments: &'a Arguments,
     pub(super) rig: &'a config::Rig,
     pub(super) outcome: &'a Outcome,
+    pub(super) seen: &'a Seen,
     pub(super) played: &'a Played,
-    pub(super) memory: &'a Result<(), Refusal>,
     pub(super) measures: &'a Measures,
     pub(super) kept: &'a Kept,
 }
 
 impl Facts<'_> {
     fn refusals(&self) -> Vec<String> {
-        [&self.outcome.priority, self.memory]
+        [&self.outcome.priority, &self.outcome.memory]
             .into_iter()
             .filter_map(|granted| granted.as_ref().err().map(ToString::to_string))
             .collect()
@@ -37,7 +38,7 @@ impl Facts<'_> {
 
     /// For a person.
     pub(super) fn lines(&self, time_s: f64) -> Vec<String> {
-        let Outcome { counts, skipped, .. } = self.outcome;
+        let (counts, Seen { stages, skipped }) = (self.outcome.counts, self.seen);
         let period_ms = f64::from(self.rig.cycle.period_us) * 1e-3;
         let mut lines = vec![
             format!("rig       {}: {}, {period_ms} ms", self.rig.rig.name, mode_text(self.rig.rig.command_mode)),
@@ -64,7 +65,7 @@ impl Facts<'_> {
         lines.extend(emergencies.iter().map(|emergency| format!("emergency {}", text(emergency, self.rig))));
         lines.extend(counted_text(&self.outcome.counted, self.outcome.foreign_downloads));
         if self.arguments.pace == PaceArgument::Free {
-            for (at, (_, text, times)) in self.outcome.stages.each().enumerate() {
+            for (at, (_, text, times)) in stages.each().enumerate() {
                 let us = |share| 1e6 * times.quantile(share).as_secs_f64();
                 let (p50, p99, max) = (us(0.5), us(0.99), us(1.0));
                 let head = if at == 0 { "stages" } else { "" };
@@ -81,7 +82,7 @@ impl Facts<'_> {
 
     /// As data.
     pub(super) fn json(&self, time_s: f64) -> Value {
-        let Outcome { counts, skipped, .. } = self.outcome;
+        let (counts, Seen { stages, skipped }) = (self.outcome.counts, self.seen);
         let times = |times: &Histogram| {
             let us = |share| 1e6 * times.quantile(share).as_secs_f64();
             json!({ "p50_us": us(0.5), "p99_us": us(0.99), "p999_us": us(0.999), "max_us": us(1.0) })
@@ -112,7 +113,7 @@ impl Facts<'_> {
                 Ok(Timely { tier, shown }) => json!({ "tier": tier, "shown": shown }),
                 Err(error) => json!({ "ignored": error.to_string() }),
             }),
-            "stages": self.outcome.stages.each().map(|(name, _, of)| (name, times(of))).collect::<BTreeMap<_, _>>(),
+            "stages": stages.each().map(|(name, _, of)| (name, times(of))).collect::<BTreeMap<_, _>>(),
             "skipped": skipped,
             "measures": self.measures,
             "figure": self.arguments.figure,

@@ -4,11 +4,13 @@ use std::time::Instant;
 
 use serde_json::json;
 
+use super::super::ending::{above_bound, rig_failure};
 use super::super::failure::{Exit, Failure};
 use super::super::keep::Keep;
 use super::super::output::Output;
+use super::super::picture::{drawing_failure, write_drawing};
 use super::super::progress::Progress;
-use super::{Arguments, above_bound, drawing_failure, measures_text, rig_failure, write_drawing};
+use super::{Arguments, measures_text};
 use crate::config::{self, Coupling, ImpedanceDevice, Loaded};
 use crate::rig::ImpedanceRig;
 use crate::study::{Overrides, RunReport, drawing, replay, run_device};

@@ -4,11 +4,12 @@ use std::collections::BTreeMap;
 
 use serde_json::{Value, json};
 
+use super::super::ending::{bus_names, devices_text};
 use super::super::keep::{Kept, LOG_STARTS_AT};
 use super::super::margins::Margins;
 use super::{
-    Arguments, bus_names, counted_json, counted_text, devices_text, measures_text, mode_text, simulated_interfaces,
-    watchdogs_json, watchdogs_text,
+    Arguments, counted_json, counted_text, measures_text, mode_text, simulated_interfaces, watchdogs_json,
+    watchdogs_text,
 };
 use crate::config;
 use crate::fixture::prediction;

@@ -2,7 +2,7 @@
 
 use serde_json::{Value, json};
 
-use super::ending::scope_text;
+use super::super::ending::scope_text;
 use crate::config;
 use crate::guard::Fault;
 use crate::run::{Drilled, Finding};

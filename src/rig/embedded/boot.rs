@@ -4,7 +4,7 @@ use std::sync::atomic::AtomicBool;
 
 use super::{DEVICES, EmbeddedRig, RigError};
 use crate::guard::{Request, State};
-use crate::run::{Enabling, RunError, STOP_LIMIT_S, has_torque, settling_cycles};
+use crate::run::{Enabling, Permit, RunError, STOP_LIMIT_S, has_torque, settling_cycles};
 
 /// Cycles from a reset to the question to be enabled again: the drives have left their fault state.
 const CYCLES_AFTER_RESET: u32 = 50;
@@ -70,7 +70,7 @@ impl EmbeddedRig {
         Err(RigError::NotEnabled { waited_s: 0.0, state, cause: None })
     }
 
-    fn come_to_run(&mut self, enabling: Enabling) -> Result<(), RigError> {
+    pub(super) fn come_to_run(&mut self, enabling: Enabling) -> Result<(), RigError> {
         let enabling = enabling.not_before(settling_cycles(self.runner.period(), self.sample_period));
         let enabled = self.runner.come_to_run(enabling, &self.permit, &AtomicBool::new(false));
         self.go_on()?;
@@ -110,14 +110,16 @@ impl EmbeddedRig {
         self.start_network()
     }
 
-    /// Has the master find and configure the devices, up to the exchange of process data.
+    /// Has the master find and configure the devices, up to the exchange of process data, and proves anew.
     pub(super) fn start_network(&mut self) -> Result<(), RigError> {
         self.place_mut().begin_boot();
         let booted = self.runner.boot();
         if let Some(error) = self.place_mut().failure.take() {
             return Err(error);
         }
-        booted.map_err(not_run)
+        booted.map_err(not_run)?;
+        self.permit = Permit::in_virtual_time(&self.runner);
+        Ok(())
     }
 
     /// The hand takes the handle at the next SYNC, and the scene begins if it has not.

@@ -52,6 +52,7 @@ pub struct EmbeddedRig {
     sample_period: Duration,
     compute_at: Duration,
     enabling: Enabling,
+    /// Of the last boot.
     permit: Permit,
 }
 
@@ -75,12 +76,13 @@ impl EmbeddedRig {
             RunError::Assembly(error) => error.into(),
             other => RigError::Mismatch(other.to_string()),
         })?;
+        let permit = Permit::in_virtual_time(&runner);
         let mut machine = Self {
             runner,
             sample_period: assembly::sample_period(rig),
             compute_at: Duration::from_micros(rig.cycle.compute_at_us.into()),
             enabling: Enabling::new(rig),
-            permit: Permit::in_virtual_time::<Simulation>(),
+            permit,
         };
         for fault in &scene.faults {
             machine.inject(fault.injection()?)?;
@@ -292,14 +294,17 @@ fn devices(rig: &config::Rig) -> Result<[Device; 3], RigError> {
 
 #[cfg(test)]
 mod tests {
+    use std::sync::atomic::AtomicBool;
+
     use super::*;
 
-    fn shipped(permit: Permit) -> EmbeddedRig {
+    fn shipped(permit: fn(&Runner<Simulation>) -> Permit) -> EmbeddedRig {
         let loaded = config::load_rig(config::Source::named("builtin:paper-admittance.yaml")).unwrap();
         let scene = config::load_scene(loaded.source.relative(&loaded.value.scene)).unwrap().value;
         let mut machine = EmbeddedRig::new(&loaded.value, &scene, &loaded.value.fixture, scene.seed).unwrap();
-        machine.permit = permit;
-        machine.enable().unwrap();
+        machine.boot().unwrap();
+        machine.permit = permit(&machine.runner);
+        machine.come_to_run(machine.enabling).unwrap();
         machine
     }
 
@@ -317,10 +322,31 @@ mod tests {
 
     #[test]
     fn a_rig_that_was_enabled_to_rest_is_stopped_when_somebody_leads_it_away() {
-        let (farthest, state) = led(shipped(Permit::in_virtual_time::<Simulation>()));
+        let (farthest, state) = led(shipped(Permit::in_virtual_time));
         assert!(farthest > 0.1 && state == State::Running, "{farthest} {state:?}");
-        let (farthest, state) = led(shipped(Permit::for_drill()));
+        let (farthest, state) = led(shipped(Permit::for_drill));
         // And what the ramp takes.
         assert!(farthest < 0.04 && state == State::Stopped, "{farthest} {state:?}");
+    }
+
+    #[test]
+    fn a_permit_is_of_one_boot_of_one_rig() {
+        let mut machine = shipped(Permit::in_virtual_time);
+        let other = shipped(Permit::in_virtual_time);
+        assert_eq!(machine.runner.check_permit(&machine.permit), Ok(()));
+        assert_eq!(machine.runner.check_permit(&other.permit), Err(RunError::OldPermit));
+        assert!(machine.runner.stop());
+        let old = std::mem::replace(&mut machine.permit, other.permit);
+        machine.start_network().unwrap();
+        assert_eq!(machine.runner.check_permit(&machine.permit), Ok(()), "proved again");
+        for permit in [&old, &Permit::without_proof(&other.runner, "of another rig")] {
+            let enabled = machine.runner.enable(0, permit, &AtomicBool::new(false));
+            assert_eq!(enabled, Err(RunError::OldPermit));
+            for _ in 0..200 {
+                machine.runner.run_cycle(Ask::Enable(permit));
+                assert_eq!(machine.state(), State::Idle);
+            }
+        }
+        machine.runner.enable(0, &machine.permit, &AtomicBool::new(false)).unwrap();
     }
 }

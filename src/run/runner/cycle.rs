@@ -43,10 +43,14 @@ impl Rest {
 impl<P: Place> Runner<P> {
     /// One period: SYNC, process data, the cycle, set-points. Nothing comes of it once a cycle has panicked, and in a period in which
     /// the process does not run; in virtual time the periods go on all the same. A rig that was enabled to rest and is led away from
-    /// where it was is stopped.
+    /// where it was is stopped. A permit of another boot asks for nothing.
     ///
     /// Real-time: yes, if the observer and the tap are.
     pub fn run_cycle(&mut self, ask: Ask<'_>) -> Option<CycleRecord> {
+        let ask = match ask {
+            Ask::Enable(permit) if self.check_permit(permit).is_err() => Ask::Nothing,
+            ask => ask,
+        };
         if let Ask::Enable(permit) = ask {
             self.rests = permit.is_for_rest().then_some(Rest::default());
         }

@@ -7,6 +7,7 @@ use crate::bus::Phase;
 use crate::canopen::Time;
 use crate::run::error::RunError;
 use crate::run::pace::Pace;
+use crate::run::permit::Boot;
 use crate::run::place::{Place, Process};
 use yieldwall_drives::objects;
 
@@ -16,7 +17,8 @@ const LOOK_UP: Duration = Duration::from_millis(100);
 const FAREWELL: Duration = Duration::from_millis(50);
 
 impl<P: Place> Runner<P> {
-    /// Resets, configures and starts the rig's nodes, up to the exchange of process data. Nothing is enabled.
+    /// Resets, configures and starts the rig's nodes, up to the exchange of process data. Nothing is enabled, and permits of
+    /// earlier boots are void.
     ///
     /// The first time it listens before that, on the wall in both paces, and sends nothing if there is another master.
     ///
@@ -35,6 +37,7 @@ impl<P: Place> Runner<P> {
         self.waits = false;
         self.next_sync = Time::NEVER;
         (self.rests, self.process) = (None, Process::Runs);
+        self.boot = Boot::another();
         if !P::IS_VIRTUAL {
             self.make_sure_to_be_alone()?;
         }

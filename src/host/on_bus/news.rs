@@ -1,35 +1,33 @@
-//! What the thread of the cycle tells the thread that prints.
+//! What the thread of the cycle tells whoever waits for it.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::mpsc::{Receiver, Sender};
+use std::sync::mpsc::Sender;
 use std::time::Duration;
 
-use super::warn;
 use crate::bus::Waiting;
-use crate::cli::output::Output;
-use crate::cli::progress::Progress;
 use crate::run::BootWatch;
 
-/// How long the boot waits before a person is told.
+/// How long the boot waits before anybody is told.
 const QUIET: Duration = Duration::from_secs(1);
 
 /// One piece of it.
-pub(in crate::cli) enum News {
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum News {
     /// This computer did not grant something.
     Refused(String),
-    /// What the boot waits for, if that has taken a while.
+    /// What the boot waits for, if that has taken a while; nothing once it is over.
     Waiting(Option<String>),
 }
 
 /// Tells what every boot waits for, and ends it when a person asks for the end.
-pub(in crate::cli) fn boot_watch(news: Sender<News>, is_interrupted: Arc<AtomicBool>) -> BootWatch {
+pub(super) fn boot_watch(news: Sender<News>, is_interrupted: Arc<AtomicBool>) -> BootWatch {
     let mut was_told = false;
     Box::new(move |waiting| {
         let text = worth_telling(waiting);
         if was_told || text.is_some() {
             was_told = text.is_some();
-            // Nobody listens if the thread that prints has died.
+            // Nobody listens if the thread that waits has died.
             let _ = news.send(News::Waiting(text));
         }
         is_interrupted.load(Ordering::Relaxed)
@@ -38,20 +36,6 @@ pub(in crate::cli) fn boot_watch(news: Sender<News>, is_interrupted: Arc<AtomicB
 
 fn worth_telling(waiting: Option<Waiting<'_>>) -> Option<String> {
     waiting.filter(|waiting| waiting.waited >= QUIET).map(|waiting| waiting.to_string())
-}
-
-/// Prints the news until the thread of the cycle has ended; with `is_strict` what was refused is told as an error later.
-pub(in crate::cli) fn print_news(told: &Receiver<News>, is_strict: bool, output: &mut Output) {
-    let mut line: Option<Progress> = None;
-    for news in told {
-        match news {
-            News::Refused(_) if is_strict => {}
-            News::Refused(refusal) => warn(output, refusal),
-            News::Waiting(Some(text)) => line.get_or_insert_with(|| Progress::line(output)).begin(&text),
-            News::Waiting(None) => line.take().into_iter().for_each(Progress::end),
-        }
-    }
-    line.into_iter().for_each(Progress::end);
 }
 
 #[cfg(test)]
@@ -75,14 +59,8 @@ mod tests {
         is_interrupted.store(true, Ordering::Relaxed);
         assert!(watch(None) && watch(None), "the boot is to end");
         drop(watch);
-        let told: Vec<Option<String>> = told
-            .iter()
-            .map(|news| match news {
-                News::Waiting(text) => text,
-                News::Refused(refusal) => panic!("{refusal}"),
-            })
-            .collect();
         let text = |left| Some(format!("node 1 (left): wait for the boot-up message, for {left} s at most"));
-        assert_eq!(told, [text("4.0"), text("3.9"), None]);
+        let told: Vec<News> = told.iter().collect();
+        assert_eq!(told, [text("4.0"), text("3.9"), None].map(News::Waiting));
     }
 }

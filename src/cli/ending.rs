@@ -1,6 +1,6 @@
 //! Why a run ended badly, and with which exit code.
 
-use super::super::failure::{Exit, Failure};
+use super::failure::{Exit, Failure};
 use crate::bus::BootFailure;
 use crate::config;
 use crate::guard::{Cause, DeviceSet, Fault};
@@ -9,7 +9,7 @@ use crate::study::RunReport;
 use crate::study::measures::Measures;
 
 /// The failure of a run that gave the hand more energy than a fixture that stores none can.
-pub(in crate::cli) fn above_bound(measures: &Measures, what: &str) -> Failure {
+pub(super) fn above_bound(measures: &Measures, what: &str) -> Failure {
     let message = format!(
         "{what} gave the hand {:.1} mJ {}, above the bound of {:.1} mJ: the loop of hand, fixture and arm swings",
         1e3 * measures.bounded_energy_j(),
@@ -37,7 +37,7 @@ pub(super) fn stopped(report: &RunReport, rig: &config::Rig) -> Failure {
 }
 
 /// The failure of a rig that `cause` stopped so long after its scene began; without a cause its process died.
-pub(in crate::cli) fn stopped_by(cause: Option<Cause>, time_s: f64, rig: &config::Rig) -> Failure {
+pub(super) fn stopped_by(cause: Option<Cause>, time_s: f64, rig: &config::Rig) -> Failure {
     let (exit, message, help) = match cause {
         Some(cause) => {
             let row = cause.fault.row();
@@ -55,7 +55,7 @@ pub(in crate::cli) fn stopped_by(cause: Option<Cause>, time_s: f64, rig: &config
 }
 
 /// The exit code of a rig that a fault stopped or kept from running.
-pub(in crate::cli) fn exit_of(cause: Cause) -> Exit {
+pub(super) fn exit_of(cause: Cause) -> Exit {
     match cause.fault {
         Fault::DriveFault => Exit::DeviceFault,
         Fault::SyncJitter | Fault::Overrun | Fault::Stalled | Fault::Suspended => Exit::TimingMissed,
@@ -65,25 +65,25 @@ pub(in crate::cli) fn exit_of(cause: Cause) -> Exit {
 }
 
 /// Where a fault showed: the stage, and the devices if there are any.
-pub(in crate::cli) fn describe(cause: Cause, buses: &[String]) -> String {
+pub(super) fn describe(cause: Cause, buses: &[String]) -> String {
     let stage = format!("{:?}", cause.fault.row().stage).to_lowercase();
     if cause.devices.is_empty() { stage } else { format!("{stage}, {}", devices_text(cause.devices, buses)) }
 }
 
 /// The devices, interfaces by the names of their buses.
-pub(in crate::cli) fn devices_text(devices: DeviceSet, buses: &[String]) -> String {
+pub(super) fn devices_text(devices: DeviceSet, buses: &[String]) -> String {
     (0..).zip(buses).fold(devices.to_string(), |text, (number, bus)| {
         text.replace(&DeviceSet::interface(number).to_string(), &format!("interface of bus `{bus}`"))
     })
 }
 
 /// The names of the buses, by number.
-pub(in crate::cli) fn bus_names(rig: &config::Rig) -> Vec<String> {
+pub(super) fn bus_names(rig: &config::Rig) -> Vec<String> {
     rig.buses.keys().cloned().collect()
 }
 
 /// The failure that a rig's error is.
-pub(in crate::cli) fn rig_failure(error: &RigError) -> Failure {
+pub(super) fn rig_failure(error: &RigError) -> Failure {
     let (exit, help) = match error {
         RigError::Boot(error) => (Exit::DeviceMismatch, boot_help(&error.failure)),
         RigError::NotEnabled { cause: Some(cause), .. } => (exit_of(*cause), cause.fault.row().next),

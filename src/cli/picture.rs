@@ -2,14 +2,14 @@
 
 use std::path::Path;
 
-use super::super::failure::{Exit, Failure};
+use super::failure::{Exit, Failure};
 use crate::record::figure::Drawing;
 
 /// Width of PNG pictures: 160 mm at 300 dots per inch.
 const PICTURE_WIDTH_PX: u32 = 1890;
 
 /// The failure of a drawing, with all causes that the error names.
-pub(in crate::cli) fn drawing_failure(error: &dyn std::error::Error) -> Failure {
+pub(super) fn drawing_failure(error: &dyn std::error::Error) -> Failure {
     let mut message = format!("figure: {error}");
     let mut source = error.source();
     while let Some(cause) = source {
@@ -20,7 +20,7 @@ pub(in crate::cli) fn drawing_failure(error: &dyn std::error::Error) -> Failure 
 }
 
 /// Whether a picture can have this name.
-pub(in crate::cli) fn check_picture(path: &Path) -> Result<(), Failure> {
+pub(super) fn check_picture(path: &Path) -> Result<(), Failure> {
     picture_kind(path).map(|_| ())
 }
 
@@ -44,7 +44,7 @@ fn picture_kind(path: &Path) -> Result<PictureKind, Failure> {
 }
 
 /// Writes a drawing as its file's ending says, and makes the folders on the way.
-pub(in crate::cli) fn write_drawing(drawing: &Drawing, path: &Path) -> Result<(), Failure> {
+pub(super) fn write_drawing(drawing: &Drawing, path: &Path) -> Result<(), Failure> {
     make_folder_of(path)?;
     let written = match picture_kind(path)? {
         PictureKind::Svg => drawing.write_svg(path),
@@ -53,7 +53,7 @@ pub(in crate::cli) fn write_drawing(drawing: &Drawing, path: &Path) -> Result<()
     written.map_err(|error| drawing_failure(&error))
 }
 
-pub(in crate::cli) fn make_folder_of(path: &Path) -> Result<(), Failure> {
+pub(super) fn make_folder_of(path: &Path) -> Result<(), Failure> {
     match path.parent() {
         Some(folder) if !folder.as_os_str().is_empty() => std::fs::create_dir_all(folder).map_err(|error| {
             Failure::new(

@@ -18,7 +18,7 @@ pub(in crate::cli) fn different(emergencies: impl Iterator<Item = Emergency>) ->
 }
 
 /// One of them: the node with its name, and the code with its meaning.
-pub(super) fn text(emergency: &Emergency, rig: &config::Rig) -> String {
+pub(in crate::cli) fn text(emergency: &Emergency, rig: &config::Rig) -> String {
     let name = match name(emergency.node.raw(), rig) {
         Some(name) => format!(" ({name})"),
         None => String::new(),
@@ -27,7 +27,7 @@ pub(super) fn text(emergency: &Emergency, rig: &config::Rig) -> String {
 }
 
 /// The same as data.
-pub(super) fn document(emergency: &Emergency, rig: &config::Rig) -> Value {
+pub(in crate::cli) fn document(emergency: &Emergency, rig: &config::Rig) -> Value {
     let Emergency { node, code, register, vendor } = emergency;
     json!({
         "node_id": node.raw(),

@@ -1,0 +1,112 @@
+//! What the commands that use an interface have in common: what they tell, and what they refuse.
+
+mod emergencies;
+mod news;
+
+use super::ending::{exit_of, rig_failure};
+use super::failure::{Exit, Failure};
+use super::output::Output;
+use crate::bus::{Heard, Sign};
+use crate::config;
+use crate::host::system::Refusal;
+use crate::host::{OpenError, ThreadError};
+use crate::link::LinkError;
+use crate::run::{Pace, RunError};
+pub(super) use emergencies::{different, document, text, with_emergencies};
+pub(super) use news::print_news;
+
+/// The failure that an interface is which cannot be used.
+pub(super) fn link_failure(error: &LinkError) -> Failure {
+    Failure::new(Exit::BusUnavailable, error.to_string(), "")
+}
+
+/// The failure that interfaces are which cannot be used for a rig.
+pub(super) fn open_failure(error: &OpenError) -> Failure {
+    match error {
+        OpenError::Run(error) => live_failure(error),
+        OpenError::Link(error) => link_failure(error),
+        OpenError::Count { .. } => Failure::new(Exit::Usage, error.to_string(), "name one interface for each bus"),
+    }
+}
+
+/// The failure that a thread is which is not there, or has panicked.
+pub(super) fn thread_failure(error: &ThreadError) -> Failure {
+    Failure::new(Exit::Internal, error.to_string(), "")
+}
+
+/// Prints what a person should know before anything is sent.
+pub(super) fn warn(output: &mut Output, message: String) {
+    let finding = config::Diagnostic::about_file("", message, "");
+    output.warnings(&[config::Diagnostic { severity: config::Severity::Warning, ..finding }]);
+}
+
+/// Prints what this computer did not grant.
+pub(super) fn warn_of(output: &mut Output, granted: &Result<(), Refusal>) {
+    if let Err(refusal) = granted {
+        warn(output, refusal.to_string());
+    }
+}
+
+/// The failure that another master is.
+pub(super) fn other_master(message: String, heard: &Heard) -> Failure {
+    let help = match heard.sign {
+        Sign::Master { .. } => {
+            "end the other master, or give this rig's master a node id of its own (`master.node_id`) if it is a device"
+        }
+        _ => "end the other master, or run this one on a bus of its own; `candump` shows what is on a bus",
+    };
+    Failure::new(Exit::BusUnavailable, message, help)
+}
+
+/// The failure that an error of the loop is.
+pub(super) fn live_failure(error: &RunError) -> Failure {
+    match error {
+        RunError::Assembly(error) => rig_failure(&error.clone().into()),
+        RunError::Boot(error) => rig_failure(&error.clone().into()),
+        RunError::OtherMaster { heard, .. } => other_master(error.to_string(), heard),
+        RunError::Send { .. } => Failure::new(
+            Exit::BusUnavailable,
+            error.to_string(),
+            "nobody acknowledges: look whether a device is switched on, at the cable, its termination and the bit rate",
+        ),
+        RunError::NotBooted => Failure::new(Exit::Internal, error.to_string(), "please report what was printed above"),
+        RunError::OldPermit => Failure::new(Exit::Internal, error.to_string(), "please report what was printed above"),
+        RunError::NotEnabled { cause, .. } | RunError::NotTried { cause, .. } => {
+            let exit = cause.map_or(Exit::DeviceFault, exit_of);
+            let help = cause.map_or("read the drives' error codes (603Fh)", |cause| cause.fault.row().next);
+            Failure::new(exit, error.to_string(), help)
+        }
+        RunError::Unread { .. } => Failure::new(
+            Exit::DeviceMismatch,
+            error.to_string(),
+            "compare node ids and profiles with the devices on the bus",
+        ),
+        RunError::Pace { pace, .. } => {
+            let pace = if *pace == Pace::Lockstep { "lockstep" } else { "free" };
+            let help = format!("nothing was enabled; start `yieldwall sim` with --pace {pace} as well");
+            Failure::new(Exit::DeviceMismatch, error.to_string(), help)
+        }
+        RunError::Unmarked { .. } => Failure::new(
+            Exit::DeviceMismatch,
+            error.to_string(),
+            "nothing was enabled; start the `yieldwall sim` of this version. A simulated device of somebody else says `simulated device` in \
+             2012h:1 to 4, four letters each, the first one in the lowest byte; a real drive has the vendor of its maker",
+        ),
+        RunError::NotSimulated { .. } => Failure::new(
+            Exit::DeviceMismatch,
+            error.to_string(),
+            "nothing was enabled; leave --pace lockstep away and drill the drives",
+        ),
+        RunError::LedAway { .. } => Failure::new(
+            Exit::OutOfTolerance,
+            error.to_string(),
+            "the rig was stopped; drill it again with nobody at the handle",
+        ),
+        RunError::Unwatched { .. } => Failure::new(
+            Exit::OutOfTolerance,
+            error.to_string(),
+            "nothing was enabled; start `yieldwall sim` without --unwatched, or drill the rig by the wall clock",
+        ),
+        RunError::Interrupted => Failure::new(Exit::Interrupted, error.to_string(), ""),
+    }
+}

@@ -1,0 +1,28 @@
+//! `--pace`: what time follows.
+
+use crate::run::Pace;
+
+/// What the loop or the devices wait for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
+pub(super) enum PaceArgument {
+    /// The clock on the wall
+    Free,
+    /// Each other: time advances by one period per SYNC, on a computer of any speed
+    Lockstep,
+}
+
+impl PaceArgument {
+    pub(super) fn pace(self) -> Pace {
+        match self {
+            PaceArgument::Free => Pace::Free,
+            PaceArgument::Lockstep => Pace::Lockstep,
+        }
+    }
+
+    pub(super) fn name(self) -> &'static str {
+        match self {
+            PaceArgument::Free => "by the wall clock",
+            PaceArgument::Lockstep => "in lockstep",
+        }
+    }
+}

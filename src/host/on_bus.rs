@@ -1,0 +1,343 @@
+//! A rig on the interfaces of this computer, from locked memory to the network that is left: what `run --bus` and `drill` do, in
+//! one call each.
+
+mod news;
+mod open;
+
+use std::io;
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::sync::atomic::AtomicBool;
+use std::sync::mpsc::{Receiver, Sender, channel};
+use std::thread;
+
+use thiserror::Error;
+
+use super::system::{Refusal, SystemMetronome, computer, lock_memory, run_first};
+use super::timing::{Kept, Untimely};
+use crate::assembly::bus_plan;
+use crate::bus::budget::Budget;
+use crate::canopen::Emergency;
+use crate::config::{self, BusTiming};
+use crate::guard::Fault;
+use crate::link::{InterfaceFacts, Role, SocketCan, SocketCans};
+use crate::record::CycleRecord;
+use crate::run::{
+    Drilled, DriveIdentity, LinkCounts, NotProven, Observer, OnLink, Pace, Play, Played, Proof, RunError, Runner, Tap,
+    Unproven, drive_addresses, settling_on_bus,
+};
+pub use news::News;
+use news::boot_watch;
+pub use open::{OpenError, open_buses};
+
+/// A rig on the interfaces of this computer that has sent nothing yet.
+///
+/// Whoever runs it gets what the program gives: memory that is locked; on each interface the hold of the only master, and process data
+/// apart from the rest; a thread with real-time priority for the loop; nobody else's master listened for before anything is sent; this
+/// computer's timing asked before, and drives that have shown that they stop by themselves; as many cycles before the drives are
+/// enabled as it takes two devices with one node id to show; a stop along the ramp, and the network left in the end, whatever happened.
+/// A rig whose buses cannot keep its cycle is refused.
+///
+/// ```no_run
+/// use std::sync::{Arc, atomic::AtomicBool};
+/// use yieldwall::{config, host::{Demands, Evidence, RigOnBus}, run::Pace};
+///
+/// # fn run(now_unix_s: u64) -> Result<(), Box<dyn std::error::Error>> {
+/// let rig = config::load_rig(config::Source::named("rig.yaml"))?.value;
+/// let on_bus = RigOnBus::open(&rig, &["can0".to_owned()], Pace::Free)?;
+/// let evidence = Evidence::OnRecord { drills: "drills".into(), latency: "latency".into(), now_unix_s };
+/// let demands = Demands { evidence, needs_realtime: true, ignores_latency: false, ignores_bus_budget: false };
+/// let is_interrupted = Arc::new(AtomicBool::new(false));
+/// let outcome = on_bus.run(&demands, 10.0, &is_interrupted, |_| (), |news| println!("{news:?}"))?;
+/// println!("{:?}", outcome.played?);
+/// # Ok(())
+/// # }
+/// ```
+pub struct RigOnBus {
+    rig: config::Rig,
+    runner: Runner<OnLink<SocketCans, SystemMetronome>>,
+    memory: Result<(), Refusal>,
+    /// The buses that cannot keep the cycle.
+    overfull: Vec<String>,
+}
+
+/// What shows that a rig may be enabled.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Evidence {
+    /// For lockstep, in which nothing has to be in time and no drill is possible: what a drill of the same simulated drives has found in
+    /// virtual time.
+    InVirtualTime(Drilled),
+    /// By the wall clock: what is on record.
+    OnRecord {
+        /// The folder with the records of drills on a bus.
+        drills: PathBuf,
+        /// The folder with the measurements of this computer.
+        latency: PathBuf,
+        /// The present moment in s since 1970, by which messages tell how old a measurement is.
+        now_unix_s: u64,
+    },
+}
+
+/// What has to be so before a rig is enabled.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Demands {
+    /// Of drives and computer.
+    pub evidence: Evidence,
+    /// Whether nothing is sent unless this computer grants real-time priority and locked memory.
+    pub needs_realtime: bool,
+    /// Whether the rig runs also if this computer has not proved the timing that it asks for. A recording has to say so.
+    pub ignores_latency: bool,
+    /// Whether the rig runs also if a bus with arbitration cannot keep its cycle.
+    pub ignores_bus_budget: bool,
+}
+
+/// Why a rig did not come to run.
+#[derive(Debug, Error)]
+pub enum NotRun {
+    /// The loop could not go on.
+    #[error(transparent)]
+    Run(#[from] RunError),
+    /// It is not shown that the drives stop by themselves. Nothing was enabled.
+    #[error(transparent)]
+    Unproven(#[from] Unproven),
+    /// This computer has not proved its timing. Nothing was sent.
+    #[error(transparent)]
+    Untimely(#[from] Untimely),
+    /// A bus cannot keep the cycle in the worst case. Nothing was sent.
+    #[error("the bus `{bus}` cannot keep the cycle")]
+    Overfull {
+        /// Its name.
+        bus: String,
+    },
+    /// Priority or locked memory was demanded and not granted ([`Outcome::priority`], [`Outcome::memory`]). Nothing was sent.
+    #[error("this computer does not grant what the loop needs to be in time")]
+    NotGranted,
+}
+
+impl From<NotProven> for NotRun {
+    fn from(error: NotProven) -> Self {
+        match error {
+            NotProven::Run(error) => Self::Run(error),
+            NotProven::Unproven(error) => Self::Unproven(error),
+        }
+    }
+}
+
+/// What became of the thread of the cycle.
+#[derive(Debug, Error)]
+pub enum ThreadError {
+    /// It could not be started. Nothing was sent.
+    #[error("thread of the cycle: {0}")]
+    NotStarted(io::Error),
+    /// It has panicked, outside of the cycle, whose panics stop the rig.
+    #[error("the thread of the cycle has panicked")]
+    Panicked,
+}
+
+/// What a run leaves.
+#[derive(Debug)]
+pub struct Outcome {
+    /// How it ended.
+    pub played: Result<Played, NotRun>,
+    /// What this computer has proved; nothing where nothing has to be in time.
+    pub timing: Option<Result<Kept, Untimely>>,
+    /// Whether the loop had real-time priority.
+    pub priority: Result<(), Refusal>,
+    /// Whether memory was locked.
+    pub memory: Result<(), Refusal>,
+    /// What the links have told.
+    pub counts: LinkCounts,
+    /// What the devices told of themselves, the latest last.
+    pub emergencies: Vec<Emergency>,
+    /// Faults that held nothing, each with the number of cycles in which it was seen.
+    pub counted: Vec<(Fault, u32)>,
+    /// SDO downloads of somebody else to the rig's nodes.
+    pub foreign_downloads: u32,
+}
+
+/// What a drill leaves. [`Subject::store`](crate::run::Subject::store) keeps it for the runs with these drives.
+#[derive(Debug)]
+pub struct DrillOutcome {
+    /// What the drives say that they are, and what their watchdogs do.
+    pub drilled: Result<([DriveIdentity; 2], Drilled), RunError>,
+    /// What the devices told of themselves, the latest last.
+    pub emergencies: Vec<Emergency>,
+}
+
+impl RigOnBus {
+    /// Locks the memory of this process, as far as it is granted, and opens the interfaces, one for each of the rig's buses in the order
+    /// of their names, as their only master. Nothing is sent.
+    ///
+    /// # Errors
+    /// If an interface cannot be used or has a master in another process, or parts of the configuration do not fit together.
+    pub fn open(rig: &config::Rig, interfaces: &[String], pace: Pace) -> Result<Self, OpenError> {
+        let memory = lock_memory();
+        let (setup, conditions) = bus_plan(rig).map_err(RunError::from)?;
+        let mut overfull = Vec::new();
+        for ((name, bus), conditions) in rig.buses.iter().zip(conditions) {
+            let budget = Budget::new(&setup, conditions).map_err(RunError::from)?;
+            if bus.timing == BusTiming::Arbitrated && !budget.is_schedulable() {
+                overfull.push(name.clone());
+            }
+        }
+        let link = open_buses(rig, interfaces, |_| vec![Role::Master], |bus| open::filters(&setup, bus))?;
+        let runner = Runner::on_link(rig, link, SystemMetronome, pace)?;
+        Ok(Self { rig: rig.clone(), runner, memory, overfull })
+    }
+
+    /// Whether memory is locked.
+    pub fn memory(&self) -> &Result<(), Refusal> {
+        &self.memory
+    }
+
+    /// What the system tells of each interface.
+    pub fn facts(&self) -> impl Iterator<Item = &InterfaceFacts> {
+        self.runner.place().link.links().iter().map(SocketCan::facts)
+    }
+
+    /// Has `tap` get every frame, own ones when they were seen on the bus.
+    pub fn set_tap(&mut self, tap: Tap) {
+        self.runner.set_tap(tap);
+    }
+
+    /// Has `observer` get the record of every cycle.
+    pub fn set_observer(&mut self, observer: Observer) {
+        self.runner.set_observer(observer);
+    }
+
+    /// Boots, proves, enables, runs a scene of `duration_s`, stops and leaves, on a thread of its own. `each` gets every record of the
+    /// scene on that thread, `tell` what it has to tell on the calling one.
+    ///
+    /// # Errors
+    /// If there is no such thread; what kept the rig from running is in the outcome.
+    pub fn run(
+        self,
+        demands: &Demands,
+        duration_s: f64,
+        is_interrupted: &Arc<AtomicBool>,
+        each: impl FnMut(&CycleRecord) + Send,
+        tell: impl FnMut(News),
+    ) -> Result<Outcome, ThreadError> {
+        let (news, told) = channel();
+        let Self { rig, mut runner, memory, overfull } = self;
+        runner.set_boot_watch(boot_watch(news.clone(), Arc::clone(is_interrupted)));
+        on_thread_of_the_cycle(news, &told, tell, move |priority| {
+            let timing = demands.timing(&rig, runner.pace(), [&priority, &memory].map(Result::is_ok));
+            let overfull = overfull.join("`, `");
+            let is_granted = priority.is_ok() && memory.is_ok();
+            let played = match &timing {
+                _ if demands.needs_realtime && !is_granted => Err(NotRun::NotGranted),
+                _ if !demands.ignores_bus_budget && !overfull.is_empty() => Err(NotRun::Overfull { bus: overfull }),
+                Some(Err(error)) if !demands.ignores_latency => Err(error.clone().into()),
+                _ => {
+                    let played = play(&mut runner, &rig, demands, duration_s, is_interrupted, each);
+                    runner.leave();
+                    played
+                }
+            };
+            let master = runner.master();
+            Outcome {
+                played,
+                timing,
+                priority,
+                memory,
+                counts: runner.counts(),
+                emergencies: emergencies(&runner),
+                counted: master.cycle().faults().counted().collect(),
+                foreign_downloads: master.foreign_downloads(),
+            }
+        })
+    }
+
+    /// Boots, drills all watchdogs of the drives at rest, and leaves, on a thread of its own. Nobody may hold the handle.
+    ///
+    /// # Errors
+    /// If there is no such thread; what kept the drives from being drilled is in the outcome.
+    pub fn drill(self, is_interrupted: &Arc<AtomicBool>, tell: impl FnMut(News)) -> Result<DrillOutcome, ThreadError> {
+        let (news, told) = channel();
+        let Self { rig, mut runner, .. } = self;
+        runner.set_boot_watch(boot_watch(news.clone(), Arc::clone(is_interrupted)));
+        // A drill on a computer that grants nothing is coarser, and says so by its resolution.
+        on_thread_of_the_cycle(news, &told, tell, move |_| {
+            let drilled = drill(&mut runner, &rig, is_interrupted);
+            runner.leave();
+            DrillOutcome { drilled, emergencies: emergencies(&runner) }
+        })
+    }
+}
+
+impl Demands {
+    /// What this computer has proved of its timing; nothing where nothing has to be in time.
+    fn timing(
+        &self,
+        rig: &config::Rig,
+        pace: Pace,
+        [has_priority, has_locked_memory]: [bool; 2],
+    ) -> Option<Result<Kept, Untimely>> {
+        match &self.evidence {
+            Evidence::OnRecord { latency, now_unix_s, .. } if pace == Pace::Free => {
+                Some(computer(has_priority, has_locked_memory).check(rig, latency, *now_unix_s))
+            }
+            // By the wall clock this is no proof, which the drives are asked for.
+            _ => None,
+        }
+    }
+
+    fn proof(&self) -> Proof {
+        match &self.evidence {
+            Evidence::InVirtualTime(drilled) => Proof::InVirtualTime(drilled.clone()),
+            Evidence::OnRecord { drills, .. } => Proof::OnRecord(drills.clone()),
+        }
+    }
+}
+
+type OnInterfaces = Runner<OnLink<SocketCans, SystemMetronome>>;
+
+fn play(
+    runner: &mut OnInterfaces,
+    rig: &config::Rig,
+    demands: &Demands,
+    duration_s: f64,
+    is_interrupted: &AtomicBool,
+    each: impl FnMut(&CycleRecord),
+) -> Result<Played, NotRun> {
+    runner.boot()?;
+    let permit = runner.prove(rig, &demands.proof())?;
+    Ok(runner.play(&Play::on_bus(rig, duration_s), &permit, is_interrupted, each)?)
+}
+
+fn drill(
+    runner: &mut OnInterfaces,
+    rig: &config::Rig,
+    is_interrupted: &AtomicBool,
+) -> Result<([DriveIdentity; 2], Drilled), RunError> {
+    let drives = drive_addresses(rig)?;
+    runner.boot()?;
+    runner.check_simulation(drives)?;
+    let identities = runner.identities(drives)?;
+    Ok((identities, runner.drill(drives, settling_on_bus(rig), is_interrupted)?))
+}
+
+fn emergencies(runner: &OnInterfaces) -> Vec<Emergency> {
+    runner.master().emergencies().map(|(_, emergency)| emergency).collect()
+}
+
+/// Has a thread of its own with real-time priority, if that is granted, do the work; what the work leaves.
+fn on_thread_of_the_cycle<R: Send>(
+    news: Sender<News>,
+    told: &Receiver<News>,
+    tell: impl FnMut(News),
+    work: impl FnOnce(Result<(), Refusal>) -> R + Send,
+) -> Result<R, ThreadError> {
+    thread::scope(|scope| {
+        let thread = thread::Builder::new().name("cycle".to_owned()).spawn_scoped(scope, move || {
+            let priority = run_first();
+            // Somebody listens for as long as this thread lives.
+            let _ = priority.as_ref().map_err(|refusal| news.send(News::Refused(refusal.to_string())));
+            work(priority)
+        });
+        let thread = thread.map_err(ThreadError::NotStarted)?;
+        told.iter().for_each(tell);
+        thread.join().map_err(|_| ThreadError::Panicked)
+    })
+}

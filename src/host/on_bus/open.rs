@@ -1,0 +1,79 @@
+//! The interfaces of a rig's buses.
+
+use thiserror::Error;
+
+use crate::bus::{MasterSetup, SensorLink};
+use crate::canopen::cob;
+use crate::config;
+use crate::link::{CobFilter, LinkError, Role, SocketCan, SocketCanSettings, SocketCans};
+use crate::run::RunError;
+
+/// Why the interfaces of a rig could not be opened. Nothing was sent.
+#[derive(Debug, Error)]
+pub enum OpenError {
+    /// Parts of the configuration do not fit together.
+    #[error(transparent)]
+    Run(#[from] RunError),
+    /// An interface cannot be used.
+    #[error(transparent)]
+    Link(#[from] LinkError),
+    /// There is not one interface for each bus.
+    #[error("the rig has {buses} buses, and {interfaces} interfaces were given")]
+    Count {
+        /// How many buses the rig has.
+        buses: usize,
+        /// How many interfaces there are.
+        interfaces: usize,
+    },
+}
+
+/// Opens one interface for each of the rig's buses, in the order of their names, each at the bit rate of its bus. `filters` gives what is
+/// wanted of a bus, process data and the rest; `roles` what only one process may do there.
+///
+/// # Errors
+/// If an interface cannot be used, or there are too few or too many.
+pub fn open_buses(
+    rig: &config::Rig,
+    interfaces: &[String],
+    roles: impl Fn(u8) -> Vec<Role>,
+    filters: impl Fn(u8) -> (Vec<CobFilter>, Vec<CobFilter>),
+) -> Result<SocketCans, OpenError> {
+    if interfaces.len() != rig.buses.len() {
+        return Err(OpenError::Count { buses: rig.buses.len(), interfaces: interfaces.len() });
+    }
+    let mut links = Vec::new();
+    for ((number, bus), interface) in (0..).zip(rig.buses.values()).zip(interfaces) {
+        let (process, services) = filters(number);
+        let settings = SocketCanSettings {
+            process,
+            services,
+            bit_rate: Some(bus.bit_rate_bit_per_s),
+            roles: roles(number),
+            ..SocketCanSettings::everything(interface)
+        };
+        links.push(SocketCan::open(&settings)?);
+    }
+    Ok(SocketCans::new(links))
+}
+
+/// What a master wants of a bus: process data, and the rest.
+pub(super) fn filters(setup: &MasterSetup, bus: u8) -> (Vec<CobFilter>, Vec<CobFilter>) {
+    let mut process = vec![CobFilter::only(cob::SYNC)];
+    let mut nodes: Vec<u8> = setup.drives.iter().filter(|drive| drive.bus == bus).map(|drive| drive.node_id).collect();
+    match &setup.sensor.link {
+        _ if setup.sensor.bus != bus => {}
+        SensorLink::Canopen(sensor) => nodes.push(sensor.node_id),
+        SensorLink::PlainCan(sensor) => {
+            let [first, second] = sensor.protocol.data_ids();
+            process.extend([first, second, sensor.protocol.order_id()].map(CobFilter::only));
+        }
+    }
+    let mut services = vec![CobFilter::only(cob::NMT), CobFilter::matching(0x700, 0x780)];
+    for node in nodes.into_iter().filter_map(|node| cob::node_id(node).ok()) {
+        let pdos = (1..=4).flat_map(|number| [cob::tpdo(number, node), cob::rpdo(number, node)]);
+        process.extend(pdos.flatten().map(CobFilter::only));
+        let answers = [cob::emcy(node), cob::sdo_request(node), cob::sdo_response(node)];
+        services.extend(answers.map(CobFilter::only));
+    }
+    (process, services)
+}
