@@ -200,6 +200,7 @@ impl Builder {
             let mapped = parameters.mapping.get(place).copied();
             mapped.map_or(0u32, |(index, sub, bits)| MappingEntry::new(index, sub, bits).to_u32())
         };
+        let number_mapped = Object::new(mapping, 0, parameters.mapping.len() as u8);
         let entries = (0..most).map(|place| Object::new(mapping, place as u8 + 1, entry(place)));
         let tpdo_only = [
             Object::new(communication, 3, parameters.inhibit_time_100_us),
@@ -210,7 +211,7 @@ impl Builder {
             .object(Object::new(communication, 2, parameters.transmission_type))
             .objects(tpdo_only.into_iter().filter(|_| is_tpdo))
             .object(Object::new(communication, 5, parameters.event_timer_ms))
-            .object(Object::new(mapping, 0, parameters.mapping.len() as u8).limits(0u8, most as u8))
+            .object(if most < MAX_MAPPED { number_mapped.limits(0u8, most as u8) } else { number_mapped })
             .objects(entries)
     }
 
