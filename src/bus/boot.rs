@@ -269,7 +269,9 @@ impl Boot {
 
 fn check(step: &Step, received: u32, identity: &Identity) -> Result<(), BootFailure> {
     let Step { index, sub, .. } = *step;
-    let other = |expected: String| Err(BootFailure::Identity { what: step.doing, index, sub, expected, received });
+    let other = |expected: String| {
+        Err(BootFailure::Identity { what: step.doing, index, sub, expected: expected.into(), received })
+    };
     match step.action {
         Action::Expect { value, mask } if received & mask != value & mask => other(format!("{value:#x}")),
         Action::Product if !identity.product_codes.contains(&received) => {
@@ -314,11 +316,11 @@ pub(super) fn mapping(profile: &DeviceProfile, mode: Option<OperationMode>) -> R
         Some(OperationMode::CyclicTorque) => "cyclic synchronous torque",
         _ => "a sensor",
     };
-    profile.pdos(mode).ok_or_else(|| BootFailure::NoMapping { profile: profile.name().to_owned(), mode: name })
+    profile.pdos(mode).ok_or_else(|| BootFailure::NoMapping { profile: profile.name().into(), mode: name })
 }
 
 fn servo(profile: &DeviceProfile) -> Result<&Servo, BootFailure> {
-    profile.servo().ok_or_else(|| BootFailure::Role { profile: profile.name().to_owned(), wanted: "a drive" })
+    profile.servo().ok_or_else(|| BootFailure::Role { profile: profile.name().into(), wanted: "a drive" })
 }
 
 fn step(doing: &'static str, entry: &Entry, action: Action) -> Step {
@@ -448,7 +450,7 @@ pub(super) fn mapped(profile: &DeviceProfile, quantity: Quantity) -> Result<&Ent
 }
 
 pub(super) fn lacking(profile: &DeviceProfile, what: &'static str) -> BootFailure {
-    BootFailure::Layout { profile: profile.name().to_owned(), lacking: what }
+    BootFailure::Layout { profile: profile.name().into(), lacking: what }
 }
 
 /// The objects of one PDO as the compiled layout wants them.

@@ -110,7 +110,7 @@ pub enum BootFailure {
         /// Sub-index.
         sub: u8,
         /// What the profile says.
-        expected: String,
+        expected: Box<str>,
         /// The device's value.
         received: u32,
     },
@@ -149,7 +149,7 @@ pub enum BootFailure {
     #[error("profile {profile} has no process data for {mode}")]
     NoMapping {
         /// Name of the profile.
-        profile: String,
+        profile: Box<str>,
         /// The mode.
         mode: &'static str,
     },
@@ -175,7 +175,7 @@ pub enum BootFailure {
     #[error("the process data of profile {profile} lack {lacking}, or are longer than 8 bytes")]
     Layout {
         /// Name of the profile.
-        profile: String,
+        profile: Box<str>,
         /// What they lack.
         lacking: &'static str,
     },
@@ -183,7 +183,7 @@ pub enum BootFailure {
     #[error("profile {profile} is not one of {wanted}")]
     Role {
         /// Name of the profile.
-        profile: String,
+        profile: Box<str>,
         /// The wanted kind of device.
         wanted: &'static str,
     },

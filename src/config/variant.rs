@@ -6,7 +6,7 @@
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
-use super::diagnostic::{Diagnostic, Place, Related, Severity};
+use super::diagnostic::{Diagnostic, Place, Related, Report, Severity};
 use super::kind::Kind;
 use super::outline::{Content, Node, Outline};
 use super::schema::Guide;
@@ -53,14 +53,16 @@ pub(super) struct Merged {
 ///
 /// # Errors
 /// When what stands at `like` names no file, or stands there twice.
-pub(super) fn base(file: &File, outline: &Outline, source: &Source) -> Result<Option<(Source, Node)>, Diagnostic> {
+pub(super) fn base(file: &File, outline: &Outline, source: &Source) -> Result<Option<(Source, Node)>, Report> {
     let Some(Node { content: Content::Map(entries), .. }) = &outline.root else { return Ok(None) };
     let mut named = entries.iter().filter(|(key, _)| key == LIKE).map(|(_, node)| node);
     let Some(like) = named.next() else { return Ok(None) };
     if let Some(second) = named.next() {
         let place = second.key.unwrap_or(second.value);
         let help = "a variant is like one file: keep one of the two";
-        return Err(file.finding(place, LIKE, format!("the document has the key `{LIKE}` twice"), help.to_owned()));
+        return Err(file
+            .finding(place, LIKE, format!("the document has the key `{LIKE}` twice"), help.to_owned())
+            .into());
     }
     match &like.content {
         Content::Scalar(path)
@@ -71,7 +73,7 @@ pub(super) fn base(file: &File, outline: &Outline, source: &Source) -> Result<Op
         _ => {
             let message = format!("`{LIKE}` is {}", like.describe());
             let help = "write the file that this one is a variant of, such as `paper-admittance.yaml`".to_owned();
-            Err(file.finding(like.place(), LIKE, message, help))
+            Err(file.finding(like.place(), LIKE, message, help).into())
         }
     }
 }
@@ -102,7 +104,7 @@ pub(super) fn merge(
     like: &str,
     kind: Kind,
     guide: &Guide,
-) -> Result<Merged, Diagnostic> {
+) -> Result<Merged, Report> {
     let [mut own, mut base] =
         [(0, outlines[0]), (1, outlines[1])].map(|(file, outline)| Expander::expand(file, outline, files));
     if let Ok(Piece { content: Shape::Map(entries), .. }) = &mut own {
@@ -117,7 +119,9 @@ pub(super) fn merge(
     let outline = match yaml::outline(&text) {
         Ok(outline) => outline,
         Err(fault) => {
-            return Err(Diagnostic::about_file(&files[0].name, format!("this cannot be read: {:?}", fault.cause), ""));
+            return Err(
+                Diagnostic::about_file(&files[0].name, format!("this cannot be read: {:?}", fault.cause), "").into()
+            );
         }
     };
     let mut origins = Origins::new();
@@ -137,19 +141,19 @@ struct Expander<'a> {
 }
 
 impl<'a> Expander<'a> {
-    fn expand(file: usize, outline: &'a Outline, files: &'a [File; 2]) -> Result<Piece, Diagnostic> {
+    fn expand(file: usize, outline: &'a Outline, files: &'a [File; 2]) -> Result<Piece, Report> {
         let mut this = Self { file, files, anchors: BTreeMap::new(), nodes: 0 };
         match &outline.root {
             Some(root) => this.piece(root, None),
-            None => Err(Diagnostic::about_file(&files[file].name, format!("{} is empty", files[file].name), "")),
+            None => Err(Diagnostic::about_file(&files[file].name, format!("{} is empty", files[file].name), "").into()),
         }
     }
 
     /// A value; within an alias all of it stands where the alias does.
-    fn piece(&mut self, node: &'a Node, within: Option<Place>) -> Result<Piece, Diagnostic> {
+    fn piece(&mut self, node: &'a Node, within: Option<Place>) -> Result<Piece, Report> {
         let in_file = &self.files[self.file];
         let refuse = |message: String, help: &str| {
-            Err(in_file.finding(within.unwrap_or(node.value), "", message, help.to_owned()))
+            Err(in_file.finding(within.unwrap_or(node.value), "", message, help.to_owned()).into())
         };
         self.nodes += 1;
         if self.nodes > MAX_NODES {
@@ -222,7 +226,7 @@ struct Merger<'a> {
 impl Merger<'_> {
     /// What stands at a path: groups are merged key by key, anything else is that of the variant. A choice is merged
     /// with the same choice alone, and a list whose entries have names entry by entry.
-    fn merge(&self, at: &str, base: Piece, own: Piece) -> Result<Piece, Diagnostic> {
+    fn merge(&self, at: &str, base: Piece, own: Piece) -> Result<Piece, Report> {
         let Piece { file, key, value, content } = own;
         let content = match (base.content, content) {
             (Shape::Map(base), Shape::Map(own)) if !self.guide.is_choice(at) || same_choice(&base, &own) => {
@@ -241,7 +245,7 @@ impl Merger<'_> {
         at: &str,
         base: Vec<(String, Piece)>,
         own: Vec<(String, Piece)>,
-    ) -> Result<Vec<(String, Piece)>, Diagnostic> {
+    ) -> Result<Vec<(String, Piece)>, Report> {
         // A key that stands twice stays so, and is refused when the text is read.
         let mut own: Vec<Option<(String, Piece)>> = own.into_iter().map(Some).collect();
         let mut merged = Vec::new();
@@ -257,7 +261,7 @@ impl Merger<'_> {
         Ok(merged)
     }
 
-    fn merge_named(&self, at: &str, mut base: Vec<Piece>, own: Vec<Piece>) -> Result<Vec<Piece>, Diagnostic> {
+    fn merge_named(&self, at: &str, mut base: Vec<Piece>, own: Vec<Piece>) -> Result<Vec<Piece>, Report> {
         for (index, entry) in own.into_iter().enumerate() {
             let here = format!("{at}[{index}]");
             let names: Vec<String> =
@@ -266,7 +270,7 @@ impl Merger<'_> {
                 let message =
                     format!("`{here}` has no `name`, and `{at}` of {} are told apart by it", self.files[1].name);
                 let help = format!("write the name of the entry that this one changes: {}", names.join(" or "));
-                return Err(self.files[0].finding(entry.key.unwrap_or(entry.value), &here, message, help));
+                return Err(self.files[0].finding(entry.key.unwrap_or(entry.value), &here, message, help).into());
             };
             let Some(of_base) = base.iter_mut().find(|other| other.name().is_some_and(|(other, _)| other == name))
             else {
@@ -278,7 +282,7 @@ impl Merger<'_> {
                 };
                 let message =
                     format!("`{here}.name` is `{name}`, and `{at}` of {} has no such entry", self.files[1].name);
-                return Err(self.files[0].finding(place, &format!("{here}.name"), message, help));
+                return Err(self.files[0].finding(place, &format!("{here}.name"), message, help).into());
             };
             if of_base.file == 0 {
                 let first = of_base.name().map(|(_, place)| Related {
@@ -294,7 +298,7 @@ impl Merger<'_> {
                     "write all that changes in one entry".to_owned(),
                 );
                 finding.related.extend(first);
-                return Err(finding);
+                return Err(finding.into());
             }
             let empty = Piece { file: 1, key: None, value: of_base.value, content: Shape::List(Vec::new()) };
             let of_base_was = std::mem::replace(of_base, empty);

@@ -4,7 +4,7 @@ use std::time::Duration;
 
 use super::embedded::EmbeddedRig;
 use super::error::RigError;
-use crate::assembly::device_buses;
+use crate::assembly::{self, device_buses};
 use crate::canopen::{Frame, Time, cob};
 use crate::config;
 use crate::guard::Request;
@@ -27,7 +27,11 @@ pub(super) struct Silence {
 
 impl Silence {
     fn new(watchdog: Watchdog, rig: &config::Rig) -> Result<Self, RigError> {
-        let id = |drive: &config::Drive| cob::node_id(drive.node_id).ok().and_then(|node| cob::rpdo(1, node));
+        let mode = assembly::command_mode(rig).operation_mode();
+        let id = |drive: &config::Drive| {
+            let number = drive.profile.get()?.pdos(Some(mode))?.rpdo.first()?.number;
+            cob::node_id(drive.node_id).ok().and_then(|node| cob::rpdo(number, node))
+        };
         let [left, right] = &rig.drives;
         let [left_bus, right_bus, _] = device_buses(rig)?;
         let set_points = [(left_bus, id(left).unwrap_or_default()), (right_bus, id(right).unwrap_or_default())];

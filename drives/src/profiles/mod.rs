@@ -181,7 +181,7 @@ pub enum Role {
     /// A servo drive of CiA 402.
     Servo(#[cfg_attr(feature = "config", garde(dive))] Box<Servo>),
     /// A six-axis force sensor.
-    ForceSensor(#[cfg_attr(feature = "config", garde(dive))] ForceSensor),
+    ForceSensor(#[cfg_attr(feature = "config", garde(dive))] Box<ForceSensor>),
 }
 
 /// An object of the device and where that was read.

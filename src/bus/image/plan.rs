@@ -73,7 +73,7 @@ impl Incomings {
             })?;
         }
         let sensor = profile.force_sensor();
-        let other = || BootFailure::Role { profile: profile.name().to_owned(), wanted: "a force sensor" };
+        let other = || BootFailure::Role { profile: profile.name().into(), wanted: "a force sensor" };
         sensor.map(|sensor| sensor.status_bits).ok_or_else(other)
     }
 

@@ -58,6 +58,9 @@ pub struct Rig {
     pub scene: String,
 }
 
+/// Where a rig names a device model: the key, the name, and whether a model is of the kind that is wanted there.
+type NamedProfile<'a> = (&'static str, &'a mut ProfileName, fn(&Role) -> bool);
+
 impl Rig {
     /// Gives the device profiles that are files names of their own, so that they can lie beside this document; names and
     /// profiles.
@@ -76,8 +79,8 @@ impl Rig {
         named
     }
 
-    /// The device models that it names: the key of each, its name, and whether a model is of the kind that is wanted there.
-    pub(in crate::config) fn profiles_mut(&mut self) -> Vec<(&'static str, &mut ProfileName, fn(&Role) -> bool)> {
+    /// The device models that it names.
+    pub(in crate::config) fn profiles_mut(&mut self) -> Vec<NamedProfile<'_>> {
         let is_servo: fn(&Role) -> bool = |role| matches!(role, Role::Servo(_));
         let is_sensor: fn(&Role) -> bool = |role| matches!(role, Role::ForceSensor(_));
         let [left, right] = &mut self.drives;

@@ -170,7 +170,7 @@ pub(super) fn check(servo: &Servo) -> Result<(), DeviceError> {
         let Some(&Entry { index, sub, bits, .. }) = entry else { continue };
         if (index, sub, bits) != (object.index, object.sub, object.bits()) {
             let wanted = format!("{:04X}h:{} with {} bits", object.index, object.sub, object.bits());
-            let what = object.meaning.split(',').next().unwrap_or(object.meaning);
+            let what = object.meaning.split([',', '(']).next().unwrap_or(object.meaning).trim();
             return Err(DeviceError::Elsewhere { what, wanted, index, sub, bits });
         }
     }
