@@ -132,9 +132,16 @@ impl Running {
 
 impl Drop for Running {
     fn drop(&mut self) {
-        if let Some(child) = &mut self.0 {
-            let _ = child.kill();
-            let _ = child.wait();
+        let Some(child) = &mut self.0 else { return };
+        let ended = child.try_wait();
+        let _ = child.kill();
+        let _ = child.wait();
+        if std::thread::panicking() {
+            let (mut out, mut error) = (Vec::new(), Vec::new());
+            let _ = child.stdout.take().map(|mut stdout| stdout.read_to_end(&mut out));
+            let _ = child.stderr.take().map(|mut stderr| stderr.read_to_end(&mut error));
+            let (out, error) = (String::from_utf8_lossy(&out), String::from_utf8_lossy(&error));
+            eprintln!("process {}, at the failure {ended:?}, has said:\n{out}\n{error}", child.id());
         }
     }
 }
@@ -230,10 +237,18 @@ impl Observer {
     pub(super) fn until(&self, what: &str, is_enough: impl Fn(&[Frame]) -> bool) {
         let started = Instant::now();
         while !is_enough(&self.heard.lock().expect("nobody panics with it").frames) {
-            assert!(started.elapsed() < LIMIT, "no {what}");
+            assert!(started.elapsed() < LIMIT, "no {what}: {}", self.last_frames());
             assert!(!self.thread.as_ref().is_some_and(JoinHandle::is_finished), "the observer hears all");
             std::thread::sleep(Duration::from_millis(20));
         }
+    }
+
+    /// How many frames were heard, and the last of them.
+    fn last_frames(&self) -> String {
+        // A test that fails while it looks at the frames leaves the lock poisoned.
+        let heard = self.heard.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
+        let from = heard.frames.len().saturating_sub(20);
+        format!("{} frames, the last {:x?}", heard.frames.len(), &heard.frames[from..])
     }
 
     /// Both drives were told to be in Operation Enabled for so many cycles.
