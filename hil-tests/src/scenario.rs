@@ -33,10 +33,9 @@ impl Scenario {
     pub fn shipped(file: &'static str) -> Self {
         let path = format!("{}/../config/{file}", env!("CARGO_MANIFEST_DIR"));
         let source = Source::disk(path);
-        let rig = config::load_rig(source.clone()).unwrap_or_else(|report| panic!("{file}: {report}")).value;
-        let scene = config::load_scene(source.relative(&rig.scene));
-        let scene = scene.unwrap_or_else(|report| panic!("{}: {report}", rig.scene)).value;
-        Self { file, rig, seed: scene.seed, scene }
+        let rig = config::load_rig(source).unwrap_or_else(|report| panic!("{file}: {report}"));
+        let scene = rig.scene().unwrap_or_else(|report| panic!("{file}: {report}")).value;
+        Self { file, rig: rig.value, seed: scene.seed, scene }
     }
 
     /// The rig whose loop closes here, in cyclic synchronous torque mode.

@@ -194,7 +194,7 @@ fn run_traffic(traffic: &Traffic) -> Option<u64> {
     const CYCLES: u64 = 60;
     let Scenario { mut rig, .. } = Scenario::shipped(traffic.file);
     let [left, right] = &mut rig.drives;
-    for heartbeat_ms in [&mut left.heartbeat_ms, &mut right.heartbeat_ms] {
+    for heartbeat_ms in [&mut left.address.canopen.heartbeat_ms, &mut right.address.canopen.heartbeat_ms] {
         *heartbeat_ms = traffic.heartbeat_ms;
     }
     if let SensorProtocol::Canopen { heartbeat_ms, .. } = &mut rig.sensor.protocol {

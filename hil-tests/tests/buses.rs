@@ -22,7 +22,7 @@ fn sensor_apart() -> Scenario {
 fn drives_apart() -> Scenario {
     let mut scenario = sensor_apart();
     let [_, right] = &mut scenario.rig.drives;
-    (right.bus, right.node_id) = ("sensor".to_owned(), 1);
+    (right.bus, right.address.canopen.node_id) = ("sensor".to_owned(), 1);
     (scenario.rig.sensor.bus, scenario.rig.sensor.protocol) =
         ("main".to_owned(), Scenario::torque().rig.sensor.protocol);
     scenario

@@ -198,7 +198,7 @@ fn a_cycle_is_sync_alone_then_process_data_then_set_points_and_nothing_is_left_o
 #[test]
 fn an_ideal_bus_and_ideal_tracking_work() {
     for mut scenario in [Scenario::torque(), Scenario::position()] {
-        scenario.rig.buses.values_mut().for_each(|bus| bus.timing = BusTiming::Ideal);
+        scenario.rig.simulated_mut().unwrap().timing = BusTiming::Ideal;
         let session = scenario.run(1000);
         assert_eq!((session.machine.state(), session.fault()), (State::Running, None));
         let recording = session.recording();

@@ -49,7 +49,7 @@ fn overrides(duration_s: f64) -> Overrides {
 }
 
 fn about(scenario: &Scenario) -> About {
-    replay::about(&scenario.rig, &scenario.scene, &overrides(1.0)).expect("shipped documents")
+    replay::about(&scenario.rig, Some(&scenario.scene), &overrides(1.0)).expect("shipped documents")
 }
 
 /// All frames of a run that somebody watches.

@@ -42,8 +42,8 @@ fn slow() -> Scenario {
     let mut scenario = Scenario::shipped("paper-admittance-10ms.yaml");
     let rig = &mut scenario.rig;
     (rig.cycle.period_us, rig.cycle.compute_at_us) = (100_000, 50_000);
-    rig.master.heartbeat_ms = 250;
-    rig.drives.iter_mut().for_each(|drive| drive.heartbeat_ms = 250);
+    rig.buses.values_mut().for_each(|bus| bus.canopen.heartbeat_ms = 250);
+    rig.drives.iter_mut().for_each(|drive| drive.address.canopen.heartbeat_ms = 250);
     if let SensorProtocol::Canopen { heartbeat_ms, .. } = &mut rig.sensor.protocol {
         *heartbeat_ms = 250;
     }

@@ -10,14 +10,14 @@ use crate::config;
 
 /// The network of a rig and the conditions of the budget of each of its buses, in the order of their names: devices that
 /// answer SYNC without delay, as the simulated ones do, and a host whose frames go out through one FIFO a bus. The bit rate
-/// counts, also where the file has timing `ideal`.
+/// counts, also where the simulation has timing `ideal`.
 ///
 /// # Errors
 /// Where parts of the configuration do not fit together.
 pub fn bus_plan(rig: &config::Rig) -> Result<(MasterSetup, Vec<Conditions>), AssemblyError> {
     let conditions = (0..).zip(rig.buses.values()).map(|(bus, configured)| Conditions {
         bus,
-        bit_rate: configured.bit_rate_bit_per_s,
+        bit_rate: configured.canopen.bit_rate_bit_per_s,
         compute_at: Duration::from_micros(rig.cycle.compute_at_us.into()),
         device_delay: Duration::ZERO,
         has_release_jitter: true,

@@ -3,6 +3,7 @@
 use thiserror::Error;
 
 use crate::bus::BootError;
+use crate::config::NotSimulated;
 use crate::control::ControlError;
 use crate::fixture::FixtureError;
 use crate::linkage::{GeometryError, LinkageError};
@@ -12,6 +13,9 @@ use yieldwall_drives::scaling::ScalingError;
 /// Why a configuration makes no rig.
 #[derive(Clone, Debug, PartialEq, Error)]
 pub enum AssemblyError {
+    /// It was to be simulated.
+    #[error(transparent)]
+    NotSimulated(#[from] NotSimulated),
     /// The network cannot be planned.
     #[error(transparent)]
     Boot(#[from] BootError),

@@ -45,14 +45,17 @@ pub(crate) fn mass_model(inertia: &config::ArmInertia) -> MassModel {
 }
 
 /// Inertia of the simulated arm.
-pub fn plant_mass(rig: &config::Rig) -> MassModel {
-    let arm = &rig.plant.arm;
-    MassModel {
+///
+/// # Errors
+/// If the rig has no simulation.
+pub fn plant_mass(rig: &config::Rig) -> Result<MassModel, AssemblyError> {
+    let arm = &rig.simulated()?.arm;
+    Ok(MassModel {
         motor_kg_m2: arm.motor_kg_m2.map(|value| value.get()),
         proximal_kg: arm.proximal_kg.map(|value| value.get()),
         distal_kg: arm.distal_kg.map(|value| value.get()),
         tool_kg: arm.tool_kg.get(),
-    }
+    })
 }
 
 fn coupling(fixture: &config::Fixture) -> Coupling {
@@ -292,9 +295,10 @@ pub(crate) fn network(rig: &config::Rig) -> Result<MasterSetup, AssemblyError> {
         SensorLink::Canopen(node) => Some(&node.profile.node),
         SensorLink::PlainCan(_) => None,
     };
+    let own = rig.own_node().ok_or_else(|| AssemblyError::Mismatch("`buses` has no bus".into()))?;
     Ok(MasterSetup {
-        node_id: rig.master.node_id,
-        heartbeat: Duration::from_millis(rig.master.heartbeat_ms.into()),
+        node_id: own.node_id,
+        heartbeat: Duration::from_millis(own.heartbeat_ms.into()),
         period: Duration::from_micros(rig.cycle.period_us.into()),
         mode: command_mode(rig),
         drives: [drive(rig, left, home[0])?, drive(rig, right, home[1])?],
@@ -375,10 +379,10 @@ fn drive(rig: &config::Rig, drive: &config::Drive, expected_angle_rad: f64) -> R
     Ok(DriveSetup {
         name: drive.name.clone(),
         bus: buses::bus_number(rig, &drive.bus)?,
-        node_id: drive.node_id,
+        node_id: drive.address.canopen.node_id,
         scaling,
         expected_angle_rad,
-        heartbeat: Duration::from_millis(drive.heartbeat_ms.into()),
+        heartbeat: Duration::from_millis(drive.address.canopen.heartbeat_ms.into()),
         waits: waits(&drive.waits, Some(&profile.node)),
         profile,
         torque_limit_per_mille: limit.unsigned_abs(),

@@ -12,7 +12,7 @@ use super::output::Output;
 use crate::assembly::bus_plan;
 use crate::bus::MasterSetup;
 use crate::bus::budget::{Advice, Budget, Conditions, FrameBudget, advise};
-use crate::config::{self, BusTiming, Diagnostic, Loaded, Rig, Severity, Source};
+use crate::config::{self, Diagnostic, Loaded, Rig, Severity, Source};
 use crate::rig::RigError;
 
 #[derive(Debug, clap::Subcommand)]
@@ -65,7 +65,6 @@ pub(super) struct Plan<'a> {
     rig: &'a Rig,
     /// Its name.
     name: &'a str,
-    bus: &'a config::Bus,
     setup: MasterSetup,
     budget: Budget,
     /// The conditions of the rig's other buses.
@@ -80,9 +79,9 @@ pub(super) fn plans(rig: &Rig) -> Result<Vec<Plan<'_>>, RigError> {
 fn plans_under(rig: &Rig, change: impl Fn(Conditions) -> Conditions) -> Result<Vec<Plan<'_>>, RigError> {
     let (setup, conditions) = bus_plan(rig)?;
     let conditions: Vec<Conditions> = conditions.into_iter().map(change).collect();
-    let each = rig.buses.iter().zip(&conditions).map(|((name, bus), own)| {
+    let each = rig.buses.keys().zip(&conditions).map(|(name, own)| {
         let others = conditions.iter().filter(|other| other.bus != own.bus).copied().collect();
-        Ok(Plan { rig, name, bus, setup: setup.clone(), budget: Budget::new(&setup, *own)?, others })
+        Ok(Plan { rig, name, setup: setup.clone(), budget: Budget::new(&setup, *own)?, others })
     });
     each.collect()
 }
@@ -105,7 +104,7 @@ pub(super) fn to_json(plans: &[Plan<'_>]) -> Value {
 
 impl Plan<'_> {
     fn is_ideal(&self) -> bool {
-        self.bus.timing == BusTiming::Ideal
+        !self.rig.frames_take_time()
     }
 
     /// How the bus is called where there are several.
@@ -204,7 +203,7 @@ impl Plan<'_> {
     fn key(&self) -> String {
         match self.advice() {
             Some(advice) if advice.bit_rate != self.budget.conditions.bit_rate => {
-                format!("buses.{}.bit_rate_bit_per_s", self.name)
+                format!("buses.{}.canopen.bit_rate_bit_per_s", self.name)
             }
             Some(advice) if advice.period == self.budget.cycle => "cycle.compute_at_us".to_owned(),
             _ => "cycle.period_us".to_owned(),
@@ -222,7 +221,7 @@ impl Plan<'_> {
             (Severity::Error, format!("the bus{called} cannot keep the cycle"))
         };
         let key = self.key();
-        let bit_rate = format!("buses.{}.bit_rate_bit_per_s", self.name);
+        let bit_rate = format!("buses.{}.canopen.bit_rate_bit_per_s", self.name);
         let see = [
             ("cycle.period_us", "period_us"),
             ("cycle.compute_at_us", "compute_at_us"),
@@ -273,6 +272,15 @@ mod tests {
     use super::*;
     use crate::config::{builtin, builtin_names, load_rig};
 
+    /// A simulation on buses whose frames take no time.
+    const IDEAL: (&str, &str) = (
+        "simulation: simulations/paper-arm.yaml",
+        "simulation: {timing: ideal, arm: {motor_kg_m2: [0.25, 0.25], proximal_kg: [0, 0], distal_kg: [0, 0], tool_kg: 1, \
+         coulomb_n_m: [10, 10], viscous_n_m_s_per_rad: [0.5, 0.5]}, drive_position_loop: {period_us: 125, \
+         stiffness_n_m_per_rad: 20000, damping_n_m_s_per_rad: 150, integral_n_m_per_rad_s: 200000}, \
+         scene: scenes/circle-tour.yaml}",
+    );
+
     fn rigs() -> impl Iterator<Item = &'static str> {
         builtin_names().filter(|name| name.starts_with("paper-admittance"))
     }
@@ -309,7 +317,7 @@ mod tests {
     fn the_table_fits_80_columns_and_is_sorted() {
         let slow = ("bit_rate_bit_per_s: 1000000", "bit_rate_bit_per_s: 50000");
         let long = ("name: left", "name: a-left-drive-with-a-name-that-goes-on-and-on");
-        for changes in [&[][..], &[slow], &[long], &[("timing: arbitrated", "timing: ideal")]] {
+        for changes in [&[][..], &[slow], &[long], &[IDEAL]] {
             let rig = changed(changes);
             let text = text(&plans(&rig.value).unwrap());
             let rows = text.lines().filter(|line| line.len() > 5 && line.as_bytes()[3] == b'h');
@@ -334,7 +342,7 @@ mod tests {
         let early = drawn(&[("compute_at_us: 620", "compute_at_us: 500")]);
         let late = drawn(&[("compute_at_us: 620", "compute_at_us: 900")]);
         let slow = drawn(&[("bit_rate_bit_per_s: 1000000", "bit_rate_bit_per_s: 500000")]);
-        let ideal = drawn(&[("compute_at_us: 620", "compute_at_us: 500"), ("timing: arbitrated", "timing: ideal")]);
+        let ideal = drawn(&[("compute_at_us: 620", "compute_at_us: 500"), IDEAL]);
         insta::assert_snapshot!("bus-findings", [early, late, slow, ideal].join("\n"));
     }
 

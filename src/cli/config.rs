@@ -8,7 +8,8 @@ use super::margins::Margins;
 use super::output::Output;
 use super::tune::{self, Masses};
 use crate::config::{
-    self, Coupling, Diagnostic, Document, Figure, Fixture, ImpedanceDevice, Kind, Report, Rig, Scene, Severity, Source,
+    self, Coupling, Diagnostic, Document, Figure, Fixture, ImpedanceDevice, Kind, Report, Rig, Scene, Severity,
+    Simulation, Source,
 };
 use crate::rig::coupled_device;
 use yieldwall_drives::profiles::{DeviceProfile, Tried};
@@ -18,13 +19,13 @@ pub(super) enum Command {
     /// Check files and say what would be run; of a rig also the margins of its loop, the least virtual mass
     /// and the load of its bus
     Check {
-        /// Rigs, devices, scenes, figures or device profiles; `builtin:figures/fig11.yaml` names a copy inside the program
+        /// Rigs, devices, scenes, figures, device profiles or simulations; `builtin:figures/fig11.yaml` names a copy inside the program
         #[arg(required = true, value_name = "FILE")]
         files: Vec<String>,
     },
     /// Print the checked configuration in normal form
     Show {
-        /// Rig, device, scene, figure or device profile; `builtin:figures/fig11.yaml` names a copy inside the program
+        /// Rig, device, scene, figure, device profile or simulation; `builtin:figures/fig11.yaml` names a copy inside the program
         #[arg(value_name = "FILE")]
         file: String,
     },
@@ -122,6 +123,7 @@ fn show(file: &str, output: &mut Output) -> Result<(), Failure> {
             Document::Scene(scene) => output.json(&scene.value),
             Document::Figure(figure) => output.json(&figure.value),
             Document::Profile(profile) => output.json(&profile.value),
+            Document::Simulation(simulation) => output.json(&simulation.value),
         };
     }
     let text = match &document {
@@ -130,6 +132,7 @@ fn show(file: &str, output: &mut Output) -> Result<(), Failure> {
         Document::Scene(scene) => config::to_yaml(&scene.value),
         Document::Figure(figure) => config::to_yaml(&figure.value),
         Document::Profile(profile) => config::to_yaml(&profile.value),
+        Document::Simulation(simulation) => config::to_yaml(&simulation.value),
     };
     output.result(&text.map_err(|error| Failure::new(Exit::Internal, error, ""))?)
 }
@@ -145,6 +148,7 @@ fn summary(document: &Document, warnings: usize) -> String {
         Document::Scene(scene) => scene_summary(&scene.value),
         Document::Figure(figure) => figure_summary(&figure.value),
         Document::Profile(profile) => profile_summary(&profile.value),
+        Document::Simulation(simulation) => simulation_summary(&simulation.value),
     };
     match warnings {
         0 => format!("{}, {text}", document.kind()),
@@ -159,12 +163,15 @@ fn rig_summary(rig: &Rig) -> String {
         config::CommandMode::Velocity => "velocity",
         config::CommandMode::Position => "position",
     };
+    let scene = match &rig.simulation {
+        Some(simulation) => format!("scene {}", simulation.scene),
+        None => "no simulation".to_owned(),
+    };
     format!(
-        "{} in {mode} mode every {} us, {}, scene {}",
+        "{} in {mode} mode every {} us, {}, {scene}",
         rig.rig.name,
         rig.cycle.period_us,
         fixture_summary(&rig.fixture),
-        rig.scene
     )
 }
 
@@ -175,6 +182,17 @@ fn device_summary(device: &ImpedanceDevice) -> String {
         device.cycle.period_us,
         fixture_summary(&device.fixture),
         device.scene
+    )
+}
+
+fn simulation_summary(simulation: &Simulation) -> String {
+    let timing = match simulation.timing {
+        config::BusTiming::Arbitrated => "frames take their time",
+        config::BusTiming::Ideal => "frames take no time",
+    };
+    format!(
+        "{timing}, drives close their loop every {} us, scene {}",
+        simulation.drive_position_loop.period_us, simulation.scene
     )
 }
 
@@ -236,6 +254,7 @@ impl Document {
             Self::Scene(_) => Kind::Scene,
             Self::Figure(_) => Kind::Figure,
             Self::Profile(_) => Kind::Profile,
+            Self::Simulation(_) => Kind::Simulation,
         }
     }
 
@@ -246,6 +265,7 @@ impl Document {
             Self::Scene(scene) => &scene.warnings,
             Self::Figure(figure) => &figure.warnings,
             Self::Profile(profile) => &profile.warnings,
+            Self::Simulation(simulation) => &simulation.warnings,
         }
     }
 }

@@ -38,13 +38,21 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
     check(arguments)?;
     let rig = config::load_rig(Source::named(&arguments.rig))?;
     output.warnings(&rig.warnings);
-    let scene = config::load_scene(rig.source.relative(&rig.value.scene))?;
+    // Devices in lockstep are simulated; on others a scene says no more than how long it lasts.
+    let scene = match (&rig.value.simulation, arguments.pace) {
+        (None, PaceArgument::Free) => None,
+        _ => Some(rig.scene()?.value),
+    };
+    let Some(duration_s) = arguments.duration.or(scene.as_ref().map(|scene| scene.duration_s.get())) else {
+        let message = format!("{} has no scene that would say how long the rig runs", arguments.rig);
+        return Err(Failure::new(Exit::Usage, message, "say how long, in s, with --duration"));
+    };
     check_buses(&rig, arguments.ignore_bus_budget, output)?;
     let overrides = Overrides { duration_s: arguments.duration, ..Overrides::default() };
     let file = rig;
     let rig = file.value.clone();
     let terms = Terms {
-        evidence: evidence(arguments.pace, &rig, &scene.value)?,
+        evidence: evidence(arguments.pace, &rig, scene.as_ref())?,
         needs_realtime: arguments.require_realtime,
         ignores_latency: arguments.ignore_latency,
         ignores_bus_budget: arguments.ignore_bus_budget,
@@ -65,7 +73,7 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
         }
     }
     warn_of(output, on_bus.memory());
-    let mut about = replay::about(&rig, &scene.value, &overrides)
+    let mut about = replay::about(&rig, scene.as_ref(), &overrides)
         .map_err(|error| Failure::new(Exit::Internal, format!("documents of the recording: {error}"), ""))?;
     if arguments.ignore_latency {
         about.overrides = format!("{} --ignore-latency", about.overrides).trim().to_owned();
@@ -80,7 +88,6 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
     watch.tap.into_iter().for_each(|tap| on_bus.set_tap(tap));
     watch.observer.into_iter().for_each(|observer| on_bus.set_observer(observer));
     let period_s = f64::from(rig.cycle.period_us) * 1e-6;
-    let duration_s = arguments.duration.unwrap_or(scene.value.duration_s.get());
     let mut rows = Vec::with_capacity(Play::on_bus(&rig, duration_s).cycles.min(LONGEST_TRACE) as usize);
     let mut seen = Seen { stages: StageTimes::default(), skipped: 0 };
     let each = |record: &CycleRecord| {

@@ -51,7 +51,7 @@ pub(super) fn warn_of(output: &mut Output, granted: &Result<(), Refusal>) {
 pub(super) fn other_master(message: String, heard: &Heard) -> Failure {
     let help = match heard.sign {
         Sign::Master { .. } => {
-            "end the other master, or give this rig's master a node id of its own (`master.node_id`) if it is a device"
+            "end the other master, or give this rig's master a node id of its own (`node_id` of its bus) if it is a device"
         }
         _ => "end the other master, or run this one on a bus of its own; `candump` shows what is on a bus",
     };

@@ -82,16 +82,18 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
         Document::Rig(rig) => *rig,
         Document::Device(device) => return device::run(arguments, &device, output),
         // Says what it is.
-        Document::Scene(_) | Document::Figure(_) | Document::Profile(_) => config::load_rig(source)?,
+        Document::Scene(_) | Document::Figure(_) | Document::Profile(_) | Document::Simulation(_) => {
+            config::load_rig(source)?
+        }
     };
     // Those of the scene are among them.
     output.warnings(&rig.warnings);
     check_buses(&rig, arguments.ignore_bus_budget, output)?;
-    let scene = config::load_scene(rig.source.relative(&rig.value.scene))?;
+    let scene = rig.scene()?;
     let faults = arguments.fault.iter().map(|fault| fault.0).collect();
     let overrides = Overrides { fixture: None, duration_s: arguments.duration, seed: arguments.seed, faults };
     let margins = Margins::of(&rig.value);
-    let about = replay::about(&rig.value, &scene.value, &overrides)
+    let about = replay::about(&rig.value, Some(&scene.value), &overrides)
         .map_err(|error| Failure::new(Exit::Internal, format!("documents of the recording: {error}"), ""))?;
     let [candump, record, black_box] =
         [&arguments.candump, &arguments.record, &arguments.black_box].map(Option::as_deref);

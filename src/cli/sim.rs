@@ -78,10 +78,9 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
     let rig = config::load_rig(Source::named(&arguments.rig))?;
     output.warnings(&rig.warnings);
     let scene = match &arguments.scene {
-        Some(path) => Source::named(path),
-        None => rig.source.relative(&rig.value.scene),
+        Some(path) => config::load_scene(Source::named(path))?,
+        None => rig.scene()?,
     };
-    let scene = config::load_scene(scene)?;
     let rig = rig.value;
     let seed = arguments.seed.unwrap_or(scene.value.seed);
     let here = chosen(arguments, &rig)?;
@@ -276,7 +275,7 @@ fn attach_one(
     let is_interrupted = on_interrupt()?;
     // The device is on one bus, and hears no other.
     let interface = Interfaces::one(rig, &arguments.bus, bus)?;
-    let bit_rate = rig.buses.get(bus).map(|bus| bus.bit_rate_bit_per_s);
+    let bit_rate = rig.buses.get(bus).map(|bus| bus.canopen.bit_rate_bit_per_s);
     let own = Own::new(rig, here)?;
     let number = rig.buses.keys().take_while(|name| *name != bus).count() as u8;
     let roles = own.roles(number);

@@ -79,7 +79,7 @@ pub struct Diagnostic {
     pub file: String,
     /// Where in the file; `None` when it concerns the whole file.
     pub place: Option<Place>,
-    /// The key that it concerns, such as `drives[0].node_id`; empty, and left out of JSON, where it is about none.
+    /// The key that it concerns, such as `drives[0].profile`; empty, and left out of JSON, where it is about none.
     #[serde(skip_serializing_if = "String::is_empty")]
     pub key: String,
     /// What is wrong.

@@ -17,11 +17,13 @@ pub enum Kind {
     Figure,
     /// A device profile.
     Profile,
+    /// What the simulation of a rig takes the machine to be.
+    Simulation,
 }
 
 impl Kind {
     /// All of them.
-    pub const ALL: [Self; 5] = [Self::Rig, Self::Device, Self::Scene, Self::Figure, Self::Profile];
+    pub const ALL: [Self; 6] = [Self::Rig, Self::Device, Self::Scene, Self::Figure, Self::Profile, Self::Simulation];
 
     /// The key that only this kind has at the top.
     pub fn mark(self) -> &'static str {
@@ -31,6 +33,7 @@ impl Kind {
             Self::Scene => "hand",
             Self::Figure => "title",
             Self::Profile => "profile",
+            Self::Simulation => "arm",
         }
     }
 
@@ -47,7 +50,7 @@ impl Kind {
     /// Whether what stands at a key is the path of a file, which starts from the folder of the file in which it stands.
     pub(super) fn names_file(self, key: &str, value: &str) -> bool {
         match (self, key) {
-            (Self::Rig, "scene") => true,
+            (Self::Rig, "simulation.scene") | (Self::Simulation, "scene") => true,
             (Self::Rig, _) => key.ends_with(".profile") && ProfileName::from(value.to_owned()).is_file(),
             _ => false,
         }
@@ -57,7 +60,7 @@ impl Kind {
     pub(super) fn detect<'a>(keys: impl Iterator<Item = &'a str>) -> Option<Self> {
         let keys: Vec<&str> = keys.collect();
         // A profile and a figure have a key `device` too, so their marks are asked for first.
-        [Self::Profile, Self::Figure, Self::Rig, Self::Device, Self::Scene]
+        [Self::Profile, Self::Figure, Self::Rig, Self::Device, Self::Scene, Self::Simulation]
             .into_iter()
             .find(|kind| keys.contains(&kind.mark()))
     }
@@ -71,6 +74,7 @@ impl fmt::Display for Kind {
             Self::Scene => "scene",
             Self::Figure => "figure",
             Self::Profile => "device profile",
+            Self::Simulation => "simulation",
         })
     }
 }

@@ -10,14 +10,14 @@ use super::check::{
     Findings, Locator, Machine, check_device, check_figure, check_override, check_profile, check_rig, check_scene,
     check_scene_for, refuse_profile,
 };
+use super::compose::{LIKE, open};
 use super::diagnostic::{Diagnostic, Report, Severity};
-use super::explain::{explain, explain_syntax};
+use super::explain::explain;
+use super::former::former;
 use super::kind::Kind;
-use super::outline::{Content, Outline};
 use super::schema::Guide;
 use super::source::Source;
-use super::tree::{Figure, ImpedanceDevice, Rig, Scene};
-use super::variant::{self, File, LIKE, Merged};
+use super::tree::{Figure, ImpedanceDevice, NotSimulated, Rig, Scene, Simulation};
 use super::yaml;
 use yieldwall_drives::profiles::DeviceProfile;
 
@@ -52,6 +52,24 @@ impl<T> Loaded<T> {
     }
 }
 
+impl Loaded<Rig> {
+    /// Reads and checks the scene of the rig's simulation.
+    ///
+    /// # Errors
+    /// As [`load_scene`]; or the rig has no simulation.
+    pub fn scene(&self) -> Result<Loaded<Scene>, Report> {
+        match self.value.simulated() {
+            Ok(simulation) => load_scene(self.source.relative(&simulation.scene)),
+            Err(error) => Err(self.not_simulated(error).into()),
+        }
+    }
+
+    fn not_simulated(&self, error: NotSimulated) -> Diagnostic {
+        let help = "name one, such as `simulation: simulations/paper-arm.yaml`, or run the rig on a bus: `run --bus`";
+        Diagnostic::about_file(self.source.to_string(), format!("{}: {error}", self.source), help)
+    }
+}
+
 /// A checked document of any kind.
 #[derive(Clone, Debug)]
 pub enum Document {
@@ -65,6 +83,8 @@ pub enum Document {
     Figure(Box<Loaded<Figure>>),
     /// A device profile.
     Profile(Box<Loaded<DeviceProfile>>),
+    /// A simulation of a rig.
+    Simulation(Box<Loaded<Simulation>>),
 }
 
 /// Reads and checks a document, whatever its kind.
@@ -80,11 +100,12 @@ pub fn load(source: impl Into<Source>) -> Result<Document, Report> {
         Some(Kind::Scene) => load_scene(source).map(|scene| Document::Scene(Box::new(scene))),
         Some(Kind::Figure) => load_figure(source).map(|figure| Document::Figure(Box::new(figure))),
         Some(Kind::Profile) => load_profile(source).map(|profile| Document::Profile(Box::new(profile))),
+        Some(Kind::Simulation) => load_simulation(source).map(|simulation| Document::Simulation(Box::new(simulation))),
         None => Err(unknown_kind(&source, "is not a configuration").into()),
     }
 }
 
-/// Reads and checks a rig, its device profiles and its scene.
+/// Reads and checks a rig, its device profiles, its simulation and its scene.
 ///
 /// # Errors
 /// The file; its first syntax or type error; or all errors of meaning in the rig and in the files that it names.
@@ -95,7 +116,10 @@ pub fn load_rig(source: impl Into<Source>) -> Result<Loaded<Rig>, Report> {
     let profiles = linked_profiles(&mut findings, &source, &mut rig);
     check_rig(&mut findings, &rig, in_range);
     let machine = in_range.then_some(Machine::Rig(&rig));
-    let scene = linked_scene(&mut findings, &source, &rig.scene, machine);
+    let scene = match &rig.simulation {
+        Some(simulation) => linked_scene(&mut findings, "simulation.scene", &source, &simulation.scene, machine),
+        None => Vec::new(),
+    };
     finish(rig, source, like, findings.locator(), [findings.into_sorted(), profiles, scene].concat())
 }
 
@@ -109,7 +133,7 @@ pub fn load_device(source: impl Into<Source>) -> Result<Loaded<ImpedanceDevice>,
     let in_range = findings.check_ranges(&device);
     check_device(&mut findings, &device, in_range);
     let machine = in_range.then_some(Machine::Device(&device));
-    let scene = linked_scene(&mut findings, &source, &device.scene, machine);
+    let scene = linked_scene(&mut findings, "scene", &source, &device.scene, machine);
     finish(device, source, like, findings.locator(), [findings.into_sorted(), scene].concat())
 }
 
@@ -131,6 +155,18 @@ pub fn load_profile(source: impl Into<Source>) -> Result<Loaded<DeviceProfile>, 
     let source = source.into();
     let (profile, findings) = checked_profile(&source)?;
     finish(profile, source, None, findings.locator(), findings.into_sorted())
+}
+
+/// Reads and checks a simulation of a rig and its scene, without the rig.
+///
+/// # Errors
+/// As [`load_rig`].
+pub fn load_simulation(source: impl Into<Source>) -> Result<Loaded<Simulation>, Report> {
+    let source = source.into();
+    let Read { value: simulation, mut findings, like } = read::<Simulation>(&source, Kind::Simulation)?;
+    findings.check_ranges(&simulation);
+    let scene = linked_scene(&mut findings, "scene", &source, &simulation.scene, None);
+    finish(simulation, source, like, findings.locator(), [findings.into_sorted(), scene].concat())
 }
 
 /// Reads and checks a figure and every file that it names.
@@ -161,10 +197,10 @@ pub fn load_figure(source: impl Into<Source>) -> Result<Loaded<Figure>, Report> 
         let machine = match &machine {
             Document::Rig(rig) => Machine::Rig(&rig.value),
             Document::Device(device) => Machine::Device(&device.value),
-            Document::Scene(_) | Document::Figure(_) | Document::Profile(_) => continue,
+            Document::Scene(_) | Document::Figure(_) | Document::Profile(_) | Document::Simulation(_) => continue,
         };
         check_override(&mut findings, &figure, machine);
-        others.extend(linked_scene(&mut findings, &source, &figure.scene, Some(machine)));
+        others.extend(linked_scene(&mut findings, "scene", &source, &figure.scene, Some(machine)));
     }
     let locator = findings.locator();
     let mut all = [findings.into_sorted(), others].concat();
@@ -231,8 +267,14 @@ fn linked_profiles(findings: &mut Findings, source: &Source, rig: &mut Rig) -> V
 }
 
 /// The findings in a scene that a document names by `path`, and with the machine that runs it where its numbers are in
-/// range. A file that is no scene is a finding at `scene`.
-fn linked_scene(findings: &mut Findings, source: &Source, path: &str, machine: Option<Machine<'_>>) -> Vec<Diagnostic> {
+/// range. A file that is no scene is a finding at the key that names it.
+fn linked_scene(
+    findings: &mut Findings,
+    key: &str,
+    source: &Source,
+    path: &str,
+    machine: Option<Machine<'_>>,
+) -> Vec<Diagnostic> {
     match checked_scene(&source.relative(path)) {
         Ok((scene, mut of_scene)) => {
             if let Some(machine) = machine {
@@ -240,7 +282,7 @@ fn linked_scene(findings: &mut Findings, source: &Source, path: &str, machine: O
             }
             of_scene.into_sorted()
         }
-        Err(report) => findings.link("scene", report),
+        Err(report) => findings.link(key, report),
     }
 }
 
@@ -270,56 +312,6 @@ fn finish<T>(
     Ok(Loaded { value, source, like, warnings: findings, locator })
 }
 
-fn read_outline(source: &Source) -> Result<(File, Outline), Report> {
-    let file = File { name: source.to_string(), text: source.read()? };
-    let outline = yaml::outline(&file.text).map_err(|fault| explain_syntax(fault, &file.name, &file.text))?;
-    Ok((file, outline))
-}
-
-/// Reads a file, and the one that it is like with it.
-fn open(source: &Source) -> Result<(Locator, Option<Source>), Report> {
-    let (file, outline) = read_outline(source)?;
-    let Some((base, like)) = variant::base(&file, &outline, source)? else {
-        return Ok((Locator::of_file(file, outline), None));
-    };
-    let refuse = |message: String, help: &str| {
-        Report::from(file.finding(like.place(), LIKE, format!("`{LIKE}`: {message}"), help.to_owned()))
-    };
-    let (base_file, base_outline) = read_outline(&base).map_err(|report| {
-        let at_like = |finding: Diagnostic| match finding.place {
-            Some(_) => finding,
-            None => file.finding(
-                like.place(),
-                LIKE,
-                format!("`{LIKE}`: {}", finding.message),
-                finding.help.unwrap_or_default(),
-            ),
-        };
-        Report { diagnostics: report.diagnostics.into_iter().map(at_like).collect() }
-    })?;
-    let name = &base_file.name;
-    if base_outline.top_keys().any(|key| key == LIKE) {
-        let help = "variants have one level: name the file that the other one is like, and write the keys that differ from that";
-        return Err(refuse(format!("{name} is itself a variant"), help));
-    }
-    let kind = match Kind::detect(base_outline.top_keys()) {
-        Some(kind) if kind.has_variants() => kind,
-        Some(kind) => {
-            let help = "name a rig, or write the document whole";
-            return Err(refuse(format!("{name} is {}, and only a rig has variants", kind.with_article()), help));
-        }
-        None => return Err(refuse(format!("{name} is not a configuration"), "name a rig")),
-    };
-    let path = match &like.content {
-        Content::Scalar(path) => path.as_str(),
-        _ => "",
-    };
-    let files = [file.clone(), base_file];
-    let merged = variant::merge(&files, [&outline, &base_outline], path, kind, &Guide::new(kind))?;
-    let Merged { text, outline, origins } = merged;
-    Ok((Locator { files: files.into(), text, outline, origins }, Some(base)))
-}
-
 /// A document that has been read.
 struct Read<T> {
     value: T,
@@ -340,6 +332,10 @@ fn read<T: DeserializeOwned + Validate<Context = ()>>(source: &Source, kind: Kin
             let message = format!("is not {}: the key `{}` is missing", kind.with_article(), kind.mark());
             return Err(unknown_kind(source, &message).into());
         }
+    }
+    let former = former(&locator, kind);
+    if !former.is_empty() {
+        return Err(Report { diagnostics: former });
     }
     let guide = Guide::new(kind);
     match yaml::parse(&locator.text) {

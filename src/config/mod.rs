@@ -5,8 +5,12 @@
 //! siblings holds every rule that the doc comments of the tree state.
 
 mod check;
+mod compose;
+#[cfg(test)]
+mod compose_tests;
 mod diagnostic;
 mod explain;
+mod former;
 mod kind;
 mod load;
 #[cfg(test)]
@@ -17,15 +21,14 @@ mod schema;
 mod source;
 mod suggest;
 mod tree;
-mod variant;
-#[cfg(test)]
-mod variant_tests;
 mod yaml;
 
 pub use check::MAX_DURATION_S;
 pub use diagnostic::{Diagnostic, Place, Related, Report, Severity};
 pub use kind::Kind;
-pub use load::{Document, Loaded, load, load_device, load_figure, load_profile, load_rig, load_scene, to_yaml};
+pub use load::{
+    Document, Loaded, load, load_device, load_figure, load_profile, load_rig, load_scene, load_simulation, to_yaml,
+};
 pub use number::{Finite, NotNegative, Positive};
 pub use schema::schema;
 pub use source::{MAX_FILE_BYTES, Source, builtin, builtin_names};

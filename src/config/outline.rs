@@ -51,7 +51,7 @@ pub(super) enum Step<'a> {
     Index(usize),
 }
 
-/// The steps of a path such as `drives[0].node_id`.
+/// The steps of a path such as `drives[0].profile`.
 pub(super) fn steps(path: &str) -> impl Iterator<Item = Step<'_>> {
     path.split(['.', '[']).filter(|part| !part.is_empty()).map(|part| match part.strip_suffix(']') {
         Some(index) => index.parse().map_or(Step::Key(part), Step::Index),

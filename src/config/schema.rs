@@ -3,10 +3,10 @@
 use schemars::{JsonSchema, SchemaGenerator};
 use serde_json::{Map, Value, json};
 
+use super::compose::LIKE;
 use super::kind::Kind;
 use super::outline::{Step, steps};
-use super::tree::{Figure, ImpedanceDevice, Rig, Scene};
-use super::variant::LIKE;
+use super::tree::{Figure, ImpedanceDevice, Rig, Scene, Simulation};
 use yieldwall_drives::profiles::DeviceProfile;
 
 /// The JSON Schema of every kind of document, for editors. It is committed as `config/schema.json`.
@@ -18,6 +18,7 @@ pub fn schema() -> Value {
         Scene::json_schema(&mut generator).into(),
         Figure::json_schema(&mut generator).into(),
         DeviceProfile::json_schema(&mut generator).into(),
+        Simulation::json_schema(&mut generator).into(),
     ];
     let mut definitions = generator.take_definitions(true);
     let variants: Vec<Value> = Kind::ALL
@@ -30,7 +31,7 @@ pub fn schema() -> Value {
     json!({
         "$schema": "https://json-schema.org/draft/2020-12/schema",
         "title": "yieldwall configuration",
-        "description": "A rig or a variant of one, an impedance device, a scene, a figure or a device profile.",
+        "description": "A rig or a variant of one, an impedance device, a scene, a figure, a device profile or a simulation.",
         "oneOf": kinds,
         "$defs": definitions,
     })
@@ -222,6 +223,10 @@ impl Guide {
         if let Some(words) = words {
             return Some(format!("one of {}", words.join(", ")));
         }
+        if !choices.iter().all(|choice| has_one_key(choice)) {
+            let each: Vec<String> = choices.iter().filter_map(|choice| self.expect(choice)).collect();
+            return Some(each.join(" or "));
+        }
         let keys: Vec<&str> = choices
             .iter()
             .filter_map(|choice| choice.get("properties")?.as_object()?.keys().next())
@@ -289,8 +294,8 @@ mod tests {
         assert!(guide.description("fixture.yield_n").unwrap().starts_with("R in N"));
         assert!(guide.description("fixture.coupling.admittance.mass_kg").unwrap().starts_with("M in kg"));
         assert!(guide.description("fixture.coupling.mass_kg").unwrap().starts_with("M in kg"));
-        assert!(guide.description("drives[1].node_id").unwrap().starts_with("CANopen node-ID"));
-        assert!(guide.description("buses.main.timing").is_some());
+        assert!(guide.description("drives[1].address.canopen.node_id").unwrap().starts_with("CANopen node-ID"));
+        assert!(guide.description("simulation.arm.tool_kg").is_some());
         assert!(!guide.has("fixture.mass_kg") && !guide.has("nothing"));
     }
 
@@ -324,7 +329,7 @@ mod tests {
     fn expectations_are_words() {
         let guide = Guide::new(Kind::Rig);
         let expect = |path| guide.expectation(path).unwrap();
-        assert_eq!(expect("master.node_id"), "a whole number from 1 to 127");
+        assert_eq!(expect("buses.main.canopen.node_id"), "a whole number from 1 to 127");
         assert_eq!(expect("rig.command_mode"), "one of torque, velocity, position");
         assert_eq!(expect("sensor.low_pass_hz"), "a number above 0 or null");
         assert_eq!(expect("linkage.proximal_m"), "a list of 2 entries, each a number above 0");

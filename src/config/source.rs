@@ -62,6 +62,7 @@ const SHIPPED: &[(&str, &str)] = shipped![
     "scenes/moving-walls.yaml",
     "scenes/plane-push.yaml",
     "scenes/room-walk.yaml",
+    "simulations/paper-arm.yaml",
     "sphere.yaml",
 ];
 
@@ -279,8 +280,22 @@ pub(super) fn rebase(other: &str, path: &str) -> String {
     let joined = |other: &str| Path::new(other).parent().unwrap_or(Path::new("")).join(path);
     match other.strip_prefix(BUILTIN_PREFIX) {
         Some(shipped) => format!("{BUILTIN_PREFIX}{}", normalise(&joined(shipped)).display()),
-        None => joined(other).display().to_string(),
+        None => plain(&joined(other)).display().to_string(),
     }
+}
+
+/// A path without `.` and without a folder that is left at once, by the letter.
+fn plain(path: &Path) -> PathBuf {
+    path.components().fold(PathBuf::new(), |mut plain, component| {
+        match (component, plain.components().next_back()) {
+            (Component::CurDir, _) => {}
+            (Component::ParentDir, Some(Component::Normal(_))) => {
+                plain.pop();
+            }
+            _ => plain.push(component),
+        }
+        plain
+    })
 }
 
 /// Removes `.` and `..` by the letter of the path: the shipped files have no links.

@@ -18,7 +18,7 @@ use super::timing::{Kept, Untimely};
 use crate::assembly::bus_plan;
 use crate::bus::budget::Budget;
 use crate::canopen::Emergency;
-use crate::config::{self, BusTiming};
+use crate::config;
 use crate::guard::Fault;
 use crate::link::{InterfaceFacts, Role, SocketCan, SocketCans};
 use crate::record::CycleRecord;
@@ -174,9 +174,9 @@ impl RigOnBus {
         let memory = lock_memory();
         let (setup, conditions) = bus_plan(rig).map_err(RunError::from)?;
         let mut overfull = Vec::new();
-        for ((name, bus), conditions) in rig.buses.iter().zip(conditions) {
+        for (name, conditions) in rig.buses.keys().zip(conditions) {
             let budget = Budget::new(&setup, conditions).map_err(RunError::from)?;
-            if bus.timing == BusTiming::Arbitrated && !budget.is_schedulable() {
+            if rig.frames_take_time() && !budget.is_schedulable() {
                 overfull.push(name.clone());
             }
         }

@@ -5,6 +5,7 @@ use nalgebra::Vector2;
 use super::error::RigError;
 use super::world::{Body, Grip, Ideal, Truth, World};
 use crate::assembly;
+use crate::assembly::AssemblyError;
 use crate::bus::{CommandMode, SensorLink};
 use crate::canopen::node_id;
 use crate::config;
@@ -21,6 +22,11 @@ pub(super) fn node(raw: u8) -> Result<crate::canopen::NodeId, RigError> {
     node_id(raw).map_err(|error| RigError::Device(error.to_string()))
 }
 
+/// The simulation of a rig.
+pub(super) fn simulated(rig: &config::Rig) -> Result<&config::Simulation, RigError> {
+    Ok(rig.simulated().map_err(AssemblyError::from)?)
+}
+
 fn model(scene: &config::Scene) -> Result<&config::SceneModel, RigError> {
     scene.model.as_ref().ok_or_else(|| RigError::Mismatch("the scene has no `model` of a rig".into()))
 }
@@ -30,9 +36,9 @@ fn model(scene: &config::Scene) -> Result<&config::SceneModel, RigError> {
 /// # Errors
 /// If its profile is not that of a drive.
 pub fn drive(rig: &config::Rig, scene: &config::Scene, drive: &config::Drive, serial: u32) -> Result<Drive, RigError> {
-    let servo = &rig.plant.drive_position_loop;
+    let servo = &simulated(rig)?.drive_position_loop;
     Drive::new(DriveSettings {
-        node: node(drive.node_id)?,
+        node: node(drive.address.canopen.node_id)?,
         profile: assembly::profile(&drive.profile)?,
         serial,
         scaling: assembly::scaling(drive)?,
@@ -74,10 +80,10 @@ pub fn force_sensor(rig: &config::Rig) -> Result<ForceSensor, RigError> {
 /// # Errors
 /// A linkage that does not close, or a scene without a model.
 pub fn arm(rig: &config::Rig, scene: &config::Scene) -> Result<ArmParameters, RigError> {
-    let arm = &rig.plant.arm;
+    let arm = &simulated(rig)?.arm;
     Ok(ArmParameters {
         linkage: assembly::linkage(rig)?,
-        mass: assembly::plant_mass(rig),
+        mass: assembly::plant_mass(rig)?,
         handle_kg: scene.hand.mass_kg.get(),
         coulomb_n_m: arm.coulomb_n_m.map(|value| value.get()),
         viscous_n_m_s_per_rad: arm.viscous_n_m_s_per_rad.map(|value| value.get()),

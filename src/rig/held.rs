@@ -2,6 +2,7 @@
 
 use nalgebra::{Matrix2, Vector2};
 
+use super::devices::simulated;
 use super::error::RigError;
 use super::margins::{LOOP_DELAY_CYCLES, poses};
 use crate::assembly::{bus_number, bus_plan};
@@ -94,7 +95,7 @@ pub fn stiffer(hand: &Grip, stiffness_n_per_m: f64) -> Grip {
 /// # Errors
 /// If the arm cannot be built, does not reach a pose or is singular there; numbers out of range.
 pub fn held_masses(rig: &config::Rig, hands: &[Grip], configured_kg: f64) -> Result<Option<Vec<Holding>>, RigError> {
-    let Some((follower, is_cartesian)) = follower(rig) else { return Ok(None) };
+    let Some((follower, is_cartesian)) = follower(rig)? else { return Ok(None) };
     let outers = outers(rig)?;
     let tools = poses(rig);
     let poses = tools.iter().map(|tool| pose_at(rig, *tool, is_cartesian)).collect::<Result<Vec<_>, _>>()?;
@@ -135,14 +136,13 @@ pub fn held_masses(rig: &config::Rig, hands: &[Grip], configured_kg: f64) -> Res
 }
 
 /// The servo, and whether it acts on the tool.
-fn follower(rig: &config::Rig) -> Option<(Follower, bool)> {
-    match rig.rig.command_mode {
-        config::CommandMode::Torque => {
-            let (gains, is_cartesian) = gains(&rig.control)?;
-            Some((Follower::Host { gains, delay_cycles: LOOP_DELAY_CYCLES as usize }, is_cartesian))
-        }
+fn follower(rig: &config::Rig) -> Result<Option<(Follower, bool)>, RigError> {
+    Ok(match rig.rig.command_mode {
+        config::CommandMode::Torque => gains(&rig.control).map(|(gains, is_cartesian)| {
+            (Follower::Host { gains, delay_cycles: LOOP_DELAY_CYCLES as usize }, is_cartesian)
+        }),
         config::CommandMode::Position => {
-            let drive = &rig.plant.drive_position_loop;
+            let drive = &simulated(rig)?.drive_position_loop;
             let gains = Gains {
                 stiffness: drive.stiffness_n_m_per_rad.get(),
                 damping: drive.damping_n_m_s_per_rad.get(),
@@ -151,7 +151,7 @@ fn follower(rig: &config::Rig) -> Option<(Follower, bool)> {
             Some((Follower::Drive { gains, period_s: f64::from(drive.period_us) * 1e-6 }, false))
         }
         config::CommandMode::Velocity => None,
-    }
+    })
 }
 
 /// What frames that wait on a bus may do to the samples of a sensor whose clock is its own, which the masses leave out.
@@ -221,7 +221,7 @@ fn latest_samples_s(rig: &config::Rig) -> Result<[f64; 2], RigError> {
         Use::Measured if !frame.is_answer => request.is_none_or(|request| frame.cob_id < request.cob_id),
         _ => false,
     };
-    let takes_time = rig.buses.get(&rig.sensor.bus).is_some_and(|bus| bus.timing == config::BusTiming::Arbitrated);
+    let takes_time = rig.frames_take_time();
     let latest_s = |bits: &dyn Fn(&PlannedFrame) -> u32| {
         let duration_s = |frame: &PlannedFrame| match takes_time {
             true => f64::from(bits(frame)) / f64::from(conditions.bit_rate),
@@ -247,13 +247,14 @@ fn pose_at(rig: &config::Rig, tool: Vector2<f64>, is_cartesian: bool) -> Result<
     let forward = Some(&rig.control.feed_forward).filter(|_| rig.rig.command_mode == config::CommandMode::Torque);
     let model = forward.and_then(|forward| forward.inertia.as_ref());
     let angles: JointAngles = linkage.inverse(TipPoint(tool))?;
-    let mass = linkage.dynamics(&model.map_or_else(|| plant_mass(rig), mass_model), angles, JointRates::default())?;
+    let arm = model.map_or_else(|| plant_mass(rig), |model| Ok(mass_model(model)))?;
+    let mass = linkage.dynamics(&arm, angles, JointRates::default())?;
     let diagonal =
         |values: [config::NotNegative; 2]| Matrix2::from_diagonal(&Vector2::from(values.map(|value| value.get())));
     let forward_viscous = forward.map_or_else(Matrix2::zeros, |forward| diagonal(forward.viscous_n_m_s_per_rad));
     let joints = Pose {
         mass: mass.mass,
-        viscous: if model.is_some() { forward_viscous } else { diagonal(rig.plant.arm.viscous_n_m_s_per_rad) },
+        viscous: if model.is_some() { forward_viscous } else { diagonal(simulated(rig)?.arm.viscous_n_m_s_per_rad) },
         jacobian: mass.jacobian,
         forward_mass: if model.is_some() { mass.mass } else { Matrix2::zeros() },
         forward_viscous,
@@ -304,7 +305,7 @@ mod tests {
     #[test]
     fn a_polled_sensor_takes_its_sample_when_the_request_has_come_to_drives_that_sync_has_reached() {
         let loaded = config::load_rig(Source::named("builtin:paper-admittance-polled.yaml")).unwrap();
-        let scene = config::load_scene(loaded.source.relative(&loaded.value.scene)).unwrap().value;
+        let scene = loaded.scene().unwrap().value;
         let rig = loaded.value;
         let config::SensorProtocol::Polled { base_id, .. } = rig.sensor.protocol else { panic!("it is polled") };
         let mut machine = EmbeddedRig::new(&rig, &scene, &rig.fixture, 1).unwrap();

@@ -98,14 +98,15 @@ fn along(outline_m: &[Vector2<f64>], is_closed: bool, poses: usize) -> Vec<Vecto
 /// The plant of the margins is the feed-forward's model of the arm where there is one, else the simulated arm.
 ///
 /// # Errors
-/// If the arm cannot be built, does not reach a pose or is singular there.
+/// If the arm cannot be built, does not reach a pose or is singular there; or neither feed-forward nor simulation knows it.
 pub fn pose_margins(rig: &config::Rig) -> Result<Option<PoseMargins>, RigError> {
     if rig.rig.command_mode != config::CommandMode::Torque {
         return Ok(None);
     }
     let Some((gains, is_cartesian)) = gains(&rig.control) else { return Ok(None) };
     let linkage = linkage(rig)?;
-    let model = rig.control.feed_forward.inertia.as_ref().map_or_else(|| plant_mass(rig), mass_model);
+    let model =
+        rig.control.feed_forward.inertia.as_ref().map_or_else(|| plant_mass(rig), |model| Ok(mass_model(model)))?;
     let viscous = rig.control.feed_forward.viscous_n_m_s_per_rad.map(|value| value.get());
     let mut inertias = Vec::new();
     let mut viscous_at = f64::INFINITY;

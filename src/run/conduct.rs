@@ -31,7 +31,7 @@ pub fn settling_cycles(period: Duration, sample_period: Duration) -> u32 {
 pub fn settling_on_bus(rig: &config::Rig) -> u32 {
     let [left, right] = &rig.drives;
     let sensor_ms = rig.sensor.protocol.heartbeat_ms().unwrap_or_default();
-    let slowest_ms = left.heartbeat_ms.max(right.heartbeat_ms).max(sensor_ms);
+    let slowest_ms = left.address.canopen.heartbeat_ms.max(right.address.canopen.heartbeat_ms).max(sensor_ms);
     let heartbeats = (u32::from(slowest_ms) * SETTLING_HEARTBEATS * 1000).div_ceil(rig.cycle.period_us);
     let period = Duration::from_micros(rig.cycle.period_us.into());
     let sample_period = Duration::from_secs_f64(rig.sensor.sample_rate_hz.get().recip());

@@ -129,7 +129,7 @@ impl Subject {
         let mut configuration = json!({
             "command_mode": rig.rig.command_mode,
             "period_us": rig.cycle.period_us,
-            "master": rig.master,
+            "master": rig.own_node().map(|own| json!({ "node_id": own.node_id, "heartbeat_ms": own.heartbeat_ms })),
             "drives": rig.drives,
             "torque_limit_n_m": rig.guard.torque_limit_n_m,
             "profiles": rig.drives.each_ref().map(|drive| drive.profile.get().map(|profile| &**profile)),
@@ -251,7 +251,7 @@ mod tests {
         // Another drive in its place, and another heartbeat.
         assert!(matches!(Subject::new(&rig(), drives(8)).check(&folder), Err(Unproven::Missing { .. })));
         let mut slower = rig();
-        slower.drives[1].heartbeat_ms += 1;
+        slower.drives[1].address.canopen.heartbeat_ms += 1;
         assert!(matches!(Subject::new(&slower, drives(7)).check(&folder), Err(Unproven::Missing { .. })));
         // The fixture is nothing to a watchdog, nor is the master's patience.
         let mut other = rig();

@@ -43,7 +43,7 @@ impl Dice {
 /// If a file is refused.
 pub(super) fn shipped(name: &str) -> Result<(config::Rig, config::Scene), String> {
     let source = config::builtin(name);
-    let rig = config::load_rig(source.clone()).map_err(|report| report.to_string())?.value;
-    let scene = config::load_scene(source.relative(&rig.scene)).map_err(|report| report.to_string())?.value;
-    Ok((rig, scene))
+    let rig = config::load_rig(source).map_err(|report| report.to_string())?;
+    let scene = rig.scene().map_err(|report| report.to_string())?.value;
+    Ok((rig.value, scene))
 }

@@ -17,13 +17,18 @@ use crate::rig::{ImpedanceLoop, RigError};
 
 const SCENE: &str = "scene.yaml";
 
-/// What a recording of a run with these documents says of it.
+/// What a recording of a run with these documents says of it. Without a scene the rig has no simulation in it.
 ///
 /// # Errors
 /// When a document cannot be written; no checked one cannot.
-pub fn about(rig: &config::Rig, scene: &config::Scene, overrides: &Overrides) -> Result<About, String> {
+pub fn about(rig: &config::Rig, scene: Option<&config::Scene>, overrides: &Overrides) -> Result<About, String> {
     let fixture = overrides.fixture.as_ref().unwrap_or(&rig.fixture).clone();
-    let mut effective = config::Rig { fixture, scene: SCENE.to_owned(), ..rig.clone() };
+    let mut effective = config::Rig { fixture, ..rig.clone() };
+    match (scene, &mut effective.simulation) {
+        (Some(_), Some(simulation)) => SCENE.clone_into(&mut simulation.scene),
+        (None, simulation) => *simulation = None,
+        (Some(_), None) => {}
+    }
     let mut profiles = BTreeMap::new();
     for (name, profile) in effective.name_profile_files() {
         profiles.insert(name, config::to_yaml(&*profile)?);
@@ -42,12 +47,12 @@ pub fn about_device(
 ) -> Result<About, String> {
     let fixture = overrides.fixture.as_ref().unwrap_or(&device.fixture).clone();
     let effective = config::ImpedanceDevice { fixture, scene: SCENE.to_owned(), ..device.clone() };
-    about_run(Machine::Device(config::to_yaml(&effective)?), scene, BTreeMap::new(), overrides)
+    about_run(Machine::Device(config::to_yaml(&effective)?), Some(scene), BTreeMap::new(), overrides)
 }
 
 fn about_run(
     machine: Machine,
-    scene: &config::Scene,
+    scene: Option<&config::Scene>,
     profiles: BTreeMap<String, String>,
     overrides: &Overrides,
 ) -> Result<About, String> {
@@ -58,9 +63,9 @@ fn about_run(
         commit: env!("YIELDWALL_COMMIT").to_owned(),
         target: env!("YIELDWALL_TARGET").to_owned(),
         machine,
-        scene: config::to_yaml(scene)?,
+        scene: scene.map(config::to_yaml).transpose()?.unwrap_or_default(),
         profiles,
-        seed: overrides.seed.unwrap_or(scene.seed),
+        seed: overrides.seed.or(scene.map(|scene| scene.seed)).unwrap_or_default(),
         overrides: [duration, seed].into_iter().flatten().collect::<Vec<_>>().join(" "),
     })
 }

@@ -117,7 +117,7 @@ pub fn run_rig(
     let elapsed = Duration::from_secs_f64(rows.len() as f64 * period_s);
     let counted = rig.buses.iter().zip(machine.bus_counters().zip(&before));
     let bus_loads = counted.map(|((name, bus), (counters, before))| {
-        (name.clone(), counters.load_since(before, elapsed, bus.bit_rate_bit_per_s))
+        (name.clone(), counters.load_since(before, elapsed, bus.canopen.bit_rate_bit_per_s))
     });
     let bus_loads = bus_loads.collect();
     let held_s = rows.iter().filter(|row| row.supervisor_state == State::Holding as u8).count() as f64 * period_s;
@@ -238,9 +238,10 @@ mod tests {
 
     fn run_changed(file: &str, change: impl Fn(&mut config::Fixture)) -> RunReport {
         let source = config::builtin(file);
-        let mut rig = config::load_rig(source.clone()).unwrap().value;
+        let loaded = config::load_rig(source).unwrap();
+        let scene = loaded.scene().unwrap().value;
+        let mut rig = loaded.value;
         change(&mut rig.fixture);
-        let scene = config::load_scene(source.relative(&rig.scene)).unwrap().value;
         run_rig(&rig, &scene, &Overrides::default(), Watch::default(), |_| {}).unwrap()
     }
 

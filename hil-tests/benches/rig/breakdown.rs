@@ -193,7 +193,7 @@ impl Stages {
     }
 
     fn master(&self) -> Spread {
-        let own = self.tape.machine.rig.master.node_id;
+        let own = self.tape.machine.rig.own_node().expect("a bus").node_id;
         let prepare = || (self.tape.master.clone(), Vec::with_capacity(64));
         self.time(prepare, |(master, out)| {
             for period in &self.tape.periods {
@@ -218,9 +218,9 @@ impl Stages {
     /// The frames in the three portions in which they are queued: set-points, SYNC, what devices answer.
     fn bus(&self) -> Spread {
         let rig = &self.tape.machine.rig;
-        let bit_rate = rig.buses.values().next().map_or(1_000_000, |bus| bus.bit_rate_bit_per_s);
+        let bit_rate = rig.buses.values().next().map_or(1_000_000, |bus| bus.canopen.bit_rate_bit_per_s);
         let orders = [QueueOrder::Fifo, QueueOrder::Priority, QueueOrder::Priority, QueueOrder::Priority];
-        let nodes = [rig.drives[0].node_id, rig.drives[1].node_id, self.sensor_node()];
+        let nodes = [rig.drives[0].address.canopen.node_id, rig.drives[1].address.canopen.node_id, self.sensor_node()];
         let prepare = || VirtualBus::new(BitTiming::Arbitrated { bit_rate }, &orders).expect("the rate of the rig");
         let portion_and_port = |frame: &Frame| match nodes.iter().position(|node| is_from_node(frame, *node)) {
             Some(place) => (2, place + 1),
@@ -252,7 +252,7 @@ impl Stages {
     }
 
     fn drives(&self) -> Spread {
-        let nodes = self.tape.machine.rig.drives.each_ref().map(|drive| drive.node_id);
+        let nodes = self.tape.machine.rig.drives.each_ref().map(|drive| drive.address.canopen.node_id);
         let prepare = || (self.tape.drives.clone(), Vec::with_capacity(64));
         self.time(prepare, |(drives, out): &mut (_, Vec<Frame>)| {
             for period in &self.tape.periods {
@@ -305,7 +305,7 @@ impl Stages {
         let rig = &self.tape.machine.rig;
         let stops: u32 = match self.tape.cycle().servo() {
             Servo::Torque(_) => 1,
-            _ => rig.cycle.period_us / rig.plant.drive_position_loop.period_us,
+            _ => rig.cycle.period_us / rig.simulated().expect("a simulated rig").drive_position_loop.period_us,
         };
         let step_s = self.tape.machine.plant_step_s();
         let (period_s, from_s) = (self.tape.machine.period_s(), self.tape.hand_from_s);

@@ -58,8 +58,9 @@ struct Start {
 static STARTS: LazyLock<[Start; 3]> = LazyLock::new(|| {
     FILES.map(|file| {
         let source = builtin(file);
-        let rig = config::load_rig(source.clone()).expect("a shipped rig").value;
-        let scene = config::load_scene(source.relative(&rig.scene)).expect("a shipped scene").value;
+        let rig = config::load_rig(source).expect("a shipped rig");
+        let scene = rig.scene().expect("a shipped scene").value;
+        let rig = rig.value;
         let mut machine = EmbeddedRig::new(&rig, &scene, &rig.fixture, 1).expect("a rig that can be built");
         let parts = |machine: &EmbeddedRig| Parts {
             master: machine.master().clone(),

@@ -25,6 +25,7 @@ pub fn configuration(bytes: &[u8]) {
                 Document::Scene(scene) => config::to_yaml(&scene.value),
                 Document::Figure(figure) => config::to_yaml(&figure.value),
                 Document::Profile(profile) => config::to_yaml(&profile.value),
+                Document::Simulation(simulation) => config::to_yaml(&simulation.value),
             };
             let written = written.expect("a document can be written");
             if let Err(report) = config::load(Source::memory(NAME, &*written)) {

@@ -15,8 +15,9 @@ const MOST_TOLD: usize = 16;
 /// Some cycles of a rig that is enabled.
 static CYCLES: LazyLock<Vec<CycleRecord>> = LazyLock::new(|| {
     let source = builtin("paper-admittance.yaml");
-    let rig = config::load_rig(source.clone()).expect("a shipped rig").value;
-    let scene = config::load_scene(source.relative(&rig.scene)).expect("a shipped scene").value;
+    let rig = config::load_rig(source).expect("a shipped rig");
+    let scene = rig.scene().expect("a shipped scene").value;
+    let rig = rig.value;
     let mut machine = EmbeddedRig::new(&rig, &scene, &rig.fixture, 1).expect("a rig that can be built");
     machine.enable().expect("a rig that can be enabled");
     let records = Arc::new(Mutex::new(Vec::new()));

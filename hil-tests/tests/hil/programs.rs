@@ -157,8 +157,8 @@ impl Doubles {
     /// Devices that are switched on; `scene` in place of the rig's.
     pub(super) fn start(rig: &str, scene: Option<&str>, pace: Pace) -> Self {
         let rig = config::load_rig(Source::named(rig)).expect("a good rig");
-        let scene = scene.map_or_else(|| rig.source.relative(&rig.value.scene), Source::named);
-        let scene = config::load_scene(scene).expect("a good scene").value;
+        let scene = scene.map_or_else(|| rig.scene(), |path| config::load_scene(Source::named(path)));
+        let scene = scene.expect("a good scene").value;
         let mut link = Real::open(&SocketCanSettings::everything(&bus()));
         let is_over = Arc::new(AtomicBool::new(false));
         let (end, (is_on, switched_on)) = (Arc::clone(&is_over), std::sync::mpsc::channel());
@@ -360,6 +360,7 @@ pub(super) fn changed(name: &str, file: &str, changes: &[(&str, &str)]) -> Strin
         text = text.replace(from, to);
     }
     let text = text.replace("scene: scenes/", &format!("scene: {folder}/scenes/"));
+    let text = text.replace("simulation: simulations/", &format!("simulation: {folder}/simulations/"));
     let text = text.replace("like: ", &format!("like: {folder}/"));
     let path = std::env::temp_dir().join(format!("yieldwall-{name}-{}.yaml", std::process::id()));
     std::fs::write(&path, text).expect("the folder for temporary files can be written");

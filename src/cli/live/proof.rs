@@ -13,12 +13,20 @@ use crate::rig;
 use crate::run::Unproven;
 
 /// In lockstep nothing measures time on the bus; the devices have to be simulated then. Their kind is drilled in virtual time.
-pub(super) fn evidence(pace: PaceArgument, rig: &config::Rig, scene: &config::Scene) -> Result<Evidence, Failure> {
+pub(super) fn evidence(
+    pace: PaceArgument,
+    rig: &config::Rig,
+    scene: Option<&config::Scene>,
+) -> Result<Evidence, Failure> {
     if pace == PaceArgument::Free {
         let drills = state_folder("drills").ok_or_else(drill::no_home)?;
         let latency = state_folder("latency").ok_or_else(latency::no_home)?;
         return Ok(Evidence::OnRecord { drills, latency, now_unix_s: now_unix_s() });
     }
+    let Some(scene) = scene else {
+        let message = "--pace lockstep is for simulated devices, and the rig has no simulation";
+        return Err(Failure::new(Exit::Usage, message, "leave --pace away"));
+    };
     let drilled = rig::drill(rig, scene, |_| ()).map_err(|error| rig_failure(&error))?;
     judge(&drilled, rig, NOTHING_ENABLED)?;
     Ok(Evidence::InVirtualTime(drilled))

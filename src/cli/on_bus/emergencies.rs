@@ -55,7 +55,11 @@ fn name(node_id: u8, rig: &config::Rig) -> Option<&str> {
         config::SensorProtocol::Canopen { node_id, .. } => Some(*node_id),
         _ => None,
     };
-    let nodes = [(Some(left.node_id), &left.name), (Some(right.node_id), &right.name), (sensor_id, &rig.sensor.name)];
+    let nodes = [
+        (Some(left.address.canopen.node_id), &left.name),
+        (Some(right.address.canopen.node_id), &right.name),
+        (sensor_id, &rig.sensor.name),
+    ];
     let mut own = nodes.into_iter().filter(|(id, _)| *id == Some(node_id));
     match (own.next(), own.next()) {
         (Some((_, name)), None) => Some(name),

@@ -68,7 +68,7 @@ impl Facts<'_> {
         lines.push(format!("rig       {}: {mode}, {period_ms} ms", self.rig.rig.name));
         lines.push(format!(
             "scene     {}: {simulated:.1} s, seed {}, run in {:.2} s ({:.0} x real time)",
-            self.rig.scene,
+            self.rig.simulated().map_or("none", |simulation| &simulation.scene),
             self.seed,
             self.wall_s,
             simulated / self.wall_s

@@ -2,7 +2,7 @@
 
 use serde_json::{Value, json};
 
-use crate::config::{self, Coupling, Diagnostic, Loaded, Rig, Severity};
+use crate::config::{Coupling, Diagnostic, Loaded, Rig, Severity};
 use crate::control::Grip;
 use crate::rig::{
     HeldMasses, Holding, RigError, UnevenSamples, hand_of, held_masses, stiffer, uneven_samples, usual_hands,
@@ -33,8 +33,7 @@ pub(in crate::cli) struct Masses {
 impl Masses {
     /// For the hand of the scene and for the usual ones, or those of `stiffnesses` in N/m.
     pub(in crate::cli) fn of(rig: &Loaded<Rig>, stiffnesses: &[f64]) -> Result<Self, RigError> {
-        let scene = config::load_scene(rig.source.relative(&rig.value.scene))
-            .map_err(|_| RigError::Mismatch("the scene cannot be read".into()))?;
+        let scene = rig.scene().map_err(|_| RigError::Mismatch("the scene cannot be read".into()))?;
         let hand = hand_of(&scene.value);
         let others = stiffnesses.iter().map(|&stiffness| stiffer(&hand, stiffness)).collect::<Vec<_>>();
         let others = if others.is_empty() { usual_hands(&hand).to_vec() } else { others };

@@ -21,8 +21,9 @@ pub(super) fn check_nodes(findings: &mut Findings, rig: &Rig) {
         );
     }
     for (name, bus) in &rig.buses {
+        let bus = bus.canopen;
         if !BIT_RATES.contains(&bus.bit_rate_bit_per_s) {
-            let key = format!("buses.{name}.bit_rate_bit_per_s");
+            let key = format!("buses.{name}.canopen.bit_rate_bit_per_s");
             let message = format!("`{key}` is {}, which is no bit rate of CiA 301", bus.bit_rate_bit_per_s);
             findings.error(
                 &key,
@@ -34,8 +35,18 @@ pub(super) fn check_nodes(findings: &mut Findings, rig: &Rig) {
     let names: Vec<&str> = rig.buses.keys().map(String::as_str).collect();
     let mut taken: Vec<(&str, u8, String)> = Vec::new();
     let devices = [
-        ("drives[0]", "drives[0].node_id", &rig.drives[0].bus, Some(rig.drives[0].node_id)),
-        ("drives[1]", "drives[1].node_id", &rig.drives[1].bus, Some(rig.drives[1].node_id)),
+        (
+            "drives[0]",
+            "drives[0].address.canopen.node_id",
+            &rig.drives[0].bus,
+            Some(rig.drives[0].address.canopen.node_id),
+        ),
+        (
+            "drives[1]",
+            "drives[1].address.canopen.node_id",
+            &rig.drives[1].bus,
+            Some(rig.drives[1].address.canopen.node_id),
+        ),
         ("sensor", "sensor.protocol.canopen.node_id", &rig.sensor.bus, rig.sensor.protocol.node_id()),
     ];
     for (device, id_key, bus, node_id) in devices {
@@ -50,7 +61,8 @@ pub(super) fn check_nodes(findings: &mut Findings, rig: &Rig) {
         let Some(node_id) = node_id else { continue };
         let key = id_key.to_owned();
         let other = taken.iter().find(|(on, id, _)| on == bus && *id == node_id).map(|(_, _, other)| other.clone());
-        let other = other.or_else(|| (node_id == rig.master.node_id).then(|| "master.node_id".to_owned()));
+        let is_own = rig.buses.get(bus).is_some_and(|bus| bus.canopen.node_id == node_id);
+        let other = other.or_else(|| is_own.then(|| format!("buses.{bus}.canopen.node_id")));
         if let Some(other) = other {
             findings
                 .error(
@@ -62,6 +74,7 @@ pub(super) fn check_nodes(findings: &mut Findings, rig: &Rig) {
         }
         taken.push((bus, node_id, key));
     }
+    check_own_node(findings, rig);
     if rig.drives[0].name == rig.drives[1].name {
         let message = format!("`drives[1].name` is `{}`, and so is `drives[0].name`", rig.drives[1].name);
         findings
@@ -77,21 +90,38 @@ pub(super) fn check_nodes(findings: &mut Findings, rig: &Rig) {
     }
 }
 
+/// Whether this program is the same node on all buses.
+fn check_own_node(findings: &mut Findings, rig: &Rig) {
+    let Some((first, own)) = rig.buses.iter().next() else { return };
+    for (name, bus) in rig.buses.iter().skip(1) {
+        let numbers = [
+            ("node_id", bus.canopen.node_id.into(), own.canopen.node_id.into()),
+            ("heartbeat_ms", bus.canopen.heartbeat_ms, own.canopen.heartbeat_ms),
+        ];
+        for (key, here, there) in numbers.into_iter().filter(|(_, here, there): &(_, u16, u16)| here != there) {
+            let (at, other) = (format!("buses.{name}.canopen.{key}"), format!("buses.{first}.canopen.{key}"));
+            let message = format!("`{at}` is {here}, and `{other}` is {there}: this program is one node on all buses");
+            findings.error(&at, message, "write the same number for all buses").see(&other, "the other");
+        }
+    }
+}
+
 /// Whether nodes beat slowly enough for the cycle to tell a late beat from a lost one.
 pub(super) fn check_heartbeats(findings: &mut Findings, rig: &Rig) {
     let period = rig.cycle.period_us;
     let sensor = rig.sensor.protocol.heartbeat_ms().map(|beat_ms| ("sensor.protocol.canopen.heartbeat_ms", beat_ms));
-    let beats = [
-        ("master.heartbeat_ms", rig.master.heartbeat_ms),
-        ("drives[0].heartbeat_ms", rig.drives[0].heartbeat_ms),
-        ("drives[1].heartbeat_ms", rig.drives[1].heartbeat_ms),
-    ];
-    for (key, beat_ms) in beats.into_iter().chain(sensor) {
+    let sensor = sensor.map(|(key, beat_ms)| (key.to_owned(), beat_ms));
+    let own =
+        rig.buses.iter().map(|(name, bus)| (format!("buses.{name}.canopen.heartbeat_ms"), bus.canopen.heartbeat_ms));
+    let drives = (0..).zip(&rig.drives).map(|(index, drive): (usize, _)| {
+        (format!("drives[{index}].address.canopen.heartbeat_ms"), drive.address.canopen.heartbeat_ms)
+    });
+    for (key, beat_ms) in own.chain(drives).chain(sensor) {
         if 1000 * u64::from(beat_ms) < HEARTBEAT_CYCLES * u64::from(period) {
             let message = format!("`{key}` is {beat_ms} ms, below {HEARTBEAT_CYCLES} control periods of {period} us");
             let help =
                 "raise it, such as to 20 ms at 1 kHz: heartbeats of every cycle fill the bus and say nothing more";
-            findings.error(key, message, help).see("cycle.period_us", "period_us");
+            findings.error(&key, message, help).see("cycle.period_us", "period_us");
         }
     }
 }

@@ -23,11 +23,11 @@ pub(super) use rig::check_rig;
 pub use scene::MAX_DURATION_S;
 pub(super) use scene::{Machine, check_scene, check_scene_for};
 
+use super::compose::{File, Origins};
 use super::diagnostic::{Diagnostic, Place, Related, Severity};
 use super::explain::{name_of, with_description};
 use super::outline::Outline;
 use super::schema::Guide;
-use super::variant::{File, Origins};
 
 /// Where the keys of one document stand.
 #[derive(Debug)]

@@ -76,7 +76,9 @@ fn check_watchdogs(findings: &mut Findings, key: &str, rig: &Rig, name: &Profile
     }
     let words: Vec<&str> = lacking.iter().map(|watchdog| watchdog.name()).collect();
     let message = format!("drives with the profile `{name}` have no watchdog for {}", words.join(" and "));
-    let heartbeat = Duration::from_millis(rig.master.heartbeat_ms.into()) * HEARTBEAT_PERIODS;
+    let Some((bus, own)) = rig.buses.iter().next().map(|(name, bus)| (name, bus.canopen)) else { return };
+    let heartbeat = Duration::from_millis(own.heartbeat_ms.into()) * HEARTBEAT_PERIODS;
+    let own_key = format!("buses.{bus}.canopen.heartbeat_ms");
     let cycles = Duration::from_micros(rig.cycle.period_us.into()) * WATCHED_CYCLES;
     let fastest = if lacking.len() < 2 { heartbeat.min(cycles) } else { heartbeat };
     if rig.rig.command_mode == CommandMode::Torque && fastest > TORQUE_LIMIT {
@@ -84,8 +86,8 @@ fn check_watchdogs(findings: &mut Findings, key: &str, rig: &Rig, name: &Profile
             "{message}, and no other stops a drive in torque mode within {} ms when this program dies",
             TORQUE_LIMIT.as_millis()
         );
-        let help = "shorten `master.heartbeat_ms` to 5, or command positions";
-        findings.error(key, message, help).see("master.heartbeat_ms", "heartbeat_ms").see("rig.command_mode", "mode");
+        let help = format!("shorten `{own_key}` to 5, or command positions");
+        findings.error(key, message, help).see(&own_key, "heartbeat_ms").see("rig.command_mode", "mode");
     } else {
         let help = "the drive goes on with its last set-point until another watchdog acts; run the drill";
         findings.warning(key, message, help);

@@ -43,13 +43,14 @@ fn check_cycle(findings: &mut Findings, rig: &Rig) {
             .see("cycle.period_us", "period_us");
     }
     check_interpolation_time(findings, period);
-    let inner = rig.plant.drive_position_loop.period_us;
+    let Ok(simulation) = rig.simulated() else { return };
+    let inner = simulation.drive_position_loop.period_us;
     if inner == 0 || !period.is_multiple_of(inner) {
         findings
             .error(
-                "plant.drive_position_loop.period_us",
+                "simulation.drive_position_loop.period_us",
                 format!(
-                    "`plant.drive_position_loop.period_us` is {inner} us, and `cycle.period_us` of {period} us is not a \
+                    "`simulation.drive_position_loop.period_us` is {inner} us, and `cycle.period_us` of {period} us is not a \
                      whole multiple of it"
                 ),
                 "drives close their position loop a whole number of times a cycle, such as every 125 of 1000 us",

@@ -102,8 +102,9 @@ fn listed(words: &[String]) -> String {
 /// What CANopen uses an identifier for on this bus.
 fn user_of(id: u16, rig: &Rig) -> Option<String> {
     let drives = rig.drives.iter().filter(|drive| drive.bus == rig.sensor.bus);
-    let drives = drives.map(|drive| (drive.name.as_str(), drive.node_id));
-    let nodes: Vec<(&str, u8)> = [("the master", rig.master.node_id)].into_iter().chain(drives).collect();
+    let drives = drives.map(|drive| (drive.name.as_str(), drive.address.canopen.node_id));
+    let nodes: Vec<(&str, u8)> =
+        rig.own_node().map(|own| ("the master", own.node_id)).into_iter().chain(drives).collect();
     let of_node = |what: &str| {
         let node = nodes.iter().find(|(_, node)| u16::from(*node) == id & 0x7f)?;
         Some(format!("{what} of {} (node {})", node.0, node.1))
@@ -134,9 +135,9 @@ fn check_gap(findings: &mut Findings, rig: &Rig, key: &str, gap_us: u32) {
             .see("sensor.sample_rate_hz", "sample_rate_hz");
     }
     let Some(bus) = rig.buses.get(&rig.sensor.bus) else { return };
-    if u64::from(gap_us) * u64::from(bus.bit_rate_bit_per_s) < BITS_OF_EIGHT_BYTES * 1_000_000 {
+    if u64::from(gap_us) * u64::from(bus.canopen.bit_rate_bit_per_s) < BITS_OF_EIGHT_BYTES * 1_000_000 {
         let message = format!("`{key}` is {gap_us} us, in which no frame of eight bytes can come");
-        let rate = format!("buses.{}.bit_rate_bit_per_s", rig.sensor.bus);
+        let rate = format!("buses.{}.canopen.bit_rate_bit_per_s", rig.sensor.bus);
         findings.error(key, message, "raise it, such as to 500 us at 1 Mbit/s").see(&rate, "bit_rate_bit_per_s");
     }
 }
@@ -154,7 +155,7 @@ mod tests {
     /// Severity, key and message of what is found in the rig with this sensor.
     fn found(protocol: &str, rate: &str) -> Vec<(Severity, String, String)> {
         let text = malformed::base_text("rig.yaml");
-        let (from, to) = (text.find("    canopen:").unwrap(), text.find("  sample_rate_hz").unwrap());
+        let (from, to) = (text.rfind("    canopen:").unwrap(), text.find("  sample_rate_hz").unwrap());
         let text = [&text[..from], protocol, &text[to..]].concat().replace("sample_rate_hz: 1000", rate);
         let findings = match load_rig(malformed::with("rig.yaml", "rig.yaml", &text)) {
             Ok(rig) => rig.warnings,

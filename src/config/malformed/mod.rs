@@ -21,7 +21,7 @@ macro_rules! bases {
 
 /// Files that are right, by name; they refer to each other.
 const BASES: &[(&str, &str)] =
-    bases!["device.yaml", "figure.yaml", "rig.yaml", "scene.yaml", "space.yaml", "variant.yaml"];
+    bases!["device.yaml", "figure.yaml", "rig.yaml", "scene.yaml", "simulation.yaml", "space.yaml", "variant.yaml"];
 
 /// The text of a file that is right.
 pub(crate) fn base_text(name: &str) -> &'static str {

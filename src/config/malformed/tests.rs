@@ -25,17 +25,22 @@ fn the_table_is_wide() {
     let names: BTreeSet<(&str, &str)> = CASES.iter().map(|case| (case.class, case.name)).collect();
     assert!(CASES.len() >= 60 && classes.len() >= 12, "{} cases, {} classes", CASES.len(), classes.len());
     assert_eq!(names.len(), CASES.len(), "a name is used twice");
+    let together = CASES.chunk_by(|one, other| one.class == other.class).count();
+    assert_eq!(together, classes.len(), "a class stands in two places");
 }
 
 #[test]
 fn what_the_table_changes_is_right() {
-    for name in ["device.yaml", "figure.yaml", "rig.yaml", "scene.yaml", "space.yaml", "variant.yaml"] {
+    for name in
+        ["device.yaml", "figure.yaml", "rig.yaml", "scene.yaml", "simulation.yaml", "space.yaml", "variant.yaml"]
+    {
         let warnings = match load(base(name)).unwrap_or_else(|report| panic!("{report}")) {
             Document::Rig(rig) => rig.warnings,
             Document::Device(device) => device.warnings,
             Document::Scene(scene) => scene.warnings,
             Document::Figure(figure) => figure.warnings,
             Document::Profile(profile) => profile.warnings,
+            Document::Simulation(simulation) => simulation.warnings,
         };
         assert_eq!(warnings, [], "{name}");
     }
@@ -175,7 +180,7 @@ fn every_kind_is_refused_where_another_is_wanted() {
 fn shipped_files_are_those_in_the_folder_and_load_without_warning() {
     let root = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("config");
     let mut on_disk: Vec<String> = Vec::new();
-    for folder in ["", "figures", "scenes"] {
+    for folder in ["", "figures", "scenes", "simulations"] {
         for entry in std::fs::read_dir(root.join(folder)).unwrap() {
             let name = entry.unwrap().file_name().into_string().unwrap();
             if name.ends_with(".yaml") {
@@ -193,6 +198,7 @@ fn shipped_files_are_those_in_the_folder_and_load_without_warning() {
                 Document::Scene(scene) => scene.warnings,
                 Document::Figure(figure) => figure.warnings,
                 Document::Profile(profile) => profile.warnings,
+                Document::Simulation(simulation) => simulation.warnings,
             };
             assert_eq!(warnings, [], "{name}");
         }
@@ -316,7 +322,7 @@ proptest! {
         let number = if is_whole { format!("{:.0}", number.clamp(-1e6, 1e6)) } else { format!("{number:?}") };
         let text = format!("{}{number}{}", &original[..start], &original[end..]);
         if let Ok(rig) = load_rig(with("rig.yaml", name, &text)) {
-            let scene = load_scene(rig.source.relative(&rig.value.scene)).unwrap().value;
+            let scene = rig.scene().unwrap().value;
             let built = crate::rig::EmbeddedRig::new(&rig.value, &scene, &rig.value.fixture, scene.seed);
             prop_assert!(built.is_ok(), "{number} at {:?}: {}", original[..start].lines().last(), built.err().unwrap());
         }

@@ -11,6 +11,7 @@ mod profile;
 mod rig;
 mod scene;
 mod sensor;
+mod simulation;
 mod surface;
 mod waits;
 
@@ -21,13 +22,14 @@ pub use fixture::{AutomaticHold, Coupling, Curvature, Fixture, FixtureLaw, Motio
 pub use injection::{FaultName, FaultTarget, SceneFault};
 pub use profile::{ProfileName, shipped_profile};
 pub use rig::{
-    Bus, BusTiming, CommandMode, Control, ControlGains, ControlLaw, Cycle, Drive, DrivePositionLoop, FeedForward,
-    Guard, Master, Rig, RigIdentity, RigPlant,
+    Address, Bus, CanBus, CanopenAddress, CommandMode, Control, ControlGains, ControlLaw, Cycle, Drive, FeedForward,
+    Guard, Rig, RigIdentity,
 };
 pub use scene::{
     AimError, ArcSpeed, DeviceModel, EncoderModel, ForceSensorModel, Hand, JointElasticity, PathSegment, Scene,
     SceneModel, SceneTolerance, Tracking, Tremor,
 };
 pub use sensor::{ByteOrder, Mount, Sensor, SensorProtocol};
+pub use simulation::{BusTiming, DrivePositionLoop, NotSimulated, Simulation};
 pub use surface::{Forbidden, Surface};
 pub use waits::Waits;

@@ -8,10 +8,11 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use yieldwall_drives::profiles::{DeviceProfile, EncoderKind, Role};
 
-use super::arm::{ArmInertia, ArmModel, Linkage};
+use super::arm::{ArmInertia, Linkage};
 use super::fixture::Fixture;
 use super::profile::ProfileName;
 use super::sensor::{Sensor, SensorProtocol};
+use super::simulation::{BusTiming, NotSimulated, Simulation, named_simulation};
 use super::waits::{Waits, enabling_ms};
 use crate::config::number::{Finite, NotNegative, Positive, nullable, present};
 
@@ -29,9 +30,6 @@ pub struct Rig {
     /// CAN buses by name; drives and sensor refer to them, and each bus has one of them at least. One fault stops all.
     #[garde(length(min = 1), dive)]
     pub buses: BTreeMap<String, Bus>,
-    /// This program as a node of each bus.
-    #[garde(dive)]
-    pub master: Master,
     /// The servo drives: first of the left arm, then of the right.
     #[garde(dive)]
     pub drives: [Drive; 2],
@@ -50,12 +48,40 @@ pub struct Rig {
     /// Limits at which the rig holds or stops.
     #[garde(dive)]
     pub guard: Guard,
-    /// What the embedded simulation takes the machine to be. Nothing of it is used on a real bus.
+    /// What the simulation takes the machine to be, and what happens in it: a file, relative to this file, or what stands in such
+    /// a file. Nothing of it is used on a real bus. Left out: the rig cannot be simulated.
     #[garde(dive)]
-    pub plant: RigPlant,
-    /// File with the scene to run, relative to this file.
-    #[garde(length(min = 1))]
-    pub scene: String,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[schemars(schema_with = "named_simulation")]
+    pub simulation: Option<Simulation>,
+}
+
+impl Rig {
+    /// The simulation.
+    ///
+    /// # Errors
+    /// If the rig has none.
+    pub fn simulated(&self) -> Result<&Simulation, NotSimulated> {
+        self.simulation.as_ref().ok_or(NotSimulated)
+    }
+
+    /// Whether frames take their time on the buses: always, but where a simulation says otherwise.
+    pub fn frames_take_time(&self) -> bool {
+        self.simulation.as_ref().is_none_or(|simulation| simulation.timing == BusTiming::Arbitrated)
+    }
+
+    /// This program as a node of its buses: the first of them, which the others are like.
+    pub fn own_node(&self) -> Option<CanBus> {
+        self.buses.values().next().map(|bus| bus.canopen)
+    }
+
+    /// The simulation, to change it.
+    ///
+    /// # Errors
+    /// If the rig has none.
+    pub fn simulated_mut(&mut self) -> Result<&mut Simulation, NotSimulated> {
+        self.simulation.as_mut().ok_or(NotSimulated)
+    }
 }
 
 /// Where a rig names a device model: the key, the name, and whether a model is of the kind that is wanted there.
@@ -133,36 +159,50 @@ pub struct Cycle {
     pub compute_at_us: u32,
 }
 
-/// A CAN bus.
+/// A bus, by its kind.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema, Validate)]
 #[serde(deny_unknown_fields)]
 #[garde(allow_unvalidated)]
 pub struct Bus {
-    /// Bit rate, bit/s: one of the rates of CiA 301 (10000, 20000, 50000, 125000, 250000, 500000, 800000, 1000000).
-    pub bit_rate_bit_per_s: u32,
-    /// How the embedded simulation times frames on this bus.
-    pub timing: BusTiming,
+    /// A CAN bus.
+    #[garde(dive)]
+    pub canopen: CanBus,
 }
 
-/// How the embedded simulation times frames.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
-#[serde(rename_all = "snake_case")]
-pub enum BusTiming {
-    /// Bits cost time and priorities decide who waits.
-    Arbitrated,
-    /// Frames arrive at once.
-    Ideal,
-}
-
-/// This program as a node of each bus.
+/// A CAN bus, and this program as a node of it.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema, Validate)]
 #[serde(deny_unknown_fields)]
 #[garde(allow_unvalidated)]
-pub struct Master {
-    /// CANopen node-ID of this program, 1 to 127.
+pub struct CanBus {
+    /// Bit rate, bit/s: one of the rates of CiA 301 (10000, 20000, 50000, 125000, 250000, 500000, 800000, 1000000).
+    pub bit_rate_bit_per_s: u32,
+    /// CANopen node-ID of this program, 1 to 127; the same on all buses.
     #[garde(range(min = 1, max = 127))]
     pub node_id: u8,
-    /// Heartbeat period of this program, ms; the drives watch it. 1 to 10 000, at least two control periods.
+    /// Heartbeat period of this program, ms; the drives watch it. 1 to 10 000, at least two control periods; the same on all buses.
+    #[garde(range(min = 1, max = 10_000))]
+    pub heartbeat_ms: u16,
+}
+
+/// The address of a drive, by the kind of its bus.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema, Validate)]
+#[serde(deny_unknown_fields)]
+#[garde(allow_unvalidated)]
+pub struct Address {
+    /// A node of a CANopen bus.
+    #[garde(dive)]
+    pub canopen: CanopenAddress,
+}
+
+/// A node of a CANopen bus.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema, Validate)]
+#[serde(deny_unknown_fields)]
+#[garde(allow_unvalidated)]
+pub struct CanopenAddress {
+    /// CANopen node-ID, 1 to 127; no other node of the bus has it.
+    #[garde(range(min = 1, max = 127))]
+    pub node_id: u8,
+    /// Heartbeat period of the drive, ms; this program watches it. 1 to 10 000, at least two control periods.
     #[garde(range(min = 1, max = 10_000))]
     pub heartbeat_ms: u16,
 }
@@ -177,9 +217,9 @@ pub struct Drive {
     pub name: String,
     /// The bus it is on: a key of `buses`.
     pub bus: String,
-    /// CANopen node-ID, 1 to 127; no other node of the bus has it.
-    #[garde(range(min = 1, max = 127))]
-    pub node_id: u8,
+    /// How it is found on that bus.
+    #[garde(dive)]
+    pub address: Address,
     /// Device model: identity, process data, watchdogs and limits.
     pub profile: ProfileName,
     /// Position counts for one turn of the proximal link, gear included. Above 0.
@@ -195,9 +235,6 @@ pub struct Drive {
     /// Rated torque at the link, N m. Above 0.
     #[garde(dive)]
     pub rated_torque_n_m: Positive,
-    /// Heartbeat period of the drive, ms; this program watches it. 1 to 10 000, at least two control periods.
-    #[garde(range(min = 1, max = 10_000))]
-    pub heartbeat_ms: u16,
     /// How long the drive is waited for while the network is booted; the usual times if left out.
     #[garde(dive)]
     #[serde(default)]
@@ -333,36 +370,4 @@ pub struct Guard {
     /// Greatest deceleration of the ramp along which the rig stops, m/s^2. Above 0.
     #[garde(dive)]
     pub stop_deceleration_m_per_s2: Positive,
-}
-
-/// What the embedded simulation takes the machine to be.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema, Validate)]
-#[serde(deny_unknown_fields)]
-#[garde(allow_unvalidated)]
-pub struct RigPlant {
-    /// Inertia and friction of the arm.
-    #[garde(dive)]
-    pub arm: ArmModel,
-    /// The loop closed inside each drive in position and velocity mode.
-    #[garde(dive)]
-    pub drive_position_loop: DrivePositionLoop,
-}
-
-/// The loop closed inside each drive in position and velocity mode.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema, Validate)]
-#[serde(deny_unknown_fields)]
-#[garde(allow_unvalidated)]
-pub struct DrivePositionLoop {
-    /// Its period, us; the control period is a whole multiple of it. 10 to 10 000.
-    #[garde(range(min = 10, max = 10_000))]
-    pub period_us: u32,
-    /// Position gain, N m/rad. Above 0.
-    #[garde(dive)]
-    pub stiffness_n_m_per_rad: Positive,
-    /// Velocity gain, N m s/rad. 0 or above.
-    #[garde(dive)]
-    pub damping_n_m_s_per_rad: NotNegative,
-    /// Integral gain, N m/(rad s). 0 or above.
-    #[garde(dive)]
-    pub integral_n_m_per_rad_s: NotNegative,
 }

@@ -141,7 +141,7 @@ pub struct JointElasticity {
     /// Damping of each gear, N m s/rad. 0 or above.
     #[garde(dive)]
     pub damping_n_m_s_per_rad: NotNegative,
-    /// Part of `plant.arm.motor_kg_m2` that lies on the motor's side of the gear. Above 0, below 1.
+    /// Part of `arm.motor_kg_m2` of the simulation that lies on the motor's side of the gear. Above 0, below 1.
     #[garde(dive)]
     pub motor_share: Positive,
 }

@@ -37,7 +37,7 @@ mod tests {
 
     fn with(waits: &str) -> Result<crate::config::Rig, crate::config::Report> {
         let text =
-            malformed::base_text("rig.yaml").replacen("    node_id: 1\n", &format!("    node_id: 1\n{waits}"), 1);
+            malformed::base_text("rig.yaml").replacen("  - name: left\n", &format!("  - name: left\n{waits}"), 1);
         load_rig(malformed::with("rig.yaml", "rig.yaml", &text)).map(|rig| rig.value)
     }
 

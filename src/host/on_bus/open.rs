@@ -47,7 +47,7 @@ pub fn open_buses(
         let settings = SocketCanSettings {
             process,
             services,
-            bit_rate: Some(bus.bit_rate_bit_per_s),
+            bit_rate: Some(bus.canopen.bit_rate_bit_per_s),
             roles: roles(number),
             ..SocketCanSettings::everything(interface)
         };

@@ -6,6 +6,7 @@ use super::{DEVICES, MASTER, STRANGER};
 use crate::assembly::device_buses;
 use crate::canopen::{Frame, Time};
 use crate::config;
+use crate::rig::devices::simulated;
 use crate::rig::error::RigError;
 use crate::rig::far_end::Wire;
 use crate::sim::can::{BitTiming, BusCounters, Delivery, QueueOrder, Tamper, VirtualBus, Witness};
@@ -26,8 +27,9 @@ impl Buses {
     pub(super) fn new(rig: &config::Rig) -> Result<Self, RigError> {
         let mut orders = [QueueOrder::Priority; PORT_COUNT];
         orders[MASTER] = QueueOrder::Fifo;
-        let timing = |bus: &config::Bus| match bus.timing {
-            config::BusTiming::Arbitrated => BitTiming::Arbitrated { bit_rate: bus.bit_rate_bit_per_s },
+        let how = simulated(rig)?.timing;
+        let timing = |bus: &config::Bus| match how {
+            config::BusTiming::Arbitrated => BitTiming::Arbitrated { bit_rate: bus.canopen.bit_rate_bit_per_s },
             config::BusTiming::Ideal => BitTiming::Ideal,
         };
         let buses = rig.buses.values().map(|bus| VirtualBus::new(timing(bus), &orders)).collect::<Result<_, _>>()?;

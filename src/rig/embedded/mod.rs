@@ -279,11 +279,12 @@ impl EmbeddedRig {
 }
 
 fn devices(rig: &config::Rig) -> Result<[Device; 3], RigError> {
+    let drive = |drive: &config::Drive| drive.address.canopen;
     let device = |node: u8, heartbeat_ms: u16| {
         let heartbeat = Duration::from_millis(heartbeat_ms.into());
         Ok::<_, RigError>(Device::Node { node: devices::node(node)?, heartbeat })
     };
-    let [left, right] = &rig.drives;
+    let [left, right] = rig.drives.each_ref().map(drive);
     let sensor = match rig.sensor.protocol {
         config::SensorProtocol::Canopen { node_id, heartbeat_ms, .. } => device(node_id, heartbeat_ms)?,
         config::SensorProtocol::Streaming { .. } => Device::Plain { can_be_invalid: false },
@@ -300,7 +301,7 @@ mod tests {
 
     fn shipped(permit: fn(&Runner<Simulation>) -> Permit) -> EmbeddedRig {
         let loaded = config::load_rig(config::Source::named("builtin:paper-admittance.yaml")).unwrap();
-        let scene = config::load_scene(loaded.source.relative(&loaded.value.scene)).unwrap().value;
+        let scene = loaded.scene().unwrap().value;
         let mut machine = EmbeddedRig::new(&loaded.value, &scene, &loaded.value.fixture, scene.seed).unwrap();
         machine.boot().unwrap();
         machine.permit = permit(&machine.runner);

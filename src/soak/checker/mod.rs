@@ -74,8 +74,14 @@ impl Limits {
         Self {
             period_s: f64::from(rig.cycle.period_us) * 1e-6,
             mode: rig.rig.command_mode,
-            set_point_ids: [0x200 + u16::from(left.node_id), 0x200 + u16::from(right.node_id)],
-            status_ids: [0x180 + u16::from(left.node_id), 0x180 + u16::from(right.node_id)],
+            set_point_ids: [
+                0x200 + u16::from(left.address.canopen.node_id),
+                0x200 + u16::from(right.address.canopen.node_id),
+            ],
+            status_ids: [
+                0x180 + u16::from(left.address.canopen.node_id),
+                0x180 + u16::from(right.address.canopen.node_id),
+            ],
             counts_per_rad: [left, right].map(|drive| f64::from(drive.encoder_counts_per_rev) / std::f64::consts::TAU),
             joint_speed_rad_per_s: guard.joint_speed_limit_rad_per_s.get(),
             tool_speed_m_per_s: guard.tool_speed_limit_m_per_s.get(),
@@ -102,10 +108,10 @@ impl Limits {
                 config::Surface::Line { normal, .. } => normal.map(|value| value.get()),
                 _ => [0.0; 2],
             },
-            bit_rate: bus.map_or(f64::INFINITY, |bus| match bus.timing {
-                config::BusTiming::Arbitrated => f64::from(bus.bit_rate_bit_per_s),
-                config::BusTiming::Ideal => f64::INFINITY,
-            }),
+            bit_rate: match (bus, rig.simulated().map(|simulation| simulation.timing)) {
+                (Some(bus), Ok(config::BusTiming::Arbitrated)) => f64::from(bus.canopen.bit_rate_bit_per_s),
+                _ => f64::INFINITY,
+            },
         }
     }
 }

@@ -34,7 +34,7 @@ impl Shipped {
         let mut rigs = Vec::new();
         for name in RIGS {
             let rig = config::load_rig(Source::named(&format!("builtin:{name}")))?;
-            let scene = config::load_scene(rig.source.relative(&rig.value.scene))?;
+            let scene = rig.scene()?;
             rigs.push((rig.value, scene.value));
         }
         Ok(Self { rigs })
@@ -101,7 +101,7 @@ mod tests {
         for seed in 0..60 {
             let Machine { file, mut rig, scene, .. } = Machine::draw(&shipped, seed);
             files.insert(file);
-            rig.scene = "scene.yaml".into();
+            rig.simulated_mut().unwrap().scene = "scene.yaml".into();
             let write = |name: &str, text: String| std::fs::write(folder.join(name), text).unwrap();
             write("scene.yaml", config::to_yaml(&scene).unwrap());
             write("rig.yaml", config::to_yaml(&rig).unwrap());

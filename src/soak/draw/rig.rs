@@ -69,7 +69,7 @@ pub(super) fn vary_model(dice: &mut Dice, rig: &config::Rig, scene: &mut config:
     model.plant_step_us = match rig.rig.command_mode {
         config::CommandMode::Torque => dice.one_of(&[200, 250, 500]),
         // Drives close their loop every 125 us, and the plant stops there in any case.
-        _ => rig.plant.drive_position_loop.period_us,
+        _ => rig.simulated().map_or(125, |simulation| simulation.drive_position_loop.period_us),
     };
     model.encoder = if dice.chance(0.7) { config::EncoderModel::Quantised } else { config::EncoderModel::Exact };
     let noise = if dice.chance(0.8) { dice.between(1.0, 6.0) } else { 0.0 };

@@ -82,13 +82,11 @@ impl Term {
 
     fn remove_from_rig(self, rig: &mut config::Rig, scene: &mut config::Scene) -> bool {
         let Some(model) = &mut scene.model else { return false };
-        let arm = &mut rig.plant.arm;
+        let Some(config::Simulation { timing, arm, .. }) = &mut rig.simulation else { return false };
         let has_arm = model.tracking == Tracking::Rigid;
         match self {
             Self::FineStep => coarsen(&mut model.plant_step_us, rig.cycle.period_us),
-            Self::BusTiming => {
-                rig.buses.values_mut().map(|bus| set(&mut bus.timing, BusTiming::Ideal)).fold(false, |a, b| a | b)
-            }
+            Self::BusTiming => set(timing, BusTiming::Ideal),
             Self::EncoderCounts => set(&mut model.encoder, EncoderModel::Exact),
             Self::ForceNoise => set(&mut model.force_sensor, ForceSensorModel::Quantised),
             Self::JointElasticity => model.joint_elasticity.take().is_some(),

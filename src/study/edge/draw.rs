@@ -62,14 +62,14 @@ fn draw_cycle(dice: &mut Dice, rig: &mut config::Rig) {
         _ => period_us / 2,
     };
     let heartbeat_ms = if period_us > 2000 { 100 } else { 20 };
-    rig.master.heartbeat_ms = heartbeat_ms;
-    rig.drives.iter_mut().for_each(|drive| drive.heartbeat_ms = heartbeat_ms);
+    rig.buses.values_mut().for_each(|bus| bus.canopen.heartbeat_ms = heartbeat_ms);
+    rig.drives.iter_mut().for_each(|drive| drive.address.canopen.heartbeat_ms = heartbeat_ms);
     if let SensorProtocol::Canopen { heartbeat_ms: of_sensor, .. } = &mut rig.sensor.protocol {
         *of_sensor = heartbeat_ms;
     }
     if period_us < 1000 {
         // A bus of 1 Mbit/s carries no cycle of half a millisecond.
-        rig.buses.values_mut().for_each(|bus| bus.timing = config::BusTiming::Ideal);
+        rig.simulation.iter_mut().for_each(|simulation| simulation.timing = config::BusTiming::Ideal);
     }
 }
 
@@ -110,7 +110,7 @@ fn draw_arm(dice: &mut Dice, rig: &mut config::Rig) {
     linkage.base_m = [[-half_base_m, -0.45], [half_base_m, -0.45]].map(|point| point.map(finite));
     linkage.proximal_m = [positive(dice.between(0.29, 0.32)); 2];
     linkage.distal_m = [positive(dice.between(0.39, 0.42)); 2];
-    let arm = &mut rig.plant.arm;
+    let Some(config::Simulation { arm, .. }) = &mut rig.simulation else { return };
     arm.motor_kg_m2 = [positive(dice.between(0.1, 0.4)), positive(dice.between(0.1, 0.4))];
     arm.proximal_kg = [not_negative(dice.between(0.0, 1.0)); 2];
     arm.distal_kg = [not_negative(dice.between(0.0, 0.5)); 2];
@@ -139,7 +139,7 @@ fn draw_servo(dice: &mut Dice, rig: &mut config::Rig) {
         }
         ControlGains::Rate { .. } => {}
     }
-    let drive = &mut rig.plant.drive_position_loop;
+    let Some(config::Simulation { drive_position_loop: drive, .. }) = &mut rig.simulation else { return };
     let bandwidth = dice.between(0.6, 1.2);
     drive.stiffness_n_m_per_rad = positive(drive.stiffness_n_m_per_rad.get() * elementary::powi(bandwidth, 2));
     drive.damping_n_m_s_per_rad = not_negative(drive.damping_n_m_s_per_rad.get() * bandwidth);

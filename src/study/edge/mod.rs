@@ -120,7 +120,7 @@ fn judge(rig: &config::Rig, scene: &config::Scene, grip: &Grip, phases: u32) -> 
 /// The rig with buses whose frames cost no time: no SYNC waits for another frame.
 fn on_ideal_buses(rig: &config::Rig) -> config::Rig {
     let mut rig = rig.clone();
-    rig.buses.values_mut().for_each(|bus| bus.timing = config::BusTiming::Ideal);
+    rig.simulation.iter_mut().for_each(|simulation| simulation.timing = config::BusTiming::Ideal);
     rig
 }
 

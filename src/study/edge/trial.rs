@@ -307,7 +307,7 @@ fn size([x, y, _]: [f64; 3]) -> f64 {
 
 fn frictionless(rig: &config::Rig) -> config::Rig {
     let mut rig = rig.clone();
-    rig.plant.arm.coulomb_n_m = [not_negative(0.0); 2];
+    rig.simulation.iter_mut().for_each(|simulation| simulation.arm.coulomb_n_m = [not_negative(0.0); 2]);
     rig.control.feed_forward.coulomb_n_m = [not_negative(0.0); 2];
     let fixture = &mut rig.fixture;
     fixture.friction_n = not_negative(0.0);

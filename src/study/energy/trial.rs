@@ -64,7 +64,7 @@ fn of_cycle((file, period_us): (&str, Option<u32>)) -> Result<(config::Rig, conf
             &[
                 ("/cycle/period_us", json!(period_us)),
                 ("/cycle/compute_at_us", json!(period_us / 2)),
-                ("/buses/main/timing", json!("ideal")),
+                ("/simulation/timing", json!("ideal")),
             ],
         )?,
         None => rig,
@@ -73,7 +73,7 @@ fn of_cycle((file, period_us): (&str, Option<u32>)) -> Result<(config::Rig, conf
 }
 
 fn without_friction(rig: &config::Rig) -> Result<config::Rig, String> {
-    let mut places = vec![("/fixture/friction_n", json!(0.0)), ("/plant/arm/coulomb_n_m", json!([0.0, 0.0]))];
+    let mut places = vec![("/fixture/friction_n", json!(0.0)), ("/simulation/arm/coulomb_n_m", json!([0.0, 0.0]))];
     if rig.rig.command_mode == config::CommandMode::Torque {
         places.push(("/control/feed_forward/coulomb_n_m", json!([0.0, 0.0])));
     }

@@ -10,9 +10,9 @@ use serde_json::json;
 /// A rig of the program and its scene, to be changed.
 fn pair(file: &str) -> (config::Rig, config::Scene) {
     let source = config::builtin(file);
-    let rig = config::load_rig(source.clone()).unwrap().value;
-    let scene = config::load_scene(source.relative(&rig.scene)).unwrap().value;
-    (rig, scene)
+    let rig = config::load_rig(source).unwrap();
+    let scene = rig.scene().unwrap().value;
+    (rig.value, scene)
 }
 
 fn set<T: serde::de::DeserializeOwned>(place: &mut T, value: serde_json::Value) {

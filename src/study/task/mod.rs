@@ -126,8 +126,9 @@ impl Trial {
     /// The rig of the paper with this fixture, and a scene with this hand in place of its own.
     fn run(&self) -> Result<RunReport, String> {
         let source = config::builtin("paper-admittance.yaml");
-        let mut rig = config::load_rig(source.clone()).map_err(|report| report.to_string())?.value;
-        let mut scene = config::load_scene(source.relative(&rig.scene)).map_err(|report| report.to_string())?.value;
+        let loaded = config::load_rig(source).map_err(|report| report.to_string())?;
+        let mut scene = loaded.scene().map_err(|report| report.to_string())?.value;
+        let mut rig = loaded.value;
         rig.fixture.surface = self.way.surface();
         rig.fixture.law = (self.aid.law)();
         rig.fixture.yield_n = positive(self.aid.yield_n);

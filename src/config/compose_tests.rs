@@ -6,7 +6,7 @@ use proptest::prelude::*;
 use super::malformed::{base, base_text, with};
 use super::{
     Coupling, Loaded, Report, Rig, SensorProtocol, Severity, Source, Surface, builtin, builtin_names, load, load_rig,
-    load_scene, to_yaml,
+    to_yaml,
 };
 
 /// A variant of the rig of the malformed files, which is its neighbour.
@@ -64,10 +64,10 @@ fn a_choice_is_merged_with_itself_and_replaced_by_another() {
 
 #[test]
 fn drives_are_told_apart_by_their_names() {
-    let rig = is("drives:\n  - {name: right, heartbeat_ms: 40}\n  - {name: left, direction: -1}");
+    let rig = is("drives:\n  - {name: right, address: {canopen: {heartbeat_ms: 40}}}\n  - {name: left, direction: -1}");
     let [left, right] = &rig.drives;
-    assert_eq!((left.name.as_str(), left.heartbeat_ms, left.direction), ("left", 20, -1));
-    assert_eq!((right.name.as_str(), right.heartbeat_ms, right.direction), ("right", 40, 1));
+    assert_eq!((left.name.as_str(), left.address.canopen.heartbeat_ms, left.direction), ("left", 20, -1));
+    assert_eq!((right.name.as_str(), right.address.canopen.heartbeat_ms, right.direction), ("right", 40, 1));
     let waits = is("drives:\n  - {name: left, waits: {sdo_ms: 700}}").drives;
     assert_eq!((waits[0].waits.sdo_ms, waits[0].waits.boot_up_ms, waits[1].waits.sdo_ms), (Some(700), None, None));
 }
@@ -110,31 +110,57 @@ fn a_finding_points_into_the_file_where_the_value_stands() {
 fn a_variant_of_a_file_elsewhere_runs_the_scene_of_that_file() {
     let texts = |like: &str| {
         let scene: Arc<str> = base_text("scene.yaml").into();
+        let simulation = base_text("simulation.yaml").replace("scene: ", "scene: ../scenes/");
         Source::among(
             "mine/variant.yaml",
             [
                 (PathBuf::from("mine/variant.yaml"), Arc::from(format!("like: {like}\n"))),
                 (PathBuf::from("theirs/rig.yaml"), base_text("rig.yaml").into()),
-                (PathBuf::from("theirs/scene.yaml"), scene),
+                (PathBuf::from("theirs/simulation.yaml"), Arc::from(simulation)),
+                (PathBuf::from("scenes/scene.yaml"), scene),
             ],
         )
     };
     let rig = load_rig(texts("../theirs/rig.yaml")).unwrap();
-    assert_eq!(rig.value.scene, "../theirs/scene.yaml");
-    assert_eq!(rig.source.relative(&rig.value.scene).to_string(), "theirs/scene.yaml");
+    assert_eq!(rig.value.simulated().unwrap().scene, "../scenes/scene.yaml");
+    assert_eq!(rig.scene().unwrap().source.to_string(), "scenes/scene.yaml");
     assert_eq!(rig.like.unwrap().to_string(), "theirs/rig.yaml");
-    load_scene(rig.source.relative(&rig.value.scene)).unwrap();
 
     let folder = std::env::temp_dir().join(format!("yieldwall-variant-{}", std::process::id()));
     std::fs::create_dir_all(&folder).unwrap();
     let file = folder.join("mine.yaml");
     std::fs::write(&file, "like: builtin:paper-admittance.yaml\nrig: {name: mine}\n").unwrap();
     let mine = load_rig(Source::disk(&file)).unwrap();
-    assert_eq!(mine.value.scene, "builtin:scenes/circle-tour.yaml");
+    assert_eq!(mine.value.simulated().unwrap().scene, "builtin:scenes/circle-tour.yaml");
     let mut shipped = load_rig(builtin("paper-admittance.yaml")).unwrap().value;
-    (shipped.rig.name, shipped.scene) = ("mine".to_owned(), mine.value.scene.clone());
+    shipped.rig.name = "mine".to_owned();
+    shipped.simulated_mut().unwrap().scene = "builtin:scenes/circle-tour.yaml".to_owned();
     assert_eq!(mine.value, shipped);
     std::fs::remove_dir_all(folder).unwrap();
+}
+
+#[test]
+fn a_simulation_is_named_or_stands_in_the_rig_and_a_variant_changes_a_key_of_it() {
+    let named = changed(&[]);
+    let text = to_yaml(&named).unwrap();
+    assert!(text.contains("drive_position_loop:"), "{text}");
+    assert_eq!(load_rig(with("rig.yaml", "rig.yaml", &text)).unwrap().value, named);
+    let ideal = is("simulation: {timing: ideal}");
+    assert_eq!(ideal.simulated().unwrap().timing, super::BusTiming::Ideal);
+    assert_eq!(ideal.simulated().unwrap().arm, named.simulated().unwrap().arm);
+    let named_again = is("simulation: simulation.yaml");
+    assert_eq!(named_again, named);
+}
+
+#[test]
+fn a_rig_without_simulation_is_right_and_has_no_scene() {
+    let text = base_text("rig.yaml").replace("simulation: simulation.yaml", "");
+    let rig = load_rig(with("rig.yaml", "rig.yaml", &text)).unwrap();
+    assert_eq!((rig.warnings.len(), &rig.value.simulation), (0, &None));
+    let report = rig.scene().unwrap_err();
+    assert!(report.to_string().contains("rig.yaml: the rig has no `simulation`"), "{report}");
+    assert!(report.diagnostics[0].help.as_ref().unwrap().contains("simulation: simulations/"), "{report:?}");
+    assert!(is("simulation: null").simulation.is_none());
 }
 
 /// What a recording keeps.

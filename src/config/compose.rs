@@ -1,0 +1,550 @@
+//! A rig from several files: the one that it is like with its own keys put in place, and its simulation.
+//!
+//! The files are put together value by value, written as one text and read as any other. Every value of that text knows
+//! the file and the place where it stands, so that a finding points there.
+
+use std::collections::BTreeMap;
+use std::sync::Arc;
+
+use super::check::Locator;
+use super::diagnostic::{Diagnostic, Place, Related, Report, Severity};
+use super::explain::explain_syntax;
+use super::kind::Kind;
+use super::outline::{Content, Node, Outline};
+use super::schema::Guide;
+use super::source::{Source, rebase};
+use super::suggest::nearest;
+use super::yaml::{self, MAX_NODES};
+
+/// The key that names the file which a variant is like.
+pub(super) const LIKE: &str = "like";
+/// The key of a rig that has its simulation, or names the file of it.
+const SIMULATION: &str = "simulation";
+
+/// A file that has been read.
+#[derive(Clone, Debug)]
+pub(super) struct File {
+    pub(super) name: String,
+    pub(super) text: Arc<str>,
+}
+
+/// A place in a file, by its number.
+type Spot = (usize, Place);
+
+/// Where the values of a text stand in the files that it was put together from, by their place in the text. Empty for
+/// the text of one file.
+pub(super) type Origins = BTreeMap<usize, Spot>;
+
+/// A value and where it is from.
+struct Piece {
+    key: Option<Spot>,
+    value: Spot,
+    content: Shape,
+}
+
+enum Shape {
+    Scalar { text: String, is_quoted: bool },
+    List(Vec<Piece>),
+    Map(Vec<(String, Piece)>),
+}
+
+/// Reads a file, with those that it is put together from, and tells which one it is like.
+///
+/// # Errors
+/// A file; its first syntax error; a file of another kind; or what cannot be merged.
+pub(super) fn open(source: &Source) -> Result<(Locator, Option<Source>), Report> {
+    let (file, outline) = read_outline(source)?;
+    let like = base(&file, &outline, source)?;
+    let names_simulation = Kind::detect(outline.top_keys()) == Some(Kind::Rig)
+        && outline.find(SIMULATION).is_some_and(|node| names_file(node).is_some());
+    if like.is_none() && !names_simulation {
+        return Ok((Locator::of_file(file, outline), None));
+    }
+    let mut parts = Parts { files: vec![file] };
+    let mut whole = parts.expand(&outline)?;
+    let base = match like {
+        Some((base, like)) => {
+            if let Shape::Map(entries) = &mut whole.content {
+                entries.retain(|(key, _)| key != LIKE);
+            }
+            whole = parts.merge_with_base(whole, &base, &like)?;
+            Some(base)
+        }
+        None => None,
+    };
+    parts.include_simulation(&mut whole, source)?;
+    Ok((parts.locate(&whole)?, base))
+}
+
+/// Reads a file, and where its values stand.
+fn read_outline(source: &Source) -> Result<(File, Outline), Report> {
+    let file = File { name: source.to_string(), text: source.read()? };
+    let outline = yaml::outline(&file.text).map_err(|fault| explain_syntax(fault, &file.name, &file.text))?;
+    Ok((file, outline))
+}
+
+/// The path that a value is, unless it is nothing.
+fn names_file(node: &Node) -> Option<&str> {
+    match &node.content {
+        Content::Scalar(path)
+            if !path.is_empty() && (node.form.is_quoted || !matches!(path.as_str(), "~" | "null")) =>
+        {
+            Some(path)
+        }
+        _ => None,
+    }
+}
+
+/// The file that a document is like, and the value that names it; `None` when it is no variant.
+fn base(file: &File, outline: &Outline, source: &Source) -> Result<Option<(Source, Node)>, Report> {
+    let Some(Node { content: Content::Map(entries), .. }) = &outline.root else { return Ok(None) };
+    let mut named = entries.iter().filter(|(key, _)| key == LIKE).map(|(_, node)| node);
+    let Some(like) = named.next() else { return Ok(None) };
+    if let Some(second) = named.next() {
+        let place = second.key.unwrap_or(second.value);
+        let help = "a variant is like one file: keep one of the two";
+        return Err(file
+            .finding(place, LIKE, format!("the document has the key `{LIKE}` twice"), help.to_owned())
+            .into());
+    }
+    let Some(path) = names_file(like) else {
+        let message = format!("`{LIKE}` is {}", like.describe());
+        let help = "write the file that this one is a variant of, such as `paper-admittance.yaml`".to_owned();
+        return Err(file.finding(like.place(), LIKE, message, help).into());
+    };
+    Ok(Some((source.relative(path), like.clone())))
+}
+
+/// The files of a document, in the order in which they were opened.
+struct Parts {
+    files: Vec<File>,
+}
+
+impl Parts {
+    /// The values of the file that was opened last.
+    fn expand(&self, outline: &Outline) -> Result<Piece, Report> {
+        let number = self.files.len() - 1;
+        let file = &self.files[number];
+        let mut expander = Expander { number, file, anchors: BTreeMap::new(), nodes: 0 };
+        match &outline.root {
+            Some(root) => expander.piece(root, None),
+            None => {
+                Err(Diagnostic::about_file(&file.name, format!("{} is empty", file.name), "write a document").into())
+            }
+        }
+    }
+
+    /// Opens a file that is named at a place. What concerns it as a whole is a finding there.
+    fn open(&mut self, source: &Source, key: &str, at: Spot) -> Result<Outline, Report> {
+        let (file, outline) = read_outline(source).map_err(|report| {
+            let at_key = |finding: Diagnostic| match finding.place {
+                Some(_) => finding,
+                None => self.refuse(key, at, &finding.message, finding.help.as_deref().unwrap_or_default()),
+            };
+            Report { diagnostics: report.diagnostics.into_iter().map(at_key).collect() }
+        })?;
+        self.files.push(file);
+        Ok(outline)
+    }
+
+    fn refuse(&self, key: &str, (file, place): Spot, message: &str, help: &str) -> Diagnostic {
+        self.files[file].finding(place, key, format!("`{key}`: {message}"), help.to_owned())
+    }
+
+    /// A variant in its base.
+    fn merge_with_base(&mut self, own: Piece, base: &Source, like: &Node) -> Result<Piece, Report> {
+        let at = (0, like.place());
+        let outline = self.open(base, LIKE, at)?;
+        if outline.top_keys().any(|key| key == LIKE) {
+            let help = "variants have one level: name the file that the other one is like, and write the keys that differ from \
+                        that";
+            return Err(self.refuse(LIKE, at, &format!("{base} is itself a variant"), help).into());
+        }
+        let kind = match Kind::detect(outline.top_keys()) {
+            Some(kind) if kind.has_variants() => kind,
+            Some(kind) => {
+                let message = format!("{base} is {}, and only a rig has variants", kind.with_article());
+                return Err(self.refuse(LIKE, at, &message, "name a rig, or write the document whole").into());
+            }
+            None => return Err(self.refuse(LIKE, at, &format!("{base} is not a configuration"), "name a rig").into()),
+        };
+        let base_number = self.files.len() - 1;
+        let mut piece = self.expand(&outline)?;
+        self.include_simulation(&mut piece, base)?;
+        move_paths(&mut piece, "", kind, names_file(like).unwrap_or_default());
+        let guide = Guide::new(kind);
+        let merger = Merger { own: &self.files[0], base: &self.files[base_number], guide: &guide };
+        merger.merge("", piece, own)
+    }
+
+    /// Puts the simulation that a rig names in the place of its name.
+    fn include_simulation(&mut self, rig: &mut Piece, source: &Source) -> Result<(), Report> {
+        let Shape::Map(entries) = &mut rig.content else { return Ok(()) };
+        let Some((_, named)) = entries.iter_mut().find(|(key, _)| key == SIMULATION) else { return Ok(()) };
+        let path = match &named.content {
+            Shape::Scalar { text, is_quoted } if *is_quoted || !matches!(text.as_str(), "" | "~" | "null") => {
+                text.clone()
+            }
+            _ => return Ok(()),
+        };
+        let file = source.relative(&path);
+        let outline = self.open(&file, SIMULATION, named.value)?;
+        let kind = Kind::detect(outline.top_keys());
+        if kind != Some(Kind::Simulation) {
+            let is = kind.map_or("not a configuration".to_owned(), Kind::with_article);
+            let help = "name a file with `arm`, `drive_position_loop`, `timing` and `scene`, such as simulations/paper-arm.yaml";
+            return Err(self
+                .refuse(SIMULATION, named.value, &format!("{file} is {is}, and a simulation is wanted"), help)
+                .into());
+        }
+        let mut piece = self.expand(&outline)?;
+        move_paths(&mut piece, "", Kind::Simulation, &path);
+        // What concerns all of it stands in its file.
+        *named = Piece { key: Some(piece.value), ..piece };
+        Ok(())
+    }
+
+    /// All of it as one text.
+    fn locate(self, whole: &Piece) -> Result<Locator, Report> {
+        let mut text = String::new();
+        write(whole, 0, &mut text);
+        let outline = yaml::outline(&text).map_err(|fault| {
+            let name = self.files.first().map_or("", |file| &file.name);
+            Report::from(Diagnostic {
+                place: None,
+                text: None,
+                ..explain_syntax(fault, name, &Arc::from(text.as_str()))
+            })
+        })?;
+        let mut origins = Origins::new();
+        if let Some(root) = &outline.root {
+            note(root, whole, &mut origins);
+        }
+        Ok(Locator { files: self.files, text: text.into(), outline, origins })
+    }
+}
+
+impl File {
+    /// An error at a place of this file.
+    pub(super) fn finding(&self, place: Place, key: &str, message: String, help: String) -> Diagnostic {
+        Diagnostic {
+            severity: Severity::Error,
+            file: self.name.clone(),
+            place: Some(place),
+            key: key.to_owned(),
+            message,
+            help: Some(help),
+            related: Vec::new(),
+            text: Some(self.text.clone()),
+        }
+    }
+}
+
+/// Turns an outline into values without aliases.
+struct Expander<'a> {
+    number: usize,
+    file: &'a File,
+    /// Values by the number of their anchor; one that is not closed yet is not among them.
+    anchors: BTreeMap<usize, &'a Node>,
+    nodes: usize,
+}
+
+impl<'a> Expander<'a> {
+    /// A value; within an alias all of it stands where the alias does.
+    fn piece(&mut self, node: &'a Node, within: Option<Place>) -> Result<Piece, Report> {
+        let file = self.file;
+        let refuse = |message: String, help: &str| {
+            Err(file.finding(within.unwrap_or(node.value), "", message, help.to_owned()).into())
+        };
+        let number = self.number;
+        let spot = |place: Option<Place>| place.map(|place| (number, place));
+        self.nodes += 1;
+        if self.nodes > MAX_NODES {
+            return refuse(
+                format!("the file goes beyond the limit of {MAX_NODES} values"),
+                "a configuration is a small file written by hand; is this the right one?",
+            );
+        }
+        if node.form.has_tag {
+            return refuse(
+                "this is not YAML of a configuration: a tag has no meaning here".to_owned(),
+                "write the value without the word that begins with `!`",
+            );
+        }
+        let content = match &node.content {
+            Content::Scalar(text) => Shape::Scalar { text: text.clone(), is_quoted: node.form.is_quoted },
+            Content::Alias(anchor) => match self.anchors.get(anchor).copied() {
+                Some(target) => {
+                    let piece = self.piece(target, Some(within.unwrap_or(node.value)))?;
+                    return Ok(Piece { key: spot(within.or(node.key)), ..piece });
+                }
+                None => {
+                    return refuse("this alias repeats what it is part of".to_owned(), "write the value in its place");
+                }
+            },
+            Content::List(items) => {
+                Shape::List(items.iter().map(|item| self.piece(item, within)).collect::<Result<_, _>>()?)
+            }
+            Content::Map(entries) => {
+                let mut pieces = Vec::new();
+                for (key, value) in entries {
+                    if value.key.is_none() {
+                        return refuse("a key is a word".to_owned(), "write keys as words, without brackets");
+                    }
+                    pieces.push((key.clone(), self.piece(value, within)?));
+                }
+                Shape::Map(pieces)
+            }
+        };
+        if node.form.anchor > 0 {
+            self.anchors.insert(node.form.anchor, node);
+        }
+        Ok(Piece { key: spot(within.or(node.key)), value: (self.number, within.unwrap_or(node.value)), content })
+    }
+}
+
+/// Paths in the base start from its folder; in the variant they start from that of the variant.
+fn move_paths(piece: &mut Piece, at: &str, kind: Kind, like: &str) {
+    match &mut piece.content {
+        Shape::Scalar { text, .. } => {
+            if kind.names_file(at, text) {
+                *text = rebase(like, text);
+            }
+        }
+        Shape::List(items) => {
+            let all = items.iter_mut().enumerate();
+            all.for_each(|(index, item)| move_paths(item, &format!("{at}[{index}]"), kind, like));
+        }
+        Shape::Map(entries) => {
+            entries.iter_mut().for_each(|(key, value)| move_paths(value, &join(at, key), kind, like))
+        }
+    }
+}
+
+struct Merger<'a> {
+    own: &'a File,
+    base: &'a File,
+    guide: &'a Guide,
+}
+
+impl Merger<'_> {
+    /// What stands at a path: groups are merged key by key, anything else is that of the variant. A choice is merged
+    /// with the same choice alone, and a list whose entries have names entry by entry.
+    fn merge(&self, at: &str, base: Piece, own: Piece) -> Result<Piece, Report> {
+        let Piece { key, value, content } = own;
+        let content = match (base.content, content) {
+            (Shape::Map(base), Shape::Map(own)) if !self.guide.is_choice(at) || same_choice(&base, &own) => {
+                Shape::Map(self.merge_entries(at, base, own)?)
+            }
+            (Shape::List(base), Shape::List(own)) if self.guide.has(&format!("{at}[0].name")) => {
+                Shape::List(self.merge_named(at, base, own)?)
+            }
+            (_, own) => own,
+        };
+        Ok(Piece { key, value, content })
+    }
+
+    fn merge_entries(
+        &self,
+        at: &str,
+        base: Vec<(String, Piece)>,
+        own: Vec<(String, Piece)>,
+    ) -> Result<Vec<(String, Piece)>, Report> {
+        // A key that stands twice stays so, and is refused when the text is read.
+        let mut own: Vec<Option<(String, Piece)>> = own.into_iter().map(Some).collect();
+        let mut merged = Vec::new();
+        for (key, value) in base {
+            let same = own.iter_mut().find(|entry| entry.as_ref().is_some_and(|(other, _)| *other == key));
+            let value = match same.and_then(Option::take) {
+                Some((_, own)) => self.merge(&join(at, &key), value, own)?,
+                None => value,
+            };
+            merged.push((key, value));
+        }
+        merged.extend(own.into_iter().flatten());
+        Ok(merged)
+    }
+
+    fn merge_named(&self, at: &str, mut base: Vec<Piece>, own: Vec<Piece>) -> Result<Vec<Piece>, Report> {
+        for (index, entry) in own.into_iter().enumerate() {
+            let here = format!("{at}[{index}]");
+            let names: Vec<String> =
+                base.iter().filter_map(|entry| entry.name().map(|(name, _)| name.to_owned())).collect();
+            let Some((name, place)) = entry.name() else {
+                let message = format!("`{here}` has no `name`, and `{at}` of {} are told apart by it", self.base.name);
+                let help = format!("write the name of the entry that this one changes: {}", names.join(" or "));
+                return Err(self.own.finding(entry.key.unwrap_or(entry.value).1, &here, message, help).into());
+            };
+            let Some(of_base) = base.iter_mut().find(|other| other.name().is_some_and(|(other, _)| other == name))
+            else {
+                let help = match nearest(name, names.iter().map(String::as_str)) {
+                    Some(meant) => format!("did you mean `{meant}`?"),
+                    None => {
+                        format!("it has {}; an entry of a variant changes the one of its name", names.join(" and "))
+                    }
+                };
+                let message = format!("`{here}.name` is `{name}`, and `{at}` of {} has no such entry", self.base.name);
+                return Err(self.own.finding(place, &format!("{here}.name"), message, help).into());
+            };
+            if of_base.value.0 == 0 {
+                let first = of_base.name().map(|(_, place)| Related {
+                    file: String::new(),
+                    place,
+                    label: "first here".to_owned(),
+                });
+                let message = format!("`{here}.name` is `{name}` again");
+                let mut finding = self.own.finding(
+                    place,
+                    &format!("{here}.name"),
+                    message,
+                    "write all that changes in one entry".to_owned(),
+                );
+                finding.related.extend(first);
+                return Err(finding.into());
+            }
+            let empty = Piece { key: None, value: of_base.value, content: Shape::List(Vec::new()) };
+            let of_base_was = std::mem::replace(of_base, empty);
+            *of_base = self.merge(&here, of_base_was, entry)?;
+        }
+        Ok(base)
+    }
+}
+
+impl Piece {
+    /// Whether it means the same between brackets. What was there does; what came to it by a merge may not.
+    fn fits_brackets(&self) -> bool {
+        match &self.content {
+            Shape::Scalar { text, is_quoted } => *is_quoted || !text.contains([',', '[', ']', '{', '}', '\n']),
+            Shape::List(items) => items.iter().all(Self::fits_brackets),
+            Shape::Map(entries) => entries.iter().all(|(_, value)| value.fits_brackets()),
+        }
+    }
+
+    /// The name that an entry of a list has, and where it stands.
+    fn name(&self) -> Option<(&str, Place)> {
+        let Shape::Map(entries) = &self.content else { return None };
+        entries.iter().find_map(|(key, value)| match &value.content {
+            Shape::Scalar { text, .. } if key == "name" => Some((text.as_str(), value.value.1)),
+            _ => None,
+        })
+    }
+}
+
+fn same_choice(base: &[(String, Piece)], own: &[(String, Piece)]) -> bool {
+    own.iter().all(|(key, _)| base.iter().any(|(other, _)| other == key))
+}
+
+fn join(group: &str, key: &str) -> String {
+    if group.is_empty() { key.to_owned() } else { format!("{group}.{key}") }
+}
+
+/// Writes a value after its key, or as a document. What is in brackets stays so where it can; other groups and lists are
+/// in block style, each value on a line.
+fn write(piece: &Piece, indent: usize, out: &mut String) {
+    let is_inner = !out.is_empty();
+    let is_empty = match &piece.content {
+        Shape::Scalar { .. } => true,
+        Shape::List(items) => items.is_empty(),
+        Shape::Map(entries) => entries.is_empty(),
+    };
+    if is_empty || (piece.value.1.length > 0 && piece.fits_brackets()) {
+        if is_inner {
+            out.push(' ');
+        }
+        write_in_line(piece, out);
+        out.push('\n');
+        return;
+    }
+    if is_inner {
+        out.push('\n');
+    }
+    match &piece.content {
+        Shape::Scalar { .. } => {}
+        Shape::List(items) => {
+            for item in items {
+                out.push_str(&" ".repeat(indent));
+                out.push('-');
+                write(item, indent + 1, out);
+            }
+        }
+        Shape::Map(entries) => {
+            for (key, value) in entries {
+                out.push_str(&" ".repeat(indent));
+                out.push_str(&word(key));
+                out.push(':');
+                write(value, indent + 1, out);
+            }
+        }
+    }
+}
+
+fn write_in_line(piece: &Piece, out: &mut String) {
+    match &piece.content {
+        Shape::Scalar { text, is_quoted } if *is_quoted || text.contains('\n') => out.push_str(&quote(text)),
+        // Nothing at all is read as `~`.
+        Shape::Scalar { text, .. } => out.push_str(if piece.value.1.length == 0 { "" } else { text }),
+        Shape::List(items) => {
+            out.push('[');
+            for (index, item) in items.iter().enumerate() {
+                out.push_str(if index > 0 { ", " } else { "" });
+                write_in_line(item, out);
+            }
+            out.push(']');
+        }
+        Shape::Map(entries) => {
+            out.push('{');
+            for (index, (key, value)) in entries.iter().enumerate() {
+                out.push_str(if index > 0 { ", " } else { "" });
+                out.push_str(&word(key));
+                out.push_str(": ");
+                write_in_line(value, out);
+            }
+            out.push('}');
+        }
+    }
+}
+
+/// A value as it is written after its key, with a line break at its end; without what an alias stands for.
+pub(super) fn in_block_style(node: &Node, indent: usize) -> String {
+    // Something before it, so that it is not a document.
+    let mut text = ":".to_owned();
+    let file = File { name: String::new(), text: Arc::from("") };
+    let mut expander = Expander { number: 0, file: &file, anchors: BTreeMap::new(), nodes: 0 };
+    match expander.piece(node, None) {
+        Ok(piece) => write(&piece, indent, &mut text),
+        Err(_) => text.push_str(" {..}\n"),
+    }
+    text.split_off(1)
+}
+
+/// A key as it is written.
+fn word(key: &str) -> String {
+    let is_word = !key.is_empty() && key.chars().all(|c| c.is_alphanumeric() || "_<".contains(c));
+    if is_word { key.to_owned() } else { quote(key) }
+}
+
+fn quote(text: &str) -> String {
+    serde_json::Value::from(text).to_string()
+}
+
+/// Notes where the values of the text that was written stand in the files.
+fn note(written: &Node, piece: &Piece, origins: &mut Origins) {
+    match (&written.content, &piece.content) {
+        (Content::Map(entries), Shape::Map(pieces)) => {
+            for ((_, written), (_, piece)) in entries.iter().zip(pieces) {
+                note(written, piece, origins);
+            }
+        }
+        (Content::List(items), Shape::List(pieces)) => {
+            for (written, piece) in items.iter().zip(pieces) {
+                note(written, piece, origins);
+            }
+        }
+        _ => {}
+    }
+    // A group begins where its first key does, and that is noted already.
+    origins.entry(written.value.offset).or_insert(piece.value);
+    if let (Some(at), Some(place)) = (written.key, piece.key) {
+        origins.insert(at.offset, place);
+    }
+}
