@@ -136,6 +136,15 @@ fn no_layer_below_the_command_line_reads_a_clock() {
     }
 }
 
+/// What is the same on every bus knows none.
+#[test]
+fn axes_know_no_bus() {
+    let text = std::fs::read_to_string(source_folder().join("bus/axis.rs")).unwrap();
+    for bus in ["canopen", "Frame", "can::", "NodeId"] {
+        assert!(!text.contains(bus), "src/bus/axis.rs names {bus}");
+    }
+}
+
 #[test]
 fn the_document_states_the_same_rule() {
     let document = std::fs::read_to_string(source_folder().join("../docs/ARCHITECTURE.md")).unwrap();

@@ -8,19 +8,22 @@
 //! [`Master`] is sans-I/O: the caller brings frames and moments and carries away what it puts into the outbox. Two
 //! moments a cycle are its own: [`Master::on_sync`] at 0 and [`Master::on_compute`] when all process data are in.
 //! [`budget`] proves beforehand that they are.
+//!
+//! `can` knows frames and nodes and brings raw words. `axis` stands once for all buses: words to SI and back, the walk to
+//! Operation Enabled, and what a command that the guard has allowed becomes.
 
-mod boot;
-pub mod budget;
+mod axis;
+mod can;
 mod error;
-mod image;
 mod master;
+mod phase;
 mod setup;
-mod signs;
 
+pub use can::{Heard, LISTENING, Sign, Signs, Told, Waiting, budget};
 pub use error::{BootError, BootFailure, Said};
-pub use master::{LinkEvent, Master, Phase, Waiting};
+pub use master::Master;
+pub use phase::{LinkEvent, Phase};
 pub use setup::{CommandMode, DriveSetup, MasterSetup, SensorLink, SensorNode, SensorSetup, Waits};
-pub use signs::{Heard, LISTENING, Sign, Signs};
 
 #[cfg(test)]
 mod tests;

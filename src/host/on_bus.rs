@@ -16,8 +16,8 @@ use thiserror::Error;
 use super::system::{Refusal, SystemMetronome, computer, lock_memory, run_first};
 use super::timing::{Kept, Untimely};
 use crate::assembly::bus_plan;
+use crate::bus::Told;
 use crate::bus::budget::Budget;
-use crate::canopen::Emergency;
 use crate::config;
 use crate::guard::Fault;
 use crate::link::{InterfaceFacts, Role, SocketCan, SocketCans};
@@ -148,7 +148,7 @@ pub struct Outcome {
     /// What the links have told.
     pub counts: LinkCounts,
     /// What the devices told of themselves, the latest last.
-    pub emergencies: Vec<Emergency>,
+    pub emergencies: Vec<Told>,
     /// Faults that held nothing, each with the number of cycles in which it was seen.
     pub counted: Vec<(Fault, u32)>,
     /// SDO downloads of somebody else to the rig's nodes.
@@ -161,7 +161,7 @@ pub struct DrillOutcome {
     /// What the drives say that they are, and what their watchdogs do.
     pub drilled: Result<([DriveIdentity; 2], Drilled), RunError>,
     /// What the devices told of themselves, the latest last.
-    pub emergencies: Vec<Emergency>,
+    pub emergencies: Vec<Told>,
 }
 
 impl RigOnBus {
@@ -242,7 +242,7 @@ impl RigOnBus {
                 priority,
                 memory,
                 counts: runner.counts(),
-                emergencies: emergencies(&runner),
+                emergencies: runner.master().told().collect(),
                 counted: master.cycle().faults().counted().collect(),
                 foreign_downloads: master.foreign_downloads(),
             }
@@ -261,7 +261,7 @@ impl RigOnBus {
         on_thread_of_the_cycle(news, &told, tell, move |_| {
             let drilled = drill(&mut runner, &rig, is_interrupted);
             runner.leave();
-            DrillOutcome { drilled, emergencies: emergencies(&runner) }
+            DrillOutcome { drilled, emergencies: runner.master().told().collect() }
         })
     }
 }
@@ -316,10 +316,6 @@ fn drill(
     runner.check_simulation(drives)?;
     let identities = runner.identities(drives)?;
     Ok((identities, runner.drill(drives, settling_on_bus(rig), is_interrupted)?))
-}
-
-fn emergencies(runner: &OnInterfaces) -> Vec<Emergency> {
-    runner.master().emergencies().map(|(_, emergency)| emergency).collect()
 }
 
 /// Has a thread of its own with real-time priority, if that is granted, do the work; what the work leaves.

@@ -142,6 +142,16 @@ fn nodes_with_the_same_id_are_watched_apart() {
 }
 
 #[test]
+fn what_nodes_with_the_same_id_tell_is_told_apart() {
+    let mut net = Net::two_buses();
+    net.boot_both();
+    net.hear("1:081#1042200000000000");
+    net.hear("081#1042200000000000");
+    let devices: Vec<DeviceSet> = net.master.told().map(|told| told.device).collect();
+    assert_eq!(devices, [DeviceSet::SENSOR, DeviceSet::LEFT_DRIVE]);
+}
+
+#[test]
 fn what_one_bus_holds_back_holds_all_buses() {
     let mut net = Net::two_buses();
     net.run_both();

@@ -2,36 +2,35 @@
 
 use serde_json::{Value, json};
 
+use crate::bus::Told;
 use crate::canopen::Emergency;
 use crate::cli::failure::Failure;
 use crate::config;
+use crate::guard::DeviceSet;
 
 /// The emergencies without those that say the same again, in their order.
-pub(in crate::cli) fn different(emergencies: impl Iterator<Item = Emergency>) -> Vec<Emergency> {
-    let mut different: Vec<Emergency> = Vec::new();
-    for emergency in emergencies {
-        if !different.iter().any(|known| (known.node, known.code) == (emergency.node, emergency.code)) {
-            different.push(emergency);
+pub(in crate::cli) fn different(emergencies: impl Iterator<Item = Told>) -> Vec<Told> {
+    let mut different: Vec<Told> = Vec::new();
+    for told in emergencies {
+        let says_the_same = |known: &Told| (known.device, known.emergency.code) == (told.device, told.emergency.code);
+        if !different.iter().any(says_the_same) {
+            different.push(told);
         }
     }
     different
 }
 
 /// One of them: the node with its name, and the code with its meaning.
-pub(in crate::cli) fn text(emergency: &Emergency, rig: &config::Rig) -> String {
-    let name = match name(emergency.node.raw(), rig) {
-        Some(name) => format!(" ({name})"),
-        None => String::new(),
-    };
-    format!("node {}{name}: {}", emergency.node.raw(), emergency.code)
+pub(in crate::cli) fn text(told: &Told, rig: &config::Rig) -> String {
+    format!("node {} ({}): {}", told.emergency.node.raw(), name(told.device, rig), told.emergency.code)
 }
 
 /// The same as data.
-pub(in crate::cli) fn document(emergency: &Emergency, rig: &config::Rig) -> Value {
-    let Emergency { node, code, register, vendor } = emergency;
+pub(in crate::cli) fn document(told: &Told, rig: &config::Rig) -> Value {
+    let Emergency { node, code, register, vendor } = told.emergency;
     json!({
         "node_id": node.raw(),
-        "name": name(node.raw(), rig),
+        "name": name(told.device, rig),
         "code": format!("{:04X}h", code.0),
         "meaning": code.meaning(),
         "error_register": register.0,
@@ -40,55 +39,49 @@ pub(in crate::cli) fn document(emergency: &Emergency, rig: &config::Rig) -> Valu
 }
 
 /// The failure with what the devices told, if they told anything.
-pub(in crate::cli) fn with_emergencies(mut failure: Failure, emergencies: &[Emergency], rig: &config::Rig) -> Failure {
-    let told: Vec<String> = emergencies.iter().map(|emergency| text(emergency, rig)).collect();
+pub(in crate::cli) fn with_emergencies(mut failure: Failure, emergencies: &[Told], rig: &config::Rig) -> Failure {
+    let told: Vec<String> = emergencies.iter().map(|told| text(told, rig)).collect();
     if let (Some(first), false) = (failure.report.diagnostics.first_mut(), told.is_empty()) {
         first.message = format!("{}; emergencies: {}", first.message, told.join(", "));
     }
     failure
 }
 
-/// The name of a node, if only one device has this id: on several buses two may have it.
-fn name(node_id: u8, rig: &config::Rig) -> Option<&str> {
+/// The name of a device in the rig's file.
+fn name(device: DeviceSet, rig: &config::Rig) -> &str {
     let [left, right] = &rig.drives;
-    let sensor_id = match &rig.sensor.protocol {
-        config::SensorProtocol::Canopen { node_id, .. } => Some(*node_id),
-        _ => None,
-    };
-    let nodes = [
-        (Some(left.address.canopen.node_id), &left.name),
-        (Some(right.address.canopen.node_id), &right.name),
-        (sensor_id, &rig.sensor.name),
-    ];
-    let mut own = nodes.into_iter().filter(|(id, _)| *id == Some(node_id));
-    match (own.next(), own.next()) {
-        (Some((_, name)), None) => Some(name),
-        _ => None,
+    match device {
+        DeviceSet::LEFT_DRIVE => &left.name,
+        DeviceSet::RIGHT_DRIVE => &right.name,
+        _ => &rig.sensor.name,
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::canopen::Frame;
+    use crate::canopen::{Frame, Time};
     use crate::cli::failure::Exit;
     use crate::config::Source;
 
     #[test]
     fn what_a_device_told_stands_in_the_message_once() {
-        let rig = config::load_rig(Source::named("builtin:paper-admittance.yaml")).unwrap().value;
-        let frames = [(0x081, 0x5043_u16), (0x081, 0x5043), (0x08a, 0x4210), (0x083, 0x8130)];
-        let heard = frames.into_iter().filter_map(|(id, code)| {
+        // Two buses: the left drive and the sensor are both node 1.
+        let rig = config::load_rig(Source::named("builtin:paper-admittance-two-buses.yaml")).unwrap().value;
+        let (left, sensor) = (DeviceSet::LEFT_DRIVE, DeviceSet::SENSOR);
+        let frames = [(left, 0x5043_u16), (left, 0x5043), (sensor, 0x4210), (sensor, 0x5043)];
+        let heard = frames.into_iter().filter_map(|(device, code)| {
             let [low, high] = code.to_le_bytes();
-            Emergency::decode(&Frame::new(id, &[low, high, 0x21, 1, 2, 3, 4, 5]))
+            let emergency = Emergency::decode(&Frame::new(0x081, &[low, high, 0x21, 1, 2, 3, 4, 5]))?;
+            Some(Told { time: Time::default(), device, emergency })
         });
         let told = different(heard);
         let failure = Failure::new(Exit::SafetyStop, "stopped by emergency", "see the code");
         let failure = with_emergencies(failure, &told, &rig);
         assert_eq!(
             failure.report.diagnostics[0].message,
-            "stopped by emergency; emergencies: node 1 (left): 5043h device hardware, node 10 (wrist): 4210h device \
-             temperature too high, node 3: 8130h heartbeat or life guarding lost"
+            "stopped by emergency; emergencies: node 1 (left): 5043h device hardware, node 1 (wrist): 4210h device \
+             temperature too high, node 1 (wrist): 5043h device hardware"
         );
         let document = document(&told[0], &rig);
         assert_eq!((&document["code"], &document["name"]), (&"5043h".into(), &"left".into()));

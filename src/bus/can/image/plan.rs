@@ -1,14 +1,12 @@
 //! The plan of the process image, made once from setup and profiles.
 
-use super::{Drive, IDENTIFIERS, Incoming, NO_SLOT, Outgoing, Source, slot_index};
-use crate::bus::boot::{lacking, layout_entries, mapped, mapping};
+use super::{IDENTIFIERS, Incoming, NO_SLOT, Outgoing, Source, slot_index};
+use crate::bus::can::boot::{lacking, layout_entries, mapped, mapping};
 use crate::bus::error::BootFailure;
 use crate::bus::setup::{CommandMode, DriveSetup, SensorNode};
 use crate::canopen::pdo::Layout;
 use crate::canopen::{NodeId, cob};
-use yieldwall_drives::cia402::{StateWalk, Statusword};
 use yieldwall_drives::profiles::{DeviceProfile, Pdo, Quantity, StatusBits};
-use yieldwall_drives::scaling::CountUnwrapper;
 
 /// The incoming frames while they are collected.
 pub(super) struct Incomings {
@@ -22,18 +20,19 @@ impl Incomings {
         Self { slots: vec![NO_SLOT; slot_index(last_bus, 0) + IDENTIFIERS].into_boxed_slice(), incoming: Vec::new() }
     }
 
+    /// The process data of a drive; the frame that it is sent.
     pub(super) fn drive(
         &mut self,
         mode: CommandMode,
         joint: usize,
         (setup, node): (&DriveSetup, NodeId),
-    ) -> Result<Drive, BootFailure> {
+    ) -> Result<Outgoing, BootFailure> {
         let profile = &*setup.profile;
         let map = mapping(profile, Some(mode.operation_mode()))?;
         for pdo in &map.tpdo {
             self.add(setup.bus, profile, node, pdo, Some(joint), &|quantity| match quantity {
-                Quantity::Statusword => Some(Source::Status(joint)),
-                Quantity::PositionActual => Some(Source::Position(joint)),
+                Quantity::Statusword => Some(Source::Status),
+                Quantity::PositionActual => Some(Source::Position),
                 _ => None,
             })?;
         }
@@ -44,22 +43,12 @@ impl Incomings {
             let entry = mapped(profile, quantity)?;
             layout.field(entry.index, entry.sub).ok_or_else(|| lacking(profile, quantity.word()))
         };
-        let outgoing = Outgoing {
+        Ok(Outgoing {
             bus: setup.bus,
             id: cob::rpdo(pdo.number, node).ok_or_else(|| lacking(profile, set_point.word()))?,
             len: layout.len(),
             controlword: find(Quantity::Controlword)?,
-            set_point: find(set_point)?,
-        };
-        // The drive counts modulo 2^32: the expected angle says which turn it is.
-        let expected = setup.scaling.counts(setup.expected_angle_rad).unwrap_or_default();
-        Ok(Drive {
-            scaling: setup.scaling,
-            expected_counts: expected,
-            unwrapper: CountUnwrapper::near(expected),
-            walk: StateWalk::new(),
-            statusword: Statusword::default(),
-            outgoing,
+            target: find(set_point)?,
         })
     }
 

@@ -1,18 +1,16 @@
-//! The process image: which bits of which frame are which quantity.
+//! The process image: which bits of which frame are which word.
 
 mod plan;
 
-use super::error::BootFailure;
-use super::setup::{CommandMode, DriveSetup, SensorNode};
+use crate::bus::axis::{DriveOrders, DriveWords};
+use crate::bus::error::BootFailure;
+use crate::bus::setup::{CommandMode, DriveSetup, SensorNode};
 use crate::canopen::pdo::Field;
 use crate::canopen::{Frame, NodeId, Outbox, Time, cob};
-use crate::cycle::DriveSample;
-use crate::guard::{Allowed, DeviceSet, JointCommand};
+use crate::guard::DeviceSet;
 use crate::plain_can::{Client, Heard};
 use crate::sensing::RawSample;
-use yieldwall_drives::cia402::{Goal, State, StateWalk, Statusword};
 use yieldwall_drives::profiles::StatusBits;
-use yieldwall_drives::scaling::{AxisScaling, CountUnwrapper, wrap};
 
 use plan::Incomings;
 
@@ -29,8 +27,8 @@ const SET_POINT_SLOT: u8 = u8::MAX - 3;
 
 #[derive(Clone, Copy, Debug)]
 enum Source {
-    Status(usize),
-    Position(usize),
+    Status,
+    Position,
     Count(usize),
     SensorStatus,
     SampleCounter,
@@ -87,30 +85,20 @@ pub(super) struct Irregular {
     pub(super) late: DeviceSet,
 }
 
+/// The frame that a drive is sent.
 #[derive(Clone, Copy, Debug)]
 struct Outgoing {
     bus: u8,
     id: u16,
     len: u8,
     controlword: Field,
-    set_point: Field,
-}
-
-#[derive(Clone, Debug)]
-struct Drive {
-    scaling: AxisScaling,
-    /// Counts at the angle near which the first position is unwrapped.
-    expected_counts: i64,
-    unwrapper: CountUnwrapper,
-    walk: StateWalk,
-    statusword: Statusword,
-    outgoing: Outgoing,
+    target: Field,
 }
 
 /// What arrived since the last cycle.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Arrivals {
-    pub(super) drives: [DriveSample; 2],
+    pub(super) drives: [DriveWords; 2],
     pub(super) sample: Option<RawSample>,
     pub(super) irregular: Irregular,
 }
@@ -120,7 +108,7 @@ pub(super) struct Arrivals {
 pub(super) struct Image {
     slots: Box<[u8]>,
     incoming: Vec<Incoming>,
-    drives: [Drive; 2],
+    outgoing: [Outgoing; 2],
     sample: RawSample,
     /// What the bits of the sensor's status mean.
     status_bits: StatusBits,
@@ -157,7 +145,7 @@ impl Image {
         let mut image = Incomings::new(left.bus.max(right.bus).max(sensor_bus));
         let [left, right] = drives;
         let rpdos = [left, right].map(|(drive, node)| (drive.bus, [1, 2, 3, 4].map(|number| cob::rpdo(number, node))));
-        let drives = [image.drive(mode, 0, left)?, image.drive(mode, 1, right)?];
+        let outgoing = [image.drive(mode, 0, left)?, image.drive(mode, 1, right)?];
         let (plain, status_bits) = match sensor {
             SensorFrames::Canopen(setup, node) => (None, image.sensor(sensor_bus, setup, node)?),
             SensorFrames::PlainCan(client) => (Some(client), StatusBits::default()),
@@ -166,7 +154,7 @@ impl Image {
         let mut image = Self {
             slots,
             incoming,
-            drives,
+            outgoing,
             sample: NO_SAMPLE,
             status_bits,
             sampled_at: Time::default(),
@@ -218,14 +206,10 @@ impl Image {
         self.plain.as_mut()
     }
 
-    /// Forgets all that arrived and where the drives were.
+    /// Forgets all that arrived.
     pub(super) fn restart(&mut self) {
         for incoming in &mut self.incoming {
             (incoming.word, incoming.has_arrived, incoming.is_owed) = (0, false, false);
-        }
-        for drive in &mut self.drives {
-            drive.unwrapper = CountUnwrapper::near(drive.expected_counts);
-            (drive.walk, drive.statusword) = (StateWalk::new(), Statusword::default());
         }
         (self.sample, self.irregular, self.is_open) = (NO_SAMPLE, Irregular::default(), false);
         if let Some(client) = &mut self.plain {
@@ -298,41 +282,29 @@ impl Image {
         Taken::Image
     }
 
-    /// What has arrived by `now` in this cycle, in SI. The force sensor's frames count only together.
+    /// What has arrived by `now` in this cycle. The force sensor's frames count only together.
     ///
     /// Real-time: yes.
     pub(super) fn arrivals(&mut self, now: Time) -> Arrivals {
         self.is_open = false;
-        let mut position = [None; 2];
+        let mut drives = [DriveWords::default(); 2];
         let mut sensor_is_whole = true;
         for incoming in &self.incoming {
             sensor_is_whole &= incoming.joint.is_some() || incoming.has_arrived;
             if !incoming.has_arrived {
                 continue;
             }
+            let Some(words) = incoming.joint.and_then(|joint| drives.get_mut(joint)) else { continue };
             for (source, field) in &incoming.fields {
-                match *source {
-                    Source::Status(joint) => {
-                        if let Some(drive) = self.drives.get_mut(joint) {
-                            drive.statusword = Statusword(field.get_unsigned(incoming.word) as u16);
-                        }
-                    }
-                    Source::Position(joint) => {
-                        if let (Some(drive), Some(position)) = (self.drives.get_mut(joint), position.get_mut(joint)) {
-                            // From the expected angle each time: a corrupted report leaves no wrong turn behind.
-                            drive.unwrapper = CountUnwrapper::near(drive.expected_counts);
-                            let counts = drive.unwrapper.unwrap(field.get_signed(incoming.word) as i32);
-                            *position = Some(drive.scaling.angle_rad(counts));
-                        }
-                    }
+                match source {
+                    Source::Status => words.statusword = Some(field.get_unsigned(incoming.word) as u16),
+                    Source::Position => words.position = Some(field.get_signed(incoming.word) as i32),
                     _ => {}
                 }
             }
         }
-        let [left, right] = &self.drives;
-        let [left_angle, right_angle] = position;
         Arrivals {
-            drives: [sample_of(left, left_angle), sample_of(right, right_angle)],
+            drives,
             sample: match &mut self.plain {
                 Some(client) => client.take(now),
                 None if sensor_is_whole => self.read_sensor(now),
@@ -372,36 +344,18 @@ impl Image {
     /// Real-time: yes.
     pub(super) fn is_set_point(&self, frame: &Frame) -> bool {
         let own = (frame.bus(), frame.id());
-        self.drives.iter().any(|drive| (drive.outgoing.bus, drive.outgoing.id) == own)
+        self.outgoing.iter().any(|outgoing| (outgoing.bus, outgoing.id) == own)
     }
 
-    /// Asks every drive in Fault for one reset.
-    pub(super) fn request_fault_reset(&mut self) {
-        for drive in &mut self.drives {
-            drive.walk.request_fault_reset();
-        }
-    }
-
-    /// Drops resets that could not be sent: what fails in the meantime was not seen by the person who asked.
-    pub(super) fn cancel_fault_reset(&mut self) {
-        for drive in &mut self.drives {
-            drive.walk.cancel_fault_reset();
-        }
-    }
-
-    /// Sends every drive one step towards `goal`, with its share of `command`.
+    /// Sends each drive its words.
     ///
     /// Real-time: yes.
-    pub(super) fn send(&mut self, goal: Goal, command: &Allowed<JointCommand>, out: &mut impl Outbox) {
-        let set_points = raw_set_points(command, &self.drives);
-        for (drive, set_point) in self.drives.iter_mut().zip(set_points) {
-            drive.walk.set_goal(goal);
-            let controlword = drive.walk.step(drive.statusword).controlword;
-            let Outgoing { bus, id, len, controlword: control, set_point: target } = drive.outgoing;
+    pub(super) fn send(&self, orders: &[DriveOrders; 2], out: &mut impl Outbox) {
+        for (Outgoing { bus, id, len, controlword, target }, orders) in self.outgoing.iter().zip(orders) {
             let mut word = 0;
-            control.put_unsigned(&mut word, u64::from(controlword));
-            target.put_signed(&mut word, set_point);
-            out.push(Frame::from_bits(id, word, len).on_bus(bus));
+            controlword.put_unsigned(&mut word, u64::from(orders.controlword));
+            target.put_signed(&mut word, i64::from(orders.target));
+            out.push(Frame::from_bits(*id, word, *len).on_bus(*bus));
         }
     }
 }
@@ -409,32 +363,4 @@ impl Image {
 /// Place of an identifier of a bus among the slots.
 fn slot_index(bus: u8, id: u16) -> usize {
     usize::from(bus) * IDENTIFIERS + usize::from(id)
-}
-
-fn sample_of(drive: &Drive, angle_rad: Option<f64>) -> DriveSample {
-    DriveSample {
-        angle_rad,
-        state: drive.statusword.state().unwrap_or(State::NotReadyToSwitchOn),
-        follows_command: drive.statusword.has(Statusword::FOLLOWS_COMMAND),
-        has_voltage: drive.statusword.has(Statusword::VOLTAGE_ENABLED),
-        has_warning: drive.statusword.has(Statusword::WARNING),
-    }
-}
-
-/// Scales an allowed command. A value that cannot be scaled keeps the joint where it is.
-fn raw_set_points(command: &Allowed<JointCommand>, drives: &[Drive; 2]) -> [i64; 2] {
-    let [left, right] = drives;
-    let each = |values: [f64; 2], scale: &dyn Fn(&Drive, f64) -> i64| [scale(left, values[0]), scale(right, values[1])];
-    match command.get() {
-        JointCommand::Position(angles) => each(angles.to_array(), &|drive, angle| {
-            let here = drive.unwrapper.counts();
-            i64::from(wrap(drive.scaling.counts(angle).unwrap_or(here)))
-        }),
-        JointCommand::Velocity(rates) => each(rates.to_array(), &|drive, rate| {
-            drive.scaling.rate_counts_per_s(rate).map_or(0, |raw| i64::from(raw.value))
-        }),
-        JointCommand::Torque(torques) => each(torques.to_array(), &|drive, torque| {
-            drive.scaling.torque_per_mille(torque).map_or(0, |raw| i64::from(raw.value))
-        }),
-    }
 }

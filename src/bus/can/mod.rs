@@ -1,38 +1,65 @@
-//! The master: boot, then two moments a cycle.
+//! The rig's CAN buses as one network: boot, then raw words that come and go twice a cycle.
 
+mod boot;
+pub mod budget;
+mod image;
 mod line;
-mod network;
 mod node;
-mod phase;
+mod signs;
+mod states;
 mod waiting;
 
 use std::time::Duration;
 
-use super::boot::Boot;
+use super::axis::{DriveOrders, DriveWords};
 use super::error::{BootError, BootFailure};
-use super::image::{Image, SensorFrames, Taken};
+use super::phase::{LinkEvent, Phase};
 use super::setup::{MasterSetup, SensorLink};
-use super::signs::Signs;
 use crate::canopen::nmt;
 use crate::canopen::{self, Emergency, Frame, NodeId, Outbox, SyncProducer, Time, cob};
-use crate::cycle::{Cycle, Inputs, LinkEvents, Outputs, Timing};
-use crate::guard::{Allowed, Cause, DeviceSet, Directive, Fault, Request, State};
+use crate::cycle::LinkEvents;
+use crate::guard::DeviceSet;
 use crate::plain_can::Client;
+use crate::sensing::RawSample;
+use boot::Boot;
+use image::{Image, SensorFrames, Taken};
 use line::Line;
 use node::Node;
 
-pub use phase::{LinkEvent, Phase};
+pub use signs::{Heard, LISTENING, Sign, Signs};
 pub use waiting::Waiting;
 
 /// Emergencies that are remembered.
 const EMERGENCIES: usize = 8;
 
-/// The master of one rig, on the buses that its devices are on.
+/// What a device has told by an emergency message.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Told {
+    /// When the message came.
+    pub time: Time,
+    /// The device. Its node id alone does not tell which: each bus has its own.
+    pub device: DeviceSet,
+    /// The message.
+    pub emergency: Emergency,
+}
+
+/// What has come since the last cycle.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Arrived {
+    /// Words of the left and of the right drive.
+    pub(super) drives: [DriveWords; 2],
+    /// The newest sample of the force sensor, if one has come.
+    pub(super) sample: Option<RawSample>,
+    /// What happened on the buses.
+    pub(super) link: LinkEvents,
+}
+
+/// All CAN buses of a rig.
 ///
 /// Frames come with the number of their bus ([`Frame::bus`]) and leave with it. SYNC, NMT commands and the master's
 /// heartbeat go to every bus where somebody hears them, and nothing is exchanged before the nodes of all buses are there.
 #[derive(Clone)]
-pub struct Master {
+pub(super) struct CanNetwork {
     id: NodeId,
     heartbeat: Duration,
     next_heartbeat: Time,
@@ -52,8 +79,6 @@ pub struct Master {
     has_sent: bool,
     sync: SyncProducer,
     image: Image,
-    cycle: Cycle,
-    inputs: Inputs,
     events: LinkEvents,
     /// Whether nothing is sent: the bus could not be reached, and the drives' watchdogs shall act.
     is_silent: bool,
@@ -67,20 +92,17 @@ pub struct Master {
     is_sync_held: bool,
     /// SDO downloads of somebody else to configured nodes.
     foreign_downloads: u32,
-    /// Whether the cycle failed and never runs again.
-    has_failed: bool,
-    last: Outputs,
-    /// The last emergencies, a ring, and where the next one goes.
-    emergencies: [Option<(Time, Emergency)>; EMERGENCIES],
-    next_emergency: usize,
+    /// What the devices told last, a ring, and where the next one goes.
+    told: [Option<Told>; EMERGENCIES],
+    next_told: usize,
 }
 
-impl Master {
-    /// A master that has sent nothing yet.
+impl CanNetwork {
+    /// A network to which nothing was sent yet.
     ///
     /// # Errors
     /// If node identifiers are out of range or used twice, or if a profile lacks the process data of the command mode.
-    pub fn new(setup: &MasterSetup, cycle: Cycle) -> Result<Self, BootError> {
+    pub(super) fn new(setup: &MasterSetup) -> Result<Self, BootError> {
         let id = node_id(setup.node_id, "master")?;
         let mut known = Vec::new();
         let mut fresh = |bus: u8, raw: u8, name: &str| -> Result<NodeId, BootError> {
@@ -126,19 +148,9 @@ impl Master {
             }
         }
         image.claim_plain().map_err(of_sensor)?;
-        let last = cycle.idle();
         let sync = SyncProducer::new(cob::SYNC, 0).map_err(|_| {
             refuse(Some(setup.node_id), "master", "prepare SYNC", BootFailure::NodeId { node_id: setup.node_id })
         })?;
-        let nothing = image.arrivals(Time::default());
-        let link = LinkEvents::default();
-        let inputs = Inputs {
-            drives: nothing.drives,
-            sample: nothing.sample,
-            link,
-            timing: Timing::default(),
-            request: Request::None,
-        };
         Ok(Self {
             id,
             heartbeat: setup.heartbeat,
@@ -154,8 +166,6 @@ impl Master {
             has_sent: false,
             sync,
             image,
-            cycle,
-            inputs,
             events: LinkEvents::default(),
             is_silent: false,
             has_echo: false,
@@ -163,70 +173,51 @@ impl Master {
             is_overwritten: false,
             is_sync_held: false,
             foreign_downloads: 0,
-            has_failed: false,
-            last,
-            emergencies: [None; EMERGENCIES],
-            next_emergency: 0,
+            told: [None; EMERGENCIES],
+            next_told: 0,
         })
     }
 
     /// Where the network stands.
-    pub fn phase(&self) -> &Phase {
+    pub(super) fn phase(&self) -> &Phase {
         &self.phase
     }
 
-    /// The rig's cycle, for reports.
-    pub fn cycle(&self) -> &Cycle {
-        &self.cycle
-    }
-
-    /// What entered the last cycle; before the first one, that nothing has arrived.
-    ///
-    /// Real-time: yes.
-    pub fn last_inputs(&self) -> &Inputs {
-        &self.inputs
-    }
-
-    /// State of the rig.
-    pub fn state(&self) -> State {
-        if self.has_failed { Directive::QUICK_STOP.state } else { self.cycle.state() }
-    }
-
-    /// The fault that led to the present state.
-    pub fn cause(&self) -> Option<Cause> {
-        if self.has_failed {
-            return Some(Cause { fault: Fault::CyclePanicked, devices: DeviceSet::HOST });
-        }
-        self.cycle.cause()
-    }
-
-    /// Whether nothing is sent any more, so that the drives' watchdogs act. A link then drops what its queue still holds,
-    /// and sends nothing of it later.
-    pub fn is_silent(&self) -> bool {
+    /// Whether nothing is sent any more, so that the drives' watchdogs act.
+    pub(super) fn is_silent(&self) -> bool {
         self.is_silent
     }
 
-    /// How often somebody else began to write to a configured node by SDO. While the rig is enabled that is
-    /// [`Fault::Intruder`], until the network is started anew; otherwise it is only counted. Reading is nobody's harm.
-    pub fn foreign_downloads(&self) -> u32 {
+    /// Falls silent, or goes on when a person has the exchange go on.
+    pub(super) fn set_silent(&mut self, is_silent: bool) {
+        if self.is_silent && !is_silent {
+            // What was on its way is gone.
+            self.lines.iter_mut().for_each(|line| line.in_flight = 0);
+        }
+        self.is_silent = is_silent;
+    }
+
+    /// Has set-points leave whatever holds them back.
+    pub(super) fn unmute(&mut self) {
+        (self.is_silent, self.held) = (false, DeviceSet::NONE);
+    }
+
+    /// How often somebody else began to write to a configured node by SDO.
+    pub(super) fn foreign_downloads(&self) -> u32 {
         self.foreign_downloads
     }
 
-    /// The last emergency message of any node.
-    pub fn last_emergency(&self) -> Option<Emergency> {
-        self.emergencies().last().map(|(_, emergency)| emergency)
-    }
-
-    /// The last emergency messages of all nodes with the moments at which they came, at most eight, the oldest first.
-    pub fn emergencies(&self) -> impl Iterator<Item = (Time, Emergency)> {
-        let (newer, older) = self.emergencies.split_at(self.next_emergency);
+    /// What the devices told last, at most eight, the oldest first.
+    pub(super) fn told(&self) -> impl Iterator<Item = Told> {
+        let (newer, older) = self.told.split_at(self.next_told);
         older.iter().chain(newer).copied().flatten()
     }
 
-    /// Takes a frame of another node from the bus; own ones go to [`Master::on_echo`].
+    /// Takes a frame of another node from the bus; own ones go to [`CanNetwork::on_echo`]. `is_enabled` says whether the
+    /// rig is, or tries to be.
     ///
     /// Real-time: yes, while operational.
-    pub fn on_frame(&mut self, now: Time, frame: &Frame, out: &mut impl Outbox) {
+    pub(in crate::bus) fn on_frame(&mut self, now: Time, frame: &Frame, is_enabled: bool, out: &mut impl Outbox) {
         if self.phase != Phase::Operational {
             if let Some(heard) = self.signs.find(frame) {
                 return self.give_way(heard);
@@ -244,12 +235,12 @@ impl Master {
             }
             Taken::Other => {}
         }
-        let (has_echo, state) = (self.has_echo, self.state());
+        let has_echo = self.has_echo;
         for node in self.nodes.iter_mut().filter(|node| node.bus == frame.bus()) {
             node.on_sdo(frame, has_echo);
             if node.is_written_by(frame) {
                 self.foreign_downloads = self.foreign_downloads.saturating_add(1);
-                node.is_altered |= !(state == State::Idle || state.is_latched());
+                node.is_altered |= is_enabled;
             }
         }
         if let Some((id, state)) = nmt::decode_heartbeat(frame)
@@ -274,10 +265,10 @@ impl Master {
                 } else {
                     self.events.emergency |= node.device;
                 }
-                if let Some(place) = self.emergencies.get_mut(self.next_emergency) {
-                    *place = Some((now, emergency));
+                if let Some(place) = self.told.get_mut(self.next_told) {
+                    *place = Some(Told { time: now, device: node.device, emergency });
                 }
-                self.next_emergency = (self.next_emergency + 1) % EMERGENCIES;
+                self.next_told = (self.next_told + 1) % EMERGENCIES;
             }
             return;
         }
@@ -293,7 +284,7 @@ impl Master {
     /// on its way is then not watched.
     ///
     /// Real-time: yes.
-    pub fn on_echo(&mut self, frame: &Frame) {
+    pub(in crate::bus) fn on_echo(&mut self, frame: &Frame) {
         self.has_echo = true;
         let is_set_point = self.image.is_set_point(frame);
         if let Some(line) = self.lines.iter_mut().find(|line| line.bus == frame.bus()) {
@@ -306,14 +297,14 @@ impl Master {
     ///
     /// At most one cycle is in flight: while set-points of an earlier cycle have not been seen on their bus, or SYNC on a bus
     /// without set-points, neither SYNC nor set-points are sent on any. At the second such cycle in a row the master falls
-    /// silent ([`Master::is_silent`]).
+    /// silent ([`CanNetwork::is_silent`]).
     ///
     /// Drives act at SYNC on the last set-point that they heard. After one of somebody else SYNC therefore waits on all buses
     /// until own ones, which the cycle has computed as the answer to [`Fault::Intruder`], were sent and seen.
     /// Sending them here already would gain nothing: the SYNC that makes the drives act on them is that of the next cycle.
     ///
     /// Real-time: yes.
-    pub fn on_sync(&mut self, out: &mut impl Outbox) {
+    pub(in crate::bus) fn open(&mut self, out: &mut impl Outbox) {
         self.image.begin_cycle();
         let waiting = self.lines.iter().filter(|line| self.has_echo && line.in_flight > 0);
         self.held = waiting.fold(DeviceSet::NONE, |held, line| held | DeviceSet::interface(line.bus));
@@ -327,25 +318,17 @@ impl Master {
         }
     }
 
-    /// Whether all that answers SYNC has arrived since [`Master::on_sync`]: the process data of all nodes, the sample of a
-    /// sensor that was asked for one, and that of one which streams if its rate has it come by `now`.
-    ///
-    /// Real-time: yes.
-    pub fn has_process_data(&self, now: Time) -> bool {
-        self.missing(now).is_empty()
-    }
-
     /// The devices of which something of that is missing.
     ///
     /// Real-time: yes.
-    pub fn missing(&self, now: Time) -> DeviceSet {
+    pub(in crate::bus) fn missing(&self, now: Time) -> DeviceSet {
         self.image.missing(now)
     }
 
     /// Forgets when the nodes' heartbeats came, which do not tell one device from two where they waited to be taken.
     ///
     /// Real-time: yes.
-    pub fn forget_heartbeat_times(&mut self) {
+    pub(in crate::bus) fn forget_heartbeat_times(&mut self) {
         self.nodes.iter_mut().for_each(Node::forget_times);
     }
 
@@ -353,25 +336,25 @@ impl Master {
     /// hold a set-point of somebody else, or nothing is sent at all: no process data can come.
     ///
     /// Real-time: yes.
-    pub fn is_sync_held(&self) -> bool {
+    pub(in crate::bus) fn is_sync_held(&self) -> bool {
         self.is_sync_held
     }
 
     /// Whether neither SYNC nor set-points are sent in this cycle.
-    fn is_mute(&self) -> bool {
+    pub(in crate::bus) fn is_mute(&self) -> bool {
         self.is_silent || !self.held.is_empty()
     }
 
     /// Whether set-points, or SYNC where there are none, were sent that have not been seen on their bus yet.
     ///
     /// Real-time: yes.
-    pub fn is_in_flight(&self) -> bool {
+    pub(in crate::bus) fn is_in_flight(&self) -> bool {
         self.lines.iter().any(|line| line.in_flight > 0)
     }
 
     /// SYNC on every bus where somebody hears it, outside of any cycle; none while a drive may hold a set-point of somebody
     /// else.
-    pub fn repeat_sync(&mut self, out: &mut impl Outbox) {
+    pub(in crate::bus) fn repeat_sync(&mut self, out: &mut impl Outbox) {
         if !self.is_overwritten {
             self.send_sync(out);
         }
@@ -382,39 +365,22 @@ impl Master {
         self.lines.iter().filter(|line| line.has_sync).for_each(|line| out.push(sync.on_bus(line.bus)));
     }
 
-    /// The set-points of the last cycle once more, whatever has happened since: a drive that stops then stops by itself.
-    pub fn repeat_set_points(&mut self, out: &mut impl Outbox) {
-        self.image.send(self.last.directive.goal, &self.last.command, out);
-    }
-
     /// A heartbeat if one is due; when the last one was sent.
-    pub fn repeat_heartbeat(&mut self, now: Time, out: &mut impl Outbox) -> Time {
+    pub(in crate::bus) fn repeat_heartbeat(&mut self, now: Time, out: &mut impl Outbox) -> Time {
         self.send_heartbeat(now, out);
         Time(self.next_heartbeat.0.saturating_sub(self.heartbeat.as_nanos() as u64))
     }
 
     /// The heartbeat period that the drives watch.
-    pub fn heartbeat_period(&self) -> Duration {
+    pub(in crate::bus) fn heartbeat_period(&self) -> Duration {
         self.heartbeat
     }
 
-    /// The moment at which all process data are in: [`Master::step`], and then [`Master::send_set_points`].
+    /// What has come by `now`, and what has happened since the last cycle.
     ///
     /// Real-time: yes.
-    pub fn on_compute(&mut self, now: Time, request: Request, timing: Timing, out: &mut impl Outbox) -> Outputs {
-        let outputs = self.step(now, request, timing);
-        self.send_set_points(now, out);
-        outputs
-    }
-
-    /// Decodes the process data and runs the cycle; nothing is sent. `timing` says how this cycle ran against its grid.
-    ///
-    /// Real-time: yes.
-    pub fn step(&mut self, now: Time, request: Request, timing: Timing) -> Outputs {
+    pub(in crate::bus) fn take(&mut self, now: Time) -> Arrived {
         let arrivals = self.image.arrivals(now);
-        if self.has_failed {
-            return self.last;
-        }
         let mut link = std::mem::take(&mut self.events);
         link.bad_length = arrivals.irregular.bad_length;
         link.duplicated = arrivals.irregular.duplicated;
@@ -431,51 +397,29 @@ impl Master {
             // What nodes do in the cycle of a stranger's command is its effect; if it stays, the next cycle shows it.
             (link.heartbeat_lost, link.node_reset) = (DeviceSet::NONE, DeviceSet::NONE);
         }
-        self.inputs = Inputs { drives: arrivals.drives, sample: arrivals.sample, link, timing, request };
-        self.last = self.cycle.step(&self.inputs);
-        if self.last.directive.fault_reset {
-            self.image.request_fault_reset();
-        }
-        if self.is_silent && !self.last.directive.is_silent {
-            // A person has the exchange go on: what was on its way is gone.
-            self.lines.iter_mut().for_each(|line| line.in_flight = 0);
-        }
-        self.is_silent = self.last.directive.is_silent;
-        self.last
+        Arrived { drives: arrivals.drives, sample: arrivals.sample, link }
     }
 
-    /// Sends both drives a quick stop without the cycle, which has panicked in the caller's hands. It never runs again:
-    /// [`Master::send_set_points`] goes on to send the quick stop, the state is [`State::Disabled`] for good, and its cause
-    /// [`Fault::CyclePanicked`].
+    /// Sends what the drives shall do, which the next SYNC makes them apply, and behind it a heartbeat that is due.
     ///
     /// Real-time: yes.
-    pub fn quick_stop_now(&mut self, now: Time, out: &mut impl Outbox) {
-        self.has_failed = true;
-        self.last.command = Allowed::rest(self.last.command.get(), self.last.signals.measured_angles);
-        self.last.directive = Directive::QUICK_STOP;
-        (self.is_silent, self.held) = (false, DeviceSet::NONE);
-        self.send_set_points(now, out);
-    }
-
-    /// Sends the set-points of the last [`Master::step`], which the next SYNC makes the drives apply, and behind them a
-    /// heartbeat that is due.
-    ///
-    /// Real-time: yes.
-    pub fn send_set_points(&mut self, now: Time, out: &mut impl Outbox) {
-        if self.is_mute() {
-            return self.image.cancel_fault_reset();
-        }
-        self.image.send(self.last.directive.goal, &self.last.command, out);
+    pub(in crate::bus) fn close(&mut self, now: Time, orders: &[DriveOrders; 2], out: &mut impl Outbox) {
+        self.send(orders, out);
         // What was heard up to the computation is the cycle's cause to stop both drives.
         self.is_overwritten = false;
         self.lines.iter_mut().for_each(Line::note_set_points);
         self.send_heartbeat(now, out);
     }
 
+    /// Sends what the drives shall do, outside of any cycle.
+    pub(in crate::bus) fn send(&self, orders: &[DriveOrders; 2], out: &mut impl Outbox) {
+        self.image.send(orders, out);
+    }
+
     /// Notes what the interface to a bus tells; the next cycle acts on it.
     ///
     /// Real-time: yes.
-    pub fn on_link(&mut self, bus: u8, event: LinkEvent) {
+    pub(in crate::bus) fn on_link(&mut self, bus: u8, event: LinkEvent) {
         let events = match event {
             LinkEvent::SendFailed => &mut self.events.send_failed,
             LinkEvent::ErrorPassive => &mut self.events.error_passive,

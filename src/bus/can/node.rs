@@ -2,9 +2,9 @@
 
 use std::time::Duration;
 
-use super::phase::Phase;
-use crate::bus::boot::Boot;
+use super::boot::Boot;
 use crate::bus::error::Said;
+use crate::bus::phase::Phase;
 use crate::bus::setup::Waits;
 use crate::canopen::{Frame, NmtState, NodeId, Time, cob};
 use crate::guard::DeviceSet;

@@ -1,7 +1,7 @@
 //! The configuration of one node by SDO, as a list of steps.
 
-use super::error::BootFailure;
-use super::setup::{DriveSetup, MasterSetup, SensorNode};
+use crate::bus::error::BootFailure;
+use crate::bus::setup::{DriveSetup, MasterSetup, SensorNode};
 use crate::canopen::{Frame, NmtCommand, NodeId, Outbox, SdoClient, SdoOutcome, Time, cob};
 use std::time::Duration;
 use yieldwall_drives::cia402::OperationMode;

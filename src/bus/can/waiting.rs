@@ -3,8 +3,9 @@
 use std::fmt;
 use std::time::Duration;
 
-use super::{Master, Phase};
+use super::CanNetwork;
 use crate::bus::error::named;
+use crate::bus::phase::Phase;
 use crate::canopen::Time;
 
 /// What the boot waits for.
@@ -30,9 +31,9 @@ impl fmt::Display for Waiting<'_> {
     }
 }
 
-impl Master {
+impl CanNetwork {
     /// What the boot waits for; of several devices the one that is given up first. Nothing when there is no boot.
-    pub fn waiting(&self, now: Time) -> Option<Waiting<'_>> {
+    pub(in crate::bus) fn waiting(&self, now: Time) -> Option<Waiting<'_>> {
         let nodes = self.nodes.iter().filter_map(|node| {
             let (step, until) = match self.phase {
                 Phase::Configuring if !node.boot.is_done() => (node.boot.doing(), node.boot.next_deadline()),

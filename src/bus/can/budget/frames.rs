@@ -4,7 +4,7 @@ use std::time::Duration;
 
 use super::bits::{longest_bits, shortest_bits, worst_bits};
 use super::response::Stream;
-use crate::bus::boot::mapping;
+use crate::bus::can::boot::mapping;
 use crate::bus::error::{BootError, BootFailure};
 use crate::bus::setup::{MasterSetup, SensorLink, SensorSetup};
 use crate::canopen::{NodeId, cob};

@@ -7,7 +7,7 @@
 use std::fmt;
 use std::time::Duration;
 
-use super::setup::{MasterSetup, SensorLink};
+use crate::bus::setup::{MasterSetup, SensorLink};
 use crate::canopen::{Frame, NodeId, cob};
 use crate::guard::DeviceSet;
 

@@ -4,26 +4,27 @@ use std::time::Duration;
 
 use super::line::Line;
 use super::node::Node;
-use super::{Master, Phase, refuse};
+use super::signs::Heard;
+use super::{CanNetwork, refuse};
 use crate::bus::error::BootFailure;
-use crate::bus::signs::Heard;
+use crate::bus::phase::Phase;
 use crate::canopen::nmt::{self, HeartbeatChange, HeartbeatEvent};
 use crate::canopen::{Frame, NmtCommand, NmtState, Outbox, Time};
 use crate::cycle::LinkEvents;
 use crate::guard::DeviceSet;
 use crate::plain_can::Client;
 
-impl Master {
-    /// Begins to listen for another master, with nothing sent until [`Master::announce`] or [`Master::start`]. One that is
+impl CanNetwork {
+    /// Begins to listen for another master, with nothing sent until [`CanNetwork::announce`] or [`CanNetwork::start`]. One that is
     /// heard is [`Phase::Failed`] with [`BootFailure::OtherMaster`], and so it is from then on until the exchange of process
     /// data: in operation such frames are a fault of the cycle.
-    pub fn listen(&mut self) {
+    pub(in crate::bus) fn listen(&mut self) {
         self.enter(Phase::Off);
     }
 
     /// Sends the first heartbeat, which disturbs nobody, before anything that does: two masters that begin at the same moment
     /// hear each other's.
-    pub fn announce(&mut self, now: Time, out: &mut impl Outbox) {
+    pub(in crate::bus) fn announce(&mut self, now: Time, out: &mut impl Outbox) {
         self.has_sent = true;
         self.next_heartbeat = now;
         self.send_heartbeat(now, out);
@@ -41,22 +42,14 @@ impl Master {
         (self.is_silent, self.next_heartbeat) = (true, Time::NEVER);
     }
 
-    /// Resets the nodes of the rig, no others, and starts to watch them: the first time, and again when a person restarts it after a node
-    /// was reset or lost. Nothing is remembered of what was before but the emergencies, and nothing is enabled.
-    ///
-    /// After [`Master::quick_stop_now`] it does nothing: only a new master can tell what the cycle does.
-    pub fn start(&mut self, now: Time, out: &mut impl Outbox) {
-        if self.has_failed {
-            return;
-        }
-        self.cycle.restart();
+    /// Resets the nodes of the rig, no others, and starts to watch them. Nothing is remembered of what was before but the emergencies.
+    pub(in crate::bus) fn start(&mut self, now: Time, out: &mut impl Outbox) {
         self.image.restart();
         self.lines.iter_mut().for_each(Line::restart);
         self.nodes.iter_mut().for_each(Node::restart);
         self.events = LinkEvents::default();
         (self.is_silent, self.held, self.has_echo) = (false, DeviceSet::NONE, false);
         (self.is_overwritten, self.is_sync_held) = (false, false);
-        self.last = self.cycle.idle();
         self.enter(Phase::Resetting);
         self.phase_since = now;
         self.has_sent = true;
@@ -67,10 +60,10 @@ impl Master {
         self.send_heartbeat(now, out);
     }
 
-    /// When [`Master::poll`] has to be called again at the latest.
+    /// When [`CanNetwork::poll`] has to be called again at the latest.
     ///
     /// Real-time: yes.
-    pub fn next_deadline(&self) -> Time {
+    pub(in crate::bus) fn next_deadline(&self) -> Time {
         // In operation the heartbeat follows the set-points, where it is in nobody's way.
         let heartbeat = if self.phase == Phase::Operational { Time::NEVER } else { self.next_heartbeat };
         let watched = self.lines.iter().map(|line| line.watch.next_deadline()).fold(Time::NEVER, Time::min);
@@ -87,7 +80,7 @@ impl Master {
     /// Does what time asks for: heartbeat, watched nodes, waits of the boot.
     ///
     /// Real-time: yes, while operational.
-    pub fn poll(&mut self, now: Time, out: &mut impl Outbox) {
+    pub(in crate::bus) fn poll(&mut self, now: Time, out: &mut impl Outbox) {
         if self.phase != Phase::Operational {
             self.send_heartbeat(now, out);
         }
@@ -107,7 +100,7 @@ impl Master {
     }
 
     /// Leaves the network: the nodes go to Pre-operational, where nobody waits for set-points. For a rig that was stopped.
-    pub fn leave(&mut self, out: &mut impl Outbox) {
+    pub(in crate::bus) fn leave(&mut self, out: &mut impl Outbox) {
         self.enter(Phase::Off);
         self.command(NmtCommand::EnterPreOperational, out);
     }

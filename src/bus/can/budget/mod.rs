@@ -17,8 +17,8 @@ pub use response::{Stream, blocking_ns, response_among_ns, response_ns};
 
 use std::time::Duration;
 
-use super::error::BootError;
-use super::setup::MasterSetup;
+use crate::bus::error::BootError;
+use crate::bus::setup::MasterSetup;
 use phases::{Timing, responses_ns};
 
 /// What the response times depend on besides the frames.

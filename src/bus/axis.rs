@@ -1,0 +1,125 @@
+//! One axis, whatever its bus: the walk through the states of CiA 402, counts to radians and back.
+
+use crate::cycle::DriveSample;
+use crate::guard::{Allowed, JointCommand};
+use yieldwall_drives::cia402::{Goal, State, StateWalk, Statusword};
+use yieldwall_drives::scaling::{AxisScaling, CountUnwrapper, wrap};
+
+/// What a drive has sent since the last cycle: raw words, as any fieldbus carries them.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(super) struct DriveWords {
+    /// Statusword, if it has come.
+    pub(super) statusword: Option<u16>,
+    /// Position in counts modulo 2^32, if it has come.
+    pub(super) position: Option<i32>,
+}
+
+/// What a drive is sent.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) struct DriveOrders {
+    /// Controlword.
+    pub(super) controlword: u16,
+    /// Target in the unit of the command mode: counts modulo 2^32, counts/s, or per mille of the rated torque.
+    pub(super) target: i32,
+}
+
+/// A drive as the cycle sees it.
+#[derive(Clone, Debug)]
+pub(super) struct Axis {
+    scaling: AxisScaling,
+    /// Counts at the angle near which each position is unwrapped: the drive counts modulo 2^32.
+    expected_counts: i64,
+    unwrapper: CountUnwrapper,
+    walk: StateWalk,
+    statusword: Statusword,
+}
+
+impl Axis {
+    /// An axis of which nothing has been heard. `expected_angle_rad` says which turn its first position is in.
+    pub(super) fn new(scaling: AxisScaling, expected_angle_rad: f64) -> Self {
+        let expected_counts = scaling.counts(expected_angle_rad).unwrap_or_default();
+        Self {
+            scaling,
+            expected_counts,
+            unwrapper: CountUnwrapper::near(expected_counts),
+            walk: StateWalk::new(),
+            statusword: Statusword::default(),
+        }
+    }
+
+    /// Forgets all that was heard of the drive.
+    pub(super) fn restart(&mut self) {
+        self.unwrapper = CountUnwrapper::near(self.expected_counts);
+        (self.walk, self.statusword) = (StateWalk::new(), Statusword::default());
+    }
+
+    /// What the words say, in SI. A statusword that has not come is the last one.
+    ///
+    /// Real-time: yes.
+    pub(super) fn take(&mut self, words: DriveWords) -> DriveSample {
+        if let Some(statusword) = words.statusword {
+            self.statusword = Statusword(statusword);
+        }
+        let angle_rad = words.position.map(|position| {
+            // From the expected angle each time: a corrupted report leaves no wrong turn behind.
+            self.unwrapper = CountUnwrapper::near(self.expected_counts);
+            self.scaling.angle_rad(self.unwrapper.unwrap(position))
+        });
+        self.sample(angle_rad)
+    }
+
+    /// What is known of the drive while no position has come.
+    pub(super) fn unheard(&self) -> DriveSample {
+        self.sample(None)
+    }
+
+    fn sample(&self, angle_rad: Option<f64>) -> DriveSample {
+        DriveSample {
+            angle_rad,
+            state: self.statusword.state().unwrap_or(State::NotReadyToSwitchOn),
+            follows_command: self.statusword.has(Statusword::FOLLOWS_COMMAND),
+            has_voltage: self.statusword.has(Statusword::VOLTAGE_ENABLED),
+            has_warning: self.statusword.has(Statusword::WARNING),
+        }
+    }
+
+    /// Asks the drive for one reset if it is in Fault.
+    pub(super) fn request_fault_reset(&mut self) {
+        self.walk.request_fault_reset();
+    }
+
+    /// Drops a reset that could not be sent: what fails in the meantime was not seen by the person who asked.
+    pub(super) fn cancel_fault_reset(&mut self) {
+        self.walk.cancel_fault_reset();
+    }
+
+    /// One step towards `goal`.
+    fn order(&mut self, goal: Goal, target: i32) -> DriveOrders {
+        self.walk.set_goal(goal);
+        DriveOrders { controlword: self.walk.step(self.statusword).controlword, target }
+    }
+}
+
+/// What both drives are sent: each one step towards `goal`, with its share of `command`. Only a command that the guard has allowed becomes a
+/// target. A value that cannot be scaled keeps the joint where it is.
+///
+/// Real-time: yes.
+pub(super) fn orders(axes: &mut [Axis; 2], goal: Goal, command: &Allowed<JointCommand>) -> [DriveOrders; 2] {
+    let [left, right] = axes;
+    let mut each = |values: [f64; 2], scale: &dyn Fn(&Axis, f64) -> i32| {
+        let [left_value, right_value] = values;
+        let targets = [scale(left, left_value), scale(right, right_value)];
+        [left.order(goal, targets[0]), right.order(goal, targets[1])]
+    };
+    match command.get() {
+        JointCommand::Position(angles) => {
+            each(angles.to_array(), &|axis, angle| wrap(axis.scaling.counts(angle).unwrap_or(axis.unwrapper.counts())))
+        }
+        JointCommand::Velocity(rates) => {
+            each(rates.to_array(), &|axis, rate| axis.scaling.rate_counts_per_s(rate).map_or(0, |raw| raw.value))
+        }
+        JointCommand::Torque(torques) => each(torques.to_array(), &|axis, torque| {
+            axis.scaling.torque_per_mille(torque).map_or(0, |raw| raw.value.into())
+        }),
+    }
+}
