@@ -10,7 +10,7 @@ use yieldwall::elementary;
 use yieldwall::guard::{Cause, DeviceSet, Fault, State};
 use yieldwall::injection::{Injection, Kind, Target};
 use yieldwall::rig::{self, DeviceServer};
-use yieldwall::run::{Ask, Demands, Ended, Pace, Play, Runner, drive_addresses};
+use yieldwall::run::{Ask, Demands, Ended, Pace, Play, Runner};
 use yieldwall_drives::cia402;
 
 /// The sensor on a bus of its own.
@@ -172,7 +172,7 @@ fn the_loop_for_real_buses_runs_them_in_both_paces() {
             let cable = Cable::new(server);
             let mut live = Runner::on_link(&scenario.rig, cable.clone(), cable.clone(), pace).unwrap();
             live.boot().unwrap();
-            let serials = live.identities(drive_addresses(&scenario.rig).unwrap()).unwrap();
+            let serials = live.identities().unwrap();
             assert_eq!(serials.map(|drive| drive.serial_number), [1, 2], "{what}");
             let begun = cable.look(|server| (server.now(), server.counts().syncs));
             let play = Play { cycles: 2000, settling: 50 };

@@ -1,6 +1,7 @@
 //! The loop for a real bus, on a cable in memory: the rig against the same simulated devices, on a clock of its own.
 
 use std::cell::Cell;
+use std::path::PathBuf;
 use std::rc::Rc;
 use std::sync::atomic::AtomicBool;
 use std::sync::{Arc, Mutex};
@@ -12,15 +13,17 @@ use hil_tests::{
 };
 use yieldwall::bus::{BootFailure, SensorLink};
 use yieldwall::canopen::{Frame, cob};
+use yieldwall::config::{self, Source};
 use yieldwall::elementary;
 use yieldwall::guard::{DeviceSet, Fault, State};
 use yieldwall::record::Row;
 use yieldwall::rig::{self, DeviceServer};
 use yieldwall::run::{
-    Ask, DRILL_LIMIT, Demands, DriveAddress, Enable, Enabling, Ended, NotProven, OnLink, Pace, Play, Played, Proof,
-    RunError, Runner, Unproven, Unsafe, drive_addresses,
+    Ask, DRILL_LIMIT, Demands, Enable, Enabling, Ended, NotProven, OnLink, Pace, Play, Played, Proof, RunError, Runner,
+    Unproven, Unsafe,
 };
 use yieldwall_drives::cia402;
+use yieldwall_drives::profiles::SHIPPED;
 use yieldwall_drives::watchdog::Watchdog;
 
 type Rig = Runner<OnLink<Cable, Cable>>;
@@ -233,8 +236,8 @@ fn a_drive_that_dies_stops_the_other_in_the_same_cycle() {
     for pace in [Pace::Free, Pace::Lockstep] {
         let scenario = Scenario::torque();
         let (cable, mut rig) = running(&scenario, pace, 300);
-        let [left, _] = drive_addresses(&scenario.rig).unwrap();
-        let own = [cob::tpdo(1, left.node), Some(cob::heartbeat(left.node)), Some(cob::emcy(left.node))];
+        let left = cob::node_id(1).unwrap();
+        let own = [cob::tpdo(1, left), Some(cob::heartbeat(left)), Some(cob::emcy(left))];
         cable.set_passage(move |_, is_master, frame| is_master || !own.contains(&Some(frame.id())));
         // Missed process data: after two cycles the reference comes to rest, after five the drives quick-stop.
         assert_eq!(until_latched(&mut rig, 10), Some(5), "{pace:?}");
@@ -333,7 +336,7 @@ fn the_drill_on_a_bus_finds_what_the_one_in_virtual_time_finds() {
     for scenario in [Scenario::torque(), Scenario::position()] {
         let demands = Demands::of(&scenario.rig);
         let (_, mut live) = wired(&scenario, Pace::Free);
-        let on_bus = live.drill(drive_addresses(&scenario.rig).unwrap(), 50, &AtomicBool::new(false)).unwrap();
+        let on_bus = live.drill(50, &AtomicBool::new(false)).unwrap();
         let virtually = rig::drill(&scenario.rig, &scenario.scene, |_| ()).unwrap();
         on_bus.judge(demands).unwrap();
         virtually.judge(demands).unwrap();
@@ -356,7 +359,7 @@ fn a_drive_without_a_watchdog_is_found_on_the_bus_and_in_virtual_time() {
         server.ignore(watchdog);
         let cable = Cable::new(server);
         let mut live = Runner::on_link(&scenario.rig, cable.clone(), cable.clone(), Pace::Free).unwrap();
-        let on_bus = live.drill(drive_addresses(&scenario.rig).unwrap(), 50, &AtomicBool::new(false)).unwrap();
+        let on_bus = live.drill(50, &AtomicBool::new(false)).unwrap();
         let virtually = rig::drill(&scenario.rig, &scenario.scene, |machine| machine.ignore(watchdog)).unwrap();
         for drilled in [on_bus, virtually] {
             assert_eq!(
@@ -382,7 +385,7 @@ fn simulated_drives_of_another_pace_or_in_lockstep_without_a_watchdog_are_refuse
         let cable = Cable::new(server);
         let mut rig = Runner::on_link(&scenario.rig, cable.clone(), cable.clone(), pace).unwrap();
         rig.boot().unwrap();
-        rig.check_simulation(drive_addresses(&scenario.rig).unwrap())
+        rig.check_simulation()
     };
     for (pace, other) in [(Pace::Lockstep, Pace::Free), (Pace::Free, Pace::Lockstep)] {
         assert_eq!(asked(pace, pace, None), Ok(()));
@@ -467,13 +470,33 @@ fn a_drive_of_another_profile_and_vendor_is_a_simulated_one_by_its_mark_alone() 
     const VENDOR: ([u8; 3], u32) = ([0x18, 0x10, 1], 0x0000_01dd);
     // Another word in the mark.
     const UNMARKED: &[([u8; 3], u32)] = &[VENDOR, ([0x12, 0x20, 4], u32::from_le_bytes(*b"vicf"))];
-    let scenario = Scenario::torque();
+    let mut scenario = Scenario::torque();
+    let model = SHIPPED
+        .iter()
+        .find(|(name, _)| *name == "simulated-servo")
+        .unwrap()
+        .1
+        .replace("tried: simulation", "tried: never");
+    let files = [
+        (
+            "rig.yaml",
+            Source::named("builtin:paper-admittance.yaml")
+                .read()
+                .unwrap()
+                .replace("profile: simulated-servo", "profile: model.yaml"),
+        ),
+        ("model.yaml", model),
+    ];
+    let files = files.map(|(name, text)| (PathBuf::from(name), Arc::from(text)));
+    let described = config::load_rig(Source::among("rig.yaml", files)).unwrap().value;
+    for (drive, other) in scenario.rig.drives.iter_mut().zip(described.drives) {
+        drive.profile = other.profile;
+    }
     let asked = |pace: Pace, answers| {
         let (cable, mut rig) = wired(&scenario, pace);
         rig.boot().unwrap();
         answer_for_right(&cable, answers);
-        let drives = drive_addresses(&scenario.rig).unwrap();
-        rig.check_simulation(drives.map(|drive| DriveAddress { has_simulated_profile: false, ..drive }))
+        rig.check_simulation()
     };
     // The drives of a model that somebody has described in a file are simulated under that model's vendor.
     assert_eq!(asked(Pace::Lockstep, &[VENDOR]), Ok(()));

@@ -12,7 +12,7 @@ use yieldwall::bus::BootFailure;
 use yieldwall::config::Waits;
 use yieldwall::guard::{Fault, State};
 use yieldwall::rig::{DeviceServer, EmbeddedRig, RigError};
-use yieldwall::run::{Ask, Demands, Enable, Enabling, OnLink, Pace, RunError, Runner, drive_addresses};
+use yieldwall::run::{Ask, Demands, Enable, Enabling, OnLink, Pace, RunError, Runner};
 
 /// How slow the drives are: reset and SDO, in ms.
 type Slow = [u64; 2];
@@ -42,7 +42,7 @@ fn a_drive_that_takes_its_time_to_reset_or_to_answer_is_waited_for() {
             let scenario = Scenario::position();
             let (_cable, mut rig) = wired(&scenario, pace, slow);
             rig.boot().unwrap_or_else(|error| panic!("{slow:?} {pace:?}: {error}"));
-            rig.check_simulation(drive_addresses(&scenario.rig).unwrap()).unwrap();
+            rig.check_simulation().unwrap();
             let permit = permit(&rig);
             let mut enabling = Enabling::new(&scenario.rig);
             while let Enable::Ask(ask) = enabling.next(rig.state(), &permit) {
@@ -102,7 +102,7 @@ fn a_person_can_end_a_boot_that_waits_and_sees_what_it_waits_for() {
 fn a_drive_that_answers_slowly_is_drilled_as_finely_as_it_answers() {
     let scenario = Scenario::position();
     let (_cable, mut rig) = wired(&scenario, Pace::Free, [700, 600]);
-    let drilled = rig.drill(drive_addresses(&scenario.rig).unwrap(), 50, &AtomicBool::new(false)).unwrap();
+    let drilled = rig.drill(50, &AtomicBool::new(false)).unwrap();
     let demands = Demands::of(&scenario.rig);
     drilled.judge(demands).unwrap();
     assert!(drilled.judge(Demands { is_torque: true, ..demands }).is_err(), "nobody knows that it stops within 10 ms");

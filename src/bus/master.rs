@@ -2,6 +2,7 @@
 
 use std::time::Duration;
 
+use super::access::{ObjectAnswer, ObjectError, ObjectRequest};
 use super::axis::{self, Axis};
 use super::can::{CanNetwork, Told, Waiting};
 use super::error::BootError;
@@ -9,7 +10,7 @@ use super::phase::{LinkEvent, Phase};
 use super::setup::MasterSetup;
 use crate::canopen::{Frame, Outbox, Time};
 use crate::cycle::{Cycle, Inputs, LinkEvents, Outputs, Timing};
-use crate::guard::{Allowed, Cause, DeviceSet, Directive, Fault, Request, State};
+use crate::guard::{Allowed, Cause, Device, DeviceSet, Directive, Fault, Request, State};
 
 /// The master of one rig: its networks, which carry raw words, the two axes that these words are of, and the cycle between them.
 #[derive(Clone)]
@@ -133,6 +134,33 @@ impl Master {
     /// What the boot waits for; of several devices the one that is given up first. Nothing when there is no boot.
     pub fn waiting(&self, now: Time) -> Option<Waiting<'_>> {
         self.network.waiting(now)
+    }
+
+    /// Begins to read or to write an object of a device; how that ends is told by [`Master::answer`]. A device is asked one thing at a time,
+    /// and nothing while it is configured.
+    ///
+    /// # Errors
+    /// If the device has no objects, has not answered the last request, or the value is too long.
+    pub fn ask(
+        &mut self,
+        now: Time,
+        device: Device,
+        request: ObjectRequest<'_>,
+        out: &mut impl Outbox,
+    ) -> Result<(), ObjectError> {
+        self.network.ask(now, device, request, out)
+    }
+
+    /// How what was asked of a device last has ended.
+    ///
+    /// Real-time: yes.
+    pub fn answer(&self, device: Device) -> ObjectAnswer<'_> {
+        self.network.answer(device)
+    }
+
+    /// The node id of a device; `None` for a sensor on plain CAN.
+    pub fn node_id(&self, device: Device) -> Option<u8> {
+        self.network.node_id(device)
     }
 
     /// Leaves the network: the nodes go to Pre-operational, where nobody waits for set-points. For a rig that was stopped.

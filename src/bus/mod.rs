@@ -12,6 +12,7 @@
 //! `can` knows frames and nodes and brings raw words. `axis` stands once for all buses: words to SI and back, the walk to
 //! Operation Enabled, and what a command that the guard has allowed becomes.
 
+mod access;
 mod axis;
 mod can;
 mod error;
@@ -19,6 +20,7 @@ mod master;
 mod phase;
 mod setup;
 
+pub use access::{ObjectAnswer, ObjectError, ObjectRequest};
 pub use can::{Heard, LISTENING, Sign, Signs, Told, Waiting, budget};
 pub use error::{BootError, BootFailure, Said};
 pub use master::Master;

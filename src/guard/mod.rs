@@ -9,7 +9,7 @@ mod gate;
 mod stop;
 mod supervisor;
 
-pub use fault::{Cause, DeviceSet, Fault, FaultCounts, Reaction};
+pub use fault::{Cause, Device, DeviceSet, Fault, FaultCounts, Reaction};
 pub use gate::{Allowed, Gate, JointCommand, Limits, Measured};
 pub use stop::StopRamp;
 pub use supervisor::{Directive, Motion, Request, State, Supervisor, View};

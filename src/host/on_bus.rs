@@ -24,7 +24,7 @@ use crate::link::{InterfaceFacts, Role, SocketCan, SocketCans};
 use crate::record::CycleRecord;
 use crate::run::{
     Drilled, DriveIdentity, LinkCounts, NotProven, Observer, OnLink, Pace, Play, Played, Proof, RunError, Runner, Tap,
-    Unproven, drive_addresses, settling_on_bus,
+    Unproven, settling_on_bus,
 };
 pub use news::News;
 use news::boot_watch;
@@ -311,11 +311,10 @@ fn drill(
     rig: &config::Rig,
     is_interrupted: &AtomicBool,
 ) -> Result<([DriveIdentity; 2], Drilled), RunError> {
-    let drives = drive_addresses(rig)?;
     runner.boot()?;
-    runner.check_simulation(drives)?;
-    let identities = runner.identities(drives)?;
-    Ok((identities, runner.drill(drives, settling_on_bus(rig), is_interrupted)?))
+    runner.check_simulation()?;
+    let identities = runner.identities()?;
+    Ok((identities, runner.drill(settling_on_bus(rig), is_interrupted)?))
 }
 
 /// Has a thread of its own with real-time priority, if that is granted, do the work; what the work leaves.

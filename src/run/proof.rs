@@ -9,7 +9,6 @@ use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 use thiserror::Error;
 
-use super::drill::{DriveAddress, drive_addresses};
 use super::drilled::{Demands, Drilled, Finding, Unsafe};
 use super::error::RunError;
 use super::pace::Pace;
@@ -17,6 +16,7 @@ use super::permit::Permit;
 use super::place::Place;
 use super::runner::Runner;
 use crate::config;
+use crate::guard::Device;
 use yieldwall_drives::watchdog::Watchdog;
 
 /// A drive as it says what it is.
@@ -103,20 +103,16 @@ impl<P: Place> Runner<P> {
     /// # Errors
     /// Why the rig may not be enabled.
     pub fn prove(&mut self, rig: &config::Rig, proof: &Proof) -> Result<Permit, NotProven> {
-        let drives = drive_addresses(rig).map_err(RunError::from)?;
-        self.check_simulation(drives)?;
+        self.check_simulation()?;
         match proof {
             // What the drives were asked makes sure that they are simulated ones in lockstep.
             Proof::InVirtualTime(drilled) if self.pace() == Pace::Lockstep => {
                 drilled.judge(Demands::of(rig)).map_err(Unproven::from)?;
                 Ok(Permit::proved(self))
             }
-            Proof::InVirtualTime(_) => {
-                let [DriveAddress { node, .. }, _] = drives;
-                Err(RunError::NotSimulated { node_id: node.raw() }.into())
-            }
+            Proof::InVirtualTime(_) => Err(RunError::NotSimulated { node_id: self.node_id(Device::LeftDrive) }.into()),
             Proof::OnRecord(drills) => {
-                Subject::new(rig, self.identities(drives)?).check(drills)?;
+                Subject::new(rig, self.identities()?).check(drills)?;
                 Ok(Permit::proved(self))
             }
         }

@@ -4,12 +4,12 @@ mod alone;
 mod arrivals;
 mod cycle;
 mod network;
+mod objects;
 
 use std::any::Any;
 use std::time::Duration;
 
 use super::conduct::Enabling;
-use super::drill::{DriveAddress, drive_addresses};
 use super::error::RunError;
 use super::metronome::Metronome;
 use super::pace::Pace;
@@ -24,6 +24,7 @@ use crate::guard::{Cause, DeviceSet, State};
 use crate::link::{CanLink, LinkOutbox};
 use crate::record::{CycleRecord, Stages};
 use cycle::Rest;
+use yieldwall_drives::profiles::Tried;
 
 /// Gets every frame that went over a bus ([`Frame::bus`]), with the moment of its end.
 pub type Tap = Box<dyn FnMut(Time, &Frame) + Send>;
@@ -83,7 +84,10 @@ pub struct Runner<P> {
     observer: Option<Observer>,
     boot_watch: Option<BootWatch>,
     pub(super) enabling: Enabling,
-    drives: [DriveAddress; 2],
+    /// Of each drive, whether its profile is one of simulated drives.
+    pub(super) has_simulated_profile: [bool; 2],
+    /// How long a drill asks each drive that does not answer.
+    pub(super) patience: [Duration; 2],
     /// Of which a permit has to be.
     pub(super) boot: Boot,
     last: Option<Outputs>,
@@ -116,6 +120,7 @@ impl<P: Place> Runner<P> {
     /// Where parts of the configuration do not fit together.
     pub fn new(rig: &config::Rig, fixture: &config::Fixture, place: P, pace: Pace) -> Result<Self, RunError> {
         let (started, suspended) = (place.now(), place.suspended());
+        let (setup, _) = bus_plan(rig)?;
         Ok(Self {
             master: master(rig, fixture)?,
             place,
@@ -139,14 +144,18 @@ impl<P: Place> Runner<P> {
             observer: None,
             boot_watch: None,
             enabling: Enabling::new(rig),
-            drives: drive_addresses(rig)?,
+            has_simulated_profile: setup
+                .drives
+                .each_ref()
+                .map(|drive| drive.profile.profile.tried == Tried::Simulation),
+            patience: setup.drives.each_ref().map(|drive| drive.waits.sdo * 2),
             boot: Boot::NONE,
             last: None,
             rests: None,
             process: Process::Runs,
             has_panicked: false,
             panic: None,
-            listening: bus_plan(rig)?.0.listening(),
+            listening: setup.listening(),
             has_listened: false,
         })
     }

@@ -1,10 +1,10 @@
 //! What simulated drives on the bus say of themselves: that they are, what their time follows, and which watchdogs they lack.
 
-use super::drill::DriveAddress;
 use super::error::RunError;
 use super::pace::Pace;
 use super::place::Place;
 use super::runner::Runner;
+use crate::guard::Device;
 use yieldwall_drives::objects;
 use yieldwall_drives::watchdog::{Clock, Watchdog};
 
@@ -14,11 +14,11 @@ impl<P: Place> Runner<P> {
     ///
     /// # Errors
     /// [`RunError::Unmarked`], [`RunError::NotSimulated`], [`RunError::Pace`] and [`RunError::Unwatched`] if not; as [`Runner::read`].
-    pub fn check_simulation(&mut self, drives: [DriveAddress; 2]) -> Result<(), RunError> {
-        for drive in drives {
-            let node_id = drive.node.raw();
+    pub fn check_simulation(&mut self) -> Result<(), RunError> {
+        for (drive, has_simulated_profile) in Device::DRIVES.into_iter().zip(self.has_simulated_profile) {
+            let node_id = self.node_id(drive);
             if !self.is_marked(drive) {
-                if drive.has_simulated_profile {
+                if has_simulated_profile {
                     return Err(RunError::Unmarked { node_id });
                 }
                 if self.pace() == Pace::Lockstep {
@@ -45,7 +45,7 @@ impl<P: Place> Runner<P> {
     }
 
     /// Whether a drive says all of the text that only simulated ones say. One that does not tell the object is none.
-    fn is_marked(&mut self, drive: DriveAddress) -> bool {
+    fn is_marked(&mut self, drive: Device) -> bool {
         let mark = objects::SIMULATION_MARK;
         let mut words = (mark.sub..).zip(objects::SIMULATED_DEVICE);
         words.all(|(sub, word)| self.read(drive, mark.index, sub) == Ok(word))

@@ -2,7 +2,7 @@
 
 use crate::bus::error::BootFailure;
 use crate::bus::setup::{DriveSetup, MasterSetup, SensorNode};
-use crate::canopen::{Frame, NmtCommand, NodeId, Outbox, SdoClient, SdoOutcome, Time, cob};
+use crate::canopen::{AbortCode, Frame, NmtCommand, NodeId, Outbox, SdoClient, SdoOutcome, Time, cob};
 use std::time::Duration;
 use yieldwall_drives::cia402::OperationMode;
 use yieldwall_drives::objects::{self, Object};
@@ -15,7 +15,7 @@ use yieldwall_drives::watchdog::{HEARTBEAT_PERIODS, WATCHED_CYCLES};
 /// Time between two looks at an object that has not come to its value.
 const READ_AGAIN: Duration = Duration::from_millis(10);
 /// Bytes of the largest object that the boot reads.
-const SDO_CAPACITY: usize = 8;
+const LONGEST: usize = 8;
 /// How often a node may restart while it is configured: a node that was switched on together with the master
 /// announces itself once more after the reset command.
 const RESTARTS: u8 = 3;
@@ -55,7 +55,6 @@ struct Step {
 /// The configuration of one node, step by step.
 #[derive(Clone, Debug)]
 pub(super) struct Boot {
-    client: SdoClient,
     /// How long the node may take to answer one request.
     timeout: Duration,
     identity: Identity,
@@ -112,7 +111,7 @@ impl Boot {
             SetPointWatch::None | SetPointWatch::BuiltIn(_) | SetPointWatch::Object(_) => 0,
         };
         steps.extend(pdos(profile, map, node, deadline_ms)?);
-        Ok(Self::new(node, profile, drive.waits.sdo, steps))
+        Ok(Self::new(profile, drive.waits.sdo, steps))
     }
 
     pub(super) fn sensor(sensor: &SensorNode, node: NodeId, timeout: Duration) -> Result<Self, BootFailure> {
@@ -120,12 +119,11 @@ impl Boot {
         let mut steps = identity(profile);
         steps.push(heartbeat(sensor.heartbeat.as_millis() as u32));
         steps.extend(pdos(profile, mapping(profile, None)?, node, 0)?);
-        Ok(Self::new(node, profile, timeout, steps))
+        Ok(Self::new(profile, timeout, steps))
     }
 
-    fn new(node: NodeId, profile: &DeviceProfile, timeout: Duration, steps: Vec<Step>) -> Self {
+    fn new(profile: &DeviceProfile, timeout: Duration, steps: Vec<Step>) -> Self {
         Self {
-            client: SdoClient::new(node, timeout, SDO_CAPACITY),
             timeout,
             identity: profile.identity.clone(),
             reset: profile.node.reset,
@@ -142,14 +140,8 @@ impl Boot {
 
     /// As it was before anything was sent.
     pub(super) fn reset(&mut self) {
-        self.client = SdoClient::new(self.client.node(), self.timeout, SDO_CAPACITY);
         (self.next, self.verifying, self.started, self.restarts) = (0, false, false, 0);
         (self.again_at, self.given_up_at) = (Time::NEVER, Time::NEVER);
-    }
-
-    /// The node.
-    pub(super) fn node(&self) -> NodeId {
-        self.client.node()
     }
 
     /// The command by which the node comes to its power-on values.
@@ -169,48 +161,64 @@ impl Boot {
         self.next >= self.steps.len()
     }
 
-    pub(super) fn next_deadline(&self) -> Time {
-        let due = self.client.next_deadline().min(self.again_at);
+    pub(super) fn next_deadline(&self, client: &SdoClient) -> Time {
+        let due = client.next_deadline().min(self.again_at);
         if self.is_done() || !self.started { Time::NEVER } else { due }
     }
 
     /// Sends the first request.
-    pub(super) fn start(&mut self, now: Time, out: &mut impl Outbox) -> Result<(), BootFailure> {
+    pub(super) fn start(
+        &mut self,
+        now: Time,
+        client: &mut SdoClient,
+        out: &mut impl Outbox,
+    ) -> Result<(), BootFailure> {
         self.started = true;
-        self.request(now, out)
+        self.request(now, client, out)
     }
 
     /// Begins anew with a node that has restarted: what was written to it is gone.
-    pub(super) fn restart(&mut self, now: Time, out: &mut impl Outbox) -> Result<(), BootFailure> {
+    pub(super) fn restart(
+        &mut self,
+        now: Time,
+        client: &mut SdoClient,
+        out: &mut impl Outbox,
+    ) -> Result<(), BootFailure> {
         self.restarts += 1;
         if self.restarts > RESTARTS {
             return Err(BootFailure::Restarted { times: self.restarts });
         }
-        self.client.cancel(out);
+        client.cancel(out);
         (self.next, self.verifying) = (0, false);
         (self.again_at, self.given_up_at) = (Time::NEVER, Time::NEVER);
-        self.start(now, out)
+        self.start(now, client, out)
     }
 
-    pub(super) fn on_frame(&mut self, now: Time, frame: &Frame, out: &mut impl Outbox) -> Result<(), BootFailure> {
-        match self.client.on_frame(now, frame, out) {
-            Some(outcome) => self.on_outcome(now, outcome, out),
+    pub(super) fn on_frame(
+        &mut self,
+        now: Time,
+        frame: &Frame,
+        client: &mut SdoClient,
+        out: &mut impl Outbox,
+    ) -> Result<(), BootFailure> {
+        match client.on_frame(now, frame, out) {
+            Some(outcome) => self.on_outcome(now, outcome, client, out),
             None => Ok(()),
         }
     }
 
-    pub(super) fn poll(&mut self, now: Time, out: &mut impl Outbox) -> Result<(), BootFailure> {
+    pub(super) fn poll(&mut self, now: Time, client: &mut SdoClient, out: &mut impl Outbox) -> Result<(), BootFailure> {
         if now >= self.again_at {
             self.again_at = Time::NEVER;
-            return self.request(now, out);
+            return self.request(now, client, out);
         }
-        match self.client.poll(now, out) {
-            Some(outcome) => self.on_outcome(now, outcome, out),
+        match client.poll(now, out) {
+            Some(outcome) => self.on_outcome(now, outcome, client, out),
             None => Ok(()),
         }
     }
 
-    fn request(&mut self, now: Time, out: &mut impl Outbox) -> Result<(), BootFailure> {
+    fn request(&mut self, now: Time, client: &mut SdoClient, out: &mut impl Outbox) -> Result<(), BootFailure> {
         let Some(step) = self.steps.get_mut(self.next) else { return Ok(()) };
         if let Action::LimitSpeed { counts_per_s } = step.action {
             step.action = Action::WriteAndVerify { value: motor_speed(counts_per_s, self.resolution)? };
@@ -219,14 +227,20 @@ impl Boot {
             Action::Write { value } | Action::WriteAndVerify { value } if !self.verifying => {
                 let bytes = value.to_le_bytes();
                 let data = bytes.get(..usize::from(step.bytes)).unwrap_or(&bytes);
-                self.client.start_download(now, step.index, step.sub, data, out)
+                client.start_download(now, step.index, step.sub, data, out)
             }
-            _ => self.client.start_upload(now, step.index, step.sub, out),
+            _ => client.start_upload(now, step.index, step.sub, out),
         };
         started.map_err(|_| BootFailure::NoAnswer { index: step.index, sub: step.sub })
     }
 
-    fn on_outcome(&mut self, now: Time, outcome: SdoOutcome, out: &mut impl Outbox) -> Result<(), BootFailure> {
+    fn on_outcome(
+        &mut self,
+        now: Time,
+        outcome: SdoOutcome,
+        client: &mut SdoClient,
+        out: &mut impl Outbox,
+    ) -> Result<(), BootFailure> {
         let Some(step) = self.steps.get(self.next).copied() else { return Ok(()) };
         let Step { index, sub, .. } = step;
         match outcome {
@@ -235,12 +249,15 @@ impl Boot {
             SdoOutcome::Downloaded { .. } => {
                 self.verifying = matches!(step.action, Action::WriteAndVerify { .. });
             }
-            SdoOutcome::Uploaded { .. } if self.has_to_wait(now, &step) => {
+            SdoOutcome::Uploaded { len, .. } if len > LONGEST => {
+                return Err(BootFailure::Refused { index, sub, code: AbortCode::LENGTH });
+            }
+            SdoOutcome::Uploaded { .. } if self.has_to_wait(now, &step, client.data()) => {
                 self.again_at = now + READ_AGAIN;
                 return Ok(());
             }
             SdoOutcome::Uploaded { .. } => {
-                let received = little_endian(self.client.data());
+                let received = little_endian(client.data());
                 check(&step, received, &self.identity)?;
                 if let Action::Resolution { part } = step.action
                     && let Some(known) = self.resolution.get_mut(part)
@@ -251,19 +268,19 @@ impl Boot {
             }
         }
         if !self.verifying {
-            let node = self.client.node().raw();
+            let node = client.node().raw();
             tracing::debug!(node, object = %format_args!("{index:04X}h:{sub}"), "{}: done", step.doing);
             self.next += 1;
             self.given_up_at = Time::NEVER;
         }
-        self.request(now, out)
+        self.request(now, client, out)
     }
 
     /// Whether the object has not come to its value yet and has time to.
-    fn has_to_wait(&mut self, now: Time, step: &Step) -> bool {
+    fn has_to_wait(&mut self, now: Time, step: &Step, data: &[u8]) -> bool {
         let Action::Await { value } = step.action else { return false };
         self.given_up_at = self.given_up_at.min(now + self.timeout);
-        little_endian(self.client.data()) & width_mask(step.bytes) != value && now < self.given_up_at
+        little_endian(data) & width_mask(step.bytes) != value && now < self.given_up_at
     }
 }
 

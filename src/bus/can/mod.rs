@@ -1,5 +1,6 @@
 //! The rig's CAN buses as one network: boot, then raw words that come and go twice a cycle.
 
+mod access;
 mod boot;
 pub mod budget;
 mod image;
@@ -18,7 +19,7 @@ use super::setup::{MasterSetup, SensorLink};
 use crate::canopen::nmt;
 use crate::canopen::{self, Emergency, Frame, NodeId, Outbox, SyncProducer, Time, cob};
 use crate::cycle::LinkEvents;
-use crate::guard::DeviceSet;
+use crate::guard::{Device, DeviceSet};
 use crate::plain_can::Client;
 use crate::sensing::RawSample;
 use boot::Boot;
@@ -38,7 +39,7 @@ pub struct Told {
     /// When the message came.
     pub time: Time,
     /// The device. Its node id alone does not tell which: each bus has its own.
-    pub device: DeviceSet,
+    pub device: Device,
     /// The message.
     pub emergency: Emergency,
 }
@@ -129,15 +130,16 @@ impl CanNetwork {
         const PLAN: &str = "plan the process data";
         let of_sensor = |failure| refuse(sensor_id, &setup.sensor.name, PLAN, failure);
         let mut nodes = Vec::new();
-        for (at, (drive, node)) in drives.into_iter().enumerate() {
+        for (device, (drive, node)) in Device::DRIVES.into_iter().zip(drives) {
             let boot = Boot::drive(setup, drive, node)
                 .map_err(|failure| refuse(Some(drive.node_id), &drive.name, PLAN, failure))?;
-            nodes.push(Node::new(drive.bus, DeviceSet::drive(at), &drive.name, drive.heartbeat, drive.waits, boot));
+            nodes.push(Node::new(drive.bus, node, device, &drive.name, drive.heartbeat, drive.waits, boot));
         }
         if let SensorFrames::Canopen(node, id) = sensor {
             let waits = setup.sensor.waits;
             let boot = Boot::sensor(node, id, waits.sdo).map_err(of_sensor)?;
-            nodes.push(Node::new(sensor_bus, DeviceSet::SENSOR, &setup.sensor.name, node.heartbeat, waits, boot));
+            let name = &setup.sensor.name;
+            nodes.push(Node::new(sensor_bus, id, Device::Sensor, name, node.heartbeat, waits, boot));
         }
         let lines: Vec<Line> = setup.buses().map(|bus| Line::new(setup, bus, &nodes)).collect();
         // What the drives' profiles lack was found above.
@@ -261,9 +263,9 @@ impl CanNetwork {
             {
                 node.said.emergency = Some(emergency);
                 if emergency.code.is_warning() {
-                    self.events.emergency_warning |= node.device;
+                    self.events.emergency_warning |= node.device.set();
                 } else {
-                    self.events.emergency |= node.device;
+                    self.events.emergency |= node.device.set();
                 }
                 if let Some(place) = self.told.get_mut(self.next_told) {
                     *place = Some(Told { time: now, device: node.device, emergency });
@@ -274,9 +276,12 @@ impl CanNetwork {
         }
         if self.phase == Phase::Configuring {
             self.configure(now, out, |node, now, out| match node.bus == frame.bus() {
-                true => node.boot.on_frame(now, frame, &mut out.on(node.bus)),
+                true => node.hear_boot(now, frame, out),
                 false => Ok(()),
             });
+        } else {
+            let here = self.nodes.iter_mut().filter(|node| node.bus == frame.bus());
+            here.for_each(|node| node.hear_answer(now, frame, &mut out.on(node.bus)));
         }
     }
 

@@ -2,12 +2,13 @@
 
 use std::time::Duration;
 
+use super::access::Asked;
 use super::boot::Boot;
 use crate::bus::error::Said;
 use crate::bus::phase::Phase;
 use crate::bus::setup::Waits;
-use crate::canopen::{Frame, NmtState, NodeId, Time, cob};
-use crate::guard::DeviceSet;
+use crate::canopen::{Frame, NmtState, NodeId, SdoClient, Time, cob};
+use crate::guard::Device;
 
 /// So many heartbeats of one node ...
 const HEARTBEATS_OF_TWO: usize = 4;
@@ -18,6 +19,9 @@ const PERIODS_OF_TWO: f64 = 1.75;
 /// More SDO answers than requests by so many are those of two nodes. CAN itself doubles a frame whose last bit is disturbed
 /// (CAN 2.0, end of frame), but rarely.
 const ANSWERS_OF_TWO: i32 = 3;
+/// Bytes of the largest object that is read or written. A client has memory for so many from the start, so that a transfer beside the
+/// cycle allocates nothing.
+const SDO_CAPACITY: usize = 1024;
 /// An SDO abort, which nobody answers (CiA 301).
 const ABORT: u8 = 0x80;
 /// What begins an SDO download, in segments or at once, by its three highest bits ...
@@ -30,8 +34,12 @@ pub(super) struct Node {
     /// Number of the bus that it is on.
     pub(super) bus: u8,
     pub(super) id: NodeId,
-    pub(super) device: DeviceSet,
+    pub(super) device: Device,
     pub(super) name: String,
+    /// Transfers its objects: for the boot, and then for whoever asks.
+    pub(super) client: SdoClient,
+    /// What it was asked after the boot.
+    pub(super) asked: Asked,
     pub(super) boot: Boot,
     pub(super) has_booted: bool,
     /// What it said since the boot began.
@@ -60,12 +68,22 @@ pub(super) struct Node {
 }
 
 impl Node {
-    pub(super) fn new(bus: u8, device: DeviceSet, name: &str, heartbeat: Duration, waits: Waits, boot: Boot) -> Self {
+    pub(super) fn new(
+        bus: u8,
+        id: NodeId,
+        device: Device,
+        name: &str,
+        heartbeat: Duration,
+        waits: Waits,
+        boot: Boot,
+    ) -> Self {
         Self {
             bus,
-            id: boot.node(),
+            id,
             device,
             name: name.to_owned(),
+            client: SdoClient::new(id, waits.sdo, SDO_CAPACITY),
+            asked: Asked::Nothing,
             boot,
             has_booted: false,
             said: Said::default(),
@@ -99,6 +117,8 @@ impl Node {
 
     /// Forgets all that was heard of it.
     pub(super) fn restart(&mut self) {
+        self.give_up_request();
+        self.client = SdoClient::new(self.id, self.waits.sdo, SDO_CAPACITY);
         self.boot.reset();
         self.said = Said::default();
         (self.has_booted, self.is_operational, self.has_restarted) = (false, false, false);

@@ -67,14 +67,15 @@ impl CanNetwork {
         // In operation the heartbeat follows the set-points, where it is in nobody's way.
         let heartbeat = if self.phase == Phase::Operational { Time::NEVER } else { self.next_heartbeat };
         let watched = self.lines.iter().map(|line| line.watch.next_deadline()).fold(Time::NEVER, Time::min);
-        let base = heartbeat.min(watched).min(self.phase_deadline());
+        let asked = self.nodes.iter().map(Node::asked_deadline).fold(Time::NEVER, Time::min);
+        let base = heartbeat.min(watched).min(asked).min(self.phase_deadline());
         if self.phase == Phase::Starting {
             return self.image.plain().map_or(base, |client| base.min(client.next_deadline()));
         }
         if self.phase != Phase::Configuring {
             return base;
         }
-        self.nodes.iter().map(|node| node.boot.next_deadline()).fold(base, Time::min)
+        self.nodes.iter().map(|node| node.boot.next_deadline(&node.client)).fold(base, Time::min)
     }
 
     /// Does what time asks for: heartbeat, watched nodes, waits of the boot.
@@ -87,8 +88,9 @@ impl CanNetwork {
         while let Some((bus, event)) = self.lines.iter_mut().find_map(|line| Some((line.bus, line.watch.poll(now)?))) {
             self.on_node(now, bus, event, out);
         }
+        self.nodes.iter_mut().for_each(|node| node.poll_answer(now, &mut out.on(node.bus)));
         match self.phase {
-            Phase::Configuring => self.configure(now, out, |node, now, out| node.boot.poll(now, &mut out.on(node.bus))),
+            Phase::Configuring => self.configure(now, out, Node::poll_boot),
             Phase::Resetting | Phase::Starting if now >= self.phase_deadline() => self.give_up(now),
             Phase::Starting => {
                 if let Some(client) = self.image.plain_mut() {
@@ -142,12 +144,12 @@ impl CanNetwork {
                 if self.nodes.iter().all(|node| node.has_booted) {
                     self.enter(Phase::Configuring);
                     self.phase_since = now;
-                    self.configure(now, out, |node, now, out| node.boot.start(now, &mut out.on(node.bus)));
+                    self.configure(now, out, Node::start_boot);
                 }
             }
             (HeartbeatChange::BootUp, Phase::Configuring) => {
                 let step = node.boot.doing();
-                if let Err(failure) = node.boot.restart(now, &mut out.on(bus)) {
+                if let Err(failure) = node.restart_boot(now, out) {
                     let error = refuse(Some(id.raw()), &node.name, step, failure);
                     self.enter(Phase::Failed(error));
                 }
@@ -160,7 +162,7 @@ impl CanNetwork {
             (HeartbeatChange::BootUp, Phase::Operational) => node.has_restarted = true,
             (HeartbeatChange::BootUp, _) => {}
             // Seen in the cycle even if the node comes back before it.
-            (HeartbeatChange::Lost, _) => self.events.heartbeat_lost |= node.device,
+            (HeartbeatChange::Lost, _) => self.events.heartbeat_lost |= node.device.set(),
             (HeartbeatChange::Present(_) | HeartbeatChange::State(_), _) => {
                 self.events.heartbeat_lost |= node.device.only_if(!node.is_operational);
                 self.go_on_if_started();

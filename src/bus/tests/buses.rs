@@ -1,7 +1,7 @@
 //! Both drives on one bus and the sensor on another, where it has the node id that the left drive has here.
 
 use super::*;
-use crate::guard::DeviceSet;
+use crate::guard::{Device, DeviceSet};
 
 const SENSOR_HERE: u8 = 128 + 1;
 
@@ -147,8 +147,8 @@ fn what_nodes_with_the_same_id_tell_is_told_apart() {
     net.boot_both();
     net.hear("1:081#1042200000000000");
     net.hear("081#1042200000000000");
-    let devices: Vec<DeviceSet> = net.master.told().map(|told| told.device).collect();
-    assert_eq!(devices, [DeviceSet::SENSOR, DeviceSet::LEFT_DRIVE]);
+    let devices: Vec<Device> = net.master.told().map(|told| told.device).collect();
+    assert_eq!(devices, [Device::Sensor, Device::LeftDrive]);
 }
 
 #[test]

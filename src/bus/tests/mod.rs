@@ -5,6 +5,7 @@ mod boot;
 mod buses;
 mod exchange;
 mod nodes;
+mod objects;
 mod strangers;
 
 use std::collections::BTreeMap;

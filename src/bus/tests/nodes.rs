@@ -1,7 +1,7 @@
 //! What nodes and strangers do while process data are exchanged.
 
 use super::*;
-use crate::guard::DeviceSet;
+use crate::guard::{Device, DeviceSet};
 
 #[test]
 fn what_happens_on_the_bus_stops_both_drives_in_the_same_cycle() {
@@ -63,7 +63,7 @@ fn the_emergency_is_kept_for_reports() {
     let mut net = Net::running(CommandMode::Torque);
     net.cycle(["3712"; 2], Request::None, |net| net.hear("082#1042200000000000"));
     let told = net.master.told().last().unwrap();
-    assert_eq!((told.device, told.emergency.node.raw(), told.emergency.code.0), (DeviceSet::RIGHT_DRIVE, 2, 0x4210));
+    assert_eq!((told.device, told.emergency.node.raw(), told.emergency.code.0), (Device::RightDrive, 2, 0x4210));
 }
 
 #[test]

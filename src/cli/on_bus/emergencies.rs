@@ -6,7 +6,7 @@ use crate::bus::Told;
 use crate::canopen::Emergency;
 use crate::cli::failure::Failure;
 use crate::config;
-use crate::guard::DeviceSet;
+use crate::guard::Device;
 
 /// The emergencies without those that say the same again, in their order.
 pub(in crate::cli) fn different(emergencies: impl Iterator<Item = Told>) -> Vec<Told> {
@@ -48,12 +48,12 @@ pub(in crate::cli) fn with_emergencies(mut failure: Failure, emergencies: &[Told
 }
 
 /// The name of a device in the rig's file.
-fn name(device: DeviceSet, rig: &config::Rig) -> &str {
+fn name(device: Device, rig: &config::Rig) -> &str {
     let [left, right] = &rig.drives;
     match device {
-        DeviceSet::LEFT_DRIVE => &left.name,
-        DeviceSet::RIGHT_DRIVE => &right.name,
-        _ => &rig.sensor.name,
+        Device::LeftDrive => &left.name,
+        Device::RightDrive => &right.name,
+        Device::Sensor => &rig.sensor.name,
     }
 }
 
@@ -68,7 +68,7 @@ mod tests {
     fn what_a_device_told_stands_in_the_message_once() {
         // Two buses: the left drive and the sensor are both node 1.
         let rig = config::load_rig(Source::named("builtin:paper-admittance-two-buses.yaml")).unwrap().value;
-        let (left, sensor) = (DeviceSet::LEFT_DRIVE, DeviceSet::SENSOR);
+        let (left, sensor) = (Device::LeftDrive, Device::Sensor);
         let frames = [(left, 0x5043_u16), (left, 0x5043), (sensor, 0x4210), (sensor, 0x5043)];
         let heard = frames.into_iter().filter_map(|(device, code)| {
             let [low, high] = code.to_le_bytes();

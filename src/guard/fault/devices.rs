@@ -2,6 +2,40 @@
 
 use std::fmt;
 
+/// A device of the rig.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum Device {
+    /// The drive of the left joint.
+    LeftDrive,
+    /// The drive of the right joint.
+    RightDrive,
+    /// The force sensor.
+    Sensor,
+}
+
+impl Device {
+    /// Both drives, left and right.
+    pub const DRIVES: [Self; 2] = [Self::LeftDrive, Self::RightDrive];
+
+    /// The set of this device if `is_so`, else none.
+    ///
+    /// Real-time: yes.
+    pub const fn only_if(self, is_so: bool) -> DeviceSet {
+        self.set().only_if(is_so)
+    }
+
+    /// The set of this device.
+    ///
+    /// Real-time: yes.
+    pub const fn set(self) -> DeviceSet {
+        match self {
+            Self::LeftDrive => DeviceSet::LEFT_DRIVE,
+            Self::RightDrive => DeviceSet::RIGHT_DRIVE,
+            Self::Sensor => DeviceSet::SENSOR,
+        }
+    }
+}
+
 /// The devices that a fault concerns.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub struct DeviceSet(u8);

@@ -8,7 +8,7 @@ mod devices;
 mod table;
 
 pub use counts::{Cause, FaultCounts};
-pub use devices::DeviceSet;
+pub use devices::{Device, DeviceSet};
 pub use table::TABLE;
 
 use super::State;

@@ -5,6 +5,7 @@ use std::time::Duration;
 use super::Runner;
 use crate::bus::Phase;
 use crate::canopen::Time;
+use crate::guard::Device;
 use crate::run::error::RunError;
 use crate::run::pace::Pace;
 use crate::run::permit::Boot;
@@ -112,7 +113,7 @@ impl<P: Place> Runner<P> {
             self.started = Time(self.place.now().0.saturating_sub(self.lockstep_now.0));
             self.waits = false;
         }
-        for drive in self.drives {
+        for drive in Device::DRIVES {
             // One that does not answer is left as it is.
             let _ = self.write(drive, objects::CONSUMER_HEARTBEAT, 0);
         }

@@ -1,0 +1,58 @@
+//! Access to the objects of a device, whatever its bus: what is asked for, and how it ends.
+
+use crate::canopen::AbortCode;
+use thiserror::Error;
+
+/// What is asked of a device.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum ObjectRequest<'a> {
+    /// The value of an object.
+    Read {
+        /// Object index.
+        index: u16,
+        /// Sub-index.
+        sub: u8,
+    },
+    /// That an object takes a value.
+    Write {
+        /// Object index.
+        index: u16,
+        /// Sub-index.
+        sub: u8,
+        /// Little-endian bytes of the value.
+        data: &'a [u8],
+    },
+}
+
+/// How what was asked of a device last has ended.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum ObjectAnswer<'a> {
+    /// Nothing was asked since the network was started.
+    NotAsked,
+    /// It has not ended.
+    Pending,
+    /// The bytes that were read; none after a write.
+    Done(&'a [u8]),
+    /// Why there are none.
+    Failed(ObjectError),
+}
+
+/// Why an object could not be read or written.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Error)]
+pub enum ObjectError {
+    /// The device has no objects, as a sensor on plain CAN.
+    #[error("the device has no object dictionary")]
+    NoObjects,
+    /// The device has not answered the last request, or is being configured.
+    #[error("the device is being asked already")]
+    Busy,
+    /// More bytes than a transfer takes.
+    #[error("{0} bytes are more than a transfer takes")]
+    TooLong(usize),
+    /// The transfer was aborted.
+    #[error("{0}")]
+    Aborted(AbortCode),
+    /// The device does not answer in time, or was started anew meanwhile.
+    #[error("no answer")]
+    NoAnswer,
+}

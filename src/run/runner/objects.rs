@@ -1,0 +1,85 @@
+//! Objects of the devices of a booted network, read and written one by one.
+
+use super::Runner;
+use crate::bus::{ObjectAnswer, ObjectRequest};
+use crate::canopen::Time;
+use crate::guard::Device;
+use crate::run::error::RunError;
+use crate::run::place::Place;
+use crate::run::proof::DriveIdentity;
+use yieldwall_drives::objects::{self, Object};
+
+impl<P: Place> Runner<P> {
+    /// Reads an unsigned object of a device of a booted network. No cycle may run meanwhile.
+    ///
+    /// # Errors
+    /// [`RunError::Unread`] if it does not answer or refuses.
+    pub fn read(&mut self, device: Device, index: u16, sub: u8) -> Result<u32, RunError> {
+        self.transfer(device, (index, sub), ObjectRequest::Read { index, sub })
+    }
+
+    /// Writes an unsigned object of a device of a booted network.
+    ///
+    /// # Errors
+    /// As [`Runner::read`].
+    pub(in crate::run) fn write(&mut self, device: Device, object: Object, value: u32) -> Result<(), RunError> {
+        let bytes = value.to_le_bytes();
+        let data = bytes.get(..usize::from(object.bits() / 8)).unwrap_or(&bytes);
+        let Object { index, sub, .. } = object;
+        self.transfer(device, (index, sub), ObjectRequest::Write { index, sub, data })?;
+        Ok(())
+    }
+
+    /// One transfer; what was read, as an unsigned value.
+    fn transfer(
+        &mut self,
+        device: Device,
+        (index, sub): (u16, u8),
+        request: ObjectRequest<'_>,
+    ) -> Result<u32, RunError> {
+        let unread = RunError::Unread { node_id: self.node_id(device), index, sub };
+        self.send(|master, now, out| master.ask(now, device, request, out)).map_err(|_| unread.clone())?;
+        loop {
+            // The drives already wait for heartbeats.
+            let sent = self.send(|master, now, out| master.repeat_heartbeat(now, out));
+            let next = self.master.next_deadline().min(sent + self.master.heartbeat_period());
+            self.place.wait(self.started + next.since(Time(0)));
+            while let Some(arrival) = self.place.receive() {
+                self.take(&arrival);
+            }
+            self.send(|master, now, out| master.poll(now, out));
+            match self.master.answer(device) {
+                ObjectAnswer::Pending => {}
+                ObjectAnswer::Done(data) => {
+                    return Ok(data.iter().take(4).rev().fold(0, |value, byte| value << 8 | u32::from(*byte)));
+                }
+                ObjectAnswer::NotAsked | ObjectAnswer::Failed(_) => return Err(unread),
+            }
+        }
+    }
+
+    /// What both drives of a booted network say that they are.
+    ///
+    /// # Errors
+    /// As [`Runner::read`].
+    pub fn identities(&mut self) -> Result<[DriveIdentity; 2], RunError> {
+        Ok([self.identity(Device::LeftDrive)?, self.identity(Device::RightDrive)?])
+    }
+
+    fn identity(&mut self, drive: Device) -> Result<DriveIdentity, RunError> {
+        let node_id = self.node_id(drive);
+        let mut read = |sub| self.read(drive, objects::VENDOR_ID.index, sub);
+        Ok(DriveIdentity {
+            node_id,
+            vendor_id: read(1)?,
+            product_code: read(2)?,
+            revision: read(3)?,
+            serial_number: read(4)?,
+        })
+    }
+
+    /// The node id of a device, 0 if it has none.
+    pub(in crate::run) fn node_id(&self, device: Device) -> u8 {
+        self.master.node_id(device).unwrap_or_default()
+    }
+}
