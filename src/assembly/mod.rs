@@ -8,7 +8,7 @@ use std::time::Duration;
 
 use nalgebra::Matrix6;
 
-use crate::bus::{CommandMode, DriveSetup, Master, MasterSetup, SensorLink, SensorNode, SensorSetup, Waits};
+use crate::bus::{DriveSetup, Master, MasterSetup, SensorLink, SensorNode, SensorSetup, Waits};
 use crate::config;
 use crate::control::{FeedForwardParameters, Gains, Law, RateLaw};
 use crate::cycle::{Cycle, Servo, Settings, TorqueServo, TorqueServoParameters};
@@ -148,14 +148,6 @@ pub(crate) fn calibration(rig: &config::Rig) -> Result<(Calibration, Mounting), 
     };
     let mounting = Mounting { link, angle_rad: sensor.mounting_angle_rad.get() }.checked()?;
     Ok((Calibration::new(matrix, i32::from(sensor.range_counts))?, mounting))
-}
-
-pub(crate) fn command_mode(rig: &config::Rig) -> CommandMode {
-    match rig.rig.command_mode {
-        config::CommandMode::Position => CommandMode::Position,
-        config::CommandMode::Velocity => CommandMode::Velocity,
-        config::CommandMode::Torque => CommandMode::Torque,
-    }
 }
 
 pub(crate) fn gains(control: &config::Control) -> Option<(Gains, bool)> {
@@ -300,7 +292,7 @@ pub(crate) fn network(rig: &config::Rig) -> Result<MasterSetup, AssemblyError> {
         node_id: own.node_id,
         heartbeat: Duration::from_millis(own.heartbeat_ms.into()),
         period: Duration::from_micros(rig.cycle.period_us.into()),
-        mode: command_mode(rig),
+        mode: rig.rig.command_mode,
         drives: [drive(rig, left, home[0])?, drive(rig, right, home[1])?],
         sensor: SensorSetup {
             name: rig.sensor.name.clone(),

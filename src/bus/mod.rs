@@ -25,7 +25,8 @@ pub use can::{Heard, LISTENING, Sign, Signs, Told, Waiting, budget};
 pub use error::{BootError, BootFailure, Said};
 pub use master::Master;
 pub use phase::{LinkEvent, Phase};
-pub use setup::{CommandMode, DriveSetup, MasterSetup, SensorLink, SensorNode, SensorSetup, Waits};
+pub use setup::{DriveSetup, MasterSetup, SensorLink, SensorNode, SensorSetup, Waits};
+pub use yieldwall_drives::cia402::CommandMode;
 
 #[cfg(test)]
 mod tests;

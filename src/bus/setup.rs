@@ -4,40 +4,9 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use crate::plain_can;
-use yieldwall_drives::cia402::OperationMode;
-use yieldwall_drives::profiles::{DeviceProfile, Pdo, Quantity};
+use yieldwall_drives::cia402::CommandMode;
+use yieldwall_drives::profiles::{DeviceProfile, Pdo};
 use yieldwall_drives::scaling::AxisScaling;
-
-/// Which quantity the drives take as set-point.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum CommandMode {
-    /// Cyclic synchronous position.
-    Position,
-    /// Cyclic synchronous velocity.
-    Velocity,
-    /// Cyclic synchronous torque.
-    Torque,
-}
-
-impl CommandMode {
-    /// The drives' mode of operation.
-    pub const fn operation_mode(self) -> OperationMode {
-        match self {
-            CommandMode::Position => OperationMode::CyclicPosition,
-            CommandMode::Velocity => OperationMode::CyclicVelocity,
-            CommandMode::Torque => OperationMode::CyclicTorque,
-        }
-    }
-
-    /// What the drives are sent.
-    pub const fn set_point(self) -> Quantity {
-        match self {
-            CommandMode::Position => Quantity::TargetPosition,
-            CommandMode::Velocity => Quantity::TargetVelocity,
-            CommandMode::Torque => Quantity::TargetTorque,
-        }
-    }
-}
 
 /// How long a device is waited for while the network is booted.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -20,7 +20,7 @@ use watch::{Balance, Chatter};
 use yieldwall_drives::cia402;
 
 pub use reference::Reference;
-pub use servo::{Servo, TorqueServo, TorqueServoParameters, TorqueStep};
+pub use servo::{Overreach, Servo, TorqueServo, TorqueServoParameters, TorqueStep};
 
 /// What one drive reported in this cycle.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -356,9 +356,9 @@ impl Cycle {
         let effort = self.servo.command(&self.linkage, &reference, &posture)?;
         let (allowed, cut) = self.gate.check(&effort.command, &self.measured)?;
         self.needed = effort.needed;
-        signals.is_saturated = cut || effort.excess.is_some();
-        if let (Some(excess), Some(before), Motion::Run) = (effort.excess, before, motion) {
-            self.draw_back(excess, &before, &reference, &posture)?;
+        signals.is_saturated = cut || effort.overreach.is_some();
+        if let (Some(overreach), Some(before), Motion::Run) = (effort.overreach, before, motion) {
+            self.draw_back(overreach, &before, &reference, &posture)?;
         }
         Ok(allowed)
     }

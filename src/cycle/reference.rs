@@ -2,7 +2,8 @@
 
 use nalgebra::Vector2;
 
-use super::{Cycle, Servo, Settings, Signals};
+use super::servo::Overreach;
+use super::{Cycle, Settings, Signals};
 use crate::guard::{Fault, Motion, StopRamp};
 use crate::linkage::Posture;
 use crate::quantity::{JointAngles, JointRates, TipPoint, TipVelocity};
@@ -135,14 +136,14 @@ impl Cycle {
     /// The idea: R. Kikuuwe, *Torque-bounded admittance control realized by a set-valued algebraic feedback* (2019).
     pub(super) fn draw_back(
         &mut self,
-        excess: [f64; 2],
+        overreach: Overreach,
         before: &Reference,
         reference: &Reference,
         posture: &Posture,
     ) -> Result<(), Fault> {
-        let by = match &self.servo {
-            Servo::Torque(servo) if servo.is_cartesian => Vector2::from(excess),
-            _ => posture.tip_velocity(JointRates::from(excess)).map_err(|_| Fault::NotFinite)?.0,
+        let by = match overreach {
+            Overreach::Tool(by) => by,
+            Overreach::Joints(by) => posture.tip_velocity(JointRates(by.0)).map_err(|_| Fault::NotFinite)?.0,
         };
         let point = TipPoint(self.fixture.draw_back(&by));
         let drawn = self.admit(point, before).map(|angles| before.moved(point, angles, self.settings.period_s));

@@ -1,6 +1,6 @@
 //! From the reference to a joint command, in the rig's command mode.
 
-use nalgebra::Matrix2;
+use nalgebra::{Matrix2, Vector2};
 
 use super::Reference;
 use crate::control::{
@@ -100,8 +100,8 @@ impl Servo {
                 Ok(Effort::of(JointCommand::Velocity(JointRates::new(first.rate, second.rate))))
             }
             Servo::Torque(servo) => {
-                let TorqueStep { torques, needed, excess } = servo.step(linkage, reference, posture)?;
-                Ok(Effort { command: JointCommand::Torque(torques), needed, excess })
+                let TorqueStep { torques, needed, overreach } = servo.step(linkage, reference, posture)?;
+                Ok(Effort { command: JointCommand::Torque(torques), needed, overreach })
             }
         }
     }
@@ -123,12 +123,12 @@ pub(super) struct Effort {
     /// As in [`TorqueStep`].
     pub(super) needed: Option<JointTorques>,
     /// As in [`TorqueStep`].
-    pub(super) excess: Option<[f64; 2]>,
+    pub(super) overreach: Option<Overreach>,
 }
 
 impl Effort {
     fn of(command: JointCommand) -> Self {
-        Self { command, needed: None, excess: None }
+        Self { command, needed: None, overreach: None }
     }
 }
 
@@ -139,10 +139,18 @@ pub struct TorqueStep {
     pub torques: JointTorques,
     /// Torques that the motion of the reference needs, with a model of the arm's inertia.
     pub needed: Option<JointTorques>,
-    /// How much nearer the reference would have to be for the controllers alone to keep within their limit, per joint in
-    /// rad or per direction in m; `None` if they do. A feed-forward does not count: the acceleration of a proxy that stops
-    /// at once asks for any torque, for one cycle.
-    pub excess: Option<[f64; 2]>,
+    /// How much nearer the reference would have to be for the controllers alone to keep within their limit; `None` if they do. A
+    /// feed-forward does not count: the acceleration of a proxy that stops at once asks for any torque, for one cycle.
+    pub overreach: Option<Overreach>,
+}
+
+/// By how much a reference lies beyond what the controllers can reach within their limit.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Overreach {
+    /// Of the proximal links, left and right, in rad.
+    Joints(JointAngles),
+    /// Of the tool, along x and y, in m.
+    Tool(Vector2<f64>),
 }
 
 impl TorqueServo {
@@ -176,9 +184,13 @@ impl TorqueServo {
     /// [`Fault::NotFinite`] if a law was given or gave something that is not finite.
     pub fn step(&mut self, linkage: &FiveBar, reference: &Reference, posture: &Posture) -> Result<TorqueStep, Fault> {
         let inertia = self.inertia_term(linkage, reference);
-        let (torques, excess) = self.torques(inertia.as_ref(), reference, posture)?;
+        let (torques, overreach) = self.torques(inertia.as_ref(), reference, posture)?;
         let needed = inertia.map(|term| JointTorques(term.mass_matrix * term.accelerations + term.bias_n_m));
-        Ok(TorqueStep { torques, needed, excess: (excess != [0.0; 2]).then_some(excess) })
+        let overreach = (overreach != [0.0; 2]).then(|| match self.is_cartesian {
+            true => Overreach::Tool(overreach.into()),
+            false => Overreach::Joints(overreach.into()),
+        });
+        Ok(TorqueStep { torques, needed, overreach })
     }
 
     fn error(&self, reference: &Reference, posture: &Posture) -> [f64; 2] {
@@ -197,7 +209,7 @@ impl TorqueServo {
     ) -> Result<(JointTorques, [f64; 2]), Fault> {
         let forward = self.feed_forward.step(reference.rates, inertia);
         let error = self.error(reference, posture);
-        let (mut effort, mut excess) = ([0.0; 2], [0.0; 2]);
+        let (mut effort, mut overreach) = ([0.0; 2], [0.0; 2]);
         let mut is_valid = forward.valid;
         for axis in 0..2 {
             let (law, limit) = (&mut self.axes[axis], self.effort_limit[axis]);
@@ -209,16 +221,16 @@ impl TorqueServo {
             let step = law.step(error[axis], range);
             is_valid &= step.valid;
             effort[axis] = base + step.effort;
-            excess[axis] = (step.wanted - gsat(-limit, step.wanted, limit)) / law.step_stiffness();
+            overreach[axis] = (step.wanted - gsat(-limit, step.wanted, limit)) / law.step_stiffness();
         }
         if !is_valid {
             return Err(Fault::NotFinite);
         }
         if !self.is_cartesian {
-            return Ok((JointTorques::from(effort), excess));
+            return Ok((JointTorques::from(effort), overreach));
         }
         let torques = posture.joint_torques(Force::from(effort)).map_err(|_| Fault::NotFinite)?;
-        Ok((JointTorques(torques.0 + forward.torques.0), excess))
+        Ok((JointTorques(torques.0 + forward.torques.0), overreach))
     }
 
     fn inertia_term(&self, linkage: &FiveBar, reference: &Reference) -> Option<InertiaTerm> {

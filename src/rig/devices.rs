@@ -104,7 +104,7 @@ pub(super) fn world(rig: &config::Rig, scene: &config::Scene, seed: u64) -> Resu
     let body = match model.tracking {
         config::Tracking::Rigid => Body::Arm(Arm::new(&arm(rig, scene)?, angles)?),
         config::Tracking::Ideal => {
-            if assembly::command_mode(rig) != CommandMode::Position {
+            if rig.rig.command_mode != CommandMode::Position {
                 let message = "model.tracking ideal needs command_mode position: a torque has no place to go to";
                 return Err(RigError::Mismatch(message.into()));
             }

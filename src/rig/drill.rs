@@ -4,7 +4,7 @@ use std::time::Duration;
 
 use super::embedded::EmbeddedRig;
 use super::error::RigError;
-use crate::assembly::{self, device_buses};
+use crate::assembly::device_buses;
 use crate::canopen::{Frame, Time, cob};
 use crate::config;
 use crate::guard::Request;
@@ -27,7 +27,7 @@ pub(super) struct Silence {
 
 impl Silence {
     fn new(watchdog: Watchdog, rig: &config::Rig) -> Result<Self, RigError> {
-        let mode = assembly::command_mode(rig).operation_mode();
+        let mode = rig.rig.command_mode.operation_mode();
         let id = |drive: &config::Drive| {
             let number = drive.profile.get()?.pdos(Some(mode))?.rpdo.first()?.number;
             cob::node_id(drive.address.canopen.node_id).ok().and_then(|node| cob::rpdo(number, node))

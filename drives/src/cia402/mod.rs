@@ -6,6 +6,6 @@ mod walk;
 mod words;
 
 pub use device::{OptionCodes, Reaction, StateMachine, Transition};
-pub use mode::OperationMode;
+pub use mode::{CommandMode, OperationMode};
 pub use walk::{Goal, StateWalk, Walk, next_command};
 pub use words::{Command, State, Statusword, controlword};

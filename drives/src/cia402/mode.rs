@@ -1,5 +1,43 @@
 //! Modes of operation.
 
+use crate::profiles::Quantity;
+#[cfg(feature = "config")]
+use schemars::JsonSchema;
+#[cfg(feature = "config")]
+use serde::{Deserialize, Serialize};
+
+/// What is sent to the drives in each cycle (CiA 402 mode of operation).
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "config", derive(Serialize, Deserialize, JsonSchema), serde(rename_all = "snake_case"))]
+pub enum CommandMode {
+    /// Cyclic synchronous torque (CST): the position loop closes in this program.
+    Torque,
+    /// Cyclic synchronous velocity (CSV).
+    Velocity,
+    /// Cyclic synchronous position (CSP): the position loop closes in the drives.
+    Position,
+}
+
+impl CommandMode {
+    /// The drives' mode of operation.
+    pub const fn operation_mode(self) -> OperationMode {
+        match self {
+            CommandMode::Position => OperationMode::CyclicPosition,
+            CommandMode::Velocity => OperationMode::CyclicVelocity,
+            CommandMode::Torque => OperationMode::CyclicTorque,
+        }
+    }
+
+    /// What the drives are sent.
+    pub const fn set_point(self) -> Quantity {
+        match self {
+            CommandMode::Position => Quantity::TargetPosition,
+            CommandMode::Velocity => Quantity::TargetVelocity,
+            CommandMode::Torque => Quantity::TargetTorque,
+        }
+    }
+}
+
 /// A mode of operation of CiA 402 (objects 6060h and 6061h). Manufacturer-specific modes are negative and not listed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 #[repr(i8)]

@@ -4,12 +4,13 @@ mod plan;
 
 use crate::bus::axis::{DriveOrders, DriveWords};
 use crate::bus::error::BootFailure;
-use crate::bus::setup::{CommandMode, DriveSetup, SensorNode};
+use crate::bus::setup::{DriveSetup, SensorNode};
 use crate::canopen::pdo::Field;
 use crate::canopen::{Frame, NodeId, Outbox, Time, cob};
 use crate::guard::DeviceSet;
 use crate::plain_can::{Client, Heard};
 use crate::sensing::RawSample;
+use yieldwall_drives::cia402::CommandMode;
 use yieldwall_drives::profiles::StatusBits;
 
 use plan::Incomings;

@@ -12,10 +12,11 @@ use crate::config::tree::{CommandMode, ProfileName, Rig};
 
 /// Whether every device's model is known, is that of such a device, and has what the rig asks of it.
 pub(super) fn check_profiles(findings: &mut Findings, rig: &Rig) {
-    let (word, mode) = match rig.rig.command_mode {
-        CommandMode::Torque => ("torque", OperationMode::CyclicTorque),
-        CommandMode::Velocity => ("velocity", OperationMode::CyclicVelocity),
-        CommandMode::Position => ("position", OperationMode::CyclicPosition),
+    let mode = rig.rig.command_mode.operation_mode();
+    let word = match rig.rig.command_mode {
+        CommandMode::Torque => "torque",
+        CommandMode::Velocity => "velocity",
+        CommandMode::Position => "position",
     };
     for (index, drive) in rig.drives.iter().enumerate() {
         let key = format!("drives[{index}].profile");

@@ -22,8 +22,8 @@ pub use fixture::{AutomaticHold, Coupling, Curvature, Fixture, FixtureLaw, Motio
 pub use injection::{FaultName, FaultTarget, SceneFault};
 pub use profile::{ProfileName, shipped_profile};
 pub use rig::{
-    Address, Bus, CanBus, CanopenAddress, CommandMode, Control, ControlGains, ControlLaw, Cycle, Drive, FeedForward,
-    Guard, Rig, RigIdentity,
+    Address, Bus, CanBus, CanopenAddress, Control, ControlGains, ControlLaw, Cycle, Drive, FeedForward, Guard, Rig,
+    RigIdentity,
 };
 pub use scene::{
     AimError, ArcSpeed, DeviceModel, EncoderModel, ForceSensorModel, Hand, JointElasticity, PathSegment, Scene,
@@ -33,3 +33,4 @@ pub use sensor::{ByteOrder, Mount, Sensor, SensorProtocol};
 pub use simulation::{BusTiming, DrivePositionLoop, NotSimulated, Simulation};
 pub use surface::{Forbidden, Surface};
 pub use waits::Waits;
+pub use yieldwall_drives::cia402::CommandMode;

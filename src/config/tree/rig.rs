@@ -6,6 +6,7 @@ use std::sync::Arc;
 use garde::Validate;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
+use yieldwall_drives::cia402::CommandMode;
 use yieldwall_drives::profiles::{DeviceProfile, EncoderKind, Role};
 
 use super::arm::{ArmInertia, Linkage};
@@ -131,18 +132,6 @@ pub struct RigIdentity {
     pub name: String,
     /// What is sent to the drives in each cycle: torque (CST), velocity (CSV) or position (CSP).
     pub command_mode: CommandMode,
-}
-
-/// What is sent to the drives in each cycle (CiA 402 mode of operation).
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
-#[serde(rename_all = "snake_case")]
-pub enum CommandMode {
-    /// Cyclic synchronous torque (CST): the position loop closes in this program.
-    Torque,
-    /// Cyclic synchronous velocity (CSV).
-    Velocity,
-    /// Cyclic synchronous position (CSP): the position loop closes in the drives.
-    Position,
 }
 
 /// Timing of a control cycle.

@@ -3,9 +3,10 @@
 use super::{IDENTIFIERS, Incoming, NO_SLOT, Outgoing, Source, slot_index};
 use crate::bus::can::boot::{lacking, layout_entries, mapped, mapping};
 use crate::bus::error::BootFailure;
-use crate::bus::setup::{CommandMode, DriveSetup, SensorNode};
+use crate::bus::setup::{DriveSetup, SensorNode};
 use crate::canopen::pdo::Layout;
 use crate::canopen::{NodeId, cob};
+use yieldwall_drives::cia402::CommandMode;
 use yieldwall_drives::profiles::{DeviceProfile, Pdo, Quantity, StatusBits};
 
 /// The incoming frames while they are collected.
