@@ -7,6 +7,17 @@
 //! ```
 //! [`cycle`] is the only place that names all stages.
 //!
+//! # Where to begin
+//! | to | take | features |
+//! |---|---|---|
+//! | use a fixture in a loop of your own | [`fixture::Fixture`] | none |
+//! | control a joint whose torque is limited | [`control::Psmc`] | none |
+//! | run a simulated rig | `rig::EmbeddedRig` | `sim` |
+//! | read a recording | `record::recording::Reader` | `recording` |
+//! | run a rig on a bus | `host::RigOnBus` | `config`, `socketcan` |
+//!
+//! Each has an example where it is described, and a program in the folder `examples`.
+//!
 //! # Units
 //! SI in `f64`, base frame. Conversion happens in two places only: [`sensing`] and the scaling of `yieldwall_drives`.
 

@@ -26,6 +26,19 @@ use super::{AxisController, AxisStep, EffortRange, Gains};
 /// It is exact from `e = 0`. A start with `e(0) != 0` leaves a transient `exp(-t/H)` and an integral offset of about
 /// `L H e(0)`. No overshoot after saturation needs `H >= 1.3 v/(2 a)`, with `a = (F + friction)/J` and peak speed `v`.
 ///
+/// # Example
+/// ```
+/// use yieldwall::control::{AxisController, EffortRange, Gains, Psmc};
+///
+/// // In N m/rad, N m s/rad and N m/(rad s); H is 0.15 s, T is 1 ms.
+/// let gains = Gains { stiffness: 2000.0, damping: 40.0, integral: 2000.0 };
+/// let mut joint = Psmc::new(gains, 0.15, 0.001)?;
+/// // The joint is 0.5 rad off, and its drive makes 10 N m at most.
+/// let step = joint.step(0.5, EffortRange::symmetric(10.0));
+/// assert_eq!((step.effort, step.saturated), (10.0, true));
+/// # Ok::<(), yieldwall::control::ControlError>(())
+/// ```
+///
 /// # Source
 /// Kikuuwe, Fujimoto, *Proxy-based sliding mode control for accurate and safe position control* (2006), the law;
 /// \[KTF08, footnote 1\] uses it. The discrete form is derived as above.

@@ -148,7 +148,7 @@ fn plant(root: &Path, folder: &Path) -> Result<PathBuf, String> {
     if tree.exists() {
         fs::remove_dir_all(&tree).map_err(|error| at(&tree, &error))?;
     }
-    for part in ["src", "drives", "config", "hil-tests", "build.rs", "Cargo.toml", "Cargo.lock"] {
+    for part in ["src", "drives", "config", "examples", "hil-tests", "build.rs", "Cargo.toml", "Cargo.lock"] {
         copy(&root.join(part), &tree.join(part))?;
     }
     for (index, defect) in DEFECTS.iter().enumerate() {

@@ -42,12 +42,17 @@ pub(super) fn bus() -> String {
     std::env::var("YIELDWALL_CAN").unwrap_or_else(|_| "vcan0".to_owned())
 }
 
+/// Where the programs of these tests keep their records.
+fn own_state() -> PathBuf {
+    std::env::temp_dir().join(format!("yieldwall-hil-{}", std::process::id()))
+}
+
 /// A process that does not outlive its test.
 pub(super) struct Running(Option<Child>);
 
 impl Running {
     pub(super) fn start(arguments: &[&str]) -> Self {
-        Self::start_with(&std::env::temp_dir().join(format!("yieldwall-hil-{}", std::process::id())), arguments)
+        Self::start_with(&own_state(), arguments)
     }
 
     /// With records of its own.
@@ -59,6 +64,19 @@ impl Running {
             .stderr(Stdio::piped())
             .spawn()
             .expect("`cargo build --bin yieldwall` comes before these tests");
+        Self(Some(child))
+    }
+
+    /// An example of the library, with the records of [`Running::start`].
+    pub(super) fn example(name: &str, arguments: &[&str]) -> Self {
+        let child = Command::new(program().with_file_name("examples").join(name))
+            .args(arguments)
+            .env("XDG_STATE_HOME", own_state())
+            .stdin(Stdio::null())
+            .stdout(Stdio::piped())
+            .stderr(Stdio::piped())
+            .spawn()
+            .expect("`cargo build --example` comes before these tests");
         Self(Some(child))
     }
 

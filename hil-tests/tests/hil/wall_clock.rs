@@ -132,6 +132,7 @@ fn a_drilled_rig_runs_alone_on_its_bus_and_one_that_stalls_is_lost() {
     assert!(document["timing"]["tier"].is_string(), "{document:#}");
     assert_eq!((&document["cycles"], &document["skipped"]), (&20.into(), &0.into()), "{document:#}");
     assert_stopped_together(&frames);
+    as_a_library(&rig);
     twice(&rig, &scene);
     if bus() == "vcan0" {
         stall(&rig);
@@ -139,6 +140,14 @@ fn a_drilled_rig_runs_alone_on_its_bus_and_one_that_stalls_is_lost() {
     drop(devices);
     std::fs::remove_file(rig).expect("it is there");
     std::fs::remove_file(scene).expect("it is there");
+}
+
+/// A program of others that calls the library runs the same rig by the same records.
+fn as_a_library(rig: &str) {
+    let run = || Running::example("rig_on_bus", &[rig, &bus(), "2"]).end();
+    let tries = std::iter::repeat_with(run).take(TRIES - 1);
+    let (code, said, error) = { tries }.find(|(code, ..)| *code == OK).unwrap_or_else(run);
+    assert!(code == OK && said.contains("20 cycles"), "{said}\n{error}");
 }
 
 /// Every device is there twice. In lockstep nobody would wait for the second one.

@@ -40,6 +40,26 @@ impl fmt::Display for Damage {
 }
 
 /// Reads a recording from its begin to its end.
+///
+/// ```
+/// use yieldwall::record::recording::Reader;
+/// # use yieldwall::record::{CycleRecord, recording::{About, Recorded, Writer}};
+/// # let mut file = Vec::new();
+/// # let mut writer = Writer::new(&mut file, &About::default())?;
+/// # writer.write(&CycleRecord::blank())?;
+/// # writer.finish()?;
+/// # drop(writer);
+///
+/// // `Reader::open` takes the path of a file.
+/// let mut reader: Reader<_> = Reader::new(&file[..])?;
+/// let mut greatest_n = 0.0_f64;
+/// while let Some(record) = reader.next_record()? {
+///     greatest_n = greatest_n.max(record.signals.force.0.norm());
+/// }
+/// # assert_eq!(greatest_n, 0.0);
+/// assert!(reader.damage().is_empty());
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 #[derive(Debug)]
 pub struct Reader<R, T = CycleRecord> {
     input: BufReader<R>,

@@ -46,6 +46,24 @@ const STRANGER: usize = 4;
 ///
 /// [`EmbeddedRig::new`] assembles them, [`EmbeddedRig::enable`] boots the network and enables the drives, and every
 /// [`EmbeddedRig::run_cycle`] is one period of the rig. The same configuration and seed give the same frames.
+///
+/// ```
+/// use yieldwall::{config, guard::{Request, State}, rig::EmbeddedRig};
+///
+/// let rig = config::load_rig(config::Source::named("builtin:paper-admittance.yaml"))?;
+/// let scene = rig.scene()?.value;
+/// let mut machine = EmbeddedRig::new(&rig.value, &scene, &rig.value.fixture, scene.seed)?;
+/// machine.enable()?;
+/// let start_m = machine.run_cycle(Request::None)?.tool_m;
+/// // The hand of the scene leads the tool for a second.
+/// for _ in 0..1000 {
+///     machine.run_cycle(Request::None)?;
+/// }
+/// assert_ne!(machine.run_cycle(Request::None)?.tool_m, start_m);
+/// assert_eq!(machine.state(), State::Running);
+/// machine.stop()?;
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 pub struct EmbeddedRig {
     runner: Runner<Simulation>,
     /// Time from one sample of the force sensor to the next.
