@@ -2,7 +2,6 @@
 
 use std::time::Duration;
 
-use yieldwall_drives::cia402::OperationMode;
 use yieldwall_drives::profiles::{BrakeHolder, DeviceProfile, EncoderKind, Known, Role, Servo, Tried};
 use yieldwall_drives::watchdog::{HEARTBEAT_PERIODS, TORQUE_LIMIT, WATCHED_CYCLES, Watchdog};
 
