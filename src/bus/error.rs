@@ -4,7 +4,7 @@ use std::fmt;
 
 use thiserror::Error;
 
-use super::can::Heard;
+use super::signs::Heard;
 use crate::canopen::{AbortCode, Emergency, NmtState};
 
 /// What a node said last of itself since the boot began.

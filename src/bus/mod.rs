@@ -19,13 +19,15 @@ mod error;
 mod master;
 mod phase;
 mod setup;
+mod signs;
 
 pub use access::{ObjectAnswer, ObjectError, ObjectRequest};
-pub use can::{Heard, LISTENING, Sign, Signs, Told, Waiting, budget};
+pub use can::{Told, Waiting, budget};
 pub use error::{BootError, BootFailure, Said};
 pub use master::Master;
 pub use phase::{LinkEvent, Phase};
 pub use setup::{DriveSetup, MasterSetup, SensorLink, SensorNode, SensorSetup, Waits};
+pub use signs::{Heard, LISTENING, Sign, Signs};
 pub use yieldwall_drives::cia402::CommandMode;
 
 #[cfg(test)]

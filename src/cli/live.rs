@@ -18,9 +18,10 @@ use super::run::{Arguments, check, check_buses};
 use crate::config::{self, Source};
 use crate::guard::Fault;
 use crate::host::system::Refusal;
-use crate::host::{NotRun, RigOnBus, StageTimes, Terms};
+use crate::host::{NotRun, Outcome, RigOnBus, StageTimes, Terms};
 use crate::record::CycleRecord;
-use crate::run::{Ended, Play};
+use crate::record::recording::About;
+use crate::run::{Ended, Play, Played};
 use crate::study::{Overrides, drawing, measured, replay};
 use facts::Facts;
 use proof::{evidence, unproven, untimely};
@@ -48,7 +49,6 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
         return Err(Failure::new(Exit::Usage, message, "say how long, in s, with --duration"));
     };
     check_buses(&rig, arguments.ignore_bus_budget, output)?;
-    let overrides = Overrides { duration_s: arguments.duration, ..Overrides::default() };
     let file = rig;
     let rig = file.value.clone();
     let terms = Terms {
@@ -62,22 +62,9 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
     let mut on_bus =
         RigOnBus::open(&rig, interfaces.names(), arguments.pace.pace()).map_err(|error| open_failure(&error))?;
     refuse(arguments, on_bus.memory())?;
-    for facts in on_bus.facts() {
-        facts.advice().into_iter().for_each(|advice| warn(output, advice));
-        // In lockstep nothing has to be in time.
-        if arguments.pace == PaceArgument::Free
-            && let Some((why, help)) = facts.attachment.too_slow_for(rig.cycle.period_us)
-        {
-            let message = format!("`{}` {why}", facts.name);
-            output.warnings(&[file.finding(config::Severity::Warning, "cycle.period_us", message, help, &[])]);
-        }
-    }
+    warn_of_interfaces(&on_bus, &file, arguments.pace, output);
     warn_of(output, on_bus.memory());
-    let mut about = replay::about(&rig, scene.as_ref(), &overrides)
-        .map_err(|error| Failure::new(Exit::Internal, format!("documents of the recording: {error}"), ""))?;
-    if arguments.ignore_latency {
-        about.overrides = format!("{} --ignore-latency", about.overrides).trim().to_owned();
-    }
+    let about = about(&rig, scene.as_ref(), arguments)?;
     let [candump, record, black_box] =
         [&arguments.candump, &arguments.record, &arguments.black_box].map(Option::as_deref);
     let watched = match arguments.pace {
@@ -107,34 +94,10 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
     refuse(arguments, &outcome.priority)?;
     let played = match &outcome.played {
         Ok(played) => *played,
-        Err(NotRun::Run(error)) => {
-            let failure = with_emergencies(live_failure(error), &outcome.emergencies, &rig);
-            return Err(kept.point_to_black_box(failure));
-        }
-        Err(NotRun::Unproven(error)) => return Err(unproven(error, &interfaces.arguments(&rig), arguments)),
-        Err(NotRun::Untimely(error)) => return Err(untimely(error, &rig)),
-        // Said with the line of the file before anything was opened.
-        Err(error @ NotRun::Overfull { .. }) => return Err(Failure::new(Exit::ConfigInvalid, error.to_string(), "")),
-        Err(error @ NotRun::NotGranted) => return Err(Failure::new(Exit::TimingMissed, error.to_string(), "")),
+        Err(error) => return Err(kept.point_to_black_box(not_run(error, &outcome, &interfaces, &rig, arguments))),
     };
     let time_s = played.cycles as f64 * period_s;
-    let failure = match played.ended {
-        Ended::Whole => None,
-        Ended::Interrupted => {
-            Some(Failure::new(Exit::Interrupted, format!("interrupted after {time_s:.3} s; the rig was stopped"), ""))
-        }
-        Ended::Stopped => Some(with_emergencies(stopped_by(played.cause, time_s, &rig), &outcome.emergencies, &rig)),
-        Ended::StillMoving => Some(Failure::new(
-            Exit::SafetyStop,
-            "a drive says that it still makes torque after the rig was stopped",
-            "look at the drive, and use the emergency stop if it moves",
-        )),
-        Ended::Panicked => Some(Failure::new(
-            Exit::Internal,
-            format!("after {time_s:.3} s the cycle panicked ({})", Fault::CyclePanicked.row().meaning),
-            "a quick stop was sent; please report what was printed above",
-        )),
-    };
+    let failure = ended(&played, time_s, &outcome, &rig);
     let (trace, measures) = measured(&rig, &rig.fixture, rows);
     if let Some(path) = &arguments.figure {
         let drawing = drawing::run(&trace, Some(rig.rig.name.clone())).map_err(|error| drawing_failure(&error))?;
@@ -156,6 +119,71 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
         return end;
     }
     output.end(facts.json(time_s), end)
+}
+
+/// What the interfaces lack for this rig.
+fn warn_of_interfaces(on_bus: &RigOnBus, rig: &config::Loaded<config::Rig>, pace: PaceArgument, output: &mut Output) {
+    for facts in on_bus.facts() {
+        facts.advice().into_iter().for_each(|advice| warn(output, advice));
+        // In lockstep nothing has to be in time.
+        if pace == PaceArgument::Free
+            && let Some((why, help)) = facts.attachment.too_slow_for(rig.value.cycle.period_us)
+        {
+            let message = format!("`{}` {why}", facts.name);
+            output.warnings(&[rig.finding(config::Severity::Warning, "cycle.period_us", message, help, &[])]);
+        }
+    }
+}
+
+/// What a recording says of the run.
+fn about(rig: &config::Rig, scene: Option<&config::Scene>, arguments: &Arguments) -> Result<About, Failure> {
+    let overrides = Overrides { duration_s: arguments.duration, ..Overrides::default() };
+    let mut about = replay::about(rig, scene, &overrides)
+        .map_err(|error| Failure::new(Exit::Internal, format!("documents of the recording: {error}"), ""))?;
+    if arguments.ignore_latency {
+        about.overrides = format!("{} --ignore-latency", about.overrides).trim().to_owned();
+    }
+    Ok(about)
+}
+
+/// Why the rig did not run.
+fn not_run(
+    error: &NotRun,
+    outcome: &Outcome,
+    interfaces: &Interfaces,
+    rig: &config::Rig,
+    arguments: &Arguments,
+) -> Failure {
+    match error {
+        NotRun::Run(error) => with_emergencies(live_failure(error), &outcome.emergencies, rig),
+        NotRun::Unproven(error) => unproven(error, &interfaces.arguments(rig), arguments),
+        NotRun::Untimely(error) => untimely(error, rig),
+        // Said with the line of the file before anything was opened.
+        NotRun::Overfull { .. } => Failure::new(Exit::ConfigInvalid, error.to_string(), ""),
+        NotRun::NotGranted => Failure::new(Exit::TimingMissed, error.to_string(), ""),
+    }
+}
+
+/// What is wrong with how a run ended, if anything is.
+fn ended(played: &Played, time_s: f64, outcome: &Outcome, rig: &config::Rig) -> Option<Failure> {
+    let failure = match played.ended {
+        Ended::Whole => return None,
+        Ended::Interrupted => {
+            Failure::new(Exit::Interrupted, format!("interrupted after {time_s:.3} s; the rig was stopped"), "")
+        }
+        Ended::Stopped => with_emergencies(stopped_by(played.cause, time_s, rig), &outcome.emergencies, rig),
+        Ended::StillMoving => Failure::new(
+            Exit::SafetyStop,
+            "a drive says that it still makes torque after the rig was stopped",
+            "look at the drive, and use the emergency stop if it moves",
+        ),
+        Ended::Panicked => Failure::new(
+            Exit::Internal,
+            format!("after {time_s:.3} s the cycle panicked ({})", Fault::CyclePanicked.row().meaning),
+            "a quick stop was sent; please report what was printed above",
+        ),
+    };
+    Some(failure)
 }
 
 /// With `--require-realtime` what was not granted is an error.

@@ -6,34 +6,18 @@
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
-use super::check::Locator;
-use super::diagnostic::{Diagnostic, Place, Related, Report, Severity};
+use super::diagnostic::{Diagnostic, Place, Related, Report};
 use super::explain::explain_syntax;
-use super::kind::Kind;
+use super::kind::{Kind, LIKE};
+use super::locator::{File, Locator, Origins, Spot};
 use super::outline::{Content, Node, Outline};
 use super::schema::Guide;
 use super::source::{Source, rebase};
 use super::suggest::nearest;
 use super::yaml::{self, MAX_NODES};
 
-/// The key that names the file which a variant is like.
-pub(super) const LIKE: &str = "like";
 /// The key of a rig that has its simulation, or names the file of it.
 const SIMULATION: &str = "simulation";
-
-/// A file that has been read.
-#[derive(Clone, Debug)]
-pub(super) struct File {
-    pub(super) name: String,
-    pub(super) text: Arc<str>,
-}
-
-/// A place in a file, by its number.
-type Spot = (usize, Place);
-
-/// Where the values of a text stand in the files that it was put together from, by their place in the text. Empty for
-/// the text of one file.
-pub(super) type Origins = BTreeMap<usize, Spot>;
 
 /// A value and where it is from.
 struct Piece {
@@ -221,22 +205,6 @@ impl Parts {
             note(root, whole, &mut origins);
         }
         Ok(Locator { files: self.files, text: text.into(), outline, origins })
-    }
-}
-
-impl File {
-    /// An error at a place of this file.
-    pub(super) fn finding(&self, place: Place, key: &str, message: String, help: String) -> Diagnostic {
-        Diagnostic {
-            severity: Severity::Error,
-            file: self.name.clone(),
-            place: Some(place),
-            key: key.to_owned(),
-            message,
-            help: Some(help),
-            related: Vec::new(),
-            text: Some(self.text.clone()),
-        }
     }
 }
 

@@ -2,8 +2,8 @@
 
 use std::sync::Arc;
 
-use super::check::Locator;
 use super::diagnostic::{Diagnostic, Place, Severity};
+use super::locator::Locator;
 use super::number::TOO_LARGE;
 use super::outline::{Content, Node, Step, steps};
 use super::schema::Guide;

@@ -1,9 +1,9 @@
 //! Keys of earlier versions: what stands in their place now, written out.
 
-use super::check::Locator;
 use super::compose::in_block_style;
 use super::diagnostic::{Diagnostic, Severity};
 use super::kind::Kind;
+use super::locator::Locator;
 use super::outline::{Content, Node};
 
 /// The finding for a document in the form of an earlier version, each key at its place.

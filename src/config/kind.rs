@@ -1,8 +1,11 @@
-//! The five kinds of document, told apart by their keys.
+//! The kinds of document, told apart by their keys.
 
 use std::fmt;
 
 use super::tree::ProfileName;
+
+/// The key that names the file which a variant is like.
+pub(super) const LIKE: &str = "like";
 
 /// What a document is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

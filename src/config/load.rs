@@ -7,14 +7,15 @@ use serde::Serialize;
 use serde::de::DeserializeOwned;
 
 use super::check::{
-    Findings, Locator, Machine, check_device, check_figure, check_override, check_profile, check_rig, check_scene,
+    Findings, Machine, check_device, check_figure, check_override, check_profile, check_rig, check_scene,
     check_scene_for, refuse_profile,
 };
-use super::compose::{LIKE, open};
+use super::compose::open;
 use super::diagnostic::{Diagnostic, Report, Severity};
 use super::explain::explain;
 use super::former::former;
-use super::kind::Kind;
+use super::kind::{Kind, LIKE};
+use super::locator::Locator;
 use super::schema::Guide;
 use super::source::Source;
 use super::tree::{Figure, ImpedanceDevice, NotSimulated, Rig, Scene, Simulation};

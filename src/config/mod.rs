@@ -13,6 +13,7 @@ mod explain;
 mod former;
 mod kind;
 mod load;
+mod locator;
 #[cfg(test)]
 pub(crate) mod malformed;
 mod number;

@@ -3,8 +3,8 @@
 use schemars::{JsonSchema, SchemaGenerator};
 use serde_json::{Map, Value, json};
 
-use super::compose::LIKE;
 use super::kind::Kind;
+use super::kind::LIKE;
 use super::outline::{Step, steps};
 use super::tree::{Figure, ImpedanceDevice, Rig, Scene, Simulation};
 use yieldwall_drives::profiles::DeviceProfile;

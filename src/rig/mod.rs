@@ -19,6 +19,7 @@ mod margins;
 mod pair;
 mod seat;
 mod server;
+mod silence;
 mod world;
 
 pub use devices::{arm as simulated_arm, drive as simulated_drive, force_sensor as simulated_force_sensor};

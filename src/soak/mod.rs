@@ -1,6 +1,7 @@
 //! Deterministic fault simulation of the whole rig: machines, hands, faults and people drawn from seeds, and a checker
 //! that watches every cycle from outside.
 
+mod attempt;
 mod campaign;
 mod checker;
 mod dice;

@@ -1,14 +1,11 @@
 //! One seed from the draw to its outcome.
 
-use std::panic::{AssertUnwindSafe, catch_unwind};
-
+use super::attempt::run_script;
 use super::draw::{Machine, Shipped};
 use super::invariant::{Invariant, Violation};
 use super::script::Script;
-use super::session::{Course, Play, play};
 use super::shrink::shrink;
 use super::tally::Outcome;
-use super::verdict::{Verdict, judge};
 use crate::guard::fault::TABLE;
 
 /// One seed in so many is run twice.
@@ -59,24 +56,5 @@ pub fn run_seed(shipped: &Shipped, seed: u64, cycles: u32, script: Option<&Scrip
         excused: played.excused.by_name(),
         violations,
         replay,
-    }
-}
-
-/// Runs a script and judges it. A panic of the program is a violation like any other.
-pub(super) fn run_script(machine: &Machine, script: &Script, seed: u64, cycles: u32) -> (Play, Verdict) {
-    let course = Course { machine, script: &script.injections, seed, cycles };
-    match catch_unwind(AssertUnwindSafe(|| play(&course))) {
-        Ok(played) => {
-            let verdict = judge(machine, script, &played);
-            (played, verdict)
-        }
-        Err(panic) => {
-            let text = panic.downcast_ref::<String>().map(String::as_str);
-            let text = text.or_else(|| panic.downcast_ref::<&str>().copied()).unwrap_or("without a message");
-            let seen = format!("panic: {text}");
-            let found = Violation { invariant: Invariant::Simulation, cycle: 0, time_s: 0.0, seen };
-            let played = Play { violations: vec![found], ..Play::nothing() };
-            (played, Verdict::default())
-        }
     }
 }

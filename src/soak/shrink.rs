@@ -1,9 +1,9 @@
 //! A violation made small: fewer faults, shorter ones, fewer cycles.
 
+use super::attempt::run_script;
 use super::draw::Machine;
 use super::invariant::{Invariant, Violation};
 use super::script::Script;
-use super::seed::run_script;
 use crate::injection::Injection;
 
 /// Most runs that are spent on one violation.

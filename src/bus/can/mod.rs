@@ -6,8 +6,8 @@ pub mod budget;
 mod image;
 mod line;
 mod node;
-mod signs;
 mod states;
+mod transfer;
 mod waiting;
 
 use std::time::Duration;
@@ -16,6 +16,7 @@ use super::axis::{DriveOrders, DriveWords};
 use super::error::{BootError, BootFailure};
 use super::phase::{LinkEvent, Phase};
 use super::setup::{MasterSetup, SensorLink};
+use super::signs::Signs;
 use crate::canopen::nmt;
 use crate::canopen::{self, Emergency, Frame, NodeId, Outbox, SyncProducer, Time, cob};
 use crate::cycle::LinkEvents;
@@ -27,7 +28,6 @@ use image::{Image, SensorFrames, Taken};
 use line::Line;
 use node::Node;
 
-pub use signs::{Heard, LISTENING, Sign, Signs};
 pub use waiting::Waiting;
 
 /// Emergencies that are remembered.
@@ -281,7 +281,7 @@ impl CanNetwork {
             });
         } else {
             let here = self.nodes.iter_mut().filter(|node| node.bus == frame.bus());
-            here.for_each(|node| node.hear_answer(now, frame, &mut out.on(node.bus)));
+            here.for_each(|node| node.transfer.on_frame(now, frame, &mut out.on(node.bus)));
         }
     }
 

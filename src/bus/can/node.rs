@@ -2,12 +2,12 @@
 
 use std::time::Duration;
 
-use super::access::Asked;
 use super::boot::Boot;
-use crate::bus::error::Said;
+use super::transfer::Transfer;
+use crate::bus::error::{BootFailure, Said};
 use crate::bus::phase::Phase;
 use crate::bus::setup::Waits;
-use crate::canopen::{Frame, NmtState, NodeId, SdoClient, Time, cob};
+use crate::canopen::{Frame, NmtState, NodeId, Outbox, Time, cob};
 use crate::guard::Device;
 
 /// So many heartbeats of one node ...
@@ -19,9 +19,6 @@ const PERIODS_OF_TWO: f64 = 1.75;
 /// More SDO answers than requests by so many are those of two nodes. CAN itself doubles a frame whose last bit is disturbed
 /// (CAN 2.0, end of frame), but rarely.
 const ANSWERS_OF_TWO: i32 = 3;
-/// Bytes of the largest object that is read or written. A client has memory for so many from the start, so that a transfer beside the
-/// cycle allocates nothing.
-const SDO_CAPACITY: usize = 1024;
 /// An SDO abort, which nobody answers (CiA 301).
 const ABORT: u8 = 0x80;
 /// What begins an SDO download, in segments or at once, by its three highest bits ...
@@ -36,10 +33,7 @@ pub(super) struct Node {
     pub(super) id: NodeId,
     pub(super) device: Device,
     pub(super) name: String,
-    /// Transfers its objects: for the boot, and then for whoever asks.
-    pub(super) client: SdoClient,
-    /// What it was asked after the boot.
-    pub(super) asked: Asked,
+    pub(super) transfer: Transfer,
     pub(super) boot: Boot,
     pub(super) has_booted: bool,
     /// What it said since the boot began.
@@ -82,8 +76,7 @@ impl Node {
             id,
             device,
             name: name.to_owned(),
-            client: SdoClient::new(id, waits.sdo, SDO_CAPACITY),
-            asked: Asked::Nothing,
+            transfer: Transfer::new(id, waits.sdo),
             boot,
             has_booted: false,
             said: Said::default(),
@@ -117,13 +110,37 @@ impl Node {
 
     /// Forgets all that was heard of it.
     pub(super) fn restart(&mut self) {
-        self.give_up_request();
-        self.client = SdoClient::new(self.id, self.waits.sdo, SDO_CAPACITY);
+        self.transfer.restart();
         self.boot.reset();
         self.said = Said::default();
         (self.has_booted, self.is_operational, self.has_restarted) = (false, false, false);
         (self.heard, self.is_double) = (Default::default(), false);
         (self.unanswered, self.has_other_client, self.is_altered) = (0, false, false);
+    }
+
+    /// Begins to configure it.
+    pub(super) fn start_boot(&mut self, now: Time, out: &mut impl Outbox) -> Result<(), BootFailure> {
+        self.boot.start(now, &mut self.transfer.client, &mut out.on(self.bus))
+    }
+
+    /// Begins to configure it anew, since it has restarted.
+    pub(super) fn restart_boot(&mut self, now: Time, out: &mut impl Outbox) -> Result<(), BootFailure> {
+        self.boot.restart(now, &mut self.transfer.client, &mut out.on(self.bus))
+    }
+
+    /// Brings its configuration forward when something is due.
+    pub(super) fn poll_boot(&mut self, now: Time, out: &mut impl Outbox) -> Result<(), BootFailure> {
+        self.boot.poll(now, &mut self.transfer.client, &mut out.on(self.bus))
+    }
+
+    /// Brings its configuration forward by a frame of its bus.
+    pub(super) fn hear_boot(&mut self, now: Time, frame: &Frame, out: &mut impl Outbox) -> Result<(), BootFailure> {
+        self.boot.on_frame(now, frame, &mut self.transfer.client, &mut out.on(self.bus))
+    }
+
+    /// When its configuration goes on.
+    pub(super) fn boot_deadline(&self) -> Time {
+        self.boot.next_deadline(&self.transfer.client)
     }
 
     /// Forgets when its heartbeats came.

@@ -4,10 +4,10 @@ use std::time::Duration;
 
 use super::line::Line;
 use super::node::Node;
-use super::signs::Heard;
 use super::{CanNetwork, refuse};
 use crate::bus::error::BootFailure;
 use crate::bus::phase::Phase;
+use crate::bus::signs::Heard;
 use crate::canopen::nmt::{self, HeartbeatChange, HeartbeatEvent};
 use crate::canopen::{Frame, NmtCommand, NmtState, Outbox, Time};
 use crate::cycle::LinkEvents;
@@ -67,7 +67,7 @@ impl CanNetwork {
         // In operation the heartbeat follows the set-points, where it is in nobody's way.
         let heartbeat = if self.phase == Phase::Operational { Time::NEVER } else { self.next_heartbeat };
         let watched = self.lines.iter().map(|line| line.watch.next_deadline()).fold(Time::NEVER, Time::min);
-        let asked = self.nodes.iter().map(Node::asked_deadline).fold(Time::NEVER, Time::min);
+        let asked = self.nodes.iter().map(|node| node.transfer.deadline()).fold(Time::NEVER, Time::min);
         let base = heartbeat.min(watched).min(asked).min(self.phase_deadline());
         if self.phase == Phase::Starting {
             return self.image.plain().map_or(base, |client| base.min(client.next_deadline()));
@@ -75,7 +75,7 @@ impl CanNetwork {
         if self.phase != Phase::Configuring {
             return base;
         }
-        self.nodes.iter().map(|node| node.boot.next_deadline(&node.client)).fold(base, Time::min)
+        self.nodes.iter().map(|node| node.boot_deadline()).fold(base, Time::min)
     }
 
     /// Does what time asks for: heartbeat, watched nodes, waits of the boot.
@@ -88,7 +88,7 @@ impl CanNetwork {
         while let Some((bus, event)) = self.lines.iter_mut().find_map(|line| Some((line.bus, line.watch.poll(now)?))) {
             self.on_node(now, bus, event, out);
         }
-        self.nodes.iter_mut().for_each(|node| node.poll_answer(now, &mut out.on(node.bus)));
+        self.nodes.iter_mut().for_each(|node| node.transfer.poll(now, &mut out.on(node.bus)));
         match self.phase {
             Phase::Configuring => self.configure(now, out, Node::poll_boot),
             Phase::Resetting | Phase::Starting if now >= self.phase_deadline() => self.give_up(now),

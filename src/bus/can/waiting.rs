@@ -36,9 +36,7 @@ impl CanNetwork {
     pub(in crate::bus) fn waiting(&self, now: Time) -> Option<Waiting<'_>> {
         let nodes = self.nodes.iter().filter_map(|node| {
             let (step, until) = match self.phase {
-                Phase::Configuring if !node.boot.is_done() => {
-                    (node.boot.doing(), node.boot.next_deadline(&node.client))
-                }
+                Phase::Configuring if !node.boot.is_done() => (node.boot.doing(), node.boot_deadline()),
                 _ => node.owes(&self.phase).map(|(step, wait)| (step, self.phase_since + wait))?,
             };
             Some((Some(node.id.raw()), node.name.as_str(), step, until))

@@ -1,5 +1,6 @@
 //! Injections carried out: what begins and ends, and what it does to devices, hand and arm.
 
+use super::schedule::Schedule;
 use super::simulation::Simulation;
 use super::trouble::is_at;
 use super::{RigError, STRANGER};
@@ -16,20 +17,6 @@ const EMERGENCIES: [u16; 3] = [0x3210, 0x3210, 0x5000];
 const ABORT_CONNECTION_IGNORED: [u8; 8] = [0x2b, 0x07, 0x60, 0, 0, 0, 0, 0];
 /// Emergency that is a warning: messages were lost.
 const WARNING: u16 = 0x8110;
-
-/// What waits for its moment.
-#[derive(Debug)]
-pub(super) struct Schedule {
-    waiting: Vec<Injection>,
-    /// When something begins or ends next, in s since the scene began.
-    next_change_s: f64,
-}
-
-impl Default for Schedule {
-    fn default() -> Self {
-        Self { waiting: Vec::new(), next_change_s: f64::INFINITY }
-    }
-}
 
 impl Simulation {
     /// Adds an injection. It acts from the first cycle at or after its start to the last one before its end; what is

@@ -7,15 +7,16 @@ mod boot;
 mod buses;
 mod injecting;
 mod probe;
+mod schedule;
 mod simulation;
 mod trouble;
 
 pub use probe::{BodyTruth, PORTS};
 
 use super::devices;
-use super::drill::Silence;
 use super::error::RigError;
 use super::far_end::FarEnd;
+use super::silence::Silence;
 use super::world::Body;
 use crate::assembly;
 use crate::bus::Master;

@@ -1,0 +1,83 @@
+//! What a drill keeps from the simulated drives.
+
+use super::error::RigError;
+use crate::assembly::device_buses;
+use crate::canopen::{Frame, Time, cob};
+use crate::config;
+use crate::run::Finding;
+use yieldwall_drives::cia402;
+use yieldwall_drives::watchdog::Watchdog;
+
+/// What keeps frames of the master from the drives of an embedded rig, and notes when these stop.
+#[derive(Debug)]
+pub(super) struct Silence {
+    watchdog: Watchdog,
+    /// Buses and identifiers of the set-points.
+    set_points: [(u8, u16); 2],
+    /// The set-points that are repeated, as the last cycle sent them.
+    repeated: [Option<Frame>; 2],
+    is_on: bool,
+    last: Time,
+    stopped_at: [Option<Time>; 2],
+}
+
+impl Silence {
+    pub(super) fn new(watchdog: Watchdog, rig: &config::Rig) -> Result<Self, RigError> {
+        let mode = rig.rig.command_mode.operation_mode();
+        let id = |drive: &config::Drive| {
+            let number = drive.profile.get()?.pdos(Some(mode))?.rpdo.first()?.number;
+            cob::node_id(drive.address.canopen.node_id).ok().and_then(|node| cob::rpdo(number, node))
+        };
+        let [left, right] = &rig.drives;
+        let [left_bus, right_bus, _] = device_buses(rig)?;
+        let set_points = [(left_bus, id(left).unwrap_or_default()), (right_bus, id(right).unwrap_or_default())];
+        Ok(Self { watchdog, set_points, repeated: [None; 2], is_on: false, last: Time(0), stopped_at: [None; 2] })
+    }
+
+    /// What the devices get of a frame of the master.
+    pub(super) fn pass(&mut self, now: Time, frame: Frame) -> Option<Frame> {
+        let drive = self.set_points.iter().position(|own| *own == (frame.bus(), frame.id()));
+        let is_watched = match self.watchdog {
+            Watchdog::Sync => frame.id() == cob::SYNC,
+            Watchdog::SetPoints => drive.is_some(),
+            Watchdog::Heartbeat => cob::is_heartbeat(frame.id()),
+        };
+        if self.is_on {
+            // A master that notices and stops the drives would hide what they do by themselves.
+            let repeated = drive.and_then(|drive| self.repeated.get(drive).copied().flatten());
+            return if is_watched { None } else { Some(repeated.unwrap_or(frame)) };
+        }
+        if let Some(place) = drive.and_then(|drive| self.repeated.get_mut(drive)) {
+            *place = Some(frame);
+        }
+        if is_watched {
+            self.last = now;
+        }
+        Some(frame)
+    }
+
+    /// Looks at the drives.
+    pub(super) fn look(&mut self, now: Time, states: [cia402::State; 2]) {
+        for (stopped_at, state) in self.stopped_at.iter_mut().zip(states) {
+            if self.is_on && state != cia402::State::OperationEnabled {
+                stopped_at.get_or_insert(now);
+            }
+        }
+    }
+
+    /// From now on it is silent.
+    pub(super) fn begin(&mut self) {
+        self.is_on = true;
+    }
+
+    /// Whether a drive has not stopped.
+    pub(super) fn is_awaited(&self) -> bool {
+        self.stopped_at.contains(&None)
+    }
+
+    /// What was found.
+    pub(super) fn finding(&self) -> Finding {
+        let stopped_after = self.stopped_at.map(|stopped_at| stopped_at.map(|at| at.since(self.last)));
+        Finding { watchdog: self.watchdog, stopped_after }
+    }
+}
