@@ -12,7 +12,7 @@ use std::path::Path;
 
 use yieldwall::config::{Source, load_rig};
 use yieldwall::record::recording::{Backpressure, Feed, Reader, Recorder};
-use yieldwall::study::{Overrides, Watch, replay, run_rig};
+use yieldwall::report::{Overrides, Watch, replay, run_rig};
 
 fn main() -> Result<(), Box<dyn Error>> {
     match std::env::args_os().nth(1) {

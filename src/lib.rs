@@ -33,6 +33,8 @@ pub mod quantity;
 pub mod sensing;
 pub mod setvalued;
 
+#[cfg(feature = "sim")]
+pub mod analysis;
 #[cfg(feature = "config")]
 pub mod assembly;
 #[cfg(feature = "config")]
@@ -47,6 +49,8 @@ pub mod link;
 #[cfg(feature = "sim")]
 pub mod live;
 pub mod record;
+#[cfg(feature = "sim")]
+pub mod report;
 #[cfg(feature = "sim")]
 pub mod rig;
 #[cfg(feature = "config")]

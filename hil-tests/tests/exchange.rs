@@ -104,8 +104,8 @@ fn one_flipped_bit_of_a_force_frame_changes_the_set_points_that_follow() {
 }
 
 /// Checks from the frames alone: no set-point that moves an axis unless both drives reported Operation Enabled in that
-/// cycle (I1); steps and torques within the limits (I2, I3); the first target is the measured position (I9); one
-/// set-point per drive and SYNC (I12).
+/// cycle (moves-enabled); steps and torques within the limits (bounded-motion, bounded-effort); the first target is the measured position (starts-in-place); one
+/// set-point per drive and SYNC (fresh-set-point).
 fn check_setpoints(scenario: &Scenario, recording: &Recording) {
     let replay = scenario.replay();
     let mode = scenario.rig.rig.command_mode;
@@ -121,21 +121,21 @@ fn check_setpoints(scenario: &Scenario, recording: &Recording) {
         let all_enabled = statuses.iter().all(|status| status.is_some_and(|status| status.is_enabled()));
         for joint in 0..2 {
             let sent = find(0x200, joint);
-            assert!(sent.len() <= 1, "I12: {} set-points in one cycle; {replay}", sent.len());
+            assert!(sent.len() <= 1, "fresh-set-point: {} set-points in one cycle; {replay}", sent.len());
             let Some(seen) = sent.first() else { continue };
             let sent = hil_tests::setpoint(seen);
             let moves = match mode {
                 CommandMode::Position => Some(sent.target) != statuses[joint].map(|status| status.position),
                 CommandMode::Velocity | CommandMode::Torque => sent.target != 0,
             };
-            assert!(!moves || (all_enabled && sent.enables()), "I1: {sent:?} while {statuses:?}; {replay}");
+            assert!(!moves || (all_enabled && sent.enables()), "moves-enabled: {sent:?} while {statuses:?}; {replay}");
             let size = f64::from(sent.target).abs();
             match (mode, last[joint].filter(|_| all_enabled)) {
-                (CommandMode::Torque, _) => assert!(size <= 1000.0, "I3: {sent:?}; {replay}"),
-                (CommandMode::Velocity, _) => assert!(size <= fastest + 1.0, "I3: {sent:?}; {replay}"),
+                (CommandMode::Torque, _) => assert!(size <= 1000.0, "bounded-effort: {sent:?}; {replay}"),
+                (CommandMode::Velocity, _) => assert!(size <= fastest + 1.0, "bounded-effort: {sent:?}; {replay}"),
                 (CommandMode::Position, Some(before)) => {
                     let step = f64::from(sent.target.wrapping_sub(before).abs());
-                    assert!(step <= longest, "I2: {before} {sent:?}; {replay}");
+                    assert!(step <= longest, "bounded-motion: {before} {sent:?}; {replay}");
                 }
                 (CommandMode::Position, None) => {}
             }
@@ -191,7 +191,7 @@ fn a_cycle_is_sync_alone_then_process_data_then_set_points_and_nothing_is_left_o
         }
         let seconds = recording.frames.last().unwrap().time.as_secs_f64();
         let load = session.machine.bus_counters().sum::<BusCounters>().bits as f64 / (seconds * 1e6);
-        assert!(load < 0.80, "I19: bus load {load}; {replay}");
+        assert!(load < 0.80, "bus-load: bus load {load}; {replay}");
     }
 }
 

@@ -132,7 +132,7 @@ fn after_a_fault_a_person_resets_and_enables_and_it_starts_where_it_is() {
         let before = session.rows.len();
         cycles_until(&mut session, State::Running);
         let row = session.rows.last().unwrap();
-        assert_eq!(row.target_angles_rad, row.measured_angles_rad, "I9; {}", session.replay);
+        assert_eq!(row.target_angles_rad, row.measured_angles_rad, "starts-in-place; {}", session.replay);
         match session.machine.last_outputs().unwrap().command.get() {
             JointCommand::Torque(torques) => assert_eq!(torques.to_array(), [0.0; 2]),
             JointCommand::Position(angles) => assert_eq!(angles.to_array(), row.measured_angles_rad),

@@ -4,7 +4,7 @@
 //! A failing run is repeated with `yieldwall reproduce FIGURE --hand-stiffness X --hand-mass Y`.
 
 use yieldwall::guard::State;
-use yieldwall::study::measures::Impact;
+use yieldwall::report::measures::Impact;
 use yieldwall::study::reproduce::{FigureRun, HandScale, Mode, reproduce};
 
 const HANDS: [HandScale; 5] = [

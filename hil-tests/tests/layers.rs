@@ -23,6 +23,8 @@ sim                  may name drives, canopen, linkage, sensing, setvalued, quan
 injection            may name guard; named by config, rig, study, soak, cli
 link                 names canopen and bus; named by run, rig, host, live, cli
 host                 the computer, and a rig on its interfaces: names run and what run names; named by cli
+analysis             what can be said of a rig before it runs: names rig and what rig names; named by study, cli
+report               what a run shows: names rig and what rig names; named by study, cli
 live                 simulated devices on an interface: names link, rig and what rig names; named by cli
 config               names the parameter types of the layers below cycle; named by bus, assembly, run, sim, rig, host, study, soak, record, cli
 elementary           names nothing; named by all
@@ -31,7 +33,8 @@ record               names what enters and leaves a cycle: cycle, guard, sensing
 ";
 
 /// All layers. `drives` is not among them: it is a package of its own, `yieldwall_drives`.
-const LAYERS: [&str; 26] = [
+const LAYERS: [&str; 28] = [
+    "analysis",
     "batch",
     "elementary",
     "quantity",
@@ -50,6 +53,7 @@ const LAYERS: [&str; 26] = [
     "config",
     "sim",
     "record",
+    "report",
     "assembly",
     "run",
     "host",
@@ -84,10 +88,14 @@ fn may_name(layer: &str) -> Option<Vec<&'static str>> {
         "run" => [bus(), run].concat(),
         "host" => [bus(), run, vec!["run"]].concat(),
         "rig" => [bus(), run, vec!["run", "injection", "sim"]].concat(),
+        "analysis" => [bus(), run, vec!["run", "sim", "rig"]].concat(),
+        "report" => [bus(), run, vec!["run", "injection", "sim", "rig"]].concat(),
         "live" => [bus(), run, vec!["run", "sim", "rig"]].concat(),
-        "study" | "soak" => [bus(), run, vec!["run", "batch", "injection", "sim", "rig"]].concat(),
+        "soak" => [bus(), run, vec!["run", "batch", "injection", "sim", "rig"]].concat(),
+        "study" => [bus(), run, vec!["run", "batch", "injection", "sim", "rig", "analysis", "report"]].concat(),
         "cli" => {
-            let above = ["batch", "injection", "run", "host", "sim", "live", "rig", "study", "soak"];
+            let above =
+                ["analysis", "batch", "injection", "run", "host", "sim", "live", "report", "rig", "study", "soak"];
             [bus(), run, above.to_vec()].concat()
         }
         _ => return None,

@@ -16,10 +16,10 @@ use yieldwall::record::recording::{
     self, About, Backpressure, BlackBox, Feed, ReadError, Reader, Recorder, Sink, Writer,
 };
 use yieldwall::record::{CycleRecord, DeviceRecord};
+use yieldwall::report::replay::{self, End, recorded_trace, replay, replay_any, replay_device};
+use yieldwall::report::{Overrides, Watch, run_device, run_rig};
 use yieldwall::rig::EmbeddedRig;
 use yieldwall::run::Observer;
-use yieldwall::study::replay::{self, End, recorded_trace, replay, replay_any, replay_device};
-use yieldwall::study::{Overrides, Watch, run_device, run_rig};
 
 /// A folder of this test's own, removed at the end.
 struct Folder(PathBuf);

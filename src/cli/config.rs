@@ -7,11 +7,11 @@ use super::failure::{Exit, Failure};
 use super::margins::Margins;
 use super::output::Output;
 use super::tune::{self, Masses};
+use crate::analysis::coupled_device;
 use crate::config::{
     self, Coupling, Diagnostic, Document, Figure, Fixture, ImpedanceDevice, Kind, Report, Rig, Scene, Severity,
     Simulation, Source,
 };
-use crate::rig::coupled_device;
 use yieldwall_drives::profiles::{DeviceProfile, Tried};
 
 #[derive(Debug, clap::Subcommand)]
@@ -114,7 +114,7 @@ fn check(files: &[String], output: &mut Output) -> Result<(), Failure> {
 }
 
 fn show(file: &str, output: &mut Output) -> Result<(), Failure> {
-    let document = config::load(Source::named(file))?;
+    let document = portable(config::load(Source::named(file))?);
     output.warnings(document.warnings());
     if output.is_json() {
         return match &document {
@@ -126,15 +126,41 @@ fn show(file: &str, output: &mut Output) -> Result<(), Failure> {
             Document::Simulation(simulation) => output.json(&simulation.value),
         };
     }
-    let text = match &document {
+    output.result(&normal_form(&document).map_err(|error| Failure::new(Exit::Internal, error, ""))?)
+}
+
+fn normal_form(document: &Document) -> Result<String, String> {
+    match document {
         Document::Rig(rig) => config::to_yaml(&rig.value),
         Document::Device(device) => config::to_yaml(&device.value),
         Document::Scene(scene) => config::to_yaml(&scene.value),
         Document::Figure(figure) => config::to_yaml(&figure.value),
         Document::Profile(profile) => config::to_yaml(&profile.value),
         Document::Simulation(simulation) => config::to_yaml(&simulation.value),
+    }
+}
+
+/// A shipped document that names the files it uses by their names inside the program, so that a copy may be kept anywhere.
+fn portable(mut document: Document) -> Document {
+    let whole = |source: &Source, path: &mut String| {
+        if source.is_shipped() {
+            *path = source.relative(path).to_string();
+        }
     };
-    output.result(&text.map_err(|error| Failure::new(Exit::Internal, error, ""))?)
+    match &mut document {
+        Document::Rig(rig) => {
+            rig.value.simulation.iter_mut().for_each(|simulation| whole(&rig.source, &mut simulation.scene));
+        }
+        Document::Device(device) => whole(&device.source, &mut device.value.scene),
+        Document::Simulation(simulation) => whole(&simulation.source, &mut simulation.value.scene),
+        Document::Figure(figure) => {
+            let Figure { rigs, device, scene, .. } = &mut figure.value;
+            let machines = rigs.values_mut().chain(device);
+            machines.chain([scene]).for_each(|path| whole(&figure.source, path));
+        }
+        Document::Scene(_) | Document::Profile(_) => {}
+    }
+    document
 }
 
 /// What a checked document stands for, on one line.
@@ -266,6 +292,23 @@ impl Document {
             Self::Figure(figure) => &figure.warnings,
             Self::Profile(profile) => &profile.warnings,
             Self::Simulation(simulation) => &simulation.warnings,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::config::builtin_names;
+
+    #[test]
+    fn what_is_shown_of_a_shipped_file_can_be_kept_in_another_folder() {
+        let profiles = ["profiles/simulated-servo.yaml", "profiles/maxon-epos4.yaml"];
+        for name in builtin_names().chain(profiles) {
+            let shipped = config::load(Source::named(&format!("builtin:{name}"))).unwrap();
+            let kept = normal_form(&portable(shipped)).unwrap();
+            let copy = Source::among("elsewhere/copy.yaml", [("elsewhere/copy.yaml".into(), kept.into())]);
+            config::load(copy).unwrap_or_else(|report| panic!("{name}: {report}"));
         }
     }
 }

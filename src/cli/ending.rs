@@ -4,9 +4,9 @@ use super::failure::{Exit, Failure};
 use crate::bus::BootFailure;
 use crate::config;
 use crate::guard::{Cause, DeviceSet, Fault};
+use crate::report::RunReport;
+use crate::report::measures::Measures;
 use crate::rig::RigError;
-use crate::study::RunReport;
-use crate::study::measures::Measures;
 
 /// The failure of a run that gave the hand more energy than a fixture that stores none can.
 pub(super) fn above_bound(measures: &Measures, what: &str) -> Failure {

@@ -16,8 +16,8 @@ use crate::record::DeviceRecord;
 use crate::record::recording::{
     About, Backpressure, BlackBox, Feed, Finished, Producer, Recorded, Recorder, Saved, Sink,
 };
+use crate::report::Watch;
 use crate::sim::can::CandumpWriter;
-use crate::study::Watch;
 
 /// The log's first second: some readers take a time of zero for no time at all.
 pub(super) const LOG_STARTS_AT: Duration = Duration::from_secs(1);

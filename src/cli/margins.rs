@@ -2,9 +2,9 @@
 
 use serde_json::{Value, json};
 
+use crate::analysis::{PoseMargins, pose_margins};
 use crate::config::{CommandMode, ControlGains, Rig};
 use crate::control;
-use crate::rig::{PoseMargins, pose_margins};
 
 /// Gain margin in dB and phase margin in degrees below which a line says so.
 const WANTED: (f64, f64) = (6.0, 30.0);

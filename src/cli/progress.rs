@@ -5,7 +5,7 @@ use std::io::{self, IsTerminal};
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 
 use super::output::Output;
-use crate::study::Stage;
+use crate::report::Stage;
 
 /// Steps of the bar.
 const STEPS: u64 = 1000;

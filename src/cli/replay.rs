@@ -10,7 +10,7 @@ use super::failure::{Exit, Failure};
 use super::output::Output;
 use crate::config::{Diagnostic, Severity};
 use crate::record::recording::{self, About, Damage, ReadError, Recording};
-use crate::study::replay::{End, ReplayError, replay_any};
+use crate::report::replay::{End, ReplayError, replay_any};
 
 #[derive(Debug, clap::Args)]
 pub(super) struct Arguments {

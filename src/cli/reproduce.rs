@@ -10,7 +10,7 @@ use super::output::Output;
 use super::picture::{drawing_failure, write_drawing};
 use super::progress::Progress;
 use super::run::{measures_text, tool_text};
-use crate::study::Stage;
+use crate::report::Stage;
 use crate::study::drawing;
 use crate::study::reproduce::{FIGURES, FigureRun, HandScale, Mode, ReproduceError, reproduce, reproduce_file};
 

@@ -8,8 +8,9 @@ pub(super) use masses::Masses;
 
 use super::failure::{Exit, Failure};
 use super::output::Output;
+use crate::analysis::coupled_device;
 use crate::config::{self, Document, Source};
-use crate::rig::{RigError, coupled_device};
+use crate::rig::RigError;
 
 /// Reserve unless another is asked for.
 const RESERVE: f64 = 2.0;

@@ -127,6 +127,11 @@ impl Source {
         }
     }
 
+    /// Whether it is a file that comes with the program.
+    pub fn is_shipped(&self) -> bool {
+        self.origin == Origin::Builtin
+    }
+
     /// The document that `path`, written in this document, means: a file by its way from the folder of this one, or with
     /// `builtin:` before it a shipped file.
     pub fn relative(&self, path: &str) -> Self {

@@ -13,9 +13,7 @@ mod embedded;
 mod error;
 mod far_end;
 mod hand;
-mod held;
 mod impedance;
-mod margins;
 mod pair;
 mod seat;
 mod server;
@@ -26,12 +24,7 @@ pub use devices::{arm as simulated_arm, drive as simulated_drive, force_sensor a
 pub use drill::drill;
 pub use embedded::{BodyTruth, EmbeddedRig, PORTS};
 pub use error::RigError;
-pub use held::{
-    Coupled, HeldMasses, Holding, UnevenSamples, coupled_device, hand_of, held_masses, stiffer, uneven_samples,
-    usual_hands,
-};
 pub use impedance::{ImpedanceLoop, ImpedanceRig};
-pub use margins::{Margin, PoseMargins, pose_margins};
 pub use pair::{Pair, PairParameters, PairRow, PairServo, Placement, Surroundings};
 pub use seat::{Answer, Call, Peer};
 pub use server::{DeviceServer, Served};

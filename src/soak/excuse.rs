@@ -182,11 +182,11 @@ mod tests {
     #[test]
     fn counts_add_up_by_name() {
         let mut first = Excused::default();
-        first.note(Invariant::I6, Excuse::Edge);
+        first.note(Invariant::YieldLevels, Excuse::Edge);
         let mut sum = first.clone();
         sum.join(&first);
         sum.note(Invariant::FalseAlarm, Excuse::Hand);
-        let expected = BTreeMap::from([("I6 edge".to_owned(), 2), ("false-alarm hand".to_owned(), 1)]);
+        let expected = BTreeMap::from([("yield-levels edge".to_owned(), 2), ("false-alarm hand".to_owned(), 1)]);
         assert_eq!(sum.by_name(), expected);
     }
 }

@@ -23,7 +23,7 @@ pub fn run_seed(shipped: &Shipped, seed: u64, cycles: u32, script: Option<&Scrip
         if again.hash != played.hash {
             let seen = format!("two runs left the marks {:016x} and {:016x}", played.hash, again.hash);
             let (cycle, time_s) = (played.cycles, played.simulated_s);
-            verdict.violations.push(Violation { invariant: Invariant::I15, cycle, time_s, seen });
+            verdict.violations.push(Violation { invariant: Invariant::Repeatable, cycle, time_s, seen });
         }
     }
     played.excused.join(&verdict.excused);

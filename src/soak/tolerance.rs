@@ -3,68 +3,68 @@
 /// Share by which a float may pass a limit that was computed from the same numbers in another order.
 pub(super) const ROUNDING: f64 = 1e-9;
 
-/// I2: a target on the bus is a whole count, so that a step of two rounded targets is off by one at most.
+/// bounded-motion: a target on the bus is a whole count, so that a step of two rounded targets is off by one at most.
 pub(super) const TARGET_COUNTS: f64 = 1.0;
 
-/// I2: the deceleration of a ramp, as a share of what is configured. It is `1.5 v / t` at its middle exactly; differences
+/// bounded-motion: the deceleration of a ramp, as a share of what is configured. It is `1.5 v / t` at its middle exactly; differences
 /// over one cycle stay below the peak, except in the cycle in which the ramp ends between two grid points: there
 /// two half steps fall together, so twice is allowed.
 pub(super) const RAMP_SHARE: f64 = 2.0;
 
-/// I2: before both drives are enabled a position target moves nothing: it is where the joint is told to be, or predicted by
+/// bounded-motion: before both drives are enabled a position target moves nothing: it is where the joint is told to be, or predicted by
 /// its last rate, and an arm that nobody holds turns as fast as a hand pushes it. Up to so many times the greatest rate the guard
 /// takes that for motion; from there on for an encoder that has jumped, and the rig is not enabled.
 pub(super) const TURNING_SHARE: f64 = 2.0;
 
-/// I3: torques on the bus are whole per mille of the rated torque, rounded.
+/// bounded-effort: torques on the bus are whole per mille of the rated torque, rounded.
 pub(super) const TORQUE_PER_MILLE: f64 = 1.0;
 
-/// I5: share of the energy limit, at which the guard holds the rig, by which the guard may be mistaken: it multiplies a force
+/// passivity: share of the energy limit, at which the guard holds the rig, by which the guard may be mistaken: it multiplies a force
 /// and a motion that are a cycle apart. At 25 Hz, as fast as hands tremble here, and 4 ms that is 1 - cos(2 pi 25 0.004).
 pub(super) const GUARD_SHARE: f64 = 0.2;
 
-/// I5: time in s over which the balance is forgotten, as the guard does: steps of sensor and encoder would add up for ever.
+/// passivity: time in s over which the balance is forgotten, as the guard does: steps of sensor and encoder would add up for ever.
 pub(super) const FORGETTING_S: f64 = 1.0;
 
-/// I5: mass in kg with which the tool holds kinetic energy: that of the proxy or that of the arm, whichever is more. The
+/// passivity: mass in kg with which the tool holds kinetic energy: that of the proxy or that of the arm, whichever is more. The
 /// arm of the shipped rigs weighs 2.6 to 7.4 kg at the tool along their circle, motors included.
 pub(super) const ARM_KG: f64 = 8.0;
 
-/// I6: force in N, beyond rounding, by which a fixture on a curved surface may pass its levels in the tangent step.
+/// yield-levels: force in N, beyond rounding, by which a fixture on a curved surface may pass its levels in the tangent step.
 pub(super) const LEVEL_N: f64 = 1e-6;
 
-/// I6: share of `hypot(F, R)` by which a fixture on a curved surface may pass its levels while it lies there: the
+/// yield-levels: share of `hypot(F, R)` by which a fixture on a curved surface may pass its levels while it lies there: the
 /// tangent step is projected onto the curve, as printed.
 pub(super) const CURVED_SHARE: f64 = 0.25;
 
-/// I6: a proxy nearer to the surface than this, in m, lies on it: far above rounding, far below any encoder.
+/// yield-levels: a proxy nearer to the surface than this, in m, lies on it: far above rounding, far below any encoder.
 pub(super) const LANDED_M: f64 = 1e-9;
 
-/// I7: a proxy that moves less in a cycle, in m, rests: below one unit in the last place of a coordinate.
+/// comes-to-rest: a proxy that moves less in a cycle, in m, rests: below one unit in the last place of a coordinate.
 pub(super) const RESTING_STEP_M: f64 = 1e-15;
 
-/// I7: cycles beyond the time in which friction stops the proxy: the difference that gives its speed is a cycle old, and
+/// comes-to-rest: cycles beyond the time in which friction stops the proxy: the difference that gives its speed is a cycle old, and
 /// the step in which it stops is not a whole one.
 pub(super) const RESTING_CYCLES: u32 = 3;
 
-/// I9: the first position target may differ by the rounding of one count.
+/// starts-in-place: the first position target may differ by the rounding of one count.
 pub(super) const FIRST_TARGET_COUNTS: i64 = 1;
 
-/// I16: the truth is taken at the computation, the measurement at SYNC: they differ by what a joint turns in between, at
+/// wrapping-counters: the truth is taken at the computation, the measurement at SYNC: they differ by what a joint turns in between, at
 /// most twice its greatest rate times one period (the guard takes a faster encoder for one that has jumped), and by the counts of
 /// the encoder. An arm that nobody holds may turn faster under a hand of 200 N. Then they differ by no more than the joint truly
 /// turned from one computation to the next, since SYNC lies between the two.
 pub(super) const MEASURED_COUNTS: f64 = 2.0;
 
-/// I18: cycles with set-points from a request for a reset to the reset edge: one low word, then the edge.
+/// asked-for: cycles with set-points from a request for a reset to the reset edge: one low word, then the edge.
 pub(super) const RESET_CYCLES: u32 = 2;
 
-/// I19: share of the cycle that the rig's own frames may take, their real stuff bits counted: all of it. Process data and
+/// bus-load: share of the cycle that the rig's own frames may take, their real stuff bits counted: all of it. Process data and
 /// heartbeats of all nodes in one cycle take 93 % at 1 ms. Emergencies are left out, as in the verdict of the bus budget: those of both
 /// drives take another 25 % of a cycle, in which the rig has stopped.
 pub(super) const BUS_SHARE: f64 = 1.0;
 
-/// I20: frames that may wait in one port: the master's two set-points, a heartbeat and SYNC, or what a node answers to SYNC
+/// bounded-queues: frames that may wait in one port: the master's two set-points, a heartbeat and SYNC, or what a node answers to SYNC
 /// with a heartbeat and an emergency, twice over.
 pub(super) const QUEUED_FRAMES: usize = 8;
 
@@ -93,6 +93,6 @@ pub(super) const BALANCE_CYCLES: u32 = 20;
 /// held all the time has 50.
 pub(super) const LEAST_REACTIONS: usize = 10;
 
-/// I11: cycles' worth of a joint's greatest rate from which on a jump of an encoder cannot be motion: the guard takes two for a
+/// reaction: cycles' worth of a joint's greatest rate from which on a jump of an encoder cannot be motion: the guard takes two for a
 /// jump, and the joint may turn by one the other way.
 pub(super) const JUMP_CYCLES: f64 = 3.0;

@@ -87,7 +87,7 @@ pub(super) fn judge(machine: &Machine, script: &Script, play: &Play) -> Verdict 
     if script.is_tangle {
         verdict.faults.extend(refusals);
         let met = |injection: &Injection| state_at(play, &clock, injection.start_s) == Some(State::Running);
-        script.injections.iter().for_each(|_| verdict.excused.note(Invariant::I11, Excuse::SeveralAtOnce));
+        script.injections.iter().for_each(|_| verdict.excused.note(Invariant::Reaction, Excuse::SeveralAtOnce));
         verdict.injections.extend(script.injections.iter().map(|injection| Followed {
             name: injection.kind.row().name.to_owned(),
             met_running: met(injection),
@@ -120,7 +120,7 @@ fn refusal(event: &Event) -> Option<Seen> {
     Some(Seen { name: fault.row().name.to_owned(), reaction: "Refused".to_owned(), cycles: None, bound: None })
 }
 
-/// I11: the reaction is one of the fault's row, and the state is the row's.
+/// reaction: the reaction is one of the fault's row, and the state is the row's.
 fn check_row(event: &Event, fault: Fault, reaction: Option<Reaction>, verdict: &mut Verdict) {
     let Some(reaction) = reaction else { return };
     let row = fault.row();
@@ -138,7 +138,7 @@ fn check_row(event: &Event, fault: Fault, reaction: Option<Reaction>, verdict: &
     if !holds {
         let (from, to) = (event.from, event.to);
         let seen = format!("{} led from {from:?} to {to:?}, which is not in its row", row.name);
-        verdict.violations.push(violation(Invariant::I11, event, seen));
+        verdict.violations.push(violation(Invariant::Reaction, event, seen));
     }
 }
 
@@ -262,7 +262,7 @@ fn judge_window(
             let is_small =
                 injection.kind == Kind::EncoderJump && injection.size.abs() <= tolerance::JUMP_CYCLES * clock.turn_rad;
             measured = measured.filter(|_| !is_small);
-            verdict.found(Invariant::I11, event, is_small.then_some(Excuse::SmallJump), || {
+            verdict.found(Invariant::Reaction, event, is_small.then_some(Excuse::SmallJump), || {
                 let name = fault.row().name;
                 format!("{name} under {} led to {:?} after {cycles} cycles, at most {bound}", row.name, event.to)
             });
@@ -279,7 +279,7 @@ fn judge_window(
     let fails = as_expected == Some(false) && nature::is_certain(injection.kind);
     let pre_empted = pre_empted(clock, injection, window).filter(|_| fails);
     if let Some(excuse) = pre_empted {
-        verdict.excused.note(Invariant::I11, excuse);
+        verdict.excused.note(Invariant::Reaction, excuse);
     }
     let as_expected = as_expected.filter(|_| pre_empted.is_none());
     if fails && pre_empted.is_none() {
@@ -295,7 +295,7 @@ fn judge_window(
         let cycle = ((injection.start_s + clock.scene_from_ns as f64 * 1e-9) / clock.period_s) as u32;
         let time_s = injection.start_s + clock.scene_from_ns as f64 * 1e-9;
         let cycle = window.first().map_or(cycle, |event| event.cycle);
-        verdict.violations.push(Violation { invariant: Invariant::I11, cycle, time_s, seen: message });
+        verdict.violations.push(Violation { invariant: Invariant::Reaction, cycle, time_s, seen: message });
     }
     verdict.injections.push(Followed { name: row.name.to_owned(), met_running, as_expected });
 }
@@ -337,7 +337,7 @@ fn judge_boot(injection: &Injection, play: &Play, verdict: &mut Verdict) {
         && let Some(event) = play.events.iter().find(|event| event.to == State::Running)
     {
         let message = format!("the rig ran in spite of {} on {}", row.name, injection.target.name());
-        verdict.violations.push(violation(Invariant::I11, event, message));
+        verdict.violations.push(violation(Invariant::Reaction, event, message));
     }
     for event in &play.events {
         if let (Some(fault), Some(reaction)) = (event.cause, reaction_of(event)) {

@@ -1,7 +1,7 @@
 //! A shipped machine, whatever its kind.
 
-use super::run::{Overrides, RunReport, Stage, Watch, run_device, run_rig};
 use crate::config::{self, Document, Report, Source};
+use crate::report::{Overrides, RunReport, Stage, Watch, run_device, run_rig};
 use crate::rig::RigError;
 
 /// An admittance rig or an impedance device.

@@ -1,5 +1,4 @@
-//! Studies over whole rigs and over parts of them: the figures of the paper, the measures taken from runs, and the charts
-//! of speed, accuracy and stability.
+//! Studies over whole rigs and over parts of them: the figures of the paper, and the charts of speed, accuracy and stability.
 
 mod ablation;
 pub mod bench;
@@ -13,18 +12,12 @@ mod edge;
 mod energy;
 mod hold;
 mod machine;
-pub mod measures;
 mod pair;
 pub mod plant;
-#[cfg(feature = "recording")]
-pub mod replay;
 pub mod reproduce;
-mod run;
 mod stability;
 pub mod sweep;
 mod task;
-
-pub use run::{Overrides, RunReport, Stage, Watch, measured, run_device, run_rig};
 
 use std::path::PathBuf;
 

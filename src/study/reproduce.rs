@@ -4,10 +4,10 @@ use std::fmt;
 use std::path::Path;
 
 use super::machine::Machine;
-use super::measures::Measures;
-use super::run::{Overrides, RunReport, Stage, Watch, run_rig};
 use crate::config::{self, Loaded, Report, Source};
 use crate::record::Trace;
+use crate::report::measures::Measures;
+use crate::report::{Overrides, RunReport, Stage, Watch, run_rig};
 use crate::rig::RigError;
 
 /// The figures that can be reproduced, in the paper's order.

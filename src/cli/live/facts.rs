@@ -13,8 +13,8 @@ use crate::cli::pace::PaceArgument;
 use crate::cli::run::{Arguments, counted_json, counted_text, measures_text, mode_text};
 use crate::config;
 use crate::host::{Histogram, Kept as Timely, Outcome};
+use crate::report::measures::Measures;
 use crate::run::Played;
-use crate::study::measures::Measures;
 
 /// All of it.
 pub(super) struct Facts<'a> {

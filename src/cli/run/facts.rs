@@ -13,8 +13,8 @@ use super::{
 };
 use crate::config;
 use crate::fixture::prediction;
+use crate::report::RunReport;
 use crate::run::Drilled;
-use crate::study::RunReport;
 
 /// A run and what was known before it.
 pub(super) struct Facts<'a> {

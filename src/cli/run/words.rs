@@ -5,8 +5,8 @@ use serde_json::{Value, json};
 use super::super::ending::scope_text;
 use crate::config;
 use crate::guard::Fault;
+use crate::report::measures::Measures;
 use crate::run::{Drilled, Finding};
-use crate::study::measures::Measures;
 
 /// How soon the drives stop by themselves, the slower one.
 pub(in crate::cli) fn watchdogs_text(drilled: &Drilled) -> String {

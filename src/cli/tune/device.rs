@@ -2,8 +2,8 @@
 
 use serde_json::{Value, json};
 
+use crate::analysis::Coupled;
 use crate::config::{Coupling, Diagnostic, ImpedanceDevice, Loaded, Severity};
-use crate::rig::Coupled;
 
 /// A number to four significant digits.
 fn four_digits(value: f64) -> f64 {
@@ -59,8 +59,8 @@ pub(in crate::cli) fn coupled_finding(device: &Loaded<ImpedanceDevice>, coupled:
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::analysis::coupled_device;
     use crate::config::{builtin, load_device};
-    use crate::rig::coupled_device;
 
     #[test]
     fn bounds_are_told_to_four_digits() {

@@ -2,11 +2,10 @@
 
 use serde_json::{Value, json};
 
+use crate::analysis::{HeldMasses, Holding, UnevenSamples, hand_of, held_masses, stiffer, uneven_samples, usual_hands};
 use crate::config::{Coupling, Diagnostic, Loaded, Rig, Severity};
 use crate::control::Grip;
-use crate::rig::{
-    HeldMasses, Holding, RigError, UnevenSamples, hand_of, held_masses, stiffer, uneven_samples, usual_hands,
-};
+use crate::rig::RigError;
 
 /// What to do where the loop is not known.
 const UNKNOWN: &str = "least virtual mass: not known, since the velocity loop closes in the drives; try masses by `yieldwall run`, with \

@@ -287,16 +287,16 @@ fn assert_is_safe(inputs: &Inputs, outputs: &Outputs) {
     let joints = [signals.target_angles.to_array(), signals.measured_angles.to_array()];
     let all = values.into_iter().chain(planar.into_iter().chain(joints).flatten()).chain([signals.signed_distance_m]);
     for value in all {
-        assert!(value.is_finite(), "I8: {outputs:?} of {inputs:?}");
+        assert!(value.is_finite(), "finite: {outputs:?} of {inputs:?}");
     }
     let all_enabled = inputs.drives.iter().all(|drive| drive.state == cia402::State::OperationEnabled);
-    assert!(outputs.directive.motion == Motion::Rest || all_enabled, "I1: {outputs:?}");
+    assert!(outputs.directive.motion == Motion::Rest || all_enabled, "moves-enabled: {outputs:?}");
     let moves = match outputs.command.get() {
         JointCommand::Position(angles) => *angles != signals.measured_angles,
         JointCommand::Velocity(_) | JointCommand::Torque(_) => values != [0.0; 2],
     };
-    assert!(!moves || (all_enabled && outputs.directive.motion != Motion::Rest), "I1: {outputs:?}");
+    assert!(!moves || (all_enabled && outputs.directive.motion != Motion::Rest), "moves-enabled: {outputs:?}");
     if let JointCommand::Torque(torques) = outputs.command.get() {
-        assert!(torques.0.amax() <= 60.0, "I3: {outputs:?}");
+        assert!(torques.0.amax() <= 60.0, "bounded-effort: {outputs:?}");
     }
 }

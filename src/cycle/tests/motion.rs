@@ -25,11 +25,11 @@ fn it_starts_where_it_is_measured_and_without_force() {
         let first = bench.enable();
         let measured = JointAngles::from(bench.angles.map(Option::unwrap));
         let reference = bench.reference();
-        assert_eq!(reference.angles, measured, "I9");
+        assert_eq!(reference.angles, measured, "starts-in-place");
         assert_eq!(reference.point, first.signals.tool);
         assert_eq!((reference.velocity, reference.rates), (TipVelocity::default(), JointRates::default()));
         match first.command.get() {
-            JointCommand::Position(target) => assert_eq!(*target, measured, "I9: to the count"),
+            JointCommand::Position(target) => assert_eq!(*target, measured, "starts-in-place: to the count"),
             JointCommand::Velocity(rates) => assert_eq!(*rates, JointRates::default()),
             JointCommand::Torque(torques) => assert_eq!(*torques, JointTorques::default()),
         }

@@ -67,32 +67,32 @@ fn check(before: &Supervisor, input: &Input, after: &Supervisor, directive: &Dir
     let reaction = worst(from, input).map(|(_, reaction)| reaction);
     let all_enabled = input.drives == [Drive::OperationEnabled; 2];
     // No set-point that moves an axis unless every drive is enabled in this cycle.
-    assert!(directive.motion == Motion::Rest || all_enabled, "I1: {case}");
+    assert!(directive.motion == Motion::Rest || all_enabled, "moves-enabled: {case}");
     // A latched state is left by a reset alone, for Idle alone; what happens meanwhile makes it only more severe.
     if from.is_latched() && !to.is_latched() {
-        assert!(input.request == Request::Reset && to == State::Idle, "I10: {case}");
+        assert!(input.request == Request::Reset && to == State::Idle, "stays-latched: {case}");
     }
-    assert!(!to.is_latched() || to.severity() >= from.severity(), "I10: {case}");
+    assert!(!to.is_latched() || to.severity() >= from.severity(), "stays-latched: {case}");
     // Enabling begins with a request in Idle and ends in Running without a way round it.
-    assert!(to != State::Enabling || from == State::Enabling || enables(from, input), "I18: {case}");
+    assert!(to != State::Enabling || from == State::Enabling || enables(from, input), "asked-for: {case}");
     let may_run = matches!(from, State::Enabling | State::Holding | State::Running);
-    assert!(to != State::Running || may_run, "I18: {case}");
+    assert!(to != State::Running || may_run, "asked-for: {case}");
     // One fault reset for one request in a latched state; never by itself.
-    assert_eq!(directive.fault_reset, from.is_latched() && input.request == Request::Reset, "I18: {case}");
+    assert_eq!(directive.fault_reset, from.is_latched() && input.request == Request::Reset, "asked-for: {case}");
     // The goal is one for all axes, and follows the reaction in the same cycle.
     let is_on = is_moving(from) || from == State::Enabling;
     match reaction {
         Some(Reaction::TorqueOff | Reaction::Silence) if is_on => {
-            assert_eq!((directive.motion, directive.goal), (Motion::Rest, Goal::SwitchOnDisabled), "I17: {case}");
+            assert_eq!((directive.motion, directive.goal), (Motion::Rest, Goal::SwitchOnDisabled), "together: {case}");
         }
         Some(Reaction::QuickStop) if is_on => {
-            assert_eq!((directive.motion, directive.goal), (Motion::Rest, Goal::QuickStop), "I17: {case}");
+            assert_eq!((directive.motion, directive.goal), (Motion::Rest, Goal::QuickStop), "together: {case}");
         }
         Some(Reaction::StopRamp) if matches!(from, State::Running | State::Holding) => {
-            assert_eq!((to, directive.motion), (State::Stopping, Motion::Halt), "I17: {case}");
+            assert_eq!((to, directive.motion), (State::Stopping, Motion::Halt), "together: {case}");
         }
         Some(Reaction::Freeze) if matches!(from, State::Running | State::Holding) => {
-            assert_eq!((to, directive.motion), (State::Holding, Motion::Halt), "I17: {case}");
+            assert_eq!((to, directive.motion), (State::Holding, Motion::Halt), "together: {case}");
         }
         _ => {}
     }
@@ -120,7 +120,7 @@ fn check(before: &Supervisor, input: &Input, after: &Supervisor, directive: &Dir
     assert_eq!(directive.is_silent, to == State::Lost && after.reaction == Some(Reaction::Silence), "{case}");
     // The first target is a measured one.
     let starts = from == State::Enabling && is_moving(to);
-    assert!(!starts || (input.is_measured && all_enabled), "I9: {case}");
+    assert!(!starts || (input.is_measured && all_enabled), "starts-in-place: {case}");
 }
 
 fn enables(from: State, input: &Input) -> bool {

@@ -75,7 +75,7 @@ mod tests {
     const NOT_INJECTED: [(F, &str); 3] = [
         (F::NotFinite, "cycle::tests: a defect of this program, fed at the cycle's inputs"),
         (F::WorkspaceLeft, "cycle::tests: the loops hold the arm at the edge, so that it is put beyond it"),
-        (F::EnergyLimit, "study::run::energy_tests: a virtual mass that is too small for its hand"),
+        (F::EnergyLimit, "report::run::energy_tests: a virtual mass that is too small for its hand"),
     ];
 
     #[test]

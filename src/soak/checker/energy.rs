@@ -36,7 +36,7 @@ struct Past {
 }
 
 impl Energy {
-    /// I5: over any stretch of running, the rig returns at most what it held in the beginning.
+    /// passivity: over any stretch of running, the rig returns at most what it held in the beginning.
     pub(super) fn check(
         &mut self,
         limits: &Limits,
@@ -53,7 +53,7 @@ impl Energy {
         let falsified = seen.falsified;
         let is_false = falsified.force || falsified.angles || falsified.drives || falsified.arm || falsified.timing;
         let is_running = seen.state == State::Running;
-        findings.expect_unless(Invariant::I5, !(is_running && is_false), Some(Excuse::Falsified), String::new);
+        findings.expect_unless(Invariant::Passivity, !(is_running && is_false), Some(Excuse::Falsified), String::new);
         let counts = is_running && !is_false;
         let Some(past) = self.past.filter(|_| counts) else {
             *self = Self { past: counts.then_some(now), ..Self::default() };
@@ -84,7 +84,7 @@ impl Energy {
         // The guard sees a cycle's energy at its end, and acts in the next one.
         let delay_j = 2.0 * work_j.max(0.0);
         let holds = beyond_j <= limits.energy_j * (1.0 + tolerance::GUARD_SHARE) + self.quadrature_j + delay_j;
-        findings.expect(Invariant::I5, holds || self.is_told, || {
+        findings.expect(Invariant::Passivity, holds || self.is_told, || {
             format!("the hand got {:.1} mJ, and the rig had held {:.1} mJ", 1e3 * self.returned_j, 1e3 * self.held_j)
         });
         self.is_told |= !holds;

@@ -115,14 +115,16 @@ impl Frames {
                 if is_ours && frame.id() == limits.set_point_ids[joint] {
                     let is_false = seen.falsified.timing || seen.falsified.link;
                     findings.expect_unless(
-                        Invariant::I12,
+                        Invariant::FreshSetPoint,
                         !is_after_sync,
                         is_false.then_some(Excuse::Falsified),
                         || format!("the set-point {:?} of the cycle before came after SYNC", Setpoint::decode(frame)),
                     );
-                    findings.expect(Invariant::I12, self.sent[joint].is_none_or(|sent| sent.has_waited), || {
-                        format!("two set-points for joint {joint} before one SYNC")
-                    });
+                    findings.expect(
+                        Invariant::FreshSetPoint,
+                        self.sent[joint].is_none_or(|sent| sent.has_waited),
+                        || format!("two set-points for joint {joint} before one SYNC"),
+                    );
                     let is_kept = is_after_sync || (self.had_gap[joint] && seen.falsified.link);
                     self.sent[joint] = Setpoint::decode(frame).map(|setpoint| Sent {
                         setpoint,
@@ -155,7 +157,7 @@ impl Frames {
         has_told
     }
 
-    /// I21. Of what ends after SYNC was due, the master knows nothing when it sends it.
+    /// foreign-set-point. Of what ends after SYNC was due, the master knows nothing when it sends it.
     fn watch_strangers(
         &mut self,
         limits: &Limits,
@@ -174,14 +176,20 @@ impl Frames {
         }
         if *sender == Some(Sender::Master) && frame.id() == SYNC && !seen.falsified.timing && !seen.falsified.link {
             for (joint, foreign_ns) in self.foreign_ns.iter().enumerate() {
-                findings.expect(Invariant::I21, foreign_ns.is_none_or(|end_ns| end_ns > seen.sync_ns), || {
-                    format!("SYNC made joint {joint} act on the set-point of a stranger, heard at {foreign_ns:?} ns")
-                });
+                findings.expect(
+                    Invariant::ForeignSetPoint,
+                    foreign_ns.is_none_or(|end_ns| end_ns > seen.sync_ns),
+                    || {
+                        format!(
+                            "SYNC made joint {joint} act on the set-point of a stranger, heard at {foreign_ns:?} ns"
+                        )
+                    },
+                );
             }
         }
     }
 
-    /// Whether the frame belongs to the rig's own load in I19. An emergency does not, nor does what a node answers a stranger.
+    /// Whether the frame belongs to the rig's own load in bus-load. An emergency does not, nor does what a node answers a stranger.
     fn is_own_load(&mut self, sighting: &Sighting) -> bool {
         let id = sighting.frame.id();
         let node = 1_u128 << (id & 0x7f);
@@ -201,7 +209,7 @@ impl Frames {
         }
     }
 
-    /// I19.
+    /// bus-load.
     fn check_load(&mut self, limits: &Limits, seen: &Observation, peaks: &mut Peaks, findings: &mut Findings<'_>) {
         let bits = std::mem::take(&mut self.bits);
         if let Some(before_ns) = self.synced_ns.replace(seen.sync_ns) {
@@ -213,7 +221,7 @@ impl Frames {
                 peaks.bus_share = peaks.bus_share.max(share);
             }
             let excuse = is_false.then_some(Excuse::Falsified);
-            findings.expect_unless(Invariant::I19, share <= tolerance::BUS_SHARE, excuse, || {
+            findings.expect_unless(Invariant::BusLoad, share <= tolerance::BUS_SHARE, excuse, || {
                 format!("the rig's own frames took {:.1} % of a cycle", 100.0 * share)
             });
         }
@@ -259,10 +267,10 @@ impl Frames {
         if sent.iter().all(Option::is_none) {
             return;
         }
-        // I17: what moves both may end only for both.
+        // together: what moves both may end only for both.
         if self.were_moving && !is_moving {
             let excuse = seen.falsified.link.then_some(Excuse::Falsified);
-            findings.expect_unless(Invariant::I17, commanded[0] == commanded[1], excuse, || {
+            findings.expect_unless(Invariant::Together, commanded[0] == commanded[1], excuse, || {
                 format!(
                     "the set-points after a common motion were {:x?}",
                     sent.map(|sent| sent.map(|sent| sent.setpoint))
@@ -275,7 +283,7 @@ impl Frames {
         self.resets = self.resets.saturating_sub(1);
     }
 
-    /// I1, and the second half of I18.
+    /// moves-enabled, and the second half of asked-for.
     fn check_enabling(limits: &Limits, joint: usize, sent: &Sent, findings: &mut Findings<'_>) {
         let setpoint = &sent.setpoint;
         if !setpoint.enables() {
@@ -290,25 +298,25 @@ impl Frames {
         let untold = (is_position && !sent.is_fresh).then_some(Excuse::Untold);
         let told_twice = sent.was_told_both_enabled().then_some(Excuse::ToldTwice);
         let excuse = kept.or(untold).or(told_twice);
-        findings.expect_unless(Invariant::I1, !is_motion || sent.knew_both_enabled(), excuse, || {
+        findings.expect_unless(Invariant::MovesEnabled, !is_motion || sent.knew_both_enabled(), excuse, || {
             format!("joint {joint} was told to move by {setpoint:x?} while the drives told {:x?}", sent.known)
         });
-        findings.expect_unless(Invariant::I18, sent.is_permitted, kept, || {
+        findings.expect_unless(Invariant::AskedFor, sent.is_permitted, kept, || {
             format!("joint {joint} was enabled by {setpoint:x?} and nobody had asked for it")
         });
     }
 
-    /// The first half of I18.
+    /// The first half of asked-for.
     fn check_resets(&mut self, joint: usize, sent: &Setpoint, findings: &mut Findings<'_>) {
         if sent.resets() {
             let had = std::mem::replace(&mut self.had_reset[joint], true);
-            findings.expect(Invariant::I18, self.resets > 0 && !had, || {
+            findings.expect(Invariant::AskedFor, self.resets > 0 && !had, || {
                 format!("joint {joint} got a fault reset {sent:x?} that nobody had asked for, or a second one")
             });
         }
     }
 
-    /// I2 and I3 of what is on the wire.
+    /// bounded-motion and bounded-effort of what is on the wire.
     fn check_target(&self, limits: &Limits, joint: usize, sent: &Sent, findings: &mut Findings<'_>) {
         let follows = sent.follows(joint);
         let sent = &sent.setpoint;
@@ -316,13 +324,13 @@ impl Frames {
         match limits.mode {
             CommandMode::Torque => {
                 let most = limits.torque_per_mille[joint] + tolerance::TORQUE_PER_MILLE;
-                findings.expect(Invariant::I3, f64::from(sent.target.abs()) <= most, || {
+                findings.expect(Invariant::BoundedEffort, f64::from(sent.target.abs()) <= most, || {
                     format!("joint {joint} was told a torque of {} per mille, at most {most}", sent.target)
                 });
             }
             CommandMode::Velocity => {
                 let most = most_rate + tolerance::TARGET_COUNTS;
-                findings.expect(Invariant::I2, f64::from(sent.target).abs() <= most, || {
+                findings.expect(Invariant::BoundedMotion, f64::from(sent.target).abs() <= most, || {
                     format!("joint {joint} was told a rate of {} counts/s, at most {most}", sent.target)
                 });
             }
@@ -336,20 +344,20 @@ impl Frames {
                 let most = most_rate * elapsed_s + tolerance::TARGET_COUNTS;
                 let as_joint = tolerance::TURNING_SHARE * most_rate * elapsed_s + tolerance::TARGET_COUNTS;
                 let excuse = follows.filter(|is_there| *is_there || step <= as_joint).map(|_| Excuse::Follows);
-                findings.expect_unless(Invariant::I2, step <= most, excuse, || {
+                findings.expect_unless(Invariant::BoundedMotion, step <= most, excuse, || {
                     format!("the target of joint {joint} went {step} counts in a cycle, at most {most:.1}")
                 });
             }
         }
     }
 
-    /// I9.
+    /// starts-in-place.
     fn check_first(limits: &Limits, joint: usize, sent: &Sent, findings: &mut Findings<'_>) {
         let away = match limits.mode {
             CommandMode::Torque | CommandMode::Velocity => i64::from(sent.setpoint.target).abs(),
             CommandMode::Position => sent.away(joint).unwrap_or(0),
         };
-        findings.expect(Invariant::I9, away <= tolerance::FIRST_TARGET_COUNTS, || {
+        findings.expect(Invariant::StartsInPlace, away <= tolerance::FIRST_TARGET_COUNTS, || {
             format!(
                 "the first set-point of joint {joint} was {:x?}, and the drive told {:x?}",
                 sent.setpoint, sent.known

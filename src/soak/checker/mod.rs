@@ -256,7 +256,7 @@ impl Checker {
         self.state = seen.state;
     }
 
-    /// I10.
+    /// stays-latched.
     fn check_state(&mut self, seen: &Observation, findings: &mut Findings<'_>) {
         use crate::guard::Request;
         let (before, after) = (self.state, seen.state);
@@ -269,20 +269,21 @@ impl Checker {
         let is_latched = severity(before) > 0;
         let is_reset = seen.request == Request::Reset && after == State::Idle;
         let holds = !is_latched || is_reset || severity(after) >= severity(before);
-        findings.expect(Invariant::I10, holds, || {
+        findings.expect(Invariant::StaysLatched, holds, || {
             format!("{before:?} became {after:?} with the request {:?}", seen.request)
         });
     }
 
-    /// I20.
+    /// bounded-queues.
     fn check_queues(&mut self, seen: &Observation, findings: &mut Findings<'_>) {
         self.peaks.queue = self.peaks.queue.max(seen.queue_high_water);
         let lost = seen.queue_lost - self.queue_lost.min(seen.queue_lost);
         self.queue_lost = seen.queue_lost;
         let excuse = seen.falsified.link.then_some(Excuse::Falsified);
         let most = super::tolerance::QUEUED_FRAMES;
-        findings.expect_unless(Invariant::I20, lost == 0, excuse, || format!("{lost} frames found a full queue"));
-        findings.expect_unless(Invariant::I20, seen.queue_high_water <= most, excuse, || {
+        findings
+            .expect_unless(Invariant::BoundedQueues, lost == 0, excuse, || format!("{lost} frames found a full queue"));
+        findings.expect_unless(Invariant::BoundedQueues, seen.queue_high_water <= most, excuse, || {
             format!("{} frames waited in one port, at most {most} may", seen.queue_high_water)
         });
     }

@@ -91,9 +91,9 @@ impl Motion {
         if has_reference {
             let speed = step.norm() / limits.period_s;
             peaks.proxy_m_per_s = peaks.proxy_m_per_s.max(speed);
-            // I4
+            // bounded-proxy
             let most = limits.tool_speed_m_per_s * (1.0 + tolerance::ROUNDING);
-            findings.expect(Invariant::I4, speed <= most, || {
+            findings.expect(Invariant::BoundedProxy, speed <= most, || {
                 format!("the proxy went at {speed:.4} m/s, at most {:.4}", limits.tool_speed_m_per_s)
             });
             if let Some(past) = past {
@@ -107,7 +107,7 @@ impl Motion {
         self.past = (is_running || is_halting).then_some(now).or(Some(Past { running: 0, halting: 0, ..now }));
     }
 
-    /// I2 of a stop: the reference slows down, and not faster than configured.
+    /// bounded-motion of a stop: the reference slows down, and not faster than configured.
     fn check_ramp(&self, limits: &Limits, now: &Past, past: &Past, findings: &mut Findings<'_>) {
         if now.halting < 2 {
             return;
@@ -119,19 +119,19 @@ impl Motion {
         let has_landed = now.distance_m.abs() <= tolerance::LANDED_M;
         let at_edge = is_near_edge(limits, past).then_some(Excuse::Edge);
         let excuse = at_edge.or(has_landed.then_some(Excuse::Impact));
-        findings.expect_unless(Invariant::I2, change <= most + slack, excuse, || {
+        findings.expect_unless(Invariant::BoundedMotion, change <= most + slack, excuse, || {
             let (from, to) = (past.step.norm() / limits.period_s, now.step.norm() / limits.period_s);
             format!("the reference went from {from:.4} to {to:.4} m/s in one cycle of a stop")
         });
         findings.expect_unless(
-            Invariant::I2,
+            Invariant::BoundedMotion,
             now.step.norm() <= past.step.norm() + slack * limits.period_s,
             excuse,
             || "the reference got faster in a stop".to_owned(),
         );
     }
 
-    /// I7.
+    /// comes-to-rest.
     fn check_rest(&mut self, limits: &Limits, seen: &Observation, now: &Past, findings: &mut Findings<'_>) {
         let speed = now.step.norm() / limits.period_s;
         let friction = 0.5 * limits.friction_n;
@@ -146,14 +146,17 @@ impl Motion {
         let excuse = is_near_edge(limits, now).then_some(Excuse::Edge);
         let deceleration = (limits.friction_n - friction) / limits.mass_kg;
         let is_unforced = self.unforced.is_over(deceleration, limits.period_s);
-        findings.expect_unless(Invariant::I7, rests || !is_unforced, excuse, || {
+        findings.expect_unless(Invariant::ComesToRest, rests || !is_unforced, excuse, || {
             format!("the proxy still goes at {speed:.3e} m/s after {} cycles below F / 2", self.unforced.cycles)
         });
         // The ramp takes 1.5 times what its greatest deceleration would.
         let ramp = limits.stop_m_per_s2 / 1.5;
-        findings.expect_unless(Invariant::I7, rests || !self.halted.is_over(ramp, limits.period_s), excuse, || {
-            format!("the reference still goes at {speed:.3e} m/s after {} cycles of a stop", self.halted.cycles)
-        });
+        findings.expect_unless(
+            Invariant::ComesToRest,
+            rests || !self.halted.is_over(ramp, limits.period_s),
+            excuse,
+            || format!("the reference still goes at {speed:.3e} m/s after {} cycles of a stop", self.halted.cycles),
+        );
     }
 }
 
@@ -163,18 +166,18 @@ fn is_near_edge(limits: &Limits, past: &Past) -> bool {
     past.proxy.norm() + 0.5 * speed * speed / limits.stop_m_per_s2 > EDGE_M
 }
 
-/// I8.
+/// finite.
 fn check_finite(seen: &Observation, findings: &mut Findings<'_>) {
     let reported = &seen.reported;
     let values = [reported.force_n, reported.proxy_m, reported.target_rad, reported.measured_rad];
     let truth = [seen.truth.tool_m, seen.truth.velocity_m_per_s, seen.truth.torques_n_m, seen.truth.angles_rad];
     let holds = values.iter().chain(&truth).flatten().all(|value| value.is_finite());
-    findings.expect(Invariant::I8, holds && reported.distance_m.is_finite(), || {
+    findings.expect(Invariant::Finite, holds && reported.distance_m.is_finite(), || {
         format!("a value is not finite in {reported:?}, {:?}", seen.truth)
     });
 }
 
-/// I3 of the drives and of the force that moves the proxy.
+/// bounded-effort of the drives and of the force that moves the proxy.
 fn check_torques(limits: &Limits, seen: &Observation, peaks: &mut Peaks, findings: &mut Findings<'_>) {
     let torque = seen.truth.torques_n_m.iter().fold(0.0f64, |most, torque| most.max(torque.abs()));
     let speed = Vector2::from(seen.truth.velocity_m_per_s).norm();
@@ -183,18 +186,18 @@ fn check_torques(limits: &Limits, seen: &Observation, peaks: &mut Peaks, finding
     peaks.speed_m_per_s = peaks.speed_m_per_s.max(speed);
     if seen.state == State::Running {
         peaks.force_n = peaks.force_n.max(force);
-        findings.expect(Invariant::I3, force <= limits.force_n * (1.0 + tolerance::ROUNDING), || {
+        findings.expect(Invariant::BoundedEffort, force <= limits.force_n * (1.0 + tolerance::ROUNDING), || {
             format!("a force of {force:.2} N moved the proxy, at most {:.2}", limits.force_n)
         });
     }
     // A drive is told its limit in whole per mille.
     let most = limits.torque_n_m * (1.0 + tolerance::TORQUE_PER_MILLE / limits.torque_per_mille[0]);
-    findings.expect(Invariant::I3, torque <= most, || {
+    findings.expect(Invariant::BoundedEffort, torque <= most, || {
         format!("a drive made {torque:.3} N m, at most {:.3}", limits.torque_n_m)
     });
 }
 
-/// I16: what is measured is what is true, wherever the counter stands. `before_rad` are the true angles at the last computation.
+/// wrapping-counters: what is measured is what is true, wherever the counter stands. `before_rad` are the true angles at the last computation.
 fn check_measured(limits: &Limits, seen: &Observation, before_rad: [f64; 2], findings: &mut Findings<'_>) {
     let falsified = seen.falsified;
     let is_false = falsified.angles || falsified.timing || falsified.drives || falsified.arm;
@@ -216,13 +219,13 @@ fn check_measured(limits: &Limits, seen: &Observation, before_rad: [f64; 2], fin
             () if !has_told(joint) => Some(Excuse::Untold),
             () => (away <= turned).then_some(Excuse::Turned),
         };
-        findings.expect_unless(Invariant::I16, false, excuse, || {
+        findings.expect_unless(Invariant::WrappingCounters, false, excuse, || {
             format!("joint {joint} is {away:.3e} rad away from what was measured, at most {most:.3e}")
         });
     }
 }
 
-/// I6: the fixture's force on the proxy, from the proxy's equation of motion `M (q - 2 q1 + q2) / T^2 = h + f`.
+/// yield-levels: the fixture's force on the proxy, from the proxy's equation of motion `M (q - 2 q1 + q2) / T^2 = h + f`.
 fn check_levels(limits: &Limits, seen: &Observation, now: &Past, past: &Past, findings: &mut Findings<'_>) {
     let reported = &seen.reported;
     if now.running == 0 {
@@ -247,14 +250,14 @@ fn check_levels(limits: &Limits, seen: &Observation, now: &Past, past: &Past, fi
         level * (1.0 + share) + tolerance::LEVEL_N
     };
     let most = slack(both);
-    findings.expect_unless(Invariant::I6, force.norm() <= most, excuse, || {
+    findings.expect_unless(Invariant::YieldLevels, force.norm() <= most, excuse, || {
         format!("the fixture held the proxy with {:.4} N, at most {most:.4}", force.norm())
     });
     if is_touching {
         return;
     }
     let work = force.dot(&now.step);
-    findings.expect_unless(Invariant::I6, work <= tolerance::LEVEL_N * now.step.norm(), excuse, || {
+    findings.expect_unless(Invariant::YieldLevels, work <= tolerance::LEVEL_N * now.step.norm(), excuse, || {
         format!("the fixture did work of {work:.3e} J on the proxy")
     });
     // Only what leads away from the surface, or deeper beyond it, meets R: all else meets F.
@@ -270,7 +273,7 @@ fn check_levels(limits: &Limits, seen: &Observation, now: &Past, past: &Past, fi
     let pull = -force.dot(&away);
     let rest = if is_free || pull < 0.0 { force } else { force + away * pull };
     let most = slack(limits.friction_n);
-    findings.expect_unless(Invariant::I6, rest.norm() <= most, excuse, || {
+    findings.expect_unless(Invariant::YieldLevels, rest.norm() <= most, excuse, || {
         format!("along or towards the surface the fixture held the proxy with {:.4} N, at most {most:.4}", rest.norm())
     });
 }

@@ -141,7 +141,7 @@ fn i1_a_torque_for_a_drive_that_is_not_enabled() {
     let at = run.moving();
     // Switched On.
     run.change_statusword(at, 1, 0x1633);
-    expect_found(&run, Invariant::I1, at + 1);
+    expect_found(&run, Invariant::MovesEnabled, at + 1);
 }
 
 /// Nothing from a drive in one cycle, and two reports in the next: the master takes the second, since the first was owed.
@@ -155,14 +155,14 @@ fn i1_i9_of_two_reports_after_none_either_may_be_the_one_that_counts() {
         let second = run.seen[at + 1].frames[place];
         run.change_statusword(at + 1, 1, 0x1235);
         run.seen[at + 1].frames.insert(place + 1, second);
-        assert_eq!(run.excused(Invariant::I1, Excuse::ToldTwice), (Vec::new(), 2), "{:?}", run.limits.mode);
+        assert_eq!(run.excused(Invariant::MovesEnabled, Excuse::ToldTwice), (Vec::new(), 2), "{:?}", run.limits.mode);
         // It is still the last one where the next cycle brings none.
         let next = run.status_place(at + 2, 1);
         let third = run.seen[at + 2].frames.remove(next);
-        assert_eq!(run.excused(Invariant::I1, Excuse::ToldTwice).0, Vec::new(), "{:?}", run.limits.mode);
+        assert_eq!(run.excused(Invariant::MovesEnabled, Excuse::ToldTwice).0, Vec::new(), "{:?}", run.limits.mode);
         run.seen[at + 2].frames.insert(next, third);
         run.seen[at + 1].frames.remove(place + 1);
-        expect_found(&run, Invariant::I1, at + 2);
+        expect_found(&run, Invariant::MovesEnabled, at + 2);
     }
 }
 
@@ -171,7 +171,7 @@ fn i2_a_target_that_leaps() {
     let mut run = position();
     let at = run.moving();
     run.change_set_point(at, 0, |data| data[4] = data[4].wrapping_add(1));
-    expect_found(&run, Invariant::I2, at);
+    expect_found(&run, Invariant::BoundedMotion, at);
 }
 
 /// A drive that comes to Operation Enabled a cycle later is told twice where its joint is. A hand turns that by 9.4 rad/s.
@@ -186,13 +186,13 @@ fn i2_a_target_that_follows_a_joint_before_the_drives_are_enabled() {
     let (mut run, at) = delayed();
     run.change_status(at - 1, 0, |data| add_counts(data, -1200));
     run.change_set_point(at, 0, |data| add_counts(data, -1200));
-    let (found, times) = run.excused(Invariant::I2, Excuse::Follows);
-    assert!(found.iter().all(|found| found.invariant != Invariant::I2), "{found:?}");
+    let (found, times) = run.excused(Invariant::BoundedMotion, Excuse::Follows);
+    assert!(found.iter().all(|found| found.invariant != Invariant::BoundedMotion), "{found:?}");
     assert_eq!(times, 1);
     // One that nobody told, and faster than the guard lets a joint turn.
     let (mut run, at) = delayed();
     run.change_set_point(at + 1, 0, |data| add_counts(data, 3000));
-    expect_found(&run, Invariant::I2, at + 1);
+    expect_found(&run, Invariant::BoundedMotion, at + 1);
 }
 
 #[test]
@@ -205,7 +205,7 @@ fn i2_a_stop_that_is_too_hard() {
         let way = if step < 3 { speed * 1e-3 * step as f64 } else { speed * 3e-3 };
         seen.reported.proxy_m = [way, 0.0];
     }
-    expect_found(&run, Invariant::I2, at + 4);
+    expect_found(&run, Invariant::BoundedMotion, at + 4);
 }
 
 #[test]
@@ -213,13 +213,13 @@ fn i3_a_torque_beyond_its_limit_on_the_bus_and_in_the_drive() {
     let mut run = torque();
     let at = run.moving();
     run.change_set_point(at, 0, |data| data[2..4].copy_from_slice(&1010i16.to_le_bytes()));
-    expect_found(&run, Invariant::I3, at);
+    expect_found(&run, Invariant::BoundedEffort, at);
     let mut run = torque();
     run.seen[at].truth.torques_n_m[1] = -60.2;
-    expect_found(&run, Invariant::I3, at);
+    expect_found(&run, Invariant::BoundedEffort, at);
     let mut run = torque();
     run.seen[at].reported.force_n = [0.0, 150.1];
-    expect_found(&run, Invariant::I3, at);
+    expect_found(&run, Invariant::BoundedEffort, at);
 }
 
 #[test]
@@ -227,7 +227,7 @@ fn i4_a_proxy_that_leaps() {
     let mut run = torque();
     let at = run.moving();
     run.seen[at].reported.proxy_m[0] += 1.6e-3;
-    expect_found(&run, Invariant::I4, at);
+    expect_found(&run, Invariant::BoundedProxy, at);
 }
 
 #[test]
@@ -240,7 +240,7 @@ fn i5_a_rig_that_pushes_the_hand() {
         seen.truth.tool_m = [1e-4 * step as f64, 0.0];
     }
     let found = run.found();
-    assert!(found.iter().any(|found| found.invariant == Invariant::I5), "{found:?}");
+    assert!(found.iter().any(|found| found.invariant == Invariant::Passivity), "{found:?}");
 }
 
 /// What a servo that was stretched gives back is what the hand had put in, and no more.
@@ -257,7 +257,7 @@ fn i5_a_servo_that_takes_the_tool_back_to_the_proxy() {
             (seen.truth.hand_n, seen.truth.tool_m) = ([90.0, 0.0], [proxy[0] + ahead_m, proxy[1]]);
             seen.state = State::Running;
         }
-        run.found().iter().any(|found| found.invariant == Invariant::I5)
+        run.found().iter().any(|found| found.invariant == Invariant::Passivity)
     };
     assert!(!has_given(0));
     // On to 10 mm behind the proxy: another 0.9 J.
@@ -282,7 +282,7 @@ fn i5_a_hand_that_stops_a_fast_arm_gently() {
             (seen.reported.proxy_m, seen.truth.tool_m) = ([x + way, y], [x + way, y]);
             (seen.truth.hand_n, seen.state) = ([force_n, 0.0], State::Running);
         }
-        run.found().into_iter().find(|found| found.invariant == Invariant::I5)
+        run.found().into_iter().find(|found| found.invariant == Invariant::Passivity)
     };
     assert_eq!(has_given(20.0), None);
     assert!(has_given(25.0).is_some());
@@ -295,7 +295,7 @@ fn i6_a_fixture_that_holds_too_hard() {
     // A force that the motion does not answer.
     let force = 3.0 * elementary::hypot(run.limits.friction_n, run.limits.yield_n);
     run.seen[at].reported.force_n = [force.min(149.0), 0.0];
-    expect_found(&run, Invariant::I6, at);
+    expect_found(&run, Invariant::YieldLevels, at);
 }
 
 #[test]
@@ -307,12 +307,12 @@ fn i7_a_proxy_that_drifts() {
         seen.reported.proxy_m = [1e-9 * step as f64, 0.0];
     }
     let found = run.found();
-    assert!(found.iter().any(|found| found.invariant == Invariant::I7), "{found:?}");
+    assert!(found.iter().any(|found| found.invariant == Invariant::ComesToRest), "{found:?}");
 
     // Not while drives at their torque limit have it drawn back.
     run.seen.iter_mut().for_each(|seen| seen.reported.is_saturated = true);
     let found = run.found();
-    assert!(found.iter().all(|found| found.invariant != Invariant::I7), "{found:?}");
+    assert!(found.iter().all(|found| found.invariant != Invariant::ComesToRest), "{found:?}");
 }
 
 #[test]
@@ -320,7 +320,7 @@ fn i8_a_number_that_is_none() {
     let mut run = torque();
     let at = run.moving();
     run.seen[at].reported.target_rad[1] = f64::NAN;
-    expect_found(&run, Invariant::I8, at);
+    expect_found(&run, Invariant::Finite, at);
 }
 
 #[test]
@@ -328,7 +328,7 @@ fn i9_a_first_target_that_is_not_the_measured_one() {
     for mut run in [torque(), position()] {
         let at = run.running() + 1;
         run.change_set_point(at, 0, |data| data[2] = data[2].wrapping_add(2));
-        expect_found(&run, Invariant::I9, at);
+        expect_found(&run, Invariant::StartsInPlace, at);
     }
 }
 
@@ -337,10 +337,10 @@ fn i10_a_latched_state_that_ends_by_itself() {
     let mut run = torque();
     let at = run.moving();
     run.seen[at].state = State::Stopped;
-    expect_found(&run, Invariant::I10, at + 1);
+    expect_found(&run, Invariant::StaysLatched, at + 1);
     // A reset leads to Idle and nowhere else.
     run.seen[at + 1].request = Request::Reset;
-    expect_found(&run, Invariant::I10, at + 1);
+    expect_found(&run, Invariant::StaysLatched, at + 1);
 }
 
 #[test]
@@ -349,11 +349,11 @@ fn i12_a_second_set_point_and_a_late_one() {
     let at = run.moving();
     let twin = *run.set_point(at, 0);
     run.seen[at].frames.insert(0, twin);
-    expect_found(&run, Invariant::I12, at);
+    expect_found(&run, Invariant::FreshSetPoint, at);
     let mut run = torque();
     let late = *run.set_point(at, 0);
     run.seen[at].frames.push(late);
-    expect_found(&run, Invariant::I12, at);
+    expect_found(&run, Invariant::FreshSetPoint, at);
 }
 
 #[test]
@@ -361,7 +361,7 @@ fn i16_a_measurement_that_is_a_turn_away() {
     let mut run = torque();
     let at = run.moving();
     run.seen[at].reported.measured_rad[0] += std::f64::consts::TAU;
-    expect_found(&run, Invariant::I16, at);
+    expect_found(&run, Invariant::WrappingCounters, at);
 }
 
 /// 30 rad/s, with the angle as it was two thirds of a cycle ago.
@@ -377,11 +377,11 @@ fn i16_a_joint_that_a_hand_turns_faster_than_the_rig_ever_does() {
         }
         (run, at)
     };
-    let (found, times) = turned(0.02).0.excused(Invariant::I16, Excuse::Turned);
-    assert!(found.iter().all(|found| found.invariant != Invariant::I16), "{found:?}");
+    let (found, times) = turned(0.02).0.excused(Invariant::WrappingCounters, Excuse::Turned);
+    assert!(found.iter().all(|found| found.invariant != Invariant::WrappingCounters), "{found:?}");
     assert_eq!(times, 20);
     let (run, at) = turned(0.04);
-    expect_found(&run, Invariant::I16, at);
+    expect_found(&run, Invariant::WrappingCounters, at);
 }
 
 #[test]
@@ -390,7 +390,7 @@ fn what_is_falsified_is_counted() {
     let at = run.moving();
     run.seen[at].reported.measured_rad[0] += 1.0;
     run.seen[at].falsified.angles = true;
-    let (found, times) = run.excused(Invariant::I16, Excuse::Falsified);
+    let (found, times) = run.excused(Invariant::WrappingCounters, Excuse::Falsified);
     assert_eq!((found, times), (Vec::new(), 1));
 }
 
@@ -399,7 +399,7 @@ fn i17_one_drive_stops_and_the_other_goes_on() {
     let mut run = torque();
     let at = run.moving();
     run.change_set_point(at, 1, |data| data[0] = 0x02);
-    expect_found(&run, Invariant::I17, at);
+    expect_found(&run, Invariant::Together, at);
 }
 
 #[test]
@@ -407,12 +407,12 @@ fn i18_a_reset_and_an_enabling_that_nobody_asked_for() {
     let mut run = torque();
     let at = run.moving();
     run.change_set_point(at, 0, |data| data[0] = 0x80);
-    expect_found(&run, Invariant::I18, at);
+    expect_found(&run, Invariant::AskedFor, at);
     let mut run = torque();
     for seen in &mut run.seen {
         seen.request = Request::None;
     }
-    let first = run.found().into_iter().find(|found| found.invariant == Invariant::I18).expect("I18");
+    let first = run.found().into_iter().find(|found| found.invariant == Invariant::AskedFor).expect("asked-for");
     assert!((first.cycle as usize) <= run.running() + 2, "{first:?}");
 }
 
@@ -423,23 +423,23 @@ fn i19_more_frames_than_fit() {
     let frame = Frame::new(0x581, &[0; 8]);
     let extra = Sighting { time_ns: 0, sender: Some(Sender::Drive(0)), frame };
     run.seen[at].frames.extend([extra; 8]);
-    expect_found(&run, Invariant::I19, at + 1);
+    expect_found(&run, Invariant::BusLoad, at + 1);
 
     // Emergencies come when the rig has stopped, and are not in the budget's verdict either.
     let mut run = torque();
     let emergency = Sighting { frame: Frame::new(0x081, &[0; 8]), ..extra };
     run.seen[at].frames.extend([emergency; 8]);
-    assert!(run.found().iter().all(|found| found.invariant != Invariant::I19));
+    assert!(run.found().iter().all(|found| found.invariant != Invariant::BusLoad));
 
     // A node has to answer a stranger: that is the stranger's load. What it answers the master is the rig's again.
     let asked = |sender| Sighting { sender: Some(sender), frame: Frame::new(0x601, &[0; 8]), ..extra };
     let mut run = torque();
     run.seen[at].frames.push(asked(Sender::Stranger));
     run.seen[at].frames.extend([extra; 8]);
-    assert!(run.found().iter().all(|found| found.invariant != Invariant::I19));
+    assert!(run.found().iter().all(|found| found.invariant != Invariant::BusLoad));
     run.seen[at].frames.push(asked(Sender::Master));
     run.seen[at].frames.extend([extra; 8]);
-    expect_found(&run, Invariant::I19, at + 1);
+    expect_found(&run, Invariant::BusLoad, at + 1);
 }
 
 #[test]
@@ -447,12 +447,12 @@ fn i20_a_queue_that_grows_and_one_that_is_full() {
     let mut run = torque();
     let at = run.moving();
     run.seen[at].queue_high_water = 9;
-    expect_found(&run, Invariant::I20, at);
+    expect_found(&run, Invariant::BoundedQueues, at);
     let mut run = torque();
     for seen in &mut run.seen[at..] {
         seen.queue_lost += 1;
     }
-    expect_found(&run, Invariant::I20, at);
+    expect_found(&run, Invariant::BoundedQueues, at);
 }
 
 #[test]
@@ -466,11 +466,11 @@ fn i21_sync_after_a_set_point_of_a_stranger() {
     let is_sync = |seen: &Sighting| seen.sender == Some(Sender::Master) && seen.frame.id() == 0x080;
     let place = run.seen[at].frames.iter().position(is_sync).unwrap();
     run.seen[at].frames.insert(place, heard(sync_ns));
-    expect_found(&run, Invariant::I21, at);
+    expect_found(&run, Invariant::ForeignSetPoint, at);
     // One that nobody could hear in time is not the master's doing, if it stops both drives in the cycle.
     run.seen[at].frames[place] = heard(sync_ns + 1);
     for joint in 0..2 {
         run.change_set_point(at + 1, joint, |data| data.copy_from_slice(&[0x02, 0, 0, 0]));
     }
-    assert!(run.found().iter().all(|found| found.invariant != Invariant::I21), "{:?}", run.found());
+    assert!(run.found().iter().all(|found| found.invariant != Invariant::ForeignSetPoint), "{:?}", run.found());
 }

@@ -80,10 +80,10 @@ fn a_jump_that_could_be_motion_has_no_bound() {
         let found = verdict(&[jump], vec![late]);
         let cycles: Vec<_> = found.faults.iter().map(|seen| seen.cycles).collect();
         if is_small {
-            expect_excused(&found, Invariant::I11, Excuse::SmallJump);
+            expect_excused(&found, Invariant::Reaction, Excuse::SmallJump);
             assert_eq!(cycles, [None]);
         } else {
-            expect_found(&found, Invariant::I11);
+            expect_found(&found, Invariant::Reaction);
             assert_eq!(cycles, [Some(92)]);
         }
     }
@@ -96,10 +96,10 @@ fn a_hand_that_stops_the_rig_before_the_injection_shows() {
         let silent = usual(Kind::HeartbeatSilent, 1.0, 4e-3);
         let found = verdict(&[silent], vec![stopping(1.0 + after_s, Fault::OverSpeed)]);
         if is_early {
-            assert_eq!(found.excused.by_name().get("I11 hand"), Some(&1));
+            assert_eq!(found.excused.by_name().get("reaction hand"), Some(&1));
             assert_eq!(found.injections[0].as_expected, None);
         } else {
-            expect_found(&found, Invariant::I11);
+            expect_found(&found, Invariant::Reaction);
         }
     }
 }

@@ -10,10 +10,10 @@ use serde_json::Value;
 
 use self::term::TERMS;
 use super::machine::Machine;
-use super::measures::Measures;
-use super::run::{Overrides, RunReport};
 use super::sweep::{Clock, Report, Study, Sweep, Table};
 use crate::config::{self, SceneTolerance};
+use crate::report::measures::Measures;
+use crate::report::{Overrides, RunReport};
 use crate::rig::RigError;
 
 /// A scene and a machine that plays it; of a figure its fixture and its first hold.

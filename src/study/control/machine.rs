@@ -1,10 +1,11 @@
 //! The arm of the shipped rig, its servo and its hand.
 
+use crate::analysis::hand_of;
 use crate::assembly::torque_servo;
 use crate::config;
 use crate::control::Grip;
 use crate::cycle::TorqueServoParameters;
-use crate::rig::{hand_of, simulated_arm};
+use crate::rig::simulated_arm;
 use crate::sim::arm::{ArmParameters, JointElasticity};
 
 /// What a trial needs of the rig and scene of the paper.

@@ -9,9 +9,9 @@ use self::draw::Drawn;
 use self::trial::Bench;
 use super::drawn::shipped;
 use super::sweep::{Clock, Report, Row, Study, Sweep, Table};
+use crate::analysis::{HeldMasses, held_masses, stiffer};
 use crate::config::{self, CommandMode, SensorProtocol, Surface};
 use crate::control::Grip;
-use crate::rig::{HeldMasses, held_masses, stiffer};
 
 /// Name of the study, as on the command line.
 const STUDY: &str = "edge";
@@ -263,7 +263,7 @@ impl Sweep for ShippedRigs {
         match shipped(name) {
             Ok((rig, scene)) => {
                 let rig = if self.on_ideal_buses { on_ideal_buses(&rig) } else { rig };
-                let grip = stiffer(&crate::rig::hand_of(&scene), stiffness_n_per_m);
+                let grip = stiffer(&crate::analysis::hand_of(&scene), stiffness_n_per_m);
                 cells(name, &rig, &grip, &judge(&rig, &scene, &grip, PHASES))
             }
             Err(error) => [vec![Value::Null; COLUMNS.len() - 1], vec![error.into()]].concat(),

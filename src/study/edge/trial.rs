@@ -4,12 +4,13 @@ use std::f64::consts::TAU;
 use std::time::Duration;
 
 use super::super::drawn::PEAK;
+use crate::analysis::uneven_samples;
 use crate::config::{self, Finite, NotNegative, PathSegment, Positive};
 use crate::control::Grip;
 use crate::elementary;
 use crate::guard::{Fault, Request, State};
 use crate::record::Row;
-use crate::rig::{EmbeddedRig, uneven_samples};
+use crate::rig::EmbeddedRig;
 
 /// Acceleration in m/s^2 of the virtual mass, and force of the hand in N, to which a nudge is limited: far above what counts of torque
 /// do, and far below what the torques can follow.

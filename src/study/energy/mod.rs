@@ -6,8 +6,8 @@ use serde_json::Value;
 
 use self::trial::Trial;
 use super::chart::{Axis, Chart, Color, Mark, Panel, Series};
-use super::run::RunReport;
 use super::sweep::{Clock, Report, Row, Study, Sweep, Table};
+use crate::report::RunReport;
 
 /// Name of the study, as on the command line.
 const STUDY: &str = "energy";

@@ -5,10 +5,10 @@ use std::f64::consts::TAU;
 use serde_json::{Value, json};
 
 use super::super::drawn::{Dice, PEAK, shipped};
-use super::super::run::{Overrides, RunReport, Watch, run_rig};
+use crate::analysis::{hand_of, held_masses};
 use crate::config;
 use crate::elementary;
-use crate::rig::{hand_of, held_masses};
+use crate::report::{Overrides, RunReport, Watch, run_rig};
 
 /// Seed of all cases.
 const SEED: u64 = 0xe4e5;

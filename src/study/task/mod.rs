@@ -14,10 +14,10 @@ use serde_json::Value;
 
 use self::way::{WAYS, Way, finite, positive};
 use super::chart::{Axis, Chart, Color, Mark, Panel, Series};
-use super::run::{Overrides, RunReport, Watch, run_rig};
 use super::sweep::{Clock, Report, Row, Study, Sweep, Table, median};
 use crate::config::{self, AimError, FixtureLaw, NotNegative, PathSegment};
 use crate::injection::{Injection, Kind};
+use crate::report::{Overrides, RunReport, Watch, run_rig};
 
 /// Mean speeds of the aim along the way, in m/s: slow care to a quick sweep.
 const SPEEDS_M_PER_S: [f64; 5] = [0.02, 0.04, 0.08, 0.16, 0.25];

@@ -2,11 +2,8 @@
 
 use nalgebra::{Matrix2, Vector2};
 
-use super::devices::simulated;
-use super::error::RigError;
 use super::margins::{LOOP_DELAY_CYCLES, poses};
-use crate::assembly::{bus_number, bus_plan};
-use crate::assembly::{gains, linkage, mass_model, period_s, plant_mass};
+use crate::assembly::{AssemblyError, bus_number, bus_plan, gains, linkage, mass_model, period_s, plant_mass};
 use crate::bus::budget::{Budget, PlannedFrame, Use};
 use crate::config;
 use crate::control::{
@@ -14,6 +11,7 @@ use crate::control::{
     greatest_damping_n_s_per_m, greatest_stiffness_n_per_m, is_stable, lag_s, passive_mass_kg, stable_masses,
 };
 use crate::quantity::{JointAngles, JointRates, TipPoint};
+use crate::rig::RigError;
 use crate::sim::SYNC_RATE_HZ;
 
 /// Hands for which a rig is looked at when none is named: normal, stiff and braced, N/m.
@@ -142,7 +140,7 @@ fn follower(rig: &config::Rig) -> Result<Option<(Follower, bool)>, RigError> {
             (Follower::Host { gains, delay_cycles: LOOP_DELAY_CYCLES as usize }, is_cartesian)
         }),
         config::CommandMode::Position => {
-            let drive = &simulated(rig)?.drive_position_loop;
+            let drive = &rig.simulated().map_err(AssemblyError::from)?.drive_position_loop;
             let gains = Gains {
                 stiffness: drive.stiffness_n_m_per_rad.get(),
                 damping: drive.damping_n_m_s_per_rad.get(),
@@ -254,7 +252,11 @@ fn pose_at(rig: &config::Rig, tool: Vector2<f64>, is_cartesian: bool) -> Result<
     let forward_viscous = forward.map_or_else(Matrix2::zeros, |forward| diagonal(forward.viscous_n_m_s_per_rad));
     let joints = Pose {
         mass: mass.mass,
-        viscous: if model.is_some() { forward_viscous } else { diagonal(simulated(rig)?.arm.viscous_n_m_s_per_rad) },
+        viscous: if model.is_some() {
+            forward_viscous
+        } else {
+            diagonal(rig.simulated().map_err(AssemblyError::from)?.arm.viscous_n_m_s_per_rad)
+        },
         jacobian: mass.jacobian,
         forward_mass: if model.is_some() { mass.mass } else { Matrix2::zeros() },
         forward_viscous,

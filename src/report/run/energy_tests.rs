@@ -100,7 +100,7 @@ fn a_rig_that_swings_is_an_energy_limit() {
     set(&mut rig.guard.energy_limit_j, json!(0.1));
     // What the torque limit cuts off is not in the balance.
     rig.guard.residual_limit_n_m = None;
-    let least_kg = crate::rig::held_masses(&rig, &[crate::rig::hand_of(&scene)], 0.1).unwrap().unwrap()[0]
+    let least_kg = crate::analysis::held_masses(&rig, &[crate::analysis::hand_of(&scene)], 0.1).unwrap().unwrap()[0]
         .masses
         .map(|masses| masses.least_kg);
     assert!(least_kg.is_some_and(|least_kg| least_kg > 0.2), "{least_kg:?}");

@@ -3,12 +3,12 @@
 use crate::elementary;
 use nalgebra::Vector2;
 
-use super::error::RigError;
 use crate::assembly::{gains, linkage, mass_model, period_s, plant_mass};
 use crate::config;
 use crate::control::{Margins, ServoLoop, principal_inertias, worst_margins};
 use crate::fixture::Shape2;
 use crate::quantity::{JointAngles, JointRates, TipPoint};
+use crate::rig::RigError;
 
 /// Cycles between sampling and the change of torque, besides the zero-order hold: set-points computed in a cycle are
 /// applied at the next SYNC.

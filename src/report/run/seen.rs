@@ -13,7 +13,7 @@ use crate::record::{ForceMeaning, Reference, Row, Trace};
 const POWER_AVERAGE_ROWS: usize = 5;
 
 /// The trace of a run of this fixture.
-pub(in crate::study) fn trace(
+pub(in crate::report) fn trace(
     title: String,
     fixture: &config::Fixture,
     force_meaning: ForceMeaning,

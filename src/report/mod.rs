@@ -1,0 +1,8 @@
+//! What a run shows: its trace, the measures taken from it, and a recording run again.
+
+pub mod measures;
+#[cfg(feature = "recording")]
+pub mod replay;
+mod run;
+
+pub use run::{Overrides, RunReport, Stage, Watch, measured, run_device, run_rig};
