@@ -43,6 +43,11 @@ impl Master {
         Ok(Self { network, axes, cycle, inputs, has_failed: false, last })
     }
 
+    /// Has the second frame of a sample of a sensor on plain CAN come as late as this behind the first, whatever the setup says.
+    pub fn set_pair_gap(&mut self, gap: Duration) {
+        self.network.set_pair_gap(gap);
+    }
+
     /// Where the network stands.
     pub fn phase(&self) -> &Phase {
         self.network.phase()

@@ -53,6 +53,12 @@ impl Client {
         &self.link.protocol
     }
 
+    /// Has the second frame of a sample come as late as this behind the first, in place of what the link says.
+    pub fn set_pair_gap(&mut self, gap: Duration) {
+        self.link.pair_gap = gap;
+        self.pair = Pair::new(self.link.protocol.data_ids(), gap);
+    }
+
     /// Forgets all that was heard, and tells the sensor nothing.
     pub fn restart(&mut self) {
         *self = Self::new(self.link);
@@ -195,6 +201,21 @@ mod tests {
         assert!(client.has_begun() && client.next_deadline() == Time::NEVER);
         client.read(&mut out);
         assert!(out.is_empty(), "it streams");
+    }
+
+    #[test]
+    fn the_gap_between_both_frames_of_a_sample_can_be_widened_for_good() {
+        let mut client = Client::new(STREAMING);
+        let [first, second] = STREAMING.protocol.encode(&telling(1));
+        let hear = |client: &mut Client| {
+            client.start(us(0), &mut Vec::new());
+            client.on_frame(us(60_000), &first);
+            client.on_frame(us(60_650), &second);
+            client.has_begun()
+        };
+        assert!(!hear(&mut client));
+        client.set_pair_gap(Duration::from_secs(1));
+        assert!(hear(&mut client) && hear(&mut client));
     }
 
     #[test]

@@ -26,6 +26,9 @@ use crate::record::{CycleRecord, Stages};
 use cycle::Rest;
 use yieldwall_drives::profiles::Tried;
 
+/// How far apart both frames of a sample on plain CAN may come in lockstep.
+const PAIR_GAP: Duration = Duration::from_secs(1);
+
 /// Gets every frame that went over a bus ([`Frame::bus`]), with the moment of its end.
 pub type Tap = Box<dyn FnMut(Time, &Frame) + Send>;
 
@@ -121,8 +124,13 @@ impl<P: Place> Runner<P> {
     pub fn new(rig: &config::Rig, fixture: &config::Fixture, place: P, pace: Pace) -> Result<Self, RunError> {
         let (started, suspended) = (place.now(), place.suspended());
         let (setup, _) = bus_plan(rig)?;
+        let mut master = master(rig, fixture)?;
+        if pace == Pace::Lockstep {
+            // Nothing has to be in time there, and while the network is booted time is that of a computer that may be slow.
+            master.set_pair_gap(PAIR_GAP);
+        }
         Ok(Self {
-            master: master(rig, fixture)?,
+            master,
             place,
             pace,
             period: Duration::from_micros(rig.cycle.period_us.into()),

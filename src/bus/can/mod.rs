@@ -180,6 +180,11 @@ impl CanNetwork {
         })
     }
 
+    /// Has the second frame of a sample on plain CAN come as late as this behind the first.
+    pub(super) fn set_pair_gap(&mut self, gap: Duration) {
+        self.image.plain_mut().into_iter().for_each(|client| client.set_pair_gap(gap));
+    }
+
     /// Where the network stands.
     pub(super) fn phase(&self) -> &Phase {
         &self.phase

@@ -8,7 +8,7 @@
 //! ```
 //! The servo is that of the cycle in torque mode ([`TorqueServo`](crate::cycle::TorqueServo)): joint or Cartesian gains, with or without feed-forward.
 //! Angles, forces and torques are exact: no counts, no noise, and the proxy is not drawn back from a torque at its limit.
-//! What a whole rig does besides is the business of [`run_rig`](super::run_rig).
+//! What a whole rig does besides is the business of [`run_rig`](crate::report::run_rig).
 
 mod computer;
 
