@@ -46,6 +46,9 @@ pub enum ObjectError {
     /// The device has not answered the last request, or is being configured.
     #[error("the device is being asked already")]
     Busy,
+    /// The network was never started, or did not come up: nothing is sent, since another master may be there.
+    #[error("the network was not booted")]
+    NotBooted,
     /// More bytes than a transfer takes.
     #[error("{0} bytes are more than a transfer takes")]
     TooLong(usize),

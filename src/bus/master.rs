@@ -145,7 +145,7 @@ impl Master {
     /// and nothing while it is configured.
     ///
     /// # Errors
-    /// If the device has no objects, has not answered the last request, or the value is too long.
+    /// If the network was not booted, the device has no objects or has not answered the last request, or the value is too long.
     pub fn ask(
         &mut self,
         now: Time,

@@ -10,7 +10,7 @@ impl CanNetwork {
     /// Begins to read or to write an object of a device.
     ///
     /// # Errors
-    /// If the device has no objects, has not answered the last request, or the value is too long.
+    /// If the network was not booted, the device has no objects or has not answered the last request, or the value is too long.
     pub(in crate::bus) fn ask(
         &mut self,
         now: Time,
@@ -18,8 +18,11 @@ impl CanNetwork {
         request: ObjectRequest<'_>,
         out: &mut impl Outbox,
     ) -> Result<(), ObjectError> {
-        if self.phase == Phase::Configuring {
-            return Err(ObjectError::Busy);
+        match self.phase {
+            Phase::Configuring => return Err(ObjectError::Busy),
+            Phase::Failed(_) => return Err(ObjectError::NotBooted),
+            _ if !self.has_sent => return Err(ObjectError::NotBooted),
+            _ => {}
         }
         let node = self.nodes.iter_mut().find(|node| node.device == device).ok_or(ObjectError::NoObjects)?;
         node.transfer.ask(now, request, &mut out.on(node.bus))

@@ -39,6 +39,8 @@ impl CanNetwork {
         let step = if has_sent { "boot the network" } else { "listen" };
         let error = refuse(Some(self.id.raw()), "master", step, BootFailure::OtherMaster { heard, has_sent });
         self.enter(Phase::Failed(error));
+        // Nothing that was asked is repeated.
+        self.nodes.iter_mut().for_each(|node| node.transfer.restart());
         (self.is_silent, self.next_heartbeat) = (true, Time::NEVER);
     }
 

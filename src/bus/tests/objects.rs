@@ -73,3 +73,21 @@ fn a_network_that_is_started_anew_answers_nothing_of_before_and_is_not_asked_whi
     assert_eq!(*net.master.phase(), Phase::Configuring);
     assert_eq!(net.ask(Device::LeftDrive, STATUSWORD), Err(ObjectError::Busy));
 }
+
+#[test]
+fn nothing_is_asked_where_nothing_may_be_sent() {
+    let mut net = Net::new(CommandMode::Torque);
+    assert_eq!(net.ask(Device::LeftDrive, STATUSWORD), Err(ObjectError::NotBooted));
+    assert!(net.take().is_empty());
+    // Another master, while an object is asked for.
+    let mut net = Net::running(CommandMode::Torque);
+    net.master.leave(&mut net.sent);
+    net.ask(Device::LeftDrive, STATUSWORD).unwrap();
+    net.take();
+    net.hear("000#0101");
+    assert!(matches!(net.master.phase(), Phase::Failed(_)));
+    assert_eq!(net.master.answer(Device::LeftDrive), ObjectAnswer::Failed(ObjectError::NoAnswer));
+    assert_eq!(net.ask(Device::LeftDrive, STATUSWORD), Err(ObjectError::NotBooted));
+    net.wait(WAITS.sdo * 10);
+    assert!(net.take().is_empty());
+}
