@@ -29,7 +29,7 @@ fn read(file: &Path) -> Result<u64, Box<dyn Error>> {
     while let Some(record) = reader.next_record()? {
         cycles += 1;
         on_surface += u64::from(record.signals.is_on_surface);
-        greatest_n = greatest_n.max(record.signals.force.0.norm());
+        greatest_n = greatest_n.max(record.signals.force.norm());
     }
     // A file that was cut is read up to the cut, and the reader says where that is.
     for damage in reader.damage() {

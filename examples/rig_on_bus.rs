@@ -49,7 +49,7 @@ mod on_linux {
             &terms,
             duration_s,
             &is_interrupted,
-            |record| greatest_n = greatest_n.max(record.signals.force.0.norm()),
+            |record| greatest_n = greatest_n.max(record.signals.force.norm()),
             |news| match news {
                 News::Refused(what) | News::Waiting(Some(what)) => println!("{what}"),
                 News::Waiting(None) => {}

@@ -28,10 +28,12 @@ pub mod elementary;
 pub mod fixture;
 pub mod guard;
 pub mod linkage;
+pub mod objects;
 pub mod plain_can;
 pub mod quantity;
 pub mod sensing;
 pub mod setvalued;
+pub mod time;
 
 #[cfg(feature = "sim")]
 pub mod analysis;

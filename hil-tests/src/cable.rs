@@ -5,10 +5,11 @@ use std::collections::VecDeque;
 use std::rc::Rc;
 use std::time::Duration;
 
-use yieldwall::canopen::{Frame, Time};
+use yieldwall::canopen::{BusId, Frame};
 use yieldwall::link::{Arrival, CanLink, Received, SendError};
 use yieldwall::rig::DeviceServer;
 use yieldwall::run::{Metronome, Permit, Place, Runner};
+use yieldwall::time::Time;
 
 /// What lets a rig on a cable in memory be enabled, until it is booted anew.
 pub fn permit<P: Place>(rig: &Runner<P>) -> Permit {
@@ -91,7 +92,7 @@ impl Cable {
         inner.is_down = is_down;
         if is_down {
             let time = inner.now;
-            inner.inbox.push_back(Arrival { time, bus: 0, what: Received::Down });
+            inner.inbox.push_back(Arrival { time, bus: BusId::FIRST, what: Received::Down });
         }
     }
 

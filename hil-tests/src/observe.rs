@@ -1,7 +1,8 @@
 //! What an observer on the bus sees. It decodes frames by the literal layouts of the shipped profiles and knows nothing
 //! of the master's mind.
 
-use yieldwall::canopen::{Frame, Time};
+use yieldwall::canopen::Frame;
+use yieldwall::time::Time;
 
 /// Node ids of the drives, left and right.
 pub const DRIVE_NODES: [u16; 2] = [1, 2];

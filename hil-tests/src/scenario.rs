@@ -2,13 +2,14 @@
 
 use std::sync::{Arc, Mutex};
 
-use yieldwall::canopen::{Frame, Time};
+use yieldwall::canopen::Frame;
 use yieldwall::config::{self, NotNegative, Positive, Rig, Scene, Source};
 use yieldwall::guard::{Fault, Request};
 use yieldwall::injection::Injection;
 use yieldwall::record::Row;
 use yieldwall::rig::{EmbeddedRig, RigError};
 use yieldwall::sim::can::CandumpWriter;
+use yieldwall::time::Time;
 
 use crate::observe::Recording;
 

@@ -7,9 +7,10 @@ use std::collections::VecDeque;
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
-use yieldwall::canopen::{Frame, Time};
+use yieldwall::canopen::Frame;
 use yieldwall::link::{Arrival, CanLink, Received, SendError};
 use yieldwall::run::Metronome;
+use yieldwall::time::Time;
 
 /// How long a frame takes to the others, and its echo to its sender.
 pub const DELAY: Duration = Duration::from_micros(100);

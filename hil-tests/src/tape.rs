@@ -3,13 +3,14 @@
 use std::sync::{Arc, Mutex};
 
 use yieldwall::bus::Master;
-use yieldwall::canopen::{Frame, Time};
+use yieldwall::canopen::Frame;
 use yieldwall::cycle::{Cycle, Inputs, Outputs};
 use yieldwall::guard::Request;
 use yieldwall::rig::RigError;
 use yieldwall::sim::arm::Arm;
 use yieldwall::sim::hand::Hand;
 use yieldwall::sim::{Drive, ForceSensor};
+use yieldwall::time::Time;
 
 use crate::machine::Machine;
 
@@ -71,7 +72,7 @@ impl Tape {
         frames.lock().expect("one thread").clear();
         let mut tape = Self {
             master: rig.master().clone(),
-            drives: rig.drives().clone(),
+            drives: rig.drives().map(Drive::clone),
             sensor: rig.force_sensor().clone(),
             arm: rig.arm().expect("a rig with an arm").clone(),
             hand: rig.hand().clone(),

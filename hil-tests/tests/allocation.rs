@@ -13,7 +13,7 @@ use hil_tests::{
     Scenario,
     cable::{Cable, permit},
 };
-use yieldwall::canopen::{Frame, Outbox, Time};
+use yieldwall::canopen::{Frame, Outbox};
 use yieldwall::cycle::{Cycle, DriveSample, Inputs, LinkEvents, Timing};
 use yieldwall::elementary;
 use yieldwall::guard::{DeviceSet, Request, State};
@@ -24,6 +24,7 @@ use yieldwall::record::recording::{Backpressure, Feed, Sink};
 use yieldwall::rig::{DeviceServer, EmbeddedRig};
 use yieldwall::run::{Ask, Enable, Enabling, Metronome, Pace, Runner};
 use yieldwall::sensing::RawSample;
+use yieldwall::time::Time;
 use yieldwall_drives::cia402;
 
 const CYCLES: usize = 100_000;

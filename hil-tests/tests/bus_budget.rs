@@ -7,10 +7,11 @@ use hil_tests::{Scenario, Seen};
 use proptest::prelude::*;
 use yieldwall::assembly::bus_plan;
 use yieldwall::bus::budget::{Budget, Conditions, FrameBudget, Moment, Use};
-use yieldwall::canopen::{Frame, Time};
+use yieldwall::canopen::Frame;
 use yieldwall::config::SensorProtocol;
 use yieldwall::guard::Request;
 use yieldwall::sim::can::{BitTiming, QueueOrder, VirtualBus};
+use yieldwall::time::Time;
 
 const RIGS: [&str; 9] = [
     "paper-admittance.yaml",

@@ -6,6 +6,7 @@ use hil_tests::{
     Scenario, Seen,
     cable::{Cable, permit},
 };
+use yieldwall::canopen::BusId;
 use yieldwall::elementary;
 use yieldwall::guard::{Cause, DeviceSet, Fault, State};
 use yieldwall::injection::{Injection, Kind, Target};
@@ -60,7 +61,7 @@ fn every_bus_has_one_sync_a_cycle_and_its_own_meaning_of_an_identifier() {
     let session = sensor_apart().run(1000);
     let frames = session.recording().frames;
     let last = |id: u16, bus: u8, bytes: u8| {
-        let of = |seen: &&Seen| seen.frame.id() == id && seen.frame.bus() == bus;
+        let of = |seen: &&Seen| seen.frame.id() == id && seen.frame.bus() == BusId::new(bus);
         let seen: Vec<_> = frames.iter().filter(of).collect();
         assert!(seen.iter().all(|seen| seen.frame.len() == bytes), "{id:03X}h on bus {bus}");
         seen.len()
@@ -124,7 +125,7 @@ fn assert_names_its_bus(scenario: &Scenario, target: Target, cause: Cause) {
     };
     let number = rig.buses.keys().position(|bus| bus == name).unwrap();
     if is_of_interface {
-        assert_eq!(cause.devices, DeviceSet::interface(number as u8), "{target:?}: {cause:?}");
+        assert_eq!(cause.devices, DeviceSet::interface(number), "{target:?}: {cause:?}");
     }
 }
 
@@ -200,7 +201,7 @@ fn a_bus_that_stays_silent_is_the_fault_of_its_devices() {
     let play = Play { cycles: 300, settling: 50 };
     cable.set_passage({
         let begun = cable.look(|server| server.now());
-        move |now, is_master, frame| is_master || frame.bus() == 0 || now.0 < begun.0 + 1_300_000_000
+        move |now, is_master, frame| is_master || frame.bus() == BusId::FIRST || now.0 < begun.0 + 1_300_000_000
     });
     let permit = permit(&live);
     let played = live.play(&play, &permit, &AtomicBool::new(false), |_| ()).unwrap();

@@ -4,7 +4,8 @@
 use std::time::Duration;
 
 use hil_tests::network::{Participant, bare, client, device};
-use yieldwall::canopen::{Frame, SdoClient, Time};
+use yieldwall::canopen::{Frame, SdoClient};
+use yieldwall::time::Time;
 
 /// A frame of a log in the format of candump, and its time since the first.
 fn parse(line: &str) -> (Time, Frame) {

@@ -152,7 +152,7 @@ fn set_points_keep_the_limits_as_seen_on_the_bus() {
         let mut session = scenario.run(cycles_of(&scenario, 2.0));
         session.machine.stop().unwrap();
         let is_on = |drive: &yieldwall::sim::Drive| drive.state() == yieldwall_drives::cia402::State::OperationEnabled;
-        assert!(!session.machine.drives().iter().any(is_on), "stopped means that no drive is enabled");
+        assert!(!session.machine.drives().into_iter().any(is_on), "stopped means that no drive is enabled");
         session.run(20);
         check_setpoints(&scenario, &session.recording());
     }

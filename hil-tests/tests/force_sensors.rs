@@ -1,12 +1,13 @@
 //! Rigs whose force sensor speaks plain CAN: they run, and the faults of the matrix hold for them.
 
 use hil_tests::{Scenario, Session};
-use yieldwall::canopen::{Frame, Time};
+use yieldwall::canopen::Frame;
 use yieldwall::config::Positive;
 use yieldwall::elementary;
 use yieldwall::guard::{Fault, Request, State};
 use yieldwall::injection::{Injection, Kind, Target};
 use yieldwall::rig::RigError;
+use yieldwall::time::Time;
 
 const STREAMING: &str = "paper-admittance-streaming.yaml";
 const POLLED: &str = "paper-admittance-polled.yaml";

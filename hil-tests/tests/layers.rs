@@ -16,6 +16,7 @@ use std::path::{Path, PathBuf};
 const RULE: &str = "\
 quantity, setvalued  <-  sensing, fixture, linkage, control (never one another)  <-  guard  <-  cycle  <-  bus  <-  assembly  <-  run  <-  rig  <-  study, soak (not one another)  <-  cli
 drives, canopen      <-  bus, run, sim; guard and cycle may name the states of `drives::cia402`
+time, objects        the clock; dictionary, values and abort codes of any bus: objects names time; named by canopen and whatever names canopen
 plain_can            names canopen and sensing; named by bus, assembly, sim, rig
 assembly             from config to the parts below run; names nothing simulated
 run                  the loop: names assembly, link, record and what they name; never rig, sim, host, cli
@@ -33,7 +34,7 @@ record               names what enters and leaves a cycle: cycle, guard, sensing
 ";
 
 /// All layers. `drives` is not among them: it is a package of its own, `yieldwall_drives`.
-const LAYERS: [&str; 28] = [
+const LAYERS: [&str; 30] = [
     "analysis",
     "batch",
     "elementary",
@@ -45,6 +46,8 @@ const LAYERS: [&str; 28] = [
     "control",
     "guard",
     "cycle",
+    "time",
+    "objects",
     "canopen",
     "plain_can",
     "bus",
@@ -68,19 +71,21 @@ const LAYERS: [&str; 28] = [
 fn may_name(layer: &str) -> Option<Vec<&'static str>> {
     let base = vec!["quantity", "setvalued", "elementary"];
     let stages = [&base[..], &["sensing", "fixture", "linkage", "control"]].concat();
-    let engines = ["drives", "canopen"];
+    let engines = ["drives", "time", "objects", "canopen"];
     let states = ["drives::cia402"];
     let bus = || [&stages[..], &["guard", "cycle", "plain_can"], &engines, &["config"]].concat();
     let run = vec!["assembly", "bus", "link", "record"];
     Some(match layer {
-        "elementary" | "quantity" | "setvalued" | "canopen" | "batch" => vec![],
+        "elementary" | "time" | "quantity" | "setvalued" | "batch" => vec![],
+        "objects" => vec!["time"],
+        "canopen" => vec!["time", "objects"],
         "sensing" | "fixture" | "linkage" | "control" => base,
         "guard" => [&stages[..], &states].concat(),
         "cycle" => [&stages[..], &states, &["guard"]].concat(),
-        "plain_can" => vec!["canopen", "sensing"],
+        "plain_can" => vec!["time", "canopen", "sensing"],
         "bus" => bus(),
         "injection" => vec!["guard"],
-        "link" => vec!["canopen", "bus"],
+        "link" => vec!["time", "canopen", "bus"],
         "config" => [&stages[..], &engines, &["guard", "injection"]].concat(),
         "sim" => [&base[..], &engines, &["plain_can", "sensing", "linkage", "config"]].concat(),
         "record" => [&["elementary", "quantity", "config", "sensing", "guard", "cycle"], &states[..]].concat(),

@@ -12,7 +12,7 @@ use hil_tests::{
     cable::{Cable, permit},
 };
 use yieldwall::bus::{BootFailure, SensorLink};
-use yieldwall::canopen::{Frame, cob};
+use yieldwall::canopen::{BusId, Frame, cob};
 use yieldwall::config::{self, Source};
 use yieldwall::elementary;
 use yieldwall::guard::{DeviceSet, Fault, State};
@@ -328,7 +328,7 @@ fn who_is_not_there_is_named_and_nothing_is_enabled() {
     assert!(matches!(error.failure, BootFailure::Missing { .. }), "{error}");
     assert!(drive_states(&cable).iter().all(|state| *state == cia402::State::SwitchOnDisabled));
     cable.set_down(true);
-    assert!(matches!(rig.boot(), Err(RunError::Send { bus: 0, .. })));
+    assert!(matches!(rig.boot(), Err(RunError::Send { bus: BusId::FIRST, .. })));
 }
 
 #[test]

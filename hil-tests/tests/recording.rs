@@ -9,7 +9,7 @@ use std::sync::{Arc, Mutex, mpsc};
 use std::time::Duration;
 
 use hil_tests::Scenario;
-use yieldwall::canopen::{Frame, Time};
+use yieldwall::canopen::Frame;
 use yieldwall::config;
 use yieldwall::guard::{Fault, Request};
 use yieldwall::record::recording::{
@@ -20,6 +20,7 @@ use yieldwall::report::replay::{self, End, recorded_trace, replay, replay_any, r
 use yieldwall::report::{Overrides, Watch, run_device, run_rig};
 use yieldwall::rig::EmbeddedRig;
 use yieldwall::run::Observer;
+use yieldwall::time::Time;
 
 /// A folder of this test's own, removed at the end.
 struct Folder(PathBuf);

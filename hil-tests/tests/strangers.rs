@@ -4,11 +4,12 @@
 use std::sync::{Arc, Mutex};
 
 use hil_tests::{Scenario, Session};
-use yieldwall::canopen::{Frame, Time};
+use yieldwall::canopen::Frame;
 use yieldwall::config::SensorProtocol;
 use yieldwall::guard::{Fault, Request, State};
 use yieldwall::injection::{Injection, Kind, Target};
 use yieldwall::rig::PORTS;
+use yieldwall::time::Time;
 use yieldwall_drives::cia402;
 
 /// Cycles after a strike in which the drives have come to rest.

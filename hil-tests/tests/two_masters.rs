@@ -8,10 +8,11 @@ use hil_tests::Scenario;
 use hil_tests::cable::permit;
 use hil_tests::shared_cable::{DELAY, Plug, SharedCable};
 use yieldwall::bus::{LISTENING, Sign};
-use yieldwall::canopen::{Frame, Time, cob};
+use yieldwall::canopen::{Frame, cob};
 use yieldwall::live::serve;
 use yieldwall::rig::DeviceServer;
 use yieldwall::run::{Ended, Pace, Play, Played, RunError, Runner};
+use yieldwall::time::Time;
 
 /// Cycles of a master that runs: more than it takes to boot.
 const CYCLES: u64 = 300;

@@ -2,7 +2,8 @@
 //! virtual.
 
 use hil_tests::{Scenario, Session};
-use yieldwall::canopen::{Frame, Time};
+use yieldwall::canopen::Frame;
+use yieldwall::time::Time;
 use yieldwall_drives::cia402;
 
 /// Port of the master on the virtual bus.

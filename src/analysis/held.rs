@@ -3,7 +3,7 @@
 use nalgebra::{Matrix2, Vector2};
 
 use super::margins::{LOOP_DELAY_CYCLES, poses};
-use crate::assembly::{AssemblyError, bus_number, bus_plan, gains, linkage, mass_model, period_s, plant_mass};
+use crate::assembly::{AssemblyError, bus_id, bus_plan, gains, linkage, mass_model, period_s, plant_mass};
 use crate::bus::budget::{Budget, PlannedFrame, Use};
 use crate::config;
 use crate::control::{
@@ -206,7 +206,7 @@ fn outers(rig: &config::Rig) -> Result<Vec<Outer>, RigError> {
 /// the longest frames: stuff bits are as the data are. Negative if it has to be taken before SYNC. In the regular course of the bus: a
 /// heartbeat that makes one sample late now and then does not count.
 fn latest_samples_s(rig: &config::Rig) -> Result<[f64; 2], RigError> {
-    let bus = bus_number(rig, &rig.sensor.bus)?;
+    let bus = bus_id(rig, &rig.sensor.bus)?;
     let (setup, conditions) = bus_plan(rig)?;
     let conditions = conditions.into_iter().find(|conditions| conditions.bus == bus);
     let conditions = conditions.ok_or_else(|| RigError::Mismatch("the sensor's bus has no plan".into()))?;

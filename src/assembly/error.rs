@@ -37,9 +37,6 @@ pub enum AssemblyError {
     /// A drive's scaling was refused.
     #[error("drive: {0}")]
     Scaling(#[from] ScalingError),
-    /// A device was refused.
-    #[error("device: {0}")]
-    Device(String),
     /// Two parts of the configuration do not fit together.
     #[error("{0}")]
     Mismatch(String),

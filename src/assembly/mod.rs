@@ -24,7 +24,7 @@ use crate::sensing::{Calibration, MountedOn, Mounting, Sensing, SensingParameter
 use yieldwall_drives::profiles::{DeviceProfile, NodeTraits};
 use yieldwall_drives::scaling::{AxisScaling, Direction};
 
-pub use buses::{bus_number, bus_plan, device_buses};
+pub use buses::{bus_id, bus_plan, device_buses};
 pub use error::AssemblyError;
 
 pub(crate) fn period_s(rig: &config::Rig) -> f64 {
@@ -296,7 +296,7 @@ pub(crate) fn network(rig: &config::Rig) -> Result<MasterSetup, AssemblyError> {
         drives: [drive(rig, left, home[0])?, drive(rig, right, home[1])?],
         sensor: SensorSetup {
             name: rig.sensor.name.clone(),
-            bus: buses::bus_number(rig, &rig.sensor.bus)?,
+            bus: buses::bus_id(rig, &rig.sensor.bus)?,
             waits: waits(&rig.sensor.waits, of_profile),
             link,
             sample_period: sample_period(rig),
@@ -370,7 +370,7 @@ fn drive(rig: &config::Rig, drive: &config::Drive, expected_angle_rad: f64) -> R
     let limit = scaling.torque_per_mille(rig.guard.torque_limit_n_m.get())?.value;
     Ok(DriveSetup {
         name: drive.name.clone(),
-        bus: buses::bus_number(rig, &drive.bus)?,
+        bus: buses::bus_id(rig, &drive.bus)?,
         node_id: drive.address.canopen.node_id,
         scaling,
         expected_angle_rad,

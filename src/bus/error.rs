@@ -5,7 +5,8 @@ use std::fmt;
 use thiserror::Error;
 
 use super::signs::Heard;
-use crate::canopen::{AbortCode, Emergency, NmtState};
+use crate::canopen::{Emergency, NmtState};
+use crate::objects::AbortCode;
 
 /// What a node said last of itself since the boot began.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]

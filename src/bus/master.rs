@@ -2,15 +2,16 @@
 
 use std::time::Duration;
 
-use super::access::{ObjectAnswer, ObjectError, ObjectRequest};
 use super::axis::{self, Axis};
 use super::can::{CanNetwork, Told, Waiting};
 use super::error::BootError;
 use super::phase::{LinkEvent, Phase};
 use super::setup::MasterSetup;
-use crate::canopen::{Frame, Outbox, Time};
+use crate::canopen::{BusId, Frame, Outbox};
 use crate::cycle::{Cycle, Inputs, LinkEvents, Outputs, Timing};
 use crate::guard::{Allowed, Cause, Device, DeviceSet, Directive, Fault, Request, State};
+use crate::objects::{ObjectAnswer, ObjectError, ObjectRequest};
+use crate::time::Time;
 
 /// The master of one rig: its networks, which carry raw words, the two axes that these words are of, and the cycle between them.
 #[derive(Clone)]
@@ -321,7 +322,7 @@ impl Master {
     /// Notes what the interface to a bus tells; the next cycle acts on it.
     ///
     /// Real-time: yes.
-    pub fn on_link(&mut self, bus: u8, event: LinkEvent) {
+    pub fn on_link(&mut self, bus: BusId, event: LinkEvent) {
         self.network.on_link(bus, event);
     }
 }

@@ -12,7 +12,6 @@
 //! `can` knows frames and nodes and brings raw words. `axis` stands once for all buses: words to SI and back, the walk to
 //! Operation Enabled, and what a command that the guard has allowed becomes.
 
-mod access;
 mod axis;
 mod can;
 mod error;
@@ -21,7 +20,6 @@ mod phase;
 mod setup;
 mod signs;
 
-pub use access::{ObjectAnswer, ObjectError, ObjectRequest};
 pub use can::{Told, Waiting, budget};
 pub use error::{BootError, BootFailure, Said};
 pub use master::Master;

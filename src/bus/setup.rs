@@ -3,6 +3,7 @@
 use std::sync::Arc;
 use std::time::Duration;
 
+use crate::canopen::BusId;
 use crate::plain_can;
 use yieldwall_drives::cia402::CommandMode;
 use yieldwall_drives::profiles::{DeviceProfile, Pdo};
@@ -24,8 +25,8 @@ pub struct Waits {
 pub struct DriveSetup {
     /// Name for messages.
     pub name: String,
-    /// Number of the bus that it is on.
-    pub bus: u8,
+    /// The bus that it is on.
+    pub bus: BusId,
     /// Node id, 1 to 127.
     pub node_id: u8,
     /// Device model.
@@ -51,8 +52,8 @@ pub struct DriveSetup {
 pub struct SensorSetup {
     /// Name for messages.
     pub name: String,
-    /// Number of the bus that it is on.
-    pub bus: u8,
+    /// The bus that it is on.
+    pub bus: BusId,
     /// What it speaks.
     pub link: SensorLink,
     /// How long it is waited for.
@@ -99,15 +100,15 @@ pub struct MasterSetup {
 }
 
 impl MasterSetup {
-    /// Numbers of the buses: all that a device is on.
-    pub(super) fn buses(&self) -> impl Iterator<Item = u8> + use<> {
+    /// The buses: all that a device is on.
+    pub(super) fn buses(&self) -> impl Iterator<Item = BusId> + use<> {
         let [left, right] = &self.drives;
         let used = [left.bus, right.bus, self.sensor.bus];
-        (0..=u8::MAX).filter(move |bus| used.contains(bus))
+        BusId::all().filter(move |bus| used.contains(bus))
     }
 
     /// Whether somebody on a bus hears SYNC: a drive, or a force sensor with synchronous process data.
-    pub(super) fn has_sync(&self, bus: u8) -> bool {
+    pub(super) fn has_sync(&self, bus: BusId) -> bool {
         let is_synchronous =
             |node: &SensorNode| node.profile.pdos(None).is_some_and(|map| map.tpdo.iter().any(Pdo::is_synchronous));
         self.drives.iter().any(|drive| drive.bus == bus)
@@ -115,7 +116,7 @@ impl MasterSetup {
     }
 
     /// Whether there are CANopen nodes on a bus.
-    pub(super) fn has_nodes(&self, bus: u8) -> bool {
+    pub(super) fn has_nodes(&self, bus: BusId) -> bool {
         self.drives.iter().any(|drive| drive.bus == bus) || (self.sensor.bus == bus && self.sensor.node().is_some())
     }
 }

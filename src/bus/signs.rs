@@ -8,7 +8,7 @@ use std::fmt;
 use std::time::Duration;
 
 use crate::bus::setup::{MasterSetup, SensorLink};
-use crate::canopen::{Frame, NodeId, cob};
+use crate::canopen::{BusId, Frame, NodeId, cob};
 use crate::guard::DeviceSet;
 
 /// How long is listened at least.
@@ -123,7 +123,7 @@ pub struct Signs {
     /// Whether NMT commands, SYNC and node guarding do, whatever the rig.
     of_masters: bool,
     /// Bus, identifier and meaning of data frames.
-    known: Vec<(u8, u16, Sign)>,
+    known: Vec<(BusId, u16, Sign)>,
 }
 
 impl Signs {
@@ -153,10 +153,10 @@ impl Signs {
         Self { of_masters: true, known }
     }
 
-    /// Frames of a master of any rig on bus 0: NMT commands, SYNC, node guarding and SDO requests.
+    /// Frames of a master of any rig on the first bus: NMT commands, SYNC, node guarding and SDO requests.
     pub fn of_any_master() -> Self {
         let nodes = (1..=127).filter_map(|raw| cob::node_id(raw).ok());
-        let known = nodes.map(|node| (0, cob::sdo_request(node), Sign::Request { node_id: node.raw() }));
+        let known = nodes.map(|node| (BusId::FIRST, cob::sdo_request(node), Sign::Request { node_id: node.raw() }));
         Self { of_masters: true, known: known.collect() }
     }
 
@@ -208,12 +208,12 @@ impl MasterSetup {
     }
 
     /// Bus and node id of the CANopen devices.
-    fn nodes(&self) -> impl Iterator<Item = (u8, NodeId)> {
+    fn nodes(&self) -> impl Iterator<Item = (BusId, NodeId)> {
         self.nodes_of(DeviceSet::drive(0) | DeviceSet::drive(1) | DeviceSet::SENSOR)
     }
 
     /// Of these devices.
-    fn nodes_of(&self, devices: DeviceSet) -> impl Iterator<Item = (u8, NodeId)> {
+    fn nodes_of(&self, devices: DeviceSet) -> impl Iterator<Item = (BusId, NodeId)> {
         let drives = (0..).zip(&self.drives).map(|(at, drive)| (DeviceSet::drive(at), drive.bus, drive.node_id));
         let sensor = match &self.sensor.link {
             SensorLink::Canopen(node) => Some((DeviceSet::SENSOR, self.sensor.bus, node.node_id)),
@@ -224,7 +224,7 @@ impl MasterSetup {
     }
 
     /// Bus and identifiers of the samples of a force sensor on plain CAN.
-    fn samples(&self) -> Option<(u8, [u16; 2])> {
+    fn samples(&self) -> Option<(BusId, [u16; 2])> {
         match &self.sensor.link {
             SensorLink::Canopen(_) => None,
             SensorLink::PlainCan(link) => Some((self.sensor.bus, link.protocol.data_ids())),

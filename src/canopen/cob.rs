@@ -19,8 +19,6 @@ pub const LSS_ANSWER: u16 = 0x7e4;
 pub const LSS_REQUEST: u16 = 0x7e5;
 /// Bit 31 of a PDO or EMCY COB-ID: set means that the object does not exist.
 pub const INVALID: u32 = 0x8000_0000;
-/// Bit 30: of a TPDO, no remote request allowed; of 1005h, the device produces SYNC.
-pub const BIT_30: u32 = 0x4000_0000;
 
 /// A node id.
 ///

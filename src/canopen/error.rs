@@ -1,63 +1,18 @@
-//! What can be wrong with a dictionary, a mapping or a call before anything is on the bus.
+//! What can be wrong with a device, a mapping or a call before anything is on the bus.
 
-use super::DataType;
+use crate::objects::DictionaryError;
 
 /// A fault found while building a device or starting a service; faults reported by a device are an
-/// [`AbortCode`](super::AbortCode).
+/// [`AbortCode`](crate::objects::AbortCode).
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
 pub enum CanopenError {
     /// A node id outside 1 to 127.
     #[error("node id {0} is outside 1 to 127")]
     NodeId(u8),
-    /// The same address was declared twice.
-    #[error("object {index:04X}h:{sub} is declared twice")]
-    Duplicate {
-        /// Object index.
-        index: u16,
-        /// Sub-index.
-        sub: u8,
-    },
-    /// The dictionary has no such object.
-    #[error("object {index:04X}h:{sub} does not exist")]
-    NoObject {
-        /// Object index.
-        index: u16,
-        /// Sub-index.
-        sub: u8,
-    },
-    /// The object has another data type than the one asked for.
-    #[error("object {index:04X}h:{sub} is {is}, not {wanted}")]
-    TypeMismatch {
-        /// Object index.
-        index: u16,
-        /// Sub-index.
-        sub: u8,
-        /// Type of the object.
-        is: DataType,
-        /// Type asked for.
-        wanted: DataType,
-    },
-    /// Limits that are inverted or not comparable, a default outside them, or limits on a string.
-    #[error("object {index:04X}h:{sub}: the limits are inverted or the default is outside them")]
-    Limits {
-        /// Object index.
-        index: u16,
-        /// Sub-index.
-        sub: u8,
-    },
-    /// The value is longer than the object can hold, or a basic type has another size.
-    #[error("object {index:04X}h:{sub} holds {capacity} bytes, not {len}")]
-    Length {
-        /// Object index.
-        index: u16,
-        /// Sub-index.
-        sub: u8,
-        /// Bytes given.
-        len: usize,
-        /// Bytes that the object holds.
-        capacity: usize,
-    },
+    /// The dictionary cannot be built, or lacks an object that the node needs.
+    #[error(transparent)]
+    Dictionary(#[from] DictionaryError),
     /// A PDO number outside 1 to 4.
     #[error("PDO number {0} is outside 1 to 4")]
     PdoNumber(u8),

@@ -1,43 +1,46 @@
-//! The CAN frame, the clock and the outgoing queue that every engine takes as arguments.
+//! The CAN frame and the outgoing queue that every engine takes as arguments.
 
-use std::ops::{Add, Sub};
-use std::time::Duration;
+use std::fmt;
 
-/// Monotonic time in nanoseconds since an arbitrary start; virtual in simulation, `CLOCK_MONOTONIC` on a machine.
+/// One of the buses that somebody takes part in; the first where there is one.
+///
+/// It tells frames of several buses apart, and places what is kept for each bus. It is no part of what is on the wire.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Hash)]
-pub struct Time(pub u64);
+pub struct BusId(u8);
 
-impl Time {
-    /// Later than every moment that an engine waits for.
-    pub const NEVER: Time = Time(u64::MAX);
+impl BusId {
+    /// The first bus, also where there is no other.
+    pub const FIRST: Self = Self(0);
 
-    /// Whole microseconds since the start.
-    pub const fn from_micros(us: u64) -> Self {
-        Time(us * 1000)
+    /// The bus with this number, counted from 0.
+    pub const fn new(number: u8) -> Self {
+        Self(number)
     }
 
-    /// Seconds since the start, for reports and simulation; not for comparing deadlines.
-    pub fn as_secs_f64(self) -> f64 {
-        self.0 as f64 * 1e-9
+    /// All buses, in the order of their numbers.
+    pub fn all() -> impl DoubleEndedIterator<Item = Self> {
+        (0..=u8::MAX).map(Self)
     }
 
-    /// Time elapsed since `earlier`, zero if `earlier` is later.
-    pub const fn since(self, earlier: Time) -> Duration {
-        Duration::from_nanos(self.0.saturating_sub(earlier.0))
+    /// Its place in a list of all buses.
+    ///
+    /// Real-time: yes.
+    pub const fn index(self) -> usize {
+        self.0 as usize
+    }
+
+    /// Its bit in a set of eight buses; none beyond the eighth.
+    ///
+    /// Real-time: yes.
+    pub const fn bit(self) -> u8 {
+        if self.0 < 8 { 1 << self.0 } else { 0 }
     }
 }
 
-impl Add<Duration> for Time {
-    type Output = Time;
-    fn add(self, wait: Duration) -> Time {
-        Time(self.0.saturating_add(wait.as_nanos().min(u128::from(u64::MAX)) as u64))
-    }
-}
-
-impl Sub<Time> for Time {
-    type Output = Duration;
-    fn sub(self, earlier: Time) -> Duration {
-        self.since(earlier)
+/// Its number.
+impl fmt::Display for BusId {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        self.0.fmt(f)
     }
 }
 
@@ -54,7 +57,7 @@ pub struct Frame {
     len: u8,
     /// Data length code of a remote frame; `None` for a data frame.
     requested: Option<u8>,
-    bus: u8,
+    bus: BusId,
     data: [u8; 8],
 }
 
@@ -64,7 +67,8 @@ impl Frame {
     ///
     /// Real-time: yes.
     pub fn new(id: u16, data: &[u8]) -> Self {
-        let mut frame = Frame { id: id & 0x7ff, len: data.len().min(8) as u8, requested: None, bus: 0, data: [0; 8] };
+        let mut frame =
+            Frame { id: id & 0x7ff, len: data.len().min(8) as u8, requested: None, bus: BusId::FIRST, data: [0; 8] };
         for (to, from) in frame.data.iter_mut().zip(data) {
             *to = *from;
         }
@@ -77,26 +81,26 @@ impl Frame {
     pub fn from_bits(id: u16, bits: u64, len: u8) -> Self {
         let len = len.min(8);
         let kept = if len == 8 { bits } else { bits & ((1u64 << (8 * len)) - 1) };
-        Frame { id: id & 0x7ff, len, requested: None, bus: 0, data: kept.to_le_bytes() }
+        Frame { id: id & 0x7ff, len, requested: None, bus: BusId::FIRST, data: kept.to_le_bytes() }
     }
 
     /// The remote frame that asks for the `len` (at most 8) bytes of `id`.
     ///
     /// Real-time: yes.
     pub fn remote(id: u16, len: u8) -> Self {
-        Frame { id: id & 0x7ff, len: 0, requested: Some(len.min(8)), bus: 0, data: [0; 8] }
+        Frame { id: id & 0x7ff, len: 0, requested: Some(len.min(8)), bus: BusId::FIRST, data: [0; 8] }
     }
 
-    /// The same frame on the bus with this number.
+    /// The same frame on another bus.
     ///
     /// Real-time: yes.
     #[must_use]
-    pub const fn on_bus(self, bus: u8) -> Self {
+    pub const fn on_bus(self, bus: BusId) -> Self {
         Frame { bus, ..self }
     }
 
-    /// Number of the bus that it comes from or goes to, counted from 0; 0 where there is one bus.
-    pub const fn bus(&self) -> u8 {
+    /// The bus that it comes from or goes to; the first where there is one.
+    pub const fn bus(&self) -> BusId {
         self.bus
     }
 
@@ -156,8 +160,8 @@ pub trait Outbox {
         true
     }
 
-    /// The same for an engine that knows of one bus: whatever it sends goes to the bus with this number.
-    fn on(&mut self, bus: u8) -> OnBus<'_, Self>
+    /// The same for an engine that knows of one bus: whatever it sends goes to that bus.
+    fn on(&mut self, bus: BusId) -> OnBus<'_, Self>
     where
         Self: Sized,
     {
@@ -169,7 +173,7 @@ pub trait Outbox {
 #[derive(Debug)]
 pub struct OnBus<'a, O> {
     out: &'a mut O,
-    bus: u8,
+    bus: BusId,
 }
 
 impl<O: Outbox> Outbox for OnBus<'_, O> {
@@ -195,5 +199,17 @@ impl<O: Outbox + ?Sized> Outbox for &mut O {
 impl Outbox for Vec<Frame> {
     fn push(&mut self, frame: Frame) {
         Vec::push(self, frame);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn buses_have_places_and_the_first_eight_a_bit() {
+        assert_eq!(BusId::all().position(|bus| bus == BusId::new(200)), Some(BusId::new(200).index()));
+        assert_eq!([0, 1, 7, 8, 255].map(|number| BusId::new(number).bit()), [1, 2, 0x80, 0, 0]);
+        assert_eq!((BusId::default(), BusId::new(3).to_string().as_str()), (BusId::FIRST, "3"));
     }
 }

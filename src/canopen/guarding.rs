@@ -5,7 +5,8 @@
 
 use std::time::Duration;
 
-use super::{Frame, NmtState, NodeId, Outbox, Time, cob};
+use super::{Frame, NmtState, NodeId, Outbox, cob};
+use crate::time::Time;
 
 /// The device's side: answers with a toggle bit, and notices when nobody asks any more.
 #[derive(Clone, Debug)]

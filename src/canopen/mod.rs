@@ -6,14 +6,13 @@
 //! | side | what |
 //! |---|---|
 //! | master | [`SdoClient`], [`SdoClients`], [`nmt::HeartbeatConsumer`], [`NodeGuard`], [`SyncProducer`], [`time::TimeProducer`], [`Emergency`], [`lss::LssMaster`], [`pdo::Layout`] |
-//! | device | [`Node`] over an [`ObjectDictionary`], with an [`Application`] behind it |
-//! | both | [`cob`], [`nmt`], [`AbortCode`], [`EmcyCode`] |
+//! | device | [`Node`], which speaks for an [`Application`] and borrows its dictionary; [`CommunicationProfile`] |
+//! | both | [`cob`], [`nmt`], [`EmcyCode`] |
 //!
 //! Codecs and small types come from the crate `canopen-rs`, which no other folder names.
 
-mod abort;
 pub mod cob;
-pub mod dictionary;
+mod communication;
 mod emcy;
 mod error;
 mod frame;
@@ -25,19 +24,16 @@ pub mod pdo;
 mod sdo;
 mod sync;
 pub mod time;
-mod value;
 
-pub use abort::AbortCode;
-pub use canopen_rs::{Address, ErrorRegister, MappingEntry, NmtCommand, NmtState, NodeId};
+pub use canopen_rs::{ErrorRegister, MappingEntry, NmtCommand, NmtState, NodeId};
 pub use cob::node_id;
-pub use dictionary::{Access, DeviceIdentity, Handle, Mappable, Object, ObjectDictionary};
+pub use communication::CommunicationProfile;
 pub use emcy::{EmcyCode, Emergency, PastError};
 pub use error::CanopenError;
-pub use frame::{Frame, OnBus, Outbox, Time};
+pub use frame::{BusId, Frame, OnBus, Outbox};
 pub use guarding::{GuardEvent, NodeGuard};
 pub use nmt::{HeartbeatChange, HeartbeatConsumer, HeartbeatEvent};
-pub use node::{Application, Node, Reset};
+pub use node::{Application, Node};
 pub use pdo::{Field, Layout, PdoParameters};
-pub use sdo::{SdoClient, SdoClients, SdoOutcome, SdoReply, SdoRequest, SdoTicket};
+pub use sdo::{SdoClient, SdoClients, SdoOutcome, SdoReply, SdoTicket};
 pub use sync::SyncProducer;
-pub use value::{DataType, Scalar};

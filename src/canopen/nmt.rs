@@ -2,7 +2,8 @@
 
 use std::time::Duration;
 
-use super::{Frame, NmtCommand, NmtState, NodeId, Time, cob};
+use super::{Frame, NmtCommand, NmtState, NodeId, cob};
+use crate::time::Time;
 
 /// The command frame to one node, or to all nodes for `None`.
 ///

@@ -8,7 +8,6 @@ use super::{CanopenError, Frame, cob};
 #[derive(Clone, Debug)]
 pub struct SyncProducer {
     id: u16,
-    overflow: u8,
     counter: SyncCounter,
 }
 
@@ -22,7 +21,7 @@ impl SyncProducer {
             return Err(CanopenError::CobId(id.into()));
         }
         let counter = SyncCounter::new(overflow).map_err(|_| CanopenError::SyncOverflow(overflow))?;
-        Ok(SyncProducer { id, overflow, counter })
+        Ok(SyncProducer { id, counter })
     }
 
     /// The next SYNC frame.
@@ -32,13 +31,6 @@ impl SyncProducer {
         match self.counter.advance() {
             Some(count) => Frame::new(self.id, &[count]),
             None => Frame::new(self.id, &[]),
-        }
-    }
-
-    /// Starts the counter at 1 again.
-    pub fn reset(&mut self) {
-        if let Ok(counter) = SyncCounter::new(self.overflow) {
-            self.counter = counter;
         }
     }
 }
@@ -52,8 +44,6 @@ mod tests {
         let mut sync = SyncProducer::new(0x80, 3).unwrap();
         let counts = [(); 4].map(|()| sync.next_frame().data()[0]);
         assert_eq!(counts, [1, 2, 3, 1]);
-        sync.reset();
-        assert_eq!(sync.next_frame(), Frame::new(0x80, &[1]));
     }
 
     #[test]

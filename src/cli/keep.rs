@@ -10,7 +10,7 @@ use serde_json::{Value, json};
 use super::ending::{bus_names, describe};
 use super::failure::{Exit, Failure};
 use super::picture::make_folder_of;
-use crate::canopen::{Frame, Time};
+use crate::canopen::Frame;
 use crate::config::{self, Diagnostic, Severity};
 use crate::record::DeviceRecord;
 use crate::record::recording::{
@@ -18,6 +18,7 @@ use crate::record::recording::{
 };
 use crate::report::Watch;
 use crate::sim::can::CandumpWriter;
+use crate::time::Time;
 
 /// The log's first second: some readers take a time of zero for no time at all.
 pub(super) const LOG_STARTS_AT: Duration = Duration::from_secs(1);

@@ -21,9 +21,9 @@ use crate::host::system::Refusal;
 use crate::host::{NotRun, Outcome, RigOnBus, StageTimes, Terms};
 use crate::record::CycleRecord;
 use crate::record::recording::About;
+use crate::report::drawing;
 use crate::report::{Overrides, measured, replay};
 use crate::run::{Ended, Play, Played};
-use crate::study::drawing;
 use facts::Facts;
 use proof::{evidence, unproven, untimely};
 

@@ -76,6 +76,11 @@ pub(super) fn live_failure(error: &RunError) -> Failure {
             let help = cause.map_or("read the drives' error codes (603Fh)", |cause| cause.fault.row().next);
             Failure::new(exit, error.to_string(), help)
         }
+        RunError::NoTorqueLimit { .. } => Failure::new(
+            Exit::DeviceMismatch,
+            error.to_string(),
+            "name its object in the device profile (limits.torque)",
+        ),
         RunError::Unread { .. } => Failure::new(
             Exit::DeviceMismatch,
             error.to_string(),

@@ -8,8 +8,8 @@ use super::failure::Failure;
 use super::output::Output;
 use super::picture::{check_picture, drawing_failure, write_drawing};
 use super::replay::{damage, failure, open, records};
+use crate::report::drawing;
 use crate::report::replay::recorded_trace;
-use crate::study::drawing;
 
 #[derive(Debug, clap::Args)]
 pub(super) struct Arguments {

@@ -21,10 +21,10 @@ use super::output::Output;
 use super::picture::{check_picture, drawing_failure, write_drawing};
 use super::progress::Progress;
 use crate::config::{self, Document, Loaded, Report, Severity, Source};
+use crate::report::drawing;
 use crate::report::{Overrides, replay, run_rig};
 use crate::rig::{self};
 use crate::run::{Demands as DrillDemands, Drilled};
-use crate::study::drawing;
 
 #[derive(Debug, clap::Args)]
 pub(super) struct Arguments {

@@ -14,9 +14,9 @@ use super::interrupt::on_interrupt;
 use super::on_bus::{link_failure, open_failure};
 use super::output::Output;
 use super::pace::PaceArgument;
-use crate::assembly::bus_plan;
+use crate::assembly::{bus_id, bus_plan};
 use crate::bus::{MasterSetup, SensorLink, Signs};
-use crate::canopen::Frame;
+use crate::canopen::{BusId, Frame};
 use crate::config::{self, Source};
 use crate::guard::DeviceSet;
 use crate::host::open_buses;
@@ -193,7 +193,7 @@ impl Own {
     }
 
     /// What only one process may be on a bus.
-    fn roles(&self, bus: u8) -> Vec<Role> {
+    fn roles(&self, bus: BusId) -> Vec<Role> {
         let drives = (0..).zip(&self.setup.drives).map(|(at, drive)| {
             let role = Role::Node(drive.node_id);
             (DeviceSet::drive(at), drive.bus, role)
@@ -206,17 +206,17 @@ impl Own {
         all.filter(|(device, on, _)| self.devices.contains(*device) && *on == bus).map(|(.., role)| role).collect()
     }
 
-    /// Listens for others that are the same devices; `numbered` gives a frame the number of its bus.
+    /// Listens for others that are the same devices; `placed` gives a frame its bus.
     fn listen(
         &self,
         link: &mut impl CanLink,
         is_over: &AtomicBool,
-        numbered: impl Fn(&Frame) -> Frame,
+        placed: impl Fn(&Frame) -> Frame,
     ) -> Result<(), Failure> {
         let signs = Signs::of_devices(&self.setup, self.devices);
-        let heard = listen(link, self.setup.listening(), is_over, |frame| signs.find(&numbered(frame)));
+        let heard = listen(link, self.setup.listening(), is_over, |frame| signs.find(&placed(frame)));
         heard.map_or(Ok(()), |heard| {
-            let bus = DeviceSet::interface(heard.frame.bus());
+            let bus = DeviceSet::interface(heard.frame.bus().index());
             let message = format!(
                 "a device of this process is on the bus already; nothing was sent. Heard: {heard}, on the {bus}"
             );
@@ -277,12 +277,12 @@ fn attach_one(
     let interface = Interfaces::one(rig, &arguments.bus, bus)?;
     let bit_rate = rig.buses.get(bus).map(|bus| bus.canopen.bit_rate_bit_per_s);
     let own = Own::new(rig, here)?;
-    let number = rig.buses.keys().take_while(|name| *name != bus).count() as u8;
-    let roles = own.roles(number);
+    let on = bus_id(rig, bus).map_err(|error| rig_failure(&error.into()))?;
+    let roles = own.roles(on);
     let settings = SocketCanSettings { bit_rate, roles, ..SocketCanSettings::everything(&interface) };
     let mut link = SocketCan::open(&settings).map_err(|error| link_failure(&error))?;
     // Whoever is attached has little time to answer: before that.
-    own.listen(&mut link, &is_interrupted, |frame| frame.on_bus(number))?;
+    own.listen(&mut link, &is_interrupted, |frame| frame.on_bus(on))?;
     output.news(&format!("simulated {} on {interface}; Ctrl-C ends it", names(rig, here).join(", ")))?;
     attach(&mut device, &mut link, path, &is_interrupted).map_err(|error| not_attached(path, &error))
 }

@@ -14,13 +14,13 @@ use crate::guard::{
     StopRamp, Supervisor,
 };
 use crate::linkage::{FiveBar, Posture};
-use crate::quantity::{Force, JointAngles, JointTorques, TipPoint};
+use crate::quantity::{Force, JointAngles, JointTorques, TipDisplacement, TipPoint};
 use crate::sensing::{RawSample, Reading, Sensing};
 use watch::{Balance, Chatter};
 use yieldwall_drives::cia402;
 
 pub use reference::Reference;
-pub use servo::{Overreach, Servo, TorqueServo, TorqueServoParameters, TorqueStep};
+pub use servo::{Deviation, Servo, TorqueServo, TorqueServoParameters, TorqueStep};
 
 /// What one drive reported in this cycle.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -121,7 +121,7 @@ pub struct Signals {
     /// Proxy, or the measured tool point while there is no reference.
     pub proxy: TipPoint,
     /// How far the fixture's surfaces have moved from their place.
-    pub surface: TipPoint,
+    pub surface: TipDisplacement,
     /// Angles that the proxy asks for.
     pub target_angles: JointAngles,
     /// Measured angles.
@@ -376,10 +376,10 @@ impl Cycle {
         let posture = self.posture.as_ref().filter(|_| reading.is_usable());
         let hand = posture.and_then(|posture| posture.joint_torques(reading.force).ok());
         let sent = match command.get() {
-            JointCommand::Torque(torques) => Some(torques.0),
+            JointCommand::Torque(torques) => Some(*torques),
             _ => None,
         };
-        self.balance.step(hand.map(|torques| torques.0), self.needed.map(|torques| torques.0), sent);
+        self.balance.step(hand, self.needed, sent);
     }
 
     fn note(&self, reading: &Reading, signals: &mut Signals) {
@@ -388,7 +388,7 @@ impl Cycle {
         signals.measured_angles = self.measured.angles;
         signals.tool = self.posture.map(|posture| posture.tip).unwrap_or_default();
         signals.proxy = self.reference.as_ref().map_or(signals.tool, |reference| reference.point);
-        signals.surface = TipPoint(self.fixture.origin());
+        signals.surface = TipDisplacement(self.fixture.origin());
         signals.signed_distance_m = match signals.is_on_surface {
             // The fixture's own figure is exact there.
             true => signals.signed_distance_m,

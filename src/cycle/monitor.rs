@@ -1,7 +1,5 @@
 //! What the cycle watches: it fills the fault counts.
 
-use nalgebra::Vector2;
-
 use super::watch::Chatter;
 use super::{Cycle, DriveSample, Inputs, LinkEvents, Timing};
 use crate::fixture::Port;
@@ -100,7 +98,7 @@ impl Cycle {
             see(Fault::SensorSaturated, reading.saturated);
             see(Fault::SensorStuck, reading.stuck);
             see(Fault::ForceStep, reading.stepped);
-            see(Fault::ForceLimit, reading.force.0.norm() > limit);
+            see(Fault::ForceLimit, reading.force.norm() > limit);
         }
         see(Fault::SensorStale, reading.stale);
         see(Fault::SensorLost, reading.missed_samples >= LOST_AFTER_MISSED_SAMPLES);
@@ -152,17 +150,17 @@ impl Cycle {
 
     fn observe_arm(&mut self) {
         let error = match &self.reference {
-            Some(reference) if is_moving(self.supervisor.state()) => reference.angles.0 - self.measured.angles.0,
-            _ => Vector2::zeros(),
+            Some(reference) if is_moving(self.supervisor.state()) => reference.angles - self.measured.angles,
+            _ => JointAngles::default(),
         };
         let limit = self.settings.following_error_limit_rad;
-        let beyond = |limit: f64| DeviceSet::drives_where([error.x.abs() > limit, error.y.abs() > limit]);
+        let beyond = |limit: f64| DeviceSet::drives_where(error.to_array().map(|error| error.abs() > limit));
         self.faults.observe_on(Fault::FollowingError, beyond(limit));
         self.faults.observe_on(Fault::Runaway, beyond(2.0 * limit));
         let is_left = self.clearance_m < LEFT_SHARE * self.settings.singularity_margin_m;
         self.faults.observe(Fault::WorkspaceLeft, is_left);
         let residual = self.balance.residual_n_m();
-        let is_implausible = self.settings.residual_limit_n_m.is_some_and(|limit| residual.amax() > limit);
+        let is_implausible = self.settings.residual_limit_n_m.is_some_and(|limit| residual.max_abs() > limit);
         self.faults.observe_on(Fault::ForceImplausible, DeviceSet::SENSOR.only_if(is_implausible));
     }
 
@@ -184,7 +182,7 @@ impl Cycle {
             }),
             _ => 0.0,
         };
-        let is_chatter = running.is_some_and(|reference| self.chatter.step(reference.velocity.0, period));
+        let is_chatter = running.is_some_and(|reference| self.chatter.step(reference.velocity, period));
         self.faults.observe(Fault::EnergyLimit, excess_j > self.settings.energy_limit_j);
         self.faults.observe(Fault::Chatter, is_chatter);
         self.faults.observe(Fault::OverSpeed, false);

@@ -2,11 +2,11 @@
 
 use nalgebra::Vector2;
 
-use super::servo::Overreach;
+use super::servo::Deviation;
 use super::{Cycle, Settings, Signals};
 use crate::guard::{Fault, Motion, StopRamp};
 use crate::linkage::Posture;
-use crate::quantity::{JointAngles, JointRates, TipPoint, TipVelocity};
+use crate::quantity::{JointAngles, JointRates, TipDisplacement, TipPoint, TipVelocity};
 use crate::sensing::Reading;
 
 /// Beside twice the way that braking takes, how far from the margin the edge is looked at, m: the arm is not quite where
@@ -54,15 +54,15 @@ impl Reference {
     /// Real-time: yes.
     #[must_use]
     pub fn moved(&self, point: TipPoint, angles: JointAngles, period_s: f64) -> Self {
-        let velocity = TipVelocity((point.0 - self.point.0) / period_s);
-        let rates = JointRates((angles.0 - self.angles.0) / period_s);
+        let velocity = (point - self.point).over_s(period_s);
+        let rates = (angles - self.angles).over_s(period_s);
         Self {
             point,
             velocity,
-            acceleration: (velocity.0 - self.velocity.0) / period_s,
+            acceleration: ((velocity - self.velocity) / period_s).0,
             angles,
             rates,
-            accelerations: (rates.0 - self.rates.0) / period_s,
+            accelerations: ((rates - self.rates) / period_s).0,
         }
     }
 }
@@ -106,7 +106,7 @@ impl Cycle {
                 last.moved(last.point, last.angles, self.settings.period_s)
             }
         };
-        if next.velocity.0.norm() > self.settings.tool_speed_limit_m_per_s {
+        if next.velocity.norm() > self.settings.tool_speed_limit_m_per_s {
             return Err(Fault::OverSpeed);
         }
         self.reference = Some(next);
@@ -136,18 +136,18 @@ impl Cycle {
     /// The idea: R. Kikuuwe, *Torque-bounded admittance control realized by a set-valued algebraic feedback* (2019).
     pub(super) fn draw_back(
         &mut self,
-        overreach: Overreach,
+        overreach: Deviation,
         before: &Reference,
         reference: &Reference,
         posture: &Posture,
     ) -> Result<(), Fault> {
         let by = match overreach {
-            Overreach::Tool(by) => by,
-            Overreach::Joints(by) => posture.tip_velocity(JointRates(by.0)).map_err(|_| Fault::NotFinite)?.0,
+            Deviation::Tool(by) => by.0,
+            Deviation::Joints(by) => posture.tip_velocity(JointRates(by.0)).map_err(|_| Fault::NotFinite)?.0,
         };
         let point = TipPoint(self.fixture.draw_back(&by));
         let drawn = self.admit(point, before).map(|angles| before.moved(point, angles, self.settings.period_s));
-        match drawn.filter(|drawn| drawn.velocity.0.norm() <= self.settings.tool_speed_limit_m_per_s) {
+        match drawn.filter(|drawn| drawn.velocity.norm() <= self.settings.tool_speed_limit_m_per_s) {
             Some(drawn) => {
                 self.servo.draw_back(&drawn, posture);
                 self.reference = Some(drawn);
@@ -192,7 +192,7 @@ impl Cycle {
     fn brake(&self, candidate: TipPoint, last: &Reference) -> Option<TipPoint> {
         let Settings { period_s, singularity_margin_m: margin, stop_deceleration_m_per_s2: deceleration, .. } =
             self.settings;
-        let speed = (candidate.0 - last.point.0).norm() / period_s;
+        let speed = (candidate - last.point).norm() / period_s;
         if self.clearance_m > margin + BRAKING_RESERVE_M + speed * speed / deceleration {
             return Some(candidate);
         }
@@ -215,11 +215,11 @@ impl Cycle {
             Vector2::new(slope(TipPoint::new(x - GRADIENT_STEP_M, y))?, slope(TipPoint::new(x, y - GRADIENT_STEP_M))?);
         let mut point = candidate;
         // Where the linkage does not reach, the gradient says how far beyond that is.
-        let mut there = offered.unwrap_or((here + gradient.dot(&(candidate.0 - last.point.0))).min(least));
+        let mut there = offered.unwrap_or((here + gradient.dot(&(candidate - last.point).0)).min(least));
         for _ in 0..BRAKING_STEPS {
             // A hair more than asked for, so that nothing creeps into the margin.
             let missing = least + 0.5 * CLEARANCE_TOLERANCE_M - there;
-            point = TipPoint(point.0 + gradient * (missing / gradient.norm_squared()));
+            point += TipDisplacement(gradient * (missing / gradient.norm_squared()));
             there = clearance(point)?;
             if there >= least {
                 return Some(point);

@@ -1,6 +1,6 @@
 //! From the reference to a joint command, in the rig's command mode.
 
-use nalgebra::{Matrix2, Vector2};
+use nalgebra::Matrix2;
 
 use super::Reference;
 use crate::control::{
@@ -9,7 +9,7 @@ use crate::control::{
 };
 use crate::guard::{Fault, JointCommand};
 use crate::linkage::{FiveBar, MassModel, Posture};
-use crate::quantity::{Force, JointAngles, JointRates, JointTorques};
+use crate::quantity::{Force, JointAngles, JointRates, JointTorques, TipDisplacement};
 use crate::setvalued::gsat;
 
 /// How the rig commands its joints.
@@ -71,7 +71,7 @@ impl Servo {
     pub(super) fn reset(&mut self, reference: &Reference, posture: &Posture) {
         if let Servo::Torque(servo) = self {
             let error = servo.error(reference, posture);
-            for (axis, error) in servo.axes.iter_mut().zip(error) {
+            for (axis, error) in servo.axes.iter_mut().zip(error.to_array()) {
                 axis.reset(error);
             }
             servo.feed_forward.reset();
@@ -91,9 +91,9 @@ impl Servo {
         match self {
             Servo::Position => Ok(Effort::of(JointCommand::Position(reference.angles))),
             Servo::Velocity(law) => {
-                let error = reference.angles.0 - posture.angles.0;
-                let first = law.command(error.x, reference.rates.0.x);
-                let second = law.command(error.y, reference.rates.0.y);
+                let error = reference.angles - posture.angles;
+                let first = law.command(error.left(), reference.rates.left());
+                let second = law.command(error.right(), reference.rates.right());
                 if !(first.valid && second.valid) {
                     return Err(Fault::NotFinite);
                 }
@@ -110,7 +110,7 @@ impl Servo {
     pub(super) fn draw_back(&mut self, reference: &Reference, posture: &Posture) {
         if let Servo::Torque(servo) = self {
             let error = servo.error(reference, posture);
-            for (axis, error) in servo.axes.iter_mut().zip(error) {
+            for (axis, error) in servo.axes.iter_mut().zip(error.to_array()) {
                 axis.draw_back(error);
             }
         }
@@ -123,7 +123,7 @@ pub(super) struct Effort {
     /// As in [`TorqueStep`].
     pub(super) needed: Option<JointTorques>,
     /// As in [`TorqueStep`].
-    pub(super) overreach: Option<Overreach>,
+    pub(super) overreach: Option<Deviation>,
 }
 
 impl Effort {
@@ -141,16 +141,26 @@ pub struct TorqueStep {
     pub needed: Option<JointTorques>,
     /// How much nearer the reference would have to be for the controllers alone to keep within their limit; `None` if they do. A
     /// feed-forward does not count: the acceleration of a proxy that stops at once asks for any torque, for one cycle.
-    pub overreach: Option<Overreach>,
+    pub overreach: Option<Deviation>,
 }
 
-/// By how much a reference lies beyond what the controllers can reach within their limit.
+/// How far one state of the arm lies from another, in what the controllers act on.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Overreach {
-    /// Of the proximal links, left and right, in rad.
+pub enum Deviation {
+    /// Of the proximal links.
     Joints(JointAngles),
-    /// Of the tool, along x and y, in m.
-    Tool(Vector2<f64>),
+    /// Of the tool.
+    Tool(TipDisplacement),
+}
+
+impl Deviation {
+    /// One number for each controller: left and right in rad, or along x and y in m.
+    fn to_array(self) -> [f64; 2] {
+        match self {
+            Self::Joints(by) => by.to_array(),
+            Self::Tool(by) => by.to_array(),
+        }
+    }
 }
 
 impl TorqueServo {
@@ -186,18 +196,16 @@ impl TorqueServo {
         let inertia = self.inertia_term(linkage, reference);
         let (torques, overreach) = self.torques(inertia.as_ref(), reference, posture)?;
         let needed = inertia.map(|term| JointTorques(term.mass_matrix * term.accelerations + term.bias_n_m));
-        let overreach = (overreach != [0.0; 2]).then(|| match self.is_cartesian {
-            true => Overreach::Tool(overreach.into()),
-            false => Overreach::Joints(overreach.into()),
-        });
+        let overreach = Some(overreach).filter(|overreach| overreach.to_array() != [0.0; 2]);
         Ok(TorqueStep { torques, needed, overreach })
     }
 
-    fn error(&self, reference: &Reference, posture: &Posture) -> [f64; 2] {
+    /// How far the reference lies from the measured arm.
+    fn error(&self, reference: &Reference, posture: &Posture) -> Deviation {
         if self.is_cartesian {
-            (reference.point.0 - posture.tip.0).into()
+            Deviation::Tool(reference.point - posture.tip)
         } else {
-            (reference.angles.0 - posture.angles.0).into()
+            Deviation::Joints(reference.angles - posture.angles)
         }
     }
 
@@ -206,9 +214,9 @@ impl TorqueServo {
         inertia: Option<&InertiaTerm>,
         reference: &Reference,
         posture: &Posture,
-    ) -> Result<(JointTorques, [f64; 2]), Fault> {
+    ) -> Result<(JointTorques, Deviation), Fault> {
         let forward = self.feed_forward.step(reference.rates, inertia);
-        let error = self.error(reference, posture);
+        let error = self.error(reference, posture).to_array();
         let (mut effort, mut overreach) = ([0.0; 2], [0.0; 2]);
         let mut is_valid = forward.valid;
         for axis in 0..2 {
@@ -227,10 +235,10 @@ impl TorqueServo {
             return Err(Fault::NotFinite);
         }
         if !self.is_cartesian {
-            return Ok((JointTorques::from(effort), overreach));
+            return Ok((JointTorques::from(effort), Deviation::Joints(overreach.into())));
         }
         let torques = posture.joint_torques(Force::from(effort)).map_err(|_| Fault::NotFinite)?;
-        Ok((JointTorques(torques.0 + forward.torques.0), overreach))
+        Ok((torques + forward.torques, Deviation::Tool(overreach.into())))
     }
 
     fn inertia_term(&self, linkage: &FiveBar, reference: &Reference) -> Option<InertiaTerm> {

@@ -1,6 +1,6 @@
 //! What the cycle watches over more than one cycle: chatter, and the balance of torques.
 
-use nalgebra::Vector2;
+use crate::quantity::{JointTorques, TipVelocity};
 
 /// Half a swing of chatter, s: 10 to 100 Hz.
 const HALF_SWING_S: [f64; 2] = [0.005, 0.05];
@@ -16,7 +16,7 @@ const REVERSED_COSINE: f64 = -0.5;
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Chatter {
     /// The greatest velocity since the last reversal.
-    greatest: Vector2<f64>,
+    greatest: TipVelocity,
     since_s: f64,
     reversals: u8,
 }
@@ -25,7 +25,7 @@ impl Chatter {
     /// One cycle of the reference; whether the reversals have come to be chatter. Counting then starts again.
     ///
     /// Real-time: yes.
-    pub(super) fn step(&mut self, velocity: Vector2<f64>, period_s: f64) -> bool {
+    pub(super) fn step(&mut self, velocity: TipVelocity, period_s: f64) -> bool {
         let [shortest, longest] = HALF_SWING_S;
         self.since_s += period_s;
         if self.since_s > longest {
@@ -35,7 +35,7 @@ impl Chatter {
         if speed < SWING_SPEED_M_PER_S {
             return false;
         }
-        if velocity.dot(&self.greatest) >= REVERSED_COSINE * speed * greatest {
+        if velocity.dot(self.greatest) >= REVERSED_COSINE * speed * greatest {
             if speed > greatest {
                 self.greatest = velocity;
             }
@@ -63,8 +63,8 @@ const BALANCE_CYCLES: f64 = 20.0;
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Balance {
     /// Torques sent in the last cycle.
-    acting: Option<Vector2<f64>>,
-    mean: Vector2<f64>,
+    acting: Option<JointTorques>,
+    mean: JointTorques,
 }
 
 impl Balance {
@@ -74,21 +74,21 @@ impl Balance {
     /// Real-time: yes.
     pub(super) fn step(
         &mut self,
-        hand: Option<Vector2<f64>>,
-        needed: Option<Vector2<f64>>,
-        sent: Option<Vector2<f64>>,
+        hand: Option<JointTorques>,
+        needed: Option<JointTorques>,
+        sent: Option<JointTorques>,
     ) {
         match (hand, needed, self.acting) {
             (Some(hand), Some(needed), Some(acting)) => {
                 self.mean += (hand + acting - needed - self.mean) / BALANCE_CYCLES;
             }
-            _ => self.mean = Vector2::zeros(),
+            _ => self.mean = JointTorques::default(),
         }
         self.acting = sent;
     }
 
     /// The mean residual of each joint in N m.
-    pub(super) fn residual_n_m(&self) -> Vector2<f64> {
+    pub(super) fn residual_n_m(&self) -> JointTorques {
         self.mean
     }
 }
@@ -105,7 +105,7 @@ mod tests {
     fn chatters(frequency_hz: f64, speed: f64) -> usize {
         let mut chatter = Chatter::default();
         let at = |step: u32| speed * elementary::cos(TAU * frequency_hz * f64::from(step) * T);
-        (0..2000).filter(|step| chatter.step(Vector2::new(0.6 * at(*step), 0.8 * at(*step)), T)).count()
+        (0..2000).filter(|step| chatter.step(TipVelocity::new(0.6 * at(*step), 0.8 * at(*step)), T)).count()
     }
 
     #[test]
@@ -119,8 +119,9 @@ mod tests {
         }
         // From standing still to the first finding: four swings.
         let mut chatter = Chatter::default();
-        let first = (0..1000)
-            .find(|step| chatter.step(Vector2::new(0.1 * elementary::sin(TAU * 50.0 * f64::from(*step) * T), 0.0), T));
+        let first = (0..1000).find(|step| {
+            chatter.step(TipVelocity::new(0.1 * elementary::sin(TAU * 50.0 * f64::from(*step) * T), 0.0), T)
+        });
         assert!(first.is_some_and(|step| step <= 80), "{first:?}");
     }
 
@@ -131,27 +132,27 @@ mod tests {
         let is_found = (0..6000).any(|step| {
             let t = f64::from(step % 200) * T;
             let speed = if t < 0.08 { 0.3 * elementary::sin(TAU * 25.0 * t) } else { 0.0 };
-            chatter.step(Vector2::new(speed, 0.0), T)
+            chatter.step(TipVelocity::new(speed, 0.0), T)
         });
         assert!(!is_found);
     }
 
     #[test]
     fn the_balance_is_a_mean_of_what_is_missing() {
-        let one = |x: f64| Some(Vector2::new(x, -x));
+        let one = |x: f64| Some(JointTorques::new(x, -x));
         let mut balance = Balance::default();
         balance.step(one(3.0), one(5.0), one(2.0));
-        assert_eq!(balance.residual_n_m(), Vector2::zeros(), "what acts is not known yet");
+        assert_eq!(balance.residual_n_m(), JointTorques::default(), "what acts is not known yet");
         for _ in 0..200 {
             balance.step(one(3.0), one(5.0), one(2.0));
         }
-        assert_eq!(balance.residual_n_m(), Vector2::zeros());
+        assert_eq!(balance.residual_n_m(), JointTorques::default());
         for _ in 0..20 {
             balance.step(one(13.0), one(5.0), one(2.0));
         }
-        let [left, right] = balance.residual_n_m().into();
+        let [left, right] = balance.residual_n_m().to_array();
         assert!((6.0..7.0).contains(&left) && right == -left, "10 N m, two thirds after 20 cycles: {left}");
         balance.step(None, one(5.0), one(2.0));
-        assert_eq!(balance.residual_n_m(), Vector2::zeros());
+        assert_eq!(balance.residual_n_m(), JointTorques::default());
     }
 }

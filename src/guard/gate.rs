@@ -118,7 +118,7 @@ impl Gate {
                     return Err(Fault::NotFinite);
                 }
                 let from = self.last_target.unwrap_or(measured.angles);
-                if (target.0 - from.0).amax() > speed * self.limits.period_s {
+                if (*target - from).max_abs() > speed * self.limits.period_s {
                     return Err(Fault::OverSpeed);
                 }
                 self.last_target = Some(*target);
@@ -128,7 +128,7 @@ impl Gate {
                 if !rates.is_finite() {
                     return Err(Fault::NotFinite);
                 }
-                if rates.0.amax() > speed {
+                if rates.max_abs() > speed {
                     return Err(Fault::OverSpeed);
                 }
                 Ok((Allowed(*command), false))
@@ -138,7 +138,7 @@ impl Gate {
                     return Err(Fault::NotFinite);
                 }
                 let [left, right] = self.limits.torque_n_m;
-                let cut = JointTorques::new(torques.0.x.clamp(-left, left), torques.0.y.clamp(-right, right));
+                let cut = JointTorques::new(torques.left().clamp(-left, left), torques.right().clamp(-right, right));
                 Ok((Allowed(JointCommand::Torque(cut)), cut != *torques))
             }
         }
@@ -206,18 +206,18 @@ mod tests {
             let mut gate = gate();
             if let Ok((allowed, cut)) = gate.check(&JointCommand::Torque(JointTorques::new(x, y)), &measured) {
                 let JointCommand::Torque(torque) = allowed.get() else { unreachable!() };
-                prop_assert!(torque.0.x.abs() <= 60.0 && torque.0.y.abs() <= 50.0);
+                prop_assert!(torque.left().abs() <= 60.0 && torque.right().abs() <= 50.0);
                 prop_assert_eq!(cut, x.abs() > 60.0 || y.abs() > 50.0);
             } else {
                 prop_assert!(!(x.is_finite() && y.is_finite()));
             }
             if let Ok((allowed, _)) = gate.check(&JointCommand::Position(JointAngles::new(x, y)), &measured) {
                 let JointCommand::Position(target) = allowed.get() else { unreachable!() };
-                prop_assert!(target.0.amax() <= 6.0e-3);
+                prop_assert!(target.max_abs() <= 6.0e-3);
             }
             if let Ok((allowed, _)) = gate.check(&JointCommand::Velocity(JointRates::new(x, y)), &measured) {
                 let JointCommand::Velocity(rates) = allowed.get() else { unreachable!() };
-                prop_assert!(rates.0.amax() <= 6.0);
+                prop_assert!(rates.max_abs() <= 6.0);
             }
         }
     }

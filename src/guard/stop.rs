@@ -19,7 +19,7 @@ impl StopRamp {
     ///
     /// Real-time: yes.
     pub fn new(start: TipPoint, velocity: TipVelocity, deceleration_m_per_s2: f64) -> Self {
-        let duration_s = 1.5 * velocity.0.norm() / deceleration_m_per_s2;
+        let duration_s = 1.5 * velocity.norm() / deceleration_m_per_s2;
         Self { start, velocity, duration_s, elapsed_s: 0.0 }
     }
 
@@ -32,8 +32,9 @@ impl StopRamp {
             return self.start;
         }
         let s = self.elapsed_s / self.duration_s;
-        let way = self.duration_s * s * (1.0 - s * s * (1.0 - 0.5 * s));
-        TipPoint(self.start.0 + self.velocity.0 * way)
+        // At its first velocity it would go as far in this time.
+        let moving_s = self.duration_s * s * (1.0 - s * s * (1.0 - 0.5 * s));
+        self.start + self.velocity.for_s(moving_s)
     }
 
     /// Whether the reference has come to rest.
@@ -53,22 +54,22 @@ mod tests {
             let velocity = TipVelocity::new(vx, vy);
             let mut ramp = StopRamp::new(TipPoint::new(0.1, 0.2), velocity, a);
             let period = 1e-4;
-            let mut last = TipPoint::new(0.1, 0.2).0;
-            let mut last_speed = velocity.0;
-            let (mut cycles, longest) = (0.0, 1.5 * last_speed.norm() / (a * period) + 1.0);
+            let mut last = TipPoint::new(0.1, 0.2);
+            let mut last_velocity = velocity;
+            let (mut cycles, longest) = (0.0, 1.5 * last_velocity.norm() / (a * period) + 1.0);
             while !ramp.is_at_rest() {
-                let now = ramp.advance(period).0;
-                let speed = (now - last) / period;
+                let now = ramp.advance(period);
+                let velocity = (now - last).over_s(period);
                 let slack = if ramp.is_at_rest() { 2.0 } else { 1.0 };
-                prop_assert!((speed - last_speed).norm() <= slack * a * period * (1.0 + 1e-6) + 1e-9);
-                (last, last_speed) = (now, speed);
+                prop_assert!((velocity - last_velocity).norm() <= slack * a * period * (1.0 + 1e-6) + 1e-9);
+                (last, last_velocity) = (now, velocity);
                 cycles += 1.0;
                 prop_assert!(cycles <= longest, "{cycles} cycles");
             }
-            let speed = velocity.0.norm();
-            let way = (last - TipPoint::new(0.1, 0.2).0).norm();
+            let speed = velocity.norm();
+            let way = (last - TipPoint::new(0.1, 0.2)).norm();
             prop_assert!((way - 0.75 * speed * speed / a).abs() < 1e-9);
-            prop_assert_eq!(ramp.advance(period).0, last);
+            prop_assert_eq!(ramp.advance(period), last);
         }
     }
 
@@ -76,7 +77,7 @@ mod tests {
     fn half_way_in_time_it_has_gone_thirteen_sixteenths_of_its_way() {
         // 1 m/s at 15 m/s^2 takes 0.1 s and 0.05 m: v T s (1 - s^2 (1 - s / 2)) at s = 1/2.
         let mut ramp = StopRamp::new(TipPoint::new(0.0, 0.0), TipVelocity::new(1.0, 0.0), 15.0);
-        let way = ramp.advance(0.05).0.x;
+        let way = ramp.advance(0.05).x();
         assert!((way - 0.05 * 13.0 / 16.0).abs() < 1e-12, "{way}");
     }
 

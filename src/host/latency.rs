@@ -7,9 +7,10 @@ use std::time::Duration;
 use serde::{Deserialize, Serialize};
 
 use super::histogram::Histogram;
-use crate::canopen::{Frame, Time};
+use crate::canopen::Frame;
 use crate::link::{CanLink, Received};
 use crate::run::Metronome;
+use crate::time::Time;
 
 /// Identifier of the frames that are sent: of the lowest priority, and none that CiA 301 lets a device use.
 pub const PROBE: u16 = 0x7ff;
@@ -150,6 +151,7 @@ pub fn measure_latency<L: CanLink, M: Metronome>(
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::canopen::BusId;
     use crate::link::{Arrival, SendError};
     use std::cell::Cell;
     use std::rc::Rc;
@@ -193,7 +195,7 @@ mod tests {
                 return Err(SendError::Full);
             }
             let time = self.now.get() + Duration::from_micros(80);
-            self.echo = Some(Arrival { time, bus: 0, what: Received::Echo(*frame) });
+            self.echo = Some(Arrival { time, bus: BusId::FIRST, what: Received::Echo(*frame) });
             Ok(())
         }
 

@@ -20,15 +20,16 @@ pub use linux::{
 };
 
 use crate::bus::LinkEvent;
-use crate::canopen::{Frame, Outbox, Time};
+use crate::canopen::{BusId, Frame, Outbox};
+use crate::time::Time;
 
 /// What has come over a link, and when.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Arrival {
     /// Moment of the arrival on the clock of [`CanLink::now`]; not before that of the arrival before it.
     pub time: Time,
-    /// Number of the bus, which a frame has as well ([`Frame::bus`]).
-    pub bus: u8,
+    /// The bus, which a frame names as well ([`Frame::bus`]).
+    pub bus: BusId,
     /// What has come.
     pub what: Received,
 }
@@ -119,7 +120,7 @@ pub struct LinkOutbox<'a, L> {
     link: &'a mut L,
     /// The buses on which something could not be sent, a bit each.
     failed: u8,
-    failure: Option<(u8, SendError)>,
+    failure: Option<(BusId, SendError)>,
 }
 
 impl<'a, L: CanLink> LinkOutbox<'a, L> {
@@ -128,33 +129,29 @@ impl<'a, L: CanLink> LinkOutbox<'a, L> {
         Self { link, failed: 0, failure: None }
     }
 
-    /// Why the first of all was not sent, with the number of its bus.
-    pub fn failure(&self) -> Option<(u8, SendError)> {
+    /// Why the first of all was not sent, with its bus.
+    pub fn failure(&self) -> Option<(BusId, SendError)> {
         self.failure
     }
 
     /// The buses on which something was not sent; the master wants to know it as [`LinkEvent::SendFailed`].
-    pub fn failed_buses(&self) -> impl Iterator<Item = u8> + use<L> {
+    pub fn failed_buses(&self) -> impl Iterator<Item = BusId> + use<L> {
         let failed = self.failed;
-        (0..8).filter(move |bus| failed >> bus & 1 == 1)
+        BusId::all().take(u8::BITS as usize).filter(move |bus| failed & bus.bit() != 0)
     }
 }
 
 impl<L: CanLink> LinkOutbox<'_, L> {
     /// Why a frame could not be sent now; nothing on a bus on which something could not be sent before.
     fn try_send(&mut self, frame: &Frame) -> Option<Result<(), SendError>> {
-        let is_failed = self.failed & bit_of(frame) != 0;
+        let is_failed = self.failed & frame.bus().bit() != 0;
         (!is_failed).then(|| self.link.send(frame))
     }
 
     fn fail(&mut self, frame: &Frame, error: SendError) {
-        self.failed |= bit_of(frame);
+        self.failed |= frame.bus().bit();
         self.failure.get_or_insert((frame.bus(), error));
     }
-}
-
-fn bit_of(frame: &Frame) -> u8 {
-    1_u8.checked_shl(frame.bus().into()).unwrap_or_default()
 }
 
 impl<L: CanLink> Outbox for LinkOutbox<'_, L> {
@@ -225,7 +222,7 @@ mod tests {
         assert!(out.offer(frame(3)));
         // What cannot wait fails, and nothing follows it.
         out.push(frame(4));
-        assert_eq!(out.failure(), Some((0, SendError::Full)));
+        assert_eq!(out.failure(), Some((BusId::FIRST, SendError::Full)));
         out.link.room = 9;
         assert!(!out.offer(frame(5)));
         assert_eq!(link.sent, [1, 2, 3].map(frame));
@@ -235,7 +232,7 @@ mod tests {
     fn another_refusal_is_a_failure_for_what_can_wait_too() {
         let mut link = Short { sent: Vec::new(), room: 0, error: SendError::Down };
         let mut out = LinkOutbox::new(&mut link);
-        assert!(!out.offer(frame(1).on_bus(2)));
-        assert_eq!(out.failure(), Some((2, SendError::Down)));
+        assert!(!out.offer(frame(1).on_bus(BusId::new(2))));
+        assert_eq!(out.failure(), Some((BusId::new(2), SendError::Down)));
     }
 }

@@ -3,43 +3,16 @@ use super::error::LinkageError;
 use super::five_bar::FiveBar;
 use super::geometry::Chain;
 use super::posture::Posture;
+use super::singularity::Singularity;
 use crate::elementary;
 use crate::quantity::TipPoint;
 use std::f64::consts::TAU;
-use std::fmt;
 use thiserror::Error;
 
 /// Rings of the disc check, the outermost on its edge.
 const DISC_RINGS: u32 = 16;
 /// Points on each ring of the disc check.
 const DISC_SPOKES: u32 = 96;
-
-/// What the linkage cannot pass in one working and one assembly mode.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Singularity {
-    /// Type 1: a chain is stretched.
-    Stretched(Chain),
-    /// Type 1: a chain is folded.
-    Folded(Chain),
-    /// Type 2: the distal links are stretched, the wrist lies between the elbows.
-    DistalStretched,
-    /// Type 2: the distal links are folded; with equal ones the elbows meet.
-    DistalFolded,
-    /// The edge of what the tool point can reach.
-    WorkspaceEdge,
-}
-
-impl fmt::Display for Singularity {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            Self::Stretched(chain) => write!(f, "the {chain} chain is stretched"),
-            Self::Folded(chain) => write!(f, "the {chain} chain is folded"),
-            Self::DistalStretched => f.write_str("the distal links are stretched"),
-            Self::DistalFolded => f.write_str("the distal links are folded"),
-            Self::WorkspaceEdge => f.write_str("the tool point leaves the workspace"),
-        }
-    }
-}
 
 /// How far a posture is from each singularity, in m, never negative but for rounding.
 ///
@@ -83,7 +56,7 @@ impl Clearance {
 
 /// A point of a disc that the linkage does not reach.
 #[derive(Clone, Copy, Debug, PartialEq, Error)]
-#[error("tool point ({:.4}, {:.4}) m of the working disc: {cause}", .tip.0.x, .tip.0.y)]
+#[error("tool point ({:.4}, {:.4}) m of the working disc: {cause}", .tip.x(), .tip.y())]
 pub struct DiscError {
     /// The point.
     pub tip: TipPoint,
@@ -197,7 +170,7 @@ impl FiveBar {
             let radius = radius_m * f64::from(ring) / f64::from(DISC_RINGS);
             for spoke in 0..DISC_SPOKES {
                 let (sine, cosine) = elementary::sin_cos(TAU * f64::from(spoke) / f64::from(DISC_SPOKES));
-                check(TipPoint::new(center.0.x + radius * cosine, center.0.y + radius * sine))?;
+                check(TipPoint::new(center.x() + radius * cosine, center.y() + radius * sine))?;
             }
         }
         Ok(())

@@ -1,5 +1,5 @@
-use super::clearance::Singularity;
 use super::geometry::{Chain, Side};
+use super::singularity::Singularity;
 use thiserror::Error;
 
 /// Why a position, an angle or a motion is refused. Every variant carries the numbers that decided.

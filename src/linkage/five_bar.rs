@@ -1,7 +1,7 @@
 use super::complex::Complex;
 use super::error::{LinkageError, finite};
-use super::geometry::{Chain, Geometry, GeometryError};
-use super::posture::Posture;
+use super::geometry::{Chain, Geometry, GeometryError, Side};
+use super::posture::{Posture, matrix};
 use crate::elementary;
 use crate::quantity::{JointAngles, TipPoint};
 use std::f64::consts::TAU;
@@ -155,9 +155,9 @@ impl FiveBar {
     /// As [`inverse`](Self::inverse); also if `near` is not within [`ANGLE_LIMIT_RAD`].
     pub fn inverse_near(&self, tip: TipPoint, near: JointAngles) -> Result<JointAngles, LinkageError> {
         check_angles(near)?;
-        let angles = self.inverse(tip)?.0;
-        let turns = ((near.0 - angles) / TAU).map(f64::round);
-        Ok(JointAngles(angles + turns * TAU))
+        let angles = self.inverse(tip)?;
+        let turns = ((near - angles) / TAU).map(f64::round);
+        Ok(angles + turns * TAU)
     }
 
     /// Everything about the posture at a pair of joint angles. The elbows may lie on other sides than the working mode
@@ -170,7 +170,27 @@ impl FiveBar {
     /// are not within [`ANGLE_LIMIT_RAD`].
     pub fn forward(&self, angles: JointAngles) -> Result<Posture, LinkageError> {
         let closure = self.close(angles)?;
-        Ok(Posture::new(self, angles, &closure))
+        Ok(self.posture(angles, &closure))
+    }
+
+    fn posture(&self, angles: JointAngles, closure: &Closure) -> Posture {
+        let tip = self.tip(closure);
+        let wrist = closure.elbow[0] + closure.distal[0];
+        let side = |chain: Chain| {
+            let i = chain.index();
+            let carried = if chain == self.carrier { tip } else { wrist };
+            let left = (carried - self.base[i]).cross(closure.proximal[i]) >= 0.0;
+            if left { Side::Left } else { Side::Right }
+        };
+        Posture {
+            angles,
+            tip: tip.to_array().into(),
+            wrist_m: wrist.to_array(),
+            elbows_m: closure.elbow.map(Complex::to_array),
+            distal_angle_rad: closure.distal.map(Complex::angle_rad),
+            elbow_sides: Chain::BOTH.map(side),
+            jacobian: matrix(self.tip_columns(closure)),
+        }
     }
 
     /// Base joint -> elbow of a chain that carries `point`.
@@ -219,7 +239,7 @@ impl FiveBar {
     pub(super) fn close(&self, angles: JointAngles) -> Result<Closure, LinkageError> {
         check_angles(angles)?;
         let [l0, l1] = self.geometry.proximal_m;
-        let proximal = [Complex::polar(l0, angles.0.x), Complex::polar(l1, angles.0.y)];
+        let proximal = [Complex::polar(l0, angles.left()), Complex::polar(l1, angles.right())];
         let elbow = [self.base[0] + proximal[0], self.base[1] + proximal[1]];
         let elbows = elbow[1] - elbow[0];
         let square = elbows.square();

@@ -35,12 +35,14 @@ mod error;
 mod five_bar;
 mod geometry;
 mod posture;
+mod singularity;
 #[cfg(test)]
 mod tests;
 
-pub use clearance::{Clearance, DiscError, Singularity};
+pub use clearance::{Clearance, DiscError};
 pub use dynamics::{Dynamics, MassModel, RATE_LIMIT_RAD_PER_S};
 pub use error::LinkageError;
 pub use five_bar::{ANGLE_LIMIT_RAD, FiveBar, LEAST_SINE};
 pub use geometry::{Chain, Geometry, GeometryError, LENGTH_RANGE_M, Side, Tool, WristSide};
 pub use posture::{CONDITION_LIMIT, Posture};
+pub use singularity::Singularity;

@@ -1,7 +1,6 @@
 use super::complex::Complex;
 use super::error::LinkageError;
-use super::five_bar::{Closure, FiveBar};
-use super::geometry::{Chain, Side};
+use super::geometry::Side;
 use crate::elementary;
 use crate::quantity::{Force, JointAngles, JointRates, JointTorques, TipPoint, TipVelocity};
 use nalgebra::{Matrix2, Vector2};
@@ -29,26 +28,6 @@ pub struct Posture {
 }
 
 impl Posture {
-    pub(super) fn new(five_bar: &FiveBar, angles: JointAngles, closure: &Closure) -> Self {
-        let tip = five_bar.tip(closure);
-        let wrist = closure.elbow[0] + closure.distal[0];
-        let side = |chain: Chain| {
-            let i = chain.index();
-            let carried = if chain == five_bar.carrier { tip } else { wrist };
-            let left = (carried - five_bar.base[i]).cross(closure.proximal[i]) >= 0.0;
-            if left { Side::Left } else { Side::Right }
-        };
-        Self {
-            angles,
-            tip: tip.to_array().into(),
-            wrist_m: wrist.to_array(),
-            elbows_m: closure.elbow.map(Complex::to_array),
-            distal_angle_rad: closure.distal.map(Complex::angle_rad),
-            elbow_sides: Chain::BOTH.map(side),
-            jacobian: matrix(five_bar.tip_columns(closure)),
-        }
-    }
-
     /// Tool velocity at these joint rates.
     ///
     /// Real-time: yes.

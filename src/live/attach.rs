@@ -19,11 +19,12 @@ use std::time::Duration;
 
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 
-use crate::canopen::{Frame, Outbox, Time, cob};
+use crate::canopen::{Frame, Outbox, cob};
 use crate::link::{CanLink, LinkOutbox, Received};
 use crate::rig::{Answer, Call, DeviceServer, Peer};
 use crate::run::Pace;
 use crate::sim::{Drive, ForceSensor};
+use crate::time::Time;
 use yieldwall_drives::cia402;
 
 /// How long a device may take to answer by the wall clock ...

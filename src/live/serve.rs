@@ -5,9 +5,10 @@ use std::time::Duration;
 
 use thiserror::Error;
 
-use crate::canopen::{Time, cob};
+use crate::canopen::cob;
 use crate::link::{CanLink, LinkOutbox, Received, SendError};
 use crate::rig::{DeviceServer, RigError};
+use crate::time::Time;
 
 /// Longest wait for a frame before the wish to end is looked at.
 const LOOK_UP: Duration = Duration::from_millis(50);
@@ -87,7 +88,7 @@ mod tests {
     use std::collections::VecDeque;
 
     use super::*;
-    use crate::canopen::Frame;
+    use crate::canopen::{BusId, Frame};
     use crate::config;
     use crate::link::Arrival;
     use crate::rig::{Answer, Call, Peer};
@@ -132,7 +133,7 @@ mod tests {
             let at = |seconds: f64| Time((1e9 * seconds) as u64);
             let arrival = |stamp: f64, looked_at: f64, id: u16, data: &[u8]| {
                 let what = Received::Frame(Frame::new(id, data));
-                (at(looked_at), Arrival { time: at(stamp), bus: 0, what })
+                (at(looked_at), Arrival { time: at(stamp), bus: BusId::FIRST, what })
             };
             // One in time, then a stop of 9 s in which 4000 came, then one in time again.
             let mut coming = VecDeque::from([arrival(0.1, 0.1, cob::SYNC, &[])]);
@@ -157,7 +158,7 @@ mod tests {
             let mut server = DeviceServer::new(&rig, &scene, 1, pace).unwrap();
             let arrival = |(stamp, looked_at), id: u16, data: &[u8]| {
                 let what = Received::Frame(Frame::new(id, data));
-                (at(looked_at), Arrival { time: at(stamp), bus: 0, what })
+                (at(looked_at), Arrival { time: at(stamp), bus: BusId::FIRST, what })
             };
             // 1016h:1: the left drive hears node 127 every 40 ms.
             let mut coming = VecDeque::from([arrival((10, 10), 0x601, &[0x23, 0x16, 0x10, 1, 40, 0, 127, 0])]);
@@ -193,7 +194,7 @@ mod tests {
         let heartbeat = |number: u64| {
             let what = Received::Frame(Frame::new(0x77f, &[5]));
             // It takes the computer long to serve each of them.
-            (at(20 * number), Arrival { time: at(20), bus: 0, what })
+            (at(20 * number), Arrival { time: at(20), bus: BusId::FIRST, what })
         };
         let mut link = Script { now: Time(0), coming: (1..=40).map(heartbeat).collect(), sent: Vec::new() };
         let is_over = AtomicBool::new(false);

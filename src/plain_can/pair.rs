@@ -2,7 +2,8 @@
 
 use std::time::Duration;
 
-use crate::canopen::{Frame, Time};
+use crate::canopen::Frame;
+use crate::time::Time;
 
 /// Puts the two frames of a sample together.
 ///

@@ -1,5 +1,7 @@
-//! What a run shows: its trace, the measures taken from it, and a recording run again.
+//! What a run shows: its trace, its drawing, the measures taken from it, and a recording run again.
 
+#[cfg(feature = "figures")]
+pub mod drawing;
 pub mod measures;
 #[cfg(feature = "recording")]
 pub mod replay;

@@ -4,11 +4,11 @@ use super::devices;
 use super::error::RigError;
 use super::world::World;
 use crate::assembly::device_buses;
-use crate::canopen::{Frame, Outbox, Time, cob};
+use crate::canopen::{BusId, Frame, Outbox, cob};
 use crate::config;
 use crate::quantity::JointTorques;
-use crate::sensing::Calibration;
 use crate::sim::{Drive, ForceSensor};
+use crate::time::Time;
 use yieldwall_drives::cia402;
 
 /// How many devices there are.
@@ -42,24 +42,6 @@ impl<W: Wire> Outbox for Plug<'_, W> {
     }
 }
 
-/// What becomes of samples, angles and torques between machine and devices; here nothing.
-pub(super) trait Senses {
-    /// What the force sensor's channels say of what they feel.
-    fn counts(&mut self, _time_s: f64, counts: [i32; 6], _calibration: &Calibration) -> [i32; 6] {
-        counts
-    }
-
-    /// What a joint's encoder says of its angle in rad and its rate in rad/s.
-    fn encoder(&mut self, _joint: usize, angle_rad: f64, rate_rad_per_s: f64) -> (f64, f64) {
-        (angle_rad, rate_rad_per_s)
-    }
-
-    /// What a drive gives of the torque that it wants, N m.
-    fn torque_n_m(&self, _joint: usize, _state: cia402::State, torque_n_m: f64) -> f64 {
-        torque_n_m
-    }
-}
-
 /// A device between bus and machine.
 pub(super) trait Device {
     /// Gives it its supply, as if it had been off before.
@@ -85,7 +67,7 @@ pub(super) trait Actuator: Device {
 /// A force sensor at the handle.
 pub(super) trait Transducer: Device {
     /// What the channels read at this moment, in counts.
-    fn measure(&mut self, counts: [i32; 6]);
+    fn measure(&mut self, now: Time, counts: [i32; 6]);
 }
 
 macro_rules! simulated {
@@ -128,7 +110,7 @@ impl Actuator for Drive {
 }
 
 impl Transducer for ForceSensor {
-    fn measure(&mut self, counts: [i32; 6]) {
+    fn measure(&mut self, _now: Time, counts: [i32; 6]) {
         ForceSensor::measure(self, counts);
     }
 }
@@ -141,8 +123,8 @@ pub(super) struct FarEnd<D = Drive, S = ForceSensor> {
     pub(super) drives: [D; 2],
     pub(super) sensor: S,
     pub(super) world: World,
-    /// Numbers of the buses of the left drive, the right drive and the sensor.
-    pub(super) buses: [u8; DEVICES],
+    /// The buses of the left drive, the right drive and the sensor.
+    pub(super) buses: [BusId; DEVICES],
 }
 
 impl FarEnd {
@@ -180,13 +162,12 @@ impl<D: Actuator, S: Transducer> FarEnd<D, S> {
         now: Time,
         from: Option<usize>,
         frame: &Frame,
-        senses: &mut impl Senses,
         wire: &mut impl Wire,
     ) -> Result<(), RigError> {
         if frame.id() == cob::SYNC {
             self.world.settle(now)?;
-            self.feel(now, senses)?;
-            self.measure_joints(senses);
+            self.feel(now)?;
+            self.measure_joints();
         }
         let buses = self.buses;
         let hears = |device: usize| from != Some(device) && buses.get(device) == Some(&frame.bus());
@@ -196,53 +177,48 @@ impl<D: Actuator, S: Transducer> FarEnd<D, S> {
         if hears(SENSOR) {
             self.sensor.on_frame(now, frame, &mut Plug { wire, device: SENSOR, now });
         }
-        self.take_torques(now, senses)
+        self.take_torques(now)
     }
 
     /// Lets the devices do what is due.
-    pub(super) fn poll(&mut self, now: Time, senses: &mut impl Senses, wire: &mut impl Wire) -> Result<(), RigError> {
+    pub(super) fn poll(&mut self, now: Time, wire: &mut impl Wire) -> Result<(), RigError> {
         let [left, right] = &self.drives;
         if left.next_deadline().min(right.next_deadline()) <= now {
             self.world.settle(now)?;
-            self.measure_joints(senses);
+            self.measure_joints();
             for (device, drive) in self.drives.iter_mut().enumerate() {
                 if drive.next_deadline() <= now {
                     drive.poll(now, &mut Plug { wire: &mut *wire, device, now });
                 }
             }
-            self.take_torques(now, senses)?;
+            self.take_torques(now)?;
         }
         if self.sensor.next_deadline() <= now {
             self.world.settle(now)?;
-            self.feel(now, senses)?;
+            self.feel(now)?;
             self.sensor.poll(now, &mut Plug { wire, device: SENSOR, now });
         }
         Ok(())
     }
 
-    fn feel(&mut self, now: Time, senses: &mut impl Senses) -> Result<(), RigError> {
+    fn feel(&mut self, now: Time) -> Result<(), RigError> {
         let counts = self.world.feel(now)?;
-        let time_s = now.as_secs_f64() - self.world.hand_from_s;
-        self.sensor.measure(senses.counts(time_s, counts, &self.world.calibration));
+        self.sensor.measure(now, counts);
         Ok(())
     }
 
-    fn measure_joints(&mut self, senses: &mut impl Senses) {
+    fn measure_joints(&mut self) {
         let (angles, rates) = self.world.joints();
         let motions = angles.to_array().into_iter().zip(rates.to_array());
-        for (joint, (drive, (angle, rate))) in self.drives.iter_mut().zip(motions).enumerate() {
-            let (angle, rate) = senses.encoder(joint, angle, rate);
+        for (drive, (angle, rate)) in self.drives.iter_mut().zip(motions) {
             drive.measure(angle, rate);
         }
     }
 
     /// New torques act from now on; what was before is settled under the old ones.
-    fn take_torques(&mut self, now: Time, senses: &impl Senses) -> Result<(), RigError> {
-        let [left, right] = &self.drives;
-        let torques = JointTorques::new(
-            senses.torque_n_m(0, left.state(), left.torque_n_m()),
-            senses.torque_n_m(1, right.state(), right.torque_n_m()),
-        );
+    fn take_torques(&mut self, now: Time) -> Result<(), RigError> {
+        let [left, right] = self.drives.each_ref().map(Actuator::torque_n_m);
+        let torques = JointTorques::new(left, right);
         if torques != self.world.torques {
             self.world.settle(now)?;
             self.world.torques = torques;

@@ -4,8 +4,7 @@
 //! config -> assembly -> run::Runner [ Master [ Cycle ] ] <-> place in virtual time [ VirtualBus <-> Drive x2, ForceSensor <-> World (arm, hand) ]
 //! ```
 //! The place of [`EmbeddedRig`] processes events in order of virtual time: frames that arrive, and moments that devices or the loop
-//! wait for. [`DeviceServer`] has the same devices on any other bus, [`ImpedanceRig`] is the device without a bus,
-//! [`Pair`] a master and a slave with a delay between them.
+//! wait for. [`DeviceServer`] has the same devices on any other bus, and [`ImpedanceRig`] is the device without a bus.
 
 mod devices;
 mod drill;
@@ -14,7 +13,6 @@ mod error;
 mod far_end;
 mod hand;
 mod impedance;
-mod pair;
 mod seat;
 mod server;
 mod silence;
@@ -25,6 +23,5 @@ pub use drill::drill;
 pub use embedded::{BodyTruth, EmbeddedRig, PORTS};
 pub use error::RigError;
 pub use impedance::{ImpedanceLoop, ImpedanceRig};
-pub use pair::{Pair, PairParameters, PairRow, PairServo, Placement, Surroundings};
 pub use seat::{Answer, Call, Peer};
 pub use server::{DeviceServer, Served};

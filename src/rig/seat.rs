@@ -3,7 +3,8 @@
 use std::time::Duration;
 
 use super::far_end::{Actuator, Device, Transducer};
-use crate::canopen::{Frame, Outbox, Time, cob};
+use crate::canopen::{Frame, Outbox, cob};
+use crate::time::Time;
 use yieldwall_drives::cia402;
 
 /// Longest simulated time in which a device elsewhere is not asked whether something has become due: frames that it gets
@@ -155,9 +156,9 @@ impl<D: Actuator> Actuator for Seat<D> {
 }
 
 impl<D: Transducer> Transducer for Seat<D> {
-    fn measure(&mut self, counts: [i32; 6]) {
+    fn measure(&mut self, now: Time, counts: [i32; 6]) {
         match self {
-            Seat::Here(device) => device.measure(counts),
+            Seat::Here(device) => device.measure(now, counts),
             Seat::Away(away) => away.felt = counts.map(f64::from),
         }
     }

@@ -3,14 +3,15 @@
 use std::time::Duration;
 
 use super::error::RigError;
-use super::far_end::{Actuator, DEVICES, FarEnd, Senses, Wire};
+use super::far_end::{Actuator, DEVICES, FarEnd, Wire};
 use super::seat::{Peer, Seat};
 
 use super::world::{Body, World};
-use crate::canopen::{Frame, Outbox, Time, cob};
+use crate::canopen::{BusId, Frame, Outbox, cob};
 use crate::config;
 use crate::run::{Pace, has_torque};
 use crate::sim::{Drive, ForceSensor};
+use crate::time::Time;
 use yieldwall_drives::cia402;
 use yieldwall_drives::watchdog::{Clock, Watchdog};
 
@@ -60,7 +61,7 @@ pub struct Served {
 /// All devices on one outbox, each on its bus.
 struct Bus<'a, O> {
     out: &'a mut O,
-    buses: [u8; DEVICES],
+    buses: [BusId; DEVICES],
     sent: &'a mut u64,
 }
 
@@ -78,15 +79,10 @@ impl<O: Outbox> Wire for Bus<'_, O> {
 }
 
 impl<O> Bus<'_, O> {
-    fn bus_of(&self, device: usize) -> u8 {
+    fn bus_of(&self, device: usize) -> BusId {
         self.buses.get(device).copied().unwrap_or_default()
     }
 }
-
-/// Nothing is between machine and devices.
-struct Plain;
-
-impl Senses for Plain {}
 
 impl DeviceServer {
     /// Devices that are switched off, the arm where the scene's hand starts. `seed` stands in place of the scene's.
@@ -173,7 +169,7 @@ impl DeviceServer {
         let mut now = if goes_on { self.due(wall) } else { self.now };
         if frame.id() == cob::SYNC {
             self.counts.syncs += 1;
-            let own = 1_u8.checked_shl(frame.bus().into()).unwrap_or_default();
+            let own = frame.bus().bit();
             if self.pace == Pace::Lockstep {
                 // One SYNC of each bus belongs to a period; the second one of a bus begins the next.
                 if self.waits_since.is_none() || self.synced & own != 0 {
@@ -192,7 +188,7 @@ impl DeviceServer {
         }
         self.advance(now, out)?;
         let buses = self.far.buses;
-        self.far.on_frame(now, None, frame, &mut Plain, &mut Bus { out, buses, sent: &mut self.counts.sent })?;
+        self.far.on_frame(now, None, frame, &mut Bus { out, buses, sent: &mut self.counts.sent })?;
         if frame.id() == cob::SYNC {
             self.lead_hand();
         }
@@ -326,7 +322,7 @@ impl DeviceServer {
         let buses = self.far.buses;
         while self.far.next_deadline() <= until {
             self.now = self.far.next_deadline().max(self.now);
-            self.far.poll(self.now, &mut Plain, &mut Bus { out: &mut *out, buses, sent: &mut self.counts.sent })?;
+            self.far.poll(self.now, &mut Bus { out: &mut *out, buses, sent: &mut self.counts.sent })?;
         }
         self.now = until;
         Ok(())

@@ -2,9 +2,10 @@
 
 use super::error::RigError;
 use crate::assembly::device_buses;
-use crate::canopen::{Frame, Time, cob};
+use crate::canopen::{BusId, Frame, cob};
 use crate::config;
 use crate::run::Finding;
+use crate::time::Time;
 use yieldwall_drives::cia402;
 use yieldwall_drives::watchdog::Watchdog;
 
@@ -13,7 +14,7 @@ use yieldwall_drives::watchdog::Watchdog;
 pub(super) struct Silence {
     watchdog: Watchdog,
     /// Buses and identifiers of the set-points.
-    set_points: [(u8, u16); 2],
+    set_points: [(BusId, u16); 2],
     /// The set-points that are repeated, as the last cycle sent them.
     repeated: [Option<Frame>; 2],
     is_on: bool,

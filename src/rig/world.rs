@@ -6,13 +6,13 @@ use rand_xoshiro::Xoshiro256PlusPlus;
 use rand_xoshiro::rand_core::SeedableRng;
 
 use super::error::RigError;
-use crate::canopen::Time;
 use crate::linkage::FiveBar;
 use crate::quantity::{Force, JointAngles, JointRates, JointTorques, TipPoint, TipVelocity};
 use crate::sensing::{Calibration, Mounting};
 use crate::sim::arm::Arm;
 use crate::sim::hand::{Hand, HandLoad};
 use crate::sim::standard_normal;
+use crate::time::Time;
 
 /// How the tool follows the drives.
 #[derive(Clone, Debug)]
@@ -196,8 +196,8 @@ impl World {
             let elapsed = now.as_secs_f64() - ideal.time_s;
             let tip = ideal.linkage.forward(targets)?.tip;
             if elapsed > 0.0 {
-                let velocity = TipVelocity((tip.0 - ideal.tip.0) / elapsed);
-                ideal.acceleration = (velocity.0 - ideal.velocity.0) / elapsed;
+                let velocity = (tip - ideal.tip).over_s(elapsed);
+                ideal.acceleration = ((velocity - ideal.velocity) / elapsed).0;
                 ideal.velocity = velocity;
             }
             ideal.time_s = now.as_secs_f64();

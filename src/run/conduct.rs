@@ -39,7 +39,7 @@ pub fn settling_on_bus(rig: &config::Rig) -> u32 {
 }
 
 /// What to do with the next cycle of a rig that is being enabled.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Enable<'a> {
     /// Run it, and ask for this.
     Ask(Ask<'a>),

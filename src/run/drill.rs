@@ -10,9 +10,11 @@ use super::error::RunError;
 use super::permit::{Ask, Permit};
 use super::place::Place;
 use super::runner::Runner;
-use crate::bus::{Master, ObjectAnswer, ObjectRequest};
-use crate::canopen::{Outbox, Time};
+use crate::bus::Master;
+use crate::canopen::Outbox;
 use crate::guard::{Device, State};
+use crate::objects::{Address, ObjectAnswer, ObjectRequest};
+use crate::time::Time;
 use yieldwall_drives::cia402::{self, Statusword};
 use yieldwall_drives::objects;
 use yieldwall_drives::watchdog::Watchdog;
@@ -69,7 +71,7 @@ impl Watched {
         master.poll(now, out);
         self.take(master, now);
         if !self.is_asked {
-            let status = ObjectRequest::Read { index: objects::STATUSWORD.index, sub: objects::STATUSWORD.sub };
+            let status = ObjectRequest::Read(Address::new(objects::STATUSWORD.index, objects::STATUSWORD.sub));
             self.is_asked = master.ask(now, self.drive, status, out).is_ok();
             self.asked_at = now;
         }

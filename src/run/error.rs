@@ -5,6 +5,7 @@ use thiserror::Error;
 use super::pace::Pace;
 use crate::assembly::AssemblyError;
 use crate::bus::{BootError, Heard};
+use crate::canopen::BusId;
 use crate::guard::{Cause, DeviceSet};
 use crate::link::SendError;
 use yieldwall_drives::watchdog::Watchdog;
@@ -23,7 +24,7 @@ pub enum RunError {
         "{}{}. Heard: {heard}, on the {}",
         if *.has_sent { "another master began at the same moment" } else { "a master is on this bus" },
         if *.has_sent { "; nothing was enabled, and nothing more is sent" } else { "; nothing was sent" },
-        DeviceSet::interface(heard.frame.bus())
+        DeviceSet::interface(heard.frame.bus().index())
     )]
     OtherMaster {
         /// What told so.
@@ -32,10 +33,10 @@ pub enum RunError {
         has_sent: bool,
     },
     /// The network could not be booted because nothing can be sent.
-    #[error("while the network was booted, {}: {error}", DeviceSet::interface(*.bus))]
+    #[error("while the network was booted, {}: {error}", DeviceSet::interface(.bus.index()))]
     Send {
-        /// Number of the bus.
-        bus: u8,
+        /// The bus.
+        bus: BusId,
         /// Why not.
         error: SendError,
     },
@@ -62,6 +63,14 @@ pub enum RunError {
         watchdog: Watchdog,
         /// The fault that stopped it.
         cause: Option<Cause>,
+    },
+    /// A drive takes no torque limit, or does not keep the one that it was told. Nothing was enabled.
+    #[error(
+        "the drive with node id {node_id} takes no torque limit, so that none holds while it is moved for the first time"
+    )]
+    NoTorqueLimit {
+        /// Node id.
+        node_id: u8,
     },
     /// A node does not tell an object.
     #[error("node {node_id} does not tell object {index:04X}h:{sub}")]

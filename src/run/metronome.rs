@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use crate::canopen::Time;
+use crate::time::Time;
 
 /// Wakes the loop at its grid points.
 pub trait Metronome {

@@ -25,7 +25,7 @@ pub use drilled::{CYCLES_BEFORE_SILENCE, DRILL_LIMIT, Demands, Drilled, Finding,
 pub use error::RunError;
 pub use metronome::Metronome;
 pub use pace::Pace;
-pub use permit::{Ask, Permit};
+pub use permit::{Ask, Bounds, Permit};
 pub use place::{OnLink, Place, Process};
 pub(crate) use proof::fnv1a;
 pub use proof::{DriveIdentity, NotProven, Proof, Subject, Unproven};

@@ -2,9 +2,11 @@
 
 use std::sync::atomic::{AtomicU64, Ordering};
 
-use super::place::Place;
-use super::runner::Runner;
+use crate::config::Positive;
 use crate::guard::Request;
+
+/// How far the joints of a rig that has to rest may be led away, rad.
+const REST_RAD: f64 = 0.02;
 
 /// One boot of one network, unlike every other one of this process.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -21,9 +23,18 @@ impl Boot {
     }
 }
 
+/// How far and how hard a rig may be moved that is moved for the first time.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Bounds {
+    /// How far a joint may be led from where it was enabled, rad. Beyond it the rig is stopped along its ramp.
+    pub motion_rad: Positive,
+    /// Most torque of each drive, N m. The rig's own limit counts where it is less.
+    pub torque_n_m: Positive,
+}
+
 /// That a rig may be enabled. A proof makes one ([`Runner::prove`](super::Runner::prove)), or somebody who says by name why there is none
 /// ([`Permit::without_proof`]); nothing else does, as only the guard makes an [`Allowed`](crate::guard::Allowed) command. It is of one
-/// boot of one rig: drives that were booted anew may be others, and [`Runner::check_permit`] refuses it.
+/// boot of one rig: drives that were booted anew may be others, and [`Runner::check_permit`](super::Runner::check_permit) refuses it.
 ///
 /// ```compile_fail
 /// use yieldwall::run::Permit;
@@ -45,45 +56,26 @@ impl Boot {
 ///     rig.run_cycle(Ask::Enable);
 /// }
 /// ```
-#[derive(Debug, PartialEq, Eq)]
+#[derive(Debug, PartialEq)]
 pub struct Permit {
     scope: Scope,
     boot: Boot,
 }
 
-#[derive(Clone, Debug, PartialEq, Eq)]
-enum Scope {
+/// What a permit allows.
+#[derive(Clone, Debug, PartialEq)]
+pub(super) enum Scope {
     /// All that the rig file allows, and why if that was not proved.
     Whole(Option<String>),
+    /// A small motion with little torque; the drives were told their limit.
+    BringUp(Bounds),
     /// To rest at the pose at which the rig was enabled.
     Rest,
 }
 
 impl Permit {
-    /// Without proof, for a reason that [`Permit::unproved`] tells: the drives may go on when their master dies. No command of the
-    /// program uses it. Who does has to keep the reason with what is recorded. It is of the present boot of the rig.
-    pub fn without_proof<P: Place>(rig: &Runner<P>, why: &str) -> Self {
-        Self::of(rig, Scope::Whole(Some(why.to_owned())))
-    }
-
-    /// What is proved.
-    pub(super) fn proved<P: Place>(rig: &Runner<P>) -> Self {
-        Self::of(rig, Scope::Whole(None))
-    }
-
-    /// In a place of virtual time nothing moves.
-    pub(crate) fn in_virtual_time<P: Place>(rig: &Runner<P>) -> Self {
-        const { assert!(P::IS_VIRTUAL, "a computer needs a proof") };
-        Self::proved(rig)
-    }
-
-    /// For the watchdog drill, which enables before there is any proof.
-    pub(crate) fn for_drill<P: Place>(rig: &Runner<P>) -> Self {
-        Self::of(rig, Scope::Rest)
-    }
-
-    fn of<P: Place>(rig: &Runner<P>, scope: Scope) -> Self {
-        Self { scope, boot: rig.boot }
+    pub(super) fn of(boot: Boot, scope: Scope) -> Self {
+        Self { scope, boot }
     }
 
     pub(super) fn is_of(&self, boot: Boot) -> bool {
@@ -94,18 +86,22 @@ impl Permit {
     pub fn unproved(&self) -> Option<&str> {
         match &self.scope {
             Scope::Whole(why) => why.as_deref(),
-            Scope::Rest => None,
+            Scope::BringUp(_) | Scope::Rest => None,
         }
     }
 
-    /// Whether the rig has to rest.
-    pub fn is_for_rest(&self) -> bool {
-        self.scope == Scope::Rest
+    /// How far a joint may be led from where the rig was enabled, rad; `None` as far as the rig file allows.
+    pub fn motion_bound_rad(&self) -> Option<f64> {
+        match &self.scope {
+            Scope::Whole(_) => None,
+            Scope::BringUp(bounds) => Some(bounds.motion_rad.get()),
+            Scope::Rest => Some(REST_RAD),
+        }
     }
 }
 
 /// What is asked of a rig with a cycle.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub enum Ask<'a> {
     /// Nothing.
     #[default]

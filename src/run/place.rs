@@ -3,10 +3,11 @@
 use std::time::Duration;
 
 use super::metronome::Metronome;
-use crate::canopen::{Frame, Time};
+use crate::canopen::Frame;
 use crate::cycle::Outputs;
 use crate::link::{Arrival, CanLink, SendError};
 use crate::record::Truth;
+use crate::time::Time;
 
 /// Whether the process that runs the loop can run a cycle.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -12,11 +12,13 @@ use thiserror::Error;
 use super::drilled::{Demands, Drilled, Finding, Unsafe};
 use super::error::RunError;
 use super::pace::Pace;
-use super::permit::Permit;
+use super::permit::{Bounds, Permit};
 use super::place::Place;
 use super::runner::Runner;
+use crate::assembly::bus_plan;
 use crate::config;
 use crate::guard::Device;
+use crate::objects::Address;
 use yieldwall_drives::watchdog::Watchdog;
 
 /// A drive as it says what it is.
@@ -116,6 +118,45 @@ impl<P: Place> Runner<P> {
                 Ok(Permit::proved(self))
             }
         }
+    }
+}
+
+impl<P: Place> Runner<P> {
+    /// As [`Runner::prove`], for a rig that is moved for the first time: the permit is for a small motion with little torque. Each
+    /// drive is told its torque limit, which holds in every command mode and until the network is booted anew, so that no
+    /// other permit of this boot allows more torque. A drive that stops has no more either.
+    ///
+    /// # Errors
+    /// Why the rig may not be enabled; [`RunError::NoTorqueLimit`] for a drive that takes no limit.
+    pub fn prove_for_bring_up(
+        &mut self,
+        rig: &config::Rig,
+        proof: &Proof,
+        bounds: Bounds,
+    ) -> Result<Permit, NotProven> {
+        self.prove(rig, proof)?;
+        self.limit_torque(rig, bounds.torque_n_m)?;
+        Ok(Permit::for_bring_up(self, bounds))
+    }
+
+    /// Tells both drives their torque limit, no more than the rig's own.
+    pub(crate) fn limit_torque(&mut self, rig: &config::Rig, most: config::Positive) -> Result<(), RunError> {
+        let mut limited = rig.clone();
+        if most.get() < rig.guard.torque_limit_n_m.get() {
+            limited.guard.torque_limit_n_m = most;
+        }
+        let (setup, _) = bus_plan(&limited)?;
+        for (device, drive) in [Device::LeftDrive, Device::RightDrive].into_iter().zip(&setup.drives) {
+            let limit = drive.profile.servo().and_then(|servo| servo.limits.torque.as_ref());
+            let limit = limit.ok_or(RunError::NoTorqueLimit { node_id: drive.node_id })?;
+            let at = Address::new(limit.index, limit.sub);
+            let value = drive.torque_limit_per_mille.to_le_bytes();
+            self.write(device, at, &value)?;
+            if self.read(device, at.index, at.sub)? != u32::from(drive.torque_limit_per_mille) {
+                return Err(RunError::NoTorqueLimit { node_id: drive.node_id });
+            }
+        }
+        Ok(())
     }
 }
 

@@ -3,8 +3,10 @@
 mod alone;
 mod arrivals;
 mod cycle;
+mod motion_bound;
 mod network;
 mod objects;
+mod permission;
 
 use std::any::Any;
 use std::time::Duration;
@@ -17,13 +19,14 @@ use super::permit::{Boot, Permit};
 use super::place::{OnLink, Place, Process};
 use crate::assembly::{bus_plan, master};
 use crate::bus::{LinkEvent, Master, Waiting};
-use crate::canopen::{Frame, Time};
+use crate::canopen::Frame;
 use crate::config;
 use crate::cycle::{Outputs, Timing};
 use crate::guard::{Cause, DeviceSet, State};
 use crate::link::{CanLink, LinkOutbox};
 use crate::record::{CycleRecord, Stages};
-use cycle::Rest;
+use crate::time::Time;
+use motion_bound::MotionBound;
 use yieldwall_drives::profiles::Tried;
 
 /// How far apart both frames of a sample on plain CAN may come in lockstep.
@@ -92,10 +95,10 @@ pub struct Runner<P> {
     /// How long a drill asks each drive that does not answer.
     pub(super) patience: [Duration; 2],
     /// Of which a permit has to be.
-    pub(super) boot: Boot,
+    boot: Boot,
     last: Option<Outputs>,
-    /// Where the rig rests, if it was enabled for that alone.
-    rests: Option<Rest>,
+    /// How far the rig may be led, if it was enabled for less than all.
+    motion_bound: Option<MotionBound>,
     /// What the process did at the last grid point.
     process: Process,
     has_panicked: bool,
@@ -159,7 +162,7 @@ impl<P: Place> Runner<P> {
             patience: setup.drives.each_ref().map(|drive| drive.waits.sdo * 2),
             boot: Boot::NONE,
             last: None,
-            rests: None,
+            motion_bound: None,
             process: Process::Runs,
             has_panicked: false,
             panic: None,

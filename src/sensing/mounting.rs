@@ -1,7 +1,7 @@
 //! Between the sensor frame, which turns with a link, and the base frame.
 
 use crate::elementary;
-use nalgebra::{Vector2, Vector6};
+use nalgebra::Vector6;
 
 use super::Wrench;
 use super::error::SensingError;
@@ -62,7 +62,7 @@ impl Mounting {
     pub fn to_base(&self, wrench: &Wrench, link_angle_rad: f64) -> Force {
         let (sin, cos) = elementary::sin_cos(link_angle_rad + self.angle_rad);
         let (x, y) = (wrench.0.x, wrench.0.y);
-        Force(Vector2::new(cos * x - sin * y, sin * x + cos * y))
+        Force::new(cos * x - sin * y, sin * x + cos * y)
     }
 
     /// The sensor-frame wrench of a planar force in the base frame (N) and a torque about z (N m), with the link at
@@ -71,7 +71,7 @@ impl Mounting {
     /// Real-time: yes.
     pub fn to_sensor(&self, force: Force, torque_z_n_m: f64, link_angle_rad: f64) -> Wrench {
         let (sin, cos) = elementary::sin_cos(link_angle_rad + self.angle_rad);
-        let (x, y) = (force.0.x, force.0.y);
+        let [x, y] = force.to_array();
         Wrench(Vector6::new(cos * x + sin * y, cos * y - sin * x, 0.0, 0.0, 0.0, torque_z_n_m))
     }
 }

@@ -258,7 +258,7 @@ impl Sensing {
         }
         let wrench = Wrench(wrench.0 - self.bias.0);
         let sensed = self.mounting.to_base(&wrench, link_angle_rad);
-        let hand = Force(sensed.0 + tool_acceleration * self.handle_mass_kg);
+        let hand = sensed + Force(tool_acceleration * self.handle_mass_kg);
         if !hand.is_finite() {
             return self.refuse();
         }
@@ -277,9 +277,9 @@ impl Sensing {
 
     fn limit_step(&self, hand: Force, limit_n: f64) -> (Force, bool) {
         let Some(last) = self.unfiltered else { return (hand, false) };
-        let step = hand.0 - last.0;
+        let step = hand - last;
         let size = step.norm();
-        if size > limit_n { (Force(last.0 + step * (limit_n / size)), true) } else { (hand, false) }
+        if size > limit_n { (last + step * (limit_n / size), true) } else { (hand, false) }
     }
 
     fn filter(&self, force: Force, torque_z_n_m: f64) -> (Force, f64) {

@@ -48,7 +48,7 @@ fn counts_become_newtons_and_newton_metres() {
     let expected = Vector6::new(10.0, -20.0, 1.0, 0.3, -0.6, 3.0);
     assert!((wrench.0 - expected).amax() < 1e-12);
     let reading = sensing(parameters()).step(Some(&sample([1600, -3200, 160, 1000, -2000, 10000])), 0.0, STILL);
-    assert!((reading.force.0 - Vector2::new(10.0, -20.0)).norm() < 1e-12 && (reading.torque_z_n_m - 3.0).abs() < 1e-12);
+    assert!((reading.force - Force::new(10.0, -20.0)).norm() < 1e-12 && (reading.torque_z_n_m - 3.0).abs() < 1e-12);
     assert!(reading.is_usable() && reading.new_sample && reading.age_s == 0.0 && reading.identical_samples == 1);
 }
 
@@ -57,10 +57,10 @@ fn the_force_turns_with_link_and_mounting() {
     let quarter = std::f64::consts::FRAC_PI_2;
     // Sensor x along base y with the link at 90 degrees; along base -x with 90 degrees of mounting on top.
     let mut chain = sensing(parameters());
-    assert!((chain.step(Some(&newton(10.0)), quarter, STILL).force.0 - Vector2::new(0.0, 10.0)).norm() < 1e-12);
+    assert!((chain.step(Some(&newton(10.0)), quarter, STILL).force - Force::new(0.0, 10.0)).norm() < 1e-12);
     let mounting = Mounting { link: MountedOn::LeftDistal, angle_rad: quarter };
     let mut chain = sensing(SensingParameters { mounting, ..parameters() });
-    assert!((chain.step(Some(&newton(10.0)), quarter, STILL).force.0 - Vector2::new(-10.0, 0.0)).norm() < 1e-12);
+    assert!((chain.step(Some(&newton(10.0)), quarter, STILL).force - Force::new(-10.0, 0.0)).norm() < 1e-12);
     assert_eq!(mounting.link_angle_rad([1.0, 2.0]), 1.0);
     assert_eq!(Mounting { link: MountedOn::RightDistal, ..mounting }.link_angle_rad([1.0, 2.0]), 2.0);
     assert_eq!(Mounting { link: MountedOn::Base, ..mounting }.link_angle_rad([1.0, 2.0]), 0.0);
@@ -71,10 +71,10 @@ fn the_handle_does_not_push_its_own_inertia() {
     let mut chain = sensing(SensingParameters { handle_mass_kg: 0.5, ..parameters() });
     // A hand pushes with 10 N and the handle accelerates at 4 m/s^2 under it: 2 N never reach the sensor.
     let reading = chain.step(Some(&newton(8.0)), 0.0, Vector2::new(4.0, 0.0));
-    assert!((reading.force.0 - Vector2::new(10.0, 0.0)).norm() < 1e-12);
+    assert!((reading.force - Force::new(10.0, 0.0)).norm() < 1e-12);
     // Nobody pushes; the link drags the handle along at -6 m/s^2 and the sensor feels it lag: still no hand.
     let reading = chain.step(Some(&newton(3.0)), 0.0, Vector2::new(-6.0, 0.0));
-    assert!(reading.force.0.norm() < 1e-12);
+    assert!(reading.force.norm() < 1e-12);
 }
 
 #[test]
@@ -136,10 +136,10 @@ fn a_repeated_counter_is_no_new_sample() {
     for missed in 1..=3 {
         let reading = chain.step(Some(&with(255, 2.0)), 0.0, STILL);
         assert!(!reading.new_sample && reading.missed_samples == missed && reading.stale == (missed == 3));
-        assert!((reading.force.0.x - 1.0).abs() < 1e-12);
+        assert!((reading.force.x() - 1.0).abs() < 1e-12);
     }
     let reading = chain.step(Some(&with(0, 2.0)), 0.0, STILL);
-    assert!(reading.new_sample && !reading.stale && (reading.force.0.x - 2.0).abs() < 1e-12);
+    assert!(reading.new_sample && !reading.stale && (reading.force.x() - 2.0).abs() < 1e-12);
     // A sensor that stops sending its counter is taken at its word.
     assert!(chain.step(Some(&newton(3.0)), 0.0, STILL).new_sample);
 }
@@ -185,7 +185,7 @@ fn the_low_pass_lags_by_its_stated_delay() {
     for i in 1..=190 {
         reading = chain.step(Some(&sample([160 * i, 0, 0, 0, 0, 0])), 0.0, STILL);
     }
-    assert!((190.0 - reading.force.0.x - 1000.0 * delay).abs() < 1e-9, "{reading:?}");
+    assert!((190.0 - reading.force.x() - 1000.0 * delay).abs() < 1e-9, "{reading:?}");
     assert_eq!(sensing(parameters()).filter_delay_s(), 0.0);
     // At its cut-off, over the interval of the samples and not of the cycles, it lets 0.7 through.
     let mut chain = sensing(SensingParameters { low_pass_hz: Some(5.0), sample_rate_hz: 200.0, ..parameters() });
@@ -193,7 +193,7 @@ fn the_low_pass_lags_by_its_stated_delay() {
     for cycle in 0..3000 {
         let x = 100.0 * elementary::sin(std::f64::consts::TAU * 5e-3 * f64::from(cycle));
         let reading = chain.step((cycle % 5 == 0).then_some(&newton(x)), 0.0, STILL);
-        peak = if cycle > 1000 { peak.max(reading.force.0.x) } else { 0.0 };
+        peak = if cycle > 1000 { peak.max(reading.force.x()) } else { 0.0 };
     }
     assert!((peak - 70.7).abs() < 4.0, "{peak}");
 }
@@ -217,7 +217,7 @@ fn a_tare_takes_the_mean_out_of_what_follows() {
     let Some(TareState::Done(bias)) = chain.tare_state() else { panic!("{:?}", chain.tare_state()) };
     assert!((bias.0 - Vector6::new(5.03125, 0.0, 0.0, 0.0, 0.0, 0.3)).amax() < 1e-12 && bias == chain.bias());
     let reading = chain.step(Some(&sample([805, 0, 0, 0, 0, 2000])), 1.0, STILL);
-    assert!(reading.is_usable() && reading.force.0.norm() < 1e-12 && (reading.torque_z_n_m - 0.3).abs() < 1e-12);
+    assert!(reading.is_usable() && reading.force.norm() < 1e-12 && (reading.torque_z_n_m - 0.3).abs() < 1e-12);
 }
 
 #[test]
@@ -346,7 +346,7 @@ proptest! {
     ) {
         let mounting = Mounting { link: MountedOn::RightDistal, angle_rad: angle };
         let wrench = mounting.to_sensor(Force::new(x, y), torque, link);
-        prop_assert!((mounting.to_base(&wrench, link).0 - Vector2::new(x, y)).norm() < 1e-10);
+        prop_assert!((mounting.to_base(&wrench, link) - Force::new(x, y)).norm() < 1e-10);
         prop_assert_eq!(wrench.0.b, torque);
     }
 
@@ -382,7 +382,7 @@ fn an_invalid_sample_is_not_used() {
         assert_eq!(reading.refused_samples, count);
     }
     let after = chain.step(Some(&newton(20.0)), 0.0, STILL);
-    assert!(after.valid && after.refused_samples == 0 && (after.force.0.x - 20.0).abs() < 1e-9);
+    assert!(after.valid && after.refused_samples == 0 && (after.force.x() - 20.0).abs() < 1e-9);
     chain.start_tare(TareParameters { samples: 3, force_spread_limit_n: 1.0, torque_spread_limit_n_m: 1.0 }).unwrap();
     chain.step(Some(&invalid), 0.0, STILL);
     assert!(matches!(chain.tare_state(), Some(TareState::Failed(_))), "nor is a tare made of it");
@@ -394,7 +394,7 @@ fn a_step_of_the_force_goes_by_its_limit() {
     let mut force = |newtons: Option<f64>| {
         let sample = newtons.map(newton);
         let reading = chain.step(sample.as_ref(), 0.0, STILL);
-        (reading.force.0.x.round(), reading.stepped)
+        (reading.force.x().round(), reading.stepped)
     };
     assert_eq!(force(Some(100.0)), (100.0, false), "the first sample has none before it");
     assert_eq!(force(Some(114.0)), (114.0, false));
@@ -418,9 +418,9 @@ proptest! {
             let reading = chain.step(Some(&sample([count, 0, 0, 0, 0, 0])), 0.0, STILL);
             let sensed = f64::from(count) * 0.00625;
             if let Some(last) = last {
-                prop_assert!((reading.force.0 - last.0).norm() <= 10.0 * (1.0 + 1e-12));
+                prop_assert!((reading.force - last).norm() <= 10.0 * (1.0 + 1e-12));
                 prop_assert_eq!(reading.stepped, (sensed - last.0.x).abs() > 10.0);
-                prop_assert!(reading.stepped || (reading.force.0.x - sensed).abs() < 1e-9);
+                prop_assert!(reading.stepped || (reading.force.x() - sensed).abs() < 1e-9);
             }
             last = Some(reading.force);
         }

@@ -3,10 +3,8 @@
 use yieldwall_drives::objects::{self, DataType};
 use yieldwall_drives::profiles::{DeviceProfile, Entry, Pdo};
 
-use crate::canopen::dictionary::Builder;
-use crate::canopen::{
-    Access, CanopenError, DeviceIdentity, Handle, Mappable, NodeId, Object, ObjectDictionary, Scalar,
-};
+use crate::canopen::CanopenError;
+use crate::objects::{Access, DeviceIdentity, DictionaryError, Handle, Mappable, Object, ObjectDictionary, Scalar};
 
 /// What building a simulated device refuses.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
@@ -48,6 +46,12 @@ pub enum DeviceError {
     },
 }
 
+impl From<DictionaryError> for DeviceError {
+    fn from(error: DictionaryError) -> Self {
+        DeviceError::Dictionary(error.into())
+    }
+}
+
 /// An object with its power-on value, cut off to its type; text is declared by the identity alone.
 pub(super) fn declare(object: objects::Object, value: i64) -> Object {
     let (index, sub) = (object.index, object.sub);
@@ -72,24 +76,24 @@ pub(super) fn commanded(object: objects::Object, value: i64) -> Object {
     declare(object, value).mappable(Mappable::Both)
 }
 
-/// A dictionary with the communication profile of a device model, and the mark of a simulated device.
-pub(super) fn dictionary(node: NodeId, profile: &DeviceProfile, serial: u32) -> Builder {
-    let builder = ObjectDictionary::builder().communication_profile(
-        node,
-        &DeviceIdentity {
-            device_type: profile.identity.device_type,
-            name: profile.name().to_owned(),
-            vendor_id: profile.identity.vendor_id,
-            product_code: profile.identity.product_codes.first().copied().unwrap_or_default(),
-            revision: profile.identity.revisions.example(),
-            serial,
-        },
-    );
+/// Who a device of a model says it is.
+pub(super) fn identity(profile: &DeviceProfile, serial: u32) -> DeviceIdentity {
+    DeviceIdentity {
+        device_type: profile.identity.device_type,
+        name: profile.name().to_owned(),
+        vendor_id: profile.identity.vendor_id,
+        product_code: profile.identity.product_codes.first().copied().unwrap_or_default(),
+        revision: profile.identity.revisions.example(),
+        serial,
+    }
+}
+
+/// The mark of a simulated device.
+pub(super) fn mark() -> impl Iterator<Item = Object> {
     let mark = objects::SIMULATION_MARK;
     let words = (mark.sub..).zip(objects::SIMULATED_DEVICE);
-    words.fold(builder.highest_sub(mark.index, objects::SIMULATED_DEVICE.len() as u8), |builder, (sub, word)| {
-        builder.object(declare(mark.at(sub), word.into()).access(Access::ReadOnly))
-    })
+    let words = words.map(move |(sub, word)| declare(mark.at(sub), word.into()).access(Access::ReadOnly));
+    std::iter::once(Object::highest_sub(mark.index, objects::SIMULATED_DEVICE.len() as u8)).chain(words)
 }
 
 /// The mapped objects of a PDO as the dictionary takes them.
@@ -107,6 +111,6 @@ pub(super) fn plain(entry: &Entry) -> Object {
 }
 
 /// The handle of an object that the device has declared.
-pub(super) fn handle<T: Scalar>(od: &ObjectDictionary, object: objects::Object) -> Result<Handle<T>, CanopenError> {
+pub(super) fn handle<T: Scalar>(od: &ObjectDictionary, object: objects::Object) -> Result<Handle<T>, DictionaryError> {
     od.handle(object.index, object.sub)
 }

@@ -6,7 +6,8 @@ use yieldwall_drives::scaling::{AxisScaling, Direction};
 
 use super::can::{BitTiming, Delivery, QueueOrder, VirtualBus};
 use super::*;
-use crate::canopen::{Frame, Time, node_id};
+use crate::canopen::{Frame, node_id};
+use crate::time::Time;
 
 const MASTER: usize = 0;
 const SENSOR: usize = 3;

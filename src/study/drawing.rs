@@ -2,9 +2,8 @@
 
 use super::reproduce::{FIG13, FigureRun, Mode};
 use crate::record::Trace;
-use crate::record::figure::{
-    Drawing, Error, Options, TimeSpan, View, Window, hold_comparison, magnified, trajectory_and_time,
-};
+use crate::record::figure::{Drawing, Error, Options, TimeSpan, View, Window, hold_comparison, magnified};
+use crate::report::drawing::run;
 
 /// Rows shown before and after the first impact in Figs 14 and 15, in s.
 const AROUND_IMPACT_S: [f64; 2] = [0.1, 0.3];
@@ -16,14 +15,6 @@ pub struct NamedDrawing {
     pub name: String,
     /// The drawing.
     pub drawing: Drawing,
-}
-
-/// The drawing of one run: trajectory with forces, force and power against time.
-///
-/// # Errors
-/// As [`trajectory_and_time`].
-pub fn run(trace: &Trace, heading: Option<String>) -> Result<Drawing, Error> {
-    trajectory_and_time(trace, &Options { heading, ..Options::default() })
 }
 
 /// The drawings of one figure: one for each way in which its machine was driven.

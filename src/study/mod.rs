@@ -12,7 +12,7 @@ mod edge;
 mod energy;
 mod hold;
 mod machine;
-mod pair;
+pub mod pair;
 pub mod plant;
 pub mod reproduce;
 mod stability;

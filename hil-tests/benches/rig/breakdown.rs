@@ -5,13 +5,14 @@ use std::hint::black_box;
 use hil_tests::machine::Machine;
 use hil_tests::stopwatch::{Spread, Stopwatch};
 use hil_tests::tape::Tape;
-use yieldwall::canopen::{Frame, Time, cob};
+use yieldwall::canopen::{Frame, cob};
 use yieldwall::control::{AxisController, EffortRange, InertiaTerm};
 use yieldwall::cycle::{Servo, Signals, Timing};
 use yieldwall::guard::{Fault, FaultCounts, Measured, Request, State, Supervisor, View};
 use yieldwall::quantity::{JointRates, JointTorques};
 use yieldwall::rig::RigError;
 use yieldwall::sim::can::{BitTiming, QueueOrder, VirtualBus};
+use yieldwall::time::Time;
 use yieldwall_drives::cia402;
 
 use crate::Effort;
@@ -155,10 +156,10 @@ impl Stages {
             || servo.clone(),
             |servo| {
                 for signals in self.signals() {
-                    let error = signals.target_angles.0 - signals.measured_angles.0;
+                    let error = signals.target_angles - signals.measured_angles;
                     let forward = servo.feed_forward.step(JointRates::new(0.1, -0.2), black_box(inertia.as_ref()));
                     let each = servo.axes.iter_mut().zip(servo.effort_limit).zip(forward.torques.to_array());
-                    for (((axis, limit), forward), error) in each.zip([error.x, error.y]) {
+                    for (((axis, limit), forward), error) in each.zip(error.to_array()) {
                         black_box(axis.step(error, EffortRange::around(limit, forward).1));
                     }
                 }

@@ -4,13 +4,14 @@ use std::sync::LazyLock;
 use std::time::Duration;
 
 use yieldwall::bus::{BootFailure, LinkEvent, Master, Phase};
-use yieldwall::canopen::{Frame, Time};
+use yieldwall::canopen::{BusId, Frame};
 use yieldwall::config::{self, builtin};
 use yieldwall::cycle::Timing;
 use yieldwall::guard::{Request, State};
 use yieldwall::quantity::TipPoint;
 use yieldwall::rig::EmbeddedRig;
 use yieldwall::sim::{Drive, ForceSensor};
+use yieldwall::time::Time;
 use yieldwall_drives::cia402::Goal;
 
 use super::bytes::{Bytes, Script};
@@ -64,7 +65,7 @@ static STARTS: LazyLock<[Start; 3]> = LazyLock::new(|| {
         let mut machine = EmbeddedRig::new(&rig, &scene, &rig.fixture, 1).expect("a rig that can be built");
         let parts = |machine: &EmbeddedRig| Parts {
             master: machine.master().clone(),
-            drives: machine.drives().clone(),
+            drives: machine.drives().map(Drive::clone),
             sensor: machine.force_sensor().clone(),
             now: machine.now(),
         };
@@ -391,7 +392,7 @@ fn play(bytes: &[u8]) -> Net {
             }
             10 if net.phase == Phase::Operational && bytes.u8() < 16 => net.panic(),
             10 => net.parts.master.on_link(
-                bytes.u8() % 5,
+                BusId::new(bytes.u8() % 5),
                 bytes.pick(&[LinkEvent::SendFailed, LinkEvent::ErrorPassive, LinkEvent::BusOff]),
             ),
             11 => {

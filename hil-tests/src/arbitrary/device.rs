@@ -1,9 +1,10 @@
 //! The object dictionary, alone and behind a node: SDO server, PDOs, NMT and emergencies.
 
 use yieldwall::canopen::{
-    Access, Address, DataType, DeviceIdentity, EmcyCode, ErrorRegister, Frame, Mappable, NmtState, Node, Object,
-    ObjectDictionary, PdoParameters, Time, cob, node_id,
+    CommunicationProfile, EmcyCode, ErrorRegister, Frame, NmtState, Node, PdoParameters, cob, node_id,
 };
+use yieldwall::objects::{Access, Address, DataType, DeviceIdentity, Mappable, Object, ObjectDictionary};
+use yieldwall::time::Time;
 
 use super::bytes::{Bytes, Script};
 use super::laws::{assert_is_of_device, live};
@@ -29,23 +30,32 @@ pub(super) fn mappable_objects() -> Vec<(Object, (u16, u8, u8))> {
     ]
 }
 
-fn node() -> Node {
+/// A node and the dictionary that it serves.
+struct Served {
+    node: Node,
+    od: ObjectDictionary,
+}
+
+fn served() -> Served {
     let id = node_id(3).expect("a node id");
     let pdo = |cob_id, mapping: &[_]| PdoParameters::synchronous(cob_id, mapping);
-    let od = ObjectDictionary::builder()
-        .communication_profile(id, &DeviceIdentity { name: "a device".into(), ..DeviceIdentity::default() })
-        .objects(mappable_objects().into_iter().map(|(object, _)| object))
-        .object(Object::new(0x2003, 0, 0.5f32).limits(-1.0f32, 1.0))
-        .object(Object::bytes(0x2004, 0, DataType::Domain, &[1, 2, 3], 100))
-        .object(Object::bytes(0x2005, 0, DataType::OctetString, &[], 9).access(Access::WriteOnly))
+    let identity = DeviceIdentity { name: "a device".into(), ..DeviceIdentity::default() };
+    let communication = CommunicationProfile::new(id, &identity)
         .rpdo(1, &pdo(0x203, &[(0x6040, 0, 16), (0x607a, 0, 32)]))
         .rpdo(2, &PdoParameters::event_driven(0x303, &[(0x2000, 0, 64)]))
         .tpdo(1, &pdo(0x183, &[(0x6041, 0, 16), (0x6064, 0, 32)]))
         .tpdo(2, &PdoParameters { event_timer_ms: 20, ..PdoParameters::event_driven(0x283, &[(0x2001, 0, 1)]) })
         .rpdo(3, &pdo(0x403, &[]).unused())
-        .tpdo(4, &pdo(0x483, &[]).unused())
-        .build();
-    Node::new(id, od.expect("a good dictionary")).expect("a good device")
+        .tpdo(4, &pdo(0x483, &[]).unused());
+    let od = ObjectDictionary::builder()
+        .objects(communication.objects().expect("good PDOs"))
+        .objects(mappable_objects().into_iter().map(|(object, _)| object))
+        .object(Object::new(0x2003, 0, 0.5f32).limits(-1.0f32, 1.0))
+        .object(Object::bytes(0x2004, 0, DataType::Domain, &[1, 2, 3], 100))
+        .object(Object::bytes(0x2005, 0, DataType::OctetString, &[], 9).access(Access::WriteOnly))
+        .build()
+        .expect("a good dictionary");
+    Served { node: Node::new(id, &od).expect("a good device"), od }
 }
 
 /// A device on a bus where anything is said: every request has one answer, a refused write changes nothing, and no frame
@@ -55,64 +65,73 @@ fn node() -> Node {
 /// If a law is broken.
 pub fn device(bytes: &[u8]) {
     let mut bytes = Bytes::new(bytes);
-    let (mut node, mut now, mut out, mut has_blocks) = (node(), Time::default(), Vec::new(), false);
-    node.boot(now, &mut (), &mut out);
-    node.on_frame(now, &Frame::new(cob::NMT, &[1, 0]), &mut (), &mut out);
+    let (mut served, mut now, mut out, mut has_blocks) = (served(), Time::default(), Vec::new(), false);
+    served.node.boot(now, &mut served.od, &mut out);
+    served.node.on_frame(now, &Frame::new(cob::NMT, &[1, 0]), &mut served.od, &mut out);
     while !bytes.is_empty() {
         out.clear();
         match bytes.u8() % 8 {
             0..5 => {
                 let frame = bytes.frame(&[0x603, 0x603, 0x603, 0x080, 0x203, 0x303, 0x403, 0x000, 0x701]);
-                let before = (node.state(), target(&node, &frame));
-                node.on_frame(now, &frame, &mut (), &mut out);
-                has_blocks |= frame.id() == cob::sdo_request(node.id()) && matches!(frame.bytes()[0] >> 5, 5 | 6);
+                let before = (served.node.state(), target(&served, &frame));
+                served.node.on_frame(now, &frame, &mut served.od, &mut out);
+                has_blocks |=
+                    frame.id() == cob::sdo_request(served.node.id()) && matches!(frame.bytes()[0] >> 5, 5 | 6);
                 if has_blocks {
                     // What is an answer to what depends on the transfer under way: its own tests know.
                     assert!(out.len() <= MOST_PER_FRAME + MOST_OF_BLOCK, "{frame:x?} gave {out:x?}");
                 } else {
                     assert!(out.len() <= MOST_PER_FRAME, "{frame:x?} gave {out:x?}");
-                    check_answer(&node, &frame, before, &out);
+                    check_answer(&served, &frame, before, &out);
                 }
             }
             5 => {
                 now = now + bytes.wait();
                 let most = MOST_PER_POLL + if has_blocks { MOST_OF_BLOCK } else { 0 };
-                live(&mut node, now, Node::next_deadline, |node, now| {
-                    let mut out = Vec::new();
-                    node.poll(now, &mut (), &mut out);
-                    assert!(out.len() <= most && node.next_deadline() > now);
-                    out.iter().for_each(|frame| check_sent(node, frame));
-                });
+                live(
+                    &mut served,
+                    now,
+                    |served| served.node.next_deadline(),
+                    |served, now| {
+                        let mut out = Vec::new();
+                        served.node.poll(now, &mut served.od, &mut out);
+                        assert!(out.len() <= most && served.node.next_deadline() > now);
+                        out.iter().for_each(|frame| check_sent(served, frame));
+                    },
+                );
             }
-            6 => node.trigger_tpdo(now, bytes.u8(), &mut out),
+            6 => served.node.trigger_tpdo(now, bytes.u8(), &served.od, &mut out),
             _ => {
                 let code = EmcyCode(bytes.u16());
                 match bytes.u8() % 4 {
-                    0 => node.clear_all_emergencies(&mut out),
-                    1 => node.clear_emergency(code, &mut out),
-                    _ => node.raise_emergency(code, ErrorRegister(bytes.u8()), [bytes.u8(), 0, 0, 0, 0], &mut out),
+                    0 => served.node.clear_all_emergencies(&mut served.od, &mut out),
+                    1 => served.node.clear_emergency(&mut served.od, code, &mut out),
+                    _ => {
+                        let (bits, source) = (ErrorRegister(bytes.u8()), bytes.u8());
+                        served.node.raise_emergency(&mut served.od, code, bits, [source, 0, 0, 0, 0], &mut out);
+                    }
                 }
                 assert!(out.len() <= 1);
             }
         }
-        out.iter().for_each(|frame| check_sent(&node, frame));
+        out.iter().for_each(|frame| check_sent(&served, frame));
     }
 }
 
 /// The object that an SDO request in `frame` names, and its bytes.
-fn target(node: &Node, frame: &Frame) -> (Address, Option<Vec<u8>>) {
+fn target(served: &Served, frame: &Frame) -> (Address, Option<Vec<u8>>) {
     let [_, low, high, sub, ..] = *frame.bytes();
     let at = Address::new(u16::from_le_bytes([low, high]), sub);
-    (at, node.od().bytes(at).map(<[u8]>::to_vec))
+    (at, served.od.bytes(at).map(<[u8]>::to_vec))
 }
 
-fn check_answer(node: &Node, frame: &Frame, before: (NmtState, (Address, Option<Vec<u8>>)), out: &[Frame]) {
+fn check_answer(served: &Served, frame: &Frame, before: (NmtState, (Address, Option<Vec<u8>>)), out: &[Frame]) {
     let (state, (at, value)) = before;
-    let responses: Vec<_> = out.iter().filter(|frame| frame.id() == cob::sdo_response(node.id())).collect();
+    let responses: Vec<_> = out.iter().filter(|frame| frame.id() == cob::sdo_response(served.node.id())).collect();
     let is_served = matches!(state, NmtState::PreOperational | NmtState::Operational);
     let request = frame.bytes();
     let class = request[0] >> 5;
-    if frame.id() != cob::sdo_request(node.id()) || frame.len() != 8 || !is_served || class == 4 {
+    if frame.id() != cob::sdo_request(served.node.id()) || frame.len() != 8 || !is_served || class == 4 {
         return assert!(responses.is_empty(), "{frame:x?} gave {out:x?}");
     }
     let [response] = responses[..] else { panic!("{frame:x?} gave {out:x?}") };
@@ -131,7 +150,7 @@ fn check_answer(node: &Node, frame: &Frame, before: (NmtState, (Address, Option<
     }
     // An expedited write is carried out or leaves no trace.
     if class == 1 && request[0] & 2 != 0 {
-        let now = node.od().bytes(at).map(<[u8]>::to_vec);
+        let now = served.od.bytes(at).map(<[u8]>::to_vec);
         if is_abort {
             assert_eq!(now, value, "{frame:x?} was refused");
         } else {
@@ -142,14 +161,14 @@ fn check_answer(node: &Node, frame: &Frame, before: (NmtState, (Address, Option<
 }
 
 /// Whether a frame is one that the device is configured to send.
-fn check_sent(node: &Node, frame: &Frame) {
-    assert_is_of_device(node.id(), frame);
+fn check_sent(served: &Served, frame: &Frame) {
+    assert_is_of_device(served.node.id(), frame);
     if frame.id() >= 0x580 {
         return;
     }
-    assert!(matches!(node.state(), NmtState::PreOperational | NmtState::Operational), "{frame:x?}");
+    assert!(matches!(served.node.state(), NmtState::PreOperational | NmtState::Operational), "{frame:x?}");
     let word = |index, sub| {
-        let bytes = node.od().bytes(Address::new(index, sub)).unwrap_or_default();
+        let bytes = served.od.bytes(Address::new(index, sub)).unwrap_or_default();
         bytes.iter().rev().fold(0u64, |word, byte| word << 8 | u64::from(*byte))
     };
     let is_at = |cob_id: u64| cob_id >> 31 == 0 && cob_id & 0x7ff == u64::from(frame.id());
@@ -158,7 +177,7 @@ fn check_sent(node: &Node, frame: &Frame) {
         let bits: u64 = (1..=word(0x1a00 + place, 0)).map(|sub| word(0x1a00 + place, sub as u8) & 0xff).sum();
         is_at(word(0x1800 + place, 1)) && bits.div_ceil(8) == u64::from(frame.len())
     });
-    assert!(is_emergency || (is_tpdo && node.state() == NmtState::Operational), "{frame:x?}");
+    assert!(is_emergency || (is_tpdo && served.node.state() == NmtState::Operational), "{frame:x?}");
 }
 
 fn sdo(script: Script, payload: &[u8; 8]) -> Script {

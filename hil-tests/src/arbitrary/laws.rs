@@ -1,8 +1,9 @@
 //! Laws that several bodies assert.
 
-use yieldwall::canopen::{Frame, NodeId, Time, cob};
+use yieldwall::canopen::{Frame, NodeId, cob};
 use yieldwall::cycle::Outputs;
 use yieldwall::guard::{JointCommand, Motion, Request, State};
+use yieldwall::time::Time;
 
 /// Most moments before the last one at which [`live`] polls.
 const MOST_MOMENTS: usize = 40;

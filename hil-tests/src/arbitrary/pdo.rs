@@ -1,9 +1,9 @@
 //! PDO mappings: where objects lie in a frame, and what devices make of any parameters.
 
 use yieldwall::canopen::pdo::is_dummy;
-use yieldwall::canopen::{
-    CanopenError, DeviceIdentity, Frame, Layout, Node, ObjectDictionary, PdoParameters, Time, node_id,
-};
+use yieldwall::canopen::{CanopenError, CommunicationProfile, Frame, Layout, Node, PdoParameters, node_id};
+use yieldwall::objects::{DeviceIdentity, ObjectDictionary};
+use yieldwall::time::Time;
 
 use super::bytes::{Bytes, Script};
 use super::device::mappable_objects;
@@ -63,9 +63,7 @@ pub fn pdo_parameters(bytes: &[u8]) {
     let mut bytes = Bytes::new(bytes);
     let id = node_id(3).expect("a node id");
     let objects = mappable_objects();
-    let mut builder = ObjectDictionary::builder()
-        .communication_profile(id, &DeviceIdentity::default())
-        .objects(objects.iter().map(|(object, _)| object.clone()));
+    let mut profile = CommunicationProfile::new(id, &DeviceIdentity::default());
     let mut tpdos = Vec::new();
     let mut rpdos = Vec::new();
     for _ in 0..bytes.u8() % 9 {
@@ -86,25 +84,27 @@ pub fn pdo_parameters(bytes: &[u8]) {
         }
         let bits: usize = parameters.mapping.iter().map(|entry| usize::from(entry.2)).sum();
         (if is_tpdo { &mut tpdos } else { &mut rpdos }).push((parameters.cob_id as u16, bits.div_ceil(8)));
-        builder = if is_tpdo { builder.tpdo(number, &parameters) } else { builder.rpdo(number, &parameters) };
+        profile = if is_tpdo { profile.tpdo(number, &parameters) } else { profile.rpdo(number, &parameters) };
     }
-    let Ok(od) = builder.build() else { return };
-    let Ok(mut node) = Node::new(id, od) else { return };
+    let Ok(declared) = profile.objects() else { return };
+    let own = objects.into_iter().map(|(object, _)| object);
+    let Ok(mut od) = ObjectDictionary::builder().objects(declared).objects(own).build() else { return };
+    let Ok(mut node) = Node::new(id, &od) else { return };
     let mut out = Vec::new();
-    node.boot(Time(0), &mut (), &mut out);
+    node.boot(Time(0), &mut od, &mut out);
     assert_eq!(out, [Frame::new(0x703, &[0])]);
     out.clear();
     let word = bytes.u64();
     for (rpdo, _) in &rpdos {
-        node.on_frame(Time(0), &Frame::from_bits(*rpdo, word, bytes.u8() % 9), &mut (), &mut out);
+        node.on_frame(Time(0), &Frame::from_bits(*rpdo, word, bytes.u8() % 9), &mut od, &mut out);
     }
     assert!(out.is_empty(), "no PDO before Operational: {out:x?}");
-    node.on_frame(Time(0), &Frame::new(0x000, &[1, 3]), &mut (), &mut out);
+    node.on_frame(Time(0), &Frame::new(0x000, &[1, 3]), &mut od, &mut out);
     for (rpdo, _) in &rpdos {
-        node.on_frame(Time(0), &Frame::from_bits(*rpdo, word, bytes.u8() % 9), &mut (), &mut out);
+        node.on_frame(Time(0), &Frame::from_bits(*rpdo, word, bytes.u8() % 9), &mut od, &mut out);
     }
-    node.on_frame(Time(0), &Frame::new(0x080, &[]), &mut (), &mut out);
-    node.poll(Time(1_000_000_000), &mut (), &mut out);
+    node.on_frame(Time(0), &Frame::new(0x080, &[]), &mut od, &mut out);
+    node.poll(Time(1_000_000_000), &mut od, &mut out);
     assert!(node.next_deadline() > Time(1_000_000_000));
     for frame in &out {
         assert_is_of_device(id, frame);

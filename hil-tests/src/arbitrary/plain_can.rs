@@ -2,9 +2,10 @@
 
 use std::time::Duration;
 
-use yieldwall::canopen::{Frame, Time};
+use yieldwall::canopen::Frame;
 use yieldwall::plain_can::{Client, Heard, Link, Order, Protocol, polled, streaming};
 use yieldwall::sim::{ForceSensor, ForceSensorSettings, Speaks};
+use yieldwall::time::Time;
 
 use super::bytes::{Bytes, Script};
 use super::laws::live;

@@ -2,7 +2,8 @@
 
 use std::time::Duration;
 
-use yieldwall::canopen::{Frame, Outbox, SdoClient, SdoOutcome, Time, cob, node_id};
+use yieldwall::canopen::{Frame, Outbox, SdoClient, SdoOutcome, cob, node_id};
+use yieldwall::time::Time;
 
 use super::bytes::{Bytes, Script};
 

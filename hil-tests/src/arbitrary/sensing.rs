@@ -92,7 +92,7 @@ pub fn sensing(bytes: &[u8]) {
         let link_angle = chain.mounting().link_angle_rad([bytes.f64(), bytes.f64()]);
         let acceleration = Vector2::new(bytes.f64(), bytes.f64());
         let reading = chain.step(raw.as_ref(), link_angle, acceleration);
-        let numbers = [reading.force.0.x, reading.force.0.y, reading.torque_z_n_m, reading.age_s];
+        let numbers = [reading.force.x(), reading.force.y(), reading.torque_z_n_m, reading.age_s];
         assert!(numbers.iter().all(|value| value.is_finite()), "{reading:?}");
         assert!(!reading.new_sample || raw.is_some());
         let age_s = raw.map_or(0.0, |raw| 1e-9 * f64::from(raw.age_ns));

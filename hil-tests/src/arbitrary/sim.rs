@@ -2,9 +2,10 @@
 
 use std::sync::LazyLock;
 
-use yieldwall::canopen::{Frame, Time, cob, node_id};
+use yieldwall::canopen::{Frame, cob, node_id};
 use yieldwall::config::shipped_profile;
 use yieldwall::sim::{Drive, DriveSettings, Encoder, ForceSensor, ForceSensorSettings, PositionLoop, Speaks};
+use yieldwall::time::Time;
 use yieldwall_drives::cia402::State;
 use yieldwall_drives::scaling::{AxisScaling, Direction};
 

@@ -4,7 +4,8 @@ use std::collections::BTreeMap;
 use std::time::Duration;
 
 use yieldwall::canopen::nmt::{self, MAX_WATCHED};
-use yieldwall::canopen::{Emergency, Frame, HeartbeatChange, HeartbeatConsumer, NmtState, Time, cob, node_id};
+use yieldwall::canopen::{Emergency, Frame, HeartbeatChange, HeartbeatConsumer, NmtState, cob, node_id};
+use yieldwall::time::Time;
 
 use super::bytes::{Bytes, Script};
 

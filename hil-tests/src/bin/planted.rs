@@ -25,13 +25,13 @@ const DEFECTS: [Defect; 16] = [
     defect(
         "the gate lets every torque through",
         "src/guard/gate.rs",
-        "JointTorques::new(torques.0.x.clamp(-left, left), torques.0.y.clamp(-right, right))",
-        "JointTorques::new(torques.0.x * (1.0 + 0.1 * f64::from(torques.0.x > 0.9 * left)), torques.0.y.clamp(-right, right))",
+        "JointTorques::new(torques.left().clamp(-left, left), torques.right().clamp(-right, right))",
+        "JointTorques::new(torques.left() * (1.0 + 0.1 * f64::from(torques.left() > 0.9 * left)), torques.right().clamp(-right, right))",
     ),
     defect(
         "the gate lets every position target through",
         "src/guard/gate.rs",
-        "(target.0 - from.0).amax() > speed * self.limits.period_s",
+        "(*target - from).max_abs() > speed * self.limits.period_s",
         "false",
     ),
     defect(
@@ -61,8 +61,8 @@ const DEFECTS: [Defect; 16] = [
     defect(
         "the stop ramp is ten times too steep",
         "src/guard/stop.rs",
-        "1.5 * velocity.0.norm() / deceleration_m_per_s2",
-        "0.15 * velocity.0.norm() / deceleration_m_per_s2",
+        "1.5 * velocity.norm() / deceleration_m_per_s2",
+        "0.15 * velocity.norm() / deceleration_m_per_s2",
     ),
     defect(
         "the reference of before the stop is kept for the next run",

@@ -1,19 +1,29 @@
 //! Devices for tests.
 
-use yieldwall::canopen::{DataType, DeviceIdentity, Frame, Node, Object, ObjectDictionary, Outbox, Time, node_id};
+use yieldwall::canopen::{CommunicationProfile, Frame, Node, Outbox, node_id};
+use yieldwall::objects::{DataType, DeviceIdentity, Object, ObjectDictionary};
 use yieldwall::rig::DeviceServer;
+use yieldwall::time::Time;
 
 use super::Participant;
 
 /// Longest value of the domain 2001h:0.
 const DOMAIN: usize = 1 << 20;
 
+/// A node and the dictionary that it serves.
+#[derive(Debug)]
+pub struct Peer {
+    /// What speaks for it.
+    pub node: Node,
+    od: ObjectDictionary,
+}
+
 /// Node `id` with a number 2000h:0, a domain 2001h:0 of up to 1 MiB and the communication profile; it can be stored
 /// (1010h).
 ///
 /// # Panics
 /// If `id` is no node id.
-pub fn device(id: u8) -> Node {
+pub fn device(id: u8) -> Peer {
     let id = node_id(id).expect("1 to 127");
     let identity = DeviceIdentity {
         device_type: 0x0002_0192,
@@ -24,39 +34,39 @@ pub fn device(id: u8) -> Node {
         serial: 0xffff_fffe,
     };
     let od = ObjectDictionary::builder()
-        .communication_profile(id, &identity)
+        .objects(CommunicationProfile::new(id, &identity).objects().expect("no PDOs"))
         .object(Object::new(0x2000, 0, 0u32))
         .object(Object::bytes(0x2001, 0, DataType::Domain, &[], DOMAIN))
         .build()
         .expect("no object twice");
-    Node::new(id, od).expect("a whole communication profile")
+    Peer { node: Node::new(id, &od).expect("a whole communication profile"), od }
 }
 
 /// As [`device`], but without a node id: it waits for LSS.
 ///
 /// # Panics
 /// Never.
-pub fn bare() -> Node {
-    let mut node = device(5);
-    node.forget_node_id();
-    node
+pub fn bare() -> Peer {
+    let mut peer = device(5);
+    peer.node.forget_node_id();
+    peer
 }
 
-impl Participant for Node {
+impl Participant for Peer {
     fn switch_on(&mut self, now: Time, mut out: &mut dyn Outbox) {
-        self.boot(now, &mut (), &mut out);
+        self.node.boot(now, &mut self.od, &mut out);
     }
 
     fn on_frame(&mut self, now: Time, frame: &Frame, mut out: &mut dyn Outbox) {
-        Node::on_frame(self, now, frame, &mut (), &mut out);
+        self.node.on_frame(now, frame, &mut self.od, &mut out);
     }
 
     fn poll(&mut self, now: Time, mut out: &mut dyn Outbox) {
-        Node::poll(self, now, &mut (), &mut out);
+        self.node.poll(now, &mut self.od, &mut out);
     }
 
     fn next_deadline(&self) -> Time {
-        Node::next_deadline(self)
+        self.node.next_deadline()
     }
 }
 

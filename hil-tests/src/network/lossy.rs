@@ -1,7 +1,8 @@
 //! A link that loses frames.
 
-use yieldwall::canopen::{Frame, Time};
+use yieldwall::canopen::Frame;
 use yieldwall::link::{Arrival, CanLink, Received, SendError};
+use yieldwall::time::Time;
 
 /// Loses those frames of others and of its own for which `is_lost` (sent by itself or not).
 pub struct Lossy<L, F> {

@@ -10,15 +10,16 @@ mod real;
 mod simulated;
 mod transfer;
 
-pub use devices::{Served, bare, device};
+pub use devices::{Peer, Served, bare, device};
 pub use lossy::Lossy;
 #[cfg(target_os = "linux")]
 pub use real::Real;
 pub use simulated::{Virtual, VirtualLink};
 pub use transfer::{client, hear, lss, run, send_all, transfer};
 
-use yieldwall::canopen::{Frame, Outbox, Time};
+use yieldwall::canopen::{Frame, Outbox};
 use yieldwall::link::CanLink;
+use yieldwall::time::Time;
 
 /// What a link may make of it, and a test has to wait for, at most; in virtual time it costs nothing.
 pub const PATIENCE: std::time::Duration = std::time::Duration::from_secs(20);

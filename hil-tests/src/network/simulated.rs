@@ -4,9 +4,10 @@ use std::cell::RefCell;
 use std::collections::VecDeque;
 use std::rc::Rc;
 
-use yieldwall::canopen::{Frame, Outbox, Time};
+use yieldwall::canopen::{BusId, Frame, Outbox};
 use yieldwall::link::{Arrival, CanLink, Received, SendError};
 use yieldwall::sim::can::{BitTiming, QueueOrder, VirtualBus};
+use yieldwall::time::Time;
 
 use super::{Network, Participant};
 
@@ -101,7 +102,7 @@ impl World {
                 Port::Link(arrivals) => arrivals.extend(delivery.map(|delivery| {
                     let is_own = delivery.from == port;
                     let what = if is_own { Received::Echo(delivery.frame) } else { Received::Frame(delivery.frame) };
-                    Arrival { time: delivery.time, bus: 0, what }
+                    Arrival { time: delivery.time, bus: BusId::FIRST, what }
                 })),
                 Port::Free => {}
             }

@@ -3,8 +3,9 @@
 use std::time::Duration;
 
 use yieldwall::canopen::lss::{LssMaster, LssOutcome, LssRequest};
-use yieldwall::canopen::{Frame, SdoClient, SdoOutcome, Time, node_id};
+use yieldwall::canopen::{Frame, SdoClient, SdoOutcome, node_id};
 use yieldwall::link::{Arrival, CanLink, LinkOutbox, Received};
+use yieldwall::time::Time;
 
 use super::PATIENCE;
 

@@ -3,17 +3,15 @@
 use std::time::Duration;
 
 use hil_tests::Scenario;
-use hil_tests::network::{Lossy, Network, PATIENCE, Served, bare, client, device, hear, lss, run, transfer};
+use hil_tests::network::{Lossy, Network, PATIENCE, Peer, Served, bare, client, device, hear, lss, run, transfer};
 use yieldwall::assembly::master;
 use yieldwall::bus::Phase;
 use yieldwall::canopen::lss::{LssAddress, LssMaster, LssOutcome, LssRequest};
-use yieldwall::canopen::{
-    AbortCode, Address, EmcyCode, Emergency, Frame, NmtCommand, NmtState, Node, SdoClient, SdoOutcome, cob, nmt,
-    node_id,
-};
+use yieldwall::canopen::{EmcyCode, Emergency, Frame, NmtCommand, NmtState, SdoClient, SdoOutcome, cob, nmt, node_id};
 use yieldwall::cycle::Timing;
 use yieldwall::guard::Request;
 use yieldwall::link::{CanLink, Received};
+use yieldwall::objects::{AbortCode, Address};
 use yieldwall::rig::DeviceServer;
 use yieldwall::run::Pace;
 
@@ -94,10 +92,10 @@ fn over_a_lossy_line(bus: &mut impl Network, is_lost: impl FnMut(bool, &Frame) -
 }
 
 /// A device that soon notices what is lost.
-fn alert() -> Node {
-    let mut device = device(NODE);
-    device.set_sdo_timeout(Duration::from_millis(100));
-    device
+fn alert() -> Peer {
+    let mut peer = device(NODE);
+    peer.node.set_sdo_timeout(Duration::from_millis(100));
+    peer
 }
 
 pub(crate) fn blocks_pass_when_every_seventh_data_frame_is_lost(bus: &mut impl Network) {

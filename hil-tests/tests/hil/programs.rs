@@ -10,12 +10,13 @@ use std::time::{Duration, Instant};
 
 use hil_tests::network::Real;
 use serde_json::Value;
-use yieldwall::canopen::{Emergency, Frame, Time};
+use yieldwall::canopen::{Emergency, Frame};
 use yieldwall::config::{self, Source};
 use yieldwall::link::{CanLink, Received, SocketCanSettings};
 use yieldwall::live::serve;
 use yieldwall::rig::DeviceServer;
 use yieldwall::run::Pace;
+use yieldwall::time::Time;
 
 pub(super) const RIG: &str = "builtin:paper-admittance.yaml";
 /// How long anything may take; only a program that hangs does.

@@ -1,10 +1,11 @@
 //! Objects of the nodes, beside the boot.
 
 use super::CanNetwork;
-use crate::bus::access::{ObjectAnswer, ObjectError, ObjectRequest};
 use crate::bus::phase::Phase;
-use crate::canopen::{Outbox, Time};
+use crate::canopen::Outbox;
 use crate::guard::Device;
+use crate::objects::{ObjectAnswer, ObjectError, ObjectRequest};
+use crate::time::Time;
 
 impl CanNetwork {
     /// Begins to read or to write an object of a device.

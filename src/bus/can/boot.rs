@@ -2,7 +2,9 @@
 
 use crate::bus::error::BootFailure;
 use crate::bus::setup::{DriveSetup, MasterSetup, SensorNode};
-use crate::canopen::{AbortCode, Frame, NmtCommand, NodeId, Outbox, SdoClient, SdoOutcome, Time, cob};
+use crate::canopen::{Frame, NmtCommand, NodeId, Outbox, SdoClient, SdoOutcome, cob};
+use crate::objects::AbortCode;
+use crate::time::Time;
 use std::time::Duration;
 use yieldwall_drives::cia402::OperationMode;
 use yieldwall_drives::objects::{self, Object};

@@ -6,10 +6,11 @@ use crate::bus::axis::{DriveOrders, DriveWords};
 use crate::bus::error::BootFailure;
 use crate::bus::setup::{DriveSetup, SensorNode};
 use crate::canopen::pdo::Field;
-use crate::canopen::{Frame, NodeId, Outbox, Time, cob};
+use crate::canopen::{BusId, Frame, NodeId, Outbox, cob};
 use crate::guard::DeviceSet;
 use crate::plain_can::{Client, Heard};
 use crate::sensing::RawSample;
+use crate::time::Time;
 use yieldwall_drives::cia402::CommandMode;
 use yieldwall_drives::profiles::StatusBits;
 
@@ -89,7 +90,7 @@ pub(super) struct Irregular {
 /// The frame that a drive is sent.
 #[derive(Clone, Copy, Debug)]
 struct Outgoing {
-    bus: u8,
+    bus: BusId,
     id: u16,
     len: u8,
     controlword: Field,
@@ -115,8 +116,8 @@ pub(super) struct Image {
     status_bits: StatusBits,
     /// When the last frame of `sample` came.
     sampled_at: Time,
-    /// Number of the sensor's bus.
-    sensor_bus: u8,
+    /// The sensor's bus.
+    sensor_bus: BusId,
     /// The sensor, if it speaks plain CAN.
     plain: Option<Client>,
     irregular: Irregular,
@@ -139,7 +140,7 @@ impl Image {
     pub(super) fn new(
         mode: CommandMode,
         drives: [(&DriveSetup, NodeId); 2],
-        sensor_bus: u8,
+        sensor_bus: BusId,
         sensor: SensorFrames<'_>,
     ) -> Result<Self, BootFailure> {
         let [(left, _), (right, _)] = &drives;
@@ -172,11 +173,11 @@ impl Image {
     }
 
     /// Frames with this identifier are the master's alone on this bus.
-    pub(super) fn reserve(&mut self, bus: u8, id: u16) {
+    pub(super) fn reserve(&mut self, bus: BusId, id: u16) {
         self.keep(bus, id, OWN_SLOT);
     }
 
-    fn keep(&mut self, bus: u8, id: u16, wanted: u8) {
+    fn keep(&mut self, bus: BusId, id: u16, wanted: u8) {
         if let Some(slot) = self.slots.get_mut(slot_index(bus, id)) {
             *slot = wanted;
         }
@@ -362,6 +363,6 @@ impl Image {
 }
 
 /// Place of an identifier of a bus among the slots.
-fn slot_index(bus: u8, id: u16) -> usize {
-    usize::from(bus) * IDENTIFIERS + usize::from(id)
+fn slot_index(bus: BusId, id: u16) -> usize {
+    bus.index() * IDENTIFIERS + usize::from(id)
 }

@@ -3,14 +3,14 @@
 use super::node::Node;
 use crate::bus::setup::MasterSetup;
 use crate::canopen::nmt::HeartbeatConsumer;
-use crate::canopen::{Frame, cob};
+use crate::canopen::{BusId, Frame, cob};
 use yieldwall_drives::watchdog::HEARTBEAT_PERIODS;
 
 /// One bus.
 #[derive(Clone)]
 pub(super) struct Line {
-    /// Its number.
-    pub(super) bus: u8,
+    /// Which one.
+    pub(super) bus: BusId,
     /// Whether somebody hears SYNC there.
     pub(super) has_sync: bool,
     /// Whether there are CANopen nodes.
@@ -24,7 +24,7 @@ pub(super) struct Line {
 }
 
 impl Line {
-    pub(super) fn new(setup: &MasterSetup, bus: u8, nodes: &[Node]) -> Self {
+    pub(super) fn new(setup: &MasterSetup, bus: BusId, nodes: &[Node]) -> Self {
         let mut watch = HeartbeatConsumer::new();
         for node in nodes.iter().filter(|node| node.bus == bus) {
             watch.watch(node.id, node.heartbeat * HEARTBEAT_PERIODS);

@@ -18,11 +18,12 @@ use super::phase::{LinkEvent, Phase};
 use super::setup::{MasterSetup, SensorLink};
 use super::signs::Signs;
 use crate::canopen::nmt;
-use crate::canopen::{self, Emergency, Frame, NodeId, Outbox, SyncProducer, Time, cob};
+use crate::canopen::{self, BusId, Emergency, Frame, NodeId, Outbox, SyncProducer, cob};
 use crate::cycle::LinkEvents;
 use crate::guard::{Device, DeviceSet};
 use crate::plain_can::Client;
 use crate::sensing::RawSample;
+use crate::time::Time;
 use boot::Boot;
 use image::{Image, SensorFrames, Taken};
 use line::Line;
@@ -57,7 +58,7 @@ pub(super) struct Arrived {
 
 /// All CAN buses of a rig.
 ///
-/// Frames come with the number of their bus ([`Frame::bus`]) and leave with it. SYNC, NMT commands and the master's
+/// Frames come with their bus ([`Frame::bus`]) and leave with it. SYNC, NMT commands and the master's
 /// heartbeat go to every bus where somebody hears them, and nothing is exchanged before the nodes of all buses are there.
 #[derive(Clone)]
 pub(super) struct CanNetwork {
@@ -69,7 +70,7 @@ pub(super) struct CanNetwork {
     phase_since: Time,
     nodes: Vec<Node>,
     sensor_name: String,
-    sensor_bus: u8,
+    sensor_bus: BusId,
     /// How long the samples of a sensor on plain CAN are waited for.
     sample_wait: Duration,
     /// The buses.
@@ -106,7 +107,7 @@ impl CanNetwork {
     pub(super) fn new(setup: &MasterSetup) -> Result<Self, BootError> {
         let id = node_id(setup.node_id, "master")?;
         let mut known = Vec::new();
-        let mut fresh = |bus: u8, raw: u8, name: &str| -> Result<NodeId, BootError> {
+        let mut fresh = |bus: BusId, raw: u8, name: &str| -> Result<NodeId, BootError> {
             let fresh = node_id(raw, name)?;
             if fresh == id || known.contains(&(bus, fresh)) {
                 let failure = BootFailure::DuplicateNodeId { node_id: raw };
@@ -317,7 +318,7 @@ impl CanNetwork {
     pub(in crate::bus) fn open(&mut self, out: &mut impl Outbox) {
         self.image.begin_cycle();
         let waiting = self.lines.iter().filter(|line| self.has_echo && line.in_flight > 0);
-        self.held = waiting.fold(DeviceSet::NONE, |held, line| held | DeviceSet::interface(line.bus));
+        self.held = waiting.fold(DeviceSet::NONE, |held, line| held | DeviceSet::interface(line.bus.index()));
         self.is_sync_held = self.is_mute() || self.is_overwritten;
         if !self.is_sync_held {
             self.send_sync(out);
@@ -429,13 +430,13 @@ impl CanNetwork {
     /// Notes what the interface to a bus tells; the next cycle acts on it.
     ///
     /// Real-time: yes.
-    pub(in crate::bus) fn on_link(&mut self, bus: u8, event: LinkEvent) {
+    pub(in crate::bus) fn on_link(&mut self, bus: BusId, event: LinkEvent) {
         let events = match event {
             LinkEvent::SendFailed => &mut self.events.send_failed,
             LinkEvent::ErrorPassive => &mut self.events.error_passive,
             LinkEvent::BusOff => &mut self.events.bus_off,
         };
-        *events |= DeviceSet::interface(bus);
+        *events |= DeviceSet::interface(bus.index());
     }
 }
 

@@ -7,8 +7,9 @@ use super::transfer::Transfer;
 use crate::bus::error::{BootFailure, Said};
 use crate::bus::phase::Phase;
 use crate::bus::setup::Waits;
-use crate::canopen::{Frame, NmtState, NodeId, Outbox, Time, cob};
+use crate::canopen::{BusId, Frame, NmtState, NodeId, Outbox, cob};
 use crate::guard::Device;
+use crate::time::Time;
 
 /// So many heartbeats of one node ...
 const HEARTBEATS_OF_TWO: usize = 4;
@@ -28,8 +29,8 @@ const BLOCK_DOWNLOAD: u8 = 6;
 
 #[derive(Clone)]
 pub(super) struct Node {
-    /// Number of the bus that it is on.
-    pub(super) bus: u8,
+    /// The bus that it is on.
+    pub(super) bus: BusId,
     pub(super) id: NodeId,
     pub(super) device: Device,
     pub(super) name: String,
@@ -63,7 +64,7 @@ pub(super) struct Node {
 
 impl Node {
     pub(super) fn new(
-        bus: u8,
+        bus: BusId,
         id: NodeId,
         device: Device,
         name: &str,
@@ -94,7 +95,7 @@ impl Node {
     }
 
     /// Whether it is this one.
-    pub(super) fn is(&self, bus: u8, id: NodeId) -> bool {
+    pub(super) fn is(&self, bus: BusId, id: NodeId) -> bool {
         (self.bus, self.id) == (bus, id)
     }
 

@@ -9,10 +9,11 @@ use crate::bus::error::BootFailure;
 use crate::bus::phase::Phase;
 use crate::bus::signs::Heard;
 use crate::canopen::nmt::{self, HeartbeatChange, HeartbeatEvent};
-use crate::canopen::{Frame, NmtCommand, NmtState, Outbox, Time};
+use crate::canopen::{BusId, Frame, NmtCommand, NmtState, Outbox};
 use crate::cycle::LinkEvents;
 use crate::guard::DeviceSet;
 use crate::plain_can::Client;
+use crate::time::Time;
 
 impl CanNetwork {
     /// Begins to listen for another master, with nothing sent until [`CanNetwork::announce`] or [`CanNetwork::start`]. One that is
@@ -133,7 +134,7 @@ impl CanNetwork {
         self.next_heartbeat = now + self.heartbeat;
     }
 
-    pub(super) fn on_node(&mut self, now: Time, bus: u8, event: HeartbeatEvent, out: &mut impl Outbox) {
+    pub(super) fn on_node(&mut self, now: Time, bus: BusId, event: HeartbeatEvent, out: &mut impl Outbox) {
         let HeartbeatEvent { node: id, change } = event;
         let Some(node) = self.nodes.iter_mut().find(|node| node.is(bus, id)) else { return };
         node.is_operational = matches!(
@@ -238,7 +239,7 @@ impl CanNetwork {
         let error = match (late, self.owes_samples().filter(is_over)) {
             (Some((node, (step, wait))), _) => {
                 let errors = self.events.error_passive | self.events.bus_off;
-                let is_unheard = errors.contains(DeviceSet::interface(node.bus));
+                let is_unheard = errors.contains(DeviceSet::interface(node.bus.index()));
                 let (waited_ms, said) = (waited_ms(wait), node.said);
                 let failure = match self.phase {
                     Phase::Starting => BootFailure::NotStarted { waited_ms, said },

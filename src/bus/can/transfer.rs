@@ -2,8 +2,9 @@
 
 use std::time::Duration;
 
-use crate::bus::access::{ObjectAnswer, ObjectError, ObjectRequest};
-use crate::canopen::{CanopenError, Frame, NodeId, Outbox, SdoClient, SdoOutcome, Time};
+use crate::canopen::{CanopenError, Frame, NodeId, Outbox, SdoClient, SdoOutcome};
+use crate::objects::{Address, ObjectAnswer, ObjectError, ObjectRequest};
+use crate::time::Time;
 
 /// Bytes of the largest object that is read or written. A client has memory for so many from the start, so that a transfer beside the
 /// cycle allocates nothing.
@@ -57,10 +58,10 @@ impl Transfer {
         out: &mut impl Outbox,
     ) -> Result<(), ObjectError> {
         let (asked, started) = match request {
-            ObjectRequest::Read { index, sub } => {
+            ObjectRequest::Read(Address { index, sub }) => {
                 (Asked::Read(Progress::Pending), self.client.start_upload(now, index, sub, out))
             }
-            ObjectRequest::Write { index, sub, data } => {
+            ObjectRequest::Write(Address { index, sub }, data) => {
                 (Asked::Write(Progress::Pending), self.client.start_download(now, index, sub, data, out))
             }
         };

@@ -6,7 +6,7 @@ use std::time::Duration;
 use super::CanNetwork;
 use crate::bus::error::named;
 use crate::bus::phase::Phase;
-use crate::canopen::Time;
+use crate::time::Time;
 
 /// What the boot waits for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

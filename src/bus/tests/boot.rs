@@ -372,7 +372,7 @@ fn a_person_starts_the_network_anew_from_any_phase() {
     assert!(matches!(net.master.phase(), Phase::Failed(_)));
     restart(&mut net);
     // Out of silence.
-    net.master.on_link(0, LinkEvent::BusOff);
+    net.master.on_link(BusId::FIRST, LinkEvent::BusOff);
     net.sync();
     net.compute(Request::None);
     assert!(net.master.is_silent());

@@ -11,7 +11,7 @@ impl Net {
         let mut setup = setup(CommandMode::Torque, home, 0.0);
         let node =
             SensorNode { node_id: 1, profile: shipped_profile("simulated-force-sensor"), heartbeat: setup.heartbeat };
-        (setup.sensor.bus, setup.sensor.link) = (1, SensorLink::Canopen(node));
+        (setup.sensor.bus, setup.sensor.link) = (BusId::new(1), SensorLink::Canopen(node));
         let mut net = Self::with(cycle, setup, home);
         for ((node, index, sub), value) in objects() {
             if node == 10 {
@@ -97,7 +97,7 @@ fn an_answer_from_another_bus_is_none() {
     let mut net = Net::two_buses();
     net.reset_both();
     net.sent.clear();
-    // The right drive was asked for its device type on bus 0.
+    // The right drive was asked for its device type on the first bus.
     net.hear("1:582#4200100092010200");
     assert_eq!(net.take(), Vec::<String>::new());
     net.hear("582#4200100092010200");
@@ -170,7 +170,7 @@ fn what_one_bus_holds_back_holds_all_buses() {
     let mut net = Net::two_buses();
     net.run_both();
     net.seen_cycle("3712", Request::None, |line| line.starts_with("20"));
-    [0x201, 0x202].iter().for_each(|id| net.master.on_echo(&Frame::new(*id, &[]).on_bus(1)));
+    [0x201, 0x202].iter().for_each(|id| net.master.on_echo(&Frame::new(*id, &[]).on_bus(BusId::new(1))));
     assert!(net.master.is_in_flight());
 }
 
@@ -185,7 +185,7 @@ fn only_a_bus_where_somebody_hears_it_gets_sync() {
         zero_at_start: false,
     };
     let mut setup = setup(CommandMode::Torque, home, 0.0);
-    (setup.sensor.bus, setup.sensor.link) = (1, SensorLink::PlainCan(link));
+    (setup.sensor.bus, setup.sensor.link) = (BusId::new(1), SensorLink::PlainCan(link));
     let mut net = Net::with(cycle, setup, home);
     net.master.start(net.now, &mut net.sent);
     assert_eq!(net.take(), ["000#8101", "000#8102", "77F#7F"]);

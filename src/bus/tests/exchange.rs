@@ -47,11 +47,11 @@ fn counts_wrap_at_32_bits_without_a_jump() {
     net.boot();
     net.counts = [0x7fff_fff6, right];
     assert!(net.quiet("5002", Request::None)[0].ends_with("F6FFFF7F"));
-    let before = net.cycle(["3102"; 2], Request::None, |_| {}).0.signals.measured_angles.0.x;
+    let before = net.cycle(["3102"; 2], Request::None, |_| {}).0.signals.measured_angles.left();
     net.counts[0] = -0x7fff_fff6;
     let (outputs, sent) = net.cycle(["3102"; 2], Request::None, |_| {});
     assert_eq!(sent[0], "201#06000A000080", "the target wraps with the position");
-    let way = outputs.signals.measured_angles.0.x - before;
+    let way = outputs.signals.measured_angles.left() - before;
     let expected = 20.0 / COUNTS_PER_REV * std::f64::consts::TAU;
     assert!((way - expected).abs() < 1e-9, "{way}");
     net.quiet("3102", Request::Enable);
@@ -99,7 +99,7 @@ fn half_a_force_sample_is_none() {
 #[test]
 fn own_frames_that_cannot_be_sent_are_the_end() {
     let mut net = Net::running(CommandMode::Torque);
-    net.master.on_link(0, LinkEvent::SendFailed);
+    net.master.on_link(BusId::FIRST, LinkEvent::SendFailed);
     net.master.on_sync(&mut net.sent);
     net.take();
     net.report(["3712"; 2]);

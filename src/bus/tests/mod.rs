@@ -12,11 +12,12 @@ use std::collections::BTreeMap;
 use std::time::Duration;
 
 use super::*;
-use crate::canopen::{Frame, Time};
+use crate::canopen::{BusId, Frame};
 use crate::config::shipped_profile;
 use crate::cycle::tests::{position_cycle, torque_cycle};
 use crate::cycle::{Cycle, Outputs, Timing};
 use crate::guard::{Fault, Request, State};
+use crate::time::Time;
 use yieldwall_drives::scaling::{AxisScaling, Direction};
 
 /// Waits that differ, so that one taken for the other shows.
@@ -28,9 +29,9 @@ const STARTED: [&str; 3] = ["000#0101", "000#0102", "000#010A"];
 
 const COUNTS_PER_REV: f64 = 800_000.0;
 
-/// A frame as candump writes it, such as `201#06000000`; on another bus than 0 with its number, `1:201#06000000`.
+/// A frame as candump writes it, such as `201#06000000`; on another bus than the first with its number, `1:201#06000000`.
 fn text(frame: &Frame) -> String {
-    let bus = if frame.bus() == 0 { String::new() } else { format!("{}:", frame.bus()) };
+    let bus = if frame.bus() == BusId::FIRST { String::new() } else { format!("{}:", frame.bus()) };
     frame.data().iter().fold(format!("{bus}{:03X}#", frame.id()), |line, byte| line + &format!("{byte:02X}"))
 }
 
@@ -40,7 +41,7 @@ fn frame(text: &str) -> Frame {
     let (id, data) = text.split_once('#').unwrap();
     let bytes: Vec<u8> =
         (0..data.len()).step_by(2).map(|at| u8::from_str_radix(&data[at..at + 2], 16).unwrap()).collect();
-    Frame::new(u16::from_str_radix(id, 16).unwrap(), &bytes).on_bus(bus.parse().unwrap())
+    Frame::new(u16::from_str_radix(id, 16).unwrap(), &bytes).on_bus(BusId::new(bus.parse().unwrap()))
 }
 
 fn setup(mode: CommandMode, home: [f64; 2], zero_offset_rad: f64) -> MasterSetup {
@@ -48,7 +49,7 @@ fn setup(mode: CommandMode, home: [f64; 2], zero_offset_rad: f64) -> MasterSetup
     let heartbeat = Duration::from_millis(20);
     let drive = |name: &str, node_id: u8, expected_angle_rad: f64| DriveSetup {
         name: name.into(),
-        bus: 0,
+        bus: BusId::FIRST,
         node_id,
         profile: shipped_profile("simulated-servo"),
         scaling,
@@ -67,7 +68,7 @@ fn setup(mode: CommandMode, home: [f64; 2], zero_offset_rad: f64) -> MasterSetup
         drives: [drive("left", 1, home[0]), drive("right", 2, home[1])],
         sensor: SensorSetup {
             name: "wrist".into(),
-            bus: 0,
+            bus: BusId::FIRST,
             link: SensorLink::Canopen(SensorNode {
                 node_id: 10,
                 profile: shipped_profile("simulated-force-sensor"),
@@ -156,7 +157,7 @@ impl Net {
                 return;
             }
             for request in requests {
-                let node = (request.id() - 0x600) as u8 + 128 * request.bus();
+                let node = (request.id() - 0x600) as u8 + 128 * request.bus().index() as u8;
                 let bytes = *request.bytes();
                 if bytes[0] == 0x80 {
                     continue; // an abort has no answer

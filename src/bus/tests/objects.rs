@@ -1,11 +1,10 @@
 //! Objects of the devices, asked for beside the cycle.
 
 use super::*;
-use crate::bus::{ObjectAnswer, ObjectError, ObjectRequest};
-use crate::canopen::AbortCode;
 use crate::guard::Device;
+use crate::objects::{AbortCode, Address, ObjectAnswer, ObjectError, ObjectRequest};
 
-const STATUSWORD: ObjectRequest<'_> = ObjectRequest::Read { index: 0x6041, sub: 0 };
+const STATUSWORD: ObjectRequest<'_> = ObjectRequest::Read(Address::new(0x6041, 0));
 
 impl Net {
     fn ask(&mut self, device: Device, request: ObjectRequest<'_>) -> Result<(), ObjectError> {
@@ -30,7 +29,7 @@ fn an_object_is_read_and_written_beside_the_cycle() {
     assert_eq!(net.state(), (State::Running, None));
     net.take();
 
-    let write = ObjectRequest::Write { index: 0x1016, sub: 1, data: &[0; 4] };
+    let write = ObjectRequest::Write(Address::new(0x1016, 1), &[0; 4]);
     net.ask(Device::RightDrive, write).unwrap();
     assert_eq!(net.take(), ["602#2316100100000000"]);
     net.hear("582#6016100100000000");
@@ -39,7 +38,7 @@ fn an_object_is_read_and_written_beside_the_cycle() {
     net.hear("582#8016100111000906");
     let refused = ObjectError::Aborted(AbortCode(0x0609_0011));
     assert_eq!(net.master.answer(Device::RightDrive), ObjectAnswer::Failed(refused));
-    let long = ObjectRequest::Write { index: 0x1010, sub: 1, data: &[0; 1025] };
+    let long = ObjectRequest::Write(Address::new(0x1010, 1), &[0; 1025]);
     assert_eq!(net.ask(Device::RightDrive, long), Err(ObjectError::TooLong(1025)));
 }
 

@@ -120,7 +120,7 @@ fn each_rpdo_of_a_drive_is_a_set_point_and_other_frames_of_strangers_hold_no_syn
 #[test]
 fn a_master_that_was_silent_or_starts_anew_has_forgotten_no_stranger_and_goes_on() {
     let mut net = Net::running(CommandMode::Torque);
-    net.master.on_link(0, LinkEvent::SendFailed);
+    net.master.on_link(BusId::FIRST, LinkEvent::SendFailed);
     net.begin();
     net.compute(Request::None);
     assert!(net.master.is_silent());

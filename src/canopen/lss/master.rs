@@ -2,8 +2,9 @@
 
 use std::time::Duration;
 
-use super::super::{CanopenError, Frame, NodeId, Outbox, Time, cob, node_id};
+use super::super::{CanopenError, Frame, NodeId, Outbox, cob, node_id};
 use super::{FASTSCAN_ANYBODY, LssAddress, Payload, UNCONFIGURED, command, number, with_number};
+use crate::time::Time;
 
 /// What an LSS master asks. Devices have to be switched to configuration before anything else is asked of them, one by
 /// one where the answer matters.

@@ -4,8 +4,9 @@ use std::time::Duration;
 
 use proptest::prelude::*;
 
-use super::super::{Frame, Time, node_id};
+use super::super::{Frame, node_id};
 use super::*;
+use crate::time::Time;
 
 const NOW: Time = Time(0);
 const TIMEOUT: Duration = Duration::from_millis(10);

@@ -1,8 +1,9 @@
 //! Active errors of a device: error register 1001h, history 1003h and emergency messages.
 
-use super::super::dictionary::ERROR_HISTORY;
+use super::super::communication::ERROR_HISTORY;
 use super::super::pdo::NO_ID;
-use super::super::{Address, CanopenError, EmcyCode, ErrorRegister, Frame, Handle, ObjectDictionary, cob, emcy};
+use super::super::{CanopenError, EmcyCode, ErrorRegister, Frame, cob, emcy};
+use crate::objects::{Address, Handle, ObjectDictionary};
 
 /// Most errors that are active at once; one more is reported but cannot be cleared by itself.
 const MAX_ACTIVE: usize = 16;

@@ -1,10 +1,12 @@
 //! SYNC, PDOs and SDO requests of a device.
 
 use super::super::pdo::{self, NO_ID, Pdo, Reception, Rpdo, Tpdo};
-use super::super::{EmcyCode, ErrorRegister, Frame, NmtState, Outbox, Time, cob};
+use super::super::{EmcyCode, ErrorRegister, Frame, NmtState, Outbox, cob};
 use super::application::Application;
 use super::service::Service;
 use super::{Node, PDOS, SYNC_REST};
+use crate::objects::ObjectDictionary;
+use crate::time::Time;
 
 impl Node {
     /// Synchronous RPDOs to the dictionary, then the device, then TPDOs.
@@ -17,27 +19,27 @@ impl Node {
         // Without a counter of its own (1019h) the device takes SYNC with and without one.
         if frame.len() > 1 || (self.has_sync_counter && frame.is_empty()) {
             let bits = ErrorRegister(ErrorRegister::COMMUNICATION);
-            return self.raise_emergency(EmcyCode::SYNC_LENGTH, bits, [0, 0, 0, 0, 0], out);
+            return self.raise_emergency(app.od_mut(), EmcyCode::SYNC_LENGTH, bits, [0, 0, 0, 0, 0], out);
         }
         if self.emergencies.has_any() {
-            let message = self.emergencies.clear_one(&mut self.od, EmcyCode::SYNC_LENGTH, 0);
+            let message = self.emergencies.clear_one(app.od_mut(), EmcyCode::SYNC_LENGTH, 0);
             self.send_emergency(message, out);
         }
         self.window_until = if self.sync_window.is_zero() { Time::NEVER } else { now + self.sync_window };
         if is_operational {
             let mut is_applied = [false; PDOS];
             for (rpdo, is_applied) in self.rpdos.iter_mut().zip(&mut is_applied) {
-                *is_applied = rpdo.on_sync(&mut self.od);
+                *is_applied = rpdo.on_sync(app.od_mut());
             }
             for (number, _) in (1..).zip(is_applied).filter(|&(_, is_applied)| is_applied) {
-                app.on_rpdo(now, &mut self.od, number);
+                app.outputs_applied(now, number);
             }
         }
-        app.on_sync(now, &mut self.od);
+        app.sample(now);
         if is_operational {
             let count = frame.data().first().copied();
             for tpdo in &mut self.tpdos {
-                if let Some(frame) = tpdo.on_sync(count, &self.od) {
+                if let Some(frame) = tpdo.on_sync(count, app.od()) {
                     out.push(frame);
                 }
             }
@@ -57,21 +59,21 @@ impl Node {
         if rpdo.is_synchronous() && now > self.window_until {
             return;
         }
-        let reception = rpdo.receive(now, frame, &mut self.od);
+        let reception = rpdo.receive(now, frame, app.od_mut());
         self.next = self.next.min(rpdo.deadline());
         let number = place as u8 + 1;
         if reception == Reception::TooShort {
             let bits = ErrorRegister(ErrorRegister::COMMUNICATION);
-            return self.raise_emergency(EmcyCode::PDO_LENGTH, bits, [number, 0, 0, 0, 0], out);
+            return self.raise_emergency(app.od_mut(), EmcyCode::PDO_LENGTH, bits, [number, 0, 0, 0, 0], out);
         }
         if self.emergencies.has_any() {
             for code in [EmcyCode::PDO_LENGTH, EmcyCode::RPDO_TIMEOUT] {
-                let message = self.emergencies.clear_one(&mut self.od, code, number);
+                let message = self.emergencies.clear_one(app.od_mut(), code, number);
                 self.send_emergency(message, out);
             }
         }
         if reception == Reception::Applied {
-            app.on_rpdo(now, &mut self.od, number);
+            app.outputs_applied(now, number);
         }
     }
 
@@ -80,12 +82,12 @@ impl Node {
             let is_late = self.rpdos.get_mut(usize::from(number) - 1).is_some_and(|rpdo| rpdo.is_late(now));
             if is_late {
                 let bits = ErrorRegister(ErrorRegister::COMMUNICATION);
-                self.raise_emergency(EmcyCode::RPDO_TIMEOUT, bits, [number, 0, 0, 0, 0], out);
-                app.on_rpdo_timeout(now, &mut self.od, number);
+                self.raise_emergency(app.od_mut(), EmcyCode::RPDO_TIMEOUT, bits, [number, 0, 0, 0, 0], out);
+                app.outputs_late(now, number);
             }
         }
         for tpdo in &mut self.tpdos {
-            if let Some(frame) = tpdo.poll(now, &self.od) {
+            if let Some(frame) = tpdo.poll(now, app.od()) {
                 out.push(frame);
             }
         }
@@ -121,10 +123,10 @@ impl Node {
     }
 
     /// Takes over a changed PDO parameter; other indices do nothing.
-    pub(super) fn take_over_pdo(&mut self, now: Time, index: u16) {
+    pub(super) fn take_over_pdo(&mut self, now: Time, index: u16, od: &ObjectDictionary) {
         match pdo::locate(index) {
             Some((Pdo::Receive(place), _)) => {
-                let fresh = Rpdo::new(&self.od, place);
+                let fresh = Rpdo::new(od, place);
                 if let (Some(rpdo), Some(id)) =
                     (self.rpdos.get_mut(usize::from(place)), self.rpdo_ids.get_mut(usize::from(place)))
                 {
@@ -134,7 +136,7 @@ impl Node {
             }
             Some((Pdo::Transmit(place), _)) => {
                 if let Some(tpdo) = self.tpdos.get_mut(usize::from(place)) {
-                    *tpdo = Tpdo::new(&self.od, place);
+                    *tpdo = Tpdo::new(od, place);
                     if self.state == NmtState::Operational { tpdo.start(now) } else { tpdo.stop() }
                 }
             }
@@ -147,7 +149,7 @@ impl Node {
         if frame.len() != 8 || !is_served {
             return;
         }
-        let mut service = Service { od: &mut self.od, app, changed: None };
+        let mut service = Service { app, changed: None };
         let answer = self.sdo.on_request(now, frame.bytes(), &mut service);
         let changed = service.changed;
         if let Some(payload) = answer {
@@ -155,10 +157,10 @@ impl Node {
         }
         self.poll_sdo(now, out);
         if let Some(index) = changed {
-            self.take_over(now, index);
+            self.take_over(now, index, app.od());
             // The watch starts anew, and with it the errors it found.
             if index == 0x1016 {
-                self.clear_emergency(EmcyCode::HEARTBEAT, out);
+                self.clear_emergency(app.od_mut(), EmcyCode::HEARTBEAT, out);
             }
         }
         self.next = self.earliest();

@@ -1,4 +1,4 @@
-//! A CANopen device without I/O: NMT slave, error control, emergencies, SDO server and PDOs over one dictionary.
+//! A CANopen node without I/O: NMT slave, error control, emergencies, SDO server and PDOs over the dictionary of a device.
 
 mod application;
 mod emergency;
@@ -11,18 +11,18 @@ mod tests;
 use std::collections::VecDeque;
 use std::time::Duration;
 
-pub use application::{Application, Reset};
+pub use application::Application;
 use emergency::Emergencies;
 
-use super::dictionary::{HEARTBEAT_PRODUCERS, MAX_PDOS};
+use super::communication::{HEARTBEAT_PRODUCERS, MAX_PDOS};
 use super::guarding::LifeGuard;
 use super::lss::{LssAddress, LssSlave};
 use super::nmt::{self, HeartbeatChange, HeartbeatConsumer, HeartbeatEvent};
 use super::pdo::{self, NO_ID, Pdo, Rpdo, Tpdo};
 use super::sdo::SdoServer;
-use super::{
-    CanopenError, EmcyCode, ErrorRegister, Frame, NmtCommand, NmtState, NodeId, ObjectDictionary, Outbox, Time, cob,
-};
+use super::{CanopenError, EmcyCode, ErrorRegister, Frame, NmtCommand, NmtState, NodeId, Outbox, cob};
+use crate::objects::{ObjectDictionary, Reset};
+use crate::time::Time;
 
 const PDOS: usize = MAX_PDOS as usize;
 
@@ -42,7 +42,6 @@ const SDO_TIMEOUT: Duration = Duration::from_secs(1);
 #[derive(Clone, Debug)]
 pub struct Node {
     id: NodeId,
-    od: ObjectDictionary,
     state: NmtState,
     sync_id: u16,
     has_sync_counter: bool,
@@ -75,18 +74,17 @@ pub struct Node {
 }
 
 impl Node {
-    /// A device with a dictionary that contains
-    /// [`communication_profile`](super::dictionary::Builder::communication_profile); it is silent until
-    /// [`Node::boot`].
+    /// The node of a device whose dictionary contains a [`CommunicationProfile`](super::CommunicationProfile); it is silent
+    /// until [`Node::boot`]. The dictionary that methods are given later has to be this one.
     ///
     /// # Errors
-    /// [`CanopenError::NoObject`] or [`CanopenError::TypeMismatch`] for a missing communication object,
+    /// [`CanopenError::Dictionary`] for a missing communication object,
     /// [`CanopenError::NotMappable`], [`CanopenError::PdoBits`], [`CanopenError::CobId`] or
     /// [`CanopenError::TransmissionType`] for bad default PDOs.
-    pub fn new(id: NodeId, od: ObjectDictionary) -> Result<Self, CanopenError> {
+    pub fn new(id: NodeId, od: &ObjectDictionary) -> Result<Self, CanopenError> {
         for place in 0..MAX_PDOS {
-            pdo::verify(&od, Pdo::Receive(place))?;
-            pdo::verify(&od, Pdo::Transmit(place))?;
+            pdo::verify(od, Pdo::Receive(place))?;
+            pdo::verify(od, Pdo::Transmit(place))?;
         }
         od.handle::<u32>(0x1005, 0)?;
         od.handle::<u32>(0x1007, 0)?;
@@ -113,10 +111,10 @@ impl Node {
             synced_until: Time(0),
             time_id: NO_ID,
             rpdo_ids: [NO_ID; PDOS],
-            rpdos: [0, 1, 2, 3].map(|place| Rpdo::new(&od, place)),
-            tpdos: [0, 1, 2, 3].map(|place| Tpdo::new(&od, place)),
+            rpdos: [0, 1, 2, 3].map(|place| Rpdo::new(od, place)),
+            tpdos: [0, 1, 2, 3].map(|place| Tpdo::new(od, place)),
             sdo: SdoServer::new(od.longest(), SDO_TIMEOUT),
-            emergencies: Emergencies::new(&od)?,
+            emergencies: Emergencies::new(od)?,
             heartbeats: HeartbeatConsumer::new(),
             heartbeat_period: Duration::ZERO,
             heartbeat_at: Time::NEVER,
@@ -128,9 +126,8 @@ impl Node {
             sdo_time: Duration::ZERO,
             answers: VecDeque::new(),
             next: Time::NEVER,
-            od,
         };
-        node.reload(Time::default());
+        node.reload(Time::default(), od);
         Ok(node)
     }
 
@@ -150,25 +147,15 @@ impl Node {
         self.state
     }
 
-    /// The dictionary.
-    pub fn od(&self) -> &ObjectDictionary {
-        &self.od
-    }
-
-    /// The dictionary, for the device itself. Call [`Node::reload`] after changing communication objects (1000h to
-    /// 1FFFh).
-    pub fn od_mut(&mut self) -> &mut ObjectDictionary {
-        &mut self.od
-    }
-
-    /// Takes over all communication objects; timers and SYNC counts start anew.
-    pub fn reload(&mut self, now: Time) {
+    /// Takes over all communication objects (1000h to 1FFFh); timers and SYNC counts start anew. Call it after the device itself
+    /// has changed any.
+    pub fn reload(&mut self, now: Time, od: &ObjectDictionary) {
         for index in [0x1005, 0x1007, 0x100c, 0x1012, 0x1014, 0x1016, 0x1017, 0x1019] {
-            self.take_over(now, index);
+            self.take_over(now, index, od);
         }
         for place in 0..u16::from(MAX_PDOS) {
-            self.take_over(now, 0x1400 + place);
-            self.take_over(now, 0x1800 + place);
+            self.take_over(now, 0x1400 + place, od);
+            self.take_over(now, 0x1800 + place, od);
         }
     }
 
@@ -248,13 +235,13 @@ impl Node {
     /// TPDO of type 0 at the next SYNC. Does nothing outside Operational.
     ///
     /// Real-time: yes.
-    pub fn trigger_tpdo(&mut self, now: Time, number: u8, out: &mut impl Outbox) {
+    pub fn trigger_tpdo(&mut self, now: Time, number: u8, od: &ObjectDictionary, out: &mut impl Outbox) {
         let Some(tpdo) = self.tpdos.get_mut(usize::from(number).wrapping_sub(1)) else { return };
         if self.state != NmtState::Operational {
             return;
         }
         tpdo.trigger();
-        if let Some(frame) = tpdo.poll(now, &self.od) {
+        if let Some(frame) = tpdo.poll(now, od) {
             out.push(frame);
         }
         self.next = self.next.min(tpdo.deadline());
@@ -264,8 +251,15 @@ impl Node {
     /// emergency message. An error that is active (same code and same first vendor byte) is not reported again.
     ///
     /// Real-time: yes.
-    pub fn raise_emergency(&mut self, code: EmcyCode, bits: ErrorRegister, vendor: [u8; 5], out: &mut impl Outbox) {
-        let message = self.emergencies.raise(&mut self.od, code, bits, vendor);
+    pub fn raise_emergency(
+        &mut self,
+        od: &mut ObjectDictionary,
+        code: EmcyCode,
+        bits: ErrorRegister,
+        vendor: [u8; 5],
+        out: &mut impl Outbox,
+    ) {
+        let message = self.emergencies.raise(od, code, bits, vendor);
         self.send_emergency(message, out);
     }
 
@@ -273,16 +267,16 @@ impl Node {
     /// if there were none.
     ///
     /// Real-time: yes.
-    pub fn clear_emergency(&mut self, code: EmcyCode, out: &mut impl Outbox) {
-        let message = self.emergencies.clear_code(&mut self.od, code);
+    pub fn clear_emergency(&mut self, od: &mut ObjectDictionary, code: EmcyCode, out: &mut impl Outbox) {
+        let message = self.emergencies.clear_code(od, code);
         self.send_emergency(message, out);
     }
 
     /// Reports that all errors have gone; nothing if there were none.
     ///
     /// Real-time: yes.
-    pub fn clear_all_emergencies(&mut self, out: &mut impl Outbox) {
-        let message = self.emergencies.clear_all(&mut self.od);
+    pub fn clear_all_emergencies(&mut self, od: &mut ObjectDictionary, out: &mut impl Outbox) {
+        let message = self.emergencies.clear_all(od);
         self.send_emergency(message, out);
     }
 
@@ -309,7 +303,7 @@ impl Node {
     fn reset(&mut self, now: Time, reset: Reset, app: &mut impl Application, out: &mut impl Outbox) {
         self.state = NmtState::Initialising;
         let last = if reset == Reset::Node { u16::MAX } else { 0x1fff };
-        self.od.restore_power_on_values(0, last);
+        app.od_mut().restore_power_on_values(0, last);
         self.sdo.reset();
         self.emergencies.reset();
         self.answers.clear();
@@ -319,9 +313,9 @@ impl Node {
             self.next = Time::NEVER;
             return;
         };
-        self.take_node_id(id);
-        app.on_reset(now, &mut self.od, reset);
-        self.reload(now);
+        self.take_node_id(id, app.od_mut());
+        app.reset(now, reset);
+        self.reload(now, app.od());
         if self.reset_time.is_zero() {
             return self.announce(now, app, out);
         }
@@ -348,7 +342,7 @@ impl Node {
             if state == NmtState::Operational { tpdo.start(now) } else { tpdo.stop() }
         }
         self.next = self.earliest();
-        app.on_nmt(now, &mut self.od, state);
+        app.on_nmt(now, state);
     }
 
     fn on_heartbeat(&mut self, now: Time, frame: &Frame, app: &mut impl Application, out: &mut impl Outbox) {
@@ -375,20 +369,20 @@ impl Node {
                 self.lose_partner(now, source, app, out);
             }
             HeartbeatChange::Present(_) => {
-                let message = self.emergencies.clear_one(&mut self.od, EmcyCode::HEARTBEAT, source);
+                let message = self.emergencies.clear_one(app.od_mut(), EmcyCode::HEARTBEAT, source);
                 self.send_emergency(message, out);
             }
             HeartbeatChange::BootUp | HeartbeatChange::State(_) => {}
         }
-        app.on_heartbeat_event(now, &mut self.od, event);
+        app.on_heartbeat_event(now, event);
     }
 
     /// Emergency 8130h and the error behaviour of a lost heartbeat or life guarding.
     fn lose_partner(&mut self, now: Time, source: u8, app: &mut impl Application, out: &mut impl Outbox) {
         let bits = ErrorRegister(ErrorRegister::COMMUNICATION);
-        self.raise_emergency(EmcyCode::HEARTBEAT, bits, [source, 0, 0, 0, 0], out);
+        self.raise_emergency(app.od_mut(), EmcyCode::HEARTBEAT, bits, [source, 0, 0, 0, 0], out);
         // 1029h:1 of CiA 301: 0 leaves Operational, 1 changes nothing, 2 stops.
-        match (self.od.raw(0x1029, 1), self.state) {
+        match (app.od().raw(0x1029, 1), self.state) {
             (0, NmtState::Operational) => self.enter(now, NmtState::PreOperational, app),
             (2, _) => self.enter(now, NmtState::Stopped, app),
             _ => {}
@@ -413,7 +407,7 @@ impl Node {
         }
         if self.life_guard.is_late(now) {
             self.lose_partner(now, LIFE_GUARDING, app, out);
-            app.on_life_guarding(now, &mut self.od, true);
+            app.on_life_guarding(now, true);
         }
         self.poll_pdos(now, app, out);
         self.poll_sdo(now, out);
@@ -421,35 +415,35 @@ impl Node {
     }
 
     /// Takes over a communication object after it was written.
-    fn take_over(&mut self, now: Time, index: u16) {
+    fn take_over(&mut self, now: Time, index: u16, od: &ObjectDictionary) {
         match index {
-            0x1005 => self.sync_id = (self.od.raw(0x1005, 0) & 0x7ff) as u16,
-            0x1007 => self.sync_window = Duration::from_micros(self.od.raw(0x1007, 0)),
-            0x1019 => self.has_sync_counter = self.od.raw(0x1019, 0) != 0,
+            0x1005 => self.sync_id = (od.raw(0x1005, 0) & 0x7ff) as u16,
+            0x1007 => self.sync_window = Duration::from_micros(od.raw(0x1007, 0)),
+            0x1019 => self.has_sync_counter = od.raw(0x1019, 0) != 0,
             0x100c | 0x100d => {
-                let guard_time = Duration::from_millis(self.od.raw(0x100c, 0));
-                self.life_guard.configure(guard_time, self.od.raw(0x100d, 0) as u8);
+                let guard_time = Duration::from_millis(od.raw(0x100c, 0));
+                self.life_guard.configure(guard_time, od.raw(0x100d, 0) as u8);
             }
             0x1012 => {
-                let cob_id = self.od.raw(0x1012, 0) as u32;
+                let cob_id = od.raw(0x1012, 0) as u32;
                 self.time_id = if cob_id & cob::INVALID == 0 { NO_ID } else { (cob_id & 0x7ff) as u16 };
             }
-            0x1014 => self.emergencies.reload(&self.od),
-            0x1016 => self.watch_heartbeats(),
+            0x1014 => self.emergencies.reload(od),
+            0x1016 => self.watch_heartbeats(od),
             0x1017 => {
-                self.heartbeat_period = Duration::from_millis(self.od.raw(0x1017, 0));
+                self.heartbeat_period = Duration::from_millis(od.raw(0x1017, 0));
                 let is_off = self.heartbeat_period.is_zero();
                 self.heartbeat_at = if is_off { Time::NEVER } else { now + self.heartbeat_period };
             }
-            _ => self.take_over_pdo(now, index),
+            _ => self.take_over_pdo(now, index, od),
         }
         self.next = self.earliest();
     }
 
-    fn watch_heartbeats(&mut self) {
+    fn watch_heartbeats(&mut self, od: &ObjectDictionary) {
         self.heartbeats.clear();
         for sub in 1..=HEARTBEAT_PRODUCERS {
-            let entry = self.od.raw(0x1016, sub);
+            let entry = od.raw(0x1016, sub);
             if let Ok(node) = NodeId::new((entry >> 16) as u8) {
                 self.heartbeats.watch(node, Duration::from_millis(entry & 0xffff));
             }

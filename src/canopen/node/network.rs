@@ -1,9 +1,11 @@
 //! Node guarding, TIME and LSS of a device.
 
 use super::super::lss::LssEvent;
-use super::super::{Address, EmcyCode, Frame, NmtState, NodeId, Outbox, Time, cob, time};
-use super::application::{Application, Reset};
+use super::super::{EmcyCode, Frame, NmtState, NodeId, Outbox, cob, time};
+use super::application::Application;
 use super::{LIFE_GUARDING, Node, PDOS};
+use crate::objects::{Address, ObjectDictionary, Reset};
+use crate::time::Time;
 
 impl Node {
     /// A remote frame: node guarding, which a device with a heartbeat does not do. PDOs are not sent on request.
@@ -15,16 +17,16 @@ impl Node {
         let (answer, was_lost) = self.life_guard.answer(now, self.id, self.state);
         out.push(answer);
         if was_lost {
-            let message = self.emergencies.clear_one(&mut self.od, EmcyCode::HEARTBEAT, LIFE_GUARDING);
+            let message = self.emergencies.clear_one(app.od_mut(), EmcyCode::HEARTBEAT, LIFE_GUARDING);
             self.send_emergency(message, out);
-            app.on_life_guarding(now, &mut self.od, false);
+            app.on_life_guarding(now, false);
         }
         self.next = self.earliest();
     }
 
     pub(super) fn on_time(&mut self, now: Time, frame: &Frame, app: &mut impl Application) {
         if let (Some(time), NmtState::PreOperational | NmtState::Operational) = (time::decode(frame), self.state) {
-            app.on_time(now, &mut self.od, time);
+            app.on_time(now, time);
         }
     }
 
@@ -38,13 +40,13 @@ impl Node {
         }
         match event {
             Some(LssEvent::Configured) => self.reset(now, Reset::Node, app, out),
-            Some(LssEvent::BitRate { bit_rate, delay }) => app.on_bit_rate(now, &mut self.od, bit_rate, delay),
+            Some(LssEvent::BitRate { bit_rate, delay }) => app.on_bit_rate(now, bit_rate, delay),
             None => {}
         }
     }
 
     /// Takes a node id over, and with it the identifiers that follow it: those of the predefined connection set.
-    pub(super) fn take_node_id(&mut self, id: NodeId) {
+    pub(super) fn take_node_id(&mut self, id: NodeId, od: &mut ObjectDictionary) {
         let before = std::mem::replace(&mut self.id, id);
         if before == id {
             return;
@@ -52,7 +54,7 @@ impl Node {
         let mut follow = |index: u16, sub: u8, old: u16, new: u16| {
             let is_default = |raw: u32| raw & 0x1fff_ffff == u32::from(old);
             let change = |raw| if is_default(raw) { raw & 0xe000_0000 | u32::from(new) } else { raw };
-            self.od.change_everywhere(Address::new(index, sub), change);
+            od.change_everywhere(Address::new(index, sub), change);
         };
         follow(0x1014, 0, cob::emcy(before), cob::emcy(id));
         follow(0x1200, 1, cob::sdo_request(before), cob::sdo_request(id));

@@ -1,10 +1,10 @@
 //! What the SDO server of a device reads and writes: the dictionary under the rules of its communication objects.
 
-use super::super::dictionary::HEARTBEAT_PRODUCERS;
-use super::super::value::load_le;
-use super::super::{AbortCode, Address, ObjectDictionary, cob, pdo, sdo};
+use super::super::communication::HEARTBEAT_PRODUCERS;
+use super::super::{cob, pdo, sdo};
 use super::application::Application;
 use super::emergency::forget_history;
+use crate::objects::{AbortCode, Address, ObjectDictionary, load_le};
 
 /// Object that stores parameters, and the text "save" that has to be written to it.
 const STORE: u16 = 0x1010;
@@ -13,9 +13,8 @@ const SAVE: u64 = u32::from_le_bytes(*b"save") as u64;
 const RESTORE: u16 = 0x1011;
 const LOAD: u64 = u32::from_le_bytes(*b"load") as u64;
 
-/// The dictionary of a device as its SDO server sees it.
+/// The objects of a device as its SDO server sees them.
 pub(super) struct Service<'a, A> {
-    pub(super) od: &'a mut ObjectDictionary,
     pub(super) app: &'a mut A,
     /// Index of a communication object that was written.
     pub(super) changed: Option<u16>,
@@ -23,42 +22,45 @@ pub(super) struct Service<'a, A> {
 
 impl<A: Application> sdo::Objects for Service<'_, A> {
     fn read(&mut self, at: Address, value: &mut Vec<u8>) -> Result<(), AbortCode> {
-        self.od.read(at)?;
-        if at.index == 0x1003 && u64::from(at.subindex) > self.od.raw(0x1003, 0) {
+        let od = self.app.od();
+        od.read(at)?;
+        if at.index == 0x1003 && u64::from(at.sub) > od.raw(0x1003, 0) {
             return Err(AbortCode::NO_DATA);
         }
-        self.app.before_read(self.od, at)?;
-        value.extend_from_slice(self.od.read(at)?);
+        self.app.before_read(at)?;
+        value.extend_from_slice(self.app.od().read(at)?);
         Ok(())
     }
 
     fn check_download(&self, at: Address, len: Option<usize>) -> Result<(), AbortCode> {
         match len {
-            Some(len) => self.od.check_write_len(at, len),
-            None => self.od.check_writable(at),
+            Some(len) => self.app.od().check_write_len(at, len),
+            None => self.app.od().check_writable(at),
         }
     }
 
     fn size(&self, at: Address) -> Option<usize> {
-        self.od.data_type(at)?.size()
+        self.app.od().data_type(at)?.size()
     }
 
     fn write(&mut self, at: Address, value: &[u8]) -> Result<(), AbortCode> {
-        self.od.check_write(at, value)?;
-        check_communication(self.od, at, load_le(value))?;
-        self.app.before_write(self.od, at, value)?;
+        let od = self.app.od();
+        od.check_write(at, value)?;
+        check_communication(od, at, load_le(value))?;
+        self.app.before_write(at, value)?;
+        let od = self.app.od_mut();
         match at.index {
-            STORE => self.od.store_parameters(),
-            RESTORE => self.od.forget_stored(),
-            _ => self.od.store(at, value),
+            STORE => od.store_parameters(),
+            RESTORE => od.forget_stored(),
+            _ => od.store(at, value),
         }
         if at.index == 0x1003 {
-            forget_history(self.od);
+            forget_history(od);
         }
         if (0x1000..0x2000).contains(&at.index) {
             self.changed = Some(at.index);
         }
-        self.app.after_write(self.od, at);
+        self.app.after_write(at);
         Ok(())
     }
 }
@@ -79,7 +81,7 @@ fn check_communication(od: &ObjectDictionary, at: Address, value: u64) -> Result
         0x1019 if value == 1 => Err(AbortCode::VALUE),
         0x1019 if value != od.raw(0x1019, 0) && od.raw(0x1006, 0) != 0 => Err(AbortCode::DEVICE_STATE),
         0x1014 => pdo::check_cob_id(od.raw(0x1014, 0) as u32, value as u32),
-        0x1016 => check_heartbeat_producer(od, at.subindex, value),
+        0x1016 => check_heartbeat_producer(od, at.sub, value),
         0x1400..=0x1bff => pdo::check_write(od, at, value),
         _ => Ok(()),
     }

@@ -2,8 +2,10 @@
 
 use std::time::Duration;
 
-use super::super::{Frame, ObjectDictionary, Time, cob};
+use super::super::{Frame, cob};
 use super::parameters::{Mapping, Pdo, is_served};
+use crate::objects::ObjectDictionary;
+use crate::time::Time;
 
 /// Identifier of a PDO that is not used: no frame has it.
 pub(in super::super) const NO_ID: u16 = u16::MAX;

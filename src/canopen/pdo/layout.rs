@@ -2,8 +2,8 @@
 
 use canopen_rs::MappingEntry;
 
-use super::super::value::{mask, sign_extend};
 use super::super::{CanopenError, NodeId};
+use crate::objects::{mask, sign_extend};
 
 /// The bits of one mapped object within a PDO seen as a little-endian word.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]

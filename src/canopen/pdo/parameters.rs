@@ -5,9 +5,10 @@
 //! CiA 301, objects 1400h to 1BFFh and the procedure for remapping. Where the standard names no abort code:
 //! 08000022h for a mapping changed while in use, 06090030h for a value that is not allowed.
 
-use super::super::dictionary::{MAX_MAPPED, MAX_PDOS};
-use super::super::{AbortCode, Address, CanopenError, Mappable, MappingEntry, ObjectDictionary, cob};
+use super::super::communication::{MAX_MAPPED, MAX_PDOS};
+use super::super::{CanopenError, MappingEntry, cob};
 use super::{Field, is_dummy};
+use crate::objects::{AbortCode, Address, Mappable, ObjectDictionary};
 
 /// One PDO of a device, by direction and place (0 to 3).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -58,10 +59,10 @@ pub(in super::super) fn check_write(od: &ObjectDictionary, at: Address, value: u
     let Some((pdo, is_mapping)) = locate(at.index) else { return Ok(()) };
     let old_cob_id = od.raw(pdo.communication(), 1) as u32;
     let is_used = old_cob_id & cob::INVALID == 0;
-    match (is_mapping, at.subindex) {
+    match (is_mapping, at.sub) {
         (false, 1) => check_cob_id(old_cob_id, value as u32),
         (false, 2) if !is_served(value as u8) => Err(AbortCode::VALUE),
-        (false, 3 | 6) if is_used && value != od.raw(at.index, at.subindex) => Err(AbortCode::DEVICE_STATE),
+        (false, 3 | 6) if is_used && value != od.raw(at.index, at.sub) => Err(AbortCode::DEVICE_STATE),
         (true, _) if is_used => Err(AbortCode::DEVICE_STATE),
         (true, 0) => Mapping::compile(od, pdo, value as usize).map(|_| ()),
         (true, _) if od.raw(at.index, 0) != 0 => Err(AbortCode::DEVICE_STATE),
@@ -115,7 +116,8 @@ fn target(od: &ObjectDictionary, pdo: Pdo, entry: MappingEntry) -> Result<Option
         let is_length_right = dummy_bits(entry.address.index) == entry.bit_length;
         return if is_allowed && is_length_right { Ok(None) } else { Err(AbortCode::NOT_MAPPABLE) };
     }
-    od.mappable_offset(entry.address, entry.bit_length, pdo.wanted()).map(Some)
+    od.mappable_offset(Address::new(entry.address.index, entry.address.subindex), entry.bit_length, pdo.wanted())
+        .map(Some)
 }
 
 /// Length of the data type whose index is mapped to skip bits.

@@ -11,8 +11,9 @@
 
 use std::time::Duration;
 
-use super::super::{AbortCode, Time};
 use super::wire::{self, BlockFrame, LARGEST_BLOCK, Payload, SEGMENT};
+use crate::objects::AbortCode;
+use crate::time::Time;
 
 /// Time after which a segment for which there was no room is offered again: that of about two frames at 1 Mbit/s.
 const BACK_OFF: Duration = Duration::from_micros(250);

@@ -3,29 +3,10 @@
 use std::collections::VecDeque;
 use std::time::Duration;
 
-use super::super::{CanopenError, Frame, NodeId, Outbox, Time};
+use super::super::{CanopenError, Frame, NodeId, Outbox};
 use super::{SdoClient, SdoOutcome};
-
-/// What to do with one object.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub enum SdoRequest {
-    /// Read it.
-    Read {
-        /// Object index.
-        index: u16,
-        /// Sub-index.
-        sub: u8,
-    },
-    /// Write it.
-    Write {
-        /// Object index.
-        index: u16,
-        /// Sub-index.
-        sub: u8,
-        /// Little-endian bytes of the value.
-        data: Vec<u8>,
-    },
-}
+use crate::objects::{Address, ObjectRequest};
+use crate::time::Time;
 
 /// Tells the replies to requests apart.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
@@ -48,7 +29,7 @@ pub struct SdoReply {
 struct Lane {
     client: SdoClient,
     running: Option<SdoTicket>,
-    waiting: VecDeque<(SdoTicket, SdoRequest)>,
+    waiting: VecDeque<(SdoTicket, Address, Option<Vec<u8>>)>,
 }
 
 /// Values from so many bytes on are transferred in blocks where the device can do that.
@@ -99,17 +80,21 @@ impl SdoClients {
         &mut self,
         now: Time,
         node: NodeId,
-        request: SdoRequest,
+        request: ObjectRequest<'_>,
         out: &mut impl Outbox,
     ) -> Result<SdoTicket, CanopenError> {
         let lane = self.lanes.iter_mut().find(|lane| lane.client.node() == node);
         let lane = lane.ok_or(CanopenError::NodeId(node.raw()))?;
-        if let SdoRequest::Write { data, .. } = &request {
-            lane.client.check_len(data.len())?;
-        }
+        let (at, data) = match request {
+            ObjectRequest::Read(at) => (at, None),
+            ObjectRequest::Write(at, data) => {
+                lane.client.check_len(data.len())?;
+                (at, Some(data.to_vec()))
+            }
+        };
         self.issued += 1;
         let ticket = SdoTicket(self.issued);
-        lane.waiting.push_back((ticket, request));
+        lane.waiting.push_back((ticket, at, data));
         lane.start_next(now, out);
         Ok(ticket)
     }
@@ -153,13 +138,13 @@ impl Lane {
         if self.running.is_some() {
             return;
         }
-        let Some((ticket, request)) = self.waiting.pop_front() else { return };
-        let started = match request {
-            SdoRequest::Read { index, sub } => self.client.start_upload(now, index, sub, out),
-            SdoRequest::Write { index, sub, data } if data.len() >= BLOCKS_FROM => {
-                self.client.start_block_download(now, index, sub, &data, out)
+        let Some((ticket, at, data)) = self.waiting.pop_front() else { return };
+        let started = match data {
+            None => self.client.start_upload(now, at.index, at.sub, out),
+            Some(data) if data.len() >= BLOCKS_FROM => {
+                self.client.start_block_download(now, at.index, at.sub, &data, out)
             }
-            SdoRequest::Write { index, sub, data } => self.client.start_download(now, index, sub, &data, out),
+            Some(data) => self.client.start_download(now, at.index, at.sub, &data, out),
         };
         self.running = started.is_ok().then_some(ticket);
     }
@@ -168,7 +153,8 @@ impl Lane {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::canopen::{AbortCode, Address, node_id};
+    use crate::canopen::node_id;
+    use crate::objects::{AbortCode, Address};
 
     const NOW: Time = Time(0);
 
@@ -176,8 +162,8 @@ mod tests {
         node_id(raw).unwrap()
     }
 
-    fn read(index: u16) -> SdoRequest {
-        SdoRequest::Read { index, sub: 0 }
+    fn read(index: u16) -> ObjectRequest<'static> {
+        ObjectRequest::Read(Address::new(index, 0))
     }
 
     fn two_nodes() -> SdoClients {
@@ -192,7 +178,7 @@ mod tests {
     fn nodes_are_served_side_by_side_and_each_in_order() {
         let mut clients = two_nodes();
         let mut out = Vec::new();
-        let write = SdoRequest::Write { index: 0x6040, sub: 0, data: vec![6, 0] };
+        let write = ObjectRequest::Write(Address::new(0x6040, 0), &[6, 0]);
         let first = clients.request(NOW, node(1), read(0x6041), &mut out).unwrap();
         let second = clients.request(NOW, node(1), write, &mut out).unwrap();
         let other = clients.request(NOW, node(2), read(0x1000), &mut out).unwrap();
@@ -219,9 +205,9 @@ mod tests {
     fn a_failed_request_does_not_hold_up_the_next_one() {
         let mut clients = two_nodes();
         let mut out = Vec::new();
-        let write = |value: u8| SdoRequest::Write { index: 0x6060, sub: 0, data: vec![value] };
-        clients.request(NOW, node(1), write(8), &mut out).unwrap();
-        clients.request(NOW, node(1), write(9), &mut out).unwrap();
+        let write = |value: &'static [u8]| ObjectRequest::Write(Address::new(0x6060, 0), value);
+        clients.request(NOW, node(1), write(&[8]), &mut out).unwrap();
+        clients.request(NOW, node(1), write(&[9]), &mut out).unwrap();
         out.clear();
         let late = NOW + Duration::from_millis(100);
         let reply = clients.poll(late, &mut out).unwrap();
@@ -238,12 +224,13 @@ mod tests {
     fn long_values_go_in_blocks_and_impossible_requests_are_refused() {
         let mut clients = two_nodes();
         let mut out = Vec::new();
-        let long = SdoRequest::Write { index: 0x1f50, sub: 1, data: vec![0; 64] };
+        let long = ObjectRequest::Write(Address::new(0x1f50, 1), &[0; 64]);
         clients.request(NOW, node(1), long, &mut out).unwrap();
         assert_eq!(out, [Frame::new(0x601, &[0xc6, 0x50, 0x1f, 1, 64, 0, 0, 0])]);
         assert_eq!(clients.request(NOW, node(3), read(0x1000), &mut out), Err(CanopenError::NodeId(3)));
         let capacity = SdoClient::DEFAULT_CAPACITY;
-        let huge = SdoRequest::Write { index: 0x1f50, sub: 1, data: vec![0; capacity + 1] };
+        let data = vec![0; capacity + 1];
+        let huge = ObjectRequest::Write(Address::new(0x1f50, 1), &data);
         let refused = clients.request(NOW, node(2), huge, &mut out);
         assert_eq!(refused, Err(CanopenError::SdoBuffer { len: capacity + 1, capacity }));
     }

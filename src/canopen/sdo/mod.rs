@@ -9,5 +9,5 @@ mod tests;
 mod wire;
 
 pub use client::{SdoClient, SdoOutcome};
-pub use clients::{SdoClients, SdoReply, SdoRequest, SdoTicket};
+pub use clients::{SdoClients, SdoReply, SdoTicket};
 pub(super) use server::{Objects, SdoServer};

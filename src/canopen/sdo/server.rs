@@ -2,9 +2,10 @@
 
 use std::time::Duration;
 
-use super::super::{AbortCode, Address, Time};
 use super::block::{BlockReceiver, BlockSender, Taken};
 use super::wire::{self, BlockFrame, Initiate, Payload, Request};
+use crate::objects::{AbortCode, Address};
+use crate::time::Time;
 
 /// What the server serves: a dictionary with the rules of its device.
 pub(in super::super) trait Objects {

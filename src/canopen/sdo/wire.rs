@@ -7,7 +7,7 @@ use canopen_rs::Segment;
 use canopen_rs::sdo as codec;
 use canopen_rs::sdo::block as block_codec;
 
-use super::super::{AbortCode, Address};
+use crate::objects::{AbortCode, Address};
 
 /// Payload of every SDO frame.
 pub(super) type Payload = [u8; 8];
@@ -234,24 +234,24 @@ pub(super) fn block_end(data: &[u8], has_crc: bool) -> Payload {
 
 /// A request to read in blocks of `block_size` segments; short values may come without.
 pub(super) fn block_upload_request(at: Address, block_size: u8, switch_below: u8) -> Payload {
-    let mut payload = block_codec::encode_upload_initiate(at, block_size, true);
+    let mut payload = block_codec::encode_upload_initiate(at.into(), block_size, true);
     payload[5] = switch_below;
     payload
 }
 
 /// A request to write in blocks.
 pub(super) fn block_download_request(at: Address, len: usize) -> Payload {
-    block_codec::encode_download_initiate(at, u32::try_from(len).ok(), true)
+    block_codec::encode_download_initiate(at.into(), u32::try_from(len).ok(), true)
 }
 
 /// The first answer to a read in blocks.
 pub(super) fn block_upload_response(at: Address, len: usize) -> Payload {
-    block_codec::encode_upload_initiate_response(at, u32::try_from(len).ok(), true)
+    block_codec::encode_upload_initiate_response(at.into(), u32::try_from(len).ok(), true)
 }
 
 /// The first answer to a write in blocks.
 pub(super) fn block_download_response(at: Address, block_size: u8) -> Payload {
-    block_codec::encode_download_initiate_response(at, block_size, true)
+    block_codec::encode_download_initiate_response(at.into(), block_size, true)
 }
 
 /// An initiate frame with its data (1 to 4 bytes), 2Xh from a client or 4Xh from a server.
@@ -259,7 +259,7 @@ fn expedited(specifier: u8, at: Address, data: &[u8]) -> Payload {
     let len = data.len().clamp(1, EXPEDITED);
     let unused = (EXPEDITED - len) as u8;
     let [low, high] = at.index.to_le_bytes();
-    let mut payload = [specifier | unused << 2 | IS_EXPEDITED | SIZE_INDICATED, low, high, at.subindex, 0, 0, 0, 0];
+    let mut payload = [specifier | unused << 2 | IS_EXPEDITED | SIZE_INDICATED, low, high, at.sub, 0, 0, 0, 0];
     for (to, from) in payload.iter_mut().skip(4).zip(data) {
         *to = *from;
     }
@@ -271,12 +271,28 @@ pub(super) const fn is_expedited(len: usize) -> bool {
     len >= 1 && len <= EXPEDITED
 }
 
+/// The first frame of a read.
+pub(super) fn upload_request(at: Address) -> Payload {
+    codec::encode_upload_request(at.into())
+}
+
+/// The confirmation of a write.
+pub(super) fn download_response(at: Address) -> Payload {
+    codec::encode_download_response(at.into())
+}
+
+impl From<Address> for canopen_rs::Address {
+    fn from(at: Address) -> Self {
+        Self::new(at.index, at.sub)
+    }
+}
+
 /// The first frame of a write.
 pub(super) fn download_request(at: Address, data: &[u8]) -> Payload {
     if is_expedited(data.len()) {
         expedited(0x20, at, data)
     } else {
-        codec::encode_download_initiate_segmented(at, data.len() as u32)
+        codec::encode_download_initiate_segmented(at.into(), data.len() as u32)
     }
 }
 
@@ -285,7 +301,7 @@ pub(super) fn upload_response(at: Address, data: &[u8]) -> Payload {
     if is_expedited(data.len()) {
         expedited(0x40, at, data)
     } else {
-        codec::encode_upload_initiate_segmented_response(at, data.len() as u32)
+        codec::encode_upload_initiate_segmented_response(at.into(), data.len() as u32)
     }
 }
 
@@ -301,14 +317,12 @@ pub(super) fn segment(data: &[u8], sent: usize, toggle: bool) -> (Payload, usize
 pub(super) fn abort(at: Address, code: AbortCode) -> Payload {
     let [low, high] = at.index.to_le_bytes();
     let [a, b, c, d] = code.0.to_le_bytes();
-    [ABORT, low, high, at.subindex, a, b, c, d]
+    [ABORT, low, high, at.sub, a, b, c, d]
 }
 
 pub(super) use block_codec::crc16 as crc;
 pub(super) use block_codec::encode_end_response as block_end_confirmed;
 pub(super) use block_codec::encode_sub_response as block_acknowledge;
 pub(super) use block_codec::encode_upload_start as block_start;
-pub(super) use codec::encode_download_response as download_response;
 pub(super) use codec::encode_download_segment_response as download_segment_response;
-pub(super) use codec::encode_upload_request as upload_request;
 pub(super) use codec::encode_upload_segment_request as upload_segment_request;

@@ -60,9 +60,10 @@ fn name(device: Device, rig: &config::Rig) -> &str {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::canopen::{Frame, Time};
+    use crate::canopen::Frame;
     use crate::cli::failure::Exit;
     use crate::config::Source;
+    use crate::time::Time;
 
     #[test]
     fn what_a_device_told_stands_in_the_message_once() {

@@ -12,9 +12,9 @@ use super::super::picture::{drawing_failure, write_drawing};
 use super::super::progress::Progress;
 use super::{Arguments, measures_text};
 use crate::config::{self, Coupling, ImpedanceDevice, Loaded};
+use crate::report::drawing;
 use crate::report::{Overrides, RunReport, replay, run_device};
 use crate::rig::ImpedanceRig;
-use crate::study::drawing;
 
 pub(super) fn run(arguments: &Arguments, device: &Loaded<ImpedanceDevice>, output: &mut Output) -> Result<(), Failure> {
     check(arguments)?;

@@ -7,7 +7,7 @@ use serde::{Deserialize, Serialize};
 
 use super::surface::Surface;
 use crate::config::number::{Finite, NotNegative, Positive};
-use crate::fixture::{self, FixtureError, Several, Shape2, Shape3, Surface as _};
+use crate::fixture::{self, FixtureError, Several, Shape2, Shape3};
 
 /// A plasticity-based virtual fixture (KTF08).
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema, Validate)]
@@ -96,16 +96,6 @@ impl Fixture {
         };
         all.insert(0, first);
         Ok(Some(Shape3::Several(Several::new(all, self.side == Side::Unilateral)?)))
-    }
-
-    /// Smallest radius of curvature in m; infinite when flat.
-    ///
-    /// # Errors
-    /// Why the numbers give no shape.
-    pub fn smallest_radius_m(&self) -> Result<f64, FixtureError> {
-        let planar = self.planar()?.map(|shape| shape.smallest_radius_m());
-        let spatial = self.spatial()?.map(|shape| shape.smallest_radius_m());
-        Ok(planar.or(spatial).unwrap_or(f64::INFINITY))
     }
 }
 

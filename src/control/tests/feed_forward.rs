@@ -36,7 +36,7 @@ fn the_terms_add_up() {
 #[test]
 fn the_direction_follows_travel_and_is_kept_at_rest() {
     let mut ff = feed_forward();
-    let mut coulomb = |rate: f64| ff.step(JointRates::new(rate, 0.0), None).coulomb.0.x;
+    let mut coulomb = |rate: f64| ff.step(JointRates::new(rate, 0.0), None).coulomb.left();
     // 12.5 microradians per period: a quarter of the transition.
     for expected in [2.5, 5.0, 7.5, 10.0, 10.0] {
         assert!((coulomb(0.0125) - expected).abs() < 1e-12);
@@ -58,7 +58,7 @@ fn rounding_of_a_resting_proxy_does_not_chatter() {
     let mut last = 0.0;
     for i in 0..1000 {
         let rate = if i % 2 == 0 { 1e-13 } else { -1e-13 };
-        let torque = ff.step(JointRates::new(rate, 0.0), None).torques.0.x;
+        let torque = ff.step(JointRates::new(rate, 0.0), None).torques.left();
         assert!((torque - last).abs() < 1e-10);
         last = torque;
     }
@@ -73,7 +73,7 @@ fn an_impact_is_cut_by_the_range() {
         accelerations: Vector2::new(-1000.0, 0.0),
         bias_n_m: Vector2::zeros(),
     };
-    let torque = ff.step(JointRates::default(), Some(&term)).torques.0.x;
+    let torque = ff.step(JointRates::default(), Some(&term)).torques.left();
     assert_eq!(torque, -350.0);
     let (fed, range) = EffortRange::around(60.0, torque);
     assert_eq!((fed, range), (-60.0, EffortRange::new(0.0, 120.0)));
@@ -132,9 +132,9 @@ fn follow(coulomb_n_m: f64, real_coulomb_n_m: f64, desired: impl Fn(f64) -> f64)
         let now = desired(f64::from(i) * PERIOD_S);
         let step = ff.step(JointRates::new((now - before) / PERIOD_S, 0.0), None);
         before = now;
-        change += (step.coulomb.0.x - coulomb).abs() / 4.0;
-        coulomb = step.coulomb.0.x;
-        let (fed, range) = EffortRange::around(60.0, step.torques.0.x);
+        change += (step.coulomb.left() - coulomb).abs() / 4.0;
+        coulomb = step.coulomb.left();
+        let (fed, range) = EffortRange::around(60.0, step.torques.left());
         let error = now - joint.angle;
         worst = worst.max(error.abs());
         let next = fed + law.step(error, range).effort;

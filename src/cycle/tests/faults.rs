@@ -112,13 +112,13 @@ fn inject(fault: Fault, bench: &mut Bench) -> Outputs {
             bench.angles = angles.to_array().map(Some);
         }
         Fault::WorkspaceEdge => {
-            let is_fast = bench.cycle.reference.is_some_and(|reference| reference.velocity.0.norm() > 0.3);
+            let is_fast = bench.cycle.reference.is_some_and(|reference| reference.velocity.norm() > 0.3);
             bench.force = [0.0, if is_fast { 0.0 } else { 26.0 }];
         }
         Fault::WorkspaceLeft => {
             // The whole arm is taken there, reference and all: only the place is wrong.
             if let Some(reference) = &mut bench.cycle.reference {
-                let tip = TipPoint(reference.point.0 + Vector2::new(0.0, 2e-4));
+                let tip = reference.point + TipDisplacement::new(0.0, 2e-4);
                 if let Ok(angles) = bench.cycle.linkage.inverse(tip) {
                     (reference.point, reference.angles) = (tip, angles);
                     bench.cycle.fixture.reset(&tip.0).unwrap();
@@ -151,7 +151,7 @@ fn inject(fault: Fault, bench: &mut Bench) -> Outputs {
 
 fn push_tool(bench: &mut Bench, by: [f64; 2]) {
     let tip = bench.cycle.linkage.forward(JointAngles::from(bench.angles.map(Option::unwrap))).unwrap().tip;
-    let angles = bench.cycle.linkage.inverse(TipPoint(tip.0 + Vector2::from(by))).unwrap();
+    let angles = bench.cycle.linkage.inverse(tip + TipDisplacement::from(by)).unwrap();
     bench.angles = angles.to_array().map(Some);
 }
 
@@ -354,9 +354,9 @@ fn one_missed_frame_is_predicted_and_forgotten() {
     let before = bench.cycle.measured;
     let outputs = bench.step_without(0);
     assert_eq!(outputs.directive.state, State::Running);
-    let predicted = before.angles.0.x + before.rates.0.x * PERIOD_S;
-    assert_eq!(outputs.signals.measured_angles.0.x, predicted);
-    assert!(before.rates.0.x.abs() > 0.1, "it was moving");
+    let predicted = before.angles.left() + before.rates.left() * PERIOD_S;
+    assert_eq!(outputs.signals.measured_angles.left(), predicted);
+    assert!(before.rates.left().abs() > 0.1, "it was moving");
     for _ in 0..10 {
         assert_eq!(bench.follow().directive.state, State::Running);
     }
@@ -370,7 +370,7 @@ fn prediction_ends() {
     for cycle in 0..80_000 {
         bench.angles[0] = None;
         let outputs = bench.step(Request::None);
-        let now = outputs.signals.measured_angles.0.x;
+        let now = outputs.signals.measured_angles.left();
         assert!(cycle < 5 || now == last, "cycle {cycle}");
         last = now;
     }
@@ -452,9 +452,9 @@ fn a_reference_too_fast_stops_along_the_ramp_from_the_last_good_one() {
             break;
         }
         let now = bench.reference();
-        assert!(now.velocity.0.norm() <= TOOL_SPEED_LIMIT);
+        assert!(now.velocity.norm() <= TOOL_SPEED_LIMIT);
         if outputs.directive.state == State::Stopping {
-            let change = (now.velocity.0 - last.velocity.0).norm();
+            let change = (now.velocity - last.velocity).norm();
             assert!(change <= 2.0 * DECELERATION * PERIOD_S, "{change} in cycle {ramp} of the ramp");
             ramp += 1;
         }
@@ -468,15 +468,15 @@ fn a_reference_too_fast_stops_along_the_ramp_from_the_last_good_one() {
 fn a_joint_target_too_fast_stops_along_the_ramp_too() {
     let mut bench = moving();
     // A jump of the proxy by 8 mm in a cycle would be 8 m/s.
-    let far = bench.reference().point.0 + Vector2::new(0.008, 0.0);
+    let far = bench.reference().point + TipDisplacement::new(0.008, 0.0);
     bench.cycle.settings.tool_speed_limit_m_per_s = 100.0;
-    bench.cycle.fixture.reset(&far).unwrap();
+    bench.cycle.fixture.reset(&far.0).unwrap();
     let before = bench.reference();
     let outputs = bench.follow();
     assert_eq!(outputs.directive.state, State::Stopping);
     assert_eq!(bench.fault(), Some(Fault::OverSpeed));
-    let step = (bench.reference().point.0 - before.point.0).norm();
-    assert!(step <= before.velocity.0.norm() * PERIOD_S * (1.0 + 1e-9), "{step}");
+    let step = (bench.reference().point - before.point).norm();
+    assert!(step <= before.velocity.norm() * PERIOD_S * (1.0 + 1e-9), "{step}");
 }
 
 #[test]

@@ -11,7 +11,7 @@ use crate::fixture::{
 };
 use crate::guard;
 use crate::linkage::{Chain, Geometry, MassModel, Side, Tool, WristSide};
-use crate::quantity::{JointRates, JointTorques, TipVelocity};
+use crate::quantity::{JointRates, JointTorques, TipDisplacement, TipVelocity};
 use crate::sensing::{Calibration, MountedOn, Mounting, SensingParameters};
 use nalgebra::{Matrix6, Vector2};
 
@@ -297,6 +297,6 @@ fn assert_is_safe(inputs: &Inputs, outputs: &Outputs) {
     };
     assert!(!moves || (all_enabled && outputs.directive.motion != Motion::Rest), "moves-enabled: {outputs:?}");
     if let JointCommand::Torque(torques) = outputs.command.get() {
-        assert!(torques.0.amax() <= 60.0, "bounded-effort: {outputs:?}");
+        assert!(torques.max_abs() <= 60.0, "bounded-effort: {outputs:?}");
     }
 }

@@ -13,7 +13,7 @@ fn it_rests_until_it_is_enabled() {
             assert_eq!(outputs.signals.proxy, outputs.signals.tool);
             assert!(bench.cycle.reference.is_none());
         }
-        assert!((bench.cycle.measured.angles.0.x - bench.angles[0].unwrap()).abs() == 0.0);
+        assert!((bench.cycle.measured.angles.left() - bench.angles[0].unwrap()).abs() == 0.0);
     }
 }
 
@@ -52,13 +52,13 @@ fn enabling_again_starts_from_the_new_place_and_not_from_the_old_target() {
     // The arm is carried there by hand, slower than an encoder's jump.
     let here = bench.cycle.measured.angles;
     for part in 1..=200 {
-        bench.angles = (here.0 + (elsewhere.0 - here.0) * f64::from(part) / 200.0).data.0[0].map(Some);
+        bench.angles = (here + (elsewhere - here) * f64::from(part) / 200.0).to_array().map(Some);
         bench.step(Request::None);
     }
     bench.step(Request::Reset);
     let first = bench.enable();
     assert_eq!(*first.command.get(), JointCommand::Position(bench.cycle.measured.angles));
-    assert!((bench.reference().point.0 - old.0).norm() > 0.05);
+    assert!((bench.reference().point - old).norm() > 0.05);
     assert_eq!(bench.reference().velocity, TipVelocity::default());
 }
 
@@ -69,8 +69,8 @@ fn the_proxy_is_a_mass_that_friction_holds() {
     for _ in 0..50 {
         bench.follow();
     }
-    let start = bench.reference().point.0;
-    assert!((start - Vector2::new(0.02, 0.0)).norm() < 1e-12, "below F nothing moves: {start}");
+    let start = bench.reference().point;
+    assert!((start - TipPoint::new(0.02, 0.0)).norm() < 1e-12, "below F nothing moves: {start:?}");
     bench.force = [10.0, 0.0];
     let steps = 50;
     for _ in 0..steps {
@@ -80,9 +80,9 @@ fn the_proxy_is_a_mass_that_friction_holds() {
     // two axes.
     let acceleration = (10.0 - FRICTION_N) / MASS_KG;
     let expected = f64::from(steps * (steps + 1)) / 2.0 * acceleration * PERIOD_S * PERIOD_S;
-    let way = bench.reference().point.0 - start;
-    assert!((way.x - expected).abs() < 2e-3 * expected, "{} against {expected}", way.x);
-    assert!(way.y.abs() < 2e-3 * expected);
+    let way = bench.reference().point - start;
+    assert!((way.x() - expected).abs() < 2e-3 * expected, "{} against {expected}", way.x());
+    assert!(way.y().abs() < 2e-3 * expected);
 }
 
 #[test]
@@ -93,7 +93,7 @@ fn a_position_command_is_the_reference() {
         let outputs = bench.follow();
         assert_eq!(*outputs.command.get(), JointCommand::Position(bench.reference().angles));
     }
-    assert!(bench.reference().point.0.y > 0.01);
+    assert!(bench.reference().point.y() > 0.01);
 }
 
 #[test]
@@ -103,9 +103,9 @@ fn a_stop_ramps_down_then_quick_stops_and_latches() {
     for _ in 0..100 {
         bench.follow();
     }
-    let speed = bench.reference().velocity.0.norm();
+    let speed = bench.reference().velocity.norm();
     assert!(speed > 0.3);
-    let start = bench.reference().point.0;
+    let start = bench.reference().point;
     let mut cycles = 0;
     let mut last = bench.reference();
     loop {
@@ -118,14 +118,14 @@ fn a_stop_ramps_down_then_quick_stops_and_latches() {
         assert_eq!((outputs.directive.state, outputs.directive.motion), (State::Stopping, Motion::Halt));
         assert_eq!(outputs.directive.goal, cia402::Goal::OperationEnabled);
         let now = bench.reference();
-        assert!((now.velocity.0 - last.velocity.0).norm() <= 2.0 * DECELERATION * PERIOD_S);
-        assert!(now.velocity.0.norm() <= last.velocity.0.norm() + 1e-12, "it only slows down");
+        assert!((now.velocity - last.velocity).norm() <= 2.0 * DECELERATION * PERIOD_S);
+        assert!(now.velocity.norm() <= last.velocity.norm() + 1e-12, "it only slows down");
         last = now;
         cycles += 1;
         assert!(cycles < 1000);
     }
     assert!((f64::from(cycles) * PERIOD_S - 1.5 * speed / DECELERATION).abs() <= 2.0 * PERIOD_S, "{cycles}");
-    let way = (last.point.0 - start).norm();
+    let way = (last.point - start).norm();
     assert!((way - 0.75 * speed * speed / DECELERATION).abs() < 1e-6, "{way}");
     assert_eq!(bench.fault(), Some(Fault::StopRequested));
     for request in [Request::None, Request::Enable, Request::Stop, Request::None] {
@@ -156,22 +156,22 @@ fn a_freeze_brings_the_reference_to_rest_and_clears_by_itself() {
         let before = bench.reference();
         assert_eq!(bench.follow().directive.state, State::Holding, "{cycle}");
         let now = bench.reference();
-        assert!((now.velocity.0 - before.velocity.0).norm() <= 2.0 * DECELERATION * PERIOD_S);
+        assert!((now.velocity - before.velocity).norm() <= 2.0 * DECELERATION * PERIOD_S);
         if now.velocity == TipVelocity::default() {
             let place = *held.get_or_insert(now.point);
             assert_eq!(now.point, place, "at rest it stays, whatever the hand does");
         }
     }
     assert!(held.is_some());
-    let before = bench.reference().point.0;
+    let before = bench.reference().point;
     assert_eq!(bench.follow().directive.state, State::Running);
     assert_eq!(bench.fault(), None);
-    let step = (bench.reference().point.0 - before).norm();
+    let step = (bench.reference().point - before).norm();
     assert!(step <= 10.0 / MASS_KG * PERIOD_S * PERIOD_S, "it starts from rest: {step}");
     for _ in 0..20 {
         bench.follow();
     }
-    assert!(bench.reference().velocity.0.x > 0.01, "and runs again");
+    assert!(bench.reference().velocity.x() > 0.01, "and runs again");
 }
 
 #[test]
@@ -189,14 +189,14 @@ fn the_workspace_edge_holds_the_reference_and_lets_it_back() {
     }
     assert!(held > 2000, "it came to the edge and stayed: {held}");
     let edge = bench.reference();
-    assert!(edge.velocity.0.norm() < 0.01 && edge.point.0.y > 0.2);
+    assert!(edge.velocity.norm() < 0.01 && edge.point.y() > 0.2);
     bench.force = [0.0, -5.0];
     for _ in 0..200 {
         bench.follow();
     }
     assert_eq!(bench.cycle.faults.count(Fault::WorkspaceEdge), 0);
-    let back = bench.reference().point.0;
-    assert!(back.y < edge.point.0.y - 0.01, "{back}");
+    let back = bench.reference().point;
+    assert!(back.y() < edge.point.y() - 0.01, "{back:?}");
 }
 
 /// Speed of the reference across the edge in the last cycle, m/s: how fast its clearance fell.
@@ -242,18 +242,18 @@ fn along_the_edge_the_reference_goes_on() {
     for _ in 0..1000 {
         bench.follow();
     }
-    let start = bench.reference().point.0;
+    let start = bench.reference().point;
     // Pressed against the edge and pushed along it.
     bench.force = [24.0, 20.0];
-    let mut last = bench.reference().velocity.0;
+    let mut last = bench.reference().velocity;
     for _ in 0..300 {
         bench.follow();
         assert!(bench.cycle.clearance_m > MARGIN_M - 1e-5, "{}", bench.cycle.clearance_m);
-        let now = bench.reference().velocity.0;
+        let now = bench.reference().velocity;
         assert!((now - last).norm() <= 2.0 * DECELERATION * PERIOD_S, "{} m/s at once", (now - last).norm());
         last = now;
     }
-    assert!((bench.reference().point.0 - start).norm() > 0.02, "{}", bench.reference().point.0);
+    assert!((bench.reference().point - start).norm() > 0.02, "{:?}", bench.reference().point);
     assert_eq!((bench.cycle.state(), bench.fault()), (State::Running, None));
 }
 
@@ -264,7 +264,7 @@ fn a_stop_at_the_edge_ends_there() {
     while bench.cycle.clearance_m > MARGIN_M + 0.01 {
         bench.follow();
     }
-    let speed = bench.reference().velocity.0.norm();
+    let speed = bench.reference().velocity.norm();
     assert!(0.75 * speed * speed / DECELERATION > 0.01, "the ramp alone would pass the edge: {speed}");
     for cycle in 0.. {
         let outputs = bench.step(Request::Stop);
@@ -289,7 +289,7 @@ fn whole_turns_of_the_encoders_change_nothing() {
         for _ in 0..200 {
             bench.follow();
         }
-        (bench.reference().point.0, bench.reference().angles.0 - Vector2::from(shift))
+        (bench.reference().point, bench.reference().angles - JointAngles::from(shift))
     };
     let (point, angles) = run([0.0, 0.0]);
     for turns in [[1.0, -1.0], [-3.0, 2.0]] {
@@ -327,7 +327,7 @@ fn a_freeze_right_after_an_impact_keeps_the_proxy_on_its_side_and_its_hold() {
             let mut running = 0;
             while running < 30 {
                 let signals = bench.follow().signals;
-                let distance_m = signals.proxy.0.norm() - 0.12;
+                let distance_m = signals.proxy.norm() - 0.12;
                 assert!(
                     distance_m.abs() <= 1e-9,
                     "{later} {push_n} N, running {running}: {distance_m} m beyond the circle"
@@ -345,12 +345,12 @@ fn a_freeze_before_an_impact_leads_up_to_the_surface_at_most() {
     bench.enable();
     bench.force = [18.0, 0.0];
     // 0.75 v^2 / a with the 0.6 m/s of then is 27 mm.
-    while bench.follow().signals.proxy.0.norm() < 0.11 {}
+    while bench.follow().signals.proxy.norm() < 0.11 {}
     bench.force = [-30.0, 0.0];
     assert_eq!(bench.follow().directive.state, State::Holding);
     let mut farthest = 0.0_f64;
     for _ in 0..200 {
-        farthest = farthest.max(bench.follow().signals.proxy.0.norm());
+        farthest = farthest.max(bench.follow().signals.proxy.norm());
         bench.force = [-5.0, 0.0];
     }
     assert!((farthest - 0.12).abs() <= 1e-9, "{farthest}");

@@ -19,7 +19,7 @@ impl Plant {
             let dynamics = linkage.dynamics(&mass_model(), self.angles, self.rates).unwrap();
             let net = torques.0 - self.rates.0 * VISCOUS - dynamics.bias.0;
             self.rates.0 += dynamics.mass.try_inverse().unwrap() * net * step;
-            self.angles.0 += self.rates.0 * step;
+            self.angles += self.rates.for_s(step);
         }
     }
 }
@@ -44,18 +44,18 @@ fn worst_error(servo: Servo) -> f64 {
             JointCommand::Torque(torques) => std::mem::replace(&mut pending, *torques),
             JointCommand::Velocity(rates) => {
                 plant.rates = *rates;
-                plant.angles.0 += rates.0 * PERIOD_S;
+                plant.angles += rates.for_s(PERIOD_S);
                 bench.angles = plant.angles.to_array().map(Some);
-                worst = worst.max((outputs.signals.proxy.0 - outputs.signals.tool.0).norm());
+                worst = worst.max((outputs.signals.proxy - outputs.signals.tool).norm());
                 continue;
             }
             JointCommand::Position(_) => unreachable!(),
         };
         plant.advance(&bench.cycle.linkage, applied);
         bench.angles = plant.angles.to_array().map(Some);
-        worst = worst.max((outputs.signals.proxy.0 - outputs.signals.tool.0).norm());
+        worst = worst.max((outputs.signals.proxy - outputs.signals.tool).norm());
     }
-    let way = (bench.reference().point.0 - Vector2::new(-0.05, 0.02)).norm();
+    let way = (bench.reference().point - TipPoint::new(-0.05, 0.02)).norm();
     assert!(way > 0.03, "the proxy went somewhere: {way}");
     worst
 }
@@ -100,19 +100,19 @@ fn blocked(servo: Servo) -> [f64; 2] {
         assert_eq!(outputs.directive.state, State::Running, "{cycle}: {:?}", bench.cycle.cause());
         let JointCommand::Torque(torques) = outputs.command.get() else { unreachable!() };
         let applied = std::mem::replace(&mut pending, *torques);
-        let (tool, proxy) = (outputs.signals.tool.0, outputs.signals.proxy.0);
+        let (tool, proxy) = (outputs.signals.tool, outputs.signals.proxy);
         farthest = farthest.max((proxy - tool).norm());
         if is_blocked {
             saturated += i32::from(outputs.signals.is_saturated);
         } else {
             plant.advance(&bench.cycle.linkage, applied);
             bench.angles = plant.angles.to_array().map(Some);
-            beyond = beyond.max((tool - proxy).x);
+            beyond = beyond.max((tool - proxy).x());
         }
     }
     assert!(saturated > 1800, "blocked at the limit: {saturated} cycles");
-    let (proxy, rates) = (bench.reference().point.0, plant.rates.0.norm());
-    let left = (bench.cycle.posture.unwrap().tip.0 - proxy).norm();
+    let (proxy, rates) = (bench.reference().point, plant.rates.norm());
+    let left = (bench.cycle.posture.unwrap().tip - proxy).norm();
     assert!(left < 2e-4 && rates < 1e-2, "it comes to rest: {left} m, {rates} rad/s");
     [farthest, beyond]
 }

@@ -68,7 +68,7 @@ impl DeviceSet {
     /// This computer's interface to the bus of this number, 0 to 3; the computer itself for another number.
     ///
     /// Real-time: yes.
-    pub const fn interface(bus: u8) -> Self {
+    pub const fn interface(bus: usize) -> Self {
         if bus < 4 { Self(0x10 << bus) } else { Self::HOST }
     }
 

@@ -3,7 +3,7 @@
 use thiserror::Error;
 
 use crate::bus::{MasterSetup, SensorLink};
-use crate::canopen::cob;
+use crate::canopen::{BusId, cob};
 use crate::config;
 use crate::link::{CobFilter, LinkError, Role, SocketCan, SocketCanSettings, SocketCans};
 use crate::run::RunError;
@@ -35,20 +35,20 @@ pub enum OpenError {
 pub fn open_buses(
     rig: &config::Rig,
     interfaces: &[String],
-    roles: impl Fn(u8) -> Vec<Role>,
-    filters: impl Fn(u8) -> (Vec<CobFilter>, Vec<CobFilter>),
+    roles: impl Fn(BusId) -> Vec<Role>,
+    filters: impl Fn(BusId) -> (Vec<CobFilter>, Vec<CobFilter>),
 ) -> Result<SocketCans, OpenError> {
     if interfaces.len() != rig.buses.len() {
         return Err(OpenError::Count { buses: rig.buses.len(), interfaces: interfaces.len() });
     }
     let mut links = Vec::new();
-    for ((number, bus), interface) in (0..).zip(rig.buses.values()).zip(interfaces) {
-        let (process, services) = filters(number);
+    for ((bus, configured), interface) in BusId::all().zip(rig.buses.values()).zip(interfaces) {
+        let (process, services) = filters(bus);
         let settings = SocketCanSettings {
             process,
             services,
-            bit_rate: Some(bus.canopen.bit_rate_bit_per_s),
-            roles: roles(number),
+            bit_rate: Some(configured.canopen.bit_rate_bit_per_s),
+            roles: roles(bus),
             ..SocketCanSettings::everything(interface)
         };
         links.push(SocketCan::open(&settings)?);
@@ -57,7 +57,7 @@ pub fn open_buses(
 }
 
 /// What a master wants of a bus: process data, and the rest.
-pub(super) fn filters(setup: &MasterSetup, bus: u8) -> (Vec<CobFilter>, Vec<CobFilter>) {
+pub(super) fn filters(setup: &MasterSetup, bus: BusId) -> (Vec<CobFilter>, Vec<CobFilter>) {
     let mut process = vec![CobFilter::only(cob::SYNC)];
     let mut nodes: Vec<u8> = setup.drives.iter().filter(|drive| drive.bus == bus).map(|drive| drive.node_id).collect();
     match &setup.sensor.link {

@@ -10,8 +10,8 @@ use rustix::thread::clock_nanosleep_absolute;
 use rustix::time::{ClockId, Timespec, clock_gettime};
 
 use super::timing::Computer;
-use crate::canopen::Time;
 use crate::run::Metronome;
+use crate::time::Time;
 
 pub use load::Load;
 pub use readiness::Readiness;

@@ -15,7 +15,7 @@
 
 use std::time::Duration;
 
-use crate::canopen::Time;
+use crate::time::Time;
 
 /// Half of the longest time for which a difference counts.
 const HALF: Duration = Duration::from_millis(50);

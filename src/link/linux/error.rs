@@ -4,7 +4,7 @@ use std::io;
 
 use rustix::io::Errno;
 
-use super::hold::{Holder, Role};
+use super::role::{Holder, Role};
 
 /// What is wrong with an interface.
 #[derive(Debug, thiserror::Error)]
@@ -123,13 +123,13 @@ pub enum LinkError {
 }
 
 impl LinkError {
-    /// What it means that a socket could not be opened or bound.
-    pub(super) fn from_open(interface: &str, source: io::Error) -> Self {
+    /// What it means that a socket could not be opened or bound, where these CAN interfaces are there.
+    pub(super) fn from_open(interface: &str, source: io::Error, others: impl FnOnce() -> Vec<String>) -> Self {
         match Errno::from_io_error(&source) {
             Some(Errno::AFNOSUPPORT | Errno::PROTONOSUPPORT) => Self::NoCan,
             Some(Errno::PERM | Errno::ACCESS) => Self::NotPermitted,
             // The interface has an index, and yet is none that can be bound to.
-            Some(Errno::NODEV) => Self::NotCan { interface: interface.to_owned(), others: super::facts::interfaces() },
+            Some(Errno::NODEV) => Self::NotCan { interface: interface.to_owned(), others: others() },
             _ => Self::System { interface: interface.to_owned(), step: "open it", source },
         }
     }
@@ -159,7 +159,7 @@ mod tests {
     use super::*;
 
     fn opened(errno: Errno) -> LinkError {
-        LinkError::from_open("can0", io::Error::from_raw_os_error(errno.raw_os_error()))
+        LinkError::from_open("can0", io::Error::from_raw_os_error(errno.raw_os_error()), Vec::new)
     }
 
     #[test]

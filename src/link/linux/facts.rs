@@ -171,7 +171,7 @@ pub(super) fn interfaces() -> Vec<String> {
 /// The index of an interface, once it is clear that there are CAN sockets at all.
 pub(super) fn find(name: &str, wanted: Option<u32>) -> Result<u32, LinkError> {
     // Of no interface in particular.
-    CanSocket::open_iface(0).map_err(|source| LinkError::from_open(name, source))?;
+    CanSocket::open_iface(0).map_err(|source| LinkError::from_open(name, source, interfaces))?;
     match CanAddr::from_iface(name) {
         Ok(address) => Ok(address.ifindex()),
         Err(_) => Err(LinkError::Missing { interface: name.to_owned(), others: interfaces(), wanted }),

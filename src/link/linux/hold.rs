@@ -4,7 +4,6 @@
 //! is in no file system, and it goes with the process, however that ends. Who is refused asks the kernel who listens there.
 #![allow(unsafe_code)]
 
-use std::fmt;
 use std::fs;
 use std::io;
 use std::mem::size_of;
@@ -14,48 +13,12 @@ use rustix::io::Errno;
 use rustix::net::{AddressFamily, SocketAddrUnix, SocketFlags, SocketType, bind, connect, listen, socket_with};
 
 use super::error::LinkError;
+use super::role::{Holder, Role};
 
 /// Attempts to hold what another process lets go of at the same moment.
 const ATTEMPTS: u32 = 4;
 /// Characters of a command line that are shown.
 const LONGEST_COMMAND: usize = 200;
-
-/// What only one process of a computer does on an interface.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Role {
-    /// To be the master.
-    Master,
-    /// To be the CANopen device with this node id.
-    Node(u8),
-    /// To be the device on plain CAN that sends this identifier.
-    PlainCan(u16),
-}
-
-impl fmt::Display for Role {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            Role::Master => write!(f, "a master"),
-            Role::Node(node_id) => write!(f, "node {node_id}"),
-            Role::PlainCan(id) => write!(f, "the device that sends {id:03X}h"),
-        }
-    }
-}
-
-/// A process of this computer.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Holder {
-    /// Its number.
-    pub pid: i32,
-    /// Its command line, if the system tells.
-    pub command: Option<String>,
-}
-
-impl fmt::Display for Holder {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "process {}", self.pid)?;
-        self.command.as_ref().map_or(Ok(()), |command| write!(f, " (`{command}`)"))
-    }
-}
 
 /// A role that this process holds, for as long as this lives.
 #[derive(Debug)]

@@ -18,6 +18,7 @@ mod filter;
 mod hold;
 mod message;
 mod queue;
+mod role;
 mod several;
 mod wall;
 
@@ -25,7 +26,7 @@ pub use adapter::Attachment;
 pub use error::LinkError;
 pub use facts::{ControllerState, InterfaceFacts};
 pub use filter::CobFilter;
-pub use hold::{Holder, Role};
+pub use role::{Holder, Role};
 pub use several::SocketCans;
 
 use std::cell::Cell;
@@ -38,7 +39,8 @@ use rustix::io::Errno;
 use socketcan::{CanSocket, Socket, SocketOptions};
 
 use super::{Arrival, CanLink, ErrorFrame, Received, SendError};
-use crate::canopen::{Frame, Time};
+use crate::canopen::{BusId, Frame};
+use crate::time::Time;
 use controller_clock::ControllerClock;
 use filter::Identifiers;
 use hold::Hold;
@@ -253,7 +255,7 @@ impl SocketCan {
         };
         self.latest = time.max(self.latest);
         self.told.set(self.latest);
-        Arrival { time: self.latest, bus: 0, what }
+        Arrival { time: self.latest, bus: BusId::FIRST, what }
     }
 }
 
@@ -324,7 +326,8 @@ fn wait_for_any(sockets: &mut [PollFd<'_>], until: Time) -> bool {
 impl Port {
     fn open(name: &str, index: u32, filters: &[CobFilter]) -> Result<Self, LinkError> {
         let failed = |step| move |source| LinkError::System { interface: name.to_owned(), step, source };
-        let socket = CanSocket::open_iface(index).map_err(|source| LinkError::from_open(name, source))?;
+        let socket =
+            CanSocket::open_iface(index).map_err(|source| LinkError::from_open(name, source, facts::interfaces))?;
         let filters: Vec<_> = filters.iter().map(CobFilter::of_kernel).collect();
         socket.set_filters(&filters).map_err(failed("filter frames"))?;
         socket.set_read_timeout(NAP).map_err(failed("wait so long only"))?;

@@ -9,13 +9,14 @@ use rustix::event::{PollFd, PollFlags};
 
 use super::wall::monotonic;
 use super::{SocketCan, wait_for_any};
-use crate::canopen::{Frame, Time};
+use crate::canopen::{BusId, Frame};
 use crate::link::{Arrival, CanLink, Received, SendError};
+use crate::time::Time;
 
 /// Most interfaces of one link.
 const MOST: usize = 4;
 
-/// One interface for each bus of a rig, in the order of the buses' numbers: frames come with the number of their bus and go
+/// One interface for each bus of a rig, in the order of the buses: frames come with their bus and go
 /// where theirs says ([`Frame::bus`]).
 #[derive(Debug)]
 pub struct SocketCans {
@@ -30,7 +31,7 @@ impl SocketCans {
         Self { links, merge: Merge::default() }
     }
 
-    /// The interfaces, by number of the bus.
+    /// The interfaces, in the order of the buses.
     pub fn links(&self) -> &[SocketCan] {
         &self.links
     }
@@ -45,9 +46,9 @@ struct Merge {
 
 impl Merge {
     /// The oldest arrival, process data before services; `take` gives the next one of a bus, of its process data or not.
-    fn next(&mut self, mut take: impl FnMut(u8, bool) -> Option<Arrival>) -> Option<Arrival> {
+    fn next(&mut self, mut take: impl FnMut(BusId, bool) -> Option<Arrival>) -> Option<Arrival> {
         for (heads, is_process) in self.heads.iter_mut().zip([true, false]) {
-            for (bus, head) in (0..).zip(heads.iter_mut()) {
+            for (bus, head) in BusId::all().zip(heads.iter_mut()) {
                 if head.is_none() {
                     *head = take(bus, is_process).map(|arrival| of_bus(bus, arrival));
                 }
@@ -68,7 +69,7 @@ impl Merge {
     }
 }
 
-fn of_bus(bus: u8, arrival: Arrival) -> Arrival {
+fn of_bus(bus: BusId, arrival: Arrival) -> Arrival {
     let what = match arrival.what {
         Received::Frame(frame) => Received::Frame(frame.on_bus(bus)),
         Received::Echo(frame) => Received::Echo(frame.on_bus(bus)),
@@ -84,12 +85,12 @@ impl CanLink for SocketCans {
 
     fn receive(&mut self) -> Option<Arrival> {
         let links = &mut self.links;
-        self.merge.next(|bus, is_process| links.get_mut(usize::from(bus))?.take(is_process))
+        self.merge.next(|bus, is_process| links.get_mut(bus.index())?.take(is_process))
     }
 
     fn send(&mut self, frame: &Frame) -> Result<(), SendError> {
         // A bus without an interface is one that is gone.
-        self.links.get_mut(usize::from(frame.bus())).map_or(Err(SendError::Gone), |link| link.send(frame))
+        self.links.get_mut(frame.bus().index()).map_or(Err(SendError::Gone), |link| link.send(frame))
     }
 
     fn wait(&mut self, until: Time) -> bool {
@@ -117,18 +118,20 @@ mod tests {
     /// Process data and services of each bus, as (time in us, identifier).
     type Queues = [[VecDeque<(u64, u16)>; 2]; MOST];
 
-    fn take(queues: &mut Queues, bus: u8, is_process: bool) -> Option<Arrival> {
-        let (us, id) = queues[usize::from(bus)][usize::from(!is_process)].pop_front()?;
+    fn take(queues: &mut Queues, bus: BusId, is_process: bool) -> Option<Arrival> {
+        let (us, id) = queues[bus.index()][usize::from(!is_process)].pop_front()?;
         let what = Received::Frame(Frame::new(id, &[]));
-        Some(Arrival { time: Time::from_micros(us), bus: 0, what })
+        Some(Arrival { time: Time::from_micros(us), bus: BusId::FIRST, what })
     }
 
     /// All that comes out: time in us, bus and identifier.
-    fn merged(mut queues: Queues) -> Vec<(u64, u8, u16)> {
+    fn merged(mut queues: Queues) -> Vec<(u64, usize, u16)> {
         let mut merge = Merge::default();
         let all = std::iter::from_fn(|| merge.next(|bus, is_process| take(&mut queues, bus, is_process)));
         let all = all.map(|arrival| match arrival.what {
-            Received::Frame(frame) if frame.bus() == arrival.bus => (arrival.time.0 / 1000, arrival.bus, frame.id()),
+            Received::Frame(frame) if frame.bus() == arrival.bus => {
+                (arrival.time.0 / 1000, arrival.bus.index(), frame.id())
+            }
             other => panic!("{other:?} of bus {}", arrival.bus),
         });
         let all = all.collect();
@@ -152,9 +155,9 @@ mod tests {
     #[test]
     fn what_no_frame_is_names_its_bus() {
         let mut merge = Merge::default();
-        let mut down = Some(Arrival { time: Time(7), bus: 0, what: Received::Down });
-        let arrival = merge.next(|bus, is_process| down.take_if(|_| bus == 2 && is_process));
-        assert_eq!(arrival, Some(Arrival { time: Time(7), bus: 2, what: Received::Down }));
+        let mut down = Some(Arrival { time: Time(7), bus: BusId::FIRST, what: Received::Down });
+        let arrival = merge.next(|bus, is_process| down.take_if(|_| bus == BusId::new(2) && is_process));
+        assert_eq!(arrival, Some(Arrival { time: Time(7), bus: BusId::new(2), what: Received::Down }));
     }
 
     proptest! {

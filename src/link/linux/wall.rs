@@ -4,7 +4,7 @@ use std::time::Duration;
 
 use rustix::time::{ClockId, clock_gettime};
 
-use crate::canopen::Time;
+use crate::time::Time;
 
 /// How long a comparison of the clocks is good for: a clock that is slewed drifts by 5 us in it at most, and one that is set
 /// moves the stamps of this time only.

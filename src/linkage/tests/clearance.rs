@@ -85,7 +85,7 @@ fn the_papers_working_disc_is_reached_and_a_larger_one_is_not() {
     assert!((clearance_m - 0.06327086213484334).abs() < 1e-14, "{error}");
     assert!(gap(error.tip.to_array(), [0.0, -0.16]) < 1e-15, "{error}");
     let error = arm.reaches_disc(point(0.0, 0.0), 0.30, 0.0).unwrap_err();
-    assert!(error.tip.0.norm() <= 0.30 + 1e-12 && error.tip.0.norm() > 0.16, "{error}");
+    assert!(error.tip.norm() <= 0.30 + 1e-12 && error.tip.norm() > 0.16, "{error}");
     let error = arm.reaches_disc(point(0.0, 0.6), 0.01, 0.02).unwrap_err();
     assert!(matches!(error.cause, LinkageError::OutOfReach { .. }), "{error}");
 }

@@ -25,7 +25,7 @@ fn rates() -> impl Strategy<Value = JointRates> {
 }
 
 fn moved(posture: &Posture, rates: JointRates, time: f64) -> JointAngles {
-    JointAngles(posture.angles.0 + rates.0 * time)
+    posture.angles + rates.for_s(time)
 }
 
 /// Kinetic energy from the bodies' own velocities: rods by their centre and their turning, all by differences of the
@@ -268,8 +268,8 @@ proptest! {
         let all = of(model);
         prop_assert!((rods.mass + tool.mass - motors.mass - all.mass).amax() < 1e-13 * (1.0 + all.mass.amax()));
         prop_assert_eq!(motors.bias, JointTorques::default());
-        let size = 1.0 + rods.bias.0.amax() + tool.bias.0.amax();
-        prop_assert!((rods.bias.0 + tool.bias.0 - all.bias.0).amax() < 1e-13 * size);
+        let size = 1.0 + rods.bias.max_abs() + tool.bias.max_abs();
+        prop_assert!((rods.bias + tool.bias - all.bias).max_abs() < 1e-13 * size);
     }
 
     /// The power of the torques is the change of the energy.
@@ -289,7 +289,7 @@ proptest! {
             [0.5 * now.0.dot(&(mass * now.0))]
         });
         let power = torque.0.dot(&rates.0);
-        let size = 1.0 + torque.0.amax() * rates.0.amax();
+        let size = 1.0 + torque.max_abs() * rates.max_abs();
         prop_assert!((power - gain).abs() < 1e-5 * size, "{power} {gain}");
     }
 }

@@ -1,7 +1,7 @@
 //! A frame with scales: from values to places on the page, ticks and their numbers.
 
-use super::curve::{self, Frame};
-use super::page::{Anchor, BLACK, GREY, LETTER, Page, Point, Stroke};
+use super::curve::{self, Frame, Point};
+use super::page::{Anchor, BLACK, GREY, LETTER, Page, Stroke};
 use crate::elementary;
 
 /// Ticks wished for per tenth of a millimetre of axis: one every 11 mm upright, one every 15 mm across and where both

@@ -1,6 +1,5 @@
 //! Curves on paper: cut to a frame, thinned, dashed. Lengths in tenths of a millimetre.
 
-use super::page::Point;
 use crate::elementary;
 use std::f64::consts::{FRAC_PI_2, PI};
 
@@ -8,6 +7,9 @@ use std::f64::consts::{FRAC_PI_2, PI};
 const TOLERANCE: f64 = 0.2;
 /// Width of the strips of [`thin_history`]: 0.05 mm.
 const STRIP: f64 = 0.5;
+
+/// A point of the paper, from the upper left corner.
+pub(super) type Point = (f64, f64);
 
 /// A frame: left, top, right, bottom.
 #[derive(Clone, Copy, Debug)]

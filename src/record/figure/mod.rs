@@ -175,7 +175,7 @@ fn heading(page: &mut Page, options: &Options) {
 }
 
 /// (a), (b) and so on.
-fn panel_letter(page: &mut Page, at: page::Point, number: usize) {
+fn panel_letter(page: &mut Page, at: curve::Point, number: usize) {
     let letter = ('a'..='z').nth(number).unwrap_or('?');
     page.bold_text(at, &format!("({letter})"));
 }

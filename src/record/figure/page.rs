@@ -6,7 +6,7 @@
 //! turned letters without smooth edges, as if they were bold. The names of upright axes stand above them.
 
 use super::Error;
-use super::curve::Frame;
+use super::curve::{Frame, Point, dashes};
 use crate::elementary;
 use kuva::RasterBackend;
 use kuva::backend::svg::SvgBackend;
@@ -26,8 +26,6 @@ const WIDTH_OF_WAIT: f64 = 2.12;
 /// Named first so that a viewer takes the embedded font; the second has the same widths.
 const FONTS: &str = "DejaVu Sans, Verdana, sans-serif";
 const PICTURE_WIDTHS_PX: std::ops::RangeInclusive<u32> = 100..=20_000;
-
-pub(super) type Point = (f64, f64);
 
 /// Red, green, blue.
 #[derive(Clone, Copy, Debug)]
@@ -99,7 +97,7 @@ impl Page {
 
     /// A chain of straight lines.
     pub(super) fn chain(&mut self, points: &[Point], stroke: Stroke) {
-        for points in super::curve::dashes(points, stroke.dash) {
+        for points in dashes(points, stroke.dash) {
             self.scene.elements.push(Primitive::PolyLine {
                 points,
                 stroke: stroke.color.into(),

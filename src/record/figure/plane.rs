@@ -1,8 +1,8 @@
 //! What is drawn in the plane of x and y: the reference surface, the ways of tool and proxy, the legend.
 
 use super::axes::{Axes, Kind};
-use super::curve::Frame;
-use super::page::{Anchor, GREY, PALE, Page, Point, SKY, Stroke, VERMILION};
+use super::curve::{Frame, Point};
+use super::page::{Anchor, GREY, PALE, Page, SKY, Stroke, VERMILION};
 use super::{Error, Excerpt, Window};
 use crate::elementary;
 use crate::record::{Reference, Trace};

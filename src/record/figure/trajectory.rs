@@ -1,9 +1,9 @@
 //! A run as a whole: like [KTF08, Figs 8, 9, 11 and 12].
 
 use super::axes::{Axes, number, range_of};
-use super::curve::Frame;
+use super::curve::{Frame, Point};
 use super::history::{force_panel, force_range, power_panel, power_range, time_range};
-use super::page::{Anchor, Color, GREY, Page, Point, Stroke};
+use super::page::{Anchor, Color, GREY, Page, Stroke};
 use super::plane::{self, MM_PER_M};
 use super::{Drawing, Error, Excerpt, Options};
 use crate::elementary;

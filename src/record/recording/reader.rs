@@ -54,7 +54,7 @@ impl fmt::Display for Damage {
 /// let mut reader: Reader<_> = Reader::new(&file[..])?;
 /// let mut greatest_n = 0.0_f64;
 /// while let Some(record) = reader.next_record()? {
-///     greatest_n = greatest_n.max(record.signals.force.0.norm());
+///     greatest_n = greatest_n.max(record.signals.force.norm());
 /// }
 /// # assert_eq!(greatest_n, 0.0);
 /// assert!(reader.damage().is_empty());
@@ -105,12 +105,11 @@ pub fn open(path: &Path) -> Result<Recording<File>, ReadError> {
 }
 
 fn regular(path: &Path) -> io::Result<File> {
-    let file = File::open(path)?;
-    // A pipe or a device could block for ever.
-    if !file.metadata()?.is_file() {
+    // A pipe blocks for ever when it is opened.
+    if !std::fs::metadata(path)?.is_file() {
         return Err(io::Error::new(io::ErrorKind::InvalidInput, "is not a regular file"));
     }
-    Ok(file)
+    File::open(path)
 }
 
 /// A recording of any kind.

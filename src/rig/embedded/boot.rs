@@ -2,7 +2,8 @@
 
 use std::sync::atomic::AtomicBool;
 
-use super::{DEVICES, EmbeddedRig, RigError};
+use super::buses::DEVICES;
+use super::{EmbeddedRig, RigError};
 use crate::guard::{Request, State};
 use crate::run::{Enabling, Permit, RunError, STOP_LIMIT_S, has_torque, settling_cycles};
 
@@ -63,7 +64,7 @@ impl EmbeddedRig {
     }
 
     fn check_alive(&self) -> Result<(), RigError> {
-        if !self.place().computer.is_dead {
+        if !self.place().computer.is_dead() {
             return Ok(());
         }
         let state = "the process is dead: only a new one can run the rig".to_owned();
@@ -105,7 +106,7 @@ impl EmbeddedRig {
     pub(super) fn boot(&mut self) -> Result<(), RigError> {
         let place = self.place_mut();
         for device in 0..DEVICES.len() {
-            place.far.switch_on(device, place.now, &mut place.buses);
+            place.far.switch_on(device, place.now, &mut place.wires);
         }
         self.start_network()
     }

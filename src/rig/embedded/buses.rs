@@ -2,15 +2,21 @@
 
 use std::sync::{Arc, Mutex, PoisonError};
 
-use super::{DEVICES, MASTER, STRANGER};
 use crate::assembly::device_buses;
-use crate::canopen::{Frame, Time};
+use crate::canopen::{BusId, Frame};
 use crate::config;
 use crate::rig::devices::simulated;
 use crate::rig::error::RigError;
 use crate::rig::far_end::Wire;
 use crate::sim::can::{BitTiming, BusCounters, Delivery, QueueOrder, Tamper, VirtualBus, Witness};
+use crate::time::Time;
 
+/// Port of the master on each bus.
+pub(super) const MASTER: usize = 0;
+/// Ports of the left drive, the right drive, the sensor.
+pub(super) const DEVICES: [usize; 3] = [1, 2, 3];
+/// Port of whoever else is on a bus.
+pub(super) const STRANGER: usize = 4;
 /// Ports of each bus: those of the rig, and the one of whoever else is there.
 const PORT_COUNT: usize = STRANGER + 1;
 
@@ -18,8 +24,8 @@ const PORT_COUNT: usize = STRANGER + 1;
 #[derive(Debug)]
 pub(super) struct Buses {
     buses: Vec<VirtualBus>,
-    /// Numbers of the buses of the left drive, the right drive and the sensor.
-    of_devices: [u8; 3],
+    /// The buses of the left drive, the right drive and the sensor.
+    of_devices: [BusId; 3],
 }
 
 impl Buses {
@@ -36,8 +42,8 @@ impl Buses {
         Ok(Self { buses, of_devices: device_buses(rig)? })
     }
 
-    /// Number of the bus of a device.
-    pub(super) fn of_device(&self, device: usize) -> u8 {
+    /// The bus of a device.
+    pub(super) fn of_device(&self, device: usize) -> BusId {
         self.of_devices.get(device).copied().unwrap_or_default()
     }
 
@@ -52,7 +58,7 @@ impl Buses {
         if next > until {
             return None;
         }
-        (0..).zip(&mut self.buses).find_map(|(bus, virtual_bus)| {
+        BusId::all().zip(&mut self.buses).find_map(|(bus, virtual_bus)| {
             let delivery = virtual_bus.advance(next)?;
             Some(Delivery { frame: delivery.frame.on_bus(bus), ..delivery })
         })
@@ -69,8 +75,8 @@ impl Buses {
     }
 
     /// Has what is in the master's port of the buses that `is_held` names wait, or leave from `now` on.
-    pub(super) fn hold(&mut self, now: Time, is_held: impl Fn(u8) -> bool) {
-        (0..).zip(&mut self.buses).for_each(|(number, bus)| bus.hold(MASTER, now, is_held(number)));
+    pub(super) fn hold(&mut self, now: Time, is_held: impl Fn(BusId) -> bool) {
+        BusId::all().zip(&mut self.buses).for_each(|(which, bus)| bus.hold(MASTER, now, is_held(which)));
     }
 
     /// What has happened on each so far.
@@ -80,11 +86,11 @@ impl Buses {
 
     pub(super) fn set_tamper(&mut self, tamper: impl Tamper + Send + 'static) {
         let tamper = Arc::new(Mutex::new(tamper));
-        for (number, bus) in (0..).zip(&mut self.buses) {
+        for (which, bus) in BusId::all().zip(&mut self.buses) {
             let tamper = Arc::clone(&tamper);
             bus.set_tamper(move |time: Time, from: usize, frame: Frame| {
                 let mut tamper = tamper.lock().unwrap_or_else(PoisonError::into_inner);
-                tamper.pass(time, from, frame).map(|frame| frame.on_bus(number))
+                tamper.pass(time, from, frame).map(|frame| frame.on_bus(which))
             });
         }
     }
@@ -106,7 +112,7 @@ impl Buses {
     }
 
     fn submit(&mut self, port: usize, now: Time, frame: Frame) {
-        if let Some(bus) = self.buses.get_mut(usize::from(frame.bus())) {
+        if let Some(bus) = self.buses.get_mut(frame.bus().index()) {
             bus.submit(port, now, frame);
         }
     }
@@ -121,7 +127,7 @@ impl Wire for Buses {
     }
 
     fn offer(&mut self, device: usize, now: Time, frame: Frame) -> bool {
-        let bus = self.buses.get(usize::from(self.of_device(device)));
+        let bus = self.buses.get(self.of_device(device).index());
         let has_room = DEVICES.get(device).zip(bus).is_some_and(|(port, bus)| bus.has_room(*port));
         if has_room {
             Wire::submit(self, device, now, frame);

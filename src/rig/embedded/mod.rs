@@ -5,22 +5,23 @@ use std::time::Duration;
 
 mod boot;
 mod buses;
+mod computer;
+mod injectable;
 mod injecting;
 mod probe;
-mod schedule;
+mod script;
 mod simulation;
-mod trouble;
+#[cfg(test)]
+mod tests;
 
 pub use probe::{BodyTruth, PORTS};
 
-use super::devices;
 use super::error::RigError;
 use super::far_end::FarEnd;
 use super::silence::Silence;
 use super::world::Body;
 use crate::assembly;
 use crate::bus::Master;
-use crate::canopen::Time;
 use crate::config;
 use crate::cycle::Outputs;
 use crate::guard::{Cause, Request, State};
@@ -31,17 +32,11 @@ use crate::sim::arm::Arm;
 use crate::sim::can::{BusCounters, Tamper};
 use crate::sim::hand::Hand;
 use crate::sim::{Drive, ForceSensor};
-use buses::Buses;
-use simulation::{Injected, Simulation};
-use trouble::{Device, Troubles};
+use crate::time::Time;
+use computer::Injected;
+use injectable::InjectableBuses;
+use simulation::Simulation;
 use yieldwall_drives::watchdog::Watchdog;
-
-/// Ports of each virtual bus.
-const MASTER: usize = 0;
-/// The left drive, the right drive, the sensor.
-const DEVICES: [usize; 3] = [1, 2, 3];
-/// Whoever else is on a bus.
-const STRANGER: usize = 4;
 
 /// Master, virtual buses, simulated devices, arm and hand.
 ///
@@ -89,8 +84,7 @@ impl EmbeddedRig {
         seed: u64,
     ) -> Result<Self, RigError> {
         let period = Duration::from_micros(rig.cycle.period_us.into());
-        let troubles = Troubles::new(devices(rig)?, assembly::device_buses(rig)?, seed);
-        let place = Simulation::new(Buses::new(rig)?, FarEnd::new(rig, scene, seed)?, troubles, period);
+        let place = Simulation::new(InjectableBuses::new(rig, seed)?, FarEnd::new(rig, scene, seed)?, period);
         let runner = Runner::new(rig, fixture, place, Pace::Free).map_err(|error| match error {
             RunError::Assembly(error) => error.into(),
             other => RigError::Mismatch(other.to_string()),
@@ -117,6 +111,10 @@ impl EmbeddedRig {
         self.runner.place_mut()
     }
 
+    fn drives_mut(&mut self) -> impl Iterator<Item = &mut Drive> {
+        self.place_mut().far.drives.iter_mut().map(|drive| &mut drive.drive)
+    }
+
     /// Adds an injection. It acts from the first cycle at or after its start to the last one before its end; what is
     /// there from switching on acts at once.
     ///
@@ -136,24 +134,24 @@ impl EmbeddedRig {
 
     /// Takes a watch off both drives, as [`Drive::ignore`].
     pub fn ignore(&mut self, watchdog: Watchdog) {
-        self.place_mut().far.drives.iter_mut().for_each(|drive| drive.ignore(watchdog));
+        self.drives_mut().for_each(|drive| drive.ignore(watchdog));
     }
 
     /// Has both drives take so long from a reset to their boot-up message.
     pub fn set_reset_time(&mut self, time: Duration) {
-        self.place_mut().far.drives.iter_mut().for_each(|drive| drive.set_reset_time(time));
+        self.drives_mut().for_each(|drive| drive.set_reset_time(time));
     }
 
     /// Has both drives take so long to answer an SDO request.
     pub fn set_sdo_time(&mut self, time: Duration) {
-        self.place_mut().far.drives.iter_mut().for_each(|drive| drive.set_sdo_time(time));
+        self.drives_mut().for_each(|drive| drive.set_sdo_time(time));
     }
 
     /// Has the force sensor take its next sample so long after the next SYNC is due, and the others by an exact clock, so that
     /// the phase between both is known. Nothing happens where SYNC is the sensor's clock.
     pub fn align_sensor(&mut self, after_sync: Duration) {
         let (next, period) = (self.next_sync() + after_sync, self.sample_period);
-        self.place_mut().far.sensor.set_clock(next, period);
+        self.place_mut().far.sensor.sensor.set_clock(next, period);
     }
 
     /// Forgets what was injected and what the scene would.
@@ -178,7 +176,7 @@ impl EmbeddedRig {
 
     /// Has every frame pass through `tamper` from now on.
     pub fn set_tamper(&mut self, tamper: impl Tamper + Send + 'static) {
-        self.place_mut().buses.set_tamper(tamper);
+        self.place_mut().wires.buses.set_tamper(tamper);
     }
 
     /// State of the supervisor; [`State::Lost`] if an injection killed its process, since the drives' watchdogs act.
@@ -197,13 +195,13 @@ impl EmbeddedRig {
     }
 
     /// The simulated drives, left and right, for reports.
-    pub fn drives(&self) -> &[Drive; 2] {
-        &self.place().far.drives
+    pub fn drives(&self) -> [&Drive; 2] {
+        self.place().far.drives.each_ref().map(|drive| &drive.drive)
     }
 
     /// The force sensor.
     pub fn force_sensor(&self) -> &ForceSensor {
-        &self.place().far.sensor
+        &self.place().far.sensor.sensor
     }
 
     /// The arm; `None` if the joints follow their targets without one.
@@ -221,7 +219,7 @@ impl EmbeddedRig {
 
     /// What has gone over each bus so far, in the order of their names; the sum is that of the rig.
     pub fn bus_counters(&self) -> impl Iterator<Item = &BusCounters> {
-        self.place().buses.counters()
+        self.place().wires.buses.counters()
     }
 
     /// Virtual time since switching on.
@@ -294,79 +292,5 @@ impl EmbeddedRig {
         };
         let truth = self.place().truth();
         Ok(CycleRecord::new(moment, self.master().last_inputs(), outputs, self.cause(), truth).row())
-    }
-}
-
-fn devices(rig: &config::Rig) -> Result<[Device; 3], RigError> {
-    let drive = |drive: &config::Drive| drive.address.canopen;
-    let device = |node: u8, heartbeat_ms: u16| {
-        let heartbeat = Duration::from_millis(heartbeat_ms.into());
-        Ok::<_, RigError>(Device::Node { node: devices::node(node)?, heartbeat })
-    };
-    let [left, right] = rig.drives.each_ref().map(drive);
-    let sensor = match rig.sensor.protocol {
-        config::SensorProtocol::Canopen { node_id, heartbeat_ms, .. } => device(node_id, heartbeat_ms)?,
-        config::SensorProtocol::Streaming { .. } => Device::Plain { can_be_invalid: false },
-        config::SensorProtocol::Polled { invalid_bits, .. } => Device::Plain { can_be_invalid: invalid_bits != 0 },
-    };
-    Ok([device(left.node_id, left.heartbeat_ms)?, device(right.node_id, right.heartbeat_ms)?, sensor])
-}
-
-#[cfg(test)]
-mod tests {
-    use std::sync::atomic::AtomicBool;
-
-    use super::*;
-
-    fn shipped(permit: fn(&Runner<Simulation>) -> Permit) -> EmbeddedRig {
-        let loaded = config::load_rig(config::Source::named("builtin:paper-admittance.yaml")).unwrap();
-        let scene = loaded.scene().unwrap().value;
-        let mut machine = EmbeddedRig::new(&loaded.value, &scene, &loaded.value.fixture, scene.seed).unwrap();
-        machine.boot().unwrap();
-        machine.permit = permit(&machine.runner);
-        machine.come_to_run(machine.enabling).unwrap();
-        machine
-    }
-
-    /// How far the reference is led in a second by the hand of the scene, rad, and the state then.
-    fn led(mut machine: EmbeddedRig) -> (f64, State) {
-        let at = |row: &Row| row.target_angles_rad;
-        let first = at(&machine.run_cycle(Request::None).unwrap());
-        let mut farthest = 0.0_f64;
-        for _ in 0..1000 {
-            let [left, right] = at(&machine.run_cycle(Request::None).unwrap());
-            farthest = farthest.max((left - first[0]).abs()).max((right - first[1]).abs());
-        }
-        (farthest, machine.state())
-    }
-
-    #[test]
-    fn a_rig_that_was_enabled_to_rest_is_stopped_when_somebody_leads_it_away() {
-        let (farthest, state) = led(shipped(Permit::in_virtual_time));
-        assert!(farthest > 0.1 && state == State::Running, "{farthest} {state:?}");
-        let (farthest, state) = led(shipped(Permit::for_drill));
-        // And what the ramp takes.
-        assert!(farthest < 0.04 && state == State::Stopped, "{farthest} {state:?}");
-    }
-
-    #[test]
-    fn a_permit_is_of_one_boot_of_one_rig() {
-        let mut machine = shipped(Permit::in_virtual_time);
-        let other = shipped(Permit::in_virtual_time);
-        assert_eq!(machine.runner.check_permit(&machine.permit), Ok(()));
-        assert_eq!(machine.runner.check_permit(&other.permit), Err(RunError::OldPermit));
-        assert!(machine.runner.stop());
-        let old = std::mem::replace(&mut machine.permit, other.permit);
-        machine.start_network().unwrap();
-        assert_eq!(machine.runner.check_permit(&machine.permit), Ok(()), "proved again");
-        for permit in [&old, &Permit::without_proof(&other.runner, "of another rig")] {
-            let enabled = machine.runner.enable(0, permit, &AtomicBool::new(false));
-            assert_eq!(enabled, Err(RunError::OldPermit));
-            for _ in 0..200 {
-                machine.runner.run_cycle(Ask::Enable(permit));
-                assert_eq!(machine.state(), State::Idle);
-            }
-        }
-        machine.runner.enable(0, &machine.permit, &AtomicBool::new(false)).unwrap();
     }
 }

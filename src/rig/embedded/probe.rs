@@ -1,5 +1,6 @@
 //! The rig step by step, and what only a simulation knows, for those who judge it.
 
+use super::buses::{DEVICES, MASTER};
 use super::{Body, EmbeddedRig};
 use crate::quantity::{Force, JointAngles, TipPoint, TipVelocity};
 use crate::rig::RigError;
@@ -7,7 +8,7 @@ use crate::sim::can::Witness;
 
 /// Ports of the master, of the drives and of the sensor, as a [`Witness`] sees them; any other belongs to a device that is
 /// not of the rig.
-pub const PORTS: [usize; 4] = [super::MASTER, super::DEVICES[0], super::DEVICES[1], super::DEVICES[2]];
+pub const PORTS: [usize; 4] = [MASTER, DEVICES[0], DEVICES[1], DEVICES[2]];
 
 /// What is true of arm and hand and what no device tells.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -25,7 +26,7 @@ pub struct BodyTruth {
 impl EmbeddedRig {
     /// Has `witness` get the passage of every frame from now on.
     pub fn set_witness(&mut self, witness: Witness) {
-        self.place_mut().buses.set_witness(witness);
+        self.place_mut().wires.buses.set_witness(witness);
     }
 
     /// Switches everything on and boots the network without enabling anything; cycles can be run from then on.
@@ -51,7 +52,7 @@ impl EmbeddedRig {
 
     /// Whether the process that runs the master has ended for good.
     pub fn is_master_gone(&self) -> bool {
-        self.place().computer.is_dead
+        self.place().computer.is_dead()
     }
 
     /// What is true of arm and hand.

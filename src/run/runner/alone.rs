@@ -4,10 +4,10 @@ use std::time::Duration;
 
 use super::Runner;
 use crate::bus::{BootError, BootFailure, Master, Phase};
-use crate::canopen::Time;
 use crate::link::LinkOutbox;
 use crate::run::error::RunError;
 use crate::run::place::Place;
+use crate::time::Time;
 
 /// How long a master that has sent its first heartbeat listens for that of another one, before it resets its nodes.
 const ANNOUNCED: Duration = Duration::from_millis(50);

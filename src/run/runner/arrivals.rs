@@ -4,9 +4,10 @@ use std::time::Duration;
 
 use super::Runner;
 use crate::bus::Master;
-use crate::canopen::{Frame, Time};
+use crate::canopen::Frame;
 use crate::link::{Arrival, Received};
 use crate::run::place::Place;
+use crate::time::Time;
 
 /// How long lockstep listens before the first cycle, on the wall, to what the boot has made the devices say: there time goes
 /// so fast that the answers of a second device with the same node id could come after the drives were enabled.

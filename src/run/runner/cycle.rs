@@ -4,13 +4,13 @@ use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::time::Duration;
 
 use super::Runner;
-use crate::canopen::Time;
+use super::motion_bound::MotionBound;
 use crate::cycle::{Outputs, Timing};
-use crate::guard::{Request, State};
-use crate::quantity::JointAngles;
+use crate::guard::Request;
 use crate::record::{CycleRecord, Moment};
 use crate::run::permit::Ask;
 use crate::run::place::{Place, Process};
+use crate::time::Time;
 
 /// How long lockstep waits for the process data of a cycle, on the wall ...
 const PATIENCE: Duration = Duration::from_secs(1);
@@ -19,31 +19,10 @@ const IMPATIENCE: Duration = Duration::from_millis(2);
 /// Time by which the clock that counts suspended time has to have gained on the other since the last cycle. Less may be the
 /// time that passed between reading the one and the other.
 const SUSPENDED: Duration = Duration::from_millis(50);
-/// How far the joints may be led away from rest, rad.
-const REST_RAD: f64 = 0.02;
-
-/// A rig that has to rest.
-#[derive(Clone, Copy, Debug, Default)]
-pub(super) struct Rest {
-    /// What was asked of the joints when the rig came to run.
-    at: Option<JointAngles>,
-    is_left: bool,
-}
-
-impl Rest {
-    fn look(&mut self, state: State, targets: JointAngles) {
-        if state == State::Running {
-            let [left, right] = self.at.get_or_insert(targets).to_array();
-            let [left_now, right_now] = targets.to_array();
-            self.is_left |= (left_now - left).abs().max((right_now - right).abs()) > REST_RAD;
-        }
-    }
-}
-
 impl<P: Place> Runner<P> {
     /// One period: SYNC, process data, the cycle, set-points. Nothing comes of it once a cycle has panicked, and in a period in which
-    /// the process does not run; in virtual time the periods go on all the same. A rig that was enabled to rest and is led away from
-    /// where it was is stopped. A permit of another boot asks for nothing.
+    /// the process does not run; in virtual time the periods go on all the same. A rig that is led farther than
+    /// its permit allows is stopped. A permit of another boot asks for nothing.
     ///
     /// Real-time: yes, if the observer and the tap are.
     pub fn run_cycle(&mut self, ask: Ask<'_>) -> Option<CycleRecord> {
@@ -52,7 +31,7 @@ impl<P: Place> Runner<P> {
             ask => ask,
         };
         if let Ask::Enable(permit) = ask {
-            self.rests = permit.is_for_rest().then_some(Rest::default());
+            self.motion_bound = permit.motion_bound_rad().map(MotionBound::new);
         }
         let mut request = match ask {
             Ask::Nothing if self.is_led_away() => Request::Stop,
@@ -99,8 +78,8 @@ impl<P: Place> Runner<P> {
             let patience = if self.absent.is_empty() { PATIENCE } else { IMPATIENCE };
             self.wait_for(patience, |master| !master.is_in_flight());
         }
-        if let Some(rest) = &mut self.rests {
-            rest.look(self.master.state(), outputs.signals.target_angles);
+        if let Some(bound) = &mut self.motion_bound {
+            bound.look(self.master.state(), outputs.signals.target_angles);
         }
         let moment = Moment {
             index: self.cycles,
@@ -118,9 +97,9 @@ impl<P: Place> Runner<P> {
         Some(record)
     }
 
-    /// Whether a rig that was enabled to rest was led away.
+    /// Whether a rig was led farther than its permit allows.
     pub(in crate::run) fn is_led_away(&self) -> bool {
-        self.rests.is_some_and(|rest| rest.is_left)
+        self.motion_bound.is_some_and(|bound| bound.is_left())
     }
 
     /// A period in which the process does not run.

@@ -4,12 +4,13 @@ use std::time::Duration;
 
 use super::Runner;
 use crate::bus::Phase;
-use crate::canopen::Time;
 use crate::guard::Device;
+use crate::objects::Address;
 use crate::run::error::RunError;
 use crate::run::pace::Pace;
 use crate::run::permit::Boot;
 use crate::run::place::{Place, Process};
+use crate::time::Time;
 use yieldwall_drives::objects;
 
 /// Longest time between two calls of a [`BootWatch`](super::BootWatch).
@@ -37,7 +38,7 @@ impl<P: Place> Runner<P> {
     fn bring_up(&mut self) -> Result<(), RunError> {
         self.waits = false;
         self.next_sync = Time::NEVER;
-        (self.rests, self.process) = (None, Process::Runs);
+        (self.motion_bound, self.process) = (None, Process::Runs);
         self.boot = Boot::another();
         if !P::IS_VIRTUAL {
             self.make_sure_to_be_alone()?;
@@ -113,9 +114,10 @@ impl<P: Place> Runner<P> {
             self.started = Time(self.place.now().0.saturating_sub(self.lockstep_now.0));
             self.waits = false;
         }
+        let heartbeat = Address::new(objects::CONSUMER_HEARTBEAT.index, objects::CONSUMER_HEARTBEAT.sub);
         for drive in Device::DRIVES {
             // One that does not answer is left as it is.
-            let _ = self.write(drive, objects::CONSUMER_HEARTBEAT, 0);
+            let _ = self.write(drive, heartbeat, &0u32.to_le_bytes());
         }
     }
 }

@@ -1,13 +1,13 @@
 //! Objects of the devices of a booted network, read and written one by one.
 
 use super::Runner;
-use crate::bus::{ObjectAnswer, ObjectRequest};
-use crate::canopen::Time;
 use crate::guard::Device;
+use crate::objects::{Address, ObjectAnswer, ObjectRequest};
 use crate::run::error::RunError;
 use crate::run::place::Place;
 use crate::run::proof::DriveIdentity;
-use yieldwall_drives::objects::{self, Object};
+use crate::time::Time;
+use yieldwall_drives::objects;
 
 impl<P: Place> Runner<P> {
     /// Reads an unsigned object of a device of a booted network. No cycle may run meanwhile.
@@ -15,28 +15,20 @@ impl<P: Place> Runner<P> {
     /// # Errors
     /// [`RunError::Unread`] if it does not answer or refuses.
     pub fn read(&mut self, device: Device, index: u16, sub: u8) -> Result<u32, RunError> {
-        self.transfer(device, (index, sub), ObjectRequest::Read { index, sub })
+        self.transfer(device, ObjectRequest::Read(Address::new(index, sub)))
     }
 
-    /// Writes an unsigned object of a device of a booted network.
+    /// Writes the little-endian bytes of an object of a device of a booted network.
     ///
     /// # Errors
     /// As [`Runner::read`].
-    pub(in crate::run) fn write(&mut self, device: Device, object: Object, value: u32) -> Result<(), RunError> {
-        let bytes = value.to_le_bytes();
-        let data = bytes.get(..usize::from(object.bits() / 8)).unwrap_or(&bytes);
-        let Object { index, sub, .. } = object;
-        self.transfer(device, (index, sub), ObjectRequest::Write { index, sub, data })?;
-        Ok(())
+    pub(in crate::run) fn write(&mut self, device: Device, at: Address, data: &[u8]) -> Result<(), RunError> {
+        self.transfer(device, ObjectRequest::Write(at, data)).map(|_| ())
     }
 
     /// One transfer; what was read, as an unsigned value.
-    fn transfer(
-        &mut self,
-        device: Device,
-        (index, sub): (u16, u8),
-        request: ObjectRequest<'_>,
-    ) -> Result<u32, RunError> {
+    fn transfer(&mut self, device: Device, request: ObjectRequest<'_>) -> Result<u32, RunError> {
+        let (ObjectRequest::Read(Address { index, sub }) | ObjectRequest::Write(Address { index, sub }, _)) = request;
         let unread = RunError::Unread { node_id: self.node_id(device), index, sub };
         self.send(|master, now, out| master.ask(now, device, request, out)).map_err(|_| unread.clone())?;
         loop {

@@ -95,7 +95,7 @@ fn locking_distal_links_stop_the_arm_with_a_name() {
                     break error;
                 }
                 match arm.tip() {
-                    Ok(tip) => fastest_m_per_s = fastest_m_per_s.max(tip.velocity.0.norm()),
+                    Ok(tip) => fastest_m_per_s = fastest_m_per_s.max(tip.velocity.norm()),
                     Err(error) => break error,
                 }
             };
@@ -185,7 +185,7 @@ fn the_attached_mass_is_felt_through_the_tip_acceleration() {
         let taken = Vector2::from(held.tip().unwrap().acceleration_m_per_s2) * 0.5;
         alone.advance(1e-4, torques, push(force_n - taken)).unwrap();
         moved += u32::from(held.rates() != JointRates::default());
-        assert!((held.rates().0 - alone.rates().0).norm() < 1e-11);
+        assert!((held.rates() - alone.rates()).norm() < 1e-11);
         alone = held_without_mass(&held, &alone);
     }
     assert!(moved > 500, "{moved}");
@@ -243,7 +243,7 @@ fn a_held_motor_lets_its_link_swing() {
     arm.advance_to(0.1, 1e-4, JointTorques::new(0.0, 0.0), push(Vector2::new(20.0, 0.0))).unwrap();
     assert_eq!(arm.motor_angles(), motors);
     assert_eq!(arm.motor_rates(), JointRates::default());
-    assert!((arm.angles().0 - links.0).norm() > 1e-5);
+    assert!((arm.angles() - links).norm() > 1e-5);
 }
 
 #[test]

@@ -2,7 +2,8 @@
 
 use std::io::{self, Write};
 
-use crate::canopen::{Frame, Time};
+use crate::canopen::Frame;
+use crate::time::Time;
 
 /// Writes frames as lines `(seconds.micros) interface id#data`, the log format that can-utils and most analysers read.
 ///
@@ -14,7 +15,7 @@ pub struct CandumpWriter<W> {
 }
 
 impl<W: Write> CandumpWriter<W> {
-    /// A log that names in each line one of the `interfaces`: the first for frames of bus 0 ([`Frame::bus`]), and so on; a
+    /// A log that names in each line one of the `interfaces`: the first for frames of the first bus ([`Frame::bus`]), and so on; a
     /// bus without one is `-`. `out` should be buffered.
     pub fn new<I: Into<String>>(out: W, interfaces: impl IntoIterator<Item = I>) -> Self {
         CandumpWriter { out, interfaces: interfaces.into_iter().map(Into::into).collect() }
@@ -26,7 +27,7 @@ impl<W: Write> CandumpWriter<W> {
     /// Those of the writer.
     pub fn record(&mut self, time: Time, frame: &Frame) -> io::Result<()> {
         let micros = time.0 / 1000;
-        let interface = self.interfaces.get(usize::from(frame.bus())).map_or("-", String::as_str);
+        let interface = self.interfaces.get(frame.bus().index()).map_or("-", String::as_str);
         write!(self.out, "({:010}.{:06}) {interface} {:03X}#", micros / 1_000_000, micros % 1_000_000, frame.id())?;
         if frame.is_remote() {
             write!(self.out, "R")?;
@@ -61,6 +62,7 @@ impl<W: Write> CandumpWriter<W> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::canopen::BusId;
 
     #[test]
     fn lines_are_those_of_candump() {
@@ -68,7 +70,7 @@ mod tests {
         log.record(Time(1_002_003_999), &Frame::new(0x181, &[0x37, 0x16, 0x00])).unwrap();
         log.record(Time(61_000_000_000), &Frame::new(0x80, &[])).unwrap();
         log.record(Time(62_000_000_000), &Frame::remote(0x705, 1)).unwrap();
-        log.record(Time(63_000_000_000), &Frame::remote(0x705, 0).on_bus(1)).unwrap();
+        log.record(Time(63_000_000_000), &Frame::remote(0x705, 0).on_bus(BusId::new(1))).unwrap();
         let text = String::from_utf8(log.finish().unwrap()).unwrap();
         let expected = [
             "(0000000001.002003) vcan0 181#371600",

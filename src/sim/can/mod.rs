@@ -9,7 +9,8 @@ pub use wire::{INTERFRAME_BITS, frame_bits};
 use std::collections::VecDeque;
 use std::time::Duration;
 
-use crate::canopen::{Frame, Outbox, Time};
+use crate::canopen::{Frame, Outbox};
+use crate::time::Time;
 
 /// Frames that one port can have waiting. More are lost and counted, as with the transmit queue of a real interface.
 pub const QUEUE_FRAMES: usize = 64;
@@ -239,11 +240,6 @@ impl VirtualBus {
         self.witness = Some(witness);
     }
 
-    /// Lets frames pass unchanged again.
-    pub fn remove_tamper(&mut self) {
-        self.tamper = None;
-    }
-
     /// Whether `port` has room for one more frame. An unknown port has none.
     pub fn has_room(&self, port: usize) -> bool {
         self.ports.get(port).is_some_and(|port| port.queue.len() < QUEUE_FRAMES)
@@ -343,11 +339,6 @@ impl VirtualBus {
     /// What has happened so far.
     pub const fn counters(&self) -> &BusCounters {
         &self.counters
-    }
-
-    /// Bit timing of the bus.
-    pub const fn timing(&self) -> BitTiming {
-        self.timing
     }
 
     /// Time that `bits` bits take, rounded down to a nanosecond.

@@ -12,7 +12,8 @@ use super::objects::Objects;
 use super::servo::{Motion, Plan, Servo, TorqueRange};
 use super::watches::Watches;
 use super::{DriveSettings, Encoder};
-use crate::canopen::{CanopenError, ObjectDictionary, Time};
+use crate::objects::{DictionaryError, ObjectDictionary};
+use crate::time::Time;
 use yieldwall_drives::watchdog::Clock;
 
 /// Bit of the error register 1001h for errors of the device profile.
@@ -34,6 +35,7 @@ pub(super) struct Parameters {
 
 #[derive(Clone, Debug)]
 pub(super) struct Device {
+    pub(super) od: ObjectDictionary,
     pub(super) objects: Objects,
     scaling: AxisScaling,
     encoder: Encoder,
@@ -71,14 +73,14 @@ pub(super) struct Device {
 }
 
 impl Device {
-    pub(super) fn new(od: &ObjectDictionary, settings: &DriveSettings, model: &Model) -> Result<Self, CanopenError> {
+    pub(super) fn new(od: ObjectDictionary, settings: &DriveSettings, model: &Model) -> Result<Self, DictionaryError> {
         Ok(Device {
-            objects: Objects::of(od)?,
+            objects: Objects::of(&od)?,
             scaling: settings.scaling,
             encoder: settings.encoder,
             supported_modes: model.process_data.supported_modes(),
             mode_changes_in: model.mode_changes_in.iter().fold(0, |bits, state| bits | 1 << *state as u16),
-            watches: Watches::new(od, model)?,
+            watches: Watches::new(&od, model)?,
             machine: StateMachine::new(OptionCodes::default()),
             servo: Servo::new(settings.position_loop),
             mode: None,
@@ -103,6 +105,7 @@ impl Device {
             encoder_failed: false,
             was_reset: false,
             is_stale: true,
+            od,
         })
     }
 
@@ -143,17 +146,17 @@ impl Device {
         self.ignores_controlword = ignores;
     }
 
-    pub(super) fn leave_operation(&mut self, now: Time, od: &mut ObjectDictionary) {
+    pub(super) fn leave_operation(&mut self, now: Time) {
         self.wake(now);
         // As Disable Voltage does (transition 9).
         self.machine.apply(0x0000);
-        self.follow(od);
+        self.follow();
     }
 
-    pub(super) fn set_voltage(&mut self, now: Time, od: &mut ObjectDictionary, is_present: bool) {
+    pub(super) fn set_voltage(&mut self, now: Time, is_present: bool) {
         self.wake(now);
         self.has_voltage = is_present;
-        self.follow(od);
+        self.follow();
     }
 
     pub(super) fn next_deadline(&self) -> Time {
@@ -173,39 +176,39 @@ impl Device {
     }
 
     /// The control loop and the watch on SYNC.
-    pub(super) fn poll(&mut self, now: Time, od: &mut ObjectDictionary) {
+    pub(super) fn poll(&mut self, now: Time) {
         if self.next_deadline() > now {
             return;
         }
         self.wake(now);
         if self.sync_deadline <= now {
             self.sync_deadline = Time::NEVER;
-            self.miss(now, od, self.watches.sync.reaction(), error_code::SYNC_LOST);
+            self.miss(now, self.watches.sync.reaction(), error_code::SYNC_LOST);
         }
         if self.set_point_deadline <= now {
             self.set_point_deadline = Time::NEVER;
-            self.miss(now, od, self.watches.set_points.reaction(), error_code::RPDO_TIMEOUT);
+            self.miss(now, self.watches.set_points.reaction(), error_code::RPDO_TIMEOUT);
         }
         if self.servo.next_tick() <= now {
-            self.tick(od);
+            self.tick();
         }
     }
 
     /// Does what the drive does when something stays away that it watches for.
-    fn miss(&mut self, now: Time, od: &mut ObjectDictionary, reaction: Missed, code: u16) {
+    fn miss(&mut self, now: Time, reaction: Missed, code: u16) {
         match reaction {
             Missed::Nothing | Missed::Unknown => {}
             Missed::AbortConnection => {
-                self.lose_connection(od, code);
+                self.lose_connection(code);
                 self.emergency = Some(code);
             }
-            Missed::Fault => self.raise_fault(now, od, code),
+            Missed::Fault => self.raise_fault(now, code),
         }
     }
 
-    pub(super) fn raise_fault(&mut self, now: Time, od: &mut ObjectDictionary, code: u16) {
+    pub(super) fn raise_fault(&mut self, now: Time, code: u16) {
         self.wake(now);
-        if self.fault(od, code) {
+        if self.fault(code) {
             self.emergency = Some(code);
         }
     }
@@ -216,28 +219,28 @@ impl Device {
     }
 
     /// [`Device::refresh`], if anything has run since.
-    pub(super) fn refresh_if_stale(&mut self, od: &mut ObjectDictionary) {
+    pub(super) fn refresh_if_stale(&mut self) {
         if self.is_stale {
-            self.refresh(od);
+            self.refresh();
         }
     }
 
     /// Brings the objects that show something up to date.
-    pub(super) fn refresh(&mut self, od: &mut ObjectDictionary) {
+    pub(super) fn refresh(&mut self) {
         self.is_stale = false;
         let objects = self.objects;
         let status = self.statusword();
         self.has_status_changed |= status != self.status;
         self.status = status;
-        od.set(objects.statusword, status);
-        od.set(objects.mode_display, self.mode.map_or(0, OperationMode::code));
-        od.set(objects.position, wrap(self.counts));
+        self.od.set(objects.statusword, status);
+        self.od.set(objects.mode_display, self.mode.map_or(0, OperationMode::code));
+        self.od.set(objects.position, wrap(self.counts));
         // Rate and torque are finite, so that scaling them cannot fail.
         let rate = self.scaling.rate_counts_per_s(self.motion.rate_rad_per_s).map_or(0, |scaled| scaled.value);
-        od.set(objects.velocity, rate);
+        self.od.set(objects.velocity, rate);
         let torque = self.scaling.torque_per_mille(self.servo.torque_n_m()).map_or(0, |scaled| scaled.value);
-        od.set(objects.torque, torque);
-        od.set(objects.following_error, self.following_error_counts() as i32);
+        self.od.set(objects.torque, torque);
+        self.od.set(objects.following_error, self.following_error_counts() as i32);
     }
 
     fn statusword(&self) -> u16 {
@@ -261,39 +264,39 @@ impl Device {
     }
 
     /// Enters the fault state; whether the drive was not in it before.
-    pub(super) fn fault(&mut self, od: &mut ObjectDictionary, code: u16) -> bool {
+    pub(super) fn fault(&mut self, code: u16) -> bool {
         let is_new = self.machine.fault().is_some();
         if is_new {
-            od.set(self.objects.error_code, code);
-            self.follow(od);
+            self.od.set(self.objects.error_code, code);
+            self.follow();
         }
         is_new
     }
 
-    pub(super) fn lose_connection(&mut self, od: &mut ObjectDictionary, code: u16) {
+    pub(super) fn lose_connection(&mut self, code: u16) {
         self.machine.lose_connection();
         if matches!(self.machine.state(), State::Fault | State::FaultReactionActive) {
-            od.set(self.objects.error_code, code);
+            self.od.set(self.objects.error_code, code);
         }
-        self.follow(od);
+        self.follow();
     }
 
-    pub(super) fn apply_controlword(&mut self, od: &mut ObjectDictionary) {
+    pub(super) fn apply_controlword(&mut self) {
         if self.ignores_controlword {
             return;
         }
-        if self.machine.apply(od.get(self.objects.controlword)) == Some(Transition(15)) {
-            od.set(self.objects.error_code, error_code::NONE);
+        if self.machine.apply(self.od.get(self.objects.controlword)) == Some(Transition(15)) {
+            self.od.set(self.objects.error_code, error_code::NONE);
             self.was_reset = true;
         }
-        self.follow(od);
+        self.follow();
     }
 
     /// Makes mode and control loop follow the state machine.
-    pub(super) fn follow(&mut self, od: &mut ObjectDictionary) {
+    pub(super) fn follow(&mut self) {
         let is_moving = matches!(self.machine.state(), State::OperationEnabled | State::QuickStopActive);
         if self.encoder_failed && is_moving && self.machine.fault().is_some() {
-            od.set(self.objects.error_code, error_code::ENCODER);
+            self.od.set(self.objects.error_code, error_code::ENCODER);
             self.emergency = Some(error_code::ENCODER);
         }
         let is_helpless = !self.has_voltage || self.encoder_failed;
@@ -305,7 +308,7 @@ impl Device {
             self.machine.standstill();
         }
         if self.mode_changes_in & (1 << self.machine.state() as u16) != 0 {
-            let wanted = OperationMode::from_code(od.get(self.objects.mode));
+            let wanted = OperationMode::from_code(self.od.get(self.objects.mode));
             self.mode = wanted.filter(|mode| mode.is_in(self.supported_modes));
         }
         let plan = match (self.machine.reaction(), self.mode) {
@@ -330,21 +333,21 @@ impl Device {
     }
 
     /// Hands the targets to the control loop.
-    pub(super) fn take_targets(&mut self, od: &ObjectDictionary) {
+    pub(super) fn take_targets(&mut self) {
         if self.ignores_targets {
             return;
         }
         let (objects, scaling) = (self.objects, self.scaling);
-        let velocity_offset = scaling.rate_rad_per_s(od.get(objects.velocity_offset));
-        self.servo.set_offsets(velocity_offset, scaling.torque_n_m(od.get(objects.torque_offset)));
+        let velocity_offset = scaling.rate_rad_per_s(self.od.get(objects.velocity_offset));
+        self.servo.set_offsets(velocity_offset, scaling.torque_n_m(self.od.get(objects.torque_offset)));
         match self.servo.plan() {
             Plan::Torque => {
-                let torque = scaling.torque_n_m(od.get(objects.target_torque));
-                self.servo.set_torque(torque, self.torque_range(od));
+                let torque = scaling.torque_n_m(self.od.get(objects.target_torque));
+                self.servo.set_torque(torque, self.torque_range());
             }
-            Plan::Velocity => self.servo.set_velocity(scaling.rate_rad_per_s(od.get(objects.target_velocity))),
+            Plan::Velocity => self.servo.set_velocity(scaling.rate_rad_per_s(self.od.get(objects.target_velocity))),
             Plan::Position => {
-                let target = od.get(objects.target_position).wrapping_add(od.get(objects.position_offset));
+                let target = self.od.get(objects.target_position).wrapping_add(self.od.get(objects.position_offset));
                 if self.aimed_at != Some(target) {
                     self.aimed_at = Some(target);
                     let counts = CountUnwrapper::near(self.counts).unwrap(target);
@@ -357,31 +360,31 @@ impl Device {
 
     /// The smallest of the torque limits 6072h, 60E0h and 60E1h in each direction of the joint; none in the direction in which it
     /// turns faster than 6080h allows. The motor is the joint.
-    fn torque_range(&self, od: &ObjectDictionary) -> TorqueRange {
-        let most = od.get(self.objects.max_torque);
+    fn torque_range(&self) -> TorqueRange {
+        let most = self.od.get(self.objects.max_torque);
         let limit = |other: u16| most.min(other).min(i16::MAX as u16) as i16;
-        let positive = self.scaling.torque_n_m(limit(od.get(self.objects.positive_torque_limit)));
-        let negative = self.scaling.torque_n_m(-limit(od.get(self.objects.negative_torque_limit)));
+        let positive = self.scaling.torque_n_m(limit(self.od.get(self.objects.positive_torque_limit)));
+        let negative = self.scaling.torque_n_m(-limit(self.od.get(self.objects.negative_torque_limit)));
         let rate = self.motion.rate_rad_per_s;
-        let fastest = f64::from(od.get(self.objects.max_speed)) * (std::f64::consts::TAU / 60.0);
+        let fastest = f64::from(self.od.get(self.objects.max_speed)) * (std::f64::consts::TAU / 60.0);
         TorqueRange {
             lowest: if rate < -fastest { 0.0 } else { positive.min(negative) },
             highest: if rate > fastest { 0.0 } else { positive.max(negative) },
         }
     }
 
-    pub(super) fn tick(&mut self, od: &mut ObjectDictionary) {
+    pub(super) fn tick(&mut self) {
         if self.encoder_failed {
-            self.follow(od);
+            self.follow();
         }
-        self.servo.tick(self.now, self.motion, self.torque_range(od));
+        self.servo.tick(self.now, self.motion, self.torque_range());
         if self.servo.is_at_standstill(self.now, self.motion) && self.machine.standstill().is_some() {
-            self.follow(od);
+            self.follow();
         }
-        self.watch_following_error(od);
+        self.watch_following_error();
     }
 
-    fn watch_following_error(&mut self, od: &mut ObjectDictionary) {
+    fn watch_following_error(&mut self) {
         let Some(window) = self.parameters.window.filter(|_| self.servo.plan() == Plan::Position) else { return };
         if self.following_error_counts().abs() <= window {
             self.outside_since = None;
@@ -389,30 +392,30 @@ impl Device {
         }
         let since = *self.outside_since.get_or_insert(self.now);
         if self.now.since(since) >= self.parameters.window_time {
-            self.raise_fault(self.now, od, error_code::FOLLOWING_ERROR);
+            self.raise_fault(self.now, error_code::FOLLOWING_ERROR);
         }
     }
 
     /// Reads option codes and parameters again.
-    pub(super) fn reload(&mut self, od: &ObjectDictionary) {
+    pub(super) fn reload(&mut self) {
         let objects = self.objects;
         self.machine.set_options(OptionCodes {
-            quick_stop: od.get(objects.quick_stop),
-            shutdown: od.get(objects.shutdown),
-            disable_operation: od.get(objects.disable_operation),
-            halt: od.get(objects.halt),
-            fault_reaction: od.get(objects.fault_reaction),
-            abort_connection: od.get(objects.abort_connection),
+            quick_stop: self.od.get(objects.quick_stop),
+            shutdown: self.od.get(objects.shutdown),
+            disable_operation: self.od.get(objects.disable_operation),
+            halt: self.od.get(objects.halt),
+            fault_reaction: self.od.get(objects.fault_reaction),
+            abort_connection: self.od.get(objects.abort_connection),
         });
         let per_rad = self.scaling.counts_per_rad();
-        let window = od.get(objects.following_window);
-        let exponent = i32::from(od.get(objects.interpolation_exponent));
+        let window = self.od.get(objects.following_window);
+        let exponent = i32::from(self.od.get(objects.interpolation_exponent));
         self.parameters = Parameters {
-            slow_rad_per_s2: f64::from(od.get(objects.deceleration)) / per_rad,
-            quick_rad_per_s2: f64::from(od.get(objects.quick_deceleration)) / per_rad,
-            period_s: f64::from(od.get(objects.interpolation_time)) * elementary::powi(10.0, exponent),
+            slow_rad_per_s2: f64::from(self.od.get(objects.deceleration)) / per_rad,
+            quick_rad_per_s2: f64::from(self.od.get(objects.quick_deceleration)) / per_rad,
+            period_s: f64::from(self.od.get(objects.interpolation_time)) * elementary::powi(10.0, exponent),
             window: (window != u32::MAX).then_some(f64::from(window)),
-            window_time: Duration::from_millis(od.get(objects.following_timeout).into()),
+            window_time: Duration::from_millis(self.od.get(objects.following_timeout).into()),
         };
     }
 }

@@ -19,7 +19,9 @@ use yieldwall_drives::scaling::AxisScaling;
 use yieldwall_drives::watchdog::{Clock, Watchdog};
 
 use super::DeviceError;
-use crate::canopen::{EmcyCode, ErrorRegister, Frame, Node, NodeId, Outbox, Time, cob};
+use crate::canopen::{EmcyCode, ErrorRegister, Frame, Node, NodeId, Outbox, cob};
+use crate::objects::ServedDevice;
+use crate::time::Time;
 use device::{Device, PROFILE_ERROR};
 use watches::Watch;
 
@@ -77,9 +79,8 @@ impl Drive {
         let servo = profile.servo().ok_or_else(role)?;
         settings.position_loop.check()?;
         objects::check(servo)?;
-        let od = objects::build(&settings, servo)?;
-        let device = Device::new(&od, &settings, servo)?;
-        Ok(Drive { node: Node::new(settings.node, od)?, device, is_powered: false, ignores_heartbeats: false })
+        let device = Device::new(objects::build(&settings, servo)?, &settings, servo)?;
+        Ok(Drive { node: Node::new(settings.node, device.od())?, device, is_powered: false, ignores_heartbeats: false })
     }
 
     /// Switches the drive on: all objects at their power-on values, boot-up message.
@@ -117,7 +118,7 @@ impl Drive {
     pub fn poll(&mut self, now: Time, out: &mut impl Outbox) {
         if self.is_powered {
             self.node.poll(now, &mut self.device, out);
-            self.device.poll(now, self.node.od_mut());
+            self.device.poll(now);
             self.settle(now, out);
         }
     }
@@ -130,7 +131,7 @@ impl Drive {
     /// Puts the drive into fault with an error code (603Fh), as its own monitoring would.
     pub fn raise_fault(&mut self, now: Time, code: u16, out: &mut impl Outbox) {
         if self.is_powered {
-            self.device.raise_fault(now, self.node.od_mut(), code);
+            self.device.raise_fault(now, code);
             self.settle(now, out);
         }
     }
@@ -142,14 +143,14 @@ impl Drive {
 
     /// Gives the power stage its voltage or takes it away, as an emergency stop does; without it there is no torque.
     pub fn set_voltage(&mut self, now: Time, is_present: bool, out: &mut impl Outbox) {
-        self.device.set_voltage(now, self.node.od_mut(), is_present);
+        self.device.set_voltage(now, is_present);
         self.settle(now, out);
     }
 
     /// Leaves Operation Enabled without being asked to, as by a safety input of its own.
     pub fn leave_operation(&mut self, now: Time, out: &mut impl Outbox) {
         if self.is_powered {
-            self.device.leave_operation(now, self.node.od_mut());
+            self.device.leave_operation(now);
             self.settle(now, out);
         }
     }
@@ -203,16 +204,17 @@ impl Drive {
         if !self.is_powered {
             return;
         }
-        self.device.refresh_if_stale(self.node.od_mut());
+        self.device.refresh_if_stale();
         if self.device.take_reset() {
-            self.node.clear_all_emergencies(out);
+            self.node.clear_all_emergencies(self.device.od_mut(), out);
         }
         if let Some(code) = self.device.take_emergency() {
-            self.node.raise_emergency(EmcyCode(code), ErrorRegister(PROFILE_ERROR), [0; 5], out);
+            let bits = ErrorRegister(PROFILE_ERROR);
+            self.node.raise_emergency(self.device.od_mut(), EmcyCode(code), bits, [0; 5], out);
         }
         if self.device.take_status_change() {
             for number in 1..=4 {
-                self.node.trigger_tpdo(now, number, out);
+                self.node.trigger_tpdo(now, number, self.device.od(), out);
             }
         }
     }

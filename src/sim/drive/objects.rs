@@ -4,10 +4,10 @@ use yieldwall_drives::cia402::OptionCodes;
 use yieldwall_drives::objects as cia;
 use yieldwall_drives::profiles::{Entry, Servo, SetPointWatch, Setting, SyncWatch};
 
-use super::super::device::{DeviceError, commanded, declare, dictionary, handle, plain, shown};
+use super::super::device::{DeviceError, commanded, declare, handle, identity, mark, plain, shown};
 use super::DriveSettings;
-use crate::canopen::dictionary::Builder;
-use crate::canopen::{Access, CanopenError, Handle, ObjectDictionary, PdoParameters, cob};
+use crate::canopen::{CanopenError, CommunicationProfile, PdoParameters, cob};
+use crate::objects::{Access, Builder, DictionaryError, Handle, Object, ObjectDictionary};
 
 /// Quick stop ramp in rad/s^2 unless the master sets one: from 6 rad/s to rest in 60 ms.
 const QUICK_STOP_RAD_PER_S2: f64 = 100.0;
@@ -28,7 +28,7 @@ macro_rules! handles {
         }
 
         impl Objects {
-            pub(super) fn of(od: &ObjectDictionary) -> Result<Self, CanopenError> {
+            pub(super) fn of(od: &ObjectDictionary) -> Result<Self, DictionaryError> {
                 Ok(Objects { $($field: handle(od, cia::$object)?,)* })
             }
         }
@@ -78,7 +78,9 @@ pub(super) fn build(settings: &DriveSettings, servo: &Servo) -> Result<ObjectDic
     let options = OptionCodes::default();
     let option = |object, value: i16, lo: i16, hi: i16| declare(object, value.into()).limits(lo, hi);
     let fixed = |object, value: i64| declare(object, value).access(Access::ReadOnly);
-    let builder = dictionary(settings.node, &settings.profile, settings.serial)
+    let builder = ObjectDictionary::builder()
+        .objects(communication(settings, servo)?)
+        .objects(mark())
         .object(fixed(cia::SIMULATION_LACKS, 0))
         .object(fixed(cia::SIMULATION_CLOCK, 0))
         .object(option(cia::ABORT_CONNECTION_OPTION, options.abort_connection, 0, 3))
@@ -117,9 +119,8 @@ pub(super) fn build(settings: &DriveSettings, servo: &Servo) -> Result<ObjectDic
         .object(commanded(cia::NEGATIVE_TORQUE_LIMIT, 1000))
         .object(shown(cia::FOLLOWING_ERROR_ACTUAL))
         .object(commanded(cia::TARGET_VELOCITY, 0))
-        .object(fixed(cia::SUPPORTED_MODES, servo.process_data.supported_modes().into()))
-        .mapping_entries(servo.process_data.mapping_entries);
-    default_pdos(of_profile(builder, servo), settings).build()
+        .object(fixed(cia::SUPPORTED_MODES, servo.process_data.supported_modes().into()));
+    Ok(of_profile(builder, servo).build()?)
 }
 
 /// What a profile says of its drive beyond the objects of CiA 402: those that are set at each start, and those of its watchdogs.
@@ -177,8 +178,9 @@ pub(super) fn check(servo: &Servo) -> Result<(), DeviceError> {
     Ok(())
 }
 
-/// The default PDOs of CiA 402, event-driven; the first pair is in use, the others wait for a master.
-fn default_pdos(mut builder: Builder, settings: &DriveSettings) -> Builder {
+/// What the drive declares for CANopen, with the default PDOs of CiA 402, event-driven: the first pair is in use, the others
+/// wait for a master.
+fn communication(settings: &DriveSettings, servo: &Servo) -> Result<Vec<Object>, CanopenError> {
     let rpdos: [&[cia::Object]; 4] = [
         &[cia::CONTROLWORD],
         &[cia::CONTROLWORD, cia::MODE_OF_OPERATION],
@@ -196,10 +198,12 @@ fn default_pdos(mut builder: Builder, settings: &DriveSettings) -> Builder {
         let event_driven = PdoParameters::event_driven(id.unwrap_or_default(), &mapping);
         if number == 1 { event_driven } else { event_driven.unused() }
     };
+    let mut profile = CommunicationProfile::new(settings.node, &identity(&settings.profile, settings.serial))
+        .mapping_entries(servo.process_data.mapping_entries);
     for (number, (rpdo, tpdo)) in (1u8..).zip(rpdos.into_iter().zip(tpdos)) {
-        builder = builder
+        profile = profile
             .rpdo(number, &parameters(number, cob::rpdo(number, settings.node), rpdo))
             .tpdo(number, &parameters(number, cob::tpdo(number, settings.node), tpdo));
     }
-    builder
+    profile.objects()
 }

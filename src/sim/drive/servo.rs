@@ -3,7 +3,7 @@
 use std::time::Duration;
 
 use super::super::DeviceError;
-use crate::canopen::Time;
+use crate::time::Time;
 
 /// Below this rate a drive that slows down counts as standing.
 const STANDSTILL_RAD_PER_S: f64 = 0.01;

@@ -4,7 +4,7 @@ use std::time::Duration;
 
 use yieldwall_drives::profiles::{BuiltInWatch, Reaction, Servo, SetPointWatch, SyncWatch, TimeUnit, TimedObject};
 
-use crate::canopen::{CanopenError, Handle, ObjectDictionary};
+use crate::objects::{DictionaryError, Handle, ObjectDictionary};
 
 /// How one thing is watched for.
 #[derive(Clone, Copy, Debug)]
@@ -35,7 +35,7 @@ pub(super) struct Watches {
 }
 
 impl Watches {
-    pub(super) fn new(od: &ObjectDictionary, servo: &Servo) -> Result<Self, CanopenError> {
+    pub(super) fn new(od: &ObjectDictionary, servo: &Servo) -> Result<Self, DictionaryError> {
         let sync = match &servo.watchdogs.sync {
             SyncWatch::None => Watch::None,
             SyncWatch::BuiltIn(watch) => Watch::built_in(watch),
@@ -58,7 +58,7 @@ impl Watch {
         watch.periods.map_or(Self::None, |periods| Self::Periods { periods, reaction })
     }
 
-    fn object(od: &ObjectDictionary, timed: &TimedObject) -> Result<Self, CanopenError> {
+    fn object(od: &ObjectDictionary, timed: &TimedObject) -> Result<Self, DictionaryError> {
         let (index, sub) = (timed.object.index, timed.object.sub);
         let time = match timed.object.bits {
             8 => Time::U8(od.handle(index, sub)?),

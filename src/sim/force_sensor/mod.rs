@@ -12,8 +12,9 @@ use std::time::Duration;
 use yieldwall_drives::profiles::DeviceProfile;
 
 use super::DeviceError;
-use crate::canopen::{Frame, NodeId, Outbox, Time};
+use crate::canopen::{Frame, NodeId, Outbox};
 use crate::plain_can::Protocol;
+use crate::time::Time;
 use node::CanopenSensor;
 use plain::PlainSensor;
 use sampler::{CHANNELS, Sampler};

@@ -6,12 +6,15 @@ use yieldwall_drives::objects::{self as cia, AUTO_ZERO_SIGNATURE};
 use yieldwall_drives::profiles::{DeviceProfile, Entry, ForceSensor, StatusBits};
 
 use super::super::DeviceError;
-use super::super::device::{declare, dictionary, mapping};
+use super::super::device::{declare, identity, mapping, mark};
 use super::sampler::{CHANNELS, Conversion, Sampler};
 use crate::canopen::{
-    AbortCode, Access, Address, Application, CanopenError, Frame, Handle, Mappable, Node, NodeId, Object,
-    ObjectDictionary, Outbox, PdoParameters, Reset, Time, cob,
+    Application, CanopenError, CommunicationProfile, Frame, Node, NodeId, Outbox, PdoParameters, cob,
 };
+use crate::objects::{
+    AbortCode, Access, Address, DictionaryError, Handle, Mappable, Object, ObjectDictionary, Reset, ServedDevice,
+};
+use crate::time::Time;
 
 /// A CANopen node whose samples become six process values (7130h), a status byte and a counter at once; the TPDOs carry
 /// the newest sample.
@@ -23,6 +26,7 @@ pub(super) struct CanopenSensor {
 
 #[derive(Clone, Debug)]
 pub(super) struct Device {
+    od: ObjectDictionary,
     pub(super) sampler: Sampler,
     process: [Handle<i16>; CHANNELS],
     status: Option<Handle<u8>>,
@@ -40,9 +44,8 @@ impl CanopenSensor {
     ) -> Result<Self, DeviceError> {
         let role = || DeviceError::Role { profile: profile.name().to_owned(), wanted: "force sensor" };
         let model = profile.force_sensor().ok_or_else(role)?;
-        let od = build(node, profile, model, serial)?;
-        let device = Device::new(&od, model, sampler)?;
-        Ok(Self { node: Node::new(node, od)?, device })
+        let device = Device::new(build(node, profile, model, serial)?, model, sampler)?;
+        Ok(Self { node: Node::new(node, device.od())?, device })
     }
 
     pub(super) fn boot(&mut self, now: Time, out: &mut impl Outbox) {
@@ -55,7 +58,7 @@ impl CanopenSensor {
 
     pub(super) fn poll(&mut self, now: Time, out: &mut impl Outbox) {
         if let Some(conversion) = self.device.sampler.poll(now) {
-            self.device.show(self.node.od_mut(), &conversion);
+            self.device.show(&conversion);
         }
         self.node.poll(now, &mut self.device, out);
     }
@@ -75,7 +78,9 @@ fn build(
     let bytes =
         objects.status.iter().chain(&objects.sample_counter).map(|entry| Object::new(entry.index, entry.sub, 0u8));
     let channels = objects.channels.iter().map(|entry| Object::new(entry.index, entry.sub, 0i16));
-    let mut builder = dictionary(node, profile, serial)
+    let mut builder = ObjectDictionary::builder()
+        .objects(communication(node, profile, model, serial)?)
+        .objects(mark())
         .objects(bytes.chain(channels).map(|object| object.access(Access::ReadOnly).mappable(Mappable::Tpdo)))
         .highest_sub(cia::AUTO_ZERO.index, CHANNELS as u8)
         .objects((1..=CHANNELS as u8).map(|sub| declare(cia::AUTO_ZERO.at(sub), 0).access(Access::WriteOnly)));
@@ -88,17 +93,29 @@ fn build(
     for (index, highest) in records {
         builder = builder.highest_sub(index, highest);
     }
-    // As delivered, the TPDOs are mapped but switched off: the master decides who talks on its bus.
-    builder = builder.mapping_entries(model.mapping_entries);
-    for tpdo in &model.process_data.tpdo {
-        let id = cob::tpdo(tpdo.number, node).unwrap_or_default();
-        builder = builder.tpdo(tpdo.number, &PdoParameters::synchronous(id, &mapping(profile, tpdo)).unused());
-    }
-    builder.build()
+    Ok(builder.build()?)
+}
+
+/// What the sensor declares for CANopen. As delivered, its TPDOs are mapped but switched off: the master decides who talks on its
+/// bus.
+fn communication(
+    node: NodeId,
+    profile: &DeviceProfile,
+    model: &ForceSensor,
+    serial: u32,
+) -> Result<Vec<Object>, CanopenError> {
+    let own = CommunicationProfile::new(node, &identity(profile, serial)).mapping_entries(model.mapping_entries);
+    let tpdos = model.process_data.tpdo.iter();
+    tpdos
+        .fold(own, |own, tpdo| {
+            let id = cob::tpdo(tpdo.number, node).unwrap_or_default();
+            own.tpdo(tpdo.number, &PdoParameters::synchronous(id, &mapping(profile, tpdo)).unused())
+        })
+        .objects()
 }
 
 impl Device {
-    fn new(od: &ObjectDictionary, model: &ForceSensor, sampler: Sampler) -> Result<Self, CanopenError> {
+    fn new(od: ObjectDictionary, model: &ForceSensor, sampler: Sampler) -> Result<Self, DictionaryError> {
         let objects = &model.objects;
         let mut process = [Handle::NOWHERE; CHANNELS];
         for (entry, to) in objects.channels.iter().zip(&mut process) {
@@ -112,51 +129,62 @@ impl Device {
             status_bits: model.status_bits,
             counter: byte(&objects.sample_counter)?,
             sample_count: 0,
+            od,
         })
     }
 
-    fn show(&mut self, od: &mut ObjectDictionary, conversion: &Conversion) {
+    fn show(&mut self, conversion: &Conversion) {
         self.sample_count = self.sample_count.wrapping_add(1);
         if let Some(counter) = self.counter {
-            od.set(counter, self.sample_count);
+            self.od.set(counter, self.sample_count);
         }
         for (&handle, &counts) in self.process.iter().zip(&conversion.counts) {
-            od.set(handle, counts);
+            self.od.set(handle, counts);
         }
         if let Some(status) = self.status {
             let bit = |is_set: bool, mask: u8| if is_set { mask } else { 0 };
             let StatusBits { overload, invalid } = self.status_bits;
-            od.set(status, bit(conversion.is_overloaded, overload) | bit(conversion.is_invalid, invalid));
+            self.od.set(status, bit(conversion.is_overloaded, overload) | bit(conversion.is_invalid, invalid));
         }
     }
 }
 
-impl Application for Device {
-    fn before_write(&mut self, _od: &mut ObjectDictionary, at: Address, data: &[u8]) -> Result<(), AbortCode> {
+impl ServedDevice for Device {
+    fn od(&self) -> &ObjectDictionary {
+        &self.od
+    }
+
+    fn od_mut(&mut self) -> &mut ObjectDictionary {
+        &mut self.od
+    }
+
+    fn before_write(&mut self, at: Address, data: &[u8]) -> Result<(), AbortCode> {
         if at.index == cia::AUTO_ZERO.index && data != AUTO_ZERO_SIGNATURE.to_le_bytes() {
             return Err(AbortCode::VALUE);
         }
         Ok(())
     }
 
-    fn after_write(&mut self, _od: &mut ObjectDictionary, at: Address) {
+    fn after_write(&mut self, at: Address) {
         if at.index == cia::AUTO_ZERO.index {
-            self.sampler.take_zero(usize::from(at.subindex).wrapping_sub(1));
+            self.sampler.take_zero(usize::from(at.sub).wrapping_sub(1));
         }
     }
 
-    fn on_sync(&mut self, _now: Time, od: &mut ObjectDictionary) {
+    fn sample(&mut self, _now: Time) {
         if !self.sampler.has_clock()
             && let Some(conversion) = self.sampler.tick()
         {
-            self.show(od, &conversion);
+            self.show(&conversion);
         }
     }
 
-    fn on_reset(&mut self, now: Time, _od: &mut ObjectDictionary, reset: Reset) {
+    fn reset(&mut self, now: Time, reset: Reset) {
         if reset == Reset::Node {
             self.sample_count = 0;
             self.sampler.reset(now);
         }
     }
 }
+
+impl Application for Device {}

@@ -1,8 +1,9 @@
 //! The sensors on plain CAN.
 
 use super::sampler::{CHANNELS, Sampler};
-use crate::canopen::{Frame, Outbox, Time};
+use crate::canopen::{Frame, Outbox};
 use crate::plain_can::{Order, Protocol, Status, Telling};
+use crate::time::Time;
 
 /// A sensor that streams or is asked.
 #[derive(Clone, Debug)]

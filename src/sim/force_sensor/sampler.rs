@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use crate::canopen::Time;
+use crate::time::Time;
 
 /// Channels: Fx Fy Fz Tx Ty Tz.
 pub(super) const CHANNELS: usize = 6;

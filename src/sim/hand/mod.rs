@@ -176,11 +176,6 @@ impl<const N: usize> Hand<N> {
         Ok(())
     }
 
-    /// When the path ends, in s; afterwards the target rests.
-    pub fn path_end_s(&self) -> f64 {
-        self.path.end_s()
-    }
-
     /// Where the hand aims at `time_s`.
     pub fn target(&mut self, time_s: f64) -> PathPoint<N> {
         let mut target = self.path.at(time_s);

@@ -108,11 +108,6 @@ impl<const N: usize> Path<N> {
         Ok(path)
     }
 
-    /// When the last leg ends, in s.
-    pub fn end_s(&self) -> f64 {
-        self.end_s
-    }
-
     /// The target at `time_s`; a time that is NaN counts as one after the end.
     ///
     /// Constant time on average while times grow by less than a leg; no allocation.
@@ -251,7 +246,7 @@ mod tests {
     #[test]
     fn the_target_is_where_each_leg_ends() {
         let mut path = tour();
-        assert_eq!(path.end_s(), 5.3);
+        assert_eq!(path.end_s, 5.3);
         assert_eq!(path.at(0.0).position_m, Vector2::new(0.05, 0.03));
         assert!((path.at(1.0).position_m - Vector2::new(0.10, 0.06)).norm() < 1e-15);
         let turned = nalgebra::Rotation2::new(1.2) * Vector2::new(0.10, 0.06);

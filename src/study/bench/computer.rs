@@ -74,6 +74,6 @@ impl Computer {
         self.reference = self.reference.moved(proxy, angles, self.period_s);
         let servo = self.servo.step(&self.linkage, &self.reference, measured).map_err(|_| BenchError::NotFinite)?;
         let limit = self.torque_limit_n_m;
-        Ok(Command { step, torques: JointTorques(servo.torques.0.map(|torque| gsat(-limit, torque, limit))) })
+        Ok(Command { step, torques: servo.torques.map(|torque| gsat(-limit, torque, limit)) })
     }
 }

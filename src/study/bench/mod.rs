@@ -144,16 +144,6 @@ impl Bench {
         })
     }
 
-    /// Number of the next cycle, from 0.
-    pub fn cycle(&self) -> u64 {
-        self.cycle
-    }
-
-    /// The arm, for those who look at more than a cycle shows.
-    pub fn arm(&self) -> &Arm {
-        &self.arm
-    }
-
     /// Gives arm and proxy a common velocity in m/s, as if they had come along so. Call it before the first cycle.
     ///
     /// # Errors

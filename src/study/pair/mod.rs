@@ -5,7 +5,10 @@
 //! presses on it with 12 N; 10 mm before the wall there may lie a tissue. The loop is of its own: two tools with delays between
 //! them, in one dimension, where [`bench`](super::bench) has one arm.
 
+mod machine;
 mod trial;
+
+pub use machine::{Pair, PairParameters, PairRow, PairServo, Placement, Surroundings};
 
 use serde_json::Value;
 

@@ -3,10 +3,11 @@
 use crate::elementary;
 use nalgebra::Vector1;
 
+use super::machine::{Pair, PairParameters, PairServo, Placement, Surroundings};
 use crate::fixture::{
     Admittance, Coupling, Curvature, Fixture, Limits, Parameters, Passivity, Plane, Rearm, Side, Surface as _,
 };
-use crate::rig::{Pair, PairParameters, PairServo, Placement, RigError, Surroundings};
+use crate::rig::RigError;
 use crate::sim::hand::{Hand, HandLoad, HandParameters, Leg, Path};
 use crate::sim::point_mass::PointMassParameters;
 

@@ -4,7 +4,7 @@ use crate::elementary;
 use nalgebra::{Matrix2, Vector2};
 
 use super::machine::inverse;
-use super::method::Plant;
+use super::scene::Plant;
 use crate::linkage::{Dynamics, FiveBar, MassModel};
 use crate::quantity::{JointAngles, JointRates};
 use crate::sim::arm::{ArmError, ArmParameters, slip_rates};

@@ -8,7 +8,7 @@
 use nalgebra::{Matrix2, Vector2};
 
 use super::machine::{StudyArm, inverse};
-use super::method::Plant;
+use super::scene::Plant;
 use crate::sim::arm::ArmError;
 use crate::sim::hand::HandLoad;
 

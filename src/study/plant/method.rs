@@ -5,25 +5,10 @@ use std::fmt;
 
 use super::contrast::{SemiImplicit, Smooth};
 use super::events::Events;
-use super::scene::{Aim, CYCLE_S, Scene};
+use super::scene::{Aim, CYCLE_S, Plant, Scene};
 use crate::quantity::{JointAngles, JointTorques, TipPoint};
 use crate::sim::arm::{Arm, ArmError};
 use crate::sim::hand::HandLoad;
-
-/// An arm that a scene moves.
-pub trait Plant {
-    /// Moves on to `end_s` in steps no longer than `step_s`, under held motor torques.
-    ///
-    /// # Errors
-    /// Where the arm cannot be, or if no finite motion results.
-    fn run_to(&mut self, end_s: f64, step_s: f64, torque_n_m: Vector2<f64>) -> Result<(), ArmError>;
-
-    /// Joint angles in rad.
-    fn angles(&self) -> Vector2<f64>;
-
-    /// Joint rates in rad/s.
-    fn rates(&self) -> Vector2<f64>;
-}
 
 /// How the equations of motion are integrated.
 #[derive(Clone, Copy, Debug, PartialEq)]

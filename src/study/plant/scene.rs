@@ -5,10 +5,26 @@ use nalgebra::Vector2;
 use std::f64::consts::TAU;
 
 use super::machine::{STUDY_ARM, StudyArm, inverse};
+use crate::sim::arm::ArmError;
 use crate::sim::hand::HandLoad;
 
 /// The controller of each joint runs, and the tool is looked at, at this period.
 pub const CYCLE_S: f64 = 1e-3;
+
+/// An arm that a scene moves.
+pub trait Plant {
+    /// Moves on to `end_s` in steps no longer than `step_s`, under held motor torques.
+    ///
+    /// # Errors
+    /// Where the arm cannot be, or if no finite motion results.
+    fn run_to(&mut self, end_s: f64, step_s: f64, torque_n_m: Vector2<f64>) -> Result<(), ArmError>;
+
+    /// Joint angles in rad.
+    fn angles(&self) -> Vector2<f64>;
+
+    /// Joint rates in rad/s.
+    fn rates(&self) -> Vector2<f64>;
+}
 
 /// A controller of each joint towards the planned angle and rate.
 #[derive(Clone, Copy, Debug, PartialEq)]

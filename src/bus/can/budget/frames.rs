@@ -7,7 +7,7 @@ use super::response::Stream;
 use crate::bus::can::boot::mapping;
 use crate::bus::error::{BootError, BootFailure};
 use crate::bus::setup::{MasterSetup, SensorLink, SensorSetup};
-use crate::canopen::{NodeId, cob};
+use crate::canopen::{BusId, NodeId, cob};
 use crate::plain_can::{Link, Order, Protocol};
 use yieldwall_drives::cia402::OperationMode;
 use yieldwall_drives::profiles::{DeviceProfile, Pdo};
@@ -95,7 +95,7 @@ impl PlannedFrame {
 ///
 /// # Errors
 /// If node identifiers are out of range, or if a profile lacks the process data of the command mode.
-pub(super) fn frames(setup: &MasterSetup, bus: u8) -> Result<Vec<PlannedFrame>, BootError> {
+pub(super) fn frames(setup: &MasterSetup, bus: BusId) -> Result<Vec<PlannedFrame>, BootError> {
     let mode = Some(setup.mode.operation_mode());
     let sensor = &setup.sensor;
     let mut devices = Vec::new();

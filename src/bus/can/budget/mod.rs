@@ -19,13 +19,14 @@ use std::time::Duration;
 
 use crate::bus::error::BootError;
 use crate::bus::setup::MasterSetup;
+use crate::canopen::BusId;
 use phases::{Timing, responses_ns};
 
 /// What the response times depend on besides the frames.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Conditions {
-    /// Number of the bus; each is looked at by itself.
-    pub bus: u8,
+    /// The bus; each is looked at by itself.
+    pub bus: BusId,
     /// Bit rate in bit/s, above 0.
     pub bit_rate: u32,
     /// When the control step runs, after SYNC; below the period.

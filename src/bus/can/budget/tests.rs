@@ -11,7 +11,7 @@ fn setup(mode: CommandMode, period_us: u64) -> MasterSetup {
     let heartbeat = Duration::from_millis(20);
     let drive = |name: &str, node_id| DriveSetup {
         name: name.to_owned(),
-        bus: 0,
+        bus: BusId::FIRST,
         node_id,
         profile: shipped_profile("simulated-servo"),
         scaling: AxisScaling::new(800_000.0, Direction::Same, 0.0, 60.0).unwrap(),
@@ -30,7 +30,7 @@ fn setup(mode: CommandMode, period_us: u64) -> MasterSetup {
         drives: [drive("left", 1), drive("right", 2)],
         sensor: SensorSetup {
             name: "wrist".to_owned(),
-            bus: 0,
+            bus: BusId::FIRST,
             link: SensorLink::Canopen(SensorNode {
                 node_id: 10,
                 profile: shipped_profile("simulated-force-sensor"),
@@ -43,7 +43,7 @@ fn setup(mode: CommandMode, period_us: u64) -> MasterSetup {
 }
 
 const HOST: Conditions = Conditions {
-    bus: 0,
+    bus: BusId::FIRST,
     bit_rate: 1_000_000,
     compute_at: Duration::from_micros(620),
     device_delay: Duration::ZERO,
@@ -202,7 +202,7 @@ fn plain_can(protocol: Protocol, sample_us: u64) -> MasterSetup {
     };
     let name = "wrist".to_owned();
     let sample_period = Duration::from_micros(sample_us);
-    let sensor = SensorSetup { name, bus: 0, link: SensorLink::PlainCan(link), waits: WAITS, sample_period };
+    let sensor = SensorSetup { name, bus: BusId::FIRST, link: SensorLink::PlainCan(link), waits: WAITS, sample_period };
     MasterSetup { sensor, ..setup(CommandMode::Torque, 1000) }
 }
 
@@ -263,9 +263,9 @@ fn a_streaming_sensor_comes_at_any_moment() {
 
 /// The sensor on a bus of its own, at half the bit rate of the drives'.
 fn apart(mut setup: MasterSetup) -> [Budget; 2] {
-    setup.sensor.bus = 1;
+    setup.sensor.bus = BusId::new(1);
     let conditions = Conditions { compute_at: Duration::from_micros(740), ..HOST };
-    let sensor = Conditions { bus: 1, bit_rate: 500_000, ..conditions };
+    let sensor = Conditions { bus: BusId::new(1), bit_rate: 500_000, ..conditions };
     [conditions, sensor].map(|conditions| Budget::new(&setup, conditions).unwrap())
 }
 
@@ -300,9 +300,9 @@ fn a_streaming_sensor_alone_on_its_bus_needs_no_sync() {
 #[test]
 fn advice_for_one_bus_is_kept_by_the_others() {
     let mut setup = setup(CommandMode::Torque, 1000);
-    setup.sensor.bus = 1;
+    setup.sensor.bus = BusId::new(1);
     let conditions = Conditions { compute_at: Duration::from_micros(600), ..HOST };
-    let sensor = Conditions { bus: 1, bit_rate: 500_000, ..conditions };
+    let sensor = Conditions { bus: BusId::new(1), bit_rate: 500_000, ..conditions };
     let advice = advise(&setup, sensor, &[conditions]).unwrap().unwrap();
     assert_eq!((advice.bit_rate, advice.compute_at_us), (500_000, [712, 753]));
 }

@@ -5,7 +5,7 @@ use crate::bus::can::boot::{lacking, layout_entries, mapped, mapping};
 use crate::bus::error::BootFailure;
 use crate::bus::setup::{DriveSetup, SensorNode};
 use crate::canopen::pdo::Layout;
-use crate::canopen::{NodeId, cob};
+use crate::canopen::{BusId, NodeId, cob};
 use yieldwall_drives::cia402::CommandMode;
 use yieldwall_drives::profiles::{DeviceProfile, Pdo, Quantity, StatusBits};
 
@@ -17,7 +17,7 @@ pub(super) struct Incomings {
 
 impl Incomings {
     /// None yet, with room for those of the buses up to this one.
-    pub(super) fn new(last_bus: u8) -> Self {
+    pub(super) fn new(last_bus: BusId) -> Self {
         Self { slots: vec![NO_SLOT; slot_index(last_bus, 0) + IDENTIFIERS].into_boxed_slice(), incoming: Vec::new() }
     }
 
@@ -53,7 +53,7 @@ impl Incomings {
         })
     }
 
-    pub(super) fn sensor(&mut self, bus: u8, setup: &SensorNode, node: NodeId) -> Result<StatusBits, BootFailure> {
+    pub(super) fn sensor(&mut self, bus: BusId, setup: &SensorNode, node: NodeId) -> Result<StatusBits, BootFailure> {
         let profile = &*setup.profile;
         for pdo in &mapping(profile, None)?.tpdo {
             self.add(bus, profile, node, pdo, None, &|quantity| match quantity {
@@ -69,7 +69,7 @@ impl Incomings {
 
     fn add(
         &mut self,
-        bus: u8,
+        bus: BusId,
         profile: &DeviceProfile,
         node: NodeId,
         pdo: &Pdo,

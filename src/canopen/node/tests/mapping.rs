@@ -1,6 +1,7 @@
 //! PDO mappings: which are taken, and how they are written.
 
 use super::*;
+use crate::objects::DictionaryError;
 
 /// The order of CiA 301 for RPDO 2 and these entries; stops at the first refusal.
 fn remap(device: &mut Device, entries: &[u32], transmission_type: u8) -> Result<(), AbortCode> {
@@ -95,7 +96,7 @@ fn bad_mappings_have_their_own_abort_codes() {
 #[test]
 fn bad_default_pdos_are_found_at_construction() {
     let id = node_id(3).unwrap();
-    let with = |parameters: &PdoParameters| Node::new(id, dictionary().rpdo(3, parameters).build().unwrap()).err();
+    let with = |parameters: &PdoParameters| Node::new(id, &dictionary(communication().rpdo(3, parameters))).err();
     let pdo = |mapping: &[(u16, u8, u8)]| PdoParameters::default_rpdo(3, id, mapping).unwrap();
     assert_eq!(with(&pdo(&[(0x607a, 0, 32)])), None);
     let not_mappable = CanopenError::NotMappable { index: 0x6041, sub: 0, bits: 16 };
@@ -105,5 +106,5 @@ fn bad_default_pdos_are_found_at_construction() {
     let reserved = PdoParameters { transmission_type: 252, ..pdo(&[]) };
     assert_eq!(with(&reserved), Some(CanopenError::TransmissionType(252)));
     let bare = ObjectDictionary::builder().build().unwrap();
-    assert!(matches!(Node::new(id, bare), Err(CanopenError::NoObject { .. })));
+    assert!(matches!(Node::new(id, &bare), Err(CanopenError::Dictionary(DictionaryError::NoObject { .. }))));
 }

@@ -10,62 +10,72 @@ use proptest::prelude::*;
 
 use super::*;
 use crate::canopen::time::TimeOfDay;
-use crate::canopen::{AbortCode, Access, Address, DeviceIdentity, Handle, Mappable, Object, PdoParameters, node_id};
+use crate::canopen::{CommunicationProfile, PdoParameters, node_id};
+use crate::objects::{AbortCode, Access, Address, DeviceIdentity, Handle, Mappable, Object, ServedDevice};
 
 const MS: u64 = 1_000_000;
 const SYNC: (u16, &[u8]) = (0x080, &[]);
 
 /// Writes down what the node told it; the position follows the target at SYNC.
-#[derive(Default)]
 struct Recorder {
+    od: ObjectDictionary,
     log: Vec<String>,
     refusal: Option<AbortCode>,
     target: Option<Handle<i32>>,
     position: Option<Handle<i32>>,
 }
 
-impl Application for Recorder {
-    fn before_write(&mut self, _: &mut ObjectDictionary, at: Address, data: &[u8]) -> Result<(), AbortCode> {
-        self.log.push(format!("before write {:04X}:{} {data:?}", at.index, at.subindex));
+impl ServedDevice for Recorder {
+    fn od(&self) -> &ObjectDictionary {
+        &self.od
+    }
+    fn od_mut(&mut self) -> &mut ObjectDictionary {
+        &mut self.od
+    }
+    fn before_write(&mut self, at: Address, data: &[u8]) -> Result<(), AbortCode> {
+        self.log.push(format!("before write {:04X}:{} {data:?}", at.index, at.sub));
         self.refusal.map_or(Ok(()), Err)
     }
-    fn after_write(&mut self, _: &mut ObjectDictionary, at: Address) {
-        self.log.push(format!("after write {:04X}:{}", at.index, at.subindex));
+    fn after_write(&mut self, at: Address) {
+        self.log.push(format!("after write {:04X}:{}", at.index, at.sub));
     }
-    fn before_read(&mut self, od: &mut ObjectDictionary, at: Address) -> Result<(), AbortCode> {
+    fn before_read(&mut self, at: Address) -> Result<(), AbortCode> {
         if at.index == 0x6064 {
-            od.set(self.position.unwrap(), 0x1234);
+            self.od.set(self.position.unwrap(), 0x1234);
         }
         self.refusal.map_or(Ok(()), Err)
     }
-    fn on_sync(&mut self, _: Time, od: &mut ObjectDictionary) {
-        let target = od.get(self.target.unwrap());
-        od.set(self.position.unwrap(), target);
+    fn outputs_applied(&mut self, _: Time, number: u8) {
+        self.log.push(format!("rpdo {number} target {}", self.od.get(self.target.unwrap())));
+    }
+    fn outputs_late(&mut self, _: Time, number: u8) {
+        self.log.push(format!("late rpdo {number}"));
+    }
+    fn sample(&mut self, _: Time) {
+        let target = self.od.get(self.target.unwrap());
+        self.od.set(self.position.unwrap(), target);
         self.log.push("sync".into());
     }
-    fn on_rpdo(&mut self, _: Time, od: &mut ObjectDictionary, number: u8) {
-        self.log.push(format!("rpdo {number} target {}", od.get(self.target.unwrap())));
-    }
-    fn on_nmt(&mut self, _: Time, _: &mut ObjectDictionary, state: NmtState) {
-        self.log.push(format!("{state:?}"));
-    }
-    fn on_reset(&mut self, _: Time, _: &mut ObjectDictionary, reset: Reset) {
+    fn reset(&mut self, _: Time, reset: Reset) {
         self.log.push(format!("reset {reset:?}"));
     }
-    fn on_heartbeat_event(&mut self, _: Time, _: &mut ObjectDictionary, event: HeartbeatEvent) {
+}
+
+impl Application for Recorder {
+    fn on_nmt(&mut self, _: Time, state: NmtState) {
+        self.log.push(format!("{state:?}"));
+    }
+    fn on_heartbeat_event(&mut self, _: Time, event: HeartbeatEvent) {
         self.log.push(format!("heartbeat of {} {:?}", event.node.raw(), event.change));
     }
-    fn on_life_guarding(&mut self, _: Time, _: &mut ObjectDictionary, is_lost: bool) {
+    fn on_life_guarding(&mut self, _: Time, is_lost: bool) {
         self.log.push(format!("guarding lost {is_lost}"));
     }
-    fn on_time(&mut self, _: Time, _: &mut ObjectDictionary, time: TimeOfDay) {
+    fn on_time(&mut self, _: Time, time: TimeOfDay) {
         self.log.push(format!("day {} ms {}", time.days, time.milliseconds));
     }
-    fn on_bit_rate(&mut self, _: Time, _: &mut ObjectDictionary, bit_rate: u32, delay: Duration) {
+    fn on_bit_rate(&mut self, _: Time, bit_rate: u32, delay: Duration) {
         self.log.push(format!("{bit_rate} bit/s after {delay:?}"));
-    }
-    fn on_rpdo_timeout(&mut self, _: Time, _: &mut ObjectDictionary, number: u8) {
-        self.log.push(format!("late rpdo {number}"));
     }
 }
 
@@ -76,12 +86,20 @@ struct Device {
     app: Recorder,
 }
 
-fn dictionary() -> crate::canopen::dictionary::Builder {
+fn communication() -> CommunicationProfile {
     let id = node_id(3).unwrap();
     let rpdo = PdoParameters::default_rpdo(1, id, &[(0x6040, 0, 16), (0x607a, 0, 32)]).unwrap();
     let tpdo = PdoParameters::default_tpdo(1, id, &[(0x6041, 0, 16), (0x6064, 0, 32)]).unwrap();
+    CommunicationProfile::new(id, &DeviceIdentity { device_type: 402, ..DeviceIdentity::default() })
+        .rpdo(1, &rpdo)
+        .tpdo(1, &tpdo)
+        .rpdo(2, &PdoParameters::default_rpdo(2, id, &[]).unwrap().unused())
+        .tpdo(2, &PdoParameters::default_tpdo(2, id, &[]).unwrap().unused())
+}
+
+fn dictionary(communication: CommunicationProfile) -> ObjectDictionary {
     ObjectDictionary::builder()
-        .communication_profile(id, &DeviceIdentity { device_type: 402, ..DeviceIdentity::default() })
+        .objects(communication.objects().unwrap())
         .object(Object::new(0x6040, 0, 0u16).mappable(Mappable::Rpdo))
         .object(Object::new(0x6041, 0, 0x0250u16).access(Access::ReadOnly).mappable(Mappable::Tpdo))
         .object(Object::new(0x6060, 0, 0i8).mappable(Mappable::Rpdo))
@@ -89,17 +107,15 @@ fn dictionary() -> crate::canopen::dictionary::Builder {
         .object(Object::new(0x607a, 0, 0i32).mappable(Mappable::Both))
         .object(Object::new(0x2000, 0, 0u64).mappable(Mappable::Both))
         .object(Object::new(0x2001, 0, false).mappable(Mappable::Both))
-        .rpdo(1, &rpdo)
-        .tpdo(1, &tpdo)
-        .rpdo(2, &PdoParameters::default_rpdo(2, id, &[]).unwrap().unused())
-        .tpdo(2, &PdoParameters::default_tpdo(2, id, &[]).unwrap().unused())
+        .build()
+        .unwrap()
 }
 
 fn silent() -> Device {
-    let node = Node::new(node_id(3).unwrap(), dictionary().build().unwrap()).unwrap();
-    let target = node.od().handle(0x607a, 0).ok();
-    let position = node.od().handle(0x6064, 0).ok();
-    Device { node, app: Recorder { target, position, ..Recorder::default() } }
+    let od = dictionary(communication());
+    let node = Node::new(node_id(3).unwrap(), &od).unwrap();
+    let (target, position) = (od.handle(0x607a, 0).ok(), od.handle(0x6064, 0).ok());
+    Device { node, app: Recorder { od, log: Vec::new(), refusal: None, target, position } }
 }
 
 fn booted() -> Device {
@@ -163,7 +179,7 @@ impl Device {
     }
 
     fn value(&self, index: u16, sub: u8) -> u64 {
-        self.node.od().raw(index, sub)
+        self.app.od.raw(index, sub)
     }
 
     fn emergencies(frames: &[Frame]) -> Vec<[u8; 8]> {
@@ -231,17 +247,16 @@ proptest! {
     fn an_rpdo_mapped_like_a_tpdo_returns_the_same_bytes(value: u64, flag: bool) {
         let id = node_id(3).unwrap();
         let mapping = [(0x607a, 0, 32), (0x2001, 0, 1)];
-        let od = dictionary()
+        let communication = communication()
             .rpdo(3, &PdoParameters::event_driven(0x403, &mapping))
-            .tpdo(3, &PdoParameters::synchronous(0x383, &mapping))
-            .build()
-            .unwrap();
-        let mut node = Node::new(id, od).unwrap();
+            .tpdo(3, &PdoParameters::synchronous(0x383, &mapping));
+        let mut od = dictionary(communication);
+        let mut node = Node::new(id, &od).unwrap();
         let mut out = Vec::new();
-        node.boot(Time(0), &mut (), &mut out);
+        node.boot(Time(0), &mut od, &mut out);
         let word = (value & 0xffff_ffff) | u64::from(flag) << 32;
         for frame in [Frame::new(0, &[1, 3]), Frame::from_bits(0x403, word, 5), Frame::new(0x080, &[])] {
-            node.on_frame(Time(0), &frame, &mut (), &mut out);
+            node.on_frame(Time(0), &frame, &mut od, &mut out);
         }
         prop_assert_eq!(out.last(), Some(&Frame::from_bits(0x383, word, 5)));
     }

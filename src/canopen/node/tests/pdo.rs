@@ -75,7 +75,7 @@ fn type_0_is_sent_at_sync_when_the_value_changed_or_the_device_asks() {
     device.take(0x203, &[0, 0, 1, 0, 0, 0]);
     assert_eq!(device.at(0, SYNC), [Frame::new(0x183, &[0x50, 0x02, 1, 0, 0, 0])]);
     let mut out = Vec::new();
-    device.node.trigger_tpdo(Time(0), 1, &mut out);
+    device.node.trigger_tpdo(Time(0), 1, &device.app.od, &mut out);
     assert_eq!((out.len(), device.at(0, SYNC).len(), device.at(0, SYNC).len()), (0, 1, 0));
 }
 
@@ -95,15 +95,15 @@ fn event_driven_tpdos_obey_trigger_event_timer_and_inhibit_time() {
     assert_eq!((device.poll(9).len(), device.poll(11).len(), device.poll(12).len()), (0, 1, 0));
     assert_eq!((device.node.next_deadline(), device.poll(20).len()), (Time(20 * MS), 1));
     // A trigger within 2 ms waits; afterwards the timer runs from the triggered frame.
-    device.node.trigger_tpdo(Time(21 * MS), 1, &mut out);
+    device.node.trigger_tpdo(Time(21 * MS), 1, &device.app.od, &mut out);
     assert_eq!((out.len(), device.node.next_deadline()), (0, Time(22 * MS)));
     assert_eq!((device.poll(22).len(), device.node.next_deadline()), (1, Time(32 * MS)));
-    device.node.trigger_tpdo(Time(25 * MS), 1, &mut out);
+    device.node.trigger_tpdo(Time(25 * MS), 1, &device.app.od, &mut out);
     assert_eq!(out.len(), 1);
-    device.node.trigger_tpdo(Time(28 * MS), 0, &mut out);
-    device.node.trigger_tpdo(Time(28 * MS), 5, &mut out);
+    device.node.trigger_tpdo(Time(28 * MS), 0, &device.app.od, &mut out);
+    device.node.trigger_tpdo(Time(28 * MS), 5, &device.app.od, &mut out);
     device.take(0, &[0x80, 3]);
-    device.node.trigger_tpdo(Time(30 * MS), 1, &mut out);
+    device.node.trigger_tpdo(Time(30 * MS), 1, &device.app.od, &mut out);
     assert_eq!((out.len(), device.node.next_deadline()), (1, Time::NEVER));
 }
 

@@ -4,9 +4,11 @@ mod steps;
 
 use std::time::Duration;
 
-use super::super::{AbortCode, Address, CanopenError, Frame, NodeId, Outbox, Scalar, Time, cob};
+use super::super::{CanopenError, Frame, NodeId, Outbox, cob};
 use super::block::{BlockReceiver, BlockSender};
 use super::wire;
+use crate::objects::{AbortCode, Address, Scalar};
+use crate::time::Time;
 
 /// How a transfer ended.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -42,14 +42,14 @@ fn reading_in_blocks(block_size: u8) -> SdoClient {
 fn serving(data: &[u8]) -> Server {
     let mut server = Server::new();
     server.0.set_sdo_block(127, Duration::ZERO);
-    server.0.od_mut().set_bytes(Address::new(0x2001, 0), data).unwrap();
+    server.1.set_bytes(Address::new(0x2001, 0), data).unwrap();
     server
 }
 
 /// All frames of a server on a request.
 fn asked(server: &mut Server, bytes: [u8; 8]) -> Vec<[u8; 8]> {
     let mut out = Vec::new();
-    server.0.on_frame(NOW, &Frame::new(0x601, &bytes), &mut (), &mut out);
+    server.0.on_frame(NOW, &Frame::new(0x601, &bytes), &mut server.1, &mut out);
     assert!(out.iter().all(|frame| frame.id() == 0x581 && frame.len() == 8));
     out.iter().map(|frame| *frame.bytes()).collect()
 }
@@ -253,7 +253,7 @@ fn server_takes_blocks_and_confirms_a_repeated_end_without_writing_twice() {
     let end = [0xd5, 0xc3, 0x31, 0, 0, 0, 0, 0];
     assert_eq!(asked(&mut server, end), [CONFIRMED]);
     assert_eq!(server.value(0x2001), DIGITS);
-    server.0.od_mut().set_bytes(Address::new(0x2001, 0), b"own").unwrap();
+    server.1.set_bytes(Address::new(0x2001, 0), b"own").unwrap();
     assert_eq!((asked(&mut server, end), server.value(0x2001)), (vec![CONFIRMED], &b"own"[..]));
     asked(&mut server, [0x40, 0x00, 0x10, 0, 0, 0, 0, 0]);
     assert_eq!(asked(&mut server, end)[0][0], 0x80);
@@ -305,7 +305,7 @@ fn a_client_that_is_only_slow_may_finish_its_block() {
         asked(&mut server, segment(sequence - 1, sequence));
     }
     let mut out = Vec::new();
-    server.0.poll(NOW + Duration::from_millis(500), &mut (), &mut out);
+    server.0.poll(NOW + Duration::from_millis(500), &mut server.1, &mut out);
     assert_eq!(out, [Frame::new(0x581, &ack(3, 5))]);
     // The rest of the old block: number 5 would end the new one, number 10 carries the last segment.
     for sequence in 4..=10 {
@@ -331,7 +331,7 @@ fn server_repeats_an_acknowledgement_and_gives_up_in_the_end() {
     let mut sent = Vec::new();
     for ms in (0..=80).step_by(10) {
         let mut out = Vec::new();
-        server.0.poll(NOW + Duration::from_millis(ms), &mut (), &mut out);
+        server.0.poll(NOW + Duration::from_millis(ms), &mut server.1, &mut out);
         sent.extend(out.iter().map(|frame| *frame.bytes()));
     }
     // It acknowledges what it has once, and then repeats that.

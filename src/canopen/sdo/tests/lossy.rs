@@ -41,7 +41,7 @@ impl<L: FnMut(Way, &Frame) -> bool> Channel<L> {
                 }
                 Some((Way::ToDevice, frame)) => {
                     self.delivered += 1;
-                    self.server.0.on_frame(self.now, &frame, &mut (), &mut to_master);
+                    self.server.0.on_frame(self.now, &frame, &mut self.server.1, &mut to_master);
                     None
                 }
                 Some((Way::ToMaster, frame)) => {
@@ -51,7 +51,7 @@ impl<L: FnMut(Way, &Frame) -> bool> Channel<L> {
                 None => {
                     self.now = self.now.max(self.client.next_deadline().min(self.server.0.next_deadline()));
                     assert_ne!(self.now, Time::NEVER, "both sides wait for ever");
-                    self.server.0.poll(self.now, &mut (), &mut to_master);
+                    self.server.0.poll(self.now, &mut self.server.1, &mut to_master);
                     self.client.poll(self.now, &mut to_device)
                 }
             };
@@ -196,7 +196,7 @@ fn a_dead_channel_ends_both_sides_with_an_abort() {
             }
             outcome => assert!(matches!(outcome, SdoOutcome::Downloaded { .. }) && after > 11, "{outcome:?}"),
         }
-        channel.server.0.poll(channel.now + Duration::from_secs(2), &mut (), &mut Vec::new());
+        channel.server.0.poll(channel.now + Duration::from_secs(2), &mut channel.server.1, &mut Vec::new());
         assert_eq!(channel.server.0.next_deadline(), Time::NEVER);
     }
 }
@@ -233,13 +233,13 @@ proptest! {
                 let wrong = flips.iter().filter(|flip| flip.0 == count).fold(0, |bits, flip| bits ^ 1u64 << flip.1);
                 let frame = Frame::from_bits(frame.id(), frame.bits() ^ wrong, 8);
                 if frame.id() == 0x601 {
-                    channel.server.0.on_frame(channel.now, &frame, &mut (), &mut next);
+                    channel.server.0.on_frame(channel.now, &frame, &mut channel.server.1, &mut next);
                 } else {
                     outcome = channel.client.on_frame(channel.now, &frame, &mut next);
                 }
             } else {
                 channel.now = channel.now.max(channel.client.next_deadline().min(channel.server.0.next_deadline()));
-                channel.server.0.poll(channel.now, &mut (), &mut next);
+                channel.server.0.poll(channel.now, &mut channel.server.1, &mut next);
                 outcome = channel.client.poll(channel.now, &mut next);
             }
             queue.extend(next);

@@ -8,12 +8,11 @@ use std::time::Duration;
 
 use proptest::prelude::*;
 
-use super::super::{
-    AbortCode, Access, Address, CanopenError, DataType, DeviceIdentity, Frame, Node, Object, ObjectDictionary, Time,
-    node_id,
-};
+use super::super::{CanopenError, CommunicationProfile, Frame, Node, node_id};
 use super::wire::{self, Initiate, Request, Response};
-use super::{SdoClient, SdoClients, SdoOutcome, SdoRequest};
+use super::{SdoClient, SdoClients, SdoOutcome};
+use crate::objects::{AbortCode, Access, Address, DataType, DeviceIdentity, Object, ObjectDictionary, ObjectRequest};
+use crate::time::Time;
 
 const TIMEOUT: Duration = Duration::from_millis(100);
 const NOW: Time = Time(1_000_000_000);
@@ -50,7 +49,8 @@ fn aborted(index: u16, sub: u8, code: u32, is_by_device: bool) -> Option<SdoOutc
     Some(SdoOutcome::Aborted { at: Address::new(index, sub), code: AbortCode(code), is_by_device })
 }
 
-struct Server(Node);
+/// A node and the dictionary that it serves.
+struct Server(Node, ObjectDictionary);
 
 impl Server {
     fn new() -> Self {
@@ -58,11 +58,9 @@ impl Server {
     }
 
     fn with_capacity(capacity: usize) -> Self {
-        let od = ObjectDictionary::builder()
-            .communication_profile(
-                node_id(1).unwrap(),
-                &DeviceIdentity { device_type: 0x0002_0192, name: NAME.into(), ..DeviceIdentity::default() },
-            )
+        let identity = DeviceIdentity { device_type: 0x0002_0192, name: NAME.into(), ..DeviceIdentity::default() };
+        let mut od = ObjectDictionary::builder()
+            .objects(CommunicationProfile::new(node_id(1).unwrap(), &identity).objects().unwrap())
             .object(Object::new(0x6040, 0, 0u16))
             .object(Object::new(0x607a, 0, 0i32))
             .object(Object::new(0x2000, 0, 0u64))
@@ -70,9 +68,9 @@ impl Server {
             .object(Object::new(0x2002, 0, 0u8).access(Access::WriteOnly))
             .build()
             .unwrap();
-        let mut node = Node::new(node_id(1).unwrap(), od).unwrap();
-        node.boot(NOW, &mut (), &mut Vec::new());
-        Server(node)
+        let mut node = Node::new(node_id(1).unwrap(), &od).unwrap();
+        node.boot(NOW, &mut od, &mut Vec::new());
+        Server(node, od)
     }
 
     /// The answer to one request, if any.
@@ -82,13 +80,13 @@ impl Server {
 
     fn forward(&mut self, frame: &Frame) -> Option<Frame> {
         let mut out = Vec::new();
-        self.0.on_frame(NOW, frame, &mut (), &mut out);
+        self.0.on_frame(NOW, frame, &mut self.1, &mut out);
         assert!(out.len() <= 1 && out.iter().all(|frame| frame.id() == 0x581 && frame.len() == 8));
         out.first().copied()
     }
 
     fn value(&self, index: u16) -> &[u8] {
-        self.0.od().bytes(Address::new(index, 0)).unwrap()
+        self.1.bytes(Address::new(index, 0)).unwrap()
     }
 
     /// Runs a client's transfer to its end.
@@ -430,7 +428,7 @@ fn server_aborts_a_transfer_that_hangs() {
     server.ask([0x40, 0x08, 0x10, 0, 0, 0, 0, 0]);
     let mut out = Vec::new();
     assert_eq!(server.0.next_deadline(), NOW + TIMEOUT);
-    server.0.poll(NOW + TIMEOUT, &mut (), &mut out);
+    server.0.poll(NOW + TIMEOUT, &mut server.1, &mut out);
     assert_eq!(out, [Frame::new(0x581, &[0x80, 0x08, 0x10, 0, 0x00, 0x00, 0x04, 0x05])]);
     assert_eq!(server.0.next_deadline(), Time::NEVER);
 }

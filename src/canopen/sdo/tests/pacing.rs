@@ -73,7 +73,7 @@ fn several_clients_are_told_at_once_and_those_who_come_later_too() {
             clients.set_exchanging(true);
         }
         let mut out = Narrow::with_room(100);
-        let write = SdoRequest::Write { index: 0x2001, sub: 0, data: vec![7; 70] };
+        let write = ObjectRequest::Write(Address::new(0x2001, 0), &[7; 70]);
         clients.request(NOW, node, write, &mut out).unwrap();
         clients.on_frame(NOW, &Frame::new(0x581, &[0xa4, 0x01, 0x20, 0, 127, 0, 0, 0]), &mut out);
         assert_eq!(out.frames.len(), if is_exchanging { 2 } else { 11 });
@@ -114,9 +114,9 @@ fn without_any_room_a_client_ends_in_bounded_time() {
 
 /// A device that was asked for 70 bytes in one block; what it sends on the start of it.
 fn asked_for_a_block(server: &mut Server, now: Time, mut out: Narrow) -> Narrow {
-    server.0.od_mut().set_bytes(Address::new(0x2001, 0), &[7; 70]).unwrap();
+    server.1.set_bytes(Address::new(0x2001, 0), &[7; 70]).unwrap();
     for request in [[0xa4, 0x01, 0x20, 0, 127, 0, 0, 0], [0xa3, 0, 0, 0, 0, 0, 0, 0]] {
-        server.0.on_frame(now, &Frame::new(0x601, &request), &mut (), &mut out);
+        server.0.on_frame(now, &Frame::new(0x601, &request), &mut server.1, &mut out);
     }
     out.frames.remove(0);
     out
@@ -128,12 +128,12 @@ fn a_device_waits_between_segments_while_it_is_operational_and_for_a_second_afte
     assert_eq!(all(NOW, &mut Server::new()), 10);
 
     let mut server = Server::new();
-    server.0.on_frame(NOW, &Frame::new(0x000, &[1, 1]), &mut (), &mut Vec::new());
+    server.0.on_frame(NOW, &Frame::new(0x000, &[1, 1]), &mut server.1, &mut Vec::new());
     assert_eq!(all(NOW + Duration::from_secs(9), &mut server), 1);
 
     for (ms, sent) in [(0, 1), (999, 1), (1000, 10)] {
         let mut server = Server::new();
-        server.0.on_frame(NOW, &Frame::new(0x080, &[]), &mut (), &mut Vec::new());
+        server.0.on_frame(NOW, &Frame::new(0x080, &[]), &mut server.1, &mut Vec::new());
         assert_eq!(all(NOW + Duration::from_millis(ms), &mut server), sent, "{ms} ms after SYNC");
     }
 }
@@ -145,12 +145,12 @@ fn a_device_offers_again_what_there_was_no_room_for_and_gives_up_in_the_end() {
     let mut out = asked_for_a_block(&mut server, NOW, Narrow::with_room(4));
     assert_eq!((out.sequence(), server.0.next_deadline()), (vec![1, 2, 3, 4], NOW + INTERVAL));
     out.room = 3;
-    server.0.poll(NOW + INTERVAL, &mut (), &mut out);
+    server.0.poll(NOW + INTERVAL, &mut server.1, &mut out);
     assert_eq!(out.sequence(), [1, 2, 3, 4, 5, 6, 7]);
     let mut now = NOW;
     while server.0.next_deadline() != Time::NEVER {
         now = server.0.next_deadline();
-        server.0.poll(now, &mut (), &mut out);
+        server.0.poll(now, &mut server.1, &mut out);
     }
     // Four waiting times after the last segment that was taken.
     assert_eq!(now, NOW + INTERVAL + Duration::from_millis(80));
@@ -181,7 +181,7 @@ fn pass(data: &[u8], block_size: u8, mut rooms: impl Iterator<Item = usize>) -> 
             let answers = std::mem::take(&mut to_master.frames);
             delivered += requests.len() + answers.len();
             for frame in &requests {
-                server.0.on_frame(now, frame, &mut (), &mut to_master);
+                server.0.on_frame(now, frame, &mut server.1, &mut to_master);
             }
             for frame in &answers {
                 outcome = outcome.or(client.on_frame(now, frame, &mut to_device));
@@ -189,7 +189,7 @@ fn pass(data: &[u8], block_size: u8, mut rooms: impl Iterator<Item = usize>) -> 
             if requests.is_empty() && answers.is_empty() {
                 now = now.max(client.next_deadline().min(server.0.next_deadline()));
                 assert_ne!(now, Time::NEVER, "both wait for ever");
-                server.0.poll(now, &mut (), &mut to_master);
+                server.0.poll(now, &mut server.1, &mut to_master);
                 outcome = outcome.or(client.poll(now, &mut to_device));
             }
         }

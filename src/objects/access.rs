@@ -1,27 +1,15 @@
 //! Access to the objects of a device, whatever its bus: what is asked for, and how it ends.
 
-use crate::canopen::AbortCode;
+use super::{AbortCode, Address};
 use thiserror::Error;
 
 /// What is asked of a device.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ObjectRequest<'a> {
     /// The value of an object.
-    Read {
-        /// Object index.
-        index: u16,
-        /// Sub-index.
-        sub: u8,
-    },
-    /// That an object takes a value.
-    Write {
-        /// Object index.
-        index: u16,
-        /// Sub-index.
-        sub: u8,
-        /// Little-endian bytes of the value.
-        data: &'a [u8],
-    },
+    Read(Address),
+    /// That an object takes a value: its little-endian bytes.
+    Write(Address, &'a [u8]),
 }
 
 /// How what was asked of a device last has ended.

@@ -6,11 +6,10 @@ mod tests;
 
 use std::marker::PhantomData;
 
-pub use builder::{Builder, DeviceIdentity, Object};
-pub(super) use builder::{ERROR_HISTORY, HEARTBEAT_PRODUCERS, MAX_MAPPED, MAX_PDOS};
+pub use builder::{Builder, Object};
 
 use super::value::{Kind, load_le, mask, sign_extend};
-use super::{AbortCode, Address, CanopenError, DataType, Scalar};
+use super::{AbortCode, Address, DataType, DictionaryError, Scalar};
 
 /// Who may read or write an object over the bus; the device itself may always do both.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -58,7 +57,7 @@ pub(super) struct Entry {
 }
 
 const fn key(at: Address) -> u32 {
-    (at.index as u32) << 8 | at.subindex as u32
+    (at.index as u32) << 8 | at.sub as u32
 }
 
 /// Names one object of the dictionary that issued it: access without a search.
@@ -94,12 +93,12 @@ impl ObjectDictionary {
     /// The handle of an object of a basic type.
     ///
     /// # Errors
-    /// [`CanopenError::NoObject`], or [`CanopenError::TypeMismatch`] if `T` does not hold the object's type.
-    pub fn handle<T: Scalar>(&self, index: u16, sub: u8) -> Result<Handle<T>, CanopenError> {
-        let (_, entry) = self.find(Address::new(index, sub)).map_err(|_| CanopenError::NoObject { index, sub })?;
+    /// [`DictionaryError::NoObject`], or [`DictionaryError::TypeMismatch`] if `T` does not hold the object's type.
+    pub fn handle<T: Scalar>(&self, index: u16, sub: u8) -> Result<Handle<T>, DictionaryError> {
+        let (_, entry) = self.find(Address::new(index, sub)).map_err(|_| DictionaryError::NoObject { index, sub })?;
         match entry.data_type.bits() {
             Some(bits) if T::holds(entry.data_type) => Ok(Handle { offset: entry.offset, bits, value: PhantomData }),
-            _ => Err(CanopenError::TypeMismatch { index, sub, is: entry.data_type, wanted: T::DATA_TYPE }),
+            _ => Err(DictionaryError::TypeMismatch { index, sub, is: entry.data_type, wanted: T::DATA_TYPE }),
         }
     }
 
@@ -207,7 +206,7 @@ impl ObjectDictionary {
 
     /// Makes the present parameters the power-on values (1010h). Process data, which PDOs carry, what the bus cannot
     /// write, the error history and the node's own signatures are no parameters.
-    pub(super) fn store_parameters(&mut self) {
+    pub(crate) fn store_parameters(&mut self) {
         for entry in self.entries.iter_mut().filter(|entry| is_parameter(entry)) {
             entry.power_on_len = entry.len;
             let range = entry.offset..entry.offset + entry.capacity;
@@ -219,7 +218,7 @@ impl ObjectDictionary {
 
     /// Makes the values that the dictionary was built with the power-on values again (1011h); the present ones stay
     /// until a reset.
-    pub(super) fn forget_stored(&mut self) {
+    pub(crate) fn forget_stored(&mut self) {
         self.power_on.clone_from(&self.factory);
         for entry in &mut self.entries {
             entry.power_on_len = entry.factory_len;
@@ -227,7 +226,7 @@ impl ObjectDictionary {
     }
 
     /// Changes an UNSIGNED32 everywhere: now, at power-on and as built.
-    pub(super) fn change_everywhere(&mut self, at: Address, change: impl Fn(u32) -> u32) {
+    pub(crate) fn change_everywhere(&mut self, at: Address, change: impl Fn(u32) -> u32) {
         let Ok((_, entry)) = self.find(at) else { return };
         let range = entry.offset..entry.offset + 4;
         if entry.data_type != DataType::Unsigned32 {
@@ -241,12 +240,12 @@ impl ObjectDictionary {
     }
 
     /// The bits of an object of a basic type; zero without such an object.
-    pub(super) fn raw(&self, index: u16, sub: u8) -> u64 {
+    pub(crate) fn raw(&self, index: u16, sub: u8) -> u64 {
         self.bytes(Address::new(index, sub)).map_or(0, load_le)
     }
 
     /// Bytes of the longest object.
-    pub(super) fn longest(&self) -> usize {
+    pub(crate) fn longest(&self) -> usize {
         self.entries.iter().map(|entry| entry.capacity).max().unwrap_or(0)
     }
 
@@ -254,7 +253,7 @@ impl ObjectDictionary {
     ///
     /// # Errors
     /// 06020000h no object, 06090011h no sub-index, 06040041h not mappable in this direction or with so many bits.
-    pub(super) fn mappable_offset(&self, at: Address, bits: u8, wanted: Mappable) -> Result<usize, AbortCode> {
+    pub(crate) fn mappable_offset(&self, at: Address, bits: u8, wanted: Mappable) -> Result<usize, AbortCode> {
         let (_, entry) = self.find(at)?;
         let is_allowed = entry.mappable == wanted || entry.mappable == Mappable::Both;
         if is_allowed && entry.data_type.bits() == Some(bits) { Ok(entry.offset) } else { Err(AbortCode::NOT_MAPPABLE) }
@@ -262,13 +261,13 @@ impl ObjectDictionary {
 
     /// The word at an offset; zero outside the arena.
     #[inline]
-    pub(super) fn load(&self, offset: usize) -> u64 {
+    pub(crate) fn load(&self, offset: usize) -> u64 {
         self.arena.get(offset..).and_then(|rest| rest.first_chunk::<WORD>()).map_or(0, |word| u64::from_le_bytes(*word))
     }
 
     /// Sets the word at an offset; nothing outside the arena.
     #[inline]
-    pub(super) fn save(&mut self, offset: usize, word: u64) {
+    pub(crate) fn save(&mut self, offset: usize, word: u64) {
         if let Some(to) = self.arena.get_mut(offset..).and_then(|rest| rest.first_chunk_mut::<WORD>()) {
             *to = word.to_le_bytes();
         }
@@ -306,7 +305,7 @@ impl ObjectDictionary {
     }
 
     /// Copies bytes that [`fits`] accepted.
-    pub(super) fn store(&mut self, at: Address, data: &[u8]) {
+    pub(crate) fn store(&mut self, at: Address, data: &[u8]) {
         let Ok((place, _)) = self.find(at) else { return };
         let Some(entry) = self.entries.get_mut(place) else { return };
         if let Some(to) = self.arena.get_mut(entry.offset..entry.offset + data.len()) {

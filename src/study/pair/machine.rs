@@ -13,8 +13,8 @@ use std::collections::VecDeque;
 
 use nalgebra::SVector;
 
-use super::error::RigError;
 use crate::fixture::{Fixture, Step, Surface};
+use crate::rig::RigError;
 use crate::setvalued::sat;
 use crate::sim::hand::{Hand, HandLoad};
 use crate::sim::point_mass::{PointMass, PointMassParameters};

@@ -1,0 +1,29 @@
+//! Objects of devices, whatever bus they are on: dictionary, values, abort codes, and what a master asks for.
+//!
+//! CANopen (SDO) and EtherCAT (CoE) read and write the same objects in the same types and refuse them with the same codes. What is
+//! a bus's own, its communication objects and how requests travel, stands with that bus.
+//!
+//! | side | what |
+//! |---|---|
+//! | master | [`ObjectRequest`], [`ObjectAnswer`] |
+//! | device | [`ObjectDictionary`], lent by its [`ServedDevice`] to whatever speaks for it |
+//! | both | [`Address`], [`DataType`], [`AbortCode`] |
+
+mod abort;
+mod access;
+mod address;
+mod dictionary;
+mod error;
+mod identity;
+mod served;
+mod value;
+
+pub use abort::AbortCode;
+pub use access::{ObjectAnswer, ObjectError, ObjectRequest};
+pub use address::Address;
+pub use dictionary::{Access, Builder, Handle, Mappable, Object, ObjectDictionary};
+pub use error::DictionaryError;
+pub use identity::DeviceIdentity;
+pub use served::{Reset, ServedDevice};
+pub use value::{DataType, Scalar};
+pub(crate) use value::{load_le, mask, sign_extend};

@@ -1,0 +1,21 @@
+//! What is broken on purpose: wrappers around the buses, the drives and the sensor, which are as if they were not there while
+//! nothing is injected.
+//!
+//! ```text
+//! master <-> [interfaces] <-> virtual buses <-> [passage, strangers] <-> [drive | sensor] <-> arm and hand
+//! ```
+
+mod body;
+mod buses;
+mod drive;
+mod held;
+mod interfaces;
+mod participant;
+mod passage;
+mod sensor;
+mod stranger;
+
+pub(super) use buses::InjectableBuses;
+pub(super) use drive::InjectableDrive;
+pub(super) use participant::is_at;
+pub(super) use sensor::InjectableSensor;

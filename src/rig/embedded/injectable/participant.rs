@@ -1,0 +1,106 @@
+//! Who takes part in the traffic of a rig.
+
+use std::time::Duration;
+
+use crate::assembly::device_buses;
+use crate::canopen::{BusId, Frame, NodeId, cob};
+use crate::config;
+use crate::injection::{Injection, Kind, Target};
+use crate::rig::devices::node;
+use crate::rig::error::RigError;
+use crate::rig::far_end::{DEVICES, SENSOR};
+
+/// A device on its bus.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Participant {
+    /// Number of its bus.
+    pub(super) bus: BusId,
+    pub(super) speaks: Speaks,
+}
+
+/// What a device speaks.
+#[derive(Clone, Copy, Debug)]
+pub(super) enum Speaks {
+    /// It is a CANopen node: its identifier and how often its heartbeat comes.
+    Canopen { node: NodeId, heartbeat: Duration },
+    /// It is a sensor on plain CAN, and may be able to say that its samples are not valid.
+    PlainCan { can_be_invalid: bool },
+}
+
+/// The left drive, the right drive and the sensor of a rig.
+///
+/// # Errors
+/// A node id or a bus that does not exist.
+pub(super) fn participants(rig: &config::Rig) -> Result<Participants, RigError> {
+    let speaks = |node_id: u8, heartbeat_ms: u16| {
+        let heartbeat = Duration::from_millis(heartbeat_ms.into());
+        Ok::<_, RigError>(Speaks::Canopen { node: node(node_id)?, heartbeat })
+    };
+    let [left, right] = rig.drives.each_ref().map(|drive| drive.address.canopen);
+    let sensor = match rig.sensor.protocol {
+        config::SensorProtocol::Canopen { node_id, heartbeat_ms, .. } => speaks(node_id, heartbeat_ms)?,
+        config::SensorProtocol::Streaming { .. } => Speaks::PlainCan { can_be_invalid: false },
+        config::SensorProtocol::Polled { invalid_bits, .. } => Speaks::PlainCan { can_be_invalid: invalid_bits != 0 },
+    };
+    let all = [speaks(left.node_id, left.heartbeat_ms)?, speaks(right.node_id, right.heartbeat_ms)?, sensor];
+    let mut buses = device_buses(rig)?.into_iter();
+    Ok(all.map(|speaks| Participant { bus: buses.next().unwrap_or_default(), speaks }))
+}
+
+/// The left drive, the right drive, the sensor.
+pub(super) type Participants = [Participant; DEVICES];
+
+impl Participant {
+    pub(super) fn node(self) -> Option<NodeId> {
+        match self.speaks {
+            Speaks::Canopen { node, .. } => Some(node),
+            Speaks::PlainCan { .. } => None,
+        }
+    }
+
+    /// Whether a frame that it sent is process data.
+    pub(super) fn is_data(self, frame: &Frame) -> bool {
+        // Function codes of TPDO 1 to 4.
+        matches!(self.speaks, Speaks::PlainCan { .. }) || matches!(frame.id() >> 7, 3 | 5 | 7 | 9)
+    }
+
+    /// Whether a frame that it sent is its heartbeat.
+    pub(super) fn is_heartbeat(self, frame: &Frame) -> bool {
+        self.node().is_some_and(|node| frame.id() == cob::heartbeat(node))
+    }
+
+    /// Whether a frame that the master sent on a bus is for it.
+    pub(super) fn is_addressed(self, frame: &Frame) -> bool {
+        self.bus == frame.bus() && self.node().is_some_and(|node| frame.id() & 0x7f == u16::from(node.raw()))
+    }
+}
+
+/// Whether a frame of the master is a set-point: function codes of RPDO 1 to 4.
+pub(super) fn is_set_point(frame: &Frame) -> bool {
+    matches!(frame.id() >> 7, 4 | 6 | 8 | 10)
+}
+
+/// Whether `target` names the device: 0 the left drive, 1 the right drive, 2 the sensor.
+pub(in crate::rig::embedded) fn is_at(target: Target, device: usize) -> bool {
+    target.has_joint(device) || (target == Target::Sensor && device == SENSOR)
+}
+
+/// What an injection needs that these devices are not.
+pub(super) fn needed(participants: &Participants, injection: Injection) -> Option<&'static str> {
+    let can_be_invalid = participants.iter().enumerate().find_map(|(at, device)| match device.speaks {
+        Speaks::PlainCan { can_be_invalid } if is_at(injection.target, at) => Some(can_be_invalid),
+        _ => None,
+    })?;
+    match injection.kind {
+        Kind::SensorInvalid if !can_be_invalid => Some("a sensor with a bit of its status for it"),
+        Kind::HeartbeatSilent
+        | Kind::DuplicateNode
+        | Kind::IntruderNmt
+        | Kind::ForeignDownload
+        | Kind::Emergency
+        | Kind::EmergencyWarning
+        | Kind::IdentityMismatch
+        | Kind::WrongNodeId => Some("a CANopen node, and the sensor speaks plain CAN"),
+        _ => None,
+    }
+}

@@ -1,0 +1,74 @@
+use std::sync::atomic::AtomicBool;
+
+use super::*;
+use crate::run::Bounds;
+
+fn shipped(permit: fn(&Runner<Simulation>) -> Permit) -> EmbeddedRig {
+    let loaded = config::load_rig(config::Source::named("builtin:paper-admittance.yaml")).unwrap();
+    let scene = loaded.scene().unwrap().value;
+    let mut machine = EmbeddedRig::new(&loaded.value, &scene, &loaded.value.fixture, scene.seed).unwrap();
+    machine.boot().unwrap();
+    machine.permit = permit(&machine.runner);
+    machine.come_to_run(machine.enabling).unwrap();
+    machine
+}
+
+/// How far the reference is led in a second by the hand of the scene, rad, and the state then.
+fn led(mut machine: EmbeddedRig) -> (f64, State) {
+    let at = |row: &Row| row.target_angles_rad;
+    let first = at(&machine.run_cycle(Request::None).unwrap());
+    let mut farthest = 0.0_f64;
+    for _ in 0..1000 {
+        let [left, right] = at(&machine.run_cycle(Request::None).unwrap());
+        farthest = farthest.max((left - first[0]).abs()).max((right - first[1]).abs());
+    }
+    (farthest, machine.state())
+}
+
+#[test]
+fn a_rig_that_was_enabled_to_rest_is_stopped_when_somebody_leads_it_away() {
+    let (farthest, state) = led(shipped(Permit::in_virtual_time));
+    assert!(farthest > 0.1 && state == State::Running, "{farthest} {state:?}");
+    let (farthest, state) = led(shipped(Permit::for_drill));
+    // And what the ramp takes.
+    assert!(farthest < 0.04 && state == State::Stopped, "{farthest} {state:?}");
+}
+
+#[test]
+fn bring_up_is_kept_within_its_bounds() {
+    let loaded = config::load_rig(config::Source::named("builtin:paper-admittance.yaml")).unwrap();
+    let positive = |value| config::Positive::new(value).unwrap();
+    let bounds = Bounds { motion_rad: positive(0.05), torque_n_m: positive(40.0) };
+    let scene = loaded.scene().unwrap().value;
+    let mut machine = EmbeddedRig::new(&loaded.value, &scene, &loaded.value.fixture, scene.seed).unwrap();
+    machine.boot().unwrap();
+    machine.runner.limit_torque(&loaded.value, bounds.torque_n_m).unwrap();
+    let rated_n_m = loaded.value.drives[0].rated_torque_n_m.get();
+    let limit = machine.runner.read(crate::guard::Device::LeftDrive, 0x6072, 0).unwrap();
+    assert_eq!(f64::from(limit), (40.0 / rated_n_m * 1000.0).round());
+    machine.permit = Permit::for_bring_up(&machine.runner, bounds);
+    machine.come_to_run(machine.enabling).unwrap();
+    let (farthest, state) = led(machine);
+    assert!(farthest > 0.05 && farthest < 0.07 && state == State::Stopped, "{farthest} {state:?}");
+}
+
+#[test]
+fn a_permit_is_of_one_boot_of_one_rig() {
+    let mut machine = shipped(Permit::in_virtual_time);
+    let other = shipped(Permit::in_virtual_time);
+    assert_eq!(machine.runner.check_permit(&machine.permit), Ok(()));
+    assert_eq!(machine.runner.check_permit(&other.permit), Err(RunError::OldPermit));
+    assert!(machine.runner.stop());
+    let old = std::mem::replace(&mut machine.permit, other.permit);
+    machine.start_network().unwrap();
+    assert_eq!(machine.runner.check_permit(&machine.permit), Ok(()), "proved again");
+    for permit in [&old, &Permit::without_proof(&other.runner, "of another rig")] {
+        let enabled = machine.runner.enable(0, permit, &AtomicBool::new(false));
+        assert_eq!(enabled, Err(RunError::OldPermit));
+        for _ in 0..200 {
+            machine.runner.run_cycle(Ask::Enable(permit));
+            assert_eq!(machine.state(), State::Idle);
+        }
+    }
+    machine.runner.enable(0, &machine.permit, &AtomicBool::new(false)).unwrap();
+}
