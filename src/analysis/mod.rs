@@ -1,8 +1,11 @@
-//! What can be said of a rig before it runs: the margins of its own loop, and the virtual masses that its hands can hold.
+//! What can be said of a rig before it runs: the margins of its own loop, gains that leave wanted ones, and the virtual masses that its
+//! hands can hold.
 
+mod gains;
 mod held;
 mod margins;
 
+pub use gains::{LEAST_MARGINS, PROPOSED_MARGINS, has_margins, proposed_gains};
 pub use held::{
     Coupled, HeldMasses, Holding, UnevenSamples, coupled_device, hand_of, held_masses, stiffer, uneven_samples,
     usual_hands,

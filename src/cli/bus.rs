@@ -44,7 +44,7 @@ pub(super) struct Arguments {
 pub(super) fn run(command: &Command, output: &mut Output) -> Result<(), Failure> {
     let Command::Budget(arguments) = command;
     let rig = config::load_rig(Source::named(&arguments.rig))?;
-    output.warnings(&rig.warnings);
+    output.configuration(&rig.warnings)?;
     let plans = plans_under(&rig.value, |conditions| Conditions {
         device_delay: Duration::from_micros(arguments.device_delay_us.into()),
         has_release_jitter: !arguments.no_release_jitter,

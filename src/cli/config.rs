@@ -55,7 +55,9 @@ fn check(files: &[String], output: &mut Output) -> Result<(), Failure> {
             Ok(Document::Rig(rig)) => Some(rig.as_ref()),
             _ => None,
         };
-        let masses = rig.and_then(|rig| Masses::of(rig, &[]).ok());
+        let margins = rig.map(|rig| Margins::of(&rig.value));
+        let is_unstable = margins.as_ref().is_some_and(Margins::is_unstable);
+        let masses = rig.filter(|_| !is_unstable).and_then(|rig| Masses::of(rig, &[]).ok());
         if let (Some(rig), Some(masses)) = (rig, &masses) {
             findings.extend(masses.finding(rig));
         }
@@ -71,9 +73,10 @@ fn check(files: &[String], output: &mut Output) -> Result<(), Failure> {
         if let Some(rig) = rig {
             findings.extend(plans.iter().filter_map(|plan| plan.finding(rig)));
         }
-        let is_ok = findings.iter().all(|finding| finding.severity != Severity::Error);
+        findings.extend(rig.zip(margins.as_ref()).and_then(|(rig, margins)| margins.finding(rig)));
+        let is_refused = |finding: &Diagnostic| finding.severity == Severity::Error || output.denies_warnings();
+        let is_ok = !findings.iter().any(is_refused);
         let kind = result.as_ref().ok().map(|document| document.kind().to_string());
-        let margins = rig.map(|rig| Margins::of(&rig.value));
         let mut entry = json!({ "file": file, "ok": is_ok, "kind": kind, "diagnostics": findings });
         if let Some(like) = rig.and_then(|rig| rig.like.as_ref()) {
             entry["like"] = like.to_string().into();
@@ -115,7 +118,7 @@ fn check(files: &[String], output: &mut Output) -> Result<(), Failure> {
 
 fn show(file: &str, output: &mut Output) -> Result<(), Failure> {
     let document = portable(config::load(Source::named(file))?);
-    output.warnings(document.warnings());
+    output.configuration(document.warnings())?;
     if output.is_json() {
         return match &document {
             Document::Rig(rig) => output.json(&rig.value),

@@ -25,7 +25,7 @@ pub(super) struct Arguments {
 
 pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Failure> {
     let rig = config::load_rig(Source::named(&arguments.rig))?;
-    output.warnings(&rig.warnings);
+    output.configuration(&rig.warnings)?;
     let rig = rig.value;
     let folder = state_folder("drills").ok_or_else(no_home)?;
     let is_interrupted = on_interrupt()?;

@@ -4,6 +4,7 @@ use super::failure::{Exit, Failure};
 use crate::bus::BootFailure;
 use crate::config;
 use crate::guard::{Cause, DeviceSet, Fault};
+use crate::injection::{Injection, Lasts};
 use crate::report::RunReport;
 use crate::report::measures::Measures;
 use crate::rig::RigError;
@@ -34,6 +35,41 @@ pub(super) fn scope_text(measures: &Measures) -> &'static str {
 /// The failure of a run that a fault stopped.
 pub(super) fn stopped(report: &RunReport, rig: &config::Rig) -> Failure {
     stopped_by(report.cause, report.trace.rows.last().map_or(0.0, |row| row.time_s), rig)
+}
+
+/// Share of a run for which faults that were not injected may hold the rig.
+const HELD_SHARE: f64 = 0.01;
+
+/// Refuses a run that faults held for long which nothing that was injected brings.
+pub(super) fn held_too_long(report: &RunReport, injected: &[Injection]) -> Result<(), Failure> {
+    let is_own = |fault: Fault| injected.iter().all(|injection| !injection.kind.row().expected.faults.contains(&fault));
+    let own = report.held_by.iter().copied().filter(|(fault, _)| is_own(*fault));
+    let held_s: f64 = own.clone().map(|(_, held_s)| held_s).sum();
+    let simulated_s = report.simulated_s();
+    let Some((fault, _)) = own.max_by(|one, other| one.1.total_cmp(&other.1)) else { return Ok(()) };
+    if held_s <= HELD_SHARE * simulated_s {
+        return Ok(());
+    }
+    let row = fault.row();
+    let message = format!(
+        "the rig was held at rest for {held_s:.3} s of {simulated_s:.3} s, most of all by {}: {} ({})",
+        row.name, row.meaning, row.cause
+    );
+    Err(Failure::new(Exit::SafetyStop, message, row.next))
+}
+
+/// Refuses a run that ended before an injection of `--fault` began: nothing was tried.
+pub(super) fn never_came(report: &RunReport, injected: &[Injection]) -> Result<(), Failure> {
+    let simulated_s = report.simulated_s();
+    let is_late =
+        |injection: &&Injection| injection.kind.row().lasts != Lasts::FromBoot && injection.start_s >= simulated_s;
+    let Some(late) = injected.iter().find(is_late) else { return Ok(()) };
+    let message = format!(
+        "the fault {} at {} s never came: the scene ran for {simulated_s:.3} s",
+        late.kind.row().name,
+        late.start_s
+    );
+    Err(Failure::new(Exit::OutOfTolerance, message, "have it begin earlier, or run longer with --duration"))
 }
 
 /// The failure of a rig that `cause` stopped so long after its scene began; without a cause its process died.
@@ -77,7 +113,7 @@ pub(super) fn devices_text(devices: DeviceSet, buses: &[String]) -> String {
     })
 }
 
-/// The names of the buses, by number.
+/// The names of the buses, in their order.
 pub(super) fn bus_names(rig: &config::Rig) -> Vec<String> {
     rig.buses.keys().cloned().collect()
 }

@@ -13,15 +13,13 @@ use super::on_bus::{
 };
 use super::output::Output;
 use super::pace::PaceArgument;
-use super::picture::{drawing_failure, write_drawing};
-use super::run::{Arguments, check, check_buses};
+use super::run::{Arguments, check, check_buses, check_loop, draw, with_drawing};
 use crate::config::{self, Source};
 use crate::guard::Fault;
 use crate::host::system::Refusal;
 use crate::host::{NotRun, Outcome, RigOnBus, StageTimes, Terms};
 use crate::record::CycleRecord;
 use crate::record::recording::About;
-use crate::report::drawing;
 use crate::report::{Overrides, measured, replay};
 use crate::run::{Ended, Play, Played};
 use facts::Facts;
@@ -39,7 +37,7 @@ struct Seen {
 pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Failure> {
     check(arguments)?;
     let rig = config::load_rig(Source::named(&arguments.rig))?;
-    output.warnings(&rig.warnings);
+    output.configuration(&rig.warnings)?;
     // Devices in lockstep are simulated; on others a scene says no more than how long it lasts.
     let scene = match (&rig.value.simulation, arguments.pace) {
         (None, PaceArgument::Free) => None,
@@ -50,6 +48,8 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
         return Err(Failure::new(Exit::Usage, message, "say how long, in s, with --duration"));
     };
     check_buses(&rig, arguments.ignore_bus_budget, output)?;
+    // Whoever holds the tool is not the hand of the scene.
+    check_loop(&rig, false, output)?;
     let file = rig;
     let rig = file.value.clone();
     let terms = Terms {
@@ -100,10 +100,7 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
     let time_s = played.cycles as f64 * period_s;
     let failure = ended(&played, time_s, &outcome, &rig);
     let (trace, measures) = measured(&rig, &rig.fixture, rows);
-    if let Some(path) = &arguments.figure {
-        let drawing = drawing::run(&trace, Some(rig.rig.name.clone())).map_err(|error| drawing_failure(&error))?;
-        write_drawing(&drawing, path)?;
-    }
+    let drawn = draw(&trace, &rig.rig.name, arguments.figure.as_deref());
     let facts = Facts {
         interfaces: &interfaces,
         arguments,
@@ -113,8 +110,10 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
         played: &played,
         measures: &measures,
         kept: &kept,
+        figure: arguments.figure.as_deref().filter(|_| drawn.is_ok()),
     };
     let end = failure.map_or(Ok(()), |failure| Err(kept.point_to_black_box(failure)));
+    let end = with_drawing(end, drawn);
     if !output.is_json() {
         output.news(&facts.lines(time_s).join("\n"))?;
         return end;

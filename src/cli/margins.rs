@@ -2,12 +2,9 @@
 
 use serde_json::{Value, json};
 
-use crate::analysis::{PoseMargins, pose_margins};
-use crate::config::{CommandMode, ControlGains, Rig};
-use crate::control;
-
-/// Gain margin in dB and phase margin in degrees below which a line says so.
-const WANTED: (f64, f64) = (6.0, 30.0);
+use crate::analysis::{LEAST_MARGINS, PROPOSED_MARGINS, PoseMargins, has_margins, pose_margins, proposed_gains};
+use crate::config::{CommandMode, ControlGains, Diagnostic, Loaded, Rig, Severity};
+use crate::control::{self, Gains};
 
 /// What is known of the stability of a rig's position loop.
 #[derive(Debug)]
@@ -33,6 +30,44 @@ impl Margins {
             }
             _ => Self::Position,
         }
+    }
+
+    /// Whether the loop is known to be unstable: then nothing else that its numbers say of the rig counts.
+    pub(super) fn is_unstable(&self) -> bool {
+        matches!(self, Self::Torque(found) if !found.worst.without_friction.stable)
+    }
+
+    /// A loop that is unstable or marginal, at its gains, with gains that are neither.
+    pub(super) fn finding(&self, rig: &Loaded<Rig>) -> Option<Diagnostic> {
+        let Self::Torque(found) = self else { return None };
+        let worst = found.worst.without_friction;
+        if has_margins(&worst, LEAST_MARGINS) {
+            return None;
+        }
+        let key = if found.is_cartesian { "control.gains.cartesian" } else { "control.gains.joint" };
+        let (gain_db, phase_deg) = LEAST_MARGINS;
+        let message = if worst.stable {
+            format!(
+                "the gains in `{key}` leave {:.1} dB of gain up, {:.1} dB down and {:.0} degrees of phase at the worst pose along the surface, where \
+                 {gain_db} dB and {phase_deg} degrees are wanted",
+                worst.gain_db, worst.gain_reduction_db, worst.phase_deg
+            )
+        } else {
+            format!("the gains in `{key}` make the loop unstable at the worst pose along the surface")
+        };
+        let (gain_db, phase_deg) = PROPOSED_MARGINS;
+        let help = match proposed_gains(&rig.value, found) {
+            Some(tuned) => {
+                let gains = gains_words(tuned.gains, found.is_cartesian);
+                format!("`{gains}` leaves {gain_db} dB and {phase_deg} degrees by the same computation")
+            }
+            None => format!(
+                "no gains that were tried leave {gain_db} dB and {phase_deg} degrees: look at the period and at the inertia"
+            ),
+        };
+        let see =
+            [("cycle.period_us", "the period"), ("control.feed_forward.inertia", "the inertia that is counted with")];
+        Some(rig.finding(Severity::Warning, key, message, help, &see))
     }
 
     /// For a person to read.
@@ -86,13 +121,27 @@ fn words(margins: &control::Margins) -> String {
         "gain up {:.1} dB, down {:.1} dB, phase {:.1} deg at {:.0} Hz, delay {delay_ms:.2} ms",
         margins.gain_db, margins.gain_reduction_db, margins.phase_deg, margins.crossover_hz
     );
-    let (gain_db, phase_deg) = WANTED;
+    let (gain_db, phase_deg) = LEAST_MARGINS;
     if !margins.stable {
         format!("UNSTABLE: {text}")
-    } else if margins.gain_db < gain_db || margins.gain_reduction_db < gain_db || margins.phase_deg < phase_deg {
-        format!("{text}: below {gain_db} dB or {phase_deg} deg")
-    } else {
+    } else if has_margins(margins, LEAST_MARGINS) {
         text
+    } else {
+        format!("{text}: below {gain_db} dB or {phase_deg} deg")
+    }
+}
+
+/// Gains as they are written in a rig.
+fn gains_words(gains: Gains, is_cartesian: bool) -> String {
+    let Gains { stiffness, damping, integral } = gains;
+    if is_cartesian {
+        format!(
+            "cartesian: {{stiffness_n_per_m: {stiffness:?}, damping_n_s_per_m: {damping:?}, integral_n_per_m_s: {integral:?}}}"
+        )
+    } else {
+        format!(
+            "joint: {{stiffness_n_m_per_rad: {stiffness:?}, damping_n_m_s_per_rad: {damping:?}, integral_n_m_per_rad_s: {integral:?}}}"
+        )
     }
 }
 
@@ -123,11 +172,11 @@ mod tests {
             let margins = Margins::of(&shipped(name));
             let Margins::Torque(found) = &margins else { panic!("{name}: {margins:?}") };
             for case in [found.worst.with_friction, found.worst.without_friction] {
-                assert!(case.stable && case.gain_db >= WANTED.0 && case.phase_deg >= WANTED.1, "{name}: {case:?}");
+                assert!(has_margins(&case, LEAST_MARGINS), "{name}: {case:?}");
             }
             assert!(margins.lines().iter().all(|line| !line.contains("below")), "{name}");
             let json = margins.to_json();
-            assert!(json["without_viscous_friction"]["gain_db"].as_f64().unwrap() >= WANTED.0);
+            assert!(json["without_viscous_friction"]["gain_db"].as_f64().unwrap() >= LEAST_MARGINS.0);
             assert_eq!(json["delay_cycles"], 1.0);
         }
     }
@@ -146,6 +195,46 @@ mod tests {
         stiffer(20.0, &mut rig);
         let bad = Margins::of(&rig).lines();
         assert!(bad[2].contains("UNSTABLE"), "{bad:?}");
+    }
+
+    /// The shipped rig in torque mode with another stiffness.
+    fn with_stiffness(stiffness: &str) -> Loaded<Rig> {
+        let text = builtin("paper-admittance.yaml").read().unwrap().to_string();
+        let (from, to) = ("stiffness_n_m_per_rad: 10000.0", format!("stiffness_n_m_per_rad: {stiffness}"));
+        assert!(text.contains(from));
+        load_rig(crate::config::Source::memory("rig.yaml", text.replace(from, &to))).unwrap()
+    }
+
+    #[test]
+    fn a_loop_that_is_unstable_or_marginal_is_a_finding_and_its_advice_mends_it() {
+        let shipped = with_stiffness("10000.0");
+        assert_eq!(Margins::of(&shipped.value).finding(&shipped), None);
+        let found: Vec<_> = ["25000.0", "90000.0"]
+            .map(|stiffness| {
+                let rig = with_stiffness(stiffness);
+                Margins::of(&rig.value).finding(&rig).unwrap()
+            })
+            .into();
+        assert!(found[1].message.contains("unstable"), "{}", found[1].message);
+        insta::assert_snapshot!("margins-findings", super::super::render::Renderer::new(false).render(&found));
+        // What stands in the advice, in place of what the rig has.
+        for finding in found {
+            let help = finding.help.unwrap();
+            let (_, gains) = help.split_once('{').unwrap();
+            let (gains, _) = gains.split_once('}').unwrap();
+            let value = |key: &str| {
+                let (_, rest) = gains.split_once(&format!("{key}: ")).unwrap();
+                rest.split(',').next().unwrap().parse::<f64>().unwrap()
+            };
+            let mut rig = shipped.value.clone();
+            rig.control.gains = ControlGains::Joint {
+                stiffness_n_m_per_rad: Positive::new(value("stiffness_n_m_per_rad")).unwrap(),
+                damping_n_m_s_per_rad: crate::config::NotNegative::new(value("damping_n_m_s_per_rad")).unwrap(),
+                integral_n_m_per_rad_s: crate::config::NotNegative::new(value("integral_n_m_per_rad_s")).unwrap(),
+            };
+            let Margins::Torque(mended) = Margins::of(&rig) else { panic!("{rig:?}") };
+            assert!(has_margins(&mended.worst.without_friction, PROPOSED_MARGINS), "{mended:?}");
+        }
     }
 
     #[test]

@@ -30,6 +30,7 @@ mod plot;
 mod progress;
 mod record;
 mod render;
+mod replace;
 mod replay;
 mod reproduce;
 mod run;
@@ -60,6 +61,9 @@ struct Arguments {
     /// Print one JSON document on standard output instead of text
     #[arg(long, global = true)]
     json: bool,
+    /// Refuse a configuration that has warnings, as one that has errors
+    #[arg(long, global = true)]
+    deny_warnings: bool,
     #[command(subcommand)]
     command: Command,
 }
@@ -126,7 +130,7 @@ fn run(arguments: impl IntoIterator<Item = OsString>) -> Exit {
             .with_writer(std::io::stderr)
             .init();
     }
-    let mut output = Output::new(arguments.quiet, arguments.json);
+    let mut output = Output::new(arguments.quiet, arguments.json, arguments.deny_warnings);
     let result = match arguments.command {
         #[cfg(target_os = "linux")]
         Command::Run(arguments) if !arguments.bus.is_empty() => live::run(&arguments, &mut output),

@@ -14,6 +14,7 @@ use crate::config::{Diagnostic, Report};
 pub struct Output {
     is_quiet: bool,
     is_json: bool,
+    denies_warnings: bool,
     renderer: Renderer,
 }
 
@@ -26,8 +27,8 @@ pub(super) fn has_color() -> bool {
 
 impl Output {
     /// In colour where [`has_color`] says so.
-    pub(super) fn new(is_quiet: bool, is_json: bool) -> Self {
-        Self { is_quiet, is_json, renderer: Renderer::new(has_color()) }
+    pub(super) fn new(is_quiet: bool, is_json: bool, denies_warnings: bool) -> Self {
+        Self { is_quiet, is_json, denies_warnings, renderer: Renderer::new(has_color()) }
     }
 
     /// Whether one JSON document is wanted.
@@ -84,6 +85,23 @@ impl Output {
     /// As [`Output::result`].
     pub fn news(&mut self, line: &str) -> Result<(), Failure> {
         if self.is_quiet || self.is_json { Ok(()) } else { self.result(&format!("{line}\n")) }
+    }
+
+    /// Whether a configuration with warnings is refused.
+    pub(super) fn denies_warnings(&self) -> bool {
+        self.denies_warnings
+    }
+
+    /// Prints warnings of a configuration, unless quiet or JSON.
+    ///
+    /// # Errors
+    /// The warnings, where they are denied.
+    pub(super) fn configuration(&mut self, warnings: &[Diagnostic]) -> Result<(), Failure> {
+        if self.denies_warnings && !warnings.is_empty() {
+            return Err(Report { diagnostics: warnings.to_vec() }.into());
+        }
+        self.warnings(warnings);
+        Ok(())
     }
 
     /// Prints findings that do not end the command, unless quiet or JSON.

@@ -3,6 +3,7 @@
 use std::path::Path;
 
 use super::failure::{Exit, Failure};
+use super::replace::{Replace, Written};
 use crate::record::figure::Drawing;
 
 /// Width of PNG pictures: 160 mm at 300 dots per inch.
@@ -19,9 +20,10 @@ pub(super) fn drawing_failure(error: &dyn std::error::Error) -> Failure {
     Failure::new(Exit::Usage, message, "choose a file that can be written, and a run with something to draw")
 }
 
-/// Whether a picture can have this name.
-pub(super) fn check_picture(path: &Path) -> Result<(), Failure> {
-    picture_kind(path).map(|_| ())
+/// Whether a picture can have this name, and nothing else is lost by it.
+pub(super) fn check_picture(path: &Path, replace: Replace) -> Result<(), Failure> {
+    picture_kind(path)?;
+    replace.check(path, Written::Picture)
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

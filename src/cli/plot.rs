@@ -7,6 +7,7 @@ use serde_json::json;
 use super::failure::Failure;
 use super::output::Output;
 use super::picture::{check_picture, drawing_failure, write_drawing};
+use super::replace::Replace;
 use super::replay::{damage, failure, open, records};
 use crate::report::drawing;
 use crate::report::replay::recorded_trace;
@@ -19,11 +20,13 @@ pub(super) struct Arguments {
     /// Draw trajectory, force and power into this file, an .svg or a .png; folders on the way are made
     #[arg(long, value_name = "PATH", default_value = "recording.svg")]
     figure: PathBuf,
+    #[command(flatten)]
+    replace: Replace,
 }
 
 pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Failure> {
     let (path, figure) = (&arguments.recording, &arguments.figure);
-    check_picture(figure)?;
+    check_picture(figure, arguments.replace)?;
     let mut recording = open(path)?;
     let trace = recorded_trace(&mut recording).map_err(|error| failure(path, error))?;
     output.warnings(&damage(recording.damage(), path));

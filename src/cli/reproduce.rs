@@ -7,8 +7,9 @@ use serde_json::{Value, json};
 use super::ending::{above_bound, rig_failure};
 use super::failure::{Exit, Failure};
 use super::output::Output;
-use super::picture::{drawing_failure, write_drawing};
+use super::picture::{check_picture, drawing_failure, write_drawing};
 use super::progress::Progress;
+use super::replace::Replace;
 use super::run::{measures_text, tool_text};
 use crate::report::Stage;
 use crate::study::drawing;
@@ -28,6 +29,8 @@ pub(super) struct Arguments {
     /// Multiply the hand's mass, to see what hangs on it
     #[arg(long, value_name = "FACTOR", default_value_t = 1.0, value_parser = parse_factor, allow_negative_numbers = true)]
     hand_mass: f64,
+    #[command(flatten)]
+    replace: Replace,
 }
 
 #[derive(Clone, Debug)]
@@ -74,12 +77,13 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
         };
         progress.end();
         let (runs, warnings) = runs.map_err(failure)?;
-        output.warnings(&warnings);
+        output.configuration(&warnings)?;
         let mut files = Vec::new();
         let drawings = drawing::figure(&runs).map_err(|error| drawing_failure(&error))?;
         for named in drawings {
             for ending in ["svg", "png"] {
                 let path = arguments.out.join(format!("{}.{ending}", named.name));
+                check_picture(&path, arguments.replace)?;
                 write_drawing(&named.drawing, &path)?;
                 files.push(path);
             }

@@ -4,7 +4,7 @@ mod device;
 mod facts;
 mod words;
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 use self::facts::Facts;
@@ -20,9 +20,13 @@ use super::margins::Margins;
 use super::output::Output;
 use super::picture::{check_picture, drawing_failure, write_drawing};
 use super::progress::Progress;
-use crate::config::{self, Document, Loaded, Report, Severity, Source};
+use super::replace::{Replace, Written};
+use super::tune::Masses;
+use crate::config::{self, Diagnostic, Document, Loaded, Report, Severity, Source};
+use crate::injection::Injection;
+use crate::record::Trace;
 use crate::report::drawing;
-use crate::report::{Overrides, replay, run_rig};
+use crate::report::{Overrides, RunReport, replay, run_rig};
 use crate::rig::{self};
 use crate::run::{Demands as DrillDemands, Drilled};
 
@@ -71,6 +75,8 @@ pub(super) struct Arguments {
     /// device, which has no bus, its samples
     #[arg(long, value_name = "DIR")]
     pub(super) record: Option<PathBuf>,
+    #[command(flatten)]
+    pub(super) replace: Replace,
     /// Where the time around a fault is kept, in place of the record's folder or yieldwall/black-box in the state folder
     #[arg(long, value_name = "DIR")]
     pub(super) black_box: Option<PathBuf>,
@@ -88,12 +94,12 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
         }
     };
     // Those of the scene are among them.
-    output.warnings(&rig.warnings);
+    output.configuration(&rig.warnings)?;
     check_buses(&rig, arguments.ignore_bus_budget, output)?;
+    let margins = check_loop(&rig, true, output)?;
     let scene = rig.scene()?;
     let faults = arguments.fault.iter().map(|fault| fault.0).collect();
     let overrides = Overrides { fixture: None, duration_s: arguments.duration, seed: arguments.seed, faults };
-    let margins = Margins::of(&rig.value);
     let about = replay::about(&rig.value, Some(&scene.value), &overrides)
         .map_err(|error| Failure::new(Exit::Internal, format!("documents of the recording: {error}"), ""))?;
     let [candump, record, black_box] =
@@ -119,25 +125,57 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
     let kept = keep.finish()?;
     output.warnings(&kept.warnings());
     let report = report.map_err(|error| kept.point_to_black_box(rig_failure(&error)))?;
-    if let Some(path) = &arguments.figure {
-        let heading = Some(rig.value.rig.name.clone());
-        let drawing = drawing::run(&report.trace, heading).map_err(|error| drawing_failure(&error))?;
-        write_drawing(&drawing, path)?;
-    }
+    let drawn = draw(&report.trace, &rig.value.rig.name, arguments.figure.as_deref());
+    let figure = arguments.figure.as_deref().filter(|_| drawn.is_ok());
     let seed = overrides.seed.unwrap_or(scene.value.seed);
-    let facts = Facts { rig: &rig.value, drilled, margins, report: &report, kept: &kept, seed, wall_s };
-    let is_disturbed = !(overrides.faults.is_empty() && scene.value.faults.is_empty());
-    let end = match report.state {
-        Some(state) if state.is_latched() => Err(kept.point_to_black_box(ending::stopped(&report, &rig.value))),
-        // A push by injection is no fault of the loop.
-        _ if report.measures.is_within_bound() || is_disturbed => Ok(()),
-        _ => Err(above_bound(&report.measures, &rig.value.rig.name)),
-    };
+    let facts = Facts { rig: &rig.value, drilled, margins, report: &report, kept: &kept, figure, seed, wall_s };
+    let end = judge_run(&report, &rig.value, &scene.value.faults, &overrides.faults)
+        .map_err(|failure| if report.is_stopped() { kept.point_to_black_box(failure) } else { failure });
+    let end = with_drawing(end, drawn);
     if !output.is_json() {
         output.news(&facts.text(arguments))?;
         return end;
     }
     output.end(facts.json(arguments), end)
+}
+
+/// Whether a run ended as it should, but for what was injected into it.
+fn judge_run(
+    report: &RunReport,
+    rig: &config::Rig,
+    of_scene: &[config::SceneFault],
+    of_arguments: &[Injection],
+) -> Result<(), Failure> {
+    if report.is_stopped() {
+        return Err(ending::stopped(report, rig));
+    }
+    let of_scene = of_scene.iter().filter_map(|fault| fault.injection().ok());
+    let injected: Vec<Injection> = of_scene.chain(of_arguments.iter().copied()).collect();
+    ending::held_too_long(report, &injected)?;
+    ending::never_came(report, of_arguments)?;
+    // A push by injection is no fault of the loop.
+    if report.measures.is_within_bound() || !injected.is_empty() {
+        return Ok(());
+    }
+    Err(above_bound(&report.measures, &rig.rig.name))
+}
+
+/// Draws a run into a file, if there is to be one.
+pub(super) fn draw(trace: &Trace, name: &str, figure: Option<&Path>) -> Result<(), Failure> {
+    let Some(path) = figure else { return Ok(()) };
+    let drawing = drawing::run(trace, Some(name.to_owned())).map_err(|error| drawing_failure(&error))?;
+    write_drawing(&drawing, path)
+}
+
+/// How a run ends whose drawing may have failed: that is told beside what else went wrong, whose exit code counts.
+pub(super) fn with_drawing(end: Result<(), Failure>, drawn: Result<(), Failure>) -> Result<(), Failure> {
+    match (end, drawn) {
+        (Err(mut failure), Err(undrawn)) => {
+            failure.report.diagnostics.extend(undrawn.report.diagnostics);
+            Err(failure)
+        }
+        (end, drawn) => end.and(drawn),
+    }
 }
 
 /// What can be known to be wrong before anything is run.
@@ -150,9 +188,12 @@ pub(super) fn check(arguments: &Arguments) -> Result<(), Failure> {
         return Err(Failure::new(Exit::Usage, message, "give a number of seconds, such as --duration 5"));
     }
     if let Some(path) = &arguments.figure {
-        check_picture(path)?;
+        check_picture(path, arguments.replace)?;
     }
-    Ok(())
+    match &arguments.candump {
+        Some(path) => arguments.replace.check(path, Written::BusLog),
+        None => Ok(()),
+    }
 }
 
 /// Whether the buses keep the cycle: of a bus with timing an error, unless it is to be ignored.
@@ -164,9 +205,19 @@ pub(super) fn check_buses(rig: &Loaded<config::Rig>, is_ignored: bool, output: &
             return Err(Report::from(finding).into());
         }
         finding.severity = Severity::Warning;
-        output.warnings(&[finding]);
+        output.configuration(&[finding])?;
     }
     Ok(())
+}
+
+/// Whether the rig's own loop is stable with enough margin, and with the hand of its scene where that is on the tool; its margins.
+pub(super) fn check_loop(rig: &Loaded<config::Rig>, has_hand: bool, output: &mut Output) -> Result<Margins, Failure> {
+    let margins = Margins::of(&rig.value);
+    let masses = (has_hand && !margins.is_unstable()).then(|| Masses::of_scene(rig).ok()).flatten();
+    let findings: Vec<Diagnostic> =
+        margins.finding(rig).into_iter().chain(masses.and_then(|masses| masses.finding(rig))).collect();
+    output.configuration(&findings)?;
+    Ok(margins)
 }
 
 /// What the buses of the embedded simulation are called in logs, so that `canplayer` finds them.

@@ -76,7 +76,7 @@ enum Unwatched {
 
 pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Failure> {
     let rig = config::load_rig(Source::named(&arguments.rig))?;
-    output.warnings(&rig.warnings);
+    output.configuration(&rig.warnings)?;
     let scene = match &arguments.scene {
         Some(path) => config::load_scene(Source::named(path))?,
         None => rig.scene()?,

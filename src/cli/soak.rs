@@ -11,6 +11,7 @@ use serde_json::json;
 
 use super::failure::{Exit, Failure};
 use super::output::Output;
+use super::replace::{Replace, Written};
 use crate::batch::LinesError;
 use crate::config::Report;
 use crate::soak::{self, Campaign, Outcome, Script, Shipped, Store, StoreError, Tally};
@@ -46,6 +47,8 @@ pub(super) struct Arguments {
     /// Write the summary as Markdown tables
     #[arg(long, value_name = "FILE")]
     markdown: Option<PathBuf>,
+    #[command(flatten)]
+    replace: Replace,
     /// Fail if an injection or a fault was never met; always so from 200 seeds on
     #[arg(long)]
     require_hits: bool,
@@ -60,6 +63,9 @@ fn parse_seeds(text: &str) -> Result<Range<u64>, String> {
 }
 
 pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Failure> {
+    if let Some(path) = &arguments.markdown {
+        arguments.replace.check(path, Written::Tables)?;
+    }
     let shipped = Shipped::load()?;
     let cycles = arguments.cycles.get();
     let started = Instant::now();

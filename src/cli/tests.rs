@@ -56,7 +56,7 @@ fn exit_codes_tell_what_happened() {
     assert_eq!(exit("yieldwall confg"), Exit::Usage);
     assert_eq!(exit("yieldwall config check"), Exit::Usage);
     for name in crate::config::builtin_names() {
-        assert_eq!(exit(&format!("yieldwall --quiet config check builtin:{name}")), Exit::Ok, "{name}");
+        assert_eq!(exit(&format!("yieldwall --quiet --deny-warnings config check builtin:{name}")), Exit::Ok, "{name}");
     }
     assert_eq!(exit("yieldwall -q config check builtin:paper-admittance.yaml no-such-file.yaml"), Exit::ConfigInvalid);
     assert_eq!(exit("yieldwall config show no-such-file.yaml --json"), Exit::ConfigInvalid);
@@ -73,6 +73,54 @@ fn exit_codes_tell_what_happened() {
     for study in ["hold --mujoco mujoco", "plant --mujoco no-such-program", "fixture --shard 1/2"] {
         assert_eq!(exit(&format!("yieldwall -q study {study}")), Exit::Usage, "{study}");
     }
+}
+
+/// A run that was broken only by what was injected is fine; one that faults of its own held, or whose injection never came, is not.
+#[test]
+fn a_run_is_judged_by_what_was_not_injected() {
+    let folder = std::env::temp_dir().join(format!("yieldwall-judged-{}", std::process::id()));
+    std::fs::create_dir_all(&folder).unwrap();
+    let rig = folder.join("nervous.yaml");
+    let text = "like: builtin:paper-admittance.yaml\nguard: {force_step_limit_n: 0.5}\n";
+    std::fs::write(&rig, text).unwrap();
+    let exit = |rig: &str, more: &str| {
+        let boxes = folder.display();
+        let line = format!("yieldwall -q run {rig} --duration 2 --black-box {boxes}{more}");
+        run(line.split(' ').map(OsString::from))
+    };
+    let shipped = "builtin:paper-admittance-csp.yaml";
+    assert_eq!(exit(shipped, " --fault drive-warning@1"), Exit::Ok);
+    assert_eq!(exit(shipped, " --fault pdo-lost@99"), Exit::OutOfTolerance);
+    let nervous = rig.display().to_string();
+    assert_eq!(exit(&nervous, ""), Exit::SafetyStop);
+    // What holds this rig is not what was injected.
+    assert_eq!(exit(&nervous, " --fault drive-warning@1"), Exit::SafetyStop);
+    std::fs::remove_dir_all(&folder).unwrap();
+}
+
+/// Neither a log nor a drawing takes the place of anything else, and a drawing that fails costs nothing but itself.
+#[test]
+fn files_of_another_kind_stay_as_they_are() {
+    let folder = std::env::temp_dir().join(format!("yieldwall-files-{}", std::process::id()));
+    std::fs::create_dir_all(&folder).unwrap();
+    let rig = folder.join("rig.yaml");
+    std::fs::write(&rig, "like: builtin:paper-admittance.yaml\n").unwrap();
+    let exit = |more: &str| {
+        let line = format!("yieldwall -q run {} --duration 0.1 {more}", rig.display());
+        run(line.split(' ').map(OsString::from))
+    };
+    let (own, log) = (rig.display(), folder.join("bus.log"));
+    let before = std::fs::read(&rig).unwrap();
+    assert_eq!(exit(&format!("--candump {own}")), Exit::Usage);
+    assert_eq!(exit(&format!("--figure {own}.svg")), Exit::Ok);
+    std::fs::copy(&rig, folder.join("kept.svg")).unwrap();
+    assert_eq!(exit(&format!("--figure {}", folder.join("kept.svg").display())), Exit::Usage);
+    assert_eq!(std::fs::read(&rig).unwrap(), before);
+    for _ in 0..2 {
+        assert_eq!(exit(&format!("--candump {}", log.display())), Exit::Ok, "a log replaces a log");
+    }
+    assert_eq!(exit(&format!("--candump {} --figure {}", log.display(), folder.display())), Exit::Usage);
+    std::fs::remove_dir_all(&folder).unwrap();
 }
 
 /// What `config check` takes, a command runs: a device, and a figure in a file.

@@ -52,12 +52,12 @@ pub(super) fn run(command: &Command, output: &mut Output) -> Result<(), Failure>
     let reserve = arguments.reserve;
     match config::load(Source::named(&arguments.file))? {
         Document::Rig(rig) => {
-            output.warnings(&rig.warnings);
+            output.configuration(&rig.warnings)?;
             let masses = Masses::of(&rig, &arguments.hand_stiffness).map_err(|error| failure(&error))?;
             if output.is_json() { output.json(&masses.to_json(reserve)) } else { output.result(&masses.text(reserve)) }
         }
         Document::Device(device) => {
-            output.warnings(&device.warnings);
+            output.configuration(&device.warnings)?;
             if !arguments.hand_stiffness.is_empty() {
                 let message = "--hand-stiffness is for rigs: the coupling of a device is judged with the hand off, its worst case";
                 return Err(Failure::new(Exit::Usage, message, "leave --hand-stiffness away"));

@@ -26,6 +26,7 @@ mod rate;
 mod stability;
 #[cfg(test)]
 mod tests;
+mod tuning;
 
 pub use axis::{Axis, AxisController, AxisStep, EffortRange, Gains, Law};
 pub use coupled::{
@@ -38,3 +39,4 @@ pub use margins::{MAX_DELAY_CYCLES, Margins, ServoLoop, is_stable, margins, prin
 pub use pid::Pid;
 pub use psmc::Psmc;
 pub use rate::{RateLaw, RateStep};
+pub use tuning::{Tuned, at_bandwidth, stiffest};

@@ -2,6 +2,7 @@
 
 mod seen;
 
+use std::collections::BTreeMap;
 use std::time::Duration;
 
 pub(super) use self::seen::trace;
@@ -42,12 +43,26 @@ pub struct RunReport {
     pub started_at_s: Option<f64>,
     /// Time in s in which a fault held the reference at rest and cleared by itself.
     pub held_s: f64,
+    /// The same time by the fault that held it, in the order of the fault table.
+    pub held_by: Vec<(Fault, f64)>,
     /// Faults that hold nothing, each with the number of cycles in which it was seen, from the boot to the end.
     pub counted: Vec<(Fault, u32)>,
     /// SDO downloads of somebody else to the rig's nodes.
     pub foreign_downloads: u32,
     /// Cycle time in s.
     pub period_s: f64,
+}
+
+impl RunReport {
+    /// Time that the scene ran, in s.
+    pub fn simulated_s(&self) -> f64 {
+        self.trace.rows.len() as f64 * self.period_s
+    }
+
+    /// Whether a fault stopped the rig for good.
+    pub fn is_stopped(&self) -> bool {
+        self.state.is_some_and(State::is_latched)
+    }
 }
 
 /// What may stand in place of what the files say.
@@ -103,6 +118,7 @@ pub fn run_rig(
     let cycles = ((end_s / period_s).round() as usize).max(1);
     let mut rows = Vec::with_capacity(cycles);
     let mut state = machine.state();
+    let mut held: BTreeMap<usize, (Fault, f64)> = BTreeMap::new();
     for _ in 0..cycles {
         let row = machine.run_cycle(Request::None)?;
         rows.push(row);
@@ -110,6 +126,9 @@ pub fn run_rig(
         state = machine.state();
         if state.is_latched() {
             break;
+        }
+        if let (State::Holding, Some(cause)) = (state, machine.cause()) {
+            held.entry(cause.fault as usize).or_insert((cause.fault, 0.0)).1 += period_s;
         }
     }
     let cause = machine.cause();
@@ -138,6 +157,7 @@ pub fn run_rig(
         bus_loads,
         started_at_s: Some(started_at.as_secs_f64()),
         held_s,
+        held_by: held.into_values().collect(),
         counted: machine.master().cycle().faults().counted().collect(),
         foreign_downloads: machine.master().foreign_downloads(),
         period_s,
@@ -205,6 +225,7 @@ pub fn run_device(
         bus_loads: Vec::new(),
         started_at_s: None,
         held_s: 0.0,
+        held_by: Vec::new(),
         counted: Vec::new(),
         foreign_downloads: 0,
         period_s,

@@ -26,6 +26,8 @@ pub(super) struct Facts<'a> {
     pub(super) played: &'a Played,
     pub(super) measures: &'a Measures,
     pub(super) kept: &'a Kept,
+    /// The figure that was drawn.
+    pub(super) figure: Option<&'a std::path::Path>,
 }
 
 impl Facts<'_> {
@@ -74,7 +76,7 @@ impl Facts<'_> {
             lines.push(format!("{:9} {skipped} cycles skipped", ""));
         }
         lines.extend(measures_text(self.measures));
-        lines.extend(self.arguments.figure.as_ref().map(|path| format!("figure    {}", path.display())));
+        lines.extend(self.figure.map(|path| format!("figure    {}", path.display())));
         lines.extend(self.arguments.candump.as_ref().map(|path| format!("candump   {}", path.display())));
         lines.extend(self.kept.lines());
         lines
@@ -116,7 +118,7 @@ impl Facts<'_> {
             "stages": stages.each().map(|(name, _, of)| (name, times(of))).collect::<BTreeMap<_, _>>(),
             "skipped": skipped,
             "measures": self.measures,
-            "figure": self.arguments.figure,
+            "figure": self.figure,
             "candump": self.arguments.candump,
             "recording": self.arguments.record,
             "recorded": self.kept.files_json(),

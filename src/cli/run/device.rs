@@ -1,5 +1,6 @@
 //! `yieldwall run` with an impedance device, which has no bus.
 
+use std::path::Path;
 use std::time::Instant;
 
 use serde_json::json;
@@ -8,18 +9,16 @@ use super::super::ending::{above_bound, rig_failure};
 use super::super::failure::{Exit, Failure};
 use super::super::keep::Keep;
 use super::super::output::Output;
-use super::super::picture::{drawing_failure, write_drawing};
 use super::super::progress::Progress;
-use super::{Arguments, measures_text};
+use super::{Arguments, draw, measures_text, with_drawing};
 use crate::config::{self, Coupling, ImpedanceDevice, Loaded};
-use crate::report::drawing;
 use crate::report::{Overrides, RunReport, replay, run_device};
 use crate::rig::ImpedanceRig;
 
 pub(super) fn run(arguments: &Arguments, device: &Loaded<ImpedanceDevice>, output: &mut Output) -> Result<(), Failure> {
     check(arguments)?;
     // Those of the scene are among them.
-    output.warnings(&device.warnings);
+    output.configuration(&device.warnings)?;
     let scene = config::load_scene(device.source.relative(&device.value.scene))?.value;
     let overrides = Overrides { duration_s: arguments.duration, seed: arguments.seed, ..Overrides::default() };
     let seed = overrides.seed.unwrap_or(scene.seed);
@@ -39,13 +38,12 @@ pub(super) fn run(arguments: &Arguments, device: &Loaded<ImpedanceDevice>, outpu
     let kept = keep.finish()?;
     output.warnings(&kept.warnings());
     let report = report.map_err(|error| rig_failure(&error))?;
-    if let Some(path) = &arguments.figure {
-        let drawing = drawing::run(&report.trace, Some(name.clone())).map_err(|error| drawing_failure(&error))?;
-        write_drawing(&drawing, path)?;
-    }
+    let drawn = draw(&report.trace, name, arguments.figure.as_deref());
+    let figure = arguments.figure.as_deref().filter(|_| drawn.is_ok());
     let end = if report.measures.is_within_bound() { Ok(()) } else { Err(above_bound(&report.measures, name)) };
+    let end = with_drawing(end, drawn);
     if !output.is_json() {
-        let mut lines = text(arguments, &device.value, &report, seed, wall_s);
+        let mut lines = text(&device.value, &report, figure, seed, wall_s);
         lines.extend(kept.lines());
         output.news(&lines.join("\n"))?;
         return end;
@@ -53,10 +51,10 @@ pub(super) fn run(arguments: &Arguments, device: &Loaded<ImpedanceDevice>, outpu
     let document = json!({
         "device": name,
         "seed": seed,
-        "simulated_s": simulated_s(&report),
+        "simulated_s": report.simulated_s(),
         "wall_s": wall_s,
         "measures": report.measures,
-        "figure": arguments.figure,
+        "figure": figure,
         "recorded": kept.files_json(),
     });
     output.end(document, end)
@@ -79,13 +77,9 @@ fn check(arguments: &Arguments) -> Result<(), Failure> {
     }
 }
 
-fn simulated_s(report: &RunReport) -> f64 {
-    report.trace.rows.len() as f64 * report.period_s
-}
-
 /// For a person to read, a line each.
-fn text(arguments: &Arguments, device: &ImpedanceDevice, report: &RunReport, seed: u64, wall_s: f64) -> Vec<String> {
-    let (trace, simulated) = (&report.trace, simulated_s(report));
+fn text(device: &ImpedanceDevice, report: &RunReport, figure: Option<&Path>, seed: u64, wall_s: f64) -> Vec<String> {
+    let (trace, simulated) = (&report.trace, report.simulated_s());
     let mut lines = vec![
         format!("device    {}: impedance type, {} ms", device.device.name, report.period_s * 1e3),
         format!(
@@ -101,6 +95,6 @@ fn text(arguments: &Arguments, device: &ImpedanceDevice, report: &RunReport, see
         ));
     }
     lines.extend(measures_text(&report.measures));
-    lines.extend(arguments.figure.as_ref().map(|path| format!("figure    {}", path.display())));
+    lines.extend(figure.map(|path| format!("figure    {}", path.display())));
     lines
 }

@@ -1,6 +1,7 @@
 //! What a run on the embedded simulation leaves to tell.
 
 use std::collections::BTreeMap;
+use std::path::Path;
 
 use serde_json::{Value, json};
 
@@ -23,22 +24,20 @@ pub(super) struct Facts<'a> {
     pub(super) margins: Margins,
     pub(super) report: &'a RunReport,
     pub(super) kept: &'a Kept,
+    /// The figure that was drawn.
+    pub(super) figure: Option<&'a Path>,
     pub(super) seed: u64,
     pub(super) wall_s: f64,
 }
 
 impl Facts<'_> {
-    fn simulated_s(&self) -> f64 {
-        self.report.trace.rows.len() as f64 * self.report.period_s
-    }
-
     /// For a program to read.
     pub(super) fn json(&self, arguments: &Arguments) -> Value {
         json!({
             "rig": self.rig.rig.name,
             "mode": self.rig.rig.command_mode,
             "seed": self.seed,
-            "simulated_s": self.simulated_s(),
+            "simulated_s": self.report.simulated_s(),
             "wall_s": self.wall_s,
             "state": self.report.state.map(|state| format!("{state:?}")),
             "cause": self.report.cause.map(|cause| cause.fault.row().name),
@@ -48,10 +47,11 @@ impl Facts<'_> {
             "watchdogs": watchdogs_json(&self.drilled),
             "bus_loads": self.report.bus_loads.iter().cloned().collect::<BTreeMap<_, _>>(),
             "held_s": self.report.held_s,
+            "held_by_s": self.report.held_by.iter().map(|(fault, held_s)| (fault.row().name, *held_s)).collect::<BTreeMap<_, _>>(),
             "counted": counted_json(&self.report.counted),
             "foreign_downloads": self.report.foreign_downloads,
             "measures": self.report.measures,
-            "figure": arguments.figure,
+            "figure": self.figure,
             "candump": arguments.candump,
             "recording": arguments.record,
             "recorded": self.kept.files_json(),
@@ -63,7 +63,7 @@ impl Facts<'_> {
     pub(super) fn text(&self, arguments: &Arguments) -> String {
         let mut lines = Vec::new();
         let period_ms = self.report.period_s * 1e3;
-        let simulated = self.simulated_s();
+        let simulated = self.report.simulated_s();
         let mode = mode_text(self.rig.rig.command_mode);
         lines.push(format!("rig       {}: {mode}, {period_ms} ms", self.rig.rig.name));
         lines.push(format!(
@@ -106,7 +106,7 @@ impl Facts<'_> {
             };
             lines.push(format!("bus       {} frames{}", counters.frames, loads.iter().map(load).collect::<String>()));
         }
-        lines.extend(arguments.figure.as_ref().map(|path| format!("figure    {}", path.display())));
+        lines.extend(self.figure.map(|path| format!("figure    {}", path.display())));
         if let (Some(path), Some(start_s)) = (&arguments.candump, self.report.started_at_s) {
             let start_s = start_s + LOG_STARTS_AT.as_secs_f64();
             let buses = self.rig.buses.keys().zip(simulated_interfaces(self.rig));

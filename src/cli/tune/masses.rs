@@ -32,10 +32,22 @@ pub(in crate::cli) struct Masses {
 impl Masses {
     /// For the hand of the scene and for the usual ones, or those of `stiffnesses` in N/m.
     pub(in crate::cli) fn of(rig: &Loaded<Rig>, stiffnesses: &[f64]) -> Result<Self, RigError> {
+        Self::with(rig, |hand| match stiffnesses {
+            [] => usual_hands(hand).to_vec(),
+            _ => stiffnesses.iter().map(|&stiffness| stiffer(hand, stiffness)).collect(),
+        })
+    }
+
+    /// For the hand of the scene alone.
+    pub(in crate::cli) fn of_scene(rig: &Loaded<Rig>) -> Result<Self, RigError> {
+        Self::with(rig, |_| Vec::new())
+    }
+
+    /// For the hand of the scene and for others.
+    fn with(rig: &Loaded<Rig>, others: impl Fn(&Grip) -> Vec<Grip>) -> Result<Self, RigError> {
         let scene = rig.scene().map_err(|_| RigError::Mismatch("the scene cannot be read".into()))?;
         let hand = hand_of(&scene.value);
-        let others = stiffnesses.iter().map(|&stiffness| stiffer(&hand, stiffness)).collect::<Vec<_>>();
-        let others = if others.is_empty() { usual_hands(&hand).to_vec() } else { others };
+        let others = others(&hand);
         let has_scene_hand = hand.stiffness_n_per_m > 0.0;
         let hands: Vec<Grip> = has_scene_hand.then_some(hand).into_iter().chain(others).collect();
         let configured_kg = match rig.value.fixture.coupling {

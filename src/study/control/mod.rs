@@ -337,7 +337,7 @@ impl Study for Control {
 mod tests {
     use super::*;
 
-    fn outcome(setting: Setting) -> (servo::Tuned, trial::Outcome) {
+    fn outcome(setting: Setting) -> (crate::control::Tuned, trial::Outcome) {
         let machine = Machine::shipped();
         let tuned = tune(&machine, setting.is_cartesian, setting.period_s, setting.delay_cycles as f64).unwrap();
         (tuned, run(&machine, setting, tuned.gains).unwrap())

@@ -102,7 +102,7 @@ pub(super) fn run(machine: &Machine, setting: Setting, gains: Gains) -> Result<O
             outcome.held_tool_depth_m = outcome.held_tool_depth_m.max(beyond_m(seen.tool_m));
             return;
         }
-        outcome.peak_torque_n_m = outcome.peak_torque_n_m.max(seen.torques.0.amax());
+        outcome.peak_torque_n_m = outcome.peak_torque_n_m.max(seen.torques.max_abs());
         let error_m = beyond_m(seen.tool_m).abs();
         outcome.whole_max_m = outcome.whole_max_m.max(error_m);
         outcome.is_released |= beyond_m(seen.step.proxy).abs() > ON_SURFACE_TOLERANCE_M;
