@@ -3,7 +3,7 @@
 use nalgebra::{Matrix2, Vector2};
 
 use super::margins::{LOOP_DELAY_CYCLES, poses};
-use crate::assembly::{AssemblyError, bus_id, bus_plan, gains, linkage, mass_model, period_s, plant_mass};
+use crate::assembly::{AssemblyError, bus_id, bus_plan, gains, linkage, period_s, plant_mass};
 use crate::bus::budget::{Budget, PlannedFrame, Use};
 use crate::config;
 use crate::control::{
@@ -245,7 +245,7 @@ fn pose_at(rig: &config::Rig, tool: Vector2<f64>, is_cartesian: bool) -> Result<
     let forward = Some(&rig.control.feed_forward).filter(|_| rig.rig.command_mode == config::CommandMode::Torque);
     let model = forward.and_then(|forward| forward.inertia.as_ref());
     let angles: JointAngles = linkage.inverse(TipPoint(tool))?;
-    let arm = model.map_or_else(|| plant_mass(rig), |model| Ok(mass_model(model)))?;
+    let arm = model.map_or_else(|| plant_mass(rig), |model| Ok(model.mass_model()))?;
     let mass = linkage.dynamics(&arm, angles, JointRates::default())?;
     let diagonal =
         |values: [config::NotNegative; 2]| Matrix2::from_diagonal(&Vector2::from(values.map(|value| value.get())));

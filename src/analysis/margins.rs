@@ -3,7 +3,7 @@
 use crate::elementary;
 use nalgebra::Vector2;
 
-use crate::assembly::{gains, linkage, mass_model, period_s, plant_mass};
+use crate::assembly::{gains, linkage, period_s, plant_mass};
 use crate::config;
 use crate::control::{Margins, ServoLoop, principal_inertias, worst_margins};
 use crate::fixture::Shape2;
@@ -106,7 +106,7 @@ pub fn pose_margins(rig: &config::Rig) -> Result<Option<PoseMargins>, RigError> 
     let Some((gains, is_cartesian)) = gains(&rig.control) else { return Ok(None) };
     let linkage = linkage(rig)?;
     let model =
-        rig.control.feed_forward.inertia.as_ref().map_or_else(|| plant_mass(rig), |model| Ok(mass_model(model)))?;
+        rig.control.feed_forward.inertia.as_ref().map_or_else(|| plant_mass(rig), |model| Ok(model.mass_model()))?;
     let viscous = rig.control.feed_forward.viscous_n_m_s_per_rad.map(|value| value.get());
     let mut inertias = Vec::new();
     let mut viscous_at = f64::INFINITY;

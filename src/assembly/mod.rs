@@ -35,27 +35,12 @@ pub(crate) fn linkage(rig: &config::Rig) -> Result<FiveBar, AssemblyError> {
     Ok(FiveBar::new(rig.linkage.geometry())?)
 }
 
-pub(crate) fn mass_model(inertia: &config::ArmInertia) -> MassModel {
-    MassModel {
-        motor_kg_m2: inertia.motor_kg_m2.map(|value| value.get()),
-        proximal_kg: inertia.proximal_kg.map(|value| value.get()),
-        distal_kg: inertia.distal_kg.map(|value| value.get()),
-        tool_kg: inertia.tool_kg.get(),
-    }
-}
-
 /// Inertia of the simulated arm.
 ///
 /// # Errors
 /// If the rig has no simulation.
 pub fn plant_mass(rig: &config::Rig) -> Result<MassModel, AssemblyError> {
-    let arm = &rig.simulated()?.arm;
-    Ok(MassModel {
-        motor_kg_m2: arm.motor_kg_m2.map(|value| value.get()),
-        proximal_kg: arm.proximal_kg.map(|value| value.get()),
-        distal_kg: arm.distal_kg.map(|value| value.get()),
-        tool_kg: arm.tool_kg.get(),
-    })
+    Ok(rig.simulated()?.arm.mass_model())
 }
 
 fn coupling(fixture: &config::Fixture) -> Coupling {
@@ -212,7 +197,7 @@ pub fn torque_servo(rig: &config::Rig) -> Result<TorqueServoParameters, Assembly
             viscous_n_m_s_per_rad: control.feed_forward.viscous_n_m_s_per_rad.map(|value| value.get()),
             coulomb_transition_rad: FeedForwardParameters::DEFAULT_TRANSITION_RAD,
         },
-        inertia: control.feed_forward.inertia.as_ref().map(mass_model),
+        inertia: control.feed_forward.inertia.as_ref().map(config::ArmInertia::mass_model),
     })
 }
 

@@ -1,13 +1,14 @@
 //! `yieldwall config`: check, show, schema.
 
-use serde_json::{Value, json};
+#[cfg(test)]
+mod changes;
+mod checked;
 
-use super::bus::{Plan, plans, to_json};
+use serde_json::Value;
+
+use self::checked::Checked;
 use super::failure::{Exit, Failure};
-use super::margins::Margins;
 use super::output::Output;
-use super::tune::{self, Masses};
-use crate::analysis::coupled_device;
 use crate::config::{
     self, Coupling, Diagnostic, Document, Figure, Fixture, ImpedanceDevice, Kind, Report, Rig, Scene, Severity,
     Simulation, Source,
@@ -43,73 +44,25 @@ pub(super) fn run(command: Command, output: &mut Output) -> Result<(), Failure> 
 
 /// Checks every file, also after one that is refused.
 fn check(files: &[String], output: &mut Output) -> Result<(), Failure> {
-    let mut checked: Vec<Value> = Vec::new();
+    let mut entries: Vec<Value> = Vec::new();
     let mut refused: Vec<Diagnostic> = Vec::new();
     for file in files {
-        let result = config::load(Source::named(file));
-        let mut findings = match &result {
-            Ok(document) => document.warnings().to_vec(),
-            Err(report) => report.diagnostics.clone(),
-        };
-        let rig = match &result {
-            Ok(Document::Rig(rig)) => Some(rig.as_ref()),
-            _ => None,
-        };
-        let margins = rig.map(|rig| Margins::of(&rig.value));
-        let is_unstable = margins.as_ref().is_some_and(Margins::is_unstable);
-        let masses = rig.filter(|_| !is_unstable).and_then(|rig| Masses::of(rig, &[]).ok());
-        if let (Some(rig), Some(masses)) = (rig, &masses) {
-            findings.extend(masses.finding(rig));
-        }
-        let device = match &result {
-            Ok(Document::Device(device)) => Some(device.as_ref()),
-            _ => None,
-        };
-        let coupled = device.and_then(|device| coupled_device(&device.value, 1.0).ok().flatten());
-        if let (Some(device), Some(coupled)) = (device, &coupled) {
-            findings.extend(tune::coupled_finding(device, coupled));
-        }
-        let plans = rig.and_then(|rig| plans(&rig.value).ok()).unwrap_or_default();
-        if let Some(rig) = rig {
-            findings.extend(plans.iter().filter_map(|plan| plan.finding(rig)));
-        }
-        findings.extend(rig.zip(margins.as_ref()).and_then(|(rig, margins)| margins.finding(rig)));
+        let mut checked = Checked::of(Source::named(file));
+        checked.rehearse();
         let is_refused = |finding: &Diagnostic| finding.severity == Severity::Error || output.denies_warnings();
-        let is_ok = !findings.iter().any(is_refused);
-        let kind = result.as_ref().ok().map(|document| document.kind().to_string());
-        let mut entry = json!({ "file": file, "ok": is_ok, "kind": kind, "diagnostics": findings });
-        if let Some(like) = rig.and_then(|rig| rig.like.as_ref()) {
-            entry["like"] = like.to_string().into();
-        }
-        if let Some(margins) = &margins {
-            entry["margins"] = margins.to_json();
-        }
-        if let Some(masses) = &masses {
-            entry["virtual_mass"] = masses.to_json(1.0);
-        }
-        if let Some(coupled) = &coupled {
-            entry["virtual_coupling"] = tune::coupled_json(coupled, 1.0);
-        }
-        if !plans.is_empty() {
-            entry["bus_budget"] = to_json(&plans);
-        }
-        checked.push(entry);
-        match &result {
+        let is_ok = !checked.findings.iter().any(is_refused);
+        entries.push(checked.to_json(file, is_ok));
+        match &checked.result {
             Ok(document) if is_ok => {
-                output.warnings(&findings);
-                output.news(&format!("ok  {file}: {}", summary(document, findings.len())))?;
-                let coupled =
-                    device.zip(coupled).map(|(device, coupled)| tune::coupled_lines(&device.value, &coupled, 1.0));
-                let lines = margins.iter().flat_map(Margins::lines).chain(masses.iter().map(Masses::line));
-                for line in lines.chain(coupled.into_iter().flatten()).chain(plans.iter().map(Plan::line)) {
-                    output.news(&format!("    {line}"))?;
-                }
+                output.warnings(&checked.findings);
+                output.news(&format!("ok  {file}: {}", summary(document, checked.findings.len())))?;
+                checked.lines().try_for_each(|line| output.news(&format!("    {line}")))?;
             }
-            _ => refused.extend(findings),
+            _ => refused.extend(checked.findings),
         }
     }
     if output.is_json() {
-        output.json(&checked)?;
+        output.json(&entries)?;
         let exit = if refused.is_empty() { return Ok(()) } else { Exit::ConfigInvalid };
         return Err(Failure { exit, report: Report { diagnostics: Vec::new() } });
     }

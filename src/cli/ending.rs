@@ -37,8 +37,23 @@ pub(super) fn stopped(report: &RunReport, rig: &config::Rig) -> Failure {
     stopped_by(report.cause, report.trace.rows.last().map_or(0.0, |row| row.time_s), rig)
 }
 
-/// Share of a run for which faults that were not injected may hold the rig.
+/// Share of a run for which faults that were not injected may hold the rig, and for which a joint may be at its torque limit
+/// other than after impacts.
 const HELD_SHARE: f64 = 0.01;
+
+/// Refuses a run in which the joints were at their torque limit for long, though nothing stopped the arm hard: the loop swings.
+pub(super) fn at_limit_too_long(report: &RunReport) -> Result<(), Failure> {
+    let (at_limit_s, simulated_s) = (report.measures.torque_limit_apart_s.unwrap_or_default(), report.simulated_s());
+    if at_limit_s <= HELD_SHARE * simulated_s {
+        return Ok(());
+    }
+    let message = format!(
+        "a joint was at its torque limit for {at_limit_s:.3} s of {simulated_s:.3} s other than after impacts: the loop \
+         swings, or the arm is too weak for what it is led to"
+    );
+    let help = "soften control.gains, or raise guard.torque_limit_n_m as far as the drives allow";
+    Err(Failure::new(Exit::OutOfTolerance, message, help))
+}
 
 /// Refuses a run that faults held for long which nothing that was injected brings.
 pub(super) fn held_too_long(report: &RunReport, injected: &[Injection]) -> Result<(), Failure> {

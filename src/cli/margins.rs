@@ -19,6 +19,11 @@ pub(super) enum Margins {
     Unknown(String),
 }
 
+/// Whether the simulated machine is known to have another inertia than the loop's margins count with: that is told in their place.
+pub(super) fn has_other_inertia(rig: &Loaded<Rig>) -> bool {
+    rig.warnings.iter().any(|warning| warning.key == "control.feed_forward.inertia")
+}
+
 impl Margins {
     /// Takes them from a checked rig.
     pub(super) fn of(rig: &Rig) -> Self {

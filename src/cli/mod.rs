@@ -29,6 +29,7 @@ mod picture;
 mod plot;
 mod progress;
 mod record;
+mod rehearsal;
 mod render;
 mod replace;
 mod replay;

@@ -16,7 +16,7 @@ use super::ending::{self, above_bound, rig_failure};
 use super::failure::{Exit, Failure};
 use super::faults::FaultArgument;
 use super::keep::{Keep, Watched};
-use super::margins::Margins;
+use super::margins::{Margins, has_other_inertia};
 use super::output::Output;
 use super::picture::{check_picture, drawing_failure, write_drawing};
 use super::progress::Progress;
@@ -140,7 +140,7 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
 }
 
 /// Whether a run ended as it should, but for what was injected into it.
-fn judge_run(
+pub(super) fn judge_run(
     report: &RunReport,
     rig: &config::Rig,
     of_scene: &[config::SceneFault],
@@ -154,7 +154,11 @@ fn judge_run(
     ending::held_too_long(report, &injected)?;
     ending::never_came(report, of_arguments)?;
     // A push by injection is no fault of the loop.
-    if report.measures.is_within_bound() || !injected.is_empty() {
+    if !injected.is_empty() {
+        return Ok(());
+    }
+    ending::at_limit_too_long(report)?;
+    if report.measures.is_within_bound() {
         return Ok(());
     }
     Err(above_bound(&report.measures, &rig.rig.name))
@@ -212,10 +216,11 @@ pub(super) fn check_buses(rig: &Loaded<config::Rig>, is_ignored: bool, output: &
 
 /// Whether the rig's own loop is stable with enough margin, and with the hand of its scene where that is on the tool; its margins.
 pub(super) fn check_loop(rig: &Loaded<config::Rig>, has_hand: bool, output: &mut Output) -> Result<Margins, Failure> {
+    let is_known = !(has_hand && has_other_inertia(rig));
     let margins = Margins::of(&rig.value);
-    let masses = (has_hand && !margins.is_unstable()).then(|| Masses::of_scene(rig).ok()).flatten();
-    let findings: Vec<Diagnostic> =
-        margins.finding(rig).into_iter().chain(masses.and_then(|masses| masses.finding(rig))).collect();
+    let masses = (has_hand && is_known && !margins.is_unstable()).then(|| Masses::of_scene(rig).ok()).flatten();
+    let of_loop = is_known.then(|| margins.finding(rig)).flatten();
+    let findings: Vec<Diagnostic> = of_loop.into_iter().chain(masses.and_then(|masses| masses.finding(rig))).collect();
     output.configuration(&findings)?;
     Ok(margins)
 }

@@ -98,7 +98,7 @@ impl Masses {
             None => ("none is stable with it".to_owned(), "make the loop faster or the low pass of the force weaker"),
         };
         let message = format!(
-            "a virtual mass of {} kg is unstable with the scene's hand ({}): {allowed}",
+            "without friction a virtual mass of {} kg is unstable with the scene's hand ({}): {allowed}",
             self.configured_kg,
             grip_words(&scenes.grip)
         );

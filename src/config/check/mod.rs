@@ -3,8 +3,11 @@
 mod bus;
 mod figure;
 mod fixture;
+mod guards;
 mod limits;
+mod machine;
 mod models;
+mod most;
 mod profile;
 mod reach;
 mod rig;

@@ -3,7 +3,9 @@
 use super::Findings;
 use super::bus::{check_heartbeats, check_nodes};
 use super::fixture::{Host, check_capture_beside_guard, check_fixture, check_passivity_beside_guard};
+use super::guards::{check_guards, check_handle};
 use super::limits::{check_control, check_drive_limits, check_guard};
+use super::machine::check_machine;
 use super::models::check_profiles;
 use super::reach::check_linkage;
 use super::sensor::check_sensor;
@@ -25,6 +27,9 @@ pub(in crate::config) fn check_rig(findings: &mut Findings, rig: &Rig, in_range:
         check_capture_beside_guard(findings, "fixture", &rig.fixture, &rig.guard, period_s);
         check_drive_limits(findings, rig);
         check_linkage(findings, rig);
+        check_guards(findings, rig);
+        check_handle(findings, rig);
+        check_machine(findings, rig);
     }
 }
 

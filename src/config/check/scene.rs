@@ -123,33 +123,101 @@ fn check_model(findings: &mut Findings, scene: &Scene) {
     }
 }
 
-/// Whether every arc starts away from its centre.
-fn check_arcs(findings: &mut Findings, scene: &Scene) {
+/// A segment of a path in the plane that is no wait.
+struct Leg {
+    /// Its key, without the last part.
+    key: String,
+    is_arc: bool,
+    /// Of an arc, m.
+    radius_m: f64,
+    /// Where it ends, m.
+    end_m: [f64; 2],
+    length_m: f64,
+    in_s: f64,
+}
+
+/// The segments of a path, as far as they have coordinates.
+fn legs(scene: &Scene) -> Vec<Leg> {
     let plane = |point: &[Finite]| match point {
         [x, y, ..] => Some([**x, **y]),
         _ => None,
     };
-    let Some(mut here) = plane(&scene.hand.start_m) else { return };
+    let mut legs = Vec::new();
+    let Some(mut here) = plane(&scene.hand.start_m) else { return legs };
     for (index, segment) in scene.hand.path.iter().enumerate() {
-        match segment {
-            PathSegment::To { point_m, .. } => {
-                let Some(point) = plane(point_m) else { return };
-                here = point;
-            }
-            PathSegment::Arc { center_m, by_rad, .. } => {
-                let Some([center_x, center_y]) = plane(center_m) else { return };
+        let leg = match segment {
+            PathSegment::To { point_m, in_s } => plane(point_m).map(|end_m| Leg {
+                key: format!("hand.path[{index}].to"),
+                is_arc: false,
+                radius_m: f64::INFINITY,
+                end_m,
+                length_m: elementary::hypot(end_m[0] - here[0], end_m[1] - here[1]),
+                in_s: **in_s,
+            }),
+            PathSegment::Arc { center_m, by_rad, in_s, .. } => plane(center_m).map(|[center_x, center_y]| {
                 let (x, y) = (here[0] - center_x, here[1] - center_y);
-                if elementary::hypot(x, y) < MIN_ARC_RADIUS_M {
-                    let key = format!("hand.path[{index}].arc.center_m");
-                    let message = format!("`{key}` is where the arc starts: it has no radius");
-                    let help = "end the segment before it elsewhere, or move the centre";
-                    findings.error(&key, message, help);
-                    return;
-                }
                 let (sine, cosine) = elementary::sin_cos(**by_rad);
-                here = [center_x + cosine * x - sine * y, center_y + sine * x + cosine * y];
-            }
-            PathSegment::Wait { .. } => {}
+                let radius_m = elementary::hypot(x, y);
+                Leg {
+                    key: format!("hand.path[{index}].arc"),
+                    is_arc: true,
+                    radius_m,
+                    end_m: [center_x + cosine * x - sine * y, center_y + sine * x + cosine * y],
+                    length_m: radius_m * by_rad.abs(),
+                    in_s: **in_s,
+                }
+            }),
+            PathSegment::Wait { .. } => continue,
+        };
+        let Some(leg) = leg else { break };
+        here = leg.end_m;
+        legs.push(leg);
+    }
+    legs
+}
+
+/// Whether every arc starts away from its centre.
+fn check_arcs(findings: &mut Findings, scene: &Scene) {
+    if let Some(leg) = legs(scene).iter().find(|leg| leg.radius_m < MIN_ARC_RADIUS_M) {
+        let key = format!("{}.center_m", leg.key);
+        let message = format!("`{key}` is where the arc starts: it has no radius");
+        findings.error(&key, message, "end the segment before it elsewhere, or move the centre");
+    }
+}
+
+/// Whether a rig can follow the hand: where the hand's spring would pull beyond the force limit however far the arm comes, and where
+/// it leads faster than the tool may move.
+fn check_path(findings: &mut Findings, scene: &Scene, rig: &Rig) {
+    let hand = &scene.hand;
+    let (radius_m, limit_n) = (*rig.linkage.working_radius_m, *rig.guard.force_limit_n);
+    let strength_n = hand.voluntary_force_limit_n.map_or(f64::INFINITY, |limit| *limit);
+    let speed_limit = *rig.guard.tool_speed_limit_m_per_s;
+    for leg in legs(scene) {
+        let [x, y] = leg.end_m;
+        let beyond_m = elementary::hypot(x, y) - radius_m;
+        let pull_n = *hand.stiffness_n_per_m * beyond_m;
+        if pull_n > limit_n && beyond_m > radius_m {
+            let key = format!("{}.{}", leg.key, if leg.is_arc { "center_m" } else { "point_m" });
+            let force =
+                if pull_n > strength_n { format!("all its {strength_n} N") } else { format!("{} N", round(pull_n)) };
+            let message = format!(
+                "`{key}` leads the hand to ({}, {}) m, and the rig's working disc ends at {radius_m} m: there it pulls with {force}",
+                round(x),
+                round(y)
+            );
+            findings.warning(&key, message, "write metres, and lead the hand not far beyond the working disc");
+            // What follows from here starts there.
+            return;
+        }
+        let speed = leg.length_m / leg.in_s;
+        if speed > speed_limit {
+            let key = format!("{}.in_s", leg.key);
+            let message = format!(
+                "`{key}` is {} s: the hand leads with {} m/s, and the rig's `guard.tool_speed_limit_m_per_s` is {speed_limit} m/s",
+                leg.in_s,
+                round(speed)
+            );
+            findings.warning(&key, message, "give it more time; arcs are in rad, points in m, times in s");
         }
     }
 }
@@ -201,6 +269,7 @@ pub(in crate::config) fn check_scene_for(findings: &mut Findings, scene: &Scene,
     }
     if let Machine::Rig(rig) = machine {
         check_start(findings, scene, rig);
+        check_path(findings, scene, rig);
     }
 }
 

@@ -121,6 +121,18 @@ pub struct ArmInertia {
     pub tool_kg: NotNegative,
 }
 
+impl ArmInertia {
+    /// The parameters of the dynamics.
+    pub fn mass_model(&self) -> crate::linkage::MassModel {
+        crate::linkage::MassModel {
+            motor_kg_m2: self.motor_kg_m2.map(Positive::get),
+            proximal_kg: self.proximal_kg.map(NotNegative::get),
+            distal_kg: self.distal_kg.map(NotNegative::get),
+            tool_kg: self.tool_kg.get(),
+        }
+    }
+}
+
 /// Inertia and friction of a five-bar arm. Pairs list the left arm before the right.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema, Validate)]
 #[serde(deny_unknown_fields)]
@@ -144,4 +156,16 @@ pub struct ArmModel {
     /// Viscous friction of each joint, N m s/rad. 0 or above.
     #[garde(dive)]
     pub viscous_n_m_s_per_rad: [NotNegative; 2],
+}
+
+impl ArmModel {
+    /// The parameters of the dynamics.
+    pub fn mass_model(&self) -> crate::linkage::MassModel {
+        crate::linkage::MassModel {
+            motor_kg_m2: self.motor_kg_m2.map(Positive::get),
+            proximal_kg: self.proximal_kg.map(NotNegative::get),
+            distal_kg: self.distal_kg.map(NotNegative::get),
+            tool_kg: self.tool_kg.get(),
+        }
+    }
 }

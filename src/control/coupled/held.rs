@@ -14,6 +14,8 @@ const MOST_CYCLES: usize = 32;
 const BENT: f64 = 1e-3;
 /// Iterations within which the eigenvalues of a small matrix are found.
 const SCHUR_ITERATIONS: usize = 10_000;
+/// Entries from here on, squared and added, may overflow.
+const GREATEST_ENTRY: f64 = 1e150;
 /// Events nearer to each other than this are of one moment, s.
 const MOMENT_S: f64 = 1e-12;
 
@@ -144,6 +146,10 @@ impl HeldLoop {
         let mut map = DMatrix::identity(self.size, self.size);
         for mut state in map.column_iter_mut() {
             self.follow(mass_kg, state.as_mut_slice());
+        }
+        // Balancing halves and doubles until norms are alike, and never ends with one that is infinite.
+        if !map.iter().all(|entry| entry.abs() < GREATEST_ENTRY) {
+            return None;
         }
         nalgebra::linalg::balancing::balance_parlett_reinsch(&mut map);
         let poles = Schur::try_new(map, f64::EPSILON, SCHUR_ITERATIONS)?.complex_eigenvalues();

@@ -216,3 +216,11 @@ proptest! {
         prop_assert!((radius(1.0, 1.0, 16.0, 0.5) - one).abs() < 1e-6, "{one}");
     }
 }
+
+/// The servo's rate grows a thousand times in each of its periods: no power of that over a cycle is a number.
+#[test]
+fn a_servo_beyond_all_bounds_is_unstable_and_comes_to_an_end() {
+    let gains = Gains { stiffness: 2e4, damping: 4e8, integral: 0.0 };
+    let wild = Follower::Drive { gains, period_s: 1.25e-5 };
+    assert_eq!(masses(&wild, &pose(1.0, 0.25), &grip(400.0, 15.0), &outer(0.0)), None);
+}

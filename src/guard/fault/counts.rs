@@ -66,11 +66,32 @@ impl Count {
 pub struct FaultCounts {
     counts: [Count; Fault::COUNT],
     cycle: u32,
+    /// The faults whose counts may ask for something, a bit each: those of all others are as at the begin. Mostly there are none, and
+    /// the counts are many lines of a cache.
+    suspects: u64,
 }
+
+/// The faults whose observations count on after they are gone, a bit each.
+const LASTING: u64 = {
+    let mut bits = 0;
+    let mut row = 0;
+    while row < TABLE.len() {
+        let steps = TABLE[row].steps;
+        let mut step = 0;
+        while step < steps.len() {
+            if matches!(steps[step].rate, Rate::Within { .. } | Rate::InARow(0)) {
+                bits |= 1 << TABLE[row].fault as u32;
+            }
+            step += 1;
+        }
+        row += 1;
+    }
+    bits
+};
 
 impl Default for FaultCounts {
     fn default() -> Self {
-        Self { counts: [Count::NONE; Fault::COUNT], cycle: 0 }
+        Self { counts: [Count::NONE; Fault::COUNT], cycle: 0, suspects: 0 }
     }
 }
 
@@ -90,6 +111,11 @@ impl FaultCounts {
     ///
     /// Real-time: yes.
     pub fn observe(&mut self, fault: Fault, present: bool) {
+        let bit = 1 << fault as u32;
+        if !present && self.suspects & bit == 0 {
+            return;
+        }
+        self.suspects = if present || LASTING & bit != 0 { self.suspects | bit } else { self.suspects & !bit };
         let count = &mut self.counts[fault as usize];
         count.in_a_row = if present { count.in_a_row.saturating_add(1) } else { 0 };
         count.devices = DeviceSet::NONE;
@@ -103,7 +129,9 @@ impl FaultCounts {
     /// Real-time: yes.
     pub fn observe_on(&mut self, fault: Fault, devices: DeviceSet) {
         self.observe(fault, !devices.is_empty());
-        self.counts[fault as usize].devices = devices;
+        if !devices.is_empty() {
+            self.counts[fault as usize].devices = devices;
+        }
     }
 
     /// Observations of `fault` in a row.
@@ -138,7 +166,9 @@ impl FaultCounts {
     /// Real-time: yes.
     pub fn worst(&self) -> Option<(Cause, Reaction)> {
         let mut worst: Option<(Cause, Reaction)> = None;
-        for row in &TABLE {
+        let mut suspects = self.suspects;
+        while let Some(row) = TABLE.get(suspects.trailing_zeros() as usize) {
+            suspects &= suspects - 1;
             let rank = |row: &Row, reaction| (reaction, row.final_state(reaction).severity());
             if let Some(reaction) = self.reaction(row.fault)
                 && worst.is_none_or(|(cause, known)| rank(row, reaction) > rank(cause.fault.row(), known))
@@ -231,6 +261,22 @@ mod tests {
     }
 
     proptest! {
+        /// What is looked at is enough: nothing that was left out would have been worse.
+        #[test]
+        fn the_worst_of_the_suspects_is_the_worst_of_all(
+            seen in proptest::collection::vec((0..Fault::COUNT, any::<bool>(), 0..3_u32), 1..400),
+        ) {
+            let mut counts = FaultCounts::default();
+            for (row, present, cycles) in seen {
+                (0..cycles).for_each(|_| counts.begin_cycle());
+                counts.observe(TABLE[row].fault, present);
+                let asked = TABLE.iter().filter_map(|row| Some((row, counts.reaction(row.fault)?)));
+                // Of equals the first.
+                let all = asked.rev().max_by_key(|(row, reaction)| (*reaction, row.final_state(*reaction).severity()));
+                prop_assert_eq!(counts.worst().map(|(cause, reaction)| (cause.fault, reaction)), all.map(|(row, reaction)| (row.fault, reaction)));
+            }
+        }
+
         /// The ring answers as a list of all observations would.
         #[test]
         fn a_rate_within_cycles_is_that_of_the_last_cycles(seen in proptest::collection::vec(any::<bool>(), 1..400)) {

@@ -1,0 +1,139 @@
+//! What `run` will say of a rig or of a device, found by running its own scene before anybody asks for it.
+
+use super::ending::{above_bound, rig_failure};
+use super::failure::Failure;
+use super::run::{NOTHING_ENABLED, judge, judge_run};
+use serde_json::{Value, json};
+
+use crate::config::{self, Diagnostic, ImpedanceDevice, Loaded, Rig, Severity};
+use crate::guard::Fault;
+use crate::report::measures::Measures;
+use crate::report::{Overrides, RunReport, Watch, run_device, run_rig};
+use crate::rig::{self, RigError};
+
+/// The most of a scene that is run, in s: a check is no study.
+pub(super) const LONGEST_S: f64 = 60.0;
+
+/// What came of a scene that was run.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Rehearsal {
+    /// How long it ran, s.
+    simulated_s: f64,
+    /// How long faults held the rig at rest, s.
+    pub(super) held_s: f64,
+    /// How far the tool was off the surface that it traced, RMS in mm; of all contacts where it traced none.
+    pub(super) tracing_mm: Option<f64>,
+    /// Why `run` ends badly with it, at the limit that ends it.
+    pub(super) finding: Option<Diagnostic>,
+}
+
+impl Rehearsal {
+    fn of(report: &RunReport) -> Self {
+        let Measures { tool_rms_tracing_mm, tool_rms_on_surface_mm, .. } = report.measures;
+        let tracing_mm = tool_rms_tracing_mm.or(tool_rms_on_surface_mm);
+        Self { simulated_s: report.simulated_s(), held_s: report.held_s, tracing_mm, finding: None }
+    }
+
+    /// For a person to read, where all is well.
+    pub(super) fn line(&self) -> Option<String> {
+        let held = if self.held_s > 0.0 {
+            format!(", held at rest for {:.3} s by a fault", self.held_s)
+        } else {
+            String::new()
+        };
+        let traced = self.tracing_mm.map(|mm| format!(", the tool traces within {mm:.3} mm RMS")).unwrap_or_default();
+        self.finding
+            .is_none()
+            .then(|| format!("{:.1} s of its scene run as they should{traced}{held}", self.simulated_s))
+    }
+
+    /// For a program to read.
+    pub(super) fn to_json(&self) -> Value {
+        json!({ "is_ok": self.finding.is_none(), "simulated_s": self.simulated_s, "held_s": self.held_s, "tracing_mm": self.tracing_mm })
+    }
+}
+
+/// Runs the scene of a rig; nothing of a rig without a simulation.
+pub(super) fn of_rig(rig: &Loaded<Rig>) -> Option<Rehearsal> {
+    let scene = rig.scene().ok()?.value;
+    Some(rehearse(&rig.value, &scene).unwrap_or_else(|(at, failure)| Rehearsal {
+        finding: Some(told(rig, &at, &failure, &scene)),
+        ..Rehearsal::default()
+    }))
+}
+
+/// Runs the scene of an impedance device.
+pub(super) fn of_device(device: &Loaded<ImpedanceDevice>) -> Option<Rehearsal> {
+    let scene = config::load_scene(device.source.relative(&device.value.scene)).ok()?.value;
+    let failure = match run_device(&device.value, &scene, &shortened(&scene), |_| (), |_| ()) {
+        Ok(report) if report.measures.is_within_bound() => return Some(Rehearsal::of(&report)),
+        Ok(report) => above_bound(&report.measures, &device.value.device.name),
+        Err(error) => rig_failure(&error),
+    };
+    let finding = Some(told(device, "fixture.coupling", &failure, &scene));
+    Some(Rehearsal { finding, ..Rehearsal::default() })
+}
+
+fn rehearse(rig: &Rig, scene: &config::Scene) -> Result<Rehearsal, (String, Failure)> {
+    let drilled = rig::drill(rig, scene, |_| ()).map_err(|error| of_error(&error))?;
+    judge(&drilled, rig, NOTHING_ENABLED).map_err(|failure| ("drives".to_owned(), failure))?;
+    let report = run_rig(rig, scene, &shortened(scene), Watch::default(), |_| ()).map_err(|error| of_error(&error))?;
+    judge_run(&report, rig, &scene.faults, &[]).map_err(|failure| (key_of(&report), failure))?;
+    Ok(Rehearsal::of(&report))
+}
+
+fn shortened(scene: &config::Scene) -> Overrides {
+    Overrides { duration_s: Some(scene.duration_s.min(LONGEST_S)), ..Overrides::default() }
+}
+
+fn told<T>(document: &Loaded<T>, at: &str, failure: &Failure, scene: &config::Scene) -> Diagnostic {
+    let [first, ..] = failure.report.diagnostics.as_slice() else {
+        return document.finding(Severity::Warning, at, "the rig's own scene does not run", "run it", &[]);
+    };
+    let length_s = scene.duration_s.min(LONGEST_S);
+    let message = format!(
+        "in {length_s} s of its own scene `run` ends with exit code {}: {}",
+        failure.exit.code(),
+        first.message
+    );
+    // Advice to check what is being checked helps nobody.
+    let advice = first.help.as_deref().filter(|help| !help.contains("config check"));
+    let help = advice.unwrap_or("look at what is told beside this, and at the scene");
+    document.finding(Severity::Warning, at, message, help, &[("simulation.scene", "the scene")])
+}
+
+fn of_error(error: &RigError) -> (String, Failure) {
+    let at = match error {
+        RigError::NotEnabled { cause: Some(cause), .. } => key_of_fault(cause.fault),
+        RigError::NotEnabled { .. } | RigError::Boot(_) => "drives",
+        RigError::Arm(_) => "simulation.arm",
+        _ => "simulation",
+    };
+    (at.to_owned(), rig_failure(error))
+}
+
+/// The key of what ended a run or held it longest, or of the energy that it gave.
+fn key_of(report: &RunReport) -> String {
+    let held = report.held_by.iter().max_by(|one, other| one.1.total_cmp(&other.1)).map(|(fault, _)| *fault);
+    let stopped = report.cause.filter(|_| report.is_stopped()).map(|cause| cause.fault);
+    stopped.or(held).map_or("fixture.coupling", key_of_fault).to_owned()
+}
+
+/// The key whose number a fault is about; that of the simulation where it is about none of the rig's.
+fn key_of_fault(fault: Fault) -> &'static str {
+    match fault {
+        Fault::SensorInvalid | Fault::SensorStuck | Fault::SensorStale | Fault::SensorLost => "sensor.sample_rate_hz",
+        Fault::SensorSaturated => "sensor.range_counts",
+        Fault::ForceStep => "guard.force_step_limit_n",
+        Fault::ForceLimit => "guard.force_limit_n",
+        Fault::ForceImplausible => "guard.residual_limit_n_m",
+        Fault::EnergyLimit => "guard.energy_limit_j",
+        Fault::Chatter => "fixture.coupling",
+        Fault::FollowingError | Fault::Runaway | Fault::DriveFault => "guard.following_error_limit_rad",
+        Fault::OverSpeed => "guard.tool_speed_limit_m_per_s",
+        Fault::WorkspaceEdge | Fault::WorkspaceLeft | Fault::Posture => "guard.singularity_margin_m",
+        Fault::EncoderJump => "drives",
+        Fault::PdoMissed | Fault::PdoLate => "cycle.compute_at_us",
+        _ => "simulation",
+    }
+}
