@@ -2,6 +2,7 @@
 
 use std::fs::File;
 use std::io::{self, BufRead, BufReader, Write};
+use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -59,7 +60,8 @@ fn frames(scenario: &Scenario, duration_s: f64, observer: Option<Observer>) -> V
     let seen = Arc::clone(&frames);
     let tap = move |time, frame: &Frame| seen.lock().expect("one thread").push((time, *frame));
     let watch = Watch { tap: Some(Box::new(tap)), observer };
-    run_rig(&scenario.rig, &scenario.scene, &overrides(duration_s), watch, |_| ()).expect("a shipped rig");
+    run_rig(&scenario.rig, &scenario.scene, &overrides(duration_s), watch, |_| ControlFlow::Continue(()))
+        .expect("a shipped rig");
     Arc::into_inner(frames).expect("the run is over").into_inner().expect("one thread")
 }
 
@@ -329,7 +331,8 @@ fn a_fault_leaves_a_black_box_and_its_recording_replays() {
         cycles.push(record);
     });
     let watch = Watch { tap: None, observer: Some(observer) };
-    let report = run_rig(&scenario.rig, &scenario.scene, &overrides(27.0), watch, |_| ()).expect("a rig");
+    let report =
+        run_rig(&scenario.rig, &scenario.scene, &overrides(27.0), watch, |_| ControlFlow::Continue(())).expect("a rig");
     let cause = report.cause.expect("a fault");
     assert_eq!(cause.fault, Fault::ForceLimit, "replay: {}", scenario.replay());
     assert_eq!(recording.finish().expect("the thread ends").counts.lost(), 0);
@@ -361,7 +364,8 @@ fn an_impedance_device_is_recorded_and_run_again() {
     let about = replay::about_device(&device, &scene, &asked).expect("shipped documents");
     let recorder = Recorder::<_, DeviceRecord>::create(&folder.0, &about).expect("an empty folder");
     let (mut producer, feed) = Feed::start("test", 4096, Backpressure::Wait, recorder).expect("a thread");
-    let report = run_device(&device, &scene, &asked, |record| producer.push(record), |_| {}).expect("it runs");
+    let report = run_device(&device, &scene, &asked, |record| producer.push(record), |_| ControlFlow::Continue(()))
+        .expect("it runs");
     assert_eq!(feed.finish().expect("the thread ends").counts.lost(), 0);
     let count = report.trace.rows.len() as u64;
     assert!(count >= 1500 && report.trace.rows.iter().any(|row| row.is_impact));

@@ -19,6 +19,12 @@ pub enum LinesError {
         /// Why.
         source: io::Error,
     },
+    /// What is there is no file: reading a pipe may never end.
+    #[error("{} is not a regular file", path.display())]
+    NoFile {
+        /// Its name.
+        path: PathBuf,
+    },
     /// Another program adds to the file.
     #[error("{} is open in another program", path.display())]
     Busy {
@@ -46,15 +52,16 @@ pub struct Lines {
 
 impl Lines {
     /// Opens a file, makes it with its folder if it is missing, and reads what it holds. A last line without an end, as a
-    /// program that was interrupted leaves it, is cut off. While it is open no other program can open it so.
+    /// program that was interrupted leaves it, is cut off; one that is no beginning of a result is not. While it is open no other program can open it so.
     ///
     /// # Errors
-    /// If the file cannot be read, written or understood, or another program has it open.
+    /// If it is no file, cannot be read, written or understood, or another program has it open.
     pub fn open<T: DeserializeOwned>(path: &Path) -> Result<(Self, Vec<T>), LinesError> {
         let fail = |source| LinesError::Io { path: path.to_path_buf(), source };
         if let Some(folder) = path.parent() {
             std::fs::create_dir_all(folder).map_err(fail)?;
         }
+        refuse_no_file(path)?;
         let mut file =
             OpenOptions::new().read(true).write(true).create(true).truncate(false).open(path).map_err(fail)?;
         match file.try_lock() {
@@ -74,6 +81,7 @@ impl Lines {
     /// # Errors
     /// If the file cannot be read or understood.
     pub fn read<T: DeserializeOwned>(path: &Path) -> Result<Vec<T>, LinesError> {
+        refuse_no_file(path)?;
         match File::open(path) {
             Ok(file) => Ok(read_whole(path, &file)?.0),
             Err(error) if error.kind() == io::ErrorKind::NotFound => Ok(Vec::new()),
@@ -103,6 +111,14 @@ impl Lines {
     }
 }
 
+/// Refuses what is there and is no file, before it is opened.
+fn refuse_no_file(path: &Path) -> Result<(), LinesError> {
+    match std::fs::metadata(path) {
+        Ok(metadata) if !metadata.is_file() => Err(LinesError::NoFile { path: path.to_path_buf() }),
+        _ => Ok(()),
+    }
+}
+
 /// The whole lines of a file and their length in bytes.
 fn read_whole<T: DeserializeOwned>(path: &Path, file: &File) -> Result<(Vec<T>, u64), LinesError> {
     let mut finished = Vec::new();
@@ -114,10 +130,13 @@ fn read_whole<T: DeserializeOwned>(path: &Path, file: &File) -> Result<(Vec<T>, 
         let length = reader
             .read_until(b'\n', &mut line)
             .map_err(|source| LinesError::Io { path: path.to_path_buf(), source })?;
-        if length == 0 || line.last() != Some(&b'\n') {
+        if length == 0 {
             break;
         }
         let read = serde_json::from_slice(&line);
+        if line.last() != Some(&b'\n') && read.as_ref().map_or_else(|error| error.is_eof(), |_| true) {
+            break;
+        }
         finished.push(read.map_err(|source| LinesError::Line { path: path.to_path_buf(), line: number, source })?);
         whole += length as u64;
     }
@@ -150,6 +169,12 @@ mod tests {
         assert_eq!(std::fs::read(&path).unwrap(), half, "reading cuts nothing off");
         assert!(Lines::read::<f64>(&folder.join("none")).unwrap().is_empty());
         drop(open);
+        let another = b"1.0\nrig:";
+        std::fs::write(&path, another).unwrap();
+        assert!(matches!(Lines::open::<f64>(&path), Err(LinesError::Line { line: 2, .. })));
+        assert_eq!(std::fs::read(&path).unwrap(), another, "another file is left alone");
+        assert!(matches!(Lines::open::<f64>(&folder), Err(LinesError::NoFile { .. })));
+        assert!(matches!(Lines::read::<f64>(&folder), Err(LinesError::NoFile { .. })));
         std::fs::write(&path, "1.0\n{}\n").unwrap();
         assert!(matches!(Lines::open::<f64>(&path), Err(LinesError::Line { line: 2, .. })));
         std::fs::remove_dir_all(&folder).unwrap();

@@ -11,8 +11,10 @@ use crate::rig::RigError;
 
 /// The failure of a run that gave the hand more energy than a fixture that stores none can.
 pub(super) fn above_bound(measures: &Measures, what: &str) -> Failure {
+    // A stiff coupling bounds it to what one decimal does not tell from nothing.
+    let decimals = if measures.energy_bound_j < 1e-3 { 6 } else { 1 };
     let message = format!(
-        "{what} gave the hand {:.1} mJ {}, above the bound of {:.1} mJ: the loop of hand, fixture and arm swings",
+        "{what} gave the hand {:.decimals$} mJ {}, above the bound of {:.decimals$} mJ: the loop of hand, fixture and arm swings",
         1e3 * measures.bounded_energy_j(),
         scope_text(measures),
         1e3 * measures.energy_bound_j

@@ -3,6 +3,7 @@
 use std::path::Path;
 use std::process::ExitCode;
 
+use crate::batch::LinesError;
 use crate::config::{Diagnostic, Report};
 
 /// How the program ended.
@@ -15,7 +16,7 @@ pub enum Exit {
     Internal = 1,
     /// The arguments make no sense.
     Usage = 2,
-    /// A configuration or a recording was refused.
+    /// A configuration, a recording or a file of results was refused.
     ConfigInvalid = 3,
     /// The bus or its interface is not there.
     BusUnavailable = 4,
@@ -39,7 +40,7 @@ Exit codes:
   0    ok
   1    internal error
   2    usage
-  3    configuration or recording invalid
+  3    configuration, recording or kept results invalid
   4    interface or bus unavailable
   5    device missing or identity mismatch
   6    device in fault
@@ -85,6 +86,20 @@ impl Failure {
         let mut failure = Self::new(exit, message, help);
         failure.report.diagnostics.iter_mut().for_each(|finding| finding.file = file.display().to_string());
         failure
+    }
+}
+
+impl From<&LinesError> for Failure {
+    fn from(error: &LinesError) -> Self {
+        let (exit, help) = match error {
+            LinesError::Busy { .. } => (Exit::Usage, "wait until it has ended, or choose another folder"),
+            LinesError::Line { .. } => {
+                (Exit::ConfigInvalid, "the file was changed or is of another version: move it away")
+            }
+            LinesError::NoFile { .. } => (Exit::Usage, "move it away, or choose another folder"),
+            LinesError::Io { .. } => (Exit::Usage, "choose a folder you can write to"),
+        };
+        Self::new(exit, error.to_string(), help)
     }
 }
 

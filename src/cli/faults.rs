@@ -25,13 +25,7 @@ impl FromStr for FaultArgument {
             Some((name, times)) => (name, Some(times)),
             None => (rest, None),
         };
-        let kind = Kind::named(name).ok_or_else(|| {
-            let known = CATALOGUE.iter().map(|row| row.name);
-            match config::nearest_word(name, known) {
-                Some(meant) => format!("there is no fault {name}: did you mean {meant}?"),
-                None => format!("there is no fault {name}: `yieldwall faults` lists them"),
-            }
-        })?;
+        let kind = kind(name)?;
         let seconds = |text: &str, what: &str| {
             text.parse::<f64>().map_err(|_| format!("{what} {text} is not a number of seconds, such as 1.5"))
         };
@@ -64,12 +58,40 @@ impl FromStr for FaultArgument {
     }
 }
 
-/// Prints the catalogue.
-pub(super) fn list(output: &mut Output) -> Result<(), Failure> {
+#[derive(Debug, clap::Args)]
+pub(super) struct Arguments {
+    /// All about these; without a name, a line for each fault
+    #[arg(value_name = "NAME", value_parser = parse_row)]
+    names: Vec<&'static Row>,
+}
+
+fn parse_row(name: &str) -> Result<&'static Row, String> {
+    kind(name).map(Kind::row)
+}
+
+fn kind(name: &str) -> Result<Kind, String> {
+    Kind::named(name).ok_or_else(|| {
+        let known = CATALOGUE.iter().map(|row| row.name);
+        match config::nearest_word(name, known) {
+            Some(meant) => format!("there is no fault {name}: did you mean {meant}?"),
+            None => format!("there is no fault {name}: `yieldwall faults` lists them"),
+        }
+    })
+}
+
+/// Prints the catalogue, or what it says of some.
+pub(super) fn list(arguments: &Arguments, output: &mut Output) -> Result<(), Failure> {
+    let is_all = arguments.names.is_empty();
+    let rows: Vec<&Row> = if is_all { CATALOGUE.iter().collect() } else { arguments.names.clone() };
     if output.is_json() {
-        return output.json(&json!(CATALOGUE.iter().map(document).collect::<Vec<_>>()));
+        return output.json(&json!(rows.into_iter().map(document).collect::<Vec<_>>()));
     }
-    let lines: Vec<String> = CATALOGUE.iter().map(text).collect();
+    if is_all {
+        let widest = rows.iter().map(|row| row.name.len()).max().unwrap_or_default();
+        let lines: String = rows.iter().map(|row| format!("{:widest$}  {}\n", row.name, row.meaning)).collect();
+        return output.result(&(lines + "\n`yieldwall faults NAME` says where it acts, how long, and what follows.\n"));
+    }
+    let lines: Vec<String> = rows.into_iter().map(text).collect();
     output.result(&(lines.join("\n\n") + "\n"))
 }
 

@@ -1,7 +1,8 @@
 //! Whoever wants the program to end.
 
+use std::ops::ControlFlow;
 use std::sync::Arc;
-use std::sync::atomic::AtomicBool;
+use std::sync::atomic::{AtomicBool, Ordering};
 
 use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
 
@@ -19,6 +20,16 @@ pub(super) fn on_interrupt() -> Result<Arc<AtomicBool>, Failure> {
             .map_err(|error| Failure::new(Exit::Internal, format!("signal {signal}: {error}"), ""))?;
     }
     Ok(flag)
+}
+
+/// Whether a simulated run goes on.
+pub(super) fn unless(is_interrupted: &AtomicBool) -> ControlFlow<()> {
+    if is_interrupted.load(Ordering::Relaxed) { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
+}
+
+/// How a run ends that was broken off.
+pub(super) fn interrupted(time_s: f64) -> Failure {
+    Failure::new(Exit::Interrupted, format!("interrupted after {time_s:.3} s; the rig was stopped"), "")
 }
 
 /// Whether a process with this `/proc/PID/status` ignores a signal.

@@ -6,7 +6,7 @@ mod proof;
 use super::ending::stopped_by;
 use super::failure::{Exit, Failure};
 use super::interfaces::Interfaces;
-use super::interrupt::on_interrupt;
+use super::interrupt::{interrupted, on_interrupt};
 use super::keep::{Keep, Watched};
 use super::on_bus::{
     different, live_failure, open_failure, print_news, thread_failure, warn, warn_of, with_emergencies,
@@ -168,9 +168,7 @@ fn not_run(
 fn ended(played: &Played, time_s: f64, outcome: &Outcome, rig: &config::Rig) -> Option<Failure> {
     let failure = match played.ended {
         Ended::Whole => return None,
-        Ended::Interrupted => {
-            Failure::new(Exit::Interrupted, format!("interrupted after {time_s:.3} s; the rig was stopped"), "")
-        }
+        Ended::Interrupted => interrupted(time_s),
         Ended::Stopped => with_emergencies(stopped_by(played.cause, time_s, rig), &outcome.emergencies, rig),
         Ended::StillMoving => Failure::new(
             Exit::SafetyStop,

@@ -53,7 +53,7 @@ pub use output::Output;
 #[derive(Debug, Parser)]
 #[command(name = "yieldwall", version, after_help = failure::EXIT_CODES, arg_required_else_help = true)]
 struct Arguments {
-    /// Print failures only
+    /// Print warnings and failures only
     #[arg(long, short, global = true)]
     quiet: bool,
     /// Tell on standard error what is done on the way, such as each step of the boot
@@ -83,7 +83,7 @@ enum Command {
     #[cfg(target_os = "linux")]
     Latency(latency::Arguments),
     /// List the faults that can be injected, what each does and what follows
-    Faults,
+    Faults(faults::Arguments),
     /// Run the paper's experiments and draw its figures
     Reproduce(reproduce::Arguments),
     /// Run a recording's cycles again and compare, bit by bit
@@ -114,8 +114,17 @@ pub fn main(arguments: impl IntoIterator<Item = OsString>) -> ExitCode {
 }
 
 fn run(arguments: impl IntoIterator<Item = OsString>) -> Exit {
+    let arguments: Vec<OsString> = arguments.into_iter().collect();
+    let wants_json = arguments.iter().take_while(|argument| *argument != "--").any(|argument| argument == "--json");
     let arguments = match Arguments::try_parse_from(arguments) {
         Ok(arguments) => arguments,
+        Err(error) if error.use_stderr() && wants_json => {
+            let text = error.to_string();
+            let (message, help) = text.trim().split_once("\n\n").unwrap_or((text.trim(), ""));
+            let failure = Failure::new(Exit::Usage, message.trim_start_matches("error: "), help);
+            Output::new(false, true, false).failure(&failure);
+            return failure.exit;
+        }
         Err(error) => {
             // Help and version are no errors, and a reader that has gone away needs no message.
             let _ = error.print();
@@ -142,7 +151,7 @@ fn run(arguments: impl IntoIterator<Item = OsString>) -> Exit {
         Command::Drill(arguments) => drill::run(&arguments, &mut output),
         #[cfg(target_os = "linux")]
         Command::Latency(arguments) => latency::run(&arguments, &mut output),
-        Command::Faults => faults::list(&mut output),
+        Command::Faults(arguments) => faults::list(&arguments, &mut output),
         Command::Reproduce(arguments) => reproduce::run(&arguments, &mut output),
         Command::Replay(arguments) => replay::run(&arguments, &mut output),
         Command::Plot(arguments) => plot::run(&arguments, &mut output),

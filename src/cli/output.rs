@@ -15,6 +15,8 @@ pub struct Output {
     is_quiet: bool,
     is_json: bool,
     denies_warnings: bool,
+    /// Warnings of the configuration so far.
+    warned: Vec<Diagnostic>,
     renderer: Renderer,
 }
 
@@ -28,7 +30,7 @@ pub(super) fn has_color() -> bool {
 impl Output {
     /// In colour where [`has_color`] says so.
     pub(super) fn new(is_quiet: bool, is_json: bool, denies_warnings: bool) -> Self {
-        Self { is_quiet, is_json, denies_warnings, renderer: Renderer::new(has_color()) }
+        Self { is_quiet, is_json, denies_warnings, warned: Vec::new(), renderer: Renderer::of_terminal(has_color()) }
     }
 
     /// Whether one JSON document is wanted.
@@ -36,7 +38,7 @@ impl Output {
         self.is_json
     }
 
-    /// Whether only failures are printed.
+    /// Whether only warnings and failures are printed.
     pub fn is_quiet(&self) -> bool {
         self.is_quiet
     }
@@ -66,12 +68,13 @@ impl Output {
         }
     }
 
-    /// Ends a command whose JSON document this is: of a failure, the exit code and what is wrong stand in it, beside what was
+    /// Ends a command whose JSON document this is: the warnings of the configuration stand in it; of a failure, the exit code and what is wrong stand in it, beside what was
     /// measured.
     ///
     /// # Errors
     /// The failure, of which nothing is left to print; as [`Output::result`].
     pub(super) fn end(&mut self, mut document: Value, end: Result<(), Failure>) -> Result<(), Failure> {
+        document["warnings"] = json!(self.warned);
         let Err(Failure { exit, report }) = end else { return self.json(&document) };
         document["exit_code"] = json!(exit.code());
         document["diagnostics"] = json!(report);
@@ -92,7 +95,7 @@ impl Output {
         self.denies_warnings
     }
 
-    /// Prints warnings of a configuration, unless quiet or JSON.
+    /// Prints warnings of a configuration. With JSON they go to standard error too: not every document has them.
     ///
     /// # Errors
     /// The warnings, where they are denied.
@@ -100,13 +103,14 @@ impl Output {
         if self.denies_warnings && !warnings.is_empty() {
             return Err(Report { diagnostics: warnings.to_vec() }.into());
         }
-        self.warnings(warnings);
+        self.warned.extend_from_slice(warnings);
+        self.print(warnings);
         Ok(())
     }
 
-    /// Prints findings that do not end the command, unless quiet or JSON.
+    /// Prints findings that do not end the command, unless they stand in the JSON document.
     pub fn warnings(&mut self, findings: &[Diagnostic]) {
-        if !self.is_quiet && !self.is_json {
+        if !self.is_json {
             self.print(findings);
         }
     }

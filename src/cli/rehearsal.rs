@@ -1,5 +1,7 @@
 //! What `run` will say of a rig or of a device, found by running its own scene before anybody asks for it.
 
+use std::ops::ControlFlow;
+
 use super::ending::{above_bound, rig_failure};
 use super::failure::Failure;
 use super::run::{NOTHING_ENABLED, judge, judge_run};
@@ -65,7 +67,7 @@ pub(super) fn of_rig(rig: &Loaded<Rig>) -> Option<Rehearsal> {
 /// Runs the scene of an impedance device.
 pub(super) fn of_device(device: &Loaded<ImpedanceDevice>) -> Option<Rehearsal> {
     let scene = config::load_scene(device.source.relative(&device.value.scene)).ok()?.value;
-    let failure = match run_device(&device.value, &scene, &shortened(&scene), |_| (), |_| ()) {
+    let failure = match run_device(&device.value, &scene, &shortened(&scene), |_| (), |_| ControlFlow::Continue(())) {
         Ok(report) if report.measures.is_within_bound() => return Some(Rehearsal::of(&report)),
         Ok(report) => above_bound(&report.measures, &device.value.device.name),
         Err(error) => rig_failure(&error),
@@ -77,7 +79,8 @@ pub(super) fn of_device(device: &Loaded<ImpedanceDevice>) -> Option<Rehearsal> {
 fn rehearse(rig: &Rig, scene: &config::Scene) -> Result<Rehearsal, (String, Failure)> {
     let drilled = rig::drill(rig, scene, |_| ()).map_err(|error| of_error(&error))?;
     judge(&drilled, rig, NOTHING_ENABLED).map_err(|failure| ("drives".to_owned(), failure))?;
-    let report = run_rig(rig, scene, &shortened(scene), Watch::default(), |_| ()).map_err(|error| of_error(&error))?;
+    let report = run_rig(rig, scene, &shortened(scene), Watch::default(), |_| ControlFlow::Continue(()))
+        .map_err(|error| of_error(&error))?;
     judge_run(&report, rig, &scene.faults, &[]).map_err(|failure| (key_of(&report), failure))?;
     Ok(Rehearsal::of(&report))
 }

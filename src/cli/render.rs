@@ -2,14 +2,18 @@
 
 use std::fmt;
 
+use textwrap::{WordSeparator, WordSplitter};
+
 use miette::{GraphicalReportHandler, GraphicalTheme, LabeledSpan, NamedSource, SourceCode};
 
 use crate::config::{Diagnostic, Place, Related, Severity};
 
 /// Farthest line from the place that a snippet still shows.
 const SNIPPET_LINES: usize = 6;
-/// Width of a message in columns.
+/// Greatest width of a message in columns, and where standard error is no terminal.
 const WIDTH: usize = 110;
+/// Least width, however narrow the terminal is.
+const LEAST_WIDTH: usize = 40;
 
 /// Draws findings, with or without colour.
 #[derive(Debug)]
@@ -18,9 +22,26 @@ pub(super) struct Renderer {
 }
 
 impl Renderer {
+    /// As wide as the terminal that standard error is.
+    pub(super) fn of_terminal(in_color: bool) -> Self {
+        let size = terminal_size::terminal_size_of(std::io::stderr());
+        let width = size.map_or(WIDTH, |(terminal_size::Width(columns), _)| usize::from(columns));
+        Self::with_width(in_color, width.clamp(LEAST_WIDTH, WIDTH))
+    }
+
+    #[cfg(test)]
     pub(super) fn new(in_color: bool) -> Self {
+        Self::with_width(in_color, WIDTH)
+    }
+
+    fn with_width(in_color: bool, width: usize) -> Self {
         let theme = if in_color { GraphicalTheme::unicode() } else { GraphicalTheme::unicode_nocolor() };
-        let handler = GraphicalReportHandler::new_themed(theme).with_width(WIDTH).with_context_lines(1);
+        let handler = GraphicalReportHandler::new_themed(theme).with_width(width).with_context_lines(1);
+        // Between words alone: a path or an option that is broken cannot be copied.
+        let handler = handler
+            .with_break_words(false)
+            .with_word_separator(WordSeparator::AsciiSpace)
+            .with_word_splitter(WordSplitter::NoHyphenation);
         Self { handler: handler.with_links(false).without_syntax_highlighting() }
     }
 

@@ -110,6 +110,9 @@ pub(super) fn read_failure(path: &Path, error: &ReadError) -> Failure {
         ReadError::Io(_) => "check the path",
         ReadError::NotMcap => "name a cycles.mcap or the file of a black box",
         ReadError::NoDescription(_) => "it is not a recording of this program, or was cut before its first cycle",
+        ReadError::DamagedDescription => {
+            "it cannot be run again; its cycles can be read: `yieldwall record info`, `yieldwall plot`"
+        }
         ReadError::OtherMachine { .. } => "name a recording of the other kind",
         ReadError::OtherFields { .. } => "use the program of that version; other readers of MCAP can read it",
     };

@@ -4,6 +4,7 @@ mod device;
 mod facts;
 mod words;
 
+use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
@@ -15,6 +16,7 @@ use super::bus::plans;
 use super::ending::{self, above_bound, rig_failure};
 use super::failure::{Exit, Failure};
 use super::faults::FaultArgument;
+use super::interrupt::{interrupted, on_interrupt, unless};
 use super::keep::{Keep, Watched};
 use super::margins::{Margins, has_other_inertia};
 use super::output::Output;
@@ -117,8 +119,14 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
     )?;
     let progress = Progress::new(output);
     progress.begin(&rig.value.rig.name);
+    let is_interrupted = on_interrupt()?;
+    let mut onward = ControlFlow::Continue(());
     let started = Instant::now();
-    let report = run_rig(&rig.value, &scene.value, &overrides, watch, |stage| progress.at(stage));
+    let report = run_rig(&rig.value, &scene.value, &overrides, watch, |stage| {
+        progress.at(stage);
+        onward = unless(&is_interrupted);
+        onward
+    });
     let wall_s = started.elapsed().as_secs_f64();
     progress.end();
     // A run that broke off leaves what there is of it.
@@ -129,8 +137,11 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
     let figure = arguments.figure.as_deref().filter(|_| drawn.is_ok());
     let seed = overrides.seed.unwrap_or(scene.value.seed);
     let facts = Facts { rig: &rig.value, drilled, margins, report: &report, kept: &kept, figure, seed, wall_s };
-    let end = judge_run(&report, &rig.value, &scene.value.faults, &overrides.faults)
-        .map_err(|failure| if report.is_stopped() { kept.point_to_black_box(failure) } else { failure });
+    let end = match onward {
+        ControlFlow::Break(()) => Err(interrupted(report.simulated_s())),
+        ControlFlow::Continue(()) => judge_run(&report, &rig.value, &scene.value.faults, &overrides.faults)
+            .map_err(|failure| if report.is_stopped() { kept.point_to_black_box(failure) } else { failure }),
+    };
     let end = with_drawing(end, drawn);
     if !output.is_json() {
         output.news(&facts.text(arguments))?;

@@ -12,7 +12,6 @@ use serde_json::json;
 use super::failure::{Exit, Failure};
 use super::output::Output;
 use super::replace::{Replace, Written};
-use crate::batch::LinesError;
 use crate::config::Report;
 use crate::soak::{self, Campaign, Outcome, Script, Shipped, Store, StoreError, Tally};
 
@@ -174,11 +173,9 @@ fn bar(output: &Output, seeds: u64, known: u64) -> ProgressBar {
 }
 
 fn store_failure(error: StoreError) -> Failure {
-    let help = match error {
-        StoreError::OtherLength { .. } => "choose another folder, or the cycles of these results",
-        StoreError::Lines(LinesError::Busy { .. }) => "wait until it has ended, or choose another folder",
-        StoreError::Lines(LinesError::Line { .. }) => "the file was changed or is of another version: move it away",
-        StoreError::Lines(LinesError::Io { .. }) => "choose a folder you can write to",
-    };
-    Failure::new(Exit::Usage, error.to_string(), help)
+    let help = "choose another folder, or the cycles of these results";
+    match &error {
+        StoreError::OtherLength { .. } => Failure::new(Exit::Usage, error.to_string(), help),
+        StoreError::Lines(error) => error.into(),
+    }
 }

@@ -14,7 +14,7 @@ use serde_json::{Value, json};
 use self::document::{Origin, Pace};
 use super::failure::{Exit, Failure};
 use super::output::Output;
-use crate::batch::{self, LinesError};
+use crate::batch;
 use crate::study::sweep::{Store, StoreError, Study, Sweep, Table};
 use crate::study::{NAMES, Options, OptionsError, study};
 
@@ -313,12 +313,11 @@ fn options_failure(error: &OptionsError) -> Failure {
 
 fn store_failure(error: StoreError) -> Failure {
     let help = match &error {
+        StoreError::Lines(error) => return error.into(),
         StoreError::Other { .. } => {
             "throw them away with --fresh, take them with --any-build, or choose another folder"
         }
-        StoreError::Lines(LinesError::Busy { .. }) => "wait until it has ended, or choose another folder",
-        StoreError::Lines(LinesError::Line { .. }) => "the file was changed or is of another version: move it away",
-        StoreError::Lines(LinesError::Io { .. }) | StoreError::Folder { .. } => "choose a folder you can write to",
+        StoreError::Folder { .. } => "choose a folder you can write to",
     };
     Failure::new(Exit::Usage, error.to_string(), help)
 }

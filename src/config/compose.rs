@@ -64,7 +64,35 @@ pub(super) fn open(source: &Source) -> Result<(Locator, Option<Source>), Report>
 fn read_outline(source: &Source) -> Result<(File, Outline), Report> {
     let file = File { name: source.to_string(), text: source.read()? };
     let outline = yaml::outline(&file.text).map_err(|fault| explain_syntax(fault, &file.name, &file.text))?;
-    Ok((file, outline))
+    match outline.root.as_ref().and_then(first_unprintable) {
+        Some((place, character)) => Err(unprintable(&file, &outline, place, character).into()),
+        None => Ok((file, outline)),
+    }
+}
+
+/// The first character of a key or a text that does something to whatever shows it, and where the text stands.
+fn first_unprintable(node: &Node) -> Option<(Place, char)> {
+    match &node.content {
+        Content::Scalar(text) => text.chars().find(|one| is_unprintable(*one)).map(|one| (node.place(), one)),
+        Content::Alias(_) => None,
+        Content::List(items) => items.iter().find_map(first_unprintable),
+        Content::Map(entries) => entries.iter().find_map(|(key, inner)| {
+            let in_key = key.chars().find(|one| is_unprintable(*one));
+            in_key.map(|one| (inner.key.unwrap_or(inner.value), one)).or_else(|| first_unprintable(inner))
+        }),
+    }
+}
+
+/// Control characters, and those that turn the direction of writing.
+fn is_unprintable(character: char) -> bool {
+    character.is_control() || matches!(character, '\u{2028}'..='\u{202e}' | '\u{2066}'..='\u{2069}')
+}
+
+fn unprintable(file: &File, outline: &Outline, place: Place, character: char) -> Diagnostic {
+    let key = outline.path_at(place.offset).map(|(path, _)| path.escape_debug().to_string()).unwrap_or_default();
+    let message = format!("`{key}` has the character U+{:04X}, which cannot be printed", u32::from(character));
+    let help = "leave it away: names and texts go to terminals, figures and recordings, on one line".to_owned();
+    file.finding(place, &key, message, help)
 }
 
 /// The path that a value is, unless it is nothing.

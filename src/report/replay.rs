@@ -67,6 +67,7 @@ fn about_run(
         profiles,
         seed: overrides.seed.or(scene.map(|scene| scene.seed)).unwrap_or_default(),
         overrides: [duration, seed].into_iter().flatten().collect::<Vec<_>>().join(" "),
+        is_damaged: false,
     })
 }
 
@@ -151,12 +152,17 @@ pub fn replay_any<R: Read>(recording: &mut Recording<R>) -> Result<Replay, Repla
     }
 }
 
+/// What another machine did is not to be compared.
+fn undamaged(about: &About) -> Result<&About, ReadError> {
+    if about.is_damaged { Err(ReadError::DamagedDescription) } else { Ok(about) }
+}
+
 /// The same of the cycles of a rig, from the first one after the boot.
 ///
 /// # Errors
 /// As [`replay_any`].
 pub fn replay<R: Read>(reader: &mut Reader<R>) -> Result<Replay, ReplayError> {
-    let rig = rig(reader.about())?;
+    let rig = rig(undamaged(reader.about())?)?;
     let mut cycle = assembly::cycle(&rig, &rig.fixture).map_err(RigError::from)?;
     again(reader, |CycleRecord { moment, inputs, truth, .. }| {
         let outputs = cycle.step(inputs);
@@ -169,7 +175,7 @@ pub fn replay<R: Read>(reader: &mut Reader<R>) -> Result<Replay, ReplayError> {
 /// # Errors
 /// As [`replay_any`].
 pub fn replay_device<R: Read>(reader: &mut Reader<R, DeviceRecord>) -> Result<Replay, ReplayError> {
-    let device = device(reader.about())?;
+    let device = device(undamaged(reader.about())?)?;
     let mut control = None;
     again(reader, |record| {
         let begun = match control.take() {

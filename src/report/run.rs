@@ -3,6 +3,7 @@
 mod seen;
 
 use std::collections::BTreeMap;
+use std::ops::ControlFlow;
 use std::time::Duration;
 
 pub(super) use self::seen::trace;
@@ -92,6 +93,9 @@ pub struct Watch {
 /// A rig that a fault stops ends its run early; the report says which. It goes on for [`AROUND_FAULT_S`], in which its
 /// drives stop, for those who watch; rows and measures end with the cycle that the fault stopped.
 ///
+/// `progress` is asked after each cycle whether to go on; at [`ControlFlow::Break`] the rig is stopped, and the report is of what
+/// there was.
+///
 /// # Errors
 /// If the rig cannot be built, booted or enabled, or if the simulated arm cannot go on.
 pub fn run_rig(
@@ -99,7 +103,7 @@ pub fn run_rig(
     scene: &config::Scene,
     overrides: &Overrides,
     watch: Watch,
-    mut progress: impl FnMut(Stage),
+    mut progress: impl FnMut(Stage) -> ControlFlow<()>,
 ) -> Result<RunReport, RigError> {
     let fixture = overrides.fixture.as_ref().unwrap_or(&rig.fixture);
     let mut machine = EmbeddedRig::new(rig, scene, fixture, overrides.seed.unwrap_or(scene.seed))?;
@@ -122,9 +126,9 @@ pub fn run_rig(
     for _ in 0..cycles {
         let row = machine.run_cycle(Request::None)?;
         rows.push(row);
-        progress(Stage { time_s: row.time_s, end_s });
+        let onward = progress(Stage { time_s: row.time_s, end_s });
         state = machine.state();
-        if state.is_latched() {
+        if state.is_latched() || onward.is_break() {
             break;
         }
         if let (State::Holding, Some(cause)) = (state, machine.cause()) {
@@ -189,7 +193,7 @@ pub fn run_device(
     scene: &config::Scene,
     overrides: &Overrides,
     mut observer: impl FnMut(&DeviceRecord),
-    mut progress: impl FnMut(Stage),
+    mut progress: impl FnMut(Stage) -> ControlFlow<()>,
 ) -> Result<RunReport, RigError> {
     let fixture = overrides.fixture.as_ref().unwrap_or(&device.fixture);
     let mut machine = ImpedanceRig::new(device, scene, fixture, overrides.seed.unwrap_or(scene.seed))?;
@@ -200,8 +204,10 @@ pub fn run_device(
     for _ in 0..cycles {
         let record = machine.run_cycle()?;
         observer(&record);
-        progress(Stage { time_s: record.scene_time_s, end_s });
         rows.push(record.row());
+        if progress(Stage { time_s: record.scene_time_s, end_s }).is_break() {
+            break;
+        }
     }
     let trace = trace(device.device.name.clone(), fixture, ForceMeaning::ActuatorOnTool, rows);
     let context = Context {
@@ -263,7 +269,7 @@ mod tests {
         let scene = loaded.scene().unwrap().value;
         let mut rig = loaded.value;
         change(&mut rig.fixture);
-        run_rig(&rig, &scene, &Overrides::default(), Watch::default(), |_| {}).unwrap()
+        run_rig(&rig, &scene, &Overrides::default(), Watch::default(), |_| ControlFlow::Continue(())).unwrap()
     }
 
     fn surface(yaml_key: &str, values: serde_json::Value) -> config::Surface {
@@ -335,7 +341,7 @@ mod tests {
             let fixture = config::Fixture { surface, curvature, ..device.fixture.clone() };
             let name = fixture.surface.name();
             let overrides = Overrides { fixture: Some(fixture), ..Overrides::default() };
-            let report = run_device(&device, &scene, &overrides, |_| {}, |_| {}).unwrap();
+            let report = run_device(&device, &scene, &overrides, |_| {}, |_| ControlFlow::Continue(())).unwrap();
             let measures = &report.measures;
             assert!(measures.is_within_bound(), "{name}: {measures:?}");
             assert!(measures.tool_max_on_surface_mm.is_some_and(|most| most < 5.0), "{name}: {measures:?}");

@@ -1,5 +1,7 @@
 //! A shipped machine, whatever its kind.
 
+use std::ops::ControlFlow;
+
 use crate::config::{self, Document, Report, Source};
 use crate::report::{Overrides, RunReport, Stage, Watch, run_device, run_rig};
 use crate::rig::RigError;
@@ -41,8 +43,16 @@ impl Machine {
         progress: impl FnMut(Stage),
     ) -> Result<RunReport, RigError> {
         match self {
-            Self::Rig(rig) => run_rig(rig, scene, overrides, Watch::default(), progress),
-            Self::Device(device) => run_device(device, scene, overrides, |_| {}, progress),
+            Self::Rig(rig) => run_rig(rig, scene, overrides, Watch::default(), to_the_end(progress)),
+            Self::Device(device) => run_device(device, scene, overrides, |_| {}, to_the_end(progress)),
         }
+    }
+}
+
+/// Looks on, and never breaks off.
+pub(super) fn to_the_end(mut progress: impl FnMut(Stage)) -> impl FnMut(Stage) -> ControlFlow<()> {
+    move |stage| {
+        progress(stage);
+        ControlFlow::Continue(())
     }
 }

@@ -3,7 +3,7 @@
 use std::fmt;
 use std::path::Path;
 
-use super::machine::Machine;
+use super::machine::{Machine, to_the_end};
 use crate::config::{self, Loaded, Report, Source};
 use crate::record::Trace;
 use crate::report::measures::Measures;
@@ -169,7 +169,11 @@ fn run_figure(
             let without_feed_forward = match &machine {
                 Machine::Rig(rig) if mode == Mode::Cst => {
                     let bare = stripped_of_feed_forward(rig);
-                    Some(run_rig(&bare, &scene, &overrides, Watch::default(), &mut stage).map_err(fail)?.measures)
+                    Some(
+                        run_rig(&bare, &scene, &overrides, Watch::default(), to_the_end(&mut stage))
+                            .map_err(fail)?
+                            .measures,
+                    )
                 }
                 _ => None,
             };

@@ -1,5 +1,6 @@
 //! `yieldwall run` with an impedance device, which has no bus.
 
+use std::ops::ControlFlow;
 use std::path::Path;
 use std::time::Instant;
 
@@ -7,6 +8,7 @@ use serde_json::json;
 
 use super::super::ending::{above_bound, rig_failure};
 use super::super::failure::{Exit, Failure};
+use super::super::interrupt::{interrupted, on_interrupt, unless};
 use super::super::keep::Keep;
 use super::super::output::Output;
 use super::super::progress::Progress;
@@ -30,8 +32,14 @@ pub(super) fn run(arguments: &Arguments, device: &Loaded<ImpedanceDevice>, outpu
     let name = &device.value.device.name;
     let progress = Progress::new(output);
     progress.begin(name);
+    let is_interrupted = on_interrupt()?;
+    let mut onward = ControlFlow::Continue(());
     let started = Instant::now();
-    let report = run_device(&device.value, &scene, &overrides, observer, |stage| progress.at(stage));
+    let report = run_device(&device.value, &scene, &overrides, observer, |stage| {
+        progress.at(stage);
+        onward = unless(&is_interrupted);
+        onward
+    });
     let wall_s = started.elapsed().as_secs_f64();
     progress.end();
     // A run that broke off leaves what there is of it.
@@ -40,7 +48,11 @@ pub(super) fn run(arguments: &Arguments, device: &Loaded<ImpedanceDevice>, outpu
     let report = report.map_err(|error| rig_failure(&error))?;
     let drawn = draw(&report.trace, name, arguments.figure.as_deref());
     let figure = arguments.figure.as_deref().filter(|_| drawn.is_ok());
-    let end = if report.measures.is_within_bound() { Ok(()) } else { Err(above_bound(&report.measures, name)) };
+    let end = match onward {
+        ControlFlow::Break(()) => Err(interrupted(report.simulated_s())),
+        ControlFlow::Continue(()) if report.measures.is_within_bound() => Ok(()),
+        ControlFlow::Continue(()) => Err(above_bound(&report.measures, name)),
+    };
     let end = with_drawing(end, drawn);
     if !output.is_json() {
         let mut lines = text(&device.value, &report, figure, seed, wall_s);

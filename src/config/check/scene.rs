@@ -43,7 +43,7 @@ pub(in crate::config) fn check_scene(findings: &mut Findings, scene: &Scene) {
                 InjectionError::Duration { .. } | InjectionError::NoDuration { .. } => ".for_s",
                 InjectionError::Start { .. } => ".at_s",
             };
-            let help = "`yieldwall faults` lists what each takes; leave the key out for the usual";
+            let help = "`yieldwall faults NAME` says what it takes; leave the key out for the usual";
             findings.error(&format!("faults[{index}]{key}"), error.to_string(), help);
         }
     }

@@ -287,6 +287,10 @@ pub(crate) const CASES: &[Case] = &[
     case("hostile", "deep nesting", "", "", "rig: [[[[[[[[[[[[[[[[[[[[[[[[[[[[[[[[[[[[[[[[[[[[[[[[1]]]]]]]]]]]]]]]]]]]]]]]]]]]]]]]]]]]]]]]]]]]]]]]]\n"),
     case("hostile", "deep nesting by indentation", RIG, "name: left", "name:\n     a:\n      b:\n       c:\n        d:\n         e: {f: {g: {h: {i: {j: {k: {l: {m: {n: {o: {p: {q: {r: {s: {t: {u: {v: {w: {x: {y: {z: {a: {b: {c: {d: 1}}}}}}}}}}}}}}}}}}}}}}}}}"),
     case("hostile", "more aliases than allowed", SCENE, "    - wait: {for_s: 0.5}\n", concat!("    - &w {wait: {for_s: 0.5}}\n", ALIASES!(), ALIASES!(), ALIASES!(), ALIASES!(), ALIASES!(), ALIASES!())),
+    case("hostile", "escape in a name", RIG, "name: left", "name: \"\\e[31mleft\""),
+    case("hostile", "escape in a key", RIG, "guard:\n", "\"gua\\x07rd\":\n"),
+    case("hostile", "a name of two lines", RIG, "name: left", "name: \"le\\nft\""),
+    case("hostile", "writing turned around", RIG, "name: left", "name: \"le\\u202Eft\""),
     case("hostile", "list as key", RIG, "guard:\n", "? [1, 2]\n: 3\n\nguard:\n"),
     case("several at once", "four mistakes of meaning", RIG, "  friction_n: 3.0\n  yield_n: 20.0\n  side: bilateral\n  hold_steps: 0\n", "  friction_n: 30.0\n  yield_n: 20.0\n  side: unilateral\n  hold_steps: 1\n"),
 ];

@@ -7,6 +7,8 @@ use mcap::write::Metadata;
 /// Name of the metadata record.
 pub(super) const ABOUT: &str = "yieldwall";
 const RIG: &str = "rig.yaml";
+/// The sum of all other entries.
+const SUM: &str = "crc32";
 const DEVICE: &str = "device.yaml";
 /// What stands before the name of a device profile.
 const PROFILE: &str = "profile:";
@@ -61,6 +63,8 @@ pub struct About {
     pub seed: u64,
     /// What was asked for in place of what the documents say, as on the command line; may be empty.
     pub overrides: String,
+    /// Whether this is not what was written: then the cycles may be another machine's.
+    pub is_damaged: bool,
 }
 
 impl About {
@@ -76,11 +80,16 @@ impl About {
             entry("overrides", &self.overrides),
         ]);
         metadata.extend(self.profiles.iter().map(|(name, text)| entry(&format!("{PROFILE}{name}"), text)));
+        // A copy of what is damaged stays damaged.
+        let sum = if self.is_damaged { "damaged".to_owned() } else { sum(&metadata) };
+        metadata.insert(SUM.to_owned(), sum);
         Metadata { name: ABOUT.to_owned(), metadata }
     }
 
     /// `None` if something is missing.
     pub(super) fn of(mut metadata: BTreeMap<String, String>) -> Option<Self> {
+        // Earlier versions wrote none.
+        let is_damaged = metadata.remove(SUM).is_some_and(|said| said != sum(&metadata));
         let profiles =
             metadata.iter().filter_map(|(key, text)| Some((key.strip_prefix(PROFILE)?.to_owned(), text.clone())));
         let profiles = profiles.collect();
@@ -97,6 +106,17 @@ impl About {
             profiles,
             seed: take("seed")?.parse().ok()?,
             overrides: take("overrides")?,
+            is_damaged,
         })
     }
+}
+
+/// The sum of all names and values, each with its length before it.
+fn sum(metadata: &BTreeMap<String, String>) -> String {
+    let mut sum = crc32fast::Hasher::new();
+    for text in metadata.iter().flat_map(|(key, value)| [key, value]) {
+        sum.update(&(text.len() as u64).to_le_bytes());
+        sum.update(text.as_bytes());
+    }
+    format!("{:08x}", sum.finalize())
 }

@@ -14,6 +14,9 @@ pub enum ReadError {
     /// Nothing says what was recorded: the file ends too early, or another program wrote it.
     #[error("has no description of what was recorded{}", .0.as_ref().map(|damage| format!(": {damage}")).unwrap_or_default())]
     NoDescription(Option<super::Damage>),
+    /// What it says of the run is not what was written.
+    #[error("has a damaged description of what was recorded: its sum does not fit")]
+    DamagedDescription,
     /// It is one of another kind of machine.
     #[error("is the recording of another machine, whose document is `{name}`")]
     OtherMachine {

@@ -9,6 +9,7 @@ use std::fs::File;
 use std::io::{self, BufReader, Read, Seek};
 use std::path::Path;
 
+use crc32fast::Hasher;
 use mcap::records::{Record, op};
 
 use super::about::{ABOUT, About, Machine};
@@ -21,6 +22,10 @@ use crate::record::{CycleRecord, DeviceRecord};
 const MAX_CHUNK: u64 = 64 << 20;
 /// Largest record outside of chunks that is read, bytes; two documents of at most 1 MiB fit.
 const MAX_RECORD: u64 = 4 << 20;
+/// Bytes of a sum, of the record that ends the data, and of the last one.
+const SUM_BYTES: u64 = 4;
+const DATA_END_BYTES: u64 = SUM_BYTES;
+const FOOTER_BYTES: u64 = 16 + SUM_BYTES;
 /// Most places of damage that are told one by one.
 const MAX_DAMAGE: usize = 16;
 
@@ -62,8 +67,7 @@ impl fmt::Display for Damage {
 /// ```
 #[derive(Debug)]
 pub struct Reader<R, T = CycleRecord> {
-    input: BufReader<R>,
-    offset: u64,
+    input: Summed<R>,
     about: Option<About>,
     /// The channels with such records.
     channels: Vec<u16>,
@@ -175,8 +179,7 @@ impl<R: Read, T: Recorded> Reader<R, T> {
     /// Reads up to the description of the run, or to the first record or the end if there is none before.
     fn described(input: R) -> Result<Self, ReadError> {
         let mut reader = Self {
-            input: BufReader::with_capacity(1 << 16, input),
-            offset: 0,
+            input: Summed { input: BufReader::with_capacity(1 << 16, input), offset: 0, sum: Hasher::new() },
             about: None,
             channels: Vec::new(),
             schemas: Vec::new(),
@@ -196,7 +199,6 @@ impl<R: Read, T: Recorded> Reader<R, T> {
         if magic != *mcap::MAGIC {
             return Err(ReadError::NotMcap);
         }
-        reader.offset = magic.len() as u64;
         reader.read_until(|reader| reader.about.is_some() || !reader.ready.is_empty())?;
         Ok(reader)
     }
@@ -261,9 +263,9 @@ impl<R: Read, T: Recorded> Reader<R, T> {
 
     /// Reads a record outside of chunks; what is in a chunk comes as one record.
     fn read_record(&mut self) -> Result<Next, ReadError> {
-        let offset = self.offset;
+        let (offset, sum) = (self.input.offset, self.input.sum.clone());
         let mut head = Vec::with_capacity(9);
-        self.offset += (&mut self.input).take(9).read_to_end(&mut head)? as u64;
+        (&mut self.input).take(9).read_to_end(&mut head)?;
         let [opcode, length @ ..] = head.as_slice() else {
             self.lose(offset, "the file ends without its index: it was not closed");
             return Ok(Next::End);
@@ -275,13 +277,22 @@ impl<R: Read, T: Recorded> Reader<R, T> {
         let opcode = *opcode;
         let limit = match opcode {
             op::FOOTER => {
-                let mut rest = Vec::new();
-                self.offset +=
-                    (&mut self.input).take(length.min(MAX_RECORD).saturating_add(8)).read_to_end(&mut rest)? as u64;
-                if !rest.ends_with(mcap::MAGIC) {
-                    self.lose(offset, "the file is cut in its last record");
-                }
+                self.take_footer(offset, length)?;
                 return Ok(Next::End);
+            }
+            op::DATA_END if length == DATA_END_BYTES => {
+                let mut said = [0; DATA_END_BYTES as usize];
+                if self.input.read_exact(&mut said).is_err() {
+                    self.lose(offset, "the file is cut in a record");
+                    return Ok(Next::End);
+                }
+                // What is damaged in a chunk has been told.
+                if !sum_fits(sum, said) && self.damage_count == 0 {
+                    self.lose(offset, "what is before this is damaged: its sum does not fit");
+                }
+                self.is_past_data = true;
+                self.input.sum = Hasher::new();
+                return Ok(Next::Passed);
             }
             op::CHUNK if !self.is_past_data => MAX_CHUNK,
             op::SCHEMA | op::CHANNEL | op::MESSAGE | op::METADATA if !self.is_past_data => MAX_RECORD,
@@ -289,7 +300,6 @@ impl<R: Read, T: Recorded> Reader<R, T> {
             _ => {
                 self.is_past_data |= opcode == op::DATA_END;
                 let passed = io::copy(&mut (&mut self.input).take(length), &mut io::sink())?;
-                self.offset += passed;
                 if passed < length {
                     self.lose(offset, "the file is cut in a record");
                     return Ok(Next::End);
@@ -303,8 +313,28 @@ impl<R: Read, T: Recorded> Reader<R, T> {
         }
         self.body.clear();
         let read = (&mut self.input).take(length).read_to_end(&mut self.body)? as u64;
-        self.offset += read;
         Ok(Next::Body { opcode, offset, is_cut: read < length })
+    }
+
+    /// The rest of the last record, and what may be behind it.
+    fn take_footer(&mut self, offset: u64, length: u64) -> io::Result<()> {
+        // Two places in the file, then the sum of the index and of all this up to the sum.
+        let mut rest = Vec::new();
+        (&mut self.input).take(FOOTER_BYTES - SUM_BYTES).read_to_end(&mut rest)?;
+        let sum = self.input.sum.clone();
+        let mut said = [0; SUM_BYTES as usize];
+        let mut magic = [0; mcap::MAGIC.len()];
+        let read = self.input.read_exact(&mut said).and_then(|()| self.input.read_exact(&mut magic));
+        if length != FOOTER_BYTES || read.is_err() || magic != *mcap::MAGIC {
+            self.lose(offset, "the file is cut or damaged in its last record");
+        } else if !sum_fits(sum, said) {
+            self.lose(offset, "the index at the end is damaged: its sum does not fit");
+        }
+        let end = self.input.offset;
+        if (&mut self.input).take(1).read_to_end(&mut rest)? > 0 {
+            self.lose(end, "there is more behind the end of the recording");
+        }
+        Ok(())
     }
 
     fn take_record(&mut self, opcode: u8, body: &[u8], offset: u64, is_cut: bool) {
@@ -315,6 +345,9 @@ impl<R: Read, T: Recorded> Reader<R, T> {
             op::SCHEMA | op::CHANNEL | op::METADATA => match mcap::parse_record(opcode, body) {
                 Ok(Record::Metadata(metadata)) if metadata.name == ABOUT && self.about.is_none() => {
                     self.about = About::of(metadata.metadata);
+                    if self.about.as_ref().is_some_and(|about| about.is_damaged) {
+                        self.lose(offset, "the description of what was recorded is damaged: its sum does not fit");
+                    }
                 }
                 Ok(Record::Schema { header, data }) if header.name == T::SCHEMA => {
                     self.has_other_fields |= *data != *forms::definition::<T>().as_bytes();
@@ -382,6 +415,31 @@ impl<R: Read, T: Recorded> Reader<R, T> {
             Ok(record) => self.ready.push_back(record),
             Err(error) => self.lose(offset, error.to_string()),
         }
+    }
+}
+
+/// Whether a sum is the one that a file says; zero says none.
+fn sum_fits(sum: Hasher, said: [u8; SUM_BYTES as usize]) -> bool {
+    let said = u32::from_le_bytes(said);
+    said == 0 || sum.finalize() == said
+}
+
+/// Input that is counted and summed up.
+#[derive(Debug)]
+struct Summed<R> {
+    input: BufReader<R>,
+    /// Bytes read.
+    offset: u64,
+    /// Sum of those since it was made anew.
+    sum: Hasher,
+}
+
+impl<R: Read> Read for Summed<R> {
+    fn read(&mut self, bytes: &mut [u8]) -> io::Result<usize> {
+        let count = self.input.read(bytes)?;
+        self.sum.update(bytes.get(..count).unwrap_or_default());
+        self.offset += count as u64;
+        Ok(count)
     }
 }
 

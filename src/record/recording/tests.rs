@@ -82,6 +82,7 @@ fn about() -> About {
         profiles: [("profile-1.yaml".to_owned(), "profile: {}".to_owned())].into(),
         seed: 7,
         overrides: String::new(),
+        is_damaged: false,
     }
 }
 
@@ -172,11 +173,16 @@ proptest! {
     }
 
     #[test]
-    fn a_damaged_file_gives_no_wrong_record(place in any::<proptest::sample::Index>(), mask in 1..=255u8) {
+    fn a_damaged_file_gives_no_wrong_record_and_is_not_taken_for_whole(
+        place in any::<proptest::sample::Index>(), is_near_an_end in any::<bool>(), mask in 1..=255u8
+    ) {
         let records = records(600);
         let mut file = file_of(&records);
-        *place.get_mut(&mut file) ^= mask;
-        if let Ok((kept, _)) = read(&file) {
+        let near = place.index(1600);
+        let place = if is_near_an_end { if near < 800 { near } else { file.len() - 1600 + near } } else { place.index(file.len()) };
+        file[place] ^= mask;
+        if let Ok((kept, damage)) = read(&file) {
+            prop_assert!(!damage.is_empty(), "byte {place} of {} by {mask:#04x}", file.len());
             for record in kept {
                 prop_assert_eq!(Some(&record), records.get(record.moment.index as usize));
             }
@@ -189,6 +195,33 @@ proptest! {
         file.extend(bytes);
         let _ = read(&file);
     }
+}
+
+#[test]
+fn a_changed_description_and_junk_behind_the_end_are_told_and_stay_told() {
+    let file = file_of(&records(3));
+    assert_eq!(read(&file).unwrap().1, []);
+    let (_, damage) = read(&[&file[..], b"\n"].concat()).unwrap();
+    assert_eq!(
+        damage,
+        [Damage { offset: file.len() as u64, what: "there is more behind the end of the recording".into() }]
+    );
+    let text = b"rig: {}";
+    let at = file.windows(text.len()).position(|bytes| bytes == text).unwrap();
+    let mut changed = file.clone();
+    changed[at + 5] = b'[';
+    let mut reader: Reader<_> = Reader::new(&changed[..]).unwrap();
+    assert!(reader.about().is_damaged && reader.damage()[0].what.contains("description"), "{:?}", reader.damage());
+    // A copy is not sound.
+    let mut copy = Vec::new();
+    let mut writer = Writer::new(&mut copy, reader.about()).unwrap();
+    while let Some(record) = reader.next_record().unwrap() {
+        writer.write(&record).unwrap();
+    }
+    writer.finish().unwrap();
+    drop(writer);
+    let (kept, damage) = read(&copy).unwrap();
+    assert_eq!((kept.len(), damage.len()), (3, 1), "{damage:?}");
 }
 
 #[test]

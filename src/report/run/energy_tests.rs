@@ -30,7 +30,7 @@ fn run(rig: &config::Rig, scene: &config::Scene) -> (RunReport, usize) {
         }
     });
     let watch = Watch { observer: Some(observer), ..Watch::default() };
-    let report = run_rig(rig, scene, &Overrides::default(), watch, |_| {}).unwrap();
+    let report = run_rig(rig, scene, &Overrides::default(), watch, |_| ControlFlow::Continue(())).unwrap();
     (report, held.load(Ordering::Relaxed))
 }
 

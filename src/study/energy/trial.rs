@@ -1,6 +1,7 @@
 //! Rigs and hands that a case draws: clean runs by passive hands, and loops that swing.
 
 use std::f64::consts::TAU;
+use std::ops::ControlFlow;
 
 use serde_json::{Value, json};
 
@@ -189,7 +190,7 @@ impl Trial {
 
     /// Runs it.
     pub(super) fn run(&self) -> Result<RunReport, String> {
-        run_rig(&self.rig, &self.scene, &Overrides::default(), Watch::default(), |_| {})
+        run_rig(&self.rig, &self.scene, &Overrides::default(), Watch::default(), |_| ControlFlow::Continue(()))
             .map_err(|error| error.to_string())
     }
 }

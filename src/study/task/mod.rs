@@ -9,6 +9,8 @@
 
 mod way;
 
+use std::ops::ControlFlow;
+
 use crate::elementary;
 use serde_json::Value;
 
@@ -145,7 +147,8 @@ impl Trial {
         scene.seed = 1 + self.user;
         let let_go = Injection::new(Kind::HandStiff, self.let_go_s()).lasting(None).sized(0.0);
         let overrides = Overrides { faults: vec![let_go], ..Overrides::default() };
-        run_rig(&rig, &scene, &overrides, Watch::default(), |_| {}).map_err(|error| error.to_string())
+        run_rig(&rig, &scene, &overrides, Watch::default(), |_| ControlFlow::Continue(()))
+            .map_err(|error| error.to_string())
     }
 }
 
