@@ -225,6 +225,7 @@ impl<P: Place> Runner<P> {
     }
 
     /// Where it runs, to change it.
+    #[cfg(feature = "sim")]
     pub(crate) fn place_mut(&mut self) -> &mut P {
         &mut self.place
     }
@@ -235,6 +236,7 @@ impl<P: Place> Runner<P> {
     }
 
     /// With what the cycle has panicked, once.
+    #[cfg(feature = "sim")]
     pub(crate) fn take_panic(&mut self) -> Option<Box<dyn Any + Send>> {
         self.panic.take()
     }

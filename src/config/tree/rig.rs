@@ -1,13 +1,12 @@
 //! The admittance rig on CANopen servo drives.
 
 use std::collections::BTreeMap;
-use std::sync::Arc;
 
 use garde::Validate;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use yieldwall_drives::cia402::CommandMode;
-use yieldwall_drives::profiles::{DeviceProfile, EncoderKind, Role};
+use yieldwall_drives::profiles::{EncoderKind, Role};
 
 use super::arm::{ArmInertia, Linkage};
 use super::fixture::Fixture;
@@ -85,20 +84,25 @@ impl Rig {
     }
 }
 
+/// What a file that a rig names has said.
+#[cfg(all(feature = "sim", feature = "recording"))]
+type NamedFile = std::sync::Arc<yieldwall_drives::profiles::DeviceProfile>;
+
 /// Where a rig names a device model: the key, the name, and whether a model is of the kind that is wanted there.
 type NamedProfile<'a> = (&'static str, &'a mut ProfileName, fn(&Role) -> bool);
 
 impl Rig {
     /// Gives the device profiles that are files names of their own, so that they can lie beside this document; names and
     /// profiles.
-    pub(crate) fn name_profile_files(&mut self) -> Vec<(String, Arc<DeviceProfile>)> {
-        let mut named: Vec<(String, Arc<DeviceProfile>)> = Vec::new();
+    #[cfg(all(feature = "sim", feature = "recording"))]
+    pub(crate) fn name_profile_files(&mut self) -> Vec<(String, NamedFile)> {
+        let mut named: Vec<(String, NamedFile)> = Vec::new();
         for (_, name, _) in self.profiles_mut() {
             let Some(profile) = name.get().filter(|_| name.is_file()).cloned() else { continue };
             let known = named.iter().find(|(_, known)| *known == profile).map(|(known, _)| known.clone());
             let new = known.unwrap_or_else(|| {
                 let new = format!("profile-{}.yaml", named.len() + 1);
-                named.push((new.clone(), Arc::clone(&profile)));
+                named.push((new.clone(), profile.clone()));
                 new
             });
             name.rename(new);

@@ -22,6 +22,7 @@ impl Permit {
     }
 
     /// In a place of virtual time nothing moves.
+    #[cfg(feature = "sim")]
     pub(crate) fn in_virtual_time<P: Place>(rig: &Runner<P>) -> Self {
         const { assert!(P::IS_VIRTUAL, "a computer needs a proof") };
         Self::proved(rig)
