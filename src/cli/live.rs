@@ -20,7 +20,7 @@ use crate::host::system::Refusal;
 use crate::host::{NotRun, Outcome, RigOnBus, StageTimes, Terms};
 use crate::record::CycleRecord;
 use crate::record::recording::About;
-use crate::report::{Overrides, measured, replay};
+use crate::report::{self, Overrides, measured, replay};
 use crate::run::{Ended, Play, Played};
 use facts::Facts;
 use proof::{evidence, unproven, untimely};
@@ -76,15 +76,13 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
     watch.tap.into_iter().for_each(|tap| on_bus.set_tap(tap));
     watch.observer.into_iter().for_each(|observer| on_bus.set_observer(observer));
     let period_s = f64::from(rig.cycle.period_us) * 1e-6;
-    let mut rows = Vec::with_capacity(Play::on_bus(&rig, duration_s).cycles.min(LONGEST_TRACE) as usize);
+    let mut scene_rows = report::Seen::with_room(Play::on_bus(&rig, duration_s).cycles.min(LONGEST_TRACE) as usize);
     let mut seen = Seen { stages: StageTimes::default(), skipped: 0 };
     let each = |record: &CycleRecord| {
         seen.stages.add(&record.moment.stages, &record.inputs.timing);
         seen.skipped += u64::from(record.inputs.timing.skipped);
         // Without room the cycle would have to wait for memory.
-        if rows.len() < rows.capacity() {
-            rows.push(record.row());
-        }
+        scene_rows.take(record.row(), record.directive.state, record.cause);
     };
     let tell = print_news(arguments.require_realtime, output);
     let outcome = on_bus.run(&terms, duration_s, &is_interrupted, each, tell);
@@ -99,7 +97,7 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
     };
     let time_s = played.cycles as f64 * period_s;
     let failure = ended(&played, time_s, &outcome, &rig);
-    let (trace, measures) = measured(&rig, &rig.fixture, rows);
+    let (trace, measures) = measured(&rig, &rig.fixture, scene_rows);
     let drawn = draw(&trace, &rig.rig.name, arguments.figure.as_deref());
     let facts = Facts {
         interfaces: &interfaces,

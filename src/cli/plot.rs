@@ -34,7 +34,11 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
     let drawing = drawing::run(&trace, heading).map_err(|error| drawing_failure(&error))?;
     write_drawing(&drawing, figure)?;
     if output.is_json() {
-        return output.json(&json!({ "recording": path, "figure": figure, "rows": trace.rows.len() }));
+        return output.json(&json!({ "recording": path, "figure": figure, "rows": trace.rows.len(), "rows_after_stop": trace.after.len() }));
     }
-    output.news(&format!("{}: {} {} of the scene", figure.display(), trace.rows.len(), records(&recording)))
+    let after = match trace.after.len() {
+        0 => String::new(),
+        count => format!(", and {count} after {}", trace.faults.last().map_or("the stop", |mark| mark.fault)),
+    };
+    output.news(&format!("{}: {} {} of the scene{after}", figure.display(), trace.rows.len(), records(&recording)))
 }

@@ -2,7 +2,7 @@
 
 use super::Row;
 use crate::cycle::{Inputs, Outputs, Signals};
-use crate::guard::{Cause, Directive, JointCommand};
+use crate::guard::{Cause, Directive, Fault, JointCommand, State};
 use crate::quantity::{JointTorques, TipPoint, TipVelocity};
 
 /// Which cycle it was, and when it was planned. Times are those of the cycle's own clock: virtual in a simulation. By how
@@ -113,5 +113,17 @@ impl CycleRecord {
             // The rest is for those who know the surfaces.
             ..Row::default()
         }
+    }
+}
+
+/// How much a fault has taken from the person: 0 nothing, 1 the motion for now, 2 the rig until a reset.
+///
+/// Real-time: yes.
+pub fn fault_severity(state: State, cause: Option<Cause>) -> u8 {
+    match (cause, state) {
+        (None, _) | (Some(Cause { fault: Fault::StopRequested, .. }), _) => 0,
+        (_, State::Idle | State::Enabling | State::Running) => 0,
+        (_, State::Holding) => 1,
+        (_, State::Stopping | State::Stopped | State::Disabled | State::Lost) => 2,
     }
 }

@@ -59,15 +59,38 @@ pub enum ForceMeaning {
     ActuatorOnTool,
 }
 
-/// The line of a surface of the reference `C`, without motion, for drawings: as it is seen along z.
+impl ForceMeaning {
+    /// Force of the device on the hand in N, base frame: `-h` of an admittance rig, `f` of an impedance rig.
+    pub fn on_hand_n(self, row: &Row) -> [f64; 3] {
+        match self {
+            ForceMeaning::HandOnTool => row.force_n.map(|component| -component),
+            ForceMeaning::ActuatorOnTool => row.force_n,
+        }
+    }
+}
+
+/// A surface of the reference `C`, without motion, for drawings along z.
+///
+/// `is_inside_forbidden` and the order of points say which side a unilateral fixture forbids; a bilateral one forbids none.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Reference {
-    /// Circle in the plane of x and y, or a sphere.
+    /// Circle in the plane of x and y.
     Circle {
         /// Centre in m.
         center_m: [f64; 2],
         /// Radius in m, above zero.
         radius_m: f64,
+        /// Whether the inside is the forbidden side.
+        is_inside_forbidden: bool,
+    },
+    /// Sphere.
+    Sphere {
+        /// Centre in m.
+        center_m: [f64; 3],
+        /// Radius in m, above zero.
+        radius_m: f64,
+        /// Whether the inside is the forbidden side.
+        is_inside_forbidden: bool,
     },
     /// Cylinder.
     Cylinder {
@@ -77,12 +100,23 @@ pub enum Reference {
         axis_direction: [f64; 3],
         /// Radius in m, above zero.
         radius_m: f64,
+        /// Whether the inside is the forbidden side.
+        is_inside_forbidden: bool,
+    },
+    /// Box with edges along the axes.
+    Box {
+        /// Centre in m.
+        center_m: [f64; 3],
+        /// Half of the lengths of its edges in m, above zero.
+        half_size_m: [f64; 3],
+        /// Whether the inside is the forbidden side.
+        is_inside_forbidden: bool,
     },
     /// Plane in space, or straight line in the plane of x and y.
     Plane {
         /// A point of it in m.
         point_m: [f64; 3],
-        /// Its normal, of any length but zero.
+        /// Its normal, of any length but zero, out of the forbidden side.
         normal: [f64; 3],
     },
     /// A point, met by a proxy that passes nearer than its capture radius.
@@ -92,13 +126,33 @@ pub enum Reference {
         /// Capture radius in m, zero or above.
         capture_radius_m: f64,
     },
-    /// Chain of straight pieces in the plane of x and y.
+    /// Chain of straight pieces, as it is seen along z.
     Curve {
-        /// Corners in m, at least two.
+        /// Corners in m, at least two, in the order in which the forbidden side lies to the right.
         points_m: Vec<[f64; 2]>,
         /// Whether the last corner is joined to the first.
         is_closed: bool,
     },
+}
+
+impl Reference {
+    /// Whether what is seen of it along z depends on the height at which it is cut.
+    pub fn has_height(&self) -> bool {
+        match self {
+            Reference::Sphere { .. } | Reference::Box { .. } => true,
+            Reference::Plane { normal: [_, _, z], .. } => *z != 0.0,
+            _ => false,
+        }
+    }
+}
+
+/// A moment at which a fault held or stopped the rig.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct FaultMark {
+    /// When, in s since the run began.
+    pub time_s: f64,
+    /// Name of the fault in the fault table.
+    pub fault: &'static str,
 }
 
 /// A stretch of a run that the text around a figure speaks of by a letter.
@@ -135,8 +189,12 @@ pub struct Trace {
     pub force_meaning: ForceMeaning,
     /// Stretches of the run marked by letters; may be empty.
     pub phases: Vec<Phase>,
-    /// One row per control cycle, in order of time.
+    /// One row per control cycle, in order of time, up to the fault that stopped the rig if one did. Measures take these.
     pub rows: Vec<Row>,
+    /// The rows after that fault, which drawings show.
+    pub after: Vec<Row>,
+    /// When faults held or stopped the rig, in order of time.
+    pub faults: Vec<FaultMark>,
 }
 
 impl Trace {
@@ -145,10 +203,7 @@ impl Trace {
     /// # Source
     /// [KTF08, text to Figs 8 and 11].
     pub fn force_on_hand_n(&self, row: &Row) -> [f64; 3] {
-        match self.force_meaning {
-            ForceMeaning::HandOnTool => row.force_n.map(|component| -component),
-            ForceMeaning::ActuatorOnTool => row.force_n,
-        }
+        self.force_meaning.on_hand_n(row)
     }
 
     /// The rows in which the proxy, off the surface in the row before, lies on it or has passed to its other side, in

@@ -5,10 +5,10 @@ use std::io::Read;
 use std::path::PathBuf;
 use std::sync::Arc;
 
-use super::run::{Overrides, trace};
+use super::run::{Overrides, Seen, trace};
 use crate::assembly;
 use crate::config::{self, Report, Source};
-use crate::guard::{Request, State};
+use crate::guard::Request;
 use crate::record::recording::{
     About, Difference, Machine, ReadError, Reader, Recorded, Recording, difference, encode,
 };
@@ -216,22 +216,22 @@ fn again<R: Read, T: Recorded>(
 /// # Errors
 /// As [`replay_any`].
 pub fn recorded_trace<R: Read>(recording: &mut Recording<R>) -> Result<Trace, ReplayError> {
-    let mut rows = Vec::new();
     match recording {
         Recording::Rig(reader) => {
             let rig = rig(reader.about())?;
-            let mut was_latched = false;
+            let mut seen = Seen::default();
             while let Some(record) = reader.next_record()? {
-                // From the begin of the scene to the stop at its end, or to the fault that stopped the rig.
-                if record.moment.scene_time_s >= 0.0 && record.inputs.request == Request::None && !was_latched {
-                    rows.push(record.row());
+                // From the begin of the scene to the stop at its end; after a fault that stopped the rig, all there is.
+                let is_asked = record.inputs.request != Request::None && !seen.is_stopped();
+                if record.moment.scene_time_s >= 0.0 && !is_asked {
+                    seen.take(record.row(), record.directive.state, record.cause);
                 }
-                was_latched |= State::is_latched(record.directive.state);
             }
-            Ok(trace(rig.rig.name.clone(), &rig.fixture, ForceMeaning::HandOnTool, rows))
+            Ok(trace(rig.rig.name.clone(), &rig.fixture, ForceMeaning::HandOnTool, seen))
         }
         Recording::Device(reader) => {
             let device = device(reader.about())?;
+            let mut rows = Vec::new();
             while let Some(record) = reader.next_record()? {
                 rows.push(record.row());
             }

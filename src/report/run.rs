@@ -6,6 +6,7 @@ use std::collections::BTreeMap;
 use std::ops::ControlFlow;
 use std::time::Duration;
 
+pub use self::seen::Seen;
 pub(super) use self::seen::trace;
 use super::measures::{Context, Measures, measure};
 use crate::config;
@@ -91,7 +92,7 @@ pub struct Watch {
 /// Runs a scene on an admittance rig: boots and enables it, plays the scene, stops the rig.
 ///
 /// A rig that a fault stops ends its run early; the report says which. It goes on for [`AROUND_FAULT_S`], in which its
-/// drives stop, for those who watch; rows and measures end with the cycle that the fault stopped.
+/// drives stop, for those who watch and for drawings; measures end with the cycle that the fault stopped.
 ///
 /// `progress` is asked after each cycle whether to go on; at [`ControlFlow::Break`] the rig is stopped, and the report is of what
 /// there was.
@@ -120,14 +121,14 @@ pub fn run_rig(
     let period_s = f64::from(rig.cycle.period_us) * 1e-6;
     let end_s = overrides.duration_s.unwrap_or(scene.duration_s.get());
     let cycles = ((end_s / period_s).round() as usize).max(1);
-    let mut rows = Vec::with_capacity(cycles);
+    let mut seen = Seen::default();
     let mut state = machine.state();
     let mut held: BTreeMap<usize, (Fault, f64)> = BTreeMap::new();
     for _ in 0..cycles {
         let row = machine.run_cycle(Request::None)?;
-        rows.push(row);
-        let onward = progress(Stage { time_s: row.time_s, end_s });
         state = machine.state();
+        seen.take(row, state, machine.cause());
+        let onward = progress(Stage { time_s: row.time_s, end_s });
         if state.is_latched() || onward.is_break() {
             break;
         }
@@ -137,21 +138,23 @@ pub fn run_rig(
     }
     let cause = machine.cause();
     // A scene has one cycle at least.
-    let elapsed = Duration::from_secs_f64(rows.len() as f64 * period_s);
+    let elapsed = Duration::from_secs_f64(seen.rows().len() as f64 * period_s);
     let counted = rig.buses.iter().zip(machine.bus_counters().zip(&before));
     let bus_loads = counted.map(|((name, bus), (counters, before))| {
         (name.clone(), counters.load_since(before, elapsed, bus.canopen.bit_rate_bit_per_s))
     });
     let bus_loads = bus_loads.collect();
-    let held_s = rows.iter().filter(|row| row.supervisor_state == State::Holding as u8).count() as f64 * period_s;
+    let is_held = |row: &&Row| row.supervisor_state == State::Holding as u8;
+    let held_s = seen.rows().iter().filter(is_held).count() as f64 * period_s;
     if state.is_latched() {
         for _ in 0..(AROUND_FAULT_S / period_s).round() as usize {
-            machine.run_cycle(Request::None)?;
+            let row = machine.run_cycle(Request::None)?;
+            seen.take(row, machine.state(), machine.cause());
         }
     } else {
         machine.stop()?;
     }
-    let (trace, measures) = measured(rig, fixture, rows);
+    let (trace, measures) = measured(rig, fixture, seen);
     Ok(RunReport {
         trace,
         measures,
@@ -168,9 +171,9 @@ pub fn run_rig(
     })
 }
 
-/// What the rows of a rig with this fixture show.
-pub fn measured(rig: &config::Rig, fixture: &config::Fixture, rows: Vec<Row>) -> (Trace, Measures) {
-    let trace = trace(rig.rig.name.clone(), fixture, ForceMeaning::HandOnTool, rows);
+/// What was seen of a rig with this fixture: its trace, and the measures up to the fault that stopped it, if one did.
+pub fn measured(rig: &config::Rig, fixture: &config::Fixture, seen: impl Into<Seen>) -> (Trace, Measures) {
+    let trace = trace(rig.rig.name.clone(), fixture, ForceMeaning::HandOnTool, seen);
     let is_torque = rig.rig.command_mode == config::CommandMode::Torque;
     let context = Context {
         period_s: f64::from(rig.cycle.period_us) * 1e-6,
@@ -348,7 +351,7 @@ mod tests {
             let leaves_plane = report.trace.rows.iter().any(|row| row.tool_m[2].abs() > 1e-4);
             assert!(leaves_plane || name != "sphere", "a sphere beside its great circle pushes along z");
             let svg = crate::report::drawing::run(&report.trace, None).unwrap().svg();
-            assert!(svg.contains(">reference surface</text>"), "{name}");
+            assert!(svg.contains(">reference surface"), "{name}");
         }
     }
 

@@ -62,19 +62,27 @@ impl Axes {
         (self.frame.right - self.frame.left) / (self.x[1] - self.x[0])
     }
 
-    /// Draws a curve, cut to the frame and thinned.
-    pub(super) fn curve(&self, page: &mut Page, values: impl Iterator<Item = (f64, f64)>, kind: Kind, stroke: Stroke) {
+    /// Draws a curve, cut to the frame and thinned, and says whether anything of it lies within.
+    pub(super) fn curve(
+        &self,
+        page: &mut Page,
+        values: impl Iterator<Item = (f64, f64)>,
+        kind: Kind,
+        stroke: Stroke,
+    ) -> bool {
         let points: Vec<Point> = values.map(|(x, y)| self.place(x, y)).collect();
         let points = match kind {
             Kind::Way => points,
             Kind::History => curve::thin_history(&points),
         };
         let pieces = curve::clip(&points, self.frame);
+        let is_seen = !pieces.is_empty();
         page.within(self.frame, |page| {
             for piece in pieces {
                 page.chain(&curve::thin(&piece), stroke);
             }
         });
+        is_seen
     }
 
     /// Draws a level across the frame, if it lies within.

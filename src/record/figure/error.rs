@@ -92,7 +92,7 @@ pub(super) fn check(trace: &Trace) -> Result<(), Error> {
     if trace.rows.is_empty() {
         return Err(Error::Empty { title: trace.title.clone() });
     }
-    for (row, values) in trace.rows.iter().enumerate() {
+    for (row, values) in trace.rows.iter().chain(&trace.after).enumerate() {
         if let Some((field, value)) = drawn(values).find(|(_, value)| !is_drawable(*value)) {
             return Err(Error::Value { row, field, value });
         }
@@ -104,13 +104,18 @@ pub(super) fn check(trace: &Trace) -> Result<(), Error> {
         expect("from_s of a phase", *from_s, true, "a finite time")?;
         expect("to_s of a phase", *to_s, to_s >= from_s, "a finite time after the phase's begin")?;
     }
+    for mark in &trace.faults {
+        expect("time_s of a fault", mark.time_s, true, "a finite time")?;
+    }
     trace.references.iter().try_for_each(check_reference)
 }
 
 fn check_reference(reference: &Reference) -> Result<(), Error> {
     let (points, radius): (Vec<f64>, Option<f64>) = match reference {
-        Reference::Circle { center_m, radius_m } => (center_m.to_vec(), Some(*radius_m)),
-        Reference::Cylinder { axis_point_m, axis_direction, radius_m } => {
+        Reference::Circle { center_m, radius_m, .. } => (center_m.to_vec(), Some(*radius_m)),
+        Reference::Sphere { center_m, radius_m, .. } => (center_m.to_vec(), Some(*radius_m)),
+        Reference::Box { center_m, half_size_m, .. } => ([*center_m, *half_size_m].concat(), None),
+        Reference::Cylinder { axis_point_m, axis_direction, radius_m, .. } => {
             ([*axis_point_m, *axis_direction].concat(), Some(*radius_m))
         }
         Reference::Point { point_m, capture_radius_m } => ([&point_m[..], &[*capture_radius_m]].concat(), None),

@@ -1,7 +1,8 @@
 //! Curves over time: force and power of a run, and runs with and without a hold side by side.
 
 use super::axes::{Axes, Kind, range_of};
-use super::page::{Anchor, BLACK, GREY, Page, Stroke, WIDTH};
+use super::legend::{self, Entry, Sample};
+use super::page::{Anchor, BLACK, GREY, Page, Stroke, VERMILION, WIDTH};
 use super::plane::{self, MM_PER_M, PROXY, SURFACE, SURFACE_BAND, TOOL};
 use super::{Drawing, Error, Excerpt, Options};
 use crate::record::{Row, Trace};
@@ -15,6 +16,12 @@ const NAME_SPACING: f64 = 27.0;
 /// Least height of a range, so that a curve without change has an axis: 0.1 N, 10 mW, 0.1 mm, and in time 1 ms.
 const LEAST: f64 = 0.1;
 const LEAST_POWER_W: f64 = 0.01;
+/// The line at a fault.
+const FAULT: Stroke = Stroke { color: VERMILION, width: 2.5, dash: &[4.0, 5.0] };
+/// Rows of names of faults, their distance, and the room beside the line.
+const FAULT_ROWS: usize = 4;
+const FAULT_ROW: f64 = 34.0;
+const FAULT_GAP: f64 = 10.0;
 
 /// Most columns of [`hold_comparison`].
 const MOST_COLUMNS: usize = 3;
@@ -82,11 +89,18 @@ fn yields_n(trace: &Trace) -> [Option<f64>; 2] {
 /// Dashed lines at `F` and `R` on both sides of zero, named at the right edge.
 fn levels(page: &mut Page, axes: &Axes, trace: &Trace) {
     let [most, least] = yields_n(trace);
+    // A yield force of its own against pushes out of the forbidden side has a name of its own.
+    let is_outward = |sign: f64| trace.outward_yield_n.is_some() && -sign * trace.drawn_sign() > 0.0;
+    let yield_below = |sign: f64| if is_outward(sign) { "out" } else { "" };
     let friction = trace.friction_n;
-    let names =
-        [(most, "", "R"), (least, "\u{2212}", "R"), (Some(friction), "", "F"), (Some(-friction), "\u{2212}", "F")];
+    let names = [
+        (most, "", "R", yield_below(1.0)),
+        (least, "\u{2212}", "R", yield_below(-1.0)),
+        (Some(friction), "", "F", ""),
+        (Some(-friction), "\u{2212}", "F", ""),
+    ];
     let mut taken: Vec<f64> = Vec::new();
-    for (value, sign, letter) in names {
+    for (value, sign, letter, below) in names {
         let Some(value) = value else { continue };
         let (right, y) = axes.place(axes.x[1], value);
         if !axes.frame.contains((right, y)) {
@@ -96,9 +110,31 @@ fn levels(page: &mut Page, axes: &Axes, trace: &Trace) {
         if taken.iter().all(|other| (other - y).abs() >= NAME_SPACING) {
             page.text((right + 8.0, y + 9.0), Anchor::Start, sign);
             let shift = if sign.is_empty() { 8.0 } else { 30.0 };
-            page.slanted_text((right + shift, y + 9.0), letter);
+            page.symbol((right + shift, y + 9.0), letter, below);
             taken.push(y);
         }
+    }
+}
+
+/// Lines where faults held or stopped the rig, through all panels, named in the first.
+pub(super) fn faults(page: &mut Page, panels: &[Axes], trace: &Trace, excerpt: &Excerpt<'_>) {
+    let Some(first) = panels.first() else { return };
+    let mut ends = [f64::NEG_INFINITY; FAULT_ROWS];
+    for (time, name, _) in excerpt.faults(trace) {
+        for axes in panels {
+            let (x, _) = axes.place(time, axes.y[0]);
+            page.chain(&[(x, axes.frame.top), (x, axes.frame.bottom)], FAULT);
+        }
+        let (x, _) = first.place(time, first.y[0]);
+        let width = legend::text_width(name);
+        let right = x + FAULT_GAP + width;
+        let left = if right <= first.frame.right { x + FAULT_GAP } else { x - FAULT_GAP - width };
+        // Names that would lie on one another stand in rows; those that no row has room for are left to their lines.
+        let Some((row, end)) = ends.iter_mut().enumerate().find(|(_, end)| **end < left) else { continue };
+        *end = left + width + FAULT_GAP;
+        let y = first.frame.top + 32.0 + FAULT_ROW * row as f64;
+        page.blank((left + width / 2.0, y - 9.0), width, 32.0);
+        page.text((left, y), Anchor::Start, name);
     }
 }
 
@@ -131,14 +167,16 @@ pub fn hold_comparison(traces: &[&Trace], options: &Options) -> Result<Drawing, 
         return Err(Error::PanelCount { count, most: MOST_COLUMNS });
     }
     let columns = traces.iter().map(|trace| Column::new(trace, options)).collect::<Result<Vec<_>, _>>()?;
-    let position = range_of(columns.iter().flat_map(Column::all_positions).chain([0.0]), LEAST, 0.06);
+    let position = Positions::range(columns.iter().map(|column| &column.positions));
     let force = force_range(columns.iter().map(|column| (column.trace, &column.excerpt)));
 
     let head = if options.heading.is_some() { 100.0 } else { 54.0 };
     let (above, height, gap) = (head + 84.0, 430.0, 62.0);
     let mut page = Page::new(above + 2.0 * height + gap + 96.0);
     super::heading(&mut page, options);
-    plane::legend(&mut page, (LEFT, head - 14.0), true, false);
+    let mut entries = plane::way_entries();
+    entries.push(Entry::new(Sample::Lines(vec![SURFACE_BAND, SURFACE]), "reference surface"));
+    legend::draw(&mut page, (LEFT, head - 14.0), WIDTH - LEFT, &entries);
     let cell = WIDTH / count as f64;
     let width = (cell - LEFT - RIGHT).min(1000.0);
     for (number, column) in columns.iter().enumerate() {
@@ -146,7 +184,7 @@ pub fn hold_comparison(traces: &[&Trace], options: &Options) -> Result<Drawing, 
         let x = time_range(&column.excerpt);
         let upper = Axes { frame: plane::frame(left, above, width, height), x, y: position };
         let lower = Axes { frame: plane::frame(left, above + height + gap, width, height), x, y: force };
-        column.draw_positions(&mut page, &upper);
+        column.positions.draw(&mut page, &upper);
         upper.draw(&mut page, None, "position along the normal (mm)");
         force_panel(&mut page, &lower, column.trace, &column.excerpt);
         lower.draw(&mut page, Some(column.excerpt.label), "force along the normal (N)");
@@ -156,12 +194,44 @@ pub fn hold_comparison(traces: &[&Trace], options: &Options) -> Result<Drawing, 
     Ok(Drawing::new(page, options))
 }
 
-/// A trace and the positions of tool and proxy along the normal, in mm.
+/// A trace and the positions along the normal.
 struct Column<'a> {
     trace: &'a Trace,
     excerpt: Excerpt<'a>,
+    positions: Positions,
+}
+
+/// Positions of tool and proxy along the normal, in mm, at times as they are shown.
+pub(super) struct Positions {
     tool: Vec<(f64, f64)>,
     proxy: Vec<(f64, f64)>,
+}
+
+impl Positions {
+    pub(super) fn new(trace: &Trace, excerpt: &Excerpt<'_>) -> Self {
+        let shown =
+            |row: &Row, distance_m: f64| (excerpt.shown_time(row.time_s), trace.drawn_sign() * distance_m * MM_PER_M);
+        let tool = excerpt.rows.iter().map(|row| shown(row, row.tool_distance_m)).collect();
+        let proxy = excerpt.led().map(|row| shown(row, row.signed_distance_m)).collect();
+        Self { tool, proxy }
+    }
+
+    fn all(&self) -> impl Iterator<Item = f64> {
+        self.tool.iter().chain(&self.proxy).map(|(_, position)| *position)
+    }
+
+    pub(super) fn range<'a>(of: impl Iterator<Item = &'a Self>) -> [f64; 2] {
+        range_of(of.flat_map(Self::all).chain([0.0]), LEAST, 0.06)
+    }
+
+    pub(super) fn draw(&self, page: &mut Page, axes: &Axes) {
+        for stroke in [SURFACE_BAND, SURFACE] {
+            axes.level(page, 0.0, stroke);
+        }
+        axes.curve(page, self.tool.iter().copied(), Kind::History, TOOL);
+        axes.curve(page, self.proxy.iter().copied(), Kind::History, PROXY);
+        dots(page, axes, self.proxy.iter().copied(), PROXY);
+    }
 }
 
 impl<'a> Column<'a> {
@@ -170,24 +240,7 @@ impl<'a> Column<'a> {
         if trace.references.is_empty() {
             return Err(Error::NoLine { title: trace.title.clone() });
         }
-        let along = |distance_m: fn(&Row) -> f64| {
-            let shown = |row: &&Row| (excerpt.shown_time(row.time_s), trace.drawn_sign() * distance_m(row) * MM_PER_M);
-            excerpt.rows.iter().map(shown).collect()
-        };
-        let (tool, proxy) = (along(|row| row.tool_distance_m), along(|row| row.signed_distance_m));
-        Ok(Self { trace, excerpt, tool, proxy })
-    }
-
-    fn all_positions(&self) -> impl Iterator<Item = f64> {
-        self.tool.iter().chain(&self.proxy).map(|(_, position)| *position)
-    }
-
-    fn draw_positions(&self, page: &mut Page, axes: &Axes) {
-        for stroke in [SURFACE_BAND, SURFACE] {
-            axes.level(page, 0.0, stroke);
-        }
-        axes.curve(page, self.tool.iter().copied(), Kind::History, TOOL);
-        axes.curve(page, self.proxy.iter().copied(), Kind::History, PROXY);
-        dots(page, axes, self.proxy.iter().copied(), PROXY);
+        let positions = Positions::new(trace, &excerpt);
+        Ok(Self { trace, excerpt, positions })
     }
 }

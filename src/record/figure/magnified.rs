@@ -2,7 +2,8 @@
 
 use super::axes::Axes;
 use super::page::{Page, WIDTH};
-use super::{Drawing, Error, Excerpt, Options, Window, plane};
+use super::plane::Places;
+use super::{Drawing, Error, Excerpt, Options, Window, legend, plane};
 use crate::record::Trace;
 
 /// Most panels: three rows of three.
@@ -42,20 +43,25 @@ pub fn magnified(views: &[View<'_>], options: &Options) -> Result<Drawing, Error
     let head = if options.heading.is_some() { 100.0 } else { 54.0 };
     let mut page = Page::new(head + lines as f64 * (ABOVE + side + BELOW));
     super::heading(&mut page, options);
-    let has_surface = views.iter().any(|view| !view.trace.references.is_empty());
     let excerpts =
         views.iter().map(|view| Excerpt::new(view.trace, options.time_span)).collect::<Result<Vec<_>, _>>()?;
-    let moves = excerpts.iter().any(|excerpt| plane::places(excerpt).1.is_some());
-    plane::legend(&mut page, (LEFT, head - 14.0), has_surface, moves);
+    let mut entries = plane::way_entries();
     for (number, (view, excerpt)) in views.iter().zip(&excerpts).enumerate() {
         let left = (number % columns) as f64 * cell + LEFT + (cell - LEFT - RIGHT - side) / 2.0;
         let top = head + (number / columns) as f64 * (ABOVE + side + BELOW) + ABOVE;
         let (x, y) = plane::ranges(view.window)?;
         let axes = Axes::with_equal_scales(plane::frame(left, top, side, side), x, y);
-        plane::ways(&mut page, &axes, view.trace, excerpt)?;
+        let places = Places::new(view.trace, excerpt);
+        let sight = plane::ways(&mut page, &axes, view.trace, excerpt, &places)?;
+        for entry in places.entries(view.trace, sight) {
+            if entries.iter().all(|known| known.name != entry.name) {
+                entries.push(entry);
+            }
+        }
         axes.draw(&mut page, Some("x (mm)"), "y (mm)");
         super::panel_letter(&mut page, (left, top - 52.0), number);
         page.hold_steps((left + 55.0, top - 52.0), view.trace.hold_steps);
     }
+    legend::draw(&mut page, (LEFT, head - 14.0), f64::INFINITY, &entries);
     Ok(Drawing::new(page, options))
 }

@@ -10,6 +10,7 @@ mod axes;
 mod curve;
 mod error;
 mod history;
+mod legend;
 mod magnified;
 mod page;
 mod plane;
@@ -23,7 +24,7 @@ pub use history::hold_comparison;
 pub use magnified::{View, magnified};
 pub use trajectory::trajectory_and_time;
 
-use super::{Row, Trace};
+use super::{FaultMark, Row, Trace};
 use page::Page;
 use std::path::Path;
 
@@ -131,6 +132,8 @@ fn write(path: &Path, bytes: &[u8]) -> Result<(), Error> {
 #[derive(Debug)]
 struct Excerpt<'a> {
     rows: Vec<&'a Row>,
+    /// Rows up to the fault that stopped the rig: those in which a proxy leads the tool.
+    led: usize,
     origin_s: f64,
     per_second: f64,
     label: &'static str,
@@ -149,7 +152,9 @@ impl<'a> Excerpt<'a> {
                 (at_s - before_s, at_s + after_s, at_s)
             }
         };
-        let rows: Vec<&Row> = trace.rows.iter().filter(|row| (from_s..=to_s).contains(&row.time_s)).collect();
+        let is_inside = |row: &&Row| (from_s..=to_s).contains(&row.time_s);
+        let rows: Vec<&Row> = trace.rows.iter().chain(&trace.after).filter(is_inside).collect();
+        let led = trace.rows.iter().filter(is_inside).count();
         let (Some(first), Some(last)) = (rows.first(), rows.last()) else {
             return Err(Error::EmptySpan { title: trace.title.clone(), from_s, to_s });
         };
@@ -158,7 +163,22 @@ impl<'a> Excerpt<'a> {
             _ => (1.0, "time t (s)"),
         };
         let span = [first.time_s, last.time_s].map(|time_s| (time_s - origin_s) * per_second);
-        Ok(Self { rows, origin_s, per_second, label, span })
+        Ok(Self { rows, led, origin_s, per_second, label, span })
+    }
+
+    /// The rows in which a proxy leads the tool.
+    fn led(&self) -> impl Iterator<Item = &'a Row> + '_ {
+        self.rows.iter().take(self.led).copied()
+    }
+
+    /// The faults within the span: the shown time and the name of each, and where the tool was.
+    fn faults(&self, trace: &Trace) -> Vec<(f64, &'static str, [f64; 3])> {
+        let seen = |mark: &FaultMark| {
+            let row = self.rows.iter().find(|row| row.time_s >= mark.time_s)?;
+            let is_inside = self.rows.first().is_some_and(|first| first.time_s <= mark.time_s);
+            is_inside.then(|| (self.shown_time(mark.time_s), mark.fault, row.tool_m))
+        };
+        trace.faults.iter().filter_map(seen).collect()
     }
 
     /// Time of a moment on the shown axis.

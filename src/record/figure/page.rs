@@ -20,8 +20,9 @@ pub(super) const WIDTH: f64 = 1600.0;
 pub(super) const LETTER: u32 = 26;
 
 const SUBSCRIPT: u32 = 19;
-/// Widths of an oblique "N" and of "wait", in parts of the letter height, by the font's own tables.
+/// Widths of oblique "N" and "R" and of "wait", in parts of the letter height, by the font's own tables.
 const WIDTH_OF_N: f64 = 0.75;
+const WIDTH_OF_R: f64 = 0.70;
 const WIDTH_OF_WAIT: f64 = 2.12;
 /// Named first so that a viewer takes the embedded font; the second has the same widths.
 const FONTS: &str = "DejaVu Sans, Verdana, sans-serif";
@@ -165,6 +166,14 @@ impl Page {
 
     pub(super) fn slanted_text(&mut self, point: Point, content: &str) {
         self.styled_text(point, content, false, true);
+    }
+
+    /// A slanted letter, with a subscript that may be empty.
+    pub(super) fn symbol(&mut self, (x, y): Point, letter: &str, below: &str) {
+        self.slanted_text((x, y), letter);
+        if !below.is_empty() {
+            self.plain_text((x + WIDTH_OF_R * f64::from(LETTER) + 1.0, y + 6.0), Anchor::Start, below, SUBSCRIPT);
+        }
     }
 
     /// `N_wait = count`, with its subscript.

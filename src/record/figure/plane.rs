@@ -1,8 +1,9 @@
-//! What is drawn in the plane of x and y: the reference surface, the ways of tool and proxy, the legend.
+//! What is drawn in the plane of x and y: the surfaces, and the ways of tool and proxy.
 
-use super::axes::{Axes, Kind};
+use super::axes::{Axes, Kind, number, range_of};
 use super::curve::{Frame, Point};
-use super::page::{Anchor, GREY, PALE, Page, SKY, Stroke, VERMILION};
+use super::legend::{Entry, Sample};
+use super::page::{BLACK, GREY, PALE, Page, SKY, Stroke, VERMILION};
 use super::{Error, Excerpt, Window};
 use crate::elementary;
 use crate::record::{Reference, Trace};
@@ -15,56 +16,267 @@ pub(super) const SURFACE_BAND: Stroke = Stroke { color: PALE, width: 13.0, dash:
 pub(super) const SURFACE: Stroke = Stroke { color: GREY, width: 2.0, dash: &[] };
 /// A surface where it is farthest from its place.
 const SWUNG: Stroke = Stroke { color: GREY, width: 2.0, dash: &[6.0, 8.0] };
+/// A surface where it is between the two.
+const BETWEEN: Stroke = Stroke { color: PALE, width: 2.0, dash: &[] };
+/// The farthest that a surface reaches, as it is seen along z.
+const OUTLINE: Stroke = Stroke { color: GREY, width: 2.0, dash: &[3.0, 7.0] };
+/// The strokes on the forbidden side of a wall: thinner than its line, 1.6 mm long, 2.2 mm apart.
+const HATCH: Stroke = Stroke { color: GREY, width: 1.5, dash: &[] };
+const HATCH_LENGTH: f64 = 16.0;
+const HATCH_SPACING: f64 = 22.0;
+/// Places between the two ends of a surface's way.
+const PLACES_BETWEEN: u32 = 7;
 /// Size of a point that is a reference, on paper.
 const DOT: f64 = 5.0;
-/// Ways of a surface that are no motion, in m.
+/// Half of the width of a fault's cross, on paper.
+pub(super) const CROSS: f64 = 11.0;
+/// Ways of a surface, and changes of height, that are none, in m.
 const STILL_M: f64 = 1e-9;
+/// A section that comes as near as this to the outline shows it, in mm.
+const AT_OUTLINE_MM: f64 = 0.1;
 
-/// Length of the samples in the legend: four dashes of the proxy and the gaps between them.
-const SAMPLE: f64 = 80.0;
 /// Greatest distance of a drawn circle from the true one, in tenths of a millimetre.
 const SAGITTA: f64 = 0.1;
 /// Most corners of a drawn circle: reached only when it is a hundred metres wide on paper.
 const MOST_CORNERS: f64 = 20_000.0;
 
-/// Draws ways and surfaces in mm; frame and ticks are drawn last, by the caller.
-pub(super) fn ways(page: &mut Page, axes: &Axes, trace: &Trace, excerpt: &Excerpt<'_>) -> Result<(), Error> {
-    let (place, swung) = places(excerpt);
-    let strokes = [SURFACE_BAND, SURFACE].map(|stroke| (stroke, Some(place))).into_iter().chain([(SWUNG, swung)]);
-    for (stroke, place) in strokes {
-        let Some(place) = place else { continue };
+/// Where the surfaces of a run are drawn.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Places {
+    /// How far they are from their place, in m, where they are nearest to it. The third component also lowers them by the
+    /// height at which they are cut.
+    first: [f64; 3],
+    /// The same at the other end of what is shown: where they are farthest, or cut at another height.
+    last: Option<[f64; 3]>,
+    /// Whether they move.
+    pub moves: bool,
+    /// Lowest and highest z of the proxy on the surface, in mm, where it matters to what is seen of the surfaces.
+    pub heights_mm: Option<[f64; 2]>,
+}
+
+impl Places {
+    pub(super) fn new(trace: &Trace, excerpt: &Excerpt<'_>) -> Self {
+        let length = |[x, y, z]: &[f64; 3]| elementary::hypot(elementary::hypot(*x, *y), *z);
+        let by_length = |a: &[f64; 3], b: &[f64; 3]| length(a).total_cmp(&length(b));
+        let all = || excerpt.rows.iter().map(|row| row.surface_m);
+        let (least, most) = (all().min_by(by_length).unwrap_or_default(), all().max_by(by_length).unwrap_or_default());
+        let moves = length(&most) - length(&least) > STILL_M;
+        let has_height = trace.references.iter().any(Reference::has_height);
+        let heights_m = has_height.then(|| heights_m(excerpt));
+        let cut = |[x, y, z]: [f64; 3], height_m: f64| [x, y, z - height_m];
+        let (first, last) = match heights_m {
+            Some([low, high]) if moves => {
+                let middle = (low + high) / 2.0;
+                (cut(least, middle), Some(cut(most, middle)))
+            }
+            Some([low, high]) => (cut(least, low), (high - low > STILL_M).then(|| cut(least, high))),
+            None => (least, moves.then_some(most)),
+        };
+        Self { first, last, moves, heights_mm: heights_m.map(|heights| heights.map(|height| height * MM_PER_M)) }
+    }
+
+    /// Both ends of what is shown.
+    pub(super) fn ends(&self) -> impl Iterator<Item = [f64; 3]> + use<> {
+        std::iter::once(self.first).chain(self.last)
+    }
+
+    /// What lies between them.
+    fn between(&self) -> impl Iterator<Item = [f64; 3]> + use<> {
+        let first = self.first;
+        self.last.into_iter().flat_map(move |last| {
+            (1..=PLACES_BETWEEN).map(move |place| {
+                let share = f64::from(place) / f64::from(PLACES_BETWEEN + 1);
+                std::array::from_fn(|axis| first[axis] + share * (last[axis] - first[axis]))
+            })
+        })
+    }
+
+    /// Entries of the legend for what is in sight.
+    pub(super) fn entries(&self, trace: &Trace, sight: Sight) -> Vec<Entry> {
+        let lines = vec![SURFACE_BAND, SURFACE];
+        let is_wall = is_wall(trace);
+        let base = if is_wall { "wall" } else { "reference surface" };
+        let at = match self.heights_mm {
+            Some([low, high]) if (high - low).abs() < 0.1 => format!(" at z = {} mm", number(low, 1)),
+            Some([low, high]) => format!(" at z = {} to {} mm", number(low, 1), number(high, 1)),
+            None => String::new(),
+        };
+        let mut entries = Vec::new();
+        if sight.surface {
+            entries.push(match is_wall {
+                true => Entry::new(Sample::Hatched(lines), format!("{base}{at} (hatched side forbidden)")),
+                false => Entry::new(Sample::Lines(lines), format!("{base}{at}")),
+            });
+        }
+        if sight.swung {
+            entries.push(Entry::new(Sample::Lines(vec![SWUNG]), "where it swings to"));
+        }
+        if sight.outline {
+            entries.push(Entry::new(Sample::Lines(vec![OUTLINE]), "outline"));
+        }
+        entries
+    }
+}
+
+/// Lowest and highest z of the proxy on the surface, in m; where it never lies there, those of the tool.
+fn heights_m(excerpt: &Excerpt<'_>) -> [f64; 2] {
+    let on = || excerpt.rows.iter().filter(|row| row.is_on_surface).map(|row| row.proxy_m[2]);
+    if on().next().is_some() {
+        range_of(on(), 0.0, 0.0)
+    } else {
+        range_of(excerpt.rows.iter().map(|row| row.tool_m[2]), 0.0, 0.0)
+    }
+}
+
+/// Whether one side of the surfaces is forbidden, and can be shown.
+fn is_wall(trace: &Trace) -> bool {
+    trace.is_unilateral && trace.references.iter().any(|reference| !matches!(reference, Reference::Point { .. }))
+}
+
+/// What of the surfaces came into the frame.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct Sight {
+    pub surface: bool,
+    pub swung: bool,
+    pub outline: bool,
+}
+
+/// Draws ways and surfaces in mm, and says what of the surfaces came into the frame; frame and ticks are drawn last, by the
+/// caller.
+pub(super) fn ways(
+    page: &mut Page,
+    axes: &Axes,
+    trace: &Trace,
+    excerpt: &Excerpt<'_>,
+    places: &Places,
+) -> Result<Sight, Error> {
+    let mut sight = Sight::default();
+    let draw = |page: &mut Page, place: [f64; 3], strokes: &[Stroke], is_hatched: bool| -> Result<bool, Error> {
+        let mut is_seen = false;
         for reference in &trace.references {
             let line = line(reference, place, axes).ok_or_else(|| Error::NoLine { title: trace.title.clone() })?;
-            axes.curve(page, line.into_iter(), Kind::Way, stroke);
-        }
-    }
-    for place in std::iter::once(place).chain(swung) {
-        for reference in &trace.references {
-            let Reference::Point { point_m: [x, y], .. } = reference else { continue };
-            let at = axes.place((x + place[0]) * MM_PER_M, (y + place[1]) * MM_PER_M);
-            if axes.frame.contains(at) {
-                page.dot(at, DOT, GREY);
+            for stroke in strokes {
+                is_seen |= axes.curve(page, line.iter().copied(), Kind::Way, *stroke);
+            }
+            let has_sides = !matches!(reference, Reference::Point { .. });
+            if is_hatched && has_sides && trace.is_unilateral {
+                let points: Vec<Point> = line.iter().map(|(x, y)| axes.place(*x, *y)).collect();
+                page.within(axes.frame, |page| hatch(page, &points));
+            }
+            if let (true, Reference::Point { point_m: [x, y], .. }) = (is_hatched, reference) {
+                let at = axes.place((x + place[0]) * MM_PER_M, (y + place[1]) * MM_PER_M);
+                if axes.frame.contains(at) {
+                    page.dot(at, DOT, GREY);
+                    is_seen = true;
+                }
             }
         }
+        Ok(is_seen)
+    };
+    for place in places.between() {
+        draw(page, place, &[BETWEEN], false)?;
     }
+    sight.surface = draw(page, places.first, &[SURFACE_BAND, SURFACE], true)?;
+    if let Some(last) = places.last {
+        match places.moves {
+            true => sight.swung = draw(page, last, &[SWUNG], true)?,
+            false => sight.surface |= draw(page, last, &[SURFACE_BAND, SURFACE], true)?,
+        }
+    }
+    sight.outline = outlines(page, axes, trace, places);
     let in_mm = |[x, y, _]: [f64; 3]| (x * MM_PER_M, y * MM_PER_M);
     axes.curve(page, excerpt.rows.iter().map(|row| in_mm(row.tool_m)), Kind::Way, TOOL);
-    axes.curve(page, excerpt.rows.iter().map(|row| in_mm(row.proxy_m)), Kind::Way, PROXY);
-    Ok(())
+    axes.curve(page, excerpt.led().map(|row| in_mm(row.proxy_m)), Kind::Way, PROXY);
+    Ok(sight)
 }
 
-/// How far the surfaces are from their place where they are nearest to it, and, if they move, where they are farthest.
-pub(super) fn places(excerpt: &Excerpt<'_>) -> ([f64; 3], Option<[f64; 3]>) {
-    let length = |[x, y, z]: &[f64; 3]| elementary::hypot(elementary::hypot(*x, *y), *z);
-    let all = || excerpt.rows.iter().map(|row| row.surface_m);
-    let by_length = |a: &[f64; 3], b: &[f64; 3]| length(a).total_cmp(&length(b));
-    let (least, most) = (all().min_by(by_length).unwrap_or_default(), all().max_by(by_length).unwrap_or_default());
-    (least, (length(&most) - length(&least) > STILL_M).then_some(most))
+/// Draws how far surfaces in space reach, where no section does, and says whether one came into the frame.
+fn outlines(page: &mut Page, axes: &Axes, trace: &Trace, places: &Places) -> bool {
+    let mut is_seen = false;
+    for reference in trace.references.iter().filter(|reference| has_outline(reference)) {
+        let Some((reach_mm, middle)) = reach(reference) else { continue };
+        let reaches = |[_, _, z]: [f64; 3]| {
+            section(reference, z).is_some_and(|section_mm| reach_mm - section_mm <= AT_OUTLINE_MM)
+        };
+        if places.ends().any(reaches) {
+            continue;
+        }
+        let place = [places.first[0], places.first[1], -middle];
+        if let Some(line) = line(reference, place, axes) {
+            is_seen |= axes.curve(page, line.into_iter(), Kind::Way, OUTLINE);
+        }
+    }
+    is_seen
 }
 
-/// Points of a surface's line in mm, close enough together for the scale of the axes; `None` if it is no line as seen
-/// along z. `moved_m` is how far the surface is from its place.
-fn line(reference: &Reference, moved_m: [f64; 3], axes: &Axes) -> Option<Vec<Point>> {
+/// Whether its sections may be smaller than what is seen of it along z.
+fn has_outline(reference: &Reference) -> bool {
+    matches!(reference, Reference::Sphere { .. } | Reference::Box { .. })
+}
+
+/// Radius, or half of the width, in mm of the largest section, and its z in m.
+fn reach(reference: &Reference) -> Option<(f64, f64)> {
+    match reference {
+        Reference::Sphere { center_m: [_, _, z], radius_m, .. } => Some((radius_m * MM_PER_M, *z)),
+        Reference::Box { center_m: [_, _, z], half_size_m: [half, ..], .. } => Some((half * MM_PER_M, *z)),
+        _ => None,
+    }
+}
+
+/// The same of the section at z = 0 of a surface moved along z by so many m; `None` if there is none.
+fn section(reference: &Reference, moved_z_m: f64) -> Option<f64> {
+    match reference {
+        Reference::Sphere { center_m: [_, _, z], radius_m, .. } => {
+            let off = z + moved_z_m;
+            let squared = radius_m * radius_m - off * off;
+            (squared > 0.0).then(|| squared.sqrt() * MM_PER_M)
+        }
+        Reference::Box { center_m: [_, _, z], half_size_m: [half, _, half_z], .. } => {
+            ((z + moved_z_m).abs() <= *half_z).then_some(half * MM_PER_M)
+        }
+        _ => None,
+    }
+}
+
+/// Strokes to the right of a way on paper, and backward: the forbidden side of a wall.
+pub(super) fn hatch(page: &mut Page, points: &[Point]) {
+    for stroke in hatch_strokes(points) {
+        page.chain(&stroke, HATCH);
+    }
+}
+
+/// Their ends, first the one on the way.
+pub(super) fn hatch_strokes(points: &[Point]) -> impl Iterator<Item = [Point; 2]> + '_ {
+    let mut left = HATCH_SPACING / 2.0;
+    points.windows(2).flat_map(move |pair| {
+        let [(x0, y0), (x1, y1)] = [pair[0], pair[1]];
+        let length = elementary::hypot(x1 - x0, y1 - y0);
+        let count = if length > left { ((length - left) / HATCH_SPACING).floor() + 1.0 } else { 0.0 };
+        let first = left;
+        left += count * HATCH_SPACING - length;
+        let (along, down) = if length > 0.0 { ((x1 - x0) / length, (y1 - y0) / length) } else { (0.0, 0.0) };
+        (0..count as u32).map(move |stroke| {
+            let way = first + f64::from(stroke) * HATCH_SPACING;
+            let (x, y) = (x0 + along * way, y0 + down * way);
+            let reach = HATCH_LENGTH * std::f64::consts::FRAC_1_SQRT_2;
+            // On paper y points down, so that the right of (along, down) is (-down, along).
+            [(x, y), (x + reach * (-down - along), y + reach * (along - down))]
+        })
+    })
+}
+
+/// The mark of a fault.
+pub(super) fn cross(page: &mut Page, (x, y): Point) {
+    let stroke = Stroke { color: BLACK, width: 3.5, dash: &[] };
+    for down in [1.0, -1.0] {
+        page.chain(&[(x - CROSS, y - down * CROSS), (x + CROSS, y + down * CROSS)], stroke);
+    }
+}
+
+/// Points of a surface's line in mm, close enough together for the scale of the axes, the forbidden side to the right of the way
+/// through them; none if the plane of x and y does not cut the surface, `None` if it is no line as seen along z. `moved_m` is how
+/// far the surface is from its place.
+pub(super) fn line(reference: &Reference, moved_m: [f64; 3], axes: &Axes) -> Option<Vec<Point>> {
     let [moved_x, moved_y, moved_z] = moved_m.map(|component| component * MM_PER_M);
     match reference {
         Reference::Plane { point_m, normal: [x, y, z] } => {
@@ -86,28 +298,54 @@ fn line(reference: &Reference, moved_m: [f64; 3], axes: &Axes) -> Option<Vec<Poi
             let points = points_m.iter().chain(closing);
             Some(points.map(|[x, y]| (x * MM_PER_M + moved_x, y * MM_PER_M + moved_y)).collect())
         }
-        Reference::Circle { .. } | Reference::Cylinder { .. } | Reference::Point { .. } => {
-            let ([cx, cy], radius_m) = circle(reference)?;
-            let (cx, cy) = (cx * MM_PER_M + moved_x, cy * MM_PER_M + moved_y);
-            let radius = radius_m * MM_PER_M;
-            let on_paper = radius * axes.length_per_unit();
-            let corners = (TAU / (8.0 * SAGITTA / on_paper).sqrt()).clamp(60.0, MOST_CORNERS).ceil();
-            Some(
-                (0..=corners as usize)
-                    .map(|corner| elementary::sin_cos(corner as f64 / corners * TAU))
-                    .map(|(sine, cosine)| (cx + radius * cosine, cy + radius * sine))
-                    .collect(),
-            )
+        Reference::Box { center_m: [x, y, _], half_size_m: [half_x, half_y, _], is_inside_forbidden } => {
+            if section(reference, moved_m[2]).is_none() {
+                return Some(Vec::new());
+            }
+            // Against the clock, the inside to the left.
+            let mut corners = vec![(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0), (-1.0, -1.0)];
+            if *is_inside_forbidden {
+                corners.reverse();
+            }
+            let corner = |(right, up): (f64, f64)| {
+                ((x + right * half_x) * MM_PER_M + moved_x, (y + up * half_y) * MM_PER_M + moved_y)
+            };
+            Some(corners.into_iter().map(corner).collect())
+        }
+        Reference::Sphere { center_m: [x, y, _], is_inside_forbidden, .. } => {
+            let Some(radius) = section(reference, moved_m[2]) else { return Some(Vec::new()) };
+            Some(round((x * MM_PER_M + moved_x, y * MM_PER_M + moved_y), radius, *is_inside_forbidden, axes))
+        }
+        Reference::Circle { is_inside_forbidden, .. } | Reference::Cylinder { is_inside_forbidden, .. } => {
+            let ([x, y], radius_m) = circle(reference)?;
+            let center = (x * MM_PER_M + moved_x, y * MM_PER_M + moved_y);
+            Some(round(center, radius_m * MM_PER_M, *is_inside_forbidden, axes))
+        }
+        Reference::Point { point_m: [x, y], capture_radius_m } => {
+            let center = (x * MM_PER_M + moved_x, y * MM_PER_M + moved_y);
+            Some(round(center, capture_radius_m * MM_PER_M, false, axes))
         }
     }
 }
 
-/// Centre and radius in m of a surface that is a circle as seen along z, or of a point's capture circle.
+/// Points of a circle: against the clock, or with it where the inside is to be on the right.
+fn round((x, y): Point, radius: f64, is_clockwise: bool, axes: &Axes) -> Vec<Point> {
+    let on_paper = radius * axes.length_per_unit();
+    let corners = (TAU / (8.0 * SAGITTA / on_paper).sqrt()).clamp(60.0, MOST_CORNERS).ceil();
+    let turn = if is_clockwise { -TAU } else { TAU };
+    (0..=corners as usize)
+        .map(|corner| elementary::sin_cos(corner as f64 / corners * turn))
+        .map(|(sine, cosine)| (x + radius * cosine, y + radius * sine))
+        .collect()
+}
+
+/// Centre and radius in m of what is a circle as seen along z: a surface, or a point's capture circle.
 pub(super) fn circle(reference: &Reference) -> Option<([f64; 2], f64)> {
     match reference {
-        Reference::Circle { center_m, radius_m } => Some((*center_m, *radius_m)),
+        Reference::Circle { center_m, radius_m, .. } => Some((*center_m, *radius_m)),
+        Reference::Sphere { center_m: [x, y, _], radius_m, .. } => Some(([*x, *y], *radius_m)),
         Reference::Point { point_m, capture_radius_m } => Some((*point_m, *capture_radius_m)),
-        Reference::Cylinder { axis_point_m: [x, y, _], axis_direction: [dx, dy, dz], radius_m } => {
+        Reference::Cylinder { axis_point_m: [x, y, _], axis_direction: [dx, dy, dz], radius_m, .. } => {
             (elementary::hypot(*dx, *dy) <= 1e-9 * dz.abs() && *dz != 0.0).then_some(([*x, *y], *radius_m))
         }
         _ => None,
@@ -129,26 +367,9 @@ pub(super) fn ranges(window: Window) -> Result<([f64; 2], [f64; 2]), Error> {
     Ok((about(x), about(y)))
 }
 
-/// Draws samples of the curves with their names in a row, from a point to the right; gives the place behind them.
-pub(super) fn legend(page: &mut Page, (left, y): Point, has_surface: bool, moves: bool) -> f64 {
-    let middle = y - 9.0;
-    let mut x = left;
-    let mut entry = |name: &str, strokes: &[Stroke], room: f64| {
-        for stroke in strokes {
-            page.chain(&[(x, middle), (x + SAMPLE, middle)], *stroke);
-        }
-        page.text((x + SAMPLE + 14.0, y), Anchor::Start, name);
-        x += room;
-    };
-    entry("tool", &[TOOL], 195.0);
-    entry("proxy", &[PROXY], 210.0);
-    if has_surface && moves {
-        entry("surface", &[SURFACE_BAND, SURFACE], 225.0);
-        entry("swung", &[SWUNG], 205.0);
-    } else if has_surface {
-        entry("reference surface", &[SURFACE_BAND, SURFACE], 375.0);
-    }
-    x
+/// Entries of the legend for the ways.
+pub(super) fn way_entries() -> Vec<Entry> {
+    [("tool", TOOL), ("proxy", PROXY)].map(|(name, stroke)| Entry::new(Sample::Lines(vec![stroke]), name)).into()
 }
 
 /// A frame from its left upper corner and its size.

@@ -2,10 +2,10 @@
 
 use super::*;
 use crate::elementary;
-use crate::record::{ForceMeaning, Phase, Reference};
+use crate::record::{FaultMark, ForceMeaning, Phase, Reference};
 use proptest::prelude::*;
 
-const CIRCLE: Reference = Reference::Circle { center_m: [0.0, 0.0], radius_m: 0.12 };
+const CIRCLE: Reference = Reference::Circle { center_m: [0.0, 0.0], radius_m: 0.12, is_inside_forbidden: true };
 
 /// A tool that circles in and out across the reference circle while the force turns and trembles.
 fn tour(row_count: usize) -> Trace {
@@ -86,6 +86,8 @@ fn an_impedance_run_shows_the_actuator_force() {
     assert!(!svg.contains("\u{2212}h"));
 }
 
+const SWUNG: &str = ">where it swings to</text>";
+
 /// All of several surfaces, and one that moves twice: where it is at rest and where it is farthest.
 #[test]
 fn every_surface_is_drawn_and_a_moving_one_also_where_it_swings_to() {
@@ -102,12 +104,128 @@ fn every_surface_is_drawn_and_a_moving_one_also_where_it_swings_to() {
     let dots = |svg: &str| svg.matches("<circle").count();
     let (none, one) = (drawn(Vec::new(), 0.0), drawn(vec![line(0.12)], 0.0));
     let (two, moving) = (drawn(vec![line(0.12), line(0.13)], 0.0), drawn(vec![line(0.12)], 0.02));
-    assert!(one.contains(">reference surface</text>") && !one.contains(">swung</text>"));
-    assert!(moving.contains(">surface</text>") && moving.contains(">swung</text>"));
+    assert!(one.contains(">reference surface</text>") && !one.contains(SWUNG));
+    assert!(moving.contains(">reference surface</text>") && moving.contains(SWUNG));
     assert_eq!(paths(&two), paths(&one) + 2, "a band and a line more");
     assert!(paths(&moving) > paths(&one) + 20, "the dashes of the line and of its sample in the legend");
     assert!(paths(&one) > paths(&none));
     assert_eq!(dots(&drawn(vec![point], 0.0)), dots(&one) + 1);
+}
+
+/// A black box is drawn to see what the fault did: it is within the drawing, by name, with the time after it.
+#[test]
+fn a_fault_is_named_and_what_came_after_it_is_drawn() {
+    let mut trace = tour(2000);
+    trace.after = trace.rows.split_off(1200);
+    trace.faults =
+        vec![FaultMark { time_s: 0.4, fault: "sensor-stale" }, FaultMark { time_s: 1.199, fault: "node-reset" }];
+    let svg = trajectory_and_time(&trace, &Options::default()).unwrap().svg();
+    for text in ["sensor-stale", "node-reset", "fault"] {
+        assert!(svg.contains(&format!(">{text}</text>")), "{text}");
+    }
+    let last = trace.after.last().unwrap().time_s;
+    let excerpt = Excerpt::new(&trace, TimeSpan::Whole).unwrap();
+    assert_eq!((excerpt.span[1], excerpt.led().count(), excerpt.rows.len()), (last, 1200, 2000));
+    let before = Options { time_span: TimeSpan::Between { from_s: 0.0, to_s: 1.0 }, ..Options::default() };
+    let svg = trajectory_and_time(&trace, &before).unwrap().svg();
+    assert!(svg.contains(">sensor-stale</text>") && !svg.contains(">node-reset</text>"), "the other is outside");
+}
+
+/// Forty faults of one moment do not cover the curve with their names.
+#[test]
+fn no_more_names_of_faults_than_have_room() {
+    let at = |step: u32| FaultMark { time_s: 1.0 + 1e-3 * f64::from(step), fault: "lag" };
+    let trace = Trace { faults: (0..40).map(at).collect(), ..tour(2000) };
+    let svg = trajectory_and_time(&trace, &Options::default()).unwrap().svg();
+    assert_eq!(svg.matches(">lag</text>").count(), 4);
+}
+
+/// The strokes of a hatch end on the forbidden side of every surface that has one.
+#[test]
+fn the_forbidden_side_is_hatched() {
+    let near = |reference: Reference, is_unilateral: bool| {
+        let trace = Trace { references: vec![reference], is_unilateral, ..tour(3000) };
+        let excerpt = Excerpt::new(&trace, TimeSpan::Whole).unwrap();
+        let axes =
+            axes::Axes::with_equal_scales(plane::frame(0.0, 0.0, 700.0, 700.0), [-200.0, 200.0], [-200.0, 200.0]);
+        let places = plane::Places::new(&trace, &excerpt);
+        let line = places.ends().next().and_then(|place| plane::line(&trace.references[0], place, &axes)).unwrap();
+        let paper: Vec<_> = line.iter().map(|(x, y)| axes.place(*x, *y)).collect();
+        let per_mm = axes.length_per_unit();
+        let tips = plane::hatch_strokes(&paper).map(|[_, (x, y)]| (x / per_mm - 200.0, 200.0 - y / per_mm));
+        let svg = trajectory_and_time(&trace, &Options::default()).unwrap().svg();
+        assert_eq!(svg.contains("(hatched side forbidden)</text>"), is_unilateral);
+        tips.collect::<Vec<_>>()
+    };
+    let round = |is_inside_forbidden| Reference::Circle { center_m: [0.0, 0.0], radius_m: 0.12, is_inside_forbidden };
+    let boxed = |is_inside_forbidden| Reference::Box {
+        center_m: [0.0; 3],
+        half_size_m: [0.12, 0.12, 0.1],
+        is_inside_forbidden,
+    };
+    let ball = |is_inside_forbidden| Reference::Sphere { center_m: [0.0; 3], radius_m: 0.12, is_inside_forbidden };
+    let greatest = |(x, y): (f64, f64)| x.abs().max(y.abs());
+    let radius = |(x, y): (f64, f64)| elementary::hypot(x, y);
+    for is_inside in [true, false] {
+        for tips in [near(round(is_inside), true), near(ball(is_inside), true)] {
+            assert!(tips.len() > 20 && tips.iter().all(|tip| (radius(*tip) < 120.0) == is_inside), "{tips:?}");
+        }
+        // But for the first stroke behind a corner.
+        let mut tips = near(boxed(is_inside), true);
+        tips.retain(|(x, y)| (x.abs() - y.abs()).abs() > 12.0);
+        assert!(tips.len() > 20 && tips.iter().all(|tip| (greatest(*tip) < 120.0) == is_inside), "{tips:?}");
+    }
+    let line = Reference::Plane { point_m: [0.1, 0.0, 0.0], normal: [1.0, 0.0, 0.0] };
+    assert!(near(line, true).iter().all(|(x, _)| *x < 100.0), "against the normal");
+    let curve = Reference::Curve { points_m: vec![[-0.1, 0.05], [0.1, 0.05]], is_closed: false };
+    assert!(near(curve, true).iter().all(|(_, y)| *y < 50.0), "to the right of the way");
+    near(round(true), false);
+}
+
+/// A sphere is cut where the tool is: the proxy lies on what is drawn, not inside an outline.
+#[test]
+fn surfaces_in_space_are_cut_at_the_heights_of_the_proxy() {
+    let ball = Reference::Sphere { center_m: [0.0, 0.0, -0.03], radius_m: 0.05, is_inside_forbidden: true };
+    let on = |height_m: f64| {
+        let mut trace = Trace { references: vec![ball.clone()], ..tour(2000) };
+        trace.rows.iter_mut().for_each(|row| (row.proxy_m[2], row.is_on_surface) = (height_m * row.time_s / 2.0, true));
+        trajectory_and_time(&trace, &Options::default()).unwrap().svg()
+    };
+    let flat = on(0.0);
+    assert!(flat.contains(">reference surface at z = 0.0 mm</text>") && flat.contains(">outline</text>"));
+    assert!(flat.contains(">distance from the surface (mm)</text>"));
+    assert!(on(0.01).contains(">reference surface at z = 0.0 to 10.0 mm</text>"));
+    let mut middle = Trace { references: vec![ball.clone()], ..tour(2000) };
+    middle.rows.iter_mut().for_each(|row| (row.proxy_m[2], row.is_on_surface) = (-0.03, true));
+    let svg = trajectory_and_time(&middle, &Options::default()).unwrap().svg();
+    assert!(svg.contains(" at z = \u{2212}30.0 mm</text>") && !svg.contains(">outline</text>"));
+    // Above the sphere there is no section, and nothing in the legend that is not in the drawing.
+    let mut above = Trace { references: vec![ball.clone()], ..tour(2000) };
+    above.rows.iter_mut().for_each(|row| row.tool_m[2] = 0.03);
+    let svg = trajectory_and_time(&above, &Options::default()).unwrap().svg();
+    assert!(svg.contains(">outline</text>") && !svg.contains(">reference surface"));
+}
+
+/// What is not in the picture is not in its legend.
+#[test]
+fn every_entry_of_the_legend_has_a_mark() {
+    let far = Reference::Plane { point_m: [5.0, 0.0, 0.0], normal: [1.0, 0.0, 0.0] };
+    let mut trace = Trace { references: vec![far], ..tour(2000) };
+    trace.rows.iter_mut().for_each(|row| row.force_n = [0.0; 3]);
+    let svg = trajectory_and_time(&trace, &Options::default()).unwrap().svg();
+    assert!(!svg.contains(">reference surface") && !svg.contains("force on the hand"));
+    assert!(svg.contains(">tool</text>") && svg.contains(">proxy</text>"));
+}
+
+/// A yield force of its own against pushes outward is not the same as `-R`.
+#[test]
+fn an_outward_yield_force_has_a_name_of_its_own() {
+    let named = |trace: Trace| {
+        let svg = trajectory_and_time(&trace, &Options::default()).unwrap().svg();
+        svg.matches(">out</text>").count()
+    };
+    assert_eq!(named(tour(5000)), 0);
+    assert_eq!(named(Trace { outward_yield_n: Some(8.0), ..tour(5000) }), 1);
 }
 
 #[test]
@@ -196,9 +314,14 @@ fn traces_that_cannot_be_drawn_are_refused() {
     assert!(matches!(refuse(&smooth, &around), Error::NoImpact { .. }));
     let level = Reference::Plane { point_m: [0.0; 3], normal: [0.0, 0.0, 1.0] };
     assert!(matches!(refuse(&Trace { references: vec![level], ..tour(10) }, &options), Error::NoLine { .. }));
-    let lying = Reference::Cylinder { axis_point_m: [0.0; 3], axis_direction: [1.0, 0.0, 0.0], radius_m: 0.1 };
+    let lying = Reference::Cylinder {
+        axis_point_m: [0.0; 3],
+        axis_direction: [1.0, 0.0, 0.0],
+        radius_m: 0.1,
+        is_inside_forbidden: false,
+    };
     assert!(matches!(refuse(&Trace { references: vec![lying], ..tour(10) }, &options), Error::NoLine { .. }));
-    let empty = Reference::Circle { center_m: [0.0, 0.0], radius_m: 0.0 };
+    let empty = Reference::Circle { center_m: [0.0, 0.0], radius_m: 0.0, is_inside_forbidden: false };
     assert!(matches!(
         refuse(&Trace { references: vec![empty], ..tour(10) }, &options),
         Error::Setting { field: "radius_m", .. }
@@ -242,7 +365,11 @@ proptest! {
             power_w: n[10],
             ..Row::default()
         });
-        let reference = Reference::Circle { center_m: [0.0, 0.0], radius_m: elementary::powi(10.0, radius_power) };
+        let reference = Reference::Circle {
+            center_m: [0.0, 0.0],
+            radius_m: elementary::powi(10.0, radius_power),
+            is_inside_forbidden: false,
+        };
         let trace = Trace { rows: rows.collect(), references: vec![reference], ..tour(0) };
         let options = Options::default();
         let mut drawings = vec![

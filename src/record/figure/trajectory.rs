@@ -2,9 +2,10 @@
 
 use super::axes::{Axes, number, range_of};
 use super::curve::{Frame, Point};
-use super::history::{force_panel, force_range, power_panel, power_range, time_range};
-use super::page::{Anchor, Color, GREY, Page, Stroke};
-use super::plane::{self, MM_PER_M};
+use super::history::{Positions, faults, force_panel, force_range, power_panel, power_range, time_range};
+use super::legend::{self, Entry, Sample};
+use super::page::{Anchor, Color, GREY, Page, Stroke, WIDTH};
+use super::plane::{self, MM_PER_M, Places};
 use super::{Drawing, Error, Excerpt, Options};
 use crate::elementary;
 use crate::record::{ForceMeaning, Phase, Reference, Row, Trace};
@@ -12,8 +13,7 @@ use crate::record::{ForceMeaning, Phase, Reference, Row, Trace};
 const LEFT: f64 = 100.0;
 /// Distance of a panel's letter from its frame, to the left.
 const LETTER_OFFSET: f64 = 58.0;
-const ARROW: Color = Color(0x50, 0x50, 0x50);
-const ARROW_WIDTH: f64 = 2.0;
+const ARROW: Stroke = Stroke { color: Color(0x50, 0x50, 0x50), width: 2.0, dash: &[] };
 /// Length on paper of the force below which 98 of 100 lie, or of `R` if that is larger: 11 mm.
 const ARROW_LENGTH: f64 = 110.0;
 /// The frame is made large enough for arrows up to this length: a hard impact shall not shrink the way to a dot.
@@ -29,11 +29,16 @@ const LEAST_WAY_MM: f64 = 0.01;
 /// A surface is shown whole when it is at most this many times as large as the way.
 const WHOLE_SURFACE: f64 = 4.0;
 
-/// Left the ways of tool and proxy, seen along z, with all surfaces, those that move also where they are farthest, and the force on the hand as arrows at the
-/// tool; right the force component along the surface's normal (its magnitude if there is no surface), with `F`
-/// and `R`, and the power over time. Letters of
-/// the trace's phases stand below the force curve and beside the way. An arrow that would leave the frame is left out:
-/// a force far above `R`, as at a hard impact, shows in the curve over time alone.
+/// Left the ways of tool and proxy, seen along z, with all surfaces and the force on the hand as arrows at the tool; right
+/// the force component along the surface's normal (its magnitude if there is no surface), with `F` and `R`, and the power
+/// over time.
+///
+/// Surfaces that move are shown where they are at rest, where they are farthest and between; surfaces in space are cut
+/// at the heights at which the proxy lay on them. With either a third panel shows the distances of tool and proxy from the
+/// surface. The forbidden side of a wall is hatched. Faults that held or stopped the rig are crosses beside the way, and lines
+/// with their names over time; what came after a stop is shown, but for the proxy, which leads nothing then. Letters of the
+/// trace's phases stand below the force curve and beside the way. An arrow that would leave the frame is left out: a force
+/// far above `R`, as at a hard impact, shows in the curve over time alone.
 ///
 /// # Errors
 /// [`Error::Empty`], [`Error::EmptySpan`], [`Error::NoImpact`] when there is nothing to draw; [`Error::Value`] and
@@ -44,34 +49,67 @@ const WHOLE_SURFACE: f64 = 4.0;
 /// [KTF08, Figs 8 and 11].
 pub fn trajectory_and_time(trace: &Trace, options: &Options) -> Result<Drawing, Error> {
     let excerpt = Excerpt::new(trace, options.time_span)?;
+    let places = Places::new(trace, &excerpt);
     let head = if options.heading.is_some() { 54.0 } else { 8.0 };
-    let (top, side) = (head + 110.0, 720.0);
+    let (above, side) = (head + 110.0, 720.0);
+    let (axes, arrows) = fit(plane::frame(LEFT, above, side, side), trace, &excerpt, &places, options)?;
+    // What comes into sight is in the legend, whose height shifts the frame.
+    let mut scratch = Page::new(above);
+    let sight = plane::ways(&mut scratch, &axes, trace, &excerpt, &places)?;
+    let arrow = arrows.draw(&mut scratch, &axes).then(|| arrows.entry(trace));
+    let cross = (!excerpt.faults(trace).is_empty()).then(|| Entry::new(Sample::Cross, "fault"));
+    let mut entries = plane::way_entries();
+    entries.extend(places.entries(trace, sight).into_iter().chain(cross).chain(arrow));
+    let room = WIDTH - LEFT;
+    let top = above + legend::further_height(&entries, room);
     let mut page = Page::new(top + side + 96.0);
     super::heading(&mut page, options);
+    legend::draw(&mut page, (LEFT, head + 40.0), room, &entries);
 
     let frame = plane::frame(LEFT, top, side, side);
-    let (axes, arrows) = fit(frame, trace, &excerpt, options)?;
-    plane::ways(&mut page, &axes, trace, &excerpt)?;
+    let axes = Axes { frame, ..axes };
+    plane::ways(&mut page, &axes, trace, &excerpt, &places)?;
     arrows.draw(&mut page, &axes);
     phase_letters(&mut page, &axes, trace, &excerpt);
+    for (_, _, [x, y, _]) in excerpt.faults(trace) {
+        let at = axes.place(x * MM_PER_M, y * MM_PER_M);
+        if axes.frame.contains(at) {
+            plane::cross(&mut page, at);
+        }
+    }
     axes.draw(&mut page, Some("x (mm)"), "y (mm)");
     super::panel_letter(&mut page, (frame.left - LETTER_OFFSET, top - 15.0), 0);
-    let moves = plane::places(&excerpt).1.is_some();
-    let behind = plane::legend(&mut page, (frame.left, head + 40.0), !trace.references.is_empty(), moves);
-    arrows.legend(&mut page, (behind, head + 40.0), trace.force_meaning);
-
     let (left, width, gap) = (950.0, 590.0, 84.0);
-    let upper_height = 0.56 * (side - gap);
-    let upper_frame = plane::frame(left, top, width, upper_height);
-    let lower_frame = plane::frame(left, top + upper_height + gap, width, side - gap - upper_height);
+    // Whether tool and proxy are on a surface that moves, or that is cut at many heights, the plane alone does not tell.
+    let positions = (places.moves || places.heights_mm.is_some()).then(|| Positions::new(trace, &excerpt));
+    let shares: &[f64] = if positions.is_some() { &[0.4, 0.33, 0.27] } else { &[0.56, 0.44] };
+    let height = side - gap * (shares.len() - 1) as f64;
+    let mut below = top;
+    let frames: Vec<Frame> = shares
+        .iter()
+        .map(|share| {
+            let frame = plane::frame(left, below, width, share * height);
+            below = frame.bottom + gap;
+            frame
+        })
+        .collect();
     let x = time_range(&excerpt);
-    let upper = Axes { frame: upper_frame, x, y: force_range(std::iter::once((trace, &excerpt))) };
-    let lower = Axes { frame: lower_frame, x, y: power_range(&excerpt) };
-    phase_marks(&mut page, &upper, &lower, trace, &excerpt);
-    force_panel(&mut page, &upper, trace, &excerpt);
-    upper.draw(&mut page, None, &force_name(trace));
-    power_panel(&mut page, &lower, &excerpt);
-    lower.draw(&mut page, Some(excerpt.label), "power (W)");
+    let mut ranges = vec![force_range(std::iter::once((trace, &excerpt)))];
+    ranges.extend(positions.iter().map(|positions| Positions::range(std::iter::once(positions))));
+    ranges.push(power_range(&excerpt));
+    let panels: Vec<Axes> = frames.into_iter().zip(ranges).map(|(frame, y)| Axes { frame, x, y }).collect();
+    if let ([upper, .., lower], between) = (&panels[..], panels.get(1)) {
+        phase_marks(&mut page, &panels, trace, &excerpt);
+        force_panel(&mut page, upper, trace, &excerpt);
+        upper.draw(&mut page, None, &force_name(trace));
+        if let (Some(positions), Some(axes)) = (&positions, between) {
+            positions.draw(&mut page, axes);
+            axes.draw(&mut page, None, "distance from the surface (mm)");
+        }
+        power_panel(&mut page, lower, &excerpt);
+        lower.draw(&mut page, Some(excerpt.label), "power (W)");
+    }
+    faults(&mut page, &panels, trace, &excerpt);
     super::panel_letter(&mut page, (left - LETTER_OFFSET, top - 15.0), 1);
     Ok(Drawing::new(page, options))
 }
@@ -91,7 +129,13 @@ fn force_name(trace: &Trace) -> String {
 
 /// Axes that hold the ways and the arrows, and the arrows. The arrows' place on paper depends on the axes and the
 /// axes' range on the arrows: the ways alone give a first scale, the arrows at that scale the range.
-fn fit(frame: Frame, trace: &Trace, excerpt: &Excerpt<'_>, options: &Options) -> Result<(Axes, Arrows), Error> {
+fn fit(
+    frame: Frame,
+    trace: &Trace,
+    excerpt: &Excerpt<'_>,
+    places: &Places,
+    options: &Options,
+) -> Result<(Axes, Arrows), Error> {
     if let Some(window) = options.window {
         let (x, y) = plane::ranges(window)?;
         let axes = Axes::with_equal_scales(frame, x, y);
@@ -103,8 +147,7 @@ fn fit(frame: Frame, trace: &Trace, excerpt: &Excerpt<'_>, options: &Options) ->
         .flat_map(|row| [row.tool_m, row.proxy_m])
         .map(|[x, y, _]| (x * MM_PER_M, y * MM_PER_M))
         .collect();
-    let (place, swung) = plane::places(excerpt);
-    for place in std::iter::once(place).chain(swung) {
+    for place in places.ends() {
         let corners = trace.references.iter().flat_map(|reference| surface_corners(reference, place, &points));
         points.extend(corners.collect::<Vec<_>>());
     }
@@ -131,6 +174,9 @@ fn surface_corners(reference: &Reference, moved_m: [f64; 3], way: &[(f64, f64)])
     let corners: Vec<(f64, f64)> = match (reference, plane::circle(reference)) {
         (_, Some(([x, y], radius))) => vec![(x - radius, y - radius), (x + radius, y + radius)],
         (Reference::Curve { points_m, .. }, _) => points_m.iter().map(|[x, y]| (*x, *y)).collect(),
+        (Reference::Box { center_m: [x, y, _], half_size_m: [half_x, half_y, _], .. }, _) => {
+            vec![(x - half_x, y - half_y), (x + half_x, y + half_y)]
+        }
         _ => Vec::new(),
     };
     let corners: Vec<_> =
@@ -168,30 +214,35 @@ impl Arrows {
         }
     }
 
-    fn draw(&self, page: &mut Page, axes: &Axes) {
+    /// Draws those within the frame, and says whether there are any.
+    fn draw(&self, page: &mut Page, axes: &Axes) -> bool {
+        let mut is_pointed = false;
         for Arrow { tail, along } in &self.all {
             let from = axes.place(tail.0, tail.1);
             let to = (from.0 + along.0 * self.length_per_n, from.1 - along.1 * self.length_per_n);
             if axes.frame.contains(from) && axes.frame.contains(to) {
-                page.arrow(from, to, ARROW, ARROW_WIDTH);
+                page.arrow(from, to, ARROW.color, ARROW.width);
+                is_pointed = true;
             }
         }
+        is_pointed
     }
 
     /// An arrow of a round force, for scale.
-    fn legend(&self, page: &mut Page, (x, y): Point, meaning: ForceMeaning) {
+    fn entry(&self, trace: &Trace) -> Entry {
         let power = elementary::powf(10.0, elementary::log10(ARROW_LENGTH / self.length_per_n).floor());
         let fits = |force: &f64| force * self.length_per_n <= ARROW_LENGTH;
         let force = [5.0, 2.0, 1.0].map(|digit| digit * power).into_iter().find(fits).unwrap_or(power);
-        let length = force * self.length_per_n;
-        page.arrow((x, y - 9.0), (x + length, y - 9.0), ARROW, ARROW_WIDTH);
         let decimals = (-elementary::log10(force).floor()).max(0.0) as usize;
-        let what = match meaning {
-            ForceMeaning::HandOnTool => "\u{2212}h, force on the hand",
-            ForceMeaning::ActuatorOnTool => "f, force on the hand",
-        };
-        let text = format!("{} N ({what})", number(force, decimals));
-        page.text((x + length + 14.0, y), Anchor::Start, &text);
+        let name = format!("{} N ({})", number(force, decimals), arrow_meaning(trace));
+        Entry::new(Sample::Arrow(force * self.length_per_n, ARROW), name)
+    }
+}
+
+fn arrow_meaning(trace: &Trace) -> &'static str {
+    match trace.force_meaning {
+        ForceMeaning::HandOnTool => "\u{2212}h, force on the hand",
+        ForceMeaning::ActuatorOnTool => "f, force on the hand",
     }
 }
 
@@ -271,12 +322,13 @@ fn beside(motion: Point, force: Point) -> Point {
 }
 
 /// Letters below the upper time curve and lines where phases begin and end.
-fn phase_marks(page: &mut Page, upper: &Axes, lower: &Axes, trace: &Trace, excerpt: &Excerpt<'_>) {
+fn phase_marks(page: &mut Page, panels: &[Axes], trace: &Trace, excerpt: &Excerpt<'_>) {
     let stroke = Stroke { color: GREY, width: 1.5, dash: &[3.0, 7.0] };
+    let Some(upper) = panels.first() else { return };
     for Phase { letter, from_s, to_s } in &trace.phases {
         let shown = |time_s: f64| upper.place(excerpt.shown_time(time_s), upper.y[0]).0;
         for x in [*from_s, *to_s].map(shown) {
-            for Frame { left, top, right, bottom } in [upper.frame, lower.frame] {
+            for Frame { left, top, right, bottom } in panels.iter().map(|axes| axes.frame) {
                 if left < x && x < right {
                     page.chain(&[(x, top), (x, bottom)], stroke);
                 }

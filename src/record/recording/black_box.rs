@@ -8,8 +8,8 @@ use std::path::{Path, PathBuf};
 use super::about::About;
 use super::feed::Sink;
 use super::writer::{Writer, create_new};
-use crate::guard::{Cause, Fault, State};
-use crate::record::{AROUND_FAULT_S, CycleRecord};
+use crate::guard::{Cause, State};
+use crate::record::{AROUND_FAULT_S, CycleRecord, fault_severity};
 
 /// Files that are kept in one folder.
 const KEPT_FILES: usize = 20;
@@ -121,24 +121,12 @@ impl BlackBox {
     }
 }
 
-/// How much a fault has taken from the person: nothing, the motion for now, the rig until a reset.
-fn severity(record: &CycleRecord) -> u8 {
-    match record.cause {
-        Some(cause) if cause.fault != Fault::StopRequested => match record.directive.state {
-            State::Holding => 1,
-            State::Stopping | State::Stopped | State::Disabled | State::Lost => 2,
-            State::Idle | State::Enabling | State::Running => 0,
-        },
-        _ => 0,
-    }
-}
-
 impl Sink<CycleRecord> for BlackBox {
     type Report = Vec<Saved>;
 
     fn take(&mut self, record: &CycleRecord) -> io::Result<()> {
         self.taken += 1;
-        let severity = severity(record);
+        let severity = fault_severity(record.directive.state, record.cause);
         if let Some(cause) = record.cause
             && severity > self.severity
             && self.open.is_none()

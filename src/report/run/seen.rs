@@ -4,7 +4,8 @@ use nalgebra::SVector;
 
 use crate::config;
 use crate::fixture::{Shape2, Shape3, Surface};
-use crate::record::{ForceMeaning, Reference, Row, Trace};
+use crate::guard::{Cause, State};
+use crate::record::{FaultMark, ForceMeaning, Reference, Row, Trace, fault_severity};
 
 /// Rows of the moving average over the tool velocity in the power.
 ///
@@ -12,13 +13,84 @@ use crate::record::{ForceMeaning, Reference, Row, Trace};
 /// [KTF08], text to Fig. 11.
 const POWER_AVERAGE_ROWS: usize = 5;
 
+/// Faults that are kept for drawings.
+const MOST_FAULTS: usize = 64;
+
+/// The rows of a run as they come, and when faults held or stopped it.
+#[derive(Clone, Debug)]
+pub struct Seen {
+    rows: Vec<Row>,
+    after: Vec<Row>,
+    faults: Vec<FaultMark>,
+    severity: u8,
+    is_latched: bool,
+    most_rows: usize,
+}
+
+impl Seen {
+    /// Room for this many rows, and no more; what comes later is left out. It is set aside at once.
+    pub fn with_room(rows: usize) -> Self {
+        Self { rows: Vec::with_capacity(rows), most_rows: rows, ..Self::default() }
+    }
+
+    /// Takes the next row, with what the supervisor made of its cycle.
+    ///
+    /// Real-time: yes, up to the fault that stops the rig.
+    pub fn take(&mut self, row: Row, state: State, cause: Option<Cause>) {
+        let severity = fault_severity(state, cause);
+        if let Some(cause) = cause
+            && severity > self.severity
+            && self.faults.len() < MOST_FAULTS
+        {
+            self.faults.push(FaultMark { time_s: row.time_s, fault: cause.fault.row().name });
+        }
+        self.severity = severity;
+        if self.rows.len() + self.after.len() < self.most_rows {
+            if self.is_latched { self.after.push(row) } else { self.rows.push(row) }
+        }
+        self.is_latched |= state.is_latched();
+    }
+
+    /// The rows up to the fault that stopped the rig, if one did.
+    pub fn rows(&self) -> &[Row] {
+        &self.rows
+    }
+
+    /// Whether a fault stopped the rig.
+    pub fn is_stopped(&self) -> bool {
+        self.is_latched
+    }
+}
+
+impl Default for Seen {
+    /// With room for whatever comes.
+    fn default() -> Self {
+        Self {
+            rows: Vec::new(),
+            after: Vec::new(),
+            faults: Vec::with_capacity(MOST_FAULTS),
+            severity: 0,
+            is_latched: false,
+            most_rows: usize::MAX,
+        }
+    }
+}
+
+impl From<Vec<Row>> for Seen {
+    /// Of a machine without faults.
+    fn from(rows: Vec<Row>) -> Self {
+        Self { rows, ..Self::default() }
+    }
+}
+
 /// The trace of a run of this fixture.
 pub(in crate::report) fn trace(
     title: String,
     fixture: &config::Fixture,
     force_meaning: ForceMeaning,
-    rows: Vec<Row>,
+    seen: impl Into<Seen>,
 ) -> Trace {
+    let Seen { rows, after, faults, .. } = seen.into();
     let mut trace = Trace {
         title,
         references: fixture.surfaces().map(|(_, surface)| reference(surface)).collect(),
@@ -31,19 +103,23 @@ pub(in crate::report) fn trace(
         force_meaning,
         phases: Vec::new(),
         rows,
+        after,
+        faults,
     };
-    set_power(&mut trace);
+    for rows in [&mut trace.rows, &mut trace.after] {
+        set_power(rows, force_meaning);
+    }
     // A fixture that is run has its surfaces in the plane or in space.
     if let Ok(Some(shape)) = fixture.planar() {
-        set_feet::<Shape2, 2>(&shape, &mut trace.rows);
+        set_feet::<Shape2, 2>(&shape, trace.rows.iter_mut().chain(&mut trace.after));
     } else if let Ok(Some(shape)) = fixture.spatial() {
-        set_feet::<Shape3, 3>(&shape, &mut trace.rows);
+        set_feet::<Shape3, 3>(&shape, trace.rows.iter_mut().chain(&mut trace.after));
     }
     trace
 }
 
 /// Where tool and proxy are as seen from the surfaces of the fixture, all of them, where they are in each row.
-fn set_feet<S: Surface<N>, const N: usize>(surface: &S, rows: &mut [Row]) {
+fn set_feet<'a, S: Surface<N>, const N: usize>(surface: &S, rows: impl Iterator<Item = &'a mut Row>) {
     let (mut tool, mut proxy) = (surface.own_foot(), surface.own_foot());
     for row in rows {
         let seen = |point: [f64; 3]| SVector::<f64, N>::from_fn(|axis, _| point[axis] - row.surface_m[axis]);
@@ -54,7 +130,7 @@ fn set_feet<S: Surface<N>, const N: usize>(surface: &S, rows: &mut [Row]) {
     }
 }
 
-/// A surface as it is seen along z.
+/// A surface for drawings.
 fn reference(surface: &config::Surface) -> Reference {
     use config::Surface as Of;
     let two = |[x, y]: [config::Finite; 2]| [x.get(), y.get()];
@@ -67,19 +143,25 @@ fn reference(surface: &config::Surface) -> Reference {
         let [x, y] = two(point);
         [x, y, 0.0]
     };
+    let is_inside = |side: config::Forbidden| side == config::Forbidden::Inside;
     match *surface {
-        Of::Circle { center_m, radius_m, .. } => {
-            Reference::Circle { center_m: two(center_m), radius_m: radius_m.get() }
-        }
-        Of::Sphere { center_m, radius_m, .. } => {
-            Reference::Circle { center_m: above(center_m), radius_m: radius_m.get() }
-        }
+        Of::Circle { center_m, radius_m, forbidden } => Reference::Circle {
+            center_m: two(center_m),
+            radius_m: radius_m.get(),
+            is_inside_forbidden: is_inside(forbidden),
+        },
+        Of::Sphere { center_m, radius_m, forbidden } => Reference::Sphere {
+            center_m: three(center_m),
+            radius_m: radius_m.get(),
+            is_inside_forbidden: is_inside(forbidden),
+        },
         Of::Line { point_m, normal } => Reference::Plane { point_m: flat(point_m), normal: flat(normal) },
         Of::Plane { point_m, normal } => Reference::Plane { point_m: three(point_m), normal: three(normal) },
-        Of::Cylinder { axis_point_m, axis_direction, radius_m, .. } => Reference::Cylinder {
+        Of::Cylinder { axis_point_m, axis_direction, radius_m, forbidden } => Reference::Cylinder {
             axis_point_m: three(axis_point_m),
             axis_direction: three(axis_direction),
             radius_m: radius_m.get(),
+            is_inside_forbidden: is_inside(forbidden),
         },
         Of::Point { point_m, capture_radius_m } => {
             Reference::Point { point_m: two(point_m), capture_radius_m: capture_radius_m.get() }
@@ -87,12 +169,11 @@ fn reference(surface: &config::Surface) -> Reference {
         Of::SpacePoint { point_m, capture_radius_m } => {
             Reference::Point { point_m: above(point_m), capture_radius_m: capture_radius_m.get() }
         }
-        Of::Box { center_m, half_size_m, .. } => {
-            let ([x, y], [half_x, half_y, _]) = (above(center_m), half_size_m.map(|half| half.get()));
-            let corner = |[right, up]: [f64; 2]| [x + right * half_x, y + up * half_y];
-            let points_m = [[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]].map(corner).to_vec();
-            Reference::Curve { points_m, is_closed: true }
-        }
+        Of::Box { center_m, half_size_m, forbidden } => Reference::Box {
+            center_m: three(center_m),
+            half_size_m: half_size_m.map(|half| half.get()),
+            is_inside_forbidden: is_inside(forbidden),
+        },
         Of::Polygon { .. } | Of::ClosedCurve { .. } | Of::OpenCurve { .. } | Of::SpaceCurve { .. } => outline(surface),
     }
 }
@@ -112,19 +193,19 @@ fn outline(surface: &config::Surface) -> Reference {
 }
 
 /// Power of the device on the hand: force times the tool velocity after a centred moving average.
-fn set_power(trace: &mut Trace) {
+fn set_power(rows: &mut [Row], force_meaning: ForceMeaning) {
     let half = POWER_AVERAGE_ROWS / 2;
-    let power: Vec<f64> = (0..trace.rows.len())
+    let power: Vec<f64> = (0..rows.len())
         .map(|at| {
-            let window = &trace.rows[at.saturating_sub(half)..(at + half + 1).min(trace.rows.len())];
-            let force = trace.force_on_hand_n(&trace.rows[at]);
+            let window = &rows[at.saturating_sub(half)..(at + half + 1).min(rows.len())];
+            let force = force_meaning.on_hand_n(&rows[at]);
             let mean = |axis: usize| {
                 window.iter().map(|row| row.tool_velocity_m_per_s[axis]).sum::<f64>() / window.len() as f64
             };
             (0..3).map(|axis| force[axis] * mean(axis)).sum()
         })
         .collect();
-    for (row, power) in trace.rows.iter_mut().zip(power) {
+    for (row, power) in rows.iter_mut().zip(power) {
         row.power_w = power;
     }
 }

@@ -69,11 +69,13 @@ fn scene(chart: &Chart) -> Scene {
     figure.render()
 }
 
-/// One entry for each name, as it is drawn first.
+/// One entry for each name of which something is drawn, as it is drawn first.
 fn legend(chart: &Chart) -> Vec<LegendEntry> {
     let mut entries: Vec<LegendEntry> = Vec::new();
-    for series in chart.panels.iter().flat_map(|panel| &panel.series) {
-        if series.name.is_empty() || entries.iter().any(|entry| entry.label == series.name) {
+    let all = chart.panels.iter().flat_map(|panel| panel.series.iter().map(move |series| (panel, series)));
+    for (panel, series) in all {
+        let is_seen = !drawn(panel, series).is_empty() || !beyond(panel, series).is_empty();
+        if series.name.is_empty() || !is_seen || entries.iter().any(|entry| entry.label == series.name) {
             continue;
         }
         entries.push(LegendEntry {
@@ -95,8 +97,8 @@ fn layout(panel: &Panel) -> Layout {
     let beyond = panel.series.iter().map(|series| beyond(panel, series).len()).sum::<usize>();
     let title = match beyond {
         0 => panel.title.clone(),
-        1 => format!("{} (1 point beyond the edge)", panel.title),
-        _ => format!("{} ({beyond} points beyond the edge)", panel.title),
+        1 => format!("{} (1 point {})", panel.title, edge_words(panel)),
+        _ => format!("{} ({beyond} points {})", panel.title, edge_words(panel)),
     };
     let mut layout = Layout::new(x, y)
         .with_title(&title)
@@ -123,6 +125,19 @@ fn layout(panel: &Panel) -> Layout {
         layout = layout.with_y_axis_min(y.0).with_y_axis_max(y.1);
     }
     layout
+}
+
+/// Where the points stand that have no place on the axes.
+fn edge_words(panel: &Panel) -> &'static str {
+    let all = || panel.series.iter().flat_map(|series| beyond_values(panel, series));
+    let is_below_powers = |(x, y): (f64, f64)| {
+        [(x, &panel.x), (y, &panel.y)].into_iter().any(|(value, axis)| axis.is_logarithmic && value <= 0.0)
+    };
+    match (all().any(is_below_powers), all().all(is_below_powers)) {
+        (true, true) => "at zero, drawn at the edge",
+        (true, false) => "at zero or beyond the edge",
+        (false, _) => "beyond the edge",
+    }
 }
 
 /// How a logarithmic axis names its ticks: all as decimals, or, where those are long, all as powers.
@@ -159,14 +174,16 @@ fn range(axis: &Axis, panel: &Panel, which: usize) -> (f64, f64) {
     }
 }
 
-/// The points that can be drawn, within the axes or beyond.
+/// The points of a line: those that every axis can show, within its range or beyond.
 fn drawable(panel: &Panel, series: &Series) -> Vec<(f64, f64)> {
-    let is_drawable = |value: f64, axis: &Axis| value.is_finite() && (value > 0.0 || !axis.is_logarithmic);
-    series.points.iter().copied().filter(|&(x, y)| is_drawable(x, &panel.x) && is_drawable(y, &panel.y)).collect()
+    let has_place = |value: f64, axis: &Axis| value.is_finite() && (value > 0.0 || !axis.is_logarithmic);
+    series.points.iter().copied().filter(|&(x, y)| has_place(x, &panel.x) && has_place(y, &panel.y)).collect()
 }
 
 fn is_within(panel: &Panel, (x, y): (f64, f64)) -> bool {
-    let holds = |value: f64, axis: &Axis| axis.range.is_none_or(|[low, high]| (low..=high).contains(&value));
+    let holds = |value: f64, axis: &Axis| {
+        (value > 0.0 || !axis.is_logarithmic) && axis.range.is_none_or(|[low, high]| (low..=high).contains(&value))
+    };
     holds(x, &panel.x) && holds(y, &panel.y)
 }
 
@@ -175,18 +192,28 @@ fn drawn(panel: &Panel, series: &Series) -> Vec<(f64, f64)> {
     drawable(panel, series).into_iter().filter(|&point| is_within(panel, point)).collect()
 }
 
-/// The marks that have none, each at the nearest place on the edge, and whether it lies below. A line alone has no marks.
-fn beyond(panel: &Panel, series: &Series) -> Vec<((f64, f64), bool)> {
+/// The values of the marks that have none. A line alone has no marks.
+fn beyond_values(panel: &Panel, series: &Series) -> Vec<(f64, f64)> {
     if !matches!(series.mark, Mark::MarkedLine | Mark::MarkedDashes | Mark::Marks) {
         return Vec::new();
     }
-    let outside = drawable(panel, series).into_iter().filter(|&point| !is_within(panel, point));
-    outside.map(|(x, y)| ((edge(x, &panel.x), edge(y, &panel.y)), y < edge(y, &panel.y))).collect()
+    let is_finite = |(x, y): &(f64, f64)| x.is_finite() && y.is_finite();
+    series.points.iter().copied().filter(is_finite).filter(|&point| !is_within(panel, point)).collect()
+}
+
+/// The same marks, each at the nearest place on the edge, and whether its value lies below.
+fn beyond(panel: &Panel, series: &Series) -> Vec<((f64, f64), bool)> {
+    let values = beyond_values(panel, series);
+    if values.is_empty() {
+        return Vec::new();
+    }
+    let [of_x, of_y] = [(&panel.x, 0), (&panel.y, 1)].map(|(axis, which)| (axis, range(axis, panel, which)));
+    let at = |(x, y): (f64, f64)| (edge(x, of_x.0, of_x.1), edge(y, of_y.0, of_y.1));
+    values.into_iter().map(|point| (at(point), point.1 < at(point).1)).collect()
 }
 
 /// A value on the axis, or the place just within the end that it lies beyond.
-fn edge(value: f64, axis: &Axis) -> f64 {
-    let Some([low, high]) = axis.range else { return value };
+fn edge(value: f64, axis: &Axis, (low, high): (f64, f64)) -> f64 {
     let share = match value {
         _ if value < low => EDGE,
         _ if value > high => 1.0 - EDGE,
@@ -207,15 +234,14 @@ fn plots(panel: &Panel) -> Vec<Plot> {
         let marks = |points: Vec<(f64, f64)>, marker, size| {
             ScatterPlot::new().with_data(points).with_color(color).with_marker(marker).with_size(size)
         };
-        if all.is_empty() {
-            continue;
-        }
         match series.mark {
+            _ if all.is_empty() => {}
             Mark::Line | Mark::MarkedLine => plots.push(line(LineStyle::Solid).into()),
             Mark::Dashed | Mark::MarkedDashes => plots.push(line(LineStyle::Dashed).into()),
             Mark::Marks | Mark::Cells(_) => {}
         }
         match series.mark {
+            _ if points.is_empty() => {}
             Mark::Line | Mark::Dashed => {}
             Mark::MarkedLine | Mark::MarkedDashes | Mark::Marks => {
                 plots.push(marks(points, shape(series), MARK).into());
@@ -325,8 +351,31 @@ mod tests {
         let near = |((x, y), is_below): ((f64, f64), bool)| (x, y.round(), is_below);
         assert_eq!(near(beyond(panel, &panel.series[1])[0]), (19.0, 315.0, false));
         assert_eq!(near(beyond(panel, &panel.series[3])[0]), (18.0, -291.0, true));
-        assert!((edge(1e9, &Axis::logarithmic("x").over(1.0, 1e4)) / 8.7e3 - 1.0).abs() < 0.01);
+        assert!((edge(1e9, &Axis::logarithmic("x"), (1.0, 1e4)) / 8.7e3 - 1.0).abs() < 0.01);
         assert!(svg(&chart).contains("left (5 points beyond the edge)"));
+    }
+
+    /// Of a method whose value is zero the legend would speak, and no panel would show it.
+    #[test]
+    fn zeros_on_a_logarithmic_axis_are_marked_at_its_edge_and_a_name_without_a_mark_is_not_in_the_legend() {
+        let mut chart = chart();
+        for panel in &mut chart.panels {
+            panel.y = Axis::logarithmic("error (um)");
+            panel.series[1].points = vec![(1.0, 0.0), (2.0, 0.0)];
+            panel.series[2].points = vec![(1.0, f64::NAN)];
+        }
+        let panel = &chart.panels[0];
+        let (low, high) = range(&panel.y, panel, 1);
+        for ((_, y), is_below) in beyond(panel, &panel.series[1]) {
+            assert!(is_below && low < y && y < low * elementary::powf(high / low, 0.05));
+        }
+        let names: Vec<_> = legend(&chart).into_iter().map(|entry| entry.label).collect();
+        assert_eq!(names, ["cells", "measured"], "the theory has no point");
+        // Two of `measured`, and the twenty negative ones of the marks.
+        assert!(svg(&chart).contains("left (22 points at zero, drawn at the edge)"), "{}", svg(&chart));
+        let counts = plots(panel).len();
+        chart.panels[0].series[1].points.clear();
+        assert!(plots(&chart.panels[0]).len() < counts, "triangles");
     }
 
     #[test]

@@ -26,8 +26,8 @@ pub struct Panel {
     pub x: Axis,
     /// Axis upward.
     pub y: Axis,
-    /// What is drawn, the last on top. Points that are not finite, or not above zero on a logarithmic axis, are left out.
-    /// Marks beyond the range of an axis are drawn as triangles at its edge, and the title says how many; lines are cut off.
+    /// What is drawn, the last on top. Points that are not finite are left out. Marks beyond the range of an axis, and those not
+    /// above zero on a logarithmic one, are drawn as triangles at its edge, and the title says how many; lines are cut off.
     pub series: Vec<Series>,
 }
 
