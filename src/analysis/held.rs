@@ -5,7 +5,7 @@ use nalgebra::{Matrix2, Vector2};
 use super::margins::{LOOP_DELAY_CYCLES, poses};
 use crate::assembly::{AssemblyError, bus_id, bus_plan, gains, linkage, period_s, plant_mass};
 use crate::bus::budget::{Budget, PlannedFrame, Use};
-use crate::config;
+use crate::config::{self, Positive};
 use crate::control::{
     Follower, Gains, Grip, HeldLoop, Outer, Pose, Sampling, ServoLoop, damping_needed_n_s_per_m,
     greatest_damping_n_s_per_m, greatest_stiffness_n_per_m, is_stable, lag_s, passive_mass_kg, stable_masses,
@@ -62,6 +62,111 @@ pub struct Coupled {
     pub greatest_damping_n_s_per_m: Option<f64>,
 }
 
+/// A change that makes a virtual mass stable, by itself, in the linear model of the rig with one hand on it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Remedy {
+    /// Another virtual mass, kg.
+    Mass(f64),
+    /// Another cut-off of the force's low pass, Hz; `None`: no low pass.
+    LowPass(Option<f64>),
+    /// Another rate of the force sensor, Hz.
+    SampleRate(f64),
+    /// Another control period, us.
+    Period(u32),
+    /// The same hand with more damping, N s/m.
+    Damping(f64),
+    /// A softer hand, damped to the same degree, N/m.
+    Stiffness(f64),
+}
+
+impl Remedy {
+    /// The rig with this change; as it is where the change is one of the hand.
+    pub fn of_rig(self, rig: &config::Rig) -> config::Rig {
+        let mut rig = rig.clone();
+        match self {
+            Self::Mass(mass_kg) => {
+                if let (config::Coupling::Admittance { mass_kg: kept }, Some(mass_kg)) =
+                    (&mut rig.fixture.coupling, Positive::new(mass_kg))
+                {
+                    *kept = mass_kg;
+                }
+            }
+            Self::LowPass(cut_off_hz) => rig.sensor.low_pass_hz = cut_off_hz.and_then(Positive::new),
+            Self::SampleRate(rate_hz) => {
+                rig.sensor.sample_rate_hz = Positive::new(rate_hz).unwrap_or(rig.sensor.sample_rate_hz);
+            }
+            Self::Period(period_us) => {
+                let share = f64::from(rig.cycle.compute_at_us) / f64::from(rig.cycle.period_us);
+                rig.cycle.compute_at_us = (share * f64::from(period_us)).round() as u32;
+                rig.cycle.period_us = period_us;
+            }
+            Self::Damping(_) | Self::Stiffness(_) => {}
+        }
+        rig
+    }
+
+    /// Whether it changes the hand, and not the rig.
+    pub fn is_of_hand(self) -> bool {
+        matches!(self, Self::Damping(_) | Self::Stiffness(_))
+    }
+
+    /// The hand with this change; as it is where the change is one of the rig.
+    pub fn of_hand(self, hand: &Grip) -> Grip {
+        match self {
+            Self::Damping(damping_n_s_per_m) => Grip { damping_n_s_per_m, ..*hand },
+            Self::Stiffness(stiffness_n_per_m) => stiffer(hand, stiffness_n_per_m),
+            _ => *hand,
+        }
+    }
+}
+
+/// What was tried and makes `mass_kg` stable with this hand where it is not: of each kind the least change, as far as there is one.
+/// Those of the rig come first.
+///
+/// # Errors
+/// As [`held_masses`].
+pub fn remedies(rig: &config::Rig, hand: &Grip, mass_kg: f64) -> Result<Vec<Remedy>, RigError> {
+    let masses = held_masses(rig, std::slice::from_ref(hand), mass_kg)?.and_then(|found| found.first()?.masses);
+    let low_pass = rig.sensor.low_pass_hz.map(|cut_off_hz| cut_off_hz.get());
+    let own_clock_hz = Some(rig.sensor.sample_rate_hz.get()).filter(|_| !is_sampled_at_sync(rig));
+    let period_us = rig.cycle.period_us;
+    let kinds: [Vec<Remedy>; 6] = [
+        masses.map(|masses| Remedy::Mass(mass_within(&masses))).into_iter().collect(),
+        low_pass.map_or_else(Vec::new, |cut_off_hz| {
+            let higher = [2.0, 4.0, 8.0].map(|times| Remedy::LowPass(Some(times * cut_off_hz)));
+            higher.into_iter().chain([Remedy::LowPass(None)]).collect()
+        }),
+        own_clock_hz
+            .map_or_else(Vec::new, |rate_hz| [2.0, 4.0].map(|times| Remedy::SampleRate(times * rate_hz)).into()),
+        [2, 4]
+            .into_iter()
+            .filter(|parts| period_us % parts == 0)
+            .map(|parts| Remedy::Period(period_us / parts))
+            .collect(),
+        [1.5, 2.0, 3.0, 5.0, 10.0].map(|times| Remedy::Damping(in_two_digits(times * hand.damping_n_s_per_m))).into(),
+        [0.8, 0.6, 0.4, 0.3, 0.2, 0.1]
+            .map(|part| Remedy::Stiffness(in_two_digits(part * hand.stiffness_n_per_m)))
+            .into(),
+    ];
+    let bears = |remedy: &Remedy| {
+        let rig = remedy.of_rig(rig);
+        let config::Coupling::Admittance { mass_kg } = rig.fixture.coupling else { return false };
+        let is_stable = |held: Held| held.is_stable(&remedy.of_hand(hand), mass_kg.get());
+        // What the model cannot be built with is no remedy.
+        Held::of(&rig).ok().flatten().is_some_and(|held| is_stable(held).unwrap_or(false))
+    };
+    Ok(kinds.into_iter().filter_map(|kind| kind.into_iter().find(bears)).collect())
+}
+
+/// A mass between the ends of a range: twice the least where there is room.
+fn mass_within(masses: &HeldMasses) -> f64 {
+    in_two_digits((2.0 * masses.least_kg).min((masses.least_kg * masses.greatest_kg).sqrt()))
+}
+
+fn in_two_digits(value: f64) -> f64 {
+    format!("{value:.1e}").parse().unwrap_or(value)
+}
+
 /// The hand of a scene.
 pub fn hand_of(scene: &config::Scene) -> Grip {
     Grip {
@@ -93,30 +198,51 @@ pub fn stiffer(hand: &Grip, stiffness_n_per_m: f64) -> Grip {
 /// # Errors
 /// If the arm cannot be built, does not reach a pose or is singular there; numbers out of range.
 pub fn held_masses(rig: &config::Rig, hands: &[Grip], configured_kg: f64) -> Result<Option<Vec<Holding>>, RigError> {
-    let Some((follower, is_cartesian)) = follower(rig)? else { return Ok(None) };
-    let outers = outers(rig)?;
-    let tools = poses(rig);
-    let poses = tools.iter().map(|tool| pose_at(rig, *tool, is_cartesian)).collect::<Result<Vec<_>, _>>()?;
-    let mut passive_kg: f64 = 0.0;
-    for pose in &poses {
-        passive_kg = passive_kg.max(passive_mass_kg(pose)?);
+    let Some(held) = Held::of(rig)? else { return Ok(None) };
+    hands.iter().map(|grip| held.holding(grip, configured_kg)).collect::<Result<Vec<_>, _>>().map(Some)
+}
+
+/// A rig's loop at all poses along its surface, for hands to be put on it.
+pub(super) struct Held {
+    follower: Follower,
+    outers: Vec<Outer>,
+    tools: Vec<Vector2<f64>>,
+    poses: Vec<Pose>,
+}
+
+impl Held {
+    /// `None` in velocity mode.
+    pub(super) fn of(rig: &config::Rig) -> Result<Option<Self>, RigError> {
+        let Some((follower, is_cartesian)) = follower(rig)? else { return Ok(None) };
+        let (outers, tools) = (outers(rig)?, poses(rig));
+        let poses = tools.iter().map(|tool| pose_at(rig, *tool, is_cartesian)).collect::<Result<Vec<_>, _>>()?;
+        Ok(Some(Self { follower, outers, tools, poses }))
     }
-    let held = |grip: &Grip| {
-        // The first and the last at every pose. Those between are lighter as a rule: some poses will do.
-        let places: Vec<(usize, &Outer, u32)> = outers
-            .iter()
-            .flat_map(|outer| (0..outer.sampling.phases).map(move |phase| (outer, phase)))
-            .flat_map(|(outer, phase)| {
-                let is_end = phase == 0 || phase == outer.sampling.phases - 1;
-                let stride = if is_end { 1 } else { POSE_STRIDE };
-                (0..poses.len()).step_by(stride).map(move |pose| (pose, outer, phase))
-            })
-            .collect();
-        let loops =
-            places.iter().map(|&(pose, outer, phase)| HeldLoop::new(&follower, &poses[pose], grip, outer, phase));
-        let loops = loops.collect::<Result<Vec<_>, _>>()?;
+
+    /// Whether a virtual mass is stable at every pose and every phase that is looked at.
+    pub(super) fn is_stable(&self, grip: &Grip, mass_kg: f64) -> Result<bool, RigError> {
+        Ok(self.loops(grip)?.iter().all(|(_, held)| held.is_stable(mass_kg)))
+    }
+
+    /// The number of the pose, and the loop there, for all that is looked at.
+    fn loops(&self, grip: &Grip) -> Result<Vec<(usize, HeldLoop)>, RigError> {
+        let phases = self.outers.iter().flat_map(|outer| (0..outer.sampling.phases).map(move |phase| (outer, phase)));
+        let places = phases.flat_map(|(outer, phase)| {
+            // The first and the last at every pose. Those between are lighter as a rule: some poses will do.
+            let is_end = phase == 0 || phase == outer.sampling.phases - 1;
+            let stride = if is_end { 1 } else { POSE_STRIDE };
+            (0..self.poses.len()).step_by(stride).map(move |pose| (pose, outer, phase))
+        });
+        let held = |(pose, outer, phase): (usize, _, _)| {
+            Ok((pose, HeldLoop::new(&self.follower, &self.poses[pose], grip, outer, phase)?))
+        };
+        places.map(held).collect()
+    }
+
+    fn holding(&self, grip: &Grip, configured_kg: f64) -> Result<Holding, RigError> {
+        let (places, loops): (Vec<usize>, Vec<HeldLoop>) = self.loops(grip)?.into_iter().unzip();
         let masses = stable_masses(&loops).map(|found| {
-            let at = |number: usize| tools[places[number].0].into();
+            let at = |number: usize| self.tools[places[number]].into();
             HeldMasses {
                 least_kg: found.least_kg,
                 greatest_kg: found.greatest_kg,
@@ -126,11 +252,15 @@ pub fn held_masses(rig: &config::Rig, hands: &[Grip], configured_kg: f64) -> Res
         });
         let is_within = masses.is_some_and(|found| (found.least_kg..=found.greatest_kg).contains(&configured_kg));
         let is_configured_stable = is_within || loops.iter().all(|held| held.is_stable(configured_kg));
-        let lags = outers.iter().flat_map(|outer| poses.iter().map(|pose| lag_s(&follower, pose, grip, outer)));
+        let pairs = self.outers.iter().flat_map(|outer| self.poses.iter().map(move |pose| (outer, pose)));
+        let lags = pairs.map(|(outer, pose)| lag_s(&self.follower, pose, grip, outer));
         let lag_s = lags.collect::<Result<Vec<_>, _>>()?.into_iter().fold(f64::NEG_INFINITY, f64::max);
+        let mut passive_kg: f64 = 0.0;
+        for pose in &self.poses {
+            passive_kg = passive_kg.max(passive_mass_kg(pose)?);
+        }
         Ok(Holding { grip: *grip, masses, is_configured_stable, lag_s, passive_kg })
-    };
-    hands.iter().map(held).collect::<Result<Vec<_>, _>>().map(Some)
+    }
 }
 
 /// The servo, and whether it acts on the tool.

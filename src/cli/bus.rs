@@ -107,6 +107,11 @@ impl Plan<'_> {
         !self.rig.frames_take_time()
     }
 
+    /// Whether every frame is always in time, or takes none.
+    pub(super) fn is_kept(&self) -> bool {
+        self.is_ideal() || self.budget.is_schedulable()
+    }
+
     /// How the bus is called where there are several.
     fn called(&self, before: &str, after: &str) -> String {
         if self.rig.buses.len() > 1 { format!("{before}{}{after}", self.name) } else { String::new() }

@@ -9,8 +9,12 @@ use crate::report::RunReport;
 use crate::report::measures::Measures;
 use crate::rig::RigError;
 
-/// The failure of a run that gave the hand more energy than a fixture that stores none can.
-pub(super) fn above_bound(measures: &Measures, what: &str) -> Failure {
+/// What to do about an impedance device that gives energy.
+pub(super) const SOFTER_COUPLING: &str =
+    "lower fixture.coupling's stiffness_n_per_m; `yieldwall tune fixture` tells what the device bears";
+
+/// The failure of a run that gave the hand more energy than a fixture that stores none can; `help` says what to do about it.
+pub(super) fn above_bound(measures: &Measures, what: &str, help: &str) -> Failure {
     // A stiff coupling bounds it to what one decimal does not tell from nothing.
     let decimals = if measures.energy_bound_j < 1e-3 { 6 } else { 1 };
     let message = format!(
@@ -19,10 +23,6 @@ pub(super) fn above_bound(measures: &Measures, what: &str) -> Failure {
         scope_text(measures),
         1e3 * measures.energy_bound_j
     );
-    let help = match measures.energy_excess_j {
-        Some(_) => "raise fixture.coupling's mass_kg, or look at the loop's margins with `yieldwall config check`",
-        None => "lower fixture.coupling's stiffness_n_per_m, or see what it bears with `yieldwall tune fixture`",
-    };
     Failure::new(Exit::OutOfTolerance, message, help)
 }
 
@@ -142,7 +142,10 @@ pub(super) fn rig_failure(error: &RigError) -> Failure {
         RigError::NotEnabled { cause: Some(cause), .. } => (exit_of(*cause), cause.fault.row().next),
         RigError::NotEnabled { .. } => (Exit::DeviceFault, "read the drives' error codes (603Fh)"),
         RigError::Arm(_) => (Exit::SafetyStop, "the scene leads the simulated arm where it cannot go"),
-        _ => (Exit::ConfigInvalid, "run `yieldwall config check` on the rig"),
+        _ => (
+            Exit::ConfigInvalid,
+            "mend what is named; `yieldwall config check RIG.yaml` tells the line of what it finds too",
+        ),
     };
     Failure::new(exit, error.to_string(), help)
 }

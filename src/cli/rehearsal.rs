@@ -2,7 +2,7 @@
 
 use std::ops::ControlFlow;
 
-use super::ending::{above_bound, rig_failure};
+use super::ending::{SOFTER_COUPLING, above_bound, rig_failure};
 use super::failure::Failure;
 use super::run::{NOTHING_ENABLED, judge, judge_run};
 use serde_json::{Value, json};
@@ -69,7 +69,7 @@ pub(super) fn of_device(device: &Loaded<ImpedanceDevice>) -> Option<Rehearsal> {
     let scene = config::load_scene(device.source.relative(&device.value.scene)).ok()?.value;
     let failure = match run_device(&device.value, &scene, &shortened(&scene), |_| (), |_| ControlFlow::Continue(())) {
         Ok(report) if report.measures.is_within_bound() => return Some(Rehearsal::of(&report)),
-        Ok(report) => above_bound(&report.measures, &device.value.device.name),
+        Ok(report) => above_bound(&report.measures, &device.value.device.name, SOFTER_COUPLING),
         Err(error) => rig_failure(&error),
     };
     let finding = Some(told(device, "fixture.coupling", &failure, &scene));
@@ -81,7 +81,7 @@ fn rehearse(rig: &Rig, scene: &config::Scene) -> Result<Rehearsal, (String, Fail
     judge(&drilled, rig, NOTHING_ENABLED).map_err(|failure| ("drives".to_owned(), failure))?;
     let report = run_rig(rig, scene, &shortened(scene), Watch::default(), |_| ControlFlow::Continue(()))
         .map_err(|error| of_error(&error))?;
-    judge_run(&report, rig, &scene.faults, &[]).map_err(|failure| (key_of(&report), failure))?;
+    judge_run(&report, rig, scene, &[]).map_err(|failure| (key_of(&report), failure))?;
     Ok(Rehearsal::of(&report))
 }
 
@@ -99,8 +99,8 @@ fn told<T>(document: &Loaded<T>, at: &str, failure: &Failure, scene: &config::Sc
         failure.exit.code(),
         first.message
     );
-    // Advice to check what is being checked helps nobody.
-    let advice = first.help.as_deref().filter(|help| !help.contains("config check"));
+    // Advice to check what is being checked helps nobody, nor does advice for a rig that has run.
+    let advice = first.help.as_deref().filter(|help| !help.contains("config check") && !help.contains("enable again"));
     let help = advice.unwrap_or("look at what is told beside this, and at the scene");
     document.finding(Severity::Warning, at, message, help, &[("simulation.scene", "the scene")])
 }

@@ -101,7 +101,10 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
             return Err(Failure::new(Exit::SafetyStop, message, "the scene asks for more than the rig's limits allow"));
         }
         if let Some(run) = runs.iter().find(|run| !run.measures().is_within_bound()) {
-            out_of_bound.get_or_insert_with(|| above_bound(run.measures(), &format!("{figure} {}", run.mode)));
+            out_of_bound.get_or_insert_with(|| {
+                let help = "`yieldwall config check` tells of each machine that the figure names what its loop bears";
+                above_bound(run.measures(), &format!("{figure} {}", run.mode), help)
+            });
         }
     }
     if output.is_json() {

@@ -23,7 +23,7 @@ use super::output::Output;
 use super::picture::{check_picture, drawing_failure, write_drawing};
 use super::progress::Progress;
 use super::replace::{Replace, Written};
-use super::tune::Masses;
+use super::tune::{Masses, advice};
 use crate::config::{self, Diagnostic, Document, Loaded, Report, Severity, Source};
 use crate::injection::Injection;
 use crate::record::Trace;
@@ -139,7 +139,7 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
     let facts = Facts { rig: &rig.value, drilled, margins, report: &report, kept: &kept, figure, seed, wall_s };
     let end = match onward {
         ControlFlow::Break(()) => Err(interrupted(report.simulated_s())),
-        ControlFlow::Continue(()) => judge_run(&report, &rig.value, &scene.value.faults, &overrides.faults)
+        ControlFlow::Continue(()) => judge_run(&report, &rig.value, &scene.value, &overrides.faults)
             .map_err(|failure| if report.is_stopped() { kept.point_to_black_box(failure) } else { failure }),
     };
     let end = with_drawing(end, drawn);
@@ -154,13 +154,13 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
 pub(super) fn judge_run(
     report: &RunReport,
     rig: &config::Rig,
-    of_scene: &[config::SceneFault],
+    scene: &config::Scene,
     of_arguments: &[Injection],
 ) -> Result<(), Failure> {
     if report.is_stopped() {
         return Err(ending::stopped(report, rig));
     }
-    let of_scene = of_scene.iter().filter_map(|fault| fault.injection().ok());
+    let of_scene = scene.faults.iter().filter_map(|fault| fault.injection().ok());
     let injected: Vec<Injection> = of_scene.chain(of_arguments.iter().copied()).collect();
     ending::held_too_long(report, &injected)?;
     ending::never_came(report, of_arguments)?;
@@ -172,7 +172,7 @@ pub(super) fn judge_run(
     if report.measures.is_within_bound() {
         return Ok(());
     }
-    Err(above_bound(&report.measures, &rig.rig.name))
+    Err(above_bound(&report.measures, &rig.rig.name, &advice(rig, scene)))
 }
 
 /// Draws a run into a file, if there is to be one.

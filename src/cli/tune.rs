@@ -4,7 +4,7 @@ mod device;
 mod masses;
 
 pub(super) use device::{coupled_finding, coupled_json, coupled_lines};
-pub(super) use masses::Masses;
+pub(super) use masses::{Masses, advice};
 
 use super::failure::{Exit, Failure};
 use super::output::Output;

@@ -79,6 +79,11 @@ pub(super) fn explain(fault: Fault, locator: &Locator, guide: &Guide) -> Diagnos
             finding(key_place, path.clone(), format!("{} has no key `{key}`", name_of(parent(&path))), help)
         }
         Cause::MissingKey { key } => {
+            if let Some((path, node)) = outline.empties().into_iter().find(|(path, _)| guide.needs(path, key)) {
+                let message = format!("{} is {}", name_of(&path), node.describe());
+                let wanted = guide.expectation(&path).unwrap_or_else(|| "a group of keys".to_owned());
+                return finish(node.key, path, message, format!("write {wanted}"));
+            }
             let group = group_without(&path, key, found.map(|(_, node)| node), guide);
             let place = outline.find(group).map(|node| node.key.unwrap_or(node.place())).or(fault.place);
             let missing = join(group, key);

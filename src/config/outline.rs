@@ -152,6 +152,27 @@ impl Outline {
         self.path_at(best?.value.offset)
     }
 
+    /// Path and value of each key without a value, or with `null` for one.
+    pub(super) fn empties(&self) -> Vec<(String, &Node)> {
+        fn visit<'a>(node: &'a Node, here: &str, found: &mut Vec<(String, &'a Node)>) {
+            match &node.content {
+                Content::Map(entries) => entries.iter().for_each(|(key, inner)| {
+                    let path = if here.is_empty() { key.clone() } else { format!("{here}.{key}") };
+                    visit(inner, &path, found);
+                }),
+                Content::List(items) => {
+                    let each = items.iter().enumerate();
+                    each.for_each(|(index, inner)| visit(inner, &format!("{here}[{index}]"), found));
+                }
+                Content::Scalar(word) if !node.form.is_quoted && is_null(word) => found.push((here.to_owned(), node)),
+                Content::Scalar(_) | Content::Alias(_) => {}
+            }
+        }
+        let mut found = Vec::new();
+        self.root.iter().for_each(|root| visit(root, "", &mut found));
+        found
+    }
+
     /// The keys of the document.
     pub(super) fn top_keys(&self) -> impl Iterator<Item = &str> {
         let entries = match &self.root {
@@ -160,4 +181,8 @@ impl Outline {
         };
         entries.iter().map(|(key, _)| key.as_str())
     }
+}
+
+fn is_null(word: &str) -> bool {
+    matches!(word, "" | "~" | "null" | "Null" | "NULL")
 }

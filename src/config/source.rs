@@ -175,6 +175,11 @@ impl Source {
 
     fn read_disk(&self) -> Result<Arc<str>, Report> {
         let bytes = self.read_bytes()?;
+        if let Some(encoding) = wide_encoding(&bytes) {
+            let path = self.path.display();
+            let help = format!("save it in UTF-8, for example: iconv -f {encoding} -t UTF-8 {path} > utf8.yaml");
+            return Err(self.refuse(&format!("is text in {encoding}"), help));
+        }
         if bytes.contains(&0) {
             return Err(self.refuse("is a binary file", "a configuration is YAML text in UTF-8"));
         }
@@ -212,7 +217,7 @@ impl Source {
         }
     }
 
-    /// Help for a path that does not exist: the YAML files beside it.
+    /// Help for a path that does not exist: the YAML file beside it whose name is nearest, or all of them.
     fn nearby(&self) -> String {
         let parent = match self.path.parent() {
             Some(parent) if !parent.as_os_str().is_empty() => parent,
@@ -226,6 +231,10 @@ impl Source {
             .filter(|name| name.ends_with(".yaml") || name.ends_with(".yml"))
             .collect();
         names.sort();
+        let asked = self.path.file_name().map(|name| name.to_string_lossy().into_owned()).unwrap_or_default();
+        if let Some(meant) = nearest(&asked, names.iter().map(String::as_str)) {
+            return format!("did you mean `{}`?", self.path.with_file_name(meant).display());
+        }
         names.truncate(10);
         match names.is_empty() {
             true => "check the path; there is no YAML file in that folder".to_owned(),
@@ -316,4 +325,17 @@ fn normalise(path: &Path) -> PathBuf {
         }
     }
     plain
+}
+
+/// The encoding of text with more than one byte for a letter, by its mark or by the zeros of its first two letters.
+fn wide_encoding(bytes: &[u8]) -> Option<&'static str> {
+    match bytes {
+        [0xff, 0xfe, 0, 0, ..] | [0, 0, 0xfe, 0xff, ..] => Some("UTF-32"),
+        [0xff, 0xfe, ..] | [0xfe, 0xff, ..] => Some("UTF-16"),
+        [0, 0, 0, last, ..] if *last != 0 => Some("UTF-32BE"),
+        [first, 0, 0, 0, ..] if *first != 0 => Some("UTF-32LE"),
+        [first, 0, third, 0, ..] if *first != 0 && *third != 0 => Some("UTF-16LE"),
+        [0, second, 0, fourth, ..] if *second != 0 && *fourth != 0 => Some("UTF-16BE"),
+        _ => None,
+    }
 }

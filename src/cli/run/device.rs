@@ -6,7 +6,7 @@ use std::time::Instant;
 
 use serde_json::json;
 
-use super::super::ending::{above_bound, rig_failure};
+use super::super::ending::{SOFTER_COUPLING, above_bound, rig_failure};
 use super::super::failure::{Exit, Failure};
 use super::super::interrupt::{interrupted, on_interrupt, unless};
 use super::super::keep::Keep;
@@ -51,7 +51,7 @@ pub(super) fn run(arguments: &Arguments, device: &Loaded<ImpedanceDevice>, outpu
     let end = match onward {
         ControlFlow::Break(()) => Err(interrupted(report.simulated_s())),
         ControlFlow::Continue(()) if report.measures.is_within_bound() => Ok(()),
-        ControlFlow::Continue(()) => Err(above_bound(&report.measures, name)),
+        ControlFlow::Continue(()) => Err(above_bound(&report.measures, name, SOFTER_COUPLING)),
     };
     let end = with_drawing(end, drawn);
     if !output.is_json() {

@@ -18,6 +18,14 @@ const MAX_AIM_HZ: f64 = 50.0;
 /// Greatest error of an aim, m RMS on each axis: a person who traces a line by eye errs by millimetres, in haste by some
 /// 20 mm.
 const MAX_AIM_ERROR_M: f64 = 0.05;
+/// Damping ratio of human arms: mean and standard deviation over postures and torques.
+///
+/// # Source
+/// Perreault, Kirsch and Crago, *Multijoint dynamics and postural stability of the human arm*, Experimental Brain Research 157
+/// (2004).
+const ARM_DAMPING_RATIO: [f64; 2] = [0.26, 0.08];
+/// Hands with a damping ratio below this ring as no arm does.
+const LEAST_DAMPING_RATIO: f64 = 0.15;
 /// Least distance of the start of an arc from its centre, m.
 const MIN_ARC_RADIUS_M: f64 = 1e-9;
 
@@ -60,7 +68,29 @@ pub(in crate::config) fn check_scene(findings: &mut Findings, scene: &Scene) {
     check_dimension(findings, scene);
     check_arcs(findings, scene);
     check_noise(findings, scene);
+    check_damping(findings, scene);
     check_model(findings, scene);
+}
+
+/// Whether the hand is damped as arms are: one that rings makes rigs swing that no person would.
+fn check_damping(findings: &mut Findings, scene: &Scene) {
+    let hand = &scene.hand;
+    let (stiffness, damping, mass) = (*hand.stiffness_n_per_m, *hand.damping_n_s_per_m, *hand.mass_kg);
+    let critical = 2.0 * (stiffness * mass).sqrt();
+    if damping >= LEAST_DAMPING_RATIO * critical {
+        return;
+    }
+    let [mean, deviation] = ARM_DAMPING_RATIO;
+    let message = format!(
+        "`hand.damping_n_s_per_m` is {damping} N s/m: with {stiffness} N/m and {mass} kg a damping ratio of {:.2}; arms of \
+         people have {mean} +- {deviation}",
+        damping / critical
+    );
+    let help = format!("write {} for that ratio, unless the hand is meant to ring", round(mean * critical));
+    findings
+        .warning("hand.damping_n_s_per_m", message, help)
+        .see("hand.stiffness_n_per_m", "the stiffness")
+        .see("hand.mass_kg", "the mass");
 }
 
 /// What is random in a hand.

@@ -145,7 +145,10 @@ fn what_is_no_text_is_refused_by_name() {
     says(folder.file("binary.yaml", b"rig:\0\x01\x02"), "is a binary file");
     says(folder.file("elf.yaml", b"\x7fELF\x02\x01\x01\0\0"), "is a binary file");
     says(folder.file("latin1.yaml", b"rig:\n  name: Gr\xfcn\n"), "is not UTF-8: line 2, byte 15");
-    says(folder.file("utf16.yaml", b"\xff\xfer\0i\0g\0"), "is a binary file");
+    says(folder.file("utf16.yaml", b"\xff\xfer\0i\0g\0"), "is text in UTF-16");
+    says(folder.file("utf16-be.yaml", b"\xfe\xff\0r\0i\0g"), "is text in UTF-16");
+    says(folder.file("utf16-no-mark.yaml", b"r\0i\0g\0"), "is text in UTF-16LE");
+    says(folder.file("utf32.yaml", b"\xff\xfe\0\0r\0\0\0"), "is text in UTF-32");
     says(folder.file("large.yaml", &vec![b' '; MAX_FILE_BYTES + 1]), "is larger than 1048576 bytes");
     says(folder.file("empty.yaml", b""), "is empty");
     #[cfg(unix)]
@@ -327,4 +330,33 @@ proptest! {
             prop_assert!(built.is_ok(), "{number} at {:?}: {}", original[..start].lines().last(), built.err().unwrap());
         }
     }
+}
+
+/// A group without a value is found at its key, and not as a key that another line lacks.
+#[test]
+fn a_group_that_is_null_is_named_at_its_key() {
+    let shipped = builtin("paper-admittance.yaml").read().unwrap();
+    let found = |text: String| {
+        let finding = refuse(Source::memory("rig.yaml", text)).diagnostics.remove(0);
+        (finding.key, finding.message, finding.place.unwrap().line)
+    };
+    let line = |text: &str, key: &str| text.lines().position(|line| line.starts_with(key)).unwrap() + 1;
+    for (group, null) in [("guard", "null"), ("fixture", "~"), ("cycle", "")] {
+        // What stands below goes into a group that no rig has.
+        let text = shipped.replacen(&format!("\n{group}:"), &format!("\n{group}: {null}\nspare:"), 1);
+        let said = if null.is_empty() { "empty".to_owned() } else { format!("`{null}`") };
+        let (key, message, at) = found(text.clone());
+        assert_eq!((key.as_str(), message), (group, format!("`{group}` is {said}")));
+        assert_eq!(at, line(&text, &format!("{group}:")));
+    }
+}
+
+#[test]
+fn the_file_that_was_meant_is_named() {
+    let folder = Folder::new("meant");
+    folder.file("circle.yaml", b"");
+    folder.file("other.yaml", b"");
+    let help = |name: &str| refuse(Source::disk(folder.0.join(name))).diagnostics.remove(0).help.unwrap();
+    assert!(help("cricle.yaml").ends_with("circle.yaml`?"), "{}", help("cricle.yaml"));
+    assert!(help("nothing-like-it.yaml").contains("there are circle.yaml, other.yaml"));
 }
