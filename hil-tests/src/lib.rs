@@ -16,3 +16,14 @@ pub mod tape;
 
 pub use observe::{DRIVE_NODES, Recording, SENSOR_NODE, Seen, Setpoint, Status, setpoint, status};
 pub use scenario::{Scenario, Session};
+
+/// The program itself, which `hil-tests/run` has built beside the tests.
+///
+/// # Panics
+/// If it is not there.
+pub fn program() -> std::path::PathBuf {
+    let tests = std::env::current_exe().expect("a test has a file");
+    let program = tests.ancestors().nth(2).expect("target/debug/deps").join("yieldwall");
+    assert!(program.is_file(), "{} is missing: cargo build --bin yieldwall", program.display());
+    program
+}

@@ -140,7 +140,7 @@ pub fn remedies(rig: &config::Rig, hand: &Grip, mass_kg: f64) -> Result<Vec<Reme
             .map_or_else(Vec::new, |rate_hz| [2.0, 4.0].map(|times| Remedy::SampleRate(times * rate_hz)).into()),
         [2, 4]
             .into_iter()
-            .filter(|parts| period_us % parts == 0)
+            .filter(|parts| period_us.is_multiple_of(*parts))
             .map(|parts| Remedy::Period(period_us / parts))
             .collect(),
         [1.5, 2.0, 3.0, 5.0, 10.0].map(|times| Remedy::Damping(in_two_digits(times * hand.damping_n_s_per_m))).into(),

@@ -3,6 +3,8 @@
 #[cfg(test)]
 mod changes;
 mod checked;
+#[cfg(test)]
+mod newcomer;
 
 use serde_json::Value;
 

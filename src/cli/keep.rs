@@ -1,6 +1,6 @@
 //! What a run leaves on disk while it runs: recording, bus log, black box.
 
-use std::fs::{self, File, OpenOptions};
+use std::fs::{File, OpenOptions};
 use std::io::{self, BufWriter};
 use std::path::{Path, PathBuf};
 use std::time::Duration;
@@ -9,9 +9,9 @@ use serde_json::{Value, json};
 
 use super::ending::{bus_names, describe};
 use super::failure::{Exit, Failure};
-use super::picture::make_folder_of;
+use super::picture::{make_folder, make_folder_of};
 use crate::canopen::Frame;
-use crate::config::{self, Diagnostic, Severity};
+use crate::config::{self, Diagnostic, Report, Severity};
 use crate::record::DeviceRecord;
 use crate::record::recording::{
     About, Backpressure, BlackBox, Feed, Finished, Producer, Recorded, Recorder, Saved, Sink,
@@ -169,7 +169,7 @@ fn record_into<T: Recorded>(
     watched: Watched<'_>,
     capacity: usize,
 ) -> Result<(Producer<T>, Feed<()>), Failure> {
-    fs::create_dir_all(folder).map_err(|error| cannot_write(folder, &error))?;
+    make_folder(folder)?;
     let recorder = Recorder::<_, T>::create(folder, about).map_err(|error| cannot_write(folder, &error))?;
     start("recorder", watched, capacity, recorder)
 }
@@ -218,30 +218,35 @@ impl Kept {
         files.chain(boxes).collect()
     }
 
-    /// What was lost.
+    /// What was lost by a slow disk, or of what nobody asked for.
     pub(super) fn warnings(&self) -> Vec<Diagnostic> {
         let warning = |file: &str, message: String, help: &str| Diagnostic {
             severity: Severity::Warning,
             ..Diagnostic::about_file(file, message, help)
         };
-        let files =
-            self.files.iter().filter(|file| file.end.counts.lost() > 0 || file.end.error.is_some()).map(|file| {
-                let (counts, what) = (file.end.counts, file.what);
-                let why = match &file.end.error {
-                    Some(error) => error.to_string(),
-                    None => "the disk was too slow".to_owned(),
-                };
-                let all = counts.kept + counts.lost();
-                let path = file.path.display().to_string();
-                let message = format!("{path}: {} of {all} {what} are lost: {why}", counts.lost());
-                warning(&path, message, "the run itself went on; make room on the disk, or record to another one")
-            });
+        let slow = self.files.iter().filter(|file| file.end.counts.lost() > 0 && file.end.error.is_none());
+        let files = slow.map(|file| Diagnostic {
+            severity: Severity::Warning,
+            ..lost(file, "the disk was too slow", "the run itself went on; record to a faster disk")
+        });
         let boxes = self.black_boxes.iter().filter_map(|saved| {
             let error = saved.file.as_ref().err()?;
             let message = format!("no black box of {} at {}: {error}", saved.cause.fault.row().name, when(saved));
             Some(warning("", message, "name a folder that can be written with --black-box"))
         });
         files.chain(boxes).collect()
+    }
+
+    /// What was asked for and could not be written.
+    ///
+    /// # Errors
+    /// If there is such a file.
+    pub(super) fn is_written(&self) -> Result<(), Failure> {
+        let help = "the run itself went on; make room on the disk, or name a file on another one";
+        let unwritten = self.files.iter().filter_map(|file| Some((file, file.end.error.as_ref()?)));
+        let diagnostics: Vec<Diagnostic> =
+            unwritten.map(|(file, error)| lost(file, &error.to_string(), help)).collect();
+        if diagnostics.is_empty() { Ok(()) } else { Err(Failure { exit: Exit::Usage, report: Report { diagnostics } }) }
     }
 
     /// The failure, its help with the black box of the last fault.
@@ -285,6 +290,15 @@ impl Kept {
         };
         self.black_boxes.iter().map(saved).collect()
     }
+}
+
+/// What a file has lost, and why.
+fn lost(file: &KeptFile, why: &str, help: &str) -> Diagnostic {
+    let (counts, what) = (file.end.counts, file.what);
+    let all = counts.kept + counts.lost();
+    let path = file.path.display().to_string();
+    let message = format!("{path}: {} of {all} {what} are lost: {why}", counts.lost());
+    Diagnostic::about_file(path, message, help)
 }
 
 fn when(saved: &Saved) -> String {

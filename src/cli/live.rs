@@ -13,7 +13,7 @@ use super::on_bus::{
 };
 use super::output::Output;
 use super::pace::PaceArgument;
-use super::run::{Arguments, check, check_buses, check_loop, draw, with_drawing};
+use super::run::{Arguments, check, check_buses, check_loop, draw, with_files};
 use crate::config::{self, Source};
 use crate::guard::Fault;
 use crate::host::system::Refusal;
@@ -111,7 +111,7 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
         figure: arguments.figure.as_deref().filter(|_| drawn.is_ok()),
     };
     let end = failure.map_or(Ok(()), |failure| Err(kept.point_to_black_box(failure)));
-    let end = with_drawing(end, drawn);
+    let end = with_files(end, [drawn, kept.is_written()]);
     if !output.is_json() {
         output.news(&facts.lines(time_s).join("\n"))?;
         return end;

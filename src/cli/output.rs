@@ -1,5 +1,6 @@
 //! Where a command prints: text or JSON, loud or quiet.
 
+use std::borrow::Cow;
 use std::io::{self, IsTerminal, Write};
 
 use serde::Serialize;
@@ -27,6 +28,16 @@ pub(super) fn has_color() -> bool {
     io::stderr().is_terminal() && !no_color && !is_dumb
 }
 
+/// The text with characters that a terminal obeys written as escapes: names of files and texts of devices may have them.
+pub(super) fn printable(text: &str) -> Cow<'_, str> {
+    let is_obeyed = |one: char| one.is_control() && !matches!(one, '\n' | '\t');
+    if !text.contains(is_obeyed) {
+        return Cow::Borrowed(text);
+    }
+    let escaped = |one: char| if is_obeyed(one) { one.escape_debug().to_string() } else { one.to_string() };
+    Cow::Owned(text.chars().map(escaped).collect())
+}
+
 impl Output {
     /// In colour where [`has_color`] says so.
     pub(super) fn new(is_quiet: bool, is_json: bool, denies_warnings: bool) -> Self {
@@ -49,7 +60,7 @@ impl Output {
     /// When standard output cannot be written; a reader that has gone away is no error.
     pub fn result(&mut self, text: &str) -> Result<(), Failure> {
         let mut stdout = io::stdout().lock();
-        match stdout.write_all(text.as_bytes()).and_then(|()| stdout.flush()) {
+        match stdout.write_all(printable(text).as_bytes()).and_then(|()| stdout.flush()) {
             Err(error) if error.kind() != io::ErrorKind::BrokenPipe => {
                 Err(Failure::new(Exit::Internal, format!("standard output: {error}"), ""))
             }

@@ -1,5 +1,6 @@
 //! Drawings in files.
 
+use std::io::ErrorKind;
 use std::path::Path;
 
 use super::failure::{Exit, Failure};
@@ -57,13 +58,19 @@ pub(super) fn write_drawing(drawing: &Drawing, path: &Path) -> Result<(), Failur
 
 pub(super) fn make_folder_of(path: &Path) -> Result<(), Failure> {
     match path.parent() {
-        Some(folder) if !folder.as_os_str().is_empty() => std::fs::create_dir_all(folder).map_err(|error| {
-            Failure::new(
-                Exit::Usage,
-                format!("folder {}: {error}", folder.display()),
-                "choose a folder you can write to",
-            )
-        }),
+        Some(folder) if !folder.as_os_str().is_empty() => make_folder(folder),
         _ => Ok(()),
     }
+}
+
+/// Makes a folder that is not there yet, and those on the way.
+pub(super) fn make_folder(folder: &Path) -> Result<(), Failure> {
+    std::fs::create_dir_all(folder).map_err(|error| {
+        let why = match error.kind() {
+            ErrorKind::AlreadyExists | ErrorKind::NotADirectory => "is not a folder".to_owned(),
+            _ => format!("cannot be made: {error}"),
+        };
+        let message = format!("folder {} {why}", folder.display());
+        Failure::about_file(Exit::Usage, folder, message, "choose a folder you can write to")
+    })
 }

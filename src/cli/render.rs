@@ -6,6 +6,7 @@ use textwrap::{WordSeparator, WordSplitter};
 
 use miette::{GraphicalReportHandler, GraphicalTheme, LabeledSpan, NamedSource, SourceCode};
 
+use super::output::printable;
 use crate::config::{Diagnostic, Place, Related, Severity};
 
 /// Farthest line from the place that a snippet still shows.
@@ -82,27 +83,39 @@ fn count(errors: usize, warnings: usize) -> String {
 
 /// A finding as the renderer wants it.
 #[derive(Debug)]
-struct Shown<'a> {
-    finding: &'a Diagnostic,
+struct Shown {
+    finding: Diagnostic,
     source: Option<NamedSource<String>>,
 }
 
-impl<'a> Shown<'a> {
-    fn new(finding: &'a Diagnostic) -> Self {
-        let source = finding.text.as_ref().map(|text| NamedSource::new(&finding.file, text.to_string()));
+impl Shown {
+    fn new(finding: &Diagnostic) -> Self {
+        let mut finding = finding.clone();
+        for text in [&mut finding.message, &mut finding.file].into_iter().chain(&mut finding.help) {
+            *text = printable(text).into_owned();
+        }
+        // Of the same length, so that places stay where they are; an escape is longer.
+        let plain = |one: char| match one {
+            '\n' | '\r' | '\t' => one,
+            _ if one.is_control() && one.len_utf8() == 1 => ' ',
+            _ if one.is_control() => '\u{a0}',
+            _ => one,
+        };
+        let text = finding.text.as_ref().map(|text| text.chars().map(plain).collect::<String>());
+        let source = text.map(|text| NamedSource::new(&finding.file, text));
         Self { finding, source }
     }
 }
 
-impl fmt::Display for Shown<'_> {
+impl fmt::Display for Shown {
     fn fmt(&self, out: &mut fmt::Formatter<'_>) -> fmt::Result {
         out.write_str(&self.finding.message)
     }
 }
 
-impl std::error::Error for Shown<'_> {}
+impl std::error::Error for Shown {}
 
-impl miette::Diagnostic for Shown<'_> {
+impl miette::Diagnostic for Shown {
     fn severity(&self) -> Option<miette::Severity> {
         Some(match self.finding.severity {
             Severity::Error => miette::Severity::Error,

@@ -142,7 +142,7 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
         ControlFlow::Continue(()) => judge_run(&report, &rig.value, &scene.value, &overrides.faults)
             .map_err(|failure| if report.is_stopped() { kept.point_to_black_box(failure) } else { failure }),
     };
-    let end = with_drawing(end, drawn);
+    let end = with_files(end, [drawn, kept.is_written()]);
     if !output.is_json() {
         output.news(&facts.text(arguments))?;
         return end;
@@ -182,15 +182,15 @@ pub(super) fn draw(trace: &Trace, name: &str, figure: Option<&Path>) -> Result<(
     write_drawing(&drawing, path)
 }
 
-/// How a run ends whose drawing may have failed: that is told beside what else went wrong, whose exit code counts.
-pub(super) fn with_drawing(end: Result<(), Failure>, drawn: Result<(), Failure>) -> Result<(), Failure> {
-    match (end, drawn) {
-        (Err(mut failure), Err(undrawn)) => {
-            failure.report.diagnostics.extend(undrawn.report.diagnostics);
+/// How a run ends of which files may not have been written: that is told beside what else went wrong, whose exit code counts.
+pub(super) fn with_files(end: Result<(), Failure>, files: [Result<(), Failure>; 2]) -> Result<(), Failure> {
+    files.into_iter().fold(end, |end, file| match (end, file) {
+        (Err(mut failure), Err(unwritten)) => {
+            failure.report.diagnostics.extend(unwritten.report.diagnostics);
             Err(failure)
         }
-        (end, drawn) => end.and(drawn),
-    }
+        (end, file) => end.and(file),
+    })
 }
 
 /// What can be known to be wrong before anything is run.

@@ -34,10 +34,7 @@ pub(super) const SAFETY_STOP: i32 = 8;
 pub(super) const TIMING_MISSED: i32 = 9;
 pub(super) const INTERRUPTED: i32 = 130;
 
-pub(super) fn program() -> PathBuf {
-    let tests = std::env::current_exe().expect("a test has a file");
-    tests.ancestors().nth(2).expect("target/debug/deps").join("yieldwall")
-}
+pub(super) use hil_tests::program;
 
 pub(super) fn bus() -> String {
     std::env::var("YIELDWALL_CAN").unwrap_or_else(|_| "vcan0".to_owned())

@@ -12,7 +12,7 @@ use super::super::interrupt::{interrupted, on_interrupt, unless};
 use super::super::keep::Keep;
 use super::super::output::Output;
 use super::super::progress::Progress;
-use super::{Arguments, draw, measures_text, with_drawing};
+use super::{Arguments, draw, measures_text, with_files};
 use crate::config::{self, Coupling, ImpedanceDevice, Loaded};
 use crate::report::{Overrides, RunReport, replay, run_device};
 use crate::rig::ImpedanceRig;
@@ -53,7 +53,7 @@ pub(super) fn run(arguments: &Arguments, device: &Loaded<ImpedanceDevice>, outpu
         ControlFlow::Continue(()) if report.measures.is_within_bound() => Ok(()),
         ControlFlow::Continue(()) => Err(above_bound(&report.measures, name, SOFTER_COUPLING)),
     };
-    let end = with_drawing(end, drawn);
+    let end = with_files(end, [drawn, kept.is_written()]);
     if !output.is_json() {
         let mut lines = text(&device.value, &report, figure, seed, wall_s);
         lines.extend(kept.lines());

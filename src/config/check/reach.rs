@@ -10,6 +10,8 @@ use crate::fixture::Shape2;
 use crate::linkage::FiveBar;
 use crate::quantity::TipPoint;
 
+/// Greatest disc that is advised, mm.
+const MOST_MM: f64 = 1e5;
 /// Points of a circle that are tried for reach.
 const CIRCLE_SAMPLES: u32 = 96;
 
@@ -37,13 +39,28 @@ pub(super) fn check_linkage(findings: &mut Findings, rig: &Rig) {
                     point(error.tip),
                     shorten_numbers(&error.cause.to_string())
                 ),
-                "lower the radius, lengthen the links, or move `base_m`: the origin is the middle of the disc",
+                reach_help(&five_bar, radius_m, margin_m),
             )
             .see("linkage.base_m", "base_m")
             .see("guard.singularity_margin_m", "margin");
         return;
     }
     check_surface_reach(findings, "fixture", &rig.fixture, rig);
+}
+
+/// What to do about a disc that is out of reach: the greatest one that is not, in whole millimetres.
+fn reach_help(five_bar: &FiveBar, radius_m: f64, margin_m: f64) -> String {
+    let is_reached = |mm: u32| five_bar.reaches_disc(TipPoint::new(0.0, 0.0), 1e-3 * f64::from(mm), margin_m).is_ok();
+    let (mut reached, mut missed) = (0, (1e3 * radius_m).min(MOST_MM).ceil() as u32);
+    while missed - reached > 1 {
+        let middle = (reached + missed) / 2;
+        if is_reached(middle) { reached = middle } else { missed = middle }
+    }
+    let others = "lengthen the links, or move `base_m`: the origin is the middle of the disc";
+    match reached {
+        0 => others.to_owned(),
+        mm => format!("write {}, which it reaches; or {others}", f64::from(mm) / 1e3),
+    }
 }
 
 /// Whether the tool can follow the surface. `at` is the key of the fixture.

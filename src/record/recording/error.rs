@@ -6,7 +6,7 @@ use std::io;
 #[derive(Debug, thiserror::Error)]
 pub enum ReadError {
     /// The file cannot be read.
-    #[error("{0}")]
+    #[error("{}", io_words(.0))]
     Io(#[from] io::Error),
     /// The first bytes are not those of MCAP.
     #[error("is not an MCAP file")]
@@ -29,4 +29,13 @@ pub enum ReadError {
         /// Version of the program that wrote it.
         version: String,
     },
+}
+
+fn io_words(error: &io::Error) -> String {
+    match error.kind() {
+        io::ErrorKind::NotFound => "does not exist".to_owned(),
+        // Said by this program, of a file that it does not try to read.
+        io::ErrorKind::InvalidInput => error.to_string(),
+        _ => format!("cannot be read: {error}"),
+    }
 }
