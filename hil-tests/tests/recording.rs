@@ -17,7 +17,7 @@ use yieldwall::record::recording::{
     self, About, Backpressure, BlackBox, Feed, ReadError, Reader, Recorder, Sink, Writer,
 };
 use yieldwall::record::{CycleRecord, DeviceRecord};
-use yieldwall::report::replay::{self, End, recorded_trace, replay, replay_any, replay_device};
+use yieldwall::report::replay::{self, End, recorded, replay, replay_any, replay_device};
 use yieldwall::report::{Overrides, Watch, run_device, run_rig};
 use yieldwall::rig::EmbeddedRig;
 use yieldwall::run::Observer;
@@ -372,8 +372,8 @@ fn an_impedance_device_is_recorded_and_run_again() {
 
     let again = || recording::open(&folder.mcap()).expect("a recording");
     assert_eq!(replay_any(&mut again()).expect("it replays"), replay::Replay { cycles: count, end: End::Whole });
-    let trace = recorded_trace(&mut again()).expect("a recording");
-    assert_eq!(trace, report.trace);
+    let (trace, measures) = recorded(&mut again()).expect("a recording");
+    assert_eq!((trace, measures), (report.trace.clone(), report.measures.clone()));
     let Err(ReadError::OtherMachine { .. }) = Reader::<_, CycleRecord>::open(&folder.mcap()) else {
         panic!("it has no cycles of a rig")
     };

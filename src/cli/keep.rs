@@ -30,7 +30,7 @@ const RING_FRAMES: usize = 8192;
 const FLUSH_NS: u64 = 250_000_000;
 
 /// The file of the records.
-const MCAP: &str = "cycles.mcap";
+pub(super) const MCAP: &str = "cycles.mcap";
 
 /// What is watched, with the names of its buses in logs.
 #[derive(Clone, Copy, Debug)]

@@ -4,6 +4,7 @@
 //! output only; findings and failures go to standard error, or with `--json` into the one document on standard output.
 
 mod bus;
+mod compare;
 mod config;
 #[cfg(target_os = "linux")]
 mod drill;
@@ -90,6 +91,8 @@ enum Command {
     Replay(replay::Arguments),
     /// Draw a recording
     Plot(plot::Arguments),
+    /// Put runs and recordings side by side: measures, curves, and what differs in their configurations
+    Compare(compare::Arguments),
     /// Look into recordings and mend them
     #[command(subcommand)]
     Record(record::Command),
@@ -155,6 +158,7 @@ fn run(arguments: impl IntoIterator<Item = OsString>) -> Exit {
         Command::Reproduce(arguments) => reproduce::run(&arguments, &mut output),
         Command::Replay(arguments) => replay::run(&arguments, &mut output),
         Command::Plot(arguments) => plot::run(&arguments, &mut output),
+        Command::Compare(arguments) => compare::run(&arguments, &mut output),
         Command::Record(command) => record::run(&command, &mut output),
         Command::Soak(arguments) => soak::run(&arguments, &mut output),
         Command::Study(arguments) => study::run(&arguments, &mut output),

@@ -8,13 +8,13 @@ use super::failure::Failure;
 use super::output::Output;
 use super::picture::{check_picture, drawing_failure, write_drawing};
 use super::replace::Replace;
-use super::replay::{damage, failure, open, records};
+use super::replay::{damage, failure, open, recording_file, records};
 use crate::report::drawing;
-use crate::report::replay::recorded_trace;
+use crate::report::replay::recorded;
 
 #[derive(Debug, clap::Args)]
 pub(super) struct Arguments {
-    /// The recording, a cycles.mcap or the file of a black box
+    /// The recording: a cycles.mcap, its folder, or the file of a black box
     #[arg(value_name = "RECORDING")]
     recording: PathBuf,
     /// Draw trajectory, force and power into this file, an .svg or a .png; folders on the way are made
@@ -25,10 +25,10 @@ pub(super) struct Arguments {
 }
 
 pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Failure> {
-    let (path, figure) = (&arguments.recording, &arguments.figure);
+    let (path, figure) = (&recording_file(&arguments.recording), &arguments.figure);
     check_picture(figure, arguments.replace)?;
     let mut recording = open(path)?;
-    let trace = recorded_trace(&mut recording).map_err(|error| failure(path, error))?;
+    let (trace, _) = recorded(&mut recording).map_err(|error| failure(path, error))?;
     output.warnings(&damage(recording.damage(), path));
     let heading = Some(trace.title.clone());
     let drawing = drawing::run(&trace, heading).map_err(|error| drawing_failure(&error))?;

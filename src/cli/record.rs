@@ -1,23 +1,25 @@
-//! `yieldwall record`: what is in a recording, and what can be saved of a damaged one.
+//! `yieldwall record`: what is in a recording, the same as text, and what can be saved of a damaged one.
 
 use std::fs::{self, File, OpenOptions};
-use std::io;
+use std::io::{self, BufWriter, Write};
 use std::path::{Path, PathBuf};
 
 use serde_json::json;
 
 use super::failure::{Exit, Failure};
 use super::output::Output;
-use super::replay::{damage, open, read_failure, records};
-use crate::record::recording::{Reader, Recorded, Recording, Writer, definition};
+use super::picture::make_folder_of;
+use super::replace::Replace;
+use super::replay::{damage, open, read_failure, recording_file, records};
+use crate::record::recording::{Reader, Recorded, Recording, Writer, csv_header, csv_row, definition};
 use crate::record::{CycleRecord, DeviceRecord};
 
 #[derive(Debug, clap::Subcommand)]
 pub(super) enum Command {
     /// Say what is in a recording: cycles, time, gaps, damage
     Info {
-        /// The recording
-        #[arg(value_name = "FILE")]
+        /// The recording: a cycles.mcap, its folder, or the file of a black box
+        #[arg(value_name = "RECORDING")]
         file: PathBuf,
         /// Print the message definition too: each field with its unit
         #[arg(long)]
@@ -25,19 +27,31 @@ pub(super) enum Command {
     },
     /// Write what can be read of a cut or damaged recording into a whole one
     Repair {
-        /// The recording
-        #[arg(value_name = "FILE")]
+        /// The recording: a cycles.mcap, its folder, or the file of a black box
+        #[arg(value_name = "RECORDING")]
         file: PathBuf,
         /// The new file; by default FILE with .repaired before its ending
         #[arg(long, value_name = "FILE")]
         out: Option<PathBuf>,
     },
+    /// Write the cycles of a recording as text, the same as the cycles.csv that `run --record` leaves
+    Export {
+        /// The recording: a cycles.mcap, its folder, or the file of a black box
+        #[arg(value_name = "RECORDING")]
+        file: PathBuf,
+        /// The new file; by default RECORDING with .csv for its ending
+        #[arg(long, value_name = "FILE")]
+        csv: Option<PathBuf>,
+        #[command(flatten)]
+        replace: Replace,
+    },
 }
 
 pub(super) fn run(command: &Command, output: &mut Output) -> Result<(), Failure> {
     match command {
-        Command::Info { file, schema } => info(file, *schema, output),
-        Command::Repair { file, out } => repair(file, out.as_deref(), output),
+        Command::Info { file, schema } => info(&recording_file(file), *schema, output),
+        Command::Repair { file, out } => repair(&recording_file(file), out.as_deref(), output),
+        Command::Export { file, csv, replace } => export(&recording_file(file), csv.as_deref(), *replace, output),
     }
 }
 
@@ -177,12 +191,69 @@ fn repair(file: &Path, out: Option<&Path>, output: &mut Output) -> Result<(), Fa
         }));
     }
     output.warnings(&damage);
-    let lost = match (content.missing, recording.damage_count()) {
+    let lost = lost(&content, &recording);
+    output.news(&format!("{}: {} {records} kept; {lost}", out.display(), content.count))
+}
+
+/// What is missing of a recording, in words.
+fn lost(content: &Content, recording: &Recording<File>) -> String {
+    match (content.missing, recording.damage_count()) {
         (0, 0) => "nothing is lost".to_owned(),
         (0, _) => "nothing between the first and the last is lost".to_owned(),
-        (missing, _) => format!("{missing} {records} are missing in {} gaps", content.gaps),
+        (missing, _) => format!("{missing} {} are missing in {} gaps", records(recording), content.gaps),
+    }
+}
+
+fn export(file: &Path, csv: Option<&Path>, replace: Replace, output: &mut Output) -> Result<(), Failure> {
+    let mut recording = open(file)?;
+    let csv = csv.map_or_else(|| file.with_extension("csv"), Path::to_owned);
+    let cannot = |error: io::Error| {
+        let help = "choose a new file in a folder that can be written, with --csv";
+        Failure::new(Exit::Usage, format!("{}: {error}", csv.display()), help)
     };
-    output.news(&format!("{}: {} {records} kept; {lost}", out.display(), content.count))
+    make_folder_of(&csv)?;
+    let mut text = BufWriter::new(replace.create(&csv)?);
+    let written = match &mut recording {
+        Recording::Rig(reader) => write_text(reader, file, &mut text, cannot),
+        Recording::Device(reader) => write_text(reader, file, &mut text, cannot),
+    };
+    let content = match written.and_then(|content| text.flush().map_err(cannot).map(|()| content)) {
+        Ok(content) => content,
+        Err(failure) => {
+            // Half a file is of no use to anybody.
+            let _ = fs::remove_file(&csv);
+            return Err(failure);
+        }
+    };
+    let (damage, records) = (damage(recording.damage(), file), records(&recording));
+    if output.is_json() {
+        return output.json(&json!({
+            "file": file,
+            "csv": csv,
+            "cycles": content.count,
+            "gaps": content.gaps,
+            "missing_cycles": content.missing,
+            "damage": recording.damage_count(),
+            "diagnostics": damage,
+        }));
+    }
+    output.warnings(&damage);
+    output.news(&format!("{}: {} {records}; {}", csv.display(), content.count, lost(&content, &recording)))
+}
+
+/// Writes all records as text, below a line with the names of the columns.
+fn write_text<T: Recorded>(
+    reader: &mut Reader<File, T>,
+    file: &Path,
+    out: &mut impl Write,
+    cannot: impl Fn(io::Error) -> Failure,
+) -> Result<Content, Failure> {
+    writeln!(out, "{}", csv_header::<T>()).map_err(&cannot)?;
+    let mut row = String::new();
+    go_over(reader, file, |record| {
+        csv_row(record, &mut row);
+        writeln!(out, "{row}").map_err(&cannot)
+    })
 }
 
 /// Writes all records into a new file.

@@ -59,13 +59,8 @@ impl Replace {
     /// Refuses to write over a file of another kind than what is written there, unless forced; and whatever is no file, which could
     /// block for ever. A file that cannot be looked into is left to whoever writes it.
     pub(super) fn check(self, path: &Path, what: Written) -> Result<(), Failure> {
-        let Ok(metadata) = fs::metadata(path) else { return Ok(()) };
-        if is_sink(&metadata) {
+        if !check_regular(path)? {
             return Ok(());
-        }
-        if !metadata.is_file() {
-            let message = format!("{} is not a regular file", path.display());
-            return Err(Failure::about_file(Exit::Usage, path, message, "name a file, or one that is not there yet"));
         }
         let mut head = Vec::new();
         let read = File::open(path).and_then(|file| file.take(HEAD).read_to_end(&mut head));
@@ -75,6 +70,37 @@ impl Replace {
         let message = format!("{} is there already, and is not {}: nothing was written", path.display(), what.name());
         Err(Failure::about_file(Exit::Usage, path, message, "name another file, or replace this one with --force"))
     }
+
+    /// Makes a file that is not there yet; if it is, only when forced.
+    pub(super) fn create(self, path: &Path) -> Result<File, Failure> {
+        let is_there = check_regular(path)?;
+        if is_there && !self.force {
+            let message = format!("{} is there already: nothing was written", path.display());
+            return Err(Failure::about_file(
+                Exit::Usage,
+                path,
+                message,
+                "name another file, or replace this one with --force",
+            ));
+        }
+        File::create(path).map_err(|error| {
+            let message = format!("{}: {error}", path.display());
+            Failure::about_file(Exit::Usage, path, message, "choose a file that can be written")
+        })
+    }
+}
+
+/// Whether there is a regular file that writing would change.
+///
+/// # Errors
+/// If there is something else, which could block for ever.
+fn check_regular(path: &Path) -> Result<bool, Failure> {
+    let Ok(metadata) = fs::metadata(path) else { return Ok(false) };
+    if metadata.is_file() || is_sink(&metadata) {
+        return Ok(metadata.is_file());
+    }
+    let message = format!("{} is not a regular file", path.display());
+    Err(Failure::about_file(Exit::Usage, path, message, "name a file, or one that is not there yet"))
 }
 
 /// Whether it takes what is written without being changed, as a terminal and `/dev/null`.

@@ -7,6 +7,7 @@ use serde_json::json;
 
 use super::ending::rig_failure;
 use super::failure::{Exit, Failure};
+use super::keep::MCAP;
 use super::output::Output;
 use crate::config::{Diagnostic, Severity};
 use crate::record::recording::{self, About, Damage, ReadError, Recording};
@@ -14,13 +15,13 @@ use crate::report::replay::{End, ReplayError, replay_any};
 
 #[derive(Debug, clap::Args)]
 pub(super) struct Arguments {
-    /// The recording, a cycles.mcap or the file of a black box
+    /// The recording: a cycles.mcap, its folder, or the file of a black box
     #[arg(value_name = "RECORDING")]
     recording: PathBuf,
 }
 
 pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Failure> {
-    let path = &arguments.recording;
+    let path = &recording_file(&arguments.recording);
     let mut recording = open(path)?;
     let found = warn_of_version(recording.about(), path);
     output.warnings(&found);
@@ -90,6 +91,12 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
         Some(failure) => Err(failure),
         None => output.news(&format!("{cycles} {records}, byte-identical")),
     }
+}
+
+/// The file of a recording: a folder that was recorded into stands for the one in it.
+pub(super) fn recording_file(path: &Path) -> PathBuf {
+    let inside = path.join(MCAP);
+    if inside.is_file() { inside } else { path.to_owned() }
 }
 
 /// Opens a recording.

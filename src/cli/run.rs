@@ -193,15 +193,17 @@ pub(super) fn with_files(end: Result<(), Failure>, files: [Result<(), Failure>; 
     })
 }
 
+/// Whether a run can last so long.
+pub(super) fn check_duration(duration_s: Option<f64>) -> Result<(), Failure> {
+    let most = config::MAX_DURATION_S;
+    let Some(duration) = duration_s.filter(|duration| !(*duration > 0.0 && *duration <= most)) else { return Ok(()) };
+    let message = format!("--duration is {duration}: a run lasts more than 0 and at most {most} simulated seconds");
+    Err(Failure::new(Exit::Usage, message, "give a number of seconds, such as --duration 5"))
+}
+
 /// What can be known to be wrong before anything is run.
 pub(super) fn check(arguments: &Arguments) -> Result<(), Failure> {
-    if let Some(duration) = arguments.duration
-        && !(duration > 0.0 && duration <= config::MAX_DURATION_S)
-    {
-        let most = config::MAX_DURATION_S;
-        let message = format!("--duration is {duration}: a run lasts more than 0 and at most {most} simulated seconds");
-        return Err(Failure::new(Exit::Usage, message, "give a number of seconds, such as --duration 5"));
-    }
+    check_duration(arguments.duration)?;
     if let Some(path) = &arguments.figure {
         check_picture(path, arguments.replace)?;
     }

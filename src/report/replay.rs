@@ -5,14 +5,15 @@ use std::io::Read;
 use std::path::PathBuf;
 use std::sync::Arc;
 
-use super::run::{Overrides, Seen, trace};
+use super::measures::Measures;
+use super::run::{Overrides, Seen, measured, measured_device};
 use crate::assembly;
 use crate::config::{self, Report, Source};
 use crate::guard::Request;
 use crate::record::recording::{
     About, Difference, Machine, ReadError, Reader, Recorded, Recording, difference, encode,
 };
-use crate::record::{CycleRecord, DeviceRecord, ForceMeaning, Trace};
+use crate::record::{CycleRecord, DeviceRecord, Trace};
 use crate::rig::{ImpedanceLoop, RigError};
 
 const SCENE: &str = "scene.yaml";
@@ -93,6 +94,17 @@ pub fn rig(about: &About) -> Result<config::Rig, Report> {
 /// As [`rig()`].
 pub fn device(about: &About) -> Result<config::ImpedanceDevice, Report> {
     Ok(config::load_device(documents(about))?.value)
+}
+
+/// The scene that was recorded; `None` of a rig on a bus without one.
+///
+/// # Errors
+/// As [`rig()`].
+pub fn scene(about: &About) -> Result<Option<config::Scene>, Report> {
+    if about.scene.is_empty() {
+        return Ok(None);
+    }
+    Ok(Some(config::load_scene(Source::memory(SCENE, about.scene.clone()))?.value))
 }
 
 /// Why a recording could not be run again or drawn.
@@ -211,11 +223,11 @@ fn again<R: Read, T: Recorded>(
     Ok(Replay { cycles, end: End::Whole })
 }
 
-/// The trace of a recording, for drawings: the same as that of the run that was recorded.
+/// The trace of a recording and its measures: the same as those of the run that was recorded.
 ///
 /// # Errors
 /// As [`replay_any`].
-pub fn recorded_trace<R: Read>(recording: &mut Recording<R>) -> Result<Trace, ReplayError> {
+pub fn recorded<R: Read>(recording: &mut Recording<R>) -> Result<(Trace, Measures), ReplayError> {
     match recording {
         Recording::Rig(reader) => {
             let rig = rig(reader.about())?;
@@ -227,7 +239,7 @@ pub fn recorded_trace<R: Read>(recording: &mut Recording<R>) -> Result<Trace, Re
                     seen.take(record.row(), record.directive.state, record.cause);
                 }
             }
-            Ok(trace(rig.rig.name.clone(), &rig.fixture, ForceMeaning::HandOnTool, seen))
+            Ok(measured(&rig, &rig.fixture, seen))
         }
         Recording::Device(reader) => {
             let device = device(reader.about())?;
@@ -235,7 +247,7 @@ pub fn recorded_trace<R: Read>(recording: &mut Recording<R>) -> Result<Trace, Re
             while let Some(record) = reader.next_record()? {
                 rows.push(record.row());
             }
-            Ok(trace(device.device.name.clone(), &device.fixture, ForceMeaning::ActuatorOnTool, rows))
+            Ok(measured_device(&device, &device.fixture, rows))
         }
     }
 }

@@ -7,7 +7,7 @@ use std::ops::ControlFlow;
 use std::time::Duration;
 
 pub use self::seen::Seen;
-pub(super) use self::seen::trace;
+use self::seen::trace;
 use super::measures::{Context, Measures, measure};
 use crate::config;
 use crate::guard::{Cause, Fault, Request, State};
@@ -212,19 +212,7 @@ pub fn run_device(
             break;
         }
     }
-    let trace = trace(device.device.name.clone(), fixture, ForceMeaning::ActuatorOnTool, rows);
-    let context = Context {
-        period_s,
-        mass_kg: None,
-        torque_limit_n_m: None,
-        has_depth_law: false,
-        stiffness_n_per_m: match fixture.coupling {
-            config::Coupling::Impedance { stiffness_n_per_m, .. } => stiffness_n_per_m.get(),
-            config::Coupling::Admittance { .. } => 0.0,
-        },
-        force_resolution_n: 0.0,
-    };
-    let measures = measure(&trace, &context);
+    let (trace, measures) = measured_device(device, fixture, rows);
     Ok(RunReport {
         trace,
         measures,
@@ -239,6 +227,28 @@ pub fn run_device(
         foreign_downloads: 0,
         period_s,
     })
+}
+
+/// What the rows of an impedance device with this fixture show.
+pub fn measured_device(
+    device: &config::ImpedanceDevice,
+    fixture: &config::Fixture,
+    rows: Vec<Row>,
+) -> (Trace, Measures) {
+    let trace = trace(device.device.name.clone(), fixture, ForceMeaning::ActuatorOnTool, rows);
+    let context = Context {
+        period_s: f64::from(device.cycle.period_us) * 1e-6,
+        mass_kg: None,
+        torque_limit_n_m: None,
+        has_depth_law: false,
+        stiffness_n_per_m: match fixture.coupling {
+            config::Coupling::Impedance { stiffness_n_per_m, .. } => stiffness_n_per_m.get(),
+            config::Coupling::Admittance { .. } => 0.0,
+        },
+        force_resolution_n: 0.0,
+    };
+    let measures = measure(&trace, &context);
+    (trace, measures)
 }
 
 /// Mass of the proxy where the law of energy holds: not with a spring, and not where the proxy is taken onto a point from

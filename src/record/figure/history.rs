@@ -29,7 +29,7 @@ const LEFT: f64 = 100.0;
 const RIGHT: f64 = 60.0;
 
 /// The force component along the normal; without a surface the magnitude of the force.
-fn shown_force_n(trace: &Trace, row: &Row) -> f64 {
+pub(super) fn shown_force_n(trace: &Trace, row: &Row) -> f64 {
     if trace.references.is_empty() {
         return row.force_n.iter().map(|component| component * component).sum::<f64>().sqrt();
     }
@@ -87,7 +87,7 @@ fn yields_n(trace: &Trace) -> [Option<f64>; 2] {
 }
 
 /// Dashed lines at `F` and `R` on both sides of zero, named at the right edge.
-fn levels(page: &mut Page, axes: &Axes, trace: &Trace) {
+pub(super) fn levels(page: &mut Page, axes: &Axes, trace: &Trace) {
     let [most, least] = yields_n(trace);
     // A yield force of its own against pushes out of the forbidden side has a name of its own.
     let is_outward = |sign: f64| trace.outward_yield_n.is_some() && -sign * trace.drawn_sign() > 0.0;
@@ -203,7 +203,7 @@ struct Column<'a> {
 
 /// Positions of tool and proxy along the normal, in mm, at times as they are shown.
 pub(super) struct Positions {
-    tool: Vec<(f64, f64)>,
+    pub(super) tool: Vec<(f64, f64)>,
     proxy: Vec<(f64, f64)>,
 }
 

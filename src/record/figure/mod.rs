@@ -7,6 +7,7 @@
 //! line by less than 0.04 mm on paper, time curves keep the first, lowest, highest and last value of every 0.05 mm.
 
 mod axes;
+mod comparison;
 mod curve;
 mod error;
 mod history;
@@ -19,6 +20,7 @@ mod trajectory;
 #[cfg(test)]
 mod tests;
 
+pub use comparison::comparison;
 pub use error::Error;
 pub use history::hold_comparison;
 pub use magnified::{View, magnified};

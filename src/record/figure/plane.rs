@@ -41,7 +41,7 @@ const SAGITTA: f64 = 0.1;
 const MOST_CORNERS: f64 = 20_000.0;
 
 /// Where the surfaces of a run are drawn.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Places {
     /// How far they are from their place, in m, where they are nearest to it. The third component also lowers them by the
     /// height at which they are cut.
@@ -141,7 +141,7 @@ pub(super) struct Sight {
     pub outline: bool,
 }
 
-/// Draws ways and surfaces in mm, and says what of the surfaces came into the frame; frame and ticks are drawn last, by the
+/// Draws surfaces and ways in mm, and says what of the surfaces came into the frame; frame and ticks are drawn last, by the
 /// caller.
 pub(super) fn ways(
     page: &mut Page,
@@ -150,6 +150,18 @@ pub(super) fn ways(
     excerpt: &Excerpt<'_>,
     places: &Places,
 ) -> Result<Sight, Error> {
+    let sight = surfaces(page, axes, trace, places)?;
+    axes.curve(page, excerpt.rows.iter().map(|row| in_mm(row.tool_m)), Kind::Way, TOOL);
+    axes.curve(page, excerpt.led().map(|row| in_mm(row.proxy_m)), Kind::Way, PROXY);
+    Ok(sight)
+}
+
+pub(super) fn in_mm([x, y, _]: [f64; 3]) -> Point {
+    (x * MM_PER_M, y * MM_PER_M)
+}
+
+/// Draws the surfaces alone.
+pub(super) fn surfaces(page: &mut Page, axes: &Axes, trace: &Trace, places: &Places) -> Result<Sight, Error> {
     let mut sight = Sight::default();
     let draw = |page: &mut Page, place: [f64; 3], strokes: &[Stroke], is_hatched: bool| -> Result<bool, Error> {
         let mut is_seen = false;
@@ -184,9 +196,6 @@ pub(super) fn ways(
         }
     }
     sight.outline = outlines(page, axes, trace, places);
-    let in_mm = |[x, y, _]: [f64; 3]| (x * MM_PER_M, y * MM_PER_M);
-    axes.curve(page, excerpt.rows.iter().map(|row| in_mm(row.tool_m)), Kind::Way, TOOL);
-    axes.curve(page, excerpt.led().map(|row| in_mm(row.proxy_m)), Kind::Way, PROXY);
     Ok(sight)
 }
 

@@ -206,6 +206,35 @@ fn surfaces_in_space_are_cut_at_the_heights_of_the_proxy() {
     assert!(svg.contains(">outline</text>") && !svg.contains(">reference surface"));
 }
 
+/// Each run has its line in the plane and in both panels over time, and its name once.
+#[test]
+fn runs_are_drawn_over_one_another_each_with_a_line_of_its_own() {
+    let long = "a name that is longer than any legend has room for";
+    let names = ["A", "B", "C", "D", "E", long];
+    let traces: Vec<Trace> = (0..6).map(|number| Trace { yield_n: 20.0 + f64::from(number), ..tour(900) }).collect();
+    let runs: Vec<(&str, &Trace)> = names.into_iter().zip(&traces).collect();
+    let svg = comparison(&runs, &Options::default()).unwrap().svg();
+    for name in &names[..5] {
+        assert_eq!(svg.matches(&format!(">{name}</text>")).count(), 1, "{name}");
+    }
+    assert!(svg.contains(">a name that is longer than any leg\u{2026}</text>") && !svg.contains(long));
+    for color in ["#56b4e9", "#a83200", "#009e73", "#e69f00", "#cc79a7"] {
+        let strokes = svg.matches(&format!(r#"stroke="{color}""#)).count();
+        assert!(strokes >= 4, "{color}: {strokes} of legend, way, force and distance");
+    }
+    // F and R are drawn where they are those of all.
+    let level = r#"<tspan font-style="italic">R</tspan>"#;
+    assert!(!svg.contains(level));
+    assert!(comparison(&[runs[0], runs[0]], &Options::default()).unwrap().svg().contains(level));
+    let free = Trace { references: Vec::new(), ..tour(100) };
+    let svg = comparison(&[runs[0], ("free", &free)], &Options::default()).unwrap().svg();
+    assert!(!svg.contains(">distance of the tool") && svg.contains(">force along the normal (N)</text>"));
+    for count in [0, 7] {
+        let runs: Vec<(&str, &Trace)> = (0..count).map(|_| runs[0]).collect();
+        assert!(matches!(comparison(&runs, &Options::default()), Err(Error::PanelCount { .. })));
+    }
+}
+
 /// What is not in the picture is not in its legend.
 #[test]
 fn every_entry_of_the_legend_has_a_mark() {

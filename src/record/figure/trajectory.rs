@@ -10,9 +10,9 @@ use super::{Drawing, Error, Excerpt, Options};
 use crate::elementary;
 use crate::record::{ForceMeaning, Phase, Reference, Row, Trace};
 
-const LEFT: f64 = 100.0;
+pub(super) const LEFT: f64 = 100.0;
 /// Distance of a panel's letter from its frame, to the left.
-const LETTER_OFFSET: f64 = 58.0;
+pub(super) const LETTER_OFFSET: f64 = 58.0;
 const ARROW: Stroke = Stroke { color: Color(0x50, 0x50, 0x50), width: 2.0, dash: &[] };
 /// Length on paper of the force below which 98 of 100 lie, or of `R` if that is larger: 11 mm.
 const ARROW_LENGTH: f64 = 110.0;
@@ -22,6 +22,8 @@ const LONGEST_ARROW: f64 = 2.0 * ARROW_LENGTH;
 const LEAST_ARROW: f64 = 4.0;
 /// Least distance on paper between the tails or the tips of two arrows that follow one another: 2 mm.
 const ARROW_SPACING: f64 = 20.0;
+/// Left edge and width of the panels over time, and their distance.
+pub(super) const BESIDE_PLANE: (f64, f64, f64) = (950.0, 590.0, 84.0);
 /// Distance of a phase's letter from the way: 3.4 mm.
 const BESIDE: f64 = 34.0;
 /// Least range of a way, in mm.
@@ -79,7 +81,7 @@ pub fn trajectory_and_time(trace: &Trace, options: &Options) -> Result<Drawing, 
     }
     axes.draw(&mut page, Some("x (mm)"), "y (mm)");
     super::panel_letter(&mut page, (frame.left - LETTER_OFFSET, top - 15.0), 0);
-    let (left, width, gap) = (950.0, 590.0, 84.0);
+    let (left, width, gap) = BESIDE_PLANE;
     // Whether tool and proxy are on a surface that moves, or that is cut at many heights, the plane alone does not tell.
     let positions = (places.moves || places.heights_mm.is_some()).then(|| Positions::new(trace, &excerpt));
     let shares: &[f64] = if positions.is_some() { &[0.4, 0.33, 0.27] } else { &[0.56, 0.44] };
@@ -114,7 +116,7 @@ pub fn trajectory_and_time(trace: &Trace, options: &Options) -> Result<Drawing, 
     Ok(Drawing::new(page, options))
 }
 
-fn force_name(trace: &Trace) -> String {
+pub(super) fn force_name(trace: &Trace) -> String {
     let part = match &trace.references[..] {
         [] => "magnitude",
         [only] if plane::circle(only).is_some() => "radial part",
@@ -141,16 +143,9 @@ fn fit(
         let axes = Axes::with_equal_scales(frame, x, y);
         return Ok((axes, Arrows::new(&axes, trace, excerpt, options.arrow_limit)));
     }
-    let mut points: Vec<(f64, f64)> = excerpt
-        .rows
-        .iter()
-        .flat_map(|row| [row.tool_m, row.proxy_m])
-        .map(|[x, y, _]| (x * MM_PER_M, y * MM_PER_M))
-        .collect();
-    for place in places.ends() {
-        let corners = trace.references.iter().flat_map(|reference| surface_corners(reference, place, &points));
-        points.extend(corners.collect::<Vec<_>>());
-    }
+    let mut points: Vec<(f64, f64)> =
+        excerpt.rows.iter().flat_map(|row| [row.tool_m, row.proxy_m]).map(plane::in_mm).collect();
+    points.extend(corners(trace, places, &points));
     let ways = around(frame, &points, 0.02);
     let arrows = Arrows::new(&ways, trace, excerpt, options.arrow_limit);
     let per_length = 1.0 / ways.length_per_unit();
@@ -163,7 +158,13 @@ fn fit(
     Ok((axes, arrows))
 }
 
-fn around(frame: Frame, points: &[(f64, f64)], margin: f64) -> Axes {
+/// Corners of all surfaces that should be shown whole, in mm.
+pub(super) fn corners(trace: &Trace, places: &Places, way: &[Point]) -> Vec<Point> {
+    let ends = places.ends().flat_map(|place| trace.references.iter().map(move |reference| (reference, place)));
+    ends.flat_map(|(reference, place)| surface_corners(reference, place, way)).collect()
+}
+
+pub(super) fn around(frame: Frame, points: &[(f64, f64)], margin: f64) -> Axes {
     let x = range_of(points.iter().map(|point| point.0), LEAST_WAY_MM, margin);
     let y = range_of(points.iter().map(|point| point.1), LEAST_WAY_MM, margin);
     Axes::with_equal_scales(frame, x, y)

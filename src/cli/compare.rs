@@ -1,0 +1,207 @@
+//! `yieldwall compare`: runs and recordings side by side.
+
+mod differences;
+mod item;
+mod table;
+
+use std::path::PathBuf;
+
+use serde_json::json;
+
+use self::differences::differences;
+use self::item::Item;
+use self::table::{Table, measures_table};
+use super::failure::{Exit, Failure};
+use super::interrupt::on_interrupt;
+use super::output::Output;
+use super::picture::{check_picture, drawing_failure, write_drawing};
+use super::progress::Progress;
+use super::replace::Replace;
+use super::run::check_duration;
+use crate::record::Trace;
+use crate::record::figure::{Options, comparison};
+use crate::report::Overrides;
+
+#[derive(Debug, clap::Args)]
+pub(super) struct Arguments {
+    /// Rigs or impedance devices, which are run on the embedded simulation, and recordings (a cycles.mcap, its folder, or the file of a
+    /// black box), which are read; two to six
+    #[arg(value_name = "RIG.yaml|RECORDING", required = true, num_args = 2..=6)]
+    items: Vec<String>,
+    /// Draw the ways, forces and distances over one another into this file, an .svg or a .png; folders on the way are made
+    #[arg(long, value_name = "PATH")]
+    figure: Option<PathBuf>,
+    #[command(flatten)]
+    replace: Replace,
+    /// Seconds to run, in place of each scene's duration; recordings are taken as they are
+    #[arg(long, value_name = "S", allow_negative_numbers = true)]
+    duration: Option<f64>,
+    /// Seed of tremor and sensor noise, in place of each scene's; recordings are taken as they are
+    #[arg(long, value_name = "N", allow_negative_numbers = true)]
+    seed: Option<u64>,
+}
+
+pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Failure> {
+    check_duration(arguments.duration)?;
+    if let Some(path) = &arguments.figure {
+        check_picture(path, arguments.replace)?;
+    }
+    let overrides = Overrides { duration_s: arguments.duration, seed: arguments.seed, ..Overrides::default() };
+    let is_interrupted = on_interrupt()?;
+    let progress = Progress::new(output);
+    let mut items = Vec::new();
+    for (name, label) in arguments.items.iter().zip('A'..) {
+        items.push(Item::of(name, label, &overrides, &is_interrupted, &progress, output)?);
+    }
+    progress.end();
+    let table = measures_table(&items);
+    let documents: Vec<_> = items.iter().map(|item| item.document.clone()).collect();
+    let differences = differences(&documents);
+    let drawn = arguments.figure.as_deref().map_or(Ok(()), |path| {
+        let names: Vec<String> = items.iter().map(Item::short_name).collect();
+        let runs: Vec<(&str, &Trace)> =
+            names.iter().map(String::as_str).zip(items.iter().map(|item| &item.trace)).collect();
+        let drawing = comparison(&runs, &Options::default()).map_err(|error| drawing_failure(&error))?;
+        write_drawing(&drawing, path)
+    });
+    if output.is_json() {
+        let figure = arguments.figure.as_ref().filter(|_| drawn.is_ok());
+        let document = json!({
+            "items": items.iter().map(Item::to_json).collect::<Vec<_>>(),
+            "differences": differences.iter().map(|one| json!({ "key": one.key, "values": one.values })).collect::<Vec<_>>(),
+            "figure": figure,
+        });
+        return output.end(document, drawn);
+    }
+    let mut lines: Vec<String> = items.iter().map(Item::line).collect();
+    lines.push(String::new());
+    lines.extend(table.lines());
+    lines.push(String::new());
+    if differences.is_empty() {
+        lines.push("nothing differs in what was run".to_owned());
+    } else {
+        let head = std::iter::once("what differs".to_owned()).chain(items.iter().map(|item| item.label.to_string()));
+        let mut table = Table::new(head.collect());
+        differences.iter().for_each(|one| table.push(one.cells()));
+        lines.extend(table.lines());
+    }
+    if let (Some(path), Ok(())) = (&arguments.figure, &drawn) {
+        lines.push(format!("\nfigure    {}", path.display()));
+    }
+    output.news(&lines.join("\n"))?;
+    drawn
+}
+
+/// Text that was kept of what was run cannot be read.
+fn not_kept(what: &str, error: impl std::fmt::Display) -> Failure {
+    Failure::new(Exit::Internal, format!("{what}: {error}"), "")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::path::Path;
+    use std::sync::atomic::AtomicBool;
+
+    const RIG: &str = "builtin:paper-admittance.yaml";
+
+    fn item(name: &str, duration_s: f64) -> Result<Item, Failure> {
+        let mut output = Output::new(true, false, false);
+        let progress = Progress::new(&output);
+        let overrides = Overrides { duration_s: Some(duration_s), ..Overrides::default() };
+        Item::of(name, 'A', &overrides, &AtomicBool::new(false), &progress, &mut output)
+    }
+
+    fn keys_that_differ(one: &Item, other: &Item) -> Vec<String> {
+        differences(&[one.document.clone(), other.document.clone()]).into_iter().map(|one| one.key).collect()
+    }
+
+    struct Folder(PathBuf);
+
+    impl Folder {
+        fn new(name: &str) -> Self {
+            let path = std::env::temp_dir().join(format!("yieldwall-compare-{name}-{}", std::process::id()));
+            std::fs::create_dir_all(&path).unwrap();
+            Self(path)
+        }
+
+        fn at(&self, name: &str) -> String {
+            self.0.join(name).to_str().unwrap().to_owned()
+        }
+    }
+
+    impl Drop for Folder {
+        fn drop(&mut self) {
+            let _ = std::fs::remove_dir_all(&self.0);
+        }
+    }
+
+    fn exit(line: &str) -> Exit {
+        super::super::run(line.split(' ').map(std::ffi::OsString::from))
+    }
+
+    #[test]
+    fn a_change_of_the_yield_force_is_all_that_differs() {
+        let folder = Folder::new("changed");
+        let path = folder.at("rig.yaml");
+        std::fs::write(&path, "like: builtin:paper-admittance.yaml\nfixture: {yield_n: 10.0}\n").unwrap();
+        let (shipped, again, changed) = (item(RIG, 3.0).unwrap(), item(RIG, 3.0).unwrap(), item(&path, 3.0).unwrap());
+        assert!(keys_that_differ(&shipped, &again).is_empty());
+        assert_eq!(shipped.measures, again.measures);
+        assert_eq!(keys_that_differ(&shipped, &changed), ["fixture.yield_n"]);
+        assert!(shipped.measures != changed.measures);
+        let device = item("builtin:sphere.yaml", 1.0).unwrap();
+        let lines = measures_table(&[shipped, device]).lines();
+        assert!(lines.iter().any(|line| line.starts_with("torque, most") && line.ends_with('-')), "{lines:#?}");
+    }
+
+    /// The recording of a run is that run: measures to the last bit, and what was run.
+    #[test]
+    fn a_recording_compares_as_its_run_and_is_exported_as_it_was_recorded() {
+        let folder = Folder::new("recorded");
+        let record = folder.at("record");
+        assert_eq!(exit(&format!("yieldwall -q run {RIG} --duration 2 --record {record}")), Exit::Ok);
+        let (run, read) = (item(RIG, 2.0).unwrap(), item(&record, 1.0).unwrap());
+        assert_eq!(run.measures, read.measures);
+        assert!(run.trace == read.trace && run.period_s == read.period_s);
+        assert!(keys_that_differ(&run, &read).is_empty(), "{:?}", keys_that_differ(&run, &read));
+        let csv = folder.at("again.csv");
+        let export = format!("yieldwall -q record export {record} --csv {csv}");
+        assert_eq!(exit(&export), Exit::Ok);
+        let [recorded, exported] =
+            [Path::new(&record).join("cycles.csv"), PathBuf::from(&csv)].map(|path| std::fs::read(path).unwrap());
+        assert!(recorded == exported, "the text is another one");
+        assert_eq!(exit(&export), Exit::Usage, "it is there already");
+        assert_eq!(exit(&format!("{export} --force")), Exit::Ok);
+        // The text of the recording itself stays.
+        assert_eq!(exit(&format!("yieldwall -q record export {record}")), Exit::Usage);
+        assert_eq!(exit(&format!("yieldwall -q record export {record}/cycles.csv")), Exit::ConfigInvalid);
+        // A fault stops the run that left this box: it is compared, and said.
+        let fault = format!("yieldwall -q run {RIG} --duration 2 --fault node-reset@0.5 --black-box {record}");
+        assert_eq!(exit(&fault), Exit::SafetyStop);
+        let black_box = format!("{record}/paper-admittance-000001.black-box.mcap");
+        let stopped = item(&black_box, 1.0).unwrap();
+        assert!(stopped.line().contains("stopped by node-reset at 0.5"), "{}", stopped.line());
+        assert_eq!(exit(&format!("yieldwall -q record export {black_box}")), Exit::Ok);
+        let text = std::fs::read_to_string(black_box.replace(".mcap", ".csv")).unwrap();
+        assert!(text.lines().count() > 2000, "the 2 s after the fault");
+        let figure = folder.at("both.svg");
+        let both = format!("yieldwall -q compare {record} {black_box} --figure {figure}");
+        assert_eq!(exit(&both), Exit::Ok);
+        assert!(std::fs::read_to_string(figure).unwrap().contains(">B paper-admittance</text>"));
+    }
+
+    #[test]
+    fn what_cannot_be_compared_is_refused() {
+        for (line, expected) in [
+            (format!("compare {RIG}"), Exit::Usage),
+            (format!("compare {RIG} {RIG} --duration -1"), Exit::Usage),
+            (format!("compare {RIG} {RIG} --figure x.txt"), Exit::Usage),
+            (format!("compare {RIG} builtin:scenes/room-walk.yaml --duration 0.1"), Exit::ConfigInvalid),
+            (format!("compare {RIG} absent.mcap --duration 0.1"), Exit::ConfigInvalid),
+            (format!("compare {RIG} absent.yaml --duration 0.1"), Exit::ConfigInvalid),
+        ] {
+            assert_eq!(exit(&format!("yieldwall -q {line}")), expected, "{line}");
+        }
+    }
+}

@@ -1,0 +1,110 @@
+//! Measures side by side.
+
+use super::item::Item;
+
+/// Digits of a number in the table.
+const DIGITS: i32 = 4;
+
+/// Rows of cells, with a head.
+pub(super) struct Table(Vec<Vec<String>>);
+
+impl Table {
+    pub(super) fn new(head: Vec<String>) -> Self {
+        Self(vec![head])
+    }
+
+    pub(super) fn push(&mut self, row: Vec<String>) {
+        self.0.push(row);
+    }
+
+    /// A line for each row: the first column to the left, the others to the right.
+    pub(super) fn lines(&self) -> Vec<String> {
+        let columns = self.0.iter().map(Vec::len).max().unwrap_or_default();
+        let width = |column: usize| {
+            self.0.iter().filter_map(|row| row.get(column)).map(|cell| cell.chars().count()).max().unwrap_or_default()
+        };
+        let widths: Vec<usize> = (0..columns).map(width).collect();
+        let line = |row: &Vec<String>| {
+            let cells = row.iter().zip(&widths).enumerate().map(|(column, (cell, width))| match column {
+                0 => format!("{cell:width$}"),
+                _ => format!("{cell:>width$}"),
+            });
+            cells.collect::<Vec<_>>().join("  ")
+        };
+        self.0.iter().map(line).collect()
+    }
+}
+
+type Take = fn(&Item) -> Option<f64>;
+
+/// What is compared: name with unit, and the number.
+const ROWS: [(&str, Take); 23] = [
+    ("time, s", |item| Some(item.time_s())),
+    ("held at rest by faults, s", |item| Some(item.held_s())),
+    ("impacts", |item| Some(item.measures.impacts.len() as f64)),
+    ("deepest impact, mm", |item| (!item.measures.impacts.is_empty()).then_some(item.measures.penetration_mm)),
+    ("fastest impact, mm/s", |item| {
+        item.measures.impacts.iter().map(|impact| 1e3 * impact.speed_m_per_s).reduce(f64::max)
+    }),
+    ("tool off the surface, tracing, RMS, mm", |item| item.measures.tool_rms_tracing_mm),
+    ("tool off the surface, in contact, RMS, mm", |item| item.measures.tool_rms_on_surface_mm),
+    ("tool off the surface, in contact, most, mm", |item| item.measures.tool_max_on_surface_mm),
+    ("proxy off the surface that holds it, most, mm", |item| item.measures.proxy_on_surface_max_mm),
+    ("on the surface when pressed below R, %", |item| {
+        item.measures.on_surface_fraction_when_pressed.map(|share| 100.0 * share)
+    }),
+    ("unintended releases", |item| {
+        item.measures.on_surface_fraction_when_pressed.map(|_| f64::from(item.measures.unintended_releases))
+    }),
+    ("force along the normal in contact, most, N", |item| item.measures.peak_force_on_surface_n),
+    ("age of the force, mean, ms", |item| item.measures.force_age_mean_ms),
+    ("age of the force, most, ms", |item| item.measures.force_age_max_ms),
+    ("energy given to the hand, all, mJ", |item| Some(1e3 * item.measures.energy_given_j)),
+    ("energy taken from the hand, all, mJ", |item| Some(1e3 * item.measures.energy_taken_j)),
+    ("energy given in one go, mJ", |item| Some(1e3 * item.measures.bounded_energy_j())),
+    ("its bound, mJ", |item| Some(1e3 * item.measures.energy_bound_j)),
+    ("most net work on the hand over any stretch, mJ", |item| Some(1e3 * item.measures.energy_rise_j)),
+    ("share of time with power to the hand, %", |item| Some(100.0 * item.measures.power_positive_fraction)),
+    ("torque, most, N m", |item| item.measures.peak_torque_n_m),
+    ("at the torque limit, s", |item| item.measures.torque_limit_s),
+    ("at the torque limit, but for impacts, s", |item| item.measures.torque_limit_apart_s),
+];
+
+/// All measures that one of the items has.
+pub(super) fn measures_table(items: &[Item]) -> Table {
+    let head = std::iter::once("measure".to_owned()).chain(items.iter().map(|item| item.label.to_string()));
+    let mut table = Table::new(head.collect());
+    for (name, take) in ROWS {
+        let values: Vec<Option<f64>> = items.iter().map(take).collect();
+        if values.iter().any(Option::is_some) {
+            let cells = values.into_iter().map(|value| value.map_or("-".to_owned(), number));
+            table.push(std::iter::once(name.to_owned()).chain(cells).collect());
+        }
+    }
+    table
+}
+
+/// A number with four digits, or all of its whole ones.
+fn number(value: f64) -> String {
+    if value == 0.0 || !value.is_finite() {
+        return if value.is_finite() { "0".to_owned() } else { "none".to_owned() };
+    }
+    let whole_digits = crate::elementary::log10(value.abs()).floor() as i32 + 1;
+    let decimals = (DIGITS - whole_digits).clamp(0, 9) as usize;
+    let text = format!("{value:.decimals$}");
+    if text.contains('.') { text.trim_end_matches('0').trim_end_matches('.').to_owned() } else { text }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn numbers_have_four_digits_and_columns_stand_below_one_another() {
+        let texts = [0.0, 12.0, 0.012345, 20.24999, 8300.4, 123_456.7, -0.5, f64::INFINITY].map(number);
+        assert_eq!(texts, ["0", "12", "0.01235", "20.25", "8300", "123457", "-0.5", "none"]);
+        let mut table = Table::new(vec!["measure".to_owned(), "A".to_owned()]);
+        table.push(vec!["time".to_owned(), "12.5".to_owned()]);
+        assert_eq!(table.lines(), ["measure     A", "time     12.5"]);
+    }
+}
