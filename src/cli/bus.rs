@@ -52,7 +52,7 @@ pub(super) fn run(command: &Command, output: &mut Output) -> Result<(), Failure>
         ..conditions
     });
     let plans = plans.map_err(|error| failure(&error))?;
-    if output.is_json() { output.json(&to_json(&plans)) } else { output.result(&text(&plans)) }
+    if output.is_json() { output.report(to_json(&plans)) } else { output.result(&text(&plans)) }
 }
 
 fn failure(error: &RigError) -> Failure {

@@ -6,7 +6,7 @@ mod checked;
 #[cfg(test)]
 mod newcomer;
 
-use serde_json::Value;
+use serde_json::{Value, json};
 
 use self::checked::Checked;
 use super::failure::{Exit, Failure};
@@ -64,9 +64,8 @@ fn check(files: &[String], output: &mut Output) -> Result<(), Failure> {
         }
     }
     if output.is_json() {
-        output.json(&entries)?;
-        let exit = if refused.is_empty() { return Ok(()) } else { Exit::ConfigInvalid };
-        return Err(Failure { exit, report: Report { diagnostics: Vec::new() } });
+        let end = if refused.is_empty() { Ok(()) } else { Err(Report { diagnostics: refused }.into()) };
+        return output.end(json!({ "files": entries }), end);
     }
     if refused.is_empty() { Ok(()) } else { Err(Report { diagnostics: refused }.into()) }
 }

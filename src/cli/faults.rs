@@ -84,7 +84,7 @@ pub(super) fn list(arguments: &Arguments, output: &mut Output) -> Result<(), Fai
     let is_all = arguments.names.is_empty();
     let rows: Vec<&Row> = if is_all { CATALOGUE.iter().collect() } else { arguments.names.clone() };
     if output.is_json() {
-        return output.json(&json!(rows.into_iter().map(document).collect::<Vec<_>>()));
+        return output.report(json!({ "faults": rows.into_iter().map(document).collect::<Vec<_>>() }));
     }
     if is_all {
         let widest = rows.iter().map(|row| row.name.len()).max().unwrap_or_default();

@@ -28,6 +28,7 @@ mod output;
 mod pace;
 mod picture;
 mod plot;
+mod printable;
 mod progress;
 mod record;
 mod rehearsal;

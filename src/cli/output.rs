@@ -1,12 +1,12 @@
 //! Where a command prints: text or JSON, loud or quiet.
 
-use std::borrow::Cow;
 use std::io::{self, IsTerminal, Write};
 
 use serde::Serialize;
 use serde_json::{Value, json};
 
 use super::failure::{Exit, Failure};
+use super::printable::printable;
 use super::render::Renderer;
 use crate::config::{Diagnostic, Report};
 
@@ -26,16 +26,6 @@ pub(super) fn has_color() -> bool {
     let no_color = std::env::var_os("NO_COLOR").is_some_and(|value| !value.is_empty());
     let is_dumb = std::env::var_os("TERM").is_some_and(|value| value == "dumb");
     io::stderr().is_terminal() && !no_color && !is_dumb
-}
-
-/// The text with characters that a terminal obeys written as escapes: names of files and texts of devices may have them.
-pub(super) fn printable(text: &str) -> Cow<'_, str> {
-    let is_obeyed = |one: char| one.is_control() && !matches!(one, '\n' | '\t');
-    if !text.contains(is_obeyed) {
-        return Cow::Borrowed(text);
-    }
-    let escaped = |one: char| if is_obeyed(one) { one.escape_debug().to_string() } else { one.to_string() };
-    Cow::Owned(text.chars().map(escaped).collect())
 }
 
 impl Output {
@@ -68,7 +58,19 @@ impl Output {
         }
     }
 
-    /// Prints a value as the one JSON document.
+    /// Prints the one JSON document of a command that went well: like every other an object with an exit code and diagnostics.
+    ///
+    /// # Errors
+    /// As [`Output::result`].
+    pub(super) fn report(&mut self, mut document: Value) -> Result<(), Failure> {
+        if let Value::Object(keys) = &mut document {
+            keys.entry("exit_code").or_insert(json!(Exit::Ok.code()));
+            keys.entry("diagnostics").or_insert(json!([]));
+        }
+        self.json(&document)
+    }
+
+    /// Prints a value as it is as the one JSON document.
     ///
     /// # Errors
     /// As [`Output::result`].
@@ -86,7 +88,7 @@ impl Output {
     /// The failure, of which nothing is left to print; as [`Output::result`].
     pub(super) fn end(&mut self, mut document: Value, end: Result<(), Failure>) -> Result<(), Failure> {
         document["warnings"] = json!(self.warned);
-        let Err(Failure { exit, report }) = end else { return self.json(&document) };
+        let Err(Failure { exit, report }) = end else { return self.report(document) };
         document["exit_code"] = json!(exit.code());
         document["diagnostics"] = json!(report);
         self.json(&document)?;

@@ -34,7 +34,7 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
     let drawing = drawing::run(&trace, heading).map_err(|error| drawing_failure(&error))?;
     write_drawing(&drawing, figure)?;
     if output.is_json() {
-        return output.json(&json!({ "recording": path, "figure": figure, "rows": trace.rows.len(), "rows_after_stop": trace.after.len() }));
+        return output.report(json!({ "recording": path, "figure": figure, "rows": trace.rows.len(), "rows_after_stop": trace.after.len() }));
     }
     let after = match trace.after.len() {
         0 => String::new(),

@@ -109,7 +109,7 @@ fn info(file: &Path, schema: bool, output: &mut Output) -> Result<(), Failure> {
     let (about, records) = (recording.about(), records(&recording));
     if output.is_json() {
         let ends = content.ends();
-        return output.json(&json!({
+        return output.report(json!({
             "file": file,
             "version": about.version,
             "commit": about.commit,
@@ -180,7 +180,7 @@ fn repair(file: &Path, out: Option<&Path>, output: &mut Output) -> Result<(), Fa
     };
     let (damage, records) = (damage(recording.damage(), file), records(&recording));
     if output.is_json() {
-        return output.json(&json!({
+        return output.report(json!({
             "file": file,
             "out": out,
             "kept_cycles": content.count,
@@ -227,7 +227,7 @@ fn export(file: &Path, csv: Option<&Path>, replace: Replace, output: &mut Output
     };
     let (damage, records) = (damage(recording.damage(), file), records(&recording));
     if output.is_json() {
-        return output.json(&json!({
+        return output.report(json!({
             "file": file,
             "csv": csv,
             "cycles": content.count,

@@ -6,7 +6,7 @@ use textwrap::{WordSeparator, WordSplitter};
 
 use miette::{GraphicalReportHandler, GraphicalTheme, LabeledSpan, NamedSource, SourceCode};
 
-use super::output::printable;
+use super::printable::printable;
 use crate::config::{Diagnostic, Place, Related, Severity};
 
 /// Farthest line from the place that a snippet still shows.

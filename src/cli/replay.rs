@@ -73,7 +73,7 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
         };
         let all: Vec<&Diagnostic> =
             found.iter().chain(&damage).chain(failure.iter().flat_map(|failure| &failure.report.diagnostics)).collect();
-        output.json(&json!({
+        output.report(json!({
             "recording": path,
             "identical_cycles": cycles,
             "is_identical": failure.is_none(),

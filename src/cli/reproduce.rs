@@ -108,7 +108,7 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
         }
     }
     if output.is_json() {
-        output.json(&json!({ "figures": entries }))?;
+        return output.end(json!({ "figures": entries }), out_of_bound.map_or(Ok(()), Err));
     }
     out_of_bound.map_or(Ok(()), Err)
 }

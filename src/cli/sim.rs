@@ -120,19 +120,19 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
     }
     let counts = server.counts();
     let time_s = server.now().as_secs_f64();
+    let end = served.map_err(|error| match &error {
+        ServeError::Rig(error) => rig_failure(error),
+        ServeError::Gone => Failure::new(Exit::BusUnavailable, error.to_string(), "plug the adapter in again"),
+    });
     if output.is_json() {
         let drive =
             |(state, torque): (cia402::State, f64)| json!({ "state": format!("{state:?}"), "torque_n_m": torque });
         let drives: Vec<_> = server.drive_states().into_iter().zip(server.torques_n_m()).map(drive).collect();
-        output.json(&json!({ "time_s": time_s, "syncs": counts.syncs, "sent": counts.sent, "drives": drives }))?;
-    } else {
-        output
-            .news(&format!("served    {} SYNC, {} frames sent, {time_s:.3} s simulated", counts.syncs, counts.sent))?;
+        let document = json!({ "time_s": time_s, "syncs": counts.syncs, "sent": counts.sent, "drives": drives });
+        return output.end(document, end);
     }
-    served.map_err(|error| match &error {
-        ServeError::Rig(error) => rig_failure(error),
-        ServeError::Gone => Failure::new(Exit::BusUnavailable, error.to_string(), "plug the adapter in again"),
-    })
+    output.news(&format!("served    {} SYNC, {} frames sent, {time_s:.3} s simulated", counts.syncs, counts.sent))?;
+    end
 }
 
 impl Unwatched {

@@ -159,7 +159,7 @@ fn compute_or_draw(
     let document = document::document(study, &tables, &report, &origin);
     let files = document::write(&folder, study, &tables, &report, &document)?;
     if output.is_json() {
-        return output.json(&document);
+        return output.report(document);
     }
     for line in &report.notes {
         output.news(line)?;

@@ -54,7 +54,7 @@ pub(super) fn run(command: &Command, output: &mut Output) -> Result<(), Failure>
         Document::Rig(rig) => {
             output.configuration(&rig.warnings)?;
             let masses = Masses::of(&rig, &arguments.hand_stiffness).map_err(|error| failure(&error))?;
-            if output.is_json() { output.json(&masses.to_json(reserve)) } else { output.result(&masses.text(reserve)) }
+            if output.is_json() { output.report(masses.to_json(reserve)) } else { output.result(&masses.text(reserve)) }
         }
         Document::Device(device) => {
             output.configuration(&device.warnings)?;
@@ -64,7 +64,7 @@ pub(super) fn run(command: &Command, output: &mut Output) -> Result<(), Failure>
             }
             let coupled = coupled_device(&device.value, reserve).map_err(|error| failure(&error))?;
             match coupled {
-                Some(coupled) if output.is_json() => output.json(&coupled_json(&coupled, reserve)),
+                Some(coupled) if output.is_json() => output.report(coupled_json(&coupled, reserve)),
                 Some(coupled) => output.result(&(coupled_lines(&device.value, &coupled, reserve).join("\n") + "\n")),
                 None => Err(Failure::new(Exit::Usage, "this device is no impedance", "name a rig for an admittance")),
             }

@@ -1,0 +1,71 @@
+//! What every command prints with `--json`: one object, with the exit code of the process and a list of diagnostics.
+
+use std::path::PathBuf;
+use std::process::Command;
+
+use serde_json::Value;
+
+struct Folder(PathBuf);
+
+impl Drop for Folder {
+    fn drop(&mut self) {
+        let _ = std::fs::remove_dir_all(&self.0);
+    }
+}
+
+#[test]
+fn every_command_prints_one_object_with_its_exit_code_and_its_diagnostics() {
+    let folder = Folder(std::env::temp_dir().join(format!("yieldwall-json-{}", std::process::id())));
+    std::fs::create_dir_all(&folder.0).unwrap();
+    std::fs::write(folder.0.join("bad.yaml"), "rig: 5\n").unwrap();
+    let rig = "builtin:paper-admittance.yaml";
+    let run = format!("run {rig} --duration 0.2");
+    // In this order: a recording is made before it is looked into.
+    let cases: [(&str, i32); 30] = [
+        (&format!("{run} --record rec"), 0),
+        (&format!("run {rig} --duration 3 --fault node-reset@2.5 --black-box rec"), 8),
+        (&format!("{run} --figure x.txt"), 2),
+        (&format!("{run} --fault node-rest@0.1"), 2),
+        ("run builtin:sphere.yaml --duration 0.2", 0),
+        ("run bad.yaml", 3),
+        ("run absent.yaml", 3),
+        (&format!("config check {rig}"), 0),
+        (&format!("config check {rig} bad.yaml absent.yaml"), 3),
+        ("config check", 2),
+        ("config chek", 2),
+        ("faults", 0),
+        ("faults node-reset", 0),
+        ("faults node-rest", 2),
+        (&format!("bus budget {rig}"), 0),
+        ("bus budget builtin:paper-admittance-two-buses.yaml", 0),
+        (&format!("tune fixture {rig}"), 0),
+        ("tune fixture builtin:sphere.yaml", 0),
+        ("tune fixture builtin:scenes/room-walk.yaml", 2),
+        ("record info rec", 0),
+        ("record repair rec --out whole.mcap", 0),
+        ("record export rec --csv rec.csv", 0),
+        ("record export rec --csv rec.csv", 2),
+        ("record info bad.yaml", 3),
+        ("replay rec", 0),
+        ("replay rec/paper-admittance-000001.black-box.mcap", 3),
+        ("plot rec --figure rec.svg", 0),
+        ("compare rec builtin:sphere.yaml --duration 0.1", 0),
+        ("reproduce fig9 --out figures", 0),
+        ("soak --seeds 0..2 --cycles 500", 0),
+    ];
+    for (line, code) in cases {
+        let seen = Command::new(hil_tests::program())
+            .args(line.split(' ').chain(["--json"]))
+            .current_dir(&folder.0)
+            .env("XDG_STATE_HOME", folder.0.join("state"))
+            .output()
+            .unwrap();
+        let text = String::from_utf8(seen.stdout).unwrap();
+        assert_eq!(seen.status.code(), Some(code), "{line}: {text}");
+        let document: Value = serde_json::from_str(&text).unwrap_or_else(|error| panic!("{line}: {error}: {text}"));
+        assert_eq!(document["exit_code"], code, "{line}: {text}");
+        let diagnostics = document["diagnostics"].as_array().unwrap_or_else(|| panic!("{line}: {text}"));
+        assert_eq!(diagnostics.iter().any(|one| one["severity"] == "error"), code != 0, "{line}: {text}");
+        assert!(diagnostics.iter().all(|one| one["message"].is_string()), "{line}: {text}");
+    }
+}

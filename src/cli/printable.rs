@@ -1,0 +1,13 @@
+//! Text that cannot do anything to a terminal.
+
+use std::borrow::Cow;
+
+/// The text with characters that a terminal obeys written as escapes: names of files and texts of devices may have them.
+pub(super) fn printable(text: &str) -> Cow<'_, str> {
+    let is_obeyed = |one: char| one.is_control() && !matches!(one, '\n' | '\t');
+    if !text.contains(is_obeyed) {
+        return Cow::Borrowed(text);
+    }
+    let escaped = |one: char| if is_obeyed(one) { one.escape_debug().to_string() } else { one.to_string() };
+    Cow::Owned(text.chars().map(escaped).collect())
+}
