@@ -4,10 +4,12 @@
 mod gains;
 mod held;
 mod margins;
+mod remedies;
 
 pub use gains::{LEAST_MARGINS, PROPOSED_MARGINS, has_margins, proposed_gains};
 pub use held::{
-    Coupled, HeldMasses, Holding, Remedy, UnevenSamples, coupled_device, hand_of, held_masses, remedies, stiffer,
-    uneven_samples, usual_hands,
+    Coupled, HeldMasses, Holding, UnevenSamples, coupled_device, hand_of, held_masses, stiffer, uneven_samples,
+    usual_hands,
 };
 pub use margins::{Margin, PoseMargins, pose_margins};
+pub use remedies::{Remedy, remedies};

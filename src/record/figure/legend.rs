@@ -1,8 +1,8 @@
 //! The line of samples with their names above a figure.
 
 use super::curve::Point;
+use super::marks;
 use super::page::{Anchor, LETTER, Page, Stroke};
-use super::plane;
 
 /// Length of a line's sample: four dashes of the proxy and the gaps between them.
 const SAMPLE: f64 = 80.0;
@@ -42,7 +42,7 @@ impl Entry {
     fn sample_width(&self) -> f64 {
         match self.sample {
             Sample::Arrow(length, _) => length,
-            Sample::Cross => 2.0 * plane::CROSS,
+            Sample::Cross => 2.0 * marks::CROSS,
             _ => SAMPLE,
         }
     }
@@ -87,10 +87,10 @@ pub(super) fn draw(page: &mut Page, (left, y): Point, room: f64, entries: &[Entr
             Sample::Lines(strokes) => strokes.iter().for_each(|stroke| page.chain(&line, *stroke)),
             Sample::Hatched(strokes) => {
                 strokes.iter().for_each(|stroke| page.chain(&line, *stroke));
-                plane::hatch(page, &line);
+                marks::hatch(page, &line);
             }
             Sample::Arrow(_, stroke) => page.arrow(line[0], line[1], stroke.color, stroke.width),
-            Sample::Cross => plane::cross(page, (x + width / 2.0, middle)),
+            Sample::Cross => marks::cross(page, (x + width / 2.0, middle)),
         }
         page.text((x + width + GAP, y), Anchor::Start, &entry.name);
     }

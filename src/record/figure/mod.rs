@@ -13,6 +13,7 @@ mod error;
 mod history;
 mod legend;
 mod magnified;
+mod marks;
 mod page;
 mod plane;
 mod trajectory;

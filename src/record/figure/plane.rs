@@ -3,8 +3,8 @@
 use super::axes::{Axes, Kind, number, range_of};
 use super::curve::{Frame, Point};
 use super::legend::{Entry, Sample};
-use super::page::{BLACK, GREY, PALE, Page, SKY, Stroke, VERMILION};
-use super::{Error, Excerpt, Window};
+use super::page::{GREY, PALE, Page, SKY, Stroke, VERMILION};
+use super::{Error, Excerpt, Window, marks};
 use crate::elementary;
 use crate::record::{Reference, Trace};
 use std::f64::consts::TAU;
@@ -20,16 +20,10 @@ const SWUNG: Stroke = Stroke { color: GREY, width: 2.0, dash: &[6.0, 8.0] };
 const BETWEEN: Stroke = Stroke { color: PALE, width: 2.0, dash: &[] };
 /// The farthest that a surface reaches, as it is seen along z.
 const OUTLINE: Stroke = Stroke { color: GREY, width: 2.0, dash: &[3.0, 7.0] };
-/// The strokes on the forbidden side of a wall: thinner than its line, 1.6 mm long, 2.2 mm apart.
-const HATCH: Stroke = Stroke { color: GREY, width: 1.5, dash: &[] };
-const HATCH_LENGTH: f64 = 16.0;
-const HATCH_SPACING: f64 = 22.0;
 /// Places between the two ends of a surface's way.
 const PLACES_BETWEEN: u32 = 7;
 /// Size of a point that is a reference, on paper.
 const DOT: f64 = 5.0;
-/// Half of the width of a fault's cross, on paper.
-pub(super) const CROSS: f64 = 11.0;
 /// Ways of a surface, and changes of height, that are none, in m.
 const STILL_M: f64 = 1e-9;
 /// A section that comes as near as this to the outline shows it, in mm.
@@ -173,7 +167,7 @@ pub(super) fn surfaces(page: &mut Page, axes: &Axes, trace: &Trace, places: &Pla
             let has_sides = !matches!(reference, Reference::Point { .. });
             if is_hatched && has_sides && trace.is_unilateral {
                 let points: Vec<Point> = line.iter().map(|(x, y)| axes.place(*x, *y)).collect();
-                page.within(axes.frame, |page| hatch(page, &points));
+                page.within(axes.frame, |page| marks::hatch(page, &points));
             }
             if let (true, Reference::Point { point_m: [x, y], .. }) = (is_hatched, reference) {
                 let at = axes.place((x + place[0]) * MM_PER_M, (y + place[1]) * MM_PER_M);
@@ -244,41 +238,6 @@ fn section(reference: &Reference, moved_z_m: f64) -> Option<f64> {
             ((z + moved_z_m).abs() <= *half_z).then_some(half * MM_PER_M)
         }
         _ => None,
-    }
-}
-
-/// Strokes to the right of a way on paper, and backward: the forbidden side of a wall.
-pub(super) fn hatch(page: &mut Page, points: &[Point]) {
-    for stroke in hatch_strokes(points) {
-        page.chain(&stroke, HATCH);
-    }
-}
-
-/// Their ends, first the one on the way.
-pub(super) fn hatch_strokes(points: &[Point]) -> impl Iterator<Item = [Point; 2]> + '_ {
-    let mut left = HATCH_SPACING / 2.0;
-    points.windows(2).flat_map(move |pair| {
-        let [(x0, y0), (x1, y1)] = [pair[0], pair[1]];
-        let length = elementary::hypot(x1 - x0, y1 - y0);
-        let count = if length > left { ((length - left) / HATCH_SPACING).floor() + 1.0 } else { 0.0 };
-        let first = left;
-        left += count * HATCH_SPACING - length;
-        let (along, down) = if length > 0.0 { ((x1 - x0) / length, (y1 - y0) / length) } else { (0.0, 0.0) };
-        (0..count as u32).map(move |stroke| {
-            let way = first + f64::from(stroke) * HATCH_SPACING;
-            let (x, y) = (x0 + along * way, y0 + down * way);
-            let reach = HATCH_LENGTH * std::f64::consts::FRAC_1_SQRT_2;
-            // On paper y points down, so that the right of (along, down) is (-down, along).
-            [(x, y), (x + reach * (-down - along), y + reach * (along - down))]
-        })
-    })
-}
-
-/// The mark of a fault.
-pub(super) fn cross(page: &mut Page, (x, y): Point) {
-    let stroke = Stroke { color: BLACK, width: 3.5, dash: &[] };
-    for down in [1.0, -1.0] {
-        page.chain(&[(x - CROSS, y - down * CROSS), (x + CROSS, y + down * CROSS)], stroke);
     }
 }
 

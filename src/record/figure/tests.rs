@@ -152,7 +152,7 @@ fn the_forbidden_side_is_hatched() {
         let line = places.ends().next().and_then(|place| plane::line(&trace.references[0], place, &axes)).unwrap();
         let paper: Vec<_> = line.iter().map(|(x, y)| axes.place(*x, *y)).collect();
         let per_mm = axes.length_per_unit();
-        let tips = plane::hatch_strokes(&paper).map(|[_, (x, y)]| (x / per_mm - 200.0, 200.0 - y / per_mm));
+        let tips = marks::hatch_strokes(&paper).map(|[_, (x, y)]| (x / per_mm - 200.0, 200.0 - y / per_mm));
         let svg = trajectory_and_time(&trace, &Options::default()).unwrap().svg();
         assert_eq!(svg.contains("(hatched side forbidden)</text>"), is_unilateral);
         tips.collect::<Vec<_>>()

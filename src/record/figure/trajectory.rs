@@ -6,7 +6,7 @@ use super::history::{Positions, faults, force_panel, force_range, power_panel, p
 use super::legend::{self, Entry, Sample};
 use super::page::{Anchor, Color, GREY, Page, Stroke, WIDTH};
 use super::plane::{self, MM_PER_M, Places};
-use super::{Drawing, Error, Excerpt, Options};
+use super::{Drawing, Error, Excerpt, Options, marks};
 use crate::elementary;
 use crate::record::{ForceMeaning, Phase, Reference, Row, Trace};
 
@@ -76,7 +76,7 @@ pub fn trajectory_and_time(trace: &Trace, options: &Options) -> Result<Drawing, 
     for (_, _, [x, y, _]) in excerpt.faults(trace) {
         let at = axes.place(x * MM_PER_M, y * MM_PER_M);
         if axes.frame.contains(at) {
-            plane::cross(&mut page, at);
+            marks::cross(&mut page, at);
         }
     }
     axes.draw(&mut page, Some("x (mm)"), "y (mm)");
