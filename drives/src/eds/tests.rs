@@ -1,0 +1,257 @@
+//! Data sheets as vendors write them, and any bytes.
+
+use super::*;
+use proptest::prelude::*;
+
+fn read(text: &str) -> Reading {
+    Eds::read(text.as_bytes()).unwrap()
+}
+
+/// The oddities of a file, as lines and words.
+fn odd(text: &str) -> Vec<(usize, Level, String)> {
+    read(text).findings.into_iter().map(|finding| (finding.line, finding.level, finding.message)).collect()
+}
+
+const SMALL: &str = "\
+[FileInfo]
+EDSVersion=4.0
+[DeviceInfo]
+VendorName=\"A; vendor\"
+VendorNumber=0x000000AB
+ProductNumber=17
+BaudRate_500=1
+BaudRate_1000=1 ; the usual one
+NrOfRXPDO=4
+LSS_Supported=1
+[DummyUsage]
+Dummy0005=1
+Dummy0006=0
+[MandatoryObjects]
+SupportedObjects=3
+1=0x1000
+2=0x1003
+3=0x1018
+[OptionalObjects]
+1=0x1400
+[1000]
+ParameterName=Device type
+ObjectType=0x7
+DataType=0x0007
+AccessType=RO
+DefaultValue=0x00020192 ; a drive
+PDOMapping=0
+[1003]
+ParameterName=Error history
+ObjectType=8
+DataType=7
+AccessType=ro
+CompactSubObj=3
+[1003Name]
+NrOfEntries=1
+2=The one before
+[1018]
+ParameterName=Identity object
+ObjectType=0x9
+SubNumber=2
+[1018sub0]
+ParameterName=Number of entries
+DataType=0x5
+AccessType=const
+DefaultValue=1
+[1018SUB1]
+ParameterName=Vendor ID
+DataType=0x7
+AccessType=ro
+[1400]
+ParameterName=RPDO 1
+ObjectType=0x9
+SubNumber=2
+[1400sub0]
+ParameterName=Highest sub-index
+DataType=0x5
+AccessType=ro
+DefaultValue=2
+[1400sub1]
+ParameterName=COB-ID
+DataType=0x0007
+AccessType=rw
+DefaultValue=$nodeid + 0x200
+";
+
+#[test]
+fn a_data_sheet_is_read_with_comments_compact_arrays_and_node_ids() {
+    let Reading { eds, findings } = read(SMALL);
+    assert_eq!(findings, []);
+    let device = &eds.device;
+    assert_eq!(
+        (device.vendor.as_str(), device.vendor_number, device.product_number),
+        ("A; vendor", Some(0xab), Some(17))
+    );
+    assert_eq!((&device.bit_rates_kbit_per_s[..], device.rpdos, device.has_lss), (&[500, 1000][..], Some(4), true));
+    assert_eq!(eds.dummies.iter().copied().collect::<Vec<_>>(), [5]);
+    assert_eq!(eds.entry(0x1000, 0).unwrap().default, Some(Value::Integer(0x20192)));
+    let history: Vec<&str> = eds.objects[&0x1003].entries.values().map(|entry| entry.name.as_str()).collect();
+    assert_eq!(history, ["Number of entries", "Error history 1", "The one before", "Error history 3"]);
+    assert_eq!(eds.entry(0x1400, 1).unwrap().default, Some(Value::OfNode(0x200)));
+    assert_eq!(eds.named("vendor-id"), [(0x1018, 1)]);
+    assert_eq!(eds.named("identity object.vendor id"), [(0x1018, 1)]);
+    assert_eq!(eds.named("DEVICE TYPE"), [(0x1000, 0)]);
+    assert_eq!(eds.named("--"), []);
+    assert!(eds.entries().all(|(_, _, entry)| entry.access.is_readable()));
+}
+
+#[test]
+fn each_oddity_is_told_with_its_line_and_the_rest_is_read() {
+    let with = |more: &str| odd(&format!("{SMALL}{more}"));
+    let last = SMALL.lines().count();
+    let one = |more: &str, down: usize, level: Level, words: &str| {
+        let found = with(more);
+        let is_it = |(line, found, message): &(usize, Level, String)| {
+            (*line, *found) == (last + down, level) && message.contains(words)
+        };
+        assert!(found.iter().any(is_it), "{more}: {found:?}");
+    };
+    one("what is this\n", 1, Level::Warning, "neither a section nor");
+    one("[1000]\nParameterName=Again\n", 1, Level::Warning, "stands in line 21 already");
+    one("[2000\nParameterName=x\nDataType=5\nAccessType=rw\n", 1, Level::Warning, "is not closed");
+    one("[2000]\nParameterName=x\nDataType=5\nAccessType=rw\n", 1, Level::Warning, "is in no list");
+    one("[2000]\nParameterName=x\nDataType=5\nDataType=6\nAccessType=rw\n", 4, Level::Warning, "stands in line");
+    one("[2000]\nParameterName=x\nAccessType=rw\n", 1, Level::Error, "has no DataType");
+    one("[2000]\nParameterName=x\nDataType=five\nAccessType=rw\n", 3, Level::Error, "is no data type");
+    one("[2000]\nParameterName=x\nDataType=5\nAccessType=maybe\n", 4, Level::Warning, "is no access type");
+    one("[2000]\nParameterName=x\nDataType=5\n", 1, Level::Warning, "has no AccessType");
+    one(
+        "[2000]\nParameterName=x\nDataType=5\nAccessType=rw\nDefaultValue=256\n",
+        5,
+        Level::Error,
+        "has no place in 8 bits",
+    );
+    one("[2000]\nParameterName=x\nDataType=2\nAccessType=rw\nDefaultValue=0xF00\n", 5, Level::Error, "with a sign");
+    one("[2000]\nParameterName=x\nDataType=5\nAccessType=rw\nDefaultValue=1.5\n", 5, Level::Error, "no whole number");
+    one("[2000]\nParameterName=x\nDataType=8\nAccessType=rw\nDefaultValue=nan\n", 5, Level::Error, "no finite number");
+    one("[2000]\nParameterName=x\nDataType=10\nAccessType=rw\nDefaultValue=abc\n", 5, Level::Error, "row of bytes");
+    one(
+        "[2000]\nDataType=5\nAccessType=rw\nLowLimit=1\nHighLimit=4\nDefaultValue=9\n",
+        6,
+        Level::Warning,
+        "beyond the limits",
+    );
+    one("[2000]\nParameterName=x\nObjectType=0x44\nDataType=5\nAccessType=rw\n", 3, Level::Warning, "no object has");
+    one(
+        "[2000]\nParameterName=x\nObjectType=9\nSubNumber=7\n",
+        4,
+        Level::Warning,
+        "says that it has 7 entries, and has 0",
+    );
+    one("[2000sub1]\nParameterName=x\nDataType=5\nAccessType=rw\n", 1, Level::Error, "belongs to no object");
+    one("[1000sub1]\nParameterName=x\nDataType=5\nAccessType=rw\n", 1, Level::Warning, "one variable");
+    one("[ManufacturerObjects]\n1=0x2000\n", 2, Level::Warning, "is listed, and has no section");
+    one("[ManufacturerObjects]\n1=here\n", 2, Level::Warning, "is no index");
+    let latin = [SMALL.as_bytes(), b"[2000]\nParameterName=Gr\xf6\xdfe\nDataType=5\nAccessType=rw\n"].concat();
+    let Reading { eds, findings } = Eds::read(&latin).unwrap();
+    assert_eq!(eds.entry(0x2000, 0).unwrap().name, "Größe");
+    assert!(
+        findings.iter().any(|finding| finding.line == last + 2 && finding.message.contains("not UTF-8")),
+        "{findings:?}"
+    );
+}
+
+#[test]
+fn numbers_are_read_as_vendors_write_them() {
+    let default = |data_type: &str, text: &str| {
+        let more = format!("[2000]\nParameterName=x\nDataType={data_type}\nAccessType=rw\nDefaultValue={text}\n");
+        read(&format!("{SMALL}{more}")).eds.entry(0x2000, 0).and_then(|entry| entry.default.clone())
+    };
+    for (data_type, text, number) in [
+        ("0x0004", "-5", -5),
+        ("0x0004", "0xFFFFFFFF", -1),
+        ("4", "0x7fffffff", 0x7fff_ffff),
+        ("0x1B", "0xFFFFFFFFFFFFFFFF", i128::from(u64::MAX)),
+        ("7", "010", 8),
+        ("7", "09", 9),
+        ("7", "+3", 3),
+        ("1", "1", 1),
+    ] {
+        assert_eq!(default(data_type, text), Some(Value::Integer(number)), "{text}");
+    }
+    for text in ["$NODEID+0x80", "0x80+$NodeID", " $nodeid + 128 "] {
+        assert_eq!(default("7", text), Some(Value::OfNode(0x80)), "{text}");
+    }
+    assert_eq!(default("7", "$NODEID"), Some(Value::OfNode(0)));
+    for text in ["$NODEID-1", "1+$NODEID+1", "--1", "0x", ""] {
+        assert_eq!(default("7", text), None, "{text}");
+    }
+    assert_eq!(default("8", "1.5"), Some(Value::Real(1.5)));
+    assert_eq!(default("8", "0x3FC00000"), Some(Value::Real(1.5)));
+    for (text, wanted) in [("V1.2", "V1.2"), ("\"V1.2\"", "V1.2"), ("turn \"On\"", "turn \"On\"")] {
+        assert_eq!(default("9", text), Some(Value::Text(wanted.to_owned())));
+    }
+    assert_eq!(default("10", "01 FF"), Some(Value::Bytes(vec![1, 255])));
+}
+
+#[test]
+fn what_is_no_data_sheet_is_refused() {
+    assert_eq!(Eds::read(b""), Err(EdsError::NoObject));
+    assert_eq!(Eds::read(b"rig:\n  name: mine\n"), Err(EdsError::NoObject));
+    assert_eq!(Eds::read(b"\xff\xfe[\x001\x00"), Err(EdsError::NotText));
+    assert_eq!(Eds::read(&vec![b';'; MAX_BYTES + 1]), Err(EdsError::Large));
+    let many: String = (0..500)
+        .map(|at| format!("[{:04X}]\nParameterName=x\nDataType=5\nAccessType=rw\nCompactSubObj=254\n", 0x2000 + at))
+        .collect();
+    assert!(matches!(Eds::read(many.as_bytes()), Err(EdsError::Many { .. })));
+}
+
+#[test]
+fn a_configuration_file_is_read_as_it_was_written() {
+    let mut eds = read(SMALL).eds;
+    let cob_id = eds.objects.get_mut(&0x1400).and_then(|object| object.entries.get_mut(&1)).unwrap();
+    cob_id.value = Some(Value::Integer(0x8000_0201));
+    let node = Node { id: 17, name: "left drive".to_owned(), bit_rate_kbit_per_s: Some(1000) };
+    let Reading { eds: again, findings } = read(&eds.to_dcf(&node));
+    assert_eq!(findings, []);
+    assert_eq!(again.node, Some(node));
+    assert_eq!((&again.device, &again.dummies), (&eds.device, &eds.dummies));
+    assert_eq!(values(&again), values(&eds));
+}
+
+/// What a file says of its entries, without the lines.
+fn values(eds: &Eds) -> Vec<(u16, u8, Entry)> {
+    eds.entries().map(|(index, sub, entry)| (index, sub, Entry { line: 0, ..entry.clone() })).collect()
+}
+
+#[test]
+fn a_concise_file_has_these_bytes() {
+    let values: [(u16, u8, &[u8]); 2] = [(0x6040, 0, &[6, 0]), (0x1400, 1, &[1, 2, 0, 0x80])];
+    let wanted = [2, 0, 0, 0, 0x40, 0x60, 0, 2, 0, 0, 0, 6, 0, 0x00, 0x14, 1, 4, 0, 0, 0, 1, 2, 0, 0x80];
+    assert_eq!(concise(values), wanted);
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(512))]
+
+    #[test]
+    fn any_bytes_are_read_or_refused(bytes in prop::collection::vec(any::<u8>(), 0..600)) {
+        let _ = Eds::read(&bytes);
+    }
+
+    /// Files that begin like data sheets, with a line that is cut, doubled or changed. What is read is written and read again the same.
+    #[test]
+    fn damaged_data_sheets_are_read_or_refused(
+        edits in prop::collection::vec((0..SMALL.len(), any::<u8>(), 0..3u8), 1..12),
+    ) {
+        let mut bytes = SMALL.as_bytes().to_vec();
+        for (at, byte, what) in edits {
+            let at = at % bytes.len().max(1);
+            match what {
+                0 => bytes[at] = byte,
+                1 => bytes.truncate(at + 1),
+                _ => bytes.insert(at, byte),
+            }
+        }
+        if let Ok(Reading { eds, .. }) = Eds::read(&bytes) {
+            let node = Node { id: 1, ..Node::default() };
+            let again = read(&eds.to_dcf(&node)).eds;
+            prop_assert_eq!(again.objects.len(), eds.objects.len());
+        }
+    }
+}
