@@ -21,7 +21,7 @@ fn every_command_prints_one_object_with_its_exit_code_and_its_diagnostics() {
     let rig = "builtin:paper-admittance.yaml";
     let run = format!("run {rig} --duration 0.2");
     // In this order: a recording is made before it is looked into.
-    let cases: [(&str, i32); 30] = [
+    let cases: [(&str, i32); 32] = [
         (&format!("{run} --record rec"), 0),
         (&format!("run {rig} --duration 3 --fault node-reset@2.5 --black-box rec"), 8),
         (&format!("{run} --figure x.txt"), 2),
@@ -36,6 +36,8 @@ fn every_command_prints_one_object_with_its_exit_code_and_its_diagnostics() {
         ("faults", 0),
         ("faults node-reset", 0),
         ("faults node-rest", 2),
+        ("explain node-reset 8130h 06090011 0x0637", 0),
+        ("explain node-rest", 2),
         (&format!("bus budget {rig}"), 0),
         ("bus budget builtin:paper-admittance-two-buses.yaml", 0),
         (&format!("tune fixture {rig}"), 0),

@@ -136,16 +136,20 @@ fn recovery(row: &Row) -> &'static str {
     }
 }
 
+/// What follows when it happens.
+pub(super) fn consequence(row: &Row) -> String {
+    format!("{}{}", ending(row), recovery(row))
+}
+
 fn text(row: &Row) -> String {
     let size = row.size.map_or(String::new(), |size| format!("; {}, usually {}", size.what, size.usual));
     format!(
-        "{}\n    {}\n    at {}; {}{size}\n    then {}{}",
+        "{}\n    {}\n    at {}; {}{size}\n    then {}",
         row.name,
         row.meaning,
         targets(row),
         duration(row),
-        ending(row),
-        recovery(row)
+        consequence(row)
     )
 }
 

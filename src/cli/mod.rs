@@ -9,6 +9,7 @@ mod config;
 #[cfg(target_os = "linux")]
 mod drill;
 mod ending;
+mod explain;
 mod failure;
 mod faults;
 #[cfg(target_os = "linux")]
@@ -86,6 +87,8 @@ enum Command {
     Latency(latency::Arguments),
     /// List the faults that can be injected, what each does and what follows
     Faults(faults::Arguments),
+    /// Say what a fault, an error code, an SDO abort code or a statusword means
+    Explain(explain::Arguments),
     /// Run the paper's experiments and draw its figures
     Reproduce(reproduce::Arguments),
     /// Run a recording's cycles again and compare, bit by bit
@@ -156,6 +159,7 @@ fn run(arguments: impl IntoIterator<Item = OsString>) -> Exit {
         #[cfg(target_os = "linux")]
         Command::Latency(arguments) => latency::run(&arguments, &mut output),
         Command::Faults(arguments) => faults::list(&arguments, &mut output),
+        Command::Explain(arguments) => explain::run(&arguments, &mut output),
         Command::Reproduce(arguments) => reproduce::run(&arguments, &mut output),
         Command::Replay(arguments) => replay::run(&arguments, &mut output),
         Command::Plot(arguments) => plot::run(&arguments, &mut output),
