@@ -57,6 +57,7 @@ pub mod report;
 pub mod rig;
 #[cfg(feature = "config")]
 pub mod run;
+pub mod service;
 #[cfg(feature = "sim")]
 pub mod sim;
 #[cfg(feature = "sim")]

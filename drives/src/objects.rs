@@ -32,6 +32,19 @@ impl DataType {
             DataType::Text => 0,
         }
     }
+
+    /// The number under which CiA 301 describes the type, as data sheets write it.
+    pub const fn number(self) -> u16 {
+        match self {
+            DataType::I8 => 0x02,
+            DataType::I16 => 0x03,
+            DataType::I32 => 0x04,
+            DataType::U8 => 0x05,
+            DataType::U16 => 0x06,
+            DataType::U32 => 0x07,
+            DataType::Text => 0x09,
+        }
+    }
 }
 
 /// One object or sub-object: where it is, what type it has, what it means.
@@ -43,6 +56,8 @@ pub struct Object {
     pub sub: u8,
     /// Data type.
     pub data_type: DataType,
+    /// Its name here, in capitals.
+    pub name: &'static str,
     /// Meaning and unit, with the standard that defines it.
     pub meaning: &'static str,
 }
@@ -64,7 +79,7 @@ macro_rules! objects {
         $(
             #[doc = concat!("`", stringify!($index), ":", stringify!($sub), "` ", stringify!($data_type), ": ", $meaning, ".")]
             pub const $name: Object =
-                Object { index: $index, sub: $sub, data_type: DataType::$data_type, meaning: $meaning };
+                Object { index: $index, sub: $sub, data_type: DataType::$data_type, name: stringify!($name), meaning: $meaning };
         )*
         /// Every object of this module, ascending by index and sub-index.
         pub const ALL: &[Object] = &[$($name),*];

@@ -21,7 +21,7 @@ fn every_command_prints_one_object_with_its_exit_code_and_its_diagnostics() {
     let rig = "builtin:paper-admittance.yaml";
     let run = format!("run {rig} --duration 0.2");
     // In this order: a recording is made before it is looked into.
-    let cases: [(&str, i32); 32] = [
+    let cases: [(&str, i32); 55] = [
         (&format!("{run} --record rec"), 0),
         (&format!("run {rig} --duration 3 --fault node-reset@2.5 --black-box rec"), 8),
         (&format!("{run} --figure x.txt"), 2),
@@ -54,6 +54,29 @@ fn every_command_prints_one_object_with_its_exit_code_and_its_diagnostics() {
         ("compare rec builtin:sphere.yaml --duration 0.1", 0),
         ("reproduce fig9 --out figures", 0),
         ("soak --seeds 0..2 --cycles 500", 0),
+        ("scan", 0),
+        ("scan --listen", 0),
+        ("scan --rig builtin:paper-admittance-two-buses.yaml", 0),
+        ("scan --rig absent.yaml", 3),
+        ("info left", 0),
+        ("info 77", 5),
+        ("od read left statusword 1018h:4 position-actual", 0),
+        ("od read left 5000h statusword", 5),
+        ("od read lefft statusword", 2),
+        ("od write left max-torque 900", 0),
+        ("od write left max-torque 900 --dry-run", 0),
+        ("od write left controlword 15", 2),
+        ("od dump right --out right.dcf", 0),
+        ("od dump right --out right.dcf", 2),
+        ("od diff left right.dcf", 0),
+        ("od diff left bad.yaml", 3),
+        ("od restore right.dcf right --dry-run", 0),
+        ("pdo show wrist", 0),
+        ("nmt left reset", 0),
+        ("emcy", 0),
+        ("state right", 0),
+        ("state right --reset-fault", 2),
+        ("monitor --for 0.5", 0),
     ];
     for (line, code) in cases {
         let seen = Command::new(hil_tests::program())

@@ -22,11 +22,12 @@ assembly             from config to the parts below run; names nothing simulated
 run                  the loop: names assembly, link, record and what they name; never rig, sim, host, cli
 sim                  may name drives, canopen, linkage, sensing, setvalued, quantity; never cycle, guard, control, fixture
 injection            may name guard; named by config, rig, study, soak, cli
-link                 names canopen and bus; named by run, rig, host, live, cli
+link                 names canopen and bus; named by run, rig, host, live, service, cli
 host                 the computer, and a rig on its interfaces: names run and what run names; named by cli
 analysis             what can be said of a rig before it runs: names rig and what rig names; named by study, cli
 report               what a run shows: names rig and what rig names; named by study, cli
-live                 simulated devices on an interface: names link, rig and what rig names; named by cli
+live                 simulated devices on a link: names link, rig and what rig names; named by cli
+service              devices asked one by one when no rig runs: names link, canopen, objects, drives; named by cli
 config               names the parameter types of the layers below cycle; named by bus, assembly, run, sim, rig, host, study, soak, record, cli
 elementary           names nothing; named by all
 batch                names nothing; named by study, soak, cli
@@ -34,7 +35,7 @@ record               names what enters and leaves a cycle: cycle, guard, sensing
 ";
 
 /// All layers. `drives` is not among them: it is a package of its own, `yieldwall_drives`.
-const LAYERS: [&str; 30] = [
+const LAYERS: [&str; 31] = [
     "analysis",
     "batch",
     "elementary",
@@ -62,6 +63,7 @@ const LAYERS: [&str; 30] = [
     "host",
     "rig",
     "live",
+    "service",
     "study",
     "soak",
     "cli",
@@ -95,12 +97,25 @@ fn may_name(layer: &str) -> Option<Vec<&'static str>> {
         "rig" => [bus(), run, vec!["run", "injection", "sim"]].concat(),
         "analysis" => [bus(), run, vec!["run", "sim", "rig"]].concat(),
         "report" => [bus(), run, vec!["run", "injection", "sim", "rig"]].concat(),
+        "service" => [&engines[..], &["link"]].concat(),
         "live" => [bus(), run, vec!["run", "sim", "rig"]].concat(),
         "soak" => [bus(), run, vec!["run", "batch", "injection", "sim", "rig"]].concat(),
         "study" => [bus(), run, vec!["run", "batch", "injection", "sim", "rig", "analysis", "report"]].concat(),
         "cli" => {
-            let above =
-                ["analysis", "batch", "injection", "run", "host", "sim", "live", "report", "rig", "study", "soak"];
+            let above = [
+                "analysis",
+                "batch",
+                "injection",
+                "run",
+                "host",
+                "sim",
+                "live",
+                "report",
+                "rig",
+                "service",
+                "study",
+                "soak",
+            ];
             [bus(), run, above.to_vec()].concat()
         }
         _ => return None,

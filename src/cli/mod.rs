@@ -6,6 +6,7 @@
 mod bus;
 mod compare;
 mod config;
+mod desk;
 #[cfg(target_os = "linux")]
 mod drill;
 mod ending;
@@ -85,6 +86,27 @@ enum Command {
     /// Measure how late this computer wakes up, and how long a frame takes to the bus and back
     #[cfg(target_os = "linux")]
     Latency(latency::Arguments),
+    /// Find the devices on a bus: who answers, what it is, and which entry of the rig it fits
+    Scan(desk::scan::Arguments),
+    /// Say of one device who it is and how it is
+    Info(desk::info::Arguments),
+    /// Read, write, keep, compare and restore the objects of a device
+    #[command(subcommand)]
+    Od(desk::od::Command),
+    /// Process data of a device
+    #[command(subcommand)]
+    Pdo(desk::pdo::Command),
+    /// Start, stop and reset devices by network management
+    Nmt(desk::nmt::Arguments),
+    /// List the errors that devices have stored, in words
+    Emcy(desk::emcy::Arguments),
+    /// Say in which state a drive is, and take it out of Fault
+    State(desk::state::Arguments),
+    /// Node ids for devices that have none, or the wrong one
+    #[command(subcommand)]
+    Lss(desk::lss::Command),
+    /// Print what is on a bus, frame by frame, in words; nothing is sent
+    Monitor(desk::monitor::Arguments),
     /// List the faults that can be injected, what each does and what follows
     Faults(faults::Arguments),
     /// Say what a fault, an error code, an SDO abort code or a statusword means
@@ -158,6 +180,15 @@ fn run(arguments: impl IntoIterator<Item = OsString>) -> Exit {
         Command::Drill(arguments) => drill::run(&arguments, &mut output),
         #[cfg(target_os = "linux")]
         Command::Latency(arguments) => latency::run(&arguments, &mut output),
+        Command::Scan(arguments) => desk::scan::run(&arguments, &mut output),
+        Command::Info(arguments) => desk::info::run(&arguments, &mut output),
+        Command::Od(command) => desk::od::run(&command, &mut output),
+        Command::Pdo(command) => desk::pdo::run(&command, &mut output),
+        Command::Nmt(arguments) => desk::nmt::run(&arguments, &mut output),
+        Command::Emcy(arguments) => desk::emcy::run(&arguments, &mut output),
+        Command::State(arguments) => desk::state::run(&arguments, &mut output),
+        Command::Lss(command) => desk::lss::run(&command, &mut output),
+        Command::Monitor(arguments) => desk::monitor::run(&arguments, &mut output),
         Command::Faults(arguments) => faults::list(&arguments, &mut output),
         Command::Explain(arguments) => explain::run(&arguments, &mut output),
         Command::Reproduce(arguments) => reproduce::run(&arguments, &mut output),

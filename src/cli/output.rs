@@ -103,6 +103,14 @@ impl Output {
         if self.is_quiet || self.is_json { Ok(()) } else { self.result(&format!("{line}\n")) }
     }
 
+    /// Prints a line beside the results, on standard error, unless quiet or JSON.
+    pub(super) fn aside(&self, line: &str) {
+        if !self.is_quiet && !self.is_json {
+            // Nobody can be told that standard error is closed.
+            let _ = io::stderr().lock().write_all(format!("{}\n", printable(line)).as_bytes());
+        }
+    }
+
     /// Whether a configuration with warnings is refused.
     pub(super) fn denies_warnings(&self) -> bool {
         self.denies_warnings

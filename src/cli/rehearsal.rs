@@ -100,7 +100,8 @@ fn told<T>(document: &Loaded<T>, at: &str, failure: &Failure, scene: &config::Sc
         first.message
     );
     // Advice to check what is being checked helps nobody, nor does advice for a rig that has run.
-    let advice = first.help.as_deref().filter(|help| !help.contains("config check") && !help.contains("enable again"));
+    let advice =
+        first.help.as_deref().filter(|help| !help.contains("config check") && !help.starts_with("start the run again"));
     let help = advice.unwrap_or("look at what is told beside this, and at the scene");
     document.finding(Severity::Warning, at, message, help, &[("simulation.scene", "the scene")])
 }

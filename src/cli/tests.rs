@@ -155,3 +155,76 @@ fn findings_as_json_have_line_and_column() {
     let report = crate::config::load(case.source()).unwrap_err();
     insta::assert_snapshot!("json", serde_json::to_string_pretty(&report).unwrap());
 }
+
+/// What stands between back quotes and begins with the name of the program, in all sources and pages.
+fn advised() -> Vec<(String, String)> {
+    fn files(folder: &std::path::Path, found: &mut Vec<std::path::PathBuf>) {
+        for entry in std::fs::read_dir(folder).unwrap() {
+            let path = entry.unwrap().path();
+            match path.extension().and_then(|end| end.to_str()) {
+                _ if path.is_dir() => files(&path, found),
+                Some("rs" | "md" | "yaml") => found.push(path),
+                _ => {}
+            }
+        }
+    }
+    let root = std::path::Path::new(env!("CARGO_MANIFEST_DIR"));
+    let mut paths = vec![root.join("README.md"), root.join("CONTRIBUTING.md")];
+    for folder in ["src", "docs", "config", "drives"] {
+        files(&root.join(folder), &mut paths);
+    }
+    let mut advised = Vec::new();
+    for path in paths {
+        let text = std::fs::read_to_string(&path).unwrap();
+        let mut code_block = false;
+        for line in text.lines() {
+            let quoted = line.split('`').skip(1).step_by(2);
+            let is_fence = line.trim_start().starts_with("```");
+            code_block = code_block != is_fence;
+            let whole = line.split('#').next().filter(|_| code_block && !is_fence);
+            let commands = quoted.chain(whole).filter(|text| text.starts_with("yieldwall "));
+            advised.extend(commands.map(|command| (path.display().to_string(), command.trim().to_owned())));
+        }
+    }
+    advised
+}
+
+/// A command in a message or on a page is one that the program has, with options that it has.
+#[test]
+fn every_command_that_is_advised_exists() {
+    use clap::error::ErrorKind;
+    let advised = advised();
+    assert!(advised.len() > 100, "{}", advised.len());
+    let mut unknown = Vec::new();
+    for (file, command) in advised {
+        let words: Vec<&str> = command.split_whitespace().filter(|word| !matches!(*word, "..." | ".." | "&")).collect();
+        if words.iter().any(|word| word.contains("..=") || word.contains('$') || matches!(*word, "|" | "\\")) {
+            continue;
+        }
+        let is_a_command = |words: &mut dyn Iterator<Item = String>| {
+            let kind = Arguments::try_parse_from(words.map(OsString::from)).err().map(|error| error.kind());
+            matches!(
+                kind,
+                None | Some(
+                    ErrorKind::MissingRequiredArgument
+                        | ErrorKind::DisplayHelp
+                        | ErrorKind::DisplayHelpOnMissingArgumentOrSubcommand
+                        | ErrorKind::MissingSubcommand
+                        // An option that a value has to follow, of whatever kind.
+                        | ErrorKind::InvalidValue
+                        | ErrorKind::ValueValidation
+                        | ErrorKind::TooFewValues
+                )
+            )
+        };
+        let plain = |word: &&str| word.trim_matches(['[', ']', ',', '"']).split('|').next().unwrap_or(word).to_owned();
+        // Where a message has a place for something, a value stands there, or options, or nothing.
+        let filled = |word: &&str| if word.contains('{') { "1".to_owned() } else { plain(word) };
+        let is_known = is_a_command(&mut words.iter().map(filled))
+            || is_a_command(&mut words.iter().filter(|word| !word.contains('{')).map(plain));
+        if !is_known {
+            unknown.push(format!("{file}: `{command}`"));
+        }
+    }
+    assert_eq!(unknown, Vec::<String>::new());
+}

@@ -111,6 +111,24 @@ pub trait CanLink {
     fn wait(&mut self, until: Time) -> bool;
 }
 
+impl<L: CanLink + ?Sized> CanLink for Box<L> {
+    fn now(&self) -> Time {
+        (**self).now()
+    }
+
+    fn receive(&mut self) -> Option<Arrival> {
+        (**self).receive()
+    }
+
+    fn send(&mut self, frame: &Frame) -> Result<(), SendError> {
+        (**self).send(frame)
+    }
+
+    fn wait(&mut self, until: Time) -> bool {
+        (**self).wait(until)
+    }
+}
+
 /// A link as the place where an engine puts its frames.
 ///
 /// After the first frame that could not be sent on a bus the rest for that bus is dropped: an order that arrives without what

@@ -1,11 +1,14 @@
-//! The other end of a real bus: the simulated devices on a link of their own, in one process or in several.
+//! The other end of a bus: the simulated devices on a link of their own, in one process or in several, or behind a link in virtual
+//! time.
 
 #[cfg(all(feature = "socketcan", target_os = "linux"))]
 mod attach;
 mod listen;
 mod serve;
+mod virtual_link;
 
 #[cfg(all(feature = "socketcan", target_os = "linux"))]
 pub use attach::{AttachError, Attached, Entrance, attach};
 pub use listen::listen;
 pub use serve::{ServeError, serve};
+pub use virtual_link::VirtualLink;

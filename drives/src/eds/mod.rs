@@ -11,6 +11,7 @@
 //! # Source
 //! CiA 306-1, *Electronic data sheet specification*, 1.3.
 
+mod bytes;
 mod ini;
 mod number;
 mod read;

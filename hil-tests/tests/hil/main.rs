@@ -14,6 +14,8 @@ mod bodies;
 #[cfg(target_os = "linux")]
 mod buses;
 #[cfg(target_os = "linux")]
+mod desk;
+#[cfg(target_os = "linux")]
 mod interface;
 #[cfg(target_os = "linux")]
 mod lockstep;

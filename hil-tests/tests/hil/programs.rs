@@ -41,7 +41,7 @@ pub(super) fn bus() -> String {
 }
 
 /// Where the programs of these tests keep their records.
-fn own_state() -> PathBuf {
+pub(super) fn own_state() -> PathBuf {
     std::env::temp_dir().join(format!("yieldwall-hil-{}", std::process::id()))
 }
 

@@ -49,7 +49,7 @@ pub const TABLE: [Row; Fault::COUNT] = [
         Stopped,
         "a stop was asked for",
         "the person or the end of the run",
-        "reset, then enable again when ready"
+        "start the run again when ready"
     ),
     row!(
         SensorInvalid,
@@ -59,7 +59,7 @@ pub const TABLE: [Row; Fault::COUNT] = [
         Stopped,
         "the force sensor's sample is not valid",
         "the sensor reports a defect, or a number that is none",
-        "read the sensor's error register (1001h); replace its cable, then the sensor"
+        "`yieldwall info SENSOR` shows its error register; replace its cable, then the sensor"
     ),
     row!(
         SensorSaturated,
@@ -69,7 +69,7 @@ pub const TABLE: [Row; Fault::COUNT] = [
         Stopped,
         "the force sensor is at the end of its range",
         "a hard impact or a wrong calibration range",
-        "push less; if it stays, tare the sensor unloaded and compare range_counts with its data sheet"
+        "push less; if it stays, compare range_counts and the sensor's zero with its data sheet"
     ),
     row!(
         SensorStuck,
@@ -102,7 +102,7 @@ pub const TABLE: [Row; Fault::COUNT] = [
         Stopped,
         "no new force sample for ten of the sensor's declared periods",
         "the sensor lost its supply or its cable",
-        "check the sensor's supply and cable, then reset"
+        "check the sensor's supply and cable, then start the run again"
     ),
     row!(
         ForceStep,
@@ -112,7 +112,7 @@ pub const TABLE: [Row; Fault::COUNT] = [
         Stopped,
         "the force changed more between two samples than force_step_limit_n",
         "a blow on the tool, or a disturbed sensor signal",
-        "let go and tare the sensor; if it comes back without a blow, check shield and supply of the sensor"
+        "let go and run again; if it comes back without a blow, check shield and supply of the sensor"
     ),
     row!(
         ForceLimit,
@@ -122,7 +122,7 @@ pub const TABLE: [Row; Fault::COUNT] = [
         Stopped,
         "the force is beyond force_limit_n",
         "a collision, or a sensor that was not tared",
-        "free the tool and tare the sensor"
+        "free the tool and zero the sensor as its data sheet says"
     ),
     row!(
         ForceImplausible,
@@ -132,7 +132,7 @@ pub const TABLE: [Row; Fault::COUNT] = [
         Stopped,
         "the sensed force does not fit the torques and the motion of the arm",
         "the sensor's zero has drifted, or the tool is held by something beside the hand",
-        "free the tool and tare the sensor; compare control.feed_forward with the arm"
+        "free the tool and zero the sensor as its data sheet says; compare control.feed_forward with the arm"
     ),
     row!(
         EnergyLimit,
@@ -242,7 +242,7 @@ pub const TABLE: [Row; Fault::COUNT] = [
         Stopped,
         "a node sent an emergency message",
         "see the emergency code",
-        "mend what the code names, then reset"
+        "mend what the code names, then start the run again"
     ),
     row!(
         EmergencyWarning,
@@ -262,7 +262,7 @@ pub const TABLE: [Row; Fault::COUNT] = [
         Disabled,
         "a drive is in its fault state",
         "see object 603Fh and the emergency code",
-        "mend what the code names, then reset"
+        "mend what the code names, then start the run again"
     ),
     row!(
         DriveVoltageOff,
@@ -272,7 +272,7 @@ pub const TABLE: [Row; Fault::COUNT] = [
         Disabled,
         "a drive has no voltage at its power stage",
         "the emergency stop or safe torque off acted",
-        "release the emergency stop, then reset"
+        "release the emergency stop, then start the run again"
     ),
     row!(
         DriveLeftOperation,
@@ -282,7 +282,7 @@ pub const TABLE: [Row; Fault::COUNT] = [
         Stopped,
         "a drive left Operation Enabled unasked",
         "its own limit or safety input acted",
-        "read the drive's 603Fh; check the safe-torque-off wiring"
+        "`yieldwall state DRIVE` says its error; check the safe-torque-off wiring"
     ),
     row!(
         DriveWarning,
@@ -302,7 +302,7 @@ pub const TABLE: [Row; Fault::COUNT] = [
         Stopped,
         "a drive does not follow its command value",
         "an internal limit, or the wrong mode of operation",
-        "read 6061h and the drive's limits"
+        "`yieldwall info DRIVE` shows its mode and limits"
     ),
     row!(
         FollowingError,
@@ -342,7 +342,7 @@ pub const TABLE: [Row; Fault::COUNT] = [
         Stopped,
         "the measured angles fit no posture of the linkage",
         "wrong zero_offset_rad, direction or link lengths",
-        "home the arm and check the linkage section"
+        "compare zero_offset_rad, direction and the linkage section with the arm"
     ),
     row!(
         WorkspaceEdge,
@@ -362,7 +362,7 @@ pub const TABLE: [Row; Fault::COUNT] = [
         Stopped,
         "the arm is beyond the margin to a singularity or to the workspace edge",
         "overshoot at the edge, or a margin too small for the speed",
-        "move the arm back by hand, then reset and enable again"
+        "move the arm back by hand, then start the run again"
     ),
     row!(
         OverSpeed,
@@ -372,7 +372,7 @@ pub const TABLE: [Row; Fault::COUNT] = [
         Stopped,
         "the reference is faster than its limit",
         "a push stronger than the fixture was set for",
-        "reset, then enable again"
+        "start the run again"
     ),
     row!(
         NotFinite,
@@ -392,7 +392,7 @@ pub const TABLE: [Row; Fault::COUNT] = [
         Stopped,
         "the drives did not come to Operation Enabled in time",
         "a drive has no voltage, or its enable input is open",
-        "read the drives' status words (6041h) and check supply and enable inputs, then reset"
+        "`yieldwall state DRIVE` says what each lacks; check supply and enable inputs, then run again"
     ),
     row!(
         SyncJitter,
@@ -422,7 +422,7 @@ pub const TABLE: [Row; Fault::COUNT] = [
         Stopped,
         "no cycle ran for more than three periods",
         "the process was stopped, or the computer stood still",
-        "find what stopped the process, then reset"
+        "find what stopped the process, then start the run again"
     ),
     row!(
         Suspended,
@@ -432,7 +432,7 @@ pub const TABLE: [Row; Fault::COUNT] = [
         Stopped,
         "the computer was suspended",
         "power management",
-        "switch suspend off while the rig is in use, then reset"
+        "switch suspend off while the rig is in use, then start the run again"
     ),
     row!(
         CyclePanicked,

@@ -1,0 +1,121 @@
+//! `yieldwall emcy`: the errors that devices have stored, in words.
+
+use serde_json::{Value, json};
+
+use super::keeping::back_up;
+use super::place::{Desk, Node, Place};
+use crate::canopen::PastError;
+use crate::cli::failure::Failure;
+use crate::cli::output::Output;
+use crate::objects::Address;
+use crate::service::{Error, number, scan};
+
+#[derive(Debug, clap::Args)]
+pub(in crate::cli) struct Arguments {
+    /// A node id, or the name of a device in the rig; all that answer unless one is named
+    node: Option<String>,
+    /// Have the device forget its stored errors, after they were kept in a file
+    #[arg(long, requires = "node")]
+    clear: bool,
+    /// Say what would be written, and write nothing
+    #[arg(long, requires = "clear")]
+    dry_run: bool,
+    #[command(flatten)]
+    place: Place,
+}
+
+/// Number of stored errors.
+const HISTORY: Address = Address::new(0x1003, 0);
+/// Those are read at most.
+const MOST: u8 = 32;
+
+pub(in crate::cli) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Failure> {
+    let mut desk = Desk::open(&arguments.place, output)?;
+    let nodes: Vec<Node> = match &arguments.node {
+        Some(word) => vec![desk.node(word)?],
+        None => {
+            let mut nodes = Vec::new();
+            for (bus, _) in desk.buses.clone() {
+                desk.service.turn_to(bus);
+                let found = scan(&mut desk.service).map_err(|error| desk.bus_failure(error))?;
+                let answering = found.iter().filter(|found| found.device_type.is_some());
+                nodes.extend(answering.map(|found| Node { id: found.node, entry: desk.entry(found.node).cloned() }));
+            }
+            nodes
+        }
+    };
+    let mut lines = String::new();
+    let mut documents = Vec::new();
+    for node in &nodes {
+        if let Some(entry) = &node.entry {
+            desk.service.turn_to(entry.bus);
+        }
+        let errors = history(&mut desk, node)?;
+        let said = match &errors {
+            None => "keeps no errors (it has no 1003h)".to_owned(),
+            Some(errors) if errors.is_empty() => "no errors stored".to_owned(),
+            Some(errors) => format!("{} stored, the latest first", errors.len()),
+        };
+        lines.push_str(&format!("{}: {said}\n", node.words()));
+        for error in errors.iter().flatten() {
+            lines.push_str(&format!("  {error}\n"));
+        }
+        documents.push(document(node, errors.as_deref()));
+        if arguments.clear && errors.as_ref().is_some_and(|errors| !errors.is_empty()) {
+            clear(arguments, &mut desk, node, &errors.unwrap_or_default(), output)?;
+        }
+    }
+    if output.is_json() {
+        return output.report(json!({ "place": desk.place, "nodes": documents }));
+    }
+    output.result(&lines)
+}
+
+/// The errors that a device has stored, the latest first; `None` if it stores none.
+fn history(desk: &mut Desk, node: &Node) -> Result<Option<Vec<PastError>>, Failure> {
+    let count = match desk.service.read(node.id, HISTORY) {
+        Ok(bytes) => number(&bytes) as u8,
+        Err(Error::Refused(_)) => return Ok(None),
+        Err(error) => return Err(desk.failure(node, "reading its stored errors", error)),
+    };
+    let mut errors = Vec::new();
+    for sub in 1..=count.min(MOST) {
+        match desk.service.read(node.id, Address::new(HISTORY.index, sub)) {
+            Ok(bytes) => errors.push(PastError::from_entry(number(&bytes))),
+            Err(Error::Refused(_)) => break,
+            Err(error) => return Err(desk.failure(node, "reading its stored errors", error)),
+        }
+    }
+    Ok(Some(errors))
+}
+
+fn document(node: &Node, errors: Option<&[PastError]>) -> Value {
+    let each = |error: &PastError| json!({ "code": format!("{:04X}h", error.code.0), "meaning": error.code.meaning(), "information": error.information });
+    json!({
+        "node_id": node.id.raw(),
+        "name": node.entry.as_ref().map(|entry| entry.name.clone()),
+        "errors": errors.map(|errors| errors.iter().map(each).collect::<Vec<_>>()),
+    })
+}
+
+fn clear(
+    arguments: &Arguments,
+    desk: &mut Desk,
+    node: &Node,
+    errors: &[PastError],
+    output: &mut Output,
+) -> Result<(), Failure> {
+    if arguments.dry_run {
+        return output.news("would write 1003h:0 error-history 00h");
+    }
+    let entry =
+        |error: &PastError| (u32::from(error.information) << 16 | u32::from(error.code.0)).to_le_bytes().to_vec();
+    let values: Vec<_> =
+        (1..).zip(errors).map(|(sub, error)| (Address::new(HISTORY.index, sub), entry(error))).collect();
+    if let Some(path) = back_up(desk, node, &values, None)? {
+        output.news(&format!("kept      {}", path.display()))?;
+    }
+    let cleared = desk.service.write(node.id, HISTORY, &[0]);
+    cleared.map_err(|error| desk.failure(node, "clearing its stored errors", error))?;
+    output.news(&format!("cleared   {}", node.words()))
+}

@@ -1,0 +1,87 @@
+//! `yieldwall info`: one device.
+
+use serde_json::{Map, Value, json};
+
+use super::place::{Desk, Place};
+use super::scan::{fit, identity, kind};
+use super::words::{self, nmt_words, table};
+use crate::cli::failure::Failure;
+use crate::cli::output::Output;
+use crate::objects::Address;
+use crate::service::{Error, Found, identify, known, number};
+
+#[derive(Debug, clap::Args)]
+pub(in crate::cli) struct Arguments {
+    /// A node id, or the name of a device in the rig
+    node: String,
+    #[command(flatten)]
+    place: Place,
+}
+
+/// What is read of any device, and of a drive.
+const OBJECTS: [(u16, u8, &str); 14] = [
+    (0x1009, 0, "hardware"),
+    (0x100a, 0, "software"),
+    (0x1001, 0, "error register"),
+    (0x1003, 0, "errors stored"),
+    (0x1017, 0, "heartbeat, ms"),
+    (0x1016, 1, "watches"),
+    (0x6502, 0, "modes"),
+    (0x6061, 0, "mode in force"),
+    (0x6041, 0, "state"),
+    (0x603f, 0, "error code"),
+    (0x6064, 0, "position"),
+    (0x6076, 0, "rated torque"),
+    (0x6072, 0, "torque limit"),
+    (0x6080, 0, "motor speed limit, r/min"),
+];
+
+pub(in crate::cli) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Failure> {
+    let mut desk = Desk::open(&arguments.place, output)?;
+    let node = desk.node(&arguments.node)?;
+    let failed = |desk: &Desk, error| desk.failure(&node, "reading who it is", error);
+    let device_type = match desk.service.read(node.id, Address::new(0x1000, 0)) {
+        Ok(bytes) => Some(number(&bytes)),
+        Err(Error::Refused(_)) => None,
+        Err(error) => return Err(failed(&desk, error)),
+    };
+    let state = desk.service.state(node.id).map_err(|error| failed(&desk, error))?;
+    let identities = identify(&mut desk.service, &[node.id]).map_err(|error| failed(&desk, error))?;
+    let (identity_parts, name) = identities.into_iter().next().unwrap_or_default();
+    let found =
+        Found { node: node.id, heard: desk.service.heard(node.id), device_type, identity: identity_parts, name };
+    let asked: Vec<_> = OBJECTS.map(|(index, sub, _)| (node.id, Address::new(index, sub))).to_vec();
+    let answers = desk.service.read_each(&asked).map_err(|error| desk.bus_failure(error))?;
+    let mut rows = vec![
+        ["device".to_owned(), format!("{}: {}", kind(device_type), found.name.as_deref().unwrap_or("no name"))],
+        ["identity".to_owned(), identity(&found).unwrap_or_else(|| "none".to_owned())],
+        ["rig".to_owned(), fit(&desk, &found)],
+        ["NMT".to_owned(), state.map_or("tells none".to_owned(), |state| nmt_words(state).to_owned())],
+    ];
+    let mut objects = Map::new();
+    for ((index, sub, what), answer) in OBJECTS.into_iter().zip(answers) {
+        let at = Address::new(index, sub);
+        let Ok(bytes) = answer else { continue };
+        let data_type = known(at, None).map(|known| known.data_type);
+        let shown = words::value(at, data_type, &bytes, node.scaling());
+        objects.insert(what.to_owned(), words::document(at, &words::name(at, None), &bytes, &shown));
+        rows.push([what.to_owned(), shown.means.map_or(shown.raw.clone(), |means| format!("{means}  {}", shown.raw))]);
+    }
+    if output.is_json() {
+        let [vendor, product, revision, serial] = found.identity;
+        return output.report(json!({
+            "place": desk.place,
+            "node_id": node.id.raw(),
+            "name": found.name,
+            "device_type": device_type,
+            "vendor_id": vendor,
+            "product_code": product,
+            "revision": revision,
+            "serial": serial,
+            "nmt": state.map(|state| format!("{state:?}")),
+            "rig": fit(&desk, &found),
+            "objects": Value::Object(objects),
+        }));
+    }
+    output.result(&format!("{}\n{}", node.words(), table(&rows)))
+}

@@ -1,0 +1,96 @@
+//! What is kept before something is overwritten, and what is asked before a device stores it.
+
+use std::io::{BufRead, Write};
+use std::path::PathBuf;
+use std::time::{SystemTime, UNIX_EPOCH};
+
+use yieldwall_drives::eds::{Access, Eds, Entry, Kind, Node as Of, Object, Value};
+use yieldwall_drives::objects;
+
+use super::place::{Desk, Node};
+use super::words::name;
+use crate::cli::failure::{Exit, Failure};
+use crate::cli::keep::state_folder;
+use crate::cli::output::Output;
+use crate::objects::Address;
+use crate::service::known;
+
+/// Writes what objects hold into a file that `od restore` takes; its path. Of simulated devices nothing is kept.
+pub(super) fn back_up(
+    desk: &Desk,
+    node: &Node,
+    values: &[(Address, Vec<u8>)],
+    eds: Option<&Eds>,
+) -> Result<Option<PathBuf>, Failure> {
+    if desk.is_simulated || values.is_empty() {
+        return Ok(None);
+    }
+    let folder = state_folder("backups").ok_or_else(|| {
+        let message = "there is no folder for a backup: neither XDG_STATE_HOME nor HOME is set";
+        Failure::new(Exit::Usage, message, "set XDG_STATE_HOME to a folder that is kept")
+    })?;
+    let since = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
+    let path = folder.join(format!("node-{}-{}.dcf", node.id.raw(), since.as_millis()));
+    let text = sheet(node, values, eds).to_dcf(&Of { id: node.id.raw(), ..Of::default() });
+    let written = std::fs::create_dir_all(&folder).and_then(|()| std::fs::write(&path, text));
+    written.map_err(|error| {
+        let message = format!("the backup {}: {error}; nothing was written to the device", path.display());
+        Failure::new(Exit::Usage, message, "make the folder one that can be written")
+    })?;
+    Ok(Some(path))
+}
+
+/// A data sheet of these values.
+fn sheet(node: &Node, values: &[(Address, Vec<u8>)], eds: Option<&Eds>) -> Eds {
+    let mut sheet = Eds { node: Some(Of { id: node.id.raw(), ..Of::default() }), ..Eds::default() };
+    for (at, bytes) in values {
+        let data_type = known(*at, eds).map_or(0x0a, |known| known.data_type);
+        let entry = Entry {
+            name: name(*at, eds),
+            data_type,
+            access: Access::ReadWrite,
+            default: None,
+            value: Some(Value::from_bytes(data_type, bytes)),
+            low: None,
+            high: None,
+            is_mappable: false,
+            line: 0,
+        };
+        let object = sheet.objects.entry(at.index).or_insert_with(|| Object {
+            name: format!("object-{:04x}", at.index),
+            kind: Kind::Variable,
+            entries: std::collections::BTreeMap::new(),
+            line: 0,
+        });
+        object.entries.insert(at.sub, entry);
+        if object.entries.len() > 1 || at.sub > 0 {
+            object.kind = Kind::Record;
+        }
+    }
+    sheet
+}
+
+/// Has a device store its parameters, once a person has said yes.
+pub(super) fn store(desk: &mut Desk, node: &Node, is_agreed: bool, output: &mut Output) -> Result<(), Failure> {
+    let what =
+        format!("{} stores all its parameters in its memory (1010h:1), over those that it has there", node.words());
+    if !is_agreed && !agreed(&what) {
+        return Err(Failure::new(
+            Exit::Usage,
+            format!("{}: nothing was stored; what was written lasts until its next reset", node.words()),
+            "answer yes, or give --yes",
+        ));
+    }
+    let at = Address::new(objects::STORE_PARAMETERS.index, objects::STORE_PARAMETERS.sub);
+    let stored = desk.service.write(node.id, at, &objects::STORE_SIGNATURE.to_le_bytes());
+    stored.map_err(|error| desk.failure(node, "storing its parameters", error))?;
+    output.news(&format!("stored    {}", node.words()))
+}
+
+/// Whether a person answers yes.
+fn agreed(what: &str) -> bool {
+    let mut line = String::new();
+    // Who cannot be asked has not agreed.
+    let asked = write!(std::io::stderr(), "{what}. Go on? [yes/no] ");
+    asked.is_ok() && std::io::stdin().lock().read_line(&mut line).is_ok() && matches!(line.trim(), "y" | "yes")
+}

@@ -1,0 +1,188 @@
+//! `yieldwall lss`: node ids for devices that have none or the wrong one.
+
+use std::time::Duration;
+
+use serde_json::{Value, json};
+
+use super::place::{Desk, Place};
+use crate::canopen::lss::{LssAddress, LssOutcome, LssRequest};
+use crate::canopen::node_id;
+use crate::cli::failure::{Exit, Failure};
+use crate::cli::output::Output;
+use crate::service::identify;
+
+#[derive(Debug, clap::Subcommand)]
+pub(in crate::cli) enum Command {
+    /// Find a device without a node id, and say who it is
+    Find(Find),
+    /// Give a device another node id; it holds from its next reset on, and with --save beyond power-off
+    SetId(SetId),
+}
+
+#[derive(Debug, clap::Args)]
+pub(in crate::cli) struct Find {
+    #[command(flatten)]
+    place: Place,
+}
+
+#[derive(Debug, clap::Args)]
+pub(in crate::cli) struct SetId {
+    /// The device: its present node id, its name in the rig, or `new` for the one without a node id
+    device: String,
+    /// The new node id, 1 to 127
+    #[arg(value_parser = clap::value_parser!(u8).range(1..=127))]
+    node_id: u8,
+    /// Have the device keep it beyond power-off
+    #[arg(long)]
+    save: bool,
+    /// Say what would be sent, and send nothing but the search
+    #[arg(long)]
+    dry_run: bool,
+    #[command(flatten)]
+    place: Place,
+}
+
+/// How long a device may take to answer. Of a search silence is an answer: 133 of them.
+const ANSWER: Duration = Duration::from_millis(200);
+const SEARCH: Duration = Duration::from_millis(20);
+
+pub(in crate::cli) fn run(command: &Command, output: &mut Output) -> Result<(), Failure> {
+    match command {
+        Command::Find(arguments) => find(arguments, output),
+        Command::SetId(arguments) => set_id(arguments, output),
+    }
+}
+
+fn ask(desk: &mut Desk, request: LssRequest, timeout: Duration) -> Result<LssOutcome, Failure> {
+    desk.service.lss(request, timeout).map_err(|error| desk.bus_failure(error))
+}
+
+/// The device without a node id, now in configuration.
+fn unconfigured(desk: &mut Desk) -> Result<Option<LssAddress>, Failure> {
+    ask(desk, LssRequest::SwitchAll { to_configuration: false }, ANSWER)?;
+    match ask(desk, LssRequest::Fastscan, SEARCH)? {
+        LssOutcome::Identity(address) => Ok(Some(address)),
+        _ => Ok(None),
+    }
+}
+
+fn find(arguments: &Find, output: &mut Output) -> Result<(), Failure> {
+    let mut desk = Desk::open(&arguments.place, output)?;
+    let found = unconfigured(&mut desk)?;
+    ask(&mut desk, LssRequest::SwitchAll { to_configuration: false }, ANSWER)?;
+    if output.is_json() {
+        return output.report(json!({ "place": desk.place, "found": found.map(document) }));
+    }
+    output.result(&match found {
+        Some(address) => {
+            format!("a device without a node id: {}\n`yieldwall lss set-id new N` gives it one\n", words(address))
+        }
+        None => "no device without a node id answers; `yieldwall scan` shows those that have one\n".to_owned(),
+    })
+}
+
+fn set_id(arguments: &SetId, output: &mut Output) -> Result<(), Failure> {
+    let mut desk = Desk::open(&arguments.place, output)?;
+    let new = node_id(arguments.node_id).map_err(|error| Failure::new(Exit::Usage, error.to_string(), ""))?;
+    let no_device = || {
+        Failure::new(
+            Exit::DeviceMismatch,
+            "no device without a node id answers",
+            "`yieldwall scan` shows those that have one",
+        )
+    };
+    let (address, who) = if arguments.device == "new" {
+        (unconfigured(&mut desk)?.ok_or_else(no_device)?, "the device without a node id".to_owned())
+    } else {
+        let node = desk.node(&arguments.device)?;
+        let identity = identify(&mut desk.service, &[node.id]).map_err(|error| desk.bus_failure(error))?;
+        let (parts, _) = identity.into_iter().next().unwrap_or_default();
+        let [Some(vendor_id), Some(product_code), Some(revision), Some(serial)] = parts else {
+            let message =
+                format!("{} does not tell all of its identity (1018h:1 to 4), by which LSS finds it", node.words());
+            return Err(Failure::new(
+                Exit::DeviceMismatch,
+                message,
+                "set its node id by its switches or with its maker's tool",
+            ));
+        };
+        (LssAddress { vendor_id, product_code, revision, serial }, node.words())
+    };
+    if let Some(other) = taken(&mut desk, arguments, new)? {
+        return Err(other);
+    }
+    if arguments.dry_run {
+        ask(&mut desk, LssRequest::SwitchAll { to_configuration: false }, ANSWER)?;
+        let text = format!("would give {who} ({}) the node id {}\n", words(address), new.raw());
+        return if output.is_json() {
+            output.report(
+                json!({ "place": desk.place, "dry_run": true, "device": document(address), "node_id": new.raw() }),
+            )
+        } else {
+            output.result(&text)
+        };
+    }
+    let select = ask(&mut desk, LssRequest::SwitchOne(address), ANSWER)?;
+    let configured = match select {
+        LssOutcome::Done => ask(&mut desk, LssRequest::ConfigureNodeId(Some(new)), ANSWER)?,
+        other => other,
+    };
+    let stored = match (configured, arguments.save) {
+        (LssOutcome::Done, true) => ask(&mut desk, LssRequest::Store, ANSWER)?,
+        (other, _) => other,
+    };
+    ask(&mut desk, LssRequest::SwitchAll { to_configuration: false }, ANSWER)?;
+    match stored {
+        LssOutcome::Done => {}
+        LssOutcome::Refused { error, detail } => {
+            let message = format!("{who} refuses (error {error}, detail {detail})");
+            return Err(Failure::new(Exit::DeviceMismatch, message, "it may not support LSS for this: see its manual"));
+        }
+        _ => {
+            let message = format!("{who} does not answer LSS");
+            return Err(Failure::new(
+                Exit::DeviceMismatch,
+                message,
+                "set its node id by its switches or with its maker's tool",
+            ));
+        }
+    }
+    if output.is_json() {
+        return output.report(
+            json!({ "place": desk.place, "device": document(address), "node_id": new.raw(), "saved": arguments.save }),
+        );
+    }
+    let lasts = if arguments.save { "and keeps it" } else { "until power-off; --save makes it last" };
+    let next = if arguments.device == "new" { "" } else { ", from its next reset on" };
+    output.result(&format!("{who} has the node id {}{next}, {lasts}\n", new.raw()))
+}
+
+/// The failure that another device has the node id.
+fn taken(desk: &mut Desk, arguments: &SetId, new: crate::canopen::NodeId) -> Result<Option<Failure>, Failure> {
+    use crate::objects::Address;
+    use crate::service::Error;
+    desk.service.set_patience(Duration::from_millis(300), 0);
+    let answer = desk.service.read(new, Address::new(0x1000, 0));
+    match answer {
+        Err(Error::NoAnswer) => Ok(None),
+        Ok(_) | Err(Error::Refused(_) | Error::Senseless(_) | Error::MayBeWritten | Error::TooLong(_)) => {
+            let message = format!("a device has the node id {} already; nothing was set", arguments.node_id);
+            Ok(Some(Failure::new(
+                Exit::Usage,
+                message,
+                "two devices of one node id disturb each other: choose another",
+            )))
+        }
+        Err(error) => Err(desk.bus_failure(error)),
+    }
+}
+
+fn words(address: LssAddress) -> String {
+    let LssAddress { vendor_id, product_code, revision, serial } = address;
+    format!("vendor {vendor_id:08X}h product {product_code:08X}h revision {revision:08X}h serial {serial:08X}h")
+}
+
+fn document(address: LssAddress) -> Value {
+    let LssAddress { vendor_id, product_code, revision, serial } = address;
+    json!({ "vendor_id": vendor_id, "product_code": product_code, "revision": revision, "serial": serial })
+}

@@ -1,0 +1,16 @@
+//! Commands that ask devices one by one: on a bus with `--bus`, without it those of a rig's simulation, for rehearsal.
+
+pub(super) mod emcy;
+pub(super) mod info;
+mod keeping;
+pub(super) mod lss;
+pub(super) mod monitor;
+pub(super) mod nmt;
+pub(super) mod od;
+pub(super) mod pdo;
+mod place;
+pub(super) mod scan;
+pub(super) mod state;
+#[cfg(test)]
+mod tests;
+mod words;

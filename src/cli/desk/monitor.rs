@@ -1,0 +1,216 @@
+//! `yieldwall monitor`: what is on a bus, frame by frame, in words. Nothing is sent.
+
+use std::time::Duration;
+
+use serde_json::{Value, json};
+use yieldwall_drives::profiles::{DeviceProfile, Pdo};
+
+use super::place::{Desk, Entry, Place};
+use super::words::{nmt_words, spaced};
+use crate::canopen::{Emergency, Frame, NmtState, cob, nmt};
+use crate::cli::failure::{Exit, Failure};
+use crate::cli::output::Output;
+use crate::link::{Arrival, Received};
+use crate::objects::{AbortCode, Address};
+
+#[derive(Debug, clap::Args)]
+pub(in crate::cli) struct Arguments {
+    /// How long to listen; Ctrl-C ends it earlier
+    #[arg(long = "for", value_name = "S", default_value_t = 3.0)]
+    seconds: f64,
+    /// Leave out SYNC and process data
+    #[arg(long)]
+    services: bool,
+    #[command(flatten)]
+    place: Place,
+}
+
+/// Most frames of one JSON document.
+const MOST: usize = 200_000;
+
+pub(in crate::cli) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Failure> {
+    if !(arguments.seconds > 0.0 && arguments.seconds <= 1e6) {
+        let message = format!("--for is {}: it lasts more than 0 and at most 1 000 000 seconds", arguments.seconds);
+        return Err(Failure::new(Exit::Usage, message, "give a number of seconds, such as --for 10"));
+    }
+    let mut desk = Desk::only_listening(&arguments.place, output)?;
+    let begun = desk.service.now();
+    let entries = desk.entries.clone();
+    let several = desk.buses.len() > 1;
+    let (mut count, mut documents, mut failed) = (0_u64, Vec::new(), Ok(()));
+    let each = |arrival: &Arrival| {
+        let what = words(arrival, &entries);
+        let is_left_out =
+            arguments.services && matches!(&arrival.what, Received::Frame(frame) if is_process_data(frame));
+        if is_left_out || failed.is_err() {
+            return;
+        }
+        count += 1;
+        let time_s = arrival.time.since(begun).as_secs_f64();
+        if output.is_json() {
+            if documents.len() < MOST {
+                documents.push(document(time_s, arrival, &what));
+            }
+            return;
+        }
+        let bus = if several { format!("{} ", arrival.bus) } else { String::new() };
+        let id = match &arrival.what {
+            Received::Frame(frame) | Received::Echo(frame) => format!("{:03X}h", frame.id()),
+            _ => "-".to_owned(),
+        };
+        failed = output.result(&format!("{time_s:11.6}  {bus}{id:4}  {what}\n"));
+    };
+    let listened = desk.service.listen(Duration::from_secs_f64(arguments.seconds), each);
+    failed?;
+    // Whoever ends it has seen enough.
+    if let Err(error) = listened
+        && error != crate::service::Error::Interrupted
+    {
+        return Err(desk.bus_failure(error));
+    }
+    if output.is_json() {
+        return output.report(json!({ "place": desk.place, "count": count, "frames": documents }));
+    }
+    output.news(&format!("{count} frames"))
+}
+
+/// SYNC, TIME and PDOs.
+fn is_process_data(frame: &Frame) -> bool {
+    let id = frame.id();
+    id == cob::SYNC || id == cob::TIME || (0x180..0x580).contains(&id)
+}
+
+fn words(arrival: &Arrival, entries: &[Entry]) -> String {
+    match &arrival.what {
+        Received::Frame(frame) | Received::Echo(frame) => of_frame(frame, entries),
+        Received::Error(error) => format!("the controller tells: {error:?}"),
+        Received::Overflow { frames } => format!("{frames} frames were lost here"),
+        Received::Down => "the interface went down".to_owned(),
+        Received::Gone => "the interface is gone".to_owned(),
+    }
+}
+
+fn of_frame(frame: &Frame, entries: &[Entry]) -> String {
+    let id = frame.id();
+    let entry = entries.iter().find(|entry| u16::from(entry.node.raw()) == id & 0x7f && entry.bus == frame.bus());
+    let who = match entry {
+        Some(entry) => format!("{} ({})", entry.node.raw(), entry.name),
+        None => format!("{}", id & 0x7f),
+    };
+    let bytes = || frame.data().iter().map(|byte| format!("{byte:02X}")).collect::<Vec<_>>().join(" ");
+    if frame.is_remote() {
+        let asks = if cob::is_heartbeat(id) {
+            format!("node {who} is asked for its state")
+        } else {
+            "remote frame".to_owned()
+        };
+        return asks;
+    }
+    match id {
+        cob::NMT => match nmt::decode_command(frame) {
+            Some((command, node)) => {
+                let node = node.map_or("all nodes".to_owned(), |node| format!("node {}", node.raw()));
+                format!("NMT: {} to {node}", spaced(&format!("{command:?}")))
+            }
+            None => format!("NMT, of no command: {}", bytes()),
+        },
+        cob::SYNC => "SYNC".to_owned(),
+        cob::TIME => "TIME".to_owned(),
+        cob::LSS_REQUEST => format!("LSS request: {}", bytes()),
+        cob::LSS_ANSWER => format!("LSS answer: {}", bytes()),
+        0x081..=0x0ff => match Emergency::decode(frame) {
+            Some(emergency) => format!("EMCY of {who}: {}, register {:02X}h", emergency.code, emergency.register.0),
+            None => format!("EMCY of {who}, of another length: {}", bytes()),
+        },
+        0x581..=0x5ff | 0x601..=0x67f => sdo(frame, &who, id >= 0x600),
+        0x701..=0x77f => match nmt::decode_heartbeat(frame) {
+            Some((_, NmtState::Initialising)) => format!("boot-up of {who}"),
+            Some((_, state)) => format!("heartbeat of {who}: {}", nmt_words(state)),
+            None => format!("error control of {who}: {}", bytes()),
+        },
+        0x180..=0x57f => process_data(frame, entry, &who),
+        _ => bytes(),
+    }
+}
+
+/// A PDO by its default identifier: its bytes, or what is mapped where the rig knows that.
+fn process_data(frame: &Frame, entry: Option<&Entry>, who: &str) -> String {
+    let (number, is_tpdo) = ((frame.id() - 0x180) / 0x100 + 1, (frame.id() - 0x180) % 0x100 < 0x80);
+    let direction = if is_tpdo { "TPDO" } else { "RPDO" };
+    let bytes = frame.data().iter().map(|byte| format!("{byte:02X}")).collect::<Vec<_>>().join(" ");
+    let fields = entry.and_then(|entry| fields(frame, entry.profile.as_deref()?, number as u8, is_tpdo));
+    format!("{direction} {number} of {who}: {}", fields.unwrap_or(bytes))
+}
+
+/// The values of a PDO by a profile, where all modes map it alike.
+fn fields(frame: &Frame, profile: &DeviceProfile, number: u8, is_tpdo: bool) -> Option<String> {
+    let maps: Vec<_> = match profile.servo() {
+        Some(servo) => servo.process_data.modes().into_iter().filter_map(|(.., map)| map).collect(),
+        None => profile.pdos(None).into_iter().collect(),
+    };
+    let of = |map: &'_ yieldwall_drives::profiles::PdoMap| -> Option<Pdo> {
+        let pdos = if is_tpdo { &map.tpdo } else { &map.rpdo };
+        pdos.iter().find(|pdo| pdo.number == number).cloned()
+    };
+    let mut candidates = maps.into_iter().map(of);
+    let first = candidates.next()??;
+    if !candidates.all(|other| other.as_ref() == Some(&first)) || profile.payload_bytes(&first) != frame.data().len() {
+        return None;
+    }
+    let mut at = 0;
+    let each = first.maps.iter().filter_map(|quantity| {
+        let entry = profile.object(*quantity)?;
+        let (bits, word) = (u32::from(entry.bits), frame.bits().checked_shr(at).unwrap_or_default());
+        at += bits;
+        let masked = word & (u64::MAX >> (64 - bits));
+        let is_word = quantity.word().ends_with("word") || quantity.word() == "status";
+        let shown = match (is_word, bits) {
+            (true, bits) => format!("{masked:0digits$X}h", digits = bits as usize / 4),
+            (_, 8) => masked.to_string(),
+            (_, 16) => (masked as i16).to_string(),
+            _ => (masked as i32).to_string(),
+        };
+        Some(format!("{} {shown}", quantity.word()))
+    });
+    let each: Vec<String> = each.collect();
+    Some(each.join(", "))
+}
+
+fn sdo(frame: &Frame, who: &str, is_request: bool) -> String {
+    let [command, low, high, sub, first, second, third, fourth] = *frame.bytes();
+    let at = Address::new(u16::from_le_bytes([low, high]), sub);
+    let data = [first, second, third, fourth];
+    let value = || {
+        let len = if command & 1 != 0 { 4 - usize::from(command >> 2 & 3) } else { 4 };
+        data.iter().take(len).map(|byte| format!("{byte:02X}")).collect::<Vec<_>>().join(" ")
+    };
+    if frame.data().len() != 8 {
+        return format!("SDO of {who}, of another length");
+    }
+    match (command >> 5, is_request) {
+        (4, _) => {
+            let code = AbortCode(u32::from_le_bytes(data));
+            format!("SDO {who}: {at} {} {code}", if is_request { "broken off:" } else { "refused:" })
+        }
+        (2, true) => format!("SDO {who}: read {at}"),
+        (2, false) if command & 2 != 0 => format!("SDO {who}: {at} is {}", value()),
+        (1, true) if command & 2 != 0 => format!("SDO {who}: write {at} {}", value()),
+        (3, false) => format!("SDO {who}: {at} written"),
+        (1, true) | (2, false) => format!("SDO {who}: {at} in segments, {} bytes", u32::from_le_bytes(data)),
+        _ => format!("SDO {who}: segment"),
+    }
+}
+
+fn document(time_s: f64, arrival: &Arrival, what: &str) -> Value {
+    let frame = match &arrival.what {
+        Received::Frame(frame) | Received::Echo(frame) => Some(frame),
+        _ => None,
+    };
+    json!({
+        "time_s": time_s,
+        "bus": arrival.bus.index(),
+        "identifier": frame.map(Frame::id),
+        "data": frame.map(|frame| frame.data().iter().map(|byte| format!("{byte:02x}")).collect::<String>()),
+        "what": what,
+    })
+}

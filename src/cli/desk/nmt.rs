@@ -1,0 +1,102 @@
+//! `yieldwall nmt`: the commands of network management.
+
+use std::time::Duration;
+
+use serde_json::json;
+
+use super::place::{Desk, Place};
+use super::words::nmt_words;
+use crate::canopen::NmtCommand;
+use crate::cli::failure::{Exit, Failure};
+use crate::cli::output::Output;
+
+#[derive(Debug, clap::Args)]
+pub(in crate::cli) struct Arguments {
+    /// A node id, the name of a device in the rig, or `all`
+    node: String,
+    /// What it is told
+    #[arg(value_enum)]
+    command: Command,
+    /// Say what would be sent, and send nothing
+    #[arg(long)]
+    dry_run: bool,
+    #[command(flatten)]
+    place: Place,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
+enum Command {
+    /// To Operational: process data run. A drive does not move for that alone
+    Start,
+    /// To Stopped: it answers heartbeats and NMT alone
+    Stop,
+    /// To Pre-operational: objects can be read and written, process data rest
+    Preop,
+    /// Reset node: the whole device starts anew
+    Reset,
+    /// Reset communication: the communication objects start anew
+    ResetComm,
+}
+
+/// How long a device that was reset is waited for.
+const BOOT_UP: Duration = Duration::from_secs(5);
+/// How long any other command may take.
+const SETTLING: Duration = Duration::from_millis(100);
+
+impl Command {
+    fn of_nmt(self) -> (NmtCommand, &'static str) {
+        match self {
+            Self::Start => (NmtCommand::StartRemoteNode, "start"),
+            Self::Stop => (NmtCommand::StopRemoteNode, "stop"),
+            Self::Preop => (NmtCommand::EnterPreOperational, "enter Pre-operational"),
+            Self::Reset => (NmtCommand::ResetNode, "reset node"),
+            Self::ResetComm => (NmtCommand::ResetCommunication, "reset communication"),
+        }
+    }
+}
+
+pub(in crate::cli) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Failure> {
+    let mut desk = Desk::open(&arguments.place, output)?;
+    let (command, words) = arguments.command.of_nmt();
+    let node = if arguments.node == "all" { None } else { Some(desk.node(&arguments.node)?) };
+    let who = node.as_ref().map_or("all nodes".to_owned(), |node| node.words());
+    if arguments.dry_run {
+        if output.is_json() {
+            return output.report(json!({ "place": desk.place, "dry_run": true, "node": who, "command": words }));
+        }
+        return output.result(&format!("would tell {who}: {words}\n"));
+    }
+    let buses: Vec<_> = match &node {
+        Some(_) => vec![desk.service.bus()],
+        None => desk.buses.iter().map(|(bus, _)| *bus).collect(),
+    };
+    for bus in buses {
+        desk.service.turn_to(bus);
+        let sent = desk.service.command(command, node.as_ref().map(|node| node.id));
+        sent.map_err(|error| desk.bus_failure(error))?;
+    }
+    let Some(node) = node else {
+        desk.service.listen(SETTLING, |_| {}).map_err(|error| desk.bus_failure(error))?;
+        if output.is_json() {
+            return output.report(json!({ "place": desk.place, "node": who, "command": words }));
+        }
+        return output.result(&format!("told {who}: {words}\n"));
+    };
+    let is_reset = matches!(arguments.command, Command::Reset | Command::ResetComm);
+    let before = desk.service.heard(node.id).boot_ups;
+    let until = desk.service.now() + if is_reset { BOOT_UP } else { SETTLING };
+    while desk.service.now() < until && !(is_reset && desk.service.heard(node.id).boot_ups > before) {
+        desk.service.listen(Duration::from_millis(20), |_| {}).map_err(|error| desk.bus_failure(error))?;
+    }
+    if is_reset && desk.service.heard(node.id).boot_ups == before {
+        let message = format!("{who} was told: {words}, and no boot-up message came within {} s", BOOT_UP.as_secs());
+        return Err(Failure::new(Exit::DeviceMismatch, message, "`yieldwall scan` shows who answers"));
+    }
+    let state = desk.service.state(node.id).map_err(|error| desk.failure(&node, "asking its state", error))?;
+    let state = state.map(|state| nmt_words(state).to_owned());
+    if output.is_json() {
+        return output.report(json!({ "place": desk.place, "node": who, "command": words, "state": state }));
+    }
+    let state = state.unwrap_or_else(|| "not told: it answers no node guarding and sends no heartbeat".to_owned());
+    output.result(&format!("told {who}: {words}; state {state}\n"))
+}

@@ -1,0 +1,146 @@
+//! `yieldwall od diff`: what differs between two devices, or a device and a file.
+
+use std::path::{Path, PathBuf};
+
+use serde_json::json;
+use yieldwall_drives::eds::{Eds, Value};
+
+use super::super::place::{Desk, Node, Place};
+use super::super::words::{self, table};
+use super::dump::objects;
+use super::{sheet, sheet_of};
+use crate::cli::failure::{Exit, Failure};
+use crate::cli::output::Output;
+use crate::objects::Address;
+use crate::service::{is_shown, known, of_node};
+
+#[derive(Debug, clap::Args)]
+pub(in crate::cli) struct Arguments {
+    /// A device (node id or name), or a data sheet with values (DCF)
+    first: String,
+    /// What it is compared with
+    second: String,
+    /// Compare also what a device shows and does not keep, such as its position
+    #[arg(long)]
+    all: bool,
+    /// A data sheet (EDS or DCF): names and types of the vendor's objects
+    #[arg(long, value_name = "FILE.eds")]
+    eds: Option<PathBuf>,
+    #[command(flatten)]
+    place: Place,
+}
+
+/// One side: a file, or a device and the words for it.
+enum Side {
+    File(Box<Eds>),
+    Device(Node),
+}
+
+pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Failure> {
+    let eds = sheet_of(arguments.eds.as_deref(), output)?;
+    let words = [&arguments.first, &arguments.second];
+    let files = words.map(|word| is_file(word));
+    let mut desk = if files == [true; 2] { None } else { Some(Desk::open(&arguments.place, output)?) };
+    let mut sides = Vec::new();
+    for (word, is_file) in words.into_iter().zip(files) {
+        sides.push(match (&mut desk, is_file) {
+            (_, true) => Side::File(Box::new(sheet(Path::new(word), output)?)),
+            (Some(desk), false) => Side::Device(desk.node(word)?),
+            (None, false) => return Err(Failure::new(Exit::Internal, "a device without a bus", "")),
+        });
+    }
+    let of_file: Option<Eds> = sides.iter().find_map(|side| match side {
+        Side::File(eds) => Some((**eds).clone()),
+        Side::Device(_) => None,
+    });
+    let mut values = Vec::new();
+    for side in sides {
+        values.push(match (side, &mut desk) {
+            (Side::File(eds), _) => *eds,
+            // By the objects of the data sheet, or those of the file; else all are looked for.
+            (Side::Device(node), Some(desk)) => {
+                if let Some(entry) = &node.entry {
+                    desk.service.turn_to(entry.bus);
+                }
+                objects(desk, &node, eds.as_ref().or(of_file.as_ref()), output)?.0
+            }
+            (Side::Device(_), None) => return Err(Failure::new(Exit::Internal, "a device without a bus", "")),
+        });
+    }
+    let [first, second] = values.as_slice() else { return Err(Failure::new(Exit::Internal, "two sides", "")) };
+    let differences = differences(first, second, eds.as_ref(), arguments.all);
+    let end = match differences.len() {
+        0 => Ok(()),
+        count => {
+            let noun = if count == 1 { "object differs" } else { "objects differ" };
+            Err(Failure::new(Exit::OutOfTolerance, format!("{count} {noun}"), ""))
+        }
+    };
+    if output.is_json() {
+        let each = differences.iter().map(|Difference { at, name, first, second }| {
+            json!({ "object": at.to_string(), "name": name, "first": first, "second": second })
+        });
+        return output.end(json!({ "differences": each.collect::<Vec<_>>() }), end);
+    }
+    let rows: Vec<_> = differences
+        .iter()
+        .map(|Difference { at, name, first, second }| [at.to_string(), name.clone(), format!("{first} -> {second}")])
+        .collect();
+    output.result(&table(&rows))?;
+    if rows.is_empty() {
+        output.news("no difference")?;
+    }
+    end
+}
+
+fn is_file(word: &str) -> bool {
+    word.contains(['/', '.']) || Path::new(word).is_file()
+}
+
+struct Difference {
+    at: Address,
+    name: String,
+    first: String,
+    second: String,
+}
+
+/// The objects that have a value on both sides, and not the same; or on one side alone.
+fn differences(first: &Eds, second: &Eds, eds: Option<&Eds>, all: bool) -> Vec<Difference> {
+    let mut found = Vec::new();
+    let mut addresses: Vec<(u16, u8)> =
+        first.entries().chain(second.entries()).map(|(index, sub, _)| (index, sub)).collect();
+    addresses.sort_unstable();
+    addresses.dedup();
+    // An identifier that counts from the node id is the same on both sides if what is added is.
+    let ids = [first, second].map(|side| side.node.as_ref().map(|node| node.id));
+    let own = [ids[0].or(ids[1]), ids[1].or(ids[0])].map(Option::unwrap_or_default);
+    for (index, sub) in addresses {
+        let at = Address::new(index, sub);
+        let entries = [first, second].map(|side| side.entry(index, sub).filter(|entry| entry.value.is_some()));
+        if !all && (is_shown(at) || entries.iter().flatten().any(|entry| !entry.access.is_writable())) {
+            continue;
+        }
+        let data_type = known(at, eds).map(|known| known.data_type);
+        let [one, other] = entries;
+        let bytes = [(one, own[0]), (other, own[1])].map(|(entry, node_id)| {
+            let entry = entry?;
+            entry.value.as_ref()?.to_bytes(data_type.unwrap_or(entry.data_type), node_id)
+        });
+        let [one, other] = [(&bytes[0], own[0]), (&bytes[1], own[1])].map(|(bytes, node_id)| {
+            let value = Value::from_bytes(data_type.unwrap_or(0x0a), bytes.as_deref()?);
+            Some(of_node(at, value, node_id))
+        });
+        if one == other {
+            continue;
+        }
+        let [one, other] = bytes.map(|bytes| {
+            bytes.map_or("-".to_owned(), |bytes| {
+                let shown = words::value(at, data_type, &bytes, None);
+                shown.means.map_or(shown.raw.clone(), |means| format!("{} {means}", shown.raw))
+            })
+        });
+        let name = words::name(at, eds);
+        found.push(Difference { at, name, first: one, second: other });
+    }
+    found
+}

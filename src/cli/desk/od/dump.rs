@@ -1,0 +1,103 @@
+//! `yieldwall od dump`: all objects of a device, as a device configuration file.
+
+use std::io::Write;
+use std::path::PathBuf;
+
+use serde_json::{Value, json};
+use yieldwall_drives::eds::{Eds, Node as Of};
+
+use super::super::place::{Desk, Node, Place};
+use super::super::words;
+use super::sheet_of;
+use crate::cli::failure::{Exit, Failure};
+use crate::cli::output::Output;
+use crate::cli::progress::Progress;
+use crate::cli::replace::Replace;
+use crate::objects::Address;
+use crate::report::Stage;
+use crate::service::{Missed, inventory, values_of};
+
+#[derive(Debug, clap::Args)]
+pub(in crate::cli) struct Arguments {
+    /// A node id, or the name of a device in the rig
+    node: String,
+    /// The file; standard output unless one is named
+    #[arg(long, value_name = "FILE.dcf")]
+    out: Option<PathBuf>,
+    /// A data sheet (EDS or DCF): its objects are read, by their types; without one every index is asked for, which takes a minute
+    #[arg(long, value_name = "FILE.eds")]
+    eds: Option<PathBuf>,
+    #[command(flatten)]
+    replace: Replace,
+    #[command(flatten)]
+    place: Place,
+}
+
+pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Failure> {
+    let mut file = match &arguments.out {
+        Some(path) => Some((path, arguments.replace.create(path)?)),
+        None => None,
+    };
+    let eds = sheet_of(arguments.eds.as_deref(), output)?;
+    let mut desk = Desk::open(&arguments.place, output)?;
+    let node = desk.node(&arguments.node)?;
+    let (found, missed) = objects(&mut desk, &node, eds.as_ref(), output)?;
+    let text = found.to_dcf(&Of {
+        id: node.id.raw(),
+        name: node.entry.as_ref().map(|entry| entry.name.clone()).unwrap_or_default(),
+        bit_rate_kbit_per_s: None,
+    });
+    let count = found.entries().filter(|(.., entry)| entry.value.is_some()).count();
+    if let Some((path, file)) = &mut file {
+        file.write_all(text.as_bytes()).map_err(|error| {
+            let help = "name a file in a folder that can be written";
+            Failure::about_file(Exit::Usage, path, format!("cannot be written: {error}"), help)
+        })?;
+    }
+    if output.is_json() {
+        return output.report(json!({
+            "place": desk.place,
+            "node_id": node.id.raw(),
+            "file": arguments.out,
+            "objects": document(&found),
+            "missed": missed.iter().map(|missed| json!({ "object": missed.at.to_string(), "why": missed.why.to_string() })).collect::<Vec<_>>(),
+        }));
+    }
+    let told = format!(
+        "{count} values of {}{}",
+        node.words(),
+        if missed.is_empty() { String::new() } else { format!(", {} could not be read", missed.len()) }
+    );
+    match &arguments.out {
+        Some(path) => output.news(&format!("{told}, into {}", path.display())),
+        None => output.result(&text),
+    }
+}
+
+/// All objects of a device with their values.
+pub(super) fn objects(
+    desk: &mut Desk,
+    node: &Node,
+    eds: Option<&Eds>,
+    output: &Output,
+) -> Result<(Eds, Vec<Missed>), Failure> {
+    let progress = Progress::new(output);
+    progress.begin("reading");
+    let at = |share: f64| progress.at(Stage { time_s: share, end_s: 1.0 });
+    let read = match eds {
+        Some(eds) => values_of(&mut desk.service, node.id, eds, at),
+        None => inventory(&mut desk.service, node.id, at),
+    };
+    progress.end();
+    read.map_err(|error| desk.failure(node, "reading all its objects", error))
+}
+
+fn document(eds: &Eds) -> Vec<Value> {
+    let valued = eds.entries().filter_map(|(index, sub, entry)| {
+        let at = Address::new(index, sub);
+        let bytes = entry.value.as_ref()?.to_bytes(entry.data_type, 0)?;
+        let shown = words::value(at, Some(entry.data_type), &bytes, None);
+        Some(words::document(at, &words::name(at, Some(eds)), &bytes, &shown))
+    });
+    valued.collect()
+}

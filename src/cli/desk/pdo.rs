@@ -1,0 +1,124 @@
+//! `yieldwall pdo show`: what a device exchanges every cycle.
+
+use serde_json::{Value, json};
+
+use super::place::{Desk, Node, Place};
+use super::words::mapped;
+use crate::cli::failure::Failure;
+use crate::cli::output::Output;
+use crate::objects::Address;
+use crate::service::{Error, number};
+
+#[derive(Debug, clap::Subcommand)]
+pub(in crate::cli) enum Command {
+    /// Show the PDOs of a device: identifier, when they are sent, and what is mapped
+    Show(Arguments),
+}
+
+#[derive(Debug, clap::Args)]
+pub(in crate::cli) struct Arguments {
+    /// A node id, or the name of a device in the rig
+    node: String,
+    #[command(flatten)]
+    place: Place,
+}
+
+/// PDOs of each direction are looked for up to the first that is missing, so many at most.
+const MOST: u16 = 64;
+
+struct Pdo {
+    name: String,
+    cob_id: u32,
+    transmission_type: u8,
+    event_timer_ms: Option<u32>,
+    inhibit_100_us: Option<u32>,
+    maps: Vec<u32>,
+}
+
+pub(in crate::cli) fn run(command: &Command, output: &mut Output) -> Result<(), Failure> {
+    let Command::Show(arguments) = command;
+    let mut desk = Desk::open(&arguments.place, output)?;
+    let node = desk.node(&arguments.node)?;
+    let mut pdos = Vec::new();
+    for (direction, base) in [("RPDO", 0x1400), ("TPDO", 0x1800)] {
+        for number in 0..MOST {
+            let Some(pdo) = pdo(&mut desk, &node, direction, base + number)? else { break };
+            pdos.push(pdo);
+        }
+    }
+    if output.is_json() {
+        let pdos: Vec<Value> = pdos.iter().map(document).collect();
+        return output.report(json!({ "place": desk.place, "node_id": node.id.raw(), "pdos": pdos }));
+    }
+    let mut text = format!("{}\n", node.words());
+    for pdo in &pdos {
+        text.push_str(&format!("{}\n", line(pdo)));
+        pdo.maps.iter().for_each(|entry| text.push_str(&format!("    {}\n", mapped(*entry))));
+    }
+    if pdos.is_empty() {
+        text.push_str("it has no PDOs\n");
+    }
+    output.result(&text)
+}
+
+fn pdo(desk: &mut Desk, node: &Node, direction: &str, index: u16) -> Result<Option<Pdo>, Failure> {
+    let mut read = |index, sub| match desk.service.read(node.id, Address::new(index, sub)) {
+        Ok(bytes) => Ok(Some(number(&bytes))),
+        Err(Error::Refused(_)) => Ok(None),
+        Err(error) => Err(desk.failure(node, "reading its PDOs", error)),
+    };
+    let Some(cob_id) = read(index, 1)? else { return Ok(None) };
+    let mut pdo = Pdo {
+        name: format!("{direction} {}", (index & 0x1ff) + 1),
+        cob_id,
+        transmission_type: read(index, 2)?.unwrap_or_default() as u8,
+        inhibit_100_us: read(index, 3)?,
+        event_timer_ms: read(index, 5)?,
+        maps: Vec::new(),
+    };
+    let count = read(index + 0x200, 0)?.unwrap_or_default();
+    for sub in 1..=count.min(64) as u8 {
+        pdo.maps.extend(read(index + 0x200, sub)?);
+    }
+    Ok(Some(pdo))
+}
+
+/// When a PDO is sent or takes effect.
+fn when(transmission_type: u8) -> String {
+    match transmission_type {
+        0 => "at SYNC after a change".to_owned(),
+        1 => "every SYNC".to_owned(),
+        number @ 2..=240 => format!("every {number} SYNC"),
+        252 | 253 => "on request".to_owned(),
+        254 | 255 => "on a change".to_owned(),
+        other => format!("type {other}, reserved"),
+    }
+}
+
+fn line(pdo: &Pdo) -> String {
+    if pdo.cob_id >> 31 != 0 {
+        return format!("{}  not used", pdo.name);
+    }
+    let timer =
+        |value: Option<u32>, unit: &str| value.filter(|value| *value > 0).map(|value| format!(", {unit} {value}"));
+    format!(
+        "{}  {:03X}h, {}{}{}",
+        pdo.name,
+        pdo.cob_id & 0x7ff,
+        when(pdo.transmission_type),
+        timer(pdo.event_timer_ms, "event timer ms").unwrap_or_default(),
+        timer(pdo.inhibit_100_us, "inhibit time 100 us").unwrap_or_default()
+    )
+}
+
+fn document(pdo: &Pdo) -> Value {
+    json!({
+        "pdo": pdo.name,
+        "used": pdo.cob_id >> 31 == 0,
+        "identifier": pdo.cob_id & 0x7ff,
+        "transmission_type": pdo.transmission_type,
+        "event_timer_ms": pdo.event_timer_ms,
+        "inhibit_100_us": pdo.inhibit_100_us,
+        "maps": pdo.maps.iter().map(|entry| mapped(*entry)).collect::<Vec<_>>(),
+    })
+}

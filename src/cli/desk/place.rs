@@ -1,0 +1,288 @@
+//! Where devices are asked, and which of them is meant.
+
+use std::sync::Arc;
+use std::sync::atomic::AtomicBool;
+
+use yieldwall_drives::profiles::DeviceProfile;
+use yieldwall_drives::scaling::AxisScaling;
+
+use crate::assembly::{bus_id, scaling};
+use crate::canopen::{BusId, NodeId, node_id};
+use crate::cli::ending::rig_failure;
+use crate::cli::failure::{Exit, Failure};
+use crate::cli::interrupt::on_interrupt;
+use crate::cli::output::Output;
+use crate::config::{self, Rig, SensorProtocol, Source};
+use crate::link::CanLink;
+use crate::live::VirtualLink;
+use crate::service::{Error, Service};
+
+/// The rig of the simulation unless another one is named.
+const USUAL_RIG: &str = "builtin:paper-admittance.yaml";
+
+/// Where the devices are.
+#[derive(Clone, Debug, Default, clap::Args)]
+pub(in crate::cli) struct Place {
+    /// The interface of the bus; without it the devices of the rig's simulation are asked, and nothing is kept
+    #[arg(long, value_name = "INTERFACE")]
+    pub(super) bus: Option<String>,
+    /// The rig whose names, device profiles and units are used; for one of several buses --bus is NAME=INTERFACE
+    #[arg(long, value_name = "RIG.yaml")]
+    pub(super) rig: Option<String>,
+}
+
+/// A link of any kind.
+pub(super) type AnyLink = Box<dyn CanLink>;
+
+/// What a rig says of a node.
+#[derive(Clone, Debug)]
+pub(super) struct Entry {
+    pub(super) name: String,
+    pub(super) bus: BusId,
+    pub(super) node: NodeId,
+    pub(super) profile: Option<Arc<DeviceProfile>>,
+    /// Of a drive.
+    pub(super) scaling: Option<AxisScaling>,
+}
+
+/// A node that is meant, and what the rig says of it.
+#[derive(Clone, Debug)]
+pub(super) struct Node {
+    pub(super) id: NodeId,
+    pub(super) entry: Option<Entry>,
+}
+
+/// The devices of a bus, or of a simulation, and the rig that they may belong to.
+pub(super) struct Desk {
+    pub(super) service: Service<AnyLink>,
+    pub(super) entries: Vec<Entry>,
+    /// The buses that can be turned to, with their names in the rig.
+    pub(super) buses: Vec<(BusId, String)>,
+    /// Where it is, for a person.
+    pub(super) place: String,
+    pub(super) is_simulated: bool,
+}
+
+impl Node {
+    /// `node 1 (left)`.
+    pub(super) fn words(&self) -> String {
+        match &self.entry {
+            Some(entry) => format!("node {} ({})", self.id.raw(), entry.name),
+            None => format!("node {}", self.id.raw()),
+        }
+    }
+
+    pub(super) fn scaling(&self) -> Option<&AxisScaling> {
+        self.entry.as_ref()?.scaling.as_ref()
+    }
+}
+
+impl Desk {
+    /// A bus on which something will be sent: no master is on it. Or the simulation.
+    pub(super) fn open(place: &Place, output: &mut Output) -> Result<Self, Failure> {
+        Self::of(place, false, output)
+    }
+
+    /// A bus on which nothing will be sent.
+    pub(super) fn only_listening(place: &Place, output: &mut Output) -> Result<Self, Failure> {
+        Self::of(place, true, output)
+    }
+
+    fn of(place: &Place, is_silent: bool, output: &mut Output) -> Result<Self, Failure> {
+        let rig = match (&place.rig, &place.bus) {
+            (None, Some(_)) => None,
+            (named, _) => {
+                let rig = config::load_rig(Source::named(named.as_deref().unwrap_or(USUAL_RIG)))?;
+                output.configuration(&rig.warnings)?;
+                Some(rig)
+            }
+        };
+        let entries = rig.as_ref().map_or(Ok(Vec::new()), |rig| entries(&rig.value))?;
+        let is_over = on_interrupt()?;
+        let desk = match (&place.bus, &rig) {
+            (None, Some(rig)) => Self::simulated(rig, entries, is_over)?,
+            (Some(bus), rig) => {
+                Self::on_interface(bus, rig.as_ref().map(|rig| &rig.value), entries, is_silent, is_over)?
+            }
+            (None, None) => return Err(Failure::new(Exit::Internal, "neither a bus nor a rig", "")),
+        };
+        output.aside(&desk.place);
+        Ok(desk)
+    }
+
+    fn simulated(rig: &config::Loaded<Rig>, entries: Vec<Entry>, is_over: Arc<AtomicBool>) -> Result<Self, Failure> {
+        let scene = rig.scene()?.value;
+        let link = VirtualLink::new(&rig.value, &scene, scene.seed).map_err(|error| rig_failure(&error))?;
+        let buses: Vec<(BusId, String)> = BusId::all().zip(rig.value.buses.keys().cloned()).collect();
+        Ok(Self {
+            service: Service::new(Box::new(link), BusId::FIRST, is_over),
+            entries,
+            buses,
+            place: format!("simulated devices of {}; those of a bus with --bus INTERFACE", rig.value.rig.name),
+            is_simulated: true,
+        })
+    }
+
+    #[cfg(target_os = "linux")]
+    fn on_interface(
+        argument: &str,
+        rig: Option<&Rig>,
+        mut entries: Vec<Entry>,
+        is_silent: bool,
+        is_over: Arc<AtomicBool>,
+    ) -> Result<Self, Failure> {
+        use crate::bus::{LISTENING, Signs};
+        use crate::cli::on_bus::{link_failure, other_master};
+        use crate::link::{Role, SocketCan, SocketCanSettings};
+        use crate::live::listen;
+
+        let (named, interface) = argument.split_once('=').map_or((None, argument), |(name, rest)| (Some(name), rest));
+        let bus = match (rig, named) {
+            (None, None) => BusId::FIRST,
+            (Some(rig), None) if rig.buses.len() == 1 => BusId::FIRST,
+            (Some(rig), Some(name)) if rig.buses.contains_key(name) => {
+                bus_id(rig, name).map_err(|error| rig_failure(&error.into()))?
+            }
+            (Some(rig), _) => {
+                let names: Vec<&str> = rig.buses.keys().map(String::as_str).collect();
+                let message = format!("--bus {argument} does not say which of the rig's buses it is");
+                return Err(Failure::new(
+                    Exit::Usage,
+                    message,
+                    format!("write {}={interface}", names.join(&format!("={interface} or "))),
+                ));
+            }
+            (None, Some(name)) => {
+                let message = format!("--bus {argument} names the bus {name} of a rig, and no rig is given");
+                return Err(Failure::new(
+                    Exit::Usage,
+                    message,
+                    format!("write --bus {interface}, or name the rig with --rig"),
+                ));
+            }
+        };
+        let name = rig.and_then(|rig| rig.buses.keys().nth(bus.index()).cloned()).unwrap_or_default();
+        let bit_rate = rig.and_then(|rig| rig.buses.get(&name)).map(|bus| bus.canopen.bit_rate_bit_per_s);
+        let settings = SocketCanSettings {
+            bit_rate,
+            roles: if is_silent { Vec::new() } else { vec![Role::Master] },
+            ..SocketCanSettings::everything(interface)
+        };
+        let mut link = SocketCan::open(&settings).map_err(|error| link_failure(&error))?;
+        let signs = Signs::of_any_master();
+        if !is_silent && let Some(heard) = listen(&mut link, LISTENING, &is_over, |frame| signs.find(frame)) {
+            let message = format!("a master is on this bus; nothing was sent. Heard: {heard}, on `{interface}`");
+            return Err(other_master(message, &heard));
+        }
+        // One interface is one bus to its link.
+        entries.retain(|entry| entry.bus == bus);
+        entries.iter_mut().for_each(|entry| entry.bus = BusId::FIRST);
+        Ok(Self {
+            service: Service::new(Box::new(link), BusId::FIRST, is_over),
+            entries,
+            buses: vec![(BusId::FIRST, name)],
+            place: format!("devices on {interface}"),
+            is_simulated: false,
+        })
+    }
+
+    #[cfg(not(target_os = "linux"))]
+    fn on_interface(_: &str, _: Option<&Rig>, _: Vec<Entry>, _: bool, _: Arc<AtomicBool>) -> Result<Self, Failure> {
+        Err(Failure::new(Exit::Usage, "this system has no CAN interfaces", "leave --bus away"))
+    }
+
+    /// The node that a word means: a node id, or the name of a device in the rig. Turns to its bus.
+    pub(super) fn node(&mut self, word: &str) -> Result<Node, Failure> {
+        let by_name = self.entries.iter().find(|entry| entry.name == word);
+        let number = word.parse::<u8>().ok().and_then(|raw| node_id(raw).ok());
+        let node = match (by_name, number) {
+            (Some(entry), _) => Node { id: entry.node, entry: Some(entry.clone()) },
+            (None, Some(id)) => Node { id, entry: self.entries.iter().find(|entry| entry.node == id).cloned() },
+            (None, None) => {
+                let names: Vec<&str> = self.entries.iter().map(|entry| entry.name.as_str()).collect();
+                let help = match config::nearest_word(word, names.iter().copied()) {
+                    Some(meant) => format!("did you mean {meant}?"),
+                    None if names.is_empty() => {
+                        "write a node id from 1 to 127; names are those of a rig, with --rig".to_owned()
+                    }
+                    None => format!("write a node id from 1 to 127, or one of {}", names.join(", ")),
+                };
+                return Err(Failure::new(
+                    Exit::Usage,
+                    format!("{word} is neither a node id nor a device of the rig"),
+                    help,
+                ));
+            }
+        };
+        if let Some(entry) = &node.entry {
+            self.service.turn_to(entry.bus);
+        }
+        Ok(node)
+    }
+
+    /// The entry of the rig for a node on the bus that is turned to.
+    pub(super) fn entry(&self, node: NodeId) -> Option<&Entry> {
+        let bus = self.service.bus();
+        self.entries.iter().find(|entry| (entry.bus, entry.node) == (bus, node))
+    }
+
+    /// The failure that a device did not do what it was asked.
+    pub(super) fn failure(&self, node: &Node, doing: &str, error: Error) -> Failure {
+        let message = format!("{}: {doing}: {error}", node.words());
+        match error {
+            Error::NoAnswer | Error::MayBeWritten => {
+                let bus = if self.is_simulated { "" } else { " with the same --bus" };
+                let help = format!("`yieldwall scan`{bus} shows which nodes answer; a node in Stopped answers nothing");
+                Failure::new(Exit::DeviceMismatch, message, help)
+            }
+            Error::Refused(_) => Failure::new(Exit::DeviceMismatch, message, ""),
+            Error::Senseless(_) => {
+                Failure::new(Exit::DeviceMismatch, message, "the device breaks the protocol: report it to its maker")
+            }
+            Error::TooLong(_) => Failure::new(Exit::Usage, message, ""),
+            Error::Link(_) => link_down(message),
+            Error::Interrupted => Failure::new(Exit::Interrupted, message, ""),
+        }
+    }
+
+    /// The same where no single device is to blame.
+    pub(super) fn bus_failure(&self, error: Error) -> Failure {
+        match error {
+            Error::Interrupted => Failure::new(Exit::Interrupted, error.to_string(), ""),
+            error => link_down(error.to_string()),
+        }
+    }
+}
+
+fn link_down(message: String) -> Failure {
+    let help =
+        "nobody acknowledges: look whether a device is switched on, at the cable, its termination and the bit rate";
+    Failure::new(Exit::BusUnavailable, message, help)
+}
+
+/// The CANopen devices of a rig.
+fn entries(rig: &Rig) -> Result<Vec<Entry>, Failure> {
+    let mut entries = Vec::new();
+    let place = |bus: &str, raw: u8| {
+        let bus = bus_id(rig, bus).map_err(|error| rig_failure(&error.into()))?;
+        let node = node_id(raw).map_err(|error| Failure::new(Exit::ConfigInvalid, error.to_string(), ""))?;
+        Ok::<_, Failure>((bus, node))
+    };
+    for drive in &rig.drives {
+        let (bus, node) = place(&drive.bus, drive.address.canopen.node_id)?;
+        let scaling = scaling(drive).map_err(|error| rig_failure(&error.into()))?;
+        let profile = drive.profile.get().cloned();
+        entries.push(Entry { name: drive.name.clone(), bus, node, profile, scaling: Some(scaling) });
+    }
+    if let SensorProtocol::Canopen { node_id: raw, profile, .. } = &rig.sensor.protocol {
+        let (bus, node) = place(&rig.sensor.bus, *raw)?;
+        entries.push(Entry {
+            name: rig.sensor.name.clone(),
+            bus,
+            node,
+            profile: profile.get().cloned(),
+            scaling: None,
+        });
+    }
+    Ok(entries)
+}

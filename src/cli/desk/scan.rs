@@ -1,0 +1,167 @@
+//! `yieldwall scan`: who is on a bus.
+
+use std::time::Duration;
+
+use serde_json::{Value, json};
+use yieldwall_drives::profiles::{DeviceProfile, Identity as Wanted};
+
+use super::place::{Desk, Entry, Place};
+use super::words::{nmt_words, table};
+use crate::cli::failure::Failure;
+use crate::cli::output::Output;
+use crate::config::ProfileName;
+use crate::service::{Found, scan};
+
+#[derive(Debug, clap::Args)]
+pub(in crate::cli) struct Arguments {
+    #[command(flatten)]
+    place: Place,
+    /// Send nothing: list those that are heard within 3 s; the way beside a master that runs
+    #[arg(long)]
+    listen: bool,
+}
+
+/// How long is listened.
+const LISTENING: Duration = Duration::from_secs(3);
+
+pub(in crate::cli) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Failure> {
+    let mut desk = match arguments.listen {
+        true => Desk::only_listening(&arguments.place, output)?,
+        false => Desk::open(&arguments.place, output)?,
+    };
+    let mut rows = Vec::new();
+    let mut documents = Vec::new();
+    for (bus, name) in desk.buses.clone() {
+        desk.service.turn_to(bus);
+        let found = match arguments.listen {
+            true => heard(&mut desk)?,
+            false => scan(&mut desk.service).map_err(|error| desk.bus_failure(error))?,
+        };
+        if desk.buses.len() > 1 {
+            rows.push(format!("bus {name}\n"));
+        }
+        rows.push(text(&desk, &found));
+        documents.extend(found.iter().map(|found| document(&desk, &name, found)));
+    }
+    if output.is_json() {
+        return output.report(json!({ "place": desk.place, "simulated": desk.is_simulated, "nodes": documents }));
+    }
+    output.result(&rows.concat())
+}
+
+/// Those that are heard without being asked.
+fn heard(desk: &mut Desk) -> Result<Vec<Found>, Failure> {
+    desk.service.listen(LISTENING, |_| {}).map_err(|error| desk.bus_failure(error))?;
+    let nodes = (1..=127).filter_map(|raw| crate::canopen::node_id(raw).ok());
+    let heard = nodes.map(|node| (node, desk.service.heard(node))).filter(|(_, heard)| heard.frames > 0);
+    Ok(heard.map(|(node, heard)| Found { node, heard, device_type: None, identity: [None; 4], name: None }).collect())
+}
+
+fn text(desk: &Desk, found: &[Found]) -> String {
+    if found.is_empty() {
+        return "no node answers or is heard: is anything switched on, is the bit rate right?\n".to_owned();
+    }
+    let mut rows = vec![["node", "state", "device", "name", "rig"].map(str::to_owned)];
+    for found in found {
+        let state = state(found);
+        let name = found.name.clone().unwrap_or_else(|| "-".to_owned());
+        rows.push([found.node.raw().to_string(), state, kind(found.device_type), name, fit(desk, found)]);
+    }
+    let table = table(&rows);
+    // Under each device who it is, so that a line stays within 80 columns.
+    let mut text = String::new();
+    for (at, line) in table.lines().enumerate() {
+        text.push_str(line);
+        text.push('\n');
+        if let Some(identity) = at.checked_sub(1).and_then(|at| found.get(at)).and_then(identity) {
+            text.push_str(&format!("      {identity}\n"));
+        }
+    }
+    text
+}
+
+/// Its NMT state, where it tells one.
+fn state(found: &Found) -> String {
+    found.heard.state.map_or("tells none", nmt_words).to_owned()
+}
+
+/// What kind of device says this type.
+pub(super) fn kind(device_type: Option<u32>) -> String {
+    match device_type.map(|device_type| (device_type & 0xffff, device_type >> 16 & 0xff)) {
+        None => "-".to_owned(),
+        Some((402, 0x02)) => "servo drive".to_owned(),
+        Some((402, 0x01)) => "inverter".to_owned(),
+        Some((402, 0x04)) => "stepper drive".to_owned(),
+        Some((402, _)) => "drive".to_owned(),
+        Some((401, _)) => "I/O".to_owned(),
+        Some((404, _)) => "sensor".to_owned(),
+        Some((406, _)) => "encoder".to_owned(),
+        Some((405, _)) => "controller".to_owned(),
+        Some((profile, _)) => format!("CiA {profile}"),
+    }
+}
+
+pub(super) fn identity(found: &Found) -> Option<String> {
+    let names = ["vendor", "product", "revision", "serial"];
+    let parts: Vec<String> = names
+        .into_iter()
+        .zip(found.identity)
+        .filter_map(|(name, value)| Some(format!("{name} {:08X}h", value?)))
+        .collect();
+    (!parts.is_empty()).then(|| parts.join(" "))
+}
+
+/// The rig's entry for a node, and whether the device is one; without an entry the profile that it fits.
+pub(super) fn fit(desk: &Desk, found: &Found) -> String {
+    match desk.entry(found.node) {
+        Some(entry) => of_entry(entry, found),
+        None => match shipped(found) {
+            Some(name) => format!("none; profile {name}"),
+            None => "none".to_owned(),
+        },
+    }
+}
+
+fn of_entry(entry: &Entry, found: &Found) -> String {
+    let Some(profile) = &entry.profile else { return entry.name.clone() };
+    if found.identity == [None; 4] {
+        return format!("{}, if it is one", entry.name);
+    }
+    match is_one(&profile.identity, found) {
+        true => entry.name.clone(),
+        false => format!("{} is another device ({})", entry.name, profile.name()),
+    }
+}
+
+/// The profile that comes with the program and is for this device.
+fn shipped(found: &Found) -> Option<&'static str> {
+    let mut all = ProfileName::shipped();
+    all.find(|(_, profile): &(_, &std::sync::Arc<DeviceProfile>)| is_one(&profile.identity, found))
+        .map(|(name, _)| name)
+}
+
+fn is_one(wanted: &Wanted, found: &Found) -> bool {
+    let [vendor, product, revision, _] = found.identity;
+    vendor == Some(wanted.vendor_id)
+        && product.is_some_and(|product| wanted.product_codes.contains(&product))
+        && wanted.revisions.includes(revision.unwrap_or_default())
+        && found.device_type.is_none_or(|device_type| device_type == wanted.device_type)
+}
+
+fn document(desk: &Desk, bus: &str, found: &Found) -> Value {
+    let [vendor, product, revision, serial] = found.identity;
+    json!({
+        "bus": bus,
+        "node_id": found.node.raw(),
+        "state": state(found),
+        "device_type": found.device_type,
+        "kind": kind(found.device_type),
+        "name": found.name,
+        "vendor_id": vendor,
+        "product_code": product,
+        "revision": revision,
+        "serial": serial,
+        "rig_entry": desk.entry(found.node).map(|entry| entry.name.clone()),
+        "fits": fit(desk, found),
+    })
+}

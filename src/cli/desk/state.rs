@@ -1,0 +1,157 @@
+//! `yieldwall state`: where a drive is in the state machine of CiA 402, and out of Fault.
+
+use std::time::Duration;
+
+use serde_json::json;
+use yieldwall_drives::cia402::{Command, OperationMode, State, Statusword};
+
+use super::place::{Desk, Node, Place};
+use super::words::{mode_words, nmt_words, state_words, table};
+use crate::canopen::EmcyCode;
+use crate::cli::failure::{Exit, Failure};
+use crate::cli::output::Output;
+use crate::objects::Address;
+use crate::service::{Error, number};
+
+#[derive(Debug, clap::Args)]
+pub(in crate::cli) struct Arguments {
+    /// A node id, or the name of a drive in the rig
+    node: String,
+    /// Take the drive from Fault to Switch On Disabled: it has no torque before and after
+    #[arg(long)]
+    reset_fault: bool,
+    /// Say what would be written, and write nothing
+    #[arg(long, requires = "reset_fault")]
+    dry_run: bool,
+    #[command(flatten)]
+    place: Place,
+}
+
+const STATUSWORD: Address = Address::new(0x6041, 0);
+const CONTROLWORD: Address = Address::new(0x6040, 0);
+const ERROR_CODE: Address = Address::new(0x603f, 0);
+const MODE: Address = Address::new(0x6061, 0);
+/// How long a drive may take to leave Fault.
+const LEAVING: Duration = Duration::from_secs(1);
+
+pub(in crate::cli) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Failure> {
+    let mut desk = Desk::open(&arguments.place, output)?;
+    let node = desk.node(&arguments.node)?;
+    let mut word = statusword(&mut desk, &node)?;
+    if arguments.reset_fault {
+        word = reset_fault(arguments.dry_run, &mut desk, &node, word, output)?;
+    }
+    let mut read = |at| match desk.service.read(node.id, at) {
+        Ok(bytes) => Ok(Some(number(&bytes))),
+        Err(Error::Refused(_)) => Ok(None),
+        Err(error) => Err(desk.failure(&node, "reading its objects", error)),
+    };
+    let (error, mode) = (read(ERROR_CODE)?, read(MODE)?);
+    let nmt = desk.service.state(node.id).map_err(|error| desk.failure(&node, "asking its state", error))?;
+    let mode = mode.map(|mode| {
+        OperationMode::from_code(mode as u8 as i8)
+            .map_or_else(|| format!("code {}", mode as u8 as i8), |mode| mode_words(mode).to_owned())
+    });
+    let error_words = error.map(|code| match code {
+        0 => "none".to_owned(),
+        code => EmcyCode(code as u16).to_string(),
+    });
+    if output.is_json() {
+        return output.report(json!({
+            "place": desk.place,
+            "node_id": node.id.raw(),
+            "statusword": word,
+            "state": Statusword(word).state().map(|state| format!("{state:?}")),
+            "nmt": nmt.map(|state| format!("{state:?}")),
+            "mode": mode,
+            "error_code": error,
+            "error": error_words,
+        }));
+    }
+    let mut rows = vec![
+        ["state".to_owned(), format!("{}  {word:04X}h", state_words(word))],
+        ["NMT".to_owned(), nmt.map_or("tells none".to_owned(), |state| nmt_words(state).to_owned())],
+    ];
+    rows.extend(mode.map(|mode| ["mode".to_owned(), mode]));
+    rows.extend(error_words.map(|words| ["error".to_owned(), words]));
+    output.result(&format!("{}\n{}", node.words(), table(&rows)))
+}
+
+/// The statusword of a drive.
+pub(super) fn statusword(desk: &mut Desk, node: &Node) -> Result<u16, Failure> {
+    match desk.service.read(node.id, STATUSWORD) {
+        Ok(bytes) => Ok(number(&bytes) as u16),
+        Err(error @ Error::Refused(_)) => {
+            let message = format!("{} has no statusword (6041h): {error}", node.words());
+            Err(Failure::new(
+                Exit::DeviceMismatch,
+                message,
+                "it is no drive of CiA 402; `yieldwall info` tells what it is",
+            ))
+        }
+        Err(error) => Err(desk.failure(node, "reading its statusword", error)),
+    }
+}
+
+/// Why a drive gets nothing written: its power stage is on, or about to go off.
+pub(super) fn refuse_powered(desk: &mut Desk, node: &Node) -> Result<(), Failure> {
+    let word = match desk.service.read(node.id, STATUSWORD) {
+        Ok(bytes) => number(&bytes) as u16,
+        // No drive.
+        Err(Error::Refused(_)) => return Ok(()),
+        Err(error) => return Err(desk.failure(node, "reading its statusword", error)),
+    };
+    match Statusword(word).state() {
+        Some(State::OperationEnabled | State::SwitchedOn | State::QuickStopActive | State::FaultReactionActive) => {
+            let message =
+                format!("{} is in {}: nothing is written while its power stage is on", node.words(), state_words(word));
+            Err(Failure::new(
+                Exit::SafetyStop,
+                message,
+                format!("`yieldwall od write {} 6040h 0` takes its torque away; hold the arm", node.id.raw()),
+            ))
+        }
+        _ => Ok(()),
+    }
+}
+
+/// Out of Fault, if the drive is there; the statusword afterwards.
+pub(super) fn reset_fault(
+    is_dry: bool,
+    desk: &mut Desk,
+    node: &Node,
+    word: u16,
+    output: &mut Output,
+) -> Result<u16, Failure> {
+    let state = Statusword(word).state();
+    if state != Some(State::Fault) {
+        let message = format!("{} is in {} and not in Fault; nothing was written", node.words(), state_words(word));
+        return Err(Failure::new(Exit::Usage, message, "leave --reset-fault away"));
+    }
+    // The edge of bit 7 counts.
+    let words = [Command::DisableVoltage, Command::FaultReset, Command::DisableVoltage].map(Command::controlword);
+    if is_dry {
+        let each = words.map(|word| format!("would write 6040h:0 controlword {word:04X}h"));
+        output.news(&each.join("\n"))?;
+        return Ok(word);
+    }
+    for word in words {
+        let written = desk.service.write(node.id, CONTROLWORD, &word.to_le_bytes());
+        written.map_err(|error| desk.failure(node, "resetting its fault", error))?;
+    }
+    let until = desk.service.now() + LEAVING;
+    loop {
+        let word = statusword(desk, node)?;
+        if Statusword(word).state() != Some(State::Fault) {
+            return Ok(word);
+        }
+        if desk.service.now() >= until {
+            let code = desk.service.read(node.id, ERROR_CODE).map_or(0, |bytes| number(&bytes) as u16);
+            let message = format!("{} stays in Fault: {}", node.words(), EmcyCode(code));
+            let help = format!("its cause is still there; `yieldwall explain {code:04X}h` tells more");
+            return Err(Failure::new(Exit::DeviceFault, message, help));
+        }
+        let waited = desk.service.listen(Duration::from_millis(20), |_| {});
+        waited.map_err(|error| desk.bus_failure(error))?;
+    }
+}

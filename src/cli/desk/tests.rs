@@ -1,0 +1,63 @@
+//! What no command line can bring about on a simulation that has just begun.
+
+use std::time::Duration;
+
+use super::place::{Desk, Place};
+use super::state::{refuse_powered, reset_fault, statusword};
+use crate::canopen::{NmtCommand, NmtState, nmt, node_id};
+use crate::cli::failure::Exit;
+use crate::cli::output::Output;
+use crate::objects::Address;
+
+fn desk() -> (Desk, Output) {
+    let mut output = Output::new(true, false, false);
+    (Desk::open(&Place::default(), &mut output).unwrap(), output)
+}
+
+#[test]
+fn a_drive_in_fault_is_taken_out_of_it_and_stays_without_torque() {
+    let (mut desk, mut output) = desk();
+    let node = desk.node("left").unwrap();
+    let mut write = |index, sub, value: &[u8]| desk.service.write(node.id, Address::new(index, sub), value).unwrap();
+    // A lost master is a fault, and the master says something once.
+    write(0x6007, 0, &[1, 0]);
+    write(0x1016, 1, &[20, 0, 127, 0]);
+    desk.service.command(NmtCommand::StartRemoteNode, Some(node.id)).unwrap();
+    desk.service.send(&nmt::heartbeat(node_id(127).unwrap(), NmtState::Operational)).unwrap();
+    desk.service.listen(Duration::from_millis(200), |_| {}).unwrap();
+    let word = statusword(&mut desk, &node).unwrap();
+    assert_eq!(word & 0x4f, 0x08, "{word:04x}: Fault");
+    let after = reset_fault(true, &mut desk, &node, word, &mut output).unwrap();
+    assert_eq!((after, statusword(&mut desk, &node).unwrap() & 0x4f), (word, 0x08));
+    let after = reset_fault(false, &mut desk, &node, word, &mut output).unwrap();
+    assert_eq!(after & 0x4f, 0x40, "{after:04x}: Switch On Disabled");
+    let again = reset_fault(false, &mut desk, &node, after, &mut output).unwrap_err();
+    assert_eq!(again.exit, Exit::Usage);
+}
+
+#[test]
+fn nothing_is_written_to_a_drive_whose_power_stage_is_on() {
+    let (mut desk, _) = desk();
+    let node = desk.node("left").unwrap();
+    assert!(refuse_powered(&mut desk, &node).is_ok());
+    // By an SDO of somebody else: no command of this program writes it.
+    desk.service.command(NmtCommand::StartRemoteNode, Some(node.id)).unwrap();
+    for word in [6_u16, 7] {
+        desk.service.write(node.id, Address::new(0x6040, 0), &word.to_le_bytes()).unwrap();
+    }
+    let refused = refuse_powered(&mut desk, &node).unwrap_err();
+    assert_eq!(refused.exit, Exit::SafetyStop);
+    let sensor = desk.node("wrist").unwrap();
+    assert!(refuse_powered(&mut desk, &sensor).is_ok());
+}
+
+#[test]
+fn a_node_is_named_by_its_id_or_by_the_rig() {
+    let (mut desk, _) = desk();
+    assert_eq!(desk.node("left").unwrap().id, desk.node("1").unwrap().id);
+    assert_eq!(desk.node("10").unwrap().words(), "node 10 (wrist)");
+    assert_eq!(desk.node("5").unwrap().words(), "node 5");
+    for word in ["0", "128", "-1", "", "rihgt"] {
+        assert_eq!(desk.node(word).unwrap_err().exit, Exit::Usage, "{word}");
+    }
+}

@@ -1,0 +1,258 @@
+//! Objects and their values for a person.
+
+use serde_json::{Value as Json, json};
+use yieldwall_drives::cia402::{OperationMode, Statusword};
+use yieldwall_drives::eds::{Eds, Value};
+use yieldwall_drives::scaling::AxisScaling;
+
+use crate::canopen::{EmcyCode, NmtState};
+use crate::cli::failure::{Exit, Failure};
+use crate::objects::Address;
+use crate::service::{known, named, number};
+
+/// A value as it is shown.
+#[derive(Clone, Debug, PartialEq)]
+pub(super) struct Shown {
+    /// As the device has it.
+    pub(super) raw: String,
+    /// What it means: in SI with its unit, or a state by its name.
+    pub(super) means: Option<String>,
+}
+
+/// Objects by the unit of their values.
+const COUNTS: [u16; 5] = [0x6064, 0x6065, 0x607a, 0x60b0, 0x60f4];
+const COUNTS_PER_S: [u16; 3] = [0x606c, 0x60b1, 0x60ff];
+const COUNTS_PER_S2: [u16; 3] = [0x6083, 0x6084, 0x6085];
+const PER_MILLE: [u16; 7] = [0x6071, 0x6072, 0x6074, 0x6077, 0x60b2, 0x60e0, 0x60e1];
+
+/// The object that a word means: `6041h`, `0x1018:2`, `1018h:2` or `1018sub2`, or a name. `0x` or `h` may be left out.
+pub(super) fn object(word: &str, eds: Option<&Eds>) -> Result<Address, Failure> {
+    if let Some(at) = address(word) {
+        return Ok(at);
+    }
+    match named(word, eds).as_slice() {
+        [only] => Ok(*only),
+        [] => {
+            let help = if eds.is_some() {
+                "write its address, as 6041h or 1018h:2, or its name in the data sheet; `od dump` lists all"
+            } else {
+                "write its address, as 6041h or 1018h:2; a data sheet (--eds) gives the names of the vendor"
+            };
+            Err(Failure::new(Exit::Usage, format!("no object is called {word}"), help))
+        }
+        several => {
+            let each: Vec<String> = several.iter().take(8).map(ToString::to_string).collect();
+            let message = format!("{} objects are called {word}", several.len());
+            Err(Failure::new(Exit::Usage, message, format!("write one of their addresses: {}", each.join(", "))))
+        }
+    }
+}
+
+fn address(word: &str) -> Option<Address> {
+    let lower = word.to_ascii_lowercase();
+    let (index, sub) = match lower.split_once(':').or_else(|| lower.split_once("sub")) {
+        Some((index, sub)) => (index, hexadecimal(sub).filter(|sub| *sub <= 0xff)? as u8),
+        None => (lower.as_str(), 0),
+    };
+    let has_mark = index.starts_with("0x") || index.ends_with('h');
+    let index = hexadecimal(index).filter(|number| *number <= 0xffff && (has_mark || index.len() == 4))?;
+    Some(Address::new(index as u16, sub))
+}
+
+fn hexadecimal(word: &str) -> Option<u32> {
+    let digits = word.strip_prefix("0x").unwrap_or_else(|| word.strip_suffix('h').unwrap_or(word));
+    let is_number = !digits.is_empty() && digits.bytes().all(|one| one.is_ascii_hexdigit());
+    is_number.then(|| u32::from_str_radix(digits, 16).ok()).flatten()
+}
+
+/// The name of an object; its address where it has none.
+pub(super) fn name(at: Address, eds: Option<&Eds>) -> String {
+    known(at, eds).map_or_else(String::new, |known| known.name)
+}
+
+/// The value of an object.
+pub(super) fn value(at: Address, data_type: Option<u16>, bytes: &[u8], scaling: Option<&AxisScaling>) -> Shown {
+    let value = data_type.map_or_else(|| guessed(bytes), |data_type| Value::from_bytes(data_type, bytes));
+    let raw = match &value {
+        Value::Integer(value) => {
+            let digits = 2 * bytes.len();
+            let word = bytes.iter().rev().fold(0_u128, |word, byte| word << 8 | u128::from(*byte));
+            format!("{value} ({word:0digits$X}h)")
+        }
+        Value::Real(value) => format!("{value}"),
+        Value::Text(text) => format!("\"{text}\""),
+        Value::OfNode(_) | Value::Bytes(_) => {
+            let shown = bytes.iter().take(24).map(|byte| format!("{byte:02X}")).collect::<Vec<_>>().join(" ");
+            if bytes.len() > 24 { format!("{shown} .. ({} bytes)", bytes.len()) } else { shown }
+        }
+    };
+    let means = match &value {
+        Value::Integer(value) => meaning(at, *value, bytes, scaling),
+        _ => None,
+    };
+    Shown { raw, means }
+}
+
+/// A number of one, two, four or eight bytes; else bytes.
+fn guessed(bytes: &[u8]) -> Value {
+    match bytes.len() {
+        1 => Value::from_bytes(0x05, bytes),
+        2 => Value::from_bytes(0x06, bytes),
+        4 => Value::from_bytes(0x07, bytes),
+        8 => Value::from_bytes(0x1b, bytes),
+        _ => Value::Bytes(bytes.to_vec()),
+    }
+}
+
+fn meaning(at: Address, value: i128, bytes: &[u8], scaling: Option<&AxisScaling>) -> Option<String> {
+    let word = number(bytes);
+    match at.index {
+        0x6041 => return Some(state_words(word as u16)),
+        0x603f if word != 0 => return Some(EmcyCode(word as u16).meaning().to_owned()),
+        0x6060 | 0x6061 => return OperationMode::from_code(word as u8 as i8).map(|mode| mode_words(mode).to_owned()),
+        0x6502 => {
+            let modes: Vec<&str> =
+                OperationMode::ALL.into_iter().filter(|mode| mode.is_in(word)).map(mode_words).collect();
+            return Some(modes.join(", "));
+        }
+        0x6076 => return Some(format!("{} N m", value as f64 * 1e-3)),
+        0x1600..0x1800 | 0x1a00..0x1c00 if at.sub > 0 && word != 0 => return Some(mapped(word)),
+        0x1016 if at.sub > 0 && word != 0 => {
+            return Some(format!("node {}, {} ms", word >> 16 & 0x7f, word & 0xffff));
+        }
+        0x1400..0x1600 | 0x1800..0x1a00 if at.sub == 1 => {
+            let id = word & 0x7ff;
+            return Some(if word >> 31 == 0 { format!("identifier {id:03X}h") } else { "not used".to_owned() });
+        }
+        _ => {}
+    }
+    let scaling = scaling?;
+    let per_count = 1.0 / scaling.counts_per_rad();
+    let (factor, unit) = match at.index {
+        // An angle has a zero and a sign; a window has neither.
+        0x6064 | 0x607a => return Some(format!("{:.6} rad", scaling.angle_rad(i64::try_from(value).ok()?))),
+        index if COUNTS.contains(&index) => (per_count, "rad"),
+        index if COUNTS_PER_S.contains(&index) => (per_count, "rad/s"),
+        index if COUNTS_PER_S2.contains(&index) => (per_count, "rad/s^2"),
+        index if PER_MILLE.contains(&index) => (scaling.rated_torque_n_m() * 1e-3, "N m"),
+        _ => return None,
+    };
+    Some(format!("{:.6} {unit}", value as f64 * factor))
+}
+
+/// `6064h:0 position-actual, 32 bits`.
+pub(super) fn mapped(entry: u32) -> String {
+    let at = Address::new((entry >> 16) as u16, (entry >> 8) as u8);
+    let name = name(at, None);
+    format!("{at}{}{name}, {} bits", if name.is_empty() { "" } else { " " }, entry & 0xff)
+}
+
+/// The state in a statusword, in words.
+pub(super) fn state_words(word: u16) -> String {
+    let status = Statusword(word);
+    let mut words = match status.state() {
+        Some(state) => spaced(&format!("{state:?}")),
+        None => "no state of CiA 402".to_owned(),
+    };
+    for (bit, says) in [(Statusword::WARNING, ", warning"), (Statusword::INTERNAL_LIMIT, ", internal limit")] {
+        if status.has(bit) {
+            words.push_str(says);
+        }
+    }
+    words
+}
+
+/// A state of network management as the standard writes it.
+pub(super) fn nmt_words(state: NmtState) -> &'static str {
+    match state {
+        NmtState::Initialising => "Initialising",
+        NmtState::PreOperational => "Pre-operational",
+        NmtState::Operational => "Operational",
+        NmtState::Stopped => "Stopped",
+    }
+}
+
+/// `SwitchOnDisabled` as `Switch On Disabled`.
+pub(super) fn spaced(name: &str) -> String {
+    let mut words = String::new();
+    for one in name.chars() {
+        if one.is_uppercase() && !words.is_empty() {
+            words.push(' ');
+        }
+        words.push(one);
+    }
+    words
+}
+
+/// A mode of operation as people call it.
+pub(super) fn mode_words(mode: OperationMode) -> &'static str {
+    match mode {
+        OperationMode::ProfilePosition => "profile position",
+        OperationMode::Velocity => "velocity",
+        OperationMode::ProfileVelocity => "profile velocity",
+        OperationMode::ProfileTorque => "profile torque",
+        OperationMode::Homing => "homing",
+        OperationMode::InterpolatedPosition => "interpolated position",
+        OperationMode::CyclicPosition => "CSP",
+        OperationMode::CyclicVelocity => "CSV",
+        OperationMode::CyclicTorque => "CST",
+        OperationMode::CyclicTorqueWithAngle => "CST with angle",
+    }
+}
+
+/// An object with its value for a program.
+pub(super) fn document(at: Address, name: &str, bytes: &[u8], shown: &Shown) -> Json {
+    let hexadecimal: String = bytes.iter().map(|byte| format!("{byte:02x}")).collect();
+    json!({ "object": at.to_string(), "name": name, "bytes": hexadecimal, "value": shown.raw, "means": shown.means })
+}
+
+/// A table: columns as wide as their widest cell, the last as long as it is.
+pub(super) fn table<const N: usize>(rows: &[[String; N]]) -> String {
+    let mut widths = [0; N];
+    for row in rows {
+        for (width, cell) in widths.iter_mut().zip(row) {
+            *width = (*width).max(cell.chars().count());
+        }
+    }
+    let line = |row: &[String; N]| {
+        let cells: Vec<String> = row.iter().zip(widths).map(|(cell, width)| format!("{cell:width$}")).collect();
+        cells.join("  ").trim_end().to_owned() + "\n"
+    };
+    rows.iter().map(line).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn objects_are_meant_by_address_or_name() {
+        for (word, index, sub) in [
+            ("6041h", 0x6041, 0),
+            ("0x6041", 0x6041, 0),
+            ("6041", 0x6041, 0),
+            ("1018h:2", 0x1018, 2),
+            ("0x1018:0x4", 0x1018, 4),
+            ("1018sub2", 0x1018, 2),
+            ("statusword", 0x6041, 0),
+            ("max torque", 0x6072, 0),
+            ("vendor-id", 0x1018, 1),
+        ] {
+            assert_eq!(object(word, None).unwrap(), Address::new(index, sub), "{word}");
+        }
+        for word in ["", "604", "60411", "6041h:100", "xyz", "6041:", "-1"] {
+            assert!(object(word, None).is_err(), "{word}");
+        }
+    }
+
+    #[test]
+    fn values_say_what_they_mean() {
+        let means = |index, data_type, bytes: &[u8]| value(Address::new(index, 1), Some(data_type), bytes, None);
+        assert_eq!(means(0x6041, 6, &[0x37, 0x06]).means.as_deref(), Some("Operation Enabled"));
+        assert_eq!(means(0x1a00, 7, &[0x10, 0, 0x41, 0x60]).means.as_deref(), Some("6041h:0 statusword, 16 bits"));
+        assert_eq!(means(0x1800, 7, &[1, 1, 0, 0x80]).means.as_deref(), Some("not used"));
+        assert_eq!(means(0x6061, 2, &[8]).means.as_deref(), Some("CSP"));
+        assert_eq!(means(0x6064, 4, &[0xff; 4]), Shown { raw: "-1 (FFFFFFFFh)".into(), means: None });
+        assert_eq!(value(Address::new(0x2000, 0), None, &[1, 2, 3], None).raw, "01 02 03");
+    }
+}

@@ -1,0 +1,102 @@
+//! A link in this process: simulated devices in virtual time at its other end.
+
+use std::collections::VecDeque;
+use std::time::Duration;
+
+use crate::canopen::{Frame, Outbox};
+use crate::config;
+use crate::link::{Arrival, CanLink, Received, SendError};
+use crate::rig::{DeviceServer, RigError};
+use crate::run::Pace;
+use crate::time::Time;
+
+/// What a frame of eight bytes takes on a bus of 1 Mbit/s, rounded up.
+const FRAME: Duration = Duration::from_micros(130);
+
+/// A rig's simulated devices behind a link. Its time goes on only while somebody waits, and by what each frame takes.
+#[derive(Debug)]
+pub struct VirtualLink {
+    server: DeviceServer,
+    now: Time,
+    arrivals: VecDeque<Arrival>,
+    /// Why the simulated arm cannot go on, once it cannot.
+    failure: Option<RigError>,
+}
+
+/// What the devices send, a frame after the other.
+struct Wire<'a> {
+    now: Time,
+    arrivals: &'a mut VecDeque<Arrival>,
+}
+
+impl Outbox for Wire<'_> {
+    fn push(&mut self, frame: Frame) {
+        self.now = self.now + FRAME;
+        self.arrivals.push_back(Arrival { time: self.now, bus: frame.bus(), what: Received::Frame(frame) });
+    }
+}
+
+impl VirtualLink {
+    /// The devices of a rig, switched on; the arm where the scene's hand starts.
+    ///
+    /// # Errors
+    /// Where parts of the configuration do not fit together, and for a scene without an arm.
+    pub fn new(rig: &config::Rig, scene: &config::Scene, seed: u64) -> Result<Self, RigError> {
+        let server = DeviceServer::new(rig, scene, seed, Pace::Free)?;
+        let mut link = Self { server, now: Time(0), arrivals: VecDeque::new(), failure: None };
+        link.act(|server, now, wire| {
+            server.switch_on(now, wire);
+            Ok(())
+        });
+        Ok(link)
+    }
+
+    /// The devices.
+    pub fn server(&mut self) -> &mut DeviceServer {
+        &mut self.server
+    }
+
+    /// Why the simulated arm cannot go on, if it cannot: nothing comes or goes any more.
+    pub fn failure(&self) -> Option<&RigError> {
+        self.failure.as_ref()
+    }
+
+    fn act(&mut self, act: impl FnOnce(&mut DeviceServer, Time, &mut Wire<'_>) -> Result<(), RigError>) {
+        let mut wire = Wire { now: self.now, arrivals: &mut self.arrivals };
+        let acted = act(&mut self.server, self.now, &mut wire);
+        self.now = wire.now;
+        self.failure = self.failure.take().or(acted.err());
+    }
+}
+
+impl CanLink for VirtualLink {
+    fn now(&self) -> Time {
+        self.now
+    }
+
+    fn receive(&mut self) -> Option<Arrival> {
+        self.arrivals.pop_front()
+    }
+
+    fn send(&mut self, frame: &Frame) -> Result<(), SendError> {
+        if self.failure.is_some() {
+            return Err(SendError::Gone);
+        }
+        self.now = self.now + FRAME;
+        self.act(|server, now, wire| server.on_frame(now, frame, wire));
+        Ok(())
+    }
+
+    fn wait(&mut self, until: Time) -> bool {
+        while self.arrivals.is_empty() && self.failure.is_none() && self.now < until {
+            let next = self.server.next_deadline();
+            if next > until {
+                self.now = until;
+                break;
+            }
+            self.now = self.now.max(next);
+            self.act(|server, now, wire| server.poll(now, wire));
+        }
+        !self.arrivals.is_empty()
+    }
+}

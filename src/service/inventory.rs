@@ -1,0 +1,195 @@
+//! All objects of a device with their values: by its data sheet, or found by asking.
+
+use std::collections::BTreeMap;
+
+use yieldwall_drives::eds::{Access, DeviceInfo, Eds, Entry, Kind, Node, Object, Value};
+
+use super::connection::{Error, Service};
+use super::known::known;
+use super::scan::{identify, of_node};
+use crate::canopen::NodeId;
+use crate::link::CanLink;
+use crate::objects::{AbortCode, Address};
+
+/// Where objects may lie: communication, vendor, profiles. What is above belongs to network variables and bridges.
+const RANGES: [std::ops::Range<u16>; 3] = [0x1000..0x2000, 0x2000..0x6000, 0x6000..0xa000];
+/// Data types of values by their length, where nothing says which: UNSIGNED8, 16, 32, 64; else OCTET_STRING.
+const BY_LENGTH: [(usize, u16); 4] = [(1, 0x05), (2, 0x06), (4, 0x07), (8, 0x1b)];
+const VISIBLE_STRING: u16 = 0x09;
+const OCTET_STRING: u16 = 0x0a;
+const DOMAIN: u16 = 0x0f;
+const U8: u16 = 0x05;
+/// Objects whose reading empties them, or takes for ever: a program, an error log of the vendor.
+const PROGRAMS: std::ops::Range<u16> = 0x1f50..0x1f60;
+
+/// An object without a value, and why.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Missed {
+    /// The object.
+    pub at: Address,
+    /// Why there is none.
+    pub why: Error,
+}
+
+/// All objects of a device with their values as they are now, found by asking for every index there may be. Nothing is written.
+///
+/// A data type that neither the standards nor the length tell is OCTET_STRING; whether an object may be written, only a data sheet
+/// tells, so that all are taken to be. `progress` is told the share that is done, 0 to 1.
+///
+/// # Errors
+/// [`Error::Link`], [`Error::Interrupted`], and [`Error::NoAnswer`] if the device falls silent.
+pub fn inventory<L: CanLink>(
+    service: &mut Service<L>,
+    node: NodeId,
+    mut progress: impl FnMut(f64),
+) -> Result<(Eds, Vec<Missed>), Error> {
+    let mut eds = sheet(service, node)?;
+    let mut missed = Vec::new();
+    let all: usize = RANGES.iter().map(ExactSizeIterator::len).sum();
+    for (done, index) in RANGES.into_iter().flatten().enumerate() {
+        if done.is_multiple_of(0x100) {
+            progress(done as f64 / all as f64);
+        }
+        if PROGRAMS.contains(&index) {
+            continue;
+        }
+        if let Some(object) = object(service, node, index, &mut missed)? {
+            eds.objects.insert(index, object);
+        }
+    }
+    progress(1.0);
+    Ok((eds, missed))
+}
+
+/// The object at an index; `None` if there is none.
+fn object<L: CanLink>(
+    service: &mut Service<L>,
+    node: NodeId,
+    index: u16,
+    missed: &mut Vec<Missed>,
+) -> Result<Option<Object>, Error> {
+    let mut entries = BTreeMap::new();
+    let first = match service.read(node, Address::new(index, 0)) {
+        Err(Error::Refused(AbortCode::NO_OBJECT)) => return Ok(None),
+        Err(error @ (Error::Link(_) | Error::Interrupted | Error::NoAnswer)) => return Err(error),
+        first => first,
+    };
+    let mut take = |sub: u8, answer: Result<Vec<u8>, Error>| {
+        let at = Address::new(index, sub);
+        match answer {
+            Ok(bytes) => {
+                entries.insert(sub, entry(at, &bytes, node.raw()));
+                Ok(true)
+            }
+            Err(Error::Refused(AbortCode::NO_OBJECT | AbortCode::NO_SUB_INDEX)) => Ok(false),
+            Err(error @ (Error::Link(_) | Error::Interrupted)) => Err(error),
+            Err(why) => {
+                missed.push(Missed { at, why });
+                Ok(true)
+            }
+        }
+    };
+    let count = match &first {
+        Ok(bytes) if bytes.len() == 1 => bytes.first().copied().unwrap_or_default(),
+        // Without a first entry the others are looked for where most devices have them.
+        Err(Error::Refused(AbortCode::NO_SUB_INDEX)) => 8,
+        _ => 0,
+    };
+    take(0, first)?;
+    let mut has_more = false;
+    // A variable that happens to be one byte long has nothing at sub-index 1.
+    if count > 0 && count < u8::MAX && take(1, service.read(node, Address::new(index, 1)))? {
+        has_more = true;
+        for sub in 2..=count {
+            take(sub, service.read(node, Address::new(index, sub)))?;
+        }
+    }
+    if entries.is_empty() {
+        return Ok(None);
+    }
+    let name = known(Address::new(index, 0), None).map_or_else(|| format!("object-{index:04x}"), |known| known.name);
+    let kind = if has_more { Kind::Record } else { Kind::Variable };
+    let name = if has_more { format!("object-{index:04x}") } else { name };
+    Ok(Some(Object { name, kind, entries, line: 0 }))
+}
+
+fn entry(at: Address, bytes: &[u8], node_id: u8) -> Entry {
+    let known = known(at, None);
+    let by_length = || BY_LENGTH.iter().find(|(len, _)| *len == bytes.len()).map(|(_, data_type)| *data_type);
+    let is_text = || !bytes.is_empty() && bytes.iter().all(|byte| matches!(byte, 0x20..0x7f | 0));
+    // A string of four letters is more often a number.
+    let data_type = match (&known, by_length()) {
+        (Some(known), _) => known.data_type,
+        (None, Some(data_type)) => data_type,
+        (None, None) if is_text() => VISIBLE_STRING,
+        (None, None) => OCTET_STRING,
+    };
+    let data_type = match Value::from_bytes(data_type, bytes) {
+        Value::Bytes(_) if data_type != DOMAIN => by_length().unwrap_or(OCTET_STRING),
+        _ => data_type,
+    };
+    let is_fixed =
+        at.sub == 0 && data_type == U8 && known.as_ref().is_some_and(|known| known.name == "highest-sub-index");
+    Entry {
+        name: known.map_or_else(|| format!("entry-{}", at.sub), |known| known.name),
+        data_type,
+        access: if is_fixed { Access::Constant } else { Access::ReadWrite },
+        default: None,
+        value: Some(of_node(at, Value::from_bytes(data_type, bytes), node_id)),
+        low: None,
+        high: None,
+        is_mappable: false,
+        line: 0,
+    }
+}
+
+/// A data sheet with the values that the device has now. What may not be read has none.
+///
+/// # Errors
+/// [`Error::Link`], [`Error::Interrupted`], and [`Error::NoAnswer`] if the device falls silent.
+pub fn values_of<L: CanLink>(
+    service: &mut Service<L>,
+    node: NodeId,
+    sheet: &Eds,
+    mut progress: impl FnMut(f64),
+) -> Result<(Eds, Vec<Missed>), Error> {
+    let mut eds = sheet.clone();
+    eds.node = Some(Node { id: node.raw(), ..Node::default() });
+    let mut missed = Vec::new();
+    let all = sheet.entries().count().max(1);
+    let objects = eds.objects.iter_mut();
+    let entries =
+        objects.flat_map(|(index, object)| object.entries.iter_mut().map(|(sub, entry)| (*index, *sub, entry)));
+    for (done, (index, sub, entry)) in entries.enumerate() {
+        progress(done as f64 / all as f64);
+        entry.value = None;
+        let is_program = PROGRAMS.contains(&index) || entry.data_type == DOMAIN;
+        // Below 1000h are types, not objects.
+        if !entry.access.is_readable() || is_program || index < 0x1000 {
+            continue;
+        }
+        let at = Address::new(index, sub);
+        match service.read(node, at) {
+            Ok(bytes) => entry.value = Some(of_node(at, Value::from_bytes(entry.data_type, &bytes), node.raw())),
+            Err(error @ (Error::Link(_) | Error::Interrupted | Error::NoAnswer)) => return Err(error),
+            Err(why) => missed.push(Missed { at, why }),
+        }
+    }
+    progress(1.0);
+    Ok((eds, missed))
+}
+
+/// An empty sheet with who the device is.
+fn sheet<L: CanLink>(service: &mut Service<L>, node: NodeId) -> Result<Eds, Error> {
+    let (identity, name) = identify(service, &[node])?.pop().unwrap_or_default();
+    let [vendor_number, product_number, revision_number, _] = identity;
+    let device = DeviceInfo {
+        vendor: String::new(),
+        vendor_number,
+        product: name.unwrap_or_default(),
+        product_number,
+        revision_number,
+        ..DeviceInfo::default()
+    };
+    Ok(Eds { device, node: Some(Node { id: node.raw(), ..Node::default() }), ..Eds::default() })
+}

@@ -1,0 +1,134 @@
+//! Objects that have a name: those of the standards, and those of a data sheet.
+
+use yieldwall_drives::eds::{self, Eds};
+use yieldwall_drives::objects;
+
+use crate::objects::Address;
+
+/// UNSIGNED8 and UNSIGNED32 by their numbers.
+const U8: u16 = 0x05;
+const U16: u16 = 0x06;
+const U32: u16 = 0x07;
+
+/// What is known of an object.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Known {
+    /// Its name.
+    pub name: String,
+    /// Its data type by its number, as 0007h for UNSIGNED32.
+    pub data_type: u16,
+    /// Whether it may be written, if that is known.
+    pub is_writable: Option<bool>,
+}
+
+/// What a data sheet says of an object, or else the standards.
+pub fn known(at: Address, eds: Option<&Eds>) -> Option<Known> {
+    eds.and_then(|eds| of_sheet(at, eds)).or_else(|| of_standard(at))
+}
+
+fn of_sheet(at: Address, eds: &Eds) -> Option<Known> {
+    let object = eds.objects.get(&at.index)?;
+    let entry = object.entries.get(&at.sub)?;
+    let name = match object.kind {
+        eds::Kind::Variable | eds::Kind::Domain => object.name.clone(),
+        _ => format!("{}.{}", object.name, entry.name),
+    };
+    Some(Known { name, data_type: entry.data_type, is_writable: Some(entry.access.is_writable()) })
+}
+
+/// The objects that have the same meaning in every device: not those of a vendor, 2000h to 5FFFh.
+fn standard() -> impl Iterator<Item = &'static objects::Object> {
+    objects::ALL.iter().filter(|object| !(0x2000..0x6000).contains(&object.index))
+}
+
+fn of_standard(at: Address) -> Option<Known> {
+    let own = standard().find(|object| (object.index, object.sub) == (at.index, at.sub));
+    if let Some(object) = own {
+        return Some(Known { name: word(object.name), data_type: object.data_type.number(), is_writable: None });
+    }
+    let pdo = usize::from(at.index & 0x1ff) + 1;
+    let named = |name: String, data_type: u16| Some(Known { name, data_type, is_writable: None });
+    match (at.index & 0xfe00, at.index, at.sub) {
+        (_, 0x1003, sub) => named(format!("error-{sub}"), U32),
+        (_, 0x1009, 0) => named("hardware-version".to_owned(), 0x09),
+        (_, 0x100a, 0) => named("software-version".to_owned(), 0x09),
+        (_, 0x1010 | 0x1011 | 0x1016 | 0x1018 | 0x1029, 0) => named("highest-sub-index".to_owned(), U8),
+        (_, 0x1016, sub) => named(format!("consumer-heartbeat-{sub}"), U32),
+        (_, 0x1029, sub) => named(format!("error-behaviour-{sub}"), U8),
+        (_, 0x1200, 1) => named("sdo-request-cob-id".to_owned(), U32),
+        (_, 0x1200, 2) => named("sdo-response-cob-id".to_owned(), U32),
+        (0x1400 | 0x1800, _, sub) => {
+            let direction = if at.index < 0x1800 { "rpdo" } else { "tpdo" };
+            let (what, data_type) = match sub {
+                0 => ("highest-sub-index", U8),
+                1 => ("cob-id", U32),
+                2 => ("transmission-type", U8),
+                3 => ("inhibit-time-100us", U16),
+                5 => ("event-timer-ms", U16),
+                6 => ("sync-start", U8),
+                _ => return None,
+            };
+            named(format!("{direction}-{pdo}.{what}"), data_type)
+        }
+        (0x1600 | 0x1a00, _, sub) => {
+            let direction = if at.index < 0x1a00 { "rpdo" } else { "tpdo" };
+            match sub {
+                0 => named(format!("{direction}-{pdo}.mapped"), U8),
+                sub => named(format!("{direction}-{pdo}.map-{sub}"), U32),
+            }
+        }
+        (_, 0x6125 | 0x7130, 0) => named("highest-sub-index".to_owned(), U8),
+        (_, 0x6125, sub) => named(format!("auto-zero-{sub}"), U32),
+        (_, 0x7130, sub) => named(format!("process-value-{sub}"), 0x03),
+        _ => None,
+    }
+}
+
+/// Where the objects of this name lie: in a data sheet, or else by the standards. Case, dashes, underlines and blanks do not count.
+pub fn named(name: &str, eds: Option<&Eds>) -> Vec<Address> {
+    let of_sheet: Vec<Address> = eds.map_or_else(Vec::new, |eds| {
+        eds.named(name).into_iter().map(|(index, sub)| Address::new(index, sub)).collect()
+    });
+    if !of_sheet.is_empty() {
+        return of_sheet;
+    }
+    let bare =
+        |name: &str| name.chars().filter(|one| one.is_alphanumeric()).flat_map(char::to_lowercase).collect::<String>();
+    let wanted = bare(name);
+    let meant = standard().filter(|object| bare(object.name) == wanted);
+    meant.map(|object| Address::new(object.index, object.sub)).collect()
+}
+
+/// `STATUSWORD` as `statusword`.
+fn word(name: &str) -> String {
+    name.to_lowercase().replace('_', "-")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn objects_of_the_standards_are_found_by_their_names_and_back() {
+        for object in standard() {
+            let at = Address::new(object.index, object.sub);
+            let found = known(at, None).unwrap();
+            assert_eq!(named(&found.name, None), [at], "{}", found.name);
+        }
+        assert_eq!(named("Status Word", None), [Address::new(0x6041, 0)]);
+        assert_eq!(known(Address::new(0x1a01, 2), None).unwrap().name, "tpdo-2.map-2");
+        assert_eq!(known(Address::new(0x2010, 0), None), None, "of a vendor");
+    }
+
+    #[test]
+    fn a_data_sheet_comes_first() {
+        let text = b"[DeviceInfo]\nVendorName=x\n[6041]\nParameterName=Status Word\nObjectType=7\nDataType=6\nAccessType=ro\n\
+            [2000]\nParameterName=Motor\nObjectType=9\nSubNumber=2\n[2000sub0]\nParameterName=Entries\nDataType=5\nAccessType=ro\n\
+            [2000sub1]\nParameterName=Pole pairs\nDataType=5\nAccessType=rw\n";
+        let eds = Eds::read(text).unwrap().eds;
+        assert_eq!(named("motor.polepairs", Some(&eds)), [Address::new(0x2000, 1)]);
+        assert_eq!(named("statusword", Some(&eds)), [Address::new(0x6041, 0)]);
+        let pairs = known(Address::new(0x2000, 1), Some(&eds)).unwrap();
+        assert_eq!((pairs.name.as_str(), pairs.data_type, pairs.is_writable), ("Motor.Pole pairs", 5, Some(true)));
+    }
+}

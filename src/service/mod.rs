@@ -1,0 +1,26 @@
+//! Devices on a bus asked one by one, when no rig runs: who is there, what their objects hold, and what they are told.
+//!
+//! ```text
+//! CanLink <-> Service: one SDO channel for each node, what was heard of each
+//!                |-- scan       who is there
+//!                |-- inventory  all objects, found without a data sheet or by one
+//!                `-- restore    values of a file against those of the device -> steps in order -> written and read back
+//! ```
+//! Nothing here is real-time, and nothing sends a set-point or brings a drive nearer to Operation Enabled
+//! ([`Caution::of_write`]).
+
+mod caution;
+mod connection;
+mod inventory;
+mod known;
+mod restore;
+mod scan;
+#[cfg(all(test, feature = "sim"))]
+mod tests;
+
+pub use caution::Caution;
+pub use connection::{Bytes, Error, Heard, Service};
+pub use inventory::{Missed, inventory, values_of};
+pub use known::{Known, known, named};
+pub use restore::{LeftOut, Made, Plan, Step, Why, carry_out, is_shown, plan};
+pub use scan::{Found, Identity, identify, number, of_node, scan};

@@ -1,0 +1,240 @@
+//! Putting the objects of a device to the values of a file.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::fmt;
+
+use yieldwall_drives::eds::{Eds, Value};
+
+use super::caution::Caution;
+use super::connection::{Error, Service};
+use super::known::known;
+use crate::canopen::NodeId;
+use crate::link::CanLink;
+use crate::objects::{AbortCode, Address};
+
+/// Bit 31 of a COB-ID: the PDO is not used.
+const NOT_USED: u32 = 0x8000_0000;
+
+/// One write.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Step {
+    /// The object.
+    pub at: Address,
+    /// Its name.
+    pub name: String,
+    /// Data type by its number.
+    pub data_type: u16,
+    /// What it holds; `None` where that could not be read.
+    pub old: Option<Vec<u8>>,
+    /// What it gets.
+    pub new: Vec<u8>,
+    /// Whether it has to hold that afterwards: not while a PDO is taken out of use for the time being.
+    pub is_final: bool,
+}
+
+/// Why a value of the file stays out.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Why {
+    /// It is not for this.
+    Caution(Caution),
+    /// Neither a data sheet nor the standards say what the object is.
+    Unexplained,
+    /// The device does not let it be read, so that it is not known whether it differs, and it could not be put back.
+    Unreadable(Error),
+    /// The value has no place in the object's type.
+    Unfit,
+}
+
+impl fmt::Display for Why {
+    fn fmt(&self, out: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Caution(caution) => caution.fmt(out),
+            Self::Unexplained => out.write_str("is explained by neither data sheet nor standard"),
+            Self::Unreadable(error) => write!(out, "cannot be read: {error}"),
+            Self::Unfit => out.write_str("does not fit the object's type"),
+        }
+    }
+}
+
+/// A value of the file that stays out.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct LeftOut {
+    /// The object.
+    pub at: Address,
+    /// Its name.
+    pub name: String,
+    /// Why.
+    pub why: Why,
+}
+
+/// What a device made of a write.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Made {
+    /// It holds the value.
+    Written,
+    /// It refuses, and holds what it held.
+    Refused(AbortCode),
+    /// It confirmed, and holds something else.
+    Holds(Vec<u8>),
+}
+
+/// What has to be written, in this order, and what stays out although it differs.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Plan {
+    /// The writes.
+    pub steps: Vec<Step>,
+    /// What stays out.
+    pub left_out: Vec<LeftOut>,
+}
+
+/// What to write so that a device has the values of a file. An object is written if `explained` (a data sheet) or the standards know
+/// it. PDOs are taken out of use while their parameters change.
+///
+/// # Errors
+/// [`Error::Link`], [`Error::Interrupted`], and [`Error::NoAnswer`] if the device falls silent.
+pub fn plan<L: CanLink>(
+    service: &mut Service<L>,
+    node: NodeId,
+    wanted: &Eds,
+    explained: Option<&Eds>,
+) -> Result<Plan, Error> {
+    let mut plan = Plan::default();
+    let mut changes: BTreeMap<(u16, u8), Step> = BTreeMap::new();
+    for (index, sub, entry) in wanted.entries() {
+        let at = Address::new(index, sub);
+        let Some(value) = entry.value.as_ref().filter(|_| entry.access.is_writable() && index >= 0x1000) else {
+            continue;
+        };
+        let known = known(at, explained);
+        let name = known.as_ref().map_or_else(|| entry.name.clone(), |known| known.name.clone());
+        let mut leave_out = |why: Why| plan.left_out.push(LeftOut { at, name: name.clone(), why });
+        if known.as_ref().is_some_and(|known| known.is_writable == Some(false)) || is_shown(at) {
+            continue;
+        }
+        let data_type = known.as_ref().map_or(entry.data_type, |known| known.data_type);
+        let Some(new) = value.to_bytes(data_type, node.raw()) else {
+            leave_out(Why::Unfit);
+            continue;
+        };
+        let old = match service.read(node, at) {
+            Ok(old) => old,
+            Err(error @ (Error::Link(_) | Error::Interrupted | Error::NoAnswer)) => return Err(error),
+            Err(error) => {
+                leave_out(Why::Unreadable(error));
+                continue;
+            }
+        };
+        if old == new || Value::from_bytes(data_type, &old) == Value::from_bytes(data_type, &new) {
+            continue;
+        }
+        match (Caution::of_restore(at, &name), &known) {
+            (Some(caution), _) => leave_out(Why::Caution(caution)),
+            (None, None) => leave_out(Why::Unexplained),
+            (None, Some(_)) => {
+                changes.insert((index, sub), Step { at, name, data_type, old: Some(old), new, is_final: true });
+            }
+        }
+    }
+    plan.steps = in_order(service, node, changes)?;
+    Ok(plan)
+}
+
+/// Writes a value and reads it back.
+///
+/// # Errors
+/// Whatever is no answer: then nothing more should be written.
+pub fn carry_out<L: CanLink>(service: &mut Service<L>, node: NodeId, step: &Step) -> Result<Made, Error> {
+    match service.write(node, step.at, &step.new) {
+        Ok(()) => {}
+        Err(Error::Refused(code)) => return Ok(Made::Refused(code)),
+        // It may have been written, which reading it tells.
+        Err(Error::MayBeWritten) => {}
+        Err(error) => return Err(error),
+    }
+    let holds = service.read(node, step.at)?;
+    let value = |bytes: &[u8]| Value::from_bytes(step.data_type, bytes);
+    Ok(if value(&holds) == value(&step.new) { Made::Written } else { Made::Holds(holds) })
+}
+
+/// Whether an object shows something, or is told all the time, and keeps nothing: process data, errors, the identity, the mode.
+pub fn is_shown(at: Address) -> bool {
+    matches!(
+        at.index,
+        0x1000..=0x1004
+            | 0x1008..=0x100b
+            | 0x1018
+            | 0x1200
+            | 0x603f
+            | 0x6041
+            | 0x6060..=0x6064
+            | 0x6069..=0x606c
+            | 0x6074
+            | 0x6077..=0x6079
+            | 0x60f4
+            | 0x60fd
+            | 0x6502
+            | 0x7130
+    )
+}
+
+/// Communication parameter and mapping parameter of the PDO that an index is of.
+fn pdo(index: u16) -> Option<(u16, u16)> {
+    match index {
+        0x1400..0x1600 | 0x1800..0x1a00 => Some((index, index + 0x200)),
+        0x1600..0x1800 | 0x1a00..0x1c00 => Some((index - 0x200, index)),
+        _ => None,
+    }
+}
+
+/// The changes as writes that a device takes: of a PDO, out of use, no objects mapped, the new ones, their number, its parameters, and
+/// into use again.
+fn in_order<L: CanLink>(
+    service: &mut Service<L>,
+    node: NodeId,
+    mut changes: BTreeMap<(u16, u8), Step>,
+) -> Result<Vec<Step>, Error> {
+    let mut steps = Vec::new();
+    let pdos: BTreeSet<(u16, u16)> = changes.keys().filter_map(|(index, _)| pdo(*index)).collect();
+    for (communication, mapping) in pdos {
+        let step = |index: u16, sub: u8, old: Option<Vec<u8>>, new: Vec<u8>, is_final: bool| {
+            let at = Address::new(index, sub);
+            let known = known(at, None);
+            let name = known.as_ref().map_or_else(String::new, |known| known.name.clone());
+            Step { at, name, data_type: known.map_or(0x07, |known| known.data_type), old, new, is_final }
+        };
+        let cob_id = service.read(node, Address::new(communication, 1))?;
+        let used = super::scan::number(&cob_id);
+        let last = changes.remove(&(communication, 1)).map_or_else(|| cob_id.clone(), |step| step.new);
+        let out_of_use = (used | NOT_USED).to_le_bytes().to_vec();
+        if used & NOT_USED == 0 {
+            steps.push(step(communication, 1, Some(cob_id.clone()), out_of_use.clone(), false));
+        }
+        let is_remapped = changes.keys().any(|(index, _)| *index == mapping);
+        if is_remapped {
+            let count = service.read(node, Address::new(mapping, 0))?;
+            let new = changes.remove(&(mapping, 0)).map_or_else(|| count.clone(), |step| step.new);
+            steps.push(step(mapping, 0, Some(count), vec![0], false));
+            let most = new.first().copied().unwrap_or_default();
+            for sub in 1..=most {
+                // All of them: a device may check each against the others.
+                let Some(change) = changes.remove(&(mapping, sub)) else { continue };
+                steps.push(change);
+            }
+            // What is not counted any more need not be written.
+            changes.retain(|(index, _), _| *index != mapping);
+            steps.push(step(mapping, 0, Some(vec![0]), new, true));
+        }
+        let parameters: Vec<u8> =
+            changes.keys().filter(|(index, _)| *index == communication).map(|(_, sub)| *sub).collect();
+        steps.extend(parameters.into_iter().filter_map(|sub| changes.remove(&(communication, sub))));
+        let is_in_use = used & NOT_USED == 0;
+        let now = if is_in_use { out_of_use } else { cob_id };
+        if last != now {
+            steps.push(step(communication, 1, Some(now), last, true));
+        }
+    }
+    // What is left has no order of its own. Heartbeats come last: from then on the device tells of itself.
+    let (heartbeats, others): (Vec<_>, Vec<_>) =
+        changes.into_values().partition(|step| matches!(step.at.index, 0x1016 | 0x1017));
+    Ok(others.into_iter().chain(steps).chain(heartbeats).collect())
+}

@@ -1,0 +1,150 @@
+//! Against the simulated devices of the shipped rigs.
+
+use std::sync::Arc;
+use std::sync::atomic::AtomicBool;
+use std::time::Duration;
+
+use yieldwall_drives::eds::{Eds, Node as Of};
+
+use super::*;
+use crate::canopen::{BusId, NmtCommand, NmtState, NodeId, cob, nmt, node_id};
+use crate::config;
+use crate::live::VirtualLink;
+use crate::objects::{AbortCode, Address};
+
+fn node(raw: u8) -> NodeId {
+    node_id(raw).unwrap()
+}
+
+fn service() -> Service<VirtualLink> {
+    let rig = config::load_rig(config::builtin("paper-admittance.yaml")).unwrap();
+    let scene = rig.scene().unwrap().value;
+    let link = VirtualLink::new(&rig.value, &scene, 1).unwrap();
+    Service::new(link, BusId::FIRST, Arc::new(AtomicBool::new(false)))
+}
+
+fn at(index: u16, sub: u8) -> Address {
+    Address::new(index, sub)
+}
+
+#[test]
+fn all_127_nodes_are_asked_within_two_seconds() {
+    let mut service = service();
+    let found = scan(&mut service).unwrap();
+    let nodes: Vec<u8> = found.iter().map(|found| found.node.raw()).collect();
+    assert_eq!(nodes, [1, 2, 10]);
+    assert_eq!(found[0].device_type, Some(0x0002_0192));
+    assert_eq!(found[2].identity, [Some(0xffff_5957), Some(0x404), Some(0x0001_0000), Some(3)]);
+    assert_eq!(found[0].name.as_deref(), Some("simulated-servo"));
+    assert_eq!(found[0].heard.state, Some(NmtState::PreOperational));
+    assert!(service.now().as_secs_f64() < 2.0, "{:?}", service.now());
+}
+
+#[test]
+fn what_a_node_does_not_have_is_told_apart_from_a_node_that_is_not_there() {
+    let mut service = service();
+    assert_eq!(service.read(node(1), at(0x5000, 0)), Err(Error::Refused(AbortCode::NO_OBJECT)));
+    assert_eq!(service.read(node(5), at(0x1000, 0)), Err(Error::NoAnswer));
+    assert_eq!(service.write(node(1), at(0x6041, 0), &[0, 0]), Err(Error::Refused(AbortCode::READ_ONLY)));
+    service.command(NmtCommand::StopRemoteNode, Some(node(1))).unwrap();
+    assert_eq!(service.state(node(1)), Ok(Some(NmtState::Stopped)));
+    assert_eq!(service.read(node(1), at(0x1000, 0)), Err(Error::NoAnswer));
+    assert_eq!(service.state(node(5)), Ok(None));
+}
+
+/// Written as a file and read again, so that what the file cannot say does not count.
+fn dumped(service: &mut Service<VirtualLink>) -> Eds {
+    let (eds, missed) = inventory(service, node(1), |_| {}).unwrap();
+    // Of the error history nothing is there to be read.
+    assert!(missed.iter().all(|missed| missed.at.index == 0x1003), "{missed:?}");
+    let reading = Eds::read(eds.to_dcf(&Of { id: 1, ..Of::default() }).as_bytes()).unwrap();
+    assert_eq!(reading.findings, []);
+    reading.eds
+}
+
+#[test]
+fn five_changed_objects_are_found_and_put_back() {
+    let mut service = service();
+    let before = dumped(&mut service);
+    assert_eq!(plan(&mut service, node(1), &before, None).unwrap(), Plan::default());
+    let changes: [(u16, u8, &[u8]); 12] = [
+        (0x6072, 0, &[0x84, 3]),
+        (0x605a, 0, &[6, 0]),
+        (0x1017, 0, &[100, 0]),
+        // TPDO 1 carries another object, every second SYNC, and TPDO 2 comes into use.
+        (0x1800, 1, &[0x81, 1, 0, 0x80]),
+        (0x1a00, 0, &[0]),
+        (0x1a00, 1, &[0x20, 0, 0x64, 0x60]),
+        (0x1a00, 2, &[0x10, 0, 0x41, 0x60]),
+        (0x1a00, 0, &[2]),
+        (0x1800, 2, &[2]),
+        (0x1800, 1, &[0x81, 1, 0, 0]),
+        (0x1801, 1, &[0x81, 2, 0, 0]),
+        // Process data: no parameter.
+        (0x607a, 0, &[1, 0, 0, 0]),
+    ];
+    for (index, sub, value) in changes {
+        service.write(node(1), at(index, sub), value).unwrap_or_else(|error| panic!("{index:04x}:{sub}: {error}"));
+    }
+    let plan_of = |service: &mut Service<VirtualLink>| plan(service, node(1), &before, None).unwrap();
+    let back = plan_of(&mut service);
+    let changed: Vec<u16> = back.steps.iter().map(|step| step.at.index).collect();
+    assert!(
+        [0x6072, 0x605a, 0x1017, 0x1800, 0x1801, 0x1a00].iter().all(|index| changed.contains(index)),
+        "{changed:04x?}"
+    );
+    let left_out: Vec<Why> = back.left_out.iter().map(|left_out| left_out.why).collect();
+    assert_eq!(left_out, [Why::Caution(Caution::SetPoint)]);
+    for step in &back.steps {
+        let made = carry_out(&mut service, node(1), step).unwrap();
+        assert_eq!(made, Made::Written, "{step:?}");
+    }
+    assert_eq!(plan_of(&mut service).steps, []);
+    assert_eq!(service.read(node(1), at(0x1a00, 1)), Ok(vec![0x10, 0, 0x41, 0x60]));
+}
+
+#[test]
+fn a_file_of_another_node_gives_a_device_its_own_identifiers() {
+    let mut service = service();
+    let of_one = dumped(&mut service);
+    assert_eq!(plan(&mut service, node(2), &of_one, None).unwrap().steps, []);
+}
+
+#[test]
+fn what_nobody_explains_and_what_was_measured_stay_as_they_are() {
+    let mut service = service();
+    let text = "[DeviceInfo]\nVendorName=x\n[DeviceComissioning]\nNodeID=1\n\
+        [6072]\nParameterName=Max torque\nObjectType=7\nDataType=6\nAccessType=rw\nParameterValue=700\n\
+        [608F]\nParameterName=Encoder\nObjectType=9\nSubNumber=1\n\
+        [608Fsub1]\nParameterName=Increments\nDataType=7\nAccessType=rw\nParameterValue=4096\n\
+        [2010]\nParameterName=Of the vendor\nObjectType=7\nDataType=5\nAccessType=rw\nParameterValue=5\n\
+        [6040]\nParameterName=Controlword\nObjectType=7\nDataType=6\nAccessType=rw\nParameterValue=15\n\
+        [5000]\nParameterName=Not there\nObjectType=7\nDataType=5\nAccessType=rw\nParameterValue=1\n";
+    let wanted = Eds::read(text.as_bytes()).unwrap().eds;
+    let plan = plan(&mut service, node(1), &wanted, None).unwrap();
+    let steps: Vec<Address> = plan.steps.iter().map(|step| step.at).collect();
+    assert_eq!(steps, [at(0x6072, 0)]);
+    let left_out: Vec<(u16, Why)> = plan.left_out.iter().map(|left_out| (left_out.at.index, left_out.why)).collect();
+    assert_eq!(
+        left_out,
+        [
+            (0x2010, Why::Unexplained),
+            (0x5000, Why::Unreadable(Error::Refused(AbortCode::NO_OBJECT))),
+            (0x6040, Why::Caution(Caution::Enables)),
+            (0x608f, Why::Caution(Caution::Measured)),
+        ]
+    );
+}
+
+#[test]
+fn a_device_tells_of_its_errors_while_nobody_asks() {
+    let mut service = service();
+    // The drive watches node 127, which says something once.
+    service.write(node(1), at(0x1016, 1), &[20, 0, 127, 0]).unwrap();
+    service.send(&nmt::heartbeat(node(127), NmtState::Operational)).unwrap();
+    let mut heard = 0;
+    service.listen(Duration::from_millis(100), |_| heard += 1).unwrap();
+    let told: Vec<u16> = service.emergencies().iter().map(|(_, emergency)| emergency.code.0).collect();
+    assert_eq!((told, heard), (vec![0x8130], 1));
+    assert_eq!(service.emergencies()[0].1.frame().id(), cob::emcy(node(1)));
+}
