@@ -3,7 +3,6 @@
 use std::time::Duration;
 
 use serde_json::{Value, json};
-use yieldwall_drives::profiles::{DeviceProfile, Pdo};
 
 use super::place::{Desk, Entry, Place};
 use super::words::{nmt_words, spaced};
@@ -138,31 +137,25 @@ fn process_data(frame: &Frame, entry: Option<&Entry>, who: &str) -> String {
     let (number, is_tpdo) = ((frame.id() - 0x180) / 0x100 + 1, (frame.id() - 0x180) % 0x100 < 0x80);
     let direction = if is_tpdo { "TPDO" } else { "RPDO" };
     let bytes = frame.data().iter().map(|byte| format!("{byte:02X}")).collect::<Vec<_>>().join(" ");
-    let fields = entry.and_then(|entry| fields(frame, entry.profile.as_deref()?, number as u8, is_tpdo));
+    let fields = entry.and_then(|entry| fields(frame, entry, number as u8, is_tpdo));
     format!("{direction} {number} of {who}: {}", fields.unwrap_or(bytes))
 }
 
-/// The values of a PDO by a profile, where all modes map it alike.
-fn fields(frame: &Frame, profile: &DeviceProfile, number: u8, is_tpdo: bool) -> Option<String> {
-    let maps: Vec<_> = match profile.servo() {
-        Some(servo) => servo.process_data.modes().into_iter().filter_map(|(.., map)| map).collect(),
-        None => profile.pdos(None).into_iter().collect(),
-    };
-    let of = |map: &'_ yieldwall_drives::profiles::PdoMap| -> Option<Pdo> {
-        let pdos = if is_tpdo { &map.tpdo } else { &map.rpdo };
-        pdos.iter().find(|pdo| pdo.number == number).cloned()
-    };
-    let mut candidates = maps.into_iter().map(of);
-    let first = candidates.next()??;
-    if !candidates.all(|other| other.as_ref() == Some(&first)) || profile.payload_bytes(&first) != frame.data().len() {
+/// The values of a PDO by its profile, in the mode of the rig.
+fn fields(frame: &Frame, entry: &Entry, number: u8, is_tpdo: bool) -> Option<String> {
+    let profile = entry.profile.as_deref()?;
+    let map = profile.pdos(entry.mode)?;
+    let pdos = if is_tpdo { &map.tpdo } else { &map.rpdo };
+    let pdo = pdos.iter().find(|pdo| pdo.number == number)?;
+    if profile.payload_bytes(pdo) != frame.data().len() {
         return None;
     }
     let mut at = 0;
-    let each = first.maps.iter().filter_map(|quantity| {
+    let each = pdo.maps.iter().filter_map(|quantity| {
         let entry = profile.object(*quantity)?;
         let (bits, word) = (u32::from(entry.bits), frame.bits().checked_shr(at).unwrap_or_default());
         at += bits;
-        let masked = word & (u64::MAX >> (64 - bits));
+        let masked = word & u64::MAX.checked_shr(64 - bits).unwrap_or_default();
         let is_word = quantity.word().ends_with("word") || quantity.word() == "status";
         let shown = match (is_word, bits) {
             (true, bits) => format!("{masked:0digits$X}h", digits = bits as usize / 4),
@@ -213,4 +206,38 @@ fn document(time_s: f64, arrival: &Arrival, what: &str) -> Value {
         "data": frame.map(|frame| frame.data().iter().map(|byte| format!("{byte:02x}")).collect::<String>()),
         "what": what,
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::place::{Desk, Place};
+    use super::*;
+
+    #[test]
+    fn frames_are_told_in_words() {
+        let entries = Desk::open(&Place::default(), &mut Output::new(true, false, false)).unwrap().entries;
+        for (id, data, words) in [
+            (0x000, &[0x80, 1][..], "NMT: Enter Pre Operational to node 1"),
+            (0x080, &[], "SYNC"),
+            (
+                0x081,
+                &[0x30, 0x81, 0x11, 0, 0, 0, 0, 0],
+                "EMCY of 1 (left): 8130h heartbeat or life guarding lost, register 11h",
+            ),
+            (0x181, &[0x37, 0x12, 1, 0, 0, 0], "TPDO 1 of 1 (left): statusword 1237h, position_actual 1"),
+            (0x201, &[0x0f, 0, 0xff, 0xff], "RPDO 1 of 1 (left): controlword 000Fh, target_torque -1"),
+            (0x201, &[0x0f, 0], "RPDO 1 of 1 (left): 0F 00"),
+            (0x301, &[1], "RPDO 2 of 1 (left): 01"),
+            (0x601, &[0x40, 0x41, 0x60, 0, 0, 0, 0, 0], "SDO 1 (left): read 6041h:0"),
+            (0x581, &[0x4b, 0x41, 0x60, 0, 0x50, 2, 0, 0], "SDO 1 (left): 6041h:0 is 50 02"),
+            (0x605, &[0x2b, 0x40, 0x60, 0, 6, 0, 0, 0], "SDO 5: write 6040h:0 06 00"),
+            (0x585, &[0x60, 0x40, 0x60, 0, 0, 0, 0, 0], "SDO 5: 6040h:0 written"),
+            (0x70a, &[0], "boot-up of 10 (wrist)"),
+            (0x70a, &[5], "heartbeat of 10 (wrist): Operational"),
+            (0x70a, &[1, 2, 3], "error control of 10 (wrist): 01 02 03"),
+            (0x7ff, &[1], "01"),
+        ] {
+            assert_eq!(of_frame(&Frame::new(id, data), &entries), words);
+        }
+    }
 }

@@ -3,6 +3,7 @@
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
+use yieldwall_drives::cia402::OperationMode;
 use yieldwall_drives::profiles::DeviceProfile;
 use yieldwall_drives::scaling::AxisScaling;
 
@@ -41,6 +42,8 @@ pub(super) struct Entry {
     pub(super) bus: BusId,
     pub(super) node: NodeId,
     pub(super) profile: Option<Arc<DeviceProfile>>,
+    /// Of a drive: the mode in which the rig commands it.
+    pub(super) mode: Option<OperationMode>,
     /// Of a drive.
     pub(super) scaling: Option<AxisScaling>,
 }
@@ -272,7 +275,8 @@ fn entries(rig: &Rig) -> Result<Vec<Entry>, Failure> {
         let (bus, node) = place(&drive.bus, drive.address.canopen.node_id)?;
         let scaling = scaling(drive).map_err(|error| rig_failure(&error.into()))?;
         let profile = drive.profile.get().cloned();
-        entries.push(Entry { name: drive.name.clone(), bus, node, profile, scaling: Some(scaling) });
+        let mode = Some(rig.rig.command_mode.operation_mode());
+        entries.push(Entry { name: drive.name.clone(), bus, node, profile, mode, scaling: Some(scaling) });
     }
     if let SensorProtocol::Canopen { node_id: raw, profile, .. } = &rig.sensor.protocol {
         let (bus, node) = place(&rig.sensor.bus, *raw)?;
@@ -281,6 +285,7 @@ fn entries(rig: &Rig) -> Result<Vec<Entry>, Failure> {
             bus,
             node,
             profile: profile.get().cloned(),
+            mode: None,
             scaling: None,
         });
     }
