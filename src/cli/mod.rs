@@ -93,6 +93,9 @@ enum Command {
     /// Read, write, keep, compare and restore the objects of a device
     #[command(subcommand)]
     Od(desk::od::Command),
+    /// Profiles of drives
+    #[command(subcommand)]
+    Drive(desk::adopt::Command),
     /// Process data of a device
     #[command(subcommand)]
     Pdo(desk::pdo::Command),
@@ -183,6 +186,7 @@ fn run(arguments: impl IntoIterator<Item = OsString>) -> Exit {
         Command::Scan(arguments) => desk::scan::run(&arguments, &mut output),
         Command::Info(arguments) => desk::info::run(&arguments, &mut output),
         Command::Od(command) => desk::od::run(&command, &mut output),
+        Command::Drive(command) => desk::adopt::run(&command, &mut output),
         Command::Pdo(command) => desk::pdo::run(&command, &mut output),
         Command::Nmt(arguments) => desk::nmt::run(&arguments, &mut output),
         Command::Emcy(arguments) => desk::emcy::run(&arguments, &mut output),

@@ -122,6 +122,16 @@ impl<L: CanLink> Service<L> {
         self.asked.fill(false);
     }
 
+    /// From now on nobody can end what is done: values that were changed have to be put back.
+    pub fn finish(&mut self) {
+        self.is_over = Arc::new(AtomicBool::new(false));
+    }
+
+    /// The link.
+    pub fn link(&self) -> &L {
+        &self.link
+    }
+
     /// The time of the link.
     pub fn now(&self) -> Time {
         self.link.now()

@@ -3,12 +3,14 @@
 //! ```text
 //! CanLink <-> Service: one SDO channel for each node, what was heard of each
 //!                |-- scan       who is there
+//!                |-- adopt      what a drive can do, tried out and put back -> a device profile
 //!                |-- inventory  all objects, found without a data sheet or by one
 //!                `-- restore    values of a file against those of the device -> steps in order -> written and read back
 //! ```
 //! Nothing here is real-time, and nothing sends a set-point or brings a drive nearer to Operation Enabled
 //! ([`Caution::of_write`]).
 
+pub mod adopt;
 mod caution;
 mod connection;
 mod inventory;

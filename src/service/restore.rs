@@ -214,14 +214,9 @@ fn in_order<L: CanLink>(
             let count = service.read(node, Address::new(mapping, 0))?;
             let new = changes.remove(&(mapping, 0)).map_or_else(|| count.clone(), |step| step.new);
             steps.push(step(mapping, 0, Some(count), vec![0], false));
-            let most = new.first().copied().unwrap_or_default();
-            for sub in 1..=most {
-                // All of them: a device may check each against the others.
-                let Some(change) = changes.remove(&(mapping, sub)) else { continue };
-                steps.push(change);
-            }
-            // What is not counted any more need not be written.
-            changes.retain(|(index, _), _| *index != mapping);
+            let mapped: Vec<u8> =
+                changes.keys().filter(|(index, sub)| *index == mapping && *sub > 0).map(|(_, sub)| *sub).collect();
+            steps.extend(mapped.into_iter().filter_map(|sub| changes.remove(&(mapping, sub))));
             steps.push(step(mapping, 0, Some(vec![0]), new, true));
         }
         let parameters: Vec<u8> =

@@ -148,3 +148,105 @@ fn a_device_tells_of_its_errors_while_nobody_asks() {
     assert_eq!((told, heard), (vec![0x8130], 1));
     assert_eq!(service.emergencies()[0].1.frame().id(), cob::emcy(node(1)));
 }
+
+/// A link that notes what is sent, and has somebody wish to end after so many frames.
+struct Watched {
+    link: VirtualLink,
+    sent: Vec<crate::canopen::Frame>,
+    ends_after: usize,
+    is_over: Arc<AtomicBool>,
+}
+
+impl crate::link::CanLink for Watched {
+    fn now(&self) -> crate::time::Time {
+        self.link.now()
+    }
+
+    fn receive(&mut self) -> Option<crate::link::Arrival> {
+        self.link.receive()
+    }
+
+    fn send(&mut self, frame: &crate::canopen::Frame) -> Result<(), crate::link::SendError> {
+        self.sent.push(*frame);
+        self.is_over.fetch_or(self.sent.len() == self.ends_after, std::sync::atomic::Ordering::Relaxed);
+        self.link.send(frame)
+    }
+
+    fn wait(&mut self, until: crate::time::Time) -> bool {
+        self.link.wait(until)
+    }
+}
+
+fn watched(ends_after: usize) -> Service<Watched> {
+    let rig = config::load_rig(config::builtin("paper-admittance.yaml")).unwrap();
+    let scene = rig.scene().unwrap().value;
+    let link = VirtualLink::new(&rig.value, &scene, 1).unwrap();
+    let is_over = Arc::new(AtomicBool::new(false));
+    let link = Watched { link, sent: Vec::new(), ends_after, is_over: Arc::clone(&is_over) };
+    Service::new(link, BusId::FIRST, is_over)
+}
+
+#[test]
+fn a_drive_is_adopted_and_has_its_values_again() {
+    let mut service = watched(usize::MAX);
+    let (before, _) = inventory(&mut service, node(1), |_| {}).unwrap();
+    let values = adopt::originals(&mut service, node(1)).unwrap();
+    let survey = adopt::survey(&mut service, node(1), &values).unwrap();
+    assert_eq!((survey.modes.len(), survey.mapping_entries, survey.has_dummies), (3, 8, true));
+    assert_eq!((survey.lost_master, survey.follows_sync, survey.limits), (Some(3), [true; 2], [true; 3]));
+    assert!(survey.has_rpdo_timer && survey.watches_heartbeat && survey.takes_cycle_time, "{survey:?}");
+    let (after, _) = inventory(&mut service, node(1), |_| {}).unwrap();
+    for (index, sub, entry) in before.entries().filter(|(index, ..)| *index != 0x6064) {
+        assert_eq!(after.entry(index, sub).map(|entry| &entry.value), Some(&entry.value), "{index:04x}:{sub}");
+    }
+    // The file is a profile, and says the same.
+    let (text, missing) = adopt::profile(&survey, "found", "0");
+    let source = config::Source::among("found.yaml", [("found.yaml".into(), text.clone().into())]);
+    let config::Document::Profile(profile) = config::load(source).unwrap() else { panic!("{text}") };
+    assert_eq!(profile.value.servo().unwrap().process_data.supported_modes(), 0x380);
+    assert!(missing.iter().any(|line| line.contains("the drill proves it")), "{missing:?}");
+    // Its controlword was never written, nor did anybody start it.
+    assert!(
+        service.link().sent.iter().all(|frame| frame.id() == 0x601 || frame.id() == 0x701),
+        "only SDO and guarding"
+    );
+    let writes_controlword =
+        |frame: &&crate::canopen::Frame| frame.bytes()[0] & 0xe0 == 0x20 && frame.bytes()[1..3] == [0x40, 0x60];
+    assert_eq!(service.link().sent.iter().filter(writes_controlword).count(), 0);
+}
+
+#[test]
+fn whoever_ends_an_adoption_leaves_the_drive_as_it_was() {
+    let frames = {
+        let mut service = watched(usize::MAX);
+        let values = adopt::originals(&mut service, node(1)).unwrap();
+        let begun = service.link().sent.len();
+        adopt::survey(&mut service, node(1), &values).unwrap();
+        begun + 1..service.link().sent.len()
+    };
+    let mut interrupted = 0;
+    for ends_after in frames.step_by(7) {
+        let mut service = watched(ends_after);
+        let values = adopt::originals(&mut service, node(1)).unwrap();
+        match adopt::survey(&mut service, node(1), &values) {
+            Err(adopt::Refusal::Service(Error::Interrupted)) => interrupted += 1,
+            other => assert!(other.is_ok(), "{ends_after}: {other:?}"),
+        }
+        service.finish();
+        for (at, value) in &values {
+            assert_eq!(service.read(node(1), *at).as_ref(), Ok(value), "{at} after {ends_after} frames");
+        }
+    }
+    assert!(interrupted > 10, "{interrupted}");
+}
+
+#[test]
+fn what_is_no_drive_at_rest_is_not_adopted() {
+    let mut service = service();
+    assert!(matches!(adopt::originals(&mut service, node(10)), Err(adopt::Refusal::NoDrive(0x0002_0194))));
+    service.command(NmtCommand::StartRemoteNode, Some(node(1))).unwrap();
+    assert_eq!(adopt::originals(&mut service, node(1)), Err(adopt::Refusal::Nmt(NmtState::Operational)));
+    service.write(node(2), at(0x6040, 0), &[6, 0]).unwrap();
+    assert!(matches!(adopt::originals(&mut service, node(2)), Err(adopt::Refusal::State(Some(_)))));
+    assert_eq!(adopt::originals(&mut service, node(5)), Err(adopt::Refusal::Service(Error::NoAnswer)));
+}

@@ -1,5 +1,6 @@
 //! Commands that ask devices one by one: on a bus with `--bus`, without it those of a rig's simulation, for rehearsal.
 
+pub(super) mod adopt;
 pub(super) mod emcy;
 pub(super) mod info;
 mod keeping;

@@ -1,0 +1,133 @@
+//! `yieldwall drive adopt`: a drive nobody has a profile of, and the profile that follows.
+
+use std::io::Write;
+use std::path::PathBuf;
+
+use serde_json::json;
+use yieldwall_drives::cia402::OperationMode;
+
+use super::keeping::back_up;
+use super::place::{Desk, Place};
+use super::words::{mode_words, name};
+use crate::cli::failure::{Exit, Failure};
+use crate::cli::output::Output;
+use crate::cli::replace::Replace;
+use crate::service::adopt::{Refusal, originals, profile, survey};
+
+#[derive(Debug, clap::Subcommand)]
+pub(in crate::cli) enum Command {
+    /// Write the profile of a drive: asked of it and tried out in Switch On Disabled; all values are put back
+    Adopt(Arguments),
+}
+
+#[derive(Debug, clap::Args)]
+pub(in crate::cli) struct Arguments {
+    /// A node id, or the name of a drive in the rig
+    #[arg(long)]
+    node: String,
+    /// The profile's file; standard output unless one is named
+    #[arg(long, value_name = "PROFILE.yaml")]
+    out: Option<PathBuf>,
+    /// Name of the profile; made of the drive's own name unless given
+    #[arg(long)]
+    name: Option<String>,
+    /// Say which objects would be tried out, and write nothing
+    #[arg(long)]
+    dry_run: bool,
+    #[command(flatten)]
+    replace: Replace,
+    #[command(flatten)]
+    place: Place,
+}
+
+pub(in crate::cli) fn run(command: &Command, output: &mut Output) -> Result<(), Failure> {
+    let Command::Adopt(arguments) = command;
+    if let Some(name) = arguments.name.as_ref().filter(|name| kebab(name) != **name || name.is_empty()) {
+        let help = format!("write for example --name {}", kebab(name));
+        return Err(Failure::new(
+            Exit::Usage,
+            format!("--name {name}: small letters, digits and dashes make a name"),
+            help,
+        ));
+    }
+    let mut desk = Desk::open(&arguments.place, output)?;
+    let node = desk.node(&arguments.node)?;
+    let refused = |desk: &Desk, refusal: Refusal| match refusal {
+        Refusal::Service(error) => desk.failure(&node, "asking what it can do", error),
+        Refusal::State(_) => {
+            let help = format!("`yieldwall state {}` says why; --reset-fault takes it out of Fault", node.id.raw());
+            Failure::new(Exit::DeviceFault, format!("{}: {refusal}; nothing was written", node.words()), help)
+        }
+        Refusal::Nmt(_) => {
+            let help = format!("`yieldwall nmt {} preop` first", node.id.raw());
+            Failure::new(Exit::Usage, format!("{}: {refusal}; nothing was written", node.words()), help)
+        }
+        Refusal::NoDrive(_) => {
+            let message = format!("{}: {refusal}; nothing was written", node.words());
+            Failure::new(Exit::DeviceMismatch, message, "`yieldwall scan` shows the drives")
+        }
+        Refusal::Lacks(_) => Failure::new(Exit::DeviceMismatch, format!("{}: {refusal}", node.words()), ""),
+        Refusal::NotRestored(_) => Failure::new(
+            Exit::DeviceMismatch,
+            format!("{}: {refusal}", node.words()),
+            format!("`yieldwall nmt {} reset` has it start with its stored values", node.id.raw()),
+        ),
+    };
+    let values = originals(&mut desk.service, node.id).map_err(|refusal| refused(&desk, refusal))?;
+    if arguments.dry_run {
+        let each: Vec<String> = values.iter().map(|(at, _)| format!("{at} {}", name(*at, None))).collect();
+        if output.is_json() {
+            return output.report(json!({ "place": desk.place, "dry_run": true, "tries": each }));
+        }
+        return output.result(&format!("would try out, and put back:\n{}\n", each.join("\n")));
+    }
+    // The file has to be there before the drive is touched.
+    let mut file = match &arguments.out {
+        Some(path) => Some((path, arguments.replace.create(path)?)),
+        None => None,
+    };
+    if let Some(path) = back_up(&desk, &node, &values, None)? {
+        output.aside(&format!("kept      {}", path.display()));
+    }
+    let found = survey(&mut desk.service, node.id, &values).map_err(|refusal| refused(&desk, refusal))?;
+    let named = arguments.name.clone().or_else(|| found.name.as_deref().map(kebab)).filter(|name| !name.is_empty());
+    let named = named.unwrap_or_else(|| format!("node-{}", node.id.raw()));
+    let (text, missing) = profile(&found, &named, env!("CARGO_PKG_VERSION"));
+    if let Some((path, file)) = &mut file {
+        file.write_all(text.as_bytes()).map_err(|error| {
+            let help = "name a file in a folder that can be written";
+            Failure::about_file(Exit::Usage, path, format!("cannot be written: {error}"), help)
+        })?;
+    }
+    let modes: Vec<&str> = found.modes.iter().map(|mode: &OperationMode| mode_words(*mode)).collect();
+    if output.is_json() {
+        return output.report(json!({
+            "place": desk.place,
+            "node_id": node.id.raw(),
+            "name": named,
+            "file": arguments.out,
+            "modes": modes,
+            "mapping_entries": found.mapping_entries,
+            "has_dummies": found.has_dummies,
+            "has_rpdo_timer": found.has_rpdo_timer,
+            "missing": missing,
+            "profile": text,
+        }));
+    }
+    let Some(path) = &arguments.out else { return output.result(&text) };
+    let mut told = format!(
+        "{}: {named}, {}\n",
+        node.words(),
+        if modes.is_empty() { "no mode that `run` could use".to_owned() } else { modes.join(", ") }
+    );
+    missing.iter().for_each(|line| told.push_str(&format!("  - {line}\n")));
+    told.push_str(&format!("written   {}; `yieldwall config check` checks it\n", path.display()));
+    output.result(&told)
+}
+
+/// A name as profiles have it.
+fn kebab(name: &str) -> String {
+    let lower: String =
+        name.chars().map(|one| if one.is_ascii_alphanumeric() { one.to_ascii_lowercase() } else { '-' }).collect();
+    lower.split('-').filter(|part| !part.is_empty()).collect::<Vec<_>>().join("-")
+}

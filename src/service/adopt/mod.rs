@@ -1,0 +1,396 @@
+//! What a drive can do, found by asking and trying, and the device profile that says it.
+//!
+//! Objects are tried out in Pre-operational and in Switch On Disabled, with the PDOs out of use; afterwards each has its value again. What
+//! shows in Operation Enabled alone stays unknown.
+
+mod profile;
+
+pub use profile::profile;
+
+use std::time::Duration;
+
+use yieldwall_drives::cia402::{OperationMode, State, Statusword};
+use yieldwall_drives::eds::{Access, Eds, Entry, Kind, Node as Of, Object, Value};
+use yieldwall_drives::objects::{self as cia, Object as Standard};
+
+use super::connection::{Error, Service};
+use super::known::known;
+use super::restore::{Made, carry_out, plan};
+use super::scan::{identify, number};
+use crate::canopen::{NmtCommand, NmtState, NodeId};
+use crate::link::CanLink;
+use crate::objects::{AbortCode, Address};
+
+/// Bit 31 of a COB-ID.
+const NOT_USED: u32 = 0x8000_0000;
+/// PDO 1 of each direction: communication and mapping parameter.
+const RPDO: (u16, u16) = (0x1400, 0x1600);
+const TPDO: (u16, u16) = (0x1800, 0x1a00);
+/// Most entries of a mapping that are looked for.
+const MOST_MAPPED: u8 = 64;
+/// A byte that an RPDO skips: the type UNSIGNED8 mapped.
+const DUMMY: u32 = 0x0005_0008;
+/// How long a drive may take to change its mode.
+const MODE_CHANGE: Duration = Duration::from_secs(1);
+/// Values that are tried: a time in ms, and the node that a heartbeat is watched of, which nobody has.
+const TIMER_MS: u16 = 100;
+const WATCHED: u32 = 127 << 16 | 1000;
+
+/// The cyclic synchronous modes with the objects of their set-points.
+pub(super) const MODES: [(OperationMode, Standard); 3] = [
+    (OperationMode::CyclicTorque, cia::TARGET_TORQUE),
+    (OperationMode::CyclicVelocity, cia::TARGET_VELOCITY),
+    (OperationMode::CyclicPosition, cia::TARGET_POSITION),
+];
+
+/// Why a device cannot be adopted. Nothing of it has changed.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum Refusal {
+    /// It does not answer as it should.
+    #[error(transparent)]
+    Service(#[from] Error),
+    /// Its type is another one.
+    #[error("its type (1000h) is {0:08X}h, and not that of a drive of CiA 402")]
+    NoDrive(u32),
+    /// It has an error, or is nearer to Operation Enabled than Switch On Disabled.
+    #[error("it is in {}, and not in Switch On Disabled", .0.map_or("no state of CiA 402".to_owned(), |state| format!("{state:?}")))]
+    State(Option<State>),
+    /// Process data run.
+    #[error("it is {0:?}, and not in Pre-operational")]
+    Nmt(NmtState),
+    /// It lacks what no drive does without.
+    #[error("it has no {:04X}h:{} ({}), which a master needs", .0.index, .0.sub, .0.meaning)]
+    Lacks(Standard),
+    /// It does not have its values again.
+    #[error("{} of its objects could not be put back: {}", .0.len(), .0.iter().map(ToString::to_string).collect::<Vec<_>>().join(", "))]
+    NotRestored(Vec<Address>),
+}
+
+/// What a drive can do, as far as it shows in Switch On Disabled.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Survey {
+    /// 1000h.
+    pub device_type: u32,
+    /// 1018h:1 to 4.
+    pub identity: [Option<u32>; 4],
+    /// 1008h.
+    pub name: Option<String>,
+    /// 6502h.
+    pub supported_modes: u32,
+    /// The cyclic synchronous modes that it says it has, takes in Switch On Disabled, and whose set-point it maps.
+    pub modes: Vec<OperationMode>,
+    /// Those that it says it has, and does not take or map, with the reason.
+    pub refused_modes: Vec<(OperationMode, &'static str)>,
+    /// Entries that one RPDO can carry.
+    pub mapping_entries: u8,
+    /// Whether bytes can be skipped in an RPDO.
+    pub has_dummies: bool,
+    /// Whether RPDOs and TPDOs follow every SYNC.
+    pub follows_sync: [bool; 2],
+    /// Whether an RPDO has an event timer, 1400h:5.
+    pub has_rpdo_timer: bool,
+    /// Whether it takes a cycle time, 60C2h.
+    pub takes_cycle_time: bool,
+    /// The value of 6007h that stops it best, of those that it takes: 3 quick stop, 2 disable voltage, 1 fault.
+    pub lost_master: Option<i16>,
+    /// Whether it goes to Pre-operational on a communication error: 1029h:1 takes 0.
+    pub stops_on_error: bool,
+    /// Whether 605Ah takes 2: a ramp that ends in Switch On Disabled.
+    pub takes_quick_stop: bool,
+    /// Whether it watches a heartbeat: 1016h:1.
+    pub watches_heartbeat: bool,
+    /// Whether it has 6072h, 6065h, and 6080h with 608Fh.
+    pub limits: [bool; 3],
+    /// The longest time that it took to answer.
+    pub slowest: Duration,
+    /// Objects whose values have another length than the standard says: bytes sent, and meant.
+    pub lengths: Vec<(Address, usize, usize)>,
+}
+
+const fn at(object: Standard) -> Address {
+    Address::new(object.index, object.sub)
+}
+
+/// The values of all objects that are tried out, as they are now. Nothing is written.
+///
+/// # Errors
+/// If the device is no drive, or is not at rest.
+pub fn originals<L: CanLink>(service: &mut Service<L>, node: NodeId) -> Result<Vec<(Address, Vec<u8>)>, Refusal> {
+    let device_type = number(&service.read(node, at(cia::DEVICE_TYPE))?);
+    if device_type & 0xffff != 402 {
+        return Err(Refusal::NoDrive(device_type));
+    }
+    let state = match service.read(node, at(cia::STATUSWORD)) {
+        Ok(word) => Statusword(number(&word) as u16).state(),
+        Err(Error::Refused(_)) => return Err(Refusal::Lacks(cia::STATUSWORD)),
+        Err(error) => return Err(error.into()),
+    };
+    if state != Some(State::SwitchOnDisabled) {
+        return Err(Refusal::State(state));
+    }
+    match service.state(node)? {
+        Some(NmtState::PreOperational) => {}
+        // One that tells nothing is brought there.
+        None => service.command(NmtCommand::EnterPreOperational, Some(node))?,
+        Some(other) => return Err(Refusal::Nmt(other)),
+    }
+    let mut wanted: Vec<Address> = [
+        cia::CONSUMER_HEARTBEAT,
+        cia::ERROR_BEHAVIOUR,
+        cia::ABORT_CONNECTION_OPTION,
+        cia::QUICK_STOP_OPTION,
+        cia::MODE_OF_OPERATION,
+        cia::INTERPOLATION_TIME,
+        cia::INTERPOLATION_EXPONENT,
+    ]
+    .map(at)
+    .to_vec();
+    for (communication, mapping) in [RPDO, TPDO] {
+        wanted.extend([1, 2, 5].map(|sub| Address::new(communication, sub)));
+        wanted.extend([0, 1, 2].map(|sub| Address::new(mapping, sub)));
+    }
+    let mut values = Vec::new();
+    for at in wanted {
+        match service.read(node, at) {
+            Ok(bytes) => values.push((at, bytes)),
+            Err(Error::Refused(_) | Error::Senseless(_)) => {}
+            Err(error) => return Err(error.into()),
+        }
+    }
+    Ok(values)
+}
+
+/// Tries out what a drive can do. Afterwards its objects have their values of before again, `originals`, also after a failure.
+///
+/// # Errors
+/// If the device falls silent, lacks what a master needs, or does not take back a value.
+pub fn survey<L: CanLink>(
+    service: &mut Service<L>,
+    node: NodeId,
+    originals: &[(Address, Vec<u8>)],
+) -> Result<Survey, Refusal> {
+    let mut probe = Probe { service, node, survey: Survey::default() };
+    let tried = probe.all(originals);
+    let survey = std::mem::take(&mut probe.survey);
+    // Whoever wants to end waits for this.
+    service.finish();
+    put_back(service, node, originals)?;
+    tried.map(|()| survey)
+}
+
+struct Probe<'a, L> {
+    service: &'a mut Service<L>,
+    node: NodeId,
+    survey: Survey,
+}
+
+impl<L: CanLink> Probe<'_, L> {
+    fn all(&mut self, originals: &[(Address, Vec<u8>)]) -> Result<(), Refusal> {
+        let identities = identify(self.service, &[self.node])?;
+        let (identity, name) = identities.into_iter().next().unwrap_or_default();
+        self.survey.identity = identity;
+        self.survey.name = name;
+        self.survey.device_type = self.has(cia::DEVICE_TYPE)?.unwrap_or_default();
+        for needed in [cia::CONTROLWORD, cia::MODE_OF_OPERATION, cia::MODE_DISPLAY, cia::POSITION_ACTUAL] {
+            self.has(needed)?.ok_or(Refusal::Lacks(needed))?;
+        }
+        self.survey.supported_modes = self.has(cia::SUPPORTED_MODES)?.ok_or(Refusal::Lacks(cia::SUPPORTED_MODES))?;
+        self.survey.limits = [
+            self.has(cia::MAX_TORQUE)?.is_some(),
+            self.has(cia::FOLLOWING_ERROR_WINDOW)?.is_some(),
+            self.has(cia::MAX_MOTOR_SPEED)?.is_some()
+                && self.has(cia::ENCODER_INCREMENTS)?.is_some_and(|increments| increments > 0)
+                && self.has(cia::ENCODER_REVOLUTIONS)?.is_some_and(|revolutions| revolutions > 0),
+        ];
+        self.survey.mapping_entries = self.mapping_entries()?;
+        self.survey.watches_heartbeat = self.takes(at(cia::CONSUMER_HEARTBEAT), &WATCHED.to_le_bytes())?;
+        self.survey.stops_on_error = self.takes(at(cia::ERROR_BEHAVIOUR), &[0])?;
+        for value in [3_i16, 2, 1] {
+            if self.survey.lost_master.is_none()
+                && self.takes(at(cia::ABORT_CONNECTION_OPTION), &value.to_le_bytes())?
+            {
+                self.survey.lost_master = Some(value);
+            }
+        }
+        self.survey.takes_quick_stop = self.takes(at(cia::QUICK_STOP_OPTION), &2_i16.to_le_bytes())?;
+        self.survey.takes_cycle_time = self.takes(at(cia::INTERPOLATION_EXPONENT), &[(-3_i8) as u8])?
+            && self.takes(at(cia::INTERPOLATION_TIME), &[1])?;
+        let of = |at: Address| originals.iter().find(|(known, _)| *known == at).map(|(_, value)| number(value));
+        let is_tpdo_right =
+            self.process_data(TPDO, of(Address::new(TPDO.0, 1)), cia::STATUSWORD, cia::POSITION_ACTUAL)?;
+        self.survey.follows_sync[1] = self.takes(Address::new(TPDO.0, 2), &[1])?;
+        let in_use = of(Address::new(RPDO.0, 1));
+        let supported = self.survey.supported_modes;
+        for (mode, set_point) in MODES.into_iter().filter(|(mode, _)| mode.is_in(supported)) {
+            let reason = match self.has(set_point)? {
+                None => Some("its set-point is not there"),
+                _ if !is_tpdo_right => Some("statusword and position do not go into one TPDO"),
+                _ if !self.process_data(RPDO, in_use, cia::CONTROLWORD, set_point)? => {
+                    Some("controlword and set-point do not go into one RPDO")
+                }
+                _ if !self.takes_mode(mode)? => Some("it does not take the mode in Switch On Disabled"),
+                _ => None,
+            };
+            match reason {
+                Some(reason) => self.survey.refused_modes.push((mode, reason)),
+                None => self.survey.modes.push(mode),
+            }
+        }
+        self.survey.follows_sync[0] = self.takes(Address::new(RPDO.0, 2), &[1])?;
+        self.survey.has_rpdo_timer = self.takes(Address::new(RPDO.0, 5), &TIMER_MS.to_le_bytes())?;
+        self.survey.has_dummies = self.maps(RPDO.1, &[DUMMY])?;
+        Ok(())
+    }
+
+    fn timed<T>(&mut self, ask: impl FnOnce(&mut Service<L>) -> Result<T, Error>) -> Result<T, Error> {
+        let begun = self.service.now();
+        let answer = ask(self.service);
+        self.survey.slowest = self.survey.slowest.max(self.service.now().since(begun));
+        answer
+    }
+
+    /// The value of an object; `None` if the device has no such object, or sends nonsense.
+    fn has(&mut self, object: Standard) -> Result<Option<u32>, Error> {
+        let node = self.node;
+        match self.timed(|service| service.read(node, at(object))) {
+            Ok(bytes) => {
+                let meant = usize::from(object.bits()) / 8;
+                if bytes.len() != meant && !self.survey.lengths.iter().any(|(known, ..)| *known == at(object)) {
+                    self.survey.lengths.push((at(object), bytes.len(), meant));
+                }
+                Ok(bytes.get(..meant.min(bytes.len())).map(number))
+            }
+            Err(Error::Refused(_) | Error::Senseless(_)) => Ok(None),
+            Err(error) => Err(error),
+        }
+    }
+
+    /// Whether an object takes a value and holds it.
+    fn takes(&mut self, at: Address, value: &[u8]) -> Result<bool, Error> {
+        let node = self.node;
+        match self.timed(|service| service.write(node, at, value)) {
+            Ok(()) => {}
+            Err(Error::Refused(_) | Error::Senseless(_)) => return Ok(false),
+            Err(error) => return Err(error),
+        }
+        match self.timed(|service| service.read(node, at)) {
+            // More bytes than there should be count as long as they are empty.
+            Ok(held) => {
+                Ok(held.get(..value.len()) == Some(value) && held.iter().skip(value.len()).all(|byte| *byte == 0))
+            }
+            Err(Error::Refused(_) | Error::Senseless(_)) => Ok(false),
+            Err(error) => Err(error),
+        }
+    }
+
+    fn takes_mode(&mut self, mode: OperationMode) -> Result<bool, Error> {
+        if !self.takes(at(cia::MODE_OF_OPERATION), &[mode.code() as u8])? {
+            return Ok(false);
+        }
+        let until = self.service.now() + MODE_CHANGE;
+        loop {
+            if self.has(cia::MODE_DISPLAY)? == Some(u32::from(mode.code() as u8)) {
+                return Ok(true);
+            }
+            if self.service.now() >= until {
+                return Ok(false);
+            }
+            self.service.listen(Duration::from_millis(10), |_| {})?;
+        }
+    }
+
+    /// How many entries the mapping of the first RPDO has room for.
+    fn mapping_entries(&mut self) -> Result<u8, Error> {
+        for sub in 1..=MOST_MAPPED {
+            match self.service.read(self.node, Address::new(RPDO.1, sub)) {
+                Err(Error::Refused(AbortCode::NO_SUB_INDEX | AbortCode::NO_OBJECT)) => return Ok(sub - 1),
+                Ok(_) | Err(Error::Refused(_) | Error::Senseless(_)) => {}
+                Err(error) => return Err(error),
+            }
+        }
+        Ok(MOST_MAPPED)
+    }
+
+    /// Whether two objects go into a PDO, which is out of use then.
+    fn process_data(
+        &mut self,
+        (communication, mapping): (u16, u16),
+        cob_id: Option<u32>,
+        first: Standard,
+        second: Standard,
+    ) -> Result<bool, Error> {
+        let Some(cob_id) = cob_id else { return Ok(false) };
+        if !self.takes(Address::new(communication, 1), &(cob_id | NOT_USED).to_le_bytes())? {
+            return Ok(false);
+        }
+        let entry =
+            |object: Standard| u32::from(object.index) << 16 | u32::from(object.sub) << 8 | u32::from(object.bits());
+        self.maps(mapping, &[entry(first), entry(second)])
+    }
+
+    fn maps(&mut self, mapping: u16, entries: &[u32]) -> Result<bool, Error> {
+        if !self.takes(Address::new(mapping, 0), &[0])? {
+            return Ok(false);
+        }
+        for (sub, entry) in (1..).zip(entries) {
+            if !self.takes(Address::new(mapping, sub), &entry.to_le_bytes())? {
+                return Ok(false);
+            }
+        }
+        self.takes(Address::new(mapping, 0), &[entries.len() as u8])
+    }
+}
+
+/// Gives all objects their values again, and reads them back.
+fn put_back<L: CanLink>(
+    service: &mut Service<L>,
+    node: NodeId,
+    originals: &[(Address, Vec<u8>)],
+) -> Result<(), Refusal> {
+    let plan = plan(service, node, &sheet(node, originals), None)?;
+    for step in &plan.steps {
+        // What is not taken is found below.
+        let _: Made = carry_out(service, node, step)?;
+    }
+    let mut lost = Vec::new();
+    for (at, value) in originals {
+        if at.index == cia::MODE_OF_OPERATION.index {
+            // A drive without a mode before may refuse to have none again; `run` sets one at each start.
+            let _ = service.write(node, *at, value);
+            continue;
+        }
+        match service.read(node, *at) {
+            Ok(held) if held == *value => {}
+            Ok(_) => lost.push(*at),
+            Err(error) => return Err(error.into()),
+        }
+    }
+    if lost.is_empty() { Ok(()) } else { Err(Refusal::NotRestored(lost)) }
+}
+
+/// A data sheet of values, for those who put them back.
+fn sheet(node: NodeId, values: &[(Address, Vec<u8>)]) -> Eds {
+    let mut sheet = Eds { node: Some(Of { id: node.raw(), ..Of::default() }), ..Eds::default() };
+    for (at, bytes) in values {
+        let data_type = known(*at, None).map_or(0x0a, |known| known.data_type);
+        let object = sheet.objects.entry(at.index).or_insert_with(|| Object {
+            name: String::new(),
+            kind: Kind::Record,
+            entries: std::collections::BTreeMap::new(),
+            line: 0,
+        });
+        let entry = Entry {
+            name: String::new(),
+            data_type,
+            access: Access::ReadWrite,
+            default: None,
+            value: Some(Value::from_bytes(data_type, bytes)),
+            low: None,
+            high: None,
+            is_mappable: false,
+            line: 0,
+        };
+        object.entries.insert(at.sub, entry);
+    }
+    sheet
+}

@@ -1,0 +1,200 @@
+//! The profile file of a drive that was tried out.
+
+use std::fmt::Write as _;
+
+use yieldwall_drives::cia402::OperationMode;
+use yieldwall_drives::objects::{self as cia, Object};
+
+use super::{MODES, Survey};
+
+/// Longest time to an answer that is written at least, ms.
+const LEAST_SDO_MS: u128 = 1000;
+/// So many times the longest time that was seen.
+const RESERVE: u128 = 10;
+
+/// The profile of a drive as a file, and what it lacks or did not show, a line each.
+///
+/// Its name is `name`: small letters, digits and dashes.
+pub fn profile(survey: &Survey, name: &str, version: &str) -> (String, Vec<String>) {
+    let missing = missing(survey);
+    let mut text = String::new();
+    let [vendor, product, revision, serial] = survey.identity.map(Option::unwrap_or_default);
+    let mut put = |line: &str| {
+        // A String takes whatever is written into it.
+        let _ = writeln!(text, "{line}");
+    };
+    put(
+        "# Written by `yieldwall drive adopt`: asked of the drive and tried out in Switch On Disabled, never in Operation Enabled.",
+    );
+    put("#");
+    if missing.is_empty() {
+        put("# Nothing is missing.");
+    } else {
+        put("# Missing, or not to be seen there:");
+        missing.iter().for_each(|line| put(&format!("# - {line}")));
+    }
+    put("profile:");
+    put(&format!("  name: {name}"));
+    put("  tried: never");
+    put("  sources:");
+    put(&format!("    device: asked of the drive itself, serial number {serial:08X}h, by yieldwall {version}"));
+    put("    cia402: CiA 402, the meaning of a value that the drive takes");
+    put("");
+    put("identity:");
+    put(&format!("  device_type: 0x{:08x}", survey.device_type));
+    put(&format!("  vendor_id: 0x{vendor:08x}"));
+    put(&format!("  product_codes: [0x{product:08x}]"));
+    match survey.identity[2] {
+        Some(_) => put(&format!("  revisions: {{range: {{from: 0x{revision:08x}, to: 0x{revision:08x}}}}}")),
+        None => put("  revisions: any"),
+    }
+    put("");
+    put("node:");
+    put("  reset: node");
+    put("  reset_loses_reference: unknown");
+    put("  boot_up_ms: 10000             # not measured");
+    let slowest_ms = survey.slowest.as_millis();
+    let sdo_ms = (RESERVE * slowest_ms).clamp(LEAST_SDO_MS, 60_000);
+    put(&format!("  sdo_ms: {sdo_ms}                  # the slowest answer took {slowest_ms} ms"));
+    put("  start_ms: 5000");
+    put("");
+    put("device:");
+    put("  servo:");
+    put("    objects:");
+    for (key, object) in [
+        ("controlword", cia::CONTROLWORD),
+        ("statusword", cia::STATUSWORD),
+        ("mode_of_operation", cia::MODE_OF_OPERATION),
+        ("mode_display", cia::MODE_DISPLAY),
+        ("supported_modes", cia::SUPPORTED_MODES),
+        ("position_actual", cia::POSITION_ACTUAL),
+    ] {
+        put(&format!("      {key}: {}", entry(object)));
+    }
+    for (key, object, mode) in [
+        ("target_position", cia::TARGET_POSITION, OperationMode::CyclicPosition),
+        ("target_velocity", cia::TARGET_VELOCITY, OperationMode::CyclicVelocity),
+        ("target_torque", cia::TARGET_TORQUE, OperationMode::CyclicTorque),
+    ] {
+        let has = survey.modes.contains(&mode);
+        put(&format!("      {key}: {}", if has { entry(object) } else { "null".to_owned() }));
+    }
+    match survey.takes_cycle_time {
+        true => {
+            put("      cycle_time:");
+            put(&format!("        value: {}", entry(cia::INTERPOLATION_TIME)));
+            put(&format!("        exponent: {}", entry(cia::INTERPOLATION_EXPONENT)));
+        }
+        false => put("      cycle_time: null"),
+    }
+    put("    process_data:");
+    put(&format!("      mapping_entries: {}", survey.mapping_entries.clamp(1, 64)));
+    for ((mode, _), (word, target)) in MODES.into_iter().zip([
+        ("torque", "target_torque"),
+        ("velocity", "target_velocity"),
+        ("position", "target_position"),
+    ]) {
+        if survey.modes.contains(&mode) {
+            put(&format!("      {word}:"));
+            put(&format!("        rpdo: [{{number: 1, transmission_type: 1, maps: [controlword, {target}]}}]"));
+            put("        tpdo: [{number: 1, transmission_type: 1, maps: [statusword, position_actual]}]");
+        } else {
+            put(&format!("      {word}: null"));
+        }
+    }
+    put("    mode_changes_in: [switch_on_disabled]");
+    put("    option_codes:");
+    let setting = |object: Object, value: Option<i16>| match value {
+        Some(value) => format!("{{object: {}, value: {value}}}", entry_of(object, "cia402")),
+        None => "null".to_owned(),
+    };
+    put(&format!("      lost_master: {}", setting(cia::ABORT_CONNECTION_OPTION, survey.lost_master)));
+    put(&format!("      communication_error: {}", setting(cia::ERROR_BEHAVIOUR, survey.stops_on_error.then_some(0))));
+    put(&format!("      quick_stop: {}", setting(cia::QUICK_STOP_OPTION, survey.takes_quick_stop.then_some(2))));
+    put("    settings: []");
+    put("    limits:");
+    let [has_torque, has_following_error, has_speed] = survey.limits;
+    let limit = |has: bool, object: Object| if has { entry(object) } else { "null".to_owned() };
+    put(&format!("      torque: {}", limit(has_torque, cia::MAX_TORQUE)));
+    match has_speed {
+        true => {
+            put("      motor_speed:");
+            put(&format!("        limit: {}", entry(cia::MAX_MOTOR_SPEED)));
+            put(&format!("        increments: {}", entry(cia::ENCODER_INCREMENTS)));
+            put(&format!("        revolutions: {}", entry(cia::ENCODER_REVOLUTIONS)));
+        }
+        false => put("      motor_speed: null"),
+    }
+    put(&format!("      following_error: {}", limit(has_following_error, cia::FOLLOWING_ERROR_WINDOW)));
+    put("    watchdogs:");
+    match survey.watches_heartbeat {
+        true => {
+            put("      heartbeat:");
+            put(&format!("        consumer: {}", entry(cia::CONSUMER_HEARTBEAT)));
+        }
+        false => put("      heartbeat: none"),
+    }
+    match survey.has_rpdo_timer {
+        true => {
+            put("      set_points:");
+            put("        event_timer: {reaction: unknown, source: device}   # write it by the manual");
+        }
+        false => put("      set_points: none            # none that shows in Switch On Disabled"),
+    }
+    put("      sync: none                  # none that shows in Switch On Disabled");
+    put("    encoder: {kind: unknown, side: unknown}");
+    put("    brake: {held_by: unknown}");
+    (text, missing)
+}
+
+fn entry(object: Object) -> String {
+    entry_of(object, "device")
+}
+
+fn entry_of(object: Object, source: &str) -> String {
+    format!("{{index: 0x{:04x}, sub: {}, bits: {}, source: {source}}}", object.index, object.sub, object.bits())
+}
+
+/// What the drive lacks, or does not show, and what follows.
+fn missing(survey: &Survey) -> Vec<String> {
+    let mut missing = Vec::new();
+    let mut put = |is_missing: bool, text: &str| {
+        if is_missing {
+            missing.push(text.to_owned());
+        }
+    };
+    put(!survey.watches_heartbeat, "it does not watch a heartbeat (1016h:1): `run` refuses it");
+    put(
+        !survey.has_rpdo_timer,
+        "no event timer of RPDOs (1400h:5): that set-points stay away may go unnoticed until the heartbeat is missed",
+    );
+    put(
+        survey.has_rpdo_timer,
+        "what the drive does when the event timer of an RPDO runs out (`reaction`): taken for nothing; write it by the manual, and the drill proves it",
+    );
+    put(true, "whether it watches SYNC: not to be seen without process data; taken for no");
+    put(survey.lost_master.is_none(), "6007h takes none of 1, 2 and 3: a lost master does not stop it by that");
+    put(
+        survey.lost_master.is_some_and(|value| value != 3),
+        "6007h does not take 3: no quick stop when the master is lost",
+    );
+    put(!survey.stops_on_error, "1029h:1 does not take 0: it may stay Operational on a communication error");
+    put(!survey.takes_quick_stop, "605Ah does not take 2: how its quick stop ends is its own");
+    let [has_torque, has_following_error, has_speed] = survey.limits;
+    put(!has_torque, "no torque limit (6072h): a rig in torque mode, and the drill, need one");
+    put(!has_following_error, "no following error window (6065h)");
+    put(!has_speed, "no limit of the motor's speed (6080h with 608Fh)");
+    put(!survey.takes_cycle_time, "60C2h does not take 1 ms: see how the drive learns the cycle time");
+    put(!survey.follows_sync[0], "RPDO 1 does not take type 1: set-points do not follow SYNC, which `run` needs");
+    put(!survey.follows_sync[1], "TPDO 1 does not take type 1: positions do not follow SYNC, which `run` needs");
+    put(!survey.has_dummies, "no bytes can be skipped in an RPDO; this program skips none");
+    put(true, "what the encoder knows at power-on and whether a reset loses it: write `encoder` in the rig");
+    put(true, "who holds the brake, if there is one: write `brake`");
+    for (mode, reason) in &survey.refused_modes {
+        missing.push(format!("{mode:?}: it says it has the mode, but {reason}"));
+    }
+    for (at, sent, meant) in &survey.lengths {
+        missing.push(format!("{at} comes with {sent} bytes in place of {meant}"));
+    }
+    missing
+}
