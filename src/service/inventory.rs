@@ -115,7 +115,7 @@ fn object<L: CanLink>(
 
 fn entry(at: Address, bytes: &[u8], node_id: u8) -> Entry {
     let known = known(at, None);
-    let by_length = || BY_LENGTH.iter().find(|(len, _)| *len == bytes.len()).map(|(_, data_type)| *data_type);
+    let by_length = || type_by_length(bytes.len());
     let is_text = || !bytes.is_empty() && bytes.iter().all(|byte| matches!(byte, 0x20..0x7f | 0));
     // A string of four letters is more often a number.
     let data_type = match (&known, by_length()) {
@@ -177,6 +177,42 @@ pub fn values_of<L: CanLink>(
     }
     progress(1.0);
     Ok((eds, missed))
+}
+
+/// A data sheet of values alone, as a backup has them.
+pub fn sheet_of(node: NodeId, values: &[(Address, Vec<u8>)], explained: Option<&Eds>) -> Eds {
+    let mut sheet = Eds { node: Some(Node { id: node.raw(), ..Node::default() }), ..Eds::default() };
+    for (at, bytes) in values {
+        let known = known(*at, explained);
+        let data_type = known.as_ref().map_or(OCTET_STRING, |known| known.data_type);
+        let entry = Entry {
+            name: known.map_or_else(String::new, |known| known.name),
+            data_type,
+            access: Access::ReadWrite,
+            default: None,
+            value: Some(Value::from_bytes(data_type, bytes)),
+            low: None,
+            high: None,
+            is_mappable: false,
+            line: 0,
+        };
+        let object = sheet.objects.entry(at.index).or_insert_with(|| Object {
+            name: format!("object-{:04x}", at.index),
+            kind: Kind::Variable,
+            entries: BTreeMap::new(),
+            line: 0,
+        });
+        object.entries.insert(at.sub, entry);
+        if object.entries.len() > 1 || at.sub > 0 {
+            object.kind = Kind::Record;
+        }
+    }
+    sheet
+}
+
+/// The data type of a value of this length, where nothing else tells it: an unsigned number of one, two, four or eight bytes.
+pub fn type_by_length(len: usize) -> Option<u16> {
+    BY_LENGTH.iter().find(|(known, _)| *known == len).map(|(_, data_type)| *data_type)
 }
 
 /// An empty sheet with who the device is.

@@ -22,7 +22,7 @@ mod tests;
 
 pub use caution::Caution;
 pub use connection::{Bytes, Error, Heard, Service};
-pub use inventory::{Missed, inventory, values_of};
+pub use inventory::{Missed, inventory, sheet_of, type_by_length, values_of};
 pub use known::{Known, known, named};
 pub use restore::{LeftOut, Made, Plan, Step, Why, carry_out, is_shown, plan};
 pub use scan::{Found, Identity, identify, number, of_node, scan};

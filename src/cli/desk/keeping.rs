@@ -4,16 +4,15 @@ use std::io::{BufRead, Write};
 use std::path::PathBuf;
 use std::time::{SystemTime, UNIX_EPOCH};
 
-use yieldwall_drives::eds::{Access, Eds, Entry, Kind, Node as Of, Object, Value};
+use yieldwall_drives::eds::{Eds, Node as Of};
 use yieldwall_drives::objects;
 
 use super::place::{Desk, Node};
-use super::words::name;
 use crate::cli::failure::{Exit, Failure};
 use crate::cli::keep::state_folder;
 use crate::cli::output::Output;
 use crate::objects::Address;
-use crate::service::known;
+use crate::service::sheet_of;
 
 /// Writes what objects hold into a file that `od restore` takes; its path. Of simulated devices nothing is kept.
 pub(super) fn back_up(
@@ -31,43 +30,13 @@ pub(super) fn back_up(
     })?;
     let since = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
     let path = folder.join(format!("node-{}-{}.dcf", node.id.raw(), since.as_millis()));
-    let text = sheet(node, values, eds).to_dcf(&Of { id: node.id.raw(), ..Of::default() });
+    let text = sheet_of(node.id, values, eds).to_dcf(&Of { id: node.id.raw(), ..Of::default() });
     let written = std::fs::create_dir_all(&folder).and_then(|()| std::fs::write(&path, text));
     written.map_err(|error| {
         let message = format!("the backup {}: {error}; nothing was written to the device", path.display());
         Failure::new(Exit::Usage, message, "make the folder one that can be written")
     })?;
     Ok(Some(path))
-}
-
-/// A data sheet of these values.
-fn sheet(node: &Node, values: &[(Address, Vec<u8>)], eds: Option<&Eds>) -> Eds {
-    let mut sheet = Eds { node: Some(Of { id: node.id.raw(), ..Of::default() }), ..Eds::default() };
-    for (at, bytes) in values {
-        let data_type = known(*at, eds).map_or(0x0a, |known| known.data_type);
-        let entry = Entry {
-            name: name(*at, eds),
-            data_type,
-            access: Access::ReadWrite,
-            default: None,
-            value: Some(Value::from_bytes(data_type, bytes)),
-            low: None,
-            high: None,
-            is_mappable: false,
-            line: 0,
-        };
-        let object = sheet.objects.entry(at.index).or_insert_with(|| Object {
-            name: format!("object-{:04x}", at.index),
-            kind: Kind::Variable,
-            entries: std::collections::BTreeMap::new(),
-            line: 0,
-        });
-        object.entries.insert(at.sub, entry);
-        if object.entries.len() > 1 || at.sub > 0 {
-            object.kind = Kind::Record;
-        }
-    }
-    sheet
 }
 
 /// Has a device store its parameters, once a person has said yes.

@@ -17,7 +17,7 @@ use crate::cli::failure::{Exit, Failure};
 use crate::cli::output::Output;
 use crate::config::{Diagnostic, Severity};
 use crate::objects::Address;
-use crate::service::{Caution, Error, Made, Step, carry_out, known};
+use crate::service::{Caution, Error, Made, Step, carry_out, known, type_by_length};
 
 #[derive(Debug, clap::Subcommand)]
 pub(in crate::cli) enum Command {
@@ -172,7 +172,7 @@ fn write(arguments: &Write, output: &mut Output) -> Result<(), Failure> {
     };
     let data_type = match (known(at, eds.as_ref()), &old) {
         (Some(known), _) => known.data_type,
-        (None, Some(old)) => by_length(old).ok_or_else(|| no_type(at))?,
+        (None, Some(old)) => type_by_length(old.len()).ok_or_else(|| no_type(at))?,
         (None, None) => return Err(no_type(at)),
     };
     let value = Value::parse(&arguments.value, data_type).map_err(|error| {
@@ -217,16 +217,6 @@ fn write(arguments: &Write, output: &mut Output) -> Result<(), Failure> {
 fn no_type(at: Address) -> Failure {
     let message = format!("{at}: neither the standards nor its length tell its data type");
     Failure::new(Exit::Usage, message, "give the data sheet of the device with --eds")
-}
-
-fn by_length(bytes: &[u8]) -> Option<u16> {
-    match bytes.len() {
-        1 => Some(0x05),
-        2 => Some(0x06),
-        4 => Some(0x07),
-        8 => Some(0x1b),
-        _ => None,
-    }
 }
 
 /// Keeps what the objects hold, writes them in this order and reads each back; stops at the first that does not take its value.

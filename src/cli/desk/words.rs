@@ -8,7 +8,7 @@ use yieldwall_drives::scaling::AxisScaling;
 use crate::canopen::{EmcyCode, NmtState};
 use crate::cli::failure::{Exit, Failure};
 use crate::objects::Address;
-use crate::service::{known, named, number};
+use crate::service::{known, named, number, type_by_length};
 
 /// A value as it is shown.
 #[derive(Clone, Debug, PartialEq)]
@@ -72,7 +72,8 @@ pub(super) fn name(at: Address, eds: Option<&Eds>) -> String {
 
 /// The value of an object.
 pub(super) fn value(at: Address, data_type: Option<u16>, bytes: &[u8], scaling: Option<&AxisScaling>) -> Shown {
-    let value = data_type.map_or_else(|| guessed(bytes), |data_type| Value::from_bytes(data_type, bytes));
+    let data_type = data_type.or_else(|| type_by_length(bytes.len()));
+    let value = data_type.map_or_else(|| Value::Bytes(bytes.to_vec()), |data_type| Value::from_bytes(data_type, bytes));
     let raw = match &value {
         Value::Integer(value) => {
             let digits = 2 * bytes.len();
@@ -91,17 +92,6 @@ pub(super) fn value(at: Address, data_type: Option<u16>, bytes: &[u8], scaling: 
         _ => None,
     };
     Shown { raw, means }
-}
-
-/// A number of one, two, four or eight bytes; else bytes.
-fn guessed(bytes: &[u8]) -> Value {
-    match bytes.len() {
-        1 => Value::from_bytes(0x05, bytes),
-        2 => Value::from_bytes(0x06, bytes),
-        4 => Value::from_bytes(0x07, bytes),
-        8 => Value::from_bytes(0x1b, bytes),
-        _ => Value::Bytes(bytes.to_vec()),
-    }
 }
 
 fn meaning(at: Address, value: i128, bytes: &[u8], scaling: Option<&AxisScaling>) -> Option<String> {

@@ -10,11 +10,10 @@ pub use profile::profile;
 use std::time::Duration;
 
 use yieldwall_drives::cia402::{OperationMode, State, Statusword};
-use yieldwall_drives::eds::{Access, Eds, Entry, Kind, Node as Of, Object, Value};
 use yieldwall_drives::objects::{self as cia, Object as Standard};
 
 use super::connection::{Error, Service};
-use super::known::known;
+use super::inventory::sheet_of;
 use super::restore::{Made, carry_out, plan};
 use super::scan::{identify, number};
 use crate::canopen::{NmtCommand, NmtState, NodeId};
@@ -347,7 +346,7 @@ fn put_back<L: CanLink>(
     node: NodeId,
     originals: &[(Address, Vec<u8>)],
 ) -> Result<(), Refusal> {
-    let plan = plan(service, node, &sheet(node, originals), None)?;
+    let plan = plan(service, node, &sheet_of(node, originals, None), None)?;
     for step in &plan.steps {
         // What is not taken is found below.
         let _: Made = carry_out(service, node, step)?;
@@ -366,31 +365,4 @@ fn put_back<L: CanLink>(
         }
     }
     if lost.is_empty() { Ok(()) } else { Err(Refusal::NotRestored(lost)) }
-}
-
-/// A data sheet of values, for those who put them back.
-fn sheet(node: NodeId, values: &[(Address, Vec<u8>)]) -> Eds {
-    let mut sheet = Eds { node: Some(Of { id: node.raw(), ..Of::default() }), ..Eds::default() };
-    for (at, bytes) in values {
-        let data_type = known(*at, None).map_or(0x0a, |known| known.data_type);
-        let object = sheet.objects.entry(at.index).or_insert_with(|| Object {
-            name: String::new(),
-            kind: Kind::Record,
-            entries: std::collections::BTreeMap::new(),
-            line: 0,
-        });
-        let entry = Entry {
-            name: String::new(),
-            data_type,
-            access: Access::ReadWrite,
-            default: None,
-            value: Some(Value::from_bytes(data_type, bytes)),
-            low: None,
-            high: None,
-            is_mappable: false,
-            line: 0,
-        };
-        object.entries.insert(at.sub, entry);
-    }
-    sheet
 }
