@@ -21,7 +21,7 @@ fn every_command_prints_one_object_with_its_exit_code_and_its_diagnostics() {
     let rig = "builtin:paper-admittance.yaml";
     let run = format!("run {rig} --duration 0.2");
     // In this order: a recording is made before it is looked into.
-    let cases: [(&str, i32); 58] = [
+    let cases: [(&str, i32); 61] = [
         (&format!("{run} --record rec"), 0),
         (&format!("run {rig} --duration 3 --fault node-reset@2.5 --black-box rec"), 8),
         (&format!("{run} --figure x.txt"), 2),
@@ -80,6 +80,9 @@ fn every_command_prints_one_object_with_its_exit_code_and_its_diagnostics() {
         ("state right", 0),
         ("state right --reset-fault", 2),
         ("monitor --for 0.5", 0),
+        ("completions bash", 0),
+        ("man", 0),
+        ("man --out pages", 0),
     ];
     for (line, code) in cases {
         let seen = Command::new(hil_tests::program())

@@ -22,6 +22,7 @@ mod keep;
 mod latency;
 #[cfg(target_os = "linux")]
 mod live;
+mod manual;
 mod margins;
 #[cfg(target_os = "linux")]
 mod on_bus;
@@ -138,6 +139,10 @@ enum Command {
     /// Check, show and describe configuration files
     #[command(subcommand)]
     Config(config::Command),
+    /// Print what a shell needs to complete the commands: `source <(yieldwall completions bash)`
+    Completions(manual::Completions),
+    /// Print the manual page, or write the pages of all commands
+    Man(manual::Man),
 }
 
 /// Runs the program with these arguments, the first of which is its name.
@@ -205,6 +210,8 @@ fn run(arguments: impl IntoIterator<Item = OsString>) -> Exit {
         Command::Bus(command) => bus::run(&command, &mut output),
         Command::Tune(command) => tune::run(&command, &mut output),
         Command::Config(command) => config::run(command, &mut output),
+        Command::Completions(arguments) => manual::completions(&arguments, &mut output),
+        Command::Man(arguments) => manual::man(&arguments, &mut output),
     };
     match result {
         Ok(()) => Exit::Ok,
