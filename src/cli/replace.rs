@@ -71,8 +71,8 @@ impl Replace {
         Err(Failure::about_file(Exit::Usage, path, message, "name another file, or replace this one with --force"))
     }
 
-    /// Makes a file that is not there yet; if it is, only when forced.
-    pub(super) fn create(self, path: &Path) -> Result<File, Failure> {
+    /// Refuses a file that is there already, unless forced.
+    pub(super) fn check_new(self, path: &Path) -> Result<(), Failure> {
         let is_there = check_regular(path)?;
         if is_there && !self.force {
             let message = format!("{} is there already: nothing was written", path.display());
@@ -83,6 +83,12 @@ impl Replace {
                 "name another file, or replace this one with --force",
             ));
         }
+        Ok(())
+    }
+
+    /// Makes a file that is not there yet; if it is, only when forced.
+    pub(super) fn create(self, path: &Path) -> Result<File, Failure> {
+        self.check_new(path)?;
         File::create(path).map_err(|error| {
             let message = format!("{}: {error}", path.display());
             Failure::about_file(Exit::Usage, path, message, "choose a file that can be written")

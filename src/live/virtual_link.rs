@@ -19,8 +19,8 @@ pub struct VirtualLink {
     server: DeviceServer,
     now: Time,
     arrivals: VecDeque<Arrival>,
-    /// Why the simulated arm cannot go on, once it cannot.
-    failure: Option<RigError>,
+    /// Whether the simulated arm cannot go on: then nothing comes or goes any more.
+    has_failed: bool,
 }
 
 /// What the devices send, a frame after the other.
@@ -43,7 +43,7 @@ impl VirtualLink {
     /// Where parts of the configuration do not fit together, and for a scene without an arm.
     pub fn new(rig: &config::Rig, scene: &config::Scene, seed: u64) -> Result<Self, RigError> {
         let server = DeviceServer::new(rig, scene, seed, Pace::Free)?;
-        let mut link = Self { server, now: Time(0), arrivals: VecDeque::new(), failure: None };
+        let mut link = Self { server, now: Time(0), arrivals: VecDeque::new(), has_failed: false };
         link.act(|server, now, wire| {
             server.switch_on(now, wire);
             Ok(())
@@ -51,21 +51,11 @@ impl VirtualLink {
         Ok(link)
     }
 
-    /// The devices.
-    pub fn server(&mut self) -> &mut DeviceServer {
-        &mut self.server
-    }
-
-    /// Why the simulated arm cannot go on, if it cannot: nothing comes or goes any more.
-    pub fn failure(&self) -> Option<&RigError> {
-        self.failure.as_ref()
-    }
-
     fn act(&mut self, act: impl FnOnce(&mut DeviceServer, Time, &mut Wire<'_>) -> Result<(), RigError>) {
         let mut wire = Wire { now: self.now, arrivals: &mut self.arrivals };
         let acted = act(&mut self.server, self.now, &mut wire);
         self.now = wire.now;
-        self.failure = self.failure.take().or(acted.err());
+        self.has_failed |= acted.is_err();
     }
 }
 
@@ -79,7 +69,7 @@ impl CanLink for VirtualLink {
     }
 
     fn send(&mut self, frame: &Frame) -> Result<(), SendError> {
-        if self.failure.is_some() {
+        if self.has_failed {
             return Err(SendError::Gone);
         }
         self.now = self.now + FRAME;
@@ -88,7 +78,7 @@ impl CanLink for VirtualLink {
     }
 
     fn wait(&mut self, until: Time) -> bool {
-        while self.arrivals.is_empty() && self.failure.is_none() && self.now < until {
+        while self.arrivals.is_empty() && !self.has_failed && self.now < until {
             let next = self.server.next_deadline();
             if next > until {
                 self.now = until;

@@ -81,11 +81,9 @@ pub(in crate::cli) fn run(command: &Command, output: &mut Output) -> Result<(), 
         }
         return output.result(&format!("would try out, and put back:\n{}\n", each.join("\n")));
     }
-    // The file has to be there before the drive is touched.
-    let mut file = match &arguments.out {
-        Some(path) => Some((path, arguments.replace.create(path)?)),
-        None => None,
-    };
+    if let Some(path) = &arguments.out {
+        arguments.replace.check_new(path)?;
+    }
     if let Some(path) = back_up(&desk, &node, &values, None)? {
         output.aside(&format!("kept      {}", path.display()));
     }
@@ -93,10 +91,10 @@ pub(in crate::cli) fn run(command: &Command, output: &mut Output) -> Result<(), 
     let named = arguments.name.clone().or_else(|| found.name.as_deref().map(kebab)).filter(|name| !name.is_empty());
     let named = named.unwrap_or_else(|| format!("node-{}", node.id.raw()));
     let (text, missing) = profile(&found, &named, env!("CARGO_PKG_VERSION"));
-    if let Some((path, file)) = &mut file {
-        file.write_all(text.as_bytes()).map_err(|error| {
-            let help = "name a file in a folder that can be written";
-            Failure::about_file(Exit::Usage, path, format!("cannot be written: {error}"), help)
+    if let Some(path) = &arguments.out {
+        arguments.replace.create(path)?.write_all(text.as_bytes()).map_err(|error| {
+            let message = format!("{}: cannot be written: {error}", path.display());
+            Failure::about_file(Exit::Usage, path, message, "name a file in a folder that can be written")
         })?;
     }
     let modes: Vec<&str> = found.modes.iter().map(|mode: &OperationMode| mode_words(*mode)).collect();

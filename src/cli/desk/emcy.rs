@@ -4,7 +4,7 @@ use serde_json::{Value, json};
 
 use super::keeping::back_up;
 use super::place::{Desk, Node, Place};
-use crate::canopen::PastError;
+use crate::canopen::{BusId, PastError};
 use crate::cli::failure::Failure;
 use crate::cli::output::Output;
 use crate::objects::Address;
@@ -31,25 +31,28 @@ const MOST: u8 = 32;
 
 pub(in crate::cli) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Failure> {
     let mut desk = Desk::open(&arguments.place, output)?;
-    let nodes: Vec<Node> = match &arguments.node {
-        Some(word) => vec![desk.node(word)?],
+    let nodes: Vec<(BusId, Node)> = match &arguments.node {
+        Some(word) => {
+            let node = desk.node(word)?;
+            vec![(desk.service.bus(), node)]
+        }
         None => {
             let mut nodes = Vec::new();
             for (bus, _) in desk.buses.clone() {
                 desk.service.turn_to(bus);
                 let found = scan(&mut desk.service).map_err(|error| desk.bus_failure(error))?;
                 let answering = found.iter().filter(|found| found.device_type.is_some());
-                nodes.extend(answering.map(|found| Node { id: found.node, entry: desk.entry(found.node).cloned() }));
+                nodes.extend(
+                    answering.map(|found| (bus, Node { id: found.node, entry: desk.entry(found.node).cloned() })),
+                );
             }
             nodes
         }
     };
     let mut lines = String::new();
     let mut documents = Vec::new();
-    for node in &nodes {
-        if let Some(entry) = &node.entry {
-            desk.service.turn_to(entry.bus);
-        }
+    for (bus, node) in &nodes {
+        desk.service.turn_to(*bus);
         let errors = history(&mut desk, node)?;
         let said = match &errors {
             None => "keeps no errors (it has no 1003h)".to_owned(),
@@ -66,7 +69,7 @@ pub(in crate::cli) fn run(arguments: &Arguments, output: &mut Output) -> Result<
         }
     }
     if output.is_json() {
-        return output.report(json!({ "place": desk.place, "nodes": documents }));
+        return output.report(json!({ "place": desk.place, "dry_run": arguments.dry_run, "nodes": documents }));
     }
     output.result(&lines)
 }

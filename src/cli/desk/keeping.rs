@@ -10,7 +10,6 @@ use yieldwall_drives::objects;
 use super::place::{Desk, Node};
 use crate::cli::failure::{Exit, Failure};
 use crate::cli::keep::state_folder;
-use crate::cli::output::Output;
 use crate::objects::Address;
 use crate::service::sheet_of;
 
@@ -40,7 +39,7 @@ pub(super) fn back_up(
 }
 
 /// Has a device store its parameters, once a person has said yes.
-pub(super) fn store(desk: &mut Desk, node: &Node, is_agreed: bool, output: &mut Output) -> Result<(), Failure> {
+pub(super) fn store(desk: &mut Desk, node: &Node, is_agreed: bool) -> Result<(), Failure> {
     let what =
         format!("{} stores all its parameters in its memory (1010h:1), over those that it has there", node.words());
     if !is_agreed && !agreed(&what) {
@@ -52,8 +51,7 @@ pub(super) fn store(desk: &mut Desk, node: &Node, is_agreed: bool, output: &mut 
     }
     let at = Address::new(objects::STORE_PARAMETERS.index, objects::STORE_PARAMETERS.sub);
     let stored = desk.service.write(node.id, at, &objects::STORE_SIGNATURE.to_le_bytes());
-    stored.map_err(|error| desk.failure(node, "storing its parameters", error))?;
-    output.news(&format!("stored    {}", node.words()))
+    stored.map_err(|error| desk.failure(node, "storing its parameters", error))
 }
 
 /// Whether a person answers yes.

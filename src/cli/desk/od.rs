@@ -79,6 +79,13 @@ pub(super) struct Saving {
     yes: bool,
 }
 
+impl Saving {
+    /// Has the device store what was written, if that is wanted and agreed to.
+    fn after(self, desk: &mut Desk, node: &Node) -> Result<(), Failure> {
+        if self.save { store(desk, node, self.yes) } else { Ok(()) }
+    }
+}
+
 pub(in crate::cli) fn run(command: &Command, output: &mut Output) -> Result<(), Failure> {
     match command {
         Command::Read(arguments) => read(arguments, output),
@@ -91,20 +98,21 @@ pub(in crate::cli) fn run(command: &Command, output: &mut Output) -> Result<(), 
 
 /// Reads a data sheet; what is odd in it is a warning.
 pub(super) fn sheet(path: &Path, output: &mut Output) -> Result<Eds, Failure> {
-    let about = |message: String, help: &str| Failure::about_file(Exit::ConfigInvalid, path, message, help);
-    let facts = std::fs::metadata(path).map_err(|error| {
-        Failure::about_file(Exit::Usage, path, format!("cannot be read: {error}"), "name an EDS or a DCF")
-    })?;
+    let about = |exit: Exit, message: String, help: &str| {
+        Failure::about_file(exit, path, format!("{}: {message}", path.display()), help)
+    };
+    let unread = |error: std::io::Error| about(Exit::Usage, format!("cannot be read: {error}"), "name an EDS or a DCF");
+    let facts = std::fs::metadata(path).map_err(unread)?;
     if !facts.is_file() {
-        return Err(Failure::about_file(Exit::Usage, path, "is no file", "name an EDS or a DCF"));
+        return Err(about(Exit::Usage, "is no file".to_owned(), "name an EDS or a DCF"));
     }
     if facts.len() > yieldwall_drives::eds::MAX_BYTES as u64 {
-        return Err(about(yieldwall_drives::eds::EdsError::Large.to_string(), "a data sheet is shorter"));
+        let large = yieldwall_drives::eds::EdsError::Large.to_string();
+        return Err(about(Exit::ConfigInvalid, large, "a data sheet is shorter"));
     }
-    let bytes = std::fs::read(path).map_err(|error| {
-        Failure::about_file(Exit::Usage, path, format!("cannot be read: {error}"), "name an EDS or a DCF")
-    })?;
-    let reading = Eds::read(&bytes).map_err(|error| about(error.to_string(), "name an EDS or a DCF"))?;
+    let bytes = std::fs::read(path).map_err(unread)?;
+    let reading =
+        Eds::read(&bytes).map_err(|error| about(Exit::ConfigInvalid, error.to_string(), "name an EDS or a DCF"))?;
     let findings: Vec<Diagnostic> = reading
         .findings
         .iter()
@@ -205,13 +213,11 @@ fn write(arguments: &Write, output: &mut Output) -> Result<(), Failure> {
         refuse_powered(&mut desk, &node)?;
     }
     if arguments.dry_run {
-        return told(&desk, &node, &[step], true, output);
+        return told(&desk, &node, &[step], true, Ok(()), output);
     }
     write_all(&mut desk, &node, std::slice::from_ref(&step), eds.as_ref(), output)?;
-    if arguments.saving.save {
-        store(&mut desk, &node, arguments.saving.yes, output)?;
-    }
-    told(&desk, &node, &[step], false, output)
+    let stored = arguments.saving.after(&mut desk, &node);
+    told(&desk, &node, &[step], false, stored, output)
 }
 
 fn no_type(at: Address) -> Failure {
@@ -268,8 +274,15 @@ pub(super) fn write_all(
     Ok(())
 }
 
-/// What was written, or would be: old -> new.
-pub(super) fn told(desk: &Desk, node: &Node, steps: &[Step], is_dry: bool, output: &mut Output) -> Result<(), Failure> {
+/// What was written, or would be, old -> new; and how what came after it has ended.
+pub(super) fn told(
+    desk: &Desk,
+    node: &Node,
+    steps: &[Step],
+    is_dry: bool,
+    end: Result<(), Failure>,
+    output: &mut Output,
+) -> Result<(), Failure> {
     let shown = |step: &Step, bytes: &[u8]| {
         let shown = words::value(step.at, Some(step.data_type), bytes, node.scaling());
         shown.means.map_or(shown.raw.clone(), |means| format!("{} {means}", shown.raw))
@@ -280,9 +293,10 @@ pub(super) fn told(desk: &Desk, node: &Node, steps: &[Step], is_dry: bool, outpu
             json!({ "object": step.at.to_string(), "name": step.name, "old": old, "new": shown(step, &step.new) })
         });
         let each: Vec<_> = each.collect();
-        return output.report(json!({
+        let document = json!({
             "place": desk.place, "node_id": node.id.raw(), "dry_run": is_dry, "writes": each,
-        }));
+        });
+        return output.end(document, end);
     }
     let verb = if is_dry { "would write" } else { "wrote" };
     let mut text = String::new();
@@ -290,5 +304,6 @@ pub(super) fn told(desk: &Desk, node: &Node, steps: &[Step], is_dry: bool, outpu
         let old = step.old.as_ref().map_or("?".to_owned(), |old| shown(step, old));
         text.push_str(&format!("{verb} {} {}\n    {old} -> {}\n", step.at, step.name, shown(step, &step.new)));
     }
-    output.result(&text)
+    output.result(&text)?;
+    end
 }

@@ -59,6 +59,7 @@ pub(in crate::cli) fn run(arguments: &Arguments, output: &mut Output) -> Result<
     if output.is_json() {
         return output.report(json!({
             "place": desk.place,
+            "dry_run": arguments.dry_run,
             "node_id": node.id.raw(),
             "statusword": word,
             "state": Statusword(word).state().map(|state| format!("{state:?}")),

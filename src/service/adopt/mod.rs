@@ -128,9 +128,7 @@ pub fn originals<L: CanLink>(service: &mut Service<L>, node: NodeId) -> Result<V
         return Err(Refusal::State(state));
     }
     match service.state(node)? {
-        Some(NmtState::PreOperational) => {}
-        // One that tells nothing is brought there.
-        None => service.command(NmtCommand::EnterPreOperational, Some(node))?,
+        Some(NmtState::PreOperational) | None => {}
         Some(other) => return Err(Refusal::Nmt(other)),
     }
     let mut wanted: Vec<Address> = [
@@ -168,6 +166,10 @@ pub fn survey<L: CanLink>(
     node: NodeId,
     originals: &[(Address, Vec<u8>)],
 ) -> Result<Survey, Refusal> {
+    // One that tells no state is brought there.
+    if service.heard(node).state.is_none() {
+        service.command(NmtCommand::EnterPreOperational, Some(node))?;
+    }
     let mut probe = Probe { service, node, survey: Survey::default() };
     let tried = probe.all(originals);
     let survey = std::mem::take(&mut probe.survey);
@@ -354,9 +356,12 @@ fn put_back<L: CanLink>(
     let mut lost = Vec::new();
     for (at, value) in originals {
         if at.index == cia::MODE_OF_OPERATION.index {
-            // A drive without a mode before may refuse to have none again; `run` sets one at each start.
-            let _ = service.write(node, *at, value);
-            continue;
+            match service.write(node, *at, value) {
+                // A drive that had no mode before may refuse to have none again; `run` sets one at each start.
+                Err(Error::Refused(_)) if number(value) == 0 => continue,
+                Ok(()) | Err(Error::Refused(_)) => {}
+                Err(error) => return Err(error.into()),
+            }
         }
         match service.read(node, *at) {
             Ok(held) if held == *value => {}

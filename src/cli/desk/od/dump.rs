@@ -34,10 +34,9 @@ pub(in crate::cli) struct Arguments {
 }
 
 pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Failure> {
-    let mut file = match &arguments.out {
-        Some(path) => Some((path, arguments.replace.create(path)?)),
-        None => None,
-    };
+    if let Some(path) = &arguments.out {
+        arguments.replace.check_new(path)?;
+    }
     let eds = sheet_of(arguments.eds.as_deref(), output)?;
     let mut desk = Desk::open(&arguments.place, output)?;
     let node = desk.node(&arguments.node)?;
@@ -48,10 +47,10 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
         bit_rate_kbit_per_s: None,
     });
     let count = found.entries().filter(|(.., entry)| entry.value.is_some()).count();
-    if let Some((path, file)) = &mut file {
-        file.write_all(text.as_bytes()).map_err(|error| {
-            let help = "name a file in a folder that can be written";
-            Failure::about_file(Exit::Usage, path, format!("cannot be written: {error}"), help)
+    if let Some(path) = &arguments.out {
+        arguments.replace.create(path)?.write_all(text.as_bytes()).map_err(|error| {
+            let message = format!("{}: cannot be written: {error}", path.display());
+            Failure::about_file(Exit::Usage, path, message, "name a file in a folder that can be written")
         })?;
     }
     if output.is_json() {

@@ -2,7 +2,6 @@
 
 use std::path::PathBuf;
 
-use super::super::keeping::store;
 use super::super::place::{Desk, Place};
 use super::super::state::refuse_powered;
 use super::super::words::spaced;
@@ -34,7 +33,7 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
     let wanted = sheet(&arguments.file, output)?;
     let eds = sheet_of(arguments.eds.as_deref(), output)?;
     if wanted.entries().all(|(.., entry)| entry.value.is_none()) {
-        let message = "has no values: no entry has a ParameterValue";
+        let message = format!("{}: has no values: no entry has a ParameterValue", arguments.file.display());
         return Err(Failure::about_file(
             Exit::ConfigInvalid,
             &arguments.file,
@@ -61,8 +60,6 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
     } else if !arguments.dry_run {
         write_all(&mut desk, &node, &plan.steps, eds.as_ref(), output)?;
     }
-    if arguments.saving.save && !arguments.dry_run {
-        store(&mut desk, &node, arguments.saving.yes, output)?;
-    }
-    told(&desk, &node, &plan.steps, arguments.dry_run, output)
+    let stored = if arguments.dry_run { Ok(()) } else { arguments.saving.after(&mut desk, &node) };
+    told(&desk, &node, &plan.steps, arguments.dry_run, stored, output)
 }
