@@ -1,4 +1,5 @@
-//! What every command prints with `--json`: one object, with the exit code of the process and a list of diagnostics.
+//! What commands print: with `--json` one object, with the exit code of the process and a list of diagnostics; without it tables that fit a
+//! terminal.
 
 use std::path::PathBuf;
 use std::process::Command;
@@ -98,5 +99,31 @@ fn every_command_prints_one_object_with_its_exit_code_and_its_diagnostics() {
         let diagnostics = document["diagnostics"].as_array().unwrap_or_else(|| panic!("{line}: {text}"));
         assert_eq!(diagnostics.iter().any(|one| one["severity"] == "error"), code != 0, "{line}: {text}");
         assert!(diagnostics.iter().all(|one| one["message"].is_string()), "{line}: {text}");
+    }
+}
+
+#[test]
+fn tables_of_devices_fit_eighty_columns() {
+    for line in [
+        "scan",
+        "scan --rig builtin:paper-admittance-two-buses.yaml",
+        "info left",
+        "info wrist",
+        "od read left statusword position-actual 1008h 1018h:2 max-torque 1400h:1",
+        "od write left max-torque 900 --dry-run",
+        "od diff left right --all",
+        "pdo show left",
+        "pdo show wrist",
+        "drive adopt --node left --dry-run",
+        "emcy",
+        "state left",
+        "nmt left reset",
+        "lss find",
+    ] {
+        let seen = Command::new(hil_tests::program()).args(line.split(' ')).output().unwrap();
+        let text = String::from_utf8(seen.stdout).unwrap();
+        assert!(!text.is_empty(), "{line}");
+        let wide = text.lines().find(|row| row.chars().count() > 80);
+        assert_eq!(wide, None, "{line}");
     }
 }

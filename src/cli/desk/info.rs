@@ -3,7 +3,7 @@
 use serde_json::{Map, Value, json};
 
 use super::place::{Desk, Place};
-use super::scan::{fit, identity, kind};
+use super::scan::{fit, kind};
 use super::words::{self, nmt_words, table};
 use crate::cli::failure::Failure;
 use crate::cli::output::Output;
@@ -52,12 +52,13 @@ pub(in crate::cli) fn run(arguments: &Arguments, output: &mut Output) -> Result<
         Found { node: node.id, heard: desk.service.heard(node.id), device_type, identity: identity_parts, name };
     let asked: Vec<_> = OBJECTS.map(|(index, sub, _)| (node.id, Address::new(index, sub))).to_vec();
     let answers = desk.service.read_each(&asked).map_err(|error| desk.bus_failure(error))?;
-    let mut rows = vec![
-        ["device".to_owned(), format!("{}: {}", kind(device_type), found.name.as_deref().unwrap_or("no name"))],
-        ["identity".to_owned(), identity(&found).unwrap_or_else(|| "none".to_owned())],
-        ["rig".to_owned(), fit(&desk, &found)],
-        ["NMT".to_owned(), state.map_or("tells none".to_owned(), |state| nmt_words(state).to_owned())],
-    ];
+    let mut rows =
+        vec![["device".to_owned(), format!("{}: {}", kind(device_type), found.name.as_deref().unwrap_or("no name"))]];
+    for (part, value) in ["vendor", "product", "revision", "serial"].into_iter().zip(found.identity) {
+        rows.extend(value.map(|value| [part.to_owned(), format!("{value:08X}h")]));
+    }
+    rows.push(["rig".to_owned(), fit(&desk, &found)]);
+    rows.push(["NMT".to_owned(), state.map_or("tells none".to_owned(), |state| nmt_words(state).to_owned())]);
     let mut objects = Map::new();
     for ((index, sub, what), answer) in OBJECTS.into_iter().zip(answers) {
         let at = Address::new(index, sub);

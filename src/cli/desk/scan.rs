@@ -101,7 +101,7 @@ pub(super) fn kind(device_type: Option<u32>) -> String {
     }
 }
 
-pub(super) fn identity(found: &Found) -> Option<String> {
+fn identity(found: &Found) -> Option<String> {
     let names = ["vendor", "product", "revision", "serial"];
     let parts: Vec<String> = names
         .into_iter()
