@@ -134,7 +134,7 @@ const ONLY_IN: [(&str, &[&str]); 11] = [
     ("rtrb", &["record::recording"]),
     ("socketcan", &["link::linux"]),
     ("neli", &["link::linux"]),
-    ("libc", &["link::linux", "host::system"]),
+    ("libc", &["link::linux", "link::ethernet", "link::hold", "host::system"]),
 ];
 
 #[test]

@@ -4,7 +4,8 @@
 //!
 //! ```text
 //! cargo test -p hil-tests --test hil                          # in virtual time
-//! hil-tests/vcan cargo test -p hil-tests --test hil -- --ignored --test-threads 1
+//! hil-tests/vcan cargo test -p hil-tests --test hil -- --ignored --test-threads 1 --skip ethernet::
+//! hil-tests/veth cargo test -p hil-tests --test hil ethernet:: -- --ignored --test-threads 1
 //! YIELDWALL_CAN=can0 cargo test -p hil-tests --test hil on_interface -- --ignored --test-threads 1
 //! ```
 //!
@@ -15,6 +16,8 @@ mod bodies;
 mod buses;
 #[cfg(target_os = "linux")]
 mod desk;
+#[cfg(target_os = "linux")]
+mod ethernet;
 #[cfg(target_os = "linux")]
 mod interface;
 #[cfg(target_os = "linux")]

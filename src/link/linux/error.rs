@@ -4,7 +4,8 @@ use std::io;
 
 use rustix::io::Errno;
 
-use super::role::{Holder, Role};
+use crate::link::hold::NotHeld;
+use crate::link::{Holder, Role};
 
 /// What is wrong with an interface.
 #[derive(Debug, thiserror::Error)]
@@ -123,6 +124,15 @@ pub enum LinkError {
 }
 
 impl LinkError {
+    /// What it means that a role on an interface is not this process's.
+    pub(super) fn not_held(interface: &str, role: Role, error: NotHeld) -> Self {
+        let interface = interface.to_owned();
+        match error {
+            NotHeld::Taken(holder) => Self::Held { interface, role, holder },
+            NotHeld::System(source) => Self::System { interface, step: "keep it for one process", source },
+        }
+    }
+
     /// What it means that a socket could not be opened or bound, where these CAN interfaces are there.
     pub(super) fn from_open(interface: &str, source: io::Error, others: impl FnOnce() -> Vec<String>) -> Self {
         match Errno::from_io_error(&source) {

@@ -15,10 +15,8 @@ mod controller_clock;
 mod error;
 mod facts;
 mod filter;
-mod hold;
 mod message;
 mod queue;
-mod role;
 mod several;
 mod wall;
 
@@ -26,7 +24,6 @@ pub use adapter::Attachment;
 pub use error::LinkError;
 pub use facts::{ControllerState, InterfaceFacts};
 pub use filter::CobFilter;
-pub use role::{Holder, Role};
 pub use several::SocketCans;
 
 use std::cell::Cell;
@@ -34,18 +31,19 @@ use std::io;
 use std::os::fd::{AsFd, BorrowedFd};
 use std::time::Duration;
 
-use rustix::event::{PollFd, PollFlags, Timespec, poll};
+use rustix::event::{PollFd, PollFlags};
 use rustix::io::Errno;
 use socketcan::{CanSocket, Socket, SocketOptions};
 
-use super::{Arrival, CanLink, ErrorFrame, Received, SendError};
+use super::clock::{monotonic, wait_for_any};
+use super::hold::Hold;
+use super::{Arrival, CanLink, ErrorFrame, Received, Role, SendError};
 use crate::canopen::{BusId, Frame};
 use crate::time::Time;
 use controller_clock::ControllerClock;
 use filter::Identifiers;
-use hold::Hold;
 use message::{Message, Told};
-use wall::{Wall, monotonic};
+use wall::Wall;
 
 /// Stamps of the kernel, and of the controller where it has a clock.
 const STAMPS: u32 = libc::SOF_TIMESTAMPING_RX_SOFTWARE
@@ -143,7 +141,8 @@ impl SocketCan {
     pub fn open(settings: &SocketCanSettings) -> Result<Self, LinkError> {
         let name = settings.interface.as_str();
         let index = facts::find(name, settings.bit_rate)?;
-        let holds = settings.roles.iter().map(|role| Hold::take(name, *role)).collect::<Result<_, _>>()?;
+        let take = |&role| Hold::take(name, role).map_err(|error| LinkError::not_held(name, role, error));
+        let holds = settings.roles.iter().map(take).collect::<Result<_, _>>()?;
         let has_process = !settings.process.is_empty();
         let (filters, others) = if has_process {
             (settings.process.as_slice(), settings.services.as_slice())
@@ -313,14 +312,6 @@ impl CanLink for SocketCan {
             None => wait_for_any(&mut [first], until),
         }
     }
-}
-
-/// Waits until one of the sockets has something or `until` has come; whether one has.
-fn wait_for_any(sockets: &mut [PollFd<'_>], until: Time) -> bool {
-    let wait = until.since(monotonic());
-    let wait = Timespec { tv_sec: wait.as_secs() as i64, tv_nsec: i64::from(wait.subsec_nanos()) };
-    let timeout = (until != Time::NEVER).then_some(&wait);
-    poll(sockets, timeout).is_ok_and(|ready| ready > 0)
 }
 
 impl Port {

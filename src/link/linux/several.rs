@@ -7,9 +7,9 @@
 
 use rustix::event::{PollFd, PollFlags};
 
-use super::wall::monotonic;
-use super::{SocketCan, wait_for_any};
+use super::SocketCan;
 use crate::canopen::{BusId, Frame};
+use crate::link::clock::{monotonic, wait_for_any};
 use crate::link::{Arrival, CanLink, Received, SendError};
 use crate::time::Time;
 

@@ -2,8 +2,9 @@
 
 use std::time::Duration;
 
-use rustix::time::{ClockId, clock_gettime};
+use rustix::time::ClockId;
 
+use crate::link::clock::{monotonic, nanos, since_begin};
 use crate::time::Time;
 
 /// How long a comparison of the clocks is good for: a clock that is slewed drifts by 5 us in it at most, and one that is set
@@ -35,23 +36,8 @@ impl Wall {
     }
 }
 
-/// The clock of the loop.
-pub(super) fn monotonic() -> Time {
-    Time(nanos(since_begin(ClockId::Monotonic)))
-}
-
-fn since_begin(clock: ClockId) -> Duration {
-    let time = clock_gettime(clock);
-    // Neither clock is before its begin.
-    Duration::new(time.tv_sec.max(0) as u64, time.tv_nsec as u32)
-}
-
 fn since_start(time: Time) -> Duration {
     Duration::from_nanos(time.0)
-}
-
-fn nanos(time: Duration) -> u64 {
-    time.as_nanos().min(u128::from(u64::MAX)) as u64
 }
 
 #[cfg(test)]

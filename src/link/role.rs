@@ -11,6 +11,8 @@ pub enum Role {
     Node(u8),
     /// To be the device on plain CAN that sends this identifier.
     PlainCan(u16),
+    /// To be the devices of an EtherCAT segment.
+    Segment,
 }
 
 impl fmt::Display for Role {
@@ -19,6 +21,7 @@ impl fmt::Display for Role {
             Role::Master => write!(f, "a master"),
             Role::Node(node_id) => write!(f, "node {node_id}"),
             Role::PlainCan(id) => write!(f, "the device that sends {id:03X}h"),
+            Role::Segment => write!(f, "an EtherCAT segment"),
         }
     }
 }

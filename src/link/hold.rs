@@ -1,6 +1,6 @@
 //! What only one process of a computer does on an interface.
 //!
-//! A process that does it holds an abstract Unix socket. Its name is scoped by the network namespace, as CAN interfaces are, it
+//! A process that does it holds an abstract Unix socket. Its name is scoped by the network namespace, as interfaces are, it
 //! is in no file system, and it goes with the process, however that ends. Who is refused asks the kernel who listens there.
 #![allow(unsafe_code)]
 
@@ -12,8 +12,22 @@ use std::os::fd::{AsRawFd, OwnedFd};
 use rustix::io::Errno;
 use rustix::net::{AddressFamily, SocketAddrUnix, SocketFlags, SocketType, bind, connect, listen, socket_with};
 
-use super::error::LinkError;
 use super::role::{Holder, Role};
+
+/// Why a role is not this process's.
+#[derive(Debug)]
+pub(super) enum NotHeld {
+    /// Another process has it; which one, if the kernel tells.
+    Taken(Option<Holder>),
+    /// The system refuses.
+    System(io::Error),
+}
+
+impl From<Errno> for NotHeld {
+    fn from(error: Errno) -> Self {
+        Self::System(error.into())
+    }
+}
 
 /// Attempts to hold what another process lets go of at the same moment.
 const ATTEMPTS: u32 = 4;
@@ -28,35 +42,31 @@ pub(super) struct Hold {
 
 impl Hold {
     /// Takes a role on an interface.
-    pub(super) fn take(interface: &str, role: Role) -> Result<Self, LinkError> {
+    pub(super) fn take(interface: &str, role: Role) -> Result<Self, NotHeld> {
         let name = match role {
             Role::Master => format!("yieldwall/{interface}/master"),
             Role::Node(node_id) => format!("yieldwall/{interface}/node/{node_id}"),
             Role::PlainCan(id) => format!("yieldwall/{interface}/id/{id:03X}"),
+            Role::Segment => format!("yieldwall/{interface}/segment"),
         };
-        let failed = |error: Errno| LinkError::System {
-            interface: interface.to_owned(),
-            step: "keep it for one process",
-            source: error.into(),
-        };
-        let address = SocketAddrUnix::new_abstract_name(name.as_bytes()).map_err(failed)?;
+        let address = SocketAddrUnix::new_abstract_name(name.as_bytes())?;
         let mut holder = None;
         for _ in 0..ATTEMPTS {
-            let socket = stream().map_err(failed)?;
+            let socket = stream()?;
             match bind(&socket, &address) {
                 Ok(()) => {
-                    listen(&socket, i32::MAX).map_err(failed)?;
+                    listen(&socket, i32::MAX)?;
                     return Ok(Self { _socket: socket });
                 }
                 Err(Errno::ADDRINUSE) => {}
-                Err(error) => return Err(failed(error)),
+                Err(error) => return Err(error.into()),
             }
-            holder = who_listens(&address).map_err(failed)?;
+            holder = who_listens(&address)?;
             if holder.is_some() {
                 break;
             }
         }
-        Err(LinkError::Held { interface: interface.to_owned(), role, holder })
+        Err(NotHeld::Taken(holder))
     }
 }
 
@@ -111,10 +121,7 @@ mod tests {
 
     fn refused(interface: &str, role: Role) -> Option<Holder> {
         match Hold::take(interface, role) {
-            Err(LinkError::Held { holder, role: of, interface: on }) => {
-                assert_eq!((of, on.as_str()), (role, interface));
-                holder
-            }
+            Err(NotHeld::Taken(holder)) => holder,
             other => panic!("{other:?}"),
         }
     }
