@@ -25,6 +25,7 @@ pub mod canopen;
 pub mod control;
 pub mod cycle;
 pub mod elementary;
+pub mod ethercat;
 pub mod fixture;
 pub mod guard;
 pub mod linkage;

@@ -16,6 +16,7 @@ use std::path::{Path, PathBuf};
 const RULE: &str = "\
 quantity, setvalued  <-  sensing, fixture, linkage, control (never one another)  <-  guard  <-  cycle  <-  bus  <-  assembly  <-  run  <-  rig  <-  study, soak (not one another)  <-  cli
 drives, canopen      <-  bus, run, sim; guard and cycle may name the states of `drives::cia402`
+ethercat             EtherCAT codecs and engines: names objects and time; named by sim
 time, objects        the clock; dictionary, values and abort codes of any bus: objects names time; named by canopen and whatever names canopen
 plain_can            names canopen and sensing; named by bus, assembly, sim, rig
 assembly             from config to the parts below run; names nothing simulated
@@ -35,7 +36,7 @@ record               names what enters and leaves a cycle: cycle, guard, sensing
 ";
 
 /// All layers. `drives` is not among them: it is a package of its own, `yieldwall_drives`.
-const LAYERS: [&str; 31] = [
+const LAYERS: [&str; 32] = [
     "analysis",
     "batch",
     "elementary",
@@ -50,6 +51,7 @@ const LAYERS: [&str; 31] = [
     "time",
     "objects",
     "canopen",
+    "ethercat",
     "plain_can",
     "bus",
     "injection",
@@ -80,7 +82,7 @@ fn may_name(layer: &str) -> Option<Vec<&'static str>> {
     Some(match layer {
         "elementary" | "time" | "quantity" | "setvalued" | "batch" => vec![],
         "objects" => vec!["time"],
-        "canopen" => vec!["time", "objects"],
+        "canopen" | "ethercat" => vec!["time", "objects"],
         "sensing" | "fixture" | "linkage" | "control" => base,
         "guard" => [&stages[..], &states].concat(),
         "cycle" => [&stages[..], &states, &["guard"]].concat(),
@@ -89,7 +91,7 @@ fn may_name(layer: &str) -> Option<Vec<&'static str>> {
         "injection" => vec!["guard"],
         "link" => vec!["time", "canopen", "bus"],
         "config" => [&stages[..], &engines, &["guard", "injection"]].concat(),
-        "sim" => [&base[..], &engines, &["plain_can", "sensing", "linkage", "config"]].concat(),
+        "sim" => [&base[..], &engines, &["ethercat", "plain_can", "sensing", "linkage", "config"]].concat(),
         "record" => [&["elementary", "quantity", "config", "sensing", "guard", "cycle"], &states[..]].concat(),
         "assembly" => [bus(), vec!["bus"]].concat(),
         "run" => [bus(), run].concat(),

@@ -4,10 +4,10 @@ use std::fmt;
 
 /// An SDO abort code as it is on the bus.
 ///
-/// `Display` prints code, name, meaning and likely cause; a code that CiA 301 does not define prints as vendor specific.
+/// `Display` prints code, name, meaning and likely cause; a code that neither CiA 301 nor ETG.1000.6 defines prints as vendor specific.
 ///
 /// # Source
-/// CiA 301, table of SDO abort codes.
+/// CiA 301, table of SDO abort codes; those of EtherCAT alone: ETG.1000.6, SDO abort codes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct AbortCode(pub u32);
 
@@ -19,7 +19,7 @@ macro_rules! abort_codes {
                 pub const $constant: AbortCode = AbortCode($code);
             )*
 
-            /// All codes that CiA 301 defines, ascending.
+            /// All codes that CiA 301 and ETG.1000.6 define, ascending.
             pub const ALL: &'static [AbortCode] = &[$(AbortCode::$constant),*];
 
             fn texts(self) -> Option<(&'static str, &'static str, &'static str)> {
@@ -43,6 +43,9 @@ abort_codes! {
     0x0601_0000 ACCESS "access", "access to this object not supported", "object cannot be accessed this way; see the drive manual";
     0x0601_0001 WRITE_ONLY "write-only", "a write-only object was read", "wrong object or sub-index";
     0x0601_0002 READ_ONLY "read-only", "a read-only object was written", "wrong object or sub-index, or a fixed mapping";
+    0x0601_0003 SUB_ZERO_NOT_ZERO "sub-0-not-0", "sub-index 0 has to be 0 before this one is written", "write 0 to sub-index 0 first, then the others, then their number";
+    0x0601_0004 NO_COMPLETE_ACCESS "no-complete-access", "the object has no complete access", "it is one value, or of variable length: use its sub-indices";
+    0x0601_0006 MAPPED_OUTPUT "mapped-output", "the object is mapped into outputs that are exchanged", "process data would overwrite it: leave OP first";
     0x0602_0000 NO_OBJECT "no-object", "the dictionary has no such object", "device profile lacks this option; compare with the EDS";
     0x0604_0041 NOT_MAPPABLE "not-mappable", "the object cannot be mapped into this PDO", "object not PDO mappable, wrong direction or wrong bit length";
     0x0604_0042 PDO_LENGTH "pdo-length", "mapped objects exceed the PDO length", "more than 64 bits or more entries than the device allows";
@@ -105,8 +108,9 @@ mod tests {
     }
 
     #[test]
-    fn all_codes_of_cia_301_are_there_once_in_order() {
-        assert_eq!(AbortCode::ALL.len(), 31);
+    fn all_codes_are_there_once_in_order() {
+        // 31 of CiA 301, 3 of ETG.1000.6.
+        assert_eq!(AbortCode::ALL.len(), 34);
         assert!(AbortCode::ALL.windows(2).all(|pair| pair[0] < pair[1]));
         assert!(AbortCode::ALL.iter().all(|code| code.name() != "vendor"));
     }

@@ -22,15 +22,15 @@ pub struct DeviceIdentity {
 impl DeviceIdentity {
     /// The objects that say it: 1000h, 1008h and 1018h.
     pub fn objects(&self) -> [Object; 7] {
-        let own = |index, sub, value: u32| Object::new(index, sub, value).access(Access::ReadOnly);
+        let own = |index, sub, value: u32, name| Object::new(index, sub, value).access(Access::ReadOnly).named(name);
         [
-            own(0x1000, 0, self.device_type),
-            Object::text(0x1008, 0, &self.name),
-            Object::highest_sub(0x1018, 4),
-            own(0x1018, 1, self.vendor_id),
-            own(0x1018, 2, self.product_code),
-            own(0x1018, 3, self.revision),
-            own(0x1018, 4, self.serial),
+            own(0x1000, 0, self.device_type, "Device type"),
+            Object::text(0x1008, 0, &self.name).named("Device name"),
+            Object::highest_sub(0x1018, 4).named("Identity"),
+            own(0x1018, 1, self.vendor_id, "Vendor ID"),
+            own(0x1018, 2, self.product_code, "Product code"),
+            own(0x1018, 3, self.revision, "Revision"),
+            own(0x1018, 4, self.serial, "Serial number"),
         ]
     }
 }

@@ -21,7 +21,7 @@ mod value;
 pub use abort::AbortCode;
 pub use access::{ObjectAnswer, ObjectError, ObjectRequest};
 pub use address::Address;
-pub use dictionary::{Access, Builder, Handle, Mappable, Object, ObjectDictionary};
+pub use dictionary::{Access, Builder, Description, Handle, Mappable, Object, ObjectDictionary};
 pub use error::DictionaryError;
 pub use identity::DeviceIdentity;
 pub use served::{Reset, ServedDevice};

@@ -15,6 +15,7 @@ pub struct Object {
     capacity: usize,
     lo: Option<u64>,
     hi: Option<u64>,
+    name: &'static str,
 }
 
 impl Object {
@@ -51,6 +52,7 @@ impl Object {
             capacity: data_type.size().unwrap_or(capacity),
             lo: None,
             hi: None,
+            name: "",
         }
     }
 
@@ -63,6 +65,12 @@ impl Object {
     /// Mappable into these PDOs.
     pub fn mappable(mut self, mappable: Mappable) -> Self {
         self.mappable = mappable;
+        self
+    }
+
+    /// With this name, by which a device tells of the object.
+    pub fn named(mut self, name: &'static str) -> Self {
+        self.name = name;
         self
     }
 
@@ -140,6 +148,7 @@ impl ObjectDictionary {
             factory_len: len,
             lo: object.lo,
             hi: object.hi,
+            name: object.name,
         };
         let raw = super::load_le(&object.value);
         let is_ordered = match (object.lo, object.hi, object.data_type.bits()) {

@@ -54,6 +54,24 @@ pub(super) struct Entry {
     factory_len: usize,
     lo: Option<u64>,
     hi: Option<u64>,
+    name: &'static str,
+}
+
+/// What a dictionary says of one of its objects.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Description {
+    /// Where it lies.
+    pub at: Address,
+    /// Its name; empty if it has none.
+    pub name: &'static str,
+    /// Its type.
+    pub data_type: DataType,
+    /// Who may read or write it over the bus.
+    pub access: Access,
+    /// Which process data may carry it.
+    pub mappable: Mappable,
+    /// Bytes of a basic type, or most bytes of a string.
+    pub capacity: usize,
 }
 
 const fn key(at: Address) -> u32 {
@@ -190,6 +208,32 @@ impl ObjectDictionary {
         self.find(at).ok().map(|(_, entry)| entry.data_type)
     }
 
+    /// What the dictionary says of an object.
+    ///
+    /// # Errors
+    /// 06020000h no object, 06090011h no sub-index.
+    pub fn describe(&self, at: Address) -> Result<Description, AbortCode> {
+        self.find(at).map(|(_, entry)| entry.describe())
+    }
+
+    /// All objects, ascending by address.
+    pub fn descriptions(&self) -> impl Iterator<Item = Description> {
+        self.entries.iter().map(Entry::describe)
+    }
+
+    /// The objects under one index, ascending by sub-index.
+    pub fn under(&self, index: u16) -> impl Iterator<Item = Description> {
+        let first = self.entries.partition_point(|entry| entry.key < key(Address::new(index, 0)));
+        let rest = self.entries.get(first..).unwrap_or_default();
+        rest.iter().map(Entry::describe).take_while(move |description| description.at.index == index)
+    }
+
+    /// The first object of the next index from `index` on; `None` behind the last one.
+    pub fn next_index(&self, index: u16) -> Option<Description> {
+        let first = self.entries.partition_point(|entry| entry.key < key(Address::new(index, 0)));
+        self.entries.get(first).map(Entry::describe)
+    }
+
     /// Puts all objects from index `first` to `last` back to their power-on values: those that were stored last, or those
     /// they were built with.
     pub fn restore_power_on_values(&mut self, first: u16, last: u16) {
@@ -311,6 +355,19 @@ impl ObjectDictionary {
         if let Some(to) = self.arena.get_mut(entry.offset..entry.offset + data.len()) {
             to.copy_from_slice(data);
             entry.len = data.len();
+        }
+    }
+}
+
+impl Entry {
+    fn describe(&self) -> Description {
+        Description {
+            at: Address::new((self.key >> 8) as u16, self.key as u8),
+            name: self.name,
+            data_type: self.data_type,
+            access: self.access,
+            mappable: self.mappable,
+            capacity: self.capacity,
         }
     }
 }

@@ -1,0 +1,237 @@
+//! SII: what a device keeps in its memory chip for the master: identity, mailbox, sync managers, process data.
+//!
+//! ```text
+//! words 0..8    configuration of the controller, checked by a CRC
+//! words 8..40h  identity, mailboxes, protocols, size
+//! words 40h..   categories: type, length in words, data; the last one has the type FFFFh
+//! ```
+//!
+//! The reader takes hostile images: nothing is indexed unchecked, categories and entries are bounded, and an error names the word.
+//!
+//! # Source
+//! ETG.2010, SII specification; ETG.1000.6, 5.4.
+
+mod read;
+#[cfg(test)]
+mod tests;
+mod write;
+
+pub use read::{Category, categories};
+
+use super::SyncManager;
+
+/// Words before the first category.
+pub const FIRST_CATEGORY: usize = 0x40;
+/// Words that an image may have: a chip of 64 kB.
+pub const MOST_WORDS: usize = 0x8000;
+/// Sync managers, FMMUs and process data objects that are kept of an image, each.
+pub const MOST_ITEMS: usize = 256;
+/// Entries of all process data objects together.
+pub const MOST_ENTRIES: usize = 4096;
+
+/// Types of categories.
+pub mod category {
+    /// Strings, numbered from 1.
+    pub const STRINGS: u16 = 10;
+    /// General.
+    pub const GENERAL: u16 = 30;
+    /// Use of the FMMUs.
+    pub const FMMU: u16 = 40;
+    /// Sync managers.
+    pub const SYNC_MANAGERS: u16 = 41;
+    /// Process data objects that the master reads.
+    pub const TX_PDO: u16 = 50;
+    /// Process data objects that the master writes.
+    pub const RX_PDO: u16 = 51;
+    /// Distributed clocks.
+    pub const DC: u16 = 60;
+    /// The end.
+    pub const END: u16 = 0xffff;
+}
+
+/// Bits of the protocols that a mailbox carries (word 1Ch).
+pub mod protocols {
+    /// EoE.
+    pub const EOE: u16 = 1 << 1;
+    /// CoE.
+    pub const COE: u16 = 1 << 2;
+    /// FoE.
+    pub const FOE: u16 = 1 << 3;
+}
+
+/// Bits of what a device's CoE can do.
+pub mod coe_details {
+    /// SDO.
+    pub const SDO: u8 = 1 << 0;
+    /// SDO information.
+    pub const INFORMATION: u8 = 1 << 1;
+    /// Which process data objects are exchanged can be chosen.
+    pub const PDO_ASSIGN: u8 = 1 << 2;
+    /// What they hold can be chosen.
+    pub const PDO_CONFIGURATION: u8 = 1 << 3;
+    /// Process data objects are read at the start.
+    pub const UPLOAD: u8 = 1 << 4;
+    /// Complete access.
+    pub const COMPLETE_ACCESS: u8 = 1 << 5;
+}
+
+/// A mailbox: where it begins and how long it is.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct MailboxArea {
+    /// First byte of memory.
+    pub start: u16,
+    /// Bytes.
+    pub len: u16,
+}
+
+/// What an FMMU is for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct FmmuUse(pub u8);
+
+impl FmmuUse {
+    /// Outputs.
+    pub const OUTPUTS: FmmuUse = FmmuUse(1);
+    /// Inputs.
+    pub const INPUTS: FmmuUse = FmmuUse(2);
+    /// State of the mailbox that the master reads.
+    pub const MAILBOX_STATE: FmmuUse = FmmuUse(3);
+}
+
+/// A sync manager as the device wants it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct SyncManagerUse {
+    /// Settings.
+    pub settings: SyncManager,
+    /// 1 mailbox to the device, 2 mailbox from it, 3 outputs, 4 inputs; 0 unused.
+    pub kind: u8,
+}
+
+/// One object in a process data object.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct PdoEntry {
+    /// Index; 0 for a gap.
+    pub index: u16,
+    /// Sub-index.
+    pub sub: u8,
+    /// Name; empty if the image has none.
+    pub name: String,
+    /// Index of the data type.
+    pub data_type: u8,
+    /// Length in bits.
+    pub bits: u8,
+}
+
+/// A process data object as delivered.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Pdo {
+    /// Index.
+    pub index: u16,
+    /// Sync manager that carries it; FFh if none does.
+    pub sync_manager: u8,
+    /// Name.
+    pub name: String,
+    /// What it holds.
+    pub entries: Vec<PdoEntry>,
+}
+
+/// What an image says of its device.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Sii {
+    /// Words 0 to 3: PDI control, PDI configuration, pulse length of SYNC in 10 ns, extended PDI configuration.
+    pub pdi: [u16; 4],
+    /// Alias address, word 4; 0 for none.
+    pub alias: u16,
+    /// Vendor, product code, revision and serial number: as in 1018h.
+    pub vendor_id: u32,
+    /// Product code.
+    pub product_code: u32,
+    /// Revision.
+    pub revision: u32,
+    /// Serial number.
+    pub serial: u32,
+    /// Mailbox to the device; no bytes without a mailbox.
+    pub receive_mailbox: MailboxArea,
+    /// Mailbox from the device.
+    pub send_mailbox: MailboxArea,
+    /// What the mailboxes carry: [`protocols`].
+    pub protocols: u16,
+    /// Name of the group of devices.
+    pub group: String,
+    /// Name of the device, by which masters show it.
+    pub order: String,
+    /// Full name of the device.
+    pub name: String,
+    /// What its CoE can do: [`coe_details`].
+    pub coe_details: u8,
+    /// Current that it takes from the E-bus, mA.
+    pub e_bus_ma: i16,
+    /// Use of its FMMUs.
+    pub fmmus: Vec<FmmuUse>,
+    /// Sync managers.
+    pub sync_managers: Vec<SyncManagerUse>,
+    /// Process data objects that the master reads.
+    pub tx_pdos: Vec<Pdo>,
+    /// Process data objects that the master writes.
+    pub rx_pdos: Vec<Pdo>,
+}
+
+/// Why an image cannot be read. Words are counted from 0, as tools show them.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+#[non_exhaustive]
+pub enum SiiError {
+    /// It ends too early.
+    #[error("the image ends at word {words:04X}h, but {what} needs word {needed:04X}h")]
+    Short {
+        /// What needs more.
+        what: &'static str,
+        /// Words that are there.
+        words: usize,
+        /// The word that is missing.
+        needed: usize,
+    },
+    /// The checksum of words 0 to 6 is wrong: the controller does not load such a configuration.
+    #[error("word 0007h: the checksum is {is:02X}h, and words 0 to 6 give {should_be:02X}h")]
+    Checksum {
+        /// What the image has.
+        is: u8,
+        /// What it should have.
+        should_be: u8,
+    },
+    /// A category ends within one of its parts.
+    #[error("word {word:04X}h: {what} does not fit the category that begins at word {category:04X}h")]
+    Torn {
+        /// Word at which the part begins.
+        word: usize,
+        /// What it is.
+        what: &'static str,
+        /// First word of the category.
+        category: usize,
+    },
+    /// A number names a string that there is not.
+    #[error("word {word:04X}h: string {number} is named, but there are {strings}")]
+    NoString {
+        /// Word that names it.
+        word: usize,
+        /// Its number.
+        number: u8,
+        /// Strings that there are.
+        strings: usize,
+    },
+    /// More parts than a device can have.
+    #[error("word {word:04X}h: more than {most} {what}")]
+    TooMany {
+        /// Word at which the first one too many begins.
+        word: usize,
+        /// What there are too many of.
+        what: &'static str,
+        /// How many there may be.
+        most: usize,
+    },
+}
+
+/// The checksum of the first 14 bytes: CRC-8 with the polynomial 07h, from FFh.
+pub fn checksum(bytes: &[u8; 14]) -> u8 {
+    bytes.iter().fold(0xff, |crc, byte| {
+        (0..8).fold(crc ^ byte, |crc: u8, _| if crc & 0x80 != 0 { crc << 1 ^ 0x07 } else { crc << 1 })
+    })
+}
