@@ -6,6 +6,7 @@ pub mod arm;
 pub mod can;
 mod device;
 mod drive;
+pub mod ethercat;
 mod force_sensor;
 pub mod hand;
 mod normal;

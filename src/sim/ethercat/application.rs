@@ -1,0 +1,33 @@
+//! What an EtherCAT device does beside its objects.
+
+use crate::ethercat::coe::CoeEmergency;
+use crate::objects::{ObjectDictionary, ServedDevice};
+use crate::time::Time;
+
+/// The device that a [`Controller`](super::Controller) speaks for. All methods have defaults that do nothing.
+///
+/// In synchronous operation [`ServedDevice::outputs_applied`] and [`ServedDevice::sample`] are called at SYNC0, otherwise when outputs
+/// come. There is one process data object of outputs, number 1, that holds all of them.
+pub trait EthercatApplication: ServedDevice {
+    /// The device enters OP, or leaves it for whatever reason.
+    fn set_operational(&mut self, _now: Time, _is_operational: bool) {}
+
+    /// Does what is due.
+    fn poll(&mut self, _now: Time) {}
+
+    /// When to poll next.
+    fn next_deadline(&self) -> Time {
+        Time::NEVER
+    }
+
+    /// Brings all objects that inputs carry up to date.
+    fn refresh(&mut self) {}
+
+    /// An emergency that is to be sent.
+    fn take_emergency(&mut self) -> Option<CoeEmergency> {
+        None
+    }
+}
+
+/// A device that does nothing but communicate.
+impl EthercatApplication for ObjectDictionary {}
