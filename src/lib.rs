@@ -26,6 +26,7 @@ pub mod control;
 pub mod cycle;
 pub mod elementary;
 pub mod ethercat;
+pub mod explanation;
 pub mod fixture;
 pub mod guard;
 pub mod linkage;

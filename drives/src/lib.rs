@@ -5,6 +5,7 @@
 //! units change, [`profiles`] says how one device model is mapped and identified, and [`eds`] reads what a vendor says of its objects.
 
 pub mod cia402;
+pub mod codes;
 pub mod eds;
 pub mod objects;
 pub mod profiles;

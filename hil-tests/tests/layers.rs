@@ -16,13 +16,14 @@ use std::path::{Path, PathBuf};
 const RULE: &str = "\
 quantity, setvalued  <-  sensing, fixture, linkage, control (never one another)  <-  guard  <-  cycle  <-  bus  <-  assembly  <-  run  <-  rig  <-  study, soak (not one another)  <-  cli
 drives, canopen      <-  bus, run, sim; guard and cycle may name the states of `drives::cia402`
-ethercat             EtherCAT codecs and engines: names objects and time; named by sim
+ethercat             EtherCAT codecs and engines: names objects and time; named by explanation, sim
 time, objects        the clock; dictionary, values and abort codes of any bus: objects names time; named by canopen and whatever names canopen
 plain_can            names canopen and sensing; named by bus, assembly, sim, rig
 assembly             from config to the parts below run; names nothing simulated
 run                  the loop: names assembly, link, record and what they name; never rig, sim, host, cli
 sim                  may name drives, canopen, linkage, sensing, setvalued, quantity; never cycle, guard, control, fixture
 injection            may name guard; named by config, rig, study, soak, cli
+explanation          faults and codes in words: names guard, injection, canopen, ethercat, objects, drives; named by report, host, cli
 link                 names canopen and bus; named by run, rig, host, live, service, cli
 host                 the computer, and a rig on its interfaces: names run and what run names; named by cli
 analysis             what can be said of a rig before it runs: names rig and what rig names; named by study, cli
@@ -36,7 +37,7 @@ record               names what enters and leaves a cycle: cycle, guard, sensing
 ";
 
 /// All layers. `drives` is not among them: it is a package of its own, `yieldwall_drives`.
-const LAYERS: [&str; 32] = [
+const LAYERS: [&str; 33] = [
     "analysis",
     "batch",
     "elementary",
@@ -55,6 +56,7 @@ const LAYERS: [&str; 32] = [
     "plain_can",
     "bus",
     "injection",
+    "explanation",
     "link",
     "config",
     "sim",
@@ -89,16 +91,17 @@ fn may_name(layer: &str) -> Option<Vec<&'static str>> {
         "plain_can" => vec!["time", "canopen", "sensing"],
         "bus" => bus(),
         "injection" => vec!["guard"],
+        "explanation" => [&engines[..], &["ethercat", "guard", "injection"]].concat(),
         "link" => vec!["time", "canopen", "bus"],
         "config" => [&stages[..], &engines, &["guard", "injection"]].concat(),
         "sim" => [&base[..], &engines, &["ethercat", "plain_can", "sensing", "linkage", "config"]].concat(),
         "record" => [&["elementary", "quantity", "config", "sensing", "guard", "cycle"], &states[..]].concat(),
         "assembly" => [bus(), vec!["bus"]].concat(),
         "run" => [bus(), run].concat(),
-        "host" => [bus(), run, vec!["run"]].concat(),
+        "host" => [bus(), run, vec!["run", "explanation"]].concat(),
         "rig" => [bus(), run, vec!["run", "injection", "sim"]].concat(),
         "analysis" => [bus(), run, vec!["run", "sim", "rig"]].concat(),
-        "report" => [bus(), run, vec!["run", "injection", "sim", "rig"]].concat(),
+        "report" => [bus(), run, vec!["run", "injection", "explanation", "sim", "rig"]].concat(),
         "service" => [&engines[..], &["link"]].concat(),
         "live" => [bus(), run, vec!["run", "sim", "rig"]].concat(),
         "soak" => [bus(), run, vec!["run", "batch", "injection", "sim", "rig"]].concat(),
@@ -108,6 +111,8 @@ fn may_name(layer: &str) -> Option<Vec<&'static str>> {
                 "analysis",
                 "batch",
                 "injection",
+                "explanation",
+                "ethercat",
                 "run",
                 "host",
                 "sim",

@@ -1,5 +1,7 @@
 //! Emergency messages: frame, decoding, and what the codes mean.
 
+mod codes;
+
 use std::fmt;
 
 use super::{ErrorRegister, Frame, NodeId, cob};
@@ -45,81 +47,24 @@ impl EmcyCode {
         matches!(self.0, 0x8110 | 0x8120 | 0x8140 | 0x8220 | 0x8240)
     }
 
+    /// Short name, unique among codes with a meaning of their own; for another code, that of its class.
+    pub const fn name(self) -> &'static str {
+        codes::texts(self.0).name
+    }
+
     /// What the code means; for a code that is not listed, what its class means.
     pub const fn meaning(self) -> &'static str {
-        match self.0 {
-            0x2310 => "continuous over-current",
-            0x2320 => "short circuit or earth leakage",
-            0x2330 => "earth leakage",
-            0x2340 => "short circuit",
-            0x2350 => "load level fault (I2t)",
-            0x3110 => "mains over-voltage",
-            0x3120 => "mains under-voltage",
-            0x3130 => "phase failure",
-            0x3210 => "DC link over-voltage",
-            0x3220 => "DC link under-voltage",
-            0x4210 => "device temperature too high",
-            0x4310 => "drive temperature too high",
-            0x5112 => "logic supply under-voltage",
-            0x5441 => "emergency stop or safe torque off contact",
-            0x5530 => "non-volatile data memory",
-            0x6010 => "software watchdog",
-            0x6320 => "parameter error",
-            0x7110 => "brake chopper",
-            0x7121 => "motor blocked",
-            0x7122 => "motor error or commutation fault",
-            0x7300 => "position or speed sensor",
-            0x7305 => "incremental encoder 1",
-            0x7310 => "speed above its limit",
-            0x7320 => "position",
-            0x7500 => "communication inside the device",
-            0x8110 => "CAN overrun, frames lost",
-            0x8120 => "CAN error passive",
-            0x8130 => "heartbeat or life guarding lost",
-            0x8140 => "recovered from bus-off",
-            0x8150 => "CAN-ID collision",
-            0x8210 => "PDO too short, not processed",
-            0x8220 => "PDO longer than mapped",
-            0x8240 => "unexpected SYNC length",
-            0x8250 => "RPDO did not come in time",
-            0x8311 => "excess torque",
-            0x8400 => "speed control",
-            0x8500 => "position control",
-            0x8600 => "positioning",
-            0x8611 => "following error above its window",
-            0x8612 => "reference limit reached",
-            0x0000..=0x00ff => "no error, or one error fewer",
-            0x1000..=0x10ff => "generic error",
-            0x2000..=0x20ff => "current",
-            0x2100..=0x21ff => "current, input side",
-            0x2200..=0x22ff => "current inside the device",
-            0x2300..=0x23ff => "current, output side",
-            0x2400..=0x2fff => "current",
-            0x3000..=0x30ff => "voltage",
-            0x3100..=0x31ff => "mains voltage",
-            0x3200..=0x32ff => "voltage inside the device",
-            0x3300..=0x33ff => "output voltage",
-            0x3400..=0x3fff => "voltage",
-            0x4000..=0x40ff => "temperature",
-            0x4100..=0x41ff => "ambient temperature",
-            0x4200..=0x42ff => "device temperature",
-            0x4300..=0x4fff => "temperature",
-            0x5000..=0x5fff => "device hardware",
-            0x6000..=0x60ff => "device software",
-            0x6100..=0x61ff => "internal software",
-            0x6200..=0x62ff => "user software",
-            0x6300..=0x63ff => "data set",
-            0x6400..=0x6fff => "device software",
-            0x7000..=0x7fff => "additional modules",
-            0x8000..=0x80ff => "monitoring",
-            0x8100..=0x81ff => "communication",
-            0x8200..=0x82ff => "protocol error",
-            0x8300..=0x8fff => "monitoring",
-            0x9000..=0x90ff => "external error",
-            0xf000..=0xf0ff => "additional functions",
-            0xff00..=0xffff => "device specific",
-            _ => "code not defined by CiA 301",
-        }
+        codes::texts(self.0).meaning
+    }
+
+    /// What usually lies behind it.
+    pub const fn likely_cause(self) -> &'static str {
+        codes::texts(self.0).cause
+    }
+
+    /// What to do next.
+    pub const fn next(self) -> &'static str {
+        codes::texts(self.0).next
     }
 }
 
@@ -243,6 +188,13 @@ mod tests {
         let past = PastError::from_entry(0x007f_8130);
         assert_eq!((past.code, past.information), (EmcyCode::HEARTBEAT, 0x7f));
         assert_eq!(past.to_string(), "8130h heartbeat or life guarding lost, information 007Fh");
+    }
+
+    #[test]
+    fn listed_codes_are_in_order_and_have_names_of_their_own() {
+        assert!(codes::LISTED.windows(2).all(|pair| pair[0] < pair[1]));
+        let names: std::collections::BTreeSet<&str> = codes::LISTED.iter().map(|code| EmcyCode(*code).name()).collect();
+        assert_eq!(names.len(), codes::LISTED.len());
     }
 
     #[test]

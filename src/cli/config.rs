@@ -81,6 +81,7 @@ fn show(file: &str, output: &mut Output) -> Result<(), Failure> {
             Document::Figure(figure) => output.json(&figure.value),
             Document::Profile(profile) => output.json(&profile.value),
             Document::Simulation(simulation) => output.json(&simulation.value),
+            Document::ErrorCodes(codes) => output.json(&codes.value),
         };
     }
     output.result(&normal_form(&document).map_err(|error| Failure::new(Exit::Internal, error, ""))?)
@@ -94,6 +95,7 @@ fn normal_form(document: &Document) -> Result<String, String> {
         Document::Figure(figure) => config::to_yaml(&figure.value),
         Document::Profile(profile) => config::to_yaml(&profile.value),
         Document::Simulation(simulation) => config::to_yaml(&simulation.value),
+        Document::ErrorCodes(codes) => config::to_yaml(&codes.value),
     }
 }
 
@@ -115,7 +117,7 @@ fn portable(mut document: Document) -> Document {
             let machines = rigs.values_mut().chain(device);
             machines.chain([scene]).for_each(|path| whole(&figure.source, path));
         }
-        Document::Scene(_) | Document::Profile(_) => {}
+        Document::Scene(_) | Document::Profile(_) | Document::ErrorCodes(_) => {}
     }
     document
 }
@@ -132,6 +134,9 @@ fn summary(document: &Document, warnings: usize) -> String {
         Document::Figure(figure) => figure_summary(&figure.value),
         Document::Profile(profile) => profile_summary(&profile.value),
         Document::Simulation(simulation) => simulation_summary(&simulation.value),
+        Document::ErrorCodes(codes) => {
+            format!("{}: {} codes", codes.value.error_codes.name, codes.value.codes.len())
+        }
     };
     match warnings {
         0 => format!("{}, {text}", document.kind()),
@@ -238,6 +243,7 @@ impl Document {
             Self::Figure(_) => Kind::Figure,
             Self::Profile(_) => Kind::Profile,
             Self::Simulation(_) => Kind::Simulation,
+            Self::ErrorCodes(_) => Kind::ErrorCodes,
         }
     }
 
@@ -249,6 +255,7 @@ impl Document {
             Self::Figure(figure) => &figure.warnings,
             Self::Profile(profile) => &profile.warnings,
             Self::Simulation(simulation) => &simulation.warnings,
+            Self::ErrorCodes(codes) => &codes.warnings,
         }
     }
 }
@@ -260,7 +267,7 @@ mod tests {
 
     #[test]
     fn what_is_shown_of_a_shipped_file_can_be_kept_in_another_folder() {
-        let profiles = ["profiles/simulated-servo.yaml", "profiles/maxon-epos4.yaml"];
+        let profiles = ["profiles/simulated-servo.yaml", "profiles/maxon-epos4.yaml", "codes/maxon-epos4.yaml"];
         for name in builtin_names().chain(profiles) {
             let shipped = config::load(Source::named(&format!("builtin:{name}"))).unwrap();
             let kept = normal_form(&portable(shipped)).unwrap();

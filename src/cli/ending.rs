@@ -3,6 +3,7 @@
 use super::failure::{Exit, Failure};
 use crate::bus::BootFailure;
 use crate::config;
+use crate::explanation::{self, Explanation};
 use crate::guard::{Cause, DeviceSet, Fault};
 use crate::injection::{Injection, Lasts};
 use crate::report::RunReport;
@@ -93,15 +94,14 @@ pub(super) fn never_came(report: &RunReport, injected: &[Injection]) -> Result<(
 pub(super) fn stopped_by(cause: Option<Cause>, time_s: f64, rig: &config::Rig) -> Failure {
     let (exit, message, help) = match cause {
         Some(cause) => {
-            let row = cause.fault.row();
-            let exit = exit_of(cause);
+            let Explanation { name, meaning, cause: why, next, .. } = explanation::fault(cause.fault);
             let at = describe(cause, &bus_names(rig));
-            (exit, format!("stopped by {} ({at}): {} ({})", row.name, row.meaning, row.cause), row.next)
+            (exit_of(cause), format!("stopped by {name} ({at}): {meaning} ({why})"), next)
         }
         None => (
             Exit::SafetyStop,
             "left alone: its process died, and the drives stopped by their own watchdogs".to_owned(),
-            "start the program anew",
+            "start the program anew".into(),
         ),
     };
     Failure::new(exit, format!("after {time_s:.3} s the rig was {message}"), help)
@@ -140,7 +140,9 @@ pub(super) fn rig_failure(error: &RigError) -> Failure {
     let (exit, help) = match error {
         RigError::Boot(error) => (Exit::DeviceMismatch, boot_help(&error.failure)),
         RigError::NotEnabled { cause: Some(cause), .. } => (exit_of(*cause), cause.fault.row().next),
-        RigError::NotEnabled { .. } => (Exit::DeviceFault, "read the drives' error codes (603Fh)"),
+        RigError::NotEnabled { .. } => {
+            (Exit::DeviceFault, "`yieldwall state DRIVE` tells a drive's error code (603Fh) and what it means")
+        }
         RigError::Arm(_) => (Exit::SafetyStop, "the scene leads the simulated arm where it cannot go"),
         _ => (
             Exit::ConfigInvalid,
@@ -157,10 +159,10 @@ fn boot_help(failure: &BootFailure) -> &'static str {
             "check the device's supply, its cable and its bit rate, and compare the node ids with those in the rig file"
         }
         BootFailure::NotStarted { said, .. } if said.emergency.is_some() => {
-            "look up the emergency in the manual of the device, and mend what it names"
+            "`yieldwall explain CODE --rig RIG.yaml --node NODE` says what the emergency means; mend what it names"
         }
         BootFailure::NotStarted { .. } => {
-            "look at the device's error register (1001h) and at its last error (603Fh, 1003h)"
+            "`yieldwall info NODE` shows the device's error register, `yieldwall emcy NODE` its last errors"
         }
         BootFailure::Restarted { .. } => "check the node's supply, and give each device its own node id",
         _ => "compare node ids and profiles in the rig file with the devices on the bus",

@@ -1,54 +1,61 @@
 //! `yieldwall explain`: what a fault, an error code, an SDO abort code or a statusword means, in the words of every other command.
 
-use serde_json::{Value, json};
-use yieldwall_drives::cia402::Statusword;
+use std::sync::Arc;
+
+use serde_json::{Map, Value, json};
+use textwrap::{Options, WordSeparator, WordSplitter};
+use yieldwall_drives::codes::ErrorCodes;
 
 use super::failure::{Exit, Failure};
 use super::faults;
 use super::output::Output;
-use crate::canopen::EmcyCode;
-use crate::config;
-use crate::guard::fault::{Row, TABLE};
+use crate::config::{self, ProfileName, Rig, SensorProtocol, Source};
+use crate::ethercat::AlStatusCode;
+use crate::explanation::{self, Explanation};
+use crate::guard::fault::TABLE;
 use crate::injection::{CATALOGUE, Kind};
 use crate::objects::AbortCode;
 
 /// Greatest code of two bytes: an error code or a statusword. Above it is an abort code.
 const TWO_BYTES: u32 = 0xffff;
-/// Bits of a statusword that say something beside its state, with what they say.
-const BITS: [(u16, &str); 7] = [
-    (Statusword::VOLTAGE_ENABLED, "the power stage has voltage"),
-    (Statusword::WARNING, "warning"),
-    (Statusword::REMOTE, "the controlword is processed"),
-    (Statusword::TARGET_REACHED, "target reached"),
-    (Statusword::INTERNAL_LIMIT, "an internal limit is active"),
-    (Statusword::FOLLOWS_COMMAND, "cyclic synchronous modes: the drive follows the set-point"),
-    (Statusword::FOLLOWING_ERROR, "cyclic synchronous position: following error"),
-];
+/// Columns of a terminal.
+const COLUMNS: usize = 80;
+/// Columns before what is said of a meaning.
+const KEY: usize = 9;
 
 #[derive(Debug, clap::Args)]
 pub(super) struct Arguments {
     /// Faults by name, such as node-reset; codes in hexadecimal as they are printed, such as 8130h, 0x8130 or 06090011
     #[arg(value_name = "FAULT|CODE", required = true)]
     words: Vec<String>,
+    /// The device profile by whose table of error codes the codes are meant: its name, or its file (.yaml)
+    #[arg(long, value_name = "PROFILE", conflicts_with = "rig")]
+    profile: Option<String>,
+    /// The rig whose device has shown the codes; --node says which
+    #[arg(long, value_name = "RIG.yaml", requires = "node")]
+    rig: Option<String>,
+    /// The device in the rig: its name or its node id
+    #[arg(long, requires = "rig")]
+    node: Option<String>,
 }
 
-/// One meaning of a word.
+/// One meaning of a word, and what it has beside the explanation.
 struct Meaning {
-    what: &'static str,
-    lines: Vec<(&'static str, String)>,
+    explanation: Explanation,
+    more: Vec<(&'static str, String)>,
 }
 
 pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Failure> {
+    let codes = codes(arguments, output)?;
     let mut explained = Vec::new();
     for word in &arguments.words {
-        explained.push((word, meanings(word)?));
+        explained.push((word, meanings(word, codes.as_deref())?));
     }
     if output.is_json() {
         let document = |(word, meanings): &(&String, Vec<Meaning>)| {
-            let each = meanings.iter().map(|meaning| {
-                let lines = meaning.lines.iter().map(|(key, text)| ((*key).to_owned(), Value::from(text.as_str())));
-                let mut keys: serde_json::Map<String, Value> = lines.collect();
-                keys.insert("what".to_owned(), meaning.what.into());
+            let each = meanings.iter().map(|Meaning { explanation, more }| {
+                let mut keys = document(explanation);
+                keys.extend(more.iter().map(|(key, text)| ((*key).to_owned(), Value::from(text.as_str()))));
                 Value::Object(keys)
             });
             json!({ "word": word, "meanings": each.collect::<Vec<_>>() })
@@ -57,54 +64,114 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
     }
     let mut text = String::new();
     for (word, meanings) in &explained {
-        for Meaning { what, lines } in meanings {
-            text.push_str(&format!("{word}: {what}\n"));
-            lines.iter().for_each(|(key, line)| text.push_str(&format!("    {key:8} {line}\n")));
+        for Meaning { explanation, more } in meanings {
+            text.push_str(&format!("{word}: {}\n", explanation.what));
+            text.push_str(&line(4, "name", &explanation.name));
+            more.iter().for_each(|(key, says)| text.push_str(&line(4, key, says)));
+            text.push_str(&line(4, "meaning", &explanation.meaning));
+            text.push_str(&lines(4, explanation));
         }
     }
     output.result(&text)
 }
 
+/// Cause, what to do next and source, a paragraph each, `indent` columns from the left.
+pub(super) fn lines(indent: usize, explanation: &Explanation) -> String {
+    let mut text = line(indent, "cause", &explanation.cause) + &line(indent, "next", &explanation.next);
+    if let Some(source) = &explanation.source {
+        text.push_str(&line(indent, "source", source));
+    }
+    text
+}
+
+/// A key and what is said of it, in 80 columns.
+fn line(indent: usize, key: &str, text: &str) -> String {
+    if text.is_empty() {
+        return String::new();
+    }
+    let (first, rest) = (format!("{:indent$}{key:KEY$}", ""), " ".repeat(indent + KEY));
+    let options = Options::new(COLUMNS)
+        .initial_indent(&first)
+        .subsequent_indent(&rest)
+        .word_separator(WordSeparator::AsciiSpace)
+        .word_splitter(WordSplitter::NoHyphenation);
+    textwrap::fill(text, options) + "\n"
+}
+
+/// An explanation as data: `what`, `code`, `name`, `meaning`, `cause`, `next`, `source`.
+pub(super) fn document(explanation: &Explanation) -> Map<String, Value> {
+    let Explanation { what, code, name, meaning, cause, next, source } = explanation;
+    let keys = [
+        ("what", json!(what)),
+        ("code", json!(code)),
+        ("name", json!(name)),
+        ("meaning", json!(meaning)),
+        ("cause", json!(cause)),
+        ("next", json!(next)),
+        ("source", json!(source)),
+    ];
+    keys.into_iter().map(|(key, value)| (key.to_owned(), value)).collect()
+}
+
+/// The table of the device that is meant; the standards alone without one.
+fn codes(arguments: &Arguments, output: &mut Output) -> Result<Option<Arc<ErrorCodes>>, Failure> {
+    if let Some(name) = &arguments.profile {
+        return Ok(config::load_named_profile(name)?.error_codes().cloned());
+    }
+    let (Some(rig), Some(node)) = (&arguments.rig, &arguments.node) else { return Ok(None) };
+    let rig = config::load_rig(Source::named(rig))?;
+    output.configuration(&rig.warnings)?;
+    let devices = devices(&rig.value);
+    if let Some((.., profile)) = devices.iter().find(|(name, id, _)| name == node || id.to_string() == *node) {
+        return Ok(profile.error_codes().cloned());
+    }
+    let names: Vec<&str> = devices.iter().map(|(name, ..)| *name).collect();
+    let message = format!("{node} is no CANopen device of the rig {}", rig.value.rig.name);
+    Err(Failure::new(Exit::Usage, message, format!("its devices are {}", names.join(", "))))
+}
+
+/// The CANopen devices of a rig: name, node id and model.
+fn devices(rig: &Rig) -> Vec<(&str, u8, &ProfileName)> {
+    let drives = rig.drives.iter();
+    let mut devices: Vec<_> =
+        drives.map(|drive| (drive.name.as_str(), drive.address.canopen.node_id, &drive.profile)).collect();
+    if let SensorProtocol::Canopen { node_id, profile, .. } = &rig.sensor.protocol {
+        devices.push((&rig.sensor.name, *node_id, profile));
+    }
+    devices
+}
+
 /// All that a word may stand for.
-fn meanings(word: &str) -> Result<Vec<Meaning>, Failure> {
-    let fault = TABLE.iter().find(|row| row.name == word).map(of_fault);
+fn meanings(word: &str, codes: Option<&ErrorCodes>) -> Result<Vec<Meaning>, Failure> {
+    let fault = TABLE.iter().find(|row| row.name == word).map(|row| Meaning {
+        explanation: explanation::fault(row.fault),
+        more: vec![("stage", format!("{:?}", row.stage).to_lowercase())],
+    });
     let injection = Kind::named(word).map(|kind| Meaning {
-        what: "a fault to inject, `yieldwall run RIG.yaml --fault`",
-        lines: vec![("meaning", kind.row().meaning.to_owned()), ("then", faults::consequence(kind.row()))],
+        explanation: explanation::injection(kind),
+        more: vec![("then", faults::consequence(kind.row()))],
     });
     let named: Vec<Meaning> = fault.into_iter().chain(injection).collect();
     if !named.is_empty() {
         return Ok(named);
     }
-    let Some(code) = code(word) else { return Err(unknown(word)) };
-    if code > TWO_BYTES {
-        let abort = AbortCode(code);
-        let lines = vec![
-            ("code", format!("{code:08X}h {}", abort.name())),
-            ("meaning", abort.meaning().to_owned()),
-            ("cause", abort.likely_cause().to_owned()),
-        ];
-        return Ok(vec![Meaning { what: "an SDO abort code", lines }]);
+    let plain = |explanation| Meaning { explanation, more: Vec::new() };
+    match code(word) {
+        None => Err(unknown(word)),
+        Some(code) if code > TWO_BYTES => Ok(vec![plain(explanation::abort(AbortCode(code)))]),
+        Some(code) => {
+            let code = code as u16;
+            let of_error = explanation::error_code(code, codes);
+            // Whoever names the device means its error codes.
+            if of_error.source.is_some() {
+                return Ok(vec![plain(of_error)]);
+            }
+            let of_ethercat = explanation::al_status(AlStatusCode(code)).filter(|_| code != 0);
+            let of_error = Some(of_error).filter(|_| of_ethercat.is_none());
+            let all = of_ethercat.into_iter().chain(of_error).chain([explanation::statusword(code)]);
+            Ok(all.map(plain).collect())
+        }
     }
-    let error = EmcyCode(code as u16);
-    let lines = vec![("code", format!("{code:04X}h")), ("meaning", error.meaning().to_owned())];
-    let of_error = Meaning { what: "an error code, of an emergency message or in 603Fh", lines };
-    let of_status = Statusword(code as u16);
-    let state = of_status.state().map_or("no state of CiA 402".to_owned(), |state| format!("{state:?}"));
-    let bits: Vec<&str> = BITS.iter().filter(|(bit, _)| of_status.has(*bit)).map(|(_, says)| *says).collect();
-    let bits = if bits.is_empty() { "none of those beside the state".to_owned() } else { bits.join("; ") };
-    let of_status = Meaning { what: "a statusword (6041h)", lines: vec![("state", state), ("bits", bits)] };
-    Ok(vec![of_error, of_status])
-}
-
-fn of_fault(row: &Row) -> Meaning {
-    let lines = vec![
-        ("stage", format!("{:?}", row.stage).to_lowercase()),
-        ("meaning", row.meaning.to_owned()),
-        ("cause", row.cause.to_owned()),
-        ("next", row.next.to_owned()),
-    ];
-    Meaning { what: "a fault of the rig", lines }
 }
 
 /// A code as the program prints one, or as others do: in hexadecimal.
@@ -127,39 +194,4 @@ fn unknown(word: &str) -> Failure {
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-
-    fn text(word: &str) -> String {
-        let found = meanings(word).unwrap_or_else(|failure| panic!("{word}: {failure:?}"));
-        found.iter().flat_map(|meaning| &meaning.lines).map(|(key, text)| format!("{key}: {text}\n")).collect()
-    }
-
-    /// Every fault of the table and every injection, in the words that `run` says of them.
-    #[test]
-    fn faults_and_injections_are_explained_in_the_words_of_run() {
-        for row in &TABLE {
-            let text = text(row.name);
-            assert!([row.meaning, row.cause, row.next].iter().all(|words| text.contains(words)), "{text}");
-        }
-        for row in CATALOGUE {
-            assert!(text(row.name).contains(row.meaning), "{}", row.name);
-        }
-    }
-
-    #[test]
-    fn codes_are_explained_however_they_are_written() {
-        for word in ["8130h", "0x8130", "8130", "0X8130", "8130H"] {
-            assert!(text(word).contains("meaning: heartbeat or life guarding lost"), "{word}");
-        }
-        for code in AbortCode::ALL {
-            let text = text(&format!("{:08X}h", code.0));
-            assert!(text.contains(code.meaning()) && text.contains(code.likely_cause()), "{text}");
-        }
-        assert!(text("0x0637").contains("state: OperationEnabled"), "{}", text("0x0637"));
-        assert!(text("1208h").contains("state: Fault"), "{}", text("1208h"));
-        for word in ["node-rest", "xyzzy", "", "123456789", "-1", "8130x"] {
-            assert!(meanings(word).is_err(), "{word}");
-        }
-    }
-}
+mod tests;

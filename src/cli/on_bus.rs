@@ -73,7 +73,10 @@ pub(super) fn live_failure(error: &RunError) -> Failure {
         RunError::OldPermit => Failure::new(Exit::Internal, error.to_string(), "please report what was printed above"),
         RunError::NotEnabled { cause, .. } | RunError::NotTried { cause, .. } => {
             let exit = cause.map_or(Exit::DeviceFault, exit_of);
-            let help = cause.map_or("read the drives' error codes (603Fh)", |cause| cause.fault.row().next);
+            let help = cause
+                .map_or("`yieldwall state DRIVE` tells a drive's error code (603Fh) and what it means", |cause| {
+                    cause.fault.row().next
+                });
             Failure::new(exit, error.to_string(), help)
         }
         RunError::NoTorqueLimit { .. } => Failure::new(

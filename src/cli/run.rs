@@ -91,9 +91,11 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
         Document::Rig(rig) => *rig,
         Document::Device(device) => return device::run(arguments, &device, output),
         // Says what it is.
-        Document::Scene(_) | Document::Figure(_) | Document::Profile(_) | Document::Simulation(_) => {
-            config::load_rig(source)?
-        }
+        Document::Scene(_)
+        | Document::Figure(_)
+        | Document::Profile(_)
+        | Document::Simulation(_)
+        | Document::ErrorCodes(_) => config::load_rig(source)?,
     };
     // Those of the scene are among them.
     output.configuration(&rig.warnings)?;

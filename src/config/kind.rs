@@ -22,11 +22,14 @@ pub enum Kind {
     Profile,
     /// What the simulation of a rig takes the machine to be.
     Simulation,
+    /// What the error codes of a vendor mean.
+    ErrorCodes,
 }
 
 impl Kind {
     /// All of them.
-    pub const ALL: [Self; 6] = [Self::Rig, Self::Device, Self::Scene, Self::Figure, Self::Profile, Self::Simulation];
+    pub const ALL: [Self; 7] =
+        [Self::Rig, Self::Device, Self::Scene, Self::Figure, Self::Profile, Self::Simulation, Self::ErrorCodes];
 
     /// The key that only this kind has at the top.
     pub fn mark(self) -> &'static str {
@@ -37,6 +40,7 @@ impl Kind {
             Self::Figure => "title",
             Self::Profile => "profile",
             Self::Simulation => "arm",
+            Self::ErrorCodes => "error_codes",
         }
     }
 
@@ -63,7 +67,7 @@ impl Kind {
     pub(super) fn detect<'a>(keys: impl Iterator<Item = &'a str>) -> Option<Self> {
         let keys: Vec<&str> = keys.collect();
         // A profile and a figure have a key `device` too, so their marks are asked for first.
-        [Self::Profile, Self::Figure, Self::Rig, Self::Device, Self::Scene, Self::Simulation]
+        [Self::Profile, Self::Figure, Self::Rig, Self::Device, Self::Scene, Self::Simulation, Self::ErrorCodes]
             .into_iter()
             .find(|kind| keys.contains(&kind.mark()))
     }
@@ -78,6 +82,7 @@ impl fmt::Display for Kind {
             Self::Figure => "figure",
             Self::Profile => "device profile",
             Self::Simulation => "simulation",
+            Self::ErrorCodes => "table of error codes",
         })
     }
 }

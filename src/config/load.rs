@@ -7,8 +7,8 @@ use serde::Serialize;
 use serde::de::DeserializeOwned;
 
 use super::check::{
-    Findings, Machine, check_device, check_figure, check_override, check_profile, check_rig, check_scene,
-    check_scene_for, refuse_profile,
+    Findings, Machine, check_device, check_error_codes, check_figure, check_override, check_profile, check_rig,
+    check_scene, check_scene_for, refuse_error_codes, refuse_profile,
 };
 use super::compose::open;
 use super::diagnostic::{Diagnostic, Report, Severity};
@@ -18,8 +18,12 @@ use super::kind::{Kind, LIKE};
 use super::locator::Locator;
 use super::schema::Guide;
 use super::source::Source;
-use super::tree::{Figure, ImpedanceDevice, NotSimulated, Rig, Scene, Simulation};
+use super::suggest::nearest;
+use super::tree::{
+    Figure, ImpedanceDevice, NotSimulated, ProfileName, Rig, Scene, Simulation, is_yaml, shipped_error_codes,
+};
 use super::yaml;
+use yieldwall_drives::codes::ErrorCodes;
 use yieldwall_drives::profiles::DeviceProfile;
 
 /// A checked document, where it came from, and what its writer should look at.
@@ -86,6 +90,8 @@ pub enum Document {
     Profile(Box<Loaded<DeviceProfile>>),
     /// A simulation of a rig.
     Simulation(Box<Loaded<Simulation>>),
+    /// A table of error codes.
+    ErrorCodes(Box<Loaded<ErrorCodes>>),
 }
 
 /// Reads and checks a document, whatever its kind.
@@ -102,6 +108,7 @@ pub fn load(source: impl Into<Source>) -> Result<Document, Report> {
         Some(Kind::Figure) => load_figure(source).map(|figure| Document::Figure(Box::new(figure))),
         Some(Kind::Profile) => load_profile(source).map(|profile| Document::Profile(Box::new(profile))),
         Some(Kind::Simulation) => load_simulation(source).map(|simulation| Document::Simulation(Box::new(simulation))),
+        Some(Kind::ErrorCodes) => load_error_codes(source).map(|codes| Document::ErrorCodes(Box::new(codes))),
         None => Err(unknown_kind(&source, "is not a configuration").into()),
     }
 }
@@ -154,8 +161,42 @@ pub fn load_scene(source: impl Into<Source>) -> Result<Loaded<Scene>, Report> {
 /// As [`load_rig`].
 pub fn load_profile(source: impl Into<Source>) -> Result<Loaded<DeviceProfile>, Report> {
     let source = source.into();
-    let (profile, findings) = checked_profile(&source)?;
-    finish(profile, source, None, findings.locator(), findings.into_sorted())
+    let Profile { profile, findings, of_codes, .. } = checked_profile(&source)?;
+    finish(profile, source, None, findings.locator(), [findings.into_sorted(), of_codes].concat())
+}
+
+/// A device model by its name, or by the file of its profile, with what its error codes mean.
+///
+/// # Errors
+/// As [`load_rig`]; or no model of this name comes with the program.
+pub fn load_named_profile(name: &str) -> Result<ProfileName, Report> {
+    let mut named = ProfileName::from(name.to_owned());
+    if !named.is_file() && named.get().is_none() {
+        let known: Vec<&str> = ProfileName::shipped().map(|(name, _)| name).collect();
+        let help = match nearest(name, known.iter().copied()) {
+            Some(meant) => format!("did you mean {meant}?"),
+            None => format!("the profiles are {}; or name a file that ends in .yaml", known.join(", ")),
+        };
+        return Err(Diagnostic::about_file("", format!("no device profile is called {name}"), help).into());
+    }
+    if named.is_file() {
+        let source = Source::named(name);
+        let Profile { profile, codes, findings, of_codes } = checked_profile(&source)?;
+        let locator = findings.locator();
+        let loaded = finish(profile, source, None, locator, [findings.into_sorted(), of_codes].concat())?;
+        named.set(loaded.value, codes);
+    }
+    Ok(named)
+}
+
+/// Reads and checks a table of error codes.
+///
+/// # Errors
+/// As [`load_rig`].
+pub fn load_error_codes(source: impl Into<Source>) -> Result<Loaded<ErrorCodes>, Report> {
+    let source = source.into();
+    let (codes, findings) = checked_error_codes(&source)?;
+    finish(codes, source, None, findings.locator(), findings.into_sorted())
 }
 
 /// Reads and checks a simulation of a rig and its scene, without the rig.
@@ -198,7 +239,11 @@ pub fn load_figure(source: impl Into<Source>) -> Result<Loaded<Figure>, Report> 
         let machine = match &machine {
             Document::Rig(rig) => Machine::Rig(&rig.value),
             Document::Device(device) => Machine::Device(&device.value),
-            Document::Scene(_) | Document::Figure(_) | Document::Profile(_) | Document::Simulation(_) => continue,
+            Document::Scene(_)
+            | Document::Figure(_)
+            | Document::Profile(_)
+            | Document::Simulation(_)
+            | Document::ErrorCodes(_) => continue,
         };
         check_override(&mut findings, &figure, machine);
         others.extend(linked_scene(&mut findings, "scene", &source, &figure.scene, Some(machine)));
@@ -236,12 +281,44 @@ fn keep_first(all: &mut Vec<Diagnostic>) {
     });
 }
 
-fn checked_profile(source: &Source) -> Result<(DeviceProfile, Findings), Report> {
+/// A profile that has been read, and the table of error codes that it names.
+struct Profile {
+    profile: DeviceProfile,
+    codes: Option<Arc<ErrorCodes>>,
+    findings: Findings,
+    of_codes: Vec<Diagnostic>,
+}
+
+fn checked_profile(source: &Source) -> Result<Profile, Report> {
     let Read { value: profile, mut findings, .. } = read::<DeviceProfile>(source, Kind::Profile)?;
     if findings.check_ranges(&profile) {
         check_profile(&mut findings, &profile);
     }
-    Ok((profile, findings))
+    let (mut codes, mut of_codes) = (None, Vec::new());
+    if let Some(name) = &profile.profile.error_codes {
+        const KEY: &str = "profile.error_codes";
+        codes = shipped_error_codes(name);
+        if codes.is_none() && is_yaml(name) {
+            match checked_error_codes(&source.relative(name)) {
+                Ok((table, of_table)) => {
+                    codes = Some(Arc::new(table));
+                    of_codes = of_table.into_sorted();
+                }
+                Err(report) => of_codes = findings.link(KEY, report),
+            }
+        } else if codes.is_none() {
+            refuse_error_codes(&mut findings, KEY, name);
+        }
+    }
+    Ok(Profile { profile, codes, findings, of_codes })
+}
+
+fn checked_error_codes(source: &Source) -> Result<(ErrorCodes, Findings), Report> {
+    let Read { value: codes, mut findings, .. } = read::<ErrorCodes>(source, Kind::ErrorCodes)?;
+    if findings.check_ranges(&codes) {
+        check_error_codes(&mut findings, &codes);
+    }
+    Ok((codes, findings))
 }
 
 /// Reads the profiles that a rig names by their files, and the findings in them. A name that is unknown, and a file that is no
@@ -256,9 +333,10 @@ fn linked_profiles(findings: &mut Findings, source: &Source, rig: &mut Rig) -> V
             continue;
         }
         match checked_profile(&source.relative(name.as_str())) {
-            Ok((profile, of_profile)) => {
+            Ok(Profile { profile, codes, findings: of_profile, of_codes }) => {
                 found.extend(of_profile.into_sorted());
-                name.set(profile);
+                found.extend(of_codes);
+                name.set(profile, codes);
             }
             Err(report) => found.extend(findings.link(key, report)),
         }

@@ -28,7 +28,8 @@ pub use check::MAX_DURATION_S;
 pub use diagnostic::{Diagnostic, Place, Related, Report, Severity};
 pub use kind::Kind;
 pub use load::{
-    Document, Loaded, load, load_device, load_figure, load_profile, load_rig, load_scene, load_simulation, to_yaml,
+    Document, Loaded, load, load_device, load_error_codes, load_figure, load_named_profile, load_profile, load_rig,
+    load_scene, load_simulation, to_yaml,
 };
 pub use number::{Finite, NotNegative, Positive};
 pub use schema::schema;

@@ -7,6 +7,7 @@ use super::kind::Kind;
 use super::kind::LIKE;
 use super::outline::{Step, steps};
 use super::tree::{Figure, ImpedanceDevice, Rig, Scene, Simulation};
+use yieldwall_drives::codes::ErrorCodes;
 use yieldwall_drives::profiles::DeviceProfile;
 
 /// The JSON Schema of every kind of document, for editors. It is committed as `config/schema.json`.
@@ -19,6 +20,7 @@ pub fn schema() -> Value {
         Figure::json_schema(&mut generator).into(),
         DeviceProfile::json_schema(&mut generator).into(),
         Simulation::json_schema(&mut generator).into(),
+        ErrorCodes::json_schema(&mut generator).into(),
     ];
     let mut definitions = generator.take_definitions(true);
     let variants: Vec<Value> = Kind::ALL
@@ -31,7 +33,7 @@ pub fn schema() -> Value {
     json!({
         "$schema": "https://json-schema.org/draft/2020-12/schema",
         "title": "yieldwall configuration",
-        "description": "A rig or a variant of one, an impedance device, a scene, a figure, a device profile or a simulation.",
+        "description": "A rig or a variant of one, an impedance device, a scene, a figure, a device profile, a simulation or a table of error codes.",
         "oneOf": kinds,
         "$defs": definitions,
     })

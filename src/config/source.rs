@@ -9,13 +9,13 @@ use std::sync::Arc;
 
 use super::diagnostic::{Diagnostic, Report};
 use super::suggest::nearest;
-use yieldwall_drives::profiles;
+use yieldwall_drives::{codes, profiles};
 
 /// Largest file that is read, bytes. The shipped rigs have 5 kB.
 pub const MAX_FILE_BYTES: usize = 1 << 20;
 
-/// Folder of the shipped device profiles among the shipped files.
-const PROFILES: &str = "profiles";
+/// Folders of the shipped device profiles and tables of error codes among the shipped files.
+const OF_DRIVES: [(&str, &[(&str, &str)]); 2] = [("profiles", profiles::SHIPPED), ("codes", codes::SHIPPED)];
 
 /// What stands before the name of a shipped file.
 const BUILTIN_PREFIX: &str = "builtin:";
@@ -87,13 +87,14 @@ pub fn builtin(path: impl AsRef<Path>) -> Source {
     Source { path: normalise(path.as_ref()), origin: Origin::Builtin }
 }
 
-/// The text of a shipped file: one of `config/`, or a device profile as `profiles/NAME.yaml`.
+/// The text of a shipped file: one of `config/`, a device profile as `profiles/NAME.yaml`, or a table of error codes as `codes/NAME.yaml`.
 fn shipped(path: &Path) -> Option<&'static str> {
     let of_config = SHIPPED.iter().find(|(name, _)| Path::new(name) == path).map(|(_, text)| *text);
-    of_config.or_else(|| {
-        let name = path.strip_prefix(PROFILES).ok()?.to_str()?.strip_suffix(".yaml")?;
-        profiles::SHIPPED.iter().find(|(known, _)| *known == name).map(|(_, text)| *text)
-    })
+    let of_drives = OF_DRIVES.iter().find_map(|(folder, files)| {
+        let name = path.strip_prefix(folder).ok()?.to_str()?.strip_suffix(".yaml")?;
+        files.iter().find(|(known, _)| *known == name).map(|(_, text)| *text)
+    });
+    of_config.or(of_drives)
 }
 
 /// The paths of all shipped files in `config/`, in alphabetical order.

@@ -22,7 +22,11 @@ impl Machine {
         Ok(match config::load(source)? {
             Document::Rig(rig) => Self::Rig(Box::new(rig.value)),
             Document::Device(device) => Self::Device(Box::new(device.value)),
-            Document::Scene(_) | Document::Figure(_) | Document::Profile(_) | Document::Simulation(_) => {
+            Document::Scene(_)
+            | Document::Figure(_)
+            | Document::Profile(_)
+            | Document::Simulation(_)
+            | Document::ErrorCodes(_) => {
                 panic!("a machine is a rig or a device")
             }
         })

@@ -61,6 +61,10 @@ pub struct About {
     pub name: String,
     /// On what it was tried.
     pub tried: Tried,
+    /// What its error codes mean: the name of a table that comes with the program, or a table's file (`.yaml`), relative to this
+    /// file. Without it codes have the meaning that the standards give them.
+    #[cfg_attr(feature = "config", serde(default, skip_serializing_if = "Option::is_none"), garde(length(min = 1)))]
+    pub error_codes: Option<String>,
     /// The documents that were read, by the short names that `source` uses.
     #[cfg_attr(feature = "config", garde(length(min = 1)))]
     pub sources: BTreeMap<String, String>,

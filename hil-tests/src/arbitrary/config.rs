@@ -26,6 +26,7 @@ pub fn configuration(bytes: &[u8]) {
                 Document::Figure(figure) => config::to_yaml(&figure.value),
                 Document::Profile(profile) => config::to_yaml(&profile.value),
                 Document::Simulation(simulation) => config::to_yaml(&simulation.value),
+                Document::ErrorCodes(codes) => config::to_yaml(&codes.value),
             };
             let written = written.expect("a document can be written");
             if let Err(report) = config::load(Source::memory(NAME, &*written)) {

@@ -71,7 +71,8 @@ impl Item {
             | Document::Scene(_)
             | Document::Figure(_)
             | Document::Profile(_)
-            | Document::Simulation(_) => {
+            | Document::Simulation(_)
+            | Document::ErrorCodes(_) => {
                 let rig = config::load_rig(source)?;
                 output.configuration(&rig.warnings)?;
                 let scene = rig.scene()?.value;

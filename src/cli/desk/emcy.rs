@@ -5,6 +5,7 @@ use serde_json::{Value, json};
 use super::keeping::back_up;
 use super::place::{Desk, Node, Place};
 use crate::canopen::{BusId, PastError};
+use crate::cli::explain;
 use crate::cli::failure::Failure;
 use crate::cli::output::Output;
 use crate::objects::Address;
@@ -60,8 +61,18 @@ pub(in crate::cli) fn run(arguments: &Arguments, output: &mut Output) -> Result<
             Some(errors) => format!("{} stored, the latest first", errors.len()),
         };
         lines.push_str(&format!("{}: {said}\n", node.words()));
+        let mut known = Vec::new();
         for error in errors.iter().flatten() {
-            lines.push_str(&format!("  {error}\n"));
+            let explained = node.explained(error.code.0);
+            lines.push_str(&format!(
+                "  {:04X}h {}, information {:04X}h\n",
+                error.code.0, explained.meaning, error.information
+            ));
+            // What it means is said once of each.
+            if !known.contains(&error.code) {
+                lines.push_str(&explain::lines(8, &explained));
+                known.push(error.code);
+            }
         }
         documents.push(document(node, errors.as_deref()));
         if arguments.clear && errors.as_ref().is_some_and(|errors| !errors.is_empty()) {
@@ -93,7 +104,11 @@ fn history(desk: &mut Desk, node: &Node) -> Result<Option<Vec<PastError>>, Failu
 }
 
 fn document(node: &Node, errors: Option<&[PastError]>) -> Value {
-    let each = |error: &PastError| json!({ "code": format!("{:04X}h", error.code.0), "meaning": error.code.meaning(), "information": error.information });
+    let each = |error: &PastError| {
+        let mut keys = explain::document(&node.explained(error.code.0));
+        keys.insert("information".to_owned(), error.information.into());
+        Value::Object(keys)
+    };
     json!({
         "node_id": node.id.raw(),
         "name": node.entry.as_ref().map(|entry| entry.name.clone()),

@@ -18,6 +18,9 @@ pub(in crate::cli) struct Arguments {
     place: Place,
 }
 
+/// The last error of a drive.
+const ERROR_CODE: u16 = 0x603f;
+
 /// What is read of any device, and of a drive.
 const OBJECTS: [(u16, u8, &str); 14] = [
     (0x1009, 0, "hardware"),
@@ -64,9 +67,17 @@ pub(in crate::cli) fn run(arguments: &Arguments, output: &mut Output) -> Result<
         let at = Address::new(index, sub);
         let Ok(bytes) = answer else { continue };
         let data_type = known(at, None).map(|known| known.data_type);
-        let shown = words::value(at, data_type, &bytes, node.scaling());
+        let mut shown = words::value(at, data_type, &bytes, node.scaling());
+        let explained = (index == ERROR_CODE && number(&bytes) != 0).then(|| node.explained(number(&bytes) as u16));
+        if let Some(explained) = &explained {
+            shown.means = Some(explained.meaning.to_string());
+        }
         objects.insert(what.to_owned(), words::document(at, &words::name(at, None), &bytes, &shown));
         rows.push([what.to_owned(), shown.means.map_or(shown.raw.clone(), |means| format!("{means}  {}", shown.raw))]);
+        if let Some(explained) = explained {
+            rows.push(["  cause".to_owned(), explained.cause.into_owned()]);
+            rows.push(["  next".to_owned(), explained.next.into_owned()]);
+        }
     }
     if output.is_json() {
         let [vendor, product, revision, serial] = found.identity;

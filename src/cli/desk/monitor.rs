@@ -9,6 +9,7 @@ use super::words::{nmt_words, spaced};
 use crate::canopen::{Emergency, Frame, NmtState, cob, nmt};
 use crate::cli::failure::{Exit, Failure};
 use crate::cli::output::Output;
+use crate::explanation;
 use crate::link::{Arrival, Received};
 use crate::objects::{AbortCode, Address};
 
@@ -118,7 +119,11 @@ fn of_frame(frame: &Frame, entries: &[Entry]) -> String {
         cob::LSS_REQUEST => format!("LSS request: {}", bytes()),
         cob::LSS_ANSWER => format!("LSS answer: {}", bytes()),
         0x081..=0x0ff => match Emergency::decode(frame) {
-            Some(emergency) => format!("EMCY of {who}: {}, register {:02X}h", emergency.code, emergency.register.0),
+            Some(emergency) => {
+                let code = emergency.code.0;
+                let explained = explanation::error_code(code, entry.and_then(|entry| entry.codes.as_deref()));
+                format!("EMCY of {who}: {code:04X}h {}, register {:02X}h", explained.meaning, emergency.register.0)
+            }
             None => format!("EMCY of {who}, of another length: {}", bytes()),
         },
         0x581..=0x5ff | 0x601..=0x67f => sdo(frame, &who, id >= 0x600),

@@ -4,6 +4,7 @@ use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
 use yieldwall_drives::cia402::OperationMode;
+use yieldwall_drives::codes::ErrorCodes;
 use yieldwall_drives::profiles::DeviceProfile;
 use yieldwall_drives::scaling::AxisScaling;
 
@@ -14,6 +15,7 @@ use crate::cli::failure::{Exit, Failure};
 use crate::cli::interrupt::on_interrupt;
 use crate::cli::output::Output;
 use crate::config::{self, Rig, SensorProtocol, Source};
+use crate::explanation::{self, Explanation};
 use crate::link::CanLink;
 use crate::live::VirtualLink;
 use crate::service::{Error, Service};
@@ -42,6 +44,8 @@ pub(super) struct Entry {
     pub(super) bus: BusId,
     pub(super) node: NodeId,
     pub(super) profile: Option<Arc<DeviceProfile>>,
+    /// What its vendor's error codes mean.
+    pub(super) codes: Option<Arc<ErrorCodes>>,
     /// Of a drive: the mode in which the rig commands it.
     pub(super) mode: Option<OperationMode>,
     /// Of a drive.
@@ -77,6 +81,11 @@ impl Node {
 
     pub(super) fn scaling(&self) -> Option<&AxisScaling> {
         self.entry.as_ref()?.scaling.as_ref()
+    }
+
+    /// What an error code of it means.
+    pub(super) fn explained(&self, code: u16) -> Explanation {
+        explanation::error_code(code, self.entry.as_ref().and_then(|entry| entry.codes.as_deref()))
     }
 }
 
@@ -276,7 +285,8 @@ fn entries(rig: &Rig) -> Result<Vec<Entry>, Failure> {
         let scaling = scaling(drive).map_err(|error| rig_failure(&error.into()))?;
         let profile = drive.profile.get().cloned();
         let mode = Some(rig.rig.command_mode.operation_mode());
-        entries.push(Entry { name: drive.name.clone(), bus, node, profile, mode, scaling: Some(scaling) });
+        let codes = drive.profile.error_codes().cloned();
+        entries.push(Entry { name: drive.name.clone(), bus, node, profile, codes, mode, scaling: Some(scaling) });
     }
     if let SensorProtocol::Canopen { node_id: raw, profile, .. } = &rig.sensor.protocol {
         let (bus, node) = place(&rig.sensor.bus, *raw)?;
@@ -285,6 +295,7 @@ fn entries(rig: &Rig) -> Result<Vec<Entry>, Failure> {
             bus,
             node,
             profile: profile.get().cloned(),
+            codes: profile.error_codes().cloned(),
             mode: None,
             scaling: None,
         });

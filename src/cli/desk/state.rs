@@ -7,9 +7,10 @@ use yieldwall_drives::cia402::{Command, OperationMode, State, Statusword};
 
 use super::place::{Desk, Node, Place};
 use super::words::{mode_words, nmt_words, state_words, table};
-use crate::canopen::EmcyCode;
+use crate::cli::explain;
 use crate::cli::failure::{Exit, Failure};
 use crate::cli::output::Output;
+use crate::explanation;
 use crate::objects::Address;
 use crate::service::{Error, number};
 
@@ -52,10 +53,12 @@ pub(in crate::cli) fn run(arguments: &Arguments, output: &mut Output) -> Result<
         OperationMode::from_code(mode as u8 as i8)
             .map_or_else(|| format!("code {}", mode as u8 as i8), |mode| mode_words(mode).to_owned())
     });
-    let error_words = error.map(|code| match code {
-        0 => "none".to_owned(),
-        code => EmcyCode(code as u16).to_string(),
+    let explained = error.filter(|code| *code != 0).map(|code| node.explained(code as u16));
+    let error_words = error.map(|_| match &explained {
+        None => "none".to_owned(),
+        Some(explained) => format!("{} {}", explained.code.as_deref().unwrap_or_default(), explained.meaning),
     });
+    let of_state = explanation::statusword(word);
     if output.is_json() {
         return output.report(json!({
             "place": desk.place,
@@ -67,6 +70,7 @@ pub(in crate::cli) fn run(arguments: &Arguments, output: &mut Output) -> Result<
             "mode": mode,
             "error_code": error,
             "error": error_words,
+            "explained": explain::document(explained.as_ref().unwrap_or(&of_state)),
         }));
     }
     let mut rows = vec![
@@ -75,7 +79,8 @@ pub(in crate::cli) fn run(arguments: &Arguments, output: &mut Output) -> Result<
     ];
     rows.extend(mode.map(|mode| ["mode".to_owned(), mode]));
     rows.extend(error_words.map(|words| ["error".to_owned(), words]));
-    output.result(&format!("{}\n{}", node.words(), table(&rows)))
+    let why = explain::lines(0, explained.as_ref().unwrap_or(&of_state));
+    output.result(&format!("{}\n{}{why}", node.words(), table(&rows)))
 }
 
 /// The statusword of a drive.
@@ -148,8 +153,9 @@ pub(super) fn reset_fault(
         }
         if desk.service.now() >= until {
             let code = desk.service.read(node.id, ERROR_CODE).map_or(0, |bytes| number(&bytes) as u16);
-            let message = format!("{} stays in Fault: {}", node.words(), EmcyCode(code));
-            let help = format!("its cause is still there; `yieldwall explain {code:04X}h` tells more");
+            let explained = node.explained(code);
+            let message = format!("{} stays in Fault: {explained}", node.words());
+            let help = format!("its cause is still there: {}", explained.next);
             return Err(Failure::new(Exit::DeviceFault, message, help));
         }
         let waited = desk.service.listen(Duration::from_millis(20), |_| {});

@@ -7,6 +7,7 @@ use yieldwall_drives::scaling::AxisScaling;
 
 use crate::canopen::{EmcyCode, NmtState};
 use crate::cli::failure::{Exit, Failure};
+use crate::explanation::state_name;
 use crate::objects::Address;
 use crate::service::{known, named, number, type_by_length};
 
@@ -140,10 +141,7 @@ pub(super) fn mapped(entry: u32) -> String {
 /// The state in a statusword, in words.
 pub(super) fn state_words(word: u16) -> String {
     let status = Statusword(word);
-    let mut words = match status.state() {
-        Some(state) => spaced(&format!("{state:?}")),
-        None => "no state of CiA 402".to_owned(),
-    };
+    let mut words = state_name(status.state()).to_owned();
     for (bit, says) in [(Statusword::WARNING, ", warning"), (Statusword::INTERNAL_LIMIT, ", internal limit")] {
         if status.has(bit) {
             words.push_str(says);

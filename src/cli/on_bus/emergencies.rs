@@ -5,7 +5,8 @@ use serde_json::{Value, json};
 use crate::bus::Told;
 use crate::canopen::Emergency;
 use crate::cli::failure::Failure;
-use crate::config;
+use crate::config::{self, SensorProtocol};
+use crate::explanation::{self, Explanation};
 use crate::guard::Device;
 
 /// The emergencies without those that say the same again, in their order.
@@ -20,29 +21,55 @@ pub(in crate::cli) fn different(emergencies: impl Iterator<Item = Told>) -> Vec<
     different
 }
 
-/// One of them: the node with its name, and the code with its meaning.
+/// One of them: the node with its name, and the code with meaning and cause, by the table of its vendor.
 pub(in crate::cli) fn text(told: &Told, rig: &config::Rig) -> String {
-    format!("node {} ({}): {}", told.emergency.node.raw(), name(told.device, rig), told.emergency.code)
+    format!("node {} ({}): {}", told.emergency.node.raw(), name(told.device, rig), explained(told, rig))
+}
+
+/// What the code means, by the table of the device's vendor.
+fn explained(told: &Told, rig: &config::Rig) -> Explanation {
+    let profile = match (told.device, &rig.sensor.protocol) {
+        (Device::LeftDrive, _) => Some(&rig.drives[0].profile),
+        (Device::RightDrive, _) => Some(&rig.drives[1].profile),
+        (Device::Sensor, SensorProtocol::Canopen { profile, .. }) => Some(profile),
+        (Device::Sensor, _) => None,
+    };
+    let codes = profile.and_then(|profile| profile.error_codes());
+    explanation::error_code(told.emergency.code.0, codes.map(|codes| &**codes))
 }
 
 /// The same as data.
 pub(in crate::cli) fn document(told: &Told, rig: &config::Rig) -> Value {
-    let Emergency { node, code, register, vendor } = told.emergency;
+    let Emergency { node, register, vendor, .. } = told.emergency;
+    let explained = explained(told, rig);
     json!({
         "node_id": node.raw(),
         "name": name(told.device, rig),
-        "code": format!("{:04X}h", code.0),
-        "meaning": code.meaning(),
+        "code": explained.code,
+        "code_name": explained.name,
+        "meaning": explained.meaning,
+        "cause": explained.cause,
+        "next": explained.next,
         "error_register": register.0,
         "vendor_bytes": vendor,
     })
 }
 
-/// The failure with what the devices told, if they told anything.
+/// The failure with what the devices told and what to do about that, if they told anything.
 pub(in crate::cli) fn with_emergencies(mut failure: Failure, emergencies: &[Told], rig: &config::Rig) -> Failure {
     let told: Vec<String> = emergencies.iter().map(|told| text(told, rig)).collect();
     if let (Some(first), false) = (failure.report.diagnostics.first_mut(), told.is_empty()) {
         first.message = format!("{}; emergencies: {}", first.message, told.join(", "));
+        let mut advice: Vec<String> = Vec::new();
+        for told in emergencies.iter().filter(|told| !told.emergency.code.is_reset()) {
+            let Explanation { code, next, .. } = explained(told, rig);
+            let one = format!("{}: {next}", code.unwrap_or_default());
+            if !advice.contains(&one) {
+                advice.push(one);
+            }
+        }
+        let help = first.help.take().into_iter().chain(advice);
+        first.help = Some(help.collect::<Vec<_>>().join("\n")).filter(|help| !help.is_empty());
     }
     failure
 }
@@ -81,8 +108,14 @@ mod tests {
         let failure = with_emergencies(failure, &told, &rig);
         assert_eq!(
             failure.report.diagnostics[0].message,
-            "stopped by emergency; emergencies: node 1 (left): 5043h device hardware, node 1 (wrist): 4210h device \
-             temperature too high, node 1 (wrist): 5043h device hardware"
+            "stopped by emergency; emergencies: node 1 (left): 5043h device hardware (the maker of the device gives it \
+             its own meaning), node 1 (wrist): 4210h device temperature too high (the device is overloaded, or its \
+             cooling is poor), node 1 (wrist): 5043h device hardware (the maker of the device gives it its own meaning)"
+        );
+        let help = failure.report.diagnostics[0].help.as_deref().unwrap_or_default();
+        assert_eq!(
+            help.lines().map(|line| line.split(':').next().unwrap_or_default()).collect::<Vec<_>>(),
+            ["see the code", "5043h", "4210h"]
         );
         let document = document(&told[0], &rig);
         assert_eq!((&document["code"], &document["name"]), (&"5043h".into(), &"left".into()));

@@ -1,6 +1,7 @@
 //! What the types cannot say: ranges that garde reports, and relations between keys.
 
 mod bus;
+mod codes;
 mod figure;
 mod fixture;
 mod guards;
@@ -18,6 +19,7 @@ mod words;
 
 use std::sync::Arc;
 
+pub(super) use codes::{check_error_codes, refuse_error_codes};
 pub(super) use figure::{check_figure, check_override};
 pub(super) use fixture::check_device;
 pub(super) use models::refuse_profile;

@@ -41,6 +41,7 @@ fn what_the_table_changes_is_right() {
             Document::Figure(figure) => figure.warnings,
             Document::Profile(profile) => profile.warnings,
             Document::Simulation(simulation) => simulation.warnings,
+            Document::ErrorCodes(codes) => codes.warnings,
         };
         assert_eq!(warnings, [], "{name}");
     }
@@ -202,6 +203,7 @@ fn shipped_files_are_those_in_the_folder_and_load_without_warning() {
                 Document::Figure(figure) => figure.warnings,
                 Document::Profile(profile) => profile.warnings,
                 Document::Simulation(simulation) => simulation.warnings,
+                Document::ErrorCodes(codes) => codes.warnings,
             };
             assert_eq!(warnings, [], "{name}");
         }

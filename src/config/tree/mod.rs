@@ -20,7 +20,8 @@ pub use device::{DeviceCycle, DeviceIdentity, DevicePlant, ImpedanceDevice};
 pub use figure::{Figure, MagnifiedWindow};
 pub use fixture::{AutomaticHold, Coupling, Curvature, Fixture, FixtureLaw, Motion, Passivity, Side};
 pub use injection::{FaultName, FaultTarget, SceneFault};
-pub use profile::{ProfileName, shipped_profile};
+pub(in crate::config) use profile::is_yaml;
+pub use profile::{ProfileName, shipped_error_codes, shipped_profile};
 pub use rig::{
     Address, Bus, CanBus, CanopenAddress, Control, ControlGains, ControlLaw, Cycle, Drive, FeedForward, Guard, Rig,
     RigIdentity,

@@ -5,6 +5,7 @@ use std::sync::{Arc, LazyLock};
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
+use yieldwall_drives::codes::{self, ErrorCodes};
 use yieldwall_drives::profiles::{DeviceProfile, SHIPPED};
 
 use crate::config::yaml;
@@ -15,12 +16,29 @@ use crate::config::yaml;
 pub struct ProfileName {
     written: String,
     profile: Option<Arc<DeviceProfile>>,
+    /// What its profile names.
+    codes: Option<Arc<ErrorCodes>>,
 }
 
 static PROFILES: LazyLock<BTreeMap<&'static str, Arc<DeviceProfile>>> = LazyLock::new(|| {
     let read = |(name, text): &(&'static str, &str)| Some((*name, Arc::new(yaml::parse(text).ok()?)));
     SHIPPED.iter().filter_map(read).collect()
 });
+
+static CODES: LazyLock<BTreeMap<&'static str, Arc<ErrorCodes>>> = LazyLock::new(|| {
+    let read = |(name, text): &(&'static str, &str)| Some((*name, Arc::new(yaml::parse(text).ok()?)));
+    codes::SHIPPED.iter().filter_map(read).collect()
+});
+
+/// A table of error codes that comes with the program.
+pub fn shipped_error_codes(name: &str) -> Option<Arc<ErrorCodes>> {
+    CODES.get(name).cloned()
+}
+
+/// Whether a name means a file and not what comes with the program.
+pub(in crate::config) fn is_yaml(name: &str) -> bool {
+    [".yaml", ".yml"].iter().any(|end| name.ends_with(end))
+}
 
 /// A device model that comes with the program.
 ///
@@ -43,7 +61,7 @@ impl ProfileName {
 
     /// Whether it means a file and not one that comes with the program.
     pub fn is_file(&self) -> bool {
-        [".yaml", ".yml"].iter().any(|end| self.written.ends_with(end))
+        is_yaml(&self.written)
     }
 
     /// The model; `None` if its name is unknown, or its file has not been read.
@@ -57,16 +75,23 @@ impl ProfileName {
         self.written = written;
     }
 
-    /// Takes what its file says.
-    pub(in crate::config) fn set(&mut self, profile: DeviceProfile) {
+    /// What the device's error codes mean; `None` if its profile names no table.
+    pub fn error_codes(&self) -> Option<&Arc<ErrorCodes>> {
+        self.codes.as_ref()
+    }
+
+    /// Takes what its file says, and the table of error codes that the file names.
+    pub(in crate::config) fn set(&mut self, profile: DeviceProfile, codes: Option<Arc<ErrorCodes>>) {
         self.profile = Some(Arc::new(profile));
+        self.codes = codes;
     }
 }
 
 impl From<String> for ProfileName {
     fn from(written: String) -> Self {
         let profile = PROFILES.get(written.as_str()).cloned();
-        Self { written, profile }
+        let codes = profile.as_ref().and_then(|profile| shipped_error_codes(profile.profile.error_codes.as_deref()?));
+        Self { written, profile, codes }
     }
 }
 

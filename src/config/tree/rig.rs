@@ -11,6 +11,8 @@ use yieldwall_drives::profiles::{EncoderKind, Role};
 use super::arm::{ArmInertia, Linkage};
 use super::fixture::Fixture;
 use super::profile::ProfileName;
+#[cfg(all(feature = "sim", feature = "recording"))]
+use super::profile::is_yaml;
 use super::sensor::{Sensor, SensorProtocol};
 use super::simulation::{BusTiming, NotSimulated, Simulation, named_simulation};
 use super::waits::{Waits, enabling_ms};
@@ -98,7 +100,11 @@ impl Rig {
     pub(crate) fn name_profile_files(&mut self) -> Vec<(String, NamedFile)> {
         let mut named: Vec<(String, NamedFile)> = Vec::new();
         for (_, name, _) in self.profiles_mut() {
-            let Some(profile) = name.get().filter(|_| name.is_file()).cloned() else { continue };
+            let Some(profile) = name.get().filter(|_| name.is_file()) else { continue };
+            // A file of error codes does not lie beside it, and nothing that runs needs one.
+            let mut profile = (**profile).clone();
+            profile.profile.error_codes = profile.profile.error_codes.filter(|codes| !is_yaml(codes));
+            let profile = std::sync::Arc::new(profile);
             let known = named.iter().find(|(_, known)| *known == profile).map(|(known, _)| known.clone());
             let new = known.unwrap_or_else(|| {
                 let new = format!("profile-{}.yaml", named.len() + 1);

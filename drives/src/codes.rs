@@ -1,0 +1,85 @@
+//! What the error codes of a vendor mean: those in 603Fh, in 1003h and in emergency messages.
+//!
+//! A table is a file. [`SHIPPED`] holds the texts of those in `drives/codes`; a device profile names the one of its device. The main
+//! crate reads them, with the feature `config` of this one.
+
+use std::collections::BTreeMap;
+
+#[cfg(feature = "config")]
+use garde::Validate;
+#[cfg(feature = "config")]
+use schemars::JsonSchema;
+#[cfg(feature = "config")]
+use serde::{Deserialize, Serialize};
+
+macro_rules! shipped {
+    ($($name:literal),* $(,)?) => {
+        &[$(($name, include_str!(concat!("../codes/", $name, ".yaml")))),*]
+    };
+}
+
+/// The tables that come with the program: name and text, in alphabetical order.
+pub const SHIPPED: &[(&str, &str)] = shipped!["elmo-gold", "maxon-epos4", "zeroerr-edriver"];
+
+/// The error codes of one family of devices.
+#[derive(Clone, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "config", derive(Serialize, Deserialize, JsonSchema, Validate))]
+#[cfg_attr(feature = "config", serde(deny_unknown_fields), garde(allow_unvalidated))]
+pub struct ErrorCodes {
+    /// What the table is called, and what it rests on.
+    #[cfg_attr(feature = "config", garde(dive))]
+    pub error_codes: About,
+    /// The codes.
+    #[cfg_attr(feature = "config", garde(length(min = 1, max = 4096), dive))]
+    pub codes: Vec<ErrorCode>,
+}
+
+/// What a table of error codes is called, and what it rests on.
+#[derive(Clone, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "config", derive(Serialize, Deserialize, JsonSchema, Validate))]
+#[cfg_attr(feature = "config", serde(deny_unknown_fields), garde(allow_unvalidated))]
+#[cfg_attr(feature = "config", schemars(rename = "AboutErrorCodes"))]
+pub struct About {
+    /// Name for messages.
+    #[cfg_attr(feature = "config", garde(length(min = 1)))]
+    pub name: String,
+    /// The documents that were read, by the short names that `source` uses.
+    #[cfg_attr(feature = "config", garde(length(min = 1)))]
+    pub sources: BTreeMap<String, String>,
+}
+
+/// One error code.
+#[derive(Clone, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "config", derive(Serialize, Deserialize, JsonSchema, Validate))]
+#[cfg_attr(feature = "config", serde(deny_unknown_fields), garde(allow_unvalidated))]
+pub struct ErrorCode {
+    /// The code, as 603Fh and emergency messages have it.
+    pub code: u16,
+    /// Short name.
+    #[cfg_attr(feature = "config", garde(length(min = 1, max = 64)))]
+    pub name: String,
+    /// What the device says with it.
+    #[cfg_attr(feature = "config", garde(length(min = 1, max = 400)))]
+    pub meaning: String,
+    /// What usually lies behind it.
+    #[cfg_attr(feature = "config", garde(length(min = 1, max = 400)))]
+    pub cause: String,
+    /// What to do next.
+    #[cfg_attr(feature = "config", garde(length(min = 1, max = 400)))]
+    pub next: String,
+    /// Where that was read: a key of `error_codes.sources`.
+    #[cfg_attr(feature = "config", garde(length(min = 1)))]
+    pub source: String,
+}
+
+impl ErrorCodes {
+    /// What the table says of a code.
+    pub fn of(&self, code: u16) -> Option<&ErrorCode> {
+        self.codes.iter().find(|known| known.code == code)
+    }
+
+    /// The document from which a code was read.
+    pub fn document(&self, code: &ErrorCode) -> Option<&str> {
+        self.error_codes.sources.get(&code.source).map(String::as_str)
+    }
+}

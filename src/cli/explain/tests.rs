@@ -1,0 +1,136 @@
+//! `explain` says what `run` and the commands for devices say.
+
+use super::*;
+use crate::bus::Told;
+use crate::canopen::{EmcyCode, Emergency, ErrorRegister, node_id};
+use crate::cli::ending::stopped_by;
+use crate::cli::on_bus::{different, text as emergency_text, with_emergencies};
+use crate::config::shipped_error_codes;
+use crate::guard::{Cause, Device, DeviceSet, Fault};
+use crate::time::Time;
+use yieldwall_drives::codes::SHIPPED;
+
+fn told(word: &str, codes: Option<&ErrorCodes>) -> String {
+    let found = meanings(word, codes).unwrap_or_else(|failure| panic!("{word}: {failure:?}"));
+    let each = found.iter().map(|Meaning { explanation, more }| {
+        let more: String = more.iter().map(|(key, says)| format!("{key}: {says}\n")).collect();
+        let Explanation { name, meaning, cause, next, .. } = explanation;
+        format!("name: {name}\nmeaning: {meaning}\ncause: {cause}\nnext: {next}\n{more}")
+    });
+    each.collect()
+}
+
+fn shipped_rig() -> Rig {
+    config::load_rig(Source::named("builtin:paper-admittance.yaml")).unwrap().value
+}
+
+/// Every fault of the table and every injection, in the words that `run` says of them.
+#[test]
+fn faults_and_injections_are_explained_in_the_words_of_run() {
+    let rig = shipped_rig();
+    for row in &TABLE {
+        let text = told(row.name, None);
+        assert!([row.meaning, row.cause, row.next].iter().all(|words| text.contains(words)), "{text}");
+        let cause = Cause { fault: row.fault, devices: DeviceSet::LEFT_DRIVE };
+        let failure = stopped_by(Some(cause), 1.0, &rig);
+        let finding = &failure.report.diagnostics[0];
+        let explained = explanation::fault(row.fault);
+        assert!(finding.message.contains(&*explained.meaning), "{}", finding.message);
+        assert!(finding.message.contains(&*explained.cause), "{}", finding.message);
+        assert_eq!(finding.help.as_deref(), Some(&*explained.next));
+    }
+    for row in &CATALOGUE {
+        let text = told(row.name, None);
+        assert!(text.contains(row.meaning) && text.contains(&faults::consequence(row)), "{text}");
+        for fault in row.expected.faults {
+            assert!(text.contains(fault.row().next), "{}: {text}", row.name);
+        }
+    }
+}
+
+/// Each code of each vendor's table: `explain`, and the message and the advice of a run that the code has stopped.
+#[test]
+fn codes_of_vendors_are_explained_in_the_words_of_run() {
+    let mut count = 0;
+    for (name, _) in SHIPPED {
+        let table = shipped_error_codes(name).unwrap_or_else(|| panic!("{name} cannot be read"));
+        let mut rig = shipped_rig();
+        rig.drives[0].profile = ProfileName::from((*name).to_owned());
+        assert_eq!(rig.drives[0].profile.error_codes().map(|table| &table.error_codes.name[..]), Some(*name));
+        for code in &table.codes {
+            count += 1;
+            let explained = told(&format!("{:04X}h", code.code), Some(&table));
+            let node = node_id(1).unwrap();
+            let register = ErrorRegister(1);
+            let emergency = Emergency { node, code: EmcyCode(code.code), register, vendor: [0; 5] };
+            let heard = [Told { time: Time::default(), device: Device::LeftDrive, emergency }];
+            let said = emergency_text(&heard[0], &rig);
+            for words in [&code.meaning, &code.cause] {
+                assert!(explained.contains(words.as_str()) && said.contains(words.as_str()), "{explained}\n{said}");
+            }
+            let cause = Cause { fault: Fault::Emergency, devices: DeviceSet::LEFT_DRIVE };
+            let failure = with_emergencies(stopped_by(Some(cause), 1.0, &rig), &different(heard.into_iter()), &rig);
+            let help = failure.report.diagnostics[0].help.clone().unwrap();
+            assert!(explained.contains(&code.next) && help.contains(&code.next), "{explained}\n{help}");
+            assert!(explained.contains(&format!("name: {}\n", code.name)), "{explained}");
+        }
+    }
+    assert!(count >= 40, "{count}");
+}
+
+#[test]
+fn codes_are_explained_however_they_are_written() {
+    for word in ["8130h", "0x8130", "8130", "0X8130", "8130H"] {
+        assert!(told(word, None).contains("meaning: heartbeat or life guarding lost"), "{word}");
+    }
+    for code in AbortCode::ALL {
+        let text = told(&format!("{:08X}h", code.0), None);
+        assert!([code.meaning(), code.likely_cause(), code.next()].iter().all(|words| text.contains(words)), "{text}");
+    }
+    for code in AlStatusCode::ALL.iter().filter(|code| code.0 != 0) {
+        let text = told(&format!("{:04X}h", code.0), None);
+        assert!(text.contains(code.meaning()) && text.contains(code.likely_cause()), "{text}");
+    }
+    assert!(told("0x0637", None).contains("name: Operation Enabled"), "{}", told("0x0637", None));
+    assert!(told("1208h", None).contains("name: Fault"), "{}", told("1208h", None));
+    for word in ["node-rest", "xyzzy", "", "123456789", "-1", "8130x"] {
+        assert!(meanings(word, None).is_err(), "{word}");
+    }
+}
+
+#[test]
+fn a_code_is_meant_by_the_vendor_of_the_device() {
+    let table = shipped_error_codes("zeroerr-edriver").unwrap();
+    let (of_vendor, of_standard) = (told("730Dh", Some(&table)), told("730Dh", None));
+    assert!(of_vendor.contains("battery") && !of_standard.contains("battery"), "{of_vendor}{of_standard}");
+    // What a table does not have is said by the standards.
+    assert_eq!(told("8120h", Some(&table)), told("8120h", None));
+    let mut output = Output::new(true, false, false);
+    let arguments = |profile: Option<&str>, rig: Option<&str>, node: Option<&str>| Arguments {
+        words: Vec::new(),
+        profile: profile.map(str::to_owned),
+        rig: rig.map(str::to_owned),
+        node: node.map(str::to_owned),
+    };
+    let mut found = |profile, rig, node| codes(&arguments(profile, rig, node), &mut output);
+    assert_eq!(found(Some("elmo-gold"), None, None).unwrap().unwrap().error_codes.name, "elmo-gold");
+    let rig = Some("builtin:paper-admittance.yaml");
+    for node in ["left", "2", "wrist"] {
+        assert!(
+            found(None, rig, Some(node)).unwrap().is_none(),
+            "{node}: the simulated devices have the standard's codes"
+        );
+    }
+    assert_eq!(found(None, rig, Some("nobody")).unwrap_err().exit, Exit::Usage);
+    let refused = found(Some("elmo-glod"), None, None).unwrap_err();
+    assert_eq!(refused.report.diagnostics[0].help.as_deref(), Some("did you mean elmo-gold?"));
+}
+
+/// Paragraphs keep to 80 columns.
+#[test]
+fn lines_are_not_longer_than_a_terminal_is_wide() {
+    for row in &TABLE {
+        let text = lines(4, &explanation::fault(row.fault));
+        assert!(text.lines().all(|line| line.chars().count() <= COLUMNS), "{text}");
+    }
+}
