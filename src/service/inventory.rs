@@ -139,6 +139,7 @@ fn entry(at: Address, bytes: &[u8], node_id: u8) -> Entry {
         low: None,
         high: None,
         is_mappable: false,
+        is_kept_from_download: false,
         line: 0,
     }
 }
@@ -194,6 +195,7 @@ pub fn sheet_of(node: NodeId, values: &[(Address, Vec<u8>)], explained: Option<&
             low: None,
             high: None,
             is_mappable: false,
+            is_kept_from_download: false,
             line: 0,
         };
         let object = sheet.objects.entry(at.index).or_insert_with(|| Object {

@@ -3,11 +3,11 @@
 use std::collections::{BTreeMap, BTreeSet};
 use std::fmt;
 
-use yieldwall_drives::eds::{Eds, Value};
+use yieldwall_drives::eds::{Eds, Entry, Value};
 
 use super::caution::Caution;
 use super::connection::{Error, Service};
-use super::known::known;
+use super::known::{Known, known};
 use crate::canopen::NodeId;
 use crate::link::CanLink;
 use crate::objects::{AbortCode, Address};
@@ -43,6 +43,8 @@ pub enum Why {
     Unreadable(Error),
     /// The value has no place in the object's type.
     Unfit,
+    /// A data sheet keeps it from being written with all others.
+    KeptFromDownload,
 }
 
 impl fmt::Display for Why {
@@ -52,6 +54,9 @@ impl fmt::Display for Why {
             Self::Unexplained => out.write_str("is explained by neither data sheet nor standard"),
             Self::Unreadable(error) => write!(out, "cannot be read: {error}"),
             Self::Unfit => out.write_str("does not fit the object's type"),
+            Self::KeptFromDownload => {
+                out.write_str("is not to be written with all others, by its data sheet (ObjFlags)")
+            }
         }
     }
 }
@@ -102,19 +107,15 @@ pub fn plan<L: CanLink>(
     let mut changes: BTreeMap<(u16, u8), Step> = BTreeMap::new();
     for (index, sub, entry) in wanted.entries() {
         let at = Address::new(index, sub);
-        let Some(value) = entry.value.as_ref().filter(|_| entry.access.is_writable() && index >= 0x1000) else {
-            continue;
-        };
-        let known = known(at, explained);
+        let Some(Asked { known, wanted }) = asked(at, entry, explained, node) else { continue };
         let name = known.as_ref().map_or_else(|| entry.name.clone(), |known| known.name.clone());
         let mut leave_out = |why: Why| plan.left_out.push(LeftOut { at, name: name.clone(), why });
-        if known.as_ref().is_some_and(|known| known.is_writable == Some(false)) || is_shown(at) {
-            continue;
-        }
-        let data_type = known.as_ref().map_or(entry.data_type, |known| known.data_type);
-        let Some(new) = value.to_bytes(data_type, node.raw()) else {
-            leave_out(Why::Unfit);
-            continue;
+        let (data_type, new) = match wanted {
+            Ok(wanted) => wanted,
+            Err(why) => {
+                leave_out(why);
+                continue;
+            }
         };
         let old = match service.read(node, at) {
             Ok(old) => old,
@@ -137,6 +138,80 @@ pub fn plan<L: CanLink>(
     }
     plan.steps = in_order(service, node, changes)?;
     Ok(plan)
+}
+
+/// What a file wants of an entry.
+struct Asked {
+    /// What is known of it.
+    known: Option<Known>,
+    /// Data type and bytes, or why it is not written.
+    wanted: Result<(u16, Vec<u8>), Why>,
+}
+
+/// What a file wants of an entry; `None` if the file has no value of it, or it only shows something.
+fn asked(at: Address, entry: &Entry, explained: Option<&Eds>, node: NodeId) -> Option<Asked> {
+    let value = entry.value.as_ref().filter(|_| entry.access.is_writable() && at.index >= 0x1000)?;
+    let known = known(at, explained);
+    if known.as_ref().is_some_and(|known| known.is_writable == Some(false)) || is_shown(at) {
+        return None;
+    }
+    let of_sheet = explained.and_then(|eds| eds.entry(at.index, at.sub));
+    let data_type = known.as_ref().map_or(entry.data_type, |known| known.data_type);
+    let wanted = match value.to_bytes(data_type, node.raw()) {
+        _ if entry.is_kept_from_download || of_sheet.is_some_and(|entry| entry.is_kept_from_download) => {
+            Err(Why::KeptFromDownload)
+        }
+        Some(bytes) => Ok((data_type, bytes)),
+        None => Err(Why::Unfit),
+    };
+    Some(Asked { known, wanted })
+}
+
+/// The writes that bring a device from its values after a reset to those of a file, as a CANopen manager makes them at boot (1F22h),
+/// and what stays out, as of [`plan`]. Of a PDO: out of use, no objects mapped, the mapped ones, their number, its parameters, and
+/// its identifier at last.
+pub fn downloads(values: &Eds, explained: Option<&Eds>, node: NodeId) -> (Vec<(Address, Vec<u8>)>, Vec<LeftOut>) {
+    let (mut all, mut left_out) = (BTreeMap::new(), Vec::new());
+    for (index, sub, entry) in values.entries() {
+        let at = Address::new(index, sub);
+        let Some(Asked { known, wanted }) = asked(at, entry, explained, node) else { continue };
+        let name = known.as_ref().map_or_else(|| entry.name.clone(), |known| known.name.clone());
+        let checked = match (wanted, Caution::of_restore(at, &name), &known) {
+            (Err(why), ..) => Err(why),
+            (Ok(_), Some(caution), _) => Err(Why::Caution(caution)),
+            (Ok(_), None, None) => Err(Why::Unexplained),
+            (Ok((_, bytes)), None, Some(_)) => Ok(bytes),
+        };
+        match checked {
+            Ok(bytes) => drop(all.insert((index, sub), bytes)),
+            Err(why) => left_out.push(LeftOut { at, name, why }),
+        }
+    }
+    let pdos: BTreeSet<(u16, u16)> = all.keys().filter_map(|(index, _)| pdo(*index)).collect();
+    let mut of_pdos = Vec::new();
+    for (communication, mapping) in pdos {
+        let mut put = |index: u16, sub: u8, bytes: Vec<u8>| of_pdos.push((Address::new(index, sub), bytes));
+        let cob_id = all.remove(&(communication, 1));
+        let count = all.remove(&(mapping, 0));
+        if let Some(cob_id) = &cob_id {
+            let out_of_use = super::scan::number(cob_id) | NOT_USED;
+            put(communication, 1, out_of_use.to_le_bytes().to_vec());
+        }
+        if count.is_some() {
+            put(mapping, 0, vec![0]);
+        }
+        let of = |index: u16| (index, 0)..=(index, u8::MAX);
+        let mapped: Vec<_> = all.range(of(mapping)).map(|(at, bytes)| (*at, bytes.clone())).collect();
+        mapped.into_iter().for_each(|((index, sub), bytes)| put(index, sub, bytes));
+        count.into_iter().for_each(|count| put(mapping, 0, count));
+        let parameters: Vec<_> = all.range(of(communication)).map(|(at, bytes)| (*at, bytes.clone())).collect();
+        parameters.into_iter().for_each(|((index, sub), bytes)| put(index, sub, bytes));
+        cob_id.into_iter().for_each(|cob_id| put(communication, 1, cob_id));
+        all.retain(|(index, _), _| *index != communication && *index != mapping);
+    }
+    let others = all.into_iter().map(|((index, sub), bytes)| (Address::new(index, sub), bytes));
+    let (heartbeats, others): (Vec<_>, Vec<_>) = others.partition(|(at, _)| matches!(at.index, 0x1016 | 0x1017));
+    (others.into_iter().chain(of_pdos).chain(heartbeats).collect(), left_out)
 }
 
 /// Writes a value and reads it back.

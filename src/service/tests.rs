@@ -27,6 +27,43 @@ fn at(index: u16, sub: u8) -> Address {
     Address::new(index, sub)
 }
 
+/// A PDO goes out of use before its mapping changes, and into use at last; the heartbeat comes after all else.
+#[test]
+fn downloads_come_in_an_order_that_devices_take() {
+    let text = "[1000]\nParameterName=Type\nDataType=7\nAccessType=ro\nParameterValue=1\n\
+        [1017]\nParameterName=Heartbeat\nDataType=6\nAccessType=rw\nParameterValue=20\n\
+        [1400]\nParameterName=RPDO\nObjectType=9\n\
+        [1400sub1]\nParameterName=COB-ID\nDataType=7\nAccessType=rw\nParameterValue=$NODEID+0x200\n\
+        [1400sub2]\nParameterName=Type\nDataType=5\nAccessType=rw\nParameterValue=1\n\
+        [1600]\nParameterName=Mapping\nObjectType=9\n\
+        [1600sub0]\nParameterName=Count\nDataType=5\nAccessType=rw\nParameterValue=1\n\
+        [1600sub1]\nParameterName=First\nDataType=7\nAccessType=rw\nParameterValue=0x60400010\n\
+        [2000]\nParameterName=Own\nDataType=6\nAccessType=rw\nParameterValue=5\n\
+        [6040]\nParameterName=Controlword\nDataType=6\nAccessType=rw\nParameterValue=15\n\
+        [6072]\nParameterName=Max torque\nDataType=6\nAccessType=rw\nParameterValue=900\n";
+    let eds = yieldwall_drives::eds::Eds::read(text.as_bytes()).unwrap().eds;
+    let node = crate::canopen::node_id(5).unwrap();
+    let written = |explained| -> Vec<(String, Vec<u8>)> {
+        super::downloads(&eds, explained, node).0.into_iter().map(|(at, bytes)| (at.to_string(), bytes)).collect()
+    };
+    let wanted: [(&str, &[u8]); 8] = [
+        ("6072h:0", &[0x84, 3]),
+        ("1400h:1", &[5, 2, 0, 0x80]),
+        ("1600h:0", &[0]),
+        ("1600h:1", &[0x10, 0, 0x40, 0x60]),
+        ("1600h:0", &[1]),
+        ("1400h:2", &[1]),
+        ("1400h:1", &[5, 2, 0, 0]),
+        ("1017h:0", &[20, 0]),
+    ];
+    let wanted: Vec<(String, Vec<u8>)> = wanted.map(|(at, bytes)| (at.to_owned(), bytes.to_vec())).to_vec();
+    assert_eq!(written(None), wanted);
+    // With a data sheet the vendor's own object is written too; a controlword never is.
+    let explained = written(Some(&eds));
+    assert_eq!(explained[0], ("2000h:0".to_owned(), vec![5, 0]));
+    assert_eq!(explained.len(), wanted.len() + 1);
+}
+
 #[test]
 fn all_127_nodes_are_asked_within_two_seconds() {
     let mut service = service();

@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use super::{Finding, Level};
+use super::{Finding, Level, MAX_FINDINGS};
 
 /// Longest line that is read, in bytes.
 const LONGEST_LINE: usize = 4096;
@@ -43,17 +43,41 @@ pub(super) fn unquoted(text: &str) -> &str {
     inner.filter(|inner| !inner.contains('"')).unwrap_or(text)
 }
 
+/// Where a line stands.
+enum Here {
+    /// Before the first section.
+    Before,
+    /// In a section of this name.
+    In(String),
+    /// In a section whose name was there already: it is left out.
+    Repeated,
+}
+
 /// Sections by their names in lower case.
 pub(super) type Sections = BTreeMap<String, Section>;
+
+/// Adds a finding, as long as there are not too many.
+pub(super) fn add(findings: &mut Vec<Finding>, finding: Finding) {
+    match findings.len() {
+        len if len < MAX_FINDINGS => findings.push(finding),
+        MAX_FINDINGS => findings.push(Finding {
+            message: "there are more oddities than are told".to_owned(),
+            help: "mend the others first; is this a data sheet?",
+            ..finding
+        }),
+        _ => {}
+    }
+}
 
 /// Reads the lines. What is no section, key or comment is a finding and left out.
 pub(super) fn sections(text: &str, findings: &mut Vec<Finding>) -> Sections {
     let mut sections = Sections::new();
-    // A second section of one name, and what stands before the first, is left out.
-    let mut here: Option<String> = None;
+    let mut here = Here::Before;
+    // A line ends with LF, CR LF, or CR alone.
+    let text = text.replace("\r\n", "\n").replace('\r', "\n");
     for (line, content) in text.lines().enumerate().map(|(at, content)| (at + 1, content.trim())) {
         let mut warn = |message: String, help: &'static str| {
-            findings.push(Finding { line, level: Level::Warning, message, help });
+            add(findings, Finding { line, level: Level::Warning, message, help });
         };
         if content.len() > LONGEST_LINE {
             warn(format!("the line has more than {LONGEST_LINE} bytes"), "it is left out");
@@ -69,15 +93,26 @@ pub(super) fn sections(text: &str, findings: &mut Vec<Finding>) -> Sections {
                 Some(first) => {
                     let message = format!("the section `{name}` stands in line {} already", first.line);
                     warn(message, "the first one counts; put the keys of both into one");
-                    None
+                    Here::Repeated
                 }
                 None => {
                     sections.insert(name.clone(), Section { line, ..Section::default() });
-                    Some(name)
+                    Here::In(name)
                 }
             };
         } else if let Some((key, value)) = content.split_once('=') {
-            let Some(section) = here.as_ref().and_then(|name| sections.get_mut(name)) else { continue };
+            let section = match &here {
+                Here::In(name) => sections.get_mut(name),
+                Here::Repeated => continue,
+                Here::Before => None,
+            };
+            let Some(section) = section else {
+                warn(
+                    format!("the key `{}` stands before the first section", key.trim()),
+                    "it is left out; write its section above it",
+                );
+                continue;
+            };
             let text = Text { text: without_comment(value).trim().to_owned(), line };
             if let Some(first) = section.keys.get(&key.trim().to_ascii_lowercase()) {
                 let message = format!("the key `{}` stands in line {} already", key.trim(), first.line);

@@ -1,7 +1,7 @@
 //! Electronic data sheets (EDS) and device configuration files (DCF): what objects a device has, and what they are set to.
 //!
 //! ```text
-//! bytes -> text (UTF-8, or Latin-1 as old files are) -> sections with lines -> Eds, and findings
+//! bytes -> text (UTF-8, UTF-16, or Latin-1 as old files are) -> sections with lines -> Eds, and findings
 //! Eds with values -> DCF (text), concise DCF (object 1F22h)
 //! ```
 //!
@@ -13,6 +13,7 @@
 
 mod bytes;
 mod ini;
+mod modules;
 mod number;
 mod read;
 #[cfg(test)]
@@ -25,7 +26,9 @@ use std::fmt;
 pub use write::concise;
 
 /// Largest file that is read, in bytes.
-pub const MAX_BYTES: usize = 8 << 20;
+pub const MAX_BYTES: usize = 4 << 20;
+/// Most oddities that are told of one file.
+pub const MAX_FINDINGS: usize = 1000;
 /// Most entries that a file may have: as many as a full `CompactSubObj` of some hundred arrays.
 pub const MAX_ENTRIES: usize = 100_000;
 
@@ -38,8 +41,10 @@ pub struct Eds {
     pub objects: BTreeMap<u16, Object>,
     /// Data types that may be mapped as dummies, by their index.
     pub dummies: BTreeSet<u16>,
-    /// Modules that can be plugged in, by name; their objects are not among `objects`.
-    pub modules: Vec<String>,
+    /// Modules that can be plugged in, by their number less 1.
+    pub modules: Vec<Module>,
+    /// Modules that are plugged in, from the first slot on, by their numbers from 1: a DCF says so. Their objects are among `objects`.
+    pub connected: Vec<u8>,
     /// The node that a DCF is for.
     pub node: Option<Node>,
 }
@@ -76,6 +81,41 @@ pub struct Node {
     pub name: String,
     /// In kbit/s.
     pub bit_rate_kbit_per_s: Option<u32>,
+}
+
+/// A module that can be plugged into the device.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Module {
+    /// Name of the product.
+    pub name: String,
+    /// What it is ordered by.
+    pub order_code: String,
+    /// Objects that are there once such a module is plugged in, by index.
+    pub fixed: BTreeMap<u16, Object>,
+    /// Entries that each such module adds.
+    pub extensions: Vec<Extension>,
+}
+
+/// Entries that a module adds to an object.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Extension {
+    /// Index of the object.
+    pub index: u16,
+    /// What each of the entries is.
+    pub entry: Entry,
+    /// How much each module adds.
+    pub adds: Adds,
+    /// The last sub-index before the object of the next index is used; 0 if none is.
+    pub last_sub: u8,
+}
+
+/// How much a module adds to an object.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Adds {
+    /// So many entries.
+    Entries(u8),
+    /// So many bits; modules side by side share an entry.
+    Bits(u8),
 }
 
 /// One object: a variable, or entries under one index.
@@ -127,6 +167,8 @@ pub struct Entry {
     pub high: Option<Value>,
     /// Whether it may be mapped into a PDO.
     pub is_mappable: bool,
+    /// Whether the device refuses it, or does something else, when all values are written (bit 0 of `ObjFlags`).
+    pub is_kept_from_download: bool,
     /// Line of its section.
     pub line: usize,
 }
@@ -209,12 +251,18 @@ pub enum EdsError {
     /// It is too large to be one.
     #[error("is larger than {MAX_BYTES} bytes")]
     Large,
-    /// It has zeros in it: text in UTF-16, or no text.
-    #[error("is no text in UTF-8 or Latin-1")]
-    NotText,
+    /// It has zeros in it.
+    #[error("line {line}: is no text in UTF-8, UTF-16 or Latin-1")]
+    NotText {
+        /// Line of the first zero.
+        line: usize,
+    },
     /// No section is that of an object.
-    #[error("has no object: no section is called as an index, such as [1000]")]
-    NoObject,
+    #[error("line {line}: the file ends and has no object: no section is called as an index, such as [1000]")]
+    NoObject {
+        /// Its last line.
+        line: usize,
+    },
     /// More entries than any device has.
     #[error("line {line}: has more than {MAX_ENTRIES} entries")]
     Many {

@@ -49,6 +49,46 @@ pub(super) fn whole(text: &str) -> Option<i128> {
     Some(sign * number)
 }
 
+/// A whole number with what many tools write behind it: a comment without a blank before it.
+pub(super) fn number(text: &str) -> Option<i128> {
+    whole(text.split(';').next().unwrap_or_default())
+}
+
+/// A value that is not written as the standard has it and can mean one thing alone, and what is odd of it.
+pub(super) fn odd_value(text: &str, data_type: u16) -> Option<(Value, &'static str)> {
+    let (bits, is_signed) = integer(data_type)?;
+    let before = text.split(';').next().unwrap_or_default();
+    if before.len() < text.len()
+        && let Ok(value) = value(before, data_type)
+    {
+        return Some((value, "has a comment right behind it"));
+    }
+    let lower: String = text.chars().filter(|one| !one.is_whitespace()).flat_map(char::to_lowercase).collect();
+    if data_type == 0x01 && (lower == "true" || lower == "false") {
+        return Some((Value::Integer(i128::from(lower == "true")), "is a word and no number"));
+    }
+    if let Some(rest) = lower.strip_prefix("nodeid+").or_else(|| lower.strip_suffix("+nodeid")) {
+        let number = fit(whole(rest)?, bits, is_signed)?;
+        return Some((Value::OfNode(number), "has no `$` before NODEID"));
+    }
+    let (rest, is_of_node) = match lower.strip_prefix("$nodeid+").or_else(|| lower.strip_suffix("+$nodeid")) {
+        Some(rest) => (rest, true),
+        None => (lower.as_str(), false),
+    };
+    let (digits, has_mark) = match rest.strip_suffix('h') {
+        Some(digits) => (digits, true),
+        None => (rest, false),
+    };
+    let is_hexadecimal = (1..=16).contains(&digits.len()) && digits.bytes().all(|one| one.is_ascii_hexdigit());
+    // Without a letter it would be decimal.
+    if !is_hexadecimal || !(has_mark || digits.bytes().any(|one| one.is_ascii_alphabetic())) {
+        return None;
+    }
+    let number = fit(i128::from(u64::from_str_radix(digits, 16).ok()?), bits, is_signed)?;
+    let value = if is_of_node { Value::OfNode(number) } else { Value::Integer(number) };
+    Some((value, "has no `0x` before it"))
+}
+
 /// A value of this type; `Err` says what is wrong with it.
 pub(super) fn value(text: &str, data_type: u16) -> Result<Value, String> {
     if let Some((bits, is_signed)) = integer(data_type) {

@@ -2,8 +2,9 @@
 
 use std::collections::BTreeMap;
 
-use super::ini::{Section, Sections, Text, sections};
-use super::number::{integer, value, whole};
+use super::ini::{Section, Sections, Text, add, sections};
+use super::modules::plug;
+use super::number::{integer, number, odd_value, value, whole};
 use super::{
     Access, DeviceInfo, Eds, EdsError, Entry, Finding, Kind, Level, MAX_BYTES, MAX_ENTRIES, Node, Object, Reading,
     Value,
@@ -12,7 +13,7 @@ use super::{
 /// Bit rates that a device may have, in kbit/s.
 const BIT_RATES: [u32; 8] = [10, 20, 50, 125, 250, 500, 800, 1000];
 /// Lists of the objects that a file has.
-const LISTS: [&str; 3] = ["mandatoryobjects", "optionalobjects", "manufacturerobjects"];
+const LISTS: [&str; 3] = ["MandatoryObjects", "OptionalObjects", "ManufacturerObjects"];
 /// Type of the number of entries at sub-index 0.
 const UNSIGNED8: u16 = 5;
 
@@ -20,32 +21,51 @@ pub(super) fn read(bytes: &[u8]) -> Result<Reading, EdsError> {
     if bytes.len() > MAX_BYTES {
         return Err(EdsError::Large);
     }
-    if bytes.contains(&0) {
-        return Err(EdsError::NotText);
-    }
     let mut findings = Vec::new();
     let text = text(bytes, &mut findings);
+    if let Some(at) = text.find('\0') {
+        let line = text.get(..at).map_or(1, |before| 1 + before.matches('\n').count());
+        return Err(EdsError::NotText { line });
+    }
     let sections = sections(text.trim_start_matches('\u{feff}'), &mut findings);
     let mut reader = Reader { sections: &sections, findings, entries: 0 };
     let objects = reader.objects()?;
     if objects.is_empty() {
-        return Err(EdsError::NoObject);
+        return Err(EdsError::NoObject { line: text.lines().count().max(1) });
     }
     reader.check_lists(&objects);
-    let eds = Eds {
+    reader.check_names(&objects);
+    let mut eds = Eds {
         device: reader.device(),
         dummies: reader.dummies(),
-        modules: reader.modules(),
+        modules: reader.modules()?,
+        connected: reader.connected(),
         node: reader.node(),
         objects,
     };
+    plug(&mut eds, &mut reader)?;
     let mut findings = reader.findings;
     findings.sort_by_key(|finding| finding.line);
     Ok(Reading { eds, findings })
 }
 
-/// UTF-8, or Latin-1, whose bytes are the first 256 characters.
+/// UTF-8; UTF-16 with its mark; or Latin-1, whose bytes are the first 256 characters.
 fn text(bytes: &[u8], findings: &mut Vec<Finding>) -> String {
+    let wide = |bytes: &[u8], word: fn([u8; 2]) -> u16| {
+        let words = bytes.chunks_exact(2).map(|pair| word([pair[0], pair[1]]));
+        char::decode_utf16(words).map(|one| one.unwrap_or(char::REPLACEMENT_CHARACTER)).collect()
+    };
+    let utf16: Option<String> = match bytes {
+        [0xff, 0xfe, rest @ ..] => Some(wide(rest, u16::from_le_bytes)),
+        [0xfe, 0xff, rest @ ..] => Some(wide(rest, u16::from_be_bytes)),
+        _ => None,
+    };
+    if let Some(text) = utf16 {
+        let message = "the file is UTF-16".to_owned();
+        let help = "it is read; other tools want UTF-8";
+        findings.push(Finding { line: 1, level: Level::Warning, message, help });
+        return text;
+    }
     match std::str::from_utf8(bytes) {
         Ok(text) => text.to_owned(),
         Err(error) => {
@@ -57,8 +77,9 @@ fn text(bytes: &[u8], findings: &mut Vec<Finding>) -> String {
     }
 }
 
-struct Reader<'a> {
-    sections: &'a Sections,
+/// Sections on their way to a data sheet.
+pub(super) struct Reader<'a> {
+    pub(super) sections: &'a Sections,
     findings: Vec<Finding>,
     entries: usize,
 }
@@ -89,17 +110,42 @@ fn name_of(section: &str) -> Name {
     }
 }
 
+/// Whether a section has names, values or links of an object.
+fn is_part(section: &str) -> bool {
+    let parts = ["name", "value", "denotation", "objectlinks"];
+    parts.iter().any(|part| section.strip_suffix(part).is_some_and(|index| matches!(name_of(index), Name::Object(_))))
+}
+
 impl Reader<'_> {
-    fn find(&mut self, line: usize, level: Level, message: String, help: &'static str) {
-        self.findings.push(Finding { line, level, message, help });
+    pub(super) fn find(&mut self, line: usize, level: Level, message: String, help: &'static str) {
+        add(&mut self.findings, Finding { line, level, message, help });
+    }
+
+    /// A number that stands at a key. What is none is a finding, and as if it were not there; so is nothing.
+    pub(super) fn number(&mut self, section: &Section, key: &str) -> Option<i128> {
+        let text = section.get(key).filter(|text| !text.text.is_empty())?;
+        let found = number(&text.text);
+        if found.is_none() {
+            let message = format!("{key} is `{}`, which is no number", text.text.escape_debug());
+            self.find(text.line, Level::Warning, message, "it is taken as if it were not there");
+        }
+        found
     }
 
     fn objects(&mut self) -> Result<BTreeMap<u16, Object>, EdsError> {
         let mut objects = BTreeMap::new();
         for (name, section) in self.sections {
-            if let Name::Object(index) = name_of(name) {
-                let object = self.object(index, section)?;
-                objects.insert(index, object);
+            match name_of(name) {
+                Name::Object(index) => {
+                    let object = self.object(index, section)?;
+                    objects.insert(index, object);
+                }
+                Name::Other if name.starts_with(|one: char| one.is_ascii_digit()) && !is_part(name) => {
+                    let message = format!("the section `{}` is that of no object", name.escape_debug());
+                    let help = "it is left out; an index has four hexadecimal digits, a sub-index one or two";
+                    self.find(section.line, Level::Warning, message, help);
+                }
+                _ => {}
             }
         }
         for (name, section) in self.sections {
@@ -124,15 +170,16 @@ impl Reader<'_> {
         Ok(objects)
     }
 
-    fn count(&mut self, line: usize, more: usize) -> Result<(), EdsError> {
+    pub(super) fn count(&mut self, line: usize, more: usize) -> Result<(), EdsError> {
         self.entries += more;
         if self.entries > MAX_ENTRIES { Err(EdsError::Many { line }) } else { Ok(()) }
     }
 
-    fn object(&mut self, index: u16, section: &Section) -> Result<Object, EdsError> {
+    /// The object of a section, without the entries that have sections of their own.
+    pub(super) fn object(&mut self, index: u16, section: &Section) -> Result<Object, EdsError> {
         let name = section.text("parametername");
-        let number = section.get("objecttype").map_or(Some(7), |text| whole(&text.text));
-        let kind = match number {
+        let code = section.get("objecttype").map_or(Some(7), |text| number(&text.text));
+        let kind = match code {
             Some(2) => Kind::Domain,
             Some(5) => Kind::TypeDefinition,
             Some(6) => Kind::RecordDefinition,
@@ -147,7 +194,13 @@ impl Reader<'_> {
             }
         };
         let mut object = Object { name, kind, entries: BTreeMap::new(), line: section.line };
-        let compact = section.get("compactsubobj").and_then(|text| whole(&text.text)).unwrap_or(0);
+        let compact = self.number(section, "CompactSubObj").unwrap_or(0);
+        if compact != 0 && !(1..=254).contains(&compact) {
+            let line = section.get("compactsubobj").map_or(section.line, |text| text.line);
+            let message =
+                format!("CompactSubObj of {index:04X}h is {compact}, and an object has at most 254 such entries");
+            self.find(line, Level::Warning, message, "254 are taken of more, and none of a negative number");
+        }
         if compact > 0 {
             let subs = u8::try_from(compact.min(254)).unwrap_or(254);
             self.count(section.line, usize::from(subs) + 1)?;
@@ -155,6 +208,8 @@ impl Reader<'_> {
             if object.kind == Kind::Variable {
                 object.kind = Kind::Array;
             }
+        } else if kind == Kind::TypeDefinition && section.get("datatype").is_none() {
+            // It stands for a type, and has no value.
         } else if matches!(kind, Kind::Variable | Kind::Domain | Kind::TypeDefinition) {
             self.count(section.line, 1)?;
             object.entries.extend(self.entry(section).map(|entry| (0, entry)));
@@ -191,6 +246,7 @@ impl Reader<'_> {
             low: None,
             high: None,
             is_mappable: false,
+            is_kept_from_download: false,
             line: section.line,
         };
         entries.insert(0, count);
@@ -200,8 +256,9 @@ impl Reader<'_> {
         entries
     }
 
-    fn entry(&mut self, section: &Section) -> Option<Entry> {
-        let data_type = match section.get("datatype").map(|text| (whole(&text.text), text)) {
+    /// The entry of a section; `None` if its type is not known.
+    pub(super) fn entry(&mut self, section: &Section) -> Option<Entry> {
+        let data_type = match section.get("datatype").map(|text| (number(&text.text), text)) {
             Some((Some(number), _)) if (1..=0xfff).contains(&number) => number as u16,
             Some((_, Text { text, line })) => {
                 let message = format!("`{text}` is no data type");
@@ -209,7 +266,7 @@ impl Reader<'_> {
                 return None;
             }
             // A domain needs none.
-            None if section.get("objecttype").is_some_and(|text| whole(&text.text) == Some(2)) => 0x0f,
+            None if section.get("objecttype").is_some_and(|text| number(&text.text) == Some(2)) => 0x0f,
             None => {
                 let message = format!("`{}` has no DataType", section.text("parametername"));
                 self.find(section.line, Level::Error, message, "the entry is left out");
@@ -237,8 +294,19 @@ impl Reader<'_> {
             }
         };
         let mut taken = |key: &str| self.value(section, key, data_type);
-        let (default, set, low, high) =
+        let (default, set, mut low, mut high) =
             (taken("defaultvalue"), taken("parametervalue"), taken("lowlimit"), taken("highlimit"));
+        let is_inverted = match (&low, &high) {
+            (Some(Value::Integer(low)), Some(Value::Integer(high))) => low > high,
+            (Some(Value::Real(low)), Some(Value::Real(high))) => low > high,
+            _ => false,
+        };
+        if is_inverted {
+            let line = section.get("lowlimit").map_or(section.line, |text| text.line);
+            let message = format!("LowLimit of `{}` is above its HighLimit", section.text("parametername"));
+            self.find(line, Level::Error, message, "both limits are left out");
+            (low, high) = (None, None);
+        }
         for (key, of) in [("defaultvalue", &default), ("parametervalue", &set)] {
             let beyond = |limit: &Option<Value>, is_low: bool| match (of, limit) {
                 (Some(Value::Integer(value)), Some(Value::Integer(limit))) => {
@@ -262,10 +330,22 @@ impl Reader<'_> {
                 self.find(text.line, Level::Warning, message, "look at LowLimit and HighLimit");
             }
         }
-        let is_mappable =
-            section.get("pdomapping").and_then(|text| whole(&text.text)).is_some_and(|number| number != 0);
+        let is_mappable = self.number(section, "PDOMapping").is_some_and(|number| number != 0);
+        let is_kept_from_download = self.number(section, "ObjFlags").is_some_and(|flags| flags & 1 != 0);
         let name = section.text("parametername");
-        Some(Entry { name, data_type, access, default, value: set, low, high, is_mappable, line: section.line })
+        let line = section.line;
+        Some(Entry {
+            name,
+            data_type,
+            access,
+            default,
+            value: set,
+            low,
+            high,
+            is_mappable,
+            is_kept_from_download,
+            line,
+        })
     }
 
     /// A value, if there is one: nothing stands for none.
@@ -277,11 +357,17 @@ impl Reader<'_> {
         }
         match value(&text.text, data_type) {
             Ok(value) => Some(value),
-            Err(message) => {
-                let line = text.line;
-                self.find(line, Level::Error, message, "this value is left out");
-                None
-            }
+            Err(message) => match odd_value(&text.text, data_type) {
+                Some((value, what)) => {
+                    let message = format!("`{}` {what}", text.text.escape_debug());
+                    self.find(text.line, Level::Warning, message, "it is taken for what it can mean alone");
+                    Some(value)
+                }
+                None => {
+                    self.find(text.line, Level::Error, message, "this value is left out");
+                    None
+                }
+            },
         }
     }
 
@@ -290,7 +376,7 @@ impl Reader<'_> {
         for (index, object) in objects {
             let section = self.sections.get(&format!("{index:04x}"));
             let Some(text) = section.and_then(|section| section.get("subnumber")) else { continue };
-            let Some(said) = whole(&text.text) else { continue };
+            let Some(said) = number(&text.text) else { continue };
             let found = object.entries.len() as i128;
             if said != 0 && said != found && !matches!(object.kind, Kind::Variable | Kind::Domain) {
                 let message = format!("the object {index:04X}h says that it has {said} entries, and has {found}");
@@ -303,10 +389,28 @@ impl Reader<'_> {
     fn check_lists(&mut self, objects: &BTreeMap<u16, Object>) {
         let mut listed = Vec::new();
         for list in LISTS {
-            let Some(section) = self.sections.get(list) else { continue };
+            let Some(section) = self.sections.get(&list.to_ascii_lowercase()) else { continue };
+            let there = section.iter().filter(|(key, _)| key.bytes().all(|one| one.is_ascii_digit())).count();
+            let said = self.number(section, "SupportedObjects");
+            if let (Some(text), Some(said)) = (section.get("supportedobjects"), said)
+                && said != there as i128
+            {
+                let message = format!("[{list}] says that it lists {said} objects, and lists {there}");
+                self.find(text.line, Level::Warning, message, "those that are listed count");
+            }
             for (key, text) in section.iter().filter(|(key, _)| key.bytes().all(|one| one.is_ascii_digit())) {
-                match whole(&text.text).and_then(|number| u16::try_from(number).ok()) {
+                let digits = text.text.trim_end_matches(['h', 'H']);
+                let bare = Some(digits)
+                    .filter(|digits| digits.len() == 4)
+                    .and_then(|digits| u16::from_str_radix(digits, 16).ok());
+                match number(&text.text).and_then(|number| u16::try_from(number).ok()) {
                     Some(index) if objects.contains_key(&index) => listed.push(index),
+                    _ if bare.is_some_and(|index| objects.contains_key(&index)) => {
+                        listed.extend(bare);
+                        let message =
+                            format!("entry {key} of [{list}] is `{}`, without `0x`", text.text.escape_debug());
+                        self.find(text.line, Level::Warning, message, "it is taken as hexadecimal");
+                    }
                     Some(index) => {
                         let message = format!("the object {index:04X}h is listed, and has no section");
                         self.find(text.line, Level::Warning, message, "it is left out");
@@ -327,45 +431,65 @@ impl Reader<'_> {
         }
     }
 
-    fn device(&self) -> DeviceInfo {
+    /// Whether names and values of compact objects belong to entries that are there.
+    fn check_names(&mut self, objects: &BTreeMap<u16, Object>) {
+        for (name, section) in self.sections {
+            let Some(index) = ["name", "value", "denotation"].iter().find_map(|part| name.strip_suffix(part)) else {
+                continue;
+            };
+            let Name::Object(index) = name_of(index) else { continue };
+            let object = objects.get(&index);
+            for (key, text) in section.iter() {
+                let Some(sub) = whole(key) else { continue };
+                let is_there =
+                    u8::try_from(sub).is_ok_and(|sub| object.is_some_and(|object| object.entries.contains_key(&sub)));
+                if !is_there {
+                    let message = format!("[{name}] has something for the sub-index {sub}, which is not there");
+                    self.find(text.line, Level::Warning, message, "it is left out; compare with CompactSubObj");
+                }
+            }
+        }
+    }
+
+    fn device(&mut self) -> DeviceInfo {
         let Some(section) = self.sections.get("deviceinfo") else { return DeviceInfo::default() };
-        let number = |key: &str| section.get(key).and_then(|text| whole(&text.text));
-        let identity = |key: &str| number(key).and_then(|number| u32::try_from(number).ok());
-        let count = |key: &str| number(key).and_then(|number| u16::try_from(number).ok());
-        let has = |key: &str| number(key).is_some_and(|number| number != 0);
+        let identity = |number: Option<i128>| number.and_then(|number| u32::try_from(number).ok());
+        let count = |number: Option<i128>| number.and_then(|number| u16::try_from(number).ok());
         DeviceInfo {
             vendor: section.text("vendorname"),
-            vendor_number: identity("vendornumber"),
+            vendor_number: identity(self.number(section, "VendorNumber")),
             product: section.text("productname"),
-            product_number: identity("productnumber"),
-            revision_number: identity("revisionnumber"),
-            bit_rates_kbit_per_s: BIT_RATES.into_iter().filter(|rate| has(&format!("baudrate_{rate}"))).collect(),
-            rpdos: count("nrofrxpdo"),
-            tpdos: count("nroftxpdo"),
-            has_lss: has("lss_supported"),
+            product_number: identity(self.number(section, "ProductNumber")),
+            revision_number: identity(self.number(section, "RevisionNumber")),
+            bit_rates_kbit_per_s: BIT_RATES
+                .into_iter()
+                .filter(|rate| self.number(section, &format!("BaudRate_{rate}")).is_some_and(|number| number != 0))
+                .collect(),
+            rpdos: count(self.number(section, "NrOfRXPDO")),
+            tpdos: count(self.number(section, "NrOfTXPDO")),
+            has_lss: self.number(section, "LSS_Supported").is_some_and(|number| number != 0),
         }
     }
 
     fn dummies(&self) -> std::collections::BTreeSet<u16> {
         let Some(section) = self.sections.get("dummyusage") else { return Default::default() };
-        let used = section.iter().filter(|(_, text)| whole(&text.text) == Some(1));
+        let used = section.iter().filter(|(_, text)| number(&text.text) == Some(1));
         used.filter_map(|(key, _)| u16::from_str_radix(key.strip_prefix("dummy")?, 16).ok()).collect()
     }
 
-    fn modules(&self) -> Vec<String> {
-        let count = self.sections.get("supportedmodules").and_then(|section| whole(&section.get("nrofentries")?.text));
-        let count = count.unwrap_or(0).clamp(0, 255);
-        let info = |number: i128| self.sections.get(&format!("m{number}moduleinfo"));
-        (1..=count).filter_map(info).map(|section| section.text("productname")).collect()
-    }
-
-    fn node(&self) -> Option<Node> {
+    fn node(&mut self) -> Option<Node> {
         // The standard's own spelling has one m; tools write both.
         let section =
             ["devicecomissioning", "devicecommissioning"].into_iter().find_map(|name| self.sections.get(name))?;
-        let number = |key: &str| section.get(key).and_then(|text| whole(&text.text));
-        let id = number("nodeid").and_then(|number| u8::try_from(number).ok()).filter(|id| (1..=127).contains(id))?;
-        let bit_rate_kbit_per_s = number("baudrate").and_then(|rate| u32::try_from(rate).ok());
+        let said = self.number(section, "NodeID");
+        let id = said.and_then(|number| u8::try_from(number).ok()).filter(|id| (1..=127).contains(id));
+        let Some(id) = id else {
+            let line = section.get("nodeid").map_or(section.line, |text| text.line);
+            let message = format!("NodeID of [{}] is no number from 1 to 127", "DeviceComissioning");
+            self.find(line, Level::Warning, message, "the file is taken as one of no certain node");
+            return None;
+        };
+        let bit_rate_kbit_per_s = self.number(section, "Baudrate").and_then(|rate| u32::try_from(rate).ok());
         Some(Node { id, name: section.text("nodename"), bit_rate_kbit_per_s })
     }
 }

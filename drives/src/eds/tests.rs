@@ -1,5 +1,7 @@
 //! Data sheets as vendors write them, and any bytes.
 
+mod corpus;
+
 use super::*;
 use proptest::prelude::*;
 
@@ -145,6 +147,15 @@ fn each_oddity_is_told_with_its_line_and_the_rest_is_read() {
     );
     one("[2000sub1]\nParameterName=x\nDataType=5\nAccessType=rw\n", 1, Level::Error, "belongs to no object");
     one("[1000sub1]\nParameterName=x\nDataType=5\nAccessType=rw\n", 1, Level::Warning, "one variable");
+    one("[ManufacturerObjects]\n1=1000h\n", 2, Level::Warning, "without `0x`");
+    one("[20010]\nParameterName=x\n", 1, Level::Warning, "is that of no object");
+    one("[1003Value]\n9=5\n", 2, Level::Warning, "something for the sub-index 9");
+    one("[2000]\nParameterName=x\nDataType=5\nAccessType=rw\nCompactSubObj=300\n", 5, Level::Warning, "at most 254");
+    one("[2000]\nParameterName=x\nDataType=5\nAccessType=rw\nPDOMapping=yes\n", 5, Level::Warning, "is no number");
+    one("[2000]\nDataType=5\nAccessType=rw\nLowLimit=9\nHighLimit=4\n", 4, Level::Error, "is above its HighLimit");
+    one("[2000]\nParameterName=x\nDataType=5\nAccessType=rw\nDefaultValue=1A\n", 5, Level::Warning, "has no `0x`");
+    one("[2000]\nParameterName=x\nDataType=1\nAccessType=rw\nDefaultValue=True\n", 5, Level::Warning, "is a word");
+    one("[DeviceComissioning]\nNodeID=200\n", 2, Level::Warning, "from 1 to 127");
     one("[ManufacturerObjects]\n1=0x2000\n", 2, Level::Warning, "is listed, and has no section");
     one("[ManufacturerObjects]\n1=here\n", 2, Level::Warning, "is no index");
     let latin = [SMALL.as_bytes(), b"[2000]\nParameterName=Gr\xf6\xdfe\nDataType=5\nAccessType=rw\n"].concat();
@@ -178,6 +189,13 @@ fn numbers_are_read_as_vendors_write_them() {
         assert_eq!(default("7", text), Some(Value::OfNode(0x80)), "{text}");
     }
     assert_eq!(default("7", "$NODEID"), Some(Value::OfNode(0)));
+    // What is not of the standard and can mean one thing alone.
+    for text in ["NODEID+0x80", "$NODEID+80h", "0x80+nodeid"] {
+        assert_eq!(default("7", text), Some(Value::OfNode(0x80)), "{text}");
+    }
+    for text in ["FFh", "FF", "0xFF;all", "00FFh"] {
+        assert_eq!(default("7", text), Some(Value::Integer(255)), "{text}");
+    }
     for text in ["$NODEID-1", "1+$NODEID+1", "--1", "0x", ""] {
         assert_eq!(default("7", text), None, "{text}");
     }
@@ -191,14 +209,109 @@ fn numbers_are_read_as_vendors_write_them() {
 
 #[test]
 fn what_is_no_data_sheet_is_refused() {
-    assert_eq!(Eds::read(b""), Err(EdsError::NoObject));
-    assert_eq!(Eds::read(b"rig:\n  name: mine\n"), Err(EdsError::NoObject));
-    assert_eq!(Eds::read(b"\xff\xfe[\x001\x00"), Err(EdsError::NotText));
+    assert_eq!(Eds::read(b""), Err(EdsError::NoObject { line: 1 }));
+    assert_eq!(Eds::read(b"rig:\n  name: mine\n"), Err(EdsError::NoObject { line: 2 }));
+    assert_eq!(Eds::read(b"[1000]\nDataType=7\n\0\n"), Err(EdsError::NotText { line: 3 }));
     assert_eq!(Eds::read(&vec![b';'; MAX_BYTES + 1]), Err(EdsError::Large));
     let many: String = (0..500)
         .map(|at| format!("[{:04X}]\nParameterName=x\nDataType=5\nAccessType=rw\nCompactSubObj=254\n", 0x2000 + at))
         .collect();
     assert!(matches!(Eds::read(many.as_bytes()), Err(EdsError::Many { .. })));
+}
+
+#[test]
+fn oddities_of_a_hostile_file_are_told_up_to_a_number() {
+    let junk = format!("{SMALL}{}", "what is this\n".repeat(5 * MAX_FINDINGS));
+    let findings = read(&junk).findings;
+    assert_eq!(findings.len(), MAX_FINDINGS + 1);
+    assert!(findings.last().unwrap().message.contains("more oddities than are told"), "{:?}", findings.last());
+}
+
+#[test]
+fn a_text_is_the_same_in_any_encoding_and_with_any_ends_of_lines() {
+    let plain = read(SMALL).eds;
+    let wide = |word: fn(u16) -> [u8; 2]| {
+        let words = std::iter::once(0xfeff).chain(SMALL.encode_utf16());
+        Eds::read(&words.flat_map(word).collect::<Vec<u8>>()).unwrap()
+    };
+    for Reading { eds, findings } in [wide(u16::to_le_bytes), wide(u16::to_be_bytes)] {
+        assert_eq!(eds, plain);
+        assert!(findings.len() == 1 && findings[0].message.contains("UTF-16"), "{findings:?}");
+    }
+    for end in ["\r\n", "\r"] {
+        assert_eq!(read(&SMALL.replace('\n', end)), Reading { eds: plain.clone(), findings: Vec::new() });
+    }
+    assert_eq!(read(&format!("\u{feff}{SMALL}")), Reading { eds: plain, findings: Vec::new() });
+}
+
+/// A bus coupler with three kinds of modules, as CiA 306 describes them.
+const MODULAR: &str = "
+[SupportedModules]
+NrOfEntries=3
+[M1ModuleInfo]
+ProductName=Eight inputs
+OrderCode=DI8
+[M1FixedObjects]
+NrOfEntries=1
+1=0x6005
+[M1Fixed6005]
+ParameterName=Interrupt enable
+ObjectType=0x7
+DataType=0x0001
+AccessType=rw
+DefaultValue=0
+[M1SubExtends]
+NrOfEntries=1
+1=0x6000
+[M1SubExt6000]
+ParameterName=Read input
+DataType=0x0005
+AccessType=ro
+PDOMapping=1
+Count=1
+ObjExtend=2
+[M2ModuleInfo]
+ProductName=Four inputs
+[M2SubExtends]
+NrOfEntries=1
+1=0x6020
+[M2SubExt6020]
+ParameterName=Read nibble
+DataType=0x0005
+AccessType=ro
+Count=0;4
+[M3ModuleInfo]
+ProductName=Nothing
+";
+
+#[test]
+fn modules_that_are_plugged_in_bring_their_objects() {
+    let Reading { eds, findings } = read(&format!("{SMALL}{MODULAR}"));
+    assert_eq!(findings, []);
+    let names: Vec<&str> = eds.modules.iter().map(|module| module.name.as_str()).collect();
+    assert_eq!((names, eds.modules[0].order_code.as_str()), (vec!["Eight inputs", "Four inputs", "Nothing"], "DI8"));
+    assert!(!eds.objects.contains_key(&0x6000) && !eds.objects.contains_key(&0x6005));
+
+    let plugged = format!("{SMALL}{MODULAR}[ConnectedModules]\nNrOfEntries=7\n1=1\n2=1\n3=1\n4=2\n5=2\n6=2\n7=3\n");
+    let Reading { eds, findings } = read(&plugged);
+    assert_eq!(findings, []);
+    assert_eq!(eds.connected, [1, 1, 1, 2, 2, 2, 3]);
+    let subs = |index: u16| eds.objects[&index].entries.keys().copied().collect::<Vec<u8>>();
+    // Two entries at an index, then the next one.
+    assert_eq!((subs(0x6000), subs(0x6001)), (vec![0, 1, 2], vec![0, 1]));
+    assert_eq!(eds.entry(0x6000, 0).unwrap().default, Some(Value::Integer(2)));
+    assert_eq!(eds.entry(0x6001, 1).unwrap().name, "Read input 1");
+    assert!(eds.entry(0x6000, 1).unwrap().is_mappable);
+    // Three times four bits are two bytes.
+    assert_eq!(subs(0x6020), [0, 1, 2]);
+    assert_eq!(eds.entry(0x6005, 0).unwrap().default, Some(Value::Integer(0)));
+    // What the file has by itself stays.
+    let own = "[6000]\nParameterName=Own\nDataType=5\nAccessType=ro\n[OptionalObjects2]\n";
+    let found = read(&format!("{plugged}{own}"));
+    assert_eq!(found.eds.objects[&0x6000].name, "Own");
+    let wrong = odd(&format!("{SMALL}{MODULAR}[ConnectedModules]\n1=4\n2=x\n"));
+    assert!(wrong.iter().any(|(.., message)| message.contains("module 4 is plugged in")), "{wrong:?}");
+    assert!(wrong.iter().any(|(.., message)| message.contains("is no module in a slot")), "{wrong:?}");
 }
 
 #[test]

@@ -118,6 +118,9 @@ impl Entry {
             }
         }
         line(text, format_args!("PDOMapping={}", u8::from(self.is_mappable)));
+        if self.is_kept_from_download {
+            line(text, format_args!("ObjFlags=1"));
+        }
     }
 }
 

@@ -4,7 +4,7 @@ use std::io::Write;
 use std::path::PathBuf;
 
 use serde_json::{Value, json};
-use yieldwall_drives::eds::{Eds, Node as Of};
+use yieldwall_drives::eds::{Eds, Node as Of, concise};
 
 use super::super::place::{Desk, Node, Place};
 use super::super::words;
@@ -15,7 +15,7 @@ use crate::cli::progress::Progress;
 use crate::cli::replace::Replace;
 use crate::objects::Address;
 use crate::report::Stage;
-use crate::service::{Missed, inventory, values_of};
+use crate::service::{Missed, downloads, inventory, values_of};
 
 #[derive(Debug, clap::Args)]
 pub(in crate::cli) struct Arguments {
@@ -27,6 +27,10 @@ pub(in crate::cli) struct Arguments {
     /// A data sheet (EDS or DCF): its objects are read, by their types; without one every index is asked for, which takes a minute
     #[arg(long, value_name = "FILE.eds")]
     eds: Option<PathBuf>,
+    /// Write a concise DCF, as a CANopen manager keeps one in 1F22h: the parameters alone, in the order in which they are written.
+    /// Objects of the vendor are in it only if --eds explains them
+    #[arg(long, requires = "out")]
+    concise: bool,
     #[command(flatten)]
     replace: Replace,
     #[command(flatten)]
@@ -41,14 +45,22 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
     let mut desk = Desk::open(&arguments.place, output)?;
     let node = desk.node(&arguments.node)?;
     let (found, missed) = objects(&mut desk, &node, eds.as_ref(), output)?;
-    let text = found.to_dcf(&Of {
-        id: node.id.raw(),
-        name: node.entry.as_ref().map(|entry| entry.name.clone()).unwrap_or_default(),
-        bit_rate_kbit_per_s: None,
-    });
-    let count = found.entries().filter(|(.., entry)| entry.value.is_some()).count();
+    let (text, count) = if arguments.concise {
+        let (writes, left_out) = downloads(&found, eds.as_ref(), node.id);
+        for left_out in &left_out {
+            output.aside(&format!("left out  {} {}: {}", left_out.at, left_out.name, left_out.why));
+        }
+        (concise(writes.iter().map(|(at, bytes)| (at.index, at.sub, bytes.as_slice()))), writes.len())
+    } else {
+        let text = found.to_dcf(&Of {
+            id: node.id.raw(),
+            name: node.entry.as_ref().map(|entry| entry.name.clone()).unwrap_or_default(),
+            bit_rate_kbit_per_s: None,
+        });
+        (text.into_bytes(), found.entries().filter(|(.., entry)| entry.value.is_some()).count())
+    };
     if let Some(path) = &arguments.out {
-        arguments.replace.create(path)?.write_all(text.as_bytes()).map_err(|error| {
+        arguments.replace.create(path)?.write_all(&text).map_err(|error| {
             let message = format!("{}: cannot be written: {error}", path.display());
             Failure::about_file(Exit::Usage, path, message, "name a file in a folder that can be written")
         })?;
@@ -69,7 +81,7 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
     );
     match &arguments.out {
         Some(path) => output.news(&format!("{told}, into {}", path.display())),
-        None => output.result(&text),
+        None => output.result(&String::from_utf8_lossy(&text)),
     }
 }
 
