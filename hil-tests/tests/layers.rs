@@ -31,13 +31,15 @@ service              devices asked one by one when no rig runs: names link, cano
 config               names the parameter types of the layers below cycle; named by bus, assembly, run, sim, rig, host, study, soak, record, cli
 elementary           names nothing; named by all
 batch                names nothing; named by study, soak, cli
+checkup              names nothing; named by link, host, service, cli
 record               names what enters and leaves a cycle: cycle, guard, sensing, quantity, the states of `drives::cia402`; named by run, rig, study, soak, cli
 ";
 
 /// All layers. `drives` is not among them: it is a package of its own, `yieldwall_drives`.
-const LAYERS: [&str; 31] = [
+const LAYERS: [&str; 32] = [
     "analysis",
     "batch",
+    "checkup",
     "elementary",
     "quantity",
     "setvalued",
@@ -78,7 +80,7 @@ fn may_name(layer: &str) -> Option<Vec<&'static str>> {
     let bus = || [&stages[..], &["guard", "cycle", "plain_can"], &engines, &["config"]].concat();
     let run = vec!["assembly", "bus", "link", "record"];
     Some(match layer {
-        "elementary" | "time" | "quantity" | "setvalued" | "batch" => vec![],
+        "elementary" | "time" | "quantity" | "setvalued" | "batch" | "checkup" => vec![],
         "objects" => vec!["time"],
         "canopen" => vec!["time", "objects"],
         "sensing" | "fixture" | "linkage" | "control" => base,
@@ -87,17 +89,17 @@ fn may_name(layer: &str) -> Option<Vec<&'static str>> {
         "plain_can" => vec!["time", "canopen", "sensing"],
         "bus" => bus(),
         "injection" => vec!["guard"],
-        "link" => vec!["time", "canopen", "bus"],
+        "link" => vec!["time", "canopen", "bus", "checkup"],
         "config" => [&stages[..], &engines, &["guard", "injection"]].concat(),
         "sim" => [&base[..], &engines, &["plain_can", "sensing", "linkage", "config"]].concat(),
         "record" => [&["elementary", "quantity", "config", "sensing", "guard", "cycle"], &states[..]].concat(),
         "assembly" => [bus(), vec!["bus"]].concat(),
         "run" => [bus(), run].concat(),
-        "host" => [bus(), run, vec!["run"]].concat(),
+        "host" => [bus(), run, vec!["run", "checkup"]].concat(),
         "rig" => [bus(), run, vec!["run", "injection", "sim"]].concat(),
         "analysis" => [bus(), run, vec!["run", "sim", "rig"]].concat(),
         "report" => [bus(), run, vec!["run", "injection", "sim", "rig"]].concat(),
-        "service" => [&engines[..], &["link"]].concat(),
+        "service" => [&engines[..], &["link", "checkup"]].concat(),
         "live" => [bus(), run, vec!["run", "sim", "rig"]].concat(),
         "soak" => [bus(), run, vec!["run", "batch", "injection", "sim", "rig"]].concat(),
         "study" => [bus(), run, vec!["run", "batch", "injection", "sim", "rig", "analysis", "report"]].concat(),
@@ -105,6 +107,7 @@ fn may_name(layer: &str) -> Option<Vec<&'static str>> {
             let above = [
                 "analysis",
                 "batch",
+                "checkup",
                 "injection",
                 "run",
                 "host",
