@@ -22,6 +22,7 @@
 //! SI in `f64`, base frame. Conversion happens in two places only: [`sensing`] and the scaling of `yieldwall_drives`.
 
 pub mod canopen;
+pub mod checkup;
 pub mod control;
 pub mod cycle;
 pub mod elementary;

@@ -22,7 +22,7 @@ fn every_command_prints_one_object_with_its_exit_code_and_its_diagnostics() {
     let rig = "builtin:paper-admittance.yaml";
     let run = format!("run {rig} --duration 0.2");
     // In this order: a recording is made before it is looked into.
-    let cases: [(&str, i32); 61] = [
+    let cases: [(&str, i32); 66] = [
         (&format!("{run} --record rec"), 0),
         (&format!("run {rig} --duration 3 --fault node-reset@2.5 --black-box rec"), 8),
         (&format!("{run} --figure x.txt"), 2),
@@ -57,6 +57,11 @@ fn every_command_prints_one_object_with_its_exit_code_and_its_diagnostics() {
         ("soak --seeds 0..2 --cycles 500", 0),
         ("scan", 0),
         ("scan --listen", 0),
+        (&format!("run {rig} --fault wrong-bit-rate"), 5),
+        ("doctor node left", 0),
+        ("doctor node 5", 5),
+        ("doctor node left --fault bus-off", 4),
+        ("doctor node left --fault bus-of", 2),
         ("scan --rig builtin:paper-admittance-two-buses.yaml", 0),
         ("scan --rig absent.yaml", 3),
         ("info left", 0),

@@ -33,13 +33,15 @@ service              devices asked one by one when no rig runs: names link, cano
 config               names the parameter types of the layers below cycle; named by bus, assembly, run, sim, rig, host, study, soak, record, cli
 elementary           names nothing; named by all
 batch                names nothing; named by study, soak, cli
+checkup              names nothing; named by link, host, service, cli
 record               names what enters and leaves a cycle: cycle, guard, sensing, quantity, the states of `drives::cia402`; named by run, rig, study, soak, cli
 ";
 
 /// All layers. `drives` is not among them: it is a package of its own, `yieldwall_drives`.
-const LAYERS: [&str; 33] = [
+const LAYERS: [&str; 34] = [
     "analysis",
     "batch",
+    "checkup",
     "elementary",
     "quantity",
     "setvalued",
@@ -82,7 +84,7 @@ fn may_name(layer: &str) -> Option<Vec<&'static str>> {
     let bus = || [&stages[..], &["guard", "cycle", "plain_can"], &engines, &["config"]].concat();
     let run = vec!["assembly", "bus", "link", "record"];
     Some(match layer {
-        "elementary" | "time" | "quantity" | "setvalued" | "batch" => vec![],
+        "elementary" | "time" | "quantity" | "setvalued" | "batch" | "checkup" => vec![],
         "objects" => vec!["time"],
         "canopen" | "ethercat" => vec!["time", "objects"],
         "sensing" | "fixture" | "linkage" | "control" => base,
@@ -92,17 +94,17 @@ fn may_name(layer: &str) -> Option<Vec<&'static str>> {
         "bus" => bus(),
         "injection" => vec!["guard"],
         "explanation" => [&engines[..], &["ethercat", "guard", "injection"]].concat(),
-        "link" => vec!["time", "canopen", "bus"],
+        "link" => vec!["time", "canopen", "bus", "checkup"],
         "config" => [&stages[..], &engines, &["guard", "injection"]].concat(),
         "sim" => [&base[..], &engines, &["ethercat", "plain_can", "sensing", "linkage", "config"]].concat(),
         "record" => [&["elementary", "quantity", "config", "sensing", "guard", "cycle"], &states[..]].concat(),
         "assembly" => [bus(), vec!["bus"]].concat(),
         "run" => [bus(), run].concat(),
-        "host" => [bus(), run, vec!["run", "explanation"]].concat(),
+        "host" => [bus(), run, vec!["run", "checkup", "explanation"]].concat(),
         "rig" => [bus(), run, vec!["run", "injection", "sim"]].concat(),
         "analysis" => [bus(), run, vec!["run", "sim", "rig"]].concat(),
         "report" => [bus(), run, vec!["run", "injection", "explanation", "sim", "rig"]].concat(),
-        "service" => [&engines[..], &["link"]].concat(),
+        "service" => [&engines[..], &["link", "checkup"]].concat(),
         "live" => [bus(), run, vec!["run", "sim", "rig"]].concat(),
         "soak" => [bus(), run, vec!["run", "batch", "injection", "sim", "rig"]].concat(),
         "study" => [bus(), run, vec!["run", "batch", "injection", "sim", "rig", "analysis", "report"]].concat(),
@@ -110,6 +112,7 @@ fn may_name(layer: &str) -> Option<Vec<&'static str>> {
             let above = [
                 "analysis",
                 "batch",
+                "checkup",
                 "injection",
                 "explanation",
                 "ethercat",

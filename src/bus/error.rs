@@ -5,7 +5,7 @@ use std::fmt;
 use thiserror::Error;
 
 use super::signs::Heard;
-use crate::canopen::{Emergency, NmtState};
+use crate::canopen::{Emergency, NmtState, NodeSet};
 use crate::objects::AbortCode;
 
 /// What a node said last of itself since the boot began.
@@ -26,6 +26,30 @@ impl fmt::Display for Said {
             Some(state) => write!(out, "; its last heartbeat says {state:?}")?,
         }
         self.emergency.map_or(Ok(()), |emergency| write!(out, "; its last emergency is {}", emergency.code))
+    }
+}
+
+/// Who was heard on the bus of a silent node since the reset.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Others {
+    /// Nodes of the rig that have announced themselves.
+    pub answered: NodeSet,
+    /// Nodes that the rig does not have.
+    pub strangers: NodeSet,
+}
+
+/// `1, 2 and 10 answered; 11, which the rig does not have, was heard`.
+impl fmt::Display for Others {
+    fn fmt(&self, out: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self.answered.is_empty() {
+            true => write!(out, "no other node of its bus answered")?,
+            false => write!(out, "{} answered", self.answered)?,
+        }
+        match self.strangers.len() {
+            0 => Ok(()),
+            1 => write!(out, "; {}, which the rig does not have, was heard", self.strangers),
+            _ => write!(out, "; {}, which the rig does not have, were heard", self.strangers),
+        }
     }
 }
 
@@ -68,6 +92,8 @@ pub enum BootFailure {
         is_unheard: bool,
         /// What it said meanwhile.
         said: Said,
+        /// Who else was heard on its bus.
+        others: Box<Others>,
     },
     /// The node did not become Operational after the start command.
     #[error("not Operational within {waited_ms} ms after the start command{said}")]
@@ -202,7 +228,7 @@ pub enum BootFailure {
 
 /// A failed boot: which node, in which step, and why. Nothing was enabled.
 #[derive(Clone, Debug, PartialEq, Eq, Error)]
-#[error("{}: {step}: {failure}", named(*.node_id, .name))]
+#[error("{}{}: {step}: {failure}", named(*.node_id, .name), silence(.failure))]
 pub struct BootError {
     /// Node id; `None` for a sensor on plain CAN.
     pub node_id: Option<u8>,
@@ -213,6 +239,14 @@ pub struct BootError {
     /// What went wrong.
     #[source]
     pub failure: BootFailure,
+}
+
+/// ` is silent; 2 and 10 answered` of a node that nobody heard anything of; nothing of any other.
+fn silence(failure: &BootFailure) -> String {
+    match failure {
+        BootFailure::Missing { said, others, .. } if *said == Said::default() => format!(" is silent; {others}"),
+        _ => String::new(),
+    }
 }
 
 /// `node 1 (left)`, or the name alone where there is no node id.

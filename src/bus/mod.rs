@@ -21,7 +21,7 @@ mod setup;
 mod signs;
 
 pub use can::{Told, Waiting, budget};
-pub use error::{BootError, BootFailure, Said};
+pub use error::{BootError, BootFailure, Others, Said};
 pub use master::Master;
 pub use phase::{LinkEvent, Phase};
 pub use setup::{DriveSetup, MasterSetup, SensorLink, SensorNode, SensorSetup, Waits};

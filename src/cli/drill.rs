@@ -6,7 +6,9 @@ use super::failure::{Exit, Failure};
 use super::interfaces::Interfaces;
 use super::interrupt::on_interrupt;
 use super::keep::state_folder;
-use super::on_bus::{different, live_failure, open_failure, print_news, thread_failure, warn_of, with_emergencies};
+use super::on_bus::{
+    different, live_failure, open_failure, point_to_doctor, print_news, thread_failure, warn_of, with_emergencies,
+};
 use super::output::Output;
 use super::run::{judge, watchdogs_json, watchdogs_text};
 use crate::config::{self, Source};
@@ -29,14 +31,17 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
     let rig = rig.value;
     let folder = state_folder("drills").ok_or_else(no_home)?;
     let is_interrupted = on_interrupt()?;
-    let on_bus = RigOnBus::open(&rig, Interfaces::of(&rig, &arguments.bus)?.names(), Pace::Free);
+    let interfaces = Interfaces::of(&rig, &arguments.bus)?;
+    let on_bus = RigOnBus::open(&rig, interfaces.names(), Pace::Free);
     let on_bus = on_bus.map_err(|error| open_failure(&error))?;
     warn_of(output, on_bus.memory());
     output.news("the rig is enabled three times, at rest; nobody may hold the handle")?;
     let outcome = on_bus.drill(&is_interrupted, print_news(false, output)).map_err(|error| thread_failure(&error))?;
     let emergencies = different(outcome.emergencies.into_iter());
-    let (identities, drilled) =
-        outcome.drilled.map_err(|error| with_emergencies(live_failure(&error), &emergencies, &rig))?;
+    let (identities, drilled) = outcome.drilled.map_err(|error| {
+        let failure = point_to_doctor(live_failure(&error), &error, &rig, &arguments.rig, &interfaces);
+        with_emergencies(failure, &emergencies, &rig)
+    })?;
     let path = Subject::new(&rig, identities).store(&drilled, &folder).map_err(|error| {
         Failure::new(Exit::Usage, format!("{}: {error}", folder.display()), "make the folder one that can be written")
     })?;

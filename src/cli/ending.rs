@@ -1,7 +1,7 @@
 //! Why a run ended badly, and with which exit code.
 
 use super::failure::{Exit, Failure};
-use crate::bus::BootFailure;
+use crate::bus::{BootError, BootFailure};
 use crate::config;
 use crate::explanation::{self, Explanation};
 use crate::guard::{Cause, DeviceSet, Fault};
@@ -152,6 +152,22 @@ pub(super) fn rig_failure(error: &RigError) -> Failure {
     Failure::new(exit, error.to_string(), help)
 }
 
+/// The same failure with the command that finds out why a node does not answer, where one does not; `arguments` is what the command
+/// needs to come to the node.
+pub(super) fn point_to_doctor(mut failure: Failure, error: &BootError, arguments: &str) -> Failure {
+    let BootError {
+        node_id: Some(node_id), failure: BootFailure::Missing { .. } | BootFailure::NoAnswer { .. }, ..
+    } = error
+    else {
+        return failure;
+    };
+    if let Some(finding) = failure.report.diagnostics.first_mut() {
+        let help = finding.help.take().map_or(String::new(), |help| format!("; {help}"));
+        finding.help = Some(format!("`yieldwall doctor node {node_id}{arguments}` finds out why{help}"));
+    }
+    failure
+}
+
 /// What to try when the boot has failed.
 fn boot_help(failure: &BootFailure) -> &'static str {
     match failure {
@@ -172,7 +188,7 @@ fn boot_help(failure: &BootFailure) -> &'static str {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::bus::{BootError, Said};
+    use crate::bus::Said;
 
     fn said(error: &RigError) -> (Exit, String) {
         let Failure { exit, report } = rig_failure(error);
@@ -186,7 +202,8 @@ mod tests {
                 BootError { node_id: Some(1), name: "left".to_owned(), step: "wait for the boot-up message", failure };
             said(&RigError::Boot(error))
         };
-        let (exit, help) = boot(BootFailure::Missing { waited_ms: 500, is_unheard: true, said: Said::default() });
+        let (said, others) = (Said::default(), Box::default());
+        let (exit, help) = boot(BootFailure::Missing { waited_ms: 500, is_unheard: true, said, others });
         assert_eq!(exit, Exit::DeviceMismatch);
         assert!(["supply", "cable", "bit rate", "node ids"].iter().all(|word| help.contains(word)), "{help}");
         let (exit, help) = boot(BootFailure::Restarted { times: 4 });

@@ -9,7 +9,7 @@ use super::interfaces::Interfaces;
 use super::interrupt::{interrupted, on_interrupt};
 use super::keep::{Keep, Watched};
 use super::on_bus::{
-    different, live_failure, open_failure, print_news, thread_failure, warn, warn_of, with_emergencies,
+    different, live_failure, open_failure, point_to_doctor, print_news, thread_failure, warn, warn_of, with_emergencies,
 };
 use super::output::Output;
 use super::pace::PaceArgument;
@@ -153,7 +153,10 @@ fn not_run(
     arguments: &Arguments,
 ) -> Failure {
     match error {
-        NotRun::Run(error) => with_emergencies(live_failure(error), &outcome.emergencies, rig),
+        NotRun::Run(error) => {
+            let failure = point_to_doctor(live_failure(error), error, rig, &arguments.rig, interfaces);
+            with_emergencies(failure, &outcome.emergencies, rig)
+        }
         NotRun::Unproven(error) => unproven(error, &interfaces.arguments(rig), arguments),
         NotRun::Untimely(error) => untimely(error, rig),
         // Said with the line of the file before anything was opened.

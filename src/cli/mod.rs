@@ -4,9 +4,13 @@
 //! output only; findings and failures go to standard error, or with `--json` into the one document on standard output.
 
 mod bus;
+#[cfg(target_os = "linux")]
+mod checkup;
 mod compare;
 mod config;
 mod desk;
+#[cfg(target_os = "linux")]
+mod doctor;
 #[cfg(target_os = "linux")]
 mod drill;
 mod ending;
@@ -87,6 +91,9 @@ enum Command {
     /// Measure how late this computer wakes up, and how long a frame takes to the bus and back
     #[cfg(target_os = "linux")]
     Latency(latency::Arguments),
+    /// Say what keeps this computer, an interface or a node from being of use, and the command that mends it
+    #[cfg(target_os = "linux")]
+    Doctor(doctor::Arguments),
     /// Find the devices on a bus: who answers, what it is, and which entry of the rig it fits
     Scan(desk::scan::Arguments),
     /// Say of one device who it is and how it is
@@ -188,6 +195,8 @@ fn run(arguments: impl IntoIterator<Item = OsString>) -> Exit {
         Command::Drill(arguments) => drill::run(&arguments, &mut output),
         #[cfg(target_os = "linux")]
         Command::Latency(arguments) => latency::run(&arguments, &mut output),
+        #[cfg(target_os = "linux")]
+        Command::Doctor(arguments) => doctor::run(&arguments, &mut output),
         Command::Scan(arguments) => desk::scan::run(&arguments, &mut output),
         Command::Info(arguments) => desk::info::run(&arguments, &mut output),
         Command::Od(command) => desk::od::run(&command, &mut output),

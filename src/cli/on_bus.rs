@@ -3,8 +3,9 @@
 mod emergencies;
 mod news;
 
-use super::ending::{exit_of, rig_failure};
+use super::ending::{self, exit_of, rig_failure};
 use super::failure::{Exit, Failure};
+use super::interfaces::Interfaces;
 use super::output::Output;
 use crate::bus::{Heard, Sign};
 use crate::config;
@@ -27,6 +28,23 @@ pub(super) fn open_failure(error: &OpenError) -> Failure {
         OpenError::Link(error) => link_failure(error),
         OpenError::Count { .. } => Failure::new(Exit::Usage, error.to_string(), "name one interface for each bus"),
     }
+}
+
+/// The same failure with the command that finds out why a node of the rig does not answer, where one does not.
+pub(super) fn point_to_doctor(
+    failure: Failure,
+    error: &RunError,
+    rig: &config::Rig,
+    file: &str,
+    interfaces: &Interfaces,
+) -> Failure {
+    let RunError::Boot(error) = error else { return failure };
+    let drive = rig.drives.iter().find(|drive| drive.name == error.name).map(|drive| &drive.bus);
+    let bus = drive.unwrap_or(&rig.sensor.bus);
+    let at = rig.buses.keys().position(|name| name == bus).unwrap_or_default();
+    let Some(interface) = interfaces.names().get(at) else { return failure };
+    let bus = if rig.buses.len() == 1 { interface.clone() } else { format!("{bus}={interface}") };
+    ending::point_to_doctor(failure, error, &format!(" --bus {bus} --rig {file}"))
 }
 
 /// The failure that a thread is which is not there, or has panicked.

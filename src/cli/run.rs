@@ -25,11 +25,11 @@ use super::progress::Progress;
 use super::replace::{Replace, Written};
 use super::tune::{Masses, advice};
 use crate::config::{self, Diagnostic, Document, Loaded, Report, Severity, Source};
-use crate::injection::Injection;
+use crate::injection::{Injection, Kind};
 use crate::record::Trace;
 use crate::report::drawing;
 use crate::report::{Overrides, RunReport, replay, run_rig};
-use crate::rig::{self};
+use crate::rig::{self, RigError};
 use crate::run::{Demands as DrillDemands, Drilled};
 
 #[derive(Debug, clap::Args)]
@@ -134,7 +134,8 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
     // A run that broke off leaves what there is of it.
     let kept = keep.finish()?;
     output.warnings(&kept.warnings());
-    let report = report.map_err(|error| kept.point_to_black_box(rig_failure(&error)))?;
+    let report =
+        report.map_err(|error| kept.point_to_black_box(not_run(&error, arguments, &overrides.faults, &scene.value)))?;
     let drawn = draw(&report.trace, &rig.value.rig.name, arguments.figure.as_deref());
     let figure = arguments.figure.as_deref().filter(|_| drawn.is_ok());
     let seed = overrides.seed.unwrap_or(scene.value.seed);
@@ -150,6 +151,18 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
         return end;
     }
     output.end(facts.json(arguments), end)
+}
+
+/// Why a simulated rig did not run.
+fn not_run(error: &RigError, arguments: &Arguments, of_arguments: &[Injection], scene: &config::Scene) -> Failure {
+    let failure = rig_failure(error);
+    let RigError::Boot(boot) = error else { return failure };
+    let of_scene = scene.faults.iter().filter_map(|fault| fault.injection().ok());
+    let mut injected = of_scene.chain(of_arguments.iter().copied());
+    // `doctor` knows these by the same names.
+    let same = injected.find(|injection| matches!(injection.kind, Kind::WrongBitRate | Kind::WrongNodeId));
+    let fault = same.map_or(String::new(), |injection| format!(" --fault {}", injection.kind.row().name));
+    ending::point_to_doctor(failure, boot, &format!(" --rig {}{fault}", arguments.rig))
 }
 
 /// Whether a run ended as it should, but for what was injected into it.

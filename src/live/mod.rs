@@ -4,11 +4,13 @@
 #[cfg(all(feature = "socketcan", target_os = "linux"))]
 mod attach;
 mod listen;
+mod planted;
 mod serve;
 mod virtual_link;
 
 #[cfg(all(feature = "socketcan", target_os = "linux"))]
 pub use attach::{AttachError, Attached, Entrance, attach};
 pub use listen::listen;
+pub use planted::{PlantedLink, Trouble};
 pub use serve::{ServeError, serve};
 pub use virtual_link::VirtualLink;

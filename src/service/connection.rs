@@ -132,6 +132,12 @@ impl<L: CanLink> Service<L> {
         &self.link
     }
 
+    /// The same connection over what becomes of its link.
+    #[must_use]
+    pub fn map_link(self, change: impl FnOnce(L) -> L) -> Self {
+        Self { link: change(self.link), ..self }
+    }
+
     /// The time of the link.
     pub fn now(&self) -> Time {
         self.link.now()

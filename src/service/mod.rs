@@ -3,6 +3,7 @@
 //! ```text
 //! CanLink <-> Service: one SDO channel for each node, what was heard of each
 //!                |-- scan       who is there
+//!                |-- doctor     why a node does not answer
 //!                |-- adopt      what a drive can do, tried out and put back -> a device profile
 //!                |-- inventory  all objects, found without a data sheet or by one
 //!                `-- restore    values of a file against those of the device -> steps in order -> written and read back
@@ -13,6 +14,7 @@
 pub mod adopt;
 mod caution;
 mod connection;
+pub mod doctor;
 mod inventory;
 mod known;
 mod restore;

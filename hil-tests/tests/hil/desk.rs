@@ -1,6 +1,8 @@
 //! The commands that ask devices one by one, on an interface with simulated devices.
 
-use std::time::Instant;
+use std::io::Write;
+use std::process::{Command, Stdio};
+use std::time::{Duration, Instant};
 
 use serde_json::Value;
 
@@ -118,4 +120,160 @@ fn beside_a_rig_that_runs_nothing_is_sent_and_all_is_heard() {
     let (code, document) = rig.document();
     assert_eq!((code, &document["state"]), (INTERRUPTED, &"Running".into()), "{document:#}");
     sim.interrupted();
+}
+
+/// A check of `doctor` by its subject.
+fn check<'a>(document: &'a Value, subject: &str) -> &'a Value {
+    let checks = document["checks"].as_array().unwrap();
+    checks.iter().find(|check| check["subject"] == subject).unwrap_or_else(|| panic!("{subject}: {document:#}"))
+}
+
+/// Runs the command that a check prints; `sudo` is left out, since these tests are root.
+fn mend(check: &Value) {
+    let command = check["mend"].as_str().unwrap_or_else(|| panic!("{check:#}"));
+    let with_program = command.replace("sudo ", "").replace("yieldwall ", &format!("{} ", program().display()));
+    let done = Command::new("sh").args(["-c", &with_program]).output().expect("a shell");
+    assert!(done.status.success(), "{command}: {}", String::from_utf8_lossy(&done.stderr));
+}
+
+fn doctor(line: &str) -> (i32, Value) {
+    let arguments: Vec<&str> = ["doctor"].into_iter().chain(line.split(' ')).chain(["--json"]).collect();
+    Running::start(&arguments).document()
+}
+
+#[test]
+#[ignore = "needs a CAN interface: see hil-tests/vcan"]
+fn doctor_finds_troubles_of_the_interface_and_its_commands_mend_them() {
+    let bus = bus();
+    let sim = Running::sim(RIG, &[]);
+    let asked = format!("{RIG} --bus {bus}");
+    let (_, well) = doctor(&asked);
+    assert_eq!(check(&well, "interface")["verdict"], "ok", "{well:#}");
+    assert_eq!(check(&well, "devices")["found"], "1, 2 and 10 are heard");
+    assert_eq!(check(&well, "identifiers")["verdict"], "ok", "{well:#}");
+
+    Command::new("ip").args(["link", "set", &bus, "txqueuelen", "10000"]).status().unwrap();
+    Command::new("tc").args(["qdisc", "replace", "dev", &bus, "root", "pfifo_fast"]).status().unwrap();
+    let (_, long) = doctor(&format!("--bus {bus}"));
+    let queue = check(&long, "queue");
+    assert!(queue["verdict"] == "warning" && queue["found"].as_str().unwrap().contains("10000"), "{queue:#}");
+    mend(queue);
+    let (_, mended) = doctor(&format!("--bus {bus}"));
+    assert_eq!(check(&mended, "queue")["found"], "128 frames", "{mended:#}");
+    Command::new("tc").args(["qdisc", "del", "dev", &bus, "root"]).status().unwrap();
+    Command::new("ip").args(["link", "set", &bus, "txqueuelen", "0"]).status().unwrap();
+    sim.interrupted();
+
+    let down = PutBack::down(&bus);
+    for line in [asked.clone(), format!("node left --rig {RIG} --bus {bus}")] {
+        let (code, refused) = doctor(&line);
+        assert_eq!((code, &check(&refused, "interface")["verdict"]), (BUS_UNAVAILABLE, &"wrong".into()), "{refused:#}");
+        mend(check(&refused, "interface"));
+        let (_, mended) = doctor(&asked);
+        assert_eq!(check(&mended, "interface")["verdict"], "ok", "{mended:#}");
+        Command::new("ip").args(["link", "set", &bus, "down"]).status().unwrap();
+    }
+    drop(down);
+}
+
+#[test]
+#[ignore = "needs a CAN interface: see hil-tests/vcan"]
+fn doctor_says_why_a_node_does_not_answer() {
+    let bus = bus();
+    let node = |word: &str| doctor(&format!("node {word} --bus {bus} --rig {RIG}"));
+    let (code, alone) = node("left");
+    assert_eq!((code, &check(&alone, "silence")["verdict"]), (BUS_UNAVAILABLE, &"wrong".into()), "{alone:#}");
+
+    let sim = Running::sim(RIG, &[]);
+    let (code, well) = node("left");
+    assert_eq!((code, &well["answers"]), (OK, &true.into()), "{well:#}");
+    let (code, silent) = node("5");
+    assert_eq!(code, DEVICE_MISMATCH, "{silent:#}");
+    assert_eq!(check(&silent, "silent")["found"], "node 5 is silent; 1, 2 and 10 answered");
+
+    assert_eq!(ask("nmt right stop").0, OK);
+    let (code, stopped) = node("right");
+    assert_eq!((code, &check(&stopped, "stopped")["found"]), (DEVICE_MISMATCH, &"node 2 (right) is in Stopped".into()));
+    mend(check(&stopped, "stopped"));
+    assert_eq!(node("right").0, OK);
+
+    let doubles = Doubles::start(RIG, None, yieldwall::run::Pace::Free);
+    let (code, double) = node("left");
+    let found = check(&double, "node id")["found"].as_str().unwrap();
+    assert!(code == DEVICE_MISMATCH && found.starts_with("two devices answer as node 1 (left)"), "{double:#}");
+    drop(doubles);
+    sim.interrupted();
+}
+
+#[test]
+#[ignore = "needs a CAN interface: see hil-tests/vcan"]
+fn run_and_drill_name_who_is_silent_who_answered_and_what_finds_out_why() {
+    let bus = bus();
+    let sim = Running::sim(RIG, &["--pace", "lockstep"]);
+    assert_eq!(ask("lss set-id right 9").0, OK);
+    let (code, _) = ask("nmt right reset");
+    assert_eq!(code, DEVICE_MISMATCH, "it boots as node 9");
+    let drill = ["drill", RIG, "--bus", &bus, "--json"];
+    for program in [run_for("1"), Running::start(&drill)] {
+        let (code, message, help) = refusal(program);
+        assert_eq!(code, DEVICE_MISMATCH, "{message}");
+        assert!(message.starts_with("node 2 (right) is silent; 1 and 10 answered"), "{message}");
+        assert!(
+            help.starts_with(&format!("`yieldwall doctor node 2 --bus {bus} --rig {RIG}` finds out why")),
+            "{help}"
+        );
+    }
+    let (_, found) = doctor(&format!("node 2 --bus {bus} --rig {RIG}"));
+    let silent = check(&found, "silent");
+    assert_eq!(silent["mend"], format!("yieldwall lss set-id 9 2 --bus {bus} --rig {RIG}"), "{found:#}");
+    mend(silent);
+    assert_eq!(ask("nmt 9 reset").0, DEVICE_MISMATCH, "it boots as node 2 again");
+    assert_eq!(doctor(&format!("node 2 --bus {bus} --rig {RIG}")).0, OK);
+    sim.interrupted();
+}
+
+/// A shell of a user without any privilege, which runs commands one after the other.
+#[test]
+#[ignore = "needs a CAN interface: see hil-tests/vcan"]
+fn no_real_time_priority_is_mended_for_the_shell_that_asked() {
+    let folder = std::env::temp_dir().join(format!("yieldwall-shell-{}", std::process::id()));
+    std::fs::create_dir_all(&folder).unwrap();
+    let user = ["--reuid", "65534", "--regid", "65534", "--clear-groups", "--inh-caps=-all", "sh"];
+    let mut shell = Command::new("prlimit").args(["--rtprio=0:0", "setpriv"]).args(user).stdin(Stdio::piped()).spawn();
+    let shell = shell.as_mut().expect("util-linux is installed");
+    let pid = shell.id().to_string();
+    let mut ask = |name: &str| {
+        let path = folder.join(name);
+        let line = format!(
+            "{} doctor --json > {} 2>&1; echo > {}.done\n",
+            program().display(),
+            path.display(),
+            path.display()
+        );
+        shell.stdin.as_mut().unwrap().write_all(line.as_bytes()).unwrap();
+        let begun = Instant::now();
+        while !path.with_extension("done").exists() {
+            assert!(begun.elapsed() < LIMIT, "it hangs");
+            std::thread::sleep(Duration::from_millis(20));
+        }
+        let text = std::fs::read_to_string(&path).unwrap();
+        serde_json::from_str::<Value>(&text).unwrap_or_else(|error| panic!("{error}: {text}"))
+    };
+    Command::new("chmod").arg("777").arg(&folder).status().unwrap();
+    let refused = ask("before");
+    let priority = check(&refused, "priority").clone();
+    assert_eq!(priority["verdict"], "wrong", "{refused:#}");
+    assert_eq!(refused["exit_code"], TIMING_MISSED);
+    // The command is for the shell in which it is typed.
+    let command = priority["mend"].as_str().unwrap();
+    assert!(command.contains("--pid $$"), "{command}");
+    // `setpriv` and `prlimit` have become the shell.
+    let command = command.replace("$$", &pid).replace("sudo ", "");
+    let done = Command::new("sh").args(["-c", &command]).output().unwrap();
+    assert!(done.status.success(), "{command}: {}", String::from_utf8_lossy(&done.stderr));
+    let granted = ask("after");
+    assert_eq!(check(&granted, "priority")["verdict"], "ok", "{granted:#}");
+    drop(shell.stdin.take());
+    shell.wait().unwrap();
+    let _ = std::fs::remove_dir_all(&folder);
 }

@@ -3,6 +3,8 @@
 
 use std::process::Command;
 
+use serde_json::Value;
+
 use super::programs::*;
 
 #[test]
@@ -32,6 +34,11 @@ fn a_process_that_may_not_open_can_sockets() {
     let said = said.split_whitespace().filter(|word| *word != "│").collect::<Vec<_>>().join(" ");
     assert!(said.contains("this process may not open CAN sockets"), "{said}");
     assert!(said.contains("RestrictAddressFamilies"), "{said}");
+    let done = Command::new("python3").args([filter, program, "doctor", "--bus", &bus, "--json"]).output();
+    let document: Value = serde_json::from_slice(&done.expect("as before").stdout).expect("a document");
+    let checks = document["checks"].as_array().expect("checks");
+    let found = checks.iter().find(|check| check["subject"] == "permission").expect("the trouble by its name");
+    assert_eq!((&found["verdict"], &document["exit_code"]), (&"wrong".into(), &BUS_UNAVAILABLE.into()), "{found:#}");
 }
 
 #[test]
@@ -40,8 +47,11 @@ fn a_node_that_is_not_there() {
     let observer = Observer::new();
     let (code, message, help) = refusal(run_for("1"));
     assert_eq!(code, DEVICE_MISMATCH);
-    assert!(message.contains("node 1 (left): wait for the boot-up message"), "{message}");
-    assert!(help.contains("node ids"), "{help}");
+    assert!(
+        message.starts_with("node 1 (left) is silent; no other node of its bus answered: wait for the"),
+        "{message}"
+    );
+    assert!(help.contains("node ids") && help.starts_with("`yieldwall doctor node 1 --bus "), "{help}");
     // Both drives are there, and the sensor is not.
     let socket = std::env::temp_dir().join(format!("yieldwall-refused-{}.sock", std::process::id()));
     let _ = std::fs::remove_file(&socket);
@@ -49,7 +59,7 @@ fn a_node_that_is_not_there() {
     let sim = Running::sim(RIG, &["--pace", "lockstep", "--nodes", "left,right", "--plant", socket]);
     let (code, message, _) = refusal(run_for("1"));
     assert_eq!(code, DEVICE_MISMATCH);
-    assert!(message.contains("node 10 (wrist): wait for the boot-up message"), "{message}");
+    assert!(message.starts_with("node 10 (wrist) is silent; 1 and 2 answered: wait for the boot-up"), "{message}");
     drop(sim);
     let _ = std::fs::remove_file(socket);
     assert!(!is_enabled(&observer.rest()));

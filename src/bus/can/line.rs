@@ -3,7 +3,7 @@
 use super::node::Node;
 use crate::bus::setup::MasterSetup;
 use crate::canopen::nmt::HeartbeatConsumer;
-use crate::canopen::{BusId, Frame, cob};
+use crate::canopen::{BusId, Frame, NodeSet, cob};
 use yieldwall_drives::watchdog::HEARTBEAT_PERIODS;
 
 /// One bus.
@@ -21,6 +21,8 @@ pub(super) struct Line {
     set_points: u8,
     /// The last frames of a cycle that were sent and not seen on the bus yet: set-points, or SYNC where there are none.
     pub(super) in_flight: u8,
+    /// The nodes that have said something of themselves since the boot began.
+    pub(super) heard: NodeSet,
 }
 
 impl Line {
@@ -36,6 +38,7 @@ impl Line {
             watch,
             set_points: setup.drives.iter().filter(|drive| drive.bus == bus).count() as u8,
             in_flight: 0,
+            heard: NodeSet::default(),
         }
     }
 
@@ -43,6 +46,7 @@ impl Line {
     pub(super) fn restart(&mut self) {
         self.watch.restart();
         self.in_flight = 0;
+        self.heard = NodeSet::default();
     }
 
     /// SYNC was sent, if it is sent here at all.

@@ -251,7 +251,12 @@ impl CanNetwork {
                 node.is_altered |= is_enabled;
             }
         }
-        if let Some((id, state)) = nmt::decode_heartbeat(frame)
+        let said = nmt::decode_heartbeat(frame);
+        let line = self.lines.iter_mut().find(|line| line.bus == frame.bus());
+        if let (Some((id, _)), Some(line)) = (said, line) {
+            line.heard.insert(id);
+        }
+        if let Some((id, state)) = said
             && let Some(node) = self.nodes.iter_mut().find(|node| node.is(frame.bus(), id))
         {
             node.said.state = Some(state);

@@ -5,11 +5,11 @@ use std::time::Duration;
 use super::line::Line;
 use super::node::Node;
 use super::{CanNetwork, refuse};
-use crate::bus::error::BootFailure;
+use crate::bus::error::{BootFailure, Others};
 use crate::bus::phase::Phase;
 use crate::bus::signs::Heard;
 use crate::canopen::nmt::{self, HeartbeatChange, HeartbeatEvent};
-use crate::canopen::{BusId, Frame, NmtCommand, NmtState, Outbox};
+use crate::canopen::{BusId, Frame, NmtCommand, NmtState, NodeSet, Outbox};
 use crate::cycle::LinkEvents;
 use crate::guard::DeviceSet;
 use crate::plain_can::Client;
@@ -231,6 +231,15 @@ impl CanNetwork {
         (self.phase == Phase::Starting && !has_samples).then_some(("wait for samples", self.sample_wait))
     }
 
+    /// Who was heard on the bus of a node beside it.
+    fn others(&self, silent: &Node) -> Others {
+        let here = self.nodes.iter().filter(|node| node.bus == silent.bus);
+        let own: NodeSet = here.clone().map(|node| node.id).collect();
+        let heard = self.lines.iter().find(|line| line.bus == silent.bus).map(|line| line.heard).unwrap_or_default();
+        let answered = here.filter(|node| node.has_booted && node.id != silent.id).map(|node| node.id).collect();
+        Others { answered, strangers: heard.without(own) }
+    }
+
     /// Fails because of the first that is too late.
     fn give_up(&mut self, now: Time) {
         let is_over = |wait: &(&'static str, Duration)| now >= self.phase_since + wait.1;
@@ -243,7 +252,7 @@ impl CanNetwork {
                 let (waited_ms, said) = (waited_ms(wait), node.said);
                 let failure = match self.phase {
                     Phase::Starting => BootFailure::NotStarted { waited_ms, said },
-                    _ => BootFailure::Missing { waited_ms, is_unheard, said },
+                    _ => BootFailure::Missing { waited_ms, is_unheard, said, others: Box::new(self.others(node)) },
                 };
                 refuse(Some(node.id.raw()), &node.name, step, failure)
             }

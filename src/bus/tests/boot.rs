@@ -187,12 +187,23 @@ fn a_missing_node_is_named() {
     net.master.start(net.now, &mut net.sent);
     net.hear("701#00");
     net.hear("70A#00");
+    net.hear("70B#00");
     net.wait(Duration::from_millis(699));
     assert_eq!(*net.master.phase(), Phase::Resetting);
     net.wait(Duration::from_millis(1));
     let error = failure(&net);
     assert_eq!((error.node_id, error.name.as_str()), (Some(2), "right"));
-    assert_eq!(error.failure, BootFailure::Missing { waited_ms: 700, is_unheard: false, said: Said::default() });
+    let set = |raw: &[u8]| raw.iter().filter_map(|raw| cob::node_id(*raw).ok()).collect();
+    let others = Box::new(Others { answered: set(&[1, 10]), strangers: set(&[11]) });
+    assert_eq!(
+        error.failure,
+        BootFailure::Missing { waited_ms: 700, is_unheard: false, said: Said::default(), others }
+    );
+    assert_eq!(
+        error.to_string(),
+        "node 2 (right) is silent; 1 and 10 answered; 11, which the rig does not have, was heard: wait for the boot-up \
+         message: no boot-up message within 700 ms after the reset; nothing was heard of it"
+    );
 }
 
 /// What the boot waits for: node, step, time waited and time left in ms.

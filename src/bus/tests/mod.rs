@@ -12,7 +12,7 @@ use std::collections::BTreeMap;
 use std::time::Duration;
 
 use super::*;
-use crate::canopen::{BusId, Frame};
+use crate::canopen::{BusId, Frame, cob};
 use crate::config::shipped_profile;
 use crate::cycle::tests::{position_cycle, torque_cycle};
 use crate::cycle::{Cycle, Outputs, Timing};

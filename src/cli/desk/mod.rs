@@ -1,6 +1,8 @@
 //! Commands that ask devices one by one: on a bus with `--bus`, without it those of a rig's simulation, for rehearsal.
 
 pub(super) mod adopt;
+#[cfg(target_os = "linux")]
+pub(super) mod doctor;
 pub(super) mod emcy;
 pub(super) mod info;
 mod keeping;

@@ -100,6 +100,12 @@ impl Desk {
         Self::of(place, true, output)
     }
 
+    /// The devices of an interface on which something will be sent, and the rig that they may belong to.
+    pub(super) fn on_bus(argument: &str, rig: Option<&Rig>) -> Result<Self, Failure> {
+        let entries = rig.map_or(Ok(Vec::new()), entries)?;
+        Self::on_interface(argument, rig, entries, false, on_interrupt()?)
+    }
+
     fn of(place: &Place, is_silent: bool, output: &mut Output) -> Result<Self, Failure> {
         let rig = match (&place.rig, &place.bus) {
             (None, Some(_)) => None,
@@ -244,7 +250,7 @@ impl Desk {
         match error {
             Error::NoAnswer | Error::MayBeWritten => {
                 let bus = if self.is_simulated { "" } else { " with the same --bus" };
-                let help = format!("`yieldwall scan`{bus} shows which nodes answer; a node in Stopped answers nothing");
+                let help = format!("`yieldwall doctor node {}`{bus} finds out why", node.id.raw());
                 Failure::new(Exit::DeviceMismatch, message, help)
             }
             Error::Refused(_) => Failure::new(Exit::DeviceMismatch, message, ""),

@@ -1,6 +1,9 @@
 //! This computer: its clock, and what it grants to a loop that has to be in time.
 
+mod facts;
+mod limits;
 mod load;
+mod network_card;
 mod readiness;
 mod scheduler;
 
@@ -13,7 +16,10 @@ use super::timing::Computer;
 use crate::run::Metronome;
 use crate::time::Time;
 
+pub use facts::ComputerFacts;
+pub use limits::{Limits, limits};
 pub use load::Load;
+pub use network_card::{CardError, Coalescing, coalescing, coalescing_check};
 pub use readiness::Readiness;
 pub use scheduler::{PRIORITY, Refusal, lock_memory, run_first};
 

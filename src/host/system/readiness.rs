@@ -6,6 +6,7 @@ use std::path::Path;
 use std::time::Duration;
 
 use super::PRIORITY;
+use crate::checkup::Check;
 
 /// Share of the cycle that waking up from an idle state may take: the bound of tier A for a late wake-up.
 const WAKING_SHARE: u32 = 10;
@@ -69,53 +70,72 @@ impl Readiness {
 
     /// One line for each thing: what is so, what is unknown, and what to do where something should be another way.
     pub fn told(&self, period: Duration, interface: Option<&str>) -> Vec<String> {
-        let kernel = match self.is_realtime_kernel {
-            Some(true) => "PREEMPT_RT".to_owned(),
-            Some(false) => "not PREEMPT_RT: no longest time is kept under load".to_owned(),
-            None => "whether it is PREEMPT_RT is unknown".to_owned(),
-        };
-        let idle = match &self.deepest_idle {
-            None => "idle states are unknown".to_owned(),
+        let each = self.checks(period, interface);
+        each.iter().map(|check| format!("{:9} {check}", check.subject)).collect()
+    }
+
+    /// How the computer is for a rig of this cycle, and who handles the frames of an interface.
+    pub fn checks(&self, period: Duration, interface: Option<&str>) -> Vec<Check> {
+        let of_interface = interface.map(|interface| [self.interrupts(interface), self.softirqs()]);
+        [self.kernel(), self.idle(period)].into_iter().chain(of_interface.into_iter().flatten()).collect()
+    }
+
+    fn kernel(&self) -> Check {
+        match self.is_realtime_kernel {
+            Some(true) => Check::ok("kernel", "PREEMPT_RT"),
+            Some(false) => Check::warning("kernel", "not PREEMPT_RT").follows("no longest time is kept under load"),
+            None => Check::unknown("kernel", "whether it is PREEMPT_RT is unknown"),
+        }
+    }
+
+    fn idle(&self, period: Duration) -> Check {
+        match &self.deepest_idle {
+            None => Check::unknown("idle", "idle states are unknown"),
             Some((name, latency)) if *latency * WAKING_SHARE > period => {
                 let most_us = period.as_micros() / u128::from(WAKING_SHARE);
-                format!(
-                    "{name} takes {} us to wake up from, more than a tenth of the cycle: `sudo cpupower idle-set -D \
-                     {most_us}` switches such states off until the next start",
-                    latency.as_micros()
-                )
+                let found = format!("{name} takes {} us to wake up from", latency.as_micros());
+                Check::warning("idle", found)
+                    .follows("that is more than a tenth of the cycle; the command switches such states off until the next start")
+                    .mend(format!("sudo cpupower idle-set -D {most_us}"))
             }
-            Some((name, latency)) => format!("{name} takes {} us to wake up from", latency.as_micros()),
-        };
-        let mut lines = vec![format!("kernel    {kernel}"), format!("idle      {idle}")];
-        if let Some(interface) = interface {
-            let interrupts = match self.interrupt_threads.as_slice() {
-                [] if self.has_interrupt => format!("that of {interface} is handled without a thread"),
-                [] => format!("none has the name of {interface}, so that who handles its frames is unknown"),
-                threads => {
-                    let each = threads.iter().map(|(name, priority)| {
-                        let advice = match u32::try_from(PRIORITY) {
-                            Ok(loop_priority) if *priority >= loop_priority => {
-                                format!(", not below the loop at {PRIORITY}: `sudo chrt -f -p 50 $(pgrep -x {name})`")
-                            }
-                            _ => String::new(),
-                        };
-                        format!("{name} at priority {priority}{advice}")
-                    });
-                    each.collect::<Vec<_>>().join("; ")
-                }
-            };
-            lines.push(format!("interrupt {interrupts}"));
-            let softirqs = match self.softirq_threads.iter().min_by_key(|(_, priority)| *priority) {
-                None => "who takes over when many frames come is unknown".to_owned(),
-                Some((name, 0)) => format!(
-                    "{name} is a program like any other: when many frames come they wait for it, unless `for pid in $(pgrep \
-                     ksoftirqd); do sudo chrt -f -p 49 $pid; done` has it go before those"
-                ),
-                Some((name, priority)) => format!("{name} at priority {priority}"),
-            };
-            lines.push(format!("softirq   {softirqs}"));
+            Some((name, latency)) => {
+                Check::ok("idle", format!("{name} takes {} us to wake up from", latency.as_micros()))
+            }
         }
-        lines
+    }
+
+    fn interrupts(&self, interface: &str) -> Check {
+        let subject = "interrupt";
+        if self.interrupt_threads.is_empty() {
+            let has_name = format!("that of {interface} is handled without a thread");
+            let has_none = format!("none has the name of {interface}, so that who handles its frames is unknown");
+            return match self.has_interrupt {
+                true => Check::ok(subject, has_name),
+                false => Check::unknown(subject, has_none),
+            };
+        }
+        let each = self.interrupt_threads.iter().map(|(name, priority)| format!("{name} at priority {priority}"));
+        let found = each.collect::<Vec<_>>().join("; ");
+        let is_above = |(_, priority): &&(String, u32)| u32::try_from(PRIORITY).is_ok_and(|own| *priority >= own);
+        let above = self.interrupt_threads.iter().filter(is_above);
+        let commands = above.map(|(name, _)| format!("sudo chrt -f -p 50 $(pgrep -x {name})"));
+        match commands.collect::<Vec<_>>().join(" && ") {
+            commands if commands.is_empty() => Check::ok(subject, found),
+            commands => {
+                Check::warning(subject, found).follows(format!("not below the loop at {PRIORITY}")).mend(commands)
+            }
+        }
+    }
+
+    fn softirqs(&self) -> Check {
+        let subject = "softirq";
+        match self.softirq_threads.iter().min_by_key(|(_, priority)| *priority) {
+            None => Check::unknown(subject, "who takes over when many frames come is unknown"),
+            Some((name, 0)) => Check::warning(subject, format!("{name} is a program like any other"))
+                .follows("when many frames come they wait for it")
+                .mend("for pid in $(pgrep ksoftirqd); do sudo chrt -f -p 49 $pid; done"),
+            Some((name, priority)) => Check::ok(subject, format!("{name} at priority {priority}")),
+        }
     }
 }
 
@@ -208,7 +228,10 @@ mod tests {
         let found = Readiness::read(&tree.0, None);
         assert_eq!(found.deepest_idle, Some(("C6".to_owned(), Duration::from_micros(133))));
         let told = found.told(MS, None);
-        assert!(told[1].contains("C6 takes 133 us") && told[1].contains("`sudo cpupower idle-set -D 100`"), "{told:?}");
+        assert!(
+            told[1].contains("C6 takes 133 us") && told[1].ends_with("`sudo cpupower idle-set -D 100`"),
+            "{told:?}"
+        );
         assert!(!found.told(2 * MS, None)[1].contains("cpupower"));
         assert_eq!(told.len(), 2);
         // Somebody asks for 100 us: the kernel enters nothing slower.

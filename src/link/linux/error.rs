@@ -4,6 +4,7 @@ use std::io;
 
 use rustix::io::Errno;
 
+use crate::checkup::Check;
 use crate::link::hold::NotHeld;
 use crate::link::{Holder, Role};
 
@@ -12,7 +13,7 @@ use crate::link::{Holder, Role};
 pub enum LinkError {
     /// The kernel knows nothing of CAN.
     #[error(
-        "this kernel has no CAN sockets. Load them with `sudo modprobe can-raw`; if there is no such module, run the command \
+        "this kernel has no CAN sockets. Load them with `{LOAD}`; if there is no such module, run the command \
          as `hil-tests/vcan COMMAND`, which boots a kernel that has them"
     )]
     NoCan,
@@ -50,7 +51,7 @@ pub enum LinkError {
         others: Vec<String>,
     },
     /// The interface is down.
-    #[error("`{interface}` is down. Take it up with `sudo ip link set {interface} up{}`", .bit_rate.map_or_else(String::new, |bit_rate| format!(" type can bitrate {bit_rate}")))]
+    #[error("`{interface}` is down. Take it up with `{}`", up(.interface, *.bit_rate))]
     Down {
         /// Its name.
         interface: String,
@@ -60,7 +61,8 @@ pub enum LinkError {
     /// The controller has left the bus.
     #[error(
         "the controller of `{interface}` is bus-off: it saw too many errors. Check cable, termination and the bit rate of \
-         every node, then `sudo ip link set {interface} type can restart`"
+         every node, then `{}`",
+        restart(.interface)
     )]
     BusOff {
         /// Name of the interface.
@@ -82,8 +84,8 @@ pub enum LinkError {
     /// The interface has another bit rate than the rig.
     #[error(
         "`{interface}` runs at {has} bit/s and the rig at {wanted} bit/s. Change the interface with \
-         `sudo ip link set {interface} down && sudo ip link set {interface} up type can bitrate {wanted}`, or the key \
-         `bit_rate_bit_per_s` of the rig's bus"
+         `{}`, or the key `bit_rate_bit_per_s` of the rig's bus",
+        change(.interface, *.wanted)
     )]
     BitRate {
         /// Name of the interface.
@@ -133,6 +135,61 @@ impl LinkError {
         }
     }
 
+    /// What is wrong, apart from the command that mends it.
+    pub fn check(&self) -> Check {
+        match self {
+            Self::NoCan => Check::wrong("CAN sockets", "this kernel has none")
+                .follows("where it has no such module either, `hil-tests/vcan COMMAND` boots a kernel that has them")
+                .mend(LOAD),
+            Self::NotPermitted => Check::wrong("permission", "this process may not open CAN sockets")
+                .follows(
+                    "CAN sockets need no privilege, so something takes them away: RestrictAddressFamilies of a systemd unit, \
+                     which has to name AF_CAN, or a seccomp profile of the container",
+                )
+                .mend("sudo systemctl edit $(ps -o unit= -p $$)"),
+            Self::Missing { interface, others, .. } => {
+                let check = Check::wrong("interface", format!("there is no `{interface}`{}", found(others)));
+                match is_virtual(interface) {
+                    true => check.mend(make(interface)),
+                    false => check
+                        .follows("the kernel has found no adapter of that name: this command shows what it has found")
+                        .mend("sudo dmesg | grep -i can"),
+                }
+            }
+            Self::NotCan { interface, others } => {
+                Check::wrong("interface", format!("`{interface}` is no CAN interface{}", found(others)))
+                    .follows("this command lists those that there are")
+                    .mend("ip -brief link show type can")
+            }
+            Self::Down { interface, bit_rate } => Check::wrong("interface", format!("`{interface}` is down"))
+                .follows("nothing comes and nothing goes")
+                .mend(up(interface, *bit_rate)),
+            Self::BusOff { interface } => {
+                Check::wrong("controller", format!("the controller of `{interface}` is bus-off: it saw too many errors"))
+                    .follows("look at the cable, at its terminators and at the bit rate of every node first")
+                    .mend(restart(interface))
+            }
+            Self::NoEcho { interface, driver } => {
+                let driver = driver.as_deref().unwrap_or("of unknown name");
+                Check::wrong("echo", format!("the driver of `{interface}` ({driver}) does not tell when a frame has left"))
+                    .follows("no option changes that: take another adapter; docs/adapters.md")
+            }
+            Self::BitRate { interface, has, wanted } => {
+                Check::wrong("bit rate", format!("`{interface}` runs at {has} bit/s and the rig at {wanted} bit/s"))
+                    .follows("nobody understands anybody: change this, or the key `bit_rate_bit_per_s` of the rig's bus")
+                    .mend(change(interface, *wanted))
+            }
+            Self::Held { holder, .. } => {
+                let check = Check::wrong("master", self.to_string());
+                match holder {
+                    Some(holder) => check.mend(format!("kill -INT {}", holder.pid)),
+                    None => check,
+                }
+            }
+            Self::System { .. } => Check::wrong("interface", self.to_string()),
+        }
+    }
+
     /// What it means that a socket could not be opened or bound, where these CAN interfaces are there.
     pub(super) fn from_open(interface: &str, source: io::Error, others: impl FnOnce() -> Vec<String>) -> Self {
         match Errno::from_io_error(&source) {
@@ -145,6 +202,25 @@ impl LinkError {
     }
 }
 
+/// The command that loads CAN sockets.
+const LOAD: &str = "sudo modprobe can-raw";
+
+/// The command that takes an interface up.
+fn up(interface: &str, bit_rate: Option<u32>) -> String {
+    let bit_rate = bit_rate.map_or_else(String::new, |bit_rate| format!(" type can bitrate {bit_rate}"));
+    format!("sudo ip link set {interface} up{bit_rate}")
+}
+
+/// The command that starts a controller after bus-off.
+fn restart(interface: &str) -> String {
+    format!("sudo ip link set {interface} type can restart")
+}
+
+/// The command that gives an interface another bit rate.
+fn change(interface: &str, bit_rate: u32) -> String {
+    format!("sudo ip link set {interface} down && sudo ip link set {interface} up type can bitrate {bit_rate}")
+}
+
 fn found(others: &[String]) -> String {
     match others {
         [] => ", and no other CAN interface".to_owned(),
@@ -152,10 +228,20 @@ fn found(others: &[String]) -> String {
     }
 }
 
+/// Whether an interface is a virtual one, by its name.
+fn is_virtual(interface: &str) -> bool {
+    ["vcan", "vxcan"].iter().any(|kind| interface.starts_with(kind))
+}
+
+/// The command that makes a virtual interface.
+fn make(interface: &str) -> String {
+    format!("sudo ip link add {interface} type vcan && sudo ip link set {interface} up")
+}
+
 /// What may bring an interface into being.
 fn next(interface: &str, bit_rate: Option<u32>) -> String {
-    if ["vcan", "vxcan"].iter().any(|kind| interface.starts_with(kind)) {
-        return format!("Make it: `sudo ip link add {interface} type vcan && sudo ip link set {interface} up`");
+    if is_virtual(interface) {
+        return format!("Make it: `{}`", make(interface));
     }
     let bit_rate = bit_rate.unwrap_or(1_000_000);
     format!(
@@ -167,6 +253,7 @@ fn next(interface: &str, bit_rate: Option<u32>) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::checkup::Verdict;
 
     fn opened(errno: Errno) -> LinkError {
         LinkError::from_open("can0", io::Error::from_raw_os_error(errno.raw_os_error()), Vec::new)
@@ -179,6 +266,36 @@ mod tests {
         assert!(matches!(opened(Errno::PERM), LinkError::NotPermitted));
         assert!(matches!(opened(Errno::NODEV), LinkError::NotCan { .. }));
         assert!(matches!(opened(Errno::NOMEM), LinkError::System { .. }));
+    }
+
+    #[test]
+    fn what_is_wrong_is_told_apart_from_the_command_that_mends_it() {
+        let name = || "can0".to_owned();
+        for (error, subject, mend) in [
+            (LinkError::NoCan, "CAN sockets", Some("sudo modprobe can-raw")),
+            (LinkError::NotPermitted, "permission", Some("sudo systemctl edit $(ps -o unit= -p $$)")),
+            (
+                LinkError::Missing { interface: name(), others: Vec::new(), wanted: None },
+                "interface",
+                Some("sudo dmesg | grep -i can"),
+            ),
+            (
+                LinkError::Missing { interface: "vcan0".to_owned(), others: Vec::new(), wanted: None },
+                "interface",
+                Some("sudo ip link add vcan0 type vcan && sudo ip link set vcan0 up"),
+            ),
+            (
+                LinkError::NotCan { interface: name(), others: Vec::new() },
+                "interface",
+                Some("ip -brief link show type can"),
+            ),
+            (LinkError::BusOff { interface: name() }, "controller", Some("sudo ip link set can0 type can restart")),
+            (LinkError::NoEcho { interface: name(), driver: None }, "echo", None),
+            (LinkError::Held { interface: name(), role: Role::Master, holder: None }, "master", None),
+        ] {
+            let check = error.check();
+            assert_eq!((check.subject, check.verdict, check.mend.as_deref()), (subject, Verdict::Wrong, mend));
+        }
     }
 
     #[test]

@@ -9,9 +9,12 @@ use socketcan::{CanAddr, CanCtrlMode, CanInterface, CanSocket, Socket};
 use super::adapter::{Attachment, Folder, NET};
 use super::error::LinkError;
 use super::queue;
+use crate::checkup::{Check, Verdict};
 
 /// `ARPHRD_CAN` of `linux/if_arp.h`.
 const TYPE_CAN: &str = "280";
+/// Sample points in per mille that nodes get on with. CiA 301 asks for 87.5 %; adapters take 75 % at 1 Mbit/s.
+const SAMPLE_POINTS: std::ops::RangeInclusive<u32> = 700..=900;
 
 /// State of a controller.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -72,45 +75,152 @@ impl InterfaceFacts {
         self.bit_rate.is_none() && self.state.is_none()
     }
 
+    /// What the system tells of an interface, whatever its state. `wanted` is the bit rate in bit/s that it should have, for the message.
+    ///
+    /// # Errors
+    /// If there is no such interface, it is of another type, or it may not be used.
+    pub fn read(name: &str, wanted: Option<u32>) -> Result<Self, LinkError> {
+        let index = find(name, wanted)?;
+        let socket = CanSocket::open_iface(index).map_err(|source| LinkError::from_open(name, source, interfaces))?;
+        query(name, index, &socket)
+    }
+
     /// What should be changed before a rig runs on it, one sentence each.
     pub fn advice(&self) -> Vec<String> {
+        let warnings = self.checks(None).into_iter().filter(|check| check.verdict == Verdict::Warning);
+        warnings.map(|check| check.to_string()).collect()
+    }
+
+    /// How it is, for a rig of this bit rate in bit/s if one is known.
+    pub fn checks(&self, wanted: Option<u32>) -> Vec<Check> {
         let name = &self.name;
-        let mut advice = Vec::new();
-        if self.restart_ms.is_some_and(|wait| wait != 0) {
-            advice.push(format!(
-                "`{name}` restarts by itself after bus-off and then sends what it still holds: set \
-                 `sudo ip link set {name} type can restart-ms 0`"
-            ));
+        let kind = if self.is_virtual() { "virtual" } else { "with a controller" };
+        let mut checks = vec![match self.is_up {
+            true => Check::ok("interface", format!("up, {kind}")),
+            false => LinkError::Down { interface: name.clone(), bit_rate: self.bit_rate_if_down(wanted) }.check(),
+        }];
+        if self.is_virtual() {
+            checks.push(Check::ok("controller", "none: neither bit rate nor error state"));
+        } else {
+            checks.extend([self.controller(), self.timing(wanted), self.sample_point()]);
         }
-        if matches!(self.state, Some(ControllerState::ErrorWarning | ControllerState::ErrorPassive)) {
-            advice.push(format!("the controller of `{name}` has seen errors: check cable, termination and bit rates"));
+        checks.extend(queue::checks(name, self.is_virtual(), self.queueing.as_deref(), self.tx_queue_len));
+        if !self.is_virtual() {
+            checks.extend([self.restart(), self.one_shot(), self.bus_errors()]);
         }
-        // Options can be changed only while the interface is down.
-        let switch_off = |option: &str| {
-            format!("set `sudo ip link set {name} down && sudo ip link set {name} up type can {option} off`")
+        checks.push(self.echo());
+        checks
+    }
+
+    fn bit_rate_if_down(&self, wanted: Option<u32>) -> Option<u32> {
+        if self.is_virtual() { None } else { wanted.or(self.bit_rate) }
+    }
+
+    fn controller(&self) -> Check {
+        let subject = "controller";
+        let counters = self.error_counters.map_or(String::new(), |(transmit, receive)| {
+            format!(" (error counters: {transmit} transmitting, {receive} receiving)")
+        });
+        match self.state {
+            None => Check::unknown(subject, "the driver does not tell its error state"),
+            Some(ControllerState::ErrorActive) => Check::ok(subject, format!("error-active{counters}")),
+            Some(ControllerState::BusOff) => LinkError::BusOff { interface: self.name.clone() }.check(),
+            // Where the interface is down this is said of the interface.
+            Some(ControllerState::Stopped) => Check::unknown(subject, "stopped"),
+            Some(ControllerState::Sleeping) => Check::unknown(subject, "sleeping"),
+            Some(state) => {
+                let word = if state == ControllerState::ErrorPassive { "error-passive" } else { "error-warning" };
+                let found = format!("the controller of `{}` is {word}{counters}", self.name);
+                Check::warning(subject, found).follows(
+                    "it has seen errors: look at the cable, at both terminators (60 ohm between CAN_H and CAN_L without \
+                     power) and at the bit rate of every node",
+                )
+            }
+        }
+    }
+
+    fn timing(&self, wanted: Option<u32>) -> Check {
+        let subject = "bit rate";
+        match (self.bit_rate, wanted) {
+            (None, None) => Check::unknown(subject, "none is set"),
+            (None, Some(wanted)) => Check::unknown(subject, format!("none is set; the rig has {wanted} bit/s")),
+            (Some(has), Some(wanted)) if has != wanted => {
+                LinkError::BitRate { interface: self.name.clone(), has, wanted }.check()
+            }
+            (Some(has), Some(_)) => Check::ok(subject, format!("{has} bit/s, as the rig's")),
+            (Some(has), None) => Check::ok(subject, format!("{has} bit/s; name a rig to have it compared")),
+        }
+    }
+
+    fn sample_point(&self) -> Check {
+        let subject = "sample point";
+        let Some(per_mille) = self.sample_point_per_mille.filter(|per_mille| *per_mille > 0) else {
+            return Check::unknown(subject, "the driver does not tell it");
         };
-        if self.is_one_shot == Some(true) {
-            let switch_off = switch_off("one-shot");
-            advice.push(format!(
-                "`{name}` is in one-shot mode: a frame that meets an error or a stronger one is lost; {switch_off}"
-            ));
+        let found = format!("at {}.{} % of the bit", per_mille / 10, per_mille % 10);
+        if SAMPLE_POINTS.contains(&per_mille) {
+            return Check::ok(subject, found);
         }
-        if self.reports_bus_errors == Some(true) {
-            let switch_off = switch_off("berr-reporting");
-            advice.push(format!(
-                "`{name}` reports each error on the bus by a frame: a bad cable then floods the computer; {switch_off}, \
-                 unless you look for the error"
-            ));
+        let check = Check::warning(subject, format!("`{}` samples {found}", self.name))
+            .follows("75 to 87.5 % is usual: with others nodes disagree on long cables");
+        let Some(bit_rate) = self.bit_rate else { return check };
+        check.mend(self.anew(&format!("bitrate {bit_rate} sample-point 0.875")))
+    }
+
+    fn restart(&self) -> Check {
+        let name = &self.name;
+        match self.restart_ms {
+            None => Check::unknown("restart", "the driver does not tell restart-ms"),
+            Some(0) => Check::ok("restart", "never by itself after bus-off (restart-ms 0)"),
+            Some(wait) => Check::warning("restart", format!("`{name}` has restart-ms {wait}"))
+                .follows("it restarts by itself after bus-off and then sends what it still holds")
+                .mend(self.anew("restart-ms 0")),
         }
-        if self.has_echo == Some(false) && self.is_virtual() {
-            advice.push(format!(
-                "own frames come back on `{name}` when they enter its queue, not when they have left it, as they do on \
-                 hardware; for that load its module anew with `sudo modprobe -r vcan && sudo modprobe vcan echo=1` and make \
-                 the interface again"
-            ));
+    }
+
+    fn one_shot(&self) -> Check {
+        match self.is_one_shot {
+            None => Check::unknown("one-shot", "the driver does not tell"),
+            Some(false) => Check::ok("one-shot", "off: frames are repeated after errors"),
+            Some(true) => Check::warning("one-shot", format!("`{}` is in one-shot mode", self.name))
+                .follows("a frame that meets an error or a stronger one is lost")
+                .mend(self.anew("one-shot off")),
         }
-        advice.extend(queue::advice(name, self.is_virtual(), self.queueing.as_deref(), self.tx_queue_len));
-        advice
+    }
+
+    fn bus_errors(&self) -> Check {
+        match self.reports_bus_errors {
+            None => Check::unknown("bus errors", "the driver does not tell"),
+            Some(false) => Check::ok("bus errors", "not reported one by one (berr-reporting off)"),
+            Some(true) => {
+                Check::warning("bus errors", format!("`{}` reports each error on the bus by a frame", self.name))
+                    .follows("a bad cable then floods the computer; leave it on while you look for the error alone")
+                    .mend(self.anew("berr-reporting off"))
+            }
+        }
+    }
+
+    fn echo(&self) -> Check {
+        match self.has_echo {
+            None => Check::unknown("echo", "when own frames come back is unknown"),
+            Some(true) => Check::ok("echo", "own frames come back when they have left"),
+            Some(false) if self.is_virtual() => Check::warning(
+                "echo",
+                format!(
+                    "own frames come back on `{}` when they enter its queue, not when they have left it",
+                    self.name
+                ),
+            )
+            .follows("hardware tells when they have left; make the interface again after this")
+            .mend("sudo modprobe -r vcan && sudo modprobe vcan echo=1"),
+            Some(false) => LinkError::NoEcho { interface: self.name.clone(), driver: self.driver.clone() }.check(),
+        }
+    }
+
+    /// The command that sets an option, which is possible only while the interface is down.
+    fn anew(&self, option: &str) -> String {
+        let name = &self.name;
+        format!("sudo ip link set {name} down && sudo ip link set {name} up type can {option}")
     }
 
     /// What is known of it beside name, bit rate and state, for a person; what is not known says so.
@@ -140,8 +250,7 @@ impl InterfaceFacts {
     pub(super) fn check(&self, wanted: Option<u32>) -> Result<(), LinkError> {
         let interface = self.name.clone();
         if !self.is_up {
-            let bit_rate = if self.is_virtual() { None } else { wanted.or(self.bit_rate) };
-            return Err(LinkError::Down { interface, bit_rate });
+            return Err(LinkError::Down { interface, bit_rate: self.bit_rate_if_down(wanted) });
         }
         if self.state == Some(ControllerState::BusOff) {
             return Err(LinkError::BusOff { interface });
@@ -292,6 +401,68 @@ mod tests {
         );
         let reporting = InterfaceFacts { reports_bus_errors: Some(true), ..can() }.advice().concat();
         assert!(reporting.contains("up type can berr-reporting off`"), "{reporting}");
+    }
+
+    /// The one check that is not as it should be.
+    fn only(facts: &InterfaceFacts, wanted: Option<u32>) -> Check {
+        let mut bad: Vec<Check> =
+            facts.checks(wanted).into_iter().filter(|check| check.verdict >= Verdict::Warning).collect();
+        assert_eq!(bad.len(), 1, "{bad:#?}");
+        bad.remove(0)
+    }
+
+    #[test]
+    fn each_planted_trouble_is_found_with_the_command_that_mends_it() {
+        let good = InterfaceFacts { sample_point_per_mille: Some(875), ..can() };
+        assert!(
+            good.checks(Some(500_000)).iter().all(|check| check.verdict == Verdict::Ok),
+            "{:#?}",
+            good.checks(None)
+        );
+        let down = "sudo ip link set can0 down && sudo ip link set can0 up type can";
+        for (facts, wanted, subject, verdict, mend) in [
+            (
+                InterfaceFacts { is_up: false, ..good.clone() },
+                Some(500_000),
+                "interface",
+                Verdict::Wrong,
+                "sudo ip link set can0 up type can bitrate 500000".to_owned(),
+            ),
+            (good.clone(), Some(1_000_000), "bit rate", Verdict::Wrong, format!("{down} bitrate 1000000")),
+            (
+                InterfaceFacts { state: Some(ControllerState::BusOff), ..good.clone() },
+                None,
+                "controller",
+                Verdict::Wrong,
+                "sudo ip link set can0 type can restart".to_owned(),
+            ),
+            (
+                InterfaceFacts { tx_queue_len: Some(10_000), ..good.clone() },
+                None,
+                "queue",
+                Verdict::Warning,
+                "sudo ip link set can0 txqueuelen 128".to_owned(),
+            ),
+            (
+                InterfaceFacts { sample_point_per_mille: Some(500), ..good.clone() },
+                None,
+                "sample point",
+                Verdict::Warning,
+                format!("{down} bitrate 500000 sample-point 0.875"),
+            ),
+            (
+                InterfaceFacts { restart_ms: Some(100), ..good.clone() },
+                None,
+                "restart",
+                Verdict::Warning,
+                format!("{down} restart-ms 0"),
+            ),
+        ] {
+            let check = only(&facts, wanted);
+            assert_eq!((check.subject, check.verdict, check.mend), (subject, verdict, Some(mend)));
+        }
+        let no_echo = only(&InterfaceFacts { has_echo: Some(false), ..good.clone() }, None);
+        assert_eq!((no_echo.subject, no_echo.verdict, no_echo.mend), ("echo", Verdict::Wrong, None));
     }
 
     #[test]

@@ -8,6 +8,8 @@ use neli::rtnl::{Ifinfomsg, IfinfomsgBuilder};
 use neli::socket::synchronous::NlSocketHandle;
 use neli::utils::Groups;
 
+use crate::checkup::Check;
+
 /// Fewest frames that the queue should hold: a boot or a cycle puts so many there at once.
 const FEWEST: u32 = 10;
 /// Most frames that it should hold: 17 ms at 1 Mbit/s. Whatever is in it leaves, however old it has become.
@@ -36,43 +38,50 @@ pub(super) fn discipline(index: u32) -> Option<String> {
     Some(String::from_utf8_lossy(text).into_owned())
 }
 
-/// What should be changed of a queue, one sentence each. Of what is unknown nothing is said here.
-pub(super) fn advice(name: &str, is_virtual: bool, discipline: Option<&str>, len: Option<u32>) -> Vec<String> {
-    let mut advice = Vec::new();
-    let replace = format!("set `sudo tc qdisc replace dev {name} root pfifo_fast`");
-    match discipline {
-        None | Some("pfifo_fast" | "prio" | "mq") => {}
+/// How a queue is.
+pub(super) fn checks(name: &str, is_virtual: bool, discipline: Option<&str>, len: Option<u32>) -> Vec<Check> {
+    let kind = "queueing";
+    let replaced = |check: Check| check.mend(format!("sudo tc qdisc replace dev {name} root pfifo_fast"));
+    let discipline = match discipline {
+        None => Check::unknown(kind, "the kernel does not tell the queueing discipline"),
+        Some(known @ ("pfifo_fast" | "prio" | "mq")) => Check::ok(kind, known),
         // Frames do not wait at all there.
-        Some("noqueue") if is_virtual => return advice,
-        Some("noqueue") => advice.push(format!(
-            "`{name}` has no queue (noqueue): a frame is refused while the controller is busy with the one before; {replace}"
-        )),
-        Some(other) => advice.push(format!(
-            "the queue of `{name}` is {other}, which may delay, drop or reorder frames, or have set-points wait behind \
-             services; {replace}"
-        )),
-    }
-    let set = |len: u32| format!("set `sudo ip link set {name} txqueuelen {len}`");
-    match len {
+        Some("noqueue") if is_virtual => return vec![Check::ok(kind, "noqueue, as of every virtual interface")],
+        Some("noqueue") => replaced(
+            Check::warning(kind, format!("`{name}` has no queue (noqueue)"))
+                .follows("a frame is refused while the controller is busy with the one before"),
+        ),
+        Some(other) => replaced(
+            Check::warning(kind, format!("the queue of `{name}` is {other}"))
+                .follows("it may delay, drop or reorder frames, or have set-points wait behind services"),
+        ),
+    };
+    let held = |len: u32| format!("the queue of `{name}` holds {len} frames");
+    let set = |check: Check, len: u32| check.mend(format!("sudo ip link set {name} txqueuelen {len}"));
+    let len = match len {
+        None => Check::unknown("queue", "the kernel does not tell how many frames the queue holds"),
         Some(len) if len < FEWEST => {
-            advice.push(format!(
-                "the queue of `{name}` holds {len} frames, fewer than a cycle may bring; {}",
-                set(FEWEST)
-            ));
+            set(Check::warning("queue", held(len)).follows("that is fewer than a cycle may bring"), FEWEST)
         }
-        Some(len) if len > MOST => advice.push(format!(
-            "the queue of `{name}` holds {len} frames: what waits there while nobody acknowledges is sent when it is \
-             old; {}",
-            set(MOST)
-        )),
-        _ => {}
-    }
-    advice
+        Some(len) if len > MOST => set(
+            Check::warning("queue", held(len))
+                .follows("what waits there while nobody acknowledges is sent when it is old"),
+            MOST,
+        ),
+        Some(len) => Check::ok("queue", format!("{len} frames")),
+    };
+    vec![discipline, len]
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::checkup::Verdict;
+
+    fn advice(name: &str, is_virtual: bool, discipline: Option<&str>, len: Option<u32>) -> Vec<String> {
+        let all = checks(name, is_virtual, discipline, len);
+        all.iter().filter(|check| check.verdict == Verdict::Warning).map(ToString::to_string).collect()
+    }
 
     #[test]
     fn the_queue_of_the_kernel_for_can_needs_nothing() {
@@ -80,7 +89,10 @@ mod tests {
             assert_eq!(advice("can0", false, Some("pfifo_fast"), Some(len)), [""; 0]);
         }
         assert_eq!(advice("vcan0", true, Some("noqueue"), Some(0)), [""; 0]);
+        // What nobody tells is no reason to change anything, and not fine.
         assert_eq!(advice("can0", false, None, None), [""; 0]);
+        let verdicts = checks("can0", false, None, None).iter().map(|check| check.verdict).collect::<Vec<_>>();
+        assert_eq!(verdicts, [Verdict::Unknown; 2]);
     }
 
     #[test]

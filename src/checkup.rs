@@ -1,0 +1,108 @@
+//! What was looked at, how it is, and what mends it: the lines of a check-up of a computer, an interface or a device.
+//!
+//! Whoever gathers facts is apart from who judges them: a judgement takes facts and gives [`Check`]s, and looks at nothing itself.
+
+use std::fmt;
+
+/// How something is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Verdict {
+    /// As it should be.
+    Ok,
+    /// It could not be read: it is unknown, and not fine.
+    Unknown,
+    /// A rig runs with it, and less well.
+    Warning,
+    /// It keeps a rig from running, or from running in time.
+    Wrong,
+}
+
+impl Verdict {
+    /// Its word.
+    pub const fn word(self) -> &'static str {
+        match self {
+            Self::Ok => "ok",
+            Self::Unknown => "unknown",
+            Self::Warning => "warning",
+            Self::Wrong => "wrong",
+        }
+    }
+}
+
+/// One thing that was looked at.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Check {
+    /// What was looked at, in a word or two.
+    pub subject: &'static str,
+    /// How it is.
+    pub verdict: Verdict,
+    /// What was found.
+    pub found: String,
+    /// What follows from it, or what to look at; empty where nothing does.
+    pub follows: String,
+    /// The command that mends it, as it is typed into a shell; `None` where no command does.
+    pub mend: Option<String>,
+}
+
+impl Check {
+    /// Something that was found, from which nothing follows yet.
+    pub fn new(subject: &'static str, verdict: Verdict, found: impl Into<String>) -> Self {
+        Self { subject, verdict, found: found.into(), follows: String::new(), mend: None }
+    }
+
+    /// Something that is as it should be.
+    pub fn ok(subject: &'static str, found: impl Into<String>) -> Self {
+        Self::new(subject, Verdict::Ok, found)
+    }
+
+    /// Something that could not be read.
+    pub fn unknown(subject: &'static str, found: impl Into<String>) -> Self {
+        Self::new(subject, Verdict::Unknown, found)
+    }
+
+    /// Something with which a rig runs less well.
+    pub fn warning(subject: &'static str, found: impl Into<String>) -> Self {
+        Self::new(subject, Verdict::Warning, found)
+    }
+
+    /// Something that keeps a rig from running.
+    pub fn wrong(subject: &'static str, found: impl Into<String>) -> Self {
+        Self::new(subject, Verdict::Wrong, found)
+    }
+
+    /// With what follows from it.
+    #[must_use]
+    pub fn follows(self, follows: impl Into<String>) -> Self {
+        Self { follows: follows.into(), ..self }
+    }
+
+    /// With the command that mends it.
+    #[must_use]
+    pub fn mend(self, command: impl Into<String>) -> Self {
+        Self { mend: Some(command.into()), ..self }
+    }
+}
+
+/// In one sentence, without the subject.
+impl fmt::Display for Check {
+    fn fmt(&self, out: &mut fmt::Formatter<'_>) -> fmt::Result {
+        out.write_str(&self.found)?;
+        if !self.follows.is_empty() {
+            write!(out, ": {}", self.follows)?;
+        }
+        self.mend.as_ref().map_or(Ok(()), |command| write!(out, "; set `{command}`"))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_check_is_one_sentence() {
+        let bare = Check::ok("queue", "10 frames");
+        assert_eq!(bare.to_string(), "10 frames");
+        let whole = Check::warning("queue", "10 000 frames").follows("they are old").mend("sudo ip");
+        assert_eq!(whole.to_string(), "10 000 frames: they are old; set `sudo ip`");
+    }
+}

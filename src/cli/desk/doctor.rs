@@ -1,0 +1,234 @@
+//! `yieldwall doctor node`: why a node does not answer. And the devices of a bus, for `yieldwall doctor`.
+
+use serde_json::json;
+
+use super::place::{AnyLink, Desk, Entry, Node, Place};
+use crate::canopen::{NodeId, NodeSet, node_id};
+use crate::checkup::{Check, Verdict};
+use crate::cli::checkup::{Section, finish};
+use crate::cli::failure::{Exit, Failure};
+use crate::cli::output::Output;
+use crate::config::{self, Rig, Source};
+use crate::link::InterfaceFacts;
+use crate::live::{PlantedLink, Trouble};
+use crate::service::doctor::{Around, NodeFacts, examine, judge, read_pattern};
+use crate::service::{Found, scan};
+
+/// Most devices of one bus whose answers are compared.
+const MOST_COMPARED: usize = 8;
+
+#[derive(Debug, clap::Args)]
+pub(in crate::cli) struct Arguments {
+    /// A node id, or the name of a device in the rig
+    node: String,
+    /// Send nothing: judge by what is heard in 1 s; the way beside a master that runs
+    #[arg(long)]
+    listen: bool,
+    /// A trouble that the simulated node shall have, to see how it is found
+    #[arg(long, value_enum, conflicts_with = "bus")]
+    fault: Option<Fault>,
+    #[command(flatten)]
+    place: Place,
+}
+
+/// A trouble of a simulated node.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
+enum Fault {
+    /// It is switched off
+    NodeSilent,
+    /// It has node id 99
+    WrongNodeId,
+    /// It is in Stopped
+    NodeStopped,
+    /// Another device has its node id too
+    DuplicateNode,
+    /// It has another bit rate than the bus
+    WrongBitRate,
+    /// The adapter delivers answers under other identifiers
+    WrongIdentifiers,
+    /// The controller of the interface leaves the bus
+    BusOff,
+}
+
+/// The node id that a device has by [`Fault::WrongNodeId`].
+const OTHER_NODE_ID: u8 = 99;
+
+impl Fault {
+    fn trouble(self, node: NodeId) -> Trouble {
+        match self {
+            Self::NodeSilent => Trouble::Silent,
+            Self::WrongNodeId => Trouble::OtherNodeId(node_id(OTHER_NODE_ID).unwrap_or(node)),
+            Self::NodeStopped => Trouble::Stopped,
+            Self::DuplicateNode => Trouble::Double,
+            Self::WrongBitRate => Trouble::OtherBitRate,
+            Self::WrongIdentifiers => Trouble::OtherIdentifiers,
+            Self::BusOff => Trouble::BusOff,
+        }
+    }
+}
+
+pub(in crate::cli) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Failure> {
+    let mut sections = Vec::new();
+    let (mut bit_rate, mut interface) = (None, None);
+    if let Some(bus) = &arguments.place.bus {
+        let name = bus.split_once('=').map_or(bus.as_str(), |(_, name)| name);
+        interface = Some(name.to_owned());
+        let wanted = of_rig(&arguments.place)?;
+        let checks = match InterfaceFacts::read(name, wanted) {
+            Err(error) => vec![error.check()],
+            Ok(facts) => {
+                bit_rate = facts.bit_rate;
+                facts.checks(wanted)
+            }
+        };
+        // What is not as it should be; `yieldwall doctor --bus` lists all of it.
+        let bad: Vec<Check> = checks.into_iter().filter(|check| check.verdict >= Verdict::Warning).collect();
+        if !bad.is_empty() {
+            sections.push(Section::new(format!("interface {name}"), Exit::BusUnavailable, bad));
+        }
+        if sections.iter().any(Section::is_wrong) {
+            return finish(&sections, json!({ "node": arguments.node }), output);
+        }
+    }
+    let mut desk = match arguments.listen {
+        true => Desk::only_listening(&arguments.place, output)?,
+        false => Desk::open(&arguments.place, output)?,
+    };
+    let node = desk.node(&arguments.node)?;
+    if let Some(fault) = arguments.fault {
+        let plant = |link| -> AnyLink { Box::new(PlantedLink::new(link, node.id, fault.trouble(node.id))) };
+        desk = Desk { service: desk.service.map_link(plant), ..desk };
+    }
+    let facts = examine(&mut desk.service, node.id, arguments.listen).map_err(|error| desk.bus_failure(error))?;
+    let around = around(&desk, &node, interface, bit_rate, &commands(&arguments.place));
+    let checks = judge(&facts, &around);
+    let of_bus = ["interface", "bus-off", "acknowledge", "bit rate", "silence"];
+    let is_of_bus = checks.iter().any(|check| check.verdict == Verdict::Wrong && of_bus.contains(&check.subject));
+    let exit = if is_of_bus { Exit::BusUnavailable } else { Exit::DeviceMismatch };
+    sections.push(Section::new(node.words(), exit, checks));
+    finish(&sections, document(&desk, &node, &facts), output)
+}
+
+fn document(desk: &Desk, node: &Node, facts: &NodeFacts) -> serde_json::Value {
+    let raw = |set: NodeSet| set.iter().map(NodeId::raw).collect::<Vec<u8>>();
+    json!({
+        "place": desk.place,
+        "node_id": node.id.raw(),
+        "frames_heard": facts.frames,
+        "frames_of_node": facts.own_frames,
+        "boot_ups": facts.boot_ups,
+        "state": facts.state.map(super::words::nmt_words),
+        "answers": facts.is_answering(),
+        "others": raw(facts.others),
+        "others_that_answered": raw(facts.answered),
+        "bus_errors": facts.link.bus_errors,
+    })
+}
+
+/// What every other command needs to come to the same devices, with a space before.
+fn commands(place: &Place) -> String {
+    let option =
+        |name: &str, value: &Option<String>| value.as_ref().map_or(String::new(), |value| format!(" --{name} {value}"));
+    option("bus", &place.bus) + &option("rig", &place.rig)
+}
+
+fn around(desk: &Desk, node: &Node, interface: Option<String>, bit_rate: Option<u32>, commands: &str) -> Around {
+    let here = |entry: &&Entry| entry.bus == desk.service.bus();
+    Around {
+        name: node.words(),
+        arguments: commands.to_owned(),
+        interface,
+        bit_rate,
+        rig: desk.entries.iter().filter(here).map(|entry| entry.node).collect(),
+    }
+}
+
+/// The bit rate of the rig's bus in bit/s, where there is a rig.
+fn of_rig(place: &Place) -> Result<Option<u32>, Failure> {
+    let (Some(rig), Some(bus)) = (&place.rig, &place.bus) else { return Ok(None) };
+    // Its warnings are told when the devices are asked.
+    let rig = config::load_rig(Source::named(rig))?.value;
+    let named = bus.split_once('=').and_then(|(name, _)| rig.buses.get(name));
+    let bus = named.or_else(|| rig.buses.values().next());
+    Ok(bus.map(|bus| bus.canopen.bit_rate_bit_per_s))
+}
+
+/// The devices of an interface that can be used: who answers, and whether identifiers and node ids are right. `commands` is what
+/// commands need to come there.
+pub(in crate::cli) fn devices(argument: &str, rig: Option<&Rig>, commands: &str) -> Result<Vec<Check>, Failure> {
+    let mut desk = match Desk::on_bus(argument, rig) {
+        Ok(desk) => desk,
+        // A master that is there is no trouble, and nothing is asked beside it.
+        Err(failure) => {
+            let why = failure.report.diagnostics.first().map(|finding| finding.message.clone()).unwrap_or_default();
+            return Ok(vec![
+                Check::unknown("devices", why)
+                    .follows("who is heard beside a master is listed by this")
+                    .mend(format!("yieldwall scan --listen{commands}")),
+            ]);
+        }
+    };
+    let found = scan(&mut desk.service).map_err(|error| desk.bus_failure(error))?;
+    let mut checks = vec![of_found(&desk, &found, commands)];
+    checks.extend(missing(&desk, &found, commands));
+    if !found.is_empty() {
+        checks.extend(compared(&mut desk, &found, commands)?);
+    }
+    Ok(checks)
+}
+
+/// Whether a device answers, as everyone does but in Stopped.
+fn is_answering(found: &Found) -> bool {
+    found.device_type.is_some() || found.identity != [None; 4]
+}
+
+fn of_found(desk: &Desk, found: &[Found], commands: &str) -> Check {
+    let nodes: NodeSet = found.iter().map(|found| found.node).collect();
+    if nodes.is_empty() {
+        let entry = desk.entries.iter().find(|entry| entry.bus == desk.service.bus());
+        let first = entry.map_or(1, |entry| entry.node.raw());
+        return Check::wrong("devices", "no device answers or is heard")
+            .follows("this looks for the reason")
+            .mend(format!("yieldwall doctor node {first}{commands}"));
+    }
+    Check::ok("devices", format!("{nodes} {} heard", if nodes.len() == 1 { "is" } else { "are" }))
+}
+
+/// The devices that do not answer, those of the rig that are not there among them.
+fn missing(desk: &Desk, found: &[Found], commands: &str) -> Vec<Check> {
+    let answering: NodeSet = found.iter().filter(|found| is_answering(found)).map(|found| found.node).collect();
+    let of_rig = desk.entries.iter().filter(|entry| entry.bus == desk.service.bus()).map(|entry| entry.node);
+    let all: NodeSet = found.iter().map(|found| found.node).chain(of_rig).collect();
+    let silent = all.without(answering).iter();
+    let told = silent.map(|node| {
+        let name = desk.entry(node).map_or(String::new(), |entry| format!(" ({})", entry.name));
+        let others = if answering.is_empty() { "nobody".to_owned() } else { answering.to_string() };
+        let is_heard = found.iter().any(|found| found.node == node);
+        let how = if is_heard { "is heard and does not answer" } else { "is silent" };
+        Check::wrong("node", format!("node {}{name} {how}; {others} answered", node.raw()))
+            .follows("this looks for the reason")
+            .mend(format!("yieldwall doctor node {}{commands}", node.raw()))
+    });
+    told.collect()
+}
+
+/// What a pattern of reads shows of the devices that answer.
+fn compared(desk: &mut Desk, found: &[Found], commands: &str) -> Result<Vec<Check>, Failure> {
+    let mut wrong = Vec::new();
+    let mut compared = NodeSet::default();
+    for found in found.iter().filter(|found| is_answering(found)).take(MOST_COMPARED) {
+        let facts = read_pattern(&mut desk.service, found.node).map_err(|error| desk.bus_failure(error))?;
+        let node = Node { id: found.node, entry: desk.entry(found.node).cloned() };
+        let interface = commands.strip_prefix(" --bus ").and_then(|rest| rest.split(' ').next());
+        let interface = interface.map(|name| name.split_once('=').map_or(name, |(_, name)| name).to_owned());
+        let around = around(desk, &node, interface, None, commands);
+        let trouble = judge(&facts, &around).into_iter().find(|check| check.verdict == Verdict::Wrong);
+        wrong.extend(trouble);
+        compared.insert(found.node);
+    }
+    if wrong.is_empty() && !compared.is_empty() {
+        let found = format!("all answers of {compared} came once, under the identifiers that were asked");
+        wrong.push(Check::ok("identifiers", found));
+    }
+    Ok(wrong)
+}

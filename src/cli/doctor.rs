@@ -1,0 +1,158 @@
+//! `yieldwall doctor`: what keeps this computer, an interface or a node from being of use, and the command that mends it.
+
+use std::path::Path;
+use std::time::Duration;
+
+use serde_json::json;
+
+use super::checkup::{Section, finish};
+use super::desk;
+use super::failure::{Exit, Failure};
+use super::interfaces::Interfaces;
+use super::keep::state_folder;
+use super::latency::now_unix_s;
+use super::output::Output;
+use crate::checkup::Check;
+use crate::config::{self, Rig, Source};
+use crate::host::Untimely;
+use crate::host::system::{ComputerFacts, Limits, Readiness, coalescing, coalescing_check, computer, limits};
+use crate::link::{Attachment, InterfaceFacts};
+
+/// The cycle for which a computer is judged unless a rig says another.
+const PERIOD_US: u32 = 1000;
+
+#[derive(Debug, clap::Args)]
+#[command(args_conflicts_with_subcommands = true)]
+pub(super) struct Arguments {
+    /// The rig for whose cycle, bit rates and devices is looked; a cycle of 1 ms without one
+    #[arg(value_name = "RIG.yaml")]
+    rig: Option<String>,
+    /// An interface to look at, and its devices; once for each, for a rig with several buses as NAME=INTERFACE
+    #[arg(long, value_name = "INTERFACE")]
+    bus: Vec<String>,
+    /// A network card whose interrupt coalescing is looked at; once for each
+    #[arg(long, value_name = "INTERFACE")]
+    card: Vec<String>,
+    #[command(subcommand)]
+    subject: Option<Subject>,
+}
+
+#[derive(Debug, clap::Subcommand)]
+enum Subject {
+    /// Say why a node does not answer
+    Node(desk::doctor::Arguments),
+}
+
+/// An interface that is looked at.
+struct Wanted {
+    interface: String,
+    /// What the commands that ask devices need to come there.
+    argument: String,
+    /// Bit rate of the rig in bit/s.
+    bit_rate: Option<u32>,
+}
+
+pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Failure> {
+    if let Some(Subject::Node(node)) = &arguments.subject {
+        return desk::doctor::run(node, output);
+    }
+    let rig = match &arguments.rig {
+        Some(name) => {
+            let rig = config::load_rig(Source::named(name))?;
+            output.configuration(&rig.warnings)?;
+            Some(rig.value)
+        }
+        None => None,
+    };
+    let wanted = wanted(arguments, rig.as_ref())?;
+    let period_us = rig.as_ref().map_or(PERIOD_US, |rig| rig.cycle.period_us);
+    let period = Duration::from_micros(period_us.into());
+    let limits = limits();
+    let mut checks = ComputerFacts::read(Path::new("/")).checks(period);
+    checks.extend(limits.checks());
+    checks.extend(rig.as_ref().map(|rig| timing(rig, &limits)));
+    let mut sections =
+        vec![Section::new(format!("this computer, for a cycle of {period_us} us"), Exit::TimingMissed, checks)];
+    for wanted in &wanted {
+        let section = of_interface(&wanted.interface, wanted.bit_rate, period);
+        let is_usable = !section.is_wrong();
+        sections.push(section);
+        if is_usable {
+            let more = arguments.rig.as_ref().map_or(String::new(), |rig| format!(" --rig {rig}"));
+            let commands = format!(" --bus {}{more}", wanted.argument);
+            let checks = desk::doctor::devices(&wanted.argument, rig.as_ref(), &commands)?;
+            sections.push(Section::new(format!("devices on {}", wanted.interface), Exit::DeviceMismatch, checks));
+        }
+    }
+    if !arguments.card.is_empty() {
+        let checks = arguments.card.iter().map(|card| coalescing_check(card, coalescing(card)));
+        sections.push(Section::new("network cards", Exit::BusUnavailable, checks.collect()));
+    }
+    // What keeps anything from being sent counts before what is late.
+    sections.sort_by_key(|section| section.exit.code());
+    finish(&sections, json!({ "period_us": period_us }), output)
+}
+
+/// The interfaces with what the rig says of their buses.
+fn wanted(arguments: &Arguments, rig: Option<&Rig>) -> Result<Vec<Wanted>, Failure> {
+    let Some(rig) = rig.filter(|_| !arguments.bus.is_empty()) else {
+        if let Some(named) = arguments.bus.iter().find(|bus| bus.contains('=')) {
+            let message = format!("--bus {named} names a bus of a rig, and no rig is given");
+            return Err(Failure::new(Exit::Usage, message, "name the rig, or leave out the name of the bus"));
+        }
+        let of = |bus: &String| Wanted { interface: bus.clone(), argument: bus.clone(), bit_rate: None };
+        return Ok(arguments.bus.iter().map(of).collect());
+    };
+    let interfaces = Interfaces::of(rig, &arguments.bus)?;
+    let is_only = rig.buses.len() == 1;
+    let of = |((name, bus), interface): ((&String, &config::Bus), &String)| Wanted {
+        interface: interface.clone(),
+        argument: if is_only { interface.clone() } else { format!("{name}={interface}") },
+        bit_rate: Some(bus.canopen.bit_rate_bit_per_s),
+    };
+    Ok(rig.buses.iter().zip(interfaces.names()).map(of).collect())
+}
+
+/// How an interface is.
+fn of_interface(name: &str, bit_rate: Option<u32>, period: Duration) -> Section {
+    let checks = match InterfaceFacts::read(name, bit_rate) {
+        Err(error) => vec![error.check()],
+        Ok(facts) => interface_checks(&facts, bit_rate, period),
+    };
+    Section::new(format!("interface {name}"), Exit::BusUnavailable, checks)
+}
+
+fn interface_checks(facts: &InterfaceFacts, bit_rate: Option<u32>, period: Duration) -> Vec<Check> {
+    let mut checks = facts.checks(bit_rate);
+    let attachment = facts.attachment.to_string();
+    checks.push(match facts.attachment.too_slow_for(period.as_micros() as u32) {
+        Some((why, help)) => Check::warning("attachment", format!("`{}` {why}", facts.name)).follows(help),
+        None if facts.attachment == Attachment::Unknown => Check::unknown("attachment", attachment),
+        None => Check::ok("attachment", attachment),
+    });
+    if !facts.is_virtual() {
+        let threads = Readiness::read(Path::new("/"), Some(&facts.name)).checks(period, Some(&facts.name));
+        checks.extend(threads.into_iter().filter(|check| matches!(check.subject, "interrupt" | "softirq")));
+    }
+    checks
+}
+
+/// What this computer has proved of its timing for a rig.
+fn timing(rig: &Rig, limits: &Limits) -> Check {
+    let subject = "timing";
+    let Some(folder) = state_folder("latency") else {
+        return Check::unknown(subject, "there is no folder for measurements: set XDG_STATE_HOME or HOME");
+    };
+    let computer = computer(limits.priority.is_ok(), limits.memory.is_ok());
+    let period_us = rig.cycle.period_us;
+    let measure = format!("yieldwall latency --period-us {period_us} --duration 60");
+    match computer.check(rig, &folder, now_unix_s()) {
+        Ok(kept) => Check::ok(subject, format!("tier {} is proved: {}", kept.tier, kept.shown)),
+        Err(Untimely::Missing { .. }) => Check::unknown(subject, "nobody has measured how late this computer wakes up")
+            .follows("`run --bus` asks for it by the wall clock, not in lockstep")
+            .mend(measure),
+        Err(error) => Check::wrong(subject, error.to_string())
+            .follows("mend what is named above, or take a slower cycle; then measure again")
+            .mend(measure),
+    }
+}
