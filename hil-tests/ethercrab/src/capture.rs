@@ -1,0 +1,58 @@
+//! Frames in a file of pcap (libpcap's format 2.4, link type Ethernet, nanoseconds), which Wireshark reads.
+
+use std::io::{self, Write};
+
+use yieldwall::time::Time;
+
+/// The frames of a file, of either resolution of time.
+///
+/// # Errors
+/// If it is no little-endian pcap of Ethernet, or ends within a frame.
+pub fn read(bytes: &[u8]) -> io::Result<Vec<&[u8]>> {
+    let no_capture = |why| io::Error::new(io::ErrorKind::InvalidData, why);
+    let word = |bytes: &[u8], at: usize| {
+        let word = bytes.get(at..).and_then(|rest| rest.first_chunk::<4>()).copied().map(u32::from_le_bytes);
+        word.ok_or_else(|| no_capture("it ends too early"))
+    };
+    if !matches!(word(bytes, 0)?, 0xa1b2_c3d4 | 0xa1b2_3c4d) || word(bytes, 20)? != 1 {
+        return Err(no_capture("it is no little-endian pcap of Ethernet"));
+    }
+    let mut rest = bytes.get(24..).unwrap_or_default();
+    let mut frames = Vec::new();
+    while !rest.is_empty() {
+        let end = 16 + word(rest, 8)? as usize;
+        frames.push(rest.get(16..end).ok_or_else(|| no_capture("it ends within a frame"))?);
+        rest = rest.get(end..).unwrap_or_default();
+    }
+    Ok(frames)
+}
+
+/// A file of frames.
+pub struct Capture<W> {
+    out: W,
+}
+
+impl<W: Write> Capture<W> {
+    /// Begins a file.
+    pub fn new(mut out: W) -> io::Result<Self> {
+        out.write_all(&0xa1b2_3c4d_u32.to_le_bytes())?;
+        out.write_all(&[2, 0, 4, 0, 0, 0, 0, 0, 0, 0, 0, 0])?;
+        out.write_all(&0xffff_u32.to_le_bytes())?;
+        out.write_all(&1_u32.to_le_bytes())?;
+        Ok(Self { out })
+    }
+
+    /// Adds a frame, from the destination on and without check sequence.
+    pub fn frame(&mut self, at: Time, bytes: &[u8]) -> io::Result<()> {
+        let length = (bytes.len() as u32).to_le_bytes();
+        self.out.write_all(&((at.0 / 1_000_000_000) as u32).to_le_bytes())?;
+        self.out.write_all(&((at.0 % 1_000_000_000) as u32).to_le_bytes())?;
+        self.out.write_all(&[length, length].concat())?;
+        self.out.write_all(bytes)
+    }
+
+    /// Ends the file.
+    pub fn end(mut self) -> io::Result<()> {
+        self.out.flush()
+    }
+}
