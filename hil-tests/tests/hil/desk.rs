@@ -1,8 +1,8 @@
 //! The commands that ask devices one by one, on an interface with simulated devices.
 
-use std::io::Write;
+use std::io::{BufRead, BufReader, Write};
 use std::process::{Command, Stdio};
-use std::time::{Duration, Instant};
+use std::time::Instant;
 
 use serde_json::Value;
 
@@ -232,48 +232,39 @@ fn run_and_drill_name_who_is_silent_who_answered_and_what_finds_out_why() {
     sim.interrupted();
 }
 
-/// A shell of a user without any privilege, which runs commands one after the other.
+/// A user without any privilege, whose shell runs `doctor` before and after the command that it prints.
 #[test]
 #[ignore = "needs a CAN interface: see hil-tests/vcan"]
 fn no_real_time_priority_is_mended_for_the_shell_that_asked() {
-    let folder = std::env::temp_dir().join(format!("yieldwall-shell-{}", std::process::id()));
-    std::fs::create_dir_all(&folder).unwrap();
     let user = ["--reuid", "65534", "--regid", "65534", "--clear-groups", "--inh-caps=-all", "sh"];
-    let mut shell = Command::new("prlimit").args(["--rtprio=0:0", "setpriv"]).args(user).stdin(Stdio::piped()).spawn();
-    let shell = shell.as_mut().expect("util-linux is installed");
+    let mut shell = Command::new("prlimit")
+        .args(["--rtprio=0:0", "setpriv"])
+        .args(user)
+        .stdin(Stdio::piped())
+        .stdout(Stdio::piped())
+        .spawn()
+        .expect("util-linux is installed");
+    // `prlimit` and `setpriv` become the shell.
     let pid = shell.id().to_string();
-    let mut ask = |name: &str| {
-        let path = folder.join(name);
-        let line = format!(
-            "{} doctor --json > {} 2>&1; echo > {}.done\n",
-            program().display(),
-            path.display(),
-            path.display()
-        );
-        shell.stdin.as_mut().unwrap().write_all(line.as_bytes()).unwrap();
-        let begun = Instant::now();
-        while !path.with_extension("done").exists() {
-            assert!(begun.elapsed() < LIMIT, "it hangs");
-            std::thread::sleep(Duration::from_millis(20));
-        }
-        let text = std::fs::read_to_string(&path).unwrap();
+    let (mut stdin, stdout) = (shell.stdin.take().unwrap(), shell.stdout.take().unwrap());
+    let mut lines = BufReader::new(stdout).lines();
+    let mut ask = || {
+        writeln!(stdin, "{} doctor --json; echo END", program().display()).unwrap();
+        let said: Vec<String> = lines.by_ref().map(Result::unwrap).take_while(|line| line != "END").collect();
+        let text = said.join("\n");
         serde_json::from_str::<Value>(&text).unwrap_or_else(|error| panic!("{error}: {text}"))
     };
-    Command::new("chmod").arg("777").arg(&folder).status().unwrap();
-    let refused = ask("before");
-    let priority = check(&refused, "priority").clone();
-    assert_eq!(priority["verdict"], "wrong", "{refused:#}");
-    assert_eq!(refused["exit_code"], TIMING_MISSED);
+    let refused = ask();
+    let priority = check(&refused, "priority");
+    assert_eq!((&priority["verdict"], &refused["exit_code"]), (&"wrong".into(), &TIMING_MISSED.into()), "{refused:#}");
     // The command is for the shell in which it is typed.
     let command = priority["mend"].as_str().unwrap();
     assert!(command.contains("--pid $$"), "{command}");
-    // `setpriv` and `prlimit` have become the shell.
     let command = command.replace("$$", &pid).replace("sudo ", "");
     let done = Command::new("sh").args(["-c", &command]).output().unwrap();
     assert!(done.status.success(), "{command}: {}", String::from_utf8_lossy(&done.stderr));
-    let granted = ask("after");
+    let granted = ask();
     assert_eq!(check(&granted, "priority")["verdict"], "ok", "{granted:#}");
-    drop(shell.stdin.take());
+    drop(stdin);
     shell.wait().unwrap();
-    let _ = std::fs::remove_dir_all(&folder);
 }

@@ -87,7 +87,7 @@ fn heard(facts: &NodeFacts, around: &Around) -> Check {
                  usual ones and puts the present one back; switch a device off and on again while it runs",
             ),
             (Some(interface), None) => check
-                .follows("on a virtual interface somebody has to be the devices")
+                .follows("a virtual interface has simulated devices alone, and none of them runs")
                 .mend(format!("yieldwall sim RIG.yaml --bus {interface}")),
             (None, _) => check,
         };
