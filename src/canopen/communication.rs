@@ -35,6 +35,7 @@ const ON_COMMAND: u32 = 1;
 pub struct CommunicationProfile {
     objects: Vec<Object>,
     mapping_entries: usize,
+    has_rpdo_timers: bool,
     fault: Option<CanopenError>,
 }
 
@@ -70,12 +71,18 @@ impl CommunicationProfile {
         ]);
         objects.extend((1..=ERROR_HISTORY).map(|sub| own_u32(0x1003, sub, 0)));
         objects.extend((1..=HEARTBEAT_PRODUCERS).map(|sub| Object::new(0x1016, sub, 0u32)));
-        Self { objects, mapping_entries: MAX_MAPPED, fault: None }
+        Self { objects, mapping_entries: MAX_MAPPED, has_rpdo_timers: true, fault: None }
     }
 
     /// Objects that one PDO carries at most, 1 to 8; 8 unless set. For the PDOs that are declared after this.
     pub fn mapping_entries(mut self, most: u8) -> Self {
         self.mapping_entries = usize::from(most).clamp(1, MAX_MAPPED);
+        self
+    }
+
+    /// Whether RPDOs have an event timer, 14xxh:5; they have unless told otherwise. For the RPDOs that are declared after this.
+    pub fn rpdo_timers(mut self, has: bool) -> Self {
+        self.has_rpdo_timers = has;
         self
     }
 
@@ -105,12 +112,19 @@ impl CommunicationProfile {
             let mapped = parameters.mapping.get(place).copied();
             mapped.map_or(0u32, |(index, sub, bits)| MappingEntry::new(index, sub, bits).to_u32())
         };
+        let highest = match (is_tpdo, self.has_rpdo_timers) {
+            (true, _) => 6,
+            (false, true) => 5,
+            (false, false) => 2,
+        };
+        if highest >= 5 {
+            self.objects.push(Object::new(communication, 5, parameters.event_timer_ms));
+        }
         let number_mapped = Object::new(mapping, 0, parameters.mapping.len() as u8);
         self.objects.extend([
-            Object::highest_sub(communication, if is_tpdo { 6 } else { 5 }),
+            Object::highest_sub(communication, highest),
             Object::new(communication, 1, parameters.cob_id),
             Object::new(communication, 2, parameters.transmission_type),
-            Object::new(communication, 5, parameters.event_timer_ms),
             if most < MAX_MAPPED { number_mapped.limits(0u8, most as u8) } else { number_mapped },
         ]);
         if is_tpdo {

@@ -36,6 +36,6 @@ pub use guarding::{GuardEvent, NodeGuard};
 pub use nmt::{HeartbeatChange, HeartbeatConsumer, HeartbeatEvent};
 pub use node::{Application, Node};
 pub use node_set::NodeSet;
-pub use pdo::{Field, Layout, PdoParameters};
+pub use pdo::{Field, Layout, PdoParameters, is_dummy};
 pub use sdo::{SdoClient, SdoClients, SdoOutcome, SdoReply, SdoTicket};
 pub use sync::SyncProducer;

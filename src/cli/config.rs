@@ -109,9 +109,17 @@ fn portable(mut document: Document) -> Document {
     match &mut document {
         Document::Rig(rig) => {
             rig.value.simulation.iter_mut().for_each(|simulation| whole(&rig.source, &mut simulation.scene));
+            if rig.source.is_shipped() {
+                rig.value.rename_profile_files(|path| rig.source.relative(path).to_string());
+            }
         }
         Document::Device(device) => whole(&device.source, &mut device.value.scene),
-        Document::Simulation(simulation) => whole(&simulation.source, &mut simulation.value.scene),
+        Document::Simulation(simulation) => {
+            whole(&simulation.source, &mut simulation.value.scene);
+            if simulation.source.is_shipped() {
+                simulation.value.rename_profile_files(|path| simulation.source.relative(path).to_string());
+            }
+        }
         Document::Figure(figure) => {
             let Figure { rigs, device, scene, .. } = &mut figure.value;
             let machines = rigs.values_mut().chain(device);

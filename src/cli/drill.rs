@@ -10,7 +10,7 @@ use super::on_bus::{
     different, live_failure, open_failure, point_to_doctor, print_news, thread_failure, warn_of, with_emergencies,
 };
 use super::output::Output;
-use super::run::{judge, watchdogs_json, watchdogs_text};
+use super::run::{judge, settled_json, settled_text, watchdogs_json, watchdogs_text};
 use crate::config::{self, Source};
 use crate::host::RigOnBus;
 use crate::run::{Drilled, Pace, Subject};
@@ -48,15 +48,18 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
     let done = format!("the rig was enabled at rest for each of {} watchdogs and is stopped", drilled.findings.len());
     let judged = judge(&drilled, &rig, &done);
     if !output.is_json() {
-        output.news(&lines(&drilled, &path.display().to_string()))?;
+        output.news(&lines(&drilled, &rig, &path.display().to_string()))?;
         return judged;
     }
-    let document = json!({ "drives": identities, "watchdogs": watchdogs_json(&drilled), "record": path });
+    let document = json!({ "drives": identities, "watchdogs": watchdogs_json(&drilled), "settled": settled_json(&drilled.settled(&rig)), "record": path });
     output.end(document, judged)
 }
 
-fn lines(drilled: &Drilled, path: &str) -> String {
-    format!("{}\nrecord    {path}", watchdogs_text(drilled))
+fn lines(drilled: &Drilled, rig: &config::Rig, path: &str) -> String {
+    let mut lines = vec![watchdogs_text(drilled)];
+    lines.extend(settled_text(&drilled.settled(rig)));
+    lines.push(format!("record    {path}"));
+    lines.join("\n")
 }
 
 /// The failure that there is no place for records.

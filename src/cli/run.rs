@@ -10,7 +10,8 @@ use std::time::Instant;
 
 use self::facts::Facts;
 pub(super) use self::words::{
-    counted_json, counted_text, measures_text, mode_text, tool_text, watchdogs_json, watchdogs_text,
+    counted_json, counted_text, measures_text, mode_text, settled_json, settled_text, tool_text, watchdogs_json,
+    watchdogs_text,
 };
 use super::bus::plans;
 use super::ending::{self, above_bound, rig_failure};
@@ -30,7 +31,7 @@ use crate::record::Trace;
 use crate::report::drawing;
 use crate::report::{Overrides, RunReport, replay, run_rig};
 use crate::rig::{self, RigError};
-use crate::run::{Demands as DrillDemands, Drilled};
+use crate::run::{Demands as DrillDemands, Drilled, Settled, Unsafe};
 
 #[derive(Debug, clap::Args)]
 pub(super) struct Arguments {
@@ -263,8 +264,23 @@ pub(super) const NOTHING_ENABLED: &str = "nothing was enabled";
 
 /// Refuses drives that would go on when their master has died; `before` says what was done with the rig.
 pub(super) fn judge(drilled: &Drilled, rig: &config::Rig, before: &str) -> Result<(), Failure> {
-    let help = format!(
-        "{before}; give the drive this watchdog, or a shorter cycle or heartbeat; in position mode the drive may take longer"
-    );
-    drilled.judge(DrillDemands::of(rig)).map_err(|error| Failure::new(Exit::OutOfTolerance, error.to_string(), help))
+    drilled.judge(DrillDemands::of(rig)).map_err(|error| {
+        let open = match &error {
+            Unsafe::GoesOn { watchdog, .. } => {
+                drilled.settled(rig).into_iter().find(|settled| settled.watchdog == *watchdog && settled.stops.is_none())
+            }
+            Unsafe::TooSlow { .. } => None,
+        };
+        let help = match open {
+            Some(Settled { profile, key, value, .. }) => format!(
+                "{before}; the profile `{profile}` says that the drive watches, and not what it does then: write that there by \
+                 the drive's manual, or `{key}: {value}` if it goes on"
+            ),
+            None => format!(
+                "{before}; give the drive this watchdog, or a shorter cycle or heartbeat; in position mode the drive may take \
+                 longer"
+            ),
+        };
+        Failure::new(Exit::OutOfTolerance, error.to_string(), help)
+    })
 }

@@ -222,3 +222,24 @@ proptest! {
         }
     }
 }
+
+#[test]
+fn the_model_of_the_simulated_drives_is_one_of_a_drive() {
+    let with = |profile: &str| {
+        let text = format!(
+            "like: paper-admittance.yaml\nsimulation:\n  drive_model:\n    profile: {profile}\n    has_dummies: true\n    \
+             refuses_mode: false\n    sdo_server: {{answer_ms: 0, segments_only: false, lengths: []}}\n"
+        );
+        load_rig(Source::memory("odd.yaml", text))
+    };
+    assert!(with("maxon-epos4").is_ok());
+    for (profile, says) in [("simulated-force-sensor", "is not one of a drive"), ("maxon-epos5", "is not known")] {
+        let report = with(profile).unwrap_err();
+        let finding = &report.diagnostics[0];
+        assert!(
+            finding.message.contains("simulation.drive_model.profile") && finding.message.contains(says),
+            "{finding:?}"
+        );
+        assert_eq!(finding.place.map(|place| place.line), Some(4), "{finding:?}");
+    }
+}

@@ -58,7 +58,9 @@ impl Kind {
     pub(super) fn names_file(self, key: &str, value: &str) -> bool {
         match (self, key) {
             (Self::Rig, "simulation.scene") | (Self::Simulation, "scene") => true,
-            (Self::Rig, _) => key.ends_with(".profile") && ProfileName::from(value.to_owned()).is_file(),
+            (Self::Rig | Self::Simulation, _) => {
+                key.ends_with(".profile") && ProfileName::from(value.to_owned()).is_file()
+            }
             _ => false,
         }
     }

@@ -7,8 +7,8 @@ use serde::Serialize;
 use serde::de::DeserializeOwned;
 
 use super::check::{
-    Findings, Machine, check_device, check_error_codes, check_figure, check_override, check_profile, check_rig,
-    check_scene, check_scene_for, refuse_error_codes, refuse_profile,
+    Findings, Machine, check_device, check_drive_model, check_error_codes, check_figure, check_override, check_profile,
+    check_rig, check_scene, check_scene_for, refuse_error_codes, refuse_profile,
 };
 use super::compose::open;
 use super::diagnostic::{Diagnostic, Report, Severity};
@@ -20,7 +20,8 @@ use super::schema::Guide;
 use super::source::Source;
 use super::suggest::nearest;
 use super::tree::{
-    Figure, ImpedanceDevice, NotSimulated, ProfileName, Rig, Scene, Simulation, is_yaml, shipped_error_codes,
+    Figure, ImpedanceDevice, NamedProfile, NotSimulated, ProfileName, Rig, Scene, Simulation, is_yaml,
+    shipped_error_codes,
 };
 use super::yaml;
 use yieldwall_drives::codes::ErrorCodes;
@@ -121,7 +122,7 @@ pub fn load_rig(source: impl Into<Source>) -> Result<Loaded<Rig>, Report> {
     let source = source.into();
     let Read { value: mut rig, mut findings, like } = read::<Rig>(&source, Kind::Rig)?;
     let in_range = findings.check_ranges(&rig);
-    let profiles = linked_profiles(&mut findings, &source, &mut rig);
+    let profiles = linked_profiles(&mut findings, &source, rig.profiles_mut());
     check_rig(&mut findings, &rig, in_range);
     let machine = in_range.then_some(Machine::Rig(&rig));
     let scene = match &rig.simulation {
@@ -205,10 +206,12 @@ pub fn load_error_codes(source: impl Into<Source>) -> Result<Loaded<ErrorCodes>,
 /// As [`load_rig`].
 pub fn load_simulation(source: impl Into<Source>) -> Result<Loaded<Simulation>, Report> {
     let source = source.into();
-    let Read { value: simulation, mut findings, like } = read::<Simulation>(&source, Kind::Simulation)?;
+    let Read { value: mut simulation, mut findings, like } = read::<Simulation>(&source, Kind::Simulation)?;
     findings.check_ranges(&simulation);
+    let profiles = linked_profiles(&mut findings, &source, simulation.profiles_mut());
+    check_drive_model(&mut findings, "drive_model.profile", &simulation);
     let scene = linked_scene(&mut findings, "scene", &source, &simulation.scene, None);
-    finish(simulation, source, like, findings.locator(), [findings.into_sorted(), scene].concat())
+    finish(simulation, source, like, findings.locator(), [findings.into_sorted(), profiles, scene].concat())
 }
 
 /// Reads and checks a figure and every file that it names.
@@ -321,11 +324,11 @@ fn checked_error_codes(source: &Source) -> Result<(ErrorCodes, Findings), Report
     Ok((codes, findings))
 }
 
-/// Reads the profiles that a rig names by their files, and the findings in them. A name that is unknown, and a file that is no
+/// Reads the profiles that a document names by their files, and the findings in them. A name that is unknown, and a file that is no
 /// profile, are findings at the key that names it.
-fn linked_profiles(findings: &mut Findings, source: &Source, rig: &mut Rig) -> Vec<Diagnostic> {
+fn linked_profiles(findings: &mut Findings, source: &Source, named: Vec<NamedProfile<'_>>) -> Vec<Diagnostic> {
     let mut found = Vec::new();
-    for (key, name, fits) in rig.profiles_mut() {
+    for (key, name, fits) in named {
         if name.get().is_none() && !name.is_file() {
             refuse_profile(findings, key, name.as_str(), "is not known", fits);
         }

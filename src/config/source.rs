@@ -64,6 +64,16 @@ const SHIPPED: &[(&str, &str)] = shipped![
     "scenes/room-walk.yaml",
     "simulations/paper-arm.yaml",
     "sphere.yaml",
+    "vendors/four-entries.yaml",
+    "vendors/mode-below-enabled.yaml",
+    "vendors/no-rpdo-timer.yaml",
+    "vendors/profiles/four-entries.yaml",
+    "vendors/profiles/mode-below-enabled.yaml",
+    "vendors/profiles/no-rpdo-timer.yaml",
+    "vendors/profiles/slow-segments.yaml",
+    "vendors/profiles/wrong-lengths.yaml",
+    "vendors/slow-segments.yaml",
+    "vendors/wrong-lengths.yaml",
 ];
 
 /// A document that can be read, and from which relative paths start.

@@ -86,6 +86,11 @@ impl DataType {
         }
     }
 
+    /// Whether its values are signed whole numbers.
+    pub const fn is_signed(self) -> bool {
+        matches!(self.kind(), Kind::Signed)
+    }
+
     pub(super) const fn kind(self) -> Kind {
         use DataType::*;
         match self {

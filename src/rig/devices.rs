@@ -1,5 +1,7 @@
 //! The configuration made into devices and their world.
 
+use std::time::Duration;
+
 use nalgebra::Vector2;
 
 use super::error::RigError;
@@ -10,9 +12,10 @@ use crate::bus::{CommandMode, SensorLink};
 use crate::canopen::node_id;
 use crate::config;
 use crate::linkage::FiveBar;
+use crate::objects::Address;
 use crate::quantity::{JointTorques, TipPoint, TipVelocity};
 use crate::sim::arm::{Arm, ArmParameters, JointElasticity};
-use crate::sim::{Drive, DriveSettings, Encoder, ForceSensor, ForceSensorSettings, PositionLoop, Speaks};
+use crate::sim::{Drive, DriveSettings, Encoder, ForceSensor, ForceSensorSettings, Manner, PositionLoop, Speaks};
 
 /// By how much the clock of a sensor on plain CAN is slow, in parts per million: a usual crystal. It drifts through the
 /// cycle, once in 20 s at 1 ms.
@@ -31,15 +34,29 @@ fn model(scene: &config::Scene) -> Result<&config::SceneModel, RigError> {
     scene.model.as_ref().ok_or_else(|| RigError::Mismatch("the scene has no `model` of a rig".into()))
 }
 
-/// The simulated drive of a joint, switched off.
+/// What a simulated drive does in a manner of its own.
+fn manner(model: &config::DriveModel) -> Manner {
+    let config::SdoServer { answer_ms, segments_only, lengths } = &model.sdo_server;
+    Manner {
+        lacks_dummies: !model.has_dummies,
+        refuses_mode: model.refuses_mode,
+        sdo_time: Duration::from_millis((*answer_ms).into()),
+        segments_only: *segments_only,
+        lengths: lengths.iter().map(|sent| (Address::new(sent.index, sent.sub), sent.bytes.into())).collect(),
+    }
+}
+
+/// The simulated drive of a joint, switched off: of the model that the rig's simulation says, or else of that of the rig.
 ///
 /// # Errors
 /// If its profile is not that of a drive.
 pub fn drive(rig: &config::Rig, scene: &config::Scene, drive: &config::Drive, serial: u32) -> Result<Drive, RigError> {
-    let servo = &simulated(rig)?.drive_position_loop;
+    let simulation = simulated(rig)?;
+    let servo = &simulation.drive_position_loop;
+    let odd = simulation.drive_model.as_ref();
     Drive::new(DriveSettings {
         node: node(drive.address.canopen.node_id)?,
-        profile: assembly::profile(&drive.profile)?,
+        profile: assembly::profile(odd.map_or(&drive.profile, |odd| &odd.profile))?,
         serial,
         scaling: assembly::scaling(drive)?,
         position_loop: PositionLoop {
@@ -52,6 +69,7 @@ pub fn drive(rig: &config::Rig, scene: &config::Scene, drive: &config::Drive, se
             config::EncoderModel::Exact => Encoder::Exact,
             config::EncoderModel::Quantised => Encoder::Quantised,
         },
+        manner: odd.map(manner).unwrap_or_default(),
     })
     .map_err(|error| RigError::Device(error.to_string()))
 }

@@ -19,7 +19,7 @@ pub(super) struct Silence {
     repeated: [Option<Frame>; 2],
     is_on: bool,
     last: Time,
-    stopped_at: [Option<Time>; 2],
+    stopped_at: [Option<(Time, cia402::State)>; 2],
 }
 
 impl Silence {
@@ -61,7 +61,7 @@ impl Silence {
     pub(super) fn look(&mut self, now: Time, states: [cia402::State; 2]) {
         for (stopped_at, state) in self.stopped_at.iter_mut().zip(states) {
             if self.is_on && state != cia402::State::OperationEnabled {
-                stopped_at.get_or_insert(now);
+                stopped_at.get_or_insert((now, state));
             }
         }
     }
@@ -73,12 +73,15 @@ impl Silence {
 
     /// Whether a drive has not stopped.
     pub(super) fn is_awaited(&self) -> bool {
-        self.stopped_at.contains(&None)
+        self.stopped_at.iter().any(Option::is_none)
     }
 
     /// What was found.
     pub(super) fn finding(&self) -> Finding {
-        let stopped_after = self.stopped_at.map(|stopped_at| stopped_at.map(|at| at.since(self.last)));
-        Finding { watchdog: self.watchdog, stopped_after }
+        Finding {
+            watchdog: self.watchdog,
+            stopped_after: self.stopped_at.map(|stopped| stopped.map(|(at, _)| at.since(self.last))),
+            stopped_in: self.stopped_at.map(|stopped| stopped.map(|(_, state)| state)),
+        }
     }
 }

@@ -32,13 +32,15 @@ struct Watched {
     told_of: Time,
     longest_gap: Duration,
     stopped_at: Option<Time>,
+    /// The state in which it was then.
+    stopped_in: Option<cia402::State>,
 }
 
 impl Watched {
     fn new(drive: Device) -> Self {
         let (asked_at, answered_at, told_of) = Default::default();
         let longest_gap = Duration::ZERO;
-        Self { drive, is_asked: false, asked_at, answered_at, told_of, longest_gap, stopped_at: None }
+        Self { drive, is_asked: false, asked_at, answered_at, told_of, longest_gap, stopped_at: None, stopped_in: None }
     }
 
     /// Takes the answer if there is one.
@@ -59,10 +61,10 @@ impl Watched {
             self.longest_gap = self.longest_gap.max(time.since(self.answered_at));
         }
         (self.answered_at, self.told_of) = (time, self.asked_at);
-        if let &[low, high, ..] = data
-            && Statusword(u16::from_le_bytes([low, high])).state() != Some(cia402::State::OperationEnabled)
-        {
-            self.stopped_at.get_or_insert(time);
+        let &[low, high, ..] = data else { return };
+        let state = Statusword(u16::from_le_bytes([low, high])).state();
+        if state != Some(cia402::State::OperationEnabled) && self.stopped_at.is_none() {
+            (self.stopped_at, self.stopped_in) = (Some(time), state);
         }
     }
 
@@ -117,7 +119,8 @@ impl<P: Place> Runner<P> {
             }
             let last = self.fall_silent(watchdog, &mut drives);
             let stopped_after = drives.each_ref().map(|drive| drive.stopped_after(last));
-            findings.push(Finding { watchdog, stopped_after });
+            let stopped_in = drives.each_ref().map(|drive| drive.stopped_in);
+            findings.push(Finding { watchdog, stopped_after, stopped_in });
             resolution = drives.iter().map(|drive| drive.longest_gap).fold(resolution, Duration::max);
             // A drive that goes on is stopped by what it does hear.
             self.stop();

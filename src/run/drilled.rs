@@ -3,6 +3,8 @@
 use std::time::Duration;
 
 use crate::config;
+use yieldwall_drives::cia402::State;
+use yieldwall_drives::profiles::{Reaction, Servo, SetPointWatch, SyncWatch};
 pub use yieldwall_drives::watchdog::TORQUE_LIMIT;
 use yieldwall_drives::watchdog::Watchdog;
 
@@ -19,6 +21,28 @@ pub struct Finding {
     /// Time from the last thing heard to leaving Operation Enabled, of the left and of the right drive; `None` if it did not
     /// within [`DRILL_LIMIT`].
     pub stopped_after: [Option<Duration>; 2],
+    /// The first state in which each was seen then; `None` also where that is not kept.
+    pub stopped_in: [Option<State>; 2],
+}
+
+impl Finding {
+    /// What those drives do that are chosen: of two the one that goes on counts, or the slower one. `None` where that is not known.
+    fn worst_of(&self, chosen: [bool; 2]) -> Option<Option<(Duration, State)>> {
+        let mut worst = None;
+        for ((after, state), is_chosen) in self.stopped_after.iter().zip(self.stopped_in).zip(chosen) {
+            let Some(after) = after.filter(|_| is_chosen) else {
+                if is_chosen {
+                    return Some(None);
+                }
+                continue;
+            };
+            let stops = (after, state?);
+            if worst.is_none_or(|(slowest, _)| slowest < after) {
+                worst = Some(stops);
+            }
+        }
+        worst.map(Some)
+    }
 }
 
 /// What a drill has found.
@@ -28,6 +52,21 @@ pub struct Drilled {
     pub findings: Vec<Finding>,
     /// Longest time between two looks at a drive: by so much the true times may be shorter.
     pub resolution: Duration,
+}
+
+/// What a drill has shown of a watch of which a profile does not say enough, and what a person should write there.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Settled {
+    /// Name of the profile.
+    pub profile: String,
+    /// The watch.
+    pub watchdog: Watchdog,
+    /// How long a drive took to stop, and in which state it was then; `None` if it went on.
+    pub stops: Option<(Duration, State)>,
+    /// The key in the profile.
+    pub key: String,
+    /// What to write there.
+    pub value: String,
 }
 
 /// Why a rig with these drives must not be enabled.
@@ -78,6 +117,30 @@ impl Demands {
 }
 
 impl Drilled {
+    /// What the drill has shown of the watches of SYNC and set-points that the rig's profiles lack, or say no reaction of. Drives
+    /// that are simulated by these same profiles show nothing of those that are meant.
+    pub fn settled(&self, rig: &config::Rig) -> Vec<Settled> {
+        let mut all: Vec<Settled> = Vec::new();
+        let names = rig.drives.each_ref().map(|drive| drive.profile.get().map(|profile| profile.name()));
+        for drive in &rig.drives {
+            let Some(profile) = drive.profile.get() else { continue };
+            let Some(servo) = profile.servo() else { continue };
+            for finding in &self.findings {
+                let own = names.map(|name| name == Some(profile.name()));
+                let Some(stops) = finding.worst_of(own) else { continue };
+                let Some((key, value)) = to_write(servo, finding.watchdog, stops.map(|(_, state)| state)) else {
+                    continue;
+                };
+                let (profile, watchdog) = (profile.name().to_owned(), finding.watchdog);
+                let settled = Settled { profile, watchdog, stops, key, value };
+                if !all.contains(&settled) {
+                    all.push(settled);
+                }
+            }
+        }
+        all
+    }
+
     /// Whether drives with these watchdogs may be enabled. That for the heartbeat has to stop each drive, and so has each other
     /// one that the drive has by its profile; in torque mode the one that is fastest when the master dies has to within
     /// [`TORQUE_LIMIT`].
@@ -100,5 +163,96 @@ impl Drilled {
             }
         }
         Ok(())
+    }
+}
+
+/// Where a profile leaves open what a drive does when something stays away, and what a drive that stops in a state, or goes on,
+/// shows there: a key and its value.
+fn to_write(servo: &Servo, watchdog: Watchdog, stops_in: Option<State>) -> Option<(String, String)> {
+    let (word, kind, reaction) = match watchdog {
+        Watchdog::Heartbeat => return None,
+        Watchdog::Sync => match &servo.watchdogs.sync {
+            SyncWatch::None => ("sync", "none", Reaction::Nothing),
+            SyncWatch::BuiltIn(watch) => ("sync", "built_in", watch.reaction),
+            SyncWatch::Object(timed) => ("sync", "object", timed.reaction),
+        },
+        Watchdog::SetPoints => match &servo.watchdogs.set_points {
+            SetPointWatch::None => ("set_points", "none", Reaction::Nothing),
+            SetPointWatch::BuiltIn(watch) => ("set_points", "built_in", watch.reaction),
+            SetPointWatch::EventTimer { reaction, .. } => ("set_points", "event_timer", *reaction),
+            SetPointWatch::Object(timed) => ("set_points", "object", timed.reaction),
+        },
+    };
+    let key = format!("device.servo.watchdogs.{word}");
+    let seen = stops_in.map(|state| match state {
+        State::Fault | State::FaultReactionActive => "fault",
+        _ => "abort_connection",
+    });
+    match (kind, reaction, seen) {
+        ("none", _, Some(seen)) => {
+            Some((key, format!("{{built_in: {{periods: null, reaction: {seen}, source: drill}}}}")))
+        }
+        ("none", ..) => None,
+        (_, Reaction::Unknown, Some(seen)) => Some((format!("{key}.{kind}.reaction"), seen.to_owned())),
+        (_, Reaction::Unknown, None) => Some((key, "none".to_owned())),
+        _ => None,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn settled(profiles: [&str; 2], after_ms: [Option<u64>; 2], state: State) -> Vec<(String, String)> {
+        let mut rig = config::load_rig(config::builtin("paper-admittance-csp.yaml")).unwrap().value;
+        for (drive, profile) in rig.drives.iter_mut().zip(profiles) {
+            drive.profile = profile.to_owned().into();
+        }
+        let finding = |watchdog| Finding {
+            watchdog,
+            stopped_after: after_ms.map(|ms| ms.map(Duration::from_millis)),
+            stopped_in: after_ms.map(|ms| ms.map(|_| state)),
+        };
+        let drilled = Drilled { findings: Watchdog::ALL.map(finding).to_vec(), resolution: Duration::ZERO };
+        drilled.settled(&rig).into_iter().map(|settled| (settled.key, settled.value)).collect()
+    }
+
+    fn wanted(lines: &[(&str, &str)]) -> Vec<(String, String)> {
+        let key = |key: &str| format!("device.servo.watchdogs.{key}");
+        lines.iter().map(|(at, value)| (key(at), (*value).to_owned())).collect()
+    }
+
+    /// The profile of this drive says that it has an event timer, not what it does then, and that it does not watch SYNC.
+    const OPEN: [&str; 2] = ["zeroerr-edriver"; 2];
+
+    #[test]
+    fn what_a_drive_does_when_something_stays_away_is_a_line_of_its_profile() {
+        let stops = [Some(5), Some(6)];
+        assert_eq!(
+            settled(OPEN, stops, State::FaultReactionActive),
+            wanted(&[
+                ("sync", "{built_in: {periods: null, reaction: fault, source: drill}}"),
+                ("set_points.event_timer.reaction", "fault"),
+            ])
+        );
+        assert_eq!(
+            settled(OPEN, stops, State::QuickStopActive),
+            wanted(&[
+                ("sync", "{built_in: {periods: null, reaction: abort_connection, source: drill}}"),
+                ("set_points.event_timer.reaction", "abort_connection"),
+            ])
+        );
+        assert_eq!(settled(["simulated-servo"; 2], stops, State::Fault), [], "its profile says it all");
+    }
+
+    #[test]
+    fn of_two_drives_of_a_profile_the_one_that_goes_on_counts() {
+        for after_ms in [[Some(5), None], [None, Some(5)], [None, None]] {
+            assert_eq!(
+                settled(OPEN, after_ms, State::Fault).last(),
+                wanted(&[("set_points", "none")]).last(),
+                "{after_ms:?}"
+            );
+        }
     }
 }

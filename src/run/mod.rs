@@ -21,7 +21,7 @@ mod scene;
 mod simulation;
 
 pub use conduct::{Enable, Enabling, STOP_LIMIT_S, has_torque, settling_cycles, settling_on_bus};
-pub use drilled::{CYCLES_BEFORE_SILENCE, DRILL_LIMIT, Demands, Drilled, Finding, TORQUE_LIMIT, Unsafe};
+pub use drilled::{CYCLES_BEFORE_SILENCE, DRILL_LIMIT, Demands, Drilled, Finding, Settled, TORQUE_LIMIT, Unsafe};
 pub use error::RunError;
 pub use metronome::Metronome;
 pub use pace::Pace;

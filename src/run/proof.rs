@@ -239,7 +239,7 @@ impl Record {
             for (to, ms) in stopped_after.iter_mut().zip(after) {
                 *to = ms.map(time).map_or(Some(None), |time| time.map(Some))?;
             }
-            findings.push(Finding { watchdog, stopped_after });
+            findings.push(Finding { watchdog, stopped_after, stopped_in: [None; 2] });
         }
         Some(Drilled { findings, resolution: time(self.resolution_ms)? })
     }
@@ -269,6 +269,7 @@ mod tests {
         let findings = Watchdog::ALL.into_iter().zip(ms).map(|(watchdog, ms)| Finding {
             watchdog,
             stopped_after: [Some(Duration::from_millis(ms)), (ms < 900).then(|| Duration::from_millis(ms))],
+            stopped_in: [None; 2],
         });
         Drilled { findings: findings.collect(), resolution: Duration::from_millis(1) }
     }

@@ -277,8 +277,9 @@ fn in_order<L: CanLink>(
             let name = known.as_ref().map_or_else(String::new, |known| known.name.clone());
             Step { at, name, data_type: known.map_or(0x07, |known| known.data_type), old, new, is_final }
         };
-        let cob_id = service.read(node, Address::new(communication, 1))?;
-        let used = super::scan::number(&cob_id);
+        // Of their own length, however many bytes are sent.
+        let used = super::scan::number(&service.read(node, Address::new(communication, 1))?);
+        let cob_id = used.to_le_bytes().to_vec();
         let last = changes.remove(&(communication, 1)).map_or_else(|| cob_id.clone(), |step| step.new);
         let out_of_use = (used | NOT_USED).to_le_bytes().to_vec();
         if used & NOT_USED == 0 {
@@ -286,7 +287,8 @@ fn in_order<L: CanLink>(
         }
         let is_remapped = changes.keys().any(|(index, _)| *index == mapping);
         if is_remapped {
-            let count = service.read(node, Address::new(mapping, 0))?;
+            let mut count = service.read(node, Address::new(mapping, 0))?;
+            count.truncate(1);
             let new = changes.remove(&(mapping, 0)).map_or_else(|| count.clone(), |step| step.new);
             steps.push(step(mapping, 0, Some(count), vec![0], false));
             let mapped: Vec<u8> =

@@ -8,11 +8,16 @@ impl Value {
     pub fn from_bytes(data_type: u16, bytes: &[u8]) -> Self {
         let word = || bytes.iter().rev().fold(0_u64, |word, byte| word << 8 | u64::from(*byte));
         if let Some((bits, is_signed)) = number::integer(data_type) {
-            if bytes.len() != bits.div_ceil(8) as usize {
+            let Some((own, more)) = bytes.split_at_checked(bits.div_ceil(8) as usize) else {
+                return Self::Bytes(bytes.to_vec());
+            };
+            let range = 1_i128 << bits;
+            let number = i128::from(own.iter().rev().fold(0_u64, |word, byte| word << 8 | u64::from(*byte)));
+            // Some devices send more bytes than the type has.
+            let fill = if is_signed && number >= range / 2 { u8::MAX } else { 0 };
+            if more.iter().any(|byte| *byte != fill) {
                 return Self::Bytes(bytes.to_vec());
             }
-            let range = 1_i128 << bits;
-            let number = i128::from(word());
             return Self::Integer(if is_signed && number >= range / 2 { number - range } else { number });
         }
         let real = match (data_type, bytes.len()) {

@@ -149,7 +149,7 @@ impl Node {
         if frame.len() != 8 || !is_served {
             return;
         }
-        let mut service = Service { app, changed: None };
+        let mut service = Service { app, changed: None, sent_lengths: &self.sent_lengths };
         let answer = self.sdo.on_request(now, frame.bytes(), &mut service);
         let changed = service.changed;
         if let Some(payload) = answer {

@@ -21,7 +21,7 @@ use super::nmt::{self, HeartbeatChange, HeartbeatConsumer, HeartbeatEvent};
 use super::pdo::{self, NO_ID, Pdo, Rpdo, Tpdo};
 use super::sdo::SdoServer;
 use super::{CanopenError, EmcyCode, ErrorRegister, Frame, NmtCommand, NmtState, NodeId, Outbox, cob};
-use crate::objects::{ObjectDictionary, Reset};
+use crate::objects::{Address, ObjectDictionary, Reset};
 use crate::time::Time;
 
 const PDOS: usize = MAX_PDOS as usize;
@@ -68,6 +68,8 @@ pub struct Node {
     starts_at: Time,
     /// Time from an SDO request to what answers it.
     sdo_time: Duration,
+    /// Objects that are sent with another length than that of their type, bytes.
+    sent_lengths: Vec<(Address, usize)>,
     /// Answers that wait for their time.
     answers: VecDeque<(Time, Frame)>,
     next: Time,
@@ -124,6 +126,7 @@ impl Node {
             reset_time: Duration::ZERO,
             starts_at: Time::NEVER,
             sdo_time: Duration::ZERO,
+            sent_lengths: Vec::new(),
             answers: VecDeque::new(),
             next: Time::NEVER,
         };
@@ -173,6 +176,18 @@ impl Node {
     /// How long the SDO server takes to answer; it answers at once unless set.
     pub fn set_sdo_time(&mut self, time: Duration) {
         self.sdo_time = time;
+    }
+
+    /// Has the SDO server send every value in segments, those of 4 bytes and less too, and refuse blocks (05040001h).
+    pub fn set_sdo_segments_only(&mut self, is_so: bool) {
+        self.sdo.set_segments_only(is_so);
+    }
+
+    /// Has the SDO server send an object with `bytes` bytes (1 to 8, clamped) whatever its type: what is more than the value
+    /// repeats its sign or is zero, what is less is cut off. What is written still has the length of the type.
+    pub fn set_sdo_length(&mut self, at: Address, bytes: usize) {
+        self.sent_lengths.retain(|(known, _)| *known != at);
+        self.sent_lengths.push((at, bytes.clamp(1, 8)));
     }
 
     /// How many segments of a block download the SDO server asks for at a time (1 to 127, clamped; 127 unless set), and

@@ -4,7 +4,7 @@ use super::super::communication::HEARTBEAT_PRODUCERS;
 use super::super::{cob, pdo, sdo};
 use super::application::Application;
 use super::emergency::forget_history;
-use crate::objects::{AbortCode, Address, ObjectDictionary, load_le};
+use crate::objects::{AbortCode, Address, DataType, ObjectDictionary, load_le};
 
 /// Object that stores parameters, and the text "save" that has to be written to it.
 const STORE: u16 = 0x1010;
@@ -18,6 +18,8 @@ pub(super) struct Service<'a, A> {
     pub(super) app: &'a mut A,
     /// Index of a communication object that was written.
     pub(super) changed: Option<u16>,
+    /// Objects that are sent with another length than that of their type.
+    pub(super) sent_lengths: &'a [(Address, usize)],
 }
 
 impl<A: Application> sdo::Objects for Service<'_, A> {
@@ -28,7 +30,13 @@ impl<A: Application> sdo::Objects for Service<'_, A> {
             return Err(AbortCode::NO_DATA);
         }
         self.app.before_read(at)?;
-        value.extend_from_slice(self.app.od().read(at)?);
+        let od = self.app.od();
+        value.extend_from_slice(od.read(at)?);
+        if let Some((_, bytes)) = self.sent_lengths.iter().find(|(known, _)| *known == at) {
+            let is_negative =
+                od.data_type(at).is_some_and(DataType::is_signed) && value.last().is_some_and(|top| top >> 7 != 0);
+            value.resize(*bytes, if is_negative { u8::MAX } else { 0 });
+        }
         Ok(())
     }
 

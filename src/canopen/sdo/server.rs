@@ -49,6 +49,7 @@ pub(in super::super) struct SdoServer {
     timeout: Duration,
     block_size: u8,
     segment_interval: Duration,
+    segments_only: bool,
     deadline: Time,
     repeat_at: Time,
     /// The end of the last block download, which is confirmed again, but not carried out again, when it is repeated.
@@ -66,6 +67,7 @@ impl SdoServer {
             timeout,
             block_size: wire::LARGEST_BLOCK,
             segment_interval: SEGMENT_INTERVAL,
+            segments_only: false,
             deadline: Time::NEVER,
             repeat_at: Time::NEVER,
             ended_by: None,
@@ -79,6 +81,10 @@ impl SdoServer {
     pub(in super::super) fn set_block(&mut self, block_size: u8, segment_interval: Duration) {
         self.block_size = block_size.clamp(1, wire::LARGEST_BLOCK);
         self.segment_interval = segment_interval;
+    }
+
+    pub(in super::super) fn set_segments_only(&mut self, is_so: bool) {
+        self.segments_only = is_so;
     }
 
     /// Forgets a running transfer.
@@ -167,6 +173,10 @@ impl SdoServer {
             return Ok(Some(wire::block_end_confirmed()));
         }
         match wire::decode_request(payload) {
+            Request::BlockUpload { at, .. } | Request::BlockDownload { at, .. } if self.segments_only => {
+                self.start(at);
+                Err(AbortCode::COMMAND)
+            }
             Request::Abort => {
                 self.reset();
                 Ok(None)
@@ -213,10 +223,11 @@ impl SdoServer {
 
     /// Sends the value without blocks.
     fn upload(&mut self) -> Payload {
-        if !wire::is_expedited(self.value.len()) {
-            self.phase = Phase::Upload { toggle: false, sent: 0 };
+        if wire::is_expedited(self.value.len()) && !self.segments_only {
+            return wire::expedited_upload_response(self.at, &self.value);
         }
-        wire::upload_response(self.at, &self.value)
+        self.phase = Phase::Upload { toggle: false, sent: 0 };
+        wire::segmented_upload_response(self.at, self.value.len())
     }
 
     fn start_download(

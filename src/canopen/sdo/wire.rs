@@ -296,13 +296,14 @@ pub(super) fn download_request(at: Address, data: &[u8]) -> Payload {
     }
 }
 
-/// The first answer to a read.
-pub(super) fn upload_response(at: Address, data: &[u8]) -> Payload {
-    if is_expedited(data.len()) {
-        expedited(0x40, at, data)
-    } else {
-        codec::encode_upload_initiate_segmented_response(at.into(), data.len() as u32)
-    }
+/// The answer to a read of 1 to 4 bytes, with them in it.
+pub(super) fn expedited_upload_response(at: Address, data: &[u8]) -> Payload {
+    expedited(0x40, at, data)
+}
+
+/// The first answer to a read whose bytes come in segments.
+pub(super) fn segmented_upload_response(at: Address, len: usize) -> Payload {
+    codec::encode_upload_initiate_segmented_response(at.into(), len as u32)
 }
 
 /// The segment of `data` from byte `sent` on, and how many bytes it carries; the last one says so.

@@ -9,13 +9,13 @@ use super::super::ending::{bus_names, devices_text};
 use super::super::keep::{Kept, LOG_STARTS_AT};
 use super::super::margins::Margins;
 use super::{
-    Arguments, counted_json, counted_text, measures_text, mode_text, simulated_interfaces, watchdogs_json,
-    watchdogs_text,
+    Arguments, counted_json, counted_text, measures_text, mode_text, settled_json, settled_text, simulated_interfaces,
+    watchdogs_json, watchdogs_text,
 };
 use crate::config;
 use crate::fixture::prediction;
 use crate::report::RunReport;
-use crate::run::Drilled;
+use crate::run::{Drilled, Settled};
 
 /// A run and what was known before it.
 pub(super) struct Facts<'a> {
@@ -31,6 +31,12 @@ pub(super) struct Facts<'a> {
 }
 
 impl Facts<'_> {
+    /// What the drill has shown of other drives than those that the profiles describe.
+    fn settled(&self) -> Vec<Settled> {
+        let is_other = self.rig.simulated().is_ok_and(|simulation| simulation.drive_model.is_some());
+        if is_other { self.drilled.settled(self.rig) } else { Vec::new() }
+    }
+
     /// For a program to read.
     pub(super) fn json(&self, arguments: &Arguments) -> Value {
         json!({
@@ -45,6 +51,7 @@ impl Facts<'_> {
             "cause_devices": self.report.cause.map(|cause| devices_text(cause.devices, &bus_names(self.rig))),
             "margins": self.margins.to_json(),
             "watchdogs": watchdogs_json(&self.drilled),
+            "settled": settled_json(&self.settled()),
             "bus_loads": self.report.bus_loads.iter().cloned().collect::<BTreeMap<_, _>>(),
             "held_s": self.report.held_s,
             "held_by_s": self.report.held_by.iter().map(|(fault, held_s)| (fault.row().name, *held_s)).collect::<BTreeMap<_, _>>(),
@@ -77,6 +84,7 @@ impl Facts<'_> {
             lines.push(format!("{:9} {line}", if at == 0 { "margins" } else { "" }));
         }
         lines.push(watchdogs_text(&self.drilled));
+        lines.extend(settled_text(&self.settled()));
         let trace = &self.report.trace;
         let fixture = &self.rig.fixture;
         let contrast = fixture.law.filter(|law| law.guidance().is_some());

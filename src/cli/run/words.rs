@@ -6,7 +6,7 @@ use super::super::ending::scope_text;
 use crate::config;
 use crate::guard::Fault;
 use crate::report::measures::Measures;
-use crate::run::{Drilled, Finding};
+use crate::run::{Drilled, Finding, Settled};
 
 /// How soon the drives stop by themselves, the slower one.
 pub(in crate::cli) fn watchdogs_text(drilled: &Drilled) -> String {
@@ -32,12 +32,50 @@ pub(in crate::cli) fn watchdogs_json(drilled: &Drilled) -> Value {
             "without": finding.watchdog.name(),
             "left_stops_after_ms": finding.stopped_after[0].map(ms),
             "right_stops_after_ms": finding.stopped_after[1].map(ms),
+            "left_stops_in": finding.stopped_in[0].map(|state| format!("{state:?}")),
+            "right_stops_in": finding.stopped_in[1].map(|state| format!("{state:?}")),
         })
     };
     json!({
         "findings": drilled.findings.iter().map(finding).collect::<Vec<_>>(),
         "resolution_ms": ms(drilled.resolution),
     })
+}
+
+/// What the drill has shown where a profile says too little, and the line to write there.
+pub(in crate::cli) fn settled_text(settled: &[Settled]) -> Vec<String> {
+    let mut lines = Vec::new();
+    for Settled { profile, watchdog, stops, key, value } in settled {
+        let shows = match stops {
+            Some((after, state)) => {
+                format!("stop after {:.1} ms, in {state:?}", 1e3 * after.as_secs_f64())
+            }
+            None => "go on".to_owned(),
+        };
+        lines.push(format!("settled   drives with the profile `{profile}`, without {}:", watchdog.name()));
+        lines.push(format!("          {shows}; write in the profile"));
+        lines.push(format!("            {key}:"));
+        lines.push(format!("              {value}"));
+        if value.contains("source: drill") {
+            lines.push("            profile.sources.drill: the watchdog drill of yieldwall".to_owned());
+        }
+    }
+    lines
+}
+
+/// The same as data.
+pub(in crate::cli) fn settled_json(settled: &[Settled]) -> Value {
+    let each = settled.iter().map(|settled| {
+        json!({
+            "profile": settled.profile,
+            "without": settled.watchdog.name(),
+            "stops_after_ms": settled.stops.map(|(after, _)| 1e3 * after.as_secs_f64()),
+            "stops_in": settled.stops.map(|(_, state)| format!("{state:?}")),
+            "key": settled.key,
+            "write": settled.value,
+        })
+    });
+    each.collect()
 }
 
 /// What was counted and held nothing, a line each: faults with the number of cycles, and SDO downloads of somebody else.

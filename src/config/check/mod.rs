@@ -22,7 +22,7 @@ use std::sync::Arc;
 pub(super) use codes::{check_error_codes, refuse_error_codes};
 pub(super) use figure::{check_figure, check_override};
 pub(super) use fixture::check_device;
-pub(super) use models::refuse_profile;
+pub(super) use models::{check_drive_model, refuse_profile};
 pub(super) use profile::check_profile;
 pub(super) use rig::check_rig;
 pub use scene::MAX_DURATION_S;

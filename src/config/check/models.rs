@@ -7,7 +7,7 @@ use yieldwall_drives::watchdog::{HEARTBEAT_PERIODS, TORQUE_LIMIT, WATCHED_CYCLES
 
 use super::Findings;
 use crate::config::suggest::nearest;
-use crate::config::tree::{CommandMode, ProfileName, Rig};
+use crate::config::tree::{CommandMode, ProfileName, Rig, Simulation};
 
 /// Whether every device's model is known, is that of such a device, and has what the rig asks of it.
 pub(super) fn check_profiles(findings: &mut Findings, rig: &Rig) {
@@ -17,6 +17,9 @@ pub(super) fn check_profiles(findings: &mut Findings, rig: &Rig) {
         CommandMode::Velocity => "velocity",
         CommandMode::Position => "position",
     };
+    if let Some(simulation) = &rig.simulation {
+        check_drive_model(findings, "simulation.drive_model.profile", simulation);
+    }
     for (index, drive) in rig.drives.iter().enumerate() {
         let key = format!("drives[{index}].profile");
         let Some(profile) = drive.profile.get() else { continue };
@@ -49,6 +52,14 @@ pub(super) fn check_profiles(findings: &mut Findings, rig: &Rig) {
                 "let the drive hold the brake, and write `brake: {held_by: drive}` in the profile",
             );
         }
+    }
+}
+
+/// Whether the model of the simulated drives is one of a drive.
+pub(in crate::config) fn check_drive_model(findings: &mut Findings, key: &str, simulation: &Simulation) {
+    let Some(model) = &simulation.drive_model else { return };
+    if model.profile.get().is_some_and(|profile| profile.servo().is_none()) {
+        refuse_profile(findings, key, model.profile.as_str(), "is not one of a drive", is_servo);
     }
 }
 

@@ -22,6 +22,7 @@ pub use fixture::{AutomaticHold, Coupling, Curvature, Fixture, FixtureLaw, Motio
 pub use injection::{FaultName, FaultTarget, SceneFault};
 pub(in crate::config) use profile::is_yaml;
 pub use profile::{ProfileName, shipped_error_codes, shipped_profile};
+pub(in crate::config) use rig::NamedProfile;
 pub use rig::{
     Address, Bus, CanBus, CanopenAddress, Control, ControlGains, ControlLaw, Cycle, Drive, FeedForward, Guard, Rig,
     RigIdentity,
@@ -31,7 +32,7 @@ pub use scene::{
     SceneModel, SceneTolerance, Tracking, Tremor,
 };
 pub use sensor::{ByteOrder, Mount, Sensor, SensorProtocol};
-pub use simulation::{BusTiming, DrivePositionLoop, NotSimulated, Simulation};
+pub use simulation::{BusTiming, DriveModel, DrivePositionLoop, NotSimulated, SdoServer, SentLength, Simulation};
 pub use surface::{Forbidden, Surface};
 pub use waits::Waits;
 pub use yieldwall_drives::cia402::CommandMode;

@@ -70,7 +70,7 @@ impl ProfileName {
     }
 
     /// Gives its file another name.
-    #[cfg(all(feature = "sim", feature = "recording"))]
+    #[cfg(any(feature = "cli", all(feature = "sim", feature = "recording")))]
     pub(super) fn rename(&mut self, written: String) {
         self.written = written;
     }

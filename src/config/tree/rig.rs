@@ -90,8 +90,8 @@ impl Rig {
 #[cfg(all(feature = "sim", feature = "recording"))]
 type NamedFile = std::sync::Arc<yieldwall_drives::profiles::DeviceProfile>;
 
-/// Where a rig names a device model: the key, the name, and whether a model is of the kind that is wanted there.
-type NamedProfile<'a> = (&'static str, &'a mut ProfileName, fn(&Role) -> bool);
+/// Where a document names a device model: the key, the name, and whether a model is of the kind that is wanted there.
+pub(in crate::config) type NamedProfile<'a> = (&'static str, &'a mut ProfileName, fn(&Role) -> bool);
 
 impl Rig {
     /// Gives the device profiles that are files names of their own, so that they can lie beside this document; names and
@@ -116,6 +116,14 @@ impl Rig {
         named
     }
 
+    /// Gives the files of device profiles the names that they have elsewhere.
+    #[cfg(feature = "cli")]
+    pub(crate) fn rename_profile_files(&mut self, renamed: impl Fn(&str) -> String) {
+        for (_, name, _) in self.profiles_mut().into_iter().filter(|(_, name, _)| name.is_file()) {
+            name.rename(renamed(name.as_str()));
+        }
+    }
+
     /// The device models that it names.
     pub(in crate::config) fn profiles_mut(&mut self) -> Vec<NamedProfile<'_>> {
         let is_servo: fn(&Role) -> bool = |role| matches!(role, Role::Servo(_));
@@ -127,6 +135,9 @@ impl Rig {
         ];
         if let SensorProtocol::Canopen { profile, .. } = &mut self.sensor.protocol {
             named.push(("sensor.protocol.canopen.profile", profile, is_sensor));
+        }
+        if let Some(model) = self.simulation.as_mut().and_then(|simulation| simulation.drive_model.as_mut()) {
+            named.push(("simulation.drive_model.profile", &mut model.profile, is_servo));
         }
         named
     }

@@ -4,8 +4,11 @@ use garde::Validate;
 use schemars::{JsonSchema, Schema, SchemaGenerator, json_schema};
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
+use yieldwall_drives::profiles::Role;
 
 use super::arm::ArmModel;
+use super::profile::ProfileName;
+use super::rig::NamedProfile;
 use crate::config::number::{NotNegative, Positive};
 
 /// What the simulation of a rig takes the machine to be, and what happens in it. Nothing of it is used on a real bus.
@@ -21,15 +24,82 @@ pub struct Simulation {
     /// The loop closed inside each drive in position and velocity mode.
     #[garde(dive)]
     pub drive_position_loop: DrivePositionLoop,
+    /// What both simulated drives are, if they are not what the rig's profiles say: of another model, or odd. Left out: by the
+    /// rig's profiles.
+    #[garde(dive)]
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub drive_model: Option<DriveModel>,
     /// File with the scene to run, relative to this file.
     #[garde(length(min = 1))]
     pub scene: String,
+}
+
+/// What a simulated drive is: the model, and what it does in a manner of its own, which no profile says.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema, Validate)]
+#[serde(deny_unknown_fields)]
+#[garde(allow_unvalidated)]
+pub struct DriveModel {
+    /// The device model of both drives, whatever the rig takes them for.
+    pub profile: ProfileName,
+    /// Whether bytes of an RPDO can be skipped by dummy entries (0005h and the like).
+    pub has_dummies: bool,
+    /// Whether a mode (6060h) is refused with 08000022h in a state in which it cannot change; it is taken over later otherwise.
+    pub refuses_mode: bool,
+    /// How it answers over SDO.
+    #[garde(dive)]
+    pub sdo_server: SdoServer,
+}
+
+/// How a simulated drive answers over SDO.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema, Validate)]
+#[serde(deny_unknown_fields)]
+#[garde(allow_unvalidated)]
+pub struct SdoServer {
+    /// Time from a request to what answers it, ms. 0 to 1000.
+    #[garde(range(max = 1000))]
+    pub answer_ms: u32,
+    /// Whether every value comes in segments, those of 4 bytes and less too, and blocks are refused.
+    pub segments_only: bool,
+    /// Objects that are sent with another length than that of their type.
+    #[garde(length(max = 64), dive)]
+    pub lengths: Vec<SentLength>,
+}
+
+/// An object that is sent with another length than that of its type.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema, Validate)]
+#[serde(deny_unknown_fields)]
+#[garde(allow_unvalidated)]
+pub struct SentLength {
+    /// Index of the object.
+    pub index: u16,
+    /// Its sub-index.
+    pub sub: u8,
+    /// Bytes that are sent. 1 to 8.
+    #[garde(range(min = 1, max = 8))]
+    pub bytes: u8,
 }
 
 /// A rig was to be simulated, and its file names no simulation.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Error)]
 #[error("the rig has no `simulation`, which only a rig on a real bus does without")]
 pub struct NotSimulated;
+
+impl Simulation {
+    /// Gives the file of a device profile the name that it has elsewhere.
+    #[cfg(feature = "cli")]
+    pub(crate) fn rename_profile_files(&mut self, renamed: impl Fn(&str) -> String) {
+        for (_, name, _) in self.profiles_mut().into_iter().filter(|(_, name, _)| name.is_file()) {
+            name.rename(renamed(name.as_str()));
+        }
+    }
+
+    /// The device model that it names.
+    pub(in crate::config) fn profiles_mut(&mut self) -> Vec<NamedProfile<'_>> {
+        let is_servo: fn(&Role) -> bool = |role| matches!(role, Role::Servo(_));
+        let model = self.drive_model.as_mut();
+        model.map(|model| ("drive_model.profile", &mut model.profile, is_servo)).into_iter().collect()
+    }
+}
 
 /// The schema of a simulation in a rig: the document itself, its file, or nothing.
 pub(super) fn named_simulation(generator: &mut SchemaGenerator) -> Schema {

@@ -5,7 +5,7 @@ use yieldwall_drives::objects::{self as cia, error_code};
 use yieldwall_drives::profiles::Reaction;
 
 use super::device::Device;
-use crate::canopen::{Application, HeartbeatChange, HeartbeatEvent, NmtState};
+use crate::canopen::{Application, HeartbeatChange, HeartbeatEvent, NmtState, is_dummy};
 use crate::objects::{AbortCode, Address, ObjectDictionary, Reset, ServedDevice};
 use crate::time::Time;
 
@@ -19,11 +19,19 @@ impl ServedDevice for Device {
     }
 
     fn before_write(&mut self, at: Address, data: &[u8]) -> Result<(), AbortCode> {
+        if let (0x1600..0x1800, 1.., &[.., low, high]) = (at.index, at.sub, data)
+            && self.lacks_dummies
+            && is_dummy(u16::from_le_bytes([low, high]))
+        {
+            return Err(AbortCode::NOT_MAPPABLE);
+        }
         let &[code] = data else { return Ok(()) };
-        if at.index != cia::MODE_OF_OPERATION.index || code == 0 {
+        if at.index != cia::MODE_OF_OPERATION.index {
             return Ok(());
         }
         match OperationMode::from_code(code as i8) {
+            _ if self.refuses_modes() => Err(AbortCode::DEVICE_STATE),
+            _ if code == 0 => Ok(()),
             Some(mode) if mode.is_in(self.supported_modes) => Ok(()),
             _ => Err(AbortCode::VALUE),
         }

@@ -42,6 +42,8 @@ pub(super) struct Device {
     pub(super) supported_modes: u32,
     /// States in which the mode may change, a bit each.
     mode_changes_in: u16,
+    pub(super) lacks_dummies: bool,
+    refuses_mode: bool,
     pub(super) watches: Watches,
     pub(super) machine: StateMachine,
     pub(super) servo: Servo,
@@ -80,6 +82,8 @@ impl Device {
             encoder: settings.encoder,
             supported_modes: model.process_data.supported_modes(),
             mode_changes_in: model.mode_changes_in.iter().fold(0, |bits, state| bits | 1 << *state as u16),
+            lacks_dummies: settings.manner.lacks_dummies,
+            refuses_mode: settings.manner.refuses_mode,
             watches: Watches::new(&od, model)?,
             machine: StateMachine::new(OptionCodes::default()),
             servo: Servo::new(settings.position_loop),
@@ -126,6 +130,15 @@ impl Device {
 
     pub(super) fn torque_n_m(&self) -> f64 {
         self.servo.torque_n_m()
+    }
+
+    fn mode_can_change(&self) -> bool {
+        self.mode_changes_in & (1 << self.machine.state() as u16) != 0
+    }
+
+    /// Whether the drive refuses any mode now.
+    pub(super) fn refuses_modes(&self) -> bool {
+        self.refuses_mode && !self.mode_can_change()
     }
 
     pub(super) fn state(&self) -> State {
@@ -307,7 +320,7 @@ impl Device {
         if is_stopping && (is_helpless || self.machine.reaction() == Reaction::Off) {
             self.machine.standstill();
         }
-        if self.mode_changes_in & (1 << self.machine.state() as u16) != 0 {
+        if self.mode_can_change() {
             let wanted = OperationMode::from_code(self.od.get(self.objects.mode));
             self.mode = wanted.filter(|mode| mode.is_in(self.supported_modes));
         }

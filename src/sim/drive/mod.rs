@@ -20,7 +20,7 @@ use yieldwall_drives::watchdog::{Clock, Watchdog};
 
 use super::DeviceError;
 use crate::canopen::{EmcyCode, ErrorRegister, Frame, Node, NodeId, Outbox, cob};
-use crate::objects::ServedDevice;
+use crate::objects::{Address, ServedDevice};
 use crate::time::Time;
 use device::{Device, PROFILE_ERROR};
 use watches::Watch;
@@ -49,6 +49,23 @@ pub struct DriveSettings {
     pub position_loop: PositionLoop,
     /// What the drive knows about the angle.
     pub encoder: Encoder,
+    /// What it does in a manner of its own.
+    pub manner: Manner,
+}
+
+/// What a drive does in a manner of its own that no profile says, since a master gets along with all of it. Nothing by default.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Manner {
+    /// It maps no dummy entries (06040041h), so that no bytes of an RPDO can be skipped.
+    pub lacks_dummies: bool,
+    /// It refuses a mode (08000022h) in a state in which that cannot change, in place of taking it over later.
+    pub refuses_mode: bool,
+    /// Time from an SDO request to what answers it.
+    pub sdo_time: Duration,
+    /// Its SDO server sends every value in segments, and has no blocks.
+    pub segments_only: bool,
+    /// Objects that are sent with so many bytes whatever their type, 1 to 8.
+    pub lengths: Vec<(Address, usize)>,
 }
 
 /// A simulated servo drive on a joint.
@@ -80,7 +97,12 @@ impl Drive {
         settings.position_loop.check()?;
         objects::check(servo)?;
         let device = Device::new(objects::build(&settings, servo)?, &settings, servo)?;
-        Ok(Drive { node: Node::new(settings.node, device.od())?, device, is_powered: false, ignores_heartbeats: false })
+        let mut node = Node::new(settings.node, device.od())?;
+        let manner = &settings.manner;
+        node.set_sdo_time(manner.sdo_time);
+        node.set_sdo_segments_only(manner.segments_only);
+        manner.lengths.iter().for_each(|(at, bytes)| node.set_sdo_length(*at, *bytes));
+        Ok(Drive { node, device, is_powered: false, ignores_heartbeats: false })
     }
 
     /// Switches the drive on: all objects at their power-on values, boot-up message.
@@ -174,7 +196,7 @@ impl Drive {
         self.node.set_reset_time(time);
     }
 
-    /// Has the drive take so long to answer an SDO request; at once unless set.
+    /// Has the drive take so long to answer an SDO request; as long as its [`Manner`] says unless set.
     pub fn set_sdo_time(&mut self, time: Duration) {
         self.node.set_sdo_time(time);
     }

@@ -199,7 +199,9 @@ fn communication(settings: &DriveSettings, servo: &Servo) -> Result<Vec<Object>,
         if number == 1 { event_driven } else { event_driven.unused() }
     };
     let mut profile = CommunicationProfile::new(settings.node, &identity(&settings.profile, settings.serial))
-        .mapping_entries(servo.process_data.mapping_entries);
+        .mapping_entries(servo.process_data.mapping_entries)
+        // Who watches for set-points otherwise, or not at all, has no such timer.
+        .rpdo_timers(matches!(servo.watchdogs.set_points, SetPointWatch::EventTimer { .. }));
     for (number, (rpdo, tpdo)) in (1u8..).zip(rpdos.into_iter().zip(tpdos)) {
         profile = profile
             .rpdo(number, &parameters(number, cob::rpdo(number, settings.node), rpdo))

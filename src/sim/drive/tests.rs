@@ -29,6 +29,7 @@ fn settings(direction: Direction) -> DriveSettings {
             integral_n_m_per_rad_s: 200_000.0,
         },
         encoder: Encoder::Quantised,
+        manner: Manner::default(),
     }
 }
 
@@ -559,4 +560,57 @@ fn bad_settings_are_refused() {
             Err(DeviceError::Setting { .. })
         ));
     }
+}
+
+#[test]
+fn a_server_of_its_own_manner_sends_segments_alone_and_other_lengths() {
+    let lengths = vec![(Address::new(0x60c2, 2), 2), (Address::new(0x6041, 0), 8), (Address::new(0x6065, 0), 1)];
+    let manner = Manner { segments_only: true, lengths: lengths.clone(), ..Manner::default() };
+    let mut bench = Bench::with(DriveSettings { manner, ..settings(Direction::Same) });
+    // 1000h: four bytes, of which an initiate frame tells the number alone.
+    assert_eq!(bench.request([0x40, 0x00, 0x10, 0, 0, 0, 0, 0]), [0x41, 0x00, 0x10, 0, 4, 0, 0, 0]);
+    assert_eq!(bench.request([0x60, 0, 0, 0, 0, 0, 0, 0]), [0x07, 0x92, 0x01, 0x02, 0x00, 0, 0, 0]);
+    // -3 in one byte is sent in two, and taken in one.
+    assert_eq!(bench.request([0x40, 0xc2, 0x60, 2, 0, 0, 0, 0]), [0x41, 0xc2, 0x60, 2, 2, 0, 0, 0]);
+    assert_eq!(bench.request([0x60, 0, 0, 0, 0, 0, 0, 0]), [0x0b, 0xfd, 0xff, 0, 0, 0, 0, 0]);
+    bench.write(0x60c2, 2, &[0xfc]);
+    // No blocks in either direction: 05040001h.
+    for first in [[0xa4, 0x00, 0x10, 0, 127, 0, 0, 0], [0xc6, 0x65, 0x60, 0, 4, 0, 0, 0]] {
+        let [_, low, high, sub, ..] = first;
+        assert_eq!(bench.request(first), [0x80, low, high, sub, 0x01, 0x00, 0x04, 0x05]);
+    }
+    // Where small values come at once, those of more than four bytes come in segments.
+    let manner = Manner { lengths, ..Manner::default() };
+    let mut bench = Bench::with(DriveSettings { manner, ..settings(Direction::Same) });
+    assert_eq!(bench.request([0x40, 0x41, 0x60, 0, 0, 0, 0, 0]), [0x41, 0x41, 0x60, 0, 8, 0, 0, 0]);
+    assert_eq!(bench.request([0x60, 0, 0, 0, 0, 0, 0, 0])[..3], [0x00, 0x50, 0x02]);
+    assert_eq!(bench.request([0x40, 0x65, 0x60, 0, 0, 0, 0, 0])[0], 0x4f, "one byte of four");
+}
+
+#[test]
+fn a_drive_may_refuse_dummies_and_modes() {
+    for is_odd in [false, true] {
+        let manner = Manner { lacks_dummies: is_odd, refuses_mode: is_odd, ..Manner::default() };
+        let mut bench = Bench::with(DriveSettings { manner, ..settings(Direction::Same) });
+        bench.write(0x1400, 1, &0x8000_0201_u32.to_le_bytes());
+        bench.write(0x1600, 0, &[0]);
+        let answer = bench.try_write(0x1600, 1, &0x0005_0008_u32.to_le_bytes());
+        let refused = [0x80, 0x00, 0x16, 1, 0x41, 0x00, 0x04, 0x06];
+        assert_eq!(answer, if is_odd { refused } else { [0x60, 0x00, 0x16, 1, 0, 0, 0, 0] });
+        bench.write(0x1600, 1, &0x6040_0010_u32.to_le_bytes());
+        bench.configure(OperationMode::CyclicPosition);
+        bench.enable();
+        let answer = bench.try_write(0x6060, 0, &[9]);
+        let refused = [0x80, 0x60, 0x60, 0, 0x22, 0x00, 0x00, 0x08];
+        assert_eq!(answer, if is_odd { refused } else { [0x60, 0x60, 0x60, 0, 0, 0, 0, 0] });
+        assert_eq!(bench.read(0x6061, 0), 8, "nor does it change in Operation Enabled");
+    }
+}
+
+#[test]
+fn a_drive_that_does_not_watch_for_set_points_by_an_event_timer_has_none() {
+    let profile = crate::config::load_profile(crate::config::builtin("vendors/profiles/no-rpdo-timer.yaml")).unwrap();
+    let mut bench = Bench::with(DriveSettings { profile: profile.value.into(), ..settings(Direction::Same) });
+    assert_eq!(bench.try_write(0x1400, 5, &[5, 0])[..], [0x80, 0x00, 0x14, 5, 0x11, 0x00, 0x09, 0x06]);
+    assert_eq!(bench.read(0x1400, 0) & 0xff, 2);
 }

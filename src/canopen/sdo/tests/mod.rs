@@ -487,7 +487,11 @@ proptest! {
             Initiate::Segmented { size: Some(data.len() as u32) }
         };
         assert_eq!(wire::decode_request(&wire::download_request(at, &data)), Request::Download { at, initiate });
-        assert_eq!(wire::decode_response(&wire::upload_response(at, &data)), Response::Upload { at, initiate });
+        let segmented = Response::Upload { at, initiate: Initiate::Segmented { size: Some(data.len() as u32) } };
+        assert_eq!(wire::decode_response(&wire::segmented_upload_response(at, data.len())), segmented);
+        if (1..=4).contains(&data.len()) {
+            assert_eq!(wire::decode_response(&wire::expedited_upload_response(at, &data)), Response::Upload { at, initiate });
+        }
         assert_eq!(wire::decode_request(&wire::upload_request(at)), Request::Upload { at });
         assert_eq!(wire::decode_response(&wire::download_response(at)), Response::Download { at });
         let abort = wire::abort(at, AbortCode(code));
