@@ -5,6 +5,7 @@ a drive, which python-canopen has for masters alone, is a table here.
 """
 
 import json
+import pathlib
 import subprocess
 import tempfile
 import time
@@ -13,6 +14,7 @@ import canopen
 from canopen import objectdictionary as od
 
 RIG = "config/paper-admittance-csp.yaml"
+FOREIGN = pathlib.Path(__file__).with_name("foreign_servo.eds")
 LEFT, RIGHT, SENSOR = 1, 2, 10
 VENDOR = 0xFFFF_5957
 SIMULATED = [int.from_bytes(b"simulated device"[n : n + 4], "little") for n in range(0, 16, 4)]
@@ -165,8 +167,8 @@ def ours(programs, interface):
 class Device:
     """A LocalNode that boots as a device does and sends its process data with each SYNC."""
 
-    def __init__(self, network, node_id, identity, extra=None):
-        self.node = canopen.LocalNode(node_id, dictionary(identity, extra))
+    def __init__(self, network, node_id, objects):
+        self.node = canopen.LocalNode(node_id, objects)
         network.add_node(self.node)
         network.subscribe(0x000, self.on_nmt)
         network.subscribe(0x080, self.on_sync)
@@ -225,9 +227,9 @@ class Drive(Device):
     }
     WAYS_OUT = [(0x82, 0x00, "SWITCH ON DISABLED"), (0x86, 0x02, "SWITCH ON DISABLED")]
 
-    def __init__(self, network, node_id, identity, position):
+    def __init__(self, network, node_id, objects, position):
         self.state, self.states, self.position = "SWITCH ON DISABLED", [], position
-        super().__init__(network, node_id, identity)
+        super().__init__(network, node_id, objects)
         self.node.add_write_callback(self.on_write)
 
     def on_write(self, index, data, **_rest):
@@ -251,7 +253,8 @@ class Sensor(Device):
 
     def __init__(self, network, identity):
         names = {SENSOR_STATUS: "Status", SAMPLE_COUNTER: "Sample counter"}
-        super().__init__(network, SENSOR, identity, {index: (name, od.UNSIGNED8, 0) for index, name in names.items()})
+        extra = {index: (name, od.UNSIGNED8, 0) for index, name in names.items()}
+        super().__init__(network, SENSOR, dictionary(identity, extra))
 
     def step(self):
         noise = [(self.syncs * prime >> 4) % 3 - 1 for prime in (7, 11, 13, 17, 19, 23)]
@@ -277,7 +280,8 @@ def theirs(programs, interface):
     """Our master with their drives and sensor."""
     positions = first_positions(programs)
     network = connect(interface)
-    drives = [Drive(network, node, (0x0002_0192, VENDOR, 0x402), positions[node]) for node in (LEFT, RIGHT)]
+    identity = (0x0002_0192, VENDOR, 0x402)
+    drives = [Drive(network, node, dictionary(identity), positions[node]) for node in (LEFT, RIGHT)]
     sensor = Sensor(network, (0x0002_0194, VENDOR, 0x404))
     try:
         command = [f"{programs}/yieldwall", "--json", "run", RIG, "--bus", interface, "--pace", "lockstep"]
@@ -291,5 +295,65 @@ def theirs(programs, interface):
             assert int.from_bytes(drive.node.get_data(0x6061, 0), "little") == 8, "not in position mode"
             assert drive.syncs > 500, f"{drive.syncs} SYNC"
         assert sensor.syncs == drives[0].syncs
+    finally:
+        network.disconnect()
+
+
+def foreign(node_id):
+    """The objects of the data sheet, and those by which a simulated device says that it is one."""
+    objects = canopen.import_od(str(FOREIGN), node_id)
+    marks = dictionary()
+    for index in (0x2010, 0x2011, 0x2012):
+        objects.add_object(marks[index])
+    return objects
+
+
+def adopted(programs, interface):
+    """Drives with a data sheet of others are scanned, read, adopted and run by the profile that was found, from files alone."""
+    positions = first_positions(programs)
+    network = connect(interface)
+    drives = [Drive(network, node, foreign(node), positions[node]) for node in (LEFT, RIGHT)]
+    Sensor(network, (0x0002_0194, VENDOR, 0x404))
+
+    def well(*arguments, on=interface, code=0):
+        place = ["--bus", on] if on else []
+        command = [f"{programs}/yieldwall", "--json", *arguments, *place]
+        ended = subprocess.run(command, capture_output=True, text=True, timeout=100)
+        assert ended.returncode == code, f"{arguments}: {ended.returncode}: {ended.stdout}{ended.stderr}"
+        return json.loads(ended.stdout)
+
+    try:
+        with tempfile.TemporaryDirectory() as folder:
+            profile, rig, dump = (f"{folder}/{name}" for name in ("found.yaml", "rig.yaml", "left.dcf"))
+            nodes = well("scan")["nodes"]
+            assert [node["node_id"] for node in nodes] == [LEFT, RIGHT, SENSOR], nodes
+            assert nodes[0]["name"] == "SV-200 C", nodes
+            read = well("od", "read", "1", "pole-pairs", "Max Torque", "6041h", "--eds", str(FOREIGN))["objects"]
+            assert [one["value"].split()[0] for one in read] == ["10", "1000", "592"], read
+            # What the drive does not have is refused by name.
+            absent = well("od", "read", "1", "2031h:7", "--eds", str(FOREIGN), code=5)
+            assert "06090011h" in absent["objects"][0]["error"], absent
+            well("od", "dump", "1", "--eds", str(FOREIGN), "--out", dump)
+            before = well("od", "diff", "1", dump, "--eds", str(FOREIGN))["differences"]
+            assert before == [], before
+            found = well("drive", "adopt", "--node", "1", "--eds", str(FOREIGN), "--out", profile, "--name", "found")
+            assert found["modes"] == ["CSP"] and found["mapping_entries"] == 8, found
+            # Their server takes any value and any mapping, whatever the data sheet says.
+            says = " ".join(found["contradictions"])
+            for line in ("dummy entries of one byte: no by the data sheet", "Abort Connection Option Code: 0 to 2 by"):
+                assert line in says, found["contradictions"]
+            assert any("1400h:5" in line for line in found["missing"]), found["missing"]
+            after = well("od", "diff", "1", dump, "--eds", str(FOREIGN))["differences"]
+            assert after == [], after
+            # A person writes what the drive cannot tell.
+            well("config", "check", profile, on=None)
+            show = [f"{programs}/yieldwall", "config", "show", "builtin:paper-admittance-csp.yaml"]
+            text = subprocess.run(show, capture_output=True, text=True, check=True).stdout
+            text = text.replace("profile: simulated-servo", "profile: found.yaml\n  encoder: multi_turn")
+            pathlib.Path(rig).write_text(text, encoding="utf-8")
+            well("run", rig, "--pace", "lockstep", "--duration", "0.3")
+        for drive in drives:
+            assert drive.states[:3] == ["READY TO SWITCH ON", "SWITCHED ON", "OPERATION ENABLED"], drive.states
+            assert drive.state != "OPERATION ENABLED", "left enabled at the end"
     finally:
         network.disconnect()

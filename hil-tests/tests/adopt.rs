@@ -3,6 +3,8 @@
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
 
+use serde_json::Value;
+
 struct Folder(PathBuf);
 
 impl Drop for Folder {
@@ -25,6 +27,11 @@ fn well(folder: &Path, line: &str) -> String {
     let [text, said] = [seen.stdout, seen.stderr].map(|bytes| String::from_utf8(bytes).unwrap());
     assert_eq!(seen.status.code(), Some(0), "{line}: {text}{said}");
     text
+}
+
+/// What a command with `--json` that goes well says.
+fn document(folder: &Path, line: &str) -> Value {
+    serde_json::from_str(&well(folder, line)).unwrap()
 }
 
 #[test]
@@ -54,4 +61,140 @@ fn an_adopted_drive_runs_by_its_profile() {
     assert_eq!(found.matches("reaction: unknown").count(), 1, "{found}");
     std::fs::write(folder.0.join("found.yaml"), found.replace("reaction: unknown", "reaction: fault")).unwrap();
     well(&folder.0, "run with.yaml --duration 3");
+}
+
+/// A rig on drives of a vendor, which takes them for what a profile says.
+fn rig_on(folder: &Path, vendor: &str, profile: &str) -> String {
+    let shown = well(folder, &format!("config show builtin:vendors/{vendor}.yaml"));
+    let own = format!("  profile: builtin:vendors/profiles/{vendor}.yaml\n");
+    let rig = shown.replacen(&own, &format!("  profile: {profile}\n  encoder: multi_turn\n"), 2);
+    assert_eq!(rig.matches(&own).count(), 1, "the simulated drives stay what they are: {rig}");
+    rig
+}
+
+/// What a drill shows of drives of five odd vendors beyond what an adopted profile says: without SYNC, and without set-points.
+const VENDORS: [(&str, [Option<&str>; 2]); 5] = [
+    ("four-entries", [Some("built_in"), Some("fault")]),
+    ("mode-below-enabled", [None, Some("abort_connection")]),
+    ("no-rpdo-timer", [Some("built_in"), None]),
+    ("slow-segments", [Some("built_in"), Some("fault")]),
+    ("wrong-lengths", [Some("built_in"), Some("fault")]),
+];
+
+#[test]
+fn drives_of_five_odd_vendors_run_by_what_was_found_of_them() {
+    let folder = Folder(std::env::temp_dir().join(format!("yieldwall-vendors-{}", std::process::id())));
+    std::fs::create_dir_all(&folder.0).unwrap();
+    for (vendor, shows) in VENDORS {
+        let on = format!("--rig builtin:vendors/{vendor}.yaml");
+        let scan = document(&folder.0, &format!("scan {on} --json"));
+        assert_eq!(
+            (&scan["nodes"][0]["name"], &scan["nodes"][0]["fits"]),
+            (&vendor.into(), &"left".into()),
+            "{scan:#}"
+        );
+        let read = document(&folder.0, &format!("od read left statusword 60c2h:2 {on} --json"));
+        assert_eq!(read["objects"][0]["means"], "Switch On Disabled", "{vendor}: {read:#}");
+        assert!(read["objects"][1]["value"].as_str().unwrap().starts_with("-3 "), "{vendor}: {read:#}");
+        well(&folder.0, &format!("info left {on}"));
+        let profile = format!("{vendor}.yaml");
+        well(&folder.0, &format!("drive adopt --node left --out {profile} --name found {on}"));
+        well(&folder.0, &format!("config check {profile}"));
+        std::fs::write(folder.0.join("rig.yaml"), rig_on(&folder.0, vendor, &profile)).unwrap();
+        // What the profile does not say the drill settles, and names the line to write.
+        let run = document(&folder.0, "run rig.yaml --duration 1 --json");
+        let settled = run["settled"].as_array().unwrap();
+        let line = |without: &str| {
+            let one = settled.iter().find(|one| one["without"] == without);
+            one.map(|one| (one["key"].as_str().unwrap().to_owned(), one["write"].as_str().unwrap().to_owned()))
+        };
+        let lines = ["SYNC", "set-points"].map(line);
+        let mut text = std::fs::read_to_string(folder.0.join(&profile)).unwrap();
+        for (line, shows) in lines.iter().zip(shows) {
+            assert_eq!(
+                line.as_ref().map(|(_, value)| value.contains(shows.unwrap_or_default())),
+                shows.map(|_| true),
+                "{vendor}: {run:#}"
+            );
+            match line {
+                Some((key, value)) if key.ends_with(".reaction") => {
+                    text = text.replace("reaction: unknown", &format!("reaction: {value}"));
+                }
+                Some((key, value)) => {
+                    assert_eq!(key, "device.servo.watchdogs.sync");
+                    text = text.replace("      sync: none ", &format!("      sync: {value} "));
+                    text = text.replace("  sources:\n", "  sources:\n    drill: the watchdog drill of yieldwall\n");
+                }
+                None => {}
+            }
+        }
+        std::fs::write(folder.0.join(&profile), text).unwrap();
+        let run = document(&folder.0, "run rig.yaml --duration 0.2 --json");
+        assert_eq!(run["settled"], Value::Array(Vec::new()), "{vendor}: {run:#}");
+    }
+}
+
+#[test]
+fn a_profile_that_expects_what_a_drive_lacks_is_refused_at_its_boot_or_by_its_drill() {
+    let folder = Folder(std::env::temp_dir().join(format!("yieldwall-expects-{}", std::process::id())));
+    std::fs::create_dir_all(&folder.0).unwrap();
+    let rig = |profile: &str, changes: &[(&str, &str)]| {
+        let shown = well(&folder.0, "config show builtin:vendors/profiles/no-rpdo-timer.yaml");
+        let text = changes.iter().fold(shown, |text, (from, to)| {
+            assert!(text.contains(from), "{from}: {text}");
+            text.replace(from, to)
+        });
+        std::fs::write(folder.0.join(profile), text).unwrap();
+        std::fs::write(folder.0.join("rig.yaml"), rig_on(&folder.0, "no-rpdo-timer", profile)).unwrap();
+    };
+    let refused = |code: i32, says: &str| {
+        let seen = yieldwall(&folder.0, "run rig.yaml --duration 1");
+        let said = String::from_utf8_lossy(&seen.stderr).replace("\n  ", " ");
+        assert_eq!(seen.status.code(), Some(code), "{said}");
+        assert!(said.contains(says), "{says} is not in {said}");
+    };
+    let event_timer = "set_points:\n        event_timer:\n          reaction: fault\n          source: here";
+    rig("timer.yaml", &[("set_points: none", event_timer)]);
+    refused(5, "1400h:5");
+    let built_in =
+        "set_points:\n        built_in:\n          periods: 5\n          reaction: unknown\n          source: here";
+    rig("watch.yaml", &[("set_points: none", built_in)]);
+    refused(7, "device.servo.watchdogs.set_points: none");
+    rig("vendor.yaml", &[("vendor_id: 4294924803", "vendor_id: 7")]);
+    refused(5, "1018h:1");
+}
+
+#[test]
+fn a_data_sheet_is_compared_with_the_drive_whose_word_counts() {
+    let folder = Folder(std::env::temp_dir().join(format!("yieldwall-sheet-{}", std::process::id())));
+    std::fs::create_dir_all(&folder.0).unwrap();
+    let sheet = "[DeviceInfo]\nVendorName=Nobody\nVendorNumber=0xFFFF5A01\nProductName=Four\nProductNumber=0x402\n\
+        [DummyUsage]\nDummy0005=1\n\
+        [1000]\nParameterName=Device Type\nObjectType=7\nDataType=7\nAccessType=ro\nDefaultValue=0x20192\n\
+        [1600]\nParameterName=Receive mapping\nObjectType=9\nSubNumber=9\nCompactSubObj=8\nDataType=7\nAccessType=rw\n\
+        [6007]\nParameterName=Lost link reaction\nObjectType=7\nDataType=3\nAccessType=rw\nLowLimit=0\nHighLimit=2\n\
+        [6041]\nParameterName=State of the axis\nObjectType=7\nDataType=6\nAccessType=ro\nPDOMapping=1\n\
+        [6502]\nParameterName=Modes\nObjectType=7\nDataType=7\nAccessType=ro\nDefaultValue=0x380\n";
+    std::fs::write(folder.0.join("four.eds"), sheet).unwrap();
+    let on = "--rig builtin:vendors/four-entries.yaml --json";
+    let read = document(&folder.0, &format!("od read left state-of-the-axis --eds four.eds {on}"));
+    assert_eq!(read["objects"][0]["object"], "6041h:0");
+    let adopted = document(&folder.0, &format!("drive adopt --node left --eds four.eds --out found.yaml {on}"));
+    let lines: Vec<&str> = adopted["contradictions"].as_array().unwrap().iter().filter_map(Value::as_str).collect();
+    let head = std::fs::read_to_string(folder.0.join("found.yaml")).unwrap();
+    for says in [
+        "entries of a mapping: 8 by the data sheet, 4 by the drive",
+        "dummy entries of one byte: yes by the data sheet, no by the drive",
+        "6007h:0 Lost link reaction: 0 to 2 by the data sheet, and the drive takes 3",
+        "6040h:0 controlword: not in the data sheet, and the drive has it",
+    ] {
+        assert!(lines.contains(&says), "{says} is not in {lines:#?}");
+        assert!(head.contains(&format!("# - {says}\n")), "{head}");
+    }
+    assert!(!lines.iter().any(|line| line.contains("6041h") || line.contains("6502h")), "{lines:#?}");
+    assert!(
+        head.contains("mapping_entries: 4") && head.contains("value: 3}") && head.contains("four.eds of Nobody Four"),
+        "{head}"
+    );
+    well(&folder.0, "config check found.yaml");
 }

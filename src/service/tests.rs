@@ -17,7 +17,11 @@ fn node(raw: u8) -> NodeId {
 }
 
 fn service() -> Service<VirtualLink> {
-    let rig = config::load_rig(config::builtin("paper-admittance.yaml")).unwrap();
+    of_rig("paper-admittance.yaml")
+}
+
+fn of_rig(name: &str) -> Service<VirtualLink> {
+    let rig = config::load_rig(config::builtin(name)).unwrap();
     let scene = rig.scene().unwrap().value;
     let link = VirtualLink::new(&rig.value, &scene, 1).unwrap();
     Service::new(link, BusId::FIRST, Arc::new(AtomicBool::new(false)))
@@ -228,7 +232,7 @@ fn a_drive_is_adopted_and_has_its_values_again() {
     let mut service = watched(usize::MAX);
     let (before, _) = inventory(&mut service, node(1), |_| {}).unwrap();
     let values = adopt::originals(&mut service, node(1)).unwrap();
-    let survey = adopt::survey(&mut service, node(1), &values).unwrap();
+    let survey = adopt::survey(&mut service, node(1), &values, None).unwrap();
     assert_eq!((survey.modes.len(), survey.mapping_entries, survey.has_dummies), (3, 8, true));
     assert_eq!((survey.lost_master, survey.follows_sync, survey.limits), (Some(3), [true; 2], [true; 3]));
     assert!(survey.has_rpdo_timer && survey.watches_heartbeat && survey.takes_cycle_time, "{survey:?}");
@@ -237,11 +241,11 @@ fn a_drive_is_adopted_and_has_its_values_again() {
         assert_eq!(after.entry(index, sub).map(|entry| &entry.value), Some(&entry.value), "{index:04x}:{sub}");
     }
     // The file is a profile, and says the same.
-    let (text, missing) = adopt::profile(&survey, "found", "0");
+    let (text, missing) = adopt::profile(&survey, None, "found", "0");
     let source = config::Source::among("found.yaml", [("found.yaml".into(), text.clone().into())]);
     let config::Document::Profile(profile) = config::load(source).unwrap() else { panic!("{text}") };
     assert_eq!(profile.value.servo().unwrap().process_data.supported_modes(), 0x380);
-    assert!(missing.iter().any(|line| line.contains("the drill proves it")), "{missing:?}");
+    assert!(missing.iter().any(|line| line.contains("as the drill shows it")), "{missing:?}");
     // Its controlword was never written, nor did anybody start it.
     assert!(
         service.link().sent.iter().all(|frame| frame.id() == 0x601 || frame.id() == 0x701),
@@ -258,14 +262,14 @@ fn whoever_ends_an_adoption_leaves_the_drive_as_it_was() {
         let mut service = watched(usize::MAX);
         let values = adopt::originals(&mut service, node(1)).unwrap();
         let begun = service.link().sent.len();
-        adopt::survey(&mut service, node(1), &values).unwrap();
+        adopt::survey(&mut service, node(1), &values, None).unwrap();
         begun + 1..service.link().sent.len()
     };
     let mut interrupted = 0;
     for ends_after in frames.step_by(7) {
         let mut service = watched(ends_after);
         let values = adopt::originals(&mut service, node(1)).unwrap();
-        match adopt::survey(&mut service, node(1), &values) {
+        match adopt::survey(&mut service, node(1), &values, None) {
             Err(adopt::Refusal::Service(Error::Interrupted)) => interrupted += 1,
             other => assert!(other.is_ok(), "{ends_after}: {other:?}"),
         }
@@ -286,4 +290,38 @@ fn what_is_no_drive_at_rest_is_not_adopted() {
     service.write(node(2), at(0x6040, 0), &[6, 0]).unwrap();
     assert!(matches!(adopt::originals(&mut service, node(2)), Err(adopt::Refusal::State(Some(_)))));
     assert_eq!(adopt::originals(&mut service, node(5)), Err(adopt::Refusal::Service(Error::NoAnswer)));
+}
+
+#[test]
+fn drives_of_five_odd_vendors_are_adopted_for_what_they_are() {
+    type Shows = fn(&adopt::Survey) -> bool;
+    let vendors: [(&str, &str, Shows); 5] = [
+        ("four-entries", "no bytes can be skipped", |survey| survey.mapping_entries == 4 && !survey.has_dummies),
+        ("mode-below-enabled", "the event timer of an RPDO", |survey| {
+            survey.mapping_entries == 8 && survey.has_dummies
+        }),
+        ("no-rpdo-timer", "no event timer of RPDOs (1400h:5)", |survey| !survey.has_rpdo_timer),
+        ("slow-segments", "the event timer of an RPDO", |survey| survey.slowest >= Duration::from_millis(40)),
+        ("wrong-lengths", "6041h:0 statusword comes with 4 bytes in place of 2", |survey| survey.lengths.len() > 3),
+    ];
+    for (name, says, shows) in vendors {
+        let mut service = of_rig(&format!("vendors/{name}.yaml"));
+        let found = scan(&mut service).unwrap();
+        assert_eq!(found[0].name.as_deref(), Some(name));
+        assert!(service.now().as_secs_f64() < 3.0, "{name}: {:?}", service.now());
+        let values = adopt::originals(&mut service, node(1)).unwrap();
+        let survey =
+            adopt::survey(&mut service, node(1), &values, None).unwrap_or_else(|refusal| panic!("{name}: {refusal}"));
+        assert!(shows(&survey), "{name}: {survey:?}");
+        assert_eq!(survey.modes.len(), 3, "{name}: {:?}", survey.refused_modes);
+        assert_eq!((survey.lost_master, survey.follows_sync, survey.limits), (Some(3), [true; 2], [true; 3]), "{name}");
+        assert!(survey.watches_heartbeat && survey.stops_on_error && survey.takes_cycle_time, "{name}: {survey:?}");
+        for (at, value) in &values {
+            assert_eq!(service.read(node(1), *at).as_ref(), Ok(value), "{name}: {at}");
+        }
+        let (text, missing) = adopt::profile(&survey, None, name, "0");
+        let source = config::Source::among("found.yaml", [("found.yaml".into(), text.clone().into())]);
+        assert!(config::load_profile(source).is_ok(), "{text}");
+        assert!(missing.iter().any(|line| line.contains(says)), "{name}: {missing:#?}");
+    }
 }

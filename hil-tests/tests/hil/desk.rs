@@ -8,17 +8,25 @@ use serde_json::Value;
 
 use super::programs::*;
 
-/// A command on the interface with the names of the rig.
-fn ask(line: &str) -> (i32, Value) {
+/// A command on the interface with the names of a rig.
+fn ask_of(rig: &str, line: &str) -> (i32, Value) {
     let bus = bus();
-    let arguments: Vec<&str> = line.split(' ').chain(["--bus", &bus, "--rig", RIG, "--json"]).collect();
+    let arguments: Vec<&str> = line.split(' ').chain(["--bus", &bus, "--rig", rig, "--json"]).collect();
     Running::start(&arguments).document()
 }
 
-fn well(line: &str) -> Value {
-    let (code, document) = ask(line);
+fn ask(line: &str) -> (i32, Value) {
+    ask_of(RIG, line)
+}
+
+fn well_of(rig: &str, line: &str) -> Value {
+    let (code, document) = ask_of(rig, line);
     assert_eq!(code, OK, "{line}: {document:#}");
     document
+}
+
+fn well(line: &str) -> Value {
+    well_of(RIG, line)
 }
 
 #[test]
@@ -70,6 +78,46 @@ fn devices_are_found_read_changed_compared_and_put_back() {
     assert_eq!(ask("od read 77 statusword").0, DEVICE_MISMATCH);
     let _ = std::fs::remove_file(&file);
     sim.interrupted();
+}
+
+/// Scanned, read, adopted and run, from files alone.
+#[test]
+#[ignore = "needs a CAN interface: see hil-tests/vcan"]
+fn drives_of_five_odd_vendors_run_by_what_was_found_of_them() {
+    let folder = std::env::temp_dir().join(format!("yieldwall-vendors-{}", std::process::id()));
+    std::fs::create_dir_all(&folder).unwrap();
+    for vendor in ["four-entries", "mode-below-enabled", "no-rpdo-timer", "slow-segments", "wrong-lengths"] {
+        let rig = format!("builtin:vendors/{vendor}.yaml");
+        let sim = lockstep(&rig);
+        if vendor == "slow-segments" {
+            let begun = Instant::now();
+            assert_eq!(well_of(&rig, "scan")["nodes"].as_array().unwrap().len(), 3);
+            println!("scan of slow drives took {:.2} s", begun.elapsed().as_secs_f64());
+        }
+        assert_eq!(well_of(&rig, "info right")["name"], vendor);
+        let read = well_of(&rig, "od read left statusword");
+        assert_eq!(read["objects"][0]["means"], "Switch On Disabled", "{vendor}: {read:#}");
+        let profile = folder.join(format!("{vendor}.yaml"));
+        let begun = Instant::now();
+        let adopted = well_of(&rig, &format!("drive adopt --node left --out {}", profile.display()));
+        println!("adopting {vendor} took {:.2} s", begun.elapsed().as_secs_f64());
+        assert_eq!(adopted["modes"].as_array().unwrap().len(), 3, "{adopted:#}");
+        let shown = std::process::Command::new(program()).args(["config", "show", &rig]).output().unwrap();
+        let shown = String::from_utf8(shown.stdout).unwrap();
+        let own = format!("  profile: builtin:vendors/profiles/{vendor}.yaml\n");
+        let found = shown.replacen(&own, &format!("  profile: {vendor}.yaml\n  encoder: multi_turn\n"), 2);
+        assert_eq!(found.matches(&own).count(), 1, "{found}");
+        let path = folder.join("rig.yaml");
+        std::fs::write(&path, found).unwrap();
+        // A computer that stands still for longer than a device may take to answer spoils a boot.
+        let run = || Running::run(path.to_str().unwrap(), &["--pace", "lockstep", "--duration", "0.3"]).document();
+        let is_answered = |(_, document): &(i32, Value)| !document.to_string().contains("no answer from object");
+        let (code, document) =
+            std::iter::repeat_with(run).take(TRIES).find(is_answered).expect("a computer that goes on");
+        assert_eq!(code, OK, "{vendor}: {document:#}");
+        sim.interrupted();
+    }
+    std::fs::remove_dir_all(&folder).unwrap();
 }
 
 #[test]

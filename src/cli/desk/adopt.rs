@@ -1,18 +1,22 @@
 //! `yieldwall drive adopt`: a drive nobody has a profile of, and the profile that follows.
 
 use std::io::Write;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use serde_json::json;
 use yieldwall_drives::cia402::OperationMode;
 
 use super::keeping::back_up;
+use super::od::sheet_of;
 use super::place::{Desk, Place};
 use super::words::{mode_words, name};
 use crate::cli::failure::{Exit, Failure};
 use crate::cli::output::Output;
 use crate::cli::replace::Replace;
-use crate::service::adopt::{Refusal, originals, profile, survey};
+use crate::service::adopt::{Refusal, contradictions, originals, profile, survey};
+
+/// Columns of a terminal.
+const WIDTH: usize = 80;
 
 #[derive(Debug, clap::Subcommand)]
 pub(in crate::cli) enum Command {
@@ -31,6 +35,9 @@ pub(in crate::cli) struct Arguments {
     /// Name of the profile; made of the drive's own name unless given
     #[arg(long)]
     name: Option<String>,
+    /// A data sheet (EDS or DCF): names objects, saves asking, and is compared with the drive, whose word counts
+    #[arg(long, value_name = "FILE.eds")]
+    eds: Option<PathBuf>,
     /// Say which objects would be tried out, and write nothing
     #[arg(long)]
     dry_run: bool,
@@ -50,6 +57,7 @@ pub(in crate::cli) fn run(command: &Command, output: &mut Output) -> Result<(), 
             help,
         ));
     }
+    let eds = sheet_of(arguments.eds.as_deref(), output)?;
     let mut desk = Desk::open(&arguments.place, output)?;
     let node = desk.node(&arguments.node)?;
     let refused = |desk: &Desk, refusal: Refusal| match refusal {
@@ -75,7 +83,7 @@ pub(in crate::cli) fn run(command: &Command, output: &mut Output) -> Result<(), 
     };
     let values = originals(&mut desk.service, node.id).map_err(|refusal| refused(&desk, refusal))?;
     if arguments.dry_run {
-        let each: Vec<String> = values.iter().map(|(at, _)| format!("{at} {}", name(*at, None))).collect();
+        let each: Vec<String> = values.iter().map(|(at, _)| format!("{at} {}", name(*at, eds.as_ref()))).collect();
         if output.is_json() {
             return output.report(json!({ "place": desk.place, "dry_run": true, "tries": each }));
         }
@@ -84,13 +92,19 @@ pub(in crate::cli) fn run(command: &Command, output: &mut Output) -> Result<(), 
     if let Some(path) = &arguments.out {
         arguments.replace.check_new(path)?;
     }
-    if let Some(path) = back_up(&desk, &node, &values, None)? {
+    if let Some(path) = back_up(&desk, &node, &values, eds.as_ref())? {
         output.aside(&format!("kept      {}", path.display()));
     }
-    let found = survey(&mut desk.service, node.id, &values).map_err(|refusal| refused(&desk, refusal))?;
-    let named = arguments.name.clone().or_else(|| found.name.as_deref().map(kebab)).filter(|name| !name.is_empty());
+    let found = survey(&mut desk.service, node.id, &values, eds.as_ref()).map_err(|refusal| refused(&desk, refusal))?;
+    let named = arguments.name.clone().or_else(|| {
+        let product = eds.as_ref().map(|eds| eds.device.product.as_str());
+        found.name.as_deref().into_iter().chain(product).map(kebab).find(|name| !name.is_empty())
+    });
     let named = named.unwrap_or_else(|| format!("node-{}", node.id.raw()));
-    let (text, missing) = profile(&found, &named, env!("CARGO_PKG_VERSION"));
+    let file = arguments.eds.as_deref().and_then(Path::file_name).unwrap_or_default().to_string_lossy();
+    let sheet = eds.as_ref().map(|eds| (eds, &*file));
+    let (text, missing) = profile(&found, sheet, &named, env!("CARGO_PKG_VERSION"));
+    let contradictions = eds.as_ref().map_or_else(Vec::new, |eds| contradictions(eds, &found));
     if let Some(path) = &arguments.out {
         arguments.replace.create(path)?.write_all(text.as_bytes()).map_err(|error| {
             let message = format!("{}: cannot be written: {error}", path.display());
@@ -109,6 +123,7 @@ pub(in crate::cli) fn run(command: &Command, output: &mut Output) -> Result<(), 
             "has_dummies": found.has_dummies,
             "has_rpdo_timer": found.has_rpdo_timer,
             "missing": missing,
+            "contradictions": contradictions,
             "profile": text,
         }));
     }
@@ -118,9 +133,19 @@ pub(in crate::cli) fn run(command: &Command, output: &mut Output) -> Result<(), 
         node.words(),
         if modes.is_empty() { "no mode that `run` could use".to_owned() } else { modes.join(", ") }
     );
-    missing.iter().for_each(|line| told.push_str(&format!("  - {line}\n")));
+    missing.iter().for_each(|line| told.push_str(&item(line)));
+    if !contradictions.is_empty() {
+        told.push_str("the data sheet contradicts the drive, whose word counts:\n");
+        contradictions.iter().for_each(|line| told.push_str(&item(line)));
+    }
     told.push_str(&format!("written   {}; `yieldwall config check` checks it\n", path.display()));
     output.result(&told)
+}
+
+/// A line of a list, not wider than a terminal.
+fn item(line: &str) -> String {
+    let options = textwrap::Options::new(WIDTH).initial_indent("  - ").subsequent_indent("    ");
+    textwrap::fill(line, options) + "\n"
 }
 
 /// A name as profiles have it.

@@ -4,12 +4,15 @@
 //! shows in Operation Enabled alone stays unknown.
 
 mod profile;
+mod sheet;
 
 pub use profile::profile;
+pub use sheet::{Told, contradictions};
 
 use std::time::Duration;
 
 use yieldwall_drives::cia402::{OperationMode, State, Statusword};
+use yieldwall_drives::eds::Eds;
 use yieldwall_drives::objects::{self as cia, Object as Standard};
 
 use super::connection::{Error, Service};
@@ -104,6 +107,8 @@ pub struct Survey {
     pub slowest: Duration,
     /// Objects whose values have another length than the standard says: bytes sent, and meant.
     pub lengths: Vec<(Address, usize, usize)>,
+    /// What it showed of its objects, in the order in which it was asked.
+    pub told: Vec<(Address, Told)>,
 }
 
 const fn at(object: Standard) -> Address {
@@ -157,7 +162,8 @@ pub fn originals<L: CanLink>(service: &mut Service<L>, node: NodeId) -> Result<V
     Ok(values)
 }
 
-/// Tries out what a drive can do. Afterwards its objects have their values of before again, `originals`, also after a failure.
+/// Tries out what a drive can do. Afterwards its objects have their values of before again, `originals`, also after a failure. What
+/// a data sheet declares saves asking, as long as the drive does not contradict it.
 ///
 /// # Errors
 /// If the device falls silent, lacks what a master needs, or does not take back a value.
@@ -165,12 +171,13 @@ pub fn survey<L: CanLink>(
     service: &mut Service<L>,
     node: NodeId,
     originals: &[(Address, Vec<u8>)],
+    sheet: Option<&Eds>,
 ) -> Result<Survey, Refusal> {
     // One that tells no state is brought there.
     if service.heard(node).state.is_none() {
         service.command(NmtCommand::EnterPreOperational, Some(node))?;
     }
-    let mut probe = Probe { service, node, survey: Survey::default() };
+    let mut probe = Probe { service, node, survey: Survey::default(), sheet };
     let tried = probe.all(originals);
     let survey = std::mem::take(&mut probe.survey);
     // Whoever wants to end waits for this.
@@ -183,6 +190,7 @@ struct Probe<'a, L> {
     service: &'a mut Service<L>,
     node: NodeId,
     survey: Survey,
+    sheet: Option<&'a Eds>,
 }
 
 impl<L: CanLink> Probe<'_, L> {
@@ -192,7 +200,9 @@ impl<L: CanLink> Probe<'_, L> {
         self.survey.identity = identity;
         self.survey.name = name;
         self.survey.device_type = self.has(cia::DEVICE_TYPE)?.unwrap_or_default();
-        for needed in [cia::CONTROLWORD, cia::MODE_OF_OPERATION, cia::MODE_DISPLAY, cia::POSITION_ACTUAL] {
+        for needed in
+            [cia::CONTROLWORD, cia::STATUSWORD, cia::MODE_OF_OPERATION, cia::MODE_DISPLAY, cia::POSITION_ACTUAL]
+        {
             self.has(needed)?.ok_or(Refusal::Lacks(needed))?;
         }
         self.survey.supported_modes = self.has(cia::SUPPORTED_MODES)?.ok_or(Refusal::Lacks(cia::SUPPORTED_MODES))?;
@@ -255,13 +265,22 @@ impl<L: CanLink> Probe<'_, L> {
         let node = self.node;
         match self.timed(|service| service.read(node, at(object))) {
             Ok(bytes) => {
+                self.survey.told.push((at(object), Told::Sent(bytes.len())));
                 let meant = usize::from(object.bits()) / 8;
                 if bytes.len() != meant && !self.survey.lengths.iter().any(|(known, ..)| *known == at(object)) {
                     self.survey.lengths.push((at(object), bytes.len(), meant));
                 }
                 Ok(bytes.get(..meant.min(bytes.len())).map(number))
             }
-            Err(Error::Refused(_) | Error::Senseless(_)) => Ok(None),
+            // It has it, and does not tell.
+            Err(Error::Refused(AbortCode::WRITE_ONLY)) => Ok(Some(0)),
+            Err(Error::Refused(code)) => {
+                if matches!(code, AbortCode::NO_OBJECT | AbortCode::NO_SUB_INDEX) {
+                    self.survey.told.push((at(object), Told::Absent));
+                }
+                Ok(None)
+            }
+            Err(Error::Senseless(_)) => Ok(None),
             Err(error) => Err(error),
         }
     }
@@ -269,16 +288,20 @@ impl<L: CanLink> Probe<'_, L> {
     /// Whether an object takes a value and holds it.
     fn takes(&mut self, at: Address, value: &[u8]) -> Result<bool, Error> {
         let node = self.node;
+        let number = signed(value);
         match self.timed(|service| service.write(node, at, value)) {
             Ok(()) => {}
-            Err(Error::Refused(_) | Error::Senseless(_)) => return Ok(false),
+            Err(Error::Refused(code)) => {
+                let is_absent = matches!(code, AbortCode::NO_OBJECT | AbortCode::NO_SUB_INDEX);
+                self.survey.told.push((at, if is_absent { Told::Absent } else { Told::Refused(number, code) }));
+                return Ok(false);
+            }
+            Err(Error::Senseless(_)) => return Ok(false),
             Err(error) => return Err(error),
         }
+        self.survey.told.push((at, Told::Took(number)));
         match self.timed(|service| service.read(node, at)) {
-            // More bytes than there should be count as long as they are empty.
-            Ok(held) => {
-                Ok(held.get(..value.len()) == Some(value) && held.iter().skip(value.len()).all(|byte| *byte == 0))
-            }
+            Ok(held) => Ok(is_extended(&held, value)),
             Err(Error::Refused(_) | Error::Senseless(_)) => Ok(false),
             Err(error) => Err(error),
         }
@@ -302,14 +325,26 @@ impl<L: CanLink> Probe<'_, L> {
 
     /// How many entries the mapping of the first RPDO has room for.
     fn mapping_entries(&mut self) -> Result<u8, Error> {
+        if let Some(declared) = self.sheet.and_then(sheet::mapping_entries)
+            && self.has_mapping_entry(declared)?
+            && !self.has_mapping_entry(declared + 1)?
+        {
+            return Ok(declared);
+        }
         for sub in 1..=MOST_MAPPED {
-            match self.service.read(self.node, Address::new(RPDO.1, sub)) {
-                Err(Error::Refused(AbortCode::NO_SUB_INDEX | AbortCode::NO_OBJECT)) => return Ok(sub - 1),
-                Ok(_) | Err(Error::Refused(_) | Error::Senseless(_)) => {}
-                Err(error) => return Err(error),
+            if !self.has_mapping_entry(sub)? {
+                return Ok(sub - 1);
             }
         }
         Ok(MOST_MAPPED)
+    }
+
+    fn has_mapping_entry(&mut self, sub: u8) -> Result<bool, Error> {
+        match self.service.read(self.node, Address::new(RPDO.1, sub)) {
+            Err(Error::Refused(AbortCode::NO_SUB_INDEX | AbortCode::NO_OBJECT)) => Ok(false),
+            Ok(_) | Err(Error::Refused(_) | Error::Senseless(_)) => Ok(true),
+            Err(error) => Err(error),
+        }
     }
 
     /// Whether two objects go into a PDO, which is out of use then.
@@ -334,12 +369,32 @@ impl<L: CanLink> Probe<'_, L> {
             return Ok(false);
         }
         for (sub, entry) in (1..).zip(entries) {
-            if !self.takes(Address::new(mapping, sub), &entry.to_le_bytes())? {
+            let is_mapped = self.takes(Address::new(mapping, sub), &entry.to_le_bytes())?;
+            if *entry != DUMMY {
+                let mapped = Address::new((entry >> 16) as u16, (entry >> 8) as u8);
+                self.survey.told.push((mapped, Told::Mapped(is_mapped)));
+            }
+            if !is_mapped {
                 return Ok(false);
             }
         }
         self.takes(Address::new(mapping, 0), &[entries.len() as u8])
     }
+}
+
+/// The number that bytes are in two's complement, the lowest first.
+fn signed(bytes: &[u8]) -> i64 {
+    let number = bytes.iter().take(8).rev().fold(0_u64, |number, byte| number << 8 | u64::from(*byte));
+    let unused = 64 - 8 * bytes.len().clamp(1, 8);
+    (number << unused) as i64 >> unused
+}
+
+/// Whether what a device sent is a value, or one with more bytes that repeat its sign or are zero.
+fn is_extended(sent: &[u8], value: &[u8]) -> bool {
+    let has_sign = value.last().is_some_and(|top| top >> 7 != 0);
+    let more = sent.get(value.len()..).unwrap_or_default();
+    sent.starts_with(value)
+        && (more.iter().all(|byte| *byte == 0) || has_sign && more.iter().all(|byte| *byte == u8::MAX))
 }
 
 /// Gives all objects their values again, and reads them back.
@@ -356,7 +411,8 @@ fn put_back<L: CanLink>(
     let mut lost = Vec::new();
     for (at, value) in originals {
         if at.index == cia::MODE_OF_OPERATION.index {
-            match service.write(node, *at, value) {
+            // It has one byte, however many are sent.
+            match service.write(node, *at, value.get(..1).unwrap_or_default()) {
                 // A drive that had no mode before may refuse to have none again; `run` sets one at each start.
                 Err(Error::Refused(_)) if number(value) == 0 => continue,
                 Ok(()) | Err(Error::Refused(_)) => {}

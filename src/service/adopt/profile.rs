@@ -3,8 +3,10 @@
 use std::fmt::Write as _;
 
 use yieldwall_drives::cia402::OperationMode;
+use yieldwall_drives::eds::Eds;
 use yieldwall_drives::objects::{self as cia, Object};
 
+use super::sheet::{contradictions, name as object_name, plain};
 use super::{MODES, Survey};
 
 /// Longest time to an answer that is written at least, ms.
@@ -14,9 +16,10 @@ const RESERVE: u128 = 10;
 
 /// The profile of a drive as a file, and what it lacks or did not show, a line each.
 ///
-/// Its name is `name`: small letters, digits and dashes.
-pub fn profile(survey: &Survey, name: &str, version: &str) -> (String, Vec<String>) {
-    let missing = missing(survey);
+/// Its name is `name`: small letters, digits and dashes. Of a data sheet its file is told.
+pub fn profile(survey: &Survey, sheet: Option<(&Eds, &str)>, name: &str, version: &str) -> (String, Vec<String>) {
+    let missing = missing(survey, sheet.map(|(eds, _)| eds));
+    let contradictions = sheet.map_or_else(Vec::new, |(eds, _)| contradictions(eds, survey));
     let mut text = String::new();
     let [vendor, product, revision, serial] = survey.identity.map(Option::unwrap_or_default);
     let mut put = |line: &str| {
@@ -33,11 +36,19 @@ pub fn profile(survey: &Survey, name: &str, version: &str) -> (String, Vec<Strin
         put("# Missing, or not to be seen there:");
         missing.iter().for_each(|line| put(&format!("# - {line}")));
     }
+    if !contradictions.is_empty() {
+        put("# Contradictions of the data sheet; what the drive says counts here:");
+        contradictions.iter().for_each(|line| put(&format!("# - {line}")));
+    }
     put("profile:");
     put(&format!("  name: {name}"));
     put("  tried: never");
     put("  sources:");
     put(&format!("    device: asked of the drive itself, serial number {serial:08X}h, by yieldwall {version}"));
+    if let Some((eds, file)) = sheet {
+        let [vendor, product, file] = [eds.device.vendor.as_str(), eds.device.product.as_str(), file].map(plain);
+        put(&format!("    eds: \"data sheet {file} of {vendor} {product}, compared with the drive\""));
+    }
     put("    cia402: CiA 402, the meaning of a value that the drive takes");
     put("");
     put("identity:");
@@ -156,7 +167,7 @@ fn entry_of(object: Object, source: &str) -> String {
 }
 
 /// What the drive lacks, or does not show, and what follows.
-fn missing(survey: &Survey) -> Vec<String> {
+fn missing(survey: &Survey, sheet: Option<&Eds>) -> Vec<String> {
     let mut missing = Vec::new();
     let mut put = |is_missing: bool, text: &str| {
         if is_missing {
@@ -170,9 +181,9 @@ fn missing(survey: &Survey) -> Vec<String> {
     );
     put(
         survey.has_rpdo_timer,
-        "what the drive does when the event timer of an RPDO runs out (`reaction`): taken for nothing; write it by the manual, and the drill proves it",
+        "what the drive does when the event timer of an RPDO runs out (`reaction`): taken for nothing; write it by the manual, or as the drill shows it",
     );
-    put(true, "whether it watches SYNC: not to be seen without process data; taken for no");
+    put(true, "whether it watches SYNC: not to be seen without process data; taken for no, and shown by the drill");
     put(survey.lost_master.is_none(), "6007h takes none of 1, 2 and 3: a lost master does not stop it by that");
     put(
         survey.lost_master.is_some_and(|value| value != 3),
@@ -194,7 +205,7 @@ fn missing(survey: &Survey) -> Vec<String> {
         missing.push(format!("{mode:?}: it says it has the mode, but {reason}"));
     }
     for (at, sent, meant) in &survey.lengths {
-        missing.push(format!("{at} comes with {sent} bytes in place of {meant}"));
+        missing.push(format!("{at} {} comes with {sent} bytes in place of {meant}", object_name(*at, sheet)));
     }
     missing
 }
