@@ -84,10 +84,20 @@ mod tests {
     }
 
     #[test]
+    fn more_bytes_than_the_type_has_change_no_number() {
+        assert_eq!(Value::from_bytes(0x06, &[1, 0, 0, 0]), Value::Integer(1));
+        assert_eq!(Value::from_bytes(0x02, &[0xfd, 0xff]), Value::Integer(-3));
+        assert_eq!(Value::from_bytes(0x02, &[0xfd, 0]), Value::Bytes(vec![0xfd, 0]));
+    }
+
+    #[test]
     fn what_does_not_fit_is_left_alone() {
         assert_eq!(Value::Integer(256).to_bytes(0x05, 0), None);
         assert_eq!(Value::Real(1.0).to_bytes(0x07, 0), None);
-        assert_eq!(Value::from_bytes(0x06, &[1, 0, 0, 0]), Value::Bytes(vec![1, 0, 0, 0]));
+        // Too few bytes, and more that are neither zero nor repeat a sign.
+        for bytes in [&[1][..], &[1, 0, 0, 1], &[0xff, 0xff, 0xff, 0xff]] {
+            assert_eq!(Value::from_bytes(0x06, bytes), Value::Bytes(bytes.to_vec()));
+        }
         assert_eq!(Value::from_bytes(0x08, &[0, 0, 0xc0, 0x7f]), Value::Bytes(vec![0, 0, 0xc0, 0x7f]));
         assert_eq!(Value::from_bytes(0x09, &[0xff]), Value::Bytes(vec![0xff]));
         assert!(Value::parse("12x", 0x07).is_err());
