@@ -3,8 +3,8 @@
 use super::{Value, number};
 
 impl Value {
-    /// The value that a device sends as `bytes` for an object of this type (0007h for UNSIGNED32); bytes of a number that has
-    /// another length, or is not finite, stay bytes.
+    /// The value that a device sends as `bytes` for an object of this type (0007h for UNSIGNED32); more bytes than a
+    /// whole number has are left away if they are zero or repeat its sign. Any other length, and what is not finite, stays bytes.
     pub fn from_bytes(data_type: u16, bytes: &[u8]) -> Self {
         let word = || bytes.iter().rev().fold(0_u64, |word, byte| word << 8 | u64::from(*byte));
         if let Some((bits, is_signed)) = number::integer(data_type) {
