@@ -2,11 +2,13 @@
 //!
 //! Nothing here owns time, a bus or a thread. [`cia402::StateWalk`] is what a master runs each cycle,
 //! [`cia402::StateMachine`] is what a (simulated) drive runs, [`scaling`] is one of the two places of the project where
-//! units change, [`profiles`] says how one device model is mapped and identified, and [`eds`] reads what a vendor says of its objects.
+//! units change, [`profiles`] says how one device model is mapped and identified, and [`eds`] and [`esi`] read what a
+//! vendor says of its objects.
 
 pub mod cia402;
 pub mod codes;
 pub mod eds;
+pub mod esi;
 pub mod objects;
 pub mod profiles;
 pub mod scaling;

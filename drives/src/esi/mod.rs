@@ -1,0 +1,202 @@
+//! EtherCAT slave information (ESI): the data sheet of an EtherCAT device, an XML file of its vendor.
+//!
+//! The reader is streamed and takes hostile files: a document type and entities of its own are refused, sizes, depth and numbers of
+//! items are bounded. What it does not know is passed over. Texts are as in the file: not checked for control characters.
+//!
+//! # Source
+//! ETG.2000, *EtherCAT slave information specification*; names are those of the file format.
+
+mod read;
+#[cfg(test)]
+mod tests;
+mod write;
+
+/// Largest file that is read, in bytes.
+pub const MAX_BYTES: usize = 64 << 20;
+/// Deepest nesting of elements.
+pub const MAX_DEPTH: usize = 64;
+/// Most devices, process data objects, entries and other items together.
+pub const MAX_ITEMS: usize = 1_000_000;
+/// Longest text of an element, in bytes.
+pub const MAX_TEXT: usize = 1 << 16;
+
+/// What a file says.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Esi {
+    /// Vendor: its number, 1018h:1.
+    pub vendor_id: u32,
+    /// Its name.
+    pub vendor: String,
+    /// Devices, in the order of the file.
+    pub devices: Vec<Device>,
+}
+
+/// One device, in one revision.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Device {
+    /// Type, a short name.
+    pub type_name: String,
+    /// Product code, 1018h:2.
+    pub product_code: u32,
+    /// Revision, 1018h:3.
+    pub revision: u32,
+    /// Name; the one in English if there are several.
+    pub name: String,
+    /// Its group.
+    pub group: String,
+    /// Number of the device profile, as 402.
+    pub profile: Option<u32>,
+    /// What its FMMUs are for: `Outputs`, `Inputs`, `MBoxState`.
+    pub fmmus: Vec<String>,
+    /// Sync managers, in order.
+    pub sync_managers: Vec<SyncManager>,
+    /// Process data objects that the master writes.
+    pub rx_pdos: Vec<Pdo>,
+    /// Process data objects that the master reads.
+    pub tx_pdos: Vec<Pdo>,
+    /// What its CoE can do; `None` without CoE.
+    pub coe: Option<Coe>,
+    /// Ways to work with distributed clocks.
+    pub op_modes: Vec<OpMode>,
+    /// Time for an answer of the mailbox, in ms.
+    pub mailbox_response_ms: Option<u32>,
+    /// Time from INIT to PRE-OP, in ms.
+    pub pre_op_ms: Option<u32>,
+    /// Time to SAFE-OP or OP, in ms.
+    pub safe_op_ms: Option<u32>,
+    /// Size of its SII, in bytes.
+    pub eeprom_bytes: Option<u32>,
+}
+
+/// A sync manager.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct SyncManager {
+    /// `MBoxOut`, `MBoxIn`, `Outputs` or `Inputs`.
+    pub kind: String,
+    /// First byte of memory.
+    pub start: u16,
+    /// Control byte.
+    pub control: u8,
+    /// Bytes as delivered, at least, at most.
+    pub default_size: Option<u16>,
+    /// Least bytes.
+    pub min_size: Option<u16>,
+    /// Most bytes.
+    pub max_size: Option<u16>,
+    /// Whether it is in use.
+    pub is_enabled: bool,
+}
+
+/// A process data object.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Pdo {
+    /// Index.
+    pub index: u16,
+    /// Name.
+    pub name: String,
+    /// Sync manager that carries it as delivered.
+    pub sync_manager: Option<u8>,
+    /// What it holds cannot be changed.
+    pub is_fixed: bool,
+    /// It has to be exchanged.
+    pub is_mandatory: bool,
+    /// Others that cannot be exchanged with it.
+    pub excludes: Vec<u16>,
+    /// What it holds.
+    pub entries: Vec<PdoEntry>,
+}
+
+/// One object in a process data object; index 0 is a gap.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct PdoEntry {
+    /// Index.
+    pub index: u16,
+    /// Sub-index.
+    pub sub: u8,
+    /// Length in bits.
+    pub bits: u16,
+    /// Name.
+    pub name: String,
+    /// Data type by name, as `UINT`.
+    pub data_type: String,
+}
+
+/// What the CoE of a device can do.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Coe {
+    /// SDO information.
+    pub information: bool,
+    /// Which process data objects are exchanged can be chosen.
+    pub pdo_assign: bool,
+    /// What they hold can be chosen.
+    pub pdo_configuration: bool,
+    /// Complete access.
+    pub complete_access: bool,
+    /// Segmented transfers.
+    pub segmented: bool,
+}
+
+/// A way to work with distributed clocks.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct OpMode {
+    /// Name.
+    pub name: String,
+    /// What is written to 0980h and 0981h.
+    pub assign_activate: u16,
+    /// Cycle of SYNC0 in ns; 0 for that of the master.
+    pub sync0_cycle_ns: u32,
+    /// Factor to the cycle of the master.
+    pub sync0_factor: i32,
+    /// Shift of SYNC0 in ns.
+    pub sync0_shift_ns: i32,
+}
+
+/// Why a file cannot be read; lines are counted from 1.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[non_exhaustive]
+pub enum EsiError {
+    /// It is larger than [`MAX_BYTES`].
+    #[error("the file has {0} bytes, more than the 64 MiB that are read")]
+    TooLarge(usize),
+    /// It is no XML.
+    #[error("line {line}: this is no XML: {what}")]
+    Xml {
+        /// Line.
+        line: usize,
+        /// What the XML reader says.
+        what: String,
+    },
+    /// It brings a document type or an entity of its own.
+    #[error("line {line}: {what} is refused: a device description needs none")]
+    Refused {
+        /// Line.
+        line: usize,
+        /// What is refused.
+        what: &'static str,
+    },
+    /// Too deep, too long or too many.
+    #[error("line {line}: more than {most} {what}")]
+    TooMuch {
+        /// Line.
+        line: usize,
+        /// Of what.
+        what: &'static str,
+        /// How many there may be.
+        most: usize,
+    },
+    /// A number that is none, or too large for what it means.
+    #[error("line {line}: {element} is `{text}`, which is no number from 0 to {most}")]
+    Number {
+        /// Line.
+        line: usize,
+        /// Element or attribute.
+        element: &'static str,
+        /// What it says, shortened, without control characters.
+        text: String,
+        /// Greatest number there.
+        most: u64,
+    },
+    /// Its outermost element is not `EtherCATInfo`.
+    #[error("the file has no element EtherCATInfo: it is no device description")]
+    NoDescription,
+}

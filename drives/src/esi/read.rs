@@ -1,0 +1,335 @@
+//! Reading a file.
+
+use super::{
+    Coe, Device, Esi, EsiError, MAX_BYTES, MAX_DEPTH, MAX_ITEMS, MAX_TEXT, OpMode, Pdo, PdoEntry, SyncManager,
+};
+use quick_xml::XmlVersion;
+use quick_xml::events::{BytesStart, Event};
+use quick_xml::reader::Reader;
+use std::borrow::Cow;
+
+/// A number as the files write it: decimal, or hexadecimal behind `#x`.
+fn number(text: &str) -> Option<i64> {
+    let text = text.trim();
+    match text.strip_prefix("#x").or_else(|| text.strip_prefix("#X")).or_else(|| text.strip_prefix("0x")) {
+        Some(digits) => i64::from_str_radix(digits, 16).ok().filter(|_| !digits.starts_with(['+', '-'])),
+        None => text.parse().ok(),
+    }
+}
+
+fn is_true(text: &str) -> bool {
+    matches!(text.trim(), "1" | "true")
+}
+
+/// What is being read.
+struct Place<'a> {
+    text: &'a str,
+    offset: usize,
+}
+
+impl Place<'_> {
+    fn line(&self) -> usize {
+        1 + self.text.as_bytes().get(..self.offset).unwrap_or_default().iter().filter(|byte| **byte == b'\n').count()
+    }
+
+    fn number<T: TryFrom<i64>>(&self, element: &'static str, text: &str, most: u64) -> Result<T, EsiError> {
+        number(text).and_then(|number| T::try_from(number).ok()).ok_or_else(|| EsiError::Number {
+            line: self.line(),
+            element,
+            text: text.chars().filter(|char| !char.is_control()).take(40).collect(),
+            most,
+        })
+    }
+
+    fn u32(&self, element: &'static str, text: &str) -> Result<u32, EsiError> {
+        self.number(element, text, u32::MAX.into())
+    }
+
+    fn u16(&self, element: &'static str, text: &str) -> Result<u16, EsiError> {
+        self.number(element, text, u16::MAX.into())
+    }
+
+    fn u8(&self, element: &'static str, text: &str) -> Result<u8, EsiError> {
+        self.number(element, text, u8::MAX.into())
+    }
+}
+
+#[derive(Default)]
+struct Builder {
+    esi: Esi,
+    items: usize,
+    has_root: bool,
+    /// The device whose names in other languages are being passed over.
+    has_english_name: bool,
+}
+
+/// Elements above the present one, by name.
+struct Path(Vec<String>);
+
+impl Path {
+    /// The names below `Device`, if the present element is in one.
+    fn in_device(&self) -> Option<&[String]> {
+        match self.0.as_slice() {
+            [root, descriptions, devices, device, rest @ ..]
+                if root == "EtherCATInfo"
+                    && descriptions == "Descriptions"
+                    && devices == "Devices"
+                    && device == "Device" =>
+            {
+                Some(rest)
+            }
+            _ => None,
+        }
+    }
+
+    fn is(&self, names: &[&str]) -> bool {
+        self.0.iter().map(String::as_str).eq(names.iter().copied())
+    }
+}
+
+impl Esi {
+    /// Reads a file: UTF-8, or Latin-1 as old files are.
+    ///
+    /// # Errors
+    /// If it is no device description, too large, or has a number that cannot be. The error names the line.
+    pub fn read(bytes: &[u8]) -> Result<Esi, EsiError> {
+        if bytes.len() > MAX_BYTES {
+            return Err(EsiError::TooLarge(bytes.len()));
+        }
+        let text = match std::str::from_utf8(bytes) {
+            Ok(text) => Cow::Borrowed(text),
+            Err(_) => Cow::Owned(bytes.iter().map(|byte| char::from(*byte)).collect()),
+        };
+        let mut reader = Reader::from_str(&text);
+        let (mut path, mut content) = (Path(Vec::new()), String::new());
+        let mut builder = Builder::default();
+        loop {
+            let event = reader.read_event();
+            let place = Place { text: &text, offset: usize::try_from(reader.buffer_position()).unwrap_or(usize::MAX) };
+            let xml = |what: String| EsiError::Xml { line: place.line(), what };
+            match event.map_err(|error| xml(error.to_string()))? {
+                Event::Start(start) => {
+                    content.clear();
+                    builder.open(&place, &mut path, &start)?;
+                }
+                Event::Empty(start) => {
+                    builder.open(&place, &mut path, &start)?;
+                    builder.close(&place, &path, "")?;
+                    path.0.pop();
+                    content.clear();
+                }
+                Event::End(_) => {
+                    builder.close(&place, &path, &content)?;
+                    path.0.pop();
+                    content.clear();
+                }
+                Event::Text(text) => append(&place, &mut content, &text.xml10_content())?,
+                Event::CData(text) => append(&place, &mut content, &text.xml10_content())?,
+                Event::GeneralRef(name) => {
+                    let char = match &*name {
+                        "amp" => Some('&'),
+                        "lt" => Some('<'),
+                        "gt" => Some('>'),
+                        "quot" => Some('"'),
+                        "apos" => Some('\''),
+                        _ => name.resolve_char_ref().map_err(|error| xml(error.to_string()))?,
+                    };
+                    let char = char.ok_or(EsiError::Refused { line: place.line(), what: "an entity of its own" })?;
+                    append(&place, &mut content, char.encode_utf8(&mut [0; 4]))?;
+                }
+                Event::DocType(_) => {
+                    return Err(EsiError::Refused { line: place.line(), what: "a document type" });
+                }
+                Event::Comment(_) | Event::Decl(_) | Event::PI(_) => {}
+                Event::Eof if path.0.is_empty() && builder.has_root => return Ok(builder.esi),
+                Event::Eof if path.0.is_empty() => return Err(EsiError::NoDescription),
+                Event::Eof => return Err(xml("it ends within an element".to_owned())),
+            }
+        }
+    }
+}
+
+fn append(place: &Place<'_>, content: &mut String, text: &str) -> Result<(), EsiError> {
+    if content.len() + text.len() > MAX_TEXT {
+        return Err(EsiError::TooMuch { line: place.line(), what: "bytes of text in an element", most: MAX_TEXT });
+    }
+    content.push_str(text);
+    Ok(())
+}
+
+/// The value of an attribute; empty if it is not there.
+fn attribute(place: &Place<'_>, start: &BytesStart<'_>, name: &str) -> Result<String, EsiError> {
+    let xml = |what: String| EsiError::Xml { line: place.line(), what };
+    let found = start.try_get_attribute(name).map_err(|error| xml(error.to_string()))?;
+    let value = found.map(|attribute| attribute.normalized_value(XmlVersion::Explicit1_0)).transpose();
+    Ok(value.map_err(|error| xml(error.to_string()))?.unwrap_or_default().into_owned())
+}
+
+impl Builder {
+    fn count(&mut self, place: &Place<'_>) -> Result<(), EsiError> {
+        self.items += 1;
+        if self.items > MAX_ITEMS {
+            return Err(EsiError::TooMuch {
+                line: place.line(),
+                what: "devices, objects and entries",
+                most: MAX_ITEMS,
+            });
+        }
+        Ok(())
+    }
+
+    fn open(&mut self, place: &Place<'_>, path: &mut Path, start: &BytesStart<'_>) -> Result<(), EsiError> {
+        if path.0.len() >= MAX_DEPTH {
+            return Err(EsiError::TooMuch { line: place.line(), what: "elements within one another", most: MAX_DEPTH });
+        }
+        path.0.push(start.local_name().as_ref().to_owned());
+        self.has_root |= path.is(&["EtherCATInfo"]);
+        let Some(below) = path.in_device() else { return Ok(()) };
+        let below: Vec<&str> = below.iter().map(String::as_str).collect();
+        let get = |name| attribute(place, start, name);
+        if below.is_empty() {
+            self.count(place)?;
+            self.esi.devices.push(Device::default());
+            self.has_english_name = false;
+            return Ok(());
+        }
+        if matches!(below.as_slice(), ["Sm" | "RxPdo" | "TxPdo" | "Fmmu", ..] | ["Dc", "OpMode"]) && below.len() <= 2 {
+            self.count(place)?;
+        }
+        let Some(device) = self.esi.devices.last_mut() else { return Ok(()) };
+        match below.as_slice() {
+            ["Type"] => {
+                let (product, revision) = (get("ProductCode")?, get("RevisionNo")?);
+                if !product.is_empty() {
+                    device.product_code = place.u32("ProductCode", &product)?;
+                }
+                if !revision.is_empty() {
+                    device.revision = place.u32("RevisionNo", &revision)?;
+                }
+            }
+            ["Name"] => self.has_english_name = matches!(get("LcId")?.as_str(), "" | "1033" | "2057"),
+            ["Sm"] => {
+                let optional = |name, element| -> Result<Option<u16>, EsiError> {
+                    let text = get(name)?;
+                    if text.is_empty() { Ok(None) } else { place.u16(element, &text).map(Some) }
+                };
+                let (start, control, enable) = (get("StartAddress")?, get("ControlByte")?, get("Enable")?);
+                device.sync_managers.push(SyncManager {
+                    kind: String::new(),
+                    start: if start.is_empty() { 0 } else { place.u16("StartAddress", &start)? },
+                    control: if control.is_empty() { 0 } else { place.u8("ControlByte", &control)? },
+                    default_size: optional("DefaultSize", "DefaultSize")?,
+                    min_size: optional("MinSize", "MinSize")?,
+                    max_size: optional("MaxSize", "MaxSize")?,
+                    // Some files write a number with more bits than the first.
+                    is_enabled: number(&enable).map_or(is_true(&enable), |number| number & 1 != 0),
+                });
+            }
+            [direction @ ("RxPdo" | "TxPdo")] => {
+                let sync_manager = get("Sm")?;
+                let pdo = Pdo {
+                    sync_manager: if sync_manager.is_empty() { None } else { Some(place.u8("Sm", &sync_manager)?) },
+                    is_fixed: is_true(&get("Fixed")?),
+                    is_mandatory: is_true(&get("Mandatory")?),
+                    ..Pdo::default()
+                };
+                if *direction == "RxPdo" { device.rx_pdos.push(pdo) } else { device.tx_pdos.push(pdo) }
+            }
+            [direction @ ("RxPdo" | "TxPdo"), "Entry"] => {
+                let pdos = if *direction == "RxPdo" { &mut device.rx_pdos } else { &mut device.tx_pdos };
+                pdos.last_mut().into_iter().for_each(|pdo| pdo.entries.push(PdoEntry::default()));
+            }
+            ["Mailbox", "CoE"] => {
+                let flag = |name| get(name).map(|text| is_true(&text));
+                device.coe = Some(Coe {
+                    information: flag("SdoInfo")?,
+                    pdo_assign: flag("PdoAssign")?,
+                    pdo_configuration: flag("PdoConfig")?,
+                    complete_access: flag("CompleteAccess")?,
+                    segmented: flag("SegmentedSdo")?,
+                });
+            }
+            ["Dc", "OpMode"] => device.op_modes.push(OpMode::default()),
+            ["Dc", "OpMode", "CycleTimeSync0"] => {
+                let factor = get("Factor")?;
+                if let Some(mode) = device.op_modes.last_mut().filter(|_| !factor.is_empty()) {
+                    mode.sync0_factor = place.number("Factor", &factor, i32::MAX as u64)?;
+                }
+            }
+            _ => {}
+        }
+        Ok(())
+    }
+
+    fn close(&mut self, place: &Place<'_>, path: &Path, content: &str) -> Result<(), EsiError> {
+        let text = || content.trim().to_owned();
+        if path.is(&["EtherCATInfo", "Vendor", "Id"]) {
+            self.esi.vendor_id = place.u32("Vendor/Id", content)?;
+        } else if path.is(&["EtherCATInfo", "Vendor", "Name"]) && self.esi.vendor.is_empty() {
+            self.esi.vendor = text();
+        }
+        let Some(below) = path.in_device() else { return Ok(()) };
+        let below: Vec<&str> = below.iter().map(String::as_str).collect();
+        let Some(device) = self.esi.devices.last_mut() else { return Ok(()) };
+        match below.as_slice() {
+            ["Type"] => device.type_name = text(),
+            ["Name"] if device.name.is_empty() || self.has_english_name => device.name = text(),
+            ["GroupType"] => device.group = text(),
+            ["Profile", "ProfileNo"] => device.profile = Some(place.u32("ProfileNo", content)?),
+            ["Fmmu"] => device.fmmus.push(text()),
+            ["Sm"] => device.sync_managers.last_mut().into_iter().for_each(|manager| manager.kind = text()),
+            ["Info", "StateMachine", "Timeout", "PreopTimeout"] => {
+                device.pre_op_ms = Some(place.u32("PreopTimeout", content)?);
+            }
+            ["Info", "StateMachine", "Timeout", "SafeopOpTimeout"] => {
+                device.safe_op_ms = Some(place.u32("SafeopOpTimeout", content)?);
+            }
+            ["Info", "Mailbox", "Timeout", "ResponseTimeout"] => {
+                device.mailbox_response_ms = Some(place.u32("ResponseTimeout", content)?);
+            }
+            ["Eeprom", "ByteSize"] => device.eeprom_bytes = Some(place.u32("ByteSize", content)?),
+            [direction @ ("RxPdo" | "TxPdo"), inside @ ..] => {
+                let pdos = if *direction == "RxPdo" { &mut device.rx_pdos } else { &mut device.tx_pdos };
+                if let Some(pdo) = pdos.last_mut() {
+                    close_pdo(place, pdo, inside, content)?;
+                }
+            }
+            ["Dc", "OpMode", inside] => {
+                if let Some(mode) = device.op_modes.last_mut() {
+                    match *inside {
+                        "Name" => mode.name = text(),
+                        "AssignActivate" => mode.assign_activate = place.u16("AssignActivate", content)?,
+                        "CycleTimeSync0" => mode.sync0_cycle_ns = place.u32("CycleTimeSync0", content)?,
+                        "ShiftTimeSync0" => {
+                            mode.sync0_shift_ns = place.number("ShiftTimeSync0", content, i32::MAX as u64)?;
+                        }
+                        _ => {}
+                    }
+                }
+            }
+            _ => {}
+        }
+        Ok(())
+    }
+}
+
+fn close_pdo(place: &Place<'_>, pdo: &mut Pdo, inside: &[&str], content: &str) -> Result<(), EsiError> {
+    match inside {
+        ["Index"] => pdo.index = place.u16("Index of a PDO", content)?,
+        ["Name"] if pdo.name.is_empty() => content.trim().clone_into(&mut pdo.name),
+        ["Exclude"] => pdo.excludes.push(place.u16("Exclude", content)?),
+        ["Entry", field] => {
+            let Some(entry) = pdo.entries.last_mut() else { return Ok(()) };
+            match *field {
+                "Index" => entry.index = place.u16("Index of an entry", content)?,
+                "SubIndex" => entry.sub = place.u8("SubIndex", content)?,
+                "BitLen" => entry.bits = place.u16("BitLen", content)?,
+                "Name" if entry.name.is_empty() => content.trim().clone_into(&mut entry.name),
+                "DataType" => content.trim().clone_into(&mut entry.data_type),
+                _ => {}
+            }
+        }
+        _ => {}
+    }
+    Ok(())
+}

@@ -1,0 +1,178 @@
+//! Writing a file.
+
+use super::{Device, Esi, Pdo};
+use std::fmt::Write as _;
+
+/// A text as it stands between tags; what XML does not take is left out.
+fn escaped(text: &str) -> String {
+    let mut escaped = String::with_capacity(text.len());
+    for char in text.chars() {
+        match char {
+            '&' => escaped.push_str("&amp;"),
+            '<' => escaped.push_str("&lt;"),
+            '>' => escaped.push_str("&gt;"),
+            '"' => escaped.push_str("&quot;"),
+            char if char.is_control() || matches!(char, '\u{fffe}' | '\u{ffff}') => {}
+            char => escaped.push(char),
+        }
+    }
+    escaped
+}
+
+/// Lines of a file, indented by depth.
+struct Lines {
+    text: String,
+    depth: usize,
+}
+
+impl Lines {
+    fn line(&mut self, line: &str) {
+        // Writing to a string does not fail.
+        let _ = writeln!(self.text, "{:1$}{line}", "", 2 * self.depth);
+    }
+
+    fn inside(&mut self, start: &str, name: &str, body: impl FnOnce(&mut Self)) {
+        self.line(&format!("<{start}>"));
+        self.depth += 1;
+        body(self);
+        self.depth -= 1;
+        self.line(&format!("</{name}>"));
+    }
+
+    fn element(&mut self, name: &str, content: impl std::fmt::Display) {
+        self.line(&format!("<{name}>{}</{name}>", escaped(&content.to_string())));
+    }
+}
+
+impl Esi {
+    /// The file, as [`Esi::read`] reads it.
+    pub fn write(&self) -> String {
+        let mut lines = Lines { text: "<?xml version=\"1.0\" encoding=\"UTF-8\"?>\n".to_owned(), depth: 0 };
+        lines.inside("EtherCATInfo", "EtherCATInfo", |lines| {
+            lines.inside("Vendor", "Vendor", |lines| {
+                lines.element("Id", format_args!("#x{:08X}", self.vendor_id));
+                lines.element("Name", &self.vendor);
+            });
+            lines.inside("Descriptions", "Descriptions", |lines| {
+                lines.inside("Groups", "Groups", |lines| {
+                    let mut groups: Vec<&str> = self.devices.iter().map(|device| device.group.as_str()).collect();
+                    groups.sort_unstable();
+                    groups.dedup();
+                    for group in groups {
+                        lines.inside("Group", "Group", |lines| {
+                            lines.element("Type", group);
+                            lines.element("Name", group);
+                        });
+                    }
+                });
+                lines.inside("Devices", "Devices", |lines| self.devices.iter().for_each(|device| write(lines, device)));
+            });
+        });
+        lines.text
+    }
+}
+
+fn write(lines: &mut Lines, device: &Device) {
+    lines.inside("Device Physics=\"YY\"", "Device", |lines| {
+        let (product, revision) = (device.product_code, device.revision);
+        let kind = escaped(&device.type_name);
+        lines.line(&format!("<Type ProductCode=\"#x{product:08X}\" RevisionNo=\"#x{revision:08X}\">{kind}</Type>"));
+        lines.element("Name", &device.name);
+        info(lines, device);
+        lines.element("GroupType", &device.group);
+        if let Some(profile) = device.profile {
+            lines.inside("Profile", "Profile", |lines| lines.element("ProfileNo", profile));
+        }
+        device.fmmus.iter().for_each(|fmmu| lines.element("Fmmu", fmmu));
+        for manager in &device.sync_managers {
+            let mut line = "<Sm".to_owned();
+            for (name, size) in
+                [("MinSize", manager.min_size), ("MaxSize", manager.max_size), ("DefaultSize", manager.default_size)]
+            {
+                if let Some(size) = size {
+                    let _ = write!(line, " {name}=\"{size}\"");
+                }
+            }
+            let (start, control) = (manager.start, manager.control);
+            let (enable, kind) = (u8::from(manager.is_enabled), escaped(&manager.kind));
+            let rest = format!(
+                " StartAddress=\"#x{start:04X}\" ControlByte=\"#x{control:02X}\" Enable=\"{enable}\">{kind}</Sm>"
+            );
+            lines.line(&(line + &rest));
+        }
+        device.rx_pdos.iter().for_each(|pdo| write_pdo(lines, pdo, "RxPdo"));
+        device.tx_pdos.iter().for_each(|pdo| write_pdo(lines, pdo, "TxPdo"));
+        if let Some(coe) = device.coe {
+            lines.inside("Mailbox DataLinkLayer=\"1\"", "Mailbox", |lines| {
+                let mut line = "<CoE".to_owned();
+                for (name, is_set) in [
+                    ("SdoInfo", coe.information),
+                    ("PdoAssign", coe.pdo_assign),
+                    ("PdoConfig", coe.pdo_configuration),
+                    ("CompleteAccess", coe.complete_access),
+                    ("SegmentedSdo", coe.segmented),
+                ] {
+                    let _ = write!(line, " {name}=\"{}\"", u8::from(is_set));
+                }
+                lines.line(&(line + "/>"));
+            });
+        }
+        if !device.op_modes.is_empty() {
+            lines.inside("Dc", "Dc", |lines| {
+                for mode in &device.op_modes {
+                    lines.inside("OpMode", "OpMode", |lines| {
+                        lines.element("Name", &mode.name);
+                        lines.element("AssignActivate", format_args!("#x{:04X}", mode.assign_activate));
+                        let (factor, cycle) = (mode.sync0_factor, mode.sync0_cycle_ns);
+                        lines.line(&format!("<CycleTimeSync0 Factor=\"{factor}\">{cycle}</CycleTimeSync0>"));
+                        lines.element("ShiftTimeSync0", mode.sync0_shift_ns);
+                    });
+                }
+            });
+        }
+        if let Some(bytes) = device.eeprom_bytes {
+            lines.inside("Eeprom", "Eeprom", |lines| lines.element("ByteSize", bytes));
+        }
+    });
+}
+
+fn info(lines: &mut Lines, device: &Device) {
+    let (pre_op, safe_op) = (device.pre_op_ms, device.safe_op_ms);
+    if pre_op.is_none() && safe_op.is_none() && device.mailbox_response_ms.is_none() {
+        return;
+    }
+    lines.inside("Info", "Info", |lines| {
+        if pre_op.is_some() || safe_op.is_some() {
+            lines.inside("StateMachine", "StateMachine", |lines| {
+                lines.inside("Timeout", "Timeout", |lines| {
+                    pre_op.into_iter().for_each(|ms| lines.element("PreopTimeout", ms));
+                    safe_op.into_iter().for_each(|ms| lines.element("SafeopOpTimeout", ms));
+                });
+            });
+        }
+        if let Some(ms) = device.mailbox_response_ms {
+            lines.inside("Mailbox", "Mailbox", |lines| {
+                lines.inside("Timeout", "Timeout", |lines| lines.element("ResponseTimeout", ms));
+            });
+        }
+    });
+}
+
+fn write_pdo(lines: &mut Lines, pdo: &Pdo, kind: &str) {
+    let (fixed, mandatory) = (u8::from(pdo.is_fixed), u8::from(pdo.is_mandatory));
+    let manager = pdo.sync_manager.map_or(String::new(), |manager| format!(" Sm=\"{manager}\""));
+    lines.inside(&format!("{kind} Fixed=\"{fixed}\" Mandatory=\"{mandatory}\"{manager}"), kind, |lines| {
+        lines.element("Index", format_args!("#x{:04X}", pdo.index));
+        lines.element("Name", &pdo.name);
+        pdo.excludes.iter().for_each(|index| lines.element("Exclude", format_args!("#x{index:04X}")));
+        for entry in &pdo.entries {
+            lines.inside("Entry", "Entry", |lines| {
+                lines.element("Index", format_args!("#x{:04X}", entry.index));
+                lines.element("SubIndex", entry.sub);
+                lines.element("BitLen", entry.bits);
+                lines.element("Name", &entry.name);
+                lines.element("DataType", &entry.data_type);
+            });
+        }
+    });
+}
