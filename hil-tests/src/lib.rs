@@ -2,7 +2,7 @@
 //!
 //! [`Scenario`] names a shipped rig and what is changed about it; [`Recording`] is what an observer on the bus sees of it.
 //! [`arbitrary`] has bodies for any bytes. The benchmarks time a [`machine::Machine`] and its stages on what [`tape`] recorded.
-//! [`network`] is a bus with devices, virtual or behind an interface.
+//! [`network`] is a bus with devices, virtual or behind an interface; [`segment`] is a virtual EtherCAT segment with devices.
 
 pub mod arbitrary;
 pub mod cable;
@@ -10,6 +10,7 @@ pub mod machine;
 pub mod network;
 mod observe;
 mod scenario;
+pub mod segment;
 pub mod shared_cable;
 pub mod stopwatch;
 pub mod tape;

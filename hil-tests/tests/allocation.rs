@@ -12,10 +12,12 @@ use std::time::Duration;
 use hil_tests::{
     Scenario,
     cable::{Cable, permit},
+    segment::Bench,
 };
 use yieldwall::canopen::{Frame, Outbox};
 use yieldwall::cycle::{Cycle, DriveSample, Inputs, LinkEvents, Timing};
 use yieldwall::elementary;
+use yieldwall::ethercat::AlStatusCode;
 use yieldwall::guard::{DeviceSet, Request, State};
 use yieldwall::injection::{Injection, Kind};
 use yieldwall::link::{Arrival, CanLink, SendError};
@@ -291,6 +293,19 @@ fn the_rig_does_not_allocate(scenario: &Scenario) {
     assert!(counts.kept > 0, "the ring was used: {counts:?}");
 }
 
+/// The virtual EtherCAT segment: cycles with process data, clocks and mailbox, a device that leaves OP, and is kept there.
+fn the_segment_does_not_allocate() {
+    let mut bench = Bench::operational();
+    let count = calls(|| {
+        (0..2000).for_each(|_| bench.cycle());
+        bench.segment.controllers_mut().for_each(|controller| controller.fail(Time(0), AlStatusCode::NO_INPUTS));
+        (0..100).for_each(|_| bench.cycle());
+    });
+    assert_eq!(count, 0, "calls of the allocator in 2100 cycles of an EtherCAT segment");
+    let status = bench.segment.controller(0).map(|controller| controller.al_status().to_string());
+    assert_eq!(status.as_deref(), Some("SAFE-OP+ERR"));
+}
+
 #[test]
 fn what_runs_every_cycle_does_not_allocate() {
     // The counter counts.
@@ -298,6 +313,7 @@ fn what_runs_every_cycle_does_not_allocate() {
     let mut out = Fixed::default();
     assert_eq!(calls(|| out.push(Frame::new(0x80, &[]))), 0);
     assert_eq!((out.len, Time::default()), (1, Time(0)));
+    the_segment_does_not_allocate();
     for scenario in [Scenario::torque(), Scenario::position()] {
         the_cycle_does_not_allocate(&scenario);
         the_rig_does_not_allocate(&scenario);

@@ -55,7 +55,7 @@ impl From<DictionaryError> for DeviceError {
 /// An object with its power-on value, cut off to its type; text is declared by the identity alone.
 pub(super) fn declare(object: objects::Object, value: i64) -> Object {
     let (index, sub) = (object.index, object.sub);
-    match object.data_type {
+    let declared = match object.data_type {
         DataType::I8 => Object::new(index, sub, value as i8),
         DataType::I16 => Object::new(index, sub, value as i16),
         DataType::I32 => Object::new(index, sub, value as i32),
@@ -63,7 +63,8 @@ pub(super) fn declare(object: objects::Object, value: i64) -> Object {
         DataType::U16 => Object::new(index, sub, value as u16),
         DataType::U32 => Object::new(index, sub, value as u32),
         DataType::Text => Object::text(index, sub, ""),
-    }
+    };
+    declared.named(object.name)
 }
 
 /// A read-only object that a TPDO can carry.

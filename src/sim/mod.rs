@@ -15,8 +15,10 @@ mod substeps;
 mod uniform;
 
 pub use device::DeviceError;
-pub use drive::{Drive, DriveSettings, Encoder, Manner, PositionLoop};
-pub use force_sensor::{ForceSensor, ForceSensorSettings, SYNC_RATE_HZ, Speaks};
+pub use drive::{AxisSettings, Drive, DriveSettings, Encoder, EthercatDrive, Manner, PositionLoop};
+pub use force_sensor::{
+    ForceSensor, ForceSensorSettings, ForceTorqueSensor, ForceTorqueSettings, SYNC_RATE_HZ, Speaks,
+};
 pub use normal::standard_normal;
 pub use uniform::share_of_one;
 

@@ -10,6 +10,7 @@ mod cia402;
 mod config;
 mod cycle;
 mod device;
+mod ethercat;
 mod laws;
 mod pdo;
 mod plain_can;
@@ -24,6 +25,7 @@ pub use cia402::{cia402, scaling};
 pub use config::configuration;
 pub use cycle::cycle;
 pub use device::{device, dictionary};
+pub use ethercat::{coe_client, ethercat_description, ethercat_frames, ethercat_sii};
 pub use pdo::{pdo_layout, pdo_parameters};
 pub use plain_can::plain_can;
 pub use recording::recording;
@@ -53,11 +55,15 @@ macro_rules! targets {
 targets! {
     calibration: sensing::calibrations,
     cia402: cia402::walks,
+    coe_client: ethercat::answers,
     configuration: config::shipped,
     cycle: cycle::runs,
     device: device::conversations,
     dictionary: device::dictionaries,
     drive: sim::drives,
+    ethercat_description: ethercat::descriptions,
+    ethercat_frames: ethercat::frames,
+    ethercat_sii: ethercat::images,
     force_sensor: sim::force_sensors,
     frames: watch::messages,
     heartbeat: watch::heartbeats,

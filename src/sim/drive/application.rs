@@ -112,14 +112,7 @@ impl ServedDevice for Device {
 
 impl Application for Device {
     fn on_nmt(&mut self, now: Time, state: NmtState) {
-        self.wake(now);
-        let was_operational = std::mem::replace(&mut self.is_operational, state == NmtState::Operational);
-        if !self.is_operational {
-            self.set_point_deadline = Time::NEVER;
-        }
-        if was_operational && !self.is_operational {
-            self.lose_connection(error_code::HEARTBEAT);
-        }
+        self.change_operational(now, state == NmtState::Operational, error_code::HEARTBEAT);
     }
 
     fn on_heartbeat_event(&mut self, now: Time, event: HeartbeatEvent) {

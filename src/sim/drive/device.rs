@@ -11,7 +11,7 @@ use yieldwall_drives::scaling::{AxisScaling, CountUnwrapper, wrap};
 use super::objects::Objects;
 use super::servo::{Motion, Plan, Servo, TorqueRange};
 use super::watches::Watches;
-use super::{DriveSettings, Encoder};
+use super::{AxisSettings, Encoder};
 use crate::objects::{DictionaryError, ObjectDictionary};
 use crate::time::Time;
 use yieldwall_drives::watchdog::Clock;
@@ -43,7 +43,7 @@ pub(super) struct Device {
     /// States in which the mode may change, a bit each.
     mode_changes_in: u16,
     pub(super) lacks_dummies: bool,
-    refuses_mode: bool,
+    pub(super) refuses_mode: bool,
     pub(super) watches: Watches,
     pub(super) machine: StateMachine,
     pub(super) servo: Servo,
@@ -75,15 +75,15 @@ pub(super) struct Device {
 }
 
 impl Device {
-    pub(super) fn new(od: ObjectDictionary, settings: &DriveSettings, model: &Model) -> Result<Self, DictionaryError> {
+    pub(super) fn new(od: ObjectDictionary, settings: &AxisSettings, model: &Model) -> Result<Self, DictionaryError> {
         Ok(Device {
             objects: Objects::of(&od)?,
             scaling: settings.scaling,
             encoder: settings.encoder,
             supported_modes: model.process_data.supported_modes(),
             mode_changes_in: model.mode_changes_in.iter().fold(0, |bits, state| bits | 1 << *state as u16),
-            lacks_dummies: settings.manner.lacks_dummies,
-            refuses_mode: settings.manner.refuses_mode,
+            lacks_dummies: false,
+            refuses_mode: false,
             watches: Watches::new(&od, model)?,
             machine: StateMachine::new(OptionCodes::default()),
             servo: Servo::new(settings.position_loop),
@@ -284,6 +284,18 @@ impl Device {
             self.follow();
         }
         is_new
+    }
+
+    /// The master begins to send set-points, or ends; when it ends, 6007h says what the drive does, with this error code.
+    pub(super) fn change_operational(&mut self, now: Time, is_operational: bool, code: u16) {
+        self.wake(now);
+        let was_operational = std::mem::replace(&mut self.is_operational, is_operational);
+        if !is_operational {
+            self.set_point_deadline = Time::NEVER;
+            if was_operational {
+                self.lose_connection(code);
+            }
+        }
     }
 
     pub(super) fn lose_connection(&mut self, code: u16) {

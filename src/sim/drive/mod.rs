@@ -2,12 +2,14 @@
 
 mod application;
 mod device;
+mod ethercat;
 mod objects;
 mod servo;
 #[cfg(test)]
 mod tests;
 mod watches;
 
+pub use ethercat::EthercatDrive;
 pub use servo::PositionLoop;
 
 use std::sync::Arc;
@@ -32,6 +34,17 @@ pub enum Encoder {
     Exact,
     /// Whole counts everywhere.
     Quantised,
+}
+
+/// How a drive sits on its joint, and the loop that it closes there.
+#[derive(Clone, Debug)]
+pub struct AxisSettings {
+    /// Counts and per mille against the joint.
+    pub scaling: AxisScaling,
+    /// The loop that the drive closes itself.
+    pub position_loop: PositionLoop,
+    /// What the drive knows about the angle.
+    pub encoder: Encoder,
 }
 
 /// Settings of a simulated drive.
@@ -96,9 +109,11 @@ impl Drive {
         let servo = profile.servo().ok_or_else(role)?;
         settings.position_loop.check()?;
         objects::check(servo)?;
-        let device = Device::new(objects::build(&settings, servo)?, &settings, servo)?;
+        let od = objects::build(&settings.scaling, servo, objects::communication(&settings, servo)?)?;
+        let DriveSettings { scaling, position_loop, encoder, ref manner, .. } = settings;
+        let mut device = Device::new(od, &AxisSettings { scaling, position_loop, encoder }, servo)?;
+        (device.lacks_dummies, device.refuses_mode) = (manner.lacks_dummies, manner.refuses_mode);
         let mut node = Node::new(settings.node, device.od())?;
-        let manner = &settings.manner;
         node.set_sdo_time(manner.sdo_time);
         node.set_sdo_segments_only(manner.segments_only);
         manner.lengths.iter().for_each(|(at, bytes)| node.set_sdo_length(*at, *bytes));

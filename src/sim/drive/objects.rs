@@ -3,6 +3,7 @@
 use yieldwall_drives::cia402::OptionCodes;
 use yieldwall_drives::objects as cia;
 use yieldwall_drives::profiles::{Entry, Servo, SetPointWatch, Setting, SyncWatch};
+use yieldwall_drives::scaling::AxisScaling;
 
 use super::super::device::{DeviceError, commanded, declare, handle, identity, mark, plain, shown};
 use super::DriveSettings;
@@ -71,15 +72,18 @@ handles! {
     target_velocity: i32 = TARGET_VELOCITY,
 }
 
-/// The dictionary at power-on.
-pub(super) fn build(settings: &DriveSettings, servo: &Servo) -> Result<ObjectDictionary, CanopenError> {
-    let scaling = &settings.scaling;
+/// The dictionary at power-on, with the objects of a bus.
+pub(super) fn build(
+    scaling: &AxisScaling,
+    servo: &Servo,
+    communication: Vec<Object>,
+) -> Result<ObjectDictionary, DictionaryError> {
     let counts = |rad: f64| (rad * scaling.counts_per_rad()).round() as i64;
     let options = OptionCodes::default();
     let option = |object, value: i16, lo: i16, hi: i16| declare(object, value.into()).limits(lo, hi);
     let fixed = |object, value: i64| declare(object, value).access(Access::ReadOnly);
     let builder = ObjectDictionary::builder()
-        .objects(communication(settings, servo)?)
+        .objects(communication)
         .objects(mark())
         .object(fixed(cia::SIMULATION_LACKS, 0))
         .object(fixed(cia::SIMULATION_CLOCK, 0))
@@ -120,7 +124,7 @@ pub(super) fn build(settings: &DriveSettings, servo: &Servo) -> Result<ObjectDic
         .object(shown(cia::FOLLOWING_ERROR_ACTUAL))
         .object(commanded(cia::TARGET_VELOCITY, 0))
         .object(fixed(cia::SUPPORTED_MODES, servo.process_data.supported_modes().into()));
-    Ok(of_profile(builder, servo).build()?)
+    of_profile(builder, servo).build()
 }
 
 /// What a profile says of its drive beyond the objects of CiA 402: those that are set at each start, and those of its watchdogs.
@@ -180,7 +184,7 @@ pub(super) fn check(servo: &Servo) -> Result<(), DeviceError> {
 
 /// What the drive declares for CANopen, with the default PDOs of CiA 402, event-driven: the first pair is in use, the others
 /// wait for a master.
-fn communication(settings: &DriveSettings, servo: &Servo) -> Result<Vec<Object>, CanopenError> {
+pub(super) fn communication(settings: &DriveSettings, servo: &Servo) -> Result<Vec<Object>, CanopenError> {
     let rpdos: [&[cia::Object]; 4] = [
         &[cia::CONTROLWORD],
         &[cia::CONTROLWORD, cia::MODE_OF_OPERATION],

@@ -12,6 +12,8 @@
 
 mod application;
 mod controller;
+mod description;
+mod device;
 mod process_data;
 mod segment;
 #[cfg(test)]
@@ -19,4 +21,7 @@ mod tests;
 
 pub use application::EthercatApplication;
 pub use controller::{Controller, ControllerSettings};
+pub(super) use description::Communication;
+pub use description::{esi, sii};
+pub use device::SimulatedDevice;
 pub use segment::{BYTE_NS, DEVICE_NS, Segment};

@@ -1,5 +1,6 @@
 //! A simulated six-axis force sensor with its own sample clock, on CANopen or on plain CAN.
 
+mod ethercat;
 mod node;
 mod plain;
 mod sampler;
@@ -10,6 +11,8 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use yieldwall_drives::profiles::DeviceProfile;
+
+pub use ethercat::{ForceTorqueSensor, ForceTorqueSettings};
 
 use super::DeviceError;
 use crate::canopen::{Frame, NodeId, Outbox};

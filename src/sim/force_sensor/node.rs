@@ -138,7 +138,7 @@ impl Device {
         if let Some(counter) = self.counter {
             self.od.set(counter, self.sample_count);
         }
-        for (&handle, &counts) in self.process.iter().zip(&conversion.counts) {
+        for (&handle, counts) in self.process.iter().zip(conversion.narrow()) {
             self.od.set(handle, counts);
         }
         if let Some(status) = self.status {

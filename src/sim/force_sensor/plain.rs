@@ -37,7 +37,7 @@ impl PlainSensor {
     pub(super) fn poll(&mut self, now: Time, out: &mut impl Outbox) {
         let Some(conversion) = self.sampler.poll(now) else { return };
         self.newest = Telling {
-            counts: conversion.counts,
+            counts: conversion.narrow(),
             status: Status { overload: conversion.is_overloaded, invalid: conversion.is_invalid },
             number: self.newest.number.wrapping_add(1),
         };

@@ -26,11 +26,18 @@ pub(super) struct Sampler {
 /// One sample.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(super) struct Conversion {
-    pub(super) counts: [i16; CHANNELS],
+    pub(super) counts: [i32; CHANNELS],
     /// A channel is at the end of its range.
     pub(super) is_overloaded: bool,
     /// The sensor's own monitoring says so.
     pub(super) is_invalid: bool,
+}
+
+impl Conversion {
+    /// The counts as a sensor with 16 bits sends them.
+    pub(super) fn narrow(&self) -> [i16; CHANNELS] {
+        self.counts.map(|counts| counts.clamp(i16::MIN.into(), i16::MAX.into()) as i16)
+    }
 }
 
 impl Sampler {
@@ -115,7 +122,7 @@ impl Sampler {
             if raw.abs() == self.range_counts {
                 conversion.is_overloaded = true;
             }
-            *to = (raw - zero).clamp(i16::MIN.into(), i16::MAX.into()) as i16;
+            *to = raw.saturating_sub(zero);
         }
         conversion
     }

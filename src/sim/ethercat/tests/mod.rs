@@ -1,5 +1,6 @@
 //! The segment as a master sees it.
 
+mod devices;
 mod rules;
 mod scenarios;
 

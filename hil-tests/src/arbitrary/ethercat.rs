@@ -1,0 +1,201 @@
+//! The EtherCAT segment, SII images and the CoE client.
+
+use std::time::Duration;
+
+use yieldwall::config::shipped_profile;
+use yieldwall::ethercat::coe::{CoeAnswer, CoeClient, CoeRequest, Heard, ListKind, MOST_BYTES};
+use yieldwall::ethercat::sii::{Sii, categories};
+use yieldwall::ethercat::{frame, mailbox};
+use yieldwall::objects::{Address, ServedDevice};
+use yieldwall::sim::ethercat::{Controller, ControllerSettings, Segment, SimulatedDevice, esi, sii};
+use yieldwall::sim::{AxisSettings, Encoder, EthercatDrive, ForceTorqueSensor, ForceTorqueSettings, PositionLoop};
+use yieldwall::time::Time;
+use yieldwall_drives::esi::Esi;
+use yieldwall_drives::scaling::{AxisScaling, Direction};
+
+use super::bytes::{Bytes, Script};
+
+/// A drive and a sensor; the drive has this SII image, or its own.
+fn segment(image: Option<&[u8]>) -> Segment<SimulatedDevice> {
+    let axis = AxisSettings {
+        scaling: AxisScaling::new(800_000.0, Direction::Same, 0.0, 60.0).expect("a good scaling"),
+        position_loop: PositionLoop {
+            period_us: 125,
+            stiffness_n_m_per_rad: 6000.0,
+            damping_n_m_s_per_rad: 70.0,
+            integral_n_m_per_rad_s: 100_000.0,
+        },
+        encoder: Encoder::Quantised,
+    };
+    let drive = EthercatDrive::new(&shipped_profile("simulated-servo"), 7, &axis).expect("good settings");
+    // Slow, so that an hour that nobody has polled is soon made up for.
+    let settings = ForceTorqueSettings { sample_rate_hz: 100, ..ForceTorqueSettings::new(8) };
+    let sensor = ForceTorqueSensor::new(&settings).expect("good settings");
+    let devices = [SimulatedDevice::Drive(Box::new(drive)), SimulatedDevice::ForceTorque(Box::new(sensor))];
+    let controllers = devices.into_iter().enumerate().map(|(place, device)| {
+        let own = sii(device.od()).write();
+        let image = image.filter(|_| place == 0).map_or(own, <[u8]>::to_vec);
+        Controller::new(device, ControllerSettings::new(image))
+    });
+    Segment::new(Time(0), controllers)
+}
+
+/// A segment that any frames are sent through: what comes back is as long as what was sent and comes later, and nothing stays due.
+///
+/// # Panics
+/// If a law is broken.
+pub fn ethercat_frames(bytes: &[u8]) {
+    let mut bytes = Bytes::new(bytes);
+    let mut segment = segment(None);
+    let mut now = Time(0);
+    while !bytes.is_empty() {
+        now = now + bytes.wait();
+        let kind = bytes.u8();
+        let datagrams = bytes.slice();
+        let mut sent = match kind % 8 {
+            0 => datagrams.to_vec(),
+            1 => {
+                let place = usize::from(bytes.u8());
+                match bytes.u8() % 4 {
+                    0 => segment.set_cable(place, bytes.bool()),
+                    1 => segment.set_power(now, place, bytes.bool()),
+                    2 => segment.controllers_mut().for_each(|controller| controller.jump_clock(now, 1_000_000)),
+                    _ => segment.controllers_mut().for_each(|controller| controller.set_silent(false)),
+                }
+                continue;
+            }
+            _ => {
+                let [low, high] = (datagrams.len() as u16 | 0x1000).to_le_bytes();
+                [&[0xff; 6][..], &[0x10; 6], &[0x88, 0xa4, low, high], datagrams].concat()
+            }
+        };
+        let before = sent.clone();
+        match segment.process(now, &mut sent) {
+            Some(back) => assert!(back > now),
+            None => assert_eq!(sent, before),
+        }
+        assert_eq!(sent.len(), before.len());
+        segment.poll(now);
+        assert!(segment.next_deadline() > now, "something stays due");
+    }
+}
+
+pub(super) fn frames() -> Vec<Vec<u8>> {
+    let datagram = |command: u8, adp: u16, ado: u16, data: &[u8]| {
+        let mut buffer = [0; 300];
+        let mut writer = frame::FrameWriter::new(&mut buffer, [0x10; 6]).expect("room");
+        let command = frame::Command::from_byte(command).expect("a command");
+        writer.push(command, 1, frame::address(adp, ado), data).expect("room");
+        writer.finish()[frame::HEADER..].to_vec()
+    };
+    let sent = |script: Script, datagram: &[u8]| script.wait_us(100).raw(&[2, datagram.len() as u8]).raw(datagram);
+    let sdo = |request: &[u8]| [&[10, 0, 0, 0, 0, 3][..], request, &[0; 112]].concat();
+    let boot = [
+        datagram(8, 0, 0x0900, &[0; 4]),
+        datagram(8, 0, 0x0800, &[0, 0x10, 128, 0, 0x26, 0, 1, 0, 0, 0x14, 128, 0, 0x22, 0, 1, 0]),
+        datagram(8, 0, 0x0120, &[2, 0]),
+        datagram(2, 0, 0x1000, &sdo(&[0, 0x20, 0x50, 0x18, 0x10, 0, 0, 0, 0, 0])),
+        datagram(1, 0, 0x1400, &[0; 128]),
+        datagram(2, 0xffff, 0x1000, &sdo(&[0, 0x20, 0x50, 0x40, 0x20, 1, 0, 0, 0, 0])),
+        datagram(1, 0xffff, 0x1400, &[0; 128]),
+        datagram(2, 0, 0x0810, &[0, 0x18, 13, 0, 0x64, 0, 1, 0, 0, 0x1c, 15, 0, 0x20, 0, 1, 0]),
+        datagram(2, 0, 0x09a0, &[0x40, 0x42, 0x0f, 0]),
+        datagram(2, 0, 0x0990, &[0, 0x2d, 0x31, 1, 0, 0, 0, 0]),
+        datagram(2, 0, 0x0981, &[3]),
+        datagram(2, 0, 0x0120, &[4, 0]),
+        datagram(2, 0, 0x1800, &[6, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 8]),
+        datagram(2, 0, 0x0120, &[8, 0]),
+        datagram(1, 0, 0x0130, &[0; 6]),
+    ];
+    vec![boot.iter().fold(Script::new(), |script, datagram| sent(script, datagram)).finish()]
+}
+
+/// Any SII image: it is read or refused, what was read can be written and read again, and a device that has it takes part.
+///
+/// # Panics
+/// If a law is broken.
+pub fn ethercat_sii(bytes: &[u8]) {
+    let parts = categories(bytes).take_while(Result::is_ok).count();
+    assert!(parts <= bytes.len() / 4);
+    if let Ok(sii) = Sii::read(bytes) {
+        Sii::read(&sii.write()).expect("what was written");
+    }
+    let mut segment = segment(Some(bytes));
+    for command in [1u8, 2, 4, 8] {
+        let datagram = [8, 1, 0, 0, 0x20, 0x01, 2, 0, 0, 0, command, 0, 0, 0];
+        let mut sent = [&[0xff; 6][..], &[0x10; 6], &[0x88, 0xa4, 14, 0x10], &datagram].concat();
+        assert!(segment.process(Time(u64::from(command)), &mut sent).is_some());
+    }
+}
+
+pub(super) fn images() -> Vec<Vec<u8>> {
+    let sensor = ForceTorqueSensor::new(&ForceTorqueSettings::new(8)).expect("good settings");
+    vec![sii(SimulatedDevice::ForceTorque(Box::new(sensor)).od()).write()]
+}
+
+/// A CoE client that is answered anything: it ends by an answer, a refusal or its time-out.
+///
+/// # Panics
+/// If a law is broken.
+pub fn coe_client(bytes: &[u8]) {
+    let mut bytes = Bytes::new(bytes);
+    let mut client = CoeClient::new(Duration::from_millis(20));
+    let mut now = Time(0);
+    while !bytes.is_empty() {
+        let at = Address::new(bytes.u16(), bytes.u8());
+        let data = bytes.slice();
+        let request = match bytes.u8() % 5 {
+            0 => CoeRequest::Read { at, complete: bytes.bool() },
+            1 => CoeRequest::Write { at, complete: bytes.bool(), data },
+            2 => CoeRequest::List(ListKind::All),
+            3 => CoeRequest::Object(at.index),
+            _ => CoeRequest::Entry(at),
+        };
+        client.start(now, request).expect("nothing runs");
+        while client.is_busy() {
+            let mut message = [0; 128 - mailbox::HEADER];
+            let len = client.message(&mut message);
+            assert!(len <= message.len());
+            if bytes.is_empty() {
+                now = client.next_deadline();
+                client.poll(now);
+                assert!(!client.is_busy());
+                break;
+            }
+            now = now + bytes.wait();
+            let heard = client.on_message(now, bytes.slice());
+            assert!(heard != Heard::Answer || len == 0 || *client.answer() != CoeAnswer::Idle);
+            client.poll(now);
+        }
+        if let CoeAnswer::Value(value) = client.answer() {
+            assert!(value.len() <= MOST_BYTES);
+        }
+    }
+}
+
+pub(super) fn answers() -> Vec<Vec<u8>> {
+    let answer = |script: Script, message: &[u8]| script.wait_us(100).raw(&[message.len() as u8]).raw(message);
+    let read = Script::new().raw(&[0x41, 0x60, 0, 0, 0, 0]);
+    let read = answer(read, &[0, 0x10, 0x10, 0x23, 1, 0, 0, 0, 0, 0]);
+    let read = answer(read, &[0, 0x30, 0x41, 0x41, 0x60, 0, 9, 0, 0, 0, 1, 2]);
+    let read = answer(read, &[0, 0x30, 0x01, 3, 4, 5, 6, 7, 8, 9]);
+    let list = answer(Script::new().raw(&[0, 0, 0, 0, 2]), &[0, 0x80, 0x82, 0, 1, 0, 1, 0, 0, 0x10]);
+    let list = answer(list, &[0, 0x80, 2, 0, 0, 0, 0x41, 0x60]);
+    vec![read.finish(), list.finish()]
+}
+
+/// Any text for a device description: it is read or refused, and what was read can be written and read again.
+///
+/// # Panics
+/// If a law is broken.
+pub fn ethercat_description(bytes: &[u8]) {
+    if let Ok(read) = Esi::read(bytes) {
+        let written = Esi::read(read.write().as_bytes()).expect("what was written");
+        assert_eq!(written.devices.len(), read.devices.len());
+    }
+}
+
+pub(super) fn descriptions() -> Vec<Vec<u8>> {
+    let sensor = ForceTorqueSensor::new(&ForceTorqueSettings::new(8)).expect("good settings");
+    vec![esi(sensor.od(), "vendor").write().into_bytes()]
+}

@@ -1,0 +1,144 @@
+//! A virtual EtherCAT segment of two drives and a sensor in OP, and the frames of a cycle.
+
+use std::time::Duration;
+
+use yieldwall::config::shipped_profile;
+use yieldwall::ethercat::frame::{Command, FrameWriter, address};
+use yieldwall::ethercat::{Direction, Fmmu, sii::Sii};
+use yieldwall::objects::ServedDevice;
+use yieldwall::sim::ethercat::{Controller, ControllerSettings, Segment, SimulatedDevice, sii};
+use yieldwall::sim::{AxisSettings, Encoder, EthercatDrive, ForceTorqueSensor, ForceTorqueSettings, PositionLoop};
+use yieldwall::time::Time;
+use yieldwall_drives::scaling::{AxisScaling, Direction as Turn};
+
+const PERIOD: Duration = Duration::from_millis(1);
+const SOURCE: [u8; 6] = [0x10; 6];
+/// Devices on it.
+pub const DEVICES: u16 = 3;
+/// Logical addresses of a device are so far from those of the next one.
+const STRIDE: u32 = 0x100;
+
+/// The segment and its time.
+#[derive(Clone, Debug)]
+pub struct Bench {
+    /// The segment.
+    pub segment: Segment<SimulatedDevice>,
+    /// The present moment.
+    pub now: Time,
+    buffer: [u8; 1514],
+    lengths: [(u16, u16); DEVICES as usize],
+    mailbox_counter: u8,
+}
+
+fn drive(serial: u32) -> SimulatedDevice {
+    let axis = AxisSettings {
+        scaling: AxisScaling::new(800_000.0, Turn::Same, 0.0, 60.0).expect("a good scaling"),
+        position_loop: PositionLoop {
+            period_us: 125,
+            stiffness_n_m_per_rad: 6000.0,
+            damping_n_m_s_per_rad: 70.0,
+            integral_n_m_per_rad_s: 100_000.0,
+        },
+        encoder: Encoder::Quantised,
+    };
+    let profile = shipped_profile("simulated-servo");
+    SimulatedDevice::Drive(Box::new(EthercatDrive::new(&profile, serial, &axis).expect("good settings")))
+}
+
+impl Bench {
+    /// All devices in OP, with SYNC0 every millisecond in the drives.
+    ///
+    /// # Panics
+    /// If a device does not get there.
+    pub fn operational() -> Self {
+        let sensor = ForceTorqueSensor::new(&ForceTorqueSettings::new(3)).expect("good settings");
+        let devices = [drive(1), drive(2), SimulatedDevice::ForceTorque(Box::new(sensor))];
+        let images = [0, 1, 2].map(|place: usize| sii(devices[place].od()));
+        let lengths =
+            images.each_ref().map(|sii: &Sii| (sii.sync_managers[2].settings.len, sii.sync_managers[3].settings.len));
+        let controllers = devices
+            .into_iter()
+            .zip(&images)
+            .map(|(device, sii)| Controller::new(device, ControllerSettings::new(sii.write())));
+        let segment = Segment::new(Time(0), controllers);
+        let mut bench = Bench { segment, now: Time(0), buffer: [0; 1514], lengths, mailbox_counter: 0 };
+        for (place, sii) in (0u16..).zip(&images) {
+            bench.write(place, 0x0010, &(0x1000 + place).to_le_bytes());
+            let managers: Vec<[u8; 8]> = sii.sync_managers.iter().map(|manager| manager.settings.encode()).collect();
+            bench.write(place, 0x0800, managers[..2].as_flattened());
+            bench.write(place, 0x0120, &[2, 0]);
+            bench.write(place, 0x0810, managers[2..].as_flattened());
+            let (outputs, inputs) = bench.lengths[usize::from(place)];
+            let logical = STRIDE * u32::from(place);
+            let fmmus = [
+                Fmmu::bytes(logical, outputs, sii.sync_managers[2].settings.start, Direction::Write),
+                Fmmu::bytes(logical + 0x80, inputs, sii.sync_managers[3].settings.start, Direction::Read),
+            ];
+            bench.write(place, 0x0600, fmmus.map(|fmmu| fmmu.encode()).as_flattened());
+            if place < 2 {
+                bench.write(place, 0x09a0, &1_000_000u32.to_le_bytes());
+                bench.write(place, 0x0990, &10_500_000u64.to_le_bytes());
+                bench.write(place, 0x0981, &[3]);
+            }
+            bench.write(place, 0x0120, &[4, 0]);
+        }
+        bench.cycle();
+        (0..DEVICES).for_each(|place| bench.write(place, 0x0120, &[8, 0]));
+        (0..20).for_each(|_| bench.cycle());
+        for place in 0..usize::from(DEVICES) {
+            let status = bench.segment.controller(place).expect("it is there").al_status();
+            assert_eq!(status.to_string(), "OP", "device {place}");
+        }
+        bench
+    }
+
+    fn write(&mut self, place: u16, ado: u16, data: &[u8]) {
+        let mut writer = FrameWriter::new(&mut self.buffer, SOURCE).expect("room");
+        writer.push(Command::Apwr, 0, address(0u16.wrapping_sub(place), ado), data).expect("room");
+        self.segment.process(self.now, writer.finish());
+        self.now = self.now + Duration::from_micros(20);
+    }
+
+    /// The input frame of a cycle in a buffer: time of the reference clock, inputs and state of each device.
+    ///
+    /// # Panics
+    /// If the buffer has no room.
+    pub fn input_frame<'a>(&self, buffer: &'a mut [u8]) -> &'a mut [u8] {
+        let mut writer = FrameWriter::new(buffer, SOURCE).expect("room");
+        writer.push(Command::Frmw, 0, address(0x1000, 0x0910), &[0; 8]).expect("room");
+        for (place, (_, inputs)) in (0u16..).zip(self.lengths) {
+            let logical = STRIDE * u32::from(place) + 0x80;
+            writer.push(Command::Lrd, 1, logical, &[0; 64][..usize::from(inputs)]).expect("room");
+            writer.push(Command::Fprd, 2, address(0x1000 + place, 0x0130), &[0; 6]).expect("room");
+        }
+        writer.finish()
+    }
+
+    /// A cycle: input frame, output frame, a request and an answer through the mailbox of a drive, and all that is due until the next one.
+    pub fn cycle(&mut self) {
+        let mut buffer = self.buffer;
+        let frame = self.input_frame(&mut buffer);
+        self.segment.process(self.now, frame);
+        let mut writer = FrameWriter::new(&mut buffer, SOURCE).expect("room");
+        for (place, (outputs, _)) in (0u16..).zip(self.lengths) {
+            writer.push(Command::Lwr, 3, STRIDE * u32::from(place), &[0; 64][..usize::from(outputs)]).expect("room");
+        }
+        let back = self.segment.process(self.now + Duration::from_micros(100), writer.finish());
+        self.mailbox_counter = self.mailbox_counter % 7 + 1;
+        let mut request = [0; 128];
+        request[..10].copy_from_slice(&[10, 0, 0, 0, 0, 3 | self.mailbox_counter << 4, 0, 0x20, 0x50, 0x18]);
+        request[10] = 0x10;
+        let mut writer = FrameWriter::new(&mut buffer, SOURCE).expect("room");
+        writer.push(Command::Fpwr, 4, address(0x1000, 0x1000), &request).expect("room");
+        writer.push(Command::Fprd, 5, address(0x1001, 0x1400), &[0; 128]).expect("room");
+        let back = self.segment.process(back.expect("it comes back"), writer.finish()).expect("it comes back");
+        let mut writer = FrameWriter::new(&mut buffer, SOURCE).expect("room");
+        writer.push(Command::Fprd, 6, address(0x1000, 0x1400), &[0; 128]).expect("room");
+        self.segment.process(back, writer.finish());
+        let until = self.now + PERIOD;
+        while self.segment.next_deadline() <= until {
+            self.segment.poll(self.segment.next_deadline());
+        }
+        self.now = until;
+    }
+}

@@ -1,0 +1,197 @@
+//! The drive on EtherCAT: the same device, behind CoE.
+
+use std::sync::Arc;
+
+use yieldwall_drives::cia402::State;
+use yieldwall_drives::objects::{self as cia, error_code};
+use yieldwall_drives::profiles::DeviceProfile;
+
+use super::super::DeviceError;
+use super::super::device::identity;
+use super::super::ethercat::{Communication, EthercatApplication};
+use super::device::{Device, PROFILE_ERROR};
+use super::watches::Watch;
+use super::{AxisSettings, objects};
+use crate::ethercat::coe::CoeEmergency;
+use crate::objects::{AbortCode, Address, ObjectDictionary, Reset, ServedDevice};
+use crate::time::Time;
+
+/// Shortest cycle that the drive works with, in ns.
+const SHORTEST_CYCLE_NS: u32 = 62_500;
+/// Objects that a mapping may hold.
+const MAPPING_ENTRIES: u8 = 16;
+/// The emergency that says that all errors have gone.
+const NO_ERROR: CoeEmergency = CoeEmergency { code: 0, register: 0, vendor: [0; 5] };
+
+/// A simulated servo drive on EtherCAT, to be put behind a [`Controller`](crate::sim::ethercat::Controller).
+///
+/// State machine, control loops, limits and monitoring are those of [`Drive`](super::Drive). The physical side is
+/// [`EthercatDrive::measure`] in and [`EthercatDrive::torque_n_m`] out. What the drive is given acts at SYNC0 where the master switched
+/// that on, otherwise when it comes. It is watched by the watchdog of its sync manager: when the device leaves OP while Operation Enabled, it
+/// does what 6007h says.
+#[derive(Clone, Debug)]
+pub struct EthercatDrive {
+    device: Device,
+    is_reset_told: bool,
+}
+
+impl EthercatDrive {
+    /// A drive of this model, with this serial number.
+    ///
+    /// # Errors
+    /// If the profile is not that of a servo drive, or the gains of the loop are not finite or negative.
+    pub fn new(profile: &Arc<DeviceProfile>, serial: u32, axis: &AxisSettings) -> Result<Self, DeviceError> {
+        let role = || DeviceError::Role { profile: profile.name().to_owned(), wanted: "servo drive" };
+        let servo = profile.servo().ok_or_else(role)?;
+        axis.position_loop.check()?;
+        objects::check(servo)?;
+        let mapped = |objects: &[cia::Object]| -> Vec<(u16, u8, u8)> {
+            objects.iter().map(|object| (object.index, object.sub, object.bits())).collect()
+        };
+        let outputs = mapped(&[
+            cia::CONTROLWORD,
+            cia::TARGET_POSITION,
+            cia::TARGET_VELOCITY,
+            cia::TARGET_TORQUE,
+            cia::MODE_OF_OPERATION,
+        ]);
+        let inputs = mapped(&[
+            cia::STATUSWORD,
+            cia::POSITION_ACTUAL,
+            cia::VELOCITY_ACTUAL,
+            cia::TORQUE_ACTUAL,
+            cia::ERROR_CODE,
+            cia::MODE_DISPLAY,
+        ]);
+        let communication = Communication {
+            identity: &identity(profile, serial),
+            outputs: (0x1600, &outputs),
+            inputs: (0x1a00, &inputs),
+            mapping_entries: MAPPING_ENTRIES,
+            shortest_cycle_ns: SHORTEST_CYCLE_NS,
+        };
+        let od = objects::build(&axis.scaling, servo, communication.objects())?;
+        let mut device = Device::new(od, axis, servo)?;
+        // SYNC and RPDOs are not there; the controller watches in their place.
+        (device.watches.sync, device.watches.set_points) = (Watch::None, Watch::None);
+        Ok(EthercatDrive { device, is_reset_told: true })
+    }
+
+    /// The joint's motion at this moment, in rad and rad/s; see [`Drive::measure`](super::Drive::measure).
+    pub fn measure(&mut self, angle_rad: f64, rate_rad_per_s: f64) {
+        self.device.measure(angle_rad, rate_rad_per_s);
+    }
+
+    /// Torque on the joint in N m.
+    pub fn torque_n_m(&self) -> f64 {
+        self.device.torque_n_m()
+    }
+
+    /// State of the state machine.
+    pub fn state(&self) -> State {
+        self.device.state()
+    }
+
+    /// Puts the drive into fault with an error code (603Fh), as its own monitoring would.
+    pub fn raise_fault(&mut self, now: Time, code: u16) {
+        self.device.raise_fault(now, code);
+    }
+
+    /// Sets or clears the warning bit of the statusword.
+    pub fn set_warning(&mut self, is_warning: bool) {
+        self.device.set_warning(is_warning);
+    }
+
+    /// Gives the power stage its voltage or takes it away, as an emergency stop does.
+    pub fn set_voltage(&mut self, now: Time, is_present: bool) {
+        self.device.set_voltage(now, is_present);
+    }
+
+    /// Leaves Operation Enabled without being asked to.
+    pub fn leave_operation(&mut self, now: Time) {
+        self.device.leave_operation(now);
+    }
+
+    /// Has the drive keep its last target and say so (statusword bit 12), or follow again.
+    pub fn set_ignores_targets(&mut self, ignores: bool) {
+        self.device.set_ignores_targets(ignores);
+    }
+
+    /// Has the state machine ignore the controlword, or follow it again.
+    pub fn set_ignores_controlword(&mut self, ignores: bool) {
+        self.device.set_ignores_controlword(ignores);
+    }
+
+    fn set_error_register(&mut self, bits: u8) {
+        // The object is declared with one byte.
+        let _ = self.device.od_mut().set_bytes(Address::new(0x1001, 0), &[bits]);
+    }
+}
+
+impl ServedDevice for EthercatDrive {
+    fn od(&self) -> &ObjectDictionary {
+        self.device.od()
+    }
+
+    fn od_mut(&mut self) -> &mut ObjectDictionary {
+        self.device.od_mut()
+    }
+
+    fn before_write(&mut self, at: Address, data: &[u8]) -> Result<(), AbortCode> {
+        self.device.before_write(at, data)
+    }
+
+    fn after_write(&mut self, at: Address) {
+        self.device.after_write(at);
+    }
+
+    fn before_read(&mut self, at: Address) -> Result<(), AbortCode> {
+        self.device.before_read(at)
+    }
+
+    fn outputs_applied(&mut self, now: Time, number: u8) {
+        // The mode of operation is among the outputs; followed before the controlword, it is in force when that enables.
+        self.device.wake(now);
+        self.device.follow();
+        self.device.outputs_applied(now, number);
+    }
+
+    fn sample(&mut self, now: Time) {
+        self.device.sample(now);
+    }
+
+    fn reset(&mut self, now: Time, reset: Reset) {
+        self.set_error_register(0);
+        self.device.reset(now, reset);
+    }
+}
+
+impl EthercatApplication for EthercatDrive {
+    fn set_operational(&mut self, now: Time, is_operational: bool) {
+        self.device.change_operational(now, is_operational, error_code::RPDO_TIMEOUT);
+    }
+
+    fn poll(&mut self, now: Time) {
+        self.device.poll(now);
+    }
+
+    fn next_deadline(&self) -> Time {
+        self.device.next_deadline()
+    }
+
+    fn refresh(&mut self) {
+        self.device.refresh_if_stale();
+    }
+
+    fn take_emergency(&mut self) -> Option<CoeEmergency> {
+        if self.device.take_reset() {
+            self.set_error_register(0);
+            self.is_reset_told = false;
+        }
+        if let Some(code) = self.device.take_emergency() {
+            self.set_error_register(PROFILE_ERROR | 1);
+            return Some(CoeEmergency { code, register: PROFILE_ERROR | 1, vendor: [0; 5] });
+        }
+        (!std::mem::replace(&mut self.is_reset_told, true)).then_some(NO_ERROR)
+    }
+}
