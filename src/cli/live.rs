@@ -4,12 +4,13 @@ mod facts;
 mod proof;
 
 use super::ending::stopped_by;
+use super::events::{Events, Listening};
 use super::failure::{Exit, Failure};
 use super::interfaces::Interfaces;
 use super::interrupt::{interrupted, on_interrupt};
 use super::keep::{Keep, Watched};
 use super::on_bus::{
-    different, live_failure, open_failure, point_to_doctor, print_news, thread_failure, warn, warn_of, with_emergencies,
+    different, live_failure, open_failure, point_to_doctor, thread_failure, warn, warn_of, with_told,
 };
 use super::output::Output;
 use super::pace::PaceArgument;
@@ -17,7 +18,7 @@ use super::run::{Arguments, check, check_buses, check_loop, draw, with_files};
 use crate::config::{self, Source};
 use crate::guard::Fault;
 use crate::host::system::Refusal;
-use crate::host::{NotRun, Outcome, RigOnBus, StageTimes, Terms};
+use crate::host::{News, NotRun, Outcome, RigOnBus, StageTimes, Terms};
 use crate::record::CycleRecord;
 use crate::record::recording::About;
 use crate::report::{self, Overrides, measured, replay};
@@ -35,6 +36,13 @@ struct Seen {
 }
 
 pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Failure> {
+    let events = Events::of(output);
+    let end = run_and_tell(arguments, &events, output);
+    events.end(&end);
+    end
+}
+
+fn run_and_tell(arguments: &Arguments, events: &Events, output: &mut Output) -> Result<(), Failure> {
     check(arguments)?;
     let rig = config::load_rig(Source::named(&arguments.rig))?;
     output.configuration(&rig.warnings)?;
@@ -73,7 +81,10 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
         PaceArgument::Lockstep => Watched::Lockstep(interfaces.names()),
     };
     let (keep, watch) = Keep::start(watched, &rig, &about, candump, record, black_box)?;
+    let (listening, heard) = Listening::start(events, watched, &rig)?;
+    let watch = watch.and(heard);
     watch.tap.into_iter().for_each(|tap| on_bus.set_tap(tap));
+    watch.errors.into_iter().for_each(|errors| on_bus.set_error_watch(errors));
     watch.observer.into_iter().for_each(|observer| on_bus.set_observer(observer));
     let period_s = f64::from(rig.cycle.period_us) * 1e-6;
     let mut scene_rows = report::Seen::with_room(Play::on_bus(&rig, duration_s).cycles.min(LONGEST_TRACE) as usize);
@@ -84,8 +95,15 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
         // Without room the cycle would have to wait for memory.
         scene_rows.take(record.row(), record.directive.state, record.cause);
     };
-    let tell = print_news(arguments.require_realtime, output);
+    let tell = |news| match news {
+        // Told as an error later.
+        News::Refused(_) if arguments.require_realtime => {}
+        News::Refused(refusal) => warn(output, refusal),
+        news => events.news(news),
+    };
     let outcome = on_bus.run(&terms, duration_s, &is_interrupted, each, tell);
+    listening.finish()?;
+    events.clear();
     let mut outcome = outcome.map_err(|error| thread_failure(&error))?;
     outcome.emergencies = different(outcome.emergencies.into_iter());
     let kept = keep.finish()?;
@@ -112,6 +130,7 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
     };
     let end = failure.map_or(Ok(()), |failure| Err(kept.point_to_black_box(failure)));
     let end = with_files(end, [drawn, kept.is_written()]);
+    events.end(&end);
     if !output.is_json() {
         output.news(&facts.lines(time_s).join("\n"))?;
         return end;
@@ -155,7 +174,7 @@ fn not_run(
     match error {
         NotRun::Run(error) => {
             let failure = point_to_doctor(live_failure(error), error, rig, &arguments.rig, interfaces);
-            with_emergencies(failure, &outcome.emergencies, rig)
+            with_told(failure, &outcome.emergencies, &outcome.errors, rig)
         }
         NotRun::Unproven(error) => unproven(error, &interfaces.arguments(rig), arguments),
         NotRun::Untimely(error) => untimely(error, rig),
@@ -170,7 +189,7 @@ fn ended(played: &Played, time_s: f64, outcome: &Outcome, rig: &config::Rig) -> 
     let failure = match played.ended {
         Ended::Whole => return None,
         Ended::Interrupted => interrupted(time_s),
-        Ended::Stopped => with_emergencies(stopped_by(played.cause, time_s, rig), &outcome.emergencies, rig),
+        Ended::Stopped => with_told(stopped_by(played.cause, time_s, rig), &outcome.emergencies, &outcome.errors, rig),
         Ended::StillMoving => Failure::new(
             Exit::SafetyStop,
             "a drive says that it still makes torque after the rig was stopped",

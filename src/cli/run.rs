@@ -15,11 +15,13 @@ pub(super) use self::words::{
 };
 use super::bus::plans;
 use super::ending::{self, above_bound, rig_failure};
+use super::events::{Events, Listening, Stream};
 use super::failure::{Exit, Failure};
 use super::faults::FaultArgument;
 use super::interrupt::{interrupted, on_interrupt, unless};
 use super::keep::{Keep, Watched};
 use super::margins::{Margins, has_other_inertia};
+use super::on_bus::with_told;
 use super::output::Output;
 use super::picture::{check_picture, drawing_failure, write_drawing};
 use super::progress::Progress;
@@ -80,12 +82,21 @@ pub(super) struct Arguments {
     pub(super) record: Option<PathBuf>,
     #[command(flatten)]
     pub(super) replace: Replace,
+    #[command(flatten)]
+    pub(super) stream: Stream,
     /// Where the time around a fault is kept, in place of the record's folder or yieldwall/black-box in the state folder
     #[arg(long, value_name = "DIR")]
     pub(super) black_box: Option<PathBuf>,
 }
 
 pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Failure> {
+    let events = Events::of(output);
+    let end = run_and_tell(arguments, &events, output);
+    events.end(&end);
+    end
+}
+
+fn run_and_tell(arguments: &Arguments, events: &Events, output: &mut Output) -> Result<(), Failure> {
     check(arguments)?;
     let source = Source::named(&arguments.rig);
     let rig = match config::load(source.clone())? {
@@ -112,26 +123,23 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
     // Before anything is written: a rig that is refused leaves no record.
     let drilled = rig::drill(&rig.value, &scene.value, |_| ()).map_err(|error| rig_failure(&error))?;
     judge(&drilled, &rig.value, NOTHING_ENABLED)?;
-    let (keep, watch) = Keep::start(
-        Watched::Simulation(&simulated_interfaces(&rig.value)),
-        &rig.value,
-        &about,
-        candump,
-        record,
-        black_box,
-    )?;
+    let interfaces = simulated_interfaces(&rig.value);
+    let watched = Watched::Simulation(&interfaces);
+    let (listening, heard) = Listening::start(events, watched, &rig.value)?;
+    let (keep, watch) = Keep::start(watched, &rig.value, &about, candump, record, black_box)?;
     let progress = Progress::new(output);
     progress.begin(&rig.value.rig.name);
     let is_interrupted = on_interrupt()?;
     let mut onward = ControlFlow::Continue(());
     let started = Instant::now();
-    let report = run_rig(&rig.value, &scene.value, &overrides, watch, |stage| {
+    let report = run_rig(&rig.value, &scene.value, &overrides, watch.and(heard), |stage| {
         progress.at(stage);
         onward = unless(&is_interrupted);
         onward
     });
     let wall_s = started.elapsed().as_secs_f64();
     progress.end();
+    listening.finish()?;
     // A run that broke off leaves what there is of it.
     let kept = keep.finish()?;
     output.warnings(&kept.warnings());
@@ -147,6 +155,7 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
             .map_err(|failure| if report.is_stopped() { kept.point_to_black_box(failure) } else { failure }),
     };
     let end = with_files(end, [drawn, kept.is_written()]);
+    events.end(&end);
     if !output.is_json() {
         output.news(&facts.text(arguments))?;
         return end;
@@ -174,7 +183,7 @@ pub(super) fn judge_run(
     of_arguments: &[Injection],
 ) -> Result<(), Failure> {
     if report.is_stopped() {
-        return Err(ending::stopped(report, rig));
+        return Err(with_told(ending::stopped(report, rig), &report.emergencies, &report.errors, rig));
     }
     let of_scene = scene.faults.iter().filter_map(|fault| fault.injection().ok());
     let injected: Vec<Injection> = of_scene.chain(of_arguments.iter().copied()).collect();

@@ -11,6 +11,9 @@ use crate::config;
 use crate::guard::{Cause, State};
 use crate::record::{AROUND_FAULT_S, CycleRecord};
 
+/// How long the drives are asked for their errors that did not come to run, s.
+const ERRORS_LIMIT_S: f64 = 0.5;
+
 /// What is asked of a scene.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Play {
@@ -94,6 +97,7 @@ impl<P: Place> Runner<P> {
         match ended {
             Ended::Stopped => {
                 for _ in 0..self.cycles_in(AROUND_FAULT_S) {
+                    self.ask_for_errors();
                     self.run_cycle(Ask::Nothing);
                 }
             }
@@ -110,8 +114,11 @@ impl<P: Place> Runner<P> {
     pub fn enable(&mut self, settling: u32, permit: &Permit, is_interrupted: &AtomicBool) -> Result<(), RunError> {
         let enabling = self.enabling.not_before(settling);
         let enabled = self.come_to_run(enabling, permit, is_interrupted);
-        if enabled.is_err() {
+        if let Err(error) = &enabled {
             self.stop();
+            if matches!(error, RunError::NotEnabled { .. }) {
+                self.hear_errors();
+            }
         }
         enabled
     }
@@ -138,6 +145,18 @@ impl<P: Place> Runner<P> {
             }
         }
         Err(RunError::NotEnabled { waited_s: enabling.waited_s(), cause: self.cause() })
+    }
+
+    /// Runs cycles until both drives have said what is wrong with them, for [`ERRORS_LIMIT_S`] at most.
+    pub(crate) fn hear_errors(&mut self) {
+        self.forget_errors();
+        for _ in 0..self.cycles_in(ERRORS_LIMIT_S) {
+            self.ask_for_errors();
+            if self.errors().count() == 2 {
+                return;
+            }
+            self.run_cycle(Ask::Nothing);
+        }
     }
 
     /// Stops the rig along its ramp; whether both drives said in time that they make no torque.

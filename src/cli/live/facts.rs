@@ -8,7 +8,7 @@ use super::Seen;
 use crate::cli::ending::{bus_names, devices_text};
 use crate::cli::interfaces::Interfaces;
 use crate::cli::keep::Kept;
-use crate::cli::on_bus::{document, text};
+use crate::cli::on_bus::{document, drive_error_json, drive_error_text, text};
 use crate::cli::pace::PaceArgument;
 use crate::cli::run::{Arguments, counted_json, counted_text, measures_text, mode_text};
 use crate::config;
@@ -65,6 +65,8 @@ impl Facts<'_> {
         }));
         let emergencies = &self.outcome.emergencies;
         lines.extend(emergencies.iter().map(|emergency| format!("emergency {}", text(emergency, self.rig))));
+        lines
+            .extend(self.outcome.errors.iter().map(|error| format!("drive     {}", drive_error_text(error, self.rig))));
         lines.extend(counted_text(&self.outcome.counted, self.outcome.foreign_downloads));
         if self.arguments.pace == PaceArgument::Free {
             for (at, (_, text, times)) in stages.each().enumerate() {
@@ -102,6 +104,7 @@ impl Facts<'_> {
             "cause": cause.map(|cause| cause.fault.row().name),
             "cause_devices": cause.map(|cause| devices_text(cause.devices, &bus_names(self.rig))),
             "emergencies": self.outcome.emergencies.iter().map(|one| document(one, self.rig)).collect::<Vec<_>>(),
+            "drive_errors": self.outcome.errors.iter().map(|error| drive_error_json(error, self.rig)).collect::<Vec<_>>(),
             "counted": counted_json(&self.outcome.counted),
             "foreign_downloads": self.outcome.foreign_downloads,
             "frames": {
