@@ -151,7 +151,7 @@ fn a_stream_has_an_object_a_line_and_ends_with_the_document() {
     for (line, code, must) in [
         (format!("{run} --jsonl"), 0, vec!["booted", "enabled", "stopped", "end"]),
         (
-            format!("{run} --jsonl --fault drive-fault@0.2:left"),
+            format!("{run} --jsonl --fault drive-fault@0.2:left_drive"),
             6,
             vec!["enabled", "emergency", "fault", "error", "end"],
         ),

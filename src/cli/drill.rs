@@ -7,9 +7,7 @@ use super::failure::{Exit, Failure};
 use super::interfaces::Interfaces;
 use super::interrupt::on_interrupt;
 use super::keep::{Watched, state_folder};
-use super::on_bus::{
-    different, live_failure, open_failure, point_to_doctor, thread_failure, warn, warn_of, with_told,
-};
+use super::on_bus::{different, live_failure, open_failure, point_to_doctor, thread_failure, warn, warn_of, with_told};
 use super::output::Output;
 use super::run::{judge, settled_json, settled_text, watchdogs_json, watchdogs_text};
 use crate::config::{self, Source};

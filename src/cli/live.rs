@@ -3,18 +3,19 @@
 mod facts;
 mod proof;
 
+use std::sync::Arc;
+
 use super::ending::stopped_by;
-use super::events::{Events, Listening};
+use super::events::{Event, Events, Listening};
 use super::failure::{Exit, Failure};
 use super::interfaces::Interfaces;
 use super::interrupt::{interrupted, on_interrupt};
 use super::keep::{Keep, Watched};
-use super::on_bus::{
-    different, live_failure, open_failure, point_to_doctor, thread_failure, warn, warn_of, with_told,
-};
+use super::on_bus::{different, live_failure, open_failure, point_to_doctor, thread_failure, warn, warn_of, with_told};
 use super::output::Output;
 use super::pace::PaceArgument;
-use super::run::{Arguments, check, check_buses, check_loop, draw, with_files};
+use super::run::{Arguments, check, check_buses, check_loop, draw, view, with_files};
+use super::tui::Screen;
 use crate::config::{self, Source};
 use crate::guard::Fault;
 use crate::host::system::Refusal;
@@ -22,7 +23,7 @@ use crate::host::{News, NotRun, Outcome, RigOnBus, StageTimes, Terms};
 use crate::record::CycleRecord;
 use crate::record::recording::About;
 use crate::report::{self, Overrides, measured, replay};
-use crate::run::{Ended, Play, Played};
+use crate::run::{Ended, Orders, Play, Played};
 use facts::Facts;
 use proof::{evidence, unproven, untimely};
 
@@ -81,6 +82,9 @@ fn run_and_tell(arguments: &Arguments, events: &Events, output: &mut Output) -> 
         PaceArgument::Lockstep => Watched::Lockstep(interfaces.names()),
     };
     let (keep, watch) = Keep::start(watched, &rig, &about, candump, record, black_box)?;
+    let place = format!("{}, {}", interfaces.shown(&rig), arguments.pace.name());
+    let view = arguments.tui.then(|| view(&rig, &place, duration_s));
+    view.iter().for_each(|view| events.show_on(view));
     let (listening, heard) = Listening::start(events, watched, &rig)?;
     let watch = watch.and(heard);
     watch.tap.into_iter().for_each(|tap| on_bus.set_tap(tap));
@@ -92,17 +96,25 @@ fn run_and_tell(arguments: &Arguments, events: &Events, output: &mut Output) -> 
     let each = |record: &CycleRecord| {
         seen.stages.add(&record.moment.stages, &record.inputs.timing);
         seen.skipped += u64::from(record.inputs.timing.skipped);
-        // Without room the cycle would have to wait for memory.
-        scene_rows.take(record.row(), record.directive.state, record.cause);
+        // Measures end with the fault that stops the rig, also where a person has it come back. Without room the cycle would have to
+        // wait for memory.
+        if !scene_rows.is_stopped() {
+            scene_rows.take(record.row(), record.directive.state, record.cause);
+        }
     };
     let tell = |news| match news {
         // Told as an error later.
         News::Refused(_) if arguments.require_realtime => {}
+        News::Refused(refusal) if arguments.tui => events.tell(&Event::new("warning", None, refusal)),
         News::Refused(refusal) => warn(output, refusal),
         news => events.news(news),
     };
+    let orders = arguments.tui.then(Arc::<Orders>::default);
+    orders.iter().for_each(|orders| on_bus.set_orders(Arc::clone(orders)));
+    let screen = view.map(|view| Screen::start(&view, &is_interrupted, orders)).transpose()?;
     let outcome = on_bus.run(&terms, duration_s, &is_interrupted, each, tell);
     listening.finish()?;
+    drop(screen);
     events.clear();
     let mut outcome = outcome.map_err(|error| thread_failure(&error))?;
     outcome.emergencies = different(outcome.emergencies.into_iter());

@@ -49,6 +49,8 @@ mod run;
 mod sim;
 mod soak;
 mod study;
+#[cfg(target_os = "linux")]
+mod tui;
 mod tune;
 
 use std::ffi::OsString;

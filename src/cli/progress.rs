@@ -25,6 +25,11 @@ impl Progress {
         Self(bar)
     }
 
+    /// One that nobody sees.
+    pub(super) fn hidden() -> Self {
+        Self(ProgressBar::hidden())
+    }
+
     /// What is being done.
     pub(super) fn begin(&self, what: &str) {
         if self.0.message() != what {

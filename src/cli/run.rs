@@ -6,7 +6,8 @@ mod words;
 
 use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
-use std::time::Instant;
+use std::sync::{Arc, Mutex};
+use std::time::{Duration, Instant};
 
 use self::facts::Facts;
 pub(super) use self::words::{
@@ -26,6 +27,7 @@ use super::output::Output;
 use super::picture::{check_picture, drawing_failure, write_drawing};
 use super::progress::Progress;
 use super::replace::{Replace, Written};
+use super::tui::{Screen, View, check_terminal};
 use super::tune::{Masses, advice};
 use crate::config::{self, Diagnostic, Document, Loaded, Report, Severity, Source};
 use crate::injection::{Injection, Kind};
@@ -84,6 +86,9 @@ pub(super) struct Arguments {
     pub(super) replace: Replace,
     #[command(flatten)]
     pub(super) stream: Stream,
+    /// Show axes, force, lateness and events on the whole terminal, with a key that stops the rig; the simulation then runs by the wall
+    #[arg(long, conflicts_with_all = ["jsonl", "json", "quiet", "verbose"])]
+    pub(super) tui: bool,
     /// Where the time around a fault is kept, in place of the record's folder or yieldwall/black-box in the state folder
     #[arg(long, value_name = "DIR")]
     pub(super) black_box: Option<PathBuf>,
@@ -125,21 +130,30 @@ fn run_and_tell(arguments: &Arguments, events: &Events, output: &mut Output) -> 
     judge(&drilled, &rig.value, NOTHING_ENABLED)?;
     let interfaces = simulated_interfaces(&rig.value);
     let watched = Watched::Simulation(&interfaces);
+    let duration_s = overrides.duration_s.unwrap_or(scene.value.duration_s.get());
+    let view = arguments.tui.then(|| view(&rig.value, "on the embedded simulation", duration_s));
+    view.iter().for_each(|view| events.show_on(view));
     let (listening, heard) = Listening::start(events, watched, &rig.value)?;
     let (keep, watch) = Keep::start(watched, &rig.value, &about, candump, record, black_box)?;
-    let progress = Progress::new(output);
+    let progress = if arguments.tui { Progress::hidden() } else { Progress::new(output) };
     progress.begin(&rig.value.rig.name);
     let is_interrupted = on_interrupt()?;
+    let screen = view.map(|view| Screen::start(&view, &is_interrupted, None)).transpose()?;
     let mut onward = ControlFlow::Continue(());
     let started = Instant::now();
     let report = run_rig(&rig.value, &scene.value, &overrides, watch.and(heard), |stage| {
         progress.at(stage);
+        if arguments.tui {
+            // Nobody can look at a scene that is over in a blink.
+            std::thread::sleep(Duration::from_secs_f64(stage.time_s.max(0.0)).saturating_sub(started.elapsed()));
+        }
         onward = unless(&is_interrupted);
         onward
     });
     let wall_s = started.elapsed().as_secs_f64();
     progress.end();
     listening.finish()?;
+    drop(screen);
     // A run that broke off leaves what there is of it.
     let kept = keep.finish()?;
     output.warnings(&kept.warnings());
@@ -229,6 +243,9 @@ pub(super) fn check_duration(duration_s: Option<f64>) -> Result<(), Failure> {
 /// What can be known to be wrong before anything is run.
 pub(super) fn check(arguments: &Arguments) -> Result<(), Failure> {
     check_duration(arguments.duration)?;
+    if arguments.tui {
+        check_terminal()?;
+    }
     if let Some(path) = &arguments.figure {
         check_picture(path, arguments.replace)?;
     }
@@ -236,6 +253,12 @@ pub(super) fn check(arguments: &Arguments) -> Result<(), Failure> {
         Some(path) => arguments.replace.check(path, Written::BusLog),
         None => Ok(()),
     }
+}
+
+/// What a screen shows of a rig.
+pub(super) fn view(rig: &config::Rig, place: &str, duration_s: f64) -> Arc<Mutex<View>> {
+    let names = rig.drives.each_ref().map(|drive| drive.name.as_str());
+    Arc::new(Mutex::new(View::new(&rig.rig.name, names, place, duration_s)))
 }
 
 /// Whether the buses keep the cycle: of a bus with timing an error, unless it is to be ignored.

@@ -23,8 +23,8 @@ use crate::guard::Fault;
 use crate::link::{InterfaceFacts, Role, SocketCan, SocketCans};
 use crate::record::CycleRecord;
 use crate::run::{
-    Drilled, DriveError, DriveIdentity, ErrorWatch, LinkCounts, NotProven, Observer, OnLink, Pace, Play, Played, Proof,
-    RunError, Runner, Tap, Unproven, settling_on_bus,
+    Drilled, DriveError, DriveIdentity, ErrorWatch, LinkCounts, NotProven, Observer, OnLink, Orders, Pace, Permit,
+    Play, Played, Proof, RunError, Runner, Tap, Unproven, settling_on_bus,
 };
 pub use news::News;
 use news::boot_watch;
@@ -57,6 +57,7 @@ pub struct RigOnBus {
     rig: config::Rig,
     runner: Runner<OnLink<SocketCans, SystemMetronome>>,
     memory: Result<(), Refusal>,
+    orders: Option<Arc<Orders>>,
     /// The buses that cannot keep the cycle.
     overfull: Vec<String>,
 }
@@ -186,7 +187,7 @@ impl RigOnBus {
         }
         let link = open_buses(rig, interfaces, |_| vec![Role::Master], |bus| open::filters(&setup, bus))?;
         let runner = Runner::on_link(rig, link, SystemMetronome, pace)?;
-        Ok(Self { rig: rig.clone(), runner, memory, overfull })
+        Ok(Self { rig: rig.clone(), runner, memory, orders: None, overfull })
     }
 
     /// Whether memory is locked.
@@ -209,6 +210,11 @@ impl RigOnBus {
         self.runner.set_observer(observer);
     }
 
+    /// Has a run be attended by a person who gives these orders, as [`Runner::play_attended`].
+    pub fn set_orders(&mut self, orders: Arc<Orders>) {
+        self.orders = Some(orders);
+    }
+
     /// Has `watch` be told what each drive says of a fault that has stopped the rig.
     pub fn set_error_watch(&mut self, watch: ErrorWatch) {
         self.runner.set_error_watch(watch);
@@ -228,7 +234,7 @@ impl RigOnBus {
         tell: impl FnMut(News),
     ) -> Result<Outcome, ThreadError> {
         let (news, told) = channel();
-        let Self { rig, mut runner, memory, overfull } = self;
+        let Self { rig, mut runner, memory, orders, overfull } = self;
         let steps = news.clone();
         runner.set_boot_watch(boot_watch(news.clone(), Arc::clone(is_interrupted)));
         on_thread_of_the_cycle(news, &told, tell, move |priority| {
@@ -240,7 +246,12 @@ impl RigOnBus {
                 _ if !terms.ignores_bus_budget && !overfull.is_empty() => Err(NotRun::Overfull { bus: overfull }),
                 Some(Err(error)) if !terms.ignores_latency => Err(error.clone().into()),
                 _ => {
-                    let played = play(&mut runner, &rig, terms, duration_s, is_interrupted, each, &steps);
+                    let play = Play::on_bus(&rig, duration_s);
+                    let played = boot_and_prove(&mut runner, &rig, terms).and_then(|permit| {
+                        // Nobody listens if the thread that waits has died.
+                        let _ = steps.send(News::Proved);
+                        Ok(runner.play_attended(&play, &permit, is_interrupted, orders.as_deref(), each)?)
+                    });
                     runner.leave();
                     played
                 }
@@ -305,20 +316,9 @@ impl Terms {
 
 type OnInterfaces = Runner<OnLink<SocketCans, SystemMetronome>>;
 
-fn play(
-    runner: &mut OnInterfaces,
-    rig: &config::Rig,
-    terms: &Terms,
-    duration_s: f64,
-    is_interrupted: &AtomicBool,
-    each: impl FnMut(&CycleRecord),
-    news: &Sender<News>,
-) -> Result<Played, NotRun> {
+fn boot_and_prove(runner: &mut OnInterfaces, rig: &config::Rig, terms: &Terms) -> Result<Permit, NotRun> {
     runner.boot()?;
-    let permit = runner.prove(rig, &terms.proof())?;
-    // Nobody listens if the thread that waits has died.
-    let _ = news.send(News::Proved);
-    Ok(runner.play(&Play::on_bus(rig, duration_s), &permit, is_interrupted, each)?)
+    Ok(runner.prove(rig, &terms.proof())?)
 }
 
 fn drill(

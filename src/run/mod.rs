@@ -13,6 +13,7 @@ mod drilled;
 mod error;
 mod inquiry;
 mod metronome;
+mod orders;
 mod pace;
 mod permit;
 mod place;
@@ -26,6 +27,7 @@ pub use drilled::{CYCLES_BEFORE_SILENCE, DRILL_LIMIT, Demands, Drilled, Finding,
 pub use error::RunError;
 pub use inquiry::{DriveError, ErrorWatch};
 pub use metronome::Metronome;
+pub use orders::Orders;
 pub use pace::Pace;
 pub use permit::{Ask, Bounds, Permit};
 pub use place::{OnLink, Place, Process};

@@ -18,4 +18,4 @@ pub(super) mod state;
 mod tests;
 mod words;
 
-pub(super) use words::{spaced, state_words};
+pub(super) use words::state_words;

@@ -161,7 +161,7 @@ pub(super) fn nmt_words(state: NmtState) -> &'static str {
 }
 
 /// `SwitchOnDisabled` as `Switch On Disabled`.
-pub(in crate::cli) fn spaced(name: &str) -> String {
+pub(super) fn spaced(name: &str) -> String {
     let mut words = String::new();
     for one in name.chars() {
         if one.is_uppercase() && !words.is_empty() {

@@ -2,8 +2,8 @@
 
 use std::io;
 use std::iter::Peekable;
-use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
 use super::narrator::Narrator;
@@ -11,6 +11,7 @@ use super::{Event, Events};
 use crate::canopen::{Emergency, Frame};
 use crate::cli::failure::{Exit, Failure};
 use crate::cli::keep::{Watched, ring};
+use crate::cli::tui::View;
 use crate::config;
 use crate::record::CycleRecord;
 use crate::record::recording::{Feed, Outlet, Sink, side_ring};
@@ -32,6 +33,10 @@ impl Listening {
         watched: Watched<'_>,
         rig: &config::Rig,
     ) -> Result<(Self, Watch), Failure> {
+        // The simulation has a bar of its own.
+        if matches!(watched, Watched::Simulation(_)) {
+            events.clear();
+        }
         let (mut emergencies, emergencies_out) = side_ring(ASIDE);
         let (mut errors, errors_out) = side_ring(ASIDE);
         let listener = Listener {
@@ -39,9 +44,9 @@ impl Listening {
             narrator: Narrator::new(rig),
             emergencies: emergencies_out.peekable(),
             errors: errors_out.peekable(),
-            // The simulation has a bar of its own.
-            has_line: events.has_line() && !matches!(watched, Watched::Simulation(_)),
+            has_line: events.has_line(),
             shown_at: None,
+            screen: events.view(),
             taken: 0,
         };
         let feed = Feed::start("events", ring(rig.cycle.period_us), watched.backpressure(), listener);
@@ -87,6 +92,7 @@ struct Listener {
     errors: Peekable<Outlet<(u64, DriveError)>>,
     has_line: bool,
     shown_at: Option<Instant>,
+    screen: Option<Arc<Mutex<View>>>,
     taken: u64,
 }
 
@@ -109,6 +115,9 @@ impl Sink<CycleRecord> for Listener {
         self.take_aside(record.moment.index);
         let events = &self.events;
         self.narrator.record(record, &mut |event| events.tell(&event));
+        if let Some(view) = &self.screen {
+            view.lock().unwrap_or_else(PoisonError::into_inner).take(record);
+        }
         if self.has_line && self.shown_at.is_none_or(|at| at.elapsed() >= REFRESH) {
             self.shown_at = Some(Instant::now());
             self.events.show(&self.narrator.line());

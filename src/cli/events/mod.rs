@@ -20,6 +20,7 @@ use textwrap::{Options, WordSeparator, WordSplitter};
 use super::failure::{Exit, Failure};
 use super::output::Output;
 use super::printable::printable;
+use super::tui::View;
 #[cfg(target_os = "linux")]
 use crate::host::News;
 pub(super) use listener::Listening;
@@ -70,7 +71,7 @@ impl Event {
     }
 
     /// Whether a person has to know it at once.
-    fn is_grave(&self) -> bool {
+    pub(super) fn is_grave(&self) -> bool {
         matches!(self.name, "held" | "fault" | "emergency" | "error" | "refused")
     }
 
@@ -110,9 +111,11 @@ impl Event {
 }
 
 /// Who gets the events.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug)]
 enum Form {
     Nobody,
+    /// A screen, which shows them.
+    Screen(Arc<Mutex<View>>),
     /// A person at a terminal of so many columns.
     Terminal(usize),
     Lines,
@@ -157,6 +160,20 @@ impl Events {
     /// Prints an event.
     pub(super) fn tell(&self, event: &Event) {
         self.lock().tell(event);
+    }
+
+    /// Has a screen get them from now on, in place of standard output and the line.
+    pub(super) fn show_on(&self, view: &Arc<Mutex<View>>) {
+        self.clear();
+        self.lock().form = Form::Screen(Arc::clone(view));
+    }
+
+    /// The screen, if there is one.
+    fn view(&self) -> Option<Arc<Mutex<View>>> {
+        match &self.lock().form {
+            Form::Screen(view) => Some(Arc::clone(view)),
+            _ => None,
+        }
     }
 
     /// Has the line of the terminal say this.
@@ -216,15 +233,21 @@ impl Events {
 impl Teller {
     fn tell(&mut self, event: &Event) {
         self.has_told = true;
-        let text = match self.form {
+        let text = match &self.form {
             Form::Nobody => return,
+            Form::Screen(view) => return view.lock().unwrap_or_else(PoisonError::into_inner).tell(event),
             Form::Terminal(_) if !event.is_grave() => return,
-            Form::Terminal(columns) => event.paragraph(columns),
+            Form::Terminal(columns) => event.paragraph(*columns),
             Form::Lines => event.line(),
             Form::Objects => format!("{}\n", event.document()),
         };
+        let has_other_bar = matches!(self.form, Form::Terminal(_)) && self.bar.is_none() && io::stderr().is_terminal();
         let print = || {
             let mut stdout = io::stdout().lock();
+            // In place of the bar of a simulation, which draws itself anew below.
+            if has_other_bar {
+                let _ = stdout.write_all(b"\r\x1b[2K");
+            }
             // A reader that has gone away stops nothing; a disk that is full is told by the result.
             let _ = stdout.write_all(printable(&text).as_bytes()).and_then(|()| stdout.flush());
         };

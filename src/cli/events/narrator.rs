@@ -8,6 +8,8 @@ use crate::canopen::{Emergency, Frame};
 use crate::cli::ending::{bus_names, describe};
 use crate::cli::on_bus::{drive_error_json, drive_error_text, words_of_code, words_of_fault};
 use crate::config;
+use crate::elementary::hypot;
+use crate::explanation::state_name;
 use crate::guard::{Cause, Device, Fault, State};
 use crate::record::CycleRecord;
 use crate::run::DriveError;
@@ -52,7 +54,7 @@ impl Narrator {
         }
         for (drive, (now, before)) in Device::DRIVES.into_iter().zip(drives.iter().zip(self.drives.unwrap_or(drives))) {
             if *now != before {
-                let (name, state) = (self.name(drive), state_text(*now));
+                let (name, state) = (self.name(drive), state_name(Some(*now)));
                 let event = Event::new("drive", time_s, format!("{name}: {state}"));
                 tell(event.with("drive", name).with("state", state));
             }
@@ -72,8 +74,8 @@ impl Narrator {
         let late_us = f64::from(timing.sync_late_ns.max(timing.compute_late_ns)) * 1e-3;
         let [x, y] = record.signals.force.to_array();
         let ([tool_x, tool_y], [proxy_x, proxy_y]) = (record.signals.tool.to_array(), record.signals.proxy.to_array());
-        self.now.force_n = x.hypot(y);
-        self.now.off_proxy_mm = 1e3 * (tool_x - proxy_x).hypot(tool_y - proxy_y);
+        self.now.force_n = hypot(x, y);
+        self.now.off_proxy_mm = 1e3 * hypot(tool_x - proxy_x, tool_y - proxy_y);
         self.now.worst_late_us = self.now.worst_late_us.max(late_us);
     }
 
@@ -169,11 +171,6 @@ impl Narrator {
     }
 }
 
-/// `SwitchOnDisabled` as `Switch On Disabled`.
-fn state_text(state: cia402::State) -> String {
-    crate::cli::desk::spaced(&format!("{state:?}"))
-}
-
 #[cfg(test)]
 mod tests {
     use std::ops::ControlFlow;
@@ -190,8 +187,8 @@ mod tests {
         Error(DriveError),
     }
 
-    /// The events of half a second of a shipped rig with a fault, and what it says in the end.
-    fn told(fault: &str) -> (Vec<Event>, String) {
+    /// The events of a shipped rig with a fault, and what it says in the end.
+    fn told(fault: &str, duration_s: f64) -> (Vec<Event>, String) {
         let rig = config::load_rig(config::Source::named("builtin:paper-admittance.yaml")).unwrap();
         let scene = rig.scene().unwrap().value;
         let faults: Vec<Injection> = fault
@@ -207,7 +204,7 @@ mod tests {
             errors: Some(Box::new(move |error| errors.send(Heard::Error(*error)).unwrap())),
             ..Watch::default()
         };
-        let overrides = Overrides { duration_s: Some(0.5), faults, ..Overrides::default() };
+        let overrides = Overrides { duration_s: Some(duration_s), faults, ..Overrides::default() };
         run_rig(&rig.value, &scene, &overrides, watch, |_| ControlFlow::Continue(())).unwrap();
         let mut narrator = Narrator::new(&rig.value);
         let mut events = Vec::new();
@@ -227,7 +224,7 @@ mod tests {
 
     #[test]
     fn a_run_without_a_fault_tells_its_way() {
-        let (events, line) = told("");
+        let (events, line) = told("", 0.5);
         assert_eq!(names(&events), ["booted", "enabling", "enabled", "stopping", "stopped"]);
         assert!(line.starts_with("Stopped ") && line.ends_with("faults 0") && line.len() <= 80, "{line}");
         let enabled = events.iter().find(|event| event.text == "left: Operation Enabled").unwrap();
@@ -237,7 +234,7 @@ mod tests {
     /// The drive's own words are read when it has faulted, before anybody asks for them.
     #[test]
     fn a_drive_that_faults_says_why_by_emergency_and_when_it_is_asked() {
-        let (events, line) = told("drive-fault@0.2:left");
+        let (events, line) = told("drive-fault@0.2:left_drive", 0.5);
         let names = names(&events);
         let at = |name| names.iter().position(|known| *known == name).unwrap_or_else(|| panic!("{name}: {names:?}"));
         assert!(
@@ -262,8 +259,8 @@ mod tests {
     /// Where the bus is gone, the drives' own watchdogs have to act: nothing is asked.
     #[test]
     fn nobody_is_asked_where_nothing_may_be_sent() {
-        for fault in ["interface-down@0.2", "intruder-sync@0.2+0.2", "duplicate-node@0.2:left"] {
-            let (events, _) = told(fault);
+        for fault in ["interface-down@0.2", "intruder-sync@0.2+0.2", "duplicate-node@0.2:left_drive"] {
+            let (events, _) = told(fault, 0.5);
             assert!(names(&events).contains(&"fault"), "{fault}: {:?}", names(&events));
             assert!(!names(&events).contains(&"error"), "{fault}: {:?}", names(&events));
         }
@@ -271,7 +268,7 @@ mod tests {
 
     #[test]
     fn a_fault_that_holds_is_told_with_its_end() {
-        let (events, _) = told("sensor-stale@0.2+0.05");
+        let (events, _) = told("sensor-stale@0.2+0.005", 2.0);
         let names = names(&events);
         let held = names.iter().position(|name| *name == "held").unwrap_or_else(|| panic!("{names:?}"));
         assert!(names[held..].contains(&"released"), "{names:?}");

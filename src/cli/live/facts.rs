@@ -55,6 +55,12 @@ impl Facts<'_> {
             ),
             format!("ran       {} cycles, {time_s:.1} s, to {:?}", self.played.cycles, self.played.state),
         ];
+        if self.played.came_back > 0 {
+            let times = self.played.came_back;
+            lines.push(format!(
+                "came back {times} times, reset and enabled by a person; measures end with the first fault"
+            ));
+        }
         match self.refusals().as_slice() {
             [] => lines.push("realtime  SCHED_FIFO and locked memory".to_owned()),
             refusals => lines.extend(refusals.iter().map(|refusal| format!("realtime  {refusal}"))),
@@ -99,6 +105,7 @@ impl Facts<'_> {
             "pace": format!("{:?}", self.arguments.pace).to_lowercase(),
             "cycles": self.played.cycles,
             "time_s": time_s,
+            "came_back": self.played.came_back,
             "ended": format!("{:?}", self.played.ended),
             "state": format!("{:?}", self.played.state),
             "cause": cause.map(|cause| cause.fault.row().name),

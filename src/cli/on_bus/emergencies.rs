@@ -203,7 +203,8 @@ mod tests {
         let document = document(&told[0], &rig);
         assert_eq!((&document["code"], &document["name"]), (&"5043h".into(), &"left".into()));
         assert_eq!((&document["error_register"], &document["meaning"]), (&0x21.into(), &"device hardware".into()));
-        let quiet = with_told(Failure::new(Exit::SafetyStop, "stopped", ""), &[], &[error(Device::LeftDrive, Some(0))], &rig);
+        let quiet =
+            with_told(Failure::new(Exit::SafetyStop, "stopped", ""), &[], &[error(Device::LeftDrive, Some(0))], &rig);
         assert_eq!(quiet.report.diagnostics[0].message, "stopped");
     }
 }
