@@ -59,7 +59,7 @@ fn record(folder: &Path) -> Result<u64, Box<dyn Error>> {
     let recorder = Recorder::create(folder, &replay::about(rig, Some(&scene), &overrides)?)?;
     // The cycle fills a ring, and a thread writes to disk. A simulation may wait for that thread; a rig on a bus takes `Drop`.
     let (mut ring, feed) = Feed::start("recorder", 512, Backpressure::Wait, recorder)?;
-    let watch = Watch { observer: Some(Box::new(move |record| ring.push(record))), tap: None };
+    let watch = Watch { observer: Some(Box::new(move |record| ring.push(record))), ..Watch::default() };
     run_rig(rig, &scene, &overrides, watch, |_| ControlFlow::Continue(()))?;
     let finished = feed.finish()?;
     finished.error.map_or(Ok(finished.counts.kept), |error| Err(error.into()))

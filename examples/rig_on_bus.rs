@@ -52,7 +52,8 @@ mod on_linux {
             |record| greatest_n = greatest_n.max(record.signals.force.norm()),
             |news| match news {
                 News::Refused(what) | News::Waiting(Some(what)) => println!("{what}"),
-                News::Waiting(None) => {}
+                News::Step(step) => println!("{step}"),
+                News::Waiting(None) | News::Proved => {}
             },
         )?;
         let played = outcome.played?;

@@ -132,3 +132,43 @@ fn tables_of_devices_fit_eighty_columns() {
         assert_eq!(wide, None, "{line}");
     }
 }
+
+/// Each line is an event, and the last one what `--json` prints, on one line.
+#[test]
+fn a_stream_has_an_object_a_line_and_ends_with_the_document() {
+    let folder = Folder(std::env::temp_dir().join(format!("yieldwall-jsonl-{}", std::process::id())));
+    std::fs::create_dir_all(&folder.0).unwrap();
+    let lines = |line: &str| {
+        let mut program = Command::new(hil_tests::program());
+        let seen =
+            program.args(line.split(' ')).current_dir(&folder.0).env("XDG_STATE_HOME", &folder.0).output().unwrap();
+        let text = String::from_utf8(seen.stdout).unwrap();
+        let each =
+            text.lines().map(|one| serde_json::from_str(one).unwrap_or_else(|error| panic!("{line}: {error}: {one}")));
+        (seen.status.code().unwrap(), each.collect::<Vec<Value>>())
+    };
+    let run = "run builtin:paper-admittance.yaml --duration 0.3";
+    for (line, code, must) in [
+        (format!("{run} --jsonl"), 0, vec!["booted", "enabled", "stopped", "end"]),
+        (
+            format!("{run} --jsonl --fault drive-fault@0.2:left_drive"),
+            6,
+            vec!["enabled", "emergency", "fault", "error", "end"],
+        ),
+        ("latency --duration 0.05 --jsonl".to_owned(), 0, vec!["begun", "end"]),
+        ("run absent.yaml --jsonl".to_owned(), 3, vec![]),
+    ] {
+        let (exit, lines) = lines(&line);
+        assert_eq!(exit, code, "{line}: {lines:?}");
+        let (last, events) = lines.split_last().unwrap();
+        assert!(
+            last["exit_code"] == code && last["diagnostics"].is_array() && last["event"].is_null(),
+            "{line}: {last}"
+        );
+        let mut names = events.iter().map(|event| event["event"].as_str().unwrap());
+        assert!(events.iter().all(|event| event["text"].is_string() && event.get("time_s").is_some()), "{line}");
+        for name in must {
+            assert!(names.any(|known| known == name), "{line}: no {name} in its place: {events:?}");
+        }
+    }
+}

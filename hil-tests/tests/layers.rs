@@ -133,10 +133,11 @@ fn may_name(layer: &str) -> Option<Vec<&'static str>> {
 }
 
 /// Foreign crates that only some places may name, tests included.
-const ONLY_IN: [(&str, &[&str]); 11] = [
+const ONLY_IN: [(&str, &[&str]); 12] = [
     ("libm", &["elementary"]),
     ("clap", &["cli", "main"]),
     ("miette", &["cli", "main"]),
+    ("ratatui", &["cli::tui"]),
     ("serde_saphyr", &["config::yaml"]),
     ("kuva", &["record::figure", "study::chart"]),
     ("canopen_rs", &["canopen"]),

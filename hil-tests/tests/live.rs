@@ -3,7 +3,7 @@
 use std::cell::Cell;
 use std::path::PathBuf;
 use std::rc::Rc;
-use std::sync::atomic::AtomicBool;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
@@ -19,8 +19,8 @@ use yieldwall::guard::{DeviceSet, Fault, State};
 use yieldwall::record::Row;
 use yieldwall::rig::{self, DeviceServer};
 use yieldwall::run::{
-    Ask, DRILL_LIMIT, Demands, Enable, Enabling, Ended, NotProven, OnLink, Pace, Play, Played, Proof, RunError, Runner,
-    Unproven, Unsafe,
+    Ask, DRILL_LIMIT, Demands, Enable, Enabling, Ended, NotProven, OnLink, Orders, Pace, Play, Played, Proof, RunError,
+    Runner, Unproven, Unsafe,
 };
 use yieldwall_drives::cia402;
 use yieldwall_drives::profiles::SHIPPED;
@@ -591,5 +591,66 @@ fn who_watches_a_run_sees_its_last_frames() {
         for id in [0x080, 0x201, 0x202, cob::NMT] {
             assert!(ids.contains(&id), "{pace:?}: {id:03X}h is not among {ids:03X?}");
         }
+    }
+}
+
+/// A rig that a stall stops after 300 cycles, attended by somebody who gives these orders in every cycle in which it is stopped or
+/// idles after that; who asks for the end when it has not come back for a second. How it ended, and the states that it was in since.
+fn attended(gives: [bool; 2]) -> (Played, Vec<State>) {
+    let (cable, mut rig) = wired(&Scenario::torque(), Pace::Free);
+    rig.boot().unwrap();
+    let (orders, is_interrupted) = (Arc::new(Orders::default()), Arc::new(AtomicBool::new(false)));
+    let states = Arc::new(Mutex::new(Vec::new()));
+    let (person, end, seen) = (Arc::clone(&orders), Arc::clone(&is_interrupted), Arc::clone(&states));
+    let mut waited = 0;
+    rig.set_observer(Box::new(move |record| {
+        let mut seen = seen.lock().unwrap();
+        let state = record.directive.state;
+        if seen.is_empty() && !state.is_latched() {
+            return;
+        }
+        if seen.last() != Some(&state) {
+            seen.push(state);
+        }
+        let rests = state.is_latched() || state == State::Idle;
+        waited = if rests { waited + 1 } else { 0 };
+        if rests && gives[0] {
+            person.reset();
+        }
+        if rests && gives[1] {
+            person.enable();
+        }
+        if waited > 1000 {
+            end.store(true, Ordering::Relaxed);
+        }
+    }));
+    let mut cycle = 0;
+    let permit = permit(&rig);
+    let play = Play { cycles: 1000, settling: 50 };
+    let played = rig.play_attended(&play, &permit, &is_interrupted, Some(&orders), |_| {
+        cycle += 1;
+        if cycle == 300 {
+            cable.pass(Duration::from_millis(20));
+        }
+    });
+    let states = states.lock().unwrap().clone();
+    (played.unwrap(), states)
+}
+
+#[test]
+fn a_rig_that_was_stopped_comes_back_by_both_orders_of_a_person_and_by_nothing_less() {
+    let (played, states) = attended([true, true]);
+    assert_eq!((played.ended, played.cycles, played.came_back), (Ended::Whole, 1000, 1), "{states:?}");
+    let stopped = states[0];
+    assert!(stopped.is_latched(), "{states:?}");
+    assert_eq!(states[1..4], [State::Idle, State::Enabling, State::Running], "{states:?}");
+    // A reset enables nothing; enabling without a reset is nothing.
+    let (played, states) = attended([true, false]);
+    assert_eq!((played.ended, played.came_back), (Ended::Stopped, 0), "{states:?}");
+    assert_eq!(states, [stopped, State::Idle]);
+    assert!(played.cause.is_some() && played.state == stopped, "what stopped it is not forgotten: {played:?}");
+    for gives in [[false, true], [false, false]] {
+        let (played, states) = attended(gives);
+        assert_eq!((played.ended, played.came_back, &states[..]), (Ended::Stopped, 0, &[stopped][..]));
     }
 }

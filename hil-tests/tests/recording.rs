@@ -59,7 +59,7 @@ fn frames(scenario: &Scenario, duration_s: f64, observer: Option<Observer>) -> V
     let frames = Arc::new(Mutex::new(Vec::new()));
     let seen = Arc::clone(&frames);
     let tap = move |time, frame: &Frame| seen.lock().expect("one thread").push((time, *frame));
-    let watch = Watch { tap: Some(Box::new(tap)), observer };
+    let watch = Watch { tap: Some(Box::new(tap)), observer, ..Watch::default() };
     run_rig(&scenario.rig, &scenario.scene, &overrides(duration_s), watch, |_| ControlFlow::Continue(()))
         .expect("a shipped rig");
     Arc::into_inner(frames).expect("the run is over").into_inner().expect("one thread")
@@ -330,7 +330,7 @@ fn a_fault_leaves_a_black_box_and_its_recording_replays() {
         ring.push(record);
         cycles.push(record);
     });
-    let watch = Watch { tap: None, observer: Some(observer) };
+    let watch = Watch { observer: Some(observer), ..Watch::default() };
     let report =
         run_rig(&scenario.rig, &scenario.scene, &overrides(27.0), watch, |_| ControlFlow::Continue(())).expect("a rig");
     let cause = report.cause.expect("a fault");

@@ -2,17 +2,16 @@
 
 use serde_json::json;
 
+use super::events::{Events, Listening, Stream};
 use super::failure::{Exit, Failure};
 use super::interfaces::Interfaces;
 use super::interrupt::on_interrupt;
-use super::keep::state_folder;
-use super::on_bus::{
-    different, live_failure, open_failure, point_to_doctor, print_news, thread_failure, warn_of, with_emergencies,
-};
+use super::keep::{Watched, state_folder};
+use super::on_bus::{different, live_failure, open_failure, point_to_doctor, thread_failure, warn, warn_of, with_told};
 use super::output::Output;
 use super::run::{judge, settled_json, settled_text, watchdogs_json, watchdogs_text};
 use crate::config::{self, Source};
-use crate::host::RigOnBus;
+use crate::host::{News, RigOnBus};
 use crate::run::{Drilled, Pace, Subject};
 
 #[derive(Debug, clap::Args)]
@@ -23,9 +22,18 @@ pub(super) struct Arguments {
     /// The interface; for a rig with several buses once for each, as NAME=INTERFACE
     #[arg(long, value_name = "INTERFACE", required = true)]
     bus: Vec<String>,
+    #[command(flatten)]
+    pub(super) stream: Stream,
 }
 
 pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Failure> {
+    let events = Events::of(output);
+    let end = drill(arguments, &events, output);
+    events.end(&end);
+    end
+}
+
+fn drill(arguments: &Arguments, events: &Events, output: &mut Output) -> Result<(), Failure> {
     let rig = config::load_rig(Source::named(&arguments.rig))?;
     output.configuration(&rig.warnings)?;
     let rig = rig.value;
@@ -33,20 +41,31 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
     let is_interrupted = on_interrupt()?;
     let interfaces = Interfaces::of(&rig, &arguments.bus)?;
     let on_bus = RigOnBus::open(&rig, interfaces.names(), Pace::Free);
-    let on_bus = on_bus.map_err(|error| open_failure(&error))?;
+    let mut on_bus = on_bus.map_err(|error| open_failure(&error))?;
     warn_of(output, on_bus.memory());
     output.news("the rig is enabled three times, at rest; nobody may hold the handle")?;
-    let outcome = on_bus.drill(&is_interrupted, print_news(false, output)).map_err(|error| thread_failure(&error))?;
+    let (listening, watch) = Listening::start(events, Watched::Interfaces(interfaces.names()), &rig)?;
+    watch.tap.into_iter().for_each(|tap| on_bus.set_tap(tap));
+    watch.observer.into_iter().for_each(|observer| on_bus.set_observer(observer));
+    watch.errors.into_iter().for_each(|errors| on_bus.set_error_watch(errors));
+    let outcome = on_bus.drill(&is_interrupted, |news| match news {
+        News::Refused(refusal) => warn(output, refusal),
+        news => events.news(news),
+    });
+    listening.finish()?;
+    events.clear();
+    let outcome = outcome.map_err(|error| thread_failure(&error))?;
     let emergencies = different(outcome.emergencies.into_iter());
     let (identities, drilled) = outcome.drilled.map_err(|error| {
         let failure = point_to_doctor(live_failure(&error), &error, &rig, &arguments.rig, &interfaces);
-        with_emergencies(failure, &emergencies, &rig)
+        with_told(failure, &emergencies, &outcome.errors, &rig)
     })?;
     let path = Subject::new(&rig, identities).store(&drilled, &folder).map_err(|error| {
         Failure::new(Exit::Usage, format!("{}: {error}", folder.display()), "make the folder one that can be written")
     })?;
     let done = format!("the rig was enabled at rest for each of {} watchdogs and is stopped", drilled.findings.len());
     let judged = judge(&drilled, &rig, &done);
+    events.end(&judged);
     if !output.is_json() {
         output.news(&lines(&drilled, &rig, &path.display().to_string()))?;
         return judged;

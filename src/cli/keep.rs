@@ -45,7 +45,7 @@ pub(super) enum Watched<'a> {
 }
 
 impl<'a> Watched<'a> {
-    fn backpressure(self) -> Backpressure {
+    pub(super) fn backpressure(self) -> Backpressure {
         match self {
             Watched::Simulation(_) | Watched::Lockstep(_) => Backpressure::Wait,
             Watched::Interfaces(_) => Backpressure::Drop,
@@ -123,6 +123,7 @@ impl Keep {
             tap: Some(Box::new(move |time, frame| {
                 frames.iter_mut().for_each(|producer| producer.push(&(time, *frame)));
             })),
+            ..Watch::default()
         };
         Ok((Self { buses: bus_names(rig), files, black_box: Some(black_box) }, watch))
     }
@@ -158,7 +159,7 @@ impl Keep {
 }
 
 /// Records that wait for a thread.
-fn ring(period_us: u32) -> usize {
+pub(super) fn ring(period_us: u32) -> usize {
     (RING_S / (f64::from(period_us) * 1e-6)).ceil().clamp(64.0, 65_536.0) as usize
 }
 

@@ -2,14 +2,15 @@
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
-use std::sync::atomic::AtomicBool;
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::thread;
 use std::time::{Duration, SystemTime};
 
 use serde_json::{Value, json};
 
+use super::events::{Event, Events, Stream};
 use super::failure::{Exit, Failure};
-use super::interrupt::on_interrupt;
+use super::interrupt::{on_interrupt, unless};
 use super::keep::state_folder;
 use super::on_bus::{link_failure, other_master, warn};
 use super::output::Output;
@@ -36,6 +37,59 @@ pub(super) struct Arguments {
     /// Keep every processor, the memory and the disk busy meanwhile; all of it ends with the measurement or with Ctrl-C
     #[arg(long)]
     load: bool,
+    #[command(flatten)]
+    pub(super) stream: Stream,
+}
+
+/// Time from one look at a measurement that goes on to the next.
+const REFRESH: Duration = Duration::from_millis(50);
+
+/// What there is of a measurement, for another thread.
+#[derive(Debug, Default)]
+struct SoFar {
+    cycles: AtomicU64,
+    worst_ns: AtomicU64,
+    missed: AtomicU64,
+    lost: AtomicU64,
+}
+
+impl SoFar {
+    /// Real-time: yes.
+    fn take(&self, latency: &Latency) {
+        self.cycles.store(latency.wake.count(), Ordering::Relaxed);
+        self.worst_ns.store(latency.wake.max().as_nanos() as u64, Ordering::Relaxed);
+        self.missed.store(latency.missed, Ordering::Relaxed);
+        self.lost.store(latency.lost, Ordering::Relaxed);
+    }
+
+    /// Tells of it until the measurement is over: its state on a terminal, each wake-up that was later than all before it to the rest.
+    fn watch(&self, arguments: &Arguments, events: &Events, mut is_over: impl FnMut() -> bool) {
+        let period_s = f64::from(arguments.period_us) * 1e-6;
+        let text = format!("{} us for {} s", arguments.period_us, arguments.duration);
+        events.tell(&Event::new("begun", Some(0.0), format!("a cycle of {text}")));
+        let mut told_ns = 0;
+        loop {
+            let is_last = is_over();
+            let of = |number: &AtomicU64| number.load(Ordering::Relaxed);
+            let (cycles, worst_ns, missed, lost) =
+                (of(&self.cycles), of(&self.worst_ns), of(&self.missed), of(&self.lost));
+            let (time_s, worst_us) = (cycles as f64 * period_s, worst_ns as f64 * 1e-3);
+            let frames = if arguments.bus.is_some() { format!("  frames lost {lost}") } else { String::new() };
+            events.show(&format!(
+                "{time_s:>8.1} of {} s  late {worst_us:.0} us at most  missed {missed}{frames}",
+                arguments.duration
+            ));
+            if worst_ns > told_ns {
+                told_ns = worst_ns;
+                let event = Event::new("late", Some(time_s), format!("by {worst_us:.0} us, later than ever before"));
+                events.tell(&event.with("worst_us", worst_us).with("cycles", cycles).with("missed", missed));
+            }
+            if is_last {
+                return;
+            }
+            thread::sleep(REFRESH);
+        }
+    }
 }
 
 /// What is told beside the times.
@@ -50,6 +104,13 @@ struct Told {
 }
 
 pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Failure> {
+    let events = Events::of(output);
+    let end = measure(arguments, &events, output);
+    events.end(&end);
+    end
+}
+
+fn measure(arguments: &Arguments, events: &Events, output: &mut Output) -> Result<(), Failure> {
     let duration = arguments.duration;
     if !(duration > 0.0 && duration <= 1e7) {
         let message =
@@ -82,17 +143,24 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
     if let Some(load) = &loaded {
         output.news(&format!("load      started: {load}"))?;
     }
+    let so_far = Arc::new(SoFar::default());
     let measuring = {
-        let is_interrupted = Arc::clone(&is_interrupted);
+        let (is_interrupted, so_far) = (Arc::clone(&is_interrupted), Arc::clone(&so_far));
         move || {
             let priority = run_first();
             let now = || SystemMetronome.now();
-            let latency = measure_latency(&mut SystemMetronome, now, link.as_mut(), period, cycles, &is_interrupted);
+            let each = |latency: &Latency| {
+                so_far.take(latency);
+                unless(&is_interrupted)
+            };
+            let latency = measure_latency(&mut SystemMetronome, now, link.as_mut(), period, cycles, each);
             (priority, latency, link.map(|link| link.stamps()))
         }
     };
     let thread = thread::Builder::new().name("cycle".to_owned()).spawn(measuring);
     let thread = thread.map_err(|error| Failure::new(Exit::Internal, format!("thread of the cycle: {error}"), ""))?;
+    so_far.watch(arguments, events, || thread.is_finished());
+    events.clear();
     let measured = thread.join();
     drop(load);
     if loaded.is_some() {
@@ -111,12 +179,14 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
         computer: Readiness::read(Path::new("/"), arguments.bus.as_deref()).told(period, arguments.bus.as_deref()),
         interface: facts.zip(stamps),
     };
+    let end = kept.map(|_| ());
+    events.end(&end);
     let refused: Vec<_> = [&priority, &memory].into_iter().filter_map(|granted| granted.as_ref().err()).collect();
     if !output.is_json() {
         output.result(&text(arguments, &latency, &refused, &told))?;
-        return kept.map(|_| ());
+        return end;
     }
-    output.end(document(arguments, &latency, &refused, &told), kept.map(|_| ()))
+    output.end(document(arguments, &latency, &refused, &told), end)
 }
 
 /// Keeps what was measured, for `run --bus`; where.

@@ -3,25 +3,27 @@
 mod facts;
 mod proof;
 
+use std::sync::Arc;
+
 use super::ending::stopped_by;
+use super::events::{Event, Events, Listening};
 use super::failure::{Exit, Failure};
 use super::interfaces::Interfaces;
 use super::interrupt::{interrupted, on_interrupt};
 use super::keep::{Keep, Watched};
-use super::on_bus::{
-    different, live_failure, open_failure, point_to_doctor, print_news, thread_failure, warn, warn_of, with_emergencies,
-};
+use super::on_bus::{different, live_failure, open_failure, point_to_doctor, thread_failure, warn, warn_of, with_told};
 use super::output::Output;
 use super::pace::PaceArgument;
-use super::run::{Arguments, check, check_buses, check_loop, draw, with_files};
+use super::run::{Arguments, check, check_buses, check_loop, draw, view, with_files};
+use super::tui::Screen;
 use crate::config::{self, Source};
 use crate::guard::Fault;
 use crate::host::system::Refusal;
-use crate::host::{NotRun, Outcome, RigOnBus, StageTimes, Terms};
+use crate::host::{News, NotRun, Outcome, RigOnBus, StageTimes, Terms};
 use crate::record::CycleRecord;
 use crate::record::recording::About;
 use crate::report::{self, Overrides, measured, replay};
-use crate::run::{Ended, Play, Played};
+use crate::run::{Ended, Orders, Play, Played};
 use facts::Facts;
 use proof::{evidence, unproven, untimely};
 
@@ -35,6 +37,13 @@ struct Seen {
 }
 
 pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Failure> {
+    let events = Events::of(output);
+    let end = run_and_tell(arguments, &events, output);
+    events.end(&end);
+    end
+}
+
+fn run_and_tell(arguments: &Arguments, events: &Events, output: &mut Output) -> Result<(), Failure> {
     check(arguments)?;
     let rig = config::load_rig(Source::named(&arguments.rig))?;
     output.configuration(&rig.warnings)?;
@@ -73,7 +82,13 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
         PaceArgument::Lockstep => Watched::Lockstep(interfaces.names()),
     };
     let (keep, watch) = Keep::start(watched, &rig, &about, candump, record, black_box)?;
+    let place = format!("{}, {}", interfaces.shown(&rig), arguments.pace.name());
+    let view = arguments.tui.then(|| view(&rig, &place, duration_s));
+    view.iter().for_each(|view| events.show_on(view));
+    let (listening, heard) = Listening::start(events, watched, &rig)?;
+    let watch = watch.and(heard);
     watch.tap.into_iter().for_each(|tap| on_bus.set_tap(tap));
+    watch.errors.into_iter().for_each(|errors| on_bus.set_error_watch(errors));
     watch.observer.into_iter().for_each(|observer| on_bus.set_observer(observer));
     let period_s = f64::from(rig.cycle.period_us) * 1e-6;
     let mut scene_rows = report::Seen::with_room(Play::on_bus(&rig, duration_s).cycles.min(LONGEST_TRACE) as usize);
@@ -81,11 +96,26 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
     let each = |record: &CycleRecord| {
         seen.stages.add(&record.moment.stages, &record.inputs.timing);
         seen.skipped += u64::from(record.inputs.timing.skipped);
-        // Without room the cycle would have to wait for memory.
-        scene_rows.take(record.row(), record.directive.state, record.cause);
+        // Measures end with the fault that stops the rig, also where a person has it come back. Without room the cycle would have to
+        // wait for memory.
+        if !scene_rows.is_stopped() {
+            scene_rows.take(record.row(), record.directive.state, record.cause);
+        }
     };
-    let tell = print_news(arguments.require_realtime, output);
+    let tell = |news| match news {
+        // Told as an error later.
+        News::Refused(_) if arguments.require_realtime => {}
+        News::Refused(refusal) if arguments.tui => events.tell(&Event::new("warning", None, refusal)),
+        News::Refused(refusal) => warn(output, refusal),
+        news => events.news(news),
+    };
+    let orders = arguments.tui.then(Arc::<Orders>::default);
+    orders.iter().for_each(|orders| on_bus.set_orders(Arc::clone(orders)));
+    let screen = view.map(|view| Screen::start(&view, &is_interrupted, orders)).transpose()?;
     let outcome = on_bus.run(&terms, duration_s, &is_interrupted, each, tell);
+    listening.finish()?;
+    drop(screen);
+    events.clear();
     let mut outcome = outcome.map_err(|error| thread_failure(&error))?;
     outcome.emergencies = different(outcome.emergencies.into_iter());
     let kept = keep.finish()?;
@@ -112,6 +142,7 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
     };
     let end = failure.map_or(Ok(()), |failure| Err(kept.point_to_black_box(failure)));
     let end = with_files(end, [drawn, kept.is_written()]);
+    events.end(&end);
     if !output.is_json() {
         output.news(&facts.lines(time_s).join("\n"))?;
         return end;
@@ -155,7 +186,7 @@ fn not_run(
     match error {
         NotRun::Run(error) => {
             let failure = point_to_doctor(live_failure(error), error, rig, &arguments.rig, interfaces);
-            with_emergencies(failure, &outcome.emergencies, rig)
+            with_told(failure, &outcome.emergencies, &outcome.errors, rig)
         }
         NotRun::Unproven(error) => unproven(error, &interfaces.arguments(rig), arguments),
         NotRun::Untimely(error) => untimely(error, rig),
@@ -170,7 +201,7 @@ fn ended(played: &Played, time_s: f64, outcome: &Outcome, rig: &config::Rig) -> 
     let failure = match played.ended {
         Ended::Whole => return None,
         Ended::Interrupted => interrupted(time_s),
-        Ended::Stopped => with_emergencies(stopped_by(played.cause, time_s, rig), &outcome.emergencies, rig),
+        Ended::Stopped => with_told(stopped_by(played.cause, time_s, rig), &outcome.emergencies, &outcome.errors, rig),
         Ended::StillMoving => Failure::new(
             Exit::SafetyStop,
             "a drive says that it still makes torque after the rig was stopped",

@@ -14,6 +14,7 @@ mod doctor;
 #[cfg(target_os = "linux")]
 mod drill;
 mod ending;
+mod events;
 mod explain;
 mod failure;
 mod faults;
@@ -48,6 +49,8 @@ mod run;
 mod sim;
 mod soak;
 mod study;
+#[cfg(target_os = "linux")]
+mod tui;
 mod tune;
 
 use std::ffi::OsString;
@@ -152,6 +155,20 @@ enum Command {
     Man(manual::Man),
 }
 
+impl Command {
+    /// Whether events are wanted as a stream of objects.
+    fn streams(&self) -> bool {
+        match self {
+            Self::Run(arguments) => arguments.stream.jsonl,
+            #[cfg(target_os = "linux")]
+            Self::Drill(arguments) => arguments.stream.jsonl,
+            #[cfg(target_os = "linux")]
+            Self::Latency(arguments) => arguments.stream.jsonl,
+            _ => false,
+        }
+    }
+}
+
 /// Runs the program with these arguments, the first of which is its name.
 pub fn main(arguments: impl IntoIterator<Item = OsString>) -> ExitCode {
     run(arguments).into()
@@ -159,7 +176,10 @@ pub fn main(arguments: impl IntoIterator<Item = OsString>) -> ExitCode {
 
 fn run(arguments: impl IntoIterator<Item = OsString>) -> Exit {
     let arguments: Vec<OsString> = arguments.into_iter().collect();
-    let wants_json = arguments.iter().take_while(|argument| *argument != "--").any(|argument| argument == "--json");
+    let wants_json = arguments
+        .iter()
+        .take_while(|argument| *argument != "--")
+        .any(|argument| argument == "--json" || argument == "--jsonl");
     let arguments = match Arguments::try_parse_from(arguments) {
         Ok(arguments) => arguments,
         Err(error) if error.use_stderr() && wants_json => {
@@ -185,6 +205,9 @@ fn run(arguments: impl IntoIterator<Item = OsString>) -> Exit {
             .init();
     }
     let mut output = Output::new(arguments.quiet, arguments.json, arguments.deny_warnings);
+    if arguments.command.streams() {
+        output = output.streaming();
+    }
     let result = match arguments.command {
         #[cfg(target_os = "linux")]
         Command::Run(arguments) if !arguments.bus.is_empty() => live::run(&arguments, &mut output),

@@ -1,7 +1,6 @@
 //! What the commands that use an interface have in common: what they tell, and what they refuse.
 
 mod emergencies;
-mod news;
 
 use super::ending::{self, exit_of, rig_failure};
 use super::failure::{Exit, Failure};
@@ -13,8 +12,9 @@ use crate::host::system::Refusal;
 use crate::host::{OpenError, ThreadError};
 use crate::link::LinkError;
 use crate::run::{Pace, RunError};
-pub(super) use emergencies::{different, document, text, with_emergencies};
-pub(super) use news::print_news;
+pub(super) use emergencies::{
+    different, document, drive_error_json, drive_error_text, text, with_told, words_of_code, words_of_fault,
+};
 
 /// The failure that an interface is which cannot be used.
 pub(super) fn link_failure(error: &LinkError) -> Failure {

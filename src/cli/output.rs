@@ -15,6 +15,8 @@ use crate::config::{Diagnostic, Report};
 pub struct Output {
     is_quiet: bool,
     is_json: bool,
+    /// Whether the document is the last line of a stream.
+    is_stream: bool,
     denies_warnings: bool,
     /// Warnings of the configuration so far.
     warned: Vec<Diagnostic>,
@@ -31,7 +33,18 @@ pub(super) fn has_color() -> bool {
 impl Output {
     /// In colour where [`has_color`] says so.
     pub(super) fn new(is_quiet: bool, is_json: bool, denies_warnings: bool) -> Self {
-        Self { is_quiet, is_json, denies_warnings, warned: Vec::new(), renderer: Renderer::of_terminal(has_color()) }
+        let renderer = Renderer::of_terminal(has_color());
+        Self { is_quiet, is_json, is_stream: false, denies_warnings, warned: Vec::new(), renderer }
+    }
+
+    /// The same with the document in one line, behind lines of events.
+    pub(super) fn streaming(self) -> Self {
+        Self { is_json: true, is_stream: true, ..self }
+    }
+
+    /// Whether events are printed as objects, one a line.
+    pub(super) fn is_stream(&self) -> bool {
+        self.is_stream
     }
 
     /// Whether one JSON document is wanted.
@@ -75,7 +88,8 @@ impl Output {
     /// # Errors
     /// As [`Output::result`].
     pub fn json(&mut self, value: &impl Serialize) -> Result<(), Failure> {
-        match serde_json::to_string_pretty(value) {
+        let text = if self.is_stream { serde_json::to_string(value) } else { serde_json::to_string_pretty(value) };
+        match text {
             Ok(text) => self.result(&format!("{text}\n")),
             Err(error) => Err(Failure::new(Exit::Internal, format!("JSON: {error}"), "")),
         }

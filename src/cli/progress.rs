@@ -15,23 +15,19 @@ pub(super) struct Progress(ProgressBar);
 
 impl Progress {
     pub(super) fn new(output: &Output) -> Self {
-        Self::with(output, "{msg:16} {bar:40} {percent:>3} %  {elapsed}")
-    }
-
-    /// A line that says what is waited for.
-    pub(super) fn line(output: &Output) -> Self {
-        Self::with(output, "boot      {msg}")
-    }
-
-    fn with(output: &Output, template: &str) -> Self {
         let bar = ProgressBar::new(STEPS);
         if output.is_json() || output.is_quiet() || !io::stderr().is_terminal() {
             bar.set_draw_target(ProgressDrawTarget::hidden());
         }
-        if let Ok(style) = ProgressStyle::with_template(template) {
+        if let Ok(style) = ProgressStyle::with_template("{msg:16} {bar:40} {percent:>3} %  {elapsed}") {
             bar.set_style(style);
         }
         Self(bar)
+    }
+
+    /// One that nobody sees.
+    pub(super) fn hidden() -> Self {
+        Self(ProgressBar::hidden())
     }
 
     /// What is being done.

@@ -6,7 +6,8 @@ mod words;
 
 use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
-use std::time::Instant;
+use std::sync::{Arc, Mutex};
+use std::time::{Duration, Instant};
 
 use self::facts::Facts;
 pub(super) use self::words::{
@@ -15,15 +16,18 @@ pub(super) use self::words::{
 };
 use super::bus::plans;
 use super::ending::{self, above_bound, rig_failure};
+use super::events::{Events, Listening, Stream};
 use super::failure::{Exit, Failure};
 use super::faults::FaultArgument;
 use super::interrupt::{interrupted, on_interrupt, unless};
 use super::keep::{Keep, Watched};
 use super::margins::{Margins, has_other_inertia};
+use super::on_bus::with_told;
 use super::output::Output;
 use super::picture::{check_picture, drawing_failure, write_drawing};
 use super::progress::Progress;
 use super::replace::{Replace, Written};
+use super::tui::{Screen, View, check_terminal};
 use super::tune::{Masses, advice};
 use crate::config::{self, Diagnostic, Document, Loaded, Report, Severity, Source};
 use crate::injection::{Injection, Kind};
@@ -80,12 +84,24 @@ pub(super) struct Arguments {
     pub(super) record: Option<PathBuf>,
     #[command(flatten)]
     pub(super) replace: Replace,
+    #[command(flatten)]
+    pub(super) stream: Stream,
+    /// Show axes, force, lateness and events on the whole terminal, with a key that stops the rig; the simulation then runs by the wall
+    #[arg(long, conflicts_with_all = ["jsonl", "json", "quiet", "verbose"])]
+    pub(super) tui: bool,
     /// Where the time around a fault is kept, in place of the record's folder or yieldwall/black-box in the state folder
     #[arg(long, value_name = "DIR")]
     pub(super) black_box: Option<PathBuf>,
 }
 
 pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Failure> {
+    let events = Events::of(output);
+    let end = run_and_tell(arguments, &events, output);
+    events.end(&end);
+    end
+}
+
+fn run_and_tell(arguments: &Arguments, events: &Events, output: &mut Output) -> Result<(), Failure> {
     check(arguments)?;
     let source = Source::named(&arguments.rig);
     let rig = match config::load(source.clone())? {
@@ -112,26 +128,32 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
     // Before anything is written: a rig that is refused leaves no record.
     let drilled = rig::drill(&rig.value, &scene.value, |_| ()).map_err(|error| rig_failure(&error))?;
     judge(&drilled, &rig.value, NOTHING_ENABLED)?;
-    let (keep, watch) = Keep::start(
-        Watched::Simulation(&simulated_interfaces(&rig.value)),
-        &rig.value,
-        &about,
-        candump,
-        record,
-        black_box,
-    )?;
-    let progress = Progress::new(output);
+    let interfaces = simulated_interfaces(&rig.value);
+    let watched = Watched::Simulation(&interfaces);
+    let duration_s = overrides.duration_s.unwrap_or(scene.value.duration_s.get());
+    let view = arguments.tui.then(|| view(&rig.value, "on the embedded simulation", duration_s));
+    view.iter().for_each(|view| events.show_on(view));
+    let (listening, heard) = Listening::start(events, watched, &rig.value)?;
+    let (keep, watch) = Keep::start(watched, &rig.value, &about, candump, record, black_box)?;
+    let progress = if arguments.tui { Progress::hidden() } else { Progress::new(output) };
     progress.begin(&rig.value.rig.name);
     let is_interrupted = on_interrupt()?;
+    let screen = view.map(|view| Screen::start(&view, &is_interrupted, None)).transpose()?;
     let mut onward = ControlFlow::Continue(());
     let started = Instant::now();
-    let report = run_rig(&rig.value, &scene.value, &overrides, watch, |stage| {
+    let report = run_rig(&rig.value, &scene.value, &overrides, watch.and(heard), |stage| {
         progress.at(stage);
+        if arguments.tui {
+            // Nobody can look at a scene that is over in a blink.
+            std::thread::sleep(Duration::from_secs_f64(stage.time_s.max(0.0)).saturating_sub(started.elapsed()));
+        }
         onward = unless(&is_interrupted);
         onward
     });
     let wall_s = started.elapsed().as_secs_f64();
     progress.end();
+    listening.finish()?;
+    drop(screen);
     // A run that broke off leaves what there is of it.
     let kept = keep.finish()?;
     output.warnings(&kept.warnings());
@@ -147,6 +169,7 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
             .map_err(|failure| if report.is_stopped() { kept.point_to_black_box(failure) } else { failure }),
     };
     let end = with_files(end, [drawn, kept.is_written()]);
+    events.end(&end);
     if !output.is_json() {
         output.news(&facts.text(arguments))?;
         return end;
@@ -174,7 +197,7 @@ pub(super) fn judge_run(
     of_arguments: &[Injection],
 ) -> Result<(), Failure> {
     if report.is_stopped() {
-        return Err(ending::stopped(report, rig));
+        return Err(with_told(ending::stopped(report, rig), &report.emergencies, &report.errors, rig));
     }
     let of_scene = scene.faults.iter().filter_map(|fault| fault.injection().ok());
     let injected: Vec<Injection> = of_scene.chain(of_arguments.iter().copied()).collect();
@@ -220,6 +243,9 @@ pub(super) fn check_duration(duration_s: Option<f64>) -> Result<(), Failure> {
 /// What can be known to be wrong before anything is run.
 pub(super) fn check(arguments: &Arguments) -> Result<(), Failure> {
     check_duration(arguments.duration)?;
+    if arguments.tui {
+        check_terminal()?;
+    }
     if let Some(path) = &arguments.figure {
         check_picture(path, arguments.replace)?;
     }
@@ -227,6 +253,12 @@ pub(super) fn check(arguments: &Arguments) -> Result<(), Failure> {
         Some(path) => arguments.replace.check(path, Written::BusLog),
         None => Ok(()),
     }
+}
+
+/// What a screen shows of a rig.
+pub(super) fn view(rig: &config::Rig, place: &str, duration_s: f64) -> Arc<Mutex<View>> {
+    let names = rig.drives.each_ref().map(|drive| drive.name.as_str());
+    Arc::new(Mutex::new(View::new(&rig.rig.name, names, place, duration_s)))
 }
 
 /// Whether the buses keep the cycle: of a bus with timing an error, unless it is to be ignored.

@@ -1,7 +1,7 @@
 //! How late this computer wakes up, and how long a frame takes to the bus and back.
 
 use std::fmt;
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::ops::ControlFlow;
 use std::time::Duration;
 
 use serde::{Deserialize, Serialize};
@@ -107,22 +107,19 @@ impl Latency {
 }
 
 /// Wakes up every `period` for so many cycles, and sends one frame each time if there is a link; `now` is the clock of the
-/// metronome.
+/// metronome. `each` is shown what there is after every wake-up, on the thread that measures, and says whether to go on.
 pub fn measure_latency<L: CanLink, M: Metronome>(
     metronome: &mut M,
     now: impl Fn() -> Time,
     mut link: Option<&mut L>,
     period: Duration,
     cycles: u64,
-    is_over: &AtomicBool,
+    mut each: impl FnMut(&Latency) -> ControlFlow<()>,
 ) -> Latency {
     let mut latency = Latency::default();
     let mut grid = now() + period;
     let mut sent: Option<(Frame, Time)> = None;
     for cycle in 0..cycles {
-        if is_over.load(Ordering::Relaxed) {
-            break;
-        }
         metronome.sleep_until(grid);
         let woke = now();
         latency.wake.add(woke.since(grid));
@@ -143,6 +140,9 @@ pub fn measure_latency<L: CanLink, M: Metronome>(
         }
         let passed = now().since(grid).as_nanos() / period.as_nanos().max(1);
         latency.missed += passed as u64;
+        if each(&latency).is_break() {
+            break;
+        }
         grid = grid + period * (passed.min(u128::from(u32::MAX - 1)) as u32 + 1);
     }
     latency
@@ -209,7 +209,7 @@ mod tests {
         let mut computer = Pretended { now: Rc::clone(&now), late_us: late_us.to_vec(), wakes: 0 };
         let mut bus = Bus { now: Rc::clone(&now), echo: None, refuses };
         let period = Duration::from_millis(1);
-        measure_latency(&mut computer, || now.get(), Some(&mut bus), period, 10_000, &AtomicBool::new(false))
+        measure_latency(&mut computer, || now.get(), Some(&mut bus), period, 10_000, |_| ControlFlow::Continue(()))
     }
 
     #[test]

@@ -23,8 +23,8 @@ use crate::guard::Fault;
 use crate::link::{InterfaceFacts, Role, SocketCan, SocketCans};
 use crate::record::CycleRecord;
 use crate::run::{
-    Drilled, DriveIdentity, LinkCounts, NotProven, Observer, OnLink, Pace, Play, Played, Proof, RunError, Runner, Tap,
-    Unproven, settling_on_bus,
+    Drilled, DriveError, DriveIdentity, ErrorWatch, LinkCounts, NotProven, Observer, OnLink, Orders, Pace, Permit,
+    Play, Played, Proof, RunError, Runner, Tap, Unproven, settling_on_bus,
 };
 pub use news::News;
 use news::boot_watch;
@@ -57,6 +57,7 @@ pub struct RigOnBus {
     rig: config::Rig,
     runner: Runner<OnLink<SocketCans, SystemMetronome>>,
     memory: Result<(), Refusal>,
+    orders: Option<Arc<Orders>>,
     /// The buses that cannot keep the cycle.
     overfull: Vec<String>,
 }
@@ -149,6 +150,8 @@ pub struct Outcome {
     pub counts: LinkCounts,
     /// What the devices told of themselves, the latest last.
     pub emergencies: Vec<Told>,
+    /// What the drives said of the fault that stopped the rig or kept it from running.
+    pub errors: Vec<DriveError>,
     /// Faults that held nothing, each with the number of cycles in which it was seen.
     pub counted: Vec<(Fault, u32)>,
     /// SDO downloads of somebody else to the rig's nodes.
@@ -162,6 +165,8 @@ pub struct DrillOutcome {
     pub drilled: Result<([DriveIdentity; 2], Drilled), RunError>,
     /// What the devices told of themselves, the latest last.
     pub emergencies: Vec<Told>,
+    /// What the drives said of the fault that kept them from being drilled.
+    pub errors: Vec<DriveError>,
 }
 
 impl RigOnBus {
@@ -182,7 +187,7 @@ impl RigOnBus {
         }
         let link = open_buses(rig, interfaces, |_| vec![Role::Master], |bus| open::filters(&setup, bus))?;
         let runner = Runner::on_link(rig, link, SystemMetronome, pace)?;
-        Ok(Self { rig: rig.clone(), runner, memory, overfull })
+        Ok(Self { rig: rig.clone(), runner, memory, orders: None, overfull })
     }
 
     /// Whether memory is locked.
@@ -205,6 +210,16 @@ impl RigOnBus {
         self.runner.set_observer(observer);
     }
 
+    /// Has a run be attended by a person who gives these orders, as [`Runner::play_attended`].
+    pub fn set_orders(&mut self, orders: Arc<Orders>) {
+        self.orders = Some(orders);
+    }
+
+    /// Has `watch` be told what each drive says of a fault that has stopped the rig.
+    pub fn set_error_watch(&mut self, watch: ErrorWatch) {
+        self.runner.set_error_watch(watch);
+    }
+
     /// Boots, proves, enables, runs a scene of `duration_s`, stops and leaves, on a thread of its own. `each` gets every record of the
     /// scene on that thread, `tell` what it has to tell on the calling one.
     ///
@@ -219,7 +234,8 @@ impl RigOnBus {
         tell: impl FnMut(News),
     ) -> Result<Outcome, ThreadError> {
         let (news, told) = channel();
-        let Self { rig, mut runner, memory, overfull } = self;
+        let Self { rig, mut runner, memory, orders, overfull } = self;
+        let steps = news.clone();
         runner.set_boot_watch(boot_watch(news.clone(), Arc::clone(is_interrupted)));
         on_thread_of_the_cycle(news, &told, tell, move |priority| {
             let timing = terms.timing(&rig, runner.pace(), [&priority, &memory].map(Result::is_ok));
@@ -230,7 +246,12 @@ impl RigOnBus {
                 _ if !terms.ignores_bus_budget && !overfull.is_empty() => Err(NotRun::Overfull { bus: overfull }),
                 Some(Err(error)) if !terms.ignores_latency => Err(error.clone().into()),
                 _ => {
-                    let played = play(&mut runner, &rig, terms, duration_s, is_interrupted, each);
+                    let play = Play::on_bus(&rig, duration_s);
+                    let played = boot_and_prove(&mut runner, &rig, terms).and_then(|permit| {
+                        // Nobody listens if the thread that waits has died.
+                        let _ = steps.send(News::Proved);
+                        Ok(runner.play_attended(&play, &permit, is_interrupted, orders.as_deref(), each)?)
+                    });
                     runner.leave();
                     played
                 }
@@ -243,6 +264,7 @@ impl RigOnBus {
                 memory,
                 counts: runner.counts(),
                 emergencies: runner.master().told().collect(),
+                errors: runner.errors().collect(),
                 counted: master.cycle().faults().counted().collect(),
                 foreign_downloads: master.foreign_downloads(),
             }
@@ -261,7 +283,8 @@ impl RigOnBus {
         on_thread_of_the_cycle(news, &told, tell, move |_| {
             let drilled = drill(&mut runner, &rig, is_interrupted);
             runner.leave();
-            DrillOutcome { drilled, emergencies: runner.master().told().collect() }
+            let master = runner.master();
+            DrillOutcome { drilled, emergencies: master.told().collect(), errors: runner.errors().collect() }
         })
     }
 }
@@ -293,17 +316,9 @@ impl Terms {
 
 type OnInterfaces = Runner<OnLink<SocketCans, SystemMetronome>>;
 
-fn play(
-    runner: &mut OnInterfaces,
-    rig: &config::Rig,
-    terms: &Terms,
-    duration_s: f64,
-    is_interrupted: &AtomicBool,
-    each: impl FnMut(&CycleRecord),
-) -> Result<Played, NotRun> {
+fn boot_and_prove(runner: &mut OnInterfaces, rig: &config::Rig, terms: &Terms) -> Result<Permit, NotRun> {
     runner.boot()?;
-    let permit = runner.prove(rig, &terms.proof())?;
-    Ok(runner.play(&Play::on_bus(rig, duration_s), &permit, is_interrupted, each)?)
+    Ok(runner.prove(rig, &terms.proof())?)
 }
 
 fn drill(

@@ -9,12 +9,13 @@ use std::time::Duration;
 pub use self::seen::Seen;
 use self::seen::trace;
 use super::measures::{Context, Measures, measure};
+use crate::bus::Told;
 use crate::config;
 use crate::guard::{Cause, Fault, Request, State};
 use crate::injection::Injection;
 use crate::record::{AROUND_FAULT_S, DeviceRecord, ForceMeaning, Row, Trace};
 use crate::rig::{EmbeddedRig, ImpedanceRig, RigError};
-use crate::run::{Observer, Tap};
+use crate::run::{BootWatch, DriveError, ErrorWatch, Observer, Tap};
 use crate::sim::can::BusCounters;
 
 /// What a caller may want to know while a scene runs.
@@ -51,6 +52,10 @@ pub struct RunReport {
     pub counted: Vec<(Fault, u32)>,
     /// SDO downloads of somebody else to the rig's nodes.
     pub foreign_downloads: u32,
+    /// What the devices told by emergency messages, at most the last eight, the oldest first.
+    pub emergencies: Vec<Told>,
+    /// What the drives said of the fault that stopped the rig.
+    pub errors: Vec<DriveError>,
     /// Cycle time in s.
     pub period_s: f64,
 }
@@ -87,6 +92,32 @@ pub struct Watch {
     pub tap: Option<Tap>,
     /// Gets the record of every cycle.
     pub observer: Option<Observer>,
+    /// Follows the boot.
+    pub boot: Option<BootWatch>,
+    /// Is told what each drive says of a fault that has stopped the rig.
+    pub errors: Option<ErrorWatch>,
+}
+
+impl Watch {
+    /// This one and the other, after one another. Either may follow the boot, this one if both would.
+    #[must_use]
+    pub fn and(self, other: Self) -> Self {
+        let observer: Option<Observer> = match (self.observer, other.observer) {
+            (Some(mut this), Some(mut other)) => Some(Box::new(move |record| {
+                this(record);
+                other(record);
+            })),
+            (this, other) => this.or(other),
+        };
+        let tap: Option<Tap> = match (self.tap, other.tap) {
+            (Some(mut this), Some(mut other)) => Some(Box::new(move |time, frame| {
+                this(time, frame);
+                other(time, frame);
+            })),
+            (this, other) => this.or(other),
+        };
+        Self { tap, observer, boot: self.boot.or(other.boot), errors: self.errors.or(other.errors) }
+    }
 }
 
 /// Runs a scene on an admittance rig: boots and enables it, plays the scene, stops the rig.
@@ -113,6 +144,12 @@ pub fn run_rig(
     }
     if let Some(observer) = watch.observer {
         machine.set_observer(observer);
+    }
+    if let Some(boot) = watch.boot {
+        machine.set_boot_watch(boot);
+    }
+    if let Some(errors) = watch.errors {
+        machine.set_error_watch(errors);
     }
     overrides.faults.iter().try_for_each(|fault| machine.inject(*fault))?;
     machine.enable()?;
@@ -148,6 +185,7 @@ pub fn run_rig(
     let held_s = seen.rows().iter().filter(is_held).count() as f64 * period_s;
     if state.is_latched() {
         for _ in 0..(AROUND_FAULT_S / period_s).round() as usize {
+            machine.ask_for_errors();
             let row = machine.run_cycle(Request::None)?;
             seen.take(row, machine.state(), machine.cause());
         }
@@ -167,6 +205,8 @@ pub fn run_rig(
         held_by: held.into_values().collect(),
         counted: machine.master().cycle().faults().counted().collect(),
         foreign_downloads: machine.master().foreign_downloads(),
+        emergencies: machine.master().told().collect(),
+        errors: machine.errors().collect(),
         period_s,
     })
 }
@@ -225,6 +265,8 @@ pub fn run_device(
         held_by: Vec::new(),
         counted: Vec::new(),
         foreign_downloads: 0,
+        emergencies: Vec::new(),
+        errors: Vec::new(),
         period_s,
     })
 }

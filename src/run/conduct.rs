@@ -3,6 +3,7 @@
 use std::time::Duration;
 
 use super::permit::{Ask, Permit};
+use crate::bus::Waiting;
 use crate::config;
 use crate::guard::State;
 use yieldwall_drives::cia402;
@@ -36,6 +37,27 @@ pub fn settling_on_bus(rig: &config::Rig) -> u32 {
     let period = Duration::from_micros(rig.cycle.period_us.into());
     let sample_period = Duration::from_secs_f64(rig.sensor.sample_rate_hz.get().recip());
     heartbeats.max(settling_cycles(period, sample_period))
+}
+
+/// The steps of a boot, each told once.
+#[derive(Clone, Debug, Default)]
+pub struct BootSteps(Vec<&'static str>);
+
+impl BootSteps {
+    /// The step that the boot has come to, if it was not told yet, whichever node came there first. Nothing waited for is the end of
+    /// the boot, after which all is told anew.
+    pub fn new_step(&mut self, waiting: Option<Waiting<'_>>) -> Option<&'static str> {
+        let Some(waiting) = waiting else {
+            self.0.clear();
+            return None;
+        };
+        let step = waiting.step;
+        if self.0.contains(&step) {
+            return None;
+        }
+        self.0.push(step);
+        Some(step)
+    }
 }
 
 /// What to do with the next cycle of a rig that is being enabled.

@@ -115,6 +115,7 @@ impl<P: Place> Runner<P> {
             if !matches!(self.state(), State::Running | State::Holding) {
                 let cause = self.cause();
                 self.stop();
+                self.hear_errors();
                 return Err(RunError::NotTried { watchdog, cause });
             }
             let last = self.fall_silent(watchdog, &mut drives);

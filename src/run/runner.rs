@@ -13,6 +13,7 @@ use std::time::Duration;
 
 use super::conduct::Enabling;
 use super::error::RunError;
+use super::inquiry::{ErrorWatch, Inquiry};
 use super::metronome::Metronome;
 use super::pace::Pace;
 use super::permit::{Boot, Permit};
@@ -89,6 +90,9 @@ pub struct Runner<P> {
     tap: Option<Tap>,
     observer: Option<Observer>,
     boot_watch: Option<BootWatch>,
+    pub(super) error_watch: Option<ErrorWatch>,
+    /// What the drives have said of the last fault.
+    pub(super) inquiry: Inquiry,
     pub(super) enabling: Enabling,
     /// Of each drive, whether its profile is one of simulated drives.
     pub(super) has_simulated_profile: [bool; 2],
@@ -100,7 +104,7 @@ pub struct Runner<P> {
     /// How far the rig may be led, if it was enabled for less than all.
     motion_bound: Option<MotionBound>,
     /// What the process did at the last grid point.
-    process: Process,
+    pub(super) process: Process,
     has_panicked: bool,
     panic: Option<Box<dyn Any + Send>>,
     /// How long another master is listened for before anything is sent.
@@ -154,6 +158,8 @@ impl<P: Place> Runner<P> {
             tap: None,
             observer: None,
             boot_watch: None,
+            error_watch: None,
+            inquiry: Inquiry::new(),
             enabling: Enabling::new(rig),
             has_simulated_profile: setup
                 .drives

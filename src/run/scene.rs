@@ -4,12 +4,16 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 use super::conduct::{Enable, Enabling, STOP_LIMIT_S, has_torque, settling_on_bus};
 use super::error::RunError;
+use super::orders::Orders;
 use super::permit::{Ask, Permit};
 use super::place::Place;
 use super::runner::Runner;
 use crate::config;
 use crate::guard::{Cause, State};
 use crate::record::{AROUND_FAULT_S, CycleRecord};
+
+/// How long the drives are asked for their errors that did not come to run, s.
+const ERRORS_LIMIT_S: f64 = 0.5;
 
 /// What is asked of a scene.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -52,8 +56,10 @@ pub struct Played {
     pub state: State,
     /// The fault that led to it.
     pub cause: Option<Cause>,
-    /// Cycles between enabling and stopping.
+    /// Cycles between enabling and stopping, without those in which a fault had stopped the rig.
     pub cycles: u64,
+    /// How often a person has reset and enabled it again.
+    pub came_back: u32,
 }
 
 impl<P: Place> Runner<P> {
@@ -67,12 +73,31 @@ impl<P: Place> Runner<P> {
         play: &Play,
         permit: &Permit,
         is_interrupted: &AtomicBool,
+        each: impl FnMut(&CycleRecord),
+    ) -> Result<Played, RunError> {
+        self.play_attended(play, permit, is_interrupted, None, each)
+    }
+
+    /// The same with a person at it: a rig that a fault stops goes on with its cycles, at rest, until that person gives both orders or
+    /// asks for the end. After a reset it is enabled only by an order of its own, and by a permit of the same boot; a node that has
+    /// restarted keeps it from that. The scene goes on with the cycles that are left.
+    ///
+    /// # Errors
+    /// As [`Runner::play`].
+    pub fn play_attended(
+        &mut self,
+        play: &Play,
+        permit: &Permit,
+        is_interrupted: &AtomicBool,
+        orders: Option<&Orders>,
         mut each: impl FnMut(&CycleRecord),
     ) -> Result<Played, RunError> {
         self.enable(play.settling, permit, is_interrupted)?;
         self.begin_scene();
-        let mut cycles = 0;
+        let (mut cycles, mut came_back) = (0, 0);
         let mut ended = Ended::Whole;
+        // By what, also where a person has reset it and not enabled it again.
+        let mut stopped = None;
         while cycles < play.cycles {
             if is_interrupted.load(Ordering::Relaxed) {
                 ended = Ended::Interrupted;
@@ -86,21 +111,31 @@ impl<P: Place> Runner<P> {
             record.iter().for_each(&mut each);
             cycles += 1;
             if self.state().is_latched() {
+                stopped = Some((self.state(), self.cause()));
+                if let Some(orders) = orders
+                    && self.come_back(play, permit, is_interrupted, orders)
+                {
+                    (came_back, stopped) = (came_back + 1, None);
+                    continue;
+                }
                 ended = Ended::Stopped;
                 break;
             }
         }
-        let (state, cause) = (self.state(), self.cause());
+        let (state, cause) = stopped.unwrap_or((self.state(), self.cause()));
         match ended {
-            Ended::Stopped => {
+            Ended::Stopped if orders.is_none() => {
                 for _ in 0..self.cycles_in(AROUND_FAULT_S) {
+                    self.ask_for_errors();
                     self.run_cycle(Ask::Nothing);
                 }
             }
-            Ended::Whole | Ended::Interrupted if !self.stop() => ended = Ended::StillMoving,
+            Ended::Stopped if self.has_panicked() => ended = Ended::Panicked,
+            // The end may have been asked for right after the fault.
+            Ended::Whole | Ended::Interrupted | Ended::Stopped if !self.stop() => ended = Ended::StillMoving,
             _ => {}
         }
-        Ok(Played { ended, state, cause, cycles })
+        Ok(Played { ended, state, cause, cycles, came_back })
     }
 
     /// Enables a booted rig after so many cycles of process data; one that does not come to run is stopped.
@@ -110,8 +145,11 @@ impl<P: Place> Runner<P> {
     pub fn enable(&mut self, settling: u32, permit: &Permit, is_interrupted: &AtomicBool) -> Result<(), RunError> {
         let enabling = self.enabling.not_before(settling);
         let enabled = self.come_to_run(enabling, permit, is_interrupted);
-        if enabled.is_err() {
+        if let Err(error) = &enabled {
             self.stop();
+            if matches!(error, RunError::NotEnabled { .. }) {
+                self.hear_errors();
+            }
         }
         enabled
     }
@@ -138,6 +176,53 @@ impl<P: Place> Runner<P> {
             }
         }
         Err(RunError::NotEnabled { waited_s: enabling.waited_s(), cause: self.cause() })
+    }
+
+    /// Goes on with a rig that a fault has stopped until a person has reset and enabled it; whether it runs again.
+    fn come_back(&mut self, play: &Play, permit: &Permit, is_interrupted: &AtomicBool, orders: &Orders) -> bool {
+        self.forget_errors();
+        // What was asked for before it was stopped is of no account.
+        orders.take();
+        loop {
+            if is_interrupted.load(Ordering::Relaxed) || self.has_panicked() {
+                return false;
+            }
+            let [resets, enables] = orders.take();
+            match self.state() {
+                State::Idle if enables => {
+                    let enabling = self.enabling.after_reset().not_before(play.settling);
+                    match self.come_to_run(enabling, permit, is_interrupted) {
+                        Ok(()) => return true,
+                        Err(_) => {
+                            self.stop();
+                            self.forget_errors();
+                        }
+                    }
+                }
+                state if state.is_latched() && resets && !self.makes_torque() => {
+                    self.run_cycle(Ask::Reset);
+                    self.forget_errors();
+                }
+                state => {
+                    if state.is_latched() {
+                        self.ask_for_errors();
+                    }
+                    self.run_cycle(Ask::Nothing);
+                }
+            }
+        }
+    }
+
+    /// Runs cycles until both drives have said what is wrong with them, for [`ERRORS_LIMIT_S`] at most.
+    pub(crate) fn hear_errors(&mut self) {
+        self.forget_errors();
+        for _ in 0..self.cycles_in(ERRORS_LIMIT_S) {
+            self.ask_for_errors();
+            if self.errors().count() == 2 {
+                return;
+            }
+            self.run_cycle(Ask::Nothing);
+        }
     }
 
     /// Stops the rig along its ramp; whether both drives said in time that they make no torque.

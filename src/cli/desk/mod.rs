@@ -17,3 +17,5 @@ pub(super) mod state;
 #[cfg(test)]
 mod tests;
 mod words;
+
+pub(super) use words::state_words;

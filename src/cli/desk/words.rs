@@ -139,7 +139,7 @@ pub(super) fn mapped(entry: u32) -> String {
 }
 
 /// The state in a statusword, in words.
-pub(super) fn state_words(word: u16) -> String {
+pub(in crate::cli) fn state_words(word: u16) -> String {
     let status = Statusword(word);
     let mut words = state_name(status.state()).to_owned();
     for (bit, says) in [(Statusword::WARNING, ", warning"), (Statusword::INTERNAL_LIMIT, ", internal limit")] {

@@ -4,7 +4,7 @@ use super::*;
 use crate::bus::Told;
 use crate::canopen::{EmcyCode, Emergency, ErrorRegister, node_id};
 use crate::cli::ending::stopped_by;
-use crate::cli::on_bus::{different, text as emergency_text, with_emergencies};
+use crate::cli::on_bus::{different, text as emergency_text, with_told};
 use crate::config::shipped_error_codes;
 use crate::guard::{Cause, Device, DeviceSet, Fault};
 use crate::time::Time;
@@ -69,7 +69,7 @@ fn codes_of_vendors_are_explained_in_the_words_of_run() {
                 assert!(explained.contains(words.as_str()) && said.contains(words.as_str()), "{explained}\n{said}");
             }
             let cause = Cause { fault: Fault::Emergency, devices: DeviceSet::LEFT_DRIVE };
-            let failure = with_emergencies(stopped_by(Some(cause), 1.0, &rig), &different(heard.into_iter()), &rig);
+            let failure = with_told(stopped_by(Some(cause), 1.0, &rig), &different(heard.into_iter()), &[], &rig);
             let help = failure.report.diagnostics[0].help.clone().unwrap();
             assert!(explained.contains(&code.next) && help.contains(&code.next), "{explained}\n{help}");
             assert!(explained.contains(&format!("name: {}\n", code.name)), "{explained}");

@@ -8,7 +8,7 @@ use super::Seen;
 use crate::cli::ending::{bus_names, devices_text};
 use crate::cli::interfaces::Interfaces;
 use crate::cli::keep::Kept;
-use crate::cli::on_bus::{document, text};
+use crate::cli::on_bus::{document, drive_error_json, drive_error_text, text};
 use crate::cli::pace::PaceArgument;
 use crate::cli::run::{Arguments, counted_json, counted_text, measures_text, mode_text};
 use crate::config;
@@ -55,6 +55,12 @@ impl Facts<'_> {
             ),
             format!("ran       {} cycles, {time_s:.1} s, to {:?}", self.played.cycles, self.played.state),
         ];
+        if self.played.came_back > 0 {
+            let times = self.played.came_back;
+            lines.push(format!(
+                "came back {times} times, reset and enabled by a person; measures end with the first fault"
+            ));
+        }
         match self.refusals().as_slice() {
             [] => lines.push("realtime  SCHED_FIFO and locked memory".to_owned()),
             refusals => lines.extend(refusals.iter().map(|refusal| format!("realtime  {refusal}"))),
@@ -65,6 +71,8 @@ impl Facts<'_> {
         }));
         let emergencies = &self.outcome.emergencies;
         lines.extend(emergencies.iter().map(|emergency| format!("emergency {}", text(emergency, self.rig))));
+        lines
+            .extend(self.outcome.errors.iter().map(|error| format!("drive     {}", drive_error_text(error, self.rig))));
         lines.extend(counted_text(&self.outcome.counted, self.outcome.foreign_downloads));
         if self.arguments.pace == PaceArgument::Free {
             for (at, (_, text, times)) in stages.each().enumerate() {
@@ -97,11 +105,13 @@ impl Facts<'_> {
             "pace": format!("{:?}", self.arguments.pace).to_lowercase(),
             "cycles": self.played.cycles,
             "time_s": time_s,
+            "came_back": self.played.came_back,
             "ended": format!("{:?}", self.played.ended),
             "state": format!("{:?}", self.played.state),
             "cause": cause.map(|cause| cause.fault.row().name),
             "cause_devices": cause.map(|cause| devices_text(cause.devices, &bus_names(self.rig))),
             "emergencies": self.outcome.emergencies.iter().map(|one| document(one, self.rig)).collect::<Vec<_>>(),
+            "drive_errors": self.outcome.errors.iter().map(|error| drive_error_json(error, self.rig)).collect::<Vec<_>>(),
             "counted": counted_json(&self.outcome.counted),
             "foreign_downloads": self.outcome.foreign_downloads,
             "frames": {

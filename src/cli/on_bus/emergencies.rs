@@ -1,13 +1,15 @@
-//! What devices have told of themselves by emergency messages (EMCY), in words.
+//! What devices have told of themselves, in words: by emergency messages (EMCY), and asked after a fault (603Fh, 6041h).
 
 use serde_json::{Value, json};
 
 use crate::bus::Told;
-use crate::canopen::Emergency;
+use crate::canopen::{EmcyCode, Emergency};
+use crate::cli::desk::state_words;
 use crate::cli::failure::Failure;
 use crate::config::{self, SensorProtocol};
 use crate::explanation::{self, Explanation};
-use crate::guard::Device;
+use crate::guard::{Device, Fault};
+use crate::run::DriveError;
 
 /// The emergencies without those that say the same again, in their order.
 pub(in crate::cli) fn different(emergencies: impl Iterator<Item = Told>) -> Vec<Told> {
@@ -23,25 +25,31 @@ pub(in crate::cli) fn different(emergencies: impl Iterator<Item = Told>) -> Vec<
 
 /// One of them: the node with its name, and the code with meaning and cause, by the table of its vendor.
 pub(in crate::cli) fn text(told: &Told, rig: &config::Rig) -> String {
-    format!("node {} ({}): {}", told.emergency.node.raw(), name(told.device, rig), explained(told, rig))
+    format!("node {} ({}): {}", told.emergency.node.raw(), name(told.device, rig), of_told(told, rig))
 }
 
-/// What the code means, by the table of the device's vendor.
-fn explained(told: &Told, rig: &config::Rig) -> Explanation {
-    let profile = match (told.device, &rig.sensor.protocol) {
-        (Device::LeftDrive, _) => Some(&rig.drives[0].profile),
-        (Device::RightDrive, _) => Some(&rig.drives[1].profile),
-        (Device::Sensor, SensorProtocol::Canopen { profile, .. }) => Some(profile),
-        (Device::Sensor, _) => None,
+/// What the code of an emergency means, by the table of the device's vendor.
+fn of_told(told: &Told, rig: &config::Rig) -> Explanation {
+    explained(told.emergency.code, Some(told.device), rig)
+}
+
+/// What a code of a device means, by the table of its vendor.
+fn explained(code: EmcyCode, device: Option<Device>, rig: &config::Rig) -> Explanation {
+    let profile = match (device, &rig.sensor.protocol) {
+        (None, _) => None,
+        (Some(Device::LeftDrive), _) => Some(&rig.drives[0].profile),
+        (Some(Device::RightDrive), _) => Some(&rig.drives[1].profile),
+        (Some(Device::Sensor), SensorProtocol::Canopen { profile, .. }) => Some(profile),
+        (Some(Device::Sensor), _) => None,
     };
     let codes = profile.and_then(|profile| profile.error_codes());
-    explanation::error_code(told.emergency.code.0, codes.map(|codes| &**codes))
+    explanation::error_code(code.0, codes.map(|codes| &**codes))
 }
 
 /// The same as data.
 pub(in crate::cli) fn document(told: &Told, rig: &config::Rig) -> Value {
     let Emergency { node, register, vendor, .. } = told.emergency;
-    let explained = explained(told, rig);
+    let explained = of_told(told, rig);
     json!({
         "node_id": node.raw(),
         "name": name(told.device, rig),
@@ -55,19 +63,90 @@ pub(in crate::cli) fn document(told: &Told, rig: &config::Rig) -> Value {
     })
 }
 
-/// The failure with what the devices told and what to do about that, if they told anything.
-pub(in crate::cli) fn with_emergencies(mut failure: Failure, emergencies: &[Told], rig: &config::Rig) -> Failure {
-    let told: Vec<String> = emergencies.iter().map(|told| text(told, rig)).collect();
-    if let (Some(first), false) = (failure.report.diagnostics.first_mut(), told.is_empty()) {
-        first.message = format!("{}; emergencies: {}", first.message, told.join(", "));
-        let mut advice: Vec<String> = Vec::new();
-        for told in emergencies.iter().filter(|told| !told.emergency.code.is_reset()) {
-            let Explanation { code, next, .. } = explained(told, rig);
-            let one = format!("{}: {next}", code.unwrap_or_default());
-            if !advice.contains(&one) {
-                advice.push(one);
-            }
+/// What a code of a device means, and its cause and next step.
+pub(in crate::cli) fn words_of_code(
+    code: EmcyCode,
+    device: Option<Device>,
+    rig: &config::Rig,
+) -> (String, Vec<(&'static str, String)>) {
+    let Explanation { meaning, cause, next, .. } = explained(code, device, rig);
+    (meaning.into_owned(), words(cause.into_owned(), next.into_owned()))
+}
+
+/// What a fault of the rig comes from, and what to do next.
+pub(in crate::cli) fn words_of_fault(fault: Fault) -> Vec<(&'static str, String)> {
+    let Explanation { cause, next, .. } = explanation::fault(fault);
+    words(cause.into_owned(), next.into_owned())
+}
+
+fn words(cause: String, next: String) -> Vec<(&'static str, String)> {
+    vec![("cause", cause), ("next", next)]
+}
+
+/// What a drive says of a fault.
+pub(in crate::cli) fn drive_error_text(error: &DriveError, rig: &config::Rig) -> String {
+    let name = name(error.drive, rig);
+    let code = match error.code {
+        None => "does not tell its error code (603Fh)".to_owned(),
+        Some(0) => "no error code".to_owned(),
+        Some(code) => {
+            let (meaning, _) = words_of_code(EmcyCode(code), Some(error.drive), rig);
+            format!("error code {code:04X}h {meaning}")
         }
+    };
+    let status = error.statusword.map_or_else(String::new, |word| format!(", {} ({word:04X}h)", state_words(word)));
+    format!("{name}: {code}{status}")
+}
+
+/// The same as data.
+pub(in crate::cli) fn drive_error_json(error: &DriveError, rig: &config::Rig) -> Value {
+    let code = error.code.map(EmcyCode);
+    let words = code.filter(|code| !code.is_reset()).map(|code| words_of_code(code, Some(error.drive), rig));
+    let mut document = json!({
+        "name": name(error.drive, rig),
+        "code": code.map(|code| format!("{:04X}h", code.0)),
+        "meaning": words.as_ref().map(|(meaning, _)| meaning),
+        "error_register": error.register,
+        "statusword": error.statusword.map(|word| format!("{word:04X}h")),
+        "state": error.statusword.map(state_words),
+    });
+    for (key, text) in words.into_iter().flat_map(|(_, words)| words) {
+        document[key] = text.into();
+    }
+    document
+}
+
+/// The failure with what the devices told and what to do about that, if they told anything.
+pub(in crate::cli) fn with_told(
+    mut failure: Failure,
+    emergencies: &[Told],
+    errors: &[DriveError],
+    rig: &config::Rig,
+) -> Failure {
+    let told: Vec<String> = emergencies.iter().map(|told| text(told, rig)).collect();
+    let is_told = |error: &DriveError| {
+        emergencies.iter().any(|told| told.device == error.drive && Some(told.emergency.code.0) == error.code)
+    };
+    let errors: Vec<&DriveError> =
+        errors.iter().filter(|error| error.code.is_some_and(|code| code != 0) && !is_told(error)).collect();
+    let of_drives: Vec<String> = errors.iter().map(|error| drive_error_text(error, rig)).collect();
+    let Some(first) = failure.report.diagnostics.first_mut() else { return failure };
+    for (what, told) in [("emergencies", told), ("drives", of_drives)] {
+        if !told.is_empty() {
+            first.message = format!("{}; {what}: {}", first.message, told.join(", "));
+        }
+    }
+    let of_emergencies = emergencies.iter().filter(|told| !told.emergency.code.is_reset());
+    let of_emergencies = of_emergencies.map(|told| of_told(told, rig));
+    let of_drives = errors.iter().filter_map(|error| Some(explained(EmcyCode(error.code?), Some(error.drive), rig)));
+    let mut advice: Vec<String> = Vec::new();
+    for Explanation { code, next, .. } in of_emergencies.chain(of_drives) {
+        let one = format!("{}: {next}", code.unwrap_or_default());
+        if !advice.contains(&one) {
+            advice.push(one);
+        }
+    }
+    if !advice.is_empty() {
         let help = first.help.take().into_iter().chain(advice);
         first.help = Some(help.collect::<Vec<_>>().join("\n")).filter(|help| !help.is_empty());
     }
@@ -105,22 +184,27 @@ mod tests {
         });
         let told = different(heard);
         let failure = Failure::new(Exit::SafetyStop, "stopped by emergency", "see the code");
-        let failure = with_emergencies(failure, &told, &rig);
+        // One that an emergency told already is not told again.
+        let error = |drive, code| DriveError { drive, code, register: Some(1), statusword: Some(0x1208) };
+        let errors = [error(Device::LeftDrive, Some(0x5043)), error(Device::RightDrive, Some(0x8611))];
+        let failure = with_told(failure, &told, &errors, &rig);
         assert_eq!(
             failure.report.diagnostics[0].message,
             "stopped by emergency; emergencies: node 1 (left): 5043h device hardware (the maker of the device gives it \
              its own meaning), node 1 (wrist): 4210h device temperature too high (the device is overloaded, or its \
-             cooling is poor), node 1 (wrist): 5043h device hardware (the maker of the device gives it its own meaning)"
+             cooling is poor), node 1 (wrist): 5043h device hardware (the maker of the device gives it its own meaning); \
+             drives: right: error code 8611h following error above its window, Fault (1208h)"
         );
         let help = failure.report.diagnostics[0].help.as_deref().unwrap_or_default();
         assert_eq!(
             help.lines().map(|line| line.split(':').next().unwrap_or_default()).collect::<Vec<_>>(),
-            ["see the code", "5043h", "4210h"]
+            ["see the code", "5043h", "4210h", "8611h"]
         );
         let document = document(&told[0], &rig);
         assert_eq!((&document["code"], &document["name"]), (&"5043h".into(), &"left".into()));
         assert_eq!((&document["error_register"], &document["meaning"]), (&0x21.into(), &"device hardware".into()));
-        let quiet = with_emergencies(Failure::new(Exit::SafetyStop, "stopped", ""), &[], &rig);
+        let quiet =
+            with_told(Failure::new(Exit::SafetyStop, "stopped", ""), &[], &[error(Device::LeftDrive, Some(0))], &rig);
         assert_eq!(quiet.report.diagnostics[0].message, "stopped");
     }
 }

@@ -75,6 +75,7 @@ pub(super) fn run(arguments: &Arguments, device: &Loaded<ImpedanceDevice>, outpu
 /// Refuses what needs a bus or the cycles of a rig.
 fn check(arguments: &Arguments) -> Result<(), Failure> {
     let options = [
+        ("--tui", arguments.tui),
         ("--fault", !arguments.fault.is_empty()),
         ("--candump", arguments.candump.is_some()),
         ("--black-box", arguments.black_box.is_some()),

@@ -8,6 +8,7 @@ use serde_json::{Value, json};
 use super::super::ending::{bus_names, devices_text};
 use super::super::keep::{Kept, LOG_STARTS_AT};
 use super::super::margins::Margins;
+use super::super::on_bus::{document, drive_error_json, drive_error_text, text};
 use super::{
     Arguments, counted_json, counted_text, measures_text, mode_text, settled_json, settled_text, simulated_interfaces,
     watchdogs_json, watchdogs_text,
@@ -55,6 +56,8 @@ impl Facts<'_> {
             "bus_loads": self.report.bus_loads.iter().cloned().collect::<BTreeMap<_, _>>(),
             "held_s": self.report.held_s,
             "held_by_s": self.report.held_by.iter().map(|(fault, held_s)| (fault.row().name, *held_s)).collect::<BTreeMap<_, _>>(),
+            "emergencies": self.report.emergencies.iter().map(|told| document(told, self.rig)).collect::<Vec<_>>(),
+            "drive_errors": self.report.errors.iter().map(|error| drive_error_json(error, self.rig)).collect::<Vec<_>>(),
             "counted": counted_json(&self.report.counted),
             "foreign_downloads": self.report.foreign_downloads,
             "measures": self.report.measures,
@@ -125,6 +128,9 @@ impl Facts<'_> {
             lines.push(format!("candump   {}; time 0 of the scene is {start_s:.3} in it{named}", path.display()));
         }
         lines.extend(self.kept.lines());
+        let told = self.report.emergencies.iter().map(|told| format!("emergency {}", text(told, self.rig)));
+        lines.extend(told);
+        lines.extend(self.report.errors.iter().map(|error| format!("drive     {}", drive_error_text(error, self.rig))));
         lines.extend(counted_text(&self.report.counted, self.report.foreign_downloads));
         if self.report.held_s > 0.0 {
             let by =

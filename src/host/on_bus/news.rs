@@ -6,7 +6,7 @@ use std::sync::mpsc::Sender;
 use std::time::Duration;
 
 use crate::bus::Waiting;
-use crate::run::BootWatch;
+use crate::run::{BootSteps, BootWatch};
 
 /// How long the boot waits before anybody is told.
 const QUIET: Duration = Duration::from_secs(1);
@@ -16,6 +16,10 @@ const QUIET: Duration = Duration::from_secs(1);
 pub enum News {
     /// This computer did not grant something.
     Refused(String),
+    /// Another step of the boot, which each node takes in its turn.
+    Step(&'static str),
+    /// It is shown that the drives stop by themselves, and the rig is enabled next.
+    Proved,
     /// What the boot waits for, if that has taken a while; nothing once it is over.
     Waiting(Option<String>),
 }
@@ -23,11 +27,15 @@ pub enum News {
 /// Tells what every boot waits for, and ends it when a person asks for the end.
 pub(super) fn boot_watch(news: Sender<News>, is_interrupted: Arc<AtomicBool>) -> BootWatch {
     let mut was_told = false;
+    let mut steps = BootSteps::default();
     Box::new(move |waiting| {
+        if let Some(step) = steps.new_step(waiting) {
+            // Nobody listens if the thread that waits has died.
+            let _ = news.send(News::Step(step));
+        }
         let text = worth_telling(waiting);
         if was_told || text.is_some() {
             was_told = text.is_some();
-            // Nobody listens if the thread that waits has died.
             let _ = news.send(News::Waiting(text));
         }
         is_interrupted.load(Ordering::Relaxed)
@@ -61,6 +69,8 @@ mod tests {
         drop(watch);
         let text = |left| Some(format!("node 1 (left): wait for the boot-up message, for {left} s at most"));
         let told: Vec<News> = told.iter().collect();
-        assert_eq!(told, [text("4.0"), text("3.9"), None].map(News::Waiting));
+        let step = News::Step("wait for the boot-up message");
+        let [first, second, last] = [text("4.0"), text("3.9"), None].map(News::Waiting);
+        assert_eq!(told, [step, first, second, last], "a step is told once");
     }
 }

@@ -113,6 +113,37 @@ impl<T: Copy> Producer<T> {
     }
 }
 
+/// The side that fills a ring beside that of a sink. What finds no room is lost.
+pub struct Inlet<T>(rtrb::Producer<T>);
+
+/// The side that empties it, which a [`Sink`] keeps: the items, for as long as there are some. What was put in before an item of the
+/// sink's own ring is there when that item is taken.
+pub struct Outlet<T>(rtrb::Consumer<T>);
+
+/// A ring beside that of a sink, with room for `capacity` items: for what comes seldom and belongs between its items.
+pub fn side_ring<T: Copy>(capacity: usize) -> (Inlet<T>, Outlet<T>) {
+    let (producer, consumer) = rtrb::RingBuffer::new(capacity);
+    (Inlet(producer), Outlet(consumer))
+}
+
+impl<T: Copy> Inlet<T> {
+    /// Puts an item in, if there is room.
+    ///
+    /// Real-time: yes.
+    pub fn push(&mut self, item: &T) {
+        // Who fills it waits for nobody.
+        let _ = self.0.push(*item);
+    }
+}
+
+impl<T> Iterator for Outlet<T> {
+    type Item = T;
+
+    fn next(&mut self) -> Option<T> {
+        self.0.pop().ok()
+    }
+}
+
 /// A ring with the thread that empties it into a [`Sink`].
 pub struct Feed<R> {
     shared: Arc<Shared>,

@@ -24,7 +24,7 @@ mod writer;
 pub use about::{About, Machine};
 pub use black_box::{BlackBox, Saved};
 pub use error::ReadError;
-pub use feed::{Backpressure, Counts, Feed, Finished, Producer, Sink};
+pub use feed::{Backpressure, Counts, Feed, Finished, Inlet, Outlet, Producer, Sink, side_ring};
 pub use forms::{DecodeError, Difference, csv_header, csv_row, decode, definition, difference, encode, table};
 pub use reader::{Damage, Reader, Recording, open};
 pub use recorded::Recorded;

@@ -81,6 +81,9 @@ impl EmbeddedRig {
                 Ok(())
             }
             Err(RunError::NotEnabled { waited_s, cause }) => {
+                if self.runner.has_error_watch() {
+                    self.runner.hear_errors();
+                }
                 let name = cause.map_or(String::new(), |cause| format!(", {}", cause.fault.row().name));
                 Err(RigError::NotEnabled { waited_s, state: format!("{:?}{name}", self.state()), cause })
             }

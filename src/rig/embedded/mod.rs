@@ -27,7 +27,9 @@ use crate::cycle::Outputs;
 use crate::guard::{Cause, Request, State};
 use crate::injection::Injection;
 use crate::record::{CycleRecord, Moment, Row, Stages};
-use crate::run::{Ask, Enabling, Observer, Pace, Permit, Place, RunError, Runner, Tap};
+use crate::run::{
+    Ask, BootWatch, DriveError, Enabling, ErrorWatch, Observer, Pace, Permit, Place, RunError, Runner, Tap,
+};
 use crate::sim::arm::Arm;
 use crate::sim::can::{BusCounters, Tamper};
 use crate::sim::hand::Hand;
@@ -172,6 +174,26 @@ impl EmbeddedRig {
     /// Has `observer` get the record of every cycle from now on, those of enabling and stopping included.
     pub fn set_observer(&mut self, observer: Observer) {
         self.runner.set_observer(observer);
+    }
+
+    /// Has `watch` follow every boot from now on.
+    pub fn set_boot_watch(&mut self, watch: BootWatch) {
+        self.runner.set_boot_watch(watch);
+    }
+
+    /// Has `watch` be told what each drive says of a fault, from now on.
+    pub fn set_error_watch(&mut self, watch: ErrorWatch) {
+        self.runner.set_error_watch(watch);
+    }
+
+    /// Goes on asking both drives what is wrong with them, as [`Runner::ask_for_errors`].
+    pub fn ask_for_errors(&mut self) {
+        self.runner.ask_for_errors();
+    }
+
+    /// What the drives have said that were asked.
+    pub fn errors(&self) -> impl Iterator<Item = DriveError> {
+        self.runner.errors()
     }
 
     /// Has every frame pass through `tamper` from now on.

@@ -1,0 +1,139 @@
+//! The way from the loop to what is printed: rings that the loop fills, and a thread that empties them.
+
+use std::io;
+use std::iter::Peekable;
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::{Arc, Mutex, PoisonError};
+use std::time::{Duration, Instant};
+
+use super::narrator::Narrator;
+use super::{Event, Events};
+use crate::canopen::{Emergency, Frame};
+use crate::cli::failure::{Exit, Failure};
+use crate::cli::keep::{Watched, ring};
+use crate::cli::tui::View;
+use crate::config;
+use crate::record::CycleRecord;
+use crate::record::recording::{Feed, Outlet, Sink, side_ring};
+use crate::report::Watch;
+use crate::run::{BootSteps, DriveError};
+
+/// Emergencies and errors that wait for the thread.
+const ASIDE: usize = 64;
+/// Time from one state of the line to the next.
+const REFRESH: Duration = Duration::from_millis(100);
+
+/// Events under way.
+pub(in crate::cli) struct Listening(Feed<()>);
+
+impl Listening {
+    /// Begins to listen: what has to watch the rig for it.
+    pub(in crate::cli) fn start(
+        events: &Events,
+        watched: Watched<'_>,
+        rig: &config::Rig,
+    ) -> Result<(Self, Watch), Failure> {
+        // The simulation has a bar of its own.
+        if matches!(watched, Watched::Simulation(_)) {
+            events.clear();
+        }
+        let (mut emergencies, emergencies_out) = side_ring(ASIDE);
+        let (mut errors, errors_out) = side_ring(ASIDE);
+        let listener = Listener {
+            events: events.clone(),
+            narrator: Narrator::new(rig),
+            emergencies: emergencies_out.peekable(),
+            errors: errors_out.peekable(),
+            has_line: events.has_line(),
+            shown_at: None,
+            screen: events.view(),
+            taken: 0,
+        };
+        let feed = Feed::start("events", ring(rig.cycle.period_us), watched.backpressure(), listener);
+        let (mut cycles, feed) =
+            feed.map_err(|error| Failure::new(Exit::Internal, format!("thread of the events: {error}"), ""))?;
+        let mut steps = BootSteps::default();
+        let events = events.clone();
+        // The cycle that comes next: all of them are called on the thread of the loop.
+        let next_cycle = Arc::new(AtomicU64::new(0));
+        let [of_frames, of_errors] = [(); 2].map(|()| Arc::clone(&next_cycle));
+        let watch = Watch {
+            observer: Some(Box::new(move |record| {
+                cycles.push(record);
+                next_cycle.store(record.moment.index + 1, Ordering::Relaxed);
+            })),
+            tap: Some(Box::new(move |_, frame| {
+                if Emergency::decode(frame).is_some() {
+                    emergencies.push(&(of_frames.load(Ordering::Relaxed), *frame));
+                }
+            })),
+            boot: Some(Box::new(move |waiting| {
+                if let Some(step) = steps.new_step(waiting) {
+                    events.tell(&Event::new("boot", None, step));
+                }
+                false
+            })),
+            errors: Some(Box::new(move |error| errors.push(&(of_errors.load(Ordering::Relaxed), *error)))),
+        };
+        Ok((Self(feed), watch))
+    }
+
+    /// Waits until everything was told.
+    pub(in crate::cli) fn finish(self) -> Result<(), Failure> {
+        self.0.finish().map(|_| ()).map_err(|error| Failure::new(Exit::Internal, error.to_string(), ""))
+    }
+}
+
+struct Listener {
+    events: Events,
+    narrator: Narrator,
+    /// With the cycle before which they came.
+    emergencies: Peekable<Outlet<(u64, Frame)>>,
+    errors: Peekable<Outlet<(u64, DriveError)>>,
+    has_line: bool,
+    shown_at: Option<Instant>,
+    screen: Option<Arc<Mutex<View>>>,
+    taken: u64,
+}
+
+impl Listener {
+    /// Tells what came before this cycle.
+    fn take_aside(&mut self, cycle: u64) {
+        while let Some((_, frame)) = self.emergencies.next_if(|(before, _)| *before <= cycle) {
+            self.narrator.emergency(&frame).iter().for_each(|event| self.events.tell(event));
+        }
+        while let Some((_, error)) = self.errors.next_if(|(before, _)| *before <= cycle) {
+            self.events.tell(&self.narrator.error(&error));
+        }
+    }
+}
+
+impl Sink<CycleRecord> for Listener {
+    type Report = ();
+
+    fn take(&mut self, record: &CycleRecord) -> io::Result<()> {
+        self.take_aside(record.moment.index);
+        let events = &self.events;
+        self.narrator.record(record, &mut |event| events.tell(&event));
+        if let Some(view) = &self.screen {
+            view.lock().unwrap_or_else(PoisonError::into_inner).take(record);
+        }
+        if self.has_line && self.shown_at.is_none_or(|at| at.elapsed() >= REFRESH) {
+            self.shown_at = Some(Instant::now());
+            self.events.show(&self.narrator.line());
+        }
+        self.taken += 1;
+        Ok(())
+    }
+
+    fn finish(&mut self) -> io::Result<()> {
+        self.take_aside(u64::MAX);
+        Ok(())
+    }
+
+    fn stored(&self) -> u64 {
+        self.taken
+    }
+
+    fn report(self) {}
+}

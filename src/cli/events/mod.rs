@@ -1,0 +1,299 @@
+//! What a rig does while it lives, one event at a time.
+//!
+//! ```text
+//! loop --CycleRecord, EMCY, DriveError (rings)--> Listener [ Narrator ] --Event--> Events --> standard output, line of the terminal
+//! boot --News-------------------------------------------------------------------------^
+//! ```
+//! [`Events`] prints: a line each where nobody sits at a terminal, an object each with `--jsonl`, and on a terminal what a person has
+//! to know at once, above one line that is refreshed.
+
+mod listener;
+mod narrator;
+
+use std::io::{self, IsTerminal, Write};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+
+use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
+use serde_json::{Map, Value, json};
+use textwrap::{Options, WordSeparator, WordSplitter};
+
+use super::failure::{Exit, Failure};
+use super::output::Output;
+use super::printable::printable;
+use super::tui::View;
+#[cfg(target_os = "linux")]
+use crate::host::News;
+pub(super) use listener::Listening;
+
+/// Columns before what is said, as in every report.
+const HEAD: usize = 10;
+/// Widest that an event is printed on a terminal, in columns.
+const WIDTH: usize = 110;
+
+/// How a command tells what goes on.
+#[derive(Clone, Copy, Debug, Default, clap::Args)]
+pub(super) struct Stream {
+    /// Print each event as a JSON object in a line of its own, and what --json would print in the last line
+    #[arg(long)]
+    pub(super) jsonl: bool,
+}
+
+/// Something that has happened.
+#[derive(Clone, Debug, PartialEq)]
+pub(super) struct Event {
+    /// Its kind, in one word.
+    pub(super) name: &'static str,
+    /// Time of the scene in s; `None` before it began.
+    pub(super) time_s: Option<f64>,
+    /// What has happened.
+    pub(super) text: String,
+    /// What it means, by the words of `explain`.
+    pub(super) words: Vec<(&'static str, String)>,
+    /// The same for a program.
+    pub(super) facts: Map<String, Value>,
+}
+
+impl Event {
+    pub(super) fn new(name: &'static str, time_s: Option<f64>, text: impl Into<String>) -> Self {
+        Self { name, time_s, text: text.into(), words: Vec::new(), facts: Map::new() }
+    }
+
+    /// The same with a fact.
+    pub(super) fn with(mut self, key: &str, value: impl Into<Value>) -> Self {
+        self.facts.insert(key.to_owned(), value.into());
+        self
+    }
+
+    /// The same with what it means.
+    pub(super) fn meaning(mut self, words: Vec<(&'static str, String)>) -> Self {
+        self.words = words;
+        self
+    }
+
+    /// Whether a person has to know it at once.
+    pub(super) fn is_grave(&self) -> bool {
+        matches!(self.name, "held" | "fault" | "emergency" | "error" | "refused")
+    }
+
+    fn time(&self) -> String {
+        self.time_s.map_or_else(|| "-".to_owned(), |time_s| format!("{time_s:.3}"))
+    }
+
+    /// `event     2.502 s  fault      node-reset (frames, left drive): a node restarted; cause: ..; next: ..`
+    fn line(&self) -> String {
+        let words: String = self.words.iter().map(|(key, text)| format!("; {key}: {text}")).collect();
+        format!("event {:>9} s  {:10} {}{words}\n", self.time(), self.name, self.text)
+    }
+
+    /// The same for a terminal of so many columns.
+    fn paragraph(&self, width: usize) -> String {
+        let filled = |head: String, text: &str, indent: usize| {
+            let indent = " ".repeat(indent);
+            let options = Options::new(width.clamp(40, WIDTH)).initial_indent(&head).subsequent_indent(&indent);
+            let options = options.word_separator(WordSeparator::AsciiSpace).word_splitter(WordSplitter::NoHyphenation);
+            textwrap::fill(text, options.break_words(false)) + "\n"
+        };
+        let at = self.time_s.map_or_else(String::new, |_| format!("at {} s: ", self.time()));
+        let first = filled(format!("{:9} ", self.name), &format!("{at}{}", self.text), HEAD);
+        let words = self.words.iter().map(|(key, text)| filled(format!("{:HEAD$}{key:8} ", ""), text, HEAD + 9));
+        std::iter::once(first).chain(words).collect()
+    }
+
+    /// For a program.
+    fn document(&self) -> Value {
+        let mut keys = self.facts.clone();
+        keys.extend(self.words.iter().map(|(key, text)| ((*key).to_owned(), Value::from(text.as_str()))));
+        keys.insert("event".to_owned(), self.name.into());
+        keys.insert("time_s".to_owned(), json!(self.time_s));
+        keys.insert("text".to_owned(), self.text.as_str().into());
+        Value::Object(keys)
+    }
+}
+
+/// Who gets the events.
+#[derive(Clone, Debug)]
+enum Form {
+    Nobody,
+    /// A screen, which shows them.
+    Screen(Arc<Mutex<View>>),
+    /// A person at a terminal of so many columns.
+    Terminal(usize),
+    Lines,
+    Objects,
+}
+
+struct Teller {
+    form: Form,
+    /// The line of a terminal, where there is one.
+    bar: Option<ProgressBar>,
+    has_told: bool,
+    has_ended: bool,
+}
+
+/// Prints events from any thread but that of the cycle.
+#[derive(Clone)]
+pub(super) struct Events(Arc<Mutex<Teller>>);
+
+impl Events {
+    /// As a command prints.
+    pub(super) fn of(output: &Output) -> Self {
+        let stdout = terminal_size::terminal_size_of(io::stdout());
+        let form = match stdout {
+            _ if output.is_stream() => Form::Objects,
+            _ if output.is_json() || output.is_quiet() => Form::Nobody,
+            Some((terminal_size::Width(columns), _)) => Form::Terminal(columns.into()),
+            None => Form::Lines,
+        };
+        let has_line = !output.is_json() && !output.is_quiet() && io::stderr().is_terminal();
+        let bar = has_line.then(|| {
+            let bar = ProgressBar::with_draw_target(None, ProgressDrawTarget::stderr());
+            bar.with_style(ProgressStyle::with_template("{wide_msg}").unwrap_or_else(|_| ProgressStyle::default_bar()))
+        });
+        Self(Arc::new(Mutex::new(Teller { form, bar, has_told: false, has_ended: false })))
+    }
+
+    fn lock(&self) -> MutexGuard<'_, Teller> {
+        // What a thread that has panicked leaves can still print.
+        self.0.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Prints an event.
+    pub(super) fn tell(&self, event: &Event) {
+        self.lock().tell(event);
+    }
+
+    /// Has a screen get them from now on, in place of standard output and the line.
+    pub(super) fn show_on(&self, view: &Arc<Mutex<View>>) {
+        self.clear();
+        self.lock().form = Form::Screen(Arc::clone(view));
+    }
+
+    /// The screen, if there is one.
+    fn view(&self) -> Option<Arc<Mutex<View>>> {
+        match &self.lock().form {
+            Form::Screen(view) => Some(Arc::clone(view)),
+            _ => None,
+        }
+    }
+
+    /// Has the line of the terminal say this.
+    pub(super) fn show(&self, line: &str) {
+        if let Some(bar) = &self.lock().bar {
+            bar.set_message(printable(line).into_owned());
+        }
+    }
+
+    /// Whether there is a line that is refreshed.
+    pub(super) fn has_line(&self) -> bool {
+        self.lock().bar.is_some()
+    }
+
+    /// Takes the line away, before anything else is printed.
+    pub(super) fn clear(&self) {
+        if let Some(bar) = self.lock().bar.take() {
+            bar.finish_and_clear();
+        }
+    }
+
+    /// Tells how the command ends: the last event, before its result. Nothing where nothing was told.
+    pub(super) fn end(&self, end: &Result<(), Failure>) {
+        self.clear();
+        let mut teller = self.lock();
+        let has_printed = matches!(end, Err(failure) if failure.report.diagnostics.is_empty());
+        if !teller.has_told || teller.has_ended || has_printed {
+            return;
+        }
+        teller.has_ended = true;
+        let (exit, why) = match end {
+            Ok(()) => (Exit::Ok, String::new()),
+            Err(Failure { exit, report }) => {
+                (*exit, report.diagnostics.first().map_or_else(String::new, |first| format!(": {}", first.message)))
+            }
+        };
+        let event = Event::new("end", None, format!("exit code {}{why}", exit.code()));
+        teller.tell(&event.with("exit_code", exit.code()));
+    }
+
+    /// Tells what the thread of the cycle has to tell.
+    #[cfg(target_os = "linux")]
+    pub(super) fn news(&self, news: News) {
+        match news {
+            News::Step(step) => self.tell(&Event::new("boot", None, step)),
+            News::Proved => {
+                self.tell(&Event::new("proved", None, "the drives have shown that they stop by themselves"));
+            }
+            News::Waiting(Some(text)) => self.show(&format!("boot      {text}")),
+            News::Waiting(None) => self.show(""),
+            // A warning, which the command prints.
+            News::Refused(_) => {}
+        }
+    }
+}
+
+impl Teller {
+    fn tell(&mut self, event: &Event) {
+        self.has_told = true;
+        let text = match &self.form {
+            Form::Nobody => return,
+            Form::Screen(view) => return view.lock().unwrap_or_else(PoisonError::into_inner).tell(event),
+            Form::Terminal(_) if !event.is_grave() => return,
+            Form::Terminal(columns) => event.paragraph(*columns),
+            Form::Lines => event.line(),
+            Form::Objects => format!("{}\n", event.document()),
+        };
+        let has_other_bar = matches!(self.form, Form::Terminal(_)) && self.bar.is_none() && io::stderr().is_terminal();
+        let print = || {
+            let mut stdout = io::stdout().lock();
+            // In place of the bar of a simulation, which draws itself anew below.
+            if has_other_bar {
+                let _ = stdout.write_all(b"\r\x1b[2K");
+            }
+            // A reader that has gone away stops nothing; a disk that is full is told by the result.
+            let _ = stdout.write_all(printable(&text).as_bytes()).and_then(|()| stdout.flush());
+        };
+        match &self.bar {
+            Some(bar) => bar.suspend(print),
+            None => print(),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn fault() -> Event {
+        let words = vec![("cause", "its supply dipped".to_owned()), ("next", "check the node's supply".to_owned())];
+        Event::new("fault", Some(2.5021), "node-reset (frames, left drive): a node restarted while the rig was running")
+            .with("fault", "node-reset")
+            .meaning(words)
+    }
+
+    #[test]
+    fn an_event_is_one_line_or_one_object_or_fits_a_terminal() {
+        assert_eq!(
+            fault().line(),
+            "event     2.502 s  fault      node-reset (frames, left drive): a node restarted while the rig was running; \
+             cause: its supply dipped; next: check the node's supply\n"
+        );
+        assert_eq!(Event::new("boot", None, "begun").line(), "event         - s  boot       begun\n");
+        let document = fault().document();
+        assert_eq!((&document["event"], &document["time_s"]), (&json!("fault"), &json!(2.5021)));
+        assert_eq!((&document["fault"], &document["next"]), (&json!("node-reset"), &json!("check the node's supply")));
+        let paragraph = fault().paragraph(60);
+        assert!(paragraph.lines().all(|line| line.len() <= 60), "{paragraph}");
+        assert_eq!(paragraph.lines().count(), 4, "{paragraph}");
+        assert!(fault().is_grave() && !Event::new("boot", None, "").is_grave());
+    }
+
+    #[test]
+    fn what_is_told_of_an_end_is_told_once_and_only_after_something_else() {
+        let events =
+            Events(Arc::new(Mutex::new(Teller { form: Form::Nobody, bar: None, has_told: false, has_ended: false })));
+        events.end(&Ok(()));
+        assert!(!events.lock().has_ended, "nothing has happened that could end");
+        events.tell(&fault());
+        events.end(&Err(Failure::new(Exit::SafetyStop, "stopped", "")));
+        assert!(events.lock().has_ended);
+    }
+}

@@ -1,0 +1,276 @@
+//! From cycles to events: what is new in a cycle, in words.
+
+use serde_json::{Value, json};
+use yieldwall_drives::cia402;
+
+use super::Event;
+use crate::canopen::{Emergency, Frame};
+use crate::cli::ending::{bus_names, describe};
+use crate::cli::on_bus::{drive_error_json, drive_error_text, words_of_code, words_of_fault};
+use crate::config;
+use crate::elementary::hypot;
+use crate::explanation::state_name;
+use crate::guard::{Cause, Device, Fault, State};
+use crate::record::CycleRecord;
+use crate::run::DriveError;
+
+/// How the rig is now, for a line.
+#[derive(Clone, Copy, Debug, Default)]
+struct Now {
+    state: State,
+    time_s: Option<f64>,
+    force_n: f64,
+    /// Distance of the tool from the proxy, mm.
+    off_proxy_mm: f64,
+    /// The latest that SYNC or the computation ever was, us.
+    worst_late_us: f64,
+}
+
+/// Tells what is new.
+pub(super) struct Narrator {
+    rig: config::Rig,
+    buses: Vec<String>,
+    /// Of the last cycle; none before the first.
+    drives: Option<[cia402::State; 2]>,
+    cause: Option<Cause>,
+    now: Now,
+    /// Faults that held or stopped the rig.
+    faults: u32,
+}
+
+impl Narrator {
+    pub(super) fn new(rig: &config::Rig) -> Self {
+        let buses = bus_names(rig);
+        Self { rig: rig.clone(), buses, drives: None, cause: None, now: Now::default(), faults: 0 }
+    }
+
+    /// Tells what is new in a cycle.
+    pub(super) fn record(&mut self, record: &CycleRecord, tell: &mut impl FnMut(Event)) {
+        let time_s = Some(record.moment.scene_time_s).filter(|time_s| time_s.is_finite());
+        let state = record.directive.state;
+        let drives = record.inputs.drives.each_ref().map(|drive| drive.state);
+        if self.drives.is_none() {
+            tell(Event::new("booted", time_s, "all nodes are in Operational, and process data are exchanged"));
+        }
+        for (drive, (now, before)) in Device::DRIVES.into_iter().zip(drives.iter().zip(self.drives.unwrap_or(drives))) {
+            if *now != before {
+                let (name, state) = (self.name(drive), state_name(Some(*now)));
+                let event = Event::new("drive", time_s, format!("{name}: {state}"));
+                tell(event.with("drive", name).with("state", state));
+            }
+        }
+        let before = std::mem::replace(&mut self.now.state, state);
+        self.now.time_s = time_s;
+        let is_new = record.cause != self.cause;
+        self.cause = record.cause;
+        if before != state {
+            self.state_changed(before, is_new, tell);
+        } else if let (true, Some(cause)) = (is_new, record.cause) {
+            let name = if state == State::Idle { "refused" } else { "fault" };
+            self.fault(name, cause, tell);
+        }
+        self.drives = Some(drives);
+        let timing = &record.inputs.timing;
+        let late_us = f64::from(timing.sync_late_ns.max(timing.compute_late_ns)) * 1e-3;
+        let [x, y] = record.signals.force.to_array();
+        let ([tool_x, tool_y], [proxy_x, proxy_y]) = (record.signals.tool.to_array(), record.signals.proxy.to_array());
+        self.now.force_n = hypot(x, y);
+        self.now.off_proxy_mm = 1e3 * hypot(tool_x - proxy_x, tool_y - proxy_y);
+        self.now.worst_late_us = self.now.worst_late_us.max(late_us);
+    }
+
+    fn state_changed(&mut self, before: State, is_new: bool, tell: &mut impl FnMut(Event)) {
+        let plain = |name, text: &str| Event::new(name, self.now.time_s, text);
+        let fault = self.cause.filter(|cause| cause.fault != Fault::StopRequested);
+        match (self.now.state, fault) {
+            (State::Idle, _) => tell(plain("reset", "what stopped the rig is forgotten; nothing is enabled")),
+            (State::Enabling, _) => tell(plain("enabling", "the drives are led to Operation Enabled together")),
+            (State::Running, _) if before == State::Holding => tell(plain("released", "the rig runs on")),
+            (State::Running, _) => tell(plain("enabled", "the rig runs")),
+            (State::Holding, Some(cause)) => self.fault("held", cause, tell),
+            (State::Stopping, None) => tell(plain("stopping", "along the ramp, as was asked for")),
+            (State::Stopping, Some(cause)) => self.fault("fault", cause, tell),
+            (State::Holding, None) => {}
+            (state @ (State::Stopped | State::Disabled | State::Lost), fault) => {
+                // One that has led to the ramp was told.
+                if let Some(cause) = fault.filter(|_| is_new || before != State::Stopping) {
+                    self.fault("fault", cause, tell);
+                }
+                let text = match state {
+                    State::Stopped => "the drives have the quick stop",
+                    State::Disabled => "the drives have no torque",
+                    _ => "the bus cannot be reached; the drives' own watchdogs act",
+                };
+                tell(Event::new("stopped", self.now.time_s, text).with("state", format!("{state:?}")));
+            }
+        }
+    }
+
+    fn fault(&mut self, name: &'static str, cause: Cause, tell: &mut impl FnMut(Event)) {
+        self.faults += u32::from(name != "refused");
+        let row = cause.fault.row();
+        let at = describe(cause, &self.buses);
+        let event = Event::new(name, self.now.time_s, format!("{} ({at}): {}", row.name, row.meaning));
+        let event = event.with("fault", row.name).with("where", at).with("state", format!("{:?}", self.now.state));
+        tell(event.meaning(words_of_fault(cause.fault)));
+    }
+
+    /// What a device has told by an emergency message; of a frame that is none, nothing.
+    pub(super) fn emergency(&self, frame: &Frame) -> Option<Event> {
+        let emergency = Emergency::decode(frame)?;
+        let node = emergency.node.raw();
+        let device = self.device(frame.bus().index(), node);
+        let who =
+            device.map_or_else(|| format!("node {node}"), |device| format!("node {node} ({})", self.name(device)));
+        let (meaning, words) = words_of_code(emergency.code, device, &self.rig);
+        let code = format!("{:04X}h", emergency.code.0);
+        let event = Event::new("emergency", self.now.time_s, format!("{who}: {code} {meaning}"));
+        let event = event.with("node_id", node).with("name", device.map(|device| self.name(device)));
+        let event = event.with("code", code).with("meaning", meaning);
+        let event = event.with("error_register", emergency.register.0).with("vendor_bytes", json!(emergency.vendor));
+        Some(event.meaning(words))
+    }
+
+    /// What a drive has said of a fault.
+    pub(super) fn error(&self, error: &DriveError) -> Event {
+        let mut event = Event::new("error", self.now.time_s, drive_error_text(error, &self.rig));
+        if let Value::Object(facts) = drive_error_json(error, &self.rig) {
+            event.facts = facts;
+        }
+        let code = error.code.filter(|code| *code != 0).map(crate::canopen::EmcyCode);
+        event.meaning(code.map_or_else(Vec::new, |code| words_of_code(code, Some(error.drive), &self.rig).1))
+    }
+
+    /// How the rig is now, in 77 columns.
+    pub(super) fn line(&self) -> String {
+        let Now { state, time_s, force_n, off_proxy_mm, worst_late_us } = self.now;
+        let state = format!("{state:?}");
+        let time = time_s.map_or_else(|| "-".to_owned(), |time_s| format!("{time_s:.2}"));
+        format!(
+            "{state:8} {time:>8} s  force {force_n:>5.1} N  proxy {off_proxy_mm:>6.2} mm  late {worst_late_us:>6.0} us  faults {}",
+            self.faults
+        )
+    }
+
+    fn name(&self, device: Device) -> String {
+        let [left, right] = &self.rig.drives;
+        match device {
+            Device::LeftDrive => left.name.clone(),
+            Device::RightDrive => right.name.clone(),
+            Device::Sensor => self.rig.sensor.name.clone(),
+        }
+    }
+
+    /// The rig's device with this node id on a bus.
+    fn device(&self, bus: usize, node: u8) -> Option<Device> {
+        let is_there = |name: &str| self.buses.iter().position(|known| known == name) == Some(bus);
+        let mut drives = Device::DRIVES.into_iter().zip(&self.rig.drives);
+        let drive = drives.find(|(_, drive)| drive.address.canopen.node_id == node && is_there(&drive.bus));
+        let sensor = self.rig.sensor.protocol.node_id() == Some(node) && is_there(&self.rig.sensor.bus);
+        drive.map(|(device, _)| device).or(sensor.then_some(Device::Sensor))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::ops::ControlFlow;
+    use std::sync::mpsc::channel;
+
+    use super::*;
+    use crate::cli::faults::FaultArgument;
+    use crate::injection::Injection;
+    use crate::report::{Overrides, Watch, run_rig};
+
+    enum Heard {
+        Cycle(Box<CycleRecord>),
+        Frame(Frame),
+        Error(DriveError),
+    }
+
+    /// The events of a shipped rig with a fault, and what it says in the end.
+    fn told(fault: &str, duration_s: f64) -> (Vec<Event>, String) {
+        let rig = config::load_rig(config::Source::named("builtin:paper-admittance.yaml")).unwrap();
+        let scene = rig.scene().unwrap().value;
+        let faults: Vec<Injection> = fault
+            .split(' ')
+            .filter(|word| !word.is_empty())
+            .map(|one| one.parse::<FaultArgument>().unwrap().0)
+            .collect();
+        let (heard, all) = channel();
+        let (cycles, frames, errors) = (heard.clone(), heard.clone(), heard);
+        let watch = Watch {
+            observer: Some(Box::new(move |record| cycles.send(Heard::Cycle(Box::new(*record))).unwrap())),
+            tap: Some(Box::new(move |_, frame| frames.send(Heard::Frame(*frame)).unwrap())),
+            errors: Some(Box::new(move |error| errors.send(Heard::Error(*error)).unwrap())),
+            ..Watch::default()
+        };
+        let overrides = Overrides { duration_s: Some(duration_s), faults, ..Overrides::default() };
+        run_rig(&rig.value, &scene, &overrides, watch, |_| ControlFlow::Continue(())).unwrap();
+        let mut narrator = Narrator::new(&rig.value);
+        let mut events = Vec::new();
+        for heard in all {
+            match heard {
+                Heard::Cycle(record) => narrator.record(&record, &mut |event| events.push(event)),
+                Heard::Frame(frame) => events.extend(narrator.emergency(&frame)),
+                Heard::Error(error) => events.push(narrator.error(&error)),
+            }
+        }
+        (events, narrator.line())
+    }
+
+    fn names(events: &[Event]) -> Vec<&'static str> {
+        events.iter().map(|event| event.name).filter(|name| *name != "drive").collect()
+    }
+
+    #[test]
+    fn a_run_without_a_fault_tells_its_way() {
+        let (events, line) = told("", 0.5);
+        assert_eq!(names(&events), ["booted", "enabling", "enabled", "stopping", "stopped"]);
+        assert!(line.starts_with("Stopped ") && line.ends_with("faults 0") && line.len() <= 80, "{line}");
+        let enabled = events.iter().find(|event| event.text == "left: Operation Enabled").unwrap();
+        assert_eq!((enabled.time_s, &enabled.facts["drive"]), (None, &json!("left")));
+    }
+
+    /// The drive's own words are read when it has faulted, before anybody asks for them.
+    #[test]
+    fn a_drive_that_faults_says_why_by_emergency_and_when_it_is_asked() {
+        let (events, line) = told("drive-fault@0.2:left_drive", 0.5);
+        let names = names(&events);
+        let at = |name| names.iter().position(|known| *known == name).unwrap_or_else(|| panic!("{name}: {names:?}"));
+        assert!(
+            at("emergency") <= at("fault") && at("fault") < at("stopped") && at("stopped") < at("error"),
+            "{names:?}"
+        );
+        let of = |name| events.iter().find(|event| event.name == name).unwrap();
+        let (fault, emergency, error) = (of("fault"), of("emergency"), of("error"));
+        assert!((fault.time_s.unwrap() - 0.2).abs() < 0.01, "{fault:?}");
+        assert!(fault.words.iter().map(|(key, _)| *key).eq(["cause", "next"]), "{fault:?}");
+        assert!(emergency.text.starts_with("node 1 (left): "), "{emergency:?}");
+        assert_eq!(
+            (&error.facts["name"], &error.facts["code"]),
+            (&json!("left"), &emergency.facts["code"]),
+            "{error:?}"
+        );
+        assert!(error.facts["state"].as_str().unwrap().contains("Fault"), "{error:?}");
+        assert_eq!(events.iter().filter(|event| event.name == "error").count(), 2, "one of each drive");
+        assert!(line.ends_with("faults 1"), "{line}");
+    }
+
+    /// Where the bus is gone, the drives' own watchdogs have to act: nothing is asked.
+    #[test]
+    fn nobody_is_asked_where_nothing_may_be_sent() {
+        for fault in ["interface-down@0.2", "intruder-sync@0.2+0.2", "duplicate-node@0.2:left_drive"] {
+            let (events, _) = told(fault, 0.5);
+            assert!(names(&events).contains(&"fault"), "{fault}: {:?}", names(&events));
+            assert!(!names(&events).contains(&"error"), "{fault}: {:?}", names(&events));
+        }
+    }
+
+    #[test]
+    fn a_fault_that_holds_is_told_with_its_end() {
+        let (events, _) = told("sensor-stale@0.2+0.005", 2.0);
+        let names = names(&events);
+        let held = names.iter().position(|name| *name == "held").unwrap_or_else(|| panic!("{names:?}"));
+        assert!(names[held..].contains(&"released"), "{names:?}");
+    }
+}
