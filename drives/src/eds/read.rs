@@ -166,6 +166,10 @@ impl Reader<'_> {
                 object.entries.insert(sub, entry);
             }
         }
+        // A variable of no known type has been told, and nothing is left of it.
+        objects.retain(|_, object: &mut Object| {
+            !(object.entries.is_empty() && matches!(object.kind, Kind::Variable | Kind::Domain))
+        });
         self.check_counts(&objects);
         Ok(objects)
     }
@@ -411,6 +415,7 @@ impl Reader<'_> {
                             format!("entry {key} of [{list}] is `{}`, without `0x`", text.text.escape_debug());
                         self.find(text.line, Level::Warning, message, "it is taken as hexadecimal");
                     }
+                    Some(index) if self.sections.contains_key(&format!("{index:04x}")) => {}
                     Some(index) => {
                         let message = format!("the object {index:04X}h is listed, and has no section");
                         self.find(text.line, Level::Warning, message, "it is left out");
