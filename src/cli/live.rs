@@ -3,6 +3,7 @@
 mod facts;
 mod proof;
 
+use super::desk::plan::{self, Sender};
 use super::ending::stopped_by;
 use super::failure::{Exit, Failure};
 use super::interfaces::Interfaces;
@@ -38,6 +39,13 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
     check(arguments)?;
     let rig = config::load_rig(Source::named(&arguments.rig))?;
     output.configuration(&rig.warnings)?;
+    check_buses(&rig, arguments.ignore_bus_budget, output)?;
+    // Whoever holds the tool is not the hand of the scene.
+    check_loop(&rig, false, output)?;
+    if arguments.dry_run {
+        let buses = Interfaces::of(&rig.value, &arguments.bus)?.named(&rig.value);
+        return plan::run(&rig, &buses, Sender::Run, output);
+    }
     // Devices in lockstep are simulated; on others a scene says no more than how long it lasts.
     let scene = match (&rig.value.simulation, arguments.pace) {
         (None, PaceArgument::Free) => None,
@@ -47,9 +55,6 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
         let message = format!("{} has no scene that would say how long the rig runs", arguments.rig);
         return Err(Failure::new(Exit::Usage, message, "say how long, in s, with --duration"));
     };
-    check_buses(&rig, arguments.ignore_bus_budget, output)?;
-    // Whoever holds the tool is not the hand of the scene.
-    check_loop(&rig, false, output)?;
     let file = rig;
     let rig = file.value.clone();
     let terms = Terms {

@@ -13,6 +13,7 @@ pub(super) use self::words::{
     counted_json, counted_text, measures_text, mode_text, tool_text, watchdogs_json, watchdogs_text,
 };
 use super::bus::plans;
+use super::desk::plan::{self, Sender};
 use super::ending::{self, above_bound, rig_failure};
 use super::failure::{Exit, Failure};
 use super::faults::FaultArgument;
@@ -77,6 +78,9 @@ pub(super) struct Arguments {
     /// device, which has no bus, its samples
     #[arg(long, value_name = "DIR")]
     pub(super) record: Option<PathBuf>,
+    /// Say what boot and start would send to each device, old -> new, and send nothing but the reading of objects
+    #[arg(long, conflicts_with_all = ["fault", "figure", "candump", "record", "black_box"])]
+    pub(super) dry_run: bool,
     #[command(flatten)]
     pub(super) replace: Replace,
     /// Where the time around a fault is kept, in place of the record's folder or yieldwall/black-box in the state folder
@@ -89,6 +93,10 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
     let source = Source::named(&arguments.rig);
     let rig = match config::load(source.clone())? {
         Document::Rig(rig) => *rig,
+        Document::Device(_) if arguments.dry_run => {
+            let message = "an impedance device is on no bus: nothing is written to any device";
+            return Err(Failure::new(Exit::Usage, message, "leave --dry-run away, or name a rig"));
+        }
         Document::Device(device) => return device::run(arguments, &device, output),
         // Says what it is.
         Document::Scene(_)
@@ -101,6 +109,9 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
     output.configuration(&rig.warnings)?;
     check_buses(&rig, arguments.ignore_bus_budget, output)?;
     let margins = check_loop(&rig, true, output)?;
+    if arguments.dry_run {
+        return plan::run(&rig, &[], Sender::Run, output);
+    }
     let scene = rig.scene()?;
     let faults = arguments.fault.iter().map(|fault| fault.0).collect();
     let overrides = Overrides { fixture: None, duration_s: arguments.duration, seed: arguments.seed, faults };

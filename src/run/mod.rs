@@ -25,9 +25,9 @@ pub use drilled::{CYCLES_BEFORE_SILENCE, DRILL_LIMIT, Demands, Drilled, Finding,
 pub use error::RunError;
 pub use metronome::Metronome;
 pub use pace::Pace;
-pub use permit::{Ask, Bounds, Permit};
+pub use permit::{Ask, Bounds, Permit, REST_RAD};
 pub use place::{OnLink, Place, Process};
 pub(crate) use proof::fnv1a;
 pub use proof::{DriveIdentity, NotProven, Proof, Subject, Unproven};
-pub use runner::{BootWatch, LinkCounts, Observer, Runner, Tap};
+pub use runner::{ANNOUNCED, BootWatch, END_OF_WATCH, LinkCounts, Observer, Runner, Tap};
 pub use scene::{Ended, Play, Played};
