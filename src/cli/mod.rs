@@ -30,6 +30,7 @@ mod manual;
 mod margins;
 #[cfg(target_os = "linux")]
 mod on_bus;
+mod new;
 mod output;
 #[cfg(target_os = "linux")]
 mod pace;
@@ -82,6 +83,8 @@ struct Arguments {
 enum Command {
     /// Run a rig with its scene, on the embedded simulation or on a real bus
     Run(run::Arguments),
+    /// Write a new rig with its simulation and its scene, from flags or from a few questions
+    New(new::Arguments),
     /// Put simulated drives, sensor, arm and hand on a real bus
     #[cfg(target_os = "linux")]
     Sim(sim::Arguments),
@@ -190,6 +193,7 @@ fn run(arguments: impl IntoIterator<Item = OsString>) -> Exit {
         Command::Run(arguments) if !arguments.bus.is_empty() => live::run(&arguments, &mut output),
         Command::Run(arguments) => run::run(&arguments, &mut output),
         #[cfg(target_os = "linux")]
+        Command::New(arguments) => new::run(&arguments, &mut output),
         Command::Sim(arguments) => sim::run(&arguments, &mut output),
         #[cfg(target_os = "linux")]
         Command::Drill(arguments) => drill::run(&arguments, &mut output),
