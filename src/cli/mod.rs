@@ -9,6 +9,7 @@ mod checkup;
 mod compare;
 mod config;
 mod desk;
+mod confirm;
 #[cfg(target_os = "linux")]
 mod doctor;
 #[cfg(target_os = "linux")]
@@ -143,7 +144,7 @@ enum Command {
     /// What the bus of a rig can carry
     #[command(subcommand)]
     Bus(bus::Command),
-    /// Numbers of a fixture that stay stable with a reserve
+    /// Numbers of a fixture and gains of a rig that stay stable with a reserve
     #[command(subcommand)]
     Tune(tune::Command),
     /// Check, show and describe configuration files
