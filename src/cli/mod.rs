@@ -3,13 +3,14 @@
 //! A command gets its arguments and an [`Output`], and returns nothing or a [`Failure`]. It prints results to standard
 //! output only; findings and failures go to standard error, or with `--json` into the one document on standard output.
 
+mod bug_report;
 mod bus;
 #[cfg(target_os = "linux")]
 mod checkup;
 mod compare;
 mod config;
-mod desk;
 mod confirm;
+mod desk;
 #[cfg(target_os = "linux")]
 mod doctor;
 #[cfg(target_os = "linux")]
@@ -29,9 +30,9 @@ mod latency;
 mod live;
 mod manual;
 mod margins;
+mod new;
 #[cfg(target_os = "linux")]
 mod on_bus;
-mod new;
 mod output;
 #[cfg(target_os = "linux")]
 mod pace;
@@ -82,10 +83,10 @@ struct Arguments {
 
 #[derive(Debug, Subcommand)]
 enum Command {
-    /// Run a rig with its scene, on the embedded simulation or on a real bus
-    Run(run::Arguments),
     /// Write a new rig with its simulation and its scene, from flags or from a few questions
     New(new::Arguments),
+    /// Run a rig with its scene, on the embedded simulation or on a real bus
+    Run(run::Arguments),
     /// Put simulated drives, sensor, arm and hand on a real bus
     #[cfg(target_os = "linux")]
     Sim(sim::Arguments),
@@ -147,6 +148,8 @@ enum Command {
     /// Numbers of a fixture and gains of a rig that stay stable with a reserve
     #[command(subcommand)]
     Tune(tune::Command),
+    /// Put what a bug report needs into one zip, without names of users and computers
+    Report(bug_report::Arguments),
     /// Check, show and describe configuration files
     #[command(subcommand)]
     Config(config::Command),
@@ -190,11 +193,11 @@ fn run(arguments: impl IntoIterator<Item = OsString>) -> Exit {
     }
     let mut output = Output::new(arguments.quiet, arguments.json, arguments.deny_warnings);
     let result = match arguments.command {
+        Command::New(arguments) => new::run(&arguments, &mut output),
         #[cfg(target_os = "linux")]
         Command::Run(arguments) if !arguments.bus.is_empty() => live::run(&arguments, &mut output),
         Command::Run(arguments) => run::run(&arguments, &mut output),
         #[cfg(target_os = "linux")]
-        Command::New(arguments) => new::run(&arguments, &mut output),
         Command::Sim(arguments) => sim::run(&arguments, &mut output),
         #[cfg(target_os = "linux")]
         Command::Drill(arguments) => drill::run(&arguments, &mut output),
@@ -223,6 +226,7 @@ fn run(arguments: impl IntoIterator<Item = OsString>) -> Exit {
         Command::Study(arguments) => study::run(&arguments, &mut output),
         Command::Bus(command) => bus::run(&command, &mut output),
         Command::Tune(command) => tune::run(&command, &mut output),
+        Command::Report(arguments) => bug_report::run(&arguments, &mut output),
         Command::Config(command) => config::run(command, &mut output),
         Command::Completions(arguments) => manual::completions(&arguments, &mut output),
         Command::Man(arguments) => manual::man(&arguments, &mut output),
