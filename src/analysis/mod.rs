@@ -6,7 +6,9 @@ mod held;
 mod margins;
 mod remedies;
 
-pub use gains::{LEAST_MARGINS, PROPOSED_MARGINS, has_margins, proposed_gains};
+pub use gains::{
+    LEAST_MARGINS, PROPOSED_MARGINS, RateMargins, has_margins, proposed_gains, proposed_rate_gain, rate_margins,
+};
 pub use held::{
     Coupled, HeldMasses, Holding, UnevenSamples, coupled_device, hand_of, held_masses, stiffer, uneven_samples,
     usual_hands,

@@ -2,7 +2,7 @@
 
 use crate::cycle::DriveSample;
 use crate::guard::{Allowed, JointCommand};
-use yieldwall_drives::cia402::{Goal, State, StateWalk, Statusword};
+use yieldwall_drives::cia402::{Goal, OptionCodes, State, StateMachine, StateWalk, Statusword};
 use yieldwall_drives::scaling::{AxisScaling, CountUnwrapper, wrap};
 
 /// What a drive has sent since the last cycle: raw words, as any fieldbus carries them.
@@ -98,6 +98,26 @@ impl Axis {
         self.walk.set_goal(goal);
         DriveOrders { controlword: self.walk.step(self.statusword).controlword, target }
     }
+}
+
+/// The controlwords that bring a drive that is heard and follows each of them from the end of the boot to Operation Enabled, each once, in their
+/// order: what keeps it waiting, and what then enables it.
+pub fn words_to_enable() -> Vec<u16> {
+    let mut drive = StateMachine::new(OptionCodes::default());
+    let mut walk = StateWalk::new();
+    let mut words = Vec::new();
+    drive.initialise();
+    // The goals of the supervisor, from idling to running.
+    for goal in [Goal::ReadyToSwitchOn, Goal::SwitchedOn, Goal::OperationEnabled] {
+        walk.set_goal(goal);
+        while !goal.is_reached_in(drive.state()) {
+            let word = walk.step(Statusword(drive.statusword())).controlword;
+            drive.apply(word);
+            words.push(word);
+        }
+    }
+    words.dedup();
+    words
 }
 
 /// What both drives are sent: each one step towards `goal`, with its share of `command`. Only a command that the guard has allowed becomes a

@@ -3,7 +3,7 @@
 use std::time::Duration;
 
 use super::axis::{self, Axis};
-use super::can::{CanNetwork, Told, Waiting};
+use super::can::{BootPlan, CanNetwork, Told, Waiting};
 use super::error::BootError;
 use super::phase::{LinkEvent, Phase};
 use super::setup::MasterSetup;
@@ -94,6 +94,11 @@ impl Master {
     /// What the devices told last by emergency messages, at most eight, the oldest first.
     pub fn told(&self) -> impl Iterator<Item = Told> {
         self.network.told()
+    }
+
+    /// All that the boot will send, beside what is repeated: told before anything is sent.
+    pub fn plan(&self) -> BootPlan {
+        self.network.plan()
     }
 
     /// Begins to listen for another master, with nothing sent until [`Master::announce`] or [`Master::start`]. One that is

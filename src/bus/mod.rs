@@ -20,7 +20,8 @@ mod phase;
 mod setup;
 mod signs;
 
-pub use can::{Told, Waiting, budget};
+pub use axis::words_to_enable;
+pub use can::{BootPlan, NodePlan, PlannedWrite, Told, Waiting, budget};
 pub use error::{BootError, BootFailure, Others, Said};
 pub use master::Master;
 pub use phase::{LinkEvent, Phase};

@@ -117,7 +117,8 @@ impl Plan<'_> {
         if self.rig.buses.len() > 1 { format!("{before}{}{after}", self.name) } else { String::new() }
     }
 
-    fn advice(&self) -> Option<Advice> {
+    /// The least change with which everything is in time.
+    pub(super) fn advice(&self) -> Option<Advice> {
         advise(&self.setup, self.budget.conditions, &self.others).ok().flatten()
     }
 

@@ -8,7 +8,7 @@ mod newcomer;
 
 use serde_json::{Value, json};
 
-use self::checked::Checked;
+pub(super) use self::checked::Checked;
 use super::failure::{Exit, Failure};
 use super::output::Output;
 use crate::config::{

@@ -2,6 +2,7 @@
 
 use serde_json::json;
 
+use super::desk::plan::{self, Sender};
 use super::events::{Events, Listening, Stream};
 use super::failure::{Exit, Failure};
 use super::interfaces::Interfaces;
@@ -20,10 +21,14 @@ pub(super) struct Arguments {
     #[arg(value_name = "RIG.yaml")]
     rig: String,
     /// The interface; for a rig with several buses once for each, as NAME=INTERFACE
-    #[arg(long, value_name = "INTERFACE", required = true)]
+    #[arg(long, value_name = "INTERFACE", required_unless_present = "dry_run")]
     bus: Vec<String>,
     #[command(flatten)]
     pub(super) stream: Stream,
+    /// Say what would be sent to each device, old -> new, and send nothing but the reading of objects; without --bus to the simulated
+    /// devices
+    #[arg(long)]
+    dry_run: bool,
 }
 
 pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Failure> {
@@ -36,6 +41,13 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
 fn drill(arguments: &Arguments, events: &Events, output: &mut Output) -> Result<(), Failure> {
     let rig = config::load_rig(Source::named(&arguments.rig))?;
     output.configuration(&rig.warnings)?;
+    if arguments.dry_run {
+        let buses = match arguments.bus.as_slice() {
+            [] => Vec::new(),
+            several => Interfaces::of(&rig.value, several)?.named(&rig.value),
+        };
+        return plan::run(&rig, &buses, Sender::Drill, output);
+    }
     let rig = rig.value;
     let folder = state_folder("drills").ok_or_else(no_home)?;
     let is_interrupted = on_interrupt()?;

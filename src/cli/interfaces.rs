@@ -70,6 +70,11 @@ impl Interfaces {
         each.collect::<Vec<_>>().join(", ")
     }
 
+    /// Each as `NAME=INTERFACE`.
+    pub(super) fn named(&self, rig: &config::Rig) -> Vec<String> {
+        rig.buses.keys().zip(&self.0).map(|(name, interface)| format!("{name}={interface}")).collect()
+    }
+
     /// The arguments that say the same.
     pub(super) fn arguments(&self, rig: &config::Rig) -> String {
         if let [only] = self.0.as_slice() {

@@ -5,6 +5,7 @@ mod proof;
 
 use std::sync::Arc;
 
+use super::desk::plan::{self, Sender};
 use super::ending::stopped_by;
 use super::events::{Event, Events, Listening};
 use super::failure::{Exit, Failure};
@@ -47,6 +48,13 @@ fn run_and_tell(arguments: &Arguments, events: &Events, output: &mut Output) -> 
     check(arguments)?;
     let rig = config::load_rig(Source::named(&arguments.rig))?;
     output.configuration(&rig.warnings)?;
+    check_buses(&rig, arguments.ignore_bus_budget, output)?;
+    // Whoever holds the tool is not the hand of the scene.
+    check_loop(&rig, false, output)?;
+    if arguments.dry_run {
+        let buses = Interfaces::of(&rig.value, &arguments.bus)?.named(&rig.value);
+        return plan::run(&rig, &buses, Sender::Run, output);
+    }
     // Devices in lockstep are simulated; on others a scene says no more than how long it lasts.
     let scene = match (&rig.value.simulation, arguments.pace) {
         (None, PaceArgument::Free) => None,
@@ -56,9 +64,6 @@ fn run_and_tell(arguments: &Arguments, events: &Events, output: &mut Output) -> 
         let message = format!("{} has no scene that would say how long the rig runs", arguments.rig);
         return Err(Failure::new(Exit::Usage, message, "say how long, in s, with --duration"));
     };
-    check_buses(&rig, arguments.ignore_bus_budget, output)?;
-    // Whoever holds the tool is not the hand of the scene.
-    check_loop(&rig, false, output)?;
     let file = rig;
     let rig = file.value.clone();
     let terms = Terms {

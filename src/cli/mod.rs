@@ -3,11 +3,13 @@
 //! A command gets its arguments and an [`Output`], and returns nothing or a [`Failure`]. It prints results to standard
 //! output only; findings and failures go to standard error, or with `--json` into the one document on standard output.
 
+mod bug_report;
 mod bus;
 #[cfg(target_os = "linux")]
 mod checkup;
 mod compare;
 mod config;
+mod confirm;
 mod desk;
 #[cfg(target_os = "linux")]
 mod doctor;
@@ -29,6 +31,7 @@ mod latency;
 mod live;
 mod manual;
 mod margins;
+mod new;
 #[cfg(target_os = "linux")]
 mod on_bus;
 mod output;
@@ -83,6 +86,8 @@ struct Arguments {
 
 #[derive(Debug, Subcommand)]
 enum Command {
+    /// Write a new rig with its simulation and its scene, from flags or from a few questions
+    New(new::Arguments),
     /// Run a rig with its scene, on the embedded simulation or on a real bus
     Run(run::Arguments),
     /// Put simulated drives, sensor, arm and hand on a real bus
@@ -143,9 +148,11 @@ enum Command {
     /// What the bus of a rig can carry
     #[command(subcommand)]
     Bus(bus::Command),
-    /// Numbers of a fixture that stay stable with a reserve
+    /// Numbers of a fixture and gains of a rig that stay stable with a reserve
     #[command(subcommand)]
     Tune(tune::Command),
+    /// Put what a bug report needs into one zip, without names of users and computers
+    Report(bug_report::Arguments),
     /// Check, show and describe configuration files
     #[command(subcommand)]
     Config(config::Command),
@@ -209,6 +216,7 @@ fn run(arguments: impl IntoIterator<Item = OsString>) -> Exit {
         output = output.streaming();
     }
     let result = match arguments.command {
+        Command::New(arguments) => new::run(&arguments, &mut output),
         #[cfg(target_os = "linux")]
         Command::Run(arguments) if !arguments.bus.is_empty() => live::run(&arguments, &mut output),
         Command::Run(arguments) => run::run(&arguments, &mut output),
@@ -241,6 +249,7 @@ fn run(arguments: impl IntoIterator<Item = OsString>) -> Exit {
         Command::Study(arguments) => study::run(&arguments, &mut output),
         Command::Bus(command) => bus::run(&command, &mut output),
         Command::Tune(command) => tune::run(&command, &mut output),
+        Command::Report(arguments) => bug_report::run(&arguments, &mut output),
         Command::Config(command) => config::run(command, &mut output),
         Command::Completions(arguments) => manual::completions(&arguments, &mut output),
         Command::Man(arguments) => manual::man(&arguments, &mut output),

@@ -30,7 +30,7 @@ impl Renderer {
         Self::with_width(in_color, width.clamp(LEAST_WIDTH, WIDTH))
     }
 
-    #[cfg(test)]
+    /// As wide as a usual terminal.
     pub(super) fn new(in_color: bool) -> Self {
         Self::with_width(in_color, WIDTH)
     }

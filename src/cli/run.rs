@@ -15,6 +15,7 @@ pub(super) use self::words::{
     watchdogs_text,
 };
 use super::bus::plans;
+use super::desk::plan::{self, Sender};
 use super::ending::{self, above_bound, rig_failure};
 use super::events::{Events, Listening, Stream};
 use super::failure::{Exit, Failure};
@@ -82,6 +83,9 @@ pub(super) struct Arguments {
     /// device, which has no bus, its samples
     #[arg(long, value_name = "DIR")]
     pub(super) record: Option<PathBuf>,
+    /// Say what boot and start would send to each device, old -> new, and send nothing but the reading of objects
+    #[arg(long, conflicts_with_all = ["fault", "figure", "candump", "record", "black_box"])]
+    pub(super) dry_run: bool,
     #[command(flatten)]
     pub(super) replace: Replace,
     #[command(flatten)]
@@ -106,6 +110,10 @@ fn run_and_tell(arguments: &Arguments, events: &Events, output: &mut Output) -> 
     let source = Source::named(&arguments.rig);
     let rig = match config::load(source.clone())? {
         Document::Rig(rig) => *rig,
+        Document::Device(_) if arguments.dry_run => {
+            let message = "an impedance device is on no bus: nothing is written to any device";
+            return Err(Failure::new(Exit::Usage, message, "leave --dry-run away, or name a rig"));
+        }
         Document::Device(device) => return device::run(arguments, &device, output),
         // Says what it is.
         Document::Scene(_)
@@ -118,6 +126,9 @@ fn run_and_tell(arguments: &Arguments, events: &Events, output: &mut Output) -> 
     output.configuration(&rig.warnings)?;
     check_buses(&rig, arguments.ignore_bus_budget, output)?;
     let margins = check_loop(&rig, true, output)?;
+    if arguments.dry_run {
+        return plan::run(&rig, &[], Sender::Run, output);
+    }
     let scene = rig.scene()?;
     let faults = arguments.fault.iter().map(|fault| fault.0).collect();
     let overrides = Overrides { fixture: None, duration_s: arguments.duration, seed: arguments.seed, faults };

@@ -1,6 +1,7 @@
-//! `yieldwall tune`: numbers of a fixture that stay stable with a reserve.
+//! `yieldwall tune`: numbers of a fixture and gains of a rig that stay stable with a reserve.
 
 mod device;
+mod gains;
 mod masses;
 
 pub(super) use device::{coupled_finding, coupled_json, coupled_lines};
@@ -22,6 +23,12 @@ pub(super) enum Command {
     /// By the sampled loop with its real delays at the worst pose along the surface and the worst phase of a sensor with its own
     /// clock, hand on the tool for a rig, hand off for a device. docs/studies.md compares it with simulation.
     Fixture(Arguments),
+    /// Tell the gains of a rig with 6 dB and 45 degrees of margin, by the model of its arm alone
+    ///
+    /// Torque mode: the stiffest gains that have these margins at every pose along the surface, by the inertia of the feed-forward or
+    /// of the simulated arm, one cycle of delay and the hold. Velocity mode: the greatest gain without overshoot. In position mode this
+    /// program has no gains.
+    Gains(gains::Arguments),
 }
 
 #[derive(Debug, clap::Args)]
@@ -48,7 +55,10 @@ fn parse_stiffness(text: &str) -> Result<f64, String> {
 }
 
 pub(super) fn run(command: &Command, output: &mut Output) -> Result<(), Failure> {
-    let Command::Fixture(arguments) = command;
+    let arguments = match command {
+        Command::Gains(arguments) => return gains::run(arguments, output),
+        Command::Fixture(arguments) => arguments,
+    };
     let reserve = arguments.reserve;
     match config::load(Source::named(&arguments.file))? {
         Document::Rig(rig) => {

@@ -58,6 +58,13 @@ impl<T> Loaded<T> {
     }
 }
 
+impl<T> Loaded<T> {
+    /// The files that the document is put together from, each with its text; the first is the document's own.
+    pub fn files(&self) -> impl Iterator<Item = (&str, &str)> {
+        self.locator.files.iter().map(|file| (file.name.as_str(), &*file.text))
+    }
+}
+
 impl Loaded<Rig> {
     /// Reads and checks the scene of the rig's simulation.
     ///

@@ -6,7 +6,7 @@ use crate::config::Positive;
 use crate::guard::Request;
 
 /// How far the joints of a rig that has to rest may be led away, rad.
-const REST_RAD: f64 = 0.02;
+pub const REST_RAD: f64 = 0.02;
 
 /// One boot of one network, unlike every other one of this process.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

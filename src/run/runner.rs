@@ -27,7 +27,9 @@ use crate::guard::{Cause, DeviceSet, State};
 use crate::link::{CanLink, LinkOutbox};
 use crate::record::{CycleRecord, Stages};
 use crate::time::Time;
+pub use alone::ANNOUNCED;
 use motion_bound::MotionBound;
+pub use network::END_OF_WATCH;
 use yieldwall_drives::profiles::Tried;
 
 /// How far apart both frames of a sample on plain CAN may come in lockstep.

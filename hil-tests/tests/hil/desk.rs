@@ -19,6 +19,11 @@ fn ask(line: &str) -> (i32, Value) {
     ask_of(RIG, line)
 }
 
+/// What `run` or `drill` would send.
+fn dry_run(command: &str) -> (i32, Value) {
+    Running::start(&[command, RIG, "--bus", &bus(), "--dry-run", "--json"]).document()
+}
+
 fn well_of(rig: &str, line: &str) -> Value {
     let (code, document) = ask_of(rig, line);
     assert_eq!(code, OK, "{line}: {document:#}");
@@ -46,6 +51,15 @@ fn devices_are_found_read_changed_compared_and_put_back() {
     let path = file.to_str().unwrap();
     let _ = std::fs::remove_file(&file);
     well(&format!("od dump left --out {path}"));
+    assert_eq!(well(&format!("od diff left {path}"))["differences"], Value::Array(vec![]));
+    // Neither is written by saying what a run or a drill would write.
+    for command in ["run", "drill"] {
+        let (code, told) = dry_run(command);
+        assert_eq!(code, OK, "{command}: {told:#}");
+        let sends = told["sends"].as_array().unwrap();
+        let writes = sends.iter().filter(|send| send["part"] == "configure");
+        assert!(writes.clone().count() > 60 && writes.clone().all(|write| write["old"].is_object()), "{told:#}");
+    }
     assert_eq!(well(&format!("od diff left {path}"))["differences"], Value::Array(vec![]));
     for (object, value) in
         [("max-torque", "900"), ("605ah", "6"), ("1017h", "100"), ("6065h", "1000"), ("60c2h:1", "2")]
@@ -145,6 +159,10 @@ fn beside_a_rig_that_runs_nothing_is_sent_and_all_is_heard() {
     for line in ["scan", "info left", "od read left statusword", "nmt left stop", "lss find", "emcy", "state left"] {
         let (code, refused) = ask(line);
         assert_eq!(code, BUS_UNAVAILABLE, "{line}: {refused:#}");
+    }
+    for command in ["run", "drill"] {
+        let (code, refused) = dry_run(command);
+        assert_eq!(code, BUS_UNAVAILABLE, "{command}: {refused:#}");
     }
     let heard = well("scan --listen");
     let nodes: Vec<u64> =

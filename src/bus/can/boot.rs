@@ -26,7 +26,7 @@ const PDO_COUNT: u8 = 4;
 
 /// One access to one object.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Action {
+pub(super) enum Action {
     /// The object has to have this value under the mask.
     Expect { value: u32, mask: u32 },
     /// The product has to be one that the profile is for.
@@ -46,12 +46,12 @@ enum Action {
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-struct Step {
-    doing: &'static str,
-    index: u16,
-    sub: u8,
-    bytes: u8,
-    action: Action,
+pub(super) struct Step {
+    pub(super) doing: &'static str,
+    pub(super) index: u16,
+    pub(super) sub: u8,
+    pub(super) bytes: u8,
+    pub(super) action: Action,
 }
 
 /// The configuration of one node, step by step.
@@ -144,6 +144,11 @@ impl Boot {
     pub(super) fn reset(&mut self) {
         (self.next, self.verifying, self.started, self.restarts) = (0, false, false, 0);
         (self.again_at, self.given_up_at) = (Time::NEVER, Time::NEVER);
+    }
+
+    /// All that it does, in its order, and the identity that it looks for.
+    pub(super) fn steps(&self) -> (&[Step], &Identity) {
+        (&self.steps, &self.identity)
     }
 
     /// The command by which the node comes to its power-on values.
@@ -286,7 +291,7 @@ impl Boot {
     }
 }
 
-fn check(step: &Step, received: u32, identity: &Identity) -> Result<(), BootFailure> {
+pub(super) fn check(step: &Step, received: u32, identity: &Identity) -> Result<(), BootFailure> {
     let Step { index, sub, .. } = *step;
     let other = |expected: String| {
         Err(BootFailure::Identity { what: step.doing, index, sub, expected: expected.into(), received })
@@ -312,7 +317,7 @@ fn check(step: &Step, received: u32, identity: &Identity) -> Result<(), BootFail
 }
 
 /// `counts_per_s` in r/min of the motor, at least 1, for an encoder with that many increments in that many revolutions.
-fn motor_speed(counts_per_s: u32, resolution: [u32; 2]) -> Result<u32, BootFailure> {
+pub(super) fn motor_speed(counts_per_s: u32, resolution: [u32; 2]) -> Result<u32, BootFailure> {
     let [increments, revolutions] = resolution;
     if increments == 0 || revolutions == 0 {
         return Err(BootFailure::Resolution { increments, revolutions });
@@ -325,7 +330,7 @@ fn width_mask(bytes: u8) -> u32 {
     if bytes >= 4 { u32::MAX } else { (1u32 << (8 * bytes)) - 1 }
 }
 
-fn little_endian(data: &[u8]) -> u32 {
+pub(super) fn little_endian(data: &[u8]) -> u32 {
     data.iter().take(4).rev().fold(0, |value, byte| value << 8 | u32::from(*byte))
 }
 

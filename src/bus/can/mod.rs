@@ -6,6 +6,7 @@ pub mod budget;
 mod image;
 mod line;
 mod node;
+mod plan;
 mod states;
 mod transfer;
 mod waiting;
@@ -29,6 +30,7 @@ use image::{Image, SensorFrames, Taken};
 use line::Line;
 use node::Node;
 
+pub use plan::{BootPlan, NodePlan, PlannedWrite};
 pub use waiting::Waiting;
 
 /// Emergencies that are remembered.

@@ -116,7 +116,7 @@ impl CanNetwork {
     }
 
     /// Commands each node of the rig, and no other that may be on its bus.
-    fn command(&self, command: NmtCommand, out: &mut impl Outbox) {
+    pub(super) fn command(&self, command: NmtCommand, out: &mut impl Outbox) {
         self.nodes.iter().for_each(|node| out.push(nmt::command(command, Some(node.id)).on_bus(node.bus)));
     }
 

@@ -1,6 +1,5 @@
 //! What is kept before something is overwritten, and what is asked before a device stores it.
 
-use std::io::{BufRead, Write};
 use std::path::PathBuf;
 use std::time::{SystemTime, UNIX_EPOCH};
 
@@ -8,6 +7,7 @@ use yieldwall_drives::eds::{Eds, Node as Of};
 use yieldwall_drives::objects;
 
 use super::place::{Desk, Node};
+use crate::cli::confirm::agreed;
 use crate::cli::failure::{Exit, Failure};
 use crate::cli::keep::state_folder;
 use crate::objects::Address;
@@ -52,12 +52,4 @@ pub(super) fn store(desk: &mut Desk, node: &Node, is_agreed: bool) -> Result<(),
     let at = Address::new(objects::STORE_PARAMETERS.index, objects::STORE_PARAMETERS.sub);
     let stored = desk.service.write(node.id, at, &objects::STORE_SIGNATURE.to_le_bytes());
     stored.map_err(|error| desk.failure(node, "storing its parameters", error))
-}
-
-/// Whether a person answers yes.
-fn agreed(what: &str) -> bool {
-    let mut line = String::new();
-    // Who cannot be asked has not agreed.
-    let asked = write!(std::io::stderr(), "{what}. Go on? [yes/no] ");
-    asked.is_ok() && std::io::stdin().lock().read_line(&mut line).is_ok() && matches!(line.trim(), "y" | "yes")
 }

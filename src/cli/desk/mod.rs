@@ -12,6 +12,7 @@ pub(super) mod nmt;
 pub(super) mod od;
 pub(super) mod pdo;
 mod place;
+pub(super) mod plan;
 pub(super) mod scan;
 pub(super) mod state;
 #[cfg(test)]

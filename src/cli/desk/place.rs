@@ -14,7 +14,7 @@ use crate::cli::ending::rig_failure;
 use crate::cli::failure::{Exit, Failure};
 use crate::cli::interrupt::on_interrupt;
 use crate::cli::output::Output;
-use crate::config::{self, Rig, SensorProtocol, Source};
+use crate::config::{self, Loaded, Rig, SensorProtocol, Source};
 use crate::explanation::{self, Explanation};
 use crate::link::CanLink;
 use crate::live::VirtualLink;
@@ -116,19 +116,26 @@ impl Desk {
             }
         };
         let entries = rig.as_ref().map_or(Ok(Vec::new()), |rig| entries(&rig.value))?;
-        let is_over = on_interrupt()?;
-        let desk = match (&place.bus, &rig) {
-            (None, Some(rig)) => Self::simulated(rig, entries, is_over)?,
-            (Some(bus), rig) => {
-                Self::on_interface(bus, rig.as_ref().map(|rig| &rig.value), entries, is_silent, is_over)?
-            }
-            (None, None) => return Err(Failure::new(Exit::Internal, "neither a bus nor a rig", "")),
-        };
+        let desk = Self::at(rig.as_ref(), place.bus.as_deref(), entries, is_silent)?;
         output.aside(&desk.place);
         Ok(desk)
     }
 
-    fn simulated(rig: &config::Loaded<Rig>, entries: Vec<Entry>, is_over: Arc<AtomicBool>) -> Result<Self, Failure> {
+    /// The devices of a rig on one of its buses, where no master is; or those of its simulation.
+    pub(super) fn of_rig(rig: &Loaded<Rig>, bus: Option<&str>) -> Result<Self, Failure> {
+        Self::at(Some(rig), bus, entries(&rig.value)?, false)
+    }
+
+    fn at(rig: Option<&Loaded<Rig>>, bus: Option<&str>, entries: Vec<Entry>, is_silent: bool) -> Result<Self, Failure> {
+        let is_over = on_interrupt()?;
+        match (bus, rig) {
+            (None, Some(rig)) => Self::simulated(rig, entries, is_over),
+            (Some(bus), rig) => Self::on_interface(bus, rig.map(|rig| &rig.value), entries, is_silent, is_over),
+            (None, None) => Err(Failure::new(Exit::Internal, "neither a bus nor a rig", "")),
+        }
+    }
+
+    fn simulated(rig: &Loaded<Rig>, entries: Vec<Entry>, is_over: Arc<AtomicBool>) -> Result<Self, Failure> {
         let scene = rig.scene()?.value;
         let link = VirtualLink::new(&rig.value, &scene, scene.seed).map_err(|error| rig_failure(&error))?;
         let buses: Vec<(BusId, String)> = BusId::all().zip(rig.value.buses.keys().cloned()).collect();

@@ -194,6 +194,11 @@ pub(super) fn document(at: Address, name: &str, bytes: &[u8], shown: &Shown) -> 
     json!({ "object": at.to_string(), "name": name, "bytes": hexadecimal, "value": shown.raw, "means": shown.means })
 }
 
+/// Lines of a text that fit a terminal of 80 columns.
+pub(super) fn wrapped(text: &str) -> String {
+    textwrap::fill(text, textwrap::Options::new(80).word_splitter(textwrap::WordSplitter::NoHyphenation)) + "\n"
+}
+
 /// A table: columns as wide as their widest cell, the last as long as it is.
 pub(super) fn table<const N: usize>(rows: &[[String; N]]) -> String {
     let mut widths = [0; N];

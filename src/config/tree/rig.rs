@@ -124,6 +124,16 @@ impl Rig {
         }
     }
 
+    /// The device profiles that it names by their files, as it writes them.
+    pub fn profile_files(&self) -> impl Iterator<Item = &str> {
+        let of_sensor = match &self.sensor.protocol {
+            SensorProtocol::Canopen { profile, .. } => Some(profile),
+            _ => None,
+        };
+        let named = self.drives.iter().map(|drive| &drive.profile).chain(of_sensor);
+        named.filter(|name| name.is_file()).map(ProfileName::as_str)
+    }
+
     /// The device models that it names.
     pub(in crate::config) fn profiles_mut(&mut self) -> Vec<NamedProfile<'_>> {
         let is_servo: fn(&Role) -> bool = |role| matches!(role, Role::Servo(_));

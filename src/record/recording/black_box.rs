@@ -74,6 +74,21 @@ impl BlackBox {
         }
     }
 
+    /// The files of a rig of this name in a folder, the newest first; none where the folder cannot be read.
+    pub fn files_of(folder: &Path, name: &str) -> Vec<PathBuf> {
+        let name = sanitised(name);
+        let entries = fs::read_dir(folder).into_iter().flatten().flatten();
+        let mut files: Vec<(u32, PathBuf)> = entries
+            .filter_map(|entry| {
+                let file = entry.file_name().to_string_lossy().into_owned();
+                let (of, _) = file.strip_suffix(ENDING)?.rsplit_once('-')?;
+                Some((number(&file).filter(|_| of == name)?, entry.path()))
+            })
+            .collect();
+        files.sort();
+        files.into_iter().rev().map(|(_, path)| path).collect()
+    }
+
     fn save(&mut self, cause: Cause, record: &CycleRecord) {
         // Only the newest files are there to be told of.
         if self.saved.len() == KEPT_FILES {

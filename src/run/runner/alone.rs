@@ -10,7 +10,7 @@ use crate::run::place::Place;
 use crate::time::Time;
 
 /// How long a master that has sent its first heartbeat listens for that of another one, before it resets its nodes.
-const ANNOUNCED: Duration = Duration::from_millis(50);
+pub const ANNOUNCED: Duration = Duration::from_millis(50);
 
 impl<P: Place> Runner<P> {
     /// Listens for another master, and the first time for long, before anything is sent that could disturb it. What comes

@@ -18,6 +18,10 @@ const LOOK_UP: Duration = Duration::from_millis(100);
 /// How long the end of the run is listened to, on the wall: own last frames come back, and the devices answer.
 const FAREWELL: Duration = Duration::from_millis(50);
 
+/// What each drive is told when the network is left: that it no longer watches the master's heartbeat (1016h:1).
+pub const END_OF_WATCH: (Address, u32) =
+    (Address::new(objects::CONSUMER_HEARTBEAT.index, objects::CONSUMER_HEARTBEAT.sub), 0);
+
 impl<P: Place> Runner<P> {
     /// Resets, configures and starts the rig's nodes, up to the exchange of process data. Nothing is enabled, and permits of
     /// earlier boots are void.
@@ -116,10 +120,10 @@ impl<P: Place> Runner<P> {
             self.started = Time(self.place.now().0.saturating_sub(self.lockstep_now.0));
             self.waits = false;
         }
-        let heartbeat = Address::new(objects::CONSUMER_HEARTBEAT.index, objects::CONSUMER_HEARTBEAT.sub);
+        let (heartbeat, never) = END_OF_WATCH;
         for drive in Device::DRIVES {
             // One that does not answer is left as it is.
-            let _ = self.write(drive, heartbeat, &0u32.to_le_bytes());
+            let _ = self.write(drive, heartbeat, &never.to_le_bytes());
         }
     }
 }

@@ -1,0 +1,117 @@
+//! `yieldwall report`: what a bug report needs, in one zip, without names of people and computers.
+
+mod contents;
+mod strip;
+mod system;
+
+use std::io::{Cursor, Write};
+use std::path::PathBuf;
+
+use serde_json::json;
+use zip::write::SimpleFileOptions;
+use zip::{CompressionMethod, ZipWriter};
+
+use self::contents::{Entry, contents};
+use self::strip::Stripper;
+use super::failure::{Exit, Failure};
+use super::keep::state_folder;
+use super::output::Output;
+use super::replace::Replace;
+
+/// Largest file of messages that is taken, bytes.
+const MOST_MESSAGES: u64 = 1 << 20;
+
+#[derive(Debug, clap::Args)]
+pub(super) struct Arguments {
+    /// The rig that the report is about, also one that is refused
+    #[arg(value_name = "RIG.yaml")]
+    rig: Option<String>,
+    /// The zip, which is made
+    #[arg(long, value_name = "FILE.zip", default_value = "yieldwall-report.zip")]
+    out: PathBuf,
+    /// What the program has printed, kept in a file: `yieldwall run .. 2> messages.txt`
+    #[arg(long, value_name = "FILE")]
+    messages: Option<PathBuf>,
+    /// Leave the serial numbers of devices in
+    #[arg(long)]
+    with_serials: bool,
+    #[command(flatten)]
+    replace: Replace,
+}
+
+pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Failure> {
+    arguments.replace.check_new(&arguments.out)?;
+    let messages = arguments.messages.as_ref().map(messages).transpose()?;
+    let state = |name: &str| state_folder(name).unwrap_or_default();
+    let folders =
+        contents::Folders { black_boxes: state("black-box"), drills: state("drills"), latency: state("latency") };
+    let found = contents(arguments.rig.as_deref(), messages, &folders);
+    let stripper = Stripper::of_this_computer(arguments.with_serials, &found);
+    let (entries, left_out) = stripped(found, &stripper);
+    let zip = zipped(&entries).map_err(|error| Failure::new(Exit::Internal, format!("zip: {error}"), ""))?;
+    let unwritten = |error: std::io::Error| {
+        let message = format!("{}: {error}", arguments.out.display());
+        Failure::about_file(Exit::Usage, &arguments.out, message, "name a file that can be written with --out")
+    };
+    arguments.replace.create(&arguments.out)?.write_all(&zip).map_err(unwritten)?;
+    if output.is_json() {
+        let files: Vec<_> = entries.iter().map(|(name, bytes)| json!({ "name": name, "bytes": bytes.len() })).collect();
+        let document = json!({ "file": arguments.out, "files": files, "left_out": left_out });
+        return output.report(document);
+    }
+    let mut text = format!("wrote {} ({} bytes)\n", arguments.out.display(), zip.len());
+    for (name, bytes) in &entries {
+        text += &format!("  {:>8}  {name}\n", bytes.len());
+    }
+    for why in &left_out {
+        text += &format!("  left out: {why}\n");
+    }
+    let serials = if arguments.with_serials { "" } else { ", serial numbers" };
+    text += &format!(
+        "Names of users and computers, home folders{serials} are taken out. Look into it before\nyou send it: names that you have written into files yourself stay.\n"
+    );
+    output.result(&text)
+}
+
+/// What the program has printed.
+fn messages(path: &PathBuf) -> Result<String, Failure> {
+    let refused = |message: String| {
+        Failure::about_file(Exit::Usage, path, format!("{}: {message}", path.display()), "name a file of text")
+    };
+    let facts = std::fs::metadata(path).map_err(|error| refused(error.to_string()))?;
+    if !facts.is_file() || facts.len() > MOST_MESSAGES {
+        return Err(refused(format!("is no file of at most {MOST_MESSAGES} bytes")));
+    }
+    let bytes = std::fs::read(path).map_err(|error| refused(error.to_string()))?;
+    Ok(String::from_utf8_lossy(&bytes).into_owned())
+}
+
+/// The entries as bytes with nothing personal in them, and what could not be taken.
+fn stripped(found: Vec<Entry>, stripper: &Stripper) -> (Vec<(String, Vec<u8>)>, Vec<String>) {
+    let (mut entries, mut left_out) = (Vec::new(), Vec::new());
+    for entry in found {
+        let name = stripper.name(&entry.name);
+        match entry.content.bytes(stripper) {
+            Ok(bytes) => entries.push((name, bytes)),
+            Err(why) => left_out.push(stripper.text(&format!("{}: {why}", entry.name))),
+        }
+    }
+    (entries, left_out)
+}
+
+/// One zip. Its times say nothing.
+fn zipped(entries: &[(String, Vec<u8>)]) -> zip::result::ZipResult<Vec<u8>> {
+    let options = SimpleFileOptions::default()
+        .compression_method(CompressionMethod::Deflated)
+        .last_modified_time(zip::DateTime::default())
+        .unix_permissions(0o644);
+    let mut zip = ZipWriter::new(Cursor::new(Vec::new()));
+    for (name, bytes) in entries {
+        zip.start_file(name.as_str(), options)?;
+        zip.write_all(bytes)?;
+    }
+    Ok(zip.finish()?.into_inner())
+}
+
+#[cfg(test)]
+mod tests;

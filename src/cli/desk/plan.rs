@@ -1,0 +1,520 @@
+//! `run --dry-run` and `drill --dry-run`: what boot and start would send to each device, in its order, old -> new. Objects are read; nothing
+//! else is sent, and nothing at all on a bus with a master.
+
+use serde_json::{Value as Json, json};
+use yieldwall_drives::eds::Value;
+use yieldwall_drives::watchdog::Watchdog;
+
+use super::place::{Desk, Entry, Node};
+use super::words::{self, nmt_words};
+use crate::assembly::master;
+use crate::bus::{BootPlan, NodePlan, PlannedWrite, words_to_enable};
+use crate::canopen::{BusId, Frame, NmtCommand, nmt};
+use crate::cli::ending::rig_failure;
+use crate::cli::failure::{Exit, Failure};
+use crate::cli::output::Output;
+use crate::config::{Loaded, Rig};
+use crate::guard::Device;
+use crate::objects::Address;
+use crate::run::{ANNOUNCED, DRILL_LIMIT, END_OF_WATCH, REST_RAD, settling_on_bus};
+use crate::service::{Error, known, type_by_length};
+
+/// Columns of a terminal.
+const COLUMNS: usize = 80;
+/// The part in which nodes are configured.
+const CONFIGURE: &str = "configure";
+
+/// Who would send.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(in crate::cli) enum Sender {
+    /// `run`.
+    Run,
+    /// `drill`.
+    Drill,
+}
+
+/// One thing that would be sent.
+#[derive(Clone, Debug)]
+struct Line {
+    part: &'static str,
+    bus: BusId,
+    /// Whom it is for; `None` for all.
+    node: Option<(u8, String)>,
+    what: What,
+}
+
+#[derive(Clone, Debug)]
+enum What {
+    /// An NMT command.
+    Command(NmtCommand),
+    /// A frame, and what it is.
+    Frame(Frame, String),
+    /// An object.
+    Write(PlannedWrite),
+    /// A controlword.
+    Controlword { old: Option<u16>, new: u16 },
+}
+
+/// Says what a rig's boot and start would send: to its devices on these buses, `NAME=INTERFACE` each, or to the simulated ones.
+pub(in crate::cli) fn run(
+    rig: &Loaded<Rig>,
+    buses: &[String],
+    sender: Sender,
+    output: &mut Output,
+) -> Result<(), Failure> {
+    let plan = master(&rig.value, &rig.value.fixture).map_err(|error| rig_failure(&error.into()))?.plan();
+    let mut desks = match buses {
+        [] => vec![Desk::of_rig(rig, None)?],
+        // Listens on each before anything is read on any.
+        several => several.iter().map(|bus| Desk::of_rig(rig, Some(bus))).collect::<Result<_, _>>()?,
+    };
+    let (lines, end) = lines(&rig.value, &plan, &mut desks)?;
+    let places: Vec<&str> = desks.iter().map(|desk| desk.place.as_str()).collect();
+    let place = places.join(", ");
+    let rounds = if sender == Sender::Drill { Watchdog::ALL.len() } else { 1 };
+    if output.is_json() {
+        let document = json!({
+            "dry_run": true, "place": place, "times": rounds,
+            "sends": lines.iter().map(|line| line.to_json(&rig.value, &desks)).collect::<Vec<_>>(),
+            "motion": motion_json(&rig.value, sender),
+        });
+        return output.end(document, end);
+    }
+    let mut text = words::wrapped(&format!("Nothing was written. Read: {place}."));
+    let (mut part, mut of) = ("", None);
+    for (number, line) in lines.iter().enumerate() {
+        let begins = line.part != part || (part == CONFIGURE && line.node != of);
+        if begins {
+            text.push_str(&heading(line, &rig.value, sender));
+        }
+        (part, of) = (line.part, line.node.clone());
+        text.push_str(&format!("{:4}  {}\n", number + 1, line.words(&rig.value, &desks)));
+    }
+    text.push_str(&motion_text(&rig.value, sender));
+    if rounds > 1 {
+        let each = Watchdog::ALL.map(Watchdog::name).join(", ");
+        text.push_str(&words::wrapped(&format!(
+            "\nAll of it {rounds} times: while the rig rests, {each} stay away, one each time, until both drives have stopped, {} s at most.",
+            DRILL_LIMIT.as_secs()
+        )));
+    }
+    output.result(&text)?;
+    end
+}
+
+/// All that would be sent; and why the boot would not come to its end, if it would not.
+fn lines(rig: &Rig, plan: &BootPlan, desks: &mut [Desk]) -> Result<(Vec<Line>, Result<(), Failure>), Failure> {
+    let mut lines = Vec::new();
+    let named = |id: u8, bus: BusId| {
+        let node = plan.nodes.iter().find(|node| node.bus == bus && node.id.raw() == id);
+        node.map(|node| (id, node.name.clone()))
+    };
+    let of_frames = |part: &'static str, frames: &[Frame], lines: &mut Vec<Line>| {
+        for frame in frames {
+            let (node, what) = match (nmt::decode_command(frame), nmt::decode_heartbeat(frame)) {
+                (Some((command, node)), _) => {
+                    (node.and_then(|node| named(node.raw(), frame.bus())), What::Command(command))
+                }
+                (_, Some((node, state))) => {
+                    let what = format!("heartbeat of node {} (this program): {}", node.raw(), nmt_words(state));
+                    (None, What::Frame(*frame, what))
+                }
+                _ => (None, What::Frame(*frame, format!("order to {}", rig.sensor.name))),
+            };
+            lines.push(Line { part, bus: frame.bus(), node, what });
+        }
+    };
+    of_frames("boot", &plan.reset, &mut lines);
+    let mut end = Ok(());
+    for node in &plan.nodes {
+        let (writes, refused) = ask(node, desks)?;
+        end = end.and(refused);
+        let of = Some((node.id.raw(), node.name.clone()));
+        lines.extend(writes.into_iter().map(|write| Line {
+            part: CONFIGURE,
+            bus: node.bus,
+            node: of.clone(),
+            what: What::Write(write),
+        }));
+    }
+    of_frames("start", &plan.start, &mut lines);
+    let drives: Vec<&NodePlan> = plan.nodes.iter().filter(|node| Device::DRIVES.contains(&node.device)).collect();
+    let mut old = None;
+    for new in words_to_enable() {
+        for node in &drives {
+            let of = Some((node.id.raw(), node.name.clone()));
+            lines.push(Line { part: "enable", bus: node.bus, node: of, what: What::Controlword { old, new } });
+        }
+        old = Some(new);
+    }
+    of_frames("leave", &plan.leave, &mut lines);
+    let (at, never) = END_OF_WATCH;
+    for node in drives {
+        let told = lines.iter().rev().find_map(|line| match &line.what {
+            What::Write(write)
+                if line.node.as_ref().is_some_and(|(id, _)| *id == node.id.raw()) && line.bus == node.bus =>
+            {
+                (write.at == at).then(|| write.new.clone()).flatten()
+            }
+            _ => None,
+        });
+        let write = PlannedWrite { doing: "end the watch", at, old: told, new: Some(never.to_le_bytes().to_vec()) };
+        let of = Some((node.id.raw(), node.name.clone()));
+        lines.push(Line { part: "leave", bus: node.bus, node: of, what: What::Write(write) });
+    }
+    Ok((lines, end))
+}
+
+/// What would be written to one node; and that it does not answer, or would be refused.
+fn ask(plan: &NodePlan, desks: &mut [Desk]) -> Result<(Vec<PlannedWrite>, Result<(), Failure>), Failure> {
+    let (desk, entry) = desk_of(plan.bus, desks).ok_or_else(|| Failure::new(Exit::Internal, "a bus is missing", ""))?;
+    desk.service.turn_to(entry);
+    let node = Node { id: plan.id, entry: desk.entry(plan.id).cloned() };
+    let mut broken: Option<(Address, Error)> = None;
+    let (writes, refused) = plan.writes(|at| {
+        // Who does not answer once is not asked again.
+        if broken.is_some() {
+            return None;
+        }
+        match desk.service.read(plan.id, at) {
+            Ok(bytes) => Some(bytes),
+            Err(Error::Refused(_)) => None,
+            Err(error) => {
+                broken = Some((at, error));
+                None
+            }
+        }
+    });
+    match broken {
+        Some((_, error @ (Error::Interrupted | Error::Link(_)))) => Err(desk.bus_failure(error)),
+        Some((at, error)) => Ok((writes, Err(desk.failure(&node, &format!("reading {at}"), error)))),
+        None => Ok((writes, refused.map_err(|error| rig_failure(&error.into())))),
+    }
+}
+
+/// The desk at which a bus of the rig is, and what the bus is called there: one interface is one bus to its link.
+fn desk_of(bus: BusId, desks: &mut [Desk]) -> Option<(&mut Desk, BusId)> {
+    let is_simulated = desks.first()?.is_simulated;
+    if is_simulated { Some((desks.first_mut()?, bus)) } else { Some((desks.get_mut(bus.index())?, BusId::FIRST)) }
+}
+
+fn heading(line: &Line, rig: &Rig, sender: Sender) -> String {
+    let period_ms = f64::from(rig.cycle.period_us) * 1e-3;
+    match (line.part, &line.node) {
+        ("boot", _) => words::wrapped(&format!(
+            "\nReset, if no other master is heard before or within {} ms after the first heartbeat; more heartbeats follow every {} ms",
+            ANNOUNCED.as_millis(),
+            rig.own_node().map_or(0, |own| own.heartbeat_ms)
+        )),
+        (CONFIGURE, Some((id, name))) => {
+            let bus = rig.buses.keys().nth(line.bus.index()).filter(|_| rig.buses.len() > 1);
+            let bus = bus.map_or(String::new(), |bus| format!(" on {bus}"));
+            words::wrapped(&format!(
+                "\nNode {id} ({name}){bus} by SDO, at the same time as the others; old values are those before the reset"
+            ))
+        }
+        ("start", _) => "\nStart\n".to_owned(),
+        ("enable", _) => {
+            let proof = if sender == Sender::Run { ", with a watchdog drill on record" } else { "" };
+            words::wrapped(&format!(
+                "\nEnable: from here on SYNC every {period_ms} ms, and behind it set-points with these controlwords; past 0006h on a bus \
+                 after {} cycles{proof}, and each when the drive has followed the one before",
+                settling_on_bus(rig)
+            ))
+        }
+        _ => "\nAfter the stop\n".to_owned(),
+    }
+}
+
+impl Line {
+    fn entry<'a>(&self, desks: &'a [Desk]) -> Option<&'a Entry> {
+        let (id, name) = self.node.as_ref()?;
+        desks.iter().flat_map(|desk| &desk.entries).find(|entry| entry.node.raw() == *id && entry.name == *name)
+    }
+
+    fn words(&self, rig: &Rig, desks: &[Desk]) -> String {
+        // Where there is one bus, its name says nothing.
+        let bus = match rig.buses.keys().nth(self.bus.index()).filter(|_| rig.buses.len() > 1) {
+            Some(name) => format!("{name}: "),
+            None => String::new(),
+        };
+        let who = self.node.as_ref().map_or("all".to_owned(), |(id, name)| format!("node {id} ({name})"));
+        match &self.what {
+            What::Command(command) => format!("{bus}NMT, {who}: {}", command_words(*command)),
+            What::Frame(frame, what) => format!("{bus}{:03X}h {}  {what}", frame.id(), hexadecimal(frame.data())),
+            What::Controlword { old, new } => {
+                let old = old.map_or("-".to_owned(), |old| format!("{old:04X}h"));
+                format!("{bus}{who}: controlword {old} -> {new:04X}h")
+            }
+            What::Write(write) => {
+                let name = words::name(write.at, None);
+                let name = if name.is_empty() { write.doing.to_owned() } else { name };
+                let (old, new) = (short(write.at, write.old.as_deref()), short(write.at, write.new.as_deref()));
+                let before = if self.part == CONFIGURE { String::new() } else { format!("{bus}{who}: ") };
+                let line = format!("{before}{:8}  {name:28}  {old} -> {new}", write.at.to_string());
+                let scaling = self.entry(desks).and_then(|entry| entry.scaling.as_ref());
+                let means = write
+                    .new
+                    .as_ref()
+                    .and_then(|new| words::value(write.at, data_type(write.at, new), new, scaling).means);
+                match means.filter(|means| 6 + line.chars().count() + means.chars().count() + 3 <= COLUMNS) {
+                    Some(means) => format!("{line} ({means})"),
+                    None => line,
+                }
+            }
+        }
+    }
+
+    fn to_json(&self, rig: &Rig, desks: &[Desk]) -> Json {
+        let mut document = json!({
+            "part": self.part,
+            "bus": rig.buses.keys().nth(self.bus.index()),
+            "node_id": self.node.as_ref().map(|(id, _)| id),
+            "device": self.node.as_ref().map(|(_, name)| name),
+        });
+        let more = match &self.what {
+            What::Command(command) => json!({ "nmt": command_words(*command) }),
+            What::Frame(frame, what) => {
+                json!({ "frame": format!("{:03X}#{}", frame.id(), hexadecimal(frame.data())), "what": what })
+            }
+            What::Controlword { old, new } => json!({ "controlword": { "old": old, "new": new } }),
+            What::Write(write) => {
+                let scaling = self.entry(desks).and_then(|entry| entry.scaling.as_ref());
+                let shown = |bytes: &Option<Vec<u8>>| {
+                    bytes.as_ref().map(|bytes| {
+                        let shown = words::value(write.at, data_type(write.at, bytes), bytes, scaling);
+                        words::document(write.at, "", bytes, &shown)
+                    })
+                };
+                let part = |shown: Option<Json>| {
+                    shown.map(
+                        |shown| json!({ "bytes": shown["bytes"], "value": shown["value"], "means": shown["means"] }),
+                    )
+                };
+                json!({
+                    "object": write.at.to_string(), "name": words::name(write.at, None), "doing": write.doing,
+                    "old": part(shown(&write.old)), "new": part(shown(&write.new)),
+                })
+            }
+        };
+        if let (Json::Object(all), Json::Object(more)) = (&mut document, more) {
+            all.extend(more);
+        }
+        document
+    }
+}
+
+fn data_type(at: Address, bytes: &[u8]) -> Option<u16> {
+    known(at, None).map(|known| known.data_type).or_else(|| type_by_length(bytes.len()))
+}
+
+/// A value in few letters: identifiers, mappings and watched nodes as 32 bits in hexadecimal, all else as a number.
+fn short(at: Address, bytes: Option<&[u8]>) -> String {
+    let Some(bytes) = bytes else { return "?".to_owned() };
+    match data_type(at, bytes).map(|data_type| Value::from_bytes(data_type, bytes)) {
+        Some(Value::Integer(_)) if at.index < 0x2000 && bytes.len() == 4 => {
+            format!("{:08X}h", crate::service::number(bytes))
+        }
+        Some(Value::Integer(value)) => value.to_string(),
+        _ => hexadecimal(bytes),
+    }
+}
+
+fn hexadecimal(bytes: &[u8]) -> String {
+    bytes.iter().take(8).map(|byte| format!("{byte:02X}")).collect()
+}
+
+fn command_words(command: NmtCommand) -> &'static str {
+    match command {
+        NmtCommand::StartRemoteNode => "start",
+        NmtCommand::StopRemoteNode => "stop",
+        NmtCommand::EnterPreOperational => "enter Pre-operational",
+        NmtCommand::ResetNode => "reset node",
+        NmtCommand::ResetCommunication => "reset communication",
+    }
+}
+
+fn motion_text(rig: &Rig, sender: Sender) -> String {
+    let guard = &rig.guard;
+    let limits = format!(
+        "torque {} N m and rate {} rad/s of a joint, speed {} m/s of the tool",
+        guard.torque_limit_n_m.get(),
+        guard.joint_speed_limit_rad_per_s.get(),
+        guard.tool_speed_limit_m_per_s.get()
+    );
+    let motion = match sender {
+        Sender::Drill => format!("the rig rests; a joint led farther than {REST_RAD} rad from there stops it"),
+        Sender::Run => format!(
+            "as far as the hand leads the tool, which keeps {} m from the edge of the workspace and from singular poses",
+            guard.singularity_margin_m.get()
+        ),
+    };
+    words::wrapped(&format!("\nMotion: it begins at the measured pose. Bound: {motion}. Limits: {limits}."))
+}
+
+fn motion_json(rig: &Rig, sender: Sender) -> Json {
+    let guard = &rig.guard;
+    json!({
+        "joint_bound_rad": (sender == Sender::Drill).then_some(REST_RAD),
+        "singularity_margin_m": guard.singularity_margin_m,
+        "torque_limit_n_m": guard.torque_limit_n_m,
+        "joint_speed_limit_rad_per_s": guard.joint_speed_limit_rad_per_s,
+        "tool_speed_limit_m_per_s": guard.tool_speed_limit_m_per_s,
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use std::sync::{Arc, Mutex, atomic::AtomicBool};
+
+    use super::*;
+    use crate::canopen::cob;
+    use crate::config::{Source, load_rig};
+    use crate::link::{Arrival, CanLink, SendError};
+    use crate::live::VirtualLink;
+    use crate::rig::EmbeddedRig;
+    use crate::service::Service;
+    use crate::time::Time;
+
+    /// A link that refuses to send anything that does more than read an object.
+    struct Reading(VirtualLink);
+
+    impl CanLink for Reading {
+        fn now(&self) -> Time {
+            self.0.now()
+        }
+
+        fn receive(&mut self) -> Option<Arrival> {
+            self.0.receive()
+        }
+
+        fn send(&mut self, frame: &Frame) -> Result<(), SendError> {
+            let command = frame.data().first().map(|byte| byte >> 5);
+            assert!(frame.id() & 0x780 == 0x600 && matches!(command, Some(2 | 3)), "{frame:?} is no upload");
+            self.0.send(frame)
+        }
+
+        fn wait(&mut self, until: Time) -> bool {
+            self.0.wait(until)
+        }
+    }
+
+    /// What a shipped rig would be told, by reading alone.
+    fn planned(rig: &Loaded<Rig>) -> Vec<Line> {
+        let plan = master(&rig.value, &rig.value.fixture).unwrap().plan();
+        let scene = rig.scene().unwrap().value;
+        let link: Box<dyn CanLink> = Box::new(Reading(VirtualLink::new(&rig.value, &scene, 1).unwrap()));
+        let mut desk = Desk::of_rig(rig, None).unwrap();
+        desk.service = Service::new(link, BusId::FIRST, Arc::new(AtomicBool::new(false)));
+        let (lines, end) = lines(&rig.value, &plan, &mut [desk]).unwrap();
+        assert!(end.is_ok());
+        lines
+    }
+
+    /// The frames of the master of a rig that is booted, enabled, stopped and left on the embedded simulation.
+    fn sent(rig: &Loaded<Rig>) -> Vec<Frame> {
+        let frames = Arc::new(Mutex::new(Vec::new()));
+        let scene = rig.scene().unwrap().value;
+        let mut machine = EmbeddedRig::new(&rig.value, &scene, &rig.value.fixture, 1).unwrap();
+        let taken = Arc::clone(&frames);
+        machine.set_tap(Box::new(move |_, frame| taken.lock().unwrap().push(*frame)));
+        machine.enable().unwrap();
+        drop(machine);
+        Arc::try_unwrap(frames).unwrap().into_inner().unwrap()
+    }
+
+    /// An expedited SDO download, as object and bytes.
+    fn download(frame: &Frame) -> Option<(Address, Vec<u8>)> {
+        let &[command, low, high, sub, ref data @ ..] = frame.data() else { return None };
+        let bytes = 4 - usize::from(command >> 2 & 3);
+        (command >> 5 == 1).then(|| (Address::new(u16::from_le_bytes([low, high]), sub), data[..bytes].to_vec()))
+    }
+
+    #[test]
+    fn what_is_told_is_what_the_boot_sends_and_nothing_is_written_to_tell_it() {
+        for name in ["", "-csp", "-csv", "-two-buses", "-polled", "-streaming"] {
+            let rig = load_rig(Source::named(&format!("builtin:paper-admittance{name}.yaml"))).unwrap();
+            let (planned, sent) = (planned(&rig), sent(&rig));
+            let of_boot: Vec<&Line> = planned.iter().filter(|line| line.part != "leave").collect();
+            let commands = |frame: &Frame| {
+                let (command, node) = nmt::decode_command(frame)?;
+                Some((frame.bus(), command, node.map(|node| node.raw())))
+            };
+            let told: Vec<_> = of_boot
+                .iter()
+                .filter_map(|line| match line.what {
+                    What::Command(command) => Some((line.bus, command, line.node.as_ref().map(|(id, _)| *id))),
+                    _ => None,
+                })
+                .collect();
+            // Each bus has an order of its own.
+            let by_bus = |mut all: Vec<(BusId, NmtCommand, Option<u8>)>| {
+                all.sort_by_key(|(bus, ..)| *bus);
+                all
+            };
+            let sent_commands = by_bus(sent.iter().filter_map(commands).collect());
+            assert_eq!(by_bus(told), sent_commands, "{name}: network management");
+            let mut nodes: Vec<(BusId, u8)> =
+                of_boot.iter().filter_map(|line| Some((line.bus, line.node.as_ref()?.0))).collect();
+            nodes.sort();
+            nodes.dedup();
+            assert!(nodes.len() >= 2);
+            for (bus, id) in nodes {
+                let is_of = |line: &&&Line| line.bus == bus && line.node.as_ref().is_some_and(|(node, _)| *node == id);
+                let told: Vec<_> = of_boot
+                    .iter()
+                    .filter(is_of)
+                    .filter_map(|line| match &line.what {
+                        What::Write(write) => {
+                            assert!(write.old.is_some(), "{name} {id} {}", write.at);
+                            Some((write.at, write.new.clone().unwrap()))
+                        }
+                        _ => None,
+                    })
+                    .collect();
+                let node = crate::canopen::node_id(id).unwrap();
+                let of_node = |cob: u16| sent.iter().filter(move |frame| frame.bus() == bus && frame.id() == cob);
+                let written: Vec<_> = of_node(cob::sdo_request(node)).filter_map(download).collect();
+                assert_eq!(told, written, "{name}: node {id}");
+                let words: Vec<u16> = of_boot
+                    .iter()
+                    .filter(is_of)
+                    .filter_map(|line| match line.what {
+                        What::Controlword { new, .. } => Some(new),
+                        _ => None,
+                    })
+                    .collect();
+                let mut controlwords: Vec<u16> = of_node(cob::rpdo(1, node).unwrap())
+                    .filter_map(|frame| frame.data().get(..2).map(|word| u16::from_le_bytes([word[0], word[1]])))
+                    .collect();
+                controlwords.dedup();
+                assert_eq!(words, controlwords, "{name}: controlwords of node {id}");
+            }
+            // A sensor on plain CAN is told by frames of its own.
+            let told: Vec<Frame> = of_boot
+                .iter()
+                .filter(|line| line.part == "start")
+                .filter_map(|line| match &line.what {
+                    What::Frame(frame, _) => Some(*frame),
+                    _ => None,
+                })
+                .collect();
+            let same = |frame: &Frame| (frame.bus(), frame.id(), frame.data().to_vec());
+            let mut rest = sent.iter().map(same);
+            assert!(told.iter().all(|frame| rest.any(|sent| sent == same(frame))), "{name}: {told:?}");
+        }
+    }
+
+    #[test]
+    fn a_device_that_the_boot_refuses_is_told_after_the_list() {
+        let text = "like: builtin:paper-admittance.yaml\ndrives: [{name: left}, {name: right, profile: maxon-epos4, encoder: multi_turn}]\n";
+        let other = load_rig(Source::memory("rig.yaml", text)).unwrap();
+        let shipped = load_rig(Source::named("builtin:paper-admittance.yaml")).unwrap();
+        let plan = master(&other.value, &other.value.fixture).unwrap().plan();
+        let (lines, end) = lines(&shipped.value, &plan, &mut [Desk::of_rig(&shipped, None).unwrap()]).unwrap();
+        assert!(lines.len() > 50);
+        let failure = end.unwrap_err();
+        assert_eq!(failure.exit, Exit::DeviceMismatch);
+        assert!(failure.report.diagnostics[0].message.contains("check the vendor"), "{failure:?}");
+    }
+}

@@ -1,0 +1,227 @@
+//! `yieldwall new`: a rig from flags, or from a few questions on a terminal.
+
+mod choice;
+mod geometry;
+mod template;
+
+use std::io::{IsTerminal, stdin};
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+use serde_json::json;
+
+use self::choice::{Choice, Law, Mode, Protocol, ask};
+use self::geometry::Geometry;
+use super::bus::plans;
+use super::config::Checked;
+use super::ending::rig_failure;
+use super::failure::{Exit, Failure};
+use super::output::Output;
+use super::replace::Replace;
+use super::tune::Masses;
+use crate::analysis::{pose_margins, proposed_gains};
+use crate::config::{self, Loaded, Rig, Severity, Source};
+use yieldwall_drives::profiles::EncoderKind;
+
+/// Virtual masses that are tried, kg, the first one unless it swings with the scene's hand.
+const MASSES_KG: [f64; 6] = [2.0, 3.0, 4.0, 6.0, 8.0, 12.0];
+
+#[derive(Debug, clap::Args)]
+pub(super) struct Arguments {
+    /// The file of the rig, which is made; its simulation and its scene are made beside it
+    #[arg(value_name = "RIG.yaml")]
+    rig: PathBuf,
+    /// What the drives are commanded: torque, velocity or position
+    #[arg(long, value_enum)]
+    mode: Option<Mode>,
+    /// Cycle time in us, 500 to 10000; torque mode takes 2000 at most
+    #[arg(long, value_name = "US", value_parser = clap::value_parser!(u32).range(500..=10_000))]
+    period_us: Option<u32>,
+    /// Control law of torque mode
+    #[arg(long, value_enum)]
+    law: Option<Law>,
+    /// What the force sensor speaks
+    #[arg(long, value_enum)]
+    sensor: Option<Protocol>,
+    /// Device profiles of the left and of the right drive, names or files; one for both if one is given
+    #[arg(long, value_name = "PROFILE", value_delimiter = ',')]
+    drives: Vec<String>,
+    /// What the drives' encoders know at power-on, where their profile does not say: multi_turn or single_turn
+    #[arg(long, value_name = "KIND", value_parser = choice::parse_encoder)]
+    encoder: Option<EncoderKind>,
+    /// Node ids of the left and of the right drive, and of a CANopen sensor
+    #[arg(long, value_name = "ID", value_delimiter = ',', value_parser = clap::value_parser!(u8).range(1..=126))]
+    nodes: Vec<u8>,
+    /// Lengths of the proximal and of the distal links in m
+    #[arg(long, value_name = "M", value_delimiter = ',', value_parser = choice::parse_length)]
+    links: Vec<f64>,
+    /// Distance of the base joints in m; a third of the proximal links' length twice if left out
+    #[arg(long, value_name = "M", value_parser = choice::parse_length)]
+    base: Option<f64>,
+    /// Ask nothing: what is not given takes its usual value. Nothing is asked either where nobody is at a terminal
+    #[arg(long, short)]
+    yes: bool,
+    #[command(flatten)]
+    replace: Replace,
+}
+
+/// The files of a new rig.
+struct Files {
+    /// Path and text of rig, simulation and scene.
+    texts: [(PathBuf, String); 3],
+}
+
+pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Failure> {
+    let names = names(&arguments.rig)?;
+    // Before anything is asked.
+    for path in &names {
+        arguments.replace.check_new(path)?;
+    }
+    let is_asked = !arguments.yes && !output.is_json() && stdin().is_terminal();
+    let choice = ask(arguments, is_asked)?;
+    let files = compose(&choice, &names)?;
+    let folder = arguments.rig.parent().filter(|folder| !folder.as_os_str().is_empty());
+    if let Some(folder) = folder {
+        std::fs::create_dir_all(folder).map_err(|error| unwritten(folder, &error))?;
+    }
+    for (path, text) in &files.texts {
+        use std::io::Write;
+        let mut file = arguments.replace.create(path)?;
+        file.write_all(text.as_bytes()).map_err(|error| unwritten(path, &error))?;
+    }
+    let mut checked = Checked::of(Source::disk(&arguments.rig));
+    checked.rehearse();
+    output.warnings(&checked.findings);
+    let rig = arguments.rig.display().to_string();
+    if output.is_json() {
+        let is_ok = checked.findings.is_empty();
+        let written: Vec<_> = names.iter().map(|path| path.display().to_string()).collect();
+        return output.end(json!({ "files": written, "check": checked.to_json(&rig, is_ok) }), Ok(()));
+    }
+    for path in &names {
+        output.news(&format!("wrote {}", path.display()))?;
+    }
+    for line in checked.lines() {
+        output.news(&format!("    {line}"))?;
+    }
+    output.news(&format!(
+        "What stands in these files is meant to be edited. `yieldwall config check {rig}`\n\
+         checks it again, and `yieldwall run {rig}` runs it on the embedded simulation."
+    ))
+}
+
+fn unwritten(path: &Path, error: &std::io::Error) -> Failure {
+    let message = format!("{}: {error}", path.display());
+    Failure::about_file(Exit::Usage, path, message, "choose a place that can be written to")
+}
+
+/// The paths of rig, simulation and scene.
+fn names(rig: &Path) -> Result<[PathBuf; 3], Failure> {
+    let is_yaml = rig.extension().is_some_and(|ending| ending == "yaml" || ending == "yml");
+    let stem = rig.file_stem().and_then(|stem| stem.to_str()).filter(|_| is_yaml);
+    let Some(stem) = stem else {
+        let message = format!("{} is no name for a rig", rig.display());
+        return Err(Failure::new(Exit::Usage, message, "write a name that ends in .yaml, such as my-rig.yaml"));
+    };
+    let beside = |what: &str| rig.with_file_name(format!("{stem}-{what}.yaml"));
+    Ok([rig.to_owned(), beside("simulation"), beside("scene")])
+}
+
+/// The files, with the numbers that follow from the choices: when the control step runs, gains, virtual mass.
+fn compose(choice: &Choice, names: &[PathBuf; 3]) -> Result<Files, Failure> {
+    let geometry = Geometry::of(choice.links_m, choice.base_m)?;
+    let files_of = |numbers: &template::Numbers| {
+        let [rig, simulation, scene] = names;
+        let name_of = |path: &Path| path.file_name().unwrap_or_default().to_string_lossy().into_owned();
+        Files {
+            texts: [
+                (rig.clone(), template::rig(choice, &geometry, numbers, &name_of(rig), &name_of(simulation))),
+                (simulation.clone(), template::simulation(&name_of(rig), &name_of(scene))),
+                (scene.clone(), template::scene(&geometry, &name_of(rig))),
+            ],
+        }
+    };
+    let mut numbers = template::Numbers::first(choice);
+    let rig = files_of(&numbers).load(choice)?;
+    numbers.compute_at_us = control_step_us(&rig)?;
+    if choice.mode == Mode::Torque {
+        let found = pose_margins(&rig.value).map_err(|error| rig_failure(&error))?;
+        let tuned = found.and_then(|found| proposed_gains(&rig.value, &found));
+        let tuned = tuned.ok_or_else(|| {
+            let message = "no gains leave 6 dB and 45 degrees of margin at this cycle";
+            Failure::new(Exit::ConfigInvalid, message, "give a shorter --period-us, or another --mode")
+        })?;
+        numbers.gains = tuned.gains;
+    }
+    for mass_kg in MASSES_KG {
+        numbers.mass_kg = mass_kg;
+        let rig = files_of(&numbers).load(choice)?;
+        let masses = Masses::of_scene(&rig).map_err(|error| rig_failure(&error))?;
+        if masses.finding(&rig).is_none() {
+            return Ok(files_of(&numbers));
+        }
+    }
+    let message = "no virtual mass up to 12 kg is stable with the hand of the scene";
+    Err(Failure::new(Exit::ConfigInvalid, message, "give a shorter --period-us, or another --mode"))
+}
+
+/// The middle of the moments at which the control step may run.
+fn control_step_us(rig: &Loaded<Rig>) -> Result<u32, Failure> {
+    let plans = plans(&rig.value).map_err(|error| rig_failure(&error))?;
+    let advice = plans.first().and_then(|plan| plan.advice());
+    let (bus, period_us) = (rig.value.buses.values().next(), rig.value.cycle.period_us);
+    let bit_rate = bus.map(|bus| bus.canopen.bit_rate_bit_per_s);
+    match advice {
+        Some(found) if Some(found.bit_rate) == bit_rate && found.period.as_micros() == u128::from(period_us) => {
+            let [earliest, latest] = found.compute_at_us;
+            Ok(((earliest + latest) / 2) as u32)
+        }
+        other => {
+            let longer_us = other.map_or(2 * u128::from(period_us), |found| found.period.as_micros());
+            let message = format!(
+                "a bus of 1 Mbit/s cannot keep a cycle of {period_us} us with these devices in this mode: not every frame is in time"
+            );
+            Err(Failure::new(Exit::Usage, message, format!("give --period-us {longer_us} or another --sensor")))
+        }
+    }
+}
+
+impl Files {
+    /// The rig as it will be on disk.
+    fn source(&self, choice: &Choice) -> Result<Source, Failure> {
+        let own = self
+            .texts
+            .iter()
+            .map(|(path, text)| (PathBuf::from(path.file_name().unwrap_or_default()), Arc::from(text.as_str())));
+        let mut texts: Vec<(PathBuf, Arc<str>)> = own.collect();
+        let name = texts.first().map(|(name, _)| name.clone()).unwrap_or_default();
+        for (written, path) in &choice.profile_files {
+            texts.push((PathBuf::from(written), Source::disk(path).read()?));
+        }
+        Ok(Source::among(name, texts))
+    }
+
+    /// Reads the rig as it will be on disk.
+    fn load(&self, choice: &Choice) -> Result<Loaded<Rig>, Failure> {
+        let rig = config::load_rig(self.source(choice)?).map_err(|report| {
+            let mut failure = Failure::from(report);
+            // Nothing was written that could be looked into.
+            failure.report.diagnostics.retain(|finding| finding.severity == Severity::Error);
+            for finding in &mut failure.report.diagnostics {
+                (finding.place, finding.text) = (None, None);
+                if finding.message.contains("where their zero is") {
+                    let help =
+                        "give --encoder multi_turn or --encoder single_turn if the drives' motors have such encoders";
+                    finding.help = Some(help.to_owned());
+                }
+            }
+            // Both drives have the same profile.
+            failure.report.diagnostics.dedup_by(|one, other| one.message == other.message);
+            failure
+        })?;
+        Ok(rig)
+    }
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,311 @@
+//! What a new rig shall be: flags, answers, and usual values for the rest.
+
+use std::io::{BufRead, Write, stderr, stdin};
+use std::path::{Path, PathBuf};
+
+use clap::ValueEnum;
+use yieldwall_drives::profiles::EncoderKind;
+
+use super::Arguments;
+use crate::cli::failure::{Exit, Failure};
+use crate::config::{ProfileName, Source, load_profile, nearest_word};
+
+/// Node id of this program.
+pub(super) const OWN_NODE: u8 = 127;
+/// Longest cycle in torque mode, us: drives have to stop within 10 ms when set-points stay away, and watch for five cycles.
+const LONGEST_IN_TORQUE_US: u32 = 2000;
+
+/// What the drives are commanded.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub(super) enum Mode {
+    /// Torque (CST): the control loop closes in this program
+    Torque,
+    /// Velocity (CSV): the velocity loop closes in the drives
+    Velocity,
+    /// Position (CSP): the position loop closes in the drives
+    Position,
+}
+
+/// Control law of torque mode.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub(super) enum Law {
+    /// Proxy-based sliding mode control
+    Psmc,
+    /// PID
+    Pid,
+}
+
+/// What the force sensor speaks.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub(super) enum Protocol {
+    /// CANopen: a node that answers SYNC
+    Canopen,
+    /// Plain CAN: it sends by its own clock, as the Robotous RFT series does
+    Streaming,
+    /// Plain CAN: it is asked in every cycle, as the ATI Net F/T is
+    Polled,
+}
+
+/// Profiles that are files: as the rig writes them, and where they are.
+type ProfileFiles = Vec<(String, PathBuf)>;
+
+/// All that is chosen.
+#[derive(Clone, Debug)]
+pub(super) struct Choice {
+    pub(super) mode: Mode,
+    pub(super) law: Law,
+    pub(super) period_us: u32,
+    pub(super) sensor: Protocol,
+    /// Profiles of the left and of the right drive, as the rig writes them.
+    pub(super) profiles: [String; 2],
+    /// Those that are files: as the rig writes them, and where they are.
+    pub(super) profile_files: ProfileFiles,
+    pub(super) encoder: Option<EncoderKind>,
+    /// Node ids of the left and of the right drive and of the sensor.
+    pub(super) nodes: [u8; 3],
+    /// Lengths of the proximal and of the distal links, m.
+    pub(super) links_m: [f64; 2],
+    /// Distance of the base joints, m.
+    pub(super) base_m: f64,
+}
+
+pub(super) fn parse_length(text: &str) -> Result<f64, String> {
+    let length = text.trim().parse().ok().filter(|length| (0.05..=2.0).contains(length));
+    length.ok_or_else(|| "a length from 0.05 to 2 m".to_owned())
+}
+
+pub(super) fn parse_encoder(text: &str) -> Result<EncoderKind, String> {
+    match text {
+        "multi_turn" => Ok(EncoderKind::MultiTurn),
+        "single_turn" => Ok(EncoderKind::SingleTurn),
+        _ => Err("multi_turn or single_turn: any other encoder does not know its zero after a reset".to_owned()),
+    }
+}
+
+/// Takes what the flags say, asks for the rest if somebody can be asked, and checks what does not go together.
+pub(super) fn ask(arguments: &Arguments, is_asked: bool) -> Result<Choice, Failure> {
+    let asking = Asking { is_asked };
+    let mode = asking.word("what the drives are commanded", arguments.mode, Mode::Torque)?;
+    let law = match mode {
+        Mode::Torque => asking.word("control law", arguments.law, Law::Psmc)?,
+        _ if arguments.law.is_some() => {
+            let message = "--law is for torque mode: in the other modes the drives have their own control laws";
+            return Err(Failure::new(Exit::Usage, message, "leave --law away, or give --mode torque"));
+        }
+        _ => Law::Psmc,
+    };
+    let longest_us = if mode == Mode::Torque { LONGEST_IN_TORQUE_US } else { 10_000 };
+    let period_us = asking.value(
+        &format!("cycle time in us, 500 to {longest_us}"),
+        arguments.period_us,
+        1000,
+        ToString::to_string,
+        |text| {
+            let number = text.parse().ok().filter(|number| (500..=longest_us).contains(number));
+            number.ok_or_else(|| format!("a whole number from 500 to {longest_us}"))
+        },
+    )?;
+    if period_us > longest_us {
+        let message = format!(
+            "--period-us is {period_us}: drives in torque mode have to stop within 10 ms of their master's death, and watch for five cycles"
+        );
+        return Err(Failure::new(Exit::Usage, message, format!("give {longest_us} or less, or another --mode")));
+    }
+    let sensor = asking.word("what the force sensor speaks", arguments.sensor, Protocol::Canopen)?;
+    let given = Some(arguments.drives.clone()).filter(|drives| !drives.is_empty());
+    let names: Vec<&str> =
+        ProfileName::shipped().filter(|(_, profile)| profile.servo().is_some()).map(|(name, _)| name).collect();
+    let question = format!("profile of the drives, a file or one of {}", names.join(", "));
+    let usual = vec!["simulated-servo".to_owned()];
+    let drives = asking.value(
+        &question,
+        given,
+        usual,
+        |drives| drives.join(","),
+        |text| {
+            let drives: Vec<String> = text.split(',').map(|one| one.trim().to_owned()).collect();
+            if drives.len() > 2 {
+                return Err("one profile, or two with a comma between".to_owned());
+            }
+            drives.iter().try_for_each(|name| known_profile(name, &names))?;
+            Ok(drives)
+        },
+    )?;
+    if drives.len() > 2 {
+        let message = format!("--drives has {} profiles", drives.len());
+        return Err(Failure::new(Exit::Usage, message, "give one for both drives, or one for each"));
+    }
+    for name in &drives {
+        known_profile(name, &names).map_err(|message| Failure::new(Exit::Usage, format!("--drives: {message}"), ""))?;
+    }
+    let (profiles, profile_files) = profiles(&drives, &arguments.rig)?;
+    let count = if sensor == Protocol::Canopen { 3 } else { 2 };
+    let given = Some(arguments.nodes.clone()).filter(|nodes| !nodes.is_empty());
+    let usual = [1, 2, 10];
+    let question =
+        if count == 3 { "node ids of left drive, right drive, sensor" } else { "node ids of left and right drive" };
+    let shown = |nodes: &Vec<u8>| nodes.iter().map(ToString::to_string).collect::<Vec<_>>().join(",");
+    let nodes = asking.value(question, given, usual.into_iter().take(count).collect(), shown, |text| {
+        let nodes: Option<Vec<u8>> = text.split(',').map(|one| one.trim().parse().ok()).collect();
+        let nodes = nodes.filter(|nodes| nodes.len() == count && nodes.iter().all(|id| (1..OWN_NODE).contains(id)));
+        let nodes = nodes.ok_or_else(|| format!("{count} numbers from 1 to 126 with commas between"))?;
+        if are_different(&nodes) { Ok(nodes) } else { Err("each device has an id of its own".to_owned()) }
+    })?;
+    if !are_different(&nodes) {
+        return Err(Failure::new(Exit::Usage, "--nodes names an id twice", "each device has an id of its own"));
+    }
+    let nodes = match *nodes.as_slice() {
+        [left, right] if sensor != Protocol::Canopen => [left, right, 0],
+        // The sensor's is not given: the usual one, or the next that is free.
+        [left, right] => [left, right, (10..OWN_NODE).find(|id| *id != left && *id != right).unwrap_or(10)],
+        [left, right, id] if sensor == Protocol::Canopen => [left, right, id],
+        [_, _, _] => {
+            let message = "--nodes has a third id, and a sensor on plain CAN has none";
+            return Err(Failure::new(Exit::Usage, message, "give two ids, or --sensor canopen"));
+        }
+        _ => {
+            let message = format!("--nodes has {} ids", nodes.len());
+            return Err(Failure::new(
+                Exit::Usage,
+                message,
+                "give those of both drives and of a CANopen sensor, such as 1,2,10",
+            ));
+        }
+    };
+    let given = Some(arguments.links.clone()).filter(|links| !links.is_empty());
+    let shown = |links: &Vec<f64>| links.iter().map(ToString::to_string).collect::<Vec<_>>().join(",");
+    let links =
+        asking.value("lengths of the proximal and of the distal links in m", given, vec![0.3, 0.4], shown, |text| {
+            let links: Result<Vec<f64>, String> = text.split(',').map(parse_length).collect();
+            links.and_then(|links| {
+                if links.len() == 2 { Ok(links) } else { Err("two lengths with a comma between".to_owned()) }
+            })
+        })?;
+    if links.len() != 2 {
+        let message = format!("--links has {} lengths", links.len());
+        return Err(Failure::new(
+            Exit::Usage,
+            message,
+            "give that of the proximal and that of the distal links, such as 0.3,0.4",
+        ));
+    }
+    let links_m = [links.first().copied().unwrap_or(0.3), links.get(1).copied().unwrap_or(0.4)];
+    let base_m = arguments.base.unwrap_or(links_m[0] * 2.0 / 3.0);
+    let encoder = arguments.encoder;
+    Ok(Choice { mode, law, period_us, sensor, profiles, profile_files, encoder, nodes, links_m, base_m })
+}
+
+fn are_different(nodes: &[u8]) -> bool {
+    nodes.iter().enumerate().all(|(at, id)| !nodes.iter().skip(at + 1).any(|other| other == id))
+}
+
+fn is_file(name: &str) -> bool {
+    name.ends_with(".yaml") || name.ends_with(".yml")
+}
+
+/// Whether a name is that of a profile of a drive.
+fn known_profile(name: &str, names: &[&str]) -> Result<(), String> {
+    if is_file(name) {
+        let profile = load_profile(Source::disk(name));
+        let profile =
+            profile.map_err(|report| report.diagnostics.first().map_or(String::new(), ToString::to_string))?;
+        return if profile.value.servo().is_some() { Ok(()) } else { Err(format!("{name} is no profile of a drive")) };
+    }
+    if names.contains(&name) {
+        return Ok(());
+    }
+    Err(match nearest_word(name, names.iter().copied()) {
+        Some(meant) => format!("{name} is no profile; did you mean {meant}?"),
+        None => format!("{name} is no profile; there are {}, and files that end in .yaml", names.join(", ")),
+    })
+}
+
+/// Profiles as the rig writes them, and where files are: as they are named where the rig lies in this folder, or from the root.
+fn profiles(drives: &[String], rig: &Path) -> Result<([String; 2], ProfileFiles), Failure> {
+    let lies_here = rig.parent().is_none_or(|folder| folder.as_os_str().is_empty());
+    let mut files = Vec::new();
+    let mut written = |name: &String| {
+        if !is_file(name) {
+            return Ok(name.clone());
+        }
+        let path = PathBuf::from(name);
+        // A way up and down again is by the folders of the disk.
+        let is_plain = path.is_relative() && !path.components().any(|part| part == std::path::Component::ParentDir);
+        let written = if lies_here && is_plain {
+            path.clone()
+        } else {
+            path.canonicalize().map_err(|error| {
+                Failure::new(Exit::Usage, format!("{name}: {error}"), "name a profile that is there")
+            })?
+        };
+        let Some(text) = written.to_str().map(str::to_owned) else {
+            return Err(Failure::new(Exit::Usage, format!("{name} is no text in UTF-8"), "rename the file"));
+        };
+        files.push((text.clone(), path));
+        Ok(text)
+    };
+    let left = written(drives.first().unwrap_or(&String::new()))?;
+    let right = match drives.get(1) {
+        Some(name) => written(name)?,
+        None => left.clone(),
+    };
+    Ok(([left, right], files))
+}
+
+/// Whether somebody can be asked.
+struct Asking {
+    is_asked: bool,
+}
+
+impl Asking {
+    /// A word of several.
+    fn word<T: ValueEnum>(&self, question: &str, given: Option<T>, usual: T) -> Result<T, Failure> {
+        let name = |word: &T| word.to_possible_value().map(|value| value.get_name().to_owned()).unwrap_or_default();
+        let all: Vec<String> = T::value_variants().iter().map(name).collect();
+        let question = format!("{question}: {}", all.join(", "));
+        self.value(&question, given, usual, name, |text| {
+            T::from_str(text, true).map_err(|_| format!("one of {}", all.join(", ")))
+        })
+    }
+
+    /// A value: as given, or as answered, or the usual one.
+    fn value<T>(
+        &self,
+        question: &str,
+        given: Option<T>,
+        usual: T,
+        shown: impl Fn(&T) -> String,
+        parse: impl Fn(&str) -> Result<T, String>,
+    ) -> Result<T, Failure> {
+        if let Some(given) = given {
+            return Ok(given);
+        }
+        if !self.is_asked {
+            return Ok(usual);
+        }
+        loop {
+            let asked = write!(stderr(), "{question} [{}] ", shown(&usual)).and_then(|()| stderr().flush());
+            let mut line = String::new();
+            let read = asked.and_then(|()| stdin().lock().read_line(&mut line));
+            match read {
+                Ok(read) if read > 0 => {}
+                _ => {
+                    return Err(Failure::new(
+                        Exit::Usage,
+                        "nobody answers: nothing was written",
+                        "give flags, and --yes",
+                    ));
+                }
+            }
+            if line.trim().is_empty() {
+                return Ok(usual);
+            }
+            match parse(line.trim()) {
+                Ok(value) => return Ok(value),
+                Err(wanted) => {
+                    let _ = writeln!(stderr(), "  {wanted}");
+                }
+            }
+        }
+    }
+}

@@ -1,0 +1,147 @@
+//! Every combination that is offered, and what is refused.
+
+use std::ffi::OsString;
+
+use clap::{Parser, ValueEnum};
+
+use super::choice::{Law, Mode, Protocol, ask};
+use super::{compose, names};
+use crate::cli::config::Checked;
+use crate::cli::failure::Exit;
+use crate::cli::run;
+
+fn word<T: ValueEnum>(value: &T) -> String {
+    value.to_possible_value().unwrap().get_name().to_owned()
+}
+
+fn exit(arguments: &[&str]) -> Exit {
+    let words = ["yieldwall", "-q", "--deny-warnings"].into_iter().chain(arguments.iter().copied());
+    run(words.map(OsString::from))
+}
+
+/// A folder that is empty, and gone in the end.
+struct Folder(std::path::PathBuf);
+
+impl Folder {
+    fn new(name: &str) -> Self {
+        let path = std::env::temp_dir().join(format!("yieldwall-new-{name}-{}", std::process::id()));
+        std::fs::create_dir_all(&path).unwrap();
+        Self(path)
+    }
+
+    fn file(&self, name: &str) -> String {
+        self.0.join(name).display().to_string()
+    }
+}
+
+impl Drop for Folder {
+    fn drop(&mut self) {
+        let _ = std::fs::remove_dir_all(&self.0);
+    }
+}
+
+/// The flags of `new`, without the rest of the program.
+#[derive(clap::Parser)]
+struct Flags {
+    #[command(flatten)]
+    arguments: super::Arguments,
+}
+
+/// What `config check` finds in a rig that is made with these flags: it runs the scene as `run` does, and an exit code other than 0 is a
+/// warning. Or how the flags are refused.
+fn findings(flags: &[&str]) -> Result<Vec<crate::config::Diagnostic>, Exit> {
+    let flags = Flags::try_parse_from(["new", "rig.yaml", "--yes"].iter().chain(flags)).map_err(|_| Exit::Usage)?;
+    let made = ask(&flags.arguments, false).and_then(|choice| {
+        let files = compose(&choice, &names(&flags.arguments.rig)?)?;
+        files.source(&choice)
+    });
+    let mut checked = Checked::of(made.map_err(|failure| failure.exit)?);
+    checked.rehearse();
+    Ok(checked.findings)
+}
+
+#[test]
+fn every_combination_that_is_offered_passes_the_check_without_a_warning() {
+    let mut made = 0;
+    for mode in Mode::value_variants() {
+        for sensor in Protocol::value_variants() {
+            let laws = if *mode == Mode::Torque { Law::value_variants() } else { &[Law::Psmc] };
+            for law in laws {
+                for period in ["1000", "2000", "5000"] {
+                    let (mode_word, sensor_word, law_word) = (word(mode), word(sensor), word(law));
+                    let mut flags = vec!["--mode", &mode_word, "--sensor", &sensor_word, "--period-us", period];
+                    if *mode == Mode::Torque {
+                        flags.extend(["--law", &law_word]);
+                    }
+                    let is_offered = match (*mode, *sensor, period) {
+                        (Mode::Torque, _, "5000") => false,
+                        // Longer set-points and two answers more do not fit 1 Mbit/s.
+                        (Mode::Velocity | Mode::Position, Protocol::Polled, "1000") => false,
+                        _ => true,
+                    };
+                    let wanted = if is_offered { Ok(Vec::new()) } else { Err(Exit::Usage) };
+                    assert_eq!(findings(&flags), wanted, "{flags:?}");
+                    made += u32::from(is_offered);
+                }
+            }
+        }
+    }
+    assert_eq!(made, 12 + 8 + 8);
+}
+
+#[test]
+fn links_and_node_ids_are_the_users_own() {
+    let folder = Folder::new("links");
+    for links in ["0.2,0.25", "0.25,0.35", "0.5,0.7"] {
+        let rig = folder.file(&format!("links-{}.yaml", links.replace([',', '.'], "-")));
+        assert_eq!(exit(&["new", "--yes", &rig, "--links", links, "--nodes", "5,6,7"]), Exit::Ok, "{links}");
+        assert_eq!(exit(&["run", &rig]), Exit::Ok, "{links}");
+        let written = crate::config::load_rig(crate::config::Source::disk(&rig)).unwrap().value;
+        assert_eq!(written.drives.each_ref().map(|drive| drive.address.canopen.node_id), [5, 6]);
+    }
+}
+
+#[test]
+fn what_does_not_go_together_is_refused_before_anything_is_written() {
+    let folder = Folder::new("refused");
+    let rig = folder.file("rig.yaml");
+    for more in [
+        &["--mode", "position", "--law", "pid"][..],
+        &["--mode", "torque", "--period-us", "5000"],
+        &["--nodes", "1,1,2"],
+        &["--nodes", "1,2,3", "--sensor", "polled"],
+        &["--nodes", "0,1"],
+        &["--drives", "simulated-serv"],
+        &["--drives", "no-such.yaml"],
+        &["--drives", "simulated-force-sensor"],
+        &["--links", "0.5,0.05"],
+        &["--links", "0.5"],
+        &["--links", "NaN,0.4"],
+        &["--encoder", "incremental"],
+    ] {
+        let arguments: Vec<&str> = ["new", "--yes", &rig].into_iter().chain(more.iter().copied()).collect();
+        assert_eq!(exit(&arguments), Exit::Usage, "{more:?}");
+    }
+    // A drive whose encoder may have forgotten where it is.
+    assert_eq!(exit(&["new", "--yes", &rig, "--drives", "maxon-epos4"]), Exit::ConfigInvalid);
+    assert_eq!(exit(&["new", "--yes", &folder.file("rig.txt")]), Exit::Usage);
+    assert_eq!(std::fs::read_dir(&folder.0).unwrap().count(), 0);
+    assert_eq!(exit(&["new", "--yes", &rig]), Exit::Ok);
+    let before = std::fs::read_to_string(&rig).unwrap();
+    assert_eq!(exit(&["new", "--yes", &rig, "--mode", "position"]), Exit::Usage);
+    assert_eq!(std::fs::read_to_string(&rig).unwrap(), before);
+    assert_eq!(exit(&["new", "--yes", &rig, "--mode", "position", "--force"]), Exit::Ok);
+    assert_ne!(std::fs::read_to_string(&rig).unwrap(), before);
+}
+
+/// A profile in a file is read where it lies, also from a rig in another folder.
+#[test]
+fn a_profile_of_ones_own_is_a_file() {
+    let folder = Folder::new("profile");
+    let profile = folder.file("own.yaml");
+    let shipped = yieldwall_drives::profiles::SHIPPED.iter().find(|(name, _)| *name == "simulated-servo").unwrap().1;
+    std::fs::write(&profile, shipped).unwrap();
+    let rig = folder.file("in/here/rig.yaml");
+    assert_eq!(exit(&["new", "--yes", &rig, "--drives", &profile]), Exit::Ok);
+    assert_eq!(exit(&["config", "check", &rig]), Exit::Ok);
+}

@@ -1,0 +1,221 @@
+//! `yieldwall tune gains`: gains from the model of a rig alone, and their place in its file.
+
+mod file;
+
+use serde_json::{Value, json};
+
+use self::file::{Edit, Place};
+use crate::analysis::{PROPOSED_MARGINS, has_margins, pose_margins, proposed_gains, proposed_rate_gain, rate_margins};
+use crate::cli::confirm::agreed;
+use crate::cli::ending::rig_failure;
+use crate::cli::failure::{Exit, Failure};
+use crate::cli::margins::Margins;
+use crate::cli::output::Output;
+use crate::cli::tune::Masses;
+use crate::config::{self, CommandMode, ControlGains, ControlLaw, Loaded, NotNegative, Positive, Rig, Source};
+use crate::control::Gains;
+
+#[derive(Debug, clap::Args)]
+pub(in crate::cli) struct Arguments {
+    /// The rig; `builtin:paper-admittance.yaml` names the copy inside the program
+    #[arg(value_name = "RIG.yaml")]
+    rig: String,
+    /// Write the gains into the file, once a person has said yes; nothing else of it changes
+    #[arg(long)]
+    write: bool,
+    /// Say yes, for scripts
+    #[arg(long, requires = "write")]
+    yes: bool,
+}
+
+/// A gain: its key in the rig, what it is and what it shall be.
+type Change = (String, f64, f64);
+
+pub(in crate::cli) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Failure> {
+    let rig = config::load_rig(Source::named(&arguments.rig))?;
+    output.configuration(&rig.warnings)?;
+    let tuned = tuned(&rig)?;
+    let changes = changes(&rig.value.control.gains, &tuned.value.control.gains);
+    let [before, after] = [&rig, &tuned].map(|rig| Margins::of(&rig.value));
+    // Softer gains hold a hand less well.
+    if let Ok(masses) = Masses::of_scene(&tuned) {
+        output.warnings(&masses.finding(&tuned).into_iter().collect::<Vec<_>>());
+    }
+    if !output.is_json() {
+        output.result(&text(&rig.value, &changes, [&before, &after]))?;
+    }
+    let mut written = None;
+    let place = file::place(&rig, &changes);
+    if arguments.write {
+        let edit = Edit::of(&rig, &tuned.value, &changes, &place)?;
+        let what = format!("{}: {}", edit.path().display(), edit.words());
+        if !arguments.yes && !agreed(&what) {
+            return Err(Failure::new(Exit::Usage, "nothing was written", "answer yes, or give --yes"));
+        }
+        written = Some(edit.carry_out()?);
+    }
+    if output.is_json() {
+        return output.report(document(&rig.value, &changes, [&before, &after], &place, written.as_deref()));
+    }
+    match (written, place) {
+        (Some(path), _) => output.news(&format!("wrote {}", path.display())),
+        (None, Place::Here(_)) => output.news("Nothing was written; --write does."),
+        (None, Place::Inherited { from }) => {
+            output.news(&format!("These gains stand in {from}, which this rig is like. Nothing was written;\n--write gives this rig gains of its own."))
+        }
+        (None, Place::Unclear { key }) => output.news(&format!("Nothing was written: `{key}` is not a plain number in this file.")),
+    }
+}
+
+/// The rig with gains that have their margins at every pose.
+fn tuned(rig: &Loaded<Rig>) -> Result<Loaded<Rig>, Failure> {
+    let mut tuned = rig.clone();
+    match rig.value.rig.command_mode {
+        CommandMode::Position => {
+            let message = "in position mode the drives close the loop: this program has no gains there";
+            return Err(Failure::new(
+                Exit::Usage,
+                message,
+                "tune the drives by their maker's program; or write `command_mode: torque`",
+            ));
+        }
+        CommandMode::Velocity => {
+            let gain_per_s = Positive::new(proposed_rate_gain(&rig.value));
+            if let (ControlGains::Rate { gain_per_s: gain }, Some(new)) = (&mut tuned.value.control.gains, gain_per_s) {
+                *gain = new;
+            }
+        }
+        CommandMode::Torque => {
+            let found = pose_margins(&rig.value).map_err(|error| rig_failure(&error))?;
+            let proposed = found.as_ref().and_then(|found| proposed_gains(&rig.value, found)).ok_or_else(nothing)?;
+            set(&mut tuned.value.control.gains, proposed.gains);
+            // At every pose, not at the least and greatest inertia alone.
+            let reached = pose_margins(&tuned.value).map_err(|error| rig_failure(&error))?;
+            let is_reached = reached.is_some_and(|reached| {
+                [reached.worst.without_friction, reached.worst.with_friction]
+                    .iter()
+                    .all(|worst| has_margins(worst, PROPOSED_MARGINS))
+            });
+            if !is_reached {
+                return Err(nothing());
+            }
+        }
+    }
+    Ok(tuned)
+}
+
+fn nothing() -> Failure {
+    let (gain_db, phase_deg) = PROPOSED_MARGINS;
+    let message = format!("no gains that were tried leave {gain_db} dB and {phase_deg} degrees at every pose");
+    Failure::new(Exit::OutOfTolerance, message, "look at `cycle.period_us` and at `control.feed_forward.inertia`")
+}
+
+fn set(gains: &mut ControlGains, new: Gains) {
+    let (stiffness, damping, integral) =
+        (Positive::new(new.stiffness), NotNegative::new(new.damping), NotNegative::new(new.integral));
+    let (Some(stiffness), Some(damping), Some(integral)) = (stiffness, damping, integral) else { return };
+    match gains {
+        ControlGains::Joint { stiffness_n_m_per_rad: k, damping_n_m_s_per_rad: b, integral_n_m_per_rad_s: l }
+        | ControlGains::Cartesian { stiffness_n_per_m: k, damping_n_s_per_m: b, integral_n_per_m_s: l } => {
+            (*k, *b, *l) = (stiffness, damping, integral);
+        }
+        ControlGains::Rate { .. } => {}
+    }
+}
+
+/// Each gain by its key.
+fn keyed(gains: &ControlGains) -> Vec<(String, f64)> {
+    let (group, each) = match *gains {
+        ControlGains::Joint { stiffness_n_m_per_rad: k, damping_n_m_s_per_rad: b, integral_n_m_per_rad_s: l } => (
+            "joint",
+            vec![
+                ("stiffness_n_m_per_rad", k.get()),
+                ("damping_n_m_s_per_rad", b.get()),
+                ("integral_n_m_per_rad_s", l.get()),
+            ],
+        ),
+        ControlGains::Cartesian { stiffness_n_per_m: k, damping_n_s_per_m: b, integral_n_per_m_s: l } => (
+            "cartesian",
+            vec![("stiffness_n_per_m", k.get()), ("damping_n_s_per_m", b.get()), ("integral_n_per_m_s", l.get())],
+        ),
+        ControlGains::Rate { gain_per_s } => ("rate", vec![("gain_per_s", gain_per_s.get())]),
+    };
+    each.into_iter().map(|(key, value)| (format!("control.gains.{group}.{key}"), value)).collect()
+}
+
+fn changes(old: &ControlGains, new: &ControlGains) -> Vec<Change> {
+    let pairs = keyed(old).into_iter().zip(keyed(new));
+    pairs.map(|((key, old), (_, new))| (key, old, new)).collect()
+}
+
+fn law(rig: &Rig) -> &'static str {
+    match (rig.rig.command_mode, rig.control.law) {
+        (CommandMode::Velocity, _) => "rate",
+        (_, ControlLaw::Psmc) => "PSMC",
+        (_, ControlLaw::Pid) => "PID",
+    }
+}
+
+fn text(rig: &Rig, changes: &[Change], [before, after]: [&Margins; 2]) -> String {
+    let mut text = format!("{}: gains of {} by the model of the arm alone\n", rig.rig.name, law(rig));
+    for (key, old, new) in changes {
+        text += &format!("  {:48} {old:>10} -> {new}\n", key);
+    }
+    for (when, margins, at) in [("before", before, 1), ("after", after, 2)] {
+        text += &format!("{when}\n");
+        margins.lines().iter().for_each(|line| text += &format!("  {line}\n"));
+        if let (Margins::Velocity { .. }, Some((_, old, new))) = (margins, changes.first()) {
+            let gain = if at == 1 { *old } else { *new };
+            text += &format!("  {}\n", rate_words(gain, rig));
+        }
+    }
+    text
+}
+
+fn rate_words(gain_per_s: f64, rig: &Rig) -> String {
+    let period_s = f64::from(rig.cycle.period_us) * 1e-6;
+    match rate_margins(gain_per_s * period_s) {
+        Some(margins) => format!(
+            "drives that follow at once: gain up {:.1} dB, phase {:.1} deg; a lag of {:.2} ms is left",
+            margins.gain_db,
+            margins.phase_deg,
+            1e3 * margins.lag_cycles * period_s
+        ),
+        None => "drives that follow at once: UNSTABLE".to_owned(),
+    }
+}
+
+fn document(
+    rig: &Rig,
+    changes: &[Change],
+    [before, after]: [&Margins; 2],
+    place: &Place,
+    written: Option<&std::path::Path>,
+) -> Value {
+    let gains = changes.iter().map(|(key, old, new)| json!({ "key": key, "old": old, "new": new }));
+    let inherited = match place {
+        Place::Inherited { from } => Some(from),
+        _ => None,
+    };
+    let mut document = json!({
+        "rig": rig.rig.name,
+        "law": law(rig),
+        "gains": gains.collect::<Vec<_>>(),
+        "before": before.to_json(),
+        "after": after.to_json(),
+        "inherited_from": inherited,
+        "written": written,
+    });
+    if let (CommandMode::Velocity, Some((_, old, new))) = (rig.rig.command_mode, changes.first()) {
+        for (when, gain) in [("before", old), ("after", new)] {
+            let margins = rate_margins(gain * f64::from(rig.cycle.period_us) * 1e-6);
+            document[when]["ideal_drive"] = json!(margins.map(|margins| json!({
+                "gain_db": margins.gain_db, "phase_deg": margins.phase_deg, "lag_cycles": margins.lag_cycles,
+            })));
+        }
+    }
+    document
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,153 @@
+//! Gains in the file of a rig: numbers in the place of numbers, and nothing else.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+
+use super::Change;
+use crate::cli::failure::{Exit, Failure};
+use crate::config::{Loaded, Rig, Severity, Source, load_rig};
+
+/// Where the gains of a rig stand.
+#[derive(Clone, Debug, PartialEq)]
+pub(super) enum Place {
+    /// In its own file: where each number begins and how long it is, bytes.
+    Here(Vec<(usize, usize)>),
+    /// In the file that it is like.
+    Inherited {
+        /// Its name.
+        from: String,
+    },
+    /// Somewhere in its own file where they cannot be replaced.
+    Unclear {
+        /// Which one.
+        key: String,
+    },
+}
+
+/// The file of a rig with other gains.
+pub(super) struct Edit {
+    path: PathBuf,
+    /// The whole text.
+    text: String,
+    /// What the rig is then.
+    wanted: Rig,
+    words: String,
+}
+
+/// Where these gains stand.
+pub(super) fn place(rig: &Loaded<Rig>, changes: &[Change]) -> Place {
+    let mut spans = Vec::new();
+    for (key, old, _) in changes {
+        let found = rig.finding(Severity::Warning, key, "", "", &[]);
+        if found.file != rig.source.to_string() {
+            return Place::Inherited { from: found.file };
+        }
+        let written = found.place.zip(found.text.as_ref()).and_then(|(place, text)| {
+            let word = text.get(place.offset..place.offset + place.length)?;
+            // What is no plain number there is an alias or another way to write it.
+            (word.parse() == Ok(*old)).then_some((place.offset, place.length))
+        });
+        match written {
+            Some(span) => spans.push(span),
+            None => return Place::Unclear { key: key.clone() },
+        }
+    }
+    Place::Here(spans)
+}
+
+impl Edit {
+    /// The file with these changes; nothing is written yet.
+    pub(super) fn of(rig: &Loaded<Rig>, wanted: &Rig, changes: &[Change], place: &Place) -> Result<Self, Failure> {
+        if rig.source.is_shipped() {
+            let message = format!("{} comes with the program, and stays as it is", rig.source);
+            let help = format!("keep a copy: `yieldwall config show {} > my-rig.yaml`", rig.source);
+            return Err(Failure::new(Exit::Usage, message, help));
+        }
+        let path = fs::canonicalize(rig.source.to_string()).map_err(|error| {
+            Failure::new(Exit::Usage, format!("{}: {error}", rig.source), "name a file that can be written")
+        })?;
+        let old = rig.source.read()?;
+        let by_hand = || format!("write it yourself:\n{}", lines(changes, "\n"));
+        let (text, words) = match place {
+            Place::Here(spans) => {
+                let mut text = old.to_string();
+                let mut edits: Vec<_> = spans.iter().zip(changes).collect();
+                // From the end, so that what comes before stays where it is.
+                edits.sort_by_key(|((offset, _), _)| std::cmp::Reverse(*offset));
+                for ((offset, length), (_, _, new)) in edits {
+                    text.replace_range(*offset..offset + length, &format!("{new:?}"));
+                }
+                (text, format!("{} numbers take the place of others", changes.len()))
+            }
+            Place::Inherited { from } => {
+                // A group of its own is changed by whoever wrote it.
+                let has_group = ["control:", "\"control\":", "'control':"]
+                    .iter()
+                    .any(|key| old.lines().any(|line| line.trim_start_matches('\u{feff}').starts_with(key)));
+                if has_group || old.trim_start().starts_with('{') {
+                    let message =
+                        format!("the gains stand in {from}, and {} has a group `control` without them", rig.source);
+                    return Err(Failure::new(Exit::Usage, message, by_hand()));
+                }
+                let end = if old.contains("\r\n") { "\r\n" } else { "\n" };
+                let gap = if old.ends_with('\n') { "" } else { end };
+                (
+                    format!("{old}{gap}{end}{}", lines(changes, end)),
+                    format!("gains of its own, in place of those in {from}"),
+                )
+            }
+            Place::Unclear { key } => {
+                let message = format!("`{key}` is not a plain number in {}", rig.source);
+                return Err(Failure::new(Exit::Usage, message, by_hand()));
+            }
+        };
+        Ok(Self { path, text, wanted: wanted.clone(), words })
+    }
+
+    /// The file.
+    pub(super) fn path(&self) -> &Path {
+        &self.path
+    }
+
+    /// What would be done, for a person.
+    pub(super) fn words(&self) -> &str {
+        &self.words
+    }
+
+    /// Writes it beside the file, reads it as a rig, and puts it in the place of the file if it is the same rig but for the gains.
+    pub(super) fn carry_out(self) -> Result<PathBuf, Failure> {
+        let refused = |message: String| Failure::about_file(Exit::Usage, &self.path, message, "nothing was written");
+        let mut name = self.path.file_name().unwrap_or_default().to_owned();
+        name.push(format!(".new-{}", std::process::id()));
+        let beside = self.path.with_file_name(name);
+        let io = |error: std::io::Error| refused(format!("{}: {error}", self.path.display()));
+        let permissions = fs::metadata(&self.path).map_err(io)?.permissions();
+        let written = fs::write(&beside, &self.text).and_then(|()| fs::set_permissions(&beside, permissions));
+        let checked = written.map_err(io).and_then(|()| match load_rig(Source::disk(&beside)) {
+            Ok(rig) if rig.value == self.wanted => Ok(()),
+            Ok(_) => Err(refused(format!(
+                "{}: with these gains it would be another rig in more than them",
+                self.path.display()
+            ))),
+            Err(report) => Err(Failure::from(report)),
+        });
+        let placed = checked.and_then(|()| fs::rename(&beside, &self.path).map_err(io));
+        if let Err(failure) = placed {
+            // It may not be there.
+            let _ = fs::remove_file(&beside);
+            return Err(failure);
+        }
+        Ok(self.path)
+    }
+}
+
+/// The group `control` with these gains alone.
+fn lines(changes: &[Change], end: &str) -> String {
+    let group = changes.first().and_then(|(key, _, _)| key.split('.').nth(2)).unwrap_or_default();
+    let mut text = format!("control:{end}  gains:{end}    {group}:{end}");
+    for (key, _, new) in changes {
+        let key = key.rsplit('.').next().unwrap_or_default();
+        text += &format!("      {key}: {new:?}{end}");
+    }
+    text
+}
