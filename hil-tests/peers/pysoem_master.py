@@ -152,14 +152,15 @@ class Rig:
         assert self.sensor.id != self.left.id
 
     def long_object(self):
-        in_segments = self.sensor.sdo_read(0x2040, 1, 512)
-        equal(len(in_segments), 278)
+        # Longer than a mailbox: it comes in segments.
         complete = self.sensor.sdo_read(0x2040, 1, 512, True)
-        equal(complete, in_segments)
+        equal(len(complete), 278)
+        entries = self.sensor.sdo_read(0x2040, 0)[0]
+        equal(b"".join(self.sensor.sdo_read(0x2040, sub) for sub in range(1, entries + 1)), complete)
         # From the count of entries on, which takes two bytes.
         whole = self.sensor.sdo_read(0x2040, 0, 512, True)
-        equal(whole[2:280], in_segments)
-        counts_per_newton = struct.unpack_from("<i", in_segments, 8 + 30 + 8 + 30 + 4 * 36 + 2 + 4 * 6)[0]
+        equal(whole[2:280], complete)
+        counts_per_newton = struct.unpack_from("<i", complete, 8 + 30 + 8 + 30 + 4 * 36 + 2 + 4 * 6)[0]
         assert counts_per_newton > 0, counts_per_newton
 
     def written(self):
@@ -312,7 +313,7 @@ def main():
     for name, run in [
         ("pysoem finds two drives and a sensor", rig.devices),
         ("pysoem reads what they are, by SII and by SDO", rig.identity),
-        ("pysoem reads 278 bytes in segments and by complete access", rig.long_object),
+        ("pysoem reads 278 bytes by complete access in segments, and each entry alone", rig.long_object),
         ("pysoem writes an object and reads it back", rig.written),
         ("pysoem decodes an abort", rig.abort),
         ("pysoem lists the objects of a drive", rig.information),

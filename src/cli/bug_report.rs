@@ -29,7 +29,7 @@ pub(super) struct Arguments {
     /// The zip, which is made
     #[arg(long, value_name = "FILE.zip", default_value = "yieldwall-report.zip")]
     out: PathBuf,
-    /// What the program has printed, kept in a file: `yieldwall run .. 2> messages.txt`
+    /// What the program has printed, kept in a file by `2> messages.txt` behind the command
     #[arg(long, value_name = "FILE")]
     messages: Option<PathBuf>,
     /// Leave the serial numbers of devices in

@@ -61,9 +61,10 @@ impl Sii {
     pub fn write(&self) -> Vec<u8> {
         let mut strings = Strings::default();
         let mut general = [0; 32];
-        general[0] = strings.number(&self.group);
+        // SOEM takes the first string for the name of the device.
         general[2] = strings.number(&self.order);
         general[3] = strings.number(&self.name);
+        general[0] = strings.number(&self.group);
         general[5] = self.coe_details;
         general[12..14].copy_from_slice(&self.e_bus_ma.to_le_bytes());
         // Two MII ports.

@@ -20,6 +20,8 @@ use crate::time::Time;
 const SHORTEST_CYCLE_NS: u32 = 62_500;
 /// Objects that a mapping may hold.
 const MAPPING_ENTRIES: u8 = 16;
+/// Bit of the error register for communication.
+const COMMUNICATION_ERROR: u8 = 1 << 4;
 /// The emergency that says that all errors have gone.
 const NO_ERROR: CoeEmergency = CoeEmergency { code: 0, register: 0, vendor: [0; 5] };
 
@@ -28,11 +30,14 @@ const NO_ERROR: CoeEmergency = CoeEmergency { code: 0, register: 0, vendor: [0; 
 /// State machine, control loops, limits and monitoring are those of [`Drive`](super::Drive). The physical side is
 /// [`EthercatDrive::measure`] in and [`EthercatDrive::torque_n_m`] out. What the drive is given acts at SYNC0 where the master switched
 /// that on, otherwise when it comes. It is watched by the watchdog of its sync manager: when the device leaves OP while Operation Enabled, it
-/// does what 6007h says.
+/// does what 6007h says, and tells it by an emergency (8250h).
 #[derive(Clone, Debug)]
 pub struct EthercatDrive {
     device: Device,
-    is_reset_told: bool,
+    /// Whether the device has left OP while Operation Enabled, and has not been there again.
+    has_lost_master: bool,
+    /// What of that and of its end is not told yet.
+    untold: Option<CoeEmergency>,
 }
 
 impl EthercatDrive {
@@ -74,7 +79,7 @@ impl EthercatDrive {
         let mut device = Device::new(od, axis, servo)?;
         // SYNC and RPDOs are not there; the controller watches in their place.
         (device.watches.sync, device.watches.set_points) = (Watch::None, Watch::None);
-        Ok(EthercatDrive { device, is_reset_told: true })
+        Ok(EthercatDrive { device, has_lost_master: false, untold: None })
     }
 
     /// The joint's motion at this moment, in rad and rad/s; see [`Drive::measure`](super::Drive::measure).
@@ -126,6 +131,13 @@ impl EthercatDrive {
         // The object is declared with one byte.
         let _ = self.device.od_mut().set_bytes(Address::new(0x1001, 0), &[bits]);
     }
+
+    /// All errors have gone.
+    fn recover(&mut self) {
+        self.set_error_register(0);
+        self.has_lost_master = false;
+        self.untold = Some(NO_ERROR);
+    }
 }
 
 impl ServedDevice for EthercatDrive {
@@ -162,13 +174,26 @@ impl ServedDevice for EthercatDrive {
 
     fn reset(&mut self, now: Time, reset: Reset) {
         self.set_error_register(0);
+        (self.has_lost_master, self.untold) = (false, None);
         self.device.reset(now, reset);
     }
 }
 
 impl EthercatApplication for EthercatDrive {
     fn set_operational(&mut self, now: Time, is_operational: bool) {
+        let was_enabled = self.state() == State::OperationEnabled;
         self.device.change_operational(now, is_operational, error_code::RPDO_TIMEOUT);
+        if !is_operational && was_enabled {
+            let register = COMMUNICATION_ERROR | 1;
+            self.set_error_register(register);
+            self.has_lost_master = true;
+            self.untold = Some(CoeEmergency { code: error_code::RPDO_TIMEOUT, register, vendor: [0; 5] });
+        } else if is_operational
+            && self.has_lost_master
+            && !matches!(self.state(), State::Fault | State::FaultReactionActive)
+        {
+            self.recover();
+        }
     }
 
     fn poll(&mut self, now: Time) {
@@ -185,13 +210,12 @@ impl EthercatApplication for EthercatDrive {
 
     fn take_emergency(&mut self) -> Option<CoeEmergency> {
         if self.device.take_reset() {
-            self.set_error_register(0);
-            self.is_reset_told = false;
+            self.recover();
         }
         if let Some(code) = self.device.take_emergency() {
             self.set_error_register(PROFILE_ERROR | 1);
             return Some(CoeEmergency { code, register: PROFILE_ERROR | 1, vendor: [0; 5] });
         }
-        (!std::mem::replace(&mut self.is_reset_told, true)).then_some(NO_ERROR)
+        self.untold.take()
     }
 }

@@ -20,7 +20,7 @@ use ethercrab::subdevice_group::DcConfiguration;
 use ethercrab::{DcSync, MainDevice, MainDeviceConfig, PduStorage, Timeouts};
 
 use hil_tests_ethercrab::capture::Capture;
-use hil_tests_ethercrab::devices::segment;
+use hil_tests_ethercrab::devices::Devices;
 use hil_tests_ethercrab::pump::{self, now, sleep_until};
 
 /// Cycles with the full working counter.
@@ -98,7 +98,7 @@ fn main() {
     let (tx, rx, pdu_loop) = storage.try_split().expect("nobody has split it before");
     let configuration = MainDeviceConfig { dc_static_sync_iterations: 1000, ..MainDeviceConfig::default() };
     let main = MainDevice::new(pdu_loop, Timeouts::default(), configuration);
-    let mut segment = segment(now());
+    let mut devices = Devices::new(now());
     let mut frames = 0_u32;
     let tap = |at, bytes: &[u8]| {
         frames += 1;
@@ -106,7 +106,7 @@ fn main() {
             capture.frame(at, bytes).expect("the file takes a frame");
         }
     };
-    let seen = pump::run(tx, rx, |at, frame| segment.process(at, frame).expect("it is there"), tap, master(&main));
+    let seen = pump::run(tx, rx, |at, frame| devices.process(at, frame).expect("it is there"), tap, master(&main));
     let seen = seen.unwrap_or_else(|error| panic!("ethercrab: {error}"));
     for (name, vendor, product) in &seen.devices {
         println!("found     {name}: vendor {vendor:08X}h, product {product:08X}h");

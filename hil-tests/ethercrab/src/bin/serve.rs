@@ -6,12 +6,12 @@
 
 use yieldwall::link::{EthernetLink, EthernetReceived, PacketSocket, Role};
 
-use hil_tests_ethercrab::devices::segment;
+use hil_tests_ethercrab::devices::Devices;
 
 fn main() {
     let interface = std::env::args().nth(1).expect("the name of an interface");
     let mut link = PacketSocket::open(&interface, Role::Segment).unwrap_or_else(|error| panic!("{error}"));
-    let mut segment = segment(link.now());
+    let mut devices = Devices::new(link.now());
     eprintln!("serving on {interface}");
     let mut buffer = [0; 1514];
     loop {
@@ -19,7 +19,7 @@ fn main() {
             match arrival.what {
                 EthernetReceived::Frame { length } => {
                     let frame = &mut buffer[..length];
-                    if segment.process(arrival.time, frame).is_some() {
+                    if devices.process(arrival.time, frame).is_some() {
                         // A frame that cannot be sent is a frame that is lost.
                         let _ = link.send(frame);
                     }
@@ -28,7 +28,7 @@ fn main() {
                 _ => {}
             }
         }
-        segment.poll(link.now());
-        link.wait(segment.next_deadline());
+        devices.poll(link.now());
+        link.wait(devices.next_deadline());
     }
 }

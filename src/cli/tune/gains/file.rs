@@ -60,7 +60,7 @@ impl Edit {
     pub(super) fn of(rig: &Loaded<Rig>, wanted: &Rig, changes: &[Change], place: &Place) -> Result<Self, Failure> {
         if rig.source.is_shipped() {
             let message = format!("{} comes with the program, and stays as it is", rig.source);
-            let help = format!("keep a copy: `yieldwall config show {} > my-rig.yaml`", rig.source);
+            let help = format!("keep what `yieldwall config show {}` prints in a file, and name that file", rig.source);
             return Err(Failure::new(Exit::Usage, message, help));
         }
         let path = fs::canonicalize(rig.source.to_string()).map_err(|error| {

@@ -226,6 +226,8 @@ fn a_master_that_stops_lets_the_watchdog_stop_the_drive() {
     assert_eq!(bench.ask(Command::Aprd, 0, 0x0130, &[0; 6]).0, [0x14, 0, 0, 0, 0x1b, 0]);
     assert_ne!(bench.drive().state(), State::OperationEnabled);
     assert_eq!(bench.drive().torque_n_m(), 0.0);
+    assert_eq!(bench.read(0, 0x1001, 0), [0x11]);
+    assert_eq!(bench.emergencies, [0x8250]);
 }
 
 #[test]
