@@ -2,7 +2,6 @@
 
 mod contents;
 mod strip;
-mod system;
 
 use std::io::{Cursor, Write};
 use std::path::PathBuf;

@@ -38,7 +38,7 @@ impl Section {
         self.wrong().next().is_some()
     }
 
-    fn text(&self) -> String {
+    pub(super) fn text(&self) -> String {
         let mut text = format!("{}\n", self.about);
         for check in &self.checks {
             let head = format!("  {:8} {:12} ", check.verdict.word(), check.subject);

@@ -16,7 +16,7 @@ use crate::checkup::Check;
 use crate::config::{self, Rig, Source};
 use crate::host::Untimely;
 use crate::host::system::{ComputerFacts, Limits, Readiness, coalescing, coalescing_check, computer, limits};
-use crate::link::{Attachment, InterfaceFacts};
+use crate::link::{Attachment, InterfaceFacts, interfaces};
 
 /// The cycle for which a computer is judged unless a rig says another.
 const PERIOD_US: u32 = 1000;
@@ -65,14 +65,9 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
         None => None,
     };
     let wanted = wanted(arguments, rig.as_ref())?;
-    let period_us = rig.as_ref().map_or(PERIOD_US, |rig| rig.cycle.period_us);
+    let period_us = period_us(rig.as_ref());
     let period = Duration::from_micros(period_us.into());
-    let limits = limits();
-    let mut checks = ComputerFacts::read(Path::new("/")).checks(period);
-    checks.extend(limits.checks());
-    checks.extend(rig.as_ref().map(|rig| timing(rig, &limits)));
-    let mut sections =
-        vec![Section::new(format!("this computer, for a cycle of {period_us} us"), Exit::TimingMissed, checks)];
+    let mut sections = vec![of_computer(rig.as_ref())];
     for wanted in &wanted {
         let section = of_interface(&wanted.interface, wanted.bit_rate, period);
         let is_usable = !section.is_wrong();
@@ -111,6 +106,27 @@ fn wanted(arguments: &Arguments, rig: Option<&Rig>) -> Result<Vec<Wanted>, Failu
         bit_rate: Some(bus.canopen.bit_rate_bit_per_s),
     };
     Ok(rig.buses.iter().zip(interfaces.names()).map(of).collect())
+}
+
+/// What is said of this computer, and of each CAN interface that it has, without anything being sent.
+pub(super) fn text(rig: Option<&Rig>) -> String {
+    let period = Duration::from_micros(period_us(rig).into());
+    let of_interfaces = interfaces().into_iter().map(|name| of_interface(&name, None, period));
+    std::iter::once(of_computer(rig)).chain(of_interfaces).map(|section| section.text()).collect()
+}
+
+fn period_us(rig: Option<&Rig>) -> u32 {
+    rig.map_or(PERIOD_US, |rig| rig.cycle.period_us)
+}
+
+/// How this computer is.
+fn of_computer(rig: Option<&Rig>) -> Section {
+    let period_us = period_us(rig);
+    let limits = limits();
+    let mut checks = ComputerFacts::read(Path::new("/")).checks(Duration::from_micros(period_us.into()));
+    checks.extend(limits.checks());
+    checks.extend(rig.map(|rig| timing(rig, &limits)));
+    Section::new(format!("this computer, for a cycle of {period_us} us"), Exit::TimingMissed, checks)
 }
 
 /// How an interface is.

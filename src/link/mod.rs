@@ -26,7 +26,8 @@ pub use ethernet::{EthernetArrival, EthernetLink, EthernetReceived};
 pub use ethernet::{EthernetError, PacketSocket};
 #[cfg(all(feature = "socketcan", target_os = "linux"))]
 pub use linux::{
-    Attachment, CobFilter, ControllerState, InterfaceFacts, LinkError, SocketCan, SocketCanSettings, SocketCans, Stamps,
+    Attachment, CobFilter, ControllerState, InterfaceFacts, LinkError, SocketCan, SocketCanSettings, SocketCans,
+    Stamps, interfaces,
 };
 #[cfg(all(any(feature = "ethernet", feature = "socketcan"), target_os = "linux"))]
 pub use role::{Holder, Role};

@@ -5,7 +5,6 @@ use std::path::{Path, PathBuf};
 use std::time::SystemTime;
 
 use super::strip::Stripper;
-use super::system::system;
 use crate::cli::config::Checked;
 use crate::cli::render::Renderer;
 use crate::config::{self, Document, Loaded, Report, Rig, Source};
@@ -51,11 +50,19 @@ impl Content {
 /// Everything that a report has, as it stands on this computer.
 pub(super) fn contents(rig: Option<&str>, messages: Option<String>, folders: &Folders) -> Vec<Entry> {
     let text = |name: &str, text: String| Entry { name: name.to_owned(), content: Content::Text(text) };
-    let mut entries = vec![text("version.txt", version()), text("system.txt", system(Path::new("/")))];
+    let mut entries = vec![text("version.txt", version())];
     entries.extend(messages.map(|messages| text("messages.txt", messages)));
-    if let Some(rig) = rig {
-        let source = Source::named(rig);
-        let checked = Checked::of(source.clone());
+    let source = rig.map(Source::named);
+    let checked = source.map(|source| (Checked::of(source.clone()), source));
+    #[cfg(target_os = "linux")]
+    {
+        let rig = checked.as_ref().and_then(|(checked, _)| match &checked.result {
+            Ok(Document::Rig(rig)) => Some(&rig.value),
+            _ => None,
+        });
+        entries.push(text("doctor.txt", crate::cli::doctor::text(rig)));
+    }
+    if let Some((checked, source)) = checked {
         let mut said = Renderer::new(false).render(&checked.findings);
         for line in checked.lines() {
             said += &format!("{line}\n");

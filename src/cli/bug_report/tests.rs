@@ -98,7 +98,7 @@ fn no_name_is_in_any_byte_of_the_zip() {
     let names: Vec<&str> = files.iter().map(|(name, _)| name.as_str()).collect();
     for wanted in [
         "version.txt",
-        "system.txt",
+        "doctor.txt",
         "messages.txt",
         "config-check.txt",
         "config-show.yaml",

@@ -266,7 +266,7 @@ impl InterfaceFacts {
 }
 
 /// The CAN interfaces that are there, by name.
-pub(super) fn interfaces() -> Vec<String> {
+pub fn interfaces() -> Vec<String> {
     let Ok(entries) = fs::read_dir("/sys/class/net") else { return Vec::new() };
     let is_can = |entry: &fs::DirEntry| {
         fs::read_to_string(entry.path().join("type")).is_ok_and(|number| number.trim() == TYPE_CAN)

@@ -22,7 +22,7 @@ mod wall;
 
 pub use adapter::Attachment;
 pub use error::LinkError;
-pub use facts::{ControllerState, InterfaceFacts};
+pub use facts::{ControllerState, InterfaceFacts, interfaces};
 pub use filter::CobFilter;
 pub use several::SocketCans;
 
