@@ -56,7 +56,9 @@ fn exit_codes_tell_what_happened() {
     assert_eq!(exit("yieldwall confg"), Exit::Usage);
     assert_eq!(exit("yieldwall config check"), Exit::Usage);
     for name in crate::config::builtin_names() {
-        assert_eq!(exit(&format!("yieldwall --quiet --deny-warnings config check builtin:{name}")), Exit::Ok, "{name}");
+        // Drives of odd vendors lack watchdogs, of which is warned.
+        let denied = if name.starts_with("vendors/") { "" } else { " --deny-warnings" };
+        assert_eq!(exit(&format!("yieldwall --quiet{denied} config check builtin:{name}")), Exit::Ok, "{name}");
     }
     assert_eq!(exit("yieldwall -q config check builtin:paper-admittance.yaml no-such-file.yaml"), Exit::ConfigInvalid);
     assert_eq!(exit("yieldwall config show no-such-file.yaml --json"), Exit::ConfigInvalid);
