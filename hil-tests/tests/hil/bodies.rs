@@ -80,10 +80,15 @@ pub(crate) fn long_values_pass_in_segments_and_in_blocks(bus: &mut impl Network)
 }
 
 /// Passes a value both ways in blocks over a line that loses frames; how many.
-fn over_a_lossy_line(bus: &mut impl Network, is_lost: impl FnMut(bool, &Frame) -> bool, seed: u64) -> usize {
+fn over_a_lossy_line(
+    bus: &mut impl Network,
+    patience: Duration,
+    is_lost: impl FnMut(bool, &Frame) -> bool,
+    seed: u64,
+) -> usize {
     let mut link = Lossy::new(bus.link(), is_lost);
     let mut client = client(NODE);
-    client.set_timeout(Duration::from_millis(200));
+    client.set_timeout(2 * patience);
     client.set_retries(8);
     let data = bytes(4000, seed);
     write(&mut link, &mut client, (0x2001, 0), &data, Way::Blocks);
@@ -91,15 +96,21 @@ fn over_a_lossy_line(bus: &mut impl Network, is_lost: impl FnMut(bool, &Frame) -
     link.lost
 }
 
-/// A device that soon notices what is lost.
-fn alert() -> Peer {
+/// How long a device waits that soon notices what is lost.
+const ALERT: Duration = Duration::from_millis(100);
+/// How long one waits to which a computer that stands still for a while is no loss: where every acknowledgement is lost once, one more that
+/// is repeated too early is taken for news, and the transfer is broken off by its length or its checksum.
+const PATIENT: Duration = Duration::from_millis(600);
+
+/// A device that notices after half of `patience` what is lost.
+fn noticing(patience: Duration) -> Peer {
     let mut peer = device(NODE);
-    peer.node.set_sdo_timeout(Duration::from_millis(100));
+    peer.node.set_sdo_timeout(patience);
     peer
 }
 
 pub(crate) fn blocks_pass_when_every_seventh_data_frame_is_lost(bus: &mut impl Network) {
-    bus.attach(alert());
+    bus.attach(noticing(ALERT));
     let mut counts = [0u32; 2];
     let every_seventh = |is_own, frame: &Frame| {
         let is_sdo = matches!(frame.id() & 0x780, 0x580 | 0x600);
@@ -111,12 +122,12 @@ pub(crate) fn blocks_pass_when_every_seventh_data_frame_is_lost(bus: &mut impl N
         *count += 1;
         count.is_multiple_of(7)
     };
-    let lost = over_a_lossy_line(bus, every_seventh, 1);
+    let lost = over_a_lossy_line(bus, ALERT, every_seventh, 1);
     assert!(lost > 2 * 4000 / 7 / 7, "{lost}");
 }
 
 pub(crate) fn blocks_pass_when_5_percent_of_all_frames_are_lost(bus: &mut impl Network) {
-    bus.attach(alert());
+    bus.attach(noticing(ALERT));
     let mut acknowledgements = 0;
     for seed in 1..=3u64 {
         let mut state = seed;
@@ -130,7 +141,7 @@ pub(crate) fn blocks_pass_when_5_percent_of_all_frames_are_lost(bus: &mut impl N
             acknowledgements += usize::from(is_lost && frame.data()[0] >> 5 == 5);
             is_lost
         };
-        let lost = over_a_lossy_line(bus, five_percent, seed);
+        let lost = over_a_lossy_line(bus, ALERT, five_percent, seed);
         assert!(lost > 30, "{lost}");
     }
     assert!(acknowledgements > 0, "no seed has lost an acknowledgement");
@@ -139,7 +150,7 @@ pub(crate) fn blocks_pass_when_5_percent_of_all_frames_are_lost(bus: &mut impl N
 pub(crate) fn blocks_pass_when_the_last_segment_the_end_and_every_acknowledgement_are_lost_once(
     bus: &mut impl Network,
 ) {
-    bus.attach(alert());
+    bus.attach(noticing(PATIENT));
     // 4000 bytes are 572 segments in blocks of 127 and 126 by turns: 66 in the fifth one, the last with 3 of its 7 bytes.
     const LAST: u8 = 0x80 | 66;
     const END: u8 = 0xc1 | 4 << 2;
@@ -148,7 +159,7 @@ pub(crate) fn blocks_pass_when_the_last_segment_the_end_and_every_acknowledgemen
         let once = |is_own, frame: &Frame| {
             frame.data().first() == Some(&kind) && !std::mem::replace(&mut is_lost_of[usize::from(is_own)], true)
         };
-        over_a_lossy_line(bus, once, 1);
+        over_a_lossy_line(bus, PATIENT, once, 1);
         assert_eq!(is_lost_of, [true; 2], "{kind:02X}h");
     }
 }
