@@ -22,7 +22,7 @@ fn every_command_prints_one_object_with_its_exit_code_and_its_diagnostics() {
     let rig = "builtin:paper-admittance.yaml";
     let run = format!("run {rig} --duration 0.2");
     // In this order: a recording is made before it is looked into.
-    let cases: [(&str, i32); 66] = [
+    let cases: [(&str, i32); 67] = [
         (&format!("{run} --record rec"), 0),
         (&format!("run {rig} --duration 3 --fault node-reset@2.5 --black-box rec"), 8),
         (&format!("{run} --figure x.txt"), 2),
@@ -77,6 +77,7 @@ fn every_command_prints_one_object_with_its_exit_code_and_its_diagnostics() {
         ("od diff left right.dcf", 0),
         ("od diff left bad.yaml", 3),
         ("od restore right.dcf right --dry-run", 0),
+        ("od restore right.dcf wrist", 5),
         ("pdo show wrist", 0),
         ("drive adopt --node left --out found.yaml", 0),
         ("drive adopt --node left --dry-run", 0),

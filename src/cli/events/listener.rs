@@ -1,7 +1,6 @@
 //! The way from the loop to what is printed: rings that the loop fills, and a thread that empties them.
 
 use std::io;
-use std::iter::Peekable;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant};
@@ -42,8 +41,8 @@ impl Listening {
         let listener = Listener {
             events: events.clone(),
             narrator: Narrator::new(rig),
-            emergencies: emergencies_out.peekable(),
-            errors: errors_out.peekable(),
+            emergencies: Aside { outlet: emergencies_out, waiting: None },
+            errors: Aside { outlet: errors_out, waiting: None },
             has_line: events.has_line(),
             shown_at: None,
             screen: events.view(),
@@ -84,12 +83,31 @@ impl Listening {
     }
 }
 
+/// What comes beside the cycles, with the cycle before which it came. A ring that is empty now has more later, which a `Peekable` forgets.
+struct Aside<T> {
+    outlet: Outlet<(u64, T)>,
+    /// What came before a cycle that was not taken yet.
+    waiting: Option<(u64, T)>,
+}
+
+impl<T> Aside<T> {
+    /// The next one that came before this cycle.
+    fn next_before(&mut self, cycle: u64) -> Option<T> {
+        match self.waiting.take().or_else(|| self.outlet.next())? {
+            (before, item) if before <= cycle => Some(item),
+            later => {
+                self.waiting = Some(later);
+                None
+            }
+        }
+    }
+}
+
 struct Listener {
     events: Events,
     narrator: Narrator,
-    /// With the cycle before which they came.
-    emergencies: Peekable<Outlet<(u64, Frame)>>,
-    errors: Peekable<Outlet<(u64, DriveError)>>,
+    emergencies: Aside<Frame>,
+    errors: Aside<DriveError>,
     has_line: bool,
     shown_at: Option<Instant>,
     screen: Option<Arc<Mutex<View>>>,
@@ -99,10 +117,10 @@ struct Listener {
 impl Listener {
     /// Tells what came before this cycle.
     fn take_aside(&mut self, cycle: u64) {
-        while let Some((_, frame)) = self.emergencies.next_if(|(before, _)| *before <= cycle) {
+        while let Some(frame) = self.emergencies.next_before(cycle) {
             self.narrator.emergency(&frame).iter().for_each(|event| self.events.tell(event));
         }
-        while let Some((_, error)) = self.errors.next_if(|(before, _)| *before <= cycle) {
+        while let Some(error) = self.errors.next_before(cycle) {
             self.events.tell(&self.narrator.error(&error));
         }
     }
@@ -136,4 +154,19 @@ impl Sink<CycleRecord> for Listener {
     }
 
     fn report(self) {}
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_comes_after_a_look_at_an_empty_ring_is_told_before_its_cycle() {
+        let (mut inlet, outlet) = side_ring(4);
+        let mut aside = Aside { outlet, waiting: None };
+        assert_eq!(aside.next_before(0), None);
+        inlet.push(&(3, 'a'));
+        inlet.push(&(5, 'b'));
+        assert_eq!([2, 3, 4, 5, 6].map(|cycle| aside.next_before(cycle)), [None, Some('a'), None, Some('b'), None]);
+    }
 }

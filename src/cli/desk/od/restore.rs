@@ -2,14 +2,16 @@
 
 use std::path::PathBuf;
 
-use super::super::place::{Desk, Place};
+use super::super::place::{Desk, Node, Place};
 use super::super::state::refuse_powered;
 use super::super::words::spaced;
 use super::{Saving, sheet, sheet_of, told, write_all};
 use crate::canopen::NmtState;
 use crate::cli::failure::{Exit, Failure};
 use crate::cli::output::Output;
-use crate::service::plan;
+use crate::objects::Address;
+use crate::service::{Error, number, plan};
+use yieldwall_drives::eds::Eds;
 
 #[derive(Debug, clap::Args)]
 pub(in crate::cli) struct Arguments {
@@ -50,16 +52,45 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
         let help = format!("`yieldwall nmt {} preop` first", node.id.raw());
         return Err(Failure::new(Exit::Usage, message, help));
     }
+    refuse_another_kind(&mut desk, &node, &wanted)?;
     let plan = plan(&mut desk.service, node.id, &wanted, eds.as_ref());
     let plan = plan.map_err(|error| desk.failure(&node, "comparing its objects", error))?;
     for left_out in &plan.left_out {
         output.news(&format!("left out  {} {}: {}", left_out.at, left_out.name, left_out.why))?;
     }
     if plan.steps.is_empty() {
-        output.news("nothing to write: all else is as in the file")?;
+        output.news("nothing to write: the rest is as in the file")?;
     } else if !arguments.dry_run {
         write_all(&mut desk, &node, &plan.steps, eds.as_ref(), output)?;
     }
     let stored = if arguments.dry_run { Ok(()) } else { arguments.saving.after(&mut desk, &node) };
     told(&desk, &node, &plan.steps, arguments.dry_run, stored, output)
+}
+
+/// What tells devices of one kind from others: device type, vendor and product.
+const KIND: [(u16, u8, &str); 3] = [(0x1000, 0, "device type"), (0x1018, 1, "vendor"), (0x1018, 2, "product code")];
+
+/// Refuses the file of a device of another kind, of which some objects would be taken before one is refused. A file that does not say what
+/// it is of, such as a backup of a few objects, is taken.
+fn refuse_another_kind(desk: &mut Desk, node: &Node, wanted: &Eds) -> Result<(), Failure> {
+    for (index, sub, what) in KIND {
+        let entry = wanted.entry(index, sub);
+        let value = entry.and_then(|entry| entry.value.as_ref()?.to_bytes(entry.data_type, node.id.raw()));
+        let Some(value) = value else { continue };
+        match desk.service.read(node.id, Address::new(index, sub)) {
+            Ok(held) if number(&held) != number(&value) => {
+                let message = format!(
+                    "{} has the {what} {:08X}h, and the file is of a device with {:08X}h: nothing was written",
+                    node.words(),
+                    number(&held),
+                    number(&value)
+                );
+                let help = "name the device that the file is of; `yieldwall scan` shows them";
+                return Err(Failure::new(Exit::DeviceMismatch, message, help));
+            }
+            Ok(_) | Err(Error::Refused(_)) => {}
+            Err(error) => return Err(desk.failure(node, "reading what it is", error)),
+        }
+    }
+    Ok(())
 }
