@@ -1,7 +1,8 @@
 """Checks the simulated EtherCAT segment against pysoem (SOEM), a master that nobody here wrote, over two ends of an Ethernet cable.
 
-    cargo build --manifest-path hil-tests/ethercrab/Cargo.toml --target-dir target
-    hil-tests/veth $(hil-tests/peers/install_pysoem) hil-tests/peers/pysoem_master.py target/debug/serve veth1 [--capture FILE.pcap]
+    cargo build
+    hil-tests/veth $(hil-tests/peers/install_pysoem) hil-tests/peers/pysoem_master.py [--capture FILE.pcap] \\
+        target/debug/yieldwall sim config/paper-ethercat.yaml --bus main=veth1
 
 The command after the script serves the segment of two drives and a sensor on veth1; pysoem is on veth0. Prints one line per check and a closing line;
 the exit status is the number of failures. Nothing is said of times: waits are long, and counts, states and contents are judged.
@@ -157,6 +158,8 @@ class Rig:
         equal(len(complete), 278)
         entries = self.sensor.sdo_read(0x2040, 0)[0]
         equal(b"".join(self.sensor.sdo_read(0x2040, sub) for sub in range(1, entries + 1)), complete)
+        # The same as the value of one object, which is longer than a mailbox too.
+        equal(self.sensor.sdo_read(0x2041, 0, 512), complete)
         # From the count of entries on, which takes two bytes.
         whole = self.sensor.sdo_read(0x2040, 0, 512, True)
         equal(whole[2:280], complete)
@@ -296,10 +299,10 @@ class Rig:
 
 
 def main():
-    server = subprocess.Popen(ARGUMENTS, stderr=subprocess.PIPE, text=True)
-    first = server.stderr.readline()
+    server = subprocess.Popen(ARGUMENTS, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
+    first = server.stdout.readline()
     print(first.strip(), flush=True)
-    threading.Thread(target=lambda: sys.stderr.writelines(server.stderr), daemon=True).start()
+    threading.Thread(target=lambda: sys.stdout.writelines(server.stdout), daemon=True).start()
     sniffer = None
     if CAPTURE:
         sniffer = subprocess.Popen(
@@ -313,7 +316,7 @@ def main():
     for name, run in [
         ("pysoem finds two drives and a sensor", rig.devices),
         ("pysoem reads what they are, by SII and by SDO", rig.identity),
-        ("pysoem reads 278 bytes by complete access in segments, and each entry alone", rig.long_object),
+        ("pysoem reads 278 bytes by complete access, as one value, and each entry alone", rig.long_object),
         ("pysoem writes an object and reads it back", rig.written),
         ("pysoem decodes an abort", rig.abort),
         ("pysoem lists the objects of a drive", rig.information),

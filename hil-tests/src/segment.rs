@@ -2,14 +2,14 @@
 
 use std::time::Duration;
 
-use yieldwall::config::shipped_profile;
+use yieldwall::config::{self, Loaded, Rig};
 use yieldwall::ethercat::frame::{Command, FrameWriter, address};
 use yieldwall::ethercat::{Direction, Fmmu, sii::Sii};
 use yieldwall::objects::ServedDevice;
-use yieldwall::sim::ethercat::{Controller, ControllerSettings, Segment, SimulatedDevice, sii};
-use yieldwall::sim::{AxisSettings, Encoder, EthercatDrive, ForceTorqueSensor, ForceTorqueSettings, PositionLoop};
+use yieldwall::rig::simulated_segment;
+use yieldwall::run::Pace;
+use yieldwall::sim::ethercat::{Segment, SimulatedDevice, sii};
 use yieldwall::time::Time;
-use yieldwall_drives::scaling::{AxisScaling, Direction as Turn};
 
 const PERIOD: Duration = Duration::from_millis(1);
 const SOURCE: [u8; 6] = [0x10; 6];
@@ -30,19 +30,21 @@ pub struct Bench {
     mailbox_counter: u8,
 }
 
-fn drive(serial: u32) -> SimulatedDevice {
-    let axis = AxisSettings {
-        scaling: AxisScaling::new(800_000.0, Turn::Same, 0.0, 60.0).expect("a good scaling"),
-        position_loop: PositionLoop {
-            period_us: 125,
-            stiffness_n_m_per_rad: 6000.0,
-            damping_n_m_s_per_rad: 70.0,
-            integral_n_m_per_rad_s: 100_000.0,
-        },
-        encoder: Encoder::Quantised,
-    };
-    let profile = shipped_profile("simulated-servo");
-    SimulatedDevice::Drive(Box::new(EthercatDrive::new(&profile, serial, &axis).expect("good settings")))
+/// The shipped rig on EtherCAT.
+///
+/// # Panics
+/// If it cannot be read.
+pub fn shipped() -> Loaded<Rig> {
+    config::load_rig_on_any_bus(config::builtin("paper-ethercat.yaml")).expect("a shipped rig")
+}
+
+/// The devices of a rig, all with perfect clocks.
+///
+/// # Panics
+/// If the rig is not on EtherCAT.
+pub fn segment(rig: &Loaded<Rig>) -> Segment<SimulatedDevice> {
+    let scene = rig.scene().expect("a shipped scene").value;
+    simulated_segment(&rig.value, &scene, [true; 3], Pace::Lockstep).expect("a rig on EtherCAT").0
 }
 
 impl Bench {
@@ -51,16 +53,10 @@ impl Bench {
     /// # Panics
     /// If a device does not get there.
     pub fn operational() -> Self {
-        let sensor = ForceTorqueSensor::new(&ForceTorqueSettings::new(3)).expect("good settings");
-        let devices = [drive(1), drive(2), SimulatedDevice::ForceTorque(Box::new(sensor))];
-        let images = [0, 1, 2].map(|place: usize| sii(devices[place].od()));
+        let segment = segment(&shipped());
+        let images = [0, 1, 2].map(|place| sii(segment.controller(place).expect("it is there").device().od()));
         let lengths =
             images.each_ref().map(|sii: &Sii| (sii.sync_managers[2].settings.len, sii.sync_managers[3].settings.len));
-        let controllers = devices
-            .into_iter()
-            .zip(&images)
-            .map(|(device, sii)| Controller::new(device, ControllerSettings::new(sii.write())));
-        let segment = Segment::new(Time(0), controllers);
         let mut bench = Bench { segment, now: Time(0), buffer: [0; 1514], lengths, mailbox_counter: 0 };
         for (place, sii) in (0u16..).zip(&images) {
             bench.write(place, 0x0010, &(0x1000 + place).to_le_bytes());

@@ -194,9 +194,8 @@ fn port(each: &FrameBudget) -> usize {
 fn run_traffic(traffic: &Traffic) -> Option<u64> {
     const CYCLES: u64 = 60;
     let Scenario { mut rig, .. } = Scenario::shipped(traffic.file);
-    let [left, right] = &mut rig.drives;
-    for heartbeat_ms in [&mut left.address.canopen.heartbeat_ms, &mut right.address.canopen.heartbeat_ms] {
-        *heartbeat_ms = traffic.heartbeat_ms;
+    for node in rig.drives.iter_mut().filter_map(|drive| drive.address.canopen_mut()) {
+        node.heartbeat_ms = traffic.heartbeat_ms;
     }
     if let SensorProtocol::Canopen { heartbeat_ms, .. } = &mut rig.sensor.protocol {
         *heartbeat_ms = traffic.heartbeat_ms;

@@ -23,7 +23,8 @@ fn sensor_apart() -> Scenario {
 fn drives_apart() -> Scenario {
     let mut scenario = sensor_apart();
     let [_, right] = &mut scenario.rig.drives;
-    (right.bus, right.address.canopen.node_id) = ("sensor".to_owned(), 1);
+    right.bus = "sensor".to_owned();
+    right.address.canopen_mut().unwrap().node_id = 1;
     (scenario.rig.sensor.bus, scenario.rig.sensor.protocol) =
         ("main".to_owned(), Scenario::torque().rig.sensor.protocol);
     scenario

@@ -101,11 +101,11 @@ fn may_name(layer: &str) -> Option<Vec<&'static str>> {
         "assembly" => [bus(), vec!["bus"]].concat(),
         "run" => [bus(), run].concat(),
         "host" => [bus(), run, vec!["run", "checkup", "explanation"]].concat(),
-        "rig" => [bus(), run, vec!["run", "injection", "sim"]].concat(),
+        "rig" => [bus(), run, vec!["run", "injection", "sim", "ethercat"]].concat(),
         "analysis" => [bus(), run, vec!["run", "sim", "rig"]].concat(),
         "report" => [bus(), run, vec!["run", "injection", "explanation", "sim", "rig"]].concat(),
         "service" => [&engines[..], &["link", "checkup"]].concat(),
-        "live" => [bus(), run, vec!["run", "sim", "rig"]].concat(),
+        "live" => [bus(), run, vec!["run", "sim", "rig", "ethercat"]].concat(),
         "soak" => [bus(), run, vec!["run", "batch", "injection", "sim", "rig"]].concat(),
         "study" => [bus(), run, vec!["run", "batch", "injection", "sim", "rig", "analysis", "report"]].concat(),
         "cli" => {

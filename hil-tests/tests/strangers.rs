@@ -5,7 +5,7 @@ use std::sync::{Arc, Mutex};
 
 use hil_tests::{Scenario, Session};
 use yieldwall::canopen::Frame;
-use yieldwall::config::SensorProtocol;
+use yieldwall::config::{Bus, SensorProtocol};
 use yieldwall::guard::{Fault, Request, State};
 use yieldwall::injection::{Injection, Kind, Target};
 use yieldwall::rig::PORTS;
@@ -43,8 +43,8 @@ fn slow() -> Scenario {
     let mut scenario = Scenario::shipped("paper-admittance-10ms.yaml");
     let rig = &mut scenario.rig;
     (rig.cycle.period_us, rig.cycle.compute_at_us) = (100_000, 50_000);
-    rig.buses.values_mut().for_each(|bus| bus.canopen.heartbeat_ms = 250);
-    rig.drives.iter_mut().for_each(|drive| drive.address.canopen.heartbeat_ms = 250);
+    rig.buses.values_mut().filter_map(Bus::canopen_mut).for_each(|bus| bus.heartbeat_ms = 250);
+    rig.drives.iter_mut().filter_map(|drive| drive.address.canopen_mut()).for_each(|node| node.heartbeat_ms = 250);
     if let SensorProtocol::Canopen { heartbeat_ms, .. } = &mut rig.sensor.protocol {
         *heartbeat_ms = 250;
     }

@@ -192,6 +192,7 @@ pub fn uneven_samples(rig: &config::Rig) -> Option<UnevenSamples> {
         config::SensorProtocol::Canopen { .. } => (!is_sampled_at_sync(rig)).then_some(UnevenSamples::SampleMissed),
         config::SensorProtocol::Streaming { .. } => Some(UnevenSamples::SyncWaits),
         config::SensorProtocol::Polled { .. } => Some(UnevenSamples::SampleMissed),
+        config::SensorProtocol::Ethercat { .. } => None,
     }
 }
 
@@ -210,7 +211,7 @@ fn outers(rig: &config::Rig) -> Result<Vec<Outer>, RigError> {
     let samplings = match rig.sensor.protocol {
         config::SensorProtocol::Canopen { .. } if is_sampled_at_sync(rig) => vec![Sampling::at_sync(period_s)],
         // SYNC has the newest sample of the sensor's own clock sent.
-        config::SensorProtocol::Canopen { .. } => vec![own_clock(0.0)],
+        config::SensorProtocol::Canopen { .. } | config::SensorProtocol::Ethercat { .. } => vec![own_clock(0.0)],
         config::SensorProtocol::Streaming { .. } | config::SensorProtocol::Polled { .. } => {
             let mut latest_s = latest_samples_s(rig)?.to_vec();
             latest_s.dedup();

@@ -14,17 +14,20 @@ use crate::config;
 /// counts, also where the simulation has timing `ideal`.
 ///
 /// # Errors
-/// Where parts of the configuration do not fit together.
+/// Where parts of the configuration do not fit together, and for a rig on EtherCAT.
 pub fn bus_plan(rig: &config::Rig) -> Result<(MasterSetup, Vec<Conditions>), AssemblyError> {
-    let conditions = BusId::all().zip(rig.buses.values()).map(|(bus, configured)| Conditions {
-        bus,
-        bit_rate: configured.canopen.bit_rate_bit_per_s,
-        compute_at: Duration::from_micros(rig.cycle.compute_at_us.into()),
-        device_delay: Duration::ZERO,
-        has_release_jitter: true,
-        has_fifo: true,
+    let conditions = BusId::all().zip(rig.buses.values()).map(|(bus, configured)| {
+        Ok(Conditions {
+            bus,
+            bit_rate: configured.canopen().ok_or(AssemblyError::OnEthercat)?.bit_rate_bit_per_s,
+            compute_at: Duration::from_micros(rig.cycle.compute_at_us.into()),
+            device_delay: Duration::ZERO,
+            has_release_jitter: true,
+            has_fifo: true,
+        })
     });
-    Ok((network(rig)?, conditions.collect()))
+    let conditions = conditions.collect::<Result<_, AssemblyError>>()?;
+    Ok((network(rig)?, conditions))
 }
 
 /// The bus of this name: its number is its place among the names.

@@ -37,6 +37,9 @@ pub enum AssemblyError {
     /// A drive's scaling was refused.
     #[error("drive: {0}")]
     Scaling(#[from] ScalingError),
+    /// A CAN bus is wanted, and the devices are on EtherCAT.
+    #[error("the rig is on EtherCAT, and a CAN bus is wanted here")]
+    OnEthercat,
     /// Two parts of the configuration do not fit together.
     #[error("{0}")]
     Mismatch(String),

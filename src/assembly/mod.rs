@@ -132,7 +132,7 @@ pub(crate) fn calibration(rig: &config::Rig) -> Result<(Calibration, Mounting), 
         config::Mount::RightDistal => MountedOn::RightDistal,
     };
     let mounting = Mounting { link, angle_rad: sensor.mounting_angle_rad.get() }.checked()?;
-    Ok((Calibration::new(matrix, i32::from(sensor.range_counts))?, mounting))
+    Ok((Calibration::new(matrix, i32::try_from(sensor.range_counts).unwrap_or(i32::MAX))?, mounting))
 }
 
 pub(crate) fn gains(control: &config::Control) -> Option<(Gains, bool)> {
@@ -272,7 +272,7 @@ pub(crate) fn network(rig: &config::Rig) -> Result<MasterSetup, AssemblyError> {
         SensorLink::Canopen(node) => Some(&node.profile.node),
         SensorLink::PlainCan(_) => None,
     };
-    let own = rig.own_node().ok_or_else(|| AssemblyError::Mismatch("`buses` has no bus".into()))?;
+    let own = rig.own_node().ok_or(AssemblyError::OnEthercat)?;
     Ok(MasterSetup {
         node_id: own.node_id,
         heartbeat: Duration::from_millis(own.heartbeat_ms.into()),
@@ -313,6 +313,7 @@ pub(crate) fn sensor_link(sensor: &config::Sensor) -> Result<SensorLink, Assembl
             let ids = plain_can::streaming::Ids { command: command_id, data: data_ids };
             plain(plain_can::Protocol::Streaming(ids), pair_gap_us, zero_at_start)
         }
+        config::SensorProtocol::Ethercat { .. } => return Err(AssemblyError::OnEthercat),
         config::SensorProtocol::Polled {
             base_id,
             byte_order,
@@ -352,14 +353,15 @@ fn drive(rig: &config::Rig, drive: &config::Drive, expected_angle_rad: f64) -> R
     let (scaling, profile) = (scaling(drive)?, profile(&drive.profile)?);
     let window = 2.0 * rig.guard.following_error_limit_rad.get() * scaling.counts_per_rad();
     let speed = SPEED_LIMIT_SHARE * rig.guard.joint_speed_limit_rad_per_s.get() * scaling.counts_per_rad();
+    let node = drive.address.canopen().ok_or(AssemblyError::OnEthercat)?;
     let limit = scaling.torque_per_mille(rig.guard.torque_limit_n_m.get())?.value;
     Ok(DriveSetup {
         name: drive.name.clone(),
         bus: buses::bus_id(rig, &drive.bus)?,
-        node_id: drive.address.canopen.node_id,
+        node_id: node.node_id,
         scaling,
         expected_angle_rad,
-        heartbeat: Duration::from_millis(drive.address.canopen.heartbeat_ms.into()),
+        heartbeat: Duration::from_millis(node.heartbeat_ms.into()),
         waits: waits(&drive.waits, Some(&profile.node)),
         profile,
         torque_limit_per_mille: limit.unsigned_abs(),

@@ -103,7 +103,7 @@ fn wanted(arguments: &Arguments, rig: Option<&Rig>) -> Result<Vec<Wanted>, Failu
     let of = |((name, bus), interface): ((&String, &config::Bus), &String)| Wanted {
         interface: interface.clone(),
         argument: if is_only { interface.clone() } else { format!("{name}={interface}") },
-        bit_rate: Some(bus.canopen.bit_rate_bit_per_s),
+        bit_rate: bus.canopen().map(|bus| bus.bit_rate_bit_per_s),
     };
     Ok(rig.buses.iter().zip(interfaces.names()).map(of).collect())
 }

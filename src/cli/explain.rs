@@ -133,8 +133,8 @@ fn codes(arguments: &Arguments, output: &mut Output) -> Result<Option<Arc<ErrorC
 /// The CANopen devices of a rig: name, node id and model.
 fn devices(rig: &Rig) -> Vec<(&str, u8, &ProfileName)> {
     let drives = rig.drives.iter();
-    let mut devices: Vec<_> =
-        drives.map(|drive| (drive.name.as_str(), drive.address.canopen.node_id, &drive.profile)).collect();
+    let drives = drives.filter_map(|drive| Some((drive.name.as_str(), drive.address.node_id()?, &drive.profile)));
+    let mut devices: Vec<_> = drives.collect();
     if let SensorProtocol::Canopen { node_id, profile, .. } = &rig.sensor.protocol {
         devices.push((&rig.sensor.name, *node_id, profile));
     }

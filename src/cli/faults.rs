@@ -1,4 +1,4 @@
-//! `yieldwall faults` and `yieldwall run --fault`: what can be broken on the embedded simulation.
+//! `yieldwall faults`, `run --fault` and `sim --fault`: what can be broken on the embedded simulation and on a segment that is served.
 
 use std::str::FromStr;
 
@@ -99,6 +99,10 @@ fn targets(row: &Row) -> String {
     row.targets.iter().map(|target| target.name()).collect::<Vec<_>>().join(", ")
 }
 
+fn media(row: &Row) -> Vec<&'static str> {
+    row.media.iter().map(|medium| medium.name()).collect()
+}
+
 fn fault_names(row: &Row) -> Vec<&'static str> {
     row.expected.faults.iter().map(|fault| fault.row().name).collect()
 }
@@ -124,6 +128,7 @@ fn ending(row: &Row) -> String {
         Ending::NotEnabled if faults.is_empty() => "the boot refuses the device".to_owned(),
         Ending::NotEnabled => format!("{faults} keeps the rig from running"),
         Ending::DrivesStop => "the drives stop by their own watchdogs".to_owned(),
+        Ending::UpToMaster => "what follows is up to the master".to_owned(),
     }
 }
 
@@ -144,10 +149,11 @@ pub(super) fn consequence(row: &Row) -> String {
 fn text(row: &Row) -> String {
     let size = row.size.map_or(String::new(), |size| format!("; {}, usually {}", size.what, size.usual));
     format!(
-        "{}\n    {}\n    at {}; {}{size}\n    then {}",
+        "{}\n    {}\n    at {}, on {}; {}{size}\n    then {}",
         row.name,
         row.meaning,
         targets(row),
+        media(row).join(" and "),
         duration(row),
         consequence(row)
     )
@@ -158,6 +164,7 @@ fn document(row: &Row) -> serde_json::Value {
         "name": row.name,
         "meaning": row.meaning,
         "targets": row.targets.iter().map(|target| target.name()).collect::<Vec<_>>(),
+        "on": media(row),
         "lasts": duration(row),
         "size": row.size.map(|size| json!({
             "what": size.what, "usual": size.usual, "least": size.least, "most": size.most,

@@ -20,7 +20,7 @@ use super::output::Output;
 use super::replace::Replace;
 use super::tune::Masses;
 use crate::analysis::{pose_margins, proposed_gains};
-use crate::config::{self, Loaded, Rig, Severity, Source};
+use crate::config::{self, Bus, Loaded, Rig, Severity, Source};
 use yieldwall_drives::profiles::EncoderKind;
 
 /// Virtual masses that are tried, kg, the first one unless it swings with the scene's hand.
@@ -170,7 +170,7 @@ fn control_step_us(rig: &Loaded<Rig>) -> Result<u32, Failure> {
     let plans = plans(&rig.value).map_err(|error| rig_failure(&error))?;
     let advice = plans.first().and_then(|plan| plan.advice());
     let (bus, period_us) = (rig.value.buses.values().next(), rig.value.cycle.period_us);
-    let bit_rate = bus.map(|bus| bus.canopen.bit_rate_bit_per_s);
+    let bit_rate = bus.and_then(Bus::canopen).map(|bus| bus.bit_rate_bit_per_s);
     match advice {
         Some(found) if Some(found.bit_rate) == bit_rate && found.period.as_micros() == u128::from(period_us) => {
             let [earliest, latest] = found.compute_at_us;

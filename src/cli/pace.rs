@@ -7,7 +7,7 @@ use crate::run::Pace;
 pub(super) enum PaceArgument {
     /// The clock on the wall
     Free,
-    /// Each other: time advances by one period per SYNC, on a computer of any speed
+    /// Each other: time advances by one period per SYNC, on EtherCAT per frame that reads process data, on a computer of any speed
     Lockstep,
 }
 

@@ -109,7 +109,7 @@ fn run_and_tell(arguments: &Arguments, events: &Events, output: &mut Output) -> 
     check(arguments)?;
     let source = Source::named(&arguments.rig);
     let rig = match config::load(source.clone())? {
-        Document::Rig(rig) => *rig,
+        Document::Rig(rig) => rig.runnable()?,
         Document::Device(_) if arguments.dry_run => {
             let message = "an impedance device is on no bus: nothing is written to any device";
             return Err(Failure::new(Exit::Usage, message, "leave --dry-run away, or name a rig"));

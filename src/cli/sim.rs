@@ -1,5 +1,7 @@
 //! `yieldwall sim`: simulated devices on a real bus.
 
+mod segment;
+
 use std::io;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::AtomicBool;
@@ -9,6 +11,7 @@ use serde_json::json;
 
 use super::ending::rig_failure;
 use super::failure::{Exit, Failure};
+use super::faults::FaultArgument;
 use super::interfaces::Interfaces;
 use super::interrupt::on_interrupt;
 use super::on_bus::{link_failure, open_failure};
@@ -40,10 +43,13 @@ pub(super) struct Arguments {
     /// Seed of tremor and sensor noise, in place of the scene's
     #[arg(long, value_name = "N")]
     seed: Option<u64>,
+    /// On EtherCAT: break something, TIME seconds after the start; may be repeated. `yieldwall faults` lists names
+    #[arg(long, value_name = "NAME@TIME[+DURATION][:TARGET]")]
+    fault: Vec<FaultArgument>,
     /// A scene in place of the rig's
     #[arg(long, value_name = "SCENE.yaml")]
     scene: Option<String>,
-    /// The devices of this process, by name; those of the rig unless told otherwise
+    /// The devices of this process, by name or by position on EtherCAT; those of the rig unless told otherwise
     #[arg(long, value_delimiter = ',', value_name = "NAME,..")]
     nodes: Vec<String>,
     /// Have other processes attach the devices that are not here: a socket that is made at this path
@@ -75,7 +81,7 @@ enum Unwatched {
 }
 
 pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Failure> {
-    let rig = config::load_rig(Source::named(&arguments.rig))?;
+    let rig = config::load_rig_on_any_bus(Source::named(&arguments.rig))?;
     output.configuration(&rig.warnings)?;
     let scene = match &arguments.scene {
         Some(path) => config::load_scene(Source::named(path))?,
@@ -83,6 +89,14 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
     };
     let rig = rig.value;
     let seed = arguments.seed.unwrap_or(scene.value.seed);
+    if rig.is_on_ethercat() {
+        return segment::run(arguments, &rig, &scene.value, seed, output);
+    }
+    if let Some(FaultArgument(injection)) = arguments.fault.first() {
+        let message =
+            format!("--fault {}: sim breaks things on EtherCAT, and this rig is on CAN", injection.kind.row().name);
+        return Err(Failure::new(Exit::Usage, message, "break it on the embedded simulation: `yieldwall run --fault`"));
+    }
     let here = chosen(arguments, &rig)?;
     if let Some(path) = &arguments.attach {
         return attach_one(arguments, path, here, &rig, &scene.value, output);
@@ -145,16 +159,29 @@ impl Unwatched {
     }
 }
 
+/// Which of the rig's devices `--nodes` names.
+fn named(arguments: &Arguments, rig: &config::Rig) -> Result<[bool; 3], Failure> {
+    let [left, right] = &rig.drives;
+    let devices = [
+        (&left.name, left.address.position()),
+        (&right.name, right.address.position()),
+        (&rig.sensor.name, rig.sensor.protocol.position()),
+    ];
+    let is_meant = |node: &String, (name, position): (&String, Option<u16>)| {
+        node == name || position.is_some_and(|position| *node == position.to_string())
+    };
+    if let Some(stranger) = arguments.nodes.iter().find(|node| !devices.iter().any(|device| is_meant(node, *device))) {
+        let message = format!("--nodes names {stranger}, which the rig does not have");
+        let known = names(rig, [true; 3]).join(", ");
+        return Err(Failure::new(Exit::Usage, message, format!("its devices are {known}")));
+    }
+    let is_here = |device| arguments.nodes.is_empty() || arguments.nodes.iter().any(|node| is_meant(node, device));
+    Ok(devices.map(is_here))
+}
+
 /// Which of the rig's devices are simulated in this process.
 fn chosen(arguments: &Arguments, rig: &config::Rig) -> Result<[bool; 3], Failure> {
-    let known = names(rig, [true; 3]);
-    if let Some(stranger) = arguments.nodes.iter().find(|name| !known.contains(&name.as_str())) {
-        let message = format!("--nodes names {stranger}, which the rig does not have");
-        return Err(Failure::new(Exit::Usage, message, format!("its devices are {}", known.join(", "))));
-    }
-    let is_here = |name: &str| arguments.nodes.is_empty() || arguments.nodes.iter().any(|node| node == name);
-    let [left, right] = &rig.drives;
-    let here = [is_here(&left.name), is_here(&right.name), is_here(&rig.sensor.name)];
+    let here = named(arguments, rig)?;
     let count = here.iter().filter(|is_here| **is_here).count();
     match (&arguments.attach, &arguments.plant) {
         (Some(_), _) if count != 1 => {
@@ -275,7 +302,7 @@ fn attach_one(
     let is_interrupted = on_interrupt()?;
     // The device is on one bus, and hears no other.
     let interface = Interfaces::one(rig, &arguments.bus, bus)?;
-    let bit_rate = rig.buses.get(bus).map(|bus| bus.canopen.bit_rate_bit_per_s);
+    let bit_rate = rig.buses.get(bus).and_then(config::Bus::canopen).map(|bus| bus.bit_rate_bit_per_s);
     let own = Own::new(rig, here)?;
     let on = bus_id(rig, bus).map_err(|error| rig_failure(&error.into()))?;
     let roles = own.roles(on);

@@ -66,8 +66,8 @@ fn a_choice_is_merged_with_itself_and_replaced_by_another() {
 fn drives_are_told_apart_by_their_names() {
     let rig = is("drives:\n  - {name: right, address: {canopen: {heartbeat_ms: 40}}}\n  - {name: left, direction: -1}");
     let [left, right] = &rig.drives;
-    assert_eq!((left.name.as_str(), left.address.canopen.heartbeat_ms, left.direction), ("left", 20, -1));
-    assert_eq!((right.name.as_str(), right.address.canopen.heartbeat_ms, right.direction), ("right", 40, 1));
+    assert_eq!((left.name.as_str(), left.address.heartbeat_ms(), left.direction), ("left", Some(20), -1));
+    assert_eq!((right.name.as_str(), right.address.heartbeat_ms(), right.direction), ("right", Some(40), 1));
     let waits = is("drives:\n  - {name: left, waits: {sdo_ms: 700}}").drives;
     assert_eq!((waits[0].waits.sdo_ms, waits[0].waits.boot_up_ms, waits[1].waits.sdo_ms), (Some(700), None, None));
 }

@@ -73,6 +73,7 @@ pub(super) fn explain(fault: Fault, locator: &Locator, guide: &Guide) -> Diagnos
         Cause::UnknownKey { key, known } => {
             let help = match nearest(&key, known.iter().copied()) {
                 Some(meant) => format!("did you mean `{meant}`?"),
+                None if known.is_empty() => format!("{} has no keys: write `{{}}`", name_of(parent(&path))),
                 None => format!("{} has the keys {}", name_of(parent(&path)), shorten(&known)),
             };
             let key_place = found.as_ref().and_then(|(_, node)| node.key).or(fault.place);

@@ -8,7 +8,7 @@ use serde::de::DeserializeOwned;
 
 use super::check::{
     Findings, Machine, check_device, check_drive_model, check_error_codes, check_figure, check_override, check_profile,
-    check_rig, check_scene, check_scene_for, refuse_error_codes, refuse_profile,
+    check_rig, check_scene, check_scene_for, refuse_error_codes, refuse_profile, segment_key,
 };
 use super::compose::open;
 use super::diagnostic::{Diagnostic, Report, Severity};
@@ -77,6 +77,25 @@ impl Loaded<Rig> {
         }
     }
 
+    /// The rig, if this version can run it.
+    ///
+    /// # Errors
+    /// A rig on EtherCAT: its devices can be simulated, and there is no master for them yet.
+    pub fn runnable(self) -> Result<Self, Report> {
+        match self.not_runnable() {
+            Some(finding) => Err(finding.into()),
+            None => Ok(self),
+        }
+    }
+
+    /// Why this version cannot run the rig, if it cannot.
+    pub fn not_runnable(&self) -> Option<Diagnostic> {
+        let key = segment_key(&self.value)?;
+        let message = "this version simulates the devices of a rig on EtherCAT, and has no master that runs them yet";
+        let help = format!("serve them to another master with `yieldwall sim {} --bus INTERFACE`", self.source);
+        Some(self.finding(Severity::Error, &key, message, help, &[]))
+    }
+
     fn not_simulated(&self, error: NotSimulated) -> Diagnostic {
         let help = "name one, such as `simulation: simulations/paper-arm.yaml`, or run the rig on a bus: `run --bus`";
         Diagnostic::about_file(self.source.to_string(), format!("{}: {error}", self.source), help)
@@ -102,15 +121,15 @@ pub enum Document {
     ErrorCodes(Box<Loaded<ErrorCodes>>),
 }
 
-/// Reads and checks a document, whatever its kind.
+/// Reads and checks a document, whatever its kind; a rig on any bus.
 ///
 /// # Errors
-/// As [`load_rig`]; or the document has the mark of no kind.
+/// As [`load_rig_on_any_bus`]; or the document has the mark of no kind.
 pub fn load(source: impl Into<Source>) -> Result<Document, Report> {
     let source = source.into();
     let (locator, _) = open(&source)?;
     match Kind::detect(locator.outline.top_keys()) {
-        Some(Kind::Rig) => load_rig(source).map(|rig| Document::Rig(Box::new(rig))),
+        Some(Kind::Rig) => load_rig_on_any_bus(source).map(|rig| Document::Rig(Box::new(rig))),
         Some(Kind::Device) => load_device(source).map(|device| Document::Device(Box::new(device))),
         Some(Kind::Scene) => load_scene(source).map(|scene| Document::Scene(Box::new(scene))),
         Some(Kind::Figure) => load_figure(source).map(|figure| Document::Figure(Box::new(figure))),
@@ -121,11 +140,20 @@ pub fn load(source: impl Into<Source>) -> Result<Document, Report> {
     }
 }
 
-/// Reads and checks a rig, its device profiles, its simulation and its scene.
+/// Reads and checks a rig that can be run, its device profiles, its simulation and its scene.
 ///
 /// # Errors
-/// The file; its first syntax or type error; or all errors of meaning in the rig and in the files that it names.
+/// The file; its first syntax or type error; or all errors of meaning in the rig and in the files that it names. A rig on EtherCAT, for
+/// which there is no master yet.
 pub fn load_rig(source: impl Into<Source>) -> Result<Loaded<Rig>, Report> {
+    load_rig_on_any_bus(source)?.runnable()
+}
+
+/// As [`load_rig`], and a rig on EtherCAT too, whose devices can be simulated.
+///
+/// # Errors
+/// As [`load_rig`], but for the last one.
+pub fn load_rig_on_any_bus(source: impl Into<Source>) -> Result<Loaded<Rig>, Report> {
     let source = source.into();
     let Read { value: mut rig, mut findings, like } = read::<Rig>(&source, Kind::Rig)?;
     let in_range = findings.check_ranges(&rig);

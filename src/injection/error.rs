@@ -1,6 +1,6 @@
 //! What is not possible to inject.
 
-use super::{Size, Target};
+use super::{Medium, Size, Target};
 use thiserror::Error;
 
 /// What is not possible to inject.
@@ -15,6 +15,16 @@ pub enum InjectionError {
         target: Target,
         /// The targets of the kind.
         targets: &'static [Target],
+    },
+    /// The kind means nothing on such a bus.
+    #[error("{name} is not carried out on {}: it is on {}", medium.name(), media.iter().map(|medium| medium.name()).collect::<Vec<_>>().join(" and "))]
+    Medium {
+        /// Name of the kind.
+        name: &'static str,
+        /// The bus that is there.
+        medium: Medium,
+        /// The buses of the kind.
+        media: &'static [Medium],
     },
     /// The start is not a moment of the scene.
     #[error("{name} begins at {start_s} s: a number of seconds since the scene began is wanted, 0 or above")]

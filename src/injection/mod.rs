@@ -1,7 +1,7 @@
-//! Fault injection as data: what can be broken on the embedded simulation, and what has to follow.
+//! Fault injection as data: what can be broken on the embedded simulation and on a segment that is served, and what has to follow.
 //!
-//! [`Kind`] names what is broken, [`CATALOGUE`] says of each what it does, where, and what is expected of the rig, and
-//! [`Injection`] is one of them at a moment. The rig in virtual time carries them out.
+//! [`Kind`] names what is broken, [`CATALOGUE`] says of each what it does, where, on which kind of bus, and what is expected of the
+//! rig, and [`Injection`] is one of them at a moment. The rig in virtual time carries them out, and what serves a segment.
 
 mod catalogue;
 mod error;
@@ -80,11 +80,22 @@ pub enum Kind {
     EncoderOffset,
     DriveNotEnabling,
     WrongBitRate,
+    FrameLost,
+    FrameDelayed,
+    FrameDuplicated,
+    FrameForeign,
+    FrameShort,
+    FrameCorrupt,
+    DeviceBypassed,
+    MailboxStuck,
+    DeviceState,
+    ClockJump,
+    EmergencyInSdo,
 }
 
 impl Kind {
     /// Number of kinds.
-    pub const COUNT: usize = Kind::WrongBitRate as usize + 1;
+    pub const COUNT: usize = Kind::EmergencyInSdo as usize + 1;
 
     /// The row of [`CATALOGUE`] that describes this kind.
     pub fn row(self) -> &'static Row {
@@ -155,6 +166,25 @@ impl Target {
     }
 }
 
+/// A kind of bus.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum Medium {
+    /// The buses of the embedded simulation.
+    Can,
+    /// A segment that is served to a master.
+    Ethercat,
+}
+
+impl Medium {
+    /// The name, as messages have it.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Can => "CAN",
+            Self::Ethercat => "EtherCAT",
+        }
+    }
+}
+
 /// How long an injection lasts.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Lasts {
@@ -192,6 +222,8 @@ pub enum Ending {
     NotEnabled,
     /// Nobody is there to stop it: the drives stop by their own watchdogs.
     DrivesStop,
+    /// What follows is up to the master, which is another program.
+    UpToMaster,
 }
 
 /// What a person has to do to run the rig again, once the injection is over.
@@ -234,6 +266,8 @@ pub struct Row {
     pub matrix: &'static [u8],
     /// Where it can act; the first unless another is given.
     pub targets: &'static [Target],
+    /// On which kinds of bus.
+    pub media: &'static [Medium],
     /// How long.
     pub lasts: Lasts,
     /// How strong, if that can be chosen.
@@ -294,6 +328,16 @@ impl Injection {
             (_, Some(duration_s)) => self.start_s + duration_s,
             (_, None) => f64::INFINITY,
         }
+    }
+
+    /// # Errors
+    /// As [`Injection::check`]; or the kind means nothing on such a bus.
+    pub fn check_on(&self, medium: Medium) -> Result<(), InjectionError> {
+        let row = self.kind.row();
+        if !row.media.contains(&medium) {
+            return Err(InjectionError::Medium { name: row.name, medium, media: row.media });
+        }
+        self.check()
     }
 
     /// # Errors

@@ -5,6 +5,7 @@
 mod attach;
 mod listen;
 mod planted;
+mod segment;
 mod serve;
 mod virtual_link;
 
@@ -12,5 +13,6 @@ mod virtual_link;
 pub use attach::{AttachError, Attached, Entrance, attach};
 pub use listen::listen;
 pub use planted::{PlantedLink, Trouble};
+pub use segment::serve_segment;
 pub use serve::{ServeError, serve};
 pub use virtual_link::VirtualLink;

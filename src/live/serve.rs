@@ -11,11 +11,11 @@ use crate::rig::{DeviceServer, RigError};
 use crate::time::Time;
 
 /// Longest wait for a frame before the wish to end is looked at.
-const LOOK_UP: Duration = Duration::from_millis(50);
+pub(super) const LOOK_UP: Duration = Duration::from_millis(50);
 
 /// Time between two looks at the link after which what has come meanwhile is stale: the process was stopped. A master in
 /// lockstep waits so long for process data.
-const ABSENCE: Duration = Duration::from_secs(1);
+pub(super) const ABSENCE: Duration = Duration::from_secs(1);
 
 /// Why simulated devices could not go on.
 #[derive(Clone, Debug, PartialEq, Error)]

@@ -177,8 +177,8 @@ pub fn run_rig(
     // A scene has one cycle at least.
     let elapsed = Duration::from_secs_f64(seen.rows().len() as f64 * period_s);
     let counted = rig.buses.iter().zip(machine.bus_counters().zip(&before));
-    let bus_loads = counted.map(|((name, bus), (counters, before))| {
-        (name.clone(), counters.load_since(before, elapsed, bus.canopen.bit_rate_bit_per_s))
+    let bus_loads = counted.filter_map(|((name, bus), (counters, before))| {
+        Some((name.clone(), counters.load_since(before, elapsed, bus.canopen()?.bit_rate_bit_per_s)))
     });
     let bus_loads = bus_loads.collect();
     let is_held = |row: &&Row| row.supervisor_state == State::Holding as u8;

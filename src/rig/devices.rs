@@ -5,6 +5,7 @@ use std::time::Duration;
 use nalgebra::Vector2;
 
 use super::error::RigError;
+use super::far_end::DEVICES;
 use super::world::{Body, Grip, Ideal, Truth, World};
 use crate::assembly;
 use crate::assembly::AssemblyError;
@@ -13,9 +14,16 @@ use crate::canopen::node_id;
 use crate::config;
 use crate::linkage::FiveBar;
 use crate::objects::Address;
+use crate::objects::ServedDevice;
 use crate::quantity::{JointTorques, TipPoint, TipVelocity};
+use crate::run::Pace;
 use crate::sim::arm::{Arm, ArmParameters, JointElasticity};
-use crate::sim::{Drive, DriveSettings, Encoder, ForceSensor, ForceSensorSettings, Manner, PositionLoop, Speaks};
+use crate::sim::ethercat::{Controller, ControllerSettings, Segment, SimulatedDevice, sii};
+use crate::sim::{
+    AxisSettings, Drive, DriveSettings, Encoder, EthercatDrive, ForceSensor, ForceSensorSettings, ForceTorqueSensor,
+    ForceTorqueSettings, Manner, PositionLoop, Speaks,
+};
+use crate::time::Time;
 
 /// By how much the clock of a sensor on plain CAN is slow, in parts per million: a usual crystal. It drifts through the
 /// cycle, once in 20 s at 1 ms.
@@ -51,24 +59,15 @@ fn manner(model: &config::DriveModel) -> Manner {
 /// # Errors
 /// If its profile is not that of a drive.
 pub fn drive(rig: &config::Rig, scene: &config::Scene, drive: &config::Drive, serial: u32) -> Result<Drive, RigError> {
-    let simulation = simulated(rig)?;
-    let servo = &simulation.drive_position_loop;
-    let odd = simulation.drive_model.as_ref();
+    let AxisSettings { scaling, position_loop, encoder } = axis(rig, scene, drive)?;
+    let odd = simulated(rig)?.drive_model.as_ref();
     Drive::new(DriveSettings {
-        node: node(drive.address.canopen.node_id)?,
+        node: node(drive.address.node_id().ok_or(AssemblyError::OnEthercat)?)?,
         profile: assembly::profile(odd.map_or(&drive.profile, |odd| &odd.profile))?,
         serial,
-        scaling: assembly::scaling(drive)?,
-        position_loop: PositionLoop {
-            period_us: servo.period_us,
-            stiffness_n_m_per_rad: servo.stiffness_n_m_per_rad.get(),
-            damping_n_m_s_per_rad: servo.damping_n_m_s_per_rad.get(),
-            integral_n_m_per_rad_s: servo.integral_n_m_per_rad_s.get(),
-        },
-        encoder: match model(scene)?.encoder {
-            config::EncoderModel::Exact => Encoder::Exact,
-            config::EncoderModel::Quantised => Encoder::Quantised,
-        },
+        scaling,
+        position_loop,
+        encoder,
         manner: odd.map(manner).unwrap_or_default(),
     })
     .map_err(|error| RigError::Device(error.to_string()))
@@ -88,9 +87,94 @@ pub fn force_sensor(rig: &config::Rig) -> Result<ForceSensor, RigError> {
         speaks,
         sample_rate_hz: sensor.sample_rate_hz.get().round() as u32,
         phase_us: 0,
-        range_counts: i32::from(sensor.range_counts),
+        range_counts: i32::try_from(sensor.range_counts).unwrap_or(i32::MAX),
     })
     .map_err(|error| RigError::Device(error.to_string()))
+}
+
+/// Clocks of devices on EtherCAT differ by so much, in parts per billion.
+const DRIFTS_PPB: [i32; 3] = [12_000, -23_000, 31_000];
+
+/// The devices of a rig that are `here` on an EtherCAT segment, switched on, in the order of their positions; and the places of left
+/// drive, right drive and sensor in it. Clocks of devices drift apart where the master has a clock of its own.
+///
+/// # Errors
+/// If the rig is not on EtherCAT, or a profile is not that of a drive.
+pub fn segment(
+    rig: &config::Rig,
+    scene: &config::Scene,
+    here: [bool; DEVICES],
+    pace: Pace,
+) -> Result<(Segment<SimulatedDevice>, [Option<usize>; DEVICES]), RigError> {
+    let [left, right] = &rig.drives;
+    let positions = [left.address.position(), right.address.position(), rig.sensor.protocol.position()];
+    let mut line: Vec<(u16, usize)> = Vec::new();
+    for (device, position) in positions.into_iter().enumerate().filter(|(device, _)| here.get(*device) == Some(&true)) {
+        let position = position.ok_or_else(|| RigError::Mismatch("the rig is not on EtherCAT".into()))?;
+        line.push((position, device));
+    }
+    line.sort_unstable();
+    let mut places = [None; DEVICES];
+    let mut controllers = Vec::new();
+    for (place, (_, device)) in line.into_iter().enumerate() {
+        let made = match rig.drives.get(device) {
+            Some(drive) => SimulatedDevice::Drive(Box::new(ethercat_drive(rig, scene, drive, device as u32 + 1)?)),
+            None => SimulatedDevice::ForceTorque(Box::new(force_torque_sensor(rig)?)),
+        };
+        let drift_ppb = match pace {
+            Pace::Lockstep => 0,
+            Pace::Free => DRIFTS_PPB.get(device).copied().unwrap_or_default(),
+        };
+        let image = sii(made.od()).write();
+        controllers.push(Controller::new(made, ControllerSettings { drift_ppb, ..ControllerSettings::new(image) }));
+        if let Some(known) = places.get_mut(device) {
+            *known = Some(place);
+        }
+    }
+    Ok((Segment::new(Time(0), controllers), places))
+}
+
+fn ethercat_drive(
+    rig: &config::Rig,
+    scene: &config::Scene,
+    drive: &config::Drive,
+    serial: u32,
+) -> Result<EthercatDrive, RigError> {
+    let odd = simulated(rig)?.drive_model.as_ref();
+    let profile = assembly::profile(odd.map_or(&drive.profile, |odd| &odd.profile))?;
+    EthercatDrive::new(&profile, serial, &axis(rig, scene, drive)?).map_err(|error| RigError::Device(error.to_string()))
+}
+
+/// The sensor says itself how many counts are one N and one N m; the configuration has the same numbers.
+fn force_torque_sensor(rig: &config::Rig) -> Result<ForceTorqueSensor, RigError> {
+    let sensor = &rig.sensor;
+    let counts_per_unit = |axis: usize| sensor.calibration[axis][axis].recip().round() as i32;
+    let settings = ForceTorqueSettings {
+        sample_rate_hz: sensor.sample_rate_hz.get().round() as u32,
+        range_counts: i32::try_from(sensor.range_counts).unwrap_or(i32::MAX),
+        counts_per_n: counts_per_unit(0),
+        counts_per_n_m: counts_per_unit(3),
+        ..ForceTorqueSettings::new(3)
+    };
+    ForceTorqueSensor::new(&settings).map_err(|error| RigError::Device(error.to_string()))
+}
+
+/// How a drive sits on its joint.
+fn axis(rig: &config::Rig, scene: &config::Scene, drive: &config::Drive) -> Result<AxisSettings, RigError> {
+    let servo = &simulated(rig)?.drive_position_loop;
+    Ok(AxisSettings {
+        scaling: assembly::scaling(drive)?,
+        position_loop: PositionLoop {
+            period_us: servo.period_us,
+            stiffness_n_m_per_rad: servo.stiffness_n_m_per_rad.get(),
+            damping_n_m_s_per_rad: servo.damping_n_m_s_per_rad.get(),
+            integral_n_m_per_rad_s: servo.integral_n_m_per_rad_s.get(),
+        },
+        encoder: match model(scene)?.encoder {
+            config::EncoderModel::Exact => Encoder::Exact,
+            config::EncoderModel::Quantised => Encoder::Quantised,
+        },
+    })
 }
 
 /// The arm that the embedded simulation takes a rig to have, with the mass of the scene's hand and the gears of its model.

@@ -9,7 +9,7 @@ use super::seat::{Peer, Seat};
 use super::world::{Body, World};
 use crate::canopen::{BusId, Frame, Outbox, cob};
 use crate::config;
-use crate::run::{Pace, has_torque};
+use crate::run::Pace;
 use crate::sim::{Drive, ForceSensor};
 use crate::time::Time;
 use yieldwall_drives::cia402;
@@ -17,11 +17,11 @@ use yieldwall_drives::watchdog::{Clock, Watchdog};
 
 /// Time on the wall without SYNC after which a simulation in lockstep goes on by itself. A master in lockstep waits less
 /// long for process data.
-const GRACE: Duration = Duration::from_secs(2);
+pub(super) const GRACE: Duration = Duration::from_secs(2);
 
 /// Simulated time that a simulation in lockstep makes up for at once while it runs by itself. One that cannot keep up with the
 /// wall falls behind it, and does not become deaf.
-const LAG: Duration = Duration::from_millis(5);
+pub(super) const LAG: Duration = Duration::from_millis(5);
 
 /// Step of simulated time.
 const SHORTEST: Duration = Duration::from_nanos(1);
@@ -190,7 +190,7 @@ impl DeviceServer {
         let buses = self.far.buses;
         self.far.on_frame(now, None, frame, &mut Bus { out, buses, sent: &mut self.counts.sent })?;
         if frame.id() == cob::SYNC {
-            self.lead_hand();
+            self.far.world.lead_hand(self.now, &self.drive_states());
         }
         Ok(())
     }
@@ -333,15 +333,6 @@ impl DeviceServer {
         }
         self.now = until;
         Ok(())
-    }
-
-    fn lead_hand(&mut self) {
-        let states = self.drive_states();
-        if states.iter().all(|state| *state == cia402::State::OperationEnabled) {
-            self.far.world.take_tool(self.now);
-        } else if self.far.world.hand_from_s.is_finite() && !states.into_iter().any(has_torque) {
-            self.far.world.let_go();
-        }
     }
 }
 

@@ -27,7 +27,7 @@ impl Silence {
         let mode = rig.rig.command_mode.operation_mode();
         let id = |drive: &config::Drive| {
             let number = drive.profile.get()?.pdos(Some(mode))?.rpdo.first()?.number;
-            cob::node_id(drive.address.canopen.node_id).ok().and_then(|node| cob::rpdo(number, node))
+            cob::node_id(drive.address.node_id()?).ok().and_then(|node| cob::rpdo(number, node))
         };
         let [left, right] = &rig.drives;
         let [left_bus, right_bus, _] = device_buses(rig)?;

@@ -8,11 +8,13 @@ use rand_xoshiro::rand_core::SeedableRng;
 use super::error::RigError;
 use crate::linkage::FiveBar;
 use crate::quantity::{Force, JointAngles, JointRates, JointTorques, TipPoint, TipVelocity};
+use crate::run::has_torque;
 use crate::sensing::{Calibration, Mounting};
 use crate::sim::arm::Arm;
 use crate::sim::hand::{Hand, HandLoad};
 use crate::sim::standard_normal;
 use crate::time::Time;
+use yieldwall_drives::cia402;
 
 /// How the tool follows the drives.
 #[derive(Clone, Debug)]
@@ -163,6 +165,15 @@ impl World {
             })?;
         }
         Ok(())
+    }
+
+    /// The hand takes the tool when all drives are in Operation Enabled, and lets go of it when none makes torque any more.
+    pub(super) fn lead_hand(&mut self, now: Time, states: &[cia402::State]) {
+        if !states.is_empty() && states.iter().all(|state| *state == cia402::State::OperationEnabled) {
+            self.take_tool(now);
+        } else if self.hand_from_s.is_finite() && !states.iter().copied().any(has_torque) {
+            self.let_go();
+        }
     }
 
     /// The hand lets go of the tool until [`World::take_tool`].

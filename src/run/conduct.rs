@@ -31,8 +31,8 @@ pub fn settling_cycles(period: Duration, sample_period: Duration) -> u32 {
 /// The same of a rig on a real bus, where two devices with one node id have to show before.
 pub fn settling_on_bus(rig: &config::Rig) -> u32 {
     let [left, right] = &rig.drives;
-    let sensor_ms = rig.sensor.protocol.heartbeat_ms().unwrap_or_default();
-    let slowest_ms = left.address.canopen.heartbeat_ms.max(right.address.canopen.heartbeat_ms).max(sensor_ms);
+    let drives_ms = left.address.heartbeat_ms().max(right.address.heartbeat_ms());
+    let slowest_ms = drives_ms.max(rig.sensor.protocol.heartbeat_ms()).unwrap_or_default();
     let heartbeats = (u32::from(slowest_ms) * SETTLING_HEARTBEATS * 1000).div_ceil(rig.cycle.period_us);
     let period = Duration::from_micros(rig.cycle.period_us.into());
     let sample_period = Duration::from_secs_f64(rig.sensor.sample_rate_hz.get().recip());

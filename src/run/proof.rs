@@ -289,7 +289,7 @@ mod tests {
         // Another drive in its place, and another heartbeat.
         assert!(matches!(Subject::new(&rig(), drives(8)).check(&folder), Err(Unproven::Missing { .. })));
         let mut slower = rig();
-        slower.drives[1].address.canopen.heartbeat_ms += 1;
+        slower.drives[1].address.canopen_mut().unwrap().heartbeat_ms += 1;
         assert!(matches!(Subject::new(&slower, drives(7)).check(&folder), Err(Unproven::Missing { .. })));
         // The fixture is nothing to a watchdog, nor is the master's patience.
         let mut other = rig();

@@ -70,6 +70,18 @@ pub(super) fn falsifies(kind: Kind) -> Falsified {
         | Kind::ConfigDrift
         | Kind::WrongNodeId
         | Kind::WrongBitRate => none,
+        // The soak has no rig on EtherCAT.
+        Kind::FrameLost
+        | Kind::FrameDelayed
+        | Kind::FrameDuplicated
+        | Kind::FrameForeign
+        | Kind::FrameShort
+        | Kind::FrameCorrupt
+        | Kind::DeviceBypassed
+        | Kind::MailboxStuck
+        | Kind::DeviceState
+        | Kind::ClockJump
+        | Kind::EmergencyInSdo => none,
     }
 }
 

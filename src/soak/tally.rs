@@ -9,7 +9,7 @@ use super::invariant::Violation;
 use super::session::End;
 use super::verdict::{Followed, Seen};
 use crate::guard::fault::TABLE;
-use crate::injection::CATALOGUE;
+use crate::injection::{CATALOGUE, Medium};
 
 /// What one seed gave, as it stands in a line of the results file.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -171,7 +171,8 @@ impl Tally {
     /// Kinds of injection that never met a rig that ran.
     pub fn missed_injections(&self) -> Vec<&'static str> {
         let hit = |name: &str| self.injections.get(name).is_some_and(|tally| tally.hits > 0);
-        CATALOGUE.iter().map(|row| row.name).filter(|name| !hit(name)).collect()
+        let on_can = CATALOGUE.iter().filter(|row| row.media.contains(&Medium::Can));
+        on_can.map(|row| row.name).filter(|name| !hit(name)).collect()
     }
 
     /// Faults that never showed, among those that an injection is known to bring about.

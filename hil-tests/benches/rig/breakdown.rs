@@ -219,9 +219,10 @@ impl Stages {
     /// The frames in the three portions in which they are queued: set-points, SYNC, what devices answer.
     fn bus(&self) -> Spread {
         let rig = &self.tape.machine.rig;
-        let bit_rate = rig.buses.values().next().map_or(1_000_000, |bus| bus.canopen.bit_rate_bit_per_s);
+        let bit_rate = rig.own_node().map_or(1_000_000, |bus| bus.bit_rate_bit_per_s);
         let orders = [QueueOrder::Fifo, QueueOrder::Priority, QueueOrder::Priority, QueueOrder::Priority];
-        let nodes = [rig.drives[0].address.canopen.node_id, rig.drives[1].address.canopen.node_id, self.sensor_node()];
+        let [left, right] = rig.drives.each_ref().map(|drive| drive.address.node_id().unwrap_or_default());
+        let nodes = [left, right, self.sensor_node()];
         let prepare = || VirtualBus::new(BitTiming::Arbitrated { bit_rate }, &orders).expect("the rate of the rig");
         let portion_and_port = |frame: &Frame| match nodes.iter().position(|node| is_from_node(frame, *node)) {
             Some(place) => (2, place + 1),
@@ -253,7 +254,7 @@ impl Stages {
     }
 
     fn drives(&self) -> Spread {
-        let nodes = self.tape.machine.rig.drives.each_ref().map(|drive| drive.address.canopen.node_id);
+        let nodes = self.tape.machine.rig.drives.each_ref().map(|drive| drive.address.node_id().unwrap_or_default());
         let prepare = || (self.tape.drives.clone(), Vec::with_capacity(64));
         self.time(prepare, |(drives, out): &mut (_, Vec<Frame>)| {
             for period in &self.tape.periods {

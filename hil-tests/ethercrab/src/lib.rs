@@ -1,5 +1,4 @@
-//! What masters of others are tried on: a simulated segment of two drives and a force sensor.
+//! What it takes to try a master of others on the simulated segment of a rig, and to look at its frames.
 
 pub mod capture;
-pub mod devices;
 pub mod pump;

@@ -2,37 +2,30 @@
 
 use std::time::Duration;
 
-use yieldwall::config::shipped_profile;
 use yieldwall::ethercat::coe::{CoeAnswer, CoeClient, CoeRequest, Heard, ListKind, MOST_BYTES};
 use yieldwall::ethercat::sii::{Sii, categories};
 use yieldwall::ethercat::{frame, mailbox};
 use yieldwall::objects::{Address, ServedDevice};
 use yieldwall::sim::ethercat::{Controller, ControllerSettings, Segment, SimulatedDevice, esi, sii};
-use yieldwall::sim::{AxisSettings, Encoder, EthercatDrive, ForceTorqueSensor, ForceTorqueSettings, PositionLoop};
 use yieldwall::time::Time;
 use yieldwall_drives::esi::Esi;
-use yieldwall_drives::scaling::{AxisScaling, Direction};
 
 use super::bytes::{Bytes, Script};
+use crate::segment;
+
+thread_local! {
+    /// A drive and a sensor that is slow, so that an hour that nobody has polled is soon made up for.
+    static DEVICES: [SimulatedDevice; 2] = {
+        let mut rig = segment::shipped();
+        rig.value.sensor.sample_rate_hz = 100.0.try_into().expect("above 0");
+        let segment = segment::segment(&rig);
+        [0, 2].map(|place| segment.controller(place).expect("it is there").device().clone())
+    };
+}
 
 /// A drive and a sensor; the drive has this SII image, or its own.
-fn segment(image: Option<&[u8]>) -> Segment<SimulatedDevice> {
-    let axis = AxisSettings {
-        scaling: AxisScaling::new(800_000.0, Direction::Same, 0.0, 60.0).expect("a good scaling"),
-        position_loop: PositionLoop {
-            period_us: 125,
-            stiffness_n_m_per_rad: 6000.0,
-            damping_n_m_s_per_rad: 70.0,
-            integral_n_m_per_rad_s: 100_000.0,
-        },
-        encoder: Encoder::Quantised,
-    };
-    let drive = EthercatDrive::new(&shipped_profile("simulated-servo"), 7, &axis).expect("good settings");
-    // Slow, so that an hour that nobody has polled is soon made up for.
-    let settings = ForceTorqueSettings { sample_rate_hz: 100, ..ForceTorqueSettings::new(8) };
-    let sensor = ForceTorqueSensor::new(&settings).expect("good settings");
-    let devices = [SimulatedDevice::Drive(Box::new(drive)), SimulatedDevice::ForceTorque(Box::new(sensor))];
-    let controllers = devices.into_iter().enumerate().map(|(place, device)| {
+fn drive_and_sensor(image: Option<&[u8]>) -> Segment<SimulatedDevice> {
+    let controllers = DEVICES.with(Clone::clone).into_iter().enumerate().map(|(place, device)| {
         let own = sii(device.od()).write();
         let image = image.filter(|_| place == 0).map_or(own, <[u8]>::to_vec);
         Controller::new(device, ControllerSettings::new(image))
@@ -46,7 +39,7 @@ fn segment(image: Option<&[u8]>) -> Segment<SimulatedDevice> {
 /// If a law is broken.
 pub fn ethercat_frames(bytes: &[u8]) {
     let mut bytes = Bytes::new(bytes);
-    let mut segment = segment(None);
+    let mut segment = drive_and_sensor(None);
     let mut now = Time(0);
     while !bytes.is_empty() {
         now = now + bytes.wait();
@@ -120,7 +113,7 @@ pub fn ethercat_sii(bytes: &[u8]) {
     if let Ok(sii) = Sii::read(bytes) {
         Sii::read(&sii.write()).expect("what was written");
     }
-    let mut segment = segment(Some(bytes));
+    let mut segment = drive_and_sensor(Some(bytes));
     for command in [1u8, 2, 4, 8] {
         let datagram = [8, 1, 0, 0, 0x20, 0x01, 2, 0, 0, 0, command, 0, 0, 0];
         let mut sent = [&[0xff; 6][..], &[0x10; 6], &[0x88, 0xa4, 14, 0x10], &datagram].concat();
@@ -129,8 +122,8 @@ pub fn ethercat_sii(bytes: &[u8]) {
 }
 
 pub(super) fn images() -> Vec<Vec<u8>> {
-    let sensor = ForceTorqueSensor::new(&ForceTorqueSettings::new(8)).expect("good settings");
-    vec![sii(SimulatedDevice::ForceTorque(Box::new(sensor)).od()).write()]
+    let sensor = DEVICES.with(|[_, sensor]| sensor.clone());
+    vec![sii(sensor.od()).write()]
 }
 
 /// A CoE client that is answered anything: it ends by an answer, a refusal or its time-out.
@@ -196,6 +189,6 @@ pub fn ethercat_description(bytes: &[u8]) {
 }
 
 pub(super) fn descriptions() -> Vec<Vec<u8>> {
-    let sensor = ForceTorqueSensor::new(&ForceTorqueSettings::new(8)).expect("good settings");
+    let sensor = DEVICES.with(|[_, sensor]| sensor.clone());
     vec![esi(sensor.od(), "vendor").write().into_bytes()]
 }

@@ -123,3 +123,48 @@ fn who_lacks_the_privilege_is_told_how_to_get_it() {
     let said = String::from_utf8_lossy(&done.stdout);
     assert!(done.status.success() && said.contains("1 passed"), "{said}");
 }
+
+/// Exit code of `yieldwall` with these arguments, and what it says on standard error without line breaks; without the privilege on request.
+fn sim(is_privileged: bool, arguments: &[&str]) -> (Option<i32>, String) {
+    let program = hil_tests::program();
+    let mut command = match is_privileged {
+        true => Command::new(&program),
+        false => {
+            let mut command = Command::new("setpriv");
+            command.args(["--bounding-set=-net_raw", "--inh-caps=-net_raw"]).arg(&program);
+            command
+        }
+    };
+    let done = command.args(["sim", "builtin:paper-ethercat.yaml"]).args(arguments).output();
+    let done = done.expect("`cargo build --bin yieldwall` comes before these tests");
+    let said = String::from_utf8(done.stderr).expect("text");
+    (done.status.code(), said.split_whitespace().filter(|word| *word != "│").collect::<Vec<_>>().join(" "))
+}
+
+#[test]
+#[ignore = "needs a pair of Ethernet interfaces: see hil-tests/veth"]
+fn a_segment_that_cannot_be_served_ends_with_one_message_and_its_exit_code() {
+    let (unavailable, usage) = (Some(4), Some(2));
+    ip("link add veth6 type veth peer name veth5");
+    for (is_privileged, arguments, code, message) in [
+        (true, &["--bus", "main=veth7"][..], unavailable, "there is no interface `veth7`; Ethernet interfaces here: "),
+        (true, &["--bus", "main=lo"], unavailable, "`lo` is the loopback interface, and EtherCAT runs on Ethernet"),
+        (true, &["--bus", "veth6"], unavailable, "`veth6` is down. Take it up with `sudo ip link set veth6 up`"),
+        (false, &["--bus", "main=veth1"], unavailable, "`sudo setcap cap_net_raw+ep "),
+        (true, &["--bus", "other=veth1"], usage, "names the bus `other`, which the rig does not have"),
+        (true, &["--bus", "veth1", "--nodes", "3"], usage, "--nodes names 3, which the rig does not have"),
+        (true, &["--bus", "veth1", "--fault", "sync-lost@1"], usage, "sync-lost is not carried out on EtherCAT"),
+        (
+            true,
+            &["--bus", "veth1", "--nodes", "0,1", "--fault", "sensor-invalid@1"],
+            usage,
+            "sensor is not on this segment",
+        ),
+        (true, &["--bus", "veth1", "--plant", "socket"], usage, "--plant is for devices on CAN"),
+    ] {
+        let (ended, said) = sim(is_privileged, arguments);
+        assert_eq!(ended, code, "{arguments:?}: {said}");
+        assert!(said.contains(message), "{arguments:?}: {said}");
+    }
+    ip("link del veth6");
+}

@@ -8,7 +8,7 @@ use crate::checkup::{Check, Verdict};
 use crate::cli::checkup::{Section, finish};
 use crate::cli::failure::{Exit, Failure};
 use crate::cli::output::Output;
-use crate::config::{self, Rig, Source};
+use crate::config::{self, Bus, Rig, Source};
 use crate::link::InterfaceFacts;
 use crate::live::{PlantedLink, Trouble};
 use crate::service::doctor::{Around, NodeFacts, examine, judge, read_pattern};
@@ -150,7 +150,7 @@ fn of_rig(place: &Place) -> Result<Option<u32>, Failure> {
     let rig = config::load_rig(Source::named(rig))?.value;
     let named = bus.split_once('=').and_then(|(name, _)| rig.buses.get(name));
     let bus = named.or_else(|| rig.buses.values().next());
-    Ok(bus.map(|bus| bus.canopen.bit_rate_bit_per_s))
+    Ok(bus.and_then(Bus::canopen).map(|bus| bus.bit_rate_bit_per_s))
 }
 
 /// The devices of an interface that can be used: who answers, and whether identifiers and node ids are right. `commands` is what

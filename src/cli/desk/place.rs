@@ -8,13 +8,13 @@ use yieldwall_drives::codes::ErrorCodes;
 use yieldwall_drives::profiles::DeviceProfile;
 use yieldwall_drives::scaling::AxisScaling;
 
-use crate::assembly::{bus_id, scaling};
+use crate::assembly::{AssemblyError, bus_id, scaling};
 use crate::canopen::{BusId, NodeId, node_id};
 use crate::cli::ending::rig_failure;
 use crate::cli::failure::{Exit, Failure};
 use crate::cli::interrupt::on_interrupt;
 use crate::cli::output::Output;
-use crate::config::{self, Loaded, Rig, SensorProtocol, Source};
+use crate::config::{self, Bus, Loaded, Rig, SensorProtocol, Source};
 use crate::explanation::{self, Explanation};
 use crate::link::CanLink;
 use crate::live::VirtualLink;
@@ -187,7 +187,8 @@ impl Desk {
             }
         };
         let name = rig.and_then(|rig| rig.buses.keys().nth(bus.index()).cloned()).unwrap_or_default();
-        let bit_rate = rig.and_then(|rig| rig.buses.get(&name)).map(|bus| bus.canopen.bit_rate_bit_per_s);
+        let bit_rate =
+            rig.and_then(|rig| rig.buses.get(&name)).and_then(Bus::canopen).map(|bus| bus.bit_rate_bit_per_s);
         let settings = SocketCanSettings {
             bit_rate,
             roles: if is_silent { Vec::new() } else { vec![Role::Master] },
@@ -293,8 +294,9 @@ fn entries(rig: &Rig) -> Result<Vec<Entry>, Failure> {
         let node = node_id(raw).map_err(|error| Failure::new(Exit::ConfigInvalid, error.to_string(), ""))?;
         Ok::<_, Failure>((bus, node))
     };
+    let on_ethercat = || rig_failure(&AssemblyError::OnEthercat.into());
     for drive in &rig.drives {
-        let (bus, node) = place(&drive.bus, drive.address.canopen.node_id)?;
+        let (bus, node) = place(&drive.bus, drive.address.node_id().ok_or_else(on_ethercat)?)?;
         let scaling = scaling(drive).map_err(|error| rig_failure(&error.into()))?;
         let profile = drive.profile.get().cloned();
         let mode = Some(rig.rig.command_mode.operation_mode());

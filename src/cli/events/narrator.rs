@@ -165,7 +165,7 @@ impl Narrator {
     fn device(&self, bus: usize, node: u8) -> Option<Device> {
         let is_there = |name: &str| self.buses.iter().position(|known| known == name) == Some(bus);
         let mut drives = Device::DRIVES.into_iter().zip(&self.rig.drives);
-        let drive = drives.find(|(_, drive)| drive.address.canopen.node_id == node && is_there(&drive.bus));
+        let drive = drives.find(|(_, drive)| drive.address.node_id() == Some(node) && is_there(&drive.bus));
         let sensor = self.rig.sensor.protocol.node_id() == Some(node) && is_there(&self.rig.sensor.bus);
         drive.map(|(device, _)| device).or(sensor.then_some(Device::Sensor))
     }

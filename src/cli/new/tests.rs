@@ -97,7 +97,7 @@ fn links_and_node_ids_are_the_users_own() {
         assert_eq!(exit(&["new", "--yes", &rig, "--links", links, "--nodes", "5,6,7"]), Exit::Ok, "{links}");
         assert_eq!(exit(&["run", &rig]), Exit::Ok, "{links}");
         let written = crate::config::load_rig(crate::config::Source::disk(&rig)).unwrap().value;
-        assert_eq!(written.drives.each_ref().map(|drive| drive.address.canopen.node_id), [5, 6]);
+        assert_eq!(written.drives.each_ref().map(|drive| drive.address.node_id()), [Some(5), Some(6)]);
     }
 }
 

@@ -2,7 +2,7 @@
 
 use super::Findings;
 use crate::config::suggest::nearest;
-use crate::config::tree::Rig;
+use crate::config::tree::{Bus, Rig};
 
 /// Bit rates of CiA 301, bit/s.
 const BIT_RATES: [u32; 8] = [10_000, 20_000, 50_000, 125_000, 250_000, 500_000, 800_000, 1_000_000];
@@ -21,7 +21,7 @@ pub(super) fn check_nodes(findings: &mut Findings, rig: &Rig) {
         );
     }
     for (name, bus) in &rig.buses {
-        let bus = bus.canopen;
+        let Some(bus) = bus.canopen() else { continue };
         if !BIT_RATES.contains(&bus.bit_rate_bit_per_s) {
             let key = format!("buses.{name}.canopen.bit_rate_bit_per_s");
             let message = format!("`{key}` is {}, which is no bit rate of CiA 301", bus.bit_rate_bit_per_s);
@@ -35,18 +35,8 @@ pub(super) fn check_nodes(findings: &mut Findings, rig: &Rig) {
     let names: Vec<&str> = rig.buses.keys().map(String::as_str).collect();
     let mut taken: Vec<(&str, u8, String)> = Vec::new();
     let devices = [
-        (
-            "drives[0]",
-            "drives[0].address.canopen.node_id",
-            &rig.drives[0].bus,
-            Some(rig.drives[0].address.canopen.node_id),
-        ),
-        (
-            "drives[1]",
-            "drives[1].address.canopen.node_id",
-            &rig.drives[1].bus,
-            Some(rig.drives[1].address.canopen.node_id),
-        ),
+        ("drives[0]", "drives[0].address.canopen.node_id", &rig.drives[0].bus, rig.drives[0].address.node_id()),
+        ("drives[1]", "drives[1].address.canopen.node_id", &rig.drives[1].bus, rig.drives[1].address.node_id()),
         ("sensor", "sensor.protocol.canopen.node_id", &rig.sensor.bus, rig.sensor.protocol.node_id()),
     ];
     for (device, id_key, bus, node_id) in devices {
@@ -61,7 +51,7 @@ pub(super) fn check_nodes(findings: &mut Findings, rig: &Rig) {
         let Some(node_id) = node_id else { continue };
         let key = id_key.to_owned();
         let other = taken.iter().find(|(on, id, _)| on == bus && *id == node_id).map(|(_, _, other)| other.clone());
-        let is_own = rig.buses.get(bus).is_some_and(|bus| bus.canopen.node_id == node_id);
+        let is_own = rig.buses.get(bus).and_then(Bus::canopen).is_some_and(|own| own.node_id == node_id);
         let other = other.or_else(|| is_own.then(|| format!("buses.{bus}.canopen.node_id")));
         if let Some(other) = other {
             findings
@@ -92,12 +82,11 @@ pub(super) fn check_nodes(findings: &mut Findings, rig: &Rig) {
 
 /// Whether this program is the same node on all buses.
 fn check_own_node(findings: &mut Findings, rig: &Rig) {
-    let Some((first, own)) = rig.buses.iter().next() else { return };
-    for (name, bus) in rig.buses.iter().skip(1) {
-        let numbers = [
-            ("node_id", bus.canopen.node_id.into(), own.canopen.node_id.into()),
-            ("heartbeat_ms", bus.canopen.heartbeat_ms, own.canopen.heartbeat_ms),
-        ];
+    let mut buses = rig.buses.iter().filter_map(|(name, bus)| Some((name, bus.canopen()?)));
+    let Some((first, own)) = buses.next() else { return };
+    for (name, bus) in buses {
+        let numbers =
+            [("node_id", bus.node_id.into(), own.node_id.into()), ("heartbeat_ms", bus.heartbeat_ms, own.heartbeat_ms)];
         for (key, here, there) in numbers.into_iter().filter(|(_, here, there): &(_, u16, u16)| here != there) {
             let (at, other) = (format!("buses.{name}.canopen.{key}"), format!("buses.{first}.canopen.{key}"));
             let message = format!("`{at}` is {here}, and `{other}` is {there}: this program is one node on all buses");
@@ -111,10 +100,12 @@ pub(super) fn check_heartbeats(findings: &mut Findings, rig: &Rig) {
     let period = rig.cycle.period_us;
     let sensor = rig.sensor.protocol.heartbeat_ms().map(|beat_ms| ("sensor.protocol.canopen.heartbeat_ms", beat_ms));
     let sensor = sensor.map(|(key, beat_ms)| (key.to_owned(), beat_ms));
-    let own =
-        rig.buses.iter().map(|(name, bus)| (format!("buses.{name}.canopen.heartbeat_ms"), bus.canopen.heartbeat_ms));
-    let drives = (0..).zip(&rig.drives).map(|(index, drive): (usize, _)| {
-        (format!("drives[{index}].address.canopen.heartbeat_ms"), drive.address.canopen.heartbeat_ms)
+    let own = rig
+        .buses
+        .iter()
+        .filter_map(|(name, bus)| Some((format!("buses.{name}.canopen.heartbeat_ms"), bus.canopen()?.heartbeat_ms)));
+    let drives = (0..).zip(&rig.drives).filter_map(|(index, drive): (usize, _)| {
+        Some((format!("drives[{index}].address.canopen.heartbeat_ms"), drive.address.heartbeat_ms()?))
     });
     for (key, beat_ms) in own.chain(drives).chain(sensor) {
         if 1000 * u64::from(beat_ms) < HEARTBEAT_CYCLES * u64::from(period) {

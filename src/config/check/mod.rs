@@ -13,6 +13,7 @@ mod profile;
 mod reach;
 mod rig;
 mod scene;
+mod segment;
 mod sensor;
 mod sensor_bus;
 mod words;
@@ -27,6 +28,7 @@ pub(super) use profile::check_profile;
 pub(super) use rig::check_rig;
 pub use scene::MAX_DURATION_S;
 pub(super) use scene::{Machine, check_scene, check_scene_for};
+pub(super) use segment::segment_key;
 
 use super::diagnostic::{Diagnostic, Place, Severity};
 use super::explain::{name_of, with_description};

@@ -87,7 +87,8 @@ fn check_watchdogs(findings: &mut Findings, key: &str, rig: &Rig, name: &Profile
     }
     let words: Vec<&str> = lacking.iter().map(|watchdog| watchdog.name()).collect();
     let message = format!("drives with the profile `{name}` have no watchdog for {}", words.join(" and "));
-    let Some((bus, own)) = rig.buses.iter().next().map(|(name, bus)| (name, bus.canopen)) else { return };
+    // On EtherCAT the controller has the watchdog.
+    let Some((bus, own)) = rig.buses.iter().find_map(|(name, bus)| Some((name, bus.canopen()?))) else { return };
     let heartbeat = Duration::from_millis(own.heartbeat_ms.into()) * HEARTBEAT_PERIODS;
     let own_key = format!("buses.{bus}.canopen.heartbeat_ms");
     let cycles = Duration::from_micros(rig.cycle.period_us.into()) * WATCHED_CYCLES;

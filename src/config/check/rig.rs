@@ -8,6 +8,7 @@ use super::limits::{check_control, check_drive_limits, check_guard};
 use super::machine::check_machine;
 use super::models::check_profiles;
 use super::reach::check_linkage;
+use super::segment::check_segment;
 use super::sensor::check_sensor;
 use crate::config::tree::Rig;
 
@@ -15,6 +16,7 @@ use crate::config::tree::Rig;
 pub(in crate::config) fn check_rig(findings: &mut Findings, rig: &Rig, in_range: bool) {
     check_cycle(findings, rig);
     check_nodes(findings, rig);
+    check_segment(findings, rig);
     check_heartbeats(findings, rig);
     check_profiles(findings, rig);
     check_sensor(findings, rig);

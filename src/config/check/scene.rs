@@ -46,6 +46,7 @@ pub(in crate::config) fn check_scene(findings: &mut Findings, scene: &Scene) {
     for (index, fault) in scene.faults.iter().enumerate() {
         if let Err(error) = fault.injection() {
             let key = match error {
+                InjectionError::Medium { .. } => ".inject",
                 InjectionError::Target { .. } => ".target",
                 InjectionError::Size { .. } | InjectionError::NoSize { .. } => ".size",
                 InjectionError::Duration { .. } | InjectionError::NoDuration { .. } => ".for_s",

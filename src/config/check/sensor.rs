@@ -51,7 +51,7 @@ pub(super) fn check_sensor(findings: &mut Findings, rig: &Rig) {
         return;
     }
     let matrix = Matrix6::from_fn(|row, column| *sensor.calibration[row][column]);
-    if let Err(error) = Calibration::new(matrix, sensor.range_counts.max(1).into()) {
+    if let Err(error) = Calibration::new(matrix, i32::try_from(sensor.range_counts.max(1)).unwrap_or(i32::MAX)) {
         let message = match error {
             SensingError::CalibrationSingular { .. } => {
                 "the rows of `sensor.calibration` do not tell six directions apart".to_owned()

@@ -2,7 +2,7 @@
 
 use super::Findings;
 use super::words::round;
-use crate::config::tree::{Rig, SensorProtocol};
+use crate::config::tree::{Bus, Rig, SensorProtocol};
 
 /// SYNC of CANopen.
 const SYNC: u16 = 0x080;
@@ -17,7 +17,7 @@ const ANSWERS: [u16; 2] = [5, 6];
 pub(super) fn check_plain_can(findings: &mut Findings, rig: &Rig, cycle_hz: f64) {
     check_rate(findings, rig, cycle_hz);
     let (group, ids, gap_us) = match rig.sensor.protocol {
-        SensorProtocol::Canopen { .. } => return,
+        SensorProtocol::Canopen { .. } | SensorProtocol::Ethercat { .. } => return,
         SensorProtocol::Streaming { command_id, data_ids: [first, second], pair_gap_us, .. } => {
             let group = "sensor.protocol.streaming";
             let command = format!("{group}.command_id");
@@ -102,7 +102,7 @@ fn listed(words: &[String]) -> String {
 /// What CANopen uses an identifier for on this bus.
 fn user_of(id: u16, rig: &Rig) -> Option<String> {
     let drives = rig.drives.iter().filter(|drive| drive.bus == rig.sensor.bus);
-    let drives = drives.map(|drive| (drive.name.as_str(), drive.address.canopen.node_id));
+    let drives = drives.filter_map(|drive| Some((drive.name.as_str(), drive.address.node_id()?)));
     let nodes: Vec<(&str, u8)> =
         rig.own_node().map(|own| ("the master", own.node_id)).into_iter().chain(drives).collect();
     let of_node = |what: &str| {
@@ -134,8 +134,8 @@ fn check_gap(findings: &mut Findings, rig: &Rig, key: &str, gap_us: u32) {
             .error(key, message, "lower it: the second frame follows as soon as the bus lets it")
             .see("sensor.sample_rate_hz", "sample_rate_hz");
     }
-    let Some(bus) = rig.buses.get(&rig.sensor.bus) else { return };
-    if u64::from(gap_us) * u64::from(bus.canopen.bit_rate_bit_per_s) < BITS_OF_EIGHT_BYTES * 1_000_000 {
+    let Some(bus) = rig.buses.get(&rig.sensor.bus).and_then(Bus::canopen) else { return };
+    if u64::from(gap_us) * u64::from(bus.bit_rate_bit_per_s) < BITS_OF_EIGHT_BYTES * 1_000_000 {
         let message = format!("`{key}` is {gap_us} us, in which no frame of eight bytes can come");
         let rate = format!("buses.{}.canopen.bit_rate_bit_per_s", rig.sensor.bus);
         findings.error(key, message, "raise it, such as to 500 us at 1 Mbit/s").see(&rate, "bit_rate_bit_per_s");

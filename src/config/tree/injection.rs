@@ -7,7 +7,7 @@ use schemars::{JsonSchema, Schema, SchemaGenerator, json_schema};
 use serde::{Deserialize, Deserializer, Serialize, Serializer, de};
 
 use crate::config::number::{Finite, NotNegative, Positive};
-use crate::injection::{CATALOGUE, Injection, InjectionError, Kind, Target};
+use crate::injection::{CATALOGUE, Injection, InjectionError, Kind, Medium, Target};
 
 /// One injection of a scene.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema, Validate)]
@@ -47,15 +47,39 @@ impl SceneFault {
         if let Some(size) = self.size {
             injection = injection.sized(size.get());
         }
-        injection.check().map(|()| injection)
+        injection.check_on(Medium::Can).map(|()| injection)
     }
 }
 
-const NAMES: [&str; Kind::COUNT] = {
-    let mut names = [""; Kind::COUNT];
-    let mut at = 0;
+/// Whether a scene can have an injection: scenes are broken on the embedded simulation, which is on CAN.
+const fn is_on_can(at: usize) -> bool {
+    let (media, mut medium) = (CATALOGUE[at].media, 0);
+    while medium < media.len() {
+        if matches!(media[medium], Medium::Can) {
+            return true;
+        }
+        medium += 1;
+    }
+    false
+}
+
+const ON_CAN: usize = {
+    let (mut count, mut at) = (0, 0);
     while at < Kind::COUNT {
-        names[at] = CATALOGUE[at].name;
+        count += is_on_can(at) as usize;
+        at += 1;
+    }
+    count
+};
+
+const NAMES: [&str; ON_CAN] = {
+    let mut names = [""; ON_CAN];
+    let (mut place, mut at) = (0, 0);
+    while at < Kind::COUNT {
+        if is_on_can(at) {
+            names[place] = CATALOGUE[at].name;
+            place += 1;
+        }
         at += 1;
     }
     names

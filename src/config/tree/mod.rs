@@ -24,8 +24,8 @@ pub(in crate::config) use profile::is_yaml;
 pub use profile::{ProfileName, shipped_error_codes, shipped_profile};
 pub(in crate::config) use rig::NamedProfile;
 pub use rig::{
-    Address, Bus, CanBus, CanopenAddress, Control, ControlGains, ControlLaw, Cycle, Drive, FeedForward, Guard, Rig,
-    RigIdentity,
+    Address, Bus, CanBus, CanopenAddress, Control, ControlGains, ControlLaw, Cycle, Drive, EthercatAddress,
+    EthercatBus, FeedForward, Guard, Rig, RigIdentity,
 };
 pub use scene::{
     AimError, ArcSpeed, DeviceModel, EncoderModel, ForceSensorModel, Hand, JointElasticity, PathSegment, Scene,

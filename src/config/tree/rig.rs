@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use garde::Validate;
+use garde::{Path, Report, Validate};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use yieldwall_drives::cia402::CommandMode;
@@ -29,7 +29,7 @@ pub struct Rig {
     /// Timing of the control.
     #[garde(dive)]
     pub cycle: Cycle,
-    /// CAN buses by name; drives and sensor refer to them, and each bus has one of them at least. One fault stops all.
+    /// Buses by name; drives and sensor refer to them, and each bus has one of them at least. One fault stops all.
     #[garde(length(min = 1), dive)]
     pub buses: BTreeMap<String, Bus>,
     /// The servo drives: first of the left arm, then of the right.
@@ -72,9 +72,14 @@ impl Rig {
         self.simulation.as_ref().is_none_or(|simulation| simulation.timing == BusTiming::Arbitrated)
     }
 
+    /// Whether a bus of it is an EtherCAT segment: then nothing but a simulated segment can be made of it yet.
+    pub fn is_on_ethercat(&self) -> bool {
+        self.buses.values().any(|bus| matches!(bus, Bus::Ethercat(_)))
+    }
+
     /// This program as a node of its buses: the first of them, which the others are like.
     pub fn own_node(&self) -> Option<CanBus> {
-        self.buses.values().next().map(|bus| bus.canopen)
+        self.buses.values().find_map(Bus::canopen)
     }
 
     /// The simulation, to change it.
@@ -180,14 +185,50 @@ pub struct Cycle {
 }
 
 /// A bus, by its kind.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case", deny_unknown_fields)]
+pub enum Bus {
+    /// A CAN bus.
+    Canopen(CanBus),
+    /// An EtherCAT segment.
+    Ethercat(EthercatBus),
+}
+
+// Derived, the path of a finding would have the number of the field in it.
+impl Validate for Bus {
+    type Context = ();
+
+    fn validate_into(&self, context: &(), parent: &mut dyn FnMut() -> Path, report: &mut Report) {
+        match self {
+            Self::Canopen(bus) => bus.validate_into(context, &mut || parent().join("canopen"), report),
+            Self::Ethercat(bus) => bus.validate_into(context, &mut || parent().join("ethercat"), report),
+        }
+    }
+}
+
+impl Bus {
+    /// A CAN bus; `None` for another kind.
+    pub fn canopen(&self) -> Option<CanBus> {
+        match self {
+            Bus::Canopen(bus) => Some(*bus),
+            Bus::Ethercat(_) => None,
+        }
+    }
+
+    /// A CAN bus, to change it; `None` for another kind.
+    pub fn canopen_mut(&mut self) -> Option<&mut CanBus> {
+        match self {
+            Bus::Canopen(bus) => Some(bus),
+            Bus::Ethercat(_) => None,
+        }
+    }
+}
+
+/// An EtherCAT segment: devices in a line behind one port of the computer. Written `{}`.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema, Validate)]
 #[serde(deny_unknown_fields)]
 #[garde(allow_unvalidated)]
-pub struct Bus {
-    /// A CAN bus.
-    #[garde(dive)]
-    pub canopen: CanBus,
-}
+pub struct EthercatBus {}
 
 /// A CAN bus, and this program as a node of it.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema, Validate)]
@@ -205,13 +246,69 @@ pub struct CanBus {
 }
 
 /// The address of a drive, by the kind of its bus.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case", deny_unknown_fields)]
+pub enum Address {
+    /// A node of a CANopen bus.
+    Canopen(CanopenAddress),
+    /// A place in an EtherCAT segment.
+    Ethercat(EthercatAddress),
+}
+
+impl Validate for Address {
+    type Context = ();
+
+    fn validate_into(&self, context: &(), parent: &mut dyn FnMut() -> Path, report: &mut Report) {
+        match self {
+            Self::Canopen(node) => node.validate_into(context, &mut || parent().join("canopen"), report),
+            Self::Ethercat(place) => place.validate_into(context, &mut || parent().join("ethercat"), report),
+        }
+    }
+}
+
+impl Address {
+    /// A node of a CANopen bus; `None` on another kind of bus.
+    pub fn canopen(&self) -> Option<CanopenAddress> {
+        match self {
+            Address::Canopen(node) => Some(*node),
+            Address::Ethercat(_) => None,
+        }
+    }
+
+    /// A node of a CANopen bus, to change it; `None` on another kind of bus.
+    pub fn canopen_mut(&mut self) -> Option<&mut CanopenAddress> {
+        match self {
+            Address::Canopen(node) => Some(node),
+            Address::Ethercat(_) => None,
+        }
+    }
+
+    /// Node-ID of a node of a CANopen bus.
+    pub fn node_id(&self) -> Option<u8> {
+        self.canopen().map(|node| node.node_id)
+    }
+
+    /// Heartbeat period of a node of a CANopen bus, ms.
+    pub fn heartbeat_ms(&self) -> Option<u16> {
+        self.canopen().map(|node| node.heartbeat_ms)
+    }
+
+    /// Place in an EtherCAT segment.
+    pub fn position(&self) -> Option<u16> {
+        match self {
+            Address::Canopen(_) => None,
+            Address::Ethercat(place) => Some(place.position),
+        }
+    }
+}
+
+/// A place in an EtherCAT segment.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema, Validate)]
 #[serde(deny_unknown_fields)]
 #[garde(allow_unvalidated)]
-pub struct Address {
-    /// A node of a CANopen bus.
-    #[garde(dive)]
-    pub canopen: CanopenAddress,
+pub struct EthercatAddress {
+    /// Devices between the computer and this one. 0 for the first one; no other device has the same.
+    pub position: u16,
 }
 
 /// A node of a CANopen bus.

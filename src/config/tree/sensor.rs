@@ -27,9 +27,9 @@ pub struct Sensor {
     pub sample_rate_hz: Positive,
     /// Calibration matrix: wrench = matrix * counts; rows Fx Fy Fz (N per count) then Tx Ty Tz (N m per count).
     pub calibration: [[Finite; 6]; 6],
-    /// Counts at which the sensor saturates, 1 to 32 767.
-    #[garde(range(min = 1, max = 32_767))]
-    pub range_counts: u16,
+    /// Counts at which the sensor saturates, 1 to 32 767; on EtherCAT up to 2 147 483 647.
+    #[garde(range(min = 1, max = 2_147_483_647))]
+    pub range_counts: u32,
     /// The link that the sensor turns with.
     pub mounted_on: Mount,
     /// Angle of the sensor's x axis against that link, rad.
@@ -96,9 +96,22 @@ pub enum SensorProtocol {
         /// Whether the sensor is told to zero itself at each start; nobody may touch the handle then.
         zero_at_start: bool,
     },
+    /// EtherCAT: counts of 32 bits and a counter of samples, as the ATI EtherCAT F/T sensors have them.
+    Ethercat {
+        /// Devices between the computer and this one. 0 for the first one; no other device has the same.
+        position: u16,
+    },
 }
 
 impl SensorProtocol {
+    /// Place in an EtherCAT segment.
+    pub fn position(&self) -> Option<u16> {
+        match self {
+            SensorProtocol::Ethercat { position } => Some(*position),
+            _ => None,
+        }
+    }
+
     /// Node-ID of a sensor that is a CANopen node.
     pub fn node_id(&self) -> Option<u8> {
         match self {

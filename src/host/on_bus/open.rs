@@ -47,7 +47,7 @@ pub fn open_buses(
         let settings = SocketCanSettings {
             process,
             services,
-            bit_rate: Some(configured.canopen.bit_rate_bit_per_s),
+            bit_rate: configured.canopen().map(|bus| bus.bit_rate_bit_per_s),
             roles: roles(bus),
             ..SocketCanSettings::everything(interface)
         };

@@ -5,7 +5,7 @@ use super::super::Lasts::FromBoot;
 use super::super::Recovery::{Reset, Restart};
 use super::super::Target::{LeftDrive, Link, RightDrive, Sensor};
 use super::super::{Kind, Row};
-use super::{ONE_DRIVE, row, sized};
+use super::{ONE_DRIVE, on_any, row, sized};
 use crate::guard::Fault as F;
 use crate::guard::Reaction::{Count, QuickStop};
 
@@ -51,7 +51,7 @@ pub(super) const ROWS: [Row; 6] = [
         -1.5,
         (-3.0, 3.0),
     ),
-    row(
+    on_any(row(
         (Kind::DriveNotEnabling, "drive-not-enabling"),
         &[19],
         ONE_DRIVE,
@@ -59,7 +59,7 @@ pub(super) const ROWS: [Row; 6] = [
         "the drive does not follow its controlword to Operation Enabled",
         &[F::EnablingTimeout],
         (QuickStop, NotEnabled, Reset),
-    ),
+    )),
     row(
         (Kind::WrongBitRate, "wrong-bit-rate"),
         &[21, 22],

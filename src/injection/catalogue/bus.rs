@@ -5,7 +5,7 @@ use super::super::Lasts::{For, Once};
 use super::super::Recovery::{None as Nothing, Reset, Restart};
 use super::super::Target::{Bus, LeftDrive, RightDrive, Sensor};
 use super::super::{Kind, Row};
-use super::{ANY, LOST, ONE_DRIVE, STOPPED, row, sized};
+use super::{ANY, LOST, ONE_DRIVE, STOPPED, on_any, row, sized};
 use crate::guard::Fault as F;
 use crate::guard::Reaction::{Count, QuickStop, StopRamp};
 
@@ -125,7 +125,7 @@ pub(super) const ROWS: [Row; 20] = [
         &[F::HeartbeatLost],
         (QuickStop, LOST, Reset),
     ),
-    row(
+    on_any(row(
         (Kind::NodeReset, "node-reset"),
         &[15],
         &[LeftDrive, RightDrive, Sensor],
@@ -133,8 +133,8 @@ pub(super) const ROWS: [Row; 20] = [
         "the device restarts by itself",
         &[F::NodeReset, F::HeartbeatLost, F::PdoMissed, F::DriveLeftOperation],
         (QuickStop, ANY, Restart),
-    ),
-    row(
+    )),
+    on_any(row(
         (Kind::NodeSilent, "node-silent"),
         &[5, 16],
         &[LeftDrive, RightDrive, Sensor],
@@ -142,7 +142,7 @@ pub(super) const ROWS: [Row; 20] = [
         "the device loses its supply, and is switched on again at the end",
         &[F::PdoMissed, F::SensorStale, F::SensorLost, F::HeartbeatLost, F::NodeReset],
         (QuickStop, ANY, Restart),
-    ),
+    )),
     row(
         (Kind::DuplicateNode, "duplicate-node"),
         &[37],
@@ -210,7 +210,7 @@ pub(super) const ROWS: [Row; 20] = [
         ],
         (QuickStop, ANY, Restart),
     ),
-    row(
+    on_any(row(
         (Kind::Emergency, "emergency"),
         &[17],
         &[LeftDrive, RightDrive, Sensor],
@@ -218,8 +218,8 @@ pub(super) const ROWS: [Row; 20] = [
         "the device sends an emergency message: voltage (3210h) of a drive, device hardware (5000h) of the sensor",
         &[F::Emergency],
         (QuickStop, STOPPED, Reset),
-    ),
-    row(
+    )),
+    on_any(row(
         (Kind::EmergencyWarning, "emergency-warning"),
         &[17],
         &[LeftDrive, RightDrive, Sensor],
@@ -227,5 +227,5 @@ pub(super) const ROWS: [Row; 20] = [
         "the device sends an emergency message that is a warning",
         &[F::EmergencyWarning],
         (Count, GoesOn, Nothing),
-    ),
+    )),
 ];

@@ -5,7 +5,7 @@ use super::super::Lasts::{For, Once, Stays};
 use super::super::Recovery::{NewProcess, Reset, Restart};
 use super::super::Target::{Drives, Host, LeftDrive, Link, Operator, RightDrive, Sensor};
 use super::super::{Kind, Row, Target};
-use super::{DISABLED, LOST, STOPPED, row, sized};
+use super::{DISABLED, LOST, STOPPED, on_any, row, sized};
 use crate::guard::Fault as F;
 use crate::guard::Reaction::{QuickStop, Silence, StopRamp};
 
@@ -145,7 +145,7 @@ pub(super) const ROWS: [Row; 14] = [
         &[F::TransmitStalled, F::PdoMissed],
         (Silence, LOST, Restart),
     ),
-    row(
+    on_any(row(
         (Kind::CableOut, "cable-out"),
         &[22],
         &LINKS,
@@ -153,5 +153,5 @@ pub(super) const ROWS: [Row; 14] = [
         "the master's cable is out: its frames wait unacknowledged, and nothing arrives",
         &[F::TransmitStalled, F::ErrorPassive, F::PdoMissed, F::HeartbeatLost],
         (Silence, LOST, Restart),
-    ),
+    )),
 ];

@@ -4,11 +4,12 @@ mod boot;
 mod bus;
 mod host;
 mod motion;
+mod segment;
 mod sensor;
 
 use super::Ending::Latched;
 use super::Target::{LeftDrive, RightDrive};
-use super::{Ending, Expected, Kind, Lasts, Recovery, Row, Size, Target};
+use super::{Ending, Expected, Kind, Lasts, Medium, Recovery, Row, Size, Target};
 use crate::guard::Fault as F;
 use crate::guard::Reaction;
 use crate::guard::State::{Disabled, Lost, Stopped};
@@ -30,7 +31,12 @@ const fn row(
     (reaction, ending, recovery): (Reaction, Ending, Recovery),
 ) -> Row {
     let expected = Expected { faults, reaction, ending, recovery };
-    Row { kind, name, meaning, matrix, targets, lasts, size: None, expected }
+    Row { kind, name, meaning, matrix, targets, media: &[Medium::Can], lasts, size: None, expected }
+}
+
+/// The same on a segment that is served too.
+const fn on_any(row: Row) -> Row {
+    Row { media: &[Medium::Can, Medium::Ethercat], ..row }
 }
 
 const fn sized(row: Row, what: &'static str, usual: f64, (least, most): (f64, f64)) -> Row {
@@ -38,7 +44,8 @@ const fn sized(row: Row, what: &'static str, usual: f64, (least, most): (f64, f6
 }
 
 /// All injections, in the order of [`Kind`].
-pub const CATALOGUE: [Row; Kind::COUNT] = joined(&[&sensor::ROWS, &bus::ROWS, &motion::ROWS, &host::ROWS, &boot::ROWS]);
+pub const CATALOGUE: [Row; Kind::COUNT] =
+    joined(&[&sensor::ROWS, &bus::ROWS, &motion::ROWS, &host::ROWS, &boot::ROWS, &segment::ROWS]);
 
 const fn joined(parts: &[&[Row]]) -> [Row; Kind::COUNT] {
     let mut rows = [sensor::ROWS[0]; Kind::COUNT];
@@ -57,7 +64,7 @@ const fn joined(parts: &[&[Row]]) -> [Row; Kind::COUNT] {
 
 #[cfg(test)]
 mod tests {
-    use super::super::Ending::{DrivesStop, GoesOn, NotEnabled};
+    use super::super::Ending::{DrivesStop, GoesOn, NotEnabled, UpToMaster};
     use super::super::{Injection, InjectionError};
     use super::*;
     use Reaction::{Freeze, StopRamp};
@@ -90,9 +97,11 @@ mod tests {
                 GoesOn => strongest <= Freeze,
                 Latched(states) => strongest >= StopRamp && states.iter().all(|state| state.is_latched()),
                 NotEnabled | DrivesStop => true,
+                UpToMaster => row.media == [Medium::Ethercat] && row.expected.faults.is_empty(),
             };
             assert!(follows, "{}", row.name);
-            assert_eq!(row.expected.recovery == Nothing, row.expected.ending == GoesOn, "{}", row.name);
+            let needs_nothing = matches!(row.expected.ending, GoesOn | UpToMaster);
+            assert_eq!(row.expected.recovery == Nothing, needs_nothing, "{}", row.name);
         }
     }
 
@@ -126,6 +135,10 @@ mod tests {
         for size in [f64::NAN, 4.0, f64::INFINITY] {
             assert!(matches!(jump.sized(size).check(), Err(InjectionError::Size { .. })));
         }
+        let sync = Injection::new(Kind::SyncLost, 1.0);
+        assert_eq!(sync.check_on(Medium::Can), Ok(()));
+        let refused = sync.check_on(Medium::Ethercat).unwrap_err().to_string();
+        assert_eq!(refused, "sync-lost is not carried out on EtherCAT: it is on CAN");
         let once = Injection::new(Kind::DriveFault, 1.0).lasting(Some(1.0));
         assert!(matches!(once.check(), Err(InjectionError::NoDuration { .. })));
     }

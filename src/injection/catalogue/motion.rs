@@ -5,12 +5,12 @@ use super::super::Lasts::{For, Once};
 use super::super::Recovery::{None as Nothing, Reset};
 use super::super::Target::{Drives, Hand, LeftDrive, RightDrive};
 use super::super::{Kind, Row};
-use super::{ANY, DISABLED, ONE_DRIVE, STOPPED, row, sized};
+use super::{ANY, DISABLED, ONE_DRIVE, STOPPED, on_any, row, sized};
 use crate::guard::Fault as F;
 use crate::guard::Reaction::{Count, Freeze, QuickStop, StopRamp};
 
 pub(super) const ROWS: [Row; 16] = [
-    sized(
+    on_any(sized(
         row(
             (Kind::DriveFault, "drive-fault"),
             &[18],
@@ -23,8 +23,8 @@ pub(super) const ROWS: [Row; 16] = [
         "an error code (603Fh)",
         0x4210 as f64,
         (1.0, 65_535.0),
-    ),
-    row(
+    )),
+    on_any(row(
         (Kind::DriveWarning, "drive-warning"),
         &[43],
         ONE_DRIVE,
@@ -32,8 +32,8 @@ pub(super) const ROWS: [Row; 16] = [
         "the drive warns of its temperature (status word bit 7)",
         &[F::DriveWarning],
         (StopRamp, STOPPED, Reset),
-    ),
-    row(
+    )),
+    on_any(row(
         (Kind::VoltageOff, "voltage-off"),
         &[46],
         &[Drives, LeftDrive, RightDrive],
@@ -41,8 +41,8 @@ pub(super) const ROWS: [Row; 16] = [
         "the emergency stop takes the voltage from the power stage",
         &[F::DriveVoltageOff, F::DriveLeftOperation],
         (QuickStop, DISABLED, Reset),
-    ),
-    row(
+    )),
+    on_any(row(
         (Kind::DriveLeavesOperation, "drive-leaves-operation"),
         &[19],
         ONE_DRIVE,
@@ -50,8 +50,8 @@ pub(super) const ROWS: [Row; 16] = [
         "the drive leaves Operation Enabled by itself",
         &[F::DriveLeftOperation],
         (QuickStop, STOPPED, Reset),
-    ),
-    row(
+    )),
+    on_any(row(
         (Kind::DriveIgnoresCommand, "drive-ignores-command"),
         &[20],
         ONE_DRIVE,
@@ -59,7 +59,7 @@ pub(super) const ROWS: [Row; 16] = [
         "the drive keeps its last target and says so (status word bit 12)",
         &[F::DriveIgnoresCommand, F::FollowingError],
         (QuickStop, STOPPED, Reset),
-    ),
+    )),
     sized(
         row(
             (Kind::DriveRunaway, "drive-runaway"),

@@ -5,7 +5,7 @@ use super::super::Lasts::For;
 use super::super::Recovery::{None as Nothing, Reset};
 use super::super::Target::Sensor;
 use super::super::{Kind, Row};
-use super::{STOPPED, row, sized};
+use super::{STOPPED, on_any, row, sized};
 use crate::guard::Fault as F;
 use crate::guard::Reaction::{Count, Freeze, StopRamp};
 
@@ -19,7 +19,7 @@ pub(super) const ROWS: [Row; 8] = [
         &[F::SensorStuck, F::ForceImplausible],
         (StopRamp, STOPPED, Reset),
     ),
-    row(
+    on_any(row(
         (Kind::SensorInvalid, "sensor-invalid"),
         &[2],
         &[Sensor],
@@ -27,7 +27,7 @@ pub(super) const ROWS: [Row; 8] = [
         "the force sensor says that its samples are not valid",
         &[F::SensorInvalid],
         (StopRamp, STOPPED, Reset),
-    ),
+    )),
     row(
         (Kind::SensorSaturated, "sensor-saturated"),
         &[3],
@@ -37,7 +37,7 @@ pub(super) const ROWS: [Row; 8] = [
         &[F::SensorSaturated, F::ForceLimit, F::ForceStep],
         (StopRamp, STOPPED, Reset),
     ),
-    row(
+    on_any(row(
         (Kind::SensorStale, "sensor-stale"),
         &[4],
         &[Sensor],
@@ -45,7 +45,7 @@ pub(super) const ROWS: [Row; 8] = [
         "the force sensor takes no new samples and sends its last one again, with the same counter",
         &[F::SensorStale, F::SensorLost],
         (StopRamp, STOPPED, Reset),
-    ),
+    )),
     row(
         (Kind::SensorSilent, "sensor-silent"),
         &[5, 11],
@@ -83,7 +83,7 @@ pub(super) const ROWS: [Row; 8] = [
         40.0,
         (-1000.0, 1000.0),
     ),
-    sized(
+    on_any(sized(
         row(
             (Kind::SensorClockDrift, "sensor-clock-drift"),
             &[4],
@@ -96,5 +96,5 @@ pub(super) const ROWS: [Row; 8] = [
         "a share of its rate",
         0.9,
         (0.01, 1.0),
-    ),
+    )),
 ];

@@ -56,6 +56,11 @@ impl Object {
         }
     }
 
+    /// The bytes of its value.
+    pub fn value(&self) -> &[u8] {
+        &self.value
+    }
+
     /// With these access rights.
     pub fn access(mut self, access: Access) -> Self {
         self.access = access;

@@ -2,7 +2,7 @@
 
 use std::sync::{Arc, Mutex, PoisonError};
 
-use crate::assembly::device_buses;
+use crate::assembly::{AssemblyError, device_buses};
 use crate::canopen::{BusId, Frame};
 use crate::config;
 use crate::rig::devices::simulated;
@@ -34,11 +34,15 @@ impl Buses {
         let mut orders = [QueueOrder::Priority; PORT_COUNT];
         orders[MASTER] = QueueOrder::Fifo;
         let how = simulated(rig)?.timing;
-        let timing = |bus: &config::Bus| match how {
-            config::BusTiming::Arbitrated => BitTiming::Arbitrated { bit_rate: bus.canopen.bit_rate_bit_per_s },
-            config::BusTiming::Ideal => BitTiming::Ideal,
+        let bus = |bus: &config::Bus| {
+            let bit_rate = bus.canopen().ok_or(AssemblyError::OnEthercat)?.bit_rate_bit_per_s;
+            let timing = match how {
+                config::BusTiming::Arbitrated => BitTiming::Arbitrated { bit_rate },
+                config::BusTiming::Ideal => BitTiming::Ideal,
+            };
+            Ok::<_, RigError>(VirtualBus::new(timing, &orders)?)
         };
-        let buses = rig.buses.values().map(|bus| VirtualBus::new(timing(bus), &orders)).collect::<Result<_, _>>()?;
+        let buses = rig.buses.values().map(bus).collect::<Result<_, _>>()?;
         Ok(Self { buses, of_devices: device_buses(rig)? })
     }
 

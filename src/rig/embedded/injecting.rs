@@ -2,7 +2,7 @@
 
 use super::injectable::{InjectableDrive, InjectableSensor, is_at};
 use super::simulation::Simulation;
-use crate::injection::{Injection, Kind, Lasts, Target};
+use crate::injection::{Injection, Kind, Lasts, Medium, Target};
 use crate::rig::error::RigError;
 use crate::rig::far_end::{Plug, SENSOR};
 use crate::rig::world::Body;
@@ -43,7 +43,7 @@ impl Simulation {
     /// # Errors
     /// If it is not possible, on this rig or at all.
     pub(super) fn inject(&mut self, injection: Injection) -> Result<(), RigError> {
-        injection.check()?;
+        injection.check_on(Medium::Can)?;
         if injection.kind == Kind::ArmBlocked && matches!(self.far.world.body, Body::Ideal(_)) {
             let message = "arm-blocked needs `model.tracking: rigid`: there is no arm to block";
             return Err(RigError::Mismatch(message.into()));

@@ -9,7 +9,6 @@ mod computer;
 mod injectable;
 mod injecting;
 mod probe;
-mod script;
 mod simulation;
 #[cfg(test)]
 mod tests;

@@ -13,6 +13,8 @@ use std::time::Duration;
 
 /// The calibration record.
 const CALIBRATION: u16 = 0x2040;
+/// The same bytes as the value of one object, for masters without complete access; no sensor of ATI has it.
+const CALIBRATION_BYTES: u16 = 0x2041;
 /// Force in N and torque in N m, as the calibration record says it.
 const UNIT_N: u8 = 2;
 const UNIT_N_M: u8 = 3;
@@ -68,7 +70,8 @@ impl ForceTorqueSettings {
 }
 
 /// A simulated six-axis sensor, to be put behind a [`Controller`](crate::sim::ethercat::Controller), with the objects of an ATI
-/// sensor: 6000h:1 to :6 counts, 6010h status, 6020h sample counter, 7010h control, 2040h calibration of 278 bytes.
+/// sensor: 6000h:1 to :6 counts, 6010h status, 6020h sample counter, 7010h control, 2040h calibration of 278 bytes, which 2041h has as one
+/// value.
 ///
 /// It samples by its own clock. The physical side is [`ForceTorqueSensor::measure`].
 ///
@@ -215,7 +218,10 @@ fn calibration(settings: &ForceTorqueSettings) -> Vec<Object> {
         objects.push(shown(Object::new(CALIBRATION, next(), settings.range_counts), "Peak load"));
     }
     let highest = next() - 1;
+    let bytes = objects.iter().flat_map(|object| object.value().iter().copied()).collect::<Vec<u8>>();
+    let whole = Object::bytes(CALIBRATION_BYTES, 0, DataType::OctetString, &bytes, bytes.len());
     objects.insert(0, Object::highest_sub(CALIBRATION, highest).named("Calibration"));
+    objects.push(shown(whole, "Calibration as one value"));
     objects
 }
 

@@ -70,17 +70,17 @@ impl Limits {
         let [left, right] = &rig.drives;
         let guard = &rig.guard;
         let torque_n_m = guard.torque_limit_n_m.get();
-        let bus = rig.buses.values().next();
+        let bus = rig.own_node();
         Self {
             period_s: f64::from(rig.cycle.period_us) * 1e-6,
             mode: rig.rig.command_mode,
             set_point_ids: [
-                0x200 + u16::from(left.address.canopen.node_id),
-                0x200 + u16::from(right.address.canopen.node_id),
+                0x200 + u16::from(left.address.node_id().unwrap_or_default()),
+                0x200 + u16::from(right.address.node_id().unwrap_or_default()),
             ],
             status_ids: [
-                0x180 + u16::from(left.address.canopen.node_id),
-                0x180 + u16::from(right.address.canopen.node_id),
+                0x180 + u16::from(left.address.node_id().unwrap_or_default()),
+                0x180 + u16::from(right.address.node_id().unwrap_or_default()),
             ],
             counts_per_rad: [left, right].map(|drive| f64::from(drive.encoder_counts_per_rev) / std::f64::consts::TAU),
             joint_speed_rad_per_s: guard.joint_speed_limit_rad_per_s.get(),
@@ -109,7 +109,7 @@ impl Limits {
                 _ => [0.0; 2],
             },
             bit_rate: match (bus, rig.simulated().map(|simulation| simulation.timing)) {
-                (Some(bus), Ok(config::BusTiming::Arbitrated)) => f64::from(bus.canopen.bit_rate_bit_per_s),
+                (Some(bus), Ok(config::BusTiming::Arbitrated)) => f64::from(bus.bit_rate_bit_per_s),
                 _ => f64::INFINITY,
             },
         }

@@ -42,8 +42,11 @@ pub(super) struct Clock {
 impl Clock {
     pub(super) fn of(machine: &Machine, scene_from_ns: u64) -> Self {
         let rig = &machine.rig;
-        let heartbeats =
-            rig.drives.iter().map(|drive| drive.address.canopen.heartbeat_ms).chain(rig.sensor.protocol.heartbeat_ms());
+        let heartbeats = rig
+            .drives
+            .iter()
+            .filter_map(|drive| drive.address.heartbeat_ms())
+            .chain(rig.sensor.protocol.heartbeat_ms());
         // A heartbeat is missed after two of its periods.
         let heartbeat_s = 2e-3 * f64::from(heartbeats.max().unwrap_or_default());
         let period_s = machine.period_s();

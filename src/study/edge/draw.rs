@@ -62,8 +62,9 @@ fn draw_cycle(dice: &mut Dice, rig: &mut config::Rig) {
         _ => period_us / 2,
     };
     let heartbeat_ms = if period_us > 2000 { 100 } else { 20 };
-    rig.buses.values_mut().for_each(|bus| bus.canopen.heartbeat_ms = heartbeat_ms);
-    rig.drives.iter_mut().for_each(|drive| drive.address.canopen.heartbeat_ms = heartbeat_ms);
+    rig.buses.values_mut().filter_map(config::Bus::canopen_mut).for_each(|bus| bus.heartbeat_ms = heartbeat_ms);
+    let drives = rig.drives.iter_mut().filter_map(|drive| drive.address.canopen_mut());
+    drives.for_each(|node| node.heartbeat_ms = heartbeat_ms);
     if let SensorProtocol::Canopen { heartbeat_ms: of_sensor, .. } = &mut rig.sensor.protocol {
         *of_sensor = heartbeat_ms;
     }

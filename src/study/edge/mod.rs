@@ -165,6 +165,7 @@ fn cells(name: &str, rig: &config::Rig, grip: &Grip, judged: &Result<Judged, Str
         SensorProtocol::Canopen { .. } => "CANopen",
         SensorProtocol::Streaming { .. } => "streaming",
         SensorProtocol::Polled { .. } => "polled",
+        SensorProtocol::Ethercat { .. } => "EtherCAT",
     };
     let surface = rig.fixture.surface.name();
     let round = |value: f64| format!("{value:.3e}").parse::<f64>().unwrap_or(value);

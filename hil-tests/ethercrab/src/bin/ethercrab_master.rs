@@ -20,8 +20,11 @@ use ethercrab::subdevice_group::DcConfiguration;
 use ethercrab::{DcSync, MainDevice, MainDeviceConfig, PduStorage, Timeouts};
 
 use hil_tests_ethercrab::capture::Capture;
-use hil_tests_ethercrab::devices::Devices;
 use hil_tests_ethercrab::pump::{self, now, sleep_until};
+use yieldwall::config::{builtin, load_rig_on_any_bus};
+use yieldwall::rig::SegmentServer;
+use yieldwall::run::Pace;
+use yieldwall::sim::ethercat::{BYTE_NS, DEVICE_NS};
 
 /// Cycles with the full working counter.
 const CYCLES: u32 = 10_000;
@@ -98,7 +101,19 @@ fn main() {
     let (tx, rx, pdu_loop) = storage.try_split().expect("nobody has split it before");
     let configuration = MainDeviceConfig { dc_static_sync_iterations: 1000, ..MainDeviceConfig::default() };
     let main = MainDevice::new(pdu_loop, Timeouts::default(), configuration);
-    let mut devices = Devices::new(now());
+    let rig = load_rig_on_any_bus(builtin("paper-ethercat.yaml")).expect("a shipped rig");
+    let scene = rig.scene().expect("a shipped scene").value;
+    let server = SegmentServer::new(&rig.value, &scene, scene.seed, Pace::Free, [true; 3], now());
+    let mut server = server.expect("a rig on EtherCAT");
+    server.set_sdo_time(Duration::from_micros(200));
+    // Preamble and check sequence are 12 bytes beside the frame.
+    let on_wire = |bytes: usize| Duration::from_nanos((bytes.max(60) as u64 + 12) * BYTE_NS + 3 * DEVICE_NS);
+    let segment = |at, frame: &mut [u8]| {
+        let mut is_back = false;
+        server.on_frame(at, frame, |_| is_back = true).expect("the arm goes on");
+        assert!(is_back, "the cable is in");
+        at + on_wire(frame.len())
+    };
     let mut frames = 0_u32;
     let tap = |at, bytes: &[u8]| {
         frames += 1;
@@ -106,7 +121,7 @@ fn main() {
             capture.frame(at, bytes).expect("the file takes a frame");
         }
     };
-    let seen = pump::run(tx, rx, |at, frame| devices.process(at, frame).expect("it is there"), tap, master(&main));
+    let seen = pump::run(tx, rx, segment, tap, master(&main));
     let seen = seen.unwrap_or_else(|error| panic!("ethercrab: {error}"));
     for (name, vendor, product) in &seen.devices {
         println!("found     {name}: vendor {vendor:08X}h, product {product:08X}h");

@@ -5,7 +5,7 @@ use crate::rig::world::{Body, Push, PushShape, World};
 
 impl World {
     /// Begins an injection, or ends it.
-    pub(in crate::rig::embedded) fn switch(&mut self, injection: Injection, is_on: bool) {
+    pub(in crate::rig) fn switch(&mut self, injection: Injection, is_on: bool) {
         let shape = match injection.kind {
             Kind::HandPush | Kind::HandOverload => PushShape::Along,
             Kind::HandBlow => PushShape::Blow,

@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use crate::assembly::device_buses;
+use crate::assembly::{AssemblyError, device_buses};
 use crate::canopen::{BusId, Frame, NodeId, cob};
 use crate::config;
 use crate::injection::{Injection, Kind, Target};
@@ -36,12 +36,14 @@ pub(super) fn participants(rig: &config::Rig) -> Result<Participants, RigError> 
         let heartbeat = Duration::from_millis(heartbeat_ms.into());
         Ok::<_, RigError>(Speaks::Canopen { node: node(node_id)?, heartbeat })
     };
-    let [left, right] = rig.drives.each_ref().map(|drive| drive.address.canopen);
+    let [left, right] = rig.drives.each_ref().map(|drive| drive.address.canopen().ok_or(AssemblyError::OnEthercat));
     let sensor = match rig.sensor.protocol {
         config::SensorProtocol::Canopen { node_id, heartbeat_ms, .. } => speaks(node_id, heartbeat_ms)?,
         config::SensorProtocol::Streaming { .. } => Speaks::PlainCan { can_be_invalid: false },
+        config::SensorProtocol::Ethercat { .. } => return Err(AssemblyError::OnEthercat.into()),
         config::SensorProtocol::Polled { invalid_bits, .. } => Speaks::PlainCan { can_be_invalid: invalid_bits != 0 },
     };
+    let (left, right) = (left?, right?);
     let all = [speaks(left.node_id, left.heartbeat_ms)?, speaks(right.node_id, right.heartbeat_ms)?, sensor];
     let mut buses = device_buses(rig)?.into_iter();
     Ok(all.map(|speaks| Participant { bus: buses.next().unwrap_or_default(), speaks }))

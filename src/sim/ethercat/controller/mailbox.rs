@@ -48,6 +48,8 @@ pub(super) struct Mailbox {
     request: Vec<u8>,
     answer: Vec<u8>,
     emergencies: [Option<CoeEmergency>; EMERGENCIES],
+    /// Comes before the answer to the next request.
+    interruption: Option<CoeEmergency>,
     is_stuck: bool,
 }
 
@@ -66,6 +68,7 @@ impl Mailbox {
             request: Vec::with_capacity(mailbox::LONGEST),
             answer: vec![0; mailbox::LONGEST],
             emergencies: [None; EMERGENCIES],
+            interruption: None,
             is_stuck: false,
         }
     }
@@ -78,7 +81,7 @@ impl Mailbox {
         self.current.bytes.clear();
         self.previous.bytes.clear();
         self.owes_current = false;
-        self.emergencies = [None; EMERGENCIES];
+        (self.emergencies, self.interruption) = ([None; EMERGENCIES], None);
     }
 
     pub(super) fn due(&self) -> Time {
@@ -109,6 +112,10 @@ impl Mailbox {
         if let Some(room) = self.emergencies.iter_mut().find(|room| room.is_none()) {
             *room = Some(emergency);
         }
+    }
+
+    pub(super) fn interrupt(&mut self, emergency: CoeEmergency) {
+        self.interruption = Some(emergency);
     }
 
     fn next_emergency(&mut self) -> Option<CoeEmergency> {
@@ -168,6 +175,10 @@ impl<D: EthercatApplication> Controller<D> {
             self.put(false);
             return;
         }
+        let is_asked = (self.mailbox.is_waiting || now >= self.mailbox.due) && self.managers[MAILBOX_OUT].is_full;
+        if is_asked && let Some(emergency) = self.mailbox.interruption.take() {
+            self.mailbox.queue(emergency);
+        }
         let sent = if let Some(emergency) = self.mailbox.next_emergency() {
             let answer = self.mailbox.answer.get_mut(..room).unwrap_or_default();
             let len = emergency.encode(answer.get_mut(mailbox::HEADER..).unwrap_or_default());
@@ -177,7 +188,7 @@ impl<D: EthercatApplication> Controller<D> {
             let answer = self.mailbox.answer.get_mut(..room).unwrap_or_default();
             let len = self.mailbox.server.poll(answer.get_mut(mailbox::HEADER..).unwrap_or_default());
             if len == 0 { 0 } else { mailbox::seal(answer, Protocol::Coe, self.mailbox.counter.take(), len) }
-        } else if (self.mailbox.is_waiting || now >= self.mailbox.due) && self.managers[MAILBOX_OUT].is_full {
+        } else if is_asked {
             self.take_request();
             let state = self.al_state();
             self.mailbox.serve(&mut self.device, state, room)

@@ -10,7 +10,7 @@ mod state;
 
 use super::application::EthercatApplication;
 use super::process_data::Mapping;
-use crate::ethercat::coe::CoeServer;
+use crate::ethercat::coe::{CoeEmergency, CoeServer};
 use crate::ethercat::frame::{Command, DATAGRAM_HEADER, DatagramHeader, WORKING_COUNTER};
 use crate::ethercat::registers::{self as register, feature};
 use crate::ethercat::sii::{MailboxArea, protocols};
@@ -167,6 +167,16 @@ impl<D: EthercatApplication> Controller<D> {
     /// Has it take so long to answer a mailbox.
     pub fn set_mailbox_time(&mut self, time: Duration) {
         self.mailbox.set_time(time);
+    }
+
+    /// Has the device send an emergency as soon as its mailbox has room.
+    pub fn send_emergency(&mut self, emergency: CoeEmergency) {
+        self.mailbox.queue(emergency);
+    }
+
+    /// Has the device send an emergency between the next request that comes and its answer.
+    pub fn interrupt_request(&mut self, emergency: CoeEmergency) {
+        self.mailbox.interrupt(emergency);
     }
 
     /// Has its clock jump by so many ns.

@@ -123,10 +123,14 @@ impl Bench {
 
     /// One cycle of 1 ms with SYNC0 in its middle: a motor without load that is where it is told to be.
     fn cycle(&mut self, control: u16, target: i32, mode: u8) -> Vec<u8> {
+        self.cycle_with(control, mode, |outputs| outputs[2..6].copy_from_slice(&target.to_le_bytes()))
+    }
+
+    fn cycle_with(&mut self, control: u16, mode: u8, aim: impl FnOnce(&mut [u8; OUTPUTS])) -> Vec<u8> {
         let mut outputs = [0; OUTPUTS];
         outputs[..2].copy_from_slice(&control.to_le_bytes());
-        outputs[2..6].copy_from_slice(&target.to_le_bytes());
         outputs[12] = mode;
+        aim(&mut outputs);
         self.write(0, 0x1800, &outputs);
         let until = self.now + CYCLE;
         while self.segment.next_deadline() <= until {
@@ -211,6 +215,35 @@ fn a_drive_is_enabled_by_controlword_and_follows_its_target_at_sync0() {
 }
 
 #[test]
+fn a_drive_turns_at_its_target_velocity_and_makes_its_target_torque() {
+    let mut bench = Bench::new([drive(), sensor()]);
+    bench.start_op();
+    for control in [0x06, 0x07, 0x0f, 0x0f] {
+        bench.cycle(control, 0, 9);
+    }
+    // CSV: a motor that stands still is pulled the way that is wanted, one that turns faster the other way.
+    let inputs = bench.cycle_with(0x0f, 9, |outputs| outputs[6..10].copy_from_slice(&10_000i32.to_le_bytes()));
+    assert_eq!((inputs[0] & 0x6f, inputs[14]), (0x27, 9));
+    for _ in 0..3 {
+        bench.cycle_with(0x0f, 9, |outputs| outputs[6..10].copy_from_slice(&10_000i32.to_le_bytes()));
+    }
+    assert!(bench.drive().torque_n_m() > 1.0, "{} N m", bench.drive().torque_n_m());
+    bench.drive().measure(0.0, 20_000.0 / 100_000.0 * std::f64::consts::TAU);
+    for _ in 0..3 {
+        bench.cycle_with(0x0f, 9, |outputs| outputs[6..10].copy_from_slice(&10_000i32.to_le_bytes()));
+    }
+    assert!(bench.drive().torque_n_m() < -1.0, "{} N m", bench.drive().torque_n_m());
+    // CST: 300 per mille of 60 N m, whatever the motor does. The mode changes in Switched On.
+    bench.drive().measure(0.0, 0.0);
+    for control in [0x07, 0x07, 0x0f, 0x0f] {
+        bench.cycle_with(control, 10, |outputs| outputs[10..12].copy_from_slice(&300i16.to_le_bytes()));
+    }
+    let inputs = bench.cycle_with(0x0f, 10, |outputs| outputs[10..12].copy_from_slice(&300i16.to_le_bytes()));
+    assert_eq!((inputs[0] & 0x6f, inputs[14]), (0x27, 10));
+    assert_eq!((bench.drive().torque_n_m(), inputs[10..12].to_vec()), (18.0, 300i16.to_le_bytes().to_vec()));
+}
+
+#[test]
 fn a_master_that_stops_lets_the_watchdog_stop_the_drive() {
     let mut bench = Bench::new([drive()]);
     bench.start_op();
@@ -257,6 +290,8 @@ fn the_calibration_of_the_sensor_is_278_bytes_by_segments_and_complete_access() 
     assert_eq!(whole[246..254], [0x40, 0x42, 0x0f, 0, 0x40, 0x42, 0x0f, 0]);
     let singly: Vec<u8> = (1..=56).flat_map(|sub| bench.read(1, 0x2040, sub)).collect();
     assert_eq!(singly, whole);
+    // One value that is longer than a mailbox.
+    assert_eq!(bench.read(1, 0x2041, 0), whole);
     assert_eq!(bench.read(1, 0x1018, 1), 0x732u32.to_le_bytes());
 }
 

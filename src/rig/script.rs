@@ -35,6 +35,11 @@ impl Script {
         self.plan();
     }
 
+    /// When something begins or ends next, in s since the scene began; infinity for never.
+    pub(super) fn next_change_s(&self) -> f64 {
+        self.next_change_s
+    }
+
     /// Whether something begins or ends.
     pub(super) fn is_due(&self, time_s: f64) -> bool {
         time_s >= self.next_change_s

@@ -1,0 +1,208 @@
+//! Devices on an EtherCAT segment: who is where.
+
+use super::Findings;
+use crate::config::tree::{Bus, Rig, SensorProtocol};
+
+/// Greatest number of counts of a sensor on CAN.
+const MOST_ON_CAN: u32 = i16::MAX as u32;
+/// Least force or torque of a count of a simulated sensor on EtherCAT, in N or N m.
+const LEAST_PER_COUNT: f64 = 1e-9;
+
+/// A device as it stands in the document: its key, the key of its address, its bus, and its place in a segment.
+struct Device<'a> {
+    key: &'static str,
+    address: &'static str,
+    bus: &'a str,
+    position: Option<u16>,
+}
+
+/// Whether each device is addressed as its bus takes it, and the devices of a segment stand in a line without a gap.
+pub(super) fn check_segment(findings: &mut Findings, rig: &Rig) {
+    let ([left, right], sensor) = (&rig.drives, &rig.sensor);
+    let device = |key, address, bus, position| Device { key, address, bus, position };
+    let devices = [
+        device("drives[0]", "drives[0].address", &left.bus, left.address.position()),
+        device("drives[1]", "drives[1].address", &right.bus, right.address.position()),
+        device("sensor", "sensor.protocol", &sensor.bus, sensor.protocol.position()),
+    ];
+    devices.iter().for_each(|device| check_kind(findings, rig, device));
+    if rig.is_on_ethercat() {
+        check_places(findings, rig, &devices);
+    }
+    check_counts(findings, rig);
+}
+
+/// Whether a sensor on its bus can have such counts, and the simulated one on EtherCAT such a calibration.
+fn check_counts(findings: &mut Findings, rig: &Rig) {
+    let (key, counts) = ("sensor.range_counts", rig.sensor.range_counts);
+    if !matches!(rig.sensor.protocol, SensorProtocol::Ethercat { .. }) {
+        if counts > MOST_ON_CAN {
+            let message = format!("`{key}` is {counts}, and a sensor on CAN sends counts of 16 bits");
+            findings.error(key, message, format!("write a whole number from 1 to {MOST_ON_CAN}"));
+        }
+        return;
+    }
+    let matrix = &rig.sensor.calibration;
+    let [newton, newton_metre] = [*matrix[0][0], *matrix[3][3]];
+    let is_like = |(row, column): (usize, usize), value: f64| match row {
+        _ if row != column => value == 0.0,
+        0..3 => value == newton,
+        _ => value == newton_metre,
+    };
+    let is_plain = (0..6).all(|row| (0..6).all(|column| is_like((row, column), *matrix[row][column])));
+    let has_counts = [newton, newton_metre].iter().all(|unit| (LEAST_PER_COUNT..=1.0).contains(unit));
+    if rig.simulation.is_some() && !(is_plain && has_counts) {
+        let message = "the simulated sensor on EtherCAT has one number of counts per N and one per N m, as it says itself, and \
+                       `sensor.calibration` is no such matrix";
+        let help = "write N per count three times and N m per count three times along the diagonal, from 1e-9 to 1, and 0 elsewhere; a rig \
+                    without `simulation` may have any matrix";
+        findings.error("sensor.calibration", message, help);
+    }
+}
+
+/// Whether the address of a device is one on its bus.
+fn check_kind(findings: &mut Findings, rig: &Rig, device: &Device<'_>) {
+    let Device { key, address, bus, position } = device;
+    // A bus that is not there is told elsewhere.
+    let (is_segment, has) = match rig.buses.get(*bus) {
+        Some(Bus::Ethercat(_)) => (true, "an EtherCAT segment"),
+        Some(Bus::Canopen(_)) => (false, "a CAN bus"),
+        None => return,
+    };
+    if is_segment == position.is_some() {
+        return;
+    }
+    let wants = match (is_segment, *key) {
+        (true, _) => "`ethercat: {position: 0}`, counted from 0 at the computer,",
+        (false, "sensor") => "`canopen`, `streaming` or `polled`",
+        (false, _) => "`canopen: {node_id: 1, heartbeat_ms: 20}`",
+    };
+    let is_for = if is_segment { "a CAN bus" } else { "an EtherCAT segment" };
+    let message = format!("`{address}` is for {is_for}, and `{bus}` is {has}");
+    let help = format!("write {wants} below it, or name another bus at `{key}.bus`");
+    findings.error(address, message, help).see(&format!("buses.{bus}"), "the bus");
+}
+
+/// Whether all devices are on one segment, each in a place of its own.
+fn check_places(findings: &mut Findings, rig: &Rig, devices: &[Device<'_>; 3]) {
+    let [first, others @ ..] = devices;
+    for other in others.iter().filter(|other| other.bus != first.bus && rig.buses.contains_key(other.bus)) {
+        let key = format!("{}.bus", other.key);
+        let message = format!("`{key}` is `{}`: a rig on EtherCAT has all its devices on one segment", other.bus);
+        findings.error(&key, message, format!("write `{}`", first.bus)).see("drives[0].bus", "the other");
+    }
+    for (number, device) in devices.iter().enumerate() {
+        let Some(position) = device.position else { continue };
+        let key = format!("{}.ethercat.position", device.address);
+        let taken = devices.iter().take(number).find(|other| other.position == Some(position));
+        if let Some(other) = taken {
+            let message = format!("`{key}` is {position}, and so is that of `{}`", other.key);
+            findings
+                .error(&key, message, "give each device its own place, counted from 0 at the computer")
+                .see(&format!("{}.ethercat.position", other.address), "the other");
+        } else if usize::from(position) >= devices.len() {
+            let message = format!(
+                "`{key}` is {position}, and the segment has the {} devices of this rig: a place before it is left empty",
+                devices.len()
+            );
+            findings.error(&key, message, "write 0, 1 or 2, counted from 0 at the computer");
+        }
+    }
+}
+
+/// The key of the first EtherCAT segment of a rig; `None` if it has none.
+pub(in crate::config) fn segment_key(rig: &Rig) -> Option<String> {
+    let name = rig.buses.iter().find(|(_, bus)| matches!(bus, Bus::Ethercat(_))).map(|(name, _)| name)?;
+    Some(format!("buses.{name}.ethercat"))
+}
+
+#[cfg(test)]
+mod tests {
+    use crate::config::{Document, Source, builtin, load, load_rig, load_rig_on_any_bus};
+
+    /// Key, message and help of what is found in the shipped rig on EtherCAT with some of its text replaced.
+    fn found(from: &str, to: &str) -> Vec<(String, String, String)> {
+        let shipped = builtin("paper-ethercat.yaml").read().unwrap();
+        assert!(shipped.contains(from), "{from}");
+        let text = shipped.replace(from, to).replace("like: ", "like: builtin:");
+        let report = load_rig_on_any_bus(Source::memory("rig.yaml", text)).unwrap_err();
+        let each = report.diagnostics.into_iter();
+        each.map(|it| {
+            assert!(it.place.is_some(), "{it:?}");
+            (it.key, it.message, it.help.unwrap_or_default())
+        })
+        .collect()
+    }
+
+    fn one(from: &str, to: &str, key: &str, message: &str, help: &str) {
+        let found = found(from, to);
+        assert!(
+            matches!(&found[..], [(at, says, next)] if at == key && says.contains(message) && next.contains(help)),
+            "{to}: {found:?}"
+        );
+    }
+
+    #[test]
+    fn devices_of_a_segment_stand_in_a_line() {
+        let right = "{name: right, address: {ethercat: {position: 1}}}";
+        let at = |position: u32| format!("{{name: right, address: {{ethercat: {{position: {position}}}}}}}");
+        let key = "drives[1].address.ethercat.position";
+        one(right, &at(0), key, "is 0, and so is that of `drives[0]`", "its own place");
+        one(right, &at(3), key, "is 3, and the segment has the 3 devices", "0, 1 or 2");
+        let key = "sensor.protocol.ethercat.position";
+        one("ethercat: {position: 2}", "ethercat: {position: 1}", key, "so is that of `drives[1]`", "its own place");
+    }
+
+    #[test]
+    fn an_address_is_one_on_its_bus() {
+        let canopen = "{name: right, address: {canopen: {node_id: 2, heartbeat_ms: 20}}}";
+        let right = "{name: right, address: {ethercat: {position: 1}}}";
+        let message = "`drives[1].address` is for a CAN bus, and `main` is an EtherCAT segment";
+        one(right, canopen, "drives[1].address", message, "ethercat: {position: 0}");
+        let sensor = "canopen: {node_id: 10, profile: simulated-force-sensor, heartbeat_ms: 20}";
+        let of_sensor = found("ethercat: {position: 2}", sensor);
+        assert!(
+            of_sensor.iter().any(|(key, message, _)| key == "sensor.protocol" && message.contains("is for a CAN bus"))
+        );
+        // All devices on EtherCAT, and the bus on CAN.
+        let bus = "canopen: {bit_rate_bit_per_s: 1000000, node_id: 127, heartbeat_ms: 20}";
+        let found = found("    ethercat: {}", &format!("    {bus}"));
+        let keys: Vec<&str> = found.iter().map(|(key, ..)| key.as_str()).collect();
+        assert_eq!(keys, ["drives[0].address", "drives[1].address", "sensor.protocol"], "{found:?}");
+    }
+
+    #[test]
+    fn the_simulated_sensor_has_one_factor_for_forces_and_one_for_torques() {
+        let (key, second) = ("sensor.calibration", "    - [0.0, 1.0e-6, 0.0, 0.0, 0.0, 0.0]\n");
+        let message = "one number of counts per N";
+        one(second, "    - [0.0, 2.0e-6, 0.0, 0.0, 0.0, 0.0]\n", key, message, "along the diagonal");
+        one(second, "    - [1.0e-7, 1.0e-6, 0.0, 0.0, 0.0, 0.0]\n", key, message, "along the diagonal");
+    }
+
+    #[test]
+    fn all_devices_are_on_one_segment() {
+        let found = found(
+            "sensor:\n  protocol:\n    ethercat: {position: 2}\n  sample_rate_hz: 8000",
+            "sensor:\n  bus: other\n  protocol:\n    ethercat: {position: 2}\n  sample_rate_hz: 8000",
+        );
+        assert!(found.iter().any(|(key, ..)| key == "sensor.bus"), "{found:?}");
+    }
+
+    #[test]
+    fn a_rig_on_ethercat_is_read_and_not_run() {
+        assert!(load_rig_on_any_bus(builtin("paper-ethercat.yaml")).unwrap().warnings.is_empty());
+        assert!(matches!(load(builtin("paper-ethercat.yaml")), Ok(Document::Rig(_))));
+        let report = load_rig(builtin("paper-ethercat.yaml")).unwrap_err();
+        let [refused] = report.diagnostics.as_slice() else { panic!("{report}") };
+        assert_eq!(refused.key, "buses.main.ethercat");
+        assert!(refused.help.as_ref().unwrap().contains("sim builtin:paper-ethercat.yaml --bus"), "{refused:?}");
+    }
+
+    #[test]
+    fn counts_beyond_16_bits_are_those_of_a_sensor_on_ethercat() {
+        let text = "like: builtin:paper-admittance.yaml\nsensor: {range_counts: 40000}\n";
+        let report = load_rig(Source::memory("rig.yaml", text)).unwrap_err();
+        assert_eq!(report.diagnostics[0].key, "sensor.range_counts");
+        assert!(report.diagnostics[0].message.contains("16 bits"), "{report}");
+    }
+}
