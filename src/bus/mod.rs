@@ -17,6 +17,7 @@ mod can;
 mod error;
 mod master;
 mod phase;
+mod script;
 mod setup;
 mod signs;
 

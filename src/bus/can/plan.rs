@@ -1,9 +1,9 @@
 //! What the boot sends, told before anything is sent: by the steps and the frames that the boot itself takes.
 
-use super::boot::{Action, Step, check, little_endian, motor_speed};
 use super::node::Node;
 use super::{CanNetwork, refuse};
 use crate::bus::error::BootError;
+use crate::bus::script::{Action, Step, check, little_endian, motor_speed};
 use crate::canopen::{BusId, Frame, NmtCommand, NodeId, Outbox};
 use crate::guard::Device;
 use crate::objects::Address;

@@ -4,8 +4,8 @@ use std::time::Duration;
 
 use super::bits::{longest_bits, shortest_bits, worst_bits};
 use super::response::Stream;
-use crate::bus::can::boot::mapping;
 use crate::bus::error::{BootError, BootFailure};
+use crate::bus::script::mapping;
 use crate::bus::setup::{MasterSetup, SensorLink, SensorSetup};
 use crate::canopen::{BusId, NodeId, cob};
 use crate::plain_can::{Link, Order, Protocol};

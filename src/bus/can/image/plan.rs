@@ -1,8 +1,9 @@
 //! The plan of the process image, made once from setup and profiles.
 
 use super::{IDENTIFIERS, Incoming, NO_SLOT, Outgoing, Source, slot_index};
-use crate::bus::can::boot::{lacking, layout_entries, mapped, mapping};
+use crate::bus::can::boot::layout_entries;
 use crate::bus::error::BootFailure;
+use crate::bus::script::{lacking, mapped, mapping};
 use crate::bus::setup::{DriveSetup, SensorNode};
 use crate::canopen::pdo::Layout;
 use crate::canopen::{BusId, NodeId, cob};
