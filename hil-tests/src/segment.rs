@@ -1,15 +1,23 @@
-//! A virtual EtherCAT segment of two drives and a sensor in OP, and the frames of a cycle.
+//! A virtual EtherCAT segment of two drives and a sensor: in OP with the frames of a cycle, or with the program's own master.
 
 use std::time::Duration;
 
-use yieldwall::config::{self, Loaded, Rig};
+use yieldwall::bus::ethercat::{
+    Acts, EthercatNetwork, EthernetOutbox, Mapped, ProcessData, SOURCE as MASTER, SegmentDrive, SegmentSetup,
+    StationSetup, StatusMasks,
+};
+use yieldwall::bus::{CommandMode, Phase, Waits};
+use yieldwall::canopen::BusId;
+use yieldwall::config::{self, Loaded, Rig, shipped_profile};
 use yieldwall::ethercat::frame::{Command, FrameWriter, address};
 use yieldwall::ethercat::{Direction, Fmmu, sii::Sii};
-use yieldwall::objects::ServedDevice;
+use yieldwall::guard::Device;
+use yieldwall::objects::{Address, ServedDevice};
 use yieldwall::rig::simulated_segment;
 use yieldwall::run::Pace;
 use yieldwall::sim::ethercat::{Segment, SimulatedDevice, sii};
 use yieldwall::time::Time;
+use yieldwall_drives::profiles::{Identity, Quantity, Revisions};
 
 const PERIOD: Duration = Duration::from_millis(1);
 const SOURCE: [u8; 6] = [0x10; 6];
@@ -45,6 +53,145 @@ pub fn shipped() -> Loaded<Rig> {
 pub fn segment(rig: &Loaded<Rig>) -> Segment<SimulatedDevice> {
     let scene = rig.scene().expect("a shipped scene").value;
     simulated_segment(&rig.value, &scene, [true; 3], Pace::Lockstep).expect("a rig on EtherCAT").0
+}
+
+/// What a master has to know of these devices.
+pub fn setup() -> SegmentSetup {
+    let ms = Duration::from_millis;
+    let waits = Waits { boot_up: ms(1000), sdo: ms(200), start: ms(500) };
+    let drive = |device, position| {
+        let drive = SegmentDrive {
+            name: format!("drive {position}"),
+            device,
+            position,
+            profile: shipped_profile("simulated-servo"),
+            waits,
+            torque_limit_per_mille: 500,
+            speed_limit_counts_per_s: 1_000_000,
+            following_error_counts: 100_000,
+        };
+        drive.station(CommandMode::Torque, PERIOD, Acts::AtSync0).expect("a shipped profile")
+    };
+    let identity =
+        Identity { device_type: 0, vendor_id: 0x732, product_codes: vec![0x2648_3052], revisions: Revisions::Any };
+    let mapped = |index, sub, quantity| Mapped { at: Address::new(index, sub), bits: 32, quantity };
+    let channels = (1..).zip(Quantity::CHANNELS).map(|(sub, channel)| mapped(0x6000, sub, Some(channel)));
+    let status = [mapped(0x6010, 0, Some(Quantity::Status)), mapped(0x6020, 0, Some(Quantity::SampleCounter))];
+    let outputs = vec![mapped(0x7010, 1, None), mapped(0x7010, 2, None)];
+    let pdo = |index, entries| vec![ProcessData { index, is_fixed: true, entries }];
+    let process_data = [pdo(0x1601, outputs), pdo(0x1a00, channels.chain(status).collect())];
+    let sensor = StationSetup {
+        status_masks: StatusMasks { overload: 1 << 27, invalid: 1 << 5 },
+        ..StationSetup::other("force sensor", Device::Sensor, 2, identity, waits, process_data)
+    };
+    SegmentSetup {
+        bus: BusId::FIRST,
+        source: MASTER,
+        period: PERIOD,
+        compute_at: Duration::from_micros(500),
+        sync0_phase: Duration::from_micros(100),
+        stations: vec![drive(Device::LeftDrive, 0), drive(Device::RightDrive, 1), sensor],
+    }
+}
+
+/// Room for the frames that a master sends at a time.
+#[derive(Clone, Debug)]
+pub struct Outgoing {
+    frames: [[u8; 1514]; 4],
+    lengths: [usize; 4],
+    count: usize,
+}
+
+impl Default for Outgoing {
+    fn default() -> Self {
+        Outgoing { frames: [[0; 1514]; 4], lengths: [0; 4], count: 0 }
+    }
+}
+
+impl EthernetOutbox for Outgoing {
+    fn push(&mut self, bytes: &[u8]) {
+        let Some(frame) = self.frames.get_mut(self.count) else { return };
+        frame[..bytes.len()].copy_from_slice(bytes);
+        self.lengths[self.count] = bytes.len();
+        self.count += 1;
+    }
+}
+
+impl Outgoing {
+    /// How many frames wait.
+    pub fn len(&self) -> usize {
+        self.count
+    }
+
+    /// Whether none waits.
+    pub fn is_empty(&self) -> bool {
+        self.count == 0
+    }
+
+    /// The frames, which are gone afterwards.
+    pub fn drain(&mut self) -> impl Iterator<Item = &mut [u8]> {
+        let count = std::mem::take(&mut self.count);
+        self.frames.iter_mut().zip(self.lengths).take(count).map(|(frame, len)| &mut frame[..len])
+    }
+}
+
+/// The segment with the program's own master, which runs cycles by itself.
+#[derive(Clone)]
+pub struct Mastered {
+    /// The master.
+    pub network: EthercatNetwork,
+    /// The segment.
+    pub segment: Segment<SimulatedDevice>,
+    /// The present moment.
+    pub now: Time,
+    /// What the master has sent and the segment has not processed.
+    pub out: Outgoing,
+}
+
+impl Default for Mastered {
+    /// # Panics
+    /// If the setup is refused.
+    fn default() -> Self {
+        let network = EthercatNetwork::new(&setup()).expect("a good setup");
+        Mastered { network, segment: segment(&shipped()), now: Time(0), out: Outgoing::default() }
+    }
+}
+
+impl Mastered {
+    /// All devices in OP.
+    ///
+    /// # Panics
+    /// If they do not get there.
+    pub fn operational() -> Self {
+        let mut bench = Mastered::default();
+        bench.network.start(bench.now, &mut bench.out);
+        for _ in 0..1_000_000 {
+            bench.step();
+            if *bench.network.phase() == Phase::Operational {
+                return bench;
+            }
+        }
+        panic!("{:?}", bench.network.phase());
+    }
+
+    /// What has been sent goes round and comes back; then time goes on to what is due next.
+    pub fn step(&mut self) {
+        let Mastered { network, segment, now, out } = self;
+        // What the replies lead to goes out in the next step.
+        let mut sent = std::mem::take(out);
+        for frame in sent.drain() {
+            if let Some(back) = segment.process(*now, frame) {
+                *now = back;
+                network.on_frame(back, frame, out);
+            }
+        }
+        if out.is_empty() {
+            *now = segment.next_deadline().min(network.next_deadline()).clamp(*now, *now + PERIOD);
+            segment.poll(*now);
+            network.poll(*now, out);
+            *now = *now + Duration::from_nanos(1);
+        }
+    }
 }
 
 impl Bench {

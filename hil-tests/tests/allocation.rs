@@ -12,7 +12,7 @@ use std::time::Duration;
 use hil_tests::{
     Scenario,
     cable::{Cable, permit},
-    segment::Bench,
+    segment::{Bench, Mastered},
 };
 use yieldwall::canopen::{Frame, Outbox};
 use yieldwall::cycle::{Cycle, DriveSample, Inputs, LinkEvents, Timing};
@@ -306,6 +306,25 @@ fn the_segment_does_not_allocate() {
     assert_eq!(status.as_deref(), Some("SAFE-OP+ERR"));
 }
 
+/// The master of a segment: input frame, output frame and what is asked beside them, through a device that leaves OP and one that is silent.
+fn the_master_of_a_segment_does_not_allocate() {
+    let mut bench = Mastered::operational();
+    let before = bench.network.counts().returned;
+    let count = calls(|| {
+        (0..20_000).for_each(|_| bench.step());
+        bench
+            .segment
+            .controllers_mut()
+            .take(1)
+            .for_each(|controller| controller.fail(Time(0), AlStatusCode::NO_INPUTS));
+        (0..2000).for_each(|_| bench.step());
+        bench.segment.controllers_mut().for_each(|controller| controller.set_silent(true));
+        (0..2000).for_each(|_| bench.step());
+    });
+    assert!(bench.network.counts().returned > before + 2000, "{:?}", bench.network.counts());
+    assert_eq!(count, 0, "calls of the allocator of the master of an EtherCAT segment");
+}
+
 #[test]
 fn what_runs_every_cycle_does_not_allocate() {
     // The counter counts.
@@ -314,6 +333,7 @@ fn what_runs_every_cycle_does_not_allocate() {
     assert_eq!(calls(|| out.push(Frame::new(0x80, &[]))), 0);
     assert_eq!((out.len, Time::default()), (1, Time(0)));
     the_segment_does_not_allocate();
+    the_master_of_a_segment_does_not_allocate();
     for scenario in [Scenario::torque(), Scenario::position()] {
         the_cycle_does_not_allocate(&scenario);
         the_rig_does_not_allocate(&scenario);

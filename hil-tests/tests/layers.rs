@@ -16,7 +16,7 @@ use std::path::{Path, PathBuf};
 const RULE: &str = "\
 quantity, setvalued  <-  sensing, fixture, linkage, control (never one another)  <-  guard  <-  cycle  <-  bus  <-  assembly  <-  run  <-  rig  <-  study, soak (not one another)  <-  cli
 drives, canopen      <-  bus, run, sim; guard and cycle may name the states of `drives::cia402`
-ethercat             EtherCAT codecs and engines: names objects and time; named by explanation, sim
+ethercat             EtherCAT codecs and engines: names objects and time; named by bus, explanation, sim
 time, objects        the clock; dictionary, values and abort codes of any bus: objects names time; named by canopen and whatever names canopen
 plain_can            names canopen and sensing; named by bus, assembly, sim, rig
 assembly             from config to the parts below run; names nothing simulated
@@ -81,7 +81,7 @@ fn may_name(layer: &str) -> Option<Vec<&'static str>> {
     let stages = [&base[..], &["sensing", "fixture", "linkage", "control"]].concat();
     let engines = ["drives", "time", "objects", "canopen"];
     let states = ["drives::cia402"];
-    let bus = || [&stages[..], &["guard", "cycle", "plain_can"], &engines, &["config"]].concat();
+    let bus = || [&stages[..], &["guard", "cycle", "plain_can", "ethercat"], &engines, &["config"]].concat();
     let run = vec!["assembly", "bus", "link", "record"];
     Some(match layer {
         "elementary" | "time" | "quantity" | "setvalued" | "batch" | "checkup" => vec![],

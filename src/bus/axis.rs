@@ -1,7 +1,8 @@
 //! One axis, whatever its bus: the walk through the states of CiA 402, counts to radians and back.
 
-use crate::cycle::DriveSample;
+use crate::cycle::{DriveSample, LinkEvents};
 use crate::guard::{Allowed, JointCommand};
+use crate::sensing::RawSample;
 use yieldwall_drives::cia402::{Goal, OptionCodes, State, StateMachine, StateWalk, Statusword};
 use yieldwall_drives::scaling::{AxisScaling, CountUnwrapper, wrap};
 
@@ -21,6 +22,17 @@ pub(super) struct DriveOrders {
     pub(super) controlword: u16,
     /// Target in the unit of the command mode: counts modulo 2^32, counts/s, or per mille of the rated torque.
     pub(super) target: i32,
+}
+
+/// What has come over the networks since the last cycle.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct Arrived {
+    /// Words of the left and of the right drive.
+    pub(super) drives: [DriveWords; 2],
+    /// The newest sample of the force sensor, if one has come.
+    pub(super) sample: Option<RawSample>,
+    /// What happened on the networks.
+    pub(super) link: LinkEvents,
 }
 
 /// A drive as the cycle sees it.

@@ -4,6 +4,7 @@ use std::fmt;
 
 use thiserror::Error;
 
+use super::ethercat::SegmentFailure;
 use super::signs::Heard;
 use crate::canopen::{Emergency, NmtState, NodeSet};
 use crate::objects::AbortCode;
@@ -214,6 +215,9 @@ pub enum BootFailure {
         /// The wanted kind of device.
         wanted: &'static str,
     },
+    /// A step on an EtherCAT segment.
+    #[error(transparent)]
+    Segment(#[from] SegmentFailure),
     /// The object of a watchdog cannot hold the time that it has to.
     #[error("object {index:04X}h:{sub} cannot hold {after_us} us, after which the drive has to stop")]
     WatchTime {

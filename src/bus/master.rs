@@ -5,6 +5,7 @@ use std::time::Duration;
 use super::axis::{self, Axis};
 use super::can::{BootPlan, CanNetwork, Told, Waiting};
 use super::error::BootError;
+use super::ethercat::{EthercatNetwork, Outgoing, SegmentSetup};
 use super::phase::{LinkEvent, Phase};
 use super::setup::MasterSetup;
 use crate::canopen::{BusId, Frame, Outbox};
@@ -12,11 +13,17 @@ use crate::cycle::{Cycle, Inputs, LinkEvents, Outputs, Timing};
 use crate::guard::{Allowed, Cause, Device, DeviceSet, Directive, Fault, Request, State};
 use crate::objects::{ObjectAnswer, ObjectError, ObjectRequest};
 use crate::time::Time;
+use yieldwall_drives::scaling::AxisScaling;
 
 /// The master of one rig: its networks, which carry raw words, the two axes that these words are of, and the cycle between them.
 #[derive(Clone)]
 pub struct Master {
-    network: CanNetwork,
+    /// The CAN buses, if the rig is on any.
+    can: Option<CanNetwork>,
+    /// The EtherCAT segment, if the rig is on one.
+    segment: Option<EthercatNetwork>,
+    /// What the segment is to be sent.
+    outgoing: Outgoing,
     axes: [Axis; 2],
     cycle: Cycle,
     inputs: Inputs,
@@ -31,8 +38,24 @@ impl Master {
     /// # Errors
     /// If node identifiers are out of range or used twice, or if a profile lacks the process data of the command mode.
     pub fn new(setup: &MasterSetup, cycle: Cycle) -> Result<Self, BootError> {
-        let network = CanNetwork::new(setup)?;
+        let can = CanNetwork::new(setup)?;
         let axes = setup.drives.each_ref().map(|drive| Axis::new(drive.scaling, drive.expected_angle_rad));
+        Ok(Self::with(Some(can), None, axes, cycle))
+    }
+
+    /// A master of a rig whose devices are all on one EtherCAT segment, which has sent nothing yet. Frames of the segment come by
+    /// [`Master::on_ethernet`] and leave by [`Master::drain_ethernet`]; whatever frames of CAN a call may send, none are.
+    ///
+    /// `axes` are the scalings of the left and of the right drive, and the angles in rad near which their first positions are unwrapped.
+    ///
+    /// # Errors
+    /// As [`EthercatNetwork::new`].
+    pub fn on_segment(setup: &SegmentSetup, axes: [(AxisScaling, f64); 2], cycle: Cycle) -> Result<Self, BootError> {
+        let segment = EthercatNetwork::new(setup)?;
+        Ok(Self::with(None, Some(segment), axes.map(|(scaling, angle_rad)| Axis::new(scaling, angle_rad)), cycle))
+    }
+
+    fn with(can: Option<CanNetwork>, segment: Option<EthercatNetwork>, axes: [Axis; 2], cycle: Cycle) -> Self {
         let inputs = Inputs {
             drives: axes.each_ref().map(Axis::unheard),
             sample: None,
@@ -41,17 +64,26 @@ impl Master {
             request: Request::None,
         };
         let last = cycle.idle();
-        Ok(Self { network, axes, cycle, inputs, has_failed: false, last })
+        Self { can, segment, outgoing: Outgoing::default(), axes, cycle, inputs, has_failed: false, last }
     }
 
     /// Has the second frame of a sample of a sensor on plain CAN come as late as this behind the first, whatever the setup says.
     pub fn set_pair_gap(&mut self, gap: Duration) {
-        self.network.set_pair_gap(gap);
+        self.can.iter_mut().for_each(|can| can.set_pair_gap(gap));
     }
 
     /// Where the network stands.
     pub fn phase(&self) -> &Phase {
-        self.network.phase()
+        match (&self.can, &self.segment) {
+            (Some(can), _) => can.phase(),
+            (None, Some(segment)) => segment.phase(),
+            (None, None) => &Phase::Off,
+        }
+    }
+
+    /// The EtherCAT segment, for reports.
+    pub fn segment(&self) -> Option<&EthercatNetwork> {
+        self.segment.as_ref()
     }
 
     /// The rig's cycle, for reports.
@@ -82,36 +114,38 @@ impl Master {
     /// Whether nothing is sent any more, so that the drives' watchdogs act. A link then drops what its queue still holds,
     /// and sends nothing of it later.
     pub fn is_silent(&self) -> bool {
-        self.network.is_silent()
+        self.can.as_ref().is_some_and(CanNetwork::is_silent)
+            || self.segment.as_ref().is_some_and(EthercatNetwork::is_silent)
     }
 
     /// How often somebody else began to write to a configured node by SDO. While the rig is enabled that is
     /// [`Fault::Intruder`], until the network is started anew; otherwise it is only counted. Reading is nobody's harm.
     pub fn foreign_downloads(&self) -> u32 {
-        self.network.foreign_downloads()
+        self.can.as_ref().map_or(0, CanNetwork::foreign_downloads)
     }
 
-    /// What the devices told last by emergency messages, at most eight, the oldest first.
+    /// What the nodes told last by emergency messages, at most eight, the oldest first. What devices of a segment told:
+    /// [`EthercatNetwork::told`].
     pub fn told(&self) -> impl Iterator<Item = Told> {
-        self.network.told()
+        self.can.iter().flat_map(CanNetwork::told)
     }
 
-    /// All that the boot will send, beside what is repeated: told before anything is sent.
+    /// All that the boot will send on CAN, beside what is repeated: told before anything is sent.
     pub fn plan(&self) -> BootPlan {
-        self.network.plan()
+        self.can.as_ref().map_or_else(BootPlan::default, CanNetwork::plan)
     }
 
     /// Begins to listen for another master, with nothing sent until [`Master::announce`] or [`Master::start`]. One that is
     /// heard is [`Phase::Failed`] with [`BootFailure::OtherMaster`](super::BootFailure::OtherMaster), and so it is from then on until the
     /// exchange of process data: in operation such frames are a fault of the cycle.
     pub fn listen(&mut self) {
-        self.network.listen();
+        self.can.iter_mut().for_each(CanNetwork::listen);
     }
 
     /// Sends the first heartbeat, which disturbs nobody, before anything that does: two masters that begin at the same moment
     /// hear each other's.
     pub fn announce(&mut self, now: Time, out: &mut impl Outbox) {
-        self.network.announce(now, out);
+        self.can.iter_mut().for_each(|can| can.announce(now, out));
     }
 
     /// Resets the nodes of the rig, no others, and starts to watch them: the first time, and again when a person restarts it after a node
@@ -125,26 +159,29 @@ impl Master {
         self.cycle.restart();
         self.axes.iter_mut().for_each(Axis::restart);
         self.last = self.cycle.idle();
-        self.network.start(now, out);
+        self.can.iter_mut().for_each(|can| can.start(now, out));
+        self.segment.iter_mut().for_each(|segment| segment.start(now, &mut self.outgoing));
     }
 
     /// When [`Master::poll`] has to be called again at the latest.
     ///
     /// Real-time: yes.
     pub fn next_deadline(&self) -> Time {
-        self.network.next_deadline()
+        let can = self.can.as_ref().map_or(Time::NEVER, CanNetwork::next_deadline);
+        can.min(self.segment.as_ref().map_or(Time::NEVER, EthercatNetwork::next_deadline))
     }
 
     /// Does what time asks for: heartbeat, watched nodes, waits of the boot.
     ///
     /// Real-time: yes, while operational.
     pub fn poll(&mut self, now: Time, out: &mut impl Outbox) {
-        self.network.poll(now, out);
+        self.can.iter_mut().for_each(|can| can.poll(now, out));
+        self.segment.iter_mut().for_each(|segment| segment.poll(now, &mut self.outgoing));
     }
 
     /// What the boot waits for; of several devices the one that is given up first. Nothing when there is no boot.
     pub fn waiting(&self, now: Time) -> Option<Waiting<'_>> {
-        self.network.waiting(now)
+        self.can.as_ref()?.waiting(now)
     }
 
     /// Begins to read or to write an object of a device; how that ends is told by [`Master::answer`]. A device is asked one thing at a time,
@@ -159,24 +196,33 @@ impl Master {
         request: ObjectRequest<'_>,
         out: &mut impl Outbox,
     ) -> Result<(), ObjectError> {
-        self.network.ask(now, device, request, out)
+        match (&mut self.can, &mut self.segment) {
+            (Some(can), _) => can.ask(now, device, request, out),
+            (None, Some(segment)) => segment.ask(now, device, request),
+            (None, None) => Err(ObjectError::NotBooted),
+        }
     }
 
     /// How what was asked of a device last has ended.
     ///
     /// Real-time: yes.
     pub fn answer(&self, device: Device) -> ObjectAnswer<'_> {
-        self.network.answer(device)
+        match (&self.can, &self.segment) {
+            (Some(can), _) => can.answer(device),
+            (None, Some(segment)) => segment.answer(device),
+            (None, None) => ObjectAnswer::NotAsked,
+        }
     }
 
-    /// The node id of a device; `None` for a sensor on plain CAN.
+    /// The node id of a device; `None` for a sensor on plain CAN and for devices of a segment.
     pub fn node_id(&self, device: Device) -> Option<u8> {
-        self.network.node_id(device)
+        self.can.as_ref()?.node_id(device)
     }
 
-    /// Leaves the network: the nodes go to Pre-operational, where nobody waits for set-points. For a rig that was stopped.
+    /// Leaves the network: the devices go to Pre-operational, where nobody waits for set-points. For a rig that was stopped.
     pub fn leave(&mut self, out: &mut impl Outbox) {
-        self.network.leave(out);
+        self.can.iter_mut().for_each(|can| can.leave(out));
+        self.segment.iter_mut().for_each(|segment| segment.leave(&mut self.outgoing));
     }
 
     /// Takes a frame of another node from the bus; own ones go to [`Master::on_echo`].
@@ -185,7 +231,35 @@ impl Master {
     pub fn on_frame(&mut self, now: Time, frame: &Frame, out: &mut impl Outbox) {
         let state = self.state();
         let is_enabled = !(state == State::Idle || state.is_latched());
-        self.network.on_frame(now, frame, is_enabled, out);
+        self.can.iter_mut().for_each(|can| can.on_frame(now, frame, is_enabled, out));
+    }
+
+    /// Takes a frame from the segment.
+    ///
+    /// Real-time: yes, while operational.
+    pub fn on_ethernet(&mut self, now: Time, bytes: &[u8]) {
+        self.segment.iter_mut().for_each(|segment| segment.on_frame(now, bytes, &mut self.outgoing));
+    }
+
+    /// Gives away the frames that the segment is to be sent, in their order, after each call that may have made some.
+    ///
+    /// Real-time: yes.
+    pub fn drain_ethernet(&mut self, send: impl FnMut(&[u8])) {
+        self.outgoing.drain(send);
+    }
+
+    /// By how much the grid point after this cycle is moved, in ns, so that the cycles follow the reference clock of a segment: at most 1 % of
+    /// a period. 0 on CAN.
+    ///
+    /// Real-time: yes.
+    pub fn grid_shift_ns(&self) -> i64 {
+        self.segment.as_ref().map_or(0, EthercatNetwork::grid_shift_ns)
+    }
+
+    /// The grid point at which whoever takes over the cycles of a segment begins; `None` on CAN, where any will do, and
+    /// [`Time::NEVER`] between the two moments of a cycle.
+    pub fn first_grid_point(&self) -> Option<Time> {
+        self.segment.as_ref().map(EthercatNetwork::next_cycle)
     }
 
     /// Takes an own frame that was seen on the bus. A link that cannot show own frames never calls this, and what is still
@@ -193,10 +267,10 @@ impl Master {
     ///
     /// Real-time: yes.
     pub fn on_echo(&mut self, frame: &Frame) {
-        self.network.on_echo(frame);
+        self.can.iter_mut().for_each(|can| can.on_echo(frame));
     }
 
-    /// The begin of a cycle: SYNC, and behind it the request to a sensor that is polled.
+    /// The begin of a cycle: SYNC, and behind it the request to a sensor that is polled; on a segment the input frame.
     ///
     /// At most one cycle is in flight: while set-points of an earlier cycle have not been seen on their bus, or SYNC on a bus
     /// without set-points, neither SYNC nor set-points are sent on any. At the second such cycle in a row the master falls
@@ -208,7 +282,8 @@ impl Master {
     ///
     /// Real-time: yes.
     pub fn on_sync(&mut self, out: &mut impl Outbox) {
-        self.network.open(out);
+        self.can.iter_mut().for_each(|can| can.open(out));
+        self.segment.iter_mut().for_each(|segment| segment.open(&mut self.outgoing));
     }
 
     /// Whether all that answers SYNC has arrived since [`Master::on_sync`]: the process data of all nodes, the sample of a
@@ -223,14 +298,15 @@ impl Master {
     ///
     /// Real-time: yes.
     pub fn missing(&self, now: Time) -> DeviceSet {
-        self.network.missing(now)
+        let can = self.can.as_ref().map_or(DeviceSet::NONE, |can| can.missing(now));
+        can | self.segment.as_ref().map_or(DeviceSet::NONE, EthercatNetwork::missing)
     }
 
     /// Forgets when the nodes' heartbeats came, which do not tell one device from two where they waited to be taken.
     ///
     /// Real-time: yes.
     pub fn forget_heartbeat_times(&mut self) {
-        self.network.forget_heartbeat_times();
+        self.can.iter_mut().for_each(CanNetwork::forget_heartbeat_times);
     }
 
     /// Whether SYNC was held back in this cycle, since the set-points of an earlier one are still on their way, a drive may
@@ -238,36 +314,37 @@ impl Master {
     ///
     /// Real-time: yes.
     pub fn is_sync_held(&self) -> bool {
-        self.network.is_sync_held()
+        self.can.as_ref().is_some_and(CanNetwork::is_sync_held)
+            || self.segment.as_ref().is_some_and(EthercatNetwork::is_silent)
     }
 
     /// Whether set-points, or SYNC where there are none, were sent that have not been seen on their bus yet.
     ///
     /// Real-time: yes.
     pub fn is_in_flight(&self) -> bool {
-        self.network.is_in_flight()
+        self.can.as_ref().is_some_and(CanNetwork::is_in_flight)
     }
 
     /// SYNC on every bus where somebody hears it, outside of any cycle; none while a drive may hold a set-point of somebody
     /// else.
     pub fn repeat_sync(&mut self, out: &mut impl Outbox) {
-        self.network.repeat_sync(out);
+        self.can.iter_mut().for_each(|can| can.repeat_sync(out));
     }
 
     /// The set-points of the last cycle once more, whatever has happened since: a drive that stops then stops by itself.
     pub fn repeat_set_points(&mut self, out: &mut impl Outbox) {
         let orders = axis::orders(&mut self.axes, self.last.directive.goal, &self.last.command);
-        self.network.send(&orders, out);
+        self.can.iter_mut().for_each(|can| can.send(&orders, out));
     }
 
-    /// A heartbeat if one is due; when the last one was sent.
+    /// A heartbeat if one is due; when the last one was sent, `now` where there is none.
     pub fn repeat_heartbeat(&mut self, now: Time, out: &mut impl Outbox) -> Time {
-        self.network.repeat_heartbeat(now, out)
+        self.can.as_mut().map_or(now, |can| can.repeat_heartbeat(now, out))
     }
 
-    /// The heartbeat period that the drives watch.
+    /// The heartbeat period that the drives watch; zero on a segment, where they watch for outputs.
     pub fn heartbeat_period(&self) -> Duration {
-        self.network.heartbeat_period()
+        self.can.as_ref().map_or(Duration::ZERO, CanNetwork::heartbeat_period)
     }
 
     /// The moment at which all process data are in: [`Master::step`], and then [`Master::send_set_points`].
@@ -283,7 +360,11 @@ impl Master {
     ///
     /// Real-time: yes.
     pub fn step(&mut self, now: Time, request: Request, timing: Timing) -> Outputs {
-        let arrived = self.network.take(now);
+        let arrived = match (&mut self.can, &mut self.segment) {
+            (Some(can), _) => can.take(now),
+            (None, Some(segment)) => segment.take(now),
+            (None, None) => return self.last,
+        };
         let [left, right] = &mut self.axes;
         let [left_words, right_words] = arrived.drives;
         let drives = [left.take(left_words), right.take(right_words)];
@@ -295,7 +376,7 @@ impl Master {
         if self.last.directive.fault_reset {
             self.axes.iter_mut().for_each(Axis::request_fault_reset);
         }
-        self.network.set_silent(self.last.directive.is_silent);
+        self.set_silent(self.last.directive.is_silent);
         self.last
     }
 
@@ -308,8 +389,14 @@ impl Master {
         self.has_failed = true;
         self.last.command = Allowed::rest(self.last.command.get(), self.last.signals.measured_angles);
         self.last.directive = Directive::QUICK_STOP;
-        self.network.unmute();
+        self.can.iter_mut().for_each(CanNetwork::unmute);
+        self.segment.iter_mut().for_each(|segment| segment.set_silent(false));
         self.send_set_points(now, out);
+    }
+
+    fn set_silent(&mut self, is_silent: bool) {
+        self.can.iter_mut().for_each(|can| can.set_silent(is_silent));
+        self.segment.iter_mut().for_each(|segment| segment.set_silent(is_silent));
     }
 
     /// Sends the set-points of the last [`Master::step`], which the next SYNC makes the drives apply, and behind them a
@@ -317,17 +404,21 @@ impl Master {
     ///
     /// Real-time: yes.
     pub fn send_set_points(&mut self, now: Time, out: &mut impl Outbox) {
-        if self.network.is_mute() {
+        let is_mute = self.can.as_ref().is_some_and(CanNetwork::is_mute)
+            || self.segment.as_ref().is_some_and(EthercatNetwork::is_silent);
+        if is_mute {
             return self.axes.iter_mut().for_each(Axis::cancel_fault_reset);
         }
         let orders = axis::orders(&mut self.axes, self.last.directive.goal, &self.last.command);
-        self.network.close(now, &orders, out);
+        self.can.iter_mut().for_each(|can| can.close(now, &orders, out));
+        self.segment.iter_mut().for_each(|segment| segment.close(now, &orders, &mut self.outgoing));
     }
 
     /// Notes what the interface to a bus tells; the next cycle acts on it.
     ///
     /// Real-time: yes.
     pub fn on_link(&mut self, bus: BusId, event: LinkEvent) {
-        self.network.on_link(bus, event);
+        self.can.iter_mut().for_each(|can| can.on_link(bus, event));
+        self.segment.iter_mut().filter(|segment| segment.bus() == bus).for_each(|segment| segment.on_link(event));
     }
 }

@@ -15,6 +15,7 @@
 mod axis;
 mod can;
 mod error;
+pub mod ethercat;
 mod master;
 mod phase;
 mod script;

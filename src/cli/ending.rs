@@ -181,6 +181,7 @@ fn boot_help(failure: &BootFailure) -> &'static str {
             "`yieldwall info NODE` shows the device's error register, `yieldwall emcy NODE` its last errors"
         }
         BootFailure::Restarted { .. } => "check the node's supply, and give each device its own node id",
+        BootFailure::Segment(_) => "mend what the message names, and start again: nothing goes to OP by itself",
         _ => "compare node ids and profiles in the rig file with the devices on the bus",
     }
 }

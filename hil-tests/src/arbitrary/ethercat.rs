@@ -2,6 +2,7 @@
 
 use std::time::Duration;
 
+use yieldwall::bus::Phase;
 use yieldwall::ethercat::coe::{CoeAnswer, CoeClient, CoeRequest, Heard, ListKind, MOST_BYTES};
 use yieldwall::ethercat::sii::{Sii, categories};
 use yieldwall::ethercat::{frame, mailbox};
@@ -11,7 +12,7 @@ use yieldwall::time::Time;
 use yieldwall_drives::esi::Esi;
 
 use super::bytes::{Bytes, Script};
-use crate::segment;
+use crate::segment::{self, Mastered};
 
 thread_local! {
     /// A drive and a sensor that is slow, so that an hour that nobody has polled is soon made up for.
@@ -21,6 +22,8 @@ thread_local! {
         let segment = segment::segment(&rig);
         [0, 2].map(|place| segment.controller(place).expect("it is there").device().clone())
     };
+    /// A master that has sent nothing yet.
+    static MASTERED: Mastered = Mastered::default();
 }
 
 /// A drive and a sensor; the drive has this SII image, or its own.
@@ -101,6 +104,83 @@ pub(super) fn frames() -> Vec<Vec<u8>> {
         datagram(1, 0, 0x0130, &[0; 6]),
     ];
     vec![boot.iter().fold(Script::new(), |script, datagram| sent(script, datagram)).finish()]
+}
+
+/// A master of a segment whose frames are lost, late, doubled and changed, between those of somebody else: it sends a frame for each that comes
+/// at most and one a poll beside those of a cycle, and what has failed stays so.
+///
+/// # Panics
+/// If a law is broken.
+pub fn ethercat_master(bytes: &[u8]) {
+    let mut bytes = Bytes::new(bytes);
+    let Mastered { mut network, mut segment, mut now, mut out } = MASTERED.with(Clone::clone);
+    network.start(now, &mut out);
+    let mut late: Vec<Vec<u8>> = Vec::new();
+    while !bytes.is_empty() {
+        let kind = bytes.u8();
+        let mut replies: Vec<Vec<u8>> = Vec::new();
+        for frame in std::mem::take(&mut out).drain() {
+            if segment.process(now, frame).is_some() {
+                replies.push(frame.to_vec());
+            }
+        }
+        match kind % 8 {
+            0 => replies.clear(),
+            1 => late.append(&mut replies),
+            2 => replies.append(&mut late),
+            3 => replies.extend_from_within(..),
+            4 => {
+                let (at, change) = (bytes.u16(), bytes.slice());
+                for reply in &mut replies {
+                    let at = usize::from(at) % reply.len().max(1);
+                    reply.iter_mut().skip(at).zip(change).for_each(|(to, byte)| *to ^= byte);
+                }
+            }
+            5 => {
+                let datagrams = bytes.slice();
+                let [low, high] = (datagrams.len() as u16 | 0x1000).to_le_bytes();
+                let source = if bytes.bool() { 0x12 } else { 0x02 };
+                let foreign = [&[0xff; 6][..], &[source, 16, 16, 16, 16, 16], &[0x88, 0xa4, low, high], datagrams];
+                replies.push(foreign.concat());
+            }
+            // More often than not all is well, for as many frames as one byte says.
+            _ => {}
+        }
+        let has_failed = matches!(network.phase(), Phase::Failed(_));
+        let sent = network.counts().sent;
+        for reply in &replies {
+            network.on_frame(now, reply, &mut out);
+        }
+        assert!(network.counts().sent <= sent + replies.len() as u64);
+        late.truncate(8);
+        if kind % 8 == 6 {
+            now = now + bytes.wait();
+        }
+        for _ in 0..if kind % 8 == 7 { bytes.u8() } else { 1 } {
+            now = now + Duration::from_micros(20);
+            segment.poll(now);
+            network.poll(now, &mut out);
+            let mut sent = std::mem::take(&mut out);
+            if kind % 8 != 7 {
+                out = sent;
+                break;
+            }
+            for frame in sent.drain() {
+                if segment.process(now, frame).is_some() {
+                    network.on_frame(now, frame, &mut out);
+                }
+            }
+        }
+        assert!(!has_failed || matches!(network.phase(), Phase::Failed(_)));
+    }
+}
+
+pub(super) fn masters() -> Vec<Vec<u8>> {
+    let well = |script: Script, times: usize| script.raw(&[7, 255].repeat(times));
+    let up = well(Script::new(), 40).finish();
+    let disturbed =
+        [&[7u8, 255].repeat(10)[..], &[0, 3, 1, 7, 20, 2, 7, 255, 4, 20, 0, 2, 1, 255, 7, 255, 5, 4, 7, 0, 0, 0, 1]];
+    vec![up, disturbed.concat()]
 }
 
 /// Any SII image: it is read or refused, what was read can be written and read again, and a device that has it takes part.

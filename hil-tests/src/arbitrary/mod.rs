@@ -25,7 +25,7 @@ pub use cia402::{cia402, scaling};
 pub use config::configuration;
 pub use cycle::cycle;
 pub use device::{device, dictionary};
-pub use ethercat::{coe_client, ethercat_description, ethercat_frames, ethercat_sii};
+pub use ethercat::{coe_client, ethercat_description, ethercat_frames, ethercat_master, ethercat_sii};
 pub use pdo::{pdo_layout, pdo_parameters};
 pub use plain_can::plain_can;
 pub use recording::recording;
@@ -63,6 +63,7 @@ targets! {
     drive: sim::drives,
     ethercat_description: ethercat::descriptions,
     ethercat_frames: ethercat::frames,
+    ethercat_master: ethercat::masters,
     ethercat_sii: ethercat::images,
     force_sensor: sim::force_sensors,
     frames: watch::messages,

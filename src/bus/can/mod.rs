@@ -13,7 +13,7 @@ mod waiting;
 
 use std::time::Duration;
 
-use super::axis::{DriveOrders, DriveWords};
+use super::axis::{Arrived, DriveOrders};
 use super::error::{BootError, BootFailure};
 use super::phase::{LinkEvent, Phase};
 use super::setup::{MasterSetup, SensorLink};
@@ -23,7 +23,6 @@ use crate::canopen::{self, BusId, Emergency, Frame, NodeId, Outbox, SyncProducer
 use crate::cycle::LinkEvents;
 use crate::guard::{Device, DeviceSet};
 use crate::plain_can::Client;
-use crate::sensing::RawSample;
 use crate::time::Time;
 use boot::Boot;
 use image::{Image, SensorFrames, Taken};
@@ -45,17 +44,6 @@ pub struct Told {
     pub device: Device,
     /// The message.
     pub emergency: Emergency,
-}
-
-/// What has come since the last cycle.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct Arrived {
-    /// Words of the left and of the right drive.
-    pub(super) drives: [DriveWords; 2],
-    /// The newest sample of the force sensor, if one has come.
-    pub(super) sample: Option<RawSample>,
-    /// What happened on the buses.
-    pub(super) link: LinkEvents,
 }
 
 /// All CAN buses of a rig.

@@ -12,7 +12,7 @@ use yieldwall_drives::profiles::Identity;
 
 /// All that the boot of a network sends, in its order, beside the heartbeats that follow the first ones. From the end of
 /// [`BootPlan::start`] on there are SYNC and set-points as well.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Default)]
 pub struct BootPlan {
     /// The first heartbeat; then the reset of each node, and a heartbeat.
     pub reset: Vec<Frame>,

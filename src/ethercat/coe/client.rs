@@ -181,6 +181,13 @@ impl CoeClient {
         self.deadline
     }
 
+    /// Ends the request without an answer, for an owner who knows that none comes.
+    pub fn give_up(&mut self, error: ObjectError) {
+        if self.is_busy() {
+            self.end(CoeAnswer::Failed(error));
+        }
+    }
+
     /// Gives up a device that does not answer in time.
     pub fn poll(&mut self, now: Time) {
         if self.is_busy() && now >= self.deadline {

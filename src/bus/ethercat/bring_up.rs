@@ -1,0 +1,854 @@
+//! From a segment that nobody knows to devices in SAFE-OP: one datagram after the other, each asked anew when its frame is lost.
+//!
+//! ```text
+//! look    BRD 0130h, then each device's state: nothing is written before it is certain that nobody else is the master
+//! reset   INIT, no FMMU, no sync manager, no SYNC0; station addresses
+//! know    SII of each device of the rig: mailboxes, identity; what its controller has, its ports
+//! ask     mailboxes, PRE-OP; objects, mapping, sync types
+//! clocks  receive times of one frame: delays and offsets
+//! open    sync managers, FMMUs, watchdog, SYNC0; SAFE-OP
+//! ```
+
+use std::time::Duration;
+
+use super::failure::{SegmentFailure, SegmentSign};
+use super::flight::{self, Purpose};
+use super::station::{FIRST_STATION, Station};
+use super::topology::{Ports, delays};
+use super::{Ask, Asked, EthercatNetwork, EthernetOutbox, service_address};
+use crate::bus::error::BootFailure;
+use crate::bus::phase::Phase;
+use crate::ethercat::frame::{Command, address};
+use crate::ethercat::registers::{self as register, feature, sii_control};
+use crate::ethercat::sii::{FIRST_CATEGORY, MOST_WORDS, MailboxArea, Sii, SiiError, category, protocols};
+use crate::ethercat::{
+    AlControl, AlState, AlStatus, AlStatusCode, Direction, Fmmu, SyncManager, array, mailbox, u16_at, u32_at,
+};
+use crate::objects::ObjectAnswer;
+use crate::time::Time;
+
+/// Devices that a segment may have.
+const MOST_DEVICES: u16 = 64;
+/// How often a datagram is asked whose frame is lost, or that no device processes.
+const TRIES: u8 = 10;
+/// Time between two looks at what takes a while: a state, the memory chip.
+const LOOK_AGAIN: Duration = Duration::from_micros(500);
+const CHIP_AGAIN: Duration = Duration::from_micros(50);
+/// Looks at the memory chip before it is given up.
+const CHIP_LOOKS: usize = 2000;
+/// Time from the moment at which SYNC0 is set up to its first pulse.
+const SYNC0_AHEAD: Duration = Duration::from_millis(100);
+/// Tick of the watchdog as it is written to 0400h, and so many of its periods after which outputs are missed.
+const WATCHDOG_DIVIDER: u16 = 2498;
+const WATCHDOG_TICK: Duration = Duration::from_micros(100);
+/// Length of what is read of the memory chip's registers: control, address, data.
+const CHIP_LEN: usize = 14;
+
+/// What is written to all devices before they are addressed.
+const RESETS: [(u16, &[u8]); 9] = [
+    (register::AL_CONTROL, &[AlState::Init as u8 | AlControl::ACKNOWLEDGE as u8, 0]),
+    (register::DC_ACTIVATION, &[0]),
+    (register::FMMU, &[0; 8 * Fmmu::SIZE]),
+    (register::SYNC_MANAGER, &[0; 8 * SyncManager::SIZE]),
+    (register::DC_OFFSET, &[0; 8]),
+    (register::DC_DELAY, &[0; 4]),
+    (register::DC_SPEED_START, &[0, 0x10]),
+    // The memory chip is the master's, by force if need be.
+    (register::SII_CONFIGURATION, &[2]),
+    (register::SII_CONFIGURATION, &[0]),
+];
+
+/// One thing to do; most with one device.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Task {
+    Count,
+    Look,
+    Reset,
+    Address,
+    State(AlState),
+    Sii,
+    Identify,
+    Describe,
+    Mailboxes,
+    Objects,
+    Latch,
+    Times,
+    Clocks,
+    Exchange,
+    Reference,
+}
+
+impl Task {
+    fn doing(self) -> &'static str {
+        match self {
+            Task::Count => "look for devices",
+            Task::Look => "look for another master",
+            Task::Reset => "bring all devices to INIT",
+            Task::Address => "give the device its address",
+            Task::State(AlState::Init) => "go to INIT",
+            Task::State(AlState::PreOperational) => "go to PRE-OP",
+            Task::State(_) => "go to SAFE-OP",
+            Task::Sii => "read its SII",
+            Task::Identify => "check its identity",
+            Task::Describe => "look what its controller has",
+            Task::Mailboxes => "set up its mailbox",
+            Task::Objects => "set its objects",
+            Task::Latch | Task::Times => "measure the delay to it",
+            Task::Clocks => "set its clock",
+            Task::Exchange => "set up its process data",
+            Task::Reference => "read the reference clock",
+        }
+    }
+
+    /// Whether the place of the task is that of a device of the rig; otherwise it is a position on the segment.
+    fn is_of_station(self) -> bool {
+        matches!(self, Task::State(_) | Task::Sii | Task::Identify | Task::Mailboxes | Task::Objects | Task::Exchange)
+    }
+}
+
+/// What is known of a position, whether the rig has a device there or not.
+#[derive(Clone, Copy, Debug, Default)]
+struct Node {
+    ports: Ports,
+    fmmus: u8,
+    sync_managers: u8,
+    /// Its own time at which the measuring frame passed.
+    local_ns: u64,
+    delay_ns: Option<u32>,
+}
+
+/// Registers that are written, and whether they are read back.
+#[derive(Clone, Debug)]
+struct Write {
+    register: u16,
+    bytes: Vec<u8>,
+    is_compared: bool,
+}
+
+/// How far the bring-up is.
+#[derive(Clone, Debug)]
+pub(super) struct BringUp {
+    tasks: Vec<(Task, usize)>,
+    at: usize,
+    /// Within a task.
+    progress: usize,
+    since: Time,
+    tries: u8,
+    /// Nothing is sent before.
+    pub(super) wait_until: Time,
+    nodes: Vec<Node>,
+    /// The SII that is being read.
+    image: Vec<u8>,
+    writes: Vec<Write>,
+    is_reading_back: bool,
+    system_time_ns: u64,
+    /// When the present datagram was sent.
+    sent: Time,
+    /// Whether an object was asked for whose answer has not been looked at.
+    has_asked: bool,
+}
+
+type Step = Result<(), BootFailure>;
+
+impl BringUp {
+    pub(super) fn new() -> Self {
+        BringUp {
+            tasks: vec![(Task::Count, 0)],
+            at: 0,
+            progress: 0,
+            since: Time(0),
+            tries: 0,
+            wait_until: Time(0),
+            nodes: Vec::new(),
+            image: Vec::new(),
+            writes: Vec::new(),
+            is_reading_back: false,
+            system_time_ns: 0,
+            sent: Time(0),
+            has_asked: false,
+        }
+    }
+
+    fn task(&self) -> Option<(Task, usize)> {
+        self.tasks.get(self.at).copied()
+    }
+
+    fn finish(&mut self, now: Time) {
+        self.at += 1;
+        (self.progress, self.tries, self.since, self.wait_until) = (0, 0, now, now);
+        (self.is_reading_back, self.has_asked) = (false, false);
+        self.writes.clear();
+        self.image.clear();
+    }
+
+    /// All that follows the count of devices.
+    fn plan(&mut self, devices: usize, stations: usize) {
+        self.tasks.truncate(1);
+        let mut add = |task: Task, places: usize| self.tasks.extend((0..places).map(|place| (task, place)));
+        add(Task::Look, devices);
+        add(Task::Reset, 1);
+        add(Task::Address, devices);
+        add(Task::State(AlState::Init), stations);
+        add(Task::Sii, stations);
+        add(Task::Identify, stations);
+        add(Task::Describe, devices);
+        for place in 0..stations {
+            let all = [Task::Mailboxes, Task::State(AlState::PreOperational), Task::Objects];
+            self.tasks.extend(all.map(|task| (task, place)));
+        }
+        self.tasks.push((Task::Latch, 0));
+        self.tasks.extend((0..devices).map(|place| (Task::Times, place)));
+        self.tasks.extend((0..devices).map(|place| (Task::Clocks, place)));
+        for place in 0..stations {
+            self.tasks.extend([Task::Exchange, Task::State(AlState::SafeOperational)].map(|task| (task, place)));
+        }
+        self.tasks.push((Task::Reference, 0));
+    }
+
+    /// The write that is due, or its read back.
+    fn write(&self, station: u16, buffer: &mut [u8]) -> Option<Ask> {
+        let write = self.writes.get(self.progress)?;
+        let to = buffer.get_mut(..write.bytes.len())?;
+        let at = service_address(station, write.register);
+        if self.is_reading_back {
+            to.fill(0);
+            return Some(Ask::new(Command::Fprd, at, write.bytes.len()));
+        }
+        to.copy_from_slice(&write.bytes);
+        Some(Ask::new(Command::Fpwr, at, write.bytes.len()))
+    }
+
+    /// A write, or its read back, has come back; whether it was the last one.
+    fn on_write(&mut self, data: &[u8]) -> Result<bool, SegmentFailure> {
+        let Some(write) = self.writes.get(self.progress) else { return Ok(true) };
+        if write.is_compared && !self.is_reading_back {
+            self.is_reading_back = true;
+            return Ok(false);
+        }
+        if write.is_compared && !is_held(write, data) {
+            let digits = |bytes: &[u8]| bytes.iter().map(|byte| format!("{byte:02x}")).collect::<String>().into();
+            let (written, received) = (digits(&write.bytes), digits(data));
+            return Err(SegmentFailure::ReadBack { register: write.register, written, received });
+        }
+        self.is_reading_back = false;
+        self.progress += 1;
+        Ok(self.progress >= self.writes.len())
+    }
+}
+
+/// Whether what was written stands there; what a device sets itself does not count.
+fn is_held(write: &Write, data: &[u8]) -> bool {
+    let managers = register::SYNC_MANAGER..register::SYNC_MANAGER + 16 * SyncManager::SIZE as u16;
+    let own = |at: usize| {
+        let at = (usize::from(write.register) + at) % SyncManager::SIZE;
+        managers.contains(&write.register) && matches!(at, SyncManager::STATUS | SyncManager::PDI_CONTROL)
+    };
+    let mut pairs = write.bytes.iter().zip(data).enumerate();
+    data.len() == write.bytes.len() && pairs.all(|(at, (written, held))| own(at) || written == held)
+}
+
+impl EthercatNetwork {
+    /// Sends the next datagram of the bring-up, if it is due and none is on its way.
+    pub(super) fn poll_bring_up(&mut self, now: Time, out: &mut impl EthernetOutbox) {
+        while self.phase == Phase::Configuring && self.asked.is_none() && now >= self.bring_up.wait_until {
+            let Some((task, place)) = self.bring_up.task() else {
+                return self.begin_grid(now);
+            };
+            let asked = self.next_ask(now, task, place);
+            match asked {
+                Err(failure) => return self.fail_task(now, task, place, failure),
+                Ok(None) => continue,
+                Ok(Some(ask)) => {
+                    self.asked = Some((Asked::BringUp, now));
+                    self.bring_up.sent = now;
+                    let writes = !matches!(ask.command, Command::Brd | Command::Aprd | Command::Fprd);
+                    self.has_written |= writes;
+                    let data = self.scratch.get(..ask.len).unwrap_or_default();
+                    let sent = self.flight.send(Purpose::Service, |to| to.push(ask.command, ask.address, data));
+                    sent.into_iter().for_each(|bytes| out.push(bytes));
+                }
+            }
+        }
+    }
+
+    fn fail_task(&mut self, now: Time, task: Task, place: usize, failure: BootFailure) {
+        let station = if task.is_of_station() {
+            self.stations.get(place)
+        } else {
+            self.stations.iter().find(|station| usize::from(station.setup.position) == place)
+        };
+        let name = match (task, station) {
+            (Task::Count | Task::Reset | Task::Latch | Task::Reference, _) => "master".to_owned(),
+            (_, Some(station)) => station.title(),
+            (_, None) => format!("the device at position {place}"),
+        };
+        let step = match (task, self.stations.get(place)) {
+            (Task::Objects, Some(station)) => station.script.doing(),
+            _ => task.doing(),
+        };
+        self.fail(now, &name, step, failure);
+    }
+
+    /// What is sent next, with its data in the scratch buffer; nothing if there is nothing to send now, or the task is over.
+    fn next_ask(&mut self, now: Time, task: Task, place: usize) -> Result<Option<Ask>, BootFailure> {
+        let position = 0u16.wrapping_sub(place as u16);
+        let buffer = &mut self.scratch[..];
+        let mut read = |command, at: u32, len: usize| {
+            buffer.iter_mut().take(len).for_each(|byte| *byte = 0);
+            Ok(Some(Ask::new(command, at, len)))
+        };
+        match task {
+            Task::Count => read(Command::Brd, address(0, register::AL_STATUS), 2),
+            Task::Look => read(Command::Aprd, address(position, register::AL_STATUS), super::exchange::STATUS_LEN),
+            Task::Reset => {
+                let Some((register, bytes)) = RESETS.get(self.bring_up.progress) else {
+                    self.bring_up.finish(now);
+                    return Ok(None);
+                };
+                self.scratch.iter_mut().zip(*bytes).for_each(|(to, byte)| *to = *byte);
+                Ok(Some(Ask::new(Command::Bwr, address(0, *register), bytes.len())))
+            }
+            Task::Address => {
+                let station = (FIRST_STATION + place as u16).to_le_bytes();
+                self.scratch.iter_mut().zip(station).for_each(|(to, byte)| *to = byte);
+                Ok(Some(Ask::new(Command::Apwr, address(position, register::STATION_ADDRESS), 2)))
+            }
+            Task::Describe => {
+                let station = FIRST_STATION + place as u16;
+                match self.bring_up.progress {
+                    0 => read(Command::Fprd, service_address(station, register::TYPE), 10),
+                    _ => read(Command::Fprd, service_address(station, register::DL_STATUS), 2),
+                }
+            }
+            Task::Latch => {
+                self.scratch.iter_mut().take(4).for_each(|byte| *byte = 0);
+                Ok(Some(Ask::new(Command::Bwr, address(0, register::DC_RECEIVE_TIME), 4)))
+            }
+            Task::Times => {
+                if !self.bring_up.nodes.get(place).is_some_and(|node| node.ports.has_clock) {
+                    self.bring_up.finish(now);
+                    return Ok(None);
+                }
+                read(Command::Fprd, service_address(FIRST_STATION + place as u16, register::DC_RECEIVE_TIME), 32)
+            }
+            Task::Clocks => {
+                if self.bring_up.progress == 0 && !self.bring_up.is_reading_back {
+                    self.plan_clock(place).map_err(BootFailure::from)?;
+                }
+                if self.bring_up.writes.is_empty() {
+                    self.bring_up.finish(now);
+                    return Ok(None);
+                }
+                Ok(self.bring_up.write(FIRST_STATION + place as u16, &mut self.scratch[..]))
+            }
+            Task::Reference => match self.reference {
+                Some(station) => read(Command::Fprd, service_address(station, register::DC_SYSTEM_TIME), 8),
+                None => {
+                    self.bring_up.finish(now);
+                    Ok(None)
+                }
+            },
+            Task::State(_) | Task::Sii | Task::Identify | Task::Mailboxes | Task::Objects | Task::Exchange => {
+                self.next_ask_of_station(now, task, place)
+            }
+        }
+    }
+
+    fn next_ask_of_station(&mut self, now: Time, task: Task, place: usize) -> Result<Option<Ask>, BootFailure> {
+        let Some(station) = self.stations.get_mut(place) else { return Ok(None) };
+        let at = |register| service_address(station.address, register);
+        let buffer = &mut self.scratch[..];
+        match task {
+            Task::State(state) => {
+                if self.bring_up.progress == 0 {
+                    // INIT takes back errors of former times.
+                    let control =
+                        if state == AlState::Init { AlControl::acknowledge(state) } else { AlControl::request(state) };
+                    buffer.iter_mut().zip(control.0.to_le_bytes()).for_each(|(to, byte)| *to = byte);
+                    return Ok(Some(Ask::new(Command::Fpwr, at(register::AL_CONTROL), 2)));
+                }
+                buffer.iter_mut().take(super::exchange::STATUS_LEN).for_each(|byte| *byte = 0);
+                Ok(Some(Ask::new(Command::Fprd, at(register::AL_STATUS), super::exchange::STATUS_LEN)))
+            }
+            Task::Sii => {
+                buffer.iter_mut().take(CHIP_LEN).for_each(|byte| *byte = 0);
+                if self.bring_up.progress == 0 {
+                    let word = (self.bring_up.image.len() / 2) as u32;
+                    let command = sii_control::READ.to_le_bytes().into_iter().chain(word.to_le_bytes());
+                    buffer.iter_mut().zip(command).for_each(|(to, byte)| *to = byte);
+                    return Ok(Some(Ask::new(Command::Fpwr, at(register::SII_CONTROL), 6)));
+                }
+                Ok(Some(Ask::new(Command::Fprd, at(register::SII_CONTROL), CHIP_LEN)))
+            }
+            Task::Identify => {
+                self.identify(place)?;
+                self.bring_up.finish(now);
+                Ok(None)
+            }
+            Task::Mailboxes => {
+                if self.bring_up.writes.is_empty() {
+                    self.bring_up.writes = mailboxes(station)?;
+                }
+                Ok(self.bring_up.write(station.address, buffer))
+            }
+            Task::Objects => self.next_object(now, place),
+            Task::Exchange => {
+                if self.bring_up.writes.is_empty() {
+                    let node =
+                        self.bring_up.nodes.get(usize::from(station.setup.position)).copied().unwrap_or_default();
+                    if self.bring_up.system_time_ns == 0 && station.is_synchronous() {
+                        if !node.ports.has_clock {
+                            return Err(SegmentFailure::NoClock.into());
+                        }
+                        buffer.iter_mut().take(8).for_each(|byte| *byte = 0);
+                        return Ok(Some(Ask::new(Command::Fprd, at(register::DC_SYSTEM_TIME), 8)));
+                    }
+                    self.bring_up.writes = exchange(station, &node, self.period, self.bring_up.system_time_ns)?;
+                }
+                Ok(self.bring_up.write(station.address, buffer))
+            }
+            _ => Ok(None),
+        }
+    }
+
+    /// Goes on with the objects of a device.
+    fn next_object(&mut self, now: Time, place: usize) -> Result<Option<Ask>, BootFailure> {
+        let Some(station) = self.stations.get_mut(place) else { return Ok(None) };
+        if self.bring_up.progress == 0 {
+            self.bring_up.progress = 1;
+            let sii = station.sii.as_ref();
+            let areas = sii.map_or([MailboxArea::default(); 2], |sii| [sii.receive_mailbox, sii.send_mailbox]);
+            station.mailbox.start(areas[0], areas[1]);
+        }
+        if self.bring_up.has_asked && !station.mailbox.is_busy() {
+            self.bring_up.has_asked = false;
+            if let Some(error) = station.mailbox.refused() {
+                return Err(SegmentFailure::Mailbox(error).into());
+            }
+            match station.mailbox.answer() {
+                ObjectAnswer::Done(data) => station.script.on_answer(now, Ok(data))?,
+                ObjectAnswer::Failed(error) => station.script.on_answer(now, Err(error))?,
+                ObjectAnswer::NotAsked | ObjectAnswer::Pending => {}
+            }
+        }
+        if !self.bring_up.has_asked {
+            if now < station.script.again_at && station.script.again_at != Time::NEVER {
+                self.bring_up.wait_until = station.script.again_at;
+                return Ok(None);
+            }
+            station.script.again_at = Time::NEVER;
+            let Some(wanted) = station.script.wanted()? else {
+                station.mailbox.forget();
+                self.bring_up.finish(now);
+                return Ok(None);
+            };
+            station.mailbox.ask(now, wanted.request()).map_err(|_| BootFailure::from(SegmentFailure::NoCoe))?;
+            self.bring_up.has_asked = true;
+        }
+        let ask = station.mailbox.next(now, &mut self.scratch[..]);
+        if ask.is_none() && station.mailbox.is_busy() {
+            self.bring_up.wait_until = station.mailbox.next_deadline();
+        }
+        Ok(ask)
+    }
+
+    /// The frame of the present datagram did not come back.
+    pub(super) fn on_bring_up_loss(&mut self, now: Time) {
+        let Some((task, place)) = self.bring_up.task() else { return };
+        self.bring_up.tries += 1;
+        if let (Task::Objects, Some(station)) = (task, self.stations.get_mut(place)) {
+            station.mailbox.on_loss();
+        }
+        // Which of the two steps of a read of the chip it was, nobody knows.
+        if task == Task::Sii {
+            self.bring_up.progress = 0;
+        }
+        if self.bring_up.tries >= TRIES {
+            self.fail_task(now, task, place, SegmentFailure::NoReply { tries: TRIES }.into());
+        }
+    }
+
+    /// The present datagram has come back.
+    pub(super) fn on_bring_up(&mut self, now: Time, data: &[u8], working_counter: u16) {
+        let Some((task, place)) = self.bring_up.task() else { return };
+        if let (Task::Objects, Some(station)) = (task, self.stations.get_mut(place)) {
+            self.bring_up.tries = 0;
+            if let Some(emergency) = station.mailbox.on_reply(now, data, working_counter) {
+                self.hear(now, place, emergency);
+            }
+            return;
+        }
+        // Registers of clocks are not there in every device.
+        let may_be_short = matches!(task, Task::Count | Task::Reset | Task::Latch);
+        if working_counter == 0 && !may_be_short {
+            self.bring_up.tries += 1;
+            self.bring_up.wait_until = now + LOOK_AGAIN;
+            if self.bring_up.tries >= TRIES {
+                let register =
+                    self.bring_up.writes.get(self.bring_up.progress).map_or(register_of(task), |it| it.register);
+                let failure = SegmentFailure::NotProcessed { register, tries: TRIES };
+                self.fail_task(now, task, place, failure.into());
+            }
+            return;
+        }
+        self.bring_up.tries = 0;
+        if let Err(failure) = self.on_processed(now, task, place, data, working_counter) {
+            self.fail_task(now, task, place, failure);
+        }
+    }
+
+    fn on_processed(&mut self, now: Time, task: Task, place: usize, data: &[u8], working_counter: u16) -> Step {
+        let status = || (AlStatus(u16_at(data, 0)), AlStatusCode(u16_at(data, 4)));
+        match task {
+            Task::Count => return self.on_count(now, working_counter),
+            Task::Look => {
+                let (status, code) = status();
+                let was_left = code == AlStatusCode::SYNC_MANAGER_WATCHDOG;
+                let is_led = match status.state() {
+                    Some(AlState::Operational) => true,
+                    Some(AlState::SafeOperational) => !was_left,
+                    _ => false,
+                };
+                if is_led {
+                    self.is_silent = true;
+                    let sign = SegmentSign::State { position: place as u16, status };
+                    return Err(SegmentFailure::OtherMaster { sign, has_written: self.has_written }.into());
+                }
+                self.bring_up.finish(now);
+            }
+            Task::Reset => {
+                let (before, is_first) = (self.bring_up.nodes.len() as u16, self.bring_up.progress == 0);
+                if is_first && working_counter != before {
+                    return Err(SegmentFailure::Changed { before, now: working_counter }.into());
+                }
+                self.bring_up.progress += 1;
+            }
+            Task::Address => self.bring_up.finish(now),
+            Task::State(state) => return self.on_state(now, place, state, status()),
+            Task::Sii => return self.on_sii(now, place, data),
+            Task::Describe => {
+                let is_last = self.bring_up.progress > 0;
+                let Some(node) = self.bring_up.nodes.get_mut(place) else { return Ok(()) };
+                if is_last {
+                    node.ports.links = u16_at(data, 0);
+                    self.bring_up.finish(now);
+                } else {
+                    let [fmmus, sync_managers] = array(data, usize::from(register::FMMU_COUNT));
+                    let features = u16_at(data, register::FEATURES.into());
+                    (node.fmmus, node.sync_managers) = (fmmus, sync_managers);
+                    node.ports.has_clock = features & (feature::DC | feature::DC_64) == feature::DC | feature::DC_64;
+                    self.bring_up.progress = 1;
+                }
+            }
+            Task::Latch => self.bring_up.finish(now),
+            Task::Times => {
+                if let Some(node) = self.bring_up.nodes.get_mut(place) {
+                    node.ports.times = [0, 4, 8, 12].map(|at| u32_at(data, at));
+                    node.local_ns = u64::from_le_bytes(array(data, 0x18));
+                }
+                self.bring_up.finish(now);
+            }
+            Task::Exchange if self.bring_up.writes.is_empty() => {
+                self.bring_up.system_time_ns = u64::from_le_bytes(array(data, 0)).max(1);
+            }
+            Task::Mailboxes | Task::Clocks | Task::Exchange => {
+                if self.bring_up.on_write(data)? {
+                    self.bring_up.system_time_ns = 0;
+                    self.bring_up.finish(now);
+                }
+            }
+            Task::Reference => {
+                let phase = self.servo.error_ns(u64::from_le_bytes(array(data, 0)));
+                self.bring_up.finish(now);
+                // A period later than that moment, less by what it was behind its place.
+                let period_ns = self.period.as_nanos() as i64;
+                let mut first = self.bring_up.sent.0.saturating_add_signed(period_ns - phase as i64);
+                while first < now.0 {
+                    first = first.saturating_add(period_ns.max(1) as u64);
+                }
+                self.grid.begin(Time(first));
+            }
+            Task::Identify | Task::Objects => {}
+        }
+        Ok(())
+    }
+
+    fn on_count(&mut self, now: Time, found: u16) -> Step {
+        if found > MOST_DEVICES {
+            return Err(SegmentFailure::TooMany { found, most: MOST_DEVICES }.into());
+        }
+        let missing = self.stations.iter().find(|station| station.setup.position >= found);
+        if let Some(station) = missing {
+            let (name, position) = (station.title(), station.setup.position);
+            self.fail(now, &name, Task::Count.doing(), SegmentFailure::Missing { found, position });
+            return Ok(());
+        }
+        let stations = self.stations.len();
+        self.bring_up.nodes = vec![Node::default(); found.into()];
+        self.bring_up.plan(found.into(), stations);
+        self.bring_up.finish(now);
+        Ok(())
+    }
+
+    fn on_state(&mut self, now: Time, place: usize, to: AlState, (status, code): (AlStatus, AlStatusCode)) -> Step {
+        if self.bring_up.progress == 0 {
+            self.bring_up.progress = 1;
+            return Ok(());
+        }
+        let Some(station) = self.stations.get_mut(place) else { return Ok(()) };
+        (station.status, station.code) = (status, code);
+        if status == AlStatus::new(to, false) {
+            self.bring_up.finish(now);
+            return Ok(());
+        }
+        if status.has_error() && to != AlState::Init {
+            return Err(SegmentFailure::Refused { from: status, to, code }.into());
+        }
+        let (waited, most) = (now.since(self.bring_up.since), station.setup.waits.start);
+        if waited >= most {
+            return Err(SegmentFailure::NotReached { is: status, to, waited_ms: waited.as_millis() as u64 }.into());
+        }
+        self.bring_up.wait_until = now + LOOK_AGAIN;
+        Ok(())
+    }
+
+    /// Registers of the memory chip have come: its data, or that it takes longer.
+    fn on_sii(&mut self, now: Time, place: usize, data: &[u8]) -> Step {
+        let word = self.bring_up.image.len() / 2;
+        if self.bring_up.progress == 0 {
+            self.bring_up.progress = 1;
+            return Ok(());
+        }
+        let status = u16_at(data, 0);
+        let failed = status & sii_control::COMMAND_ERROR != 0;
+        if failed || self.bring_up.progress > CHIP_LOOKS {
+            return Err(SegmentFailure::SiiAccess { word: word as u16, status }.into());
+        }
+        if status & sii_control::BUSY != 0 {
+            self.bring_up.progress += 1;
+            self.bring_up.wait_until = now + CHIP_AGAIN;
+            return Ok(());
+        }
+        if u32_at(data, 2) != word as u32 {
+            // Of a read before, whose command was lost.
+            self.bring_up.progress = 0;
+            return Ok(());
+        }
+        let len = if status & sii_control::EIGHT_BYTES != 0 { 8 } else { 4 };
+        self.bring_up.image.extend_from_slice(data.get(6..6 + len).unwrap_or_default());
+        self.bring_up.progress = 0;
+        if self.bring_up.image.len() / 2 < words_needed(&self.bring_up.image) {
+            return Ok(());
+        }
+        let sii = Sii::read(&self.bring_up.image).map_err(SegmentFailure::from)?;
+        if let Some(station) = self.stations.get_mut(place) {
+            station.sii = Some(sii);
+        }
+        self.bring_up.finish(now);
+        Ok(())
+    }
+
+    /// Whether a device is the one that the rig says.
+    fn identify(&self, place: usize) -> Step {
+        let Some(station) = self.stations.get(place) else { return Ok(()) };
+        let Some(sii) = &station.sii else { return Ok(()) };
+        match mismatch(station, sii) {
+            None => Ok(()),
+            Some((what, expected, found)) => {
+                // Of the devices that are themselves where they should not be.
+                let fits = |other: &&Station| {
+                    let Some(sii) = &other.sii else { return false };
+                    mismatch(station, sii).is_none() && mismatch(other, sii).is_some()
+                };
+                let fits_at = self.stations.iter().find(fits).map(|other| other.setup.position);
+                Err(SegmentFailure::Identity { what, expected: expected.into(), found, fits_at }.into())
+            }
+        }
+    }
+
+    /// Delays of all devices when the last of their times is known; then what is written to the clock of one.
+    fn plan_clock(&mut self, place: usize) -> Result<(), SegmentFailure> {
+        let nodes = &mut self.bring_up.nodes;
+        if place == 0 {
+            let ports: Vec<Ports> = nodes.iter().map(|node| node.ports).collect();
+            let delays = delays(&ports).map_err(|place| {
+                let links = ports.get(place).map_or(0, |ports| ports.links);
+                SegmentFailure::Topology { position: place as u16, links }
+            });
+            let delays = match delays {
+                Ok(delays) => delays,
+                // Without SYNC0 nobody needs them.
+                Err(_) if !self.stations.iter().any(Station::is_synchronous) => vec![None; nodes.len()],
+                Err(failure) => return Err(failure),
+            };
+            nodes.iter_mut().zip(delays).for_each(|(node, delay)| node.delay_ns = delay);
+            let first = nodes.iter().position(|node| node.delay_ns.is_some());
+            self.reference = first.map(|position| FIRST_STATION + position as u16);
+        }
+        let Some(reference) = nodes.iter().find(|node| node.delay_ns.is_some()) else { return Ok(()) };
+        let Some((node, delay)) = nodes.get(place).and_then(|node| Some((node, node.delay_ns?))) else { return Ok(()) };
+        // The clock shows the time of the reference at the moment at which the frame passed here.
+        let offset = reference.local_ns.wrapping_add(delay.into()).wrapping_sub(node.local_ns);
+        self.bring_up.writes = vec![
+            Write { register: register::DC_OFFSET, bytes: offset.to_le_bytes().to_vec(), is_compared: true },
+            Write { register: register::DC_DELAY, bytes: delay.to_le_bytes().to_vec(), is_compared: true },
+            // Forgets the differences from the time before.
+            Write { register: register::DC_SPEED_START, bytes: vec![0, 0x10], is_compared: false },
+        ];
+        Ok(())
+    }
+
+    /// All devices are in SAFE-OP: cycles begin.
+    fn begin_grid(&mut self, now: Time) {
+        if self.grid.next_deadline() == Time::NEVER {
+            self.grid.begin(now + self.period);
+        }
+        self.enter(now, Phase::Starting);
+    }
+}
+
+/// The register that a task is about, for messages.
+fn register_of(task: Task) -> u16 {
+    match task {
+        Task::Address => register::STATION_ADDRESS,
+        Task::Sii => register::SII_CONTROL,
+        Task::Describe => register::TYPE,
+        Task::Times | Task::Latch => register::DC_RECEIVE_TIME,
+        Task::Reference | Task::Exchange => register::DC_SYSTEM_TIME,
+        _ => register::AL_STATUS,
+    }
+}
+
+/// Words that an image has up to the end of what is known of it: of the head, and of each category whose header is there.
+fn words_needed(image: &[u8]) -> usize {
+    let size = (usize::from(u16_at(image, 2 * 0x3e)) + 1) * 64;
+    let most = size.clamp(FIRST_CATEGORY + 2, MOST_WORDS);
+    let mut word = FIRST_CATEGORY;
+    loop {
+        let Some(header) = image.get(2 * word..2 * word + 4) else { return (word + 2).min(most) };
+        if u16_at(header, 0) == category::END {
+            return word + 1;
+        }
+        word += 2 + usize::from(u16_at(header, 2));
+        if word >= most {
+            // A category that leaves the chip is torn: the reader says which.
+            return most;
+        }
+    }
+}
+
+/// What of a device's SII is not as the rig says it: what, what it should be, what it is.
+fn mismatch(station: &Station, sii: &Sii) -> Option<(&'static str, String, u32)> {
+    let wanted = &station.setup.identity;
+    if sii.vendor_id != wanted.vendor_id {
+        return Some(("the vendor", format!("{:#x}", wanted.vendor_id), sii.vendor_id));
+    }
+    if !wanted.product_codes.contains(&sii.product_code) {
+        let codes: Vec<String> = wanted.product_codes.iter().map(|code| format!("{code:#x}")).collect();
+        return Some(("the product code", codes.join(" or "), sii.product_code));
+    }
+    if !wanted.revisions.includes(sii.revision) {
+        return Some(("the revision", format!("{:?}", wanted.revisions), sii.revision));
+    }
+    if let Some(serial) = station.setup.serial.filter(|serial| *serial != sii.serial) {
+        return Some(("the serial number", format!("{serial:#x}"), sii.serial));
+    }
+    let alias = station.setup.alias.filter(|alias| *alias != sii.alias)?;
+    Some(("the alias", format!("{alias:#x}"), sii.alias.into()))
+}
+
+fn manager(number: u16, settings: SyncManager) -> Write {
+    let register = register::SYNC_MANAGER + number * SyncManager::SIZE as u16;
+    Write { register, bytes: settings.encode().to_vec(), is_compared: true }
+}
+
+/// Sync managers 0 and 1 as the SII wants them; afterwards the device may have its memory chip.
+fn mailboxes(station: &Station) -> Result<Vec<Write>, SegmentFailure> {
+    let sii = station.sii.as_ref().ok_or(SegmentFailure::NoCoe)?;
+    let (to, from) = (sii.receive_mailbox, sii.send_mailbox);
+    let fits = |area: MailboxArea| {
+        (mailbox::SHORTEST..=mailbox::LONGEST).contains(&area.len.into()) && area.start >= register::PROCESS_DATA
+    };
+    if sii.protocols & protocols::COE == 0 || !fits(to) || !fits(from) {
+        return Err(SegmentFailure::NoCoe);
+    }
+    let control = SyncManager::MAILBOX | SyncManager::INTERRUPT;
+    let settings = |area: MailboxArea, control| SyncManager {
+        start: area.start,
+        len: area.len,
+        control,
+        is_enabled: true,
+        repeat: false,
+    };
+    Ok(vec![
+        manager(0, settings(to, control | SyncManager::WRITE)),
+        manager(1, settings(from, control)),
+        Write { register: register::SII_CONFIGURATION, bytes: vec![1], is_compared: false },
+    ])
+}
+
+/// Sync managers 2 and 3, FMMUs, watchdog and SYNC0.
+fn exchange(
+    station: &Station,
+    node: &Node,
+    period: Duration,
+    system_time_ns: u64,
+) -> Result<Vec<Write>, SegmentFailure> {
+    const MANAGERS: u8 = 4;
+    if node.sync_managers < MANAGERS {
+        return Err(SegmentFailure::Lacks { what: "sync managers", has: node.sync_managers, needs: MANAGERS });
+    }
+    let sii = station.sii.as_ref().ok_or(SegmentFailure::NoCoe)?;
+    let mut writes = Vec::new();
+    let mut fmmus = 0;
+    for (number, area, direction) in [(2, &station.outputs, Direction::Write), (3, &station.inputs, Direction::Read)] {
+        let delivered = sii.sync_managers.get(usize::from(number)).map(|it| it.settings);
+        let default = if direction == Direction::Write { 0x1800 } else { 0x1c00 };
+        let start = delivered.map(|it| it.start).filter(|start| *start >= register::PROCESS_DATA).unwrap_or(default);
+        let control = match direction {
+            // Three buffers: each side has the newest whole one.
+            Direction::Write => SyncManager::WRITE | SyncManager::INTERRUPT | SyncManager::WATCHDOG,
+            Direction::Read => SyncManager::INTERRUPT,
+        };
+        let len = area.len as u16;
+        writes.push(manager(number, SyncManager { start, len, control, is_enabled: len > 0, repeat: false }));
+        if len > 0 {
+            let register = register::FMMU + fmmus * Fmmu::SIZE as u16;
+            let fmmu = Fmmu::bytes(area.logical, len, start, direction);
+            writes.push(Write { register, bytes: fmmu.encode().to_vec(), is_compared: true });
+            fmmus += 1;
+        }
+    }
+    if node.fmmus < fmmus as u8 {
+        return Err(SegmentFailure::Lacks { what: "FMMUs", has: node.fmmus, needs: fmmus as u8 });
+    }
+    let compared = |register, bytes: &[u8]| Write { register, bytes: bytes.to_vec(), is_compared: true };
+    let watched = period * yieldwall_drives::watchdog::WATCHED_CYCLES;
+    let ticks = watched.as_nanos().div_ceil(WATCHDOG_TICK.as_nanos()).clamp(1, u16::MAX.into()) as u16;
+    writes.push(compared(register::WATCHDOG_DIVIDER, &WATCHDOG_DIVIDER.to_le_bytes()));
+    writes.push(compared(register::WATCHDOG_SYNC_MANAGER, &ticks.to_le_bytes()));
+    if station.is_synchronous() {
+        let period_ns = period.as_nanos().clamp(1, u32::MAX.into()) as u64;
+        let earliest = system_time_ns.saturating_add(SYNC0_AHEAD.as_nanos() as u64);
+        let start = earliest.div_ceil(period_ns).saturating_mul(period_ns);
+        writes.push(compared(register::DC_CYCLIC_CONTROL, &[0, 0]));
+        writes.push(compared(register::DC_SYNC0_CYCLE, &(period_ns as u32).to_le_bytes()));
+        // What is read there is the next pulse.
+        writes.push(Write {
+            register: register::DC_START_TIME,
+            bytes: start.to_le_bytes().to_vec(),
+            is_compared: false,
+        });
+        writes.push(compared(register::DC_ACTIVATION, &[3]));
+    }
+    Ok(writes)
+}
+
+/// The SII of a device is damaged.
+impl From<SiiError> for BootFailure {
+    fn from(error: SiiError) -> Self {
+        SegmentFailure::from(error).into()
+    }
+}
+
+const _: () = assert!(flight::FRAME_WAIT.as_nanos() < SYNC0_AHEAD.as_nanos());

@@ -1,0 +1,379 @@
+//! The two moments of a cycle, and what is asked beside it.
+//!
+//! ```text
+//! open   input frame:  FRMW 0910h | per device LRD inputs, FPRD 0130h      -> comes back filled
+//! take   what has come; a frame that comes later is late and not used
+//! close  output frame: per device LWR outputs
+//!        behind it at most one service frame: mailbox, difference of a clock, request of OP
+//! ```
+
+use std::time::Duration;
+
+use super::failure::SegmentFailure;
+use super::flight::Purpose;
+use super::{Asked, EthercatNetwork, EthernetOutbox, service_address};
+use crate::bus::axis::{Arrived, DriveOrders};
+use crate::bus::phase::Phase;
+use crate::cycle::LinkEvents;
+use crate::ethercat::frame::{self, Command, Datagrams};
+use crate::ethercat::{AlControl, AlState, AlStatus, AlStatusCode, array, registers as register, u16_at, u32_at};
+use crate::guard::{Device, DeviceSet};
+use crate::time::Time;
+
+/// Bytes from AL status to AL status code.
+pub(super) const STATUS_LEN: usize = 6;
+/// How long the clocks may take to come together.
+const SETTLING: Duration = Duration::from_secs(10);
+/// What drives are sent that nobody has enabled: nothing that brings them nearer to it.
+const REST: DriveOrders = DriveOrders { controlword: 0, target: 0 };
+
+/// The cycles that the network runs by itself from SAFE-OP until somebody else takes them over.
+#[derive(Clone, Debug)]
+pub(super) struct Grid {
+    /// Grid point of the next cycle, [`Time::NEVER`] if somebody else runs them.
+    next_open: Time,
+    next_close: Time,
+    /// Stations that were asked for OP.
+    asked: u64,
+    is_asking: bool,
+    cycles: u64,
+}
+
+impl Grid {
+    pub(super) fn new() -> Self {
+        Grid { next_open: Time::NEVER, next_close: Time::NEVER, asked: 0, is_asking: false, cycles: 0 }
+    }
+
+    pub(super) fn begin(&mut self, at: Time) {
+        *self = Grid { next_open: at, ..Grid::new() };
+    }
+
+    pub(super) fn next_deadline(&self) -> Time {
+        self.next_open.min(self.next_close)
+    }
+
+    /// A station has taken the request of OP.
+    pub(super) fn note_asked(&mut self, place: usize) {
+        self.asked |= 1 << place.min(63);
+    }
+
+    fn is_asked(&self, place: usize) -> bool {
+        self.asked & 1 << place.min(63) != 0
+    }
+}
+
+impl EthercatNetwork {
+    /// The begin of a cycle: the input frame. The caller runs the cycles from the first call on.
+    ///
+    /// Real-time: yes.
+    pub fn open(&mut self, out: &mut impl EthernetOutbox) {
+        (self.grid.next_open, self.grid.next_close) = (Time::NEVER, Time::NEVER);
+        self.send_inputs(out);
+    }
+
+    fn send_inputs(&mut self, out: &mut impl EthernetOutbox) {
+        if self.flight.give_up(Purpose::Outputs) {
+            // Nobody knows whether the devices took their outputs.
+            for station in self.stations.iter_mut().filter(|station| station.outputs.len > 0) {
+                station.outputs_missed = station.outputs_missed.saturating_add(1);
+            }
+        }
+        for station in &mut self.stations {
+            station.begin_cycle();
+        }
+        if self.is_silent {
+            self.flight.give_up(Purpose::Inputs);
+            return;
+        }
+        let (stations, reference) = (&self.stations, self.reference);
+        let sent = self.flight.send(Purpose::Inputs, |to| {
+            if let Some(station) = reference {
+                to.read(Command::Frmw, service_address(station, register::DC_SYSTEM_TIME), 8);
+            }
+            for station in stations {
+                if station.inputs.len > 0 {
+                    to.read(Command::Lrd, station.inputs.logical, station.inputs.len);
+                }
+                to.read(Command::Fprd, service_address(station.address, register::AL_STATUS), STATUS_LEN);
+            }
+        });
+        sent.into_iter().for_each(|bytes| out.push(bytes));
+    }
+
+    /// The input frame has come back.
+    pub(super) fn on_inputs(&mut self, now: Time, bytes: &[u8]) {
+        let Ok(mut datagrams) = Datagrams::of(bytes) else { return };
+        let mut next = || datagrams.next().and_then(Result::ok);
+        if self.reference.is_some()
+            && let Some(time) = next()
+        {
+            if time.working_counter > 0 {
+                self.servo.on_time(u64::from_le_bytes(array(time.data, 0)));
+            } else {
+                self.servo.on_silence();
+            }
+        }
+        for station in &mut self.stations {
+            if station.inputs.len > 0
+                && let Some(inputs) = next()
+                && inputs.working_counter == 1
+            {
+                station.take_inputs(now, inputs.data);
+            }
+            if let Some(status) = next()
+                && status.working_counter == 1
+            {
+                station.has_status = true;
+                station.status = AlStatus(u16_at(status.data, 0));
+                station.code = AlStatusCode(u16_at(status.data, 4));
+            }
+        }
+        if self.servo.is_lost() {
+            self.clock_lost |= self.all();
+        }
+    }
+
+    /// The output frame has come back.
+    pub(super) fn on_outputs(&mut self, bytes: &[u8]) {
+        let Ok(mut datagrams) = Datagrams::of(bytes) else { return };
+        for station in self.stations.iter_mut().filter(|station| station.outputs.len > 0) {
+            let is_taken = datagrams.next().and_then(Result::ok).is_some_and(|it| it.working_counter == 1);
+            station.outputs_missed = station.outputs_missed.saturating_add(u64::from(!is_taken));
+        }
+    }
+
+    /// The devices of which something of this cycle has not come.
+    ///
+    /// Real-time: yes.
+    pub fn missing(&self) -> DeviceSet {
+        let missing = self.stations.iter().filter(|station| !station.has_inputs && station.inputs.len > 0);
+        missing.fold(DeviceSet::NONE, |set, station| set | station.setup.device.set())
+    }
+
+    /// What has come in this cycle. What comes after it is late: nothing that was measured in one cycle is used in another.
+    ///
+    /// Real-time: yes.
+    pub(in crate::bus) fn take(&mut self, now: Time) -> Arrived {
+        if self.flight.give_up(Purpose::Inputs) && self.reference.is_some() {
+            self.servo.on_silence();
+        }
+        let mut arrived = Arrived::default();
+        let is_running = self.phase == Phase::Operational;
+        for station in &mut self.stations {
+            let device = station.setup.device;
+            match device {
+                Device::LeftDrive => arrived.drives[0] = station.words(),
+                Device::RightDrive => arrived.drives[1] = station.words(),
+                Device::Sensor => arrived.sample = station.sample(now),
+            }
+            let has_left = station.has_status && station.status != AlStatus::new(AlState::Operational, false);
+            self.events.heartbeat_lost |= device.only_if(is_running && has_left);
+            station.inputs_missed =
+                station.inputs_missed.saturating_add(u64::from(station.inputs.len > 0 && !station.has_inputs));
+        }
+        if is_running {
+            // The fault table has no row for clocks yet; this one stops the rig for good.
+            self.events.heartbeat_lost |= self.clock_lost;
+        }
+        arrived.link = std::mem::take(&mut self.events);
+        arrived
+    }
+
+    /// The end of a cycle: the output frame, and behind it what is asked beside the cycle.
+    ///
+    /// Real-time: yes.
+    pub(in crate::bus) fn close(&mut self, now: Time, orders: &[DriveOrders; 2], out: &mut impl EthernetOutbox) {
+        if self.is_silent {
+            return;
+        }
+        let stations = &self.stations;
+        let sent = self.flight.send(Purpose::Outputs, |to| {
+            for station in stations.iter().filter(|station| station.outputs.len > 0) {
+                let mut data = [0; frame::LONGEST];
+                let Some(data) = data.get_mut(..station.outputs.len) else { continue };
+                let [left, right] = orders;
+                match station.setup.device {
+                    Device::LeftDrive => station.put_outputs(left, data),
+                    Device::RightDrive => station.put_outputs(right, data),
+                    Device::Sensor => {}
+                }
+                to.push(Command::Lwr, station.outputs.logical, data);
+            }
+        });
+        sent.into_iter().for_each(|bytes| out.push(bytes));
+        self.send_service(now, out);
+    }
+
+    /// By how much the next grid point is moved so that the cycles follow the reference clock, in ns: at most 1 % of a period.
+    ///
+    /// Real-time: yes.
+    pub fn grid_shift_ns(&self) -> i64 {
+        if self.reference.is_some() { self.servo.shift_ns() } else { 0 }
+    }
+
+    /// How far the input frame of the last cycle was behind its place after SYNC0, in ns.
+    ///
+    /// Real-time: yes.
+    pub fn grid_error_ns(&self) -> i64 {
+        self.servo.last_ns()
+    }
+
+    /// Devices whose clocks are not together with the grid any more, since the network was started. Outputs do not act when they should
+    /// then.
+    ///
+    /// Real-time: yes.
+    pub fn clock_lost(&self) -> DeviceSet {
+        self.clock_lost
+    }
+
+    /// The grid point of the next cycle that the network would run by itself; whoever takes the cycles over begins there.
+    /// [`Time::NEVER`] when somebody has.
+    pub fn next_cycle(&self) -> Time {
+        self.grid.next_open
+    }
+
+    /// At most one frame beside those of the cycle.
+    fn send_service(&mut self, now: Time, out: &mut impl EthernetOutbox) {
+        if self.flight.is_out(Purpose::Service) {
+            return;
+        }
+        let count = self.stations.len();
+        let starting = (self.phase == Phase::Starting && self.grid.is_asking)
+            .then(|| (0..count).find(|place| !self.grid.is_asked(*place)))
+            .flatten();
+        if let Some(place) = starting {
+            let request = AlControl::request(AlState::Operational).0.to_le_bytes();
+            return self.send_to(now, place, Asked::Operational(place), register::AL_CONTROL, Err(request), out);
+        }
+        for step in 0..count {
+            let place = (self.turn + step) % count;
+            let Some(station) = self.stations.get_mut(place) else { continue };
+            if station.mailbox.next_deadline() > now {
+                continue;
+            }
+            if let Some(ask) = station.mailbox.next(now, &mut self.scratch[..]) {
+                self.turn = (place + 1) % count;
+                self.asked = Some((Asked::Mailbox(place), now));
+                let data = self.scratch.get(..ask.len).unwrap_or_default();
+                let sent = self.flight.send(Purpose::Service, |to| to.push(ask.command, ask.address, data));
+                return sent.into_iter().for_each(|bytes| out.push(bytes));
+            }
+        }
+        for step in 0..count {
+            let place = (self.turn + step) % count;
+            let is_compared =
+                |station: &super::Station| station.is_synchronous() && Some(station.address) != self.reference;
+            if self.stations.get(place).is_some_and(is_compared) {
+                self.turn = (place + 1) % count;
+                return self.send_to(now, place, Asked::Difference(place), register::DC_DIFFERENCE, Ok(4), out);
+            }
+        }
+    }
+
+    /// Reads registers of a station, or writes two bytes of them.
+    fn send_to(
+        &mut self,
+        now: Time,
+        place: usize,
+        asked: Asked,
+        register: u16,
+        what: Result<usize, [u8; 2]>,
+        out: &mut impl EthernetOutbox,
+    ) {
+        let Some(station) = self.stations.get(place) else { return };
+        let address = service_address(station.address, register);
+        self.asked = Some((asked, now));
+        let sent = self.flight.send(Purpose::Service, |to| match what {
+            Ok(len) => to.read(Command::Fprd, address, len),
+            Err(data) => to.push(Command::Fpwr, address, &data),
+        });
+        sent.into_iter().for_each(|bytes| out.push(bytes));
+    }
+
+    /// The mean difference of a clock from that of the reference has come: magnitude, and bit 31 as the sign.
+    pub(super) fn on_difference(&mut self, place: usize, data: &[u8]) {
+        let lost_ns = self.servo.lost_ns();
+        let is_watched = self.phase == Phase::Operational;
+        let Some(station) = self.stations.get_mut(place) else { return };
+        let raw = u32_at(data, 0);
+        let magnitude = i64::from(raw & 0x7fff_ffff);
+        station.difference_ns = Some(if raw >> 31 == 0 { magnitude } else { -magnitude });
+        if is_watched && magnitude > lost_ns {
+            self.clock_lost |= station.setup.device.set();
+        }
+    }
+
+    /// Runs a cycle of its own when one is due.
+    pub(super) fn poll_grid(&mut self, now: Time, out: &mut impl EthernetOutbox) {
+        if now >= self.grid.next_open {
+            let at = self.grid.next_open;
+            self.send_inputs(out);
+            (self.grid.next_open, self.grid.next_close) = (Time::NEVER, at + self.compute_at);
+        } else if now >= self.grid.next_close {
+            let open = Time(self.grid.next_close.0.saturating_sub(self.compute_at.as_nanos() as u64));
+            self.take(now);
+            self.close(now, &[REST; 2], out);
+            let next = open + self.period;
+            let next = Time(next.0.saturating_add_signed(self.grid_shift_ns()));
+            // A computer that stood still goes on at the next grid point.
+            let behind = now.since(next).as_nanos().div_ceil(self.period.as_nanos().max(1)) as u64;
+            self.grid.next_open = Time(next.0 + behind * self.period.as_nanos() as u64);
+            self.grid.next_close = Time::NEVER;
+            self.grid.cycles += 1;
+            self.watch_start(now);
+        }
+    }
+
+    /// From SAFE-OP to OP: when the clocks are together, each device is asked, and then each has to be there.
+    fn watch_start(&mut self, now: Time) {
+        if self.phase != Phase::Starting {
+            return;
+        }
+        let waited = now.since(self.phase_since);
+        const TO_OP: &str = "go to OP";
+        let wanted = if self.grid.is_asking {
+            [AlState::SafeOperational, AlState::Operational]
+        } else {
+            [AlState::SafeOperational; 2]
+        };
+        let bad = self.stations.iter().find(|station| {
+            station.has_status && !(wanted.map(Some).contains(&station.status.state()) && !station.status.has_error())
+        });
+        if let Some(station) = bad {
+            let (from, to, code) = (station.status, AlState::Operational, station.code);
+            let title = station.title();
+            return self.fail(now, &title, TO_OP, SegmentFailure::Refused { from, to, code });
+        }
+        if !self.grid.is_asking {
+            let near = self.servo.settled_ns();
+            let apart = |station: &super::Station| match station.difference_ns {
+                _ if !station.is_synchronous() || Some(station.address) == self.reference => 0,
+                Some(difference) => difference.abs(),
+                None => i64::MAX,
+            };
+            let worst = self.stations.iter().map(apart).max().unwrap_or_default();
+            if worst <= near && (self.reference.is_none() || self.servo.has_settled()) && self.grid.cycles > 1 {
+                self.grid.is_asking = true;
+                self.phase_since = now;
+            } else if waited >= SETTLING {
+                let error_ns = worst.max(self.servo.last_ns().abs());
+                let failure = SegmentFailure::Unsettled { error_ns, waited_ms: waited.as_millis() as u64 };
+                self.fail(now, "master", "bring the clocks together", failure);
+            }
+            return;
+        }
+        let operational = AlStatus::new(AlState::Operational, false);
+        match self.stations.iter().find(|station| !(station.has_status && station.status == operational)) {
+            None => {
+                self.events = LinkEvents::default();
+                self.enter(now, Phase::Operational);
+            }
+            Some(station) if waited >= station.setup.waits.start => {
+                let (is, to, waited_ms) = (station.status, AlState::Operational, waited.as_millis() as u64);
+                let title = station.title();
+                self.fail(now, &title, TO_OP, SegmentFailure::NotReached { is, to, waited_ms });
+            }
+            Some(_) => {}
+        }
+    }
+}

@@ -1,0 +1,285 @@
+//! Frames on their way round the segment.
+
+use crate::ethercat::frame::{self, Command, Datagram, Datagrams, FrameWriter};
+use std::time::Duration;
+
+/// What a frame was sent for. One of each is on its way at most.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Purpose {
+    /// Inputs of a cycle, with clock and states.
+    Inputs,
+    /// Outputs of a cycle.
+    Outputs,
+    /// Anything that is asked beside the cycle.
+    Service,
+}
+
+/// What has become of the frames of a segment.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct SegmentCounts {
+    /// Frames sent.
+    pub sent: u64,
+    /// Frames that came back in time.
+    pub returned: u64,
+    /// Frames that were given up.
+    pub lost: u64,
+    /// Own frames that came back after they were given up, or twice, or changed on the way.
+    pub late: u64,
+    /// Own frames that came back without having passed a device.
+    pub unprocessed: u64,
+    /// EtherCAT frames of somebody else.
+    pub foreign: u64,
+}
+
+/// What a frame that has come is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Taken {
+    /// The one that was sent for this.
+    Reply(Purpose),
+    /// An own one that nobody waits for any more.
+    Late,
+    /// A frame of somebody else, with its source.
+    Foreign([u8; 6]),
+    /// Nothing to do with EtherCAT, or a frame of ours that passed no device.
+    Nothing,
+}
+
+/// A frame as it was sent, and whether it is on its way.
+#[derive(Clone, Debug)]
+struct Row {
+    is_out: bool,
+    len: usize,
+    bytes: Box<[u8; frame::LONGEST]>,
+}
+
+/// The table of frames in flight: what comes back is taken only if it stands here, byte for byte but for what devices may change.
+#[derive(Clone, Debug)]
+pub(super) struct Flight {
+    source: [u8; 6],
+    rows: [Row; 3],
+    /// Number of the next frame. Its low byte is the index of the first datagram, its high byte that of the others.
+    number: u16,
+    pub(super) counts: SegmentCounts,
+}
+
+impl Flight {
+    pub(super) fn new(source: [u8; 6]) -> Self {
+        let row = || Row { is_out: false, len: 0, bytes: Box::new([0; frame::LONGEST]) };
+        Flight { source, rows: [row(), row(), row()], number: 0, counts: SegmentCounts::default() }
+    }
+
+    fn row(&self, purpose: Purpose) -> &Row {
+        let [inputs, outputs, service] = &self.rows;
+        match purpose {
+            Purpose::Inputs => inputs,
+            Purpose::Outputs => outputs,
+            Purpose::Service => service,
+        }
+    }
+
+    fn row_mut(&mut self, purpose: Purpose) -> &mut Row {
+        let [inputs, outputs, service] = &mut self.rows;
+        match purpose {
+            Purpose::Inputs => inputs,
+            Purpose::Outputs => outputs,
+            Purpose::Service => service,
+        }
+    }
+
+    /// Whether a frame is on its way.
+    pub(super) fn is_out(&self, purpose: Purpose) -> bool {
+        self.row(purpose).is_out
+    }
+
+    /// Gives a frame up that has not come back; whether there was one. It is late from now on.
+    pub(super) fn give_up(&mut self, purpose: Purpose) -> bool {
+        let is_lost = std::mem::take(&mut self.row_mut(purpose).is_out);
+        self.counts.lost += u64::from(is_lost);
+        is_lost
+    }
+
+    /// Builds a frame of datagrams and gives it to be sent; one that is still on its way is given up. Without datagrams nothing is sent.
+    ///
+    /// Real-time: yes.
+    pub(super) fn send(&mut self, purpose: Purpose, add: impl FnOnce(&mut Datagramer<'_>)) -> Option<&[u8]> {
+        self.give_up(purpose);
+        let (number, source) = (self.number, self.source);
+        let row = self.row_mut(purpose);
+        let mut to = Datagramer { writer: FrameWriter::new(&mut row.bytes[..], source).ok()?, number, count: 0 };
+        add(&mut to);
+        if to.count == 0 {
+            return None;
+        }
+        row.len = to.writer.finish().len();
+        row.is_out = true;
+        self.number = self.number.wrapping_add(1);
+        self.counts.sent += 1;
+        let row = self.row(purpose);
+        row.bytes.get(..row.len)
+    }
+
+    /// Says what a frame is that has come.
+    ///
+    /// Real-time: yes.
+    pub(super) fn take(&mut self, bytes: &[u8]) -> Taken {
+        if frame::end(bytes).is_err() {
+            return Taken::Nothing;
+        }
+        let source = source(bytes);
+        let [first, others @ ..] = source;
+        let [own_first, own_others @ ..] = self.source;
+        let is_own = others == own_others && first & !frame::PROCESSED == own_first & !frame::PROCESSED;
+        let has_sent = self.counts.sent > 0;
+        if !is_own || !has_sent {
+            self.counts.foreign += 1;
+            return Taken::Foreign(source);
+        }
+        if source == self.source {
+            self.counts.unprocessed += 1;
+            return Taken::Nothing;
+        }
+        for purpose in [Purpose::Inputs, Purpose::Outputs, Purpose::Service] {
+            let row = self.row_mut(purpose);
+            if row.is_out && answers(row.bytes.get(..row.len).unwrap_or_default(), bytes) {
+                row.is_out = false;
+                self.counts.returned += 1;
+                return Taken::Reply(purpose);
+            }
+        }
+        self.counts.late += 1;
+        Taken::Late
+    }
+}
+
+/// The source address of a frame.
+fn source(bytes: &[u8]) -> [u8; 6] {
+    crate::ethercat::array(bytes, 6)
+}
+
+/// Whether a frame is another one as it comes back: the same datagrams with the same addresses, but where devices count them up.
+fn answers(sent: &[u8], got: &[u8]) -> bool {
+    let (Ok(mut sent), Ok(mut got)) = (Datagrams::of(sent), Datagrams::of(got)) else { return false };
+    loop {
+        match (sent.next(), got.next()) {
+            (None, None) => return true,
+            (Some(Ok(sent)), Some(Ok(got))) if is_same(&sent, &got) => {}
+            _ => return false,
+        }
+    }
+}
+
+fn is_same(sent: &Datagram<'_>, got: &Datagram<'_>) -> bool {
+    use Command::*;
+    let (is, was) = (&got.header, &sent.header);
+    let counts_up = matches!(Command::from_byte(was.command), Some(Aprd | Apwr | Aprw | Brd | Bwr | Brw | Armw));
+    let has_address = if counts_up { is.ado() == was.ado() } else { is.address == was.address };
+    let shape = |it: &frame::DatagramHeader| (it.command, it.index, it.len, it.has_more);
+    has_address && shape(is) == shape(was) && !is.is_circulating
+}
+
+/// Adds datagrams to a frame.
+pub(super) struct Datagramer<'a> {
+    writer: FrameWriter<'a>,
+    number: u16,
+    count: usize,
+}
+
+impl Datagramer<'_> {
+    /// Adds one. What does not fit is left out: the frames of a cycle were measured beforehand.
+    ///
+    /// Real-time: yes.
+    pub(super) fn push(&mut self, command: Command, address: u32, data: &[u8]) {
+        let [low, high] = self.number.to_le_bytes();
+        let index = if self.count == 0 { low } else { high };
+        if self.writer.push(command, index, address, data).is_ok() {
+            self.count += 1;
+        }
+    }
+
+    /// Adds one that brings data back.
+    ///
+    /// Real-time: yes.
+    pub(super) fn read(&mut self, command: Command, address: u32, len: usize) {
+        const ZEROS: [u8; frame::LONGEST] = [0; frame::LONGEST];
+        self.push(command, address, ZEROS.get(..len).unwrap_or_default());
+    }
+}
+
+/// Bytes of a frame with datagrams of so many bytes of data.
+pub(super) fn frame_len(datagrams: impl Iterator<Item = usize>) -> usize {
+    frame::HEADER + datagrams.map(|len| frame::DATAGRAM_HEADER + len + frame::WORKING_COUNTER).sum::<usize>()
+}
+
+/// Time after which a frame that is asked beside the cycle is given up and asked anew. Frames go round in microseconds; what takes time is
+/// a computer that does not look.
+pub(super) const FRAME_WAIT: Duration = Duration::from_millis(10);
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::ethercat::frame::address;
+
+    const SOURCE: [u8; 6] = [0x10; 6];
+
+    fn reply(sent: &[u8]) -> Vec<u8> {
+        let mut bytes = sent.to_vec();
+        bytes[6] |= frame::PROCESSED;
+        bytes
+    }
+
+    #[test]
+    fn a_frame_is_taken_once_and_is_late_afterwards() {
+        let mut flight = Flight::new(SOURCE);
+        let brd = |to: &mut Datagramer<'_>| to.read(Command::Brd, address(0, 0x0130), 2);
+        let sent = flight.send(Purpose::Service, brd).unwrap().to_vec();
+        let mut back = reply(&sent);
+        // Two devices have counted up.
+        back[18] = 2;
+        assert_eq!(flight.take(&sent), Taken::Nothing, "it passed no device");
+        assert_eq!(flight.take(&back), Taken::Reply(Purpose::Service));
+        assert_eq!(flight.take(&back), Taken::Late);
+        let counts = SegmentCounts { sent: 1, returned: 1, late: 1, unprocessed: 1, ..SegmentCounts::default() };
+        assert_eq!(flight.counts, counts);
+    }
+
+    #[test]
+    fn a_reply_to_a_frame_that_was_given_up_is_not_that_of_the_next_one() {
+        let mut flight = Flight::new(SOURCE);
+        let lrd = |to: &mut Datagramer<'_>| {
+            to.read(Command::Frmw, address(0x1000, 0x0910), 8);
+            to.read(Command::Lrd, 0x1_0000, 6);
+        };
+        let old = reply(flight.send(Purpose::Inputs, lrd).unwrap());
+        // 256 frames later the index of the first datagram is the same.
+        let mut new = Vec::new();
+        for _ in 0..256 {
+            new = reply(flight.send(Purpose::Inputs, lrd).unwrap());
+        }
+        assert_eq!(new[17], old[17]);
+        assert_eq!(flight.take(&old), Taken::Late);
+        assert_eq!(flight.take(&new), Taken::Reply(Purpose::Inputs));
+        assert_eq!(flight.counts.lost, 256);
+    }
+
+    #[test]
+    fn what_was_changed_on_the_way_is_not_taken() {
+        for (at, bits) in [(16, 1), (18, 1), (20, 4), (22, 1), (22, 0x80)] {
+            let mut flight = Flight::new(SOURCE);
+            let fprd = |to: &mut Datagramer<'_>| to.read(Command::Fprd, address(0x1000, 0x0130), 6);
+            let mut back = reply(flight.send(Purpose::Service, fprd).unwrap());
+            back[at] ^= bits;
+            assert_eq!(flight.take(&back), Taken::Late, "byte {at}");
+        }
+    }
+
+    #[test]
+    fn before_anything_was_sent_all_frames_are_somebody_elses() {
+        let mut flight = Flight::new(SOURCE);
+        let mut other = Flight::new(SOURCE);
+        let brd = |to: &mut Datagramer<'_>| to.read(Command::Brd, 0, 1);
+        let bytes = other.send(Purpose::Service, brd).unwrap().to_vec();
+        assert_eq!(flight.take(&bytes), Taken::Foreign(SOURCE));
+        assert_eq!(flight.take(&bytes[..20]), Taken::Nothing);
+        assert_eq!(flight.take(&[]), Taken::Nothing);
+    }
+}

@@ -1,0 +1,296 @@
+//! The mailbox of one device, as the master uses it: one datagram at a time, whatever frames are lost.
+//!
+//! ```text
+//! Rest --message--> Write --> Rest (looks until an answer is there) --> Read --> Rest
+//!                                                                        | reply lost
+//!                                                                        v
+//!                                              Repeat --> Repeated --> Read
+//! ```
+//! A message whose reply is lost is written once more with its counter, by which the device knows it. An answer whose frame is lost is asked for
+//! once more by the repeat bit of sync manager 1.
+
+use super::{Ask, service_address};
+use crate::ethercat::SyncManager;
+use crate::ethercat::coe::{CoeAnswer, CoeClient, CoeEmergency, CoeRequest, Heard};
+use crate::ethercat::frame::Command;
+use crate::ethercat::mailbox::{self as wire, Counter, MailboxError, Protocol};
+use crate::ethercat::registers as register;
+use crate::ethercat::sii::MailboxArea;
+use crate::objects::{AbortCode, ObjectAnswer, ObjectError, ObjectRequest};
+use crate::time::Time;
+use std::time::Duration;
+
+/// Registers of sync manager 1, which gives the device's messages.
+const STATUS: u16 = register::SYNC_MANAGER + (SyncManager::SIZE + SyncManager::STATUS) as u16;
+const ACTIVATE: u16 = register::SYNC_MANAGER + (SyncManager::SIZE + SyncManager::ACTIVATE) as u16;
+/// Time between two looks for an answer, and for what a device says by itself.
+const LOOK_FOR_ANSWER: Duration = Duration::from_micros(200);
+const LOOK_FOR_EMERGENCY: Duration = Duration::from_millis(20);
+/// Looks for a repeated message before the device is taken for one that cannot repeat.
+const REPEATED_LOOKS: u8 = 100;
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Step {
+    /// Nothing is being moved.
+    Rest,
+    /// A message is to be written.
+    Write,
+    /// A message is to be read.
+    Read,
+    /// The last message is asked for once more.
+    Repeat,
+    /// It has to be there again.
+    Repeated { looks: u8 },
+}
+
+/// The mailbox of one device and the client of its objects.
+#[derive(Clone, Debug)]
+pub(super) struct Mailbox {
+    station: u16,
+    timeout: Duration,
+    to_device: MailboxArea,
+    from_device: MailboxArea,
+    client: CoeClient,
+    counter: Counter,
+    /// Counter of the last message of the device; 0 for none.
+    heard: u8,
+    outgoing: Vec<u8>,
+    step: Step,
+    /// The message that is being written may be there already.
+    is_retry: bool,
+    /// When a message that the device did not take is written anew.
+    write_at: Option<Time>,
+    /// What the repeat bit was set to last.
+    repeat: bool,
+    look_at: Time,
+    /// Why the device refused the last message, if it did.
+    refused: Option<MailboxError>,
+    /// Messages that nobody waited for.
+    pub(super) unexpected: u32,
+}
+
+impl Mailbox {
+    /// The mailbox of a station, whose answers may take so long.
+    pub(super) fn new(station: u16, timeout: Duration) -> Self {
+        Mailbox {
+            station,
+            timeout,
+            to_device: MailboxArea::default(),
+            from_device: MailboxArea::default(),
+            client: CoeClient::new(timeout),
+            counter: Counter::FIRST,
+            heard: 0,
+            outgoing: Vec::new(),
+            step: Step::Rest,
+            is_retry: false,
+            write_at: None,
+            repeat: false,
+            look_at: Time(0),
+            refused: None,
+            unexpected: 0,
+        }
+    }
+
+    /// Begins anew with a device that has just come to PRE-OP, with mailboxes where its SII says.
+    pub(super) fn start(&mut self, to_device: MailboxArea, from_device: MailboxArea) {
+        (self.to_device, self.from_device) = (to_device, from_device);
+        self.client.give_up(ObjectError::NoAnswer);
+        (self.counter, self.heard, self.step) = (Counter::FIRST, 0, Step::Rest);
+        (self.is_retry, self.repeat, self.look_at, self.refused) = (false, false, Time(0), None);
+        self.write_at = None;
+        self.outgoing.clear();
+        self.outgoing.resize(to_device.len.into(), 0);
+    }
+
+    /// Asks the device something.
+    ///
+    /// # Errors
+    /// [`ObjectError::Busy`] while the last request runs, [`ObjectError::NoObjects`] without a mailbox.
+    pub(super) fn ask(&mut self, now: Time, request: ObjectRequest<'_>) -> Result<(), ObjectError> {
+        if usize::from(self.to_device.len) < wire::SHORTEST {
+            return Err(ObjectError::NoObjects);
+        }
+        let complete = false;
+        let request = match request {
+            ObjectRequest::Read(at) => CoeRequest::Read { at, complete },
+            ObjectRequest::Write(at, data) => CoeRequest::Write { at, complete, data },
+        };
+        self.refused = None;
+        self.client.start(now, request).map_err(|_| ObjectError::Busy)
+    }
+
+    /// How the last request has ended.
+    pub(super) fn answer(&self) -> ObjectAnswer<'_> {
+        match self.client.answer() {
+            CoeAnswer::Idle => ObjectAnswer::NotAsked,
+            CoeAnswer::Pending => ObjectAnswer::Pending,
+            CoeAnswer::Value(value) => ObjectAnswer::Done(value),
+            CoeAnswer::Failed(error) => ObjectAnswer::Failed(*error),
+            // Of requests that are not made here.
+            CoeAnswer::Written | CoeAnswer::List(_) | CoeAnswer::Object(_) | CoeAnswer::Entry(_) => {
+                ObjectAnswer::Done(&[])
+            }
+        }
+    }
+
+    /// Forgets what was asked last.
+    pub(super) fn forget(&mut self) {
+        self.client = CoeClient::new(self.timeout);
+    }
+
+    /// Why the device refused the last message, if it did.
+    pub(super) fn refused(&self) -> Option<MailboxError> {
+        self.refused
+    }
+
+    /// Whether a request runs or a message is being moved.
+    pub(super) fn is_busy(&self) -> bool {
+        self.client.is_busy() || self.step != Step::Rest
+    }
+
+    /// When there is something to send at the latest; [`Time::NEVER`] without a mailbox.
+    ///
+    /// Real-time: yes.
+    pub(super) fn next_deadline(&self) -> Time {
+        if self.outgoing.is_empty() {
+            return Time::NEVER;
+        }
+        match self.step {
+            Step::Rest => self.look_at.min(self.client.next_deadline()),
+            _ => Time(0),
+        }
+    }
+
+    /// The next datagram, whose data it puts at the begin of `buffer`; nothing while there is nothing to do.
+    ///
+    /// Real-time: yes.
+    pub(super) fn next(&mut self, now: Time, buffer: &mut [u8]) -> Option<Ask> {
+        if self.outgoing.is_empty() {
+            return None;
+        }
+        self.client.poll(now);
+        if !self.client.is_busy() {
+            self.write_at = None;
+        }
+        if self.step == Step::Rest && self.write_at.is_some_and(|at| now >= at) {
+            (self.step, self.write_at) = (Step::Write, None);
+        } else if self.step == Step::Rest && self.client.is_busy() {
+            let len = self.client.message(self.outgoing.get_mut(wire::HEADER..).unwrap_or_default());
+            if len > 0 {
+                let sealed = wire::seal(&mut self.outgoing, Protocol::Coe, self.counter.take(), len);
+                self.outgoing.iter_mut().skip(sealed).for_each(|byte| *byte = 0);
+                (self.step, self.is_retry) = (Step::Write, false);
+            }
+        }
+        let (command, register, len) = match self.step {
+            Step::Rest if now < self.look_at => return None,
+            Step::Rest | Step::Repeated { .. } => (Command::Fprd, STATUS, 3),
+            // What is given up while it is written is not written any more.
+            Step::Write if !self.client.is_busy() => {
+                (self.step, self.look_at) = (Step::Rest, now);
+                (Command::Fprd, STATUS, 3)
+            }
+            Step::Write => {
+                let to = buffer.get_mut(..self.outgoing.len())?;
+                to.copy_from_slice(&self.outgoing);
+                return Some(Ask::new(Command::Fpwr, self.at(self.to_device.start), self.outgoing.len()));
+            }
+            Step::Read => (Command::Fprd, self.from_device.start, self.from_device.len.into()),
+            Step::Repeat => {
+                *buffer.first_mut()? = 1 | u8::from(self.repeat) << 1;
+                return Some(Ask::new(Command::Fpwr, self.at(ACTIVATE), 1));
+            }
+        };
+        buffer.get_mut(..len)?.fill(0);
+        Some(Ask::new(command, self.at(register), len))
+    }
+
+    fn at(&self, register: u16) -> u32 {
+        service_address(self.station, register)
+    }
+
+    /// The frame of the last datagram did not come back.
+    ///
+    /// Real-time: yes.
+    pub(super) fn on_loss(&mut self) {
+        match self.step {
+            Step::Write => self.is_retry = true,
+            Step::Read => {
+                self.repeat = !self.repeat;
+                self.step = Step::Repeat;
+            }
+            Step::Rest | Step::Repeat | Step::Repeated { .. } => {}
+        }
+    }
+
+    /// The last datagram has come back; an emergency, if it has brought one.
+    ///
+    /// Real-time: yes, but that the value of an object that was asked for is kept on the heap.
+    pub(super) fn on_reply(&mut self, now: Time, data: &[u8], working_counter: u16) -> Option<CoeEmergency> {
+        let is_processed = working_counter > 0;
+        let status = data.first().copied().unwrap_or_default();
+        match self.step {
+            // A full mailbox takes nothing: the message is there already ...
+            Step::Write if is_processed || self.is_retry => self.rest(now),
+            // ... or one before it waits until the master has read what the device says.
+            Step::Write => {
+                self.rest(now);
+                self.write_at = Some(now + LOOK_FOR_ANSWER);
+            }
+            Step::Rest if is_processed && status & SyncManager::FULL != 0 => self.step = Step::Read,
+            Step::Rest => {
+                let wait = if self.client.is_busy() { LOOK_FOR_ANSWER } else { LOOK_FOR_EMERGENCY };
+                self.look_at = now + wait;
+            }
+            Step::Repeat if is_processed => self.step = Step::Repeated { looks: 0 },
+            Step::Repeat => {}
+            Step::Repeated { looks } => {
+                let answered = data.get(2).is_some_and(|held| held & 2 != 0) == self.repeat;
+                self.step = match looks {
+                    _ if is_processed && answered => Step::Read,
+                    REPEATED_LOOKS.. => Step::Read,
+                    _ => Step::Repeated { looks: looks + 1 },
+                };
+            }
+            Step::Read => {
+                self.rest(now);
+                if is_processed {
+                    return self.hear(now, data);
+                }
+            }
+        }
+        None
+    }
+
+    fn rest(&mut self, now: Time) {
+        (self.step, self.look_at) = (Step::Rest, now);
+    }
+
+    /// Takes a message of the device.
+    fn hear(&mut self, now: Time, data: &[u8]) -> Option<CoeEmergency> {
+        let Ok((header, message)) = wire::decode(data) else {
+            self.unexpected = self.unexpected.saturating_add(1);
+            return None;
+        };
+        if header.counter != 0 && header.counter == self.heard {
+            // The one before, once more.
+            return None;
+        }
+        self.heard = header.counter;
+        let heard = match Protocol::from_number(header.protocol) {
+            Some(Protocol::Coe) => self.client.on_message(now, message),
+            Some(Protocol::Error) if self.client.is_busy() => {
+                self.refused = MailboxError::decode(message).or(Some(MailboxError::SYNTAX));
+                self.client.give_up(ObjectError::Aborted(AbortCode::GENERAL));
+                Heard::Answer
+            }
+            _ => Heard::Foreign,
+        };
+        match heard {
+            Heard::Emergency(emergency) => return Some(emergency),
+            Heard::Foreign => self.unexpected = self.unexpected.saturating_add(1),
+            Heard::Answer => {}
+        }
+        None
+    }
+}

@@ -1,0 +1,258 @@
+//! What the master has to know of a segment.
+
+use crate::bus::error::BootFailure;
+use crate::bus::script::{self, Action, Step};
+use crate::bus::setup::Waits;
+use crate::canopen::BusId;
+use crate::guard::Device;
+use crate::objects::Address;
+use std::sync::Arc;
+use std::time::Duration;
+use yieldwall_drives::cia402::CommandMode;
+use yieldwall_drives::profiles::{DeviceProfile, Identity, Pdo, Quantity};
+
+/// Source address of the frames, as many masters have it: nobody answers by it.
+pub const SOURCE: [u8; 6] = [0x10; 6];
+
+/// Objects that a mapping holds at most, and mappings that are exchanged.
+pub(super) const MOST_ENTRIES: u8 = 254;
+
+/// One EtherCAT segment and the devices of a rig on it.
+#[derive(Clone, Debug)]
+pub struct SegmentSetup {
+    /// The bus of the rig that it is.
+    pub bus: BusId,
+    /// Source address of the frames.
+    pub source: [u8; 6],
+    /// Cycle time, which is that of SYNC0 too.
+    pub period: Duration,
+    /// Time from the input frame to the computation.
+    pub compute_at: Duration,
+    /// Time from SYNC0 to the moment at which the input frame passes the reference clock.
+    pub sync0_phase: Duration,
+    /// The devices of the rig. Others may be on the segment; nothing is asked of them but their ports.
+    pub stations: Vec<StationSetup>,
+}
+
+/// When a device takes inputs and has outputs act.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Acts {
+    /// At SYNC0, by its distributed clock.
+    AtSync0,
+    /// When outputs arrive; inputs are the newest.
+    OnArrival,
+}
+
+/// One device.
+#[derive(Clone, Debug)]
+pub struct StationSetup {
+    /// Name for messages.
+    pub name: String,
+    /// Which device of the rig it is.
+    pub device: Device,
+    /// Position on the segment, 0 at the master.
+    pub position: u16,
+    /// The alias that its SII has to have, if one was given to it.
+    pub alias: Option<u16>,
+    /// The serial number that it has to have, if one is known.
+    pub serial: Option<u32>,
+    /// What it says that it is.
+    pub identity: Identity,
+    /// How long it is waited for.
+    pub waits: Waits,
+    /// When it acts.
+    pub acts: Acts,
+    /// Process data that it is sent.
+    pub outputs: Vec<ProcessData>,
+    /// Process data that it sends.
+    pub inputs: Vec<ProcessData>,
+    /// The output that takes the target, of a drive.
+    pub set_point: Option<Quantity>,
+    /// Bits of the status of a sensor.
+    pub status_masks: StatusMasks,
+    /// Objects that are read and written before process data are mapped.
+    pub(super) steps: Vec<Step>,
+}
+
+/// One process data object.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct ProcessData {
+    /// Index of its mapping, 1600h to 17FFh or 1A00h to 1BFFh.
+    pub index: u16,
+    /// Whether the device lets nobody change the mapping: it is compared then.
+    pub is_fixed: bool,
+    /// What it holds.
+    pub entries: Vec<Mapped>,
+}
+
+/// One object in process data.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Mapped {
+    /// The object.
+    pub at: Address,
+    /// Its bits: 8, 16, 24 or 32.
+    pub bits: u8,
+    /// What it is to the rig; outputs that are nothing to it are sent as 0.
+    pub quantity: Option<Quantity>,
+}
+
+/// Bits of the status of a sensor's sample; 0 where it tells no such thing.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct StatusMasks {
+    /// A channel is at the end of its range.
+    pub overload: u32,
+    /// The sample is not valid.
+    pub invalid: u32,
+}
+
+/// A servo drive on a segment.
+#[derive(Clone, Debug)]
+pub struct SegmentDrive {
+    /// Name for messages.
+    pub name: String,
+    /// Which drive of the rig it is.
+    pub device: Device,
+    /// Position on the segment, 0 at the master.
+    pub position: u16,
+    /// Device model.
+    pub profile: Arc<DeviceProfile>,
+    /// How long it is waited for.
+    pub waits: Waits,
+    /// Torque limit that the drive is given, in per mille of its rated torque.
+    pub torque_limit_per_mille: u16,
+    /// Speed limit that the drive is given where it heeds one, in counts/s.
+    pub speed_limit_counts_per_s: u32,
+    /// Following error window that the drive is given, in counts.
+    pub following_error_counts: u32,
+}
+
+impl SegmentDrive {
+    /// The drive as a device of a segment: identity, option codes, cycle time, mode, limits and process data are those of its profile.
+    ///
+    /// # Errors
+    /// If the profile is no drive's or lacks the process data of the mode, or the cycle time cannot be told.
+    pub fn station(&self, mode: CommandMode, period: Duration, acts: Acts) -> Result<StationSetup, BootFailure> {
+        let operation = mode.operation_mode();
+        let profile = &*self.profile;
+        let (map, servo) = (script::mapping(profile, Some(operation))?, script::servo(profile)?);
+        let mut steps = script::identity(profile);
+        steps.push(script::has_mode(servo, operation));
+        script::settings(servo, &servo.option_codes.lost_master, &mut steps);
+        script::mode(servo, operation, period.as_micros() as u32, &mut steps)?;
+        let (speed, window) = (self.speed_limit_counts_per_s, self.following_error_counts);
+        script::limits(servo, self.torque_limit_per_mille, speed, window, &mut steps);
+        let all = |pdos: &[Pdo], first: u16| -> Result<Vec<ProcessData>, BootFailure> {
+            pdos.iter().map(|pdo| process_data(profile, pdo, first)).collect()
+        };
+        let (outputs, inputs) = (all(&map.rpdo, 0x1600)?, all(&map.tpdo, 0x1a00)?);
+        let needed = [Quantity::Controlword, mode.set_point(), Quantity::Statusword, Quantity::PositionActual];
+        for quantity in needed {
+            let mut mapped = outputs.iter().chain(&inputs).flat_map(|pdo| &pdo.entries);
+            if !mapped.any(|entry| entry.quantity == Some(quantity)) {
+                return Err(script::lacking(profile, quantity.word()));
+            }
+        }
+        Ok(StationSetup {
+            name: self.name.clone(),
+            device: self.device,
+            position: self.position,
+            alias: None,
+            serial: None,
+            identity: profile.identity.clone(),
+            waits: self.waits,
+            acts,
+            outputs,
+            inputs,
+            set_point: Some(mode.set_point()),
+            status_masks: StatusMasks::default(),
+            steps,
+        })
+    }
+}
+
+fn process_data(profile: &DeviceProfile, pdo: &Pdo, first: u16) -> Result<ProcessData, BootFailure> {
+    let entry = |quantity: &Quantity| -> Result<Mapped, BootFailure> {
+        let entry = script::mapped(profile, *quantity)?;
+        let at = Address::new(entry.index, entry.sub);
+        Ok(Mapped { at, bits: entry.bits, quantity: Some(*quantity) })
+    };
+    let entries = pdo.maps.iter().map(entry).collect::<Result<_, _>>()?;
+    Ok(ProcessData { index: first + u16::from(pdo.number.saturating_sub(1)), is_fixed: false, entries })
+}
+
+impl StationSetup {
+    /// A device that is none of the drives: it has to be what it is said to be, and nothing is written but its process data.
+    pub fn other(
+        name: &str,
+        device: Device,
+        position: u16,
+        identity: Identity,
+        waits: Waits,
+        process_data: [Vec<ProcessData>; 2],
+    ) -> Self {
+        let [outputs, inputs] = process_data;
+        StationSetup {
+            name: name.to_owned(),
+            device,
+            position,
+            alias: None,
+            serial: None,
+            identity,
+            waits,
+            acts: Acts::OnArrival,
+            outputs,
+            inputs,
+            set_point: None,
+            status_masks: StatusMasks::default(),
+            steps: Vec::new(),
+        }
+    }
+
+    /// All objects that are read and written in PRE-OP, in their order: those of the device, its process data, its synchronisation.
+    pub(super) fn script(&self) -> Vec<Step> {
+        let mut steps = self.steps.clone();
+        map(0x1c12, &self.outputs, &mut steps);
+        map(0x1c13, &self.inputs, &mut steps);
+        if self.acts == Acts::AtSync0 {
+            for index in [0x1c32, 0x1c33] {
+                steps.push(Step {
+                    doing: "set the synchronisation",
+                    index,
+                    sub: 1,
+                    bytes: 2,
+                    action: Action::WriteAndVerify { value: 2 },
+                });
+            }
+        }
+        steps
+    }
+}
+
+/// The mapping objects and the object that says which are exchanged: switched off, written, switched on.
+fn map(assignment: u16, pdos: &[ProcessData], steps: &mut Vec<Step>) {
+    const DOING: &str = "map the process data";
+    if pdos.is_empty() {
+        return;
+    }
+    let mut add = |index: u16, sub: u8, bytes: u8, action| {
+        steps.push(Step { doing: DOING, index, sub, bytes, action });
+    };
+    let written = |value| Action::WriteAndVerify { value };
+    let expected = |value| Action::Expect { value, mask: u32::MAX };
+    add(assignment, 0, 1, Action::Write { value: 0 });
+    for pdo in pdos {
+        let raw =
+            |entry: &Mapped| u32::from(entry.at.index) << 16 | u32::from(entry.at.sub) << 8 | u32::from(entry.bits);
+        let count = pdo.entries.len() as u32;
+        if pdo.is_fixed {
+            add(pdo.index, 0, 1, expected(count));
+            (1..=MOST_ENTRIES).zip(&pdo.entries).for_each(|(sub, entry)| add(pdo.index, sub, 4, expected(raw(entry))));
+        } else {
+            add(pdo.index, 0, 1, Action::Write { value: 0 });
+            (1..=MOST_ENTRIES).zip(&pdo.entries).for_each(|(sub, entry)| add(pdo.index, sub, 4, written(raw(entry))));
+            add(pdo.index, 0, 1, written(count));
+        }
+    }
+    (1..=MOST_ENTRIES).zip(pdos).for_each(|(sub, pdo)| add(assignment, sub, 2, written(pdo.index.into())));
+    add(assignment, 0, 1, written(pdos.len() as u32));
+}

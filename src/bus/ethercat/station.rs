@@ -1,0 +1,214 @@
+//! What the master knows of one device of the rig, and where its process data lie.
+
+use super::failure::SegmentFailure;
+use super::mailbox::Mailbox;
+use super::setup::{Acts, MOST_ENTRIES, Mapped, ProcessData, StationSetup};
+use crate::bus::axis::{DriveOrders, DriveWords};
+use crate::bus::script::Script;
+use crate::ethercat::sii::{MailboxArea, Sii};
+use crate::ethercat::{AlState, AlStatus, AlStatusCode};
+use crate::sensing::RawSample;
+use crate::time::Time;
+use yieldwall_drives::profiles::Quantity;
+
+/// Station addresses of devices: this and their position.
+pub(super) const FIRST_STATION: u16 = 0x1000;
+/// Logical addresses of devices are so far apart, and inputs from outputs half of that.
+const STRIDE: u32 = 0x1000;
+const FIRST_LOGICAL: u32 = 0x1_0000;
+
+/// A value in process data: its first byte, and its bytes.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+struct Field {
+    quantity: Quantity,
+    at: usize,
+    bytes: usize,
+}
+
+/// Process data of one direction.
+#[derive(Clone, Debug)]
+pub(super) struct Area {
+    pub(super) logical: u32,
+    pub(super) len: usize,
+    fields: Vec<Field>,
+}
+
+impl Area {
+    fn new(logical: u32, pdos: &[ProcessData]) -> Result<Self, SegmentFailure> {
+        let mut area = Area { logical, len: 0, fields: Vec::new() };
+        for ProcessData { index, entries, .. } in pdos {
+            if entries.len() > MOST_ENTRIES.into() {
+                return Err(SegmentFailure::TooManyObjects { index: *index, objects: entries.len() });
+            }
+        }
+        for Mapped { at, bits, quantity } in pdos.iter().flat_map(|pdo| &pdo.entries) {
+            if !matches!(bits, 8 | 16 | 24 | 32) {
+                return Err(SegmentFailure::Bits { index: at.index, sub: at.sub, bits: *bits });
+            }
+            let bytes = usize::from(bits / 8);
+            if let Some(quantity) = *quantity {
+                area.fields.push(Field { quantity, at: area.len, bytes });
+            }
+            area.len += bytes;
+        }
+        Ok(area)
+    }
+}
+
+impl Field {
+    /// The value as unsigned.
+    fn get(&self, data: &[u8]) -> u32 {
+        let bytes = data.get(self.at..self.at + self.bytes).unwrap_or_default();
+        bytes.iter().rev().fold(0, |value, byte| value << 8 | u32::from(*byte))
+    }
+
+    /// The value with its sign.
+    fn get_signed(&self, data: &[u8]) -> i32 {
+        let shift = 32 - 8 * self.bytes.clamp(1, 4) as u32;
+        (self.get(data) << shift) as i32 >> shift
+    }
+
+    fn put(&self, data: &mut [u8], value: i32) {
+        let to = data.get_mut(self.at..self.at + self.bytes).unwrap_or_default();
+        to.iter_mut().zip(value.to_le_bytes()).for_each(|(to, byte)| *to = byte);
+    }
+}
+
+/// One device of the rig.
+#[derive(Clone, Debug)]
+pub(super) struct Station {
+    pub(super) setup: StationSetup,
+    pub(super) address: u16,
+    pub(super) mailbox: Mailbox,
+    pub(super) script: Script,
+    pub(super) sii: Option<Sii>,
+    pub(super) outputs: Area,
+    pub(super) inputs: Area,
+    pub(super) status: AlStatus,
+    pub(super) code: AlStatusCode,
+    /// Whether its status came in this cycle.
+    pub(super) has_status: bool,
+    /// Whether its inputs came in this cycle, and what they were.
+    pub(super) has_inputs: bool,
+    words: DriveWords,
+    sample: Option<RawSample>,
+    sampled_at: Time,
+    /// How far its clock is from that of the reference, when that was read last.
+    pub(super) difference_ns: Option<i64>,
+    /// Cycles in which it did not take its outputs.
+    pub(super) outputs_missed: u64,
+    /// Cycles in which its inputs did not come.
+    pub(super) inputs_missed: u64,
+}
+
+impl Station {
+    pub(super) fn new(setup: &StationSetup) -> Result<Self, SegmentFailure> {
+        let logical = FIRST_LOGICAL + STRIDE * u32::from(setup.position);
+        let address = FIRST_STATION + setup.position;
+        Ok(Station {
+            address,
+            mailbox: Mailbox::new(address, setup.waits.sdo),
+            script: Script::new(setup.identity.clone(), setup.waits.sdo, setup.script()),
+            sii: None,
+            outputs: Area::new(logical, &setup.outputs)?,
+            inputs: Area::new(logical + STRIDE / 2, &setup.inputs)?,
+            status: AlStatus::new(AlState::Init, false),
+            code: AlStatusCode::NONE,
+            has_status: false,
+            has_inputs: false,
+            words: DriveWords::default(),
+            sample: None,
+            sampled_at: Time(0),
+            difference_ns: None,
+            outputs_missed: 0,
+            inputs_missed: 0,
+            setup: setup.clone(),
+        })
+    }
+
+    /// Forgets all that was heard of it.
+    pub(super) fn restart(&mut self) {
+        self.script.restart();
+        self.mailbox.start(MailboxArea::default(), MailboxArea::default());
+        self.sii = None;
+        (self.status, self.code) = (AlStatus::new(AlState::Init, false), AlStatusCode::NONE);
+        self.difference_ns = None;
+        (self.outputs_missed, self.inputs_missed) = (0, 0);
+        self.begin_cycle();
+    }
+
+    /// Whether its clock is one that SYNC0 comes from.
+    pub(super) fn is_synchronous(&self) -> bool {
+        self.setup.acts == Acts::AtSync0
+    }
+
+    /// What came in the cycle before is not used again.
+    ///
+    /// Real-time: yes.
+    pub(super) fn begin_cycle(&mut self) {
+        (self.has_inputs, self.has_status) = (false, false);
+        (self.words, self.sample) = (DriveWords::default(), None);
+    }
+
+    /// Takes the inputs of this cycle.
+    ///
+    /// Real-time: yes.
+    pub(super) fn take_inputs(&mut self, now: Time, data: &[u8]) {
+        self.has_inputs = true;
+        self.sampled_at = now;
+        let mut sample = RawSample { counts: [0; 6], sequence: None, overload: false, invalid: false, age_ns: 0 };
+        let mut has_counts = false;
+        for field in &self.inputs.fields {
+            match field.quantity {
+                Quantity::Statusword => self.words.statusword = Some(field.get(data) as u16),
+                Quantity::PositionActual => self.words.position = Some(field.get_signed(data)),
+                Quantity::Status => {
+                    let (status, masks) = (field.get(data), self.setup.status_masks);
+                    (sample.overload, sample.invalid) = (status & masks.overload != 0, status & masks.invalid != 0);
+                }
+                Quantity::SampleCounter => sample.sequence = Some(field.get(data) as u8),
+                quantity => {
+                    let channel = Quantity::CHANNELS.iter().position(|channel| *channel == quantity);
+                    if let Some(count) = channel.and_then(|channel| sample.counts.get_mut(channel)) {
+                        *count = field.get_signed(data);
+                        has_counts = true;
+                    }
+                }
+            }
+        }
+        self.sample = has_counts.then_some(sample);
+    }
+
+    /// What a drive has said in this cycle.
+    ///
+    /// Real-time: yes.
+    pub(super) fn words(&self) -> DriveWords {
+        self.words
+    }
+
+    /// What a sensor has said in this cycle.
+    ///
+    /// Real-time: yes.
+    pub(super) fn sample(&self, now: Time) -> Option<RawSample> {
+        let age_ns = now.since(self.sampled_at).as_nanos().min(u128::from(u32::MAX)) as u32;
+        self.sample.map(|sample| RawSample { age_ns, ..sample })
+    }
+
+    /// Writes what a drive is sent into its outputs; what is nothing to the rig is 0.
+    ///
+    /// Real-time: yes.
+    pub(super) fn put_outputs(&self, orders: &DriveOrders, data: &mut [u8]) {
+        for field in &self.outputs.fields {
+            if field.quantity == Quantity::Controlword {
+                field.put(data, orders.controlword.into());
+            } else if self.setup.set_point == Some(field.quantity) {
+                field.put(data, orders.target);
+            }
+        }
+    }
+
+    /// How messages name it.
+    pub(super) fn title(&self) -> String {
+        format!("{} (position {})", self.setup.name, self.setup.position)
+    }
+}
