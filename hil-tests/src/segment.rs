@@ -80,10 +80,8 @@ pub fn setup() -> SegmentSetup {
     let outputs = vec![mapped(0x7010, 1, None), mapped(0x7010, 2, None)];
     let pdo = |index, entries| vec![ProcessData { index, is_fixed: true, entries }];
     let process_data = [pdo(0x1601, outputs), pdo(0x1a00, channels.chain(status).collect())];
-    let sensor = StationSetup {
-        status_masks: StatusMasks { overload: 1 << 27, invalid: 1 << 5 },
-        ..StationSetup::other("force sensor", Device::Sensor, 2, identity, waits, process_data)
-    };
+    let mut sensor = StationSetup::other("force sensor", Device::Sensor, 2, identity, waits, process_data);
+    sensor.status_masks = StatusMasks { overload: 1 << 27, invalid: 1 << 5 };
     SegmentSetup {
         bus: BusId::FIRST,
         source: MASTER,

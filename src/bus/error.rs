@@ -217,7 +217,7 @@ pub enum BootFailure {
     },
     /// A step on an EtherCAT segment.
     #[error(transparent)]
-    Segment(#[from] SegmentFailure),
+    Segment(Box<SegmentFailure>),
     /// The object of a watchdog cannot hold the time that it has to.
     #[error("object {index:04X}h:{sub} cannot hold {after_us} us, after which the drive has to stop")]
     WatchTime {
@@ -228,6 +228,12 @@ pub enum BootFailure {
         /// The time in us.
         after_us: u32,
     },
+}
+
+impl From<SegmentFailure> for BootFailure {
+    fn from(failure: SegmentFailure) -> Self {
+        BootFailure::Segment(Box::new(failure))
+    }
 }
 
 /// A failed boot: which node, in which step, and why. Nothing was enabled.

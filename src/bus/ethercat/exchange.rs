@@ -337,7 +337,8 @@ impl EthercatNetwork {
             [AlState::SafeOperational; 2]
         };
         let bad = self.stations.iter().find(|station| {
-            station.has_status && !(wanted.map(Some).contains(&station.status.state()) && !station.status.has_error())
+            let is_expected = wanted.map(Some).contains(&station.status.state());
+            station.has_status && (station.status.has_error() || !is_expected)
         });
         if let Some(station) = bad {
             let (from, to, code) = (station.status, AlState::Operational, station.code);

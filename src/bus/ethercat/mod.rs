@@ -296,10 +296,9 @@ impl EthercatNetwork {
     /// Begins to bring the segment up: first it is only looked at, and left alone if somebody else has put a device into SAFE-OP or OP.
     /// Nothing is remembered of what was before but the emergencies, and nothing is enabled.
     pub fn start(&mut self, now: Time, out: &mut impl EthernetOutbox) {
-        if matches!(
-            self.phase,
-            Phase::Failed(BootError { failure: BootFailure::Segment(SegmentFailure::OtherMaster { .. }), .. })
-        ) {
+        if let Phase::Failed(BootError { failure: BootFailure::Segment(failure), .. }) = &self.phase
+            && matches!(**failure, SegmentFailure::OtherMaster { .. })
+        {
             return;
         }
         for purpose in [Purpose::Inputs, Purpose::Outputs, Purpose::Service] {

@@ -101,7 +101,7 @@ fn frames_of_somebody_else_are_an_intruder_in_op() {
     let mut bench = Bench::usual();
     bench.start().unwrap();
     bench.cycle(&REST);
-    bench.fate = Box::new(|count| if count % 50 == 0 { Fate::IsFollowed } else { Fate::Passes });
+    bench.fate = Box::new(|count| if count.is_multiple_of(50) { Fate::IsFollowed } else { Fate::Passes });
     let intruders = (0..100).filter(|_| bench.cycle(&REST).link.intruder).count();
     assert!((4..=6).contains(&intruders), "{intruders}");
 }

@@ -161,7 +161,7 @@ impl Bench {
             let mut back = frame.clone();
             let at = match fate {
                 // Half of those that are lost never reach the devices.
-                Fate::IsLost if self.count % 2 == 0 => None,
+                Fate::IsLost if self.count.is_multiple_of(2) => None,
                 _ => self.segment.process(self.now, &mut back),
             };
             let Some(at) = at.filter(|_| fate != Fate::IsLost) else { continue };
