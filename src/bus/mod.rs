@@ -9,7 +9,8 @@
 //! moments a cycle are its own: [`Master::on_sync`] at 0 and [`Master::on_compute`] when all process data are in.
 //! [`budget`] proves beforehand that they are.
 //!
-//! `can` knows frames and nodes and brings raw words. `axis` stands once for all buses: words to SI and back, the walk to
+//! `can` knows frames and nodes and brings raw words, [`ethercat`] does so of a segment. `script` is what a device is asked and told over
+//! either. `axis` stands once for all buses: words to SI and back, the walk to
 //! Operation Enabled, and what a command that the guard has allowed becomes.
 
 mod axis;

@@ -5,7 +5,7 @@
 //!              |                                                          |
 //!              +------------------------> Failed <------------------------+      nothing is enabled
 //! ```
-//! Sans-I/O: bytes and moments come in, bytes go into the outbox. [`flight`] has the frames that are on their way, `bring_up` what comes before
+//! Sans-I/O: bytes and moments come in, bytes go into the outbox. `flight` has the frames that are on their way, `bring_up` what comes before
 //! the exchange, `exchange` the two moments of a cycle and what is asked beside it, `mailbox` the objects of one device.
 
 mod bring_up;
