@@ -16,7 +16,7 @@ use std::path::{Path, PathBuf};
 const RULE: &str = "\
 quantity, setvalued  <-  sensing, fixture, linkage, control (never one another)  <-  guard  <-  cycle  <-  bus  <-  assembly  <-  run  <-  rig  <-  study, soak (not one another)  <-  cli
 drives, canopen      <-  bus, run, sim; guard and cycle may name the states of `drives::cia402`
-ethercat             EtherCAT codecs and engines: names objects and time; named by bus, explanation, sim
+ethercat             EtherCAT codecs and engines: names objects and time; named by bus, explanation, sim, rig, live
 time, objects        the clock; dictionary, values and abort codes of any bus: objects names time; named by canopen and whatever names canopen
 plain_can            names canopen and sensing; named by bus, assembly, sim, rig
 assembly             from config to the parts below run; names nothing simulated
