@@ -79,8 +79,8 @@ const DEFECTS: [Defect; 16] = [
     defect(
         "set-points go out although the last ones have not left",
         "src/bus/master.rs",
-        "if self.network.is_mute() {",
-        "if self.network.is_silent() {",
+        "if is_mute {",
+        "if self.is_silent() {",
     ),
     defect(
         "SYNC leaves although a stranger's set-point was heard",
