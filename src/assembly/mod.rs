@@ -2,6 +2,7 @@
 
 mod buses;
 mod error;
+mod segment;
 
 use std::sync::Arc;
 use std::time::Duration;
@@ -259,13 +260,23 @@ pub(crate) fn scaling(drive: &config::Drive) -> Result<AxisScaling, AssemblyErro
 /// # Errors
 /// Where parts of the configuration do not fit together.
 pub fn master(rig: &config::Rig, fixture: &config::Fixture) -> Result<Master, AssemblyError> {
-    Ok(Master::new(&network(rig)?, cycle(rig, fixture)?)?)
+    let cycle = cycle(rig, fixture)?;
+    if !rig.is_on_ethercat() {
+        return Ok(Master::new(&network(rig)?, cycle)?);
+    }
+    let ([left, right], home) = (&rig.drives, home(rig)?);
+    let axes = [(scaling(left)?, home[0]), (scaling(right)?, home[1])];
+    Ok(Master::on_segment(&segment::segment(rig)?, axes, cycle)?)
+}
+
+/// The angles of the task's origin, from which the turn of the encoders is taken: an arm is always within half a turn of it.
+fn home(rig: &config::Rig) -> Result<[f64; 2], AssemblyError> {
+    Ok(linkage(rig)?.inverse(TipPoint::new(0.0, 0.0))?.to_array())
 }
 
 /// The network as the master has to bring it up.
 pub(crate) fn network(rig: &config::Rig) -> Result<MasterSetup, AssemblyError> {
-    // The turn of the encoders is taken from the task's origin: an arm is always within half a turn of it.
-    let home = linkage(rig)?.inverse(TipPoint::new(0.0, 0.0))?.to_array();
+    let home = home(rig)?;
     let [left, right] = &rig.drives;
     let link = sensor_link(&rig.sensor)?;
     let of_profile = match &link {
@@ -349,12 +360,28 @@ fn waits(waits: &config::Waits, of_profile: Option<&NodeTraits>) -> Waits {
 /// The drive's own speed limit as a share of the guard's, which is to act first.
 const SPEED_LIMIT_SHARE: f64 = 1.25;
 
-fn drive(rig: &config::Rig, drive: &config::Drive, expected_angle_rad: f64) -> Result<DriveSetup, AssemblyError> {
-    let (scaling, profile) = (scaling(drive)?, profile(&drive.profile)?);
+/// The limits that a drive is given.
+struct DriveLimits {
+    torque_per_mille: u16,
+    counts_per_s: u32,
+    following_error_counts: u32,
+}
+
+fn drive_limits(rig: &config::Rig, scaling: &AxisScaling) -> Result<DriveLimits, AssemblyError> {
     let window = 2.0 * rig.guard.following_error_limit_rad.get() * scaling.counts_per_rad();
     let speed = SPEED_LIMIT_SHARE * rig.guard.joint_speed_limit_rad_per_s.get() * scaling.counts_per_rad();
+    Ok(DriveLimits {
+        torque_per_mille: scaling.torque_per_mille(rig.guard.torque_limit_n_m.get())?.value.unsigned_abs(),
+        counts_per_s: speed.round().min(f64::from(u32::MAX)) as u32,
+        // The drive's own window is the guard's second, wider one.
+        following_error_counts: window.round().min(f64::from(u32::MAX - 1)) as u32,
+    })
+}
+
+fn drive(rig: &config::Rig, drive: &config::Drive, expected_angle_rad: f64) -> Result<DriveSetup, AssemblyError> {
+    let (scaling, profile) = (scaling(drive)?, profile(&drive.profile)?);
+    let limits = drive_limits(rig, &scaling)?;
     let node = drive.address.canopen().ok_or(AssemblyError::OnEthercat)?;
-    let limit = scaling.torque_per_mille(rig.guard.torque_limit_n_m.get())?.value;
     Ok(DriveSetup {
         name: drive.name.clone(),
         bus: buses::bus_id(rig, &drive.bus)?,
@@ -364,9 +391,8 @@ fn drive(rig: &config::Rig, drive: &config::Drive, expected_angle_rad: f64) -> R
         heartbeat: Duration::from_millis(node.heartbeat_ms.into()),
         waits: waits(&drive.waits, Some(&profile.node)),
         profile,
-        torque_limit_per_mille: limit.unsigned_abs(),
-        speed_limit_counts_per_s: speed.round().min(f64::from(u32::MAX)) as u32,
-        // The drive's own window is the guard's second, wider one.
-        following_error_counts: window.round().min(f64::from(u32::MAX - 1)) as u32,
+        torque_limit_per_mille: limits.torque_per_mille,
+        speed_limit_counts_per_s: limits.counts_per_s,
+        following_error_counts: limits.following_error_counts,
     })
 }
