@@ -4,7 +4,7 @@
 #![cfg(unix)]
 
 use std::fs;
-use std::os::unix::fs::symlink;
+use std::os::unix::fs::{FileTypeExt, symlink};
 use std::path::{Path, PathBuf};
 use std::process::{Command, ExitStatus, Stdio};
 use std::time::{Duration, Instant};
@@ -191,6 +191,29 @@ fn a_full_disk_costs_the_file_and_not_the_report() {
     seen.is_refused(STOPPED).says("no black box").is_reported();
     // What cannot be repaired leaves no half file.
     folder.start(&program, &[&RUN[..], &["--record", "whole"]].concat());
+    let whole = fs::read(folder.0.join("whole/cycles.mcap")).unwrap();
+    let again = folder.start(&program, &[&RUN[..], &["--record", "whole", "--force"]].concat());
+    again.is_refused(USAGE).says("is there already").says("never written over");
+    let log = folder.start(&program, &[&RUN[..], &["--candump", "whole/cycles.mcap", "--force"]].concat());
+    log.is_refused(USAGE).says("is a recording: nothing was written");
+    let itself = folder.start(&program, &["record", "export", "whole", "--csv", "whole/cycles.mcap", "--force"]);
+    itself.is_refused(USAGE).says("is a recording: nothing was written");
+    assert!(fs::read(folder.0.join("whole/cycles.mcap")).unwrap() == whole, "a recording is never written over");
+    // Root can delete a device.
+    folder
+        .start(&program, &["record", "export", "whole", "--csv", "/dev/full"])
+        .is_refused(USAGE)
+        .says("No space left");
+    assert!(fs::metadata("/dev/full").unwrap().file_type().is_char_device());
+    for arguments in [
+        &["report", "--out"][..],
+        &["od", "dump", "left", "--out"],
+        &["drive", "adopt", "--node", "left", "--out"],
+        &["soak", "--seeds", "0..1", "--cycles", "10", "--markdown"],
+    ] {
+        folder.start(&program, &[arguments, &["/dev/full"]].concat()).is_refused(USAGE).says("could not be written");
+    }
+    folder.start(&program, &["new", "--yes", "/proc/x.yaml"]).is_refused(USAGE).says("could not be written");
     start(&["record", "repair", "whole/cycles.mcap"]).is_refused(USAGE).says("File too large");
     assert!(!folder.0.join("whole/cycles.repaired.mcap").exists());
 }

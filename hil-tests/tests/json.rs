@@ -1,7 +1,9 @@
 //! What commands print: with `--json` one object, with the exit code of the process and a list of diagnostics; without it tables that fit a
 //! terminal.
 
-use std::path::PathBuf;
+use std::fs::File;
+use std::io::{Read, Write};
+use std::path::{Path, PathBuf};
 use std::process::Command;
 
 use serde_json::Value;
@@ -108,30 +110,162 @@ fn every_command_prints_one_object_with_its_exit_code_and_its_diagnostics() {
     }
 }
 
+/// A terminal of 80 columns on which a command runs: its exit code, and the lines that are left on it.
+#[cfg(target_os = "linux")]
+fn on_terminal(line: &str, folder: &Path, typed: &str) -> (Option<i32>, Vec<String>) {
+    use rustix::pty::{OpenptFlags, grantpt, ioctl_tiocgptpeer, openpt, unlockpt};
+    use rustix::termios::{Winsize, tcsetwinsize};
+
+    let flags = OpenptFlags::RDWR | OpenptFlags::NOCTTY | OpenptFlags::CLOEXEC;
+    let master = openpt(flags).unwrap();
+    grantpt(&master).unwrap();
+    unlockpt(&master).unwrap();
+    let slave = ioctl_tiocgptpeer(&master, flags).unwrap();
+    tcsetwinsize(&slave, Winsize { ws_row: 40, ws_col: 80, ws_xpixel: 0, ws_ypixel: 0 }).unwrap();
+    let [input, output, error] = [&slave; 3].map(|slave| slave.try_clone().unwrap());
+    let mut program = Command::new(hil_tests::program());
+    program.args(line.split(' ')).current_dir(folder).env("XDG_STATE_HOME", folder.join("state")).env("NO_COLOR", "1");
+    let mut child = program.stdin(input).stdout(output).stderr(error).spawn().unwrap();
+    drop((program, slave));
+    let mut master = File::from(master);
+    master.write_all(typed.as_bytes()).unwrap();
+    let mut seen = Vec::new();
+    // It ends with an error once nobody has the other side open.
+    let _ = master.read_to_end(&mut seen);
+    let status = child.wait().unwrap();
+    let text = String::from_utf8(seen).unwrap();
+    let lines = text.split('\n').map(|line| {
+        // What was drawn over is gone.
+        let line = line.trim_end_matches('\r').rsplit('\r').next().unwrap_or_default();
+        let mut parts = line.split('\u{1b}');
+        let first = parts.next().unwrap_or_default().to_owned();
+        let behind =
+            |part: &str| part.trim_start_matches(|one: char| !one.is_ascii_alphabetic()).chars().skip(1).collect();
+        first + &parts.map(behind).collect::<Vec<String>>().concat()
+    });
+    (status.code(), lines.collect())
+}
+
+/// Whether a line has to be wider than a terminal: it quotes a line of a file, or has one thing that is there to be copied and so is not
+/// broken, a path or what stands between back quotes.
+fn may_be_wide(line: &str) -> bool {
+    let quotes_file = line.trim_start().split_once(' ').is_some_and(|(number, rest)| {
+        (number.parse::<u32>().is_ok() && rest.starts_with('│')) || number.starts_with(['·', '╭'])
+    });
+    let body = line.trim();
+    let body = body.strip_prefix("help: ").unwrap_or(body);
+    let behind_key = body.split_once("  ").map_or(body, |(_, behind)| behind.trim());
+    let is_one = |text: &str| match text.strip_prefix('`') {
+        Some(rest) => rest.find('`').is_none_or(|end| !rest[end..].contains(' ')),
+        None => text.contains('/') && !text.contains(' '),
+    };
+    quotes_file || is_one(body) || is_one(behind_key)
+}
+
 #[test]
-fn tables_of_devices_fit_eighty_columns() {
-    for line in [
-        "scan",
-        "scan --rig builtin:paper-admittance-two-buses.yaml",
-        "info left",
-        "info wrist",
-        "od read left statusword position-actual 1008h 1018h:2 max-torque 1400h:1",
-        "od write left max-torque 900 --dry-run",
-        "od diff left right --all",
-        "pdo show left",
-        "pdo show wrist",
-        "drive adopt --node left --dry-run",
-        "emcy",
-        "state left",
-        "nmt left reset",
-        "lss find",
-    ] {
-        let seen = Command::new(hil_tests::program()).args(line.split(' ')).output().unwrap();
-        let text = String::from_utf8(seen.stdout).unwrap();
-        assert!(!text.is_empty(), "{line}");
-        let wide = text.lines().find(|row| row.chars().count() > 80);
-        assert_eq!(wide, None, "{line}");
+#[cfg(target_os = "linux")]
+fn what_a_person_reads_fits_a_terminal_of_eighty_columns() {
+    let folder = Folder(std::env::temp_dir().join(format!("yieldwall-columns-{}", std::process::id())));
+    std::fs::create_dir_all(&folder.0).unwrap();
+    std::fs::write(folder.0.join("bad.yaml"), "rig: 5\n").unwrap();
+    let rig = "builtin:paper-admittance.yaml";
+    let run = format!("run {rig} --duration 0.2");
+    let new = "new real.yaml --yes --drives maxon-epos4 --encoder multi_turn --mode position";
+    // In this order: a recording is made before it is looked into.
+    let cases: [(&str, i32); 76] = [
+        ("--help", 0),
+        ("run --help", 0),
+        ("run", 2),
+        (&format!("{run} --record rec --candump bus.log --figure fig.svg"), 0),
+        (&format!("{run} --record rec"), 2),
+        (&format!("run {rig} --duration 3 --fault node-reset@2.5:left --black-box rec"), 8),
+        (&format!("run {rig} --duration 3 --fault emergency@0.5:left_drive --black-box rec"), 8),
+        (&format!("{run} --fault node-rest@0.1"), 2),
+        (&format!("{run} --fault node-reset@0.1:lefft"), 2),
+        (&format!("run {rig} --dry-run"), 0),
+        (&format!("run {rig} --fault wrong-bit-rate"), 5),
+        ("run builtin:sphere.yaml --duration 0.2", 0),
+        ("run builtin:vendors/four-entries.yaml --duration 0.2", 0),
+        ("run bad.yaml", 3),
+        ("run paper-admitance.yaml", 3),
+        (&format!("config check {rig} builtin:sphere.yaml builtin:paper-admittance-csv.yaml"), 0),
+        ("config check builtin:vendors/four-entries.yaml builtin:figures/fig11.yaml", 0),
+        (&format!("config check {rig} bad.yaml absent.yaml"), 3),
+        ("config chek", 2),
+        ("faults", 0),
+        ("faults node-reset wrong-bit-rate", 0),
+        ("faults node-rest", 2),
+        ("explain node-reset 8130h 06090011 0x0637", 0),
+        ("explain 7380h --rig builtin:vendors/four-entries.yaml --node left", 0),
+        ("explain node-rest", 2),
+        (&format!("bus budget {rig}"), 0),
+        ("bus budget builtin:paper-admittance-two-buses.yaml", 0),
+        (&format!("tune fixture {rig} --hand-stiffness 100000 --hand-stiffness 20"), 0),
+        ("tune fixture builtin:paper-admittance-csv.yaml", 0),
+        ("tune fixture builtin:sphere.yaml", 0),
+        (&format!("tune gains {rig}"), 0),
+        (&format!("tune gains {rig} --write --yes"), 2),
+        ("tune gains builtin:paper-admittance-csv.yaml", 0),
+        ("tune gains builtin:paper-admittance-csp.yaml", 2),
+        ("record info rec", 0),
+        ("record repair rec --out whole.mcap", 0),
+        ("record export rec --csv rec.csv", 0),
+        ("record export rec --csv rec.csv", 2),
+        ("replay rec", 0),
+        ("plot rec --figure rec.svg", 0),
+        ("compare rec builtin:paper-admittance-csp.yaml --duration 0.1", 0),
+        ("reproduce fig9 --out figures", 0),
+        ("soak --seeds 0..2 --cycles 500", 0),
+        (new, 0),
+        ("run real.yaml", 7),
+        ("new builtin.yaml --yes --drives simulated-serv", 2),
+        (&format!("report {rig}"), 0),
+        ("report absent.yaml", 3),
+        ("scan", 0),
+        ("scan --listen", 0),
+        ("scan --rig builtin:paper-admittance-two-buses.yaml", 0),
+        ("doctor node left", 0),
+        ("doctor node 5", 5),
+        ("doctor node left --fault bus-off", 4),
+        ("info left", 0),
+        ("info wrist", 0),
+        ("info 77", 5),
+        ("od read left statusword position-actual 1008h 1018h:2 max-torque 1400h:1", 0),
+        ("od read lefft statusword", 2),
+        ("od write left max-torque 900", 0),
+        ("od write left max-torque 900 --dry-run", 0),
+        ("od write left controlword 15", 2),
+        ("od dump right --out right.dcf", 0),
+        ("od dump right --out right.dcf", 2),
+        ("od diff left right --all", 7),
+        ("od restore right.dcf right --dry-run", 0),
+        ("pdo show left", 0),
+        ("pdo show wrist", 0),
+        ("drive adopt --node left --out found.yaml", 0),
+        ("drive adopt --node left --dry-run", 0),
+        ("nmt left reset", 0),
+        ("emcy", 0),
+        ("state left", 0),
+        ("state right --reset-fault", 2),
+        ("lss find", 0),
+        ("monitor --for 0.2", 0),
+    ];
+    let mut wide = Vec::new();
+    for (line, code) in cases {
+        let (exit, lines) = on_terminal(line, &folder.0, "");
+        assert_eq!(exit, Some(code), "{line}: {}", lines.join("\n"));
+        assert!(lines.iter().any(|line| !line.is_empty()), "{line}");
+        let too_wide = lines.into_iter().filter(|line| line.chars().count() > 80 && !may_be_wide(line));
+        wide.extend(too_wide.map(|seen| format!("{line}: {seen}")));
     }
+    assert_eq!(wide, Vec::<String>::new(), "{}", wide.join("\n"));
+    // Seven questions, each of which has a usual answer.
+    let (exit, lines) = on_terminal("new asked.yaml", &folder.0, &"\n".repeat(7));
+    assert_eq!(exit, Some(0), "{}", lines.join("\n"));
+    // What is typed ahead is echoed before the questions, which then follow each other in one line.
+    let of_answers = lines.iter().filter(|line| !line.contains('['));
+    assert!(of_answers.clone().all(|line| line.chars().count() <= 80), "{}", lines.join("\n"));
+    assert_eq!(lines.iter().filter(|line| line.contains("wrote asked")).count(), 3, "{}", lines.join("\n"));
 }
 
 /// Each line is an event, and the last one what `--json` prints, on one line.

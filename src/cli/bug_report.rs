@@ -13,9 +13,11 @@ use zip::{CompressionMethod, ZipWriter};
 use self::contents::{Entry, contents};
 use self::strip::Stripper;
 use super::failure::{Exit, Failure};
+use super::fit;
 use super::keep::state_folder;
 use super::output::Output;
 use super::replace::Replace;
+use crate::config::Source;
 
 /// Largest file of messages that is taken, bytes.
 const MOST_MESSAGES: u64 = 1 << 20;
@@ -39,6 +41,10 @@ pub(super) struct Arguments {
 }
 
 pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Failure> {
+    if let Some(rig) = &arguments.rig {
+        // One that is refused is reported; one that is not there is a slip.
+        Source::named(rig).read()?;
+    }
     arguments.replace.check_new(&arguments.out)?;
     let messages = arguments.messages.as_ref().map(messages).transpose()?;
     let state = |name: &str| state_folder(name).unwrap_or_default();
@@ -48,11 +54,7 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
     let stripper = Stripper::of_this_computer(arguments.with_serials, &found);
     let (entries, left_out) = stripped(found, &stripper);
     let zip = zipped(&entries).map_err(|error| Failure::new(Exit::Internal, format!("zip: {error}"), ""))?;
-    let unwritten = |error: std::io::Error| {
-        let message = format!("{}: {error}", arguments.out.display());
-        Failure::about_file(Exit::Usage, &arguments.out, message, "name a file that can be written with --out")
-    };
-    arguments.replace.create(&arguments.out)?.write_all(&zip).map_err(unwritten)?;
+    arguments.replace.write(&arguments.out, &zip)?;
     if output.is_json() {
         let files: Vec<_> = entries.iter().map(|(name, bytes)| json!({ "name": name, "bytes": bytes.len() })).collect();
         let document = json!({ "file": arguments.out, "files": files, "left_out": left_out });
@@ -66,9 +68,11 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
         text += &format!("  left out: {why}\n");
     }
     let serials = if arguments.with_serials { "" } else { ", serial numbers" };
-    text += &format!(
-        "Names of users and computers, home folders{serials} are taken out. Look into it before\nyou send it: names that you have written into files yourself stay.\n"
+    let advice = format!(
+        "Names of users and computers, home folders{serials} are taken out. Names that you have written into files yourself stay: look \
+         into it before you send it.\n"
     );
+    text += &fit::fitted(&advice, fit::USUAL);
     output.result(&text)
 }
 

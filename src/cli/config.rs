@@ -84,7 +84,7 @@ fn show(file: &str, output: &mut Output) -> Result<(), Failure> {
             Document::ErrorCodes(codes) => output.json(&codes.value),
         };
     }
-    output.result(&normal_form(&document).map_err(|error| Failure::new(Exit::Internal, error, ""))?)
+    output.verbatim(&normal_form(&document).map_err(|error| Failure::new(Exit::Internal, error, ""))?)
 }
 
 fn normal_form(document: &Document) -> Result<String, String> {

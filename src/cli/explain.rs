@@ -120,7 +120,7 @@ fn codes(arguments: &Arguments, output: &mut Output) -> Result<Option<Arc<ErrorC
     }
     let (Some(rig), Some(node)) = (&arguments.rig, &arguments.node) else { return Ok(None) };
     let rig = config::load_rig(Source::named(rig))?;
-    output.configuration(&rig.warnings)?;
+    output.names_of(&rig.warnings)?;
     let devices = devices(&rig.value);
     if let Some((.., profile)) = devices.iter().find(|(name, id, _)| name == node || id.to_string() == *node) {
         return Ok(profile.error_codes().cloned());

@@ -4,14 +4,47 @@ use std::str::FromStr;
 
 use serde_json::json;
 
-use super::failure::Failure;
+use super::failure::{Exit, Failure};
 use super::output::Output;
 use crate::config;
 use crate::injection::{CATALOGUE, Ending, Injection, Kind, Lasts, Recovery, Row, Target};
 
 /// One `--fault NAME@TIME[+DURATION][:TARGET]`.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct FaultArgument(pub(super) Injection);
+#[derive(Clone, Debug)]
+pub(super) struct FaultArgument {
+    injection: Injection,
+    /// A target that only a rig knows: one of its devices.
+    device: Option<String>,
+}
+
+impl FaultArgument {
+    /// The name of what is broken.
+    pub(super) fn name(&self) -> &'static str {
+        self.injection.kind.row().name
+    }
+
+    /// The injection, a device by its name in the rig taken for what it is.
+    pub(super) fn of_rig(&self, rig: &config::Rig) -> Result<Injection, Failure> {
+        let Some(device) = &self.device else { return Ok(self.injection) };
+        let [left, right] = &rig.drives;
+        let devices =
+            [(&left.name, Target::LeftDrive), (&right.name, Target::RightDrive), (&rig.sensor.name, Target::Sensor)];
+        let name = self.name();
+        let refused =
+            |message: String, help: String| Failure::new(Exit::Usage, format!("--fault {name}: {message}"), help);
+        if let Some((_, target)) = devices.iter().find(|(known, _)| *known == device) {
+            let injection = self.injection.on(*target);
+            return injection.check().map(|()| injection).map_err(|error| refused(error.to_string(), String::new()));
+        }
+        let known: Vec<&str> =
+            devices.iter().map(|(name, _)| name.as_str()).chain(Target::NAMES.map(|(_, name)| name)).collect();
+        let help = match config::nearest_word(device, known.iter().copied()) {
+            Some(meant) => format!("did you mean {meant}?"),
+            None => format!("write one of {}", known.join(", ")),
+        };
+        Err(refused(format!("there is no device and no target {device}"), help))
+    }
+}
 
 impl FromStr for FaultArgument {
     type Err = String;
@@ -44,17 +77,12 @@ impl FromStr for FaultArgument {
                 }
             }
         };
-        if let Some(target) = target {
-            let known = Target::NAMES.map(|(_, name)| name);
-            let named = Target::named(target).ok_or_else(|| {
-                let meant = config::nearest_word(target, known);
-                let help = meant
-                    .map_or(format!("the targets are {}", known.join(", ")), |meant| format!("did you mean {meant}?"));
-                format!("there is no target {target}: {help}")
-            })?;
-            injection = injection.on(named);
+        let named = target.and_then(Target::named);
+        if let Some(target) = named {
+            injection = injection.on(target);
         }
-        injection.check().map(|()| Self(injection)).map_err(|error| error.to_string())
+        let device = target.filter(|_| named.is_none()).map(str::to_owned);
+        injection.check().map(|()| Self { injection, device }).map_err(|error| error.to_string())
     }
 }
 
@@ -182,7 +210,28 @@ mod tests {
     use super::*;
 
     fn parse(text: &str) -> Result<Injection, String> {
-        text.parse::<FaultArgument>().map(|argument| argument.0)
+        text.parse::<FaultArgument>().map(|argument| argument.injection)
+    }
+
+    #[test]
+    fn a_target_may_be_a_device_of_the_rig() {
+        let rig = config::load_rig(config::builtin("paper-admittance.yaml")).unwrap().value;
+        let of_rig = |text: &str| text.parse::<FaultArgument>().unwrap().of_rig(&rig);
+        let reset = |target| Injection::new(Kind::NodeReset, 2.0).on(target);
+        for (device, target) in
+            [("left", Target::LeftDrive), ("right_drive", Target::RightDrive), ("wrist", Target::Sensor)]
+        {
+            assert_eq!(of_rig(&format!("node-reset@2:{device}")).unwrap(), reset(target), "{device}");
+        }
+        for (text, says, helps) in [
+            ("node-reset@2:lefft", "no device and no target lefft", "did you mean left?"),
+            ("pdo-lost@1:wrist", "it acts on left_drive, right_drive", ""),
+            ("node-reset@2:elbow", "no device and no target elbow", "write one of left, right, wrist, left_drive"),
+        ] {
+            let finding = of_rig(text).unwrap_err().report.diagnostics.remove(0);
+            assert!(finding.message.contains(says), "{}", finding.message);
+            assert!(finding.help.unwrap_or_default().contains(helps), "{text}");
+        }
     }
 
     #[test]
@@ -207,7 +256,6 @@ mod tests {
             ("sensor-stuck@NaN", "0 or above"),
             ("sensor-stuck@1+0", "above 0"),
             ("drive-fault@1+1", "takes no duration"),
-            ("pdo-lost@1:left", "did you mean left_drive?"),
             ("pdo-lost@1:sensor", "it acts on left_drive, right_drive"),
         ] {
             let error = parse(text).unwrap_err();

@@ -10,6 +10,7 @@ use serde_json::{Value, json};
 use super::ending::{bus_names, describe};
 use super::failure::{Exit, Failure};
 use super::picture::{make_folder, make_folder_of};
+use super::replace::unwritten;
 use crate::canopen::Frame;
 use crate::config::{self, Diagnostic, Report, Severity};
 use crate::record::DeviceRecord;
@@ -31,6 +32,10 @@ const FLUSH_NS: u64 = 250_000_000;
 
 /// The file of the records.
 pub(super) const MCAP: &str = "cycles.mcap";
+/// The same as text.
+const CSV: &str = "cycles.csv";
+/// The frames of a recording.
+const LOG: &str = "bus.log";
 
 /// What is watched, with the names of its buses in logs.
 #[derive(Clone, Copy, Debug)]
@@ -100,7 +105,7 @@ impl Keep {
             let (producer, feed) = record_into(folder, about, watched, capacity)?;
             cycles.push(producer);
             files.push((folder.join(MCAP), "cycles", feed));
-            logs.push((folder.join("bus.log"), true));
+            logs.push((folder.join(LOG), true));
         }
         if let Some(path) = candump {
             make_folder_of(path)?;
@@ -109,7 +114,7 @@ impl Keep {
         for (path, is_new) in logs {
             let mut options = OpenOptions::new();
             let file = options.write(true).create(true).create_new(is_new).truncate(!is_new).open(&path);
-            let log = BusLog::new(file.map_err(|error| cannot_write(&path, &error))?, watched.interfaces());
+            let log = BusLog::new(file.map_err(|error| unwritten(&path, &error))?, watched.interfaces());
             let (producer, feed) = start("bus log", watched, RING_FRAMES, log)?;
             frames.push(producer);
             files.push((path, "frames", feed));
@@ -136,7 +141,8 @@ impl Keep {
     ) -> Result<(Self, impl FnMut(&DeviceRecord) + use<>), Failure> {
         let (mut samples, mut files) = (None, Vec::new());
         if let Some(folder) = record {
-            let (producer, feed) = record_into(folder, about, Watched::Simulation(&[]), ring(device.cycle.period_us))?;
+            let capacity = ring(device.cycle.period_us);
+            let (producer, feed) = record_into(folder, about, Watched::Simulation(&[]), capacity)?;
             samples = Some(producer);
             files.push((folder.join(MCAP), "samples", feed));
         }
@@ -163,7 +169,7 @@ pub(super) fn ring(period_us: u32) -> usize {
     (RING_S / (f64::from(period_us) * 1e-6)).ceil().clamp(64.0, 65_536.0) as usize
 }
 
-/// Has records go into a folder, which is made.
+/// Has records go into a folder, which is made; never over another recording.
 fn record_into<T: Recorded>(
     folder: &Path,
     about: &About,
@@ -171,7 +177,14 @@ fn record_into<T: Recorded>(
     capacity: usize,
 ) -> Result<(Producer<T>, Feed<()>), Failure> {
     make_folder(folder)?;
-    let recorder = Recorder::<_, T>::create(folder, about).map_err(|error| cannot_write(folder, &error))?;
+    for path in [MCAP, CSV, LOG].map(|name| folder.join(name)) {
+        if path.symlink_metadata().is_ok() {
+            let message = format!("{} is there already: nothing was run", path.display());
+            let help = "name another folder; a recording is never written over, also not with --force";
+            return Err(Failure::about_file(Exit::Usage, &path, message, help));
+        }
+    }
+    let recorder = Recorder::<_, T>::create(folder, about).map_err(|error| unwritten(&folder.join(MCAP), &error))?;
     start("recorder", watched, capacity, recorder)
 }
 
@@ -187,15 +200,6 @@ fn start<T: Copy + Send + 'static, R: Send + 'static>(
 
 fn finish<R: Send + 'static>(feed: Feed<R>) -> Result<Finished<R>, Failure> {
     feed.finish().map_err(|error| Failure::new(Exit::Internal, error.to_string(), ""))
-}
-
-fn cannot_write(path: &Path, error: &io::Error) -> Failure {
-    let help = "choose a folder that can be written and has no recording yet, or a file that can be written";
-    let message = error.to_string();
-    // Some errors name the file themselves.
-    let shown = path.display().to_string();
-    let message = if message.starts_with(&shown) { message } else { format!("{shown}: {message}") };
-    Failure::about_file(Exit::Usage, path, message, help)
 }
 
 /// `$XDG_STATE_HOME/yieldwall/NAME`, by default below `~/.local/state`; `None` without a home.
@@ -214,7 +218,12 @@ impl Kept {
         });
         let boxes = self.black_boxes.iter().filter_map(|saved| {
             let path = saved.file.as_ref().ok()?;
-            Some(format!("black box {} at {}: {}", saved.cause.fault.row().name, when(saved), path.display()))
+            Some(format!(
+                "kept      black box of {} at {}: {}",
+                saved.cause.fault.row().name,
+                when(saved),
+                path.display()
+            ))
         });
         files.chain(boxes).collect()
     }

@@ -263,7 +263,7 @@ fn verdict(latency: &Latency, period_us: u32) -> String {
             format!("A, real-time, so far: {cycles} of the {PROVING_CYCLES} cycles that show it; until then as B")
         }
         Tier::B => format!(
-            "B, stock kernel: no longest time is promised; tool speed up to {REDUCED_SPEED_M_PER_S} m/s, force up to \
+            "B, stock kernel: nothing bounds how late a cycle may begin; tool speed up to {REDUCED_SPEED_M_PER_S} m/s, force up to \
              {REDUCED_FORCE_N} N, and torque mode only with a drive whose drill shows 10 ms or less"
         ),
         Tier::C => "C: simulation in lockstep or in virtual time only, or a slower cycle".to_owned(),

@@ -10,6 +10,8 @@ use serde_json::json;
 
 use super::failure::{Exit, Failure};
 use super::output::Output;
+use super::picture::make_folder;
+use super::replace::unwritten;
 
 /// Name of the program.
 const NAME: &str = "yieldwall";
@@ -36,7 +38,7 @@ pub(super) fn completions(arguments: &Completions, output: &mut Output) -> Resul
     if output.is_json() {
         return output.report(json!({ "shell": arguments.shell.to_string(), "completions": text }));
     }
-    output.result(&text)
+    output.verbatim(&text)
 }
 
 /// Prints the manual page of the program, or writes all into a folder.
@@ -52,20 +54,16 @@ pub(super) fn man(arguments: &Man, output: &mut Output) -> Result<(), Failure> {
     let Some(folder) = &arguments.out else {
         let text = page(&program)?;
         let text = String::from_utf8_lossy(&text);
-        return if output.is_json() { output.report(json!({ "page": text })) } else { output.result(&text) };
+        return if output.is_json() { output.report(json!({ "page": text })) } else { output.verbatim(&text) };
     };
-    let cannot = |error: std::io::Error| {
-        let message = format!("{}: {error}", folder.display());
-        Failure::new(Exit::Usage, message, "name a folder that can be written")
-    };
-    fs::create_dir_all(folder).map_err(cannot)?;
+    make_folder(folder)?;
     let mut pages = Vec::new();
     let mut open = vec![program];
     while let Some(command) = open.pop() {
         // `yieldwall od read` is yieldwall-od-read(1).
         let name = command.get_display_name().unwrap_or(command.get_name()).to_owned();
         let path = folder.join(format!("{name}.1"));
-        fs::write(&path, page(&command)?).map_err(cannot)?;
+        fs::write(&path, page(&command)?).map_err(|error| unwritten(&path, &error))?;
         pages.push(path);
         open.extend(command.get_subcommands().filter(|one| one.get_name() != "help").cloned());
     }

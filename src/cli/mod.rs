@@ -20,6 +20,7 @@ mod events;
 mod explain;
 mod failure;
 mod faults;
+mod fit;
 #[cfg(target_os = "linux")]
 mod interfaces;
 #[cfg(target_os = "linux")]
@@ -57,6 +58,7 @@ mod tui;
 mod tune;
 
 use std::ffi::OsString;
+use std::io::Write;
 use std::process::ExitCode;
 
 use clap::{Parser, Subcommand};
@@ -198,7 +200,7 @@ fn run(arguments: impl IntoIterator<Item = OsString>) -> Exit {
         }
         Err(error) => {
             // Help and version are no errors, and a reader that has gone away needs no message.
-            let _ = error.print();
+            let _ = if error.use_stderr() { refusal(&error) } else { error.print() };
             return if error.use_stderr() { Exit::Usage } else { Exit::Ok };
         }
     };
@@ -261,6 +263,14 @@ fn run(arguments: impl IntoIterator<Item = OsString>) -> Exit {
             failure.exit
         }
     }
+}
+
+/// Prints why arguments make no sense, in lines that fit the terminal.
+fn refusal(error: &clap::Error) -> std::io::Result<()> {
+    let text = error.render();
+    let text = if output::has_color() { text.ansi().to_string() } else { text.to_string() };
+    let columns = fit::columns(std::io::stderr()).unwrap_or(fit::USUAL);
+    std::io::stderr().lock().write_all(fit::fitted(&text, columns).as_bytes())
 }
 
 #[cfg(test)]

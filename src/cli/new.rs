@@ -4,24 +4,26 @@ mod choice;
 mod geometry;
 mod template;
 
-use std::io::{IsTerminal, stdin};
+use std::io::{IsTerminal, stderr, stdin};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use serde_json::json;
 
-use self::choice::{Choice, Law, Mode, Protocol, ask};
+use self::choice::{Choice, Law, Mode, Person, Protocol, ask};
 use self::geometry::Geometry;
 use super::bus::plans;
 use super::config::Checked;
 use super::ending::rig_failure;
 use super::failure::{Exit, Failure};
+use super::fit;
 use super::output::Output;
 use super::replace::Replace;
 use super::tune::Masses;
 use crate::analysis::{pose_margins, proposed_gains};
-use crate::config::{self, Bus, Loaded, Rig, Severity, Source};
-use yieldwall_drives::profiles::EncoderKind;
+use crate::config::{self, Bus, Document, Loaded, Rig, Severity, Source};
+use yieldwall_drives::profiles::{DeviceProfile, EncoderKind, Reaction, Servo, SetPointWatch, SyncWatch, Tried};
+use yieldwall_drives::watchdog::Watchdog;
 
 /// Virtual masses that are tried, kg, the first one unless it swings with the scene's hand.
 const MASSES_KG: [f64; 6] = [2.0, 3.0, 4.0, 6.0, 8.0, 12.0];
@@ -78,16 +80,13 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
         arguments.replace.check_new(path)?;
     }
     let is_asked = !arguments.yes && !output.is_json() && stdin().is_terminal();
-    let choice = ask(arguments, is_asked)?;
+    let (mut answers, mut questions) = (stdin().lock(), stderr());
+    let columns = fit::columns(stderr()).unwrap_or(fit::USUAL);
+    let person = Person { answers: &mut answers, questions: &mut questions, columns };
+    let choice = ask(arguments, is_asked.then_some(person))?;
     let files = compose(&choice, &names)?;
-    let folder = arguments.rig.parent().filter(|folder| !folder.as_os_str().is_empty());
-    if let Some(folder) = folder {
-        std::fs::create_dir_all(folder).map_err(|error| unwritten(folder, &error))?;
-    }
     for (path, text) in &files.texts {
-        use std::io::Write;
-        let mut file = arguments.replace.create(path)?;
-        file.write_all(text.as_bytes()).map_err(|error| unwritten(path, &error))?;
+        arguments.replace.write(path, text.as_bytes())?;
     }
     let mut checked = Checked::of(Source::disk(&arguments.rig));
     checked.rehearse();
@@ -104,15 +103,79 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
     for line in checked.lines() {
         output.news(&format!("    {line}"))?;
     }
-    output.news(&format!(
-        "What stands in these files is meant to be edited. `yieldwall config check {rig}`\n\
-         checks it again, and `yieldwall run {rig}` runs it on the embedded simulation."
-    ))
+    next(&rig, &checked).iter().try_for_each(|paragraph| output.news(&fit::fitted(paragraph, fit::USUAL)))
 }
 
-fn unwritten(path: &Path, error: &std::io::Error) -> Failure {
-    let message = format!("{}: {error}", path.display());
-    Failure::about_file(Exit::Usage, path, message, "choose a place that can be written to")
+/// What comes next for a new rig, a paragraph each.
+fn next(name: &str, checked: &Checked) -> Vec<String> {
+    let edit =
+        format!("What stands in these files is meant to be edited; `yieldwall config check {name}` checks it again.");
+    let servos: Vec<&DeviceProfile> = match &checked.result {
+        Ok(Document::Rig(rig)) => rig.value.drives.iter().filter_map(|drive| Some(&**drive.profile.get()?)).collect(),
+        _ => Vec::new(),
+    };
+    let (mut paragraphs, mut is_open) = (vec![edit], false);
+    for (index, profile) in servos.iter().enumerate() {
+        let gaps = profile.servo().map(gaps).unwrap_or_default();
+        if !gaps.is_empty() && !servos.iter().take(index).any(|other| other.name() == profile.name()) {
+            is_open = true;
+            paragraphs.push(format!("What the profile `{}` leaves open: {}.", profile.name(), gaps.join("; ")));
+        }
+    }
+    if checked.has_passed() {
+        paragraphs.push(format!("`yieldwall run {name}` runs it on the embedded simulation."));
+    } else {
+        let why = if is_open { ": simulated drives do only what their profile says" } else { "" };
+        paragraphs.push(format!("`yieldwall run {name}` refuses it, for the reason above{why}."));
+    }
+    if servos.iter().any(|profile| profile.profile.tried != Tried::Simulation) {
+        paragraphs.push(format!(
+            "With the drives on a bus: `yieldwall doctor {name} --bus can0`, then `yieldwall drill {name} --bus can0`. The drill has \
+             SYNC, set-points and heartbeat stay away while the rig rests, and measures whether the drives stop. It refuses drives that \
+             go on, and says what to write into the profile. Then `yieldwall run {name} --bus can0` is next."
+        ));
+    }
+    paragraphs
+}
+
+/// The watchdogs that a drive lacks by its profile, and what the profile does not say of the others.
+fn gaps(servo: &Servo) -> Vec<String> {
+    let mut gaps = Vec::new();
+    for (watchdog, found) in [
+        (
+            Watchdog::Sync,
+            match &servo.watchdogs.sync {
+                SyncWatch::None => None,
+                SyncWatch::BuiltIn(watch) => Some((watch.periods.is_some(), watch.reaction)),
+                SyncWatch::Object(timed) => Some((true, timed.reaction)),
+            },
+        ),
+        (
+            Watchdog::SetPoints,
+            match &servo.watchdogs.set_points {
+                SetPointWatch::None => None,
+                SetPointWatch::BuiltIn(watch) => Some((watch.periods.is_some(), watch.reaction)),
+                SetPointWatch::EventTimer { reaction, .. } => Some((true, *reaction)),
+                SetPointWatch::Object(timed) => Some((true, timed.reaction)),
+            },
+        ),
+    ] {
+        let name = watchdog.name();
+        match found {
+            None => gaps.push(format!("the drive has no watchdog for {name}")),
+            Some((knows_time, reaction)) => {
+                if !knows_time {
+                    gaps.push(format!("how long it goes on without {name}"));
+                }
+                match reaction {
+                    Reaction::Unknown => gaps.push(format!("what the drive does without {name}")),
+                    Reaction::Nothing => gaps.push(format!("the drive goes on without {name}")),
+                    Reaction::AbortConnection | Reaction::Fault => {}
+                }
+            }
+        }
+    }
+    gaps
 }
 
 /// The paths of rig, simulation and scene.

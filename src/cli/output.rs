@@ -6,6 +6,7 @@ use serde::Serialize;
 use serde_json::{Value, json};
 
 use super::failure::{Exit, Failure};
+use super::fit;
 use super::printable::printable;
 use super::render::Renderer;
 use crate::config::{Diagnostic, Report};
@@ -21,6 +22,8 @@ pub struct Output {
     /// Warnings of the configuration so far.
     warned: Vec<Diagnostic>,
     renderer: Renderer,
+    /// Columns that lines on standard output and on standard error have to fit into; `None` where nobody says how many there are.
+    columns: [Option<usize>; 2],
 }
 
 /// Whether standard error is a terminal that has colour, and `NO_COLOR` is not set to something.
@@ -34,7 +37,8 @@ impl Output {
     /// In colour where [`has_color`] says so.
     pub(super) fn new(is_quiet: bool, is_json: bool, denies_warnings: bool) -> Self {
         let renderer = Renderer::of_terminal(has_color());
-        Self { is_quiet, is_json, is_stream: false, denies_warnings, warned: Vec::new(), renderer }
+        let columns = [fit::columns(io::stdout()), fit::columns(io::stderr())];
+        Self { is_quiet, is_json, is_stream: false, denies_warnings, warned: Vec::new(), renderer, columns }
     }
 
     /// The same with the document in one line, behind lines of events.
@@ -57,11 +61,22 @@ impl Output {
         self.is_quiet
     }
 
-    /// Prints what the command was asked for, also when quiet.
+    /// Prints what the command was asked for, also when quiet: for a person, in lines that fit the terminal.
+    ///
+    /// # Errors
+    /// As [`Output::verbatim`].
+    pub fn result(&mut self, text: &str) -> Result<(), Failure> {
+        match self.columns {
+            [Some(columns), _] => self.verbatim(&fit::fitted(text, columns)),
+            [None, _] => self.verbatim(text),
+        }
+    }
+
+    /// Prints what the command was asked for as it is, also when quiet: for a program to read.
     ///
     /// # Errors
     /// When standard output cannot be written; a reader that has gone away is no error.
-    pub fn result(&mut self, text: &str) -> Result<(), Failure> {
+    pub(super) fn verbatim(&mut self, text: &str) -> Result<(), Failure> {
         let mut stdout = io::stdout().lock();
         match stdout.write_all(printable(text).as_bytes()).and_then(|()| stdout.flush()) {
             Err(error) if error.kind() != io::ErrorKind::BrokenPipe => {
@@ -74,7 +89,7 @@ impl Output {
     /// Prints the one JSON document of a command that went well: like every other an object with an exit code and diagnostics.
     ///
     /// # Errors
-    /// As [`Output::result`].
+    /// As [`Output::verbatim`].
     pub(super) fn report(&mut self, mut document: Value) -> Result<(), Failure> {
         if let Value::Object(keys) = &mut document {
             keys.entry("exit_code").or_insert(json!(Exit::Ok.code()));
@@ -86,11 +101,11 @@ impl Output {
     /// Prints a value as it is as the one JSON document.
     ///
     /// # Errors
-    /// As [`Output::result`].
+    /// As [`Output::verbatim`].
     pub fn json(&mut self, value: &impl Serialize) -> Result<(), Failure> {
         let text = if self.is_stream { serde_json::to_string(value) } else { serde_json::to_string_pretty(value) };
         match text {
-            Ok(text) => self.result(&format!("{text}\n")),
+            Ok(text) => self.verbatim(&format!("{text}\n")),
             Err(error) => Err(Failure::new(Exit::Internal, format!("JSON: {error}"), "")),
         }
     }
@@ -120,8 +135,10 @@ impl Output {
     /// Prints a line beside the results, on standard error, unless quiet or JSON.
     pub(super) fn aside(&self, line: &str) {
         if !self.is_quiet && !self.is_json {
+            let [_, columns] = self.columns;
+            let line = columns.map_or_else(|| line.to_owned(), |columns| fit::fitted(line, columns));
             // Nobody can be told that standard error is closed.
-            let _ = io::stderr().lock().write_all(format!("{}\n", printable(line)).as_bytes());
+            let _ = io::stderr().lock().write_all(format!("{}\n", printable(&line)).as_bytes());
         }
     }
 
@@ -135,11 +152,20 @@ impl Output {
     /// # Errors
     /// The warnings, where they are denied.
     pub(super) fn configuration(&mut self, warnings: &[Diagnostic]) -> Result<(), Failure> {
+        self.names_of(warnings)?;
+        self.warned.extend_from_slice(warnings);
+        self.print(warnings);
+        Ok(())
+    }
+
+    /// Takes a configuration that lends its names alone, so that its warnings say nothing of what is done.
+    ///
+    /// # Errors
+    /// The warnings, where they are denied.
+    pub(super) fn names_of(&self, warnings: &[Diagnostic]) -> Result<(), Failure> {
         if self.denies_warnings && !warnings.is_empty() {
             return Err(Report { diagnostics: warnings.to_vec() }.into());
         }
-        self.warned.extend_from_slice(warnings);
-        self.print(warnings);
         Ok(())
     }
 

@@ -4,8 +4,8 @@ use std::io::ErrorKind;
 use std::path::Path;
 
 use super::failure::{Exit, Failure};
-use super::replace::{Replace, Written};
-use crate::record::figure::Drawing;
+use super::replace::{Replace, Written, unwritten};
+use crate::record::figure::{self, Drawing};
 
 /// Width of PNG pictures: 160 mm at 300 dots per inch.
 const PICTURE_WIDTH_PX: u32 = 1890;
@@ -18,7 +18,7 @@ pub(super) fn drawing_failure(error: &dyn std::error::Error) -> Failure {
         message.push_str(&format!(": {cause}"));
         source = cause.source();
     }
-    Failure::new(Exit::Usage, message, "choose a file that can be written, and a run with something to draw")
+    Failure::new(Exit::Usage, message, "draw a run with something to see in it")
 }
 
 /// Whether a picture can have this name, and nothing else is lost by it.
@@ -53,7 +53,10 @@ pub(super) fn write_drawing(drawing: &Drawing, path: &Path) -> Result<(), Failur
         PictureKind::Svg => drawing.write_svg(path),
         PictureKind::Png => drawing.write_png(path, PICTURE_WIDTH_PX),
     };
-    written.map_err(|error| drawing_failure(&error))
+    written.map_err(|error| match &error {
+        figure::Error::Write { path, source } => unwritten(path, source),
+        _ => drawing_failure(&error),
+    })
 }
 
 pub(super) fn make_folder_of(path: &Path) -> Result<(), Failure> {

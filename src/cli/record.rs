@@ -1,15 +1,14 @@
 //! `yieldwall record`: what is in a recording, the same as text, and what can be saved of a damaged one.
 
-use std::fs::{self, File, OpenOptions};
+use std::fs::{File, OpenOptions};
 use std::io::{self, BufWriter, Write};
 use std::path::{Path, PathBuf};
 
 use serde_json::json;
 
-use super::failure::{Exit, Failure};
+use super::failure::Failure;
 use super::output::Output;
-use super::picture::make_folder_of;
-use super::replace::Replace;
+use super::replace::{Replace, discard, unwritten};
 use super::replay::{damage, open, read_failure, recording_file, records};
 use crate::record::recording::{Reader, Recorded, Recording, Writer, csv_header, csv_row, definition};
 use crate::record::{CycleRecord, DeviceRecord};
@@ -160,10 +159,7 @@ fn info(file: &Path, schema: bool, output: &mut Output) -> Result<(), Failure> {
 fn repair(file: &Path, out: Option<&Path>, output: &mut Output) -> Result<(), Failure> {
     let mut recording = open(file)?;
     let out = out.map_or_else(|| file.with_extension("repaired.mcap"), Path::to_owned);
-    let cannot = |error: io::Error| {
-        let help = "choose a new file in a folder that can be written, with --out";
-        Failure::new(Exit::Usage, format!("{}: {error}", out.display()), help)
-    };
+    let cannot = |error: io::Error| unwritten(&out, &error);
     let target = OpenOptions::new().write(true).create_new(true).open(&out).map_err(cannot)?;
     let about = recording.about().clone();
     let saved = match &mut recording {
@@ -173,8 +169,7 @@ fn repair(file: &Path, out: Option<&Path>, output: &mut Output) -> Result<(), Fa
     let content = match saved {
         Ok(content) => content,
         Err(failure) => {
-            // Half a file is of no use to anybody.
-            let _ = fs::remove_file(&out);
+            discard(&out);
             return Err(failure);
         }
     };
@@ -207,11 +202,7 @@ fn lost(content: &Content, recording: &Recording<File>) -> String {
 fn export(file: &Path, csv: Option<&Path>, replace: Replace, output: &mut Output) -> Result<(), Failure> {
     let mut recording = open(file)?;
     let csv = csv.map_or_else(|| file.with_extension("csv"), Path::to_owned);
-    let cannot = |error: io::Error| {
-        let help = "choose a new file in a folder that can be written, with --csv";
-        Failure::new(Exit::Usage, format!("{}: {error}", csv.display()), help)
-    };
-    make_folder_of(&csv)?;
+    let cannot = |error: io::Error| unwritten(&csv, &error);
     let mut text = BufWriter::new(replace.create(&csv)?);
     let written = match &mut recording {
         Recording::Rig(reader) => write_text(reader, file, &mut text, cannot),
@@ -220,8 +211,7 @@ fn export(file: &Path, csv: Option<&Path>, replace: Replace, output: &mut Output
     let content = match written.and_then(|content| text.flush().map_err(cannot).map(|()| content)) {
         Ok(content) => content,
         Err(failure) => {
-            // Half a file is of no use to anybody.
-            let _ = fs::remove_file(&csv);
+            discard(&csv);
             return Err(failure);
         }
     };

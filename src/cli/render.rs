@@ -2,19 +2,18 @@
 
 use std::fmt;
 
-use textwrap::{WordSeparator, WordSplitter};
-
 use miette::{GraphicalReportHandler, GraphicalTheme, LabeledSpan, NamedSource, SourceCode};
 
+use textwrap::WordSplitter;
+
+use super::fit;
 use super::printable::printable;
 use crate::config::{Diagnostic, Place, Related, Severity};
 
 /// Farthest line from the place that a snippet still shows.
 const SNIPPET_LINES: usize = 6;
-/// Greatest width of a message in columns, and where standard error is no terminal.
+/// Greatest width of a message, in columns.
 const WIDTH: usize = 110;
-/// Least width, however narrow the terminal is.
-const LEAST_WIDTH: usize = 40;
 
 /// Draws findings, with or without colour.
 #[derive(Debug)]
@@ -23,14 +22,13 @@ pub(super) struct Renderer {
 }
 
 impl Renderer {
-    /// As wide as the terminal that standard error is.
+    /// As wide as standard error is, within bounds.
     pub(super) fn of_terminal(in_color: bool) -> Self {
-        let size = terminal_size::terminal_size_of(std::io::stderr());
-        let width = size.map_or(WIDTH, |(terminal_size::Width(columns), _)| usize::from(columns));
-        Self::with_width(in_color, width.clamp(LEAST_WIDTH, WIDTH))
+        let width = fit::columns(std::io::stderr()).unwrap_or(fit::USUAL);
+        Self::with_width(in_color, width.clamp(fit::LEAST, WIDTH))
     }
 
-    /// As wide as a usual terminal.
+    /// As wide as a message may be.
     pub(super) fn new(in_color: bool) -> Self {
         Self::with_width(in_color, WIDTH)
     }
@@ -41,7 +39,7 @@ impl Renderer {
         // Between words alone: a path or an option that is broken cannot be copied.
         let handler = handler
             .with_break_words(false)
-            .with_word_separator(WordSeparator::AsciiSpace)
+            .with_word_separator(fit::SEPARATOR)
             .with_word_splitter(WordSplitter::NoHyphenation);
         Self { handler: handler.with_links(false).without_syntax_highlighting() }
     }

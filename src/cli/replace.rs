@@ -1,13 +1,17 @@
-//! Which files a command writes over.
+//! Files that a command writes: which ones it writes over, and what it says where it cannot.
 
 use std::fs::{self, File};
-use std::io::Read;
+use std::io::{self, ErrorKind, Read, Write};
 use std::path::Path;
 
 use super::failure::{Exit, Failure};
+use super::picture::make_folder_of;
 
 /// Bytes by which a file is known.
 const HEAD: u64 = 1024;
+
+/// How a recording begins.
+const RECORDING: &[u8] = b"\x89MCAP";
 
 /// What a command writes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -50,7 +54,8 @@ impl Written {
 /// What a command may write over.
 #[derive(Clone, Copy, Debug, Default, clap::Args)]
 pub(super) struct Replace {
-    /// Write over a file that is not what this command writes
+    /// Write over a file that is there, whatever it is but a recording; without it a drawing replaces a drawing, a bus log a bus log
+    /// and tables tables, and nothing else is replaced
     #[arg(long)]
     force: bool,
 }
@@ -62,9 +67,9 @@ impl Replace {
         if !check_regular(path)? {
             return Ok(());
         }
-        let mut head = Vec::new();
-        let read = File::open(path).and_then(|file| file.take(HEAD).read_to_end(&mut head));
-        if self.force || read.is_err() || head.is_empty() || what.is(&head) {
+        let Ok(head) = head(path) else { return Ok(()) };
+        check_recording(path, &head)?;
+        if self.force || head.is_empty() || what.is(&head) {
             return Ok(());
         }
         let message = format!("{} is there already, and is not {}: nothing was written", path.display(), what.name());
@@ -74,6 +79,12 @@ impl Replace {
     /// Refuses a file that is there already, unless forced.
     pub(super) fn check_new(self, path: &Path) -> Result<(), Failure> {
         let is_there = check_regular(path)?;
+        if is_there
+            && self.force
+            && let Ok(head) = head(path)
+        {
+            check_recording(path, &head)?;
+        }
         if is_there && !self.force {
             let message = format!("{} is there already: nothing was written", path.display());
             return Err(Failure::about_file(
@@ -86,14 +97,59 @@ impl Replace {
         Ok(())
     }
 
-    /// Makes a file that is not there yet; if it is, only when forced.
+    /// Makes a file that is not there yet, and the folders on the way; if it is there, only when forced.
     pub(super) fn create(self, path: &Path) -> Result<File, Failure> {
         self.check_new(path)?;
-        File::create(path).map_err(|error| {
-            let message = format!("{}: {error}", path.display());
-            Failure::about_file(Exit::Usage, path, message, "choose a file that can be written")
+        make_folder_of(path)?;
+        File::create(path).map_err(|error| unwritten(path, &error))
+    }
+
+    /// Writes a file that is not there yet, and the folders on the way; if it is there, only when forced.
+    pub(super) fn write(self, path: &Path, bytes: &[u8]) -> Result<(), Failure> {
+        self.create(path)?.write_all(bytes).map_err(|error| {
+            discard(path);
+            unwritten(path, &error)
         })
     }
+}
+
+/// The failure that a file could not be written, whoever writes it.
+pub(super) fn unwritten(path: &Path, error: &io::Error) -> Failure {
+    let help = match error.kind() {
+        ErrorKind::StorageFull | ErrorKind::FileTooLarge | ErrorKind::QuotaExceeded => {
+            "make room on the disk, or name a file on another one"
+        }
+        ErrorKind::PermissionDenied | ErrorKind::ReadOnlyFilesystem => "name a file in a folder that you may write to",
+        _ => "name another file",
+    };
+    // Some errors name the file themselves.
+    let (shown, error) = (path.display().to_string(), error.to_string());
+    let why = error.strip_prefix(&format!("{shown}: ")).unwrap_or(&error);
+    Failure::about_file(Exit::Usage, path, format!("{shown} could not be written: {why}"), help)
+}
+
+/// Takes away half a file, which is of use to nobody: not a device, a pipe or a link that was written to.
+pub(super) fn discard(path: &Path) {
+    if fs::symlink_metadata(path).is_ok_and(|metadata| metadata.is_file()) {
+        // The failure that is told says that there is no such file.
+        let _ = fs::remove_file(path);
+    }
+}
+
+/// How a file begins.
+fn head(path: &Path) -> io::Result<Vec<u8>> {
+    let mut head = Vec::new();
+    File::open(path)?.take(HEAD).read_to_end(&mut head)?;
+    Ok(head)
+}
+
+/// Refuses to write over a recording, which nothing brings back.
+fn check_recording(path: &Path, head: &[u8]) -> Result<(), Failure> {
+    if !head.starts_with(RECORDING) {
+        return Ok(());
+    }
+    let message = format!("{} is a recording: nothing was written", path.display());
+    Err(Failure::about_file(Exit::Usage, path, message, "name another file; a recording is never written over"))
 }
 
 /// Whether there is a regular file that writing would change.
@@ -145,6 +201,19 @@ mod tests {
             assert_eq!(found, wanted, "{}", String::from_utf8_lossy(content));
             assert!(kinds.iter().all(|what| Replace { force: true }.check(&path, *what).is_ok()));
         }
+        for recording in [b"\x89MCAP0\r\n".as_slice(), b"\x89MCAP0\r\n and more"] {
+            fs::write(&path, recording).unwrap();
+            for replace in [false, true].map(|force| Replace { force }) {
+                assert!(replace.check(&path, Written::BusLog).is_err());
+                assert!(replace.write(&path, b"").is_err());
+            }
+            assert_eq!(fs::read(&path).unwrap(), recording, "no recording is written over");
+        }
+        fs::remove_file(&path).unwrap();
+        Replace::default().write(&path, b"one").unwrap();
+        assert!(Replace::default().write(&path, b"other").is_err());
+        Replace { force: true }.write(&path, b"two").unwrap();
+        assert_eq!(fs::read(&path).unwrap(), b"two");
         assert!(Replace::default().check(&folder.join("new"), Written::Picture).is_ok());
         for force in [false, true] {
             assert!(Replace { force }.check(&folder, Written::BusLog).is_err(), "a folder");

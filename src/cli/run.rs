@@ -67,7 +67,8 @@ pub(super) struct Arguments {
     /// Seed of tremor and sensor noise, in place of the scene's
     #[arg(long, value_name = "N", allow_negative_numbers = true)]
     seed: Option<u64>,
-    /// Break something on the way, once or again and again, beside what the scene says; `yieldwall faults` lists names
+    /// Break something on the way, once or again and again, beside what the scene says; `yieldwall faults` lists names,
+    /// TARGET is a device by its name in the rig, or a target that `yieldwall faults NAME` tells
     #[arg(long, value_name = "NAME@TIME[+DURATION][:TARGET]")]
     fault: Vec<FaultArgument>,
     /// Draw trajectory, force and power into this file, an .svg or a .png; folders on the way are made
@@ -80,7 +81,7 @@ pub(super) struct Arguments {
     #[arg(long)]
     pub(super) ignore_bus_budget: bool,
     /// Record every cycle and every frame into this folder, which is made: cycles.mcap, cycles.csv and bus.log; of an impedance
-    /// device, which has no bus, its samples
+    /// device, which has no bus, its samples. A recording that is there is never written over
     #[arg(long, value_name = "DIR")]
     pub(super) record: Option<PathBuf>,
     /// Say what boot and start would send to each device, old -> new, and send nothing but the reading of objects
@@ -130,7 +131,7 @@ fn run_and_tell(arguments: &Arguments, events: &Events, output: &mut Output) -> 
         return plan::run(&rig, &[], Sender::Run, output);
     }
     let scene = rig.scene()?;
-    let faults = arguments.fault.iter().map(|fault| fault.0).collect();
+    let faults = arguments.fault.iter().map(|fault| fault.of_rig(&rig.value)).collect::<Result<_, _>>()?;
     let overrides = Overrides { fixture: None, duration_s: arguments.duration, seed: arguments.seed, faults };
     let about = replay::about(&rig.value, Some(&scene.value), &overrides)
         .map_err(|error| Failure::new(Exit::Internal, format!("documents of the recording: {error}"), ""))?;

@@ -92,9 +92,8 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
     if rig.is_on_ethercat() {
         return segment::run(arguments, &rig, &scene.value, seed, output);
     }
-    if let Some(FaultArgument(injection)) = arguments.fault.first() {
-        let message =
-            format!("--fault {}: sim breaks things on EtherCAT, and this rig is on CAN", injection.kind.row().name);
+    if let Some(fault) = arguments.fault.first() {
+        let message = format!("--fault {}: sim breaks things on EtherCAT, and this rig is on CAN", fault.name());
         return Err(Failure::new(Exit::Usage, message, "break it on the embedded simulation: `yieldwall run --fault`"));
     }
     let here = chosen(arguments, &rig)?;

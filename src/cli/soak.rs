@@ -11,7 +11,7 @@ use serde_json::json;
 
 use super::failure::{Exit, Failure};
 use super::output::Output;
-use super::replace::{Replace, Written};
+use super::replace::{Replace, Written, unwritten};
 use crate::config::Report;
 use crate::soak::{self, Campaign, Outcome, Script, Shipped, Store, StoreError, Tally};
 
@@ -100,9 +100,7 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
     let mut tally = Tally::default();
     outcomes.iter().for_each(|outcome| tally.add(outcome));
     if let Some(path) = &arguments.markdown {
-        std::fs::write(path, soak::markdown(&tally)).map_err(|error| {
-            Failure::new(Exit::Usage, format!("{}: {error}", path.display()), "choose a file that can be written")
-        })?;
+        std::fs::write(path, soak::markdown(&tally)).map_err(|error| unwritten(path, &error))?;
     }
     let end = judge(arguments, &tally, &outcomes);
     if output.is_json() {

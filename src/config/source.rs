@@ -8,7 +8,7 @@ use std::path::{Component, Path, PathBuf};
 use std::sync::Arc;
 
 use super::diagnostic::{Diagnostic, Report};
-use super::suggest::nearest;
+use super::suggest::nearest_file;
 use yieldwall_drives::{codes, profiles};
 
 /// Largest file that is read, bytes. The shipped rigs have 5 kB.
@@ -170,10 +170,9 @@ impl Source {
             Origin::Builtin => match shipped(&self.path) {
                 Some(text) => Ok(Arc::from(text)),
                 None => {
-                    let help = match nearest(&self.path.to_string_lossy(), builtin_names()) {
-                        Some(meant) => format!("did you mean `{meant}`?"),
-                        None => format!("the shipped files are {}", builtin_names().collect::<Vec<_>>().join(", ")),
-                    };
+                    let help = self.meant_builtin().unwrap_or_else(|| {
+                        format!("the shipped files are {}", builtin_names().collect::<Vec<_>>().join(", "))
+                    });
                     Err(self.refuse("is not among the files that come with the program", help))
                 }
             },
@@ -229,7 +228,14 @@ impl Source {
         }
     }
 
-    /// Help for a path that does not exist: the YAML file beside it whose name is nearest, or all of them.
+    /// Help for a path that a file inside the program comes near to.
+    fn meant_builtin(&self) -> Option<String> {
+        let meant = nearest_file(&self.path.to_string_lossy(), builtin_names())?;
+        Some(format!("did you mean `{BUILTIN_PREFIX}{meant}`?"))
+    }
+
+    /// Help for a path that does not exist: the YAML file beside it whose name is nearest, or the file inside the program, or all those
+    /// beside it.
     fn nearby(&self) -> String {
         let parent = match self.path.parent() {
             Some(parent) if !parent.as_os_str().is_empty() => parent,
@@ -244,8 +250,11 @@ impl Source {
             .collect();
         names.sort();
         let asked = self.path.file_name().map(|name| name.to_string_lossy().into_owned()).unwrap_or_default();
-        if let Some(meant) = nearest(&asked, names.iter().map(String::as_str)) {
+        if let Some(meant) = nearest_file(&asked, names.iter().map(String::as_str)) {
             return format!("did you mean `{}`?", self.path.with_file_name(meant).display());
+        }
+        if let Some(help) = self.meant_builtin() {
+            return help;
         }
         names.truncate(10);
         match names.is_empty() {

@@ -1,5 +1,7 @@
 //! Which of the known words was meant.
 
+use std::path::Path;
+
 /// The known word nearest to `word`, when it is near enough to be worth asking about.
 pub(crate) fn nearest<'a>(word: &str, known: impl IntoIterator<Item = &'a str>) -> Option<&'a str> {
     let word = word.to_lowercase();
@@ -7,9 +9,20 @@ pub(crate) fn nearest<'a>(word: &str, known: impl IntoIterator<Item = &'a str>) 
         // A key without its unit is the commonest slip.
         let is_start = word.len() >= 3 && candidate.starts_with(&word);
         let distance = if is_start { 1 } else { edits(&word, &candidate.to_lowercase()) };
-        (distance <= 1 + word.chars().count() / 4).then_some(distance)
+        // Words that share less than three quarters of their letters are not each other's slip, nor are words of two letters.
+        let letters = word.chars().count();
+        (letters > 2 && distance <= (letters / 4).max(1)).then_some(distance)
     };
     known.into_iter().filter_map(|candidate| Some((near(&candidate)?, candidate))).min().map(|(_, candidate)| candidate)
+}
+
+/// The file whose name is nearest to that of a path: folders and endings, in which names may be alike by chance, do not count.
+pub(super) fn nearest_file<'a>(path: &str, known: impl IntoIterator<Item = &'a str>) -> Option<&'a str> {
+    let stem = |path: &'a str| (Path::new(path).file_stem().and_then(|stem| stem.to_str()).unwrap_or(path), path);
+    let known: Vec<(&str, &str)> = known.into_iter().map(stem).collect();
+    let asked = Path::new(path).file_stem().and_then(|stem| stem.to_str())?;
+    let meant = nearest(asked, known.iter().map(|(stem, _)| *stem))?;
+    known.into_iter().find(|(stem, _)| *stem == meant).map(|(_, path)| path)
 }
 
 /// Fewest letters to insert, remove, replace or swap with their neighbour.
@@ -43,6 +56,21 @@ mod tests {
         assert_eq!(nearest("mass", known), Some("mass_kg"));
         assert_eq!(nearest("stiffness", known), None);
         assert_eq!(nearest("", known), None);
+        assert_eq!(nearest("mess_kg", known), Some("mass_kg"));
+        for (word, known) in [("maxx_k", "mass_kg"), ("gain", "mass"), ("ab", "ac"), ("sensor", "friction_n")] {
+            assert_eq!(nearest(word, [known]), None, "{word}");
+        }
+    }
+
+    #[test]
+    fn files_are_told_apart_by_their_names_alone() {
+        let known = ["paper-admittance.yaml", "scenes/room-walk.yaml", "my.yaml"];
+        assert_eq!(nearest_file("paper-admitance.yaml", known), Some("paper-admittance.yaml"));
+        assert_eq!(nearest_file("config/paper-admittance.yml", known), Some("paper-admittance.yaml"));
+        assert_eq!(nearest_file("room-wlak.yaml", known), Some("scenes/room-walk.yaml"));
+        for other in ["rig.yaml", "a/my/x.yaml", "", "scenes", "absent.yaml"] {
+            assert_eq!(nearest_file(other, known), None, "{other}");
+        }
     }
 
     #[test]

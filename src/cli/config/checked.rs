@@ -57,6 +57,11 @@ impl Checked {
         }
     }
 
+    /// Whether its scene was run, and ended as it should.
+    pub(in crate::cli) fn has_passed(&self) -> bool {
+        self.rehearsal.as_ref().is_some_and(|rehearsal| rehearsal.finding.is_none())
+    }
+
     fn plans(&self) -> Vec<Plan<'_>> {
         rig(&self.result).and_then(|rig| plans(&rig.value).ok()).unwrap_or_default()
     }

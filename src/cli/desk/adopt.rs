@@ -1,6 +1,5 @@
 //! `yieldwall drive adopt`: a drive nobody has a profile of, and the profile that follows.
 
-use std::io::Write;
 use std::path::{Path, PathBuf};
 
 use serde_json::json;
@@ -106,10 +105,7 @@ pub(in crate::cli) fn run(command: &Command, output: &mut Output) -> Result<(), 
     let (text, missing) = profile(&found, sheet, &named, env!("CARGO_PKG_VERSION"));
     let contradictions = eds.as_ref().map_or_else(Vec::new, |eds| contradictions(eds, &found));
     if let Some(path) = &arguments.out {
-        arguments.replace.create(path)?.write_all(text.as_bytes()).map_err(|error| {
-            let message = format!("{}: cannot be written: {error}", path.display());
-            Failure::about_file(Exit::Usage, path, message, "name a file in a folder that can be written")
-        })?;
+        arguments.replace.write(path, text.as_bytes())?;
     }
     let modes: Vec<&str> = found.modes.iter().map(|mode: &OperationMode| mode_words(*mode)).collect();
     if output.is_json() {
@@ -127,7 +123,7 @@ pub(in crate::cli) fn run(command: &Command, output: &mut Output) -> Result<(), 
             "profile": text,
         }));
     }
-    let Some(path) = &arguments.out else { return output.result(&text) };
+    let Some(path) = &arguments.out else { return output.verbatim(&text) };
     let mut told = format!(
         "{}: {named}, {}\n",
         node.words(),

@@ -18,6 +18,8 @@ pub(in crate::cli) struct Arguments {
     place: Place,
 }
 
+/// Whose heartbeat is watched.
+const HEARTBEAT_CONSUMER: u16 = 0x1016;
 /// The last error of a drive.
 const ERROR_CODE: u16 = 0x603f;
 
@@ -28,7 +30,7 @@ const OBJECTS: [(u16, u8, &str); 14] = [
     (0x1001, 0, "error register"),
     (0x1003, 0, "errors stored"),
     (0x1017, 0, "heartbeat, ms"),
-    (0x1016, 1, "watches"),
+    (HEARTBEAT_CONSUMER, 1, "watches heartbeat of"),
     (0x6502, 0, "modes"),
     (0x6061, 0, "mode in force"),
     (0x6041, 0, "state"),
@@ -69,6 +71,9 @@ pub(in crate::cli) fn run(arguments: &Arguments, output: &mut Output) -> Result<
         let data_type = known(at, None).map(|known| known.data_type);
         let mut shown = words::value(at, data_type, &bytes, node.scaling());
         let explained = (index == ERROR_CODE && number(&bytes) != 0).then(|| node.explained(number(&bytes) as u16));
+        if index == HEARTBEAT_CONSUMER && number(&bytes) == 0 {
+            shown.means = Some("nobody".to_owned());
+        }
         if let Some(explained) = &explained {
             shown.means = Some(explained.meaning.to_string());
         }

@@ -111,7 +111,7 @@ impl Desk {
             (None, Some(_)) => None,
             (named, _) => {
                 let rig = config::load_rig(Source::named(named.as_deref().unwrap_or(USUAL_RIG)))?;
-                output.configuration(&rig.warnings)?;
+                output.names_of(&rig.warnings)?;
                 Some(rig)
             }
         };

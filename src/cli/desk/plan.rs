@@ -80,7 +80,10 @@ pub(in crate::cli) fn run(
         });
         return output.end(document, end);
     }
-    let mut text = words::wrapped(&format!("Nothing was written. Read: {place}."));
+    let is_simulated = desks.iter().any(|desk| desk.is_simulated);
+    let asked = if is_simulated { format!("simulated devices of {}", rig.value.rig.name) } else { place };
+    let other = if is_simulated { ". With --bus INTERFACE those of a bus are read" } else { "" };
+    let mut text = words::wrapped(&format!("Nothing was written. Old values were read from the {asked}{other}."));
     let (mut part, mut of) = ("", None);
     for (number, line) in lines.iter().enumerate() {
         let begins = line.part != part || (part == CONFIGURE && line.node != of);
@@ -251,7 +254,9 @@ impl Line {
                 let name = if name.is_empty() { write.doing.to_owned() } else { name };
                 let (old, new) = (short(write.at, write.old.as_deref()), short(write.at, write.new.as_deref()));
                 let before = if self.part == CONFIGURE { String::new() } else { format!("{bus}{who}: ") };
-                let line = format!("{before}{:8}  {name:28}  {old} -> {new}", write.at.to_string());
+                // Behind the name of a node less is left of the line.
+                let wide = if before.is_empty() { 28 } else { 20 };
+                let line = format!("{before}{:8}  {name:wide$}  {old} -> {new}", write.at.to_string());
                 let scaling = self.entry(desks).and_then(|entry| entry.scaling.as_ref());
                 let means = write
                     .new

@@ -15,9 +15,9 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use serde_json::{Map, Value, json};
-use textwrap::{Options, WordSeparator, WordSplitter};
 
 use super::failure::{Exit, Failure};
+use super::fit;
 use super::output::Output;
 use super::printable::printable;
 use super::tui::View;
@@ -88,14 +88,13 @@ impl Event {
     /// The same for a terminal of so many columns.
     fn paragraph(&self, width: usize) -> String {
         let filled = |head: String, text: &str, indent: usize| {
-            let indent = " ".repeat(indent);
-            let options = Options::new(width.clamp(40, WIDTH)).initial_indent(&head).subsequent_indent(&indent);
-            let options = options.word_separator(WordSeparator::AsciiSpace).word_splitter(WordSplitter::NoHyphenation);
-            textwrap::fill(text, options.break_words(false)) + "\n"
+            fit::filled(&head, &" ".repeat(indent), text, width.min(WIDTH)) + "\n"
         };
         let at = self.time_s.map_or_else(String::new, |_| format!("at {} s: ", self.time()));
         let first = filled(format!("{:9} ", self.name), &format!("{at}{}", self.text), HEAD);
-        let words = self.words.iter().map(|(key, text)| filled(format!("{:HEAD$}{key:8} ", ""), text, HEAD + 9));
+        // What stops the rig is explained where the command ends, which is at once.
+        let words = if matches!(self.name, "fault" | "refused") { &[][..] } else { &self.words };
+        let words = words.iter().map(|(key, text)| filled(format!("{:HEAD$}{key:8} ", ""), text, HEAD + 9));
         std::iter::once(first).chain(words).collect()
     }
 
@@ -137,12 +136,12 @@ pub(super) struct Events(Arc<Mutex<Teller>>);
 impl Events {
     /// As a command prints.
     pub(super) fn of(output: &Output) -> Self {
-        let stdout = terminal_size::terminal_size_of(io::stdout());
-        let form = match stdout {
-            _ if output.is_stream() => Form::Objects,
-            _ if output.is_json() || output.is_quiet() => Form::Nobody,
-            Some((terminal_size::Width(columns), _)) => Form::Terminal(columns.into()),
-            None => Form::Lines,
+        let stdout = io::stdout();
+        let form = match () {
+            () if output.is_stream() => Form::Objects,
+            () if output.is_json() || output.is_quiet() => Form::Nobody,
+            () if stdout.is_terminal() => Form::Terminal(fit::columns(&stdout).unwrap_or(fit::USUAL)),
+            () => Form::Lines,
         };
         let has_line = !output.is_json() && !output.is_quiet() && io::stderr().is_terminal();
         let bar = has_line.then(|| {
@@ -282,7 +281,9 @@ mod tests {
         assert_eq!((&document["fault"], &document["next"]), (&json!("node-reset"), &json!("check the node's supply")));
         let paragraph = fault().paragraph(60);
         assert!(paragraph.lines().all(|line| line.len() <= 60), "{paragraph}");
-        assert_eq!(paragraph.lines().count(), 4, "{paragraph}");
+        assert_eq!(paragraph.lines().count(), 2, "{paragraph}");
+        let held = Event { name: "held", ..fault() };
+        assert_eq!(held.paragraph(60).lines().count(), 4, "the rig goes on, and nothing is told at the end");
         assert!(fault().is_grave() && !Event::new("boot", None, "").is_grave());
     }
 

@@ -194,7 +194,7 @@ mod tests {
         let faults: Vec<Injection> = fault
             .split(' ')
             .filter(|word| !word.is_empty())
-            .map(|one| one.parse::<FaultArgument>().unwrap().0)
+            .map(|one| one.parse::<FaultArgument>().unwrap().of_rig(&rig.value).unwrap())
             .collect();
         let (heard, all) = channel();
         let (cycles, frames, errors) = (heard.clone(), heard.clone(), heard);

@@ -58,7 +58,7 @@ impl Facts<'_> {
         if self.played.came_back > 0 {
             let times = self.played.came_back;
             lines.push(format!(
-                "came back {times} times, reset and enabled by a person; measures end with the first fault"
+                "resumed   {times} times, reset and enabled by a person; measures end with the first fault"
             ));
         }
         match self.refusals().as_slice() {
@@ -70,7 +70,7 @@ impl Facts<'_> {
             Err(error) => format!("timing    not proved, which was ignored: {error}"),
         }));
         let emergencies = &self.outcome.emergencies;
-        lines.extend(emergencies.iter().map(|emergency| format!("emergency {}", text(emergency, self.rig))));
+        lines.extend(emergencies.iter().map(|emergency| format!("emcy      {}", text(emergency, self.rig))));
         lines
             .extend(self.outcome.errors.iter().map(|error| format!("drive     {}", drive_error_text(error, self.rig))));
         lines.extend(counted_text(&self.outcome.counted, self.outcome.foreign_downloads));

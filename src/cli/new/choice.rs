@@ -1,13 +1,15 @@
 //! What a new rig shall be: flags, answers, and usual values for the rest.
 
-use std::io::{BufRead, Write, stderr, stdin};
+use std::io::{BufRead, Write};
 use std::path::{Path, PathBuf};
 
 use clap::ValueEnum;
 use yieldwall_drives::profiles::EncoderKind;
 
 use super::Arguments;
+use crate::cli::confirm::answer;
 use crate::cli::failure::{Exit, Failure};
+use crate::cli::fit;
 use crate::config::{ProfileName, Source, load_profile, nearest_word};
 
 /// Node id of this program.
@@ -83,8 +85,8 @@ pub(super) fn parse_encoder(text: &str) -> Result<EncoderKind, String> {
 }
 
 /// Takes what the flags say, asks for the rest if somebody can be asked, and checks what does not go together.
-pub(super) fn ask(arguments: &Arguments, is_asked: bool) -> Result<Choice, Failure> {
-    let asking = Asking { is_asked };
+pub(super) fn ask(arguments: &Arguments, person: Option<Person<'_>>) -> Result<Choice, Failure> {
+    let mut asking = Asking { person };
     let mode = asking.word("what the drives are commanded", arguments.mode, Mode::Torque)?;
     let law = match mode {
         Mode::Torque => asking.word("control law", arguments.law, Law::Psmc)?,
@@ -252,25 +254,33 @@ fn profiles(drives: &[String], rig: &Path) -> Result<([String; 2], ProfileFiles)
     Ok(([left, right], files))
 }
 
-/// Whether somebody can be asked.
-struct Asking {
-    is_asked: bool,
+/// Who is asked: where answers come from, and where questions go.
+pub(super) struct Person<'a> {
+    pub(super) answers: &'a mut dyn BufRead,
+    pub(super) questions: &'a mut dyn Write,
+    /// Columns of what questions go to.
+    pub(super) columns: usize,
 }
 
-impl Asking {
+/// Somebody, if there is somebody who can be asked.
+struct Asking<'a> {
+    person: Option<Person<'a>>,
+}
+
+impl Asking<'_> {
     /// A word of several.
-    fn word<T: ValueEnum>(&self, question: &str, given: Option<T>, usual: T) -> Result<T, Failure> {
+    fn word<T: ValueEnum>(&mut self, question: &str, given: Option<T>, usual: T) -> Result<T, Failure> {
         let name = |word: &T| word.to_possible_value().map(|value| value.get_name().to_owned()).unwrap_or_default();
         let all: Vec<String> = T::value_variants().iter().map(name).collect();
         let question = format!("{question}: {}", all.join(", "));
         self.value(&question, given, usual, name, |text| {
-            T::from_str(text, true).map_err(|_| format!("one of {}", all.join(", ")))
+            T::from_str(text, true).map_err(|_| format!("write one of {}", all.join(", ")))
         })
     }
 
     /// A value: as given, or as answered, or the usual one.
     fn value<T>(
-        &self,
+        &mut self,
         question: &str,
         given: Option<T>,
         usual: T,
@@ -280,30 +290,20 @@ impl Asking {
         if let Some(given) = given {
             return Ok(given);
         }
-        if !self.is_asked {
-            return Ok(usual);
-        }
+        let Some(Person { answers, questions, columns }) = &mut self.person else { return Ok(usual) };
+        let question = fit::fitted(&format!("{question} [{}]", shown(&usual)), *columns);
         loop {
-            let asked = write!(stderr(), "{question} [{}] ", shown(&usual)).and_then(|()| stderr().flush());
-            let mut line = String::new();
-            let read = asked.and_then(|()| stdin().lock().read_line(&mut line));
-            match read {
-                Ok(read) if read > 0 => {}
-                _ => {
-                    return Err(Failure::new(
-                        Exit::Usage,
-                        "nobody answers: nothing was written",
-                        "give flags, and --yes",
-                    ));
-                }
-            }
-            if line.trim().is_empty() {
+            let answer = answer(answers, questions, &question).ok_or_else(|| {
+                Failure::new(Exit::Usage, "nobody answers: nothing was written", "give flags, and --yes")
+            })?;
+            if answer.is_empty() {
                 return Ok(usual);
             }
-            match parse(line.trim()) {
+            match parse(&answer) {
                 Ok(value) => return Ok(value),
+                // Asked once more below it.
                 Err(wanted) => {
-                    let _ = writeln!(stderr(), "  {wanted}");
+                    let _ = writeln!(questions, "{}", fit::fitted(&format!("  {wanted}"), *columns));
                 }
             }
         }

@@ -4,7 +4,7 @@ use std::ffi::OsString;
 
 use clap::{Parser, ValueEnum};
 
-use super::choice::{Law, Mode, Protocol, ask};
+use super::choice::{Law, Mode, Person, Protocol, ask};
 use super::{compose, names};
 use crate::cli::config::Checked;
 use crate::cli::failure::Exit;
@@ -51,7 +51,7 @@ struct Flags {
 /// warning. Or how the flags are refused.
 fn findings(flags: &[&str]) -> Result<Vec<crate::config::Diagnostic>, Exit> {
     let flags = Flags::try_parse_from(["new", "rig.yaml", "--yes"].iter().chain(flags)).map_err(|_| Exit::Usage)?;
-    let made = ask(&flags.arguments, false).and_then(|choice| {
+    let made = ask(&flags.arguments, None).and_then(|choice| {
         let files = compose(&choice, &names(&flags.arguments.rig)?)?;
         files.source(&choice)
     });
@@ -144,4 +144,71 @@ fn a_profile_of_ones_own_is_a_file() {
     let rig = folder.file("in/here/rig.yaml");
     assert_eq!(exit(&["new", "--yes", &rig, "--drives", &profile]), Exit::Ok);
     assert_eq!(exit(&["config", "check", &rig]), Exit::Ok);
+}
+
+/// What a person at a terminal answers: nothing for the usual value, a wrong answer is asked again, and nobody who answers makes no rig.
+#[test]
+fn what_is_not_given_is_asked() {
+    let asked = |flags: &[&str], said: &str| {
+        let flags = Flags::try_parse_from(["new", "rig.yaml"].iter().chain(flags)).unwrap();
+        let (mut answers, mut questions) = (said.as_bytes(), Vec::new());
+        let person = Person { answers: &mut answers, questions: &mut questions, columns: 80 };
+        let choice = ask(&flags.arguments, Some(person));
+        (choice, String::from_utf8(questions).unwrap(), answers.len())
+    };
+    let usual = ask(&Flags::try_parse_from(["new", "rig.yaml"]).unwrap().arguments, None).unwrap();
+    let (choice, questions, left) = asked(&[], &"\n".repeat(7));
+    assert_eq!((format!("{:?}", choice.unwrap()), left), (format!("{usual:?}"), 0));
+    assert!(questions.contains("what the drives are commanded: torque, velocity, position [torque] "), "{questions}");
+    // What is answered is not among it, nor the end of its line.
+    let each = questions.split_inclusive("] ").flat_map(str::lines);
+    assert!(each.clone().count() >= 7 && each.clone().all(|line| line.chars().count() <= 80), "{questions}");
+
+    let answers = "speed\nposition\n400\n 2000 \nstreaming\nsimulated-serv\nsimulated-servo\n5,5\n5,6\n0.3\n0.2,0.25\n";
+    let (choice, questions, left) = asked(&[], answers);
+    let choice = choice.unwrap();
+    assert_eq!((choice.mode, choice.period_us, choice.sensor), (Mode::Position, 2000, Protocol::Streaming));
+    assert_eq!((choice.nodes, choice.links_m, left), ([5, 6, 0], [0.2, 0.25], 0));
+    for wanted in [
+        "write one of torque, velocity, position",
+        "a whole number from 500 to 10000",
+        "did you mean simulated-servo?",
+        "each device has an id of its own",
+        "two lengths with a comma between",
+    ] {
+        assert!(questions.contains(&format!("\n  {wanted}\n")) || questions.contains(wanted), "{wanted}: {questions}");
+    }
+
+    // What a flag says is not asked.
+    let (choice, questions, left) = asked(&["--mode", "velocity", "--nodes", "5,6,7", "--links", "0.2,0.25"], "\n\n\n");
+    assert_eq!((choice.unwrap().mode, left), (Mode::Velocity, 0));
+    assert!(!questions.contains("commanded") && !questions.contains("node ids"), "{questions}");
+
+    let (refused, questions, _) = asked(&[], "torque\n");
+    assert_eq!(refused.unwrap_err().exit, Exit::Usage);
+    assert!(questions.ends_with(" \n"), "what follows begins a line: {questions:?}");
+}
+
+/// What a real drive's profile leaves open is told with what comes next; nothing of the kind of simulated drives.
+#[test]
+fn what_comes_next_is_what_the_profile_allows() {
+    let next = |flags: &[&str]| {
+        let flags = Flags::try_parse_from(["new", "rig.yaml", "--yes"].iter().chain(flags)).unwrap();
+        let choice = ask(&flags.arguments, None).unwrap();
+        let files = compose(&choice, &names(&flags.arguments.rig).unwrap()).unwrap();
+        let mut checked = Checked::of(files.source(&choice).unwrap());
+        checked.rehearse();
+        super::next("rig.yaml", &checked).join("\n")
+    };
+    let simulated = next(&[]);
+    assert!(simulated.contains("`yieldwall run rig.yaml` runs it") && !simulated.contains("drill"), "{simulated}");
+    let real = next(&["--drives", "maxon-epos4", "--encoder", "multi_turn", "--mode", "position"]);
+    for wanted in [
+        "the drive has no watchdog for SYNC; how long it goes on without set-points",
+        "`yieldwall run rig.yaml` refuses it",
+        "`yieldwall drill rig.yaml --bus can0`",
+    ] {
+        assert!(real.contains(wanted), "{wanted}: {real}");
+    }
+    assert!(!real.contains("runs it on the embedded simulation"), "{real}");
 }

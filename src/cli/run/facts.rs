@@ -128,7 +128,7 @@ impl Facts<'_> {
             lines.push(format!("candump   {}; time 0 of the scene is {start_s:.3} in it{named}", path.display()));
         }
         lines.extend(self.kept.lines());
-        let told = self.report.emergencies.iter().map(|told| format!("emergency {}", text(told, self.rig)));
+        let told = self.report.emergencies.iter().map(|told| format!("emcy      {}", text(told, self.rig)));
         lines.extend(told);
         lines.extend(self.report.errors.iter().map(|error| format!("drive     {}", drive_error_text(error, self.rig))));
         lines.extend(counted_text(&self.report.counted, self.report.foreign_downloads));

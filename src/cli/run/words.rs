@@ -13,15 +13,15 @@ pub(in crate::cli) fn watchdogs_text(drilled: &Drilled) -> String {
     let after = |finding: &Finding| {
         let slowest = finding.stopped_after.iter().copied().collect::<Option<Vec<_>>>();
         let slowest = slowest.and_then(|times| times.into_iter().max());
-        let time = slowest.map_or("never".to_owned(), |time| format!("{:.1} ms", 1e3 * time.as_secs_f64()));
-        format!("{} {time}", finding.watchdog.name())
+        let time = slowest.map_or("never".to_owned(), |time| format!("after {:.1} ms", 1e3 * time.as_secs_f64()));
+        format!("without {} {time}", finding.watchdog.name())
     };
     let findings: Vec<_> = drilled.findings.iter().map(after).collect();
     let resolution = match 1e3 * drilled.resolution.as_secs_f64() {
         0.0 => String::new(),
         ms => format!(", seen every {ms:.1} ms"),
     };
-    format!("watchdogs stop the drives without {}{resolution}", findings.join(", "))
+    format!("watchdog  the drives stop {}{resolution}", findings.join(", "))
 }
 
 /// The same as data.

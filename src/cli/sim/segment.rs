@@ -9,7 +9,7 @@ use crate::cli::interfaces::Interfaces;
 use crate::cli::interrupt::on_interrupt;
 use crate::cli::output::Output;
 use crate::config;
-use crate::injection::Medium;
+use crate::injection::{Injection, Medium};
 use crate::link::{EthernetLink, PacketSocket, Role};
 use crate::live::{ServeError, serve_segment};
 use crate::rig::SegmentServer;
@@ -21,7 +21,8 @@ pub(super) fn run(
     seed: u64,
     output: &mut Output,
 ) -> Result<(), Failure> {
-    refuse(arguments)?;
+    let faults: Vec<Injection> = arguments.fault.iter().map(|fault| fault.of_rig(rig)).collect::<Result<_, _>>()?;
+    refuse(arguments, &faults)?;
     let here = named(arguments, rig)?;
     let interfaces = Interfaces::of(rig, &arguments.bus)?;
     let interface = interfaces.names().concat();
@@ -31,8 +32,8 @@ pub(super) fn run(
     let server = SegmentServer::new(rig, scene, seed, arguments.pace.pace(), here, link.now());
     let mut server = server.map_err(|error| rig_failure(&error))?;
     server.set_sdo_time(milliseconds(arguments.sdo_ms));
-    for fault in &arguments.fault {
-        server.inject(fault.0).map_err(|error| no_fault(&error))?;
+    for fault in faults {
+        server.inject(fault).map_err(|error| no_fault(&error))?;
     }
     let names = names(rig, here).join(", ");
     output.news(&format!("simulated {names} on {interface}, {}; Ctrl-C ends it", arguments.pace.name()))?;
@@ -60,7 +61,7 @@ pub(super) fn run(
 }
 
 /// What is for devices on CAN.
-fn refuse(arguments: &Arguments) -> Result<(), Failure> {
+fn refuse(arguments: &Arguments, faults: &[Injection]) -> Result<(), Failure> {
     let given = [
         (
             "--plant",
@@ -83,7 +84,7 @@ fn refuse(arguments: &Arguments) -> Result<(), Failure> {
         let message = format!("{name} is for devices on CAN, and this rig is on EtherCAT");
         return Err(Failure::new(Exit::Usage, message, help));
     }
-    arguments.fault.iter().try_for_each(|fault| fault.0.check_on(Medium::Ethercat).map_err(|error| no_fault(&error)))
+    faults.iter().try_for_each(|fault| fault.check_on(Medium::Ethercat).map_err(|error| no_fault(&error)))
 }
 
 /// The failure that a fault is which cannot be brought about.

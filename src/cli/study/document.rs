@@ -6,6 +6,7 @@ use std::path::{Path, PathBuf};
 use serde_json::{Map, Value, json};
 
 use crate::cli::failure::{Exit, Failure};
+use crate::cli::replace::unwritten;
 use crate::study::chart;
 use crate::study::sweep::{Report, Study, Table};
 
@@ -75,9 +76,7 @@ pub(super) fn write(
     let mut files = Vec::new();
     let mut put = |name: String, bytes: &[u8]| {
         let path = folder.join(name);
-        std::fs::write(&path, bytes).map_err(|error| {
-            Failure::new(Exit::Usage, format!("{}: {error}", path.display()), "choose a folder you can write to")
-        })?;
+        std::fs::write(&path, bytes).map_err(|error| unwritten(&path, &error))?;
         files.push(path);
         Ok::<_, Failure>(())
     };

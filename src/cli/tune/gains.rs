@@ -46,7 +46,8 @@ pub(in crate::cli) fn run(arguments: &Arguments, output: &mut Output) -> Result<
     }
     let mut written = None;
     let place = file::place(&rig, &changes);
-    if arguments.write {
+    let is_tuned = changes.iter().all(|(_, old, new)| old == new);
+    if arguments.write && !is_tuned {
         let edit = Edit::of(&rig, &tuned.value, &changes, &place)?;
         let what = format!("{}: {}", edit.path().display(), edit.words());
         if !arguments.yes && !agreed(&what) {
@@ -58,10 +59,13 @@ pub(in crate::cli) fn run(arguments: &Arguments, output: &mut Output) -> Result<
         return output.report(document(&rig.value, &changes, [&before, &after], &place, written.as_deref()));
     }
     match (written, place) {
+        _ if is_tuned => output.news("The rig has these gains already. Nothing was written."),
         (Some(path), _) => output.news(&format!("wrote {}", path.display())),
         (None, Place::Here(_)) => output.news("Nothing was written; --write does."),
         (None, Place::Inherited { from }) => {
-            output.news(&format!("These gains stand in {from}, which this rig is like. Nothing was written;\n--write gives this rig gains of its own."))
+            output.news(&format!(
+                "These gains stand in {from}, which this rig is like. Nothing was written; --write gives this rig gains of its own."
+            ))
         }
         (None, Place::Unclear { key }) => output.news(&format!("Nothing was written: `{key}` is not a plain number in this file.")),
     }
@@ -148,6 +152,14 @@ fn changes(old: &ControlGains, new: &ControlGains) -> Vec<Change> {
     pairs.map(|((key, old), (_, new))| (key, old, new)).collect()
 }
 
+/// What is tuned, and from what it is computed.
+fn title(rig: &Rig) -> String {
+    match rig.rig.command_mode {
+        CommandMode::Velocity => "the rate gain, from the cycle time".to_owned(),
+        _ => format!("gains of the {} law, from a model of the arm", law(rig)),
+    }
+}
+
 fn law(rig: &Rig) -> &'static str {
     match (rig.rig.command_mode, rig.control.law) {
         (CommandMode::Velocity, _) => "rate",
@@ -157,7 +169,7 @@ fn law(rig: &Rig) -> &'static str {
 }
 
 fn text(rig: &Rig, changes: &[Change], [before, after]: [&Margins; 2]) -> String {
-    let mut text = format!("{}: gains of {} by the model of the arm alone\n", rig.rig.name, law(rig));
+    let mut text = format!("{}: {}\n", rig.rig.name, title(rig));
     for (key, old, new) in changes {
         text += &format!("  {:48} {old:>10} -> {new}\n", key);
     }

@@ -123,26 +123,31 @@ impl Masses {
     /// A table for a person to read.
     pub(in crate::cli) fn text(&self, reserve: f64) -> String {
         let Some(holdings) = &self.holdings else { return self.line() + "\n" };
-        let mut text = format!(
-            "{}: virtual mass, {} kg configured, at the worst pose along its surface\n  {:34}{:>24}{:>24}  {:12}least at\n",
-            self.name,
-            self.configured_kg,
-            "hand",
-            "stable",
-            format!("reserve of {reserve}"),
-            format!("{} kg", self.configured_kg),
-        );
-        for (index, holding) in holdings.iter().enumerate() {
-            let whose = if index == 0 && self.has_scene_hand { ", scene" } else { "" };
-            let reserved = holding.masses.as_ref().and_then(|masses| with_reserve(masses, reserve));
-            text += &format!(
-                "  {:34}{:>24}{:>24}  {:12}{}\n",
-                format!("{}{whose}", grip_words(&holding.grip)),
-                range_words(holding.masses.as_ref()),
-                range_words(reserved.as_ref()),
-                if holding.is_configured_stable { "stable" } else { "UNSTABLE" },
-                holding.masses.map_or_else(String::new, |masses| place_words(masses.least_at_m)),
+        let mut text = format!("{}: stable virtual masses in kg at the worst pose on its surface\n", self.name);
+        let mut row = |cells: [&str; 7]| {
+            let [stiffness, damping, mass, stable, reserved, configured, place] = cells;
+            let line = format!(
+                "{stiffness:>8} {damping:>6} {mass:>4}  {stable:>14}  {reserved:>14}  {configured:>8}  {place:>14}"
             );
+            text += &format!("{}\n", line.trim_end());
+        };
+        let (reserve_head, configured) = (format!("reserve of {reserve}"), format!("{} kg", self.configured_kg));
+        row(["hand", "", "", "stable", &reserve_head, &configured, "least at"]);
+        row(["N/m", "N s/m", "kg", "", "", "", "x, y in m"]);
+        for Holding { grip, masses, is_configured_stable, .. } in holdings {
+            let reserved = masses.as_ref().and_then(|masses| with_reserve(masses, reserve));
+            row([
+                &grip.stiffness_n_per_m.to_string(),
+                &format!("{:.1}", grip.damping_n_s_per_m),
+                &grip.mass_kg.to_string(),
+                &range(masses.as_ref()),
+                &range(reserved.as_ref()),
+                if *is_configured_stable { "stable" } else { "UNSTABLE" },
+                &masses.map_or_else(String::new, |masses| coordinates(masses.least_at_m)),
+            ]);
+        }
+        if self.has_scene_hand {
+            text += "  the first hand is that of the scene\n";
         }
         for holding in holdings {
             text += &why(holding);
@@ -250,13 +255,19 @@ fn grip_words(grip: &Grip) -> String {
 
 /// A range in words.
 fn range_words(masses: Option<&HeldMasses>) -> String {
+    let unit = if masses.is_some() { " kg" } else { "" };
+    range(masses) + unit
+}
+
+/// The same without its unit.
+fn range(masses: Option<&HeldMasses>) -> String {
     let three = |mass_kg: f64| if mass_kg < 10.0 { format!("{mass_kg:.3}") } else { format!("{mass_kg:.0}") };
     match masses {
         None => "none".to_owned(),
         Some(HeldMasses { least_kg, greatest_kg, .. }) if greatest_kg.is_finite() => {
-            format!("{} to {} kg", three(*least_kg), three(*greatest_kg))
+            format!("{} to {}", three(*least_kg), three(*greatest_kg))
         }
-        Some(HeldMasses { least_kg, .. }) => format!("from {} kg", three(*least_kg)),
+        Some(HeldMasses { least_kg, .. }) => format!("from {}", three(*least_kg)),
     }
 }
 
@@ -284,9 +295,13 @@ fn why(holding: &Holding) -> String {
 }
 
 fn place_words(tool_m: [f64; 2]) -> String {
+    format!("({}) m", coordinates(tool_m))
+}
+
+fn coordinates(tool_m: [f64; 2]) -> String {
     // A zero without its sign.
     let [x, y] = tool_m.map(|value| 1e-3 * (1e3 * value).round() + 0.0);
-    format!("({x:.3}, {y:.3}) m")
+    format!("{x:.3}, {y:.3}")
 }
 
 #[cfg(test)]
@@ -341,7 +356,7 @@ mod tests {
         let [least, with] = ["least_virtual_mass_kg", "virtual_mass_with_reserve_kg"]
             .map(|key| json["hands"][1][key].as_f64().unwrap());
         assert!((with / least - 3.0).abs() < 1e-12);
-        assert!(masses.text(3.0).contains("(0."), "{}", masses.text(3.0));
+        assert!(masses.text(3.0).contains("  0.000, -0.120\n"), "{}", masses.text(3.0));
     }
 
     fn least_kg(rig: &Loaded<Rig>) -> f64 {

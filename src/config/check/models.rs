@@ -7,7 +7,7 @@ use yieldwall_drives::watchdog::{HEARTBEAT_PERIODS, TORQUE_LIMIT, WATCHED_CYCLES
 
 use super::Findings;
 use crate::config::suggest::nearest;
-use crate::config::tree::{CommandMode, ProfileName, Rig, Simulation};
+use crate::config::tree::{CommandMode, Drive, ProfileName, Rig, Simulation};
 
 /// Whether every device's model is known, is that of such a device, and has what the rig asks of it.
 pub(super) fn check_profiles(findings: &mut Findings, rig: &Rig) {
@@ -39,6 +39,11 @@ pub(super) fn check_profiles(findings: &mut Findings, rig: &Rig) {
                     format!("the profile has {}", known.collect::<Vec<_>>().join(", ")),
                 )
                 .see(&key, "profile");
+        }
+        // What is so of both drives is said once.
+        let is_same = |other: &Drive| other.profile == drive.profile && other.encoder == drive.encoder;
+        if rig.drives.iter().take(index).any(is_same) {
+            continue;
         }
         check_tried(findings, &key, profile);
         check_watchdogs(findings, &key, rig, &drive.profile, servo);

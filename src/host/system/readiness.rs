@@ -83,7 +83,8 @@ impl Readiness {
     fn kernel(&self) -> Check {
         match self.is_realtime_kernel {
             Some(true) => Check::ok("kernel", "PREEMPT_RT"),
-            Some(false) => Check::warning("kernel", "not PREEMPT_RT").follows("no longest time is kept under load"),
+            Some(false) => Check::warning("kernel", "not PREEMPT_RT")
+                .follows("under load a cycle may begin late, and nothing bounds how late"),
             None => Check::unknown("kernel", "whether it is PREEMPT_RT is unknown"),
         }
     }

@@ -1,6 +1,5 @@
 //! `yieldwall od dump`: all objects of a device, as a device configuration file.
 
-use std::io::Write;
 use std::path::PathBuf;
 
 use serde_json::{Value, json};
@@ -9,7 +8,7 @@ use yieldwall_drives::eds::{Eds, Node as Of, concise};
 use super::super::place::{Desk, Node, Place};
 use super::super::words;
 use super::sheet_of;
-use crate::cli::failure::{Exit, Failure};
+use crate::cli::failure::Failure;
 use crate::cli::output::Output;
 use crate::cli::progress::Progress;
 use crate::cli::replace::Replace;
@@ -60,10 +59,7 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
         (text.into_bytes(), found.entries().filter(|(.., entry)| entry.value.is_some()).count())
     };
     if let Some(path) = &arguments.out {
-        arguments.replace.create(path)?.write_all(&text).map_err(|error| {
-            let message = format!("{}: cannot be written: {error}", path.display());
-            Failure::about_file(Exit::Usage, path, message, "name a file in a folder that can be written")
-        })?;
+        arguments.replace.write(path, &text)?;
     }
     if output.is_json() {
         return output.report(json!({
@@ -81,7 +77,7 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
     );
     match &arguments.out {
         Some(path) => output.news(&format!("{told}, into {}", path.display())),
-        None => output.result(&String::from_utf8_lossy(&text)),
+        None => output.verbatim(&String::from_utf8_lossy(&text)),
     }
 }
 
