@@ -98,7 +98,9 @@ fn an_interface_that_cannot_be_used_says_why() {
     ip("link set veth8 down");
     assert_eq!(next(&mut link, LONG).map(|(what, _)| what), Some(EthernetReceived::Down));
     assert_eq!(link.send(&frame(ETHERCAT, 1)), Err(SendError::Down));
+    assert_eq!(next(&mut link, SHORT), None);
     ip("link del veth8");
+    assert_eq!(next(&mut link, LONG).map(|(what, _)| what), Some(EthernetReceived::Gone));
     assert_eq!(link.send(&frame(ETHERCAT, 1)), Err(SendError::Gone));
 }
 

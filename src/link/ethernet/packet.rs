@@ -22,6 +22,8 @@ use crate::time::Time;
 pub struct PacketSocket {
     socket: OwnedFd,
     interface: String,
+    /// It went down and was not seen up again.
+    is_down: bool,
     _hold: Hold,
 }
 
@@ -56,7 +58,7 @@ impl PacketSocket {
         let socket = socket_with(AddressFamily::PACKET, SocketType::RAW, flags, None);
         let socket = socket.map_err(|error| EthernetError::from_open(interface, error))?;
         system::bind(socket.as_fd(), index).map_err(failed("hear what comes over it"))?;
-        Ok(Self { socket, interface: interface.to_owned(), _hold: hold })
+        Ok(Self { socket, interface: interface.to_owned(), is_down: false, _hold: hold })
     }
 
     /// Name of the interface.
@@ -89,6 +91,7 @@ impl EthernetLink for PacketSocket {
                 Ok((length, false)) if length <= buffer.len() => EthernetReceived::Frame { length },
                 Ok((length, false)) => EthernetReceived::TooLong { length },
                 Err(error) => match Errno::from_io_error(&error) {
+                    Some(Errno::AGAIN) if self.is_down && self.is_gone() => EthernetReceived::Gone,
                     Some(Errno::AGAIN) => return None,
                     Some(Errno::NETDOWN) => self.lost(),
                     Some(Errno::NODEV | Errno::NXIO) => EthernetReceived::Gone,
@@ -119,11 +122,16 @@ impl EthernetLink for PacketSocket {
 
 impl PacketSocket {
     /// A removed interface goes down first, and its socket tells no more than that.
-    fn lost(&self) -> EthernetReceived {
-        match system::device(self.socket.as_fd(), &self.interface) {
-            Ok(_) => EthernetReceived::Down,
-            Err(_) => EthernetReceived::Gone,
-        }
+    fn lost(&mut self) -> EthernetReceived {
+        self.is_down = true;
+        if self.is_gone() { EthernetReceived::Gone } else { EthernetReceived::Down }
+    }
+
+    /// Whether there is no such interface any more. One that is up again is not asked about until it goes down once more.
+    fn is_gone(&mut self) -> bool {
+        let device = system::device(self.socket.as_fd(), &self.interface);
+        self.is_down = device.as_ref().is_ok_and(|device| !device.is_up);
+        device.is_err()
     }
 }
 

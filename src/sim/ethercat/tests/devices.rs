@@ -235,7 +235,7 @@ fn a_drive_turns_at_its_target_velocity_and_makes_its_target_torque() {
     assert!(bench.drive().torque_n_m() < -1.0, "{} N m", bench.drive().torque_n_m());
     // CST: 300 per mille of 60 N m, whatever the motor does. The mode changes in Switched On.
     bench.drive().measure(0.0, 0.0);
-    for control in [0x07, 0x07, 0x0f, 0x0f] {
+    for control in [[0x07; 100], [0x0f; 100]].concat() {
         bench.cycle_with(control, 10, |outputs| outputs[10..12].copy_from_slice(&300i16.to_le_bytes()));
     }
     let inputs = bench.cycle_with(0x0f, 10, |outputs| outputs[10..12].copy_from_slice(&300i16.to_le_bytes()));
