@@ -336,7 +336,7 @@ fn the_drill_on_a_bus_finds_what_the_one_in_virtual_time_finds() {
     for scenario in [Scenario::torque(), Scenario::position()] {
         let demands = Demands::of(&scenario.rig);
         let (_, mut live) = wired(&scenario, Pace::Free);
-        let on_bus = live.drill(50, &AtomicBool::new(false)).unwrap();
+        let on_bus = live.drill(50, &AtomicBool::new(false), |_| ()).unwrap();
         let virtually = rig::drill(&scenario.rig, &scenario.scene, |_| ()).unwrap();
         on_bus.judge(demands).unwrap();
         virtually.judge(demands).unwrap();
@@ -359,7 +359,7 @@ fn a_drive_without_a_watchdog_is_found_on_the_bus_and_in_virtual_time() {
         server.ignore(watchdog);
         let cable = Cable::new(server);
         let mut live = Runner::on_link(&scenario.rig, cable.clone(), cable.clone(), Pace::Free).unwrap();
-        let on_bus = live.drill(50, &AtomicBool::new(false)).unwrap();
+        let on_bus = live.drill(50, &AtomicBool::new(false), |_| ()).unwrap();
         let virtually = rig::drill(&scenario.rig, &scenario.scene, |machine| machine.ignore(watchdog)).unwrap();
         for drilled in [on_bus, virtually] {
             assert_eq!(

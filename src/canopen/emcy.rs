@@ -35,6 +35,11 @@ impl EmcyCode {
     /// Following error.
     pub const FOLLOWING_ERROR: EmcyCode = EmcyCode(0x8611);
 
+    /// The codes that have a meaning of their own, ascending.
+    pub fn listed() -> impl Iterator<Item = Self> {
+        codes::LISTED.iter().map(|code| Self(*code))
+    }
+
     /// Whether an error has gone.
     pub const fn is_reset(self) -> bool {
         self.0 == 0

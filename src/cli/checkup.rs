@@ -122,9 +122,11 @@ fn failure(sections: &[Section], exit: Exit) -> Failure {
     };
     let help = match wrong.iter().filter(|check| check.mend.is_some()).count() {
         0 => String::new(),
-        1 => {
-            wrong.iter().find_map(|check| check.mend.as_ref()).map(|command| format!("`{command}`")).unwrap_or_default()
-        }
+        1 => match wrong.iter().find_map(|check| check.mend.as_ref()) {
+            Some(command) if command_lines(command).count() == 1 => format!("`{command}`"),
+            // What is drawn around a message would be copied with it.
+            _ => "run the command that stands above".to_owned(),
+        },
         _ => "run the command that stands below each, the first one first, and ask again".to_owned(),
     };
     Failure::new(exit, message, help)

@@ -8,12 +8,14 @@ use super::failure::{Exit, Failure};
 use super::interfaces::Interfaces;
 use super::interrupt::on_interrupt;
 use super::keep::{Watched, state_folder};
-use super::on_bus::{different, live_failure, open_failure, point_to_doctor, thread_failure, warn, warn_of, with_told};
+use super::on_bus::{
+    different, live_failure, open_failure, point_to_doctor, thread_failure, told_at_boot, warn, warn_of, with_told,
+};
 use super::output::Output;
 use super::run::{judge, settled_json, settled_text, watchdogs_json, watchdogs_text};
 use crate::config::{self, Source};
 use crate::host::{News, RigOnBus};
-use crate::run::{Drilled, Pace, Subject};
+use crate::run::{Drilled, Pace, RunError, Subject};
 
 #[derive(Debug, clap::Args)]
 pub(super) struct Arguments {
@@ -70,7 +72,11 @@ fn drill(arguments: &Arguments, events: &Events, output: &mut Output) -> Result<
     let emergencies = different(outcome.emergencies.into_iter());
     let (identities, drilled) = outcome.drilled.map_err(|error| {
         let failure = point_to_doctor(live_failure(&error), &error, &rig, &arguments.rig, &interfaces);
-        with_told(failure, &emergencies, &outcome.errors, &rig)
+        let told = match &error {
+            RunError::Boot(error) => told_at_boot(error, &emergencies, &rig),
+            _ => emergencies.clone(),
+        };
+        with_told(failure, &told, &outcome.errors, &rig)
     })?;
     let path = Subject::new(&rig, identities).store(&drilled, &folder).map_err(|error| {
         Failure::new(Exit::Usage, format!("{}: {error}", folder.display()), "make the folder one that can be written")

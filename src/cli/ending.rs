@@ -175,7 +175,7 @@ fn boot_help(failure: &BootFailure) -> &'static str {
             "check the device's supply, its cable and its bit rate, and compare the node ids with those in the rig file"
         }
         BootFailure::NotStarted { said, .. } if said.emergency.is_some() => {
-            "`yieldwall explain CODE --rig RIG.yaml --node NODE` says what the emergency means; mend what it names"
+            "mend what its emergency names, and try again"
         }
         BootFailure::NotStarted { .. } => {
             "`yieldwall info NODE` shows the device's error register, `yieldwall emcy NODE` its last errors"

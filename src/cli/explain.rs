@@ -1,20 +1,26 @@
-//! `yieldwall explain`: what a fault, an error code, an SDO abort code or a statusword means, in the words of every other command.
+//! `yieldwall explain`: what a fault, an error code, an SDO abort code, a statusword, an object or a value means, in the words of every
+//! other command.
 
 use std::sync::Arc;
 
 use serde_json::{Map, Value, json};
 use textwrap::{Options, WordSeparator, WordSplitter};
+use yieldwall_drives::cia402::{State, Statusword};
 use yieldwall_drives::codes::ErrorCodes;
 
+use self::values::{object, readings};
+use super::desk::address;
 use super::failure::{Exit, Failure};
 use super::faults;
 use super::output::Output;
+use crate::canopen::EmcyCode;
 use crate::config::{self, ProfileName, Rig, SensorProtocol, Source};
 use crate::ethercat::AlStatusCode;
 use crate::explanation::{self, Explanation};
 use crate::guard::fault::TABLE;
 use crate::injection::{CATALOGUE, Kind};
-use crate::objects::AbortCode;
+use crate::objects::{AbortCode, Address};
+use crate::service::{known, named, names};
 
 /// Greatest code of two bytes: an error code or a statusword. Above it is an abort code.
 const TWO_BYTES: u32 = 0xffff;
@@ -25,8 +31,9 @@ const KEY: usize = 9;
 
 #[derive(Debug, clap::Args)]
 pub(super) struct Arguments {
-    /// Faults by name, such as node-reset; codes in hexadecimal as they are printed, such as 8130h, 0x8130 or 06090011
-    #[arg(value_name = "FAULT|CODE", required = true)]
+    /// Faults, codes and objects by name, such as node-reset, no-sub-index or statusword; codes and values in hexadecimal as they are
+    /// printed, such as 8130h, 0x8130 or 06090011; objects by address, such as 1018h:2
+    #[arg(value_name = "NAME|CODE", required = true)]
     words: Vec<String>,
     /// The device profile by whose table of error codes the codes are meant: its name, or its file (.yaml)
     #[arg(long, value_name = "PROFILE", conflicts_with = "rig")]
@@ -85,7 +92,7 @@ pub(super) fn lines(indent: usize, explanation: &Explanation) -> String {
 }
 
 /// A key and what is said of it, in 80 columns.
-fn line(indent: usize, key: &str, text: &str) -> String {
+pub(super) fn line(indent: usize, key: &str, text: &str) -> String {
     if text.is_empty() {
         return String::new();
     }
@@ -151,27 +158,64 @@ fn meanings(word: &str, codes: Option<&ErrorCodes>) -> Result<Vec<Meaning>, Fail
         explanation: explanation::injection(kind),
         more: vec![("then", faults::consequence(kind.row()))],
     });
-    let named: Vec<Meaning> = fault.into_iter().chain(injection).collect();
+    let plain = |explanation| Meaning { explanation, more: Vec::new() };
+    let abort = AbortCode::ALL.iter().find(|code| code.name() == word).map(|code| explanation::abort(*code));
+    let of_vendor = codes.and_then(|table| table.codes.iter().find(|code| code.name == word)).map(|code| code.code);
+    let error = of_vendor.or_else(|| EmcyCode::listed().find(|code| code.name() == word).map(|code| code.0));
+    let error = error.map(|code| explanation::error_code(code, codes));
+    // A short hexadecimal number is no name.
+    let objects = if code(word).is_none() { named(word, None) } else { Vec::new() };
+    let named = fault.into_iter().chain(injection);
+    let named = named.chain(abort.into_iter().chain(error).chain(objects.into_iter().map(object)).map(plain));
+    let named: Vec<Meaning> = named.collect();
     if !named.is_empty() {
         return Ok(named);
     }
-    let plain = |explanation| Meaning { explanation, more: Vec::new() };
-    match code(word) {
-        None => Err(unknown(word)),
-        Some(code) if code > TWO_BYTES => Ok(vec![plain(explanation::abort(AbortCode(code)))]),
-        Some(code) => {
-            let code = code as u16;
-            let of_error = explanation::error_code(code, codes);
-            // Whoever names the device means its error codes.
-            if of_error.source.is_some() {
-                return Ok(vec![plain(of_error)]);
-            }
-            let of_ethercat = explanation::al_status(AlStatusCode(code)).filter(|_| code != 0);
-            let of_error = Some(of_error).filter(|_| of_ethercat.is_none());
-            let all = of_ethercat.into_iter().chain(of_error).chain([explanation::statusword(code)]);
-            Ok(all.map(plain).collect())
-        }
+    let explained = match (code(word), address(word)) {
+        (Some(code), _) if code > TWO_BYTES => readings(code),
+        (Some(code), _) => of_two_bytes(code as u16, codes),
+        (None, Some(at)) => vec![object(at)],
+        (None, None) => return Err(unknown(word, codes)),
+    };
+    Ok(explained.into_iter().map(plain).collect())
+}
+
+/// What a word of two bytes may be, the likeliest first: an error code, an AL status code, an object, a statusword. What is unlikely is
+/// told only where nothing else is.
+fn of_two_bytes(code: u16, codes: Option<&ErrorCodes>) -> Vec<Explanation> {
+    let of_error = explanation::error_code(code, codes);
+    // Whoever names the device means its error codes.
+    if of_error.source.is_some() {
+        return vec![of_error];
     }
+    let of_ethercat = explanation::al_status(AlStatusCode(code)).filter(|_| code != 0);
+    let has_class = EmcyCode(code).name() != EmcyCode(UNKNOWN_CODE).name();
+    let is_listed = EmcyCode::listed().any(|listed| listed.0 == code);
+    let (listed, of_class) = match is_listed {
+        true => (Some(of_error.clone()), None),
+        false => (None, Some(of_error.clone()).filter(|_| has_class && of_ethercat.is_none())),
+    };
+    let objects = named_objects(code).into_iter().map(object);
+    // A drive passes through Not Ready to Switch On in no time.
+    let state = Statusword(code).state().filter(|state| *state != State::NotReadyToSwitchOn);
+    let of_status = explanation::statusword(code);
+    let likely: Vec<Explanation> = listed
+        .into_iter()
+        .chain(of_ethercat)
+        .chain(objects)
+        .chain(of_class)
+        .chain(state.map(|_| of_status.clone()))
+        .collect();
+    if likely.is_empty() { vec![of_error, of_status] } else { likely }
+}
+
+/// A code of no class of CiA 301.
+const UNKNOWN_CODE: u16 = 0x0200;
+
+/// The objects of the standards at an index, the first of them.
+fn named_objects(index: u16) -> Vec<Address> {
+    let first = [0, 1].into_iter().map(|sub| Address::new(index, sub)).find(|at| known(*at, None).is_some());
+    first.filter(|_| index >= 0x1000).into_iter().collect()
 }
 
 /// A code as the program prints one, or as others do: in hexadecimal.
@@ -182,16 +226,25 @@ fn code(word: &str) -> Option<u32> {
     is_code.then(|| u32::from_str_radix(digits, 16).ok()).flatten()
 }
 
-fn unknown(word: &str) -> Failure {
-    let names = TABLE.iter().map(|row| row.name).chain(CATALOGUE.iter().map(|row| row.name));
+fn unknown(word: &str, codes: Option<&ErrorCodes>) -> Failure {
+    let objects = names(None);
+    let of_vendor = codes.into_iter().flat_map(|table| &table.codes).map(|code| code.name.as_str());
+    let mut names: Vec<&str> = objects.iter().map(String::as_str).chain(of_vendor).collect();
+    names.extend(TABLE.iter().map(|row| row.name));
+    names.extend(CATALOGUE.iter().map(|row| row.name));
+    names.extend(AbortCode::ALL.iter().map(|code| code.name()));
+    names.extend(EmcyCode::listed().map(|code| code.name()));
     let help = match config::nearest_word(word, names) {
         Some(meant) => format!("did you mean {meant}?"),
         None => {
-            "`yieldwall faults` lists those that can be injected, docs/faults.md all; codes are hexadecimal".to_owned()
+            "`yieldwall faults` lists the faults that can be injected, docs/faults.md all; codes are hexadecimal, as 8130h; \
+             objects have an address, as 1018h:2"
+                .to_owned()
         }
     };
-    Failure::new(Exit::Usage, format!("{word} is neither the name of a fault nor a code"), help)
+    Failure::new(Exit::Usage, format!("{word} is no code, and no name of a fault, a code or an object"), help)
 }
 
 #[cfg(test)]
 mod tests;
+mod values;

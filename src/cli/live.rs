@@ -12,7 +12,9 @@ use super::failure::{Exit, Failure};
 use super::interfaces::Interfaces;
 use super::interrupt::{interrupted, on_interrupt};
 use super::keep::{Keep, Watched};
-use super::on_bus::{different, live_failure, open_failure, point_to_doctor, thread_failure, warn, warn_of, with_told};
+use super::on_bus::{
+    different, live_failure, open_failure, point_to_doctor, thread_failure, told_at_boot, warn, warn_of, with_told,
+};
 use super::output::Output;
 use super::pace::PaceArgument;
 use super::run::{Arguments, check, check_buses, check_loop, draw, view, with_files};
@@ -24,7 +26,7 @@ use crate::host::{News, NotRun, Outcome, RigOnBus, StageTimes, Terms};
 use crate::record::CycleRecord;
 use crate::record::recording::About;
 use crate::report::{self, Overrides, measured, replay};
-use crate::run::{Ended, Orders, Play, Played};
+use crate::run::{Ended, Orders, Play, Played, RunError};
 use facts::Facts;
 use proof::{evidence, unproven, untimely};
 
@@ -191,7 +193,11 @@ fn not_run(
     match error {
         NotRun::Run(error) => {
             let failure = point_to_doctor(live_failure(error), error, rig, &arguments.rig, interfaces);
-            with_told(failure, &outcome.emergencies, &outcome.errors, rig)
+            let told = match error {
+                RunError::Boot(error) => told_at_boot(error, &outcome.emergencies, rig),
+                _ => outcome.emergencies.clone(),
+            };
+            with_told(failure, &told, &outcome.errors, rig)
         }
         NotRun::Unproven(error) => unproven(error, &interfaces.arguments(rig), arguments),
         NotRun::Untimely(error) => untimely(error, rig),

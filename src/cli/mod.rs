@@ -56,12 +56,13 @@ mod study;
 #[cfg(target_os = "linux")]
 mod tui;
 mod tune;
+mod usage;
 
 use std::ffi::OsString;
 use std::io::Write;
 use std::process::ExitCode;
 
-use clap::{Parser, Subcommand};
+use clap::{CommandFactory, Parser, Subcommand};
 
 pub use failure::{Exit, Failure};
 pub use output::Output;
@@ -189,7 +190,8 @@ fn run(arguments: impl IntoIterator<Item = OsString>) -> Exit {
         .iter()
         .take_while(|argument| *argument != "--")
         .any(|argument| argument == "--json" || argument == "--jsonl");
-    let arguments = match Arguments::try_parse_from(arguments) {
+    let parsed = Arguments::try_parse_from(&arguments);
+    let arguments = match parsed.map_err(|error| usage::with_tip(error, &Arguments::command(), &arguments)) {
         Ok(arguments) => arguments,
         Err(error) if error.use_stderr() && wants_json => {
             let text = error.to_string();

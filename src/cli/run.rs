@@ -2,6 +2,7 @@
 
 mod device;
 mod facts;
+mod unsafe_drives;
 mod words;
 
 use std::ops::ControlFlow;
@@ -10,9 +11,10 @@ use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
 
 use self::facts::Facts;
+pub(super) use self::unsafe_drives::{NOTHING_ENABLED, judge};
 pub(super) use self::words::{
-    counted_json, counted_text, measures_text, mode_text, settled_json, settled_text, tool_text, watchdogs_json,
-    watchdogs_text,
+    counted_json, counted_text, finding_json, finding_text, measures_text, mode_text, settled_json, settled_text,
+    tool_text, watchdogs_json, watchdogs_text,
 };
 use super::bus::plans;
 use super::desk::plan::{self, Sender};
@@ -23,7 +25,7 @@ use super::faults::FaultArgument;
 use super::interrupt::{interrupted, on_interrupt, unless};
 use super::keep::{Keep, Watched};
 use super::margins::{Margins, has_other_inertia};
-use super::on_bus::with_told;
+use super::on_bus::{told_at_boot, with_told};
 use super::output::Output;
 use super::picture::{check_picture, drawing_failure, write_drawing};
 use super::progress::Progress;
@@ -36,7 +38,6 @@ use crate::record::Trace;
 use crate::report::drawing;
 use crate::report::{Overrides, RunReport, replay, run_rig};
 use crate::rig::{self, RigError};
-use crate::run::{Demands as DrillDemands, Drilled, Settled, Unsafe};
 
 #[derive(Debug, clap::Args)]
 pub(super) struct Arguments {
@@ -169,8 +170,9 @@ fn run_and_tell(arguments: &Arguments, events: &Events, output: &mut Output) -> 
     // A run that broke off leaves what there is of it.
     let kept = keep.finish()?;
     output.warnings(&kept.warnings());
-    let report =
-        report.map_err(|error| kept.point_to_black_box(not_run(&error, arguments, &overrides.faults, &scene.value)))?;
+    let report = report.map_err(|error| {
+        kept.point_to_black_box(not_run(&error, arguments, &overrides.faults, &rig.value, &scene.value))
+    })?;
     let drawn = draw(&report.trace, &rig.value.rig.name, arguments.figure.as_deref());
     let figure = arguments.figure.as_deref().filter(|_| drawn.is_ok());
     let seed = overrides.seed.unwrap_or(scene.value.seed);
@@ -190,9 +192,16 @@ fn run_and_tell(arguments: &Arguments, events: &Events, output: &mut Output) -> 
 }
 
 /// Why a simulated rig did not run.
-fn not_run(error: &RigError, arguments: &Arguments, of_arguments: &[Injection], scene: &config::Scene) -> Failure {
+fn not_run(
+    error: &RigError,
+    arguments: &Arguments,
+    of_arguments: &[Injection],
+    rig: &config::Rig,
+    scene: &config::Scene,
+) -> Failure {
     let failure = rig_failure(error);
     let RigError::Boot(boot) = error else { return failure };
+    let failure = with_told(failure, &told_at_boot(boot, &[], rig), &[], rig);
     let of_scene = scene.faults.iter().filter_map(|fault| fault.injection().ok());
     let mut injected = of_scene.chain(of_arguments.iter().copied());
     // `doctor` knows these by the same names.
@@ -301,30 +310,4 @@ pub(super) fn check_loop(rig: &Loaded<config::Rig>, has_hand: bool, output: &mut
 /// What the buses of the embedded simulation are called in logs, so that `canplayer` finds them.
 fn simulated_interfaces(rig: &config::Rig) -> Vec<String> {
     (0..rig.buses.len()).map(|number| format!("vcan{number}")).collect()
-}
-
-/// What a refusal says that comes before any drive on a bus was enabled.
-pub(super) const NOTHING_ENABLED: &str = "nothing was enabled";
-
-/// Refuses drives that would go on when their master has died; `before` says what was done with the rig.
-pub(super) fn judge(drilled: &Drilled, rig: &config::Rig, before: &str) -> Result<(), Failure> {
-    drilled.judge(DrillDemands::of(rig)).map_err(|error| {
-        let open = match &error {
-            Unsafe::GoesOn { watchdog, .. } => {
-                drilled.settled(rig).into_iter().find(|settled| settled.watchdog == *watchdog && settled.stops.is_none())
-            }
-            Unsafe::TooSlow { .. } => None,
-        };
-        let help = match open {
-            Some(Settled { profile, key, value, .. }) => format!(
-                "{before}; the profile `{profile}` says that the drive watches, and not what it does then: write that there by \
-                 the drive's manual, or `{key}: {value}` if it goes on"
-            ),
-            None => format!(
-                "{before}; give the drive this watchdog, or a shorter cycle or heartbeat; in position mode the drive may take \
-                 longer"
-            ),
-        };
-        Failure::new(Exit::OutOfTolerance, error.to_string(), help)
-    })
 }

@@ -1,5 +1,3 @@
-use clap::CommandFactory;
-
 use crate::config::malformed::{self, CASES};
 
 use super::failure::{EXIT_CODES, Exit};
@@ -75,6 +73,31 @@ fn exit_codes_tell_what_happened() {
     for study in ["hold --mujoco mujoco", "plant --mujoco no-such-program", "fixture --shard 1/2"] {
         assert_eq!(exit(&format!("yieldwall -q study {study}")), Exit::Usage, "{study}");
     }
+}
+
+/// Who is not there is told apart from who refuses, with the exit code for it.
+#[test]
+fn devices_that_are_not_there_are_no_success() {
+    let folder = std::env::temp_dir().join(format!("yieldwall-absent-{}", std::process::id()));
+    std::fs::create_dir_all(&folder).unwrap();
+    let file = folder.join("left.dcf").display().to_string();
+    let exit = |line: &str| run(line.split(' ').map(OsString::from));
+    assert_eq!(exit(&format!("yieldwall -q od dump left --out {file}")), Exit::Ok);
+    for (line, wanted) in [
+        ("nmt 55 start", Exit::DeviceMismatch),
+        ("nmt 55 stop", Exit::DeviceMismatch),
+        ("nmt 55 reset", Exit::DeviceMismatch),
+        ("nmt left stop", Exit::Ok),
+        ("nmt all start", Exit::Ok),
+        ("lss set-id 50 51", Exit::DeviceMismatch),
+        ("lss set-id left 51 --save", Exit::Ok),
+        ("drive adopt --node left --name maxon-epos4", Exit::Usage),
+        (&format!("od restore left {file}"), Exit::Usage),
+        (&format!("od restore {file} left"), Exit::Ok),
+    ] {
+        assert_eq!(exit(&format!("yieldwall -q {line}")), wanted, "{line}");
+    }
+    std::fs::remove_dir_all(&folder).unwrap();
 }
 
 /// A run that was broken only by what was injected is fine; one that faults of its own held, or whose injection never came, is not.
@@ -204,7 +227,8 @@ fn every_command_that_is_advised_exists() {
     }
     let mut unknown = Vec::new();
     for (file, command) in advised {
-        let words: Vec<&str> = command.split_whitespace().filter(|word| !matches!(*word, "..." | ".." | "&")).collect();
+        let words = command.split_whitespace().take_while(|word| *word != ">");
+        let words: Vec<&str> = words.filter(|word| !matches!(*word, "..." | ".." | "&")).collect();
         if words.iter().any(|word| word.contains("..=") || word.contains('$') || matches!(*word, "|" | "\\")) {
             continue;
         }

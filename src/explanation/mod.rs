@@ -103,7 +103,7 @@ pub fn error_code(code: u16, of_vendor: Option<&ErrorCodes>) -> Explanation {
             meaning: known.meaning.clone().into(),
             cause: known.cause.clone().into(),
             next: known.next.clone().into(),
-            source: Some(format!("error codes {}: {document}", table.error_codes.name)),
+            source: Some(format!("{document} (table {})", table.error_codes.name)),
         };
     }
     let code = EmcyCode(code);

@@ -51,7 +51,7 @@ pub(super) fn row(state: Option<State>) -> Row {
         Some(State::SwitchOnDisabled) => row(
             "the drive is well and has no torque",
             "nobody asked for more, or its power supply or safe torque off is open",
-            "`yieldwall run RIG.yaml --bus can0` enables it; if it stays, check supply, enable input and safe torque off",
+            "`yieldwall run RIG.yaml` enables it; if it stays, check supply, enable input and safe torque off",
         ),
         Some(State::ReadyToSwitchOn) => row(
             "the drive may be switched on, and has no torque",

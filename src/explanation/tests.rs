@@ -20,7 +20,7 @@ fn a_vendors_words_stand_before_the_standards() {
     let table = table();
     let of_vendor = error_code(0x8130, Some(&table));
     assert_eq!(of_vendor.to_string(), "8130h own meaning (own cause)");
-    assert_eq!((&*of_vendor.next, of_vendor.source.as_deref()), ("own advice", Some("error codes maker: the manual")));
+    assert_eq!((&*of_vendor.next, of_vendor.source.as_deref()), ("own advice", Some("the manual (table maker)")));
     assert_eq!(error_code(0x8120, Some(&table)), error_code(0x8120, None));
     assert_eq!(error_code(0x8130, None).name, "heartbeat-lost");
 }

@@ -23,8 +23,8 @@ use crate::guard::Fault;
 use crate::link::{InterfaceFacts, Role, SocketCan, SocketCans};
 use crate::record::CycleRecord;
 use crate::run::{
-    Drilled, DriveError, DriveIdentity, ErrorWatch, LinkCounts, NotProven, Observer, OnLink, Orders, Pace, Permit,
-    Play, Played, Proof, RunError, Runner, Tap, Unproven, settling_on_bus,
+    Drilled, DriveError, DriveIdentity, ErrorWatch, Finding, LinkCounts, NotProven, Observer, OnLink, Orders, Pace,
+    Permit, Play, Played, Proof, RunError, Runner, Tap, Unproven, settling_on_bus,
 };
 pub use news::News;
 use news::boot_watch;
@@ -280,8 +280,9 @@ impl RigOnBus {
         let Self { rig, mut runner, .. } = self;
         runner.set_boot_watch(boot_watch(news.clone(), Arc::clone(is_interrupted)));
         // A drill on a computer that grants nothing is coarser, and says so by its resolution.
+        let findings = news.clone();
         on_thread_of_the_cycle(news, &told, tell, move |_| {
-            let drilled = drill(&mut runner, &rig, is_interrupted);
+            let drilled = drill(&mut runner, &rig, is_interrupted, &findings);
             runner.leave();
             let master = runner.master();
             DrillOutcome { drilled, emergencies: master.told().collect(), errors: runner.errors().collect() }
@@ -325,11 +326,14 @@ fn drill(
     runner: &mut OnInterfaces,
     rig: &config::Rig,
     is_interrupted: &AtomicBool,
+    news: &Sender<News>,
 ) -> Result<([DriveIdentity; 2], Drilled), RunError> {
     runner.boot()?;
     runner.check_simulation()?;
     let identities = runner.identities()?;
-    Ok((identities, runner.drill(settling_on_bus(rig), is_interrupted)?))
+    // Somebody listens for as long as this thread lives.
+    let found = |finding: &Finding| drop(news.send(News::Found(*finding)));
+    Ok((identities, runner.drill(settling_on_bus(rig), is_interrupted, found)?))
 }
 
 /// Has a thread of its own with real-time priority, if that is granted, do the work; what the work leaves.

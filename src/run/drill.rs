@@ -94,11 +94,17 @@ impl Watched {
 
 impl<P: Place> Runner<P> {
     /// Drills all watchdogs of the drives: for each the network is booted, the rig enabled at rest, and then one thing stays
-    /// away while all others are repeated. The rig is stopped in the end. Nobody may hold the handle.
+    /// away while all others are repeated. The rig is stopped in the end. Nobody may hold the handle. `found` gets each finding once
+    /// the rig has been stopped after it.
     ///
     /// # Errors
     /// If the rig cannot be booted or enabled, is stopped by something else, or a person asks for the end.
-    pub fn drill(&mut self, settling: u32, is_interrupted: &AtomicBool) -> Result<Drilled, RunError> {
+    pub fn drill(
+        &mut self,
+        settling: u32,
+        is_interrupted: &AtomicBool,
+        mut found: impl FnMut(&Finding),
+    ) -> Result<Drilled, RunError> {
         let mut findings = Vec::new();
         let mut resolution = Duration::ZERO;
         for watchdog in Watchdog::ALL {
@@ -121,11 +127,13 @@ impl<P: Place> Runner<P> {
             let last = self.fall_silent(watchdog, &mut drives);
             let stopped_after = drives.each_ref().map(|drive| drive.stopped_after(last));
             let stopped_in = drives.each_ref().map(|drive| drive.stopped_in);
-            findings.push(Finding { watchdog, stopped_after, stopped_in });
+            let finding = Finding { watchdog, stopped_after, stopped_in };
+            findings.push(finding);
             resolution = drives.iter().map(|drive| drive.longest_gap).fold(resolution, Duration::max);
             // A drive that goes on is stopped by what it does hear.
             self.stop();
             self.leave();
+            found(&finding);
         }
         Ok(Drilled { findings, resolution })
     }

@@ -59,6 +59,8 @@ pub struct Drilled {
 pub struct Settled {
     /// Name of the profile.
     pub profile: String,
+    /// Whether it comes with the program, so that a copy has to be made before anything is written into it.
+    pub is_shipped: bool,
     /// The watch.
     pub watchdog: Watchdog,
     /// How long a drive took to stop, and in which state it was then; `None` if it went on.
@@ -132,7 +134,8 @@ impl Drilled {
                     continue;
                 };
                 let (profile, watchdog) = (profile.name().to_owned(), finding.watchdog);
-                let settled = Settled { profile, watchdog, stops, key, value };
+                let is_shipped = !drive.profile.is_file();
+                let settled = Settled { profile, is_shipped, watchdog, stops, key, value };
                 if !all.contains(&settled) {
                     all.push(settled);
                 }

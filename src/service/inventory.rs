@@ -1,6 +1,7 @@
 //! All objects of a device with their values: by its data sheet, or found by asking.
 
 use std::collections::BTreeMap;
+use std::time::Duration;
 
 use yieldwall_drives::eds::{Access, DeviceInfo, Eds, Entry, Kind, Node, Object, Value};
 
@@ -8,6 +9,7 @@ use super::connection::{Error, Service};
 use super::known::known;
 use super::scan::{identify, of_node};
 use crate::canopen::NodeId;
+use crate::canopen::lss::{LssAddress, LssOutcome, LssRequest};
 use crate::link::CanLink;
 use crate::objects::{AbortCode, Address};
 
@@ -19,6 +21,8 @@ const VISIBLE_STRING: u16 = 0x09;
 const OCTET_STRING: u16 = 0x0a;
 const DOMAIN: u16 = 0x0f;
 const U8: u16 = 0x05;
+/// How long a device may take to answer that it has LSS.
+const LSS_ANSWER: Duration = Duration::from_millis(200);
 /// Objects whose reading empties them, or takes for ever: a program, an error log of the vendor.
 const PROGRAMS: std::ops::Range<u16> = 0x1f50..0x1f60;
 
@@ -57,6 +61,8 @@ pub fn inventory<L: CanLink>(
             eds.objects.insert(index, object);
         }
     }
+    let count = |from: u16| eds.objects.range(from..from + 0x200).count() as u16;
+    (eds.device.rpdos, eds.device.tpdos) = (Some(count(0x1400)), Some(count(0x1800)));
     progress(1.0);
     Ok((eds, missed))
 }
@@ -221,12 +227,20 @@ pub fn type_by_length(len: usize) -> Option<u16> {
 fn sheet<L: CanLink>(service: &mut Service<L>, node: NodeId) -> Result<Eds, Error> {
     let (identity, name) = identify(service, &[node])?.pop().unwrap_or_default();
     let [vendor_number, product_number, revision_number, _] = identity;
+    let has_lss = match identity {
+        [Some(vendor_id), Some(product_code), Some(revision), Some(serial)] => {
+            let address = LssAddress { vendor_id, product_code, revision, serial };
+            service.lss(LssRequest::Identify(address), LSS_ANSWER)? == LssOutcome::Done
+        }
+        _ => false,
+    };
     let device = DeviceInfo {
         vendor: String::new(),
         vendor_number,
         product: name.unwrap_or_default(),
         product_number,
         revision_number,
+        has_lss,
         ..DeviceInfo::default()
     };
     Ok(Eds { device, node: Some(Node { id: node.raw(), ..Node::default() }), ..Eds::default() })

@@ -99,6 +99,15 @@ pub fn named(name: &str, eds: Option<&Eds>) -> Vec<Address> {
     meant.map(|object| Address::new(object.index, object.sub)).collect()
 }
 
+/// The names of the standards, and those of a data sheet: what somebody may have meant.
+pub fn names(eds: Option<&Eds>) -> Vec<String> {
+    let of_sheet = eds.into_iter().flat_map(Eds::entries).filter_map(|(index, sub, _)| {
+        let known = known(Address::new(index, sub), eds)?;
+        Some(word(&known.name).replace(' ', "-"))
+    });
+    standard().map(|object| word(object.name)).chain(of_sheet).collect()
+}
+
 /// `STATUSWORD` as `statusword`.
 fn word(name: &str) -> String {
     name.to_lowercase().replace('_', "-")

@@ -25,6 +25,6 @@ mod tests;
 pub use caution::Caution;
 pub use connection::{Bytes, Error, Heard, Service};
 pub use inventory::{Missed, inventory, sheet_of, type_by_length, values_of};
-pub use known::{Known, known, named};
+pub use known::{Known, known, named, names};
 pub use restore::{LeftOut, Made, Plan, Step, Why, carry_out, downloads, is_shown, plan};
 pub use scan::{Found, Identity, identify, number, of_node, scan};

@@ -1,5 +1,7 @@
 //! Values as a device sends and takes them.
 
+use std::ops::Range;
+
 use super::{Value, number};
 
 impl Value {
@@ -33,6 +35,11 @@ impl Value {
             },
             _ => Self::Bytes(bytes.to_vec()),
         }
+    }
+
+    /// The whole numbers that an object of this type holds, 0 to 65535 for UNSIGNED16; `None` for a type that has other values.
+    pub fn range(data_type: u16) -> Option<Range<i128>> {
+        number::integer(data_type).map(|(bits, is_signed)| number::range(bits, is_signed))
     }
 
     /// What a device with this node id takes for the value; `None` if the type has no place for it.

@@ -1,5 +1,7 @@
 //! Numbers as electronic data sheets write them.
 
+use std::ops::Range;
+
 use super::Value;
 use super::ini::unquoted;
 
@@ -120,12 +122,17 @@ fn of_node(text: &str) -> Option<(i128, bool)> {
     Some((whole(rest)?, true))
 }
 
+/// The numbers that a type has.
+pub(super) fn range(bits: u32, is_signed: bool) -> Range<i128> {
+    let all = 1_i128 << bits;
+    if is_signed { -(all / 2)..all / 2 } else { 0..all }
+}
+
 /// The number in this many bits. Of a type with a sign its bit pattern is taken too, as many tools write it.
 pub(super) fn fit(number: i128, bits: u32, is_signed: bool) -> Option<i128> {
     let all = 1_i128 << bits;
-    let range = if is_signed { -(all / 2)..all / 2 } else { 0..all };
     match number {
-        number if range.contains(&number) => Some(number),
+        number if range(bits, is_signed).contains(&number) => Some(number),
         number if is_signed && (all / 2..all).contains(&number) => Some(number - all),
         _ => None,
     }

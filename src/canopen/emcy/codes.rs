@@ -25,7 +25,6 @@ const LOOP: &str = "free the arm; look at the drive's own tuning and limits: `yi
 macro_rules! codes {
     ($($code:literal $name:literal, $meaning:literal, $cause:literal, $next:expr;)*) => {
         /// The codes that have a meaning of their own, ascending.
-        #[cfg(test)]
         pub(super) const LISTED: &[u16] = &[$($code),*];
 
         /// What is known of a code; for one that is not listed, of its class.

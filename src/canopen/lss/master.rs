@@ -17,6 +17,8 @@ pub enum LssRequest {
     },
     /// The device with this address to configuration.
     SwitchOne(LssAddress),
+    /// Whether a device with this address is there, in whatever mode; it stays in its own.
+    Identify(LssAddress),
     /// The address of the device in configuration.
     InquireIdentity,
     /// The node id that the device in configuration has.
@@ -133,6 +135,14 @@ impl LssMaster {
                 }
                 (with_number(command::SWITCH_SELECTIVE + 3, serial), Phase::Await(command::SELECTED))
             }
+            LssRequest::Identify(address) => {
+                // Revision and serial number are asked for as ranges, from and to.
+                let [vendor, product, revision, serial] = address.parts();
+                for (command, part) in (command::IDENTIFY_FIRST..).zip([vendor, product, revision, revision, serial]) {
+                    out.push(Frame::new(cob::LSS_REQUEST, &with_number(command, part)));
+                }
+                (with_number(command::IDENTIFY_LAST, serial), Phase::Await(command::IDENTIFIED))
+            }
             LssRequest::InquireIdentity => {
                 (with_number(command::INQUIRE_IDENTITY, 0), Phase::Identity { part: 0, found: [0; 4] })
             }
@@ -167,7 +177,7 @@ impl LssMaster {
             Phase::Await(command) if payload[0] == command => {
                 let outcome = match (command, payload[1]) {
                     (command::INQUIRE_NODE_ID, raw) => LssOutcome::NodeId(node_id(raw).ok()),
-                    (command::SELECTED, _) | (_, 0) => LssOutcome::Done,
+                    (command::SELECTED | command::IDENTIFIED, _) | (_, 0) => LssOutcome::Done,
                     (_, error) => LssOutcome::Refused { error, detail: payload[2] },
                 };
                 self.end(outcome)

@@ -118,6 +118,33 @@ fn one_of_several_devices_is_selected_and_asked() {
     assert_eq!(ask(&mut master, &mut slaves, LssRequest::SwitchOne(third)).0, LssOutcome::NoAnswer);
 }
 
+/// Whoever is identified stays as it is: only the one with this very address answers.
+#[test]
+fn a_device_is_identified_by_its_address_and_stays_in_its_mode() {
+    let mut master = master();
+    let (outcome, sent) = sent(&mut master, LssRequest::Identify(ADDRESS));
+    assert_eq!(outcome, None);
+    assert_eq!(
+        sent,
+        [
+            [0x46, 0x04, 0x03, 0x02, 0x01, 0, 0, 0],
+            [0x47, 0x01, 0x00, 0x00, 0x80, 0, 0, 0],
+            [0x48, 0, 0, 0, 0, 0, 0, 0],
+            [0x49, 0, 0, 0, 0, 0, 0, 0],
+            [0x4a, 0xfe, 0xff, 0xff, 0xff, 0, 0, 0],
+            [0x4b, 0xfe, 0xff, 0xff, 0xff, 0, 0, 0],
+        ]
+    );
+    let mut master = LssMaster::new(TIMEOUT);
+    let other = LssAddress { serial: ADDRESS.serial + 1, ..ADDRESS };
+    for (address, wanted) in [(ADDRESS, LssOutcome::Done), (other, LssOutcome::NoAnswer)] {
+        let mut slaves = [LssSlave::new(ADDRESS, node_id(5).ok())];
+        assert_eq!(ask(&mut master, &mut slaves, LssRequest::Identify(address)).0, wanted, "{address:?}");
+        // Nobody is in configuration.
+        assert_eq!(ask(&mut master, &mut slaves, LssRequest::InquireNodeId).0, LssOutcome::NoAnswer);
+    }
+}
+
 #[test]
 fn parts_of_an_address_count_in_order_only() {
     let mut slave = LssSlave::new(ADDRESS, None);

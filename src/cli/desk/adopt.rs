@@ -8,10 +8,11 @@ use yieldwall_drives::cia402::OperationMode;
 use super::keeping::back_up;
 use super::od::sheet_of;
 use super::place::{Desk, Place};
-use super::words::{mode_words, name};
+use super::words::{mode_words, name, titled};
 use crate::cli::failure::{Exit, Failure};
 use crate::cli::output::Output;
 use crate::cli::replace::Replace;
+use crate::config::ProfileName;
 use crate::service::adopt::{Refusal, contradictions, originals, profile, survey};
 
 /// Columns of a terminal.
@@ -56,33 +57,37 @@ pub(in crate::cli) fn run(command: &Command, output: &mut Output) -> Result<(), 
             help,
         ));
     }
+    if let Some(name) = arguments.name.as_ref().filter(|name| is_shipped(name)) {
+        let message = format!("--name {name}: a profile that comes with the program is called so");
+        return Err(Failure::new(Exit::Usage, message, format!("write for example --name {name}{ADOPTED}")));
+    }
     let eds = sheet_of(arguments.eds.as_deref(), output)?;
     let mut desk = Desk::open(&arguments.place, output)?;
     let node = desk.node(&arguments.node)?;
     let refused = |desk: &Desk, refusal: Refusal| match refusal {
         Refusal::Service(error) => desk.failure(&node, "asking what it can do", error),
         Refusal::State(_) => {
-            let help = format!("`yieldwall state {}` says why; --reset-fault takes it out of Fault", node.id.raw());
+            let help = format!("{} says why; --reset-fault takes it out of Fault", desk.command("state", &node));
             Failure::new(Exit::DeviceFault, format!("{}: {refusal}; nothing was written", node.words()), help)
         }
         Refusal::Nmt(_) => {
-            let help = format!("`yieldwall nmt {} preop` first", node.id.raw());
+            let help = format!("`yieldwall nmt {} preop{}` first", node.id.raw(), desk.arguments);
             Failure::new(Exit::Usage, format!("{}: {refusal}; nothing was written", node.words()), help)
         }
         Refusal::NoDrive(_) => {
             let message = format!("{}: {refusal}; nothing was written", node.words());
-            Failure::new(Exit::DeviceMismatch, message, "`yieldwall scan` shows the drives")
+            Failure::new(Exit::DeviceMismatch, message, format!("`yieldwall scan{}` shows the drives", desk.arguments))
         }
         Refusal::Lacks(_) => Failure::new(Exit::DeviceMismatch, format!("{}: {refusal}", node.words()), ""),
         Refusal::NotRestored(_) => Failure::new(
             Exit::DeviceMismatch,
             format!("{}: {refusal}", node.words()),
-            format!("`yieldwall nmt {} reset` has it start with its stored values", node.id.raw()),
+            format!("`yieldwall nmt {} reset{}` has it start with its stored values", node.id.raw(), desk.arguments),
         ),
     };
     let values = originals(&mut desk.service, node.id).map_err(|refusal| refused(&desk, refusal))?;
     if arguments.dry_run {
-        let each: Vec<String> = values.iter().map(|(at, _)| format!("{at} {}", name(*at, eds.as_ref()))).collect();
+        let each: Vec<String> = values.iter().map(|(at, _)| titled(*at, &name(*at, eds.as_ref()))).collect();
         if output.is_json() {
             return output.report(json!({ "place": desk.place, "dry_run": true, "tries": each }));
         }
@@ -100,6 +105,7 @@ pub(in crate::cli) fn run(command: &Command, output: &mut Output) -> Result<(), 
         found.name.as_deref().into_iter().chain(product).map(kebab).find(|name| !name.is_empty())
     });
     let named = named.unwrap_or_else(|| format!("node-{}", node.id.raw()));
+    let named = if is_shipped(&named) { format!("{named}{ADOPTED}") } else { named };
     let file = arguments.eds.as_deref().and_then(Path::file_name).unwrap_or_default().to_string_lossy();
     let sheet = eds.as_ref().map(|eds| (eds, &*file));
     let (text, missing) = profile(&found, sheet, &named, env!("CARGO_PKG_VERSION"));
@@ -136,6 +142,14 @@ pub(in crate::cli) fn run(command: &Command, output: &mut Output) -> Result<(), 
     }
     told.push_str(&format!("written   {}; `yieldwall config check` checks it\n", path.display()));
     output.result(&told)
+}
+
+/// What is put behind the name of a profile that is another one's.
+const ADOPTED: &str = "-adopted";
+
+/// Whether a profile that comes with the program is called so.
+fn is_shipped(name: &str) -> bool {
+    ProfileName::shipped().any(|(shipped, _)| shipped == name)
 }
 
 /// A line of a list, not wider than a terminal.

@@ -100,7 +100,9 @@ pub(in crate::cli) fn run(arguments: &Arguments, output: &mut Output) -> Result<
         desk = Desk { service: desk.service.map_link(plant), ..desk };
     }
     let facts = examine(&mut desk.service, node.id, arguments.listen).map_err(|error| desk.bus_failure(error))?;
-    let around = around(&desk, &node, interface, bit_rate, &commands(&arguments.place));
+    // On a simulation the commands are those for a bus as the rig has it.
+    let bit_rate = if desk.is_simulated { simulated_bit_rate(&desk)? } else { bit_rate };
+    let around = around(&desk, &node, interface, bit_rate, &arguments.place.arguments());
     let checks = judge(&facts, &around);
     let of_bus = ["interface", "bus-off", "acknowledge", "bit rate", "silence"];
     let is_of_bus = checks.iter().any(|check| check.verdict == Verdict::Wrong && of_bus.contains(&check.subject));
@@ -125,13 +127,6 @@ fn document(desk: &Desk, node: &Node, facts: &NodeFacts) -> serde_json::Value {
     })
 }
 
-/// What every other command needs to come to the same devices, with a space before.
-fn commands(place: &Place) -> String {
-    let option =
-        |name: &str, value: &Option<String>| value.as_ref().map_or(String::new(), |value| format!(" --{name} {value}"));
-    option("bus", &place.bus) + &option("rig", &place.rig)
-}
-
 fn around(desk: &Desk, node: &Node, interface: Option<String>, bit_rate: Option<u32>, commands: &str) -> Around {
     let here = |entry: &&Entry| entry.bus == desk.service.bus();
     Around {
@@ -141,6 +136,14 @@ fn around(desk: &Desk, node: &Node, interface: Option<String>, bit_rate: Option<
         bit_rate,
         rig: desk.entries.iter().filter(here).map(|entry| entry.node).collect(),
     }
+}
+
+/// The bit rate of the simulated bus in bit/s.
+fn simulated_bit_rate(desk: &Desk) -> Result<Option<u32>, Failure> {
+    let Some(rig) = &desk.rig else { return Ok(None) };
+    let rig = config::load_rig(Source::named(rig))?.value;
+    let name = desk.buses.iter().find(|(bus, _)| *bus == desk.service.bus()).map(|(_, name)| name);
+    Ok(name.and_then(|name| rig.buses.get(name)?.canopen()).map(|bus| bus.bit_rate_bit_per_s))
 }
 
 /// The bit rate of the rig's bus in bit/s, where there is a rig.

@@ -63,7 +63,7 @@ pub(in crate::cli) fn run(arguments: &Arguments, output: &mut Output) -> Result<
         lines.push_str(&format!("{}: {said}\n", node.words()));
         let mut known = Vec::new();
         for error in errors.iter().flatten() {
-            let explained = node.explained(error.code.0);
+            let explained = desk.explained(node, error.code.0);
             lines.push_str(&format!(
                 "  {:04X}h {}, information {:04X}h\n",
                 error.code.0, explained.meaning, error.information
@@ -74,7 +74,7 @@ pub(in crate::cli) fn run(arguments: &Arguments, output: &mut Output) -> Result<
                 known.push(error.code);
             }
         }
-        documents.push(document(node, errors.as_deref()));
+        documents.push(document(&desk, node, errors.as_deref()));
         if arguments.clear && errors.as_ref().is_some_and(|errors| !errors.is_empty()) {
             clear(arguments, &mut desk, node, &errors.unwrap_or_default(), output)?;
         }
@@ -103,9 +103,9 @@ fn history(desk: &mut Desk, node: &Node) -> Result<Option<Vec<PastError>>, Failu
     Ok(Some(errors))
 }
 
-fn document(node: &Node, errors: Option<&[PastError]>) -> Value {
+fn document(desk: &Desk, node: &Node, errors: Option<&[PastError]>) -> Value {
     let each = |error: &PastError| {
-        let mut keys = explain::document(&node.explained(error.code.0));
+        let mut keys = explain::document(&desk.explained(node, error.code.0));
         keys.insert("information".to_owned(), error.information.into());
         Value::Object(keys)
     };

@@ -38,7 +38,7 @@ const OBJECTS: [(u16, u8, &str); 14] = [
     (0x6064, 0, "position"),
     (0x6076, 0, "rated torque"),
     (0x6072, 0, "torque limit"),
-    (0x6080, 0, "motor speed limit, r/min"),
+    (0x6080, 0, "motor speed limit"),
 ];
 
 pub(in crate::cli) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Failure> {
@@ -70,7 +70,8 @@ pub(in crate::cli) fn run(arguments: &Arguments, output: &mut Output) -> Result<
         let Ok(bytes) = answer else { continue };
         let data_type = known(at, None).map(|known| known.data_type);
         let mut shown = words::value(at, data_type, &bytes, node.scaling());
-        let explained = (index == ERROR_CODE && number(&bytes) != 0).then(|| node.explained(number(&bytes) as u16));
+        let explained =
+            (index == ERROR_CODE && number(&bytes) != 0).then(|| desk.explained(&node, number(&bytes) as u16));
         if index == HEARTBEAT_CONSUMER && number(&bytes) == 0 {
             shown.means = Some("nobody".to_owned());
         }

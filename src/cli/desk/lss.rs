@@ -5,11 +5,13 @@ use std::time::Duration;
 use serde_json::{Value, json};
 
 use super::place::{Desk, Place};
+use super::words::wrapped;
 use crate::canopen::lss::{LssAddress, LssOutcome, LssRequest};
 use crate::canopen::node_id;
 use crate::cli::failure::{Exit, Failure};
 use crate::cli::output::Output;
-use crate::service::identify;
+use crate::objects::Address;
+use crate::service::{Error, identify};
 
 #[derive(Debug, clap::Subcommand)]
 pub(in crate::cli) enum Command {
@@ -73,28 +75,41 @@ fn find(arguments: &Find, output: &mut Output) -> Result<(), Failure> {
     if output.is_json() {
         return output.report(json!({ "place": desk.place, "found": found.map(document) }));
     }
+    let more = &desk.arguments;
     output.result(&match found {
         Some(address) => {
-            format!("a device without a node id: {}\n`yieldwall lss set-id new N` gives it one\n", words(address))
+            let found = wrapped(&format!("a device without a node id: {}", words(address)));
+            found + &wrapped(&format!("`yieldwall lss set-id new N{more}` gives it one"))
         }
-        None => "no device without a node id answers; `yieldwall scan` shows those that have one\n".to_owned(),
+        None => {
+            wrapped(&format!("no device without a node id answers; `yieldwall scan{more}` shows those that have one"))
+        }
     })
 }
 
 fn set_id(arguments: &SetId, output: &mut Output) -> Result<(), Failure> {
     let mut desk = Desk::open(&arguments.place, output)?;
     let new = node_id(arguments.node_id).map_err(|error| Failure::new(Exit::Usage, error.to_string(), ""))?;
+    let more = desk.arguments.clone();
     let no_device = || {
         Failure::new(
             Exit::DeviceMismatch,
             "no device without a node id answers",
-            "`yieldwall scan` shows those that have one",
+            format!("`yieldwall scan{more}` shows those that have one"),
         )
     };
     let (address, who) = if arguments.device == "new" {
         (unconfigured(&mut desk)?.ok_or_else(no_device)?, "the device without a node id".to_owned())
     } else {
         let node = desk.node(&arguments.device)?;
+        // Who refuses to tell what it is is there.
+        if let Err(error @ Error::NoAnswer) = desk.service.read(node.id, Address::new(0x1000, 0)) {
+            let mut failure = desk.failure(&node, "asking who it is", error);
+            if let Some(help) = failure.report.diagnostics.first_mut().and_then(|finding| finding.help.as_mut()) {
+                help.push_str(&format!("; `yieldwall lss find{more}` finds a device without a node id"));
+            }
+            return Err(failure);
+        }
         let identity = identify(&mut desk.service, &[node.id]).map_err(|error| desk.bus_failure(error))?;
         let (parts, _) = identity.into_iter().next().unwrap_or_default();
         let [Some(vendor_id), Some(product_code), Some(revision), Some(serial)] = parts else {
@@ -113,7 +128,7 @@ fn set_id(arguments: &SetId, output: &mut Output) -> Result<(), Failure> {
     }
     if arguments.dry_run {
         ask(&mut desk, LssRequest::SwitchAll { to_configuration: false }, ANSWER)?;
-        let text = format!("would give {who} ({}) the node id {}\n", words(address), new.raw());
+        let text = wrapped(&format!("would give {who} ({}) the node id {}", words(address), new.raw()));
         return if output.is_json() {
             output.report(
                 json!({ "place": desk.place, "dry_run": true, "device": document(address), "node_id": new.raw() }),
@@ -152,15 +167,17 @@ fn set_id(arguments: &SetId, output: &mut Output) -> Result<(), Failure> {
             json!({ "place": desk.place, "device": document(address), "node_id": new.raw(), "saved": arguments.save }),
         );
     }
-    let lasts = if arguments.save { "and keeps it" } else { "until power-off; --save makes it last" };
     let next = if arguments.device == "new" { "" } else { ", from its next reset on" };
-    output.result(&format!("{who} has the node id {}{next}, {lasts}\n", new.raw()))
+    let lasts = if arguments.save { "" } else { ", until power-off; --save makes it last" };
+    let mut text = wrapped(&format!("{who} has the node id {}{next}{lasts}", new.raw()));
+    if arguments.save {
+        text.push_str("stored    the device keeps it beyond power-off\n");
+    }
+    output.result(&text)
 }
 
 /// The failure that another device has the node id.
 fn taken(desk: &mut Desk, arguments: &SetId, new: crate::canopen::NodeId) -> Result<Option<Failure>, Failure> {
-    use crate::objects::Address;
-    use crate::service::Error;
     desk.service.set_patience(Duration::from_millis(300), 0);
     let answer = desk.service.read(new, Address::new(0x1000, 0));
     match answer {

@@ -19,4 +19,4 @@ pub(super) mod state;
 mod tests;
 mod words;
 
-pub(super) use words::state_words;
+pub(super) use words::{address, mapped, state_words};

@@ -4,11 +4,13 @@ use std::time::Duration;
 
 use serde_json::json;
 
-use super::place::{Desk, Place};
-use super::words::nmt_words;
-use crate::canopen::NmtCommand;
+use super::place::{Desk, Node, Place};
+use super::words::{nmt_words, wrapped};
+use crate::canopen::{NmtCommand, NmtState};
 use crate::cli::failure::{Exit, Failure};
 use crate::cli::output::Output;
+use crate::objects::Address;
+use crate::service::Error;
 
 #[derive(Debug, clap::Args)]
 pub(in crate::cli) struct Arguments {
@@ -42,6 +44,8 @@ enum Command {
 const BOOT_UP: Duration = Duration::from_secs(5);
 /// How long any other command may take.
 const SETTLING: Duration = Duration::from_millis(100);
+/// How long a device may take to answer whether it is there.
+const ANSWER: Duration = Duration::from_millis(400);
 
 impl Command {
     fn of_nmt(self) -> (NmtCommand, &'static str) {
@@ -66,6 +70,12 @@ pub(in crate::cli) fn run(arguments: &Arguments, output: &mut Output) -> Result<
         }
         return output.result(&format!("would tell {who}: {words}\n"));
     }
+    let is_reset = matches!(arguments.command, Command::Reset | Command::ResetComm);
+    // In Stopped it may answer nothing: who goes there is asked before.
+    let was_there = match &node {
+        Some(node) if !is_reset => presence(&mut desk, node)?.is_some(),
+        _ => false,
+    };
     let buses: Vec<_> = match &node {
         Some(_) => vec![desk.service.bus()],
         None => desk.buses.iter().map(|(bus, _)| *bus).collect(),
@@ -82,7 +92,6 @@ pub(in crate::cli) fn run(arguments: &Arguments, output: &mut Output) -> Result<
         }
         return output.result(&format!("told {who}: {words}\n"));
     };
-    let is_reset = matches!(arguments.command, Command::Reset | Command::ResetComm);
     let before = desk.service.heard(node.id).boot_ups;
     let until = desk.service.now() + if is_reset { BOOT_UP } else { SETTLING };
     while desk.service.now() < until && !(is_reset && desk.service.heard(node.id).boot_ups > before) {
@@ -90,13 +99,35 @@ pub(in crate::cli) fn run(arguments: &Arguments, output: &mut Output) -> Result<
     }
     if is_reset && desk.service.heard(node.id).boot_ups == before {
         let message = format!("{who} was told: {words}, and no boot-up message came within {} s", BOOT_UP.as_secs());
-        return Err(Failure::new(Exit::DeviceMismatch, message, "`yieldwall scan` shows who answers"));
+        return Err(Failure::new(Exit::DeviceMismatch, message, why_absent(&desk, &node)));
     }
-    let state = desk.service.state(node.id).map_err(|error| desk.failure(&node, "asking its state", error))?;
-    let state = state.map(|state| nmt_words(state).to_owned());
+    let presence = presence(&mut desk, &node)?;
+    if presence.is_none() && !was_there {
+        let message = format!("{who} was told: {words}, and neither tells its state nor answers a request");
+        return Err(Failure::new(Exit::DeviceMismatch, message, why_absent(&desk, &node)));
+    }
+    let state = presence.flatten().map(|state| nmt_words(state).to_owned());
     if output.is_json() {
         return output.report(json!({ "place": desk.place, "node": who, "command": words, "state": state }));
     }
     let state = state.unwrap_or_else(|| "not told: it answers no node guarding and sends no heartbeat".to_owned());
-    output.result(&format!("told {who}: {words}; state {state}\n"))
+    output.result(&wrapped(&format!("told {who}: {words}; state {state}")))
+}
+
+/// Whether a device is there, and its state, where it tells one: by node guarding, a heartbeat, or an answer to a read of its type.
+fn presence(desk: &mut Desk, node: &Node) -> Result<Option<Option<NmtState>>, Failure> {
+    let state = desk.service.state(node.id).map_err(|error| desk.failure(node, "asking its state", error))?;
+    if state.is_some() {
+        return Ok(Some(state));
+    }
+    desk.service.set_patience(ANSWER, 0);
+    match desk.service.read(node.id, Address::new(0x1000, 0)) {
+        Err(Error::NoAnswer) => Ok(None),
+        Err(error @ (Error::Link(_) | Error::Interrupted)) => Err(desk.bus_failure(error)),
+        _ => Ok(Some(None)),
+    }
+}
+
+fn why_absent(desk: &Desk, node: &Node) -> String {
+    format!("{} finds out why; `yieldwall scan{}` shows who answers", desk.command("doctor node", node), desk.arguments)
 }

@@ -6,17 +6,17 @@ mod restore;
 
 use std::path::{Path, PathBuf};
 
-use serde_json::json;
+use serde_json::{Value as Json, json};
 use yieldwall_drives::eds::{Eds, Value};
 
 use super::keeping::{back_up, store};
 use super::place::{Desk, Node, Place};
 use super::state::refuse_powered;
-use super::words::{self, object, table};
+use super::words::{self, object, table, titled};
 use crate::cli::failure::{Exit, Failure};
 use crate::cli::output::Output;
 use crate::config::{Diagnostic, Severity};
-use crate::objects::Address;
+use crate::objects::{AbortCode, Address};
 use crate::service::{Caution, Error, Made, Step, carry_out, known, type_by_length};
 
 #[derive(Debug, clap::Subcommand)]
@@ -80,9 +80,61 @@ pub(super) struct Saving {
 }
 
 impl Saving {
-    /// Has the device store what was written, if that is wanted and agreed to.
-    fn after(self, desk: &mut Desk, node: &Node) -> Result<(), Failure> {
-        if self.save { store(desk, node, self.yes) } else { Ok(()) }
+    /// Has the device store what was written, if that is wanted and agreed to; whether it has.
+    fn after(self, desk: &mut Desk, node: &Node) -> Result<bool, Failure> {
+        if self.save { store(desk, node, self.yes).map(|()| true) } else { Ok(false) }
+    }
+}
+
+/// What became of a write.
+#[derive(Clone, Debug, PartialEq, Eq)]
+enum Fate {
+    /// It would be made.
+    Planned,
+    /// The device holds the value.
+    Written,
+    /// The device refused it, and holds what it held.
+    Refused(AbortCode),
+    /// The device confirmed it, and holds something else.
+    Holds(Vec<u8>),
+    /// The device did not answer, or nothing could be sent.
+    Unknown(Error),
+    /// It was not come to.
+    NotTried,
+}
+
+/// How far a row of writes came.
+pub(super) struct Done {
+    /// One for each write.
+    fates: Vec<Fate>,
+    /// Why it ended before the last.
+    end: Result<(), Failure>,
+    /// Whether nothing was to be written.
+    is_dry: bool,
+    /// Whether the device was told to store its parameters, and did.
+    is_stored: bool,
+}
+
+impl Done {
+    /// Nothing was written, since that was not wanted.
+    pub(super) fn planned(steps: &[Step]) -> Self {
+        Self { fates: vec![Fate::Planned; steps.len()], end: Ok(()), is_dry: true, is_stored: false }
+    }
+
+    /// Has the device store what was written, if all of it was.
+    pub(super) fn saved(mut self, saving: Saving, desk: &mut Desk, node: &Node) -> Self {
+        match &mut self.end {
+            Ok(()) => match saving.after(desk, node) {
+                Ok(is_stored) => self.is_stored = is_stored,
+                Err(failure) => self.end = Err(failure),
+            },
+            Err(failure) if saving.save => {
+                let help = failure.report.diagnostics.first_mut().and_then(|finding| finding.help.as_mut());
+                help.into_iter().for_each(|help| help.push_str("; nothing was stored"));
+            }
+            Err(_) => {}
+        }
+        self
     }
 }
 
@@ -126,6 +178,11 @@ pub(super) fn sheet(path: &Path, output: &mut Output) -> Result<Eds, Failure> {
     Ok(reading.eds)
 }
 
+/// Whether a word means a file and not a device.
+fn is_file(word: &str) -> bool {
+    word.contains(['/', '.']) || Path::new(word).is_file()
+}
+
 pub(super) fn sheet_of(path: Option<&Path>, output: &mut Output) -> Result<Option<Eds>, Failure> {
     path.map(|path| sheet(path, output)).transpose()
 }
@@ -154,7 +211,11 @@ fn read(arguments: &Read, output: &mut Output) -> Result<(), Failure> {
                     _ => "no value".to_owned(),
                 };
                 rows.push([at.to_string(), name, short, String::new()]);
-                end = end.and(Err(desk.failure(&node, &format!("reading {at}"), error)));
+                end = end.and(Err(desk.failure(
+                    &node,
+                    &format!("reading {}", titled(at, &words::name(at, eds.as_ref()))),
+                    error,
+                )));
             }
             Err(error) => return Err(desk.failure(&node, &format!("reading {at}"), error)),
         }
@@ -183,23 +244,19 @@ fn write(arguments: &Write, output: &mut Output) -> Result<(), Failure> {
         (None, Some(old)) => type_by_length(old.len()).ok_or_else(|| no_type(at))?,
         (None, None) => return Err(no_type(at)),
     };
-    let value = Value::parse(&arguments.value, data_type).map_err(|error| {
-        Failure::new(
-            Exit::Usage,
-            format!("{at} {name}: {error}"),
-            "write a decimal number, or a hexadecimal one behind 0x",
-        )
-    })?;
-    let new = value.to_bytes(data_type, node.id.raw()).ok_or_else(|| {
-        Failure::new(
-            Exit::Usage,
-            format!("{at} {name}: {} does not fit its type", arguments.value),
-            "give a value in its range",
-        )
-    })?;
+    let range = words::range(at, data_type, node.id.raw(), eds.as_ref());
+    let unfit = |error: &str| {
+        let what = "write a decimal number, or a hexadecimal one behind 0x";
+        let help = range.as_ref().map_or(what.to_owned(), |range| format!("it takes {range}; {what}"));
+        Failure::new(Exit::Usage, format!("{}: {error}", titled(at, &name)), help)
+    };
+    let value = Value::parse(&arguments.value, data_type).map_err(|error| unfit(&error))?;
+    let new = value
+        .to_bytes(data_type, node.id.raw())
+        .ok_or_else(|| unfit(&format!("`{}` does not fit its type", arguments.value)))?;
     let step = Step { at, name, data_type, old, new, is_final: true };
     if let Some(caution) = Caution::of_write(at, &step.new) {
-        let message = format!("{at} {}: not written: this {caution}", step.name);
+        let message = format!("{}: not written: this {caution}", titled(at, &step.name));
         let help = match caution {
             Caution::Memory => "`--save` with the write of another object stores its parameters, and asks before",
             _ => {
@@ -212,12 +269,15 @@ fn write(arguments: &Write, output: &mut Output) -> Result<(), Failure> {
     if !is_control {
         refuse_powered(&mut desk, &node)?;
     }
+    let steps = [step];
     if arguments.dry_run {
-        return told(&desk, &node, &[step], true, Ok(()), output);
+        let takes = range.map(|range| format!("    takes {range}"));
+        return told(&desk, &node, &steps, Done::planned(&steps), output)
+            .and_then(|()| takes.map_or(Ok(()), |takes| output.news(&takes)));
     }
-    write_all(&mut desk, &node, std::slice::from_ref(&step), eds.as_ref(), output)?;
-    let stored = arguments.saving.after(&mut desk, &node);
-    told(&desk, &node, &[step], false, stored, output)
+    let done = write_all(&mut desk, &node, &steps, eds.as_ref(), output)?;
+    let done = done.saved(arguments.saving, &mut desk, &node);
+    told(&desk, &node, &steps, done, output)
 }
 
 fn no_type(at: Address) -> Failure {
@@ -226,13 +286,16 @@ fn no_type(at: Address) -> Failure {
 }
 
 /// Keeps what the objects hold, writes them in this order and reads each back; stops at the first that does not take its value.
+///
+/// # Errors
+/// If what they hold cannot be kept: nothing was written.
 pub(super) fn write_all(
     desk: &mut Desk,
     node: &Node,
     steps: &[Step],
     eds: Option<&Eds>,
     output: &mut Output,
-) -> Result<(), Failure> {
+) -> Result<Done, Failure> {
     // Of an object that is written twice the first value counts.
     let mut held: Vec<(Address, Vec<u8>)> = Vec::new();
     for step in steps {
@@ -246,64 +309,191 @@ pub(super) fn write_all(
     if let Some(path) = &kept {
         output.news(&format!("kept      {}", path.display()))?;
     }
-    let back = kept.map_or_else(
-        || "nothing else was written".to_owned(),
-        |path| format!("`yieldwall od restore {} {}` puts back what was written", path.display(), node.id.raw()),
-    );
+    let mut fates = Vec::new();
     for step in steps {
-        let doing = format!("writing {} {}", step.at, step.name);
-        match carry_out(&mut desk.service, node.id, step) {
-            Ok(Made::Written) => {}
-            Ok(Made::Refused(code)) => {
-                let message = format!("{}: {doing}: refused: {code}", node.words());
-                return Err(Failure::new(Exit::DeviceMismatch, message, back));
-            }
-            Ok(Made::Holds(bytes)) if step.is_final => {
-                let shown = words::value(step.at, Some(step.data_type), &bytes, None);
-                let message = format!("{}: {doing}: it holds {} afterwards", node.words(), shown.raw);
-                return Err(Failure::new(
-                    Exit::DeviceMismatch,
-                    message,
-                    format!("the device changes what it is given; {back}"),
-                ));
-            }
-            Ok(Made::Holds(_)) => {}
-            Err(error) => return Err(desk.failure(node, &doing, error)),
+        fates.push(match carry_out(&mut desk.service, node.id, step) {
+            Ok(Made::Written) => Fate::Written,
+            Ok(Made::Refused(code)) => Fate::Refused(code),
+            Ok(Made::Holds(bytes)) if step.is_final => Fate::Holds(bytes),
+            // A PDO that is out of use for the time being.
+            Ok(Made::Holds(_)) => Fate::Written,
+            Err(error) => Fate::Unknown(error),
+        });
+        if fates.last() != Some(&Fate::Written) {
+            break;
         }
     }
-    Ok(())
+    let end = match (fates.last(), fates.len().checked_sub(1).and_then(|last| steps.get(last))) {
+        (Some(fate), Some(step)) if *fate != Fate::Written => {
+            let back = way_back(desk, node, kept.as_deref(), fates.len() > 1 || !matches!(fate, Fate::Refused(_)));
+            Err(ended(desk, node, step, fate, eds, &back))
+        }
+        _ => Ok(()),
+    };
+    fates.resize(steps.len(), Fate::NotTried);
+    Ok(Done { fates, end, is_dry: false, is_stored: false })
 }
 
-/// What was written, or would be, old -> new; and how what came after it has ended.
-pub(super) fn told(
-    desk: &Desk,
-    node: &Node,
-    steps: &[Step],
-    is_dry: bool,
-    end: Result<(), Failure>,
-    output: &mut Output,
-) -> Result<(), Failure> {
+/// How to undo what was written.
+fn way_back(desk: &Desk, node: &Node, kept: Option<&Path>, has_written: bool) -> String {
+    match kept {
+        _ if !has_written => "nothing was written".to_owned(),
+        Some(path) => format!(
+            "`yieldwall od restore {} {}{}` puts back what was written",
+            path.display(),
+            node.id.raw(),
+            desk.arguments
+        ),
+        None if desk.is_simulated => "simulated devices forget what was written when this command ends".to_owned(),
+        None => "what was written has to be put back by hand: it could not be read before".to_owned(),
+    }
+}
+
+/// The failure that a write did not do what it should.
+fn ended(desk: &Desk, node: &Node, step: &Step, fate: &Fate, eds: Option<&Eds>, back: &str) -> Failure {
+    let doing = format!("writing {}", titled(step.at, &step.name));
+    let of_device = |what: String, help: String| {
+        Failure::new(Exit::DeviceMismatch, format!("{}: {doing}: {what}", node.words()), help)
+    };
+    match fate {
+        Fate::Refused(code) => {
+            let is_of_value =
+                matches!(*code, AbortCode::VALUE | AbortCode::VALUE_HIGH | AbortCode::VALUE_LOW | AbortCode::LENGTH);
+            let range = words::range(step.at, step.data_type, node.id.raw(), eds).filter(|_| is_of_value);
+            let of_type = if eds.is_some() { "" } else { " by its type, and the device takes fewer" };
+            let takes = range.map_or(String::new(), |range| format!("it takes {range}{of_type}; "));
+            of_device(format!("refused: {code}"), format!("{takes}{back}"))
+        }
+        Fate::Holds(bytes) => {
+            let shown = words::value(step.at, Some(step.data_type), bytes, None);
+            let what = format!("it holds {} afterwards", shown.raw);
+            of_device(what, format!("the device changes what it is given; {back}"))
+        }
+        Fate::Unknown(error) => {
+            let mut failure = desk.failure(node, &doing, *error);
+            if let Some(finding) = failure.report.diagnostics.first_mut() {
+                let help = finding.help.take().map_or(String::new(), |help| format!("{help}; "));
+                finding.help = Some(help + back);
+            }
+            failure
+        }
+        Fate::Planned | Fate::Written | Fate::NotTried => Failure::new(Exit::Internal, doing, ""),
+    }
+}
+
+/// What was written, or would be, old -> new, and what was not; and how all of it has ended.
+pub(super) fn told(desk: &Desk, node: &Node, steps: &[Step], done: Done, output: &mut Output) -> Result<(), Failure> {
     let shown = |step: &Step, bytes: &[u8]| {
         let shown = words::value(step.at, Some(step.data_type), bytes, node.scaling());
         shown.means.map_or(shown.raw.clone(), |means| format!("{} {means}", shown.raw))
     };
+    let Done { fates, end, is_dry, is_stored } = done;
+    let of_each = steps.iter().zip(&fates);
     if output.is_json() {
-        let each = steps.iter().map(|step| {
-            let old = step.old.as_ref().map(|old| shown(step, old));
-            json!({ "object": step.at.to_string(), "name": step.name, "old": old, "new": shown(step, &step.new) })
+        let each = of_each.map(|(step, fate)| {
+            let mut write = json!({
+                "object": step.at.to_string(), "name": step.name,
+                "old": step.old.as_ref().map(|old| shown(step, old)), "new": shown(step, &step.new),
+            });
+            let (word, why) = fate.words();
+            write["outcome"] = word.into();
+            write["why"] = match fate {
+                Fate::Holds(bytes) => shown(step, bytes).into(),
+                _ => why.map_or(Json::Null, Json::from),
+            };
+            write
         });
         let each: Vec<_> = each.collect();
         let document = json!({
-            "place": desk.place, "node_id": node.id.raw(), "dry_run": is_dry, "writes": each,
+            "place": desk.place, "node_id": node.id.raw(), "dry_run": is_dry, "writes": each, "stored": is_stored,
         });
         return output.end(document, end);
     }
-    let verb = if is_dry { "would write" } else { "wrote" };
     let mut text = String::new();
-    for step in steps {
+    for (step, fate) in of_each {
+        let (word, why) = fate.words();
+        text.push_str(&format!("{word:11} {}\n", titled(step.at, &step.name)));
         let old = step.old.as_ref().map_or("?".to_owned(), |old| shown(step, old));
-        text.push_str(&format!("{verb} {} {}\n    {old} -> {}\n", step.at, step.name, shown(step, &step.new)));
+        text.push_str(&words::change(&old, &shown(step, &step.new)));
+        match fate {
+            Fate::Holds(bytes) => text.push_str(&format!("    holds {}\n", shown(step, bytes))),
+            _ => text.extend(why.map(|why| words::wrapped_behind("    ", &why))),
+        }
+    }
+    if is_stored {
+        text.push_str(&format!("stored      {} keeps its parameters beyond power-off (1010h:1)\n", node.words()));
     }
     output.result(&text)?;
     end
+}
+
+impl Fate {
+    /// What became of it, and why if that is the device's doing.
+    fn words(&self) -> (&'static str, Option<String>) {
+        match self {
+            Self::Planned => ("would write", None),
+            Self::Written => ("wrote", None),
+            Self::Refused(code) => ("refused", Some(code.to_string())),
+            Self::Holds(_) => ("changed", None),
+            Self::Unknown(error) => ("unknown", Some(error.to_string())),
+            Self::NotTried => ("not tried", None),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn step(index: u16, data_type: u16, old: &[u8], new: &[u8]) -> Step {
+        let at = Address::new(index, 0);
+        let (old, new) = (Some(old.to_vec()), new.to_vec());
+        Step { at, name: words::name(at, None), data_type, old, new, is_final: true }
+    }
+
+    /// What was written, what was refused and why, what was not tried, and how to get back: after a refusal in the middle.
+    #[test]
+    fn writes_that_end_half_way_say_how_far_they_came() {
+        let mut output = Output::new(true, false, false);
+        let mut desk = Desk::open(&Place::default(), &mut output).unwrap();
+        let node = desk.node("left").unwrap();
+        let steps = [
+            step(0x6072, 6, &[0xe8, 3], &[0x84, 3]),
+            step(0x605a, 3, &[2, 0], &[99, 0]),
+            step(0x6065, 7, &[0xbc, 0x31, 0, 0], &[0xe8, 3, 0, 0]),
+        ];
+        let done = write_all(&mut desk, &node, &steps, None, &mut output).unwrap();
+        assert_eq!(done.fates, [Fate::Written, Fate::Refused(AbortCode::VALUE_HIGH), Fate::NotTried]);
+        let saved = done.saved(Saving { save: true, yes: true }, &mut desk, &node);
+        assert!(!saved.is_stored, "half of it is not kept");
+        let failure = saved.end.unwrap_err();
+        assert_eq!(failure.exit, Exit::DeviceMismatch);
+        let finding = &failure.report.diagnostics[0];
+        assert!(
+            finding.message.contains("writing 605Ah:0 quick-stop-option: refused: 06090031h"),
+            "{}",
+            finding.message
+        );
+        let help = finding.help.as_deref().unwrap();
+        assert!(help.contains("it takes -32768 to 32767") && help.ends_with("; nothing was stored"), "{help}");
+        // What comes behind the refusal is as it was.
+        assert_eq!(desk.service.read(node.id, steps[0].at).unwrap(), [0x84, 3]);
+        assert_eq!(desk.service.read(node.id, steps[2].at).unwrap(), [0xbc, 0x31, 0, 0]);
+        // On a bus the way back is a command that comes to the same device.
+        desk.arguments = " --bus can0".to_owned();
+        let back = way_back(&desk, &node, Some(Path::new("kept.dcf")), true);
+        assert_eq!(back, "`yieldwall od restore kept.dcf 1 --bus can0` puts back what was written");
+        assert_eq!(way_back(&desk, &node, Some(Path::new("kept.dcf")), false), "nothing was written");
+    }
+
+    #[test]
+    fn all_that_was_written_can_be_stored() {
+        let mut output = Output::new(true, false, false);
+        let mut desk = Desk::open(&Place::default(), &mut output).unwrap();
+        let node = desk.node("left").unwrap();
+        let steps = [step(0x6072, 6, &[0xe8, 3], &[0x84, 3])];
+        let done = write_all(&mut desk, &node, &steps, None, &mut output).unwrap();
+        let saved = done.saved(Saving { save: true, yes: true }, &mut desk, &node);
+        assert_eq!((saved.end.is_ok(), saved.is_stored, saved.is_dry), (true, true, false));
+    }
 }

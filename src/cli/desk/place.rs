@@ -34,6 +34,18 @@ pub(in crate::cli) struct Place {
     pub(super) rig: Option<String>,
 }
 
+impl Place {
+    /// What any other command needs to come to the same devices, with a space before.
+    pub(super) fn arguments(&self) -> String {
+        arguments(self.bus.as_deref(), self.rig.as_deref())
+    }
+}
+
+fn arguments(bus: Option<&str>, rig: Option<&str>) -> String {
+    let option = |name: &str, value: Option<&str>| value.map_or(String::new(), |value| format!(" --{name} {value}"));
+    option("bus", bus) + &option("rig", rig)
+}
+
 /// A link of any kind.
 pub(super) type AnyLink = Box<dyn CanLink>;
 
@@ -67,6 +79,10 @@ pub(super) struct Desk {
     pub(super) buses: Vec<(BusId, String)>,
     /// Where it is, for a person.
     pub(super) place: String,
+    /// What any other command needs to come to the same devices, with a space before: ` --bus can0`.
+    pub(super) arguments: String,
+    /// The file of the rig, if there is one.
+    pub(super) rig: Option<String>,
     pub(super) is_simulated: bool,
 }
 
@@ -81,11 +97,6 @@ impl Node {
 
     pub(super) fn scaling(&self) -> Option<&AxisScaling> {
         self.entry.as_ref()?.scaling.as_ref()
-    }
-
-    /// What an error code of it means.
-    pub(super) fn explained(&self, code: u16) -> Explanation {
-        explanation::error_code(code, self.entry.as_ref().and_then(|entry| entry.codes.as_deref()))
     }
 }
 
@@ -103,7 +114,8 @@ impl Desk {
     /// The devices of an interface on which something will be sent, and the rig that they may belong to.
     pub(super) fn on_bus(argument: &str, rig: Option<&Rig>) -> Result<Self, Failure> {
         let entries = rig.map_or(Ok(Vec::new()), entries)?;
-        Self::on_interface(argument, rig, entries, false, on_interrupt()?)
+        let desk = Self::on_interface(argument, rig, entries, false, on_interrupt()?)?;
+        Ok(Self { arguments: arguments(Some(argument), None), ..desk })
     }
 
     fn of(place: &Place, is_silent: bool, output: &mut Output) -> Result<Self, Failure> {
@@ -118,7 +130,7 @@ impl Desk {
         let entries = rig.as_ref().map_or(Ok(Vec::new()), |rig| entries(&rig.value))?;
         let desk = Self::at(rig.as_ref(), place.bus.as_deref(), entries, is_silent)?;
         output.aside(&desk.place);
-        Ok(desk)
+        Ok(Self { arguments: place.arguments(), ..desk })
     }
 
     /// The devices of a rig on one of its buses, where no master is; or those of its simulation.
@@ -128,11 +140,13 @@ impl Desk {
 
     fn at(rig: Option<&Loaded<Rig>>, bus: Option<&str>, entries: Vec<Entry>, is_silent: bool) -> Result<Self, Failure> {
         let is_over = on_interrupt()?;
-        match (bus, rig) {
+        let desk = match (bus, rig) {
             (None, Some(rig)) => Self::simulated(rig, entries, is_over),
             (Some(bus), rig) => Self::on_interface(bus, rig.map(|rig| &rig.value), entries, is_silent, is_over),
             (None, None) => Err(Failure::new(Exit::Internal, "neither a bus nor a rig", "")),
-        }
+        }?;
+        let rig = rig.map(|rig| rig.source.to_string());
+        Ok(Self { arguments: arguments(bus, rig.as_deref()), rig, ..desk })
     }
 
     fn simulated(rig: &Loaded<Rig>, entries: Vec<Entry>, is_over: Arc<AtomicBool>) -> Result<Self, Failure> {
@@ -144,6 +158,8 @@ impl Desk {
             entries,
             buses,
             place: format!("simulated devices of {}; those of a bus with --bus INTERFACE", rig.value.rig.name),
+            arguments: String::new(),
+            rig: None,
             is_simulated: true,
         })
     }
@@ -208,6 +224,8 @@ impl Desk {
             entries,
             buses: vec![(BusId::FIRST, name)],
             place: format!("devices on {interface}"),
+            arguments: String::new(),
+            rig: None,
             is_simulated: false,
         })
     }
@@ -226,8 +244,12 @@ impl Desk {
             (None, Some(id)) => Node { id, entry: self.entries.iter().find(|entry| entry.node == id).cloned() },
             (None, None) => {
                 let names: Vec<&str> = self.entries.iter().map(|entry| entry.name.as_str()).collect();
+                let first = word.split([',', ' ']).find(|part| !part.is_empty()).unwrap_or("1");
                 let help = match config::nearest_word(word, names.iter().copied()) {
                     Some(meant) => format!("did you mean {meant}?"),
+                    None if word.contains([',', ' ']) => {
+                        format!("one device is asked at a time: write for example {first}")
+                    }
                     None if names.is_empty() => {
                         "write a node id from 1 to 127; names are those of a rig, with --rig".to_owned()
                     }
@@ -257,8 +279,7 @@ impl Desk {
         let message = format!("{}: {doing}: {error}", node.words());
         match error {
             Error::NoAnswer | Error::MayBeWritten => {
-                let bus = if self.is_simulated { "" } else { " with the same --bus" };
-                let help = format!("`yieldwall doctor node {}`{bus} finds out why", node.id.raw());
+                let help = format!("{} finds out why", self.command("doctor node", node));
                 Failure::new(Exit::DeviceMismatch, message, help)
             }
             Error::Refused(_) => Failure::new(Exit::DeviceMismatch, message, ""),
@@ -269,6 +290,49 @@ impl Desk {
             Error::Link(_) => link_down(message),
             Error::Interrupted => Failure::new(Exit::Interrupted, message, ""),
         }
+    }
+
+    /// A command about a node of this place, in back quotes: `yieldwall doctor node 5 --bus can0`.
+    pub(super) fn command(&self, words: &str, node: &Node) -> String {
+        format!("`yieldwall {words} {}{}`", node.id.raw(), self.arguments)
+    }
+
+    /// What an error code of a node means; its advice is for this place.
+    pub(super) fn explained(&self, node: &Node, code: u16) -> Explanation {
+        let codes = node.entry.as_ref().and_then(|entry| entry.codes.as_deref());
+        self.placed(node, explanation::error_code(code, codes))
+    }
+
+    /// An explanation of something that a node shows, with advice for this place.
+    pub(super) fn placed(&self, node: &Node, explanation: Explanation) -> Explanation {
+        Explanation { next: self.advice(node, &explanation.next).into(), ..explanation }
+    }
+
+    /// Advice whose commands come to this very node: `yieldwall emcy NODE` becomes `yieldwall emcy 1 --bus can0`.
+    fn advice(&self, node: &Node, text: &str) -> String {
+        let parts = text.split('`').enumerate().map(|(at, part)| match part.strip_prefix("yieldwall ") {
+            Some(command) if at % 2 == 1 => format!("yieldwall {}", self.filled(node, command)),
+            _ => part.to_owned(),
+        });
+        parts.collect::<Vec<_>>().join("`")
+    }
+
+    fn filled(&self, node: &Node, command: &str) -> String {
+        let is_named = |word: &str| command.split(' ').any(|one| one == word);
+        let bus = self.arguments.strip_prefix(" --bus ").and_then(|rest| rest.split(' ').next());
+        let more = match (command.split(' ').next(), bus) {
+            // These name the rig, and may take a bus.
+            (Some("run" | "drill"), Some(bus)) if is_named("RIG.yaml") => format!(" --bus {bus}"),
+            _ if is_named("RIG.yaml") => String::new(),
+            _ if is_named("NODE") || matches!(command, "scan" | "monitor") => self.arguments.clone(),
+            _ => String::new(),
+        };
+        let words = command.split(' ').map(|word| match word {
+            "NODE" => node.id.raw().to_string(),
+            "RIG.yaml" => self.rig.clone().unwrap_or_else(|| word.to_owned()),
+            _ => word.to_owned(),
+        });
+        words.collect::<Vec<_>>().join(" ") + &more
     }
 
     /// The same where no single device is to blame.

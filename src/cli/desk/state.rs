@@ -3,10 +3,10 @@
 use std::time::Duration;
 
 use serde_json::json;
-use yieldwall_drives::cia402::{Command, OperationMode, State, Statusword};
+use yieldwall_drives::cia402::{Command, State, Statusword};
 
 use super::place::{Desk, Node, Place};
-use super::words::{mode_words, nmt_words, state_words, table};
+use super::words::{mode_code_words, nmt_words, state_words};
 use crate::cli::explain;
 use crate::cli::failure::{Exit, Failure};
 use crate::cli::output::Output;
@@ -49,16 +49,13 @@ pub(in crate::cli) fn run(arguments: &Arguments, output: &mut Output) -> Result<
     };
     let (error, mode) = (read(ERROR_CODE)?, read(MODE)?);
     let nmt = desk.service.state(node.id).map_err(|error| desk.failure(&node, "asking its state", error))?;
-    let mode = mode.map(|mode| {
-        OperationMode::from_code(mode as u8 as i8)
-            .map_or_else(|| format!("code {}", mode as u8 as i8), |mode| mode_words(mode).to_owned())
-    });
-    let explained = error.filter(|code| *code != 0).map(|code| node.explained(code as u16));
+    let mode = mode.map(|mode| format!("{} ({})", mode_code_words(mode as u8 as i8), mode as u8 as i8));
+    let explained = error.filter(|code| *code != 0).map(|code| desk.explained(&node, code as u16));
     let error_words = error.map(|_| match &explained {
         None => "none".to_owned(),
         Some(explained) => format!("{} {}", explained.code.as_deref().unwrap_or_default(), explained.meaning),
     });
-    let of_state = explanation::statusword(word);
+    let of_state = desk.placed(&node, explanation::statusword(word));
     if output.is_json() {
         return output.report(json!({
             "place": desk.place,
@@ -73,14 +70,16 @@ pub(in crate::cli) fn run(arguments: &Arguments, output: &mut Output) -> Result<
             "explained": explain::document(explained.as_ref().unwrap_or(&of_state)),
         }));
     }
-    let mut rows = vec![
-        ["state".to_owned(), format!("{}  {word:04X}h", state_words(word))],
-        ["NMT".to_owned(), nmt.map_or("tells none".to_owned(), |state| nmt_words(state).to_owned())],
+    let nmt = nmt.map_or("tells none", nmt_words);
+    let rows = [
+        ("state", Some(format!("{} ({word:04X}h)", state_words(word)))),
+        ("NMT", Some(nmt.to_owned())),
+        ("mode", mode),
+        ("error", error_words),
     ];
-    rows.extend(mode.map(|mode| ["mode".to_owned(), mode]));
-    rows.extend(error_words.map(|words| ["error".to_owned(), words]));
+    let rows = rows.into_iter().filter_map(|(key, says)| Some(explain::line(0, key, &says?)));
     let why = explain::lines(0, explained.as_ref().unwrap_or(&of_state));
-    output.result(&format!("{}\n{}{why}", node.words(), table(&rows)))
+    output.result(&format!("{}\n{}{why}", node.words(), rows.collect::<String>()))
 }
 
 /// The statusword of a drive.
@@ -92,7 +91,7 @@ pub(super) fn statusword(desk: &mut Desk, node: &Node) -> Result<u16, Failure> {
             Err(Failure::new(
                 Exit::DeviceMismatch,
                 message,
-                "it is no drive of CiA 402; `yieldwall info` tells what it is",
+                format!("it is no drive of CiA 402; {} tells what it is", desk.command("info", node)),
             ))
         }
         Err(error) => Err(desk.failure(node, "reading its statusword", error)),
@@ -114,7 +113,11 @@ pub(super) fn refuse_powered(desk: &mut Desk, node: &Node) -> Result<(), Failure
             Err(Failure::new(
                 Exit::SafetyStop,
                 message,
-                format!("`yieldwall od write {} 6040h 0` takes its torque away; hold the arm", node.id.raw()),
+                format!(
+                    "`yieldwall od write {} 6040h 0{}` takes its torque away; hold the arm",
+                    node.id.raw(),
+                    desk.arguments
+                ),
             ))
         }
         _ => Ok(()),
@@ -153,7 +156,7 @@ pub(super) fn reset_fault(
         }
         if desk.service.now() >= until {
             let code = desk.service.read(node.id, ERROR_CODE).map_or(0, |bytes| number(&bytes) as u16);
-            let explained = node.explained(code);
+            let explained = desk.explained(node, code);
             let message = format!("{} stays in Fault: {explained}", node.words());
             let help = format!("its cause is still there: {}", explained.next);
             return Err(Failure::new(Exit::DeviceFault, message, help));

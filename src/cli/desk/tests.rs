@@ -7,6 +7,7 @@ use super::state::{refuse_powered, reset_fault, statusword};
 use crate::canopen::{NmtCommand, NmtState, nmt, node_id};
 use crate::cli::failure::Exit;
 use crate::cli::output::Output;
+use crate::explanation::{self, Explanation};
 use crate::objects::Address;
 
 fn desk() -> (Desk, Output) {
@@ -49,6 +50,36 @@ fn nothing_is_written_to_a_drive_whose_power_stage_is_on() {
     assert_eq!(refused.exit, Exit::SafetyStop);
     let sensor = desk.node("wrist").unwrap();
     assert!(refuse_powered(&mut desk, &sensor).is_ok());
+}
+
+/// Commands in advice come to the same device, wherever it is.
+#[test]
+fn advice_names_the_place() {
+    let (mut desk, _) = desk();
+    let node = desk.node("left").unwrap();
+    let told = |desk: &Desk, text: &'static str| {
+        let explanation = Explanation { next: text.into(), ..explanation::statusword(0x0250) };
+        desk.placed(&node, explanation).next.into_owned()
+    };
+    assert_eq!(
+        told(&desk, "`yieldwall emcy NODE` or `yieldwall od write`"),
+        "`yieldwall emcy 1` or `yieldwall od write`"
+    );
+    assert_eq!(
+        told(&desk, "`yieldwall run RIG.yaml` enables it"),
+        "`yieldwall run builtin:paper-admittance.yaml` enables it"
+    );
+    (desk.arguments, desk.rig) = (" --bus can0".to_owned(), None);
+    for (text, wanted) in [
+        ("`yieldwall emcy NODE`; NODE", "`yieldwall emcy 1 --bus can0`; NODE"),
+        ("`yieldwall od read NODE 1016h:1`", "`yieldwall od read 1 1016h:1 --bus can0`"),
+        ("`yieldwall run RIG.yaml` enables it", "`yieldwall run RIG.yaml --bus can0` enables it"),
+        ("`yieldwall bus budget RIG.yaml`", "`yieldwall bus budget RIG.yaml`"),
+        ("`yieldwall scan` shows it", "`yieldwall scan --bus can0` shows it"),
+        ("nothing: it waits", "nothing: it waits"),
+    ] {
+        assert_eq!(told(&desk, text), wanted);
+    }
 }
 
 #[test]

@@ -7,9 +7,13 @@ use yieldwall_drives::scaling::AxisScaling;
 
 use crate::canopen::{EmcyCode, NmtState};
 use crate::cli::failure::{Exit, Failure};
+use crate::config::nearest_word;
 use crate::explanation::state_name;
 use crate::objects::Address;
-use crate::service::{known, named, number, type_by_length};
+use crate::service::{known, named, names, number, type_by_length};
+
+/// Columns of a terminal.
+pub(super) const COLUMNS: usize = 80;
 
 /// A value as it is shown.
 #[derive(Clone, Debug, PartialEq)]
@@ -34,10 +38,15 @@ pub(super) fn object(word: &str, eds: Option<&Eds>) -> Result<Address, Failure> 
     match named(word, eds).as_slice() {
         [only] => Ok(*only),
         [] => {
-            let help = if eds.is_some() {
-                "write its address, as 6041h or 1018h:2, or its name in the data sheet; `od dump` lists all"
-            } else {
-                "write its address, as 6041h or 1018h:2; a data sheet (--eds) gives the names of the vendor"
+            let names = names(eds);
+            let help = match nearest_word(word, names.iter().map(String::as_str)) {
+                Some(meant) => format!("did you mean {meant}?"),
+                None if eds.is_some() => {
+                    "write its address, as 6041h or 1018h:2, or its name in the data sheet; `od dump` lists all"
+                        .to_owned()
+                }
+                None => "write its address, as 6041h or 1018h:2; a data sheet (--eds) gives the names of the vendor"
+                    .to_owned(),
             };
             Err(Failure::new(Exit::Usage, format!("no object is called {word}"), help))
         }
@@ -49,7 +58,8 @@ pub(super) fn object(word: &str, eds: Option<&Eds>) -> Result<Address, Failure> 
     }
 }
 
-fn address(word: &str) -> Option<Address> {
+/// The object that an address means: `6041h`, `0x1018:2`, `1018h:2` or `1018sub2`.
+pub(in crate::cli) fn address(word: &str) -> Option<Address> {
     let lower = word.to_ascii_lowercase();
     let (index, sub) = match lower.split_once(':').or_else(|| lower.split_once("sub")) {
         Some((index, sub)) => (index, hexadecimal(sub).filter(|sub| *sub <= 0xff)? as u8),
@@ -69,6 +79,26 @@ fn hexadecimal(word: &str) -> Option<u32> {
 /// The name of an object; its address where it has none.
 pub(super) fn name(at: Address, eds: Option<&Eds>) -> String {
     known(at, eds).map_or_else(String::new, |known| known.name)
+}
+
+/// An object with its name, if it has one: `6041h:0 statusword`.
+pub(super) fn titled(at: Address, name: &str) -> String {
+    if name.is_empty() { at.to_string() } else { format!("{at} {name}") }
+}
+
+/// What values an object takes, by the limits of its data sheet and by its type: `0 to 1000`; `None` for what is no whole number.
+pub(super) fn range(at: Address, data_type: u16, node_id: u8, eds: Option<&Eds>) -> Option<String> {
+    let of_type = Value::range(data_type)?;
+    let entry = eds.and_then(|eds| eds.entry(at.index, at.sub));
+    let limit = |value: Option<&Value>| match value {
+        Some(Value::Integer(number)) => Some(*number),
+        Some(Value::OfNode(number)) => Some(number + i128::from(node_id)),
+        _ => None,
+    };
+    let low = entry.and_then(|entry| limit(entry.low.as_ref()));
+    let high = entry.and_then(|entry| limit(entry.high.as_ref()));
+    let by = if low.or(high).is_some() { ", by the data sheet" } else { "" };
+    Some(format!("{} to {}{by}", low.unwrap_or(of_type.start), high.unwrap_or(of_type.end - 1)))
 }
 
 /// The value of an object.
@@ -100,13 +130,14 @@ fn meaning(at: Address, value: i128, bytes: &[u8], scaling: Option<&AxisScaling>
     match at.index {
         0x6041 => return Some(state_words(word as u16)),
         0x603f if word != 0 => return Some(EmcyCode(word as u16).meaning().to_owned()),
-        0x6060 | 0x6061 => return OperationMode::from_code(word as u8 as i8).map(|mode| mode_words(mode).to_owned()),
+        0x6060 | 0x6061 => return Some(mode_code_words(word as u8 as i8)),
         0x6502 => {
             let modes: Vec<&str> =
                 OperationMode::ALL.into_iter().filter(|mode| mode.is_in(word)).map(mode_words).collect();
             return Some(modes.join(", "));
         }
         0x6076 => return Some(format!("{} N m", value as f64 * 1e-3)),
+        0x6080 => return Some(format!("{value} r/min")),
         0x1600..0x1800 | 0x1a00..0x1c00 if at.sub > 0 && word != 0 => return Some(mapped(word)),
         0x1016 if at.sub > 0 && word != 0 => {
             return Some(format!("node {}, {} ms", word >> 16 & 0x7f, word & 0xffff));
@@ -132,10 +163,9 @@ fn meaning(at: Address, value: i128, bytes: &[u8], scaling: Option<&AxisScaling>
 }
 
 /// `6064h:0 position-actual, 32 bits`.
-pub(super) fn mapped(entry: u32) -> String {
+pub(in crate::cli) fn mapped(entry: u32) -> String {
     let at = Address::new((entry >> 16) as u16, (entry >> 8) as u8);
-    let name = name(at, None);
-    format!("{at}{}{name}, {} bits", if name.is_empty() { "" } else { " " }, entry & 0xff)
+    format!("{}, {} bits", titled(at, &name(at, None)), entry & 0xff)
 }
 
 /// The state in a statusword, in words.
@@ -172,6 +202,16 @@ pub(super) fn spaced(name: &str) -> String {
     words
 }
 
+/// What a code of 6060h or 6061h says.
+pub(super) fn mode_code_words(code: i8) -> String {
+    match (OperationMode::from_code(code), code) {
+        (Some(mode), _) => mode_words(mode).to_owned(),
+        (None, 0) => "none chosen".to_owned(),
+        (None, ..0) => "the vendor's own".to_owned(),
+        (None, _) => "reserved by CiA 402".to_owned(),
+    }
+}
+
 /// A mode of operation as people call it.
 pub(super) fn mode_words(mode: OperationMode) -> &'static str {
     match mode {
@@ -194,9 +234,22 @@ pub(super) fn document(at: Address, name: &str, bytes: &[u8], shown: &Shown) -> 
     json!({ "object": at.to_string(), "name": name, "bytes": hexadecimal, "value": shown.raw, "means": shown.means })
 }
 
-/// Lines of a text that fit a terminal of 80 columns.
+/// Lines of a text that fit a terminal of 80 columns; between words alone, so that a path can be copied.
 pub(super) fn wrapped(text: &str) -> String {
-    textwrap::fill(text, textwrap::Options::new(80).word_splitter(textwrap::WordSplitter::NoHyphenation)) + "\n"
+    wrapped_behind("", text)
+}
+
+/// The same, each line behind `head`.
+pub(super) fn wrapped_behind(head: &str, text: &str) -> String {
+    let options = textwrap::Options::new(COLUMNS).initial_indent(head).subsequent_indent(head).break_words(false);
+    let options = options.word_separator(textwrap::WordSeparator::AsciiSpace);
+    textwrap::fill(text, options.word_splitter(textwrap::WordSplitter::NoHyphenation)) + "\n"
+}
+
+/// A change of a value, `old -> new`, in one line if it fits, and indented below what it is of.
+pub(super) fn change(old: &str, new: &str) -> String {
+    let line = format!("    {old} -> {new}");
+    if line.chars().count() <= COLUMNS { format!("{line}\n") } else { format!("    {old}\n    -> {new}\n") }
 }
 
 /// A table: columns as wide as their widest cell, the last as long as it is.
@@ -239,12 +292,28 @@ mod tests {
     }
 
     #[test]
+    fn a_range_is_that_of_the_data_sheet_or_of_the_type() {
+        let text =
+            b"[DeviceInfo]\nVendorName=x\n[6072]\nParameterName=Max torque\nObjectType=7\nDataType=6\nAccessType=rw\n\
+            LowLimit=10\nHighLimit=1000\n";
+        let eds = Eds::read(text).unwrap().eds;
+        let at = Address::new(0x6072, 0);
+        assert_eq!(range(at, 6, 1, None).as_deref(), Some("0 to 65535"));
+        assert_eq!(range(at, 6, 1, Some(&eds)).as_deref(), Some("10 to 1000, by the data sheet"));
+        assert_eq!(range(at, 2, 1, None).as_deref(), Some("-128 to 127"));
+        assert_eq!(range(at, 9, 1, None), None, "text");
+    }
+
+    #[test]
     fn values_say_what_they_mean() {
         let means = |index, data_type, bytes: &[u8]| value(Address::new(index, 1), Some(data_type), bytes, None);
         assert_eq!(means(0x6041, 6, &[0x37, 0x06]).means.as_deref(), Some("Operation Enabled"));
         assert_eq!(means(0x1a00, 7, &[0x10, 0, 0x41, 0x60]).means.as_deref(), Some("6041h:0 statusword, 16 bits"));
         assert_eq!(means(0x1800, 7, &[1, 1, 0, 0x80]).means.as_deref(), Some("not used"));
         assert_eq!(means(0x6061, 2, &[8]).means.as_deref(), Some("CSP"));
+        assert_eq!(means(0x6061, 2, &[0]).means.as_deref(), Some("none chosen"));
+        assert_eq!(means(0x6061, 2, &[0xff]).means.as_deref(), Some("the vendor's own"));
+        assert_eq!(means(0x6080, 7, &[0xb8, 0x0b, 0, 0]).means.as_deref(), Some("3000 r/min"));
         assert_eq!(means(0x6064, 4, &[0xff; 4]), Shown { raw: "-1 (FFFFFFFFh)".into(), means: None });
         assert_eq!(value(Address::new(0x2000, 0), None, &[1, 2, 3], None).raw, "01 02 03");
     }

@@ -20,9 +20,13 @@ use super::failure::{Exit, Failure};
 use super::fit;
 use super::output::Output;
 use super::printable::printable;
+#[cfg(target_os = "linux")]
+use super::run::{finding_json, finding_text};
 use super::tui::View;
 #[cfg(target_os = "linux")]
 use crate::host::News;
+#[cfg(target_os = "linux")]
+use crate::run::Finding;
 pub(super) use listener::Listening;
 
 /// Columns before what is said, as in every report.
@@ -221,12 +225,23 @@ impl Events {
             News::Proved => {
                 self.tell(&Event::new("proved", None, "the drives have shown that they stop by themselves"));
             }
+            News::Found(finding) => self.tell(&watchdog(&finding)),
             News::Waiting(Some(text)) => self.show(&format!("boot      {text}")),
             News::Waiting(None) => self.show(""),
             // A warning, which the command prints.
             News::Refused(_) => {}
         }
     }
+}
+
+/// What a watchdog of the drives did in a drill.
+#[cfg(target_os = "linux")]
+fn watchdog(finding: &Finding) -> Event {
+    let mut event = Event::new("watchdog", None, finding_text(finding));
+    if let Value::Object(facts) = finding_json(finding) {
+        event.facts = facts;
+    }
+    event
 }
 
 impl Teller {
@@ -285,6 +300,26 @@ mod tests {
         let held = Event { name: "held", ..fault() };
         assert_eq!(held.paragraph(60).lines().count(), 4, "the rig goes on, and nothing is told at the end");
         assert!(fault().is_grave() && !Event::new("boot", None, "").is_grave());
+    }
+
+    #[test]
+    fn a_watchdog_that_was_drilled_is_an_event_with_what_each_drive_did() {
+        use std::time::Duration;
+        use yieldwall_drives::cia402::State;
+        use yieldwall_drives::watchdog::Watchdog;
+        let finding = Finding {
+            watchdog: Watchdog::SetPoints,
+            stopped_after: [Some(Duration::from_micros(5200)), None],
+            stopped_in: [Some(State::QuickStopActive), None],
+        };
+        let event = watchdog(&finding);
+        assert_eq!(
+            event.text,
+            "without set-points the left drive stops after 5.2 ms, in Quick Stop Active; the right drive goes on"
+        );
+        let document = event.document();
+        assert_eq!((&document["event"], &document["without"]), (&json!("watchdog"), &json!("set-points")));
+        assert_eq!((&document["left_stops_after_ms"], &document["right_stops_after_ms"]), (&json!(5.2), &Value::Null));
     }
 
     #[test]

@@ -98,6 +98,64 @@ fn codes_are_explained_however_they_are_written() {
     }
 }
 
+fn kinds(word: &str) -> Vec<&'static str> {
+    meanings(word, None)
+        .unwrap()
+        .iter()
+        .map(|meaning| meaning.explanation.what.split([' ', ',']).nth(1).unwrap())
+        .collect()
+}
+
+/// What is improbable is not said where something else is meant.
+#[test]
+fn the_likeliest_reading_comes_first_and_an_unlikely_one_not_at_all() {
+    for (word, wanted) in [
+        ("8130h", &["error"][..]),
+        ("8250h", &["error", "statusword"]),
+        ("7380h", &["error"]),
+        ("0250h", &["statusword"]),
+        ("0637h", &["statusword"]),
+        ("6041h", &["object", "error"]),
+        ("0027h", &["AL", "statusword"]),
+        ("0200h", &["error", "statusword"]),
+        ("06090011h", &["SDO"]),
+        ("60410010h", &["mapped"]),
+        ("007F0028h", &["watched"]),
+        ("00050008h", &["mapped", "watched"]),
+        ("80000201h", &["COB-ID"]),
+        ("0F00FFC0h", &["SDO"]),
+        ("12345678h", &["SDO"]),
+        ("1018h:2", &["object"]),
+    ] {
+        assert_eq!(kinds(word), wanted, "{word}");
+    }
+    assert!(told("007F0028h", None).contains("heartbeat of node 127 is watched: it comes within 40 ms"));
+    assert!(told("60410010h", None).contains("6041h:0 statusword, 16 bits"));
+}
+
+#[test]
+fn names_of_objects_and_codes_are_explained_and_slips_understood() {
+    for (word, wanted) in [
+        ("statusword", "statusword (CiA 402)"),
+        ("max-torque", "torque limit in per mille"),
+        ("no-sub-index", "the object has no such sub-index"),
+        ("following-error-window", "allowed following error"),
+        ("over-current", "continuous over-current"),
+        ("heartbeat-lost", "heartbeat or life guarding lost"),
+    ] {
+        assert!(told(word, None).contains(wanted), "{word}: {}", told(word, None));
+    }
+    assert_eq!(kinds("heartbeat-lost"), ["fault", "error"]);
+    for (word, wanted) in
+        [("statuswrod", "statusword"), ("no-sub-indx", "no-sub-index"), ("over-curent", "over-current")]
+    {
+        let failure = meanings(word, None).err().unwrap();
+        assert_eq!(failure.report.diagnostics[0].help, Some(format!("did you mean {wanted}?")), "{word}");
+    }
+    let table = shipped_error_codes("maxon-epos4").unwrap();
+    assert!(told("position-sensor-breach", Some(&table)).contains("signals of the position sensor"));
+}
+
 #[test]
 fn a_code_is_meant_by_the_vendor_of_the_device() {
     let table = shipped_error_codes("zeroerr-edriver").unwrap();

@@ -134,8 +134,10 @@ pub(super) fn ask(arguments: &Arguments, person: Option<Person<'_>>) -> Result<C
         },
     )?;
     if drives.len() > 2 {
-        let message = format!("--drives has {} profiles", drives.len());
-        return Err(Failure::new(Exit::Usage, message, "give one for both drives, or one for each"));
+        let message = format!("--drives {}: there are two drives", drives.join(","));
+        let help = "give one profile for both drives, or two with a comma between, such as \
+                    --drives simulated-servo,simulated-servo";
+        return Err(Failure::new(Exit::Usage, message, help));
     }
     for name in &drives {
         known_profile(name, &names).map_err(|message| Failure::new(Exit::Usage, format!("--drives: {message}"), ""))?;
@@ -154,7 +156,8 @@ pub(super) fn ask(arguments: &Arguments, person: Option<Person<'_>>) -> Result<C
         if are_different(&nodes) { Ok(nodes) } else { Err("each device has an id of its own".to_owned()) }
     })?;
     if !are_different(&nodes) {
-        return Err(Failure::new(Exit::Usage, "--nodes names an id twice", "each device has an id of its own"));
+        let message = format!("--nodes {}: an id stands there twice", shown(&nodes));
+        return Err(Failure::new(Exit::Usage, message, "give each device an id of its own, such as --nodes 1,2,10"));
     }
     let nodes = match *nodes.as_slice() {
         [left, right] if sensor != Protocol::Canopen => [left, right, 0],
@@ -162,15 +165,16 @@ pub(super) fn ask(arguments: &Arguments, person: Option<Person<'_>>) -> Result<C
         [left, right] => [left, right, (10..OWN_NODE).find(|id| *id != left && *id != right).unwrap_or(10)],
         [left, right, id] if sensor == Protocol::Canopen => [left, right, id],
         [_, _, _] => {
-            let message = "--nodes has a third id, and a sensor on plain CAN has none";
-            return Err(Failure::new(Exit::Usage, message, "give two ids, or --sensor canopen"));
+            let message =
+                format!("--nodes {}: the third id is one too many: a sensor on plain CAN has none", shown(&nodes));
+            return Err(Failure::new(Exit::Usage, message, "give two ids, such as --nodes 1,2, or --sensor canopen"));
         }
         _ => {
-            let message = format!("--nodes has {} ids", nodes.len());
+            let message = format!("--nodes {}: that is not one id for each device", shown(&nodes));
             return Err(Failure::new(
                 Exit::Usage,
                 message,
-                "give those of both drives and of a CANopen sensor, such as 1,2,10",
+                "give those of both drives and of a CANopen sensor, such as --nodes 1,2,10",
             ));
         }
     };
@@ -184,11 +188,11 @@ pub(super) fn ask(arguments: &Arguments, person: Option<Person<'_>>) -> Result<C
             })
         })?;
     if links.len() != 2 {
-        let message = format!("--links has {} lengths", links.len());
+        let message = format!("--links {}: that is not one length for each kind of link", shown(&links));
         return Err(Failure::new(
             Exit::Usage,
             message,
-            "give that of the proximal and that of the distal links, such as 0.3,0.4",
+            "give that of the proximal and that of the distal links in m, such as --links 0.3,0.4",
         ));
     }
     let links_m = [links.first().copied().unwrap_or(0.3), links.get(1).copied().unwrap_or(0.4)];

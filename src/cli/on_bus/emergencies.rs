@@ -2,7 +2,7 @@
 
 use serde_json::{Value, json};
 
-use crate::bus::Told;
+use crate::bus::{BootError, BootFailure, Told};
 use crate::canopen::{EmcyCode, Emergency};
 use crate::cli::desk::state_words;
 use crate::cli::failure::Failure;
@@ -10,6 +10,7 @@ use crate::config::{self, SensorProtocol};
 use crate::explanation::{self, Explanation};
 use crate::guard::{Device, Fault};
 use crate::run::DriveError;
+use crate::time::Time;
 
 /// The emergencies without those that say the same again, in their order.
 pub(in crate::cli) fn different(emergencies: impl Iterator<Item = Told>) -> Vec<Told> {
@@ -116,6 +117,17 @@ pub(in crate::cli) fn drive_error_json(error: &DriveError, rig: &config::Rig) ->
     document
 }
 
+/// What a node told last while the network did not come up, beside what is known already.
+pub(in crate::cli) fn told_at_boot(error: &BootError, known: &[Told], rig: &config::Rig) -> Vec<Told> {
+    let (BootFailure::NotStarted { said, .. } | BootFailure::Missing { said, .. }) = &error.failure else {
+        return known.to_vec();
+    };
+    let device = [Device::LeftDrive, Device::RightDrive, Device::Sensor];
+    let device = device.into_iter().find(|device| name(*device, rig) == error.name);
+    let told = said.emergency.zip(device).map(|(emergency, device)| Told { time: Time::default(), device, emergency });
+    different(known.iter().copied().chain(told))
+}
+
 /// The failure with what the devices told and what to do about that, if they told anything.
 pub(in crate::cli) fn with_told(
     mut failure: Failure,
@@ -166,10 +178,28 @@ fn name(device: Device, rig: &config::Rig) -> &str {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::bus::Said;
     use crate::canopen::Frame;
+    use crate::cli::ending::rig_failure;
     use crate::cli::failure::Exit;
     use crate::config::Source;
-    use crate::time::Time;
+
+    /// A drive that says at the boot what is wrong is understood by the table of its vendor.
+    #[test]
+    fn an_emergency_of_the_boot_is_told_in_the_words_of_the_vendor() {
+        let mut rig = config::load_rig(Source::named("builtin:paper-admittance.yaml")).unwrap().value;
+        rig.drives[0].profile = "maxon-epos4".to_owned().into();
+        let emergency = Emergency::decode(&Frame::new(0x081, &[0x80, 0x73, 0x21, 0, 0, 0, 0, 0]));
+        let failure = BootFailure::NotStarted { waited_ms: 500, said: Said { state: None, emergency } };
+        let error = BootError { node_id: Some(1), name: "left".to_owned(), step: "start the node", failure };
+        let told = told_at_boot(&error, &[], &rig);
+        assert_eq!(told_at_boot(&error, &told, &rig), told, "once");
+        let failure = with_told(rig_failure(&error.into()), &told, &[], &rig);
+        let finding = &failure.report.diagnostics[0];
+        assert!(finding.message.contains("signals of the position sensor"), "{}", finding.message);
+        let help = finding.help.as_deref().unwrap();
+        assert!(help.contains("7380h: look at plug, cable and shield of the encoder"), "{help}");
+    }
 
     #[test]
     fn what_a_device_told_stands_in_the_message_once() {

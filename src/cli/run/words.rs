@@ -1,9 +1,12 @@
 //! What was measured and what was tried before, for a person to read.
 
+use std::time::Duration;
+
 use serde_json::{Value, json};
 
 use super::super::ending::scope_text;
 use crate::config;
+use crate::explanation::state_name;
 use crate::guard::Fault;
 use crate::report::measures::Measures;
 use crate::run::{Drilled, Finding, Settled};
@@ -26,29 +29,46 @@ pub(in crate::cli) fn watchdogs_text(drilled: &Drilled) -> String {
 
 /// The same as data.
 pub(in crate::cli) fn watchdogs_json(drilled: &Drilled) -> Value {
-    let ms = |time: std::time::Duration| 1e3 * time.as_secs_f64();
-    let finding = |finding: &Finding| {
-        json!({
-            "without": finding.watchdog.name(),
-            "left_stops_after_ms": finding.stopped_after[0].map(ms),
-            "right_stops_after_ms": finding.stopped_after[1].map(ms),
-            "left_stops_in": finding.stopped_in[0].map(|state| format!("{state:?}")),
-            "right_stops_in": finding.stopped_in[1].map(|state| format!("{state:?}")),
-        })
-    };
     json!({
-        "findings": drilled.findings.iter().map(finding).collect::<Vec<_>>(),
-        "resolution_ms": ms(drilled.resolution),
+        "findings": drilled.findings.iter().map(finding_json).collect::<Vec<_>>(),
+        "resolution_ms": 1e3 * drilled.resolution.as_secs_f64(),
     })
+}
+
+/// What one watchdog does, as data.
+pub(in crate::cli) fn finding_json(finding: &Finding) -> Value {
+    let ms = |time: Duration| 1e3 * time.as_secs_f64();
+    json!({
+        "without": finding.watchdog.name(),
+        "left_stops_after_ms": finding.stopped_after[0].map(ms),
+        "right_stops_after_ms": finding.stopped_after[1].map(ms),
+        "left_stops_in": finding.stopped_in[0].map(|state| format!("{state:?}")),
+        "right_stops_in": finding.stopped_in[1].map(|state| format!("{state:?}")),
+    })
+}
+
+/// What one watchdog does, drive by drive.
+pub(in crate::cli) fn finding_text(finding: &Finding) -> String {
+    let drives = ["left", "right"].into_iter().zip(finding.stopped_after).zip(finding.stopped_in);
+    let each: Vec<String> = drives
+        .map(|((side, after), state)| match after {
+            None => format!("the {side} drive goes on"),
+            Some(after) => {
+                let state = state.map_or(String::new(), |state| format!(", in {}", state_name(Some(state))));
+                format!("the {side} drive stops after {:.1} ms{state}", 1e3 * after.as_secs_f64())
+            }
+        })
+        .collect();
+    format!("without {} {}", finding.watchdog.name(), each.join("; "))
 }
 
 /// What the drill has shown where a profile says too little, and the line to write there.
 pub(in crate::cli) fn settled_text(settled: &[Settled]) -> Vec<String> {
     let mut lines = Vec::new();
-    for Settled { profile, watchdog, stops, key, value } in settled {
+    for Settled { profile, watchdog, stops, key, value, .. } in settled {
         let shows = match stops {
             Some((after, state)) => {
-                format!("stop after {:.1} ms, in {state:?}", 1e3 * after.as_secs_f64())
+                format!("stop after {:.1} ms, in {}", 1e3 * after.as_secs_f64(), state_name(Some(*state)))
             }
             None => "go on".to_owned(),
         };
@@ -60,7 +80,25 @@ pub(in crate::cli) fn settled_text(settled: &[Settled]) -> Vec<String> {
             lines.push("            profile.sources.drill: the watchdog drill of yieldwall".to_owned());
         }
     }
+    let mut shipped: Vec<&str> =
+        settled.iter().filter(|settled| settled.is_shipped).map(|settled| settled.profile.as_str()).collect();
+    shipped.dedup();
+    for profile in shipped {
+        lines.push(format!("          `{profile}` comes with the program; a copy of your own is made by"));
+        lines.push(format!("            {}", copying(profile)));
+        lines.push(format!("          and named in the rig by  profile: {}", copy_of(profile)));
+    }
     lines
+}
+
+/// The command that makes a copy of a profile that comes with the program.
+pub(in crate::cli) fn copying(profile: &str) -> String {
+    format!("yieldwall config show builtin:profiles/{profile}.yaml > {}", copy_of(profile))
+}
+
+/// The file of that copy.
+pub(in crate::cli) fn copy_of(profile: &str) -> String {
+    format!("my-{profile}.yaml")
 }
 
 /// The same as data.

@@ -6,7 +6,7 @@ use std::sync::mpsc::Sender;
 use std::time::Duration;
 
 use crate::bus::Waiting;
-use crate::run::{BootSteps, BootWatch};
+use crate::run::{BootSteps, BootWatch, Finding};
 
 /// How long the boot waits before anybody is told.
 const QUIET: Duration = Duration::from_secs(1);
@@ -20,6 +20,8 @@ pub enum News {
     Step(&'static str),
     /// It is shown that the drives stop by themselves, and the rig is enabled next.
     Proved,
+    /// What one watchdog of the drives did in a drill.
+    Found(Finding),
     /// What the boot waits for, if that has taken a while; nothing once it is over.
     Waiting(Option<String>),
 }

@@ -148,13 +148,17 @@ pub fn profile(survey: &Survey, sheet: Option<(&Eds, &str)>, name: &str, version
     match survey.has_rpdo_timer {
         true => {
             put("      set_points:");
-            put("        event_timer: {reaction: unknown, source: device}   # write it by the manual");
+            put(
+                "        event_timer: {reaction: unknown, source: device}   # abort_connection (as 6007h says), fault or nothing, by the manual",
+            );
         }
         false => put("      set_points: none            # none that shows in Switch On Disabled"),
     }
     put("      sync: none                  # none that shows in Switch On Disabled");
-    put("    encoder: {kind: unknown, side: unknown}");
-    put("    brake: {held_by: unknown}");
+    put(
+        "    encoder: {kind: unknown, side: unknown}   # kind: incremental, single_turn or multi_turn; side: motor or joint",
+    );
+    put("    brake: {held_by: unknown}   # none, drive or output");
     (text, missing)
 }
 
@@ -181,7 +185,7 @@ fn missing(survey: &Survey, sheet: Option<&Eds>) -> Vec<String> {
     );
     put(
         survey.has_rpdo_timer,
-        "what the drive does when the event timer of an RPDO runs out (`reaction`): taken for nothing; write it by the manual, or as the drill shows it",
+        "what the drive does when the event timer of an RPDO runs out (`reaction`): taken for nothing; write abort_connection, fault or nothing by the manual, or as the drill shows it",
     );
     put(true, "whether it watches SYNC: not to be seen without process data; taken for no, and shown by the drill");
     put(survey.lost_master.is_none(), "6007h takes none of 1, 2 and 3: a lost master does not stop it by that");
@@ -199,8 +203,11 @@ fn missing(survey: &Survey, sheet: Option<&Eds>) -> Vec<String> {
     put(!survey.follows_sync[0], "RPDO 1 does not take type 1: set-points do not follow SYNC, which `run` needs");
     put(!survey.follows_sync[1], "TPDO 1 does not take type 1: positions do not follow SYNC, which `run` needs");
     put(!survey.has_dummies, "no bytes can be skipped in an RPDO; this program skips none");
-    put(true, "what the encoder knows at power-on and whether a reset loses it: write `encoder` in the rig");
-    put(true, "who holds the brake, if there is one: write `brake`");
+    put(
+        true,
+        "what the encoder knows at power-on and whether a reset loses it: write `encoder: multi_turn` or `single_turn` at the drive in the rig",
+    );
+    put(true, "who holds the brake, if there is one: write `held_by` of `brake`: none, drive or output");
     for (mode, reason) in &survey.refused_modes {
         missing.push(format!("{mode:?}: it says it has the mode, but {reason}"));
     }

@@ -12,6 +12,9 @@ const MANY_ERRORS: u32 = 3;
 /// So many boot-up messages in 2 s are of a device that does not stay up.
 const MANY_BOOT_UPS: u32 = 2;
 
+/// An interface in the commands for a simulation, which has none.
+const EXAMPLE: &str = "can0";
+
 /// What is known beside the node itself.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Around {
@@ -21,7 +24,7 @@ pub struct Around {
     pub arguments: String,
     /// Name of the interface; `None` for a simulation.
     pub interface: Option<String>,
-    /// Bit rate in bit/s that the bus should have, where one is known; `None` for a virtual interface.
+    /// Bit rate in bit/s that the bus has or should have, where one is known; `None` for a virtual interface.
     pub bit_rate: Option<u32>,
     /// The node ids of the rig on this bus; empty without a rig.
     pub rig: NodeSet,
@@ -47,31 +50,33 @@ fn link(facts: &NodeFacts, around: &Around) -> Check {
     let interface = around.interface.as_deref();
     let name = interface.map_or("the simulated interface".to_owned(), |interface| format!("`{interface}`"));
     if facts.link.is_bus_off {
-        let check = Check::wrong("bus-off", format!("the controller of {name} went bus-off: it saw too many errors"))
-            .follows("look at the cable, at its terminators and at the bit rate of every node first");
-        return match interface {
-            Some(interface) => check.mend(format!("sudo ip link set {interface} type can restart")),
-            None => check,
-        };
+        let check = Check::wrong("bus-off", format!("the controller of {name} went bus-off: it saw too many errors"));
+        let first = "look at the cable, at its terminators and at the bit rate of every node first";
+        return with_command(check, around, first, |interface| {
+            format!("sudo ip link set {interface} type can restart")
+        });
     }
     if let Some(error @ (SendError::Down | SendError::Gone)) = facts.link.refused {
         let check = Check::wrong("interface", format!("{name}: {error}"));
-        return match (interface, error) {
-            (Some(interface), SendError::Down) => check.mend(format!("sudo ip link set {interface} up")),
+        return match error {
+            SendError::Down => with_command(check, around, "", |interface| format!("sudo ip link set {interface} up")),
             _ => check,
         };
     }
     if facts.link.is_unheard || facts.link.refused.is_some() {
         let found = format!("nobody acknowledges what {name} sends");
-        return with_bit_rates(Check::wrong("acknowledge", found), around).follows(
-            "no device is switched on, the cable is out, a terminator is missing, or all devices have another bit rate",
+        return with_bit_rates(
+            Check::wrong("acknowledge", found),
+            around,
+            "no device is switched on, the cable is out, a terminator is missing, or all devices have another bit rate.",
         );
     }
     if facts.link.bus_errors >= MANY_ERRORS {
         let found = format!("{} frames were destroyed on the wire of {name}", facts.link.bus_errors);
-        return with_bit_rates(Check::wrong("bit rate", found), around).follows(
-            "somebody has another bit rate than this interface, or the cable is bad. The command listens at the usual bit \
-             rates, sends nothing meanwhile and puts the present one back; switch the device off and on again while it runs",
+        return with_bit_rates(
+            Check::wrong("bit rate", found),
+            around,
+            "somebody has another bit rate than this interface, or the cable is bad.",
         );
     }
     Check::ok("interface", format!("frames come and go on {name}"))
@@ -82,9 +87,10 @@ fn heard(facts: &NodeFacts, around: &Around) -> Check {
     if facts.own_frames == 0 && facts.others.is_empty() && facts.frames == 0 {
         let check = Check::wrong("silence", "no frame of anybody was heard, and nobody answers");
         return match (&around.interface, around.bit_rate) {
-            (Some(_), Some(_)) => with_bit_rates(check, around).follows(
-                "no device is switched on, the cable is out, or all devices have another bit rate. The command listens at the \
-                 usual ones and puts the present one back; switch a device off and on again while it runs",
+            (Some(_), Some(_)) => with_bit_rates(
+                check,
+                around,
+                "no device is switched on, the cable is out, or all devices have another bit rate.",
             ),
             (Some(interface), None) => check
                 .follows("a virtual interface has simulated devices alone, and none of them runs")
@@ -92,9 +98,11 @@ fn heard(facts: &NodeFacts, around: &Around) -> Check {
             (None, _) => check,
         };
     }
-    let from = match facts.others.is_empty() {
-        true => String::new(),
-        false => {
+    let from = match (facts.others.is_empty(), wrong_identifier(facts)) {
+        (true, _) => String::new(),
+        // Who sends under an identifier that was delivered wrongly is not known.
+        (false, Some(_)) => format!("; more came under identifiers of {}", nodes(facts.others)),
+        (false, None) => {
             format!("; {} {} there beside it", nodes(facts.others), if facts.others.len() == 1 { "is" } else { "are" })
         }
     };
@@ -106,7 +114,7 @@ fn alive(facts: &NodeFacts, around: &Around) -> Check {
     let (name, arguments, raw) = (&around.name, &around.arguments, facts.node.raw());
     let (answered, asked) = (cob::sdo_response(facts.node), cob::sdo_request(facts.node));
     let is_answering = facts.is_answering();
-    let state = facts.state.map_or("tells no state", state_words);
+    let state = facts.state.map_or(" and tells no state", state_words);
     if facts.state == Some(NmtState::Stopped) {
         return Check::wrong("stopped", format!("{name} is in Stopped"))
             .follows("there it answers no SDO; it is there, and the bus is good")
@@ -122,10 +130,10 @@ fn alive(facts: &NodeFacts, around: &Around) -> Check {
         return silent(facts, around);
     }
     if facts.asked.is_empty() {
-        return Check::ok("node", format!("{name} is heard, {state}; nothing was asked"));
+        return Check::ok("node", format!("{name} is heard{state}; nothing was asked"));
     }
     if is_answering || has_misplaced(facts) {
-        return Check::ok("node", format!("{name} is there, {state}"));
+        return Check::ok("node", format!("{name} is there{state}"));
     }
     if facts.unasked > 0 {
         return Check::wrong("COB-ID", format!("{answered:03X}h came {} times unasked", facts.unasked))
@@ -143,7 +151,7 @@ fn alive(facts: &NodeFacts, around: &Around) -> Check {
         .mend(format!("yieldwall monitor --services{arguments}"));
     }
     match facts.state {
-        Some(_) => Check::wrong("SDO", format!("{name} is there, {state}, and answers no SDO"))
+        Some(_) => Check::wrong("SDO", format!("{name} is there{state}, and answers no SDO"))
             .follows(format!(
                 "its SDO server listens under another identifier than {asked:03X}h (1200h), or hangs: resetting its \
                  communication brings the default back"
@@ -187,8 +195,7 @@ fn silent(facts: &NodeFacts, around: &Around) -> Check {
 /// Whether identifiers come as they were sent.
 fn identifiers(facts: &NodeFacts, around: &Around) -> Check {
     let own = cob::sdo_response(facts.node);
-    let wrong = facts.asked.iter().flat_map(|asked| &asked.answers).map(|(id, _)| *id).find(|id| *id != own);
-    let found = match (wrong, facts.link.altered) {
+    let found = match (wrong_identifier(facts), facts.link.altered) {
         (Some(id), _) => format!("answers came under {id:03X}h in place of {own:03X}h (bits {:03X}h)", id ^ own),
         (None, Some(id)) => format!("an own frame came back under {id:03X}h, under which none was sent"),
         (None, None) if facts.asked.is_empty() => {
@@ -202,16 +209,15 @@ fn identifiers(facts: &NodeFacts, around: &Around) -> Check {
             return Check::ok("identifiers", format!("{count} answers came under {own:03X}h, as they should"));
         }
     };
-    let check = Check::wrong("identifiers", found);
-    match &around.interface {
-        Some(interface) => check
-            .follows(
-                "the adapter delivers wrong identifiers, or the device answers under another one (1200h): try another adapter. \
-                 This tells driver and firmware, of which there may be newer ones",
-            )
-            .mend(format!("ethtool -i {interface}")),
-        None => check.follows("an adapter delivers wrong identifiers, or the device answers under another one (1200h)"),
-    }
+    let follows = "the adapter delivers wrong identifiers, or the device answers under another one (1200h): try another \
+                   adapter. This tells driver and firmware, of which there may be newer ones";
+    with_command(Check::wrong("identifiers", found), around, follows, |interface| format!("ethtool -i {interface}"))
+}
+
+/// The identifier of an answer that should have come under another one.
+fn wrong_identifier(facts: &NodeFacts) -> Option<u16> {
+    let own = cob::sdo_response(facts.node);
+    facts.asked.iter().flat_map(|asked| &asked.answers).map(|(id, _)| *id).find(|id| *id != own)
 }
 
 /// Whether one device has the node id.
@@ -262,22 +268,36 @@ fn has_misplaced(facts: &NodeFacts) -> bool {
     facts.asked.iter().any(|asked| !asked.answers.is_empty())
 }
 
-/// With the command that listens at the usual bit rates, where there is a controller that has one.
-fn with_bit_rates(check: Check, around: &Around) -> Check {
-    match (&around.interface, around.bit_rate) {
-        (Some(interface), Some(bit_rate)) => check.mend(listen_at_bit_rates(interface, bit_rate)),
-        _ => check,
+/// With what follows, and the command for the interface; for a simulation the one that it would be on a bus.
+fn with_command(check: Check, around: &Around, follows: &str, command: impl Fn(&str) -> String) -> Check {
+    match &around.interface {
+        Some(interface) => check.follows(follows).mend(command(interface)),
+        None => {
+            let stop = if follows.is_empty() { "" } else { ". " };
+            check.follows(format!("{follows}{stop}On a bus with the interface {EXAMPLE} it is")).mend(command(EXAMPLE))
+        }
     }
 }
 
-/// Listens for 3 s at each of the usual bit rates of CiA 301 without sending anything, not even an acknowledgement, and puts the present
-/// one back.
+/// With what follows and the command that listens at the usual bit rates, where there is a controller that has one.
+fn with_bit_rates(check: Check, around: &Around, follows: &str) -> Check {
+    let Some(bit_rate) = around.bit_rate else { return check.follows(follows.trim_end_matches('.')) };
+    let follows = format!(
+        "{follows} The command listens for 3 s at each of the usual bit rates, sends nothing meanwhile, and puts {bit_rate} \
+         bit/s back, also after Ctrl-C; switch the device off and on again while it runs"
+    );
+    with_command(check, around, &follows, |interface| listen_at_bit_rates(interface, bit_rate))
+}
+
+/// Listens for 3 s at each of the bit rates of CiA 301 without sending anything, not even an acknowledgement, and puts the present one
+/// back, by a trap of the shell in which it runs. A rate that the controller does not have is told by `ip`, and passed over.
 fn listen_at_bit_rates(interface: &str, present: u32) -> String {
     let down = format!("sudo ip link set {interface} down");
     let up = format!("sudo ip link set {interface} up type can bitrate");
     format!(
-        "for rate in 1000000 800000 500000 250000 125000 50000; do {down}; {up} $rate listen-only on; echo $rate bit/s:; timeout 3 \
-         candump -n 5 {interface}; done; {down}; {up} {present} listen-only off"
+        "( trap '{down}; {up} {present} listen-only off' EXIT; trap 'exit 130' INT; for rate in 1000000 800000 500000 250000 \
+         125000 50000 20000 10000; do {down}; echo $rate bit/s:; {up} $rate listen-only on && timeout --foreground 3 candump -n 5 \
+         {interface}; done; )"
     )
 }
 
@@ -291,9 +311,9 @@ fn verb(set: NodeSet) -> &'static str {
 
 fn state_words(state: NmtState) -> &'static str {
     match state {
-        NmtState::Initialising => "starting",
-        NmtState::PreOperational => "in Pre-operational",
-        NmtState::Operational => "in Operational",
-        NmtState::Stopped => "in Stopped",
+        NmtState::Initialising => ", starting",
+        NmtState::PreOperational => ", in Pre-operational",
+        NmtState::Operational => ", in Operational",
+        NmtState::Stopped => ", in Stopped",
     }
 }

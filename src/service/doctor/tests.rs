@@ -128,7 +128,8 @@ fn unanswered(raw: u8) -> NodeFacts {
 fn what_no_simulation_has_is_planted_into_facts() {
     assert_eq!(last(&good(5)).verdict, Verdict::Ok);
     let link = |link| NodeFacts { link, ..unanswered(5) };
-    let restored = "sudo ip link set can0 up type can bitrate 500000 listen-only off";
+    let restored =
+        "trap 'sudo ip link set can0 down; sudo ip link set can0 up type can bitrate 500000 listen-only off' EXIT";
     for (facts, subject) in [
         (link(LinkFacts { bus_errors: 3, ..LinkFacts::default() }), "bit rate"),
         (link(LinkFacts { is_unheard: true, ..LinkFacts::default() }), "acknowledge"),
@@ -138,7 +139,12 @@ fn what_no_simulation_has_is_planted_into_facts() {
         let check = last(&facts);
         assert_eq!(check.subject, subject);
         let command = check.mend.unwrap();
-        assert!(command.starts_with("for rate in ") && command.ends_with(restored), "{subject}: {command}");
+        assert!(command.contains("; for rate in ") && command.contains(restored), "{subject}: {command}");
+        // On a simulation it is the command for a bus.
+        let rehearsed = judge(&facts, &Around { interface: None, ..around(5) }).pop().unwrap();
+        let is_silence = subject == "silence";
+        assert_eq!(rehearsed.mend.as_deref(), (!is_silence).then_some(command.as_str()), "{subject}");
+        assert!(is_silence || rehearsed.follows.contains("On a bus"), "{}", rehearsed.follows);
     }
     for (facts, subject, mend) in [
         (
@@ -157,6 +163,17 @@ fn what_no_simulation_has_is_planted_into_facts() {
     assert_eq!(last(&NodeFacts { boot_ups: 3, ..unanswered(5) }).subject, "restarts");
     let altered = LinkFacts { altered: Some(0x609), ..LinkFacts::default() };
     assert_eq!(last(&NodeFacts { link: altered, ..good(5) }).subject, "identifiers");
+}
+
+/// Who is there is not told from identifiers that were delivered wrongly.
+#[test]
+fn wrong_identifiers_are_not_taken_for_nodes_that_are_there() {
+    let facts = examined(1, Some((1, Trouble::OtherIdentifiers)), false);
+    let checks = judge(&facts, &around(1));
+    let found: Vec<&str> = checks.iter().map(|check| check.found.as_str()).collect();
+    assert!(found.iter().any(|found| found.ends_with("more came under identifiers of nodes 5, 6 and 14")), "{found:?}");
+    assert!(found.contains(&"node 1 is there and tells no state"), "{found:?}");
+    assert!(!found.iter().any(|found| found.contains("there beside it")), "{found:?}");
 }
 
 #[test]

@@ -6,9 +6,9 @@ use serde_json::json;
 use yieldwall_drives::eds::{Eds, Value};
 
 use super::super::place::{Desk, Node, Place};
-use super::super::words::{self, table};
+use super::super::words::{self, COLUMNS, titled};
 use super::dump::objects;
-use super::{sheet, sheet_of};
+use super::{is_file, sheet, sheet_of};
 use crate::cli::failure::{Exit, Failure};
 use crate::cli::output::Output;
 use crate::objects::Address;
@@ -82,26 +82,39 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
         });
         return output.end(json!({ "differences": each.collect::<Vec<_>>() }), end);
     }
-    let rows: Vec<_> = differences
-        .iter()
-        .map(|Difference { at, name, first, second }| [at.to_string(), name.clone(), format!("{first} -> {second}")])
-        .collect();
-    output.result(&table(&rows))?;
-    if rows.is_empty() {
+    output.result(&lines(&differences))?;
+    let is_one_sided = |difference: &Difference| difference.first.is_none() || difference.second.is_none();
+    if differences.is_empty() {
         output.news("no difference")?;
+    } else if differences.iter().any(is_one_sided) {
+        let legend =
+            format!("{NONE}: {} or {} has no such object, or no value of it", arguments.first, arguments.second);
+        output.news(words::wrapped(&legend).trim_end())?;
     }
     end
-}
-
-fn is_file(word: &str) -> bool {
-    word.contains(['/', '.']) || Path::new(word).is_file()
 }
 
 struct Difference {
     at: Address,
     name: String,
-    first: String,
-    second: String,
+    /// `None` where that side has no such object, or no value of it.
+    first: Option<String>,
+    second: Option<String>,
+}
+
+/// What is shown of a side that has no value.
+const NONE: &str = "(none)";
+
+/// The differences, a line each; where that is too long, values stand below.
+fn lines(differences: &[Difference]) -> String {
+    let titles: Vec<String> = differences.iter().map(|difference| titled(difference.at, &difference.name)).collect();
+    let width = titles.iter().map(|title| title.chars().count()).max().unwrap_or_default();
+    let each = differences.iter().zip(titles).map(|(Difference { first, second, .. }, title)| {
+        let [first, second] = [first, second].map(|value| value.as_deref().unwrap_or(NONE));
+        let line = format!("{title:width$}  {first} -> {second}");
+        if line.chars().count() <= COLUMNS { line + "\n" } else { format!("{title}\n{}", words::change(first, second)) }
+    });
+    each.collect()
 }
 
 /// The objects that have a value on both sides, and not the same; or on one side alone.
@@ -134,7 +147,7 @@ fn differences(first: &Eds, second: &Eds, eds: Option<&Eds>, all: bool) -> Vec<D
             continue;
         }
         let [one, other] = bytes.map(|bytes| {
-            bytes.map_or("-".to_owned(), |bytes| {
+            bytes.map(|bytes| {
                 let shown = words::value(at, data_type, &bytes, None);
                 shown.means.map_or(shown.raw.clone(), |means| format!("{} {means}", shown.raw))
             })

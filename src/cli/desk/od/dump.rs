@@ -47,7 +47,10 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
     let (text, count) = if arguments.concise {
         let (writes, left_out) = downloads(&found, eds.as_ref(), node.id);
         for left_out in &left_out {
-            output.aside(&format!("left out  {} {}: {}", left_out.at, left_out.name, left_out.why));
+            output.aside(
+                words::wrapped(&format!("left out  {}: {}", words::titled(left_out.at, &left_out.name), left_out.why))
+                    .trim_end(),
+            );
         }
         (concise(writes.iter().map(|(at, bytes)| (at.index, at.sub, bytes.as_slice()))), writes.len())
     } else {

@@ -4,8 +4,8 @@ use std::path::PathBuf;
 
 use super::super::place::{Desk, Node, Place};
 use super::super::state::refuse_powered;
-use super::super::words::spaced;
-use super::{Saving, sheet, sheet_of, told, write_all};
+use super::super::words::{spaced, titled, wrapped};
+use super::{Done, Saving, is_file, sheet, sheet_of, told, write_all};
 use crate::canopen::NmtState;
 use crate::cli::failure::{Exit, Failure};
 use crate::cli::output::Output;
@@ -32,6 +32,12 @@ pub(in crate::cli) struct Arguments {
 }
 
 pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Failure> {
+    if !arguments.file.is_file() && is_file(&arguments.node) {
+        let message = format!("the file comes first, then the device: {} is no file", arguments.file.display());
+        let (file, node) = (&arguments.node, arguments.file.display());
+        let help = format!("`yieldwall od restore {file} {node}{}`", arguments.place.arguments());
+        return Err(Failure::new(Exit::Usage, message, help));
+    }
     let wanted = sheet(&arguments.file, output)?;
     let eds = sheet_of(arguments.eds.as_deref(), output)?;
     if wanted.entries().all(|(.., entry)| entry.value.is_none()) {
@@ -49,22 +55,27 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
     let state = desk.service.state(node.id).map_err(|error| desk.failure(&node, "asking its state", error))?;
     if state == Some(NmtState::Operational) {
         let message = format!("{} is {}: its process data may not change", node.words(), spaced("Operational"));
-        let help = format!("`yieldwall nmt {} preop` first", node.id.raw());
+        let help = format!("`yieldwall nmt {} preop{}` first", node.id.raw(), desk.arguments);
         return Err(Failure::new(Exit::Usage, message, help));
     }
     refuse_another_kind(&mut desk, &node, &wanted)?;
     let plan = plan(&mut desk.service, node.id, &wanted, eds.as_ref());
     let plan = plan.map_err(|error| desk.failure(&node, "comparing its objects", error))?;
     for left_out in &plan.left_out {
-        output.news(&format!("left out  {} {}: {}", left_out.at, left_out.name, left_out.why))?;
+        output.news(
+            wrapped(&format!("left out  {}: {}", titled(left_out.at, &left_out.name), left_out.why)).trim_end(),
+        )?;
     }
     if plan.steps.is_empty() {
         output.news("nothing to write: the rest is as in the file")?;
-    } else if !arguments.dry_run {
-        write_all(&mut desk, &node, &plan.steps, eds.as_ref(), output)?;
     }
-    let stored = if arguments.dry_run { Ok(()) } else { arguments.saving.after(&mut desk, &node) };
-    told(&desk, &node, &plan.steps, arguments.dry_run, stored, output)
+    let done = if arguments.dry_run {
+        Done::planned(&plan.steps)
+    } else {
+        let done = write_all(&mut desk, &node, &plan.steps, eds.as_ref(), output)?;
+        done.saved(arguments.saving, &mut desk, &node)
+    };
+    told(&desk, &node, &plan.steps, done, output)
 }
 
 /// What tells devices of one kind from others: device type, vendor and product.
@@ -85,7 +96,8 @@ fn refuse_another_kind(desk: &mut Desk, node: &Node, wanted: &Eds) -> Result<(),
                     number(&held),
                     number(&value)
                 );
-                let help = "name the device that the file is of; `yieldwall scan` shows them";
+                let help =
+                    format!("name the device that the file is of; `yieldwall scan{}` shows them", desk.arguments);
                 return Err(Failure::new(Exit::DeviceMismatch, message, help));
             }
             Ok(_) | Err(Error::Refused(_)) => {}

@@ -1,0 +1,203 @@
+//! Drives that would go on when their master has died: why, by their profiles, and which choice helps.
+
+use yieldwall_drives::profiles::{BuiltInWatch, HeartbeatWatch, Reaction, Servo, SetPointWatch, SyncWatch};
+use yieldwall_drives::watchdog::{HEARTBEAT_PERIODS, TORQUE_LIMIT, Watchdog};
+
+use super::super::failure::{Exit, Failure};
+use super::words::{copy_of, copying};
+use crate::config::{CommandMode, Drive, Rig};
+use crate::run::{Demands, Drilled, Unsafe};
+
+/// What a refusal says that comes before any drive on a bus was enabled.
+pub(in crate::cli) const NOTHING_ENABLED: &str = "nothing was enabled";
+
+/// Refuses drives that would go on when their master has died; `before` says what was done with the rig.
+pub(in crate::cli) fn judge(drilled: &Drilled, rig: &Rig, before: &str) -> Result<(), Failure> {
+    drilled.judge(Demands::of(rig)).map_err(|error| {
+        let [left, right] = &rig.drives;
+        let advice = match &error {
+            Unsafe::GoesOn { side, watchdog } => goes_on(if *side == "left" { left } else { right }, *watchdog, rig),
+            Unsafe::TooSlow { .. } => too_slow(rig),
+        };
+        Failure::new(Exit::OutOfTolerance, error.to_string(), format!("{before}; {advice}"))
+    })
+}
+
+/// A drive in torque mode that stops too late.
+fn too_slow(rig: &Rig) -> String {
+    let most_ms = TORQUE_LIMIT.as_millis() / u128::from(HEARTBEAT_PERIODS);
+    format!(
+        "SYNC and set-points are watched for a number of cycles of {} us, the heartbeat for {HEARTBEAT_PERIODS} of the master's periods \
+         (`heartbeat_ms` of its bus): shorten `cycle.period_us`, or write a `heartbeat_ms` of at most {most_ms}. In position and velocity \
+         mode (`rig.command_mode`) a drive may take longer",
+        rig.cycle.period_us
+    )
+}
+
+/// A drive that goes on without something.
+fn goes_on(drive: &Drive, watchdog: Watchdog, rig: &Rig) -> String {
+    let Some(servo) = drive.profile.get().and_then(|profile| profile.servo()) else { return String::new() };
+    let why = match watchdog {
+        Watchdog::Heartbeat => return without_heartbeat(drive, servo),
+        Watchdog::Sync => watch_of_sync(servo),
+        Watchdog::SetPoints => watch_of_set_points(servo),
+    };
+    let key = match watchdog {
+        Watchdog::SetPoints => "device.servo.watchdogs.set_points",
+        _ => "device.servo.watchdogs.sync",
+    };
+    let name = drive.profile.get().map_or("", |profile| profile.name());
+    let says = match why {
+        Why::NoReaction(kind) => format!(
+            "says that the drive watches {}, and not what it does then: write `{key}.{kind}.reaction` by the drive's manual, \
+             abort_connection or fault",
+            watchdog.name()
+        ),
+        Why::NoTime => format!(
+            "says that the drive watches {}, and not for how long, so that the simulated drive never acts: write \
+             `{key}.built_in.periods` by the drive's manual",
+            watchdog.name()
+        ),
+        Why::Nothing => format!("says that the drive does nothing when {} stay away", watchdog.name()),
+        Why::Contradicted => format!(
+            "says that the drive stops when {} stay away, and it does not: look for that setting in the drive",
+            watchdog.name()
+        ),
+    };
+    let enough = match rig.rig.command_mode {
+        CommandMode::Torque => format!(
+            "in position and velocity mode (`rig.command_mode`) the watch of the heartbeat is then enough; torque mode needs a \
+             watch that stops the drive within {} ms",
+            TORQUE_LIMIT.as_millis()
+        ),
+        CommandMode::Velocity | CommandMode::Position => {
+            "in this mode the watch of the heartbeat is then enough, if the drill shows it".to_owned()
+        }
+    };
+    let copy = match drive.profile.is_file() {
+        true => String::new(),
+        false => format!(
+            "\n`{name}` comes with the program: `{}` makes a copy to write into, and `profile: {}` in the rig names it",
+            copying(name),
+            copy_of(name)
+        ),
+    };
+    format!("the profile `{name}` {says}; or `{key}: none` if it has no such watch: {enough}{copy}")
+}
+
+/// Why a drive goes on that has a watch by its profile.
+enum Why {
+    /// What it does is not said; the key of the watch.
+    NoReaction(&'static str),
+    /// How long it waits is not said.
+    NoTime,
+    /// It does nothing by its profile.
+    Nothing,
+    /// By its profile it stops.
+    Contradicted,
+}
+
+impl Why {
+    fn of(kind: &'static str, reaction: Reaction, has_time: bool) -> Self {
+        match reaction {
+            Reaction::Unknown => Self::NoReaction(kind),
+            Reaction::Nothing => Self::Nothing,
+            _ if !has_time => Self::NoTime,
+            _ => Self::Contradicted,
+        }
+    }
+
+    fn of_built_in(watch: &BuiltInWatch) -> Self {
+        Self::of("built_in", watch.reaction, watch.periods.is_some())
+    }
+}
+
+fn watch_of_sync(servo: &Servo) -> Why {
+    match &servo.watchdogs.sync {
+        SyncWatch::None => Why::Nothing,
+        SyncWatch::BuiltIn(watch) => Why::of_built_in(watch),
+        SyncWatch::Object(timed) => Why::of("object", timed.reaction, true),
+    }
+}
+
+fn watch_of_set_points(servo: &Servo) -> Why {
+    match &servo.watchdogs.set_points {
+        SetPointWatch::None => Why::Nothing,
+        SetPointWatch::BuiltIn(watch) => Why::of_built_in(watch),
+        SetPointWatch::EventTimer { reaction, .. } => Why::of("event_timer", *reaction, true),
+        SetPointWatch::Object(timed) => Why::of("object", timed.reaction, true),
+    }
+}
+
+/// The heartbeat of the master has to stop every drive in every mode: it is what a program that has died no longer sends.
+fn without_heartbeat(drive: &Drive, servo: &Servo) -> String {
+    let name = drive.profile.get().map_or("", |profile| profile.name());
+    let needed = "every drive has to watch it, in every mode: a program that has died sends none";
+    match (&servo.watchdogs.heartbeat, &servo.option_codes.lost_master) {
+        (HeartbeatWatch::None, _) => {
+            format!(
+                "{needed}; the profile `{name}` has no such watch (1016h), and no choice of mode helps: take another drive"
+            )
+        }
+        (_, None) => format!(
+            "{needed}; the profile `{name}` does not say how the drive is told to stop then: write \
+             `device.servo.option_codes.lost_master` (6007h) by its manual"
+        ),
+        (_, Some(setting)) => format!(
+            "{needed}; the drive was told to watch it, and {:04X}h = {} to stop then: compare both with its manual",
+            setting.object.index, setting.value
+        ),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::time::Duration;
+
+    use super::*;
+    use crate::config;
+    use crate::run::Finding;
+
+    /// What is advised where nothing stops drives with these profiles.
+    fn advice(profile: &str, mode: CommandMode, goes_on: &[Watchdog], after_ms: u64) -> String {
+        let mut rig = config::load_rig(config::builtin("paper-admittance-csp.yaml")).unwrap().value;
+        rig.rig.command_mode = mode;
+        rig.drives.iter_mut().for_each(|drive| drive.profile = profile.to_owned().into());
+        let finding = |watchdog| Finding {
+            watchdog,
+            stopped_after: [(!goes_on.contains(&watchdog)).then(|| Duration::from_millis(after_ms)); 2],
+            stopped_in: [None; 2],
+        };
+        let drilled = Drilled { findings: Watchdog::ALL.map(finding).to_vec(), resolution: Duration::ZERO };
+        let failure = judge(&drilled, &rig, NOTHING_ENABLED).unwrap_err();
+        failure.report.diagnostics[0].help.clone().unwrap()
+    }
+
+    #[test]
+    fn advice_says_what_a_profile_lacks_and_which_choice_helps() {
+        let both = [Watchdog::Sync, Watchdog::SetPoints];
+        for (profile, mode, goes_on, says) in [
+            ("maxon-epos4", CommandMode::Position, &both[..], "`device.servo.watchdogs.set_points.built_in.periods`"),
+            ("maxon-epos4", CommandMode::Position, &both, "in this mode the watch of the heartbeat is then enough"),
+            ("maxon-epos4", CommandMode::Torque, &both, "torque mode needs a watch that stops the drive within 10 ms"),
+            (
+                "zeroerr-edriver",
+                CommandMode::Position,
+                &both,
+                "`device.servo.watchdogs.set_points.event_timer.reaction`",
+            ),
+            ("simulated-servo", CommandMode::Position, &both, "and it does not: look for that setting in the drive"),
+            ("simulated-servo", CommandMode::Position, &[Watchdog::Heartbeat], "6007h = 3 to stop then"),
+            ("simulated-servo", CommandMode::Torque, &[], "write a `heartbeat_ms` of at most 5"),
+        ] {
+            let help = advice(profile, mode, goes_on, 40);
+            assert!(help.contains(says), "{profile} {mode:?}: {help}");
+            let is_of_file = goes_on.first() == Some(&Watchdog::Sync);
+            let copy = format!("`yieldwall config show builtin:profiles/{profile}.yaml > my-{profile}.yaml`");
+            assert_eq!(help.contains(&copy), is_of_file, "{help}");
+        }
+        for profile in ["maxon-epos4", "zeroerr-edriver", "elmo-gold", "simulated-servo"] {
+            config::load(config::Source::named(&format!("builtin:profiles/{profile}.yaml"))).unwrap();
+        }
+    }
+}

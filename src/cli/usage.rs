@@ -1,0 +1,134 @@
+//! Tips beside what the parser of the command line says, where people slip.
+
+use std::ffi::OsString;
+
+use clap::Command;
+use clap::builder::StyledStr;
+use clap::error::{ContextKind, ContextValue, Error, ErrorKind};
+
+/// Options whose values have commas between, each with such a list.
+const LISTS: [(&str, &str); 3] =
+    [("--nodes", "1,2,10"), ("--links", "0.3,0.4"), ("--drives", "simulated-servo,simulated-servo")];
+
+/// The error with tips, where any are known.
+pub(super) fn with_tip(mut error: Error, program: &Command, arguments: &[OsString]) -> Error {
+    let words: Vec<String> = arguments.iter().skip(1).map(|word| word.to_string_lossy().into_owned()).collect();
+    let tips = tips(&error, program, &words).unwrap_or_default();
+    if !tips.is_empty() {
+        let tips = tips.into_iter().map(StyledStr::from).collect();
+        error.insert(ContextKind::Suggested, ContextValue::StyledStrs(tips));
+    }
+    error
+}
+
+/// The subcommand that words come to, and its name: `od read`.
+fn reached<'a>(program: &'a Command, words: &[String]) -> (&'a Command, String) {
+    let (mut command, mut names) = (program, Vec::new());
+    for word in words {
+        let Some(next) = command.find_subcommand(word) else { continue };
+        command = next;
+        names.push(word.as_str());
+    }
+    (command, names.join(" "))
+}
+
+fn tips(error: &Error, program: &Command, words: &[String]) -> Option<Vec<String>> {
+    let (command, name) = reached(program, words);
+    let invalid: Vec<String> = match error.get(ContextKind::InvalidArg)? {
+        ContextValue::String(word) => vec![word.clone()],
+        ContextValue::Strings(several) => several.clone(),
+        _ => return None,
+    };
+    let first = invalid.first()?.as_str();
+    let takes_rig = command.get_positionals().any(|argument| is_rig(argument.get_value_names()));
+    let has_rig = command.get_arguments().any(|argument| argument.get_long() == Some("rig"));
+    match error.kind() {
+        ErrorKind::UnknownArgument if first == "--rig" && takes_rig => {
+            let behind = words.iter().skip_while(|word| *word != "--rig").nth(1).filter(|word| !word.starts_with('-'));
+            let rig = behind.map_or("RIG.yaml", String::as_str);
+            Some(vec![format!("the rig stands here without an option: 'yieldwall {name} {rig}'")])
+        }
+        ErrorKind::UnknownArgument if has_rig && is_file(first) => {
+            Some(vec![format!("a rig is named by an option here: '--rig {first}'")])
+        }
+        ErrorKind::UnknownArgument => {
+            let list = words.windows(3).find_map(|three| match three {
+                [option, value, word] if word == first && LISTS.iter().any(|(list, _)| list == option) => {
+                    Some(format!("{option} {value},{word}"))
+                }
+                _ => None,
+            });
+            Some(vec![format!("a list has commas between, and no blanks: '{}'", list?)])
+        }
+        ErrorKind::InvalidValue | ErrorKind::ValueValidation => {
+            let option = first.split(' ').next()?;
+            let (_, list) = LISTS.iter().find(|(list, _)| *list == option)?;
+            Some(vec![format!("'{option} {list}' is taken")])
+        }
+        ErrorKind::MissingRequiredArgument if invalid.iter().any(|word| word.starts_with("--bus")) => {
+            let rig = words.iter().find(|word| is_file(word)).map_or("RIG.yaml", String::as_str);
+            let (of_bus, what) = match name.as_str() {
+                "sim" => (
+                    vec![
+                        "'--bus vcan0' names the interface; these two make one:".to_owned(),
+                        "'sudo ip link add vcan0 type vcan' and 'sudo ip link set vcan0 up'".to_owned(),
+                    ],
+                    "has the same devices in one process",
+                ),
+                "drill" => (
+                    vec!["'--bus can0' names the interface; '--dry-run' needs none".to_owned()],
+                    "drills the simulated drives first",
+                ),
+                _ => return Some(vec!["'--bus can0' names the interface".to_owned()]),
+            };
+            let without = format!("without a bus 'yieldwall run {rig}' {what}");
+            Some(of_bus.into_iter().chain([without]).collect())
+        }
+        _ => None,
+    }
+}
+
+fn is_rig(names: Option<&[clap::builder::Str]>) -> bool {
+    names.is_some_and(|names| names.iter().any(|name| name.as_str() == "RIG.yaml"))
+}
+
+fn is_file(word: &str) -> bool {
+    word.ends_with(".yaml") || word.ends_with(".yml")
+}
+
+#[cfg(test)]
+mod tests {
+    use clap::{CommandFactory, Parser};
+
+    use super::super::Arguments;
+    use super::*;
+
+    /// What is printed of a line that is refused.
+    fn told(line: &str) -> String {
+        let words: Vec<OsString> = line.split(' ').map(OsString::from).collect();
+        let error = Arguments::try_parse_from(&words).unwrap_err();
+        with_tip(error, &Arguments::command(), &words).to_string()
+    }
+
+    #[test]
+    fn usual_slips_get_the_line_that_is_taken() {
+        for (line, tip) in [
+            ("yieldwall run --rig my.yaml", "'yieldwall run my.yaml'"),
+            ("yieldwall doctor --rig my.yaml --bus can0", "'yieldwall doctor my.yaml'"),
+            ("yieldwall bus budget --rig my.yaml", "'yieldwall bus budget my.yaml'"),
+            ("yieldwall scan my.yaml", "'--rig my.yaml'"),
+            ("yieldwall drill my.yaml", "'--bus can0' names the interface"),
+            ("yieldwall sim my.yaml", "'yieldwall run my.yaml' has the same devices"),
+            ("yieldwall new a.yaml --nodes 5 6", "'--nodes 5,6'"),
+            ("yieldwall new a.yaml --nodes 5 5", "'--nodes 5,5'"),
+            ("yieldwall new a.yaml --nodes 1,2,300", "'--nodes 1,2,10' is taken"),
+            ("yieldwall new a.yaml --links 0.3,x", "'--links 0.3,0.4' is taken"),
+        ] {
+            let told = told(line);
+            assert!(told.contains("tip: ") && told.contains(tip), "{line}: {told}");
+            assert!(!told.contains("to pass '--rig' as a value"), "{told}");
+            assert!(told.lines().all(|line| line.chars().count() <= 80), "{told}");
+        }
+        assert!(!told("yieldwall run").contains("tip: "), "{}", told("yieldwall run"));
+    }
+}
