@@ -64,7 +64,7 @@ impl Output {
     /// Prints what the command was asked for, also when quiet: for a person, in lines that fit the terminal.
     ///
     /// # Errors
-    /// As [`Output::verbatim`].
+    /// When standard output cannot be written; a reader that has gone away is no error.
     pub fn result(&mut self, text: &str) -> Result<(), Failure> {
         match self.columns {
             [Some(columns), _] => self.verbatim(&fit::fitted(text, columns)),
@@ -101,7 +101,7 @@ impl Output {
     /// Prints a value as it is as the one JSON document.
     ///
     /// # Errors
-    /// As [`Output::verbatim`].
+    /// When standard output cannot be written; a reader that has gone away is no error.
     pub fn json(&mut self, value: &impl Serialize) -> Result<(), Failure> {
         let text = if self.is_stream { serde_json::to_string(value) } else { serde_json::to_string_pretty(value) };
         match text {
