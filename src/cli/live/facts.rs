@@ -56,10 +56,11 @@ impl Facts<'_> {
             format!("ran       {} cycles, {time_s:.1} s, to {:?}", self.played.cycles, self.played.state),
         ];
         if self.played.came_back > 0 {
-            let times = self.played.came_back;
-            lines.push(format!(
-                "resumed   {times} times, reset and enabled by a person; measures end with the first fault"
-            ));
+            let times = match self.played.came_back {
+                1 => "once".to_owned(),
+                more => format!("{more} times"),
+            };
+            lines.push(format!("resumed   {times}, reset and enabled by a person; measures end with the first fault"));
         }
         match self.refusals().as_slice() {
             [] => lines.push("realtime  SCHED_FIFO and locked memory".to_owned()),
