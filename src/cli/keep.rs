@@ -9,8 +9,7 @@ use serde_json::{Value, json};
 
 use super::ending::{bus_names, describe};
 use super::failure::{Exit, Failure};
-use super::picture::{make_folder, make_folder_of};
-use super::replace::unwritten;
+use super::replace::{make_folder, make_folder_of, unwritten};
 use crate::canopen::Frame;
 use crate::config::{self, Diagnostic, Report, Severity};
 use crate::record::DeviceRecord;

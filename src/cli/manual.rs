@@ -10,7 +10,7 @@ use serde_json::json;
 
 use super::failure::{Exit, Failure};
 use super::output::Output;
-use super::picture::make_folder;
+use super::replace::make_folder;
 use super::replace::unwritten;
 
 /// Name of the program.

@@ -1,10 +1,9 @@
 //! Drawings in files.
 
-use std::io::ErrorKind;
 use std::path::Path;
 
 use super::failure::{Exit, Failure};
-use super::replace::{Replace, Written, unwritten};
+use super::replace::{Replace, Written, make_folder_of, unwritten};
 use crate::record::figure::{self, Drawing};
 
 /// Width of PNG pictures: 160 mm at 300 dots per inch.
@@ -56,24 +55,5 @@ pub(super) fn write_drawing(drawing: &Drawing, path: &Path) -> Result<(), Failur
     written.map_err(|error| match &error {
         figure::Error::Write { path, source } => unwritten(path, source),
         _ => drawing_failure(&error),
-    })
-}
-
-pub(super) fn make_folder_of(path: &Path) -> Result<(), Failure> {
-    match path.parent() {
-        Some(folder) if !folder.as_os_str().is_empty() => make_folder(folder),
-        _ => Ok(()),
-    }
-}
-
-/// Makes a folder that is not there yet, and those on the way.
-pub(super) fn make_folder(folder: &Path) -> Result<(), Failure> {
-    std::fs::create_dir_all(folder).map_err(|error| {
-        let why = match error.kind() {
-            ErrorKind::AlreadyExists | ErrorKind::NotADirectory => "is not a folder".to_owned(),
-            _ => format!("cannot be made: {error}"),
-        };
-        let message = format!("folder {} {why}", folder.display());
-        Failure::about_file(Exit::Usage, folder, message, "choose a folder you can write to")
     })
 }

@@ -5,7 +5,6 @@ use std::io::{self, ErrorKind, Read, Write};
 use std::path::Path;
 
 use super::failure::{Exit, Failure};
-use super::picture::make_folder_of;
 
 /// Bytes by which a file is known.
 const HEAD: u64 = 1024;
@@ -171,6 +170,26 @@ fn is_sink(metadata: &fs::Metadata) -> bool {
     return std::os::unix::fs::FileTypeExt::is_char_device(&metadata.file_type());
     #[cfg(not(unix))]
     return false;
+}
+
+/// Makes the folder that a file is to stand in, and those on the way.
+pub(super) fn make_folder_of(path: &Path) -> Result<(), Failure> {
+    match path.parent() {
+        Some(folder) if !folder.as_os_str().is_empty() => make_folder(folder),
+        _ => Ok(()),
+    }
+}
+
+/// Makes a folder that is not there yet, and those on the way.
+pub(super) fn make_folder(folder: &Path) -> Result<(), Failure> {
+    std::fs::create_dir_all(folder).map_err(|error| {
+        let why = match error.kind() {
+            ErrorKind::AlreadyExists | ErrorKind::NotADirectory => "is not a folder".to_owned(),
+            _ => format!("cannot be made: {error}"),
+        };
+        let message = format!("folder {} {why}", folder.display());
+        Failure::about_file(Exit::Usage, folder, message, "choose a folder you can write to")
+    })
 }
 
 #[cfg(test)]

@@ -12,18 +12,17 @@
 use std::time::Duration;
 
 use super::failure::{SegmentFailure, SegmentSign};
-use super::flight::{self, Purpose};
+use super::flight::Purpose;
 use super::station::{FIRST_STATION, Station};
 use super::topology::{Ports, delays};
+use super::writes::{self, Write};
 use super::{Ask, Asked, EthercatNetwork, EthernetOutbox, service_address};
 use crate::bus::error::BootFailure;
 use crate::bus::phase::Phase;
 use crate::ethercat::frame::{Command, address};
 use crate::ethercat::registers::{self as register, feature, sii_control};
-use crate::ethercat::sii::{FIRST_CATEGORY, MOST_WORDS, MailboxArea, Sii, SiiError, category, protocols};
-use crate::ethercat::{
-    AlControl, AlState, AlStatus, AlStatusCode, Direction, Fmmu, SyncManager, array, mailbox, u16_at, u32_at,
-};
+use crate::ethercat::sii::{FIRST_CATEGORY, MOST_WORDS, MailboxArea, Sii, SiiError, category};
+use crate::ethercat::{AlControl, AlState, AlStatus, AlStatusCode, Fmmu, SyncManager, array, u16_at, u32_at};
 use crate::objects::ObjectAnswer;
 use crate::time::Time;
 
@@ -36,11 +35,6 @@ const LOOK_AGAIN: Duration = Duration::from_micros(500);
 const CHIP_AGAIN: Duration = Duration::from_micros(50);
 /// Looks at the memory chip before it is given up.
 const CHIP_LOOKS: usize = 2000;
-/// Time from the moment at which SYNC0 is set up to its first pulse.
-const SYNC0_AHEAD: Duration = Duration::from_millis(100);
-/// Tick of the watchdog as it is written to 0400h, and so many of its periods after which outputs are missed.
-const WATCHDOG_DIVIDER: u16 = 2498;
-const WATCHDOG_TICK: Duration = Duration::from_micros(100);
 /// Length of what is read of the memory chip's registers: control, address, data.
 const CHIP_LEN: usize = 14;
 
@@ -115,14 +109,6 @@ struct Node {
     /// Its own time at which the measuring frame passed.
     local_ns: u64,
     delay_ns: Option<u32>,
-}
-
-/// Registers that are written, and whether they are read back.
-#[derive(Clone, Debug)]
-struct Write {
-    register: u16,
-    bytes: Vec<u8>,
-    is_compared: bool,
 }
 
 /// How far the bring-up is.
@@ -225,7 +211,7 @@ impl BringUp {
             self.is_reading_back = true;
             return Ok(false);
         }
-        if write.is_compared && !is_held(write, data) {
+        if write.is_compared && !write.is_held(data) {
             let digits = |bytes: &[u8]| bytes.iter().map(|byte| format!("{byte:02x}")).collect::<String>().into();
             let (written, received) = (digits(&write.bytes), digits(data));
             return Err(SegmentFailure::ReadBack { register: write.register, written, received });
@@ -234,17 +220,6 @@ impl BringUp {
         self.progress += 1;
         Ok(self.progress >= self.writes.len())
     }
-}
-
-/// Whether what was written stands there; what a device sets itself does not count.
-fn is_held(write: &Write, data: &[u8]) -> bool {
-    let managers = register::SYNC_MANAGER..register::SYNC_MANAGER + 16 * SyncManager::SIZE as u16;
-    let own = |at: usize| {
-        let at = (usize::from(write.register) + at) % SyncManager::SIZE;
-        managers.contains(&write.register) && matches!(at, SyncManager::STATUS | SyncManager::PDI_CONTROL)
-    };
-    let mut pairs = write.bytes.iter().zip(data).enumerate();
-    data.len() == write.bytes.len() && pairs.all(|(at, (written, held))| own(at) || written == held)
 }
 
 impl EthercatNetwork {
@@ -387,7 +362,7 @@ impl EthercatNetwork {
             }
             Task::Mailboxes => {
                 if self.bring_up.writes.is_empty() {
-                    self.bring_up.writes = mailboxes(station)?;
+                    self.bring_up.writes = writes::mailboxes(station)?;
                 }
                 Ok(self.bring_up.write(station.address, buffer))
             }
@@ -403,7 +378,9 @@ impl EthercatNetwork {
                         buffer.iter_mut().take(8).for_each(|byte| *byte = 0);
                         return Ok(Some(Ask::new(Command::Fprd, at(register::DC_SYSTEM_TIME), 8)));
                     }
-                    self.bring_up.writes = exchange(station, &node, self.period, self.bring_up.system_time_ns)?;
+                    let (fmmus, managers) = (node.fmmus, node.sync_managers);
+                    let time_ns = self.bring_up.system_time_ns;
+                    self.bring_up.writes = writes::exchange(station, fmmus, managers, self.period, time_ns)?;
                 }
                 Ok(self.bring_up.write(station.address, buffer))
             }
@@ -652,13 +629,13 @@ impl EthercatNetwork {
     fn identify(&self, place: usize) -> Step {
         let Some(station) = self.stations.get(place) else { return Ok(()) };
         let Some(sii) = &station.sii else { return Ok(()) };
-        match mismatch(station, sii) {
+        match station.mismatch(sii) {
             None => Ok(()),
             Some((what, expected, found)) => {
                 // Of the devices that are themselves where they should not be.
                 let fits = |other: &&Station| {
                     let Some(sii) = &other.sii else { return false };
-                    mismatch(station, sii).is_none() && mismatch(other, sii).is_some()
+                    station.mismatch(sii).is_none() && other.mismatch(sii).is_some()
                 };
                 let fits_at = self.stations.iter().find(fits).map(|other| other.setup.position);
                 Err(SegmentFailure::Identity { what, expected: expected.into(), found, fits_at }.into())
@@ -737,118 +714,9 @@ fn words_needed(image: &[u8]) -> usize {
     }
 }
 
-/// What of a device's SII is not as the rig says it: what, what it should be, what it is.
-fn mismatch(station: &Station, sii: &Sii) -> Option<(&'static str, String, u32)> {
-    let wanted = &station.setup.identity;
-    if sii.vendor_id != wanted.vendor_id {
-        return Some(("the vendor", format!("{:#x}", wanted.vendor_id), sii.vendor_id));
-    }
-    if !wanted.product_codes.contains(&sii.product_code) {
-        let codes: Vec<String> = wanted.product_codes.iter().map(|code| format!("{code:#x}")).collect();
-        return Some(("the product code", codes.join(" or "), sii.product_code));
-    }
-    if !wanted.revisions.includes(sii.revision) {
-        return Some(("the revision", format!("{:?}", wanted.revisions), sii.revision));
-    }
-    if let Some(serial) = station.setup.serial.filter(|serial| *serial != sii.serial) {
-        return Some(("the serial number", format!("{serial:#x}"), sii.serial));
-    }
-    let alias = station.setup.alias.filter(|alias| *alias != sii.alias)?;
-    Some(("the alias", format!("{alias:#x}"), sii.alias.into()))
-}
-
-fn manager(number: u16, settings: SyncManager) -> Write {
-    let register = register::SYNC_MANAGER + number * SyncManager::SIZE as u16;
-    Write { register, bytes: settings.encode().to_vec(), is_compared: true }
-}
-
-/// Sync managers 0 and 1 as the SII wants them; afterwards the device may have its memory chip.
-fn mailboxes(station: &Station) -> Result<Vec<Write>, SegmentFailure> {
-    let sii = station.sii.as_ref().ok_or(SegmentFailure::NoCoe)?;
-    let (to, from) = (sii.receive_mailbox, sii.send_mailbox);
-    let fits = |area: MailboxArea| {
-        (mailbox::SHORTEST..=mailbox::LONGEST).contains(&area.len.into()) && area.start >= register::PROCESS_DATA
-    };
-    if sii.protocols & protocols::COE == 0 || !fits(to) || !fits(from) {
-        return Err(SegmentFailure::NoCoe);
-    }
-    let control = SyncManager::MAILBOX | SyncManager::INTERRUPT;
-    let settings = |area: MailboxArea, control| SyncManager {
-        start: area.start,
-        len: area.len,
-        control,
-        is_enabled: true,
-        repeat: false,
-    };
-    Ok(vec![
-        manager(0, settings(to, control | SyncManager::WRITE)),
-        manager(1, settings(from, control)),
-        Write { register: register::SII_CONFIGURATION, bytes: vec![1], is_compared: false },
-    ])
-}
-
-/// Sync managers 2 and 3, FMMUs, watchdog and SYNC0.
-fn exchange(
-    station: &Station,
-    node: &Node,
-    period: Duration,
-    system_time_ns: u64,
-) -> Result<Vec<Write>, SegmentFailure> {
-    const MANAGERS: u8 = 4;
-    if node.sync_managers < MANAGERS {
-        return Err(SegmentFailure::Lacks { what: "sync managers", has: node.sync_managers, needs: MANAGERS });
-    }
-    let sii = station.sii.as_ref().ok_or(SegmentFailure::NoCoe)?;
-    let mut writes = Vec::new();
-    let mut fmmus = 0;
-    for (number, area, direction) in [(2, &station.outputs, Direction::Write), (3, &station.inputs, Direction::Read)] {
-        let delivered = sii.sync_managers.get(usize::from(number)).map(|it| it.settings);
-        let default = if direction == Direction::Write { 0x1800 } else { 0x1c00 };
-        let start = delivered.map(|it| it.start).filter(|start| *start >= register::PROCESS_DATA).unwrap_or(default);
-        let control = match direction {
-            // Three buffers: each side has the newest whole one.
-            Direction::Write => SyncManager::WRITE | SyncManager::INTERRUPT | SyncManager::WATCHDOG,
-            Direction::Read => SyncManager::INTERRUPT,
-        };
-        let len = area.len as u16;
-        writes.push(manager(number, SyncManager { start, len, control, is_enabled: len > 0, repeat: false }));
-        if len > 0 {
-            let register = register::FMMU + fmmus * Fmmu::SIZE as u16;
-            let fmmu = Fmmu::bytes(area.logical, len, start, direction);
-            writes.push(Write { register, bytes: fmmu.encode().to_vec(), is_compared: true });
-            fmmus += 1;
-        }
-    }
-    if node.fmmus < fmmus as u8 {
-        return Err(SegmentFailure::Lacks { what: "FMMUs", has: node.fmmus, needs: fmmus as u8 });
-    }
-    let compared = |register, bytes: &[u8]| Write { register, bytes: bytes.to_vec(), is_compared: true };
-    let watched = period * yieldwall_drives::watchdog::WATCHED_CYCLES;
-    let ticks = watched.as_nanos().div_ceil(WATCHDOG_TICK.as_nanos()).clamp(1, u16::MAX.into()) as u16;
-    writes.push(compared(register::WATCHDOG_DIVIDER, &WATCHDOG_DIVIDER.to_le_bytes()));
-    writes.push(compared(register::WATCHDOG_SYNC_MANAGER, &ticks.to_le_bytes()));
-    if station.is_synchronous() {
-        let period_ns = period.as_nanos().clamp(1, u32::MAX.into()) as u64;
-        let earliest = system_time_ns.saturating_add(SYNC0_AHEAD.as_nanos() as u64);
-        let start = earliest.div_ceil(period_ns).saturating_mul(period_ns);
-        writes.push(compared(register::DC_CYCLIC_CONTROL, &[0, 0]));
-        writes.push(compared(register::DC_SYNC0_CYCLE, &(period_ns as u32).to_le_bytes()));
-        // What is read there is the next pulse.
-        writes.push(Write {
-            register: register::DC_START_TIME,
-            bytes: start.to_le_bytes().to_vec(),
-            is_compared: false,
-        });
-        writes.push(compared(register::DC_ACTIVATION, &[3]));
-    }
-    Ok(writes)
-}
-
 /// The SII of a device is damaged.
 impl From<SiiError> for BootFailure {
     fn from(error: SiiError) -> Self {
         SegmentFailure::from(error).into()
     }
 }
-
-const _: () = assert!(flight::FRAME_WAIT.as_nanos() < SYNC0_AHEAD.as_nanos());

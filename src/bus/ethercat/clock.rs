@@ -18,7 +18,7 @@ const LOST: f64 = 0.05;
 const LOST_CYCLES: u32 = 3;
 
 /// A PI controller of the grid.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, Default)]
 pub(super) struct GridServo {
     period_ns: f64,
     wanted_ns: f64,
@@ -35,31 +35,12 @@ impl GridServo {
     /// One whose input frames have to pass the reference clock at `phase` after SYNC0, which comes every `period`, whenever system time is
     /// a multiple of it.
     pub(super) fn new(period: Duration, phase: Duration) -> Self {
-        GridServo {
-            period_ns: period.as_nanos() as f64,
-            wanted_ns: phase.as_nanos() as f64,
-            integral_ns: 0.0,
-            mean_ns: 0.0,
-            last_ns: 0.0,
-            shift_ns: 0,
-            settled_for: 0,
-            wrong_for: 0,
-            has_settled: false,
-        }
+        GridServo { period_ns: period.as_nanos() as f64, wanted_ns: phase.as_nanos() as f64, ..GridServo::default() }
     }
 
     /// One that has seen nothing.
     pub(super) fn anew(&self) -> Self {
-        GridServo {
-            integral_ns: 0.0,
-            mean_ns: 0.0,
-            last_ns: 0.0,
-            shift_ns: 0,
-            settled_for: 0,
-            wrong_for: 0,
-            has_settled: false,
-            ..*self
-        }
+        GridServo { period_ns: self.period_ns, wanted_ns: self.wanted_ns, ..GridServo::default() }
     }
 
     /// How far a moment of system time is behind the wanted one, -period/2 to period/2, in ns.

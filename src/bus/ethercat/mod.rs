@@ -19,6 +19,7 @@ mod station;
 #[cfg(all(test, feature = "sim"))]
 mod tests;
 mod topology;
+mod writes;
 
 use std::time::Duration;
 

@@ -211,4 +211,24 @@ impl Station {
     pub(super) fn title(&self) -> String {
         format!("{} (position {})", self.setup.name, self.setup.position)
     }
+
+    /// What of a device's SII is not as the rig says it: what, what it should be, what it is.
+    pub(super) fn mismatch(&self, sii: &Sii) -> Option<(&'static str, String, u32)> {
+        let wanted = &self.setup.identity;
+        if sii.vendor_id != wanted.vendor_id {
+            return Some(("the vendor", format!("{:#x}", wanted.vendor_id), sii.vendor_id));
+        }
+        if !wanted.product_codes.contains(&sii.product_code) {
+            let codes: Vec<String> = wanted.product_codes.iter().map(|code| format!("{code:#x}")).collect();
+            return Some(("the product code", codes.join(" or "), sii.product_code));
+        }
+        if !wanted.revisions.includes(sii.revision) {
+            return Some(("the revision", format!("{:?}", wanted.revisions), sii.revision));
+        }
+        if let Some(serial) = self.setup.serial.filter(|serial| *serial != sii.serial) {
+            return Some(("the serial number", format!("{serial:#x}"), sii.serial));
+        }
+        let alias = self.setup.alias.filter(|alias| *alias != sii.alias)?;
+        Some(("the alias", format!("{alias:#x}"), sii.alias.into()))
+    }
 }

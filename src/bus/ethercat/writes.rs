@@ -1,0 +1,127 @@
+//! What is written into the registers of a controller, as values: mailboxes, process data, watchdog and SYNC0.
+
+use std::time::Duration;
+
+use super::failure::SegmentFailure;
+use super::flight;
+use super::station::Station;
+use crate::ethercat::registers as register;
+use crate::ethercat::sii::{MailboxArea, protocols};
+use crate::ethercat::{Direction, Fmmu, SyncManager, mailbox};
+
+/// Time from the moment at which SYNC0 is set up to its first pulse.
+const SYNC0_AHEAD: Duration = Duration::from_millis(100);
+/// Tick of the watchdog as it is written to 0400h, and so many of its periods after which outputs are missed.
+const WATCHDOG_DIVIDER: u16 = 2498;
+const WATCHDOG_TICK: Duration = Duration::from_micros(100);
+
+const _: () = assert!(flight::FRAME_WAIT.as_nanos() < SYNC0_AHEAD.as_nanos());
+
+/// Registers that are written, and whether they are read back.
+#[derive(Clone, Debug)]
+pub(super) struct Write {
+    pub(super) register: u16,
+    pub(super) bytes: Vec<u8>,
+    pub(super) is_compared: bool,
+}
+
+impl Write {
+    /// Whether what was written stands there; what a device sets itself does not count.
+    pub(super) fn is_held(&self, data: &[u8]) -> bool {
+        let managers = register::SYNC_MANAGER..register::SYNC_MANAGER + 16 * SyncManager::SIZE as u16;
+        let own = |at: usize| {
+            let at = (usize::from(self.register) + at) % SyncManager::SIZE;
+            managers.contains(&self.register) && matches!(at, SyncManager::STATUS | SyncManager::PDI_CONTROL)
+        };
+        let mut pairs = self.bytes.iter().zip(data).enumerate();
+        data.len() == self.bytes.len() && pairs.all(|(at, (written, held))| own(at) || written == held)
+    }
+}
+
+fn manager(number: u16, settings: SyncManager) -> Write {
+    let register = register::SYNC_MANAGER + number * SyncManager::SIZE as u16;
+    Write { register, bytes: settings.encode().to_vec(), is_compared: true }
+}
+
+/// Sync managers 0 and 1 as the SII wants them; afterwards the device may have its memory chip.
+pub(super) fn mailboxes(station: &Station) -> Result<Vec<Write>, SegmentFailure> {
+    let sii = station.sii.as_ref().ok_or(SegmentFailure::NoCoe)?;
+    let (to, from) = (sii.receive_mailbox, sii.send_mailbox);
+    let fits = |area: MailboxArea| {
+        (mailbox::SHORTEST..=mailbox::LONGEST).contains(&area.len.into()) && area.start >= register::PROCESS_DATA
+    };
+    if sii.protocols & protocols::COE == 0 || !fits(to) || !fits(from) {
+        return Err(SegmentFailure::NoCoe);
+    }
+    let control = SyncManager::MAILBOX | SyncManager::INTERRUPT;
+    let settings = |area: MailboxArea, control| SyncManager {
+        start: area.start,
+        len: area.len,
+        control,
+        is_enabled: true,
+        repeat: false,
+    };
+    Ok(vec![
+        manager(0, settings(to, control | SyncManager::WRITE)),
+        manager(1, settings(from, control)),
+        Write { register: register::SII_CONFIGURATION, bytes: vec![1], is_compared: false },
+    ])
+}
+
+/// Sync managers 2 and 3, FMMUs, watchdog and SYNC0.
+pub(super) fn exchange(
+    station: &Station,
+    fmmus_there: u8,
+    managers_there: u8,
+    period: Duration,
+    system_time_ns: u64,
+) -> Result<Vec<Write>, SegmentFailure> {
+    const MANAGERS: u8 = 4;
+    if managers_there < MANAGERS {
+        return Err(SegmentFailure::Lacks { what: "sync managers", has: managers_there, needs: MANAGERS });
+    }
+    let sii = station.sii.as_ref().ok_or(SegmentFailure::NoCoe)?;
+    let mut writes = Vec::new();
+    let mut fmmus = 0;
+    for (number, area, direction) in [(2, &station.outputs, Direction::Write), (3, &station.inputs, Direction::Read)] {
+        let delivered = sii.sync_managers.get(usize::from(number)).map(|it| it.settings);
+        let default = if direction == Direction::Write { 0x1800 } else { 0x1c00 };
+        let start = delivered.map(|it| it.start).filter(|start| *start >= register::PROCESS_DATA).unwrap_or(default);
+        let control = match direction {
+            // Three buffers: each side has the newest whole one.
+            Direction::Write => SyncManager::WRITE | SyncManager::INTERRUPT | SyncManager::WATCHDOG,
+            Direction::Read => SyncManager::INTERRUPT,
+        };
+        let len = area.len as u16;
+        writes.push(manager(number, SyncManager { start, len, control, is_enabled: len > 0, repeat: false }));
+        if len > 0 {
+            let register = register::FMMU + fmmus * Fmmu::SIZE as u16;
+            let fmmu = Fmmu::bytes(area.logical, len, start, direction);
+            writes.push(Write { register, bytes: fmmu.encode().to_vec(), is_compared: true });
+            fmmus += 1;
+        }
+    }
+    if fmmus_there < fmmus as u8 {
+        return Err(SegmentFailure::Lacks { what: "FMMUs", has: fmmus_there, needs: fmmus as u8 });
+    }
+    let compared = |register, bytes: &[u8]| Write { register, bytes: bytes.to_vec(), is_compared: true };
+    let watched = period * yieldwall_drives::watchdog::WATCHED_CYCLES;
+    let ticks = watched.as_nanos().div_ceil(WATCHDOG_TICK.as_nanos()).clamp(1, u16::MAX.into()) as u16;
+    writes.push(compared(register::WATCHDOG_DIVIDER, &WATCHDOG_DIVIDER.to_le_bytes()));
+    writes.push(compared(register::WATCHDOG_SYNC_MANAGER, &ticks.to_le_bytes()));
+    if station.is_synchronous() {
+        let period_ns = period.as_nanos().clamp(1, u32::MAX.into()) as u64;
+        let earliest = system_time_ns.saturating_add(SYNC0_AHEAD.as_nanos() as u64);
+        let start = earliest.div_ceil(period_ns).saturating_mul(period_ns);
+        writes.push(compared(register::DC_CYCLIC_CONTROL, &[0, 0]));
+        writes.push(compared(register::DC_SYNC0_CYCLE, &(period_ns as u32).to_le_bytes()));
+        // What is read there is the next pulse.
+        writes.push(Write {
+            register: register::DC_START_TIME,
+            bytes: start.to_le_bytes().to_vec(),
+            is_compared: false,
+        });
+        writes.push(compared(register::DC_ACTIVATION, &[3]));
+    }
+    Ok(writes)
+}
