@@ -6,7 +6,7 @@ use std::rc::Rc;
 use std::time::Duration;
 
 use yieldwall::canopen::{BusId, Frame};
-use yieldwall::link::{Arrival, CanLink, Received, SendError};
+use yieldwall::link::{Arrival, CanLink, Received, SendError, Wires};
 use yieldwall::rig::DeviceServer;
 use yieldwall::run::{Metronome, Permit, Place, Runner};
 use yieldwall::time::Time;
@@ -202,6 +202,8 @@ impl CanLink for Cable {
         !inner.inbox.is_empty()
     }
 }
+
+impl Wires for Cable {}
 
 impl Metronome for Cable {
     fn sleep_until(&mut self, moment: Time) {

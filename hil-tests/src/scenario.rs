@@ -81,7 +81,10 @@ impl Scenario {
         let mut machine = machine.unwrap_or_else(|error| panic!("{error}; replay: {}", self.replay()));
         let recording = Arc::new(Mutex::new(Recording::default()));
         let tap = recording.clone();
-        machine.set_tap(Box::new(move |time, frame| tap.lock().expect("one thread").push(time, frame)));
+        machine.set_tap(Box::new(move |time, packet| {
+            let mut recording = tap.lock().expect("one thread");
+            packet.can().into_iter().for_each(|frame| recording.push(time, frame));
+        }));
         Session { machine, recording, rows: Vec::new(), replay: self.replay() }
     }
 

@@ -8,7 +8,7 @@ use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
 use yieldwall::canopen::Frame;
-use yieldwall::link::{Arrival, CanLink, Received, SendError};
+use yieldwall::link::{Arrival, CanLink, Received, SendError, Wires};
 use yieldwall::run::Metronome;
 use yieldwall::time::Time;
 
@@ -161,6 +161,8 @@ impl CanLink for Plug {
         self.has_arrived()
     }
 }
+
+impl Wires for Plug {}
 
 impl Metronome for Plug {
     fn sleep_until(&mut self, moment: Time) {

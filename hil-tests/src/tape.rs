@@ -63,7 +63,9 @@ impl Tape {
         let mut rig = machine.enabled()?;
         let frames = Arc::new(Mutex::new(Vec::new()));
         let tapped = Arc::clone(&frames);
-        rig.set_tap(Box::new(move |time, frame| tapped.lock().expect("one thread").push((time, *frame))));
+        rig.set_tap(Box::new(move |time, packet| {
+            tapped.lock().expect("one thread").extend(packet.can().map(|frame| (time, *frame)));
+        }));
         let mut hand_from_s = 0.0;
         for _ in 0..skip {
             let sync_at = rig.next_sync();

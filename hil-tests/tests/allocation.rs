@@ -20,7 +20,7 @@ use yieldwall::elementary;
 use yieldwall::ethercat::AlStatusCode;
 use yieldwall::guard::{DeviceSet, Request, State};
 use yieldwall::injection::{Injection, Kind};
-use yieldwall::link::{Arrival, CanLink, SendError};
+use yieldwall::link::{Arrival, CanLink, SendError, Wires};
 use yieldwall::record::CycleRecord;
 use yieldwall::record::recording::{Backpressure, Feed, Sink};
 use yieldwall::rig::{DeviceServer, EmbeddedRig};
@@ -211,6 +211,8 @@ impl CanLink for Uncounted {
         self.beyond(|cable| cable.wait(until))
     }
 }
+
+impl Wires for Uncounted {}
 
 impl Metronome for Uncounted {
     fn sleep_until(&mut self, moment: Time) {

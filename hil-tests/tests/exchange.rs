@@ -56,9 +56,13 @@ impl OnSegment {
         it.master.start(it.now, &mut it.can);
         for _ in 0..100_000 {
             it.advance(it.now + Duration::from_micros(20));
-            match (it.master.phase(), it.master.first_grid_point()) {
-                (Phase::Operational, Some(first)) if first != Time::NEVER => return (it, first),
-                (Phase::Failed(error), _) => panic!("{error}"),
+            match it.master.phase() {
+                Phase::Failed(error) => panic!("{error}"),
+                Phase::Operational => {
+                    if let Some(first) = it.master.take_over_cycles() {
+                        return (it, first);
+                    }
+                }
                 _ => {}
             }
         }

@@ -582,9 +582,9 @@ fn nodes_that_stay_pre_operational_are_named_with_their_state() {
 fn who_watches_a_run_sees_its_last_frames() {
     for pace in [Pace::Free, Pace::Lockstep] {
         let (_, mut rig) = running(&Scenario::torque(), pace, 100);
-        let seen = Arc::new(Mutex::new(Vec::new()));
+        let seen = Arc::new(Mutex::new(Vec::<Frame>::new()));
         let tapped = Arc::clone(&seen);
-        rig.set_tap(Box::new(move |_, frame| tapped.lock().unwrap().push(*frame)));
+        rig.set_tap(Box::new(move |_, packet| tapped.lock().unwrap().extend(packet.can())));
         rig.run_cycle(Ask::Nothing);
         rig.leave();
         let ids: Vec<u16> = seen.lock().unwrap().iter().map(|frame| frame.id()).collect();

@@ -13,6 +13,7 @@ use hil_tests::Scenario;
 use yieldwall::canopen::Frame;
 use yieldwall::config;
 use yieldwall::guard::{Fault, Request};
+use yieldwall::link::Packet;
 use yieldwall::record::recording::{
     self, About, Backpressure, BlackBox, Feed, ReadError, Reader, Recorder, Sink, Writer,
 };
@@ -58,7 +59,9 @@ fn about(scenario: &Scenario) -> About {
 fn frames(scenario: &Scenario, duration_s: f64, observer: Option<Observer>) -> Vec<(Time, Frame)> {
     let frames = Arc::new(Mutex::new(Vec::new()));
     let seen = Arc::clone(&frames);
-    let tap = move |time, frame: &Frame| seen.lock().expect("one thread").push((time, *frame));
+    let tap = move |time, packet: Packet<'_>| {
+        seen.lock().expect("one thread").extend(packet.can().map(|frame| (time, *frame)));
+    };
     let watch = Watch { tap: Some(Box::new(tap)), observer, ..Watch::default() };
     run_rig(&scenario.rig, &scenario.scene, &overrides(duration_s), watch, |_| ControlFlow::Continue(()))
         .expect("a shipped rig");

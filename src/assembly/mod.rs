@@ -300,6 +300,17 @@ pub(crate) fn network(rig: &config::Rig) -> Result<MasterSetup, AssemblyError> {
     })
 }
 
+/// How long each drive may take to answer a request for an object.
+///
+/// # Errors
+/// If a profile is unknown.
+pub fn request_timeouts(rig: &config::Rig) -> Result<[Duration; 2], AssemblyError> {
+    let timeout =
+        |drive: &config::Drive| Ok::<_, AssemblyError>(waits(&drive.waits, Some(&profile(&drive.profile)?.node)).sdo);
+    let [left, right] = &rig.drives;
+    Ok([timeout(left)?, timeout(right)?])
+}
+
 /// Time from one sample of the force sensor to the next.
 pub(crate) fn sample_period(rig: &config::Rig) -> Duration {
     Duration::from_secs_f64(rig.sensor.sample_rate_hz.get().recip())

@@ -15,6 +15,9 @@ use crate::objects::{ObjectAnswer, ObjectError, ObjectRequest};
 use crate::time::Time;
 use yieldwall_drives::scaling::AxisScaling;
 
+/// How long frames of another master are listened for on a segment: ten cycles of a slow one.
+const SEGMENT_LISTENING: Duration = Duration::from_millis(100);
+
 /// The master of one rig: its networks, which carry raw words, the two axes that these words are of, and the cycle between them.
 #[derive(Clone)]
 pub struct Master {
@@ -24,6 +27,8 @@ pub struct Master {
     segment: Option<EthercatNetwork>,
     /// What the segment is to be sent.
     outgoing: Outgoing,
+    /// How long another master is listened for.
+    listening: Duration,
     axes: [Axis; 2],
     cycle: Cycle,
     inputs: Inputs,
@@ -40,7 +45,7 @@ impl Master {
     pub fn new(setup: &MasterSetup, cycle: Cycle) -> Result<Self, BootError> {
         let can = CanNetwork::new(setup)?;
         let axes = setup.drives.each_ref().map(|drive| Axis::new(drive.scaling, drive.expected_angle_rad));
-        Ok(Self::with(Some(can), None, axes, cycle))
+        Ok(Self::with((Some(can), None), setup.listening(), axes, cycle))
     }
 
     /// A master of a rig whose devices are all on one EtherCAT segment, which has sent nothing yet. Frames of the segment come by
@@ -52,10 +57,16 @@ impl Master {
     /// As [`EthercatNetwork::new`].
     pub fn on_segment(setup: &SegmentSetup, axes: [(AxisScaling, f64); 2], cycle: Cycle) -> Result<Self, BootError> {
         let segment = EthercatNetwork::new(setup)?;
-        Ok(Self::with(None, Some(segment), axes.map(|(scaling, angle_rad)| Axis::new(scaling, angle_rad)), cycle))
+        let axes = axes.map(|(scaling, angle_rad)| Axis::new(scaling, angle_rad));
+        Ok(Self::with((None, Some(segment)), SEGMENT_LISTENING, axes, cycle))
     }
 
-    fn with(can: Option<CanNetwork>, segment: Option<EthercatNetwork>, axes: [Axis; 2], cycle: Cycle) -> Self {
+    fn with(
+        (can, segment): (Option<CanNetwork>, Option<EthercatNetwork>),
+        listening: Duration,
+        axes: [Axis; 2],
+        cycle: Cycle,
+    ) -> Self {
         let inputs = Inputs {
             drives: axes.each_ref().map(Axis::unheard),
             sample: None,
@@ -64,12 +75,29 @@ impl Master {
             request: Request::None,
         };
         let last = cycle.idle();
-        Self { can, segment, outgoing: Outgoing::default(), axes, cycle, inputs, has_failed: false, last }
+        Self { can, segment, outgoing: Outgoing::default(), listening, axes, cycle, inputs, has_failed: false, last }
     }
 
     /// Has the second frame of a sample of a sensor on plain CAN come as late as this behind the first, whatever the setup says.
     pub fn set_pair_gap(&mut self, gap: Duration) {
         self.can.iter_mut().for_each(|can| can.set_pair_gap(gap));
+    }
+
+    /// Has a segment take its clocks as they are: in lockstep time stands still between the cycles, and no grid can be moved.
+    pub fn set_lockstep(&mut self) {
+        self.segment.iter_mut().for_each(EthercatNetwork::set_lockstep);
+    }
+
+    /// How long another master is to be listened for before anything is sent.
+    pub fn listening(&self) -> Duration {
+        self.listening
+    }
+
+    /// The bus that is an EtherCAT segment, if one is.
+    ///
+    /// Real-time: yes.
+    pub fn segment_bus(&self) -> Option<BusId> {
+        self.segment.as_ref().map(EthercatNetwork::bus)
     }
 
     /// Where the network stands.
@@ -256,10 +284,10 @@ impl Master {
         self.segment.as_ref().map_or(0, EthercatNetwork::grid_shift_ns)
     }
 
-    /// The grid point at which whoever takes over the cycles of a segment begins; `None` on CAN, where any will do, and
-    /// [`Time::NEVER`] between the two moments of a cycle.
-    pub fn first_grid_point(&self) -> Option<Time> {
-        self.segment.as_ref().map(EthercatNetwork::next_cycle)
+    /// Takes over the cycles that a segment has run by itself since its bring-up: the grid point of the next one, which is the caller's.
+    /// `None` without a segment, between the two moments of a cycle, and when they were taken over before.
+    pub fn take_over_cycles(&mut self) -> Option<Time> {
+        self.segment.as_mut()?.take_over_cycles()
     }
 
     /// Takes an own frame that was seen on the bus. A link that cannot show own frames never calls this, and what is still
@@ -318,11 +346,13 @@ impl Master {
             || self.segment.as_ref().is_some_and(EthercatNetwork::is_silent)
     }
 
-    /// Whether set-points, or SYNC where there are none, were sent that have not been seen on their bus yet.
+    /// Whether set-points, or SYNC where there are none, were sent that have not been seen on their bus yet, or a frame of a segment has
+    /// not come back.
     ///
     /// Real-time: yes.
     pub fn is_in_flight(&self) -> bool {
         self.can.as_ref().is_some_and(CanNetwork::is_in_flight)
+            || self.segment.as_ref().is_some_and(EthercatNetwork::is_in_flight)
     }
 
     /// SYNC on every bus where somebody hears it, outside of any cycle; none while a drive may hold a set-point of somebody
@@ -342,9 +372,9 @@ impl Master {
         self.can.as_mut().map_or(now, |can| can.repeat_heartbeat(now, out))
     }
 
-    /// The heartbeat period that the drives watch; zero on a segment, where they watch for outputs.
-    pub fn heartbeat_period(&self) -> Duration {
-        self.can.as_ref().map_or(Duration::ZERO, CanNetwork::heartbeat_period)
+    /// The heartbeat period that the drives watch; `None` without CAN.
+    pub fn heartbeat_period(&self) -> Option<Duration> {
+        self.can.as_ref().map(CanNetwork::heartbeat_period)
     }
 
     /// The moment at which all process data are in: [`Master::step`], and then [`Master::send_set_points`].

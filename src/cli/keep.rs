@@ -12,6 +12,7 @@ use super::failure::{Exit, Failure};
 use super::replace::{make_folder, make_folder_of, unwritten};
 use crate::canopen::Frame;
 use crate::config::{self, Diagnostic, Report, Severity};
+use crate::link::Packet;
 use crate::record::DeviceRecord;
 use crate::record::recording::{
     About, Backpressure, BlackBox, Feed, Finished, Producer, Recorded, Recorder, Saved, Sink,
@@ -124,7 +125,8 @@ impl Keep {
         cycles.push(producer);
         let watch = Watch {
             observer: Some(Box::new(move |record| cycles.iter_mut().for_each(|producer| producer.push(record)))),
-            tap: Some(Box::new(move |time, frame| {
+            tap: Some(Box::new(move |time, packet| {
+                let Packet::Can(frame) = packet else { return };
                 frames.iter_mut().for_each(|producer| producer.push(&(time, *frame)));
             })),
             ..Watch::default()

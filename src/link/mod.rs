@@ -124,6 +124,51 @@ pub trait CanLink {
     fn wait(&mut self, until: Time) -> bool;
 }
 
+/// One participant's access to all wires of a rig: to its CAN buses, and to its EtherCAT segment if it has one. [`CanLink::wait`] ends
+/// when something has come on any of them.
+pub trait Wires: CanLink {
+    /// The next thing that has come over the segment, a frame in `buffer`; never waits.
+    ///
+    /// Real-time: yes; a caller in a cycle bounds how often it asks.
+    fn receive_ethernet(&mut self, _buffer: &mut [u8]) -> Option<EthernetArrival> {
+        None
+    }
+
+    /// Hands a frame, from the destination on and without check sequence, to the interface of the segment; never waits.
+    ///
+    /// Real-time: yes.
+    ///
+    /// # Errors
+    /// Why the frame is gone.
+    fn send_ethernet(&mut self, _bytes: &[u8]) -> Result<(), SendError> {
+        Err(SendError::Gone)
+    }
+}
+
+/// A frame that went over a wire of a rig.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Packet<'a> {
+    /// Over a CAN bus, which the frame names ([`Frame::bus`]).
+    Can(&'a Frame),
+    /// Over an EtherCAT segment.
+    Ethernet {
+        /// The segment.
+        bus: BusId,
+        /// From the destination on, without check sequence.
+        bytes: &'a [u8],
+    },
+}
+
+impl<'a> Packet<'a> {
+    /// The frame, if it went over a CAN bus.
+    pub fn can(self) -> Option<&'a Frame> {
+        match self {
+            Packet::Can(frame) => Some(frame),
+            Packet::Ethernet { .. } => None,
+        }
+    }
+}
+
 impl<L: CanLink + ?Sized> CanLink for Box<L> {
     fn now(&self) -> Time {
         (**self).now()

@@ -88,7 +88,7 @@ pub struct Overrides {
 /// Who looks on while a rig runs, from switching on to the end.
 #[derive(Default)]
 pub struct Watch {
-    /// Gets every frame on the bus.
+    /// Gets every frame on the wires.
     pub tap: Option<Tap>,
     /// Gets the record of every cycle.
     pub observer: Option<Observer>,
@@ -110,9 +110,9 @@ impl Watch {
             (this, other) => this.or(other),
         };
         let tap: Option<Tap> = match (self.tap, other.tap) {
-            (Some(mut this), Some(mut other)) => Some(Box::new(move |time, frame| {
-                this(time, frame);
-                other(time, frame);
+            (Some(mut this), Some(mut other)) => Some(Box::new(move |time, packet| {
+                this(time, packet);
+                other(time, packet);
             })),
             (this, other) => this.or(other),
         };

@@ -5,7 +5,7 @@ use std::time::Duration;
 use super::metronome::Metronome;
 use crate::canopen::Frame;
 use crate::cycle::Outputs;
-use crate::link::{Arrival, CanLink, SendError};
+use crate::link::{Arrival, CanLink, EthernetArrival, SendError, Wires};
 use crate::record::Truth;
 use crate::time::Time;
 
@@ -23,7 +23,7 @@ pub enum Process {
 }
 
 /// A clock and the buses of a rig: those of a computer ([`OnLink`]), or simulated ones.
-pub trait Place: CanLink {
+pub trait Place: Wires {
     /// Whether its time is simulated. Then nobody else is on its buses, no time passes while the loop computes, and the loop takes
     /// every frame at the moment of its arrival; elsewhere it looks at two moments of a cycle.
     const IS_VIRTUAL: bool;
@@ -97,7 +97,17 @@ impl<L: CanLink, M> CanLink for OnLink<L, M> {
     }
 }
 
-impl<L: CanLink, M: Metronome> Place for OnLink<L, M> {
+impl<L: Wires, M> Wires for OnLink<L, M> {
+    fn receive_ethernet(&mut self, buffer: &mut [u8]) -> Option<EthernetArrival> {
+        self.link.receive_ethernet(buffer)
+    }
+
+    fn send_ethernet(&mut self, bytes: &[u8]) -> Result<(), SendError> {
+        self.link.send_ethernet(bytes)
+    }
+}
+
+impl<L: Wires, M: Metronome> Place for OnLink<L, M> {
     const IS_VIRTUAL: bool = false;
 
     fn sleep_until(&mut self, moment: Time, _: Time) {

@@ -18,13 +18,14 @@ use super::metronome::Metronome;
 use super::pace::Pace;
 use super::permit::{Boot, Permit};
 use super::place::{OnLink, Place, Process};
-use crate::assembly::{bus_plan, master};
+use crate::assembly::{master, request_timeouts};
 use crate::bus::{LinkEvent, Master, Waiting};
-use crate::canopen::Frame;
+use crate::canopen::BusId;
 use crate::config;
 use crate::cycle::{Outputs, Timing};
+use crate::ethercat::frame::LONGEST;
 use crate::guard::{Cause, DeviceSet, State};
-use crate::link::{CanLink, LinkOutbox};
+use crate::link::{LinkOutbox, Packet, SendError, Wires};
 use crate::record::{CycleRecord, Stages};
 use crate::time::Time;
 pub use alone::ANNOUNCED;
@@ -35,8 +36,9 @@ use yieldwall_drives::profiles::Tried;
 /// How far apart both frames of a sample on plain CAN may come in lockstep.
 const PAIR_GAP: Duration = Duration::from_secs(1);
 
-/// Gets every frame that went over a bus ([`Frame::bus`]), with the moment of its end.
-pub type Tap = Box<dyn FnMut(Time, &Frame) + Send>;
+/// Gets every frame that went over a wire, with the moment of its end; of an EtherCAT segment each frame twice, as it was sent and as it
+/// came back.
+pub type Tap = Box<dyn FnMut(Time, Packet<'_>) + Send>;
 
 /// Gets the record of every cycle, right after the cycle has run.
 pub type Observer = Box<dyn FnMut(&CycleRecord) + Send>;
@@ -89,6 +91,8 @@ pub struct Runner<P> {
     /// What has come before is from a time in which the process was stopped.
     back_since: Time,
     counts: LinkCounts,
+    /// A frame of the segment that has come.
+    buffer: Box<[u8; LONGEST]>,
     tap: Option<Tap>,
     observer: Option<Observer>,
     boot_watch: Option<BootWatch>,
@@ -115,7 +119,7 @@ pub struct Runner<P> {
     has_listened: bool,
 }
 
-impl<L: CanLink, M: Metronome> Runner<OnLink<L, M>> {
+impl<L: Wires, M: Metronome> Runner<OnLink<L, M>> {
     /// A rig on a computer that has sent nothing yet.
     ///
     /// # Errors
@@ -132,11 +136,12 @@ impl<P: Place> Runner<P> {
     /// Where parts of the configuration do not fit together.
     pub fn new(rig: &config::Rig, fixture: &config::Fixture, place: P, pace: Pace) -> Result<Self, RunError> {
         let (started, suspended) = (place.now(), place.suspended());
-        let (setup, _) = bus_plan(rig)?;
         let mut master = master(rig, fixture)?;
+        let listening = master.listening();
         if pace == Pace::Lockstep {
             // Nothing has to be in time there, and while the network is booted time is that of a computer that may be slow.
             master.set_pair_gap(PAIR_GAP);
+            master.set_lockstep();
         }
         Ok(Self {
             master,
@@ -157,24 +162,25 @@ impl<P: Place> Runner<P> {
             looked_at: started,
             back_since: Time(0),
             counts: LinkCounts::default(),
+            buffer: Box::new([0; LONGEST]),
             tap: None,
             observer: None,
             boot_watch: None,
             error_watch: None,
             inquiry: Inquiry::new(),
             enabling: Enabling::new(rig),
-            has_simulated_profile: setup
+            has_simulated_profile: rig
                 .drives
                 .each_ref()
-                .map(|drive| drive.profile.profile.tried == Tried::Simulation),
-            patience: setup.drives.each_ref().map(|drive| drive.waits.sdo * 2),
+                .map(|drive| drive.profile.get().is_some_and(|profile| profile.profile.tried == Tried::Simulation)),
+            patience: request_timeouts(rig)?.map(|timeout| timeout * 2),
             boot: Boot::NONE,
             last: None,
             motion_bound: None,
             process: Process::Runs,
             has_panicked: false,
             panic: None,
-            listening: setup.listening(),
+            listening,
             has_listened: false,
         })
     }
@@ -297,7 +303,27 @@ impl<P: Place> Runner<P> {
         let failed = out.failed_buses();
         self.counts.refused += u64::from(out.failure().is_some());
         failed.for_each(|bus| self.master.on_link(bus, LinkEvent::SendFailed));
+        if let Err((bus, _)) = self.send_ethernet(now) {
+            self.counts.refused += 1;
+            self.master.on_link(bus, LinkEvent::SendFailed);
+        }
         result
+    }
+
+    /// Sends what the master has for its segment, up to the first frame that could not be sent.
+    fn send_ethernet(&mut self, now: Time) -> Result<(), (BusId, SendError)> {
+        let Self { master, place, tap, .. } = self;
+        let Some(bus) = master.segment_bus() else { return Ok(()) };
+        let mut sent = Ok(());
+        master.drain_ethernet(|bytes| {
+            if sent.is_ok() {
+                sent = place.send_ethernet(bytes);
+                if let (Ok(()), Some(tap)) = (&sent, &mut *tap) {
+                    tap(now, Packet::Ethernet { bus, bytes });
+                }
+            }
+        });
+        sent.map_err(|error| (bus, error))
     }
 
     /// The same where nothing goes on without it.
@@ -308,6 +334,7 @@ impl<P: Place> Runner<P> {
         let now = self.now();
         let mut out = LinkOutbox::new(&mut self.place);
         act(&mut self.master, now, &mut out);
-        out.failure().map_or(Ok(()), |(bus, error)| Err(RunError::Send { bus, error }))
+        let sent = out.failure().map_or(Ok(()), Err);
+        sent.and(self.send_ethernet(now)).map_err(|(bus, error)| RunError::Send { bus, error })
     }
 }

@@ -19,6 +19,7 @@ use super::tolerance;
 use crate::guard::fault::TABLE;
 use crate::guard::{Fault, Request, State};
 use crate::injection::Injection;
+use crate::link::Packet;
 use crate::record::CycleRecord;
 use crate::rig::{EmbeddedRig, PORTS, RigError};
 use crate::sim::can::BusCounters;
@@ -398,8 +399,8 @@ impl<'a> Run<'a> {
             }
         }));
         let arrivals = Arc::clone(&self.sightings);
-        machine.set_tap(Box::new(move |time, frame| {
-            if let Ok(mut sightings) = arrivals.lock() {
+        machine.set_tap(Box::new(move |time, packet| {
+            if let (Packet::Can(frame), Ok(mut sightings)) = (packet, arrivals.lock()) {
                 sightings.push(Sighting { time_ns: time.0, sender: None, frame: *frame });
             }
         }));

@@ -29,6 +29,9 @@ pub(super) struct GridServo {
     settled_for: u32,
     wrong_for: u32,
     has_settled: bool,
+    /// Time stands still between the cycles, so that no shift has any effect: the first phase is the wanted one.
+    is_in_lockstep: bool,
+    has_time: bool,
 }
 
 impl GridServo {
@@ -40,7 +43,13 @@ impl GridServo {
 
     /// One that has seen nothing.
     pub(super) fn anew(&self) -> Self {
-        GridServo { period_ns: self.period_ns, wanted_ns: self.wanted_ns, ..GridServo::default() }
+        let Self { period_ns, wanted_ns, is_in_lockstep, .. } = *self;
+        GridServo { period_ns, wanted_ns, is_in_lockstep, ..GridServo::default() }
+    }
+
+    /// One whose clocks stand still between the cycles.
+    pub(super) fn in_lockstep(&self) -> Self {
+        GridServo { is_in_lockstep: true, ..self.anew() }
     }
 
     /// How far a moment of system time is behind the wanted one, -period/2 to period/2, in ns.
@@ -53,6 +62,10 @@ impl GridServo {
     ///
     /// Real-time: yes.
     pub(super) fn on_time(&mut self, system_time_ns: u64) {
+        if self.is_in_lockstep && !self.has_time {
+            self.wanted_ns = (system_time_ns % self.period_ns.max(1.0) as u64) as f64;
+        }
+        self.has_time = true;
         let error = self.error_ns(system_time_ns);
         self.last_ns = error;
         self.mean_ns += (error - self.mean_ns) * MEAN;
@@ -79,7 +92,7 @@ impl GridServo {
 
     /// By how much the next grid point is moved, in ns: at most 1 % of a period.
     pub(super) fn shift_ns(&self) -> i64 {
-        self.shift_ns
+        if self.is_in_lockstep { 0 } else { self.shift_ns }
     }
 
     /// Last error, in ns.

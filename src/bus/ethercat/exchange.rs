@@ -226,10 +226,22 @@ impl EthercatNetwork {
         self.clock_lost
     }
 
-    /// The grid point of the next cycle that the network would run by itself; whoever takes the cycles over begins there.
-    /// [`Time::NEVER`] when somebody has.
-    pub fn next_cycle(&self) -> Time {
-        self.grid.next_open
+    /// Has somebody else run the cycles from now on: the grid point of the next one. `None` between the two moments of a cycle, before the
+    /// first one, and when somebody has taken them over before.
+    pub fn take_over_cycles(&mut self) -> Option<Time> {
+        let next = self.grid.next_open;
+        let is_between = next == Time::NEVER;
+        if !is_between {
+            self.grid.next_open = Time::NEVER;
+        }
+        (!is_between).then_some(next)
+    }
+
+    /// Whether a frame has not come back.
+    ///
+    /// Real-time: yes.
+    pub(in crate::bus) fn is_in_flight(&self) -> bool {
+        [Purpose::Inputs, Purpose::Outputs, Purpose::Service].into_iter().any(|purpose| self.flight.is_out(purpose))
     }
 
     /// At most one frame beside those of the cycle.

@@ -249,6 +249,11 @@ impl EthercatNetwork {
         self.is_silent = is_silent;
     }
 
+    /// Takes the clocks as they are: the grid is not moved, and the phase that is seen first is the wanted one.
+    pub fn set_lockstep(&mut self) {
+        self.servo = self.servo.in_lockstep();
+    }
+
     /// State and AL status code of a device as it told them last; `None` for one that is not on the segment.
     pub fn al_status(&self, device: Device) -> Option<(AlStatus, AlStatusCode)> {
         self.station(device).map(|station| (station.status, station.code))

@@ -422,7 +422,7 @@ mod tests {
         let scene = rig.scene().unwrap().value;
         let mut machine = EmbeddedRig::new(&rig.value, &scene, &rig.value.fixture, 1).unwrap();
         let taken = Arc::clone(&frames);
-        machine.set_tap(Box::new(move |_, frame| taken.lock().unwrap().push(*frame)));
+        machine.set_tap(Box::new(move |_, packet| taken.lock().unwrap().extend(packet.can())));
         machine.enable().unwrap();
         drop(machine);
         Arc::try_unwrap(frames).unwrap().into_inner().unwrap()

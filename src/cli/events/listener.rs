@@ -12,6 +12,7 @@ use crate::cli::failure::{Exit, Failure};
 use crate::cli::keep::{Watched, ring};
 use crate::cli::tui::View;
 use crate::config;
+use crate::link::Packet;
 use crate::record::CycleRecord;
 use crate::record::recording::{Feed, Outlet, Sink, side_ring};
 use crate::report::Watch;
@@ -61,8 +62,10 @@ impl Listening {
                 cycles.push(record);
                 next_cycle.store(record.moment.index + 1, Ordering::Relaxed);
             })),
-            tap: Some(Box::new(move |_, frame| {
-                if Emergency::decode(frame).is_some() {
+            tap: Some(Box::new(move |_, packet| {
+                if let Packet::Can(frame) = packet
+                    && Emergency::decode(frame).is_some()
+                {
                     emergencies.push(&(of_frames.load(Ordering::Relaxed), *frame));
                 }
             })),

@@ -200,7 +200,9 @@ mod tests {
         let (cycles, frames, errors) = (heard.clone(), heard.clone(), heard);
         let watch = Watch {
             observer: Some(Box::new(move |record| cycles.send(Heard::Cycle(Box::new(*record))).unwrap())),
-            tap: Some(Box::new(move |_, frame| frames.send(Heard::Frame(*frame)).unwrap())),
+            tap: Some(Box::new(move |_, packet| {
+                packet.can().into_iter().for_each(|frame| frames.send(Heard::Frame(*frame)).unwrap());
+            })),
             errors: Some(Box::new(move |error| errors.send(Heard::Error(*error)).unwrap())),
             ..Watch::default()
         };

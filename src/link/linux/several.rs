@@ -10,7 +10,7 @@ use rustix::event::{PollFd, PollFlags};
 use super::SocketCan;
 use crate::canopen::{BusId, Frame};
 use crate::link::clock::{monotonic, wait_for_any};
-use crate::link::{Arrival, CanLink, Received, SendError};
+use crate::link::{Arrival, CanLink, Received, SendError, Wires};
 use crate::time::Time;
 
 /// Most interfaces of one link.
@@ -107,6 +107,8 @@ impl CanLink for SocketCans {
         wait_for_any(places.get_mut(..used).unwrap_or_default(), until)
     }
 }
+
+impl Wires for SocketCans {}
 
 #[cfg(test)]
 mod tests {

@@ -9,7 +9,7 @@ use super::injectable::{InjectableBuses, InjectableDrive, InjectableSensor};
 use crate::bus::LinkEvent;
 use crate::canopen::{Frame, cob};
 use crate::cycle::Outputs;
-use crate::link::{Arrival, CanLink, ErrorFrame, Received, SendError};
+use crate::link::{Arrival, CanLink, ErrorFrame, Packet, Received, SendError, Wires};
 use crate::quantity::{JointAngles, JointTorques};
 use crate::record;
 use crate::rig::error::RigError;
@@ -122,7 +122,7 @@ impl Simulation {
 
     fn arrive(&mut self, time: Time, from: usize, frame: &Frame) -> Result<(), RigError> {
         if let Some(tap) = &mut self.tap {
-            tap(time, frame);
+            tap(time, Packet::Can(frame));
         }
         let now = self.now;
         // The joints follow together, at one SYNC of the cycle.
@@ -159,6 +159,8 @@ impl CanLink for Simulation {
         !self.computer.has_taken_all()
     }
 }
+
+impl Wires for Simulation {}
 
 impl Place for Simulation {
     const IS_VIRTUAL: bool = true;

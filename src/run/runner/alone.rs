@@ -3,6 +3,7 @@
 use std::time::Duration;
 
 use super::Runner;
+use crate::bus::ethercat::SegmentFailure;
 use crate::bus::{BootError, BootFailure, Master, Phase};
 use crate::link::LinkOutbox;
 use crate::run::error::RunError;
@@ -48,7 +49,7 @@ impl<P: Place> Runner<P> {
                 return Ok(());
             }
             self.send(&send);
-            self.place.wait(end.min(self.place.now() + self.master.heartbeat_period()));
+            self.place.wait(end.min(self.place.now() + self.between_heartbeats()));
         }
     }
 
@@ -58,6 +59,11 @@ impl<P: Place> Runner<P> {
             Phase::Failed(BootError { failure: BootFailure::OtherMaster { heard, has_sent }, .. }) => {
                 self.has_listened = false;
                 Err(RunError::OtherMaster { heard: *heard, has_sent: *has_sent })
+            }
+            Phase::Failed(error) if matches!(&error.failure, BootFailure::Segment(failure) if matches!(**failure, SegmentFailure::OtherMaster { .. })) =>
+            {
+                self.has_listened = false;
+                Err(error.clone().into())
             }
             _ => Ok(()),
         }

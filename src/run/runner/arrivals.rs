@@ -3,9 +3,9 @@
 use std::time::Duration;
 
 use super::Runner;
-use crate::bus::Master;
+use crate::bus::{LinkEvent, Master};
 use crate::canopen::Frame;
-use crate::link::{Arrival, Received};
+use crate::link::{Arrival, EthernetReceived, Packet, Received};
 use crate::run::place::Place;
 use crate::time::Time;
 
@@ -24,10 +24,16 @@ impl<P: Place> Runner<P> {
         let until = self.now() + LISTEN;
         while self.now() < until {
             let sent = self.send(|master, now, out| master.repeat_heartbeat(now, out));
-            let next = until.min(sent + self.master.heartbeat_period());
+            let next = until.min(sent + self.between_heartbeats()).min(self.master.next_deadline());
             self.place.wait(self.started + next.since(Time(0)));
             self.drain();
+            self.send(|master, now, out| master.poll(now, out));
         }
+    }
+
+    /// Longest time from one call of [`Master::repeat_heartbeat`] to the next.
+    pub(super) fn between_heartbeats(&self) -> Duration {
+        self.master.heartbeat_period().unwrap_or(LISTEN)
     }
 
     /// Takes what the link holds, until `is_enough` or for as long as there is patience.
@@ -56,6 +62,34 @@ impl<P: Place> Runner<P> {
             let Some(arrival) = self.place.receive() else { break };
             self.take(&arrival);
             has_come = true;
+        }
+        self.drain_ethernet() || has_come
+    }
+
+    /// Takes what has come over the segment; whether that was anything.
+    fn drain_ethernet(&mut self) -> bool {
+        let Some(bus) = self.master.segment_bus() else { return false };
+        let mut has_come = false;
+        for _ in 0..ARRIVALS {
+            let Self { place, buffer, .. } = &mut *self;
+            let Some(arrival) = place.receive_ethernet(&mut buffer[..]) else { break };
+            has_come = true;
+            let time = self.on_own_clock(arrival.time);
+            match arrival.what {
+                EthernetReceived::Frame { length } => {
+                    self.counts.received += 1;
+                    let Self { master, buffer, tap, .. } = &mut *self;
+                    let bytes = buffer.get(..length).unwrap_or_default();
+                    if let Some(tap) = tap {
+                        tap(time, Packet::Ethernet { bus, bytes });
+                    }
+                    master.on_ethernet(time, bytes);
+                    // What the frame has made the master send.
+                    self.send(|_, _, _| ());
+                }
+                EthernetReceived::TooLong { .. } => self.counts.received += 1,
+                EthernetReceived::Down | EthernetReceived::Gone => self.master.on_link(bus, LinkEvent::SendFailed),
+            }
         }
         has_come
     }
@@ -86,12 +120,16 @@ impl<P: Place> Runner<P> {
 
     /// When something arrived, since switching on.
     pub(in crate::run) fn time_of(&self, arrival: &Arrival) -> Time {
-        if self.waits { self.lockstep_now } else { Time(arrival.time.since(self.started).as_nanos() as u64) }
+        self.on_own_clock(arrival.time)
+    }
+
+    fn on_own_clock(&self, time: Time) -> Time {
+        if self.waits { self.lockstep_now } else { Time(time.since(self.started).as_nanos() as u64) }
     }
 
     fn show(&mut self, time: Time, frame: &Frame) {
         if let Some(tap) = &mut self.tap {
-            tap(time, frame);
+            tap(time, Packet::Can(frame));
         }
     }
 }

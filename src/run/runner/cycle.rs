@@ -64,7 +64,7 @@ impl<P: Place> Runner<P> {
             suspended.saturating_sub(std::mem::replace(&mut self.suspended, suspended)) > SUSPENDED;
         let timing = std::mem::take(&mut self.timing);
         let Some((outputs, stepped)) = self.compute(begin, request, timing) else {
-            self.next_sync = grid + self.period;
+            self.next_sync = self.after(grid, 1);
             return None;
         };
         let end = if self.waits { begin } else { self.now() };
@@ -73,7 +73,7 @@ impl<P: Place> Runner<P> {
         self.stages.sent_ns = nanos(end.since(planned));
         // The first grid point that has not passed; the next cycle is told of those before it, and they are never made up for.
         self.timing.skipped = self.periods_between(grid, end);
-        self.next_sync = grid + self.period * (self.timing.skipped + 1);
+        self.next_sync = self.after(grid, self.timing.skipped + 1);
         if self.waits {
             let patience = if self.absent.is_empty() { PATIENCE } else { IMPATIENCE };
             self.wait_for(patience, |master| !master.is_in_flight());
@@ -95,6 +95,12 @@ impl<P: Place> Runner<P> {
             observer(&record);
         }
         Some(record)
+    }
+
+    /// The grid point so many periods after another one. The grid follows the clock of a segment.
+    pub(in crate::run) fn after(&self, grid: Time, periods: u32) -> Time {
+        let next = grid + self.period * periods;
+        Time(next.0.saturating_add_signed(self.master.grid_shift_ns()))
     }
 
     /// Whether a rig was led farther than its permit allows.

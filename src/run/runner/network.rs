@@ -89,10 +89,32 @@ impl<P: Place> Runner<P> {
     /// Has the cycles begin so many grid points ahead.
     pub(super) fn begin(&mut self, ahead: u64) {
         let (now, period) = (self.now().0, self.period.as_nanos() as u64);
-        self.next_sync = Time((now / period + ahead) * period);
+        // A segment has cycles since it was brought up, and they go on.
+        self.next_sync = self.take_over_cycles().unwrap_or(Time((now / period + ahead) * period));
         self.lockstep_now = self.next_sync;
         self.looked_at = self.place.now();
         self.waits = self.pace == Pace::Lockstep;
+    }
+
+    /// Takes the cycles of a segment over from the network, which runs them since the bring-up: the grid point of the next one. `None`
+    /// without a segment.
+    fn take_over_cycles(&mut self) -> Option<Time> {
+        self.master.segment()?;
+        // It is known but between the two moments of a cycle.
+        let limit = self.now() + self.period * 2;
+        loop {
+            if let Some(grid) = self.master.take_over_cycles() {
+                return Some(grid);
+            }
+            if self.now() >= limit {
+                return None;
+            }
+            let next = self.master.next_deadline().min(limit);
+            self.place.wait(self.started + next.since(Time(0)));
+            if !(self.drain() && P::IS_VIRTUAL) {
+                self.send(|master, now, out| master.poll(now, out));
+            }
+        }
     }
 
     /// Leaves the network after the rig was stopped, so that no drive waits for set-points. A bus that could not be reached

@@ -34,11 +34,9 @@ impl<P: Place> Runner<P> {
         loop {
             // The drives already wait for heartbeats.
             let sent = self.send(|master, now, out| master.repeat_heartbeat(now, out));
-            let next = self.master.next_deadline().min(sent + self.master.heartbeat_period());
+            let next = self.master.next_deadline().min(sent + self.between_heartbeats());
             self.place.wait(self.started + next.since(Time(0)));
-            while let Some(arrival) = self.place.receive() {
-                self.take(&arrival);
-            }
+            self.drain();
             self.send(|master, now, out| master.poll(now, out));
             match self.master.answer(device) {
                 ObjectAnswer::Pending => {}

@@ -49,8 +49,9 @@ impl Rig {
         rig.master.start(rig.now, &mut rig.can);
         for _ in 0..200_000 {
             rig.advance(rig.now + Duration::from_micros(20));
-            let first = rig.master.first_grid_point().unwrap();
-            if *rig.master.phase() == Phase::Operational && first != Time::NEVER {
+            if *rig.master.phase() == Phase::Operational
+                && let Some(first) = rig.master.take_over_cycles()
+            {
                 rig.next_open = first;
                 return rig;
             }

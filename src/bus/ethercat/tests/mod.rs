@@ -227,7 +227,7 @@ impl Bench {
             self.run_until(until);
             match self.network.phase() {
                 Phase::Operational => {
-                    self.next_open = self.network.next_cycle();
+                    self.next_open = Time::NEVER;
                     return Ok(());
                 }
                 Phase::Failed(error) => return Err(error.to_string()),
@@ -240,11 +240,13 @@ impl Bench {
     /// One cycle as whoever owns the network runs it.
     fn cycle(&mut self, orders: &[DriveOrders; 2]) -> Arrived {
         if self.next_open == Time::NEVER {
-            // The network was between the two moments of a cycle of its own.
+            // The network may be between the two moments of a cycle of its own.
             let until = self.now + PERIOD;
             while self.next_open == Time::NEVER && self.now < until {
-                self.run_until(self.now + Duration::from_micros(10));
-                self.next_open = self.network.next_cycle();
+                self.next_open = self.network.take_over_cycles().unwrap_or(Time::NEVER);
+                if self.next_open == Time::NEVER {
+                    self.run_until(self.now + Duration::from_micros(10));
+                }
             }
         }
         let open = self.next_open;
