@@ -3,11 +3,12 @@
 use std::time::Duration;
 
 use super::axis::{self, Axis};
-use super::can::{BootPlan, CanNetwork, Told, Waiting};
+use super::can::{BootPlan, CanNetwork, Waiting};
 use super::error::BootError;
 use super::ethercat::{EthercatNetwork, Outgoing, SegmentSetup};
 use super::phase::{LinkEvent, Phase};
 use super::setup::MasterSetup;
+use super::told::Told;
 use crate::canopen::{BusId, Frame, Outbox};
 use crate::cycle::{Cycle, Inputs, LinkEvents, Outputs, Timing};
 use crate::guard::{Allowed, Cause, Device, DeviceSet, Directive, Fault, Request, State};
@@ -152,10 +153,17 @@ impl Master {
         self.can.as_ref().map_or(0, CanNetwork::foreign_downloads)
     }
 
-    /// What the nodes told last by emergency messages, at most eight, the oldest first. What devices of a segment told:
-    /// [`EthercatNetwork::told`].
+    /// What the devices told last by emergency messages, at most eight over CAN and eight over the segment, the oldest first.
     pub fn told(&self) -> impl Iterator<Item = Told> {
-        self.can.iter().flat_map(CanNetwork::told)
+        let segment = self.segment.iter().flat_map(EthercatNetwork::told);
+        let mut all: Vec<Told> = self.can.iter().flat_map(CanNetwork::told).chain(segment).collect();
+        all.sort_by_key(|told| told.time);
+        all.into_iter()
+    }
+
+    /// What is wrong with the devices of a segment since it was started, a line each: states, clocks, ports. Nothing on CAN.
+    pub fn segment_findings(&self) -> Vec<String> {
+        self.segment.as_ref().map_or_else(Vec::new, EthercatNetwork::findings)
     }
 
     /// All that the boot will send on CAN, beside what is repeated: told before anything is sent.

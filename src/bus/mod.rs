@@ -22,14 +22,16 @@ mod phase;
 mod script;
 mod setup;
 mod signs;
+mod told;
 
 pub use axis::words_to_enable;
-pub use can::{BootPlan, NodePlan, PlannedWrite, Told, Waiting, budget};
+pub use can::{BootPlan, NodePlan, PlannedWrite, Waiting, budget};
 pub use error::{BootError, BootFailure, Others, Said};
 pub use master::Master;
 pub use phase::{LinkEvent, Phase};
 pub use setup::{DriveSetup, MasterSetup, SensorLink, SensorNode, SensorSetup, Waits};
 pub use signs::{Heard, LISTENING, Sign, Signs};
+pub use told::Told;
 pub use yieldwall_drives::cia402::CommandMode;
 
 #[cfg(test)]

@@ -13,7 +13,8 @@ use super::interfaces::Interfaces;
 use super::interrupt::{interrupted, on_interrupt};
 use super::keep::{Keep, Watched};
 use super::on_bus::{
-    different, live_failure, open_failure, point_to_doctor, thread_failure, told_at_boot, warn, warn_of, with_told,
+    different, live_failure, open_failure, point_to_doctor, thread_failure, told_at_boot, warn, warn_of, with_findings,
+    with_told,
 };
 use super::output::Output;
 use super::pace::PaceArgument;
@@ -212,7 +213,10 @@ fn ended(played: &Played, time_s: f64, outcome: &Outcome, rig: &config::Rig) -> 
     let failure = match played.ended {
         Ended::Whole => return None,
         Ended::Interrupted => interrupted(time_s),
-        Ended::Stopped => with_told(stopped_by(played.cause, time_s, rig), &outcome.emergencies, &outcome.errors, rig),
+        Ended::Stopped => {
+            let stopped = with_findings(stopped_by(played.cause, time_s, rig), &outcome.segment);
+            with_told(stopped, &outcome.emergencies, &outcome.errors, rig)
+        }
         Ended::StillMoving => Failure::new(
             Exit::SafetyStop,
             "a drive says that it still makes torque after the rig was stopped",

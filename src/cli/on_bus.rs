@@ -13,8 +13,8 @@ use crate::host::{OpenError, ThreadError};
 use crate::link::LinkError;
 use crate::run::{Pace, RunError};
 pub(super) use emergencies::{
-    different, document, drive_error_json, drive_error_text, text, told_at_boot, with_told, words_of_code,
-    words_of_fault,
+    different, document, drive_error_json, drive_error_text, text, told_at_boot, with_findings, with_told,
+    words_of_code, words_of_fault,
 };
 
 /// The failure that an interface is which cannot be used.

@@ -25,7 +25,7 @@ use super::faults::FaultArgument;
 use super::interrupt::{interrupted, on_interrupt, unless};
 use super::keep::{Keep, Watched};
 use super::margins::{Margins, has_other_inertia};
-use super::on_bus::{told_at_boot, with_told};
+use super::on_bus::{told_at_boot, with_findings, with_told};
 use super::output::Output;
 use super::picture::{check_picture, drawing_failure, write_drawing};
 use super::progress::Progress;
@@ -218,7 +218,8 @@ pub(super) fn judge_run(
     of_arguments: &[Injection],
 ) -> Result<(), Failure> {
     if report.is_stopped() {
-        return Err(with_told(ending::stopped(report, rig), &report.emergencies, &report.errors, rig));
+        let stopped = with_findings(ending::stopped(report, rig), &report.segment);
+        return Err(with_told(stopped, &report.emergencies, &report.errors, rig));
     }
     let of_scene = scene.faults.iter().filter_map(|fault| fault.injection().ok());
     let injected: Vec<Injection> = of_scene.chain(of_arguments.iter().copied()).collect();

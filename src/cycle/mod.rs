@@ -66,6 +66,14 @@ pub struct LinkEvents {
     pub bus_off: DeviceSet,
     /// The interfaces over which own frames could not be sent, or that are down.
     pub send_failed: DeviceSet,
+    /// The drives that did not take what they were sent in the cycle before. Of CAN nobody knows.
+    pub outputs_missed: DeviceSet,
+    /// The devices of a segment that left OP.
+    pub device_state: DeviceSet,
+    /// The devices whose clocks are not with the grid of the cycles.
+    pub clock_lost: DeviceSet,
+    /// The devices of which a port counts errors, and those behind a port without a link.
+    pub port_errors: DeviceSet,
 }
 
 /// When the cycle ran, against its grid. All zero for a cycle in time.

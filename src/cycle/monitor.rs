@@ -63,7 +63,7 @@ impl Cycle {
         self.measured = Measured { angles: JointAngles::from(angles), rates: JointRates::from(rates) };
         self.faults.observe_on(Fault::EncoderJump, jumped);
         // An intruder keeps SYNC from leaving, and with it the process data: what is missed then is no fault of its own.
-        let missed = DeviceSet::drives_where(self.missed.map(|missed| missed > 0));
+        let missed = DeviceSet::drives_where(self.missed.map(|missed| missed > 0)) | link.outputs_missed;
         self.faults.observe_on(Fault::PdoMissed, missed.only_if(!link.intruder));
         let is_known = self.missed.iter().all(|missed| *missed != u16::MAX);
         // The closure alone does not tell on which sides the elbows lie.
@@ -120,6 +120,9 @@ impl Cycle {
         faults.observe_on(Fault::ErrorPassive, link.error_passive);
         faults.observe_on(Fault::BusOff, link.bus_off);
         faults.observe_on(Fault::LinkDown, link.send_failed);
+        faults.observe_on(Fault::DeviceState, link.device_state);
+        faults.observe_on(Fault::ClockLost, link.clock_lost);
+        faults.observe_on(Fault::PortErrors, link.port_errors);
     }
 
     fn observe_drives(&mut self, drives: &[DriveSample; 2]) {

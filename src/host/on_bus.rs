@@ -156,6 +156,8 @@ pub struct Outcome {
     pub counted: Vec<(Fault, u32)>,
     /// SDO downloads of somebody else to the rig's nodes.
     pub foreign_downloads: u32,
+    /// What was wrong with the devices of an EtherCAT segment, a line each.
+    pub segment: Vec<String>,
 }
 
 /// What a drill leaves. [`Subject::store`](crate::run::Subject::store) keeps it for the runs with these drives.
@@ -267,6 +269,7 @@ impl RigOnBus {
                 errors: runner.errors().collect(),
                 counted: master.cycle().faults().counted().collect(),
                 foreign_downloads: master.foreign_downloads(),
+                segment: master.segment_findings(),
             }
         })
     }

@@ -52,6 +52,8 @@ pub struct RunReport {
     pub counted: Vec<(Fault, u32)>,
     /// SDO downloads of somebody else to the rig's nodes.
     pub foreign_downloads: u32,
+    /// What was wrong with the devices of an EtherCAT segment, a line each.
+    pub segment: Vec<String>,
     /// What the devices told by emergency messages, at most the last eight, the oldest first.
     pub emergencies: Vec<Told>,
     /// What the drives said of the fault that stopped the rig.
@@ -205,6 +207,7 @@ pub fn run_rig(
         held_by: held.into_values().collect(),
         counted: machine.master().cycle().faults().counted().collect(),
         foreign_downloads: machine.master().foreign_downloads(),
+        segment: machine.master().segment_findings(),
         emergencies: machine.master().told().collect(),
         errors: machine.errors().collect(),
         period_s,
@@ -265,6 +268,7 @@ pub fn run_device(
         held_by: Vec::new(),
         counted: Vec::new(),
         foreign_downloads: 0,
+        segment: Vec::new(),
         emergencies: Vec::new(),
         errors: Vec::new(),
         period_s,

@@ -129,6 +129,10 @@ fn link(bytes: &mut Bytes<'_>) -> LinkEvents {
         error_passive: DeviceSet::interface(1).only_if(is(10)),
         bus_off: DeviceSet::interface(2).only_if(is(11)),
         send_failed: DeviceSet::interface(3).only_if(is(12)),
+        outputs_missed: at(13) & DeviceSet::DRIVES,
+        device_state: at(14),
+        clock_lost: at(15),
+        port_errors: at(15) & DeviceSet::DRIVES,
     }
 }
 

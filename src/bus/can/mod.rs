@@ -18,6 +18,7 @@ use super::error::{BootError, BootFailure};
 use super::phase::{LinkEvent, Phase};
 use super::setup::{MasterSetup, SensorLink};
 use super::signs::Signs;
+use super::told::{LastTold, Told};
 use crate::canopen::nmt;
 use crate::canopen::{self, BusId, Emergency, Frame, NodeId, Outbox, SyncProducer, cob};
 use crate::cycle::LinkEvents;
@@ -31,20 +32,6 @@ use node::Node;
 
 pub use plan::{BootPlan, NodePlan, PlannedWrite};
 pub use waiting::Waiting;
-
-/// Emergencies that are remembered.
-const EMERGENCIES: usize = 8;
-
-/// What a device has told by an emergency message.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Told {
-    /// When the message came.
-    pub time: Time,
-    /// The device. Its node id alone does not tell which: each bus has its own.
-    pub device: Device,
-    /// The message.
-    pub emergency: Emergency,
-}
 
 /// All CAN buses of a rig.
 ///
@@ -84,9 +71,7 @@ pub(super) struct CanNetwork {
     is_sync_held: bool,
     /// SDO downloads of somebody else to configured nodes.
     foreign_downloads: u32,
-    /// What the devices told last, a ring, and where the next one goes.
-    told: [Option<Told>; EMERGENCIES],
-    next_told: usize,
+    told: LastTold,
 }
 
 impl CanNetwork {
@@ -166,8 +151,7 @@ impl CanNetwork {
             is_overwritten: false,
             is_sync_held: false,
             foreign_downloads: 0,
-            told: [None; EMERGENCIES],
-            next_told: 0,
+            told: LastTold::default(),
         })
     }
 
@@ -207,8 +191,7 @@ impl CanNetwork {
 
     /// What the devices told last, at most eight, the oldest first.
     pub(super) fn told(&self) -> impl Iterator<Item = Told> {
-        let (newer, older) = self.told.split_at(self.next_told);
-        older.iter().chain(newer).copied().flatten()
+        self.told.iter()
     }
 
     /// Takes a frame of another node from the bus; own ones go to [`CanNetwork::on_echo`]. `is_enabled` says whether the
@@ -268,10 +251,8 @@ impl CanNetwork {
                 } else {
                     self.events.emergency |= node.device.set();
                 }
-                if let Some(place) = self.told.get_mut(self.next_told) {
-                    *place = Some(Told { time: now, device: node.device, emergency });
-                }
-                self.next_told = (self.next_told + 1) % EMERGENCIES;
+                let Emergency { code, register, vendor, .. } = emergency;
+                self.told.note(Told { time: now, device: node.device, code, register, vendor });
             }
             return;
         }

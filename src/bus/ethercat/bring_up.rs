@@ -13,6 +13,7 @@ use std::time::Duration;
 
 use super::failure::{SegmentFailure, SegmentSign};
 use super::flight::Purpose;
+use super::ports::PortWatch;
 use super::station::{FIRST_STATION, Station};
 use super::topology::{Ports, delays};
 use super::writes::{self, Write};
@@ -486,7 +487,7 @@ impl EthercatNetwork {
                     Some(AlState::SafeOperational) => !was_left,
                     _ => false,
                 };
-                if is_led {
+                if is_led && !self.is_ours {
                     self.is_silent = true;
                     let sign = SegmentSign::State { position: place as u16, status };
                     return Err(SegmentFailure::OtherMaster { sign, has_written: self.has_written }.into());
@@ -498,6 +499,7 @@ impl EthercatNetwork {
                 if is_first && working_counter != before {
                     return Err(SegmentFailure::Changed { before, now: working_counter }.into());
                 }
+                self.is_ours = true;
                 self.bring_up.progress += 1;
             }
             Task::Address => self.bring_up.finish(now),
@@ -677,6 +679,8 @@ impl EthercatNetwork {
 
     /// All devices are in SAFE-OP: cycles begin.
     fn begin_grid(&mut self, now: Time) {
+        let ports: Vec<Ports> = self.bring_up.nodes.iter().map(|node| node.ports).collect();
+        self.ports = PortWatch::new(&ports);
         if self.grid.next_deadline() == Time::NEVER {
             self.grid.begin(now + self.period);
         }

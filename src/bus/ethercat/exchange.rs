@@ -4,13 +4,14 @@
 //! open   input frame:  FRMW 0910h | per device LRD inputs, FPRD 0130h      -> comes back filled
 //! take   what has come; a frame that comes later is late and not used
 //! close  output frame: per device LWR outputs
-//!        behind it at most one service frame: mailbox, difference of a clock, request of OP
+//!        behind it at most one service frame: ports, mailbox, difference of a clock, request of OP
 //! ```
 
 use std::time::Duration;
 
 use super::failure::SegmentFailure;
 use super::flight::Purpose;
+use super::ports::Shown;
 use super::{Asked, EthercatNetwork, EthernetOutbox, service_address};
 use crate::bus::axis::{Arrived, DriveOrders};
 use crate::bus::phase::Phase;
@@ -75,7 +76,7 @@ impl EthercatNetwork {
         if self.flight.give_up(Purpose::Outputs) {
             // Nobody knows whether the devices took their outputs.
             for station in self.stations.iter_mut().filter(|station| station.outputs.len > 0) {
-                station.outputs_missed = station.outputs_missed.saturating_add(1);
+                self.events.outputs_missed |= station.miss_outputs();
             }
         }
         for station in &mut self.stations {
@@ -104,6 +105,7 @@ impl EthercatNetwork {
     pub(super) fn on_inputs(&mut self, now: Time, bytes: &[u8]) {
         let Ok(mut datagrams) = Datagrams::of(bytes) else { return };
         let mut next = || datagrams.next().and_then(Result::ok);
+        let is_running = self.phase == Phase::Operational;
         if self.reference.is_some()
             && let Some(time) = next()
         {
@@ -126,10 +128,19 @@ impl EthercatNetwork {
                 station.has_status = true;
                 station.status = AlStatus(u16_at(status.data, 0));
                 station.code = AlStatusCode(u16_at(status.data, 4));
+                if is_running && station.left.is_none() && station.status != AlStatus::new(AlState::Operational, false)
+                {
+                    station.left = Some((station.status, station.code));
+                }
             }
+            if station.was_there && !station.has_status {
+                self.ports.hurry(station.setup.position);
+            }
+            station.was_there = station.has_status;
         }
         if self.servo.is_lost() {
             self.clock_lost |= self.all();
+            self.grid_off_ns.get_or_insert(self.servo.last_ns());
         }
     }
 
@@ -138,7 +149,9 @@ impl EthercatNetwork {
         let Ok(mut datagrams) = Datagrams::of(bytes) else { return };
         for station in self.stations.iter_mut().filter(|station| station.outputs.len > 0) {
             let is_taken = datagrams.next().and_then(Result::ok).is_some_and(|it| it.working_counter == 1);
-            station.outputs_missed = station.outputs_missed.saturating_add(u64::from(!is_taken));
+            if !is_taken {
+                self.events.outputs_missed |= station.miss_outputs();
+            }
         }
     }
 
@@ -166,14 +179,13 @@ impl EthercatNetwork {
                 Device::RightDrive => arrived.drives[1] = station.words(),
                 Device::Sensor => arrived.sample = station.sample(now),
             }
-            let has_left = station.has_status && station.status != AlStatus::new(AlState::Operational, false);
-            self.events.heartbeat_lost |= device.only_if(is_running && has_left);
+            self.events.device_state |= device.only_if(is_running && station.left.is_some());
             station.inputs_missed =
                 station.inputs_missed.saturating_add(u64::from(station.inputs.len > 0 && !station.has_inputs));
         }
         if is_running {
-            // The fault table has no row for clocks yet; this one stops the rig for good.
-            self.events.heartbeat_lost |= self.clock_lost;
+            self.events.clock_lost |= self.clock_lost;
+            self.events.port_errors |= self.cut_off;
         }
         arrived.link = std::mem::take(&mut self.events);
         arrived
@@ -246,6 +258,7 @@ impl EthercatNetwork {
 
     /// At most one frame beside those of the cycle.
     fn send_service(&mut self, now: Time, out: &mut impl EthernetOutbox) {
+        let is_due = self.ports.is_due();
         if self.flight.is_out(Purpose::Service) {
             return;
         }
@@ -256,6 +269,12 @@ impl EthercatNetwork {
         if let Some(place) = starting {
             let request = AlControl::request(AlState::Operational).0.to_le_bytes();
             return self.send_to(now, place, Asked::Operational(place), register::AL_CONTROL, Err(request), out);
+        }
+        if is_due {
+            let first = self.ports.take_turn();
+            self.asked = Some((Asked::Ports(first), now));
+            let sent = self.flight.send(Purpose::Service, |to| self.ports.ask(first, to));
+            return sent.into_iter().for_each(|bytes| out.push(bytes));
         }
         for step in 0..count {
             let place = (self.turn + step) % count;
@@ -312,7 +331,28 @@ impl EthercatNetwork {
         station.difference_ns = Some(if raw >> 31 == 0 { magnitude } else { -magnitude });
         if is_watched && magnitude > lost_ns {
             self.clock_lost |= station.setup.device.set();
+            station.lost_ns = station.lost_ns.or(station.difference_ns);
         }
+    }
+
+    /// Links and error counters of ports have come.
+    pub(super) fn on_ports(&mut self, first: usize, bytes: &[u8]) {
+        let Ok(datagrams) = Datagrams::of(bytes) else { return };
+        let is_watched = self.phase == Phase::Operational;
+        let (stations, events, cut_off) = (&self.stations, &mut self.events, &mut self.cut_off);
+        let bus = DeviceSet::interface(self.bus.index());
+        let devices = |is_one: &dyn Fn(u16) -> bool| {
+            let concerned = stations.iter().filter(|station| is_one(station.setup.position));
+            concerned.fold(DeviceSet::NONE, |set, station| set | station.setup.device.set())
+        };
+        self.ports.take(first, datagrams, |shown| match shown {
+            Shown::Errors(_) if !is_watched => {}
+            Shown::Errors(position) => {
+                let device = devices(&|at| at == position);
+                events.port_errors |= if device.is_empty() { bus } else { device };
+            }
+            Shown::Lost(behind) => *cut_off |= devices(&|at| behind.has(at)),
+        });
     }
 
     /// Runs a cycle of its own when one is due.

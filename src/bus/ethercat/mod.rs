@@ -14,6 +14,7 @@ mod exchange;
 mod failure;
 mod flight;
 mod mailbox;
+mod ports;
 mod setup;
 mod station;
 #[cfg(all(test, feature = "sim"))]
@@ -25,7 +26,8 @@ use std::time::Duration;
 
 use super::error::{BootError, BootFailure};
 use super::phase::{LinkEvent, Phase};
-use crate::canopen::BusId;
+use super::told::{LastTold, Told};
+use crate::canopen::{BusId, EmcyCode, ErrorRegister};
 use crate::cycle::LinkEvents;
 use crate::ethercat::coe::CoeEmergency;
 use crate::ethercat::frame::{self, Command, Datagrams};
@@ -37,14 +39,13 @@ use bring_up::BringUp;
 use clock::GridServo;
 use exchange::Grid;
 use flight::{Flight, Purpose, Taken};
+use ports::PortWatch;
 use station::Station;
 
 pub use failure::{SegmentFailure, SegmentSign};
 pub use flight::SegmentCounts;
 pub use setup::{Acts, Mapped, ProcessData, SOURCE, SegmentDrive, SegmentSetup, StationSetup, StatusMasks};
 
-/// Emergencies that are remembered.
-const EMERGENCIES: usize = 8;
 /// Time that the outputs of a cycle need from the computation to SYNC0: computing, the frame, the device.
 const OUTPUTS_NEED: Duration = Duration::from_micros(50);
 
@@ -98,17 +99,6 @@ impl EthernetOutbox for Outgoing {
     }
 }
 
-/// What a device has told by an emergency message.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct SegmentTold {
-    /// When the message came.
-    pub time: Time,
-    /// The device.
-    pub device: Device,
-    /// The message.
-    pub emergency: CoeEmergency,
-}
-
 /// One datagram that is asked beside the cycle. Its data stand at the begin of a buffer.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 struct Ask {
@@ -135,6 +125,8 @@ enum Asked {
     Mailbox(usize),
     Difference(usize),
     Operational(usize),
+    /// Devices from this position on.
+    Ports(usize),
 }
 
 /// One segment with the devices of a rig.
@@ -160,10 +152,15 @@ pub struct EthercatNetwork {
     clock_lost: DeviceSet,
     /// Whether a register was ever written.
     has_written: bool,
+    /// Whether the devices are where this master has put them, and nobody else was heard since.
+    is_ours: bool,
     is_silent: bool,
-    /// What the devices told last, a ring, and where the next one goes.
-    told: [Option<SegmentTold>; EMERGENCIES],
-    next_told: usize,
+    /// How far the cycles were from the reference clock when they had lost it.
+    grid_off_ns: Option<i64>,
+    ports: PortWatch,
+    /// Devices behind a port that has lost its link since the network was started.
+    cut_off: DeviceSet,
+    told: LastTold,
     /// Station whose turn it is to be asked beside the cycle.
     turn: usize,
     scratch: Box<[u8; frame::LONGEST]>,
@@ -216,9 +213,12 @@ impl EthercatNetwork {
             events: LinkEvents::default(),
             clock_lost: DeviceSet::NONE,
             has_written: false,
+            is_ours: false,
             is_silent: false,
-            told: [None; EMERGENCIES],
-            next_told: 0,
+            grid_off_ns: None,
+            ports: PortWatch::default(),
+            cut_off: DeviceSet::NONE,
+            told: LastTold::default(),
             turn: 0,
             scratch: Box::new([0; frame::LONGEST]),
         })
@@ -266,9 +266,40 @@ impl EthercatNetwork {
     }
 
     /// What the devices told last, at most eight, the oldest first.
-    pub fn told(&self) -> impl Iterator<Item = SegmentTold> {
-        let (newer, older) = self.told.split_at(self.next_told);
-        older.iter().chain(newer).copied().flatten()
+    pub fn told(&self) -> impl Iterator<Item = Told> {
+        self.told.iter()
+    }
+
+    /// What is wrong with the devices since the network was started, a line each, for reports: states, clocks, ports, frames.
+    pub fn findings(&self) -> Vec<String> {
+        let title = |position: u16| {
+            let station = self.stations.iter().find(|station| station.setup.position == position);
+            station.map_or_else(|| format!("the device at position {position}"), Station::title)
+        };
+        let left = self.stations.iter().filter_map(|station| {
+            let (status, code) = station.left?;
+            Some(format!("{} left OP: {status}, AL status code {code}", station.title()))
+        });
+        let grid = self.grid_off_ns.map(|ns| format!("the cycles were {} us beside the reference clock", us(ns)));
+        let clocks = self.stations.iter().filter(|station| self.clock_lost.contains(station.setup.device.set()));
+        let clocks = clocks.filter_map(|station| {
+            let ns = station.lost_ns?;
+            Some(format!("the clock of {} was {} us beside the reference clock", station.title(), us(ns)))
+        });
+        let links = self.ports.lost().map(|(position, port, behind)| {
+            let cut: Vec<String> = (behind.from..behind.to).filter(|at| *at != position).map(title).collect();
+            let cut = if cut.is_empty() { String::new() } else { format!("; behind it: {}", cut.join(", ")) };
+            format!("the link at port {port} of {} was lost{cut}", title(position))
+        });
+        let errors = self.ports.errors().map(|(position, port, errors)| {
+            format!("port {port} of {} counted {errors} damaged frames", title(position))
+        });
+        let missed = self.stations.iter().filter(|station| station.inputs_missed + station.outputs_missed > 0);
+        let missed = missed.map(|station| {
+            let (inputs, outputs) = (station.inputs_missed, station.outputs_missed);
+            format!("{}: inputs missing in {inputs} cycles, outputs not taken in {outputs}", station.title())
+        });
+        left.chain(grid).chain(clocks).chain(links).chain(errors).chain(missed).collect()
     }
 
     fn station(&self, device: Device) -> Option<&Station> {
@@ -299,7 +330,8 @@ impl EthercatNetwork {
         }
     }
 
-    /// Begins to bring the segment up: first it is only looked at, and left alone if somebody else has put a device into SAFE-OP or OP.
+    /// Begins to bring the segment up: first it is only looked at, and left alone if somebody else has put a device into SAFE-OP or OP. After a
+    /// start of its own the devices may be in any state.
     /// Nothing is remembered of what was before but the emergencies, and nothing is enabled.
     pub fn start(&mut self, now: Time, out: &mut impl EthernetOutbox) {
         if let Phase::Failed(BootError { failure: BootFailure::Segment(failure), .. }) = &self.phase
@@ -317,6 +349,7 @@ impl EthercatNetwork {
         self.grid = Grid::new();
         self.events = LinkEvents::default();
         (self.clock_lost, self.is_silent) = (DeviceSet::NONE, false);
+        (self.grid_off_ns, self.ports, self.cut_off) = (None, PortWatch::default(), DeviceSet::NONE);
         self.enter(now, Phase::Configuring);
         self.poll(now, out);
     }
@@ -368,7 +401,7 @@ impl EthercatNetwork {
                     station.mailbox.on_loss();
                 }
             }
-            Some(Asked::Difference(_) | Asked::Operational(_)) | None => {}
+            Some(Asked::Difference(_) | Asked::Operational(_) | Asked::Ports(_)) | None => {}
         }
     }
 
@@ -387,6 +420,7 @@ impl EthercatNetwork {
     }
 
     fn on_foreign(&mut self, now: Time, source: [u8; 6]) {
+        self.is_ours = false;
         match self.phase {
             Phase::Operational => self.events.intruder = true,
             Phase::Failed(_) => {}
@@ -416,6 +450,7 @@ impl EthercatNetwork {
             }
             Asked::Difference(place) if counter > 0 => self.on_difference(place, data),
             Asked::Operational(place) if counter > 0 => self.grid.note_asked(place),
+            Asked::Ports(first) => self.on_ports(first, bytes),
             Asked::Difference(_) | Asked::Operational(_) => {}
         }
     }
@@ -435,18 +470,17 @@ impl EthercatNetwork {
     fn hear(&mut self, now: Time, place: usize, emergency: CoeEmergency) {
         let Some(station) = self.stations.get(place) else { return };
         let device = station.setup.device;
-        let code = crate::canopen::EmcyCode(emergency.code);
-        if !code.is_reset() {
-            if code.is_warning() {
-                self.events.emergency_warning |= device.set();
-            } else {
-                self.events.emergency |= device.set();
-            }
+        let CoeEmergency { code, register, vendor } = emergency;
+        let (code, register) = (EmcyCode(code), ErrorRegister(register));
+        if code.is_reset() {
+            return;
         }
-        if let Some(place) = self.told.get_mut(self.next_told) {
-            *place = Some(SegmentTold { time: now, device, emergency });
+        if code.is_warning() {
+            self.events.emergency_warning |= device.set();
+        } else {
+            self.events.emergency |= device.set();
         }
-        self.next_told = (self.next_told + 1) % EMERGENCIES;
+        self.told.note(Told { time: now, device, code, register, vendor });
     }
 
     /// All devices of the rig on the segment.
@@ -454,11 +488,11 @@ impl EthercatNetwork {
         self.stations.iter().fold(DeviceSet::NONE, |all, station| all | station.setup.device.set())
     }
 
-    /// Leaves the network: devices go to PRE-OP, where nobody waits for outputs. For a rig that was stopped.
+    /// Leaves the network: devices go to PRE-OP, where nobody waits for outputs. For a rig that was stopped, or did not come up.
     pub fn leave(&mut self, out: &mut impl EthernetOutbox) {
-        let is_up = matches!(self.phase, Phase::Starting | Phase::Operational);
+        let is_led = std::mem::take(&mut self.is_ours);
         self.phase = Phase::Off;
-        if !is_up {
+        if !is_led {
             return;
         }
         self.asked = None;
@@ -472,6 +506,11 @@ impl EthercatNetwork {
         });
         sent.into_iter().for_each(|bytes| out.push(bytes));
     }
+}
+
+/// Nanoseconds as microseconds, without a sign.
+fn us(ns: i64) -> f64 {
+    ns.unsigned_abs() as f64 * 1e-3
 }
 
 fn refuse(name: &str, step: &'static str, failure: SegmentFailure) -> BootError {

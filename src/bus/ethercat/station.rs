@@ -7,6 +7,7 @@ use crate::bus::axis::{DriveOrders, DriveWords};
 use crate::bus::script::Script;
 use crate::ethercat::sii::{MailboxArea, Sii};
 use crate::ethercat::{AlState, AlStatus, AlStatusCode};
+use crate::guard::DeviceSet;
 use crate::sensing::RawSample;
 use crate::time::Time;
 use yieldwall_drives::profiles::Quantity;
@@ -88,6 +89,10 @@ pub(super) struct Station {
     pub(super) code: AlStatusCode,
     /// Whether its status came in this cycle.
     pub(super) has_status: bool,
+    /// Whether its status came with the last input frame that came back.
+    pub(super) was_there: bool,
+    /// State and code with which it left OP since the network was started.
+    pub(super) left: Option<(AlStatus, AlStatusCode)>,
     /// Whether its inputs came in this cycle, and what they were.
     pub(super) has_inputs: bool,
     words: DriveWords,
@@ -95,6 +100,8 @@ pub(super) struct Station {
     sampled_at: Time,
     /// How far its clock is from that of the reference, when that was read last.
     pub(super) difference_ns: Option<i64>,
+    /// What that was when its clock was lost.
+    pub(super) lost_ns: Option<i64>,
     /// Cycles in which it did not take its outputs.
     pub(super) outputs_missed: u64,
     /// Cycles in which its inputs did not come.
@@ -115,11 +122,14 @@ impl Station {
             status: AlStatus::new(AlState::Init, false),
             code: AlStatusCode::NONE,
             has_status: false,
+            was_there: false,
+            left: None,
             has_inputs: false,
             words: DriveWords::default(),
             sample: None,
             sampled_at: Time(0),
             difference_ns: None,
+            lost_ns: None,
             outputs_missed: 0,
             inputs_missed: 0,
             setup: setup.clone(),
@@ -132,7 +142,8 @@ impl Station {
         self.mailbox.start(MailboxArea::default(), MailboxArea::default());
         self.sii = None;
         (self.status, self.code) = (AlStatus::new(AlState::Init, false), AlStatusCode::NONE);
-        self.difference_ns = None;
+        (self.difference_ns, self.lost_ns) = (None, None);
+        (self.was_there, self.left) = (false, None);
         (self.outputs_missed, self.inputs_missed) = (0, 0);
         self.begin_cycle();
     }
@@ -148,6 +159,14 @@ impl Station {
     pub(super) fn begin_cycle(&mut self) {
         (self.has_inputs, self.has_status) = (false, false);
         (self.words, self.sample) = (DriveWords::default(), None);
+    }
+
+    /// It did not take its outputs, or nobody knows whether it did; the drive that this is, if it is one.
+    ///
+    /// Real-time: yes.
+    pub(super) fn miss_outputs(&mut self) -> DeviceSet {
+        self.outputs_missed = self.outputs_missed.saturating_add(1);
+        self.setup.device.set() & DeviceSet::DRIVES
     }
 
     /// Takes the inputs of this cycle.

@@ -1,4 +1,4 @@
-//! How long a frame takes from the reference clock to each device, by the moments at which one frame passed their ports.
+//! Which devices are behind which port, and how long a frame takes to each, by the moments at which one passed their ports.
 
 /// Ports in the order in which a frame leaves them; it comes in at the first.
 const ORDER: [usize; 4] = [0, 3, 1, 2];
@@ -17,6 +17,11 @@ pub(super) struct Ports {
 }
 
 impl Ports {
+    /// Ports with a link, a bit each.
+    pub(super) fn linked(&self) -> u8 {
+        (self.links >> 4) as u8 & 0xf
+    }
+
     fn is_linked(&self, port: usize) -> bool {
         self.links & 0x10 << port != 0
     }
@@ -78,6 +83,50 @@ pub(super) fn delays(devices: &[Ports]) -> Result<Vec<Option<u32>>, usize> {
     Ok(delays)
 }
 
+/// Positions of devices: from the first one to the one before the last.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(super) struct Behind {
+    pub(super) from: u16,
+    pub(super) to: u16,
+}
+
+impl Behind {
+    /// Whether a position is among them.
+    pub(super) fn has(self, position: u16) -> bool {
+        (self.from..self.to).contains(&position)
+    }
+}
+
+/// What is behind each port of each device, in the order of positions; behind port 0 that is the device itself and all that a frame
+/// reaches through it. Devices whose ports do not fit those before them are behind none.
+pub(super) fn behind(devices: &[Ports]) -> Vec<[Behind; 4]> {
+    let mut all = vec![[Behind::default(); 4]; devices.len()];
+    let mut parents: Vec<Option<(usize, usize)>> = Vec::with_capacity(devices.len());
+    let mut open: Vec<Option<(usize, usize)>> = vec![None];
+    for (place, ports) in devices.iter().enumerate() {
+        let Some(parent) = open.pop() else { break };
+        parents.push(parent);
+        open.extend(
+            ORDER.into_iter().skip(1).rev().filter(|port| ports.is_linked(*port)).map(|port| Some((place, port))),
+        );
+        let mut reached = Some((place, 0));
+        while let Some((device, port)) = reached {
+            let mut extend = |port: usize| {
+                if let Some(span) = all.get_mut(device).and_then(|spans| spans.get_mut(port)) {
+                    span.from = if span.to == 0 { place as u16 } else { span.from };
+                    span.to = place as u16 + 1;
+                }
+            };
+            extend(port);
+            if port != 0 {
+                extend(0);
+            }
+            reached = parents.get(device).copied().flatten();
+        }
+    }
+    all
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -120,6 +169,23 @@ mod tests {
     }
 
     #[test]
+    fn behind_a_port_is_a_range_of_positions() {
+        let device = |links: &[usize]| ports(links, [0; 4]);
+        // 0 has 1 at port 3, and behind port 1 comes 2 with 3 at port 1.
+        let tree = [device(&[0, 1, 3]), device(&[0]), device(&[0, 1]), device(&[0])];
+        let spans = |from, to| Behind { from, to };
+        let none = Behind::default();
+        let expected = [
+            [spans(0, 4), spans(2, 4), none, spans(1, 2)],
+            [spans(1, 2), none, none, none],
+            [spans(2, 4), spans(3, 4), none, none],
+            [spans(3, 4), none, none, none],
+        ];
+        assert_eq!(behind(&tree), expected);
+        assert_eq!(behind(&[device(&[0]), device(&[0])])[1], [none; 4], "nothing is behind the first one");
+    }
+
+    #[test]
     fn ports_that_do_not_fit_are_told() {
         let leaf = ports(&[0], [0; 4]);
         assert_eq!(delays(&[leaf, leaf]), Err(1), "nothing is behind the first one");
@@ -131,6 +197,7 @@ mod tests {
         #[test]
         fn any_registers_are_survived(raw in proptest::collection::vec((any::<u16>(), any::<bool>(), any::<[u32; 4]>()), 0..40)) {
             let devices: Vec<_> = raw.into_iter().map(|(links, has_clock, times)| Ports { links, has_clock, times }).collect();
+            prop_assert_eq!(behind(&devices).len(), devices.len());
             if let Ok(delays) = delays(&devices) {
                 prop_assert_eq!(delays.len(), devices.len());
                 prop_assert!(delays.iter().flatten().all(|delay| *delay <= MOST_NS));

@@ -63,7 +63,7 @@ fn the_emergency_is_kept_for_reports() {
     let mut net = Net::running(CommandMode::Torque);
     net.cycle(["3712"; 2], Request::None, |net| net.hear("082#1042200000000000"));
     let told = net.master.told().last().unwrap();
-    assert_eq!((told.device, told.emergency.node.raw(), told.emergency.code.0), (Device::RightDrive, 2, 0x4210));
+    assert_eq!((told.device, told.code.0, told.register.0), (Device::RightDrive, 0x4210, 0x20));
 }
 
 #[test]
@@ -237,6 +237,6 @@ fn a_warning_is_counted_and_the_last_eight_emergencies_are_kept() {
     for code in 1..=10u8 {
         net.hear(&format!("081#{code:02X}FF200000000000"));
     }
-    let codes: Vec<u16> = net.master.told().map(|told| told.emergency.code.0).collect();
+    let codes: Vec<u16> = net.master.told().map(|told| told.code.0).collect();
     assert_eq!(codes, [0xff03, 0xff04, 0xff05, 0xff06, 0xff07, 0xff08, 0xff09, 0xff0a]);
 }

@@ -2,7 +2,7 @@
 
 use super::*;
 use crate::bus::Told;
-use crate::canopen::{EmcyCode, Emergency, ErrorRegister, node_id};
+use crate::canopen::{EmcyCode, ErrorRegister};
 use crate::cli::ending::stopped_by;
 use crate::cli::on_bus::{different, text as emergency_text, with_told};
 use crate::config::shipped_error_codes;
@@ -60,10 +60,8 @@ fn codes_of_vendors_are_explained_in_the_words_of_run() {
         for code in &table.codes {
             count += 1;
             let explained = told(&format!("{:04X}h", code.code), Some(&table));
-            let node = node_id(1).unwrap();
-            let register = ErrorRegister(1);
-            let emergency = Emergency { node, code: EmcyCode(code.code), register, vendor: [0; 5] };
-            let heard = [Told { time: Time::default(), device: Device::LeftDrive, emergency }];
+            let (device, register, vendor) = (Device::LeftDrive, ErrorRegister(1), [0; 5]);
+            let heard = [Told { time: Time::default(), device, code: EmcyCode(code.code), register, vendor }];
             let said = emergency_text(&heard[0], &rig);
             for words in [&code.meaning, &code.cause] {
                 assert!(explained.contains(words.as_str()) && said.contains(words.as_str()), "{explained}\n{said}");

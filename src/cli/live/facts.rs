@@ -74,6 +74,7 @@ impl Facts<'_> {
         lines.extend(emergencies.iter().map(|emergency| format!("emcy      {}", text(emergency, self.rig))));
         lines
             .extend(self.outcome.errors.iter().map(|error| format!("drive     {}", drive_error_text(error, self.rig))));
+        lines.extend(self.outcome.segment.iter().map(|finding| format!("segment   {finding}")));
         lines.extend(counted_text(&self.outcome.counted, self.outcome.foreign_downloads));
         if self.arguments.pace == PaceArgument::Free {
             for (at, (_, text, times)) in stages.each().enumerate() {
@@ -115,6 +116,7 @@ impl Facts<'_> {
             "drive_errors": self.outcome.errors.iter().map(|error| drive_error_json(error, self.rig)).collect::<Vec<_>>(),
             "counted": counted_json(&self.outcome.counted),
             "foreign_downloads": self.outcome.foreign_downloads,
+            "segment": self.outcome.segment,
             "frames": {
                 "received": counts.received,
                 "echoed": counts.echoed,

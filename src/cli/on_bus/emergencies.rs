@@ -16,7 +16,7 @@ use crate::time::Time;
 pub(in crate::cli) fn different(emergencies: impl Iterator<Item = Told>) -> Vec<Told> {
     let mut different: Vec<Told> = Vec::new();
     for told in emergencies {
-        let says_the_same = |known: &Told| (known.device, known.emergency.code) == (told.device, told.emergency.code);
+        let says_the_same = |known: &Told| (known.device, known.code) == (told.device, told.code);
         if !different.iter().any(says_the_same) {
             different.push(told);
         }
@@ -24,14 +24,20 @@ pub(in crate::cli) fn different(emergencies: impl Iterator<Item = Told>) -> Vec<
     different
 }
 
-/// One of them: the node with its name, and the code with meaning and cause, by the table of its vendor.
+/// One of them: the device with its address, and the code with meaning and cause, by the table of its vendor.
 pub(in crate::cli) fn text(told: &Told, rig: &config::Rig) -> String {
-    format!("node {} ({}): {}", told.emergency.node.raw(), name(told.device, rig), of_told(told, rig))
+    let (name, address) = (name(told.device, rig), address(told.device, rig));
+    let device = match address {
+        (Some(node_id), _) => format!("node {node_id} ({name})"),
+        (None, Some(position)) => format!("{name} (position {position})"),
+        (None, None) => name.to_owned(),
+    };
+    format!("{device}: {}", of_told(told, rig))
 }
 
 /// What the code of an emergency means, by the table of the device's vendor.
 fn of_told(told: &Told, rig: &config::Rig) -> Explanation {
-    explained(told.emergency.code, Some(told.device), rig)
+    explained(told.code, Some(told.device), rig)
 }
 
 /// What a code of a device means, by the table of its vendor.
@@ -49,18 +55,19 @@ fn explained(code: EmcyCode, device: Option<Device>, rig: &config::Rig) -> Expla
 
 /// The same as data.
 pub(in crate::cli) fn document(told: &Told, rig: &config::Rig) -> Value {
-    let Emergency { node, register, vendor, .. } = told.emergency;
+    let (node_id, position) = address(told.device, rig);
     let explained = of_told(told, rig);
     json!({
-        "node_id": node.raw(),
+        "node_id": node_id,
+        "position": position,
         "name": name(told.device, rig),
         "code": explained.code,
         "code_name": explained.name,
         "meaning": explained.meaning,
         "cause": explained.cause,
         "next": explained.next,
-        "error_register": register.0,
-        "vendor_bytes": vendor,
+        "error_register": told.register.0,
+        "vendor_bytes": told.vendor,
     })
 }
 
@@ -124,8 +131,19 @@ pub(in crate::cli) fn told_at_boot(error: &BootError, known: &[Told], rig: &conf
     };
     let device = [Device::LeftDrive, Device::RightDrive, Device::Sensor];
     let device = device.into_iter().find(|device| name(*device, rig) == error.name);
-    let told = said.emergency.zip(device).map(|(emergency, device)| Told { time: Time::default(), device, emergency });
+    let told = said.emergency.zip(device).map(|(emergency, device)| {
+        let Emergency { code, register, vendor, .. } = emergency;
+        Told { time: Time::default(), device, code, register, vendor }
+    });
     different(known.iter().copied().chain(told))
+}
+
+/// The failure with what was wrong with the devices of a segment.
+pub(in crate::cli) fn with_findings(mut failure: Failure, findings: &[String]) -> Failure {
+    if let Some(first) = failure.report.diagnostics.first_mut().filter(|_| !findings.is_empty()) {
+        first.message = format!("{}; {}", first.message, findings.join("; "));
+    }
+    failure
 }
 
 /// The failure with what the devices told and what to do about that, if they told anything.
@@ -137,7 +155,7 @@ pub(in crate::cli) fn with_told(
 ) -> Failure {
     let told: Vec<String> = emergencies.iter().map(|told| text(told, rig)).collect();
     let is_told = |error: &DriveError| {
-        emergencies.iter().any(|told| told.device == error.drive && Some(told.emergency.code.0) == error.code)
+        emergencies.iter().any(|told| told.device == error.drive && Some(told.code.0) == error.code)
     };
     let errors: Vec<&DriveError> =
         errors.iter().filter(|error| error.code.is_some_and(|code| code != 0) && !is_told(error)).collect();
@@ -148,7 +166,7 @@ pub(in crate::cli) fn with_told(
             first.message = format!("{}; {what}: {}", first.message, told.join(", "));
         }
     }
-    let of_emergencies = emergencies.iter().filter(|told| !told.emergency.code.is_reset());
+    let of_emergencies = emergencies.iter().filter(|told| !told.code.is_reset());
     let of_emergencies = of_emergencies.map(|told| of_told(told, rig));
     let of_drives = errors.iter().filter_map(|error| Some(explained(EmcyCode(error.code?), Some(error.drive), rig)));
     let mut advice: Vec<String> = Vec::new();
@@ -165,6 +183,17 @@ pub(in crate::cli) fn with_told(
     failure
 }
 
+/// Node id of a device, or its position on a segment.
+fn address(device: Device, rig: &config::Rig) -> (Option<u8>, Option<u16>) {
+    let [left, right] = &rig.drives;
+    let drive = match device {
+        Device::LeftDrive => left,
+        Device::RightDrive => right,
+        Device::Sensor => return (rig.sensor.protocol.node_id(), rig.sensor.protocol.position()),
+    };
+    (drive.address.node_id(), drive.address.position())
+}
+
 /// The name of a device in the rig's file.
 fn name(device: Device, rig: &config::Rig) -> &str {
     let [left, right] = &rig.drives;
@@ -179,7 +208,7 @@ fn name(device: Device, rig: &config::Rig) -> &str {
 mod tests {
     use super::*;
     use crate::bus::Said;
-    use crate::canopen::Frame;
+    use crate::canopen::{ErrorRegister, Frame};
     use crate::cli::ending::rig_failure;
     use crate::cli::failure::Exit;
     use crate::config::Source;
@@ -207,10 +236,9 @@ mod tests {
         let rig = config::load_rig(Source::named("builtin:paper-admittance-two-buses.yaml")).unwrap().value;
         let (left, sensor) = (Device::LeftDrive, Device::Sensor);
         let frames = [(left, 0x5043_u16), (left, 0x5043), (sensor, 0x4210), (sensor, 0x5043)];
-        let heard = frames.into_iter().filter_map(|(device, code)| {
-            let [low, high] = code.to_le_bytes();
-            let emergency = Emergency::decode(&Frame::new(0x081, &[low, high, 0x21, 1, 2, 3, 4, 5]))?;
-            Some(Told { time: Time::default(), device, emergency })
+        let heard = frames.into_iter().map(|(device, code)| {
+            let (code, register) = (EmcyCode(code), ErrorRegister(0x21));
+            Told { time: Time::default(), device, code, register, vendor: [1, 2, 3, 4, 5] }
         });
         let told = different(heard);
         let failure = Failure::new(Exit::SafetyStop, "stopped by emergency", "see the code");

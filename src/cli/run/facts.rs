@@ -60,6 +60,7 @@ impl Facts<'_> {
             "drive_errors": self.report.errors.iter().map(|error| drive_error_json(error, self.rig)).collect::<Vec<_>>(),
             "counted": counted_json(&self.report.counted),
             "foreign_downloads": self.report.foreign_downloads,
+            "segment": self.report.segment,
             "measures": self.report.measures,
             "figure": self.figure,
             "candump": arguments.candump,
@@ -131,6 +132,7 @@ impl Facts<'_> {
         let told = self.report.emergencies.iter().map(|told| format!("emcy      {}", text(told, self.rig)));
         lines.extend(told);
         lines.extend(self.report.errors.iter().map(|error| format!("drive     {}", drive_error_text(error, self.rig))));
+        lines.extend(self.report.segment.iter().map(|finding| format!("segment   {finding}")));
         lines.extend(counted_text(&self.report.counted, self.report.foreign_downloads));
         if self.report.held_s > 0.0 {
             let by =

@@ -142,6 +142,9 @@ fn inject(fault: Fault, bench: &mut Bench) -> Outputs {
         Fault::TransmitStalled => bench.link.transmit_stalled = DeviceSet::interface(1),
         Fault::ErrorPassive => bench.link.error_passive = DeviceSet::interface(1),
         Fault::BusOff => bench.link.bus_off = DeviceSet::interface(1),
+        Fault::DeviceState => bench.link.device_state = DeviceSet::RIGHT_DRIVE,
+        Fault::ClockLost => bench.link.clock_lost = DeviceSet::LEFT_DRIVE,
+        Fault::PortErrors => bench.link.port_errors = DeviceSet::RIGHT_DRIVE | DeviceSet::SENSOR,
         Fault::CyclePanicked => unreachable!("not seen in the cycle"),
     }
     let outputs = bench.step(request);
@@ -200,7 +203,7 @@ fn every_fault_of_the_table_can_be_injected_and_reacts() {
 fn the_reaction_leaves_within_its_bound() {
     use State::*;
     // Cycles from the first observable one to the state, itself included. Bounds of the fault table.
-    let bounds: [(Fault, State, usize); 35] = [
+    let bounds: [(Fault, State, usize); 38] = [
         (Fault::StopRequested, Stopping, 1),
         (Fault::SensorInvalid, Holding, 1),
         (Fault::SensorInvalid, Stopping, 3),
@@ -236,6 +239,9 @@ fn the_reaction_leaves_within_its_bound() {
         (Fault::ErrorPassive, Lost, 5),
         (Fault::BusOff, Lost, 1),
         (Fault::LinkDown, Lost, 1),
+        (Fault::DeviceState, Lost, 1),
+        (Fault::ClockLost, Lost, 1),
+        (Fault::PortErrors, Lost, 2),
     ];
     for (fault, state, cycles) in bounds {
         let mut bench = prepared(fault);

@@ -56,7 +56,7 @@ pub enum Fault {
     EnergyLimit,
     /// The reference swings to and fro under the hand.
     Chatter,
-    /// A drive's process data did not arrive in this cycle.
+    /// A drive's process data did not arrive in this cycle, or it did not take its own of the one before.
     PdoMissed,
     /// A process data frame had the wrong length.
     PdoLength,
@@ -122,11 +122,17 @@ pub enum Fault {
     BusOff,
     /// Own frames could not be sent, or the interface is down.
     LinkDown,
+    /// A device of an EtherCAT segment left OP.
+    DeviceState,
+    /// The reference clock of a segment, or the clock of a device, is away from the grid of the cycles.
+    ClockLost,
+    /// A port of a device of a segment counts errors, or has lost its link.
+    PortErrors,
 }
 
 impl Fault {
     /// Number of faults.
-    pub const COUNT: usize = Fault::LinkDown as usize + 1;
+    pub const COUNT: usize = Fault::PortErrors as usize + 1;
 
     /// The row of [`TABLE`] that describes this fault.
     ///

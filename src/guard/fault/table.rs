@@ -160,9 +160,9 @@ pub const TABLE: [Row; Fault::COUNT] = [
         Bus,
         [in_a_row(2, Freeze), in_a_row(5, QuickStop)],
         Stopped,
-        "a drive's process data did not arrive",
+        "a drive's process data did not arrive, or (EtherCAT) it did not take those sent to it",
         "bus load too high for the cycle, or a loose cable",
-        "compare the bus load with the cycle; check cable and termination"
+        "compare the bus load with the cycle; check the cable, on CAN its termination"
     ),
     row!(
         PdoLength,
@@ -483,6 +483,37 @@ pub const TABLE: [Row; Fault::COUNT] = [
         "frames cannot be sent",
         "the interface is down or was unplugged",
         "check interface and cable, then restart"
+    ),
+    row!(
+        DeviceState,
+        "device-state",
+        Bus,
+        [once(QuickStop)],
+        Lost,
+        "a device of the segment left OP",
+        "outputs or SYNC0 did not reach it in time, or an error of its own; its AL status code says which",
+        "mend what its AL status code names (`yieldwall explain CODE`), then restart"
+    ),
+    row!(
+        ClockLost,
+        "clock-lost",
+        Bus,
+        [Step { rate: InARow(1), reaction: QuickStop, bound: Cycles(3) }],
+        Lost,
+        "the reference clock of the segment, or a device's clock, is more than 5 % of a period beside the cycles",
+        "a device restarted or its clock jumped, or this computer stood still for long",
+        "look at the device's supply and at the other faults of this computer, then restart"
+    ),
+    // A lost link is seen in every cycle, a counter in the one in which it was read.
+    row!(
+        PortErrors,
+        "port-errors",
+        Bus,
+        [once(Count), within(10, 1000, StopRamp), in_a_row(2, QuickStop)],
+        Lost,
+        "a port of a device counts damaged frames, or (2 cycles in a row) has lost its link",
+        "a loose, damaged or pulled cable, or a device that is off",
+        "look at the cable at the port that is named, then restart"
     ),
 ];
 

@@ -79,10 +79,13 @@ mod tests {
     ];
 
     /// Faults that no injection brings about, and the test that does.
-    const NOT_INJECTED: [(F, &str); 3] = [
+    const NOT_INJECTED: [(F, &str); 6] = [
         (F::NotFinite, "cycle::tests: a defect of this program, fed at the cycle's inputs"),
         (F::WorkspaceLeft, "cycle::tests: the loops hold the arm at the edge, so that it is put beyond it"),
         (F::EnergyLimit, "report::run::energy_tests: a virtual mass that is too small for its hand"),
+        (F::DeviceState, "bus::ethercat::tests::master: what an injection into a segment leads to is up to its master"),
+        (F::ClockLost, "bus::ethercat::tests::master"),
+        (F::PortErrors, "bus::ethercat::tests::master"),
     ];
 
     #[test]

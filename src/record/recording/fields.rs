@@ -130,6 +130,10 @@ fn inputs<V: Visitor>(record: &mut CycleRecord, v: &mut V) {
         error_passive,
         bus_off,
         send_failed,
+        outputs_missed,
+        device_state,
+        clock_lost,
+        port_errors,
     } = link;
     v.visit(field("link_bad_length", "", "a process data frame had the wrong length"), bad_length);
     v.visit(field("link_duplicated", "", "a process data frame came twice"), duplicated);
@@ -144,6 +148,13 @@ fn inputs<V: Visitor>(record: &mut CycleRecord, v: &mut V) {
     v.visit(field("link_error_passive", "", "these interfaces are error-passive"), error_passive);
     v.visit(field("link_bus_off", "", "these interfaces are bus-off"), bus_off);
     v.visit(field("link_send_failed", "", "own frames could not be sent over these interfaces"), send_failed);
+    v.visit(field("link_outputs_missed", "", "these drives did not take their outputs"), outputs_missed);
+    v.visit(field("link_device_state", "", "these devices of a segment left OP"), device_state);
+    v.visit(field("link_clock_lost", "", "the clocks of these devices are not with the cycles"), clock_lost);
+    v.visit(
+        field("link_port_errors", "", "a port counts errors, or these devices are behind one without a link"),
+        port_errors,
+    );
     let Timing { sync_late_ns, compute_late_ns, last_compute_ns, skipped, suspended } = timing;
     v.visit(
         field("sync_late_ns", "ns", "frames were taken and SYNC was sent, after the planned moment of SYNC"),

@@ -105,6 +105,18 @@ fn a_clock_that_jumps_is_lost_within_cycles() {
         let cycles = cycles.count();
         eprintln!("device {place}: noticed after {cycles} cycles");
         assert!(cycles < 50, "device {place}: {cycles}");
+        let link = bench.cycle(&REST).link;
+        let found = bench.network.findings();
+        if place == 0 {
+            assert!(link.clock_lost.contains(DeviceSet::DRIVES | DeviceSet::SENSOR));
+            assert!(
+                found[0].starts_with("the cycles were") && found[0].ends_with("us beside the reference clock"),
+                "{found:?}"
+            );
+        } else {
+            assert_eq!(link.clock_lost, DeviceSet::RIGHT_DRIVE);
+            assert!(found[0].starts_with("the clock of right (position 1) was"), "{found:?}");
+        }
     }
 }
 
@@ -156,13 +168,15 @@ fn an_emergency_is_told_with_its_device_and_moment() {
     for _ in 0..60 {
         let link = bench.cycle(&REST).link;
         events.emergency |= link.emergency;
-        events.heartbeat_lost |= link.heartbeat_lost;
+        events.device_state |= link.device_state;
     }
-    assert_eq!((events.emergency, events.heartbeat_lost), (DeviceSet::LEFT_DRIVE, DeviceSet::LEFT_DRIVE));
-    let told: Vec<_> = bench.network.told().map(|told| (told.device, told.emergency.code)).collect();
+    assert_eq!((events.emergency, events.device_state), (DeviceSet::LEFT_DRIVE, DeviceSet::LEFT_DRIVE));
+    let told: Vec<_> = bench.network.told().map(|told| (told.device, told.code.0)).collect();
     assert_eq!(told, [(Device::RightDrive, 0x3210), (Device::LeftDrive, 0x8250)]);
     let (status, code) = bench.network.al_status(Device::LeftDrive).unwrap();
     assert_eq!((status.to_string(), code), ("SAFE-OP+ERR".to_owned(), AlStatusCode::SYNC_ERROR));
+    let found = bench.network.findings();
+    assert!(found[0].starts_with("left (position 0) left OP: SAFE-OP+ERR, AL status code 001Ah"), "{found:?}");
 }
 
 #[test]

@@ -65,6 +65,27 @@ fn a_device_that_is_silent_is_named_by_its_counter_and_the_others_are_heard() {
     // The last output frame is not back yet.
     assert_eq!(bench.network.missed(Device::RightDrive), Some((10, 9)));
     assert_eq!(bench.network.missed(Device::LeftDrive), Some((0, 0)));
+    assert_eq!(bench.cycle(&REST).link, LinkEvents { outputs_missed: DeviceSet::RIGHT_DRIVE, ..LinkEvents::default() });
+    assert_eq!(bench.network.findings(), ["right (position 1): inputs missing in 11 cycles, outputs not taken in 10"]);
+}
+
+#[test]
+fn a_port_that_counts_damaged_frames_is_named_and_told_once_for_each() {
+    let mut bench = Bench::usual();
+    bench.start().unwrap();
+    bench.cycles(20, &REST);
+    for port in [0, 1, 1] {
+        bench.segment.controller_mut(1).unwrap().count_receive_error(port);
+        let told: Vec<_> = (0..12).map(|_| bench.cycle(&REST).link.port_errors).filter(|set| !set.is_empty()).collect();
+        assert_eq!(told, [DeviceSet::RIGHT_DRIVE]);
+    }
+    assert_eq!(
+        bench.network.findings(),
+        [
+            "port 0 of right (position 1) counted 1 damaged frames",
+            "port 1 of right (position 1) counted 2 damaged frames"
+        ]
+    );
 }
 
 #[test]
@@ -77,13 +98,29 @@ fn a_pulled_cable_leaves_the_rest_and_nothing_goes_to_op_by_itself() {
     assert!(
         arrived.drives[0].statusword.is_some() && arrived.drives[1].statusword.is_none() && arrived.sample.is_none()
     );
-    bench.cycles(20, &REST);
+    let cut = DeviceSet::RIGHT_DRIVE | DeviceSet::SENSOR;
+    assert_eq!(bench.cycle(&REST).link.port_errors, cut, "in the next cycle, and from then on");
+    assert_eq!(
+        bench.network.findings()[0],
+        "the link at port 1 of left (position 0) was lost; behind it: right (position 1), force sensor (position 2)"
+    );
+    for _ in 0..20 {
+        assert_eq!(bench.cycle(&REST).link.port_errors, cut);
+    }
     assert_eq!((bench.al(0), bench.al(1), bench.al(2)), ("OP".into(), "SAFE-OP+ERR".into(), "SAFE-OP+ERR".into()));
     bench.segment.set_cable(1, true);
     let mut left = DeviceSet::NONE;
-    (0..50).for_each(|_| left |= bench.cycle(&REST).link.heartbeat_lost);
-    assert_eq!(left, DeviceSet::RIGHT_DRIVE | DeviceSet::SENSOR);
+    for _ in 0..50 {
+        let link = bench.cycle(&REST).link;
+        left |= link.device_state;
+        assert_eq!(link.port_errors, cut, "until a person starts the network anew");
+    }
+    assert_eq!(left, cut);
     assert_eq!((bench.al(1), bench.al(2)), ("SAFE-OP+ERR".into(), "SAFE-OP+ERR".into()));
+    bench.next_open = Time::NEVER;
+    assert_eq!(bench.start(), Ok(()), "by identity");
+    assert_eq!(bench.cycle(&REST).link, LinkEvents::default());
+    assert_eq!(bench.network.findings(), [""; 0]);
 }
 
 #[test]

@@ -5,7 +5,7 @@ use crate::bus::Master;
 use crate::canopen::Frame;
 use crate::cycle::Timing;
 use crate::cycle::tests::position_cycle;
-use crate::guard::{Fault, Request, State};
+use crate::guard::{Cause, Fault, Request, State};
 use yieldwall_drives::cia402;
 
 /// A master and a segment.
@@ -20,6 +20,8 @@ struct Rig {
     /// What becomes of frames, if not all pass.
     fate: Option<Box<dyn FnMut() -> Fate>>,
     late: Vec<Vec<u8>>,
+    /// The drive whose working counter of outputs is taken back.
+    skips_outputs_of: Option<usize>,
     /// Controlwords of the last output frame.
     words: [u16; 2],
 }
@@ -44,6 +46,7 @@ impl Rig {
             loses: false,
             fate: None,
             late: Vec::new(),
+            skips_outputs_of: None,
             words: [0; 2],
         };
         rig.master.start(rig.now, &mut rig.can);
@@ -69,7 +72,12 @@ impl Rig {
                     self.words = [26, 44].map(|at| crate::ethercat::u16_at(&bytes, at));
                 }
                 let fate = self.fate.as_mut().map_or(Fate::Passes, |fate| fate());
+                let is_output = bytes[16] == Command::Lwr as u8;
                 let back = self.segment.process(self.now, &mut bytes);
+                if let Some(place) = self.skips_outputs_of.filter(|_| is_output) {
+                    // Behind 6 bytes of each drive.
+                    bytes[32 + 18 * place] = 0;
+                }
                 let Some(back) = back.filter(|_| !self.loses) else { continue };
                 self.now = self.now.max(back);
                 match fate {
@@ -167,12 +175,43 @@ fn a_device_that_leaves_op_and_a_clock_that_jumps_stop_both_axes() {
             place => rig.segment.controller_mut(place - 1).unwrap().jump_clock(now, 100_000),
         }
         let state = rig.cycles(60);
-        assert!(state.is_latched(), "{what}: {state:?}");
+        assert_eq!(
+            (state, rig.fault()),
+            (State::Lost, Some([Fault::DeviceState, Fault::ClockLost][what.min(1)])),
+            "{what}"
+        );
         assert!(rig.drives().iter().all(|state| *state != cia402::State::OperationEnabled), "{what}");
         // Nothing is enabled again by itself.
         let state = rig.cycles(2000);
         assert!(state.is_latched() && rig.drives().iter().all(|state| *state != cia402::State::OperationEnabled));
     }
+}
+
+#[test]
+fn a_pulled_cable_and_outputs_that_are_not_taken_stop_both_axes() {
+    let mut rig = Rig::running();
+    rig.segment.set_cable(1, false);
+    // Seen missing, asked for the ports, and the second cycle in a row in which the link is not there.
+    let states: Vec<State> = (0..4).map(|_| rig.cycle(Request::None)).collect();
+    assert_eq!(states, [State::Running, State::Holding, State::Lost, State::Lost]);
+    let cause = Cause { fault: Fault::PortErrors, devices: DeviceSet::RIGHT_DRIVE | DeviceSet::SENSOR };
+    assert_eq!(rig.master.cause(), Some(cause));
+    assert!(rig.master.segment_findings()[0].starts_with("the link at port 1 of left (position 0) was lost"));
+    rig.segment.set_cable(1, true);
+    // A person who asks for it does not get it before the network was started anew.
+    rig.cycles(100);
+    rig.cycle(Request::Reset);
+    rig.cycle(Request::Enable);
+    assert_ne!(rig.cycles(50), State::Running);
+    assert!(rig.drives().iter().all(|state| *state != cia402::State::OperationEnabled));
+
+    // A device that has an error takes no outputs, whatever it says of its state.
+    let mut rig = Rig::running();
+    rig.skips_outputs_of = Some(1);
+    let states: Vec<State> = (0..7).map(|_| rig.cycle(Request::None)).collect();
+    assert_eq!((states[2], states[6]), (State::Holding, State::Stopped), "{states:?}");
+    let cause = Cause { fault: Fault::PdoMissed, devices: DeviceSet::RIGHT_DRIVE };
+    assert_eq!(rig.master.cause(), Some(cause));
 }
 
 #[test]

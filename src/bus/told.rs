@@ -1,0 +1,48 @@
+//! What devices have told of themselves by emergency messages, over whatever bus.
+
+use crate::canopen::{EmcyCode, ErrorRegister};
+use crate::guard::Device;
+use crate::time::Time;
+
+/// Emergencies that are remembered.
+const EMERGENCIES: usize = 8;
+
+/// What a device has told by an emergency message.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Told {
+    /// When the message came.
+    pub time: Time,
+    /// The device. Its address alone does not tell which: each bus has its own.
+    pub device: Device,
+    /// Error code.
+    pub code: EmcyCode,
+    /// Error register 1001h at that moment.
+    pub register: ErrorRegister,
+    /// Vendor specific bytes.
+    pub vendor: [u8; 5],
+}
+
+/// What the devices told last: a ring, and where the next one goes.
+#[derive(Clone, Debug, Default)]
+pub(super) struct LastTold {
+    ring: [Option<Told>; EMERGENCIES],
+    next: usize,
+}
+
+impl LastTold {
+    /// Remembers a message in place of the oldest one.
+    ///
+    /// Real-time: yes.
+    pub(super) fn note(&mut self, told: Told) {
+        if let Some(place) = self.ring.get_mut(self.next) {
+            *place = Some(told);
+        }
+        self.next = (self.next + 1) % EMERGENCIES;
+    }
+
+    /// The last eight, the oldest first.
+    pub(super) fn iter(&self) -> impl Iterator<Item = Told> {
+        let (newer, older) = self.ring.split_at(self.next);
+        older.iter().chain(newer).copied().flatten()
+    }
+}
