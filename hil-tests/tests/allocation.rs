@@ -18,9 +18,10 @@ use yieldwall::canopen::{Frame, Outbox};
 use yieldwall::cycle::{Cycle, DriveSample, Inputs, LinkEvents, Timing};
 use yieldwall::elementary;
 use yieldwall::ethercat::AlStatusCode;
-use yieldwall::guard::{DeviceSet, Request, State};
+use yieldwall::guard::{Device, DeviceSet, Request, State};
 use yieldwall::injection::{Injection, Kind};
 use yieldwall::link::{Arrival, CanLink, SendError, Wires};
+use yieldwall::objects::{Address, ObjectAnswer, ObjectRequest};
 use yieldwall::record::CycleRecord;
 use yieldwall::record::recording::{Backpressure, Feed, Sink};
 use yieldwall::rig::{DeviceServer, EmbeddedRig};
@@ -308,12 +309,29 @@ fn the_segment_does_not_allocate() {
     assert_eq!(status.as_deref(), Some("SAFE-OP+ERR"));
 }
 
-/// The master of a segment: input frame, output frame and what is asked beside them, through a device that leaves OP and one that is silent.
+/// The master of a segment: input frame, output frame and what is asked beside them, objects too, through a device that leaves OP and one that
+/// is silent.
 fn the_master_of_a_segment_does_not_allocate() {
     let mut bench = Mastered::operational();
     let before = bench.network.counts().returned;
+    // Four bytes, 278 in segments, and one that is written.
+    let limit = [0x2c, 1];
+    let asked = [
+        (Device::LeftDrive, ObjectRequest::Read(Address::new(0x6072, 0))),
+        (Device::Sensor, ObjectRequest::Read(Address::new(0x2041, 0))),
+        (Device::RightDrive, ObjectRequest::Write(Address::new(0x6072, 0), &limit)),
+    ];
+    let mut answered = [0; 3];
     let count = calls(|| {
-        (0..20_000).for_each(|_| bench.step());
+        for _ in 0..20_000 {
+            bench.step();
+            for ((device, request), answered) in asked.into_iter().zip(&mut answered) {
+                if bench.network.answer(device) != ObjectAnswer::Pending {
+                    *answered += u32::from(matches!(bench.network.answer(device), ObjectAnswer::Done(_)));
+                    bench.network.ask(bench.now, device, request).unwrap_or_default();
+                }
+            }
+        }
         bench
             .segment
             .controllers_mut()
@@ -323,6 +341,7 @@ fn the_master_of_a_segment_does_not_allocate() {
         bench.segment.controllers_mut().for_each(|controller| controller.set_silent(true));
         (0..2000).for_each(|_| bench.step());
     });
+    assert!(answered.iter().all(|count| *count > 20), "{answered:?}");
     assert!(bench.network.counts().returned > before + 2000, "{:?}", bench.network.counts());
     assert_eq!(count, 0, "calls of the allocator of the master of an EtherCAT segment");
 }

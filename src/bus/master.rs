@@ -217,7 +217,9 @@ impl Master {
 
     /// What the boot waits for; of several devices the one that is given up first. Nothing when there is no boot.
     pub fn waiting(&self, now: Time) -> Option<Waiting<'_>> {
-        self.can.as_ref()?.waiting(now)
+        let can = self.can.as_ref().and_then(|can| can.waiting(now));
+        let segment = self.segment.as_ref().and_then(|segment| segment.waiting(now));
+        can.into_iter().chain(segment).min_by_key(|waiting| waiting.left)
     }
 
     /// Begins to read or to write an object of a device; how that ends is told by [`Master::answer`]. A device is asked one thing at a time,

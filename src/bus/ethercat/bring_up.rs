@@ -12,12 +12,13 @@
 use std::time::Duration;
 
 use super::failure::{SegmentFailure, SegmentSign};
-use super::flight::Purpose;
+use super::flight::{FRAME_WAIT, Purpose};
 use super::ports::PortWatch;
 use super::station::{FIRST_STATION, Station};
 use super::topology::{Ports, delays};
 use super::writes::{self, Write};
 use super::{Ask, Asked, EthercatNetwork, EthernetOutbox, service_address};
+use crate::bus::Waiting;
 use crate::bus::error::BootFailure;
 use crate::bus::phase::Phase;
 use crate::ethercat::frame::{Command, address};
@@ -70,6 +71,7 @@ enum Task {
     Times,
     Clocks,
     Exchange,
+    Sync0,
     Reference,
 }
 
@@ -91,13 +93,23 @@ impl Task {
             Task::Latch | Task::Times => "measure the delay to it",
             Task::Clocks => "set its clock",
             Task::Exchange => "set up its process data",
+            Task::Sync0 => "set up SYNC0",
             Task::Reference => "read the reference clock",
         }
     }
 
     /// Whether the place of the task is that of a device of the rig; otherwise it is a position on the segment.
     fn is_of_station(self) -> bool {
-        matches!(self, Task::State(_) | Task::Sii | Task::Identify | Task::Mailboxes | Task::Objects | Task::Exchange)
+        matches!(
+            self,
+            Task::State(_)
+                | Task::Sii
+                | Task::Identify
+                | Task::Mailboxes
+                | Task::Objects
+                | Task::Exchange
+                | Task::Sync0
+        )
     }
 }
 
@@ -128,7 +140,10 @@ pub(super) struct BringUp {
     image: Vec<u8>,
     writes: Vec<Write>,
     is_reading_back: bool,
-    system_time_ns: u64,
+    /// Moment of system time at which SYNC0 comes first.
+    sync0_from_ns: u64,
+    /// How often SYNC0 was set up too late.
+    sync0_tries: u8,
     /// When the present datagram was sent.
     sent: Time,
     /// Whether an object was asked for whose answer has not been looked at.
@@ -150,7 +165,8 @@ impl BringUp {
             image: Vec::new(),
             writes: Vec::new(),
             is_reading_back: false,
-            system_time_ns: 0,
+            sync0_from_ns: 0,
+            sync0_tries: 0,
             sent: Time(0),
             has_asked: false,
         }
@@ -187,7 +203,8 @@ impl BringUp {
         self.tasks.extend((0..devices).map(|place| (Task::Times, place)));
         self.tasks.extend((0..devices).map(|place| (Task::Clocks, place)));
         for place in 0..stations {
-            self.tasks.extend([Task::Exchange, Task::State(AlState::SafeOperational)].map(|task| (task, place)));
+            let all = [Task::Exchange, Task::Sync0, Task::State(AlState::SafeOperational)];
+            self.tasks.extend(all.map(|task| (task, place)));
         }
         self.tasks.push((Task::Reference, 0));
     }
@@ -245,6 +262,29 @@ impl EthercatNetwork {
                 }
             }
         }
+    }
+
+    /// What is waited for; nothing when nothing is.
+    pub(in crate::bus) fn waiting(&self, now: Time) -> Option<Waiting<'_>> {
+        let waited = now.since(self.phase_since);
+        if self.phase == Phase::Starting {
+            let (step, most) = self.starting();
+            return Some(Waiting { node_id: None, name: "master", step, waited, left: most.saturating_sub(waited) });
+        }
+        let (task, place) = self.bring_up.task().filter(|_| self.phase == Phase::Configuring)?;
+        let station = self.stations.get(place).filter(|_| task.is_of_station());
+        let step = match (task, station) {
+            (Task::Objects, Some(station)) => station.script.doing(),
+            _ => task.doing(),
+        };
+        // A datagram that does not come back is given up after so long.
+        let most = match (task, station) {
+            (Task::State(_), Some(station)) => station.setup.waits.start,
+            (Task::Objects, Some(station)) => station.setup.waits.sdo,
+            _ => FRAME_WAIT * TRIES.into(),
+        };
+        let name = station.map_or("master", |station| &station.setup.name);
+        Some(Waiting { node_id: None, name, step, waited, left: (self.bring_up.since + most).since(now) })
     }
 
     fn fail_task(&mut self, now: Time, task: Task, place: usize, failure: BootFailure) {
@@ -324,9 +364,13 @@ impl EthercatNetwork {
                     Ok(None)
                 }
             },
-            Task::State(_) | Task::Sii | Task::Identify | Task::Mailboxes | Task::Objects | Task::Exchange => {
-                self.next_ask_of_station(now, task, place)
-            }
+            Task::State(_)
+            | Task::Sii
+            | Task::Identify
+            | Task::Mailboxes
+            | Task::Objects
+            | Task::Exchange
+            | Task::Sync0 => self.next_ask_of_station(now, task, place),
         }
     }
 
@@ -372,19 +416,23 @@ impl EthercatNetwork {
                 if self.bring_up.writes.is_empty() {
                     let node =
                         self.bring_up.nodes.get(usize::from(station.setup.position)).copied().unwrap_or_default();
-                    if self.bring_up.system_time_ns == 0 && station.is_synchronous() {
-                        if !node.ports.has_clock {
-                            return Err(SegmentFailure::NoClock.into());
-                        }
-                        buffer.iter_mut().take(8).for_each(|byte| *byte = 0);
-                        return Ok(Some(Ask::new(Command::Fprd, at(register::DC_SYSTEM_TIME), 8)));
+                    if station.is_synchronous() && !node.ports.has_clock {
+                        return Err(SegmentFailure::NoClock.into());
                     }
-                    let (fmmus, managers) = (node.fmmus, node.sync_managers);
-                    let time_ns = self.bring_up.system_time_ns;
-                    self.bring_up.writes = writes::exchange(station, fmmus, managers, self.period, time_ns)?;
+                    self.bring_up.writes = writes::exchange(station, node.fmmus, node.sync_managers, self.period)?;
                 }
                 Ok(self.bring_up.write(station.address, buffer))
             }
+            Task::Sync0 if !station.is_synchronous() => {
+                self.bring_up.finish(now);
+                Ok(None)
+            }
+            // What time it is before, and whether it has come to be too late.
+            Task::Sync0 if self.bring_up.progress >= self.bring_up.writes.len() => {
+                buffer.iter_mut().take(8).for_each(|byte| *byte = 0);
+                Ok(Some(Ask::new(Command::Fprd, at(register::DC_SYSTEM_TIME), 8)))
+            }
+            Task::Sync0 => Ok(self.bring_up.write(station.address, buffer)),
             _ => Ok(None),
         }
     }
@@ -527,12 +575,26 @@ impl EthercatNetwork {
                 }
                 self.bring_up.finish(now);
             }
-            Task::Exchange if self.bring_up.writes.is_empty() => {
-                self.bring_up.system_time_ns = u64::from_le_bytes(array(data, 0)).max(1);
+            Task::Sync0 if self.bring_up.progress >= self.bring_up.writes.len() => {
+                let time_ns = u64::from_le_bytes(array(data, 0));
+                let is_set_up = !self.bring_up.writes.is_empty();
+                if is_set_up && time_ns < self.bring_up.sync0_from_ns {
+                    self.bring_up.sync0_tries = 0;
+                    self.bring_up.finish(now);
+                    return Ok(());
+                }
+                self.bring_up.sync0_tries += u8::from(is_set_up);
+                if self.bring_up.sync0_tries >= TRIES {
+                    return Err(SegmentFailure::Sync0Late { tries: TRIES }.into());
+                }
+                (self.bring_up.writes, self.bring_up.sync0_from_ns) = writes::sync0(self.period, time_ns);
+                self.bring_up.progress = 0;
+            }
+            Task::Sync0 => {
+                self.bring_up.on_write(data)?;
             }
             Task::Mailboxes | Task::Clocks | Task::Exchange => {
                 if self.bring_up.on_write(data)? {
-                    self.bring_up.system_time_ns = 0;
                     self.bring_up.finish(now);
                 }
             }
@@ -695,7 +757,7 @@ fn register_of(task: Task) -> u16 {
         Task::Sii => register::SII_CONTROL,
         Task::Describe => register::TYPE,
         Task::Times | Task::Latch => register::DC_RECEIVE_TIME,
-        Task::Reference | Task::Exchange => register::DC_SYSTEM_TIME,
+        Task::Reference | Task::Sync0 => register::DC_SYSTEM_TIME,
         _ => register::AL_STATUS,
     }
 }

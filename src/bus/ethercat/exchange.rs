@@ -23,6 +23,9 @@ use crate::time::Time;
 
 /// Bytes from AL status to AL status code.
 pub(super) const STATUS_LEN: usize = 6;
+/// What is waited for on the way to OP.
+const CLOCKS: &str = "bring the clocks together";
+const TO_OP: &str = "go to OP";
 /// How long the clocks may take to come together.
 const SETTLING: Duration = Duration::from_secs(10);
 /// What drives are sent that nobody has enabled: nothing that brings them nearer to it.
@@ -376,13 +379,22 @@ impl EthercatNetwork {
         }
     }
 
+    /// What the devices are waited for in SAFE-OP, and for how long at most since the phase or the request began.
+    pub(super) fn starting(&self) -> (&'static str, Duration) {
+        if self.grid.is_asking {
+            let waits = self.stations.iter().map(|station| station.setup.waits.start);
+            (TO_OP, waits.max().unwrap_or_default())
+        } else {
+            (CLOCKS, SETTLING)
+        }
+    }
+
     /// From SAFE-OP to OP: when the clocks are together, each device is asked, and then each has to be there.
     fn watch_start(&mut self, now: Time) {
         if self.phase != Phase::Starting {
             return;
         }
         let waited = now.since(self.phase_since);
-        const TO_OP: &str = "go to OP";
         let wanted = if self.grid.is_asking {
             [AlState::SafeOperational, AlState::Operational]
         } else {
@@ -411,7 +423,7 @@ impl EthercatNetwork {
             } else if waited >= SETTLING {
                 let error_ns = worst.max(self.servo.last_ns().abs());
                 let failure = SegmentFailure::Unsettled { error_ns, waited_ms: waited.as_millis() as u64 };
-                self.fail(now, "master", "bring the clocks together", failure);
+                self.fail(now, "master", CLOCKS, failure);
             }
             return;
         }

@@ -169,6 +169,15 @@ pub enum SegmentFailure {
     /// The device has no clock for SYNC0.
     #[error("it has no distributed clock of 64 bits, which `sync0` needs: have its outputs act on arrival")]
     NoClock,
+    /// SYNC0 was not set up in time.
+    #[error(
+        "SYNC0 was set up {tries} times and each time too late: frames are lost or this computer stands still, so look at the cable and run on a \
+         computer that wakes up in time"
+    )]
+    Sync0Late {
+        /// How often it was tried.
+        tries: u8,
+    },
     /// The ports of the devices do not make a tree.
     #[error(
         "the ports of the device at position {position} (register 0110h: {links:04X}h) do not fit those before it: frames have to come \

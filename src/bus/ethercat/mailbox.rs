@@ -10,12 +10,12 @@
 //! once more by the repeat bit of sync manager 1.
 
 use super::{Ask, service_address};
-use crate::ethercat::SyncManager;
 use crate::ethercat::coe::{CoeAnswer, CoeClient, CoeEmergency, CoeRequest, Heard};
 use crate::ethercat::frame::Command;
 use crate::ethercat::mailbox::{self as wire, Counter, MailboxError, Protocol};
 use crate::ethercat::registers as register;
 use crate::ethercat::sii::MailboxArea;
+use crate::ethercat::{EthercatError, SyncManager};
 use crate::objects::{AbortCode, ObjectAnswer, ObjectError, ObjectRequest};
 use crate::time::Time;
 use std::time::Duration;
@@ -26,6 +26,8 @@ const ACTIVATE: u16 = register::SYNC_MANAGER + (SyncManager::SIZE + SyncManager:
 /// Time between two looks for an answer, and for what a device says by itself.
 const LOOK_FOR_ANSWER: Duration = Duration::from_micros(200);
 const LOOK_FOR_EMERGENCY: Duration = Duration::from_millis(20);
+/// Most bytes of a value that is read or written.
+const MOST_VALUE: usize = 4096;
 /// Looks for a repeated message before the device is taken for one that cannot repeat.
 const REPEATED_LOOKS: u8 = 100;
 
@@ -47,7 +49,6 @@ enum Step {
 #[derive(Clone, Debug)]
 pub(super) struct Mailbox {
     station: u16,
-    timeout: Duration,
     to_device: MailboxArea,
     from_device: MailboxArea,
     client: CoeClient,
@@ -74,10 +75,9 @@ impl Mailbox {
     pub(super) fn new(station: u16, timeout: Duration) -> Self {
         Mailbox {
             station,
-            timeout,
             to_device: MailboxArea::default(),
             from_device: MailboxArea::default(),
-            client: CoeClient::new(timeout),
+            client: CoeClient::within(MOST_VALUE, timeout),
             counter: Counter::FIRST,
             heard: 0,
             outgoing: Vec::new(),
@@ -105,7 +105,8 @@ impl Mailbox {
     /// Asks the device something.
     ///
     /// # Errors
-    /// [`ObjectError::Busy`] while the last request runs, [`ObjectError::NoObjects`] without a mailbox.
+    /// [`ObjectError::Busy`] while the last request runs, [`ObjectError::NoObjects`] without a mailbox, [`ObjectError::TooLong`] for a value of
+    /// more than 4096 bytes.
     pub(super) fn ask(&mut self, now: Time, request: ObjectRequest<'_>) -> Result<(), ObjectError> {
         if usize::from(self.to_device.len) < wire::SHORTEST {
             return Err(ObjectError::NoObjects);
@@ -116,7 +117,10 @@ impl Mailbox {
             ObjectRequest::Write(at, data) => CoeRequest::Write { at, complete, data },
         };
         self.refused = None;
-        self.client.start(now, request).map_err(|_| ObjectError::Busy)
+        self.client.start(now, request).map_err(|error| match error {
+            EthercatError::Full { len, .. } => ObjectError::TooLong(len),
+            _ => ObjectError::Busy,
+        })
     }
 
     /// How the last request has ended.
@@ -135,7 +139,8 @@ impl Mailbox {
 
     /// Forgets what was asked last.
     pub(super) fn forget(&mut self) {
-        self.client = CoeClient::new(self.timeout);
+        self.client.give_up(ObjectError::NoAnswer);
+        self.client.forget();
     }
 
     /// Why the device refused the last message, if it did.
@@ -225,7 +230,7 @@ impl Mailbox {
 
     /// The last datagram has come back; an emergency, if it has brought one.
     ///
-    /// Real-time: yes, but that the value of an object that was asked for is kept on the heap.
+    /// Real-time: yes.
     pub(super) fn on_reply(&mut self, now: Time, data: &[u8], working_counter: u16) -> Option<CoeEmergency> {
         let is_processed = working_counter > 0;
         let status = data.first().copied().unwrap_or_default();

@@ -68,13 +68,12 @@ pub(super) fn mailboxes(station: &Station) -> Result<Vec<Write>, SegmentFailure>
     ])
 }
 
-/// Sync managers 2 and 3, FMMUs, watchdog and SYNC0.
+/// Sync managers 2 and 3, FMMUs and watchdog.
 pub(super) fn exchange(
     station: &Station,
     fmmus_there: u8,
     managers_there: u8,
     period: Duration,
-    system_time_ns: u64,
 ) -> Result<Vec<Write>, SegmentFailure> {
     const MANAGERS: u8 = 4;
     if managers_there < MANAGERS {
@@ -109,19 +108,21 @@ pub(super) fn exchange(
     let ticks = watched.as_nanos().div_ceil(WATCHDOG_TICK.as_nanos()).clamp(1, u16::MAX.into()) as u16;
     writes.push(compared(register::WATCHDOG_DIVIDER, &WATCHDOG_DIVIDER.to_le_bytes()));
     writes.push(compared(register::WATCHDOG_SYNC_MANAGER, &ticks.to_le_bytes()));
-    if station.is_synchronous() {
-        let period_ns = period.as_nanos().clamp(1, u32::MAX.into()) as u64;
-        let earliest = system_time_ns.saturating_add(SYNC0_AHEAD.as_nanos() as u64);
-        let start = earliest.div_ceil(period_ns).saturating_mul(period_ns);
-        writes.push(compared(register::DC_CYCLIC_CONTROL, &[0, 0]));
-        writes.push(compared(register::DC_SYNC0_CYCLE, &(period_ns as u32).to_le_bytes()));
-        // What is read there is the next pulse.
-        writes.push(Write {
-            register: register::DC_START_TIME,
-            bytes: start.to_le_bytes().to_vec(),
-            is_compared: false,
-        });
-        writes.push(compared(register::DC_ACTIVATION, &[3]));
-    }
     Ok(writes)
+}
+
+/// SYNC0 from a while after a moment of system time on, and the moment at which it then comes first: it has to be switched on before.
+pub(super) fn sync0(period: Duration, system_time_ns: u64) -> (Vec<Write>, u64) {
+    let period_ns = period.as_nanos().clamp(1, u32::MAX.into()) as u64;
+    let earliest = system_time_ns.saturating_add(SYNC0_AHEAD.as_nanos() as u64);
+    let start = earliest.div_ceil(period_ns).saturating_mul(period_ns);
+    let write = |register, bytes: &[u8], is_compared| Write { register, bytes: bytes.to_vec(), is_compared };
+    let writes = vec![
+        write(register::DC_CYCLIC_CONTROL, &[0, 0], true),
+        write(register::DC_SYNC0_CYCLE, &(period_ns as u32).to_le_bytes(), true),
+        // What is read there is the next pulse.
+        write(register::DC_START_TIME, &start.to_le_bytes(), false),
+        write(register::DC_ACTIVATION, &[3], true),
+    ];
+    (writes, start)
 }

@@ -111,6 +111,8 @@ pub struct CoeClient {
     kind: Kind,
     at: Address,
     value: Vec<u8>,
+    /// Most bytes that a value may have.
+    most: usize,
     answer: CoeAnswer,
     timeout: Duration,
     deadline: Time,
@@ -124,26 +126,34 @@ impl CoeClient {
             kind: Kind::Read { complete: false },
             at: Address::new(0, 0),
             value: Vec::new(),
+            most: MOST_BYTES,
             answer: CoeAnswer::Idle,
             timeout,
             deadline: Time::NEVER,
         }
     }
 
+    /// A client whose values have so many bytes at most, for which it has room from the beginning: reading and writing objects does not
+    /// allocate then. A longer value of the device is refused as out of memory.
+    pub fn within(most: usize, timeout: Duration) -> Self {
+        CoeClient { value: Vec::with_capacity(most), most, ..CoeClient::new(timeout) }
+    }
+
     /// Asks something.
     ///
     /// # Errors
-    /// [`EthercatError::Busy`] while a request runs; [`EthercatError::Full`] for a value of more than [`MOST_BYTES`].
+    /// [`EthercatError::Busy`] while a request runs; [`EthercatError::Full`] for a value of more than [`MOST_BYTES`], or than the client has
+    /// room for.
     pub fn start(&mut self, now: Time, request: CoeRequest<'_>) -> Result<(), EthercatError> {
         if self.is_busy() {
             return Err(EthercatError::Busy);
         }
-        self.value.clear();
+        self.forget();
         (self.kind, self.at) = match request {
             CoeRequest::Read { at, complete } => (Kind::Read { complete }, at),
             CoeRequest::Write { at, complete, data } => {
-                if data.len() > MOST_BYTES {
-                    return Err(EthercatError::Full { what: "a value", len: data.len(), room: MOST_BYTES });
+                if data.len() > self.most {
+                    return Err(EthercatError::Full { what: "a value", len: data.len(), room: self.most });
                 }
                 self.value.extend_from_slice(data);
                 (Kind::Write { complete }, at)
@@ -174,6 +184,18 @@ impl CoeClient {
     /// What the last request has led to.
     pub fn answer(&self) -> &CoeAnswer {
         &self.answer
+    }
+
+    /// Forgets what was asked last, if it has ended.
+    pub fn forget(&mut self) {
+        if self.is_busy() {
+            return;
+        }
+        // Its room is used again.
+        if let CoeAnswer::Value(value) = std::mem::replace(&mut self.answer, CoeAnswer::Idle) {
+            self.value = value;
+        }
+        self.value.clear();
     }
 
     /// When to call [`CoeClient::poll`] at the latest.
@@ -276,7 +298,7 @@ impl CoeClient {
                 if at == self.at && matches!(self.kind, Kind::Read { .. }) =>
             {
                 let declared = size as usize;
-                if declared > MOST_BYTES {
+                if declared > self.most {
                     return self.fail(AbortCode::OUT_OF_MEMORY);
                 }
                 self.value.extend_from_slice(data.get(..declared).unwrap_or(data));
@@ -352,7 +374,7 @@ impl CoeClient {
         if is_first && u32::from(u16_at(part.data, 0)) != wanted & 0xffff {
             return false;
         }
-        if self.value.len() + part.data.len() > MOST_BYTES {
+        if self.value.len() + part.data.len() > self.most {
             return self.fail(AbortCode::OUT_OF_MEMORY);
         }
         self.value.extend_from_slice(part.data);

@@ -195,6 +195,35 @@ fn a_network_that_is_left_puts_the_devices_to_pre_op_and_can_be_started_again() 
 }
 
 #[test]
+fn who_looks_on_is_told_what_is_waited_for() {
+    let mut bench = Bench::usual();
+    assert_eq!(bench.network.waiting(bench.now), None);
+    bench.network.start(bench.now, &mut bench.outbox);
+    bench.flush();
+    let mut told: Vec<String> = Vec::new();
+    while *bench.network.phase() != Phase::Operational {
+        let waiting = bench.network.waiting(bench.now).unwrap();
+        assert!(waiting.left <= Duration::from_secs(10));
+        let line = format!("{}: {}", waiting.name, waiting.step);
+        if told.last() != Some(&line) {
+            told.push(line);
+        }
+        let until = bench.now + Duration::from_micros(20);
+        bench.run_until(until);
+    }
+    for line in [
+        "master: look for another master",
+        "left: go to PRE-OP",
+        "right: map the process data",
+        "force sensor: go to SAFE-OP",
+    ] {
+        assert!(told.iter().any(|seen| seen == line), "{line} in {told:#?}");
+    }
+    assert_eq!(told[told.len() - 2..], ["master: bring the clocks together", "master: go to OP"]);
+    assert_eq!(bench.network.waiting(bench.now), None);
+}
+
+#[test]
 fn after_a_master_that_died_the_segment_comes_up() {
     let mut bench = Bench::usual();
     bench.start().unwrap();

@@ -27,6 +27,42 @@ fn bring_up_survives_frames_that_are_lost_late_and_doubled() {
 }
 
 #[test]
+fn sync0_that_was_set_up_too_late_is_set_up_again() {
+    // Half of the frames are lost, and each is waited for: some set-ups take longer than the time to the first pulse.
+    let mut late = 0;
+    for seed in 0..12 {
+        let mut is_lossy = false;
+        let mut bench = Bench::usual();
+        bench.keeps = true;
+        bench.network.start(bench.now, &mut bench.outbox);
+        bench.flush();
+        while matches!(bench.network.phase(), Phase::Configuring) {
+            let is_sync0 = bench.network.waiting(bench.now).is_some_and(|waiting| waiting.step == "set up SYNC0");
+            if is_sync0 != is_lossy {
+                is_lossy = is_sync0;
+                bench.fate = if is_lossy { some(seed, 50, &[Fate::IsLost]) } else { Box::new(|_| Fate::Passes) };
+            }
+            let until = bench.now + Duration::from_micros(5);
+            bench.run_until(until);
+        }
+        bench.fate = Box::new(|_| Fate::Passes);
+        let until = bench.now + Duration::from_secs(10);
+        bench.run_until(until);
+        assert_eq!(bench.network.phase(), &Phase::Operational, "seed {seed}");
+        // Each value of the start time that was written, of two devices.
+        let starts: std::collections::BTreeSet<_> = bench
+            .sent
+            .iter()
+            .filter(|frame| frame[16] == 5 && frame[20..22] == [0x90, 0x09])
+            .map(|frame| frame[18..].to_vec())
+            .collect();
+        late += starts.len() - 2;
+    }
+    eprintln!("{late} times too late");
+    assert!(late > 0);
+}
+
+#[test]
 fn a_late_reply_is_not_the_input_of_another_cycle() {
     let mut bench = Bench::usual();
     bench.start().unwrap();

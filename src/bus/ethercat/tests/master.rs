@@ -49,17 +49,26 @@ impl Rig {
             skips_outputs_of: None,
             words: [0; 2],
         };
-        rig.master.start(rig.now, &mut rig.can);
+        assert!(rig.boot(), "{:?}", rig.master.phase());
+        rig
+    }
+
+    /// Starts the network, anew or for the first time; whether all devices are in OP.
+    fn boot(&mut self) -> bool {
+        self.master.start(self.now, &mut self.can);
         for _ in 0..200_000 {
-            rig.advance(rig.now + Duration::from_micros(20));
-            if *rig.master.phase() == Phase::Operational
-                && let Some(first) = rig.master.take_over_cycles()
-            {
-                rig.next_open = first;
-                return rig;
+            self.advance(self.now + Duration::from_micros(20));
+            match self.master.phase() {
+                Phase::Operational => {}
+                Phase::Failed(_) => return false,
+                _ => continue,
+            }
+            if let Some(first) = self.master.take_over_cycles() {
+                self.next_open = first;
+                return true;
             }
         }
-        panic!("{:?}", rig.master.phase());
+        false
     }
 
     /// Sends what waits, and brings back what comes of it.
@@ -83,6 +92,14 @@ impl Rig {
                 match fate {
                     Fate::IsLost => continue,
                     Fate::IsLate(_) => self.late.push(bytes),
+                    Fate::IsChanged(bits) => {
+                        // Up to four bits behind the addresses: another source is another master.
+                        for part in 0..1 + bits % 4 {
+                            let bit = (bits >> (8 + 12 * part)) as usize % (8 * (bytes.len() - 12));
+                            bytes[12 + bit / 8] ^= 1 << (bit % 8);
+                        }
+                        self.master.on_ethernet(back, &bytes);
+                    }
                     _ => self.master.on_ethernet(back, &bytes),
                 }
                 if fate == Fate::IsDoubled {
@@ -214,38 +231,60 @@ fn a_pulled_cable_and_outputs_that_are_not_taken_stop_both_axes() {
     assert_eq!(rig.master.cause(), Some(cause));
 }
 
+/// So many cycles with 5 % of bad frames: lost, late, doubled, or with bits changed. A person resets and enables after every stop, and boots
+/// the segment anew after one that takes it. How often it stopped, how often it was booted, and how many cycles it was in operation.
+fn with_bad_frames(seed: u64, cycles: u32) -> [u32; 3] {
+    let mut rig = Rig::running();
+    let mut random = numbers(seed);
+    rig.fate = Some(Box::new(move || match (random() >> 8) % 80 {
+        0 => Fate::IsLost,
+        1 => Fate::IsLate(Duration::ZERO),
+        2 => Fate::IsDoubled,
+        3 => Fate::IsChanged(random()),
+        _ => Fate::Passes,
+    }));
+    let [mut stops, mut boots, mut ran] = [0; 3];
+    let mut was_latched = false;
+    for at in 0..cycles {
+        let request = match at % 400 {
+            200 if rig.master.state() == State::Lost || at % 800 == 200 => {
+                // The frames are as bad as before, so that a person may have to try more than once.
+                assert!((0..50).any(|_| rig.boot()), "{:?}", rig.master.phase());
+                boots += 1;
+                was_latched = false;
+                continue;
+            }
+            200 => Request::Reset,
+            300 => Request::Enable,
+            _ => Request::None,
+        };
+        let state = rig.cycle(request);
+        let enables = |word: u16| word & 0x0f == 0x0f;
+        let stops_at_once = |word: u16| word & 0x06 == 0x02;
+        let [left, right] = rig.words;
+        assert!(!(enables(left) && stops_at_once(right)), "seed {seed}, cycle {at}: {left:04x} {right:04x}");
+        assert!(!(enables(right) && stops_at_once(left)), "seed {seed}, cycle {at}: {left:04x} {right:04x}");
+        assert!(!(state.is_latched() && (enables(left) || enables(right))), "seed {seed}, cycle {at}: {state:?}");
+        stops += u32::from(state.is_latched() && !was_latched);
+        ran += u32::from(state == State::Running || state == State::Holding);
+        was_latched = state.is_latched();
+    }
+    println!("seed {seed}: {stops} stops, {boots} boots, {ran} of {cycles} cycles in operation");
+    [stops, boots, ran]
+}
+
 #[test]
 fn with_five_per_cent_of_bad_frames_both_axes_do_the_same_in_the_same_cycle() {
-    let (mut stops, mut ran) = (0, 0);
     for seed in 0..3 {
-        let mut rig = Rig::running();
-        let mut random = numbers(seed);
-        rig.fate = Some(Box::new(move || match (random() >> 8) % 60 {
-            0 => Fate::IsLost,
-            1 => Fate::IsLate(Duration::ZERO),
-            2 => Fate::IsDoubled,
-            _ => Fate::Passes,
-        }));
-        let mut was_latched = false;
-        for at in 0..8000 {
-            // A person who resets and enables after every stop, but not what needs a boot.
-            let request = match at % 400 {
-                200 => Request::Reset,
-                300 => Request::Enable,
-                _ => Request::None,
-            };
-            let state = rig.cycle(request);
-            let enables = |word: u16| word & 0x0f == 0x0f;
-            let stops_at_once = |word: u16| word & 0x06 == 0x02;
-            let [left, right] = rig.words;
-            assert!(!(enables(left) && stops_at_once(right)), "seed {seed}, cycle {at}: {left:04x} {right:04x}");
-            assert!(!(enables(right) && stops_at_once(left)), "seed {seed}, cycle {at}: {left:04x} {right:04x}");
-            stops += u32::from(state.is_latched() && !was_latched);
-            ran += u32::from(state == State::Running || state == State::Holding);
-            was_latched = state.is_latched();
-        }
+        let [stops, boots, ran] = with_bad_frames(seed, 4000);
+        assert!(stops >= 2 && boots >= 1 && ran > 100, "seed {seed}: {stops} stops, {boots} boots, {ran} cycles");
     }
-    println!("{stops} stops, {ran} of 24000 cycles in operation");
-    // So many late frames are a fault of their own, which a reset does not take away while they go on.
-    assert!(stops >= 3 && ran > 300, "{stops} stops, {ran} cycles");
+}
+
+/// Takes 25 s unoptimised: `cargo test -p yieldwall --lib a_hundred_thousand_cycles -- --ignored --nocapture`
+#[test]
+#[ignore = "takes longer than CI has; the share above runs each time"]
+fn a_hundred_thousand_cycles_of_bad_frames_are_survived() {
+    let [stops, boots, ran] = with_bad_frames(7, 100_000);
+    assert!(stops > 50 && boots > 20 && ran > 3000, "{stops} stops, {boots} boots, {ran} cycles");
 }

@@ -113,6 +113,8 @@ enum Fate {
     IsDoubled,
     /// Another EtherCAT frame comes in behind it.
     IsFollowed,
+    /// Bits of it are flipped, by this number.
+    IsChanged(u64),
 }
 
 /// A network, a segment, and the wire between them.

@@ -37,6 +37,27 @@ fn nothing_is_written_where_somebody_else_is_the_master() {
 }
 
 #[test]
+fn a_device_that_somebody_holds_in_safe_op_is_led_by_a_master() {
+    // SAFE-OP with another error than that of a master that has died.
+    let mut bench = Bench::usual();
+    bench.start().unwrap();
+    let now = bench.now;
+    bench.segment.controller_mut(1).unwrap().fail(now, AlStatusCode::SYNC_ERROR);
+    let mut other = Bench::usual();
+    std::mem::swap(&mut other.segment, &mut bench.segment);
+    other.now = now;
+    other.segment.controller_mut(0).unwrap().fail(now, AlStatusCode::SYNC_MANAGER_WATCHDOG);
+    other.keeps = true;
+    let message = other.start().unwrap_err();
+    assert_eq!(
+        message,
+        "right (position 1): look for another master: a master is on this segment; nothing was written: the device at position 1 is in \
+         SAFE-OP+ERR, where somebody has put it"
+    );
+    assert!(other.sent.iter().all(|frame| matches!(frame[16], 1 | 7)), "APRD and BRD");
+}
+
+#[test]
 fn a_frame_of_somebody_else_is_a_master() {
     let mut network = EthercatNetwork::new(&setup()).unwrap();
     let mut other = EthercatNetwork::new(&setup()).unwrap();
