@@ -18,11 +18,17 @@ pub enum Watchdog {
     SetPoints,
     /// The master's heartbeat has to come (1016h).
     Heartbeat,
+    /// Process data have to be written (the watchdog of a sync manager, 0420h).
+    Outputs,
 }
 
 impl Watchdog {
     /// All of them.
-    pub const ALL: [Self; 3] = [Self::Sync, Self::SetPoints, Self::Heartbeat];
+    pub const ALL: [Self; 4] = [Self::Sync, Self::SetPoints, Self::Heartbeat, Self::Outputs];
+    /// Those of drives on CANopen.
+    pub const CANOPEN: [Self; 3] = [Self::Sync, Self::SetPoints, Self::Heartbeat];
+    /// That of drives on EtherCAT.
+    pub const ETHERCAT: [Self; 1] = [Self::Outputs];
 
     /// Its bit in 2010h of a simulated drive.
     pub const fn bit(self) -> u8 {
@@ -35,6 +41,7 @@ impl Watchdog {
             Watchdog::Sync => "SYNC",
             Watchdog::SetPoints => "set-points",
             Watchdog::Heartbeat => "heartbeat",
+            Watchdog::Outputs => "outputs",
         }
     }
 }

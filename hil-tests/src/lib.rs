@@ -11,6 +11,7 @@ pub mod network;
 mod observe;
 mod scenario;
 pub mod segment;
+pub mod segment_cable;
 pub mod shared_cable;
 pub mod stopwatch;
 pub mod tape;

@@ -1,18 +1,12 @@
 //! The shipped rigs from the outside: what goes over the bus when all is well, and that it is always the same.
 
 use hil_tests::{DRIVE_NODES, Recording, SENSOR_NODE, Scenario, Seen, Session};
-use std::time::Duration;
-use yieldwall::assembly;
-use yieldwall::bus::{Master, Phase};
 use yieldwall::canopen::Frame;
 use yieldwall::config::{BusTiming, CommandMode, Finite, PathSegment, Side, Tracking};
-use yieldwall::cycle::Timing;
 use yieldwall::elementary;
-use yieldwall::guard::{Request, State};
-use yieldwall::rig::{RigError, SegmentServer};
-use yieldwall::run::Pace;
+use yieldwall::guard::State;
+use yieldwall::rig::RigError;
 use yieldwall::sim::can::BusCounters;
-use yieldwall::time::Time;
 
 /// Counts of a turn of the shipped rigs, over its angle.
 const COUNTS_PER_RAD: f64 = 800_000.0 / std::f64::consts::TAU;
@@ -35,102 +29,6 @@ fn cycles_of(scenario: &Scenario, seconds: f64) -> usize {
 
 fn distance(a: [f64; 3], b: [f64; 3]) -> f64 {
     elementary::hypot(a[0] - b[0], a[1] - b[1])
-}
-
-/// The master of the rig on EtherCAT and its devices, in virtual time.
-struct OnSegment {
-    master: Master,
-    server: SegmentServer,
-    now: Time,
-    can: Vec<Frame>,
-}
-
-impl OnSegment {
-    /// Up to OP; the grid point of the first cycle.
-    fn operational() -> (Self, Time) {
-        let rig = hil_tests::segment::shipped();
-        let scene = rig.scene().unwrap().value;
-        let server = SegmentServer::new(&rig.value, &scene, 1, Pace::Free, [true; 3], Time(0)).unwrap();
-        let master = assembly::master(&rig.value, &rig.value.fixture).unwrap();
-        let mut it = OnSegment { master, server, now: Time(0), can: Vec::new() };
-        it.master.start(it.now, &mut it.can);
-        for _ in 0..100_000 {
-            it.advance(it.now + Duration::from_micros(20));
-            match it.master.phase() {
-                Phase::Failed(error) => panic!("{error}"),
-                Phase::Operational => {
-                    if let Some(first) = it.master.take_over_cycles() {
-                        return (it, first);
-                    }
-                }
-                _ => {}
-            }
-        }
-        panic!("{:?}", it.master.phase());
-    }
-
-    fn exchange(&mut self) {
-        let mut sent = Vec::new();
-        for _ in 0..8 {
-            self.master.drain_ethernet(|bytes| sent.push(bytes.to_vec()));
-            for mut bytes in sent.drain(..) {
-                let mut back = Vec::new();
-                self.server.on_frame(self.now, &mut bytes, |bytes| back.push(bytes.to_vec())).unwrap();
-                back.iter().for_each(|bytes| self.master.on_ethernet(self.now, bytes));
-            }
-        }
-    }
-
-    fn advance(&mut self, until: Time) {
-        self.now = self.now.max(until);
-        let mut back = Vec::new();
-        self.server.poll(self.now, |bytes| back.push(bytes.to_vec())).unwrap();
-        back.iter().for_each(|bytes| self.master.on_ethernet(self.now, bytes));
-        self.master.poll(self.now, &mut self.can);
-        self.exchange();
-    }
-
-    /// A cycle at a grid point; the next one.
-    fn cycle(&mut self, open: Time, request: Request) -> Time {
-        self.advance(open);
-        self.master.on_sync(&mut self.can);
-        self.exchange();
-        self.advance(open + Duration::from_micros(620));
-        self.master.on_compute(self.now, request, Timing::default(), &mut self.can);
-        self.exchange();
-        Time((open + Duration::from_millis(1)).0.saturating_add_signed(self.master.grid_shift_ns()))
-    }
-}
-
-#[test]
-fn the_rig_on_ethercat_boots_enables_and_follows_the_hand() {
-    let (mut rig, mut open) = OnSegment::operational();
-    for _ in 0..20 {
-        open = rig.cycle(open, Request::None);
-    }
-    open = rig.cycle(open, Request::Enable);
-    let (mut reach, mut strongest) = ([f64::INFINITY, f64::NEG_INFINITY], 0.0f64);
-    for _ in 0..2000 {
-        open = rig.cycle(open, Request::None);
-        let (tip, force) = rig.server.truth();
-        let [x, _] = tip.to_array();
-        reach = [reach[0].min(x), reach[1].max(x)];
-        strongest = strongest.max(force.norm());
-    }
-    println!("the tool went from x {} to {} m, the hand pushed with {strongest} N at most", reach[0], reach[1]);
-    assert_eq!((rig.master.state(), rig.master.cause()), (State::Running, None));
-    assert!(reach[1] - reach[0] > 0.005, "the tool moved: {reach:?}");
-    assert!(strongest > 1.0);
-    let segment = rig.master.segment().unwrap();
-    assert_eq!((segment.counts().lost, segment.counts().late, segment.clock_lost().is_empty()), (0, 0, true));
-    assert!(rig.can.is_empty());
-    // A stop ends as on CAN: at rest, latched.
-    open = rig.cycle(open, Request::Stop);
-    for _ in 0..1500 {
-        open = rig.cycle(open, Request::None);
-    }
-    assert_eq!(rig.master.state(), State::Stopped);
-    assert_eq!(rig.server.torques_n_m(), [0.0; 2]);
 }
 
 #[test]

@@ -7,6 +7,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
+use hil_tests::segment_cable::SegmentCable;
 use hil_tests::{
     Scenario,
     cable::{Cable, permit},
@@ -15,18 +16,25 @@ use yieldwall::bus::{BootFailure, SensorLink};
 use yieldwall::canopen::{BusId, Frame, cob};
 use yieldwall::config::{self, Source};
 use yieldwall::elementary;
-use yieldwall::guard::{DeviceSet, Fault, State};
+use yieldwall::guard::{Device, DeviceSet, Fault, State};
 use yieldwall::record::Row;
-use yieldwall::rig::{self, DeviceServer};
+use yieldwall::rig::{self, DeviceServer, SegmentServer};
 use yieldwall::run::{
     Ask, DRILL_LIMIT, Demands, Enable, Enabling, Ended, NotProven, OnLink, Orders, Pace, Play, Played, Proof, RunError,
-    Runner, Unproven, Unsafe,
+    Runner, Unproven, Unsafe, Which,
 };
+use yieldwall::time::Time;
 use yieldwall_drives::cia402;
 use yieldwall_drives::profiles::SHIPPED;
 use yieldwall_drives::watchdog::Watchdog;
 
 type Rig = Runner<OnLink<Cable, Cable>>;
+
+/// A drive as errors name it.
+fn drive(node_id: u8) -> Which {
+    let device = if node_id == 1 { Device::LeftDrive } else { Device::RightDrive };
+    Which { device, node_id: Some(node_id) }
+}
 
 fn wired(scenario: &Scenario, pace: Pace) -> (Cable, Rig) {
     let server = DeviceServer::new(&scenario.rig, &scenario.scene, scenario.seed, pace).unwrap();
@@ -354,7 +362,7 @@ fn the_drill_on_a_bus_finds_what_the_one_in_virtual_time_finds() {
 #[test]
 fn a_drive_without_a_watchdog_is_found_on_the_bus_and_in_virtual_time() {
     let scenario = Scenario::position();
-    for watchdog in Watchdog::ALL {
+    for watchdog in Watchdog::CANOPEN {
         let mut server = DeviceServer::new(&scenario.rig, &scenario.scene, scenario.seed, Pace::Free).unwrap();
         server.ignore(watchdog);
         let cable = Cable::new(server);
@@ -389,10 +397,10 @@ fn simulated_drives_of_another_pace_or_in_lockstep_without_a_watchdog_are_refuse
     };
     for (pace, other) in [(Pace::Lockstep, Pace::Free), (Pace::Free, Pace::Lockstep)] {
         assert_eq!(asked(pace, pace, None), Ok(()));
-        assert_eq!(asked(other, pace, None), Err(RunError::Pace { node_id: 1, pace }));
+        assert_eq!(asked(other, pace, None), Err(RunError::Pace { which: drive(1), pace }));
     }
-    for watchdog in Watchdog::ALL {
-        let refused = RunError::Unwatched { node_id: 1, watchdog };
+    for watchdog in Watchdog::CANOPEN {
+        let refused = RunError::Unwatched { which: drive(1), watchdog };
         assert_eq!(asked(Pace::Lockstep, Pace::Lockstep, Some(watchdog)), Err(refused));
         // By the wall clock the drill finds it.
         assert_eq!(asked(Pace::Free, Pace::Free, Some(watchdog)), Ok(()));
@@ -413,7 +421,7 @@ fn a_drive_without_the_mark_of_simulated_ones_is_refused_in_lockstep_and_nothing
             });
             let proved = rig.prove(&scenario.rig, &proof);
             assert!(
-                matches!(proved, Err(NotProven::Run(RunError::Unmarked { node_id: 2 }))),
+                matches!(proved, Err(NotProven::Run(RunError::Unmarked { which })) if which == drive(2)),
                 "{pace:?}, word {sub}: {proved:?}"
             );
         }
@@ -428,7 +436,7 @@ fn a_drive_without_the_mark_of_simulated_ones_is_refused_in_lockstep_and_nothing
     let (_, mut rig) = wired(&scenario, Pace::Free);
     rig.boot().unwrap();
     let proved = rig.prove(&scenario.rig, &proof);
-    assert!(matches!(proved, Err(NotProven::Run(RunError::NotSimulated { node_id: 1 }))), "{proved:?}");
+    assert!(matches!(proved, Err(NotProven::Run(RunError::NotSimulated { which })) if which == drive(1)), "{proved:?}");
 }
 
 #[test]
@@ -500,7 +508,7 @@ fn a_drive_of_another_profile_and_vendor_is_a_simulated_one_by_its_mark_alone() 
     };
     // The drives of a model that somebody has described in a file are simulated under that model's vendor.
     assert_eq!(asked(Pace::Lockstep, &[VENDOR]), Ok(()));
-    assert_eq!(asked(Pace::Lockstep, UNMARKED), Err(RunError::NotSimulated { node_id: 2 }));
+    assert_eq!(asked(Pace::Lockstep, UNMARKED), Err(RunError::NotSimulated { which: drive(2) }));
     assert_eq!(asked(Pace::Free, UNMARKED), Ok(()));
 }
 
@@ -652,5 +660,87 @@ fn a_rig_that_was_stopped_comes_back_by_both_orders_of_a_person_and_by_nothing_l
     for gives in [[false, true], [false, false]] {
         let (played, states) = attended(gives);
         assert_eq!((played.ended, played.came_back, &states[..]), (Ended::Stopped, 0, &[stopped][..]));
+    }
+}
+
+/// The shipped rig on EtherCAT, and the cable to its devices.
+fn on_segment(pace: Pace) -> (SegmentCable, config::Rig, Runner<OnLink<SegmentCable, SegmentCable>>) {
+    let rig = hil_tests::segment::shipped();
+    let scene = rig.scene().unwrap().value;
+    let now = Time::from_micros(1_000_000);
+    let server = SegmentServer::new(&rig.value, &scene, 1, pace, [true; 3], now).unwrap();
+    let cable = SegmentCable::new(server, now);
+    let runner = Runner::on_link(&rig.value, cable.clone(), cable.clone(), pace).unwrap();
+    (cable, rig.value, runner)
+}
+
+#[test]
+fn a_rig_on_ethercat_follows_the_hand_and_stops_in_both_paces() {
+    for pace in [Pace::Free, Pace::Lockstep] {
+        let (cable, _, mut rig) = on_segment(pace);
+        rig.boot().unwrap();
+        rig.check_simulation().unwrap();
+        let identities = rig.identities().unwrap();
+        assert_eq!(identities.map(|drive| (drive.node_id, drive.serial_number)), [(None, 1), (None, 2)]);
+        let permit = permit(&rig);
+        let mut rows = Vec::new();
+        let play = Play { cycles: 4000, settling: 50 };
+        let played = rig.play(&play, &permit, &AtomicBool::new(false), |record| rows.push(record.row())).unwrap();
+        let what = format!("{pace:?}: {played:?}");
+        assert_eq!((played.ended, played.state, played.cause), (Ended::Whole, State::Running, None), "{what}");
+        assert!(rows.iter().any(|row| row.is_on_surface), "{what}: never on the surface");
+        let segment = rig.master().segment().unwrap();
+        let counts = segment.counts();
+        assert_eq!((counts.lost, counts.late, counts.foreign, rig.counts().refused), (0, 0, 0, 0), "{what}");
+        assert!(segment.clock_lost().is_empty(), "{what}");
+        assert_eq!(cable.change(|server| server.torques_n_m()), [0.0; 2], "{what}");
+        rig.leave();
+        // It can be booted again, after leaving and without.
+        for _ in 0..2 {
+            rig.boot().unwrap();
+        }
+    }
+}
+
+#[test]
+fn drives_on_ethercat_stop_by_themselves_without_outputs() {
+    let (cable, config, mut rig) = on_segment(Pace::Free);
+    let drilled = rig.drill(50, &AtomicBool::new(false), |_| ()).unwrap();
+    drilled.judge(Demands::of(&config)).unwrap();
+    let [finding] = drilled.findings.as_slice() else { panic!("{drilled:?}") };
+    assert_eq!(finding.watchdog, Watchdog::Outputs);
+    assert!(drilled.resolution.abs_diff(Duration::from_millis(1)) < Duration::from_micros(10), "a period: {drilled:?}");
+    // Five cycles, and up to one more until the inputs say so.
+    let is_in_time = |after: &Option<Duration>| after.is_some_and(|it| (5000..=6500).contains(&it.as_micros()));
+    assert!(finding.stopped_after.iter().all(is_in_time), "{finding:?}");
+    assert_eq!(cable.change(|server| server.torques_n_m()), [0.0; 2]);
+}
+
+#[test]
+fn a_cable_that_is_pulled_stops_both_axes_and_nothing_comes_back_by_itself() {
+    for pace in [Pace::Free, Pace::Lockstep] {
+        let (cable, _, mut rig) = on_segment(pace);
+        rig.boot().unwrap();
+        let permit = permit(&rig);
+        let run = |rig: &mut Runner<_>, cycles: u32| {
+            for _ in 0..cycles {
+                rig.run_cycle(Ask::Nothing);
+            }
+        };
+        run(&mut rig, 60);
+        rig.run_cycle(Ask::Enable(&permit));
+        run(&mut rig, 300);
+        assert_eq!(rig.state(), State::Running);
+        cable.set_out(true);
+        run(&mut rig, 5);
+        assert!(rig.state().is_latched(), "{pace:?}: {:?}", rig.state());
+        cable.set_out(false);
+        run(&mut rig, 500);
+        assert!(rig.state().is_latched(), "{pace:?}: {:?}", rig.state());
+        assert_eq!(cable.change(|server| server.torques_n_m()), [0.0; 2], "{pace:?}");
+        // A person restarts it.
+        rig.boot().unwrap();
+        run(&mut rig, 60);
+        assert_ne!(rig.state(), State::Running, "nobody has enabled it");
     }
 }

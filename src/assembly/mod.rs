@@ -389,6 +389,16 @@ fn drive_limits(rig: &config::Rig, scaling: &AxisScaling) -> Result<DriveLimits,
     })
 }
 
+/// The torque limits that the drives are told, in 1/1000 of their rated torques.
+///
+/// # Errors
+/// As [`scaling`].
+pub(crate) fn torque_limits_per_mille(rig: &config::Rig) -> Result<[u16; 2], AssemblyError> {
+    let limit = |drive: &config::Drive| Ok::<_, AssemblyError>(drive_limits(rig, &scaling(drive)?)?.torque_per_mille);
+    let [left, right] = &rig.drives;
+    Ok([limit(left)?, limit(right)?])
+}
+
 fn drive(rig: &config::Rig, drive: &config::Drive, expected_angle_rad: f64) -> Result<DriveSetup, AssemblyError> {
     let (scaling, profile) = (scaling(drive)?, profile(&drive.profile)?);
     let limits = drive_limits(rig, &scaling)?;

@@ -365,16 +365,24 @@ impl Master {
             || self.segment.as_ref().is_some_and(EthercatNetwork::is_in_flight)
     }
 
-    /// SYNC on every bus where somebody hears it, outside of any cycle; none while a drive may hold a set-point of somebody
+    /// SYNC on every bus where somebody hears it, and the input frame of a segment, outside of any cycle; none while a drive may hold a set-point of somebody
     /// else.
     pub fn repeat_sync(&mut self, out: &mut impl Outbox) {
         self.can.iter_mut().for_each(|can| can.repeat_sync(out));
+        self.segment.iter_mut().for_each(|segment| segment.open(&mut self.outgoing));
     }
 
     /// The set-points of the last cycle once more, whatever has happened since: a drive that stops then stops by itself.
-    pub fn repeat_set_points(&mut self, out: &mut impl Outbox) {
+    pub fn repeat_set_points(&mut self, now: Time, out: &mut impl Outbox) {
         let orders = axis::orders(&mut self.axes, self.last.directive.goal, &self.last.command);
         self.can.iter_mut().for_each(|can| can.send(&orders, out));
+        self.segment.iter_mut().for_each(|segment| segment.close(now, &orders, &mut self.outgoing));
+    }
+
+    /// Outside of any cycle, the statuswords of the left and of the right drive that the inputs since [`Master::repeat_sync`] have
+    /// brought; nothing where drives are on CAN.
+    pub fn take_statuswords(&mut self, now: Time) -> Option<[Option<u16>; 2]> {
+        Some(self.segment.as_mut()?.take(now).drives.map(|words| words.statusword))
     }
 
     /// A heartbeat if one is due; when the last one was sent, `now` where there is none.

@@ -77,6 +77,9 @@ pub(super) fn plans(rig: &Rig) -> Result<Vec<Plan<'_>>, RigError> {
 }
 
 fn plans_under(rig: &Rig, change: impl Fn(Conditions) -> Conditions) -> Result<Vec<Plan<'_>>, RigError> {
+    if !rig.is_on_can() {
+        return Ok(Vec::new());
+    }
     let (setup, conditions) = bus_plan(rig)?;
     let conditions: Vec<Conditions> = conditions.into_iter().map(change).collect();
     let each = rig.buses.keys().zip(&conditions).map(|(name, own)| {

@@ -15,7 +15,7 @@ use super::output::Output;
 use super::run::{judge, settled_json, settled_text, watchdogs_json, watchdogs_text};
 use crate::config::{self, Source};
 use crate::host::{News, RigOnBus};
-use crate::run::{Drilled, Pace, RunError, Subject};
+use crate::run::{Drilled, Pace, RunError, Subject, watchdogs};
 
 #[derive(Debug, clap::Args)]
 pub(super) struct Arguments {
@@ -41,7 +41,7 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
 }
 
 fn drill(arguments: &Arguments, events: &Events, output: &mut Output) -> Result<(), Failure> {
-    let rig = config::load_rig(Source::named(&arguments.rig))?;
+    let rig = config::load_rig_on_any_bus(Source::named(&arguments.rig))?;
     output.configuration(&rig.warnings)?;
     if arguments.dry_run {
         let buses = match arguments.bus.as_slice() {
@@ -57,7 +57,11 @@ fn drill(arguments: &Arguments, events: &Events, output: &mut Output) -> Result<
     let on_bus = RigOnBus::open(&rig, interfaces.names(), Pace::Free);
     let mut on_bus = on_bus.map_err(|error| open_failure(&error))?;
     warn_of(output, on_bus.memory());
-    output.news("the rig is enabled three times, at rest; nobody may hold the handle")?;
+    let times = match watchdogs(&rig).len() {
+        1 => "once",
+        _ => "three times",
+    };
+    output.news(&format!("the rig is enabled {times}, at rest; nobody may hold the handle"))?;
     let (listening, watch) = Listening::start(events, Watched::Interfaces(interfaces.names()), &rig)?;
     watch.tap.into_iter().for_each(|tap| on_bus.set_tap(tap));
     watch.observer.into_iter().for_each(|observer| on_bus.set_observer(observer));
@@ -81,7 +85,10 @@ fn drill(arguments: &Arguments, events: &Events, output: &mut Output) -> Result<
     let path = Subject::new(&rig, identities).store(&drilled, &folder).map_err(|error| {
         Failure::new(Exit::Usage, format!("{}: {error}", folder.display()), "make the folder one that can be written")
     })?;
-    let done = format!("the rig was enabled at rest for each of {} watchdogs and is stopped", drilled.findings.len());
+    let done = match drilled.findings.len() {
+        1 => "the rig was enabled at rest for its watchdog and is stopped".to_owned(),
+        several => format!("the rig was enabled at rest for each of {several} watchdogs and is stopped"),
+    };
     let judged = judge(&drilled, &rig, &done);
     events.end(&judged);
     if !output.is_json() {

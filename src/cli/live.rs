@@ -49,7 +49,7 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
 
 fn run_and_tell(arguments: &Arguments, events: &Events, output: &mut Output) -> Result<(), Failure> {
     check(arguments)?;
-    let rig = config::load_rig(Source::named(&arguments.rig))?;
+    let rig = config::load_rig_on_any_bus(Source::named(&arguments.rig))?;
     output.configuration(&rig.warnings)?;
     check_buses(&rig, arguments.ignore_bus_budget, output)?;
     // Whoever holds the tool is not the hand of the scene.
@@ -160,6 +160,9 @@ fn run_and_tell(arguments: &Arguments, events: &Events, output: &mut Output) -> 
 
 /// What the interfaces lack for this rig.
 fn warn_of_interfaces(on_bus: &RigOnBus, rig: &config::Loaded<config::Rig>, pace: PaceArgument, output: &mut Output) {
+    if let Some(interface) = on_bus.unplugged() {
+        warn(output, format!("`{interface}` has no link: plug the cable in, or switch the first device on"));
+    }
     for facts in on_bus.facts() {
         facts.advice().into_iter().for_each(|advice| warn(output, advice));
         // In lockstep nothing has to be in time.

@@ -27,6 +27,7 @@ pub(super) fn open_failure(error: &OpenError) -> Failure {
     match error {
         OpenError::Run(error) => live_failure(error),
         OpenError::Link(error) => link_failure(error),
+        OpenError::Ethernet(error) => Failure::new(Exit::BusUnavailable, error.to_string(), ""),
         OpenError::Count { .. } => Failure::new(Exit::Usage, error.to_string(), "name one interface for each bus"),
     }
 }
@@ -106,7 +107,7 @@ pub(super) fn live_failure(error: &RunError) -> Failure {
         RunError::Unread { .. } => Failure::new(
             Exit::DeviceMismatch,
             error.to_string(),
-            "compare node ids and profiles with the devices on the bus",
+            "compare node ids or positions, and profiles, with the devices on the bus",
         ),
         RunError::Pace { pace, .. } => {
             let pace = if *pace == Pace::Lockstep { "lockstep" } else { "free" };

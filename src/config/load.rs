@@ -80,7 +80,7 @@ impl Loaded<Rig> {
     /// The rig, if this version can run it.
     ///
     /// # Errors
-    /// A rig on EtherCAT: its devices can be simulated, and there is no master for them yet.
+    /// A rig on EtherCAT, which runs on a network interface only.
     pub fn runnable(self) -> Result<Self, Report> {
         match self.not_runnable() {
             Some(finding) => Err(finding.into()),
@@ -91,8 +91,9 @@ impl Loaded<Rig> {
     /// Why this version cannot run the rig, if it cannot.
     pub fn not_runnable(&self) -> Option<Diagnostic> {
         let key = segment_key(&self.value)?;
-        let message = "this version simulates the devices of a rig on EtherCAT, and has no master that runs them yet";
-        let help = format!("serve them to another master with `yieldwall sim {} --bus INTERFACE`", self.source);
+        let message = "this version runs a rig on EtherCAT on a network interface, and does not simulate it here yet";
+        let help =
+            format!("`yieldwall run {} --bus INTERFACE` runs it; `yieldwall sim` serves its devices", self.source);
         Some(self.finding(Severity::Error, &key, message, help, &[]))
     }
 
@@ -144,7 +145,7 @@ pub fn load(source: impl Into<Source>) -> Result<Document, Report> {
 ///
 /// # Errors
 /// The file; its first syntax or type error; or all errors of meaning in the rig and in the files that it names. A rig on EtherCAT, for
-/// which there is no master yet.
+/// which runs on a network interface only.
 pub fn load_rig(source: impl Into<Source>) -> Result<Loaded<Rig>, Report> {
     load_rig_on_any_bus(source)?.runnable()
 }

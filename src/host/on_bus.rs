@@ -20,7 +20,7 @@ use crate::bus::Told;
 use crate::bus::budget::Budget;
 use crate::config;
 use crate::guard::Fault;
-use crate::link::{InterfaceFacts, Role, SocketCan, SocketCans};
+use crate::link::{InterfaceFacts, Interfaces, Role, SocketCan};
 use crate::record::CycleRecord;
 use crate::run::{
     Drilled, DriveError, DriveIdentity, ErrorWatch, Finding, LinkCounts, NotProven, Observer, OnLink, Orders, Pace,
@@ -55,7 +55,7 @@ pub use open::{OpenError, open_buses};
 /// ```
 pub struct RigOnBus {
     rig: config::Rig,
-    runner: Runner<OnLink<SocketCans, SystemMetronome>>,
+    runner: OnInterfaces,
     memory: Result<(), Refusal>,
     orders: Option<Arc<Orders>>,
     /// The buses that cannot keep the cycle.
@@ -179,15 +179,16 @@ impl RigOnBus {
     /// If an interface cannot be used or has a master in another process, or parts of the configuration do not fit together.
     pub fn open(rig: &config::Rig, interfaces: &[String], pace: Pace) -> Result<Self, OpenError> {
         let memory = lock_memory();
-        let (setup, conditions) = bus_plan(rig).map_err(RunError::from)?;
+        let plan = if rig.is_on_can() { Some(bus_plan(rig).map_err(RunError::from)?) } else { None };
         let mut overfull = Vec::new();
-        for (name, conditions) in rig.buses.keys().zip(conditions) {
-            let budget = Budget::new(&setup, conditions).map_err(RunError::from)?;
+        for (setup, conditions) in plan.iter().flat_map(|(setup, all)| all.iter().map(move |one| (setup, *one))) {
+            let budget = Budget::new(setup, conditions).map_err(RunError::from)?;
             if rig.frames_take_time() && !budget.is_schedulable() {
-                overfull.push(name.clone());
+                overfull.extend(rig.buses.keys().nth(conditions.bus.index()).cloned());
             }
         }
-        let link = open_buses(rig, interfaces, |_| vec![Role::Master], |bus| open::filters(&setup, bus))?;
+        let wanted = |bus| plan.as_ref().map(|(setup, _)| open::filters(setup, bus)).unwrap_or_default();
+        let link = open_buses(rig, interfaces, |_| vec![Role::Master], wanted)?;
         let runner = Runner::on_link(rig, link, SystemMetronome, pace)?;
         Ok(Self { rig: rig.clone(), runner, memory, orders: None, overfull })
     }
@@ -197,9 +198,15 @@ impl RigOnBus {
         &self.memory
     }
 
-    /// What the system tells of each interface.
+    /// What the system tells of each CAN interface.
     pub fn facts(&self) -> impl Iterator<Item = &InterfaceFacts> {
-        self.runner.place().link.links().iter().map(SocketCan::facts)
+        self.runner.place().link.can().map(SocketCan::facts)
+    }
+
+    /// The interface of the segment, if nothing is plugged in there or the other end is down.
+    pub fn unplugged(&self) -> Option<&str> {
+        let segment = self.runner.place().link.segment()?;
+        (!segment.has_carrier()).then(|| segment.interface())
     }
 
     /// Has `tap` get every frame, own ones when they were seen on the bus.
@@ -318,7 +325,7 @@ impl Terms {
     }
 }
 
-type OnInterfaces = Runner<OnLink<SocketCans, SystemMetronome>>;
+type OnInterfaces = Runner<OnLink<Interfaces, SystemMetronome>>;
 
 fn boot_and_prove(runner: &mut OnInterfaces, rig: &config::Rig, terms: &Terms) -> Result<Permit, NotRun> {
     runner.boot()?;

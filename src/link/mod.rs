@@ -3,21 +3,23 @@
 //!
 //! [`CanLink`] is all that a loop needs of an interface. [`SocketCan`] is the one of Linux, behind the feature `socketcan`, and
 //! [`SocketCans`] several of them, one for each bus. [`EthernetLink`] is the same for a wire that carries EtherCAT, and [`PacketSocket`]
-//! the one of Linux, behind the feature `ethernet`.
+//! the one of Linux, behind the feature `ethernet`. [`Wires`] is both, for a rig that may have both, and [`Interfaces`] that of Linux.
 //!
 //! A link keeps no frame back: what [`CanLink::send`] refuses is gone and is never sent later. What is already in the
 //! queue of the kernel or of the controller can no longer be taken back by anybody but the interface going down, which is why
 //! [`Master`](crate::bus::Master) has at most one cycle in flight.
 
-#[cfg(all(any(feature = "ethernet", feature = "socketcan"), target_os = "linux"))]
+#[cfg(all(feature = "ethernet", target_os = "linux"))]
 mod clock;
 mod error_frame;
 mod ethernet;
-#[cfg(all(any(feature = "ethernet", feature = "socketcan"), target_os = "linux"))]
+#[cfg(all(feature = "ethernet", target_os = "linux"))]
 mod hold;
 #[cfg(all(feature = "socketcan", target_os = "linux"))]
+mod interfaces;
+#[cfg(all(feature = "socketcan", target_os = "linux"))]
 mod linux;
-#[cfg(all(any(feature = "ethernet", feature = "socketcan"), target_os = "linux"))]
+#[cfg(all(feature = "ethernet", target_os = "linux"))]
 mod role;
 
 pub use error_frame::ErrorFrame;
@@ -25,11 +27,13 @@ pub use ethernet::{EthernetArrival, EthernetLink, EthernetReceived};
 #[cfg(all(feature = "ethernet", target_os = "linux"))]
 pub use ethernet::{EthernetError, PacketSocket};
 #[cfg(all(feature = "socketcan", target_os = "linux"))]
+pub use interfaces::Interfaces;
+#[cfg(all(feature = "socketcan", target_os = "linux"))]
 pub use linux::{
     Attachment, CobFilter, ControllerState, InterfaceFacts, LinkError, SocketCan, SocketCanSettings, SocketCans,
     Stamps, interfaces,
 };
-#[cfg(all(any(feature = "ethernet", feature = "socketcan"), target_os = "linux"))]
+#[cfg(all(feature = "ethernet", target_os = "linux"))]
 pub use role::{Holder, Role};
 
 use crate::bus::LinkEvent;

@@ -7,8 +7,7 @@ use super::error::RigError;
 use super::silence::Silence;
 use crate::config;
 use crate::guard::Request;
-use crate::run::{CYCLES_BEFORE_SILENCE, DRILL_LIMIT, Drilled};
-use yieldwall_drives::watchdog::Watchdog;
+use crate::run::{CYCLES_BEFORE_SILENCE, DRILL_LIMIT, Drilled, watchdogs};
 
 /// Drills the simulated drives of a rig in virtual time; `prepare` may change each rig before it is enabled.
 ///
@@ -20,7 +19,7 @@ pub fn drill(
     mut prepare: impl FnMut(&mut EmbeddedRig),
 ) -> Result<Drilled, RigError> {
     let mut findings = Vec::new();
-    for watchdog in Watchdog::ALL {
+    for &watchdog in watchdogs(rig) {
         let mut machine = EmbeddedRig::new(rig, scene, &rig.fixture, scene.seed)?;
         machine.clear_injections();
         prepare(&mut machine);

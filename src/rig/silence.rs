@@ -42,6 +42,8 @@ impl Silence {
             Watchdog::Sync => frame.id() == cob::SYNC,
             Watchdog::SetPoints => drive.is_some(),
             Watchdog::Heartbeat => cob::is_heartbeat(frame.id()),
+            // No frame of CAN.
+            Watchdog::Outputs => false,
         };
         if self.is_on {
             // A master that notices and stops the drives would hide what they do by themselves.

@@ -1,6 +1,7 @@
 //! The watchdog drill over the bus.
 //!
-//! Without SYNC the drives send no process data, so they are asked for their statusword (6041h) over SDO, once a cycle.
+//! Without SYNC the drives on CAN send no process data, so they are asked for their statusword (6041h) over SDO, once a cycle. Inputs of a
+//! segment come without outputs too, and have it.
 
 use std::sync::atomic::AtomicBool;
 use std::time::Duration;
@@ -57,12 +58,18 @@ impl Watched {
             }
         };
         self.is_asked = false;
+        let word = if let &[low, high, ..] = data { Some(u16::from_le_bytes([low, high])) } else { None };
+        self.see(word, self.asked_at, time);
+    }
+
+    /// Takes a statusword of one moment that came at another.
+    fn see(&mut self, word: Option<u16>, of: Time, time: Time) {
         if self.answered_at > Time(0) && self.stopped_at.is_none() {
             self.longest_gap = self.longest_gap.max(time.since(self.answered_at));
         }
-        (self.answered_at, self.told_of) = (time, self.asked_at);
-        let &[low, high, ..] = data else { return };
-        let state = Statusword(u16::from_le_bytes([low, high])).state();
+        (self.answered_at, self.told_of) = (time, of);
+        let Some(word) = word else { return };
+        let state = Statusword(word).state();
         if state != Some(cia402::State::OperationEnabled) && self.stopped_at.is_none() {
             (self.stopped_at, self.stopped_in) = (Some(time), state);
         }
@@ -107,7 +114,7 @@ impl<P: Place> Runner<P> {
     ) -> Result<Drilled, RunError> {
         let mut findings = Vec::new();
         let mut resolution = Duration::ZERO;
-        for watchdog in Watchdog::ALL {
+        for &watchdog in self.watchdogs {
             self.boot()?;
             self.enable(settling, &Permit::for_drill(self), is_interrupted)?;
             for _ in 0..CYCLES_BEFORE_SILENCE {
@@ -158,18 +165,22 @@ impl<P: Place> Runner<P> {
             self.sleep_until(grid + self.compute_at);
             self.watch(drives);
             let now = self.now();
-            if sends(Watchdog::SetPoints) {
-                self.send(|master, _, out| master.repeat_set_points(out));
-                last = if watchdog == Watchdog::SetPoints { now } else { last };
+            let inputs = self.take_statuswords(now);
+            if sends(Watchdog::SetPoints) && sends(Watchdog::Outputs) {
+                self.send(|master, now, out| master.repeat_set_points(now, out));
+                last = if matches!(watchdog, Watchdog::SetPoints | Watchdog::Outputs) { now } else { last };
             }
             if sends(Watchdog::Heartbeat) {
                 let sent = self.send(|master, now, out| master.repeat_heartbeat(now, out));
                 last = if watchdog == Watchdog::Heartbeat { sent } else { last };
             }
-            for drive in drives.iter_mut() {
-                self.send(|master, now, out| drive.ask(master, now, out));
+            for (at, drive) in drives.iter_mut().enumerate() {
+                match inputs {
+                    Some(words) => drive.see(words.get(at).copied().flatten(), now, now),
+                    None => self.send(|master, now, out| drive.ask(master, now, out)),
+                }
             }
-            self.next_sync = grid + self.period * (self.periods_between(grid, self.now()) + 1);
+            self.next_sync = self.after(grid, self.periods_between(grid, self.now()) + 1);
             cycle += 1;
             if cycle == CYCLES_REPEATED {
                 limit = now + DRILL_LIMIT;
@@ -187,5 +198,6 @@ impl<P: Place> Runner<P> {
             self.take(&arrival);
             drives.iter_mut().for_each(|drive| drive.take(self.master(), time));
         }
+        self.drain_ethernet();
     }
 }

@@ -101,8 +101,15 @@ pub enum Unsafe {
 pub struct Demands {
     /// Whether torque is commanded.
     pub is_torque: bool,
+    /// The watchdogs of such drives.
+    pub watchdogs: &'static [Watchdog],
     /// Watchdogs that the left and the right drive do not have by their profiles, a bit each ([`Watchdog::bit`]).
     pub lacks: [u8; 2],
+}
+
+/// What the drives of a rig watch their master by, on the bus that they are on.
+pub fn watchdogs(rig: &config::Rig) -> &'static [Watchdog] {
+    if rig.has_drives_on_ethercat() { &Watchdog::ETHERCAT } else { &Watchdog::CANOPEN }
 }
 
 impl Demands {
@@ -111,10 +118,14 @@ impl Demands {
         let lacks = |drive: &config::Drive| {
             let servo = drive.profile.get().and_then(|profile| profile.servo());
             let lacking =
-                Watchdog::ALL.into_iter().filter(|watchdog| servo.is_some_and(|servo| servo.lacks(*watchdog)));
+                Watchdog::CANOPEN.into_iter().filter(|watchdog| servo.is_some_and(|servo| servo.lacks(*watchdog)));
             lacking.fold(0, |bits, watchdog| bits | watchdog.bit())
         };
-        Self { is_torque: rig.rig.command_mode == config::CommandMode::Torque, lacks: rig.drives.each_ref().map(lacks) }
+        Self {
+            is_torque: rig.rig.command_mode == config::CommandMode::Torque,
+            watchdogs: watchdogs(rig),
+            lacks: rig.drives.each_ref().map(lacks),
+        }
     }
 }
 
@@ -153,11 +164,12 @@ impl Drilled {
     pub fn judge(&self, demands: Demands) -> Result<(), Unsafe> {
         for (drive, side) in ["left", "right"].into_iter().enumerate() {
             let mut fastest = Duration::MAX;
-            for watchdog in Watchdog::ALL {
+            for &watchdog in demands.watchdogs {
                 let finding = self.findings.iter().find(|finding| finding.watchdog == watchdog);
                 match finding.and_then(|finding| finding.stopped_after.get(drive).copied().flatten()) {
                     Some(takes) => fastest = fastest.min(takes),
-                    None if watchdog != Watchdog::Heartbeat && demands.lacks[drive] & watchdog.bit() != 0 => {}
+                    None if matches!(watchdog, Watchdog::Sync | Watchdog::SetPoints)
+                        && demands.lacks[drive] & watchdog.bit() != 0 => {}
                     None => return Err(Unsafe::GoesOn { side, watchdog }),
                 }
             }
@@ -173,7 +185,7 @@ impl Drilled {
 /// shows there: a key and its value.
 fn to_write(servo: &Servo, watchdog: Watchdog, stops_in: Option<State>) -> Option<(String, String)> {
     let (word, kind, reaction) = match watchdog {
-        Watchdog::Heartbeat => return None,
+        Watchdog::Heartbeat | Watchdog::Outputs => return None,
         Watchdog::Sync => match &servo.watchdogs.sync {
             SyncWatch::None => ("sync", "none", Reaction::Nothing),
             SyncWatch::BuiltIn(watch) => ("sync", "built_in", watch.reaction),
@@ -216,7 +228,7 @@ mod tests {
             stopped_after: after_ms.map(|ms| ms.map(Duration::from_millis)),
             stopped_in: after_ms.map(|ms| ms.map(|_| state)),
         };
-        let drilled = Drilled { findings: Watchdog::ALL.map(finding).to_vec(), resolution: Duration::ZERO };
+        let drilled = Drilled { findings: Watchdog::CANOPEN.map(finding).to_vec(), resolution: Duration::ZERO };
         drilled.settled(&rig).into_iter().map(|settled| (settled.key, settled.value)).collect()
     }
 

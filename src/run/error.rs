@@ -1,14 +1,44 @@
 //! Why a rig could not go on.
 
+use std::fmt;
+
 use thiserror::Error;
 
 use super::pace::Pace;
 use crate::assembly::AssemblyError;
 use crate::bus::{BootError, Heard};
 use crate::canopen::BusId;
-use crate::guard::{Cause, DeviceSet};
+use crate::guard::{Cause, Device, DeviceSet};
 use crate::link::SendError;
 use yieldwall_drives::watchdog::Watchdog;
+
+/// A device as a person finds it: by its node id on CAN, or else by what it is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Which {
+    /// The device.
+    pub device: Device,
+    /// Its node id, if it is a CANopen node.
+    pub node_id: Option<u8>,
+}
+
+impl Which {
+    /// `the simulated drive with node id 1` or `the simulated left drive`.
+    fn drive(self, adjective: &str) -> String {
+        match self.node_id {
+            Some(node_id) => format!("the {adjective}drive with node id {node_id}"),
+            None => format!("the {adjective}{}", self.device.set()),
+        }
+    }
+}
+
+impl fmt::Display for Which {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self.node_id {
+            Some(node_id) => write!(f, "node {node_id}"),
+            None => write!(f, "the {}", self.device.set()),
+        }
+    }
+}
 
 /// Why a rig could not go on.
 #[derive(Clone, Debug, PartialEq, Error)]
@@ -66,17 +96,18 @@ pub enum RunError {
     },
     /// A drive takes no torque limit, or does not keep the one that it was told. Nothing was enabled.
     #[error(
-        "the drive with node id {node_id} takes no torque limit, so that none holds while it is moved for the first time"
+        "{} takes no torque limit, so that none holds while it is moved for the first time",
+        .which.drive("")
     )]
     NoTorqueLimit {
-        /// Node id.
-        node_id: u8,
+        /// Which one.
+        which: Which,
     },
     /// A node does not tell an object.
-    #[error("node {node_id} does not tell object {index:04X}h:{sub}")]
+    #[error("{which} does not tell object {index:04X}h:{sub}")]
     Unread {
-        /// Node id.
-        node_id: u8,
+        /// Which one.
+        which: Which,
         /// Index.
         index: u16,
         /// Sub-index.
@@ -84,34 +115,36 @@ pub enum RunError {
     },
     /// The simulated devices live on another clock. Nothing was enabled.
     #[error(
-        "the simulated drive with node id {node_id} {}",
+        "{} {}",
+        .which.drive("simulated "),
         match .pace {
             Pace::Lockstep => "follows the wall clock, and this rig runs in lockstep",
             Pace::Free => "runs in lockstep, and this rig follows the wall clock",
         }
     )]
     Pace {
-        /// Node id.
-        node_id: u8,
+        /// Which one.
+        which: Which,
         /// The pace of the rig.
         pace: Pace,
     },
     /// A drive has a profile of simulated ones and not their mark. Nothing was enabled.
     #[error(
-        "the profile of the drive with node id {node_id} is one of simulated drives, and the drive's object 2012h does not say \
-         `simulated device`"
+        "the profile of {} is one of simulated drives, and the drive's object 2012h does not say `simulated device`",
+        .which.drive("")
     )]
     Unmarked {
-        /// Node id.
-        node_id: u8,
+        /// Which one.
+        which: Which,
     },
     /// A drive is no simulated one in lockstep, and was not drilled. Nothing was enabled.
     #[error(
-        "the drive with node id {node_id} is no simulated one in lockstep, and nothing shows that it stops without its master"
+        "{} is no simulated one in lockstep, and nothing shows that it stops without its master",
+        .which.drive("")
     )]
     NotSimulated {
-        /// Node id.
-        node_id: u8,
+        /// Which one.
+        which: Which,
     },
     /// Somebody led the handle away while the drives were drilled, and the rig was stopped.
     #[error("the handle was led away before the watchdog on {} was tried", .watchdog.name())]
@@ -120,10 +153,10 @@ pub enum RunError {
         watchdog: Watchdog,
     },
     /// A simulated drive would go on without its master. Nothing was enabled.
-    #[error("the simulated drive with node id {node_id} does not stop without {}", .watchdog.name())]
+    #[error("{} does not stop without {}", .which.drive("simulated "), .watchdog.name())]
     Unwatched {
-        /// Node id.
-        node_id: u8,
+        /// Which one.
+        which: Which,
         /// What it does not wait for.
         watchdog: Watchdog,
     },

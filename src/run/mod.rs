@@ -23,8 +23,10 @@ mod scene;
 mod simulation;
 
 pub use conduct::{BootSteps, Enable, Enabling, STOP_LIMIT_S, has_torque, settling_cycles, settling_on_bus};
-pub use drilled::{CYCLES_BEFORE_SILENCE, DRILL_LIMIT, Demands, Drilled, Finding, Settled, TORQUE_LIMIT, Unsafe};
-pub use error::RunError;
+pub use drilled::{
+    CYCLES_BEFORE_SILENCE, DRILL_LIMIT, Demands, Drilled, Finding, Settled, TORQUE_LIMIT, Unsafe, watchdogs,
+};
+pub use error::{RunError, Which};
 pub use inquiry::{DriveError, ErrorWatch};
 pub use metronome::Metronome;
 pub use orders::Orders;

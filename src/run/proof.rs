@@ -15,7 +15,7 @@ use super::pace::Pace;
 use super::permit::{Bounds, Permit};
 use super::place::Place;
 use super::runner::Runner;
-use crate::assembly::bus_plan;
+use crate::assembly::torque_limits_per_mille;
 use crate::config;
 use crate::guard::Device;
 use crate::objects::Address;
@@ -24,8 +24,8 @@ use yieldwall_drives::watchdog::Watchdog;
 /// A drive as it says what it is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct DriveIdentity {
-    /// Node id.
-    pub node_id: u8,
+    /// Node id; none on a segment, where its serial number tells it from others.
+    pub node_id: Option<u8>,
     /// Vendor, 1018h:1.
     pub vendor_id: u32,
     /// Product code, 1018h:2.
@@ -112,7 +112,7 @@ impl<P: Place> Runner<P> {
                 drilled.judge(Demands::of(rig)).map_err(Unproven::from)?;
                 Ok(Permit::proved(self))
             }
-            Proof::InVirtualTime(_) => Err(RunError::NotSimulated { node_id: self.node_id(Device::LeftDrive) }.into()),
+            Proof::InVirtualTime(_) => Err(RunError::NotSimulated { which: self.which(Device::LeftDrive) }.into()),
             Proof::OnRecord(drills) => {
                 Subject::new(rig, self.identities()?).check(drills)?;
                 Ok(Permit::proved(self))
@@ -145,15 +145,16 @@ impl<P: Place> Runner<P> {
         if most.get() < rig.guard.torque_limit_n_m.get() {
             limited.guard.torque_limit_n_m = most;
         }
-        let (setup, _) = bus_plan(&limited)?;
-        for (device, drive) in [Device::LeftDrive, Device::RightDrive].into_iter().zip(&setup.drives) {
-            let limit = drive.profile.servo().and_then(|servo| servo.limits.torque.as_ref());
-            let limit = limit.ok_or(RunError::NoTorqueLimit { node_id: drive.node_id })?;
+        let per_mille = torque_limits_per_mille(&limited)?;
+        for ((device, drive), per_mille) in Device::DRIVES.into_iter().zip(&limited.drives).zip(per_mille) {
+            let which = self.which(device);
+            let servo = drive.profile.get().and_then(|profile| profile.servo());
+            let limit = servo.and_then(|servo| servo.limits.torque.as_ref());
+            let limit = limit.ok_or(RunError::NoTorqueLimit { which })?;
             let at = Address::new(limit.index, limit.sub);
-            let value = drive.torque_limit_per_mille.to_le_bytes();
-            self.write(device, at, &value)?;
-            if self.read(device, at.index, at.sub)? != u32::from(drive.torque_limit_per_mille) {
-                return Err(RunError::NoTorqueLimit { node_id: drive.node_id });
+            self.write(device, at, &per_mille.to_le_bytes())?;
+            if self.read(device, at.index, at.sub)? != u32::from(per_mille) {
+                return Err(RunError::NoTorqueLimit { which });
             }
         }
         Ok(())
@@ -262,11 +263,17 @@ mod tests {
     }
 
     fn drives(serial_number: u32) -> [DriveIdentity; 2] {
-        [1, 2].map(|node_id| DriveIdentity { node_id, vendor_id: 3, product_code: 4, revision: 5, serial_number })
+        [1, 2].map(|node_id| DriveIdentity {
+            node_id: Some(node_id),
+            vendor_id: 3,
+            product_code: 4,
+            revision: 5,
+            serial_number,
+        })
     }
 
     fn drilled(ms: [u64; 3]) -> Drilled {
-        let findings = Watchdog::ALL.into_iter().zip(ms).map(|(watchdog, ms)| Finding {
+        let findings = Watchdog::CANOPEN.into_iter().zip(ms).map(|(watchdog, ms)| Finding {
             watchdog,
             stopped_after: [Some(Duration::from_millis(ms)), (ms < 900).then(|| Duration::from_millis(ms))],
             stopped_in: [None; 2],

@@ -12,6 +12,7 @@ use std::any::Any;
 use std::time::Duration;
 
 use super::conduct::Enabling;
+use super::drilled::watchdogs;
 use super::error::RunError;
 use super::inquiry::{ErrorWatch, Inquiry};
 use super::metronome::Metronome;
@@ -32,6 +33,7 @@ pub use alone::ANNOUNCED;
 use motion_bound::MotionBound;
 pub use network::END_OF_WATCH;
 use yieldwall_drives::profiles::Tried;
+use yieldwall_drives::watchdog::Watchdog;
 
 /// How far apart both frames of a sample on plain CAN may come in lockstep.
 const PAIR_GAP: Duration = Duration::from_secs(1);
@@ -102,6 +104,8 @@ pub struct Runner<P> {
     pub(super) enabling: Enabling,
     /// Of each drive, whether its profile is one of simulated drives.
     pub(super) has_simulated_profile: [bool; 2],
+    /// What the drives watch their master by.
+    pub(super) watchdogs: &'static [Watchdog],
     /// How long a drill asks each drive that does not answer.
     pub(super) patience: [Duration; 2],
     /// Of which a permit has to be.
@@ -173,6 +177,7 @@ impl<P: Place> Runner<P> {
                 .drives
                 .each_ref()
                 .map(|drive| drive.profile.get().is_some_and(|profile| profile.profile.tried == Tried::Simulation)),
+            watchdogs: watchdogs(rig),
             patience: request_timeouts(rig)?.map(|timeout| timeout * 2),
             boot: Boot::NONE,
             last: None,
@@ -308,6 +313,11 @@ impl<P: Place> Runner<P> {
             self.master.on_link(bus, LinkEvent::SendFailed);
         }
         result
+    }
+
+    /// As [`Master::take_statuswords`].
+    pub(super) fn take_statuswords(&mut self, now: Time) -> Option<[Option<u16>; 2]> {
+        self.master.take_statuswords(now)
     }
 
     /// Sends what the master has for its segment, up to the first frame that could not be sent.

@@ -16,13 +16,13 @@ impl<P: Place> Runner<P> {
     /// [`RunError::Unmarked`], [`RunError::NotSimulated`], [`RunError::Pace`] and [`RunError::Unwatched`] if not; as [`Runner::read`].
     pub fn check_simulation(&mut self) -> Result<(), RunError> {
         for (drive, has_simulated_profile) in Device::DRIVES.into_iter().zip(self.has_simulated_profile) {
-            let node_id = self.node_id(drive);
+            let which = self.which(drive);
             if !self.is_marked(drive) {
                 if has_simulated_profile {
-                    return Err(RunError::Unmarked { node_id });
+                    return Err(RunError::Unmarked { which });
                 }
                 if self.pace() == Pace::Lockstep {
-                    return Err(RunError::NotSimulated { node_id });
+                    return Err(RunError::NotSimulated { which });
                 }
                 continue;
             }
@@ -34,11 +34,11 @@ impl<P: Place> Runner<P> {
                 Pace::Free => Clock::Sync,
             };
             if clock == u32::from(other.code()) {
-                return Err(RunError::Pace { node_id, pace: self.pace() });
+                return Err(RunError::Pace { which, pace: self.pace() });
             }
             let lacking = Watchdog::ALL.into_iter().find(|watchdog| lacks & u32::from(watchdog.bit()) != 0);
             if let (Pace::Lockstep, Some(watchdog)) = (self.pace(), lacking) {
-                return Err(RunError::Unwatched { node_id, watchdog });
+                return Err(RunError::Unwatched { which, watchdog });
             }
         }
         Ok(())

@@ -52,6 +52,8 @@ impl Servo {
             Watchdog::Sync => self.watchdogs.sync == SyncWatch::None,
             Watchdog::SetPoints => self.watchdogs.set_points == SetPointWatch::None,
             Watchdog::Heartbeat => self.watchdogs.heartbeat == HeartbeatWatch::None,
+            // The controller has it, and the master sets it.
+            Watchdog::Outputs => false,
         }
     }
 }

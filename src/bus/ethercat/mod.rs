@@ -496,6 +496,7 @@ impl EthercatNetwork {
             return;
         }
         self.asked = None;
+        self.flight.give_up(Purpose::Service);
         let stations = &self.stations;
         let sent = self.flight.send(Purpose::Service, |to| {
             for station in stations {

@@ -71,7 +71,7 @@ pub(in crate::cli) fn run(
     let (lines, end) = lines(&rig.value, &plan, &mut desks)?;
     let places: Vec<&str> = desks.iter().map(|desk| desk.place.as_str()).collect();
     let place = places.join(", ");
-    let rounds = if sender == Sender::Drill { Watchdog::ALL.len() } else { 1 };
+    let rounds = if sender == Sender::Drill { Watchdog::CANOPEN.len() } else { 1 };
     if output.is_json() {
         let document = json!({
             "dry_run": true, "place": place, "times": rounds,
@@ -95,7 +95,7 @@ pub(in crate::cli) fn run(
     }
     text.push_str(&motion_text(&rig.value, sender));
     if rounds > 1 {
-        let each = Watchdog::ALL.map(Watchdog::name).join(", ");
+        let each = Watchdog::CANOPEN.map(Watchdog::name).join(", ");
         text.push_str(&words::wrapped(&format!(
             "\nAll of it {rounds} times: while the rig rests, {each} stay away, one each time, until both drives have stopped, {} s at most.",
             DRILL_LIMIT.as_secs()

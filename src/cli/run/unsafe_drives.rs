@@ -23,6 +23,10 @@ pub(in crate::cli) fn judge(drilled: &Drilled, rig: &Rig, before: &str) -> Resul
     })
 }
 
+/// A drive on a segment that goes on without outputs.
+const OUTPUTS: &str = "the master sets the watchdog of its sync manager (0420h): look whether the drive's controller has one, and what its manual \
+                       says about it";
+
 /// A drive in torque mode that stops too late.
 fn too_slow(rig: &Rig) -> String {
     let most_ms = TORQUE_LIMIT.as_millis() / u128::from(HEARTBEAT_PERIODS);
@@ -39,6 +43,7 @@ fn goes_on(drive: &Drive, watchdog: Watchdog, rig: &Rig) -> String {
     let Some(servo) = drive.profile.get().and_then(|profile| profile.servo()) else { return String::new() };
     let why = match watchdog {
         Watchdog::Heartbeat => return without_heartbeat(drive, servo),
+        Watchdog::Outputs => return OUTPUTS.to_owned(),
         Watchdog::Sync => watch_of_sync(servo),
         Watchdog::SetPoints => watch_of_set_points(servo),
     };
@@ -168,7 +173,7 @@ mod tests {
             stopped_after: [(!goes_on.contains(&watchdog)).then(|| Duration::from_millis(after_ms)); 2],
             stopped_in: [None; 2],
         };
-        let drilled = Drilled { findings: Watchdog::ALL.map(finding).to_vec(), resolution: Duration::ZERO };
+        let drilled = Drilled { findings: Watchdog::CANOPEN.map(finding).to_vec(), resolution: Duration::ZERO };
         let failure = judge(&drilled, &rig, NOTHING_ENABLED).unwrap_err();
         failure.report.diagnostics[0].help.clone().unwrap()
     }

@@ -86,7 +86,7 @@ fn check_watchdogs(findings: &mut Findings, key: &str, rig: &Rig, name: &Profile
         findings.error(key, message, "a drive is wanted that has 1016h");
         return;
     }
-    let lacking: Vec<Watchdog> = Watchdog::ALL.into_iter().filter(|watchdog| servo.lacks(*watchdog)).collect();
+    let lacking: Vec<Watchdog> = Watchdog::CANOPEN.into_iter().filter(|watchdog| servo.lacks(*watchdog)).collect();
     if lacking.is_empty() {
         return;
     }

@@ -72,9 +72,19 @@ impl Rig {
         self.simulation.as_ref().is_none_or(|simulation| simulation.timing == BusTiming::Arbitrated)
     }
 
-    /// Whether a bus of it is an EtherCAT segment: then nothing but a simulated segment can be made of it yet.
+    /// Whether a bus of it is CAN.
+    pub fn is_on_can(&self) -> bool {
+        self.buses.values().any(|bus| bus.canopen().is_some())
+    }
+
+    /// Whether a bus of it is an EtherCAT segment.
     pub fn is_on_ethercat(&self) -> bool {
         self.buses.values().any(|bus| matches!(bus, Bus::Ethercat(_)))
+    }
+
+    /// Whether the drives are on an EtherCAT segment.
+    pub fn has_drives_on_ethercat(&self) -> bool {
+        self.drives.iter().any(|drive| drive.address.position().is_some())
     }
 
     /// This program as a node of its buses: the first of them, which the others are like.

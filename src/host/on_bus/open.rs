@@ -5,7 +5,9 @@ use thiserror::Error;
 use crate::bus::{MasterSetup, SensorLink};
 use crate::canopen::{BusId, cob};
 use crate::config;
-use crate::link::{CobFilter, LinkError, Role, SocketCan, SocketCanSettings, SocketCans};
+use crate::link::{
+    CobFilter, EthernetError, Interfaces, LinkError, PacketSocket, Role, SocketCan, SocketCanSettings, SocketCans,
+};
 use crate::run::RunError;
 
 /// Why the interfaces of a rig could not be opened. Nothing was sent.
@@ -17,6 +19,9 @@ pub enum OpenError {
     /// An interface cannot be used.
     #[error(transparent)]
     Link(#[from] LinkError),
+    /// The interface of a segment cannot be used.
+    #[error(transparent)]
+    Ethernet(#[from] EthernetError),
     /// There is not one interface for each bus.
     #[error("the rig has {buses} buses, and {interfaces} interfaces were given")]
     Count {
@@ -28,7 +33,7 @@ pub enum OpenError {
 }
 
 /// Opens one interface for each of the rig's buses, in the order of their names, each at the bit rate of its bus. `filters` gives what is
-/// wanted of a bus, process data and the rest; `roles` what only one process may do there.
+/// wanted of a CAN bus, process data and the rest; `roles` what only one process may do there. The role on a segment is that of its master.
 ///
 /// # Errors
 /// If an interface cannot be used, or there are too few or too many.
@@ -37,23 +42,28 @@ pub fn open_buses(
     interfaces: &[String],
     roles: impl Fn(BusId) -> Vec<Role>,
     filters: impl Fn(BusId) -> (Vec<CobFilter>, Vec<CobFilter>),
-) -> Result<SocketCans, OpenError> {
+) -> Result<Interfaces, OpenError> {
     if interfaces.len() != rig.buses.len() {
         return Err(OpenError::Count { buses: rig.buses.len(), interfaces: interfaces.len() });
     }
-    let mut links = Vec::new();
+    let (mut links, mut segment) = (Vec::new(), None);
     for ((bus, configured), interface) in BusId::all().zip(rig.buses.values()).zip(interfaces) {
+        let Some(can) = configured.canopen() else {
+            segment = Some(PacketSocket::open(interface, Role::Master)?);
+            links.push(None);
+            continue;
+        };
         let (process, services) = filters(bus);
         let settings = SocketCanSettings {
             process,
             services,
-            bit_rate: configured.canopen().map(|bus| bus.bit_rate_bit_per_s),
+            bit_rate: Some(can.bit_rate_bit_per_s),
             roles: roles(bus),
             ..SocketCanSettings::everything(interface)
         };
-        links.push(SocketCan::open(&settings)?);
+        links.push(Some(SocketCan::open(&settings)?));
     }
-    Ok(SocketCans::new(links))
+    Ok(Interfaces::new(SocketCans::new(links), segment))
 }
 
 /// What a master wants of a bus: process data, and the rest.

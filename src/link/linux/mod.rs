@@ -24,6 +24,7 @@ pub use adapter::Attachment;
 pub use error::LinkError;
 pub use facts::{ControllerState, InterfaceFacts, interfaces};
 pub use filter::CobFilter;
+pub(super) use several::MOST_PORTS;
 pub use several::SocketCans;
 
 use std::cell::Cell;

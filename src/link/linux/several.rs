@@ -5,35 +5,50 @@
 //! compared are the frames at the head of each queue, so that the work for one frame does not grow with the queues. A frame
 //! that the kernel shows only after a later one of another bus was handed out comes after it, with the moment of that one.
 
+use std::os::fd::{AsFd, BorrowedFd};
+
 use rustix::event::{PollFd, PollFlags};
 
 use super::SocketCan;
 use crate::canopen::{BusId, Frame};
 use crate::link::clock::{monotonic, wait_for_any};
-use crate::link::{Arrival, CanLink, Received, SendError, Wires};
+use crate::link::{Arrival, CanLink, Received, SendError};
 use crate::time::Time;
 
 /// Most interfaces of one link.
 const MOST: usize = 4;
 
-/// One interface for each bus of a rig, in the order of the buses: frames come with their bus and go
+/// Most sockets of one link.
+pub(in crate::link) const MOST_PORTS: usize = 2 * MOST;
+
+/// One interface for each CAN bus of a rig, at the places of the buses: frames come with their bus and go
 /// where theirs says ([`Frame::bus`]).
 #[derive(Debug)]
 pub struct SocketCans {
-    links: Vec<SocketCan>,
+    links: Vec<Option<SocketCan>>,
     merge: Merge,
 }
 
 impl SocketCans {
-    /// These interfaces; more than four are left out.
-    pub fn new(mut links: Vec<SocketCan>) -> Self {
+    /// These interfaces, with nothing in the place of a bus that is not CAN; more than four are left out.
+    pub fn new(mut links: Vec<Option<SocketCan>>) -> Self {
         links.truncate(MOST);
         Self { links, merge: Merge::default() }
     }
 
     /// The interfaces, in the order of the buses.
-    pub fn links(&self) -> &[SocketCan] {
-        &self.links
+    pub fn links(&self) -> impl Iterator<Item = &SocketCan> {
+        self.links.iter().flatten()
+    }
+
+    /// Whether something was taken from a socket and not handed out yet.
+    pub(in crate::link) fn has_pending(&self) -> bool {
+        !self.merge.is_empty() || self.links().any(SocketCan::has_pending)
+    }
+
+    /// The sockets, at most [`MOST_PORTS`].
+    pub(in crate::link) fn ports(&self) -> impl Iterator<Item = BorrowedFd<'_>> {
+        self.links().flat_map(SocketCan::ports).map(AsFd::as_fd)
     }
 }
 
@@ -85,30 +100,29 @@ impl CanLink for SocketCans {
 
     fn receive(&mut self) -> Option<Arrival> {
         let links = &mut self.links;
-        self.merge.next(|bus, is_process| links.get_mut(bus.index())?.take(is_process))
+        self.merge.next(|bus, is_process| links.get_mut(bus.index())?.as_mut()?.take(is_process))
     }
 
     fn send(&mut self, frame: &Frame) -> Result<(), SendError> {
         // A bus without an interface is one that is gone.
-        self.links.get_mut(frame.bus().index()).map_or(Err(SendError::Gone), |link| link.send(frame))
+        let link = self.links.get_mut(frame.bus().index()).and_then(Option::as_mut);
+        link.map_or(Err(SendError::Gone), |link| link.send(frame))
     }
 
     fn wait(&mut self, until: Time) -> bool {
-        let Some(first) = self.links.first() else { return false };
-        if !self.merge.is_empty() || self.links.iter().any(SocketCan::has_pending) {
+        let Some(first) = self.links().next() else { return false };
+        if self.has_pending() {
             return true;
         }
-        let mut places = std::array::from_fn::<_, { 2 * MOST }, _>(|_| PollFd::new(first, PollFlags::IN));
+        let mut places = std::array::from_fn::<_, MOST_PORTS, _>(|_| PollFd::new(first, PollFlags::IN));
         let mut used = 0;
-        for (place, port) in places.iter_mut().zip(self.links.iter().flat_map(SocketCan::ports)) {
-            *place = PollFd::new(port, PollFlags::IN);
+        for (place, port) in places.iter_mut().zip(self.ports()) {
+            *place = PollFd::from_borrowed_fd(port, PollFlags::IN);
             used += 1;
         }
         wait_for_any(places.get_mut(..used).unwrap_or_default(), until)
     }
 }
-
-impl Wires for SocketCans {}
 
 #[cfg(test)]
 mod tests {

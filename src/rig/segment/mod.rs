@@ -10,7 +10,7 @@ use super::far_end::{DEVICES, SENSOR};
 use super::server::{GRACE, LAG};
 use super::world::{Body, World};
 use crate::config;
-use crate::ethercat::frame::{self, Command};
+use crate::ethercat::frame::{self, Command, Datagrams};
 use crate::injection::Injection;
 use crate::quantity::JointTorques;
 use crate::run::Pace;
@@ -23,7 +23,7 @@ use yieldwall_drives::cia402;
 ///
 /// Without I/O, like every engine: frames and moments of the wall come in, and what comes back goes to a closure. Simulated time follows
 /// the wall. In lockstep it stands still from the frame that reads process data to the next one that reads the same, which is a period
-/// later, and follows the wall in whole periods before the first one and 2 s after the last one; the clocks of devices do not drift
+/// later, and follows the wall in whole periods before the first one, 2 s after the last one, and when a master writes to all devices; the clocks of devices do not drift
 /// then. The hand takes the tool when all drives are in Operation Enabled, and lets go of it when none makes torque any more.
 #[derive(Debug)]
 pub struct SegmentServer {
@@ -118,6 +118,9 @@ impl SegmentServer {
     /// # Errors
     /// If the simulated arm cannot go on.
     pub fn on_frame(&mut self, wall: Time, bytes: &mut [u8], mut back: impl FnMut(&[u8])) -> Result<(), RigError> {
+        if self.waits_since.is_some() && is_bring_up(bytes) {
+            self.follow_the_wall(wall);
+        }
         let begins = self.pace == Pace::Lockstep && self.begins_period(bytes);
         let until = match self.waits_since {
             Some(_) if begins => self.now + self.period,
@@ -151,8 +154,7 @@ impl SegmentServer {
     /// If the simulated arm cannot go on.
     pub fn poll(&mut self, wall: Time, mut back: impl FnMut(&[u8])) -> Result<(), RigError> {
         if self.waits_since.is_some_and(|since| wall >= since + GRACE) {
-            (self.waits_since, self.opener, self.anchor) = (None, None, (wall, self.now));
-            self.world.noise_counts = 0.0;
+            self.follow_the_wall(wall);
         }
         let until = self.due(wall);
         self.advance(until)?;
@@ -222,6 +224,12 @@ impl SegmentServer {
 }
 
 impl SegmentServer {
+    /// Time no longer waits.
+    fn follow_the_wall(&mut self, wall: Time) {
+        (self.waits_since, self.opener, self.anchor) = (None, None, (wall, self.now));
+        self.world.noise_counts = 0.0;
+    }
+
     /// Whether a frame begins a period of lockstep: it reads process data, the same as the last one that did.
     fn begins_period(&mut self, bytes: &[u8]) -> bool {
         let Ok(end) = frame::end(bytes) else { return false };
@@ -322,6 +330,12 @@ impl SegmentServer {
             (None, None) => {}
         }
     }
+}
+
+/// Whether a frame is of a master that brings the segment up: it writes to all devices.
+fn is_bring_up(bytes: &[u8]) -> bool {
+    let Ok(mut datagrams) = Datagrams::of(bytes) else { return false };
+    datagrams.any(|datagram| datagram.is_ok_and(|it| it.header.command == Command::Bwr as u8))
 }
 
 fn device(segment: &mut Segment<SimulatedDevice>, place: Option<usize>) -> Option<&mut SimulatedDevice> {

@@ -67,7 +67,7 @@ impl<P: Place> Runner<P> {
     }
 
     /// Takes what has come over the segment; whether that was anything.
-    fn drain_ethernet(&mut self) -> bool {
+    pub(in crate::run) fn drain_ethernet(&mut self) -> bool {
         let Some(bus) = self.master.segment_bus() else { return false };
         let mut has_come = false;
         for _ in 0..ARRIVALS {

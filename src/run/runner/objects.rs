@@ -3,7 +3,7 @@
 use super::Runner;
 use crate::guard::Device;
 use crate::objects::{Address, ObjectAnswer, ObjectRequest};
-use crate::run::error::RunError;
+use crate::run::error::{RunError, Which};
 use crate::run::place::Place;
 use crate::run::proof::DriveIdentity;
 use crate::time::Time;
@@ -29,7 +29,7 @@ impl<P: Place> Runner<P> {
     /// One transfer; what was read, as an unsigned value.
     fn transfer(&mut self, device: Device, request: ObjectRequest<'_>) -> Result<u32, RunError> {
         let (ObjectRequest::Read(Address { index, sub }) | ObjectRequest::Write(Address { index, sub }, _)) = request;
-        let unread = RunError::Unread { node_id: self.node_id(device), index, sub };
+        let unread = RunError::Unread { which: self.which(device), index, sub };
         self.send(|master, now, out| master.ask(now, device, request, out)).map_err(|_| unread.clone())?;
         loop {
             // The drives already wait for heartbeats.
@@ -57,7 +57,7 @@ impl<P: Place> Runner<P> {
     }
 
     fn identity(&mut self, drive: Device) -> Result<DriveIdentity, RunError> {
-        let node_id = self.node_id(drive);
+        let node_id = self.master.node_id(drive);
         let mut read = |sub| self.read(drive, objects::VENDOR_ID.index, sub);
         Ok(DriveIdentity {
             node_id,
@@ -68,8 +68,8 @@ impl<P: Place> Runner<P> {
         })
     }
 
-    /// The node id of a device, 0 if it has none.
-    pub(in crate::run) fn node_id(&self, device: Device) -> u8 {
-        self.master.node_id(device).unwrap_or_default()
+    /// The device as errors name it.
+    pub(in crate::run) fn which(&self, device: Device) -> Which {
+        Which { device, node_id: self.master.node_id(device) }
     }
 }

@@ -202,6 +202,8 @@ impl Drive {
             Watchdog::Sync => self.device.watches.sync = Watch::None,
             Watchdog::SetPoints => self.device.watches.set_points = Watch::None,
             Watchdog::Heartbeat => self.ignores_heartbeats = true,
+            // The controller's.
+            Watchdog::Outputs => {}
         }
     }
 
