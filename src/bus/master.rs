@@ -308,6 +308,14 @@ impl Master {
         self.can.iter_mut().for_each(|can| can.on_echo(frame));
     }
 
+    /// How late the next [`Master::on_sync`] is against its grid point. The reference clock of a segment is told of the grid, not of how late
+    /// this computer has woken up.
+    ///
+    /// Real-time: yes.
+    pub fn note_late(&mut self, late: Duration) {
+        self.segment.iter_mut().for_each(|segment| segment.note_late(late));
+    }
+
     /// The begin of a cycle: SYNC, and behind it the request to a sensor that is polled; on a segment the input frame.
     ///
     /// At most one cycle is in flight: while set-points of an earlier cycle have not been seen on their bus, or SYNC on a bus

@@ -9,7 +9,8 @@ use super::interfaces::Interfaces;
 use super::interrupt::on_interrupt;
 use super::keep::{Watched, state_folder};
 use super::on_bus::{
-    different, live_failure, open_failure, point_to_doctor, thread_failure, told_at_boot, warn, warn_of, with_told,
+    different, live_failure, only_for_can, open_failure, point_to_doctor, thread_failure, told_at_boot, warn, warn_of,
+    with_told,
 };
 use super::output::Output;
 use super::run::{judge, settled_json, settled_text, watchdogs_json, watchdogs_text};
@@ -43,6 +44,9 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
 fn drill(arguments: &Arguments, events: &Events, output: &mut Output) -> Result<(), Failure> {
     let rig = config::load_rig_on_any_bus(Source::named(&arguments.rig))?;
     output.configuration(&rig.warnings)?;
+    if rig.value.is_on_ethercat() {
+        only_for_can(&[("--dry-run", arguments.dry_run, "docs/ethercat.md says what a boot writes")])?;
+    }
     if arguments.dry_run {
         let buses = match arguments.bus.as_slice() {
             [] => Vec::new(),

@@ -13,8 +13,8 @@ use super::interfaces::Interfaces;
 use super::interrupt::{interrupted, on_interrupt};
 use super::keep::{Keep, Watched};
 use super::on_bus::{
-    different, live_failure, open_failure, point_to_doctor, thread_failure, told_at_boot, warn, warn_of, with_findings,
-    with_told,
+    different, live_failure, only_for_can, open_failure, point_to_doctor, thread_failure, told_at_boot, warn, warn_of,
+    with_findings, with_told,
 };
 use super::output::Output;
 use super::pace::PaceArgument;
@@ -50,6 +50,17 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
 fn run_and_tell(arguments: &Arguments, events: &Events, output: &mut Output) -> Result<(), Failure> {
     check(arguments)?;
     let rig = config::load_rig_on_any_bus(Source::named(&arguments.rig))?;
+    if rig.value.is_on_ethercat() {
+        only_for_can(&[
+            ("--pace lockstep", arguments.pace == PaceArgument::Lockstep, "leave --pace away"),
+            ("--dry-run", arguments.dry_run, "docs/ethercat.md says what a boot writes"),
+            (
+                "--candump",
+                arguments.candump.is_some(),
+                "a program that captures frames of Ethernet records the interface",
+            ),
+        ])?;
+    }
     output.configuration(&rig.warnings)?;
     check_buses(&rig, arguments.ignore_bus_budget, output)?;
     // Whoever holds the tool is not the hand of the scene.

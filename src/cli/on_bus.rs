@@ -22,6 +22,13 @@ pub(super) fn link_failure(error: &LinkError) -> Failure {
     Failure::new(Exit::BusUnavailable, error.to_string(), "")
 }
 
+/// Refuses the first argument that is given and is for rigs on CAN; each is a name, whether it is given, and what to do instead.
+pub(super) fn only_for_can(arguments: &[(&str, bool, &str)]) -> Result<(), Failure> {
+    let Some((name, _, help)) = arguments.iter().find(|(_, is_given, _)| *is_given) else { return Ok(()) };
+    let message = format!("{name} is for devices on CAN, and this rig is on EtherCAT");
+    Err(Failure::new(Exit::Usage, message, *help))
+}
+
 /// The failure that interfaces are which cannot be used for a rig.
 pub(super) fn open_failure(error: &OpenError) -> Failure {
     match error {

@@ -364,13 +364,7 @@ impl EthercatNetwork {
                     Ok(None)
                 }
             },
-            Task::State(_)
-            | Task::Sii
-            | Task::Identify
-            | Task::Mailboxes
-            | Task::Objects
-            | Task::Exchange
-            | Task::Sync0 => self.next_ask_of_station(now, task, place),
+            task => self.next_ask_of_station(now, task, place),
         }
     }
 

@@ -32,6 +32,8 @@ pub(super) struct GridServo {
     /// Time stands still between the cycles, so that no shift has any effect: the first phase is the wanted one.
     is_in_lockstep: bool,
     has_time: bool,
+    /// How late the input frame was sent, against its grid point.
+    late_ns: u64,
 }
 
 impl GridServo {
@@ -58,10 +60,20 @@ impl GridServo {
         phase - self.period_ns * (phase / self.period_ns).round()
     }
 
+    /// How late the next input frame is sent, against its grid point. In lockstep there is no such thing.
+    ///
+    /// Real-time: yes.
+    pub(super) fn note_late(&mut self, late: Duration) {
+        if !self.is_in_lockstep {
+            self.late_ns = late.as_nanos().min(u128::from(u32::MAX)) as u64;
+        }
+    }
+
     /// Takes the system time at which the input frame passed the reference clock.
     ///
     /// Real-time: yes.
     pub(super) fn on_time(&mut self, system_time_ns: u64) {
+        let system_time_ns = system_time_ns.saturating_sub(self.late_ns);
         if self.is_in_lockstep && !self.has_time {
             self.wanted_ns = (system_time_ns % self.period_ns.max(1.0) as u64) as f64;
         }

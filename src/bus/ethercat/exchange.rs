@@ -67,6 +67,13 @@ impl Grid {
 }
 
 impl EthercatNetwork {
+    /// How late the next input frame is against its grid point: by so much less the reference clock tells of the grid.
+    ///
+    /// Real-time: yes.
+    pub fn note_late(&mut self, late: Duration) {
+        self.servo.note_late(late);
+    }
+
     /// The begin of a cycle: the input frame. The caller runs the cycles from the first call on.
     ///
     /// Real-time: yes.
@@ -244,12 +251,8 @@ impl EthercatNetwork {
     /// Has somebody else run the cycles from now on: the grid point of the next one. `None` between the two moments of a cycle, before the
     /// first one, and when somebody has taken them over before.
     pub fn take_over_cycles(&mut self) -> Option<Time> {
-        let next = self.grid.next_open;
-        let is_between = next == Time::NEVER;
-        if !is_between {
-            self.grid.next_open = Time::NEVER;
-        }
-        (!is_between).then_some(next)
+        let next = std::mem::replace(&mut self.grid.next_open, Time::NEVER);
+        (next != Time::NEVER).then_some(next)
     }
 
     /// Whether a frame has not come back.
@@ -362,6 +365,7 @@ impl EthercatNetwork {
     pub(super) fn poll_grid(&mut self, now: Time, out: &mut impl EthernetOutbox) {
         if now >= self.grid.next_open {
             let at = self.grid.next_open;
+            self.note_late(now.since(at));
             self.send_inputs(out);
             (self.grid.next_open, self.grid.next_close) = (Time::NEVER, at + self.compute_at);
         } else if now >= self.grid.next_close {

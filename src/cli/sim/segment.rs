@@ -7,6 +7,7 @@ use crate::cli::ending::rig_failure;
 use crate::cli::failure::{Exit, Failure};
 use crate::cli::interfaces::Interfaces;
 use crate::cli::interrupt::on_interrupt;
+use crate::cli::on_bus::only_for_can;
 use crate::cli::output::Output;
 use crate::config;
 use crate::injection::{Injection, Medium};
@@ -62,7 +63,7 @@ pub(super) fn run(
 
 /// What is for devices on CAN.
 fn refuse(arguments: &Arguments, faults: &[Injection]) -> Result<(), Failure> {
-    let given = [
+    only_for_can(&[
         (
             "--plant",
             arguments.plant.is_some(),
@@ -79,11 +80,7 @@ fn refuse(arguments: &Arguments, faults: &[Injection]) -> Result<(), Failure> {
             "on EtherCAT the watchdog is in the controllers, and the master sets it",
         ),
         ("--reset-ms", arguments.reset_ms.is_some(), "devices on EtherCAT send no boot-up message"),
-    ];
-    if let Some((name, _, help)) = given.into_iter().find(|(_, is_given, _)| *is_given) {
-        let message = format!("{name} is for devices on CAN, and this rig is on EtherCAT");
-        return Err(Failure::new(Exit::Usage, message, help));
-    }
+    ])?;
     faults.iter().try_for_each(|fault| fault.check_on(Medium::Ethercat).map_err(|error| no_fault(&error)))
 }
 

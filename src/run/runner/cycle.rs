@@ -133,6 +133,7 @@ impl<P: Place> Runner<P> {
         self.stages.sync_woke_ns = nanos(woke.since(grid));
         let sent = self.now();
         self.timing.sync_late_ns = nanos(sent.since(grid));
+        self.master.note_late(sent.since(grid));
         self.send_sync();
         // Process data follow SYNC, however late that was.
         let woke = self.attend_until(sent + self.compute_at);

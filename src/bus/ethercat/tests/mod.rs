@@ -129,6 +129,9 @@ struct Bench {
     keeps: bool,
     count: u64,
     next_open: Time,
+    /// How late the owner opens each cycle, and whether the network is told.
+    late: Box<dyn FnMut() -> Duration>,
+    tells_late: bool,
 }
 
 impl Bench {
@@ -145,6 +148,8 @@ impl Bench {
             keeps: false,
             count: 0,
             next_open: Time::NEVER,
+            late: Box::new(|| Duration::ZERO),
+            tells_late: true,
         }
     }
 
@@ -252,8 +257,12 @@ impl Bench {
             }
         }
         let open = self.next_open;
-        self.run_until(Time(open.0 - 1));
-        self.now = open;
+        let late = (self.late)();
+        self.run_until(Time(open.0 - 1) + late);
+        self.now = open + late;
+        if self.tells_late {
+            self.network.note_late(late);
+        }
         self.network.open(&mut self.outbox);
         self.flush();
         let compute = open + COMPUTE_AT;
