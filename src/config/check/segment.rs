@@ -189,13 +189,13 @@ mod tests {
     }
 
     #[test]
-    fn a_rig_on_ethercat_is_read_and_not_run() {
+    fn a_rig_on_ethercat_is_read_and_not_simulated_here() {
         assert!(load_rig_on_any_bus(builtin("paper-ethercat.yaml")).unwrap().warnings.is_empty());
         assert!(matches!(load(builtin("paper-ethercat.yaml")), Ok(Document::Rig(_))));
         let report = load_rig(builtin("paper-ethercat.yaml")).unwrap_err();
         let [refused] = report.diagnostics.as_slice() else { panic!("{report}") };
         assert_eq!(refused.key, "buses.main.ethercat");
-        assert!(refused.help.as_ref().unwrap().contains("sim builtin:paper-ethercat.yaml --bus"), "{refused:?}");
+        assert!(refused.help.as_ref().unwrap().contains("run builtin:paper-ethercat.yaml --bus"), "{refused:?}");
     }
 
     #[test]
