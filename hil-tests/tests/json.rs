@@ -24,7 +24,7 @@ fn every_command_prints_one_object_with_its_exit_code_and_its_diagnostics() {
     let rig = "builtin:paper-admittance.yaml";
     let run = format!("run {rig} --duration 0.2");
     // In this order: a recording is made before it is looked into.
-    let cases: [(&str, i32); 67] = [
+    let cases: [(&str, i32); 73] = [
         (&format!("{run} --record rec"), 0),
         (&format!("run {rig} --duration 3 --fault node-reset@2.5 --black-box rec"), 8),
         (&format!("{run} --figure x.txt"), 2),
@@ -66,6 +66,12 @@ fn every_command_prints_one_object_with_its_exit_code_and_its_diagnostics() {
         ("doctor node left --fault bus-of", 2),
         ("scan --rig builtin:paper-admittance-two-buses.yaml", 0),
         ("scan --rig absent.yaml", 3),
+        ("scan --rig builtin:paper-ethercat.yaml", 0),
+        ("info sensor --rig builtin:paper-ethercat.yaml", 0),
+        ("info 3 --rig builtin:paper-ethercat.yaml", 5),
+        ("reg read left al-status 0300h --rig builtin:paper-ethercat.yaml", 0),
+        ("reg read left al-statsu --rig builtin:paper-ethercat.yaml", 2),
+        ("reg read left", 2),
         ("info left", 0),
         ("info 77", 5),
         ("od read left statusword 1018h:4 position-actual", 0),
@@ -172,7 +178,7 @@ fn what_a_person_reads_fits_a_terminal_of_eighty_columns() {
     let run = format!("run {rig} --duration 0.2");
     let new = "new real.yaml --yes --drives maxon-epos4 --encoder multi_turn --mode position";
     // In this order: a recording is made before it is looked into.
-    let cases: [(&str, i32); 76] = [
+    let cases: [(&str, i32); 82] = [
         ("--help", 0),
         ("run --help", 0),
         ("run", 2),
@@ -227,6 +233,12 @@ fn what_a_person_reads_fits_a_terminal_of_eighty_columns() {
         ("doctor node left", 0),
         ("doctor node 5", 5),
         ("doctor node left --fault bus-off", 4),
+        ("scan --rig builtin:paper-ethercat.yaml", 0),
+        ("info sensor --rig builtin:paper-ethercat.yaml", 0),
+        ("info 3 --rig builtin:paper-ethercat.yaml", 5),
+        ("reg read left al-status 0300h --rig builtin:paper-ethercat.yaml", 0),
+        ("reg read left al-statsu --rig builtin:paper-ethercat.yaml", 2),
+        ("reg read left", 2),
         ("info left", 0),
         ("info wrist", 0),
         ("info 77", 5),

@@ -16,7 +16,7 @@ use std::path::{Path, PathBuf};
 const RULE: &str = "\
 quantity, setvalued  <-  sensing, fixture, linkage, control (never one another)  <-  guard  <-  cycle  <-  bus  <-  assembly  <-  run  <-  rig  <-  study, soak (not one another)  <-  cli
 drives, canopen      <-  bus, run, sim; guard and cycle may name the states of `drives::cia402`
-ethercat             EtherCAT codecs and engines: names objects and time; named by bus, explanation, sim, rig, live
+ethercat             EtherCAT codecs and engines: names objects and time; named by bus, explanation, sim, rig, live, service
 time, objects        the clock; dictionary, values and abort codes of any bus: objects names time; named by canopen and whatever names canopen
 plain_can            names canopen and sensing; named by bus, assembly, sim, rig
 assembly             from config to the parts below run; names nothing simulated
@@ -29,7 +29,7 @@ host                 the computer, and a rig on its interfaces: names run and wh
 analysis             what can be said of a rig before it runs: names rig and what rig names; named by study, cli
 report               what a run shows: names rig and what rig names; named by study, cli
 live                 simulated devices on a link: names link, rig and what rig names; named by cli
-service              devices asked one by one when no rig runs: names link, canopen, objects, drives; named by cli
+service              devices asked one by one when no rig runs: names link, bus, canopen, ethercat, objects, drives; named by cli
 config               names the parameter types of the layers below cycle; named by bus, assembly, run, sim, rig, host, study, soak, record, cli
 elementary           names nothing; named by all
 batch                names nothing; named by study, soak, cli
@@ -104,7 +104,7 @@ fn may_name(layer: &str) -> Option<Vec<&'static str>> {
         "rig" => [bus(), run, vec!["run", "injection", "sim", "ethercat"]].concat(),
         "analysis" => [bus(), run, vec!["run", "sim", "rig"]].concat(),
         "report" => [bus(), run, vec!["run", "injection", "explanation", "sim", "rig"]].concat(),
-        "service" => [&engines[..], &["link", "checkup"]].concat(),
+        "service" => [&engines[..], &["bus", "ethercat", "link", "checkup"]].concat(),
         "live" => [bus(), run, vec!["run", "sim", "rig", "ethercat"]].concat(),
         "soak" => [bus(), run, vec!["run", "batch", "injection", "sim", "rig"]].concat(),
         "study" => [bus(), run, vec!["run", "batch", "injection", "sim", "rig", "analysis", "report"]].concat(),

@@ -17,7 +17,7 @@ use crate::time::Time;
 use yieldwall_drives::scaling::AxisScaling;
 
 /// How long frames of another master are listened for on a segment: ten cycles of a slow one.
-const SEGMENT_LISTENING: Duration = Duration::from_millis(100);
+pub const SEGMENT_LISTENING: Duration = Duration::from_millis(100);
 
 /// The master of one rig: its networks, which carry raw words, the two axes that these words are of, and the cycle between them.
 #[derive(Clone)]

@@ -27,7 +27,7 @@ mod told;
 pub use axis::words_to_enable;
 pub use can::{BootPlan, NodePlan, PlannedWrite, Waiting, budget};
 pub use error::{BootError, BootFailure, Others, Said};
-pub use master::Master;
+pub use master::{Master, SEGMENT_LISTENING};
 pub use phase::{LinkEvent, Phase};
 pub use setup::{DriveSetup, MasterSetup, SensorLink, SensorNode, SensorSetup, Waits};
 pub use signs::{Heard, LISTENING, Sign, Signs};

@@ -127,6 +127,9 @@ enum Command {
     /// Node ids for devices that have none, or the wrong one
     #[command(subcommand)]
     Lss(desk::lss::Command),
+    /// Registers of a device on EtherCAT
+    #[command(subcommand)]
+    Reg(desk::reg::Command),
     /// Print what is on a bus, frame by frame, in words; nothing is sent
     Monitor(desk::monitor::Arguments),
     /// List the faults that can be injected, what each does and what follows
@@ -241,6 +244,7 @@ fn run(arguments: impl IntoIterator<Item = OsString>) -> Exit {
         Command::Emcy(arguments) => desk::emcy::run(&arguments, &mut output),
         Command::State(arguments) => desk::state::run(&arguments, &mut output),
         Command::Lss(command) => desk::lss::run(&command, &mut output),
+        Command::Reg(command) => desk::reg::run(&command, &mut output),
         Command::Monitor(arguments) => desk::monitor::run(&arguments, &mut output),
         Command::Faults(arguments) => faults::list(&arguments, &mut output),
         Command::Explain(arguments) => explain::run(&arguments, &mut output),

@@ -111,6 +111,16 @@ impl AlStatus {
     pub const fn has_error(self) -> bool {
         self.0 & Self::ERROR != 0
     }
+
+    /// Whether, with this code, only a master that exchanges process data keeps a device there: OP, or SAFE-OP to which the watchdog has not
+    /// brought it.
+    pub fn shows_master(self, code: AlStatusCode) -> bool {
+        match self.state() {
+            Some(AlState::Operational) => true,
+            Some(AlState::SafeOperational) => code != AlStatusCode::SYNC_MANAGER_WATCHDOG,
+            _ => false,
+        }
+    }
 }
 
 impl fmt::Display for AlStatus {

@@ -246,6 +246,29 @@ impl<'a> Iterator for Datagrams<'a> {
     }
 }
 
+/// Whether a frame is another one as it comes back: the same datagrams with the same addresses, but where devices count them up.
+///
+/// Real-time: yes.
+pub fn answers(sent: &[u8], got: &[u8]) -> bool {
+    let (Ok(mut sent), Ok(mut got)) = (Datagrams::of(sent), Datagrams::of(got)) else { return false };
+    loop {
+        match (sent.next(), got.next()) {
+            (None, None) => return true,
+            (Some(Ok(sent)), Some(Ok(got))) if is_same(&sent, &got) => {}
+            _ => return false,
+        }
+    }
+}
+
+fn is_same(sent: &Datagram<'_>, got: &Datagram<'_>) -> bool {
+    use Command::*;
+    let (is, was) = (&got.header, &sent.header);
+    let counts_up = matches!(Command::from_byte(was.command), Some(Aprd | Apwr | Aprw | Brd | Bwr | Brw | Armw));
+    let has_address = if counts_up { is.ado() == was.ado() } else { is.address == was.address };
+    let shape = |it: &DatagramHeader| (it.command, it.index, it.len, it.has_more);
+    has_address && shape(is) == shape(was) && !is.is_circulating
+}
+
 /// Writes a frame into a buffer, datagram by datagram.
 ///
 /// Real-time: yes.

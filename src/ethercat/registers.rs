@@ -96,6 +96,37 @@ pub const DC_SYNC1_CYCLE: u16 = 0x09a4;
 /// First byte of the process data memory.
 pub const PROCESS_DATA: u16 = 0x1000;
 
+/// Registers that a person looks at: address, bytes, name.
+pub const NAMED: [(u16, usize, &str); 27] = [
+    (TYPE, 1, "type"),
+    (0x0001, 1, "revision"),
+    (0x0002, 2, "build"),
+    (FMMU_COUNT, 1, "fmmus"),
+    (SYNC_MANAGER_COUNT, 1, "sync-managers"),
+    (RAM_SIZE, 1, "ram-kb"),
+    (PORT_DESCRIPTOR, 1, "port-descriptor"),
+    (FEATURES, 2, "features"),
+    (STATION_ADDRESS, 2, "station-address"),
+    (STATION_ALIAS, 2, "station-alias"),
+    (DL_CONTROL, 4, "dl-control"),
+    (DL_STATUS, 2, "dl-status"),
+    (AL_CONTROL, 2, "al-control"),
+    (AL_STATUS, 2, "al-status"),
+    (AL_STATUS_CODE, 2, "al-status-code"),
+    (RX_ERROR, 8, "rx-error"),
+    (FORWARDED_RX_ERROR, 4, "forwarded-rx-error"),
+    (PROCESSING_UNIT_ERROR, 1, "processing-unit-error"),
+    (PDI_ERROR, 1, "pdi-error"),
+    (LOST_LINK, 4, "lost-link"),
+    (WATCHDOG_DIVIDER, 2, "watchdog-divider"),
+    (WATCHDOG_SYNC_MANAGER, 2, "watchdog-sync-manager"),
+    (WATCHDOG_STATUS, 2, "watchdog-status"),
+    (WATCHDOG_COUNTER, 1, "watchdog-counter"),
+    (SII_CONTROL, 2, "sii-control"),
+    (DC_SYSTEM_TIME, 8, "dc-system-time"),
+    (DC_DIFFERENCE, 4, "dc-difference"),
+];
+
 /// Bits of [`FEATURES`].
 pub mod feature {
     /// Distributed clocks.

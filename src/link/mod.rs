@@ -25,7 +25,7 @@ mod role;
 pub use error_frame::ErrorFrame;
 pub use ethernet::{EthernetArrival, EthernetLink, EthernetReceived};
 #[cfg(all(feature = "ethernet", target_os = "linux"))]
-pub use ethernet::{EthernetError, PacketSocket};
+pub use ethernet::{EthernetError, PacketSocket, is_ethernet};
 #[cfg(all(feature = "socketcan", target_os = "linux"))]
 pub use interfaces::Interfaces;
 #[cfg(all(feature = "socketcan", target_os = "linux"))]

@@ -8,6 +8,7 @@ mod planted;
 mod segment;
 mod serve;
 mod virtual_link;
+mod virtual_segment;
 
 #[cfg(all(feature = "socketcan", target_os = "linux"))]
 pub use attach::{AttachError, Attached, Entrance, attach};
@@ -16,3 +17,4 @@ pub use planted::{PlantedLink, Trouble};
 pub use segment::serve_segment;
 pub use serve::{ServeError, serve};
 pub use virtual_link::VirtualLink;
+pub use virtual_segment::VirtualSegment;

@@ -7,6 +7,7 @@
 //!                |-- adopt      what a drive can do, tried out and put back -> a device profile
 //!                |-- inventory  all objects, found without a data sheet or by one
 //!                `-- restore    values of a file against those of the device -> steps in order -> written and read back
+//! EthernetLink <-> SegmentService: registers and SII of each device of an EtherCAT segment, by position
 //! ```
 //! Nothing here is real-time, and nothing sends a set-point or brings a drive nearer to Operation Enabled
 //! ([`Caution::of_write`]).
@@ -19,6 +20,7 @@ mod inventory;
 mod known;
 mod restore;
 mod scan;
+mod segment;
 #[cfg(all(test, feature = "sim"))]
 mod tests;
 
@@ -28,3 +30,4 @@ pub use inventory::{Missed, inventory, sheet_of, type_by_length, values_of};
 pub use known::{Known, known, named, names};
 pub use restore::{LeftOut, Made, Plan, Step, Why, carry_out, downloads, is_shown, plan};
 pub use scan::{Found, Identity, identify, number, of_node, scan};
+pub use segment::{Present, SegmentError, SegmentService};

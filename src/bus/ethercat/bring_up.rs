@@ -23,7 +23,7 @@ use crate::bus::error::BootFailure;
 use crate::bus::phase::Phase;
 use crate::ethercat::frame::{Command, address};
 use crate::ethercat::registers::{self as register, feature, sii_control};
-use crate::ethercat::sii::{FIRST_CATEGORY, MOST_WORDS, MailboxArea, Sii, SiiError, category};
+use crate::ethercat::sii::{MailboxArea, Sii, SiiError, words_needed};
 use crate::ethercat::{AlControl, AlState, AlStatus, AlStatusCode, Fmmu, SyncManager, array, u16_at, u32_at};
 use crate::objects::ObjectAnswer;
 use crate::time::Time;
@@ -523,13 +523,7 @@ impl EthercatNetwork {
             Task::Count => return self.on_count(now, working_counter),
             Task::Look => {
                 let (status, code) = status();
-                let was_left = code == AlStatusCode::SYNC_MANAGER_WATCHDOG;
-                let is_led = match status.state() {
-                    Some(AlState::Operational) => true,
-                    Some(AlState::SafeOperational) => !was_left,
-                    _ => false,
-                };
-                if is_led && !self.is_ours {
+                if status.shows_master(code) && !self.is_ours {
                     self.is_silent = true;
                     let sign = SegmentSign::State { position: place as u16, status };
                     return Err(SegmentFailure::OtherMaster { sign, has_written: self.has_written }.into());
@@ -753,24 +747,6 @@ fn register_of(task: Task) -> u16 {
         Task::Times | Task::Latch => register::DC_RECEIVE_TIME,
         Task::Reference | Task::Sync0 => register::DC_SYSTEM_TIME,
         _ => register::AL_STATUS,
-    }
-}
-
-/// Words that an image has up to the end of what is known of it: of the head, and of each category whose header is there.
-fn words_needed(image: &[u8]) -> usize {
-    let size = (usize::from(u16_at(image, 2 * 0x3e)) + 1) * 64;
-    let most = size.clamp(FIRST_CATEGORY + 2, MOST_WORDS);
-    let mut word = FIRST_CATEGORY;
-    loop {
-        let Some(header) = image.get(2 * word..2 * word + 4) else { return (word + 2).min(most) };
-        if u16_at(header, 0) == category::END {
-            return word + 1;
-        }
-        word += 2 + usize::from(u16_at(header, 2));
-        if word >= most {
-            // A category that leaves the chip is torn: the reader says which.
-            return most;
-        }
     }
 }
 

@@ -1,6 +1,6 @@
 //! Frames on their way round the segment.
 
-use crate::ethercat::frame::{self, Command, Datagram, Datagrams, FrameWriter};
+use crate::ethercat::frame::{self, Command, FrameWriter, answers};
 use std::time::Duration;
 
 /// What a frame was sent for. One of each is on its way at most.
@@ -154,27 +154,6 @@ impl Flight {
 /// The source address of a frame.
 fn source(bytes: &[u8]) -> [u8; 6] {
     crate::ethercat::array(bytes, 6)
-}
-
-/// Whether a frame is another one as it comes back: the same datagrams with the same addresses, but where devices count them up.
-fn answers(sent: &[u8], got: &[u8]) -> bool {
-    let (Ok(mut sent), Ok(mut got)) = (Datagrams::of(sent), Datagrams::of(got)) else { return false };
-    loop {
-        match (sent.next(), got.next()) {
-            (None, None) => return true,
-            (Some(Ok(sent)), Some(Ok(got))) if is_same(&sent, &got) => {}
-            _ => return false,
-        }
-    }
-}
-
-fn is_same(sent: &Datagram<'_>, got: &Datagram<'_>) -> bool {
-    use Command::*;
-    let (is, was) = (&got.header, &sent.header);
-    let counts_up = matches!(Command::from_byte(was.command), Some(Aprd | Apwr | Aprw | Brd | Bwr | Brw | Armw));
-    let has_address = if counts_up { is.ado() == was.ado() } else { is.address == was.address };
-    let shape = |it: &frame::DatagramHeader| (it.command, it.index, it.len, it.has_more);
-    has_address && shape(is) == shape(was) && !is.is_circulating
 }
 
 /// Adds datagrams to a frame.

@@ -4,6 +4,7 @@ use serde_json::{Map, Value, json};
 
 use super::place::{Desk, Place};
 use super::scan::{fit, kind};
+use super::segment::{self, SegmentDesk};
 use super::words::{self, nmt_words, table};
 use crate::cli::failure::Failure;
 use crate::cli::output::Output;
@@ -12,7 +13,7 @@ use crate::service::{Error, Found, identify, known, number};
 
 #[derive(Debug, clap::Args)]
 pub(in crate::cli) struct Arguments {
-    /// A node id, or the name of a device in the rig
+    /// A node id, on EtherCAT a position, or the name of a device in the rig
     node: String,
     #[command(flatten)]
     place: Place,
@@ -42,6 +43,9 @@ const OBJECTS: [(u16, u8, &str); 14] = [
 ];
 
 pub(in crate::cli) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Failure> {
+    if let Some(desk) = SegmentDesk::open(&arguments.place, output)? {
+        return segment::info::run(&arguments.node, desk, output);
+    }
     let mut desk = Desk::open(&arguments.place, output)?;
     let node = desk.node(&arguments.node)?;
     let failed = |desk: &Desk, error| desk.failure(&node, "reading who it is", error);

@@ -13,7 +13,9 @@ pub(super) mod od;
 pub(super) mod pdo;
 mod place;
 pub(super) mod plan;
+pub(super) mod reg;
 pub(super) mod scan;
+mod segment;
 pub(super) mod state;
 #[cfg(test)]
 mod tests;

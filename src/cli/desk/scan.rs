@@ -5,7 +5,8 @@ use std::time::Duration;
 use serde_json::{Value, json};
 use yieldwall_drives::profiles::{DeviceProfile, Identity as Wanted};
 
-use super::place::{Desk, Entry, Place};
+use super::place::{Desk, Place};
+use super::segment::{self, SegmentDesk};
 use super::words::{nmt_words, table};
 use crate::cli::failure::Failure;
 use crate::cli::output::Output;
@@ -25,6 +26,9 @@ pub(in crate::cli) struct Arguments {
 const LISTENING: Duration = Duration::from_secs(3);
 
 pub(in crate::cli) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Failure> {
+    if let Some(desk) = SegmentDesk::open(&arguments.place, output)? {
+        return segment::scan::run(arguments.listen, desk, output);
+    }
     let mut desk = match arguments.listen {
         true => Desk::only_listening(&arguments.place, output)?,
         false => Desk::open(&arguments.place, output)?,
@@ -73,7 +77,9 @@ fn text(desk: &Desk, found: &[Found]) -> String {
     for (at, line) in table.lines().enumerate() {
         text.push_str(line);
         text.push('\n');
-        if let Some(identity) = at.checked_sub(1).and_then(|at| found.get(at)).and_then(identity) {
+        if let Some(identity) =
+            at.checked_sub(1).and_then(|at| found.get(at)).and_then(|found| identity_words(found.identity))
+        {
             text.push_str(&format!("      {identity}\n"));
         }
     }
@@ -101,51 +107,46 @@ pub(super) fn kind(device_type: Option<u32>) -> String {
     }
 }
 
-fn identity(found: &Found) -> Option<String> {
+/// `vendor FFFF5957h product 00000402h`, of what is known.
+pub(super) fn identity_words(identity: [Option<u32>; 4]) -> Option<String> {
     let names = ["vendor", "product", "revision", "serial"];
-    let parts: Vec<String> = names
-        .into_iter()
-        .zip(found.identity)
-        .filter_map(|(name, value)| Some(format!("{name} {:08X}h", value?)))
-        .collect();
+    let parts: Vec<String> =
+        names.into_iter().zip(identity).filter_map(|(name, value)| Some(format!("{name} {:08X}h", value?))).collect();
     (!parts.is_empty()).then(|| parts.join(" "))
 }
 
 /// The rig's entry for a node, and whether the device is one; without an entry the profile that it fits.
 pub(super) fn fit(desk: &Desk, found: &Found) -> String {
-    match desk.entry(found.node) {
-        Some(entry) => of_entry(entry, found),
-        None => match shipped(found) {
-            Some(name) => format!("none; profile {name}"),
+    let entry = desk.entry(found.node).map(|entry| (entry.name.as_str(), entry.profile.as_deref()));
+    fit_of(entry, found.identity, found.device_type)
+}
+
+/// The same of an entry by its name and profile.
+pub(super) fn fit_of(
+    entry: Option<(&str, Option<&DeviceProfile>)>,
+    identity: [Option<u32>; 4],
+    device_type: Option<u32>,
+) -> String {
+    let is_one = |wanted: &Wanted| is_one(wanted, identity, device_type);
+    match entry {
+        Some((name, Some(_))) if identity == [None; 4] => format!("{name}, if it is one"),
+        Some((name, Some(profile))) if !is_one(&profile.identity) => {
+            format!("{name} is another device ({})", profile.name())
+        }
+        Some((name, _)) => name.to_owned(),
+        None => match ProfileName::shipped().find(|(_, profile)| is_one(&profile.identity)) {
+            Some((name, _)) => format!("none; profile {name}"),
             None => "none".to_owned(),
         },
     }
 }
 
-fn of_entry(entry: &Entry, found: &Found) -> String {
-    let Some(profile) = &entry.profile else { return entry.name.clone() };
-    if found.identity == [None; 4] {
-        return format!("{}, if it is one", entry.name);
-    }
-    match is_one(&profile.identity, found) {
-        true => entry.name.clone(),
-        false => format!("{} is another device ({})", entry.name, profile.name()),
-    }
-}
-
-/// The profile that comes with the program and is for this device.
-fn shipped(found: &Found) -> Option<&'static str> {
-    let mut all = ProfileName::shipped();
-    all.find(|(_, profile): &(_, &std::sync::Arc<DeviceProfile>)| is_one(&profile.identity, found))
-        .map(|(name, _)| name)
-}
-
-fn is_one(wanted: &Wanted, found: &Found) -> bool {
-    let [vendor, product, revision, _] = found.identity;
+fn is_one(wanted: &Wanted, identity: [Option<u32>; 4], device_type: Option<u32>) -> bool {
+    let [vendor, product, revision, _] = identity;
     vendor == Some(wanted.vendor_id)
         && product.is_some_and(|product| wanted.product_codes.contains(&product))
         && wanted.revisions.includes(revision.unwrap_or_default())
-        && found.device_type.is_none_or(|device_type| device_type == wanted.device_type)
+        && device_type.is_none_or(|device_type| device_type == wanted.device_type)
 }
 
 fn document(desk: &Desk, bus: &str, found: &Found) -> Value {

@@ -70,7 +70,7 @@ pub(in crate::cli) fn address(word: &str) -> Option<Address> {
     Some(Address::new(index as u16, sub))
 }
 
-fn hexadecimal(word: &str) -> Option<u32> {
+pub(super) fn hexadecimal(word: &str) -> Option<u32> {
     let digits = word.strip_prefix("0x").unwrap_or_else(|| word.strip_suffix('h').unwrap_or(word));
     let is_number = !digits.is_empty() && digits.bytes().all(|one| one.is_ascii_hexdigit());
     is_number.then(|| u32::from_str_radix(digits, 16).ok()).flatten()

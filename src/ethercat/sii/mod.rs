@@ -16,7 +16,7 @@ mod read;
 mod tests;
 mod write;
 
-pub use read::{Category, categories};
+pub use read::{Category, categories, words_needed};
 
 use super::SyncManager;
 

@@ -37,6 +37,24 @@ pub fn categories(image: &[u8]) -> impl Iterator<Item = Result<Category<'_>, Sii
     })
 }
 
+/// Words that an image has up to the end of what is known of it: of the head, and of each category whose header is there.
+pub fn words_needed(image: &[u8]) -> usize {
+    let size = (usize::from(u16_at(image, 2 * 0x3e)) + 1) * 64;
+    let most = size.clamp(FIRST_CATEGORY + 2, MOST_WORDS);
+    let mut word = FIRST_CATEGORY;
+    loop {
+        let Some(header) = image.get(2 * word..2 * word + 4) else { return (word + 2).min(most) };
+        if u16_at(header, 0) == category::END {
+            return word + 1;
+        }
+        word += 2 + usize::from(u16_at(header, 2));
+        if word >= most {
+            // A category that leaves the chip is torn: the reader says which.
+            return most;
+        }
+    }
+}
+
 impl Sii {
     /// Reads an image; words are little-endian. Categories that this reader does not know are skipped.
     ///

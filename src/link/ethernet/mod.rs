@@ -10,7 +10,7 @@ mod system;
 #[cfg(all(feature = "ethernet", target_os = "linux"))]
 pub use error::EthernetError;
 #[cfg(all(feature = "ethernet", target_os = "linux"))]
-pub use packet::PacketSocket;
+pub use packet::{PacketSocket, is_ethernet};
 
 use super::SendError;
 use crate::time::Time;
@@ -66,4 +66,22 @@ pub trait EthernetLink {
     /// Waits until there is something to receive or `until` has come; whether there is something to receive. May return
     /// early with nothing, after a signal.
     fn wait(&mut self, until: Time) -> bool;
+}
+
+impl<L: EthernetLink + ?Sized> EthernetLink for Box<L> {
+    fn now(&self) -> Time {
+        (**self).now()
+    }
+
+    fn receive(&mut self, buffer: &mut [u8]) -> Option<EthernetArrival> {
+        (**self).receive(buffer)
+    }
+
+    fn send(&mut self, frame: &[u8]) -> Result<(), SendError> {
+        (**self).send(frame)
+    }
+
+    fn wait(&mut self, until: Time) -> bool {
+        (**self).wait(until)
+    }
 }

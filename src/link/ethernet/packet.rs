@@ -72,6 +72,13 @@ impl PacketSocket {
     }
 }
 
+/// Whether there is such an interface and it is an Ethernet interface.
+pub fn is_ethernet(interface: &str) -> bool {
+    let asking = socket_with(AddressFamily::UNIX, SocketType::DGRAM, SocketFlags::CLOEXEC, None);
+    let device = asking.ok().and_then(|asking| system::device(asking.as_fd(), interface).ok());
+    device.is_some_and(|device| device.kind == libc::ARPHRD_ETHER)
+}
+
 impl AsFd for PacketSocket {
     fn as_fd(&self) -> BorrowedFd<'_> {
         self.socket.as_fd()

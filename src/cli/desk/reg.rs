@@ -1,0 +1,169 @@
+//! `yieldwall reg`: registers of a device on EtherCAT.
+
+use serde_json::json;
+
+use super::place::Place;
+use super::segment::{Device, SegmentDesk};
+use super::words::{hexadecimal, table};
+use crate::bus::ethercat::SegmentFailure;
+use crate::cli::failure::{Exit, Failure};
+use crate::cli::output::Output;
+use crate::config::nearest_word;
+use crate::ethercat::registers::{self as register, NAMED};
+use crate::ethercat::{AlStatus, AlStatusCode, u16_at};
+use crate::service::{Bytes, SegmentError};
+
+#[derive(Debug, clap::Subcommand)]
+pub(in crate::cli) enum Command {
+    /// Read registers
+    Read(Read),
+}
+
+#[derive(Debug, clap::Args)]
+pub(in crate::cli) struct Read {
+    /// A position, or the name of a device in the rig
+    node: String,
+    /// Registers by address (0130h) or by name (al-status); those that have a name unless one is given
+    registers: Vec<String>,
+    /// Bytes of each; unless given, as many as a register of this name has, or 2
+    #[arg(long, value_name = "BYTES", value_parser = clap::value_parser!(u16).range(1..=1024), requires = "registers")]
+    length: Option<u16>,
+    #[command(flatten)]
+    place: Place,
+}
+
+/// Bytes of a register that has no name.
+const USUAL_LENGTH: usize = 2;
+
+/// A register that is meant.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) struct Register {
+    pub(super) address: u16,
+    pub(super) len: usize,
+    pub(super) name: &'static str,
+}
+
+pub(in crate::cli) fn run(command: &Command, output: &mut Output) -> Result<(), Failure> {
+    match command {
+        Command::Read(arguments) => read(arguments, output),
+    }
+}
+
+/// The register that a word means.
+pub(super) fn meant(word: &str, length: Option<u16>) -> Result<Register, Failure> {
+    let lower = word.to_ascii_lowercase();
+    let by_name = NAMED.iter().find(|(_, _, name)| *name == lower);
+    let has_mark = lower.starts_with("0x") || lower.ends_with('h') || lower.len() == 4;
+    let by_address = || hexadecimal(&lower).filter(|_| has_mark).and_then(|number| u16::try_from(number).ok());
+    let (address, known) = match by_name {
+        Some((address, len, name)) => (*address, Some((*len, *name))),
+        None => {
+            let Some(address) = by_address() else {
+                let help = match nearest_word(word, NAMED.iter().map(|(_, _, name)| *name)) {
+                    Some(near) => format!("did you mean {near}?"),
+                    None => {
+                        "write its address, as 0130h, or a name; `yieldwall reg read NODE` lists the names".to_owned()
+                    }
+                };
+                return Err(Failure::new(Exit::Usage, format!("no register is called {word}"), help));
+            };
+            let known = NAMED.iter().find(|(known, _, _)| *known == address);
+            (address, known.map(|(_, len, name)| (*len, *name)))
+        }
+    };
+    let (len, name) = known.unwrap_or((USUAL_LENGTH, ""));
+    Ok(Register { address, len: length.map_or(len, usize::from), name })
+}
+
+fn read(arguments: &Read, output: &mut Output) -> Result<(), Failure> {
+    let registers: Vec<Register> = match arguments.registers.as_slice() {
+        [] => NAMED.iter().map(|(address, len, name)| Register { address: *address, len: *len, name }).collect(),
+        words => words.iter().map(|word| meant(word, arguments.length)).collect::<Result<_, _>>()?,
+    };
+    let mut desk = SegmentDesk::only(&arguments.place, output)?;
+    let device = desk.device(&arguments.node)?;
+    let mut read = Vec::new();
+    for register in registers {
+        let doing = format!("reading register {:04X}h", register.address);
+        match desk.service.read(device.position, register.address, register.len) {
+            Ok(bytes) => read.push((register, bytes)),
+            // Not every controller has all of those that have a name.
+            Err(SegmentError::Failed(SegmentFailure::NotProcessed { .. })) if arguments.registers.is_empty() => {}
+            Err(error) => return Err(desk.failure(&device, &doing, error)),
+        }
+    }
+    if output.is_json() {
+        let registers: Vec<_> = read.iter().map(|(register, bytes)| document(*register, bytes)).collect();
+        return output.report(json!({ "place": desk.place, "position": device.position, "registers": registers }));
+    }
+    output.result(&text(&device, &read))
+}
+
+fn text(device: &Device, read: &[(Register, Bytes)]) -> String {
+    let rows: Vec<[String; 4]> = read
+        .iter()
+        .map(|(register, bytes)| {
+            let means = meaning(*register, bytes).unwrap_or_default();
+            [format!("{:04X}h", register.address), register.name.to_owned(), value(bytes), means]
+        })
+        .collect();
+    format!("{}\n{}", device.words(), table(&rows))
+}
+
+/// Up to eight bytes as a number, more of them as they are.
+pub(super) fn value(bytes: &[u8]) -> String {
+    if matches!(bytes.len(), 1 | 2 | 4 | 8) {
+        let number: String = bytes.iter().rev().map(|byte| format!("{byte:02X}")).collect();
+        return format!("{number}h");
+    }
+    bytes.iter().map(|byte| format!("{byte:02X}")).collect::<Vec<_>>().join(" ")
+}
+
+fn meaning(register: Register, bytes: &[u8]) -> Option<String> {
+    let word = u16_at(bytes, 0);
+    match register.address {
+        register::AL_STATUS => Some(AlStatus(word).to_string()),
+        register::AL_STATUS_CODE if word != 0 => Some(AlStatusCode(word).meaning().to_owned()),
+        register::STATION_ADDRESS | register::STATION_ALIAS => Some(word.to_string()),
+        register::DL_STATUS => {
+            let ports: Vec<String> =
+                (0..4).filter(|port| word & 1 << (4 + port) != 0).map(|port: u16| port.to_string()).collect();
+            Some(format!("links at ports {}", if ports.is_empty() { "none".to_owned() } else { ports.join(", ") }))
+        }
+        _ => None,
+    }
+}
+
+fn document(register: Register, bytes: &[u8]) -> serde_json::Value {
+    let hexadecimal: String = bytes.iter().map(|byte| format!("{byte:02x}")).collect();
+    json!({
+        "register": format!("{:04X}h", register.address),
+        "name": register.name,
+        "bytes": hexadecimal,
+        "value": value(bytes),
+        "means": meaning(register, bytes),
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_register_is_meant_by_its_address_or_its_name() {
+        let status = Register { address: 0x0130, len: 2, name: "al-status" };
+        for word in ["0130h", "0x130", "0130", "al-status", "AL-Status"] {
+            assert_eq!(meant(word, None).unwrap(), status, "{word}");
+        }
+        assert_eq!(meant("0900h", Some(16)).unwrap(), Register { address: 0x0900, len: 16, name: "" });
+        for word in ["", "130", "10000h", "al-statsu", "-1"] {
+            assert_eq!(meant(word, None).unwrap_err().exit, Exit::Usage, "{word}");
+        }
+    }
+
+    #[test]
+    fn values_are_numbers_the_lowest_byte_first_on_the_wire() {
+        assert_eq!(value(&[0x34, 0x12]), "1234h");
+        assert_eq!(value(&[1, 2, 3]), "01 02 03");
+    }
+}

@@ -1,0 +1,251 @@
+//! The commands of the desk on an EtherCAT segment: on an interface, or on the simulated devices of a rig.
+
+pub(super) mod info;
+pub(super) mod scan;
+#[cfg(test)]
+mod tests;
+
+use std::sync::Arc;
+use std::sync::atomic::AtomicBool;
+
+use yieldwall_drives::profiles::DeviceProfile;
+
+use super::place::Place;
+use crate::bus::ethercat::{SegmentFailure, SegmentSign};
+use crate::cli::ending::rig_failure;
+use crate::cli::failure::{Exit, Failure};
+use crate::cli::interrupt::on_interrupt;
+use crate::cli::output::Output;
+use crate::config::{self, Bus, Loaded, Rig, Source};
+use crate::link::EthernetLink;
+use crate::live::VirtualSegment;
+use crate::service::{SegmentError, SegmentService};
+
+/// A wire of any kind.
+pub(super) type AnyWire = Box<dyn EthernetLink>;
+
+/// What a rig says of a device on its segment.
+#[derive(Clone, Debug)]
+pub(super) struct Entry {
+    pub(super) name: String,
+    pub(super) position: u16,
+    pub(super) profile: Option<Arc<DeviceProfile>>,
+}
+
+/// A device that is meant, and what the rig says of it.
+#[derive(Clone, Debug)]
+pub(super) struct Device {
+    pub(super) position: u16,
+    pub(super) entry: Option<Entry>,
+}
+
+/// The devices of a segment, and the rig that they may belong to.
+pub(super) struct SegmentDesk {
+    pub(super) service: SegmentService<AnyWire>,
+    pub(super) entries: Vec<Entry>,
+    /// Where it is, for a person.
+    pub(super) place: String,
+    /// What any other command needs to come to the same devices, with a space before.
+    pub(super) arguments: String,
+    pub(super) is_simulated: bool,
+}
+
+impl Device {
+    /// `left (position 0)`.
+    pub(super) fn words(&self) -> String {
+        match &self.entry {
+            Some(entry) => format!("{} (position {})", entry.name, self.position),
+            None => format!("the device at position {}", self.position),
+        }
+    }
+
+    /// Name and profile of its entry in the rig.
+    pub(super) fn of_rig(&self) -> Option<(&str, Option<&DeviceProfile>)> {
+        self.entry.as_ref().map(|entry| (entry.name.as_str(), entry.profile.as_deref()))
+    }
+}
+
+impl SegmentDesk {
+    /// The devices of a segment, if the place is one: an Ethernet interface, or a rig on EtherCAT.
+    pub(super) fn open(place: &Place, output: &mut Output) -> Result<Option<Self>, Failure> {
+        Self::at_place(place, false, output)
+    }
+
+    fn at_place(place: &Place, is_for_segments: bool, output: &mut Output) -> Result<Option<Self>, Failure> {
+        let rig = match &place.rig {
+            None => None,
+            Some(named) => {
+                let rig = config::load_rig_on_any_bus(Source::named(named))?;
+                if !rig.value.is_on_ethercat() {
+                    return Ok(None);
+                }
+                output.names_of(&rig.warnings)?;
+                Some(rig)
+            }
+        };
+        let is_over = on_interrupt()?;
+        let desk = match (&place.bus, &rig) {
+            (Some(bus), rig) => Self::on_interface(bus, rig.as_ref(), is_for_segments, is_over)?,
+            (None, Some(rig)) => Some(Self::simulated(rig, is_over)?),
+            (None, None) => None,
+        };
+        if let Some(desk) = &desk {
+            output.aside(&desk.place);
+        }
+        Ok(desk.map(|desk| Self { arguments: place.arguments(), ..desk }))
+    }
+
+    /// The same for a command that is for EtherCAT alone.
+    pub(super) fn only(place: &Place, output: &mut Output) -> Result<Self, Failure> {
+        Self::at_place(place, true, output)?.ok_or_else(|| {
+            let help =
+                "name an Ethernet interface with --bus, or a rig with --rig, such as builtin:paper-ethercat.yaml";
+            Failure::new(Exit::Usage, "this is for devices on EtherCAT, and no rig on EtherCAT is named", help)
+        })
+    }
+
+    fn simulated(rig: &Loaded<Rig>, is_over: Arc<AtomicBool>) -> Result<Self, Failure> {
+        let scene = rig.scene()?.value;
+        let link = VirtualSegment::new(&rig.value, &scene, scene.seed).map_err(|error| rig_failure(&error))?;
+        Ok(Self {
+            service: SegmentService::new(Box::new(link), is_over),
+            entries: entries(&rig.value),
+            place: format!("simulated devices of {}; those of a segment with --bus INTERFACE", rig.value.rig.name),
+            arguments: String::new(),
+            is_simulated: true,
+        })
+    }
+
+    #[cfg(target_os = "linux")]
+    fn on_interface(
+        argument: &str,
+        rig: Option<&Loaded<Rig>>,
+        is_for_segments: bool,
+        is_over: Arc<AtomicBool>,
+    ) -> Result<Option<Self>, Failure> {
+        use crate::bus::SEGMENT_LISTENING;
+        use crate::link::{PacketSocket, Role, is_ethernet};
+
+        let (named, interface) = argument.split_once('=').map_or((None, argument), |(name, rest)| (Some(name), rest));
+        match (rig, named) {
+            (None, _) if !is_for_segments && !is_ethernet(interface) => return Ok(None),
+            (Some(rig), Some(name)) if !matches!(rig.value.buses.get(name), Some(Bus::Ethercat(_))) => {
+                let names: Vec<&str> = rig.value.buses.keys().map(String::as_str).collect();
+                let message = format!("--bus {argument} names no EtherCAT segment of the rig");
+                let help = format!("write {}={interface}", names.join(&format!("={interface} or ")));
+                return Err(Failure::new(Exit::Usage, message, help));
+            }
+            (None, Some(name)) => {
+                let message = format!("--bus {argument} names the bus {name} of a rig, and no rig is given");
+                let help = format!("write --bus {interface}, or name the rig with --rig");
+                return Err(Failure::new(Exit::Usage, message, help));
+            }
+            _ => {}
+        }
+        let link = PacketSocket::open(interface, Role::Master);
+        let link: AnyWire = Box::new(link.map_err(|error| Failure::new(Exit::BusUnavailable, error.to_string(), ""))?);
+        let mut desk = Self {
+            service: SegmentService::new(link, is_over),
+            entries: rig.map_or_else(Vec::new, |rig| entries(&rig.value)),
+            place: format!("devices on {interface}"),
+            arguments: String::new(),
+            is_simulated: false,
+        };
+        let heard = desk.service.listen(SEGMENT_LISTENING).map_err(|error| desk.segment_failure(error))?;
+        match heard {
+            Some(sign) => Err(desk.other_master(sign)),
+            None => Ok(Some(desk)),
+        }
+    }
+
+    #[cfg(not(target_os = "linux"))]
+    fn on_interface(_: &str, _: Option<&Loaded<Rig>>, _: bool, _: Arc<AtomicBool>) -> Result<Option<Self>, Failure> {
+        Ok(None)
+    }
+
+    /// The device that a word means: a position, the name of a device in the rig, or `sensor` for that of the rig. It answers.
+    pub(super) fn device(&mut self, word: &str) -> Result<Device, Failure> {
+        let by_name = self.entries.iter().find(|entry| entry.name == word);
+        let by_role = || (word == "sensor").then(|| self.entries.iter().find(|entry| entry.profile.is_none()))?;
+        let device = match (by_name.or_else(by_role), word.parse::<u16>()) {
+            (Some(entry), _) => Device { position: entry.position, entry: Some(entry.clone()) },
+            (None, Ok(position)) => self.at(position),
+            (None, Err(_)) => {
+                let names: Vec<&str> = self.entries.iter().map(|entry| entry.name.as_str()).collect();
+                let help = match config::nearest_word(word, names.iter().copied()) {
+                    Some(meant) => format!("did you mean {meant}?"),
+                    None if names.is_empty() => {
+                        "write a position, 0 for the first device; names are those of a rig, with --rig".to_owned()
+                    }
+                    None => format!("write a position, 0 for the first device, or one of {}", names.join(", ")),
+                };
+                let message = format!("{word} is neither a position nor a device of the rig");
+                return Err(Failure::new(Exit::Usage, message, help));
+            }
+        };
+        let devices = self.devices()?;
+        if device.position >= devices {
+            let failure = SegmentFailure::Missing { found: devices, position: device.position };
+            let message = format!("{}: {failure}", device.words());
+            let help = format!("`yieldwall scan{}` shows who answers", self.arguments);
+            return Err(Failure::new(Exit::DeviceMismatch, message, help));
+        }
+        Ok(device)
+    }
+
+    /// The device at a position.
+    pub(super) fn at(&self, position: u16) -> Device {
+        Device { position, entry: self.entries.iter().find(|entry| entry.position == position).cloned() }
+    }
+
+    /// Devices that answer.
+    pub(super) fn devices(&mut self) -> Result<u16, Failure> {
+        self.service.devices().map_err(|error| self.segment_failure(error))
+    }
+
+    /// The failure that a device did not do what it was asked.
+    pub(super) fn failure(&self, device: &Device, doing: &str, error: SegmentError) -> Failure {
+        let told = |error: &SegmentError| format!("{}: {doing}: {error}", device.words());
+        match &error {
+            SegmentError::Failed(SegmentFailure::NoReply { .. })
+            | SegmentError::Link(_)
+            | SegmentError::Interrupted => self.segment_failure(error),
+            error => Failure::new(Exit::DeviceMismatch, told(error), ""),
+        }
+    }
+
+    /// The same where no single device is to blame.
+    pub(super) fn segment_failure(&self, error: SegmentError) -> Failure {
+        let message = error.to_string();
+        match error {
+            SegmentError::Interrupted => Failure::new(Exit::Interrupted, message, ""),
+            SegmentError::Link(_) => {
+                Failure::new(Exit::BusUnavailable, message, "look whether the interface is up: `ip link` shows it")
+            }
+            SegmentError::Failed(_) => Failure::new(Exit::BusUnavailable, message, ""),
+        }
+    }
+
+    /// The failure that another master is.
+    pub(super) fn other_master(&self, sign: SegmentSign) -> Failure {
+        let failure = SegmentFailure::OtherMaster { sign, has_written: false };
+        let help = match sign {
+            SegmentSign::Frame(_) => {
+                "end the other master; `tcpdump -i INTERFACE ether proto 0x88a4` shows what is sent"
+            }
+            SegmentSign::State { .. } => "end the other master",
+        };
+        Failure::new(Exit::BusUnavailable, failure.to_string(), help)
+    }
+}
+
+/// The devices of a rig on its segment.
+fn entries(rig: &Rig) -> Vec<Entry> {
+    let drives = rig.drives.iter().filter_map(|drive| {
+        let profile = drive.profile.get().cloned();
+        Some(Entry { name: drive.name.clone(), position: drive.address.position()?, profile })
+    });
+    let sensor =
+        rig.sensor.protocol.position().map(|position| Entry { name: rig.sensor.name.clone(), position, profile: None });
+    drives.chain(sensor).collect()
+}

@@ -1,0 +1,87 @@
+//! `yieldwall scan` on EtherCAT: the devices in their order.
+
+use serde_json::{Value, json};
+
+use super::super::scan::{fit_of, identity_words};
+use super::super::words::{table, wrapped_behind};
+use super::SegmentDesk;
+use crate::cli::failure::Failure;
+use crate::cli::output::Output;
+use crate::ethercat::AlStatusCode;
+use crate::service::Present;
+
+pub(in crate::cli::desk) fn run(is_listening: bool, mut desk: SegmentDesk, output: &mut Output) -> Result<(), Failure> {
+    let mut found = Vec::new();
+    if !is_listening {
+        for position in 0..desk.devices()? {
+            let device = desk.at(position);
+            let present = desk.service.present(position);
+            found.push(present.map_err(|error| desk.failure(&device, "asking who it is", error))?);
+        }
+    }
+    if output.is_json() {
+        let devices: Vec<Value> = found.iter().map(|present| document(&desk, present)).collect();
+        return output.report(json!({ "place": desk.place, "simulated": desk.is_simulated, "devices": devices }));
+    }
+    output.result(&text(&desk, &found))
+}
+
+pub(super) fn text(desk: &SegmentDesk, found: &[Present]) -> String {
+    if found.is_empty() {
+        return "no device is heard: devices on EtherCAT send nothing by themselves, and no master was heard\n"
+            .to_owned();
+    }
+    let mut rows = vec![["position", "state", "name", "rig"].map(str::to_owned)];
+    for present in found {
+        let name = name(present).unwrap_or_else(|| "-".to_owned());
+        rows.push([present.position.to_string(), present.status.to_string(), name, fit(desk, present)]);
+    }
+    let table = table(&rows);
+    let mut lines = table.lines();
+    let mut text = lines.next().map_or(String::new(), |line| format!("{line}\n"));
+    for (line, present) in lines.zip(found) {
+        text.push_str(line);
+        text.push('\n');
+        let alias = present.alias.filter(|alias| *alias != 0).map(|alias| format!(" alias {alias}"));
+        if let Some(identity) = identity_words(present.identity) {
+            text.push_str(&format!("          {identity}{}\n", alias.unwrap_or_default()));
+        }
+        if let Err(error) = &present.sii {
+            text.push_str(&wrapped_behind("          ", &error.to_string()));
+        }
+        if present.code != AlStatusCode::NONE {
+            text.push_str(&wrapped_behind("          ", &present.code.to_string()));
+        }
+    }
+    text
+}
+
+/// The name in its SII.
+pub(super) fn name(present: &Present) -> Option<String> {
+    let sii = present.sii.as_ref().ok()?;
+    [&sii.name, &sii.order].into_iter().find(|name| !name.is_empty()).cloned()
+}
+
+/// The rig's entry at its position, and whether it is one; without an entry the profile that it fits.
+pub(super) fn fit(desk: &SegmentDesk, present: &Present) -> String {
+    let device = desk.at(present.position);
+    fit_of(device.of_rig(), present.identity, None)
+}
+
+fn document(desk: &SegmentDesk, present: &Present) -> Value {
+    let [vendor, product, revision, serial] = present.identity;
+    json!({
+        "position": present.position,
+        "state": present.status.to_string(),
+        "al_status_code": present.code.0,
+        "name": name(present),
+        "vendor_id": vendor,
+        "product_code": product,
+        "revision": revision,
+        "serial": serial,
+        "alias": present.alias,
+        "sii": present.sii.as_ref().err().map(ToString::to_string),
+        "rig_entry": desk.at(present.position).entry.map(|entry| entry.name),
+        "fits": fit(desk, present),
+    })
+}

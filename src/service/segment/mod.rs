@@ -1,0 +1,217 @@
+//! The devices of an EtherCAT segment asked one by one, with datagrams of this program alone.
+//!
+//! Devices are addressed by position, so that nothing has to be written to find them, and a device that is broken is reached as far as its
+//! controller answers.
+
+mod present;
+mod sii;
+
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::Duration;
+
+use thiserror::Error;
+
+use super::Bytes;
+use crate::bus::ethercat::{SOURCE, SegmentFailure, SegmentSign};
+use crate::ethercat::frame::{self, Command, FrameWriter, address, answers};
+use crate::ethercat::{AlStatus, AlStatusCode, array, registers as register, u16_at};
+use crate::link::{EthernetLink, EthernetReceived, SendError};
+use crate::time::Time;
+
+pub use present::Present;
+
+/// Time after which a frame is given up. Frames go round in microseconds; what takes time is a computer that does not look.
+const FRAME_WAIT: Duration = Duration::from_millis(50);
+/// How often a datagram is sent whose frame is lost, or that no device processes.
+const TRIES: u8 = 10;
+/// Time between two looks at what takes a while.
+const LOOK_AGAIN: Duration = Duration::from_micros(500);
+/// Longest wait before the wish to end is looked at.
+const LOOK_UP: Duration = Duration::from_millis(50);
+/// Bytes from AL status to AL status code.
+const STATUS_LEN: usize = 6;
+
+/// Why something was not asked of a segment, or not answered.
+#[derive(Clone, Debug, PartialEq, Eq, Error)]
+pub enum SegmentError {
+    /// The segment or a device did not do it.
+    #[error(transparent)]
+    Failed(#[from] SegmentFailure),
+    /// A frame could not be sent.
+    #[error("a frame could not be sent: {0}")]
+    Link(#[from] SendError),
+    /// Somebody wishes to end.
+    #[error("interrupted")]
+    Interrupted,
+}
+
+/// The connection to the devices of a segment.
+///
+/// Whoever makes one has seen to it that no other master is on the segment.
+#[derive(Debug)]
+pub struct SegmentService<L> {
+    link: L,
+    is_over: Arc<AtomicBool>,
+    /// Index of the next datagram.
+    index: u8,
+    buffer: Box<[u8; frame::LONGEST]>,
+}
+
+impl<L: EthernetLink> SegmentService<L> {
+    /// A connection over a link. Waiting ends when `is_over` is set.
+    pub fn new(link: L, is_over: Arc<AtomicBool>) -> Self {
+        Self { link, is_over, index: 0, buffer: Box::new([0; frame::LONGEST]) }
+    }
+
+    /// The link.
+    pub fn link_mut(&mut self) -> &mut L {
+        &mut self.link
+    }
+
+    /// The time of the link.
+    pub fn now(&self) -> Time {
+        self.link.now()
+    }
+
+    /// Listens for `time` before anything is sent; the first EtherCAT frame that comes is that of another master.
+    ///
+    /// # Errors
+    /// [`SegmentError::Interrupted`].
+    pub fn listen(&mut self, time: Duration) -> Result<Option<SegmentSign>, SegmentError> {
+        let until = self.now() + time;
+        loop {
+            while let Some(arrival) = self.link.receive(&mut self.buffer[..]) {
+                let EthernetReceived::Frame { length } = arrival.what else { continue };
+                let bytes = self.buffer.get(..length).unwrap_or_default();
+                if frame::end(bytes).is_ok() {
+                    return Ok(Some(SegmentSign::Frame(array(bytes, 6))));
+                }
+            }
+            let now = self.now();
+            if now >= until {
+                return Ok(None);
+            }
+            self.end_if_wished()?;
+            self.link.wait(until.min(now + LOOK_UP));
+        }
+    }
+
+    /// Devices that answer.
+    ///
+    /// # Errors
+    /// If no frame comes back.
+    pub fn devices(&mut self) -> Result<u16, SegmentError> {
+        Ok(self.datagram(Command::Brd, address(0, register::AL_STATUS), &[0; 2])?.1)
+    }
+
+    /// State and AL status code of a device.
+    ///
+    /// # Errors
+    /// As [`SegmentService::read`].
+    pub fn state(&mut self, position: u16) -> Result<(AlStatus, AlStatusCode), SegmentError> {
+        let bytes = self.read(position, register::AL_STATUS, STATUS_LEN)?;
+        Ok((AlStatus(u16_at(&bytes, 0)), AlStatusCode(u16_at(&bytes, 4))))
+    }
+
+    /// The first device whose state only a master gives it: OP, or SAFE-OP that its watchdog did not bring.
+    ///
+    /// # Errors
+    /// As [`SegmentService::read`].
+    pub fn led(&mut self, devices: u16) -> Result<Option<SegmentSign>, SegmentError> {
+        for position in 0..devices {
+            let (status, code) = self.state(position)?;
+            if status.shows_master(code) {
+                return Ok(Some(SegmentSign::State { position, status }));
+            }
+        }
+        Ok(None)
+    }
+
+    /// Reads registers of a device.
+    ///
+    /// # Errors
+    /// If no frame comes back, or the device does not process the datagram.
+    pub fn read(&mut self, position: u16, register: u16, len: usize) -> Result<Bytes, SegmentError> {
+        const ZEROS: [u8; frame::LONGEST] = [0; frame::LONGEST];
+        self.of_device(Command::Aprd, position, register, ZEROS.get(..len).unwrap_or_default())
+    }
+
+    /// Writes registers of a device.
+    ///
+    /// # Errors
+    /// As [`SegmentService::read`].
+    pub fn write(&mut self, position: u16, register: u16, bytes: &[u8]) -> Result<(), SegmentError> {
+        self.of_device(Command::Apwr, position, register, bytes).map(|_| ())
+    }
+
+    fn of_device(
+        &mut self,
+        command: Command,
+        position: u16,
+        register: u16,
+        data: &[u8],
+    ) -> Result<Bytes, SegmentError> {
+        for _ in 0..TRIES {
+            let (bytes, working_counter) =
+                self.datagram(command, address(0u16.wrapping_sub(position), register), data)?;
+            if working_counter > 0 {
+                return Ok(bytes);
+            }
+            self.pause(LOOK_AGAIN);
+        }
+        Err(SegmentFailure::NotProcessed { register, tries: TRIES }.into())
+    }
+
+    /// A datagram as it comes back, with its working counter. One whose frame is lost is sent once more.
+    fn datagram(&mut self, command: Command, address: u32, data: &[u8]) -> Result<(Bytes, u16), SegmentError> {
+        for _ in 0..TRIES {
+            if let Some(back) = self.once(command, address, data)? {
+                return Ok(back);
+            }
+        }
+        Err(SegmentFailure::NoReply { tries: TRIES }.into())
+    }
+
+    /// The same, sent once; `None` if it does not come back.
+    fn once(&mut self, command: Command, address: u32, data: &[u8]) -> Result<Option<(Bytes, u16)>, SegmentError> {
+        self.end_if_wished()?;
+        self.index = self.index.wrapping_add(1);
+        let mut sent = [0; frame::LONGEST];
+        let too_long = |len| SegmentFailure::FrameTooLong { what: "next", len };
+        let mut writer = FrameWriter::new(&mut sent, SOURCE).map_err(|_| too_long(0))?;
+        let place = writer.push(command, self.index, address, data).map_err(|_| too_long(data.len()))?;
+        let sent: &[u8] = writer.finish();
+        self.link.send(sent)?;
+        let until = self.link.now() + FRAME_WAIT;
+        loop {
+            while let Some(arrival) = self.link.receive(&mut self.buffer[..]) {
+                let EthernetReceived::Frame { length } = arrival.what else { continue };
+                let bytes = self.buffer.get(..length).unwrap_or_default();
+                let is_processed = bytes.get(6).is_some_and(|first| first & frame::PROCESSED != 0);
+                if is_processed && answers(sent, bytes) {
+                    let working_counter = u16_at(bytes, place.end);
+                    return Ok(Some((bytes.get(place).unwrap_or_default().to_vec(), working_counter)));
+                }
+            }
+            if self.link.now() >= until {
+                return Ok(None);
+            }
+            self.link.wait(until);
+        }
+    }
+
+    /// Lets time pass; what comes then is late.
+    fn pause(&mut self, time: Duration) {
+        let until = self.now() + time;
+        while self.now() < until {
+            if self.link.wait(until) {
+                self.link.receive(&mut self.buffer[..]);
+            }
+        }
+    }
+
+    fn end_if_wished(&self) -> Result<(), SegmentError> {
+        if self.is_over.load(Ordering::Relaxed) { Err(SegmentError::Interrupted) } else { Ok(()) }
+    }
+}

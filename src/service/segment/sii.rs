@@ -1,0 +1,68 @@
+//! The memory chip of a device, word by word through its controller.
+
+use std::time::Duration;
+
+use super::{SegmentError, SegmentService};
+use crate::bus::ethercat::SegmentFailure;
+use crate::ethercat::registers::{self as register, sii_control};
+use crate::ethercat::sii::words_needed;
+use crate::ethercat::{u16_at, u32_at};
+use crate::link::EthernetLink;
+use crate::service::Bytes;
+
+/// Time between two looks at the chip, and how long it may take.
+const CHIP_AGAIN: Duration = Duration::from_micros(50);
+const CHIP_WAIT: Duration = Duration::from_millis(100);
+/// Length of the chip's registers: control, address, data.
+const CHIP_LEN: usize = 14;
+
+impl<L: EthernetLink> SegmentService<L> {
+    /// The SII image of a device as it is on the chip, damaged or not: up to the end of its categories, or of the chip.
+    ///
+    /// # Errors
+    /// If the chip does not answer, and as [`SegmentService::read`].
+    pub fn sii_image(&mut self, position: u16) -> Result<Bytes, SegmentError> {
+        self.take_chip(position)?;
+        let mut image = Vec::new();
+        while image.len() / 2 < words_needed(&image) {
+            let word = (image.len() / 2) as u16;
+            image.extend(self.sii_words(position, word)?);
+        }
+        Ok(image)
+    }
+
+    /// Takes the chip from the device, if that has it.
+    fn take_chip(&mut self, position: u16) -> Result<(), SegmentError> {
+        if self.read(position, register::SII_CONFIGURATION, 2)? != [0, 0] {
+            self.write(position, register::SII_CONFIGURATION, &[2])?;
+            self.write(position, register::SII_CONFIGURATION, &[0])?;
+        }
+        Ok(())
+    }
+
+    /// Two or four words from this one on.
+    fn sii_words(&mut self, position: u16, word: u16) -> Result<Bytes, SegmentError> {
+        let command: Vec<u8> =
+            sii_control::READ.to_le_bytes().into_iter().chain(u32::from(word).to_le_bytes()).collect();
+        self.write(position, register::SII_CONTROL, &command)?;
+        let until = self.now() + CHIP_WAIT;
+        loop {
+            let held = self.read(position, register::SII_CONTROL, CHIP_LEN)?;
+            let status = u16_at(&held, 0);
+            let is_busy = status & sii_control::BUSY != 0;
+            let is_refused = status & sii_control::COMMAND_ERROR != 0;
+            if !is_busy && !is_refused && u32_at(&held, 2) == u32::from(word) {
+                let len = if status & sii_control::EIGHT_BYTES != 0 { 8 } else { 4 };
+                return Ok(held.get(6..6 + len).unwrap_or_default().to_vec());
+            }
+            if is_refused && !is_busy || self.now() >= until {
+                return Err(SegmentFailure::SiiAccess { word, status }.into());
+            }
+            if !is_busy {
+                // Of a command before, as the chip was busy.
+                self.write(position, register::SII_CONTROL, &command)?;
+            }
+            self.pause(CHIP_AGAIN);
+        }
+    }
+}
