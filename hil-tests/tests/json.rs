@@ -24,7 +24,7 @@ fn every_command_prints_one_object_with_its_exit_code_and_its_diagnostics() {
     let rig = "builtin:paper-admittance.yaml";
     let run = format!("run {rig} --duration 0.2");
     // In this order: a recording is made before it is looked into.
-    let cases: [(&str, i32); 73] = [
+    let cases: [(&str, i32); 82] = [
         (&format!("{run} --record rec"), 0),
         (&format!("run {rig} --duration 3 --fault node-reset@2.5 --black-box rec"), 8),
         (&format!("{run} --figure x.txt"), 2),
@@ -72,6 +72,15 @@ fn every_command_prints_one_object_with_its_exit_code_and_its_diagnostics() {
         ("reg read left al-status 0300h --rig builtin:paper-ethercat.yaml", 0),
         ("reg read left al-statsu --rig builtin:paper-ethercat.yaml", 2),
         ("reg read left", 2),
+        ("state left --rig builtin:paper-ethercat.yaml", 0),
+        ("state all preop --rig builtin:paper-ethercat.yaml", 0),
+        ("state left safeop --rig builtin:paper-ethercat.yaml", 5),
+        ("state left preop", 2),
+        ("errors --rig builtin:paper-ethercat.yaml", 0),
+        ("errors wrist --clear --rig builtin:paper-ethercat.yaml", 0),
+        ("dc --rig builtin:paper-ethercat.yaml", 0),
+        ("sii read left --rig builtin:paper-ethercat.yaml", 0),
+        ("sii check --rig builtin:paper-ethercat.yaml", 0),
         ("info left", 0),
         ("info 77", 5),
         ("od read left statusword 1018h:4 position-actual", 0),
@@ -178,7 +187,7 @@ fn what_a_person_reads_fits_a_terminal_of_eighty_columns() {
     let run = format!("run {rig} --duration 0.2");
     let new = "new real.yaml --yes --drives maxon-epos4 --encoder multi_turn --mode position";
     // In this order: a recording is made before it is looked into.
-    let cases: [(&str, i32); 82] = [
+    let cases: [(&str, i32); 91] = [
         ("--help", 0),
         ("run --help", 0),
         ("run", 2),
@@ -239,6 +248,15 @@ fn what_a_person_reads_fits_a_terminal_of_eighty_columns() {
         ("reg read left al-status 0300h --rig builtin:paper-ethercat.yaml", 0),
         ("reg read left al-statsu --rig builtin:paper-ethercat.yaml", 2),
         ("reg read left", 2),
+        ("state left --rig builtin:paper-ethercat.yaml", 0),
+        ("state all preop --rig builtin:paper-ethercat.yaml", 0),
+        ("state left safeop --rig builtin:paper-ethercat.yaml", 5),
+        ("state left preop", 2),
+        ("errors --rig builtin:paper-ethercat.yaml", 0),
+        ("errors wrist --clear --rig builtin:paper-ethercat.yaml", 0),
+        ("dc --rig builtin:paper-ethercat.yaml", 0),
+        ("sii read left --rig builtin:paper-ethercat.yaml", 0),
+        ("sii check --rig builtin:paper-ethercat.yaml", 0),
         ("info left", 0),
         ("info wrist", 0),
         ("info 77", 5),

@@ -122,11 +122,18 @@ enum Command {
     Nmt(desk::nmt::Arguments),
     /// List the errors that devices have stored, in words
     Emcy(desk::emcy::Arguments),
-    /// Say in which state a drive is, and take it out of Fault
+    /// Say in which state a device is; take a drive out of Fault, or a device on EtherCAT to another state
     State(desk::state::Arguments),
     /// Node ids for devices that have none, or the wrong one
     #[command(subcommand)]
     Lss(desk::lss::Command),
+    /// Show the distributed clocks of devices on EtherCAT
+    Dc(desk::dc::Arguments),
+    /// Show what the ports of devices on EtherCAT have counted, and what to look at
+    Errors(desk::errors::Arguments),
+    /// What devices on EtherCAT keep in their memory chips
+    #[command(subcommand)]
+    Sii(desk::sii::Command),
     /// Registers of a device on EtherCAT
     #[command(subcommand)]
     Reg(desk::reg::Command),
@@ -244,6 +251,9 @@ fn run(arguments: impl IntoIterator<Item = OsString>) -> Exit {
         Command::Emcy(arguments) => desk::emcy::run(&arguments, &mut output),
         Command::State(arguments) => desk::state::run(&arguments, &mut output),
         Command::Lss(command) => desk::lss::run(&command, &mut output),
+        Command::Dc(arguments) => desk::dc::run(&arguments, &mut output),
+        Command::Errors(arguments) => desk::errors::run(&arguments, &mut output),
+        Command::Sii(command) => desk::sii::run(&command, &mut output),
         Command::Reg(command) => desk::reg::run(&command, &mut output),
         Command::Monitor(arguments) => desk::monitor::run(&arguments, &mut output),
         Command::Faults(arguments) => faults::list(&arguments, &mut output),

@@ -30,4 +30,4 @@ pub use inventory::{Missed, inventory, sheet_of, type_by_length, values_of};
 pub use known::{Known, known, named, names};
 pub use restore::{LeftOut, Made, Plan, Step, Why, carry_out, downloads, is_shown, plan};
 pub use scan::{Found, Identity, identify, number, of_node, scan};
-pub use segment::{Present, SegmentError, SegmentService};
+pub use segment::{ClockFacts, Counters, PortCounters, Present, SegmentError, SegmentService};

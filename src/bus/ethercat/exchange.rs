@@ -332,10 +332,9 @@ impl EthercatNetwork {
         let lost_ns = self.servo.lost_ns();
         let is_watched = self.phase == Phase::Operational;
         let Some(station) = self.stations.get_mut(place) else { return };
-        let raw = u32_at(data, 0);
-        let magnitude = i64::from(raw & 0x7fff_ffff);
-        station.difference_ns = Some(if raw >> 31 == 0 { magnitude } else { -magnitude });
-        if is_watched && magnitude > lost_ns {
+        let difference_ns = register::difference_ns(u32_at(data, 0));
+        station.difference_ns = Some(difference_ns);
+        if is_watched && difference_ns.abs() > lost_ns {
             self.clock_lost |= station.setup.device.set();
             station.lost_ns = station.lost_ns.or(station.difference_ns);
         }

@@ -6,8 +6,8 @@ use super::failure::SegmentFailure;
 use super::flight;
 use super::station::Station;
 use crate::ethercat::registers as register;
-use crate::ethercat::sii::{MailboxArea, protocols};
-use crate::ethercat::{Direction, Fmmu, SyncManager, mailbox};
+use crate::ethercat::sii::Sii;
+use crate::ethercat::{Direction, Fmmu, SyncManager};
 
 /// Time from the moment at which SYNC0 is set up to its first pulse.
 const SYNC0_AHEAD: Duration = Duration::from_millis(100);
@@ -45,27 +45,10 @@ fn manager(number: u16, settings: SyncManager) -> Write {
 
 /// Sync managers 0 and 1 as the SII wants them; afterwards the device may have its memory chip.
 pub(super) fn mailboxes(station: &Station) -> Result<Vec<Write>, SegmentFailure> {
-    let sii = station.sii.as_ref().ok_or(SegmentFailure::NoCoe)?;
-    let (to, from) = (sii.receive_mailbox, sii.send_mailbox);
-    let fits = |area: MailboxArea| {
-        (mailbox::SHORTEST..=mailbox::LONGEST).contains(&area.len.into()) && area.start >= register::PROCESS_DATA
-    };
-    if sii.protocols & protocols::COE == 0 || !fits(to) || !fits(from) {
-        return Err(SegmentFailure::NoCoe);
-    }
-    let control = SyncManager::MAILBOX | SyncManager::INTERRUPT;
-    let settings = |area: MailboxArea, control| SyncManager {
-        start: area.start,
-        len: area.len,
-        control,
-        is_enabled: true,
-        repeat: false,
-    };
-    Ok(vec![
-        manager(0, settings(to, control | SyncManager::WRITE)),
-        manager(1, settings(from, control)),
-        Write { register: register::SII_CONFIGURATION, bytes: vec![1], is_compared: false },
-    ])
+    let managers = station.sii.as_ref().and_then(Sii::mailbox_managers);
+    let [to, from] = managers.ok_or(SegmentFailure::NoCoe)?;
+    let offer = Write { register: register::SII_CONFIGURATION, bytes: vec![1], is_compared: false };
+    Ok(vec![manager(0, to), manager(1, from), offer])
 }
 
 /// Sync managers 2 and 3, FMMUs and watchdog.

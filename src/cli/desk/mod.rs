@@ -1,9 +1,11 @@
 //! Commands that ask devices one by one: on a bus with `--bus`, without it those of a rig's simulation, for rehearsal.
 
 pub(super) mod adopt;
+pub(super) mod dc;
 #[cfg(target_os = "linux")]
 pub(super) mod doctor;
 pub(super) mod emcy;
+pub(super) mod errors;
 pub(super) mod info;
 mod keeping;
 pub(super) mod lss;
@@ -16,6 +18,7 @@ pub(super) mod plan;
 pub(super) mod reg;
 pub(super) mod scan;
 mod segment;
+pub(super) mod sii;
 pub(super) mod state;
 #[cfg(test)]
 mod tests;

@@ -6,6 +6,8 @@ use serde_json::json;
 use yieldwall_drives::cia402::{Command, State, Statusword};
 
 use super::place::{Desk, Node, Place};
+use super::segment::state::Target;
+use super::segment::{self, SegmentDesk};
 use super::words::{mode_code_words, nmt_words, state_words};
 use crate::cli::explain;
 use crate::cli::failure::{Exit, Failure};
@@ -16,13 +18,19 @@ use crate::service::{Error, number};
 
 #[derive(Debug, clap::Args)]
 pub(in crate::cli) struct Arguments {
-    /// A node id, or the name of a drive in the rig
+    /// A node id, on EtherCAT a position or `all`, or the name of a device in the rig
     node: String,
+    /// On EtherCAT: bring the device there
+    #[arg(value_enum, group = "change")]
+    target: Option<Target>,
     /// Take the drive from Fault to Switch On Disabled: it has no torque before and after
-    #[arg(long)]
+    #[arg(long, group = "change")]
     reset_fault: bool,
+    /// On EtherCAT: change the state though another master has the devices; it loses them, and what moves comes to rest by its watchdog
+    #[arg(long, requires = "target")]
+    take_over: bool,
     /// Say what would be written, and write nothing
-    #[arg(long, requires = "reset_fault")]
+    #[arg(long, requires = "change")]
     dry_run: bool,
     #[command(flatten)]
     place: Place,
@@ -36,6 +44,19 @@ const MODE: Address = Address::new(0x6061, 0);
 const LEAVING: Duration = Duration::from_secs(1);
 
 pub(in crate::cli) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Failure> {
+    if let Some(desk) = SegmentDesk::taking_over(&arguments.place, arguments.take_over, output)? {
+        if arguments.reset_fault {
+            let message = "--reset-fault is for drives on CAN so far, and this place is on EtherCAT";
+            return Err(Failure::new(Exit::Usage, message, "write `ack` to acknowledge the error of a device"));
+        }
+        let how = (arguments.take_over, arguments.dry_run);
+        return segment::state::run(&arguments.node, arguments.target, how, desk, output);
+    }
+    if arguments.target.is_some() {
+        let message = "init, preop, safeop and ack are states of devices on EtherCAT, and this place is on CAN";
+        let help = "`yieldwall nmt NODE preop` is that of CAN; name an Ethernet interface with --bus or a rig on EtherCAT with --rig";
+        return Err(Failure::new(Exit::Usage, message, help));
+    }
     let mut desk = Desk::open(&arguments.place, output)?;
     let node = desk.node(&arguments.node)?;
     let mut word = statusword(&mut desk, &node)?;

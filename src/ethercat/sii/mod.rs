@@ -18,7 +18,7 @@ mod write;
 
 pub use read::{Category, categories, words_needed};
 
-use super::SyncManager;
+use super::{SyncManager, mailbox, registers};
 
 /// Words before the first category.
 pub const FIRST_CATEGORY: usize = 0x40;
@@ -173,6 +173,26 @@ pub struct Sii {
     pub tx_pdos: Vec<Pdo>,
     /// Process data objects that the master writes.
     pub rx_pdos: Vec<Pdo>,
+}
+
+impl Sii {
+    /// Sync managers 0 and 1 for its mailboxes, to the device and from it; `None` for a device without CoE, or whose mailboxes cannot be.
+    pub fn mailbox_managers(&self) -> Option<[SyncManager; 2]> {
+        let fits = |area: MailboxArea| {
+            (mailbox::SHORTEST..=mailbox::LONGEST).contains(&area.len.into()) && area.start >= registers::PROCESS_DATA
+        };
+        let (to, from) = (self.receive_mailbox, self.send_mailbox);
+        let control = SyncManager::MAILBOX | SyncManager::INTERRUPT;
+        let settings = |area: MailboxArea, control| SyncManager {
+            start: area.start,
+            len: area.len,
+            control,
+            is_enabled: true,
+            repeat: false,
+        };
+        let is_possible = self.protocols & protocols::COE != 0 && fits(to) && fits(from);
+        is_possible.then(|| [settings(to, control | SyncManager::WRITE), settings(from, control)])
+    }
 }
 
 /// Why an image cannot be read. Words are counted from 0, as tools show them.

@@ -3,8 +3,10 @@
 //! Devices are addressed by position, so that nothing has to be written to find them, and a device that is broken is reached as far as its
 //! controller answers.
 
+mod counters;
 mod present;
 mod sii;
+mod state;
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -19,6 +21,7 @@ use crate::ethercat::{AlStatus, AlStatusCode, array, registers as register, u16_
 use crate::link::{EthernetLink, EthernetReceived, SendError};
 use crate::time::Time;
 
+pub use counters::{ClockFacts, Counters, PortCounters};
 pub use present::Present;
 
 /// Time after which a frame is given up. Frames go round in microseconds; what takes time is a computer that does not look.

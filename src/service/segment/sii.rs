@@ -22,22 +22,32 @@ impl<L: EthernetLink> SegmentService<L> {
     /// # Errors
     /// If the chip does not answer, and as [`SegmentService::read`].
     pub fn sii_image(&mut self, position: u16) -> Result<Bytes, SegmentError> {
-        self.take_chip(position)?;
-        let mut image = Vec::new();
-        while image.len() / 2 < words_needed(&image) {
-            let word = (image.len() / 2) as u16;
-            image.extend(self.sii_words(position, word)?);
-        }
-        Ok(image)
+        self.with_chip(position, |service| {
+            let mut image = Vec::new();
+            while image.len() / 2 < words_needed(&image) {
+                let word = (image.len() / 2) as u16;
+                image.extend(service.sii_words(position, word)?);
+            }
+            Ok(image)
+        })
     }
 
-    /// Takes the chip from the device, if that has it.
-    fn take_chip(&mut self, position: u16) -> Result<(), SegmentError> {
-        if self.read(position, register::SII_CONFIGURATION, 2)? != [0, 0] {
+    /// Takes the chip from the device, if that has it, and offers it again afterwards.
+    fn with_chip<T>(
+        &mut self,
+        position: u16,
+        act: impl FnOnce(&mut Self) -> Result<T, SegmentError>,
+    ) -> Result<T, SegmentError> {
+        let was_offered = self.read(position, register::SII_CONFIGURATION, 2)? != [0, 0];
+        if was_offered {
             self.write(position, register::SII_CONFIGURATION, &[2])?;
             self.write(position, register::SII_CONFIGURATION, &[0])?;
         }
-        Ok(())
+        let done = act(self);
+        if was_offered {
+            self.write(position, register::SII_CONFIGURATION, &[1])?;
+        }
+        done
     }
 
     /// Two or four words from this one on.

@@ -2,6 +2,7 @@
 
 pub(super) mod info;
 pub(super) mod scan;
+pub(super) mod state;
 #[cfg(test)]
 mod tests;
 
@@ -50,6 +51,15 @@ pub(super) struct SegmentDesk {
     pub(super) is_simulated: bool,
 }
 
+/// How a place is opened.
+#[derive(Clone, Copy, Debug, Default)]
+struct Opening {
+    /// Whether nothing but a segment is wanted.
+    is_for_segments: bool,
+    /// Whether frames of another master are no reason not to.
+    is_forced: bool,
+}
+
 impl Device {
     /// `left (position 0)`.
     pub(super) fn words(&self) -> String {
@@ -68,10 +78,15 @@ impl Device {
 impl SegmentDesk {
     /// The devices of a segment, if the place is one: an Ethernet interface, or a rig on EtherCAT.
     pub(super) fn open(place: &Place, output: &mut Output) -> Result<Option<Self>, Failure> {
-        Self::at_place(place, false, output)
+        Self::taking_over(place, false, output)
     }
 
-    fn at_place(place: &Place, is_for_segments: bool, output: &mut Output) -> Result<Option<Self>, Failure> {
+    /// The same; where `is_forced`, though frames of another master are heard.
+    pub(super) fn taking_over(place: &Place, is_forced: bool, output: &mut Output) -> Result<Option<Self>, Failure> {
+        Self::at_place(place, Opening { is_forced, ..Opening::default() }, output)
+    }
+
+    fn at_place(place: &Place, opening: Opening, output: &mut Output) -> Result<Option<Self>, Failure> {
         let rig = match &place.rig {
             None => None,
             Some(named) => {
@@ -85,7 +100,7 @@ impl SegmentDesk {
         };
         let is_over = on_interrupt()?;
         let desk = match (&place.bus, &rig) {
-            (Some(bus), rig) => Self::on_interface(bus, rig.as_ref(), is_for_segments, is_over)?,
+            (Some(bus), rig) => Self::on_interface(bus, rig.as_ref(), opening, is_over)?,
             (None, Some(rig)) => Some(Self::simulated(rig, is_over)?),
             (None, None) => None,
         };
@@ -97,7 +112,8 @@ impl SegmentDesk {
 
     /// The same for a command that is for EtherCAT alone.
     pub(super) fn only(place: &Place, output: &mut Output) -> Result<Self, Failure> {
-        Self::at_place(place, true, output)?.ok_or_else(|| {
+        let opening = Opening { is_for_segments: true, ..Opening::default() };
+        Self::at_place(place, opening, output)?.ok_or_else(|| {
             let help =
                 "name an Ethernet interface with --bus, or a rig with --rig, such as builtin:paper-ethercat.yaml";
             Failure::new(Exit::Usage, "this is for devices on EtherCAT, and no rig on EtherCAT is named", help)
@@ -120,7 +136,7 @@ impl SegmentDesk {
     fn on_interface(
         argument: &str,
         rig: Option<&Loaded<Rig>>,
-        is_for_segments: bool,
+        opening: Opening,
         is_over: Arc<AtomicBool>,
     ) -> Result<Option<Self>, Failure> {
         use crate::bus::SEGMENT_LISTENING;
@@ -128,7 +144,7 @@ impl SegmentDesk {
 
         let (named, interface) = argument.split_once('=').map_or((None, argument), |(name, rest)| (Some(name), rest));
         match (rig, named) {
-            (None, _) if !is_for_segments && !is_ethernet(interface) => return Ok(None),
+            (None, _) if !opening.is_for_segments && !is_ethernet(interface) => return Ok(None),
             (Some(rig), Some(name)) if !matches!(rig.value.buses.get(name), Some(Bus::Ethercat(_))) => {
                 let names: Vec<&str> = rig.value.buses.keys().map(String::as_str).collect();
                 let message = format!("--bus {argument} names no EtherCAT segment of the rig");
@@ -153,13 +169,13 @@ impl SegmentDesk {
         };
         let heard = desk.service.listen(SEGMENT_LISTENING).map_err(|error| desk.segment_failure(error))?;
         match heard {
-            Some(sign) => Err(desk.other_master(sign)),
-            None => Ok(Some(desk)),
+            Some(sign) if !opening.is_forced => Err(desk.other_master(sign)),
+            _ => Ok(Some(desk)),
         }
     }
 
     #[cfg(not(target_os = "linux"))]
-    fn on_interface(_: &str, _: Option<&Loaded<Rig>>, _: bool, _: Arc<AtomicBool>) -> Result<Option<Self>, Failure> {
+    fn on_interface(_: &str, _: Option<&Loaded<Rig>>, _: Opening, _: Arc<AtomicBool>) -> Result<Option<Self>, Failure> {
         Ok(None)
     }
 
@@ -191,6 +207,23 @@ impl SegmentDesk {
             return Err(Failure::new(Exit::DeviceMismatch, message, help));
         }
         Ok(device)
+    }
+
+    /// The device that a word means, or all that answer.
+    pub(super) fn devices_of(&mut self, word: Option<&str>) -> Result<Vec<Device>, Failure> {
+        match word {
+            Some(word) => Ok(vec![self.device(word)?]),
+            None => Ok((0..self.devices()?).map(|position| self.at(position)).collect()),
+        }
+    }
+
+    /// Refuses a segment on which a device is where only a master keeps it.
+    pub(super) fn refuse_led(&mut self) -> Result<(), Failure> {
+        let devices = self.devices()?;
+        match self.service.led(devices).map_err(|error| self.segment_failure(error))? {
+            Some(sign) => Err(self.other_master(sign)),
+            None => Ok(()),
+        }
     }
 
     /// The device at a position.
@@ -230,10 +263,13 @@ impl SegmentDesk {
     pub(super) fn other_master(&self, sign: SegmentSign) -> Failure {
         let failure = SegmentFailure::OtherMaster { sign, has_written: false };
         let help = match sign {
-            SegmentSign::Frame(_) => {
-                "end the other master; `tcpdump -i INTERFACE ether proto 0x88a4` shows what is sent"
+            SegmentSign::Frame(_) => "end the other master".to_owned(),
+            SegmentSign::State { .. } => {
+                let way_out = format!("yieldwall state all init --take-over{}", self.arguments);
+                format!(
+                    "end the other master; if there is none any more, `{way_out}` takes the devices out of its hands"
+                )
             }
-            SegmentSign::State { .. } => "end the other master",
         };
         Failure::new(Exit::BusUnavailable, failure.to_string(), help)
     }

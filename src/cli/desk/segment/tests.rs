@@ -68,3 +68,78 @@ fn a_segment_of_which_nothing_comes_back_is_not_available() {
     assert_eq!(failure.exit, Exit::BusUnavailable);
     assert!(failure.report.diagnostics[0].message.contains("none came back"), "{failure:?}");
 }
+
+/// A device by device walk: what was asked, what came of it.
+fn told(desk: &mut SegmentDesk, word: &str, target: state::Target) -> String {
+    let device = desk.device(word).unwrap();
+    let (seen, end) = state::change(desk, device, Some(target)).unwrap();
+    let failure = end.err().map(|failure| format!("{:?}: {}\n", failure.exit, failure.report.diagnostics[0].message));
+    state::text(&[seen], None) + &failure.unwrap_or_default()
+}
+
+#[test]
+fn a_device_goes_from_state_to_state_and_a_refused_one_names_step_code_and_what_to_try() {
+    use state::Target;
+
+    let mut desk = desk(|segment| {
+        segment.controller_mut(1).unwrap().fail(Time(0), AlStatusCode::SYNC_ERROR);
+        // A device whose mailboxes are said to be where there is none.
+        segment.controller_mut(2).unwrap().sii_mut()[2 * 0x18..2 * 0x1a].copy_from_slice(&[0, 0x20, 0x80, 0]);
+    });
+    let all = [
+        told(&mut desk, "left", Target::Preop),
+        told(&mut desk, "left", Target::Safeop),
+        told(&mut desk, "left", Target::Ack),
+        told(&mut desk, "left", Target::Init),
+        told(&mut desk, "right", Target::Ack),
+        told(&mut desk, "right", Target::Preop),
+        told(&mut desk, "sensor", Target::Preop),
+    ];
+    insta::assert_snapshot!("segment-state", all.concat());
+}
+
+#[test]
+fn devices_that_a_master_has_are_left_alone() {
+    let mut desk = desk(|_| ());
+    assert!(desk.refuse_led().is_ok());
+    let sign = SegmentSign::State { position: 1, status: crate::ethercat::AlStatus(8) };
+    desk.arguments = " --bus eth0".to_owned();
+    let failure = desk.other_master(sign);
+    assert_eq!(failure.exit, Exit::BusUnavailable);
+    let finding = &failure.report.diagnostics[0];
+    assert!(finding.message.contains("nothing was written: the device at position 1 is in OP"), "{}", finding.message);
+    assert!(finding.help.as_ref().unwrap().contains("`yieldwall state all init --take-over --bus eth0`"));
+}
+
+#[test]
+fn counters_and_clocks_of_all_devices() {
+    let mut desk = desk(|segment| {
+        segment.controller_mut(1).unwrap().count_receive_error(0);
+        segment.set_cable(2, false);
+        segment.set_cable(2, true);
+    });
+    let mut text = String::new();
+    for _ in 0..2 {
+        let counted: Vec<_> = desk.devices_of(None).unwrap();
+        let counted: Vec<_> =
+            counted.into_iter().map(|it| (it.clone(), desk.service.counters(it.position).unwrap())).collect();
+        text.push_str(&super::super::errors::text(&counted));
+        (0..3).for_each(|position| desk.service.clear_counters(position).unwrap());
+    }
+    text.push_str(&super::super::dc::text(&super::super::dc::read(&mut desk, None).unwrap()));
+    insta::assert_snapshot!("segment-errors-dc", text);
+}
+
+#[test]
+fn an_sii_is_read_and_checked() {
+    use super::super::sii;
+
+    let mut desk = desk(|segment| {
+        segment.controller_mut(0).unwrap().sii_mut()[14] ^= 0x55;
+        segment.controller_mut(1).unwrap().sii_mut()[2 * 0x0a] ^= 1;
+    });
+    let image = desk.service.sii_image(2).unwrap();
+    let text = sii::text(&crate::ethercat::sii::Sii::read(&image).unwrap(), image.len());
+    let checked = sii::check_text(&sii::checked(&mut desk, None).unwrap());
+    insta::assert_snapshot!("segment-sii", text + &checked);
+}

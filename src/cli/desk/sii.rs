@@ -1,0 +1,250 @@
+//! `yieldwall sii`: what devices on EtherCAT keep in their memory chips.
+
+use std::path::{Path, PathBuf};
+
+use serde_json::{Value, json};
+
+use super::place::Place;
+use super::scan::{fit_of, identity_words};
+use super::segment::{Device, SegmentDesk};
+use super::words::{mapped, table, wrapped_behind};
+use crate::cli::failure::{Exit, Failure};
+use crate::cli::output::Output;
+use crate::ethercat::sii::{MailboxArea, Pdo, Sii};
+use crate::service::{Present, SegmentError};
+
+#[derive(Debug, clap::Subcommand)]
+pub(in crate::cli) enum Command {
+    /// Read the SII of a device: identity, mailboxes, sync managers, process data
+    Read(Read),
+    /// Check the SII of devices: 7 if one is damaged, or is of another device than the rig says
+    Check(Check),
+}
+
+#[derive(Debug, clap::Args)]
+pub(in crate::cli) struct Read {
+    /// A position, or the name of a device in the rig
+    node: String,
+    /// Keep the image as it is in a new file
+    #[arg(long, value_name = "FILE")]
+    out: Option<PathBuf>,
+    #[command(flatten)]
+    place: Place,
+}
+
+#[derive(Debug, clap::Args)]
+pub(in crate::cli) struct Check {
+    /// A position, or the name of a device in the rig; all unless one is named
+    node: Option<String>,
+    #[command(flatten)]
+    place: Place,
+}
+
+pub(in crate::cli) fn run(command: &Command, output: &mut Output) -> Result<(), Failure> {
+    match command {
+        Command::Read(arguments) => read(arguments, output),
+        Command::Check(arguments) => check(arguments, output),
+    }
+}
+
+fn read(arguments: &Read, output: &mut Output) -> Result<(), Failure> {
+    let mut desk = SegmentDesk::only(&arguments.place, output)?;
+    let device = desk.device(&arguments.node)?;
+    let image = desk.service.sii_image(device.position);
+    let image = image.map_err(|error| desk.failure(&device, "reading its SII", error))?;
+    if let Some(path) = &arguments.out {
+        keep(path, &image)?;
+    }
+    let sii = Sii::read(&image);
+    let end = match &sii {
+        Ok(_) => Ok(()),
+        Err(error) => {
+            let message = format!("{}: its SII is damaged: {error}", device.words());
+            let help = "write the image of the vendor anew; --out keeps what it holds now";
+            Err(Failure::new(Exit::OutOfTolerance, message, help))
+        }
+    };
+    if output.is_json() {
+        let hexadecimal: String = image.iter().map(|byte| format!("{byte:02x}")).collect();
+        let document = json!({
+            "place": desk.place,
+            "position": device.position,
+            "out": arguments.out.as_ref().map(|path| path.display().to_string()),
+            "image": hexadecimal,
+            "sii": sii.as_ref().ok().map(document),
+        });
+        return output.end(document, end);
+    }
+    if let Ok(sii) = &sii {
+        output.result(&format!("{}\n{}", device.words(), text(sii, image.len())))?;
+    }
+    if let Some(path) = &arguments.out {
+        output.news(&format!("kept      {} ({} bytes)", path.display(), image.len()))?;
+    }
+    end
+}
+
+/// Writes an image into a file that was not there.
+pub(super) fn keep(path: &Path, image: &[u8]) -> Result<(), Failure> {
+    use std::io::Write;
+
+    let file = std::fs::File::create_new(path).and_then(|mut file| file.write_all(image));
+    file.map_err(|error| {
+        Failure::about_file(
+            Exit::Usage,
+            path,
+            format!("it cannot be written: {error}"),
+            "name a file that is not there",
+        )
+    })
+}
+
+fn area(area: MailboxArea) -> String {
+    format!("{:04X}h, {} bytes", area.start, area.len)
+}
+
+pub(super) fn text(sii: &Sii, bytes: usize) -> String {
+    let identity = [sii.vendor_id, sii.product_code, sii.revision, sii.serial].map(Some);
+    let mut rows = vec![
+        ["image".to_owned(), format!("{bytes} bytes, whole")],
+        ["name".to_owned(), sii.name.clone()],
+        ["order".to_owned(), sii.order.clone()],
+        ["identity".to_owned(), identity_words(identity).unwrap_or_default()],
+        ["alias".to_owned(), if sii.alias == 0 { "none".to_owned() } else { sii.alias.to_string() }],
+        ["mailbox to it".to_owned(), area(sii.receive_mailbox)],
+        ["mailbox from it".to_owned(), area(sii.send_mailbox)],
+        ["E-bus".to_owned(), format!("{} mA", sii.e_bus_ma)],
+    ];
+    for (number, manager) in sii.sync_managers.iter().enumerate() {
+        let kind = match manager.kind {
+            1 => "mailbox to it",
+            2 => "mailbox from it",
+            3 => "outputs",
+            4 => "inputs",
+            _ => "unused",
+        };
+        let settings = manager.settings;
+        let says =
+            format!("{:04X}h, {} bytes, control {:02X}h, {kind}", settings.start, settings.len, settings.control);
+        rows.push([format!("sync manager {number}"), says]);
+    }
+    let mut text = table(&rows);
+    for (direction, pdos) in [("outputs", &sii.rx_pdos), ("inputs", &sii.tx_pdos)] {
+        pdos.iter().for_each(|pdo| text.push_str(&pdo_text(direction, pdo)));
+    }
+    text
+}
+
+fn entries(pdo: &Pdo) -> impl Iterator<Item = String> {
+    pdo.entries
+        .iter()
+        .map(|entry| mapped(u32::from(entry.index) << 16 | u32::from(entry.sub) << 8 | u32::from(entry.bits)))
+}
+
+fn pdo_text(direction: &str, pdo: &Pdo) -> String {
+    let manager = if pdo.sync_manager == 0xff { "none".to_owned() } else { pdo.sync_manager.to_string() };
+    let head = format!("{:04X}h {direction}, sync manager {manager}\n", pdo.index);
+    head + &entries(pdo).map(|entry| format!("    {entry}\n")).collect::<String>()
+}
+
+fn document(sii: &Sii) -> Value {
+    let pdos = |pdos: &[Pdo]| {
+        let each = pdos.iter().map(|pdo| {
+            json!({ "index": pdo.index, "sync_manager": pdo.sync_manager, "maps": entries(pdo).collect::<Vec<_>>() })
+        });
+        each.collect::<Vec<_>>()
+    };
+    let managers = sii.sync_managers.iter().map(|manager| {
+        let settings = manager.settings;
+        json!({ "start": settings.start, "bytes": settings.len, "control": settings.control, "kind": manager.kind })
+    });
+    json!({
+        "name": sii.name,
+        "order": sii.order,
+        "vendor_id": sii.vendor_id,
+        "product_code": sii.product_code,
+        "revision": sii.revision,
+        "serial": sii.serial,
+        "alias": sii.alias,
+        "sync_managers": managers.collect::<Vec<_>>(),
+        "outputs": pdos(&sii.rx_pdos),
+        "inputs": pdos(&sii.tx_pdos),
+    })
+}
+
+/// A device, and what is wrong with its SII.
+pub(super) type Checked = (Device, Vec<String>);
+
+fn check(arguments: &Check, output: &mut Output) -> Result<(), Failure> {
+    let mut desk = SegmentDesk::only(&arguments.place, output)?;
+    let checked = checked(&mut desk, arguments.node.as_deref())?;
+    let wrong: Vec<&Checked> = checked.iter().filter(|(_, wrong)| !wrong.is_empty()).collect();
+    let end = match wrong.as_slice() {
+        [] => Ok(()),
+        [(device, first), ..] => {
+            let message = format!("{}: {}", device.words(), first.concat());
+            let help = format!("`yieldwall sii read {}{} --out FILE` keeps its image", device.position, desk.arguments);
+            Err(Failure::new(Exit::OutOfTolerance, message, help))
+        }
+    };
+    if output.is_json() {
+        let devices: Vec<Value> = checked
+            .iter()
+            .map(|(device, wrong)| json!({ "position": device.position, "whole": wrong.is_empty(), "wrong": wrong }))
+            .collect();
+        return output.end(json!({ "place": desk.place, "devices": devices }), end);
+    }
+    output.result(&check_text(&checked))?;
+    end
+}
+
+pub(super) fn checked(desk: &mut SegmentDesk, word: Option<&str>) -> Result<Vec<Checked>, Failure> {
+    let mut checked = Vec::new();
+    for device in desk.devices_of(word)? {
+        let present = desk.service.present(device.position);
+        let wrong = match present {
+            Ok(present) => wrong(&device, &present),
+            Err(SegmentError::Failed(failure)) => vec![failure.to_string()],
+            Err(error) => return Err(desk.failure(&device, "reading its SII", error)),
+        };
+        checked.push((device, wrong));
+    }
+    Ok(checked)
+}
+
+fn wrong(device: &Device, present: &Present) -> Vec<String> {
+    let sii = match &present.sii {
+        Ok(sii) => sii,
+        Err(failure) => return vec![failure.to_string()],
+    };
+    let mut wrong = Vec::new();
+    if let Some((name, Some(_))) = device.of_rig() {
+        let fits = fit_of(device.of_rig(), present.identity, None);
+        if fits != name {
+            wrong.push(fits);
+        }
+    }
+    for (kind, area, word) in [(1, sii.receive_mailbox, 0x18), (2, sii.send_mailbox, 0x1a)] {
+        let manager = sii.sync_managers.iter().find(|manager| manager.kind == kind).map(|manager| manager.settings);
+        if let Some(manager) = manager.filter(|manager| (manager.start, manager.len) != (area.start, area.len)) {
+            wrong.push(format!(
+                "words {word:04X}h and {:04X}h put a mailbox at {}, and its sync manager at {:04X}h, {} bytes",
+                word + 1,
+                self::area(area),
+                manager.start,
+                manager.len
+            ));
+        }
+    }
+    wrong
+}
+
+pub(super) fn check_text(checked: &[Checked]) -> String {
+    let mut text = String::new();
+    for (device, wrong) in checked {
+        let word = if wrong.is_empty() { "whole" } else { "wrong" };
+        text.push_str(&format!("{word:7} {}\n", device.words()));
+        wrong.iter().for_each(|wrong| text.push_str(&wrapped_behind("        ", wrong)));
+    }
+    text
+}
