@@ -27,6 +27,7 @@ use yieldwall_drives::scaling::{AxisScaling, Direction};
 
 pub use buses::{bus_id, bus_plan, device_buses};
 pub use error::AssemblyError;
+pub use segment::segment;
 
 pub(crate) fn period_s(rig: &config::Rig) -> f64 {
     f64::from(rig.cycle.period_us) * 1e-6
@@ -266,7 +267,7 @@ pub fn master(rig: &config::Rig, fixture: &config::Fixture) -> Result<Master, As
     }
     let ([left, right], home) = (&rig.drives, home(rig)?);
     let axes = [(scaling(left)?, home[0]), (scaling(right)?, home[1])];
-    Ok(Master::on_segment(&segment::segment(rig)?, axes, cycle)?)
+    Ok(Master::on_segment(&segment(rig)?, axes, cycle)?)
 }
 
 /// The angles of the task's origin, from which the turn of the encoders is taken: an arm is always within half a turn of it.

@@ -24,7 +24,7 @@ const INVALID: u32 = 1 << 2 | 1 << 3 | 1 << 5 | 1 << 29;
 ///
 /// # Errors
 /// Where parts of the configuration do not fit together.
-pub(super) fn segment(rig: &config::Rig) -> Result<SegmentSetup, AssemblyError> {
+pub fn segment(rig: &config::Rig) -> Result<SegmentSetup, AssemblyError> {
     let period = Duration::from_micros(rig.cycle.period_us.into());
     let [left, right] = &rig.drives;
     let drives = [(Device::LeftDrive, left), (Device::RightDrive, right)];

@@ -1,26 +1,28 @@
 //! `yieldwall bus`: what the bus of a rig can carry.
 
+mod can;
 mod frame;
+mod segment;
 
 use std::time::Duration;
 
 use serde_json::{Value, json};
 
-use self::frame::{NAME_WIDTH, figures, row, verdict};
+use self::can::CanPlan;
+use self::segment::SegmentPlan;
 use super::failure::{Exit, Failure};
 use super::output::Output;
-use crate::assembly::bus_plan;
-use crate::bus::MasterSetup;
-use crate::bus::budget::{Advice, Budget, Conditions, FrameBudget, advise};
-use crate::config::{self, Diagnostic, Loaded, Rig, Severity, Source};
+use crate::assembly::{bus_id, bus_plan, segment};
+use crate::bus::budget::{Advice, Budget, Conditions};
+use crate::config::{self, Bus, Diagnostic, Loaded, Rig, Source};
 use crate::rig::RigError;
 
 #[derive(Debug, clap::Subcommand)]
 pub(super) enum Command {
     /// Tell the longest time of every frame on a rig's bus, and whether the cycle can be kept
     ///
-    /// Worst-case response times after Davis, Burns, Bril and Lukkien (2007). A bus that cannot keep the cycle is a
-    /// result, not an error: the exit code is 0. docs/bus-budget.md has the method and its assumptions.
+    /// On CAN worst-case response times after Davis, Burns, Bril and Lukkien (2007), on EtherCAT the time of each frame on its way. A bus
+    /// that cannot keep the cycle is a result, not an error: the exit code is 0. docs/bus-budget.md has the method and its assumptions.
     Budget(Arguments),
 }
 
@@ -29,21 +31,24 @@ pub(super) struct Arguments {
     /// The rig; `builtin:paper-admittance.yaml` names the copy inside the program
     #[arg(value_name = "RIG.yaml")]
     rig: String,
-    /// Longest time from the end of SYNC to a TPDO in the queue of its device; the simulated devices take none
+    /// Of CAN: longest time from the end of SYNC to a TPDO in the queue of its device; the simulated devices take none
     #[arg(long, value_name = "US", default_value_t = 0)]
     device_delay_us: u32,
-    /// Let all frames be released at one moment, instead of TPDOs after SYNC and RPDOs after the control step; with
+    /// Of CAN: let all frames be released at one moment, instead of TPDOs after SYNC and RPDOs after the control step; with
     /// --no-fifo the published analysis as it stands, its bits included
     #[arg(long)]
     no_release_jitter: bool,
-    /// Let the master's frames go out by priority, instead of through the FIFO of a Linux host
+    /// Of CAN: let the master's frames go out by priority, instead of through the FIFO of a Linux host
     #[arg(long)]
     no_fifo: bool,
 }
 
 pub(super) fn run(command: &Command, output: &mut Output) -> Result<(), Failure> {
     let Command::Budget(arguments) = command;
-    let rig = config::load_rig(Source::named(&arguments.rig))?;
+    let rig = config::load_rig_on_any_bus(Source::named(&arguments.rig))?;
+    if !rig.value.is_on_can() {
+        check_arguments(arguments)?;
+    }
     output.configuration(&rig.warnings)?;
     let plans = plans_under(&rig.value, |conditions| Conditions {
         device_delay: Duration::from_micros(arguments.device_delay_us.into()),
@@ -55,20 +60,27 @@ pub(super) fn run(command: &Command, output: &mut Output) -> Result<(), Failure>
     if output.is_json() { output.report(to_json(&plans)) } else { output.result(&text(&plans)) }
 }
 
+/// Refuses what means nothing without a CAN bus.
+fn check_arguments(arguments: &Arguments) -> Result<(), Failure> {
+    let given = [
+        ("--device-delay-us", arguments.device_delay_us > 0),
+        ("--no-release-jitter", arguments.no_release_jitter),
+        ("--no-fifo", arguments.no_fifo),
+    ];
+    let Some((name, _)) = given.into_iter().find(|(_, is_given)| *is_given) else { return Ok(()) };
+    let message = format!("{name} is for a CAN bus, and this rig is on EtherCAT");
+    Err(Failure::new(Exit::Usage, message, format!("leave {name} away")))
+}
+
 fn failure(error: &RigError) -> Failure {
     Failure::new(Exit::ConfigInvalid, error.to_string(), "run `yieldwall config check` on the rig")
 }
 
 /// The budget of one of a rig's buses and what it was made from.
 #[derive(Debug)]
-pub(super) struct Plan<'a> {
-    rig: &'a Rig,
-    /// Its name.
-    name: &'a str,
-    setup: MasterSetup,
-    budget: Budget,
-    /// The conditions of the rig's other buses.
-    others: Vec<Conditions>,
+pub(super) enum Plan<'a> {
+    Can(Box<CanPlan<'a>>),
+    Segment(Box<SegmentPlan<'a>>),
 }
 
 /// The budgets of all buses, as a run takes them.
@@ -77,16 +89,29 @@ pub(super) fn plans(rig: &Rig) -> Result<Vec<Plan<'_>>, RigError> {
 }
 
 fn plans_under(rig: &Rig, change: impl Fn(Conditions) -> Conditions) -> Result<Vec<Plan<'_>>, RigError> {
-    if !rig.is_on_can() {
-        return Ok(Vec::new());
-    }
-    let (setup, conditions) = bus_plan(rig)?;
+    let of_can = if rig.is_on_can() { Some(bus_plan(rig)?) } else { None };
+    let (setup, conditions) = of_can.map_or((None, Vec::new()), |(setup, conditions)| (Some(setup), conditions));
     let conditions: Vec<Conditions> = conditions.into_iter().map(change).collect();
-    let each = rig.buses.keys().zip(&conditions).map(|(name, own)| {
-        let others = conditions.iter().filter(|other| other.bus != own.bus).copied().collect();
-        Ok(Plan { rig, name, setup: setup.clone(), budget: Budget::new(&setup, *own)?, others })
+    let each = rig.buses.iter().map(|(name, bus)| {
+        let id = bus_id(rig, name)?;
+        let own = conditions.iter().find(|own| own.bus == id);
+        Ok(match (bus, &setup, own) {
+            (Bus::Canopen(_), Some(setup), Some(own)) => {
+                let others = conditions.iter().filter(|other| other.bus != id).copied().collect();
+                let (setup, budget) = (setup.clone(), Budget::new(setup, *own)?);
+                Some(Plan::Can(Box::new(CanPlan { rig, name, setup, budget, others })))
+            }
+            (Bus::Canopen(_), ..) => None,
+            (Bus::Ethercat(_), ..) => Some(Plan::Segment(Box::new(SegmentPlan::new(rig, name, segment(rig)?)))),
+        })
     });
-    each.collect()
+    let plans: Vec<Option<Plan<'_>>> = each.collect::<Result<_, RigError>>()?;
+    Ok(plans.into_iter().flatten().collect())
+}
+
+/// How a bus is called where there are several.
+fn called(rig: &Rig, before: &str, name: &str) -> String {
+    if rig.buses.len() > 1 { format!("{before}{name}") } else { String::new() }
 }
 
 /// One table for each bus.
@@ -100,179 +125,66 @@ pub(super) fn to_json(plans: &[Plan<'_>]) -> Value {
         return plan.to_json();
     }
     json!({
-        "schedulable": plans.iter().all(|plan| plan.budget.is_schedulable()),
+        "schedulable": plans.iter().all(Plan::is_schedulable),
         "buses": plans.iter().map(Plan::to_json).collect::<Vec<_>>(),
     })
 }
 
 impl Plan<'_> {
-    fn is_ideal(&self) -> bool {
-        !self.rig.frames_take_time()
+    fn is_schedulable(&self) -> bool {
+        match self {
+            Plan::Can(plan) => plan.budget.is_schedulable(),
+            Plan::Segment(plan) => plan.is_schedulable(),
+        }
     }
 
     /// Whether every frame is always in time, or takes none.
     pub(super) fn is_kept(&self) -> bool {
-        self.is_ideal() || self.budget.is_schedulable()
+        match self {
+            Plan::Can(plan) => plan.is_kept(),
+            Plan::Segment(plan) => plan.is_kept(),
+        }
     }
 
-    /// How the bus is called where there are several.
-    fn called(&self, before: &str, after: &str) -> String {
-        if self.rig.buses.len() > 1 { format!("{before}{}{after}", self.name) } else { String::new() }
-    }
-
-    /// The least change with which everything is in time.
-    pub(super) fn advice(&self) -> Option<Advice> {
-        advise(&self.setup, self.budget.conditions, &self.others).ok().flatten()
+    /// The least change of a CAN bus with which everything is in time.
+    pub(super) fn can_advice(&self) -> Option<Advice> {
+        match self {
+            Plan::Can(plan) => plan.advice(),
+            Plan::Segment(_) => None,
+        }
     }
 
     /// One line for `config check`.
     pub(super) fn line(&self) -> String {
-        let load = 100.0 * self.budget.load();
-        let nearest = self.budget.latest().map(|latest| format!(", {}", verdict(latest))).unwrap_or_default();
-        format!("bus{} load at most {load:.1} %{nearest}", self.called(" ", ""))
+        match self {
+            Plan::Can(plan) => plan.line(),
+            Plan::Segment(plan) => plan.line(),
+        }
     }
 
     /// For a person to read in 80 columns.
     fn text(&self) -> String {
-        let budget = &self.budget;
-        let Conditions { bit_rate, compute_at, .. } = budget.conditions;
-        let mut lines = vec![
-            format!(
-                "{}{}: {} kbit/s, cycle {} us, control step at {} us",
-                self.rig.rig.name,
-                self.called(", bus ", ""),
-                f64::from(bit_rate) / 1e3,
-                budget.cycle.as_micros(),
-                compute_at.as_micros()
-            ),
-            format!(
-                "load at most {:.1} %, of it SYNC and process data {:.1} %",
-                100.0 * budget.load(),
-                100.0 * budget.cyclic_load()
-            ),
-            String::new(),
-            format!("{:>4}  {:<NAME_WIDTH$} {:>5} {:>4}    times in us", "", "", "", ""),
-            format!(
-                "{:>4}  {:<NAME_WIDTH$} {:>5} {:>4} {:>7} {:>7} {:>7} {:>7}  from",
-                "COB", "frame", "bytes", "bits", "period", "longest", "allowed", "slack"
-            ),
-        ];
-        lines.extend(budget.frames.iter().map(|frame| row(frame, budget.conditions.is_plain())));
-        lines.push(String::new());
-        lines.extend(self.verdict());
-        lines.push(String::new());
-        lines.push("* not counted for the other frames, and not in the verdict:".to_owned());
-        let disturbed = [
-            ("an SDO exchange in operation", &budget.latest_with_sdo, "this program makes none then"),
-            ("emergencies of all nodes in one cycle", &budget.latest_with_emergencies, "they stop the rig"),
-        ];
-        for (what, latest, why) in disturbed {
-            let verdict = latest.as_ref().map(verdict).unwrap_or_default();
-            lines.push(format!("  with {what} ({why}):"));
-            lines.push(format!("  {verdict}"));
-        }
-        if self.is_ideal() {
-            lines.push("`timing: ideal`: the embedded simulation delivers every frame at once; this".to_owned());
-            lines.push("table is what a real bus of this bit rate would do.".to_owned());
-        }
-        lines.join("\n") + "\n"
-    }
-
-    fn verdict(&self) -> Vec<String> {
-        let Some(latest) = self.budget.latest() else { return Vec::new() };
-        if self.budget.is_schedulable() {
-            return vec!["schedulable:".to_owned(), format!("  {}", verdict(latest))];
-        }
-        let late = self.budget.regular().filter(|frame| !frame.is_in_time()).count();
-        let others = if late > 1 { format!(", {late} frames late") } else { String::new() };
-        vec![format!("NOT schedulable{others}:"), format!("  {}", verdict(latest)), format!("  {}", self.help())]
-    }
-
-    /// What to change.
-    fn help(&self) -> String {
-        let Some(advice) = self.advice() else {
-            return "no bit rate or period does: map less process data".to_owned();
-        };
-        let [earliest, latest] = advice.compute_at_us;
-        let step = if earliest == latest {
-            format!("`compute_at_us` {earliest}")
-        } else {
-            format!("`compute_at_us` {earliest} to {latest}")
-        };
-        if advice.bit_rate != self.budget.conditions.bit_rate {
-            format!("raise `bit_rate_bit_per_s` to {}, with {step}", advice.bit_rate)
-        } else if advice.period != self.budget.cycle {
-            format!("raise `period_us` to {}, with {step}", advice.period.as_micros())
-        } else {
-            format!("write {step}")
-        }
-    }
-
-    /// The key that the help is about.
-    fn key(&self) -> String {
-        match self.advice() {
-            Some(advice) if advice.bit_rate != self.budget.conditions.bit_rate => {
-                format!("buses.{}.canopen.bit_rate_bit_per_s", self.name)
-            }
-            Some(advice) if advice.period == self.budget.cycle => "cycle.compute_at_us".to_owned(),
-            _ => "cycle.period_us".to_owned(),
+        match self {
+            Plan::Can(plan) => plan.text(),
+            Plan::Segment(plan) => plan.text(),
         }
     }
 
     /// What a bus that cannot keep the cycle is for whoever wants to run the rig: an error, on a bus without timing a
     /// warning. `None` if it can.
     pub(super) fn finding(&self, file: &Loaded<Rig>) -> Option<Diagnostic> {
-        let latest = self.budget.latest().filter(|_| !self.budget.is_schedulable())?;
-        let called = self.called(" ", "");
-        let (severity, where_to) = if self.is_ideal() {
-            (Severity::Warning, format!("a real bus{called} would not keep the cycle"))
-        } else {
-            (Severity::Error, format!("the bus{called} cannot keep the cycle"))
-        };
-        let key = self.key();
-        let bit_rate = format!("buses.{}.canopen.bit_rate_bit_per_s", self.name);
-        let see = [
-            ("cycle.period_us", "period_us"),
-            ("cycle.compute_at_us", "compute_at_us"),
-            (bit_rate.as_str(), "bit_rate_bit_per_s"),
-        ];
-        let see: Vec<(&str, &str)> = see.into_iter().filter(|(other, _)| *other != key).collect();
-        let help = format!("{}; `yieldwall bus budget {}` lists every frame", self.help(), file.source);
-        Some(file.finding(severity, &key, format!("{where_to}: {}", verdict(latest)), help, &see))
+        match self {
+            Plan::Can(plan) => plan.finding(file),
+            Plan::Segment(plan) => plan.finding(file),
+        }
     }
 
     /// For a program to read.
     fn to_json(&self) -> Value {
-        let budget = &self.budget;
-        let Conditions { bit_rate, compute_at, device_delay, has_release_jitter, has_fifo, .. } = budget.conditions;
-        let disturbed = |latest: &Option<FrameBudget>| {
-            let is_schedulable = latest.as_ref().is_some_and(FrameBudget::is_in_time);
-            json!({ "schedulable": is_schedulable, "latest": latest.as_ref().map(figures) })
-        };
-        let mut document = json!({
-            "bus": self.name,
-            "bit_rate": bit_rate,
-            "cycle_us": budget.cycle.as_micros() as u64,
-            "compute_at_us": compute_at.as_micros() as u64,
-            "device_delay_us": device_delay.as_micros() as u64,
-            "release_jitter": has_release_jitter,
-            "fifo": has_fifo,
-            "timing": if self.is_ideal() { "ideal" } else { "arbitrated" },
-            "load_worst": budget.load(),
-            "load_cyclic_worst": budget.cyclic_load(),
-            "schedulable": budget.is_schedulable(),
-            "frames": budget.frames.iter().map(figures).collect::<Vec<_>>(),
-            "with_sdo": disturbed(&budget.latest_with_sdo),
-            "with_emergencies": disturbed(&budget.latest_with_emergencies),
-        });
-        if !budget.is_schedulable() {
-            document["advice"] = json!(self.advice().map(|advice| json!({
-                "bit_rate": advice.bit_rate,
-                "cycle_us": advice.period.as_micros() as u64,
-                "compute_at_us": advice.compute_at_us,
-            })));
+        match self {
+            Plan::Can(plan) => plan.to_json(),
+            Plan::Segment(plan) => plan.to_json(),
         }
-        document
     }
 }
 
@@ -316,7 +228,7 @@ mod tests {
         for name in rigs() {
             let rig = load_rig(builtin(name)).unwrap();
             for plan in plans(&rig.value).unwrap() {
-                assert!(plan.budget.is_schedulable(), "{name}:\n{}", plan.text());
+                assert!(plan.is_schedulable(), "{name}:\n{}", plan.text());
                 assert_eq!(plan.finding(&rig), None);
             }
         }

@@ -13,7 +13,7 @@ use super::on_bus::{
     with_told,
 };
 use super::output::Output;
-use super::run::{judge, settled_json, settled_text, watchdogs_json, watchdogs_text};
+use super::run::{check_buses, judge, settled_json, settled_text, watchdogs_json, watchdogs_text};
 use crate::config::{self, Source};
 use crate::host::{News, RigOnBus};
 use crate::run::{Drilled, Pace, RunError, Subject, watchdogs};
@@ -47,6 +47,7 @@ fn drill(arguments: &Arguments, events: &Events, output: &mut Output) -> Result<
     if rig.value.is_on_ethercat() {
         only_for_can(&[("--dry-run", arguments.dry_run, "docs/ethercat.md says what a boot writes")])?;
     }
+    check_buses(&rig, None, output)?;
     if arguments.dry_run {
         let buses = match arguments.bus.as_slice() {
             [] => Vec::new(),

@@ -62,7 +62,7 @@ fn run_and_tell(arguments: &Arguments, events: &Events, output: &mut Output) -> 
         ])?;
     }
     output.configuration(&rig.warnings)?;
-    check_buses(&rig, arguments.ignore_bus_budget, output)?;
+    check_buses(&rig, Some(arguments.ignore_bus_budget), output)?;
     // Whoever holds the tool is not the hand of the scene.
     check_loop(&rig, false, output)?;
     if arguments.dry_run {

@@ -12,7 +12,7 @@ use serde_json::json;
 
 use self::choice::{Choice, Law, Mode, Person, Protocol, ask};
 use self::geometry::Geometry;
-use super::bus::plans;
+use super::bus::{Plan, plans};
 use super::config::Checked;
 use super::ending::rig_failure;
 use super::failure::{Exit, Failure};
@@ -231,7 +231,7 @@ fn compose(choice: &Choice, names: &[PathBuf; 3]) -> Result<Files, Failure> {
 /// The middle of the moments at which the control step may run.
 fn control_step_us(rig: &Loaded<Rig>) -> Result<u32, Failure> {
     let plans = plans(&rig.value).map_err(|error| rig_failure(&error))?;
-    let advice = plans.first().and_then(|plan| plan.advice());
+    let advice = plans.first().and_then(Plan::can_advice);
     let (bus, period_us) = (rig.value.buses.values().next(), rig.value.cycle.period_us);
     let bit_rate = bus.and_then(Bus::canopen).map(|bus| bus.bit_rate_bit_per_s);
     match advice {

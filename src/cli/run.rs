@@ -126,7 +126,7 @@ fn run_and_tell(arguments: &Arguments, events: &Events, output: &mut Output) -> 
     };
     // Those of the scene are among them.
     output.configuration(&rig.warnings)?;
-    check_buses(&rig, arguments.ignore_bus_budget, output)?;
+    check_buses(&rig, Some(arguments.ignore_bus_budget), output)?;
     let margins = check_loop(&rig, true, output)?;
     if arguments.dry_run {
         return plan::run(&rig, &[], Sender::Run, output);
@@ -283,12 +283,17 @@ pub(super) fn view(rig: &config::Rig, place: &str, duration_s: f64) -> Arc<Mutex
     Arc::new(Mutex::new(View::new(&rig.rig.name, names, place, duration_s)))
 }
 
-/// Whether the buses keep the cycle: of a bus with timing an error, unless it is to be ignored.
-pub(super) fn check_buses(rig: &Loaded<config::Rig>, is_ignored: bool, output: &mut Output) -> Result<(), Failure> {
+/// Whether the buses keep the cycle: of a bus with timing an error, unless it is to be ignored; `None` if it cannot be.
+pub(super) fn check_buses(
+    rig: &Loaded<config::Rig>,
+    is_ignored: Option<bool>,
+    output: &mut Output,
+) -> Result<(), Failure> {
     for plan in plans(&rig.value).map_err(|error| rig_failure(&error))? {
         let Some(mut finding) = plan.finding(rig) else { continue };
-        if finding.severity == Severity::Error && !is_ignored {
-            finding.help = finding.help.map(|help| format!("{help}, --ignore-bus-budget runs the rig all the same"));
+        if finding.severity == Severity::Error && is_ignored != Some(true) {
+            let more = is_ignored.map_or("", |_| ", --ignore-bus-budget runs the rig all the same");
+            finding.help = finding.help.map(|help| help + more);
             return Err(Report::from(finding).into());
         }
         finding.severity = Severity::Warning;

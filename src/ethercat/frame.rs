@@ -21,6 +21,16 @@ pub const WORKING_COUNTER: usize = 2;
 pub const SHORTEST: usize = 60;
 /// Longest Ethernet frame, without its check sequence.
 pub const LONGEST: usize = 1514;
+/// Bytes on the wire before a frame: preamble and start of frame.
+pub const PREAMBLE: usize = 8;
+/// Bytes on the wire behind a frame: its check sequence.
+pub const CHECK_SEQUENCE: usize = 4;
+/// Bytes for which the wire is silent between two frames, at least.
+pub const GAP: usize = 12;
+/// Time of a byte at 100 Mbit/s, in ns.
+pub const BYTE_NS: u64 = 80;
+/// Time that a device takes there and back, in ns: that of usual controllers.
+pub const DEVICE_NS: u64 = 1000;
 
 const ETHERTYPE: [u8; 2] = [0x88, 0xa4];
 const DATAGRAMS: u16 = 1;

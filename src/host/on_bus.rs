@@ -15,9 +15,9 @@ use thiserror::Error;
 
 use super::system::{Refusal, SystemMetronome, computer, lock_memory, run_first};
 use super::timing::{Kept, Untimely};
-use crate::assembly::bus_plan;
-use crate::bus::Told;
+use crate::assembly::{bus_plan, segment};
 use crate::bus::budget::Budget;
+use crate::bus::{Told, ethercat};
 use crate::config;
 use crate::guard::Fault;
 use crate::link::{InterfaceFacts, Interfaces, Role, SocketCan};
@@ -181,6 +181,12 @@ impl RigOnBus {
         let memory = lock_memory();
         let plan = if rig.is_on_can() { Some(bus_plan(rig).map_err(RunError::from)?) } else { None };
         let mut overfull = Vec::new();
+        if rig.is_on_ethercat() && rig.frames_take_time() {
+            let setup = segment(rig).map_err(RunError::from)?;
+            if !ethercat::Budget::new(&setup).is_schedulable() {
+                overfull.extend(rig.buses.keys().nth(setup.bus.index()).cloned());
+            }
+        }
         for (setup, conditions) in plan.iter().flat_map(|(setup, all)| all.iter().map(move |one| (setup, *one))) {
             let budget = Budget::new(setup, conditions).map_err(RunError::from)?;
             if rig.frames_take_time() && !budget.is_schedulable() {

@@ -231,16 +231,6 @@ pub enum SegmentFailure {
         /// The position.
         position: u16,
     },
-    /// The moments of a cycle do not fit it.
-    #[error(
-        "the outputs of a cycle leave {left_us} us before SYNC0 at the most, which has to be {needed_us} us: lower compute_at_us"
-    )]
-    NoTime {
-        /// Time from the output frame to SYNC0, in us.
-        left_us: i64,
-        /// Time that it takes, in us.
-        needed_us: i64,
-    },
 }
 
 /// What to try next when a device does not come to a state.

@@ -5,13 +5,24 @@ use std::time::Duration;
 
 /// What a frame was sent for. One of each is on its way at most.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Purpose {
+pub enum Purpose {
     /// Inputs of a cycle, with clock and states.
     Inputs,
     /// Outputs of a cycle.
     Outputs,
     /// Anything that is asked beside the cycle.
     Service,
+}
+
+impl Purpose {
+    /// The word for it, as in *input frame*.
+    pub const fn word(self) -> &'static str {
+        match self {
+            Purpose::Inputs => "input",
+            Purpose::Outputs => "output",
+            Purpose::Service => "service",
+        }
+    }
 }
 
 /// What has become of the frames of a segment.
@@ -182,11 +193,6 @@ impl Datagramer<'_> {
         const ZEROS: [u8; frame::LONGEST] = [0; frame::LONGEST];
         self.push(command, address, ZEROS.get(..len).unwrap_or_default());
     }
-}
-
-/// Bytes of a frame with datagrams of so many bytes of data.
-pub(super) fn frame_len(datagrams: impl Iterator<Item = usize>) -> usize {
-    frame::HEADER + datagrams.map(|len| frame::DATAGRAM_HEADER + len + frame::WORKING_COUNTER).sum::<usize>()
 }
 
 /// Time after which a frame that is asked beside the cycle is given up and asked anew. Frames go round in microseconds; what takes time is

@@ -9,6 +9,7 @@
 //! the exchange, `exchange` the two moments of a cycle and what is asked beside it, `mailbox` the objects of one device.
 
 mod bring_up;
+mod budget;
 mod clock;
 mod exchange;
 mod failure;
@@ -38,16 +39,14 @@ use crate::time::Time;
 use bring_up::BringUp;
 use clock::GridServo;
 use exchange::Grid;
-use flight::{Flight, Purpose, Taken};
+use flight::{Flight, Taken};
 use ports::PortWatch;
 use station::Station;
 
+pub use budget::{Advice, Budget, FrameBudget, PlannedDatagram, PlannedFrame, advise};
 pub use failure::{SegmentFailure, SegmentSign};
-pub use flight::SegmentCounts;
+pub use flight::{Purpose, SegmentCounts};
 pub use setup::{Acts, Mapped, ProcessData, SOURCE, SegmentDrive, SegmentSetup, StationSetup, StatusMasks};
-
-/// Time that the outputs of a cycle need from the computation to SYNC0: computing, the frame, the device.
-const OUTPUTS_NEED: Duration = Duration::from_micros(50);
 
 /// Where frames go that are to be sent.
 pub trait EthernetOutbox {
@@ -170,8 +169,7 @@ impl EthercatNetwork {
     /// A network to which nothing was sent yet.
     ///
     /// # Errors
-    /// If two devices have one position, process data are no whole bytes, a frame of the cycle would be too long, or the outputs would come
-    /// too late for SYNC0.
+    /// If two devices have one position, process data are no whole bytes, or a frame of the cycle would be too long.
     pub fn new(setup: &SegmentSetup) -> Result<Self, BootError> {
         const PLAN: &str = "plan the process data";
         let mut stations: Vec<Station> = Vec::new();
@@ -183,19 +181,11 @@ impl EthercatNetwork {
             stations.push(Station::new(device).map_err(refused)?);
         }
         let whole = |failure| refuse("master", PLAN, failure);
-        let inputs = stations.iter().flat_map(|station| [station.inputs.len, exchange::STATUS_LEN]);
-        for (what, len) in [
-            ("input", flight::frame_len(inputs.chain([8]))),
-            ("output", flight::frame_len(stations.iter().map(|station| station.outputs.len))),
-        ] {
+        for each in &Budget::new(setup).frames {
+            let (what, len) = (each.frame.purpose.word(), each.frame.len());
             if len > frame::LONGEST {
                 return Err(whole(SegmentFailure::FrameTooLong { what, len }));
             }
-        }
-        let us = |duration: Duration| duration.as_micros() as i64;
-        let left_us = us(setup.period) - us(setup.sync0_phase) - us(setup.compute_at);
-        if stations.iter().any(Station::is_synchronous) && left_us < us(OUTPUTS_NEED) {
-            return Err(whole(SegmentFailure::NoTime { left_us, needed_us: us(OUTPUTS_NEED) }));
         }
         Ok(EthercatNetwork {
             bus: setup.bus,

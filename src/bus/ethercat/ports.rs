@@ -15,6 +15,8 @@ const EVERY: u8 = 4;
 const COUNTERS: usize = 20;
 /// First of the lost links in them; before it two bytes a port are of receive errors, the rest is of other places.
 const LOST_LINKS: usize = (register::LOST_LINK - register::RX_ERROR) as usize;
+/// What is read of a device.
+const READS: [(u16, usize); 2] = [(register::DL_STATUS, 2), (register::RX_ERROR, COUNTERS)];
 /// Ports of a device.
 pub(super) const PORTS: usize = 4;
 
@@ -39,6 +41,11 @@ pub(super) enum Shown {
     Errors(u16),
     /// Nothing at these positions is reached any more.
     Lost(Behind),
+}
+
+/// Bytes of data of the datagrams of the longest frame that reads the ports of so many devices.
+pub(super) fn reads(devices: usize) -> impl Iterator<Item = usize> {
+    (0..devices.min(AT_ONCE)).flat_map(|_| READS.map(|(_, len)| len))
 }
 
 /// All devices of a segment.
@@ -93,8 +100,9 @@ impl PortWatch {
     pub(super) fn ask(&self, first: usize, to: &mut Datagramer<'_>) {
         for position in (first..self.devices.len()).take(AT_ONCE) {
             let station = FIRST_STATION + position as u16;
-            to.read(Command::Fprd, service_address(station, register::DL_STATUS), 2);
-            to.read(Command::Fprd, service_address(station, register::RX_ERROR), COUNTERS);
+            for (register, len) in READS {
+                to.read(Command::Fprd, service_address(station, register), len);
+            }
         }
     }
 

@@ -208,6 +208,16 @@ impl StationSetup {
         }
     }
 
+    /// Bytes of process data that it is sent.
+    pub fn output_bytes(&self) -> usize {
+        bytes(&self.outputs)
+    }
+
+    /// Bytes of process data that it sends.
+    pub fn input_bytes(&self) -> usize {
+        bytes(&self.inputs)
+    }
+
     /// All objects that are read and written in PRE-OP, in their order: those of the device, its process data, its synchronisation.
     pub(super) fn script(&self) -> Vec<Step> {
         let mut steps = self.steps.clone();
@@ -226,6 +236,11 @@ impl StationSetup {
         }
         steps
     }
+}
+
+/// Bytes of process data, each value in whole bytes.
+fn bytes(pdos: &[ProcessData]) -> usize {
+    pdos.iter().flat_map(|pdo| &pdo.entries).map(|entry| usize::from(entry.bits.div_ceil(8))).sum()
 }
 
 /// The mapping objects and the object that says which are exchanged: switched off, written, switched on.

@@ -30,8 +30,6 @@ impl Checked {
         };
         let (rig, device) = (rig(&result), device(&result));
         let not_runnable = rig.and_then(Loaded::not_runnable);
-        // Nothing is computed of what cannot be run.
-        let rig = rig.filter(|_| not_runnable.is_none());
         let margins = rig.map(|rig| Margins::of(&rig.value));
         let is_unstable = margins.as_ref().is_some_and(Margins::is_unstable);
         let masses = rig.filter(|_| !is_unstable).and_then(|rig| Masses::of(rig, &[]).ok());

@@ -24,4 +24,4 @@ pub use controller::{Controller, ControllerSettings};
 pub(super) use description::Communication;
 pub use description::{esi, sii};
 pub use device::SimulatedDevice;
-pub use segment::{BYTE_NS, DEVICE_NS, Segment};
+pub use segment::Segment;

@@ -2,16 +2,9 @@
 
 use super::application::EthercatApplication;
 use super::controller::{Controller, Links};
-use crate::ethercat::frame;
+use crate::ethercat::frame::{self, BYTE_NS, DEVICE_NS};
 use crate::time::Time;
 use std::time::Duration;
-
-/// Time of a byte at 100 Mbit/s, in ns.
-pub const BYTE_NS: u64 = 80;
-/// Time that a device takes there and back, in ns.
-pub const DEVICE_NS: u64 = 1000;
-/// Preamble, start of frame and check sequence, in bytes.
-const AROUND_FRAME: u64 = 8 + 4;
 
 /// A virtual segment: devices in a line, the first one at the master.
 ///
@@ -140,7 +133,7 @@ impl<D: EthercatApplication> Segment<D> {
             }
             controller.end_frame(at(place));
         }
-        let wire_bytes = AROUND_FRAME + bytes.len().max(frame::SHORTEST) as u64;
+        let wire_bytes = (frame::PREAMBLE + bytes.len().max(frame::SHORTEST) + frame::CHECK_SEQUENCE) as u64;
         Some(now + Duration::from_nanos(wire_bytes * BYTE_NS + DEVICE_NS * reached as u64))
     }
 

@@ -24,7 +24,7 @@ use hil_tests_ethercrab::pump::{self, now, sleep_until};
 use yieldwall::config::{builtin, load_rig_on_any_bus};
 use yieldwall::rig::SegmentServer;
 use yieldwall::run::Pace;
-use yieldwall::sim::ethercat::{BYTE_NS, DEVICE_NS};
+use yieldwall::ethercat::frame::{BYTE_NS, DEVICE_NS};
 
 /// Cycles with the full working counter.
 const CYCLES: u32 = 10_000;

@@ -10,6 +10,7 @@ mod frames;
 mod phases;
 mod response;
 
+pub(in crate::bus) use advice::PERIODS_US;
 pub use advice::{Advice, advise};
 pub use bits::{longest_bits, shortest_bits, worst_bits};
 pub use frames::{PlannedFrame, Use};
