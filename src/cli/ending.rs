@@ -1,6 +1,7 @@
 //! Why a run ended badly, and with which exit code.
 
 use super::failure::{Exit, Failure};
+use crate::bus::ethercat::SegmentFailure;
 use crate::bus::{BootError, BootFailure};
 use crate::config;
 use crate::explanation::{self, Explanation};
@@ -138,7 +139,7 @@ pub(super) fn bus_names(rig: &config::Rig) -> Vec<String> {
 /// The failure that a rig's error is.
 pub(super) fn rig_failure(error: &RigError) -> Failure {
     let (exit, help) = match error {
-        RigError::Boot(error) => (Exit::DeviceMismatch, boot_help(&error.failure)),
+        RigError::Boot(error) => (boot_exit(&error.failure), boot_help(&error.failure)),
         RigError::NotEnabled { cause: Some(cause), .. } => (exit_of(*cause), cause.fault.row().next),
         RigError::NotEnabled { .. } => {
             (Exit::DeviceFault, "`yieldwall state DRIVE` tells a drive's error code (603Fh) and what it means")
@@ -168,6 +169,16 @@ pub(super) fn point_to_doctor(mut failure: Failure, error: &BootError, arguments
     failure
 }
 
+/// How the program ends when the boot has failed.
+fn boot_exit(failure: &BootFailure) -> Exit {
+    let BootFailure::Segment(failure) = failure else { return Exit::DeviceMismatch };
+    match **failure {
+        SegmentFailure::OtherMaster { .. } | SegmentFailure::NoReply { .. } => Exit::BusUnavailable,
+        SegmentFailure::Refused { .. } | SegmentFailure::NotReached { .. } => Exit::DeviceFault,
+        _ => Exit::DeviceMismatch,
+    }
+}
+
 /// What to try when the boot has failed.
 fn boot_help(failure: &BootFailure) -> &'static str {
     match failure {
@@ -181,7 +192,15 @@ fn boot_help(failure: &BootFailure) -> &'static str {
             "`yieldwall info NODE` shows the device's error register, `yieldwall emcy NODE` its last errors"
         }
         BootFailure::Restarted { .. } => "check the node's supply, and give each device its own node id",
-        BootFailure::Segment(_) => "mend what the message names, and start again: nothing goes to OP by itself",
+        BootFailure::Segment(failure) => match **failure {
+            SegmentFailure::OtherMaster { .. } => {
+                "end the other master, or name the interface of a segment of its own; where a switch joins two segments, take it away"
+            }
+            SegmentFailure::Identity { fits_at: None, .. } => {
+                "compare the device at that position with its profile in the rig file: one of them is the wrong one"
+            }
+            _ => "mend what the message names, and start again: nothing goes to OP by itself",
+        },
         _ => "compare node ids and profiles in the rig file with the devices on the bus",
     }
 }

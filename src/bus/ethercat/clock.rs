@@ -107,6 +107,17 @@ impl GridServo {
         if self.is_in_lockstep { 0 } else { self.shift_ns }
     }
 
+    /// By how much a grid that nothing depends on yet is moved to be where the clock wants it, in ns; `None` where it is near enough.
+    pub(super) fn jump_ns(&mut self) -> Option<i64> {
+        let is_far = self.last_ns.abs() > LOST * self.period_ns;
+        if self.is_in_lockstep || self.has_settled || !is_far {
+            return None;
+        }
+        let jump_ns = -self.last_ns as i64;
+        (self.mean_ns, self.integral_ns, self.last_ns) = (0.0, 0.0, 0.0);
+        Some(jump_ns)
+    }
+
     /// Last error, in ns.
     pub(super) fn last_ns(&self) -> i64 {
         self.last_ns as i64
@@ -165,6 +176,23 @@ mod tests {
                 let worst = errors[600..].iter().fold(0.0f64, |worst, error| worst.max(error.abs()));
                 assert!(worst <= 5.0, "{drift_ppb} ppb from {start_ns}: {worst} ns");
             }
+        }
+    }
+
+    #[test]
+    fn a_grid_that_nothing_depends_on_is_there_in_100_cycles_at_any_period() {
+        for period_ns in [1_000_000_u64, 20_000_000] {
+            let mut servo = GridServo::new(Duration::from_nanos(period_ns), PHASE);
+            let mut now = 700_000;
+            let cycles = (1..=100).find(|_| {
+                servo.on_time(now);
+                let shift_ns = servo.jump_ns().unwrap_or(servo.shift_ns());
+                now = (now + period_ns).saturating_add_signed(shift_ns);
+                servo.has_settled()
+            });
+            assert!(cycles.is_some(), "{period_ns}: {servo:?}");
+            servo.on_time(now + period_ns / 3);
+            assert_eq!(servo.jump_ns(), None, "drives may be enabled");
         }
     }
 

@@ -28,6 +28,8 @@ const CLOCKS: &str = "bring the clocks together";
 const TO_OP: &str = "go to OP";
 /// How long the clocks may take to come together.
 const SETTLING: Duration = Duration::from_secs(10);
+/// Frames beside the cycle after which a clock is compared whatever else waits: at 20 ms emergencies alone are looked for in each cycle.
+const COMPARED_AFTER: u32 = 8;
 /// What drives are sent that nobody has enabled: nothing that brings them nearer to it.
 const REST: DriveOrders = DriveOrders { controlword: 0, target: 0 };
 
@@ -282,6 +284,10 @@ impl EthercatNetwork {
             let sent = self.flight.send(Purpose::Service, |to| self.ports.ask(first, to));
             return sent.into_iter().for_each(|bytes| out.push(bytes));
         }
+        self.uncompared = self.uncompared.saturating_add(1);
+        if self.uncompared >= COMPARED_AFTER && self.compare_clock(now, out) {
+            return;
+        }
         for step in 0..count {
             let place = (self.turn + step) % count;
             let Some(station) = self.stations.get_mut(place) else { continue };
@@ -296,15 +302,23 @@ impl EthercatNetwork {
                 return sent.into_iter().for_each(|bytes| out.push(bytes));
             }
         }
+        self.compare_clock(now, out);
+    }
+
+    /// Asks the next device for the difference of its clock; whether there is one to ask.
+    fn compare_clock(&mut self, now: Time, out: &mut impl EthernetOutbox) -> bool {
+        let count = self.stations.len();
         for step in 0..count {
-            let place = (self.turn + step) % count;
+            let place = (self.compared + step) % count;
             let is_compared =
                 |station: &super::Station| station.is_synchronous() && Some(station.address) != self.reference;
             if self.stations.get(place).is_some_and(is_compared) {
-                self.turn = (place + 1) % count;
-                return self.send_to(now, place, Asked::Difference(place), register::DC_DIFFERENCE, Ok(4), out);
+                (self.compared, self.uncompared) = ((place + 1) % count, 0);
+                self.send_to(now, place, Asked::Difference(place), register::DC_DIFFERENCE, Ok(4), out);
+                return true;
             }
         }
+        false
     }
 
     /// Reads registers of a station, or writes two bytes of them.
@@ -372,7 +386,9 @@ impl EthercatNetwork {
             self.take(now);
             self.close(now, &[REST; 2], out);
             let next = open + self.period;
-            let next = Time(next.0.saturating_add_signed(self.grid_shift_ns()));
+            // Nothing moves yet: the grid goes to the reference clock at once.
+            let shift_ns = self.servo.jump_ns().unwrap_or_else(|| self.grid_shift_ns());
+            let next = Time(next.0.saturating_add_signed(shift_ns));
             // A computer that stood still goes on at the next grid point.
             let behind = now.since(next).as_nanos().div_ceil(self.period.as_nanos().max(1)) as u64;
             self.grid.next_open = Time(next.0 + behind * self.period.as_nanos() as u64);
@@ -424,6 +440,11 @@ impl EthercatNetwork {
                 self.grid.is_asking = true;
                 self.phase_since = now;
             } else if waited >= SETTLING {
+                let silent = self.stations.iter().find(|station| apart(station) == i64::MAX);
+                if let Some(title) = silent.map(super::Station::title) {
+                    let (register, tries) = (register::DC_DIFFERENCE, self.grid.cycles.min(u8::MAX.into()) as u8);
+                    return self.fail(now, &title, CLOCKS, SegmentFailure::NotProcessed { register, tries });
+                }
                 let error_ns = worst.max(self.servo.last_ns().abs());
                 let failure = SegmentFailure::Unsettled { error_ns, waited_ms: waited.as_millis() as u64 };
                 self.fail(now, "master", CLOCKS, failure);

@@ -162,6 +162,9 @@ pub struct EthercatNetwork {
     told: LastTold,
     /// Station whose turn it is to be asked beside the cycle.
     turn: usize,
+    /// Station whose clock is compared next, and frames beside the cycle since one was.
+    compared: usize,
+    uncompared: u32,
     scratch: Box<[u8; frame::LONGEST]>,
 }
 
@@ -210,6 +213,8 @@ impl EthercatNetwork {
             cut_off: DeviceSet::NONE,
             told: LastTold::default(),
             turn: 0,
+            compared: 0,
+            uncompared: 0,
             scratch: Box::new([0; frame::LONGEST]),
         })
     }

@@ -10,6 +10,7 @@ use crate::cli::interrupt::on_interrupt;
 use crate::cli::on_bus::only_for_can;
 use crate::cli::output::Output;
 use crate::config;
+use crate::host::system::run_first;
 use crate::injection::{Injection, Medium};
 use crate::link::{EthernetLink, PacketSocket, Role};
 use crate::live::{ServeError, serve_segment};
@@ -41,6 +42,8 @@ pub(super) fn run(
     if !link.has_carrier() {
         output.news("cable     no link yet: nothing is heard until the other end is up")?;
     }
+    // Devices do not wait for a processor; where the system refuses, they are as late as it is.
+    let _ = run_first();
     let served = serve_segment(&mut server, &mut link, &is_interrupted);
     let (counts, time_s) = (server.counts(), server.now().as_secs_f64());
     let end = served.map_err(|error| match &error {
