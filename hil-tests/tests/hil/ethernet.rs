@@ -1,4 +1,10 @@
-//! Packet sockets on the two ends of a virtual cable.
+//! Packet sockets on the two ends of a virtual cable, and the programs on them.
+
+mod drills;
+mod processes;
+mod refused;
+mod rigs;
+mod served;
 
 use std::process::Command;
 use std::time::Duration;

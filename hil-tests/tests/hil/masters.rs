@@ -177,28 +177,12 @@ fn a_device_that_is_on_the_bus_keeps_a_simulated_one_away_and_a_master_does_not(
 #[test]
 #[ignore = "needs a CAN interface: see hil-tests/vcan"]
 fn two_masters_in_any_order_of_start_stop_and_kill() {
-    const ROUNDS: u64 = 20;
-    let first = std::env::var("YIELDWALL_SEED").ok().and_then(|seed| seed.parse().ok());
-    let seeds = first.map_or(0..ROUNDS, |seed| seed..seed + 1);
     let sim = lockstep(RIG);
-    for seed in seeds {
+    for seed in seeds(20) {
         println!("round {seed}: YIELDWALL_SEED={seed} replays it alone");
         round(&mut Dice(seed));
     }
     sim.interrupted();
-}
-
-/// SplitMix64.
-struct Dice(u64);
-
-impl Dice {
-    fn below(&mut self, end: u64) -> u64 {
-        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
-        let mut word = self.0;
-        word = (word ^ (word >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-        word = (word ^ (word >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-        (word ^ (word >> 31)) % end
-    }
 }
 
 fn round(dice: &mut Dice) {

@@ -326,6 +326,25 @@ impl Drop for PutBack {
     }
 }
 
+/// So many rounds, each with a seed of its own; the one that YIELDWALL_SEED names, alone.
+pub(super) fn seeds(rounds: u64) -> std::ops::Range<u64> {
+    let named = std::env::var("YIELDWALL_SEED").ok().and_then(|seed| seed.parse().ok());
+    named.map_or(0..rounds, |seed| seed..seed + 1)
+}
+
+/// SplitMix64.
+pub(super) struct Dice(pub(super) u64);
+
+impl Dice {
+    pub(super) fn below(&mut self, end: u64) -> u64 {
+        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
+        let mut word = self.0;
+        word = (word ^ (word >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+        word = (word ^ (word >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+        (word ^ (word >> 31)) % end
+    }
+}
+
 fn system(words: &[&str]) {
     let done = Command::new(words[0]).args(&words[1..]).output().expect("iproute2 is installed");
     let said = String::from_utf8_lossy(&done.stderr);

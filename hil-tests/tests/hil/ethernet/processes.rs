@@ -1,0 +1,108 @@
+//! The program against itself: `run` and `drill` on one end of the cable, devices at the other, and what becomes of the rig when one of
+//! them dies, is stopped, or loses the cable.
+//!
+//! What is said about times is said on the clock of the devices.
+
+use std::time::Duration;
+
+use serde_json::Value;
+
+use super::super::programs::*;
+use super::rigs::{NEAR, PERIOD_US, Slow};
+
+/// Five cycles, and a tick of 100 us by which the watchdog is coarser.
+const WATCHED: Duration = Duration::from_micros(5 * PERIOD_US + 100);
+
+#[test]
+#[ignore = "needs a pair of Ethernet interfaces: see hil-tests/veth"]
+fn devices_of_another_process_are_drilled_and_run() {
+    let slow = Slow::new("sim");
+    let attempt = || {
+        let sim = slow.sim(&["--json"]);
+        let (code, drilled) = slow.drill().document();
+        if code != OK {
+            return Err(drilled);
+        }
+        let (code, document) = slow.run("3").document();
+        sim.signal("INT");
+        let (served, devices) = sim.document();
+        if code == OK { Ok((drilled, document, served, devices)) } else { Err(document) }
+    };
+    let tries = std::iter::repeat_with(attempt).take(TRIES);
+    let done = { tries }.find_map(|tried| tried.map_err(|late| println!("this computer was too late: {late:#}")).ok());
+    let (drilled, document, served, devices) = done.expect("a computer that is in time once");
+    for finding in drilled["watchdogs"]["findings"].as_array().expect("findings") {
+        assert!(finding["left_stops_after_ms"].is_number() && finding["right_stops_after_ms"].is_number(), "{finding}");
+    }
+    assert_eq!((&document["state"], &document["segment"]), (&"Running".into(), &Value::Array(vec![])), "{document:#}");
+    assert_eq!(document["cycles"], 3_000_000 / PERIOD_US, "{document:#}");
+    assert_eq!(served, OK, "{devices:#}");
+    for drive in devices["drives"].as_array().expect("two") {
+        assert_ne!(drive["state"], "OperationEnabled", "{devices:#}");
+        assert_eq!(drive["torque_n_m"], 0.0, "{devices:#}");
+    }
+}
+
+#[test]
+#[ignore = "needs a pair of Ethernet interfaces: see hil-tests/veth"]
+fn a_second_master_on_this_computer_is_refused_and_named_and_the_first_one_runs_on() {
+    let slow = Slow::new("second");
+    let (devices, first) = slow.running();
+    for second in [slow.run("1"), slow.drill()] {
+        let (code, message, _) = refusal(second);
+        assert_eq!(code, BUS_UNAVAILABLE, "{message}");
+        assert!(message.starts_with("a master is on this wire; nothing was sent"), "{message}");
+        assert!(message.contains(&format!("process {} (`", first.pid())), "{message}");
+    }
+    assert!(devices.seen().is_enabled());
+    first.signal("INT");
+    let (code, document) = first.document();
+    assert_eq!((code, &document["state"]), (INTERRUPTED, &"Running".into()), "{document:#}");
+    assert!(!devices.end().is_enabled());
+}
+
+/// A master that is killed or stopped: its drives stop by the watchdog of their sync managers, counted from the last outputs that came.
+#[test]
+#[ignore = "needs a pair of Ethernet interfaces: see hil-tests/veth"]
+fn a_master_that_is_killed_or_stopped_leaves_drives_that_stop_by_themselves() {
+    let slow = Slow::new("killed");
+    for signal in ["KILL", "STOP"] {
+        let (devices, master) = slow.running();
+        master.signal(signal);
+        assert!(devices.until(|| false, |seen| seen.stopped_at().iter().all(Option::is_some)));
+        let seen = devices.seen();
+        let (last, _) = seen.outputs.clone().expect("outputs came");
+        let after = seen.stopped_at().map(|at| at.expect("it has stopped").since(last));
+        println!("SIG{signal}: after the last outputs left stopped in {:?}, right in {:?}", after[0], after[1]);
+        assert!(after.iter().all(|after| *after <= WATCHED), "SIG{signal}: {after:?}");
+        if signal == "STOP" {
+            // It finds them stopped, and does not enable them again.
+            let frames = seen.states.len();
+            master.signal("CONT");
+            let (code, document) = master.document();
+            assert!([SAFETY_STOP, DEVICE_FAULT, TIMING_MISSED].contains(&code), "{document:#}");
+            let seen = devices.end();
+            assert!(
+                !seen.states[frames..]
+                    .iter()
+                    .any(|(_, states)| states.contains(&yieldwall_drives::cia402::State::OperationEnabled))
+            );
+        } else {
+            drop((master, devices));
+        }
+    }
+}
+
+#[test]
+#[ignore = "needs a pair of Ethernet interfaces: see hil-tests/veth"]
+fn rigs_that_were_killed_come_up_again() {
+    let slow = Slow::new("again");
+    let (devices, master) = slow.running();
+    master.signal("KILL");
+    drop(master);
+    assert!(devices.until(|| false, |seen| seen.stopped_at().iter().all(Option::is_some)));
+    let run = || Running::start(&["run", &slow.rig, "--bus", NEAR, "--json", "--ignore-latency", "--duration", "1"]);
+    let (code, document) = (0..TRIES).map(|_| run().document()).find(|(code, _)| *code == OK).expect("in time once");
+    assert_eq!((code, &document["state"]), (OK, &"Running".into()), "{document:#}");
+    drop(devices);
+}
