@@ -24,7 +24,7 @@ fn every_command_prints_one_object_with_its_exit_code_and_its_diagnostics() {
     let rig = "builtin:paper-admittance.yaml";
     let run = format!("run {rig} --duration 0.2");
     // In this order: a recording is made before it is looked into.
-    let cases: [(&str, i32); 82] = [
+    let cases: [(&str, i32); 90] = [
         (&format!("{run} --record rec"), 0),
         (&format!("run {rig} --duration 3 --fault node-reset@2.5 --black-box rec"), 8),
         (&format!("{run} --figure x.txt"), 2),
@@ -79,6 +79,14 @@ fn every_command_prints_one_object_with_its_exit_code_and_its_diagnostics() {
         ("errors --rig builtin:paper-ethercat.yaml", 0),
         ("errors wrist --clear --rig builtin:paper-ethercat.yaml", 0),
         ("dc --rig builtin:paper-ethercat.yaml", 0),
+        ("od read left statusword 1018h:4 --rig builtin:paper-ethercat.yaml", 0),
+        ("od read left 5000h --rig builtin:paper-ethercat.yaml", 5),
+        ("od write left max-torque 900 --rig builtin:paper-ethercat.yaml", 0),
+        ("od write left controlword 15 --rig builtin:paper-ethercat.yaml", 2),
+        ("od dump wrist --out wrist.dcf --rig builtin:paper-ethercat.yaml", 0),
+        ("od restore wrist.dcf wrist --rig builtin:paper-ethercat.yaml", 2),
+        ("pdo show left --rig builtin:paper-ethercat.yaml", 0),
+        ("emcy --rig builtin:paper-ethercat.yaml", 0),
         ("sii read left --rig builtin:paper-ethercat.yaml", 0),
         ("sii check --rig builtin:paper-ethercat.yaml", 0),
         ("info left", 0),
@@ -187,7 +195,7 @@ fn what_a_person_reads_fits_a_terminal_of_eighty_columns() {
     let run = format!("run {rig} --duration 0.2");
     let new = "new real.yaml --yes --drives maxon-epos4 --encoder multi_turn --mode position";
     // In this order: a recording is made before it is looked into.
-    let cases: [(&str, i32); 91] = [
+    let cases: [(&str, i32); 99] = [
         ("--help", 0),
         ("run --help", 0),
         ("run", 2),
@@ -255,6 +263,14 @@ fn what_a_person_reads_fits_a_terminal_of_eighty_columns() {
         ("errors --rig builtin:paper-ethercat.yaml", 0),
         ("errors wrist --clear --rig builtin:paper-ethercat.yaml", 0),
         ("dc --rig builtin:paper-ethercat.yaml", 0),
+        ("od read left statusword 1018h:4 --rig builtin:paper-ethercat.yaml", 0),
+        ("od read left 5000h --rig builtin:paper-ethercat.yaml", 5),
+        ("od write left max-torque 900 --rig builtin:paper-ethercat.yaml", 0),
+        ("od write left controlword 15 --rig builtin:paper-ethercat.yaml", 2),
+        ("od dump wrist --out wrist.dcf --rig builtin:paper-ethercat.yaml", 0),
+        ("od restore wrist.dcf wrist --rig builtin:paper-ethercat.yaml", 2),
+        ("pdo show left --rig builtin:paper-ethercat.yaml", 0),
+        ("emcy --rig builtin:paper-ethercat.yaml", 0),
         ("sii read left --rig builtin:paper-ethercat.yaml", 0),
         ("sii check --rig builtin:paper-ethercat.yaml", 0),
         ("info left", 0),

@@ -159,6 +159,24 @@ pub const fn address(adp: u16, ado: u16) -> u32 {
     adp as u32 | (ado as u32) << 16
 }
 
+/// One datagram that is to be sent; its data stand elsewhere.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Ask {
+    /// Command.
+    pub command: Command,
+    /// Address, as on the wire.
+    pub address: u32,
+    /// Bytes of data.
+    pub len: usize,
+}
+
+impl Ask {
+    /// A datagram with so many bytes.
+    pub const fn new(command: Command, address: u32, len: usize) -> Self {
+        Ask { command, address, len }
+    }
+}
+
 /// Where a datagram lies in a frame.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Span {

@@ -9,7 +9,7 @@
 //! | side | what |
 //! |---|---|
 //! | both | [`frame`], [`registers`], [`Fmmu`], [`SyncManager`], [`AlStatus`], [`sii`], [`mailbox`], [`coe`] |
-//! | master | [`coe::CoeClient`] |
+//! | master | [`coe::CoeClient`], [`mailbox::MailboxClient`] |
 //! | device | [`coe::CoeServer`] |
 //!
 //! # Source

@@ -7,6 +7,7 @@ use yieldwall_drives::eds::{Access, DeviceInfo, Eds, Entry, Kind, Node, Object, 
 
 use super::connection::{Error, Service};
 use super::known::known;
+use super::object_access::ObjectAccess;
 use super::scan::{identify, of_node};
 use crate::canopen::NodeId;
 use crate::canopen::lss::{LssAddress, LssOutcome, LssRequest};
@@ -45,19 +46,35 @@ pub struct Missed {
 pub fn inventory<L: CanLink>(
     service: &mut Service<L>,
     node: NodeId,
+    progress: impl FnMut(f64),
+) -> Result<(Eds, Vec<Missed>), Error> {
+    let eds = sheet(service, node)?;
+    inventory_of(&mut service.objects(node), node.raw(), eds, progress)
+}
+
+/// The same of a device on any bus, into a sheet that says who it is; `node_id` is 0 where there is none. Where the device lists its objects,
+/// those are read.
+///
+/// # Errors
+/// As [`inventory`].
+pub fn inventory_of(
+    objects: &mut (impl ObjectAccess + ?Sized),
+    node_id: u8,
+    mut eds: Eds,
     mut progress: impl FnMut(f64),
 ) -> Result<(Eds, Vec<Missed>), Error> {
-    let mut eds = sheet(service, node)?;
     let mut missed = Vec::new();
-    let all: usize = RANGES.iter().map(ExactSizeIterator::len).sum();
-    for (done, index) in RANGES.into_iter().flatten().enumerate() {
+    // Below 1000h are types, not objects.
+    let listed = objects.indices()?.map(|listed| listed.into_iter().filter(|index| *index >= 0x1000).collect());
+    let indices: Vec<u16> = listed.unwrap_or_else(|| RANGES.into_iter().flatten().collect());
+    for (done, index) in indices.iter().copied().enumerate() {
         if done.is_multiple_of(0x100) {
-            progress(done as f64 / all as f64);
+            progress(done as f64 / indices.len() as f64);
         }
         if PROGRAMS.contains(&index) {
             continue;
         }
-        if let Some(object) = object(service, node, index, &mut missed)? {
+        if let Some(object) = object(objects, node_id, index, &mut missed)? {
             eds.objects.insert(index, object);
         }
     }
@@ -68,14 +85,14 @@ pub fn inventory<L: CanLink>(
 }
 
 /// The object at an index; `None` if there is none.
-fn object<L: CanLink>(
-    service: &mut Service<L>,
-    node: NodeId,
+fn object(
+    objects: &mut (impl ObjectAccess + ?Sized),
+    node_id: u8,
     index: u16,
     missed: &mut Vec<Missed>,
 ) -> Result<Option<Object>, Error> {
     let mut entries = BTreeMap::new();
-    let first = match service.read(node, Address::new(index, 0)) {
+    let first = match objects.read(Address::new(index, 0)) {
         Err(Error::Refused(AbortCode::NO_OBJECT)) => return Ok(None),
         Err(error @ (Error::Link(_) | Error::Interrupted | Error::NoAnswer)) => return Err(error),
         first => first,
@@ -84,7 +101,7 @@ fn object<L: CanLink>(
         let at = Address::new(index, sub);
         match answer {
             Ok(bytes) => {
-                entries.insert(sub, entry(at, &bytes, node.raw()));
+                entries.insert(sub, entry(at, &bytes, node_id));
                 Ok(true)
             }
             Err(Error::Refused(AbortCode::NO_OBJECT | AbortCode::NO_SUB_INDEX)) => Ok(false),
@@ -104,10 +121,10 @@ fn object<L: CanLink>(
     take(0, first)?;
     let mut has_more = false;
     // A variable that happens to be one byte long has nothing at sub-index 1.
-    if count > 0 && count < u8::MAX && take(1, service.read(node, Address::new(index, 1)))? {
+    if count > 0 && count < u8::MAX && take(1, objects.read(Address::new(index, 1)))? {
         has_more = true;
         for sub in 2..=count {
-            take(sub, service.read(node, Address::new(index, sub)))?;
+            take(sub, objects.read(Address::new(index, sub)))?;
         }
     }
     if entries.is_empty() {
@@ -154,19 +171,20 @@ fn entry(at: Address, bytes: &[u8], node_id: u8) -> Entry {
 ///
 /// # Errors
 /// [`Error::Link`], [`Error::Interrupted`], and [`Error::NoAnswer`] if the device falls silent.
-pub fn values_of<L: CanLink>(
-    service: &mut Service<L>,
-    node: NodeId,
+pub fn values_of(
+    objects: &mut (impl ObjectAccess + ?Sized),
+    node_id: u8,
     sheet: &Eds,
     mut progress: impl FnMut(f64),
 ) -> Result<(Eds, Vec<Missed>), Error> {
     let mut eds = sheet.clone();
-    eds.node = Some(Node { id: node.raw(), ..Node::default() });
+    eds.node = Some(Node { id: node_id, ..Node::default() });
     let mut missed = Vec::new();
     let all = sheet.entries().count().max(1);
-    let objects = eds.objects.iter_mut();
-    let entries =
-        objects.flat_map(|(index, object)| object.entries.iter_mut().map(|(sub, entry)| (*index, *sub, entry)));
+    let entries = eds
+        .objects
+        .iter_mut()
+        .flat_map(|(index, object)| object.entries.iter_mut().map(|(sub, entry)| (*index, *sub, entry)));
     for (done, (index, sub, entry)) in entries.enumerate() {
         progress(done as f64 / all as f64);
         entry.value = None;
@@ -176,8 +194,8 @@ pub fn values_of<L: CanLink>(
             continue;
         }
         let at = Address::new(index, sub);
-        match service.read(node, at) {
-            Ok(bytes) => entry.value = Some(of_node(at, Value::from_bytes(entry.data_type, &bytes), node.raw())),
+        match objects.read(at) {
+            Ok(bytes) => entry.value = Some(of_node(at, Value::from_bytes(entry.data_type, &bytes), node_id)),
             Err(error @ (Error::Link(_) | Error::Interrupted | Error::NoAnswer)) => return Err(error),
             Err(why) => missed.push(Missed { at, why }),
         }
@@ -187,8 +205,8 @@ pub fn values_of<L: CanLink>(
 }
 
 /// A data sheet of values alone, as a backup has them.
-pub fn sheet_of(node: NodeId, values: &[(Address, Vec<u8>)], explained: Option<&Eds>) -> Eds {
-    let mut sheet = Eds { node: Some(Node { id: node.raw(), ..Node::default() }), ..Eds::default() };
+pub fn sheet_of(node_id: u8, values: &[(Address, Vec<u8>)], explained: Option<&Eds>) -> Eds {
+    let mut sheet = Eds { node: Some(Node { id: node_id, ..Node::default() }), ..Eds::default() };
     for (at, bytes) in values {
         let known = known(*at, explained);
         let data_type = known.as_ref().map_or(OCTET_STRING, |known| known.data_type);

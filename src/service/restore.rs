@@ -8,6 +8,7 @@ use yieldwall_drives::eds::{Eds, Entry, Value};
 use super::caution::Caution;
 use super::connection::{Error, Service};
 use super::known::{Known, known};
+use super::object_access::ObjectAccess;
 use crate::canopen::NodeId;
 use crate::link::CanLink;
 use crate::objects::{AbortCode, Address};
@@ -107,7 +108,7 @@ pub fn plan<L: CanLink>(
     let mut changes: BTreeMap<(u16, u8), Step> = BTreeMap::new();
     for (index, sub, entry) in wanted.entries() {
         let at = Address::new(index, sub);
-        let Some(Asked { known, wanted }) = asked(at, entry, explained, node) else { continue };
+        let Some(Asked { known, wanted }) = asked(at, entry, explained, node.raw()) else { continue };
         let name = known.as_ref().map_or_else(|| entry.name.clone(), |known| known.name.clone());
         let mut leave_out = |why: Why| plan.left_out.push(LeftOut { at, name: name.clone(), why });
         let (data_type, new) = match wanted {
@@ -149,7 +150,7 @@ struct Asked {
 }
 
 /// What a file wants of an entry; `None` if the file has no value of it, or it only shows something.
-fn asked(at: Address, entry: &Entry, explained: Option<&Eds>, node: NodeId) -> Option<Asked> {
+fn asked(at: Address, entry: &Entry, explained: Option<&Eds>, node_id: u8) -> Option<Asked> {
     let value = entry.value.as_ref().filter(|_| entry.access.is_writable() && at.index >= 0x1000)?;
     let known = known(at, explained);
     if known.as_ref().is_some_and(|known| known.is_writable == Some(false)) || is_shown(at) {
@@ -157,7 +158,7 @@ fn asked(at: Address, entry: &Entry, explained: Option<&Eds>, node: NodeId) -> O
     }
     let of_sheet = explained.and_then(|eds| eds.entry(at.index, at.sub));
     let data_type = known.as_ref().map_or(entry.data_type, |known| known.data_type);
-    let wanted = match value.to_bytes(data_type, node.raw()) {
+    let wanted = match value.to_bytes(data_type, node_id) {
         _ if entry.is_kept_from_download || of_sheet.is_some_and(|entry| entry.is_kept_from_download) => {
             Err(Why::KeptFromDownload)
         }
@@ -170,11 +171,11 @@ fn asked(at: Address, entry: &Entry, explained: Option<&Eds>, node: NodeId) -> O
 /// The writes that bring a device from its values after a reset to those of a file, as a CANopen manager makes them at boot (1F22h),
 /// and what stays out, as of [`plan`]. Of a PDO: out of use, no objects mapped, the mapped ones, their number, its parameters, and
 /// its identifier at last.
-pub fn downloads(values: &Eds, explained: Option<&Eds>, node: NodeId) -> (Vec<(Address, Vec<u8>)>, Vec<LeftOut>) {
+pub fn downloads(values: &Eds, explained: Option<&Eds>, node_id: u8) -> (Vec<(Address, Vec<u8>)>, Vec<LeftOut>) {
     let (mut all, mut left_out) = (BTreeMap::new(), Vec::new());
     for (index, sub, entry) in values.entries() {
         let at = Address::new(index, sub);
-        let Some(Asked { known, wanted }) = asked(at, entry, explained, node) else { continue };
+        let Some(Asked { known, wanted }) = asked(at, entry, explained, node_id) else { continue };
         let name = known.as_ref().map_or_else(|| entry.name.clone(), |known| known.name.clone());
         let checked = match (wanted, Caution::of_restore(at, &name), &known) {
             (Err(why), ..) => Err(why),
@@ -218,15 +219,15 @@ pub fn downloads(values: &Eds, explained: Option<&Eds>, node: NodeId) -> (Vec<(A
 ///
 /// # Errors
 /// Whatever is no answer: then nothing more should be written.
-pub fn carry_out<L: CanLink>(service: &mut Service<L>, node: NodeId, step: &Step) -> Result<Made, Error> {
-    match service.write(node, step.at, &step.new) {
+pub fn carry_out(objects: &mut (impl ObjectAccess + ?Sized), step: &Step) -> Result<Made, Error> {
+    match objects.write(step.at, &step.new) {
         Ok(()) => {}
         Err(Error::Refused(code)) => return Ok(Made::Refused(code)),
         // It may have been written, which reading it tells.
         Err(Error::MayBeWritten) => {}
         Err(error) => return Err(error),
     }
-    let holds = service.read(node, step.at)?;
+    let holds = objects.read(step.at)?;
     let value = |bytes: &[u8]| Value::from_bytes(step.data_type, bytes);
     Ok(if value(&holds) == value(&step.new) { Made::Written } else { Made::Holds(holds) })
 }

@@ -48,7 +48,7 @@ fn downloads_come_in_an_order_that_devices_take() {
     let eds = yieldwall_drives::eds::Eds::read(text.as_bytes()).unwrap().eds;
     let node = crate::canopen::node_id(5).unwrap();
     let written = |explained| -> Vec<(String, Vec<u8>)> {
-        super::downloads(&eds, explained, node).0.into_iter().map(|(at, bytes)| (at.to_string(), bytes)).collect()
+        super::downloads(&eds, explained, node.raw()).0.into_iter().map(|(at, bytes)| (at.to_string(), bytes)).collect()
     };
     let wanted: [(&str, &[u8]); 8] = [
         ("6072h:0", &[0x84, 3]),
@@ -137,7 +137,7 @@ fn five_changed_objects_are_found_and_put_back() {
     let left_out: Vec<Why> = back.left_out.iter().map(|left_out| left_out.why).collect();
     assert_eq!(left_out, [Why::Caution(Caution::SetPoint)]);
     for step in &back.steps {
-        let made = carry_out(&mut service, node(1), step).unwrap();
+        let made = carry_out(&mut service.objects(node(1)), step).unwrap();
         assert_eq!(made, Made::Written, "{step:?}");
     }
     assert_eq!(plan_of(&mut service).steps, []);

@@ -6,7 +6,7 @@
 //!              +------------------------> Failed <------------------------+      nothing is enabled
 //! ```
 //! Sans-I/O: bytes and moments come in, bytes go into the outbox. `flight` has the frames that are on their way, `bring_up` what comes before
-//! the exchange, `exchange` the two moments of a cycle and what is asked beside it, `mailbox` the objects of one device.
+//! the exchange, `exchange` the two moments of a cycle and what is asked beside it.
 
 mod bring_up;
 mod budget;
@@ -14,7 +14,6 @@ mod clock;
 mod exchange;
 mod failure;
 mod flight;
-mod mailbox;
 mod ports;
 mod setup;
 mod station;
@@ -95,20 +94,6 @@ impl EthernetOutbox for Outgoing {
             *len = bytes.len();
             self.count += 1;
         }
-    }
-}
-
-/// One datagram that is asked beside the cycle. Its data stand at the begin of a buffer.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-struct Ask {
-    command: Command,
-    address: u32,
-    len: usize,
-}
-
-impl Ask {
-    fn new(command: Command, address: u32, len: usize) -> Self {
-        Ask { command, address, len }
     }
 }
 

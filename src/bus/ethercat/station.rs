@@ -1,10 +1,10 @@
 //! What the master knows of one device of the rig, and where its process data lie.
 
 use super::failure::SegmentFailure;
-use super::mailbox::Mailbox;
 use super::setup::{Acts, MOST_ENTRIES, Mapped, ProcessData, StationSetup};
 use crate::bus::axis::{DriveOrders, DriveWords};
 use crate::bus::script::Script;
+use crate::ethercat::mailbox::MailboxClient;
 use crate::ethercat::sii::{MailboxArea, Sii};
 use crate::ethercat::{AlState, AlStatus, AlStatusCode};
 use crate::guard::DeviceSet;
@@ -80,7 +80,7 @@ impl Field {
 pub(super) struct Station {
     pub(super) setup: StationSetup,
     pub(super) address: u16,
-    pub(super) mailbox: Mailbox,
+    pub(super) mailbox: MailboxClient,
     pub(super) script: Script,
     pub(super) sii: Option<Sii>,
     pub(super) outputs: Area,
@@ -114,7 +114,7 @@ impl Station {
         let address = FIRST_STATION + setup.position;
         Ok(Station {
             address,
-            mailbox: Mailbox::new(address, setup.waits.sdo),
+            mailbox: MailboxClient::new(address, setup.waits.sdo),
             script: Script::new(setup.identity.clone(), setup.waits.sdo, setup.script()),
             sii: None,
             outputs: Area::new(logical, &setup.outputs)?,

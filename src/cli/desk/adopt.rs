@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use serde_json::json;
 use yieldwall_drives::cia402::OperationMode;
 
-use super::keeping::back_up;
+use super::keeping::{Named, back_up};
 use super::od::sheet_of;
 use super::place::{Desk, Place};
 use super::words::{mode_words, name, titled};
@@ -96,7 +96,7 @@ pub(in crate::cli) fn run(command: &Command, output: &mut Output) -> Result<(), 
     if let Some(path) = &arguments.out {
         arguments.replace.check_new(path)?;
     }
-    if let Some(path) = back_up(&desk, &node, &values, eds.as_ref())? {
+    if let Some(path) = back_up(desk.is_simulated, Named::Node(node.id), &values, eds.as_ref())? {
         output.aside(&format!("kept      {}", path.display()));
     }
     let found = survey(&mut desk.service, node.id, &values, eds.as_ref()).map_err(|refusal| refused(&desk, refusal))?;

@@ -2,18 +2,20 @@
 
 use serde_json::{Value, json};
 
-use super::keeping::back_up;
+use super::keeping::{Named, back_up};
 use super::place::{Desk, Node, Place};
+use super::segment::{self, SegmentDesk};
 use crate::canopen::{BusId, PastError};
 use crate::cli::explain;
-use crate::cli::failure::Failure;
+use crate::cli::failure::{Exit, Failure};
 use crate::cli::output::Output;
+use crate::explanation::Explanation;
 use crate::objects::Address;
-use crate::service::{Error, number, scan};
+use crate::service::{Bytes, Error, number, scan};
 
 #[derive(Debug, clap::Args)]
 pub(in crate::cli) struct Arguments {
-    /// A node id, or the name of a device in the rig; all that answer unless one is named
+    /// A node id, on EtherCAT a position, or the name of a device in the rig; all that answer unless one is named
     node: Option<String>,
     /// Have the device forget its stored errors, after they were kept in a file
     #[arg(long, requires = "node")]
@@ -31,6 +33,13 @@ const HISTORY: Address = Address::new(0x1003, 0);
 const MOST: u8 = 32;
 
 pub(in crate::cli) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Failure> {
+    if let Some(desk) = SegmentDesk::open(&arguments.place, output)? {
+        if arguments.clear {
+            let message = "--clear is for devices on CAN so far, and this place is on EtherCAT";
+            return Err(Failure::new(Exit::Usage, message, "leave --clear away"));
+        }
+        return segment::emcy::run(arguments.node.as_deref(), desk, output);
+    }
     let mut desk = Desk::open(&arguments.place, output)?;
     let nodes: Vec<(BusId, Node)> = match &arguments.node {
         Some(word) => {
@@ -54,26 +63,9 @@ pub(in crate::cli) fn run(arguments: &Arguments, output: &mut Output) -> Result<
     let mut documents = Vec::new();
     for (bus, node) in &nodes {
         desk.service.turn_to(*bus);
-        let errors = history(&mut desk, node)?;
-        let said = match &errors {
-            None => "keeps no errors (it has no 1003h)".to_owned(),
-            Some(errors) if errors.is_empty() => "no errors stored".to_owned(),
-            Some(errors) => format!("{} stored, the latest first", errors.len()),
-        };
-        lines.push_str(&format!("{}: {said}\n", node.words()));
-        let mut known = Vec::new();
-        for error in errors.iter().flatten() {
-            let explained = desk.explained(node, error.code.0);
-            lines.push_str(&format!(
-                "  {:04X}h {}, information {:04X}h\n",
-                error.code.0, explained.meaning, error.information
-            ));
-            // What it means is said once of each.
-            if !known.contains(&error.code) {
-                lines.push_str(&explain::lines(8, &explained));
-                known.push(error.code);
-            }
-        }
+        let errors = history(&mut |at| desk.service.read(node.id, at))
+            .map_err(|error| desk.failure(node, "reading its stored errors", error))?;
+        lines.push_str(&text(&node.words(), errors.as_deref(), |code| desk.explained(node, code)));
         documents.push(document(&desk, node, errors.as_deref()));
         if arguments.clear && errors.as_ref().is_some_and(|errors| !errors.is_empty()) {
             clear(arguments, &mut desk, node, &errors.unwrap_or_default(), output)?;
@@ -85,34 +77,63 @@ pub(in crate::cli) fn run(arguments: &Arguments, output: &mut Output) -> Result<
     output.result(&lines)
 }
 
+/// What a device keeps of its errors.
+pub(super) fn text(words: &str, errors: Option<&[PastError]>, explained: impl Fn(u16) -> Explanation) -> String {
+    let said = match errors {
+        None => "keeps no errors (it has no 1003h)".to_owned(),
+        Some([]) => "no errors stored".to_owned(),
+        Some(errors) => format!("{} stored, the latest first", errors.len()),
+    };
+    let mut lines = format!("{words}: {said}\n");
+    let mut known = Vec::new();
+    for error in errors.into_iter().flatten() {
+        let explained = explained(error.code.0);
+        lines.push_str(&format!(
+            "  {:04X}h {}, information {:04X}h\n",
+            error.code.0, explained.meaning, error.information
+        ));
+        // What it means is said once of each.
+        if !known.contains(&error.code) {
+            lines.push_str(&explain::lines(8, &explained));
+            known.push(error.code);
+        }
+    }
+    lines
+}
+
 /// The errors that a device has stored, the latest first; `None` if it stores none.
-fn history(desk: &mut Desk, node: &Node) -> Result<Option<Vec<PastError>>, Failure> {
-    let count = match desk.service.read(node.id, HISTORY) {
+pub(super) fn history(read: &mut dyn FnMut(Address) -> Result<Bytes, Error>) -> Result<Option<Vec<PastError>>, Error> {
+    let count = match read(HISTORY) {
         Ok(bytes) => number(&bytes) as u8,
         Err(Error::Refused(_)) => return Ok(None),
-        Err(error) => return Err(desk.failure(node, "reading its stored errors", error)),
+        Err(error) => return Err(error),
     };
     let mut errors = Vec::new();
     for sub in 1..=count.min(MOST) {
-        match desk.service.read(node.id, Address::new(HISTORY.index, sub)) {
+        match read(Address::new(HISTORY.index, sub)) {
             Ok(bytes) => errors.push(PastError::from_entry(number(&bytes))),
             Err(Error::Refused(_)) => break,
-            Err(error) => return Err(desk.failure(node, "reading its stored errors", error)),
+            Err(error) => return Err(error),
         }
     }
     Ok(Some(errors))
 }
 
-fn document(desk: &Desk, node: &Node, errors: Option<&[PastError]>) -> Value {
+/// The same for a program.
+pub(super) fn stored(errors: Option<&[PastError]>, explained: impl Fn(u16) -> Explanation) -> Value {
     let each = |error: &PastError| {
-        let mut keys = explain::document(&desk.explained(node, error.code.0));
+        let mut keys = explain::document(&explained(error.code.0));
         keys.insert("information".to_owned(), error.information.into());
         Value::Object(keys)
     };
+    errors.map_or(Value::Null, |errors| errors.iter().map(each).collect())
+}
+
+fn document(desk: &Desk, node: &Node, errors: Option<&[PastError]>) -> Value {
     json!({
         "node_id": node.id.raw(),
         "name": node.entry.as_ref().map(|entry| entry.name.clone()),
-        "errors": errors.map(|errors| errors.iter().map(each).collect::<Vec<_>>()),
+        "errors": stored(errors, |code| desk.explained(node, code)),
     })
 }
 
@@ -130,7 +151,7 @@ fn clear(
         |error: &PastError| (u32::from(error.information) << 16 | u32::from(error.code.0)).to_le_bytes().to_vec();
     let values: Vec<_> =
         (1..).zip(errors).map(|(sub, error)| (Address::new(HISTORY.index, sub), entry(error))).collect();
-    if let Some(path) = back_up(desk, node, &values, None)? {
+    if let Some(path) = back_up(desk.is_simulated, Named::Node(node.id), &values, None)? {
         output.news(&format!("kept      {}", path.display()))?;
     }
     let cleared = desk.service.write(node.id, HISTORY, &[0]);

@@ -1,6 +1,7 @@
 //! `yieldwall info`: one device.
 
 use serde_json::{Map, Value, json};
+use yieldwall_drives::scaling::AxisScaling;
 
 use super::place::{Desk, Place};
 use super::scan::{fit, kind};
@@ -8,8 +9,9 @@ use super::segment::{self, SegmentDesk};
 use super::words::{self, nmt_words, table};
 use crate::cli::failure::Failure;
 use crate::cli::output::Output;
+use crate::explanation::Explanation;
 use crate::objects::Address;
-use crate::service::{Error, Found, identify, known, number};
+use crate::service::{Bytes, Error, Found, identify, known, number};
 
 #[derive(Debug, clap::Args)]
 pub(in crate::cli) struct Arguments {
@@ -59,7 +61,7 @@ pub(in crate::cli) fn run(arguments: &Arguments, output: &mut Output) -> Result<
     let (identity_parts, name) = identities.into_iter().next().unwrap_or_default();
     let found =
         Found { node: node.id, heard: desk.service.heard(node.id), device_type, identity: identity_parts, name };
-    let asked: Vec<_> = OBJECTS.map(|(index, sub, _)| (node.id, Address::new(index, sub))).to_vec();
+    let asked: Vec<_> = asked().map(|at| (node.id, at)).collect();
     let answers = desk.service.read_each(&asked).map_err(|error| desk.bus_failure(error))?;
     let mut rows =
         vec![["device".to_owned(), format!("{}: {}", kind(device_type), found.name.as_deref().unwrap_or("no name"))]];
@@ -68,27 +70,8 @@ pub(in crate::cli) fn run(arguments: &Arguments, output: &mut Output) -> Result<
     }
     rows.push(["rig".to_owned(), fit(&desk, &found)]);
     rows.push(["NMT".to_owned(), state.map_or("tells none".to_owned(), |state| nmt_words(state).to_owned())]);
-    let mut objects = Map::new();
-    for ((index, sub, what), answer) in OBJECTS.into_iter().zip(answers) {
-        let at = Address::new(index, sub);
-        let Ok(bytes) = answer else { continue };
-        let data_type = known(at, None).map(|known| known.data_type);
-        let mut shown = words::value(at, data_type, &bytes, node.scaling());
-        let explained =
-            (index == ERROR_CODE && number(&bytes) != 0).then(|| desk.explained(&node, number(&bytes) as u16));
-        if index == HEARTBEAT_CONSUMER && number(&bytes) == 0 {
-            shown.means = Some("nobody".to_owned());
-        }
-        if let Some(explained) = &explained {
-            shown.means = Some(explained.meaning.to_string());
-        }
-        objects.insert(what.to_owned(), words::document(at, &words::name(at, None), &bytes, &shown));
-        rows.push([what.to_owned(), shown.means.map_or(shown.raw.clone(), |means| format!("{means}  {}", shown.raw))]);
-        if let Some(explained) = explained {
-            rows.push(["  cause".to_owned(), explained.cause.into_owned()]);
-            rows.push(["  next".to_owned(), explained.next.into_owned()]);
-        }
-    }
+    let (more, objects) = objects(answers, node.scaling(), |code| desk.explained(&node, code));
+    rows.extend(more);
     if output.is_json() {
         let [vendor, product, revision, serial] = found.identity;
         return output.report(json!({
@@ -106,4 +89,38 @@ pub(in crate::cli) fn run(arguments: &Arguments, output: &mut Output) -> Result<
         }));
     }
     output.result(&format!("{}\n{}", node.words(), table(&rows)))
+}
+
+/// What is read of any device.
+pub(super) fn asked() -> impl Iterator<Item = Address> {
+    OBJECTS.into_iter().map(|(index, sub, _)| Address::new(index, sub))
+}
+
+/// What the answers say, in the order in which they were [`asked`]: for a person and for a program.
+pub(super) fn objects(
+    answers: impl IntoIterator<Item = Result<Bytes, Error>>,
+    scaling: Option<&AxisScaling>,
+    explained: impl Fn(u16) -> Explanation,
+) -> (Vec<[String; 2]>, Map<String, Value>) {
+    let (mut rows, mut objects) = (Vec::new(), Map::new());
+    for ((index, sub, what), answer) in OBJECTS.into_iter().zip(answers) {
+        let at = Address::new(index, sub);
+        let Ok(bytes) = answer else { continue };
+        let data_type = known(at, None).map(|known| known.data_type);
+        let mut shown = words::value(at, data_type, &bytes, scaling);
+        let explained = (index == ERROR_CODE && number(&bytes) != 0).then(|| explained(number(&bytes) as u16));
+        if index == HEARTBEAT_CONSUMER && number(&bytes) == 0 {
+            shown.means = Some("nobody".to_owned());
+        }
+        if let Some(explained) = &explained {
+            shown.means = Some(explained.meaning.to_string());
+        }
+        objects.insert(what.to_owned(), words::document(at, &words::name(at, None), &bytes, &shown));
+        rows.push([what.to_owned(), shown.means.map_or(shown.raw.clone(), |means| format!("{means}  {}", shown.raw))]);
+        if let Some(explained) = explained {
+            rows.push(["  cause".to_owned(), explained.cause.into_owned()]);
+            rows.push(["  next".to_owned(), explained.next.into_owned()]);
+        }
+    }
+    (rows, objects)
 }

@@ -6,21 +6,63 @@ use std::time::{SystemTime, UNIX_EPOCH};
 use yieldwall_drives::eds::{Eds, Node as Of};
 use yieldwall_drives::objects;
 
-use super::place::{Desk, Node};
+use super::reached::Reached;
+use crate::canopen::NodeId;
 use crate::cli::confirm::agreed;
 use crate::cli::failure::{Exit, Failure};
 use crate::cli::keep::state_folder;
 use crate::objects::Address;
 use crate::service::sheet_of;
 
+/// By what commands name a device.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Named {
+    /// On CAN: its node id.
+    Node(NodeId),
+    /// On EtherCAT: its position.
+    Position(u16),
+}
+
+impl Named {
+    pub(super) fn number(self) -> u16 {
+        match self {
+            Self::Node(id) => id.raw().into(),
+            Self::Position(position) => position,
+        }
+    }
+
+    /// Its node id; 0 on EtherCAT.
+    pub(super) fn node_id(self) -> u8 {
+        match self {
+            Self::Node(id) => id.raw(),
+            Self::Position(_) => 0,
+        }
+    }
+
+    /// The key of the number in a document.
+    pub(super) fn key(self) -> &'static str {
+        match self {
+            Self::Node(_) => "node_id",
+            Self::Position(_) => "position",
+        }
+    }
+
+    fn words(self) -> String {
+        match self {
+            Self::Node(id) => format!("node-{}", id.raw()),
+            Self::Position(position) => format!("position-{position}"),
+        }
+    }
+}
+
 /// Writes what objects hold into a file that `od restore` takes; its path. Of simulated devices nothing is kept.
 pub(super) fn back_up(
-    desk: &Desk,
-    node: &Node,
+    is_simulated: bool,
+    device: Named,
     values: &[(Address, Vec<u8>)],
     eds: Option<&Eds>,
 ) -> Result<Option<PathBuf>, Failure> {
-    if desk.is_simulated || values.is_empty() {
+    if is_simulated || values.is_empty() {
         return Ok(None);
     }
     let folder = state_folder("backups").ok_or_else(|| {
@@ -28,8 +70,9 @@ pub(super) fn back_up(
         Failure::new(Exit::Usage, message, "set XDG_STATE_HOME to a folder that is kept")
     })?;
     let since = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
-    let path = folder.join(format!("node-{}-{}.dcf", node.id.raw(), since.as_millis()));
-    let text = sheet_of(node.id, values, eds).to_dcf(&Of { id: node.id.raw(), ..Of::default() });
+    let path = folder.join(format!("{}-{}.dcf", device.words(), since.as_millis()));
+    let id = device.node_id();
+    let text = sheet_of(id, values, eds).to_dcf(&Of { id, ..Of::default() });
     let written = std::fs::create_dir_all(&folder).and_then(|()| std::fs::write(&path, text));
     written.map_err(|error| {
         let message = format!("the backup {}: {error}; nothing was written to the device", path.display());
@@ -39,17 +82,17 @@ pub(super) fn back_up(
 }
 
 /// Has a device store its parameters, once a person has said yes.
-pub(super) fn store(desk: &mut Desk, node: &Node, is_agreed: bool) -> Result<(), Failure> {
+pub(super) fn store(reached: &mut Reached, is_agreed: bool) -> Result<(), Failure> {
     let what =
-        format!("{} stores all its parameters in its memory (1010h:1), over those that it has there", node.words());
+        format!("{} stores all its parameters in its memory (1010h:1), over those that it has there", reached.words());
     if !is_agreed && !agreed(&what) {
         return Err(Failure::new(
             Exit::Usage,
-            format!("{}: nothing was stored; what was written lasts until its next reset", node.words()),
+            format!("{}: nothing was stored; what was written lasts until its next reset", reached.words()),
             "answer yes, or give --yes",
         ));
     }
     let at = Address::new(objects::STORE_PARAMETERS.index, objects::STORE_PARAMETERS.sub);
-    let stored = desk.service.write(node.id, at, &objects::STORE_SIGNATURE.to_le_bytes());
-    stored.map_err(|error| desk.failure(node, "storing its parameters", error))
+    let stored = reached.objects()?.write(at, &objects::STORE_SIGNATURE.to_le_bytes());
+    stored.map_err(|error| reached.failure("storing its parameters", error))
 }

@@ -15,6 +15,7 @@ pub(super) mod od;
 pub(super) mod pdo;
 mod place;
 pub(super) mod plan;
+mod reached;
 pub(super) mod reg;
 pub(super) mod scan;
 mod segment;

@@ -9,8 +9,9 @@ use std::path::{Path, PathBuf};
 use serde_json::{Value as Json, json};
 use yieldwall_drives::eds::{Eds, Value};
 
-use super::keeping::{back_up, store};
-use super::place::{Desk, Node, Place};
+use super::keeping::{Named, back_up, store};
+use super::place::Place;
+use super::reached::Reached;
 use super::state::refuse_powered;
 use super::words::{self, object, table, titled};
 use crate::cli::failure::{Exit, Failure};
@@ -35,7 +36,7 @@ pub(in crate::cli) enum Command {
 
 #[derive(Debug, clap::Args)]
 pub(in crate::cli) struct Read {
-    /// A node id, or the name of a device in the rig
+    /// A node id, on EtherCAT a position, or the name of a device in the rig
     node: String,
     /// Objects by address (6041h, 1018h:2) or by name (statusword, vendor-id)
     #[arg(required = true)]
@@ -49,7 +50,7 @@ pub(in crate::cli) struct Read {
 
 #[derive(Debug, clap::Args)]
 pub(in crate::cli) struct Write {
-    /// A node id, or the name of a device in the rig
+    /// A node id, on EtherCAT a position, or the name of a device in the rig
     node: String,
     /// The object by address (6072h) or by name (max-torque)
     object: String,
@@ -81,8 +82,8 @@ pub(super) struct Saving {
 
 impl Saving {
     /// Has the device store what was written, if that is wanted and agreed to; whether it has.
-    fn after(self, desk: &mut Desk, node: &Node) -> Result<bool, Failure> {
-        if self.save { store(desk, node, self.yes).map(|()| true) } else { Ok(false) }
+    fn after(self, reached: &mut Reached) -> Result<bool, Failure> {
+        if self.save { store(reached, self.yes).map(|()| true) } else { Ok(false) }
     }
 }
 
@@ -122,9 +123,9 @@ impl Done {
     }
 
     /// Has the device store what was written, if all of it was.
-    pub(super) fn saved(mut self, saving: Saving, desk: &mut Desk, node: &Node) -> Self {
+    pub(super) fn saved(mut self, saving: Saving, reached: &mut Reached) -> Self {
         match &mut self.end {
-            Ok(()) => match saving.after(desk, node) {
+            Ok(()) => match saving.after(reached) {
                 Ok(is_stored) => self.is_stored = is_stored,
                 Err(failure) => self.end = Err(failure),
             },
@@ -191,15 +192,14 @@ fn read(arguments: &Read, output: &mut Output) -> Result<(), Failure> {
     let eds = sheet_of(arguments.eds.as_deref(), output)?;
     let objects: Vec<Address> =
         arguments.objects.iter().map(|word| object(word, eds.as_ref())).collect::<Result<_, _>>()?;
-    let mut desk = Desk::open(&arguments.place, output)?;
-    let node = desk.node(&arguments.node)?;
+    let mut reached = Reached::open(&arguments.place, &arguments.node, output)?;
     let (mut rows, mut documents, mut end) = (Vec::new(), Vec::new(), Ok(()));
     for at in objects {
         let name = words::name(at, eds.as_ref());
-        match desk.service.read(node.id, at) {
+        match reached.read(at) {
             Ok(bytes) => {
                 let data_type = known(at, eds.as_ref()).map(|known| known.data_type);
-                let shown = words::value(at, data_type, &bytes, node.scaling());
+                let shown = words::value(at, data_type, &bytes, reached.scaling());
                 documents.push(words::document(at, &name, &bytes, &shown));
                 rows.push([at.to_string(), name, shown.raw, shown.means.unwrap_or_default()]);
             }
@@ -211,17 +211,14 @@ fn read(arguments: &Read, output: &mut Output) -> Result<(), Failure> {
                     _ => "no value".to_owned(),
                 };
                 rows.push([at.to_string(), name, short, String::new()]);
-                end = end.and(Err(desk.failure(
-                    &node,
-                    &format!("reading {}", titled(at, &words::name(at, eds.as_ref()))),
-                    error,
-                )));
+                let doing = format!("reading {}", titled(at, &words::name(at, eds.as_ref())));
+                end = end.and(Err(reached.failure(&doing, error)));
             }
-            Err(error) => return Err(desk.failure(&node, &format!("reading {at}"), error)),
+            Err(error) => return Err(reached.failure(&format!("reading {at}"), error)),
         }
     }
     if output.is_json() {
-        return output.end(json!({ "place": desk.place, "node_id": node.id.raw(), "objects": documents }), end);
+        return output.end(reached.document(json!({ "objects": documents })), end);
     }
     output.result(&table(&rows))?;
     end
@@ -230,21 +227,20 @@ fn read(arguments: &Read, output: &mut Output) -> Result<(), Failure> {
 fn write(arguments: &Write, output: &mut Output) -> Result<(), Failure> {
     let eds = sheet_of(arguments.eds.as_deref(), output)?;
     let at = object(&arguments.object, eds.as_ref())?;
-    let mut desk = Desk::open(&arguments.place, output)?;
-    let node = desk.node(&arguments.node)?;
+    let mut reached = Reached::open(&arguments.place, &arguments.node, output)?;
     let name = words::name(at, eds.as_ref());
-    let old = match desk.service.read(node.id, at) {
+    let old = match reached.read(at) {
         Ok(old) => Some(old),
         // Write only.
         Err(Error::Refused(crate::objects::AbortCode::WRITE_ONLY)) => None,
-        Err(error) => return Err(desk.failure(&node, &format!("reading {at}"), error)),
+        Err(error) => return Err(reached.failure(&format!("reading {at}"), error)),
     };
     let data_type = match (known(at, eds.as_ref()), &old) {
         (Some(known), _) => known.data_type,
         (None, Some(old)) => type_by_length(old.len()).ok_or_else(|| no_type(at))?,
         (None, None) => return Err(no_type(at)),
     };
-    let range = words::range(at, data_type, node.id.raw(), eds.as_ref());
+    let range = words::range(at, data_type, reached.named().node_id(), eds.as_ref());
     let unfit = |error: &str| {
         let what = "write a decimal number, or a hexadecimal one behind 0x";
         let help = range.as_ref().map_or(what.to_owned(), |range| format!("it takes {range}; {what}"));
@@ -252,7 +248,7 @@ fn write(arguments: &Write, output: &mut Output) -> Result<(), Failure> {
     };
     let value = Value::parse(&arguments.value, data_type).map_err(|error| unfit(&error))?;
     let new = value
-        .to_bytes(data_type, node.id.raw())
+        .to_bytes(data_type, reached.named().node_id())
         .ok_or_else(|| unfit(&format!("`{}` does not fit its type", arguments.value)))?;
     let step = Step { at, name, data_type, old, new, is_final: true };
     if let Some(caution) = Caution::of_write(at, &step.new) {
@@ -267,17 +263,17 @@ fn write(arguments: &Write, output: &mut Output) -> Result<(), Failure> {
     }
     let is_control = at.index == 0x6040;
     if !is_control {
-        refuse_powered(&mut desk, &node)?;
+        refuse_powered(&mut reached)?;
     }
     let steps = [step];
     if arguments.dry_run {
         let takes = range.map(|range| format!("    takes {range}"));
-        return told(&desk, &node, &steps, Done::planned(&steps), output)
+        return told(&reached, &steps, Done::planned(&steps), output)
             .and_then(|()| takes.map_or(Ok(()), |takes| output.news(&takes)));
     }
-    let done = write_all(&mut desk, &node, &steps, eds.as_ref(), output)?;
-    let done = done.saved(arguments.saving, &mut desk, &node);
-    told(&desk, &node, &steps, done, output)
+    let done = write_all(&mut reached, &steps, eds.as_ref(), output)?;
+    let done = done.saved(arguments.saving, &mut reached);
+    told(&reached, &steps, done, output)
 }
 
 fn no_type(at: Address) -> Failure {
@@ -290,8 +286,7 @@ fn no_type(at: Address) -> Failure {
 /// # Errors
 /// If what they hold cannot be kept: nothing was written.
 pub(super) fn write_all(
-    desk: &mut Desk,
-    node: &Node,
+    reached: &mut Reached,
     steps: &[Step],
     eds: Option<&Eds>,
     output: &mut Output,
@@ -305,13 +300,13 @@ pub(super) fn write_all(
             held.push((step.at, old.clone()));
         }
     }
-    let kept = back_up(desk, node, &held, eds)?;
+    let kept = back_up(reached.is_simulated(), reached.named(), &held, eds)?;
     if let Some(path) = &kept {
         output.news(&format!("kept      {}", path.display()))?;
     }
     let mut fates = Vec::new();
     for step in steps {
-        fates.push(match carry_out(&mut desk.service, node.id, step) {
+        fates.push(match carry_out(&mut *reached.objects()?, step) {
             Ok(Made::Written) => Fate::Written,
             Ok(Made::Refused(code)) => Fate::Refused(code),
             Ok(Made::Holds(bytes)) if step.is_final => Fate::Holds(bytes),
@@ -325,8 +320,8 @@ pub(super) fn write_all(
     }
     let end = match (fates.last(), fates.len().checked_sub(1).and_then(|last| steps.get(last))) {
         (Some(fate), Some(step)) if *fate != Fate::Written => {
-            let back = way_back(desk, node, kept.as_deref(), fates.len() > 1 || !matches!(fate, Fate::Refused(_)));
-            Err(ended(desk, node, step, fate, eds, &back))
+            let back = way_back(reached, kept.as_deref(), fates.len() > 1 || !matches!(fate, Fate::Refused(_)));
+            Err(ended(reached, step, fate, eds, &back))
         }
         _ => Ok(()),
     };
@@ -335,31 +330,34 @@ pub(super) fn write_all(
 }
 
 /// How to undo what was written.
-fn way_back(desk: &Desk, node: &Node, kept: Option<&Path>, has_written: bool) -> String {
+fn way_back(reached: &Reached, kept: Option<&Path>, has_written: bool) -> String {
     match kept {
         _ if !has_written => "nothing was written".to_owned(),
-        Some(path) => format!(
-            "`yieldwall od restore {} {}{}` puts back what was written",
-            path.display(),
-            node.id.raw(),
-            desk.arguments
-        ),
-        None if desk.is_simulated => "simulated devices forget what was written when this command ends".to_owned(),
+        Some(path) => match reached.named() {
+            Named::Node(_) => {
+                let command = reached.command(&format!("od restore {}", path.display()));
+                format!("{command} puts back what was written")
+            }
+            Named::Position(_) => {
+                format!("{} has what the object held: `yieldwall od write` puts it back", path.display())
+            }
+        },
+        None if reached.is_simulated() => "simulated devices forget what was written when this command ends".to_owned(),
         None => "what was written has to be put back by hand: it could not be read before".to_owned(),
     }
 }
 
 /// The failure that a write did not do what it should.
-fn ended(desk: &Desk, node: &Node, step: &Step, fate: &Fate, eds: Option<&Eds>, back: &str) -> Failure {
+fn ended(reached: &Reached, step: &Step, fate: &Fate, eds: Option<&Eds>, back: &str) -> Failure {
     let doing = format!("writing {}", titled(step.at, &step.name));
     let of_device = |what: String, help: String| {
-        Failure::new(Exit::DeviceMismatch, format!("{}: {doing}: {what}", node.words()), help)
+        Failure::new(Exit::DeviceMismatch, format!("{}: {doing}: {what}", reached.words()), help)
     };
     match fate {
         Fate::Refused(code) => {
             let is_of_value =
                 matches!(*code, AbortCode::VALUE | AbortCode::VALUE_HIGH | AbortCode::VALUE_LOW | AbortCode::LENGTH);
-            let range = words::range(step.at, step.data_type, node.id.raw(), eds).filter(|_| is_of_value);
+            let range = words::range(step.at, step.data_type, reached.named().node_id(), eds).filter(|_| is_of_value);
             let of_type = if eds.is_some() { "" } else { " by its type, and the device takes fewer" };
             let takes = range.map_or(String::new(), |range| format!("it takes {range}{of_type}; "));
             of_device(format!("refused: {code}"), format!("{takes}{back}"))
@@ -370,7 +368,7 @@ fn ended(desk: &Desk, node: &Node, step: &Step, fate: &Fate, eds: Option<&Eds>, 
             of_device(what, format!("the device changes what it is given; {back}"))
         }
         Fate::Unknown(error) => {
-            let mut failure = desk.failure(node, &doing, *error);
+            let mut failure = reached.failure(&doing, *error);
             if let Some(finding) = failure.report.diagnostics.first_mut() {
                 let help = finding.help.take().map_or(String::new(), |help| format!("{help}; "));
                 finding.help = Some(help + back);
@@ -382,9 +380,9 @@ fn ended(desk: &Desk, node: &Node, step: &Step, fate: &Fate, eds: Option<&Eds>, 
 }
 
 /// What was written, or would be, old -> new, and what was not; and how all of it has ended.
-pub(super) fn told(desk: &Desk, node: &Node, steps: &[Step], done: Done, output: &mut Output) -> Result<(), Failure> {
+pub(super) fn told(reached: &Reached, steps: &[Step], done: Done, output: &mut Output) -> Result<(), Failure> {
     let shown = |step: &Step, bytes: &[u8]| {
-        let shown = words::value(step.at, Some(step.data_type), bytes, node.scaling());
+        let shown = words::value(step.at, Some(step.data_type), bytes, reached.scaling());
         shown.means.map_or(shown.raw.clone(), |means| format!("{} {means}", shown.raw))
     };
     let Done { fates, end, is_dry, is_stored } = done;
@@ -404,10 +402,8 @@ pub(super) fn told(desk: &Desk, node: &Node, steps: &[Step], done: Done, output:
             write
         });
         let each: Vec<_> = each.collect();
-        let document = json!({
-            "place": desk.place, "node_id": node.id.raw(), "dry_run": is_dry, "writes": each, "stored": is_stored,
-        });
-        return output.end(document, end);
+        let document = json!({ "dry_run": is_dry, "writes": each, "stored": is_stored });
+        return output.end(reached.document(document), end);
     }
     let mut text = String::new();
     for (step, fate) in of_each {
@@ -421,7 +417,7 @@ pub(super) fn told(desk: &Desk, node: &Node, steps: &[Step], done: Done, output:
         }
     }
     if is_stored {
-        text.push_str(&format!("stored      {} keeps its parameters beyond power-off (1010h:1)\n", node.words()));
+        text.push_str(&format!("stored      {} keeps its parameters beyond power-off (1010h:1)\n", reached.words()));
     }
     output.result(&text)?;
     end
@@ -455,16 +451,15 @@ mod tests {
     #[test]
     fn writes_that_end_half_way_say_how_far_they_came() {
         let mut output = Output::new(true, false, false);
-        let mut desk = Desk::open(&Place::default(), &mut output).unwrap();
-        let node = desk.node("left").unwrap();
+        let mut reached = Reached::open(&Place::default(), "left", &mut output).unwrap();
         let steps = [
             step(0x6072, 6, &[0xe8, 3], &[0x84, 3]),
             step(0x605a, 3, &[2, 0], &[99, 0]),
             step(0x6065, 7, &[0xbc, 0x31, 0, 0], &[0xe8, 3, 0, 0]),
         ];
-        let done = write_all(&mut desk, &node, &steps, None, &mut output).unwrap();
+        let done = write_all(&mut reached, &steps, None, &mut output).unwrap();
         assert_eq!(done.fates, [Fate::Written, Fate::Refused(AbortCode::VALUE_HIGH), Fate::NotTried]);
-        let saved = done.saved(Saving { save: true, yes: true }, &mut desk, &node);
+        let saved = done.saved(Saving { save: true, yes: true }, &mut reached);
         assert!(!saved.is_stored, "half of it is not kept");
         let failure = saved.end.unwrap_err();
         assert_eq!(failure.exit, Exit::DeviceMismatch);
@@ -477,23 +472,23 @@ mod tests {
         let help = finding.help.as_deref().unwrap();
         assert!(help.contains("it takes -32768 to 32767") && help.ends_with("; nothing was stored"), "{help}");
         // What comes behind the refusal is as it was.
-        assert_eq!(desk.service.read(node.id, steps[0].at).unwrap(), [0x84, 3]);
-        assert_eq!(desk.service.read(node.id, steps[2].at).unwrap(), [0xbc, 0x31, 0, 0]);
+        assert_eq!(reached.read(steps[0].at).unwrap(), [0x84, 3]);
+        assert_eq!(reached.read(steps[2].at).unwrap(), [0xbc, 0x31, 0, 0]);
         // On a bus the way back is a command that comes to the same device.
+        let Reached::Node(desk, _) = &mut reached else { panic!("on CAN") };
         desk.arguments = " --bus can0".to_owned();
-        let back = way_back(&desk, &node, Some(Path::new("kept.dcf")), true);
+        let back = way_back(&reached, Some(Path::new("kept.dcf")), true);
         assert_eq!(back, "`yieldwall od restore kept.dcf 1 --bus can0` puts back what was written");
-        assert_eq!(way_back(&desk, &node, Some(Path::new("kept.dcf")), false), "nothing was written");
+        assert_eq!(way_back(&reached, Some(Path::new("kept.dcf")), false), "nothing was written");
     }
 
     #[test]
     fn all_that_was_written_can_be_stored() {
         let mut output = Output::new(true, false, false);
-        let mut desk = Desk::open(&Place::default(), &mut output).unwrap();
-        let node = desk.node("left").unwrap();
+        let mut reached = Reached::open(&Place::default(), "left", &mut output).unwrap();
         let steps = [step(0x6072, 6, &[0xe8, 3], &[0x84, 3])];
-        let done = write_all(&mut desk, &node, &steps, None, &mut output).unwrap();
-        let saved = done.saved(Saving { save: true, yes: true }, &mut desk, &node);
+        let done = write_all(&mut reached, &steps, None, &mut output).unwrap();
+        let saved = done.saved(Saving { save: true, yes: true }, &mut reached);
         assert_eq!((saved.end.is_ok(), saved.is_stored, saved.is_dry), (true, true, false));
     }
 }

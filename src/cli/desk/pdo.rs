@@ -3,6 +3,7 @@
 use serde_json::{Value, json};
 
 use super::place::{Desk, Node, Place};
+use super::segment::{self, SegmentDesk};
 use super::words::mapped;
 use crate::cli::failure::Failure;
 use crate::cli::output::Output;
@@ -11,13 +12,13 @@ use crate::service::{Error, number};
 
 #[derive(Debug, clap::Subcommand)]
 pub(in crate::cli) enum Command {
-    /// Show the PDOs of a device: identifier, when they are sent, and what is mapped
+    /// Show the PDOs of a device: identifier or sync manager, when they are exchanged, and what is mapped
     Show(Arguments),
 }
 
 #[derive(Debug, clap::Args)]
 pub(in crate::cli) struct Arguments {
-    /// A node id, or the name of a device in the rig
+    /// A node id, on EtherCAT a position, or the name of a device in the rig
     node: String,
     #[command(flatten)]
     place: Place,
@@ -37,6 +38,9 @@ struct Pdo {
 
 pub(in crate::cli) fn run(command: &Command, output: &mut Output) -> Result<(), Failure> {
     let Command::Show(arguments) = command;
+    if let Some(desk) = SegmentDesk::open(&arguments.place, output)? {
+        return segment::pdo::run(&arguments.node, desk, output);
+    }
     let mut desk = Desk::open(&arguments.place, output)?;
     let node = desk.node(&arguments.node)?;
     let mut pdos = Vec::new();

@@ -278,17 +278,8 @@ impl Desk {
     pub(super) fn failure(&self, node: &Node, doing: &str, error: Error) -> Failure {
         let message = format!("{}: {doing}: {error}", node.words());
         match error {
-            Error::NoAnswer | Error::MayBeWritten => {
-                let help = format!("{} finds out why", self.command("doctor node", node));
-                Failure::new(Exit::DeviceMismatch, message, help)
-            }
-            Error::Refused(_) => Failure::new(Exit::DeviceMismatch, message, ""),
-            Error::Senseless(_) => {
-                Failure::new(Exit::DeviceMismatch, message, "the device breaks the protocol: report it to its maker")
-            }
-            Error::TooLong(_) => Failure::new(Exit::Usage, message, ""),
             Error::Link(_) => link_down(message),
-            Error::Interrupted => Failure::new(Exit::Interrupted, message, ""),
+            error => object_failure(message, error, format!("{} finds out why", self.command("doctor node", node))),
         }
     }
 
@@ -305,34 +296,7 @@ impl Desk {
 
     /// An explanation of something that a node shows, with advice for this place.
     pub(super) fn placed(&self, node: &Node, explanation: Explanation) -> Explanation {
-        Explanation { next: self.advice(node, &explanation.next).into(), ..explanation }
-    }
-
-    /// Advice whose commands come to this very node: `yieldwall emcy NODE` becomes `yieldwall emcy 1 --bus can0`.
-    fn advice(&self, node: &Node, text: &str) -> String {
-        let parts = text.split('`').enumerate().map(|(at, part)| match part.strip_prefix("yieldwall ") {
-            Some(command) if at % 2 == 1 => format!("yieldwall {}", self.filled(node, command)),
-            _ => part.to_owned(),
-        });
-        parts.collect::<Vec<_>>().join("`")
-    }
-
-    fn filled(&self, node: &Node, command: &str) -> String {
-        let is_named = |word: &str| command.split(' ').any(|one| one == word);
-        let bus = self.arguments.strip_prefix(" --bus ").and_then(|rest| rest.split(' ').next());
-        let more = match (command.split(' ').next(), bus) {
-            // These name the rig, and may take a bus.
-            (Some("run" | "drill"), Some(bus)) if is_named("RIG.yaml") => format!(" --bus {bus}"),
-            _ if is_named("RIG.yaml") => String::new(),
-            _ if is_named("NODE") || matches!(command, "scan" | "monitor") => self.arguments.clone(),
-            _ => String::new(),
-        };
-        let words = command.split(' ').map(|word| match word {
-            "NODE" => node.id.raw().to_string(),
-            "RIG.yaml" => self.rig.clone().unwrap_or_else(|| word.to_owned()),
-            _ => word.to_owned(),
-        });
-        words.collect::<Vec<_>>().join(" ") + &more
+        placed(explanation, node.id.raw().into(), &self.arguments, self.rig.as_deref())
     }
 
     /// The same where no single device is to blame.
@@ -342,6 +306,48 @@ impl Desk {
             error => link_down(error.to_string()),
         }
     }
+}
+
+/// The failure that a device did not do what was asked of an object; `silent` is what to do where it does not answer.
+pub(super) fn object_failure(message: String, error: Error, silent: String) -> Failure {
+    match error {
+        Error::NoAnswer | Error::MayBeWritten => Failure::new(Exit::DeviceMismatch, message, silent),
+        Error::Refused(_) => Failure::new(Exit::DeviceMismatch, message, ""),
+        Error::Senseless(_) => {
+            Failure::new(Exit::DeviceMismatch, message, "the device breaks the protocol: report it to its maker")
+        }
+        Error::TooLong(_) => Failure::new(Exit::Usage, message, ""),
+        Error::Link(_) => Failure::new(Exit::BusUnavailable, message, ""),
+        Error::Interrupted => Failure::new(Exit::Interrupted, message, ""),
+    }
+}
+
+/// An explanation with advice whose commands come to this very device: `yieldwall emcy NODE` becomes `yieldwall emcy 1 --bus can0`.
+pub(super) fn placed(explanation: Explanation, device: u16, arguments: &str, rig: Option<&str>) -> Explanation {
+    let parts = explanation.next.split('`').enumerate().map(|(at, part)| match part.strip_prefix("yieldwall ") {
+        Some(command) if at % 2 == 1 => format!("yieldwall {}", filled(command, device, arguments, rig)),
+        _ => part.to_owned(),
+    });
+    let next = parts.collect::<Vec<_>>().join("`").into();
+    Explanation { next, ..explanation }
+}
+
+fn filled(command: &str, device: u16, arguments: &str, rig: Option<&str>) -> String {
+    let is_named = |word: &str| command.split(' ').any(|one| one == word);
+    let bus = arguments.strip_prefix(" --bus ").and_then(|rest| rest.split(' ').next());
+    let more = match (command.split(' ').next(), bus) {
+        // These name the rig, and may take a bus.
+        (Some("run" | "drill"), Some(bus)) if is_named("RIG.yaml") => format!(" --bus {bus}"),
+        _ if is_named("RIG.yaml") => String::new(),
+        _ if is_named("NODE") || matches!(command, "scan" | "monitor") => arguments.to_owned(),
+        _ => String::new(),
+    };
+    let words = command.split(' ').map(|word| match word {
+        "NODE" => device.to_string(),
+        "RIG.yaml" => rig.unwrap_or(word).to_owned(),
+        _ => word.to_owned(),
+    });
+    words.collect::<Vec<_>>().join(" ") + &more
 }
 
 fn link_down(message: String) -> Failure {

@@ -6,6 +6,7 @@ use serde_json::json;
 use yieldwall_drives::cia402::{Command, State, Statusword};
 
 use super::place::{Desk, Node, Place};
+use super::reached::Reached;
 use super::segment::state::Target;
 use super::segment::{self, SegmentDesk};
 use super::words::{mode_code_words, nmt_words, state_words};
@@ -120,24 +121,24 @@ pub(super) fn statusword(desk: &mut Desk, node: &Node) -> Result<u16, Failure> {
 }
 
 /// Why a drive gets nothing written: its power stage is on, or about to go off.
-pub(super) fn refuse_powered(desk: &mut Desk, node: &Node) -> Result<(), Failure> {
-    let word = match desk.service.read(node.id, STATUSWORD) {
-        Ok(bytes) => number(&bytes) as u16,
-        // No drive.
-        Err(Error::Refused(_)) => return Ok(()),
-        Err(error) => return Err(desk.failure(node, "reading its statusword", error)),
-    };
+pub(super) fn refuse_powered(reached: &mut Reached) -> Result<(), Failure> {
+    // Without one it is no drive.
+    let Some(word) = reached.number_of(STATUSWORD, "reading its statusword")? else { return Ok(()) };
+    let word = word as u16;
     match Statusword(word).state() {
         Some(State::OperationEnabled | State::SwitchedOn | State::QuickStopActive | State::FaultReactionActive) => {
-            let message =
-                format!("{} is in {}: nothing is written while its power stage is on", node.words(), state_words(word));
+            let message = format!(
+                "{} is in {}: nothing is written while its power stage is on",
+                reached.words(),
+                state_words(word)
+            );
             Err(Failure::new(
                 Exit::SafetyStop,
                 message,
                 format!(
                     "`yieldwall od write {} 6040h 0{}` takes its torque away; hold the arm",
-                    node.id.raw(),
-                    desk.arguments
+                    reached.number(),
+                    reached.arguments()
                 ),
             ))
         }

@@ -3,6 +3,7 @@
 use std::time::Duration;
 
 use super::place::{Desk, Place};
+use super::reached::Reached;
 use super::state::{refuse_powered, reset_fault, statusword};
 use crate::canopen::{NmtCommand, NmtState, nmt, node_id};
 use crate::cli::failure::Exit;
@@ -40,16 +41,18 @@ fn a_drive_in_fault_is_taken_out_of_it_and_stays_without_torque() {
 fn nothing_is_written_to_a_drive_whose_power_stage_is_on() {
     let (mut desk, _) = desk();
     let node = desk.node("left").unwrap();
-    assert!(refuse_powered(&mut desk, &node).is_ok());
     // By an SDO of somebody else: no command of this program writes it.
     desk.service.command(NmtCommand::StartRemoteNode, Some(node.id)).unwrap();
+    let mut reached = Reached::Node(Box::new(desk), node);
+    assert!(refuse_powered(&mut reached).is_ok());
     for word in [6_u16, 7] {
-        desk.service.write(node.id, Address::new(0x6040, 0), &word.to_le_bytes()).unwrap();
+        reached.objects().unwrap().write(Address::new(0x6040, 0), &word.to_le_bytes()).unwrap();
     }
-    let refused = refuse_powered(&mut desk, &node).unwrap_err();
+    let refused = refuse_powered(&mut reached).unwrap_err();
     assert_eq!(refused.exit, Exit::SafetyStop);
+    let Reached::Node(mut desk, _) = reached else { panic!("on CAN") };
     let sensor = desk.node("wrist").unwrap();
-    assert!(refuse_powered(&mut desk, &sensor).is_ok());
+    assert!(refuse_powered(&mut Reached::Node(desk, sensor)).is_ok());
 }
 
 /// Commands in advice come to the same device, wherever it is.

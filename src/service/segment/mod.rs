@@ -4,10 +4,12 @@
 //! controller answers.
 
 mod counters;
+mod objects;
 mod present;
 mod sii;
 mod state;
 
+use std::collections::BTreeMap;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
@@ -16,12 +18,15 @@ use thiserror::Error;
 
 use super::Bytes;
 use crate::bus::ethercat::{SOURCE, SegmentFailure, SegmentSign};
+use crate::ethercat::coe::CoeEmergency;
 use crate::ethercat::frame::{self, Command, FrameWriter, address, answers};
+use crate::ethercat::mailbox::MailboxClient;
 use crate::ethercat::{AlStatus, AlStatusCode, array, registers as register, u16_at};
 use crate::link::{EthernetLink, EthernetReceived, SendError};
 use crate::time::Time;
 
 pub use counters::{ClockFacts, Counters, PortCounters};
+pub use objects::DeviceObjects;
 pub use present::Present;
 
 /// Time after which a frame is given up. Frames go round in microseconds; what takes time is a computer that does not look.
@@ -44,6 +49,17 @@ pub enum SegmentError {
     /// A frame could not be sent.
     #[error("a frame could not be sent: {0}")]
     Link(#[from] SendError),
+    /// The device is in a state in which it has no mailbox.
+    #[error(
+        "its objects are read and written in PRE-OP, SAFE-OP and OP, and it is in {status}{}",
+        if *.code == AlStatusCode::NONE { String::new() } else { format!(" with {code}") }
+    )]
+    NoMailbox {
+        /// Its state.
+        status: AlStatus,
+        /// Why it has an error.
+        code: AlStatusCode,
+    },
     /// Somebody wishes to end.
     #[error("interrupted")]
     Interrupted,
@@ -59,12 +75,16 @@ pub struct SegmentService<L> {
     /// Index of the next datagram.
     index: u8,
     buffer: Box<[u8; frame::LONGEST]>,
+    /// Of the devices whose objects were asked, by their positions.
+    mailboxes: BTreeMap<u16, MailboxClient>,
+    emergencies: Vec<(u16, CoeEmergency)>,
 }
 
 impl<L: EthernetLink> SegmentService<L> {
     /// A connection over a link. Waiting ends when `is_over` is set.
     pub fn new(link: L, is_over: Arc<AtomicBool>) -> Self {
-        Self { link, is_over, index: 0, buffer: Box::new([0; frame::LONGEST]) }
+        let (mailboxes, emergencies) = (BTreeMap::new(), Vec::new());
+        Self { link, is_over, index: 0, buffer: Box::new([0; frame::LONGEST]), mailboxes, emergencies }
     }
 
     /// The link.

@@ -3,22 +3,25 @@
 use std::path::PathBuf;
 
 use serde_json::{Value, json};
-use yieldwall_drives::eds::{Eds, Node as Of, concise};
+use yieldwall_drives::eds::{DeviceInfo, Eds, Node as Of, concise};
 
 use super::super::place::{Desk, Node, Place};
+use super::super::reached::Reached;
+use super::super::segment::scan::name;
+use super::super::segment::{Device, SegmentDesk};
 use super::super::words;
 use super::sheet_of;
-use crate::cli::failure::Failure;
+use crate::cli::failure::{Exit, Failure};
 use crate::cli::output::Output;
 use crate::cli::progress::Progress;
 use crate::cli::replace::Replace;
 use crate::objects::Address;
 use crate::report::Stage;
-use crate::service::{Missed, downloads, inventory, values_of};
+use crate::service::{Missed, downloads, inventory, inventory_of, values_of};
 
 #[derive(Debug, clap::Args)]
 pub(in crate::cli) struct Arguments {
-    /// A node id, or the name of a device in the rig
+    /// A node id, on EtherCAT a position, or the name of a device in the rig
     node: String,
     /// The file; standard output unless one is named
     #[arg(long, value_name = "FILE.dcf")]
@@ -41,11 +44,17 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
         arguments.replace.check_new(path)?;
     }
     let eds = sheet_of(arguments.eds.as_deref(), output)?;
-    let mut desk = Desk::open(&arguments.place, output)?;
-    let node = desk.node(&arguments.node)?;
-    let (found, missed) = objects(&mut desk, &node, eds.as_ref(), output)?;
+    let mut reached = Reached::open(&arguments.place, &arguments.node, output)?;
+    let (found, missed) = match &mut reached {
+        Reached::Node(desk, node) => objects(desk, node, eds.as_ref(), output)?,
+        Reached::Device(..) if arguments.concise => {
+            let message = "a concise DCF is what a CANopen manager takes, and this place is on EtherCAT";
+            return Err(Failure::new(Exit::Usage, message, "leave --concise away"));
+        }
+        Reached::Device(desk, device) => on_segment(desk, device, eds.as_ref(), output)?,
+    };
     let (text, count) = if arguments.concise {
-        let (writes, left_out) = downloads(&found, eds.as_ref(), node.id);
+        let (writes, left_out) = downloads(&found, eds.as_ref(), reached.named().node_id());
         for left_out in &left_out {
             output.aside(
                 words::wrapped(&format!("left out  {}: {}", words::titled(left_out.at, &left_out.name), left_out.why))
@@ -55,8 +64,8 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
         (concise(writes.iter().map(|(at, bytes)| (at.index, at.sub, bytes.as_slice()))), writes.len())
     } else {
         let text = found.to_dcf(&Of {
-            id: node.id.raw(),
-            name: node.entry.as_ref().map(|entry| entry.name.clone()).unwrap_or_default(),
+            id: reached.named().node_id(),
+            name: reached.name().unwrap_or_default().to_owned(),
             bit_rate_kbit_per_s: None,
         });
         (text.into_bytes(), found.entries().filter(|(.., entry)| entry.value.is_some()).count())
@@ -65,17 +74,15 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
         arguments.replace.write(path, &text)?;
     }
     if output.is_json() {
-        return output.report(json!({
-            "place": desk.place,
-            "node_id": node.id.raw(),
+        return output.report(reached.document(json!({
             "file": arguments.out,
             "objects": document(&found),
             "missed": missed.iter().map(|missed| json!({ "object": missed.at.to_string(), "why": missed.why.to_string() })).collect::<Vec<_>>(),
-        }));
+        })));
     }
     let told = format!(
         "{count} values of {}{}",
-        node.words(),
+        reached.words(),
         if missed.is_empty() { String::new() } else { format!(", {} could not be read", missed.len()) }
     );
     match &arguments.out {
@@ -95,11 +102,35 @@ pub(super) fn objects(
     progress.begin("reading");
     let at = |share: f64| progress.at(Stage { time_s: share, end_s: 1.0 });
     let read = match eds {
-        Some(eds) => values_of(&mut desk.service, node.id, eds, at),
+        Some(eds) => values_of(&mut desk.service.objects(node.id), node.id.raw(), eds, at),
         None => inventory(&mut desk.service, node.id, at),
     };
     progress.end();
     read.map_err(|error| desk.failure(node, "reading all its objects", error))
+}
+
+/// The same on EtherCAT: by the device's own list of objects, where it has one.
+fn on_segment(
+    desk: &mut SegmentDesk,
+    device: &Device,
+    eds: Option<&Eds>,
+    output: &Output,
+) -> Result<(Eds, Vec<Missed>), Failure> {
+    let present = desk.service.present(device.position);
+    let present = present.map_err(|error| desk.failure(device, "reading who it is", error))?;
+    let [vendor_number, product_number, revision_number, _] = present.identity;
+    let product = name(&present).unwrap_or_default();
+    let who = DeviceInfo { vendor_number, product_number, revision_number, product, ..DeviceInfo::default() };
+    let progress = Progress::new(output);
+    progress.begin("reading");
+    let at = |share: f64| progress.at(Stage { time_s: share, end_s: 1.0 });
+    let mut objects = desk.objects(device)?;
+    let read = match eds {
+        Some(eds) => values_of(&mut objects, 0, eds, at),
+        None => inventory_of(&mut objects, 0, Eds { device: who, ..Eds::default() }, at),
+    };
+    progress.end();
+    read.map_err(|error| desk.object_failure(device, "reading all its objects", error))
 }
 
 fn document(eds: &Eds) -> Vec<Value> {

@@ -3,6 +3,7 @@
 use std::path::PathBuf;
 
 use super::super::place::{Desk, Node, Place};
+use super::super::reached::Reached;
 use super::super::state::refuse_powered;
 use super::super::words::{spaced, titled, wrapped};
 use super::{Done, Saving, is_file, sheet, sheet_of, told, write_all};
@@ -49,9 +50,12 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
             "name a DCF, as `yieldwall od dump` writes it",
         ));
     }
-    let mut desk = Desk::open(&arguments.place, output)?;
-    let node = desk.node(&arguments.node)?;
-    refuse_powered(&mut desk, &node)?;
+    let mut reached = Reached::open(&arguments.place, &arguments.node, output)?;
+    refuse_powered(&mut reached)?;
+    let Reached::Node(mut desk, node) = reached else {
+        let message = "od restore is for devices on CAN so far, and this place is on EtherCAT";
+        return Err(Failure::new(Exit::Usage, message, "`yieldwall od write` writes one object"));
+    };
     let state = desk.service.state(node.id).map_err(|error| desk.failure(&node, "asking its state", error))?;
     if state == Some(NmtState::Operational) {
         let message = format!("{} is {}: its process data may not change", node.words(), spaced("Operational"));
@@ -69,13 +73,14 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
     if plan.steps.is_empty() {
         output.news("nothing to write: the rest is as in the file")?;
     }
+    let mut reached = Reached::Node(desk, node);
     let done = if arguments.dry_run {
         Done::planned(&plan.steps)
     } else {
-        let done = write_all(&mut desk, &node, &plan.steps, eds.as_ref(), output)?;
-        done.saved(arguments.saving, &mut desk, &node)
+        let done = write_all(&mut reached, &plan.steps, eds.as_ref(), output)?;
+        done.saved(arguments.saving, &mut reached)
     };
-    told(&desk, &node, &plan.steps, done, output)
+    told(&reached, &plan.steps, done, output)
 }
 
 /// What tells devices of one kind from others: device type, vendor and product.

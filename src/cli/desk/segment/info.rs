@@ -2,6 +2,7 @@
 
 use serde_json::json;
 
+use super::super::info::{asked, objects};
 use super::super::words::table;
 use super::SegmentDesk;
 use super::scan::{fit, name};
@@ -10,6 +11,7 @@ use crate::cli::output::Output;
 use crate::ethercat::registers::{self as register, feature};
 use crate::ethercat::sii::{MailboxArea, protocols};
 use crate::ethercat::{AlStatusCode, array, u16_at};
+use crate::service::ObjectAccess;
 
 /// Protocols of a mailbox by their bits in the SII.
 const PROTOCOLS: [(u16, &str); 3] = [(protocols::COE, "CoE"), (protocols::EOE, "EoE"), (protocols::FOE, "FoE")];
@@ -34,6 +36,16 @@ pub(in crate::cli::desk) fn run(word: &str, mut desk: SegmentDesk, output: &mut 
         (true, true) => "distributed clock of 64 bits",
     };
     let ports: Vec<usize> = (0..4).filter(|port| links & 1 << (4 + port) != 0).collect();
+    // A device that is broken is shown without them.
+    let (answers, unreached) = match desk.reach(&device, output) {
+        Ok(()) => {
+            let mut objects = desk.objects(&device)?;
+            (asked().map(|at| objects.read(at)).collect(), None)
+        }
+        Err(failure) => (Vec::new(), failure.report.diagnostics.into_iter().next().map(|finding| finding.message)),
+    };
+    let scaling = device.entry.as_ref().and_then(|entry| entry.scaling.as_ref());
+    let (more, objects) = objects(answers, scaling, |code| desk.explained(&device, code));
     if output.is_json() {
         let [vendor, product, revision_number, serial] = present.identity;
         return output.report(json!({
@@ -54,6 +66,8 @@ pub(in crate::cli::desk) fn run(word: &str, mut desk: SegmentDesk, output: &mut 
             "controller": { "type": kind, "revision": revision, "fmmus": fmmus, "sync_managers": managers, "ram_kb": ram_kb },
             "has_clock": has_clock,
             "ports": ports,
+            "objects": objects,
+            "unreached": unreached,
         }));
     }
     let mut rows = vec![["device".to_owned(), name(&present).unwrap_or_else(|| "no name".to_owned())]];
@@ -96,5 +110,7 @@ pub(in crate::cli::desk) fn run(word: &str, mut desk: SegmentDesk, output: &mut 
             row("mailbox", mailbox);
         }
     }
+    rows.extend(more);
+    rows.extend(unreached.map(|why| ["objects".to_owned(), why]));
     output.result(&format!("{}\n{}", device.words(), table(&rows)))
 }

@@ -1,6 +1,8 @@
 //! The commands of the desk on an EtherCAT segment: on an interface, or on the simulated devices of a rig.
 
+pub(super) mod emcy;
 pub(super) mod info;
+pub(super) mod pdo;
 pub(super) mod scan;
 pub(super) mod state;
 #[cfg(test)]
@@ -9,18 +11,23 @@ mod tests;
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
+use yieldwall_drives::codes::ErrorCodes;
 use yieldwall_drives::profiles::DeviceProfile;
+use yieldwall_drives::scaling::AxisScaling;
 
-use super::place::Place;
+use super::place::{Place, object_failure, placed};
+use crate::assembly::scaling;
 use crate::bus::ethercat::{SegmentFailure, SegmentSign};
 use crate::cli::ending::rig_failure;
 use crate::cli::failure::{Exit, Failure};
 use crate::cli::interrupt::on_interrupt;
 use crate::cli::output::Output;
 use crate::config::{self, Bus, Loaded, Rig, Source};
+use crate::ethercat::{AlState, AlStatus};
+use crate::explanation::{self, Explanation};
 use crate::link::EthernetLink;
 use crate::live::VirtualSegment;
-use crate::service::{SegmentError, SegmentService};
+use crate::service::{DeviceObjects, Error, SegmentError, SegmentService};
 
 /// A wire of any kind.
 pub(super) type AnyWire = Box<dyn EthernetLink>;
@@ -31,6 +38,10 @@ pub(super) struct Entry {
     pub(super) name: String,
     pub(super) position: u16,
     pub(super) profile: Option<Arc<DeviceProfile>>,
+    /// What its vendor's error codes mean.
+    pub(super) codes: Option<Arc<ErrorCodes>>,
+    /// Of a drive.
+    pub(super) scaling: Option<AxisScaling>,
 }
 
 /// A device that is meant, and what the rig says of it.
@@ -125,7 +136,7 @@ impl SegmentDesk {
         let link = VirtualSegment::new(&rig.value, &scene, scene.seed).map_err(|error| rig_failure(&error))?;
         Ok(Self {
             service: SegmentService::new(Box::new(link), is_over),
-            entries: entries(&rig.value),
+            entries: entries(&rig.value)?,
             place: format!("simulated devices of {}; those of a segment with --bus INTERFACE", rig.value.rig.name),
             arguments: String::new(),
             is_simulated: true,
@@ -162,7 +173,7 @@ impl SegmentDesk {
         let link: AnyWire = Box::new(link.map_err(|error| Failure::new(Exit::BusUnavailable, error.to_string(), ""))?);
         let mut desk = Self {
             service: SegmentService::new(link, is_over),
-            entries: rig.map_or_else(Vec::new, |rig| entries(&rig.value)),
+            entries: rig.map_or(Ok(Vec::new()), |rig| entries(&rig.value))?,
             place: format!("devices on {interface}"),
             arguments: String::new(),
             is_simulated: false,
@@ -226,6 +237,53 @@ impl SegmentDesk {
         }
     }
 
+    /// Opens the mailbox of a device. One in INIT is brought to PRE-OP, where it has one, unless a master has other devices.
+    pub(super) fn reach(&mut self, device: &Device, output: &Output) -> Result<(), Failure> {
+        let (before, _) =
+            self.service.state(device.position).map_err(|error| self.failure(device, "reading its state", error))?;
+        let is_in_init = before == AlStatus::new(AlState::Init, false);
+        if is_in_init {
+            self.refuse_led()?;
+        }
+        self.objects(device)?;
+        if is_in_init && !self.is_simulated {
+            output
+                .aside(&format!("{} was in INIT: it is in PRE-OP now, where its objects are reached", device.words()));
+        }
+        Ok(())
+    }
+
+    /// The objects of a device.
+    pub(super) fn objects(&mut self, device: &Device) -> Result<DeviceObjects<'_, AnyWire>, Failure> {
+        let (arguments, words) = (self.arguments.clone(), device.words());
+        self.service.objects(device.position).map_err(|error| {
+            let message = format!("{words}: reaching its objects: {error}");
+            let help = match &error {
+                SegmentError::NoMailbox { .. } => {
+                    format!(
+                        "`yieldwall state {} preop{arguments}` acknowledges its error and goes there",
+                        device.position
+                    )
+                }
+                _ => String::new(),
+            };
+            Failure::new(Exit::DeviceMismatch, message, help)
+        })
+    }
+
+    /// The failure that a device did not do what was asked of an object.
+    pub(super) fn object_failure(&self, device: &Device, doing: &str, error: Error) -> Failure {
+        let message = format!("{}: {doing}: {error}", device.words());
+        let silent = format!("`yieldwall state {}{}` tells its state", device.position, self.arguments);
+        object_failure(message, error, silent)
+    }
+
+    /// What an error code of a device means; its advice is for this place.
+    pub(super) fn explained(&self, device: &Device, code: u16) -> Explanation {
+        let codes = device.entry.as_ref().and_then(|entry| entry.codes.as_deref());
+        placed(explanation::error_code(code, codes), device.position, &self.arguments, None)
+    }
+
     /// The device at a position.
     pub(super) fn at(&self, position: u16) -> Device {
         Device { position, entry: self.entries.iter().find(|entry| entry.position == position).cloned() }
@@ -255,7 +313,7 @@ impl SegmentDesk {
             SegmentError::Link(_) => {
                 Failure::new(Exit::BusUnavailable, message, "look whether the interface is up: `ip link` shows it")
             }
-            SegmentError::Failed(_) => Failure::new(Exit::BusUnavailable, message, ""),
+            SegmentError::Failed(_) | SegmentError::NoMailbox { .. } => Failure::new(Exit::BusUnavailable, message, ""),
         }
     }
 
@@ -276,12 +334,24 @@ impl SegmentDesk {
 }
 
 /// The devices of a rig on its segment.
-fn entries(rig: &Rig) -> Vec<Entry> {
-    let drives = rig.drives.iter().filter_map(|drive| {
-        let profile = drive.profile.get().cloned();
-        Some(Entry { name: drive.name.clone(), position: drive.address.position()?, profile })
-    });
-    let sensor =
-        rig.sensor.protocol.position().map(|position| Entry { name: rig.sensor.name.clone(), position, profile: None });
-    drives.chain(sensor).collect()
+fn entries(rig: &Rig) -> Result<Vec<Entry>, Failure> {
+    let mut entries = Vec::new();
+    for drive in &rig.drives {
+        let Some(position) = drive.address.position() else { continue };
+        entries.push(Entry {
+            name: drive.name.clone(),
+            position,
+            profile: drive.profile.get().cloned(),
+            codes: drive.profile.error_codes().cloned(),
+            scaling: Some(scaling(drive).map_err(|error| rig_failure(&error.into()))?),
+        });
+    }
+    entries.extend(rig.sensor.protocol.position().map(|position| Entry {
+        name: rig.sensor.name.clone(),
+        position,
+        profile: None,
+        codes: None,
+        scaling: None,
+    }));
+    Ok(entries)
 }

@@ -57,7 +57,7 @@ pub(super) fn text(desk: &SegmentDesk, found: &[Present]) -> String {
 }
 
 /// The name in its SII.
-pub(super) fn name(present: &Present) -> Option<String> {
+pub(in crate::cli::desk) fn name(present: &Present) -> Option<String> {
     let sii = present.sii.as_ref().ok()?;
     [&sii.name, &sii.order].into_iter().find(|name| !name.is_empty()).cloned()
 }

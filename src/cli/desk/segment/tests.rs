@@ -2,22 +2,33 @@
 
 use super::*;
 use crate::ethercat::AlStatusCode;
+use crate::injection::{Injection, Kind, Target};
 use crate::sim::ethercat::{Segment, SimulatedDevice};
 use crate::time::Time;
 
-/// The desk at the devices of the shipped rig, to which something was done.
-fn desk(break_it: impl FnOnce(&mut Segment<SimulatedDevice>)) -> SegmentDesk {
+/// The devices of the shipped rig.
+fn link() -> VirtualSegment {
     let rig = config::load_rig_on_any_bus(config::builtin("paper-ethercat.yaml")).unwrap();
-    let scene = rig.scene().unwrap().value;
-    let mut link = VirtualSegment::new(&rig.value, &scene, 1).unwrap();
-    break_it(link.server_mut().segment_mut());
+    VirtualSegment::new(&rig.value, &rig.scene().unwrap().value, 1).unwrap()
+}
+
+/// The desk at these devices.
+fn at(link: VirtualSegment) -> SegmentDesk {
+    let rig = config::load_rig_on_any_bus(config::builtin("paper-ethercat.yaml")).unwrap();
     SegmentDesk {
         service: SegmentService::new(Box::new(link), Arc::new(AtomicBool::new(false))),
-        entries: entries(&rig.value),
+        entries: entries(&rig.value).unwrap(),
         place: String::new(),
         arguments: String::new(),
         is_simulated: true,
     }
+}
+
+/// The desk at devices to which something was done.
+fn desk(break_it: impl FnOnce(&mut Segment<SimulatedDevice>)) -> SegmentDesk {
+    let mut link = link();
+    break_it(link.server_mut().segment_mut());
+    at(link)
 }
 
 fn scanned(desk: &mut SegmentDesk) -> String {
@@ -142,4 +153,65 @@ fn an_sii_is_read_and_checked() {
     let text = sii::text(&crate::ethercat::sii::Sii::read(&image).unwrap(), image.len());
     let checked = sii::check_text(&sii::checked(&mut desk, None).unwrap());
     insta::assert_snapshot!("segment-sii", text + &checked);
+}
+
+fn reached(word: &str, break_it: impl FnOnce(&mut Segment<SimulatedDevice>)) -> super::super::reached::Reached {
+    super::super::reached::Reached::on_segment(desk(break_it), word, &Output::new(true, false, false)).unwrap()
+}
+
+#[test]
+fn objects_are_read_written_and_listed_over_the_mailbox() {
+    use crate::objects::{AbortCode, Address};
+    use crate::service::inventory_of;
+    use yieldwall_drives::eds::Eds;
+
+    let mut reached = reached("left", |_| ());
+    let at = Address::new(0x6072, 0);
+    assert_eq!(reached.read(at), Ok(vec![0xe8, 3]));
+    let mut objects = reached.objects().unwrap();
+    objects.write(at, &[0x84, 3]).unwrap();
+    assert_eq!(objects.read(at), Ok(vec![0x84, 3]));
+    assert_eq!(objects.read(Address::new(0x5000, 0)), Err(Error::Refused(AbortCode::NO_OBJECT)));
+    assert_eq!(objects.write(Address::new(0x6041, 0), &[0, 0]), Err(Error::Refused(AbortCode::READ_ONLY)));
+    let (found, missed) = inventory_of(&mut *objects, 0, Eds::default(), |_| {}).unwrap();
+    assert_eq!(missed, []);
+    assert!(found.objects.len() > 20 && found.objects.contains_key(&0x1c32), "{}", found.objects.len());
+}
+
+#[test]
+fn a_device_with_a_damaged_sii_whose_mailbox_is_set_up_is_still_asked() {
+    use crate::objects::Address;
+
+    let mut desk = desk(|_| ());
+    let device = desk.device("right").unwrap();
+    desk.service.change_state(1, AlState::PreOperational).unwrap();
+    desk.service.write(1, 0x0500, &[2]).unwrap();
+    let output = Output::new(true, false, false);
+    let mut reached = super::super::reached::Reached::Device(Box::new(desk), device);
+    assert_eq!(reached.read(Address::new(0x1018, 2)), Ok(vec![2, 4, 0, 0]));
+    // In INIT with an error nothing is done to it unasked.
+    let mut broken = self::desk(|segment| {
+        segment.controller_mut(0).unwrap().fail(Time(0), AlStatusCode::SYNC_ERROR);
+    });
+    let device = broken.device("left").unwrap();
+    let failure = broken.reach(&device, &output).unwrap_err();
+    let finding = &failure.report.diagnostics[0];
+    assert!(finding.message.contains("it is in INIT+ERR with 001Ah"), "{}", finding.message);
+    assert!(finding.help.as_ref().unwrap().starts_with("`yieldwall state 0 preop`"), "{finding:?}");
+}
+
+#[test]
+fn process_data_and_emergencies_are_shown() {
+    let mut text = pdo::shown(&mut reached("left", |_| ())).unwrap();
+    let mut link = link();
+    link.server_mut().inject(Injection::new(Kind::Emergency, 0.3).on(Target::LeftDrive)).unwrap();
+    let mut desk = at(link);
+    let device = desk.device("left").unwrap();
+    let output = Output::new(true, false, false);
+    desk.reach(&device, &output).unwrap();
+    assert!(desk.service.now() < Time(300_000_000), "{:?}", desk.service.now());
+    desk.objects(&device).unwrap().listen(std::time::Duration::from_millis(400)).unwrap();
+    let told = emcy::ask(&mut desk, device, &output).unwrap();
+    text.push_str(&emcy::lines(&desk, &told));
+    insta::assert_snapshot!("segment-pdo-emcy", text);
 }

@@ -9,10 +9,9 @@
 //! A message whose reply is lost is written once more with its counter, by which the device knows it. An answer whose frame is lost is asked for
 //! once more by the repeat bit of sync manager 1.
 
-use super::{Ask, service_address};
-use crate::ethercat::coe::{CoeAnswer, CoeClient, CoeEmergency, CoeRequest, Heard};
-use crate::ethercat::frame::Command;
-use crate::ethercat::mailbox::{self as wire, Counter, MailboxError, Protocol};
+use super::{Counter, HEADER, MailboxError, Protocol, SHORTEST, decode, seal};
+use crate::ethercat::coe::{CoeAnswer, CoeClient, CoeEmergency, CoeRequest, Heard, ListKind};
+use crate::ethercat::frame::{Ask, Command, address};
 use crate::ethercat::registers as register;
 use crate::ethercat::sii::MailboxArea;
 use crate::ethercat::{EthercatError, SyncManager};
@@ -47,8 +46,10 @@ enum Step {
 
 /// The mailbox of one device and the client of its objects.
 #[derive(Clone, Debug)]
-pub(super) struct Mailbox {
+pub struct MailboxClient {
+    /// Station address or position, and the commands that read and write there.
     station: u16,
+    commands: [Command; 2],
     to_device: MailboxArea,
     from_device: MailboxArea,
     client: CoeClient,
@@ -67,14 +68,15 @@ pub(super) struct Mailbox {
     /// Why the device refused the last message, if it did.
     refused: Option<MailboxError>,
     /// Messages that nobody waited for.
-    pub(super) unexpected: u32,
+    pub unexpected: u32,
 }
 
-impl Mailbox {
+impl MailboxClient {
     /// The mailbox of a station, whose answers may take so long.
-    pub(super) fn new(station: u16, timeout: Duration) -> Self {
-        Mailbox {
+    pub fn new(station: u16, timeout: Duration) -> Self {
+        MailboxClient {
             station,
+            commands: [Command::Fprd, Command::Fpwr],
             to_device: MailboxArea::default(),
             from_device: MailboxArea::default(),
             client: CoeClient::within(MOST_VALUE, timeout),
@@ -91,8 +93,14 @@ impl Mailbox {
         }
     }
 
+    /// The same of the device at a position, 0 at the master.
+    pub fn at_position(position: u16, timeout: Duration) -> Self {
+        let commands = [Command::Aprd, Command::Apwr];
+        Self { commands, ..Self::new(0u16.wrapping_sub(position), timeout) }
+    }
+
     /// Begins anew with a device that has just come to PRE-OP, with mailboxes where its SII says.
-    pub(super) fn start(&mut self, to_device: MailboxArea, from_device: MailboxArea) {
+    pub fn start(&mut self, to_device: MailboxArea, from_device: MailboxArea) {
         (self.to_device, self.from_device) = (to_device, from_device);
         self.client.give_up(ObjectError::NoAnswer);
         (self.counter, self.heard, self.step) = (Counter::FIRST, 0, Step::Rest);
@@ -107,15 +115,29 @@ impl Mailbox {
     /// # Errors
     /// [`ObjectError::Busy`] while the last request runs, [`ObjectError::NoObjects`] without a mailbox, [`ObjectError::TooLong`] for a value of
     /// more than 4096 bytes.
-    pub(super) fn ask(&mut self, now: Time, request: ObjectRequest<'_>) -> Result<(), ObjectError> {
-        if usize::from(self.to_device.len) < wire::SHORTEST {
+    pub fn ask(&mut self, now: Time, request: ObjectRequest<'_>) -> Result<(), ObjectError> {
+        let complete = false;
+        self.ask_coe(
+            now,
+            match request {
+                ObjectRequest::Read(at) => CoeRequest::Read { at, complete },
+                ObjectRequest::Write(at, data) => CoeRequest::Write { at, complete, data },
+            },
+        )
+    }
+
+    /// Asks the device which objects it has.
+    ///
+    /// # Errors
+    /// As [`MailboxClient::ask`].
+    pub fn ask_list(&mut self, now: Time) -> Result<(), ObjectError> {
+        self.ask_coe(now, CoeRequest::List(ListKind::All))
+    }
+
+    fn ask_coe(&mut self, now: Time, request: CoeRequest<'_>) -> Result<(), ObjectError> {
+        if usize::from(self.to_device.len) < SHORTEST {
             return Err(ObjectError::NoObjects);
         }
-        let complete = false;
-        let request = match request {
-            ObjectRequest::Read(at) => CoeRequest::Read { at, complete },
-            ObjectRequest::Write(at, data) => CoeRequest::Write { at, complete, data },
-        };
         self.refused = None;
         self.client.start(now, request).map_err(|error| match error {
             EthercatError::Full { len, .. } => ObjectError::TooLong(len),
@@ -124,7 +146,7 @@ impl Mailbox {
     }
 
     /// How the last request has ended.
-    pub(super) fn answer(&self) -> ObjectAnswer<'_> {
+    pub fn answer(&self) -> ObjectAnswer<'_> {
         match self.client.answer() {
             CoeAnswer::Idle => ObjectAnswer::NotAsked,
             CoeAnswer::Pending => ObjectAnswer::Pending,
@@ -137,26 +159,34 @@ impl Mailbox {
         }
     }
 
+    /// The indices that [`MailboxClient::ask_list`] has brought.
+    pub fn list(&self) -> Option<&[u16]> {
+        match self.client.answer() {
+            CoeAnswer::List(indices) => Some(indices),
+            _ => None,
+        }
+    }
+
     /// Forgets what was asked last.
-    pub(super) fn forget(&mut self) {
+    pub fn forget(&mut self) {
         self.client.give_up(ObjectError::NoAnswer);
         self.client.forget();
     }
 
     /// Why the device refused the last message, if it did.
-    pub(super) fn refused(&self) -> Option<MailboxError> {
+    pub fn refused(&self) -> Option<MailboxError> {
         self.refused
     }
 
     /// Whether a request runs or a message is being moved.
-    pub(super) fn is_busy(&self) -> bool {
+    pub fn is_busy(&self) -> bool {
         self.client.is_busy() || self.step != Step::Rest
     }
 
     /// When there is something to send at the latest; [`Time::NEVER`] without a mailbox.
     ///
     /// Real-time: yes.
-    pub(super) fn next_deadline(&self) -> Time {
+    pub fn next_deadline(&self) -> Time {
         if self.outgoing.is_empty() {
             return Time::NEVER;
         }
@@ -169,7 +199,7 @@ impl Mailbox {
     /// The next datagram, whose data it puts at the begin of `buffer`; nothing while there is nothing to do.
     ///
     /// Real-time: yes.
-    pub(super) fn next(&mut self, now: Time, buffer: &mut [u8]) -> Option<Ask> {
+    pub fn next(&mut self, now: Time, buffer: &mut [u8]) -> Option<Ask> {
         if self.outgoing.is_empty() {
             return None;
         }
@@ -180,44 +210,45 @@ impl Mailbox {
         if self.step == Step::Rest && self.write_at.is_some_and(|at| now >= at) {
             (self.step, self.write_at) = (Step::Write, None);
         } else if self.step == Step::Rest && self.client.is_busy() {
-            let len = self.client.message(self.outgoing.get_mut(wire::HEADER..).unwrap_or_default());
+            let len = self.client.message(self.outgoing.get_mut(HEADER..).unwrap_or_default());
             if len > 0 {
-                let sealed = wire::seal(&mut self.outgoing, Protocol::Coe, self.counter.take(), len);
+                let sealed = seal(&mut self.outgoing, Protocol::Coe, self.counter.take(), len);
                 self.outgoing.iter_mut().skip(sealed).for_each(|byte| *byte = 0);
                 (self.step, self.is_retry) = (Step::Write, false);
             }
         }
-        let (command, register, len) = match self.step {
+        let [read, write] = self.commands;
+        let (register, len) = match self.step {
             Step::Rest if now < self.look_at => return None,
-            Step::Rest | Step::Repeated { .. } => (Command::Fprd, STATUS, 3),
+            Step::Rest | Step::Repeated { .. } => (STATUS, 3),
             // What is given up while it is written is not written any more.
             Step::Write if !self.client.is_busy() => {
                 (self.step, self.look_at) = (Step::Rest, now);
-                (Command::Fprd, STATUS, 3)
+                (STATUS, 3)
             }
             Step::Write => {
                 let to = buffer.get_mut(..self.outgoing.len())?;
                 to.copy_from_slice(&self.outgoing);
-                return Some(Ask::new(Command::Fpwr, self.at(self.to_device.start), self.outgoing.len()));
+                return Some(Ask::new(write, self.at(self.to_device.start), self.outgoing.len()));
             }
-            Step::Read => (Command::Fprd, self.from_device.start, self.from_device.len.into()),
+            Step::Read => (self.from_device.start, self.from_device.len.into()),
             Step::Repeat => {
                 *buffer.first_mut()? = 1 | u8::from(self.repeat) << 1;
-                return Some(Ask::new(Command::Fpwr, self.at(ACTIVATE), 1));
+                return Some(Ask::new(write, self.at(ACTIVATE), 1));
             }
         };
         buffer.get_mut(..len)?.fill(0);
-        Some(Ask::new(command, self.at(register), len))
+        Some(Ask::new(read, self.at(register), len))
     }
 
     fn at(&self, register: u16) -> u32 {
-        service_address(self.station, register)
+        address(self.station, register)
     }
 
     /// The frame of the last datagram did not come back.
     ///
     /// Real-time: yes.
-    pub(super) fn on_loss(&mut self) {
+    pub fn on_loss(&mut self) {
         match self.step {
             Step::Write => self.is_retry = true,
             Step::Read => {
@@ -231,7 +262,7 @@ impl Mailbox {
     /// The last datagram has come back; an emergency, if it has brought one.
     ///
     /// Real-time: yes.
-    pub(super) fn on_reply(&mut self, now: Time, data: &[u8], working_counter: u16) -> Option<CoeEmergency> {
+    pub fn on_reply(&mut self, now: Time, data: &[u8], working_counter: u16) -> Option<CoeEmergency> {
         let is_processed = working_counter > 0;
         let status = data.first().copied().unwrap_or_default();
         match self.step {
@@ -273,7 +304,7 @@ impl Mailbox {
 
     /// Takes a message of the device.
     fn hear(&mut self, now: Time, data: &[u8]) -> Option<CoeEmergency> {
-        let Ok((header, message)) = wire::decode(data) else {
+        let Ok((header, message)) = decode(data) else {
             self.unexpected = self.unexpected.saturating_add(1);
             return None;
         };

@@ -3,6 +3,10 @@
 //! # Source
 //! ETG.1000.4, 5.6 (header, error reply).
 
+mod client;
+
+pub use client::MailboxClient;
+
 use super::{EthercatError, array, u16_at};
 
 /// Bytes of the header.

@@ -1,0 +1,141 @@
+//! A device whose objects are asked, on whatever bus it is.
+
+use serde_json::Value as Json;
+use yieldwall_drives::scaling::AxisScaling;
+
+use super::keeping::Named;
+use super::place::{Desk, Node, Place};
+use super::segment::{Device, SegmentDesk};
+use crate::cli::failure::Failure;
+use crate::cli::output::Output;
+use crate::objects::Address;
+use crate::service::{Bytes, Error, ObjectAccess, number};
+
+/// The device, and the desk at which it is.
+pub(super) enum Reached {
+    Node(Box<Desk>, Node),
+    /// Its mailbox is open.
+    Device(Box<SegmentDesk>, Device),
+}
+
+impl Reached {
+    pub(super) fn open(place: &Place, word: &str, output: &mut Output) -> Result<Self, Failure> {
+        match SegmentDesk::open(place, output)? {
+            Some(desk) => Self::on_segment(desk, word, output),
+            None => {
+                let mut desk = Desk::open(place, output)?;
+                let node = desk.node(word)?;
+                Ok(Self::Node(Box::new(desk), node))
+            }
+        }
+    }
+
+    /// A device on EtherCAT.
+    pub(super) fn on_segment(mut desk: SegmentDesk, word: &str, output: &Output) -> Result<Self, Failure> {
+        let device = desk.device(word)?;
+        desk.reach(&device, output)?;
+        Ok(Self::Device(Box::new(desk), device))
+    }
+
+    /// Its objects.
+    pub(super) fn objects(&mut self) -> Result<Box<dyn ObjectAccess + '_>, Failure> {
+        match self {
+            Self::Node(desk, node) => Ok(Box::new(desk.service.objects(node.id))),
+            Self::Device(desk, device) => Ok(Box::new(desk.objects(device)?)),
+        }
+    }
+
+    pub(super) fn read(&mut self, at: Address) -> Result<Bytes, Error> {
+        match self.objects() {
+            Ok(mut objects) => objects.read(at),
+            Err(_) => Err(Error::NoAnswer),
+        }
+    }
+
+    /// An object as a number; `None` if the device has none.
+    pub(super) fn number_of(&mut self, at: Address, doing: &str) -> Result<Option<u32>, Failure> {
+        match self.read(at) {
+            Ok(bytes) => Ok(Some(number(&bytes))),
+            Err(Error::Refused(_)) => Ok(None),
+            Err(error) => Err(self.failure(doing, error)),
+        }
+    }
+
+    pub(super) fn words(&self) -> String {
+        match self {
+            Self::Node(_, node) => node.words(),
+            Self::Device(_, device) => device.words(),
+        }
+    }
+
+    /// Its name in the rig.
+    pub(super) fn name(&self) -> Option<&str> {
+        match self {
+            Self::Node(_, node) => node.entry.as_ref().map(|entry| entry.name.as_str()),
+            Self::Device(_, device) => device.entry.as_ref().map(|entry| entry.name.as_str()),
+        }
+    }
+
+    /// By what commands name it.
+    pub(super) fn named(&self) -> Named {
+        match self {
+            Self::Node(_, node) => Named::Node(node.id),
+            Self::Device(_, device) => Named::Position(device.position),
+        }
+    }
+
+    pub(super) fn number(&self) -> u16 {
+        self.named().number()
+    }
+
+    pub(super) fn scaling(&self) -> Option<&AxisScaling> {
+        match self {
+            Self::Node(_, node) => node.scaling(),
+            Self::Device(_, device) => device.entry.as_ref()?.scaling.as_ref(),
+        }
+    }
+
+    pub(super) fn is_simulated(&self) -> bool {
+        match self {
+            Self::Node(desk, _) => desk.is_simulated,
+            Self::Device(desk, _) => desk.is_simulated,
+        }
+    }
+
+    /// What any other command needs to come to the same devices, with a space before.
+    pub(super) fn arguments(&self) -> &str {
+        match self {
+            Self::Node(desk, _) => &desk.arguments,
+            Self::Device(desk, _) => &desk.arguments,
+        }
+    }
+
+    fn place(&self) -> &str {
+        match self {
+            Self::Node(desk, _) => &desk.place,
+            Self::Device(desk, _) => &desk.place,
+        }
+    }
+
+    /// A document with the place and the device in it.
+    pub(super) fn document(&self, mut document: Json) -> Json {
+        if let Json::Object(keys) = &mut document {
+            keys.insert("place".to_owned(), self.place().into());
+            keys.insert(self.named().key().to_owned(), self.number().into());
+        }
+        document
+    }
+
+    /// The failure that it did not do what it was asked.
+    pub(super) fn failure(&self, doing: &str, error: Error) -> Failure {
+        match self {
+            Self::Node(desk, node) => desk.failure(node, doing, error),
+            Self::Device(desk, device) => desk.object_failure(device, doing, error),
+        }
+    }
+
+    /// A command about it, in back quotes.
+    pub(super) fn command(&self, words: &str) -> String {
+        format!("`yieldwall {words} {}{}`", self.number(), self.arguments())
+    }
+}

@@ -1,0 +1,99 @@
+//! `yieldwall pdo show` on EtherCAT: what the sync managers of a device exchange every cycle.
+
+use serde_json::{Value, json};
+
+use super::super::reached::Reached;
+use super::super::words::mapped;
+use super::SegmentDesk;
+use crate::cli::failure::Failure;
+use crate::cli::output::Output;
+use crate::objects::Address;
+
+/// Process data of one direction.
+struct Exchange {
+    direction: &'static str,
+    sync_manager: u8,
+    /// By 1C32h:1 or 1C33h:1.
+    sync_type: Option<u32>,
+    /// Mappings that are assigned, and what each holds.
+    pdos: Vec<(u16, Vec<u32>)>,
+}
+
+/// Assignment, its sync manager, synchronisation.
+const DIRECTIONS: [(&str, u16, u8, u16); 2] = [("outputs", 0x1c12, 2, 0x1c32), ("inputs", 0x1c13, 3, 0x1c33)];
+const DOING: &str = "reading its process data";
+
+pub(in crate::cli::desk) fn run(word: &str, desk: SegmentDesk, output: &mut Output) -> Result<(), Failure> {
+    let mut reached = Reached::on_segment(desk, word, output)?;
+    let exchanged = read(&mut reached)?;
+    if output.is_json() {
+        let exchanged: Vec<Value> = exchanged.iter().map(document).collect();
+        return output.report(reached.document(json!({ "process_data": exchanged })));
+    }
+    output.result(&text(&reached.words(), &exchanged))
+}
+
+#[cfg(test)]
+pub(super) fn shown(reached: &mut Reached) -> Result<String, Failure> {
+    Ok(text(&reached.words(), &read(reached)?))
+}
+
+fn read(reached: &mut Reached) -> Result<Vec<Exchange>, Failure> {
+    let mut exchanged = Vec::new();
+    for (direction, assignment, sync_manager, synchronisation) in DIRECTIONS {
+        let mut of = |index, sub| reached.number_of(Address::new(index, sub), DOING);
+        let count = of(assignment, 0)?.unwrap_or_default();
+        let sync_type = of(synchronisation, 1)?;
+        let mut pdos = Vec::new();
+        for number in 1..=count as u8 {
+            let Some(index) = of(assignment, number)?.map(|index| index as u16).filter(|index| *index != 0) else {
+                continue;
+            };
+            let mut entries = Vec::new();
+            for sub in 1..=of(index, 0)?.unwrap_or_default() as u8 {
+                entries.extend(of(index, sub)?);
+            }
+            pdos.push((index, entries));
+        }
+        exchanged.push(Exchange { direction, sync_manager, sync_type, pdos });
+    }
+    Ok(exchanged)
+}
+
+/// What a synchronisation type says.
+fn when(sync_type: u32) -> String {
+    match sync_type {
+        0 => "free run".to_owned(),
+        1 => "with its sync manager".to_owned(),
+        2 => "at SYNC0".to_owned(),
+        3 => "at SYNC1".to_owned(),
+        0x22 => "with the outputs".to_owned(),
+        other => format!("type {other:02X}h"),
+    }
+}
+
+fn text(words: &str, exchanged: &[Exchange]) -> String {
+    let mut text = format!("{words}\n");
+    for exchange in exchanged {
+        let when = exchange.sync_type.map_or(String::new(), |kind| format!(", {}", when(kind)));
+        let none = if exchange.pdos.is_empty() { ", none assigned" } else { "" };
+        text.push_str(&format!("{}  sync manager {}{when}{none}\n", exchange.direction, exchange.sync_manager));
+        for (index, entries) in &exchange.pdos {
+            text.push_str(&format!("    {index:04X}h\n"));
+            entries.iter().for_each(|entry| text.push_str(&format!("        {}\n", mapped(*entry))));
+        }
+    }
+    text
+}
+
+fn document(exchange: &Exchange) -> Value {
+    let pdos = exchange.pdos.iter().map(|(index, entries)| {
+        json!({ "index": index, "maps": entries.iter().map(|entry| mapped(*entry)).collect::<Vec<_>>() })
+    });
+    json!({
+        "direction": exchange.direction,
+        "sync_manager": exchange.sync_manager,
+        "sync_type": exchange.sync_type,
+        "pdos": pdos.collect::<Vec<_>>(),
+    })
+}
