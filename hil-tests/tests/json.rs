@@ -24,7 +24,7 @@ fn every_command_prints_one_object_with_its_exit_code_and_its_diagnostics() {
     let rig = "builtin:paper-admittance.yaml";
     let run = format!("run {rig} --duration 0.2");
     // In this order: a recording is made before it is looked into.
-    let cases: [(&str, i32); 90] = [
+    let cases: [(&str, i32); 99] = [
         (&format!("{run} --record rec"), 0),
         (&format!("run {rig} --duration 3 --fault node-reset@2.5 --black-box rec"), 8),
         (&format!("{run} --figure x.txt"), 2),
@@ -89,6 +89,15 @@ fn every_command_prints_one_object_with_its_exit_code_and_its_diagnostics() {
         ("emcy --rig builtin:paper-ethercat.yaml", 0),
         ("sii read left --rig builtin:paper-ethercat.yaml", 0),
         ("sii check --rig builtin:paper-ethercat.yaml", 0),
+        ("sii read left --out left.sii --rig builtin:paper-ethercat.yaml", 0),
+        ("sii read left --out left.sii --rig builtin:paper-ethercat.yaml", 2),
+        ("sii write right left.sii --yes --rig builtin:paper-ethercat.yaml", 0),
+        ("sii write wrist left.sii --yes --rig builtin:paper-ethercat.yaml", 5),
+        ("sii write left bad.yaml --yes --rig builtin:paper-ethercat.yaml", 3),
+        ("alias left 7 --yes --rig builtin:paper-ethercat.yaml", 0),
+        ("alias left --rig builtin:paper-ethercat.yaml", 0),
+        ("reg write left watchdog-sync-manager 100 --rig builtin:paper-ethercat.yaml", 0),
+        ("reg write left al-control 8 --rig builtin:paper-ethercat.yaml", 2),
         ("info left", 0),
         ("info 77", 5),
         ("od read left statusword 1018h:4 position-actual", 0),
@@ -195,7 +204,7 @@ fn what_a_person_reads_fits_a_terminal_of_eighty_columns() {
     let run = format!("run {rig} --duration 0.2");
     let new = "new real.yaml --yes --drives maxon-epos4 --encoder multi_turn --mode position";
     // In this order: a recording is made before it is looked into.
-    let cases: [(&str, i32); 99] = [
+    let cases: [(&str, i32); 108] = [
         ("--help", 0),
         ("run --help", 0),
         ("run", 2),
@@ -273,6 +282,15 @@ fn what_a_person_reads_fits_a_terminal_of_eighty_columns() {
         ("emcy --rig builtin:paper-ethercat.yaml", 0),
         ("sii read left --rig builtin:paper-ethercat.yaml", 0),
         ("sii check --rig builtin:paper-ethercat.yaml", 0),
+        ("sii read left --out left.sii --rig builtin:paper-ethercat.yaml", 0),
+        ("sii read left --out left.sii --rig builtin:paper-ethercat.yaml", 2),
+        ("sii write right left.sii --yes --rig builtin:paper-ethercat.yaml", 0),
+        ("sii write wrist left.sii --yes --rig builtin:paper-ethercat.yaml", 5),
+        ("sii write left bad.yaml --yes --rig builtin:paper-ethercat.yaml", 3),
+        ("alias left 7 --yes --rig builtin:paper-ethercat.yaml", 0),
+        ("alias left --rig builtin:paper-ethercat.yaml", 0),
+        ("reg write left watchdog-sync-manager 100 --rig builtin:paper-ethercat.yaml", 0),
+        ("reg write left al-control 8 --rig builtin:paper-ethercat.yaml", 2),
         ("info left", 0),
         ("info wrist", 0),
         ("info 77", 5),

@@ -134,6 +134,8 @@ enum Command {
     /// What devices on EtherCAT keep in their memory chips
     #[command(subcommand)]
     Sii(desk::sii::Command),
+    /// Show the alias of a device on EtherCAT, or give it one
+    Alias(desk::alias::Arguments),
     /// Registers of a device on EtherCAT
     #[command(subcommand)]
     Reg(desk::reg::Command),
@@ -254,6 +256,7 @@ fn run(arguments: impl IntoIterator<Item = OsString>) -> Exit {
         Command::Dc(arguments) => desk::dc::run(&arguments, &mut output),
         Command::Errors(arguments) => desk::errors::run(&arguments, &mut output),
         Command::Sii(command) => desk::sii::run(&command, &mut output),
+        Command::Alias(arguments) => desk::alias::run(&arguments, &mut output),
         Command::Reg(command) => desk::reg::run(&command, &mut output),
         Command::Monitor(arguments) => desk::monitor::run(&arguments, &mut output),
         Command::Faults(arguments) => faults::list(&arguments, &mut output),

@@ -65,20 +65,29 @@ pub(super) fn back_up(
     if is_simulated || values.is_empty() {
         return Ok(None);
     }
+    let id = device.node_id();
+    let text = sheet_of(id, values, eds).to_dcf(&Of { id, ..Of::default() });
+    keep_file(device, "dcf", text.as_bytes()).map(Some)
+}
+
+/// Keeps the SII image of a device in a file that `sii write` takes; its path.
+pub(super) fn keep_image(position: u16, image: &[u8]) -> Result<PathBuf, Failure> {
+    keep_file(Named::Position(position), "sii", image)
+}
+
+fn keep_file(device: Named, extension: &str, bytes: &[u8]) -> Result<PathBuf, Failure> {
     let folder = state_folder("backups").ok_or_else(|| {
         let message = "there is no folder for a backup: neither XDG_STATE_HOME nor HOME is set";
         Failure::new(Exit::Usage, message, "set XDG_STATE_HOME to a folder that is kept")
     })?;
     let since = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
-    let path = folder.join(format!("{}-{}.dcf", device.words(), since.as_millis()));
-    let id = device.node_id();
-    let text = sheet_of(id, values, eds).to_dcf(&Of { id, ..Of::default() });
-    let written = std::fs::create_dir_all(&folder).and_then(|()| std::fs::write(&path, text));
+    let path = folder.join(format!("{}-{}.{extension}", device.words(), since.as_millis()));
+    let written = std::fs::create_dir_all(&folder).and_then(|()| std::fs::write(&path, bytes));
     written.map_err(|error| {
         let message = format!("the backup {}: {error}; nothing was written to the device", path.display());
         Failure::new(Exit::Usage, message, "make the folder one that can be written")
     })?;
-    Ok(Some(path))
+    Ok(path)
 }
 
 /// Has a device store its parameters, once a person has said yes.

@@ -1,6 +1,7 @@
 //! Commands that ask devices one by one: on a bus with `--bus`, without it those of a rig's simulation, for rehearsal.
 
 pub(super) mod adopt;
+pub(super) mod alias;
 pub(super) mod dc;
 #[cfg(target_os = "linux")]
 pub(super) mod doctor;

@@ -17,6 +17,8 @@ use crate::service::{Bytes, SegmentError};
 pub(in crate::cli) enum Command {
     /// Read registers
     Read(Read),
+    /// Write one register and read it back; a device forgets it when it is switched off
+    Write(Write),
 }
 
 #[derive(Debug, clap::Args)]
@@ -28,6 +30,24 @@ pub(in crate::cli) struct Read {
     /// Bytes of each; unless given, as many as a register of this name has, or 2
     #[arg(long, value_name = "BYTES", value_parser = clap::value_parser!(u16).range(1..=1024), requires = "registers")]
     length: Option<u16>,
+    #[command(flatten)]
+    place: Place,
+}
+
+#[derive(Debug, clap::Args)]
+pub(in crate::cli) struct Write {
+    /// A position, or the name of a device in the rig
+    node: String,
+    /// The register by address (0420h) or by name (watchdog-sync-manager)
+    register: String,
+    /// Its value: decimal, or hexadecimal behind 0x
+    value: String,
+    /// Bytes; unless given, as many as a register of this name has, or 2
+    #[arg(long, value_name = "BYTES", value_parser = clap::value_parser!(u16).range(1..=8))]
+    length: Option<u16>,
+    /// Say what would be written, and write nothing
+    #[arg(long)]
+    dry_run: bool,
     #[command(flatten)]
     place: Place,
 }
@@ -46,6 +66,7 @@ pub(super) struct Register {
 pub(in crate::cli) fn run(command: &Command, output: &mut Output) -> Result<(), Failure> {
     match command {
         Command::Read(arguments) => read(arguments, output),
+        Command::Write(arguments) => write(arguments, output),
     }
 }
 
@@ -97,6 +118,72 @@ fn read(arguments: &Read, output: &mut Output) -> Result<(), Failure> {
         return output.report(json!({ "place": desk.place, "position": device.position, "registers": registers }));
     }
     output.result(&text(&device, &read))
+}
+
+/// Why a register is not written here, and what writes it.
+fn refusal(register: Register) -> Option<(&'static str, &'static str)> {
+    let (first, end) = (register.address, usize::from(register.address) + register.len);
+    let touches = |from: u16, to: u16| first < to && end > from.into();
+    if touches(register::AL_CONTROL, register::AL_STATUS) {
+        return Some(("the AL state is asked for there", "`yieldwall state NODE init|preop|safeop|ack` does that"));
+    }
+    if touches(register::SII_CONFIGURATION, register::FMMU) {
+        return Some(("the memory chip is reached there", "`yieldwall sii write` and `yieldwall alias` write it"));
+    }
+    (end > register::PROCESS_DATA.into()).then_some((
+        "process data and mailboxes lie there",
+        "`yieldwall run` sends process data, and `yieldwall od write` objects",
+    ))
+}
+
+fn write(arguments: &Write, output: &mut Output) -> Result<(), Failure> {
+    let register = meant(&arguments.register, arguments.length)?;
+    let title = format!("{:04X}h {}", register.address, register.name).trim_end().to_owned();
+    if let Some((why, help)) = refusal(register) {
+        return Err(Failure::new(Exit::Usage, format!("{title}: not written: {why}"), help));
+    }
+    let number = match arguments.value.strip_prefix("0x") {
+        Some(digits) => u64::from_str_radix(digits, 16).ok(),
+        None => arguments.value.parse().ok(),
+    };
+    let number = number.filter(|number| register.len >= 8 || number >> (8 * register.len) == 0);
+    let number = number.ok_or_else(|| {
+        let message = format!("{title}: {} is no number of {} bytes", arguments.value, register.len);
+        Failure::new(Exit::Usage, message, "write a decimal number, or a hexadecimal one behind 0x")
+    })?;
+    let new = number.to_le_bytes().into_iter().take(register.len).collect::<Bytes>();
+    let mut desk = SegmentDesk::only(&arguments.place, output)?;
+    let device = desk.device(&arguments.node)?;
+    desk.refuse_led()?;
+    let doing = format!("writing register {title}");
+    let old = desk.service.read(device.position, register.address, register.len);
+    let old = old.map_err(|error| desk.failure(&device, &doing, error))?;
+    let mut end = Ok(());
+    if !arguments.dry_run {
+        let written = desk.service.write(device.position, register.address, &new);
+        written.map_err(|error| desk.failure(&device, &doing, error))?;
+        let held = desk.service.read(device.position, register.address, register.len);
+        let held = held.map_err(|error| desk.failure(&device, &doing, error))?;
+        if held != new {
+            let message = format!("{}: {doing}: it holds {} afterwards", device.words(), value(&held));
+            end = Err(Failure::new(Exit::DeviceMismatch, message, "a master may not write all bits of all registers"));
+        }
+    }
+    if output.is_json() {
+        let document = json!({
+            "place": desk.place,
+            "position": device.position,
+            "dry_run": arguments.dry_run,
+            "register": format!("{:04X}h", register.address),
+            "name": register.name,
+            "old": value(&old),
+            "new": value(&new),
+        });
+        return output.end(document, end);
+    }
+    let word = if arguments.dry_run { "would write" } else { "wrote" };
+    output.result(&format!("{word:11} {title}\n    {} -> {}\n", value(&old), value(&new)))?;
+    end
 }
 
 fn text(device: &Device, read: &[(Register, Bytes)]) -> String {
@@ -158,6 +245,22 @@ mod tests {
         assert_eq!(meant("0900h", Some(16)).unwrap(), Register { address: 0x0900, len: 16, name: "" });
         for word in ["", "130", "10000h", "al-statsu", "-1"] {
             assert_eq!(meant(word, None).unwrap_err().exit, Exit::Usage, "{word}");
+        }
+    }
+
+    #[test]
+    fn what_other_commands_write_is_refused() {
+        for (word, is_refused) in [
+            ("al-control", true),
+            ("011Fh", true),
+            ("0132h", false),
+            ("0508h", true),
+            ("1000h", true),
+            ("0fffh", true),
+            ("watchdog-sync-manager", false),
+            ("station-address", false),
+        ] {
+            assert_eq!(refusal(meant(word, None).unwrap()).is_some(), is_refused, "{word}");
         }
     }
 

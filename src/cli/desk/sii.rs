@@ -4,19 +4,23 @@ use std::path::{Path, PathBuf};
 
 use serde_json::{Value, json};
 
+use super::keeping::keep_image;
 use super::place::Place;
 use super::scan::{fit_of, identity_words};
 use super::segment::{Device, SegmentDesk};
 use super::words::{mapped, table, wrapped_behind};
+use crate::cli::confirm::agreed;
 use crate::cli::failure::{Exit, Failure};
 use crate::cli::output::Output;
-use crate::ethercat::sii::{MailboxArea, Pdo, Sii};
+use crate::ethercat::sii::{MailboxArea, Pdo, Sii, changes, seal};
 use crate::service::{Present, SegmentError};
 
 #[derive(Debug, clap::Subcommand)]
 pub(in crate::cli) enum Command {
     /// Read the SII of a device: identity, mailboxes, sync managers, process data
     Read(Read),
+    /// Write an image into the memory chip of a device, after what it holds was kept in a file; asks before
+    Write(Write),
     /// Check the SII of devices: 7 if one is damaged, or is of another device than the rig says
     Check(Check),
 }
@@ -33,6 +37,30 @@ pub(in crate::cli) struct Read {
 }
 
 #[derive(Debug, clap::Args)]
+pub(in crate::cli) struct Write {
+    /// A position, or the name of a device in the rig
+    node: String,
+    /// The image, as `sii read --out` writes it; its checksum is made anew
+    #[arg(value_name = "FILE")]
+    file: PathBuf,
+    #[command(flatten)]
+    asking: Asking,
+    #[command(flatten)]
+    place: Place,
+}
+
+/// How a memory chip is written.
+#[derive(Clone, Copy, Debug, clap::Args)]
+pub(super) struct Asking {
+    /// Write without asking
+    #[arg(long)]
+    yes: bool,
+    /// Say what would be written, and write nothing
+    #[arg(long, conflicts_with = "yes")]
+    dry_run: bool,
+}
+
+#[derive(Debug, clap::Args)]
 pub(in crate::cli) struct Check {
     /// A position, or the name of a device in the rig; all unless one is named
     node: Option<String>,
@@ -43,6 +71,7 @@ pub(in crate::cli) struct Check {
 pub(in crate::cli) fn run(command: &Command, output: &mut Output) -> Result<(), Failure> {
     match command {
         Command::Read(arguments) => read(arguments, output),
+        Command::Write(arguments) => write(arguments, output),
         Command::Check(arguments) => check(arguments, output),
     }
 }
@@ -60,7 +89,7 @@ fn read(arguments: &Read, output: &mut Output) -> Result<(), Failure> {
         Ok(_) => Ok(()),
         Err(error) => {
             let message = format!("{}: its SII is damaged: {error}", device.words());
-            let help = "write the image of the vendor anew; --out keeps what it holds now";
+            let help = "`yieldwall sii write` writes the image of the vendor anew; --out keeps what it holds now";
             Err(Failure::new(Exit::OutOfTolerance, message, help))
         }
     };
@@ -97,6 +126,91 @@ pub(super) fn keep(path: &Path, image: &[u8]) -> Result<(), Failure> {
             "name a file that is not there",
         )
     })
+}
+
+fn write(arguments: &Write, output: &mut Output) -> Result<(), Failure> {
+    let unfit = |message: String, help: &str| Failure::about_file(Exit::ConfigInvalid, &arguments.file, message, help);
+    let image = std::fs::read(&arguments.file);
+    let mut image = image.map_err(|error| unfit(format!("it cannot be read: {error}"), ""))?;
+    seal(&mut image);
+    let help = "name an image of the vendor, or one that `yieldwall sii read --out` kept";
+    let sii = Sii::read(&image).map_err(|error| unfit(format!("this is no whole image: {error}"), help))?;
+    let mut desk = SegmentDesk::only(&arguments.place, output)?;
+    let device = desk.device(&arguments.node)?;
+    let present = desk.service.present(device.position);
+    let present = present.map_err(|error| desk.failure(&device, "reading its SII", error))?;
+    refuse_another_kind(&device, &present, &sii)?;
+    overwrite(&mut desk, &device, &image, arguments.asking, output)
+}
+
+/// Refuses the image of another device than the one that is there, as far as that says who it is, or than the rig names.
+fn refuse_another_kind(device: &Device, present: &Present, image: &Sii) -> Result<(), Failure> {
+    let kind = |sii: &Sii| (sii.vendor_id, sii.product_code);
+    let says = present.sii.as_ref().ok().map(kind);
+    let of_image = [image.vendor_id, image.product_code, image.revision, image.serial].map(Some);
+    let fits = fit_of(device.of_rig(), of_image, None);
+    let is_of_rig = device.of_rig().is_none_or(|(name, _)| fits == name);
+    if says.is_none_or(|says| says == kind(image)) && is_of_rig {
+        return Ok(());
+    }
+    let words = identity_words(of_image).unwrap_or_default();
+    let message = format!("{}: the image is of another device ({words}); nothing was written", device.words());
+    Err(Failure::new(Exit::DeviceMismatch, message, "name the image of this device; `yieldwall scan` shows who it is"))
+}
+
+/// Writes the words of an image that differ, once a person has said yes and what the chip holds is kept.
+pub(super) fn overwrite(
+    desk: &mut SegmentDesk,
+    device: &Device,
+    image: &[u8],
+    asking: Asking,
+    output: &mut Output,
+) -> Result<(), Failure> {
+    let held = desk.service.sii_image(device.position);
+    let held = held.map_err(|error| desk.failure(device, "reading its SII", error))?;
+    let words = changes(&held, image);
+    let told = |word: &str, kept: Option<&Path>, desk: &SegmentDesk, output: &mut Output| {
+        if output.is_json() {
+            return output.report(json!({
+                "place": desk.place,
+                "position": device.position,
+                "dry_run": asking.dry_run,
+                "kept": kept.map(|path| path.display().to_string()),
+                "words": words.iter().map(|(word, bytes)| json!({ "word": word, "bytes": bytes })).collect::<Vec<_>>(),
+            }));
+        }
+        if words.is_empty() {
+            return output.result("nothing to write: the chip holds the image\n");
+        }
+        output.result(&format!("{word:11} {} of {} words of the SII\n", words.len(), image.len() / 2))?;
+        output.news("    in force when the device is switched off and on")
+    };
+    if asking.dry_run || words.is_empty() {
+        return told("would write", None, desk, output);
+    }
+    desk.refuse_led()?;
+    let question = format!(
+        "{}: {} words of its memory chip are written over; it keeps them beyond power-off",
+        device.words(),
+        words.len()
+    );
+    if !asking.yes && !agreed(&question) {
+        let message = format!("{}: nothing was written", device.words());
+        return Err(Failure::new(Exit::Usage, message, "answer yes, or give --yes"));
+    }
+    let kept = if desk.is_simulated { None } else { Some(keep_image(device.position, &held)?) };
+    if let Some(path) = &kept {
+        output.news(&format!("kept        {}", path.display()))?;
+    }
+    desk.service.write_sii(device.position, &words).map_err(|error| {
+        let mut failure = desk.failure(device, "writing its SII", error);
+        if let (Some(finding), Some(path)) = (failure.report.diagnostics.first_mut(), &kept) {
+            let command = format!("yieldwall sii write {} {}{}", device.position, path.display(), desk.arguments);
+            finding.help = Some(format!("do not switch it off; `{command}` puts back what it held"));
+        }
+        failure
+    })?;
+    told("wrote", kept.as_deref(), desk, output)
 }
 
 fn area(area: MailboxArea) -> String {

@@ -255,3 +255,32 @@ pub fn checksum(bytes: &[u8; 14]) -> u8 {
         (0..8).fold(crc ^ byte, |crc: u8, _| if crc & 0x80 != 0 { crc << 1 ^ 0x07 } else { crc << 1 })
     })
 }
+
+/// The word with the alias, and the one with the checksum.
+const ALIAS: usize = 0x04;
+const CHECKSUM: usize = 0x07;
+
+/// Makes the checksum of an image anew; nothing without a head.
+pub fn seal(image: &mut [u8]) {
+    let Some(head) = image.first_chunk().copied() else { return };
+    let sum = checksum(&head);
+    if let Some(word) = image.get_mut(2 * CHECKSUM..2 * CHECKSUM + 2) {
+        word.copy_from_slice(&[sum, 0]);
+    }
+}
+
+/// Gives an image another alias, 0 for none, and makes its checksum anew.
+pub fn set_alias(image: &mut [u8], alias: u16) {
+    if let Some(word) = image.get_mut(2 * ALIAS..2 * ALIAS + 2) {
+        word.copy_from_slice(&alias.to_le_bytes());
+    }
+    seal(image);
+}
+
+/// The words of an image that differ from those that a chip holds, with their numbers.
+pub fn changes(held: &[u8], image: &[u8]) -> Vec<(u16, [u8; 2])> {
+    let (words, _) = image.as_chunks::<2>();
+    let (held, _) = held.as_chunks::<2>();
+    let each = words.iter().take(MOST_WORDS).enumerate();
+    each.filter(|(at, word)| held.get(*at) != Some(word)).map(|(at, word)| (at as u16, *word)).collect()
+}

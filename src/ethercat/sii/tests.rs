@@ -170,3 +170,18 @@ proptest! {
         prop_assert_eq!(Sii::read(&sii.write()), Ok(sii));
     }
 }
+
+#[test]
+fn an_alias_comes_with_its_checksum_and_only_what_differs_is_written() {
+    let held = sample().write();
+    let mut image = held.clone();
+    set_alias(&mut image, 0x1234);
+    let wanted = Sii { alias: 0x1234, ..Sii::read(&held).unwrap() };
+    assert_eq!(Sii::read(&image).unwrap(), wanted);
+    let sum = checksum(image.first_chunk().unwrap());
+    assert_eq!(changes(&held, &image), [(4, [0x34, 0x12]), (7, [sum, 0])]);
+    assert_eq!(changes(&held, &held), []);
+    assert_eq!(changes(&held[..2], &held[..4]), [(1, [held[2], held[3]])]);
+    let mut short = [0; 9];
+    set_alias(&mut short, 5);
+}

@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use super::{SegmentError, SegmentService};
+use super::{LOOK_AGAIN, SegmentError, SegmentService, TRIES};
 use crate::bus::ethercat::SegmentFailure;
 use crate::ethercat::registers::{self as register, sii_control};
 use crate::ethercat::sii::words_needed;
@@ -74,5 +74,51 @@ impl<L: EthernetLink> SegmentService<L> {
             }
             self.pause(CHIP_AGAIN);
         }
+    }
+
+    /// Writes words of the SII of a device and reads each back. Those of the head (0 to 7), which have a checksum, are written last.
+    ///
+    /// # Errors
+    /// If the chip does not take a word, and as [`SegmentService::read`].
+    pub fn write_sii(&mut self, position: u16, words: &[(u16, [u8; 2])]) -> Result<(), SegmentError> {
+        let (head, rest): (Vec<_>, Vec<_>) = words.iter().copied().partition(|(word, _)| *word < 8);
+        self.with_chip(position, |service| {
+            for (word, value) in rest.into_iter().chain(head) {
+                service.write_word(position, word, value)?;
+                let held = service.sii_words(position, word)?;
+                if !held.starts_with(&value) {
+                    let digits =
+                        |bytes: &[u8]| bytes.iter().map(|byte| format!("{byte:02x}")).collect::<String>().into();
+                    let (written, received) = (digits(&value), digits(held.get(..2).unwrap_or_default()));
+                    return Err(SegmentFailure::ReadBack { register: register::SII_DATA, written, received }.into());
+                }
+            }
+            Ok(())
+        })
+    }
+
+    /// A chip that is busy with itself does not acknowledge, and takes the word a little later.
+    fn write_word(&mut self, position: u16, word: u16, value: [u8; 2]) -> Result<(), SegmentError> {
+        let command = sii_control::WRITE | sii_control::WRITE_ENABLE;
+        let address = u32::from(word).to_le_bytes();
+        let bytes = [&command.to_le_bytes()[..], &address, &value].concat();
+        let mut status = 0;
+        for _ in 0..TRIES {
+            self.write(position, register::SII_CONTROL, &bytes)?;
+            let until = self.now() + CHIP_WAIT;
+            loop {
+                status = u16_at(&self.read(position, register::SII_CONTROL, 2)?, 0);
+                if status & sii_control::BUSY == 0 || self.now() >= until {
+                    break;
+                }
+                self.pause(LOOK_AGAIN);
+            }
+            let refused = sii_control::BUSY | sii_control::COMMAND_ERROR | sii_control::WRITE_ENABLE_ERROR;
+            if status & refused == 0 {
+                return Ok(());
+            }
+            self.pause(LOOK_AGAIN);
+        }
+        Err(SegmentFailure::SiiAccess { word, status }.into())
     }
 }

@@ -21,6 +21,14 @@ const CONTROLLER_LEN: usize = 10;
 pub(in crate::cli::desk) fn run(word: &str, mut desk: SegmentDesk, output: &mut Output) -> Result<(), Failure> {
     let device = desk.device(word)?;
     let position = device.position;
+    // A device that is broken is shown without them.
+    let (answers, unreached) = match desk.reach(&device, output) {
+        Ok(()) => {
+            let mut objects = desk.objects(&device)?;
+            (asked().map(|at| objects.read(at)).collect(), None)
+        }
+        Err(failure) => (Vec::new(), failure.report.diagnostics.into_iter().next().map(|finding| finding.message)),
+    };
     let failed = |desk: &SegmentDesk, error| desk.failure(&device, "reading who it is", error);
     let present = desk.service.present(position).map_err(|error| failed(&desk, error))?;
     let mut read = |register, len| desk.service.read(position, register, len).map_err(|error| failed(&desk, error));
@@ -36,14 +44,6 @@ pub(in crate::cli::desk) fn run(word: &str, mut desk: SegmentDesk, output: &mut 
         (true, true) => "distributed clock of 64 bits",
     };
     let ports: Vec<usize> = (0..4).filter(|port| links & 1 << (4 + port) != 0).collect();
-    // A device that is broken is shown without them.
-    let (answers, unreached) = match desk.reach(&device, output) {
-        Ok(()) => {
-            let mut objects = desk.objects(&device)?;
-            (asked().map(|at| objects.read(at)).collect(), None)
-        }
-        Err(failure) => (Vec::new(), failure.report.diagnostics.into_iter().next().map(|finding| finding.message)),
-    };
     let scaling = device.entry.as_ref().and_then(|entry| entry.scaling.as_ref());
     let (more, objects) = objects(answers, scaling, |code| desk.explained(&device, code));
     if output.is_json() {
@@ -76,7 +76,7 @@ pub(in crate::cli::desk) fn run(word: &str, mut desk: SegmentDesk, output: &mut 
     }
     let mut row = |part: &str, says: String| rows.push([part.to_owned(), says]);
     row("rig", fit(&desk, &present));
-    row("state", present.status.to_string());
+    row("AL state", present.status.to_string());
     if present.code != AlStatusCode::NONE {
         row("  code", present.code.to_string());
     }

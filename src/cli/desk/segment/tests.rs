@@ -215,3 +215,27 @@ fn process_data_and_emergencies_are_shown() {
     text.push_str(&emcy::lines(&desk, &told));
     insta::assert_snapshot!("segment-pdo-emcy", text);
 }
+
+#[test]
+fn an_alias_is_written_with_its_checksum_and_no_other_device_may_have_it() {
+    use super::super::alias::with_alias;
+    use crate::ethercat::sii::{Sii, changes};
+
+    let mut desk = desk(|segment| segment.controller_mut(2).unwrap().sii_mut()[14] ^= 0x55);
+    let [left, right, sensor] = ["left", "right", "sensor"].map(|word| desk.device(word).unwrap());
+    let held = desk.service.sii_image(0).unwrap();
+    let image = with_alias(&mut desk, &left, 7).unwrap();
+    desk.service.write_sii(0, &changes(&held, &image)).unwrap();
+    let after = desk.service.present(0).unwrap();
+    assert_eq!((after.alias, after.sii), (Some(7), Ok(Sii { alias: 7, ..Sii::read(&held).unwrap() })));
+    let taken = with_alias(&mut desk, &right, 7).unwrap_err();
+    assert!(taken.report.diagnostics[0].message.contains("left (position 0) has the alias 7 already"));
+    let damaged = with_alias(&mut desk, &sensor, 8).unwrap_err();
+    assert!(damaged.report.diagnostics[0].message.contains("its SII is damaged: word 0007h"));
+    // The image of a whole one of its kind mends it.
+    let mut image = desk.service.sii_image(2).unwrap();
+    let held = image.clone();
+    crate::ethercat::sii::seal(&mut image);
+    desk.service.write_sii(2, &changes(&held, &image)).unwrap();
+    assert!(desk.service.present(2).unwrap().sii.is_ok());
+}

@@ -1,0 +1,62 @@
+//! `yieldwall alias`: the number by which a device on EtherCAT is known wherever it stands.
+
+use serde_json::json;
+
+use super::place::Place;
+use super::segment::{Device, SegmentDesk};
+use super::sii::{Asking, overwrite};
+use crate::cli::failure::{Exit, Failure};
+use crate::cli::output::Output;
+use crate::ethercat::sii::{Sii, set_alias};
+
+#[derive(Debug, clap::Args)]
+pub(in crate::cli) struct Arguments {
+    /// A position, or the name of a device in the rig
+    node: String,
+    /// Give it this alias, 1 to 65535, or 0 for none; asks before. Without a value the alias is shown
+    value: Option<u16>,
+    #[command(flatten)]
+    asking: Asking,
+    #[command(flatten)]
+    place: Place,
+}
+
+pub(in crate::cli) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Failure> {
+    let mut desk = SegmentDesk::only(&arguments.place, output)?;
+    let device = desk.device(&arguments.node)?;
+    let Some(alias) = arguments.value else {
+        let present = desk.service.present(device.position);
+        let present = present.map_err(|error| desk.failure(&device, "reading its alias", error))?;
+        if output.is_json() {
+            return output.report(json!({ "place": desk.place, "position": device.position, "alias": present.alias }));
+        }
+        let says = match present.alias {
+            None => "its SII says none, since it cannot be read".to_owned(),
+            Some(0) => "no alias".to_owned(),
+            Some(alias) => format!("alias {alias}"),
+        };
+        return output.result(&format!("{}: {says}\n", device.words()));
+    };
+    let image = with_alias(&mut desk, &device, alias)?;
+    overwrite(&mut desk, &device, &image, arguments.asking, output)
+}
+
+/// The image of a device with another alias, which no other device may have.
+pub(super) fn with_alias(desk: &mut SegmentDesk, device: &Device, alias: u16) -> Result<Vec<u8>, Failure> {
+    let failed = |desk: &SegmentDesk, error| desk.failure(device, "reading its SII", error);
+    let mut image = desk.service.sii_image(device.position).map_err(|error| failed(desk, error))?;
+    if let Err(error) = Sii::read(&image) {
+        let message = format!("{}: its SII is damaged: {error}; nothing was written", device.words());
+        let help = "a new checksum would hide the damage: `yieldwall sii write` writes the image of the vendor anew";
+        return Err(Failure::new(Exit::DeviceMismatch, message, help));
+    }
+    for other in 0..if alias == 0 { 0 } else { desk.devices()? } {
+        let present = desk.service.present(other).map_err(|error| failed(desk, error))?;
+        if other != device.position && present.alias == Some(alias) {
+            let message = format!("{} has the alias {alias} already; nothing was written", desk.at(other).words());
+            return Err(Failure::new(Exit::Usage, message, "write an alias that no other device has"));
+        }
+    }
+    set_alias(&mut image, alias);
+    Ok(image)
+}
