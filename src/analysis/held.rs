@@ -2,8 +2,8 @@
 
 use nalgebra::{Matrix2, Vector2};
 
-use super::margins::{LOOP_DELAY_CYCLES, poses};
-use crate::assembly::{AssemblyError, bus_id, bus_plan, gains, linkage, period_s, plant_mass};
+use super::margins::poses;
+use crate::assembly::{AssemblyError, bus_id, bus_plan, delay_cycles, gains, linkage, period_s, plant_mass};
 use crate::bus::budget::{Budget, PlannedFrame, Use};
 use crate::config;
 use crate::control::{
@@ -161,9 +161,12 @@ impl Held {
 /// The servo, and whether it acts on the tool.
 fn follower(rig: &config::Rig) -> Result<Option<(Follower, bool)>, RigError> {
     Ok(match rig.rig.command_mode {
-        config::CommandMode::Torque => gains(&rig.control).map(|(gains, is_cartesian)| {
-            (Follower::Host { gains, delay_cycles: LOOP_DELAY_CYCLES as usize }, is_cartesian)
-        }),
+        config::CommandMode::Torque => match gains(&rig.control) {
+            Some((gains, is_cartesian)) => {
+                Some((Follower::Host { gains, delay_cycles: delay_cycles(rig)? }, is_cartesian))
+            }
+            None => None,
+        },
         config::CommandMode::Position => {
             let drive = &rig.simulated().map_err(AssemblyError::from)?.drive_position_loop;
             let gains = Gains {

@@ -3,16 +3,12 @@
 use crate::elementary;
 use nalgebra::Vector2;
 
-use crate::assembly::{gains, linkage, period_s, plant_mass};
+use crate::assembly::{delay_cycles, gains, linkage, period_s, plant_mass};
 use crate::config;
 use crate::control::{Margins, ServoLoop, principal_inertias, worst_margins};
 use crate::fixture::Shape2;
 use crate::quantity::{JointAngles, JointRates, TipPoint};
 use crate::rig::RigError;
-
-/// Cycles between sampling and the change of torque, besides the zero-order hold: set-points computed in a cycle are
-/// applied at the next SYNC.
-pub(super) const LOOP_DELAY_CYCLES: f64 = 1.0;
 
 /// Margins of the torque loop at its worst pose, with and without the joints' viscous friction.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -124,14 +120,15 @@ pub fn pose_margins(rig: &config::Rig) -> Result<Option<PoseMargins>, RigError> 
         viscous_at = viscous_at.min(damping);
         inertias.extend(principal_inertias(&mass)?);
     }
-    let servo = ServoLoop { gains, period_s: period_s(rig), delay_cycles: LOOP_DELAY_CYCLES };
+    let delay_cycles = delay_cycles(rig)?;
+    let servo = ServoLoop { gains, period_s: period_s(rig), delay_cycles };
     let worst = Margin {
         with_friction: worst_margins(&servo, &inertias, viscous_at)?,
         without_friction: worst_margins(&servo, &inertias, 0.0)?,
     };
     let least = inertias.iter().copied().fold(f64::INFINITY, f64::min);
     let greatest = inertias.iter().copied().fold(0.0, f64::max);
-    Ok(Some(PoseMargins { delay_cycles: LOOP_DELAY_CYCLES, inertia: [least, greatest], worst, is_cartesian }))
+    Ok(Some(PoseMargins { delay_cycles, inertia: [least, greatest], worst, is_cartesian }))
 }
 
 fn point2(point: [config::Finite; 2]) -> Vector2<f64> {

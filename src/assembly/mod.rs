@@ -9,6 +9,7 @@ use std::time::Duration;
 
 use nalgebra::Matrix6;
 
+use crate::bus::ethercat::Budget;
 use crate::bus::{DriveSetup, Master, MasterSetup, SensorLink, SensorNode, SensorSetup, Waits};
 use crate::config;
 use crate::control::{FeedForwardParameters, Gains, Law, RateLaw};
@@ -254,6 +255,18 @@ pub(crate) fn scaling(drive: &config::Drive) -> Result<AxisScaling, AssemblyErro
         drive.zero_offset_rad.get(),
         drive.rated_torque_n_m.get(),
     )?)
+}
+
+/// Cycles from the measurement of the drives to the change of torque that answers it, besides the zero-order hold. What is computed in a cycle
+/// acts at the next SYNC or SYNC0, or, where outputs of a segment act on arrival, in the same cycle: then it is a share of one.
+///
+/// # Errors
+/// Where parts of the configuration do not fit together.
+pub fn delay_cycles(rig: &config::Rig) -> Result<f64, AssemblyError> {
+    match rig.segment_of_drives() {
+        Some(_) => Ok(Budget::new(&segment(rig)?).delay().as_secs_f64() / period_s(rig)),
+        None => Ok(1.0),
+    }
 }
 
 /// The master of a rig, with its cycle inside.

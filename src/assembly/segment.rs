@@ -26,6 +26,10 @@ const INVALID: u32 = 1 << 2 | 1 << 3 | 1 << 5 | 1 << 29;
 /// Where parts of the configuration do not fit together.
 pub fn segment(rig: &config::Rig) -> Result<SegmentSetup, AssemblyError> {
     let period = Duration::from_micros(rig.cycle.period_us.into());
+    let acts = match rig.segment_of_drives().map(|bus| bus.outputs) {
+        Some(config::OutputsAct::OnArrival) => Acts::OnArrival,
+        _ => Acts::AtSync0,
+    };
     let [left, right] = &rig.drives;
     let drives = [(Device::LeftDrive, left), (Device::RightDrive, right)];
     let mut stations = Vec::new();
@@ -42,7 +46,7 @@ pub fn segment(rig: &config::Rig) -> Result<SegmentSetup, AssemblyError> {
             speed_limit_counts_per_s: limits.counts_per_s,
             following_error_counts: limits.following_error_counts,
         };
-        let station = setup.station(rig.rig.command_mode, period, Acts::AtSync0);
+        let station = setup.station(rig.rig.command_mode, period, acts);
         stations.push(station.map_err(|failure| BootError {
             node_id: None,
             name: drive.name.clone(),

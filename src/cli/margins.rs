@@ -84,8 +84,8 @@ impl Margins {
                 let [least, greatest] = margins.inertia;
                 vec![
                     format!(
-                        "loop at the {space}, worst pose, {} cycle of delay and the hold, {least:.2} to {greatest:.2} {unit}:",
-                        margins.delay_cycles
+                        "loop at the {space}, worst pose, {} of delay and the hold, {least:.2} to {greatest:.2} {unit}:",
+                        cycles(margins.delay_cycles)
                     ),
                     format!("with viscous friction     {}", words(&margins.worst.with_friction)),
                     format!("without viscous friction  {}", words(&margins.worst.without_friction)),
@@ -118,6 +118,11 @@ impl Margins {
             Self::Unknown(why) => json!({ "loop": null, "why": why }),
         }
     }
+}
+
+/// A number of cycles, of which one is whole.
+fn cycles(count: f64) -> String {
+    if count == 1.0 { "1 cycle".to_owned() } else { format!("{count:.2} cycles") }
 }
 
 fn words(margins: &control::Margins) -> String {
@@ -184,6 +189,26 @@ mod tests {
             assert!(json["without_viscous_friction"]["gain_db"].as_f64().unwrap() >= LEAST_MARGINS.0);
             assert_eq!(json["delay_cycles"], 1.0);
         }
+    }
+
+    /// The shipped rig on EtherCAT, computed early, with its outputs at SYNC0 and on arrival.
+    #[test]
+    fn outputs_on_arrival_leave_more_margin_than_at_sync0() {
+        let shipped = builtin("paper-ethercat.yaml").read().unwrap().replace("like: ", "like: builtin:");
+        let [at_sync0, on_arrival] = ["{}", "{outputs: on_arrival}"].map(|bus| {
+            let text = shipped.replace("ethercat: {}", &format!("ethercat: {bus}"));
+            let text = text + "\ncycle: {period_us: 1000, compute_at_us: 100}\n";
+            let rig = crate::config::load_rig_on_any_bus(crate::config::Source::memory("rig.yaml", text)).unwrap();
+            let margins = Margins::of(&rig.value);
+            margins.lines().iter().for_each(|line| eprintln!("{bus}: {line}"));
+            let Margins::Torque(found) = margins else { panic!("{margins:?}") };
+            found
+        });
+        assert_eq!(at_sync0.delay_cycles, 1.0);
+        // 100 us from SYNC0 to the input frame, 100 to the control step, 40 for computing, and the output frame.
+        assert!((0.24..0.26).contains(&on_arrival.delay_cycles), "{on_arrival:?}");
+        let [slow, quick] = [at_sync0, on_arrival].map(|found| found.worst.without_friction);
+        assert!(quick.phase_deg > slow.phase_deg + 5.0 && quick.gain_db > slow.gain_db + 2.0, "{slow:?} {quick:?}");
     }
 
     #[test]

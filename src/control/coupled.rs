@@ -74,8 +74,8 @@ pub enum Follower {
     Host {
         /// Gains of PID, or of PSMC below saturation.
         gains: Gains,
-        /// Whole cycles from SYNC to the change of effort that its encoders lead to, at most [`Follower::MOST_DELAY`].
-        delay_cycles: usize,
+        /// Cycles from SYNC to the change of effort that its encoders lead to, 0 to [`Follower::MOST_DELAY`], not only whole numbers.
+        delay_cycles: f64,
     },
     /// In the drives, along the line from the last target to the present one: a target that a cycle computes is aimed at from
     /// the next SYNC on and reached at the one after.
@@ -89,7 +89,7 @@ pub enum Follower {
 
 impl Follower {
     /// Most cycles by which efforts may be late.
-    pub const MOST_DELAY: usize = 16;
+    pub const MOST_DELAY: f64 = 16.0;
 
     fn gains(&self) -> Gains {
         match self {

@@ -107,6 +107,8 @@ pub struct Budget {
     pub period: Duration,
     /// Time from the input frame to the computation.
     pub compute_at: Duration,
+    /// Time from SYNC0 to the input frame.
+    pub sync0_phase: Duration,
     /// Devices that a frame passes: up to the last one of the rig.
     pub devices: usize,
     /// Whether outputs of a device act at SYNC0.
@@ -144,6 +146,7 @@ impl Budget {
         Budget {
             period: setup.period,
             compute_at: setup.compute_at,
+            sync0_phase: setup.sync0_phase,
             devices,
             has_sync0,
             frames: [
@@ -163,6 +166,13 @@ impl Budget {
     pub fn latest(&self) -> &FrameBudget {
         let [first, others @ ..] = &self.frames;
         others.iter().fold(first, |least, other| if other.left_ns() < least.left_ns() { other } else { least })
+    }
+
+    /// Longest time from the SYNC0 at which inputs are taken to the moment at which the outputs that answer them act: a period where that is
+    /// at SYNC0, else until the last device has the output frame.
+    pub fn delay(&self) -> Duration {
+        let [_, outputs, _] = &self.frames;
+        if self.has_sync0 { self.period } else { self.sync0_phase + Duration::from_nanos(outputs.done_ns) }
     }
 
     /// Share of the time that the frames take on the wire: 1 is all of it.

@@ -34,13 +34,26 @@ pub struct SegmentSetup {
     pub stations: Vec<StationSetup>,
 }
 
-/// When a device takes inputs and has outputs act.
+/// When a device has outputs act, and takes inputs.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Acts {
-    /// At SYNC0, by its distributed clock.
+    /// Both at SYNC0, by its distributed clock.
     AtSync0,
-    /// When outputs arrive; inputs are the newest.
+    /// Outputs act when they arrive; inputs are those of SYNC0.
     OnArrival,
+    /// Without SYNC0, as the device does it by itself; nothing of its synchronisation is written.
+    ByItself,
+}
+
+impl Acts {
+    /// Values of 1C32h:01 and 1C33h:01, the types of synchronisation of outputs and inputs: 1 with the outputs, 2 with SYNC0.
+    const fn sync_types(self) -> Option<[u32; 2]> {
+        match self {
+            Acts::AtSync0 => Some([2, 2]),
+            Acts::OnArrival => Some([1, 2]),
+            Acts::ByItself => None,
+        }
+    }
 }
 
 /// One device.
@@ -199,7 +212,7 @@ impl StationSetup {
             serial: None,
             identity,
             waits,
-            acts: Acts::OnArrival,
+            acts: Acts::ByItself,
             outputs,
             inputs,
             set_point: None,
@@ -223,17 +236,14 @@ impl StationSetup {
         let mut steps = self.steps.clone();
         map(0x1c12, &self.outputs, &mut steps);
         map(0x1c13, &self.inputs, &mut steps);
-        if self.acts == Acts::AtSync0 {
-            for index in [0x1c32, 0x1c33] {
-                steps.push(Step {
-                    doing: "set the synchronisation",
-                    index,
-                    sub: 1,
-                    bytes: 2,
-                    action: Action::WriteAndVerify { value: 2 },
-                });
-            }
-        }
+        let types = self.acts.sync_types().into_iter().flatten();
+        steps.extend([0x1c32, 0x1c33].into_iter().zip(types).map(|(index, value)| Step {
+            doing: "set the synchronisation",
+            index,
+            sub: 1,
+            bytes: 2,
+            action: Action::WriteAndVerify { value },
+        }));
         steps
     }
 }

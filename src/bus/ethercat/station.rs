@@ -150,7 +150,7 @@ impl Station {
 
     /// Whether its clock is one that SYNC0 comes from.
     pub(super) fn is_synchronous(&self) -> bool {
-        self.setup.acts == Acts::AtSync0
+        self.setup.acts != Acts::ByItself
     }
 
     /// What came in the cycle before is not used again.

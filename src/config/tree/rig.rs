@@ -82,6 +82,14 @@ impl Rig {
         self.buses.values().any(|bus| matches!(bus, Bus::Ethercat(_)))
     }
 
+    /// The EtherCAT segment that the drives are on.
+    pub fn segment_of_drives(&self) -> Option<EthercatBus> {
+        match self.buses.get(&self.drives[0].bus) {
+            Some(Bus::Ethercat(bus)) => Some(*bus),
+            _ => None,
+        }
+    }
+
     /// Whether the drives are on an EtherCAT segment.
     pub fn has_drives_on_ethercat(&self) -> bool {
         self.drives.iter().any(|drive| drive.address.position().is_some())
@@ -234,11 +242,30 @@ impl Bus {
     }
 }
 
-/// An EtherCAT segment: devices in a line behind one port of the computer. Written `{}`.
+/// An EtherCAT segment: devices in a line behind one port of the computer. Written `{}` if outputs act at SYNC0.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema, Validate)]
 #[serde(deny_unknown_fields)]
 #[garde(allow_unvalidated)]
-pub struct EthercatBus {}
+pub struct EthercatBus {
+    /// When drives have their outputs act; `sync0` if left out. Inputs are those of SYNC0 either way.
+    #[serde(default, skip_serializing_if = "is_default")]
+    pub outputs: OutputsAct,
+}
+
+/// When the drives of a segment have their outputs act.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum OutputsAct {
+    /// At the SYNC0 behind them, a cycle after the inputs that they answer (1C32h:01 is 2).
+    #[default]
+    Sync0,
+    /// When they arrive, behind the control step of the same cycle (1C32h:01 is 1).
+    OnArrival,
+}
+
+fn is_default<T: Default + PartialEq>(value: &T) -> bool {
+    *value == T::default()
+}
 
 /// A CAN bus, and this program as a node of it.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema, Validate)]

@@ -51,6 +51,8 @@ enum Event {
     Sync,
     /// The fixture steps, with the sample that is this many behind the newest.
     Compute { behind: usize, is_new: bool },
+    /// What was computed acts, of a servo of the host whose efforts do not wait for a SYNC.
+    Act,
     /// The drive's loop: so much of the cycle has passed, and so much time since its last sample, s.
     Tick { share: f64, elapsed_s: f64 },
     /// Arm and hand move on, by the propagator of this number.
@@ -75,6 +77,10 @@ pub struct HeldLoop {
     /// Position and rate later, by both and by the effort in between.
     propagators: Vec<(Matrix4, Matrix4x2<f64>)>,
     samples: usize,
+    /// Efforts that are on their way.
+    waiting: usize,
+    /// Whether efforts act at a moment of their own and not at SYNC.
+    acts_between: bool,
     size: usize,
 }
 
@@ -129,6 +135,8 @@ impl HeldLoop {
             events: Vec::new(),
             propagators: Vec::new(),
             samples: 1,
+            waiting: 0,
+            acts_between: false,
             size: 0,
         };
         one.plan(outer.sampling, phase, &rates)?;
@@ -185,6 +193,16 @@ impl HeldLoop {
             let waited = (cycle as f64 * period_s + age_s - least_age_s) / interval_s;
             (waited - 1e-9).ceil() as i64 - 1
         };
+        let mut acts_s = None;
+        if let Follower::Host { delay_cycles, .. } = self.follower {
+            if !(0.0..=Follower::MOST_DELAY).contains(&delay_cycles) {
+                let requirement = "0 to Follower::MOST_DELAY";
+                return Err(ControlError::OutOfRange { name: "delay in cycles", value: delay_cycles, requirement });
+            }
+            let share = delay_cycles.fract();
+            (self.waiting, self.acts_between) = (delay_cycles.ceil() as usize, share > 0.0);
+            acts_s = self.acts_between.then_some(share * period_s);
+        }
         let newest_at = |time_s: f64| ((time_s + age_s) / interval_s + 1e-9).floor() as i64;
         let mut events: Vec<(f64, Event)> = Vec::new();
         let mut sample = newest_at(-2.0 * MOMENT_S - 1e-9 * interval_s) + 1;
@@ -200,6 +218,8 @@ impl HeldLoop {
             let behind = usize::try_from(newest_at(compute_s) - used).unwrap_or(0);
             self.samples = self.samples.max(behind + 1);
             events.push((compute_s, Event::Compute { behind, is_new: used != used_in(cycle - 1) }));
+            // What is computed late in a cycle cannot act before.
+            events.extend(acts_s.map(|since_s| ((sync_s + since_s).max(compute_s), Event::Act)));
             if let Follower::Drive { period_s: tick_s, .. } = self.follower {
                 positive("period of the drives' loop", tick_s)?;
                 let ticks = (period_s / tick_s - 1e-9).ceil().max(1.0) as u32;
@@ -233,19 +253,7 @@ impl HeldLoop {
             }
             self.events.extend(event);
         }
-        let on_the_way = match self.follower {
-            Follower::Host { delay_cycles, .. } if delay_cycles > Follower::MOST_DELAY => {
-                let requirement = "at most Follower::MOST_DELAY";
-                return Err(ControlError::OutOfRange {
-                    name: "delay in cycles",
-                    value: delay_cycles as f64,
-                    requirement,
-                });
-            }
-            Follower::Host { delay_cycles, .. } => delay_cycles,
-            Follower::Drive { .. } => 0,
-        };
-        self.size = SAMPLES + 2 * (self.samples + on_the_way);
+        self.size = SAMPLES + 2 * (self.samples + self.waiting);
         Ok(())
     }
 
@@ -266,6 +274,7 @@ impl HeldLoop {
                     put(state, SAMPLES, felt);
                 }
                 Event::Sync => self.apply(state),
+                Event::Act => put(state, EFFORT, pair(state, self.size - 2)),
                 Event::Compute { behind, is_new } => {
                     if is_new {
                         let sample = pair(state, SAMPLES + 2 * behind);
@@ -281,9 +290,9 @@ impl HeldLoop {
 
     fn apply(&self, state: &mut [f64]) {
         match self.follower {
-            Follower::Host { delay_cycles, .. } => {
+            Follower::Host { .. } => {
                 put(state, ENCODER, pair(state, POSITION));
-                if delay_cycles > 0 {
+                if self.waiting > 0 && !self.acts_between {
                     put(state, EFFORT, pair(state, self.size - 2));
                 }
             }
@@ -301,7 +310,7 @@ impl HeldLoop {
         let next = last + (last - earlier) * (mass_kg / inert) + pair(state, FORCE) * (t * t / inert);
         put(state, EARLIER, last);
         put(state, LAST, next);
-        let Follower::Host { delay_cycles, .. } = self.follower else { return };
+        let Follower::Host { .. } = self.follower else { return };
         let Gains { stiffness, damping, integral } = self.gains;
         let error = next - pair(state, ENCODER);
         let change = error - pair(state, ERROR);
@@ -317,10 +326,10 @@ impl HeldLoop {
         } else {
             put(state, SUM, Vector2::zeros());
         }
-        if delay_cycles == 0 {
+        if self.waiting == 0 {
             return put(state, EFFORT, effort);
         }
-        let first = self.size - 2 * delay_cycles;
+        let first = self.size - 2 * self.waiting;
         state.copy_within(first..self.size - 2, first + 2);
         put(state, first, effort);
     }

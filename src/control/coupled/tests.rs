@@ -12,7 +12,7 @@ const GAINS: Gains = Gains { stiffness: 4000.0, damping: 45.0, integral: 0.0 };
 const STIFF: Follower =
     Follower::Drive { gains: Gains { stiffness: 1.6e9, damping: 4e4, integral: 0.0 }, period_s: 1e-5 };
 
-fn host(factor: f64, delay_cycles: usize) -> Follower {
+fn host(factor: f64, delay_cycles: f64) -> Follower {
     let gains = Gains { stiffness: factor * GAINS.stiffness, damping: factor * GAINS.damping, integral: 0.0 };
     Follower::Host { gains, delay_cycles }
 }
@@ -109,7 +109,7 @@ fn two_samples_in_three_cycles_have_one_pattern() {
 #[test]
 fn an_integral_makes_heavy_masses_drift_and_leaves_the_others() {
     let servo =
-        Follower::Host { gains: Gains { stiffness: 10_000.0, damping: 95.0, integral: 150_000.0 }, delay_cycles: 1 };
+        Follower::Host { gains: Gains { stiffness: 10_000.0, damping: 95.0, integral: 150_000.0 }, delay_cycles: 1.0 };
     let pose = pose(0.35, 0.3);
     let stiff = grip(8000.0, 25.0);
     let found = masses(&servo, &pose, &stiff, &outer(0.0)).unwrap();
@@ -129,22 +129,22 @@ fn a_low_pass_lags_by_its_delay() {
     let pose = pose(0.28, 0.25);
     let slow = Outer { low_pass: Some((10.0, PERIOD_S)), ..outer(0.0) };
     // 15.4 ms of low pass less a cycle.
-    let lag = lag_s(&host(1.0, 0), &pose, &grip(50.0, 1.0), &slow).unwrap();
+    let lag = lag_s(&host(1.0, 0.0), &pose, &grip(50.0, 1.0), &slow).unwrap();
     assert!((lag - (1e-3 / elementary::exp_m1(std::f64::consts::TAU * 0.01) - 1e-3)).abs() < 1e-12, "{lag}");
     for factor in [0.9, 1.1] {
-        let found = masses(&host(1.0, 0), &pose, &grip(50.0, factor * lag * 50.0), &slow);
+        let found = masses(&host(1.0, 0.0), &pose, &grip(50.0, factor * lag * 50.0), &slow);
         assert_eq!(found.is_some_and(|found| found.greatest_kg == f64::INFINITY), factor > 1.0, "{found:?}");
     }
 }
 
 #[test]
 fn a_servo_that_is_unstable_by_itself_carries_no_mass() {
-    assert_eq!(masses(&host(4.0, 8), &pose(0.28, 0.25), &grip(300.0, 15.0), &outer(0.0)), None);
+    assert_eq!(masses(&host(4.0, 8.0), &pose(0.28, 0.25), &grip(300.0, 15.0), &outer(0.0)), None);
 }
 
 #[test]
 fn the_range_is_that_of_the_worst_of_all_loops() {
-    let of = |lever_m: f64| HeldLoop::new(&host(1.0, 1), &pose(0.28, lever_m), &grip(3000.0, 15.0), &outer(0.0), 0);
+    let of = |lever_m: f64| HeldLoop::new(&host(1.0, 1.0), &pose(0.28, lever_m), &grip(3000.0, 15.0), &outer(0.0), 0);
     let [long, short] = [of(0.3).unwrap(), of(0.2).unwrap()];
     let alone = [&long, &short].map(|one| stable_masses(std::slice::from_ref(one)).unwrap());
     let worst = alone[0].least_kg.max(alone[1].least_kg);
@@ -172,9 +172,32 @@ fn a_passive_mass_is_that_of_the_arm() {
     assert!((heaviest - (0.275 + elementary::hypot(0.025, 0.02)) / 0.0625).abs() < 1e-12, "{heaviest}");
 }
 
+/// A mass that moves slowly leaves the servo alone: it is stable where its own polynomial says so, at delays that are no whole cycles too.
+#[test]
+fn a_servo_is_stable_with_a_heavy_mass_where_it_is_by_itself() {
+    let is_stable_alone = |factor: f64, delay_cycles: f64| {
+        let Follower::Host { gains, .. } = host(factor, delay_cycles) else { unreachable!() };
+        super::super::is_stable(&super::super::ServoLoop { gains, period_s: PERIOD_S, delay_cycles }, 0.28, 0.0)
+            .unwrap()
+    };
+    for delay_cycles in [0.0, 0.1, 0.25, 0.5, 0.9, 1.0, 1.3, 2.75] {
+        let (mut stable, mut unstable) = (1.0, 100.0);
+        assert!(is_stable_alone(stable, delay_cycles) && !is_stable_alone(unstable, delay_cycles));
+        while unstable / stable > 1.001 {
+            let middle: f64 = (stable * unstable).sqrt();
+            if is_stable_alone(middle, delay_cycles) { stable = middle } else { unstable = middle }
+        }
+        let held = |factor: f64| {
+            let one = HeldLoop::new(&host(factor, delay_cycles), &pose(0.28, 0.25), &grip(1.0, 1.0), &outer(0.0), 0);
+            one.unwrap().spectral_radius(1e3).unwrap()
+        };
+        assert!(held(0.98 * stable) < 1.0 && held(1.02 * unstable) > 1.0, "{delay_cycles}: {stable}");
+    }
+}
+
 #[test]
 fn nonsense_is_refused() {
-    let (servo, pose, grip) = (host(1.0, 0), pose(0.28, 0.25), grip(1000.0, 15.0));
+    let (servo, pose, grip) = (host(1.0, 0.0), pose(0.28, 0.25), grip(1000.0, 15.0));
     let refused = |pose: &Pose, grip: &Grip, outer: &Outer| HeldLoop::new(&servo, pose, grip, outer, 0).is_err();
     assert!(!refused(&pose, &grip, &outer(0.0)));
     assert!(refused(&Pose { jacobian: Matrix2::zeros(), ..pose }, &grip, &outer(0.0)));
@@ -186,8 +209,10 @@ fn nonsense_is_refused() {
         |interval_s, phases| Outer { sampling: Sampling { interval_s, oldest_s: 0.0, phases }, ..outer(0.0) };
     assert!(refused(&pose, &grip, &sampling(0.0, 1)) && refused(&pose, &grip, &sampling(PERIOD_S, 0)));
     assert!(refused(&pose, &grip, &Outer { low_pass: Some((0.0, PERIOD_S)), ..outer(0.0) }));
-    let late = Follower::Host { gains: GAINS, delay_cycles: 17 };
-    assert!(HeldLoop::new(&late, &pose, &grip, &outer(0.0), 0).is_err());
+    for delay_cycles in [17.0, -0.5, f64::NAN] {
+        let late = Follower::Host { gains: GAINS, delay_cycles };
+        assert!(HeldLoop::new(&late, &pose, &grip, &outer(0.0), 0).is_err());
+    }
     let frozen = Follower::Drive { gains: GAINS, period_s: 0.0 };
     assert!(HeldLoop::new(&frozen, &pose, &grip, &outer(0.0), 0).is_err());
 }
@@ -208,7 +233,7 @@ proptest! {
             } else {
                 pose(0.28 * factor, lever_m)
             };
-            let held = HeldLoop::new(&host(servo, 1), &pose, &grip_by(factor), &outer(age), 0).unwrap();
+            let held = HeldLoop::new(&host(servo, 1.0), &pose, &grip_by(factor), &outer(age), 0).unwrap();
             held.spectral_radius(mass_kg).unwrap()
         };
         let one = radius(1.0, 0.25, 1.0, 0.5);

@@ -50,12 +50,12 @@ impl Communication<'_> {
         for (index, name) in [(0x1c32, "Synchronisation of outputs"), (0x1c33, "Synchronisation of inputs")] {
             let shown = |sub, value: u32, name| Object::new(index, sub, value).access(Access::ReadOnly).named(name);
             objects.push(Object::highest_sub(index, 12).named(name));
-            // With SYNC0 2, else with the outputs.
-            objects.push(Object::new(index, 1, 1u16).named("Synchronisation type"));
+            // 2 with SYNC0; outputs on arrival all the same with 1, which a master has to write.
+            objects.push(Object::new(index, 1, 0u16).named("Synchronisation type"));
             objects.push(Object::new(index, 2, 0u32).named("Cycle time"));
             objects.push(shown(3, 0, "Shift time"));
-            // Bit 1 with outputs, bit 2 with SYNC0.
-            let types = Object::new(index, 4, 0x0006u16).access(Access::ReadOnly);
+            // Bit 0 as frames come, bit 1 with outputs, bit 2 with SYNC0.
+            let types = Object::new(index, 4, 0x0007u16).access(Access::ReadOnly);
             objects.push(types.named("Supported types"));
             objects.push(shown(5, self.shortest_cycle_ns, "Minimum cycle time"));
             objects.push(shown(6, 0, "Calculation and copy time"));

@@ -152,7 +152,7 @@ impl Setting {
 
     /// The stable virtual masses by theory, which leaves the dry friction of the joints and `F` out; `None` if there are none.
     pub(super) fn stable_masses(&self, hand_n_per_m: f64) -> Option<StableMasses> {
-        let follower = Follower::Host { gains: self.gains(), delay_cycles: self.servo_delay };
+        let follower = Follower::Host { gains: self.gains(), delay_cycles: self.servo_delay as f64 };
         let interval_s = f64::from(self.sample_cycles) * PERIOD_S;
         let outer = Outer {
             period_s: PERIOD_S,

@@ -58,6 +58,9 @@ fn the_moments_of_a_cycle_are_those_of_its_bytes() {
     let mut free = segment((15, 13), Some((32, 8)));
     free.stations[0].acts = Acts::OnArrival;
     assert_eq!(Budget::new(&free).frames[1].deadline_ns, 1_000_000);
+    // From SYNC0 to effect: a period, or up to the last device.
+    assert_eq!(budget.delay(), Duration::from_millis(1));
+    assert_eq!(Budget::new(&free).delay(), Duration::from_nanos(100_000 + 540_000 + 98 * 80 + 1_500));
 }
 
 #[test]

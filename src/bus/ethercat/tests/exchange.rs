@@ -66,6 +66,25 @@ fn outputs_act_at_the_next_sync0() {
 }
 
 #[test]
+fn outputs_on_arrival_act_in_their_own_cycle_and_inputs_stay_those_of_sync0() {
+    let mut on_arrival = setup();
+    on_arrival.stations[..2].iter_mut().for_each(|station| station.acts = Acts::OnArrival);
+    let mut bench = Bench::new(&on_arrival, devices());
+    bench.start().unwrap();
+    bench.cycle(&REST);
+    let raw = |bench: &Bench, index, sub| bench.segment.controller(0).unwrap().device().od().raw(index, sub);
+    assert_eq!((raw(&bench, 0x1c32, 1), raw(&bench, 0x1c33, 1)), (1, 2));
+    bench.cycle(&[DriveOrders { controlword: 0x06, target: 0 }; 2]);
+    assert_eq!(raw(&bench, 0x6040, 0), 6, "they do not wait for SYNC0");
+    // The statusword that answers is that of the next SYNC0.
+    let arrived = bench.cycle(&REST);
+    assert_eq!(arrived.drives.map(|words| words.statusword.unwrap() & 0x6f), [0x21; 2]);
+    bench.cycles(100, &REST);
+    assert_eq!(bench.network.clock_lost(), DeviceSet::NONE);
+    assert_eq!(raw(&bench, 0x1c32, 11), 0, "no SYNC0 without new outputs");
+}
+
+#[test]
 fn clocks_that_drift_come_together_and_stay() {
     for [left, right, sensor_ppb] in [[50_000, -50_000, 0], [-50_000, 50_000, 50_000], [0, 50_000, -50_000]] {
         let devices = vec![controller(drive(1), left), controller(drive(2), right), controller(sensor(), sensor_ppb)];

@@ -12,6 +12,8 @@ use std::time::Duration;
 
 /// How long a device waits on the way to OP for what it needs there: outputs, SYNC0.
 const OP_PATIENCE: Duration = Duration::from_millis(200);
+/// Type of synchronisation in 1C32h:01 with which outputs act when they arrive.
+const ON_ARRIVAL: u64 = 1;
 /// Tick of the watchdog divider.
 const WATCHDOG_TICK_NS: u64 = 40;
 
@@ -225,8 +227,9 @@ impl<D: EthercatApplication> Controller<D> {
             return Err(AlStatusCode::INVALID_CYCLE);
         }
         // What the device does now shows in its objects.
-        for index in [0x1c32, 0x1c33] {
-            let _ = self.device.od_mut().set_bytes(Address::new(index, 1), &2u16.to_le_bytes());
+        let outputs_type = if wanted == ON_ARRIVAL { 1u16 } else { 2 };
+        for (index, shown) in [(0x1c32, outputs_type), (0x1c33, 2)] {
+            let _ = self.device.od_mut().set_bytes(Address::new(index, 1), &shown.to_le_bytes());
             let _ = self.device.od_mut().set_bytes(Address::new(index, 2), &cycle.to_le_bytes());
         }
         Ok(true)
@@ -288,8 +291,10 @@ impl<D: EthercatApplication> Controller<D> {
         if self.state.al == AlState::Operational && self.managers[OUTPUTS].settings.has_watchdog() {
             self.content_watchdog(now);
         }
-        if !self.state.is_synchronous {
+        if !self.state.is_synchronous || self.device.od().raw(0x1c32, 1) == ON_ARRIVAL {
             self.apply_outputs(now);
+        }
+        if !self.state.is_synchronous {
             self.device.sample(now);
             self.give_inputs();
         }
@@ -324,7 +329,7 @@ impl<D: EthercatApplication> Controller<D> {
         self.show_manager(INPUTS);
     }
 
-    /// SYNC0: outputs act, the device measures, inputs are latched.
+    /// SYNC0: outputs act that have not yet, the device measures, inputs are latched.
     pub(super) fn sync0(&mut self, now: Time) {
         if !self.state.exchanges() || !self.state.is_synchronous {
             return;

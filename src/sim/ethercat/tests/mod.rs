@@ -28,7 +28,7 @@ fn dictionary(has_outputs: bool) -> ObjectDictionary {
         .object(Object::new(0x1c13, 0, 1u8).limits(0u8, 1))
         .object(Object::new(0x1c13, 1, 0x1a00u16))
         .object(Object::highest_sub(0x1c32, 11))
-        .object(Object::new(0x1c32, 1, 1u16))
+        .object(Object::new(0x1c32, 1, 0u16))
         .object(Object::new(0x1c32, 2, 0u32))
         .object(Object::new(0x1c32, 5, 50_000u32).access(Access::ReadOnly))
         .object(Object::new(0x1c32, 11, 0u16).access(Access::ReadOnly))

@@ -156,6 +156,34 @@ fn sync0_applies_outputs_and_latches_inputs() {
 }
 
 #[test]
+fn outputs_act_on_arrival_where_the_master_has_written_that() {
+    for (written, shown, word_at_once) in [(0u16, 2, 0), (1, 1, 15), (2, 2, 0)] {
+        let mut segment = three();
+        let set = |segment: &mut Segment<_>, now, ado, data: &[u8]| {
+            assert_eq!(ask(segment, now, Command::Apwr, 0, ado, data).1, 1)
+        };
+        let od = segment.controller_mut(0).unwrap().device_mut();
+        od.set_bytes(crate::objects::Address::new(0x1c32, 1), &written.to_le_bytes()).unwrap();
+        let start = Time(10_000);
+        set(&mut segment, start, 0x09a0, &250_000u32.to_le_bytes());
+        set(&mut segment, start, 0x0990, &1_000_000u64.to_le_bytes());
+        set(&mut segment, start, 0x0981, &[3]);
+        to_safe_op(&mut segment, start, 0, true);
+        set(&mut segment, start, 0x0120, &[8, 0]);
+        set(&mut segment, start, 0x1800, &[0x06, 0]);
+        segment.poll(Time(1_000_000));
+        set(&mut segment, Time(1_100 * US), 0x1800, &[0x0f, 0]);
+        let raw =
+            |segment: &Segment<ObjectDictionary>, index, sub| segment.controller(0).unwrap().device().raw(index, sub);
+        assert_eq!((raw(&segment, 0x1c32, 1), raw(&segment, 0x6040, 0)), (shown, word_at_once), "{written}");
+        segment.poll(Time(1_250_000));
+        assert_eq!(raw(&segment, 0x6040, 0), 15);
+        // Outputs came before this SYNC0, and were not missed.
+        assert_eq!(raw(&segment, 0x1c32, 11), 0);
+    }
+}
+
+#[test]
 fn op_needs_sync0_where_it_is_switched_on() {
     let mut segment = three();
     let now = Time(10_000_000);
