@@ -26,7 +26,7 @@ pub(super) enum Command {
     /// Tell the gains of a rig with 6 dB and 45 degrees of margin, by the model of its arm alone
     ///
     /// Torque mode: the stiffest gains that have these margins at every pose along the surface, by the inertia of the feed-forward or
-    /// of the simulated arm, one cycle of delay and the hold. Velocity mode: the greatest gain without overshoot. In position mode this
+    /// of the simulated arm, the delay of its bus and the hold. Velocity mode: the greatest gain without overshoot. In position mode this
     /// program has no gains.
     Gains(gains::Arguments),
 }
