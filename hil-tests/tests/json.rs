@@ -43,6 +43,8 @@ fn every_command_prints_one_object_with_its_exit_code_and_its_diagnostics() {
         ("explain node-rest", 2),
         (&format!("bus budget {rig}"), 0),
         ("bus budget builtin:paper-admittance-two-buses.yaml", 0),
+        ("bus budget builtin:paper-ethercat.yaml", 0),
+        ("bus budget builtin:paper-ethercat.yaml --no-fifo", 2),
         (&format!("tune fixture {rig}"), 0),
         ("tune fixture builtin:sphere.yaml", 0),
         ("tune fixture builtin:scenes/room-walk.yaml", 2),
