@@ -22,9 +22,9 @@ use ethercrab::{DcSync, MainDevice, MainDeviceConfig, PduStorage, Timeouts};
 use hil_tests_ethercrab::capture::Capture;
 use hil_tests_ethercrab::pump::{self, now, sleep_until};
 use yieldwall::config::{builtin, load_rig_on_any_bus};
+use yieldwall::ethercat::frame::{BYTE_NS, DEVICE_NS};
 use yieldwall::rig::SegmentServer;
 use yieldwall::run::Pace;
-use yieldwall::ethercat::frame::{BYTE_NS, DEVICE_NS};
 
 /// Cycles with the full working counter.
 const CYCLES: u32 = 10_000;
