@@ -22,6 +22,19 @@ fn an_interface_that_is_not_there() {
 
 #[test]
 #[ignore = "needs a CAN interface: see hil-tests/vcan"]
+fn a_can_interface_for_a_segment() {
+    let interface = format!("main={}", bus());
+    for command in ["run", "drill", "sim"] {
+        let arguments = [command, "builtin:paper-ethercat.yaml", "--bus", &interface, "--json"];
+        let (code, message, _) = refusal(Running::start(&arguments));
+        assert_eq!(code, BUS_UNAVAILABLE, "{command}: {message}");
+        let told = format!("`{}` is a CAN interface, and EtherCAT runs on Ethernet; ", bus());
+        assert!(message.starts_with(&told), "{command}: {message}");
+    }
+}
+
+#[test]
+#[ignore = "needs a CAN interface: see hil-tests/vcan"]
 fn a_process_that_may_not_open_can_sockets() {
     let filter = concat!(env!("CARGO_MANIFEST_DIR"), "/peers/without_can.py");
     let program = program();

@@ -18,7 +18,7 @@ const WATCHED: Duration = Duration::from_micros(5 * PERIOD_US + 100);
 fn devices_of_another_process_are_drilled_and_run() {
     let slow = Slow::new("sim");
     let attempt = || {
-        let sim = slow.sim(&["--json"]);
+        let sim = slow.sim();
         let (code, drilled) = slow.drill().document();
         if code != OK {
             return Err(drilled);

@@ -1,6 +1,7 @@
 //! The programs on the near end of the cable, and the rig that they run.
 
 use std::sync::Mutex;
+use std::time::{Duration, Instant};
 
 use serde_json::Value;
 
@@ -42,10 +43,17 @@ impl Slow {
         Served::new(&self.rig, &self.scene)
     }
 
-    /// The devices as a program, with a hand that rests.
-    pub(super) fn sim(&self, arguments: &[&str]) -> Running {
+    /// The devices as a program that tells in JSON of its end, with a hand that rests.
+    pub(super) fn sim(&self) -> Running {
         let bus = format!("main={FAR}");
-        Running::ready(Running::start(&[&["sim", &self.rig, "--bus", &bus, "--scene", &self.rest], arguments].concat()))
+        let sim = Running::start(&["sim", &self.rig, "--bus", &bus, "--scene", &self.rest, "--json"]);
+        // It says nothing before its end: its socket is the first one here.
+        let begun = Instant::now();
+        while std::fs::read_to_string("/proc/net/packet").expect("procfs").lines().count() < 2 {
+            assert!(begun.elapsed() < LIMIT, "no socket");
+            std::thread::sleep(Duration::from_millis(10));
+        }
+        sim
     }
 
     pub(super) fn run(&self, seconds: &str) -> Running {
