@@ -14,7 +14,7 @@ pub(super) const NEAR: &str = "main=veth0";
 /// The shipped rig in position mode at a cycle that any computer keeps, and two scenes, as files that go with this.
 pub(super) struct Slow {
     pub(super) rig: String,
-    /// A hand that leads the tool all the time.
+    /// A hand that leads the tool for two seconds, until it meets the circle.
     pub(super) scene: String,
     /// A hand that rests.
     rest: String,
@@ -32,7 +32,8 @@ impl Slow {
             PERIOD_US / 2
         );
         let rig = changed(name, "paper-ethercat.yaml", &[("rig:\n  name: paper-ethercat\n", &slow)]);
-        let scene = changed(&format!("{name}-scene"), "scenes/circle-hold.yaml", &[]);
+        let slowly = ("in_s: 1.5}              # hits", "in_s: 4.0} # hits");
+        let scene = changed(&format!("{name}-scene"), "scenes/circle-hold.yaml", &[slowly]);
         let at_rest = ("in_s: 1.5}              # hits", "in_s: 900.0} # hits");
         let rest = changed(&format!("{name}-rest"), "scenes/circle-hold.yaml", &[at_rest]);
         Self { rig, scene, rest }
