@@ -24,7 +24,7 @@ fn every_command_prints_one_object_with_its_exit_code_and_its_diagnostics() {
     let rig = "builtin:paper-admittance.yaml";
     let run = format!("run {rig} --duration 0.2");
     // In this order: a recording is made before it is looked into.
-    let cases: [(&str, i32); 99] = [
+    let cases: [(&str, i32); 101] = [
         (&format!("{run} --record rec"), 0),
         (&format!("run {rig} --duration 3 --fault node-reset@2.5 --black-box rec"), 8),
         (&format!("{run} --figure x.txt"), 2),
