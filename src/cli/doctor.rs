@@ -16,7 +16,7 @@ use crate::checkup::Check;
 use crate::config::{self, Rig, Source};
 use crate::host::Untimely;
 use crate::host::system::{ComputerFacts, Limits, Readiness, coalescing, coalescing_check, computer, limits};
-use crate::link::{Attachment, InterfaceFacts, interfaces};
+use crate::link::{Attachment, InterfaceFacts, interfaces, is_ethernet};
 
 /// The cycle for which a computer is judged unless a rig says another.
 const PERIOD_US: u32 = 1000;
@@ -58,7 +58,7 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
     }
     let rig = match &arguments.rig {
         Some(name) => {
-            let rig = config::load_rig(Source::named(name))?;
+            let rig = config::load_rig_on_any_bus(Source::named(name))?;
             output.configuration(&rig.warnings)?;
             Some(rig.value)
         }
@@ -69,6 +69,11 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
     let period = Duration::from_micros(period_us.into());
     let mut sections = vec![of_computer(rig.as_ref())];
     for wanted in &wanted {
+        if rig.as_ref().map_or_else(|| is_ethernet(&wanted.interface), Rig::is_on_ethercat) {
+            let rig = arguments.rig.as_deref();
+            sections.extend(desk::doctor::on_segment(&wanted.interface, &wanted.argument, rig, output)?);
+            continue;
+        }
         let section = of_interface(&wanted.interface, wanted.bit_rate, period);
         let is_usable = !section.is_wrong();
         sections.push(section);

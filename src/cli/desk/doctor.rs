@@ -3,6 +3,7 @@
 use serde_json::json;
 
 use super::place::{AnyLink, Desk, Entry, Node, Place};
+use super::segment::{self, SegmentDesk};
 use crate::canopen::{NodeId, NodeSet, node_id};
 use crate::checkup::{Check, Verdict};
 use crate::cli::checkup::{Section, finish};
@@ -19,7 +20,7 @@ const MOST_COMPARED: usize = 8;
 
 #[derive(Debug, clap::Args)]
 pub(in crate::cli) struct Arguments {
-    /// A node id, or the name of a device in the rig
+    /// A node id, on EtherCAT a position, or the name of a device in the rig
     node: String,
     /// Send nothing: judge by what is heard in 1 s; the way beside a master that runs
     #[arg(long)]
@@ -68,6 +69,14 @@ impl Fault {
 }
 
 pub(in crate::cli) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Failure> {
+    if let Some(mut desk) = SegmentDesk::open(&arguments.place, output)? {
+        if arguments.listen || arguments.fault.is_some() {
+            let message = "--listen and --fault are for nodes on CAN, and this place is on EtherCAT";
+            return Err(Failure::new(Exit::Usage, message, "leave them away: nothing is written to the device"));
+        }
+        let sections = segment::doctor::sections(&mut desk, Some(&arguments.node))?;
+        return finish(&sections, json!({ "node": arguments.node, "place": desk.place }), output);
+    }
     let mut sections = Vec::new();
     let (mut bit_rate, mut interface) = (None, None);
     if let Some(bus) = &arguments.place.bus {
@@ -154,6 +163,22 @@ fn of_rig(place: &Place) -> Result<Option<u32>, Failure> {
     let named = bus.split_once('=').and_then(|(name, _)| rig.buses.get(name));
     let bus = named.or_else(|| rig.buses.values().next());
     Ok(bus.and_then(Bus::canopen).map(|bus| bus.bit_rate_bit_per_s))
+}
+
+/// The devices of a segment, by its interface: what is wrong with them, or with the interface.
+pub(in crate::cli) fn on_segment(
+    interface: &str,
+    argument: &str,
+    rig: Option<&str>,
+    output: &mut Output,
+) -> Result<Vec<Section>, Failure> {
+    let place = Place { bus: Some(argument.to_owned()), rig: rig.map(str::to_owned) };
+    let examined = SegmentDesk::only(&place, output).and_then(|mut desk| segment::doctor::sections(&mut desk, None));
+    examined.or_else(|failure| {
+        let Some(finding) = failure.report.diagnostics.into_iter().next() else { return Ok(Vec::new()) };
+        let check = Check::wrong("segment", finding.message).follows(finding.help.unwrap_or_default());
+        Ok(vec![Section::new(format!("segment on {interface}"), failure.exit, vec![check])])
+    })
 }
 
 /// The devices of an interface that can be used: who answers, and whether identifiers and node ids are right. `commands` is what

@@ -81,7 +81,7 @@ fn times(count: u8) -> String {
 }
 
 /// What the counters of a device say, and what to look at.
-fn found(device: &Device, counters: &Counters) -> Vec<String> {
+pub(super) fn found(device: &Device, counters: &Counters) -> Vec<String> {
     let name = device.words();
     let mut findings = Vec::new();
     for (number, port) in counters.ports.iter().enumerate() {

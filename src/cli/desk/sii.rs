@@ -326,7 +326,7 @@ pub(super) fn checked(desk: &mut SegmentDesk, word: Option<&str>) -> Result<Vec<
     Ok(checked)
 }
 
-fn wrong(device: &Device, present: &Present) -> Vec<String> {
+pub(super) fn wrong(device: &Device, present: &Present) -> Vec<String> {
     let sii = match &present.sii {
         Ok(sii) => sii,
         Err(failure) => return vec![failure.to_string()],

@@ -1,5 +1,7 @@
 //! The commands of the desk on an EtherCAT segment: on an interface, or on the simulated devices of a rig.
 
+#[cfg(target_os = "linux")]
+pub(super) mod doctor;
 pub(super) mod emcy;
 pub(super) mod info;
 pub(super) mod pdo;

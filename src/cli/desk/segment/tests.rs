@@ -239,3 +239,19 @@ fn an_alias_is_written_with_its_checksum_and_no_other_device_may_have_it() {
     desk.service.write_sii(2, &changes(&held, &image)).unwrap();
     assert!(desk.service.present(2).unwrap().sii.is_ok());
 }
+
+#[test]
+#[cfg(target_os = "linux")]
+fn doctor_tells_of_each_device_what_is_wrong_with_it() {
+    let mut desk = desk(|segment| {
+        segment.controller_mut(0).unwrap().sii_mut()[14] ^= 0x55;
+        segment.controller_mut(0).unwrap().fail(Time(0), AlStatusCode::SYNC_ERROR);
+        segment.controller_mut(1).unwrap().count_receive_error(0);
+        segment.set_cable(2, false);
+    });
+    desk.arguments = " --bus eth0".to_owned();
+    desk.service.change_state(1, AlState::PreOperational).unwrap();
+    let sections = doctor::sections(&mut desk, None).unwrap();
+    let text: Vec<String> = sections.iter().map(crate::cli::checkup::Section::text).collect();
+    insta::assert_snapshot!("segment-doctor", text.join("\n"));
+}

@@ -1,0 +1,115 @@
+//! `yieldwall doctor` on EtherCAT: what is wrong with the devices of a segment. Nothing is written to them.
+
+use super::super::errors;
+use super::super::scan::fit_of;
+use super::super::sii::wrong;
+use super::{Device, SegmentDesk};
+use crate::checkup::{Check, Verdict};
+use crate::cli::checkup::Section;
+use crate::cli::failure::{Exit, Failure};
+use crate::ethercat::{AlState, AlStatusCode};
+use crate::objects::Address;
+use crate::service::{Present, number};
+
+/// What every device has: its type; and the last error of a drive.
+const DEVICE_TYPE: Address = Address::new(0x1000, 0);
+const ERROR_CODE: Address = Address::new(0x603f, 0);
+
+/// A section for each device, and for each of the rig that is not there; of one alone if a word means it.
+pub(in crate::cli::desk) fn sections(desk: &mut SegmentDesk, word: Option<&str>) -> Result<Vec<Section>, Failure> {
+    let mut sections = Vec::new();
+    let devices = desk.devices_of(word)?;
+    let found = devices.len() as u16;
+    for device in devices {
+        let checks = of_device(desk, &device)?;
+        sections.push(Section::new(device.words(), Exit::DeviceMismatch, checks));
+    }
+    if word.is_none() {
+        let missing = desk.entries.iter().filter(|entry| entry.position >= found);
+        sections.extend(missing.map(|entry| {
+            let check = Check::wrong("device", format!("{found} devices answer, and this one does not"))
+                .follows("look at its power and at the cable behind the last one that answers");
+            let about = format!("{} (position {})", entry.name, entry.position);
+            Section::new(about, Exit::DeviceMismatch, vec![check])
+        }));
+    }
+    Ok(sections)
+}
+
+pub(super) fn of_device(desk: &mut SegmentDesk, device: &Device) -> Result<Vec<Check>, Failure> {
+    let failed = |desk: &SegmentDesk, error| desk.failure(device, "examining it", error);
+    let present = desk.service.present(device.position).map_err(|error| failed(desk, error))?;
+    let mut checks = vec![state(desk, &present)];
+    let wrong = wrong(device, &present);
+    checks.push(match wrong.as_slice() {
+        [] => Check::ok("SII", "whole"),
+        all => Check::wrong("SII", all.join("; ")).follows("`yieldwall sii write` writes an image of the vendor"),
+    });
+    if device.of_rig().is_some() && wrong.is_empty() {
+        checks.push(Check::ok("rig", fit_of(device.of_rig(), present.identity, None)));
+    }
+    let clock = desk.service.clock(device.position).map_err(|error| failed(desk, error))?;
+    checks.push(match clock {
+        Some(clock) if clock.is_64 => Check::ok("clock", "distributed clock of 64 bits"),
+        _ => Check::warning("clock", "no distributed clock of 64 bits")
+            .follows("its outputs act on arrival, not at SYNC0"),
+    });
+    let counters = desk.service.counters(device.position).map_err(|error| failed(desk, error))?;
+    let counted = errors::found(device, &counters);
+    if counted.is_empty() {
+        checks.push(Check::ok("ports", "no errors counted"));
+    }
+    let clear = format!("yieldwall errors {} --clear{}", device.position, desk.arguments);
+    checks.extend(
+        counted
+            .into_iter()
+            .map(|found| Check::warning("ports", found).follows("then have it count from 0 again").mend(clear.clone())),
+    );
+    checks.extend(objects(desk, device, &present)?);
+    Ok(checks)
+}
+
+fn state(desk: &SegmentDesk, present: &Present) -> Check {
+    let status = present.status;
+    let command = |target: &str| format!("yieldwall state {} {target}{}", present.position, desk.arguments);
+    match present.code {
+        _ if status.has_error() => {
+            let code = present.code;
+            Check::wrong("AL state", format!("{status}: {:04X}h {}", code.0, code.meaning()))
+                .follows(format!("{}; mend that, then have the error acknowledged", code.likely_cause()))
+                .mend(command("ack"))
+        }
+        code if status.shows_master(code) => Check::new("AL state", Verdict::Warning, status.to_string())
+            .follows("a master has it, or had it and is gone: then this frees it")
+            .mend(command("init --take-over")),
+        AlStatusCode::NONE => Check::ok("AL state", status.to_string()),
+        code => Check::ok("AL state", format!("{status}, last code {:04X}h {}", code.0, code.meaning())),
+    }
+}
+
+/// Whether it answers over its mailbox, and the error of a drive. A device in INIT is not brought to PRE-OP for that.
+fn objects(desk: &mut SegmentDesk, device: &Device, present: &Present) -> Result<Vec<Check>, Failure> {
+    if present.status.state() == Some(AlState::Init) {
+        return Ok(vec![
+            Check::unknown("objects", "in INIT it has no mailbox, so they were not asked")
+                .follows("in PRE-OP it has one")
+                .mend(format!("yieldwall state {} preop{}", device.position, desk.arguments)),
+        ]);
+    }
+    let mut read = |at| match desk.objects(device) {
+        Ok(mut objects) => crate::service::ObjectAccess::read(&mut objects, at).map_err(|error| error.to_string()),
+        Err(failure) => Err(failure.report.diagnostics.into_iter().next().map_or_else(String::new, |one| one.message)),
+    };
+    let (kind, error) = (read(DEVICE_TYPE), read(ERROR_CODE));
+    let mut checks = vec![match kind {
+        Ok(_) => Check::ok("objects", "it answers over its mailbox"),
+        Err(why) => Check::wrong("objects", why).follows("without objects nothing can be set up: switch it off and on"),
+    }];
+    if let Ok(bytes) = error
+        && number(&bytes) != 0
+    {
+        let explained = desk.explained(device, number(&bytes) as u16);
+        checks.push(Check::wrong("error code", explained.to_string()).follows(explained.next));
+    }
+    Ok(checks)
+}
