@@ -1,5 +1,6 @@
 //! Packet sockets on the two ends of a virtual cable, and the programs on them.
 
+mod desk;
 mod drills;
 mod processes;
 mod refused;
