@@ -198,7 +198,7 @@ fn round(dice: &mut Dice) {
                 // Another one begins in its place, after it.
                 living.signal("KILL");
                 drop(living);
-                assert_eq!(commands(&observer.take()), [[0; 2]; 0]);
+                assert_eq!(commands(&observer.take_all()), [[0; 2]; 0]);
                 living = run();
                 observer.until_moving(100);
                 assert_eq!(commands(&observer.take()), BEGIN);
@@ -282,7 +282,7 @@ fn begin(dice: &mut Dice, observer: &Observer) -> Running {
         }
     };
     let living = RefCell::new(living);
-    let mut heard = observer.take();
+    let mut heard = observer.take_all();
     observer.until("motion", |frames| moves(frames, 100) || has_ended(&living));
     heard.append(&mut observer.take());
     if !has_ended(&living) {

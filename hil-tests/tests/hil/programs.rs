@@ -204,6 +204,9 @@ impl Drop for Doubles {
 /// listens may wait for it for seconds.
 const MEMORY: usize = 64 << 20;
 
+/// An identifier that CiA 301 gives to nobody.
+const MARK: u16 = 0x7f0;
+
 /// What an observer has heard, each frame with its moment.
 #[derive(Default)]
 struct Heard {
@@ -275,6 +278,15 @@ impl Observer {
     /// What was heard so far, which is forgotten.
     pub(super) fn take(&self) -> Vec<Frame> {
         std::mem::take(&mut *self.heard.lock().expect("nobody panics with it")).frames
+    }
+
+    /// All that was on the bus by now, which is forgotten. What the observer has not taken yet would pass for what comes later: a frame of its
+    /// own behind that says when all was taken.
+    pub(super) fn take_all(&self) -> Vec<Frame> {
+        let mark = Frame::new(MARK, &[]);
+        Real::open(&SocketCanSettings::everything(&bus())).send(&mark).expect("the bus takes a frame");
+        self.until("mark", |frames| frames.iter().any(|frame| frame.id() == MARK));
+        self.take().into_iter().filter(|frame| frame.id() != MARK).collect()
     }
 
     /// All that was heard, and what still comes within a while: devices go on to send heartbeats.
