@@ -4,8 +4,10 @@ use std::sync::{Arc, Mutex};
 
 use yieldwall::canopen::Frame;
 use yieldwall::config::{self, NotNegative, Positive, Rig, Scene, Source};
+use yieldwall::ethercat::frame::{self, Command, Datagrams};
 use yieldwall::guard::{Fault, Request};
 use yieldwall::injection::Injection;
+use yieldwall::link::Packet;
 use yieldwall::record::Row;
 use yieldwall::rig::{EmbeddedRig, RigError};
 use yieldwall::sim::can::CandumpWriter;
@@ -80,12 +82,13 @@ impl Scenario {
         let machine = EmbeddedRig::new(&self.rig, &self.scene, &self.rig.fixture, self.seed);
         let mut machine = machine.unwrap_or_else(|error| panic!("{error}; replay: {}", self.replay()));
         let recording = Arc::new(Mutex::new(Recording::default()));
-        let tap = recording.clone();
-        machine.set_tap(Box::new(move |time, packet| {
-            let mut recording = tap.lock().expect("one thread");
-            packet.can().into_iter().for_each(|frame| recording.push(time, frame));
+        let outputs = Arc::new(Mutex::new(Vec::new()));
+        let (tap, outputs_tap) = (recording.clone(), outputs.clone());
+        machine.set_tap(Box::new(move |time, packet| match packet {
+            Packet::Can(frame) => tap.lock().expect("one thread").push(time, frame),
+            Packet::Ethernet { bytes, .. } => outputs_tap.lock().expect("one thread").extend(controlwords(bytes)),
         }));
-        Session { machine, recording, rows: Vec::new(), replay: self.replay() }
+        Session { machine, recording, outputs, rows: Vec::new(), replay: self.replay() }
     }
 
     /// The rig, enabled.
@@ -118,6 +121,18 @@ pub struct Session {
     /// The command that runs the shipped files with this seed; it belongs in every message of a failure.
     pub replay: String,
     recording: Arc<Mutex<Recording>>,
+    /// Controlwords of the output frames of a segment.
+    outputs: Arc<Mutex<Vec<[Option<u16>; 2]>>>,
+}
+
+/// The controlwords of an output frame of the master of a segment, as it leaves: of each drive the first word that is written.
+fn controlwords(bytes: &[u8]) -> Option<[Option<u16>; 2]> {
+    let is_sent = bytes.get(6).is_some_and(|first| first & frame::PROCESSED == 0);
+    let datagrams = Datagrams::of(bytes).ok().filter(|_| is_sent)?;
+    let written = datagrams.flatten().filter(|datagram| datagram.header.command == Command::Lwr as u8);
+    let mut words = written.map(|datagram| Some(u16::from_le_bytes([*datagram.data.first()?, *datagram.data.get(1)?])));
+    let left = words.next()?;
+    Some([left, words.next().flatten()])
 }
 
 impl Session {
@@ -139,6 +154,14 @@ impl Session {
         for _ in 0..cycles {
             self.step(Request::None);
         }
+    }
+
+    /// The controlwords of both drives of a segment, output frame by output frame.
+    ///
+    /// # Panics
+    /// Never.
+    pub fn segment_controlwords(&self) -> Vec<[Option<u16>; 2]> {
+        self.outputs.lock().expect("one thread").clone()
     }
 
     /// The fault that led to the present state.

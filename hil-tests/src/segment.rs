@@ -43,7 +43,7 @@ pub struct Bench {
 /// # Panics
 /// If it cannot be read.
 pub fn shipped() -> Loaded<Rig> {
-    config::load_rig_on_any_bus(config::builtin("paper-ethercat.yaml")).expect("a shipped rig")
+    config::load_rig(config::builtin("paper-ethercat.yaml")).expect("a shipped rig")
 }
 
 /// The devices of a rig, all with perfect clocks.

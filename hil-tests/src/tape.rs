@@ -74,8 +74,8 @@ impl Tape {
         frames.lock().expect("one thread").clear();
         let mut tape = Self {
             master: rig.master().clone(),
-            drives: rig.drives().map(Drive::clone),
-            sensor: rig.force_sensor().clone(),
+            drives: std::array::from_fn(|drive| rig.drives()[drive].clone()),
+            sensor: rig.force_sensor().expect("a sensor on CAN").clone(),
             arm: rig.arm().expect("a rig with an arm").clone(),
             hand: rig.hand().clone(),
             hand_from_s,
@@ -87,14 +87,13 @@ impl Tape {
             rig.run_cycle(Request::None)?;
             let outputs = *rig.last_outputs().expect("a cycle has run");
             let frames = std::mem::take(&mut *frames.lock().expect("one thread"));
-            let [left, right] = rig.drives();
             tape.periods.push(Period {
                 sync_at,
                 compute_at: rig.now(),
                 inputs: *rig.master().last_inputs(),
                 frames,
                 outputs,
-                torques_n_m: [left.torque_n_m(), right.torque_n_m()],
+                torques_n_m: rig.drive_torques_n_m(),
             });
         }
         tape.check();

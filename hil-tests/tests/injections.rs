@@ -5,7 +5,7 @@ use hil_tests::{Recording, Scenario, Seen, Session, setpoint};
 use yieldwall::bus::BootFailure;
 use yieldwall::guard::fault::{Bound, Rate, Stage, TABLE};
 use yieldwall::guard::{Fault, Reaction, Request, State};
-use yieldwall::injection::{CATALOGUE, Ending, Injection, Kind, Lasts, Medium, Recovery, Row, Target};
+use yieldwall::injection::{CATALOGUE, Ending, Expected, Injection, Kind, Lasts, Medium, Recovery, Row, Target};
 use yieldwall::rig::RigError;
 use yieldwall_drives::cia402;
 
@@ -16,12 +16,21 @@ const AFTER: usize = 600;
 /// A heartbeat every 20 ms, lost after two, and one cycle.
 const HEARTBEAT_CYCLES: usize = 41;
 
+fn on_ethercat() -> Scenario {
+    Scenario::shipped("paper-ethercat.yaml")
+}
+
+/// What has to follow of an injection on this rig.
+fn expected(scenario: &Scenario, injection: &Injection) -> &'static Expected {
+    injection.kind.row().expected_on(scenario.rig.medium(injection))
+}
+
 fn both() -> [Scenario; 2] {
     [Scenario::torque(), Scenario::position()]
 }
 
 /// Injections whose first sign does not come in their first cycle, or hangs on the motion.
-const SIGN_COMES_LATER: [Kind; 14] = [
+const SIGN_COMES_LATER: [Kind; 16] = [
     Kind::SensorDrift,
     Kind::SetPointsLost,
     Kind::NodeSilent,
@@ -36,6 +45,9 @@ const SIGN_COMES_LATER: [Kind; 14] = [
     Kind::PdoCorrupt,
     Kind::TransmitStalled,
     Kind::CableOut,
+    // A mailbox and ports are looked at now and then.
+    Kind::Emergency,
+    Kind::FrameCorrupt,
 ];
 
 /// What became of an injection.
@@ -58,7 +70,7 @@ fn run(scenario: &Scenario, injection: Injection) -> (Session, Course) {
     for cycle in 1..=(lasts_s / scenario.period_s()).round() as usize + AFTER {
         session.step(Request::None);
         let counts = session.machine.master().cycle().faults();
-        for fault in injection.kind.row().expected.faults {
+        for fault in expected(scenario, &injection).faults {
             if counts.count(*fault) > 0 && !course.seen.contains(fault) {
                 course.seen.push(*fault);
             }
@@ -86,8 +98,10 @@ fn reaction_to(before: State, state: State) -> Option<Reaction> {
     }
 }
 
-/// Checks every step of the course against the bounds of the fault table, counted from the first cycle of the injection.
-fn check_bounds(row: &Row, course: &Course, what: &str) {
+/// Checks every step of the course against the bounds of the fault table, counted from the first cycle whose values can show the
+/// injection: what a cycle reads of a device on EtherCAT was taken at its SYNC0, before the cycle began.
+fn check_bounds(scenario: &Scenario, row: &Row, course: &Course, what: &str) {
+    let begun = usize::from(!scenario.rig.is_on_can());
     let mut before = State::Running;
     for (state, cycles, cause) in &course.states {
         let reaction = reaction_to(before, *state);
@@ -110,6 +124,7 @@ fn check_bounds(row: &Row, course: &Course, what: &str) {
             (_, Bound::Cycles(cycles) | Bound::Samples(cycles)) => usize::from(cycles),
             (_, Bound::HeartbeatTime) => HEARTBEAT_CYCLES,
         };
+        let bound = begun + bound;
         assert!(*cycles <= bound, "{what}: {state:?} by {cause:?} after {cycles} cycles, at most {bound}");
     }
 }
@@ -125,7 +140,10 @@ fn controlwords(recording: &Recording) -> Vec<[Option<u16>; 2]> {
 /// Checks that both drives were told to run up to the same cycle, and neither afterwards.
 fn check_same_cycle(session: &Session, what: &str) {
     let enables = |word: Option<u16>| word.is_some_and(|word| word & 0x8f == 0x0f);
-    let words = controlwords(&session.recording());
+    let words = match session.machine.master().segment() {
+        Some(_) => session.segment_controlwords(),
+        None => controlwords(&session.recording()),
+    };
     let last = |joint: usize| words.iter().rposition(|words| enables(words[joint]));
     assert_eq!(last(0), last(1), "{what}: both axes stop in the same cycle");
 }
@@ -133,9 +151,9 @@ fn check_same_cycle(session: &Session, what: &str) {
 fn check_latched(session: &mut Session, states: &[State], what: &str) {
     assert!(states.contains(&session.machine.state()), "{what}: {:?}", session.machine.state());
     let check_off = |session: &Session| {
-        for drive in session.machine.drives() {
-            assert_ne!(drive.state(), cia402::State::OperationEnabled, "{what}");
-            assert_eq!(drive.torque_n_m(), 0.0, "{what}");
+        for (state, torque_n_m) in session.machine.drive_states().into_iter().zip(session.machine.drive_torques_n_m()) {
+            assert_ne!(state, cia402::State::OperationEnabled, "{what}");
+            assert_eq!(torque_n_m, 0.0, "{what}");
         }
     };
     check_off(session);
@@ -171,8 +189,8 @@ fn check(scenario: &Scenario, row: &Row, injection: Injection) -> Vec<Fault> {
     let what = format!("{} on {}; replay: {}", row.name, injection.target.name(), scenario.replay());
     let (mut session, course) = run(scenario, injection);
     let what = format!("{what}\n{course:?}");
-    check_bounds(row, &course, &what);
-    let expected = &row.expected;
+    check_bounds(scenario, row, &course, &what);
+    let expected = expected(scenario, &injection);
     let strongest = course.states.iter().map(|(state, ..)| *state);
     match expected.ending {
         Ending::GoesOn => {
@@ -194,7 +212,7 @@ fn check(scenario: &Scenario, row: &Row, injection: Injection) -> Vec<Fault> {
             check_same_cycle(&session, &what);
             check_latched(&mut session, &[State::Lost], &what);
         }
-        Ending::NotEnabled | Ending::UpToMaster => unreachable!("tested apart"),
+        Ending::NotEnabled => unreachable!("tested apart"),
     }
     session.machine.set_injections(&[]).expect("nothing is always possible");
     recover(&mut session, expected.recovery, &what);
@@ -210,7 +228,11 @@ const OF_A_SEGMENT: [Fault; 3] = [Fault::DeviceState, Fault::ClockLost, Fault::P
 
 fn check_all(scenario: &Scenario) {
     let mut seen = Vec::new();
-    for row in CATALOGUE.iter().filter(|row| row.media.contains(&Medium::Can) && row.lasts != Lasts::FromBoot) {
+    let (medium, elsewhere) = match scenario.rig.is_on_can() {
+        true => (Medium::Can, &OF_A_SEGMENT[..]),
+        false => (Medium::Ethercat, &OF_CAN[..]),
+    };
+    for row in CATALOGUE.iter().filter(|row| row.media.contains(&medium) && row.lasts != Lasts::FromBoot) {
         // What holds for the left drive holds for the right one.
         let targets = row.targets.iter().filter(|target| **target == row.targets[0] || **target == Target::RightDrive);
         for target in targets {
@@ -218,10 +240,10 @@ fn check_all(scenario: &Scenario) {
         }
     }
     // Without the torques, which a position rig does not know, there is no balance.
-    let is_known = |fault: Fault| fault != Fault::ForceImplausible || scenario.file == Scenario::torque().file;
+    let is_known = |fault: Fault| fault != Fault::ForceImplausible || scenario.file != Scenario::position().file;
     let missing = TABLE.iter().map(|row| row.fault).filter(|fault| is_known(*fault) && !seen.contains(fault));
     let missing: Vec<_> =
-        missing.filter(|fault| ![&NOT_WHILE_RUNNING[..], &OF_A_SEGMENT].concat().contains(fault)).collect();
+        missing.filter(|fault| ![&NOT_WHILE_RUNNING[..], elsewhere].concat().contains(fault)).collect();
     assert_eq!(missing, [], "no injection showed it; {}", scenario.replay());
 }
 
@@ -233,6 +255,23 @@ fn the_torque_rig_answers_every_injection_as_the_catalogue_says() {
 #[test]
 fn the_position_rig_answers_every_injection_as_the_catalogue_says() {
     check_all(&Scenario::position());
+}
+
+/// Faults that only a bus of CAN has, or a node on it.
+const OF_CAN: [Fault; 8] = [
+    Fault::NodeReset,
+    Fault::HeartbeatLost,
+    Fault::DuplicateNode,
+    Fault::BusOff,
+    Fault::ErrorPassive,
+    Fault::TransmitStalled,
+    Fault::PdoLength,
+    Fault::EmergencyWarning,
+];
+
+#[test]
+fn the_rig_on_ethercat_answers_every_injection_as_the_catalogue_says() {
+    check_all(&on_ethercat());
 }
 
 #[test]
@@ -260,8 +299,9 @@ fn another_bit_rate_is_refused_with_the_device_that_nobody_hears() {
 
 #[test]
 fn what_is_wrong_from_switching_on_keeps_the_rig_from_running() {
-    for scenario in both() {
-        for row in CATALOGUE.iter().filter(|row| row.lasts == Lasts::FromBoot) {
+    for scenario in both().into_iter().chain([on_ethercat()]) {
+        let is_meant = |row: &&Row| row.media.contains(&scenario.rig.medium(&Injection::new(row.kind, 0.0)));
+        for row in CATALOGUE.iter().filter(|row| row.lasts == Lasts::FromBoot).filter(is_meant) {
             let what = format!("{}; {}", row.name, scenario.replay());
             assert_eq!(row.expected.ending, Ending::NotEnabled, "{what}");
             let mut session = scenario.start();
@@ -278,9 +318,8 @@ fn what_is_wrong_from_switching_on_keeps_the_rig_from_running() {
                 }
                 (_, error) => panic!("{what}: {error}"),
             }
-            for drive in session.machine.drives() {
-                assert_ne!(drive.state(), cia402::State::OperationEnabled, "{what}");
-            }
+            let states = session.machine.drive_states();
+            assert!(!states.contains(&cia402::State::OperationEnabled), "{what}: {states:?}");
             session.machine.set_injections(&[]).expect("nothing is always possible");
             recover(&mut session, row.expected.recovery, &what);
         }

@@ -31,7 +31,7 @@ fn silence(session: &mut Session, is_lost: IsLost) -> ([u64; 2], u64) {
         session.run(1);
         let now = session.machine.now().since(last).as_micros() as u64;
         let drives = session.machine.drives();
-        for (left, drive) in left.iter_mut().zip(drives) {
+        for (left, drive) in left.iter_mut().zip(&drives) {
             if drive.state() != cia402::State::OperationEnabled {
                 left.get_or_insert(now);
             }

@@ -26,7 +26,7 @@ use crate::sensing::{Calibration, MountedOn, Mounting, Sensing, SensingParameter
 use yieldwall_drives::profiles::{DeviceProfile, NodeTraits};
 use yieldwall_drives::scaling::{AxisScaling, Direction};
 
-pub use buses::{bus_id, bus_plan, device_buses};
+pub use buses::{bus_id, bus_plan, device_buses, segment_bus};
 pub use error::AssemblyError;
 pub use segment::segment;
 
@@ -275,12 +275,11 @@ pub fn delay_cycles(rig: &config::Rig) -> Result<f64, AssemblyError> {
 /// Where parts of the configuration do not fit together.
 pub fn master(rig: &config::Rig, fixture: &config::Fixture) -> Result<Master, AssemblyError> {
     let cycle = cycle(rig, fixture)?;
-    if !rig.is_on_ethercat() {
-        return Ok(Master::new(&network(rig)?, cycle)?);
-    }
     let ([left, right], home) = (&rig.drives, home(rig)?);
     let axes = [(scaling(left)?, home[0]), (scaling(right)?, home[1])];
-    Ok(Master::on_segment(&segment(rig)?, axes, cycle)?)
+    let can = rig.own_node().map(|_| network(rig)).transpose()?;
+    let segment = rig.is_on_ethercat().then(|| segment(rig)).transpose()?;
+    Ok(Master::new((can.as_ref(), segment.as_ref()), axes, cycle)?)
 }
 
 /// The angles of the task's origin, from which the turn of the encoders is taken: an arm is always within half a turn of it.
@@ -290,8 +289,6 @@ fn home(rig: &config::Rig) -> Result<[f64; 2], AssemblyError> {
 
 /// The network as the master has to bring it up.
 pub(crate) fn network(rig: &config::Rig) -> Result<MasterSetup, AssemblyError> {
-    let home = home(rig)?;
-    let [left, right] = &rig.drives;
     let link = sensor_link(&rig.sensor)?;
     let of_profile = match &link {
         SensorLink::Canopen(node) => Some(&node.profile.node),
@@ -303,7 +300,12 @@ pub(crate) fn network(rig: &config::Rig) -> Result<MasterSetup, AssemblyError> {
         heartbeat: Duration::from_millis(own.heartbeat_ms.into()),
         period: Duration::from_micros(rig.cycle.period_us.into()),
         mode: rig.rig.command_mode,
-        drives: [drive(rig, left, home[0])?, drive(rig, right, home[1])?],
+        drives: rig
+            .drives
+            .iter()
+            .filter(|drive| drive.address.canopen().is_some())
+            .map(|own| drive(rig, own))
+            .collect::<Result<_, _>>()?,
         sensor: SensorSetup {
             name: rig.sensor.name.clone(),
             bus: buses::bus_id(rig, &rig.sensor.bus)?,
@@ -413,16 +415,13 @@ pub(crate) fn torque_limits_per_mille(rig: &config::Rig) -> Result<[u16; 2], Ass
     Ok([limit(left)?, limit(right)?])
 }
 
-fn drive(rig: &config::Rig, drive: &config::Drive, expected_angle_rad: f64) -> Result<DriveSetup, AssemblyError> {
-    let (scaling, profile) = (scaling(drive)?, profile(&drive.profile)?);
-    let limits = drive_limits(rig, &scaling)?;
+fn drive(rig: &config::Rig, drive: &config::Drive) -> Result<DriveSetup, AssemblyError> {
+    let (profile, limits) = (profile(&drive.profile)?, drive_limits(rig, &scaling(drive)?)?);
     let node = drive.address.canopen().ok_or(AssemblyError::OnEthercat)?;
     Ok(DriveSetup {
         name: drive.name.clone(),
         bus: buses::bus_id(rig, &drive.bus)?,
         node_id: node.node_id,
-        scaling,
-        expected_angle_rad,
         heartbeat: Duration::from_millis(node.heartbeat_ms.into()),
         waits: waits(&drive.waits, Some(&profile.node)),
         profile,

@@ -20,7 +20,7 @@ const SYNC0_PHASE: u32 = 10;
 const OVERLOAD: u32 = 1 << 27 | 1 << 30;
 const INVALID: u32 = 1 << 2 | 1 << 3 | 1 << 5 | 1 << 29;
 
-/// The segment of a rig whose devices are all on it.
+/// The segment of a rig whose drives are on it.
 ///
 /// # Errors
 /// Where parts of the configuration do not fit together.
@@ -54,7 +54,9 @@ pub fn segment(rig: &config::Rig) -> Result<SegmentSetup, AssemblyError> {
             failure,
         })?);
     }
-    stations.push(sensor(&rig.sensor)?);
+    if rig.sensor.protocol.position().is_some() {
+        stations.push(sensor(&rig.sensor)?);
+    }
     Ok(SegmentSetup {
         bus: buses::bus_id(rig, &left.bus)?,
         source: SOURCE,

@@ -15,6 +15,12 @@ pub(super) struct DriveWords {
     pub(super) position: Option<i32>,
 }
 
+impl DriveWords {
+    fn or(self, other: Self) -> Self {
+        Self { statusword: self.statusword.or(other.statusword), position: self.position.or(other.position) }
+    }
+}
+
 /// What a drive is sent.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct DriveOrders {
@@ -33,6 +39,19 @@ pub(super) struct Arrived {
     pub(super) sample: Option<RawSample>,
     /// What happened on the networks.
     pub(super) link: LinkEvents,
+}
+
+impl Arrived {
+    /// This and what has come over another network, on which other devices are.
+    pub(super) fn with(self, other: Self) -> Self {
+        let [left, right] = self.drives;
+        let [other_left, other_right] = other.drives;
+        Self {
+            drives: [left.or(other_left), right.or(other_right)],
+            sample: self.sample.or(other.sample),
+            link: self.link | other.link,
+        }
+    }
 }
 
 /// A drive as the cycle sees it.

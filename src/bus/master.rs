@@ -39,35 +39,20 @@ pub struct Master {
 }
 
 impl Master {
-    /// A master that has sent nothing yet.
-    ///
-    /// # Errors
-    /// If node identifiers are out of range or used twice, or if a profile lacks the process data of the command mode.
-    pub fn new(setup: &MasterSetup, cycle: Cycle) -> Result<Self, BootError> {
-        let can = CanNetwork::new(setup)?;
-        let axes = setup.drives.each_ref().map(|drive| Axis::new(drive.scaling, drive.expected_angle_rad));
-        Ok(Self::with((Some(can), None), setup.listening(), axes, cycle))
-    }
-
-    /// A master of a rig whose devices are all on one EtherCAT segment, which has sent nothing yet. Frames of the segment come by
-    /// [`Master::on_ethernet`] and leave by [`Master::drain_ethernet`]; whatever frames of CAN a call may send, none are.
+    /// A master that has sent nothing yet, of a rig whose devices are on CAN, on an EtherCAT segment, or some here and some there. Frames of
+    /// the segment come by [`Master::on_ethernet`] and leave by [`Master::drain_ethernet`].
     ///
     /// `axes` are the scalings of the left and of the right drive, and the angles in rad near which their first positions are unwrapped.
     ///
     /// # Errors
-    /// As [`EthercatNetwork::new`].
-    pub fn on_segment(setup: &SegmentSetup, axes: [(AxisScaling, f64); 2], cycle: Cycle) -> Result<Self, BootError> {
-        let segment = EthercatNetwork::new(setup)?;
-        let axes = axes.map(|(scaling, angle_rad)| Axis::new(scaling, angle_rad));
-        Ok(Self::with((None, Some(segment)), SEGMENT_LISTENING, axes, cycle))
-    }
-
-    fn with(
-        (can, segment): (Option<CanNetwork>, Option<EthercatNetwork>),
-        listening: Duration,
-        axes: [Axis; 2],
+    /// If node identifiers are out of range or used twice, if a profile lacks the process data of the command mode; as
+    /// [`EthercatNetwork::new`].
+    pub fn new(
+        (can, segment): (Option<&MasterSetup>, Option<&SegmentSetup>),
+        axes: [(AxisScaling, f64); 2],
         cycle: Cycle,
-    ) -> Self {
+    ) -> Result<Self, BootError> {
+        let axes = axes.map(|(scaling, angle_rad)| Axis::new(scaling, angle_rad));
         let inputs = Inputs {
             drives: axes.each_ref().map(Axis::unheard),
             sample: None,
@@ -75,8 +60,19 @@ impl Master {
             timing: Timing::default(),
             request: Request::None,
         };
-        let last = cycle.idle();
-        Self { can, segment, outgoing: Outgoing::default(), listening, axes, cycle, inputs, has_failed: false, last }
+        let of_can = can.map_or(Duration::ZERO, MasterSetup::listening);
+        let of_segment = segment.map_or(Duration::ZERO, |_| SEGMENT_LISTENING);
+        Ok(Self {
+            can: can.map(CanNetwork::new).transpose()?,
+            segment: segment.map(EthercatNetwork::new).transpose()?,
+            outgoing: Outgoing::default(),
+            listening: of_can.max(of_segment),
+            axes,
+            inputs,
+            has_failed: false,
+            last: cycle.idle(),
+            cycle,
+        })
     }
 
     /// Has the second frame of a sample of a sensor on plain CAN come as late as this behind the first, whatever the setup says.
@@ -101,12 +97,16 @@ impl Master {
         self.segment.as_ref().map(EthercatNetwork::bus)
     }
 
-    /// Where the network stands.
+    /// Where the network stands; of two, where the one that is behind stands, or has failed.
     pub fn phase(&self) -> &Phase {
-        match (&self.can, &self.segment) {
-            (Some(can), _) => can.phase(),
-            (None, Some(segment)) => segment.phase(),
-            (None, None) => &Phase::Off,
+        match (self.can.as_ref().map(CanNetwork::phase), self.segment.as_ref().map(EthercatNetwork::phase)) {
+            (Some(can), Some(segment)) => match (can, segment) {
+                (Phase::Failed(_), _) | (Phase::Off, _) => can,
+                (_, Phase::Failed(_) | Phase::Off) => segment,
+                (Phase::Operational, _) => segment,
+                _ => can,
+            },
+            (can, segment) => can.or(segment).unwrap_or(&Phase::Off),
         }
     }
 
@@ -235,8 +235,9 @@ impl Master {
         out: &mut impl Outbox,
     ) -> Result<(), ObjectError> {
         match (&mut self.can, &mut self.segment) {
+            (_, Some(segment)) if segment.has(device) => segment.ask(now, device, request),
             (Some(can), _) => can.ask(now, device, request, out),
-            (None, Some(segment)) => segment.ask(now, device, request),
+            (None, Some(_)) => Err(ObjectError::NoObjects),
             (None, None) => Err(ObjectError::NotBooted),
         }
     }
@@ -246,8 +247,9 @@ impl Master {
     /// Real-time: yes.
     pub fn answer(&self, device: Device) -> ObjectAnswer<'_> {
         match (&self.can, &self.segment) {
+            (_, Some(segment)) if segment.has(device) => segment.answer(device),
             (Some(can), _) => can.answer(device),
-            (None, Some(segment)) => segment.answer(device),
+            (None, Some(_)) => ObjectAnswer::Failed(ObjectError::NoObjects),
             (None, None) => ObjectAnswer::NotAsked,
         }
     }
@@ -416,10 +418,14 @@ impl Master {
     ///
     /// Real-time: yes.
     pub fn step(&mut self, now: Time, request: Request, timing: Timing) -> Outputs {
-        let arrived = match (&mut self.can, &mut self.segment) {
-            (Some(can), _) => can.take(now),
-            (None, Some(segment)) => segment.take(now),
-            (None, None) => return self.last,
+        let of_can = self.can.as_mut().map(|can| can.take(now));
+        let of_segment = self.segment.as_mut().map(|segment| segment.take(now));
+        let arrived = match (of_can, of_segment) {
+            (Some(can), Some(segment)) => can.with(segment),
+            (can, segment) => match can.or(segment) {
+                Some(arrived) => arrived,
+                None => return self.last,
+            },
         };
         let [left, right] = &mut self.axes;
         let [left_words, right_words] = arrived.drives;

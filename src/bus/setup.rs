@@ -7,7 +7,6 @@ use crate::canopen::BusId;
 use crate::plain_can;
 use yieldwall_drives::cia402::CommandMode;
 use yieldwall_drives::profiles::{DeviceProfile, Pdo};
-use yieldwall_drives::scaling::AxisScaling;
 
 /// How long a device is waited for while the network is booted.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -31,10 +30,6 @@ pub struct DriveSetup {
     pub node_id: u8,
     /// Device model.
     pub profile: Arc<DeviceProfile>,
-    /// Scaling between raw values and SI.
-    pub scaling: AxisScaling,
-    /// Angle of the joint in rad near which the first position is unwrapped.
-    pub expected_angle_rad: f64,
     /// Period of the node's heartbeat.
     pub heartbeat: Duration,
     /// How long it is waited for.
@@ -82,7 +77,7 @@ pub struct SensorNode {
     pub heartbeat: Duration,
 }
 
-/// The whole network of one rig: its devices, on as many buses as they name.
+/// The devices of one rig on CAN, on as many buses as they name.
 #[derive(Clone, Debug)]
 pub struct MasterSetup {
     /// Node id of the master, 1 to 127; the drives watch its heartbeat.
@@ -93,8 +88,8 @@ pub struct MasterSetup {
     pub period: Duration,
     /// Command mode of the rig.
     pub mode: CommandMode,
-    /// The drives of the left and of the right joint.
-    pub drives: [DriveSetup; 2],
+    /// The drives of the left and of the right joint; none where both are on an EtherCAT segment.
+    pub drives: Vec<DriveSetup>,
     /// The force sensor.
     pub sensor: SensorSetup,
 }
@@ -102,8 +97,7 @@ pub struct MasterSetup {
 impl MasterSetup {
     /// The buses: all that a device is on.
     pub(super) fn buses(&self) -> impl Iterator<Item = BusId> + use<> {
-        let [left, right] = &self.drives;
-        let used = [left.bus, right.bus, self.sensor.bus];
+        let used: Vec<BusId> = self.drives.iter().map(|drive| drive.bus).chain([self.sensor.bus]).collect();
         BusId::all().filter(move |bus| used.contains(bus))
     }
 

@@ -45,7 +45,7 @@ pub(super) struct Arguments {
 
 pub(super) fn run(command: &Command, output: &mut Output) -> Result<(), Failure> {
     let Command::Budget(arguments) = command;
-    let rig = config::load_rig_on_any_bus(Source::named(&arguments.rig))?;
+    let rig = config::load_rig(Source::named(&arguments.rig))?;
     if !rig.value.is_on_can() {
         check_arguments(arguments)?;
     }

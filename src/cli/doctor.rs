@@ -58,7 +58,7 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
     }
     let rig = match &arguments.rig {
         Some(name) => {
-            let rig = config::load_rig_on_any_bus(Source::named(name))?;
+            let rig = config::load_rig(Source::named(name))?;
             output.configuration(&rig.warnings)?;
             Some(rig.value)
         }

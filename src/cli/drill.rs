@@ -42,7 +42,7 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
 }
 
 fn drill(arguments: &Arguments, events: &Events, output: &mut Output) -> Result<(), Failure> {
-    let rig = config::load_rig_on_any_bus(Source::named(&arguments.rig))?;
+    let rig = config::load_rig(Source::named(&arguments.rig))?;
     output.configuration(&rig.warnings)?;
     if rig.value.is_on_ethercat() {
         only_for_can(&[("--dry-run", arguments.dry_run, "docs/ethercat.md says what a boot writes")])?;

@@ -7,7 +7,7 @@ use serde_json::json;
 use super::failure::{Exit, Failure};
 use super::output::Output;
 use crate::config;
-use crate::injection::{CATALOGUE, Ending, Injection, Kind, Lasts, Recovery, Row, Target};
+use crate::injection::{CATALOGUE, Ending, Expected, Injection, Kind, Lasts, Recovery, Row, Target};
 
 /// One `--fault NAME@TIME[+DURATION][:TARGET]`.
 #[derive(Clone, Debug)]
@@ -131,8 +131,8 @@ fn media(row: &Row) -> Vec<&'static str> {
     row.media.iter().map(|medium| medium.name()).collect()
 }
 
-fn fault_names(row: &Row) -> Vec<&'static str> {
-    row.expected.faults.iter().map(|fault| fault.row().name).collect()
+fn fault_names(expected: &Expected) -> Vec<&'static str> {
+    expected.faults.iter().map(|fault| fault.row().name).collect()
 }
 
 fn duration(row: &Row) -> String {
@@ -144,9 +144,9 @@ fn duration(row: &Row) -> String {
     }
 }
 
-fn ending(row: &Row) -> String {
-    let faults = fault_names(row).join(" or ");
-    match row.expected.ending {
+fn ending(expected: &Expected) -> String {
+    let faults = fault_names(expected).join(" or ");
+    match expected.ending {
         Ending::GoesOn if faults.is_empty() => "the rig goes on".to_owned(),
         Ending::GoesOn => format!("{faults} is counted; the rig goes on"),
         Ending::Latched(states) => {
@@ -156,12 +156,11 @@ fn ending(row: &Row) -> String {
         Ending::NotEnabled if faults.is_empty() => "the boot refuses the device".to_owned(),
         Ending::NotEnabled => format!("{faults} keeps the rig from running"),
         Ending::DrivesStop => "the drives stop by their own watchdogs".to_owned(),
-        Ending::UpToMaster => "what follows is up to the master".to_owned(),
     }
 }
 
-fn recovery(row: &Row) -> &'static str {
-    match row.expected.recovery {
+fn recovery(expected: &Expected) -> &'static str {
+    match expected.recovery {
         Recovery::None => "",
         Recovery::Reset => "; reset and enable to go on",
         Recovery::Restart => "; restart to go on",
@@ -171,7 +170,9 @@ fn recovery(row: &Row) -> &'static str {
 
 /// What follows when it happens.
 pub(super) fn consequence(row: &Row) -> String {
-    format!("{}{}", ending(row), recovery(row))
+    let told = |expected| format!("{}{}", ending(expected), recovery(expected));
+    let other = row.on_ethercat.map_or(String::new(), |other| format!("; on EtherCAT {}", told(other)));
+    format!("{}{other}", told(&row.expected))
 }
 
 fn text(row: &Row) -> String {
@@ -188,20 +189,26 @@ fn text(row: &Row) -> String {
 }
 
 fn document(row: &Row) -> serde_json::Value {
+    let mut document = follows(&row.expected);
+    document["name"] = row.name.into();
+    document["meaning"] = row.meaning.into();
+    document["targets"] = row.targets.iter().map(|target| target.name()).collect();
+    document["on"] = media(row).into();
+    document["lasts"] = duration(row).into();
+    document["size"] = json!(row.size.map(|size| json!({
+        "what": size.what, "usual": size.usual, "least": size.least, "most": size.most,
+    })));
+    document["matrix"] = row.matrix.into();
+    document["on_ethercat"] = json!(row.on_ethercat.map(follows));
+    document
+}
+
+fn follows(expected: &Expected) -> serde_json::Value {
     json!({
-        "name": row.name,
-        "meaning": row.meaning,
-        "targets": row.targets.iter().map(|target| target.name()).collect::<Vec<_>>(),
-        "on": media(row),
-        "lasts": duration(row),
-        "size": row.size.map(|size| json!({
-            "what": size.what, "usual": size.usual, "least": size.least, "most": size.most,
-        })),
-        "matrix": row.matrix,
-        "faults": fault_names(row),
-        "reaction": format!("{:?}", row.expected.reaction),
-        "ending": ending(row),
-        "recovery": format!("{:?}", row.expected.recovery),
+        "faults": fault_names(expected),
+        "reaction": format!("{:?}", expected.reaction),
+        "ending": ending(expected),
+        "recovery": format!("{:?}", expected.recovery),
     })
 }
 

@@ -18,7 +18,7 @@ use super::on_bus::{
 };
 use super::output::Output;
 use super::pace::PaceArgument;
-use super::run::{Arguments, check, check_buses, check_loop, draw, view, with_files};
+use super::run::{Arguments, candump_on_can, check, check_buses, check_loop, draw, dry_run_on_can, view, with_files};
 use super::tui::Screen;
 use crate::config::{self, Source};
 use crate::guard::Fault;
@@ -49,17 +49,9 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
 
 fn run_and_tell(arguments: &Arguments, events: &Events, output: &mut Output) -> Result<(), Failure> {
     check(arguments)?;
-    let rig = config::load_rig_on_any_bus(Source::named(&arguments.rig))?;
+    let rig = config::load_rig(Source::named(&arguments.rig))?;
     if rig.value.is_on_ethercat() {
-        only_for_can(&[
-            ("--pace lockstep", arguments.pace == PaceArgument::Lockstep, "leave --pace away"),
-            ("--dry-run", arguments.dry_run, "docs/ethercat.md says what a boot writes"),
-            (
-                "--candump",
-                arguments.candump.is_some(),
-                "a program that captures frames of Ethernet records the interface",
-            ),
-        ])?;
+        only_for_can(&[dry_run_on_can(arguments), candump_on_can(arguments)])?;
     }
     output.configuration(&rig.warnings)?;
     check_buses(&rig, Some(arguments.ignore_bus_budget), output)?;

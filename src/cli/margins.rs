@@ -198,7 +198,7 @@ mod tests {
         let [at_sync0, on_arrival] = ["{}", "{outputs: on_arrival}"].map(|bus| {
             let text = shipped.replace("ethercat: {}", &format!("ethercat: {bus}"));
             let text = text + "\ncycle: {period_us: 1000, compute_at_us: 100}\n";
-            let rig = crate::config::load_rig_on_any_bus(crate::config::Source::memory("rig.yaml", text)).unwrap();
+            let rig = crate::config::load_rig(crate::config::Source::memory("rig.yaml", text)).unwrap();
             let margins = Margins::of(&rig.value);
             margins.lines().iter().for_each(|line| eprintln!("{bus}: {line}"));
             let Margins::Torque(found) = margins else { panic!("{margins:?}") };

@@ -25,7 +25,7 @@ use super::faults::FaultArgument;
 use super::interrupt::{interrupted, on_interrupt, unless};
 use super::keep::{Keep, Watched};
 use super::margins::{Margins, has_other_inertia};
-use super::on_bus::{told_at_boot, with_findings, with_told};
+use super::on_bus::{only_for_can, told_at_boot, with_findings, with_told};
 use super::output::Output;
 use super::picture::{check_picture, drawing_failure, write_drawing};
 use super::progress::Progress;
@@ -111,7 +111,7 @@ fn run_and_tell(arguments: &Arguments, events: &Events, output: &mut Output) -> 
     check(arguments)?;
     let source = Source::named(&arguments.rig);
     let rig = match config::load(source.clone())? {
-        Document::Rig(rig) => rig.runnable()?,
+        Document::Rig(rig) => *rig,
         Document::Device(_) if arguments.dry_run => {
             let message = "an impedance device is on no bus: nothing is written to any device";
             return Err(Failure::new(Exit::Usage, message, "leave --dry-run away, or name a rig"));
@@ -128,6 +128,9 @@ fn run_and_tell(arguments: &Arguments, events: &Events, output: &mut Output) -> 
     output.configuration(&rig.warnings)?;
     check_buses(&rig, Some(arguments.ignore_bus_budget), output)?;
     let margins = check_loop(&rig, true, output)?;
+    if rig.value.is_on_ethercat() {
+        only_for_can(&[dry_run_on_can(arguments), candump_on_can(arguments)])?;
+    }
     if arguments.dry_run {
         return plan::run(&rig, &[], Sender::Run, output);
     }
@@ -189,6 +192,17 @@ fn run_and_tell(arguments: &Arguments, events: &Events, output: &mut Output) -> 
         return end;
     }
     output.end(facts.json(arguments), end)
+}
+
+/// What is for a rig on CAN alone: the argument, whether it is given, and what to do in its place.
+pub(super) fn dry_run_on_can(arguments: &Arguments) -> (&'static str, bool, &'static str) {
+    ("--dry-run", arguments.dry_run, "docs/ethercat.md says what a boot writes")
+}
+
+/// As [`dry_run_on_can`].
+pub(super) fn candump_on_can(arguments: &Arguments) -> (&'static str, bool, &'static str) {
+    let is_given = arguments.candump.is_some();
+    ("--candump", is_given, "a program that captures frames of Ethernet records an interface")
 }
 
 /// Why a simulated rig did not run.

@@ -81,7 +81,7 @@ enum Unwatched {
 }
 
 pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Failure> {
-    let rig = config::load_rig_on_any_bus(Source::named(&arguments.rig))?;
+    let rig = config::load_rig(Source::named(&arguments.rig))?;
     output.configuration(&rig.warnings)?;
     let scene = match &arguments.scene {
         Some(path) => config::load_scene(Source::named(path))?,

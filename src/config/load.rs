@@ -77,24 +77,19 @@ impl Loaded<Rig> {
         }
     }
 
-    /// The rig, if this version can run it.
+    /// The rig, for what is done on CAN alone.
     ///
     /// # Errors
-    /// A rig on EtherCAT, which runs on a network interface only.
-    pub fn runnable(self) -> Result<Self, Report> {
-        match self.not_runnable() {
-            Some(finding) => Err(finding.into()),
+    /// A rig on EtherCAT.
+    pub fn on_can(self) -> Result<Self, Report> {
+        match segment_key(&self.value) {
+            Some(key) => {
+                let message = "this is for rigs on CAN, and the rig is on EtherCAT";
+                let help = format!("`yieldwall run {}` runs it, with --bus INTERFACE on its segment", self.source);
+                Err(self.finding(Severity::Error, &key, message, help, &[]).into())
+            }
             None => Ok(self),
         }
-    }
-
-    /// Why this version cannot run the rig, if it cannot.
-    pub fn not_runnable(&self) -> Option<Diagnostic> {
-        let key = segment_key(&self.value)?;
-        let message = "this version runs a rig on EtherCAT on a network interface, and does not simulate it here yet";
-        let help =
-            format!("`yieldwall run {} --bus INTERFACE` runs it; `yieldwall sim` serves its devices", self.source);
-        Some(self.finding(Severity::Error, &key, message, help, &[]))
     }
 
     fn not_simulated(&self, error: NotSimulated) -> Diagnostic {
@@ -122,15 +117,15 @@ pub enum Document {
     ErrorCodes(Box<Loaded<ErrorCodes>>),
 }
 
-/// Reads and checks a document, whatever its kind; a rig on any bus.
+/// Reads and checks a document, whatever its kind.
 ///
 /// # Errors
-/// As [`load_rig_on_any_bus`]; or the document has the mark of no kind.
+/// As [`load_rig`]; or the document has the mark of no kind.
 pub fn load(source: impl Into<Source>) -> Result<Document, Report> {
     let source = source.into();
     let (locator, _) = open(&source)?;
     match Kind::detect(locator.outline.top_keys()) {
-        Some(Kind::Rig) => load_rig_on_any_bus(source).map(|rig| Document::Rig(Box::new(rig))),
+        Some(Kind::Rig) => load_rig(source).map(|rig| Document::Rig(Box::new(rig))),
         Some(Kind::Device) => load_device(source).map(|device| Document::Device(Box::new(device))),
         Some(Kind::Scene) => load_scene(source).map(|scene| Document::Scene(Box::new(scene))),
         Some(Kind::Figure) => load_figure(source).map(|figure| Document::Figure(Box::new(figure))),
@@ -141,20 +136,11 @@ pub fn load(source: impl Into<Source>) -> Result<Document, Report> {
     }
 }
 
-/// Reads and checks a rig that can be run, its device profiles, its simulation and its scene.
+/// Reads and checks a rig, its device profiles, its simulation and its scene.
 ///
 /// # Errors
-/// The file; its first syntax or type error; or all errors of meaning in the rig and in the files that it names. A rig on EtherCAT, for
-/// which runs on a network interface only.
+/// The file; its first syntax or type error; or all errors of meaning in the rig and in the files that it names.
 pub fn load_rig(source: impl Into<Source>) -> Result<Loaded<Rig>, Report> {
-    load_rig_on_any_bus(source)?.runnable()
-}
-
-/// As [`load_rig`], and a rig on EtherCAT too, whose devices can be simulated.
-///
-/// # Errors
-/// As [`load_rig`], but for the last one.
-pub fn load_rig_on_any_bus(source: impl Into<Source>) -> Result<Loaded<Rig>, Report> {
     let source = source.into();
     let Read { value: mut rig, mut findings, like } = read::<Rig>(&source, Kind::Rig)?;
     let in_range = findings.check_ranges(&rig);

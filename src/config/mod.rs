@@ -29,7 +29,7 @@ pub use diagnostic::{Diagnostic, Place, Related, Report, Severity};
 pub use kind::Kind;
 pub use load::{
     Document, Loaded, load, load_device, load_error_codes, load_figure, load_named_profile, load_profile, load_rig,
-    load_rig_on_any_bus, load_scene, load_simulation, to_yaml,
+    load_scene, load_simulation, to_yaml,
 };
 pub use number::{Finite, NotNegative, Positive};
 pub use schema::schema;

@@ -49,6 +49,7 @@ const SHIPPED: &[(&str, &str)] = shipped![
     "paper-admittance-streaming.yaml",
     "paper-admittance-two-buses.yaml",
     "paper-admittance.yaml",
+    "paper-ethercat-can-sensor.yaml",
     "paper-ethercat.yaml",
     "paper-impedance.yaml",
     "room.yaml",

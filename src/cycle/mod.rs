@@ -76,6 +76,33 @@ pub struct LinkEvents {
     pub port_errors: DeviceSet,
 }
 
+impl std::ops::BitOr for LinkEvents {
+    type Output = Self;
+
+    /// What happened on the one or on the other network.
+    fn bitor(self, other: Self) -> Self {
+        Self {
+            bad_length: self.bad_length | other.bad_length,
+            duplicated: self.duplicated | other.duplicated,
+            late: self.late | other.late,
+            node_reset: self.node_reset | other.node_reset,
+            heartbeat_lost: self.heartbeat_lost | other.heartbeat_lost,
+            duplicate_node: self.duplicate_node | other.duplicate_node,
+            emergency: self.emergency | other.emergency,
+            emergency_warning: self.emergency_warning | other.emergency_warning,
+            intruder: self.intruder | other.intruder,
+            transmit_stalled: self.transmit_stalled | other.transmit_stalled,
+            error_passive: self.error_passive | other.error_passive,
+            bus_off: self.bus_off | other.bus_off,
+            send_failed: self.send_failed | other.send_failed,
+            outputs_missed: self.outputs_missed | other.outputs_missed,
+            device_state: self.device_state | other.device_state,
+            clock_lost: self.clock_lost | other.clock_lost,
+            port_errors: self.port_errors | other.port_errors,
+        }
+    }
+}
+
 /// When the cycle ran, against its grid. All zero for a cycle in time.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Timing {

@@ -1,4 +1,4 @@
-//! Fault injection as data: what can be broken on the embedded simulation and on a segment that is served, and what has to follow.
+//! Fault injection as data: what can be broken on the embedded simulation and on devices that are served, and what has to follow.
 //!
 //! [`Kind`] names what is broken, [`CATALOGUE`] says of each what it does, where, on which kind of bus, and what is expected of the
 //! rig, and [`Injection`] is one of them at a moment. The rig in virtual time carries them out, and what serves a segment.
@@ -164,14 +164,19 @@ impl Target {
             _ => false,
         }
     }
+
+    /// Whether a device is concerned: 0 the left drive, 1 the right drive, 2 the sensor.
+    pub fn has_device(self, device: usize) -> bool {
+        self.has_joint(device) || self == Self::Sensor && device == 2
+    }
 }
 
 /// A kind of bus.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Medium {
-    /// The buses of the embedded simulation.
+    /// CAN buses.
     Can,
-    /// A segment that is served to a master.
+    /// An EtherCAT segment.
     Ethercat,
 }
 
@@ -222,8 +227,6 @@ pub enum Ending {
     NotEnabled,
     /// Nobody is there to stop it: the drives stop by their own watchdogs.
     DrivesStop,
-    /// What follows is up to the master, which is another program.
-    UpToMaster,
 }
 
 /// What a person has to do to run the rig again, once the injection is over.
@@ -272,8 +275,17 @@ pub struct Row {
     pub lasts: Lasts,
     /// How strong, if that can be chosen.
     pub size: Option<Size>,
-    /// What has to follow.
+    /// What has to follow; on EtherCAT where nothing else is said.
     pub expected: Expected,
+    /// What has to follow on EtherCAT, if that is something else than on CAN.
+    pub on_ethercat: Option<&'static Expected>,
+}
+
+impl Row {
+    /// What has to follow on such a bus.
+    pub fn expected_on(&self, medium: Medium) -> &Expected {
+        self.on_ethercat.filter(|_| medium == Medium::Ethercat).unwrap_or(&self.expected)
+    }
 }
 
 /// Something broken at a moment.
@@ -319,6 +331,23 @@ impl Injection {
     #[must_use]
     pub fn sized(self, size: f64) -> Self {
         Self { size, ..self }
+    }
+
+    /// Whether it acts on the computer that runs the master, or on its interfaces: that is another program where devices are served.
+    pub fn is_at_master(&self) -> bool {
+        matches!(self.target, Target::Host | Target::Operator)
+            || matches!(self.kind, Kind::SendFailed | Kind::InterfaceDown)
+    }
+
+    /// On which kind of bus it acts: that of the devices of its target, and otherwise on a segment if there is one and the kind means
+    /// something there. `is_on_segment` tells it of a device, of which 0 is the left drive, 1 the right drive, 2 the sensor.
+    pub fn medium(&self, is_on_segment: impl Fn(usize) -> bool) -> Medium {
+        let mut named = (0..3).filter(|device| self.target.has_device(*device)).peekable();
+        let is_there = match named.peek() {
+            Some(_) => named.all(is_on_segment),
+            None => self.kind.row().media.contains(&Medium::Ethercat) && (0..3).any(is_on_segment),
+        };
+        if is_there { Medium::Ethercat } else { Medium::Can }
     }
 
     /// When it ends in s; infinity if it stays. What happens once ends as it begins.

@@ -103,7 +103,7 @@ mod tests {
 
     #[test]
     fn frames_come_back_but_not_those_that_came_while_nobody_looked() {
-        let rig = config::load_rig_on_any_bus(config::builtin("paper-ethercat.yaml")).unwrap();
+        let rig = config::load_rig(config::builtin("paper-ethercat.yaml")).unwrap();
         let scene = rig.scene().unwrap().value;
         let mut server = SegmentServer::new(&rig.value, &scene, 1, Pace::Free, [true; 3], Time(0)).unwrap();
         let mut buffer = [0; 64];

@@ -110,8 +110,10 @@ pub fn segment(
     let positions = [left.address.position(), right.address.position(), rig.sensor.protocol.position()];
     let mut line: Vec<(u16, usize)> = Vec::new();
     for (device, position) in positions.into_iter().enumerate().filter(|(device, _)| here.get(*device) == Some(&true)) {
-        let position = position.ok_or_else(|| RigError::Mismatch("the rig is not on EtherCAT".into()))?;
-        line.push((position, device));
+        line.extend(position.map(|position| (position, device)));
+    }
+    if line.is_empty() && here.contains(&true) {
+        return Err(RigError::Mismatch("none of these devices is on EtherCAT".into()));
     }
     line.sort_unstable();
     let mut places = [None; DEVICES];

@@ -1,12 +1,14 @@
-//! The far end of the bus: the simulated devices and the machine that they are on.
+//! The far end of the buses: the simulated devices and the machine that they are on.
 
 use super::devices;
 use super::error::RigError;
+use super::line::Line;
 use super::world::World;
 use crate::assembly::device_buses;
 use crate::canopen::{BusId, Frame, Outbox, cob};
 use crate::config;
 use crate::quantity::JointTorques;
+use crate::run::Pace;
 use crate::sim::{Drive, ForceSensor};
 use crate::time::Time;
 use yieldwall_drives::cia402;
@@ -115,26 +117,92 @@ impl Transducer for ForceSensor {
     }
 }
 
-/// Two drives, the force sensor, and arm and hand.
+/// A device that is not there.
+impl<D: Device> Device for Option<D> {
+    fn boot(&mut self, now: Time, out: &mut impl Outbox) {
+        if let Some(device) = self {
+            device.boot(now, out);
+        }
+    }
+
+    fn on_frame(&mut self, now: Time, frame: &Frame, out: &mut impl Outbox) {
+        if let Some(device) = self {
+            device.on_frame(now, frame, out);
+        }
+    }
+
+    fn poll(&mut self, now: Time, out: &mut impl Outbox) {
+        if let Some(device) = self {
+            device.poll(now, out);
+        }
+    }
+
+    fn next_deadline(&self) -> Time {
+        self.as_ref().map_or(Time::NEVER, Device::next_deadline)
+    }
+}
+
+impl<D: Actuator> Actuator for Option<D> {
+    fn measure(&mut self, angle_rad: f64, rate_rad_per_s: f64) {
+        if let Some(drive) = self {
+            drive.measure(angle_rad, rate_rad_per_s);
+        }
+    }
+
+    fn torque_n_m(&self) -> f64 {
+        self.as_ref().map_or(0.0, Actuator::torque_n_m)
+    }
+
+    fn state(&self) -> cia402::State {
+        self.as_ref().map_or(cia402::State::NotReadyToSwitchOn, Actuator::state)
+    }
+}
+
+impl<S: Transducer> Transducer for Option<S> {
+    fn measure(&mut self, now: Time, counts: [i32; 6]) {
+        if let Some(sensor) = self {
+            sensor.measure(now, counts);
+        }
+    }
+}
+
+/// Two drives, the force sensor, and arm and hand: devices on CAN, and those on a segment.
 ///
 /// The machine is integrated up to each moment at which a device samples it or changes its torque.
 #[derive(Debug)]
-pub(super) struct FarEnd<D = Drive, S = ForceSensor> {
+pub(super) struct FarEnd<D = Option<Drive>, S = Option<ForceSensor>> {
+    /// The drives on CAN.
     pub(super) drives: [D; 2],
+    /// The sensor on CAN.
     pub(super) sensor: S,
+    /// The devices on a segment.
+    pub(super) line: Option<Line>,
     pub(super) world: World,
     /// The buses of the left drive, the right drive and the sensor.
     pub(super) buses: [BusId; DEVICES],
 }
 
 impl FarEnd {
-    /// Everything switched off, the arm where the scene's hand starts.
-    pub(super) fn new(rig: &config::Rig, scene: &config::Scene, seed: u64) -> Result<Self, RigError> {
+    /// Everything switched off, the arm where the scene's hand starts. Of the devices on a segment those that are `here` are on it, whose
+    /// clocks drift unless a master in lockstep has them.
+    pub(super) fn new(
+        rig: &config::Rig,
+        scene: &config::Scene,
+        seed: u64,
+        (here, pace): ([bool; DEVICES], Pace),
+    ) -> Result<Self, RigError> {
         let [left, right] = &rig.drives;
+        let drive = |drive: &config::Drive, serial| {
+            let is_on_can = drive.address.canopen().is_some();
+            is_on_can.then(|| devices::drive(rig, scene, drive, serial)).transpose()
+        };
+        let world = devices::world(rig, scene, seed)?;
+        let line = rig.is_on_ethercat().then(|| devices::segment(rig, scene, here, pace)).transpose()?;
         Ok(Self {
-            drives: [devices::drive(rig, scene, left, 1)?, devices::drive(rig, scene, right, 2)?],
-            sensor: devices::force_sensor(rig)?,
-            world: devices::world(rig, scene, seed)?,
+            drives: [drive(left, 1)?, drive(right, 2)?],
+            sensor: rig.sensor.protocol.position().is_none().then(|| devices::force_sensor(rig)).transpose()?,
+            line: line.map(|line| Line::new(line, world.calibration.clone())),
+            world,
             buses: device_buses(rig)?,
         })
     }
@@ -144,7 +212,8 @@ impl<D: Actuator, S: Transducer> FarEnd<D, S> {
     /// When [`FarEnd::poll`] has to be called again at the latest.
     pub(super) fn next_deadline(&self) -> Time {
         let [left, right] = &self.drives;
-        left.next_deadline().min(right.next_deadline()).min(self.sensor.next_deadline())
+        let on_can = left.next_deadline().min(right.next_deadline()).min(self.sensor.next_deadline());
+        on_can.min(self.line.as_ref().map_or(Time::NEVER, Line::next_deadline))
     }
 
     /// Gives a device its supply, as if it had been off before.
@@ -154,6 +223,7 @@ impl<D: Actuator, S: Transducer> FarEnd<D, S> {
             Some(drive) => drive.boot(now, plug),
             None => self.sensor.boot(now, plug),
         }
+        self.line.iter_mut().for_each(|line| line.switch_on(device, now));
     }
 
     /// Brings a frame to every device on its bus but the one that sent it.
@@ -180,6 +250,14 @@ impl<D: Actuator, S: Transducer> FarEnd<D, S> {
         self.take_torques(now)
     }
 
+    /// Sends a frame through the segment; when it is back, if it comes back.
+    pub(super) fn on_ethernet(&mut self, now: Time, bytes: &mut [u8]) -> Result<Option<Time>, RigError> {
+        self.poll_line(now)?;
+        let back = self.line.as_mut().and_then(|line| line.segment.process(now, bytes));
+        self.take_torques(now)?;
+        Ok(back)
+    }
+
     /// Lets the devices do what is due.
     pub(super) fn poll(&mut self, now: Time, wire: &mut impl Wire) -> Result<(), RigError> {
         let [left, right] = &self.drives;
@@ -198,7 +276,36 @@ impl<D: Actuator, S: Transducer> FarEnd<D, S> {
             self.feel(now)?;
             self.sensor.poll(now, &mut Plug { wire, device: SENSOR, now });
         }
+        if self.line.as_ref().is_some_and(|line| line.next_deadline() <= now) {
+            self.poll_line(now)?;
+            self.take_torques(now)?;
+        }
         Ok(())
+    }
+
+    /// Lets the devices on the segment measure what they have to by now, and do what is due.
+    fn poll_line(&mut self, now: Time) -> Result<(), RigError> {
+        if self.line.is_none() {
+            return Ok(());
+        }
+        self.world.settle(now)?;
+        self.measure_joints();
+        if let Some(line) = &mut self.line {
+            if line.feels(now) {
+                line.measure_force(now, self.world.feel(now)?);
+            }
+            line.segment.poll(now);
+        }
+        Ok(())
+    }
+
+    /// Has the devices of a segment measure before anything else happens.
+    pub(super) fn begin_segment(&mut self) -> Result<(), RigError> {
+        self.measure_joints();
+        if let Some(line) = &mut self.line {
+            line.measure_force(Time(0), self.world.feel(Time(0))?);
+        }
+        self.take_torques(Time(0))
     }
 
     fn feel(&mut self, now: Time) -> Result<(), RigError> {
@@ -207,17 +314,40 @@ impl<D: Actuator, S: Transducer> FarEnd<D, S> {
         Ok(())
     }
 
-    fn measure_joints(&mut self) {
+    /// The motion of each joint at this moment, to its drive.
+    pub(super) fn measure_joints(&mut self) {
         let (angles, rates) = self.world.joints();
-        let motions = angles.to_array().into_iter().zip(rates.to_array());
+        let ([left, right], [left_rate, right_rate]) = (angles.to_array(), rates.to_array());
+        let motions = [(left, left_rate), (right, right_rate)];
         for (drive, (angle, rate)) in self.drives.iter_mut().zip(motions) {
             drive.measure(angle, rate);
         }
+        self.line.iter_mut().for_each(|line| line.measure_joints(motions));
+    }
+
+    /// States of the drives, left and right.
+    pub(super) fn drive_states(&self) -> [cia402::State; 2] {
+        let state = |(drive, on_can): (usize, &D)| match &self.line {
+            Some(line) if line.has(drive) => line.state(drive),
+            _ => on_can.state(),
+        };
+        let [left, right] = &self.drives;
+        [state((0, left)), state((1, right))]
+    }
+
+    /// Torques of the drives on their joints in N m.
+    pub(super) fn torques_n_m(&self) -> [f64; 2] {
+        let torque_n_m = |(drive, on_can): (usize, &D)| match &self.line {
+            Some(line) if line.has(drive) => line.torque_n_m(drive),
+            _ => on_can.torque_n_m(),
+        };
+        let [left, right] = &self.drives;
+        [torque_n_m((0, left)), torque_n_m((1, right))]
     }
 
     /// New torques act from now on; what was before is settled under the old ones.
-    fn take_torques(&mut self, now: Time) -> Result<(), RigError> {
-        let [left, right] = self.drives.each_ref().map(Actuator::torque_n_m);
+    pub(super) fn take_torques(&mut self, now: Time) -> Result<(), RigError> {
+        let [left, right] = self.torques_n_m();
         let torques = JointTorques::new(left, right);
         if torques != self.world.torques {
             self.world.settle(now)?;

@@ -3,7 +3,7 @@
 use std::time::Duration;
 
 use super::error::RigError;
-use super::far_end::{Actuator, DEVICES, FarEnd, Wire};
+use super::far_end::{DEVICES, FarEnd, Wire};
 use super::seat::{Peer, Seat};
 
 use super::world::{Body, World};
@@ -90,17 +90,18 @@ impl DeviceServer {
     /// # Errors
     /// Where parts of the configuration do not fit together, and for a scene without an arm.
     pub fn new(rig: &config::Rig, scene: &config::Scene, seed: u64, pace: Pace) -> Result<Self, RigError> {
-        let FarEnd { drives, sensor, world, buses } = FarEnd::new(rig, scene, seed)?;
-        let seat = |drive| Seat::Here(Box::new(drive));
+        let FarEnd { drives, sensor, line, world, buses } = FarEnd::new(rig, scene, seed, ([false; DEVICES], pace))?;
+        let seat = |drive: Option<Drive>| drive.map_or_else(Seat::empty, |drive| Seat::Here(Box::new(drive)));
         let clock = match pace {
             Pace::Lockstep => Clock::Sync,
             Pace::Free => Clock::Wall,
         };
         let drives = drives.map(|mut drive| {
-            drive.set_clock(clock);
+            drive.iter_mut().for_each(|drive| drive.set_clock(clock));
             drive
         });
-        let mut far = FarEnd { drives: drives.map(seat), sensor: Seat::Here(Box::new(sensor)), world, buses };
+        let sensor = sensor.map_or_else(Seat::empty, |sensor| Seat::Here(Box::new(sensor)));
+        let mut far = FarEnd { drives: drives.map(seat), sensor, line, world, buses };
         if matches!(far.world.body, Body::Ideal(_)) {
             let message =
                 "model.tracking ideal works in the embedded simulation only: on a bus the arm has to be rigid";
@@ -266,12 +267,12 @@ impl DeviceServer {
 
     /// States of the drives, left and right.
     pub fn drive_states(&self) -> [cia402::State; 2] {
-        self.far.drives.each_ref().map(Actuator::state)
+        self.far.drive_states()
     }
 
     /// Torques of the drives in N m.
     pub fn torques_n_m(&self) -> [f64; 2] {
-        self.far.drives.each_ref().map(Actuator::torque_n_m)
+        self.far.torques_n_m()
     }
 
     /// Simulated time at a moment of the wall.

@@ -4,6 +4,7 @@ use super::error::RigError;
 use crate::assembly::device_buses;
 use crate::canopen::{BusId, Frame, cob};
 use crate::config;
+use crate::ethercat::frame::{Command, Datagrams};
 use crate::run::Finding;
 use crate::time::Time;
 use yieldwall_drives::cia402;
@@ -57,6 +58,19 @@ impl Silence {
             self.last = now;
         }
         Some(frame)
+    }
+
+    /// Whether the devices of a segment get a frame of the master: outputs are kept from them.
+    pub(super) fn passes(&mut self, now: Time, bytes: &[u8]) -> bool {
+        let carries_outputs = Datagrams::of(bytes)
+            .is_ok_and(|mut all| all.any(|one| one.is_ok_and(|one| one.header.command == Command::Lwr as u8)));
+        if self.watchdog != Watchdog::Outputs || !carries_outputs {
+            return true;
+        }
+        if !self.is_on {
+            self.last = now;
+        }
+        !self.is_on
     }
 
     /// Looks at the drives.

@@ -6,7 +6,7 @@ use rand_xoshiro::Xoshiro256PlusPlus;
 use rand_xoshiro::rand_core::SeedableRng;
 
 use super::error::RigError;
-use crate::linkage::FiveBar;
+use crate::linkage::{FiveBar, Posture};
 use crate::quantity::{Force, JointAngles, JointRates, JointTorques, TipPoint, TipVelocity};
 use crate::run::has_torque;
 use crate::sensing::{Calibration, Mounting};
@@ -217,8 +217,13 @@ impl World {
         Ok(())
     }
 
-    /// What the force sensor's channels read at `now`, in counts; notes the truth of this moment.
-    pub(super) fn feel(&mut self, now: Time) -> Result<[i32; 6], RigError> {
+    /// Notes the truth of this moment.
+    pub(super) fn look(&mut self, now: Time) -> Result<(), RigError> {
+        self.posture(now).map(|_| ())
+    }
+
+    /// The arm's posture at `now`; notes the truth of this moment.
+    fn posture(&mut self, now: Time) -> Result<Posture, RigError> {
         let time = now.as_secs_f64() - self.hand_from_s;
         let (posture, position, velocity, acceleration) = match &self.body {
             Body::Arm(arm) => {
@@ -236,8 +241,14 @@ impl World {
             }
         };
         self.truth = Truth { tip: position, velocity, force };
+        Ok(posture)
+    }
+
+    /// What the force sensor's channels read at `now`, in counts; notes the truth of this moment.
+    pub(super) fn feel(&mut self, now: Time) -> Result<[i32; 6], RigError> {
+        let posture = self.posture(now)?;
         let link_angle = self.mounting.link_angle_rad(posture.distal_angle_rad);
-        let mut counts = self.calibration.counts_for(&self.mounting.to_sensor(force, 0.0, link_angle));
+        let mut counts = self.calibration.counts_for(&self.mounting.to_sensor(self.truth.force, 0.0, link_angle));
         if self.noise_counts > 0.0 {
             let range = self.calibration.range_counts();
             for count in &mut counts {

@@ -362,9 +362,8 @@ impl<'a> Run<'a> {
         for cycle in 1..=rest {
             // Time goes on without a cycle.
             machine.run_cycle(Request::None)?;
-            let drives = machine.drives();
-            let enabled = drives.iter().filter(|drive| drive.state() == Drive::OperationEnabled).count();
-            let torque = drives.iter().any(|drive| drive.torque_n_m() != 0.0);
+            let enabled = machine.drive_states().into_iter().filter(|state| *state == Drive::OperationEnabled).count();
+            let torque = machine.drive_torques_n_m().into_iter().any(|torque_n_m| torque_n_m != 0.0);
             let seen = match cycle {
                 // What a held interface lets go late is a set-point to the drives.
                 _ if cycle == bound && enabled > 0 && self.seen.falsified.link => {
@@ -508,14 +507,13 @@ impl<'a> Run<'a> {
             };
         }
         let truth = machine.body_truth();
-        let [left, right] = machine.drives();
         seen.truth = Truth {
             angles_rad: truth.angles.to_array(),
             tool_m: truth.tool.to_array(),
             velocity_m_per_s: truth.velocity.to_array(),
             hand_n: truth.hand.to_array(),
-            torques_n_m: [left.torque_n_m(), right.torque_n_m()],
-            drives: [left.state(), right.state()],
+            torques_n_m: machine.drive_torques_n_m(),
+            drives: machine.drive_states(),
         };
         let counters: BusCounters = machine.bus_counters().sum();
         seen.queue_high_water = counters.queue_high_water;

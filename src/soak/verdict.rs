@@ -272,7 +272,7 @@ fn judge_window(
     let ends = match expected.ending {
         Ending::GoesOn => latched.is_none(),
         Ending::Latched(states) => latched.is_some_and(|state| states.contains(&state)),
-        Ending::NotEnabled | Ending::UpToMaster => true,
+        Ending::NotEnabled => true,
         Ending::DrivesStop => play.end == End::MasterGone,
     };
     let as_expected = (met_running && is_usual).then_some(ends && (has_expected || expected.ending == Ending::GoesOn));

@@ -65,8 +65,8 @@ static STARTS: LazyLock<[Start; 3]> = LazyLock::new(|| {
         let mut machine = EmbeddedRig::new(&rig, &scene, &rig.fixture, 1).expect("a rig that can be built");
         let parts = |machine: &EmbeddedRig| Parts {
             master: machine.master().clone(),
-            drives: machine.drives().map(Drive::clone),
-            sensor: machine.force_sensor().clone(),
+            drives: std::array::from_fn(|drive| machine.drives()[drive].clone()),
+            sensor: machine.force_sensor().expect("a sensor on CAN").clone(),
             now: machine.now(),
         };
         let mut off = parts(&machine);

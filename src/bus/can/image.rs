@@ -105,12 +105,12 @@ pub(super) struct Arrivals {
     pub(super) irregular: Irregular,
 }
 
-/// The image of two drives and one sensor.
+/// The image of the drives and the sensor.
 #[derive(Clone, Debug)]
 pub(super) struct Image {
     slots: Box<[u8]>,
     incoming: Vec<Incoming>,
-    outgoing: [Outgoing; 2],
+    outgoing: Vec<Outgoing>,
     sample: RawSample,
     /// What the bits of the sensor's status mean.
     status_bits: StatusBits,
@@ -139,15 +139,15 @@ pub(super) enum SensorFrames<'a> {
 impl Image {
     pub(super) fn new(
         mode: CommandMode,
-        drives: [(&DriveSetup, NodeId); 2],
+        drives: &[(&DriveSetup, NodeId)],
         sensor_bus: BusId,
         sensor: SensorFrames<'_>,
     ) -> Result<Self, BootFailure> {
-        let [(left, _), (right, _)] = &drives;
-        let mut image = Incomings::new(left.bus.max(right.bus).max(sensor_bus));
-        let [left, right] = drives;
-        let rpdos = [left, right].map(|(drive, node)| (drive.bus, [1, 2, 3, 4].map(|number| cob::rpdo(number, node))));
-        let outgoing = [image.drive(mode, 0, left)?, image.drive(mode, 1, right)?];
+        let last_bus = drives.iter().map(|(drive, _)| drive.bus).fold(sensor_bus, BusId::max);
+        let mut image = Incomings::new(last_bus);
+        let rpdos = drives.iter().map(|(drive, node)| (drive.bus, [1, 2, 3, 4].map(|number| cob::rpdo(number, *node))));
+        let outgoing = drives.iter().enumerate().map(|(joint, drive)| image.drive(mode, joint, *drive));
+        let outgoing = outgoing.collect::<Result<_, _>>()?;
         let (plain, status_bits) = match sensor {
             SensorFrames::Canopen(setup, node) => (None, image.sensor(sensor_bus, setup, node)?),
             SensorFrames::PlainCan(client) => (Some(client), StatusBits::default()),

@@ -91,10 +91,8 @@ impl CanNetwork {
             known.push((bus, fresh));
             Ok(fresh)
         };
-        let [left, right] = &setup.drives;
-        let drives = [left, right].map(|drive| Ok((drive, fresh(drive.bus, drive.node_id, &drive.name)?)));
-        let [left, right] = drives;
-        let drives = [left?, right?];
+        let drives = setup.drives.iter().map(|drive| Ok((drive, fresh(drive.bus, drive.node_id, &drive.name)?)));
+        let drives = drives.collect::<Result<Vec<_>, BootError>>()?;
         let sensor_bus = setup.sensor.bus;
         let (sensor, sensor_id) = match &setup.sensor.link {
             SensorLink::Canopen(node) => {
@@ -106,7 +104,7 @@ impl CanNetwork {
         const PLAN: &str = "plan the process data";
         let of_sensor = |failure| refuse(sensor_id, &setup.sensor.name, PLAN, failure);
         let mut nodes = Vec::new();
-        for (device, (drive, node)) in Device::DRIVES.into_iter().zip(drives) {
+        for (device, (drive, node)) in Device::DRIVES.into_iter().zip(drives.iter().copied()) {
             let boot = Boot::drive(setup, drive, node)
                 .map_err(|failure| refuse(Some(drive.node_id), &drive.name, PLAN, failure))?;
             nodes.push(Node::new(drive.bus, node, device, &drive.name, drive.heartbeat, drive.waits, boot));
@@ -119,7 +117,7 @@ impl CanNetwork {
         }
         let lines: Vec<Line> = setup.buses().map(|bus| Line::new(setup, bus, &nodes)).collect();
         // What the drives' profiles lack was found above.
-        let mut image = Image::new(setup.mode, drives, sensor_bus, sensor).map_err(of_sensor)?;
+        let mut image = Image::new(setup.mode, &drives, sensor_bus, sensor).map_err(of_sensor)?;
         for line in &lines {
             for own in [cob::NMT, cob::SYNC, cob::heartbeat(id)] {
                 image.reserve(line.bus, own);

@@ -37,6 +37,8 @@ const LOOK_AGAIN: Duration = Duration::from_micros(500);
 const CHIP_AGAIN: Duration = Duration::from_micros(50);
 /// Looks at the memory chip before it is given up.
 const CHIP_LOOKS: usize = 2000;
+/// Time in which a device that gets no outputs any more has left OP by its watchdog, as long as cycles of 20 ms need twice.
+const LEFT_ALONE: Duration = Duration::from_millis(200);
 /// Length of what is read of the memory chip's registers: control, address, data.
 const CHIP_LEN: usize = 14;
 
@@ -524,6 +526,11 @@ impl EthercatNetwork {
             Task::Look => {
                 let (status, code) = status();
                 if status.shows_master(code) && !self.is_ours {
+                    // What this master led itself stops by its watchdog now that nobody sends outputs.
+                    if self.has_written && now < self.bring_up.since + LEFT_ALONE {
+                        self.bring_up.wait_until = now + LOOK_AGAIN;
+                        return Ok(());
+                    }
                     self.is_silent = true;
                     let sign = SegmentSign::State { position: place as u16, status };
                     return Err(SegmentFailure::OtherMaster { sign, has_written: self.has_written }.into());

@@ -34,8 +34,10 @@ pub struct SegmentCounts {
     pub returned: u64,
     /// Frames that were given up.
     pub lost: u64,
-    /// Own frames that came back after they were given up, or twice, or changed on the way.
+    /// Own frames that came back after they were given up, or changed on the way.
     pub late: u64,
+    /// Own frames that came back once more.
+    pub repeated: u64,
     /// Own frames that came back without having passed a device.
     pub unprocessed: u64,
     /// EtherCAT frames of somebody else.
@@ -49,6 +51,8 @@ pub(super) enum Taken {
     Reply(Purpose),
     /// An own one that nobody waits for any more.
     Late,
+    /// An own one that has come before.
+    Again,
     /// A frame of somebody else, with its source.
     Foreign([u8; 6]),
     /// Nothing to do with EtherCAT, or a frame of ours that passed no device.
@@ -59,6 +63,8 @@ pub(super) enum Taken {
 #[derive(Clone, Debug)]
 struct Row {
     is_out: bool,
+    /// Whether it has come back.
+    has_come: bool,
     len: usize,
     bytes: Box<[u8; frame::LONGEST]>,
 }
@@ -75,7 +81,7 @@ pub(super) struct Flight {
 
 impl Flight {
     pub(super) fn new(source: [u8; 6]) -> Self {
-        let row = || Row { is_out: false, len: 0, bytes: Box::new([0; frame::LONGEST]) };
+        let row = || Row { is_out: false, has_come: false, len: 0, bytes: Box::new([0; frame::LONGEST]) };
         Flight { source, rows: [row(), row(), row()], number: 0, counts: SegmentCounts::default() }
     }
 
@@ -122,7 +128,7 @@ impl Flight {
             return None;
         }
         row.len = to.writer.finish().len();
-        row.is_out = true;
+        (row.is_out, row.has_come) = (true, false);
         self.number = self.number.wrapping_add(1);
         self.counts.sent += 1;
         let row = self.row(purpose);
@@ -152,10 +158,16 @@ impl Flight {
         for purpose in [Purpose::Inputs, Purpose::Outputs, Purpose::Service] {
             let row = self.row_mut(purpose);
             if row.is_out && answers(row.bytes.get(..row.len).unwrap_or_default(), bytes) {
-                row.is_out = false;
+                (row.is_out, row.has_come) = (false, true);
                 self.counts.returned += 1;
                 return Taken::Reply(purpose);
             }
+        }
+        // What was given up has not come before.
+        let is_again = |row: &Row| row.has_come && answers(row.bytes.get(..row.len).unwrap_or_default(), bytes);
+        if self.rows.iter().any(is_again) {
+            self.counts.repeated += 1;
+            return Taken::Again;
         }
         self.counts.late += 1;
         Taken::Late
@@ -213,7 +225,7 @@ mod tests {
     }
 
     #[test]
-    fn a_frame_is_taken_once_and_is_late_afterwards() {
+    fn a_frame_is_taken_once() {
         let mut flight = Flight::new(SOURCE);
         let brd = |to: &mut Datagramer<'_>| to.read(Command::Brd, address(0, 0x0130), 2);
         let sent = flight.send(Purpose::Service, brd).unwrap().to_vec();
@@ -222,8 +234,8 @@ mod tests {
         back[18] = 2;
         assert_eq!(flight.take(&sent), Taken::Nothing, "it passed no device");
         assert_eq!(flight.take(&back), Taken::Reply(Purpose::Service));
-        assert_eq!(flight.take(&back), Taken::Late);
-        let counts = SegmentCounts { sent: 1, returned: 1, late: 1, unprocessed: 1, ..SegmentCounts::default() };
+        assert_eq!(flight.take(&back), Taken::Again);
+        let counts = SegmentCounts { sent: 1, returned: 1, repeated: 1, unprocessed: 1, ..SegmentCounts::default() };
         assert_eq!(flight.counts, counts);
     }
 

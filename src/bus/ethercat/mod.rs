@@ -282,6 +282,11 @@ impl EthercatNetwork {
         left.chain(grid).chain(clocks).chain(links).chain(errors).chain(missed).collect()
     }
 
+    /// Whether a device is on the segment.
+    pub fn has(&self, device: Device) -> bool {
+        self.station(device).is_some()
+    }
+
     fn station(&self, device: Device) -> Option<&Station> {
         self.stations.iter().find(|station| station.setup.device == device)
     }
@@ -394,6 +399,7 @@ impl EthercatNetwork {
             Taken::Reply(Purpose::Outputs) => self.on_outputs(bytes),
             Taken::Reply(Purpose::Service) => self.on_service(now, bytes, out),
             Taken::Late => self.events.late |= self.all(),
+            Taken::Again => self.events.duplicated |= self.all(),
             Taken::Foreign(source) => self.on_foreign(now, source),
             Taken::Nothing => {}
         }

@@ -135,8 +135,7 @@ fn the_first_frame_is_a_heartbeat_and_the_nodes_are_left_one_by_one() {
 
 #[test]
 fn frames_of_devices_are_theirs_alone() {
-    let (_, home) = torque_cycle();
-    let setup = setup(CommandMode::Torque, home, 0.0);
+    let setup = setup(CommandMode::Torque);
     let signs = |devices| Signs::of_devices(&setup, devices);
     let found = |signs: &Signs, line: &str| signs.find(&frame(line)).map(|heard| heard.sign);
     let left = signs(DeviceSet::drive(0));
@@ -157,8 +156,7 @@ fn frames_of_devices_are_theirs_alone() {
 
 #[test]
 fn a_rig_with_slow_heartbeats_listens_for_two_of_them() {
-    let (_, home) = torque_cycle();
-    let mut setup = setup(CommandMode::Torque, home, 0.0);
+    let mut setup = setup(CommandMode::Torque);
     assert_eq!(setup.listening(), LISTENING);
     setup.drives[1].heartbeat = Duration::from_millis(700);
     assert_eq!(setup.listening(), Duration::from_millis(1400));

@@ -215,13 +215,13 @@ fn waiting(net: &Net) -> Option<(Option<u8>, &'static str, u128, u128)> {
 #[test]
 fn each_node_is_waited_for_as_long_as_it_may_take_and_who_looks_on_is_told() {
     let (cycle, home) = torque_cycle();
-    let mut setup = setup(CommandMode::Torque, home, 0.0);
+    let mut setup = setup(CommandMode::Torque);
     setup.drives[1].waits = Waits {
         boot_up: Duration::from_millis(5000),
         sdo: Duration::from_millis(1000),
         start: Duration::from_millis(4000),
     };
-    let mut net = Net::with(cycle, setup, home);
+    let mut net = Net::with(cycle, &setup, home.map(|angle| (scaling(0.0), angle)));
     assert_eq!(waiting(&net), None);
     net.master.start(net.now, &mut net.sent);
     net.wait(Duration::from_millis(600));
@@ -294,10 +294,12 @@ fn node_ids_are_checked_before_anything_is_sent() {
         ([0, 2, 10], BootFailure::NodeId { node_id: 0 }),
     ] {
         let (cycle, home) = torque_cycle();
-        let mut setup = setup(CommandMode::Torque, home, 0.0);
+        let mut setup = setup(CommandMode::Torque);
         let SensorLink::Canopen(sensor) = &mut setup.sensor.link else { unreachable!() };
         [setup.drives[0].node_id, setup.drives[1].node_id, sensor.node_id] = ids;
-        let Err(error) = Master::new(&setup, cycle) else { panic!("{ids:?} were taken") };
+        let Err(error) = Master::new((Some(&setup), None), home.map(|angle| (scaling(0.0), angle)), cycle) else {
+            panic!("{ids:?} were taken")
+        };
         assert_eq!(error.failure, wanted);
     }
 }

@@ -8,11 +8,11 @@ const SENSOR_HERE: u8 = 128 + 1;
 impl Net {
     pub(super) fn two_buses() -> Self {
         let (cycle, home) = torque_cycle();
-        let mut setup = setup(CommandMode::Torque, home, 0.0);
+        let mut setup = setup(CommandMode::Torque);
         let node =
             SensorNode { node_id: 1, profile: shipped_profile("simulated-force-sensor"), heartbeat: setup.heartbeat };
         (setup.sensor.bus, setup.sensor.link) = (BusId::new(1), SensorLink::Canopen(node));
-        let mut net = Self::with(cycle, setup, home);
+        let mut net = Self::with(cycle, &setup, home.map(|angle| (scaling(0.0), angle)));
         for ((node, index, sub), value) in objects() {
             if node == 10 {
                 net.objects.insert((SENSOR_HERE, index, sub), value);
@@ -184,9 +184,9 @@ fn only_a_bus_where_somebody_hears_it_gets_sync() {
         sample_period: Duration::from_millis(1),
         zero_at_start: false,
     };
-    let mut setup = setup(CommandMode::Torque, home, 0.0);
+    let mut setup = setup(CommandMode::Torque);
     (setup.sensor.bus, setup.sensor.link) = (BusId::new(1), SensorLink::PlainCan(link));
-    let mut net = Net::with(cycle, setup, home);
+    let mut net = Net::with(cycle, &setup, home.map(|angle| (scaling(0.0), angle)));
     net.master.start(net.now, &mut net.sent);
     assert_eq!(net.take(), ["000#8101", "000#8102", "77F#7F"]);
     ["701#00", "702#00"].iter().for_each(|line| net.hear(line));

@@ -40,10 +40,9 @@ fn counts_wrap_at_32_bits_without_a_jump() {
     let (cycle, home) = position_cycle();
     // The drive reads about 2^31 at home.
     let zero = home[0] - std::f64::consts::TAU * 2_147_483_648.0 / COUNTS_PER_REV;
-    let mut setup = setup(CommandMode::Position, home, 0.0);
-    setup.drives[0].scaling = AxisScaling::new(COUNTS_PER_REV, Direction::Same, zero, 60.0).unwrap();
+    let axes = [(scaling(zero), home[0]), (scaling(0.0), home[1])];
     let right = (home[1] * COUNTS_PER_REV / std::f64::consts::TAU).round() as i32;
-    let mut net = Net::with(cycle, setup, [home[1]; 2]);
+    let mut net = Net::with(cycle, &setup(CommandMode::Position), axes);
     net.boot();
     net.counts = [0x7fff_fff6, right];
     assert!(net.quiet("5002", Request::None)[0].ends_with("F6FFFF7F"));

@@ -44,16 +44,17 @@ fn frame(text: &str) -> Frame {
     Frame::new(u16::from_str_radix(id, 16).unwrap(), &bytes).on_bus(BusId::new(bus.parse().unwrap()))
 }
 
-fn setup(mode: CommandMode, home: [f64; 2], zero_offset_rad: f64) -> MasterSetup {
-    let scaling = AxisScaling::new(COUNTS_PER_REV, Direction::Same, zero_offset_rad, 60.0).unwrap();
+fn scaling(zero_offset_rad: f64) -> AxisScaling {
+    AxisScaling::new(COUNTS_PER_REV, Direction::Same, zero_offset_rad, 60.0).unwrap()
+}
+
+fn setup(mode: CommandMode) -> MasterSetup {
     let heartbeat = Duration::from_millis(20);
-    let drive = |name: &str, node_id: u8, expected_angle_rad: f64| DriveSetup {
+    let drive = |name: &str, node_id: u8| DriveSetup {
         name: name.into(),
         bus: BusId::FIRST,
         node_id,
         profile: shipped_profile("simulated-servo"),
-        scaling,
-        expected_angle_rad,
         heartbeat,
         waits: WAITS,
         torque_limit_per_mille: 1000,
@@ -65,7 +66,7 @@ fn setup(mode: CommandMode, home: [f64; 2], zero_offset_rad: f64) -> MasterSetup
         heartbeat,
         period: Duration::from_millis(1),
         mode,
-        drives: [drive("left", 1, home[0]), drive("right", 2, home[1])],
+        drives: vec![drive("left", 1), drive("right", 2)],
         sensor: SensorSetup {
             name: "wrist".into(),
             bus: BusId::FIRST,
@@ -116,13 +117,13 @@ impl Net {
             CommandMode::Torque => torque_cycle(),
             _ => position_cycle(),
         };
-        Self::with(cycle, setup(mode, home, 0.0), home)
+        Self::with(cycle, &setup(mode), home.map(|angle| (scaling(0.0), angle)))
     }
 
-    fn with(cycle: Cycle, setup: MasterSetup, home: [f64; 2]) -> Self {
-        let counts = home.map(|angle| setup.drives[0].scaling.counts(angle).unwrap() as i32);
+    fn with(cycle: Cycle, setup: &MasterSetup, axes: [(AxisScaling, f64); 2]) -> Self {
+        let counts = axes.map(|(scaling, angle)| scaling.counts(angle).unwrap() as i32);
         Net {
-            master: Master::new(&setup, cycle).unwrap(),
+            master: Master::new((Some(setup), None), axes, cycle).unwrap(),
             now: Time(0),
             sent: Vec::new(),
             objects: objects(),

@@ -215,18 +215,18 @@ fn figures(each: &FrameBudget) -> Value {
 mod tests {
     use super::super::{plans, text, to_json};
     use super::*;
-    use crate::config::{Source, builtin, load_rig_on_any_bus};
+    use crate::config::{Source, builtin, load_rig};
 
     /// The shipped rig on EtherCAT with another cycle.
     fn rig(period_us: u32, compute_at_us: u32) -> Loaded<Rig> {
         let shipped = builtin("paper-ethercat.yaml").read().unwrap().replace("like: ", "like: builtin:");
         let cycle = format!("\ncycle: {{period_us: {period_us}, compute_at_us: {compute_at_us}}}\n");
-        load_rig_on_any_bus(Source::memory("rig.yaml", shipped.to_string() + &cycle)).unwrap()
+        load_rig(Source::memory("rig.yaml", shipped.to_string() + &cycle)).unwrap()
     }
 
     #[test]
     fn tables_and_findings() {
-        let shipped = load_rig_on_any_bus(builtin("paper-ethercat.yaml")).unwrap();
+        let shipped = load_rig(builtin("paper-ethercat.yaml")).unwrap();
         insta::assert_snapshot!("segment-budget", text(&plans(&shipped.value).unwrap()));
         let drawn: Vec<String> = [(1000, 15), (1000, 880)]
             .into_iter()
@@ -283,7 +283,7 @@ mod tests {
 
     #[test]
     fn the_document_has_the_keys_that_programs_read() {
-        let shipped = load_rig_on_any_bus(builtin("paper-ethercat.yaml")).unwrap();
+        let shipped = load_rig(builtin("paper-ethercat.yaml")).unwrap();
         let document = to_json(&plans(&shipped.value).unwrap());
         assert_eq!((&document["bus"], &document["kind"]), (&json!("main"), &json!("ethercat")));
         assert_eq!((&document["schedulable"], &document["devices"]), (&json!(true), &json!(3)));

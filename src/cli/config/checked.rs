@@ -16,7 +16,6 @@ pub(in crate::cli) struct Checked {
     margins: Option<Margins>,
     masses: Option<Masses>,
     coupled: Option<Coupled>,
-    not_runnable: Option<Diagnostic>,
     pub(super) rehearsal: Option<Rehearsal>,
 }
 
@@ -29,7 +28,6 @@ impl Checked {
             Err(report) => report.diagnostics.clone(),
         };
         let (rig, device) = (rig(&result), device(&result));
-        let not_runnable = rig.and_then(Loaded::not_runnable);
         let margins = rig.map(|rig| Margins::of(&rig.value));
         let is_unstable = margins.as_ref().is_some_and(Margins::is_unstable);
         let masses = rig.filter(|_| !is_unstable).and_then(|rig| Masses::of(rig, &[]).ok());
@@ -43,13 +41,13 @@ impl Checked {
         }
         findings
             .extend(device.zip(coupled.as_ref()).and_then(|(device, coupled)| tune::coupled_finding(device, coupled)));
-        Self { margins, masses, coupled, not_runnable, findings, result, rehearsal: None }
+        Self { margins, masses, coupled, findings, result, rehearsal: None }
     }
 
     /// Runs the scene of a rig or of a device in which there is no error.
     pub(in crate::cli) fn rehearse(&mut self) {
         if self.findings.iter().all(|finding| finding.severity == Severity::Warning) {
-            let of_rig = rig(&self.result).filter(|_| self.not_runnable.is_none()).and_then(rehearsal::of_rig);
+            let of_rig = rig(&self.result).and_then(rehearsal::of_rig);
             self.rehearsal = of_rig.or_else(|| device(&self.result).and_then(rehearsal::of_device));
             self.findings.extend(self.rehearsal.as_ref().and_then(|rehearsal| rehearsal.finding.clone()));
         }
@@ -70,7 +68,6 @@ impl Checked {
         let coupled = device.map(|(device, coupled)| tune::coupled_lines(&device.value, coupled, 1.0));
         let margins = self.margins.iter().flat_map(Margins::lines).chain(self.masses.iter().map(Masses::line));
         margins
-            .chain(self.not_runnable.iter().map(|finding| format!("not run   {}", finding.message)))
             .chain(coupled.into_iter().flatten())
             .chain(self.plans().iter().map(Plan::line).collect::<Vec<_>>())
             .chain(self.rehearsal.iter().filter_map(Rehearsal::line))
@@ -91,9 +88,6 @@ impl Checked {
         }
         if let Some(coupled) = &self.coupled {
             entry["virtual_coupling"] = tune::coupled_json(coupled, 1.0);
-        }
-        if let Some(finding) = &self.not_runnable {
-            entry["not_runnable"] = finding.message.as_str().into();
         }
         let plans = self.plans();
         if !plans.is_empty() {

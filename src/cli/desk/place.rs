@@ -122,7 +122,7 @@ impl Desk {
         let rig = match (&place.rig, &place.bus) {
             (None, Some(_)) => None,
             (named, _) => {
-                let rig = config::load_rig(Source::named(named.as_deref().unwrap_or(USUAL_RIG)))?;
+                let rig = config::load_rig(Source::named(named.as_deref().unwrap_or(USUAL_RIG)))?.on_can()?;
                 output.names_of(&rig.warnings)?;
                 Some(rig)
             }

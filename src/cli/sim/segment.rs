@@ -24,6 +24,12 @@ pub(super) fn run(
     output: &mut Output,
 ) -> Result<(), Failure> {
     let faults: Vec<Injection> = arguments.fault.iter().map(|fault| fault.of_rig(rig)).collect::<Result<_, _>>()?;
+    if rig.is_on_can() {
+        let message =
+            "sim serves devices on one kind of bus, and this rig has its drives on EtherCAT and its sensor on CAN";
+        let help = "`yieldwall run` without --bus runs it on the embedded simulation";
+        return Err(Failure::new(Exit::Usage, message, help));
+    }
     refuse(arguments, &faults)?;
     let here = named(arguments, rig)?;
     let interfaces = Interfaces::of(rig, &arguments.bus)?;

@@ -301,6 +301,18 @@ pub(in crate::config) fn check_scene_for(findings: &mut Findings, scene: &Scene,
     if let Machine::Rig(rig) = machine {
         check_start(findings, scene, rig);
         check_path(findings, scene, rig);
+        check_media(findings, scene, rig);
+    }
+}
+
+/// Whether each injection of a scene means something on the buses of a rig.
+fn check_media(findings: &mut Findings, scene: &Scene, rig: &Rig) {
+    for (index, fault) in scene.faults.iter().enumerate() {
+        let Ok(injection) = fault.injection() else { continue };
+        if let Err(error) = injection.check_on(rig.medium(&injection)) {
+            let help = "leave it out, or write another one; `yieldwall faults NAME` says where it acts";
+            findings.error(&format!("faults[{index}].inject"), error.to_string(), help);
+        }
     }
 }
 

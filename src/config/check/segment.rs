@@ -83,29 +83,45 @@ fn check_kind(findings: &mut Findings, rig: &Rig, device: &Device<'_>) {
     findings.error(address, message, help).see(&format!("buses.{bus}"), "the bus");
 }
 
-/// Whether all devices are on one segment, each in a place of its own.
+/// Whether both drives are on one segment, and the sensor there or on CAN; each device on it in a place of its own.
 fn check_places(findings: &mut Findings, rig: &Rig, devices: &[Device<'_>; 3]) {
-    let [first, others @ ..] = devices;
-    for other in others.iter().filter(|other| other.bus != first.bus && rig.buses.contains_key(other.bus)) {
+    let is_segment = |bus: &str| matches!(rig.buses.get(bus), Some(Bus::Ethercat(_)));
+    let [first, second, sensor] = devices;
+    let leader = if is_segment(first.bus) { first } else { second };
+    for other in [first, second, sensor].into_iter().filter(|other| rig.buses.contains_key(other.bus)) {
+        let may_be_on_can = other.key == sensor.key && is_segment(leader.bus);
+        if other.bus == leader.bus || may_be_on_can && !is_segment(other.bus) {
+            continue;
+        }
         let key = format!("{}.bus", other.key);
-        let message = format!("`{key}` is `{}`: a rig on EtherCAT has all its devices on one segment", other.bus);
-        findings.error(&key, message, format!("write `{}`", first.bus)).see("drives[0].bus", "the other");
+        let (message, help) = if is_segment(leader.bus) {
+            let rule = "a rig on EtherCAT has its drives on one segment, and its sensor there or on CAN";
+            (format!("`{key}` is `{}`: {rule}", other.bus), format!("write `{}`", leader.bus))
+        } else {
+            let message =
+                format!("`{key}` is `{}`: a sensor on EtherCAT stands behind drives on its segment", other.bus);
+            (message, format!("write the name of a CAN bus, such as `{}`, and a protocol of CAN", leader.bus))
+        };
+        findings.error(&key, message, help).see(&format!("{}.bus", leader.key), "the other");
     }
-    for (number, device) in devices.iter().enumerate() {
+    let is_here = |device: &&Device<'_>| device.position.is_some() || is_segment(device.bus);
+    let here: Vec<&Device<'_>> = devices.iter().filter(is_here).collect();
+    for (number, device) in here.iter().enumerate() {
         let Some(position) = device.position else { continue };
         let key = format!("{}.ethercat.position", device.address);
-        let taken = devices.iter().take(number).find(|other| other.position == Some(position));
+        let taken = here.iter().take(number).find(|other| other.position == Some(position));
         if let Some(other) = taken {
             let message = format!("`{key}` is {position}, and so is that of `{}`", other.key);
             findings
                 .error(&key, message, "give each device its own place, counted from 0 at the computer")
                 .see(&format!("{}.ethercat.position", other.address), "the other");
-        } else if usize::from(position) >= devices.len() {
+        } else if usize::from(position) >= here.len() {
             let message = format!(
                 "`{key}` is {position}, and the segment has the {} devices of this rig: a place before it is left empty",
-                devices.len()
+                here.len()
             );
-            findings.error(&key, message, "write 0, 1 or 2, counted from 0 at the computer");
+            let places = if here.len() < devices.len() { "0 or 1" } else { "0, 1 or 2" };
+            findings.error(&key, message, format!("write {places}, counted from 0 at the computer"));
         }
     }
 }
@@ -118,14 +134,14 @@ pub(in crate::config) fn segment_key(rig: &Rig) -> Option<String> {
 
 #[cfg(test)]
 mod tests {
-    use crate::config::{Document, Source, builtin, load, load_rig, load_rig_on_any_bus};
+    use crate::config::{Document, Source, builtin, load, load_rig};
 
     /// Key, message and help of what is found in the shipped rig on EtherCAT with some of its text replaced.
     fn found(from: &str, to: &str) -> Vec<(String, String, String)> {
         let shipped = builtin("paper-ethercat.yaml").read().unwrap();
         assert!(shipped.contains(from), "{from}");
         let text = shipped.replace(from, to).replace("like: ", "like: builtin:");
-        let report = load_rig_on_any_bus(Source::memory("rig.yaml", text)).unwrap_err();
+        let report = load_rig(Source::memory("rig.yaml", text)).unwrap_err();
         let each = report.diagnostics.into_iter();
         each.map(|it| {
             assert!(it.place.is_some(), "{it:?}");
@@ -189,13 +205,31 @@ mod tests {
     }
 
     #[test]
-    fn a_rig_on_ethercat_is_read_and_not_simulated_here() {
-        assert!(load_rig_on_any_bus(builtin("paper-ethercat.yaml")).unwrap().warnings.is_empty());
-        assert!(matches!(load(builtin("paper-ethercat.yaml")), Ok(Document::Rig(_))));
-        let report = load_rig(builtin("paper-ethercat.yaml")).unwrap_err();
-        let [refused] = report.diagnostics.as_slice() else { panic!("{report}") };
-        assert_eq!(refused.key, "buses.main.ethercat");
-        assert!(refused.help.as_ref().unwrap().contains("run builtin:paper-ethercat.yaml --bus"), "{refused:?}");
+    fn the_shipped_rigs_on_ethercat_are_read_and_what_is_for_can_refuses_them() {
+        for name in ["paper-ethercat.yaml", "paper-ethercat-can-sensor.yaml"] {
+            assert!(matches!(load(builtin(name)), Ok(Document::Rig(_))));
+            let rig = load_rig(builtin(name)).unwrap();
+            assert!(rig.warnings.is_empty());
+            let report = rig.on_can().unwrap_err();
+            let [refused] = report.diagnostics.as_slice() else { panic!("{report}") };
+            assert_eq!(refused.key, "buses.main.ethercat");
+            assert!(refused.help.as_ref().unwrap().contains(&format!("run builtin:{name}")), "{refused:?}");
+        }
+    }
+
+    #[test]
+    fn drives_are_on_one_segment_and_the_sensor_there_or_on_can() {
+        let shipped = builtin("paper-ethercat-can-sensor.yaml").read().unwrap().replace("like: ", "like: builtin:");
+        let keys = |from: &str, to: &str| -> Vec<String> {
+            assert!(shipped.contains(from), "{from}");
+            let report = load_rig(Source::memory("rig.yaml", shipped.replace(from, to))).unwrap_err();
+            report.diagnostics.into_iter().map(|it| it.key).collect()
+        };
+        let right = "{name: right, address: {ethercat: {position: 1}}}";
+        let on_can = "{name: right, bus: sensor, address: {canopen: {node_id: 2, heartbeat_ms: 20}}}";
+        assert_eq!(keys(right, on_can), ["drives[1].bus"]);
+        let far = "{name: right, address: {ethercat: {position: 2}}}";
+        assert_eq!(keys(right, far), ["drives[1].address.ethercat.position"]);
     }
 
     #[test]

@@ -7,7 +7,7 @@ use schemars::{JsonSchema, Schema, SchemaGenerator, json_schema};
 use serde::{Deserialize, Deserializer, Serialize, Serializer, de};
 
 use crate::config::number::{Finite, NotNegative, Positive};
-use crate::injection::{CATALOGUE, Injection, InjectionError, Kind, Medium, Target};
+use crate::injection::{CATALOGUE, Injection, InjectionError, Kind, Target};
 
 /// One injection of a scene.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema, Validate)]
@@ -35,7 +35,7 @@ impl SceneFault {
     /// The injection that is meant.
     ///
     /// # Errors
-    /// If target, times or size are not possible for the kind.
+    /// If target, times or size are not possible for the kind. Whether the kind means something on the buses of a rig is not asked.
     pub fn injection(&self) -> Result<Injection, InjectionError> {
         let mut injection = Injection::new(self.inject.0, self.at_s.get());
         if let Some(duration) = self.for_s {
@@ -47,39 +47,15 @@ impl SceneFault {
         if let Some(size) = self.size {
             injection = injection.sized(size.get());
         }
-        injection.check_on(Medium::Can).map(|()| injection)
+        injection.check().map(|()| injection)
     }
 }
 
-/// Whether a scene can have an injection: scenes are broken on the embedded simulation, which is on CAN.
-const fn is_on_can(at: usize) -> bool {
-    let (media, mut medium) = (CATALOGUE[at].media, 0);
-    while medium < media.len() {
-        if matches!(media[medium], Medium::Can) {
-            return true;
-        }
-        medium += 1;
-    }
-    false
-}
-
-const ON_CAN: usize = {
-    let (mut count, mut at) = (0, 0);
-    while at < Kind::COUNT {
-        count += is_on_can(at) as usize;
-        at += 1;
-    }
-    count
-};
-
-const NAMES: [&str; ON_CAN] = {
-    let mut names = [""; ON_CAN];
-    let (mut place, mut at) = (0, 0);
-    while at < Kind::COUNT {
-        if is_on_can(at) {
-            names[place] = CATALOGUE[at].name;
-            place += 1;
-        }
+const NAMES: [&str; Kind::COUNT] = {
+    let mut names = [""; Kind::COUNT];
+    let mut at = 0;
+    while at < names.len() {
+        names[at] = CATALOGUE[at].name;
         at += 1;
     }
     names

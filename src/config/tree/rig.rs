@@ -17,6 +17,7 @@ use super::sensor::{Sensor, SensorProtocol};
 use super::simulation::{BusTiming, NotSimulated, Simulation, named_simulation};
 use super::waits::{Waits, enabling_ms};
 use crate::config::number::{Finite, NotNegative, Positive, nullable, present};
+use crate::injection::{Injection, Medium};
 
 /// An admittance rig: five-bar arm, two servo drives, force sensor, virtual fixture.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema, Validate)]
@@ -93,6 +94,13 @@ impl Rig {
     /// Whether the drives are on an EtherCAT segment.
     pub fn has_drives_on_ethercat(&self) -> bool {
         self.drives.iter().any(|drive| drive.address.position().is_some())
+    }
+
+    /// On which kind of bus an injection acts.
+    pub fn medium(&self, injection: &Injection) -> Medium {
+        let [left, right] = self.drives.each_ref().map(|drive| drive.address.position().is_some());
+        let is_on_segment = [left, right, self.sensor.protocol.position().is_some()];
+        injection.medium(|device| is_on_segment.get(device) == Some(&true))
     }
 
     /// This program as a node of its buses: the first of them, which the others are like.

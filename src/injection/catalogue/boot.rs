@@ -37,7 +37,7 @@ pub(super) const ROWS: [Row; 6] = [
         &[],
         (Count, NotEnabled, Restart),
     ),
-    sized(
+    on_any(sized(
         row(
             (Kind::EncoderOffset, "encoder-offset"),
             &[40],
@@ -50,7 +50,7 @@ pub(super) const ROWS: [Row; 6] = [
         "an angle in rad",
         -1.5,
         (-3.0, 3.0),
-    ),
+    )),
     on_any(row(
         (Kind::DriveNotEnabling, "drive-not-enabling"),
         &[19],

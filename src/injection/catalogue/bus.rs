@@ -5,7 +5,7 @@ use super::super::Lasts::{For, Once};
 use super::super::Recovery::{None as Nothing, Reset, Restart};
 use super::super::Target::{Bus, LeftDrive, RightDrive, Sensor};
 use super::super::{Kind, Row};
-use super::{ANY, LOST, ONE_DRIVE, STOPPED, on_any, row, sized};
+use super::{ANY, LOST, ONE_DRIVE, STOPPED, cut_off_on_ethercat, on_any, row, sized};
 use crate::guard::Fault as F;
 use crate::guard::Reaction::{Count, QuickStop, StopRamp};
 
@@ -125,7 +125,7 @@ pub(super) const ROWS: [Row; 20] = [
         &[F::HeartbeatLost],
         (QuickStop, LOST, Reset),
     ),
-    on_any(row(
+    cut_off_on_ethercat(row(
         (Kind::NodeReset, "node-reset"),
         &[15],
         &[LeftDrive, RightDrive, Sensor],
@@ -134,7 +134,7 @@ pub(super) const ROWS: [Row; 20] = [
         &[F::NodeReset, F::HeartbeatLost, F::PdoMissed, F::DriveLeftOperation],
         (QuickStop, ANY, Restart),
     )),
-    on_any(row(
+    cut_off_on_ethercat(row(
         (Kind::NodeSilent, "node-silent"),
         &[5, 16],
         &[LeftDrive, RightDrive, Sensor],

@@ -5,7 +5,7 @@ use super::super::Lasts::{For, Once, Stays};
 use super::super::Recovery::{NewProcess, Reset, Restart};
 use super::super::Target::{Drives, Host, LeftDrive, Link, Operator, RightDrive, Sensor};
 use super::super::{Kind, Row, Target};
-use super::{DISABLED, LOST, STOPPED, on_any, row, sized};
+use super::{DISABLED, LOST, STOPPED, cut_off_on_ethercat, on_any, row, sized};
 use crate::guard::Fault as F;
 use crate::guard::Reaction::{QuickStop, Silence, StopRamp};
 
@@ -13,7 +13,7 @@ use crate::guard::Reaction::{QuickStop, Silence, StopRamp};
 const LINKS: [Target; 5] = [Link, LeftDrive, RightDrive, Drives, Sensor];
 
 pub(super) const ROWS: [Row; 14] = [
-    row(
+    on_any(row(
         (Kind::StopRequest, "stop-request"),
         &[],
         &[Operator],
@@ -21,8 +21,8 @@ pub(super) const ROWS: [Row; 14] = [
         "the person asks for a stop",
         &[F::StopRequested],
         (StopRamp, STOPPED, Reset),
-    ),
-    sized(
+    )),
+    on_any(sized(
         row(
             (Kind::SyncLate, "sync-late"),
             &[9],
@@ -35,8 +35,8 @@ pub(super) const ROWS: [Row; 14] = [
         "a time in s",
         0.000_25,
         (0.0, 0.01),
-    ),
-    sized(
+    )),
+    on_any(sized(
         row(
             (Kind::ComputeLate, "compute-late"),
             &[29],
@@ -49,8 +49,8 @@ pub(super) const ROWS: [Row; 14] = [
         "a time in s",
         0.000_55,
         (0.0, 0.01),
-    ),
-    sized(
+    )),
+    on_any(sized(
         row(
             (Kind::CycleOverrun, "cycle-overrun"),
             &[28],
@@ -63,8 +63,8 @@ pub(super) const ROWS: [Row; 14] = [
         "a time in s",
         0.0006,
         (0.0, 0.01),
-    ),
-    row(
+    )),
+    on_any(row(
         (Kind::MasterStopped, "master-stopped"),
         &[26],
         &[Host],
@@ -72,8 +72,8 @@ pub(super) const ROWS: [Row; 14] = [
         "the process is stopped and goes on at the end, with all frames that waited meanwhile",
         &[F::Stalled],
         (QuickStop, STOPPED, Reset),
-    ),
-    row(
+    )),
+    on_any(row(
         (Kind::MasterKilled, "master-killed"),
         &[25],
         &[Host],
@@ -81,8 +81,8 @@ pub(super) const ROWS: [Row; 14] = [
         "the process is killed and does not come back",
         &[],
         (Silence, DrivesStop, NewProcess),
-    ),
-    row(
+    )),
+    on_any(row(
         (Kind::CyclePanic, "cycle-panic"),
         &[27],
         &[Host],
@@ -90,8 +90,8 @@ pub(super) const ROWS: [Row; 14] = [
         "the cycle panics while it hands over its frames; the last thing that leaves is a quick stop",
         &[F::CyclePanicked],
         (QuickStop, DISABLED, NewProcess),
-    ),
-    row(
+    )),
+    on_any(row(
         (Kind::Suspend, "suspend"),
         &[30],
         &[Host],
@@ -99,8 +99,8 @@ pub(super) const ROWS: [Row; 14] = [
         "the computer is suspended; its monotonic clock stands still meanwhile",
         &[F::Suspended],
         (StopRamp, STOPPED, Reset),
-    ),
-    row(
+    )),
+    on_any(row(
         (Kind::SendFailed, "send-failed"),
         &[8],
         &LINKS,
@@ -108,8 +108,8 @@ pub(super) const ROWS: [Row; 14] = [
         "sending fails and says so; what others send arrives",
         &[F::LinkDown],
         (Silence, LOST, Restart),
-    ),
-    row(
+    )),
+    on_any(row(
         (Kind::InterfaceDown, "interface-down"),
         &[23],
         &LINKS,
@@ -117,7 +117,7 @@ pub(super) const ROWS: [Row; 14] = [
         "the interface is down: nothing goes in or out, and sending says so",
         &[F::LinkDown, F::PdoMissed, F::HeartbeatLost],
         (Silence, LOST, Restart),
-    ),
+    )),
     row(
         (Kind::BusOff, "bus-off"),
         &[21],
@@ -145,7 +145,7 @@ pub(super) const ROWS: [Row; 14] = [
         &[F::TransmitStalled, F::PdoMissed],
         (Silence, LOST, Restart),
     ),
-    on_any(row(
+    cut_off_on_ethercat(row(
         (Kind::CableOut, "cable-out"),
         &[22],
         &LINKS,

@@ -18,6 +18,7 @@ const ONE_DRIVE: &[Target] = &[LeftDrive, RightDrive];
 const STOPPED: Ending = Latched(&[Stopped]);
 const DISABLED: Ending = Latched(&[Disabled]);
 const LOST: Ending = Latched(&[Lost]);
+const STOPPED_OR_LOST: Ending = Latched(&[Stopped, Lost]);
 /// Several faults compete; which is seen first hangs on the moment.
 const ANY: Ending = Latched(&[Stopped, Disabled, Lost]);
 
@@ -31,13 +32,25 @@ const fn row(
     (reaction, ending, recovery): (Reaction, Ending, Recovery),
 ) -> Row {
     let expected = Expected { faults, reaction, ending, recovery };
-    Row { kind, name, meaning, matrix, targets, media: &[Medium::Can], lasts, size: None, expected }
+    Row { kind, name, meaning, matrix, targets, media: &[Medium::Can], lasts, size: None, expected, on_ethercat: None }
 }
 
-/// The same on a segment that is served too.
+/// The same on a segment too.
 const fn on_any(row: Row) -> Row {
     Row { media: &[Medium::Can, Medium::Ethercat], ..row }
 }
+
+/// The same on a segment too, where all that is behind a device or a cable goes missing.
+const fn cut_off_on_ethercat(row: Row) -> Row {
+    Row { on_ethercat: Some(CUT_OFF), ..on_any(row) }
+}
+
+const CUT_OFF: &Expected = &Expected {
+    faults: &[F::PdoMissed, F::SensorStale, F::SensorLost, F::DeviceState, F::ClockLost, F::PortErrors],
+    reaction: Reaction::StopRamp,
+    ending: STOPPED_OR_LOST,
+    recovery: Recovery::Restart,
+};
 
 const fn sized(row: Row, what: &'static str, usual: f64, (least, most): (f64, f64)) -> Row {
     Row { size: Some(Size { what, usual, least, most }), ..row }
@@ -64,7 +77,7 @@ const fn joined(parts: &[&[Row]]) -> [Row; Kind::COUNT] {
 
 #[cfg(test)]
 mod tests {
-    use super::super::Ending::{DrivesStop, GoesOn, NotEnabled, UpToMaster};
+    use super::super::Ending::{DrivesStop, GoesOn, NotEnabled};
     use super::super::{Injection, InjectionError};
     use super::*;
     use Reaction::{Freeze, StopRamp};
@@ -79,13 +92,10 @@ mod tests {
     ];
 
     /// Faults that no injection brings about, and the test that does.
-    const NOT_INJECTED: [(F, &str); 6] = [
+    const NOT_INJECTED: [(F, &str); 3] = [
         (F::NotFinite, "cycle::tests: a defect of this program, fed at the cycle's inputs"),
         (F::WorkspaceLeft, "cycle::tests: the loops hold the arm at the edge, so that it is put beyond it"),
         (F::EnergyLimit, "report::run::energy_tests: a virtual mass that is too small for its hand"),
-        (F::DeviceState, "bus::ethercat::tests::master: what an injection into a segment leads to is up to its master"),
-        (F::ClockLost, "bus::ethercat::tests::master"),
-        (F::PortErrors, "bus::ethercat::tests::master"),
     ];
 
     #[test]
@@ -95,23 +105,27 @@ mod tests {
             assert_eq!(Kind::named(row.name), Some(row.kind), "names are unique");
             assert!(!row.meaning.is_empty() && !row.targets.is_empty());
             assert_eq!(Injection::new(row.kind, 1.0).check(), Ok(()), "{}", row.name);
-            let strongest = row.expected.reaction;
-            let follows = match row.expected.ending {
-                GoesOn => strongest <= Freeze,
-                Latched(states) => strongest >= StopRamp && states.iter().all(|state| state.is_latched()),
-                NotEnabled | DrivesStop => true,
-                UpToMaster => row.media == [Medium::Ethercat] && row.expected.faults.is_empty(),
-            };
-            assert!(follows, "{}", row.name);
-            let needs_nothing = matches!(row.expected.ending, GoesOn | UpToMaster);
-            assert_eq!(row.expected.recovery == Nothing, needs_nothing, "{}", row.name);
+            for expected in row.media.iter().map(|medium| row.expected_on(*medium)) {
+                let strongest = expected.reaction;
+                let follows = match expected.ending {
+                    GoesOn => strongest <= Freeze,
+                    Latched(states) => strongest >= StopRamp && states.iter().all(|state| state.is_latched()),
+                    NotEnabled | DrivesStop => true,
+                };
+                assert!(follows, "{}", row.name);
+                assert_eq!(expected.recovery == Nothing, expected.ending == GoesOn, "{}", row.name);
+            }
+            assert!(row.on_ethercat.is_none() || row.media.contains(&Medium::Ethercat), "{}", row.name);
         }
     }
 
     #[test]
     fn every_fault_is_brought_about() {
         for row in &crate::guard::fault::TABLE {
-            let injected = CATALOGUE.iter().any(|injection| injection.expected.faults.contains(&row.fault));
+            let injected = CATALOGUE.iter().any(|injection| {
+                let each = injection.media.iter().map(|medium| injection.expected_on(*medium));
+                each.into_iter().any(|expected| expected.faults.contains(&row.fault))
+            });
             let elsewhere = NOT_INJECTED.iter().any(|(fault, _)| *fault == row.fault);
             assert!(injected != elsewhere, "{}", row.name);
         }

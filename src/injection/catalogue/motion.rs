@@ -60,7 +60,7 @@ pub(super) const ROWS: [Row; 16] = [
         &[F::DriveIgnoresCommand, F::FollowingError],
         (QuickStop, STOPPED, Reset),
     )),
-    sized(
+    on_any(sized(
         row(
             (Kind::DriveRunaway, "drive-runaway"),
             &[20],
@@ -73,8 +73,8 @@ pub(super) const ROWS: [Row; 16] = [
         "a torque in N m",
         60.0,
         (-200.0, 200.0),
-    ),
-    sized(
+    )),
+    on_any(sized(
         row(
             (Kind::EncoderJump, "encoder-jump"),
             &[35],
@@ -87,8 +87,8 @@ pub(super) const ROWS: [Row; 16] = [
         "an angle in rad",
         0.1,
         (-3.0, 3.0),
-    ),
-    row(
+    )),
+    on_any(row(
         (Kind::EncoderStuck, "encoder-stuck"),
         &[35],
         ONE_DRIVE,
@@ -96,8 +96,8 @@ pub(super) const ROWS: [Row; 16] = [
         "the drive's angle stands still while the joint moves",
         &[F::FollowingError, F::Runaway, F::EncoderJump, F::Posture, F::ForceImplausible],
         (QuickStop, ANY, Reset),
-    ),
-    row(
+    )),
+    on_any(row(
         (Kind::ArmBlocked, "arm-blocked"),
         &[20],
         ONE_DRIVE,
@@ -105,8 +105,8 @@ pub(super) const ROWS: [Row; 16] = [
         "the joint is blocked",
         &[F::FollowingError, F::Runaway, F::ForceImplausible],
         (StopRamp, STOPPED, Reset),
-    ),
-    sized(
+    )),
+    on_any(sized(
         row(
             (Kind::HandPush, "hand-push"),
             &[41],
@@ -119,8 +119,8 @@ pub(super) const ROWS: [Row; 16] = [
         "a force in N",
         120.0,
         (0.0, 500.0),
-    ),
-    sized(
+    )),
+    on_any(sized(
         row(
             (Kind::HandOverload, "hand-overload"),
             &[41],
@@ -133,8 +133,8 @@ pub(super) const ROWS: [Row; 16] = [
         "a force in N",
         192.0,
         (0.0, 500.0),
-    ),
-    sized(
+    )),
+    on_any(sized(
         row(
             (Kind::HandBlow, "hand-blow"),
             &[41],
@@ -147,8 +147,8 @@ pub(super) const ROWS: [Row; 16] = [
         "a force in N",
         180.0,
         (0.0, 500.0),
-    ),
-    sized(
+    )),
+    on_any(sized(
         row(
             (Kind::HandTremble, "hand-tremble"),
             &[42],
@@ -161,8 +161,8 @@ pub(super) const ROWS: [Row; 16] = [
         "an amplitude in N",
         60.0,
         (0.0, 300.0),
-    ),
-    sized(
+    )),
+    on_any(sized(
         row(
             (Kind::HandStiff, "hand-stiff"),
             &[41, 42],
@@ -175,8 +175,8 @@ pub(super) const ROWS: [Row; 16] = [
         "a multiple of its stiffness",
         50.0,
         (0.0, 1000.0),
-    ),
-    sized(
+    )),
+    on_any(sized(
         row(
             (Kind::HandSwing, "hand-swing"),
             &[41],
@@ -189,8 +189,8 @@ pub(super) const ROWS: [Row; 16] = [
         "a force in N",
         85.0,
         (0.0, 500.0),
-    ),
-    sized(
+    )),
+    on_any(sized(
         row(
             (Kind::HandToEdge, "hand-to-edge"),
             &[39],
@@ -203,5 +203,5 @@ pub(super) const ROWS: [Row; 16] = [
         "a force in N",
         60.0,
         (0.0, 200.0),
-    ),
+    )),
 ];

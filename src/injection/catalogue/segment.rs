@@ -1,44 +1,78 @@
-//! Frames and devices of an EtherCAT segment that is served to a master.
+//! Frames and devices of an EtherCAT segment.
 
+use super::super::Ending::{self, GoesOn};
 use super::super::Lasts::{For, Once};
 use super::super::Target::{Bus, LeftDrive, RightDrive, Sensor};
-use super::super::{Ending, Expected, Kind, Lasts, Medium, Recovery, Row, Target};
-use super::sized;
-use crate::guard::Reaction;
+use super::super::{Expected, Kind, Lasts, Medium, Recovery, Row, Target};
+use super::{LOST, STOPPED, STOPPED_OR_LOST, sized};
+use crate::guard::Fault as F;
+use crate::guard::Reaction::{self, Count, QuickStop, StopRamp};
+use Recovery::{Reset, Restart};
 
 const DEVICES: &[Target] = &[LeftDrive, RightDrive, Sensor];
+/// Devices whose clocks the cycles follow.
+const DRIVES: &[Target] = &[LeftDrive, RightDrive];
+/// The rig goes on.
+const NOTHING: (Reaction, Ending, Recovery) = (Count, GoesOn, Recovery::None);
 
 const fn row(
     (kind, name): (Kind, &'static str),
     targets: &'static [Target],
     lasts: Lasts,
     meaning: &'static str,
+    faults: &'static [F],
+    (reaction, ending, recovery): (Reaction, Ending, Recovery),
 ) -> Row {
-    let (reaction, ending, recovery) = (Reaction::Count, Ending::UpToMaster, Recovery::None);
-    let expected = Expected { faults: &[], reaction, ending, recovery };
-    Row { kind, name, meaning, matrix: &[], targets, media: &[Medium::Ethercat], lasts, size: None, expected }
+    let expected = Expected { faults, reaction, ending, recovery };
+    let media = &[Medium::Ethercat];
+    Row { kind, name, meaning, matrix: &[], targets, media, lasts, size: None, expected, on_ethercat: None }
 }
 
 pub(super) const ROWS: [Row; 11] = [
-    row((Kind::FrameLost, "frame-lost"), &[Bus], For(0.02), "frames are lost on the way to the first device"),
+    row(
+        (Kind::FrameLost, "frame-lost"),
+        &[Bus],
+        For(0.02),
+        "frames are lost on the way to the first device",
+        &[F::PdoMissed, F::SensorStale, F::SensorLost, F::DeviceState],
+        (StopRamp, STOPPED_OR_LOST, Restart),
+    ),
     sized(
-        row((Kind::FrameDelayed, "frame-delayed"), &[Bus], For(0.1), "frames come back late"),
+        row(
+            (Kind::FrameDelayed, "frame-delayed"),
+            &[Bus],
+            For(0.1),
+            "frames come back late",
+            &[F::PdoLate, F::PdoMissed, F::SensorStale, F::SensorLost],
+            (StopRamp, STOPPED, Reset),
+        ),
         "a delay in s",
         0.0006,
         (0.0, 0.05),
     ),
-    row((Kind::FrameDuplicated, "frame-duplicated"), &[Bus], For(0.1), "frames come back twice"),
+    row(
+        (Kind::FrameDuplicated, "frame-duplicated"),
+        &[Bus],
+        For(0.1),
+        "frames come back twice",
+        &[F::PdoDuplicated],
+        (StopRamp, STOPPED, Reset),
+    ),
     row(
         (Kind::FrameForeign, "frame-foreign"),
         &[Bus],
         For(0.02),
         "before each frame another one comes that the master has not sent, with the type of EtherCAT",
+        &[F::Intruder],
+        (QuickStop, STOPPED, Restart),
     ),
     row(
         (Kind::FrameShort, "frame-short"),
         &[Bus],
         For(0.02),
         "frames come back without the last byte of their last working counter",
+        &[F::PdoMissed, F::SensorStale, F::SensorLost, F::PdoLate],
+        (StopRamp, STOPPED, Reset),
     ),
     sized(
         row(
@@ -46,6 +80,8 @@ pub(super) const ROWS: [Row; 11] = [
             &[Bus],
             For(0.02),
             "random bits of the datagrams are flipped on the way back, as where nobody looks at the check sequence",
+            &[F::PdoMissed, F::SensorStale, F::SensorLost, F::PdoLate],
+            (StopRamp, STOPPED, Reset),
         ),
         "a number of bits",
         8.0,
@@ -56,16 +92,39 @@ pub(super) const ROWS: [Row; 11] = [
         DEVICES,
         For(0.1),
         "the device passes frames on without processing them: working counters are short",
+        &[F::PdoMissed, F::SensorStale, F::SensorLost, F::ClockLost, F::DeviceState],
+        (StopRamp, STOPPED_OR_LOST, Restart),
     ),
-    row((Kind::MailboxStuck, "mailbox-stuck"), DEVICES, For(1.0), "the device does not answer its mailbox"),
+    row(
+        (Kind::MailboxStuck, "mailbox-stuck"),
+        DEVICES,
+        For(1.0),
+        "the device does not answer its mailbox",
+        &[],
+        NOTHING,
+    ),
     sized(
-        row((Kind::DeviceState, "device-state"), DEVICES, Once, "the device leaves OP with an error (AL status code)"),
+        row(
+            (Kind::DeviceState, "device-state"),
+            DEVICES,
+            Once,
+            "the device leaves OP with an error (AL status code)",
+            &[F::DeviceState],
+            (QuickStop, LOST, Restart),
+        ),
         "an AL status code, such as 26 (001Ah)",
         26.0,
         (1.0, 65_535.0),
     ),
     sized(
-        row((Kind::ClockJump, "clock-jump"), DEVICES, Once, "the clock of the device jumps"),
+        row(
+            (Kind::ClockJump, "clock-jump"),
+            DRIVES,
+            Once,
+            "the clock of the device jumps",
+            &[F::ClockLost],
+            (QuickStop, LOST, Restart),
+        ),
         "a time in ns",
         1_000_000.0,
         (-1.0e9, 1.0e9),
@@ -75,5 +134,7 @@ pub(super) const ROWS: [Row; 11] = [
         DEVICES,
         Once,
         "the device sends an emergency between the next SDO request and its answer",
+        &[],
+        NOTHING,
     ),
 ];

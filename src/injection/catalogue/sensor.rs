@@ -10,7 +10,7 @@ use crate::guard::Fault as F;
 use crate::guard::Reaction::{Count, Freeze, StopRamp};
 
 pub(super) const ROWS: [Row; 8] = [
-    row(
+    on_any(row(
         (Kind::SensorStuck, "sensor-stuck"),
         &[1],
         &[Sensor],
@@ -18,7 +18,7 @@ pub(super) const ROWS: [Row; 8] = [
         "the force sensor repeats its last counts on all channels, with its counter running",
         &[F::SensorStuck, F::ForceImplausible],
         (StopRamp, STOPPED, Reset),
-    ),
+    )),
     on_any(row(
         (Kind::SensorInvalid, "sensor-invalid"),
         &[2],
@@ -28,7 +28,7 @@ pub(super) const ROWS: [Row; 8] = [
         &[F::SensorInvalid],
         (StopRamp, STOPPED, Reset),
     )),
-    row(
+    on_any(row(
         (Kind::SensorSaturated, "sensor-saturated"),
         &[3],
         &[Sensor],
@@ -36,7 +36,7 @@ pub(super) const ROWS: [Row; 8] = [
         "the first two channels of the force sensor are at the end of their range",
         &[F::SensorSaturated, F::ForceLimit, F::ForceStep],
         (StopRamp, STOPPED, Reset),
-    ),
+    )),
     on_any(row(
         (Kind::SensorStale, "sensor-stale"),
         &[4],
@@ -55,7 +55,7 @@ pub(super) const ROWS: [Row; 8] = [
         &[F::SensorStale, F::SensorLost],
         (StopRamp, STOPPED, Reset),
     ),
-    sized(
+    on_any(sized(
         row(
             (Kind::SensorJump, "sensor-jump"),
             &[6],
@@ -68,8 +68,8 @@ pub(super) const ROWS: [Row; 8] = [
         "a force in N",
         100.0,
         (-200.0, 200.0),
-    ),
-    sized(
+    )),
+    on_any(sized(
         row(
             (Kind::SensorDrift, "sensor-drift"),
             &[7],
@@ -82,7 +82,7 @@ pub(super) const ROWS: [Row; 8] = [
         "a drift in N/s",
         40.0,
         (-1000.0, 1000.0),
-    ),
+    )),
     on_any(sized(
         row(
             (Kind::SensorClockDrift, "sensor-clock-drift"),

@@ -98,7 +98,7 @@ impl EmbeddedRig {
     pub fn stop(&mut self) -> Result<(), RigError> {
         let limit = (STOP_LIMIT_S / self.runner.period().as_secs_f64()) as u32;
         for _ in 0..limit {
-            if !self.drives().iter().any(|drive| has_torque(drive.state())) {
+            if !self.drive_states().into_iter().any(has_torque) {
                 return Ok(());
             }
             self.run_cycle(Request::Stop)?;

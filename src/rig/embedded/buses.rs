@@ -2,7 +2,7 @@
 
 use std::sync::{Arc, Mutex, PoisonError};
 
-use crate::assembly::{AssemblyError, device_buses};
+use crate::assembly::device_buses;
 use crate::canopen::{BusId, Frame};
 use crate::config;
 use crate::rig::devices::simulated;
@@ -20,10 +20,11 @@ pub(super) const STRANGER: usize = 4;
 /// Ports of each bus: those of the rig, and the one of whoever else is there.
 const PORT_COUNT: usize = STRANGER + 1;
 
-/// All buses. Each has the same ports, of which a device uses those of its own bus alone.
+/// All buses. Each has the same ports, of which a device uses those of its own bus alone. A segment is none: it has a
+/// [`Cable`](super::cable::Cable).
 #[derive(Debug)]
 pub(super) struct Buses {
-    buses: Vec<VirtualBus>,
+    buses: Vec<Option<VirtualBus>>,
     /// The buses of the left drive, the right drive and the sensor.
     of_devices: [BusId; 3],
 }
@@ -35,12 +36,13 @@ impl Buses {
         orders[MASTER] = QueueOrder::Fifo;
         let how = simulated(rig)?.timing;
         let bus = |bus: &config::Bus| {
-            let bit_rate = bus.canopen().ok_or(AssemblyError::OnEthercat)?.bit_rate_bit_per_s;
+            let Some(canopen) = bus.canopen() else { return Ok(None) };
+            let bit_rate = canopen.bit_rate_bit_per_s;
             let timing = match how {
                 config::BusTiming::Arbitrated => BitTiming::Arbitrated { bit_rate },
                 config::BusTiming::Ideal => BitTiming::Ideal,
             };
-            Ok::<_, RigError>(VirtualBus::new(timing, &orders)?)
+            Ok::<_, RigError>(Some(VirtualBus::new(timing, &orders)?))
         };
         let buses = rig.buses.values().map(bus).collect::<Result<_, _>>()?;
         Ok(Self { buses, of_devices: device_buses(rig)? })
@@ -53,7 +55,7 @@ impl Buses {
 
     /// When the next frame is delivered on any of them.
     pub(super) fn next_event(&self) -> Time {
-        self.buses.iter().map(VirtualBus::next_event).fold(Time::NEVER, Time::min)
+        self.buses.iter().flatten().map(VirtualBus::next_event).fold(Time::NEVER, Time::min)
     }
 
     /// The next frame that is delivered not later than `until`, the earliest first.
@@ -63,7 +65,7 @@ impl Buses {
             return None;
         }
         BusId::all().zip(&mut self.buses).find_map(|(bus, virtual_bus)| {
-            let delivery = virtual_bus.advance(next)?;
+            let delivery = virtual_bus.as_mut()?.advance(next)?;
             Some(Delivery { frame: delivery.frame.on_bus(bus), ..delivery })
         })
     }
@@ -75,22 +77,24 @@ impl Buses {
 
     /// Loses what waits in the master's ports.
     pub(super) fn clear(&mut self) {
-        self.buses.iter_mut().for_each(|bus| bus.clear(MASTER));
+        self.buses.iter_mut().flatten().for_each(|bus| bus.clear(MASTER));
     }
 
     /// Has what is in the master's port of the buses that `is_held` names wait, or leave from `now` on.
     pub(super) fn hold(&mut self, now: Time, is_held: impl Fn(BusId) -> bool) {
-        BusId::all().zip(&mut self.buses).for_each(|(which, bus)| bus.hold(MASTER, now, is_held(which)));
+        let buses = BusId::all().zip(&mut self.buses).filter_map(|(which, bus)| Some((which, bus.as_mut()?)));
+        buses.for_each(|(which, bus)| bus.hold(MASTER, now, is_held(which)));
     }
 
-    /// What has happened on each so far.
-    pub(super) fn counters(&self) -> impl Iterator<Item = &BusCounters> {
-        self.buses.iter().map(VirtualBus::counters)
+    /// What has happened on each so far; `None` for a segment.
+    pub(super) fn counters(&self) -> impl Iterator<Item = Option<&BusCounters>> {
+        self.buses.iter().map(|bus| bus.as_ref().map(VirtualBus::counters))
     }
 
     pub(super) fn set_tamper(&mut self, tamper: impl Tamper + Send + 'static) {
         let tamper = Arc::new(Mutex::new(tamper));
         for (which, bus) in BusId::all().zip(&mut self.buses) {
+            let Some(bus) = bus else { continue };
             let tamper = Arc::clone(&tamper);
             bus.set_tamper(move |time: Time, from: usize, frame: Frame| {
                 let mut tamper = tamper.lock().unwrap_or_else(PoisonError::into_inner);
@@ -101,7 +105,7 @@ impl Buses {
 
     pub(super) fn set_witness(&mut self, witness: Witness) {
         let witness = Arc::new(Mutex::new(witness));
-        for bus in &mut self.buses {
+        for bus in self.buses.iter_mut().flatten() {
             let witness = Arc::clone(&witness);
             bus.set_witness(Box::new(move |passage| {
                 let mut witness = witness.lock().unwrap_or_else(PoisonError::into_inner);
@@ -116,7 +120,7 @@ impl Buses {
     }
 
     fn submit(&mut self, port: usize, now: Time, frame: Frame) {
-        if let Some(bus) = self.buses.get_mut(frame.bus().index()) {
+        if let Some(Some(bus)) = self.buses.get_mut(frame.bus().index()) {
             bus.submit(port, now, frame);
         }
     }
@@ -131,7 +135,7 @@ impl Wire for Buses {
     }
 
     fn offer(&mut self, device: usize, now: Time, frame: Frame) -> bool {
-        let bus = self.buses.get(self.of_device(device).index());
+        let bus = self.buses.get(self.of_device(device).index()).and_then(Option::as_ref);
         let has_room = DEVICES.get(device).zip(bus).is_some_and(|(port, bus)| bus.has_room(*port));
         if has_room {
             Wire::submit(self, device, now, frame);

@@ -4,6 +4,7 @@ use std::collections::VecDeque;
 use std::panic::resume_unwind;
 use std::time::Duration;
 
+use super::cable::Frames;
 use crate::canopen::BusId;
 use crate::injection::{Injection, Kind};
 use crate::link::{Arrival, ErrorFrame, Received};
@@ -30,6 +31,9 @@ pub(super) struct Computer {
     waiting: VecDeque<Received>,
     /// What it has not taken yet.
     inbox: VecDeque<Arrival>,
+    /// The same of a segment: what waits for it, and what it has not taken.
+    waiting_ethernet: Frames,
+    ethernet: Frames,
     /// Grid point of the cycle that it runs.
     grid: Time,
     lateness: Lateness,
@@ -85,6 +89,7 @@ impl Computer {
     pub(super) fn begin_boot(&mut self) {
         self.is_asleep = false;
         self.waiting.clear();
+        self.waiting_ethernet.clear();
     }
 
     /// What the process does in the cycle that begins at a grid point.
@@ -142,6 +147,8 @@ impl Computer {
         if std::mem::take(&mut self.is_asleep) {
             let waiting = self.waiting.drain(..).map(|what| Arrival { time: now, bus: bus_of(&what), what });
             self.inbox.extend(waiting);
+            let Self { waiting_ethernet, ethernet, .. } = self;
+            while waiting_ethernet.take(now, |_, bytes| ethernet.push(now, bytes)).is_some() {}
         }
     }
 
@@ -159,6 +166,17 @@ impl Computer {
         }
     }
 
+    /// A frame of the segment comes for it.
+    pub(super) fn take_ethernet(&mut self, time: Time, bytes: &[u8]) {
+        let inbox = if self.is_asleep { &mut self.waiting_ethernet } else { &mut self.ethernet };
+        inbox.push(time, bytes);
+    }
+
+    /// Gives away the next frame of the segment that has come.
+    pub(super) fn receive_ethernet<R>(&mut self, give: impl FnOnce(Time, &[u8]) -> Option<R>) -> Option<R> {
+        self.ethernet.take(Time::NEVER, |time, bytes| give(time, bytes)).flatten()
+    }
+
     /// An interface tells of itself.
     pub(super) fn tell(&mut self, time: Time, bus: BusId, error: ErrorFrame) {
         self.inbox.push_back(Arrival { time, bus, what: Received::Error(error) });
@@ -171,7 +189,7 @@ impl Computer {
 
     /// Whether nothing has come that it has not taken.
     pub(super) fn has_taken_all(&self) -> bool {
-        self.inbox.is_empty()
+        self.inbox.is_empty() && self.ethernet.is_empty()
     }
 }
 

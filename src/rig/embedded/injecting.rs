@@ -1,10 +1,11 @@
 //! Injections carried out: each begins and ends as the script says, in the part of the simulation that it concerns.
 
-use super::injectable::{InjectableDrive, InjectableSensor, is_at};
+use super::injectable::{InjectableDrive, InjectableSensor};
 use super::simulation::Simulation;
 use crate::injection::{Injection, Kind, Lasts, Medium, Target};
 use crate::rig::error::RigError;
 use crate::rig::far_end::{Plug, SENSOR};
+use crate::rig::line::Line;
 use crate::rig::world::Body;
 use crate::time::Time;
 
@@ -13,27 +14,16 @@ const SLACK_S: f64 = 1e-9;
 
 /// Where an injection acts.
 enum Place {
-    /// On frames, and on the master's interfaces.
+    /// On frames of CAN, and on the master's interfaces there.
     Buses,
+    /// On frames of a segment, and on the master's interface there.
+    Cable,
     /// In the devices that its target names.
     Devices,
     /// On hand and arm.
     Body,
     /// On the computer that runs the master.
     Computer,
-}
-
-impl Place {
-    fn of(injection: Injection) -> Self {
-        let Injection { kind, target, .. } = injection;
-        match target {
-            Target::Hand => Self::Body,
-            Target::Host | Target::Operator => Self::Computer,
-            _ if kind == Kind::ArmBlocked => Self::Body,
-            _ if InjectableDrive::has(kind) || InjectableSensor::has(kind) => Self::Devices,
-            _ => Self::Buses,
-        }
-    }
 }
 
 impl Simulation {
@@ -43,7 +33,7 @@ impl Simulation {
     /// # Errors
     /// If it is not possible, on this rig or at all.
     pub(super) fn inject(&mut self, injection: Injection) -> Result<(), RigError> {
-        injection.check_on(Medium::Can)?;
+        injection.check_on(self.medium(injection))?;
         if injection.kind == Kind::ArmBlocked && matches!(self.far.world.body, Body::Ideal(_)) {
             let message = "arm-blocked needs `model.tracking: rigid`: there is no arm to block";
             return Err(RigError::Mismatch(message.into()));
@@ -57,6 +47,25 @@ impl Simulation {
             self.script.add(injection);
         }
         Ok(())
+    }
+
+    fn medium(&self, injection: Injection) -> Medium {
+        injection.medium(|device| self.far.line.as_ref().is_some_and(|line| line.has(device)))
+    }
+
+    fn place_of(&self, injection: Injection) -> Place {
+        let Injection { kind, target, .. } = injection;
+        let is_on_segment = self.medium(injection) == Medium::Ethercat;
+        match target {
+            Target::Hand => Place::Body,
+            Target::Host | Target::Operator => Place::Computer,
+            _ if kind == Kind::ArmBlocked => Place::Body,
+            Target::Bus | Target::Link if is_on_segment => Place::Cable,
+            // Its interface is that to the segment.
+            _ if is_on_segment && injection.is_at_master() => Place::Cable,
+            _ if is_on_segment || InjectableDrive::has(kind) || InjectableSensor::has(kind) => Place::Devices,
+            _ => Place::Buses,
+        }
     }
 
     /// Ends all injections and has these follow.
@@ -74,8 +83,10 @@ impl Simulation {
     pub(super) fn clear_injections(&mut self) {
         self.script.stop();
         self.wires.clear();
-        self.far.drives.iter_mut().for_each(InjectableDrive::clear);
-        self.far.sensor.clear();
+        self.cable.iter_mut().for_each(|(_, cable)| cable.clear());
+        self.far.drives.iter_mut().flatten().for_each(InjectableDrive::clear);
+        self.far.sensor.iter_mut().for_each(InjectableSensor::clear);
+        self.far.line.iter_mut().for_each(Line::clear);
         self.computer.clear();
     }
 
@@ -104,23 +115,28 @@ impl Simulation {
     }
 
     fn switch(&mut self, injection: Injection, is_on: bool) {
-        let Self { wires, far, computer, now, .. } = self;
-        let now = *now;
-        match Place::of(injection) {
+        let place = self.place_of(injection);
+        let Self { wires, cable, far, computer, now, .. } = self;
+        let (now, scene_from_s) = (*now, far.world.hand_from_s);
+        match place {
             Place::Buses => wires.switch(now, injection, is_on),
+            Place::Cable if injection.kind == Kind::CableOut => {
+                far.line.iter_mut().for_each(|line| line.segment.set_cable(0, !is_on));
+            }
+            Place::Cable => cable.iter_mut().for_each(|(_, cable)| cable.switch(injection, is_on)),
             Place::Body => far.world.switch(injection, is_on),
             Place::Computer => computer.switch(injection, is_on),
             Place::Devices => {
                 for (device, drive) in far.drives.iter_mut().enumerate() {
-                    if is_at(injection.target, device) {
+                    if let Some(drive) = drive.as_mut().filter(|_| injection.target.has_device(device)) {
                         drive.switch(now, injection, is_on, &mut Plug { wire: &mut *wires, device, now });
                     }
                 }
-                if is_at(injection.target, SENSOR) {
-                    let scene_from_s = far.world.hand_from_s;
+                if let Some(sensor) = far.sensor.as_mut().filter(|_| injection.target.has_device(SENSOR)) {
                     let plug = &mut Plug { wire: wires, device: SENSOR, now };
-                    far.sensor.switch(now, scene_from_s, injection, is_on, plug);
+                    sensor.switch(now, scene_from_s, injection, is_on, plug);
                 }
+                far.line.iter_mut().for_each(|line| line.switch(now, scene_from_s, injection, is_on));
             }
         }
     }

@@ -5,6 +5,7 @@ use std::time::Duration;
 
 mod boot;
 mod buses;
+mod cable;
 mod computer;
 mod injectable;
 mod injecting;
@@ -16,7 +17,7 @@ mod tests;
 pub use probe::{BodyTruth, PORTS};
 
 use super::error::RigError;
-use super::far_end::FarEnd;
+use super::far_end::{DEVICES, FarEnd};
 use super::silence::Silence;
 use super::world::Body;
 use crate::assembly;
@@ -34,9 +35,11 @@ use crate::sim::can::{BusCounters, Tamper};
 use crate::sim::hand::Hand;
 use crate::sim::{Drive, ForceSensor};
 use crate::time::Time;
+use cable::Cable;
 use computer::Injected;
 use injectable::InjectableBuses;
 use simulation::Simulation;
+use yieldwall_drives::cia402;
 use yieldwall_drives::watchdog::Watchdog;
 
 /// Master, virtual buses, simulated devices, arm and hand.
@@ -85,7 +88,13 @@ impl EmbeddedRig {
         seed: u64,
     ) -> Result<Self, RigError> {
         let period = Duration::from_micros(rig.cycle.period_us.into());
-        let place = Simulation::new(InjectableBuses::new(rig, seed)?, FarEnd::new(rig, scene, seed)?, period);
+        let far = FarEnd::new(rig, scene, seed, ([true; DEVICES], Pace::Free))?;
+        let cable = assembly::segment_bus(rig)?.map(|bus| (bus, Cable::new(seed)));
+        if cable.is_some() && matches!(far.world.body, Body::Ideal(_)) {
+            let message = "model.tracking ideal works on CAN only: on EtherCAT the arm has to be rigid";
+            return Err(RigError::Mismatch(message.into()));
+        }
+        let place = Simulation::new(InjectableBuses::new(rig, seed)?, cable, far, period);
         let runner = Runner::new(rig, fixture, place, Pace::Free).map_err(|error| match error {
             RunError::Assembly(error) => error.into(),
             other => RigError::Mismatch(other.to_string()),
@@ -113,7 +122,7 @@ impl EmbeddedRig {
     }
 
     fn drives_mut(&mut self) -> impl Iterator<Item = &mut Drive> {
-        self.place_mut().far.drives.iter_mut().map(|drive| &mut drive.drive)
+        self.place_mut().far.drives.iter_mut().flatten().map(|drive| &mut drive.drive)
     }
 
     /// Adds an injection. It acts from the first cycle at or after its start to the last one before its end; what is
@@ -133,26 +142,27 @@ impl EmbeddedRig {
         self.place_mut().set_injections(injections)
     }
 
-    /// Takes a watch off both drives, as [`Drive::ignore`].
+    /// Takes a watch off the drives on CAN, as [`Drive::ignore`].
     pub fn ignore(&mut self, watchdog: Watchdog) {
         self.drives_mut().for_each(|drive| drive.ignore(watchdog));
     }
 
-    /// Has both drives take so long from a reset to their boot-up message.
+    /// Has the drives on CAN take so long from a reset to their boot-up message.
     pub fn set_reset_time(&mut self, time: Duration) {
         self.drives_mut().for_each(|drive| drive.set_reset_time(time));
     }
 
-    /// Has both drives take so long to answer an SDO request.
+    /// Has both drives take so long to answer a request for an object.
     pub fn set_sdo_time(&mut self, time: Duration) {
         self.drives_mut().for_each(|drive| drive.set_sdo_time(time));
+        self.place_mut().far.line.iter_mut().for_each(|line| line.set_mailbox_time(time));
     }
 
     /// Has the force sensor take its next sample so long after the next SYNC is due, and the others by an exact clock, so that
-    /// the phase between both is known. Nothing happens where SYNC is the sensor's clock.
+    /// the phase between both is known. Nothing happens where SYNC is the sensor's clock, and on a segment.
     pub fn align_sensor(&mut self, after_sync: Duration) {
         let (next, period) = (self.next_sync() + after_sync, self.sample_period);
-        self.place_mut().far.sensor.sensor.set_clock(next, period);
+        self.place_mut().far.sensor.iter_mut().for_each(|sensor| sensor.sensor.set_clock(next, period));
     }
 
     /// Forgets what was injected and what the scene would.
@@ -215,14 +225,24 @@ impl EmbeddedRig {
         self.runner.master()
     }
 
-    /// The simulated drives, left and right, for reports.
-    pub fn drives(&self) -> [&Drive; 2] {
-        self.place().far.drives.each_ref().map(|drive| &drive.drive)
+    /// The simulated drives that are on CAN, the left one first, for reports.
+    pub fn drives(&self) -> Vec<&Drive> {
+        self.place().far.drives.iter().flatten().map(|drive| &drive.drive).collect()
     }
 
-    /// The force sensor.
-    pub fn force_sensor(&self) -> &ForceSensor {
-        &self.place().far.sensor.sensor
+    /// States of the drives, left and right.
+    pub fn drive_states(&self) -> [cia402::State; 2] {
+        self.place().far.drive_states()
+    }
+
+    /// Torques in N m that the drives mean to make, left and right.
+    pub fn drive_torques_n_m(&self) -> [f64; 2] {
+        self.place().drive_torques_n_m()
+    }
+
+    /// The force sensor, if it is on CAN.
+    pub fn force_sensor(&self) -> Option<&ForceSensor> {
+        self.place().far.sensor.as_ref().map(|sensor| &sensor.sensor)
     }
 
     /// The arm; `None` if the joints follow their targets without one.
@@ -240,7 +260,9 @@ impl EmbeddedRig {
 
     /// What has gone over each bus so far, in the order of their names; the sum is that of the rig.
     pub fn bus_counters(&self) -> impl Iterator<Item = &BusCounters> {
-        self.place().wires.buses.counters()
+        let Simulation { wires, cable, .. } = self.place();
+        let of_segment = cable.as_ref().map(|(_, cable)| cable.counters());
+        wires.buses.counters().filter_map(move |of_can| of_can.or(of_segment))
     }
 
     /// Virtual time since switching on.

@@ -1,30 +1,36 @@
-//! The place of the embedded rig: virtual buses, simulated devices and the arm under one virtual clock, and the computer that runs the
-//! master.
+//! The place of the embedded rig: virtual buses and the cable of a segment, simulated devices and the arm under one virtual clock, and the
+//! computer that runs the master.
 
 use std::time::Duration;
 
 use super::buses::{DEVICES, MASTER};
+use super::cable::Cable;
 use super::computer::Computer;
 use super::injectable::{InjectableBuses, InjectableDrive, InjectableSensor};
 use crate::bus::LinkEvent;
-use crate::canopen::{Frame, cob};
+use crate::canopen::{BusId, Frame, cob};
 use crate::cycle::Outputs;
-use crate::link::{Arrival, CanLink, ErrorFrame, Packet, Received, SendError, Wires};
+use crate::link::{
+    Arrival, CanLink, ErrorFrame, EthernetArrival, EthernetReceived, Packet, Received, SendError, Wires,
+};
 use crate::quantity::{JointAngles, JointTorques};
 use crate::record;
 use crate::rig::error::RigError;
-use crate::rig::far_end::{Actuator, FarEnd};
+use crate::rig::far_end::FarEnd;
 use crate::rig::script::Script;
 use crate::rig::silence::Silence;
 use crate::rig::world;
 use crate::run::{Place, Process, Tap};
+use crate::sim::EthercatDrive;
 use crate::sim::can::Passage;
 use crate::time::Time;
 
 /// Buses, devices, machine and computer, and what is broken of them.
 pub(super) struct Simulation {
     pub(super) wires: InjectableBuses,
-    pub(super) far: FarEnd<InjectableDrive, InjectableSensor>,
+    /// That of the segment, with the segment's bus.
+    pub(super) cable: Option<(BusId, Cable)>,
+    pub(super) far: FarEnd<Option<InjectableDrive>, Option<InjectableSensor>>,
     pub(super) computer: Computer,
     pub(super) script: Script,
     pub(super) tap: Option<Tap>,
@@ -39,12 +45,14 @@ pub(super) struct Simulation {
 }
 
 impl Simulation {
-    pub(super) fn new(wires: InjectableBuses, far: FarEnd, period: Duration) -> Self {
-        let FarEnd { drives, sensor, world, buses } = far;
-        let sensor = InjectableSensor::new(sensor, world.calibration.clone());
+    pub(super) fn new(wires: InjectableBuses, cable: Option<(BusId, Cable)>, far: FarEnd, period: Duration) -> Self {
+        let FarEnd { drives, sensor, line, world, buses } = far;
+        let drives = drives.map(|drive| drive.map(InjectableDrive::new));
+        let sensor = sensor.map(|sensor| InjectableSensor::new(sensor, world.calibration.clone()));
         Self {
             wires,
-            far: FarEnd { drives: drives.map(InjectableDrive::new), sensor, world, buses },
+            cable,
+            far: FarEnd { drives, sensor, line, world, buses },
             computer: Computer::default(),
             script: Script::default(),
             tap: None,
@@ -54,6 +62,17 @@ impl Simulation {
             target_angles: None,
             failure: None,
         }
+    }
+
+    /// Torques in N m that the drives mean to make, which those of drives that run away are not.
+    pub(super) fn drive_torques_n_m(&self) -> [f64; 2] {
+        let FarEnd { drives, line, .. } = &self.far;
+        let torque_n_m = |(drive, on_can): (usize, &Option<InjectableDrive>)| match (on_can, line) {
+            (Some(on_can), _) => on_can.drive.torque_n_m(),
+            (None, line) => line.as_ref().and_then(|line| line.drive(drive)).map_or(0.0, EthercatDrive::torque_n_m),
+        };
+        let [left, right] = drives;
+        [torque_n_m((0, left)), torque_n_m((1, right))]
     }
 
     /// The process is there to boot the network.
@@ -71,8 +90,17 @@ impl Simulation {
         }
     }
 
+    /// Notes what is true of the machine at the begin of a cycle: on a segment no SYNC says when that is.
+    fn look(&mut self) {
+        if self.failure.is_none() {
+            let world = &mut self.far.world;
+            self.failure = world.settle(self.now).and_then(|()| world.look(self.now)).err();
+        }
+    }
+
     fn next_event(&self) -> Time {
-        self.wires.next_event().min(self.far.next_deadline())
+        let on_cable = self.cable.as_ref().map_or(Time::NEVER, |(_, cable)| cable.next_event());
+        self.wires.next_event().min(on_cable).min(self.far.next_deadline())
     }
 
     /// Lets everything happen that is due up to `until`, in order of time; of one moment, frames come first. It ends before, where
@@ -96,13 +124,48 @@ impl Simulation {
             self.now = self.now.max(next);
             match self.wires.advance(next) {
                 Some(passage) => self.deliver(next, passage)?,
+                None if self.pass_cable(next)? => {}
                 None => self.far.poll(next, &mut self.wires)?,
             }
             if let Some(silence) = &mut self.silence {
-                silence.look(next, self.far.drives.each_ref().map(Actuator::state));
+                silence.look(next, self.far.drive_states());
             }
         }
         Ok(())
+    }
+
+    /// Has the next frame that is due on the cable go on; whether one was.
+    fn pass_cable(&mut self, now: Time) -> Result<bool, RigError> {
+        let Self { cable, far, computer, silence, tap, .. } = self;
+        let Some((bus, cable)) = cable else { return Ok(false) };
+        let (bus, hears) = (*bus, cable.hears());
+        let Cable { outward, inward, faults, .. } = cable;
+        faults.send_due(now, &mut |bytes| inward.push(now, bytes));
+        let through = outward.take(now, |_, bytes| -> Result<(), RigError> {
+            if let Some(tap) = tap {
+                tap(now, Packet::Ethernet { bus, bytes });
+            }
+            let is_passed = silence.as_mut().is_none_or(|silence| silence.passes(now, bytes));
+            if !(is_passed && faults.lets_in()) {
+                return Ok(());
+            }
+            if let Some(back) = far.on_ethernet(now, bytes)? {
+                faults.hand_back(back, bytes, &mut |bytes| inward.push(back, bytes));
+            }
+            Ok(())
+        });
+        if let Some(through) = through {
+            return through.map(|()| true);
+        }
+        let returned = inward.take(now, |_, bytes| {
+            if hears {
+                if let Some(tap) = tap {
+                    tap(now, Packet::Ethernet { bus, bytes });
+                }
+                computer.take_ethernet(now, bytes);
+            }
+        });
+        Ok(returned.is_some())
     }
 
     fn deliver(&mut self, now: Time, passage: Passage) -> Result<(), RigError> {
@@ -160,7 +223,20 @@ impl CanLink for Simulation {
     }
 }
 
-impl Wires for Simulation {}
+impl Wires for Simulation {
+    fn receive_ethernet(&mut self, buffer: &mut [u8]) -> Option<EthernetArrival> {
+        self.computer.receive_ethernet(|time, bytes| {
+            let length = bytes.len().min(buffer.len());
+            buffer.get_mut(..length)?.copy_from_slice(bytes.get(..length)?);
+            Some(EthernetArrival { time, what: EthernetReceived::Frame { length } })
+        })
+    }
+
+    fn send_ethernet(&mut self, bytes: &[u8]) -> Result<(), SendError> {
+        let Some((_, cable)) = &mut self.cable else { return Err(SendError::Gone) };
+        if cable.send(self.now, bytes) { Ok(()) } else { Err(SendError::Down) }
+    }
+}
 
 impl Place for Simulation {
     const IS_VIRTUAL: bool = true;
@@ -175,6 +251,9 @@ impl Place for Simulation {
         }
         self.follow_script(grid);
         self.wires.begin_cycle(grid, self.period);
+        if self.cable.is_some() {
+            self.look();
+        }
         let process = self.computer.begin_cycle(self.now, grid);
         if process == Process::Runs {
             self.tell_link_events();
@@ -203,11 +282,12 @@ impl Place for Simulation {
 
     fn drop_queue(&mut self) {
         self.wires.buses.clear();
+        self.cable.iter_mut().for_each(|(_, cable)| cable.outward.clear());
     }
 
     fn truth(&self) -> Option<record::Truth> {
         let world::Truth { tip, velocity, .. } = self.far.world.truth;
-        let [left, right] = self.far.drives.each_ref().map(|drive| drive.drive.torque_n_m());
+        let [left, right] = self.drive_torques_n_m();
         Some(record::Truth { tool: tip, velocity, torques: JointTorques::new(left, right) })
     }
 }

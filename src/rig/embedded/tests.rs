@@ -72,3 +72,25 @@ fn a_permit_is_of_one_boot_of_one_rig() {
     }
     machine.runner.enable(0, &machine.permit, &AtomicBool::new(false)).unwrap();
 }
+
+#[test]
+fn a_rig_on_ethercat_follows_its_hand_and_stops_also_with_its_sensor_on_can() {
+    for file in ["paper-ethercat.yaml", "paper-ethercat-can-sensor.yaml"] {
+        let loaded = config::load_rig(config::builtin(file)).unwrap();
+        let (rig, scene) = (loaded.value.clone(), loaded.scene().unwrap().value);
+        let mut machine = EmbeddedRig::new(&rig, &scene, &rig.fixture, scene.seed).unwrap();
+        machine.enable().unwrap();
+        let start_m = machine.run_cycle(Request::None).unwrap().tool_m;
+        let mut farthest = 0.0_f64;
+        for _ in 0..2000 {
+            let row = machine.run_cycle(Request::None).unwrap();
+            farthest = farthest.max((row.tool_m[0] - start_m[0]).abs()).max((row.tool_m[1] - start_m[1]).abs());
+        }
+        assert_eq!((machine.state(), machine.cause()), (State::Running, None), "{file}");
+        assert!(farthest > 0.01, "{file}: {farthest}");
+        let counted: Vec<_> = machine.master().cycle().faults().counted().collect();
+        assert!(counted.is_empty(), "{file}: {counted:?}");
+        assert!(machine.master().told().next().is_none() && machine.master().segment_findings().is_empty(), "{file}");
+        machine.stop().unwrap();
+    }
+}

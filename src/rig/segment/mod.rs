@@ -1,23 +1,36 @@
 //! The devices of a rig on an EtherCAT segment, and the arm and the hand between them.
 
-mod faults;
-
 use std::time::Duration;
 
-use super::devices;
 use super::error::RigError;
-use super::far_end::{DEVICES, SENSOR};
+use super::far_end::{DEVICES, FarEnd, Wire};
+use super::frame_faults::FrameFaults;
+use super::script::Script;
 use super::server::{GRACE, LAG};
 use super::world::{Body, World};
+use crate::canopen::Frame;
 use crate::config;
 use crate::ethercat::frame::{self, Command, Datagrams};
-use crate::injection::Injection;
-use crate::quantity::JointTorques;
+use crate::injection::{Injection, Kind, Medium, Target};
 use crate::run::Pace;
-use crate::sim::ethercat::{EthercatApplication, Segment, SimulatedDevice};
+use crate::sim::ethercat::{Segment, SimulatedDevice};
 use crate::time::Time;
-use faults::Faults;
 use yieldwall_drives::cia402;
+use yieldwall_drives::watchdog::Clock;
+
+/// Slack of moments in s, far below a cycle.
+const SLACK_S: f64 = 1e-9;
+
+/// No CAN bus.
+struct NoBus;
+
+impl Wire for NoBus {
+    fn submit(&mut self, _device: usize, _now: Time, _frame: Frame) {}
+
+    fn offer(&mut self, _device: usize, _now: Time, _frame: Frame) -> bool {
+        false
+    }
+}
 
 /// The simulated drives and the force sensor of a rig on an EtherCAT segment, on one arm with a hand.
 ///
@@ -27,10 +40,7 @@ use yieldwall_drives::cia402;
 /// then. The hand takes the tool when all drives are in Operation Enabled, and lets go of it when none makes torque any more.
 #[derive(Debug)]
 pub struct SegmentServer {
-    segment: Segment<SimulatedDevice>,
-    /// Places of the left drive, the right drive and the sensor, where they are here.
-    places: [Option<usize>; DEVICES],
-    world: World,
+    far: FarEnd,
     seed: u64,
     /// Of the force sensor, where it is on.
     noise_counts: f64,
@@ -44,8 +54,8 @@ pub struct SegmentServer {
     waits_since: Option<Time>,
     /// The logical address with whose reading a period begins.
     opener: Option<u32>,
-    states: [cia402::State; 2],
-    faults: Faults,
+    script: Script,
+    on_frames: FrameFaults,
     counts: SegmentServed,
 }
 
@@ -73,21 +83,24 @@ impl SegmentServer {
         here: [bool; DEVICES],
         wall: Time,
     ) -> Result<Self, RigError> {
-        let mut world = devices::world(rig, scene, seed)?;
-        if matches!(world.body, Body::Ideal(_)) {
+        let mut far = FarEnd::new(rig, scene, seed, (here, pace))?;
+        if matches!(far.world.body, Body::Ideal(_)) {
             let message =
                 "model.tracking ideal works in the embedded simulation only: on a bus the arm has to be rigid";
             return Err(RigError::Mismatch(message.into()));
         }
-        let noise_counts = world.noise_counts;
+        let noise_counts = far.world.noise_counts;
         if pace == Pace::Lockstep {
-            world.noise_counts = 0.0;
+            far.world.noise_counts = 0.0;
         }
-        let (segment, places) = devices::segment(rig, scene, here, pace)?;
-        let mut server = Self {
-            segment,
-            places,
-            world,
+        let clock = match pace {
+            Pace::Lockstep => Clock::Sync,
+            Pace::Free => Clock::Wall,
+        };
+        far.line.iter_mut().for_each(|line| line.set_clock(clock));
+        far.begin_segment()?;
+        Ok(Self {
+            far,
             seed,
             noise_counts,
             pace,
@@ -96,13 +109,10 @@ impl SegmentServer {
             anchor: (wall, Time(0)),
             waits_since: None,
             opener: None,
-            states: [cia402::State::NotReadyToSwitchOn; 2],
-            faults: Faults::new(seed),
+            script: Script::default(),
+            on_frames: FrameFaults::new(seed),
             counts: SegmentServed::default(),
-        };
-        server.measure(true)?;
-        server.take_torques();
-        Ok(server)
+        })
     }
 
     /// Has an injection begin at its moment, counted in simulated time from switching on.
@@ -110,7 +120,22 @@ impl SegmentServer {
     /// # Errors
     /// If it is not possible on a segment, or its target is not here.
     pub fn inject(&mut self, injection: Injection) -> Result<(), RigError> {
-        self.faults.add(injection, self.places)
+        injection.check_on(Medium::Ethercat)?;
+        if injection.is_at_master() {
+            let name = injection.kind.row().name;
+            return Err(RigError::Mismatch(format!(
+                "{name} is of the computer that runs the master, which is not here"
+            )));
+        }
+        let is_here = |device| self.far.line.as_ref().is_some_and(|line| line.has(device));
+        let is_device =
+            matches!(injection.target, Target::LeftDrive | Target::RightDrive | Target::Drives | Target::Sensor);
+        if is_device && !(0..DEVICES).any(|device| injection.target.has_device(device) && is_here(device)) {
+            let (name, target) = (injection.kind.row().name, injection.target.name());
+            return Err(RigError::Mismatch(format!("{name}: {target} is not on this segment")));
+        }
+        self.script.add(injection);
+        Ok(())
     }
 
     /// Has a frame that came at this moment of the wall go through the segment; what comes back at once goes to `back`.
@@ -129,21 +154,20 @@ impl SegmentServer {
         self.advance(until)?;
         if begins {
             if self.waits_since.is_none() {
-                (self.world.noise, self.world.noise_counts) = (World::noise_from(self.seed), self.noise_counts);
+                (self.far.world.noise, self.far.world.noise_counts) = (World::noise_from(self.seed), self.noise_counts);
             }
             self.waits_since = Some(wall);
         }
         self.counts.frames += 1;
-        let Self { faults, segment, now, counts, .. } = self;
+        let Self { on_frames, far, now, counts, .. } = self;
         let mut back = |frame: &[u8]| {
             counts.returned += 1;
             back(frame);
         };
-        faults.send_due(*now, &mut back);
-        if faults.lets_in() && segment.process(*now, bytes).is_some() {
-            faults.hand_back(*now, bytes, &mut back);
+        on_frames.send_due(*now, &mut back);
+        if on_frames.lets_in() && far.on_ethernet(*now, bytes)?.is_some() {
+            on_frames.hand_back(*now, bytes, &mut back);
         }
-        self.take_torques();
         self.lead_hand();
         Ok(())
     }
@@ -158,8 +182,8 @@ impl SegmentServer {
         }
         let until = self.due(wall);
         self.advance(until)?;
-        let Self { faults, now, counts, .. } = self;
-        faults.send_due(*now, &mut |frame: &[u8]| {
+        let Self { on_frames, now, counts, .. } = self;
+        on_frames.send_due(*now, &mut |frame: &[u8]| {
             counts.returned += 1;
             back(frame);
         });
@@ -168,7 +192,7 @@ impl SegmentServer {
 
     /// The moment of the wall at which [`SegmentServer::poll`] has to be called again at the latest.
     pub fn next_deadline(&self) -> Time {
-        match (self.waits_since, self.next_event().min(self.faults.next_back())) {
+        match (self.waits_since, self.next_event().min(self.on_frames.next_back())) {
             (Some(since), _) => since + GRACE,
             (None, Time::NEVER) => Time::NEVER,
             (None, next) => {
@@ -181,18 +205,14 @@ impl SegmentServer {
         }
     }
 
-    /// The segment, to look at or to break something on it.
-    pub fn segment_mut(&mut self) -> &mut Segment<SimulatedDevice> {
-        &mut self.segment
+    /// The segment, to look at or to break something on it; `None` without any.
+    pub fn segment_mut(&mut self) -> Option<&mut Segment<SimulatedDevice>> {
+        Some(&mut self.far.line.as_mut()?.segment)
     }
 
     /// Has the drives take so long to answer a mailbox.
     pub fn set_sdo_time(&mut self, time: Duration) {
-        for place in self.places.into_iter().take(SENSOR).flatten() {
-            if let Some(controller) = self.segment.controller_mut(place) {
-                controller.set_mailbox_time(time);
-            }
-        }
+        self.far.line.iter_mut().for_each(|line| line.set_mailbox_time(time));
     }
 
     /// Simulated time since switching on.
@@ -207,19 +227,19 @@ impl SegmentServer {
 
     /// States of the drives, left and right, as far as they are here.
     pub fn drive_states(&self) -> [Option<cia402::State>; 2] {
-        let [left, right, _] = self.places;
-        let [left_state, right_state] = self.states;
-        [left.map(|_| left_state), right.map(|_| right_state)]
+        let [left, right] = self.far.drive_states();
+        let here = |drive, state| self.far.line.as_ref().is_some_and(|line| line.has(drive)).then_some(state);
+        [here(0, left), here(1, right)]
     }
 
     /// Torques of the drives in N m.
     pub fn torques_n_m(&self) -> [f64; 2] {
-        self.world.torques.to_array()
+        self.far.world.torques.to_array()
     }
 
     /// Where the tool is, in m in the base frame, and the force of the hand on it, in N.
     pub fn truth(&self) -> (crate::quantity::TipPoint, crate::quantity::Force) {
-        (self.world.truth.tip, self.world.truth.force)
+        (self.far.world.truth.tip, self.far.world.truth.force)
     }
 }
 
@@ -227,7 +247,7 @@ impl SegmentServer {
     /// Time no longer waits.
     fn follow_the_wall(&mut self, wall: Time) {
         (self.waits_since, self.opener, self.anchor) = (None, None, (wall, self.now));
-        self.world.noise_counts = 0.0;
+        self.far.world.noise_counts = 0.0;
     }
 
     /// Whether a frame begins a period of lockstep: it reads process data, the same as the last one that did.
@@ -270,63 +290,58 @@ impl SegmentServer {
     }
 
     fn next_event(&self) -> Time {
-        self.segment.next_deadline().min(self.faults.next_change())
+        let change_s = self.script.next_change_s();
+        let change = if change_s.is_finite() { Time((change_s * 1e9).ceil() as u64) } else { Time::NEVER };
+        self.far.next_deadline().min(change)
     }
 
     /// Has all that is due up to a moment happen at its moment, and the arm move up to there.
     fn advance(&mut self, until: Time) -> Result<(), RigError> {
         while self.next_event() <= until {
             self.now = self.next_event().max(self.now);
-            self.measure(false)?;
-            self.faults.follow_script(self.now, self.places, &mut self.segment);
-            self.segment.poll(self.now);
-            self.take_torques();
+            self.follow_script();
+            self.far.poll(self.now, &mut NoBus)?;
         }
         self.now = until;
-        self.measure(false)?;
+        self.far.world.settle(until)?;
+        self.far.measure_joints();
         self.lead_hand();
         Ok(())
     }
 
-    /// Has the devices measure the arm and the hand as they are now: the sensor where it takes a sample, or where it has to.
-    fn measure(&mut self, has_to_feel: bool) -> Result<(), RigError> {
-        self.world.settle(self.now)?;
-        let (angles, rates) = self.world.joints();
-        let motions = angles.to_array().into_iter().zip(rates.to_array());
-        let Self { segment, places, world, now, .. } = self;
-        for (place, (angle, rate)) in places.iter().zip(motions) {
-            if let Some(drive) = device(segment, *place).and_then(SimulatedDevice::drive_mut) {
-                drive.measure(angle, rate);
-            }
+    /// Begins and ends what is due.
+    fn follow_script(&mut self) {
+        let time_s = self.now.as_secs_f64() + SLACK_S;
+        while let Some(injection) = self.script.take_ending(time_s) {
+            self.switch(injection, false);
         }
-        if let Some(sensor) = device(segment, places[SENSOR]).and_then(SimulatedDevice::force_torque_mut)
-            && (has_to_feel || sensor.next_deadline() <= *now)
-        {
-            sensor.measure(world.feel(*now)?);
+        while let Some(injection) = self.script.take_beginning(time_s) {
+            self.script.begin(injection);
+            self.switch(injection, true);
         }
-        Ok(())
     }
 
-    /// Hands the torques of the drives to the arm, whose motion up to now is settled.
-    fn take_torques(&mut self) {
-        let mut torques = [0.0; 2];
-        for ((place, torque), state) in self.places.into_iter().zip(&mut torques).zip(&mut self.states) {
-            let controller = place.and_then(|place| self.segment.controller_mut(place));
-            *state = cia402::State::NotReadyToSwitchOn;
-            let controller = controller.filter(|controller| controller.is_powered());
-            if let Some(drive) = controller.and_then(|controller| controller.device_mut().drive_mut()) {
-                (*torque, *state) = (drive.torque_n_m(), drive.state());
+    fn switch(&mut self, injection: Injection, is_on: bool) {
+        tracing::debug!(name = injection.kind.row().name, target = injection.target.name(), is_on, "injection");
+        let Self { far, on_frames, now, .. } = self;
+        match (injection.kind, injection.target) {
+            (Kind::CableOut, Target::Link) => far.line.iter_mut().for_each(|line| line.segment.set_cable(0, !is_on)),
+            (_, Target::Bus) => on_frames.switch(injection, is_on),
+            // The hand has a time of its own, from when it took the tool.
+            (_, Target::Hand) => {
+                let start_s = injection.start_s - far.world.hand_from_s;
+                far.world.switch(Injection { start_s, ..injection }, is_on);
             }
+            (Kind::ArmBlocked, _) => far.world.switch(injection, is_on),
+            _ => far.line.iter_mut().for_each(|line| line.switch(*now, 0.0, injection, is_on)),
         }
-        let [left, right] = torques;
-        self.world.torques = JointTorques::new(left, right);
     }
 
     fn lead_hand(&mut self) {
         let [left, right] = self.drive_states();
         match (left, right) {
-            (Some(left), Some(right)) => self.world.lead_hand(self.now, &[left, right]),
-            (Some(one), None) | (None, Some(one)) => self.world.lead_hand(self.now, &[one]),
+            (Some(left), Some(right)) => self.far.world.lead_hand(self.now, &[left, right]),
+            (Some(one), None) | (None, Some(one)) => self.far.world.lead_hand(self.now, &[one]),
             (None, None) => {}
         }
     }
@@ -336,10 +351,6 @@ impl SegmentServer {
 fn is_bring_up(bytes: &[u8]) -> bool {
     let Ok(mut datagrams) = Datagrams::of(bytes) else { return false };
     datagrams.any(|datagram| datagram.is_ok_and(|it| it.header.command == Command::Bwr as u8))
-}
-
-fn device(segment: &mut Segment<SimulatedDevice>, place: Option<usize>) -> Option<&mut SimulatedDevice> {
-    Some(segment.controller_mut(place?)?.device_mut())
 }
 
 #[cfg(test)]

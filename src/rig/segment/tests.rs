@@ -1,7 +1,7 @@
 //! The segment as a master sees it, in virtual time: whole bring-up, what the arm does, and each injection.
 
 use super::*;
-use crate::config::{builtin, load_rig_on_any_bus};
+use crate::config::{builtin, load_rig};
 use crate::ethercat::coe::{CoeAnswer, CoeClient, CoeRequest, Heard};
 use crate::ethercat::frame::{FrameWriter, address};
 use crate::ethercat::mailbox::{self, Counter, Protocol};
@@ -28,7 +28,7 @@ struct Bench {
 }
 
 fn server(pace: Pace, here: [bool; 3]) -> SegmentServer {
-    let rig = load_rig_on_any_bus(builtin("paper-ethercat.yaml")).unwrap();
+    let rig = load_rig(builtin("paper-ethercat.yaml")).unwrap();
     let scene = rig.scene().unwrap().value;
     SegmentServer::new(&rig.value, &scene, 1, pace, here, Time(0)).unwrap()
 }
@@ -88,7 +88,7 @@ impl Bench {
 
     fn pre_operational(&mut self) {
         for place in 0..3 {
-            let image = self.server.segment_mut().controller_mut(place).unwrap().sii_mut().to_vec();
+            let image = self.server.segment_mut().unwrap().controller_mut(place).unwrap().sii_mut().to_vec();
             let sii = Sii::read(&image).unwrap();
             for (number, manager) in (0u16..).zip(&sii.sync_managers) {
                 self.write(place, 0x0800 + 8 * number, &manager.settings.encode());
@@ -276,6 +276,10 @@ fn a_kind_that_is_for_can_is_refused_by_its_name() {
     for row in &CATALOGUE {
         let refused = server.inject(usual(row.kind));
         match row.media.contains(&crate::injection::Medium::Ethercat) {
+            true if usual(row.kind).is_at_master() => {
+                let refused = refused.unwrap_err().to_string();
+                assert_eq!(refused, format!("{} is of the computer that runs the master, which is not here", row.name));
+            }
             true => assert_eq!(refused, Ok(()), "{}", row.name),
             false => {
                 let refused = refused.unwrap_err().to_string();

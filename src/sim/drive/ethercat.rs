@@ -5,6 +5,7 @@ use std::sync::Arc;
 use yieldwall_drives::cia402::State;
 use yieldwall_drives::objects::{self as cia, error_code};
 use yieldwall_drives::profiles::DeviceProfile;
+use yieldwall_drives::watchdog::Clock;
 
 use super::super::DeviceError;
 use super::super::device::identity;
@@ -100,6 +101,11 @@ impl EthercatDrive {
     /// Puts the drive into fault with an error code (603Fh), as its own monitoring would.
     pub fn raise_fault(&mut self, now: Time, code: u16) {
         self.device.raise_fault(now, code);
+    }
+
+    /// Has the drive say in 2011h what its time follows.
+    pub fn set_clock(&mut self, clock: Clock) {
+        self.device.clock = clock;
     }
 
     /// Sets or clears the warning bit of the statusword.

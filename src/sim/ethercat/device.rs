@@ -36,6 +36,14 @@ impl SimulatedDevice {
     }
 
     /// The drive, if it is one.
+    pub fn drive(&self) -> Option<&EthercatDrive> {
+        match self {
+            SimulatedDevice::Drive(drive) => Some(drive),
+            _ => None,
+        }
+    }
+
+    /// The drive, if it is one, to be changed.
     pub fn drive_mut(&mut self) -> Option<&mut EthercatDrive> {
         match self {
             SimulatedDevice::Drive(drive) => Some(drive),

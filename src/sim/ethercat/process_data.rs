@@ -152,6 +152,11 @@ impl Mapping {
         for carried in &self.carried {
             let (byte, shift) = (carried.bit / 8, carried.bit % 8);
             let value = od.load(carried.offset) & mask(carried.bits);
+            if shift == 0 && carried.bits.is_multiple_of(8) {
+                let to = inputs.get_mut(byte..byte + usize::from(carried.bits) / 8).unwrap_or_default();
+                to.iter_mut().zip(value.to_le_bytes()).for_each(|(to, new)| *to = new);
+                continue;
+            }
             let touched = (shift + usize::from(carried.bits)).div_ceil(8);
             let word = u128::from(value) << shift;
             let keep = !(u128::from(mask(carried.bits)) << shift);

@@ -21,7 +21,7 @@ use ethercrab::{DcSync, MainDevice, MainDeviceConfig, PduStorage, Timeouts};
 
 use hil_tests_ethercrab::capture::Capture;
 use hil_tests_ethercrab::pump::{self, now, sleep_until};
-use yieldwall::config::{builtin, load_rig_on_any_bus};
+use yieldwall::config::{builtin, load_rig};
 use yieldwall::ethercat::frame::{BYTE_NS, DEVICE_NS};
 use yieldwall::rig::SegmentServer;
 use yieldwall::run::Pace;
@@ -101,7 +101,7 @@ fn main() {
     let (tx, rx, pdu_loop) = storage.try_split().expect("nobody has split it before");
     let configuration = MainDeviceConfig { dc_static_sync_iterations: 1000, ..MainDeviceConfig::default() };
     let main = MainDevice::new(pdu_loop, Timeouts::default(), configuration);
-    let rig = load_rig_on_any_bus(builtin("paper-ethercat.yaml")).expect("a shipped rig");
+    let rig = load_rig(builtin("paper-ethercat.yaml")).expect("a shipped rig");
     let scene = rig.scene().expect("a shipped scene").value;
     let server = SegmentServer::new(&rig.value, &scene, scene.seed, Pace::Free, [true; 3], now());
     let mut server = server.expect("a rig on EtherCAT");

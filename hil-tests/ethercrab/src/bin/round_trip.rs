@@ -14,7 +14,7 @@ use std::time::{Duration, Instant};
 
 use ethercrab::std::tx_rx_task;
 use ethercrab::{Command as Datagram, MainDevice, MainDeviceConfig, PduStorage, Timeouts};
-use yieldwall::config::{builtin, load_rig_on_any_bus};
+use yieldwall::config::{builtin, load_rig};
 use yieldwall::ethercat::frame::{self, Datagrams, FrameWriter, address};
 use yieldwall::link::{EthernetLink, EthernetReceived, PacketSocket, Role};
 use yieldwall::rig::simulated_segment;
@@ -36,7 +36,7 @@ static STORAGE: PduStorage<16, { PduStorage::element_size(1100) }> = PduStorage:
 fn serve(interface: &str) {
     let mut link = PacketSocket::open(interface, Role::Segment).unwrap_or_else(|error| panic!("{error}"));
     std::thread::spawn(move || {
-        let rig = load_rig_on_any_bus(builtin("paper-ethercat.yaml")).expect("a shipped rig");
+        let rig = load_rig(builtin("paper-ethercat.yaml")).expect("a shipped rig");
         let scene = rig.scene().expect("a shipped scene").value;
         let mut segment =
             simulated_segment(&rig.value, &scene, [true; 3], Pace::Lockstep).expect("a rig on EtherCAT").0;

@@ -25,7 +25,7 @@ fn devices_are_found_asked_and_mended_while_one_is_broken() {
     let mut is_whole = true;
     let damage = move |server: &mut yieldwall::rig::SegmentServer| {
         if std::mem::take(&mut is_whole) {
-            server.segment_mut().controller_mut(0).expect("the left drive").sii_mut()[14] ^= 0x55;
+            server.segment_mut().expect("a segment").controller_mut(0).expect("the left drive").sii_mut()[14] ^= 0x55;
         }
     };
     let devices = Served::with(&slow.rig, &slow.scene, [true; 3], damage);

@@ -41,9 +41,9 @@ fn disturb(dice: &mut Dice, slow: &Slow, devices: &Served) -> String {
         }
         1 => foreign(dice, devices),
         2 => {
-            devices.act(move |server| server.segment_mut().set_cable(place, false));
+            devices.act(move |server| server.segment_mut().expect("a segment").set_cable(place, false));
             pause(dice, 800);
-            devices.act(move |server| server.segment_mut().set_cable(place, true));
+            devices.act(move |server| server.segment_mut().expect("a segment").set_cable(place, true));
             format!("the cable before position {place} out and in")
         }
         3 => {
@@ -56,12 +56,12 @@ fn disturb(dice: &mut Dice, slow: &Slow, devices: &Served) -> String {
         _ => {
             devices.act(move |server| {
                 let now = server.now();
-                server.segment_mut().set_power(now, place, false);
+                server.segment_mut().expect("a segment").set_power(now, place, false);
             });
             pause(dice, 800);
             devices.act(move |server| {
                 let now = server.now();
-                server.segment_mut().set_power(now, place, true);
+                server.segment_mut().expect("a segment").set_power(now, place, true);
             });
             format!("the device at position {place} off and on")
         }

@@ -41,7 +41,7 @@ fn a_segment_without_its_sensor_or_with_nobody_on_it() {
     let slow = Slow::new("unplugged");
     let told = ["wrist", "2 devices answer", "position 2", "look at the cable behind the last one that answers"];
     refused_by_both(&slow, [true, true, false], |_| (), DEVICE_MISMATCH, &told);
-    let out = |server: &mut SegmentServer| server.segment_mut().set_cable(0, false);
+    let out = |server: &mut SegmentServer| server.segment_mut().expect("a segment").set_cable(0, false);
     refused_by_both(&slow, [true; 3], out, BUS_UNAVAILABLE, &["none came back", "plug in the cable"]);
 }
 
@@ -70,7 +70,7 @@ fn devices_in_another_order() {
 fn in_sii(place: usize, at: usize, xor: u8) -> impl FnMut(&mut SegmentServer) + Clone + Send + 'static {
     let mut is_done = false;
     move |server| {
-        if let Some(controller) = server.segment_mut().controller_mut(place).filter(|_| !is_done) {
+        if let Some(controller) = server.segment_mut().expect("a segment").controller_mut(place).filter(|_| !is_done) {
             controller.sii_mut()[at] ^= xor;
             is_done = true;
         }
@@ -94,7 +94,7 @@ fn a_device_that_does_not_leave_safe_op() {
     let slow = Slow::new("stuck");
     let stuck = |server: &mut SegmentServer| {
         let now = server.now();
-        let controller = server.segment_mut().controller_mut(1).expect("it is there");
+        let controller = server.segment_mut().expect("a segment").controller_mut(1).expect("it is there");
         let status = controller.al_status();
         if status.state() == Some(AlState::SafeOperational) && !status.has_error() {
             controller.fail(now, AlStatusCode::SYNC_ERROR);

@@ -91,7 +91,7 @@ impl Served {
         here: [bool; 3],
         sabotage: impl FnMut(&mut SegmentServer) + Send + 'static,
     ) -> Self {
-        let rig = config::load_rig_on_any_bus(Source::named(rig)).expect("a good rig").value;
+        let rig = config::load_rig(Source::named(rig)).expect("a good rig").value;
         let scene = config::load_scene(Source::named(scene)).expect("a good scene").value;
         let link = PacketSocket::open(FAR, Role::Segment).unwrap_or_else(|error| panic!("{error}"));
         let server = SegmentServer::new(&rig, &scene, scene.seed, Pace::Free, here, link.now());

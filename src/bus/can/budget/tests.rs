@@ -3,7 +3,6 @@ use crate::bus::tests::WAITS;
 use crate::bus::{CommandMode, DriveSetup, SensorLink, SensorNode, SensorSetup};
 use crate::config::shipped_profile;
 use crate::plain_can::{Link, Protocol, polled, streaming};
-use yieldwall_drives::scaling::{AxisScaling, Direction};
 
 const US: u64 = 1000;
 
@@ -14,8 +13,6 @@ fn setup(mode: CommandMode, period_us: u64) -> MasterSetup {
         bus: BusId::FIRST,
         node_id,
         profile: shipped_profile("simulated-servo"),
-        scaling: AxisScaling::new(800_000.0, Direction::Same, 0.0, 60.0).unwrap(),
-        expected_angle_rad: 0.0,
         heartbeat,
         waits: WAITS,
         torque_limit_per_mille: 1000,
@@ -27,7 +24,7 @@ fn setup(mode: CommandMode, period_us: u64) -> MasterSetup {
         heartbeat,
         period: Duration::from_micros(period_us),
         mode,
-        drives: [drive("left", 1), drive("right", 2)],
+        drives: vec![drive("left", 1), drive("right", 2)],
         sensor: SensorSetup {
             name: "wrist".to_owned(),
             bus: BusId::FIRST,

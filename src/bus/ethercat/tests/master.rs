@@ -31,7 +31,7 @@ impl Rig {
     fn operational() -> Self {
         let (cycle, home) = position_cycle();
         let scaling = AxisScaling::new(100_000.0, Direction::Same, 0.0, 60.0).unwrap();
-        let master = Master::on_segment(&setup(), home.map(|angle| (scaling, angle)), cycle).unwrap();
+        let master = Master::new((None, Some(&setup())), home.map(|angle| (scaling, angle)), cycle).unwrap();
         let mut segment = Segment::new(Time(0), devices());
         for (place, angle) in home.into_iter().enumerate() {
             segment.controller_mut(place).unwrap().device_mut().drive_mut().unwrap().measure(angle, 0.0);

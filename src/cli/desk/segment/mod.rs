@@ -103,7 +103,7 @@ impl SegmentDesk {
         let rig = match &place.rig {
             None => None,
             Some(named) => {
-                let rig = config::load_rig_on_any_bus(Source::named(named))?;
+                let rig = config::load_rig(Source::named(named))?;
                 if !rig.value.is_on_ethercat() {
                     return Ok(None);
                 }

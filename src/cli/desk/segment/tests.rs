@@ -8,13 +8,13 @@ use crate::time::Time;
 
 /// The devices of the shipped rig.
 fn link() -> VirtualSegment {
-    let rig = config::load_rig_on_any_bus(config::builtin("paper-ethercat.yaml")).unwrap();
+    let rig = config::load_rig(config::builtin("paper-ethercat.yaml")).unwrap();
     VirtualSegment::new(&rig.value, &rig.scene().unwrap().value, 1).unwrap()
 }
 
 /// The desk at these devices.
 fn at(link: VirtualSegment) -> SegmentDesk {
-    let rig = config::load_rig_on_any_bus(config::builtin("paper-ethercat.yaml")).unwrap();
+    let rig = config::load_rig(config::builtin("paper-ethercat.yaml")).unwrap();
     SegmentDesk {
         service: SegmentService::new(Box::new(link), Arc::new(AtomicBool::new(false))),
         entries: entries(&rig.value).unwrap(),
@@ -27,7 +27,7 @@ fn at(link: VirtualSegment) -> SegmentDesk {
 /// The desk at devices to which something was done.
 fn desk(break_it: impl FnOnce(&mut Segment<SimulatedDevice>)) -> SegmentDesk {
     let mut link = link();
-    break_it(link.server_mut().segment_mut());
+    break_it(link.server_mut().segment_mut().unwrap());
     at(link)
 }
 

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 
 use super::Change;
 use crate::cli::failure::{Exit, Failure};
-use crate::config::{Loaded, Rig, Severity, Source, load_rig_on_any_bus};
+use crate::config::{Loaded, Rig, Severity, Source, load_rig};
 
 /// Where the gains of a rig stand.
 #[derive(Clone, Debug, PartialEq)]
@@ -123,7 +123,7 @@ impl Edit {
         let io = |error: std::io::Error| refused(format!("{}: {error}", self.path.display()));
         let permissions = fs::metadata(&self.path).map_err(io)?.permissions();
         let written = fs::write(&beside, &self.text).and_then(|()| fs::set_permissions(&beside, permissions));
-        let checked = written.map_err(io).and_then(|()| match load_rig_on_any_bus(Source::disk(&beside)) {
+        let checked = written.map_err(io).and_then(|()| match load_rig(Source::disk(&beside)) {
             Ok(rig) if rig.value == self.wanted => Ok(()),
             Ok(_) => Err(refused(format!(
                 "{}: with these gains it would be another rig in more than them",

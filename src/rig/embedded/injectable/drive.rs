@@ -3,6 +3,7 @@
 use crate::canopen::{Frame, Outbox};
 use crate::injection::{Injection, Kind};
 use crate::rig::far_end::{Actuator, Device};
+use crate::rig::misread::JointMisread;
 use crate::sim::Drive;
 use crate::time::Time;
 use yieldwall_drives::cia402;
@@ -27,20 +28,12 @@ const KINDS: [Kind; 12] = [
 #[derive(Debug)]
 pub(in crate::rig::embedded) struct InjectableDrive {
     pub(in crate::rig::embedded) drive: Drive,
-    /// What acts on what it measures and makes.
-    active: Vec<Active>,
-}
-
-#[derive(Clone, Copy, Debug)]
-struct Active {
-    injection: Injection,
-    /// Where the encoder got stuck.
-    angle_rad: Option<f64>,
+    misread: JointMisread,
 }
 
 impl InjectableDrive {
     pub(in crate::rig::embedded) fn new(drive: Drive) -> Self {
-        Self { drive, active: Vec::new() }
+        Self { drive, misread: JointMisread::default() }
     }
 
     /// Whether an injection acts in drives.
@@ -49,7 +42,7 @@ impl InjectableDrive {
     }
 
     pub(in crate::rig::embedded) fn clear(&mut self) {
-        self.active.clear();
+        self.misread.clear();
     }
 
     /// Begins an injection, or ends it.
@@ -70,12 +63,7 @@ impl InjectableDrive {
             Kind::DriveIgnoresCommand => drive.set_ignores_targets(is_on),
             Kind::DriveNotEnabling => drive.set_ignores_controlword(is_on),
             Kind::VoltageOff => drive.set_voltage(now, !is_on, out),
-            _ if is_on => self.active.push(Active { injection, angle_rad: None }),
-            _ => {
-                if let Some(at) = self.active.iter().position(|active| active.injection == injection) {
-                    self.active.remove(at);
-                }
-            }
+            _ => self.misread.switch(injection, is_on),
         }
     }
 }
@@ -99,25 +87,13 @@ impl Device for InjectableDrive {
 }
 
 impl Actuator for InjectableDrive {
-    fn measure(&mut self, mut angle_rad: f64, mut rate_rad_per_s: f64) {
-        for active in &mut self.active {
-            match active.injection.kind {
-                Kind::EncoderJump | Kind::EncoderOffset => angle_rad += active.injection.size,
-                Kind::EncoderStuck => {
-                    (angle_rad, rate_rad_per_s) = (*active.angle_rad.get_or_insert(angle_rad), 0.0);
-                }
-                _ => {}
-            }
-        }
+    fn measure(&mut self, angle_rad: f64, rate_rad_per_s: f64) {
+        let (angle_rad, rate_rad_per_s) = self.misread.motion(angle_rad, rate_rad_per_s);
         self.drive.measure(angle_rad, rate_rad_per_s);
     }
 
     fn torque_n_m(&self) -> f64 {
-        let mut active = self.active.iter().map(|active| active.injection);
-        let runaway = active.find(|injection| {
-            injection.kind == Kind::DriveRunaway && self.drive.state() == cia402::State::OperationEnabled
-        });
-        runaway.map_or_else(|| self.drive.torque_n_m(), |injection| injection.size)
+        self.misread.torque_n_m(self.drive.torque_n_m(), self.drive.state())
     }
 
     fn state(&self) -> cia402::State {

@@ -1,6 +1,6 @@
 //! The master's interfaces to the buses, with what is broken in them.
 
-use super::participant::{Participants, is_at};
+use super::participant::Participants;
 use crate::bus::LinkEvent;
 use crate::canopen::BusId;
 use crate::injection::{Injection, Kind, Target};
@@ -69,7 +69,7 @@ impl Interfaces {
         self.0.iter().filter(|injection| kinds.contains(&injection.kind)).any(|injection| {
             let mut devices = participants.iter().enumerate();
             injection.target == Target::Link
-                || devices.any(|(at, device)| device.bus == bus && is_at(injection.target, at))
+                || devices.any(|(at, device)| device.bus == bus && injection.target.has_device(at))
         })
     }
 }

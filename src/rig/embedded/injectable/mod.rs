@@ -17,5 +17,4 @@ mod stranger;
 
 pub(super) use buses::InjectableBuses;
 pub(super) use drive::InjectableDrive;
-pub(super) use participant::is_at;
 pub(super) use sensor::InjectableSensor;

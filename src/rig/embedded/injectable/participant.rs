@@ -2,13 +2,13 @@
 
 use std::time::Duration;
 
-use crate::assembly::{AssemblyError, device_buses};
+use crate::assembly::device_buses;
 use crate::canopen::{BusId, Frame, NodeId, cob};
 use crate::config;
-use crate::injection::{Injection, Kind, Target};
+use crate::injection::{Injection, Kind};
 use crate::rig::devices::node;
 use crate::rig::error::RigError;
-use crate::rig::far_end::{DEVICES, SENSOR};
+use crate::rig::far_end::DEVICES;
 
 /// A device on its bus.
 #[derive(Clone, Copy, Debug)]
@@ -25,6 +25,8 @@ pub(super) enum Speaks {
     Canopen { node: NodeId, heartbeat: Duration },
     /// It is a sensor on plain CAN, and may be able to say that its samples are not valid.
     PlainCan { can_be_invalid: bool },
+    /// It is on an EtherCAT segment.
+    Ethercat,
 }
 
 /// The left drive, the right drive and the sensor of a rig.
@@ -36,15 +38,18 @@ pub(super) fn participants(rig: &config::Rig) -> Result<Participants, RigError> 
         let heartbeat = Duration::from_millis(heartbeat_ms.into());
         Ok::<_, RigError>(Speaks::Canopen { node: node(node_id)?, heartbeat })
     };
-    let [left, right] = rig.drives.each_ref().map(|drive| drive.address.canopen().ok_or(AssemblyError::OnEthercat));
+    let drive = |drive: &config::Drive| match drive.address.canopen() {
+        Some(own) => speaks(own.node_id, own.heartbeat_ms),
+        None => Ok(Speaks::Ethercat),
+    };
     let sensor = match rig.sensor.protocol {
         config::SensorProtocol::Canopen { node_id, heartbeat_ms, .. } => speaks(node_id, heartbeat_ms)?,
         config::SensorProtocol::Streaming { .. } => Speaks::PlainCan { can_be_invalid: false },
-        config::SensorProtocol::Ethercat { .. } => return Err(AssemblyError::OnEthercat.into()),
+        config::SensorProtocol::Ethercat { .. } => Speaks::Ethercat,
         config::SensorProtocol::Polled { invalid_bits, .. } => Speaks::PlainCan { can_be_invalid: invalid_bits != 0 },
     };
-    let (left, right) = (left?, right?);
-    let all = [speaks(left.node_id, left.heartbeat_ms)?, speaks(right.node_id, right.heartbeat_ms)?, sensor];
+    let [left, right] = &rig.drives;
+    let all = [drive(left)?, drive(right)?, sensor];
     let mut buses = device_buses(rig)?.into_iter();
     Ok(all.map(|speaks| Participant { bus: buses.next().unwrap_or_default(), speaks }))
 }
@@ -56,14 +61,18 @@ impl Participant {
     pub(super) fn node(self) -> Option<NodeId> {
         match self.speaks {
             Speaks::Canopen { node, .. } => Some(node),
-            Speaks::PlainCan { .. } => None,
+            Speaks::PlainCan { .. } | Speaks::Ethercat => None,
         }
     }
 
     /// Whether a frame that it sent is process data.
     pub(super) fn is_data(self, frame: &Frame) -> bool {
         // Function codes of TPDO 1 to 4.
-        matches!(self.speaks, Speaks::PlainCan { .. }) || matches!(frame.id() >> 7, 3 | 5 | 7 | 9)
+        match self.speaks {
+            Speaks::Ethercat => false,
+            Speaks::PlainCan { .. } => true,
+            Speaks::Canopen { .. } => matches!(frame.id() >> 7, 3 | 5 | 7 | 9),
+        }
     }
 
     /// Whether a frame that it sent is its heartbeat.
@@ -82,15 +91,10 @@ pub(super) fn is_set_point(frame: &Frame) -> bool {
     matches!(frame.id() >> 7, 4 | 6 | 8 | 10)
 }
 
-/// Whether `target` names the device: 0 the left drive, 1 the right drive, 2 the sensor.
-pub(in crate::rig::embedded) fn is_at(target: Target, device: usize) -> bool {
-    target.has_joint(device) || (target == Target::Sensor && device == SENSOR)
-}
-
 /// What an injection needs that these devices are not.
 pub(super) fn needed(participants: &Participants, injection: Injection) -> Option<&'static str> {
     let can_be_invalid = participants.iter().enumerate().find_map(|(at, device)| match device.speaks {
-        Speaks::PlainCan { can_be_invalid } if is_at(injection.target, at) => Some(can_be_invalid),
+        Speaks::PlainCan { can_be_invalid } if injection.target.has_device(at) => Some(can_be_invalid),
         _ => None,
     })?;
     match injection.kind {

@@ -7,7 +7,7 @@ use rand_xoshiro::rand_core::{Rng, SeedableRng};
 
 use super::super::buses::{DEVICES, MASTER};
 use super::held::Held;
-use super::participant::{Participants, is_at, is_set_point};
+use super::participant::{Participants, is_set_point};
 use crate::canopen::{Frame, cob};
 use crate::injection::{Injection, Kind};
 use crate::time::Time;
@@ -46,7 +46,7 @@ struct Relation {
 
 impl Relation {
     fn of(injection: &Injection, participants: &Participants, from: usize, frame: &Frame) -> Self {
-        let is_named = |at: usize| is_at(injection.target, at);
+        let is_named = |at: usize| injection.target.has_device(at);
         let sender = DEVICES.iter().position(|port| *port == from).filter(|at| is_named(*at));
         let sender = sender.and_then(|at| participants.get(at));
         let mut named = participants.iter().enumerate().filter(|(at, _)| is_named(*at));

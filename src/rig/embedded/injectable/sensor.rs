@@ -1,11 +1,10 @@
 //! A force sensor with what is broken in it.
 
-use nalgebra::Vector6;
-
 use crate::canopen::{Frame, Outbox};
 use crate::injection::{Injection, Kind};
 use crate::rig::far_end::{Device, Transducer};
-use crate::sensing::{Calibration, Wrench};
+use crate::rig::misread::ForceMisread;
+use crate::sensing::Calibration;
 use crate::sim::ForceSensor;
 use crate::time::Time;
 
@@ -26,24 +25,12 @@ const KINDS: [Kind; 9] = [
 #[derive(Debug)]
 pub(in crate::rig::embedded) struct InjectableSensor {
     pub(in crate::rig::embedded) sensor: ForceSensor,
-    /// What its counts mean.
-    calibration: Calibration,
-    /// What acts on what it measures.
-    active: Vec<Active>,
-}
-
-#[derive(Clone, Copy, Debug)]
-struct Active {
-    injection: Injection,
-    /// When the scene began, in s.
-    scene_from_s: f64,
-    /// What the channels got stuck at.
-    counts: Option<[i32; 6]>,
+    misread: ForceMisread,
 }
 
 impl InjectableSensor {
     pub(in crate::rig::embedded) fn new(sensor: ForceSensor, calibration: Calibration) -> Self {
-        Self { sensor, calibration, active: Vec::new() }
+        Self { sensor, misread: ForceMisread::none(calibration) }
     }
 
     /// Whether an injection acts in the sensor.
@@ -52,7 +39,7 @@ impl InjectableSensor {
     }
 
     pub(in crate::rig::embedded) fn clear(&mut self) {
-        self.active.clear();
+        self.misread.clear();
     }
 
     /// Begins an injection, or ends it.
@@ -72,12 +59,7 @@ impl InjectableSensor {
             Kind::SensorStale if is_on => sensor.set_clock_rate(0.0),
             Kind::SensorClockDrift if is_on => sensor.set_clock_rate(injection.size),
             Kind::SensorStale | Kind::SensorClockDrift => sensor.set_clock_rate(1.0),
-            _ if is_on => self.active.push(Active { injection, scene_from_s, counts: None }),
-            _ => {
-                if let Some(at) = self.active.iter().position(|active| active.injection == injection) {
-                    self.active.remove(at);
-                }
-            }
+            _ => self.misread.switch(scene_from_s, injection, is_on),
         }
     }
 }
@@ -101,23 +83,8 @@ impl Device for InjectableSensor {
 }
 
 impl Transducer for InjectableSensor {
-    fn measure(&mut self, now: Time, mut counts: [i32; 6]) {
-        for active in &mut self.active {
-            let Injection { kind, size, start_s, .. } = active.injection;
-            let mut shift = |force_n: f64| {
-                let wrench = Wrench(Vector6::new(force_n, 0.0, 0.0, 0.0, 0.0, 0.0));
-                for (count, by) in counts.iter_mut().zip(self.calibration.counts_for(&wrench)) {
-                    *count += by;
-                }
-            };
-            match kind {
-                Kind::SensorStuck => counts = *active.counts.get_or_insert(counts),
-                Kind::SensorSaturated => counts[..2].fill(self.calibration.range_counts()),
-                Kind::SensorJump => shift(size),
-                Kind::SensorDrift => shift(size * (now.as_secs_f64() - active.scene_from_s - start_s)),
-                _ => {}
-            }
-        }
+    fn measure(&mut self, now: Time, counts: [i32; 6]) {
+        let counts = self.misread.counts(now, counts);
         self.sensor.measure(counts);
     }
 }

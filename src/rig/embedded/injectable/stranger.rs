@@ -4,7 +4,7 @@ use std::time::Duration;
 
 use super::super::buses::{DEVICES, MASTER, STRANGER};
 use super::held::Held;
-use super::participant::{Participants, Speaks, is_at, is_set_point};
+use super::participant::{Participants, Speaks, is_set_point};
 use crate::canopen::{Frame, NodeId, cob};
 use crate::injection::{Injection, Kind};
 use crate::time::Time;
@@ -97,7 +97,7 @@ impl Stranger {
                     send(sync_at + period / 2, Frame::new(cob::SYNC, &[]).on_bus(first.bus));
                 }
                 Kind::DuplicateNode => {
-                    for (_, device) in participants.iter().enumerate().filter(|(at, _)| is_at(target, *at)) {
+                    for (_, device) in participants.iter().enumerate().filter(|(at, _)| target.has_device(*at)) {
                         let Speaks::Canopen { node, heartbeat } = device.speaks else { continue };
                         let cycles = (heartbeat.as_nanos() / period.as_nanos()).max(1) as u32;
                         if active.count.is_multiple_of(cycles) {
@@ -148,7 +148,7 @@ fn foreign(own: Frame) -> Frame {
 
 /// Has a frame that comes once arrive now, for each CANopen node that is named.
 pub(super) fn send_once(now: Time, injection: Injection, participants: &Participants, held: &mut Held) {
-    for (at, device) in participants.iter().enumerate().filter(|(at, _)| is_at(injection.target, *at)) {
+    for (at, device) in participants.iter().enumerate().filter(|(at, _)| injection.target.has_device(*at)) {
         let Some(node) = device.node() else { continue };
         let (from, frame) = match injection.kind {
             Kind::Emergency => (DEVICES[at], emergency(node, EMERGENCIES[at])),

@@ -9,6 +9,11 @@ const MOST_TRIM_PPB: i64 = 1_000_000;
 /// Shares of a difference by which the clock is corrected until the next comparison, and for good.
 const PROPORTIONAL_SHIFT: u32 = 3;
 const INTEGRAL_SHIFT: u32 = 7;
+/// Times and rates up to which 64 bits are enough: a quarter of an hour, 4 per mille.
+const SHORT_NS: i64 = 1 << 40;
+const SMALL_PPB: i64 = 1 << 22;
+/// The longest wait for which that is so, in ns.
+const SHORT_WAIT_NS: i64 = 1 << 32;
 /// Comparisons that are further apart than this say nothing about the rate.
 const LONGEST_INTERVAL_NS: i64 = 1_000_000_000;
 
@@ -41,14 +46,19 @@ impl Clock {
         }
     }
 
-    fn rate(&self) -> i128 {
-        i128::from(self.drift_ppb + self.trim_ppb + self.push_ppb)
+    fn rate(&self) -> i64 {
+        self.drift_ppb + self.trim_ppb + self.push_ppb
     }
 
     /// What the clock shows, in ns.
     pub(super) fn at(&self, now: Time) -> i64 {
+        let rate = self.rate();
+        let short = now.0.wrapping_sub(self.since.0) as i64;
+        if (0..SHORT_NS).contains(&short) && rate.abs() < SMALL_PPB {
+            return self.shown.wrapping_add(short + short * rate / BILLION as i64);
+        }
         let elapsed = i128::from(now.0) - i128::from(self.since.0);
-        let share = if self.rate() == 0 { 0 } else { elapsed * self.rate() / BILLION };
+        let share = elapsed * i128::from(rate) / BILLION;
         (i128::from(self.shown) + elapsed + share) as i64
     }
 
@@ -58,8 +68,14 @@ impl Clock {
         if ahead <= 0 {
             return self.since;
         }
-        let rate = self.rate();
-        let wait = (ahead * BILLION + (BILLION + rate) - 1) / (BILLION + rate);
+        let of_rate = BILLION + i128::from(self.rate());
+        let wait = match i64::try_from(ahead) {
+            Ok(ahead) if ahead < SHORT_WAIT_NS && self.rate().abs() < SMALL_PPB => {
+                let of_rate = of_rate as i64;
+                i128::from((ahead * BILLION as i64 + of_rate - 1) / of_rate)
+            }
+            _ => (ahead * BILLION + of_rate - 1) / of_rate,
+        };
         let moment = i128::from(self.since.0) + wait;
         let moment = Time(u64::try_from(moment).unwrap_or(u64::MAX));
         // Rounding: what the clock shows is cut off to whole nanoseconds.
@@ -149,6 +165,19 @@ mod tests {
             assert!(clock.at(moment) >= shown && clock.at(Time(moment.0 - 1)) < shown, "{shown}");
         }
         assert_eq!(clock.moment_of(4), Time(1000));
+    }
+
+    proptest::proptest! {
+        #[test]
+        fn short_times_are_computed_as_long_ones_are(since in 0u64..1 << 45, for_ns in 0i64..1 << 42, shown in -5_000_000_000i64..1 << 50, ppb in -5_000_000i32..5_000_000) {
+            let clock = Clock::new(Time(since), shown, ppb);
+            let exact = i128::from(shown) + i128::from(for_ns) + i128::from(for_ns) * i128::from(ppb) / BILLION;
+            proptest::prop_assert_eq!(i128::from(clock.at(Time(since + for_ns as u64))), exact);
+            let wanted = shown + for_ns;
+            let moment = clock.moment_of(wanted);
+            // A clock that is slow shows a nanosecond too early what is cut off.
+            proptest::prop_assert!(clock.at(moment) >= wanted && (for_ns < 2 || clock.at(Time(moment.0 - 2)) < wanted));
+        }
     }
 
     #[test]

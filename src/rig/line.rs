@@ -1,0 +1,211 @@
+//! The devices of a rig on an EtherCAT segment.
+
+use std::time::Duration;
+
+use super::far_end::{DEVICES, SENSOR};
+use super::misread::{ForceMisread, JointMisread};
+use crate::ethercat::AlStatusCode;
+use crate::ethercat::coe::CoeEmergency;
+use crate::injection::{Injection, Kind};
+use crate::sensing::Calibration;
+use crate::sim::ethercat::{Controller, EthercatApplication, Segment, SimulatedDevice};
+use crate::sim::{EthercatDrive, ForceTorqueSensor};
+use crate::time::Time;
+use yieldwall_drives::cia402;
+use yieldwall_drives::watchdog::Clock;
+
+/// Voltage of a drive, hardware of a sensor, a warning: error codes of the emergencies of the catalogue.
+const VOLTAGE: u16 = 0x3210;
+const HARDWARE: u16 = 0x5000;
+const WARNING: u16 = 0x8110;
+/// Error register of an emergency that is none: a warning has no bit there.
+const GENERIC_ERROR: u8 = 1;
+
+/// A segment with the devices of a rig that are on it, and what is broken in them.
+#[derive(Debug)]
+pub(super) struct Line {
+    pub(super) segment: Segment<SimulatedDevice>,
+    /// Places of the left drive, the right drive and the sensor, where they are here.
+    places: [Option<usize>; DEVICES],
+    joints: [JointMisread; 2],
+    force: ForceMisread,
+}
+
+impl Line {
+    /// A segment, and where on it are the left drive, the right drive and the sensor, whose counts mean this.
+    pub(super) fn new(
+        (segment, places): (Segment<SimulatedDevice>, [Option<usize>; DEVICES]),
+        calibration: Calibration,
+    ) -> Self {
+        Self { segment, places, joints: Default::default(), force: ForceMisread::none(calibration) }
+    }
+
+    /// When to poll next.
+    pub(super) fn next_deadline(&self) -> Time {
+        self.segment.next_deadline()
+    }
+
+    /// Whether a device is on the segment.
+    pub(super) fn has(&self, device: usize) -> bool {
+        self.places.get(device).is_some_and(Option::is_some)
+    }
+
+    /// Gives a device its supply, as if it had been off before.
+    pub(super) fn switch_on(&mut self, device: usize, now: Time) {
+        if let Some(place) = self.places.get(device).copied().flatten() {
+            self.segment.set_power(now, place, true);
+        }
+    }
+
+    /// The motion of each joint at this moment, in rad and rad/s.
+    pub(super) fn measure_joints(&mut self, motions: [(f64, f64); 2]) {
+        let Self { segment, places, joints, .. } = self;
+        for ((place, misread), (angle, rate)) in places.iter().zip(joints).zip(motions) {
+            if let Some(drive) = device(segment, *place).and_then(SimulatedDevice::drive_mut) {
+                let (angle, rate) = misread.motion(angle, rate);
+                drive.measure(angle, rate);
+            }
+        }
+    }
+
+    /// Whether the sensor takes a sample by `now`.
+    pub(super) fn feels(&mut self, now: Time) -> bool {
+        self.sensor_mut().is_some_and(|sensor| sensor.next_deadline() <= now)
+    }
+
+    /// What the channels of the sensor read at this moment, in counts.
+    pub(super) fn measure_force(&mut self, now: Time, counts: [i32; 6]) {
+        let counts = self.force.counts(now, counts);
+        if let Some(sensor) = self.sensor_mut() {
+            sensor.measure(counts);
+        }
+    }
+
+    /// State of a drive; as of one that is switched off where it is not here.
+    pub(super) fn state(&self, drive: usize) -> cia402::State {
+        self.drive(drive).map_or(cia402::State::NotReadyToSwitchOn, EthercatDrive::state)
+    }
+
+    /// Torque of a drive on its joint in N m.
+    pub(super) fn torque_n_m(&self, drive: usize) -> f64 {
+        let Some((drive, misread)) = self.drive(drive).zip(self.joints.get(drive)) else { return 0.0 };
+        misread.torque_n_m(drive.torque_n_m(), drive.state())
+    }
+
+    /// Has the drives say what their time follows.
+    pub(super) fn set_clock(&mut self, clock: Clock) {
+        let Self { segment, places, .. } = self;
+        for place in places {
+            if let Some(drive) = device(segment, *place).and_then(SimulatedDevice::drive_mut) {
+                drive.set_clock(clock);
+            }
+        }
+    }
+
+    /// Has the drives take so long to answer a mailbox.
+    pub(super) fn set_mailbox_time(&mut self, time: Duration) {
+        for place in self.places.into_iter().take(SENSOR).flatten() {
+            if let Some(controller) = self.segment.controller_mut(place) {
+                controller.set_mailbox_time(time);
+            }
+        }
+    }
+
+    /// Ends what acts on what devices measure.
+    pub(super) fn clear(&mut self) {
+        self.joints.iter_mut().for_each(JointMisread::clear);
+        self.force.clear();
+    }
+
+    /// Begins an injection in the devices of its target, or ends it.
+    pub(super) fn switch(&mut self, now: Time, scene_from_s: f64, injection: Injection, is_on: bool) {
+        for device in 0..DEVICES {
+            let is_meant = injection.target.has_device(device);
+            if let Some(place) = self.places.get(device).copied().flatten().filter(|_| is_meant) {
+                self.switch_device(now, scene_from_s, injection, is_on, (device, place));
+            }
+        }
+    }
+
+    fn switch_device(
+        &mut self,
+        now: Time,
+        scene_from_s: f64,
+        injection: Injection,
+        is_on: bool,
+        (device, place): (usize, usize),
+    ) {
+        let segment = &mut self.segment;
+        match injection.kind {
+            Kind::CableOut => return segment.set_cable(place, !is_on),
+            Kind::NodeSilent => return segment.set_power(now, place, !is_on),
+            Kind::NodeReset => {
+                segment.set_power(now, place, false);
+                return segment.set_power(now, place, true);
+            }
+            Kind::EncoderJump | Kind::EncoderOffset | Kind::EncoderStuck | Kind::DriveRunaway => {
+                return self.joints.iter_mut().skip(device).take(1).for_each(|joint| joint.switch(injection, is_on));
+            }
+            Kind::SensorStuck | Kind::SensorSaturated | Kind::SensorJump | Kind::SensorDrift => {
+                return self.force.switch(scene_from_s, injection, is_on);
+            }
+            _ => {}
+        }
+        let Some(controller) = segment.controller_mut(place) else { return };
+        match injection.kind {
+            Kind::DeviceBypassed => controller.set_silent(is_on),
+            Kind::MailboxStuck => controller.set_mailbox_stuck(is_on),
+            Kind::DeviceState => controller.fail(now, AlStatusCode(injection.size as u16)),
+            Kind::ClockJump => controller.jump_clock(now, injection.size as i64),
+            Kind::Emergency => controller.send_emergency(emergency(device, false)),
+            Kind::EmergencyWarning => controller.send_emergency(emergency(device, true)),
+            Kind::EmergencyInSdo => controller.interrupt_request(emergency(device, false)),
+            kind => in_application(now, kind, injection.size, is_on, controller),
+        }
+    }
+
+    /// A drive, where it is here and switched on: 0 the left, 1 the right.
+    pub(super) fn drive(&self, drive: usize) -> Option<&EthercatDrive> {
+        let controller = self.segment.controller(self.places.get(drive).copied().flatten()?)?;
+        controller.is_powered().then(|| controller.device().drive())?
+    }
+
+    fn sensor_mut(&mut self) -> Option<&mut ForceTorqueSensor> {
+        device(&mut self.segment, self.places[SENSOR])?.force_torque_mut()
+    }
+}
+
+fn device(segment: &mut Segment<SimulatedDevice>, place: Option<usize>) -> Option<&mut SimulatedDevice> {
+    Some(segment.controller_mut(place?)?.device_mut())
+}
+
+/// Begins an injection in what is behind a controller, or ends it.
+fn in_application(now: Time, kind: Kind, size: f64, is_on: bool, controller: &mut Controller<SimulatedDevice>) {
+    match controller.device_mut() {
+        SimulatedDevice::Drive(drive) => match kind {
+            Kind::DriveFault => drive.raise_fault(now, size as u16),
+            Kind::DriveLeavesOperation => drive.leave_operation(now),
+            Kind::DriveWarning => drive.set_warning(is_on),
+            Kind::DriveIgnoresCommand => drive.set_ignores_targets(is_on),
+            Kind::DriveNotEnabling => drive.set_ignores_controlword(is_on),
+            Kind::VoltageOff => drive.set_voltage(now, !is_on),
+            _ => {}
+        },
+        SimulatedDevice::ForceTorque(sensor) => match kind {
+            Kind::SensorInvalid => sensor.set_invalid(is_on),
+            Kind::SensorStale => sensor.set_clock_rate(if is_on { 0.0 } else { 1.0 }),
+            Kind::SensorClockDrift => sensor.set_clock_rate(if is_on { size } else { 1.0 }),
+            _ => {}
+        },
+        SimulatedDevice::Objects(_) => {}
+    }
+}
+
+fn emergency(device: usize, is_warning: bool) -> CoeEmergency {
+    let (code, register) = match device {
+        _ if is_warning => (WARNING, 0),
+        SENSOR => (HARDWARE, GENERIC_ERROR),
+        _ => (VOLTAGE, GENERIC_ERROR),
+    };
+    CoeEmergency { code, register, vendor: [0; 5] }
+}
