@@ -32,6 +32,8 @@ pub(super) struct GridServo {
     /// Time stands still between the cycles, so that no shift has any effect: the first phase is the wanted one.
     is_in_lockstep: bool,
     has_time: bool,
+    /// Whether the grid was moved since the last error was seen.
+    has_jumped: bool,
     /// How late the input frame was sent, against its grid point.
     late_ns: u64,
 }
@@ -79,7 +81,7 @@ impl GridServo {
         }
         self.has_time = true;
         let error = self.error_ns(system_time_ns);
-        self.last_ns = error;
+        (self.last_ns, self.has_jumped) = (error, false);
         self.mean_ns += (error - self.mean_ns) * MEAN;
         let most = MOST_SHIFT * self.period_ns;
         // While the grid moves as fast as it may, an error says nothing about the rate.
@@ -110,12 +112,11 @@ impl GridServo {
     /// By how much a grid that nothing depends on yet is moved to be where the clock wants it, in ns; `None` where it is near enough.
     pub(super) fn jump_ns(&mut self) -> Option<i64> {
         let is_far = self.last_ns.abs() > LOST * self.period_ns;
-        if self.is_in_lockstep || self.has_settled || !is_far {
+        if self.is_in_lockstep || self.has_settled || self.has_jumped || !is_far {
             return None;
         }
-        let jump_ns = -self.last_ns as i64;
-        (self.mean_ns, self.integral_ns, self.last_ns) = (0.0, 0.0, 0.0);
-        Some(jump_ns)
+        (self.mean_ns, self.integral_ns, self.has_jumped) = (0.0, 0.0, true);
+        Some(-self.last_ns as i64)
     }
 
     /// Last error, in ns.

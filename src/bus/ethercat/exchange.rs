@@ -12,7 +12,7 @@ use std::time::Duration;
 use super::failure::SegmentFailure;
 use super::flight::Purpose;
 use super::ports::Shown;
-use super::{Asked, EthercatNetwork, EthernetOutbox, service_address};
+use super::{Asked, EthercatNetwork, EthernetOutbox, Station, service_address};
 use crate::bus::axis::{Arrived, DriveOrders};
 use crate::bus::phase::Phase;
 use crate::cycle::LinkEvents;
@@ -254,7 +254,12 @@ impl EthercatNetwork {
     /// first one, and when somebody has taken them over before.
     pub fn take_over_cycles(&mut self) -> Option<Time> {
         let next = std::mem::replace(&mut self.grid.next_open, Time::NEVER);
-        (next != Time::NEVER).then_some(next)
+        if next == Time::NEVER {
+            return None;
+        }
+        // What was missed is counted of the cycles of whoever runs them.
+        self.stations.iter_mut().for_each(Station::forget_missed);
+        Some(next)
     }
 
     /// Whether a frame has not come back.
@@ -310,8 +315,7 @@ impl EthercatNetwork {
         let count = self.stations.len();
         for step in 0..count {
             let place = (self.compared + step) % count;
-            let is_compared =
-                |station: &super::Station| station.is_synchronous() && Some(station.address) != self.reference;
+            let is_compared = |station: &Station| station.is_synchronous() && Some(station.address) != self.reference;
             if self.stations.get(place).is_some_and(is_compared) {
                 (self.compared, self.uncompared) = ((place + 1) % count, 0);
                 self.send_to(now, place, Asked::Difference(place), register::DC_DIFFERENCE, Ok(4), out);
@@ -430,7 +434,7 @@ impl EthercatNetwork {
         }
         if !self.grid.is_asking {
             let near = self.servo.settled_ns();
-            let apart = |station: &super::Station| match station.difference_ns {
+            let apart = |station: &Station| match station.difference_ns {
                 _ if !station.is_synchronous() || Some(station.address) == self.reference => 0,
                 Some(difference) => difference.abs(),
                 None => i64::MAX,
@@ -441,7 +445,7 @@ impl EthercatNetwork {
                 self.phase_since = now;
             } else if waited >= SETTLING {
                 let silent = self.stations.iter().find(|station| apart(station) == i64::MAX);
-                if let Some(title) = silent.map(super::Station::title) {
+                if let Some(title) = silent.map(Station::title) {
                     let (register, tries) = (register::DC_DIFFERENCE, self.grid.cycles.min(u8::MAX.into()) as u8);
                     return self.fail(now, &title, CLOCKS, SegmentFailure::NotProcessed { register, tries });
                 }

@@ -191,7 +191,8 @@ pub enum SegmentFailure {
     },
     /// The clocks did not come together.
     #[error(
-        "the clocks are {error_ns} ns apart after {waited_ms} ms: raise the cycle time, or run on a computer that wakes up in time"
+        "the clocks are {error_ns} ns apart after {waited_ms} ms: raise the cycle time, or run on a computer that wakes up in time; simulated \
+         devices want the same `--pace` as this program"
     )]
     Unsettled {
         /// The greatest difference, in ns.

@@ -239,8 +239,8 @@ impl EthercatNetwork {
         self.station(device).map(|station| (station.status, station.code))
     }
 
-    /// How often inputs of a device did not come and it did not take its outputs, since the network was started; `None` for one that is not on
-    /// the segment.
+    /// How often inputs of a device did not come and it did not take its outputs, in the cycles of whoever runs them; `None` for one that is
+    /// not on the segment.
     pub fn missed(&self, device: Device) -> Option<(u64, u64)> {
         self.station(device).map(|station| (station.inputs_missed, station.outputs_missed))
     }

@@ -144,8 +144,13 @@ impl Station {
         (self.status, self.code) = (AlStatus::new(AlState::Init, false), AlStatusCode::NONE);
         (self.difference_ns, self.lost_ns) = (None, None);
         (self.was_there, self.left) = (false, None);
-        (self.outputs_missed, self.inputs_missed) = (0, 0);
+        self.forget_missed();
         self.begin_cycle();
+    }
+
+    /// Counts anew what does not come or is not taken.
+    pub(super) fn forget_missed(&mut self) {
+        (self.outputs_missed, self.inputs_missed) = (0, 0);
     }
 
     /// Whether its clock is one that SYNC0 comes from.

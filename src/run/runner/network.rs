@@ -94,6 +94,10 @@ impl<P: Place> Runner<P> {
         self.lockstep_now = self.next_sync;
         self.looked_at = self.place.now();
         self.waits = self.pace == Pace::Lockstep;
+        if self.waits {
+            // The network's own last cycle is over before the first one of the loop.
+            self.wait_for(FAREWELL, |master| !master.is_in_flight());
+        }
     }
 
     /// Takes the cycles of a segment over from the network, which runs them since the bring-up: the grid point of the next one. `None`

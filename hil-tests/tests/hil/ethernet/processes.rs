@@ -9,6 +9,7 @@ use serde_json::Value;
 
 use super::super::programs::*;
 use super::rigs::{NEAR, PERIOD_US, Slow};
+use super::served::FAR;
 
 /// Five cycles, and a tick of 100 us by which the watchdog is coarser.
 const WATCHED: Duration = Duration::from_micros(5 * PERIOD_US + 100);
@@ -41,6 +42,62 @@ fn devices_of_another_process_are_drilled_and_run() {
         assert_ne!(drive["state"], "OperationEnabled", "{devices:#}");
         assert_eq!(drive["torque_n_m"], 0.0, "{devices:#}");
     }
+}
+
+/// Time waits for the frames, so that no computer is too slow for the shipped cycle of 1 ms; and the rig does what it does in the embedded
+/// simulation.
+#[test]
+#[ignore = "needs a pair of Ethernet interfaces: see hil-tests/veth"]
+fn a_circle_is_held_in_lockstep_over_two_processes_as_on_the_embedded_simulation() {
+    const RIG: &str = "builtin:paper-ethercat.yaml";
+    let far = format!("main={FAR}");
+    let sim = Running::ready(Running::start(&["sim", RIG, "--bus", &far, "--pace", "lockstep"]));
+    let run = ["run", RIG, "--json", "--duration", "20"];
+    let (code, document) = Running::start(&[&run[..], &["--bus", NEAR, "--pace", "lockstep"]].concat()).document();
+    assert_eq!((code, &document["state"]), (OK, &"Running".into()), "{document:#}");
+    assert_eq!((&document["cycles"], &document["skipped"]), (&20_000.into(), &0.into()), "{document:#}");
+    assert_eq!((&document["segment"], &document["counted"]), (&serde_json::json!([]), &serde_json::json!({})));
+    let served = sim.interrupted();
+    // Two frames a cycle at least, and each goes back.
+    let words: Vec<&str> =
+        served.lines().find_map(|line| line.strip_prefix("served")).expect("counts").split(' ').collect();
+    let counts: Vec<u64> = words.iter().filter_map(|word| word.parse().ok()).collect();
+    assert!(counts.len() == 2 && counts[0] == counts[1] && counts[0] > 40_000, "{served}");
+    let (code, embedded) = Running::start(&run).document();
+    assert_eq!(code, OK, "{embedded:#}");
+    let measure = |document: &Value, name: &str| document["measures"][name].as_f64().expect("a number");
+    for (name, apart) in [
+        ("unintended_releases", 0.0),
+        ("on_surface_fraction_when_pressed", 0.0),
+        ("penetration_mm", 0.05),
+        ("tool_rms_on_surface_mm", 0.05),
+        ("peak_torque_n_m", 0.2),
+    ] {
+        let [two, one] = [&document, &embedded].map(|document| measure(document, name));
+        println!("{name}: {two} over two processes, {one} in one");
+        assert!((two - one).abs() <= apart, "{name}: {two} over two processes, {one} in one");
+    }
+    // The greatest penetration is that of an impact.
+    assert!(measure(&document, "penetration_mm") > 1.0, "{document:#}");
+}
+
+#[test]
+#[ignore = "needs a pair of Ethernet interfaces: see hil-tests/veth"]
+fn a_rig_in_lockstep_refuses_devices_that_follow_the_wall() {
+    let slow = Slow::new("pace");
+    let far = format!("main={FAR}");
+    let by_the_wall = Running::ready(Running::start(&["sim", &slow.rig, "--bus", &far]));
+    let run = ["run", &slow.rig, "--bus", NEAR, "--json", "--duration", "1"];
+    let (code, message, help) = refusal(Running::start(&[&run[..], &["--pace", "lockstep"]].concat()));
+    assert_eq!(code, DEVICE_MISMATCH, "{message}");
+    // Their clocks may be together by chance, and then they are asked.
+    let (is_asked, is_apart) =
+        ("follows the wall clock, and this rig runs in lockstep", "want the same `--pace` as this program");
+    assert!(
+        message.contains(is_asked) && help.contains("--pace lockstep") || message.contains(is_apart),
+        "{message}; {help}"
+    );
+    drop(by_the_wall);
 }
 
 #[test]
