@@ -28,6 +28,11 @@ impl Interfaces {
         self.can.links()
     }
 
+    /// The CAN buses alone.
+    pub fn can_mut(&mut self) -> &mut SocketCans {
+        &mut self.can
+    }
+
     /// The interface of the segment.
     pub fn segment(&self) -> Option<&PacketSocket> {
         self.segment.as_ref()

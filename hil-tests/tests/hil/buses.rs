@@ -1,4 +1,4 @@
-//! A rig on two interfaces.
+//! A rig on two interfaces: two CAN buses, or a segment and a CAN bus.
 
 use serde_json::Value;
 use yieldwall::canopen::cob;
@@ -84,4 +84,64 @@ fn a_bus_without_an_interface_is_named() {
     let (code, message, help) = refusal(Running::start(&["run", TWO_BUSES, "--bus", "main=vcan0", "--json"]));
     assert_eq!((code, message.as_str()), (2, "the rig's bus `sensor` has no interface"));
     assert!(help.contains("--bus main=INTERFACE --bus sensor=INTERFACE"), "{help}");
+}
+
+/// Drives on EtherCAT, the sensor on CAN: one process serves both, and one is master of both.
+const SEGMENT_AND_CAN: &str = "builtin:paper-ethercat-can-sensor.yaml";
+
+fn mixed_sim() -> Running {
+    let bus = ["--bus", "main=veth1", "--bus", "sensor=vcan0"];
+    Running::ready(Running::start(&[&["sim", SEGMENT_AND_CAN, "--pace", "lockstep"], &bus[..]].concat()))
+}
+
+fn mixed_run(seconds: &str) -> Running {
+    let bus = ["--bus", "main=veth0", "--bus", "sensor=vcan0"];
+    let run = ["run", SEGMENT_AND_CAN, "--pace", "lockstep", "--json", "--duration", seconds];
+    Running::start(&[&run[..], &bus[..]].concat())
+}
+
+#[test]
+#[ignore = "needs a CAN interface: see hil-tests/vcan"]
+fn a_rig_on_a_segment_and_a_can_bus_holds_the_circle_over_two_processes() {
+    if bus() != "vcan0" {
+        return;
+    }
+    let sim = mixed_sim();
+    let observer = Observer::on("vcan0");
+    let (code, document) = mixed_run("5").document();
+    assert_eq!((code, &document["state"]), (OK, &Value::from("Running")), "{document:#}");
+    assert_eq!((&document["cycles"], &document["segment"]), (&5000.into(), &serde_json::json!([])), "{document:#}");
+    assert_eq!((&document["frames"]["lost"], &document["frames"]["not_sent"]), (&0.into(), &0.into()), "{document:#}");
+    assert_eq!((&document["buses"]["main"], &document["buses"]["sensor"]), (&"veth0".into(), &"vcan0".into()));
+    let measures = &document["measures"];
+    assert_eq!(measures["unintended_releases"], 0, "{measures:#}");
+    assert_eq!(measures["on_surface_fraction_when_pressed"], 1.0, "{measures:#}");
+    // A sample a cycle, as old as the frame that brings it.
+    assert!(measures["force_age_max_ms"].as_f64().is_some_and(|age| age < 1.0), "{measures:#}");
+    let frames = observer.rest();
+    let count = |id: u16| frames.iter().filter(|frame| frame.id() == id).count();
+    assert!(count(cob::SYNC) > 5000, "{} SYNC", count(cob::SYNC));
+    assert_eq!(count(cob::SYNC), count(0x18a), "one sample for each SYNC");
+    let served = sim.interrupted();
+    assert!(served.contains(&format!("; {} SYNC, ", count(cob::SYNC))), "{served}");
+}
+
+/// What goes wrong on one bus stops the axes on the other.
+#[test]
+#[ignore = "needs a CAN interface: see hil-tests/vcan"]
+fn a_can_interface_that_is_taken_down_stops_the_axes_on_the_segment() {
+    if bus() != "vcan0" {
+        return;
+    }
+    let sim = mixed_sim();
+    let observer = Observer::on("vcan0");
+    let master = mixed_run("60");
+    observer.until("cycles", |frames| frames.iter().filter(|frame| frame.id() == cob::SYNC).count() > 2000);
+    let down = PutBack::down("vcan0");
+    let (code, document) = master.document();
+    drop((down, observer));
+    assert_eq!((code, &document["cause"]), (SAFETY_STOP, &"link-down".into()), "{document:#}");
+    assert_eq!(document["cause_devices"], "interface of bus `sensor`", "{document:#}");
+    let served = sim.interrupted();
+    assert!(served.contains("SYNC"), "{served}");
 }

@@ -1,18 +1,20 @@
-//! The devices of a rig on EtherCAT, served on an Ethernet interface.
+//! The devices of a rig on EtherCAT, served on an Ethernet interface, and its sensor on a CAN interface where it is on CAN.
 
 use serde_json::json;
 
-use super::{Arguments, milliseconds, named, names};
+use super::{Arguments, Own, milliseconds, named, names};
+use crate::canopen::BusId;
 use crate::cli::ending::rig_failure;
 use crate::cli::failure::{Exit, Failure};
 use crate::cli::interfaces::Interfaces;
 use crate::cli::interrupt::on_interrupt;
-use crate::cli::on_bus::only_for_can;
+use crate::cli::on_bus::{only_for_can, open_failure};
 use crate::cli::output::Output;
 use crate::config;
+use crate::host::open_buses;
 use crate::host::system::run_first;
 use crate::injection::{Injection, Medium};
-use crate::link::{EthernetLink, PacketSocket, Role};
+use crate::link::{CanLink, CobFilter, Role};
 use crate::live::{ServeError, serve_segment};
 use crate::rig::SegmentServer;
 
@@ -24,19 +26,21 @@ pub(super) fn run(
     output: &mut Output,
 ) -> Result<(), Failure> {
     let faults: Vec<Injection> = arguments.fault.iter().map(|fault| fault.of_rig(rig)).collect::<Result<_, _>>()?;
-    if rig.is_on_can() {
-        let message =
-            "sim serves devices on one kind of bus, and this rig has its drives on EtherCAT and its sensor on CAN";
-        let help = "`yieldwall run` without --bus runs it on the embedded simulation";
-        return Err(Failure::new(Exit::Usage, message, help));
-    }
     refuse(arguments, &faults)?;
     let here = named(arguments, rig)?;
     let interfaces = Interfaces::of(rig, &arguments.bus)?;
-    let interface = interfaces.names().concat();
     let is_interrupted = on_interrupt()?;
-    let link = PacketSocket::open(&interface, Role::Segment);
-    let mut link = link.map_err(|error| Failure::new(Exit::BusUnavailable, error.to_string(), ""))?;
+    let own = rig.is_on_can().then(|| Own::new(rig, here)).transpose()?;
+    let roles = |bus: BusId| match (&own, rig.buses.values().nth(bus.index()).and_then(config::Bus::canopen)) {
+        (Some(own), Some(_)) => own.roles(bus),
+        _ => vec![Role::Segment],
+    };
+    let everything = |_| (vec![CobFilter::EVERYTHING], Vec::new());
+    let link = open_buses(rig, interfaces.names(), roles, everything);
+    let mut link = link.map_err(|error| open_failure(&error))?;
+    if let Some(own) = &own {
+        own.listen(link.can_mut(), &is_interrupted, |frame| *frame)?;
+    }
     let server = SegmentServer::new(rig, scene, seed, arguments.pace.pace(), here, link.now());
     let mut server = server.map_err(|error| rig_failure(&error))?;
     server.set_sdo_time(milliseconds(arguments.sdo_ms));
@@ -44,8 +48,12 @@ pub(super) fn run(
         server.inject(fault).map_err(|error| no_fault(&error))?;
     }
     let names = names(rig, here).join(", ");
-    output.news(&format!("simulated {names} on {interface}, {}; Ctrl-C ends it", arguments.pace.name()))?;
-    if !link.has_carrier() {
+    output.news(&format!(
+        "simulated {names} on {}, {}; Ctrl-C ends it",
+        interfaces.shown(rig),
+        arguments.pace.name()
+    ))?;
+    if link.segment().is_some_and(|segment| !segment.has_carrier()) {
         output.news("cable     no link yet: nothing is heard until the other end is up")?;
     }
     // Devices do not wait for a processor; where the system refuses, they are as late as it is.
@@ -61,12 +69,21 @@ pub(super) fn run(
         let drives: Vec<_> = drives
             .map(|(state, torque)| state.map(|state| json!({ "state": format!("{state:?}"), "torque_n_m": torque })))
             .collect();
-        let document =
+        let mut document =
             json!({ "time_s": time_s, "frames": counts.frames, "returned": counts.returned, "drives": drives });
+        if rig.is_on_can() {
+            document["syncs"] = counts.syncs.into();
+            document["sent"] = counts.sent.into();
+        }
         return output.end(document, end);
     }
     let (frames, returned) = (counts.frames, counts.returned);
-    output.news(&format!("served    {frames} frames, {returned} went back, {time_s:.3} s simulated"))?;
+    let on_can = if rig.is_on_can() {
+        format!("; {} SYNC, {} frames sent on CAN", counts.syncs, counts.sent)
+    } else {
+        String::new()
+    };
+    output.news(&format!("served    {frames} frames, {returned} went back{on_can}; {time_s:.3} s simulated"))?;
     end
 }
 

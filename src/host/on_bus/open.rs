@@ -33,7 +33,7 @@ pub enum OpenError {
 }
 
 /// Opens one interface for each of the rig's buses, in the order of their names, each at the bit rate of its bus. `filters` gives what is
-/// wanted of a CAN bus, process data and the rest; `roles` what only one process may do there. The role on a segment is that of its master.
+/// wanted of a CAN bus, process data and the rest; `roles` what only one process may do there, on a segment the first of them.
 ///
 /// # Errors
 /// If an interface cannot be used, or there are too few or too many.
@@ -49,7 +49,8 @@ pub fn open_buses(
     let (mut links, mut segment) = (Vec::new(), None);
     for ((bus, configured), interface) in BusId::all().zip(rig.buses.values()).zip(interfaces) {
         let Some(can) = configured.canopen() else {
-            segment = Some(PacketSocket::open(interface, Role::Master)?);
+            let role = roles(bus).first().copied().unwrap_or(Role::Segment);
+            segment = Some(PacketSocket::open(interface, role)?);
             links.push(None);
             continue;
         };

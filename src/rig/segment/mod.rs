@@ -1,14 +1,17 @@
 //! The devices of a rig on an EtherCAT segment, and the arm and the hand between them.
 
+mod on_can;
+
 use std::time::Duration;
 
+use self::on_can::Queue;
 use super::error::RigError;
-use super::far_end::{DEVICES, FarEnd, Wire};
+use super::far_end::{DEVICES, FarEnd, SENSOR};
 use super::frame_faults::FrameFaults;
 use super::script::Script;
 use super::server::{GRACE, LAG};
 use super::world::{Body, World};
-use crate::canopen::Frame;
+use crate::canopen::{Frame, cob};
 use crate::config;
 use crate::ethercat::frame::{self, Command, Datagrams};
 use crate::injection::{Injection, Kind, Medium, Target};
@@ -21,23 +24,16 @@ use yieldwall_drives::watchdog::Clock;
 /// Slack of moments in s, far below a cycle.
 const SLACK_S: f64 = 1e-9;
 
-/// No CAN bus.
-struct NoBus;
+/// What begins a period of lockstep, a bit each: SYNC on CAN, and the frame that reads process data.
+const SYNC: u8 = 1;
+const READ: u8 = 2;
 
-impl Wire for NoBus {
-    fn submit(&mut self, _device: usize, _now: Time, _frame: Frame) {}
-
-    fn offer(&mut self, _device: usize, _now: Time, _frame: Frame) -> bool {
-        false
-    }
-}
-
-/// The simulated drives and the force sensor of a rig on an EtherCAT segment, on one arm with a hand.
+/// The simulated drives and the force sensor of a rig on an EtherCAT segment, on one arm with a hand. The sensor may be on CAN.
 ///
 /// Without I/O, like every engine: frames and moments of the wall come in, and what comes back goes to a closure. Simulated time follows
 /// the wall. In lockstep it stands still from the frame that reads process data to the next one that reads the same, which is a period
-/// later, and follows the wall in whole periods before the first one, 2 s after the last one, and when a master writes to all devices; the clocks of devices do not drift
-/// then. The hand takes the tool when all drives are in Operation Enabled, and lets go of it when none makes torque any more.
+/// later, and follows the wall in whole periods before the first one, 2 s after the last one, when a master writes to all devices and after an
+/// NMT command; the clocks of devices do not drift then. A SYNC on CAN belongs to the same period as the frame that follows it. The hand takes the tool when all drives are in Operation Enabled, and lets go of it when none makes torque any more.
 #[derive(Debug)]
 pub struct SegmentServer {
     far: FarEnd,
@@ -52,10 +48,14 @@ pub struct SegmentServer {
     anchor: (Time, Time),
     /// When process data were read last on the wall, while time waits for the next time.
     waits_since: Option<Time>,
+    /// What of [`SYNC`] and [`READ`] has come in this period, and whether a SYNC has since time waits.
+    begun_by: u8,
+    has_synced: bool,
     /// The logical address with whose reading a period begins.
     opener: Option<u32>,
     script: Script,
     on_frames: FrameFaults,
+    on_can: Queue,
     counts: SegmentServed,
 }
 
@@ -66,6 +66,10 @@ pub struct SegmentServed {
     pub frames: u64,
     /// Frames that went back, those that were injected included.
     pub returned: u64,
+    /// SYNC messages on CAN.
+    pub syncs: u64,
+    /// Frames that devices on CAN sent.
+    pub sent: u64,
 }
 
 impl SegmentServer {
@@ -99,6 +103,11 @@ impl SegmentServer {
         };
         far.line.iter_mut().for_each(|line| line.set_clock(clock));
         far.begin_segment()?;
+        let mut on_can = Queue::new(far.buses);
+        if here.get(SENSOR) != Some(&true) {
+            far.sensor = None;
+        }
+        far.sensor.is_some().then(|| far.switch_on(SENSOR, Time(0), &mut on_can));
         Ok(Self {
             far,
             seed,
@@ -108,9 +117,12 @@ impl SegmentServer {
             now: Time(0),
             anchor: (wall, Time(0)),
             waits_since: None,
+            begun_by: 0,
+            has_synced: false,
             opener: None,
             script: Script::default(),
             on_frames: FrameFaults::new(seed),
+            on_can,
             counts: SegmentServed::default(),
         })
     }
@@ -146,18 +158,8 @@ impl SegmentServer {
         if self.waits_since.is_some() && is_bring_up(bytes) {
             self.follow_the_wall(wall);
         }
-        let begins = self.pace == Pace::Lockstep && self.begins_period(bytes);
-        let until = match self.waits_since {
-            Some(_) if begins => self.now + self.period,
-            _ => self.due(wall),
-        };
-        self.advance(until)?;
-        if begins {
-            if self.waits_since.is_none() {
-                (self.far.world.noise, self.far.world.noise_counts) = (World::noise_from(self.seed), self.noise_counts);
-            }
-            self.waits_since = Some(wall);
-        }
+        let mark = self.reads_process_data(bytes).then_some(READ);
+        self.advance_to_frame(wall, mark)?;
         self.counts.frames += 1;
         let Self { on_frames, far, now, counts, .. } = self;
         let mut back = |frame: &[u8]| {
@@ -170,6 +172,27 @@ impl SegmentServer {
         }
         self.lead_hand();
         Ok(())
+    }
+
+    /// Takes a frame of CAN that came at this moment of the wall.
+    ///
+    /// # Errors
+    /// If the simulated arm cannot go on.
+    pub fn on_can(&mut self, wall: Time, frame: &Frame) -> Result<(), RigError> {
+        if frame.id() == cob::NMT && self.waits_since.is_some() {
+            self.follow_the_wall(wall);
+        }
+        let mark = (frame.id() == cob::SYNC).then_some(SYNC);
+        self.advance_to_frame(wall, mark)?;
+        self.counts.syncs += u64::from(mark.is_some());
+        self.far.on_frame(self.now, None, frame, &mut self.on_can)?;
+        self.lead_hand();
+        Ok(())
+    }
+
+    /// Gives away what devices on CAN have sent, in its order, up to a frame that is not taken: it stays for the next time.
+    pub fn drain_can(&mut self, mut send: impl FnMut(&Frame) -> bool) {
+        self.counts.sent += self.on_can.drain(&mut send);
     }
 
     /// Lets everything happen that is due at a moment of the wall.
@@ -247,11 +270,37 @@ impl SegmentServer {
     /// Time no longer waits.
     fn follow_the_wall(&mut self, wall: Time) {
         (self.waits_since, self.opener, self.anchor) = (None, None, (wall, self.now));
+        (self.begun_by, self.has_synced) = (0, false);
         self.far.world.noise_counts = 0.0;
     }
 
-    /// Whether a frame begins a period of lockstep: it reads process data, the same as the last one that did.
-    fn begins_period(&mut self, bytes: &[u8]) -> bool {
+    /// Has all happen that is due before a frame that came at a moment of the wall. In lockstep one that has a mark begins a period, unless
+    /// it belongs to that of the other mark. The clock of a sensor on CAN and the noise begin with the first one, and again with the first
+    /// SYNC, up to which the boot lasts as long as the wall has it.
+    fn advance_to_frame(&mut self, wall: Time, mark: Option<u8>) -> Result<(), RigError> {
+        let Some(mark) = mark.filter(|_| self.pace == Pace::Lockstep) else {
+            let until = self.due(wall);
+            return self.advance(until);
+        };
+        let is_first_sync = mark == SYNC && !self.has_synced;
+        let begins = self.begun_by & mark != 0 || is_first_sync;
+        let until = match self.waits_since {
+            Some(_) if begins => self.now + self.period,
+            _ => self.due(wall),
+        };
+        self.advance(until)?;
+        if self.waits_since.is_none() || is_first_sync {
+            (self.far.world.noise, self.far.world.noise_counts) = (World::noise_from(self.seed), self.noise_counts);
+            self.far.sensor.iter_mut().for_each(|sensor| sensor.begin_clock(until));
+        }
+        self.begun_by = if begins { mark } else { self.begun_by | mark };
+        self.has_synced |= mark == SYNC;
+        self.waits_since = Some(wall);
+        Ok(())
+    }
+
+    /// Whether a frame reads process data, in lockstep the same as the last one that did.
+    fn reads_process_data(&mut self, bytes: &[u8]) -> bool {
         let Ok(end) = frame::end(bytes) else { return false };
         let mut next = Some(frame::HEADER);
         while let Some(Ok(span)) = next.map(|at| frame::datagram_at(bytes, at, end)) {
@@ -300,7 +349,7 @@ impl SegmentServer {
         while self.next_event() <= until {
             self.now = self.next_event().max(self.now);
             self.follow_script();
-            self.far.poll(self.now, &mut NoBus)?;
+            self.far.poll(self.now, &mut self.on_can)?;
         }
         self.now = until;
         self.far.world.settle(until)?;
