@@ -129,11 +129,12 @@ fn judge(seen: &Seen) {
     assert!(stop <= STOP_M && rest <= REST_M, "the tool moved {stop} m after the stop, {rest} m of them later");
 }
 
-#[test]
-#[ignore = "needs a pair of Ethernet interfaces: see hil-tests/veth"]
-fn forty_rigs_that_are_disturbed_stop_and_stay_where_they_are() {
+/// One of these is a test, so that they can run side by side, each on a cable of its own.
+const PARTS: u64 = 4;
+
+fn rigs_that_are_disturbed_stop_and_stay_where_they_are(part: u64) {
     let slow = Slow::new("disturbed");
-    for seed in seeds(40) {
+    for seed in seeds(40).filter(|seed| seed % PARTS == part) {
         println!(
             "round {seed}; alone: YIELDWALL_SEED={seed} hil-tests/veth cargo test -p hil-tests --test hil ethernet::drills -- --ignored \
              --nocapture"
@@ -156,6 +157,30 @@ fn forty_rigs_that_are_disturbed_stop_and_stay_where_they_are() {
         std::thread::sleep(LOOKED_AT / 2);
         judge(&devices.end());
     }
+}
+
+#[test]
+#[ignore = "needs a pair of Ethernet interfaces: see hil-tests/veth"]
+fn forty_rigs_that_are_disturbed_stop_and_stay_where_they_are_part_0() {
+    rigs_that_are_disturbed_stop_and_stay_where_they_are(0);
+}
+
+#[test]
+#[ignore = "needs a pair of Ethernet interfaces: see hil-tests/veth"]
+fn forty_rigs_that_are_disturbed_stop_and_stay_where_they_are_part_1() {
+    rigs_that_are_disturbed_stop_and_stay_where_they_are(1);
+}
+
+#[test]
+#[ignore = "needs a pair of Ethernet interfaces: see hil-tests/veth"]
+fn forty_rigs_that_are_disturbed_stop_and_stay_where_they_are_part_2() {
+    rigs_that_are_disturbed_stop_and_stay_where_they_are(2);
+}
+
+#[test]
+#[ignore = "needs a pair of Ethernet interfaces: see hil-tests/veth"]
+fn forty_rigs_that_are_disturbed_stop_and_stay_where_they_are_part_3() {
+    rigs_that_are_disturbed_stop_and_stay_where_they_are(3);
 }
 
 #[test]
