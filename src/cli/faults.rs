@@ -13,6 +13,8 @@ use crate::injection::{CATALOGUE, Ending, Expected, Injection, Kind, Lasts, Reco
 #[derive(Clone, Debug)]
 pub(super) struct FaultArgument {
     injection: Injection,
+    /// Whether it says where.
+    has_target: bool,
     /// A target that only a rig knows: one of its devices.
     device: Option<String>,
 }
@@ -23,9 +25,14 @@ impl FaultArgument {
         self.injection.kind.row().name
     }
 
-    /// The injection, a device by its name in the rig taken for what it is.
+    /// The injection, a device by its name in the rig taken for what it is. Without a target it is at the first one of its kind that is on
+    /// such a bus, if there is one.
     pub(super) fn of_rig(&self, rig: &config::Rig) -> Result<Injection, Failure> {
-        let Some(device) = &self.device else { return Ok(self.injection) };
+        let Some(device) = &self.device else {
+            let mut usual = self.injection.kind.row().targets.iter().map(|target| self.injection.on(*target));
+            let fits = usual.find(|injection| injection.check_on(rig.medium(injection)).is_ok());
+            return Ok(fits.filter(|_| !self.has_target).unwrap_or(self.injection));
+        };
         let [left, right] = &rig.drives;
         let devices =
             [(&left.name, Target::LeftDrive), (&right.name, Target::RightDrive), (&rig.sensor.name, Target::Sensor)];
@@ -82,7 +89,8 @@ impl FromStr for FaultArgument {
             injection = injection.on(target);
         }
         let device = target.filter(|_| named.is_none()).map(str::to_owned);
-        injection.check().map(|()| Self { injection, device }).map_err(|error| error.to_string())
+        let has_target = target.is_some();
+        injection.check().map(|()| Self { injection, has_target, device }).map_err(|error| error.to_string())
     }
 }
 
@@ -239,6 +247,16 @@ mod tests {
             assert!(finding.message.contains(says), "{}", finding.message);
             assert!(finding.help.unwrap_or_default().contains(helps), "{text}");
         }
+    }
+
+    #[test]
+    fn without_a_target_it_is_where_the_rig_has_such_a_bus() {
+        let rig = config::load_rig(config::builtin("paper-ethercat-can-sensor.yaml")).unwrap().value;
+        let target = |text: &str| text.parse::<FaultArgument>().unwrap().of_rig(&rig).unwrap().target;
+        assert_eq!(target("heartbeat-silent@2"), Target::Sensor);
+        assert_eq!(target("heartbeat-silent@2:left_drive"), Target::LeftDrive);
+        assert_eq!(target("device-state@2"), Target::LeftDrive);
+        assert_eq!(target("pdo-lost@2"), Target::LeftDrive);
     }
 
     #[test]

@@ -50,9 +50,7 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
 fn run_and_tell(arguments: &Arguments, events: &Events, output: &mut Output) -> Result<(), Failure> {
     check(arguments)?;
     let rig = config::load_rig(Source::named(&arguments.rig))?;
-    if rig.value.is_on_ethercat() {
-        only_for_can(&[dry_run_on_can(arguments), candump_on_can(arguments)])?;
-    }
+    only_for_can(&[dry_run_on_can(arguments, &rig.value), candump_on_can(arguments, &rig.value)])?;
     output.configuration(&rig.warnings)?;
     check_buses(&rig, Some(arguments.ignore_bus_budget), output)?;
     // Whoever holds the tool is not the hand of the scene.

@@ -128,9 +128,7 @@ fn run_and_tell(arguments: &Arguments, events: &Events, output: &mut Output) -> 
     output.configuration(&rig.warnings)?;
     check_buses(&rig, Some(arguments.ignore_bus_budget), output)?;
     let margins = check_loop(&rig, true, output)?;
-    if rig.value.is_on_ethercat() {
-        only_for_can(&[dry_run_on_can(arguments), candump_on_can(arguments)])?;
-    }
+    only_for_can(&[dry_run_on_can(arguments, &rig.value), candump_on_can(arguments, &rig.value)])?;
     if arguments.dry_run {
         return plan::run(&rig, &[], Sender::Run, output);
     }
@@ -194,14 +192,15 @@ fn run_and_tell(arguments: &Arguments, events: &Events, output: &mut Output) -> 
     output.end(facts.json(arguments), end)
 }
 
-/// What is for a rig on CAN alone: the argument, whether it is given, and what to do in its place.
-pub(super) fn dry_run_on_can(arguments: &Arguments) -> (&'static str, bool, &'static str) {
-    ("--dry-run", arguments.dry_run, "docs/ethercat.md says what a boot writes")
+/// What is for a rig on CAN alone: the argument, whether it is given to another one, and what to do in its place.
+pub(super) fn dry_run_on_can(arguments: &Arguments, rig: &config::Rig) -> (&'static str, bool, &'static str) {
+    let is_given = arguments.dry_run && rig.is_on_ethercat();
+    ("--dry-run", is_given, "docs/ethercat.md says what a boot writes")
 }
 
-/// As [`dry_run_on_can`].
-pub(super) fn candump_on_can(arguments: &Arguments) -> (&'static str, bool, &'static str) {
-    let is_given = arguments.candump.is_some();
+/// As [`dry_run_on_can`]; of a rig with buses of both kinds, what is on CAN is written.
+pub(super) fn candump_on_can(arguments: &Arguments, rig: &config::Rig) -> (&'static str, bool, &'static str) {
+    let is_given = arguments.candump.is_some() && !rig.is_on_can();
     ("--candump", is_given, "a program that captures frames of Ethernet records an interface")
 }
 

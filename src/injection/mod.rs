@@ -340,12 +340,14 @@ impl Injection {
     }
 
     /// On which kind of bus it acts: that of the devices of its target, and otherwise on a segment if there is one and the kind means
-    /// something there. `is_on_segment` tells it of a device, of which 0 is the left drive, 1 the right drive, 2 the sensor.
+    /// something there, or nothing else is there. `is_on_segment` tells it of a device, of which 0 is the left drive, 1 the right drive, 2 the
+    /// sensor.
     pub fn medium(&self, is_on_segment: impl Fn(usize) -> bool) -> Medium {
         let mut named = (0..3).filter(|device| self.target.has_device(*device)).peekable();
         let is_there = match named.peek() {
             Some(_) => named.all(is_on_segment),
-            None => self.kind.row().media.contains(&Medium::Ethercat) && (0..3).any(is_on_segment),
+            None if self.kind.row().media.contains(&Medium::Ethercat) => (0..3).any(is_on_segment),
+            None => (0..3).all(is_on_segment),
         };
         if is_there { Medium::Ethercat } else { Medium::Can }
     }

@@ -14,30 +14,41 @@ use super::programs::*;
 
 /// A participant of somebody else that sends one frame again and again.
 struct Stranger {
+    frame: Frame,
+    observer: Observer,
     is_over: Arc<AtomicBool>,
-    thread: Option<std::thread::JoinHandle<()>>,
+    /// Says how many frames it has sent.
+    thread: Option<std::thread::JoinHandle<usize>>,
 }
 
 impl Stranger {
     fn repeating(frame: Frame) -> Self {
+        let observer = Observer::new();
         let mut link = Real::open(&SocketCanSettings::services(&bus(), Vec::new()));
         let is_over = Arc::new(AtomicBool::new(false));
         let end = Arc::clone(&is_over);
         let thread = std::thread::spawn(move || {
+            let mut sent = 0;
             while !end.load(Ordering::Relaxed) {
                 link.send(&frame).expect("the interface is up");
+                sent += 1;
                 std::thread::sleep(Duration::from_millis(100));
             }
+            sent
         });
-        Self { is_over, thread: Some(thread) }
+        Self { frame, observer, is_over, thread: Some(thread) }
     }
 }
 
 impl Drop for Stranger {
+    /// Waits until the bus has handed over all of its frames: one that comes later would pass for the next stranger's.
     fn drop(&mut self) {
         self.is_over.store(true, Ordering::Relaxed);
-        if let Some(thread) = self.thread.take() {
-            assert!(thread.join().is_ok() || std::thread::panicking(), "the stranger has failed");
+        let Some(sent) = self.thread.take().and_then(|thread| thread.join().ok()) else { return };
+        if !std::thread::panicking() {
+            let frame = self.frame;
+            self.observer
+                .until("end of the stranger", |heard| heard.iter().filter(|one| **one == frame).count() >= sent);
         }
     }
 }

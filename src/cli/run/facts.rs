@@ -113,7 +113,7 @@ impl Facts<'_> {
         if let Some(counters) = self.report.bus {
             let loads = &self.report.bus_loads;
             let load = |(name, load): &(String, f64)| {
-                let of = if loads.len() > 1 { format!(" of {name}") } else { String::new() };
+                let of = if self.rig.buses.len() > 1 { format!(" of {name}") } else { String::new() };
                 format!(", load{of} {:.1} %", 100.0 * load)
             };
             lines.push(format!("bus       {} frames{}", counters.frames, loads.iter().map(load).collect::<String>()));
@@ -121,10 +121,11 @@ impl Facts<'_> {
         lines.extend(self.figure.map(|path| format!("figure    {}", path.display())));
         if let (Some(path), Some(start_s)) = (&arguments.candump, self.report.started_at_s) {
             let start_s = start_s + LOG_STARTS_AT.as_secs_f64();
-            let buses = self.rig.buses.keys().zip(simulated_interfaces(self.rig));
+            let buses = self.rig.buses.iter().zip(simulated_interfaces(self.rig));
+            let buses = buses.filter(|((_, bus), _)| bus.canopen().is_some());
             let named = match self.rig.buses.len() {
                 1 => String::new(),
-                _ => buses.map(|(name, interface)| format!(", {interface} is {name}")).collect(),
+                _ => buses.map(|((name, _), interface)| format!(", {interface} is {name}")).collect(),
             };
             lines.push(format!("candump   {}; time 0 of the scene is {start_s:.3} in it{named}", path.display()));
         }

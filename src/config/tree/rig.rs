@@ -17,7 +17,7 @@ use super::sensor::{Sensor, SensorProtocol};
 use super::simulation::{BusTiming, NotSimulated, Simulation, named_simulation};
 use super::waits::{Waits, enabling_ms};
 use crate::config::number::{Finite, NotNegative, Positive, nullable, present};
-use crate::injection::{Injection, Medium};
+use crate::injection::{Injection, Medium, Target};
 
 /// An admittance rig: five-bar arm, two servo drives, force sensor, virtual fixture.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema, Validate)]
@@ -101,6 +101,14 @@ impl Rig {
         let [left, right] = self.drives.each_ref().map(|drive| drive.address.position().is_some());
         let is_on_segment = [left, right, self.sensor.protocol.position().is_some()];
         injection.medium(|device| is_on_segment.get(device) == Some(&true))
+    }
+
+    /// On which kinds of bus it acts: on both where it is at the master's interfaces to all buses.
+    pub fn media(&self, injection: &Injection) -> impl Iterator<Item = Medium> {
+        let medium = self.medium(injection);
+        let has_both = self.is_on_can() && self.is_on_ethercat() && injection.target == Target::Link;
+        let other = Some(Medium::Can).filter(|can| has_both && *can != medium);
+        [medium].into_iter().chain(other).filter(|medium| injection.kind.row().media.contains(medium))
     }
 
     /// This program as a node of its buses: the first of them, which the others are like.

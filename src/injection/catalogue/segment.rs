@@ -4,7 +4,7 @@ use super::super::Ending::{self, GoesOn};
 use super::super::Lasts::{For, Once};
 use super::super::Target::{Bus, LeftDrive, RightDrive, Sensor};
 use super::super::{Expected, Kind, Lasts, Medium, Recovery, Row, Target};
-use super::{LOST, STOPPED, STOPPED_OR_LOST, sized};
+use super::{ANY, LOST, STOPPED, STOPPED_OR_LOST, sized};
 use crate::guard::Fault as F;
 use crate::guard::Reaction::{self, Count, QuickStop, StopRamp};
 use Recovery::{Reset, Restart};
@@ -80,8 +80,24 @@ pub(super) const ROWS: [Row; 11] = [
             &[Bus],
             For(0.02),
             "random bits of the datagrams are flipped on the way back, as where nobody looks at the check sequence",
-            &[F::PdoMissed, F::SensorStale, F::SensorLost, F::PdoLate],
-            (StopRamp, STOPPED, Reset),
+            &[
+                F::PdoMissed,
+                F::SensorStale,
+                F::SensorLost,
+                F::PdoLate,
+                F::DeviceState,
+                F::ClockLost,
+                F::EncoderJump,
+                F::Posture,
+                F::FollowingError,
+                F::Runaway,
+                F::DriveFault,
+                F::DriveVoltageOff,
+                F::DriveLeftOperation,
+                F::DriveIgnoresCommand,
+                F::DriveWarning,
+            ],
+            (QuickStop, ANY, Restart),
         ),
         "a number of bits",
         8.0,

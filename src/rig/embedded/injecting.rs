@@ -18,6 +18,8 @@ enum Place {
     Buses,
     /// On frames of a segment, and on the master's interface there.
     Cable,
+    /// On all of the master's interfaces.
+    Interfaces,
     /// In the devices that its target names.
     Devices,
     /// On hand and arm.
@@ -60,7 +62,8 @@ impl Simulation {
             Target::Hand => Place::Body,
             Target::Host | Target::Operator => Place::Computer,
             _ if kind == Kind::ArmBlocked => Place::Body,
-            Target::Bus | Target::Link if is_on_segment => Place::Cable,
+            Target::Link if is_on_segment => Place::Interfaces,
+            Target::Bus if is_on_segment => Place::Cable,
             // Its interface is that to the segment.
             _ if is_on_segment && injection.is_at_master() => Place::Cable,
             _ if is_on_segment || InjectableDrive::has(kind) || InjectableSensor::has(kind) => Place::Devices,
@@ -120,10 +123,14 @@ impl Simulation {
         let (now, scene_from_s) = (*now, far.world.hand_from_s);
         match place {
             Place::Buses => wires.switch(now, injection, is_on),
-            Place::Cable if injection.kind == Kind::CableOut => {
-                far.line.iter_mut().for_each(|line| line.segment.set_cable(0, !is_on));
-            }
             Place::Cable => cable.iter_mut().for_each(|(_, cable)| cable.switch(injection, is_on)),
+            Place::Interfaces => {
+                wires.switch(now, injection, is_on);
+                match injection.kind {
+                    Kind::CableOut => far.line.iter_mut().for_each(|line| line.segment.set_cable(0, !is_on)),
+                    _ => cable.iter_mut().for_each(|(_, cable)| cable.switch(injection, is_on)),
+                }
+            }
             Place::Body => far.world.switch(injection, is_on),
             Place::Computer => computer.switch(injection, is_on),
             Place::Devices => {

@@ -119,7 +119,8 @@ impl InjectableBuses {
     /// What the master's interfaces tell of themselves in every cycle, with the number of the bus.
     pub(in crate::rig::embedded) fn link_events(&self) -> impl Iterator<Item = (BusId, LinkEvent)> {
         let Self { participants, interfaces, .. } = self;
-        participants.iter().filter_map(|device| Some((device.bus, interfaces.event(participants, device.bus)?)))
+        let on_can = participants.iter().filter(|device| device.is_on_can());
+        on_can.filter_map(|device| Some((device.bus, interfaces.event(participants, device.bus)?)))
     }
 }
 

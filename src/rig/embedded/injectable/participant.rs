@@ -58,6 +58,10 @@ pub(super) fn participants(rig: &config::Rig) -> Result<Participants, RigError> 
 pub(super) type Participants = [Participant; DEVICES];
 
 impl Participant {
+    pub(super) fn is_on_can(self) -> bool {
+        !matches!(self.speaks, Speaks::Ethercat)
+    }
+
     pub(super) fn node(self) -> Option<NodeId> {
         match self.speaks {
             Speaks::Canopen { node, .. } => Some(node),

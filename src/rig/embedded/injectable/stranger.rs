@@ -93,8 +93,10 @@ impl Stranger {
                     own.for_each(|own| send(sync_at + period * 3 / 4, foreign(*own)));
                 }
                 Kind::IntruderSync => {
-                    let [first, ..] = participants;
-                    send(sync_at + period / 2, Frame::new(cob::SYNC, &[]).on_bus(first.bus));
+                    let first = participants.iter().find(|device| device.is_on_can());
+                    first.into_iter().for_each(|first| {
+                        send(sync_at + period / 2, Frame::new(cob::SYNC, &[]).on_bus(first.bus));
+                    });
                 }
                 Kind::DuplicateNode => {
                     for (_, device) in participants.iter().enumerate().filter(|(at, _)| target.has_device(*at)) {
