@@ -359,7 +359,14 @@ fn what_runs_every_cycle_does_not_allocate() {
         the_cycle_does_not_allocate(&scenario);
         the_rig_does_not_allocate(&scenario);
     }
-    for file in ["paper-admittance-streaming.yaml", "paper-admittance-polled.yaml", "paper-admittance-two-buses.yaml"] {
+    let files = [
+        "paper-admittance-streaming.yaml",
+        "paper-admittance-polled.yaml",
+        "paper-admittance-two-buses.yaml",
+        "paper-ethercat.yaml",
+        "paper-ethercat-can-sensor.yaml",
+    ];
+    for file in files {
         the_rig_does_not_allocate(&Scenario::shipped(file));
     }
     for pace in [Pace::Free, Pace::Lockstep] {

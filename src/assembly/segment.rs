@@ -20,6 +20,14 @@ const SYNC0_PHASE: u32 = 10;
 const OVERLOAD: u32 = 1 << 27 | 1 << 30;
 const INVALID: u32 = 1 << 2 | 1 << 3 | 1 << 5 | 1 << 29;
 
+/// How long before a cycle begins the drives sample what it reads: nothing on CAN, whose SYNC begins it.
+pub fn sampled_before(rig: &config::Rig) -> Duration {
+    match rig.segment_of_drives() {
+        Some(_) => Duration::from_micros(rig.cycle.period_us.into()) / SYNC0_PHASE,
+        None => Duration::ZERO,
+    }
+}
+
 /// The segment of a rig whose drives are on it.
 ///
 /// # Errors
@@ -62,7 +70,7 @@ pub fn segment(rig: &config::Rig) -> Result<SegmentSetup, AssemblyError> {
         source: SOURCE,
         period,
         compute_at: Duration::from_micros(rig.cycle.compute_at_us.into()),
-        sync0_phase: period / SYNC0_PHASE,
+        sync0_phase: sampled_before(rig),
         stations,
     })
 }

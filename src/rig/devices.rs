@@ -240,5 +240,6 @@ pub(super) fn world(rig: &config::Rig, scene: &config::Scene, seed: u64) -> Resu
         grip: Grip::Firm,
         pushes: Vec::new(),
         truth: Truth::default(),
+        sampled: None,
     })
 }

@@ -252,7 +252,7 @@ impl<D: Actuator, S: Transducer> FarEnd<D, S> {
 
     /// Sends a frame through the segment; when it is back, if it comes back.
     pub(super) fn on_ethernet(&mut self, now: Time, bytes: &mut [u8]) -> Result<Option<Time>, RigError> {
-        self.poll_line(now)?;
+        self.poll_line(now, true)?;
         let back = self.line.as_mut().and_then(|line| line.segment.process(now, bytes));
         self.take_torques(now)?;
         Ok(back)
@@ -277,24 +277,29 @@ impl<D: Actuator, S: Transducer> FarEnd<D, S> {
             self.sensor.poll(now, &mut Plug { wire, device: SENSOR, now });
         }
         if self.line.as_ref().is_some_and(|line| line.next_deadline() <= now) {
-            self.poll_line(now)?;
+            self.poll_line(now, false)?;
             self.take_torques(now)?;
         }
         Ok(())
     }
 
-    /// Lets the devices on the segment measure what they have to by now, and do what is due.
-    fn poll_line(&mut self, now: Time) -> Result<(), RigError> {
-        if self.line.is_none() {
-            return Ok(());
+    /// Lets the devices on the segment measure what they have to by now, with a frame that comes or without, and do what is due.
+    fn poll_line(&mut self, now: Time, has_frame: bool) -> Result<(), RigError> {
+        let Some(line) = &mut self.line else { return Ok(()) };
+        let feels = line.feels(now);
+        if line.drives_sample(now, has_frame) {
+            self.world.settle(now)?;
+            self.measure_joints();
         }
-        self.world.settle(now)?;
-        self.measure_joints();
-        if let Some(line) = &mut self.line {
-            if line.feels(now) {
-                line.measure_force(now, self.world.feel(now)?);
-            }
-            line.segment.poll(now);
+        let Some(line) = &mut self.line else { return Ok(()) };
+        if feels {
+            self.world.settle(now)?;
+            line.measure_force(now, self.world.feel(now)?);
+        }
+        let before = line.sync0_count();
+        line.segment.poll(now);
+        if line.sync0_count() != before {
+            self.world.sample(now)?;
         }
         Ok(())
     }

@@ -68,6 +68,28 @@ impl Line {
         }
     }
 
+    /// SYNC0 pulses of the left drive.
+    pub(super) fn sync0_count(&self) -> u64 {
+        self.left().map_or(0, Controller::sync0_count)
+    }
+
+    /// When the left drive has SYNC0 next.
+    pub(super) fn next_sync0(&self) -> Time {
+        self.left().map_or(Time::NEVER, Controller::next_sync0)
+    }
+
+    fn left(&self) -> Option<&Controller<SimulatedDevice>> {
+        let [left, ..] = self.places;
+        self.segment.controller(left?)
+    }
+
+    /// Whether a drive may sample by `now`: what it does is due, or it has no SYNC0 and samples as frames come.
+    pub(super) fn drives_sample(&self, now: Time, has_frame: bool) -> bool {
+        self.places.iter().take(SENSOR).flatten().filter_map(|place| self.segment.controller(*place)).any(
+            |controller| controller.next_deadline() <= now || (has_frame && controller.next_sync0() == Time::NEVER),
+        )
+    }
+
     /// Whether the sensor takes a sample by `now`.
     pub(super) fn feels(&mut self, now: Time) -> bool {
         self.sensor_mut().is_some_and(|sensor| sensor.next_deadline() <= now)
@@ -99,6 +121,18 @@ impl Line {
             if let Some(drive) = device(segment, *place).and_then(SimulatedDevice::drive_mut) {
                 drive.set_clock(clock);
             }
+        }
+    }
+
+    /// Has no clock of a device drift from now on.
+    pub(super) fn stop_drift(&mut self, now: Time) {
+        self.segment.controllers_mut().for_each(|controller| controller.set_drift(now, 0));
+    }
+
+    /// Has the sensor take its next sample at `next` and the others so long after one another.
+    pub(super) fn align_sensor(&mut self, next: Time, period: Duration) {
+        if let Some(sensor) = self.sensor_mut() {
+            sensor.set_clock(next, period);
         }
     }
 

@@ -144,6 +144,8 @@ pub(super) struct World {
     /// Stiffness of the hand as the scene has it, N/m.
     pub(super) hand_stiffness_n_per_m: f64,
     pub(super) truth: Truth,
+    /// The truth at the last SYNC0 that no cycle has read yet, where drives sample by that.
+    pub(super) sampled: Option<Truth>,
 }
 
 impl World {
@@ -217,9 +219,11 @@ impl World {
         Ok(())
     }
 
-    /// Notes the truth of this moment.
-    pub(super) fn look(&mut self, now: Time) -> Result<(), RigError> {
-        self.posture(now).map(|_| ())
+    /// Notes the truth of this moment as what the drives have sampled.
+    pub(super) fn sample(&mut self, now: Time) -> Result<(), RigError> {
+        self.posture(now)?;
+        self.sampled = Some(self.truth);
+        Ok(())
     }
 
     /// The arm's posture at `now`; notes the truth of this moment.

@@ -126,12 +126,12 @@ impl EmbeddedRig {
         Ok(())
     }
 
-    /// The hand takes the handle at the next SYNC, and the scene begins if it has not.
+    /// The hand takes the handle when the drives sample next, and the scene begins if it has not.
     pub(super) fn take_tool(&mut self) {
-        let next_sync = self.next_sync();
+        let next_sample = self.place().next_sample(self.next_sync());
         let world = &mut self.place_mut().far.world;
         let is_first = world.hand_from_s == f64::INFINITY;
-        world.take_tool(next_sync);
+        world.take_tool(next_sample);
         if is_first {
             self.runner.begin_scene();
         }

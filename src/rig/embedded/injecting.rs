@@ -95,7 +95,7 @@ impl Simulation {
 
     /// Begins and ends what is due at the beginning of a cycle.
     pub(super) fn follow_script(&mut self, sync_at: Time) {
-        let time_s = sync_at.as_secs_f64() - self.far.world.hand_from_s + SLACK_S;
+        let time_s = self.sampled_for(sync_at).as_secs_f64() - self.far.world.hand_from_s + SLACK_S;
         if !self.script.is_due(time_s) {
             return;
         }

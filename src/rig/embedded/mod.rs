@@ -94,7 +94,8 @@ impl EmbeddedRig {
             let message = "model.tracking ideal works on CAN only: on EtherCAT the arm has to be rigid";
             return Err(RigError::Mismatch(message.into()));
         }
-        let place = Simulation::new(InjectableBuses::new(rig, seed)?, cable, far, period);
+        let place =
+            Simulation::new(InjectableBuses::new(rig, seed)?, cable, far, (period, assembly::sampled_before(rig)));
         let runner = Runner::new(rig, fixture, place, Pace::Free).map_err(|error| match error {
             RunError::Assembly(error) => error.into(),
             other => RigError::Mismatch(other.to_string()),
@@ -158,11 +159,21 @@ impl EmbeddedRig {
         self.place_mut().far.line.iter_mut().for_each(|line| line.set_mailbox_time(time));
     }
 
-    /// Has the force sensor take its next sample so long after the next SYNC is due, and the others by an exact clock, so that
-    /// the phase between both is known. Nothing happens where SYNC is the sensor's clock, and on a segment.
+    /// Has the force sensor take its next sample so long after the next SYNC is due, or on a segment the next SYNC0, and the others
+    /// by an exact clock, so that the phase between both is known. Nothing happens where SYNC is the sensor's clock.
     pub fn align_sensor(&mut self, after_sync: Duration) {
-        let (next, period) = (self.next_sync() + after_sync, self.sample_period);
-        self.place_mut().far.sensor.iter_mut().for_each(|sensor| sensor.sensor.set_clock(next, period));
+        let period = self.sample_period;
+        let place = self.place();
+        let next = place.next_sample(self.next_sync()) + after_sync;
+        let far = &mut self.place_mut().far;
+        far.sensor.iter_mut().for_each(|sensor| sensor.sensor.set_clock(next, period));
+        far.line.iter_mut().for_each(|line| line.align_sensor(next, period));
+    }
+
+    /// Has no clock of a device on EtherCAT drift from now on.
+    pub fn stop_drift(&mut self) {
+        let Simulation { now, far, .. } = self.place_mut();
+        far.line.iter_mut().for_each(|line| line.stop_drift(*now));
     }
 
     /// Forgets what was injected and what the scene would.
@@ -272,7 +283,11 @@ impl EmbeddedRig {
 
     /// Time of the next cycle since the scene began, in s; minus infinity before it has.
     pub fn scene_time_s(&self) -> f64 {
-        self.next_sync().as_secs_f64() - self.place().far.world.hand_from_s
+        self.scene_time_at(self.next_sync())
+    }
+
+    fn scene_time_at(&self, grid: Time) -> f64 {
+        self.place().sampled_for(grid).as_secs_f64() - self.place().far.world.hand_from_s
     }
 
     /// When the next cycle begins.
@@ -330,7 +345,7 @@ impl EmbeddedRig {
             index: 0,
             sync_ns: grid.0,
             compute_ns: (grid + self.compute_at).0,
-            scene_time_s: grid.as_secs_f64() - self.place().far.world.hand_from_s,
+            scene_time_s: self.scene_time_at(grid),
             stages: Stages::default(),
         };
         let truth = self.place().truth();

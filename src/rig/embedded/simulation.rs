@@ -17,6 +17,7 @@ use crate::quantity::{JointAngles, JointTorques};
 use crate::record;
 use crate::rig::error::RigError;
 use crate::rig::far_end::FarEnd;
+use crate::rig::line::Line;
 use crate::rig::script::Script;
 use crate::rig::silence::Silence;
 use crate::rig::world;
@@ -36,7 +37,11 @@ pub(super) struct Simulation {
     pub(super) tap: Option<Tap>,
     /// What a drill keeps from the devices.
     pub(super) silence: Option<Silence>,
+    /// What was true when the drives on a segment sampled what the present cycle reads.
+    sampled: Option<world::Truth>,
     period: Duration,
+    /// How long before a cycle begins the drives sample what it reads.
+    sampled_before: Duration,
     pub(super) now: Time,
     /// What the last cycle asked of the joints: without an arm they are there one SYNC later.
     target_angles: Option<JointAngles>,
@@ -45,7 +50,12 @@ pub(super) struct Simulation {
 }
 
 impl Simulation {
-    pub(super) fn new(wires: InjectableBuses, cable: Option<(BusId, Cable)>, far: FarEnd, period: Duration) -> Self {
+    pub(super) fn new(
+        wires: InjectableBuses,
+        cable: Option<(BusId, Cable)>,
+        far: FarEnd,
+        (period, sampled_before): (Duration, Duration),
+    ) -> Self {
         let FarEnd { drives, sensor, line, world, buses } = far;
         let drives = drives.map(|drive| drive.map(InjectableDrive::new));
         let sensor = sensor.map(|sensor| InjectableSensor::new(sensor, world.calibration.clone()));
@@ -57,11 +67,25 @@ impl Simulation {
             script: Script::default(),
             tap: None,
             silence: None,
+            sampled: None,
             period,
+            sampled_before,
             now: Time::default(),
             target_angles: None,
             failure: None,
         }
+    }
+
+    /// When the drives sample what the cycle that begins at this moment reads.
+    pub(super) fn sampled_for(&self, grid: Time) -> Time {
+        let before = self.sampled_before.as_nanos() as u64;
+        Time(grid.0.saturating_sub(before))
+    }
+
+    /// When the drives sample next, what the cycle that begins at `grid` reads: at SYNC0 by their own clock.
+    pub(super) fn next_sample(&self, grid: Time) -> Time {
+        let sync0 = self.far.line.as_ref().map_or(Time::NEVER, Line::next_sync0);
+        if sync0 <= grid { sync0 } else { self.sampled_for(grid) }
     }
 
     /// Torques in N m that the drives mean to make, which those of drives that run away are not.
@@ -90,12 +114,13 @@ impl Simulation {
         }
     }
 
-    /// Notes what is true of the machine at the begin of a cycle: on a segment no SYNC says when that is.
-    fn look(&mut self) {
-        if self.failure.is_none() {
-            let world = &mut self.far.world;
-            self.failure = world.settle(self.now).and_then(|()| world.look(self.now)).err();
+    /// Notes what was true of the machine when the drives on a segment sampled it; as the cycle begins, where no SYNC0 has come.
+    fn note_sampled(&mut self) {
+        let world = &mut self.far.world;
+        if world.sampled.is_none() && self.failure.is_none() {
+            self.failure = world.settle(self.now).and_then(|()| world.sample(self.now)).err();
         }
+        self.sampled = world.sampled.take();
     }
 
     fn next_event(&self) -> Time {
@@ -252,7 +277,7 @@ impl Place for Simulation {
         self.follow_script(grid);
         self.wires.begin_cycle(grid, self.period);
         if self.cable.is_some() {
-            self.look();
+            self.note_sampled();
         }
         let process = self.computer.begin_cycle(self.now, grid);
         if process == Process::Runs {
@@ -286,7 +311,7 @@ impl Place for Simulation {
     }
 
     fn truth(&self) -> Option<record::Truth> {
-        let world::Truth { tip, velocity, .. } = self.far.world.truth;
+        let world::Truth { tip, velocity, .. } = self.sampled.unwrap_or(self.far.world.truth);
         let [left, right] = self.drive_torques_n_m();
         Some(record::Truth { tool: tip, velocity, torques: JointTorques::new(left, right) })
     }

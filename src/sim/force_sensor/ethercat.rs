@@ -131,6 +131,11 @@ impl ForceTorqueSensor {
         self.sampler.measure(counts);
     }
 
+    /// Has the clock take its next sample at this moment, and the others so long after one another.
+    pub fn set_clock(&mut self, next: Time, period: Duration) {
+        self.sampler.set_clock(next, period);
+    }
+
     /// Has the clock run at a share of its rate, 0 (no samples any more) to 1.
     pub fn set_clock_rate(&mut self, share: f64) {
         self.sampler.set_clock_rate(share);

@@ -93,6 +93,8 @@ pub struct Controller<D> {
     has_dc: bool,
     clock: Clock,
     signals: SyncSignals,
+    /// When SYNC0 comes next.
+    sync0_due: Time,
     state: State,
     mailbox: mailbox::Mailbox,
     outputs: Mapping,
@@ -126,6 +128,7 @@ impl<D: EthercatApplication> Controller<D> {
             has_dc: settings.has_dc,
             clock: Clock::new(Time(0), 0, 0),
             signals: SyncSignals::default(),
+            sync0_due: Time::NEVER,
             state: State::new(),
             outputs: Mapping::new(),
             inputs: Mapping::new(),
@@ -179,9 +182,17 @@ impl<D: EthercatApplication> Controller<D> {
         self.mailbox.interrupt(emergency);
     }
 
+    /// Has its clock be fast by so many parts per billion from now on.
+    pub fn set_drift(&mut self, now: Time, drift_ppb: i32) {
+        self.settings.drift_ppb = drift_ppb.clamp(-1_000_000, 1_000_000);
+        self.clock.set_drift(now, self.settings.drift_ppb);
+        self.renew_sync0();
+    }
+
     /// Has its clock jump by so many ns.
     pub fn jump_clock(&mut self, now: Time, by_ns: i64) {
         self.clock.jump(now, by_ns);
+        self.renew_sync0();
     }
 
     /// Its system time in ns, as register 0910h shows it.
@@ -223,9 +234,10 @@ impl<D: EthercatApplication> Controller<D> {
         self.memory.fill(0);
         self.fmmus = [Fmmu::default(); FMMUS];
         self.managers = [Manager::new(); MANAGERS];
-        self.clock =
-            Clock::new(now, self.settings.clock_start_ns, self.settings.drift_ppb.clamp(-1_000_000, 1_000_000));
+        self.set_drift(now, self.settings.drift_ppb);
+        self.clock = Clock::new(now, self.settings.clock_start_ns, self.settings.drift_ppb);
         self.signals = SyncSignals::default();
+        self.renew_sync0();
         self.touched = Touched::default();
         let features = if self.has_dc { feature::DC | feature::DC_64 | 0x01c0 } else { 0x01c0 };
         self.set_byte(register::TYPE, 0x11);
@@ -287,12 +299,19 @@ impl<D: EthercatApplication> Controller<D> {
         if !self.is_powered {
             return Time::NEVER;
         }
-        self.sync0_at().min(self.state.next_deadline()).min(self.mailbox.due()).min(self.device.next_deadline())
+        self.next_sync0().min(self.state.next_deadline()).min(self.mailbox.due()).min(self.device.next_deadline())
     }
 
-    fn sync0_at(&self) -> Time {
+    /// When SYNC0 comes next.
+    pub fn next_sync0(&self) -> Time {
+        self.sync0_due
+    }
+
+    /// Works out anew when SYNC0 comes next: the clock, its offset or the signals have changed.
+    fn renew_sync0(&mut self) {
         let offset = i64::from_le_bytes(array(&self.memory, register::DC_OFFSET.into()));
-        self.signals.next.map_or(Time::NEVER, |next| self.clock.moment_of(next.wrapping_sub(offset)))
+        let due = |next: i64| self.clock.moment_of(next.wrapping_sub(offset));
+        self.sync0_due = self.signals.next.map_or(Time::NEVER, due);
     }
 
     /// Does what is due up to `now`, one thing after the other.
@@ -310,9 +329,10 @@ impl<D: EthercatApplication> Controller<D> {
     }
 
     fn poll_at(&mut self, now: Time, due: Time) {
-        if self.sync0_at() <= due {
+        if self.next_sync0() <= due {
             let cycle = self.double(register::DC_SYNC0_CYCLE);
             self.signals.fire(cycle);
+            self.renew_sync0();
             self.sync0(now);
         }
         self.device.poll(now);
@@ -331,6 +351,7 @@ impl<D: EthercatApplication> Controller<D> {
             let missed = system_time.wrapping_sub(next) / cycle + 1;
             self.signals.next = Some(next.wrapping_add(missed.wrapping_mul(cycle)));
             self.signals.count = self.signals.count.wrapping_add(missed as u64);
+            self.renew_sync0();
         }
     }
 
@@ -344,6 +365,7 @@ impl<D: EthercatApplication> Controller<D> {
 
     /// What the frame has changed is looked at when it has passed.
     pub(super) fn end_frame(&mut self, at: Time) {
+        self.renew_sync0();
         let touched = std::mem::take(&mut self.touched);
         if touched.al_control {
             let control = AlControl(self.word(register::AL_CONTROL));
