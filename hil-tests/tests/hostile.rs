@@ -126,7 +126,7 @@ fn places_where_nothing_can_be_written_are_refused_and_nothing_else_is_lost() {
     let before = folder.victims();
     let program = hil_tests::program();
     let long = format!("{}.svg", "x".repeat(300));
-    let refused: [(&str, &str, &str); 23] = [
+    let refused: [(&str, &str, &str); 24] = [
         ("--figure", "fifo.svg", "is not a regular file"),
         ("--figure", "fifo.png", "is not a regular file"),
         ("--figure", "folder.svg", "is not a regular file"),
@@ -143,6 +143,7 @@ fn places_where_nothing_can_be_written_are_refused_and_nothing_else_is_lost() {
         ("--candump", "victim.log", "is not a log of candump: nothing was written"),
         ("--candump", "link.svg", "is not a log of candump: nothing was written"),
         ("--candump", "victim.yaml/x", ""),
+        ("--pcapng", "victim.log", "is not a capture of pcapng: nothing was written"),
         ("--record", "fifo", "is not a folder"),
         ("--record", "victim.yaml", "is not a folder"),
         ("--record", "victim.yaml/x", "is not a folder"),
@@ -181,7 +182,12 @@ fn a_full_disk_costs_the_file_and_not_the_report() {
         let shell = ["-c", limited, program.to_str().unwrap()];
         folder.start(Path::new("/bin/sh"), &[&shell[..], arguments].concat())
     };
-    let options = [("--figure", "full-disk.svg"), ("--candump", "bus.log"), ("--record", "recording")];
+    let options = [
+        ("--figure", "full-disk.svg"),
+        ("--candump", "bus.log"),
+        ("--pcapng", "bus.pcapng"),
+        ("--record", "recording"),
+    ];
     for (option, path) in options {
         let seen = start(&["run", "builtin:paper-admittance.yaml", "--duration", "2", option, path]);
         seen.is_refused(USAGE).says("File too large").is_reported();

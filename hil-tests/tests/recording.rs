@@ -394,3 +394,62 @@ fn an_impedance_device_is_recorded_and_run_again() {
     let End::Different { index: 700, difference, .. } = replayed.end else { panic!("{:?}", replayed.end) };
     assert_eq!((replayed.cycles, difference.field), (700, "force_y_n"));
 }
+
+/// The frames of a capture on one bus, by the number of the bus: each with its time in ns.
+fn captured(file: &[u8], bus: u32) -> Vec<(u64, &[u8])> {
+    let word = |at: usize| u32::from_le_bytes(file[at..at + 4].try_into().expect("four"));
+    let (mut at, mut frames) = (0, Vec::new());
+    while at < file.len() {
+        if word(at) == 6 && word(at + 8) == bus {
+            let time = u64::from(word(at + 12)) << 32 | u64::from(word(at + 16));
+            frames.push((time, &file[at + 28..at + 28 + word(at + 20) as usize]));
+        }
+        at += word(at + 4) as usize;
+    }
+    frames
+}
+
+#[test]
+fn a_capture_has_the_frames_of_all_buses_and_the_same_seed_gives_the_same_bytes() {
+    let folder = Folder::new();
+    let run = |rig: &str, more: &[&str]| {
+        let mut run = Command::new(hil_tests::program());
+        run.current_dir(&folder.0).args(["-q", "run", rig, "--duration", "0.3"]).args(more);
+        let done = run.output().expect("`cargo build --bin yieldwall` comes before these tests");
+        (done.status.code(), String::from_utf8(done.stderr).expect("text"))
+    };
+    let mixed = "builtin:paper-ethercat-can-sensor.yaml";
+    let good = (Some(0), String::new());
+    for (seed, file) in [("1", "one.pcapng"), ("1", "again.pcapng"), ("2", "other.pcapng")] {
+        assert_eq!(run(mixed, &["--seed", seed, "--pcapng", file]), good, "{file}");
+    }
+    assert_eq!(run(mixed, &["--seed", "1", "--record", "rec", "--candump", "can.log"]), good);
+    let read = |file: &str| std::fs::read(folder.0.join(file)).expect("a file");
+    let one = read("one.pcapng");
+    assert!(one == read("again.pcapng") && one == read("rec/bus.pcapng"), "the same seed gives the same bytes");
+    assert!(one != read("other.pcapng"), "a seed without effect");
+    assert!(read("can.log") == read("rec/bus.log"));
+    // Bus 0 is the segment: each frame as it was sent and as it came back, which one bit of the sender tells. Bus 1 is CAN.
+    let on_segment = captured(&one, 0);
+    let came_back = on_segment.iter().filter(|(_, frame)| frame[6] & 2 != 0).count();
+    assert!(on_segment.len() > 1000 && 2 * came_back == on_segment.len(), "{came_back} of {}", on_segment.len());
+    assert!(on_segment.iter().all(|(_, frame)| frame[12..14] == [0x88, 0xa4]));
+    let on_can = captured(&one, 1);
+    let log = String::from_utf8(read("can.log")).expect("text");
+    assert_eq!(on_can.len(), log.lines().count());
+    for ((time, frame), line) in on_can.iter().zip(log.lines()) {
+        let id = u32::from_be_bytes(frame[..4].try_into().expect("four"));
+        let data: String = frame[8..].iter().map(|byte| format!("{byte:02X}")).collect();
+        let (seconds, micros) = (time / 1_000_000_000, time / 1000 % 1_000_000);
+        assert_eq!(format!("({seconds:010}.{micros:06}) vcan1 {id:03X}#{data}"), line);
+    }
+    // A rig without CAN has no log of it.
+    assert_eq!(run("builtin:paper-ethercat.yaml", &["--record", "segment"]), good);
+    assert!(!folder.0.join("segment/bus.log").exists() && folder.0.join("segment/bus.pcapng").exists());
+    let (code, said) = run("builtin:paper-ethercat.yaml", &["--candump", "none.log"]);
+    assert!(
+        code == Some(2) && said.contains("this rig has no bus but") && said.contains("paper-ethercat.yaml:"),
+        "{said}"
+    );
+    assert!(!folder.0.join("none.log").exists());
+}

@@ -10,9 +10,10 @@ use serde_json::{Value, json};
 use super::ending::{bus_names, describe};
 use super::failure::{Exit, Failure};
 use super::replace::{make_folder, make_folder_of, unwritten};
-use crate::canopen::Frame;
+use crate::canopen::{BusId, Frame};
 use crate::config::{self, Diagnostic, Report, Severity};
-use crate::link::Packet;
+use crate::ethercat::frame::LONGEST;
+use crate::link::{CaptureWriter, CapturedBus, Packet};
 use crate::record::DeviceRecord;
 use crate::record::recording::{
     About, Backpressure, BlackBox, Feed, Finished, Producer, Recorded, Recorder, Saved, Sink,
@@ -34,8 +35,9 @@ const FLUSH_NS: u64 = 250_000_000;
 pub(super) const MCAP: &str = "cycles.mcap";
 /// The same as text.
 const CSV: &str = "cycles.csv";
-/// The frames of a recording.
+/// The frames of a recording: those of CAN, and those of all buses.
 const LOG: &str = "bus.log";
+const CAPTURE: &str = "bus.pcapng";
 
 /// What is watched, with the names of its buses in logs.
 #[derive(Clone, Copy, Debug)]
@@ -62,6 +64,34 @@ impl<'a> Watched<'a> {
             Watched::Simulation(names) | Watched::Interfaces(names) | Watched::Lockstep(names) => names,
         }
     }
+
+    /// The buses of a rig for a capture.
+    fn buses<'b>(self, rig: &'b config::Rig) -> impl Iterator<Item = CapturedBus<'b>>
+    where
+        'a: 'b,
+    {
+        rig.buses.iter().enumerate().map(move |(number, (name, bus))| CapturedBus {
+            name,
+            is_segment: bus.canopen().is_none(),
+            interface: match self {
+                Watched::Simulation(_) => None,
+                Watched::Interfaces(names) | Watched::Lockstep(names) => names.get(number).map(String::as_str),
+            },
+        })
+    }
+}
+
+/// The files that a run has to leave.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct Wanted<'a> {
+    /// Frames of CAN.
+    pub(super) candump: Option<&'a Path>,
+    /// Frames of all buses.
+    pub(super) pcapng: Option<&'a Path>,
+    /// The folder of a recording.
+    pub(super) record: Option<&'a Path>,
+    /// The folder of black boxes.
+    pub(super) black_box: Option<&'a Path>,
 }
 
 /// Files under way.
@@ -93,30 +123,41 @@ impl Keep {
         watched: Watched<'_>,
         rig: &config::Rig,
         about: &About,
-        candump: Option<&Path>,
-        record: Option<&Path>,
-        black_box: Option<&Path>,
+        wanted: &Wanted<'_>,
     ) -> Result<(Self, Watch), Failure> {
+        let Wanted { candump, pcapng, record, black_box } = *wanted;
         let period_s = f64::from(rig.cycle.period_us) * 1e-6;
         let capacity = ring(rig.cycle.period_us);
-        let (mut cycles, mut frames) = (Vec::new(), Vec::new());
-        let (mut files, mut logs) = (Vec::new(), Vec::new());
+        let (mut cycles, mut frames, mut packets) = (Vec::new(), Vec::new(), Vec::new());
+        let (mut files, mut logs, mut captures) = (Vec::new(), Vec::new(), Vec::new());
         if let Some(folder) = record {
             let (producer, feed) = record_into(folder, about, watched, capacity)?;
             cycles.push(producer);
             files.push((folder.join(MCAP), "cycles", feed));
-            logs.push((folder.join(LOG), true));
+            if rig.is_on_can() {
+                logs.push((folder.join(LOG), true));
+            }
+            captures.push((folder.join(CAPTURE), true));
         }
         if let Some(path) = candump {
             make_folder_of(path)?;
             logs.push((path.to_owned(), false));
         }
+        if let Some(path) = pcapng {
+            make_folder_of(path)?;
+            captures.push((path.to_owned(), false));
+        }
         for (path, is_new) in logs {
-            let mut options = OpenOptions::new();
-            let file = options.write(true).create(true).create_new(is_new).truncate(!is_new).open(&path);
-            let log = BusLog::new(file.map_err(|error| unwritten(&path, &error))?, watched.interfaces());
-            let (producer, feed) = start("bus log", watched, RING_FRAMES, log)?;
+            let log = CandumpWriter::new(create(&path, is_new)?, watched.interfaces());
+            let (producer, feed) = start("bus log", watched, RING_FRAMES, FrameFile::new(log))?;
             frames.push(producer);
+            files.push((path, "frames", feed));
+        }
+        for (path, is_new) in captures {
+            let capture = CaptureWriter::new(create(&path, is_new)?, watched.buses(rig));
+            let capture = capture.map_err(|error| unwritten(&path, &error))?;
+            let (producer, feed) = start("capture", watched, RING_FRAMES, FrameFile::new(capture))?;
+            packets.push(producer);
             files.push((path, "frames", feed));
         }
         let folder = black_box.or(record).map(Path::to_owned).or_else(|| state_folder("black-box"));
@@ -126,8 +167,10 @@ impl Keep {
         let watch = Watch {
             observer: Some(Box::new(move |record| cycles.iter_mut().for_each(|producer| producer.push(record)))),
             tap: Some(Box::new(move |time, packet| {
-                let Packet::Can(frame) = packet else { return };
-                frames.iter_mut().for_each(|producer| producer.push(&(time, *frame)));
+                if let Packet::Can(frame) = packet {
+                    frames.iter_mut().for_each(|producer| producer.push(&(time, *frame)));
+                }
+                packets.iter_mut().for_each(|producer| producer.push(&(time, Copied::of(packet))));
             })),
             ..Watch::default()
         };
@@ -178,7 +221,7 @@ fn record_into<T: Recorded>(
     capacity: usize,
 ) -> Result<(Producer<T>, Feed<()>), Failure> {
     make_folder(folder)?;
-    for path in [MCAP, CSV, LOG].map(|name| folder.join(name)) {
+    for path in [MCAP, CSV, LOG, CAPTURE].map(|name| folder.join(name)) {
         if path.symlink_metadata().is_ok() {
             let message = format!("{} is there already: nothing was run", path.display());
             let help = "name another folder; a recording is never written over, also not with --force";
@@ -316,37 +359,101 @@ fn when(saved: &Saved) -> String {
     if saved.scene_time_s.is_finite() { format!("{:.3} s", saved.scene_time_s) } else { "enabling".to_owned() }
 }
 
-/// Frames into a log.
-struct BusLog {
-    log: CandumpWriter<BufWriter<File>>,
+/// Makes a file, or empties one that need not be new.
+fn create(path: &Path, is_new: bool) -> Result<BufWriter<File>, Failure> {
+    let mut options = OpenOptions::new();
+    let file = options.write(true).create(true).create_new(is_new).truncate(!is_new).open(path);
+    Ok(BufWriter::new(file.map_err(|error| unwritten(path, &error))?))
+}
+
+/// A frame that waits for the thread that writes it, with room for the longest one: the cycle allocates nothing.
+#[derive(Clone, Copy)]
+struct Copied {
+    /// The frame, if it is one of CAN.
+    can: Option<Frame>,
+    bus: BusId,
+    length: usize,
+    bytes: [u8; LONGEST],
+}
+
+impl Copied {
+    /// Real-time: yes.
+    fn of(packet: Packet<'_>) -> Self {
+        let mut copied = Self { can: None, bus: BusId::FIRST, length: 0, bytes: [0; LONGEST] };
+        match packet {
+            Packet::Can(frame) => copied.can = Some(*frame),
+            Packet::Ethernet { bus, bytes } => {
+                (copied.bus, copied.length) = (bus, bytes.len().min(LONGEST));
+                copied.bytes.iter_mut().zip(bytes).for_each(|(to, from)| *to = *from);
+            }
+        }
+        copied
+    }
+
+    fn packet(&self) -> Packet<'_> {
+        match &self.can {
+            Some(frame) => Packet::Can(frame),
+            None => Packet::Ethernet { bus: self.bus, bytes: self.bytes.get(..self.length).unwrap_or_default() },
+        }
+    }
+}
+
+/// A form in which frames go into a file.
+trait Format<T>: Send + 'static {
+    fn write(&mut self, time: Time, frame: &T) -> io::Result<()>;
+    fn flush(&mut self) -> io::Result<()>;
+}
+
+impl Format<Frame> for CandumpWriter<BufWriter<File>> {
+    fn write(&mut self, time: Time, frame: &Frame) -> io::Result<()> {
+        self.record(time, frame)
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        CandumpWriter::flush(self)
+    }
+}
+
+impl Format<Copied> for CaptureWriter<BufWriter<File>> {
+    fn write(&mut self, time: Time, frame: &Copied) -> io::Result<()> {
+        self.record(time, frame.packet())
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        CaptureWriter::flush(self)
+    }
+}
+
+/// Frames into a file.
+struct FrameFile<F> {
+    format: F,
     stretch: u64,
     written: u64,
     stored: u64,
 }
 
-impl BusLog {
-    fn new(file: File, interfaces: &[String]) -> Self {
-        let log = CandumpWriter::new(BufWriter::new(file), interfaces);
-        Self { log, stretch: 0, written: 0, stored: 0 }
+impl<F> FrameFile<F> {
+    fn new(format: F) -> Self {
+        Self { format, stretch: 0, written: 0, stored: 0 }
     }
 }
 
-impl Sink<(Time, Frame)> for BusLog {
+impl<T, F: Format<T>> Sink<(Time, T)> for FrameFile<F> {
     type Report = ();
 
-    fn take(&mut self, (time, frame): &(Time, Frame)) -> io::Result<()> {
+    fn take(&mut self, (time, frame): &(Time, T)) -> io::Result<()> {
         let stretch = time.0 / FLUSH_NS;
         if stretch != self.stretch {
             self.stretch = stretch;
-            self.finish()?;
+            Sink::<(Time, T)>::finish(self)?;
         }
-        self.log.record(*time + LOG_STARTS_AT, frame)?;
+        self.format.write(*time + LOG_STARTS_AT, frame)?;
         self.written += 1;
         Ok(())
     }
 
     fn finish(&mut self) -> io::Result<()> {
-        self.log.flush()?;
+        self.format.flush()?;
         self.stored = self.written;
         Ok(())
     }

@@ -18,7 +18,7 @@ use super::on_bus::{
 };
 use super::output::Output;
 use super::pace::PaceArgument;
-use super::run::{Arguments, candump_on_can, check, check_buses, check_loop, draw, dry_run_on_can, view, with_files};
+use super::run::{Arguments, check, check_buses, check_candump, check_loop, draw, dry_run_on_can, view, with_files};
 use super::tui::Screen;
 use crate::config::{self, Source};
 use crate::guard::Fault;
@@ -50,7 +50,8 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
 fn run_and_tell(arguments: &Arguments, events: &Events, output: &mut Output) -> Result<(), Failure> {
     check(arguments)?;
     let rig = config::load_rig(Source::named(&arguments.rig))?;
-    only_for_can(&[dry_run_on_can(arguments, &rig.value), candump_on_can(arguments, &rig.value)])?;
+    only_for_can(&[dry_run_on_can(arguments, &rig.value)])?;
+    check_candump(arguments, &rig)?;
     output.configuration(&rig.warnings)?;
     check_buses(&rig, Some(arguments.ignore_bus_budget), output)?;
     // Whoever holds the tool is not the hand of the scene.
@@ -84,13 +85,11 @@ fn run_and_tell(arguments: &Arguments, events: &Events, output: &mut Output) -> 
     warn_of_interfaces(&on_bus, &file, arguments.pace, output);
     warn_of(output, on_bus.memory());
     let about = about(&rig, scene.as_ref(), arguments)?;
-    let [candump, record, black_box] =
-        [&arguments.candump, &arguments.record, &arguments.black_box].map(Option::as_deref);
     let watched = match arguments.pace {
         PaceArgument::Free => Watched::Interfaces(interfaces.names()),
         PaceArgument::Lockstep => Watched::Lockstep(interfaces.names()),
     };
-    let (keep, watch) = Keep::start(watched, &rig, &about, candump, record, black_box)?;
+    let (keep, watch) = Keep::start(watched, &rig, &about, &arguments.wanted())?;
     let place = format!("{}, {}", interfaces.shown(&rig), arguments.pace.name());
     let view = arguments.tui.then(|| view(&rig, &place, duration_s));
     view.iter().for_each(|view| events.show_on(view));

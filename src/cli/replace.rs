@@ -19,6 +19,8 @@ pub(super) enum Written {
     Picture,
     /// A log as candump writes it.
     BusLog,
+    /// A capture.
+    Capture,
     /// Tables for a page.
     Tables,
 }
@@ -28,6 +30,7 @@ impl Written {
         match self {
             Written::Picture => "a drawing",
             Written::BusLog => "a log of candump",
+            Written::Capture => "a capture of pcapng",
             Written::Tables => "a file of tables",
         }
     }
@@ -45,6 +48,7 @@ impl Written {
                 let time = text.strip_prefix('(').and_then(|rest| rest.split_once(')')).map(|(time, _)| time);
                 time.is_some_and(|time| time.contains('.') && time.parse::<f64>().is_ok())
             }
+            Written::Capture => head.starts_with(b"\n\r\r\n"),
             Written::Tables => text.starts_with('|'),
         }
     }
@@ -53,8 +57,8 @@ impl Written {
 /// What a command may write over.
 #[derive(Clone, Copy, Debug, Default, clap::Args)]
 pub(super) struct Replace {
-    /// Write over a file that is there, whatever it is but a recording; without it a drawing replaces a drawing, a bus log a bus log
-    /// and tables tables, and nothing else is replaced
+    /// Write over a file that is there, whatever it is but a recording; without it a drawing replaces a drawing, a bus log a bus log,
+    /// a capture a capture and tables tables, and nothing else is replaced
     #[arg(long)]
     force: bool,
 }

@@ -23,7 +23,7 @@ use super::events::{Events, Listening, Stream};
 use super::failure::{Exit, Failure};
 use super::faults::FaultArgument;
 use super::interrupt::{interrupted, on_interrupt, unless};
-use super::keep::{Keep, Watched};
+use super::keep::{Keep, Wanted, Watched};
 use super::margins::{Margins, has_other_inertia};
 use super::on_bus::{only_for_can, told_at_boot, with_findings, with_told};
 use super::output::Output;
@@ -75,18 +75,21 @@ pub(super) struct Arguments {
     /// Draw trajectory, force and power into this file, an .svg or a .png; folders on the way are made
     #[arg(long, value_name = "PATH")]
     pub(super) figure: Option<PathBuf>,
-    /// Write every frame that went over the bus into this file, in the format of candump -L
+    /// Write every frame that went over CAN into this file, in the format of candump -L
     #[arg(long, value_name = "FILE")]
     pub(super) candump: Option<PathBuf>,
+    /// Write every frame that went over the buses, CAN and EtherCAT, into this file, which Wireshark reads
+    #[arg(long, value_name = "FILE")]
+    pub(super) pcapng: Option<PathBuf>,
     /// Run also if the bus cannot keep the cycle; `yieldwall bus budget` tells which frame comes too late
     #[arg(long)]
     pub(super) ignore_bus_budget: bool,
-    /// Record every cycle and every frame into this folder, which is made: cycles.mcap, cycles.csv and bus.log; of an impedance
-    /// device, which has no bus, its samples. A recording that is there is never written over
+    /// Record every cycle and every frame into this folder, which is made: cycles.mcap, cycles.csv, bus.pcapng and, of CAN, bus.log; of an
+    /// impedance device, which has no bus, its samples. A recording that is there is never written over
     #[arg(long, value_name = "DIR")]
     pub(super) record: Option<PathBuf>,
     /// Say what boot and start would send to each device, old -> new, and send nothing but the reading of objects
-    #[arg(long, conflicts_with_all = ["fault", "figure", "candump", "record", "black_box"])]
+    #[arg(long, conflicts_with_all = ["fault", "figure", "candump", "pcapng", "record", "black_box"])]
     pub(super) dry_run: bool,
     #[command(flatten)]
     pub(super) replace: Replace,
@@ -98,6 +101,15 @@ pub(super) struct Arguments {
     /// Where the time around a fault is kept, in place of the record's folder or yieldwall/black-box in the state folder
     #[arg(long, value_name = "DIR")]
     pub(super) black_box: Option<PathBuf>,
+}
+
+impl Arguments {
+    /// The files of a run.
+    pub(super) fn wanted(&self) -> Wanted<'_> {
+        let [candump, pcapng, record, black_box] =
+            [&self.candump, &self.pcapng, &self.record, &self.black_box].map(Option::as_deref);
+        Wanted { candump, pcapng, record, black_box }
+    }
 }
 
 pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Failure> {
@@ -128,7 +140,8 @@ fn run_and_tell(arguments: &Arguments, events: &Events, output: &mut Output) -> 
     output.configuration(&rig.warnings)?;
     check_buses(&rig, Some(arguments.ignore_bus_budget), output)?;
     let margins = check_loop(&rig, true, output)?;
-    only_for_can(&[dry_run_on_can(arguments, &rig.value), candump_on_can(arguments, &rig.value)])?;
+    only_for_can(&[dry_run_on_can(arguments, &rig.value)])?;
+    check_candump(arguments, &rig)?;
     if arguments.dry_run {
         return plan::run(&rig, &[], Sender::Run, output);
     }
@@ -137,8 +150,6 @@ fn run_and_tell(arguments: &Arguments, events: &Events, output: &mut Output) -> 
     let overrides = Overrides { fixture: None, duration_s: arguments.duration, seed: arguments.seed, faults };
     let about = replay::about(&rig.value, Some(&scene.value), &overrides)
         .map_err(|error| Failure::new(Exit::Internal, format!("documents of the recording: {error}"), ""))?;
-    let [candump, record, black_box] =
-        [&arguments.candump, &arguments.record, &arguments.black_box].map(Option::as_deref);
     // Before anything is written: a rig that is refused leaves no record.
     let drilled = rig::drill(&rig.value, &scene.value, |_| ()).map_err(|error| rig_failure(&error))?;
     judge(&drilled, &rig.value, NOTHING_ENABLED)?;
@@ -148,7 +159,7 @@ fn run_and_tell(arguments: &Arguments, events: &Events, output: &mut Output) -> 
     let view = arguments.tui.then(|| view(&rig.value, "on the embedded simulation", duration_s));
     view.iter().for_each(|view| events.show_on(view));
     let (listening, heard) = Listening::start(events, watched, &rig.value)?;
-    let (keep, watch) = Keep::start(watched, &rig.value, &about, candump, record, black_box)?;
+    let (keep, watch) = Keep::start(watched, &rig.value, &about, &arguments.wanted())?;
     let progress = if arguments.tui { Progress::hidden() } else { Progress::new(output) };
     progress.begin(&rig.value.rig.name);
     let is_interrupted = on_interrupt()?;
@@ -198,10 +209,14 @@ pub(super) fn dry_run_on_can(arguments: &Arguments, rig: &config::Rig) -> (&'sta
     ("--dry-run", is_given, "docs/ethercat.md says what a boot writes")
 }
 
-/// As [`dry_run_on_can`]; of a rig with buses of both kinds, what is on CAN is written.
-pub(super) fn candump_on_can(arguments: &Arguments, rig: &config::Rig) -> (&'static str, bool, &'static str) {
-    let is_given = arguments.candump.is_some() && !rig.is_on_can();
-    ("--candump", is_given, "a program that captures frames of Ethernet records an interface")
+/// Refuses a log of CAN frames of a rig that has no CAN.
+pub(super) fn check_candump(arguments: &Arguments, rig: &Loaded<config::Rig>) -> Result<(), Failure> {
+    let segment = rig.value.buses.keys().next();
+    let (Some(_), false, Some(bus)) = (&arguments.candump, rig.value.is_on_can(), segment) else { return Ok(()) };
+    let message = "--candump is for frames of CAN, and this rig has no bus but EtherCAT";
+    let help = "--pcapng FILE writes the frames of every bus";
+    let finding = rig.finding(Severity::Error, &format!("buses.{bus}"), message, help, &[]);
+    Err(Failure { exit: Exit::Usage, report: finding.into() })
 }
 
 /// Why a simulated rig did not run.
@@ -284,10 +299,9 @@ pub(super) fn check(arguments: &Arguments) -> Result<(), Failure> {
     if let Some(path) = &arguments.figure {
         check_picture(path, arguments.replace)?;
     }
-    match &arguments.candump {
-        Some(path) => arguments.replace.check(path, Written::BusLog),
-        None => Ok(()),
-    }
+    let files = [(&arguments.candump, Written::BusLog), (&arguments.pcapng, Written::Capture)];
+    let files = files.into_iter().filter_map(|(path, what)| Some((path.as_ref()?, what)));
+    { files }.try_for_each(|(path, what)| arguments.replace.check(path, what))
 }
 
 /// What a screen shows of a rig.

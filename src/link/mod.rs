@@ -4,11 +4,13 @@
 //! [`CanLink`] is all that a loop needs of an interface. [`SocketCan`] is the one of Linux, behind the feature `socketcan`, and
 //! [`SocketCans`] several of them, one for each bus. [`EthernetLink`] is the same for a wire that carries EtherCAT, and [`PacketSocket`]
 //! the one of Linux, behind the feature `ethernet`. [`Wires`] is both, for a rig that may have both, and [`Interfaces`] that of Linux.
+//! [`CaptureWriter`] keeps what went over them.
 //!
 //! A link keeps no frame back: what [`CanLink::send`] refuses is gone and is never sent later. What is already in the
 //! queue of the kernel or of the controller can no longer be taken back by anybody but the interface going down, which is why
 //! [`Master`](crate::bus::Master) has at most one cycle in flight.
 
+mod capture;
 #[cfg(all(feature = "ethernet", target_os = "linux"))]
 mod clock;
 mod error_frame;
@@ -22,6 +24,7 @@ mod linux;
 #[cfg(all(feature = "ethernet", target_os = "linux"))]
 mod role;
 
+pub use capture::{CaptureWriter, CapturedBus};
 pub use error_frame::ErrorFrame;
 pub use ethernet::{EthernetArrival, EthernetLink, EthernetReceived};
 #[cfg(all(feature = "ethernet", target_os = "linux"))]

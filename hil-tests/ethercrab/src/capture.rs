@@ -4,19 +4,19 @@ use std::io::{self, Write};
 
 use yieldwall::time::Time;
 
-/// The frames of a file, of either resolution of time.
+/// The frames of Ethernet in a file: of pcap of either resolution of time, or of pcapng, whose other frames are left out.
 ///
 /// # Errors
-/// If it is no little-endian pcap of Ethernet, or ends within a frame.
+/// If it is no little-endian capture of Ethernet, or ends within a frame.
 pub fn read(bytes: &[u8]) -> io::Result<Vec<&[u8]>> {
-    let no_capture = |why| io::Error::new(io::ErrorKind::InvalidData, why);
-    let word = |bytes: &[u8], at: usize| {
-        let word = bytes.get(at..).and_then(|rest| rest.first_chunk::<4>()).copied().map(u32::from_le_bytes);
-        word.ok_or_else(|| no_capture("it ends too early"))
-    };
-    if !matches!(word(bytes, 0)?, 0xa1b2_c3d4 | 0xa1b2_3c4d) || word(bytes, 20)? != 1 {
-        return Err(no_capture("it is no little-endian pcap of Ethernet"));
+    match word(bytes, 0)? {
+        0x0a0d_0d0a if word(bytes, 8)? == 0x1a2b_3c4d => read_blocks(bytes),
+        0xa1b2_c3d4 | 0xa1b2_3c4d if word(bytes, 20)? == 1 => read_records(bytes),
+        _ => Err(no_capture("it is no little-endian capture of Ethernet")),
     }
+}
+
+fn read_records(bytes: &[u8]) -> io::Result<Vec<&[u8]>> {
     let mut rest = bytes.get(24..).unwrap_or_default();
     let mut frames = Vec::new();
     while !rest.is_empty() {
@@ -25,6 +25,34 @@ pub fn read(bytes: &[u8]) -> io::Result<Vec<&[u8]>> {
         rest = rest.get(end..).unwrap_or_default();
     }
     Ok(frames)
+}
+
+/// Blocks of pcapng: 1 describes an interface, 6 is a frame.
+fn read_blocks(mut rest: &[u8]) -> io::Result<Vec<&[u8]>> {
+    let (mut is_ethernet, mut frames) = (Vec::new(), Vec::new());
+    while !rest.is_empty() {
+        let (kind, length) = (word(rest, 0)?, word(rest, 4)? as usize);
+        let (block, behind) = rest.split_at_checked(length.max(12)).ok_or_else(|| no_capture("it ends within a block"))?;
+        match kind {
+            1 => is_ethernet.push(word(block, 8)? & 0xffff == 1),
+            6 if is_ethernet.get(word(block, 8)? as usize) == Some(&true) => {
+                let end = 28 + word(block, 20)? as usize;
+                frames.push(block.get(28..end).ok_or_else(|| no_capture("a frame is longer than its block"))?);
+            }
+            _ => {}
+        }
+        rest = behind;
+    }
+    Ok(frames)
+}
+
+fn no_capture(why: &str) -> io::Error {
+    io::Error::new(io::ErrorKind::InvalidData, why)
+}
+
+fn word(bytes: &[u8], at: usize) -> io::Result<u32> {
+    let word = bytes.get(at..).and_then(|rest| rest.first_chunk::<4>()).copied().map(u32::from_le_bytes);
+    word.ok_or_else(|| no_capture("it ends too early"))
 }
 
 /// A file of frames.

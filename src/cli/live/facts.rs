@@ -88,6 +88,7 @@ impl Facts<'_> {
         lines.extend(measures_text(self.measures));
         lines.extend(self.figure.map(|path| format!("figure    {}", path.display())));
         lines.extend(self.arguments.candump.as_ref().map(|path| format!("candump   {}", path.display())));
+        lines.extend(self.arguments.pcapng.as_ref().map(|path| format!("pcapng    {}", path.display())));
         lines.extend(self.kept.lines());
         lines
     }
@@ -133,6 +134,7 @@ impl Facts<'_> {
             "measures": self.measures,
             "figure": self.figure,
             "candump": self.arguments.candump,
+            "pcapng": self.arguments.pcapng,
             "recording": self.arguments.record,
             "recorded": self.kept.files_json(),
             "black_boxes": self.kept.black_boxes_json(),

@@ -78,6 +78,7 @@ fn check(arguments: &Arguments) -> Result<(), Failure> {
         ("--tui", arguments.tui),
         ("--fault", !arguments.fault.is_empty()),
         ("--candump", arguments.candump.is_some()),
+        ("--pcapng", arguments.pcapng.is_some()),
         ("--black-box", arguments.black_box.is_some()),
         ("--ignore-bus-budget", arguments.ignore_bus_budget),
     ];

@@ -64,6 +64,7 @@ impl Facts<'_> {
             "measures": self.report.measures,
             "figure": self.figure,
             "candump": arguments.candump,
+            "pcapng": arguments.pcapng,
             "recording": arguments.record,
             "recorded": self.kept.files_json(),
             "black_boxes": self.kept.black_boxes_json(),
@@ -128,6 +129,10 @@ impl Facts<'_> {
                 _ => buses.map(|((name, _), interface)| format!(", {interface} is {name}")).collect(),
             };
             lines.push(format!("candump   {}; time 0 of the scene is {start_s:.3} in it{named}", path.display()));
+        }
+        if let (Some(path), Some(start_s)) = (&arguments.pcapng, self.report.started_at_s) {
+            let start_s = start_s + LOG_STARTS_AT.as_secs_f64();
+            lines.push(format!("pcapng    {}; time 0 of the scene is {start_s:.3} in it", path.display()));
         }
         lines.extend(self.kept.lines());
         let told = self.report.emergencies.iter().map(|told| format!("emcy      {}", text(told, self.rig)));
