@@ -282,6 +282,11 @@ pub struct Row {
 }
 
 impl Row {
+    /// Whether a fault may show on some kind of bus.
+    pub fn brings(&self, fault: Fault) -> bool {
+        self.media.iter().any(|medium| self.expected_on(*medium).faults.contains(&fault))
+    }
+
     /// What has to follow on such a bus.
     pub fn expected_on(&self, medium: Medium) -> &Expected {
         self.on_ethercat.filter(|_| medium == Medium::Ethercat).unwrap_or(&self.expected)

@@ -30,6 +30,8 @@ pub enum Invariant {
     Reaction,
     /// At most one set-point a SYNC, none that is stale.
     FreshSetPoint,
+    /// On a segment nothing is taken for told that was not in the reply to the frame of its cycle.
+    FreshInput,
     /// The same seed twice gives the same.
     Repeatable,
     /// A counter that wraps changes nothing.
@@ -54,7 +56,7 @@ pub enum Invariant {
 
 impl Invariant {
     /// All of them.
-    pub const ALL: [Self; 22] = [
+    pub const ALL: [Self; 23] = [
         Self::MovesEnabled,
         Self::BoundedMotion,
         Self::BoundedEffort,
@@ -67,6 +69,7 @@ impl Invariant {
         Self::StaysLatched,
         Self::Reaction,
         Self::FreshSetPoint,
+        Self::FreshInput,
         Self::Repeatable,
         Self::WrappingCounters,
         Self::Together,
@@ -94,6 +97,7 @@ impl Invariant {
             Self::StaysLatched => "stays-latched",
             Self::Reaction => "reaction",
             Self::FreshSetPoint => "fresh-set-point",
+            Self::FreshInput => "fresh-input",
             Self::Repeatable => "repeatable",
             Self::WrappingCounters => "wrapping-counters",
             Self::Together => "together",
@@ -124,6 +128,7 @@ impl Invariant {
             Self::StaysLatched => "a latched state ends only by a reset",
             Self::Reaction => "a fault gets the reaction of its row within the row's bound",
             Self::FreshSetPoint => "at most one set-point a SYNC, and none that is stale",
+            Self::FreshInput => "what a drive has not told, or not taken, in a cycle is missed in it",
             Self::Repeatable => "the same seed gives the same run",
             Self::WrappingCounters => "a counter that wraps changes nothing",
             Self::Together => "all axes get the same reaction in the same cycle",

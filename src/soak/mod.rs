@@ -14,6 +14,7 @@ mod operator;
 mod report;
 mod script;
 mod seed;
+mod segment;
 mod session;
 mod shrink;
 mod store;
@@ -30,6 +31,7 @@ pub use observation::{Falsified, Observation, Reported, Sender, Setpoint, Sighti
 pub use report::{markdown, text};
 pub use script::Script;
 pub use seed::run_seed;
+pub use segment::{OnCable, OnCableAt};
 pub use session::{Course, End, Event, Play, play, play_watched};
 pub use store::{Store, StoreError};
 pub use tally::{FaultTally, InjectionTally, Latency, Outcome, Tally};

@@ -2,7 +2,7 @@
 
 use super::observation::Falsified;
 use crate::guard::Fault;
-use crate::injection::{Ending, Injection, Kind, Lasts, Recovery};
+use crate::injection::{Ending, Injection, Kind, Lasts, Medium, Recovery};
 
 /// Time in s for which what an injection falsified still shows after its end: the arm settles, the filter runs out.
 const LINGERS_S: f64 = 0.5;
@@ -70,7 +70,6 @@ pub(super) fn falsifies(kind: Kind) -> Falsified {
         | Kind::ConfigDrift
         | Kind::WrongNodeId
         | Kind::WrongBitRate => none,
-        // The soak has no rig on EtherCAT.
         Kind::FrameLost
         | Kind::FrameDelayed
         | Kind::FrameDuplicated
@@ -78,10 +77,9 @@ pub(super) fn falsifies(kind: Kind) -> Falsified {
         | Kind::FrameShort
         | Kind::FrameCorrupt
         | Kind::DeviceBypassed
-        | Kind::MailboxStuck
         | Kind::DeviceState
-        | Kind::ClockJump
-        | Kind::EmergencyInSdo => none,
+        | Kind::ClockJump => Falsified { drives: true, angles: true, force: true, ..none },
+        Kind::MailboxStuck | Kind::EmergencyInSdo => none,
     }
 }
 
@@ -90,12 +88,18 @@ pub(super) fn usual(kind: Kind, start_s: f64, period_s: f64) -> Injection {
     let injection = Injection::new(kind, start_s);
     let scale = period_s * 1e3;
     match kind {
-        Kind::SyncLate | Kind::ComputeLate | Kind::CycleOverrun => Injection {
+        Kind::SyncLate | Kind::ComputeLate | Kind::CycleOverrun | Kind::FrameDelayed => Injection {
             duration_s: injection.duration_s.map(|duration_s| duration_s * scale),
             size: injection.size * scale,
             ..injection
         },
-        Kind::Suspend | Kind::DriveWarning => {
+        Kind::Suspend
+        | Kind::DriveWarning
+        | Kind::FrameLost
+        | Kind::FrameDuplicated
+        | Kind::FrameForeign
+        | Kind::FrameShort
+        | Kind::FrameCorrupt => {
             Injection { duration_s: injection.duration_s.map(|duration_s| duration_s * scale), ..injection }
         }
         _ => injection,
@@ -152,6 +156,8 @@ pub(super) fn is_certain(kind: Kind) -> bool {
         | Kind::ComputeLate
         | Kind::CycleOverrun
         | Kind::MasterStopped
+        | Kind::FrameDelayed
+        | Kind::FrameCorrupt
         | Kind::EncoderOffset => false,
         _ => matches!(kind.row().expected.ending, Ending::Latched(_) | Ending::NotEnabled | Ending::DrivesStop),
     }
@@ -159,8 +165,14 @@ pub(super) fn is_certain(kind: Kind) -> bool {
 
 /// The fault of which the first cycle at or after the injection's start is the first observable sign. For all others
 /// the sign grows with the motion, or stands only in what the rig itself has counted.
-pub(super) fn shows_at_once(kind: Kind) -> &'static [Fault] {
+pub(super) fn shows_at_once(kind: Kind, medium: Medium) -> &'static [Fault] {
     match kind {
+        // Mailboxes and ports are looked at now and then, and what a device is without stays the same for a while.
+        Kind::NodeReset | Kind::Emergency if medium == Medium::Ethercat => &[],
+        Kind::DriveFault if medium == Medium::Ethercat => &[Fault::DriveFault],
+        Kind::FrameLost | Kind::FrameShort | Kind::DeviceBypassed => &[Fault::PdoMissed],
+        Kind::DeviceState => &[Fault::DeviceState],
+        Kind::FrameForeign => &[Fault::Intruder],
         Kind::SensorInvalid => &[Fault::SensorInvalid],
         Kind::SensorStale | Kind::SensorSilent => &[Fault::SensorStale, Fault::SensorLost],
         Kind::PdoLost => &[Fault::PdoMissed],

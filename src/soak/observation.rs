@@ -5,6 +5,7 @@
 
 use yieldwall_drives::cia402;
 
+use super::segment::OnCableAt;
 use crate::canopen::Frame;
 use crate::guard::{Fault, Request, State};
 
@@ -53,6 +54,10 @@ pub struct Reported {
     pub is_impact: bool,
     /// Whether the torques reached their limit, and it was drawn back.
     pub is_saturated: bool,
+    /// Whether it took process data of each drive for those of this cycle.
+    pub has_inputs: [bool; 2],
+    /// Whether it knew of each drive that it did not take what it was sent in the cycle before.
+    pub outputs_missed: [bool; 2],
 }
 
 /// What only a simulation knows, at the moment of the computation.
@@ -119,8 +124,10 @@ pub struct Observation {
     pub cause: Option<Fault>,
     /// Whether a cycle ran; if not, all but the frames and the truth is that of the last one.
     pub ran: bool,
-    /// All frames since the computation before: first the set-points of the cycle before, then SYNC and what follows.
+    /// All frames on CAN since the computation before: first the set-points of the cycle before, then SYNC and what follows.
     pub frames: Vec<Sighting>,
+    /// The same on the cable of a segment: the output frame of the cycle before, the input frame, and the replies.
+    pub on_cable: Vec<OnCableAt>,
     /// What the cycle says of itself.
     pub reported: Reported,
     /// What is true.
@@ -145,7 +152,12 @@ pub struct Setpoint {
 impl Setpoint {
     /// Decodes an RPDO of a drive; `None` for another length.
     pub fn decode(frame: &Frame) -> Option<Self> {
-        match *frame.data() {
+        Self::of(frame.data())
+    }
+
+    /// Decodes the process data for a drive; `None` for another length.
+    pub(super) fn of(data: &[u8]) -> Option<Self> {
+        match *data {
             [a, b, c, d] => {
                 Some(Self { controlword: u16::from_le_bytes([a, b]), target: i32::from(i16::from_le_bytes([c, d])) })
             }
@@ -179,7 +191,12 @@ pub struct Status {
 impl Status {
     /// Decodes a TPDO of a drive; `None` for another length.
     pub fn decode(frame: &Frame) -> Option<Self> {
-        let &[a, b, c, d, e, f] = frame.data() else { return None };
+        Self::of(frame.data())
+    }
+
+    /// Decodes the process data of a drive; `None` for another length.
+    pub(super) fn of(data: &[u8]) -> Option<Self> {
+        let &[a, b, c, d, e, f] = data else { return None };
         Some(Self { statusword: u16::from_le_bytes([a, b]), position: i32::from_le_bytes([c, d, e, f]) })
     }
 

@@ -6,7 +6,7 @@ use std::str::FromStr;
 use super::dice::{Dice, Purpose};
 use super::draw::Machine;
 use super::nature;
-use crate::injection::{CATALOGUE, Injection, Kind, Lasts, Medium, Target};
+use crate::injection::{CATALOGUE, Injection, Kind, Lasts, Target};
 
 /// One seed in so many brings what is there from switching on.
 const BOOT_EVERY: u64 = 10;
@@ -21,6 +21,8 @@ const FIRST_AFTER_S: f64 = 0.4;
 const APART_S: [f64; 2] = [0.9, 1.4];
 /// Time in s between faults of a tangle, on average.
 const TANGLE_APART_S: f64 = 0.25;
+/// Cycles by which a frame is late at most.
+const MOST_LATE_CYCLES: f64 = 2.5;
 /// Time in s that the end of the process takes with all that follows.
 const ENDING_S: f64 = 0.3;
 
@@ -41,46 +43,47 @@ impl Script {
         // The seeds of one rig are six apart: the choice below has to run over all of them.
         let turn = seed / super::RIGS.len() as u64;
         if seed % BOOT_EVERY == BOOT_EVERY - 1 {
-            let kinds: Vec<Kind> = kinds(nature::is_from_boot).collect();
+            let kinds: Vec<Kind> = kinds(machine, nature::is_from_boot).collect();
             let kind = kinds[(seed / BOOT_EVERY % kinds.len() as u64) as usize];
-            return Self { injections: vec![at(&mut dice, kind, 0.0)], is_tangle: false };
+            return Self { injections: vec![at(&mut dice, machine, kind, 0.0)], is_tangle: false };
         }
         let is_tangle = turn % TANGLE_EVERY == TANGLE_EVERY - 1;
         let mut injections =
-            if is_tangle { tangle(&mut dice, duration_s) } else { one_by_one(&mut dice, machine, duration_s) };
+            if is_tangle { tangle(&mut dice, machine, duration_s) } else { one_by_one(&mut dice, machine, duration_s) };
         if dice.chance(ENDING_SHARE) && duration_s > 2.0 * ENDING_S {
-            let ends: Vec<Kind> = kinds(nature::is_last).collect();
+            let ends: Vec<Kind> = kinds(machine, nature::is_last).collect();
             let from_s = duration_s - ENDING_S;
             injections.retain(|injection| nature::settled_s(injection) < from_s || is_tangle);
             let kind = dice.one_of(&ends);
-            injections.push(at(&mut dice, kind, from_s));
+            injections.push(at(&mut dice, machine, kind, from_s));
         }
         Self { injections, is_tangle }
     }
 }
 
-fn kinds(belongs: impl Fn(Kind) -> bool) -> impl Iterator<Item = Kind> {
-    let on_can = CATALOGUE.iter().filter(|row| row.media.contains(&Medium::Can));
-    on_can.map(|row| row.kind).filter(move |kind| belongs(*kind))
+/// Those that mean something on the buses of a machine.
+fn kinds(machine: &Machine, belongs: impl Fn(Kind) -> bool) -> impl Iterator<Item = Kind> {
+    let all = CATALOGUE.iter().map(|row| row.kind);
+    all.filter(|kind| !machine.targets(*kind).is_empty()).filter(move |kind| belongs(*kind))
 }
 
-fn at(dice: &mut Dice, kind: Kind, start_s: f64) -> Injection {
-    Injection::new(kind, start_s).on(dice.one_of(kind.row().targets))
+fn at(dice: &mut Dice, machine: &Machine, kind: Kind, start_s: f64) -> Injection {
+    Injection::new(kind, start_s).on(dice.one_of(&machine.targets(kind)))
 }
 
 /// One fault after the other, each with time to come back from it. A deck without the same kind twice, so that all come.
 fn one_by_one(dice: &mut Dice, machine: &Machine, duration_s: f64) -> Vec<Injection> {
-    let mut deck: Vec<Kind> = kinds(|kind| !nature::is_from_boot(kind) && !nature::is_last(kind)).collect();
+    let mut deck: Vec<Kind> = kinds(machine, |kind| !nature::is_from_boot(kind) && !nature::is_last(kind)).collect();
     let mut injections = Vec::new();
     let mut time_s = FIRST_AFTER_S + dice.between(0.0, 0.3);
     while !deck.is_empty() {
         let kind = deck.swap_remove(dice.whole(0, deck.len() as u32 - 1) as usize);
-        let target = dice.one_of(kind.row().targets);
+        let target = dice.one_of(&machine.targets(kind));
         let mut injection = nature::usual(kind, time_s, machine.period_s()).on(target);
         if dice.chance(0.3) {
             vary(dice, &mut injection);
         }
-        choose_moment(dice, &mut injection);
+        choose_moment(dice, machine, &mut injection);
         let end_s = if injection.end_s().is_finite() { injection.end_s() } else { time_s };
         if end_s + APART_S[0] > duration_s {
             if time_s + APART_S[1] > duration_s {
@@ -94,15 +97,15 @@ fn one_by_one(dice: &mut Dice, machine: &Machine, duration_s: f64) -> Vec<Inject
     injections
 }
 
-fn tangle(dice: &mut Dice, duration_s: f64) -> Vec<Injection> {
-    let deck: Vec<Kind> = kinds(|kind| !nature::is_from_boot(kind) && !nature::is_last(kind)).collect();
+fn tangle(dice: &mut Dice, machine: &Machine, duration_s: f64) -> Vec<Injection> {
+    let deck: Vec<Kind> = kinds(machine, |kind| !nature::is_from_boot(kind) && !nature::is_last(kind)).collect();
     let mut injections = Vec::new();
     let mut time_s = FIRST_AFTER_S;
     while time_s < duration_s {
         let kind = dice.one_of(&deck);
-        let mut injection = at(dice, kind, time_s);
+        let mut injection = at(dice, machine, kind, time_s);
         vary(dice, &mut injection);
-        choose_moment(dice, &mut injection);
+        choose_moment(dice, machine, &mut injection);
         injections.push(injection);
         // A burst now and then, else a pause in which the rig can come back.
         time_s += if dice.chance(0.3) { dice.between(0.5, 1.5) } else { dice.between(0.0, 2.0 * TANGLE_APART_S) };
@@ -124,8 +127,11 @@ fn vary(dice: &mut Dice, injection: &mut Injection) {
     }
 }
 
-/// Any moment of the cycle, where the size says which.
-fn choose_moment(dice: &mut Dice, injection: &mut Injection) {
+/// Any moment of the cycle, where the size says which; and half of the frames that are late are so by up to some cycles.
+fn choose_moment(dice: &mut Dice, machine: &Machine, injection: &mut Injection) {
+    if injection.kind == Kind::FrameDelayed && dice.chance(0.5) {
+        injection.size = dice.between(0.1, MOST_LATE_CYCLES) * machine.period_s();
+    }
     if let (true, Some(size)) = (nature::is_at_any_moment(injection.kind), injection.kind.row().size) {
         injection.size = dice.between(size.least, size.most);
     }
@@ -152,7 +158,7 @@ impl fmt::Display for Script {
 impl FromStr for Script {
     type Err = String;
 
-    /// Reads what [`Script`] prints; faults one by one.
+    /// Reads what [`Script`] prints; faults one by one. Whether they mean something on the buses of a rig is not asked.
     fn from_str(text: &str) -> Result<Self, String> {
         let injections = text.split(',').filter(|part| !part.is_empty()).map(parse).collect::<Result<_, _>>()?;
         Ok(Self { injections, is_tangle: false })
@@ -196,11 +202,12 @@ mod tests {
                 let read: Script =
                     Script { injections: vec![injection], is_tangle: false }.to_string().parse().unwrap();
                 assert_eq!(read.injections, [injection], "seed {seed}");
-                injection.check().unwrap_or_else(|error| panic!("seed {seed}: {error}"));
+                let medium = machine.rig.medium(&injection);
+                injection.check_on(medium).unwrap_or_else(|error| panic!("seed {seed}: {error}"));
                 *drawn.entry(injection.kind.row().name).or_default() += 1;
             }
         }
-        for row in CATALOGUE.iter().filter(|row| row.media.contains(&Medium::Can)) {
+        for row in &CATALOGUE {
             let times = drawn.get(row.name).copied().unwrap_or_default();
             assert!(times >= 2, "{} is drawn {times} times", row.name);
         }

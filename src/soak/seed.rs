@@ -36,7 +36,7 @@ pub fn run_seed(shipped: &Shipped, seed: u64, cycles: u32, script: Option<&Scrip
     let replay = violations.first().map(|first| shrink(&machine, &script, seed, cycles, first));
     Outcome {
         seed,
-        rig: machine.file.to_owned(),
+        rig: machine.title(),
         asked: cycles,
         end: played.end,
         cycles: played.cycles,

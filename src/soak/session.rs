@@ -15,9 +15,10 @@ use super::invariant::{Invariant, Violation};
 use super::nature;
 use super::observation::{Falsified, Observation, Reported, Sender, Sighting, Truth};
 use super::operator::{Act, Operator};
+use super::segment::{OnCable, OnCableAt, Segment};
 use super::tolerance;
 use crate::guard::fault::TABLE;
-use crate::guard::{Fault, Request, State};
+use crate::guard::{Device, Fault, Request, State};
 use crate::injection::Injection;
 use crate::link::Packet;
 use crate::record::CycleRecord;
@@ -146,6 +147,19 @@ impl Mark {
             self.word(sighting.frame.bits());
             self.word(u64::from(sighting.frame.id()) | u64::from(sighting.sender.is_some()) << 16);
         }
+        for passed in &seen.on_cable {
+            self.word(passed.time_ns);
+            match passed.what {
+                OnCable::Open => self.word(0),
+                OnCable::Outputs(told) => told.into_iter().flatten().for_each(|told| {
+                    self.word(u64::from(told.controlword) << 32 | u64::from(told.target as u32));
+                }),
+                OnCable::Inputs(told) => told.into_iter().flatten().for_each(|told| {
+                    self.word(u64::from(told.statusword) << 32 | u64::from(told.position as u32));
+                }),
+                OnCable::Taken(taken) => self.word(1 + taken.map(u64::from).into_iter().sum::<u64>()),
+            }
+        }
         let Reported { force_n, proxy_m, target_rad, measured_rad, .. } = seen.reported;
         for pair in [force_n, proxy_m, target_rad, measured_rad, seen.truth.tool_m, seen.truth.torques_n_m] {
             self.pair(pair);
@@ -190,6 +204,7 @@ pub fn play_watched(course: &Course<'_>, watch: impl FnMut(&Observation)) -> Pla
 struct Run<'a> {
     course: &'a Course<'a>,
     sightings: Arc<Mutex<Vec<Sighting>>>,
+    on_cable: Arc<Mutex<Vec<OnCableAt>>>,
     record: Arc<Mutex<Option<CycleRecord>>>,
     seen: Observation,
     checker: Checker,
@@ -216,6 +231,7 @@ impl<'a> Run<'a> {
         Self {
             course,
             sightings: Arc::default(),
+            on_cable: Arc::default(),
             record: Arc::default(),
             seen: Observation {
                 cycle: 0,
@@ -224,6 +240,7 @@ impl<'a> Run<'a> {
                 state: State::Idle,
                 cause: None,
                 frames: Vec::with_capacity(64),
+                on_cable: Vec::with_capacity(8),
                 reported: Reported::default(),
                 truth: Truth {
                     angles_rad: zero,
@@ -397,10 +414,18 @@ impl<'a> Run<'a> {
                 sightings.push(Sighting { time_ns: passage.time.0, sender: Some(sender), frame: passage.sent });
             }
         }));
-        let arrivals = Arc::clone(&self.sightings);
-        machine.set_tap(Box::new(move |time, packet| {
-            if let (Packet::Can(frame), Ok(mut sightings)) = (packet, arrivals.lock()) {
-                sightings.push(Sighting { time_ns: time.0, sender: None, frame: *frame });
+        let (arrivals, on_cable) = (Arc::clone(&self.sightings), Arc::clone(&self.on_cable));
+        let mut segment = Segment::default();
+        machine.set_tap(Box::new(move |time, packet| match packet {
+            Packet::Can(frame) => {
+                if let Ok(mut sightings) = arrivals.lock() {
+                    sightings.push(Sighting { time_ns: time.0, sender: None, frame: *frame });
+                }
+            }
+            Packet::Ethernet { bytes, .. } => {
+                if let (Some(what), Ok(mut on_cable)) = (segment.see(bytes), on_cable.lock()) {
+                    on_cable.push(OnCableAt { time_ns: time.0, what });
+                }
             }
         }));
         let record = Arc::clone(&self.record);
@@ -414,6 +439,9 @@ impl<'a> Run<'a> {
     fn clear_frames(&self) {
         if let Ok(mut sightings) = self.sightings.lock() {
             sightings.clear();
+        }
+        if let Ok(mut on_cable) = self.on_cable.lock() {
+            on_cable.clear();
         }
     }
 
@@ -489,6 +517,10 @@ impl<'a> Run<'a> {
         if let Ok(mut sightings) = self.sightings.lock() {
             std::mem::swap(&mut seen.frames, &mut sightings);
         }
+        seen.on_cable.clear();
+        if let Ok(mut on_cable) = self.on_cable.lock() {
+            std::mem::swap(&mut seen.on_cable, &mut on_cable);
+        }
         let record = self.record.lock().ok().and_then(|mut record| record.take());
         seen.ran = record.is_some();
         seen.sync_ns = grid_ns;
@@ -504,6 +536,9 @@ impl<'a> Run<'a> {
                 hold_counter: signals.hold_counter,
                 is_impact: signals.is_impact,
                 is_saturated: signals.is_saturated,
+                has_inputs: record.inputs.drives.map(|drive| drive.angle_rad.is_some()),
+                outputs_missed: [Device::LeftDrive, Device::RightDrive]
+                    .map(|drive| record.inputs.link.outputs_missed.contains(drive.set())),
             };
         }
         let truth = machine.body_truth();

@@ -9,7 +9,7 @@ use super::invariant::Violation;
 use super::session::End;
 use super::verdict::{Followed, Seen};
 use crate::guard::fault::TABLE;
-use crate::injection::{CATALOGUE, Medium};
+use crate::injection::CATALOGUE;
 
 /// What one seed gave, as it stands in a line of the results file.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -171,13 +171,12 @@ impl Tally {
     /// Kinds of injection that never met a rig that ran.
     pub fn missed_injections(&self) -> Vec<&'static str> {
         let hit = |name: &str| self.injections.get(name).is_some_and(|tally| tally.hits > 0);
-        let on_can = CATALOGUE.iter().filter(|row| row.media.contains(&Medium::Can));
-        on_can.map(|row| row.name).filter(|name| !hit(name)).collect()
+        CATALOGUE.iter().map(|row| row.name).filter(|name| !hit(name)).collect()
     }
 
     /// Faults that never showed, among those that an injection is known to bring about.
     pub fn missed_faults(&self) -> Vec<&'static str> {
-        let is_injected = |fault| CATALOGUE.iter().any(|row| row.expected.faults.contains(&fault));
+        let is_injected = |fault| CATALOGUE.iter().any(|row| row.brings(fault));
         let has_shown =
             |name: &str| self.faults.get(name).is_some_and(|tally| tally.shown > 0 || !tally.reactions.is_empty());
         let rows = TABLE.iter().filter(|row| is_injected(row.fault));

@@ -15,7 +15,7 @@ use super::session::{End, Event, Play};
 use super::tolerance;
 use crate::guard::fault::Stage;
 use crate::guard::{Fault, Reaction, State};
-use crate::injection::{Ending, Injection, Kind, Target};
+use crate::injection::{Ending, Injection, Kind, Medium, Target};
 use clock::{Clock, HAND_FAULTS};
 
 /// Cycles per reaction to a hand alone, on average over a run, below which it is a false alarm that comes all the time.
@@ -96,7 +96,7 @@ pub(super) fn judge(machine: &Machine, script: &Script, play: &Play) -> Verdict 
         return verdict;
     }
     verdict.faults = refusals;
-    attribute(&clock, script, play, &mut verdict);
+    attribute(machine, &clock, script, play, &mut verdict);
     verdict
 }
 
@@ -154,7 +154,7 @@ fn state_at(play: &Play, clock: &Clock, time_s: f64) -> Option<State> {
     before.last().map(|event| event.to)
 }
 
-fn attribute(clock: &Clock, script: &Script, play: &Play, verdict: &mut Verdict) {
+fn attribute(machine: &Machine, clock: &Clock, script: &Script, play: &Play, verdict: &mut Verdict) {
     if let [injection] = script.injections.as_slice()
         && nature::is_from_boot(injection.kind)
     {
@@ -176,7 +176,8 @@ fn attribute(clock: &Clock, script: &Script, play: &Play, verdict: &mut Verdict)
         let from = injection.start_s - 0.5 * clock.period_s;
         let window: Vec<&Event> =
             play.events.iter().filter(|event| (from..until).contains(&clock.time_s(event))).collect();
-        judge_window(clock, injection, &script.injections[..at], &window, play, verdict);
+        let wanted = Wanted::of(machine, injection);
+        judge_window((clock, &wanted), injection, &script.injections[..at], &window, play, verdict);
     }
     let alone = verdict.faults.iter().filter(|seen| HAND_FAULTS.iter().any(|fault| fault.row().name == seen.name));
     let alone = alone.count();
@@ -209,8 +210,28 @@ fn seen(fault: Fault, reaction: Reaction, measured: Option<(u32, u32)>) -> Seen 
     }
 }
 
+/// What has to follow from an injection on a machine: on buses of both kinds, what follows on one of them.
+struct Wanted {
+    faults: Vec<Fault>,
+    endings: Vec<Ending>,
+    medium: Medium,
+}
+
+impl Wanted {
+    fn of(machine: &Machine, injection: &Injection) -> Self {
+        let row = injection.kind.row();
+        let each = machine.rig.media(injection).map(|medium| row.expected_on(medium));
+        let (mut faults, mut endings) = (Vec::new(), Vec::new());
+        for expected in each {
+            faults.extend_from_slice(expected.faults);
+            endings.push(expected.ending);
+        }
+        Self { faults, endings, medium: machine.rig.medium(injection) }
+    }
+}
+
 fn judge_window(
-    clock: &Clock,
+    (clock, wanted): (&Clock, &Wanted),
     injection: &Injection,
     earlier: &[Injection],
     window: &[&Event],
@@ -219,13 +240,12 @@ fn judge_window(
 ) {
     let row = injection.kind.row();
     let met_running = state_at(play, clock, injection.start_s) == Some(State::Running);
-    let expected = row.expected;
     let usual = nature::usual(injection.kind, injection.start_s, clock.period_s).on(injection.target);
     let usual = if nature::is_at_any_moment(injection.kind) { usual.sized(injection.size) } else { usual };
     let is_usual = usual == *injection;
     let mut latched = None;
-    let mut has_expected = expected.faults.is_empty();
-    let at_once = nature::shows_at_once(injection.kind);
+    let mut has_expected = wanted.faults.is_empty();
+    let at_once = nature::shows_at_once(injection.kind, wanted.medium);
     for event in window {
         let (Some(fault), Some(reaction)) = (event.cause, reaction_of(event)) else {
             if event.to.is_latched() && latched.is_none() {
@@ -237,10 +257,10 @@ fn judge_window(
             latched = Some(event.to);
         }
         // The same error, twice as large.
-        let is_worse = fault == Fault::Runaway && expected.faults.contains(&Fault::FollowingError);
+        let is_worse = fault == Fault::Runaway && wanted.faults.contains(&Fault::FollowingError);
         // A hand that is out of bounds may load the arm beyond what its torques explain.
         let is_forced = fault == Fault::ForceImplausible && injection.target == Target::Hand;
-        let is_expected = expected.faults.contains(&fault) || is_worse || is_forced;
+        let is_expected = wanted.faults.contains(&fault) || is_worse || is_forced;
         has_expected |= is_expected;
         if met_running && is_usual && !is_expected {
             let is_filled = clock.has_been_filled(event, fault, reaction, earlier);
@@ -253,7 +273,7 @@ fn judge_window(
         let is_first = window.iter().position(|other| other.cause == event.cause && other.to == event.to)
             == window.iter().position(|other| std::ptr::eq(*other, *event));
         let mut measured = (met_running && is_first && at_once.contains(&fault))
-            .then(|| measure(clock, injection, event, fault, reaction))
+            .then(|| measure((clock, wanted), injection, event, fault, reaction))
             .flatten();
         if let Some((cycles, bound)) = measured
             && cycles > bound
@@ -269,15 +289,16 @@ fn judge_window(
         }
         verdict.faults.push(seen(fault, reaction, measured));
     }
-    let ends = match expected.ending {
+    let ends = wanted.endings.iter().any(|ending| match ending {
         Ending::GoesOn => latched.is_none(),
         Ending::Latched(states) => latched.is_some_and(|state| states.contains(&state)),
         Ending::NotEnabled => true,
         Ending::DrivesStop => play.end == End::MasterGone,
-    };
-    let as_expected = (met_running && is_usual).then_some(ends && (has_expected || expected.ending == Ending::GoesOn));
+    });
+    let goes_on = wanted.endings == [Ending::GoesOn];
+    let as_expected = (met_running && is_usual).then_some(ends && (has_expected || goes_on));
     let fails = as_expected == Some(false) && nature::is_certain(injection.kind);
-    let pre_empted = pre_empted(clock, injection, window).filter(|_| fails);
+    let pre_empted = pre_empted(clock, injection, wanted, window).filter(|_| fails);
     if let Some(excuse) = pre_empted {
         verdict.excused.note(Invariant::Reaction, excuse);
     }
@@ -288,8 +309,8 @@ fn judge_window(
             row.name,
             injection.target.name(),
             injection.start_s,
-            expected.ending,
-            expected.faults.iter().map(|fault| fault.row().name).collect::<Vec<_>>(),
+            wanted.endings,
+            wanted.faults.iter().map(|fault| fault.row().name).collect::<Vec<_>>(),
             window.iter().map(|event| (event.to, event.cause.map(|fault| fault.row().name))).collect::<Vec<_>>(),
         );
         let cycle = ((injection.start_s + clock.scene_from_ns as f64 * 1e-9) / clock.period_s) as u32;
@@ -301,8 +322,8 @@ fn judge_window(
 }
 
 /// Why the rig stopped by something else before the injection had to show, if it did: it then ends where that leads.
-fn pre_empted(clock: &Clock, injection: &Injection, window: &[&Event]) -> Option<Excuse> {
-    let faults = injection.kind.row().expected.faults;
+fn pre_empted(clock: &Clock, injection: &Injection, wanted: &Wanted, window: &[&Event]) -> Option<Excuse> {
+    let faults = &wanted.faults;
     let bounds = faults.iter().flat_map(|fault| fault.row().steps).map(|step| clock.cycles(step.bound));
     let due_s = injection.start_s + f64::from(bounds.max()?) * clock.period_s;
     let first = window.iter().find(|event| event.from == State::Running && event.cause.is_some())?;
@@ -312,7 +333,7 @@ fn pre_empted(clock: &Clock, injection: &Injection, window: &[&Event]) -> Option
 
 /// Cycles from the first cycle at or after the injection's start to the event, and the bound of the row's step.
 fn measure(
-    clock: &Clock,
+    (clock, wanted): (&Clock, &Wanted),
     injection: &Injection,
     event: &Event,
     fault: Fault,
@@ -325,7 +346,9 @@ fn measure(
     let since = (clock.time_s(event) - injection.start_s) / clock.period_s;
     // The cycle that begins with the injection is the first.
     let cycles = (since + 1e-6).floor().max(0.0) as u32 + 1;
-    Some((cycles, clock.cycles(step.bound)))
+    // What a cycle reads of a device on a segment was taken before the cycle began.
+    let before = u32::from(wanted.medium == Medium::Ethercat);
+    Some((cycles, clock.cycles(step.bound) + before))
 }
 
 fn judge_boot(injection: &Injection, play: &Play, verdict: &mut Verdict) {

@@ -3,6 +3,7 @@
 use super::super::excuse::Excuse;
 use super::super::invariant::Invariant;
 use super::super::observation::{Observation, Sender, Setpoint, Sighting, Status};
+use super::super::segment::OnCable;
 use super::super::tolerance;
 use super::{Findings, Limits, Peaks};
 use crate::config::CommandMode;
@@ -71,6 +72,10 @@ pub(super) struct Frames {
     bits: u64,
     /// Cycle of that SYNC, ns.
     synced_ns: Option<u64>,
+    /// On a segment, of the output frame that left last: whether each drive has taken it, once it is back.
+    taken: Option<[bool; 2]>,
+    /// Drives that had not when the next cycle began.
+    missed: [bool; 2],
 }
 
 impl Frames {
@@ -83,6 +88,9 @@ impl Frames {
         findings: &mut Findings<'_>,
     ) {
         self.is_fresh = self.watch(limits, seen, peaks, findings);
+        if limits.is_on_segment {
+            self.check_inputs(seen, findings);
+        }
         self.known = self.told;
         self.computed_ns = seen.sync_ns;
         self.note_requests(seen);
@@ -106,36 +114,15 @@ impl Frames {
             }
             self.watch_strangers(limits, seen, sighting, findings);
             if is_ours && frame.id() == SYNC {
-                let sent = std::mem::take(&mut self.sent);
-                self.end_of_epoch(limits, seen, &sent, findings);
+                if !limits.is_on_segment {
+                    self.end_of_epoch(limits, seen, findings);
+                }
                 self.check_load(limits, seen, peaks, findings);
                 is_after_sync = true;
             }
             for (joint, has_told) in has_told.iter_mut().enumerate() {
                 if is_ours && frame.id() == limits.set_point_ids[joint] {
-                    let is_false = seen.falsified.timing || seen.falsified.link;
-                    findings.expect_unless(
-                        Invariant::FreshSetPoint,
-                        !is_after_sync,
-                        is_false.then_some(Excuse::Falsified),
-                        || format!("the set-point {:?} of the cycle before came after SYNC", Setpoint::decode(frame)),
-                    );
-                    findings.expect(
-                        Invariant::FreshSetPoint,
-                        self.sent[joint].is_none_or(|sent| sent.has_waited),
-                        || format!("two set-points for joint {joint} before one SYNC"),
-                    );
-                    let is_kept = is_after_sync || (self.had_gap[joint] && seen.falsified.link);
-                    self.sent[joint] = Setpoint::decode(frame).map(|setpoint| Sent {
-                        setpoint,
-                        known: self.known,
-                        known_also: self.told_also,
-                        is_fresh: self.is_fresh[joint],
-                        is_permitted: self.is_permitted,
-                        computed_ns: if is_kept { self.before_ns } else { self.computed_ns },
-                        is_kept,
-                        has_waited: false,
-                    });
+                    self.note_set_point(seen, joint, Setpoint::decode(frame), is_after_sync, findings);
                 }
                 if sighting.sender.is_none()
                     && frame.id() == limits.status_ids[joint]
@@ -151,10 +138,102 @@ impl Frames {
                 }
             }
         }
+        if limits.is_on_segment {
+            (is_after_sync, has_told) = self.watch_cable(limits, seen, peaks, findings);
+        }
         if !is_after_sync {
             self.sent.iter_mut().flatten().for_each(|sent| sent.has_waited = true);
         }
         has_told
+    }
+
+    /// The same on the cable of a segment: whether a cycle has begun, and which joints have told something since.
+    fn watch_cable(
+        &mut self,
+        limits: &Limits,
+        seen: &Observation,
+        peaks: &mut Peaks,
+        findings: &mut Findings<'_>,
+    ) -> (bool, [bool; 2]) {
+        let (mut has_begun, mut has_told) = (false, [false; 2]);
+        for passed in &seen.on_cable {
+            match passed.what {
+                OnCable::Open => {
+                    self.end_of_epoch(limits, seen, findings);
+                    self.note_not_taken();
+                    has_begun = true;
+                }
+                OnCable::Outputs(told) => {
+                    self.taken = Some([false; 2]);
+                    for (joint, setpoint) in told.into_iter().enumerate() {
+                        self.note_set_point(seen, joint, setpoint, has_begun, findings);
+                    }
+                }
+                OnCable::Taken(taken) => self.taken = self.taken.map(|_| taken),
+                // What comes when the cycle is over is not used, and neither is what comes again.
+                OnCable::Inputs(told) if has_begun && has_told == [false; 2] => {
+                    has_told = told.map(|status| status.is_some());
+                    for (joint, status) in told.into_iter().enumerate() {
+                        let Some(status) = status else { continue };
+                        self.note_wrap(joint, &status, peaks);
+                        (self.told[joint], self.told_also[joint]) = (Some(status), None);
+                    }
+                }
+                OnCable::Inputs(_) => {}
+            }
+        }
+        // The input frame did not leave, and the cycle ran all the same.
+        if !has_begun && seen.ran {
+            self.note_not_taken();
+        }
+        (has_begun, has_told)
+    }
+
+    /// What drives have not taken of the output frame by now they do not take any more.
+    fn note_not_taken(&mut self) {
+        self.missed = self.taken.take().map_or([false; 2], |taken| taken.map(|is_taken| !is_taken));
+    }
+
+    /// fresh-input.
+    fn check_inputs(&self, seen: &Observation, findings: &mut Findings<'_>) {
+        let reported = &seen.reported;
+        for joint in 0..2 {
+            findings.expect(Invariant::FreshInput, self.is_fresh[joint] || !reported.has_inputs[joint], || {
+                format!("the drive of joint {joint} told nothing in this cycle, and something was taken for it")
+            });
+            findings.expect(Invariant::FreshInput, !self.missed[joint] || reported.outputs_missed[joint], || {
+                format!("the drive of joint {joint} did not take its outputs, and that was not missed")
+            });
+        }
+    }
+
+    /// A set-point leaves.
+    fn note_set_point(
+        &mut self,
+        seen: &Observation,
+        joint: usize,
+        setpoint: Option<Setpoint>,
+        is_after_sync: bool,
+        findings: &mut Findings<'_>,
+    ) {
+        let is_false = seen.falsified.timing || seen.falsified.link;
+        findings.expect_unless(Invariant::FreshSetPoint, !is_after_sync, is_false.then_some(Excuse::Falsified), || {
+            format!("the set-point {setpoint:?} of the cycle before came after SYNC")
+        });
+        findings.expect(Invariant::FreshSetPoint, self.sent[joint].is_none_or(|sent| sent.has_waited), || {
+            format!("two set-points for joint {joint} before one SYNC")
+        });
+        let is_kept = is_after_sync || (self.had_gap[joint] && seen.falsified.link);
+        self.sent[joint] = setpoint.map(|setpoint| Sent {
+            setpoint,
+            known: self.known,
+            known_also: self.told_also,
+            is_fresh: self.is_fresh[joint],
+            is_permitted: self.is_permitted,
+            computed_ns: if is_kept { self.before_ns } else { self.computed_ns },
+            is_kept,
+            has_waited: false,
+        });
     }
 
     /// foreign-set-point. Of what ends after SYNC was due, the master knows nothing when it sends it.
@@ -241,13 +320,8 @@ impl Frames {
     }
 
     /// All set-points between two SYNCs are in: those of the computation before.
-    fn end_of_epoch(
-        &mut self,
-        limits: &Limits,
-        seen: &Observation,
-        sent: &[Option<Sent>; 2],
-        findings: &mut Findings<'_>,
-    ) {
+    fn end_of_epoch(&mut self, limits: &Limits, seen: &Observation, findings: &mut Findings<'_>) {
+        let sent = std::mem::take(&mut self.sent);
         let commanded = sent.map(|sent| sent.is_some_and(|sent| sent.setpoint.enables()));
         let is_moving = commanded == [true; 2] && sent.iter().flatten().all(Sent::was_told_both_enabled);
         for (joint, sent) in sent.iter().enumerate() {
@@ -269,7 +343,8 @@ impl Frames {
         }
         // together: what moves both may end only for both.
         if self.were_moving && !is_moving {
-            let excuse = seen.falsified.link.then_some(Excuse::Falsified);
+            // The output frame of a segment is one for both.
+            let excuse = (seen.falsified.link && !limits.is_on_segment).then_some(Excuse::Falsified);
             findings.expect_unless(Invariant::Together, commanded[0] == commanded[1], excuse, || {
                 format!(
                     "the set-points after a common motion were {:x?}",

@@ -26,9 +26,11 @@ pub struct Limits {
     pub period_s: f64,
     /// What is sent to the drives.
     pub mode: config::CommandMode,
-    /// COB-IDs of the drives' set-points.
+    /// Whether the drives are on an EtherCAT segment.
+    pub is_on_segment: bool,
+    /// COB-IDs of the drives' set-points; on a segment those of no node.
     pub set_point_ids: [u16; 2],
-    /// COB-IDs of what the drives tell.
+    /// COB-IDs of what the drives tell, likewise.
     pub status_ids: [u16; 2],
     /// Counts per rad.
     pub counts_per_rad: [f64; 2],
@@ -74,6 +76,7 @@ impl Limits {
         Self {
             period_s: f64::from(rig.cycle.period_us) * 1e-6,
             mode: rig.rig.command_mode,
+            is_on_segment: rig.has_drives_on_ethercat(),
             set_point_ids: [
                 0x200 + u16::from(left.address.node_id().unwrap_or_default()),
                 0x200 + u16::from(right.address.node_id().unwrap_or_default()),

@@ -4,9 +4,11 @@ use super::super::draw::{Machine, Shipped};
 use super::super::excuse::Excuse;
 use super::super::invariant::{Invariant, Violation};
 use super::super::observation::{Observation, Sender, Sighting};
+use super::super::segment::OnCable;
 use super::super::session::{Course, play_watched};
 use super::{Checker, Limits};
 use crate::canopen::Frame;
+use crate::config::Rig;
 use crate::elementary;
 use crate::guard::{Request, State};
 
@@ -21,10 +23,15 @@ struct Run {
 
 /// Runs the rig of `file`; the seed is one whose hand keeps the proxy moving.
 fn sound(file: &str) -> Run {
+    sound_on(file, |rig| !Rig::is_on_ethercat(rig))
+}
+
+/// The same on buses of a kind.
+fn sound_on(file: &str, is_meant: impl Fn(&Rig) -> bool) -> Run {
     let shipped = Shipped::load().unwrap();
-    let seed = (0..60).find(|seed| {
+    let seed = (0..200).find(|seed| {
         let machine = Machine::draw(&shipped, *seed);
-        machine.file == file && machine.rig.fixture.hold_steps == 0
+        machine.file == file && machine.rig.fixture.hold_steps == 0 && is_meant(&machine.rig)
     });
     let seed = seed.unwrap();
     let machine = Machine::draw(&shipped, seed);
@@ -132,7 +139,74 @@ fn expect_found(run: &Run, invariant: Invariant, cycle: usize) {
 fn a_sound_run_has_no_violation() {
     for file in super::super::RIGS {
         assert_eq!(sound(file).found(), []);
+        assert_eq!(sound_on(file, Rig::is_on_ethercat).found(), []);
     }
+}
+
+/// The torque rig on EtherCAT.
+fn on_cable() -> Run {
+    sound_on("paper-admittance.yaml", Rig::is_on_ethercat)
+}
+
+impl Run {
+    /// What passed on the cable in cycle `at`, changed.
+    fn change_on_cable(&mut self, at: usize, change: impl Fn(&mut OnCable)) {
+        self.seen[at].on_cable.iter_mut().for_each(|passed| change(&mut passed.what));
+    }
+}
+
+#[test]
+fn on_a_cable_a_torque_for_a_drive_that_is_not_enabled() {
+    let mut run = on_cable();
+    let at = run.moving();
+    run.change_on_cable(at, |what| {
+        if let OnCable::Inputs([Some(left), _]) = what {
+            left.statusword = 0x1633;
+        }
+    });
+    expect_found(&run, Invariant::MovesEnabled, at + 1);
+}
+
+#[test]
+fn on_a_cable_one_axis_goes_on_alone() {
+    let mut run = on_cable();
+    let at = run.moving();
+    run.change_on_cable(at, |what| {
+        if let OnCable::Outputs([_, Some(right)]) = what {
+            right.controlword = 0x02;
+        }
+    });
+    expect_found(&run, Invariant::Together, at);
+}
+
+#[test]
+fn on_a_cable_an_input_that_did_not_come_and_outputs_that_were_not_taken() {
+    let doctored = |change: fn(&mut OnCable)| {
+        let mut run = on_cable();
+        let at = run.moving();
+        run.change_on_cable(at, change);
+        expect_found(&run, Invariant::FreshInput, at);
+    };
+    doctored(|what| {
+        if let OnCable::Inputs([_, right]) = what {
+            *right = None;
+        }
+    });
+    doctored(|what| {
+        if let OnCable::Taken([left, _]) = what {
+            *left = false;
+        }
+    });
+}
+
+#[test]
+fn on_a_cable_nothing_is_enabled_that_nobody_has_asked_for() {
+    let mut run = on_cable();
+    let at = run.running();
+    run.seen.iter_mut().for_each(|seen| seen.request = Request::None);
+    let found = run.found();
+    let is_early = |found: &&Violation| found.invariant == Invariant::AskedFor && found.cycle <= run.seen[at].cycle;
+    assert!(found.iter().any(|found| is_early(&found)), "{found:?}");
 }
 
 #[test]

@@ -6,6 +6,7 @@ mod hand;
 mod rig;
 
 use crate::config::{self, Report, Source};
+use crate::injection::{Injection, Kind, Target};
 
 use super::dice::{Dice, Purpose};
 
@@ -19,10 +20,28 @@ pub const RIGS: [&str; 6] = [
     "paper-admittance-4ms.yaml",
 ];
 
+/// Rigs whose buses and devices the others can have instead of their own.
+const ON_ETHERCAT: &str = "paper-ethercat.yaml";
+const ON_BOTH: &str = "paper-ethercat-can-sensor.yaml";
+
+/// On which buses a machine is, by turns of as many seeds as there are rigs.
+const TURNS: [On; 7] = [On::Can, On::Segment, On::Both, On::Can, On::Segment, On::Can, On::Segment];
+
+/// On which buses drives and sensor are.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum On {
+    Can,
+    Segment,
+    /// The drives on a segment, the sensor on CAN.
+    Both,
+}
+
 /// The rigs that come with the program, read once.
 #[derive(Clone, Debug)]
 pub struct Shipped {
     rigs: Vec<(config::Rig, config::Scene)>,
+    on_ethercat: config::Rig,
+    on_both: config::Rig,
 }
 
 impl Shipped {
@@ -37,7 +56,8 @@ impl Shipped {
             let scene = rig.scene()?;
             rigs.push((rig.value, scene.value));
         }
-        Ok(Self { rigs })
+        let load = |name: &str| Ok::<_, Report>(config::load_rig(Source::named(&format!("builtin:{name}")))?.value);
+        Ok(Self { rigs, on_ethercat: load(ON_ETHERCAT)?, on_both: load(ON_BOTH)? })
     }
 }
 
@@ -59,15 +79,44 @@ impl Machine {
     /// longer one.
     pub fn draw(shipped: &Shipped, seed: u64) -> Self {
         let mut dice = Dice::new(seed, Purpose::Rig);
-        let choice = (seed % RIGS.len() as u64) as usize;
+        let (choice, turn) = ((seed % RIGS.len() as u64) as usize, seed / RIGS.len() as u64);
         let (mut rig, mut scene) = shipped.rigs[choice].clone();
+        let on = TURNS[(turn % TURNS.len() as u64) as usize];
+        let counts_before = rig.sensor.calibration[0][0].get();
+        match on {
+            On::Can => {}
+            On::Segment => rig::move_to(&mut rig, &shipped.on_ethercat),
+            On::Both => rig::move_to(&mut rig, &shipped.on_both),
+        }
         rig::vary_fixture(&mut dice, &mut rig);
         let wraps = rig::vary_devices(&mut dice, &mut rig);
-        rig::vary_model(&mut dice, &rig, &mut scene);
+        rig::vary_model(&mut dice, &rig, &mut scene, counts_before / rig.sensor.calibration[0][0].get());
+        if on != On::Can {
+            rig::vary_segment(&mut dice, &mut rig);
+        }
         let mut dice = Dice::new(seed, Purpose::Hand);
         scene.hand = hand::draw(&mut dice, &rig);
         scene.seed = seed;
         Self { file: RIGS[choice], rig, scene, wraps }
+    }
+
+    /// The shipped file, and what its devices are on if they are not on CAN.
+    pub fn title(&self) -> String {
+        let on = match (self.rig.is_on_can(), self.rig.is_on_ethercat()) {
+            (true, true) => " on EtherCAT and CAN",
+            (false, true) => " on EtherCAT",
+            _ => "",
+        };
+        format!("{}{on}", self.file)
+    }
+
+    /// Where an injection can act on it: the targets of its kind on whose bus the kind means something.
+    pub(super) fn targets(&self, kind: Kind) -> Vec<Target> {
+        let is_possible = |target: &Target| {
+            let injection = Injection::new(kind, 0.0).on(*target);
+            kind.row().media.contains(&self.rig.medium(&injection))
+        };
+        kind.row().targets.iter().copied().filter(is_possible).collect()
     }
 
     /// Cycle time in s.
@@ -98,9 +147,9 @@ mod tests {
         let mut files = std::collections::BTreeSet::new();
         let folder = std::env::temp_dir().join(format!("yieldwall-draw-{}", std::process::id()));
         std::fs::create_dir_all(&folder).unwrap();
-        for seed in 0..60 {
+        for seed in 0..126 {
             let Machine { file, mut rig, scene, .. } = Machine::draw(&shipped, seed);
-            files.insert(file);
+            files.insert((file, rig.is_on_can(), rig.is_on_ethercat()));
             rig.simulated_mut().unwrap().scene = "scene.yaml".into();
             let write = |name: &str, text: String| std::fs::write(folder.join(name), text).unwrap();
             write("scene.yaml", config::to_yaml(&scene).unwrap());
@@ -110,7 +159,7 @@ mod tests {
             assert_eq!(read.value, rig, "seed {seed}");
         }
         std::fs::remove_dir_all(&folder).unwrap();
-        assert_eq!(files.len(), RIGS.len());
+        assert_eq!(files.len(), 3 * RIGS.len(), "each on CAN, on EtherCAT and on both");
     }
 
     #[test]

@@ -15,6 +15,25 @@ const NEAR_WRAP_COUNTS: f64 = 10_000.0;
 /// The half of the range of a 32-bit counter.
 const HALF_RANGE_COUNTS: f64 = 2_147_483_648.0;
 
+/// Gives a rig the buses of another one, and puts its devices where those of the other are.
+pub(super) fn move_to(rig: &mut config::Rig, other: &config::Rig) {
+    rig.buses = other.buses.clone();
+    for (drive, there) in rig.drives.iter_mut().zip(&other.drives) {
+        (drive.bus, drive.address) = (there.bus.clone(), there.address);
+    }
+    rig.sensor = other.sensor.clone();
+}
+
+/// Sets when the drives of a segment have their outputs act.
+pub(super) fn vary_segment(dice: &mut Dice, rig: &mut config::Rig) {
+    let outputs = if dice.chance(0.3) { config::OutputsAct::OnArrival } else { config::OutputsAct::Sync0 };
+    for bus in rig.buses.values_mut() {
+        if let config::Bus::Ethercat(segment) = bus {
+            segment.outputs = outputs;
+        }
+    }
+}
+
 pub(super) fn vary_fixture(dice: &mut Dice, rig: &mut config::Rig) {
     let fixture = &mut rig.fixture;
     let yield_n = dice.between(8.0, 35.0);
@@ -64,7 +83,8 @@ pub(super) fn vary_devices(dice: &mut Dice, rig: &mut config::Rig) -> bool {
 /// How truly the machine is modelled. The step of the plant is coarser than in the shipped scenes where the drives do
 /// not divide the cycle themselves: the loop that this program closes has no dynamics faster than its own cycle, and the
 /// arm's friction is exact at any step.
-pub(super) fn vary_model(dice: &mut Dice, rig: &config::Rig, scene: &mut config::Scene) {
+/// Noise is drawn in counts of the shipped sensor, of which one is `counts` counts of this one.
+pub(super) fn vary_model(dice: &mut Dice, rig: &config::Rig, scene: &mut config::Scene, counts: f64) {
     let Some(model) = &mut scene.model else { return };
     model.plant_step_us = match rig.rig.command_mode {
         config::CommandMode::Torque => dice.one_of(&[200, 250, 500]),
@@ -73,7 +93,7 @@ pub(super) fn vary_model(dice: &mut Dice, rig: &config::Rig, scene: &mut config:
     };
     model.encoder = if dice.chance(0.7) { config::EncoderModel::Quantised } else { config::EncoderModel::Exact };
     let noise = if dice.chance(0.8) { dice.between(1.0, 6.0) } else { 0.0 };
-    model.force_noise_counts = not_negative(noise);
+    model.force_noise_counts = not_negative(noise * counts);
     model.force_sensor =
         if noise > 0.0 { config::ForceSensorModel::Noisy } else { config::ForceSensorModel::Quantised };
     model.joint_elasticity = None;

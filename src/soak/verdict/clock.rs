@@ -94,7 +94,7 @@ impl Clock {
             _ => None,
         });
         let is_recent = |injection: &Injection| window.is_some_and(|s| injection.end_s() + s > self.time_s(event));
-        earlier.iter().any(|known| known.kind.row().expected.faults.contains(&fault) && is_recent(known))
+        earlier.iter().any(|known| known.kind.row().brings(fault) && is_recent(known))
     }
 
     /// A bound in cycles. Samples and heartbeats have their own clocks, which stand anywhere against SYNC: one more.
