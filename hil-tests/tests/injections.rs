@@ -387,3 +387,66 @@ fn the_same_seed_gives_the_same_frames_with_injections() {
         assert_eq!(frames(), frames(), "{}", kind.row().name);
     }
 }
+
+/// Cycles in each twentieth of which, at random, a frame of EtherCAT is bad in one of these ways.
+const BAD_CYCLES: u32 = 100_000;
+const BAD_FRAMES: [Kind; 6] = [
+    Kind::FrameLost,
+    Kind::FrameDelayed,
+    Kind::FrameDuplicated,
+    Kind::FrameForeign,
+    Kind::FrameShort,
+    Kind::FrameCorrupt,
+];
+
+/// Random numbers, the same for the same seed.
+fn numbers(mut seed: u64) -> impl FnMut(u64) -> u64 {
+    move |below| {
+        seed = seed.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        (seed >> 33) % below
+    }
+}
+
+/// Checks that no drive was told to go on when the other one was told to stop.
+fn check_together(words: &[[Option<u16>; 2]], what: &str) {
+    let is_told = |word: Option<u16>, mask: u16, bits: u16| word.is_some_and(|word| word & mask == bits);
+    let enables = |word| is_told(word, 0x8f, 0x0f);
+    let (mut were_moving, mut moved) = (false, 0);
+    for [left, right] in words.iter().copied() {
+        let are_moving = enables(left) && enables(right);
+        let goes_on_alone = were_moving && enables(left) != enables(right);
+        assert!(!goes_on_alone, "{what}: after a common motion {left:04x?} and {right:04x?}");
+        (were_moving, moved) = (are_moving, moved + u32::from(are_moving));
+    }
+    assert!(moved > BAD_CYCLES / 10, "{what}: the rig moved in {moved} cycles");
+}
+
+#[test]
+fn with_bad_frames_in_each_twentieth_cycle_both_axes_stop_together_and_the_rig_is_restarted_each_time() {
+    let scenario = on_ethercat();
+    let mut session = scenario.run(BEFORE);
+    let mut random = numbers(41);
+    let (mut met, mut stops) = ([0_u32; BAD_FRAMES.len()], 0);
+    for cycle in 0..BAD_CYCLES {
+        let what = format!("cycle {cycle}, seed 41; {}", scenario.replay());
+        if random(20) == 0 {
+            let which = random(BAD_FRAMES.len() as u64) as usize;
+            let bad = Injection::new(BAD_FRAMES[which], 0.0).lasting(Some(scenario.period_s()));
+            session.inject(match bad.kind {
+                Kind::FrameDelayed => bad.sized(1e-6 * random(2500) as f64),
+                Kind::FrameCorrupt => bad.sized(1.0 + random(48) as f64),
+                _ => bad,
+            });
+            met[which] += 1;
+        }
+        let row = session.machine.run_cycle(Request::None);
+        row.unwrap_or_else(|error| panic!("{what}: {error}"));
+        if session.machine.state().is_latched() {
+            stops += 1;
+            session.machine.set_injections(&[]).expect("nothing is always possible");
+            session.machine.restart().unwrap_or_else(|error| panic!("{what}: {error}"));
+        }
+    }
+    assert!(met.iter().all(|times| *times > 500) && stops > 300, "{met:?}, {stops} stops");
+    check_together(&session.segment_controlwords(), &scenario.replay());
+}
