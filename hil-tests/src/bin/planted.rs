@@ -21,7 +21,7 @@ const fn defect(name: &'static str, file: &'static str, from: &'static str, to: 
 }
 
 /// What is planted in gate, supervisor, fault counts, cycle, fixture, master and process data.
-const DEFECTS: [Defect; 16] = [
+const DEFECTS: [Defect; 18] = [
     defect(
         "the gate lets every torque through",
         "src/guard/gate.rs",
@@ -99,6 +99,18 @@ const DEFECTS: [Defect; 16] = [
         "src/bus/can/line.rs",
         "node.heartbeat * HEARTBEAT_PERIODS",
         "node.heartbeat * (HEARTBEAT_PERIODS + 1)",
+    ),
+    defect(
+        "on EtherCAT the working counter of inputs is ignored",
+        "src/bus/ethercat/exchange.rs",
+        "inputs.working_counter == 1",
+        "true",
+    ),
+    defect(
+        "on EtherCAT a late reply is used",
+        "src/ethercat/frame.rs",
+        "(it.command, it.index, it.len, it.has_more)",
+        "(it.command, 0, it.len, it.has_more)",
     ),
     defect(
         "a set-point loses its sign",
