@@ -29,17 +29,20 @@ fn sound(file: &str) -> Run {
 /// The same on buses of a kind.
 fn sound_on(file: &str, is_meant: impl Fn(&Rig) -> bool) -> Run {
     let shipped = Shipped::load().unwrap();
-    let seed = (0..200).find(|seed| {
-        let machine = Machine::draw(&shipped, *seed);
-        machine.file == file && machine.rig.fixture.hold_steps == 0 && is_meant(&machine.rig)
-    });
-    let seed = seed.unwrap();
-    let machine = Machine::draw(&shipped, seed);
-    let mut seen = Vec::new();
-    play_watched(&Course { machine: &machine, script: &[], seed, cycles: CYCLES }, |observation| {
-        seen.push(observation.clone());
-    });
-    Run { limits: Limits::of(&machine.rig), seen }
+    let play = |seed| {
+        let machine = Machine::draw(&shipped, seed);
+        let is_wanted = machine.file == file && machine.rig.fixture.hold_steps == 0 && is_meant(&machine.rig);
+        if !is_wanted {
+            return None;
+        }
+        let mut seen = Vec::new();
+        play_watched(&Course { machine: &machine, script: &[], seed, cycles: CYCLES }, |observation| {
+            seen.push(observation.clone());
+        });
+        let run = Run { limits: Limits::of(&machine.rig), seen };
+        run.first_moving().is_some().then_some(run)
+    };
+    (0..200).find_map(play).expect("a seed whose hand keeps the proxy moving")
 }
 
 fn torque() -> Run {
@@ -78,12 +81,16 @@ impl Run {
 
     /// A cycle well within the run in which the proxy moves.
     fn moving(&self) -> usize {
+        self.first_moving().expect("the proxy moves")
+    }
+
+    fn first_moving(&self) -> Option<usize> {
         let speed = |at: usize| {
             let [now, before] = [self.seen[at].reported.proxy_m, self.seen[at - 1].reported.proxy_m];
             elementary::hypot(now[0] - before[0], now[1] - before[1]) / self.limits.period_s
         };
         let start = self.running() + 100;
-        (start..self.seen.len() - 100).find(|at| (0..5).all(|step| speed(at + step) > 0.01)).expect("the proxy moves")
+        (start..self.seen.len() - 100).find(|at| (0..5).all(|step| speed(at + step) > 0.01))
     }
 
     /// The set-point of joint `joint` that was computed in the cycle before `at`.

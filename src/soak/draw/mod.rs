@@ -86,7 +86,12 @@ impl Machine {
         match on {
             On::Can => {}
             On::Segment => rig::move_to(&mut rig, &shipped.on_ethercat),
-            On::Both => rig::move_to(&mut rig, &shipped.on_both),
+            On::Both => {
+                // Of a sensor on CAN no cycle may miss a sample.
+                let sample_rate_hz = rig.sensor.sample_rate_hz;
+                rig::move_to(&mut rig, &shipped.on_both);
+                rig.sensor.sample_rate_hz = sample_rate_hz;
+            }
         }
         rig::vary_fixture(&mut dice, &mut rig);
         let wraps = rig::vary_devices(&mut dice, &mut rig);
