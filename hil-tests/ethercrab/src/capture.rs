@@ -32,7 +32,8 @@ fn read_blocks(mut rest: &[u8]) -> io::Result<Vec<&[u8]>> {
     let (mut is_ethernet, mut frames) = (Vec::new(), Vec::new());
     while !rest.is_empty() {
         let (kind, length) = (word(rest, 0)?, word(rest, 4)? as usize);
-        let (block, behind) = rest.split_at_checked(length.max(12)).ok_or_else(|| no_capture("it ends within a block"))?;
+        let (block, behind) =
+            rest.split_at_checked(length.max(12)).ok_or_else(|| no_capture("it ends within a block"))?;
         match kind {
             1 => is_ethernet.push(word(block, 8)? & 0xffff == 1),
             6 if is_ethernet.get(word(block, 8)? as usize) == Some(&true) => {
