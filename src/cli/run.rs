@@ -300,8 +300,8 @@ pub(super) fn check(arguments: &Arguments) -> Result<(), Failure> {
         check_picture(path, arguments.replace)?;
     }
     let files = [(&arguments.candump, Written::BusLog), (&arguments.pcapng, Written::Capture)];
-    let files = files.into_iter().filter_map(|(path, what)| Some((path.as_ref()?, what)));
-    { files }.try_for_each(|(path, what)| arguments.replace.check(path, what))
+    let mut files = files.into_iter().filter_map(|(path, what)| Some((path.as_ref()?, what)));
+    files.try_for_each(|(path, what)| arguments.replace.check(path, what))
 }
 
 /// What a screen shows of a rig.
