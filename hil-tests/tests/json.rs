@@ -17,7 +17,7 @@ impl Drop for Folder {
 }
 
 /// What asks or changes the simulated devices of a rig on EtherCAT, with the exit code. In this order: a file is written before it is read.
-const ON_ETHERCAT: [(&str, i32); 32] = [
+const ON_ETHERCAT: [(&str, i32); 37] = [
     ("scan --rig builtin:paper-ethercat.yaml", 0),
     ("info sensor --rig builtin:paper-ethercat.yaml", 0),
     ("info 3 --rig builtin:paper-ethercat.yaml", 5),
@@ -36,7 +36,12 @@ const ON_ETHERCAT: [(&str, i32); 32] = [
     ("od write left max-torque 900 --rig builtin:paper-ethercat.yaml", 0),
     ("od write left controlword 15 --rig builtin:paper-ethercat.yaml", 2),
     ("od dump wrist --out wrist.dcf --rig builtin:paper-ethercat.yaml", 0),
-    ("od restore wrist.dcf wrist --rig builtin:paper-ethercat.yaml", 2),
+    ("od diff left right --rig builtin:paper-ethercat.yaml", 0),
+    ("od diff left wrist.dcf --rig builtin:paper-ethercat.yaml", 7),
+    ("od restore wrist.dcf wrist --rig builtin:paper-ethercat.yaml", 0),
+    ("od restore wrist.dcf left --rig builtin:paper-ethercat.yaml", 5),
+    ("state left --reset-fault --rig builtin:paper-ethercat.yaml", 2),
+    ("emcy left --clear --rig builtin:paper-ethercat.yaml", 0),
     ("pdo show left --rig builtin:paper-ethercat.yaml", 0),
     ("emcy --rig builtin:paper-ethercat.yaml", 0),
     ("sii read left --rig builtin:paper-ethercat.yaml", 0),

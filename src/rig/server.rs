@@ -20,7 +20,7 @@ use yieldwall_drives::watchdog::{Clock, Watchdog};
 pub(super) const GRACE: Duration = Duration::from_secs(2);
 
 /// Simulated time that a simulation in lockstep makes up for at once while it runs by itself. One that cannot keep up with the
-/// wall falls behind it, and does not become deaf.
+/// wall falls behind it, and does not become deaf. Free time never falls behind.
 pub(super) const LAG: Duration = Duration::from_millis(5);
 
 /// Step of simulated time.

@@ -77,6 +77,13 @@ fn of_standard(at: Address) -> Option<Known> {
                 sub => named(format!("{direction}-{pdo}.map-{sub}"), U32),
             }
         }
+        (_, 0x1c12 | 0x1c13, sub) => {
+            let direction = if at.index == 0x1c12 { "rpdos" } else { "tpdos" };
+            match sub {
+                0 => named(format!("{direction}.assigned"), U8),
+                sub => named(format!("{direction}.assign-{sub}"), U16),
+            }
+        }
         (_, 0x6125 | 0x7130, 0) => named("highest-sub-index".to_owned(), U8),
         (_, 0x6125, sub) => named(format!("auto-zero-{sub}"), U32),
         (_, 0x7130, sub) => named(format!("process-value-{sub}"), 0x03),

@@ -6,11 +6,9 @@ use std::fmt;
 use yieldwall_drives::eds::{Eds, Entry, Value};
 
 use super::caution::Caution;
-use super::connection::{Error, Service};
+use super::connection::Error;
 use super::known::{Known, known};
 use super::object_access::ObjectAccess;
-use crate::canopen::NodeId;
-use crate::link::CanLink;
 use crate::objects::{AbortCode, Address};
 
 /// Bit 31 of a COB-ID: the PDO is not used.
@@ -93,14 +91,15 @@ pub struct Plan {
     pub left_out: Vec<LeftOut>,
 }
 
-/// What to write so that a device has the values of a file. An object is written if `explained` (a data sheet) or the standards know
-/// it. PDOs are taken out of use while their parameters change.
+/// What to write so that a device has the values of a file; `node_id` is 0 on EtherCAT. An object is written if `explained` (a data sheet)
+/// or the standards know it. PDOs are taken out of use while their parameters change: on CAN by their identifier, on EtherCAT out of the
+/// assignment of their sync manager.
 ///
 /// # Errors
 /// [`Error::Link`], [`Error::Interrupted`], and [`Error::NoAnswer`] if the device falls silent.
-pub fn plan<L: CanLink>(
-    service: &mut Service<L>,
-    node: NodeId,
+pub fn plan(
+    objects: &mut (impl ObjectAccess + ?Sized),
+    node_id: u8,
     wanted: &Eds,
     explained: Option<&Eds>,
 ) -> Result<Plan, Error> {
@@ -108,7 +107,7 @@ pub fn plan<L: CanLink>(
     let mut changes: BTreeMap<(u16, u8), Step> = BTreeMap::new();
     for (index, sub, entry) in wanted.entries() {
         let at = Address::new(index, sub);
-        let Some(Asked { known, wanted }) = asked(at, entry, explained, node.raw()) else { continue };
+        let Some(Asked { known, wanted }) = asked(at, entry, explained, node_id) else { continue };
         let name = known.as_ref().map_or_else(|| entry.name.clone(), |known| known.name.clone());
         let mut leave_out = |why: Why| plan.left_out.push(LeftOut { at, name: name.clone(), why });
         let (data_type, new) = match wanted {
@@ -118,7 +117,7 @@ pub fn plan<L: CanLink>(
                 continue;
             }
         };
-        let old = match service.read(node, at) {
+        let old = match objects.read(at) {
             Ok(old) => old,
             Err(error @ (Error::Link(_) | Error::Interrupted | Error::NoAnswer)) => return Err(error),
             Err(error) => {
@@ -137,7 +136,7 @@ pub fn plan<L: CanLink>(
             }
         }
     }
-    plan.steps = in_order(service, node, changes)?;
+    plan.steps = in_order(objects, changes)?;
     Ok(plan)
 }
 
@@ -262,52 +261,102 @@ fn pdo(index: u16) -> Option<(u16, u16)> {
     }
 }
 
+/// The sync manager's assignment that PDOs of a mapping are in, on EtherCAT.
+fn assignment(mapping: u16) -> u16 {
+    if mapping < 0x1a00 { 0x1c12 } else { 0x1c13 }
+}
+
+/// A write of an object that the standards know.
+fn step(index: u16, sub: u8, old: Option<Vec<u8>>, new: Vec<u8>, is_final: bool) -> Step {
+    let at = Address::new(index, sub);
+    let known = known(at, None);
+    let name = known.as_ref().map_or_else(String::new, |known| known.name.clone());
+    Step { at, name, data_type: known.map_or(0x07, |known| known.data_type), old, new, is_final }
+}
+
 /// The changes as writes that a device takes: of a PDO, out of use, no objects mapped, the new ones, their number, its parameters, and
 /// into use again.
-fn in_order<L: CanLink>(
-    service: &mut Service<L>,
-    node: NodeId,
+fn in_order(
+    objects: &mut (impl ObjectAccess + ?Sized),
     mut changes: BTreeMap<(u16, u8), Step>,
 ) -> Result<Vec<Step>, Error> {
-    let mut steps = Vec::new();
     let pdos: BTreeSet<(u16, u16)> = changes.keys().filter_map(|(index, _)| pdo(*index)).collect();
+    let is_assigned = |index: &u16| matches!(index, 0x1c12 | 0x1c13);
+    let mut lists: BTreeMap<u16, Vec<Step>> =
+        changes.keys().map(|(index, _)| *index).filter(is_assigned).map(|index| (index, Vec::new())).collect();
+    let mut steps = Vec::new();
     for (communication, mapping) in pdos {
-        let step = |index: u16, sub: u8, old: Option<Vec<u8>>, new: Vec<u8>, is_final: bool| {
-            let at = Address::new(index, sub);
-            let known = known(at, None);
-            let name = known.as_ref().map_or_else(String::new, |known| known.name.clone());
-            Step { at, name, data_type: known.map_or(0x07, |known| known.data_type), old, new, is_final }
+        let used = match objects.read(Address::new(communication, 1)) {
+            // Of their own length, however many bytes are sent.
+            Ok(bytes) => Some(super::scan::number(&bytes)),
+            Err(Error::Refused(_)) => None,
+            Err(error) => return Err(error),
         };
-        // Of their own length, however many bytes are sent.
-        let used = super::scan::number(&service.read(node, Address::new(communication, 1))?);
+        let Some(used) = used else {
+            let remapped = remapped(objects, mapping, &mut changes)?;
+            lists.entry(assignment(mapping)).or_default().extend(remapped);
+            continue;
+        };
         let cob_id = used.to_le_bytes().to_vec();
         let last = changes.remove(&(communication, 1)).map_or_else(|| cob_id.clone(), |step| step.new);
         let out_of_use = (used | NOT_USED).to_le_bytes().to_vec();
         if used & NOT_USED == 0 {
             steps.push(step(communication, 1, Some(cob_id.clone()), out_of_use.clone(), false));
         }
-        let is_remapped = changes.keys().any(|(index, _)| *index == mapping);
-        if is_remapped {
-            let mut count = service.read(node, Address::new(mapping, 0))?;
-            count.truncate(1);
-            let new = changes.remove(&(mapping, 0)).map_or_else(|| count.clone(), |step| step.new);
-            steps.push(step(mapping, 0, Some(count), vec![0], false));
-            let mapped: Vec<u8> =
-                changes.keys().filter(|(index, sub)| *index == mapping && *sub > 0).map(|(_, sub)| *sub).collect();
-            steps.extend(mapped.into_iter().filter_map(|sub| changes.remove(&(mapping, sub))));
-            steps.push(step(mapping, 0, Some(vec![0]), new, true));
-        }
-        let parameters: Vec<u8> =
-            changes.keys().filter(|(index, _)| *index == communication).map(|(_, sub)| *sub).collect();
-        steps.extend(parameters.into_iter().filter_map(|sub| changes.remove(&(communication, sub))));
+        steps.extend(remapped(objects, mapping, &mut changes)?);
+        steps.extend(taken(&mut changes, communication, 0));
         let is_in_use = used & NOT_USED == 0;
         let now = if is_in_use { out_of_use } else { cob_id };
         if last != now {
             steps.push(step(communication, 1, Some(now), last, true));
         }
     }
+    for (list, mapped) in lists {
+        let assigned = counted(objects, list, &mut changes, mapped)?;
+        steps.extend(assigned);
+    }
     // What is left has no order of its own. Heartbeats come last: from then on the device tells of itself.
     let (heartbeats, others): (Vec<_>, Vec<_>) =
         changes.into_values().partition(|step| matches!(step.at.index, 0x1016 | 0x1017));
     Ok(others.into_iter().chain(steps).chain(heartbeats).collect())
+}
+
+/// The changes of an index from a sub-index on, which are taken away.
+fn taken(changes: &mut BTreeMap<(u16, u8), Step>, index: u16, from: u8) -> Vec<Step> {
+    let subs: Vec<u8> = changes.range((index, from)..=(index, u8::MAX)).map(|((_, sub), _)| *sub).collect();
+    subs.into_iter().filter_map(|sub| changes.remove(&(index, sub))).collect()
+}
+
+/// The changes of a mapping.
+fn remapped(
+    objects: &mut (impl ObjectAccess + ?Sized),
+    mapping: u16,
+    changes: &mut BTreeMap<(u16, u8), Step>,
+) -> Result<Vec<Step>, Error> {
+    if changes.range((mapping, 0)..=(mapping, u8::MAX)).next().is_none() {
+        return Ok(Vec::new());
+    }
+    counted(objects, mapping, changes, Vec::new())
+}
+
+/// The changes of a list that holds its length, at sub-index 0: empty, what is done meanwhile, its entries, and its length.
+fn counted(
+    objects: &mut (impl ObjectAccess + ?Sized),
+    list: u16,
+    changes: &mut BTreeMap<(u16, u8), Step>,
+    meanwhile: Vec<Step>,
+) -> Result<Vec<Step>, Error> {
+    let mut count = match objects.read(Address::new(list, 0)) {
+        Ok(count) => count,
+        // A device without the list: what is done meanwhile is all.
+        Err(Error::Refused(_)) => return Ok(meanwhile),
+        Err(error) => return Err(error),
+    };
+    count.truncate(1);
+    let new = changes.remove(&(list, 0)).map_or_else(|| count.clone(), |step| step.new);
+    let mut steps = vec![step(list, 0, Some(count), vec![0], false)];
+    steps.extend(meanwhile);
+    steps.extend(taken(changes, list, 1));
+    steps.push(step(list, 0, Some(vec![0]), new, true));
+    Ok(steps)
 }

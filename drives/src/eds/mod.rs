@@ -75,7 +75,7 @@ pub struct DeviceInfo {
 /// The node of a device configuration file.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Node {
-    /// 1 to 127.
+    /// 1 to 127; 0 of a device without one, as on EtherCAT.
     pub id: u8,
     /// Its name.
     pub name: String,

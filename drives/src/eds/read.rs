@@ -489,6 +489,8 @@ impl Reader<'_> {
         let said = self.number(section, "NodeID");
         let id = said.and_then(|number| u8::try_from(number).ok()).filter(|id| (1..=127).contains(id));
         let Some(id) = id else {
+            // A device on EtherCAT has none.
+            section.get("nodeid")?;
             let line = section.get("nodeid").map_or(section.line, |text| text.line);
             let message = format!("NodeID of [{}] is no number from 1 to 127", "DeviceComissioning");
             self.find(line, Level::Warning, message, "the file is taken as one of no certain node");

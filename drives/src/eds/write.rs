@@ -62,7 +62,11 @@ impl Eds {
             }
         }
         line(text, format_args!("LSS_Supported={}\n", u8::from(device.has_lss)));
-        line(text, format_args!("[DeviceComissioning]\nNodeID=0x{:02X}\nNodeName={}", node.id, plain(&node.name)));
+        line(text, format_args!("[DeviceComissioning]"));
+        if node.id > 0 {
+            line(text, format_args!("NodeID=0x{:02X}", node.id));
+        }
+        line(text, format_args!("NodeName={}", plain(&node.name)));
         if let Some(rate) = node.bit_rate_kbit_per_s {
             line(text, format_args!("Baudrate={rate}"));
         }

@@ -260,11 +260,11 @@ impl EthercatNetwork {
             let (status, code) = station.left?;
             Some(format!("{} left OP: {status}, AL status code {code}", station.title()))
         });
-        let grid = self.grid_off_ns.map(|ns| format!("the cycles were {} us beside the reference clock", us(ns)));
+        let grid = self.grid_off_ns.map(|ns| format!("the cycles were {:.1} us beside the reference clock", us(ns)));
         let clocks = self.stations.iter().filter(|station| self.clock_lost.contains(station.setup.device.set()));
         let clocks = clocks.filter_map(|station| {
             let ns = station.lost_ns?;
-            Some(format!("the clock of {} was {} us beside the reference clock", station.title(), us(ns)))
+            Some(format!("the clock of {} was {:.1} us beside the reference clock", station.title(), us(ns)))
         });
         let links = self.ports.lost().map(|(position, port, behind)| {
             let cut: Vec<String> = (behind.from..behind.to).filter(|at| *at != position).map(title).collect();

@@ -2,12 +2,13 @@
 
 use serde_json::{Value, json};
 
-use super::keeping::{Named, back_up};
+use super::keeping::back_up;
 use super::place::{Desk, Node, Place};
+use super::reached::Reached;
 use super::segment::{self, SegmentDesk};
 use crate::canopen::{BusId, PastError};
 use crate::cli::explain;
-use crate::cli::failure::{Exit, Failure};
+use crate::cli::failure::Failure;
 use crate::cli::output::Output;
 use crate::explanation::Explanation;
 use crate::objects::Address;
@@ -33,11 +34,10 @@ const HISTORY: Address = Address::new(0x1003, 0);
 const MOST: u8 = 32;
 
 pub(in crate::cli) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Failure> {
+    if let (true, Some(word)) = (arguments.clear, &arguments.node) {
+        return forget(word, arguments, output);
+    }
     if let Some(desk) = SegmentDesk::open(&arguments.place, output)? {
-        if arguments.clear {
-            let message = "--clear is for devices on CAN so far, and this place is on EtherCAT";
-            return Err(Failure::new(Exit::Usage, message, "leave --clear away"));
-        }
         return segment::emcy::run(arguments.node.as_deref(), desk, output);
     }
     let mut desk = Desk::open(&arguments.place, output)?;
@@ -67,12 +67,9 @@ pub(in crate::cli) fn run(arguments: &Arguments, output: &mut Output) -> Result<
             .map_err(|error| desk.failure(node, "reading its stored errors", error))?;
         lines.push_str(&text(&node.words(), errors.as_deref(), |code| desk.explained(node, code)));
         documents.push(document(&desk, node, errors.as_deref()));
-        if arguments.clear && errors.as_ref().is_some_and(|errors| !errors.is_empty()) {
-            clear(arguments, &mut desk, node, &errors.unwrap_or_default(), output)?;
-        }
     }
     if output.is_json() {
-        return output.report(json!({ "place": desk.place, "dry_run": arguments.dry_run, "nodes": documents }));
+        return output.report(json!({ "place": desk.place, "nodes": documents }));
     }
     output.result(&lines)
 }
@@ -137,24 +134,37 @@ fn document(desk: &Desk, node: &Node, errors: Option<&[PastError]>) -> Value {
     })
 }
 
-fn clear(
-    arguments: &Arguments,
-    desk: &mut Desk,
-    node: &Node,
-    errors: &[PastError],
-    output: &mut Output,
-) -> Result<(), Failure> {
-    if arguments.dry_run {
+/// Has a device forget its stored errors, if there are any, after they were kept in a file.
+fn forget(word: &str, arguments: &Arguments, output: &mut Output) -> Result<(), Failure> {
+    let mut reached = Reached::open(&arguments.place, word, output)?;
+    let errors = history(&mut |at| reached.read(at));
+    let errors = errors.map_err(|error| reached.failure("reading its stored errors", error))?;
+    let explained = |code| reached.explained(code);
+    let told = text(&reached.words(), errors.as_deref(), explained);
+    let (key, list) = (reached.named().key(), if reached.is_on_can() { "nodes" } else { "devices" });
+    let mut device = json!({ "name": reached.name(), "errors": stored(errors.as_deref(), explained) });
+    device[key] = reached.number().into();
+    let mut document = json!({ "place": reached.place(), "dry_run": arguments.dry_run });
+    document[list] = json!([device]);
+    let errors = errors.unwrap_or_default();
+    if !errors.is_empty() {
+        clear(&mut reached, &errors, arguments.dry_run, output)?;
+    }
+    if output.is_json() { output.report(document) } else { output.result(&told) }
+}
+
+fn clear(reached: &mut Reached, errors: &[PastError], is_dry: bool, output: &mut Output) -> Result<(), Failure> {
+    if is_dry {
         return output.news("would write 1003h:0 error-history 00h");
     }
     let entry =
         |error: &PastError| (u32::from(error.information) << 16 | u32::from(error.code.0)).to_le_bytes().to_vec();
     let values: Vec<_> =
         (1..).zip(errors).map(|(sub, error)| (Address::new(HISTORY.index, sub), entry(error))).collect();
-    if let Some(path) = back_up(desk.is_simulated, Named::Node(node.id), &values, None)? {
+    if let Some(path) = back_up(reached.is_simulated(), reached.named(), &values, None)? {
         output.news(&format!("kept      {}", path.display()))?;
     }
-    let cleared = desk.service.write(node.id, HISTORY, &[0]);
-    cleared.map_err(|error| desk.failure(node, "clearing its stored errors", error))?;
-    output.news(&format!("cleared   {}", node.words()))
+    let cleared = reached.objects()?.write(HISTORY, &[0]);
+    cleared.map_err(|error| reached.failure("clearing its stored errors", error))?;
+    output.news(&format!("cleared   {}", reached.words()))
 }

@@ -9,7 +9,7 @@ use std::path::{Path, PathBuf};
 use serde_json::{Value as Json, json};
 use yieldwall_drives::eds::{Eds, Value};
 
-use super::keeping::{Named, back_up, store};
+use super::keeping::{back_up, store};
 use super::place::Place;
 use super::reached::Reached;
 use super::state::refuse_powered;
@@ -333,15 +333,10 @@ pub(super) fn write_all(
 fn way_back(reached: &Reached, kept: Option<&Path>, has_written: bool) -> String {
     match kept {
         _ if !has_written => "nothing was written".to_owned(),
-        Some(path) => match reached.named() {
-            Named::Node(_) => {
-                let command = reached.command(&format!("od restore {}", path.display()));
-                format!("{command} puts back what was written")
-            }
-            Named::Position(_) => {
-                format!("{} has what the object held: `yieldwall od write` puts it back", path.display())
-            }
-        },
+        Some(path) => {
+            let command = reached.command(&format!("od restore {}", path.display()));
+            format!("{command} puts back what was written")
+        }
         None if reached.is_simulated() => "simulated devices forget what was written when this command ends".to_owned(),
         None => "what was written has to be put back by hand: it could not be read before".to_owned(),
     }

@@ -1,13 +1,16 @@
 //! A device whose objects are asked, on whatever bus it is.
 
+use std::time::Duration;
+
 use serde_json::Value as Json;
 use yieldwall_drives::scaling::AxisScaling;
 
 use super::keeping::Named;
-use super::place::{Desk, Node, Place};
+use super::place::{Desk, Node, Place, placed};
 use super::segment::{Device, SegmentDesk};
 use crate::cli::failure::Failure;
 use crate::cli::output::Output;
+use crate::explanation::Explanation;
 use crate::objects::Address;
 use crate::service::{Bytes, Error, ObjectAccess, number};
 
@@ -35,6 +38,33 @@ impl Reached {
         let device = desk.device(word)?;
         desk.reach(&device, output)?;
         Ok(Self::Device(Box::new(desk), device))
+    }
+
+    pub(super) fn is_on_can(&self) -> bool {
+        matches!(self, Self::Node(..))
+    }
+
+    /// Another device at the same place.
+    pub(super) fn turn_to(&mut self, word: &str, output: &Output) -> Result<(), Failure> {
+        match self {
+            Self::Node(desk, node) => *node = desk.node(word)?,
+            Self::Device(desk, device) => {
+                *device = desk.device(word)?;
+                desk.reach(device, output)?;
+            }
+        }
+        Ok(())
+    }
+
+    /// Has time pass at the device.
+    pub(super) fn pause(&mut self, time: Duration) -> Result<(), Failure> {
+        match self {
+            Self::Node(desk, _) => desk.service.listen(time, |_| {}).map_err(|error| desk.bus_failure(error)),
+            Self::Device(desk, device) => {
+                let listened = desk.objects(device)?.listen(time);
+                listened.map_err(|error| desk.segment_failure(error))
+            }
+        }
     }
 
     /// Its objects.
@@ -110,7 +140,7 @@ impl Reached {
         }
     }
 
-    fn place(&self) -> &str {
+    pub(super) fn place(&self) -> &str {
         match self {
             Self::Node(desk, _) => &desk.place,
             Self::Device(desk, _) => &desk.place,
@@ -124,6 +154,22 @@ impl Reached {
             keys.insert(self.named().key().to_owned(), self.number().into());
         }
         document
+    }
+
+    /// What an error code of its means, with advice for this place.
+    pub(super) fn explained(&self, code: u16) -> Explanation {
+        match self {
+            Self::Node(desk, node) => desk.explained(node, code),
+            Self::Device(desk, device) => desk.explained(device, code),
+        }
+    }
+
+    /// An explanation of something that it shows, with advice for this place.
+    pub(super) fn placed(&self, explanation: Explanation) -> Explanation {
+        match self {
+            Self::Node(desk, node) => desk.placed(node, explanation),
+            Self::Device(desk, device) => placed(explanation, device.position, &desk.arguments, None),
+        }
     }
 
     /// The failure that it did not do what it was asked.

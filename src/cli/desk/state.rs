@@ -5,7 +5,7 @@ use std::time::Duration;
 use serde_json::json;
 use yieldwall_drives::cia402::{Command, State, Statusword};
 
-use super::place::{Desk, Node, Place};
+use super::place::{Desk, Place};
 use super::reached::Reached;
 use super::segment::state::Target;
 use super::segment::{self, SegmentDesk};
@@ -41,82 +41,87 @@ const STATUSWORD: Address = Address::new(0x6041, 0);
 const CONTROLWORD: Address = Address::new(0x6040, 0);
 const ERROR_CODE: Address = Address::new(0x603f, 0);
 const MODE: Address = Address::new(0x6061, 0);
-/// How long a drive may take to leave Fault.
-const LEAVING: Duration = Duration::from_secs(1);
+/// How often it is looked whether a drive has left Fault, and how long is waited between: a second in all.
+const LEAVING_LOOKS: u32 = 50;
+const LOOK: Duration = Duration::from_millis(20);
 
 pub(in crate::cli) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Failure> {
-    if let Some(desk) = SegmentDesk::taking_over(&arguments.place, arguments.take_over, output)? {
-        if arguments.reset_fault {
-            let message = "--reset-fault is for drives on CAN so far, and this place is on EtherCAT";
-            return Err(Failure::new(Exit::Usage, message, "write `ack` to acknowledge the error of a device"));
+    let mut reached = match SegmentDesk::taking_over(&arguments.place, arguments.take_over, output)? {
+        Some(desk) if arguments.reset_fault => Reached::on_segment(desk, &arguments.node, output)?,
+        Some(desk) => {
+            let how = (arguments.take_over, arguments.dry_run);
+            return segment::state::run(&arguments.node, arguments.target, how, desk, output);
         }
-        let how = (arguments.take_over, arguments.dry_run);
-        return segment::state::run(&arguments.node, arguments.target, how, desk, output);
-    }
-    if arguments.target.is_some() {
-        let message = "init, preop, safeop and ack are states of devices on EtherCAT, and this place is on CAN";
-        let help = "`yieldwall nmt NODE preop` is that of CAN; name an Ethernet interface with --bus or a rig on EtherCAT with --rig";
-        return Err(Failure::new(Exit::Usage, message, help));
-    }
-    let mut desk = Desk::open(&arguments.place, output)?;
-    let node = desk.node(&arguments.node)?;
-    let mut word = statusword(&mut desk, &node)?;
-    if arguments.reset_fault {
-        word = reset_fault(arguments.dry_run, &mut desk, &node, word, output)?;
-    }
-    let mut read = |at| match desk.service.read(node.id, at) {
-        Ok(bytes) => Ok(Some(number(&bytes))),
-        Err(Error::Refused(_)) => Ok(None),
-        Err(error) => Err(desk.failure(&node, "reading its objects", error)),
+        None if arguments.target.is_some() => {
+            let message = "init, preop, safeop and ack are states of devices on EtherCAT, and this place is on CAN";
+            let help = "`yieldwall nmt NODE preop` is that of CAN; name an Ethernet interface with --bus or a rig on EtherCAT with --rig";
+            return Err(Failure::new(Exit::Usage, message, help));
+        }
+        None => {
+            let mut desk = Desk::open(&arguments.place, output)?;
+            let node = desk.node(&arguments.node)?;
+            Reached::Node(Box::new(desk), node)
+        }
     };
-    let (error, mode) = (read(ERROR_CODE)?, read(MODE)?);
-    let nmt = desk.service.state(node.id).map_err(|error| desk.failure(&node, "asking its state", error))?;
+    let mut word = statusword(&mut reached)?;
+    if arguments.reset_fault {
+        word = reset_fault(arguments.dry_run, &mut reached, word, output)?;
+    }
+    let error = reached.number_of(ERROR_CODE, "reading its objects")?;
+    let mode = reached.number_of(MODE, "reading its objects")?;
+    let (key, of_network) = match &mut reached {
+        Reached::Node(desk, node) => {
+            let nmt = desk.service.state(node.id);
+            let nmt = nmt.map_err(|error| desk.failure(node, "asking its state", error))?;
+            ("NMT", (nmt.map(|state| format!("{state:?}")), nmt.map_or("tells none", nmt_words).to_owned()))
+        }
+        Reached::Device(desk, device) => {
+            let al = desk.service.state(device.position);
+            let (al, _) = al.map_err(|error| desk.failure(device, "reading its state", error))?;
+            ("AL", (Some(al.to_string()), al.to_string()))
+        }
+    };
     let mode = mode.map(|mode| format!("{} ({})", mode_code_words(mode as u8 as i8), mode as u8 as i8));
-    let explained = error.filter(|code| *code != 0).map(|code| desk.explained(&node, code as u16));
+    let explained = error.filter(|code| *code != 0).map(|code| reached.explained(code as u16));
     let error_words = error.map(|_| match &explained {
         None => "none".to_owned(),
         Some(explained) => format!("{} {}", explained.code.as_deref().unwrap_or_default(), explained.meaning),
     });
-    let of_state = desk.placed(&node, explanation::statusword(word));
+    let of_state = reached.placed(explanation::statusword(word));
     if output.is_json() {
-        return output.report(json!({
-            "place": desk.place,
+        let mut document = json!({
             "dry_run": arguments.dry_run,
-            "node_id": node.id.raw(),
             "statusword": word,
             "state": Statusword(word).state().map(|state| format!("{state:?}")),
-            "nmt": nmt.map(|state| format!("{state:?}")),
             "mode": mode,
             "error_code": error,
             "error": error_words,
             "explained": explain::document(explained.as_ref().unwrap_or(&of_state)),
-        }));
+        });
+        document[key.to_lowercase()] = of_network.0.into();
+        return output.report(reached.document(document));
     }
-    let nmt = nmt.map_or("tells none", nmt_words);
     let rows = [
         ("state", Some(format!("{} ({word:04X}h)", state_words(word)))),
-        ("NMT", Some(nmt.to_owned())),
+        (key, Some(of_network.1)),
         ("mode", mode),
         ("error", error_words),
     ];
     let rows = rows.into_iter().filter_map(|(key, says)| Some(explain::line(0, key, &says?)));
     let why = explain::lines(0, explained.as_ref().unwrap_or(&of_state));
-    output.result(&format!("{}\n{}{why}", node.words(), rows.collect::<String>()))
+    output.result(&format!("{}\n{}{why}", reached.words(), rows.collect::<String>()))
 }
 
 /// The statusword of a drive.
-pub(super) fn statusword(desk: &mut Desk, node: &Node) -> Result<u16, Failure> {
-    match desk.service.read(node.id, STATUSWORD) {
+pub(super) fn statusword(reached: &mut Reached) -> Result<u16, Failure> {
+    match reached.read(STATUSWORD) {
         Ok(bytes) => Ok(number(&bytes) as u16),
         Err(error @ Error::Refused(_)) => {
-            let message = format!("{} has no statusword (6041h): {error}", node.words());
-            Err(Failure::new(
-                Exit::DeviceMismatch,
-                message,
-                format!("it is no drive of CiA 402; {} tells what it is", desk.command("info", node)),
-            ))
+            let message = format!("{} has no statusword (6041h): {error}", reached.words());
+            let help = format!("it is no drive of CiA 402; {} tells what it is", reached.command("info"));
+            Err(Failure::new(Exit::DeviceMismatch, message, help))
         }
-        Err(error) => Err(desk.failure(node, "reading its statusword", error)),
+        Err(error) => Err(reached.failure("reading its statusword", error)),
     }
 }
 
@@ -147,16 +152,10 @@ pub(super) fn refuse_powered(reached: &mut Reached) -> Result<(), Failure> {
 }
 
 /// Out of Fault, if the drive is there; the statusword afterwards.
-pub(super) fn reset_fault(
-    is_dry: bool,
-    desk: &mut Desk,
-    node: &Node,
-    word: u16,
-    output: &mut Output,
-) -> Result<u16, Failure> {
+pub(super) fn reset_fault(is_dry: bool, reached: &mut Reached, word: u16, output: &mut Output) -> Result<u16, Failure> {
     let state = Statusword(word).state();
     if state != Some(State::Fault) {
-        let message = format!("{} is in {} and not in Fault; nothing was written", node.words(), state_words(word));
+        let message = format!("{} is in {} and not in Fault; nothing was written", reached.words(), state_words(word));
         return Err(Failure::new(Exit::Usage, message, "leave --reset-fault away"));
     }
     // The edge of bit 7 counts.
@@ -167,23 +166,19 @@ pub(super) fn reset_fault(
         return Ok(word);
     }
     for word in words {
-        let written = desk.service.write(node.id, CONTROLWORD, &word.to_le_bytes());
-        written.map_err(|error| desk.failure(node, "resetting its fault", error))?;
+        let written = reached.objects()?.write(CONTROLWORD, &word.to_le_bytes());
+        written.map_err(|error| reached.failure("resetting its fault", error))?;
     }
-    let until = desk.service.now() + LEAVING;
-    loop {
-        let word = statusword(desk, node)?;
+    for _ in 0..LEAVING_LOOKS {
+        let word = statusword(reached)?;
         if Statusword(word).state() != Some(State::Fault) {
             return Ok(word);
         }
-        if desk.service.now() >= until {
-            let code = desk.service.read(node.id, ERROR_CODE).map_or(0, |bytes| number(&bytes) as u16);
-            let explained = desk.explained(node, code);
-            let message = format!("{} stays in Fault: {explained}", node.words());
-            let help = format!("its cause is still there: {}", explained.next);
-            return Err(Failure::new(Exit::DeviceFault, message, help));
-        }
-        let waited = desk.service.listen(Duration::from_millis(20), |_| {});
-        waited.map_err(|error| desk.bus_failure(error))?;
+        reached.pause(LOOK)?;
     }
+    let code = reached.read(ERROR_CODE).map_or(0, |bytes| number(&bytes) as u16);
+    let explained = reached.explained(code);
+    let message = format!("{} stays in Fault: {explained}", reached.words());
+    let help = format!("its cause is still there: {}", explained.next);
+    Err(Failure::new(Exit::DeviceFault, message, help))
 }

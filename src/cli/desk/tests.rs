@@ -27,13 +27,14 @@ fn a_drive_in_fault_is_taken_out_of_it_and_stays_without_torque() {
     desk.service.command(NmtCommand::StartRemoteNode, Some(node.id)).unwrap();
     desk.service.send(&nmt::heartbeat(node_id(127).unwrap(), NmtState::Operational)).unwrap();
     desk.service.listen(Duration::from_millis(200), |_| {}).unwrap();
-    let word = statusword(&mut desk, &node).unwrap();
+    let mut reached = Reached::Node(Box::new(desk), node);
+    let word = statusword(&mut reached).unwrap();
     assert_eq!(word & 0x4f, 0x08, "{word:04x}: Fault");
-    let after = reset_fault(true, &mut desk, &node, word, &mut output).unwrap();
-    assert_eq!((after, statusword(&mut desk, &node).unwrap() & 0x4f), (word, 0x08));
-    let after = reset_fault(false, &mut desk, &node, word, &mut output).unwrap();
+    let after = reset_fault(true, &mut reached, word, &mut output).unwrap();
+    assert_eq!((after, statusword(&mut reached).unwrap() & 0x4f), (word, 0x08));
+    let after = reset_fault(false, &mut reached, word, &mut output).unwrap();
     assert_eq!(after & 0x4f, 0x40, "{after:04x}: Switch On Disabled");
-    let again = reset_fault(false, &mut desk, &node, after, &mut output).unwrap_err();
+    let again = reset_fault(false, &mut reached, after, &mut output).unwrap_err();
     assert_eq!(again.exit, Exit::Usage);
 }
 

@@ -321,7 +321,8 @@ impl SegmentServer {
         Time(time.0 - time.0 % self.period.as_nanos() as u64)
     }
 
-    /// Simulated time at a moment of the wall, as far as it is made up for.
+    /// Simulated time at a moment of the wall, in lockstep as far as it is made up for. Free time never falls behind: the clock of a device
+    /// does not stand still with this computer.
     fn due(&mut self, wall: Time) -> Time {
         if self.waits_since.is_some() {
             return self.now;
@@ -329,9 +330,8 @@ impl SegmentServer {
         let time = self.anchor.1 + wall.since(self.anchor.0);
         let until = self.now.max(if self.pace == Pace::Lockstep { self.whole(time) } else { time });
         // Up to the next thing that is due there is nothing to make up for.
-        let latest = self.now.max(self.next_event().min(until)) + LAG.max(self.period);
-        let latest = if self.pace == Pace::Lockstep { self.whole(latest) } else { latest };
-        if until <= latest {
+        let latest = self.whole(self.now.max(self.next_event().min(until)) + LAG.max(self.period));
+        if self.pace == Pace::Free || until <= latest {
             return until;
         }
         self.anchor = (wall, latest);

@@ -239,6 +239,20 @@ fn drives_move_the_arm_and_the_sensor_feels_the_hand() {
 }
 
 #[test]
+fn the_clock_of_a_device_goes_on_while_the_computer_stands_still() {
+    let mut bench = Bench::operational(Pace::Free);
+    let time = |bench: &mut Bench| {
+        bench.send(&[(Command::Aprd, Bench::at(0, 0x0910), &[0; 8])]);
+        u64::from_le_bytes(bench.back[0][26..34].try_into().unwrap())
+    };
+    let before = time(&mut bench);
+    // Nobody gets round to polling.
+    bench.now = bench.now + Duration::from_millis(70);
+    let passed_us = time(&mut bench).wrapping_sub(before) as f64 * 1e-3;
+    assert!((passed_us - 70_000.0).abs() < 10.0, "{passed_us} us");
+}
+
+#[test]
 fn in_lockstep_a_slow_master_loses_no_time_and_the_same_frames_give_the_same_answers() {
     let run = |pause: Duration| {
         let mut bench = Bench::operational(Pace::Lockstep);

@@ -403,7 +403,7 @@ fn put_back<L: CanLink>(
     node: NodeId,
     originals: &[(Address, Vec<u8>)],
 ) -> Result<(), Refusal> {
-    let plan = plan(service, node, &sheet_of(node.raw(), originals, None), None)?;
+    let plan = plan(&mut service.objects(node), node.raw(), &sheet_of(node.raw(), originals, None), None)?;
     for step in &plan.steps {
         // What is not taken is found below.
         let _: Made = carry_out(&mut service.objects(node), step)?;

@@ -101,6 +101,17 @@ fn a_device_that_does_not_leave_safe_op() {
         }
     };
     refused_by_both(&slow, [true; 3], stuck, DEVICE_FAULT, &["right (position 1)", "SAFE-OP+ERR", "001Ah"]);
+    let stays = |server: &mut SegmentServer| {
+        let controller = server.segment_mut().expect("a segment").controller_mut(1).expect("it is there");
+        controller.set_stays_in_safe_op(true);
+    };
+    let told = [
+        "right (position 1)",
+        "it is in SAFE-OP",
+        "OP was asked for, and tells no error",
+        "look whether output frames",
+    ];
+    refused_by_both(&slow, [true; 3], stays, DEVICE_FAULT, &told);
 }
 
 /// Somebody at the other end of the cable who sends frames of EtherCAT, as where a switch joins two segments.

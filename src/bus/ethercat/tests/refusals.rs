@@ -90,6 +90,16 @@ fn an_empty_wire_and_a_short_segment_are_told() {
 }
 
 #[test]
+fn a_device_that_stays_in_safe_op_without_an_error_is_named() {
+    let mut bench = Bench::usual();
+    bench.segment.controller_mut(1).unwrap().set_stays_in_safe_op(true);
+    let message = bench.start().unwrap_err();
+    assert!(message.starts_with("right (position 1): ") && message.contains(": it is in SAFE-OP "), "{message}");
+    let told = "after OP was asked for, and tells no error; look whether output frames reach it and whether its own errors are gone";
+    assert!(message.contains(told), "{message}");
+}
+
+#[test]
 fn swapped_devices_are_told_by_where_the_right_one_is() {
     let devices = vec![controller(drive(1), 0), controller(sensor(), 0), controller(drive(2), 0)];
     assert_eq!(

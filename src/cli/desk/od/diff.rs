@@ -5,7 +5,8 @@ use std::path::{Path, PathBuf};
 use serde_json::json;
 use yieldwall_drives::eds::{Eds, Value};
 
-use super::super::place::{Desk, Node, Place};
+use super::super::place::Place;
+use super::super::reached::Reached;
 use super::super::words::{self, COLUMNS, titled};
 use super::dump::objects;
 use super::{is_file, sheet, sheet_of};
@@ -16,7 +17,7 @@ use crate::service::{is_shown, known, of_node};
 
 #[derive(Debug, clap::Args)]
 pub(in crate::cli) struct Arguments {
-    /// A device (node id or name), or a data sheet with values (DCF)
+    /// A device (node id, on EtherCAT its position, or name), or a data sheet with values (DCF)
     first: String,
     /// What it is compared with
     second: String,
@@ -30,42 +31,30 @@ pub(in crate::cli) struct Arguments {
     place: Place,
 }
 
-/// One side: a file, or a device and the words for it.
-enum Side {
-    File(Box<Eds>),
-    Device(Node),
-}
-
 pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Failure> {
     let eds = sheet_of(arguments.eds.as_deref(), output)?;
     let words = [&arguments.first, &arguments.second];
-    let files = words.map(|word| is_file(word));
-    let mut desk = if files == [true; 2] { None } else { Some(Desk::open(&arguments.place, output)?) };
-    let mut sides = Vec::new();
-    for (word, is_file) in words.into_iter().zip(files) {
-        sides.push(match (&mut desk, is_file) {
-            (_, true) => Side::File(Box::new(sheet(Path::new(word), output)?)),
-            (Some(desk), false) => Side::Device(desk.node(word)?),
-            (None, false) => return Err(Failure::new(Exit::Internal, "a device without a bus", "")),
-        });
+    let mut files = Vec::new();
+    for word in words {
+        files.push(if is_file(word) { Some(sheet(Path::new(word), output)?) } else { None });
     }
-    let of_file: Option<Eds> = sides.iter().find_map(|side| match side {
-        Side::File(eds) => Some((**eds).clone()),
-        Side::Device(_) => None,
-    });
-    let mut values = Vec::new();
-    for side in sides {
-        values.push(match (side, &mut desk) {
-            (Side::File(eds), _) => *eds,
-            // By the objects of the data sheet, or those of the file; else all are looked for.
-            (Side::Device(node), Some(desk)) => {
-                if let Some(entry) = &node.entry {
-                    desk.service.turn_to(entry.bus);
-                }
-                objects(desk, &node, eds.as_ref().or(of_file.as_ref()), output)?.0
+    // Devices are read by the objects of the data sheet, or those of the file; else all are looked for.
+    let by = eds.clone().or_else(|| files.iter().flatten().next().cloned());
+    let (mut reached, mut values) = (None::<Reached>, Vec::new());
+    for (word, file) in words.into_iter().zip(files) {
+        if let Some(file) = file {
+            values.push(file);
+            continue;
+        }
+        let mut device = match reached.take() {
+            Some(mut there) => {
+                there.turn_to(word, output)?;
+                there
             }
-            (Side::Device(_), None) => return Err(Failure::new(Exit::Internal, "a device without a bus", "")),
-        });
+            None => Reached::open(&arguments.place, word, output)?,
+        };
+        values.push(objects(&mut device, by.as_ref(), output)?.0);
+        reached = Some(device);
     }
     let [first, second] = values.as_slice() else { return Err(Failure::new(Exit::Internal, "two sides", "")) };
     let differences = differences(first, second, eds.as_ref(), arguments.all);

@@ -45,14 +45,11 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
     }
     let eds = sheet_of(arguments.eds.as_deref(), output)?;
     let mut reached = Reached::open(&arguments.place, &arguments.node, output)?;
-    let (found, missed) = match &mut reached {
-        Reached::Node(desk, node) => objects(desk, node, eds.as_ref(), output)?,
-        Reached::Device(..) if arguments.concise => {
-            let message = "a concise DCF is what a CANopen manager takes, and this place is on EtherCAT";
-            return Err(Failure::new(Exit::Usage, message, "leave --concise away"));
-        }
-        Reached::Device(desk, device) => on_segment(desk, device, eds.as_ref(), output)?,
-    };
+    if arguments.concise && !reached.is_on_can() {
+        let message = "a concise DCF is what a CANopen manager takes, and this place is on EtherCAT";
+        return Err(Failure::new(Exit::Usage, message, "leave --concise away"));
+    }
+    let (found, missed) = objects(&mut reached, eds.as_ref(), output)?;
     let (text, count) = if arguments.concise {
         let (writes, left_out) = downloads(&found, eds.as_ref(), reached.named().node_id());
         for left_out in &left_out {
@@ -93,11 +90,18 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
 
 /// All objects of a device with their values.
 pub(super) fn objects(
-    desk: &mut Desk,
-    node: &Node,
+    reached: &mut Reached,
     eds: Option<&Eds>,
     output: &Output,
 ) -> Result<(Eds, Vec<Missed>), Failure> {
+    match reached {
+        Reached::Node(desk, node) => on_can(desk, node, eds, output),
+        Reached::Device(desk, device) => on_segment(desk, device, eds, output),
+    }
+}
+
+/// On CAN.
+fn on_can(desk: &mut Desk, node: &Node, eds: Option<&Eds>, output: &Output) -> Result<(Eds, Vec<Missed>), Failure> {
     let progress = Progress::new(output);
     progress.begin("reading");
     let at = |share: f64| progress.at(Stage { time_s: share, end_s: 1.0 });
@@ -109,7 +113,7 @@ pub(super) fn objects(
     read.map_err(|error| desk.failure(node, "reading all its objects", error))
 }
 
-/// The same on EtherCAT: by the device's own list of objects, where it has one.
+/// On EtherCAT: by the device's own list of objects, where it has one.
 fn on_segment(
     desk: &mut SegmentDesk,
     device: &Device,

@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use super::super::place::{Desk, Node, Place};
+use super::super::place::Place;
 use super::super::reached::Reached;
 use super::super::state::refuse_powered;
 use super::super::words::{spaced, titled, wrapped};
@@ -10,6 +10,7 @@ use super::{Done, Saving, is_file, sheet, sheet_of, told, write_all};
 use crate::canopen::NmtState;
 use crate::cli::failure::{Exit, Failure};
 use crate::cli::output::Output;
+use crate::ethercat::{AlState, AlStatus};
 use crate::objects::Address;
 use crate::service::{Error, number, plan};
 use yieldwall_drives::eds::Eds;
@@ -18,7 +19,7 @@ use yieldwall_drives::eds::Eds;
 pub(in crate::cli) struct Arguments {
     /// The file, as `od dump` writes it, or a backup of another command
     file: PathBuf,
-    /// A node id, or the name of a device in the rig
+    /// A node id, on EtherCAT a position, or the name of a device in the rig
     node: String,
     /// A data sheet (EDS or DCF) of the device: objects of the vendor are written only if it explains them
     #[arg(long, value_name = "FILE.eds")]
@@ -52,19 +53,11 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
     }
     let mut reached = Reached::open(&arguments.place, &arguments.node, output)?;
     refuse_powered(&mut reached)?;
-    let Reached::Node(mut desk, node) = reached else {
-        let message = "od restore is for devices on CAN so far, and this place is on EtherCAT";
-        return Err(Failure::new(Exit::Usage, message, "`yieldwall od write` writes one object"));
-    };
-    let state = desk.service.state(node.id).map_err(|error| desk.failure(&node, "asking its state", error))?;
-    if state == Some(NmtState::Operational) {
-        let message = format!("{} is {}: its process data may not change", node.words(), spaced("Operational"));
-        let help = format!("`yieldwall nmt {} preop{}` first", node.id.raw(), desk.arguments);
-        return Err(Failure::new(Exit::Usage, message, help));
-    }
-    refuse_another_kind(&mut desk, &node, &wanted)?;
-    let plan = plan(&mut desk.service, node.id, &wanted, eds.as_ref());
-    let plan = plan.map_err(|error| desk.failure(&node, "comparing its objects", error))?;
+    refuse_exchanging(&mut reached)?;
+    refuse_another_kind(&mut reached, &wanted)?;
+    let node_id = reached.named().node_id();
+    let plan = plan(&mut *reached.objects()?, node_id, &wanted, eds.as_ref());
+    let plan = plan.map_err(|error| reached.failure("comparing its objects", error))?;
     for left_out in &plan.left_out {
         output.news(
             wrapped(&format!("left out  {}: {}", titled(left_out.at, &left_out.name), left_out.why)).trim_end(),
@@ -73,7 +66,6 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
     if plan.steps.is_empty() {
         output.news("nothing to write: the rest is as in the file")?;
     }
-    let mut reached = Reached::Node(desk, node);
     let done = if arguments.dry_run {
         Done::planned(&plan.steps)
     } else {
@@ -86,27 +78,48 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
 /// What tells devices of one kind from others: device type, vendor and product.
 const KIND: [(u16, u8, &str); 3] = [(0x1000, 0, "device type"), (0x1018, 1, "vendor"), (0x1018, 2, "product code")];
 
+/// Refuses a device whose process data are exchanged, or may be: what they are does not change then.
+fn refuse_exchanging(reached: &mut Reached) -> Result<(), Failure> {
+    let state = match reached {
+        Reached::Node(desk, node) => {
+            let state = desk.service.state(node.id);
+            let state = state.map_err(|error| desk.failure(node, "asking its state", error))?;
+            (state == Some(NmtState::Operational)).then(|| (spaced("Operational"), "nmt"))
+        }
+        Reached::Device(desk, device) => {
+            let state = desk.service.state(device.position);
+            let (status, _) = state.map_err(|error| desk.failure(device, "reading its state", error))?;
+            let is_at_rest = status == AlStatus::new(AlState::PreOperational, false);
+            (!is_at_rest).then(|| (status.to_string(), "state"))
+        }
+    };
+    let Some((state, command)) = state else { return Ok(()) };
+    let message = format!("{} is in {state}: its process data may not change", reached.words());
+    let help = format!("`yieldwall {command} {} preop{}` first", reached.number(), reached.arguments());
+    Err(Failure::new(Exit::Usage, message, help))
+}
+
 /// Refuses the file of a device of another kind, of which some objects would be taken before one is refused. A file that does not say what
 /// it is of, such as a backup of a few objects, is taken.
-fn refuse_another_kind(desk: &mut Desk, node: &Node, wanted: &Eds) -> Result<(), Failure> {
+fn refuse_another_kind(reached: &mut Reached, wanted: &Eds) -> Result<(), Failure> {
     for (index, sub, what) in KIND {
         let entry = wanted.entry(index, sub);
-        let value = entry.and_then(|entry| entry.value.as_ref()?.to_bytes(entry.data_type, node.id.raw()));
+        let value = entry.and_then(|entry| entry.value.as_ref()?.to_bytes(entry.data_type, reached.named().node_id()));
         let Some(value) = value else { continue };
-        match desk.service.read(node.id, Address::new(index, sub)) {
+        match reached.read(Address::new(index, sub)) {
             Ok(held) if number(&held) != number(&value) => {
                 let message = format!(
                     "{} has the {what} {:08X}h, and the file is of a device with {:08X}h: nothing was written",
-                    node.words(),
+                    reached.words(),
                     number(&held),
                     number(&value)
                 );
                 let help =
-                    format!("name the device that the file is of; `yieldwall scan{}` shows them", desk.arguments);
+                    format!("name the device that the file is of; `yieldwall scan{}` shows them", reached.arguments());
                 return Err(Failure::new(Exit::DeviceMismatch, message, help));
             }
             Ok(_) | Err(Error::Refused(_)) => {}
-            Err(error) => return Err(desk.failure(node, "reading what it is", error)),
+            Err(error) => return Err(reached.failure("reading what it is", error)),
         }
     }
     Ok(())

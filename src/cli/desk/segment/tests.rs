@@ -255,3 +255,60 @@ fn doctor_tells_of_each_device_what_is_wrong_with_it() {
     let text: Vec<String> = sections.iter().map(crate::cli::checkup::Section::text).collect();
     insta::assert_snapshot!("segment-doctor", text.join("\n"));
 }
+
+/// Parameters, a mapping and the assignment of a sync manager are put back, in an order that the device takes.
+#[test]
+fn a_device_is_put_back_to_the_values_of_a_file() {
+    use crate::objects::Address;
+    use crate::service::{Made, Plan, carry_out, inventory_of, plan};
+    use yieldwall_drives::eds::Eds;
+
+    let mut reached = reached("left", |_| ());
+    let mut objects = reached.objects().unwrap();
+    let (before, _) = inventory_of(&mut *objects, 0, Eds::default(), |_| {}).unwrap();
+    assert_eq!(plan(&mut *objects, 0, &before, None), Ok(Plan::default()));
+    let mut count = objects.read(Address::new(0x1a00, 0)).unwrap();
+    count[0] -= 1;
+    for (index, sub, value) in
+        [(0x6072, 0, &[0x84, 3][..]), (0x1c13, 0, &[0]), (0x1a00, 0, &count), (0x1c13, 0, &[1]), (0x1c12, 0, &[0])]
+    {
+        objects.write(Address::new(index, sub), value).unwrap();
+    }
+    let plan_of = |objects: &mut dyn crate::service::ObjectAccess| plan(objects, 0, &before, None).unwrap();
+    let back = plan_of(&mut *objects);
+    assert_eq!(back.left_out, []);
+    let order: Vec<_> = back.steps.iter().map(|step| (step.at.index, step.at.sub, step.new[0])).collect();
+    let count = count[0] + 1;
+    let wanted = [
+        (0x6072, 0, 0xe8),
+        (0x1c12, 0, 0),
+        (0x1c12, 0, 1),
+        (0x1c13, 0, 0),
+        (0x1a00, 0, 0),
+        (0x1a00, 0, count),
+        (0x1c13, 0, 1),
+    ];
+    assert_eq!(order, wanted);
+    for step in &back.steps {
+        assert_eq!(carry_out(&mut *objects, step), Ok(Made::Written), "{step:?}");
+    }
+    assert_eq!(plan_of(&mut *objects), Plan::default());
+}
+
+#[test]
+fn a_drive_in_fault_is_taken_out_of_it_by_its_objects() {
+    use super::super::reached::Reached;
+    use super::super::state::{reset_fault, statusword};
+
+    let mut link = link();
+    link.server_mut().inject(Injection::new(Kind::DriveFault, 0.01).on(Target::LeftDrive)).unwrap();
+    let mut output = Output::new(true, false, false);
+    let mut reached = Reached::on_segment(at(link), "left", &output).unwrap();
+    reached.pause(std::time::Duration::from_millis(50)).unwrap();
+    let word = statusword(&mut reached).unwrap();
+    assert_eq!(word & 0x4f, 0x08, "{word:04x}: Fault");
+    assert_eq!(reset_fault(true, &mut reached, word, &mut output).unwrap(), word);
+    assert_eq!(statusword(&mut reached).unwrap(), word, "nothing was written");
+    let after = reset_fault(false, &mut reached, word, &mut output).unwrap();
+    assert_eq!(after & 0x4f, 0x40, "{after:04x}: Switch On Disabled");
+}

@@ -102,6 +102,7 @@ pub struct Controller<D> {
     links: Links,
     is_powered: bool,
     is_silent: bool,
+    stays_in_safe_op: bool,
     touched: Touched,
     /// When the frame that is being processed began here, and when it was back at port 1.
     frame_at: Time,
@@ -135,6 +136,7 @@ impl<D: EthercatApplication> Controller<D> {
             links: Links { towards_master: true, away: false },
             is_powered: false,
             is_silent: false,
+            stays_in_safe_op: false,
             touched: Touched::default(),
             frame_at: Time(0),
             frame_back: Time(0),
@@ -160,6 +162,11 @@ impl<D: EthercatApplication> Controller<D> {
     /// Has it pass frames on without processing them, as a controller with a fault does; the working counter is then short.
     pub fn set_silent(&mut self, is_silent: bool) {
         self.is_silent = is_silent;
+    }
+
+    /// Has it stay in SAFE-OP when it is asked for OP, without an error, or go on again.
+    pub fn set_stays_in_safe_op(&mut self, stays: bool) {
+        self.stays_in_safe_op = stays;
     }
 
     /// Has it take no more mailboxes, or take them again.

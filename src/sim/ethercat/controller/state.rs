@@ -138,8 +138,10 @@ impl<D: EthercatApplication> Controller<D> {
                 Ok(())
             }
             (AlState::SafeOperational, AlState::Operational) => {
-                self.state.op_by = Some(now + OP_PATIENCE);
-                self.poll_state(now);
+                if !self.stays_in_safe_op {
+                    self.state.op_by = Some(now + OP_PATIENCE);
+                    self.poll_state(now);
+                }
                 Ok(())
             }
             (_, to) => {
