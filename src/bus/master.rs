@@ -10,9 +10,10 @@ use super::phase::{LinkEvent, Phase};
 use super::setup::MasterSetup;
 use super::told::Told;
 use crate::canopen::{BusId, Frame, Outbox};
-use crate::cycle::{Cycle, Inputs, LinkEvents, Outputs, Timing};
+use crate::cycle::{Cycle, Inputs, LeadLimits, LinkEvents, Outputs, Timing};
 use crate::guard::{Allowed, Cause, Device, DeviceSet, Directive, Fault, Request, State};
 use crate::objects::{ObjectAnswer, ObjectError, ObjectRequest};
+use crate::quantity::JointAngles;
 use crate::time::Time;
 use yieldwall_drives::scaling::AxisScaling;
 
@@ -118,6 +119,23 @@ impl Master {
     /// The rig's cycle, for reports.
     pub fn cycle(&self) -> &Cycle {
         &self.cycle
+    }
+
+    /// Has the joints be led in place of the fixture, as [`Cycle::lead`].
+    pub fn lead(&mut self, limits: LeadLimits) {
+        self.cycle.lead(limits);
+    }
+
+    /// Lowers the greatest torque of each joint, as [`Cycle::lower_torque`].
+    pub fn lower_torque(&mut self, torque_n_m: f64) {
+        self.cycle.lower_torque(torque_n_m);
+    }
+
+    /// Leads the joints to these angles, as [`Cycle::lead_to`].
+    ///
+    /// Real-time: yes.
+    pub fn lead_to(&mut self, targets: JointAngles) {
+        self.cycle.lead_to(targets);
     }
 
     /// What entered the last cycle; before the first one, that nothing has arrived.

@@ -21,15 +21,16 @@ use super::pace::PaceArgument;
 use super::run::{Arguments, check, check_buses, check_candump, check_loop, draw, dry_run_on_can, view, with_files};
 use super::tui::Screen;
 use crate::config::{self, Source};
-use crate::guard::Fault;
+use crate::guard::{Cause, Fault};
 use crate::host::system::Refusal;
 use crate::host::{News, NotRun, Outcome, RigOnBus, StageTimes, Terms};
 use crate::record::CycleRecord;
 use crate::record::recording::About;
 use crate::report::{self, Overrides, measured, replay};
-use crate::run::{Ended, Orders, Play, Played, RunError};
+use crate::run::{Ended, Orders, Play, RunError};
 use facts::Facts;
-use proof::{evidence, unproven, untimely};
+pub(super) use proof::evidence;
+use proof::{unproven, untimely};
 
 /// Cycles of which figure and measures are made, from the first one on: ten minutes at 1 kHz. A recording holds all.
 const LONGEST_TRACE: u64 = 600_000;
@@ -131,10 +132,13 @@ fn run_and_tell(arguments: &Arguments, events: &Events, output: &mut Output) -> 
     refuse(arguments, &outcome.priority)?;
     let played = match &outcome.played {
         Ok(played) => *played,
-        Err(error) => return Err(kept.point_to_black_box(not_run(error, &outcome, &interfaces, &rig, arguments))),
+        Err(error) => {
+            let failure = not_run(error, &outcome, &interfaces, &rig, &arguments.rig);
+            return Err(kept.point_to_black_box(failure));
+        }
     };
     let time_s = played.cycles as f64 * period_s;
-    let failure = ended(&played, time_s, &outcome, &rig);
+    let failure = ended((played.ended, played.cause), time_s, &outcome, &rig);
     let (trace, measures) = measured(&rig, &rig.fixture, scene_rows);
     let drawn = draw(&trace, &rig.rig.name, arguments.figure.as_deref());
     let facts = Facts {
@@ -187,23 +191,23 @@ fn about(rig: &config::Rig, scene: Option<&config::Scene>, arguments: &Arguments
 }
 
 /// Why the rig did not run.
-fn not_run(
+pub(super) fn not_run<T>(
     error: &NotRun,
-    outcome: &Outcome,
+    outcome: &Outcome<T>,
     interfaces: &Interfaces,
     rig: &config::Rig,
-    arguments: &Arguments,
+    file: &str,
 ) -> Failure {
     match error {
         NotRun::Run(error) => {
-            let failure = point_to_doctor(live_failure(error), error, rig, &arguments.rig, interfaces);
+            let failure = point_to_doctor(live_failure(error), error, rig, file, interfaces);
             let told = match error {
                 RunError::Boot(error) => told_at_boot(error, &outcome.emergencies, rig),
                 _ => outcome.emergencies.clone(),
             };
             with_told(failure, &told, &outcome.errors, rig)
         }
-        NotRun::Unproven(error) => unproven(error, &interfaces.arguments(rig), arguments),
+        NotRun::Unproven(error) => unproven(error, &interfaces.arguments(rig), file),
         NotRun::Untimely(error) => untimely(error, rig),
         // Said with the line of the file before anything was opened.
         NotRun::Overfull { .. } => Failure::new(Exit::ConfigInvalid, error.to_string(), ""),
@@ -212,12 +216,17 @@ fn not_run(
 }
 
 /// What is wrong with how a run ended, if anything is.
-fn ended(played: &Played, time_s: f64, outcome: &Outcome, rig: &config::Rig) -> Option<Failure> {
-    let failure = match played.ended {
+pub(super) fn ended<T>(
+    (ended, cause): (Ended, Option<Cause>),
+    time_s: f64,
+    outcome: &Outcome<T>,
+    rig: &config::Rig,
+) -> Option<Failure> {
+    let failure = match ended {
         Ended::Whole => return None,
         Ended::Interrupted => interrupted(time_s),
         Ended::Stopped => {
-            let stopped = with_findings(stopped_by(played.cause, time_s, rig), &outcome.segment);
+            let stopped = with_findings(stopped_by(cause, time_s, rig), &outcome.segment);
             with_told(stopped, &outcome.emergencies, &outcome.errors, rig)
         }
         Ended::StillMoving => Failure::new(

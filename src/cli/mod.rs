@@ -25,6 +25,7 @@ mod fit;
 mod interfaces;
 #[cfg(target_os = "linux")]
 mod interrupt;
+mod jog;
 mod keep;
 #[cfg(target_os = "linux")]
 mod latency;
@@ -99,6 +100,8 @@ enum Command {
     /// Show on a real bus that the drives stop by themselves when the master falls silent; `run --bus` asks for it
     #[cfg(target_os = "linux")]
     Drill(drill::Arguments),
+    /// Move one joint by an angle, slowly and with little torque, while the other one holds
+    Jog(jog::Arguments),
     /// Measure how late this computer wakes up, and how long a frame takes to the bus and back
     #[cfg(target_os = "linux")]
     Latency(latency::Arguments),
@@ -240,6 +243,7 @@ fn run(arguments: impl IntoIterator<Item = OsString>) -> Exit {
         Command::Sim(arguments) => sim::run(&arguments, &mut output),
         #[cfg(target_os = "linux")]
         Command::Drill(arguments) => drill::run(&arguments, &mut output),
+        Command::Jog(arguments) => jog::run(&arguments, &mut output),
         #[cfg(target_os = "linux")]
         Command::Latency(arguments) => latency::run(&arguments, &mut output),
         #[cfg(target_os = "linux")]

@@ -111,6 +111,9 @@ pub(super) fn live_failure(error: &RunError) -> Failure {
             error.to_string(),
             "name its object in the device profile (limits.torque)",
         ),
+        RunError::WayBlocked { .. } => {
+            Failure::new(Exit::SafetyStop, error.to_string(), "nothing was enabled; go less far, or the other way")
+        }
         RunError::Unread { .. } => Failure::new(
             Exit::DeviceMismatch,
             error.to_string(),

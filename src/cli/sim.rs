@@ -52,6 +52,9 @@ pub(super) struct Arguments {
     /// The devices of this process, by name or by position on EtherCAT; those of the rig unless told otherwise
     #[arg(long, value_delimiter = ',', value_name = "NAME,..")]
     nodes: Vec<String>,
+    /// Nobody holds the tool, as while joints are moved by `jog`
+    #[arg(long, conflicts_with = "attach")]
+    no_hand: bool,
     /// Have other processes attach the devices that are not here: a socket that is made at this path
     #[arg(long, value_name = "SOCKET")]
     plant: Option<PathBuf>,
@@ -102,6 +105,9 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
     }
     let server = DeviceServer::new(&rig, &scene.value, seed, arguments.pace.pace());
     let mut server = server.map_err(|error| rig_failure(&error))?.only(here);
+    if arguments.no_hand {
+        server.take_hand_away();
+    }
     arguments.unwatched.iter().for_each(|unwatched| server.ignore(unwatched.watchdog()));
     server.set_reset_time(milliseconds(arguments.reset_ms));
     server.set_sdo_time(milliseconds(arguments.sdo_ms));

@@ -70,6 +70,12 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
     let started = Instant::now();
     let outcomes: Vec<Outcome> = match (arguments.seed, &arguments.script) {
         (Some(seed), Some(script)) => {
+            script.check(&shipped, seed).map_err(|error| {
+                let help = format!(
+                    "the rig of seed {seed} has another bus; `yieldwall faults NAME` says on which one a fault acts"
+                );
+                Failure::new(Exit::Usage, format!("--script {error}"), help)
+            })?;
             let script = Script { is_tangle: arguments.tangle, ..script.clone() };
             vec![soak::run_seed(&shipped, seed, cycles, Some(&script))]
         }

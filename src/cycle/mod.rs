@@ -3,6 +3,7 @@
 //! [`Cycle::step`] takes what the bus brought in one period and gives what the bus shall carry in the next. It is pure:
 //! time is the fixed period, and nothing in it allocates, locks, logs or panics.
 
+mod lead;
 mod monitor;
 mod reference;
 mod servo;
@@ -16,9 +17,11 @@ use crate::guard::{
 use crate::linkage::{FiveBar, Posture};
 use crate::quantity::{Force, JointAngles, JointTorques, TipDisplacement, TipPoint};
 use crate::sensing::{RawSample, Reading, Sensing};
+use lead::Lead;
 use watch::{Balance, Chatter};
 use yieldwall_drives::cia402;
 
+pub use lead::LeadLimits;
 pub use reference::Reference;
 pub use servo::{Deviation, Servo, TorqueServo, TorqueServoParameters, TorqueStep};
 
@@ -173,6 +176,15 @@ pub struct Signals {
     pub is_saturated: bool,
 }
 
+/// A way of the joints, as [`Cycle::way`] looks at it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Way {
+    /// Smallest distance from a singularity or the edge of the workspace, m.
+    pub clearance_m: f64,
+    /// How much of it the joints may go, 0 to 1.
+    pub share: f64,
+}
+
 /// What the cycle needs to know besides its stages.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Settings {
@@ -220,6 +232,8 @@ pub struct Cycle {
     were_enabled: [bool; 2],
     reference: Option<Reference>,
     halt: Option<StopRamp>,
+    /// In place of the fixture.
+    lead: Option<Lead>,
     /// Torques that the reference's motion needs; known in torque mode alone.
     needed: Option<JointTorques>,
     enabling_cycles: u32,
@@ -258,6 +272,7 @@ impl Cycle {
             were_enabled: [false; 2],
             reference: None,
             halt: None,
+            lead: None,
             needed: None,
             enabling_cycles: 0,
             excess: Excess::new(period_s, mass_kg, EXCESS_FORGETTING_S),
@@ -275,8 +290,64 @@ impl Cycle {
         (self.measured, self.posture, self.clearance_m) = (Measured::default(), None, f64::NAN);
         (self.missed, self.were_enabled) = ([u16::MAX; 2], [false; 2]);
         (self.reference, self.halt, self.needed, self.enabling_cycles) = (None, None, None, 0);
+        self.lead.iter_mut().for_each(Lead::forget);
         self.excess.restart();
         (self.brought_j, self.chatter, self.balance) = Default::default();
+    }
+
+    /// Has the joints be led from now on, in place of the fixture: no force moves the reference. To be called while the rig idles;
+    /// while it has a reference nothing changes. When it comes to run its joints rest where they are, until [`Cycle::lead_to`].
+    pub fn lead(&mut self, limits: LeadLimits) {
+        if self.reference.is_none() {
+            self.lead = Some(Lead::new(limits));
+        }
+    }
+
+    /// Leads the joints of a rig that runs to these angles, within its limits. Targets that are not finite are passed over.
+    ///
+    /// Real-time: yes.
+    pub fn lead_to(&mut self, targets: JointAngles) {
+        self.lead.iter_mut().for_each(|lead| lead.lead_to(targets));
+    }
+
+    /// Whether the reference rests where the joints are led.
+    ///
+    /// Real-time: yes.
+    pub fn is_there(&self) -> bool {
+        self.lead.zip(self.reference).is_some_and(|(lead, reference)| lead.is_there(reference.angles))
+    }
+
+    /// Lowers the greatest torque of each joint, in N m, for as long as the rig is not made anew. It is never raised.
+    pub fn lower_torque(&mut self, torque_n_m: f64) {
+        self.gate.lower_torque(torque_n_m);
+        if let Servo::Torque(servo) = &mut self.servo {
+            servo.lower_torque(torque_n_m, &self.linkage);
+        }
+    }
+
+    /// Smallest clearance in m on the way of the joints from where they were measured last to `targets`, both at the same pace, looked at
+    /// every 5 mrad; and the share of the way, 0 to 1, up to which the clearance is `least_m` or what it is at the begin. `None` if no angles
+    /// were measured or are not those of a posture.
+    pub fn way(&self, targets: JointAngles, least_m: f64) -> Option<Way> {
+        const STEP_RAD: f64 = 5e-3;
+        const MOST_STEPS: f64 = 2000.0;
+        let from = self.measured.angles;
+        let here = self.posture.map(|posture| self.clearance_of_m(&posture))?;
+        let whole = targets - from;
+        let [left, right] = whole.to_array();
+        let steps = (left.abs().max(right.abs()) / STEP_RAD).ceil().clamp(1.0, MOST_STEPS);
+        let mut way = Way { clearance_m: here, share: 0.0 };
+        for step in 1..=steps as u32 {
+            let share = f64::from(step) / steps;
+            let posture = self.linkage.forward(from + whole * share);
+            let clearance_m = posture.map_or(f64::NEG_INFINITY, |posture| self.clearance_of_m(&posture));
+            if clearance_m < least_m.min(here) {
+                way.clearance_m = clearance_m;
+                break;
+            }
+            way = Way { clearance_m: way.clearance_m.min(clearance_m), share };
+        }
+        Some(way)
     }
 
     /// One cycle of the rig, from what the bus brought to what it shall carry.
@@ -392,6 +463,8 @@ impl Cycle {
         let (allowed, cut) = self.gate.check(&effort.command, &self.measured)?;
         self.needed = effort.needed;
         signals.is_saturated = cut || effort.overreach.is_some();
+        // Joints that are led go where they are led; one that is blocked is a following error.
+        let before = before.filter(|_| self.lead.is_none());
         if let (Some(overreach), Some(before), Motion::Run) = (effort.overreach, before, motion) {
             self.draw_back(overreach, &before, &reference, &posture)?;
         }
@@ -402,6 +475,7 @@ impl Cycle {
     fn rest(&mut self) -> Allowed<JointCommand> {
         self.reference = None;
         self.halt = None;
+        self.lead.iter_mut().for_each(Lead::forget);
         self.needed = None;
         self.gate.rest(&self.servo.rest(), &self.measured)
     }

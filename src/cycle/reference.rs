@@ -83,14 +83,17 @@ impl Cycle {
             let start = Reference::at_rest(posture.tip, self.measured.angles);
             self.reset_fixture(start.point)?;
             self.servo.reset(&start, posture);
+            self.lead.iter_mut().for_each(|lead| lead.rest(start.angles));
             self.reference = Some(start);
             return Ok(start);
         };
         let candidate = match motion {
+            Motion::Run if self.lead.is_some() => self.led(&last),
             Motion::Run => self.run(&last, reading, signals)?,
             Motion::Halt | Motion::Rest => self.stop(&last)?,
         };
-        let braked = self.brake(candidate, &last);
+        // Joints that are led are not led around an edge: they stay before it.
+        let braked = self.brake(candidate, &last).filter(|point| self.lead.is_none() || *point == candidate);
         let next = match braked.and_then(|point| self.admit(point, &last).map(|angles| (point, angles))) {
             Some((point, angles)) => {
                 self.faults.observe(Fault::WorkspaceEdge, point != candidate);
@@ -102,6 +105,7 @@ impl Cycle {
             None => {
                 self.faults.observe(Fault::WorkspaceEdge, true);
                 self.reset_fixture(last.point)?;
+                self.lead.iter_mut().for_each(|lead| lead.rest(last.angles));
                 self.halt = self.halt.map(|_| StopRamp::new(last.point, TipVelocity::default(), 1.0));
                 last.moved(last.point, last.angles, self.settings.period_s)
             }
@@ -127,6 +131,19 @@ impl Cycle {
         let tool = self.posture.map_or(last.point, |posture| posture.tip);
         let point = TipPoint(self.fixture.dissipate(&tool.0, &reading.force.0));
         if point.is_finite() { Ok(point) } else { Err(Fault::NotFinite) }
+    }
+
+    /// Where the joints are led; where the linkage does not go they stay. After a halt they stay until they are led again.
+    fn led(&mut self, last: &Reference) -> TipPoint {
+        let was_halted = self.halt.take().is_some();
+        let period_s = self.settings.period_s;
+        let angles = self.lead.as_mut().map_or(last.angles, |lead| {
+            if was_halted {
+                lead.rest(last.angles);
+            }
+            lead.step(last.angles, period_s)
+        });
+        self.linkage.forward(angles).map_or(last.point, |posture| posture.tip)
     }
 
     /// Draws the proxy back to where the controllers would not have wanted more than they can have, so that it does not
@@ -161,14 +178,15 @@ impl Cycle {
     /// The next point of the ramp, which leads neither through a surface nor off one: there the reference stops at once, as it
     /// does at an impact.
     fn stop(&mut self, last: &Reference) -> Result<TipPoint, Fault> {
+        let is_led = self.lead.is_some();
         // A fixture whose step was refused is not where the reference is.
-        if self.halt.is_none() && *self.fixture.proxy() != last.point.0 {
+        if !is_led && self.halt.is_none() && *self.fixture.proxy() != last.point.0 {
             self.reset_fixture(last.point)?;
         }
         let deceleration = self.settings.stop_deceleration_m_per_s2;
         let ramp = self.halt.get_or_insert_with(|| StopRamp::new(last.point, last.velocity, deceleration));
         let point = ramp.advance(self.settings.period_s);
-        Ok(TipPoint(self.fixture.lead_to(&point.0)))
+        Ok(if is_led { point } else { TipPoint(self.fixture.lead_to(&point.0)) })
     }
 
     /// The joint angles for `candidate`, or `None` if the linkage cannot go there, or if the arm is within the margin

@@ -163,6 +163,12 @@ impl Deviation {
     }
 }
 
+/// The effort of a controller that makes this torque of a joint, in N m: of a Cartesian one at the longer proximal link.
+fn effort(torque_n_m: f64, is_cartesian: bool, linkage: &FiveBar) -> f64 {
+    let [left_m, right_m] = linkage.geometry().proximal_m;
+    if is_cartesian { torque_n_m / left_m.max(right_m) } else { torque_n_m }
+}
+
 impl TorqueServo {
     /// A servo at rest for an arm with this linkage. The limit of a Cartesian controller is the force that makes the
     /// greatest torque at the longer proximal link.
@@ -173,10 +179,9 @@ impl TorqueServo {
         let TorqueServoParameters { law, gains, sliding_time_s, is_cartesian, torque_limit_n_m, feed_forward, inertia } =
             *parameters;
         let axis = law.controller(gains, sliding_time_s, period_s)?;
-        let [left_m, right_m] = linkage.geometry().proximal_m;
         // No limit is the largest effort that stays finite in sums.
         let torque_n_m = torque_limit_n_m.min(f64::MAX / 4.0);
-        let limit = if is_cartesian { torque_n_m / left_m.max(right_m) } else { torque_n_m };
+        let limit = effort(torque_n_m, is_cartesian, linkage);
         Ok(Self {
             axes: [axis.clone(), axis],
             is_cartesian,
@@ -184,6 +189,12 @@ impl TorqueServo {
             feed_forward: FeedForward::new(feed_forward, period_s)?,
             inertia,
         })
+    }
+
+    /// Lowers the limit to what `torque_n_m` of each joint, in N m, makes of it. It is never raised.
+    pub(super) fn lower_torque(&mut self, torque_n_m: f64, linkage: &FiveBar) {
+        let limit = effort(torque_n_m.max(0.0), self.is_cartesian, linkage);
+        self.effort_limit.iter_mut().for_each(|most| *most = most.min(limit));
     }
 
     /// The torques that bring the arm in this posture to the reference.

@@ -99,6 +99,11 @@ impl Gate {
         Allowed::rest(like, measured.angles)
     }
 
+    /// Lets less torque through from now on: at most `torque_n_m` of each joint, in N m. It never lets more through.
+    pub fn lower_torque(&mut self, torque_n_m: f64) {
+        self.limits.torque_n_m.iter_mut().for_each(|most| *most = most.min(torque_n_m.max(0.0)));
+    }
+
     /// Lets `command` through, with torques cut to the limit, and says whether a torque was cut.
     ///
     /// # Errors

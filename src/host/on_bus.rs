@@ -23,8 +23,8 @@ use crate::guard::Fault;
 use crate::link::{InterfaceFacts, Interfaces, Role, SocketCan};
 use crate::record::CycleRecord;
 use crate::run::{
-    Drilled, DriveError, DriveIdentity, ErrorWatch, Finding, LinkCounts, NotProven, Observer, OnLink, Orders, Pace,
-    Permit, Play, Played, Proof, RunError, Runner, Tap, Unproven, settling_on_bus,
+    Bounds, Drilled, DriveError, DriveIdentity, ErrorWatch, Finding, Jog, Jogged, LinkCounts, NotProven, Observer,
+    OnLink, Orders, Pace, Play, Played, Proof, RunError, Runner, Tap, Unproven, settling_on_bus,
 };
 pub use news::News;
 use news::boot_watch;
@@ -135,11 +135,11 @@ pub enum ThreadError {
     Panicked,
 }
 
-/// What a run leaves.
+/// What a run leaves, or a jog.
 #[derive(Debug)]
-pub struct Outcome {
+pub struct Outcome<T = Played> {
     /// How it ended.
-    pub played: Result<Played, NotRun>,
+    pub played: Result<T, NotRun>,
     /// What this computer has proved; nothing where nothing has to be in time.
     pub timing: Option<Result<Kept, Untimely>>,
     /// Whether the loop had real-time priority.
@@ -248,8 +248,48 @@ impl RigOnBus {
         each: impl FnMut(&CycleRecord) + Send,
         tell: impl FnMut(News),
     ) -> Result<Outcome, ThreadError> {
+        let orders = self.orders.clone();
+        self.under(terms, is_interrupted, tell, |runner, rig, news| {
+            let play = Play::on_bus(rig, duration_s);
+            runner.boot()?;
+            let permit = runner.prove(rig, &terms.proof())?;
+            // Nobody listens if the thread that waits has died.
+            let _ = news.send(News::Proved);
+            Ok(runner.play_attended(&play, &permit, is_interrupted, orders.as_deref(), each)?)
+        })
+    }
+
+    /// Boots, proves, tells the drives how little torque they may make, enables, leads the joints and stops, on a thread of its own. Nobody
+    /// may hold the handle.
+    ///
+    /// # Errors
+    /// If there is no such thread; what kept the joints from being led is in the outcome.
+    pub fn jog(
+        self,
+        terms: &Terms,
+        jog: &Jog,
+        bounds: Bounds,
+        is_interrupted: &Arc<AtomicBool>,
+        tell: impl FnMut(News),
+    ) -> Result<Outcome<Jogged>, ThreadError> {
+        self.under(terms, is_interrupted, tell, |runner, rig, news| {
+            runner.boot()?;
+            let permit = runner.prove_for_bring_up(rig, &terms.proof(), bounds)?;
+            let _ = news.send(News::Proved);
+            Ok(runner.jog(jog, &permit, is_interrupted, |_| ())?)
+        })
+    }
+
+    /// Has something done with the rig where the terms are kept, on a thread of its own, and leaves the network.
+    fn under<T: Send>(
+        self,
+        terms: &Terms,
+        is_interrupted: &Arc<AtomicBool>,
+        tell: impl FnMut(News),
+        act: impl FnOnce(&mut OnInterfaces, &config::Rig, &Sender<News>) -> Result<T, NotRun> + Send,
+    ) -> Result<Outcome<T>, ThreadError> {
         let (news, told) = channel();
-        let Self { rig, mut runner, memory, orders, overfull } = self;
+        let Self { rig, mut runner, memory, overfull, .. } = self;
         let steps = news.clone();
         runner.set_boot_watch(boot_watch(news.clone(), Arc::clone(is_interrupted)));
         on_thread_of_the_cycle(news, &told, tell, move |priority| {
@@ -261,12 +301,7 @@ impl RigOnBus {
                 _ if !terms.ignores_bus_budget && !overfull.is_empty() => Err(NotRun::Overfull { bus: overfull }),
                 Some(Err(error)) if !terms.ignores_latency => Err(error.clone().into()),
                 _ => {
-                    let play = Play::on_bus(&rig, duration_s);
-                    let played = boot_and_prove(&mut runner, &rig, terms).and_then(|permit| {
-                        // Nobody listens if the thread that waits has died.
-                        let _ = steps.send(News::Proved);
-                        Ok(runner.play_attended(&play, &permit, is_interrupted, orders.as_deref(), each)?)
-                    });
+                    let played = act(&mut runner, &rig, &steps);
                     runner.leave();
                     played
                 }
@@ -332,11 +367,6 @@ impl Terms {
 }
 
 type OnInterfaces = Runner<OnLink<Interfaces, SystemMetronome>>;
-
-fn boot_and_prove(runner: &mut OnInterfaces, rig: &config::Rig, terms: &Terms) -> Result<Permit, NotRun> {
-    runner.boot()?;
-    Ok(runner.prove(rig, &terms.proof())?)
-}
 
 fn drill(
     runner: &mut OnInterfaces,

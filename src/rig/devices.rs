@@ -225,6 +225,7 @@ pub(super) fn world(rig: &config::Rig, scene: &config::Scene, seed: u64) -> Resu
     let (calibration, mounting) = assembly::calibration(rig)?;
     Ok(World {
         body,
+        has_hand: true,
         hand_stiffness_n_per_m: hand.parameters().stiffness_n_per_m,
         hand,
         calibration,

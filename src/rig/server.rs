@@ -135,6 +135,11 @@ impl DeviceServer {
         self.far.drives.iter_mut().filter_map(Seat::here_mut).for_each(|drive| drive.set_reset_time(time));
     }
 
+    /// Has no hand take the tool, ever.
+    pub fn take_hand_away(&mut self) {
+        self.far.world.has_hand = false;
+    }
+
     /// Has both drives take so long to answer an SDO request.
     pub fn set_sdo_time(&mut self, time: Duration) {
         self.far.drives.iter_mut().filter_map(Seat::here_mut).for_each(|drive| drive.set_sdo_time(time));

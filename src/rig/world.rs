@@ -141,6 +141,8 @@ pub(super) struct World {
     pub(super) hand_from_s: f64,
     pub(super) grip: Grip,
     pub(super) pushes: Vec<Push>,
+    /// Whether there is one at all.
+    pub(super) has_hand: bool,
     /// Stiffness of the hand as the scene has it, N/m.
     pub(super) hand_stiffness_n_per_m: f64,
     pub(super) truth: Truth,
@@ -171,6 +173,9 @@ impl World {
 
     /// The hand takes the tool when all drives are in Operation Enabled, and lets go of it when none makes torque any more.
     pub(super) fn lead_hand(&mut self, now: Time, states: &[cia402::State]) {
+        if !self.has_hand {
+            return;
+        }
         if !states.is_empty() && states.iter().all(|state| *state == cia402::State::OperationEnabled) {
             self.take_tool(now);
         } else if self.hand_from_s.is_finite() && !states.iter().copied().any(has_torque) {

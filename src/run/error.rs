@@ -160,6 +160,14 @@ pub enum RunError {
         /// What it does not wait for.
         watchdog: Watchdog,
     },
+    /// The linkage does not go the way that the joints were to be led.
+    #[error(
+        "the way leads too near a singularity or the edge of the workspace: {:.0} % of it is free", (100.0 * .share).floor()
+    )]
+    WayBlocked {
+        /// How much of the way is free, 0 to 1.
+        share: f64,
+    },
     /// A person asked for the end before the rig ran.
     #[error("interrupted before the rig ran")]
     Interrupted,

@@ -12,6 +12,7 @@ mod drill;
 mod drilled;
 mod error;
 mod inquiry;
+mod jog;
 mod metronome;
 mod orders;
 mod pace;
@@ -28,6 +29,7 @@ pub use drilled::{
 };
 pub use error::{RunError, Which};
 pub use inquiry::{DriveError, ErrorWatch};
+pub use jog::{Jog, Jogged};
 pub use metronome::Metronome;
 pub use orders::Orders;
 pub use pace::Pace;

@@ -23,10 +23,11 @@ use crate::assembly::{master, request_timeouts};
 use crate::bus::{LinkEvent, Master, Waiting};
 use crate::canopen::BusId;
 use crate::config;
-use crate::cycle::{Outputs, Timing};
+use crate::cycle::{LeadLimits, Outputs, Timing};
 use crate::ethercat::frame::LONGEST;
 use crate::guard::{Cause, DeviceSet, State};
 use crate::link::{LinkOutbox, Packet, SendError, Wires};
+use crate::quantity::JointAngles;
 use crate::record::{CycleRecord, Stages};
 use crate::time::Time;
 pub use alone::ANNOUNCED;
@@ -231,6 +232,23 @@ impl<P: Place> Runner<P> {
     /// The master, for reports.
     pub fn master(&self) -> &Master {
         &self.master
+    }
+
+    /// Has the joints be led in place of the fixture, as [`Cycle::lead`](crate::cycle::Cycle::lead).
+    pub(super) fn lead(&mut self, limits: LeadLimits) {
+        self.master.lead(limits);
+    }
+
+    /// Lowers the greatest torque of each joint.
+    pub(super) fn lower_torque(&mut self, torque_n_m: f64) {
+        self.master.lower_torque(torque_n_m);
+    }
+
+    /// Leads the joints to these angles.
+    ///
+    /// Real-time: yes.
+    pub(super) fn lead_to(&mut self, targets: JointAngles) {
+        self.master.lead_to(targets);
     }
 
     /// What the link has told.

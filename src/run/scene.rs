@@ -245,7 +245,7 @@ impl<P: Place> Runner<P> {
         self.master().last_inputs().drives.iter().any(|drive| has_torque(drive.state))
     }
 
-    fn cycles_in(&self, time_s: f64) -> u32 {
+    pub(super) fn cycles_in(&self, time_s: f64) -> u32 {
         (time_s / self.period().as_secs_f64()).round() as u32
     }
 }

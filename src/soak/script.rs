@@ -5,8 +5,8 @@ use std::str::FromStr;
 
 use super::dice::{Dice, Purpose};
 use super::draw::Machine;
-use super::nature;
-use crate::injection::{CATALOGUE, Injection, Kind, Lasts, Target};
+use super::{Shipped, nature};
+use crate::injection::{CATALOGUE, Injection, InjectionError, Kind, Lasts, Target};
 
 /// One seed in so many brings what is there from switching on.
 const BOOT_EVERY: u64 = 10;
@@ -58,6 +58,15 @@ impl Script {
             injections.push(at(&mut dice, machine, kind, from_s));
         }
         Self { injections, is_tangle }
+    }
+
+    /// Whether the rig of a seed can have the faults.
+    ///
+    /// # Errors
+    /// The first that means nothing on its bus, or at its target.
+    pub fn check(&self, shipped: &Shipped, seed: u64) -> Result<(), InjectionError> {
+        let machine = Machine::draw(shipped, seed);
+        self.injections.iter().try_for_each(|injection| injection.check_on(machine.rig.medium(injection)))
     }
 }
 
@@ -188,9 +197,20 @@ fn parse(part: &str) -> Result<Injection, String> {
 
 #[cfg(test)]
 mod tests {
-    use super::super::Shipped;
     use super::*;
+    use crate::injection::Medium;
     use std::collections::BTreeMap;
+
+    #[test]
+    fn a_fault_that_the_bus_of_a_seed_lacks_is_refused() {
+        let shipped = Shipped::load().unwrap();
+        let script: Script = "mailbox-stuck:left_drive@0.5".parse().unwrap();
+        let seeds: Vec<u64> = (0..20).filter(|seed| script.check(&shipped, *seed).is_ok()).collect();
+        let on_ethercat =
+            |seed: &u64| Machine::draw(&shipped, *seed).rig.medium(&script.injections[0]) == Medium::Ethercat;
+        assert_eq!(seeds, (0..20).filter(on_ethercat).collect::<Vec<_>>());
+        assert!(!seeds.is_empty() && seeds.len() < 20);
+    }
 
     #[test]
     fn two_hundred_seeds_bring_every_kind_and_every_injection_is_possible() {
@@ -202,8 +222,7 @@ mod tests {
                 let read: Script =
                     Script { injections: vec![injection], is_tangle: false }.to_string().parse().unwrap();
                 assert_eq!(read.injections, [injection], "seed {seed}");
-                let medium = machine.rig.medium(&injection);
-                injection.check_on(medium).unwrap_or_else(|error| panic!("seed {seed}: {error}"));
+                read.check(&shipped, seed).unwrap_or_else(|error| panic!("seed {seed}: {error}"));
                 *drawn.entry(injection.kind.row().name).or_default() += 1;
             }
         }

@@ -50,7 +50,7 @@ impl Narrator {
         let state = record.directive.state;
         let drives = record.inputs.drives.each_ref().map(|drive| drive.state);
         if self.drives.is_none() {
-            tell(Event::new("booted", time_s, "all nodes are in Operational, and process data are exchanged"));
+            tell(Event::new("booted", time_s, "all devices exchange process data"));
         }
         for (drive, (now, before)) in Device::DRIVES.into_iter().zip(drives.iter().zip(self.drives.unwrap_or(drives))) {
             if *now != before {
@@ -99,7 +99,7 @@ impl Narrator {
                 let text = match state {
                     State::Stopped => "the drives have the quick stop",
                     State::Disabled => "the drives have no torque",
-                    _ => "the bus cannot be reached; the drives' own watchdogs act",
+                    _ => "nothing is sent any more; the drives' own watchdogs act",
                 };
                 tell(Event::new("stopped", self.now.time_s, text).with("state", format!("{state:?}")));
             }

@@ -5,7 +5,7 @@ use crate::cli::failure::{Exit, Failure};
 use crate::cli::keep::state_folder;
 use crate::cli::latency::now_unix_s;
 use crate::cli::pace::PaceArgument;
-use crate::cli::run::{Arguments, NOTHING_ENABLED, judge};
+use crate::cli::run::{NOTHING_ENABLED, judge};
 use crate::cli::{drill, latency};
 use crate::config;
 use crate::host::{Evidence, Untimely};
@@ -13,7 +13,7 @@ use crate::rig;
 use crate::run::Unproven;
 
 /// In lockstep nothing measures time on the bus; the devices have to be simulated then. Their kind is drilled in virtual time.
-pub(super) fn evidence(
+pub(in crate::cli) fn evidence(
     pace: PaceArgument,
     rig: &config::Rig,
     scene: Option<&config::Scene>,
@@ -33,8 +33,8 @@ pub(super) fn evidence(
 }
 
 /// The failure that drives are whose watchdogs nobody has tried, or that failed.
-pub(super) fn unproven(error: &Unproven, buses: &str, arguments: &Arguments) -> Failure {
-    let help = format!("nothing was enabled; `yieldwall drill {} {buses}` tries them", arguments.rig);
+pub(super) fn unproven(error: &Unproven, buses: &str, file: &str) -> Failure {
+    let help = format!("nothing was enabled; `yieldwall drill {file} {buses}` tries them");
     let exit = match error {
         Unproven::Missing { .. } | Unproven::Unreadable { .. } => Exit::DeviceMismatch,
         Unproven::Unsafe(_) => Exit::OutOfTolerance,

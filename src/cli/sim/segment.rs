@@ -44,6 +44,9 @@ pub(super) fn run(
     let server = SegmentServer::new(rig, scene, seed, arguments.pace.pace(), here, link.now());
     let mut server = server.map_err(|error| rig_failure(&error))?;
     server.set_sdo_time(milliseconds(arguments.sdo_ms));
+    if arguments.no_hand {
+        server.take_hand_away();
+    }
     for fault in faults {
         server.inject(fault).map_err(|error| no_fault(&error))?;
     }

@@ -4,8 +4,9 @@ use std::sync::atomic::AtomicBool;
 
 use super::buses::DEVICES;
 use super::{EmbeddedRig, RigError};
+use crate::config;
 use crate::guard::{Request, State};
-use crate::run::{Enabling, Permit, RunError, STOP_LIMIT_S, has_torque, settling_cycles};
+use crate::run::{Bounds, Enabling, Jog, Jogged, Permit, RunError, STOP_LIMIT_S, has_torque, settling_cycles};
 
 /// Cycles from a reset to the question to be enabled again: the drives have left their fault state.
 const CYCLES_AFTER_RESET: u32 = 50;
@@ -89,6 +90,33 @@ impl EmbeddedRig {
             }
             Err(error) => Err(not_run(error)),
         }
+    }
+
+    /// Switches everything on, boots the network, tells the drives how little torque they may make, enables them, leads the joints and
+    /// stops, as [`Runner::jog`](crate::run::Runner::jog). No hand takes the tool.
+    ///
+    /// # Errors
+    /// [`RigError::Boot`] if a node is missing or is not what it should be, and if the simulated arm cannot go on; what kept the joints from
+    /// being led is inside.
+    pub fn jog(
+        &mut self,
+        rig: &config::Rig,
+        jog: &Jog,
+        bounds: Bounds,
+        is_interrupted: &AtomicBool,
+    ) -> Result<Result<Jogged, RunError>, RigError> {
+        self.boot()?;
+        if let Err(error) = self.runner.limit_torque(rig, bounds.torque_n_m) {
+            return Ok(Err(error));
+        }
+        self.permit = Permit::for_bring_up(&self.runner, bounds);
+        // Injections count their time from here.
+        self.take_tool();
+        self.place_mut().far.world.let_go();
+        let settling = jog.settling.max(settling_cycles(self.runner.period(), self.sample_period));
+        let jogged = self.runner.jog(&Jog { settling, ..*jog }, &self.permit, is_interrupted, |_| ());
+        self.go_on()?;
+        Ok(jogged)
     }
 
     /// Stops the rig along its ramp and runs until no drive makes torque; at once done if none does.

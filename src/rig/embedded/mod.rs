@@ -9,6 +9,8 @@ mod cable;
 mod computer;
 mod injectable;
 mod injecting;
+#[cfg(test)]
+mod jog_tests;
 mod probe;
 mod simulation;
 #[cfg(test)]

@@ -233,6 +233,11 @@ impl SegmentServer {
         Some(&mut self.far.line.as_mut()?.segment)
     }
 
+    /// Has no hand take the tool, ever.
+    pub fn take_hand_away(&mut self) {
+        self.far.world.has_hand = false;
+    }
+
     /// Has the drives take so long to answer a mailbox.
     pub fn set_sdo_time(&mut self, time: Duration) {
         self.far.line.iter_mut().for_each(|line| line.set_mailbox_time(time));

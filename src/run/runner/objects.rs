@@ -4,13 +4,15 @@ use super::Runner;
 use crate::guard::Device;
 use crate::objects::{Address, ObjectAnswer, ObjectRequest};
 use crate::run::error::{RunError, Which};
+use crate::run::permit::Ask;
 use crate::run::place::Place;
 use crate::run::proof::DriveIdentity;
 use crate::time::Time;
 use yieldwall_drives::objects;
 
 impl<P: Place> Runner<P> {
-    /// Reads an unsigned object of a device of a booted network. No cycle may run meanwhile.
+    /// Reads an unsigned object of a device of a booted network, before the rig is enabled. Cycles of a segment that run already go on
+    /// meanwhile; no other may run.
     ///
     /// # Errors
     /// [`RunError::Unread`] if it does not answer or refuses.
@@ -31,18 +33,22 @@ impl<P: Place> Runner<P> {
         let (ObjectRequest::Read(Address { index, sub }) | ObjectRequest::Write(Address { index, sub }, _)) = request;
         let unread = RunError::Unread { which: self.which(device), index, sub };
         self.send(|master, now, out| master.ask(now, device, request, out)).map_err(|_| unread.clone())?;
+        let has_cycles = self.next_sync != Time::NEVER && self.master.segment().is_some();
         loop {
-            // The drives already wait for heartbeats.
-            let sent = self.send(|master, now, out| master.repeat_heartbeat(now, out));
-            let next = self.master.next_deadline().min(sent + self.between_heartbeats());
-            self.place.wait(self.started + next.since(Time(0)));
-            self.drain();
-            self.send(|master, now, out| master.poll(now, out));
+            if has_cycles {
+                // Their frames carry what is asked.
+                self.run_cycle(Ask::Nothing);
+            } else {
+                // The drives already wait for heartbeats.
+                let sent = self.send(|master, now, out| master.repeat_heartbeat(now, out));
+                let next = self.master.next_deadline().min(sent + self.between_heartbeats());
+                self.place.wait(self.started + next.since(Time(0)));
+                self.drain();
+                self.send(|master, now, out| master.poll(now, out));
+            }
             match self.master.answer(device) {
                 ObjectAnswer::Pending => {}
-                ObjectAnswer::Done(data) => {
-                    return Ok(data.iter().take(4).rev().fold(0, |value, byte| value << 8 | u32::from(*byte)));
-                }
+                ObjectAnswer::Done(data) => return Ok(unsigned(data)),
                 ObjectAnswer::NotAsked | ObjectAnswer::Failed(_) => return Err(unread),
             }
         }
@@ -72,4 +78,9 @@ impl<P: Place> Runner<P> {
     pub(in crate::run) fn which(&self, device: Device) -> Which {
         Which { device, node_id: self.master.node_id(device) }
     }
+}
+
+/// The first four bytes as a number, the lowest first.
+fn unsigned(data: &[u8]) -> u32 {
+    data.iter().take(4).rev().fold(0, |value, byte| value << 8 | u32::from(*byte))
 }

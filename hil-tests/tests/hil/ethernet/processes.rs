@@ -44,6 +44,39 @@ fn devices_of_another_process_are_drilled_and_run() {
     }
 }
 
+/// In lockstep, so that no computer is too slow: one joint goes by its angle, the other one holds, and nobody is at the handle.
+#[test]
+#[ignore = "needs a pair of Ethernet interfaces: see hil-tests/veth"]
+fn a_joint_of_another_process_is_moved_by_an_angle() {
+    const RIG: &str = "builtin:paper-ethercat.yaml";
+    let far = format!("main={FAR}");
+    let sim = Running::ready(Running::start(&["sim", RIG, "--bus", &far, "--pace", "lockstep", "--no-hand"]));
+    let jog = ["jog", RIG, "left", "--by", "-4deg", "--rate", "20deg", "--bus", NEAR, "--pace", "lockstep", "--json"];
+    let (code, document) = Running::start(&jog).document();
+    assert_eq!((code, &document["state"]), (OK, &"Running".into()), "{document:#}");
+    let angle = |key: &str, joint: usize| document[key][joint].as_f64().expect("an angle").to_degrees();
+    assert!((angle("to_rad", 0) - angle("from_rad", 0) + 4.0).abs() < 0.1, "{document:#}");
+    assert!((angle("to_rad", 1) - angle("from_rad", 1)).abs() < 0.1, "{document:#}");
+    sim.interrupted();
+}
+
+/// By the wall clock a rig that nobody has drilled is not moved.
+#[test]
+#[ignore = "needs a pair of Ethernet interfaces: see hil-tests/veth"]
+fn a_joint_of_drives_that_nobody_has_drilled_is_not_moved() {
+    let slow = Slow::new("jogged");
+    let sim = slow.sim();
+    let state = std::env::temp_dir().join("yieldwall-never-drilled");
+    let jog = ["jog", &slow.rig, "left", "--by", "2deg", "--bus", NEAR, "--ignore-latency", "--json"];
+    let (code, message, help) = refusal(Running::start_with(&state, &jog));
+    assert_eq!(code, DEVICE_MISMATCH, "{message}");
+    assert!(message.starts_with("no watchdog drill is on record"), "{message}");
+    assert!(help.contains("nothing was enabled; `yieldwall drill"), "{help}");
+    sim.signal("INT");
+    let (_, devices) = sim.document();
+    assert!(devices["drives"].as_array().expect("two").iter().all(|drive| drive["torque_n_m"] == 0.0), "{devices:#}");
+}
+
 /// Time waits for the frames, so that no computer is too slow for the shipped cycle of 1 ms; and the rig does what it does in the embedded
 /// simulation.
 #[test]

@@ -1,0 +1,293 @@
+//! `yieldwall jog`: one joint moved by an angle, slowly and with little torque, while the other one holds.
+
+use std::f64::consts::PI;
+
+use serde_json::json;
+
+use super::ending::{rig_failure, stopped_by};
+use super::failure::{Exit, Failure};
+use super::faults::FaultArgument;
+use super::interrupt::{interrupted, on_interrupt};
+use super::output::Output;
+use super::run::check_buses;
+use crate::config::{self, Positive, Source};
+use crate::cycle::LeadLimits;
+use crate::quantity::JointAngles;
+use crate::rig::EmbeddedRig;
+use crate::run::{Bounds, Ended, Jog, Jogged, RunError, settling_on_bus};
+
+/// Greatest rate, rad/s.
+const MOST_RATE: f64 = 30.0 * PI / 180.0;
+/// The joint comes up to its rate in so long, s.
+const COMES_UP_S: f64 = 0.2;
+/// Share of the rated torque of a drive, unless said otherwise: what dry friction takes, and a little more.
+const TORQUE_SHARE: f64 = 0.25;
+/// How far a joint may be led beyond its way before the rig is stopped, and how far from its target it may rest, rad.
+const BEYOND_RAD: f64 = 0.02;
+const OFF_RAD: f64 = 2e-3;
+
+#[derive(Debug, clap::Args)]
+pub(super) struct Arguments {
+    /// The rig; `builtin:paper-admittance.yaml` names the copy inside the program
+    #[arg(value_name = "RIG.yaml")]
+    rig: String,
+    /// The joint, by the name of its drive in the rig; `left` and `right` are names too
+    joint: String,
+    /// How far and which way, with its unit: 5deg or -0.1rad; counter-clockwise is positive
+    #[arg(long, value_name = "ANGLE", value_parser = angle, allow_hyphen_values = true)]
+    by: f64,
+    /// How far in a second, with its unit; 30deg at most
+    #[arg(long, value_name = "ANGLE", value_parser = angle, default_value = "6deg")]
+    rate: f64,
+    /// Most torque of each drive, N m, which the drives are told (6072h); a quarter of their rated torque unless said
+    #[arg(long, value_name = "N_M", value_parser = torque)]
+    torque: Option<Positive>,
+    /// Break something on the way, as `run --fault`; TIME counts from the end of the boot, in s
+    #[arg(long, value_name = "NAME@TIME[+DURATION][:TARGET]")]
+    fault: Vec<FaultArgument>,
+    /// Move the joint of a real rig on this interface instead of a simulated one; for a rig with several buses once for each, as NAME=INTERFACE
+    #[cfg(target_os = "linux")]
+    #[arg(long, value_name = "INTERFACE", conflicts_with = "fault")]
+    bus: Vec<String>,
+    /// What a cycle waits for: the wall clock, or (simulated devices in lockstep alone) the process data
+    #[cfg(target_os = "linux")]
+    #[arg(long, value_enum, default_value_t = super::pace::PaceArgument::Free, requires = "bus")]
+    pace: super::pace::PaceArgument,
+    /// Move also if this computer has not proved the timing that the rig asks for
+    #[cfg(target_os = "linux")]
+    #[arg(long, requires = "bus")]
+    ignore_latency: bool,
+}
+
+/// An angle with its unit, in rad.
+fn angle(text: &str) -> Result<f64, String> {
+    let wanted = || format!("write an angle with its unit, such as 5deg or -0.1rad, not `{text}`");
+    let (number, unit) = match (text.strip_suffix("deg"), text.strip_suffix("rad")) {
+        (Some(number), _) => (number, PI / 180.0),
+        (_, Some(number)) => (number, 1.0),
+        _ => return Err(wanted()),
+    };
+    let value: f64 = number.trim().parse().map_err(|_| wanted())?;
+    if value.is_finite() { Ok(value * unit) } else { Err(wanted()) }
+}
+
+fn torque(text: &str) -> Result<Positive, String> {
+    let value = text.parse().ok().and_then(Positive::new);
+    value.ok_or_else(|| format!("write a torque in N m above 0, such as 2.5, not `{text}`"))
+}
+
+/// What is done, and within which bounds.
+struct Plan {
+    /// Index of the joint, 0 the left one.
+    joint: usize,
+    jog: Jog,
+    bounds: Bounds,
+}
+
+impl Plan {
+    fn of(arguments: &Arguments, rig: &config::Rig) -> Result<Self, Failure> {
+        let usage = |message: String, help: &str| Failure::new(Exit::Usage, message, help);
+        let names = rig.drives.each_ref().map(|drive| drive.name.as_str());
+        let by_name = names.iter().position(|name| *name == arguments.joint);
+        let by_side = || ["left", "right"].iter().position(|side| *side == arguments.joint);
+        let Some(joint) = by_name.or_else(by_side) else {
+            let message = format!("{} is no joint of the rig", arguments.joint);
+            return Err(usage(message, &format!("write {}", names.join(" or "))));
+        };
+        if arguments.by == 0.0 || arguments.by.abs() > PI {
+            return Err(usage("--by: no way, or more than half a turn".to_owned(), "write for example --by 5deg"));
+        }
+        if !(arguments.rate > 0.0 && arguments.rate <= MOST_RATE) {
+            return Err(usage(
+                "--rate: more than 0 and at most 30deg in a second".to_owned(),
+                "write for example --rate 6deg",
+            ));
+        }
+        let rated = rig.drives.iter().map(|drive| drive.rated_torque_n_m.get()).fold(f64::INFINITY, f64::min);
+        let most = rig.guard.torque_limit_n_m.get();
+        let torque = arguments.torque.map_or(TORQUE_SHARE * rated, Positive::get).min(most);
+        let positive =
+            |value| Positive::new(value).ok_or_else(|| usage("no torque and no way".to_owned(), "write greater ones"));
+        let mut by = [0.0; 2];
+        by.iter_mut().skip(joint).take(1).for_each(|by| *by = arguments.by);
+        let limits =
+            LeadLimits { rate_rad_per_s: arguments.rate, acceleration_rad_per_s2: arguments.rate / COMES_UP_S };
+        let margin_m = rig.guard.singularity_margin_m.get();
+        let jog = Jog { by: JointAngles::from(by), limits, margin_m, settling: settling_on_bus(rig) };
+        let motion_rad = positive(arguments.by.abs() + BEYOND_RAD)?;
+        Ok(Self { joint, jog, bounds: Bounds { motion_rad, torque_n_m: positive(torque)? } })
+    }
+
+    /// How far a joint has gone, against what was asked of it, rad.
+    fn off(&self, jogged: &Jogged) -> [f64; 2] {
+        (jogged.to - jogged.from - self.jog.by).to_array()
+    }
+
+    /// Whether each joint is where it should be.
+    fn judge(&self, jogged: &Jogged, rig: &config::Rig) -> Result<(), Failure> {
+        let off = self.off(jogged);
+        let Some((drive, off)) = rig.drives.iter().zip(off).find(|(_, off)| off.abs() > OFF_RAD) else { return Ok(()) };
+        let message = format!(
+            "the joint of {} is {:.2} deg beside where it was led, more than {:.2} deg",
+            drive.name,
+            off.to_degrees(),
+            OFF_RAD.to_degrees()
+        );
+        let torque = self.bounds.torque_n_m.get();
+        let help = format!(
+            "{torque:.1} N m do not bring it there: look for friction and for what blocks it, or raise --torque"
+        );
+        Err(Failure::new(Exit::OutOfTolerance, message, help))
+    }
+
+    fn end(
+        &self,
+        arguments: &Arguments,
+        rig: &config::Rig,
+        jogged: &Jogged,
+        end: Result<(), Failure>,
+        output: &mut Output,
+    ) -> Result<(), Failure> {
+        let end = end.and_then(|()| self.judge(jogged, rig));
+        if output.is_json() {
+            return output.end(
+                json!({
+                    "joint": rig.drives.get(self.joint).map(|drive| &drive.name),
+                    "by_rad": arguments.by,
+                    "from_rad": jogged.from.to_array(),
+                    "to_rad": jogged.to.to_array(),
+                    "deviation_rad": jogged.deviation.to_array(),
+                    "torque_limit_n_m": self.bounds.torque_n_m.get(),
+                    "time_s": jogged.time_s,
+                    "state": format!("{:?}", jogged.state),
+                    "cause": jogged.cause.map(|cause| cause.fault.row().name),
+                }),
+                end,
+            );
+        }
+        let mut text = String::new();
+        let each =
+            rig.drives.iter().zip(jogged.from.to_array()).zip(jogged.to.to_array()).zip(jogged.deviation.to_array());
+        for (joint, (((drive, from), to), deviation)) in each.enumerate() {
+            let word = if joint == self.joint { "moved" } else { "held" };
+            text.push_str(&format!(
+                "{word:9} {}: {:.3} -> {:.3} deg, {:.3} deg beside its reference at most\n",
+                drive.name,
+                from.to_degrees(),
+                to.to_degrees(),
+                deviation.to_degrees()
+            ));
+        }
+        text.push_str(&format!(
+            "torque    {:.1} N m at most, which both drives were told\n",
+            self.bounds.torque_n_m.get()
+        ));
+        output.result(&text)?;
+        end
+    }
+}
+
+pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Failure> {
+    let rig = config::load_rig(Source::named(&arguments.rig))?;
+    output.configuration(&rig.warnings)?;
+    check_buses(&rig, None, output)?;
+    let plan = Plan::of(arguments, &rig.value)?;
+    #[cfg(target_os = "linux")]
+    if !arguments.bus.is_empty() {
+        return on_bus(arguments, &plan, &rig, output);
+    }
+    let (rig, scene) = (&rig.value, rig.scene()?.value);
+    let is_interrupted = on_interrupt()?;
+    let machine = EmbeddedRig::new(rig, &scene, &rig.fixture, scene.seed);
+    let mut machine = machine.map_err(|error| rig_failure(&error))?;
+    for fault in &arguments.fault {
+        machine.inject(fault.of_rig(rig)?).map_err(|error| rig_failure(&error))?;
+    }
+    output
+        .aside(&format!("the simulated arm of {}, with no hand on it; a real one with --bus INTERFACE", rig.rig.name));
+    let jogged = machine.jog(rig, &plan.jog, plan.bounds, &is_interrupted).map_err(|error| rig_failure(&error))?;
+    let jogged = jogged.map_err(|error| in_simulation(&error))?;
+    let failure = match jogged.ended {
+        Ended::Whole => None,
+        Ended::Interrupted => Some(interrupted(jogged.time_s)),
+        _ => Some(stopped_by(jogged.cause, jogged.time_s, rig)),
+    };
+    plan.end(arguments, rig, &jogged, failure.map_or(Ok(()), Err), output)
+}
+
+/// The failure that simulated joints were not led.
+fn in_simulation(error: &RunError) -> Failure {
+    let exit = match error {
+        RunError::WayBlocked { .. } => Exit::SafetyStop,
+        RunError::Interrupted => Exit::Interrupted,
+        RunError::NoTorqueLimit { .. } => Exit::DeviceMismatch,
+        _ => Exit::DeviceFault,
+    };
+    let help = match error {
+        RunError::WayBlocked { .. } => "nothing was enabled; go less far, or the other way",
+        RunError::NoTorqueLimit { .. } => "name its object in the device profile (limits.torque)",
+        _ => "",
+    };
+    Failure::new(exit, error.to_string(), help)
+}
+
+#[cfg(target_os = "linux")]
+fn on_bus(
+    arguments: &Arguments,
+    plan: &Plan,
+    rig: &config::Loaded<config::Rig>,
+    output: &mut Output,
+) -> Result<(), Failure> {
+    use super::events::Events;
+    use super::interfaces::Interfaces;
+    use super::live::{ended, evidence, not_run};
+    use super::on_bus::{different, open_failure, thread_failure, warn, warn_of};
+    use super::pace::PaceArgument;
+    use crate::host::{News, RigOnBus, Terms};
+
+    let events = Events::of(output);
+    let scene = match (&rig.value.simulation, arguments.pace) {
+        (None, _) | (_, PaceArgument::Free) => None,
+        _ => Some(rig.scene()?.value),
+    };
+    let rig = &rig.value;
+    let terms = Terms {
+        evidence: evidence(arguments.pace, rig, scene.as_ref())?,
+        needs_realtime: false,
+        ignores_latency: arguments.ignore_latency,
+        ignores_bus_budget: false,
+    };
+    let is_interrupted = on_interrupt()?;
+    let interfaces = Interfaces::of(rig, &arguments.bus)?;
+    let on_bus = RigOnBus::open(rig, interfaces.names(), arguments.pace.pace());
+    let on_bus = on_bus.map_err(|error| open_failure(&error))?;
+    warn_of(output, on_bus.memory());
+    output.news("the rig is enabled, and one joint moves; nobody may hold the handle")?;
+    let outcome = on_bus.jog(&terms, &plan.jog, plan.bounds, &is_interrupted, |news| match news {
+        News::Refused(refusal) => warn(output, refusal),
+        news => events.news(news),
+    });
+    events.clear();
+    let mut outcome = outcome.map_err(|error| thread_failure(&error))?;
+    outcome.emergencies = different(outcome.emergencies.into_iter());
+    let jogged = match &outcome.played {
+        Ok(jogged) => *jogged,
+        Err(error) => return Err(not_run(error, &outcome, &interfaces, rig, &arguments.rig)),
+    };
+    let failure = ended((jogged.ended, jogged.cause), jogged.time_s, &outcome, rig);
+    plan.end(arguments, rig, &jogged, failure.map_or(Ok(()), Err), output)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_angle_has_a_unit_and_is_a_number() {
+        assert!((angle("5deg").unwrap() - 0.087_266_462_599_716_47).abs() < 1e-15);
+        assert_eq!(angle("-0.1rad"), Ok(-0.1));
+        for text in ["5", "deg", "5 grad", "NaNdeg", "infrad", "", "1e400rad"] {
+            assert!(angle(text).unwrap_err().contains("5deg or -0.1rad"), "{text}");
+        }
+    }
+}

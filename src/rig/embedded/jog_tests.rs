@@ -1,0 +1,131 @@
+//! Joints that are moved on the embedded simulation.
+
+use std::sync::atomic::AtomicBool;
+
+use super::*;
+use crate::cycle::LeadLimits;
+use crate::injection::{Kind, Target};
+use crate::quantity::JointAngles;
+use crate::run::{Bounds, Ended, Jog, Jogged};
+use proptest::prelude::*;
+
+const TORQUE_N_M: f64 = 15.0;
+
+fn jog(by: [f64; 2], rate: f64) -> Jog {
+    let limits = LeadLimits { rate_rad_per_s: rate, acceleration_rad_per_s2: 5.0 * rate };
+    Jog { by: JointAngles::from(by), limits, margin_m: 0.02, settling: 20 }
+}
+
+/// What becomes of a jog, with something broken and something looked at in every cycle.
+fn jogged(
+    file: &str,
+    jog: &Jog,
+    injections: &[Injection],
+    mut look: impl FnMut(&CycleRecord) + Send + 'static,
+) -> Result<(Jogged, [cia402::State; 2]), RunError> {
+    let loaded = config::load_rig(config::builtin(file)).unwrap();
+    let (rig, scene) = (loaded.value.clone(), loaded.scene().unwrap().value);
+    let mut machine = EmbeddedRig::new(&rig, &scene, &rig.fixture, scene.seed).unwrap();
+    machine.set_injections(injections).unwrap();
+    machine.set_observer(Box::new(move |record| look(record)));
+    let positive = |value| config::Positive::new(value).unwrap();
+    let way = jog.by.to_array().into_iter().fold(0.0_f64, |most, by| most.max(by.abs()));
+    let bounds = Bounds { motion_rad: positive(way + 0.02), torque_n_m: positive(TORQUE_N_M) };
+    let jogged = machine.jog(&rig, jog, bounds, &AtomicBool::new(false)).unwrap();
+    jogged.map(|jogged| (jogged, machine.drive_states()))
+}
+
+const RIGS: [&str; 6] = [
+    "paper-admittance.yaml",
+    "paper-admittance-cartesian.yaml",
+    "paper-admittance-csv.yaml",
+    "paper-admittance-csp.yaml",
+    "paper-ethercat.yaml",
+    "paper-ethercat-can-sensor.yaml",
+];
+
+#[test]
+fn a_joint_goes_by_its_angle_and_the_other_one_holds_in_every_mode_and_on_every_bus() {
+    for file in RIGS {
+        let (end, states) = jogged(file, &jog([0.08, 0.0], 0.2), &[], |_| ()).unwrap();
+        assert_eq!((end.ended, end.state, end.cause), (Ended::Whole, State::Running, None), "{file}");
+        let [left, right] = (end.to - end.from).to_array();
+        assert!((left - 0.08).abs() < 1e-3 && right.abs() < 1e-3, "{file}: {left} {right}");
+        assert!(!states.contains(&cia402::State::OperationEnabled), "{file}: {states:?}");
+    }
+}
+
+#[test]
+fn a_fault_at_either_drive_stops_both_and_nothing_goes_on_by_itself() {
+    for file in ["paper-admittance.yaml", "paper-ethercat.yaml"] {
+        for target in [Target::LeftDrive, Target::RightDrive] {
+            for kind in [Kind::DriveFault, Kind::DriveLeavesOperation] {
+                let broken = Injection::new(kind, 0.8).on(target);
+                let (end, states) = jogged(file, &jog([0.2, 0.0], 0.2), &[broken], |_| ()).unwrap();
+                assert_eq!(end.ended, Ended::Stopped, "{file} {kind:?} {target:?}");
+                assert!(end.state.is_latched() || end.state == State::Stopping, "{:?}", end.state);
+                assert!(!states.contains(&cia402::State::OperationEnabled), "{file} {kind:?}: {states:?}");
+                assert!((end.to - end.from).left() < 0.19, "{file} {kind:?}: it went on");
+            }
+        }
+    }
+}
+
+#[test]
+fn a_way_that_the_linkage_does_not_go_is_refused_before_anything_is_enabled() {
+    for by in [[1.8, 0.0], [-1.8, 0.0], [0.0, 1.8], [0.0, -1.8]] {
+        let enabled = std::sync::Arc::new(AtomicBool::new(false));
+        let seen = std::sync::Arc::clone(&enabled);
+        let end = jogged("paper-admittance.yaml", &jog(by, 0.2), &[], move |record| {
+            let is_on = record.inputs.drives.iter().any(|drive| drive.state == cia402::State::OperationEnabled);
+            seen.fetch_or(is_on, std::sync::atomic::Ordering::Relaxed);
+        });
+        let Err(RunError::WayBlocked { share }) = end else { panic!("{by:?}: {end:?}") };
+        assert!(share > 0.1 && share < 1.0, "{by:?}: {share}");
+        assert!(!enabled.load(std::sync::atomic::Ordering::Relaxed));
+    }
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(24))]
+    /// Whatever is broken on the way: no joint is led or goes beyond its way, and no torque above the limit is asked for.
+    #[test]
+    fn no_joint_leaves_its_bounds(
+        left in -0.3..0.3f64, right in -0.3..0.3f64, rate in 0.05..0.5f64, rig in 0usize..6,
+        kind in prop::sample::select(vec![
+            Kind::DriveFault, Kind::DriveLeavesOperation, Kind::VoltageOff, Kind::EncoderStuck, Kind::Emergency, Kind::NodeReset,
+            Kind::ArmBlocked, Kind::SensorInvalid,
+        ]),
+        at_s in 0.0..1.5f64, for_s in 0.01..0.5f64,
+    ) {
+        let targets = kind.row().targets;
+        let target = if targets.contains(&Target::LeftDrive) { Target::LeftDrive } else { targets[0] };
+        let broken = Injection::new(kind, at_s).on(target).lasting(Some(for_s));
+        let broken = if broken.check().is_ok() { broken } else { broken.lasting(None) };
+        let start = std::sync::Mutex::new(None::<[f64; 2]>);
+        let by = [left, right];
+        let beyond = std::sync::Arc::new(std::sync::Mutex::new([0.0_f64; 2]));
+        let farthest = std::sync::Arc::clone(&beyond);
+        let end = jogged(RIGS[rig], &jog(by, rate), &[broken], move |record| {
+            let now = record.row().target_angles_rad;
+            let mut start = start.lock().unwrap();
+            if record.directive.state != State::Running && record.directive.state != State::Stopping {
+                return;
+            }
+            let start = start.get_or_insert(now);
+            let mut farthest = farthest.lock().unwrap();
+            for joint in 0..2 {
+                let way = now[joint] - start[joint];
+                let (low, high) = (by[joint].min(0.0), by[joint].max(0.0));
+                farthest[joint] = farthest[joint].max(way - high).max(low - way);
+            }
+        });
+        let [left_beyond, right_beyond] = *beyond.lock().unwrap();
+        // A ramp of the tool is a straight line: the joint that holds moves a little with it.
+        prop_assert!(left_beyond < 0.02 && right_beyond < 0.02, "{} {:?}: {left_beyond} {right_beyond}", RIGS[rig], end);
+        if let Ok((end, states)) = end {
+            prop_assert!(end.ended != Ended::StillMoving);
+            prop_assert!(!states.contains(&cia402::State::OperationEnabled), "{states:?}");
+        }
+    }
+}

@@ -1,0 +1,133 @@
+//! Moving the joints of a rig by an angle, with no hand on it.
+
+use std::sync::atomic::{AtomicBool, Ordering};
+
+use super::error::RunError;
+use super::permit::{Ask, Permit};
+use super::place::Place;
+use super::runner::Runner;
+use super::scene::Ended;
+use crate::cycle::LeadLimits;
+use crate::guard::{Cause, State};
+use crate::quantity::JointAngles;
+use crate::record::{AROUND_FAULT_S, CycleRecord};
+
+/// Distance from the margin of the workspace that a way has to keep, m: there the reference is not braked.
+const RESERVE_M: f64 = 1e-3;
+/// How long the joints are watched at their targets, s.
+const REST_S: f64 = 0.3;
+/// How long a way may take beyond what its rate and its acceleration need, s.
+const PATIENCE_S: f64 = 1.0;
+
+/// What is asked of the joints.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Jog {
+    /// How far each joint goes from where it is, rad.
+    pub by: JointAngles,
+    /// How fast.
+    pub limits: LeadLimits,
+    /// Distance from singularities and the edge of the workspace that the rig keeps, m.
+    pub margin_m: f64,
+    /// Cycles of process data before the rig is enabled, as of [`Play::settling`](super::Play::settling).
+    pub settling: u32,
+}
+
+/// What a jog has shown.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Jogged {
+    /// How it ended; [`Ended::Whole`] if the joints came to their targets.
+    pub ended: Ended,
+    /// State of the supervisor before the rig was stopped.
+    pub state: State,
+    /// The fault that led to it.
+    pub cause: Option<Cause>,
+    /// Time from enabling to the end, s.
+    pub time_s: f64,
+    /// Angles measured before, rad.
+    pub from: JointAngles,
+    /// Angles measured at the end, rad.
+    pub to: JointAngles,
+    /// Greatest distance of each measured angle from where it was led, rad.
+    pub deviation: JointAngles,
+}
+
+impl<P: Place> Runner<P> {
+    /// Enables a booted rig, leads its joints from where they are to other angles, both at once, watches them there and stops it. A fault
+    /// at either drive stops both, and so does whatever holds the rig: it does not go on by itself.
+    ///
+    /// # Errors
+    /// [`RunError::WayBlocked`], before anything is enabled, if the linkage does not go that way; as [`Runner::enable`].
+    pub fn jog(
+        &mut self,
+        jog: &Jog,
+        permit: &Permit,
+        is_interrupted: &AtomicBool,
+        mut each: impl FnMut(&CycleRecord),
+    ) -> Result<Jogged, RunError> {
+        self.check_permit(permit)?;
+        self.lead(jog.limits);
+        for _ in 0..jog.settling.max(1) {
+            if is_interrupted.load(Ordering::Relaxed) {
+                return Err(RunError::Interrupted);
+            }
+            self.run_cycle(Ask::Nothing);
+        }
+        let measured = |rig: &Self| rig.last_outputs().map_or(JointAngles::default(), |it| it.signals.measured_angles);
+        let from = measured(self);
+        let way = self.master().cycle().way(from + jog.by, jog.margin_m + RESERVE_M);
+        let share = way.map_or(0.0, |way| way.share);
+        if share < 1.0 {
+            return Err(RunError::WayBlocked { share });
+        }
+        self.enable(0, permit, is_interrupted)?;
+        self.begin_scene();
+        let targets = self.led_angles() + jog.by;
+        self.lead_to(targets);
+        let LeadLimits { rate_rad_per_s, acceleration_rad_per_s2 } = jog.limits;
+        let [left, right] = jog.by.to_array();
+        let longest_s = left.abs().max(right.abs()) / rate_rad_per_s + rate_rad_per_s / acceleration_rad_per_s2;
+        let limit = self.cycles_in(longest_s + PATIENCE_S + REST_S);
+        let rest = self.cycles_in(REST_S);
+        let (mut ended, mut cycles, mut rested) = (Ended::Stopped, 0, 0);
+        let mut deviation = [0.0_f64; 2];
+        while cycles < limit {
+            if is_interrupted.load(Ordering::Relaxed) {
+                ended = Ended::Interrupted;
+                break;
+            }
+            let record = self.run_cycle(Ask::Nothing);
+            cycles += 1;
+            if self.has_panicked() {
+                ended = Ended::Panicked;
+                break;
+            }
+            record.iter().for_each(&mut each);
+            if self.state() != State::Running {
+                break;
+            }
+            let now = (measured(self) - self.led_angles()).to_array();
+            deviation.iter_mut().zip(now).for_each(|(most, now)| *most = most.max(now.abs()));
+            rested = if self.master().cycle().is_there() { rested + 1 } else { 0 };
+            if rested >= rest {
+                ended = Ended::Whole;
+                break;
+            }
+        }
+        let (state, cause, to) = (self.state(), self.cause(), measured(self));
+        if ended == Ended::Stopped && state.is_latched() {
+            for _ in 0..self.cycles_in(AROUND_FAULT_S) {
+                self.ask_for_errors();
+                self.run_cycle(Ask::Nothing);
+            }
+        } else if ended != Ended::Panicked && !self.stop() {
+            ended = Ended::StillMoving;
+        }
+        let time_s = f64::from(cycles) * self.period().as_secs_f64();
+        Ok(Jogged { ended, state, cause, time_s, from, to, deviation: deviation.into() })
+    }
+
+    /// Where the joints are led.
+    fn led_angles(&self) -> JointAngles {
+        self.last_outputs().map_or(JointAngles::default(), |outputs| outputs.signals.target_angles)
+    }
+}
