@@ -136,11 +136,17 @@ fn chains(criterion: &mut Criterion<OnCore>) {
     };
     let square = Chain::polygon(&ring(4, 0.0), Forbidden::Inside).expect("a square");
     let polygon = Chain::polygon(&ring(64, 0.01), Forbidden::Inside).expect("a polygon");
+    let fine = Chain::polygon(&ring(4096, 0.01), Forbidden::Inside).expect("a polygon");
+    let finest = Chain::polygon(&ring(32_768, 0.01), Forbidden::Inside).expect("a polygon");
     let curve = Chain::closed_curve(&ring(16, 0.01), Forbidden::Inside).expect("a curve");
     println!("the curve has {} pieces", curve.pieces());
-    for (name, chain) in
-        [("2-D polygon, 4 corners", square), ("2-D polygon, 64 corners", polygon), ("2-D closed curve", curve)]
-    {
+    for (name, chain) in [
+        ("2-D polygon, 4 corners", square),
+        ("2-D polygon, 64 corners", polygon),
+        ("2-D polygon, 4096 corners", fine),
+        ("2-D polygon, 32768 corners", finest),
+        ("2-D closed curve", curve),
+    ] {
         bench(criterion, name, &Fixture::new(Shape2::Chain(chain), admittance(Curvature::Tangent)).expect("a fixture"));
     }
     let cuboid = Cuboid::new(Vector3::zeros(), Vector3::new(0.1, 0.12, 0.2), Forbidden::Inside).expect("a box");

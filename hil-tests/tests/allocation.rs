@@ -14,10 +14,12 @@ use hil_tests::{
     cable::{Cable, permit},
     segment::{Bench, Mastered},
 };
+use nalgebra::Vector2;
 use yieldwall::canopen::{Frame, Outbox};
 use yieldwall::cycle::{Cycle, DriveSample, Inputs, LinkEvents, Timing};
 use yieldwall::elementary;
 use yieldwall::ethercat::AlStatusCode;
+use yieldwall::fixture::{Admittance, Chain, Coupling, Curvature, Fixture, Forbidden, Limits, Parameters, Rearm, Side};
 use yieldwall::guard::{Device, DeviceSet, Request, State};
 use yieldwall::injection::{Injection, Kind};
 use yieldwall::link::{Arrival, CanLink, SendError, Wires};
@@ -143,6 +145,42 @@ fn the_cycle_does_not_allocate(scenario: &Scenario) {
         assert!(visits[state as usize] > 0, "{state:?} was visited: {visits:?}");
     }
     assert_eq!(count, 0, "{}: calls of the allocator in {CYCLES} cycles", scenario.file);
+}
+
+/// A fixture whose surface has pieces: over and along it, and through the middle, where all are equally near.
+fn the_fixture_does_not_allocate(pieces: usize) {
+    let ring: Vec<_> = (0..pieces)
+        .map(|index| {
+            let angle = index as f64 / pieces as f64 * std::f64::consts::TAU;
+            Vector2::new(elementary::cos(angle), elementary::sin(angle)) * 0.1
+        })
+        .collect();
+    let parameters = Parameters {
+        coupling: Coupling::Admittance(Admittance { mass_kg: 2.0 }),
+        limits: Limits { friction_n: 3.0, yield_n: 20.0 },
+        side: Side::Bilateral,
+        hold_steps: 100,
+        rearm: Rearm::default(),
+        curvature: Curvature::Tangent,
+        period_s: 1e-3,
+    };
+    let polygon = Chain::polygon(&ring, Forbidden::Inside).expect("a polygon");
+    let mut fixture = Fixture::new(polygon, parameters).expect("a fixture");
+    let mut on_surface = 0;
+    let count = calls(|| {
+        for step in 0..20_000 {
+            if step % 2000 == 0 {
+                fixture.reset(&Vector2::zeros()).expect("a finite start");
+            }
+            let turn = f64::from(step) * 1e-3;
+            let target =
+                Vector2::new(elementary::cos(turn), elementary::sin(turn)) * (0.2 * elementary::sin(3.0 * turn));
+            let step = fixture.step_admittance(&((target - fixture.proxy()) * 300.0));
+            on_surface += usize::from(step.signed_distance_m == 0.0);
+        }
+    });
+    assert!(on_surface > 100, "{on_surface} steps end on the surface");
+    assert_eq!(count, 0, "calls of the allocator of a fixture on {pieces} pieces");
 }
 
 /// An outbox of fixed size, as a real interface has one.
@@ -353,6 +391,9 @@ fn what_runs_every_cycle_does_not_allocate() {
     let mut out = Fixed::default();
     assert_eq!(calls(|| out.push(Frame::new(0x80, &[]))), 0);
     assert_eq!((out.len, Time::default()), (1, Time(0)));
+    for pieces in [3, 64, 4096] {
+        the_fixture_does_not_allocate(pieces);
+    }
     the_segment_does_not_allocate();
     the_master_of_a_segment_does_not_allocate();
     for scenario in [Scenario::torque(), Scenario::position()] {

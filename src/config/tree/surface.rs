@@ -64,8 +64,8 @@ pub enum Surface {
     },
     /// Straight edges between corners, closed: a polygon, convex or not.
     Polygon {
-        /// Corners in order, m. 3 to 512, no edges that cross.
-        #[garde(length(min = 3, max = 512))]
+        /// Corners in order, m. 3 to 32768, as far as the file's limit of 20000 values allows; no edges that cross.
+        #[garde(length(min = 3, max = 32_768))]
         points_m: Vec<[Finite; 2]>,
         /// The side that a unilateral fixture forbids; without effect when `side` is bilateral.
         forbidden: Forbidden,
