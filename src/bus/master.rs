@@ -122,7 +122,7 @@ impl Master {
     }
 
     /// Has the joints be led in place of the fixture, as [`Cycle::lead`].
-    pub fn lead(&mut self, limits: LeadLimits) {
+    pub fn lead(&mut self, limits: Option<LeadLimits>) {
         self.cycle.lead(limits);
     }
 

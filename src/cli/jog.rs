@@ -209,10 +209,22 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
     let jogged = jogged.map_err(|error| in_simulation(&error))?;
     let failure = match jogged.ended {
         Ended::Whole => None,
+        Ended::Stopped if jogged.cause.is_none() => Some(short_of(&jogged)),
         Ended::Interrupted => Some(interrupted(jogged.time_s)),
         _ => Some(stopped_by(jogged.cause, jogged.time_s, rig)),
     };
     plan.end(arguments, rig, &jogged, failure.map_or(Ok(()), Err), output)
+}
+
+/// The failure that the joints were not led to their targets, though no fault stopped the rig.
+fn short_of(jogged: &Jogged) -> Failure {
+    let message =
+        format!("after {:.3} s the rig was stopped before its joints were where they should go", jogged.time_s);
+    Failure::new(
+        Exit::SafetyStop,
+        message,
+        "go less far: the way leads near a singularity or the edge of the workspace",
+    )
 }
 
 /// The failure that simulated joints were not led.
@@ -274,7 +286,10 @@ fn on_bus(
         Ok(jogged) => *jogged,
         Err(error) => return Err(not_run(error, &outcome, &interfaces, rig, &arguments.rig)),
     };
-    let failure = ended((jogged.ended, jogged.cause), jogged.time_s, &outcome, rig);
+    let failure = match jogged.ended {
+        Ended::Stopped if jogged.cause.is_none() => Some(short_of(&jogged)),
+        end => ended((end, jogged.cause), jogged.time_s, &outcome, rig),
+    };
     plan.end(arguments, rig, &jogged, failure.map_or(Ok(()), Err), output)
 }
 

@@ -295,11 +295,12 @@ impl Cycle {
         (self.brought_j, self.chatter, self.balance) = Default::default();
     }
 
-    /// Has the joints be led from now on, in place of the fixture: no force moves the reference. To be called while the rig idles;
-    /// while it has a reference nothing changes. When it comes to run its joints rest where they are, until [`Cycle::lead_to`].
-    pub fn lead(&mut self, limits: LeadLimits) {
+    /// Has the joints be led from now on, in place of the fixture: no force moves the reference. `None` gives it back to the fixture. To be
+    /// called while the rig idles; while it has a reference nothing changes. When it comes to run its joints rest where they are, until
+    /// [`Cycle::lead_to`].
+    pub fn lead(&mut self, limits: Option<LeadLimits>) {
         if self.reference.is_none() {
-            self.lead = Some(Lead::new(limits));
+            self.lead = limits.map(Lead::new);
         }
     }
 

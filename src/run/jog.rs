@@ -62,10 +62,22 @@ impl<P: Place> Runner<P> {
         jog: &Jog,
         permit: &Permit,
         is_interrupted: &AtomicBool,
-        mut each: impl FnMut(&CycleRecord),
+        each: impl FnMut(&CycleRecord),
     ) -> Result<Jogged, RunError> {
         self.check_permit(permit)?;
-        self.lead(jog.limits);
+        self.lead(Some(jog.limits));
+        let jogged = self.led(jog, permit, is_interrupted, each);
+        self.lead(None);
+        jogged
+    }
+
+    fn led(
+        &mut self,
+        jog: &Jog,
+        permit: &Permit,
+        is_interrupted: &AtomicBool,
+        mut each: impl FnMut(&CycleRecord),
+    ) -> Result<Jogged, RunError> {
         for _ in 0..jog.settling.max(1) {
             if is_interrupted.load(Ordering::Relaxed) {
                 return Err(RunError::Interrupted);

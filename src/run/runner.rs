@@ -235,7 +235,7 @@ impl<P: Place> Runner<P> {
     }
 
     /// Has the joints be led in place of the fixture, as [`Cycle::lead`](crate::cycle::Cycle::lead).
-    pub(super) fn lead(&mut self, limits: LeadLimits) {
+    pub(super) fn lead(&mut self, limits: Option<LeadLimits>) {
         self.master.lead(limits);
     }
 

@@ -86,6 +86,25 @@ fn a_way_that_the_linkage_does_not_go_is_refused_before_anything_is_enabled() {
     }
 }
 
+#[test]
+fn after_a_jog_the_fixture_has_the_tool_again() {
+    let loaded = config::load_rig(config::builtin("paper-admittance.yaml")).unwrap();
+    let (rig, scene) = (loaded.value.clone(), loaded.scene().unwrap().value);
+    let mut machine = EmbeddedRig::new(&rig, &scene, &rig.fixture, scene.seed).unwrap();
+    let positive = |value| config::Positive::new(value).unwrap();
+    let bounds = Bounds { motion_rad: positive(0.1), torque_n_m: positive(TORQUE_N_M) };
+    let end = machine.jog(&rig, &jog([0.05, 0.0], 0.2), bounds, &AtomicBool::new(false)).unwrap().unwrap();
+    assert_eq!(end.ended, Ended::Whole);
+    machine.restart().unwrap();
+    let start_m = machine.run_cycle(Request::None).unwrap().tool_m;
+    let mut farthest = 0.0_f64;
+    for _ in 0..2000 {
+        let row = machine.run_cycle(Request::None).unwrap();
+        farthest = farthest.max((row.tool_m[0] - start_m[0]).abs()).max((row.tool_m[1] - start_m[1]).abs());
+    }
+    assert!(farthest > 0.01, "the hand leads it: {farthest}");
+}
+
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(24))]
     /// Whatever is broken on the way: no joint is led or goes beyond its way, and no torque above the limit is asked for.
