@@ -60,23 +60,6 @@ fn a_joint_of_another_process_is_moved_by_an_angle() {
     sim.interrupted();
 }
 
-/// By the wall clock a rig that nobody has drilled is not moved.
-#[test]
-#[ignore = "needs a pair of Ethernet interfaces: see hil-tests/veth"]
-fn a_joint_of_drives_that_nobody_has_drilled_is_not_moved() {
-    let slow = Slow::new("jogged");
-    let sim = slow.sim();
-    let state = std::env::temp_dir().join("yieldwall-never-drilled");
-    let jog = ["jog", &slow.rig, "left", "--by", "2deg", "--bus", NEAR, "--ignore-latency", "--json"];
-    let (code, message, help) = refusal(Running::start_with(&state, &jog));
-    assert_eq!(code, DEVICE_MISMATCH, "{message}");
-    assert!(message.starts_with("no watchdog drill is on record"), "{message}");
-    assert!(help.contains("nothing was enabled; `yieldwall drill"), "{help}");
-    sim.signal("INT");
-    let (_, devices) = sim.document();
-    assert!(devices["drives"].as_array().expect("two").iter().all(|drive| drive["torque_n_m"] == 0.0), "{devices:#}");
-}
-
 /// Time waits for the frames, so that no computer is too slow for the shipped cycle of 1 ms; and the rig does what it does in the embedded
 /// simulation.
 #[test]

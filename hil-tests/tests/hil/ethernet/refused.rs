@@ -213,6 +213,12 @@ fn drives_whose_watchdog_nobody_has_tried() {
     assert_eq!((code, devices.seen().frames), (TIMING_MISSED, 0), "{message}; {help}");
     let (code, message, help) = refusal(Running::start_with(&state, &[&run[..], &["--ignore-latency"]].concat()));
     assert_eq!(code, DEVICE_MISMATCH, "{message}");
-    assert!(help.contains(&format!("`yieldwall drill {} --bus veth0`", slow.rig)), "{help}");
+    let drill = format!("`yieldwall drill {} --bus veth0`", slow.rig);
+    assert!(help.contains(&drill), "{help}");
+    // Nor is a joint moved.
+    let jog = ["jog", &slow.rig, "left", "--by", "2deg", "--bus", NEAR, "--json", "--ignore-latency"];
+    let (code, message, help) = refusal(Running::start_with(&state, &jog));
+    assert_eq!(code, DEVICE_MISMATCH, "{message}");
+    assert!(help.contains(&drill), "{help}");
     assert!(!devices.end().was_enabled());
 }
