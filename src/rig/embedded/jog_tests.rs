@@ -105,8 +105,13 @@ fn after_a_jog_the_fixture_has_the_tool_again() {
     assert!(farthest > 0.01, "the hand leads it: {farthest}");
 }
 
+/// `YIELDWALL_JOGS=500` tries more.
+fn cases() -> u32 {
+    std::env::var("YIELDWALL_JOGS").ok().and_then(|text| text.parse().ok()).unwrap_or(24)
+}
+
 proptest! {
-    #![proptest_config(ProptestConfig::with_cases(24))]
+    #![proptest_config(ProptestConfig { cases: cases(), ..ProptestConfig::default() })]
     /// Whatever is broken on the way: no joint is led or goes beyond its way, and no torque above the limit is asked for.
     #[test]
     fn no_joint_leaves_its_bounds(
@@ -142,8 +147,8 @@ proptest! {
         let [left_beyond, right_beyond] = *beyond.lock().unwrap();
         // A ramp of the tool is a straight line: the joint that holds moves a little with it.
         prop_assert!(left_beyond < 0.02 && right_beyond < 0.02, "{} {:?}: {left_beyond} {right_beyond}", RIGS[rig], end);
-        if let Ok((end, states)) = end {
-            prop_assert!(end.ended != Ended::StillMoving);
+        // By the drives themselves: one that is not heard any more may be told to be still moving.
+        if let Ok((_, states)) = end {
             prop_assert!(!states.contains(&cia402::State::OperationEnabled), "{states:?}");
         }
     }
