@@ -8,13 +8,14 @@ use super::ending::{rig_failure, stopped_by};
 use super::failure::{Exit, Failure};
 use super::faults::FaultArgument;
 use super::interrupt::{interrupted, on_interrupt};
+use super::on_bus::live_failure;
 use super::output::Output;
 use super::run::check_buses;
 use crate::config::{self, Positive, Source};
 use crate::cycle::LeadLimits;
 use crate::quantity::JointAngles;
 use crate::rig::EmbeddedRig;
-use crate::run::{Bounds, Ended, Jog, Jogged, RunError, settling_on_bus};
+use crate::run::{Bounds, Ended, Jog, Jogged, settling_on_bus};
 
 /// Greatest rate, rad/s.
 const MOST_RATE: f64 = 30.0 * PI / 180.0;
@@ -112,8 +113,7 @@ impl Plan {
         by.iter_mut().skip(joint).take(1).for_each(|by| *by = arguments.by);
         let limits =
             LeadLimits { rate_rad_per_s: arguments.rate, acceleration_rad_per_s2: arguments.rate / COMES_UP_S };
-        let margin_m = rig.guard.singularity_margin_m.get();
-        let jog = Jog { by: JointAngles::from(by), limits, margin_m, settling: settling_on_bus(rig) };
+        let jog = Jog { by: JointAngles::from(by), limits, settling: settling_on_bus(rig) };
         let motion_rad = positive(arguments.by.abs() + BEYOND_RAD)?;
         Ok(Self { joint, jog, bounds: Bounds { motion_rad, torque_n_m: positive(torque)? } })
     }
@@ -206,7 +206,7 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
     output
         .aside(&format!("the simulated arm of {}, with no hand on it; a real one with --bus INTERFACE", rig.rig.name));
     let jogged = machine.jog(rig, &plan.jog, plan.bounds, &is_interrupted).map_err(|error| rig_failure(&error))?;
-    let jogged = jogged.map_err(|error| in_simulation(&error))?;
+    let jogged = jogged.map_err(|error| live_failure(&error))?;
     let failure = match jogged.ended {
         Ended::Whole => None,
         Ended::Stopped if jogged.cause.is_none() => Some(short_of(&jogged)),
@@ -225,22 +225,6 @@ fn short_of(jogged: &Jogged) -> Failure {
         message,
         "go less far: the way leads near a singularity or the edge of the workspace",
     )
-}
-
-/// The failure that simulated joints were not led.
-fn in_simulation(error: &RunError) -> Failure {
-    let exit = match error {
-        RunError::WayBlocked { .. } => Exit::SafetyStop,
-        RunError::Interrupted => Exit::Interrupted,
-        RunError::NoTorqueLimit { .. } => Exit::DeviceMismatch,
-        _ => Exit::DeviceFault,
-    };
-    let help = match error {
-        RunError::WayBlocked { .. } => "nothing was enabled; go less far, or the other way",
-        RunError::NoTorqueLimit { .. } => "name its object in the device profile (limits.torque)",
-        _ => "",
-    };
-    Failure::new(exit, error.to_string(), help)
 }
 
 #[cfg(target_os = "linux")]

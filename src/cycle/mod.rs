@@ -176,15 +176,6 @@ pub struct Signals {
     pub is_saturated: bool,
 }
 
-/// A way of the joints, as [`Cycle::way`] looks at it.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Way {
-    /// Smallest distance from a singularity or the edge of the workspace, m.
-    pub clearance_m: f64,
-    /// How much of it the joints may go, 0 to 1.
-    pub share: f64,
-}
-
 /// What the cycle needs to know besides its stages.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Settings {
@@ -326,29 +317,24 @@ impl Cycle {
         }
     }
 
-    /// Smallest clearance in m on the way of the joints from where they were measured last to `targets`, both at the same pace, looked at
-    /// every 5 mrad; and the share of the way, 0 to 1, up to which the clearance is `least_m` or what it is at the begin. `None` if no angles
-    /// were measured or are not those of a posture.
-    pub fn way(&self, targets: JointAngles, least_m: f64) -> Option<Way> {
+    /// How much of the way of the joints to `targets` is free, 0 to 1: from where they were measured last, both at the same pace, looked at
+    /// every 5 mrad. Free is what keeps 1 mm from the margin, where the reference is not braked, or the clearance that there is at the
+    /// begin. 0 if no posture was measured.
+    pub fn free_share(&self, targets: JointAngles) -> f64 {
         const STEP_RAD: f64 = 5e-3;
         const MOST_STEPS: f64 = 2000.0;
-        let from = self.measured.angles;
-        let here = self.posture.map(|posture| self.clearance_of_m(&posture))?;
-        let whole = targets - from;
+        const RESERVE_M: f64 = 1e-3;
+        let Some(posture) = self.posture else { return 0.0 };
+        let least_m = self.clearance_of_m(&posture).min(self.settings.singularity_margin_m + RESERVE_M);
+        let (from, whole) = (self.measured.angles, targets - self.measured.angles);
         let [left, right] = whole.to_array();
         let steps = (left.abs().max(right.abs()) / STEP_RAD).ceil().clamp(1.0, MOST_STEPS);
-        let mut way = Way { clearance_m: here, share: 0.0 };
-        for step in 1..=steps as u32 {
-            let share = f64::from(step) / steps;
-            let posture = self.linkage.forward(from + whole * share);
-            let clearance_m = posture.map_or(f64::NEG_INFINITY, |posture| self.clearance_of_m(&posture));
-            if clearance_m < least_m.min(here) {
-                way.clearance_m = clearance_m;
-                break;
-            }
-            way = Way { clearance_m: way.clearance_m.min(clearance_m), share };
-        }
-        Some(way)
+        let is_free = |step: &u32| {
+            let posture = self.linkage.forward(from + whole * (f64::from(*step) / steps));
+            posture.is_ok_and(|posture| self.clearance_of_m(&posture) >= least_m)
+        };
+        let free = (1..=steps as u32).take_while(is_free).last();
+        free.map_or(0.0, |step| f64::from(step) / steps)
     }
 
     /// One cycle of the rig, from what the bus brought to what it shall carry.

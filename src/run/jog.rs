@@ -12,8 +12,6 @@ use crate::guard::{Cause, State};
 use crate::quantity::JointAngles;
 use crate::record::{AROUND_FAULT_S, CycleRecord};
 
-/// Distance from the margin of the workspace that a way has to keep, m: there the reference is not braked.
-const RESERVE_M: f64 = 1e-3;
 /// How long the joints are watched at their targets, s.
 const REST_S: f64 = 0.3;
 /// How long a way may take beyond what its rate and its acceleration need, s.
@@ -26,8 +24,6 @@ pub struct Jog {
     pub by: JointAngles,
     /// How fast.
     pub limits: LeadLimits,
-    /// Distance from singularities and the edge of the workspace that the rig keeps, m.
-    pub margin_m: f64,
     /// Cycles of process data before the rig is enabled, as of [`Play::settling`](super::Play::settling).
     pub settling: u32,
 }
@@ -86,8 +82,7 @@ impl<P: Place> Runner<P> {
         }
         let measured = |rig: &Self| rig.last_outputs().map_or(JointAngles::default(), |it| it.signals.measured_angles);
         let from = measured(self);
-        let way = self.master().cycle().way(from + jog.by, jog.margin_m + RESERVE_M);
-        let share = way.map_or(0.0, |way| way.share);
+        let share = self.master().cycle().free_share(from + jog.by);
         if share < 1.0 {
             return Err(RunError::WayBlocked { share });
         }

@@ -13,7 +13,7 @@ const TORQUE_N_M: f64 = 15.0;
 
 fn jog(by: [f64; 2], rate: f64) -> Jog {
     let limits = LeadLimits { rate_rad_per_s: rate, acceleration_rad_per_s2: 5.0 * rate };
-    Jog { by: JointAngles::from(by), limits, margin_m: 0.02, settling: 20 }
+    Jog { by: JointAngles::from(by), limits, settling: 20 }
 }
 
 /// What becomes of a jog, with something broken and something looked at in every cycle.
