@@ -312,8 +312,12 @@ fn pass_blocks(interface: &str) -> usize {
             let mut frames = 0;
             while observer.wait(observer.now() + Duration::from_millis(50)) || !is_over.load(Ordering::Relaxed) {
                 while let Some(arrival) = observer.receive() {
-                    assert!(matches!(arrival.what, Received::Frame(_)), "{arrival:?}");
-                    frames += 1;
+                    frames += match arrival.what {
+                        Received::Frame(_) => 1,
+                        // The observer was late, as on a loaded machine. Frames that its own queue had no room for were on the bus.
+                        Received::Overflow { frames } => frames as usize,
+                        other => panic!("{other:?}"),
+                    };
                 }
             }
             frames
