@@ -215,7 +215,7 @@ fn what_a_person_reads_fits_a_terminal_of_eighty_columns() {
     let run = format!("run {rig} --duration 0.2");
     let new = "new real.yaml --yes --drives maxon-epos4 --encoder multi_turn --mode position";
     // In this order: a recording is made before it is looked into.
-    let cases: [(&str, i32); 79] = [
+    let cases: [(&str, i32); 81] = [
         ("--help", 0),
         ("run --help", 0),
         ("run", 2),
@@ -295,6 +295,8 @@ fn what_a_person_reads_fits_a_terminal_of_eighty_columns() {
         (&format!("jog {rig} left --by 1deg --rate 20deg"), 0),
         (&format!("jog {rig} left --by 150deg"), 8),
         (&format!("jog {rig} left --by 5"), 2),
+        ("commission --defect list", 0),
+        (&format!("commission {rig} --from friction --defect cogging"), 7),
     ];
     let mut wide = Vec::new();
     for (line, code) in cases.into_iter().chain(ON_ETHERCAT) {

@@ -7,6 +7,7 @@ mod bug_report;
 mod bus;
 #[cfg(target_os = "linux")]
 mod checkup;
+mod commission;
 mod compare;
 mod config;
 mod confirm;
@@ -102,6 +103,8 @@ enum Command {
     Drill(drill::Arguments),
     /// Move one joint by an angle, slowly and with little torque, while the other one holds
     Jog(jog::Arguments),
+    /// Take the ordered steps from drives that answer to an arm that may be run, and write a report
+    Commission(commission::Arguments),
     /// Measure how late this computer wakes up, and how long a frame takes to the bus and back
     #[cfg(target_os = "linux")]
     Latency(latency::Arguments),
@@ -244,6 +247,7 @@ fn run(arguments: impl IntoIterator<Item = OsString>) -> Exit {
         #[cfg(target_os = "linux")]
         Command::Drill(arguments) => drill::run(&arguments, &mut output),
         Command::Jog(arguments) => jog::run(&arguments, &mut output),
+        Command::Commission(arguments) => commission::run(&arguments, &mut output),
         #[cfg(target_os = "linux")]
         Command::Latency(arguments) => latency::run(&arguments, &mut output),
         #[cfg(target_os = "linux")]

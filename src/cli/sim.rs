@@ -9,6 +9,7 @@ use std::time::Duration;
 
 use serde_json::json;
 
+use super::commission::add_defects;
 use super::ending::rig_failure;
 use super::failure::{Exit, Failure};
 use super::faults::FaultArgument;
@@ -52,6 +53,9 @@ pub(super) struct Arguments {
     /// The devices of this process, by name or by position on EtherCAT; those of the rig unless told otherwise
     #[arg(long, value_delimiter = ',', value_name = "NAME,..")]
     nodes: Vec<String>,
+    /// Give the machine a defect, for `commission` to find; may be repeated. `yieldwall commission --defect list` names them
+    #[arg(long, value_name = "NAME[=SIZE][:left|right]", conflicts_with = "attach")]
+    defect: Vec<String>,
     /// Nobody holds the tool, as while joints are moved by `jog`
     #[arg(long, conflicts_with = "attach")]
     no_hand: bool,
@@ -86,11 +90,12 @@ enum Unwatched {
 pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Failure> {
     let rig = config::load_rig(Source::named(&arguments.rig))?;
     output.configuration(&rig.warnings)?;
-    let scene = match &arguments.scene {
+    let mut scene = match &arguments.scene {
         Some(path) => config::load_scene(Source::named(path))?,
         None => rig.scene()?,
     };
     let rig = rig.value;
+    add_defects(&mut scene.value, &rig, &arguments.defect)?;
     let seed = arguments.seed.unwrap_or(scene.value.seed);
     if rig.is_on_ethercat() {
         return segment::run(arguments, &rig, &scene.value, seed, output);

@@ -15,6 +15,14 @@ pub struct LeadLimits {
 }
 
 impl LeadLimits {
+    /// How far a joint that is led may be from where it is led, rad: what a drive is behind by in a few periods, and a little more. A joint
+    /// that does not follow is stopped soon, whatever keeps it from that.
+    pub(super) fn following_error_rad(&self, period_s: f64) -> f64 {
+        const LITTLE_RAD: f64 = 5e-3;
+        const PERIODS: f64 = 3.0;
+        LITTLE_RAD + PERIODS * period_s * self.rate_rad_per_s
+    }
+
     /// The angle and the rate of one joint after a period. It goes as fast as the limits let it come to rest at its target, which is
     /// reached exactly where the target stays.
     ///
@@ -46,6 +54,11 @@ impl Lead {
     /// Joints that are not led yet.
     pub(super) fn new(limits: LeadLimits) -> Self {
         Self { limits, targets: None, rates: JointRates::default() }
+    }
+
+    /// As [`LeadLimits::following_error_rad`].
+    pub(super) fn following_error_rad(&self, period_s: f64) -> f64 {
+        self.limits.following_error_rad(period_s)
     }
 
     /// The joints rest here until they are led elsewhere.

@@ -11,8 +11,8 @@ mod watch;
 
 use crate::fixture::{EXCESS_FORGETTING_S, Excess, Fixture, Shape2};
 use crate::guard::{
-    Allowed, Cause, DeviceSet, Directive, Fault, FaultCounts, Gate, JointCommand, Measured, Motion, Request, State,
-    StopRamp, Supervisor,
+    Allowed, Cause, DeviceSet, Directive, Fault, FaultCounts, Gate, JointCommand, Measured, Motion, Reaction, Request,
+    State, StopRamp, Supervisor,
 };
 use crate::linkage::{FiveBar, Posture};
 use crate::quantity::{Force, JointAngles, JointTorques, TipDisplacement, TipPoint};
@@ -273,8 +273,12 @@ impl Cycle {
         }
     }
 
-    /// Starts again as a rig at rest that has measured nothing yet; what was tared stays.
+    /// Starts again as a rig at rest that has measured nothing yet, with its own limit of torque; what was tared stays.
     pub fn restart(&mut self) {
+        self.gate.restore_torque();
+        if let Servo::Torque(servo) = &mut self.servo {
+            servo.restore_torque();
+        }
         self.sensing.restart();
         self.supervisor = Supervisor::new();
         self.faults = FaultCounts::default();
@@ -288,7 +292,7 @@ impl Cycle {
 
     /// Has the joints be led from now on, in place of the fixture: no force moves the reference. `None` gives it back to the fixture. To be
     /// called while the rig idles; while it has a reference nothing changes. When it comes to run its joints rest where they are, until
-    /// [`Cycle::lead_to`].
+    /// [`Cycle::lead_to`]. A fault that would stop the rig along a ramp takes its torque off.
     pub fn lead(&mut self, limits: Option<LeadLimits>) {
         if self.reference.is_none() {
             self.lead = limits.map(Lead::new);
@@ -309,7 +313,7 @@ impl Cycle {
         self.lead.zip(self.reference).is_some_and(|(lead, reference)| lead.is_there(reference.angles))
     }
 
-    /// Lowers the greatest torque of each joint, in N m, for as long as the rig is not made anew. It is never raised.
+    /// Lowers the greatest torque of each joint, in N m, until [`Cycle::restart`]. It is not raised before.
     pub fn lower_torque(&mut self, torque_n_m: f64) {
         self.gate.lower_torque(torque_n_m);
         if let Servo::Torque(servo) = &mut self.servo {
@@ -428,11 +432,18 @@ impl Cycle {
     fn supervise(&mut self, drives: &[DriveSample; 2], request: Request) -> Directive {
         self.supervisor.step(&crate::guard::View {
             drives: drives.map(|drive| drive.state),
-            worst: self.faults.worst(),
+            worst: self.faults.worst().map(|(cause, reaction)| (cause, self.led_reaction(reaction))),
             is_measured: self.missed == [0; 2],
             at_rest: self.halt.as_ref().is_none_or(StopRamp::is_at_rest),
             request,
         })
+    }
+
+    /// What a fault asks for. Of joints that are led nobody knows yet that their encoders count the way their motors turn, and a ramp of a loop
+    /// that is closed the wrong way drives them on: they are without torque at once. They are slow.
+    fn led_reaction(&self, reaction: Reaction) -> Reaction {
+        let is_stop = self.lead.is_some() && reaction >= Reaction::StopRamp;
+        if is_stop { reaction.max(Reaction::TorqueOff) } else { reaction }
     }
 
     fn act(

@@ -156,7 +156,9 @@ impl Cycle {
             Some(reference) if is_moving(self.supervisor.state()) => reference.angles - self.measured.angles,
             _ => JointAngles::default(),
         };
-        let limit = self.settings.following_error_limit_rad;
+        let own = self.settings.following_error_limit_rad;
+        let led = self.lead.map(|lead| lead.following_error_rad(self.settings.period_s));
+        let limit = led.map_or(own, |led| led.min(own));
         let beyond = |limit: f64| DeviceSet::drives_where(error.to_array().map(|error| error.abs() > limit));
         self.faults.observe_on(Fault::FollowingError, beyond(limit));
         self.faults.observe_on(Fault::Runaway, beyond(2.0 * limit));

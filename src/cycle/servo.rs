@@ -51,6 +51,8 @@ pub struct TorqueServo {
     pub is_cartesian: bool,
     /// Greatest effort of a controller: torque per joint in N m, or force per direction in N.
     pub effort_limit: [f64; 2],
+    /// The same as it was made.
+    own_effort_limit: [f64; 2],
     /// Friction and inertia feed-forward.
     pub feed_forward: FeedForward,
     /// Masses for the inertia feed-forward; `None` leaves it out.
@@ -186,12 +188,19 @@ impl TorqueServo {
             axes: [axis.clone(), axis],
             is_cartesian,
             effort_limit: [limit; 2],
+            own_effort_limit: [limit; 2],
             feed_forward: FeedForward::new(feed_forward, period_s)?,
             inertia,
         })
     }
 
-    /// Lowers the limit to what `torque_n_m` of each joint, in N m, makes of it. It is never raised.
+    /// Takes the limit with which it was made.
+    pub(super) fn restore_torque(&mut self) {
+        self.effort_limit = self.own_effort_limit;
+    }
+
+    /// Lowers the limit to what `torque_n_m` of each joint, in N m, makes of it. It is not raised until
+    /// [`TorqueServo::restore_torque`].
     pub(super) fn lower_torque(&mut self, torque_n_m: f64, linkage: &FiveBar) {
         let limit = effort(torque_n_m.max(0.0), self.is_cartesian, linkage);
         self.effort_limit.iter_mut().for_each(|most| *most = most.min(limit));

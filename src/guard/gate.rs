@@ -81,13 +81,15 @@ pub struct Limits {
 #[derive(Clone, Debug)]
 pub struct Gate {
     limits: Limits,
+    /// The largest torque of each joint as it was made, N m.
+    own_torque_n_m: [f64; 2],
     last_target: Option<JointAngles>,
 }
 
 impl Gate {
     /// A gate that has let nothing through yet.
     pub fn new(limits: Limits) -> Self {
-        Self { limits, last_target: None }
+        Self { limits, own_torque_n_m: limits.torque_n_m, last_target: None }
     }
 
     /// The command that moves nothing, at the measured angles: [`Allowed::rest`]. After it a position target starts from
@@ -99,7 +101,13 @@ impl Gate {
         Allowed::rest(like, measured.angles)
     }
 
-    /// Lets less torque through from now on: at most `torque_n_m` of each joint, in N m. It never lets more through.
+    /// Lets as much torque through as when it was made.
+    pub fn restore_torque(&mut self) {
+        self.limits.torque_n_m = self.own_torque_n_m;
+    }
+
+    /// Lets less torque through from now on: at most `torque_n_m` of each joint, in N m. It lets no more through until
+    /// [`Gate::restore_torque`].
     pub fn lower_torque(&mut self, torque_n_m: f64) {
         self.limits.torque_n_m.iter_mut().for_each(|most| *most = most.min(torque_n_m.max(0.0)));
     }

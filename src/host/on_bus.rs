@@ -1,6 +1,7 @@
 //! A rig on the interfaces of this computer, from locked memory to the network that is left: what `run --bus` and `drill` do, in
 //! one call each.
 
+mod bench;
 mod news;
 mod open;
 
@@ -22,10 +23,13 @@ use crate::config;
 use crate::guard::Fault;
 use crate::link::{InterfaceFacts, Interfaces, Role, SocketCan};
 use crate::record::CycleRecord;
+use crate::run::commission::{Commissioned, Step, StepReport};
 use crate::run::{
     Bounds, Drilled, DriveError, DriveIdentity, ErrorWatch, Finding, Jog, Jogged, LinkCounts, NotProven, Observer,
     OnLink, Orders, Pace, Play, Played, Proof, RunError, Runner, Tap, Unproven, settling_on_bus,
 };
+use bench::OnTheBench;
+pub use bench::Person;
 pub use news::News;
 use news::boot_watch;
 pub use open::{OpenError, open_buses};
@@ -276,7 +280,28 @@ impl RigOnBus {
             runner.boot()?;
             let permit = runner.prove_for_bring_up(rig, &terms.proof(), bounds)?;
             let _ = news.send(News::Proved);
-            Ok(runner.jog(jog, &permit, is_interrupted, |_| ())?)
+            Ok(runner.jog(jog, &permit, is_interrupted, |_, _| ())?)
+        })
+    }
+
+    /// Takes the steps of a commissioning, as [`Runner::commission`], on a thread of its own. Reports are told as they come
+    /// ([`News::Stepped`]).
+    ///
+    /// # Errors
+    /// If there is no such thread; what kept the rig from being commissioned is in the outcome.
+    pub fn commission(
+        self,
+        terms: &Terms,
+        from: Step,
+        person: &mut (dyn Person + Send),
+        is_interrupted: &Arc<AtomicBool>,
+        tell: impl FnMut(News),
+    ) -> Result<Outcome<Result<Commissioned, RunError>>, ThreadError> {
+        self.under(terms, is_interrupted, tell, |runner, rig, news| {
+            let mut attendant = OnTheBench { person, proof: terms.proof() };
+            // Somebody listens for as long as this thread lives.
+            let told = |report: &StepReport| drop(news.send(News::Stepped(Box::new(report.clone()))));
+            Ok(runner.commission(rig, from, &mut attendant, is_interrupted, told))
         })
     }
 

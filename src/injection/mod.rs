@@ -4,9 +4,11 @@
 //! rig, and [`Injection`] is one of them at a moment. The rig in virtual time carries them out, and what serves a segment.
 
 mod catalogue;
+mod defect;
 mod error;
 
 pub use catalogue::CATALOGUE;
+pub use defect::{DEFECTS, Defect, DefectError, DefectKind, DefectRow, DefectSize};
 pub use error::InjectionError;
 
 use crate::guard::{Fault, Reaction, State};

@@ -4,6 +4,7 @@ use std::time::Duration;
 
 use nalgebra::Vector2;
 
+use super::defects::{self, Defects};
 use super::error::RigError;
 use super::far_end::DEVICES;
 use super::world::{Body, Grip, Ideal, Truth, World};
@@ -12,10 +13,11 @@ use crate::assembly::AssemblyError;
 use crate::bus::{CommandMode, SensorLink};
 use crate::canopen::node_id;
 use crate::config;
+use crate::injection::DefectKind;
 use crate::linkage::FiveBar;
 use crate::objects::Address;
 use crate::objects::ServedDevice;
-use crate::quantity::{JointTorques, TipPoint, TipVelocity};
+use crate::quantity::{Force, JointTorques, TipPoint, TipVelocity};
 use crate::run::Pace;
 use crate::sim::arm::{Arm, ArmParameters, JointElasticity};
 use crate::sim::ethercat::{Controller, ControllerSettings, Segment, SimulatedDevice, sii};
@@ -24,6 +26,7 @@ use crate::sim::{
     ForceTorqueSettings, Manner, PositionLoop, Speaks,
 };
 use crate::time::Time;
+use yieldwall_drives::watchdog::Watchdog;
 
 /// By how much the clock of a sensor on plain CAN is slow, in parts per million: a usual crystal. It drifts through the
 /// cycle, once in 20 s at 1 ms.
@@ -60,8 +63,9 @@ fn manner(model: &config::DriveModel) -> Manner {
 /// If its profile is not that of a drive.
 pub fn drive(rig: &config::Rig, scene: &config::Scene, drive: &config::Drive, serial: u32) -> Result<Drive, RigError> {
     let AxisSettings { scaling, position_loop, encoder } = axis(rig, scene, drive)?;
+    let has = |kind| defects::has(scene, kind, usize::from(drive.name == rig.drives[1].name));
     let odd = simulated(rig)?.drive_model.as_ref();
-    Drive::new(DriveSettings {
+    let mut made = Drive::new(DriveSettings {
         node: node(drive.address.node_id().ok_or(AssemblyError::OnEthercat)?)?,
         profile: assembly::profile(odd.map_or(&drive.profile, |odd| &odd.profile))?,
         serial,
@@ -70,7 +74,12 @@ pub fn drive(rig: &config::Rig, scene: &config::Scene, drive: &config::Drive, se
         encoder,
         manner: odd.map(manner).unwrap_or_default(),
     })
-    .map_err(|error| RigError::Device(error.to_string()))
+    .map_err(|error| RigError::Device(error.to_string()))?;
+    if has(DefectKind::HeartbeatConsumerOff)? {
+        made.ignore(Watchdog::Heartbeat);
+    }
+    made.set_forgets_torque_limit(has(DefectKind::LimitNotKept)?);
+    Ok(made)
 }
 
 /// The simulated force sensor, switched off.
@@ -144,7 +153,11 @@ fn ethercat_drive(
 ) -> Result<EthercatDrive, RigError> {
     let odd = simulated(rig)?.drive_model.as_ref();
     let profile = assembly::profile(odd.map_or(&drive.profile, |odd| &odd.profile))?;
-    EthercatDrive::new(&profile, serial, &axis(rig, scene, drive)?).map_err(|error| RigError::Device(error.to_string()))
+    let made = EthercatDrive::new(&profile, serial, &axis(rig, scene, drive)?);
+    let mut made = made.map_err(|error| RigError::Device(error.to_string()))?;
+    let forgets = defects::has(scene, DefectKind::LimitNotKept, usize::from(drive.name == rig.drives[1].name))?;
+    made.set_forgets_torque_limit(forgets);
+    Ok(made)
 }
 
 /// The sensor says itself how many counts are one N and one N m; the configuration has the same numbers.
@@ -189,7 +202,7 @@ pub fn arm(rig: &config::Rig, scene: &config::Scene) -> Result<ArmParameters, Ri
         linkage: assembly::linkage(rig)?,
         mass: assembly::plant_mass(rig)?,
         handle_kg: scene.hand.mass_kg.get(),
-        coulomb_n_m: arm.coulomb_n_m.map(|value| value.get()),
+        coulomb_n_m: defects::friction(scene, arm.coulomb_n_m.map(|value| value.get()))?,
         viscous_n_m_s_per_rad: arm.viscous_n_m_s_per_rad.map(|value| value.get()),
         joint_elasticity: model(scene)?.joint_elasticity.as_ref().map(|elasticity| JointElasticity {
             stiffness_n_m_per_rad: elasticity.stiffness_n_m_per_rad.get(),
@@ -230,16 +243,18 @@ pub(super) fn world(rig: &config::Rig, scene: &config::Scene, seed: u64) -> Resu
         hand,
         calibration,
         mounting,
-        noise_counts: match model.force_sensor {
+        noise_counts: defects::sensor_noise_counts(rig, scene)?.unwrap_or(match model.force_sensor {
             config::ForceSensorModel::Noisy => model.force_noise_counts.get(),
             config::ForceSensorModel::Quantised => 0.0,
-        },
+        }),
         noise: World::noise_from(seed),
         longest_step_s: f64::from(model.plant_step_us) * 1e-6,
         torques: JointTorques::default(),
         hand_from_s: f64::INFINITY,
         grip: Grip::Firm,
         pushes: Vec::new(),
+        weight: Force::default(),
+        defects: Defects::new(scene, angles)?,
         truth: Truth::default(),
         sampled: None,
     })

@@ -353,7 +353,7 @@ impl<D: Actuator, S: Transducer> FarEnd<D, S> {
     /// New torques act from now on; what was before is settled under the old ones.
     pub(super) fn take_torques(&mut self, now: Time) -> Result<(), RigError> {
         let [left, right] = self.torques_n_m();
-        let torques = JointTorques::new(left, right);
+        let torques = self.world.made_of(JointTorques::new(left, right));
         if torques != self.world.torques {
             self.world.settle(now)?;
             self.world.torques = torques;

@@ -6,6 +6,7 @@
 //! The place of [`EmbeddedRig`] processes events in order of virtual time: frames that arrive, and moments that devices or the loop
 //! wait for. [`DeviceServer`] has the same devices on any other CAN bus, [`SegmentServer`] those of a rig on EtherCAT, and [`ImpedanceRig`] is the device without a bus.
 
+mod defects;
 mod devices;
 mod drill;
 mod embedded;

@@ -5,6 +5,7 @@ use nalgebra::Vector2;
 use rand_xoshiro::Xoshiro256PlusPlus;
 use rand_xoshiro::rand_core::SeedableRng;
 
+use super::defects::Defects;
 use super::error::RigError;
 use crate::linkage::{FiveBar, Posture};
 use crate::quantity::{Force, JointAngles, JointRates, JointTorques, TipPoint, TipVelocity};
@@ -141,6 +142,10 @@ pub(super) struct World {
     pub(super) hand_from_s: f64,
     pub(super) grip: Grip,
     pub(super) pushes: Vec<Push>,
+    /// What pulls at the tool beside the hand, as a weight over a pulley does; it holds also a tool that nobody holds.
+    pub(super) weight: Force,
+    /// What is wrong with the machine.
+    pub(super) defects: Defects,
     /// Whether there is one at all.
     pub(super) has_hand: bool,
     /// Stiffness of the hand as the scene has it, N/m.
@@ -158,13 +163,15 @@ impl World {
 
     /// Moves on to `now` under the torques in force.
     pub(super) fn settle(&mut self, now: Time) -> Result<(), RigError> {
-        let Self { torques, hand_from_s, grip, hand, pushes, .. } = self;
+        let Self { torques, hand_from_s, grip, hand, pushes, weight, .. } = self;
         if let Body::Arm(arm) = &mut self.body {
             arm.advance_to(now.as_secs_f64(), self.longest_step_s, *torques, |time, tip| {
                 let time = time - *hand_from_s;
-                let Some(offset) = grip.offset_m(time) else { return HandLoad::default() };
+                let Some(offset) = grip.offset_m(time) else {
+                    return HandLoad { force_n: weight.0, ..HandLoad::default() };
+                };
                 let mut load = hand.load(time, tip.0 - offset);
-                load.force_n += pushes.iter().map(|push| push.force_n(time, tip.0)).sum::<Vector2<f64>>();
+                load.force_n += weight.0 + pushes.iter().map(|push| push.force_n(time, tip.0)).sum::<Vector2<f64>>();
                 load
             })?;
         }
@@ -200,12 +207,28 @@ impl World {
         }
     }
 
-    /// Angles and rates as the encoders see them.
-    pub(super) fn joints(&self) -> (JointAngles, JointRates) {
+    /// Angles and rates of the joints.
+    fn motion(&self) -> (JointAngles, JointRates) {
         match &self.body {
             Body::Arm(arm) => (arm.motor_angles(), arm.motor_rates()),
             Body::Ideal(ideal) => (ideal.angles, JointRates::default()),
         }
+    }
+
+    /// Angles as a person sees them who looks at the arm.
+    pub(super) fn seen_angles(&self) -> JointAngles {
+        self.motion().0
+    }
+
+    /// Angles and rates as the encoders see them.
+    pub(super) fn joints(&self) -> (JointAngles, JointRates) {
+        let (angles, rates) = self.motion();
+        self.defects.measured(angles, rates)
+    }
+
+    /// The torques of the joints, when the drives mean to make these.
+    pub(super) fn made_of(&self, meant: JointTorques) -> JointTorques {
+        if self.defects.is_none() { meant } else { self.defects.made_of(meant, self.motion().0) }
     }
 
     /// Puts the ideal joints on their targets, one SYNC later.
@@ -243,9 +266,10 @@ impl World {
             Body::Ideal(ideal) => (ideal.linkage.forward(ideal.angles)?, ideal.tip, ideal.velocity, ideal.acceleration),
         };
         let force = match self.grip.offset_m(time) {
-            None => Force::default(),
+            None => self.weight,
             Some(offset) => {
                 let pushed = self.pushes.iter().map(|push| push.force_n(time, position.0)).sum::<Vector2<f64>>();
+                let pushed = pushed + self.weight.0;
                 Force(self.hand.force_on_tool(time, position.0 - offset, velocity.0, acceleration) + pushed)
             }
         };
@@ -265,6 +289,6 @@ impl World {
                 *count = (*count).clamp(-range, range);
             }
         }
-        Ok(counts)
+        Ok(self.defects.counts(counts))
     }
 }

@@ -155,15 +155,13 @@ impl<P: Place> Runner<P> {
             let is_silent = cycle >= CYCLES_REPEATED;
             let sends = |what: Watchdog| !(is_silent && what == watchdog);
             let grid = self.next_sync;
-            self.sleep_until(grid);
-            self.watch(drives);
+            self.watch_until(grid, drives);
             let now = self.now();
             if sends(Watchdog::Sync) {
                 self.send(|master, _, out| master.repeat_sync(out));
                 last = if watchdog == Watchdog::Sync { now } else { last };
             }
-            self.sleep_until(grid + self.compute_at);
-            self.watch(drives);
+            self.watch_until(grid + self.compute_at, drives);
             let now = self.now();
             let inputs = self.take_statuswords(now);
             if sends(Watchdog::SetPoints) && sends(Watchdog::Outputs) {
@@ -187,6 +185,17 @@ impl<P: Place> Runner<P> {
             }
             if drives.iter().zip(self.patience).all(|(drive, patience)| drive.is_known(now, limit, patience)) {
                 return last;
+            }
+        }
+    }
+
+    /// Takes what comes up to a moment. In virtual time each arrival ends a sleep.
+    fn watch_until(&mut self, moment: Time, drives: &mut [Watched; 2]) {
+        loop {
+            self.sleep_until(moment);
+            self.watch(drives);
+            if !P::IS_VIRTUAL || self.now() >= moment {
+                return;
             }
         }
     }

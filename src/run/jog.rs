@@ -49,7 +49,8 @@ pub struct Jogged {
 
 impl<P: Place> Runner<P> {
     /// Enables a booted rig, leads its joints from where they are to other angles, both at once, watches them there and stops it. A fault
-    /// at either drive stops both, and so does whatever holds the rig: it does not go on by itself.
+    /// at either drive stops both, and so does whatever holds the rig: it does not go on by itself. `each` gets the record of every
+    /// cycle in which the joints are led, and may ask the drives for objects.
     ///
     /// # Errors
     /// [`RunError::WayBlocked`], before anything is enabled, if the linkage does not go that way; as [`Runner::enable`].
@@ -58,7 +59,7 @@ impl<P: Place> Runner<P> {
         jog: &Jog,
         permit: &Permit,
         is_interrupted: &AtomicBool,
-        each: impl FnMut(&CycleRecord),
+        each: impl FnMut(&mut Self, &CycleRecord),
     ) -> Result<Jogged, RunError> {
         self.check_permit(permit)?;
         self.lead(Some(jog.limits));
@@ -72,7 +73,7 @@ impl<P: Place> Runner<P> {
         jog: &Jog,
         permit: &Permit,
         is_interrupted: &AtomicBool,
-        mut each: impl FnMut(&CycleRecord),
+        mut each: impl FnMut(&mut Self, &CycleRecord),
     ) -> Result<Jogged, RunError> {
         for _ in 0..jog.settling.max(1) {
             if is_interrupted.load(Ordering::Relaxed) {
@@ -108,7 +109,7 @@ impl<P: Place> Runner<P> {
                 ended = Ended::Panicked;
                 break;
             }
-            record.iter().for_each(&mut each);
+            record.iter().for_each(|record| each(self, record));
             if self.state() != State::Running {
                 break;
             }

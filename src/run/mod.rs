@@ -7,6 +7,7 @@
 //! [`Runner`] is the only loop, and a [`Place`] is all that it needs of its surroundings: [`OnLink`] is a computer with interfaces,
 //! [`EmbeddedRig`](crate::rig::EmbeddedRig) has the one in virtual time. Nothing else here reads a clock.
 
+pub mod commission;
 mod conduct;
 mod drill;
 mod drilled;

@@ -5,7 +5,7 @@ use super::words::{round, shorten_numbers};
 use crate::config::number::Finite;
 use crate::config::tree::{CommandMode, ImpedanceDevice, PathSegment, Rig, Scene, Tracking};
 use crate::elementary;
-use crate::injection::InjectionError;
+use crate::injection::{DefectError, DefectKind, InjectionError};
 use crate::linkage::FiveBar;
 use crate::quantity::TipPoint;
 
@@ -54,6 +54,13 @@ pub(in crate::config) fn check_scene(findings: &mut Findings, scene: &Scene) {
             };
             let help = "`yieldwall faults NAME` says what it takes; leave the key out for the usual";
             findings.error(&format!("faults[{index}]{key}"), error.to_string(), help);
+        }
+    }
+    for (index, defect) in scene.defects.iter().enumerate() {
+        if let Err(error) = defect.defect() {
+            let key = if matches!(error, DefectError::Place { .. }) { "drive" } else { "size" };
+            let help = "`yieldwall commission --defect list` says what it takes; leave the key out for the usual";
+            findings.error(&format!("defects[{index}].{key}"), error.to_string(), help);
         }
     }
     let path_s: f64 = scene.hand.path.iter().map(PathSegment::duration_s).sum();
@@ -298,10 +305,15 @@ pub(in crate::config) fn check_scene_for(findings: &mut Findings, scene: &Scene,
         let message = "the scene has `faults`, and an impedance device has no bus on which they could happen";
         findings.error("faults", message, "leave `faults` out, or run the scene on a rig");
     }
+    if let (Machine::Device(_), [_, ..]) = (machine, scene.defects.as_slice()) {
+        let message = "the scene has `defects`, and an impedance device is not commissioned";
+        findings.error("defects", message, "leave `defects` out, or run the scene on a rig");
+    }
     if let Machine::Rig(rig) = machine {
         check_start(findings, scene, rig);
         check_path(findings, scene, rig);
         check_media(findings, scene, rig);
+        check_defects(findings, scene, rig);
     }
 }
 
@@ -312,6 +324,16 @@ fn check_media(findings: &mut Findings, scene: &Scene, rig: &Rig) {
         if let Err(error) = injection.check_on(rig.medium(&injection)) {
             let help = "leave it out, or write another one; `yieldwall faults NAME` says where it acts";
             findings.error(&format!("faults[{index}].inject"), error.to_string(), help);
+        }
+    }
+}
+
+/// Whether each defect of a scene means something on a rig.
+fn check_defects(findings: &mut Findings, scene: &Scene, rig: &Rig) {
+    for (index, defect) in scene.defects.iter().enumerate() {
+        if defect.defect.0 == DefectKind::HeartbeatConsumerOff && rig.has_drives_on_ethercat() {
+            let message = "`heartbeat-consumer-off` means nothing on EtherCAT, where no drive watches a heartbeat";
+            findings.error(&format!("defects[{index}].defect"), message, "leave it out, or write another one");
         }
     }
 }

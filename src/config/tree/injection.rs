@@ -7,7 +7,7 @@ use schemars::{JsonSchema, Schema, SchemaGenerator, json_schema};
 use serde::{Deserialize, Deserializer, Serialize, Serializer, de};
 
 use crate::config::number::{Finite, NotNegative, Positive};
-use crate::injection::{CATALOGUE, Injection, InjectionError, Kind, Target};
+use crate::injection::{CATALOGUE, DEFECTS, Defect, DefectError, DefectKind, Injection, InjectionError, Kind, Target};
 
 /// One injection of a scene.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema, Validate)]
@@ -50,6 +50,70 @@ impl SceneFault {
         injection.check().map(|()| injection)
     }
 }
+
+/// What is wrong with the machine of a scene from the beginning.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema, Validate)]
+#[serde(deny_unknown_fields)]
+#[garde(allow_unvalidated)]
+pub struct SceneDefect {
+    /// What is wrong; `yieldwall commission --defect list` lists all names.
+    pub defect: DefectName,
+    /// With which drive; the left one if left out. Not for a defect of the sensor.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub drive: Option<DriveSide>,
+    /// How large it is, in the unit of this defect; as large as usual if left out.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub size: Option<Finite>,
+}
+
+/// One of both drives.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum DriveSide {
+    /// The left one.
+    Left,
+    /// The right one.
+    Right,
+}
+
+impl SceneDefect {
+    /// The defect that is meant.
+    ///
+    /// # Errors
+    /// If place or size are not possible for it.
+    pub fn defect(&self) -> Result<Defect, DefectError> {
+        let DefectName(kind) = self.defect;
+        let row = kind.row();
+        if let Some(side) = self.drive.filter(|_| !row.is_of_drive) {
+            let place = format!("{side:?}").to_lowercase();
+            return Err(DefectError::Place { name: row.name, place, is_of_drive: false });
+        }
+        let defect = Defect::new(kind).at(usize::from(self.drive == Some(DriveSide::Right)));
+        self.size.map_or(Ok(defect), |size| defect.sized(size.get()))
+    }
+}
+
+impl From<Defect> for SceneDefect {
+    fn from(defect: Defect) -> Self {
+        let row = defect.kind.row();
+        let side = if defect.drive == 0 { DriveSide::Left } else { DriveSide::Right };
+        Self {
+            defect: DefectName(defect.kind),
+            drive: Some(side).filter(|_| row.is_of_drive),
+            size: row.size.and_then(|_| Finite::new(defect.size)),
+        }
+    }
+}
+
+const DEFECT_NAMES: [&str; DEFECTS.len()] = {
+    let mut names = [""; DEFECTS.len()];
+    let mut at = 0;
+    while at < names.len() {
+        names[at] = DEFECTS[at].name;
+        at += 1;
+    }
+    names
+};
 
 const NAMES: [&str; Kind::COUNT] = {
     let mut names = [""; Kind::COUNT];
@@ -120,4 +184,11 @@ word!(
     Target,
     TARGETS,
     Target::name
+);
+word!(
+    /// The name of a defect.
+    DefectName,
+    DefectKind,
+    DEFECT_NAMES,
+    |kind| kind.row().name
 );

@@ -19,7 +19,7 @@ pub use arm::{ArmInertia, ArmModel, DistalLink, ElbowSide, Linkage, Tool, WristS
 pub use device::{DeviceCycle, DeviceIdentity, DevicePlant, ImpedanceDevice};
 pub use figure::{Figure, MagnifiedWindow};
 pub use fixture::{AutomaticHold, Coupling, Curvature, Fixture, FixtureLaw, Motion, Passivity, Side};
-pub use injection::{FaultName, FaultTarget, SceneFault};
+pub use injection::{DefectName, DriveSide, FaultName, FaultTarget, SceneDefect, SceneFault};
 pub(in crate::config) use profile::is_yaml;
 pub use profile::{ProfileName, shipped_error_codes, shipped_profile};
 pub(in crate::config) use rig::NamedProfile;

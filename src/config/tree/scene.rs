@@ -4,7 +4,7 @@ use garde::Validate;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use super::injection::SceneFault;
+use super::injection::{SceneDefect, SceneFault};
 use crate::config::number::{Finite, NotNegative, Positive, nullable, present};
 
 /// What happens in a run of the embedded simulation.
@@ -32,6 +32,10 @@ pub struct Scene {
     #[garde(length(max = 64), dive)]
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub faults: Vec<SceneFault>,
+    /// What is wrong with the machine from the beginning, for a commissioning to find; nothing if left out. Only a rig has it.
+    #[garde(length(max = 16), dive)]
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub defects: Vec<SceneDefect>,
     /// How much the outputs of the scene may change when a modelled term is left out before the term counts as having an
     /// effect: `yieldwall study ablation`. Left out: not judged.
     #[garde(dive)]

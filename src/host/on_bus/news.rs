@@ -6,13 +6,14 @@ use std::sync::mpsc::Sender;
 use std::time::Duration;
 
 use crate::bus::Waiting;
+use crate::run::commission::StepReport;
 use crate::run::{BootSteps, BootWatch, Finding};
 
 /// How long the boot waits before anybody is told.
 const QUIET: Duration = Duration::from_secs(1);
 
 /// One piece of it.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq)]
 pub enum News {
     /// This computer did not grant something.
     Refused(String),
@@ -22,6 +23,8 @@ pub enum News {
     Proved,
     /// What one watchdog of the drives did in a drill.
     Found(Finding),
+    /// A step of a commissioning is over.
+    Stepped(Box<StepReport>),
     /// What the boot waits for, if that has taken a while; nothing once it is over.
     Waiting(Option<String>),
 }

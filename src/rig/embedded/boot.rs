@@ -114,7 +114,7 @@ impl EmbeddedRig {
         self.take_tool();
         self.place_mut().far.world.let_go();
         let settling = jog.settling.max(settling_cycles(self.runner.period(), self.sample_period));
-        let jogged = self.runner.jog(&Jog { settling, ..*jog }, &self.permit, is_interrupted, |_| ());
+        let jogged = self.runner.jog(&Jog { settling, ..*jog }, &self.permit, is_interrupted, |_, _| ());
         self.go_on()?;
         Ok(jogged)
     }

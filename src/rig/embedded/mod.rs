@@ -6,6 +6,9 @@ use std::time::Duration;
 mod boot;
 mod buses;
 mod cable;
+mod commission;
+#[cfg(test)]
+mod commission_tests;
 mod computer;
 mod injectable;
 mod injecting;

@@ -9,6 +9,9 @@ use crate::canopen::{Application, HeartbeatChange, HeartbeatEvent, NmtState, is_
 use crate::objects::{AbortCode, Address, ObjectDictionary, Reset, ServedDevice};
 use crate::time::Time;
 
+/// The rated torque, in per mille of itself.
+const RATED: u16 = 1000;
+
 impl ServedDevice for Device {
     fn od(&self) -> &ObjectDictionary {
         &self.od
@@ -39,6 +42,9 @@ impl ServedDevice for Device {
 
     fn after_write(&mut self, at: Address) {
         self.is_stale = true;
+        if self.forgets_torque_limit && at.index == cia::MAX_TORQUE.index {
+            self.od.set(self.objects.max_torque, RATED);
+        }
         self.reload();
         if at.index == cia::CONTROLWORD.index {
             self.apply_controlword();

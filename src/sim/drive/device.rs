@@ -44,6 +44,7 @@ pub(super) struct Device {
     mode_changes_in: u16,
     pub(super) lacks_dummies: bool,
     pub(super) refuses_mode: bool,
+    pub(super) forgets_torque_limit: bool,
     pub(super) watches: Watches,
     pub(super) machine: StateMachine,
     pub(super) servo: Servo,
@@ -84,6 +85,7 @@ impl Device {
             mode_changes_in: model.mode_changes_in.iter().fold(0, |bits, state| bits | 1 << *state as u16),
             lacks_dummies: false,
             refuses_mode: false,
+            forgets_torque_limit: false,
             watches: Watches::new(&od, model)?,
             machine: StateMachine::new(OptionCodes::default()),
             servo: Servo::new(settings.position_loop),
@@ -153,6 +155,10 @@ impl Device {
     pub(super) fn set_ignores_targets(&mut self, ignores: bool) {
         self.ignores_targets = ignores;
         self.is_stale = true;
+    }
+
+    pub(super) fn torque_limit_per_mille(&self) -> u16 {
+        self.od.get(self.objects.max_torque)
     }
 
     pub(super) fn set_ignores_controlword(&mut self, ignores: bool) {

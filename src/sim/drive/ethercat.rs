@@ -128,6 +128,11 @@ impl EthercatDrive {
         self.device.set_ignores_targets(ignores);
     }
 
+    /// Has the drive take a torque limit (6072h) and forget it at once, or keep it.
+    pub fn set_forgets_torque_limit(&mut self, forgets: bool) {
+        self.device.forgets_torque_limit = forgets;
+    }
+
     /// Has the state machine ignore the controlword, or follow it again.
     pub fn set_ignores_controlword(&mut self, ignores: bool) {
         self.device.set_ignores_controlword(ignores);

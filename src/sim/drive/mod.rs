@@ -228,9 +228,19 @@ impl Drive {
         self.device.set_ignores_targets(ignores);
     }
 
+    /// Has the drive take a torque limit (6072h) and forget it at once, or keep it.
+    pub fn set_forgets_torque_limit(&mut self, forgets: bool) {
+        self.device.forgets_torque_limit = forgets;
+    }
+
     /// Has the state machine ignore the controlword, or follow it again.
     pub fn set_ignores_controlword(&mut self, ignores: bool) {
         self.device.set_ignores_controlword(ignores);
+    }
+
+    /// The torque limit that it has (6072h), per mille of rated.
+    pub fn torque_limit_per_mille(&self) -> u16 {
+        self.device.torque_limit_per_mille()
     }
 
     /// State of the state machine.

@@ -60,6 +60,27 @@ fn a_joint_of_another_process_is_moved_by_an_angle() {
     sim.interrupted();
 }
 
+/// In lockstep: what is wrong with a machine of another process is found in the first motion.
+#[test]
+#[ignore = "needs a pair of Ethernet interfaces: see hil-tests/veth"]
+fn an_encoder_of_another_process_that_counts_the_wrong_way_is_found() {
+    const RIG: &str = "builtin:paper-ethercat.yaml";
+    let far = format!("main={FAR}");
+    let defect = ["--defect", "encoder-polarity:right"];
+    let sim = ["sim", RIG, "--bus", &far, "--pace", "lockstep", "--no-hand"];
+    let sim = Running::ready(Running::start(&[&sim[..], &defect].concat()));
+    let commission = ["commission", RIG, "--bus", NEAR, "--pace", "lockstep", "--yes", "--from", "rotation", "--json"];
+    let (code, document) = Running::start(&commission).document();
+    assert_eq!((code, &document["verdict"]), (OUT_OF_TOLERANCE, &"fail".into()), "{document:#}");
+    let steps = document["steps"].as_array().expect("steps");
+    let failed: Vec<&Value> = steps.iter().filter(|step| step["verdict"] == "fail").collect();
+    assert_eq!(failed.len(), 1, "{document:#}");
+    assert_eq!(failed[0]["step"], "rotation", "{document:#}");
+    let reason = failed[0]["reason"].as_str().expect("a reason");
+    assert!(reason.contains("the joint of right ran the other way"), "{reason}");
+    sim.interrupted();
+}
+
 /// Time waits for the frames, so that no computer is too slow for the shipped cycle of 1 ms; and the rig does what it does in the embedded
 /// simulation.
 #[test]

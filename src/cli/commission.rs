@@ -1,0 +1,220 @@
+//! `yieldwall commission`: ordered steps from drives that answer to an arm that may be run, and a report of them.
+
+#[cfg(target_os = "linux")]
+mod on_bus;
+mod page;
+
+use std::path::PathBuf;
+
+use serde_json::{Value, json};
+
+use super::ending::rig_failure;
+use super::failure::{Exit, Failure};
+use super::interrupt::on_interrupt;
+use super::output::Output;
+use super::replace::Replace;
+use super::run::check_buses;
+use crate::config::{self, Source};
+use crate::injection::{DEFECTS, Defect, DefectError, DefectKind};
+use crate::rig::EmbeddedRig;
+use crate::run::RunError;
+use crate::run::commission::{Commissioned, STEPS, Step, StepReport, Verdict};
+
+#[derive(Debug, clap::Args)]
+pub(super) struct Arguments {
+    /// The rig; `builtin:paper-admittance.yaml` names the copy inside the program
+    #[arg(value_name = "RIG.yaml", required_unless_present = "defect")]
+    rig: Option<String>,
+    /// Begin with this step; those before are skipped
+    #[arg(long, value_name = "STEP", value_parser = step)]
+    from: Option<Step>,
+    /// Give the simulated machine a defect, for a step to find; may be repeated. `list` names them all
+    #[arg(long, value_name = "NAME[=SIZE][:left|right]")]
+    defect: Vec<String>,
+    /// Ask nothing; on a bus the steps that need somebody at the arm are skipped
+    #[arg(long)]
+    yes: bool,
+    /// Write the report as a page, with the curves
+    #[arg(long, value_name = "FILE.html")]
+    html: Option<PathBuf>,
+    #[command(flatten)]
+    replace: Replace,
+    /// Commission a real rig on this interface instead of a simulated one; for a rig with several buses once for each, as NAME=INTERFACE
+    #[cfg(target_os = "linux")]
+    #[arg(long, value_name = "INTERFACE", conflicts_with = "defect")]
+    bus: Vec<String>,
+    /// What a cycle waits for: the wall clock, or (simulated devices in lockstep alone) the process data
+    #[cfg(target_os = "linux")]
+    #[arg(long, value_enum, default_value_t = super::pace::PaceArgument::Free, requires = "bus")]
+    pace: super::pace::PaceArgument,
+    /// Go on also if this computer has not proved the timing that the rig asks for
+    #[cfg(target_os = "linux")]
+    #[arg(long, requires = "bus")]
+    ignore_latency: bool,
+}
+
+fn step(text: &str) -> Result<Step, String> {
+    Step::named(text).ok_or_else(|| {
+        let names = STEPS.map(Step::name);
+        match config::nearest_word(text, names) {
+            Some(meant) => format!("there is no step {text}; did you mean {meant}?"),
+            None => format!("there is no step {text}; write one of {}", names.join(", ")),
+        }
+    })
+}
+
+/// Gives the machine of a scene these defects.
+pub(super) fn add_defects(scene: &mut config::Scene, rig: &config::Rig, defects: &[String]) -> Result<(), Failure> {
+    for text in defects {
+        let defect: Defect = text.parse().map_err(|error: DefectError| {
+            let known = DEFECTS.iter().map(|row| row.name);
+            let help = match &error {
+                DefectError::Unknown { name } => {
+                    config::nearest_word(name, known).map(|meant| format!("did you mean {meant}?"))
+                }
+                _ => None,
+            };
+            let help = help.unwrap_or_else(|| "`yieldwall commission --defect list` says what there is".to_owned());
+            Failure::new(Exit::Usage, format!("--defect {text}: {error}"), help)
+        })?;
+        if defect.kind == DefectKind::HeartbeatConsumerOff && rig.has_drives_on_ethercat() {
+            let message = format!("--defect {text}: drives on EtherCAT watch no heartbeat");
+            return Err(Failure::new(Exit::Usage, message, "try it on a rig whose drives are on CAN"));
+        }
+        scene.defects.push(defect.into());
+    }
+    Ok(())
+}
+
+fn list(output: &mut Output) -> Result<(), Failure> {
+    if output.is_json() {
+        let row = |row: &crate::injection::DefectRow| {
+            let size = row
+                .size
+                .map(|size| json!({ "what": size.what, "usual": size.usual, "least": size.least, "most": size.most }));
+            json!({ "name": row.name, "meaning": row.meaning, "found_by": row.found_by, "size": size })
+        };
+        return output.report(json!({ "defects": DEFECTS.iter().map(row).collect::<Vec<_>>() }));
+    }
+    let mut text = String::new();
+    for row in &DEFECTS {
+        let size = row.size.map_or(String::new(), |size| {
+            format!("; {}: {} unless said, {} to {}", size.what, size.usual, size.least, size.most)
+        });
+        text.push_str(&format!("{:24}{}{size}. Found by the step {}\n", row.name, row.meaning, row.found_by));
+    }
+    output.result(&text)
+}
+
+pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Failure> {
+    if arguments.defect.iter().any(|defect| defect == "list") {
+        return list(output);
+    }
+    let Some(file) = &arguments.rig else {
+        let message = "--defect is for a rig, and none is named";
+        return Err(Failure::new(Exit::Usage, message, "write yieldwall commission RIG.yaml --defect NAME"));
+    };
+    let rig = config::load_rig(Source::named(file))?;
+    output.configuration(&rig.warnings)?;
+    check_buses(&rig, None, output)?;
+    if let Some(html) = &arguments.html {
+        arguments.replace.check_new(html)?;
+    }
+    #[cfg(target_os = "linux")]
+    if !arguments.bus.is_empty() {
+        return on_bus::run(arguments, file, &rig, output);
+    }
+    let mut scene = rig.scene()?.value;
+    let rig = &rig.value;
+    add_defects(&mut scene, rig, &arguments.defect)?;
+    let is_interrupted = on_interrupt()?;
+    let machine = EmbeddedRig::new(rig, &scene, &rig.fixture, scene.seed);
+    let mut machine = machine.map_err(|error| rig_failure(&error))?;
+    output.aside(&format!("the simulated machine of {}; a real one with --bus INTERFACE", rig.rig.name));
+    let mut printed = Ok(());
+    let commissioned =
+        machine.commission(rig, arguments.from.unwrap_or(Step::Communication), &is_interrupted, |report| {
+            let line = output.news(&lines(report));
+            printed = std::mem::replace(&mut printed, Ok(())).and(line);
+        });
+    printed?;
+    end(arguments, rig, commissioned.map_err(|error| rig_failure(&error))?, output)
+}
+
+/// What a person reads of a step.
+fn lines(report: &StepReport) -> String {
+    let mut text = format!("{:9} {}", report.verdict.name(), report.step.name());
+    if let Some(figure) = &report.figure {
+        text.push_str(&format!(": {}", page::figure_text(figure)));
+    }
+    for (name, value) in &report.evidence {
+        text.push_str(&format!("\n          {name}: {value}"));
+    }
+    if let Some(reason) = &report.reason {
+        text.push_str(&format!("\n          {reason}"));
+    }
+    text
+}
+
+/// Writes the report, and judges.
+fn end(
+    arguments: &Arguments,
+    rig: &config::Rig,
+    commissioned: Result<Commissioned, RunError>,
+    output: &mut Output,
+) -> Result<(), Failure> {
+    let commissioned = commissioned.map_err(|error| match error {
+        RunError::Interrupted => Failure::new(
+            Exit::Interrupted,
+            "interrupted: the rig is stopped, and the torque limits of the drives are what they were",
+            "begin again with --from STEP",
+        ),
+        error => super::on_bus::live_failure(&error),
+    })?;
+    if let Some(html) = &arguments.html {
+        arguments.replace.write(html, page::html(rig, &commissioned).as_bytes())?;
+        output.news(&format!("report    {}", html.display()))?;
+    }
+    let judged = judge(&commissioned);
+    if output.is_json() {
+        return output.end(document(rig, &commissioned), judged);
+    }
+    if judged.is_ok() {
+        let count = |verdict| commissioned.steps.iter().filter(|step| step.verdict == verdict).count();
+        output.news(&format!("{} steps passed, {} were skipped", count(Verdict::Pass), count(Verdict::Skipped)))?;
+    }
+    judged
+}
+
+fn judge(commissioned: &Commissioned) -> Result<(), Failure> {
+    let Some(failed) = commissioned.steps.iter().find(|step| step.verdict == Verdict::Fail) else { return Ok(()) };
+    let name = failed.step.name();
+    let why = failed.reason.clone().or_else(|| failed.figure.as_ref().map(page::figure_text)).unwrap_or_default();
+    let help = format!("mend it, and begin again with --from {name}; docs/bringup.md says more of each step");
+    Err(Failure::new(Exit::OutOfTolerance, format!("{name}: {why}"), help))
+}
+
+fn document(rig: &config::Rig, commissioned: &Commissioned) -> Value {
+    let step = |report: &StepReport| {
+        let evidence: serde_json::Map<String, Value> =
+            report.evidence.iter().map(|(name, value)| (name.clone(), json!(value))).collect();
+        json!({
+            "step": report.step.name(),
+            "verdict": report.verdict.name(),
+            "what": report.figure.as_ref().map(|figure| figure.what),
+            "figure": report.figure.as_ref().map(|figure| figure.value),
+            "limit": report.figure.as_ref().map(|figure| figure.limit),
+            "unit": report.figure.as_ref().map(|figure| figure.unit),
+            "reason": report.reason,
+            "does": report.step.does(),
+            "motion_bound_rad": report.step.motion_bound_rad(),
+            "evidence": evidence,
+        })
+    };
+    json!({
+        "rig": rig.rig.name,
+        "version": env!("CARGO_PKG_VERSION"),
+        "verdict": commissioned.verdict().name(),
+        "steps": commissioned.steps.iter().map(step).collect::<Vec<_>>(),
+    })
+}

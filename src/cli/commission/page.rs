@@ -1,0 +1,85 @@
+//! The report of a commissioning as a page that needs nothing beside it.
+
+use crate::config;
+use crate::run::commission::{Commissioned, Curve, Figure, StepReport};
+use crate::study::chart::{Axis, Chart, Color, Mark, Panel, Series, svg};
+
+/// What a person reads of a figure.
+pub(super) fn figure_text(figure: &Figure) -> String {
+    let unit = if figure.unit.is_empty() { String::new() } else { format!(" {}", figure.unit) };
+    let number = |value: f64| if value.fract() == 0.0 { format!("{value:.0}") } else { format!("{value:.3}") };
+    format!("{} {}{unit}, at most {}{unit}", figure.what, number(figure.value), number(figure.limit))
+}
+
+/// The page.
+pub(super) fn html(rig: &config::Rig, commissioned: &Commissioned) -> String {
+    let name = escaped(&rig.rig.name);
+    let verdict = commissioned.verdict().name();
+    let rows: String = commissioned.steps.iter().map(row).collect();
+    let details: String = commissioned.steps.iter().filter(|step| has_details(step)).map(section).collect();
+    format!(
+        "<!DOCTYPE html>\n<html lang=\"en\"><head><meta charset=\"utf-8\"><title>Commissioning of {name}: {verdict}</title>\n<style>\n\
+         body {{ font: 15px/1.5 sans-serif; max-width: 60em; margin: 2em auto; padding: 0 1em; }}\n\
+         table {{ border-collapse: collapse; }} td, th {{ border: 1px solid #999; padding: .3em .6em; text-align: left; vertical-align: top; }}\n\
+         .pass {{ color: #00664d; }} .fail {{ color: #a03000; font-weight: bold; }} .skipped {{ color: #555; }}\n\
+         svg {{ max-width: 100%; height: auto; }}\n</style></head><body>\n\
+         <h1>Commissioning of {name}: <span class=\"{verdict}\">{verdict}</span></h1>\n\
+         <p>Made by yieldwall {version}, which is not a safety component. Command mode: {mode}. Cycle: {period} us. Drives: {left} with profile \
+         {left_profile}, {right} with profile {right_profile}.</p>\n\
+         <table><tr><th>step</th><th>verdict</th><th>figure</th><th>what was done</th></tr>\n{rows}</table>\n{details}</body></html>\n",
+        version = env!("CARGO_PKG_VERSION"),
+        mode = format!("{:?}", rig.rig.command_mode).to_lowercase(),
+        period = rig.cycle.period_us,
+        left = escaped(&rig.drives[0].name),
+        left_profile = escaped(rig.drives[0].profile.as_str()),
+        right = escaped(&rig.drives[1].name),
+        right_profile = escaped(rig.drives[1].profile.as_str()),
+    )
+}
+
+fn has_details(step: &StepReport) -> bool {
+    step.reason.is_some() || !step.evidence.is_empty() || !step.curves.is_empty()
+}
+
+fn row(step: &StepReport) -> String {
+    let verdict = step.verdict.name();
+    let bound = step.step.motion_bound_rad();
+    let bound =
+        bound.map_or(String::new(), |bound| format!("; no joint may go further than {:.1} deg", bound.to_degrees()));
+    format!(
+        "<tr><td>{}</td><td class=\"{verdict}\">{verdict}</td><td>{}</td><td>{}{bound}</td></tr>\n",
+        step.step.name(),
+        escaped(&step.figure.as_ref().map(figure_text).unwrap_or_default()),
+        escaped(step.step.does()),
+    )
+}
+
+fn section(step: &StepReport) -> String {
+    let reason = step
+        .reason
+        .as_ref()
+        .map_or(String::new(), |reason| format!("<p class=\"{}\">{}</p>\n", step.verdict.name(), escaped(reason)));
+    let evidence: String =
+        step.evidence.iter().map(|(name, value)| format!("<li>{}: {}</li>\n", escaped(name), escaped(value))).collect();
+    let evidence = if evidence.is_empty() { evidence } else { format!("<ul>\n{evidence}</ul>\n") };
+    let curves: String = step.curves.iter().map(|curve| svg(&chart(curve))).collect();
+    format!("<h2>{}</h2>\n{reason}{evidence}{curves}\n", step.step.name())
+}
+
+fn chart(curve: &Curve) -> Chart {
+    let axis = |name: &str| Axis::linear(&name.replacen(" in ", " (", 1).chars().chain([')']).collect::<String>());
+    let lines = curve.lines.iter().zip(Color::LINES);
+    let series = lines.map(|((name, points), color)| Series {
+        name: name.clone(),
+        points: points.iter().map(|[x, y]| (*x, *y)).collect(),
+        mark: Mark::Line,
+        color,
+    });
+    let panel = Panel { title: String::new(), x: axis(curve.across), y: axis(curve.up), series: series.collect() };
+    Chart { title: curve.title.clone(), panels: vec![panel], columns: 1 }
+}
+
+/// Text as it may stand in a page.
+fn escaped(text: &str) -> String {
+    text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;").replace('"', "&quot;")
+}

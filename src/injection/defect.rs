@@ -1,0 +1,288 @@
+//! What is wrong with a machine from the day on which it was put together, for a commissioning to find.
+
+use std::str::FromStr;
+
+use thiserror::Error;
+
+/// What is wrong.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+#[repr(u8)]
+#[expect(missing_docs, reason = "every kind is described by its row of the table")]
+pub enum DefectKind {
+    EncoderPolarity,
+    EncoderResolution,
+    GearSign,
+    WeakMotor,
+    HighFriction,
+    Cogging,
+    NoisySensor,
+    SwappedSensorAxes,
+    HeartbeatConsumerOff,
+    LimitNotKept,
+}
+
+/// The size of a defect.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct DefectSize {
+    /// What the number is, with its unit.
+    pub what: &'static str,
+    /// The usual one.
+    pub usual: f64,
+    /// The smallest.
+    pub least: f64,
+    /// The greatest.
+    pub most: f64,
+}
+
+/// What is known of a defect.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct DefectRow {
+    /// Which one.
+    pub kind: DefectKind,
+    /// Its name, as it stands in files and arguments.
+    pub name: &'static str,
+    /// What is wrong.
+    pub meaning: &'static str,
+    /// Whether one of both drives has it, and not the sensor.
+    pub is_of_drive: bool,
+    /// How large it is; `None` for one that is there or is not.
+    pub size: Option<DefectSize>,
+    /// The step of a commissioning that finds it.
+    pub found_by: &'static str,
+}
+
+const fn size(what: &'static str, usual: f64, least: f64, most: f64) -> Option<DefectSize> {
+    Some(DefectSize { what, usual, least, most })
+}
+
+const fn row(
+    kind: DefectKind,
+    name: &'static str,
+    (is_of_drive, found_by): (bool, &'static str),
+    size: Option<DefectSize>,
+    meaning: &'static str,
+) -> DefectRow {
+    DefectRow { kind, name, meaning, is_of_drive, size, found_by }
+}
+
+/// All defects, in the order of their kinds.
+pub const DEFECTS: [DefectRow; 10] = [
+    row(
+        DefectKind::EncoderPolarity,
+        "encoder-polarity",
+        (true, "rotation"),
+        None,
+        "the encoder counts down where the motor turns up",
+    ),
+    row(
+        DefectKind::EncoderResolution,
+        "encoder-resolution",
+        (true, "rotation"),
+        size("counts for a turn over those in the rig file", 1.25, 1.06, 1.5),
+        "the encoder has more counts for a turn than the rig file says",
+    ),
+    row(
+        DefectKind::GearSign,
+        "gear-sign",
+        (true, "rotation"),
+        None,
+        "motor and encoder agree, and the link turns the other way than the rig file says",
+    ),
+    row(
+        DefectKind::WeakMotor,
+        "weak-motor",
+        (true, "motor"),
+        size("share of the torque that the drive tells", 0.7, 0.5, 0.82),
+        "the motor makes less torque than the drive tells, as with a wrong torque constant or a demagnetised motor",
+    ),
+    row(
+        DefectKind::HighFriction,
+        "high-friction",
+        (true, "friction"),
+        size("dry friction on top of that of the arm, N m", 6.0, 3.0, 10.0),
+        "the joint has more dry friction than the rig file says",
+    ),
+    row(
+        DefectKind::Cogging,
+        "cogging",
+        (true, "friction"),
+        size("amplitude of a torque with 100 periods in a turn, N m", 4.0, 3.0, 8.0),
+        "the torque goes up and down with the angle, as of a damaged gear",
+    ),
+    row(
+        DefectKind::NoisySensor,
+        "noisy-sensor",
+        (false, "sensor-rest"),
+        size("standard deviation of each axis of force, N", 0.5, 0.25, 2.0),
+        "the force sensor has more noise than it should, as with a broken screen of its cable",
+    ),
+    row(
+        DefectKind::SwappedSensorAxes,
+        "swapped-sensor-axes",
+        (false, "sensor-axes"),
+        None,
+        "x and y of the force sensor are taken for one another",
+    ),
+    row(
+        DefectKind::HeartbeatConsumerOff,
+        "heartbeat-consumer-off",
+        (true, "watchdogs"),
+        None,
+        "the drive does not watch the heartbeat of its master (CAN alone)",
+    ),
+    row(
+        DefectKind::LimitNotKept,
+        "limit-not-kept",
+        (true, "limits"),
+        None,
+        "the drive takes a torque limit (6072h), says so, and forgets it",
+    ),
+];
+
+impl DefectKind {
+    /// The row of [`DEFECTS`] that describes this kind.
+    pub fn row(self) -> &'static DefectRow {
+        &DEFECTS[self as usize]
+    }
+
+    /// The kind of this name.
+    pub fn named(name: &str) -> Option<Self> {
+        DEFECTS.iter().find(|row| row.name == name).map(|row| row.kind)
+    }
+}
+
+/// A defect of a machine.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Defect {
+    /// What is wrong.
+    pub kind: DefectKind,
+    /// With which drive: 0 the left one, 1 the right one. Of no meaning for a defect of the sensor.
+    pub drive: usize,
+    /// How large it is, in the unit of its row; 0 for one without a size.
+    pub size: f64,
+}
+
+/// Why there is no such defect.
+#[derive(Clone, Debug, PartialEq, Error)]
+pub enum DefectError {
+    /// No kind has this name.
+    #[error("there is no defect `{name}`")]
+    Unknown {
+        /// The name.
+        name: String,
+    },
+    /// The size is out of its range, or there is none.
+    #[error(
+        "{name} has the size {size}: {}",
+        allowed.map_or("it takes none".to_owned(), |allowed| format!("{} from {} to {} is wanted", allowed.what, allowed.least, allowed.most))
+    )]
+    Size {
+        /// Name of the kind.
+        name: &'static str,
+        /// What was asked for.
+        size: String,
+        /// What is allowed.
+        allowed: Option<DefectSize>,
+    },
+    /// The place is not one of both drives, or the defect is one of the sensor.
+    #[error("{name} is not at `{place}`: {}", if *is_of_drive { "left or right is wanted" } else { "it is one of the sensor" })]
+    Place {
+        /// Name of the kind.
+        name: &'static str,
+        /// What was asked for.
+        place: String,
+        /// Whether a drive has it.
+        is_of_drive: bool,
+    },
+}
+
+impl Defect {
+    /// A defect of the usual size, of the left drive if it is one of a drive.
+    pub fn new(kind: DefectKind) -> Self {
+        Self { kind, drive: 0, size: kind.row().size.map_or(0.0, |size| size.usual) }
+    }
+
+    /// The same with the drive of this index.
+    #[must_use]
+    pub fn at(self, drive: usize) -> Self {
+        Self { drive, ..self }
+    }
+
+    /// The same of another size.
+    ///
+    /// # Errors
+    /// If it takes none, or not this one.
+    pub fn sized(self, size: f64) -> Result<Self, DefectError> {
+        let row = self.kind.row();
+        match row.size {
+            Some(allowed) if size >= allowed.least && size <= allowed.most => Ok(Self { size, ..self }),
+            allowed => Err(DefectError::Size { name: row.name, size: size.to_string(), allowed }),
+        }
+    }
+}
+
+impl FromStr for Defect {
+    type Err = DefectError;
+
+    /// `NAME[=SIZE][:left|right]`.
+    fn from_str(text: &str) -> Result<Self, DefectError> {
+        let (rest, place) = text.split_once(':').map_or((text, None), |(rest, place)| (rest, Some(place)));
+        let (name, size) = rest.split_once('=').map_or((rest, None), |(name, size)| (name, Some(size)));
+        let kind = DefectKind::named(name).ok_or_else(|| DefectError::Unknown { name: name.to_owned() })?;
+        let row = kind.row();
+        let drive = match place {
+            None => 0,
+            Some("left") if row.is_of_drive => 0,
+            Some("right") if row.is_of_drive => 1,
+            Some(place) => {
+                let place = place.to_owned();
+                return Err(DefectError::Place { name: row.name, place, is_of_drive: row.is_of_drive });
+            }
+        };
+        let defect = Self::new(kind).at(drive);
+        let Some(size) = size else { return Ok(defect) };
+        let error = || DefectError::Size { name: row.name, size: size.to_owned(), allowed: row.size };
+        defect.sized(size.parse().map_err(|_| error())?)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn rows_stand_in_the_order_of_their_kinds_and_names_are_found() {
+        for (at, row) in DEFECTS.iter().enumerate() {
+            assert_eq!(row.kind as usize, at, "{}", row.name);
+            assert_eq!(DefectKind::named(row.name), Some(row.kind));
+            assert!(row.size.is_none_or(|size| size.least <= size.usual && size.usual <= size.most), "{}", row.name);
+        }
+    }
+
+    #[test]
+    fn a_defect_is_written_with_size_and_place() {
+        let weak = Defect { kind: DefectKind::WeakMotor, drive: 1, size: 0.6 };
+        assert_eq!("weak-motor=0.6:right".parse(), Ok(weak));
+        assert_eq!("weak-motor".parse(), Ok(Defect::new(DefectKind::WeakMotor)));
+        for (text, said) in [
+            ("weak-moto", "there is no defect `weak-moto`"),
+            (
+                "weak-motor=2",
+                "weak-motor has the size 2: share of the torque that the drive tells from 0.5 to 0.82 is wanted",
+            ),
+            (
+                "weak-motor=NaN",
+                "weak-motor has the size NaN: share of the torque that the drive tells from 0.5 to 0.82 is wanted",
+            ),
+            (
+                "weak-motor=x",
+                "weak-motor has the size x: share of the torque that the drive tells from 0.5 to 0.82 is wanted",
+            ),
+            ("gear-sign=1", "gear-sign has the size 1: it takes none"),
+            ("gear-sign:up", "gear-sign is not at `up`: left or right is wanted"),
+            ("noisy-sensor:left", "noisy-sensor is not at `left`: it is one of the sensor"),
+        ] {
+            assert_eq!(text.parse::<Defect>().unwrap_err().to_string(), said);
+        }
+    }
+}

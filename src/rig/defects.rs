@@ -1,0 +1,96 @@
+//! What is wrong with a machine from the day on which it was put together, as its parts are made.
+
+use super::error::RigError;
+use crate::config;
+use crate::elementary;
+use crate::injection::{Defect, DefectKind};
+use crate::quantity::{JointAngles, JointRates, JointTorques};
+
+/// Periods of a cogging torque in a turn of the joint.
+const COGGING_PERIODS: f64 = 100.0;
+
+/// What is wrong between the drives and the arm, and in the force sensor.
+#[derive(Clone, Debug)]
+pub(super) struct Defects {
+    all: Vec<Defect>,
+    /// Angles of the joints when the machine was switched on: from there the encoders count wrongly.
+    start: JointAngles,
+}
+
+fn all(scene: &config::Scene) -> Result<Vec<Defect>, RigError> {
+    let defects = scene.defects.iter().map(config::SceneDefect::defect).collect::<Result<_, _>>();
+    defects.map_err(|error| RigError::Mismatch(error.to_string()))
+}
+
+/// Whether a drive has a defect.
+pub(super) fn has(scene: &config::Scene, kind: DefectKind, drive: usize) -> Result<bool, RigError> {
+    Ok(all(scene)?.iter().any(|defect| defect.kind == kind && defect.drive == drive))
+}
+
+/// The dry friction of the joints, N m, of an arm that has this much without a defect.
+pub(super) fn friction(scene: &config::Scene, mut healthy: [f64; 2]) -> Result<[f64; 2], RigError> {
+    for defect in all(scene)?.iter().filter(|defect| defect.kind == DefectKind::HighFriction) {
+        healthy.iter_mut().skip(defect.drive).take(1).for_each(|friction| *friction += defect.size);
+    }
+    Ok(healthy)
+}
+
+/// The noise of a sensor that has too much of it, counts.
+pub(super) fn sensor_noise_counts(rig: &config::Rig, scene: &config::Scene) -> Result<Option<f64>, RigError> {
+    let noise = all(scene)?.into_iter().find(|defect| defect.kind == DefectKind::NoisySensor);
+    let [[n_per_count, ..], ..] = rig.sensor.calibration;
+    Ok(noise.map(|defect| defect.size / n_per_count.get().abs()))
+}
+
+impl Defects {
+    /// Those of a scene, of a machine that is switched on with its joints at these angles.
+    pub(super) fn new(scene: &config::Scene, start: JointAngles) -> Result<Self, RigError> {
+        Ok(Self { all: all(scene)?, start })
+    }
+
+    /// Whether nothing is wrong.
+    pub(super) fn is_none(&self) -> bool {
+        self.all.is_empty()
+    }
+
+    /// What the encoders say of the motion of the joints.
+    pub(super) fn measured(&self, angles: JointAngles, rates: JointRates) -> (JointAngles, JointRates) {
+        let (mut angles, mut rates, start) = (angles.to_array(), rates.to_array(), self.start.to_array());
+        for defect in &self.all {
+            let factor = match defect.kind {
+                DefectKind::EncoderPolarity | DefectKind::GearSign => -1.0,
+                DefectKind::EncoderResolution => defect.size,
+                _ => continue,
+            };
+            for ((angle, rate), start) in angles.iter_mut().zip(&mut rates).zip(start).skip(defect.drive).take(1) {
+                *angle = start + factor * (*angle - start);
+                *rate *= factor;
+            }
+        }
+        (angles.into(), rates.into())
+    }
+
+    /// The torques on joints at these angles, when the drives mean to make others.
+    pub(super) fn made_of(&self, meant: JointTorques, angles: JointAngles) -> JointTorques {
+        let (mut torques, angles) = (meant.to_array(), angles.to_array());
+        for defect in &self.all {
+            for (torque, angle) in torques.iter_mut().zip(angles).skip(defect.drive).take(1) {
+                *torque = match defect.kind {
+                    DefectKind::GearSign => -*torque,
+                    DefectKind::WeakMotor => defect.size * *torque,
+                    DefectKind::Cogging => *torque + defect.size * elementary::sin(COGGING_PERIODS * angle),
+                    _ => *torque,
+                };
+            }
+        }
+        torques.into()
+    }
+
+    /// What the channels of the force sensor say.
+    pub(super) fn counts(&self, mut counts: [i32; 6]) -> [i32; 6] {
+        if self.all.iter().any(|defect| defect.kind == DefectKind::SwappedSensorAxes) {
+            counts.swap(0, 1);
+        }
+        counts
+    }
+}

@@ -1,0 +1,72 @@
+//! A simulated rig that is commissioned, with a person at the arm who sees the truth.
+
+use std::sync::atomic::AtomicBool;
+
+use super::EmbeddedRig;
+use super::simulation::Simulation;
+use crate::config;
+use crate::quantity::{Force, JointAngles};
+use crate::rig::error::RigError;
+use crate::run::commission::{Attendant, Commissioned, Step, StepReport};
+use crate::run::{Bounds, Drilled, DriveIdentity, NotProven, Permit, RunError, Runner};
+
+/// A person at a simulated arm.
+#[derive(Default)]
+struct Onlooker {
+    /// Where the links were when they were looked at last.
+    seen: JointAngles,
+}
+
+impl Attendant<Simulation> for Onlooker {
+    fn prove(
+        &mut self,
+        runner: &mut Runner<Simulation>,
+        rig: &config::Rig,
+        bounds: Bounds,
+    ) -> Result<Permit, NotProven> {
+        runner.limit_torque(rig, bounds.torque_n_m)?;
+        Ok(Permit::for_bring_up(runner, bounds))
+    }
+
+    fn keep(&mut self, _: &config::Rig, _: [DriveIdentity; 2], _: &Drilled) -> Result<Option<String>, String> {
+        // What is simulated proves nothing of a rig on a bus.
+        Ok(None)
+    }
+
+    fn look(&mut self, place: &Simulation) {
+        self.seen = place.far.world.seen_angles();
+    }
+
+    fn turned(&mut self, place: &Simulation, joint: usize, _: f64) -> Option<f64> {
+        (place.far.world.seen_angles() - self.seen).to_array().get(joint).copied()
+    }
+
+    fn pull(&mut self, place: &mut Simulation, force: Force) -> bool {
+        place.far.world.weight = force;
+        true
+    }
+}
+
+impl EmbeddedRig {
+    /// Switches everything on and takes the steps of a commissioning, as
+    /// [`Runner::commission`](crate::run::Runner::commission). No hand takes the tool.
+    ///
+    /// # Errors
+    /// [`RigError::Boot`] if a node is missing or is not what it should be, and if the simulated arm cannot go on; that a person asked for
+    /// the end is inside.
+    pub fn commission(
+        &mut self,
+        rig: &config::Rig,
+        from: Step,
+        is_interrupted: &AtomicBool,
+        told: impl FnMut(&StepReport),
+    ) -> Result<Result<Commissioned, RunError>, RigError> {
+        self.boot()?;
+        // Injections count their time from here.
+        self.take_tool();
+        self.place_mut().far.world.let_go();
+        let commissioned = self.runner.commission(rig, from, &mut Onlooker::default(), is_interrupted, told);
+        self.go_on()?;
+        Ok(commissioned)
+    }
+}

@@ -1,0 +1,160 @@
+//! Machines that are commissioned on the embedded simulation: healthy ones, and such with a defect.
+
+use std::sync::atomic::AtomicBool;
+use std::sync::{Arc, Mutex};
+
+use super::*;
+use crate::injection::{DEFECTS, Defect, DefectKind, Kind, Target};
+use crate::quantity::JointAngles;
+use crate::run::commission::{Commissioned, STEPS, Step, Verdict};
+use proptest::prelude::*;
+
+const RIGS: [&str; 5] = [
+    "paper-admittance.yaml",
+    "paper-admittance-csv.yaml",
+    "paper-admittance-csp.yaml",
+    "paper-ethercat.yaml",
+    "paper-ethercat-can-sensor.yaml",
+];
+
+/// What became of it, and what has to be looked at afterwards.
+struct Done {
+    commissioned: Result<Commissioned, RunError>,
+    states: [cia402::State; 2],
+    /// The torque limits of the drives on CAN, per mille.
+    limits: Vec<i64>,
+    /// How far each link went from where it was first enabled in a step at most, rad.
+    farthest_rad: f64,
+}
+
+fn commissioned(file: &str, defects: &[Defect], injections: &[Injection]) -> Done {
+    let loaded = config::load_rig(config::builtin(file)).unwrap();
+    let (rig, mut scene) = (loaded.value.clone(), loaded.scene().unwrap().value);
+    scene.defects = defects.iter().map(|defect| (*defect).into()).collect();
+    let mut machine = EmbeddedRig::new(&rig, &scene, &rig.fixture, scene.seed).unwrap();
+    machine.set_injections(injections).unwrap();
+    let farthest = Arc::new(Mutex::new(0.0_f64));
+    let seen = Arc::clone(&farthest);
+    // By the truth of the tool, from the moment at which a drive says that it is enabled until one says so again.
+    let linkage = crate::assembly::linkage(&rig).unwrap();
+    let (mut start, mut was_on) = (JointAngles::default(), None);
+    machine.set_observer(Box::new(move |record| {
+        let is_on = record.inputs.drives.iter().any(|drive| drive.state == cia402::State::OperationEnabled);
+        let Some(angles) = record.truth.and_then(|truth| linkage.inverse(truth.tool).ok()) else { return };
+        if is_on && was_on != Some(true) {
+            (start, was_on) = (angles, Some(true));
+        }
+        was_on = was_on.map(|_| is_on);
+        if was_on.is_some() {
+            let mut farthest = seen.lock().unwrap();
+            *farthest = farthest.max((angles - start).max_abs());
+        }
+    }));
+    let commissioned = machine.commission(&rig, Step::Communication, &AtomicBool::new(false), |_| ()).unwrap();
+    let limits = machine.drives().iter().map(|drive| drive.torque_limit_per_mille().into()).collect();
+    let farthest_rad = *farthest.lock().unwrap();
+    Done { commissioned, states: machine.drive_states(), limits, farthest_rad }
+}
+
+/// The farthest that any step lets a joint go, rad.
+fn bound_rad() -> f64 {
+    STEPS.into_iter().filter_map(Step::motion_bound_rad).fold(0.0, f64::max)
+}
+
+#[test]
+fn a_healthy_machine_passes_every_step_in_every_mode_and_on_every_bus() {
+    for file in RIGS {
+        let done = commissioned(file, &[], &[]);
+        let steps = done.commissioned.unwrap().steps;
+        let beside: Vec<_> = steps
+            .iter()
+            .filter(|step| step.verdict != Verdict::Pass)
+            .map(|step| (step.step, &step.figure, &step.reason, &step.evidence))
+            .collect();
+        assert!(beside.is_empty(), "{file}: {beside:#?}");
+        assert!(steps.iter().map(|step| step.step).eq(STEPS));
+        assert!(!done.states.contains(&cia402::State::OperationEnabled), "{file}");
+        assert!(done.limits.iter().all(|limit| *limit == 1000), "{file}: {:?}", done.limits);
+        assert!(done.farthest_rad < bound_rad(), "{file}: {}", done.farthest_rad);
+    }
+}
+
+/// Whether a machine with this defect fails at the step that has to find it, and at none before.
+fn is_found(file: &str, defect: Defect) -> Result<(), String> {
+    let row = defect.kind.row();
+    let done = commissioned(file, &[defect], &[]);
+    let steps = done.commissioned.map_err(|error| error.to_string())?.steps;
+    let failed = steps.iter().find(|step| step.verdict == Verdict::Fail);
+    let told = failed.map(|step| (step.step, &step.figure, &step.reason, &step.evidence));
+    let told = format!("{file}, {defect:?}: {told:#?}");
+    let is_at = failed.is_some_and(|step| step.step.name() == row.found_by && step.reason.is_some());
+    let is_off = !done.states.contains(&cia402::State::OperationEnabled);
+    let is_within = done.farthest_rad < bound_rad();
+    let are_kept = done.limits.iter().all(|limit| *limit == 1000);
+    if is_at && is_off && is_within && are_kept {
+        Ok(())
+    } else {
+        Err(format!("{told} {is_off} {is_within} {are_kept} {}", done.farthest_rad))
+    }
+}
+
+#[test]
+fn every_defect_is_found_by_its_step_at_either_drive_and_on_either_bus() {
+    let mut missed = Vec::new();
+    for row in &DEFECTS {
+        assert!(Step::named(row.found_by).is_some(), "{}", row.name);
+        for (drive, file) in
+            [(0, "paper-admittance.yaml"), (1, "paper-ethercat.yaml"), (1, "paper-admittance-csp.yaml")]
+        {
+            if row.kind == DefectKind::HeartbeatConsumerOff && file == "paper-ethercat.yaml" {
+                continue;
+            }
+            missed.extend(is_found(file, Defect::new(row.kind).at(drive)).err());
+        }
+    }
+    assert!(missed.is_empty(), "{}", missed.join("\n"));
+}
+
+/// `YIELDWALL_COMMISSIONINGS=500` tries more.
+fn cases() -> u32 {
+    std::env::var("YIELDWALL_COMMISSIONINGS").ok().and_then(|text| text.parse().ok()).unwrap_or(16)
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig { cases: cases(), ..ProptestConfig::default() })]
+
+    #[test]
+    fn a_defect_of_any_size_is_found(kind in 0..DEFECTS.len(), share in 0.0..=1.0f64, drive in 0usize..2, rig in 0usize..5) {
+        let row = &DEFECTS[kind];
+        let is_on_ethercat = RIGS[rig].starts_with("paper-ethercat");
+        prop_assume!(!(row.kind == DefectKind::HeartbeatConsumerOff && is_on_ethercat));
+        let defect = Defect::new(row.kind).at(drive);
+        let size = row.size.map(|size| size.least + share * (size.most - size.least));
+        let defect = size.map_or(defect, |size| defect.sized(size).unwrap());
+        if let Err(told) = is_found(RIGS[rig], defect) {
+            prop_assert!(false, "{}", told);
+        }
+    }
+
+    /// Whatever breaks on the way: no joint leaves the bound, and no drive is left with torque or with a lowered limit.
+    #[test]
+    fn whatever_breaks_nothing_goes_too_far(
+        rig in 0usize..5, at_s in 0.0..30.0f64, for_s in 0.01..0.5f64, defect in prop::option::of(0..DEFECTS.len()),
+        kind in prop::sample::select(vec![
+            Kind::DriveFault, Kind::DriveLeavesOperation, Kind::VoltageOff, Kind::EncoderStuck, Kind::Emergency, Kind::NodeReset,
+            Kind::ArmBlocked, Kind::SensorInvalid,
+        ]),
+    ) {
+        let targets = kind.row().targets;
+        let target = if targets.contains(&Target::LeftDrive) { Target::LeftDrive } else { targets[0] };
+        let broken = Injection::new(kind, at_s).on(target).lasting(Some(for_s));
+        let broken = if broken.check().is_ok() { broken } else { broken.lasting(None) };
+        let is_on_ethercat = RIGS[rig].starts_with("paper-ethercat");
+        let defect = defect.map(|at| Defect::new(DEFECTS[at].kind));
+        let defect = defect.filter(|defect| !(defect.kind == DefectKind::HeartbeatConsumerOff && is_on_ethercat));
+        let done = commissioned(RIGS[rig], &defect.into_iter().collect::<Vec<_>>(), &[broken]);
+        prop_assert!(done.farthest_rad < bound_rad(), "{} {broken:?} {defect:?}: {}", RIGS[rig], done.farthest_rad);
+        prop_assert!(!done.states.contains(&cia402::State::OperationEnabled), "{:?}", done.states);
+        prop_assert!(done.limits.iter().all(|limit| *limit == 1000), "{broken:?} {defect:?}: {:?}", done.limits);
+    }
+}

@@ -1,0 +1,256 @@
+//! A rig on the bench: what all steps of a commissioning do with it.
+
+use std::sync::atomic::{AtomicBool, Ordering};
+
+use super::torque_meter::TorqueMeter;
+use super::{Attendant, Curve, Figure, Step, StepReport, Verdict};
+use crate::config::{self, Positive};
+use crate::cycle::LeadLimits;
+use crate::guard::Device;
+use crate::objects::Address;
+use crate::quantity::JointAngles;
+use crate::record::CycleRecord;
+use crate::run::conduct::settling_on_bus;
+use crate::run::error::RunError;
+use crate::run::jog::{Jog, Jogged};
+use crate::run::permit::{Ask, Bounds};
+use crate::run::place::Place;
+use crate::run::proof::NotProven;
+use crate::run::runner::Runner;
+use crate::run::scene::Ended;
+
+/// How fast joints are led, rad/s: 6 degrees in a second.
+pub(super) const RATE: f64 = 6.0 * std::f64::consts::PI / 180.0;
+/// A joint comes up to its rate in so long, s.
+const COMES_UP_S: f64 = 0.2;
+
+/// Why a step does not go on.
+#[derive(Debug)]
+pub(super) enum Halt {
+    /// A person asked for the end.
+    Interrupted,
+    /// Something is wrong.
+    Failed(String),
+    /// It cannot be tried.
+    Skipped(String),
+}
+
+impl From<RunError> for Halt {
+    fn from(error: RunError) -> Self {
+        match error {
+            RunError::Interrupted => Self::Interrupted,
+            error => Self::Failed(error.to_string()),
+        }
+    }
+}
+
+impl From<NotProven> for Halt {
+    fn from(error: NotProven) -> Self {
+        match error {
+            NotProven::Run(error) => error.into(),
+            error @ NotProven::Unproven(_) => {
+                Self::Failed(format!("{error}; begin with the step `watchdogs`, which puts it on record"))
+            }
+        }
+    }
+}
+
+/// What a step has found so far.
+#[derive(Debug, Default)]
+pub(super) struct Found {
+    pub(super) figure: Option<Figure>,
+    pub(super) evidence: Vec<(String, String)>,
+    pub(super) curves: Vec<Curve>,
+}
+
+impl Found {
+    pub(super) fn note(&mut self, name: impl Into<String>, value: impl Into<String>) {
+        self.evidence.push((name.into(), value.into()));
+    }
+
+    /// Takes a figure if it is nearer to its limit, or further beyond it, than the one before.
+    pub(super) fn measure(&mut self, figure: Figure) {
+        let share = |figure: &Figure| figure.value / figure.limit.max(f64::MIN_POSITIVE);
+        if self.figure.as_ref().is_none_or(|before| share(before) <= share(&figure)) {
+            self.figure = Some(figure);
+        }
+    }
+
+    /// Whether the figure is beyond its limit. One that is no number is.
+    pub(super) fn is_bad(&self) -> bool {
+        self.figure.as_ref().is_some_and(|figure| figure.value.is_nan() || figure.value > figure.limit)
+    }
+}
+
+/// What a travel of a joint has shown.
+#[derive(Debug)]
+pub(super) struct Travel {
+    pub(super) jogged: Jogged,
+    /// Angle in rad and torque in N m that the drive told, where the joint was led at its full rate.
+    pub(super) torques: Vec<[f64; 2]>,
+}
+
+impl Travel {
+    /// Mean torque, N m.
+    pub(super) fn mean_n_m(&self) -> f64 {
+        self.torques.iter().map(|[_, torque]| torque).sum::<f64>() / self.torques.len() as f64
+    }
+}
+
+/// A rig that is commissioned, and who is at it.
+pub(super) struct Bench<'a, P: Place> {
+    pub(super) runner: &'a mut Runner<P>,
+    pub(super) rig: &'a config::Rig,
+    pub(super) attendant: &'a mut dyn Attendant<P>,
+    pub(super) is_interrupted: &'a AtomicBool,
+    pub(super) settling: u32,
+}
+
+impl<'a, P: Place> Bench<'a, P> {
+    pub(super) fn new(
+        runner: &'a mut Runner<P>,
+        rig: &'a config::Rig,
+        attendant: &'a mut dyn Attendant<P>,
+        is_interrupted: &'a AtomicBool,
+    ) -> Self {
+        Self { runner, rig, attendant, is_interrupted, settling: settling_on_bus(rig) }
+    }
+
+    /// Takes a step; the network is left in the end.
+    pub(super) fn report(&mut self, step: Step) -> Result<StepReport, RunError> {
+        let mut found = Found::default();
+        let done = match step {
+            Step::Communication => self.communication(&mut found),
+            Step::Identity => self.identity(&mut found),
+            Step::Limits => self.limits(&mut found),
+            Step::SensorRest => self.sensor_rest(&mut found),
+            Step::SensorAxes => self.sensor_axes(&mut found),
+            Step::Watchdogs => self.watchdogs(&mut found),
+            Step::Rotation => self.rotation(&mut found),
+            Step::Motor => self.motor(&mut found),
+            Step::Friction => self.friction(&mut found),
+        };
+        self.runner.leave();
+        let (verdict, reason) = match done {
+            Ok(()) if found.is_bad() => (Verdict::Fail, None),
+            Ok(()) => (Verdict::Pass, None),
+            Err(Halt::Failed(reason)) => (Verdict::Fail, Some(reason)),
+            Err(Halt::Skipped(reason)) => (Verdict::Skipped, Some(reason)),
+            Err(Halt::Interrupted) => return Err(RunError::Interrupted),
+        };
+        let Found { figure, evidence, curves } = found;
+        Ok(StepReport { step, verdict, figure, reason, evidence, curves })
+    }
+
+    /// Boots the network; nothing is enabled.
+    pub(super) fn boot(&mut self) -> Result<(), Halt> {
+        self.check_interrupt()?;
+        Ok(self.runner.boot()?)
+    }
+
+    pub(super) fn check_interrupt(&self) -> Result<(), Halt> {
+        if self.is_interrupted.load(Ordering::Relaxed) { Err(Halt::Interrupted) } else { Ok(()) }
+    }
+
+    /// Has the rig idle for a time.
+    pub(super) fn idle(&mut self, time_s: f64, mut each: impl FnMut(&CycleRecord)) -> Result<(), Halt> {
+        for _ in 0..self.cycles_in(time_s) {
+            self.check_interrupt()?;
+            self.runner.run_cycle(Ask::Nothing).iter().for_each(&mut each);
+        }
+        Ok(())
+    }
+
+    pub(super) fn cycles_in(&self, time_s: f64) -> u32 {
+        (time_s / self.runner.period().as_secs_f64()).ceil() as u32
+    }
+
+    /// Name of the drive of a joint.
+    pub(super) fn name(&self, joint: usize) -> &'a str {
+        self.rig.drives.get(joint).map_or("", |drive| drive.name.as_str())
+    }
+
+    /// This share of the lower rated torque, within the rig's own limit, N m.
+    pub(super) fn torque_n_m(&self, share: f64) -> f64 {
+        let [left, right] = self.rig.drives.each_ref().map(|drive| drive.rated_torque_n_m.get());
+        (share * left.min(right)).min(self.rig.guard.torque_limit_n_m.get())
+    }
+
+    /// The angles that were measured last.
+    pub(super) fn angles(&self) -> JointAngles {
+        self.runner.last_outputs().map(|outputs| outputs.signals.measured_angles).unwrap_or_default()
+    }
+
+    /// The torque limits of both drives, per mille of rated.
+    pub(super) fn torque_limits(&mut self) -> Result<[u32; 2], Halt> {
+        let [left, right] = Device::DRIVES.map(|device| {
+            let at = self.limit_of(device)?;
+            Ok::<u32, Halt>(self.runner.read(device, at.index, at.sub)?)
+        });
+        Ok([left?, right?])
+    }
+
+    /// Gives both drives these torque limits.
+    pub(super) fn restore_torque_limits(&mut self, limits: [u32; 2]) -> Result<(), Halt> {
+        for (device, limit) in Device::DRIVES.into_iter().zip(limits) {
+            let at = self.limit_of(device)?;
+            self.runner.write(device, at, &(limit as u16).to_le_bytes())?;
+        }
+        let now = self.torque_limits()?;
+        if now == limits {
+            return Ok(());
+        }
+        Err(Halt::Failed(format!(
+            "the torque limits (6072h) are {now:?} and were {limits:?}, and the drives do not take them"
+        )))
+    }
+
+    fn limit_of(&self, device: Device) -> Result<Address, Halt> {
+        let drive = Device::DRIVES.iter().position(|one| *one == device).and_then(|at| self.rig.drives.get(at));
+        let servo = drive.and_then(|drive| drive.profile.get()).and_then(|profile| profile.servo());
+        let limit = servo.and_then(|servo| servo.limits.torque.as_ref());
+        let limit = limit.ok_or(RunError::NoTorqueLimit { which: self.runner.which(device) })?;
+        Ok(Address::new(limit.index, limit.sub))
+    }
+
+    /// Boots, leads a joint by an angle with no more than this torque, and stops it. The torque limits are given back.
+    pub(super) fn travel(
+        &mut self,
+        joint: usize,
+        by_rad: f64,
+        bound_rad: f64,
+        torque_n_m: f64,
+    ) -> Result<Travel, Halt> {
+        self.boot()?;
+        let limits = self.torque_limits()?;
+        let positive =
+            |value: f64| Positive::new(value).ok_or_else(|| Halt::Failed("the rig file leaves no torque".to_owned()));
+        let bounds = Bounds { motion_rad: positive(bound_rad)?, torque_n_m: positive(torque_n_m)? };
+        let travelled = self.led(joint, by_rad, bounds);
+        let restored = self.restore_torque_limits(limits);
+        travelled.and_then(|travel| restored.map(|()| travel))
+    }
+
+    fn led(&mut self, joint: usize, by_rad: f64, bounds: Bounds) -> Result<Travel, Halt> {
+        let permit = self.attendant.prove(self.runner, self.rig, bounds)?;
+        let mut by = [0.0; 2];
+        by.iter_mut().skip(joint).take(1).for_each(|by| *by = by_rad);
+        let limits = LeadLimits { rate_rad_per_s: RATE, acceleration_rad_per_s2: RATE / COMES_UP_S };
+        let jog = Jog { by: by.into(), limits, settling: self.settling };
+        let mut meter = TorqueMeter::new(self.rig, joint, self.cycles_in(by_rad.abs() / RATE + 1.0))?;
+        let (period_s, mut last) = (self.runner.period().as_secs_f64(), None);
+        let jogged = self.runner.jog(&jog, &permit, self.is_interrupted, |runner, record| {
+            let led = record.signals.target_angles.to_array()[joint];
+            let rate = last.replace(led).map_or(0.0, |last: f64| (led - last) / period_s);
+            let is_steady = (rate.abs() - RATE).abs() < 0.01 * RATE;
+            let angle = record.signals.measured_angles.to_array()[joint];
+            meter.step(runner, is_steady.then_some(angle));
+        });
+        meter.finish(self.runner);
+        let jogged = jogged?;
+        if jogged.ended == Ended::Interrupted {
+            return Err(Halt::Interrupted);
+        }
+        Ok(Travel { jogged, torques: meter.into_samples() })
+    }
+}

@@ -1,0 +1,273 @@
+//! From drives that answer to an arm that may be run: ordered steps, each of which finds something wrong with a machine or passes.
+//!
+//! Steps at rest come first. Each step that enables the rig boots the network anew, has a permit for a small motion with little torque, and
+//! gives the drives their torque limit back. A step that fails ends the commissioning: what comes after it would move a machine of which
+//! something is known to be wrong.
+
+mod bench;
+mod moving;
+mod resting;
+mod torque_meter;
+
+use std::sync::atomic::AtomicBool;
+
+use super::drilled::Drilled;
+use super::error::RunError;
+use super::permit::{Bounds, Permit};
+use super::place::Place;
+use super::proof::{DriveIdentity, NotProven};
+use super::runner::Runner;
+use crate::config;
+use crate::quantity::Force;
+use bench::Bench;
+
+/// A step of a commissioning.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum Step {
+    /// Do the drives answer, always?
+    Communication,
+    /// Are they what the rig file says, and two?
+    Identity,
+    /// Does a drive keep its torque limit?
+    Limits,
+    /// Does the force sensor rest when nobody touches the handle?
+    SensorRest,
+    /// Does it feel a force in the direction in which it acts, and as large as it is?
+    SensorAxes,
+    /// Do the drives stop by themselves when their master falls silent?
+    Watchdogs,
+    /// Does each link turn the way and as far as its encoder says?
+    Rotation,
+    /// Does each motor make the torque that its drive tells?
+    Motor,
+    /// Has each joint as little friction as the rig file says, and the same everywhere?
+    Friction,
+}
+
+/// The steps in their order.
+pub const STEPS: [Step; 9] = [
+    Step::Communication,
+    Step::Identity,
+    Step::Limits,
+    Step::SensorRest,
+    Step::SensorAxes,
+    Step::Watchdogs,
+    Step::Rotation,
+    Step::Motor,
+    Step::Friction,
+];
+
+impl Step {
+    /// Its name, as it stands in reports.
+    pub fn name(self) -> &'static str {
+        match self {
+            Step::Communication => "communication",
+            Step::Identity => "identity",
+            Step::Limits => "limits",
+            Step::SensorRest => "sensor-rest",
+            Step::SensorAxes => "sensor-axes",
+            Step::Watchdogs => "watchdogs",
+            Step::Rotation => "rotation",
+            Step::Motor => "motor",
+            Step::Friction => "friction",
+        }
+    }
+
+    /// The step of this name.
+    pub fn named(name: &str) -> Option<Self> {
+        STEPS.into_iter().find(|step| step.name() == name)
+    }
+
+    /// What is done, for a person who decides whether it may be done.
+    pub fn does(self) -> &'static str {
+        match self {
+            Step::Communication => "reads 1000h of each drive a thousand times; nothing is enabled",
+            Step::Identity => "reads 1018h of each drive; nothing is enabled",
+            Step::Limits => {
+                "writes the torque limit (6072h) of each drive, reads it back, and restores it; nothing is enabled"
+            }
+            Step::SensorRest => {
+                "listens to the force sensor for a second; nothing is enabled, and nobody may touch the handle"
+            }
+            Step::SensorAxes => {
+                "listens to the force sensor while 8 N pull along x, and then along y; nothing is enabled"
+            }
+            Step::Watchdogs => {
+                "enables the rig at rest for each watchdog, and has one thing stay away; nobody may touch the handle"
+            }
+            Step::Rotation => {
+                "turns each link by 4 degrees and back, with 10 % of the rated torque or as much more as it takes, 50 % at most"
+            }
+            Step::Motor => {
+                "turns each link by 5 degrees to and fro, without and with 8 N that pull at the tool, with as little torque as it takes"
+            }
+            Step::Friction => {
+                "turns each link by 8 degrees to and fro, with as little torque as it takes, 50 % at most"
+            }
+        }
+    }
+
+    /// How far a joint may go from where it was enabled, rad; none where nothing is enabled.
+    pub fn motion_bound_rad(self) -> Option<f64> {
+        let way = match self {
+            Step::Communication | Step::Identity | Step::Limits | Step::SensorRest | Step::SensorAxes => return None,
+            Step::Watchdogs => 0.0,
+            Step::Rotation => moving::ROTATION_RAD,
+            Step::Motor => moving::MOTOR_RAD,
+            Step::Friction => moving::FRICTION_RAD,
+        };
+        Some(way + moving::BEYOND_RAD)
+    }
+}
+
+/// What was measured in a step, and how much of it is good.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Figure {
+    /// What it is.
+    pub what: &'static str,
+    /// How much.
+    pub value: f64,
+    /// The most that is good.
+    pub limit: f64,
+    /// Unit of both.
+    pub unit: &'static str,
+}
+
+/// How a step ended.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Verdict {
+    /// All was as it should be.
+    Pass,
+    /// Something is wrong.
+    Fail,
+    /// It was not tried.
+    Skipped,
+}
+
+impl Verdict {
+    /// As it stands in reports.
+    pub fn name(self) -> &'static str {
+        match self {
+            Verdict::Pass => "pass",
+            Verdict::Fail => "fail",
+            Verdict::Skipped => "skipped",
+        }
+    }
+}
+
+/// A curve that a step has measured.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Curve {
+    /// What it is of.
+    pub title: String,
+    /// What goes to the right, with its unit.
+    pub across: &'static str,
+    /// What goes up, with its unit.
+    pub up: &'static str,
+    /// The lines, by name.
+    pub lines: Vec<(String, Vec<[f64; 2]>)>,
+}
+
+/// What a step has found.
+#[derive(Clone, Debug, PartialEq)]
+pub struct StepReport {
+    /// Which one.
+    pub step: Step,
+    /// How it ended.
+    pub verdict: Verdict,
+    /// What decided.
+    pub figure: Option<Figure>,
+    /// Why it failed or was skipped, and what to do next.
+    pub reason: Option<String>,
+    /// What else was measured: name and value.
+    pub evidence: Vec<(String, String)>,
+    /// Curves.
+    pub curves: Vec<Curve>,
+}
+
+/// Who is at the arm while it is commissioned, and does there what no drive can do.
+pub trait Attendant<P: Place> {
+    /// The permit for a small motion with little torque, of the present boot.
+    ///
+    /// # Errors
+    /// Why the rig may not be enabled.
+    fn prove(&mut self, runner: &mut Runner<P>, rig: &config::Rig, bounds: Bounds) -> Result<Permit, NotProven>;
+
+    /// Keeps what a drill has found; where.
+    ///
+    /// # Errors
+    /// Why not.
+    fn keep(
+        &mut self,
+        rig: &config::Rig,
+        drives: [DriveIdentity; 2],
+        drilled: &Drilled,
+    ) -> Result<Option<String>, String>;
+
+    /// Looks at the links, to tell later by how much one has turned.
+    fn look(&mut self, place: &P);
+
+    /// By how much the link of a joint (0 the left one) has turned since, counter-clockwise, in rad, where its encoder says `measured_rad`;
+    /// `None` if nobody looked.
+    fn turned(&mut self, place: &P, joint: usize, measured_rad: f64) -> Option<f64>;
+
+    /// Has this force in N, in the base frame, pull at the tool until it is taken away by a force of zero; whether it does.
+    fn pull(&mut self, place: &mut P, force: Force) -> bool;
+}
+
+/// A commissioning that went through.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Commissioned {
+    /// All steps, in their order.
+    pub steps: Vec<StepReport>,
+}
+
+impl Commissioned {
+    /// [`Verdict::Fail`] if a step has failed; else [`Verdict::Pass`], whatever was skipped.
+    pub fn verdict(&self) -> Verdict {
+        let has_failed = self.steps.iter().any(|step| step.verdict == Verdict::Fail);
+        if has_failed { Verdict::Fail } else { Verdict::Pass }
+    }
+}
+
+impl<P: Place> Runner<P> {
+    /// Takes the steps of a commissioning up to the first that fails, beginning with `from`; those before are skipped. Whatever happens, no
+    /// drive makes torque in the end, and torque limits are what they were. `told` gets each report when the step is over.
+    ///
+    /// # Errors
+    /// [`RunError::Interrupted`] if a person asks for the end.
+    pub fn commission(
+        &mut self,
+        rig: &config::Rig,
+        from: Step,
+        attendant: &mut dyn Attendant<P>,
+        is_interrupted: &AtomicBool,
+        mut told: impl FnMut(&StepReport),
+    ) -> Result<Commissioned, RunError> {
+        let mut steps: Vec<StepReport> = Vec::with_capacity(STEPS.len());
+        let mut bench = Bench::new(self, rig, attendant, is_interrupted);
+        let first = STEPS.iter().position(|step| *step == from).unwrap_or(0);
+        for (at, step) in STEPS.into_iter().enumerate() {
+            let failed = steps.iter().find(|report| report.verdict == Verdict::Fail).map(|report| report.step);
+            let report = match failed {
+                Some(failed) => skipped(step, format!("{} has failed", failed.name())),
+                None if at < first => skipped(step, format!("it was asked to begin with {}", from.name())),
+                None => bench.report(step)?,
+            };
+            told(&report);
+            steps.push(report);
+        }
+        Ok(Commissioned { steps })
+    }
+}
+
+fn skipped(step: Step, reason: String) -> StepReport {
+    StepReport {
+        step,
+        verdict: Verdict::Skipped,
+        figure: None,
+        reason: Some(reason),
+        evidence: Vec::new(),
+        curves: Vec::new(),
+    }
+}

@@ -1,0 +1,356 @@
+//! The steps in which the rig is enabled.
+
+use super::bench::{Bench, Found, Halt, RATE, Travel};
+use super::resting::{NOBODY_PULLS, PULL_N};
+use super::{Curve, Figure};
+use crate::guard::{Cause, State};
+use crate::quantity::{Force, JointAngles};
+use crate::run::drilled::{DRILL_LIMIT, Demands, TORQUE_LIMIT};
+use crate::run::jog::Jogged;
+use crate::run::pace::Pace;
+use crate::run::place::Place;
+use crate::run::scene::Ended;
+
+/// How far each link is turned in a step, rad.
+pub(super) const ROTATION_RAD: f64 = 4.0 * std::f64::consts::PI / 180.0;
+pub(super) const MOTOR_RAD: f64 = 5.0 * std::f64::consts::PI / 180.0;
+pub(super) const FRICTION_RAD: f64 = 8.0 * std::f64::consts::PI / 180.0;
+/// How far a joint may go beyond its way, rad. A reference is stopped at 0.02; an arm that is stopped still slides.
+pub(super) const BEYOND_RAD: f64 = 0.05;
+/// How far the reference may be led beyond the way, rad.
+const LED_BEYOND_RAD: f64 = 0.02;
+/// Shares of the rated torque with which a joint is tried to be moved, one after the other: with little torque nothing runs away far.
+const TORQUE_SHARES: [f64; 5] = [0.1, 0.15, 0.22, 0.33, 0.5];
+/// A joint that has gone so far the other way runs away, rad.
+const AWAY_RAD: f64 = 2e-3;
+/// By how much a link may turn more or less than its encoder says, %.
+const TURNED_PERCENT: f64 = 5.0;
+/// By how much a motor may make more or less torque than its drive tells, %.
+const MOTOR_PERCENT: f64 = 15.0;
+/// Friction may be so much more than what the rig file feeds forward; where that is none, this share of the rated torque.
+const FRICTION_FACTOR: f64 = 1.5;
+const FRICTION_SHARE: f64 = 0.3;
+/// Half of the way from the least torque to the greatest along a way, as a share of the rated torque.
+const RIPPLE_SHARE: f64 = 0.04;
+/// A ripple shorter than this is noise, rad.
+const RIPPLE_RAD: f64 = 0.6 * std::f64::consts::PI / 180.0;
+/// Samples of torque that a travel has at least.
+const LEAST_SAMPLES: usize = 20;
+
+impl<P: Place> Bench<'_, P> {
+    /// Drills the watchdogs of the drives.
+    pub(super) fn watchdogs(&mut self, found: &mut Found) -> Result<(), Halt> {
+        if self.runner.pace() == Pace::Lockstep {
+            return Err(Halt::Skipped("in lockstep no drill is possible; it was made in virtual time".to_owned()));
+        }
+        self.boot()?;
+        let identities = self.runner.identities()?;
+        let drilled = self.runner.drill(self.settling, self.is_interrupted, |_| ())?;
+        let demands = Demands::of(self.rig);
+        let limit = if demands.is_torque { TORQUE_LIMIT } else { DRILL_LIMIT };
+        // The one that is fastest when the master dies counts.
+        let mut fastest_ms = [f64::INFINITY; 2];
+        for finding in &drilled.findings {
+            let ms = finding.stopped_after.map(|after| after.map(|after| 1e3 * after.as_secs_f64()));
+            for (fastest, ms) in fastest_ms.iter_mut().zip(ms) {
+                *fastest = fastest.min(ms.unwrap_or(f64::INFINITY));
+            }
+            let text = |ms: Option<f64>| ms.map_or("goes on".to_owned(), |ms| format!("stops after {ms:.1} ms"));
+            let [left, right] = ms.map(text);
+            found.note(
+                format!("without {}", finding.watchdog.name()),
+                format!("{} {left}, {} {right}", self.name(0), self.name(1)),
+            );
+        }
+        let [left, right] = fastest_ms;
+        found.measure(Figure {
+            what: "time to stop when the master dies",
+            value: left.max(right),
+            limit: 1e3 * limit.as_secs_f64(),
+            unit: "ms",
+        });
+        drilled.judge(demands).map_err(|error| Halt::Failed(error.to_string()))?;
+        let record = self.attendant.keep(self.rig, identities, &drilled).map_err(Halt::Failed)?;
+        if let Some(record) = record {
+            found.note("record", record);
+        }
+        Ok(())
+    }
+
+    /// Turns each link, and asks who looks at it by how much.
+    pub(super) fn rotation(&mut self, found: &mut Found) -> Result<(), Halt> {
+        let mut unseen = None;
+        for joint in 0..2 {
+            let name = self.name(joint);
+            let (travel, torque_n_m) = self.travel_freely(joint, ROTATION_RAD)?;
+            let measured_rad = way(&travel.jogged, joint);
+            self.runner.leave();
+            found.note(
+                format!("{name}: turned"),
+                format!("{:.3} deg by its encoder, with {torque_n_m:.1} N m at most", measured_rad.to_degrees()),
+            );
+            let seen = self.attendant.turned(&self.runner.place, joint, measured_rad);
+            self.travel_gently(joint, -measured_rad)?;
+            let Some(seen_rad) = seen else {
+                unseen = Some(name);
+                continue;
+            };
+            found.note(format!("{name}: seen to turn"), format!("{:.3} deg", seen_rad.to_degrees()));
+            let off_percent = 100.0 * (measured_rad / seen_rad - 1.0).abs();
+            found.measure(Figure {
+                what: "angle by the encoder against the link",
+                value: off_percent,
+                limit: TURNED_PERCENT,
+                unit: "%",
+            });
+            if seen_rad * measured_rad <= 0.0 {
+                return Err(Halt::Failed(format!(
+                    "the link of {name} turned the other way than its encoder says: turn `direction` of the drive round"
+                )));
+            }
+            if found.is_bad() {
+                let counts = self.rig.drives[joint].encoder_counts_per_rev;
+                let wanted = f64::from(counts) * measured_rad / seen_rad;
+                return Err(Halt::Failed(format!(
+                    "the link of {name} has turned by {:.3} of what its encoder says: `encoder_counts_per_rev` is some {wanted:.0} and not {counts}",
+                    seen_rad / measured_rad
+                )));
+            }
+        }
+        let told =
+            |name| Halt::Skipped(format!("no link ran away, and nobody said by how much that of {name} has turned"));
+        unseen.map_or(Ok(()), |name| Err(told(name)))
+    }
+
+    /// Turns a link counter-clockwise, or the other way where that is not free, with as little torque as it takes; the torque limit in N m.
+    fn travel_freely(&mut self, joint: usize, by_rad: f64) -> Result<(Travel, f64), Halt> {
+        let by_rad = self.free_way(joint, by_rad)?;
+        self.travel_gently(joint, by_rad)
+    }
+
+    /// Turns a link by an angle with as little torque as it takes; the torque limit in N m.
+    fn travel_gently(&mut self, joint: usize, by_rad: f64) -> Result<(Travel, f64), Halt> {
+        let mut last = None;
+        for share in TORQUE_SHARES {
+            let torque_n_m = self.torque_n_m(share);
+            if last == Some(torque_n_m) {
+                break;
+            }
+            last = Some(torque_n_m);
+            self.attendant.look(&self.runner.place);
+            let travel = self.travel(joint, by_rad, by_rad.abs() + LED_BEYOND_RAD, torque_n_m)?;
+            let gone = way(&travel.jogged, joint);
+            if gone * by_rad < 0.0 && gone.abs() > AWAY_RAD {
+                return Err(Halt::Failed(format!(
+                    "the joint of {} ran the other way than it was led, {:.1} deg: its encoder counts against its motor, look at the polarity \
+                     (607Eh) and at the wires",
+                    self.name(joint),
+                    gone.abs().to_degrees()
+                )));
+            }
+            if travel.jogged.ended == Ended::Whole {
+                return Ok((travel, torque_n_m));
+            }
+            if !is_too_weak(&travel.jogged) {
+                return Err(Halt::Failed(self.stopped(joint, &travel.jogged)));
+            }
+        }
+        let torque_n_m = last.unwrap_or_default();
+        Err(Halt::Failed(format!(
+            "{torque_n_m:.1} N m do not turn the link of {}: look for a closed brake, a blocked arm, a motor without current",
+            self.name(joint)
+        )))
+    }
+
+    /// A way of this length that the linkage goes, counter-clockwise if it can be.
+    fn free_way(&mut self, joint: usize, by_rad: f64) -> Result<f64, Halt> {
+        self.boot()?;
+        self.idle(0.05, |_| ())?;
+        for by_rad in [by_rad, -by_rad] {
+            let mut way = [0.0; 2];
+            way.iter_mut().skip(joint).take(1).for_each(|way| *way = by_rad);
+            if self.runner.master().cycle().free_share(self.angles() + JointAngles::from(way)) >= 1.0 {
+                return Ok(by_rad);
+            }
+        }
+        Err(Halt::Failed(format!(
+            "the joint of {} can go {:.0} deg neither way without coming near a singularity or the edge of the workspace: lead the arm \
+             to the middle of it by hand",
+            self.name(joint),
+            by_rad.to_degrees()
+        )))
+    }
+
+    /// Turns a link to and fro, and takes the torques of both ways: counter-clockwise, then clockwise.
+    fn both_ways(&mut self, joint: usize, by_rad: f64) -> Result<[Travel; 2], Halt> {
+        let (one, _) = self.travel_freely(joint, by_rad)?;
+        let (other, _) = self.travel_gently(joint, -way(&one.jogged, joint))?;
+        for travel in [&one, &other] {
+            self.check_torques(joint, travel)?;
+        }
+        Ok(if way(&one.jogged, joint) > 0.0 { [one, other] } else { [other, one] })
+    }
+
+    fn check_torques(&self, joint: usize, travel: &Travel) -> Result<(), Halt> {
+        if travel.torques.len() < LEAST_SAMPLES {
+            return Err(Halt::Skipped(format!("the drive {} does not tell its torque (6077h)", self.name(joint))));
+        }
+        Ok(())
+    }
+
+    fn stopped(&self, joint: usize, jogged: &Jogged) -> String {
+        let why = match jogged.cause {
+            Some(Cause { fault, devices }) => format!("{} ({devices}): {}", fault.row().name, fault.row().meaning),
+            None if jogged.state == State::Running => "it did not come to its target in time".to_owned(),
+            None => "it was led too far".to_owned(),
+        };
+        format!("the joint of {} was stopped on its way: {why}", self.name(joint))
+    }
+
+    /// Turns each link without and with a known force at the tool. What the mean over both ways has changed by is what the force makes at
+    /// the joint, whatever the friction is.
+    pub(super) fn motor(&mut self, found: &mut Found) -> Result<(), Halt> {
+        for joint in 0..2 {
+            let name = self.name(joint);
+            let free = self.both_ways(joint, MOTOR_RAD)?;
+            let (force, expected_n_m) = self.best_pull(joint)?;
+            self.runner.leave();
+            if !self.attendant.pull(&mut self.runner.place, force) {
+                return Err(Halt::Skipped(NOBODY_PULLS.to_owned()));
+            }
+            let loaded = self.both_ways(joint, MOTOR_RAD);
+            self.runner.leave();
+            self.attendant.pull(&mut self.runner.place, Force::default());
+            let loaded = loaded?;
+            let mean = |[one, other]: &[Travel; 2]| 0.5 * (one.mean_n_m() + other.mean_n_m());
+            let told_n_m = mean(&loaded) - mean(&free);
+            found.note(
+                format!("{name}: {:.0} N along x, {:.0} N along y", force.x(), force.y()),
+                format!("{expected_n_m:.2} N m by the geometry, {told_n_m:.2} N m by the drive"),
+            );
+            found.measure(Figure {
+                what: "torque that the drive tells against the true one",
+                value: 100.0 * (told_n_m / expected_n_m - 1.0).abs(),
+                limit: MOTOR_PERCENT,
+                unit: "%",
+            });
+            if found.is_bad() {
+                return Err(Halt::Failed(format!(
+                    "the motor of {name} makes {:.2} of the torque that its drive tells: look at rated torque (6076h), torque constant and gear",
+                    expected_n_m / told_n_m
+                )));
+            }
+        }
+        Ok(())
+    }
+
+    /// Of a pull along x and one along y the one that a joint feels more of, and the torque in N m by which its drive has to answer.
+    fn best_pull(&self, joint: usize) -> Result<(Force, f64), Halt> {
+        let posture = self.runner.master().cycle().linkage().forward(self.angles());
+        let posture = posture.map_err(|error| Halt::Failed(error.to_string()))?;
+        let answer = |force: Force| posture.joint_torques(force).map(|torques| -torques.to_array()[joint]);
+        let (along_x, along_y) = (Force::new(PULL_N, 0.0), Force::new(0.0, PULL_N));
+        let both = answer(along_x).and_then(|x| Ok((x, answer(along_y)?)));
+        let (x, y) = both.map_err(|error| Halt::Failed(error.to_string()))?;
+        Ok(if x.abs() >= y.abs() { (along_x, x) } else { (along_y, y) })
+    }
+
+    /// Turns each link to and fro: half of the difference of both torques is friction, and what changes along a way is ripple.
+    pub(super) fn friction(&mut self, found: &mut Found) -> Result<(), Halt> {
+        for joint in 0..2 {
+            let name = self.name(joint);
+            let both = self.both_ways(joint, FRICTION_RAD)?;
+            let [up, down] = &both;
+            let friction_n_m = 0.5 * (up.mean_n_m() - down.mean_n_m());
+            let feed_forward = &self.rig.control.feed_forward;
+            let fed_n_m =
+                feed_forward.coulomb_n_m[joint].get() + RATE * feed_forward.viscous_n_m_s_per_rad[joint].get();
+            let rated_n_m = self.rig.drives[joint].rated_torque_n_m.get();
+            let limit = if fed_n_m > 0.0 { FRICTION_FACTOR * fed_n_m } else { FRICTION_SHARE * rated_n_m };
+            let ripple_n_m = both.iter().map(|travel| ripple_n_m(&travel.torques)).fold(0.0, f64::max);
+            found.note(
+                format!("{name}: friction"),
+                format!("{friction_n_m:.2} N m, of which {fed_n_m:.2} N m are fed forward; ripple {ripple_n_m:.2} N m"),
+            );
+            found.curves.push(Curve {
+                title: format!("torque along the way of {name}"),
+                across: "angle in deg",
+                up: "torque in N m",
+                lines: [("counter-clockwise", up), ("clockwise", down)]
+                    .map(|(way, travel)| {
+                        let points = travel.torques.iter().map(|[angle, torque]| [angle.to_degrees(), *torque]);
+                        (way.to_owned(), points.collect())
+                    })
+                    .into(),
+            });
+            found.measure(Figure { what: "friction of a joint", value: friction_n_m, limit, unit: "N m" });
+            if found.is_bad() {
+                return Err(Halt::Failed(format!(
+                    "the joint of {name} has {friction_n_m:.1} N m of friction: look at bearings, gear and brake, or write it into \
+                     `control.feed_forward` if it is as it should be"
+                )));
+            }
+            let limit = RIPPLE_SHARE * rated_n_m;
+            found.measure(Figure { what: "ripple of the torque along a way", value: ripple_n_m, limit, unit: "N m" });
+            if found.is_bad() {
+                return Err(Halt::Failed(format!(
+                    "the torque of {name} goes up and down by {ripple_n_m:.1} N m along the way: cogging, a damaged gear, or something that rubs"
+                )));
+            }
+        }
+        Ok(())
+    }
+}
+
+/// How far a joint went, rad.
+fn way(jogged: &Jogged, joint: usize) -> f64 {
+    (jogged.to - jogged.from).to_array().get(joint).copied().unwrap_or_default()
+}
+
+/// Whether a joint was stopped because it does not follow, which more torque may mend.
+fn is_too_weak(jogged: &Jogged) -> bool {
+    use crate::guard::Fault;
+    match jogged.cause {
+        None => jogged.ended == Ended::Stopped,
+        Some(cause) => matches!(cause.fault, Fault::FollowingError | Fault::DriveFault | Fault::Emergency),
+    }
+}
+
+/// Half of the way from the least to the greatest torque, N m, when noise and a steady rise are taken out.
+fn ripple_n_m(torques: &[[f64; 2]]) -> f64 {
+    let (Some([first, _]), Some([last, _])) = (torques.first(), torques.last()) else { return 0.0 };
+    let count = torques.len();
+    let window = ((RIPPLE_RAD / (last - first).abs().max(1e-9) * count as f64) as usize).clamp(1, count);
+    let smooth: Vec<[f64; 2]> = torques
+        .windows(window)
+        .map(|some| {
+            let sum = some.iter().fold([0.0, 0.0], |[angle, torque], [a, t]| [angle + a, torque + t]);
+            sum.map(|sum| sum / window as f64)
+        })
+        .collect();
+    let many = smooth.len() as f64;
+    let mean = smooth.iter().fold([0.0, 0.0], |[angle, torque], [a, t]| [angle + a / many, torque + t / many]);
+    let spread = smooth.iter().map(|[a, _]| (a - mean[0]) * (a - mean[0])).sum::<f64>();
+    let together = smooth.iter().map(|[a, t]| (a - mean[0]) * (t - mean[1])).sum::<f64>();
+    let slope = if spread > 0.0 { together / spread } else { 0.0 };
+    let rest = smooth.iter().map(|[a, t]| t - mean[1] - slope * (a - mean[0]));
+    let (least, most) = rest.fold((f64::INFINITY, f64::NEG_INFINITY), |(least, most), t| (least.min(t), most.max(t)));
+    0.5 * (most - least).max(0.0)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_ripple_is_what_a_rise_and_noise_leave() {
+        let of = |torque: fn(f64) -> f64| -> Vec<[f64; 2]> {
+            (0..400).map(|at| f64::from(at) * 3.5e-4).map(|angle| [angle, torque(angle)]).collect()
+        };
+        assert!(ripple_n_m(&of(|angle| 10.0 + 30.0 * angle)) < 1e-9);
+        let cogging = ripple_n_m(&of(|angle| 10.0 + 30.0 * angle + 4.0 * crate::elementary::sin(100.0 * angle)));
+        assert!((cogging - 4.0).abs() < 0.7, "{cogging}");
+        assert!(ripple_n_m(&of(|angle| if ((angle * 1e6) as u64).is_multiple_of(2) { 1.0 } else { -1.0 })) < 0.5);
+        assert_eq!(ripple_n_m(&[]), 0.0);
+    }
+}

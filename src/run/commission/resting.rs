@@ -1,0 +1,250 @@
+//! The steps in which nothing is enabled.
+
+use super::bench::{Bench, Found, Halt};
+use super::{Curve, Figure};
+use crate::config::Positive;
+use crate::guard::Device;
+use crate::quantity::Force;
+use crate::run::place::Place;
+use crate::run::proof::DriveIdentity;
+use crate::sensing::{Calibration, Wrench};
+use yieldwall_drives::objects::DEVICE_TYPE;
+
+/// How often each drive is read.
+const READS: usize = 1000;
+/// How long the force sensor is listened to, s, after it has settled.
+const LISTENING_S: f64 = 1.0;
+const SETTLING_S: f64 = 0.3;
+/// A torque limit is looked at again after so long, s.
+const KEPT_S: f64 = 0.05;
+/// Share of the rated torque that a drive is told as its limit.
+const LIMIT_SHARE: f64 = 0.25;
+/// Noise of each axis of force, as a share of the yield force: the admittance moves the tool by it.
+const NOISE_SHARE: f64 = 0.01;
+/// Share of the greatest force of the hand that the sensor may show at rest.
+const BIAS_SHARE: f64 = 0.1;
+/// What pulls at the tool, N.
+pub(super) const PULL_N: f64 = 8.0;
+/// By how much what is felt of it may differ: in direction, degrees, and in size.
+const DIRECTION_DEG: f64 = 10.0;
+const SIZE_SHARE: f64 = 0.1;
+
+impl<P: Place> Bench<'_, P> {
+    /// Reads an object of each drive again and again.
+    pub(super) fn communication(&mut self, found: &mut Found) -> Result<(), Halt> {
+        self.boot()?;
+        let mut unanswered = 0_u32;
+        for (joint, device) in Device::DRIVES.into_iter().enumerate() {
+            let mut times_ms = Vec::with_capacity(READS);
+            for _ in 0..READS {
+                self.check_interrupt()?;
+                let asked = self.runner.now();
+                match self.runner.read(device, DEVICE_TYPE.index, DEVICE_TYPE.sub) {
+                    Ok(_) => times_ms.push(1e3 * self.runner.now().since(asked).as_secs_f64()),
+                    Err(_) => unanswered += 1,
+                }
+            }
+            times_ms.sort_by(f64::total_cmp);
+            let at = |share: f64| times_ms.get((share * (times_ms.len().max(1) - 1) as f64) as usize).copied();
+            if let (Some(median), Some(late), Some(most)) = (at(0.5), at(0.99), at(1.0)) {
+                let name = format!("{}: answers of {READS} reads", self.name(joint));
+                found.note(name, format!("{median:.2} ms in the median, {late:.2} ms at 99 %, {most:.2} ms at most"));
+            }
+        }
+        found.measure(Figure { what: "reads without an answer", value: unanswered.into(), limit: 0.0, unit: "" });
+        Ok(())
+    }
+
+    /// Asks both drives who they are. What they should be was asked by the boot.
+    pub(super) fn identity(&mut self, found: &mut Found) -> Result<(), Halt> {
+        self.boot()?;
+        let drives = self.runner.identities()?;
+        for (joint, drive) in drives.iter().enumerate() {
+            let DriveIdentity { vendor_id, product_code, revision, serial_number, .. } = drive;
+            found.note(
+                self.name(joint),
+                format!("vendor {vendor_id:08X}h, product {product_code:08X}h, revision {revision:08X}h, serial number {serial_number}"),
+            );
+        }
+        let of = |drive: &DriveIdentity| (drive.vendor_id, drive.product_code, drive.serial_number);
+        let [left, right] = &drives;
+        if of(left) == of(right) && left.serial_number != 0 {
+            let message = "both drives tell the same serial number: one device answers to both addresses, or one was given another's memory";
+            return Err(Halt::Failed(message.to_owned()));
+        }
+        Ok(())
+    }
+
+    /// Tells both drives a torque limit, looks whether they keep it, and gives back the one before.
+    pub(super) fn limits(&mut self, found: &mut Found) -> Result<(), Halt> {
+        self.boot()?;
+        let before = self.torque_limits()?;
+        let torque_n_m = self.torque_n_m(LIMIT_SHARE);
+        let limit =
+            Positive::new(torque_n_m).ok_or_else(|| Halt::Failed("the rig file leaves no torque".to_owned()))?;
+        let told = self.runner.limit_torque(self.rig, limit);
+        let kept = told.map_err(Halt::from).and_then(|()| {
+            let first = self.torque_limits()?;
+            self.idle(KEPT_S, |_| ())?;
+            Ok((first, self.torque_limits()?))
+        });
+        let restored = self.restore_torque_limits(before);
+        let (first, later) = kept?;
+        for joint in 0..2 {
+            found.note(
+                format!("{}: torque limit", self.name(joint)),
+                format!("{} per mille before, {} told, {} later", before[joint], first[joint], later[joint]),
+            );
+        }
+        if first != later {
+            return Err(Halt::Failed("a drive has taken another torque limit (6072h) by itself".to_owned()));
+        }
+        restored
+    }
+
+    /// Listens to the force sensor while nobody touches the handle.
+    pub(super) fn sensor_rest(&mut self, found: &mut Found) -> Result<(), Halt> {
+        self.boot()?;
+        let (calibration, _) =
+            crate::assembly::calibration(self.rig).map_err(|error| Halt::Failed(error.to_string()))?;
+        let wrenches = self.listen(&calibration)?;
+        let count = wrenches.len() as f64;
+        let of = |axis: usize| wrenches.iter().map(move |(_, wrench)| wrench.0[axis]);
+        let mean = |axis: usize| of(axis).sum::<f64>() / count;
+        let noise = |axis: usize| {
+            let mean = mean(axis);
+            (of(axis).map(|value| (value - mean) * (value - mean)).sum::<f64>() / count).sqrt()
+        };
+        let rate_hz = self.rig.sensor.sample_rate_hz.get().min(1.0 / self.runner.period().as_secs_f64());
+        if count < 0.9 * LISTENING_S * rate_hz {
+            let wanted = LISTENING_S * rate_hz;
+            return Err(Halt::Failed(format!(
+                "the force sensor has sent {count:.0} samples in {LISTENING_S} s in place of {wanted:.0}"
+            )));
+        }
+        let bias_n = mean(0).abs().max(mean(1).abs());
+        let axes = ["x", "y", "z"].into_iter().enumerate();
+        let texts =
+            axes.map(|(axis, name)| format!("{name} {:.3} N +- {:.3} N", unsigned_zero(mean(axis)), noise(axis)));
+        found.note(
+            format!("{}: mean and standard deviation", self.rig.sensor.name),
+            texts.collect::<Vec<_>>().join(", "),
+        );
+        found.curves.push(Curve {
+            title: "force at rest".to_owned(),
+            across: "time in s",
+            up: "force in N",
+            lines: [(0, "x"), (1, "y")]
+                .map(|(axis, name)| {
+                    (name.to_owned(), wrenches.iter().map(|(time, wrench)| [*time, wrench.0[axis]]).collect())
+                })
+                .into(),
+        });
+        found.measure(Figure {
+            what: "noise of an axis of force",
+            value: noise(0).max(noise(1)),
+            limit: NOISE_SHARE * self.rig.fixture.yield_n.get(),
+            unit: "N",
+        });
+        let most_n = BIAS_SHARE * self.rig.guard.force_limit_n.get();
+        if bias_n > most_n {
+            return Err(Halt::Failed(format!(
+                "the force sensor shows {bias_n:.2} N at rest, more than {most_n:.2} N: see that nothing touches the handle, and set the zero at the sensor"
+            )));
+        }
+        if found.is_bad() {
+            return Err(Halt::Failed(format!(
+                "an axis of force has {:.2} N of noise: look at the screen of the sensor's cable, its ground, and what moves the arm",
+                noise(0).max(noise(1))
+            )));
+        }
+        Ok(())
+    }
+
+    /// What the force sensor sends, with times in s.
+    fn listen(&mut self, calibration: &Calibration) -> Result<Vec<(f64, Wrench)>, Halt> {
+        self.idle(SETTLING_S, |_| ())?;
+        let period_s = self.runner.period().as_secs_f64();
+        let mut wrenches = Vec::with_capacity(self.cycles_in(LISTENING_S) as usize);
+        let mut cycles = 0_u32;
+        self.idle(LISTENING_S, |record| {
+            cycles += 1;
+            if let Some(sample) = record.inputs.sample.filter(|sample| !sample.invalid) {
+                wrenches.push((f64::from(cycles) * period_s, calibration.wrench(&sample)));
+            }
+        })?;
+        Ok(wrenches)
+    }
+
+    /// The mean force of the hand that the rig senses, N.
+    fn sensed(&mut self) -> Result<Force, Halt> {
+        self.boot()?;
+        self.idle(SETTLING_S, |_| ())?;
+        let (mut sum, mut cycles) = (Force::default(), 0_u32);
+        self.idle(LISTENING_S, |record| {
+            sum += record.signals.force;
+            cycles += 1;
+        })?;
+        // A person is asked with nothing booted.
+        self.runner.leave();
+        Ok(sum / f64::from(cycles.max(1)))
+    }
+
+    /// Pulls at the tool along both axes, and looks at what is felt.
+    pub(super) fn sensor_axes(&mut self, found: &mut Found) -> Result<(), Halt> {
+        let none = self.sensed()?;
+        for (name, pulled) in [("x", Force::new(PULL_N, 0.0)), ("y", Force::new(0.0, PULL_N))] {
+            let felt = self.pulled(pulled)? - none;
+            let off_deg = angle_between_deg(felt, pulled);
+            let size = felt.norm() / PULL_N;
+            found.note(
+                format!("{PULL_N} N along {name}"),
+                format!(
+                    "felt as {:.2} N along x and {:.2} N along y",
+                    unsigned_zero(felt.x()),
+                    unsigned_zero(felt.y())
+                ),
+            );
+            found.measure(Figure { what: "direction of a force", value: off_deg, limit: DIRECTION_DEG, unit: "deg" });
+            if found.is_bad() {
+                let why = if off_deg > 45.0 {
+                    "an axis has the wrong sign, axes are swapped, or `mounted_on` or `mounting_angle_rad` is wrong"
+                } else {
+                    "`mounting_angle_rad` is wrong, or axes cross-talk: look at `calibration`"
+                };
+                return Err(Halt::Failed(format!("a force along {name} is felt {off_deg:.0} deg beside it: {why}")));
+            }
+            if (size - 1.0).abs() > SIZE_SHARE {
+                return Err(Halt::Failed(format!(
+                    "a force of {PULL_N} N along {name} is felt as {:.2} N: look at `calibration`",
+                    felt.norm()
+                )));
+            }
+        }
+        Ok(())
+    }
+
+    /// What is sensed while a force pulls at the tool.
+    fn pulled(&mut self, force: Force) -> Result<Force, Halt> {
+        self.check_interrupt()?;
+        if !self.attendant.pull(&mut self.runner.place, force) {
+            return Err(Halt::Skipped(NOBODY_PULLS.to_owned()));
+        }
+        let felt = self.sensed();
+        self.attendant.pull(&mut self.runner.place, Force::default());
+        felt
+    }
+}
+
+/// Why a step that needs a known force is skipped.
+pub(super) const NOBODY_PULLS: &str = "nobody is there who has a known force pull at the tool";
+
+/// A force in N that is read with two or three decimals, without the sign of nothing.
+fn unsigned_zero(force_n: f64) -> f64 {
+    if force_n.abs() < 5e-4 { 0.0 } else { force_n }
+}
+
+fn angle_between_deg(one: Force, other: Force) -> f64 {
+    let cosine = one.dot(other) / (one.norm() * other.norm()).max(f64::MIN_POSITIVE);
+    crate::elementary::acos(cosine.clamp(-1.0, 1.0)).to_degrees()
+}
