@@ -3,6 +3,8 @@
 mod ablation;
 pub mod bench;
 pub mod chart;
+#[cfg(test)]
+mod claims;
 mod control;
 mod curvature;
 #[cfg(feature = "figures")]

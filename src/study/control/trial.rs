@@ -17,6 +17,8 @@ use crate::sim::arm::ArmParameters;
 use crate::sim::hand::{Hand, HandError, HandParameters, Leg, Path, Speed};
 use crate::study::bench::{Bench, BenchError, BenchParameters, Computer, Seen};
 
+/// Longest hold after an impact, s.
+const HOLD_S: f64 = 0.1;
 /// Longest step of the plant in s.
 const PLANT_STEP_S: f64 = 1e-4;
 /// Most cycles that a torque may be late.
@@ -94,7 +96,8 @@ pub(super) fn run(machine: &Machine, setting: Setting, gains: Gains) -> Result<O
         outcome.proxy_depth_m = outcome.proxy_depth_m.max(beyond_m(seen.step.proxy));
         outcome.tool_depth_m = outcome.tool_depth_m.max(beyond_m(seen.tool_m));
     })?;
-    let held = fixture(setting.period_s)?.with_automatic_hold(AutomaticHold::default())?;
+    let hold = AutomaticHold { longest_s: HOLD_S, ..AutomaticHold::default() };
+    let held = fixture(setting.period_s)?.with_automatic_hold(hold)?;
     let (mut square, mut counted) = (0.0, 0u32);
     simulate(machine, setting, gains, held, APPROACH_S + REST_S + 2.0 * TRACE_S, |seen| {
         let traced_s = seen.time_s - (APPROACH_S + REST_S);

@@ -6,9 +6,11 @@
 //! A point knows nothing of the others and gives the same cells whenever it is computed, apart from measured times. So any
 //! point can be computed again alone, a table can be interrupted and gone on with, and parts of it can be computed elsewhere.
 
+mod statistics;
 mod store;
 mod table;
 
+pub use statistics::{median_interval, wilson};
 pub use store::{Store, StoreError};
 pub use table::{Row, Table};
 

@@ -1,0 +1,145 @@
+//! The charts of the study.
+
+use super::super::chart::{Axis, Chart, Color, Mark, Panel, Series};
+use super::super::sweep::Table;
+use super::trial::{GRIPS, PLACES, Place, RULES, Rule};
+use super::{CASES, ONSETS_MS, impacts_of, of_rule, pushes_of};
+
+/// The push of the curve begins this long after the impact, in ms.
+const ONSET_MS: u32 = 100;
+/// Rules whose delays are drawn over the onset.
+const SHOWN: [Rule; 6] = [
+    Rule::Fixed(50),
+    Rule::Fixed(100),
+    Rule::Fixed(200),
+    Rule::Automatic(100),
+    Rule::Automatic(200),
+    Rule::Automatic(300),
+];
+
+/// All charts.
+pub(super) fn charts(impacts: &Table, pushes: &Table) -> Vec<(&'static str, Chart)> {
+    vec![
+        ("study-hold-window", window(impacts, pushes)),
+        ("study-hold-delay", delay(pushes)),
+        ("study-hold-places", places(impacts)),
+    ]
+}
+
+fn rules(name: &str) -> impl Iterator<Item = Rule> + '_ {
+    RULES.into_iter().filter(move |rule| rule.name() == name)
+}
+
+fn color(name: &str) -> Color {
+    if name == "automatic" { Color::Blue } else { Color::Vermilion }
+}
+
+fn mark(name: &str) -> Mark {
+    if name == "automatic" { Mark::MarkedLine } else { Mark::MarkedDashes }
+}
+
+/// An upright line over an interval.
+fn whisker(x: f64, [low, high]: [f64; 2], color: Color) -> Series {
+    Series { name: String::new(), points: vec![(x, low), (x, high)], mark: Mark::Line, color }
+}
+
+/// Break-through against delay, over the windows.
+fn window(impacts: &Table, pushes: &Table) -> Chart {
+    let panel = |grips| {
+        let mut series = Vec::new();
+        for name in ["N_wait", "automatic"] {
+            let mut points = Vec::new();
+            for rule in rules(name) {
+                let row = of_rule(impacts_of(impacts, Place::Wall, grips), rule);
+                let Some((row, push)) = row.zip(of_rule(pushes_of(pushes, grips, ONSET_MS), rule)) else { continue };
+                let x = 1e3 * push.number("delay_s");
+                if !x.is_finite() {
+                    continue;
+                }
+                points.push((x, 100.0 * row.number("share")));
+                let interval = ["share_low", "share_high"].map(|column| (100.0 * row.number(column)).max(LEAST));
+                series.push(whisker(x, interval, color(name)));
+            }
+            series.push(Series { name: name.to_owned(), points, mark: mark(name), color: color(name) });
+        }
+        Panel {
+            title: format!("{} grips", grips.name),
+            x: Axis::linear("delay of a push begun 100 ms after the impact, median (ms)").over(-10.0, 310.0),
+            y: Axis::logarithmic("hands that break through (%)").over(LEAST, 100.0),
+            series,
+        }
+    };
+    Chart {
+        title: format!(
+            "Windows of 15 to 500 ms, plane wall, {CASES} hands a mark with intervals of 95 %; a triangle: none broke through"
+        ),
+        panels: GRIPS.iter().map(panel).collect(),
+        columns: 3,
+    }
+}
+
+/// Lower edge of the axis of shares, in percent.
+const LEAST: f64 = 0.005;
+
+fn delay(pushes: &Table) -> Chart {
+    let panel = |title: &str, column: &str| Panel {
+        title: title.to_owned(),
+        x: Axis::linear("push begins after the impact (ms)").over(0.0, 420.0),
+        y: Axis::linear("delay of the push (ms)").over(-10.0, 330.0),
+        series: (SHOWN.into_iter().zip([
+            Color::Orange,
+            Color::Vermilion,
+            Color::Purple,
+            Color::Sky,
+            Color::Blue,
+            Color::Green,
+        ]))
+        .map(|(rule, color)| Series {
+            name: format!("{} {} ms", rule.name(), rule.window_ms()),
+            points: ONSETS_MS
+                .into_iter()
+                .filter_map(|onset_ms| {
+                    let row = of_rule(pushes_of(pushes, &GRIPS[0], onset_ms), rule)?;
+                    Some((f64::from(onset_ms), 1e3 * row.number(column)))
+                })
+                .collect(),
+            mark: mark(rule.name()),
+            color,
+        })
+        .collect(),
+    };
+    Chart {
+        title: "How long a push of 1.5 R waits, usual grips".to_owned(),
+        panels: vec![panel("median", "delay_s"), panel("95 %", "delay_95_s"), panel("longest", "delay_max_s")],
+        columns: 3,
+    }
+}
+
+fn places(impacts: &Table) -> Chart {
+    let colors = [Color::Black, Color::Vermilion, Color::Green, Color::Blue];
+    let panel = |grips| {
+        let mut series = Vec::new();
+        for (place, color) in PLACES.into_iter().zip(colors) {
+            let mut points = Vec::new();
+            for rule in rules("automatic") {
+                let Some(row) = of_rule(impacts_of(impacts, place, grips), rule) else { continue };
+                let x = f64::from(rule.window_ms());
+                points.push((x, 100.0 * row.number("share")));
+                let interval = ["share_low", "share_high"].map(|column| (100.0 * row.number(column)).max(LEAST));
+                series.push(whisker(x, interval, color));
+            }
+            series.push(Series { name: place.name().to_owned(), points, mark: Mark::MarkedLine, color });
+        }
+        Panel {
+            title: format!("{} grips", grips.name),
+            x: Axis::logarithmic("window of the automatic hold (ms)").over(40.0, 650.0),
+            y: Axis::logarithmic("hands that break through (%)").over(LEAST, 100.0),
+            series,
+        }
+    };
+    Chart {
+        title: format!("The automatic hold at other surfaces, {CASES} hands a mark with intervals of 95 %"),
+        panels: GRIPS.iter().map(panel).collect(),
+        columns: 3,
+    }
+}

@@ -1,0 +1,241 @@
+//! The charts of the study.
+
+use super::super::chart::{Axis, Chart, Color, Mark, Panel, Series};
+use super::super::sweep::{Row, Table, wilson};
+use super::aid::{Aid, DRIFTS_M_PER_S, Law, SPRINGS_N_PER_M, YIELDS_N};
+use super::runs::{AIM_M, AIMS_M, SPEED_M_PER_S, SPEEDS_M_PER_S};
+use super::trial::GRIPS;
+use super::{device, of_aid, of_errors};
+
+/// A tool that jumps back by less than this, in m, is not thrown.
+const THROWN_M: f64 = 1e-3;
+/// A law that errs by more than this share of another's error is alike.
+const ALIKE: f64 = 0.9;
+/// Width of a cell of the map, in thousandths of the panel.
+const CELL: u32 = 190;
+
+type Named = (&'static str, Chart);
+
+/// All charts.
+pub(super) fn charts(errors: &Table, speeds: &Table, device: &Table) -> Vec<Named> {
+    vec![
+        ("study-task-speed", speed(speeds)),
+        ("study-task-price", price(errors)),
+        ("study-task-map", map(errors)),
+        ("study-task-device", on_device(device)),
+    ]
+}
+
+/// How a fixture is drawn, whatever its R.
+fn look(aid: &Aid) -> (Color, Mark) {
+    let place = |stiffness: f64| SPRINGS_N_PER_M.iter().position(|it| *it == stiffness).unwrap_or(0);
+    let color = match aid.law {
+        Law::None => Color::Black,
+        Law::Plastic => Color::Blue,
+        Law::Viscous => Color::Sky,
+        Law::Saturated | Law::Spring => {
+            [Color::Orange, Color::Vermilion, Color::Green, Color::Purple][place(aid.hardness.unwrap_or_default())]
+        }
+    };
+    let is_hard =
+        aid.law == Law::Viscous && aid.yield_n.zip(aid.hardness).map(|(r, d)| r / d) == Some(DRIFTS_M_PER_S[1]);
+    (color, if is_hard { Mark::MarkedDashes } else { Mark::MarkedLine })
+}
+
+/// Those that are drawn at an R.
+fn drawn_at(yield_n: f64) -> Vec<Aid> {
+    [Aid::NONE].into_iter().chain(Aid::at(yield_n)).collect()
+}
+
+fn series(aid: &Aid, points: Vec<(f64, f64)>) -> Series {
+    let (color, mark) = look(aid);
+    Series { name: aid.name(), points, mark, color }
+}
+
+fn speed(speeds: &Table) -> Chart {
+    let panel = |yield_n: f64| {
+        let of = |aid: &Aid| {
+            let at = |speed: f64| {
+                let rows =
+                    speeds.rows().filter(|row| row.word("way") == "circle" && row.number("speed_m_per_s") == speed);
+                of_aid(rows, aid).map(|row| (speed, 1e3 * row.number("error_rms_m")))
+            };
+            series(aid, SPEEDS_M_PER_S.into_iter().filter_map(at).collect())
+        };
+        Panel {
+            title: format!("R = {yield_n} N"),
+            x: Axis::logarithmic("imposed speed (m/s)").over(0.03, 0.3),
+            y: Axis::logarithmic("RMS error (mm)").over(0.01, 30.0),
+            series: drawn_at(yield_n).iter().map(of).collect(),
+        }
+    };
+    Chart {
+        title: format!(
+            "Error at an imposed speed, circle, aim off by {} mm RMS at rest; medians of 24 users",
+            1e3 * AIM_M
+        ),
+        panels: YIELDS_N.map(panel).to_vec(),
+        columns: 2,
+    }
+}
+
+fn price(errors: &Table) -> Chart {
+    let mut panels = Vec::new();
+    for yield_n in [YIELDS_N[0], YIELDS_N[2]] {
+        let axes = [
+            ("energy_across_j", 1e3, Axis::logarithmic("energy given across the way (mJ)").over(0.01, 1000.0)),
+            ("jump_m", 1e3, Axis::linear("jump when let go (mm)").over(-2.0, 42.0)),
+            ("force_max_n", 1.0, Axis::logarithmic("greatest force while tracing (N)").over(1.0, 100.0)),
+        ];
+        for (column, factor, x) in axes {
+            let of = |aid: &Aid| {
+                let at = |aim_m: f64| {
+                    of_aid(of_errors(errors, GRIPS[0].name, aim_m), aid)
+                        .map(|row| (factor * row.number(column), 1e3 * row.number("error_rms_m")))
+                };
+                series(aid, AIMS_M.into_iter().filter_map(at).collect())
+            };
+            panels.push(Panel {
+                title: format!("R = {yield_n} N"),
+                x,
+                y: Axis::logarithmic("RMS error (mm)").over(0.01, 30.0),
+                series: drawn_at(yield_n).iter().map(of).collect(),
+            });
+        }
+    }
+    Chart {
+        title: format!(
+            "Error against its price, circle at {SPEED_M_PER_S} m/s, soft hand; a line runs over aims off by 1.25, 2.5, 5 and 10 mm RMS"
+        ),
+        panels,
+        columns: 3,
+    }
+}
+
+/// Of how many users `row` errs less than `other` by more than [`ALIKE`], and of how many users there are.
+fn wins(row: &Row<'_>, other: &Row<'_>) -> (u64, u64) {
+    let each = |row: &Row<'_>| -> Vec<Option<f64>> {
+        row.word("each_error_um").split(' ').map(|word| word.parse().ok()).collect()
+    };
+    let pairs: Vec<(f64, f64)> =
+        each(row).into_iter().zip(each(other)).filter_map(|(one, other)| one.zip(other)).collect();
+    (pairs.iter().filter(|(one, other)| *one < ALIKE * other).count() as u64, pairs.len() as u64)
+}
+
+/// Which law has the least error at one R and one error of the aim, user by user: the one that errs less than each other law by a tenth
+/// and more in most users, by the interval of 95 %. `None` where there is no such law.
+fn best<'a>(rows: &[Row<'a>], yield_n: f64, may: impl Fn(&Row<'_>) -> bool) -> Option<Law> {
+    let of_law = |law: Law| {
+        let aids = Aid::at(yield_n).into_iter().filter(move |aid| aid.law == law);
+        let found = aids.filter_map(|aid| of_aid(rows.iter().copied(), &aid)).filter(|row| may(row));
+        found.min_by(|one, other| one.number("error_rms_m").total_cmp(&other.number("error_rms_m")))
+    };
+    let laws: Vec<(Law, Row<'a>)> = [Law::Plastic, Law::Saturated, Law::Viscous]
+        .into_iter()
+        .filter_map(|law| of_law(law).map(|row| (law, row)))
+        .collect();
+    let is_best = |(law, row): &&(Law, Row<'a>)| {
+        laws.iter().filter(|(other, _)| other != law).all(|(_, other)| {
+            let (wins, users) = wins(row, other);
+            wilson(wins, users)[0] > 0.5
+        })
+    };
+    laws.iter().find(is_best).map(|(law, _)| *law)
+}
+
+fn map(errors: &Table) -> Chart {
+    let mut panels = Vec::new();
+    for grip in GRIPS {
+        for (what, most_m) in [("least error", f64::INFINITY), ("of laws that jump by less than 1 mm", THROWN_M)] {
+            let mut cells: [Vec<(f64, f64)>; 4] = Default::default();
+            for (place, yield_n) in YIELDS_N.into_iter().enumerate() {
+                for aim_m in AIMS_M {
+                    let rows: Vec<Row<'_>> = of_errors(errors, grip.name, aim_m).collect();
+                    let may = |row: &Row<'_>| row.number("jump_m") < most_m && row.number("ran") > 0.0;
+                    let which = match best(&rows, yield_n, may) {
+                        Some(Law::Plastic) => 0,
+                        Some(Law::Saturated) => 1,
+                        Some(_) => 2,
+                        None => 3,
+                    };
+                    cells[which].push((1.0 + place as f64, 1e3 * aim_m));
+                }
+            }
+            let names = ["plastic", "a saturated spring (cross)", "viscous", "alike"];
+            let colors = [Color::Blue, Color::Orange, Color::Green, Color::Pale];
+            let mut series: Vec<Series> = (names.into_iter().zip(colors).zip(&cells))
+                .map(|((name, color), points)| Series {
+                    name: name.to_owned(),
+                    points: points.clone(),
+                    mark: Mark::Cells(CELL),
+                    color,
+                })
+                .collect();
+            series.push(Series {
+                name: String::new(),
+                points: cells[1].clone(),
+                mark: Mark::Marks,
+                color: Color::Black,
+            });
+            panels.push(Panel {
+                title: format!("{} hand, {what}", grip.name),
+                x: Axis::of_words("R (N)", YIELDS_N.map(|it| it.to_string()).to_vec()),
+                y: Axis::logarithmic("error of the aim at rest, RMS (mm)").over(0.88, 14.2),
+                series,
+            });
+        }
+    }
+    Chart {
+        title: format!(
+            "Which law errs least at each R by a tenth and more, user by user, circle at {SPEED_M_PER_S} m/s"
+        ),
+        panels,
+        columns: 2,
+    }
+}
+
+fn on_device(device: &Table) -> Chart {
+    let colors = [Color::Vermilion, Color::Green, Color::Blue];
+    let panel = |title: &str, grip: &'static str, column: &'static str, factor: f64, y: Axis| {
+        let line = |law: Law, yield_n: Option<f64>, name: String, mark: Mark, color: Color| Series {
+            name,
+            points: device::STIFFNESSES_N_PER_M
+                .into_iter()
+                // How far a tool jumps that swings is chance.
+                .filter(|stiffness| column != "jump_m" || *stiffness <= device::STIFFEST_N_PER_M)
+                .filter_map(|stiffness| {
+                    let aid = Aid { law, hardness: Some(stiffness), yield_n };
+                    let rows = device.rows().filter(|row| row.word("grip") == grip);
+                    of_aid(rows, &aid).map(|row| (stiffness, factor * row.number(column)))
+                })
+                .collect(),
+            mark,
+            color,
+        };
+        let mut series = vec![line(Law::Spring, None, "spring without limit".into(), Mark::MarkedLine, Color::Black)];
+        for (yield_n, color) in device::YIELDS_N.into_iter().zip(colors) {
+            let plastic = format!("plastic, R = {yield_n} N");
+            series.push(line(Law::Plastic, Some(yield_n), plastic, Mark::MarkedLine, color));
+            let spring = format!("spring, at most {yield_n} N");
+            series.push(line(Law::Saturated, Some(yield_n), spring, Mark::MarkedDashes, color));
+        }
+        let Axis { range, .. } = y;
+        let [low, high] = range.unwrap_or([0.0, 1.0]);
+        let name = format!("limit {:.0} N/m", device::STIFFEST_N_PER_M);
+        let points = vec![(device::STIFFEST_N_PER_M, low), (device::STIFFEST_N_PER_M, high)];
+        series.push(Series { name, points, mark: Mark::Dashed, color: Color::Black });
+        Panel { title: title.to_owned(), x: Axis::logarithmic("K (N/m)").over(200.0, 2e6), y, series }
+    };
+    let error = || Axis::logarithmic("RMS error (mm)").over(0.2, 12.0);
+    let rest = || Axis::logarithmic("speed when nobody holds it, RMS (m/s)").over(1e-4, 10.0);
+    Chart {
+        title: "The same on an impedance device of 50 g at 1 kHz: the spring and the coupling of the plastic fixture have one K".into(),
+        panels: vec![
+            panel("soft hand", GRIPS[0].name, "error_rms_m", 1e3, error()),
+            panel("stiff hand", GRIPS[1].name, "error_rms_m", 1e3, error()),
+            panel("soft hand, after a press of 4 N", GRIPS[0].name, "jump_m", 1e3, Axis::linear("jump when let go (mm)").over(0.0, 8.0)),
+            panel("let go", GRIPS[0].name, "resting_m_per_s", 1.0, rest()),
+        ],
+        columns: 2,
+    }
+}
