@@ -296,7 +296,7 @@ fn what_a_person_reads_fits_a_terminal_of_eighty_columns() {
         (&format!("jog {rig} left --by 150deg"), 8),
         (&format!("jog {rig} left --by 5"), 2),
         ("commission --defect list", 0),
-        (&format!("commission {rig} --from friction --defect cogging"), 7),
+        (&format!("commission {rig} --from motor --defect cogging"), 7),
     ];
     let mut wide = Vec::new();
     for (line, code) in cases.into_iter().chain(ON_ETHERCAT) {

@@ -105,7 +105,7 @@ pub const DEFECTS: [DefectRow; 10] = [
     row(
         DefectKind::Cogging,
         "cogging",
-        (true, "friction"),
+        (true, "motor"),
         size("amplitude of a torque with 100 periods in a turn, N m", 4.0, 3.0, 8.0),
         "the torque goes up and down with the angle, as of a damaged gear",
     ),

@@ -38,9 +38,9 @@ pub enum Step {
     Watchdogs,
     /// Does each link turn the way and as far as its encoder says?
     Rotation,
-    /// Does each motor make the torque that its drive tells?
+    /// Does each motor make the torque that its drive tells, and the same everywhere?
     Motor,
-    /// Has each joint as little friction as the rig file says, and the same everywhere?
+    /// Has each joint as little friction as the rig file says?
     Friction,
 }
 
@@ -99,7 +99,7 @@ impl Step {
                 "turns each link by 4 degrees and back, with 10 % of the rated torque or as much more as it takes, 50 % at most"
             }
             Step::Motor => {
-                "turns each link by 5 degrees to and fro, without and with 8 N that pull at the tool, with as little torque as it takes"
+                "turns each link by 8 degrees to and fro, without and with 8 N that pull at the tool, with as little torque as it takes"
             }
             Step::Friction => {
                 "turns each link by 8 degrees to and fro, with as little torque as it takes, 50 % at most"
@@ -113,8 +113,7 @@ impl Step {
             Step::Communication | Step::Identity | Step::Limits | Step::SensorRest | Step::SensorAxes => return None,
             Step::Watchdogs => 0.0,
             Step::Rotation => moving::ROTATION_RAD,
-            Step::Motor => moving::MOTOR_RAD,
-            Step::Friction => moving::FRICTION_RAD,
+            Step::Motor | Step::Friction => moving::TRAVEL_RAD,
         };
         Some(way + moving::BEYOND_RAD)
     }

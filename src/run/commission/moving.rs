@@ -13,8 +13,7 @@ use crate::run::scene::Ended;
 
 /// How far each link is turned in a step, rad.
 pub(super) const ROTATION_RAD: f64 = 4.0 * std::f64::consts::PI / 180.0;
-pub(super) const MOTOR_RAD: f64 = 5.0 * std::f64::consts::PI / 180.0;
-pub(super) const FRICTION_RAD: f64 = 8.0 * std::f64::consts::PI / 180.0;
+pub(super) const TRAVEL_RAD: f64 = 8.0 * std::f64::consts::PI / 180.0;
 /// How far a joint may go beyond its way, rad. A reference is stopped at 0.02; an arm that is stopped still slides.
 pub(super) const BEYOND_RAD: f64 = 0.05;
 /// How far the reference may be led beyond the way, rad.
@@ -212,13 +211,14 @@ impl<P: Place> Bench<'_, P> {
     pub(super) fn motor(&mut self, found: &mut Found) -> Result<(), Halt> {
         for joint in 0..2 {
             let name = self.name(joint);
-            let free = self.both_ways(joint, MOTOR_RAD)?;
+            let free = self.both_ways(joint, TRAVEL_RAD)?;
+            self.check_ripple(joint, &free, found)?;
             let (force, expected_n_m) = self.best_pull(joint)?;
             self.runner.leave();
             if !self.attendant.pull(&mut self.runner.place, force) {
                 return Err(Halt::Skipped(NOBODY_PULLS.to_owned()));
             }
-            let loaded = self.both_ways(joint, MOTOR_RAD);
+            let loaded = self.both_ways(joint, TRAVEL_RAD);
             self.runner.leave();
             self.attendant.pull(&mut self.runner.place, Force::default());
             let loaded = loaded?;
@@ -255,11 +255,38 @@ impl<P: Place> Bench<'_, P> {
         Ok(if x.abs() >= y.abs() { (along_x, x) } else { (along_y, y) })
     }
 
-    /// Turns each link to and fro: half of the difference of both torques is friction, and what changes along a way is ripple.
+    /// Looks at what changes along a way: the torque goes up and down where a motor cogs, or a gear is damaged.
+    fn check_ripple(&self, joint: usize, both: &[Travel; 2], found: &mut Found) -> Result<(), Halt> {
+        let name = self.name(joint);
+        let [up, down] = both;
+        let ripple_n_m = ripple_n_m(&up.torques).max(ripple_n_m(&down.torques));
+        found.note(format!("{name}: ripple of the torque along the way"), format!("{ripple_n_m:.2} N m"));
+        found.curves.push(Curve {
+            title: format!("torque along the way of {name}"),
+            across: "angle in deg",
+            up: "torque in N m",
+            lines: [("counter-clockwise", up), ("clockwise", down)]
+                .map(|(way, travel)| {
+                    let points = travel.torques.iter().map(|[angle, torque]| [angle.to_degrees(), *torque]);
+                    (way.to_owned(), points.collect())
+                })
+                .into(),
+        });
+        let limit = RIPPLE_SHARE * self.rig.drives[joint].rated_torque_n_m.get();
+        found.measure(Figure { what: "ripple of the torque along a way", value: ripple_n_m, limit, unit: "N m" });
+        if found.is_bad() {
+            return Err(Halt::Failed(format!(
+                "the torque of {name} goes up and down by {ripple_n_m:.1} N m along the way: cogging, a damaged gear, or something that rubs"
+            )));
+        }
+        Ok(())
+    }
+
+    /// Turns each link to and fro: half of the difference of both torques is friction.
     pub(super) fn friction(&mut self, found: &mut Found) -> Result<(), Halt> {
         for joint in 0..2 {
             let name = self.name(joint);
-            let both = self.both_ways(joint, FRICTION_RAD)?;
+            let both = self.both_ways(joint, TRAVEL_RAD)?;
             let [up, down] = &both;
             let friction_n_m = 0.5 * (up.mean_n_m() - down.mean_n_m());
             let feed_forward = &self.rig.control.feed_forward;
@@ -267,34 +294,15 @@ impl<P: Place> Bench<'_, P> {
                 feed_forward.coulomb_n_m[joint].get() + RATE * feed_forward.viscous_n_m_s_per_rad[joint].get();
             let rated_n_m = self.rig.drives[joint].rated_torque_n_m.get();
             let limit = if fed_n_m > 0.0 { FRICTION_FACTOR * fed_n_m } else { FRICTION_SHARE * rated_n_m };
-            let ripple_n_m = both.iter().map(|travel| ripple_n_m(&travel.torques)).fold(0.0, f64::max);
             found.note(
                 format!("{name}: friction"),
-                format!("{friction_n_m:.2} N m, of which {fed_n_m:.2} N m are fed forward; ripple {ripple_n_m:.2} N m"),
+                format!("{friction_n_m:.2} N m, of which {fed_n_m:.2} N m are fed forward"),
             );
-            found.curves.push(Curve {
-                title: format!("torque along the way of {name}"),
-                across: "angle in deg",
-                up: "torque in N m",
-                lines: [("counter-clockwise", up), ("clockwise", down)]
-                    .map(|(way, travel)| {
-                        let points = travel.torques.iter().map(|[angle, torque]| [angle.to_degrees(), *torque]);
-                        (way.to_owned(), points.collect())
-                    })
-                    .into(),
-            });
             found.measure(Figure { what: "friction of a joint", value: friction_n_m, limit, unit: "N m" });
             if found.is_bad() {
                 return Err(Halt::Failed(format!(
                     "the joint of {name} has {friction_n_m:.1} N m of friction: look at bearings, gear and brake, or write it into \
                      `control.feed_forward` if it is as it should be"
-                )));
-            }
-            let limit = RIPPLE_SHARE * rated_n_m;
-            found.measure(Figure { what: "ripple of the torque along a way", value: ripple_n_m, limit, unit: "N m" });
-            if found.is_bad() {
-                return Err(Halt::Failed(format!(
-                    "the torque of {name} goes up and down by {ripple_n_m:.1} N m along the way: cogging, a damaged gear, or something that rubs"
                 )));
             }
         }
