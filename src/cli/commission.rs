@@ -81,6 +81,13 @@ pub(super) fn add_defects(scene: &mut config::Scene, rig: &config::Rig, defects:
             let message = format!("--defect {text}: drives on EtherCAT watch no heartbeat");
             return Err(Failure::new(Exit::Usage, message, "try it on a rig whose drives are on CAN"));
         }
+        let is_same = |known: &config::SceneDefect| {
+            known.defect().is_ok_and(|known| known.kind == defect.kind && known.drive == defect.drive)
+        };
+        if scene.defects.iter().any(is_same) {
+            let message = format!("--defect {text}: the machine has it already");
+            return Err(Failure::new(Exit::Usage, message, "name each defect once"));
+        }
         scene.defects.push(defect.into());
     }
     Ok(())
@@ -138,7 +145,7 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
             printed = std::mem::replace(&mut printed, Ok(())).and(line);
         });
     printed?;
-    end(arguments, rig, commissioned.map_err(|error| rig_failure(&error))?, output)
+    end(arguments, rig, commissioned.map_err(|error| rig_failure(&error))?, |failure| failure, output)
 }
 
 /// What a person reads of a step.
@@ -156,11 +163,12 @@ fn lines(report: &StepReport) -> String {
     text
 }
 
-/// Writes the report, and judges.
+/// Writes the report, and judges; `told` adds what the drives have said to a failure.
 fn end(
     arguments: &Arguments,
     rig: &config::Rig,
     commissioned: Result<Commissioned, RunError>,
+    told: impl FnOnce(Failure) -> Failure,
     output: &mut Output,
 ) -> Result<(), Failure> {
     let commissioned = commissioned.map_err(|error| match error {
@@ -175,7 +183,11 @@ fn end(
         arguments.replace.write(html, page::html(rig, &commissioned).as_bytes())?;
         output.news(&format!("report    {}", html.display()))?;
     }
-    let judged = judge(&commissioned);
+    #[cfg(target_os = "linux")]
+    let is_on_bus = !arguments.bus.is_empty();
+    #[cfg(not(target_os = "linux"))]
+    let is_on_bus = false;
+    let judged = judge(&commissioned, is_on_bus).map_err(told);
     if output.is_json() {
         return output.end(document(rig, &commissioned), judged);
     }
@@ -186,11 +198,18 @@ fn end(
     judged
 }
 
-fn judge(commissioned: &Commissioned) -> Result<(), Failure> {
+fn judge(commissioned: &Commissioned, is_on_bus: bool) -> Result<(), Failure> {
     let Some(failed) = commissioned.steps.iter().find(|step| step.verdict == Verdict::Fail) else { return Ok(()) };
     let name = failed.step.name();
     let why = failed.reason.clone().or_else(|| failed.figure.as_ref().map(page::figure_text)).unwrap_or_default();
-    let help = format!("mend it, and begin again with --from {name}; docs/bringup.md says more of each step");
+    // What is mended in the rig file is another configuration, which needs a drill of its own.
+    let again = match failed.step {
+        Step::Rotation | Step::Motor | Step::Friction if is_on_bus => {
+            "watchdogs, since the drill was one of the rig file as it was"
+        }
+        _ => name,
+    };
+    let help = format!("mend it, and begin again with --from {again}; docs/bringup.md says more of each step");
     Err(Failure::new(Exit::OutOfTolerance, format!("{name}: {why}"), help))
 }
 

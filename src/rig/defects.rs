@@ -38,8 +38,9 @@ pub(super) fn friction(scene: &config::Scene, mut healthy: [f64; 2]) -> Result<[
 /// The noise of a sensor that has too much of it, counts.
 pub(super) fn sensor_noise_counts(rig: &config::Rig, scene: &config::Scene) -> Result<Option<f64>, RigError> {
     let noise = all(scene)?.into_iter().find(|defect| defect.kind == DefectKind::NoisySensor);
-    let [[n_per_count, ..], ..] = rig.sensor.calibration;
-    Ok(noise.map(|defect| defect.size / n_per_count.get().abs()))
+    let [along_x, ..] = rig.sensor.calibration;
+    let n_per_count = along_x.iter().map(|value| value.get() * value.get()).sum::<f64>().sqrt();
+    Ok(noise.map(|defect| defect.size / n_per_count))
 }
 
 impl Defects {

@@ -1,37 +1,71 @@
 //! A rig on real buses that is commissioned, with a person at the arm who is asked on the terminal.
 
-use std::io::{self, BufReader};
+use std::io::{self, Write};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::mpsc::{Receiver, RecvTimeoutError, channel};
+use std::time::Duration;
 
 use super::{Arguments, end, lines};
-use crate::cli::confirm::{agreed, answer};
+use crate::cli::confirm::agreed;
 use crate::cli::events::Events;
 use crate::cli::failure::{Exit, Failure};
+use crate::cli::fit;
 use crate::cli::interfaces::Interfaces;
 use crate::cli::interrupt::on_interrupt;
 use crate::cli::live::{evidence, not_run};
-use crate::cli::on_bus::{different, open_failure, thread_failure, warn, warn_of};
+use crate::cli::on_bus::{different, open_failure, thread_failure, warn, warn_of, with_told};
 use crate::cli::output::Output;
 use crate::cli::pace::PaceArgument;
+use crate::cli::printable::printable;
 use crate::config;
 use crate::host::{News, Person, RigOnBus, Terms};
 use crate::quantity::Force;
 use crate::run::commission::{STEPS, Step};
 
+/// How often a question looks whether a person has asked for the end.
+const LOOK_UP: Duration = Duration::from_millis(100);
+
 /// Somebody at the arm, or nobody.
 struct AtTheTerminal {
     /// Names of the drives; nobody is asked without them.
     names: Option<[String; 2]>,
+    is_interrupted: Arc<AtomicBool>,
+    /// Lines that were typed; a thread reads them from the first question on.
+    typed: Option<Receiver<String>>,
 }
 
 impl AtTheTerminal {
-    fn ask(&self, question: &str) -> Option<String> {
-        answer(&mut BufReader::with_capacity(1, io::stdin()), &mut io::stderr(), question)
+    /// What is answered; nothing where nobody answers, and after an interrupt.
+    fn ask(&mut self, question: &str) -> Option<String> {
+        let columns = fit::columns(io::stderr()).unwrap_or(fit::USUAL);
+        // Nobody can be told that standard error is closed.
+        let _ = write!(io::stderr(), "{} ", fit::fitted(&printable(question), columns));
+        let typed = self.typed.get_or_insert_with(|| {
+            let (typed, lines) = channel();
+            std::thread::spawn(move || io::stdin().lines().map_while(Result::ok).try_for_each(|line| typed.send(line)));
+            lines
+        });
+        loop {
+            match typed.recv_timeout(LOOK_UP) {
+                Ok(line) => return Some(line.trim().to_owned()),
+                Err(RecvTimeoutError::Disconnected) => return None,
+                Err(RecvTimeoutError::Timeout) if self.is_interrupted.load(Ordering::Relaxed) => return None,
+                Err(RecvTimeoutError::Timeout) => {}
+            }
+        }
     }
 }
 
 impl Person for AtTheTerminal {
+    fn look(&mut self, joint: usize) {
+        if let Some(name) = self.names.as_ref().and_then(|names| names.get(joint)).cloned() {
+            self.ask(&format!("Note the angle of the proximal link of {name}, for example with a digital protractor on it, and press Enter:"));
+        }
+    }
+
     fn turned(&mut self, joint: usize) -> Option<f64> {
-        let name = self.names.as_ref()?.get(joint)?;
+        let name = self.names.as_ref()?.get(joint)?.clone();
         let question = format!(
             "By how many degrees has the proximal link of {name} turned, counter-clockwise as seen from above? \
              Clockwise is negative; nothing if you have not looked:"
@@ -41,7 +75,7 @@ impl Person for AtTheTerminal {
             match text.trim_end_matches("deg").trim().parse::<f64>() {
                 Ok(degrees) if degrees.is_finite() && degrees.abs() <= 360.0 => return Some(degrees.to_radians()),
                 // Nothing is lost if standard error is closed.
-                _ => drop(io::Write::write_all(&mut io::stderr(), b"write a number of degrees, such as 4.1\n")),
+                _ => drop(writeln!(io::stderr(), "write a number of degrees, such as 4.1")),
             }
         }
     }
@@ -56,8 +90,8 @@ impl Person for AtTheTerminal {
         }
         let (along, size) = if force.x() != 0.0 { ("x", force.x()) } else { ("y", force.y()) };
         let question = format!(
-            "Have {size:.0} N pull at the tool along {along} of the base frame, by a weight over a pulley or a spring balance, and write yes; \
-             anything else skips the step:"
+            "Have {size:.0} N pull at the tool along {along} of the base frame, by a weight over a pulley or a spring balance. The arm has to rest \
+             under it without torque. Write yes; anything else skips the step:"
         );
         self.ask(&question).is_some_and(|text| matches!(text.as_str(), "y" | "yes"))
     }
@@ -81,7 +115,8 @@ pub(super) fn run(
             let bound = step
                 .motion_bound_rad()
                 .map_or(String::new(), |bound| format!(" (a joint goes {:.1} deg at most)", bound.to_degrees()));
-            output.news(&format!("{:14} {}{bound}", step.name(), step.does()))?;
+            // Whoever is asked reads it, whatever is printed else.
+            let _ = writeln!(io::stderr(), "{:14} {}{bound}", step.name(), step.does());
         }
         if !agreed("Is the arm free to move, does nobody hold it, and has somebody a hand on the emergency stop") {
             return Err(Failure::new(Exit::Usage, "nothing was done", "answer yes, or write --yes"));
@@ -99,7 +134,11 @@ pub(super) fn run(
     let on_bus = on_bus.map_err(|error| open_failure(&error))?;
     warn_of(output, on_bus.memory());
     let names = rig.drives.each_ref().map(|drive| drive.name.clone());
-    let mut person = AtTheTerminal { names: (!arguments.yes).then_some(names) };
+    let mut person = AtTheTerminal {
+        names: (!arguments.yes).then_some(names),
+        is_interrupted: Arc::clone(&is_interrupted),
+        typed: None,
+    };
     let outcome = on_bus.commission(&terms, from, &mut person, &is_interrupted, |news| match news {
         News::Refused(refusal) => warn(output, refusal),
         News::Stepped(report) => {
@@ -115,7 +154,10 @@ pub(super) fn run(
     let mut outcome = outcome.map_err(|error| thread_failure(&error))?;
     outcome.emergencies = different(outcome.emergencies.into_iter());
     match &outcome.played {
-        Ok(commissioned) => end(arguments, rig, commissioned.clone(), output),
+        Ok(commissioned) => {
+            let told = |failure| with_told(failure, &outcome.emergencies, &outcome.errors, rig);
+            end(arguments, rig, commissioned.clone(), told, output)
+        }
         Err(error) => Err(not_run(error, &outcome, &interfaces, rig, file)),
     }
 }

@@ -1,7 +1,7 @@
 //! The report of a commissioning as a page that needs nothing beside it.
 
 use crate::config;
-use crate::run::commission::{Commissioned, Curve, Figure, StepReport};
+use crate::run::commission::{Commissioned, Curve, Figure, StepReport, Verdict};
 use crate::study::chart::{Axis, Chart, Color, Mark, Panel, Series, svg};
 
 /// What a person reads of a figure.
@@ -15,6 +15,8 @@ pub(super) fn figure_text(figure: &Figure) -> String {
 pub(super) fn html(rig: &config::Rig, commissioned: &Commissioned) -> String {
     let name = escaped(&rig.rig.name);
     let verdict = commissioned.verdict().name();
+    let skipped = commissioned.steps.iter().filter(|step| step.verdict == Verdict::Skipped).count();
+    let but = if skipped == 0 { String::new() } else { format!(", {skipped} steps skipped") };
     let rows: String = commissioned.steps.iter().map(row).collect();
     let details: String = commissioned.steps.iter().filter(|step| has_details(step)).map(section).collect();
     format!(
@@ -23,10 +25,10 @@ pub(super) fn html(rig: &config::Rig, commissioned: &Commissioned) -> String {
          table {{ border-collapse: collapse; }} td, th {{ border: 1px solid #999; padding: .3em .6em; text-align: left; vertical-align: top; }}\n\
          .pass {{ color: #00664d; }} .fail {{ color: #a03000; font-weight: bold; }} .skipped {{ color: #555; }}\n\
          svg {{ max-width: 100%; height: auto; }}\n</style></head><body>\n\
-         <h1>Commissioning of {name}: <span class=\"{verdict}\">{verdict}</span></h1>\n\
+         <h1>Commissioning of {name}: <span class=\"{verdict}\">{verdict}</span>{but}</h1>\n\
          <p>Made by yieldwall {version}, which is not a safety component. Command mode: {mode}. Cycle: {period} us. Drives: {left} with profile \
          {left_profile}, {right} with profile {right_profile}.</p>\n\
-         <table><tr><th>step</th><th>verdict</th><th>figure</th><th>what was done</th></tr>\n{rows}</table>\n{details}</body></html>\n",
+         <table><tr><th>step</th><th>verdict</th><th>figure</th><th>what the step does</th></tr>\n{rows}</table>\n{details}</body></html>\n",
         version = env!("CARGO_PKG_VERSION"),
         mode = format!("{:?}", rig.rig.command_mode).to_lowercase(),
         period = rig.cycle.period_us,
@@ -44,8 +46,9 @@ fn has_details(step: &StepReport) -> bool {
 fn row(step: &StepReport) -> String {
     let verdict = step.verdict.name();
     let bound = step.step.motion_bound_rad();
-    let bound =
-        bound.map_or(String::new(), |bound| format!("; no joint may go further than {:.1} deg", bound.to_degrees()));
+    let bound = bound.map_or(String::new(), |bound| {
+        format!("; no joint goes further than {:.1} deg by its encoder, each time it is enabled", bound.to_degrees())
+    });
     format!(
         "<tr><td>{}</td><td class=\"{verdict}\">{verdict}</td><td>{}</td><td>{}{bound}</td></tr>\n",
         step.step.name(),

@@ -12,7 +12,10 @@ use super::super::system::SystemMetronome;
 /// Somebody at the arm of a rig that is commissioned. They are asked while the network is left: nothing is enabled, and nothing has to be
 /// in time.
 pub trait Person {
-    /// By how much the link of a joint (0 the left one) has turned, counter-clockwise, in rad; `None` if nobody looked.
+    /// Looks where the link of a joint (0 the left one) is.
+    fn look(&mut self, joint: usize);
+
+    /// By how much that link has turned since, counter-clockwise, in rad; `None` if nobody looked.
     fn turned(&mut self, joint: usize) -> Option<f64>;
 
     /// Has this force in N, in the base frame, pull at the tool, or with a force of zero no more; whether it does.
@@ -43,9 +46,11 @@ impl Attendant<Computer> for OnTheBench<'_> {
         kept.map(|path| Some(path.display().to_string())).map_err(|error| format!("{}: {error}", folder.display()))
     }
 
-    fn look(&mut self, _: &Computer) {}
+    fn look(&mut self, _: &Computer, joint: usize) {
+        self.person.look(joint);
+    }
 
-    fn turned(&mut self, _: &Computer, joint: usize, _: f64) -> Option<f64> {
+    fn turned(&mut self, _: &Computer, joint: usize) -> Option<f64> {
         self.person.turned(joint)
     }
 

@@ -33,11 +33,11 @@ impl Attendant<Simulation> for Onlooker {
         Ok(None)
     }
 
-    fn look(&mut self, place: &Simulation) {
+    fn look(&mut self, place: &Simulation, _: usize) {
         self.seen = place.far.world.seen_angles();
     }
 
-    fn turned(&mut self, place: &Simulation, joint: usize, _: f64) -> Option<f64> {
+    fn turned(&mut self, place: &Simulation, joint: usize) -> Option<f64> {
         (place.far.world.seen_angles() - self.seen).to_array().get(joint).copied()
     }
 

@@ -49,7 +49,7 @@ impl From<NotProven> for Halt {
         match error {
             NotProven::Run(error) => error.into(),
             error @ NotProven::Unproven(_) => {
-                Self::Failed(format!("{error}; begin with the step `watchdogs`, which puts it on record"))
+                Self::Failed(format!("{error}; begin with --from watchdogs, which puts it on record"))
             }
         }
     }
@@ -71,7 +71,7 @@ impl Found {
     /// Takes a figure if it is nearer to its limit, or further beyond it, than the one before.
     pub(super) fn measure(&mut self, figure: Figure) {
         let share = |figure: &Figure| figure.value / figure.limit.max(f64::MIN_POSITIVE);
-        if self.figure.as_ref().is_none_or(|before| share(before) <= share(&figure)) {
+        if self.figure.as_ref().is_none_or(|before| !share(before).is_nan() && !(share(before) > share(&figure))) {
             self.figure = Some(figure);
         }
     }
@@ -94,6 +94,15 @@ impl Travel {
     /// Mean torque, N m.
     pub(super) fn mean_n_m(&self) -> f64 {
         self.torques.iter().map(|[_, torque]| torque).sum::<f64>() / self.torques.len() as f64
+    }
+}
+
+/// What was done, once the torque limits were given back. That they were not is told with what went wrong before.
+pub(super) fn with_restored<T>(done: Result<T, Halt>, restored: Result<(), Halt>) -> Result<T, Halt> {
+    match (done, restored) {
+        (done, Ok(())) => done,
+        (Err(Halt::Failed(first)), Err(Halt::Failed(then))) => Err(Halt::Failed(format!("{first}; {then}"))),
+        (_, Err(restored)) => Err(restored),
     }
 }
 
@@ -190,19 +199,25 @@ impl<'a, P: Place> Bench<'a, P> {
         Ok([left?, right?])
     }
 
-    /// Gives both drives these torque limits.
+    /// Gives both drives these torque limits, unless one may still make torque.
     pub(super) fn restore_torque_limits(&mut self, limits: [u32; 2]) -> Result<(), Halt> {
-        for (device, limit) in Device::DRIVES.into_iter().zip(limits) {
+        let lowered =
+            |why: &str| Halt::Failed(format!("the torque limits (6072h) stay lowered until the next boot: {why}"));
+        if self.runner.makes_torque() {
+            return Err(lowered("a drive still says that it makes torque; press the emergency stop"));
+        }
+        let written = Device::DRIVES.into_iter().zip(limits).map(|(device, limit)| {
             let at = self.limit_of(device)?;
-            self.runner.write(device, at, &(limit as u16).to_le_bytes())?;
+            Ok::<(), Halt>(self.runner.write(device, at, &(limit as u16).to_le_bytes())?)
+        });
+        // Each drive is tried.
+        let written: Vec<_> = written.collect();
+        written.into_iter().collect::<Result<(), _>>().map_err(|_| lowered("a drive does not answer"))?;
+        if self.torque_limits().is_ok_and(|now| now == limits) {
+            Ok(())
+        } else {
+            Err(lowered("a drive does not take them"))
         }
-        let now = self.torque_limits()?;
-        if now == limits {
-            return Ok(());
-        }
-        Err(Halt::Failed(format!(
-            "the torque limits (6072h) are {now:?} and were {limits:?}, and the drives do not take them"
-        )))
     }
 
     fn limit_of(&self, device: Device) -> Result<Address, Halt> {
@@ -228,7 +243,7 @@ impl<'a, P: Place> Bench<'a, P> {
         let bounds = Bounds { motion_rad: positive(bound_rad)?, torque_n_m: positive(torque_n_m)? };
         let travelled = self.led(joint, by_rad, bounds);
         let restored = self.restore_torque_limits(limits);
-        travelled.and_then(|travel| restored.map(|()| travel))
+        with_restored(travelled, restored)
     }
 
     fn led(&mut self, joint: usize, by_rad: f64, bounds: Bounds) -> Result<Travel, Halt> {

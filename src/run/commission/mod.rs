@@ -203,12 +203,11 @@ pub trait Attendant<P: Place> {
         drilled: &Drilled,
     ) -> Result<Option<String>, String>;
 
-    /// Looks at the links, to tell later by how much one has turned.
-    fn look(&mut self, place: &P);
+    /// Looks where the link of a joint (0 the left one) is, to tell later by how much it has turned. Nothing is booted.
+    fn look(&mut self, place: &P, joint: usize);
 
-    /// By how much the link of a joint (0 the left one) has turned since, counter-clockwise, in rad, where its encoder says `measured_rad`;
-    /// `None` if nobody looked.
-    fn turned(&mut self, place: &P, joint: usize, measured_rad: f64) -> Option<f64>;
+    /// By how much that link has turned since, counter-clockwise, in rad; `None` if nobody looked. Nothing is booted.
+    fn turned(&mut self, place: &P, joint: usize) -> Option<f64>;
 
     /// Has this force in N, in the base frame, pull at the tool until it is taken away by a force of zero; whether it does.
     fn pull(&mut self, place: &mut P, force: Force) -> bool;

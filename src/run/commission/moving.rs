@@ -3,7 +3,7 @@
 use super::bench::{Bench, Found, Halt, RATE, Travel};
 use super::resting::{NOBODY_PULLS, PULL_N};
 use super::{Curve, Figure};
-use crate::guard::{Cause, State};
+use crate::guard::{Cause, Fault, State};
 use crate::quantity::{Force, JointAngles};
 use crate::run::drilled::{DRILL_LIMIT, Demands, TORQUE_LIMIT};
 use crate::run::jog::Jogged;
@@ -68,12 +68,12 @@ impl<P: Place> Bench<'_, P> {
             limit: 1e3 * limit.as_secs_f64(),
             unit: "ms",
         });
-        drilled.judge(demands).map_err(|error| Halt::Failed(error.to_string()))?;
+        // One that was not passed is kept too: it takes the place of an older one.
         let record = self.attendant.keep(self.rig, identities, &drilled).map_err(Halt::Failed)?;
         if let Some(record) = record {
             found.note("record", record);
         }
-        Ok(())
+        drilled.judge(demands).map_err(|error| Halt::Failed(error.to_string()))
     }
 
     /// Turns each link, and asks who looks at it by how much.
@@ -81,14 +81,19 @@ impl<P: Place> Bench<'_, P> {
         let mut unseen = None;
         for joint in 0..2 {
             let name = self.name(joint);
-            let (travel, torque_n_m) = self.travel_freely(joint, ROTATION_RAD)?;
-            let measured_rad = way(&travel.jogged, joint);
+            let by_rad = self.free_way(joint, ROTATION_RAD)?;
+            let from = self.angles();
+            // A person is asked with nothing booted.
+            self.runner.leave();
+            self.attendant.look(&self.runner.place, joint);
+            let (travel, torque_n_m) = self.travel_gently(joint, by_rad)?;
+            let measured_rad = (travel.jogged.to - from).to_array()[joint];
             self.runner.leave();
             found.note(
                 format!("{name}: turned"),
                 format!("{:.3} deg by its encoder, with {torque_n_m:.1} N m at most", measured_rad.to_degrees()),
             );
-            let seen = self.attendant.turned(&self.runner.place, joint, measured_rad);
+            let seen = self.attendant.turned(&self.runner.place, joint);
             self.travel_gently(joint, -measured_rad)?;
             let Some(seen_rad) = seen else {
                 unseen = Some(name);
@@ -102,9 +107,14 @@ impl<P: Place> Bench<'_, P> {
                 limit: TURNED_PERCENT,
                 unit: "%",
             });
-            if seen_rad * measured_rad <= 0.0 {
+            if seen_rad == 0.0 {
                 return Err(Halt::Failed(format!(
-                    "the link of {name} turned the other way than its encoder says: turn `direction` of the drive round"
+                    "the link of {name} does not turn with its encoder: look at the coupling between them"
+                )));
+            }
+            if seen_rad * measured_rad < 0.0 {
+                return Err(Halt::Failed(format!(
+                    "the link of {name} turned the other way than its encoder says: invert `direction` of the drive"
                 )));
             }
             if found.is_bad() {
@@ -136,7 +146,6 @@ impl<P: Place> Bench<'_, P> {
                 break;
             }
             last = Some(torque_n_m);
-            self.attendant.look(&self.runner.place);
             let travel = self.travel(joint, by_rad, by_rad.abs() + LED_BEYOND_RAD, torque_n_m)?;
             let gone = way(&travel.jogged, joint);
             if gone * by_rad < 0.0 && gone.abs() > AWAY_RAD {
@@ -173,7 +182,7 @@ impl<P: Place> Bench<'_, P> {
             }
         }
         Err(Halt::Failed(format!(
-            "the joint of {} can go {:.0} deg neither way without coming near a singularity or the edge of the workspace: lead the arm \
+            "the joint of {} cannot go {:.0} deg either way without coming near a singularity or the edge of the workspace: lead the arm \
              to the middle of it by hand",
             self.name(joint),
             by_rad.to_degrees()
@@ -198,21 +207,37 @@ impl<P: Place> Bench<'_, P> {
     }
 
     fn stopped(&self, joint: usize, jogged: &Jogged) -> String {
-        let why = match jogged.cause {
-            Some(Cause { fault, devices }) => format!("{} ({devices}): {}", fault.row().name, fault.row().meaning),
-            None if jogged.state == State::Running => "it did not come to its target in time".to_owned(),
-            None => "it was led too far".to_owned(),
-        };
-        format!("the joint of {} was stopped on its way: {why}", self.name(joint))
+        let name = self.name(joint);
+        match (jogged.ended, jogged.cause) {
+            (Ended::StillMoving, _) => {
+                format!(
+                    "a drive still says that it makes torque after the joint of {name} was stopped: press the emergency stop"
+                )
+            }
+            (Ended::Panicked, _) => {
+                format!("the cycle has panicked while the joint of {name} was led: please report it")
+            }
+            (_, Some(Cause { fault, devices })) => {
+                let row = fault.row();
+                format!("the joint of {name} was stopped on its way by {} ({devices}): {}", row.name, row.meaning)
+            }
+            (_, None) if jogged.state == State::Running => {
+                format!("the joint of {name} did not come to its target in time")
+            }
+            (_, None) => format!("the joint of {name} was led too far"),
+        }
     }
 
     /// Turns each link without and with a known force at the tool. What the mean over both ways has changed by is what the force makes at
     /// the joint, whatever the friction is.
     pub(super) fn motor(&mut self, found: &mut Found) -> Result<(), Halt> {
-        for joint in 0..2 {
-            let name = self.name(joint);
+        let mut free_n_m = [0.0; 2];
+        for (joint, free_n_m) in free_n_m.iter_mut().enumerate() {
             let free = self.both_ways(joint, TRAVEL_RAD)?;
             self.check_ripple(joint, &free, found)?;
+            *free_n_m = mean_n_m(&free);
+        }
+        for (joint, free_n_m) in free_n_m.into_iter().enumerate() {
             let (force, expected_n_m) = self.best_pull(joint)?;
             self.runner.leave();
             if !self.attendant.pull(&mut self.runner.place, force) {
@@ -221,25 +246,40 @@ impl<P: Place> Bench<'_, P> {
             let loaded = self.both_ways(joint, TRAVEL_RAD);
             self.runner.leave();
             self.attendant.pull(&mut self.runner.place, Force::default());
-            let loaded = loaded?;
-            let mean = |[one, other]: &[Travel; 2]| 0.5 * (one.mean_n_m() + other.mean_n_m());
-            let told_n_m = mean(&loaded) - mean(&free);
-            found.note(
-                format!("{name}: {:.0} N along x, {:.0} N along y", force.x(), force.y()),
-                format!("{expected_n_m:.2} N m by the geometry, {told_n_m:.2} N m by the drive"),
-            );
-            found.measure(Figure {
-                what: "torque that the drive tells against the true one",
-                value: 100.0 * (told_n_m / expected_n_m - 1.0).abs(),
-                limit: MOTOR_PERCENT,
-                unit: "%",
-            });
-            if found.is_bad() {
-                return Err(Halt::Failed(format!(
-                    "the motor of {name} makes {:.2} of the torque that its drive tells: look at rated torque (6076h), torque constant and gear",
-                    expected_n_m / told_n_m
-                )));
-            }
+            self.judge_motor(joint, force, [expected_n_m, mean_n_m(&loaded?) - free_n_m], found)?;
+        }
+        Ok(())
+    }
+
+    /// Judges what the torque of a joint has changed by, in N m: as the geometry has it, and as the drive tells it.
+    fn judge_motor(
+        &self,
+        joint: usize,
+        force: Force,
+        [expected_n_m, told_n_m]: [f64; 2],
+        found: &mut Found,
+    ) -> Result<(), Halt> {
+        let name = self.name(joint);
+        found.note(
+            format!("{name}: {:.0} N along x, {:.0} N along y", force.x(), force.y()),
+            format!("{expected_n_m:.2} N m by the geometry, {told_n_m:.2} N m by the drive"),
+        );
+        found.measure(Figure {
+            what: "torque that the drive tells against the true one",
+            value: 100.0 * (told_n_m / expected_n_m - 1.0).abs(),
+            limit: MOTOR_PERCENT,
+            unit: "%",
+        });
+        let share = expected_n_m / told_n_m;
+        if found.is_bad() && share.is_finite() && share > 0.0 {
+            return Err(Halt::Failed(format!(
+                "the motor of {name} makes {share:.2} of the torque that its drive tells: look at rated torque (6076h), torque constant and gear"
+            )));
+        }
+        if found.is_bad() {
+            return Err(Halt::Failed(format!(
+                "the torque that {name} tells (6077h) does not follow the force at the tool, or has the wrong sign"
+            )));
         }
         Ok(())
     }
@@ -299,6 +339,17 @@ impl<P: Place> Bench<'_, P> {
                 format!("{friction_n_m:.2} N m, of which {fed_n_m:.2} N m are fed forward"),
             );
             found.measure(Figure { what: "friction of a joint", value: friction_n_m, limit, unit: "N m" });
+            if friction_n_m <= 0.0 {
+                return Err(Halt::Failed(format!(
+                    "the torque that {name} tells (6077h) does not turn round with the way: it is no torque, or has the wrong sign"
+                )));
+            }
+            if fed_n_m > friction_n_m {
+                return Err(Halt::Failed(format!(
+                    "`control.feed_forward` feeds {fed_n_m:.1} N m forward for {name}, whose friction is {friction_n_m:.1} N m: a joint that rests \
+                     would be pushed; write less"
+                )));
+            }
             if found.is_bad() {
                 return Err(Halt::Failed(format!(
                     "the joint of {name} has {friction_n_m:.1} N m of friction: look at bearings, gear and brake, or write it into \
@@ -310,6 +361,11 @@ impl<P: Place> Bench<'_, P> {
     }
 }
 
+/// Mean torque of both ways, N m: what friction makes is gone.
+fn mean_n_m([one, other]: &[Travel; 2]) -> f64 {
+    0.5 * (one.mean_n_m() + other.mean_n_m())
+}
+
 /// How far a joint went, rad.
 fn way(jogged: &Jogged, joint: usize) -> f64 {
     (jogged.to - jogged.from).to_array().get(joint).copied().unwrap_or_default()
@@ -317,10 +373,10 @@ fn way(jogged: &Jogged, joint: usize) -> f64 {
 
 /// Whether a joint was stopped because it does not follow, which more torque may mend.
 fn is_too_weak(jogged: &Jogged) -> bool {
-    use crate::guard::Fault;
-    match jogged.cause {
-        None => jogged.ended == Ended::Stopped,
-        Some(cause) => matches!(cause.fault, Fault::FollowingError | Fault::DriveFault | Fault::Emergency),
+    match (jogged.ended, jogged.cause) {
+        (Ended::Stopped, None) => jogged.state == State::Running,
+        (Ended::Stopped, Some(cause)) => cause.fault == Fault::FollowingError,
+        _ => false,
     }
 }
 

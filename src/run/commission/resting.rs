@@ -1,8 +1,8 @@
 //! The steps in which nothing is enabled.
 
-use super::bench::{Bench, Found, Halt};
+use super::bench::{Bench, Found, Halt, with_restored};
 use super::{Curve, Figure};
-use crate::config::Positive;
+use crate::config::{self, Positive};
 use crate::guard::Device;
 use crate::quantity::Force;
 use crate::run::place::Place;
@@ -12,6 +12,8 @@ use yieldwall_drives::objects::DEVICE_TYPE;
 
 /// How often each drive is read.
 const READS: usize = 1000;
+/// Reads that may go unanswered before it is given up.
+const MOST_UNANSWERED: u32 = 5;
 /// How long the force sensor is listened to, s, after it has settled.
 const LISTENING_S: f64 = 1.0;
 const SETTLING_S: f64 = 0.3;
@@ -38,6 +40,12 @@ impl<P: Place> Bench<'_, P> {
             let mut times_ms = Vec::with_capacity(READS);
             for _ in 0..READS {
                 self.check_interrupt()?;
+                if unanswered >= MOST_UNANSWERED {
+                    return Err(Halt::Failed(format!(
+                        "{} does not answer {unanswered} of some reads: look at its cable and termination, and at `yieldwall doctor`",
+                        self.name(joint)
+                    )));
+                }
                 let asked = self.runner.now();
                 match self.runner.read(device, DEVICE_TYPE.index, DEVICE_TYPE.sub) {
                     Ok(_) => times_ms.push(1e3 * self.runner.now().since(asked).as_secs_f64()),
@@ -79,7 +87,8 @@ impl<P: Place> Bench<'_, P> {
     pub(super) fn limits(&mut self, found: &mut Found) -> Result<(), Halt> {
         self.boot()?;
         let before = self.torque_limits()?;
-        let torque_n_m = self.torque_n_m(LIMIT_SHARE);
+        // Another one than it has, so that a drive that takes none is found.
+        let torque_n_m = self.torque_n_m(LIMIT_SHARE).min(0.5 * self.rig.guard.torque_limit_n_m.get());
         let limit =
             Positive::new(torque_n_m).ok_or_else(|| Halt::Failed("the rig file leaves no torque".to_owned()))?;
         let told = self.runner.limit_torque(self.rig, limit);
@@ -89,7 +98,7 @@ impl<P: Place> Bench<'_, P> {
             Ok((first, self.torque_limits()?))
         });
         let restored = self.restore_torque_limits(before);
-        let (first, later) = kept?;
+        let (first, later) = with_restored(kept, restored)?;
         for joint in 0..2 {
             found.note(
                 format!("{}: torque limit", self.name(joint)),
@@ -99,7 +108,7 @@ impl<P: Place> Bench<'_, P> {
         if first != later {
             return Err(Halt::Failed("a drive has taken another torque limit (6072h) by itself".to_owned()));
         }
-        restored
+        Ok(())
     }
 
     /// Listens to the force sensor while nobody touches the handle.
@@ -192,6 +201,16 @@ impl<P: Place> Bench<'_, P> {
 
     /// Pulls at the tool along both axes, and looks at what is felt.
     pub(super) fn sensor_axes(&mut self, found: &mut Found) -> Result<(), Halt> {
+        let zeroed = match &self.rig.sensor.protocol {
+            config::SensorProtocol::Streaming { zero_at_start, .. }
+            | config::SensorProtocol::Polled { zero_at_start, .. } => *zero_at_start,
+            _ => false,
+        };
+        if zeroed {
+            return Err(Halt::Skipped(
+                "the force sensor is zeroed at each boot, under a force as well (`zero_at_start`)".to_owned(),
+            ));
+        }
         let none = self.sensed()?;
         for (name, pulled) in [("x", Force::new(PULL_N, 0.0)), ("y", Force::new(0.0, PULL_N))] {
             let felt = self.pulled(pulled)? - none;
@@ -231,6 +250,7 @@ impl<P: Place> Bench<'_, P> {
             return Err(Halt::Skipped(NOBODY_PULLS.to_owned()));
         }
         let felt = self.sensed();
+        self.runner.leave();
         self.attendant.pull(&mut self.runner.place, Force::default());
         felt
     }

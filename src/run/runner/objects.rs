@@ -1,5 +1,7 @@
 //! Objects of the devices of a booted network, read and written one by one.
 
+use std::time::Duration;
+
 use super::Runner;
 use crate::guard::Device;
 use crate::objects::{Address, ObjectAnswer, ObjectRequest};
@@ -9,6 +11,9 @@ use crate::run::place::Place;
 use crate::run::proof::DriveIdentity;
 use crate::time::Time;
 use yieldwall_drives::objects;
+
+/// How long a device is waited for beyond what its own time-outs allow.
+const BEYOND_PATIENCE: Duration = Duration::from_secs(5);
 
 impl<P: Place> Runner<P> {
     /// Reads an unsigned object of a device of a booted network, before the rig is enabled. Cycles of a segment that run already go on
@@ -33,8 +38,14 @@ impl<P: Place> Runner<P> {
         let (ObjectRequest::Read(Address { index, sub }) | ObjectRequest::Write(Address { index, sub }, _)) = request;
         let unread = RunError::Unread { which: self.which(device), index, sub };
         self.send(|master, now, out| master.ask(now, device, request, out)).map_err(|_| unread.clone())?;
+        // Time may stand still in lockstep, and a cycle that has panicked moves nothing on: the place's own clock goes on.
+        let patience = self.patience.into_iter().max().unwrap_or_default() + BEYOND_PATIENCE;
+        let until = self.place.now() + patience;
         let has_cycles = self.next_sync != Time::NEVER && self.master.segment().is_some();
         loop {
+            if self.has_panicked || self.place.now() >= until {
+                return Err(unread);
+            }
             if has_cycles {
                 // Their frames carry what is asked.
                 self.run_cycle(Ask::Nothing);
