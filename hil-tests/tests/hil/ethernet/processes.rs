@@ -151,7 +151,10 @@ fn a_second_master_on_this_computer_is_refused_and_named_and_the_first_one_runs_
     assert!(devices.seen().is_enabled());
     first.signal("INT");
     let (code, document) = first.document();
-    assert_eq!((code, &document["state"]), (INTERRUPTED, &"Running".into()), "{document:#}");
+    // A computer that is late has it hold for a moment, and it goes on; a second master would have stopped it.
+    let goes_on = document["state"] == "Running"
+        || (&document["state"], &document["cause"]) == (&"Holding".into(), &"pdo-missed".into());
+    assert!(code == INTERRUPTED && goes_on, "{document:#}");
     assert!(!devices.end().is_enabled());
 }
 
