@@ -10,7 +10,7 @@ use crate::guard::Device;
 use crate::objects::Address;
 use crate::quantity::JointAngles;
 use crate::record::CycleRecord;
-use crate::run::conduct::settling_on_bus;
+use crate::run::conduct::{has_torque, settling_on_bus};
 use crate::run::error::RunError;
 use crate::run::jog::{Jog, Jogged};
 use crate::run::permit::{Ask, Bounds};
@@ -70,8 +70,12 @@ impl Found {
 
     /// Takes a figure if it is nearer to its limit, or further beyond it, than the one before.
     pub(super) fn measure(&mut self, figure: Figure) {
-        let share = |figure: &Figure| figure.value / figure.limit.max(f64::MIN_POSITIVE);
-        if self.figure.as_ref().is_none_or(|before| !share(before).is_nan() && !(share(before) > share(&figure))) {
+        // One that is no number is beyond every limit.
+        let share = |figure: &Figure| {
+            let share = figure.value / figure.limit.max(f64::MIN_POSITIVE);
+            if share.is_nan() { f64::INFINITY } else { share }
+        };
+        if self.figure.as_ref().is_none_or(|before| share(before) <= share(&figure)) {
             self.figure = Some(figure);
         }
     }
@@ -199,25 +203,32 @@ impl<'a, P: Place> Bench<'a, P> {
         Ok([left?, right?])
     }
 
-    /// Gives both drives these torque limits, unless one may still make torque.
+    /// Gives each drive its torque limit, unless it may still make torque.
     pub(super) fn restore_torque_limits(&mut self, limits: [u32; 2]) -> Result<(), Halt> {
-        let lowered =
-            |why: &str| Halt::Failed(format!("the torque limits (6072h) stay lowered until the next boot: {why}"));
-        if self.runner.makes_torque() {
-            return Err(lowered("a drive still says that it makes torque; press the emergency stop"));
+        let mut lowered = Vec::new();
+        for (joint, (device, limit)) in Device::DRIVES.into_iter().zip(limits).enumerate() {
+            let drives = self.runner.master().last_inputs().drives;
+            let why = match drives.get(joint) {
+                Some(drive) if has_torque(drive.state) => {
+                    "says to the last that it makes torque: press the emergency stop"
+                }
+                _ if self.restore_torque_limit(device, limit).is_ok() => continue,
+                _ => "does not take another one",
+            };
+            lowered.push(format!("{} {why}", self.name(joint)));
         }
-        let written = Device::DRIVES.into_iter().zip(limits).map(|(device, limit)| {
-            let at = self.limit_of(device)?;
-            Ok::<(), Halt>(self.runner.write(device, at, &(limit as u16).to_le_bytes())?)
-        });
-        // Each drive is tried.
-        let written: Vec<_> = written.collect();
-        written.into_iter().collect::<Result<(), _>>().map_err(|_| lowered("a drive does not answer"))?;
-        if self.torque_limits().is_ok_and(|now| now == limits) {
-            Ok(())
-        } else {
-            Err(lowered("a drive does not take them"))
+        if lowered.is_empty() {
+            return Ok(());
         }
+        let lowered = lowered.join("; ");
+        Err(Halt::Failed(format!("a torque limit (6072h) stays lowered until the next boot: {lowered}")))
+    }
+
+    fn restore_torque_limit(&mut self, device: Device, limit: u32) -> Result<(), Halt> {
+        let at = self.limit_of(device)?;
+        self.runner.write(device, at, &(limit as u16).to_le_bytes())?;
+        let now = self.runner.read(device, at.index, at.sub)?;
+        if now == limit { Ok(()) } else { Err(RunError::NoTorqueLimit { which: self.runner.which(device) }.into()) }
     }
 
     fn limit_of(&self, device: Device) -> Result<Address, Halt> {
