@@ -29,6 +29,7 @@ pub(super) struct Arguments {
     #[arg(long, value_name = "STEP", value_parser = step)]
     from: Option<Step>,
     /// Give the simulated machine a defect, for a step to find; may be repeated. `list` names them all
+    #[cfg_attr(target_os = "linux", arg(conflicts_with = "bus"))]
     #[arg(long, value_name = "NAME[=SIZE][:left|right]")]
     defect: Vec<String>,
     /// Ask nothing; on a bus the steps that need somebody at the arm are skipped
@@ -39,18 +40,9 @@ pub(super) struct Arguments {
     html: Option<PathBuf>,
     #[command(flatten)]
     replace: Replace,
-    /// Commission a real rig on this interface instead of a simulated one; for a rig with several buses once for each, as NAME=INTERFACE
     #[cfg(target_os = "linux")]
-    #[arg(long, value_name = "INTERFACE", conflicts_with = "defect")]
-    bus: Vec<String>,
-    /// What a cycle waits for: the wall clock, or (simulated devices in lockstep alone) the process data
-    #[cfg(target_os = "linux")]
-    #[arg(long, value_enum, default_value_t = super::pace::PaceArgument::Free, requires = "bus")]
-    pace: super::pace::PaceArgument,
-    /// Go on also if this computer has not proved the timing that the rig asks for
-    #[cfg(target_os = "linux")]
-    #[arg(long, requires = "bus")]
-    ignore_latency: bool,
+    #[command(flatten)]
+    on_bus: super::first_motion::OnBus,
 }
 
 fn step(text: &str) -> Result<Step, String> {
@@ -128,7 +120,7 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
         arguments.replace.check_new(html)?;
     }
     #[cfg(target_os = "linux")]
-    if !arguments.bus.is_empty() {
+    if arguments.on_bus.is_asked() {
         return on_bus::run(arguments, file, &rig, output);
     }
     let mut scene = rig.scene()?.value;
@@ -184,7 +176,7 @@ fn end(
         output.news(&format!("report    {}", html.display()))?;
     }
     #[cfg(target_os = "linux")]
-    let is_on_bus = !arguments.bus.is_empty();
+    let is_on_bus = arguments.on_bus.is_asked();
     #[cfg(not(target_os = "linux"))]
     let is_on_bus = false;
     let judged = judge(&commissioned, is_on_bus).map_err(told);

@@ -44,20 +44,12 @@ pub(super) struct Arguments {
     #[arg(long, value_name = "N_M", value_parser = torque)]
     torque: Option<Positive>,
     /// Break something on the way, as `run --fault`; TIME counts from the end of the boot, in s
+    #[cfg_attr(target_os = "linux", arg(conflicts_with = "bus"))]
     #[arg(long, value_name = "NAME@TIME[+DURATION][:TARGET]")]
     fault: Vec<FaultArgument>,
-    /// Move the joint of a real rig on this interface instead of a simulated one; for a rig with several buses once for each, as NAME=INTERFACE
     #[cfg(target_os = "linux")]
-    #[arg(long, value_name = "INTERFACE", conflicts_with = "fault")]
-    bus: Vec<String>,
-    /// What a cycle waits for: the wall clock, or (simulated devices in lockstep alone) the process data
-    #[cfg(target_os = "linux")]
-    #[arg(long, value_enum, default_value_t = super::pace::PaceArgument::Free, requires = "bus")]
-    pace: super::pace::PaceArgument,
-    /// Move also if this computer has not proved the timing that the rig asks for
-    #[cfg(target_os = "linux")]
-    #[arg(long, requires = "bus")]
-    ignore_latency: bool,
+    #[command(flatten)]
+    on_bus: super::first_motion::OnBus,
 }
 
 /// An angle with its unit, in rad.
@@ -193,7 +185,7 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
     check_buses(&rig, None, output)?;
     let plan = Plan::of(arguments, &rig.value)?;
     #[cfg(target_os = "linux")]
-    if !arguments.bus.is_empty() {
+    if arguments.on_bus.is_asked() {
         return on_bus(arguments, &plan, &rig, output);
     }
     let (rig, scene) = (&rig.value, rig.scene()?.value);
@@ -235,29 +227,14 @@ fn on_bus(
     output: &mut Output,
 ) -> Result<(), Failure> {
     use super::events::Events;
-    use super::interfaces::Interfaces;
-    use super::live::{ended, evidence, not_run};
-    use super::on_bus::{different, open_failure, thread_failure, warn, warn_of};
-    use super::pace::PaceArgument;
-    use crate::host::{News, RigOnBus, Terms};
+    use super::first_motion::Opened;
+    use super::live::{ended, not_run};
+    use super::on_bus::{different, thread_failure, warn};
+    use crate::host::News;
 
     let events = Events::of(output);
-    let scene = match (&rig.value.simulation, arguments.pace) {
-        (None, _) | (_, PaceArgument::Free) => None,
-        _ => Some(rig.scene()?.value),
-    };
+    let Opened { on_bus, terms, interfaces, is_interrupted } = arguments.on_bus.open(rig, output)?;
     let rig = &rig.value;
-    let terms = Terms {
-        evidence: evidence(arguments.pace, rig, scene.as_ref())?,
-        needs_realtime: false,
-        ignores_latency: arguments.ignore_latency,
-        ignores_bus_budget: false,
-    };
-    let is_interrupted = on_interrupt()?;
-    let interfaces = Interfaces::of(rig, &arguments.bus)?;
-    let on_bus = RigOnBus::open(rig, interfaces.names(), arguments.pace.pace());
-    let on_bus = on_bus.map_err(|error| open_failure(&error))?;
-    warn_of(output, on_bus.memory());
     output.news("the rig is enabled, and one joint moves; nobody may hold the handle")?;
     let outcome = on_bus.jog(&terms, &plan.jog, plan.bounds, &is_interrupted, |news| match news {
         News::Refused(refusal) => warn(output, refusal),

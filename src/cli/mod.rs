@@ -21,6 +21,8 @@ mod events;
 mod explain;
 mod failure;
 mod faults;
+#[cfg(target_os = "linux")]
+mod first_motion;
 mod fit;
 #[cfg(target_os = "linux")]
 mod interfaces;

@@ -147,18 +147,38 @@ impl<P: Place> Runner<P> {
             limited.guard.torque_limit_n_m = most;
         }
         let per_mille = torque_limits_per_mille(&limited)?;
-        for ((device, drive), per_mille) in Device::DRIVES.into_iter().zip(&limited.drives).zip(per_mille) {
-            let which = self.which(device);
-            let servo = drive.profile.get().and_then(|profile| profile.servo());
-            let limit = servo.and_then(|servo| servo.limits.torque.as_ref());
-            let limit = limit.ok_or(RunError::NoTorqueLimit { which })?;
-            let at = Address::new(limit.index, limit.sub);
-            self.write(device, at, &per_mille.to_le_bytes())?;
-            if self.read(device, at.index, at.sub)? != u32::from(per_mille) {
-                return Err(RunError::NoTorqueLimit { which });
-            }
+        for (device, per_mille) in Device::DRIVES.into_iter().zip(per_mille) {
+            self.set_torque_limit(rig, device, per_mille)?;
         }
         Ok(())
+    }
+
+    /// The torque limit of a drive, per mille of rated.
+    pub(in crate::run) fn torque_limit(&mut self, rig: &config::Rig, device: Device) -> Result<u32, RunError> {
+        let at = self.torque_limit_at(rig, device)?;
+        self.read(device, at.index, at.sub)
+    }
+
+    /// Gives a drive a torque limit, per mille of rated, and looks whether it has taken it.
+    pub(in crate::run) fn set_torque_limit(
+        &mut self,
+        rig: &config::Rig,
+        device: Device,
+        per_mille: u16,
+    ) -> Result<(), RunError> {
+        let at = self.torque_limit_at(rig, device)?;
+        self.write(device, at, &per_mille.to_le_bytes())?;
+        let has_taken = self.read(device, at.index, at.sub)? == u32::from(per_mille);
+        if has_taken { Ok(()) } else { Err(RunError::NoTorqueLimit { which: self.which(device) }) }
+    }
+
+    /// Where a drive has its torque limit by its profile.
+    fn torque_limit_at(&self, rig: &config::Rig, device: Device) -> Result<Address, RunError> {
+        let drive = Device::DRIVES.iter().position(|one| *one == device).and_then(|at| rig.drives.get(at));
+        let servo = drive.and_then(|drive| drive.profile.get()).and_then(|profile| profile.servo());
+        let limit = servo.and_then(|servo| servo.limits.torque.as_ref());
+        let limit = limit.ok_or(RunError::NoTorqueLimit { which: self.which(device) })?;
+        Ok(Address::new(limit.index, limit.sub))
     }
 }
 

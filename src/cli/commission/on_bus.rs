@@ -10,16 +10,14 @@ use super::{Arguments, end, lines};
 use crate::cli::confirm::agreed;
 use crate::cli::events::Events;
 use crate::cli::failure::{Exit, Failure};
+use crate::cli::first_motion::Opened;
 use crate::cli::fit;
-use crate::cli::interfaces::Interfaces;
-use crate::cli::interrupt::on_interrupt;
-use crate::cli::live::{evidence, not_run};
-use crate::cli::on_bus::{different, open_failure, thread_failure, warn, warn_of, with_told};
+use crate::cli::live::not_run;
+use crate::cli::on_bus::{different, thread_failure, warn, with_told};
 use crate::cli::output::Output;
-use crate::cli::pace::PaceArgument;
 use crate::cli::printable::printable;
 use crate::config;
-use crate::host::{News, Person, RigOnBus, Terms};
+use crate::host::{News, Person};
 use crate::quantity::Force;
 use crate::run::commission::{STEPS, Step};
 
@@ -100,15 +98,11 @@ impl Person for AtTheTerminal {
 pub(super) fn run(
     arguments: &Arguments,
     file: &str,
-    rig: &config::Loaded<config::Rig>,
+    loaded: &config::Loaded<config::Rig>,
     output: &mut Output,
 ) -> Result<(), Failure> {
     let events = Events::of(output);
-    let scene = match (&rig.value.simulation, arguments.pace) {
-        (None, _) | (_, PaceArgument::Free) => None,
-        _ => Some(rig.scene()?.value),
-    };
-    let rig = &rig.value;
+    let rig = &loaded.value;
     let from = arguments.from.unwrap_or(Step::Communication);
     if !arguments.yes {
         for step in STEPS {
@@ -122,17 +116,7 @@ pub(super) fn run(
             return Err(Failure::new(Exit::Usage, "nothing was done", "answer yes, or write --yes"));
         }
     }
-    let terms = Terms {
-        evidence: evidence(arguments.pace, rig, scene.as_ref())?,
-        needs_realtime: false,
-        ignores_latency: arguments.ignore_latency,
-        ignores_bus_budget: false,
-    };
-    let is_interrupted = on_interrupt()?;
-    let interfaces = Interfaces::of(rig, &arguments.bus)?;
-    let on_bus = RigOnBus::open(rig, interfaces.names(), arguments.pace.pace());
-    let on_bus = on_bus.map_err(|error| open_failure(&error))?;
-    warn_of(output, on_bus.memory());
+    let Opened { on_bus, terms, interfaces, is_interrupted } = arguments.on_bus.open(loaded, output)?;
     let names = rig.drives.each_ref().map(|drive| drive.name.clone());
     let mut person = AtTheTerminal {
         names: (!arguments.yes).then_some(names),

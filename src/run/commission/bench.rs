@@ -7,7 +7,6 @@ use super::{Attendant, Curve, Figure, Step, StepReport, Verdict};
 use crate::config::{self, Positive};
 use crate::cycle::LeadLimits;
 use crate::guard::Device;
-use crate::objects::Address;
 use crate::quantity::JointAngles;
 use crate::record::CycleRecord;
 use crate::run::conduct::{has_torque, settling_on_bus};
@@ -196,10 +195,7 @@ impl<'a, P: Place> Bench<'a, P> {
 
     /// The torque limits of both drives, per mille of rated.
     pub(super) fn torque_limits(&mut self) -> Result<[u32; 2], Halt> {
-        let [left, right] = Device::DRIVES.map(|device| {
-            let at = self.limit_of(device)?;
-            Ok::<u32, Halt>(self.runner.read(device, at.index, at.sub)?)
-        });
+        let [left, right] = Device::DRIVES.map(|device| self.runner.torque_limit(self.rig, device));
         Ok([left?, right?])
     }
 
@@ -212,7 +208,7 @@ impl<'a, P: Place> Bench<'a, P> {
                 Some(drive) if has_torque(drive.state) => {
                     "says to the last that it makes torque: press the emergency stop"
                 }
-                _ if self.restore_torque_limit(device, limit).is_ok() => continue,
+                _ if self.runner.set_torque_limit(self.rig, device, limit as u16).is_ok() => continue,
                 _ => "does not take another one",
             };
             lowered.push(format!("{} {why}", self.name(joint)));
@@ -222,21 +218,6 @@ impl<'a, P: Place> Bench<'a, P> {
         }
         let lowered = lowered.join("; ");
         Err(Halt::Failed(format!("a torque limit (6072h) stays lowered until the next boot: {lowered}")))
-    }
-
-    fn restore_torque_limit(&mut self, device: Device, limit: u32) -> Result<(), Halt> {
-        let at = self.limit_of(device)?;
-        self.runner.write(device, at, &(limit as u16).to_le_bytes())?;
-        let now = self.runner.read(device, at.index, at.sub)?;
-        if now == limit { Ok(()) } else { Err(RunError::NoTorqueLimit { which: self.runner.which(device) }.into()) }
-    }
-
-    fn limit_of(&self, device: Device) -> Result<Address, Halt> {
-        let drive = Device::DRIVES.iter().position(|one| *one == device).and_then(|at| self.rig.drives.get(at));
-        let servo = drive.and_then(|drive| drive.profile.get()).and_then(|profile| profile.servo());
-        let limit = servo.and_then(|servo| servo.limits.torque.as_ref());
-        let limit = limit.ok_or(RunError::NoTorqueLimit { which: self.runner.which(device) })?;
-        Ok(Address::new(limit.index, limit.sub))
     }
 
     /// Boots, leads a joint by an angle with no more than this torque, and stops it. The torque limits are given back.

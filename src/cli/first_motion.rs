@@ -1,0 +1,63 @@
+//! A rig on real buses that is moved for the first time: where it is, and on which terms.
+
+use std::sync::Arc;
+use std::sync::atomic::AtomicBool;
+
+use super::failure::Failure;
+use super::interfaces::Interfaces;
+use super::interrupt::on_interrupt;
+use super::live::evidence;
+use super::on_bus::{open_failure, warn_of};
+use super::output::Output;
+use super::pace::PaceArgument;
+use crate::config::{Loaded, Rig};
+use crate::host::{RigOnBus, Terms};
+
+#[derive(Debug, clap::Args)]
+pub(super) struct OnBus {
+    /// Move a real rig on this interface instead of a simulated one; for a rig with several buses once for each, as NAME=INTERFACE
+    #[arg(long, value_name = "INTERFACE")]
+    bus: Vec<String>,
+    /// What a cycle waits for: the wall clock, or (simulated devices in lockstep alone) the process data
+    #[arg(long, value_enum, default_value_t = PaceArgument::Free, requires = "bus")]
+    pace: PaceArgument,
+    /// Move also if this computer has not proved the timing that the rig asks for
+    #[arg(long, requires = "bus")]
+    ignore_latency: bool,
+}
+
+/// A rig that has sent nothing yet.
+pub(super) struct Opened {
+    pub(super) on_bus: RigOnBus,
+    pub(super) terms: Terms,
+    pub(super) interfaces: Interfaces,
+    pub(super) is_interrupted: Arc<AtomicBool>,
+}
+
+impl OnBus {
+    /// Whether the rig is a real one.
+    pub(super) fn is_asked(&self) -> bool {
+        !self.bus.is_empty()
+    }
+
+    /// Opens its interfaces. Nothing is sent.
+    pub(super) fn open(&self, rig: &Loaded<Rig>, output: &mut Output) -> Result<Opened, Failure> {
+        let scene = match (&rig.value.simulation, self.pace) {
+            (None, _) | (_, PaceArgument::Free) => None,
+            _ => Some(rig.scene()?.value),
+        };
+        let rig = &rig.value;
+        let terms = Terms {
+            evidence: evidence(self.pace, rig, scene.as_ref())?,
+            needs_realtime: false,
+            ignores_latency: self.ignore_latency,
+            ignores_bus_budget: false,
+        };
+        let is_interrupted = on_interrupt()?;
+        let interfaces = Interfaces::of(rig, &self.bus)?;
+        let on_bus = RigOnBus::open(rig, interfaces.names(), self.pace.pace());
+        let on_bus = on_bus.map_err(|error| open_failure(&error))?;
+        warn_of(output, on_bus.memory());
+        Ok(Opened { on_bus, terms, interfaces, is_interrupted })
+    }
+}
