@@ -7,6 +7,7 @@ use super::can::{BootPlan, CanNetwork, Waiting};
 use super::error::BootError;
 use super::ethercat::{EthercatNetwork, Outgoing, SegmentSetup};
 use super::phase::{LinkEvent, Phase};
+use super::script::Written;
 use super::setup::MasterSetup;
 use super::told::Told;
 use crate::canopen::{BusId, Frame, Outbox};
@@ -187,6 +188,13 @@ impl Master {
     /// All that the boot will send on CAN, beside what is repeated: told before anything is sent.
     pub fn plan(&self) -> BootPlan {
         self.can.as_ref().map_or_else(BootPlan::default, CanNetwork::plan)
+    }
+
+    /// The objects that the boot writes, of each device that has any, on CAN and on a segment.
+    pub fn written(&self) -> Vec<Written> {
+        let segment = self.segment.iter().flat_map(EthercatNetwork::written);
+        let all = self.can.iter().flat_map(CanNetwork::written).chain(segment);
+        all.filter(|written| !written.objects.is_empty()).collect()
     }
 
     /// Begins to listen for another master, with nothing sent until [`Master::announce`] or [`Master::start`]. One that is

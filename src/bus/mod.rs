@@ -29,6 +29,7 @@ pub use can::{BootPlan, NodePlan, PlannedWrite, Waiting, budget};
 pub use error::{BootError, BootFailure, Others, Said};
 pub use master::{Master, SEGMENT_LISTENING};
 pub use phase::{LinkEvent, Phase};
+pub use script::Written;
 pub use setup::{DriveSetup, MasterSetup, SensorLink, SensorNode, SensorSetup, Waits};
 pub use signs::{Heard, LISTENING, Sign, Signs};
 pub use told::Told;

@@ -1,6 +1,7 @@
 //! The configuration of one device by its objects, as a list of steps: the same on every bus that carries objects.
 
 use crate::bus::error::BootFailure;
+use crate::canopen::BusId;
 use crate::objects::{AbortCode, Address, ObjectError, ObjectRequest};
 use crate::time::Time;
 use std::time::Duration;
@@ -34,6 +35,13 @@ pub(super) enum Action {
     Await { value: u32 },
 }
 
+impl Action {
+    /// Whether the object gets a value.
+    pub(super) fn writes(self) -> bool {
+        matches!(self, Action::Write { .. } | Action::WriteAndVerify { .. } | Action::LimitSpeed { .. })
+    }
+}
+
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Step {
     pub(super) doing: &'static str,
@@ -41,6 +49,32 @@ pub(super) struct Step {
     pub(super) sub: u8,
     pub(super) bytes: u8,
     pub(super) action: Action,
+}
+
+/// The objects of a device that its boot writes.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Written {
+    /// The bus that it is on.
+    pub bus: BusId,
+    /// Its node id, or its position on a segment.
+    pub number: u16,
+    /// Its name in the rig.
+    pub name: String,
+    /// Each object once, in the order in which they are first written.
+    pub objects: Vec<Address>,
+}
+
+impl Written {
+    pub(super) fn new(bus: BusId, number: u16, name: &str, steps: &[Step]) -> Self {
+        let mut objects = Vec::new();
+        for step in steps.iter().filter(|step| step.action.writes()) {
+            let at = Address::new(step.index, step.sub);
+            if !objects.contains(&at) {
+                objects.push(at);
+            }
+        }
+        Self { bus, number, name: name.to_owned(), objects }
+    }
 }
 
 /// The steps of one device, and how far they have come. What is asked goes to the device by whatever its bus has for that.

@@ -8,6 +8,7 @@ use std::path::PathBuf;
 
 use serde_json::{Value, json};
 
+use super::desk::journal::with_given_back;
 use super::ending::rig_failure;
 use super::failure::{Exit, Failure};
 use super::interrupt::on_interrupt;
@@ -38,6 +39,10 @@ pub(super) struct Arguments {
     /// Write the report as a page, with the curves
     #[arg(long, value_name = "FILE.html")]
     html: Option<PathBuf>,
+    /// Give the devices back what they held before a command that was killed, and do nothing else; without it that comes first
+    #[cfg(target_os = "linux")]
+    #[arg(long, requires = "bus", conflicts_with_all = ["from", "html"])]
+    restore: bool,
     #[command(flatten)]
     replace: Replace,
     #[cfg(target_os = "linux")]
@@ -137,7 +142,8 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
             printed = std::mem::replace(&mut printed, Ok(())).and(line);
         });
     printed?;
-    end(arguments, rig, commissioned.map_err(|error| rig_failure(&error))?, |failure| failure, output)
+    let commissioned = commissioned.map_err(|error| rig_failure(&error))?;
+    end(arguments, rig, commissioned, (|failure| failure, Ok(())), output)
 }
 
 /// What a person reads of a step.
@@ -155,22 +161,29 @@ fn lines(report: &StepReport) -> String {
     text
 }
 
-/// Writes the report, and judges; `told` adds what the drives have said to a failure.
+/// Writes the report, and judges; `told` adds what the drives have said to a failure, and `given_back` is whether they hold what they held
+/// before.
 fn end(
     arguments: &Arguments,
     rig: &config::Rig,
     commissioned: Result<Commissioned, RunError>,
-    told: impl FnOnce(Failure) -> Failure,
+    (told, given_back): (impl FnOnce(Failure) -> Failure, Result<(), Failure>),
     output: &mut Output,
 ) -> Result<(), Failure> {
-    let commissioned = commissioned.map_err(|error| match error {
-        RunError::Interrupted => Failure::new(
-            Exit::Interrupted,
-            "interrupted: the rig is stopped, and the torque limits of the drives are what they were",
-            "begin again with --from STEP",
-        ),
-        error => super::on_bus::live_failure(&error),
-    })?;
+    let commissioned = match commissioned {
+        Ok(commissioned) => commissioned,
+        Err(error) => {
+            let failure = match error {
+                RunError::Interrupted => Failure::new(
+                    Exit::Interrupted,
+                    "interrupted: the rig is stopped, and no drive makes torque",
+                    "begin again with --from STEP",
+                ),
+                error => super::on_bus::live_failure(&error),
+            };
+            return with_given_back(Err(failure), given_back);
+        }
+    };
     if let Some(html) = &arguments.html {
         arguments.replace.write(html, page::html(rig, &commissioned).as_bytes())?;
         output.news(&format!("report    {}", html.display()))?;
@@ -179,7 +192,7 @@ fn end(
     let is_on_bus = arguments.on_bus.is_asked();
     #[cfg(not(target_os = "linux"))]
     let is_on_bus = false;
-    let judged = judge(&commissioned, is_on_bus).map_err(told);
+    let judged = with_given_back(judge(&commissioned, is_on_bus).map_err(told), given_back);
     if output.is_json() {
         return output.end(document(rig, &commissioned), judged);
     }

@@ -2,6 +2,7 @@
 
 use serde_json::json;
 
+use super::desk::journal::refuse_open;
 use super::desk::plan::{self, Sender};
 use super::events::{Events, Listening, Stream};
 use super::failure::{Exit, Failure};
@@ -59,6 +60,7 @@ fn drill(arguments: &Arguments, events: &Events, output: &mut Output) -> Result<
     let folder = state_folder("drills").ok_or_else(no_home)?;
     let is_interrupted = on_interrupt()?;
     let interfaces = Interfaces::of(&rig, &arguments.bus)?;
+    refuse_open(&rig, &arguments.rig, &interfaces)?;
     let on_bus = RigOnBus::open(&rig, interfaces.names(), Pace::Free);
     let mut on_bus = on_bus.map_err(|error| open_failure(&error))?;
     warn_of(output, on_bus.memory());

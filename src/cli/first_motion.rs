@@ -3,6 +3,7 @@
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
+use super::desk::journal::Journal;
 use super::failure::Failure;
 use super::interfaces::Interfaces;
 use super::interrupt::on_interrupt;
@@ -32,6 +33,8 @@ pub(super) struct Opened {
     pub(super) terms: Terms,
     pub(super) interfaces: Interfaces,
     pub(super) is_interrupted: Arc<AtomicBool>,
+    /// What the devices held before; none in lockstep, whose devices are simulated.
+    pub(super) journal: Option<Journal>,
 }
 
 impl OnBus {
@@ -40,8 +43,19 @@ impl OnBus {
         !self.bus.is_empty()
     }
 
-    /// Opens its interfaces. Nothing is sent.
-    pub(super) fn open(&self, rig: &Loaded<Rig>, output: &mut Output) -> Result<Opened, Failure> {
+    /// Its interfaces.
+    pub(super) fn interfaces(&self, rig: &Rig) -> Result<Interfaces, Failure> {
+        Interfaces::of(rig, &self.bus)
+    }
+
+    /// Keeps what its devices hold, and opens its interfaces. Objects are read, and nothing else is sent.
+    pub(super) fn open(
+        &self,
+        command: &str,
+        file: &str,
+        rig: &Loaded<Rig>,
+        output: &mut Output,
+    ) -> Result<Opened, Failure> {
         let scene = match (&rig.value.simulation, self.pace) {
             (None, _) | (_, PaceArgument::Free) => None,
             _ => Some(rig.scene()?.value),
@@ -53,11 +67,25 @@ impl OnBus {
             ignores_latency: self.ignore_latency,
             ignores_bus_budget: false,
         };
+        let interfaces = self.interfaces(rig)?;
+        let journal = match self.pace {
+            PaceArgument::Free => Some(Journal::begin(command, rig, file, &interfaces)?),
+            PaceArgument::Lockstep => None,
+        };
         let is_interrupted = on_interrupt()?;
-        let interfaces = Interfaces::of(rig, &self.bus)?;
-        let on_bus = RigOnBus::open(rig, interfaces.names(), self.pace.pace());
-        let on_bus = on_bus.map_err(|error| open_failure(&error))?;
+        let on_bus = match RigOnBus::open(rig, interfaces.names(), self.pace.pace()) {
+            Ok(on_bus) => on_bus,
+            Err(error) => {
+                journal.iter().for_each(Journal::discard);
+                return Err(open_failure(&error));
+            }
+        };
         warn_of(output, on_bus.memory());
-        Ok(Opened { on_bus, terms, interfaces, is_interrupted })
+        Ok(Opened { on_bus, terms, interfaces, is_interrupted, journal })
     }
+}
+
+/// Gives the devices back what they held before, if anything was kept.
+pub(super) fn give_back(journal: Option<Journal>, output: &mut Output) -> Result<(), Failure> {
+    journal.map_or(Ok(()), |journal| journal.give_back(output))
 }

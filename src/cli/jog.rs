@@ -1,6 +1,10 @@
-//! `yieldwall jog`: one joint moved by an angle, slowly and with little torque, while the other one holds.
+//! `yieldwall jog`: one joint moved by an angle or while a key is pressed, slowly and with little torque, while the other one holds.
+
+mod keys;
 
 use std::f64::consts::PI;
+use std::sync::Arc;
+use std::time::{Duration, Instant};
 
 use serde_json::json;
 
@@ -14,8 +18,10 @@ use super::run::check_buses;
 use crate::config::{self, Positive, Source};
 use crate::cycle::LeadLimits;
 use crate::quantity::JointAngles;
+use crate::record::CycleRecord;
 use crate::rig::EmbeddedRig;
-use crate::run::{Bounds, Ended, Jog, Jogged, settling_on_bus};
+use crate::run::{Bounds, Ended, Jog, Jogged, Keys, settling_on_bus};
+use keys::{KEYS, Reader, Shown};
 
 /// Greatest rate, rad/s.
 const MOST_RATE: f64 = 30.0 * PI / 180.0;
@@ -28,6 +34,7 @@ const BEYOND_RAD: f64 = 0.02;
 const OFF_RAD: f64 = 2e-3;
 
 #[derive(Debug, clap::Args)]
+#[command(group = clap::ArgGroup::new("way").required(true).args(["by", "keys"]))]
 pub(super) struct Arguments {
     /// The rig; `builtin:paper-admittance.yaml` names the copy inside the program
     #[arg(value_name = "RIG.yaml")]
@@ -36,7 +43,14 @@ pub(super) struct Arguments {
     joint: String,
     /// How far and which way, with its unit: 5deg or -0.1rad; counter-clockwise is positive
     #[arg(long, value_name = "ANGLE", value_parser = angle, allow_hyphen_values = true)]
-    by: f64,
+    by: Option<f64>,
+    /// Move it while keys are pressed: right or + counter-clockwise, left or - clockwise, q ends. It rests 200 ms after the last key, at
+    /// the end of the input and when the terminal is gone
+    #[arg(long)]
+    keys: bool,
+    /// With --keys: how far it may go to either side, with its unit
+    #[arg(long, value_name = "ANGLE", value_parser = angle, default_value = "10deg", conflicts_with = "by")]
+    within: f64,
     /// How far in a second, with its unit; 30deg at most
     #[arg(long, value_name = "ANGLE", value_parser = angle, default_value = "6deg")]
     rate: f64,
@@ -70,15 +84,15 @@ fn torque(text: &str) -> Result<Positive, String> {
 }
 
 /// What is done, and within which bounds.
-struct Plan {
+struct Plan<'a> {
     /// Index of the joint, 0 the left one.
     joint: usize,
-    jog: Jog,
+    jog: Jog<'a>,
     bounds: Bounds,
 }
 
-impl Plan {
-    fn of(arguments: &Arguments, rig: &config::Rig) -> Result<Self, Failure> {
+impl<'a> Plan<'a> {
+    fn of(arguments: &Arguments, rig: &config::Rig, keys: &'a Keys) -> Result<Self, Failure> {
         let usage = |message: String, help: &str| Failure::new(Exit::Usage, message, help);
         let names = rig.drives.each_ref().map(|drive| drive.name.as_str());
         let by_name = names.iter().position(|name| *name == arguments.joint);
@@ -87,8 +101,10 @@ impl Plan {
             let message = format!("{} is no joint of the rig", arguments.joint);
             return Err(usage(message, &format!("write {}", names.join(" or "))));
         };
-        if arguments.by == 0.0 || arguments.by.abs() > PI {
-            return Err(usage("--by: no way, or more than half a turn".to_owned(), "write for example --by 5deg"));
+        let (option, way) = arguments.by.map_or(("--within", arguments.within), |by| ("--by", by));
+        if way == 0.0 || way.abs() > PI {
+            let help = format!("write for example {option} 5deg");
+            return Err(usage(format!("{option}: no way, or more than half a turn"), &help));
         }
         if !(arguments.rate > 0.0 && arguments.rate <= MOST_RATE) {
             return Err(usage(
@@ -102,17 +118,27 @@ impl Plan {
         let positive =
             |value| Positive::new(value).ok_or_else(|| usage("no torque and no way".to_owned(), "write greater ones"));
         let mut by = [0.0; 2];
-        by.iter_mut().skip(joint).take(1).for_each(|by| *by = arguments.by);
+        by.iter_mut().skip(joint).take(1).for_each(|by| *by = way);
         let limits =
             LeadLimits { rate_rad_per_s: arguments.rate, acceleration_rad_per_s2: arguments.rate / COMES_UP_S };
-        let jog = Jog { by: JointAngles::from(by), limits, settling: settling_on_bus(rig) };
-        let motion_rad = positive(arguments.by.abs() + BEYOND_RAD)?;
+        let keys = arguments.keys.then_some(keys);
+        let jog = Jog { by: JointAngles::from(by), keys, limits, settling: settling_on_bus(rig) };
+        let motion_rad = positive(way.abs() + BEYOND_RAD)?;
         Ok(Self { joint, jog, bounds: Bounds { motion_rad, torque_n_m: positive(torque)? } })
     }
 
-    /// How far a joint has gone, against what was asked of it, rad.
+    /// How far a joint has gone, against what was asked of it, rad. Keys ask for nothing that is known before.
     fn off(&self, jogged: &Jogged) -> [f64; 2] {
-        (jogged.to - jogged.from - self.jog.by).to_array()
+        let mut off = (jogged.to - jogged.from - self.jog.by).to_array();
+        if self.jog.keys.is_some() {
+            off.iter_mut().skip(self.joint).take(1).for_each(|off| *off = 0.0);
+        }
+        off
+    }
+
+    /// The measured angle of the joint, rad.
+    fn angle(&self, record: &CycleRecord) -> f64 {
+        record.signals.measured_angles.to_array().get(self.joint).copied().unwrap_or_default()
     }
 
     /// Whether each joint is where it should be.
@@ -146,6 +172,7 @@ impl Plan {
                 json!({
                     "joint": rig.drives.get(self.joint).map(|drive| &drive.name),
                     "by_rad": arguments.by,
+                    "within_rad": arguments.keys.then_some(arguments.within),
                     "from_rad": jogged.from.to_array(),
                     "to_rad": jogged.to.to_array(),
                     "deviation_rad": jogged.deviation.to_array(),
@@ -161,7 +188,8 @@ impl Plan {
         let each =
             rig.drives.iter().zip(jogged.from.to_array()).zip(jogged.to.to_array()).zip(jogged.deviation.to_array());
         for (joint, (((drive, from), to), deviation)) in each.enumerate() {
-            let word = if joint == self.joint { "moved" } else { "held" };
+            let has_moved = joint == self.joint && (self.jog.keys.is_none() || (to - from).abs() > OFF_RAD);
+            let word = if has_moved { "moved" } else { "held" };
             text.push_str(&format!(
                 "{word:9} {}: {:.3} -> {:.3} deg, {:.3} deg beside its reference at most\n",
                 drive.name,
@@ -183,10 +211,18 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
     let rig = config::load_rig(Source::named(&arguments.rig))?;
     output.configuration(&rig.warnings)?;
     check_buses(&rig, None, output)?;
-    let plan = Plan::of(arguments, &rig.value)?;
+    let (keys, shown) = (Arc::<Keys>::default(), Arc::<Shown>::default());
+    let plan = Plan::of(arguments, &rig.value, &keys)?;
+    let name = rig.value.drives.get(plan.joint).map(|drive| drive.name.clone()).unwrap_or_default();
+    let read = |output: &Output| {
+        arguments
+            .keys
+            .then(|| Reader::start(Arc::clone(&keys), Arc::clone(&shown), &name, !output.is_quiet()))
+            .transpose()
+    };
     #[cfg(target_os = "linux")]
     if arguments.on_bus.is_asked() {
-        return on_bus(arguments, &plan, &rig, output);
+        return on_bus(arguments, &plan, &rig, (&shown, read), output);
     }
     let (rig, scene) = (&rig.value, rig.scene()?.value);
     let is_interrupted = on_interrupt()?;
@@ -197,8 +233,21 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
     }
     output
         .aside(&format!("the simulated arm of {}, with no hand on it; a real one with --bus INTERFACE", rig.rig.name));
-    let jogged = machine.jog(rig, &plan.jog, plan.bounds, &is_interrupted).map_err(|error| rig_failure(&error))?;
-    let jogged = jogged.map_err(|error| live_failure(&error))?;
+    let reader = read(output)?;
+    reader.iter().for_each(|_| output.aside(KEYS));
+    let period = Duration::from_micros(rig.cycle.period_us.into());
+    let (begun, mut cycles) = (Instant::now(), 0);
+    // A person has time to press keys: the simulation waits for the clock then.
+    let each = |record: &CycleRecord| {
+        shown.tell(plan.angle(record));
+        cycles += 1;
+        if let Some(ahead) = (period * cycles).checked_sub(begun.elapsed()).filter(|_| reader.is_some()) {
+            std::thread::sleep(ahead);
+        }
+    };
+    let jogged = machine.jog(rig, &plan.jog, plan.bounds, &is_interrupted, each);
+    drop(reader);
+    let jogged = jogged.map_err(|error| rig_failure(&error))?.map_err(|error| live_failure(&error))?;
     let failure = match jogged.ended {
         Ended::Whole => None,
         Ended::Stopped if jogged.cause.is_none() => Some(short_of(&jogged)),
@@ -222,36 +271,59 @@ fn short_of(jogged: &Jogged) -> Failure {
 #[cfg(target_os = "linux")]
 fn on_bus(
     arguments: &Arguments,
-    plan: &Plan,
+    plan: &Plan<'_>,
     rig: &config::Loaded<config::Rig>,
+    (shown, read): (&Arc<Shown>, impl Fn(&Output) -> Result<Option<Reader>, Failure>),
     output: &mut Output,
 ) -> Result<(), Failure> {
+    use super::desk::journal::{Journal, with_given_back};
     use super::events::Events;
-    use super::first_motion::Opened;
+    use super::first_motion::{Opened, give_back};
     use super::live::{ended, not_run};
     use super::on_bus::{different, thread_failure, warn};
     use crate::host::News;
 
     let events = Events::of(output);
-    let Opened { on_bus, terms, interfaces, is_interrupted } = arguments.on_bus.open(rig, output)?;
+    let opened = arguments.on_bus.open("jog", &arguments.rig, rig, output)?;
+    let Opened { mut on_bus, terms, interfaces, is_interrupted, journal } = opened;
     let rig = &rig.value;
-    output.news("the rig is enabled, and one joint moves; nobody may hold the handle")?;
+    let reader = match read(output) {
+        Ok(reader) => reader,
+        Err(failure) => {
+            journal.iter().for_each(Journal::discard);
+            return Err(failure);
+        }
+    };
+    if reader.is_some() {
+        let (shown, joint) = (Arc::clone(shown), plan.joint);
+        on_bus.set_observer(Box::new(move |record| {
+            shown.tell(record.signals.measured_angles.to_array().get(joint).copied().unwrap_or_default());
+        }));
+        output.aside(KEYS);
+    }
+    output.aside("one joint will move, and the other one hold; nobody may hold the handle");
     let outcome = on_bus.jog(&terms, &plan.jog, plan.bounds, &is_interrupted, |news| match news {
         News::Refused(refusal) => warn(output, refusal),
         news => events.news(news),
     });
+    drop(reader);
     events.clear();
+    let given_back = give_back(journal, output);
     let mut outcome = outcome.map_err(|error| thread_failure(&error))?;
     outcome.emergencies = different(outcome.emergencies.into_iter());
     let jogged = match &outcome.played {
         Ok(jogged) => *jogged,
-        Err(error) => return Err(not_run(error, &outcome, &interfaces, rig, &arguments.rig)),
+        Err(error) => {
+            let failure = not_run(error, &outcome, &interfaces, rig, &arguments.rig);
+            return with_given_back(Err(failure), given_back);
+        }
     };
     let failure = match jogged.ended {
         Ended::Stopped if jogged.cause.is_none() => Some(short_of(&jogged)),
         end => ended((end, jogged.cause), jogged.time_s, &outcome, rig),
     };
-    plan.end(arguments, rig, &jogged, failure.map_or(Ok(()), Err), output)
+    let end = with_given_back(failure.map_or(Ok(()), Err), given_back);
+    plan.end(arguments, rig, &jogged, end, output)
 }
 
 #[cfg(test)]

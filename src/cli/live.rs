@@ -5,6 +5,7 @@ mod proof;
 
 use std::sync::Arc;
 
+use super::desk::journal::refuse_open;
 use super::desk::plan::{self, Sender};
 use super::ending::stopped_by;
 use super::events::{Event, Events, Listening};
@@ -80,6 +81,7 @@ fn run_and_tell(arguments: &Arguments, events: &Events, output: &mut Output) -> 
     };
     let is_interrupted = on_interrupt()?;
     let interfaces = Interfaces::of(&rig, &arguments.bus)?;
+    refuse_open(&rig, &arguments.rig, &interfaces)?;
     let mut on_bus =
         RigOnBus::open(&rig, interfaces.names(), arguments.pace.pace()).map_err(|error| open_failure(&error))?;
     refuse(arguments, on_bus.memory())?;

@@ -271,7 +271,7 @@ impl RigOnBus {
     pub fn jog(
         self,
         terms: &Terms,
-        jog: &Jog,
+        jog: &Jog<'_>,
         bounds: Bounds,
         is_interrupted: &Arc<AtomicBool>,
         tell: impl FnMut(News),

@@ -1,8 +1,9 @@
-//! Moving the joints of a rig by an angle, with no hand on it.
+//! Moving the joints of a rig by an angle, or while keys are pressed, with no hand on it.
 
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use super::error::RunError;
+use super::keys::{Keys, Led};
 use super::permit::{Ask, Permit};
 use super::place::Place;
 use super::runner::Runner;
@@ -16,12 +17,16 @@ use crate::record::{AROUND_FAULT_S, CycleRecord};
 const REST_S: f64 = 0.3;
 /// How long a way may take beyond what its rate and its acceleration need, s.
 const PATIENCE_S: f64 = 1.0;
+/// How much farther than it takes to come to rest a joint is led while a key holds, in periods.
+const AHEAD_PERIODS: f64 = 2.0;
 
 /// What is asked of the joints.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Jog {
-    /// How far each joint goes from where it is, rad.
+#[derive(Clone, Copy, Debug)]
+pub struct Jog<'a> {
+    /// How far each joint goes from where it is, rad; with keys at most and to either side. One of which it is zero holds.
     pub by: JointAngles,
+    /// Keys of a person who leads the joints; a joint rests [`Keys::HOLDS_S`] after the last one.
+    pub keys: Option<&'a Keys>,
     /// How fast.
     pub limits: LeadLimits,
     /// Cycles of process data before the rig is enabled, as of [`Play::settling`](super::Play::settling).
@@ -47,16 +52,59 @@ pub struct Jogged {
     pub deviation: JointAngles,
 }
 
+/// Where the joints go.
+enum Way<'a> {
+    /// To these targets, then the end.
+    To(JointAngles),
+    /// As keys say, as far as [`Jog::by`] to either side.
+    Keys { led: Led<'a>, from: JointAngles, is_over: bool },
+}
+
+impl Way<'_> {
+    /// Where the joints are led in the next cycle, from where they are led now.
+    fn targets(&mut self, now: JointAngles, jog: &Jog<'_>, period_s: f64) -> Option<JointAngles> {
+        let (led, from, is_over) = match self {
+            Way::To(_) => return None,
+            Way::Keys { led, from, is_over } => (led, from, is_over),
+        };
+        let Some(way) = led.way() else {
+            *is_over = true;
+            return None;
+        };
+        let LeadLimits { rate_rad_per_s: rate, acceleration_rad_per_s2: most } = jog.limits;
+        // Without a key the joint comes to rest where it was led last.
+        (way != 0.0).then(|| {
+            let ahead = rate * rate / (2.0 * most) + AHEAD_PERIODS * period_s * rate;
+            let mut targets = now.to_array();
+            for ((target, from), by) in targets.iter_mut().zip(from.to_array()).zip(jog.by.to_array()) {
+                if by != 0.0 {
+                    *target = (*target + way * ahead).clamp(from - by.abs(), from + by.abs());
+                }
+            }
+            targets.into()
+        })
+    }
+
+    /// Whether joints that rest have come to their end.
+    fn is_over(&self) -> bool {
+        match self {
+            Way::To(_) => true,
+            Way::Keys { is_over, .. } => *is_over,
+        }
+    }
+}
+
 impl<P: Place> Runner<P> {
-    /// Enables a booted rig, leads its joints from where they are to other angles, both at once, watches them there and stops it. A fault
+    /// Enables a booted rig, leads its joints from where they are to other angles, both at once, or as keys say, watches them there and
+    /// stops it. A fault
     /// at either drive stops both, and so does whatever holds the rig: it does not go on by itself. `each` gets the record of every
     /// cycle in which the joints are led, and may ask the drives for objects.
     ///
     /// # Errors
-    /// [`RunError::WayBlocked`], before anything is enabled, if the linkage does not go that way; as [`Runner::enable`].
+    /// [`RunError::WayBlocked`], before anything is enabled, if the linkage does not go that way, with keys either way; as [`Runner::enable`].
     pub fn jog(
         &mut self,
-        jog: &Jog,
+        jog: &Jog<'_>,
         permit: &Permit,
         is_interrupted: &AtomicBool,
         each: impl FnMut(&mut Self, &CycleRecord),
@@ -70,7 +118,7 @@ impl<P: Place> Runner<P> {
 
     fn led(
         &mut self,
-        jog: &Jog,
+        jog: &Jog<'_>,
         permit: &Permit,
         is_interrupted: &AtomicBool,
         mut each: impl FnMut(&mut Self, &CycleRecord),
@@ -83,18 +131,30 @@ impl<P: Place> Runner<P> {
         }
         let measured = |rig: &Self| rig.last_outputs().map_or(JointAngles::default(), |it| it.signals.measured_angles);
         let from = measured(self);
-        let share = self.master().cycle().free_share(from + jog.by);
+        let ways = [Some(jog.by), jog.keys.map(|_| -jog.by)];
+        let share = ways.into_iter().flatten().map(|by| self.master().cycle().free_share(from + by));
+        let share = share.fold(1.0, f64::min);
         if share < 1.0 {
             return Err(RunError::WayBlocked { share });
         }
+        let holds = self.cycles_in(Keys::HOLDS_S);
         self.enable(0, permit, is_interrupted)?;
         self.begin_scene();
-        let targets = self.led_angles() + jog.by;
-        self.lead_to(targets);
+        let mut way = match jog.keys {
+            Some(keys) => Way::Keys { led: Led::new(keys, holds), from: self.led_angles(), is_over: false },
+            None => Way::To(self.led_angles() + jog.by),
+        };
+        if let Way::To(targets) = way {
+            self.lead_to(targets);
+        }
         let LeadLimits { rate_rad_per_s, acceleration_rad_per_s2 } = jog.limits;
         let [left, right] = jog.by.to_array();
         let longest_s = left.abs().max(right.abs()) / rate_rad_per_s + rate_rad_per_s / acceleration_rad_per_s2;
-        let limit = self.cycles_in(longest_s + PATIENCE_S + REST_S);
+        let limit = match way {
+            Way::To(_) => self.cycles_in(longest_s + PATIENCE_S + REST_S),
+            Way::Keys { .. } => u32::MAX,
+        };
+        let period_s = self.period().as_secs_f64();
         let rest = self.cycles_in(REST_S);
         let (mut ended, mut cycles, mut rested) = (Ended::Stopped, 0, 0);
         let mut deviation = [0.0_f64; 2];
@@ -102,6 +162,9 @@ impl<P: Place> Runner<P> {
             if is_interrupted.load(Ordering::Relaxed) {
                 ended = Ended::Interrupted;
                 break;
+            }
+            if let Some(targets) = way.targets(self.led_angles(), jog, period_s) {
+                self.lead_to(targets);
             }
             let record = self.run_cycle(Ask::Nothing);
             cycles += 1;
@@ -116,7 +179,7 @@ impl<P: Place> Runner<P> {
             let now = (measured(self) - self.led_angles()).to_array();
             deviation.iter_mut().zip(now).for_each(|(most, now)| *most = most.max(now.abs()));
             rested = if self.master().cycle().is_there() { rested + 1 } else { 0 };
-            if rested >= rest {
+            if rested >= rest && way.is_over() {
                 ended = Ended::Whole;
                 break;
             }

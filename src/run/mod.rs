@@ -14,6 +14,7 @@ mod drilled;
 mod error;
 mod inquiry;
 mod jog;
+mod keys;
 mod metronome;
 mod orders;
 mod pace;
@@ -31,6 +32,7 @@ pub use drilled::{
 pub use error::{RunError, Which};
 pub use inquiry::{DriveError, ErrorWatch};
 pub use jog::{Jog, Jogged};
+pub use keys::{Key, Keys};
 pub use metronome::Metronome;
 pub use orders::Orders;
 pub use pace::Pace;

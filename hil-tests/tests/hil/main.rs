@@ -21,6 +21,8 @@ mod ethernet;
 #[cfg(target_os = "linux")]
 mod interface;
 #[cfg(target_os = "linux")]
+mod killed;
+#[cfg(target_os = "linux")]
 mod lockstep;
 #[cfg(target_os = "linux")]
 mod masters;

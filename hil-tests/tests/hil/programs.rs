@@ -92,8 +92,7 @@ impl Running {
     /// Waits until simulated devices say what they are.
     pub(super) fn ready(mut sim: Self) -> Self {
         let mut first = String::new();
-        let stdout = sim.0.as_mut().and_then(|child| child.stdout.as_mut()).expect("it is piped");
-        BufReader::with_capacity(1, stdout).read_line(&mut first).expect("it says what it is");
+        BufReader::with_capacity(1, sim.stdout()).read_line(&mut first).expect("it says what it is");
         assert!(first.starts_with("simulated"), "{first}");
         sim
     }
@@ -111,6 +110,11 @@ impl Running {
     /// Number of the process.
     pub(super) fn pid(&self) -> u32 {
         self.0.as_ref().expect("it runs").id()
+    }
+
+    /// What it prints.
+    pub(super) fn stdout(&mut self) -> &mut std::process::ChildStdout {
+        self.0.as_mut().and_then(|child| child.stdout.as_mut()).expect("it is piped")
     }
 
     /// Whether it has ended.

@@ -113,6 +113,18 @@ fn a_computer_that_nobody_has_measured_is_refused_unless_a_person_says_otherwise
 
 #[test]
 #[ignore = "needs a CAN interface: see hil-tests/vcan"]
+fn drives_hold_what_they_held_after_every_signal_and_after_a_kill() {
+    let (rig, scene) = slow();
+    let devices = sim(&rig, &scene, &["--no-hand"]);
+    // What process data carry stays as it was last.
+    super::killed::what_the_drives_held_is_given_back(&rig, &bus(), &["6040h", "607Ah", "6071h"]);
+    drop(devices);
+    std::fs::remove_file(rig).expect("it is there");
+    std::fs::remove_file(scene).expect("it is there");
+}
+
+#[test]
+#[ignore = "needs a CAN interface: see hil-tests/vcan"]
 fn a_drilled_rig_runs_alone_on_its_bus_and_one_that_stalls_is_lost() {
     let (rig, scene) = slow();
     let devices = sim(&rig, &scene, &[]);

@@ -3,7 +3,7 @@
 use super::node::Node;
 use super::{CanNetwork, refuse};
 use crate::bus::error::BootError;
-use crate::bus::script::{Action, Step, check, little_endian, motor_speed};
+use crate::bus::script::{Action, Step, Written, check, little_endian, motor_speed};
 use crate::canopen::{BusId, Frame, NmtCommand, NodeId, Outbox};
 use crate::guard::Device;
 use crate::objects::Address;
@@ -69,6 +69,13 @@ impl CanNetwork {
         let mut leave = Vec::new();
         network.leave(&mut leave);
         BootPlan { reset, nodes: self.nodes.iter().map(NodePlan::of).collect(), start, leave }
+    }
+}
+
+impl CanNetwork {
+    /// The objects that the boot writes, of each node.
+    pub(in crate::bus) fn written(&self) -> impl Iterator<Item = Written> + '_ {
+        self.nodes.iter().map(|node| Written::new(node.bus, node.id.raw().into(), &node.name, node.boot.steps().0))
     }
 }
 

@@ -26,6 +26,7 @@ use std::time::Duration;
 
 use super::error::{BootError, BootFailure};
 use super::phase::{LinkEvent, Phase};
+use super::script::Written;
 use super::told::{LastTold, Told};
 use crate::canopen::{BusId, EmcyCode, ErrorRegister};
 use crate::cycle::LinkEvents;
@@ -248,6 +249,15 @@ impl EthercatNetwork {
     /// What the devices told last, at most eight, the oldest first.
     pub fn told(&self) -> impl Iterator<Item = Told> {
         self.told.iter()
+    }
+
+    /// The objects that the boot writes, of each device.
+    pub(in crate::bus) fn written(&self) -> impl Iterator<Item = Written> + '_ {
+        let of = |station: &Station| {
+            let StationSetup { position, name, .. } = &station.setup;
+            Written::new(self.bus, *position, name, &station.setup.script())
+        };
+        self.stations.iter().map(of)
     }
 
     /// What is wrong with the devices since the network was started, a line each, for reports: states, clocks, ports, frames.

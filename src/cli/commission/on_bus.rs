@@ -6,11 +6,14 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{Receiver, RecvTimeoutError, channel};
 use std::time::Duration;
 
+use serde_json::json;
+
 use super::{Arguments, end, lines};
 use crate::cli::confirm::agreed;
+use crate::cli::desk::journal::{Journal, with_given_back};
 use crate::cli::events::Events;
 use crate::cli::failure::{Exit, Failure};
-use crate::cli::first_motion::Opened;
+use crate::cli::first_motion::{Opened, give_back};
 use crate::cli::fit;
 use crate::cli::live::not_run;
 use crate::cli::on_bus::{different, thread_failure, warn, with_told};
@@ -104,6 +107,18 @@ pub(super) fn run(
     let events = Events::of(output);
     let rig = &loaded.value;
     let from = arguments.from.unwrap_or(Step::Communication);
+    let left = Journal::left_on(&arguments.on_bus.interfaces(rig)?)?;
+    let is_left = left.is_some();
+    if let Some(left) = left {
+        output.news(&left.words())?;
+        left.give_back(output)?;
+    }
+    if arguments.restore {
+        return match output.is_json() {
+            true => output.report(json!({ "restored": is_left })),
+            false => output.news(if is_left { "the journal is closed" } else { "no journal is open on this bus" }),
+        };
+    }
     if !arguments.yes {
         for step in STEPS {
             let bound = step
@@ -116,7 +131,8 @@ pub(super) fn run(
             return Err(Failure::new(Exit::Usage, "nothing was done", "answer yes, or write --yes"));
         }
     }
-    let Opened { on_bus, terms, interfaces, is_interrupted } = arguments.on_bus.open(loaded, output)?;
+    let opened = arguments.on_bus.open("commission", file, loaded, output)?;
+    let Opened { on_bus, terms, interfaces, is_interrupted, journal } = opened;
     let names = rig.drives.each_ref().map(|drive| drive.name.clone());
     let mut person = AtTheTerminal {
         names: (!arguments.yes).then_some(names),
@@ -135,13 +151,14 @@ pub(super) fn run(
         news => events.news(news),
     });
     events.clear();
+    let given_back = give_back(journal, output);
     let mut outcome = outcome.map_err(|error| thread_failure(&error))?;
     outcome.emergencies = different(outcome.emergencies.into_iter());
     match &outcome.played {
         Ok(commissioned) => {
             let told = |failure| with_told(failure, &outcome.emergencies, &outcome.errors, rig);
-            end(arguments, rig, commissioned.clone(), told, output)
+            end(arguments, rig, commissioned.clone(), (told, given_back), output)
         }
-        Err(error) => Err(not_run(error, &outcome, &interfaces, rig, file)),
+        Err(error) => with_given_back(Err(not_run(error, &outcome, &interfaces, rig, file)), given_back),
     }
 }

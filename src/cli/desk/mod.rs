@@ -8,6 +8,7 @@ pub(super) mod doctor;
 pub(super) mod emcy;
 pub(super) mod errors;
 pub(super) mod info;
+pub(super) mod journal;
 mod keeping;
 pub(super) mod lss;
 pub(super) mod monitor;

@@ -6,6 +6,7 @@ use super::buses::DEVICES;
 use super::{EmbeddedRig, RigError};
 use crate::config;
 use crate::guard::{Request, State};
+use crate::record::CycleRecord;
 use crate::run::{Bounds, Enabling, Jog, Jogged, Permit, RunError, STOP_LIMIT_S, has_torque, settling_cycles};
 
 /// Cycles from a reset to the question to be enabled again: the drives have left their fault state.
@@ -93,7 +94,7 @@ impl EmbeddedRig {
     }
 
     /// Switches everything on, boots the network, tells the drives how little torque they may make, enables them, leads the joints and
-    /// stops, as [`Runner::jog`](crate::run::Runner::jog). No hand takes the tool.
+    /// stops, as [`Runner::jog`](crate::run::Runner::jog). No hand takes the tool. `each` gets the record of every cycle in which they are led.
     ///
     /// # Errors
     /// [`RigError::Boot`] if a node is missing or is not what it should be, and if the simulated arm cannot go on; what kept the joints from
@@ -101,9 +102,10 @@ impl EmbeddedRig {
     pub fn jog(
         &mut self,
         rig: &config::Rig,
-        jog: &Jog,
+        jog: &Jog<'_>,
         bounds: Bounds,
         is_interrupted: &AtomicBool,
+        mut each: impl FnMut(&CycleRecord),
     ) -> Result<Result<Jogged, RunError>, RigError> {
         self.boot()?;
         if let Err(error) = self.runner.limit_torque(rig, bounds.torque_n_m) {
@@ -114,7 +116,7 @@ impl EmbeddedRig {
         self.take_tool();
         self.place_mut().far.world.let_go();
         let settling = jog.settling.max(settling_cycles(self.runner.period(), self.sample_period));
-        let jogged = self.runner.jog(&Jog { settling, ..*jog }, &self.permit, is_interrupted, |_, _| ());
+        let jogged = self.runner.jog(&Jog { settling, ..*jog }, &self.permit, is_interrupted, |_, record| each(record));
         self.go_on()?;
         Ok(jogged)
     }

@@ -6,20 +6,20 @@ use super::*;
 use crate::cycle::LeadLimits;
 use crate::injection::{Kind, Target};
 use crate::quantity::JointAngles;
-use crate::run::{Bounds, Ended, Jog, Jogged};
+use crate::run::{Bounds, Ended, Jog, Jogged, Key, Keys};
 use proptest::prelude::*;
 
 const TORQUE_N_M: f64 = 15.0;
 
-fn jog(by: [f64; 2], rate: f64) -> Jog {
+fn jog(by: [f64; 2], rate: f64) -> Jog<'static> {
     let limits = LeadLimits { rate_rad_per_s: rate, acceleration_rad_per_s2: 5.0 * rate };
-    Jog { by: JointAngles::from(by), limits, settling: 20 }
+    Jog { by: JointAngles::from(by), keys: None, limits, settling: 20 }
 }
 
 /// What becomes of a jog, with something broken and something looked at in every cycle.
 fn jogged(
     file: &str,
-    jog: &Jog,
+    jog: &Jog<'_>,
     injections: &[Injection],
     mut look: impl FnMut(&CycleRecord) + Send + 'static,
 ) -> Result<(Jogged, [cia402::State; 2]), RunError> {
@@ -31,7 +31,7 @@ fn jogged(
     let positive = |value| config::Positive::new(value).unwrap();
     let way = jog.by.to_array().into_iter().fold(0.0_f64, |most, by| most.max(by.abs()));
     let bounds = Bounds { motion_rad: positive(way + 0.02), torque_n_m: positive(TORQUE_N_M) };
-    let jogged = machine.jog(&rig, jog, bounds, &AtomicBool::new(false)).unwrap();
+    let jogged = machine.jog(&rig, jog, bounds, &AtomicBool::new(false), |_| ()).unwrap();
     jogged.map(|jogged| (jogged, machine.drive_states()))
 }
 
@@ -93,7 +93,7 @@ fn after_a_jog_the_fixture_has_the_tool_again() {
     let mut machine = EmbeddedRig::new(&rig, &scene, &rig.fixture, scene.seed).unwrap();
     let positive = |value| config::Positive::new(value).unwrap();
     let bounds = Bounds { motion_rad: positive(0.1), torque_n_m: positive(TORQUE_N_M) };
-    let end = machine.jog(&rig, &jog([0.05, 0.0], 0.2), bounds, &AtomicBool::new(false)).unwrap().unwrap();
+    let end = machine.jog(&rig, &jog([0.05, 0.0], 0.2), bounds, &AtomicBool::new(false), |_| ()).unwrap().unwrap();
     assert_eq!(end.ended, Ended::Whole);
     machine.restart().unwrap();
     let start_m = machine.run_cycle(Request::None).unwrap().tool_m;
@@ -103,6 +103,54 @@ fn after_a_jog_the_fixture_has_the_tool_again() {
         farthest = farthest.max((row.tool_m[0] - start_m[0]).abs()).max((row.tool_m[1] - start_m[1]).abs());
     }
     assert!(farthest > 0.01, "the hand leads it: {farthest}");
+}
+
+/// What becomes of a joint that keys lead by up to 0.1 rad to either side: `pressed` gets the time of each record and gives the key.
+fn led_by_keys(mut pressed: impl FnMut(f64) -> Option<Key> + Send + 'static) -> (Jogged, Vec<[f64; 2]>) {
+    use std::sync::{Arc, Mutex};
+    let (keys, ways) = (Arc::<Keys>::default(), Arc::<Mutex<Vec<[f64; 2]>>>::default());
+    let (told, seen) = (Arc::clone(&keys), Arc::clone(&ways));
+    let with_keys = Jog { keys: Some(&keys), ..jog([0.1, 0.0], 0.2) };
+    let (end, states) = jogged("paper-admittance.yaml", &with_keys, &[], move |record| {
+        if record.directive.state == State::Running {
+            let row = record.row();
+            seen.lock().unwrap().push([row.time_s, row.target_angles_rad[0]]);
+            pressed(row.time_s).into_iter().for_each(|key| told.press(key));
+        }
+    })
+    .unwrap();
+    assert!(!states.contains(&cia402::State::OperationEnabled), "{states:?}");
+    let ways = ways.lock().unwrap().clone();
+    (end, ways)
+}
+
+#[test]
+fn a_joint_rests_soon_after_the_last_key_and_keys_lead_it_back() {
+    let (end, ways) = led_by_keys(|time_s| match time_s {
+        0.5..0.8 => Some(Key::Forward),
+        1.8..2.0 => Some(Key::Backward),
+        3.0.. => Some(Key::End),
+        _ => None,
+    });
+    assert_eq!((end.ended, end.state), (Ended::Whole, State::Running));
+    let at = |wanted_s: f64| ways.iter().find(|[time_s, _]| *time_s >= wanted_s).unwrap()[1] - ways[0][1];
+    assert_eq!(at(0.49), 0.0);
+    // 0.3 s with keys, 0.2 s in which the last one holds, and 0.2 s of ramp.
+    assert!((at(1.25) - 0.2 * 0.5).abs() < 2e-3, "{}", at(1.25));
+    assert!(at(0.95) < at(1.0) && at(1.25) == at(1.79), "{} {}", at(1.25), at(1.79));
+    assert!((at(2.9) - at(1.79) + 0.2 * 0.4).abs() < 2e-3, "{} {}", at(2.9), at(1.79));
+}
+
+#[test]
+fn keys_lead_no_joint_beyond_its_way_and_the_end_is_heard_while_they_come() {
+    let (end, ways) = led_by_keys(|time_s| Some(if time_s > 2.0 { Key::End } else { Key::Forward }));
+    assert_eq!(end.ended, Ended::Whole);
+    let farthest = ways.iter().map(|[_, angle]| angle - ways[0][1]).fold(0.0, f64::max);
+    assert!((farthest - 0.1).abs() < 1e-9, "{farthest}");
+    let (end, ways) = led_by_keys(|time_s| Some(if time_s > 0.3 { Key::End } else { Key::Forward }));
+    let farthest = ways.iter().map(|[_, angle]| angle - ways[0][1]).fold(0.0, f64::max);
+    assert!(end.ended == Ended::Whole && farthest < 0.09, "{farthest}");
+    assert!(ways.last().unwrap()[0] < 1.2, "it ends when the joint has rested");
 }
 
 /// `YIELDWALL_JOGS=500` tries more.

@@ -243,7 +243,7 @@ impl<'a, P: Place> Bench<'a, P> {
         let mut by = [0.0; 2];
         by.iter_mut().skip(joint).take(1).for_each(|by| *by = by_rad);
         let limits = LeadLimits { rate_rad_per_s: RATE, acceleration_rad_per_s2: RATE / COMES_UP_S };
-        let jog = Jog { by: by.into(), limits, settling: self.settling };
+        let jog = Jog { by: by.into(), keys: None, limits, settling: self.settling };
         let mut meter = TorqueMeter::new(self.rig, joint, self.cycles_in(by_rad.abs() / RATE + 1.0))?;
         let (period_s, mut last) = (self.runner.period().as_secs_f64(), None);
         let jogged = self.runner.jog(&jog, &permit, self.is_interrupted, |runner, record| {

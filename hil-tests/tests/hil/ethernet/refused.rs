@@ -222,3 +222,13 @@ fn drives_whose_watchdog_nobody_has_tried() {
     assert!(help.contains(&drill), "{help}");
     assert!(!devices.end().was_enabled());
 }
+
+#[test]
+#[ignore = "needs a pair of Ethernet interfaces: see hil-tests/veth"]
+fn drives_hold_what_they_held_after_every_signal_and_after_a_kill() {
+    let slow = Slow::new("killed");
+    let sim = slow.sim();
+    // The cycle of SYNC0 and what the controller counts.
+    crate::killed::what_the_drives_held_is_given_back(&slow.rig, NEAR, &["1C32h", "1C33h", "6040h", "607Ah"]);
+    sim.interrupted();
+}

@@ -99,6 +99,14 @@ impl SegmentDesk {
         Self::at_place(place, Opening { is_forced, ..Opening::default() }, output)
     }
 
+    /// The segment on an interface, whatever rig its devices belong to.
+    pub(super) fn on_bus(interface: &str) -> Result<Self, Failure> {
+        let opening = Opening { is_for_segments: true, ..Opening::default() };
+        let desk = Self::on_interface(interface, None, opening, on_interrupt()?)?;
+        let desk = desk.ok_or_else(|| Failure::new(Exit::Usage, format!("{interface} has no EtherCAT segment"), ""))?;
+        Ok(Self { arguments: format!(" --bus {interface}"), ..desk })
+    }
+
     fn at_place(place: &Place, opening: Opening, output: &mut Output) -> Result<Option<Self>, Failure> {
         let rig = match &place.rig {
             None => None,

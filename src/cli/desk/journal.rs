@@ -1,0 +1,373 @@
+//! What a command changes in the devices of a rig on a bus: on disk before anything is written, and given back when the command ends.
+//!
+//! A process that is killed leaves its journal open. Until it is closed no command that moves a rig goes to the same interfaces.
+
+use std::fs::{self, File};
+use std::io::{self, Write};
+use std::path::{Path, PathBuf};
+
+use serde::{Deserialize, Serialize};
+use yieldwall_drives::objects;
+
+use super::place::Desk;
+use super::reached::Reached;
+use super::segment::SegmentDesk;
+use super::state::refuse_powered;
+use super::words::titled;
+use crate::assembly::master;
+use crate::canopen::NmtCommand;
+use crate::cli::ending::rig_failure;
+use crate::cli::failure::{Exit, Failure};
+use crate::cli::interfaces::Interfaces;
+use crate::cli::keep::state_folder;
+use crate::cli::latency::now_unix_s;
+use crate::cli::output::Output;
+use crate::config::{Bus, Rig};
+use crate::ethercat::{AlState, AlStatus};
+use crate::objects::Address;
+use crate::service::{Error, Made, carry_out, number, plan, sheet_of};
+
+/// What tells a device from others of its kind and from other kinds: vendor, product, serial number.
+const IDENTITY: [Address; 3] = [Address::new(0x1018, 1), Address::new(0x1018, 2), Address::new(0x1018, 4)];
+
+/// An open journal.
+#[derive(Debug)]
+pub(in crate::cli) struct Journal {
+    path: PathBuf,
+    kept: Kept,
+}
+
+/// On disk.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+struct Kept {
+    /// The command.
+    command: String,
+    /// Its process.
+    process: u32,
+    begun_unix_s: u64,
+    /// Of the program.
+    version: String,
+    devices: Vec<KeptDevice>,
+}
+
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+struct KeptDevice {
+    name: String,
+    interface: String,
+    is_on_ethercat: bool,
+    /// Node id, or position.
+    number: u16,
+    /// 1018h:1, :2 and :4, as far as the device has them.
+    identity: [Option<u32>; 3],
+    objects: Vec<KeptObject>,
+}
+
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+struct KeptObject {
+    index: u16,
+    sub: u8,
+    bytes: Vec<u8>,
+}
+
+impl Journal {
+    /// Reads what the boot of a rig is going to write, and keeps what it holds.
+    ///
+    /// # Errors
+    /// If a device does not answer or the journal cannot be kept; then nothing may be written. If one is open already.
+    pub(in crate::cli) fn begin(
+        command: &str,
+        rig: &Rig,
+        file: &str,
+        interfaces: &Interfaces,
+    ) -> Result<Self, Failure> {
+        refuse_open(rig, file, interfaces)?;
+        let written = master(rig, &rig.fixture).map_err(|error| rig_failure(&error.into()))?.written();
+        let mut devices = Vec::new();
+        for (at, (bus, interface)) in rig.buses.values().zip(interfaces.names()).enumerate() {
+            let is_on_ethercat = matches!(bus, Bus::Ethercat(_));
+            let mut reached: Option<Reached> = None;
+            for written in written.iter().filter(|written| written.bus.index() == at) {
+                reach(&mut reached, interface, is_on_ethercat, written.number)?;
+                let Some(reached) = &mut reached else { continue };
+                devices.push(KeptDevice {
+                    name: written.name.clone(),
+                    interface: interface.clone(),
+                    is_on_ethercat,
+                    number: written.number,
+                    identity: identity(reached)?,
+                    objects: held(reached, &written.objects)?,
+                });
+            }
+        }
+        let kept = Kept {
+            command: command.to_owned(),
+            process: std::process::id(),
+            begun_unix_s: now_unix_s(),
+            version: env!("CARGO_PKG_VERSION").to_owned(),
+            devices,
+        };
+        let path = folder()?.join(format!("{}-{}.json", kept.begun_unix_s, kept.process));
+        store(&path, &kept).map_err(|error| {
+            let message = format!("the journal {}: {error}; nothing was written to the devices", path.display());
+            Failure::new(Exit::Usage, message, "make the folder one that can be written")
+        })?;
+        Ok(Self { path, kept })
+    }
+
+    /// The journal that a killed command has left on one of these interfaces.
+    ///
+    /// # Errors
+    /// If the command is at work, and if a journal cannot be read.
+    pub(in crate::cli) fn left_on(interfaces: &Interfaces) -> Result<Option<Self>, Failure> {
+        let Some(folder) = state_folder("journals") else { return Ok(None) };
+        for journal in all(&folder)? {
+            let is_here = |device: &KeptDevice| interfaces.names().contains(&device.interface);
+            if !journal.kept.devices.iter().any(is_here) {
+                continue;
+            }
+            if is_at_work(journal.kept.process) {
+                let Kept { command, process, .. } = &journal.kept;
+                let message = format!("`yieldwall {command}` (process {process}) is at work on these devices");
+                return Err(Failure::new(Exit::BusUnavailable, message, "wait for its end"));
+            }
+            return Ok(Some(journal));
+        }
+        Ok(None)
+    }
+
+    /// Closes a journal of devices to which nothing was written.
+    pub(in crate::cli) fn discard(&self) {
+        // One that stays names devices that are as they were.
+        let _ = fs::remove_file(&self.path);
+    }
+
+    /// Writes into each device what it held, reads it back, and closes the journal. Objects that hold it already are not written.
+    ///
+    /// # Errors
+    /// What could not be given back, by name; the journal stays open.
+    pub(in crate::cli) fn give_back(self, output: &mut Output) -> Result<(), Failure> {
+        let (mut given, mut lacking) = (Vec::new(), Vec::new());
+        let mut reached: Option<Reached> = None;
+        let mut interface = None;
+        for device in &self.kept.devices {
+            if interface.replace(&device.interface) != Some(&device.interface) {
+                reached = None;
+            }
+            match give_back(&mut reached, device, &mut lacking) {
+                Ok(0) => {}
+                Ok(many) => given.push(format!("{} {many}", device.name)),
+                Err(failure) => {
+                    let why = failure.report.diagnostics.into_iter().next();
+                    let why = why.map_or_else(String::new, |why| {
+                        [Some(why.message), why.help].into_iter().flatten().collect::<Vec<_>>().join("; ")
+                    });
+                    lacking.push(format!("{}: nothing was given back: {why}", device.name));
+                    reached = None;
+                }
+            }
+        }
+        if !given.is_empty() {
+            output.news(&format!("restored  objects as they were before: {}", given.join(", ")))?;
+        }
+        if lacking.is_empty() {
+            return fs::remove_file(&self.path).map_err(|error| {
+                let message =
+                    format!("the devices are as they were, and their journal {} stays: {error}", self.path.display());
+                Failure::new(Exit::Usage, message, "remove the file")
+            });
+        }
+        let message = format!("not all is as it was before `yieldwall {}`: {}", self.kept.command, lacking.join("; "));
+        let help = format!(
+            "`yieldwall commission RIG.yaml{} --restore` tries again; no rig moves on this bus before. Where it cannot be, remove {} once the \
+             devices are as they should be",
+            self.buses(),
+            self.path.display()
+        );
+        Err(Failure::new(Exit::DeviceMismatch, message, help))
+    }
+
+    /// What was begun, for a person: `commission of 2026-01-31 12:00:00Z (left 31 objects, right 31 objects)`.
+    pub(in crate::cli) fn words(&self) -> String {
+        let devices =
+            self.kept.devices.iter().map(|device| format!("{} {} objects", device.name, device.objects.len()));
+        format!(
+            "a `yieldwall {}` that did not come to its end has left its journal, {} ({})",
+            self.kept.command,
+            self.path.display(),
+            devices.collect::<Vec<_>>().join(", ")
+        )
+    }
+
+    /// The interfaces as arguments, with a space before.
+    fn buses(&self) -> String {
+        let mut interfaces: Vec<&str> = self.kept.devices.iter().map(|device| device.interface.as_str()).collect();
+        interfaces.dedup();
+        interfaces.iter().map(|interface| format!(" --bus {interface}")).collect()
+    }
+}
+
+/// Refuses to move a rig while a journal is open on one of its interfaces.
+pub(in crate::cli) fn refuse_open(rig: &Rig, file: &str, interfaces: &Interfaces) -> Result<(), Failure> {
+    let Some(journal) = Journal::left_on(interfaces)? else { return Ok(()) };
+    let help = format!(
+        "nothing was sent; `yieldwall commission {file} {} --restore` gives the devices back what they held",
+        interfaces.arguments(rig)
+    );
+    Err(Failure::new(Exit::DeviceMismatch, journal.words(), help))
+}
+
+/// How a command ends that has given back what it changed, or has not.
+pub(in crate::cli) fn with_given_back(end: Result<(), Failure>, given: Result<(), Failure>) -> Result<(), Failure> {
+    match (end, given) {
+        (Err(mut first), Err(then)) => {
+            first.report.diagnostics.extend(then.report.diagnostics);
+            Err(first)
+        }
+        (end, given) => end.and(given),
+    }
+}
+
+fn folder() -> Result<PathBuf, Failure> {
+    state_folder("journals").ok_or_else(|| {
+        let message = "there is no folder for a journal: neither XDG_STATE_HOME nor HOME is set";
+        Failure::new(Exit::Usage, message, "set XDG_STATE_HOME to a folder that is kept")
+    })
+}
+
+/// On disk, whole or not at all, before anything else is done.
+fn store(path: &Path, kept: &Kept) -> io::Result<()> {
+    let folder = path.parent().unwrap_or(Path::new("."));
+    fs::create_dir_all(folder)?;
+    let unfinished = path.with_extension("unfinished");
+    let mut file = File::create(&unfinished)?;
+    file.write_all(serde_json::to_string_pretty(kept)?.as_bytes())?;
+    file.sync_all()?;
+    fs::rename(&unfinished, path)?;
+    File::open(folder)?.sync_all()
+}
+
+/// All journals of a folder, the oldest first.
+fn all(folder: &Path) -> Result<Vec<Journal>, Failure> {
+    let unreadable = |path: &Path, error: &dyn std::fmt::Display| {
+        let message = format!("the journal {}: {error}; it may be of devices that are to be restored", path.display());
+        Failure::new(Exit::ConfigInvalid, message, "remove it once the devices are as they should be")
+    };
+    let entries = match fs::read_dir(folder) {
+        Ok(entries) => entries,
+        Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(Vec::new()),
+        Err(error) => return Err(unreadable(folder, &error)),
+    };
+    let paths = entries.filter_map(|entry| Some(entry.ok()?.path()));
+    let mut paths: Vec<PathBuf> =
+        paths.filter(|path| path.extension().is_some_and(|extension| extension == "json")).collect();
+    paths.sort();
+    let read = |path: PathBuf| {
+        let text = fs::read_to_string(&path).map_err(|error| unreadable(&path, &error))?;
+        let kept = serde_json::from_str(&text).map_err(|error| unreadable(&path, &error))?;
+        Ok(Journal { path, kept })
+    };
+    paths.into_iter().map(read).collect()
+}
+
+/// Whether a process of this program is still there.
+fn is_at_work(process: u32) -> bool {
+    let name = |process: &str| fs::read_to_string(format!("/proc/{process}/comm")).ok();
+    process != std::process::id() && name(&process.to_string()).is_some_and(|other| name("self") == Some(other))
+}
+
+/// Comes to a device on an interface, by what was reached there before. One on EtherCAT comes to PRE-OP, also from an error that a boot
+/// has left which was broken off.
+fn reach(reached: &mut Option<Reached>, interface: &str, is_on_ethercat: bool, number: u16) -> Result<(), Failure> {
+    let word = number.to_string();
+    if is_on_ethercat {
+        let mut desk = match reached.take() {
+            Some(Reached::Device(desk, _)) => desk,
+            _ => Box::new(SegmentDesk::on_bus(interface)?),
+        };
+        let device = desk.device(&word)?;
+        let state = desk.service.state(device.position);
+        let (status, _) = state.map_err(|error| desk.failure(&device, "reading its state", error))?;
+        if status != AlStatus::new(AlState::PreOperational, false) {
+            let changed = desk.service.change_state(device.position, AlState::PreOperational);
+            changed.map_err(|error| desk.failure(&device, "asking for PRE-OP", error))?;
+        }
+        desk.objects(&device)?;
+        *reached = Some(Reached::Device(desk, device));
+        return Ok(());
+    }
+    let mut desk = match reached.take() {
+        Some(Reached::Node(desk, _)) => desk,
+        _ => Box::new(Desk::on_bus(interface, None)?),
+    };
+    let node = desk.node(&word)?;
+    *reached = Some(Reached::Node(desk, node));
+    Ok(())
+}
+
+fn identity(reached: &mut Reached) -> Result<[Option<u32>; 3], Failure> {
+    let [vendor, product, serial] = IDENTITY.map(|at| reached.number_of(at, "reading what it is"));
+    Ok([vendor?, product?, serial?])
+}
+
+/// What objects hold. One that cannot be read stays out.
+fn held(reached: &mut Reached, objects: &[Address]) -> Result<Vec<KeptObject>, Failure> {
+    let mut held = Vec::new();
+    for at in objects {
+        match reached.read(*at) {
+            Ok(bytes) => held.push(KeptObject { index: at.index, sub: at.sub, bytes: bytes.to_vec() }),
+            Err(Error::Refused(_)) => {}
+            Err(error) => return Err(reached.failure("reading its objects", error)),
+        }
+    }
+    Ok(held)
+}
+
+/// Gives a device back what it held; how many objects were written.
+fn give_back(reached: &mut Option<Reached>, device: &KeptDevice, lacking: &mut Vec<String>) -> Result<usize, Failure> {
+    reach(reached, &device.interface, device.is_on_ethercat, device.number)?;
+    let Some(reached) = reached else { return Ok(0) };
+    if identity(reached)? != device.identity {
+        let message = "another device answers now".to_owned();
+        return Err(Failure::new(Exit::DeviceMismatch, message, "put the one back that it was"));
+    }
+    refuse_powered(reached)?;
+    rest(reached)?;
+    let held: Vec<(Address, Vec<u8>)> = device
+        .objects
+        .iter()
+        .map(|object| (Address::new(object.index, object.sub), object.bytes.clone()))
+        // Of modes and states the device tells by itself.
+        .filter(|(at, _)| at.index != objects::CONTROLWORD.index)
+        .collect();
+    let wanted = sheet_of(reached.named().node_id(), &held, None);
+    let node_id = reached.named().node_id();
+    let plan = plan(&mut *reached.objects()?, node_id, &wanted, Some(&wanted));
+    let plan = plan.map_err(|error| reached.failure("comparing its objects", error))?;
+    for left_out in &plan.left_out {
+        lacking.push(format!("{}: {} {}", device.name, titled(left_out.at, &left_out.name), left_out.why));
+    }
+    let mut given = 0;
+    for step in &plan.steps {
+        let made = carry_out(&mut *reached.objects()?, step);
+        let made = made.map_err(|error| reached.failure(&format!("writing {}", titled(step.at, &step.name)), error))?;
+        let is_taken = match made {
+            Made::Written => true,
+            Made::Holds(_) => !step.is_final,
+            Made::Refused(_) => false,
+        };
+        given += usize::from(is_taken && step.is_final);
+        if !is_taken {
+            let was = step.old.as_deref().map_or_else(|| "?".to_owned(), |old| number(old).to_string());
+            let to = number(&step.new);
+            lacking.push(format!("{}: {} is {was} and was {to}", device.name, titled(step.at, &step.name)));
+        }
+    }
+    Ok(given)
+}
+
+/// Has a device exchange no process data, which may not change meanwhile. One on EtherCAT was reached so.
+fn rest(reached: &mut Reached) -> Result<(), Failure> {
+    let Reached::Node(desk, node) = reached else { return Ok(()) };
+    let sent = desk.service.command(NmtCommand::EnterPreOperational, Some(node.id));
+    sent.map_err(|error| desk.failure(node, "asking for Pre-operational", error))
+}

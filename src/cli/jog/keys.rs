@@ -1,0 +1,196 @@
+//! Keys on standard input by which a person leads a joint, and the line that shows where it is.
+//!
+//! ```text
+//! thread "keys":  standard input --> Keys, which the loop looks at once a cycle; the angle --> standard error
+//! ```
+//! A terminal gives keys at once and does not show them; signals and output are as ever. Anything else gives bytes until it ends.
+
+use std::io::{self, IsTerminal, Write};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::thread::{self, JoinHandle};
+use std::time::{Duration, Instant};
+
+use rustix::event::{PollFd, PollFlags, Timespec, poll};
+use rustix::io::{Errno, read};
+use rustix::stdio::stdin;
+use rustix::termios::{LocalModes, OptionalActions, Termios, tcgetattr, tcsetattr};
+
+use crate::cli::failure::{Exit, Failure};
+use crate::run::{Key, Keys};
+
+/// How often it is looked whether the reading is over.
+const LOOK: Timespec = Timespec { tv_sec: 0, tv_nsec: 50_000_000 };
+/// Time from one line to the next.
+const REFRESH: Duration = Duration::from_millis(100);
+
+/// What the keys are, for a person.
+pub(super) const KEYS: &str =
+    "right or + turns the joint counter-clockwise, left or - clockwise, while it is pressed; space rests, q ends";
+
+/// An angle in rad that one thread tells and another one shows.
+#[derive(Debug, Default)]
+pub(super) struct Shown(AtomicU64);
+
+impl Shown {
+    /// Real-time: yes.
+    pub(super) fn tell(&self, angle_rad: f64) {
+        self.0.store(angle_rad.to_bits(), Ordering::Relaxed);
+    }
+
+    fn line(&self, name: &str) -> String {
+        format!("{name}: {:.2} deg", f64::from_bits(self.0.load(Ordering::Relaxed)).to_degrees())
+    }
+}
+
+/// Standard input while it is read; the terminal is as before afterwards.
+pub(super) struct Reader {
+    is_over: Arc<AtomicBool>,
+    thread: Option<JoinHandle<()>>,
+    before: Option<Termios>,
+    /// Whether a line is shown.
+    shows: bool,
+}
+
+impl Reader {
+    /// Has the keys of standard input be told, and the angle of this joint be shown if `shows`.
+    pub(super) fn start(keys: Arc<Keys>, shown: Arc<Shown>, name: &str, shows: bool) -> Result<Self, Failure> {
+        let failed = |error: io::Error| Failure::new(Exit::Internal, format!("standard input: {error}"), "write --by");
+        let before = if io::stdin().is_terminal() {
+            Some(tcgetattr(stdin()).map_err(|error| failed(error.into()))?)
+        } else {
+            None
+        };
+        let is_over = Arc::new(AtomicBool::new(false));
+        let shows = shows && io::stderr().is_terminal();
+        let mut reader = Self { is_over: Arc::clone(&is_over), thread: None, before, shows };
+        if let Some(before) = &reader.before {
+            let mut at_once = before.clone();
+            at_once.local_modes.remove(LocalModes::ICANON | LocalModes::ECHO);
+            tcsetattr(stdin(), OptionalActions::Now, &at_once).map_err(|error| failed(error.into()))?;
+        }
+        let name = name.to_owned();
+        let work = move || {
+            attend(&keys, &is_over, || {
+                if shows {
+                    // Nobody can be told that standard error is closed.
+                    let _ = write!(io::stderr(), "\r{}\u{1b}[K", shown.line(&name));
+                }
+            });
+            // Whatever has ended it: nobody can stop the joint by a key any more.
+            keys.press(Key::End);
+        };
+        reader.thread = Some(thread::Builder::new().name("keys".to_owned()).spawn(work).map_err(failed)?);
+        Ok(reader)
+    }
+}
+
+impl Drop for Reader {
+    fn drop(&mut self) {
+        self.is_over.store(true, Ordering::Relaxed);
+        if let Some(thread) = self.thread.take() {
+            // One that has panicked has told its end before.
+            let _ = thread.join();
+        }
+        if self.shows {
+            let _ = write!(io::stderr(), "\r\u{1b}[K");
+        }
+        if let Some(before) = &self.before {
+            // A terminal that is gone takes nothing.
+            let _ = tcsetattr(stdin(), OptionalActions::Now, before);
+        }
+    }
+}
+
+/// Tells keys until it is over, standard input ends or the terminal is gone.
+fn attend(keys: &Keys, is_over: &AtomicBool, mut show: impl FnMut()) {
+    let mut shown_at: Option<Instant> = None;
+    while !is_over.load(Ordering::Relaxed) {
+        if shown_at.is_none_or(|at| at.elapsed() >= REFRESH) {
+            shown_at = Some(Instant::now());
+            show();
+        }
+        let stdin = stdin();
+        match poll(&mut [PollFd::new(&stdin, PollFlags::IN)], Some(&LOOK)) {
+            Ok(0) | Err(Errno::INTR) => continue,
+            Ok(_) => {}
+            Err(_) => return,
+        }
+        let mut bytes = [0; 64];
+        match read(stdin, &mut bytes) {
+            Err(Errno::INTR | Errno::AGAIN) => {}
+            Ok(0) | Err(_) => return,
+            Ok(count) => {
+                for key in keys_in(bytes.get(..count).unwrap_or_default()) {
+                    keys.press(key);
+                }
+            }
+        }
+    }
+}
+
+/// The keys in what came at once. Others are none.
+fn keys_in(mut bytes: &[u8]) -> Vec<Key> {
+    const FOUND: [(&[u8], Key); 12] = [
+        (b"\x1b[C", Key::Forward),
+        (b"\x1bOC", Key::Forward),
+        (b"+", Key::Forward),
+        (b"=", Key::Forward),
+        (b"\x1b[D", Key::Backward),
+        (b"\x1bOD", Key::Backward),
+        (b"-", Key::Backward),
+        (b" ", Key::Rest),
+        (b"q", Key::End),
+        (b"Q", Key::End),
+        // Ctrl-D, and Esc where nothing follows it.
+        (b"\x04", Key::End),
+        (b"\x1b", Key::End),
+    ];
+    let mut keys = Vec::new();
+    while !bytes.is_empty() {
+        let is_alone = bytes.len() == 1;
+        let found = FOUND.iter().find(|(pattern, _)| bytes.starts_with(pattern) && (*pattern != b"\x1b" || is_alone));
+        let length = match found {
+            Some((pattern, key)) => {
+                keys.push(*key);
+                pattern.len()
+            }
+            // The rest of a sequence is no key.
+            None if bytes.starts_with(b"\x1b[") || bytes.starts_with(b"\x1bO") => {
+                let rest = bytes.get(2..).unwrap_or_default();
+                2 + rest
+                    .iter()
+                    .position(|byte| byte.is_ascii_alphabetic() || *byte == b'~')
+                    .map_or(rest.len(), |at| at + 1)
+            }
+            None => 1,
+        };
+        bytes = bytes.get(length..).unwrap_or_default();
+    }
+    keys
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn arrows_signs_and_what_ends_are_keys_and_nothing_else_is() {
+        use Key::{Backward, End, Forward, Rest};
+        for (bytes, keys) in [
+            (b"\x1b[C\x1b[C\x1b[D".as_slice(), &[Forward, Forward, Backward][..]),
+            (b"+=-", &[Forward, Forward, Backward]),
+            (b"\x1bOC", &[Forward]),
+            (b" ", &[Rest]),
+            (b"\x1b", &[End]),
+            (b"+\x1b", &[Forward, End]),
+            (b"q", &[End]),
+            (b"\x04", &[End]),
+            // Page up, F5, up, and letters: a held arrow with Control is none either.
+            (b"\x1b[5~\x1b[15~\x1b[A\x1b[1;5Cxyz\r\n", &[]),
+            ("ä€".as_bytes(), &[]),
+        ] {
+            assert_eq!(keys_in(bytes), keys, "{bytes:?}");
+        }
+    }
+}
