@@ -53,7 +53,7 @@ mod on_linux {
             |news| match news {
                 News::Refused(what) | News::Waiting(Some(what)) => println!("{what}"),
                 News::Step(step) => println!("{step}"),
-                News::Waiting(None) | News::Proved | News::Found(_) | News::Stepped(_) => {}
+                _ => {}
             },
         )?;
         let played = outcome.played?;

@@ -15,6 +15,7 @@ use crate::cycle::{Cycle, Inputs, LeadLimits, LinkEvents, Outputs, Timing};
 use crate::guard::{Allowed, Cause, Device, DeviceSet, Directive, Fault, Request, State};
 use crate::objects::{ObjectAnswer, ObjectError, ObjectRequest};
 use crate::quantity::JointAngles;
+use crate::sensing::{SensingError, TareParameters, Wrench};
 use crate::time::Time;
 use yieldwall_drives::scaling::AxisScaling;
 
@@ -125,6 +126,19 @@ impl Master {
     /// Has the joints be led in place of the fixture, as [`Cycle::lead`].
     pub fn lead(&mut self, limits: Option<LeadLimits>) {
         self.cycle.lead(limits);
+    }
+
+    /// Starts a tare of the force sensor, as [`Cycle::start_tare`].
+    ///
+    /// # Errors
+    /// As [`Cycle::start_tare`].
+    pub fn start_tare(&mut self, parameters: TareParameters) -> Result<(), SensingError> {
+        self.cycle.start_tare(parameters)
+    }
+
+    /// Takes a wrench for the zero of the force sensor, as [`Cycle::set_bias`].
+    pub fn set_bias(&mut self, bias: Wrench) {
+        self.cycle.set_bias(bias);
     }
 
     /// Lowers the greatest torque of each joint, as [`Cycle::lower_torque`].

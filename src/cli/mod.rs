@@ -54,6 +54,7 @@ mod replay;
 mod reproduce;
 mod run;
 #[cfg(target_os = "linux")]
+mod sensor;
 mod sim;
 mod soak;
 mod study;
@@ -105,6 +106,9 @@ enum Command {
     Drill(drill::Arguments),
     /// Move one joint by an angle, slowly and with little torque, while the other one holds
     Jog(jog::Arguments),
+    /// Show what the force sensor of a rig sends, or the zero that it has
+    #[command(subcommand)]
+    Sensor(sensor::Command),
     /// Take the ordered steps from drives that answer to an arm that may be run, and write a report
     Commission(commission::Arguments),
     /// Measure how late this computer wakes up, and how long a frame takes to the bus and back
@@ -249,6 +253,7 @@ fn run(arguments: impl IntoIterator<Item = OsString>) -> Exit {
         #[cfg(target_os = "linux")]
         Command::Drill(arguments) => drill::run(&arguments, &mut output),
         Command::Jog(arguments) => jog::run(&arguments, &mut output),
+        Command::Sensor(command) => sensor::run(&command, &mut output),
         Command::Commission(arguments) => commission::run(&arguments, &mut output),
         #[cfg(target_os = "linux")]
         Command::Latency(arguments) => latency::run(&arguments, &mut output),

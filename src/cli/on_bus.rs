@@ -135,10 +135,11 @@ pub(super) fn live_failure(error: &RunError) -> Failure {
             error.to_string(),
             "nothing was enabled; leave --pace lockstep away and drill the drives",
         ),
-        RunError::LedAway { .. } => Failure::new(
+        RunError::NotTared { .. } => Failure::new(
             Exit::OutOfTolerance,
             error.to_string(),
-            "the rig was stopped; drill it again with nobody at the handle",
+            "nothing was enabled; let go of the handle, and see `yieldwall sensor monitor`. `sensor.tare_up_to_n` is the greatest zero that \
+             is taken",
         ),
         RunError::Unwatched { .. } => Failure::new(
             Exit::OutOfTolerance,

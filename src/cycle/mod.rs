@@ -16,7 +16,7 @@ use crate::guard::{
 };
 use crate::linkage::{FiveBar, Posture};
 use crate::quantity::{Force, JointAngles, JointTorques, TipDisplacement, TipPoint};
-use crate::sensing::{RawSample, Reading, Sensing};
+use crate::sensing::{RawSample, Reading, Sensing, SensingError, TareParameters, Wrench};
 use lead::Lead;
 use watch::{Balance, Chatter};
 use yieldwall_drives::cia402;
@@ -304,6 +304,20 @@ impl Cycle {
     /// Real-time: yes.
     pub fn lead_to(&mut self, targets: JointAngles) {
         self.lead.iter_mut().for_each(|lead| lead.lead_to(targets));
+    }
+
+    /// Starts a tare of the force sensor over the samples to come, as [`Sensing::start_tare`]. To be called while the rig idles; the force is
+    /// zero and not valid meanwhile.
+    ///
+    /// # Errors
+    /// As [`Sensing::start_tare`].
+    pub fn start_tare(&mut self, parameters: TareParameters) -> Result<(), SensingError> {
+        self.sensing.start_tare(parameters)
+    }
+
+    /// Takes a wrench for the zero of the force sensor, as [`Sensing::set_bias`].
+    pub fn set_bias(&mut self, bias: Wrench) {
+        self.sensing.set_bias(bias);
     }
 
     /// Whether the reference rests where the joints are led.

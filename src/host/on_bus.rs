@@ -26,8 +26,9 @@ use crate::record::CycleRecord;
 use crate::run::commission::{Commissioned, Step, StepReport};
 use crate::run::{
     Bounds, Drilled, DriveError, DriveIdentity, ErrorWatch, Finding, Jog, Jogged, LinkCounts, NotProven, Observer,
-    OnLink, Orders, Pace, Play, Played, Proof, RunError, Runner, Tap, Unproven, settling_on_bus,
+    OnLink, Orders, Pace, Play, Played, Proof, RunError, Runner, Tap, Unproven, Wrenches, settling_on_bus,
 };
+use crate::sensing::Wrench;
 use bench::OnTheBench;
 pub use bench::Person;
 pub use news::News;
@@ -302,6 +303,42 @@ impl RigOnBus {
             // Somebody listens for as long as this thread lives.
             let told = |report: &StepReport| drop(news.send(News::Stepped(Box::new(report.clone()))));
             Ok(runner.commission(rig, from, &mut attendant, is_interrupted, told))
+        })
+    }
+
+    /// Boots and listens to the force sensor, as [`Runner::sense`], on a thread of its own; nothing is enabled. What it has shown is told
+    /// every `row_s` ([`News::Sensed`]).
+    ///
+    /// # Errors
+    /// If there is no such thread; what kept the rig from being booted is in the outcome.
+    pub fn sense(
+        self,
+        terms: &Terms,
+        [time_s, row_s]: [f64; 2],
+        is_interrupted: &Arc<AtomicBool>,
+        tell: impl FnMut(News),
+    ) -> Result<Outcome<Wrenches>, ThreadError> {
+        self.under(terms, is_interrupted, tell, |runner, rig, news| {
+            runner.boot()?;
+            let told = |from_s, wrenches| drop(news.send(News::Sensed(from_s, wrenches)));
+            Ok(runner.sense_in_rows(rig, [time_s, row_s], is_interrupted, told)?)
+        })
+    }
+
+    /// Boots and tares the force sensor, as [`Runner::tare`], on a thread of its own; nothing is enabled.
+    ///
+    /// # Errors
+    /// If there is no such thread; why there is no zero is in the outcome.
+    pub fn tare(
+        self,
+        terms: &Terms,
+        most_n: config::Positive,
+        is_interrupted: &Arc<AtomicBool>,
+        tell: impl FnMut(News),
+    ) -> Result<Outcome<Wrench>, ThreadError> {
+        self.under(terms, is_interrupted, tell, |runner, rig, _| {
+            runner.boot()?;
+            Ok(runner.tare(rig, most_n, is_interrupted)?)
         })
     }
 

@@ -13,6 +13,7 @@ use super::place::Place;
 use super::runner::Runner;
 use crate::bus::Master;
 use crate::canopen::Outbox;
+use crate::cycle::LeadLimits;
 use crate::guard::{Device, State};
 use crate::objects::{Address, ObjectAnswer, ObjectRequest};
 use crate::time::Time;
@@ -22,6 +23,9 @@ use yieldwall_drives::watchdog::Watchdog;
 
 /// Cycles in which everything is sent before something stays away, so that its last moment is known.
 const CYCLES_REPEATED: u32 = 20;
+
+/// How the joints are led: to where they are.
+const HOLDS: LeadLimits = LeadLimits { rate_rad_per_s: 0.1, acceleration_rad_per_s2: 1.0 };
 
 /// What is asked of one drive, and what it said.
 struct Watched {
@@ -100,13 +104,26 @@ impl Watched {
 }
 
 impl<P: Place> Runner<P> {
-    /// Drills all watchdogs of the drives: for each the network is booted, the rig enabled at rest, and then one thing stays
-    /// away while all others are repeated. The rig is stopped in the end. Nobody may hold the handle. `found` gets each finding once
+    /// Drills all watchdogs of the drives: for each the network is booted, the rig enabled with its joints held where they are, whatever the
+    /// fixture would do, and then one thing stays away while all others are repeated. The rig is stopped in the end. Nobody may hold the
+    /// handle. `found` gets each finding once
     /// the rig has been stopped after it.
     ///
     /// # Errors
     /// If the rig cannot be booted or enabled, is stopped by something else, or a person asks for the end.
     pub fn drill(
+        &mut self,
+        settling: u32,
+        is_interrupted: &AtomicBool,
+        found: impl FnMut(&Finding),
+    ) -> Result<Drilled, RunError> {
+        self.lead(Some(HOLDS));
+        let drilled = self.drill_held(settling, is_interrupted, found);
+        self.lead(None);
+        drilled
+    }
+
+    fn drill_held(
         &mut self,
         settling: u32,
         is_interrupted: &AtomicBool,
@@ -121,10 +138,6 @@ impl<P: Place> Runner<P> {
                 self.run_cycle(Ask::Nothing);
             }
             let mut drives = Device::DRIVES.map(Watched::new);
-            if self.is_led_away() {
-                self.stop();
-                return Err(RunError::LedAway { watchdog });
-            }
             if !matches!(self.state(), State::Running | State::Holding) {
                 let cause = self.cause();
                 self.stop();

@@ -5,6 +5,7 @@ use std::fmt;
 use thiserror::Error;
 
 use super::pace::Pace;
+use super::sensor::NoZero;
 use crate::assembly::AssemblyError;
 use crate::bus::{BootError, Heard};
 use crate::canopen::BusId;
@@ -86,6 +87,12 @@ pub enum RunError {
         /// The fault that kept it from being enabled, if one did.
         cause: Option<Cause>,
     },
+    /// What the force sensor shows is no zero. Nothing was enabled.
+    #[error("the force sensor was not tared: {why}")]
+    NotTared {
+        /// Why it is none.
+        why: NoZero,
+    },
     /// Something stopped the rig before a watchdog was tried: that says nothing of the watchdog.
     #[error("the rig was stopped before the watchdog on {} was tried{}", .watchdog.name(), because(.cause))]
     NotTried {
@@ -145,12 +152,6 @@ pub enum RunError {
     NotSimulated {
         /// Which one.
         which: Which,
-    },
-    /// Somebody led the handle away while the drives were drilled, and the rig was stopped.
-    #[error("the handle was led away before the watchdog on {} was tried", .watchdog.name())]
-    LedAway {
-        /// What the watchdog waits for.
-        watchdog: Watchdog,
     },
     /// A simulated drive would go on without its master. Nothing was enabled.
     #[error("{} does not stop without {}", .which.drive("simulated "), .watchdog.name())]

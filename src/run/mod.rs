@@ -23,6 +23,7 @@ mod place;
 mod proof;
 mod runner;
 mod scene;
+mod sensor;
 mod simulation;
 
 pub use conduct::{BootSteps, Enable, Enabling, STOP_LIMIT_S, has_torque, settling_cycles, settling_on_bus};
@@ -42,3 +43,4 @@ pub(crate) use proof::fnv1a;
 pub use proof::{DriveIdentity, NotProven, Proof, Subject, Unproven};
 pub use runner::{ANNOUNCED, BootWatch, END_OF_WATCH, LinkCounts, Observer, Runner, Tap};
 pub use scene::{Ended, Play, Played};
+pub use sensor::{NoZero, Wrenches};

@@ -19,6 +19,7 @@ use super::metronome::Metronome;
 use super::pace::Pace;
 use super::permit::{Boot, Permit};
 use super::place::{OnLink, Place, Process};
+use super::sensor::Tared;
 use crate::assembly::{master, request_timeouts};
 use crate::bus::{LinkEvent, Master, Waiting};
 use crate::canopen::BusId;
@@ -29,6 +30,7 @@ use crate::guard::{Cause, DeviceSet, State};
 use crate::link::{LinkOutbox, Packet, SendError, Wires};
 use crate::quantity::JointAngles;
 use crate::record::{CycleRecord, Stages};
+use crate::sensing::{SensingError, TareParameters, Wrench};
 use crate::time::Time;
 pub use alone::ANNOUNCED;
 use motion_bound::MotionBound;
@@ -103,6 +105,8 @@ pub struct Runner<P> {
     /// What the drives have said of the last fault.
     pub(super) inquiry: Inquiry,
     pub(super) enabling: Enabling,
+    /// How the force sensor is tared before the rig is enabled, if it is.
+    pub(super) tared: Option<Tared>,
     /// Of each drive, whether its profile is one of simulated drives.
     pub(super) has_simulated_profile: [bool; 2],
     /// What the drives watch their master by.
@@ -174,6 +178,7 @@ impl<P: Place> Runner<P> {
             error_watch: None,
             inquiry: Inquiry::new(),
             enabling: Enabling::new(rig),
+            tared: Tared::of(rig),
             has_simulated_profile: rig
                 .drives
                 .each_ref()
@@ -242,6 +247,16 @@ impl<P: Place> Runner<P> {
     /// Lowers the greatest torque of each joint.
     pub(super) fn lower_torque(&mut self, torque_n_m: f64) {
         self.master.lower_torque(torque_n_m);
+    }
+
+    /// As [`Master::start_tare`].
+    pub(super) fn start_tare(&mut self, parameters: TareParameters) -> Result<(), SensingError> {
+        self.master.start_tare(parameters)
+    }
+
+    /// As [`Master::set_bias`].
+    pub(super) fn set_bias(&mut self, bias: Wrench) {
+        self.master.set_bias(bias);
     }
 
     /// Leads the joints to these angles.

@@ -154,7 +154,7 @@ impl<P: Place> Runner<P> {
         enabled
     }
 
-    /// Asks a booted rig to be enabled until it runs, if the permit is of this boot.
+    /// Tares the force sensor, if the rig file wants that, and asks a booted rig to be enabled until it runs, if the permit is of this boot.
     pub(crate) fn come_to_run(
         &mut self,
         mut enabling: Enabling,
@@ -162,6 +162,9 @@ impl<P: Place> Runner<P> {
         is_interrupted: &AtomicBool,
     ) -> Result<(), RunError> {
         self.check_permit(permit)?;
+        if let Some(tared) = self.tared {
+            self.tare_by(tared, is_interrupted)?;
+        }
         loop {
             if is_interrupted.load(Ordering::Relaxed) {
                 return Err(RunError::Interrupted);

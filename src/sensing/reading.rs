@@ -324,6 +324,11 @@ impl Sensing {
         self.tare.as_ref().map(Tare::state)
     }
 
+    /// Takes a wrench for the zero, sensor frame, in place of a tare under way.
+    pub fn set_bias(&mut self, bias: Wrench) {
+        (self.bias, self.tare) = (bias, None);
+    }
+
     /// The wrench that counts as zero, sensor frame.
     pub fn bias(&self) -> Wrench {
         self.bias

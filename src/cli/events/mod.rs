@@ -228,8 +228,8 @@ impl Events {
             News::Found(finding) => self.tell(&watchdog(&finding)),
             News::Waiting(Some(text)) => self.show(&format!("boot      {text}")),
             News::Waiting(None) => self.show(""),
-            // A warning, and a report, which the command prints.
-            News::Refused(_) | News::Stepped(_) => {}
+            // A warning, a report and a row, which the command prints.
+            News::Refused(_) | News::Stepped(_) | News::Sensed(..) => {}
         }
     }
 }

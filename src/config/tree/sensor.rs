@@ -42,6 +42,11 @@ pub struct Sensor {
     #[serde(deserialize_with = "present")]
     #[schemars(schema_with = "nullable::<Positive>")]
     pub low_pass_hz: Option<Positive>,
+    /// The greatest force that is taken for the sensor's zero each time the rig is enabled, N; nobody may touch the handle then. Left out:
+    /// no tare, and the zero is that of the sensor.
+    #[garde(dive)]
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub tare_up_to_n: Option<Positive>,
     /// How long the sensor is waited for while the network is booted; the usual times if left out.
     #[garde(dive)]
     #[serde(default)]

@@ -7,7 +7,7 @@ use std::time::Duration;
 
 use crate::bus::Waiting;
 use crate::run::commission::StepReport;
-use crate::run::{BootSteps, BootWatch, Finding};
+use crate::run::{BootSteps, BootWatch, Finding, Wrenches};
 
 /// How long the boot waits before anybody is told.
 const QUIET: Duration = Duration::from_secs(1);
@@ -25,6 +25,8 @@ pub enum News {
     Found(Finding),
     /// A step of a commissioning is over.
     Stepped(Box<StepReport>),
+    /// What the force sensor has shown within the last while, which began so many s after the first.
+    Sensed(f64, Wrenches),
     /// What the boot waits for, if that has taken a while; nothing once it is over.
     Waiting(Option<String>),
 }

@@ -7,7 +7,10 @@ use super::{EmbeddedRig, RigError};
 use crate::config;
 use crate::guard::{Request, State};
 use crate::record::CycleRecord;
-use crate::run::{Bounds, Enabling, Jog, Jogged, Permit, RunError, STOP_LIMIT_S, has_torque, settling_cycles};
+use crate::run::{
+    Bounds, Enabling, Jog, Jogged, Permit, RunError, STOP_LIMIT_S, Wrenches, has_torque, settling_cycles,
+};
+use crate::sensing::Wrench;
 
 /// Cycles from a reset to the question to be enabled again: the drives have left their fault state.
 const CYCLES_AFTER_RESET: u32 = 50;
@@ -119,6 +122,41 @@ impl EmbeddedRig {
         let jogged = self.runner.jog(&Jog { settling, ..*jog }, &self.permit, is_interrupted, |_, record| each(record));
         self.go_on()?;
         Ok(jogged)
+    }
+
+    /// Switches everything on, boots the network and listens to the force sensor, as
+    /// [`Runner::sense_in_rows`](crate::run::Runner::sense_in_rows). No hand takes the tool.
+    ///
+    /// # Errors
+    /// [`RigError::Boot`] if a node is missing or is not what it should be; that a person asked for the end is inside.
+    pub fn sense(
+        &mut self,
+        rig: &config::Rig,
+        times_s: [f64; 2],
+        is_interrupted: &AtomicBool,
+        told: impl FnMut(f64, Wrenches),
+    ) -> Result<Result<Wrenches, RunError>, RigError> {
+        self.boot()?;
+        let sensed = self.runner.sense_in_rows(rig, times_s, is_interrupted, told);
+        self.go_on()?;
+        Ok(sensed)
+    }
+
+    /// Switches everything on, boots the network and tares the force sensor, as [`Runner::tare`](crate::run::Runner::tare). No hand
+    /// takes the tool.
+    ///
+    /// # Errors
+    /// [`RigError::Boot`] if a node is missing or is not what it should be; why there is no zero is inside.
+    pub fn tare(
+        &mut self,
+        rig: &config::Rig,
+        most_n: config::Positive,
+        is_interrupted: &AtomicBool,
+    ) -> Result<Result<Wrench, RunError>, RigError> {
+        self.boot()?;
+        let tared = self.runner.tare(rig, most_n, is_interrupted);
+        self.go_on()?;
+        Ok(tared)
     }
 
     /// Stops the rig along its ramp and runs until no drive makes torque; at once done if none does.

@@ -63,7 +63,8 @@ fn bound_rad() -> f64 {
 
 #[test]
 fn a_healthy_machine_passes_every_step_in_every_mode_and_on_every_bus() {
-    for file in RIGS {
+    // The fixture of the last one moves the handle by itself where nobody holds it.
+    for file in RIGS.into_iter().chain(["circle-elastic.yaml"]) {
         let done = commissioned(file, &[], &[]);
         let steps = done.commissioned.unwrap().steps;
         let beside: Vec<_> = steps

@@ -1,6 +1,7 @@
 use std::sync::atomic::AtomicBool;
 
 use super::*;
+use crate::quantity::Force;
 use crate::run::Bounds;
 
 fn shipped(permit: fn(&Runner<Simulation>) -> Permit) -> EmbeddedRig {
@@ -93,4 +94,32 @@ fn a_rig_on_ethercat_follows_its_hand_and_stops_also_with_its_sensor_on_can() {
         assert!(machine.master().told().next().is_none() && machine.master().segment_findings().is_empty(), "{file}");
         machine.stop().unwrap();
     }
+}
+
+/// A rig that is tared up to 3 N, with a force that pulls at the tool all the time; after a second of rest.
+fn tared(pull: Force) -> Result<(Force, State), RigError> {
+    let mut loaded = config::load_rig(config::Source::named("builtin:paper-admittance.yaml")).unwrap();
+    loaded.value.sensor.tare_up_to_n = config::Positive::new(3.0);
+    let scene = loaded.scene().unwrap().value;
+    let mut machine = EmbeddedRig::new(&loaded.value, &scene, &loaded.value.fixture, scene.seed).unwrap();
+    machine.boot()?;
+    machine.place_mut().far.world.weight = pull;
+    let enabled = machine.come_to_run(machine.enabling);
+    assert!(enabled.is_ok() || machine.drive_states().iter().all(|state| *state != cia402::State::OperationEnabled));
+    enabled?;
+    machine.place_mut().far.world.let_go();
+    let mut felt = Force::default();
+    for _ in 0..1000 {
+        machine.run_cycle(Request::None)?;
+        felt = machine.runner.last_outputs().unwrap().signals.force;
+    }
+    Ok((felt, machine.state()))
+}
+
+#[test]
+fn what_pulls_at_the_tool_when_a_rig_is_enabled_is_the_zero_unless_it_is_too_great() {
+    let (felt, state) = tared(Force::new(1.6, -1.6)).unwrap();
+    assert!(felt.norm() < 0.2 && state == State::Running, "{felt:?} {state:?}");
+    let error = tared(Force::new(3.0, 3.0)).unwrap_err().to_string();
+    assert!(error.contains("the force sensor was not tared: it shows 4.2"), "{error}");
 }

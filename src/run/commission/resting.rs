@@ -7,7 +7,6 @@ use crate::guard::Device;
 use crate::quantity::Force;
 use crate::run::place::Place;
 use crate::run::proof::DriveIdentity;
-use crate::sensing::{Calibration, Wrench};
 use yieldwall_drives::objects::DEVICE_TYPE;
 
 /// How often each drive is read.
@@ -114,16 +113,12 @@ impl<P: Place> Bench<'_, P> {
     /// Listens to the force sensor while nobody touches the handle.
     pub(super) fn sensor_rest(&mut self, found: &mut Found) -> Result<(), Halt> {
         self.boot()?;
-        let (calibration, _) =
-            crate::assembly::calibration(self.rig).map_err(|error| Halt::Failed(error.to_string()))?;
-        let wrenches = self.listen(&calibration)?;
-        let count = wrenches.len() as f64;
-        let of = |axis: usize| wrenches.iter().map(move |(_, wrench)| wrench.0[axis]);
-        let mean = |axis: usize| of(axis).sum::<f64>() / count;
-        let noise = |axis: usize| {
-            let mean = mean(axis);
-            (of(axis).map(|value| (value - mean) * (value - mean)).sum::<f64>() / count).sqrt()
-        };
+        let mut wrenches = Vec::with_capacity(self.cycles_in(LISTENING_S) as usize);
+        let shown = self.runner.sense(self.rig, LISTENING_S, self.is_interrupted, |time_s, wrench| {
+            wrenches.push((time_s, *wrench));
+        })?;
+        let (count, means, noises) = (shown.count() as f64, shown.mean().0, shown.deviation().0);
+        let (mean, noise) = (|axis: usize| means[axis], |axis: usize| noises[axis]);
         let rate_hz = self.rig.sensor.sample_rate_hz.get().min(1.0 / self.runner.period().as_secs_f64());
         if count < 0.9 * LISTENING_S * rate_hz {
             let wanted = LISTENING_S * rate_hz;
@@ -168,21 +163,6 @@ impl<P: Place> Bench<'_, P> {
             )));
         }
         Ok(())
-    }
-
-    /// What the force sensor sends, with times in s.
-    fn listen(&mut self, calibration: &Calibration) -> Result<Vec<(f64, Wrench)>, Halt> {
-        self.idle(SETTLING_S, |_| ())?;
-        let period_s = self.runner.period().as_secs_f64();
-        let mut wrenches = Vec::with_capacity(self.cycles_in(LISTENING_S) as usize);
-        let mut cycles = 0_u32;
-        self.idle(LISTENING_S, |record| {
-            cycles += 1;
-            if let Some(sample) = record.inputs.sample.filter(|sample| !sample.invalid) {
-                wrenches.push((f64::from(cycles) * period_s, calibration.wrench(&sample)));
-            }
-        })?;
-        Ok(wrenches)
     }
 
     /// The mean force of the hand that the rig senses, N.

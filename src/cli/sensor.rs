@@ -1,0 +1,268 @@
+//! `yieldwall sensor`: what the force sensor of a rig shows while nothing is enabled.
+
+use serde_json::{Value, json};
+
+use super::ending::rig_failure;
+use super::failure::{Exit, Failure};
+use super::interrupt::on_interrupt;
+use super::on_bus::live_failure;
+use super::output::Output;
+use super::run::check_buses;
+use crate::config::{self, Loaded, Positive, Source};
+use crate::rig::EmbeddedRig;
+use crate::run::{RunError, Wrenches};
+use crate::sensing::Wrench;
+
+/// Time from one line to the next, s.
+const ROW_S: f64 = 0.5;
+/// Share of the yield force that a zero may be, unless said otherwise.
+const ZERO_SHARE: f64 = 0.25;
+/// The axes, with their units.
+const AXES: [(&str, &str); 6] = [("Fx", "N"), ("Fy", "N"), ("Fz", "N"), ("Tx", "N m"), ("Ty", "N m"), ("Tz", "N m")];
+
+#[derive(Debug, clap::Subcommand)]
+pub(super) enum Command {
+    /// Show what the force sensor sends: a line every half second, then mean, deviation and ends of each axis
+    Monitor(Monitor),
+    /// Tell the zero that `sensor.tare_up_to_n` would take, or why it is none; nothing is kept
+    Tare(Tare),
+}
+
+#[derive(Debug, clap::Args)]
+pub(super) struct Monitor {
+    /// The rig; `builtin:paper-admittance.yaml` names the copy inside the program
+    #[arg(value_name = "RIG.yaml")]
+    rig: String,
+    /// How long, s
+    #[arg(long = "for", value_name = "S", default_value_t = 10.0, value_parser = seconds)]
+    seconds: f64,
+    #[cfg(target_os = "linux")]
+    #[command(flatten)]
+    on_bus: super::first_motion::OnBus,
+}
+
+#[derive(Debug, clap::Args)]
+pub(super) struct Tare {
+    /// The rig; `builtin:paper-admittance.yaml` names the copy inside the program
+    #[arg(value_name = "RIG.yaml")]
+    rig: String,
+    /// The greatest force that is taken for a zero, N; that of the rig file unless said, and without one a quarter of its
+    /// yield force
+    #[arg(long, value_name = "N", value_parser = force)]
+    up_to: Option<Positive>,
+    #[cfg(target_os = "linux")]
+    #[command(flatten)]
+    on_bus: super::first_motion::OnBus,
+}
+
+fn seconds(text: &str) -> Result<f64, String> {
+    let wanted = || format!("write seconds from 0.1 to 100000, such as 10, not `{text}`");
+    text.parse().ok().filter(|seconds| (0.1..=1e5).contains(seconds)).ok_or_else(wanted)
+}
+
+fn force(text: &str) -> Result<Positive, String> {
+    let value = text.parse().ok().and_then(Positive::new);
+    value.ok_or_else(|| format!("write a force in N above 0, such as 3, not `{text}`"))
+}
+
+pub(super) fn run(command: &Command, output: &mut Output) -> Result<(), Failure> {
+    let file = match command {
+        Command::Monitor(monitor) => &monitor.rig,
+        Command::Tare(tare) => &tare.rig,
+    };
+    let rig = config::load_rig(Source::named(file))?;
+    output.configuration(&rig.warnings)?;
+    check_buses(&rig, None, output)?;
+    match command {
+        Command::Monitor(monitor) => watch(monitor, &rig, output),
+        Command::Tare(tare) => zero(tare, &rig, output),
+    }
+}
+
+fn simulated(rig: &Loaded<config::Rig>, output: &Output) -> Result<EmbeddedRig, Failure> {
+    let (rig, scene) = (&rig.value, rig.scene()?.value);
+    let machine = EmbeddedRig::new(rig, &scene, &rig.fixture, scene.seed);
+    let machine = machine.map_err(|error| rig_failure(&error))?;
+    output.aside(&format!(
+        "the simulated sensor of {}, which nobody touches; a real one with --bus INTERFACE",
+        rig.rig.name
+    ));
+    Ok(machine)
+}
+
+fn watch(arguments: &Monitor, rig: &Loaded<config::Rig>, output: &mut Output) -> Result<(), Failure> {
+    let times_s = [arguments.seconds, ROW_S];
+    let heading = AXES.map(|(axis, unit)| format!("{:>11}", format!("{axis} {unit}"))).concat();
+    output.news(&format!("{:>8}{heading}", "time s"))?;
+    let mut rows = Vec::new();
+    let mut printed = Ok(());
+    let mut told = |output: &mut Output, from_s: f64, row: Wrenches| {
+        rows.push(json!({ "from_s": from_s, "samples": row.count(), "mean": document(row.mean()) }));
+        let line = output.news(&format!("{from_s:8.1}{}", columns(row.mean())));
+        printed = std::mem::replace(&mut printed, Ok(())).and(line);
+    };
+    #[cfg(target_os = "linux")]
+    let is_on_bus = arguments.on_bus.is_asked();
+    #[cfg(not(target_os = "linux"))]
+    let is_on_bus = false;
+    let shown = if is_on_bus {
+        on_bus(
+            &arguments.on_bus,
+            ("sensor monitor", &arguments.rig),
+            rig,
+            output,
+            |on_bus, terms, is_interrupted, output, tell| {
+                on_bus.sense(terms, times_s, is_interrupted, |news| match news {
+                    crate::host::News::Sensed(from_s, row) => told(output, from_s, row),
+                    news => tell(output, news),
+                })
+            },
+        )?
+    } else {
+        let (mut machine, is_interrupted) = (simulated(rig, output)?, on_interrupt()?);
+        let shown = machine.sense(&rig.value, times_s, &is_interrupted, |from_s, row| told(output, from_s, row));
+        ended(shown.map_err(|error| rig_failure(&error))?)?
+    };
+    printed?;
+    let name = &rig.value.sensor.name;
+    let per_second = shown.count() as f64 / arguments.seconds;
+    let end = if shown.count() == 0 {
+        let help = "look at the sensor with `yieldwall doctor`";
+        Err(Failure::new(Exit::DeviceMismatch, format!("{name} has sent no valid sample"), help))
+    } else {
+        Ok(())
+    };
+    if output.is_json() {
+        return output.end(
+            json!({
+                "sensor": name, "samples": shown.count(), "samples_per_s": per_second,
+                "saturated": shown.saturated, "invalid": shown.invalid,
+                "mean": document(shown.mean()), "deviation": document(shown.deviation()),
+                "least": document(shown.least()), "greatest": document(shown.greatest()), "rows": rows,
+            }),
+            end,
+        );
+    }
+    let mut text = String::new();
+    for (word, wrench) in [
+        ("mean", shown.mean()),
+        ("deviates", shown.deviation()),
+        ("least", shown.least()),
+        ("greatest", shown.greatest()),
+    ] {
+        text.push_str(&format!("{word:>8}{}\n", columns(wrench)));
+    }
+    text.push_str(&format!(
+        "{name}, in its own frame: {} samples, {per_second:.0} in a second; {} at the end of the range, {} not valid\n",
+        shown.count(),
+        shown.saturated,
+        shown.invalid
+    ));
+    output.result(&text)?;
+    end
+}
+
+fn zero(arguments: &Tare, rig: &Loaded<config::Rig>, output: &mut Output) -> Result<(), Failure> {
+    let by_yield = || Positive::new(ZERO_SHARE * rig.value.fixture.yield_n.get());
+    let most_n = arguments.up_to.or(rig.value.sensor.tare_up_to_n).or_else(by_yield);
+    let most_n = most_n.ok_or_else(|| Failure::new(Exit::Usage, "no force is left for a zero", "write --up-to 3"))?;
+    #[cfg(target_os = "linux")]
+    let is_on_bus = arguments.on_bus.is_asked();
+    #[cfg(not(target_os = "linux"))]
+    let is_on_bus = false;
+    let zero = if is_on_bus {
+        on_bus(
+            &arguments.on_bus,
+            ("sensor tare", &arguments.rig),
+            rig,
+            output,
+            |on_bus, terms, is_interrupted, output, tell| {
+                on_bus.tare(terms, most_n, is_interrupted, |news| tell(output, news))
+            },
+        )?
+    } else {
+        let (mut machine, is_interrupted) = (simulated(rig, output)?, on_interrupt()?);
+        let zero = machine.tare(&rig.value, most_n, &is_interrupted);
+        ended(zero.map_err(|error| rig_failure(&error))?)?
+    };
+    if output.is_json() {
+        let document = json!({ "sensor": rig.value.sensor.name, "zero": document(zero), "most_n": most_n });
+        return output.report(document);
+    }
+    let heading = AXES.map(|(axis, unit)| format!("{:>11}", format!("{axis} {unit}"))).concat();
+    let kept = match rig.value.sensor.tare_up_to_n {
+        Some(_) => "The rig is tared so each time it is enabled.".to_owned(),
+        None => {
+            let most_n = most_n.get();
+            format!(
+                "Nothing was kept. `tare_up_to_n: {most_n}` of the sensor has the rig tared so each time it is enabled."
+            )
+        }
+    };
+    output.result(&format!("{:>8}{heading}\n{:>8}{}\n{kept}\n", "", "zero", columns(zero)))
+}
+
+/// What a command has found that nobody broke off.
+fn ended<T>(found: Result<T, RunError>) -> Result<T, Failure> {
+    found.map_err(|error| match error {
+        RunError::Interrupted => Failure::new(Exit::Interrupted, "interrupted; nothing was enabled", ""),
+        error => live_failure(&error),
+    })
+}
+
+fn columns(wrench: Wrench) -> String {
+    // Without the sign of nothing.
+    wrench.0.iter().map(|value| format!("{:11.3}", if value.abs() < 5e-4 { 0.0 } else { *value })).collect()
+}
+
+fn document(wrench: Wrench) -> Value {
+    let [fx, fy, fz, tx, ty, tz] = wrench.0.into();
+    json!({ "force_n": [fx, fy, fz], "torque_n_m": [tx, ty, tz] })
+}
+
+/// Tells what does not concern a command, beside its results.
+#[cfg(target_os = "linux")]
+type Tell<'a> = &'a dyn Fn(&mut Output, crate::host::News);
+
+/// Has something done with the sensor of a rig on a bus: nothing is enabled, and the devices are given back what they held.
+#[cfg(target_os = "linux")]
+fn on_bus<T>(
+    arguments: &super::first_motion::OnBus,
+    (command, file): (&str, &str),
+    rig: &Loaded<config::Rig>,
+    output: &mut Output,
+    act: impl FnOnce(
+        crate::host::RigOnBus,
+        &crate::host::Terms,
+        &std::sync::Arc<std::sync::atomic::AtomicBool>,
+        &mut Output,
+        Tell<'_>,
+    ) -> Result<crate::host::Outcome<T>, crate::host::ThreadError>,
+) -> Result<T, Failure> {
+    use super::desk::journal::with_given_back;
+    use super::events::Events;
+    use super::first_motion::{Opened, give_back};
+    use super::live::not_run;
+    use super::on_bus::{thread_failure, warn};
+    use crate::host::{News, Terms};
+
+    let events = Events::of(output);
+    let Opened { on_bus, terms, interfaces, is_interrupted, journal } = arguments.open(command, file, rig, output)?;
+    // Nothing is enabled that would have to be in time.
+    let terms = Terms { ignores_latency: true, ..terms };
+    let tell = |output: &mut Output, news: News| match news {
+        News::Refused(refusal) => warn(output, refusal),
+        News::Step(_) => {}
+        news => events.news(news),
+    };
+    let outcome = act(on_bus, &terms, &is_interrupted, output, &tell);
+    events.clear();
+    let given_back = give_back(journal, output);
+    let outcome = outcome.map_err(|error| thread_failure(&error))?;
+    let end = match &outcome.played {
+        Ok(_) => Ok(()),
+        Err(error) => Err(not_run(error, &outcome, &interfaces, &rig.value, file)),
+    };
+    with_given_back(end, given_back)?;
+    outcome.played.map_err(|error| Failure::new(Exit::Internal, error.to_string(), ""))
+}
