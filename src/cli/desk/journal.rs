@@ -167,7 +167,7 @@ impl Journal {
             }
         }
         if !given.is_empty() {
-            output.news(&format!("restored  objects as they were before: {}", given.join(", ")))?;
+            output.aside(&format!("restored  objects as they were before: {}", given.join(", ")));
         }
         if lacking.is_empty() {
             return fs::remove_file(&self.path).map_err(|error| {
