@@ -23,6 +23,8 @@ mod proof;
 mod runner;
 mod scene;
 mod simulation;
+mod torque_meter;
+mod tune_loop;
 
 pub use conduct::{BootSteps, Enable, Enabling, STOP_LIMIT_S, has_torque, settling_cycles, settling_on_bus};
 pub use drilled::{
@@ -40,3 +42,4 @@ pub(crate) use proof::fnv1a;
 pub use proof::{DriveIdentity, NotProven, Proof, Subject, Unproven};
 pub use runner::{ANNOUNCED, BootWatch, END_OF_WATCH, LinkCounts, Observer, Runner, Tap};
 pub use scene::{Ended, Play, Played};
+pub use tune_loop::{Follows, JointLoop, LOOP_BOUND_RAD, LoopPlan, LoopTraced, Prove, StepAnswer};

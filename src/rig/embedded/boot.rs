@@ -3,10 +3,13 @@
 use std::sync::atomic::AtomicBool;
 
 use super::buses::DEVICES;
+use super::simulation::Simulation;
 use super::{EmbeddedRig, RigError};
 use crate::config;
 use crate::guard::{Request, State};
-use crate::run::{Bounds, Enabling, Jog, Jogged, Permit, RunError, STOP_LIMIT_S, has_torque, settling_cycles};
+use crate::run::{
+    Bounds, Enabling, Jog, Jogged, LoopPlan, LoopTraced, NotProven, Permit, RunError, Runner, STOP_LIMIT_S, has_torque, settling_cycles,
+};
 
 /// Cycles from a reset to the question to be enabled again: the drives have left their fault state.
 const CYCLES_AFTER_RESET: u32 = 50;
@@ -117,6 +120,30 @@ impl EmbeddedRig {
         let jogged = self.runner.jog(&Jog { settling, ..*jog }, &self.permit, is_interrupted, |_, _| ());
         self.go_on()?;
         Ok(jogged)
+    }
+
+    /// Switches everything on, leads a joint along its course and identifies its loop, as
+    /// [`Runner::tune_loop`](crate::run::Runner::tune_loop). No hand takes the tool.
+    ///
+    /// # Errors
+    /// As [`EmbeddedRig::jog`].
+    pub fn tune_loop(
+        &mut self,
+        rig: &config::Rig,
+        plan: &LoopPlan,
+        is_interrupted: &AtomicBool,
+    ) -> Result<Result<LoopTraced, NotProven>, RigError> {
+        self.boot()?;
+        // Injections count their time from here.
+        self.take_tool();
+        self.place_mut().far.world.let_go();
+        let mut prove = |runner: &mut Runner<Simulation>, rig: &config::Rig, bounds: Bounds| {
+            runner.limit_torque(rig, bounds.torque_n_m)?;
+            Ok(Permit::for_bring_up(runner, bounds))
+        };
+        let traced = self.runner.tune_loop(rig, plan, &mut prove, is_interrupted);
+        self.go_on()?;
+        Ok(traced)
     }
 
     /// Stops the rig along its ramp and runs until no drive makes torque; at once done if none does.

@@ -1,0 +1,177 @@
+//! Joints whose loops are identified on the embedded simulation.
+
+use std::sync::atomic::AtomicBool;
+
+use super::*;
+use crate::assembly::{delay_cycles, linkage};
+use crate::guard::Fault;
+use crate::injection::{Kind, Target};
+use crate::linkage::MassModel;
+use crate::quantity::JointRates;
+use crate::rig::simulated_arm;
+use crate::run::{Ended, JointLoop, LOOP_BOUND_RAD, LoopPlan, LoopTraced};
+
+fn rig(text: &str) -> config::Loaded<config::Rig> {
+    config::load_rig(config::Source::memory("rig.yaml", text.to_owned())).unwrap()
+}
+
+/// What becomes of an identification, with something broken and something looked at in every cycle.
+fn traced(
+    loaded: &config::Loaded<config::Rig>,
+    joint: usize,
+    injections: &[Injection],
+    mut look: impl FnMut(&CycleRecord) + Send + 'static,
+) -> (LoopTraced, [cia402::State; 2]) {
+    let (rig, scene) = (loaded.value.clone(), loaded.scene().unwrap().value);
+    let mut machine = EmbeddedRig::new(&rig, &scene, &rig.fixture, scene.seed).unwrap();
+    machine.set_injections(injections).unwrap();
+    machine.set_observer(Box::new(move |record| look(record)));
+    let plan = LoopPlan { joint, torque_n_m: None };
+    let traced = machine.tune_loop(&rig, &plan, &AtomicBool::new(false)).unwrap().unwrap();
+    (traced, machine.drive_states())
+}
+
+/// Inertia that a joint of the simulated arm really feels at a pose, kg m^2.
+fn planted_inertia(loaded: &config::Loaded<config::Rig>, found: &JointLoop) -> f64 {
+    let scene = loaded.scene().unwrap().value;
+    let arm = simulated_arm(&loaded.value, &scene).unwrap();
+    let mass = MassModel { tool_kg: arm.mass.tool_kg + arm.handle_kg, ..arm.mass };
+    let dynamics = linkage(&loaded.value).unwrap().dynamics(&mass, found.pose, JointRates::default()).unwrap();
+    dynamics.mass[(found.joint, found.joint)]
+}
+
+const AT_250_HZ: &str = "like: builtin:paper-admittance.yaml\nrig: {name: slow}\ncycle: {period_us: 4000, compute_at_us: 2400}\n\
+    sensor: {sample_rate_hz: 200}\n\
+    control: {gains: {joint: {stiffness_n_m_per_rad: 600.0, damping_n_m_s_per_rad: 24.0, integral_n_m_per_rad_s: 2000.0}}}\n";
+const AT_4_KHZ: &str = "like: builtin:paper-ethercat.yaml\nrig: {name: fast}\ncycle: {period_us: 250, compute_at_us: 120}\n";
+const ON_ARRIVAL: &str = "like: builtin:paper-ethercat.yaml\nrig: {name: arrival}\nbuses: {main: {ethercat: {outputs: on_arrival}}}\n\
+    cycle: {period_us: 1000, compute_at_us: 100}\n";
+
+#[test]
+fn what_was_planted_is_identified_at_each_cycle_time_and_on_each_bus() {
+    let at_1_khz = "like: builtin:paper-admittance.yaml\nrig: {name: usual}\n";
+    for text in [at_1_khz, AT_250_HZ, AT_4_KHZ, ON_ARRIVAL] {
+        let loaded = rig(text);
+        for joint in [0, 1] {
+            let (end, states) = traced(&loaded, joint, &[], |_| ());
+            assert_eq!((end.ended, end.cause), (Ended::Whole, None), "{text} {joint}: {:?}", end.state);
+            assert!(!states.contains(&cia402::State::OperationEnabled), "{states:?}");
+            let found = end.found.unwrap();
+            let arm = &loaded.value.simulation.as_ref().unwrap().arm;
+            let inertia = planted_inertia(&loaded, &found);
+            let delay_s = delay_cycles(&loaded.value).unwrap() * f64::from(loaded.value.cycle.period_us) * 1e-6;
+            let (friction, dynamics) = (found.friction.unwrap(), found.dynamics.unwrap());
+            eprintln!(
+                "{} {joint}: {} N m, J {:.2} % +- {:.2} % of {inertia:.4}, delay {:.1} us +- {:.1} us of {:.0}, Coulomb {:.2} % +- {:.2} %, viscous {:.3} +- {:.3} \
+                 ({:.3} +- {:.3}), misfit {:.4}, lag {:?}, overshoot {:?} rise {:?}",
+                loaded.value.rig.name,
+                found.torque_n_m,
+                100.0 * (dynamics.inertia_kg_m2.value / inertia - 1.0),
+                100.0 * dynamics.inertia_kg_m2.half_width() / inertia,
+                1e6 * (dynamics.delay_s.value - delay_s),
+                1e6 * dynamics.delay_s.half_width(),
+                1e6 * delay_s,
+                100.0 * (friction.coulomb_n_m.value / arm.coulomb_n_m[joint].get() - 1.0),
+                100.0 * friction.coulomb_n_m.half_width() / arm.coulomb_n_m[joint].get(),
+                friction.viscous_n_m_s_per_rad.value,
+                friction.viscous_n_m_s_per_rad.half_width(),
+                dynamics.viscous_n_m_s_per_rad.value,
+                dynamics.viscous_n_m_s_per_rad.half_width(),
+                dynamics.misfit,
+                found.lag_s,
+                found.step.as_ref().map(|step| step.overshoot),
+                found.step.as_ref().map(|step| step.rise_s),
+            );
+            let within = |value: f64, planted: f64| (value / planted - 1.0).abs() < 0.05;
+            assert!(within(dynamics.inertia_kg_m2.value, inertia), "{text} {joint}: {dynamics:?}");
+            assert!((dynamics.delay_s.value - delay_s).abs() < 50e-6, "{text} {joint}: {:?}", dynamics.delay_s);
+            assert!(within(friction.coulomb_n_m.value, arm.coulomb_n_m[joint].get()), "{text} {joint}: {friction:?}");
+            let viscous = arm.viscous_n_m_s_per_rad[joint].get();
+            assert!(within(friction.viscous_n_m_s_per_rad.value, viscous), "{text} {joint}: {friction:?}");
+        }
+    }
+}
+
+#[test]
+fn where_the_drive_closes_the_loop_its_told_torque_shows_inertia_and_friction() {
+    for mode in ["csp", "csv"] {
+        let loaded = rig(&format!("like: builtin:paper-admittance-{mode}.yaml\nrig: {{name: {mode}}}\n"));
+        for joint in [0, 1] {
+            let (end, _) = traced(&loaded, joint, &[], |_| ());
+            assert_eq!((end.ended, end.cause), (Ended::Whole, None), "{mode} {joint}: {:?}", end.state);
+            let found = end.found.unwrap();
+            let inertia = planted_inertia(&loaded, &found);
+            let (friction, dynamics) = (found.friction.unwrap(), found.dynamics.unwrap());
+            eprintln!(
+                "{mode} {joint}: J {:.2} % +- {:.2} %, age {:.0} us, {friction:?}, misfit {}, lag {:?} us {:?}",
+                100.0 * (dynamics.inertia_kg_m2.value / inertia - 1.0),
+                100.0 * dynamics.inertia_kg_m2.half_width() / inertia,
+                1e6 * dynamics.delay_s.value,
+                dynamics.misfit,
+                found.lag_s.map(|lag| 1e6 * lag),
+                found.step.as_ref().map(|step| (step.overshoot, step.rise_s)),
+            );
+            assert!(found.is_told && (dynamics.inertia_kg_m2.value / inertia - 1.0).abs() < 0.05, "{dynamics:?}");
+            assert!((friction.coulomb_n_m.value / 10.0 - 1.0).abs() < 0.05, "{friction:?}");
+        }
+    }
+}
+
+#[test]
+fn more_friction_and_a_heavier_tool_are_seen() {
+    let text = "like: builtin:paper-admittance.yaml\nrig: {name: other}\n\
+        simulation: {arm: {motor_kg_m2: [0.35, 0.15], proximal_kg: [0.2, 0.2], distal_kg: [0.3, 0.3], tool_kg: 1.6, coulomb_n_m: [5.0, 13.0], \
+        viscous_n_m_s_per_rad: [2.0, 1.0]}, timing: arbitrated, drive_position_loop: {period_us: 125, stiffness_n_m_per_rad: 20000.0, \
+        damping_n_m_s_per_rad: 150.0, integral_n_m_per_rad_s: 200000.0}, scene: builtin:scenes/circle-tour.yaml}\n\
+        control: {feed_forward: {coulomb_n_m: [0.0, 0.0]}}\n";
+    let loaded = rig(text);
+    for (joint, coulomb, viscous) in [(0, 5.0, 2.0), (1, 13.0, 1.0)] {
+        let (end, _) = traced(&loaded, joint, &[], |_| ());
+        let found = end.found.unwrap_or_else(|| panic!("{joint}: {:?} {:?}", end.ended, end.cause));
+        let inertia = planted_inertia(&loaded, &found);
+        let (friction, dynamics) = (found.friction.unwrap(), found.dynamics.unwrap());
+        eprintln!("{joint}: J {:.2} % {dynamics:?} {friction:?}", 100.0 * (dynamics.inertia_kg_m2.value / inertia - 1.0));
+        let within = |value: f64, planted: f64| (value / planted - 1.0).abs() < 0.05;
+        assert!(within(dynamics.inertia_kg_m2.value, inertia), "{joint}: {:?}", dynamics.inertia_kg_m2);
+        assert!(within(friction.coulomb_n_m.value, coulomb), "{joint}: {friction:?}");
+        assert!(within(friction.viscous_n_m_s_per_rad.value, viscous), "{joint}: {friction:?}");
+    }
+}
+
+#[test]
+fn a_fault_at_either_drive_takes_the_torque_off_both_and_nothing_is_identified() {
+    let loaded = rig("like: builtin:paper-admittance.yaml\nrig: {name: usual}\n");
+    for target in [Target::LeftDrive, Target::RightDrive] {
+        let broken = Injection::new(Kind::DriveFault, 3.0).on(target);
+        let (end, states) = traced(&loaded, 0, &[broken], |_| ());
+        assert_eq!((end.ended, end.found), (Ended::Stopped, None), "{target:?}");
+        assert!(end.cause.is_some_and(|cause| cause.fault != Fault::FollowingError), "{:?}", end.cause);
+        assert!(!states.iter().any(|state| crate::run::has_torque(*state)), "{states:?}");
+    }
+}
+
+#[test]
+fn no_joint_is_led_beyond_its_bound_or_with_more_torque_than_its_limit() {
+    let seen = std::sync::Arc::new(std::sync::Mutex::new([0.0_f64; 2]));
+    let kept = std::sync::Arc::clone(&seen);
+    let mut from = None;
+    let loaded = rig("like: builtin:paper-admittance.yaml\nrig: {name: usual}\n");
+    let (end, _) = traced(&loaded, 1, &[], move |record| {
+        if record.directive.state != State::Running {
+            from = None;
+            return;
+        }
+        let now = record.signals.target_angles;
+        let way = (now - *from.get_or_insert(now)).to_array();
+        let torques = match record.command {
+            crate::guard::JointCommand::Torque(torques) => torques.to_array(),
+            _ => [0.0; 2],
+        };
+        let mut seen = seen.lock().unwrap();
+        way.iter().for_each(|way| seen[0] = seen[0].max(way.abs()));
+        torques.iter().for_each(|torque| seen[1] = seen[1].max(torque.abs()));
+    });
+    let [way, torque] = *kept.lock().unwrap();
+    assert!(way > 0.1 && way < LOOP_BOUND_RAD, "{way}");
+    assert!(torque > 5.0 && torque <= end.torque_n_m + 1e-9, "{torque} of {}", end.torque_n_m);
+}
