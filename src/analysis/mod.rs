@@ -3,6 +3,7 @@
 
 mod gains;
 mod held;
+mod identified;
 mod margins;
 mod remedies;
 
@@ -13,5 +14,6 @@ pub use held::{
     Coupled, HeldMasses, Holding, UnevenSamples, coupled_device, hand_of, held_masses, stiffer, uneven_samples,
     usual_hands,
 };
+pub use identified::{JointFound, identified_margins, identified_models};
 pub use margins::{Margin, PoseMargins, pose_margins};
 pub use remedies::{Remedy, remedies};

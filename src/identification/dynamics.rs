@@ -2,7 +2,7 @@
 
 use std::f64::consts::TAU;
 
-use nalgebra::{Complex, DMatrix, DVector, Matrix3, Vector3};
+use nalgebra::{Complex, Matrix3, Vector3};
 
 use super::{Estimate, Excitation, NotIdentified};
 use crate::elementary;
@@ -23,8 +23,6 @@ pub struct Passage {
     pub angles_rad: Vec<f64>,
     /// The torque that was set in each of these cycles, N m.
     pub torques_n_m: Vec<f64>,
-    /// Torques that the drive has told, in place of those: when it was asked, in cycles from the begin of `angles_rad`, and N m.
-    pub told_n_m: Vec<[f64; 2]>,
 }
 
 /// How a joint answers a torque at one frequency.
@@ -43,12 +41,11 @@ pub struct Dynamics {
     pub inertia_kg_m2: Estimate,
     /// Viscous friction, N m s/rad. Far less certain than that of slow travels.
     pub viscous_n_m_s_per_rad: Estimate,
-    /// Time from the sample of an angle to the change of torque that was computed from it, besides the hold, s; of told torques by how much
-    /// they are older (positive) than the angle of the cycle in which they were asked for.
+    /// Time from the sample of an angle to the change of torque that was computed from it, besides the hold, s.
     pub delay_s: Estimate,
     /// What the model leaves, as a share of the torque at the frequencies of the excitation.
     pub misfit: f64,
-    /// Response at each frequency; empty for told torques.
+    /// Response at each frequency.
     pub responses: Vec<Response>,
 }
 
@@ -96,7 +93,7 @@ pub fn dynamics(passages: &[Passage], excitation: &Excitation, period_s: f64) ->
         };
         (0..equation.turns.len()).map(|line| [at(line, weights), at(line, slopes)]).collect()
     };
-    let mut found = equation.solve([0.0, LONGEST_DELAY], period_s, torque)?;
+    let mut found = equation.solve(period_s, torque)?;
     let set = shifted.first().map_or(&[][..], Vec::as_slice);
     found.responses = equation
         .turns
@@ -112,65 +109,6 @@ pub fn dynamics(passages: &[Passage], excitation: &Excitation, period_s: f64) ->
     Ok(found)
 }
 
-/// The same from torques that the drive tells, where it closes the loop itself: of the delay nothing is known but their age.
-///
-/// # Errors
-/// As [`dynamics`].
-pub fn told_dynamics(passages: &[Passage], excitation: &Excitation, period_s: f64) -> Result<Dynamics, NotIdentified> {
-    let mut equation = Equation::of(passages, excitation, period_s)?;
-    // From means over two cycles to the moments themselves.
-    for ((turn, acceleration), rate) in
-        equation.turns.iter().zip(&mut equation.acceleration).zip(&mut equation.rate)
-    {
-        let share = elementary::sin(0.5 * turn) / (0.5 * turn);
-        *acceleration /= share * share;
-        *rate /= share * share;
-    }
-    let told = told_lines(passages, &equation.turns)?;
-    let torque = |age: f64| {
-        let at = |(turn, torque): (&f64, &Complex<f64>)| {
-            let (sin, cos) = elementary::sin_cos(turn * age);
-            let older = torque * Complex::new(cos, sin);
-            [older, older * Complex::new(0.0, *turn)]
-        };
-        equation.turns.iter().zip(&told).map(at).collect()
-    };
-    equation.solve([-4.0, 4.0], period_s, torque)
-}
-
-/// What told torques are at each frequency, by least squares; a constant and a slope of each passage are taken out.
-fn told_lines(passages: &[Passage], turns: &[f64]) -> Result<Vec<Complex<f64>>, NotIdentified> {
-    let samples: Vec<(usize, f64, f64)> = passages
-        .iter()
-        .enumerate()
-        .flat_map(|(passage, of)| of.told_n_m.iter().map(move |[at, torque]| (passage, *at, *torque)))
-        .collect();
-    let columns = 2 * (passages.len() + turns.len());
-    if samples.len() < 2 * columns {
-        return Err(NotIdentified::TooFew);
-    }
-    let mut matrix = DMatrix::<f64>::zeros(samples.len(), columns);
-    let mut torques = DVector::<f64>::zeros(samples.len());
-    for (row, (passage, at, torque)) in samples.into_iter().enumerate() {
-        torques[row] = torque;
-        matrix[(row, 2 * passage)] = 1.0;
-        matrix[(row, 2 * passage + 1)] = at * 1e-2;
-        for (line, turn) in turns.iter().enumerate() {
-            let (sin, cos) = elementary::sin_cos(turn * (at - MOST_SHIFTS as f64));
-            let column = 2 * (passages.len() + line);
-            matrix[(row, column)] = cos;
-            matrix[(row, column + 1)] = -sin;
-        }
-    }
-    let normal = matrix.tr_mul(&matrix).cholesky().ok_or(NotIdentified::Indistinct)?;
-    let solution = normal.solve(&matrix.tr_mul(&torques));
-    let line = |line: usize| {
-        let column = 2 * (passages.len() + line);
-        Complex::new(solution[column], solution[column + 1])
-    };
-    Ok((0..turns.len()).map(line).collect())
-}
-
 impl Equation {
     fn of(passages: &[Passage], excitation: &Excitation, period_s: f64) -> Result<Self, NotIdentified> {
         let lengths = || passages.iter().map(|passage| passage.angles_rad.len());
@@ -181,8 +119,7 @@ impl Equation {
             return Err(NotIdentified::TooFew);
         }
         let all = passages.iter().flat_map(|passage| passage.angles_rad.iter().chain(&passage.torques_n_m));
-        let told = passages.iter().flat_map(|passage| passage.told_n_m.iter().flatten());
-        if !all.chain(told).all(|value| value.is_finite()) {
+        if !all.into_iter().all(|value| value.is_finite()) {
             return Err(NotIdentified::NotFinite);
         }
         let record = length - MOST_SHIFTS - 1;
@@ -219,17 +156,16 @@ impl Equation {
     /// The inertia, the viscous friction and the delay that leave least, by torque and its slope over the delay in cycles.
     fn solve(
         &self,
-        [least, most]: [f64; 2],
         period_s: f64,
         torque: impl Fn(f64) -> Vec<[Complex<f64>; 2]>,
     ) -> Result<Dynamics, NotIdentified> {
         let rest = |delay: f64| self.fit(&torque(delay)).map_or(f64::INFINITY, |fit| fit.rest);
-        let steps = ((most - least) * STEPS_PER_CYCLE) as u32;
-        let at = |step: u32| least + (most - least) * f64::from(step) / f64::from(steps);
+        let steps = (LONGEST_DELAY * STEPS_PER_CYCLE) as u32;
+        let at = |step: u32| f64::from(step) / STEPS_PER_CYCLE;
         let best = (0..=steps).map(|step| (rest(at(step)), step)).min_by(|(one, _), (other, _)| one.total_cmp(other));
         let (_, best) = best.ok_or(NotIdentified::Indistinct)?;
         if best == steps {
-            return Err(NotIdentified::NoDelay { longest_s: most * period_s });
+            return Err(NotIdentified::NoDelay { longest_s: LONGEST_DELAY * period_s });
         }
         let (mut low, mut high) = (at(best.saturating_sub(1)), at(best + 1));
         for _ in 0..DIVISIONS {

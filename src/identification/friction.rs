@@ -1,19 +1,22 @@
 //! Dry and viscous friction of a joint from slow travels to and fro.
 
+use nalgebra::{Matrix3, Vector3};
+
 use super::{Estimate, NotIdentified};
 
 /// Parts of a way, each compared with itself: what depends on the angle and not on the way falls out.
 const PARTS: usize = 6;
 
+/// Least variance of the rates, as a share of the square of their mean.
+const LEAST_SPREAD: f64 = 0.01;
+
 /// A joint that was led at one rate, counter-clockwise and clockwise over the same way.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq)]
 pub struct Steady {
-    /// Rate, rad/s, positive.
-    pub rate_rad_per_s: f64,
-    /// Angle in rad and torque in N m while it turned counter-clockwise.
-    pub forward: Vec<[f64; 2]>,
+    /// Time in s, angle in rad and torque in N m while it turned counter-clockwise.
+    pub forward: Vec<[f64; 3]>,
     /// The same clockwise.
-    pub backward: Vec<[f64; 2]>,
+    pub backward: Vec<[f64; 3]>,
 }
 
 /// Friction of a joint: `coulomb sign(rate) + viscous rate`.
@@ -27,20 +30,20 @@ pub struct Friction {
     pub offset_n_m: f64,
 }
 
-/// Friction by what the torque of both ways differs in, part by part of the way. At least two rates that differ.
+/// Friction by what the torque of both ways differs in, part by part of the way. At least two rates that differ. What is left of an
+/// acceleration in a part is taken out by `inertia_kg_m2`; zero where that is not known.
 ///
 /// # Errors
 /// [`NotIdentified`] if samples are too few or do not tell.
-pub fn friction(travels: &[Steady]) -> Result<Friction, NotIdentified> {
+pub fn friction(travels: &[Steady], inertia_kg_m2: f64) -> Result<Friction, NotIdentified> {
     let mut points: Vec<[f64; 2]> = Vec::new();
     let mut offsets: Vec<f64> = Vec::new();
     for travel in travels {
-        let all = || travel.forward.iter().chain(&travel.backward);
-        if !all().flatten().all(|value| value.is_finite()) {
+        if !travel.forward.iter().chain(&travel.backward).flatten().all(|value| value.is_finite()) {
             return Err(NotIdentified::NotFinite);
         }
-        let ends = |samples: &[[f64; 2]]| {
-            let angles = samples.iter().map(|[angle, _]| *angle);
+        let ends = |samples: &[[f64; 3]]| {
+            let angles = samples.iter().map(|[_, angle, _]| *angle);
             angles.fold([f64::INFINITY, f64::NEG_INFINITY], |[least, most], angle| [least.min(angle), most.max(angle)])
         };
         let ([one, one_end], [other, other_end]) = (ends(&travel.forward), ends(&travel.backward));
@@ -48,31 +51,27 @@ pub fn friction(travels: &[Steady]) -> Result<Friction, NotIdentified> {
         if !(to > from) {
             return Err(NotIdentified::TooFew);
         }
-        let means = |samples: &[[f64; 2]]| {
-            let mut sums = [(0.0, 0u32); PARTS];
-            for [angle, torque] in samples.iter().filter(|[angle, _]| (from..=to).contains(angle)) {
-                let part = (((angle - from) / (to - from)) * PARTS as f64) as usize;
-                if let Some((sum, count)) = sums.get_mut(part.min(PARTS - 1)) {
-                    (*sum, *count) = (*sum + torque, *count + 1);
-                }
-            }
-            sums.map(|(sum, count)| (count > 0).then(|| sum / f64::from(count)))
-        };
-        for (forward, backward) in means(&travel.forward).into_iter().zip(means(&travel.backward)) {
-            let (Some(forward), Some(backward)) = (forward, backward) else { continue };
-            points.push([travel.rate_rad_per_s, 0.5 * (forward - backward)]);
-            offsets.push(0.5 * (forward + backward));
+        for part in 0..PARTS {
+            let at = |part: usize| from + (to - from) * part as f64 / PARTS as f64;
+            let of = |samples: &[[f64; 3]]| {
+                let range = at(part)..at(part + 1);
+                mean(samples.iter().filter(|[_, angle, _]| range.contains(angle)).copied().collect())
+            };
+            let (Some(forward), Some(backward)) = (of(&travel.forward), of(&travel.backward)) else { continue };
+            let [one, other] = [&forward, &backward].map(|mean| mean.torque - inertia_kg_m2 * mean.acceleration);
+            points.push([0.5 * (forward.rate - backward.rate), 0.5 * (one - other)]);
+            offsets.push(0.5 * (one + other));
         }
     }
     if points.len() < 4 {
         return Err(NotIdentified::TooFew);
     }
     let count = points.len() as f64;
-    let mean = |of: &dyn Fn(&[f64; 2]) -> f64| points.iter().map(of).sum::<f64>() / count;
-    let (rate, torque) = (mean(&|[rate, _]| *rate), mean(&|[_, torque]| *torque));
+    let rate = points.iter().map(|[rate, _]| rate).sum::<f64>() / count;
+    let torque = points.iter().map(|[_, torque]| torque).sum::<f64>() / count;
     let spread: f64 = points.iter().map(|[at, _]| (at - rate) * (at - rate)).sum();
     let together: f64 = points.iter().map(|[at, value]| (at - rate) * (value - torque)).sum();
-    if !(spread > 1e-6 * count * rate * rate) {
+    if !(spread > LEAST_SPREAD * count * rate * rate) {
         return Err(NotIdentified::Indistinct);
     }
     let viscous = together / spread;
@@ -87,44 +86,94 @@ pub fn friction(travels: &[Steady]) -> Result<Friction, NotIdentified> {
     })
 }
 
+/// Mean torque, rate and acceleration of a part of a travel.
+struct Mean {
+    torque: f64,
+    rate: f64,
+    acceleration: f64,
+}
+
+/// Least squares of a parabola through the angles; `None` of too few.
+fn mean(samples: Vec<[f64; 3]>) -> Option<Mean> {
+    const LEAST: usize = 3;
+    if samples.len() < LEAST {
+        return None;
+    }
+    let count = samples.len() as f64;
+    let middle = samples.iter().map(|[time, ..]| time).sum::<f64>() / count;
+    let (mut normal, mut right) = (Matrix3::zeros(), Vector3::zeros());
+    let first = samples.first().map_or(0.0, |[_, angle, _]| *angle);
+    for [time, angle, _] in &samples {
+        let time = time - middle;
+        let row = Vector3::new(1.0, time, 0.5 * time * time);
+        normal += row * row.transpose();
+        right += row * (angle - first);
+    }
+    let parabola = normal.try_inverse()? * right;
+    let torque = samples.iter().map(|[.., torque]| torque).sum::<f64>() / count;
+    Some(Mean { torque, rate: parabola.y, acceleration: parabola.z })
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::elementary;
     use proptest::prelude::*;
 
+    const INERTIA: f64 = 0.4;
+
+    /// A travel at a rate that is still settling; its torque has noise without a pattern.
     fn travel(rate: f64, coulomb: f64, viscous: f64, noise_n_m: f64, seed: f64) -> Steady {
         let of = |sign: f64| {
-            let torque = |angle: f64, at: u32| {
-                // What depends on the angle alone, and noise without a pattern.
+            let (mut angle, period_s) = (0.1 - 0.1 * sign, 0.2 / rate / 300.0);
+            let sample = |at: u32| {
+                let time = period_s * f64::from(at);
+                let settling = 0.1 * rate * elementary::exp(-time / 0.05);
+                let rate = sign * (rate - settling);
+                angle += rate * period_s;
+                // What depends on the angle alone falls out.
                 let noise = elementary::sin(seed * 1e3 + f64::from(at) * f64::from(at) * 12.9898) * noise_n_m;
-                1.5 + 20.0 * angle + noise + sign * (coulomb + viscous * rate)
+                let accelerates = INERTIA * sign * settling / 0.05;
+                [time, angle, 1.5 + 20.0 * angle + noise + accelerates + sign * coulomb + viscous * rate]
             };
-            (0..200).map(|at| [1e-3 * f64::from(at), torque(1e-3 * f64::from(at), at)]).collect()
+            (0..300).map(sample).collect()
         };
-        Steady { rate_rad_per_s: rate, forward: of(1.0), backward: of(-1.0) }
+        Steady { forward: of(1.0), backward: of(-1.0) }
     }
 
     proptest! {
         #[test]
         fn planted_friction_is_found_whatever_depends_on_the_angle(
-            coulomb in 0.5..20.0f64, viscous in 0.1..5.0f64, seed in 0.0..1.0f64,
+            coulomb in 0.5..20.0f64, viscous in 0.2..5.0f64, seed in 0.0..1.0f64,
         ) {
             let travels: Vec<_> =
                 [0.07, 0.2, 0.4].map(|rate| travel(rate, coulomb, viscous, 0.05, seed + rate)).into();
-            let found = friction(&travels).unwrap();
+            let found = friction(&travels, INERTIA).unwrap();
             prop_assert!((found.coulomb_n_m.value - coulomb).abs() < 0.03, "{found:?}");
             prop_assert!((found.viscous_n_m_s_per_rad.value - viscous).abs() < 0.1, "{found:?}");
         }
     }
 
     #[test]
+    fn intervals_hold_planted_friction() {
+        let held = (0..100)
+            .filter(|seed| {
+                let travels: Vec<_> =
+                    [0.07, 0.2, 0.4].map(|rate| travel(rate, 10.0, 0.5, 0.3, f64::from(*seed) + rate)).into();
+                let found = friction(&travels, INERTIA).unwrap();
+                found.coulomb_n_m.contains(10.0) && found.viscous_n_m_s_per_rad.contains(0.5)
+            })
+            .count();
+        assert!(held >= 85, "{held} of 100");
+    }
+
+    #[test]
     fn one_rate_tells_no_viscous_friction_and_nothing_is_no_friction() {
         let one = travel(0.1, 10.0, 1.0, 0.0, 0.0);
-        assert_eq!(friction(&[one.clone(), one.clone()]), Err(NotIdentified::Indistinct));
-        assert_eq!(friction(&[]), Err(NotIdentified::TooFew));
+        assert!(friction(&[one.clone(), one.clone()], 0.0).is_err());
+        assert_eq!(friction(&[], 0.0), Err(NotIdentified::TooFew));
         let mut bad = one;
         bad.forward[3][1] = f64::NAN;
-        assert_eq!(friction(&[bad]), Err(NotIdentified::NotFinite));
+        assert_eq!(friction(&[bad], 0.0), Err(NotIdentified::NotFinite));
     }
 }

@@ -20,7 +20,7 @@ mod estimate;
 mod excitation;
 mod friction;
 
-pub use dynamics::{Dynamics, MOST_SHIFTS, Passage, Response, dynamics, told_dynamics};
+pub use dynamics::{Dynamics, MOST_SHIFTS, Passage, Response, dynamics};
 pub use estimate::Estimate;
 pub use excitation::{Excitation, Line};
 pub use friction::{Friction, Steady, friction};
@@ -39,6 +39,9 @@ pub enum NotIdentified {
     /// The joint stood, or turned back, while it had to turn one way.
     #[error("the joint did not turn one way all the time")]
     Stands,
+    /// The drive closes the loop. What it makes of its torque between two set-points is not told, and has a large share of what accelerates.
+    #[error("the drive closes the loop, and does not tell what its torque is from one moment to the next")]
+    InDrive,
     /// What was seen does not tell the unknowns apart.
     #[error("the motion does not tell inertia, friction and delay apart")]
     Indistinct,

@@ -94,7 +94,6 @@ fn inertia_and_delay_are_found_at_each_cycle_time_and_each_share_of_a_cycle() {
                 dynamics(&passages(planted, &excitation, period_s, record, 1), &excitation, period_s).unwrap();
             let off_us = 1e6 * (found.delay_s.value - planted.delay_s);
             let off = found.inertia_kg_m2.value / planted.inertia - 1.0;
-            eprintln!("{period_s} s, {cycles}: {:.2} %, {off_us:.1} us, {found:?}", 100.0 * off);
             assert!(off.abs() < 0.02 && off_us.abs() < 50.0, "{period_s} s, {cycles}: {found:?}");
         }
     }
@@ -126,7 +125,6 @@ fn intervals_hold_what_was_planted_nearly_as_often_as_they_say() {
         held[1] += u32::from(found.viscous_n_m_s_per_rad.contains(planted.viscous));
         held[2] += u32::from(found.delay_s.contains(planted.delay_s));
     }
-    eprintln!("{held:?} of 100");
     assert!(held.iter().all(|held| *held >= 88), "{held:?} of 100");
 }
 
@@ -147,5 +145,4 @@ fn what_does_not_tell_is_refused() {
     let mut turned = good;
     turned.iter_mut().flat_map(|passage| &mut passage.torques_n_m).for_each(|torque| *torque = -*torque);
     assert!(dynamics(&turned, &excitation, 1e-3).is_err());
-    assert_eq!(told_dynamics(&turned, &excitation, 1e-3), Err(NotIdentified::TooFew));
 }

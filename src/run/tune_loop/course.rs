@@ -2,21 +2,22 @@
 
 use std::f64::consts::PI;
 
+use crate::elementary;
 use crate::identification::{Excitation, MOST_SHIFTS};
 
 const DEG: f64 = PI / 180.0;
 /// How far each travel goes, rad.
-pub(super) const WAY_RAD: f64 = 9.0 * DEG;
+pub(super) const WAY_RAD: f64 = 12.0 * DEG;
 /// How fast the slow travels are, rad/s, the fastest first: one that is too weak shows early.
-pub(super) const RATES: [f64; 3] = [24.0 * DEG, 12.0 * DEG, 4.0 * DEG];
+pub(super) const RATES: [f64; 3] = [20.0 * DEG, 10.0 * DEG, 4.0 * DEG];
 /// How fast the joint goes while it is excited or stepped, rad/s.
 const CARRIER: f64 = 10.0 * DEG;
 /// Greatest rate of the excitation, as a share of that: the joint never stands, even where its loop overshoots.
 const EXCITATION_SHARE: f64 = 0.5;
 /// A travel comes up to its rate in so long, s, and down.
 const RAMP_S: f64 = 0.1;
-/// What the loop has to forget of that, s.
-const FORGETS_S: f64 = 0.05;
+/// What the loop has to forget of that, s: the integral takes over dry friction.
+const FORGETS_S: f64 = 0.2;
 /// A joint rests so long between two travels, s.
 const REST_S: f64 = 0.2;
 /// Length of a record, s.
@@ -24,8 +25,9 @@ const RECORD_S: f64 = 0.5;
 /// How often the joint goes to and fro while it is excited, and with a step.
 const EXCITED: u32 = 3;
 const STEPPED: u32 = 2;
-/// The step, rad, and what is recorded before and behind it, s.
+/// The step, rad, in what time it is made, since a torque cannot follow one at once, and what is recorded before and behind, s.
 pub(super) const STEP_RAD: f64 = 0.5e-3;
+const STEP_S: f64 = 0.02;
 const BEFORE_STEP_S: f64 = 0.05;
 const BEHIND_STEP_S: f64 = 0.25;
 
@@ -74,7 +76,7 @@ impl Course {
         for (at, rate) in RATES.into_iter().enumerate() {
             for direction in [sign, -sign] {
                 let (from, count) = course.travel(direction, rate, |_, _| 0.0);
-                let forgets = course.cycles(FORGETS_S).min(count / 4);
+                let forgets = course.cycles(FORGETS_S).min(count / 2);
                 course.look(Shows::Steady(at), direction == sign, from + forgets, count - forgets);
             }
         }
@@ -100,8 +102,13 @@ impl Course {
             for direction in [sign, -sign] {
                 let count = course.cruise(CARRIER);
                 let (before, behind) = (course.cycles(BEFORE_STEP_S), course.cycles(BEHIND_STEP_S));
-                let at = count.saturating_sub(behind);
-                let extra = |cycle: usize, _| if cycle >= at { direction * STEP_RAD } else { 0.0 };
+                let (at, steps) = (count.saturating_sub(behind), course.cycles(STEP_S));
+                let extra = |cycle: usize, _| {
+                    let share = ((cycle + 1).saturating_sub(at) as f64 / steps as f64).min(1.0);
+                    // Minimum jerk from zero to one.
+                    let come = elementary::powi(share, 3) * (10.0 - 15.0 * share + 6.0 * share * share);
+                    direction * STEP_RAD * come
+                };
                 let (from, _) = course.travel(direction, CARRIER, extra);
                 course.look(Shows::Step(before), direction == sign, from + at.saturating_sub(before), before + behind);
             }
@@ -162,7 +169,7 @@ mod tests {
             assert!(ends.abs() < 2.5e-3, "{period_s}: it ends {ends} rad from where it began");
             let steps = course.offsets_rad.windows(2).map(|two| (two[1] - two[0]).abs());
             let most = steps.fold(0.0, f64::max);
-            assert!(most < 0.45 * period_s + STEP_RAD, "{period_s}: {most}");
+            assert!(most < 0.45 * period_s, "{period_s}: {most}");
             for part in &course.parts {
                 let offsets = &course.offsets_rad[part.from..part.from + part.count];
                 let sign = if part.is_away { 1.0 } else { -1.0 };

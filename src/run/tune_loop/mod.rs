@@ -4,8 +4,9 @@
 //! boot, permit with bounds -> Course -> lead_to() in each cycle -> reference, angle, torque -> Parts -> identification -> JointLoop
 //! ```
 //! The course is one enabling: slow travels at three rates, travels with an excitation on top, travels with a step. The other joint is held. In
-//! torque mode the torque is what this program sets; in the other modes the drive closes the loop, and is asked for its torque (6077h)
-//! beside the cycles. A joint that does not follow is tried again with more torque, after another boot.
+//! torque mode the torque is what this program sets. In the other modes the drive closes the loop, and is asked for its torque (6077h)
+//! beside the cycles: that shows friction. It does not show inertia: a drive that draws straight lines between set-points makes a torque that
+//! goes up and down within each cycle, of which one moment is told. A joint that does not follow is tried again with more torque, after another boot.
 
 mod course;
 mod parts;
@@ -87,9 +88,9 @@ pub struct JointLoop {
     pub pose: JointAngles,
     /// Dry and viscous friction.
     pub friction: Result<Friction, NotIdentified>,
-    /// Inertia at that pose; in torque mode the delay as well.
+    /// Inertia at that pose and the delay, in torque mode.
     pub dynamics: Result<Dynamics, NotIdentified>,
-    /// Whether torques are those that the drive tells, so that the delay of [`Dynamics`] is but their age.
+    /// Whether the drive closes the loop, and torques are those that it tells.
     pub is_told: bool,
     /// How the joint follows its reference.
     pub follows: Vec<Follows>,

@@ -7,7 +7,7 @@ use nalgebra::Complex;
 use super::course::{Course, Part, RATES, STEP_RAD, Shows};
 use super::{Follows, JointLoop, StepAnswer};
 use crate::elementary;
-use crate::identification::{MOST_SHIFTS, NotIdentified, Passage, Steady, dynamics, friction, told_dynamics};
+use crate::identification::{Dynamics, Friction, MOST_SHIFTS, NotIdentified, Passage, Steady, dynamics, friction};
 use crate::quantity::JointAngles;
 
 /// What is known of a joint in one cycle.
@@ -64,11 +64,13 @@ impl Trace<'_> {
         torque_n_m: f64,
     ) -> JointLoop {
         let follows = self.follows();
+        let dynamics = if is_told { Err(NotIdentified::InDrive) } else { self.dynamics() };
+        let inertia = dynamics.as_ref().map_or(0.0, |found| found.inertia_kg_m2.value);
         JointLoop {
             joint,
             pose,
-            friction: self.friction(is_told),
-            dynamics: self.dynamics(is_told),
+            friction: self.friction(is_told, inertia),
+            dynamics,
             is_told,
             lag_s: lag_s(&follows),
             follows,
@@ -78,50 +80,46 @@ impl Trace<'_> {
         }
     }
 
-    fn friction(&self, is_told: bool) -> Result<crate::identification::Friction, NotIdentified> {
-        let of = |rate: usize, is_forward: bool| -> Vec<[f64; 2]> {
-            let wanted = self.parts().filter(|(part, samples)| {
-                let goes = samples.last().zip(samples.first()).map_or(0.0, |(to, from)| to.reference_rad - from.reference_rad);
-                part.shows == Shows::Steady(rate) && (goes > 0.0) == is_forward
-            });
-            wanted
-                .flat_map(|(part, samples)| {
-                    let set = samples.iter().map(|sample| [sample.angle_rad, sample.torque_n_m]);
-                    let angle = |at: f64| samples.get(at as usize).map(|sample| sample.angle_rad);
-                    let told = self.told(part).filter_map(|[at, torque]| Some([angle(at)?, torque]));
-                    if is_told { told.collect::<Vec<_>>() } else { set.collect() }
-                })
-                .collect()
-        };
-        let travels: Vec<Steady> = RATES
-            .into_iter()
-            .enumerate()
-            .map(|(at, rate)| Steady { rate_rad_per_s: rate, forward: of(at, true), backward: of(at, false) })
-            .filter(|travel| !travel.forward.is_empty() && !travel.backward.is_empty())
-            .collect();
-        friction(&travels)
+    fn friction(&self, is_told: bool, inertia_kg_m2: f64) -> Result<Friction, NotIdentified> {
+        let mut travels = vec![Steady::default(); RATES.len()];
+        for (part, samples) in self.parts() {
+            let Shows::Steady(rate) = part.shows else { continue };
+            let (Some(travel), Some((first, last))) = (travels.get_mut(rate), samples.first().zip(samples.last())) else {
+                continue;
+            };
+            let is_forward = last.reference_rad > first.reference_rad;
+            let sample = |at: usize, torque: f64| {
+                samples.get(at).map(|sample| [at as f64 * self.period_s, sample.angle_rad, torque])
+            };
+            let to = if is_forward { &mut travel.forward } else { &mut travel.backward };
+            if is_told {
+                to.extend(self.told(part).filter_map(|[at, torque]| sample(at as usize, torque)));
+            } else {
+                to.extend(samples.iter().enumerate().filter_map(|(at, set)| sample(at, set.torque_n_m)));
+            }
+        }
+        travels.retain(|travel| !travel.forward.is_empty() && !travel.backward.is_empty());
+        friction(&travels, inertia_kg_m2)
     }
 
     fn excited(&self) -> impl Iterator<Item = (&Part, &[Sample])> {
         self.parts().filter(|(part, _)| part.shows == Shows::Excited)
     }
 
-    fn dynamics(&self, is_told: bool) -> Result<crate::identification::Dynamics, NotIdentified> {
+    fn dynamics(&self) -> Result<Dynamics, NotIdentified> {
         let mut stands = false;
         let passages: Vec<Passage> = self
             .excited()
-            .map(|(part, samples)| {
+            .map(|(_, samples)| {
                 let angles_rad: Vec<f64> = samples.iter().map(|sample| sample.angle_rad).collect();
                 stands |= stands_somewhere(&angles_rad, self.period_s);
-                let torques_n_m = samples.iter().map(|sample| sample.torque_n_m).collect();
-                Passage { angles_rad, torques_n_m, told_n_m: self.told(part).collect() }
+                Passage { angles_rad, torques_n_m: samples.iter().map(|sample| sample.torque_n_m).collect() }
             })
             .collect();
         if stands {
             return Err(NotIdentified::Stands);
         }
-        let identify = if is_told { told_dynamics } else { dynamics };
-        identify(&passages, &self.course.excitation, self.period_s)
+        dynamics(&passages, &self.course.excitation, self.period_s)
     }
 
     fn follows(&self) -> Vec<Follows> {
