@@ -7,22 +7,10 @@ use crate::control::MAX_DELAY_CYCLES;
 use crate::linkage::MassModel;
 use crate::quantity::{JointAngles, JointRates};
 use crate::rig::RigError;
+use crate::run::JointFound;
 
 /// Least inertia that a motor is taken to have, kg m^2, where the model's links alone already have more than was identified.
 const LEAST_MOTOR_KG_M2: f64 = 1e-3;
-
-/// What was identified of a joint, as far as its loop goes.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct JointFound {
-    /// Inertia, kg m^2.
-    pub inertia_kg_m2: f64,
-    /// The angles at which it was.
-    pub pose: JointAngles,
-    /// Longest delay that the measurement leaves possible, s.
-    pub delay_s: f64,
-    /// Least viscous friction that it leaves possible, N m s/rad.
-    pub viscous_n_m_s_per_rad: f64,
-}
 
 /// Models of the arm with the identified inertia at the poses at which it was identified.
 ///
@@ -39,14 +27,14 @@ pub fn identified_models(rig: &config::Rig, found: &[JointFound; 2]) -> Result<V
     let with_motors = |model: MassModel| -> Result<MassModel, RigError> {
         let mut changed = model;
         for (joint, (motor, found)) in changed.motor_kg_m2.iter_mut().zip(found).enumerate() {
-            let mass = linkage.dynamics(&model, found.pose, JointRates::default())?.mass;
+            let mass = linkage.dynamics(&model, JointAngles::from(found.pose_rad), JointRates::default())?.mass;
             *motor = (*motor + found.inertia_kg_m2 - mass[(joint, joint)]).max(LEAST_MOTOR_KG_M2);
         }
         Ok(changed)
     };
     let (mut together, mut spread) = (0.0, 0.0);
     for (joint, found) in found.iter().enumerate() {
-        let dynamics = linkage.dynamics(&model, found.pose, JointRates::default())?;
+        let dynamics = linkage.dynamics(&model, JointAngles::from(found.pose_rad), JointRates::default())?;
         let of_tool = dynamics.jacobian.column(joint).norm_squared();
         together += of_tool * (found.inertia_kg_m2 - dynamics.mass[(joint, joint)]);
         spread += of_tool * of_tool;
@@ -93,7 +81,7 @@ mod tests {
         let delay_s = delay_cycles(rig).unwrap() * period_s(rig);
         [0, 1].map(|joint| JointFound {
             inertia_kg_m2: dynamics.mass[(joint, joint)],
-            pose,
+            pose_rad: pose.to_array(),
             delay_s,
             viscous_n_m_s_per_rad: 0.5,
         })

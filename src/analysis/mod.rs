@@ -14,6 +14,6 @@ pub use held::{
     Coupled, HeldMasses, Holding, UnevenSamples, coupled_device, hand_of, held_masses, stiffer, uneven_samples,
     usual_hands,
 };
-pub use identified::{JointFound, identified_margins, identified_models};
+pub use identified::{identified_margins, identified_models};
 pub use margins::{Margin, PoseMargins, pose_margins};
 pub use remedies::{Remedy, remedies};

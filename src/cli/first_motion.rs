@@ -40,6 +40,11 @@ impl OnBus {
         !self.bus.is_empty()
     }
 
+    /// Whether its cycles follow the wall clock.
+    pub(super) fn is_by_the_clock(&self) -> bool {
+        self.pace == PaceArgument::Free
+    }
+
     /// Opens its interfaces. Nothing is sent.
     pub(super) fn open(&self, rig: &Loaded<Rig>, output: &mut Output) -> Result<Opened, Failure> {
         let scene = match (&rig.value.simulation, self.pace) {

@@ -42,22 +42,21 @@ pub fn friction(travels: &[Steady], inertia_kg_m2: f64) -> Result<Friction, NotI
         if !travel.forward.iter().chain(&travel.backward).flatten().all(|value| value.is_finite()) {
             return Err(NotIdentified::NotFinite);
         }
-        let ends = |samples: &[[f64; 3]]| {
-            let angles = samples.iter().map(|[_, angle, _]| *angle);
-            angles.fold([f64::INFINITY, f64::NEG_INFINITY], |[least, most], angle| [least.min(angle), most.max(angle)])
+        let (Some(forward), Some(backward)) = (Line::through(&travel.forward), Line::through(&travel.backward)) else {
+            return Err(NotIdentified::TooFew);
         };
-        let ([one, one_end], [other, other_end]) = (ends(&travel.forward), ends(&travel.backward));
-        let (from, to) = (one.max(other), one_end.min(other_end));
+        let (from, to) = (forward.least().max(backward.least()), forward.most().min(backward.most()));
         if !(to > from) {
             return Err(NotIdentified::TooFew);
         }
         for part in 0..PARTS {
             let at = |part: usize| from + (to - from) * part as f64 / PARTS as f64;
-            let of = |samples: &[[f64; 3]]| {
-                let range = at(part)..at(part + 1);
-                mean(samples.iter().filter(|[_, angle, _]| range.contains(angle)).copied().collect())
+            let range = at(part)..at(part + 1);
+            let of = |samples: &[[f64; 3]], line: &Line| {
+                mean(samples.iter().filter(|[time, ..]| range.contains(&line.at(*time))).copied().collect())
             };
-            let (Some(forward), Some(backward)) = (of(&travel.forward), of(&travel.backward)) else { continue };
+            let both = (of(&travel.forward, &forward), of(&travel.backward, &backward));
+            let (Some(forward), Some(backward)) = both else { continue };
             let [one, other] = [&forward, &backward].map(|mean| mean.torque - inertia_kg_m2 * mean.acceleration);
             points.push([0.5 * (forward.rate - backward.rate), 0.5 * (one - other)]);
             offsets.push(0.5 * (one + other));
@@ -84,6 +83,34 @@ pub fn friction(travels: &[Steady], inertia_kg_m2: f64) -> Result<Friction, NotI
         viscous_n_m_s_per_rad: Estimate::new(viscous, (variance / spread).sqrt(), degrees),
         offset_n_m: offsets.iter().sum::<f64>() / count,
     })
+}
+
+/// Where a joint is on a steady travel. Parts are told apart by it: the error of a measured angle goes into the torque that answers it, and
+/// would choose which samples are in a part.
+struct Line {
+    begin: [f64; 2],
+    end: [f64; 2],
+}
+
+impl Line {
+    fn through(samples: &[[f64; 3]]) -> Option<Self> {
+        let (first, last) = samples.first().zip(samples.last())?;
+        let [begin, end] = [first, last].map(|[time, angle, _]| [*time, *angle]);
+        (end[0] > begin[0]).then_some(Self { begin, end })
+    }
+
+    fn at(&self, time_s: f64) -> f64 {
+        let share = (time_s - self.begin[0]) / (self.end[0] - self.begin[0]);
+        self.begin[1] + share * (self.end[1] - self.begin[1])
+    }
+
+    fn least(&self) -> f64 {
+        self.begin[1].min(self.end[1])
+    }
+
+    fn most(&self) -> f64 {
+        self.begin[1].max(self.end[1])
+    }
 }
 
 /// Mean torque, rate and acceleration of a part of a travel.

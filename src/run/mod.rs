@@ -42,4 +42,6 @@ pub(crate) use proof::fnv1a;
 pub use proof::{DriveIdentity, NotProven, Proof, Subject, Unproven};
 pub use runner::{ANNOUNCED, BootWatch, END_OF_WATCH, LinkCounts, Observer, Runner, Tap};
 pub use scene::{Ended, Play, Played};
-pub use tune_loop::{Follows, JointLoop, LOOP_BOUND_RAD, LoopPlan, LoopTraced, Prove, StepAnswer};
+pub use tune_loop::{
+    Follows, JointFound, JointLoop, LOOP_BOUND_RAD, LoopPlan, LoopTraced, LoopUnreadable, MeasuredLoop, Prove, StepAnswer,
+};

@@ -7,7 +7,7 @@ use std::path::PathBuf;
 use serde_json::{Value, json};
 
 use super::gains::{Proposal, nothing, set};
-use crate::analysis::{JointFound, PROPOSED_MARGINS, PoseMargins, has_margins, identified_margins, proposed_gains};
+use crate::analysis::{PROPOSED_MARGINS, PoseMargins, has_margins, identified_margins, proposed_gains};
 use crate::cli::ending::{rig_failure, stopped_by};
 use crate::cli::failure::{Exit, Failure};
 use crate::cli::interrupt::{interrupted, on_interrupt};
@@ -17,9 +17,9 @@ use crate::cli::replace::Replace;
 use crate::cli::run::check_buses;
 use crate::config::{self, CommandMode, ControlLaw, Loaded, Positive, Rig, Source};
 use crate::guard::Fault;
-use crate::identification::{Estimate, NotIdentified};
+use crate::identification::{Estimate, Friction, NotIdentified};
 use crate::rig::EmbeddedRig;
-use crate::run::{Ended, JointLoop, LOOP_BOUND_RAD, LoopPlan, LoopTraced, NotProven};
+use crate::run::{Ended, JointFound, JointLoop, LOOP_BOUND_RAD, LoopPlan, LoopTraced, NotProven};
 
 /// Beside the exact bound: so much more sliding time keeps an axis from overshooting after a saturation.
 ///
@@ -133,7 +133,22 @@ fn on_bus(
         (Ended::Stopped, None) => failure,
         end => ended(end, traced.time_s, &outcome, &rig.value).unwrap_or(failure),
     };
-    end(arguments, rig, &traced, told, output)
+    let record = keep(&traced, rig, arguments.on_bus.is_by_the_clock())?;
+    end(arguments, rig, &traced, told, output)?;
+    record.map_or(Ok(()), |path| output.news(&format!("record    {}", path.display())))
+}
+
+/// Keeps what was measured on a bus for the runs with this configuration; where.
+#[cfg(target_os = "linux")]
+fn keep(traced: &[LoopTraced], rig: &Loaded<Rig>, is_by_the_clock: bool) -> Result<Option<PathBuf>, Failure> {
+    let found: Vec<&JointLoop> = traced.iter().filter_map(|traced| traced.found.as_ref()).collect();
+    // In lockstep time is that of the devices, and says nothing of a bus.
+    let Some(joints) = joints_found(&found, &rig.value).filter(|_| is_by_the_clock) else { return Ok(None) };
+    let folder = crate::cli::live::loops()?;
+    let stored = crate::run::MeasuredLoop::new(&rig.value, joints).store(&folder);
+    stored.map(Some).map_err(|error| {
+        Failure::new(Exit::Usage, format!("{}: {error}", folder.display()), "make the folder one that can be written")
+    })
 }
 
 /// Judges, proposes, writes and prints; `told` adds what the drives have said to a failure.
@@ -250,16 +265,7 @@ fn judge(found: &[&JointLoop], rig: &Rig) -> Result<(), Failure> {
 /// What was identified of both joints, if this program closes their loop.
 fn joints_found(found: &[&JointLoop], rig: &Rig) -> Option<[JointFound; 2]> {
     let [left, right] = found else { return None };
-    let of = |joint: &JointLoop| {
-        let (dynamics, friction) = (joint.dynamics.as_ref().ok()?, joint.friction.as_ref().ok()?);
-        Some(JointFound {
-            inertia_kg_m2: dynamics.inertia_kg_m2.value,
-            pose: joint.pose,
-            delay_s: dynamics.delay_s.high,
-            viscous_n_m_s_per_rad: friction.viscous_n_m_s_per_rad.low,
-        })
-    };
-    (rig.rig.command_mode == CommandMode::Torque).then_some([of(left)?, of(right)?])
+    (rig.rig.command_mode == CommandMode::Torque).then_some([left.found()?, right.found()?])
 }
 
 /// Gains by what was identified; nothing where the drives close the loop.
@@ -281,6 +287,11 @@ fn propose(rig: &Loaded<Rig>, found: &[&JointLoop]) -> Option<Result<Proposal, F
         Ok(Proposal::new(rig, tuned, [before, after].map(Margins::Torque)))
     };
     Some(proposed())
+}
+
+/// Viscous friction, where it was identified: what a drive in position mode does within a cycle changes with the rate too.
+fn viscous<'a>(friction: &'a Friction, rig: &Rig) -> Option<&'a Estimate> {
+    (rig.rig.command_mode != CommandMode::Position).then_some(&friction.viscous_n_m_s_per_rad)
 }
 
 fn plus_minus(estimate: &Estimate, factor: f64, digits: usize) -> String {
@@ -308,12 +319,17 @@ fn joint_text(joint: &JointLoop, rig: &Rig) -> String {
         Err(error) => lines.push(format!("inertia   not identified: {error}")),
     }
     match &joint.friction {
-        Ok(friction) => lines.push(format!(
-            "friction  {} N m dry, {} N m s/rad viscous, {:.2} N m the same both ways",
-            plus_minus(&friction.coulomb_n_m, 1.0, 2),
-            plus_minus(&friction.viscous_n_m_s_per_rad, 1.0, 2),
-            friction.offset_n_m
-        )),
+        Ok(friction) => {
+            let viscous = match viscous(friction, rig) {
+                Some(viscous) => format!("{} N m s/rad viscous", plus_minus(viscous, 1.0, 2)),
+                None => "viscous friction not identified".to_owned(),
+            };
+            lines.push(format!(
+                "friction  {} N m dry, {viscous}, {:.2} N m the same both ways",
+                plus_minus(&friction.coulomb_n_m, 1.0, 2),
+                friction.offset_n_m
+            ));
+        }
         Err(error) => lines.push(format!("friction  not identified: {error}")),
     }
     if let Some(lag_s) = joint.lag_s.filter(|_| joint.is_told) {
@@ -368,11 +384,11 @@ fn advice(found: &[&JointLoop], rig: &Rig) -> Vec<String> {
     match rig.rig.command_mode {
         CommandMode::Torque => {}
         CommandMode::Velocity => lines.push(
-            "the velocity loop closes in the drives: the delay of a torque is not to be seen; `yieldwall tune gains` proposes the rate gain".to_owned(),
+            "the velocity loop closes in the drives: inertia and the delay of a torque are not to be seen; `yieldwall tune gains` proposes the rate gain".to_owned(),
         ),
         CommandMode::Position => lines.push(
-            "the position loop closes in the drives: the delay of a torque is not to be seen, and this program has no gains; tune the drives by their \
-             maker's program"
+            "the position loop closes in the drives: inertia, viscous friction and the delay of a torque are not to be seen, and this program has no gains; \
+             tune the drives by their maker's program"
                 .to_owned(),
         ),
     }
@@ -392,7 +408,7 @@ fn joint_json(joint: &JointLoop, rig: &Rig) -> Value {
         "pose_rad": joint.pose.to_array(),
         "inertia_kg_m2": dynamics.map(|dynamics| estimate(&dynamics.inertia_kg_m2)),
         "coulomb_n_m": friction.map(|friction| estimate(&friction.coulomb_n_m)),
-        "viscous_n_m_s_per_rad": friction.map(|friction| estimate(&friction.viscous_n_m_s_per_rad)),
+        "viscous_n_m_s_per_rad": friction.and_then(|friction| viscous(friction, rig)).map(estimate),
         "offset_n_m": friction.map(|friction| friction.offset_n_m),
         "delay_s": dynamics.map(|dynamics| estimate(&dynamics.delay_s)),
         "misfit": dynamics.map(|dynamics| dynamics.misfit),

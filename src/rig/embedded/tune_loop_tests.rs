@@ -3,7 +3,7 @@
 use std::sync::atomic::AtomicBool;
 
 use super::*;
-use crate::analysis::{JointFound, PROPOSED_MARGINS, has_margins, identified_margins, pose_margins, proposed_gains};
+use crate::analysis::{PROPOSED_MARGINS, has_margins, identified_margins, pose_margins, proposed_gains};
 use crate::assembly::{delay_cycles, linkage};
 use crate::guard::Fault;
 use crate::identification::NotIdentified;
@@ -46,13 +46,25 @@ const AT_1_KHZ: &str = "like: builtin:paper-admittance.yaml\nrig: {name: usual}\
 const AT_250_HZ: &str = "like: builtin:paper-admittance.yaml\nrig: {name: slow}\ncycle: {period_us: 4000, compute_at_us: 2400}\n\
     sensor: {sample_rate_hz: 200}\n\
     control: {gains: {joint: {stiffness_n_m_per_rad: 600.0, damping_n_m_s_per_rad: 24.0, integral_n_m_per_rad_s: 2000.0}}}\n";
-const AT_4_KHZ: &str = "like: builtin:paper-ethercat.yaml\nrig: {name: fast}\ncycle: {period_us: 250, compute_at_us: 120}\n";
-const ON_ARRIVAL: &str = "like: builtin:paper-ethercat.yaml\nrig: {name: arrival}\nbuses: {main: {ethercat: {outputs: on_arrival}}}\n\
-    cycle: {period_us: 1000, compute_at_us: 100}\n";
+/// The shipped rig on EtherCAT with another segment and another cycle.
+fn on_ethercat(name: &str, bus: &str, cycle: &str) -> String {
+    let shipped = config::builtin("paper-ethercat.yaml").read().unwrap();
+    let text = shipped.replace("like: ", "like: builtin:").replace("name: paper-ethercat", &format!("name: {name}"));
+    format!("{}\ncycle: {cycle}\n", text.replace("ethercat: {}", &format!("ethercat: {bus}")))
+}
+
+fn at_4_khz() -> String {
+    on_ethercat("fast", "{}", "{period_us: 250, compute_at_us: 120}")
+}
+
+fn on_arrival() -> String {
+    on_ethercat("arrival", "{outputs: on_arrival}", "{period_us: 1000, compute_at_us: 100}")
+}
 
 #[test]
 fn what_was_planted_is_identified_at_each_cycle_time_and_on_each_bus() {
-    for text in [AT_1_KHZ, AT_250_HZ, AT_4_KHZ, ON_ARRIVAL] {
+    for text in [AT_1_KHZ.to_owned(), AT_250_HZ.to_owned(), at_4_khz(), on_arrival()] {
+        let text = &text;
         let loaded = rig(text);
         for joint in [0, 1] {
             let (end, states) = traced(&loaded, joint, &[], |_| ());
@@ -118,14 +130,7 @@ fn where_the_drive_closes_the_loop_its_told_torque_shows_friction_and_the_lag_is
 /// The rig with gains by what was identified of both joints.
 fn tuned(loaded: &config::Loaded<config::Rig>) -> config::Loaded<config::Rig> {
     let found = [0, 1].map(|joint| {
-        let found = traced(loaded, joint, &[], |_| ()).0.found.unwrap();
-        let (friction, dynamics) = (found.friction.unwrap(), found.dynamics.unwrap());
-        JointFound {
-            inertia_kg_m2: dynamics.inertia_kg_m2.value,
-            pose: found.pose,
-            delay_s: dynamics.delay_s.high,
-            viscous_n_m_s_per_rad: friction.viscous_n_m_s_per_rad.low,
-        }
+        traced(loaded, joint, &[], |_| ()).0.found.and_then(|found| found.found()).unwrap()
     });
     let before = identified_margins(&loaded.value, &found).unwrap().unwrap();
     let gains = proposed_gains(&loaded.value, &before).unwrap().gains;
@@ -143,8 +148,8 @@ fn tuned(loaded: &config::Loaded<config::Rig>) -> config::Loaded<config::Rig> {
 
 #[test]
 fn gains_by_what_was_identified_have_their_margins_on_the_simulated_arm_and_lead_it() {
-    for (text, law) in [(AT_1_KHZ, "psmc"), (AT_250_HZ, "pid"), (AT_4_KHZ, "psmc"), (ON_ARRIVAL, "pid")] {
-        let mut loaded = rig(text);
+    for (text, law) in [(AT_1_KHZ.to_owned(), "psmc"), (AT_250_HZ.to_owned(), "pid"), (at_4_khz(), "psmc"), (on_arrival(), "pid")] {
+        let mut loaded = rig(&text);
         loaded.value.control.law = if law == "pid" { config::ControlLaw::Pid } else { config::ControlLaw::Psmc };
         let tuned = tuned(&loaded);
         // The simulated arm with the hand's mass on its tool, in place of the file's model of it.

@@ -10,10 +10,13 @@
 
 mod course;
 mod parts;
+mod record;
 
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use nalgebra::Complex;
+
+pub use self::record::{JointFound, LoopUnreadable, MeasuredLoop};
 
 use self::course::{Course, RATES, WAY_RAD};
 use self::parts::{Sample, Trace};
