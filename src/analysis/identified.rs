@@ -47,18 +47,24 @@ pub fn identified_models(rig: &config::Rig, found: &[JointFound; 2]) -> Result<V
     Ok(models)
 }
 
-/// As [`pose_margins`](super::pose_margins), by what was identified: the worst over both models of [`identified_models`], with the longer
-/// delay of both joints.
-///
-/// # Errors
-/// As [`pose_margins`](super::pose_margins), and for a delay beyond [`MAX_DELAY_CYCLES`].
-pub fn identified_margins(rig: &config::Rig, found: &[JointFound; 2]) -> Result<Option<PoseMargins>, RigError> {
+/// The longer delay of both joints, in cycles.
+pub(super) fn identified_delay_cycles(rig: &config::Rig, found: &[JointFound; 2]) -> Result<f64, RigError> {
     let delay_cycles = found.iter().map(|joint| joint.delay_s).fold(0.0, f64::max) / period_s(rig);
     if delay_cycles > MAX_DELAY_CYCLES {
         return Err(RigError::Mismatch(format!(
             "a delay of {delay_cycles:.1} cycles was identified, and margins are known up to {MAX_DELAY_CYCLES}"
         )));
     }
+    Ok(delay_cycles)
+}
+
+/// As [`pose_margins`](super::pose_margins), by what was identified: the worst over both models of [`identified_models`], with the longer
+/// delay of both joints.
+///
+/// # Errors
+/// As [`pose_margins`](super::pose_margins), and for a delay beyond [`MAX_DELAY_CYCLES`].
+pub fn identified_margins(rig: &config::Rig, found: &[JointFound; 2]) -> Result<Option<PoseMargins>, RigError> {
+    let delay_cycles = identified_delay_cycles(rig, found)?;
     let viscous = found.each_ref().map(|joint| joint.viscous_n_m_s_per_rad.max(0.0));
     margins_of(rig, &identified_models(rig, found)?, viscous, delay_cycles)
 }

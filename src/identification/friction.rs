@@ -1,11 +1,10 @@
 //! Dry and viscous friction of a joint from slow travels to and fro.
 
-use nalgebra::{Matrix3, Vector3};
-
 use super::{Estimate, NotIdentified};
+use crate::elementary;
 
-/// Parts of a way, each compared with itself: what depends on the angle and not on the way falls out.
-const PARTS: usize = 6;
+/// Parts of a way, which overlap by half, each compared with itself: what depends on the angle and not on the way falls out.
+const PARTS: usize = 5;
 
 /// Least variance of the rates, as a share of the square of their mean.
 const LEAST_SPREAD: f64 = 0.01;
@@ -50,12 +49,10 @@ pub fn friction(travels: &[Steady], inertia_kg_m2: f64) -> Result<Friction, NotI
             return Err(NotIdentified::TooFew);
         }
         for part in 0..PARTS {
-            let at = |part: usize| from + (to - from) * part as f64 / PARTS as f64;
-            let range = at(part)..at(part + 1);
-            let of = |samples: &[[f64; 3]], line: &Line| {
-                mean(samples.iter().filter(|[time, ..]| range.contains(&line.at(*time))).copied().collect())
-            };
-            let both = (of(&travel.forward, &forward), of(&travel.backward, &backward));
+            // Each reaches over two of as many steps as there are parts, and one more.
+            let at = |step: usize| from + (to - from) * step as f64 / (PARTS + 1) as f64;
+            let (low, high) = (at(part), at(part + 2));
+            let both = (mean(&travel.forward, &forward, low, high), mean(&travel.backward, &backward, low, high));
             let (Some(forward), Some(backward)) = both else { continue };
             let [one, other] = [&forward, &backward].map(|mean| mean.torque - inertia_kg_m2 * mean.acceleration);
             points.push([0.5 * (forward.rate - backward.rate), 0.5 * (one - other)]);
@@ -120,31 +117,32 @@ struct Mean {
     acceleration: f64,
 }
 
-/// Least squares of a parabola through the angles; `None` of too few.
-fn mean(samples: Vec<[f64; 3]>) -> Option<Mean> {
-    const LEAST: usize = 3;
-    if samples.len() < LEAST {
-        return None;
+/// Means over a part of a travel, with a window that begins and ends softly: where a joint trembles, its rate at the very ends of a part
+/// would count. `None` of too few samples.
+fn mean(samples: &[[f64; 3]], line: &Line, low: f64, high: f64) -> Option<Mean> {
+    const LEAST: u32 = 5;
+    let (mut sums, mut whole, mut count) = ([0.0; 3], 0.0, 0);
+    for three in samples.windows(3) {
+        let [[before_s, before, _], [now_s, now, torque], [next_s, next, _]] = three else { continue };
+        let share = (line.at(*now_s) - low) / (high - low);
+        if !(0.0..=1.0).contains(&share) || !(next_s > now_s && now_s > before_s) {
+            continue;
+        }
+        let weight = elementary::powi(elementary::sin(std::f64::consts::PI * share), 2);
+        let [came, goes] = [(now - before) / (now_s - before_s), (next - now) / (next_s - now_s)];
+        let acceleration = 2.0 * (goes - came) / (next_s - before_s);
+        let values = [*torque, (next - before) / (next_s - before_s), acceleration];
+        sums.iter_mut().zip(values).for_each(|(sum, value)| *sum += weight * value);
+        whole += weight;
+        count += 1;
     }
-    let count = samples.len() as f64;
-    let middle = samples.iter().map(|[time, ..]| time).sum::<f64>() / count;
-    let (mut normal, mut right) = (Matrix3::zeros(), Vector3::zeros());
-    let first = samples.first().map_or(0.0, |[_, angle, _]| *angle);
-    for [time, angle, _] in &samples {
-        let time = time - middle;
-        let row = Vector3::new(1.0, time, 0.5 * time * time);
-        normal += row * row.transpose();
-        right += row * (angle - first);
-    }
-    let parabola = normal.try_inverse()? * right;
-    let torque = samples.iter().map(|[.., torque]| torque).sum::<f64>() / count;
-    Some(Mean { torque, rate: parabola.y, acceleration: parabola.z })
+    let [torque, rate, acceleration] = sums.map(|sum| sum / whole);
+    (count >= LEAST).then_some(Mean { torque, rate, acceleration })
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::elementary;
     use proptest::prelude::*;
 
     const INERTIA: f64 = 0.4;

@@ -71,8 +71,8 @@ impl Proposal {
     }
 
     /// The rig with these gains.
-    pub(super) fn tuned(&self) -> &Rig {
-        &self.tuned.value
+    pub(super) fn tuned(&self) -> &Loaded<Rig> {
+        &self.tuned
     }
 
     fn is_tuned(&self) -> bool {

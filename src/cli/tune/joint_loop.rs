@@ -7,6 +7,7 @@ use std::path::PathBuf;
 use serde_json::{Value, json};
 
 use super::gains::{Proposal, nothing, set};
+use super::masses::Masses;
 use crate::analysis::{PROPOSED_MARGINS, PoseMargins, has_margins, identified_margins, proposed_gains};
 use crate::cli::ending::{rig_failure, stopped_by};
 use crate::cli::failure::{Exit, Failure};
@@ -165,14 +166,20 @@ fn end(
     });
     let judged = stopped.map_or_else(|| judge(&found, &rig.value), Err);
     // Only what both joints have shown says something of the rig.
-    let proposed = judged.as_ref().ok().and_then(|()| propose(rig, &found));
-    let (proposal, judged) = match proposed {
+    let joints = joints_found(&found, &rig.value).filter(|_| judged.is_ok());
+    let (proposal, judged) = match joints.map(|joints| propose(rig, &joints)) {
         Some(Ok(proposal)) => (Some(proposal), judged),
         Some(Err(error)) => (None, judged.and(Err(error))),
         None => (None, judged),
     };
+    // With the gains that are proposed; a rig without a scene has no hand to be held by.
+    let held = proposal.as_ref().map_or(rig, Proposal::tuned);
+    let masses = joints.and_then(|joints| Masses::of_identified(held, &joints).ok());
+    if let Some(masses) = &masses {
+        output.warnings(&masses.finding(held).into_iter().collect::<Vec<_>>());
+    }
     if let Some(html) = &arguments.html {
-        let page = page::html(&rig.value, &found, proposal.as_ref().map(|proposal| proposal.tuned()));
+        let page = page::html(&rig.value, &found, proposal.as_ref().map(|proposal| &proposal.tuned().value));
         arguments.replace.write(html, page.as_bytes())?;
         output.news(&format!("page      {}", html.display()))?;
     }
@@ -182,6 +189,7 @@ fn end(
         if let Some(proposal) = &proposal {
             text += &proposal.text(&rig.value);
         }
+        text += &masses.as_ref().map_or(String::new(), |masses| format!("{}\n", masses.line()));
         output.result(&text)?;
     }
     let written = match &proposal {
@@ -197,6 +205,7 @@ fn end(
                 "joints": joints.collect::<Vec<_>>(),
                 "advice": advice(&found, &rig.value),
                 "proposal": gains,
+                "masses": masses.as_ref().map(|masses| masses.to_json(super::RESERVE)),
             }),
             judged,
         );
@@ -268,25 +277,21 @@ fn joints_found(found: &[&JointLoop], rig: &Rig) -> Option<[JointFound; 2]> {
     (rig.rig.command_mode == CommandMode::Torque).then_some([left.found()?, right.found()?])
 }
 
-/// Gains by what was identified; nothing where the drives close the loop.
-fn propose(rig: &Loaded<Rig>, found: &[&JointLoop]) -> Option<Result<Proposal, Failure>> {
-    let joints = joints_found(found, &rig.value)?;
+/// Gains by what was identified.
+fn propose(rig: &Loaded<Rig>, joints: &[JointFound; 2]) -> Result<Proposal, Failure> {
     let margins = |rig: &Rig| -> Result<PoseMargins, Failure> {
-        identified_margins(rig, &joints).map_err(|error| rig_failure(&error))?.ok_or_else(nothing)
+        identified_margins(rig, joints).map_err(|error| rig_failure(&error))?.ok_or_else(nothing)
     };
-    let proposed = || {
-        let before = margins(&rig.value)?;
-        let gains = proposed_gains(&rig.value, &before).ok_or_else(nothing)?;
-        let mut tuned = rig.clone();
-        set(&mut tuned.value.control.gains, gains.gains);
-        let after = margins(&tuned.value)?;
-        let worst = [after.worst.without_friction, after.worst.with_friction];
-        if !worst.iter().all(|worst| has_margins(worst, PROPOSED_MARGINS)) {
-            return Err(nothing());
-        }
-        Ok(Proposal::new(rig, tuned, [before, after].map(Margins::Torque)))
-    };
-    Some(proposed())
+    let before = margins(&rig.value)?;
+    let gains = proposed_gains(&rig.value, &before).ok_or_else(nothing)?;
+    let mut tuned = rig.clone();
+    set(&mut tuned.value.control.gains, gains.gains);
+    let after = margins(&tuned.value)?;
+    let worst = [after.worst.without_friction, after.worst.with_friction];
+    if !worst.iter().all(|worst| has_margins(worst, PROPOSED_MARGINS)) {
+        return Err(nothing());
+    }
+    Ok(Proposal::new(rig, tuned, [before, after].map(Margins::Torque)))
 }
 
 /// Viscous friction, where it was identified: what a drive in position mode does within a cycle changes with the rate too.

@@ -28,6 +28,7 @@ use super::proof::NotProven;
 use super::runner::Runner;
 use super::scene::Ended;
 use super::torque_meter::TorqueMeter;
+use crate::assembly::scaling;
 use crate::config::{self, CommandMode, Positive};
 use crate::cycle::LeadLimits;
 use crate::guard::{Cause, Fault, JointCommand, State};
@@ -202,6 +203,10 @@ impl<P: Place> Runner<P> {
         let cycles = course.offsets_rad.len();
         let is_told = rig.rig.command_mode != CommandMode::Torque;
         let mut meter = if is_told { Some(TorqueMeter::new(rig, joint, cycles as u32)?) } else { None };
+        let drive = rig.drives.get(joint).ok_or(RunError::WayBlocked { share: 0.0 })?;
+        let scaling = scaling(drive)?;
+        // What the drive is sent is whole parts of a thousand.
+        let sent = |torque: f64| scaling.torque_per_mille(torque).map_or(torque, |raw| scaling.torque_n_m(raw.value));
         let mut samples: Vec<Sample> = Vec::with_capacity(cycles);
         let (mut skipped, mut ran_away) = (Vec::with_capacity(cycles), false);
         self.enable(settling_on_bus(rig), permit, is_interrupted)?;
@@ -233,7 +238,7 @@ impl<P: Place> Runner<P> {
             };
             let of = |angles: JointAngles| angles.to_array().get(joint).copied().unwrap_or_default();
             let torque = match record.command {
-                JointCommand::Torque(torques) => torques.to_array().get(joint).copied().unwrap_or_default(),
+                JointCommand::Torque(torques) => sent(torques.to_array().get(joint).copied().unwrap_or_default()),
                 _ => 0.0,
             };
             samples.push(Sample {
