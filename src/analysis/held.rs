@@ -117,9 +117,8 @@ pub fn held_masses_identified(
     let follower = Follower::Host { gains, delay_cycles: identified_delay_cycles(rig, found)? };
     let models = identified_models(rig, found)?;
     let places = || poses(rig).into_iter().flat_map(|tool| models.iter().map(move |model| (tool, model)));
-    let (tools, at) = (places().map(|(tool, _)| tool).collect(), |(tool, model)| {
-        pose_at(rig, tool, is_cartesian, Some(model))
-    });
+    let (tools, at) =
+        (places().map(|(tool, _)| tool).collect(), |(tool, model)| pose_at(rig, tool, is_cartesian, Some(model)));
     let poses = places().map(at).collect::<Result<Vec<_>, _>>()?;
     Held { follower, outers, tools, poses }.holdings(hands, configured_kg).map(Some)
 }

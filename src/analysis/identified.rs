@@ -20,7 +20,8 @@ const LEAST_MOTOR_KG_M2: f64 = 1e-3;
 /// # Errors
 /// If the linkage cannot be at a pose.
 pub fn identified_models(rig: &config::Rig, found: &[JointFound; 2]) -> Result<Vec<MassModel>, RigError> {
-    let nothing = MassModel { motor_kg_m2: [LEAST_MOTOR_KG_M2; 2], proximal_kg: [0.0; 2], distal_kg: [0.0; 2], tool_kg: 0.0 };
+    let nothing =
+        MassModel { motor_kg_m2: [LEAST_MOTOR_KG_M2; 2], proximal_kg: [0.0; 2], distal_kg: [0.0; 2], tool_kg: 0.0 };
     let from_file = rig.control.feed_forward.inertia.as_ref().map(config::ArmInertia::mass_model);
     let model = from_file.or_else(|| plant_mass(rig).ok()).unwrap_or(nothing);
     let linkage = linkage(rig)?;
@@ -97,7 +98,8 @@ mod tests {
     fn an_arm_as_the_file_has_it_has_the_margins_of_the_file() {
         let rig = shipped();
         let mass = rig.control.feed_forward.inertia.as_ref().unwrap().mass_model();
-        let (by_file, identified) = (pose_margins(&rig).unwrap().unwrap(), identified_margins(&rig, &found(&rig, &mass)).unwrap().unwrap());
+        let (by_file, identified) =
+            (pose_margins(&rig).unwrap().unwrap(), identified_margins(&rig, &found(&rig, &mass)).unwrap().unwrap());
         let near = |one: f64, other: f64| (one / other - 1.0).abs() < 1e-9;
         assert!(near(by_file.worst.without_friction.phase_deg, identified.worst.without_friction.phase_deg));
         assert!(near(by_file.inertia[0], identified.inertia[0]) && near(by_file.inertia[1], identified.inertia[1]));
@@ -114,8 +116,11 @@ mod tests {
             let margins = identified_margins(&rig, &found).unwrap().unwrap();
             let tuned = crate::analysis::proposed_gains(&rig, &margins).unwrap();
             let mut with_gains = rig.clone();
-            if let config::ControlGains::Joint { stiffness_n_m_per_rad: k, damping_n_m_s_per_rad: b, integral_n_m_per_rad_s: l } =
-                &mut with_gains.control.gains
+            if let config::ControlGains::Joint {
+                stiffness_n_m_per_rad: k,
+                damping_n_m_s_per_rad: b,
+                integral_n_m_per_rad_s: l,
+            } = &mut with_gains.control.gains
             {
                 *k = config::Positive::new(tuned.gains.stiffness).unwrap();
                 *b = config::NotNegative::new(tuned.gains.damping).unwrap();

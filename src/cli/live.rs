@@ -29,8 +29,8 @@ use crate::record::recording::About;
 use crate::report::{self, Overrides, measured, replay};
 use crate::run::{Ended, Orders, Play, RunError};
 use facts::Facts;
-pub(super) use proof::{evidence, loops};
 use proof::{check_measured_loop, unproven, untimely};
+pub(super) use proof::{evidence, loops};
 
 /// Cycles of which figure and measures are made, from the first one on: ten minutes at 1 kHz. A recording holds all.
 const LONGEST_TRACE: u64 = 600_000;

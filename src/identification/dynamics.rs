@@ -87,7 +87,10 @@ pub fn dynamics(passages: &[Passage], excitation: &Excitation, period_s: f64) ->
         let slopes = [late - 1.0, 1.0 - 2.0 * late, late];
         let at = |line: usize, weights: [f64; 3]| {
             let of = |(shift, weight): (usize, f64)| {
-                shifted.get(whole as usize + shift).and_then(|lines| lines.get(line)).map_or(Complex::default(), |u| u * weight)
+                shifted
+                    .get(whole as usize + shift)
+                    .and_then(|lines| lines.get(line))
+                    .map_or(Complex::default(), |u| u * weight)
             };
             weights.into_iter().enumerate().map(of).sum::<Complex<f64>>()
         };
@@ -154,11 +157,7 @@ impl Equation {
     }
 
     /// The inertia, the viscous friction and the delay that leave least, by torque and its slope over the delay in cycles.
-    fn solve(
-        &self,
-        period_s: f64,
-        torque: impl Fn(f64) -> Vec<[Complex<f64>; 2]>,
-    ) -> Result<Dynamics, NotIdentified> {
+    fn solve(&self, period_s: f64, torque: impl Fn(f64) -> Vec<[Complex<f64>; 2]>) -> Result<Dynamics, NotIdentified> {
         let rest = |delay: f64| self.fit(&torque(delay)).map_or(f64::INFINITY, |fit| fit.rest);
         let steps = (LONGEST_DELAY * STEPS_PER_CYCLE) as u32;
         let at = |step: u32| f64::from(step) / STEPS_PER_CYCLE;
@@ -175,7 +174,7 @@ impl Equation {
         let delay = 0.5 * (low + high);
         let sides = torque(delay);
         let fit = self.fit(&sides).ok_or(NotIdentified::Indistinct)?;
-        if !(fit.inertia > 0.0) {
+        if fit.inertia.is_nan() || fit.inertia <= 0.0 {
             return Err(NotIdentified::NoInertia);
         }
         // Two real equations a frequency, three unknowns.
@@ -215,7 +214,7 @@ impl Equation {
             vw += product(v, w);
         }
         let determinant = aa * vv - av * av;
-        if !(determinant > 1e-12 * aa * vv) {
+        if determinant.is_nan() || determinant <= 1e-12 * aa * vv {
             return None;
         }
         let (inertia, viscous) = ((aw * vv - vw * av) / determinant, (vw * aa - aw * av) / determinant);

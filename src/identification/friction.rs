@@ -45,7 +45,7 @@ pub fn friction(travels: &[Steady], inertia_kg_m2: f64) -> Result<Friction, NotI
             return Err(NotIdentified::TooFew);
         };
         let (from, to) = (forward.least().max(backward.least()), forward.most().min(backward.most()));
-        if !(to > from) {
+        if to.is_nan() || to <= from {
             return Err(NotIdentified::TooFew);
         }
         for part in 0..PARTS {
@@ -67,7 +67,7 @@ pub fn friction(travels: &[Steady], inertia_kg_m2: f64) -> Result<Friction, NotI
     let torque = points.iter().map(|[_, torque]| torque).sum::<f64>() / count;
     let spread: f64 = points.iter().map(|[at, _]| (at - rate) * (at - rate)).sum();
     let together: f64 = points.iter().map(|[at, value]| (at - rate) * (value - torque)).sum();
-    if !(spread > LEAST_SPREAD * count * rate * rate) {
+    if spread.is_nan() || spread <= LEAST_SPREAD * count * rate * rate {
         return Err(NotIdentified::Indistinct);
     }
     let viscous = together / spread;
@@ -125,7 +125,8 @@ fn mean(samples: &[[f64; 3]], line: &Line, low: f64, high: f64) -> Option<Mean> 
     for three in samples.windows(3) {
         let [[before_s, before, _], [now_s, now, torque], [next_s, next, _]] = three else { continue };
         let share = (line.at(*now_s) - low) / (high - low);
-        if !(0.0..=1.0).contains(&share) || !(next_s > now_s && now_s > before_s) {
+        let is_in_order = next_s > now_s && now_s > before_s;
+        if !((0.0..=1.0).contains(&share) && is_in_order) {
             continue;
         }
         let weight = elementary::powi(elementary::sin(std::f64::consts::PI * share), 2);

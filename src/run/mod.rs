@@ -43,5 +43,6 @@ pub use proof::{DriveIdentity, NotProven, Proof, Subject, Unproven};
 pub use runner::{ANNOUNCED, BootWatch, END_OF_WATCH, LinkCounts, Observer, Runner, Tap};
 pub use scene::{Ended, Play, Played};
 pub use tune_loop::{
-    Follows, JointFound, JointLoop, LOOP_BOUND_RAD, LoopPlan, LoopTraced, LoopUnreadable, MeasuredLoop, Prove, StepAnswer,
+    Follows, JointFound, JointLoop, LOOP_BOUND_RAD, LoopPlan, LoopTraced, LoopUnreadable, MeasuredLoop, Prove,
+    StepAnswer,
 };

@@ -73,13 +73,23 @@ pub(in crate::cli) fn loops() -> Result<PathBuf, Failure> {
 }
 
 /// Whether the gains of a rig leave enough margin with the delay and the inertia that were measured of it on a bus, if they were.
-pub(super) fn check_measured_loop(rig: &config::Loaded<config::Rig>, folder: &Path, buses: &str) -> Result<(), Failure> {
-    let again = format!("`yieldwall tune loop {} {buses} --write` measures it anew and writes gains that have them", rig.source);
-    let refused = |message: String, help: &str| Failure::new(Exit::OutOfTolerance, message, format!("nothing was sent; {help}"));
+pub(super) fn check_measured_loop(
+    rig: &config::Loaded<config::Rig>,
+    folder: &Path,
+    buses: &str,
+) -> Result<(), Failure> {
+    let again = format!(
+        "`yieldwall tune loop {} {buses} --write` measures it anew and writes gains that have them",
+        rig.source
+    );
+    let refused =
+        |message: String, help: &str| Failure::new(Exit::OutOfTolerance, message, format!("nothing was sent; {help}"));
     let measured = MeasuredLoop::load(&rig.value, folder)
         .map_err(|error| refused(error.to_string(), &format!("delete the record, or measure anew: {again}")))?;
     let Some(MeasuredLoop { joints, .. }) = measured else { return Ok(()) };
-    let Some(margins) = identified_margins(&rig.value, &joints).map_err(|error| rig_failure(&error))? else { return Ok(()) };
+    let Some(margins) = identified_margins(&rig.value, &joints).map_err(|error| rig_failure(&error))? else {
+        return Ok(());
+    };
     let worst = margins.worst.without_friction;
     if has_margins(&worst, LEAST_MARGINS) {
         return Ok(());

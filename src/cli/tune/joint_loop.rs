@@ -66,6 +66,11 @@ pub(in crate::cli) fn run(arguments: &Arguments, output: &mut Output) -> Result<
     if let Some(html) = &arguments.html {
         arguments.replace.check_new(html)?;
     }
+    if arguments.write && rig.source.is_shipped() {
+        let message = format!("{} comes with the program, and stays as it is", rig.source);
+        let help = format!("keep what `yieldwall config show {}` prints in a file, and name that file", rig.source);
+        return Err(Failure::new(Exit::Usage, message, help));
+    }
     let plans = [0, 1].map(|joint| LoopPlan { joint, torque_n_m: arguments.torque });
     #[cfg(target_os = "linux")]
     if arguments.on_bus.is_asked() {
@@ -94,12 +99,7 @@ pub(in crate::cli) fn run(arguments: &Arguments, output: &mut Output) -> Result<
 }
 
 #[cfg(target_os = "linux")]
-fn on_bus(
-    arguments: &Arguments,
-    plans: &[LoopPlan],
-    rig: &Loaded<Rig>,
-    output: &mut Output,
-) -> Result<(), Failure> {
+fn on_bus(arguments: &Arguments, plans: &[LoopPlan], rig: &Loaded<Rig>, output: &mut Output) -> Result<(), Failure> {
     use crate::cli::confirm::agreed;
     use crate::cli::events::Events;
     use crate::cli::first_motion::Opened;
@@ -238,12 +238,17 @@ fn failure(traced: &LoopTraced, joint: usize, name: &str, rig: &Rig) -> Failure 
         }
         Ended::Whole => Failure::new(
             Exit::OutOfTolerance,
-            format!("{torque:.1} N m were too little for the course of the joint of {name}: what was cut shows no inertia"),
+            format!(
+                "{torque:.1} N m were too little for the course of the joint of {name}: what was cut shows no inertia"
+            ),
             "raise --torque",
         ),
         Ended::Stopped if traced.cause.is_none() => Failure::new(
             Exit::SafetyStop,
-            format!("after {:.3} s the rig was stopped before joint {joint}, {name}, was at the end of its course", traced.time_s),
+            format!(
+                "after {:.3} s the rig was stopped before joint {joint}, {name}, was at the end of its course",
+                traced.time_s
+            ),
             "lead the arm to the middle of its workspace by hand",
         ),
         _ => stopped_by(traced.cause, traced.time_s, rig),
@@ -263,7 +268,9 @@ fn judge(found: &[&JointLoop], rig: &Rig) -> Result<(), Failure> {
                 "the drive tells its torque (6077h) too seldom: look at its answers with `yieldwall commission`"
             }
             NotIdentified::Stands => "the joint sticks at 10 degrees in a second: look at its loop and at its friction",
-            NotIdentified::NoDelay { .. } => "look at what delays the torque: filters of the drive, a torque that is no torque",
+            NotIdentified::NoDelay { .. } => {
+                "look at what delays the torque: filters of the drive, a torque that is no torque"
+            }
             _ => "look at the joint with `yieldwall commission`, and begin again",
         };
         return Err(Failure::new(Exit::OutOfTolerance, format!("{what} of {name}: {error}"), help));
@@ -326,22 +333,28 @@ fn joint_text(joint: &JointLoop, rig: &Rig) -> String {
     match &joint.friction {
         Ok(friction) => {
             let viscous = match viscous(friction, rig) {
-                Some(viscous) => format!("{} N m s/rad viscous", plus_minus(viscous, 1.0, 2)),
+                Some(viscous) => format!("{} N m s/rad viscous", plus_minus(viscous, 1.0, 3)),
                 None => "viscous friction not identified".to_owned(),
             };
             lines.push(format!(
-                "friction  {} N m dry, {viscous}, {:.2} N m the same both ways",
-                plus_minus(&friction.coulomb_n_m, 1.0, 2),
-                friction.offset_n_m
+                "friction  {} N m dry, {viscous}; {:.2} N m do not turn round with the way",
+                plus_minus(&friction.coulomb_n_m, 1.0, 3),
+                // Zero has no sign.
+                (100.0 * friction.offset_n_m).round() / 100.0 + 0.0
             ));
         }
         Err(error) => lines.push(format!("friction  not identified: {error}")),
     }
     if let Some(lag_s) = joint.lag_s.filter(|_| joint.is_told) {
-        lines.push(format!("lag       {:.2} ms from a set-point to the angle; the loop closes in the drive", 1e3 * lag_s));
+        lines.push(format!(
+            "lag       {:.2} ms from a set-point to the angle; the loop closes in the drive",
+            1e3 * lag_s
+        ));
     }
     if let Some(step) = &joint.step {
-        let rise = step.rise_s.map_or("it does not come to the step".to_owned(), |rise| format!("it rises in {:.1} ms", 1e3 * rise));
+        let rise = step
+            .rise_s
+            .map_or("it does not come to the step".to_owned(), |rise| format!("it rises in {:.1} ms", 1e3 * rise));
         lines.push(format!("step      {rise}, and goes {:.0} % beyond", 100.0 * step.overshoot));
     }
     lines.push(format!("torque    {:.1} N m at most, which both drives were told", joint.torque_n_m));
@@ -379,7 +392,8 @@ fn advice(found: &[&JointLoop], rig: &Rig) -> Vec<String> {
             Some(SLIDING_FACTOR * most * dynamics.inertia_kg_m2.value / (2.0 * torque))
         })
         .fold(0.0, f64::max);
-    if rig.rig.command_mode == CommandMode::Torque && rig.control.law == ControlLaw::Psmc && bound > 0.0 {
+    let is_psmc = rig.rig.command_mode == CommandMode::Torque && rig.control.law == ControlLaw::Psmc;
+    if is_psmc && bound > rig.control.sliding_time_s.get() {
         lines.push(format!(
             "sliding time: from {bound:.4} s on PSMC does not overshoot after a saturation at `guard.joint_speed_limit_rad_per_s`; \
              `control.sliding_time_s` has {}",
@@ -425,4 +439,49 @@ fn joint_json(joint: &JointLoop, rig: &Rig) -> Value {
         "plant_rad_per_n_m": responses,
         "angle_over_reference": joint.follows.iter().map(|it| complex(it.frequency_hz, it.ratio)).collect::<Vec<_>>(),
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use std::ffi::OsString;
+    use std::fs;
+
+    use super::*;
+    use crate::cli::run;
+    use crate::config::{ControlGains, builtin, load_rig};
+
+    fn exit(arguments: &[&str]) -> Exit {
+        run(["yieldwall", "-q", "--json"].into_iter().chain(arguments.iter().copied()).map(OsString::from))
+    }
+
+    #[test]
+    fn three_gains_are_written_when_that_is_confirmed_and_every_other_byte_stays() {
+        let folder = std::env::temp_dir().join(format!("yieldwall-tune-loop-{}", std::process::id()));
+        fs::create_dir_all(&folder).unwrap();
+        let text = builtin("paper-admittance.yaml").read().unwrap().to_string();
+        let before = text.replace("simulation: simulations/", "simulation: builtin:simulations/");
+        let (file, html) = (folder.join("rig.yaml"), folder.join("loop.html"));
+        fs::write(&file, &before).unwrap();
+        let [rig, page] = [&file, &html].map(|path| path.display().to_string());
+        assert_eq!(exit(&["tune", "loop", &rig, "--html", &page]), Exit::Ok);
+        assert_eq!(fs::read_to_string(&file).unwrap(), before, "nothing is written without being asked to");
+        let page = fs::read_to_string(&html).unwrap();
+        assert_eq!(page.matches("<svg").count(), 4, "a Bode plot and a step of each joint");
+        assert_eq!(exit(&["tune", "loop", &rig, "--write", "--yes"]), Exit::Ok);
+        let after = fs::read_to_string(&file).unwrap();
+        let differ: Vec<&str> =
+            before.lines().zip(after.lines()).filter(|(one, other)| one != other).map(|(_, other)| other).collect();
+        let gains = |rig: &str| load_rig(Source::named(rig)).unwrap().value.control.gains;
+        assert!(differ.len() == 3 && differ.iter().all(|line| line.contains("_n_m_")), "{differ:?}");
+        assert!(matches!(gains(&rig), ControlGains::Joint { .. }) && before.lines().count() == after.lines().count());
+        fs::remove_dir_all(&folder).unwrap();
+    }
+
+    #[test]
+    fn what_comes_with_the_program_is_not_written_to_and_too_little_torque_is_said() {
+        assert_eq!(exit(&["tune", "loop", "builtin:paper-admittance.yaml", "--write", "--yes"]), Exit::Usage);
+        let weak = exit(&["tune", "loop", "builtin:paper-admittance.yaml", "--torque", "8"]);
+        assert!(matches!(weak, Exit::SafetyStop | Exit::OutOfTolerance), "{weak:?}");
+        assert_eq!(exit(&["tune", "loop", "builtin:paper-admittance.yaml", "--torque", "-8"]), Exit::Usage);
+    }
 }

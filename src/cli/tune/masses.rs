@@ -3,7 +3,8 @@
 use serde_json::{Value, json};
 
 use crate::analysis::{
-    HeldMasses, Holding, Remedy, UnevenSamples, hand_of, held_masses, held_masses_identified, remedies, stiffer, uneven_samples, usual_hands,
+    HeldMasses, Holding, Remedy, UnevenSamples, hand_of, held_masses, held_masses_identified, remedies, stiffer,
+    uneven_samples, usual_hands,
 };
 use crate::cli::bus::{Plan, plans};
 use crate::config::{Coupling, Diagnostic, Loaded, Rig, Scene, Severity};

@@ -57,8 +57,8 @@ fn passages(planted: Planted, excitation: &Excitation, period_s: f64, record: us
                     let now_s = period_s * f64::from(step) / f64::from(STEPS) + 0.5 * step_s;
                     let late = ((planted.delay_s - now_s) / period_s).ceil().max(0.0) as usize;
                     let acting = set[set.len() - 1 - late.min(set.len() - 1)];
-                    let free = rate * (planted.inertia - 0.5 * step_s * planted.viscous)
-                        + step_s * (acting + disturbance);
+                    let free =
+                        rate * (planted.inertia - 0.5 * step_s * planted.viscous) + step_s * (acting + disturbance);
                     let dry = step_s * planted.coulomb;
                     let next = (free - gsat(-dry, free, dry)) / (planted.inertia + 0.5 * step_s * planted.viscous);
                     angle += 0.5 * step_s * (rate + next);
@@ -75,14 +75,8 @@ fn excited(period_s: f64) -> (Excitation, usize) {
     (Excitation::new(period_s, record as u32, 0.1), record)
 }
 
-const USUAL: Planted = Planted {
-    inertia: 0.35,
-    viscous: 0.5,
-    coulomb: 10.0,
-    delay_s: 1e-3,
-    quanta: [7.85e-6, 0.06],
-    noise_n_m: 0.05,
-};
+const USUAL: Planted =
+    Planted { inertia: 0.35, viscous: 0.5, coulomb: 10.0, delay_s: 1e-3, quanta: [7.85e-6, 0.06], noise_n_m: 0.05 };
 
 #[test]
 fn inertia_and_delay_are_found_at_each_cycle_time_and_each_share_of_a_cycle() {
@@ -90,8 +84,7 @@ fn inertia_and_delay_are_found_at_each_cycle_time_and_each_share_of_a_cycle() {
         let (excitation, record) = excited(period_s);
         for cycles in delays {
             let planted = Planted { delay_s: cycles * period_s, ..USUAL };
-            let found =
-                dynamics(&passages(planted, &excitation, period_s, record, 1), &excitation, period_s).unwrap();
+            let found = dynamics(&passages(planted, &excitation, period_s, record, 1), &excitation, period_s).unwrap();
             let off_us = 1e6 * (found.delay_s.value - planted.delay_s);
             let off = found.inertia_kg_m2.value / planted.inertia - 1.0;
             assert!(off.abs() < 0.02 && off_us.abs() < 50.0, "{period_s} s, {cycles}: {found:?}");

@@ -8,7 +8,8 @@ use super::{EmbeddedRig, RigError};
 use crate::config;
 use crate::guard::{Request, State};
 use crate::run::{
-    Bounds, Enabling, Jog, Jogged, LoopPlan, LoopTraced, NotProven, Permit, RunError, Runner, STOP_LIMIT_S, has_torque, settling_cycles,
+    Bounds, Enabling, Jog, Jogged, LoopPlan, LoopTraced, NotProven, Permit, RunError, Runner, STOP_LIMIT_S, has_torque,
+    settling_cycles,
 };
 
 /// Cycles from a reset to the question to be enabled again: the drives have left their fault state.

@@ -56,13 +56,7 @@ impl Trace<'_> {
     }
 
     /// What it shows of a joint.
-    pub(super) fn identified(
-        &self,
-        joint: usize,
-        pose: JointAngles,
-        is_told: bool,
-        torque_n_m: f64,
-    ) -> JointLoop {
+    pub(super) fn identified(&self, joint: usize, pose: JointAngles, is_told: bool, torque_n_m: f64) -> JointLoop {
         let follows = self.follows();
         let dynamics = if is_told { Err(NotIdentified::InDrive) } else { self.dynamics() };
         let inertia = dynamics.as_ref().map_or(0.0, |found| found.inertia_kg_m2.value);
@@ -84,7 +78,8 @@ impl Trace<'_> {
         let mut travels = vec![Steady::default(); RATES.len()];
         for (part, samples) in self.parts() {
             let Shows::Steady(rate) = part.shows else { continue };
-            let (Some(travel), Some((first, last))) = (travels.get_mut(rate), samples.first().zip(samples.last())) else {
+            let (Some(travel), Some((first, last))) = (travels.get_mut(rate), samples.first().zip(samples.last()))
+            else {
                 continue;
             };
             let is_forward = last.reference_rad > first.reference_rad;

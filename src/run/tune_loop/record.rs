@@ -129,12 +129,8 @@ mod tests {
         let folder = std::env::temp_dir().join(format!("yieldwall-loops-{}", std::process::id()));
         let rig = config::load_rig(config::builtin("paper-admittance.yaml")).unwrap().value;
         assert!(MeasuredLoop::load(&rig, &folder).unwrap().is_none());
-        let joint = JointFound {
-            inertia_kg_m2: 0.4,
-            pose_rad: [2.0, 0.7],
-            delay_s: 1.001e-3,
-            viscous_n_m_s_per_rad: 0.5,
-        };
+        let joint =
+            JointFound { inertia_kg_m2: 0.4, pose_rad: [2.0, 0.7], delay_s: 1.001e-3, viscous_n_m_s_per_rad: 0.5 };
         let measured = MeasuredLoop::new(&rig, [joint; 2]);
         let path = measured.store(&folder).unwrap();
         assert_eq!(MeasuredLoop::load(&rig, &folder).unwrap(), Some(measured));

@@ -43,37 +43,55 @@ fn section(rig: &Rig, joint: &JointLoop, tuned: Option<&Rig>) -> String {
     format!("<h2>{}</h2>\n<pre>{lines}</pre>\n{bode}\n{step}\n", escaped(name))
 }
 
-fn bode(title: &str, curves: &[(String, Vec<(f64, Complex<f64>)>, Mark)]) -> Chart {
-    let series = |of: fn(Complex<f64>) -> f64| {
-        let each = curves.iter().zip(Color::LINES).map(move |((name, points, mark), color)| Series {
-            name: name.clone(),
-            points: points.iter().map(|(hz, z)| (*hz, of(*z))).collect(),
-            mark: *mark,
-            color,
-        });
-        each.collect::<Vec<_>>()
+/// What is known at frequencies in Hz.
+type Known = [(f64, Complex<f64>)];
+/// A curve in a Bode plot: its name, what is known, and how it is drawn.
+type Curve = (String, Vec<(f64, Complex<f64>)>, Mark);
+/// What is drawn over the frequency.
+type Drawn = fn(&Known) -> Vec<(f64, f64)>;
+
+fn bode(title: &str, curves: &[Curve]) -> Chart {
+    let series = |of: Drawn| {
+        let each = curves.iter().zip(Color::LINES);
+        each.map(|((name, points, mark), color)| Series { name: name.clone(), points: of(points), mark: *mark, color })
+            .collect::<Vec<_>>()
     };
-    let panel = |y: &str, of: fn(Complex<f64>) -> f64| Panel {
+    let panel = |y: &str, of: Drawn| Panel {
         title: String::new(),
         x: Axis::logarithmic("frequency (Hz)"),
         y: Axis::linear(y),
         series: series(of),
     };
-    let gain_db = |z: Complex<f64>| 20.0 * elementary::log10(elementary::hypot(z.re, z.im));
-    // A loop lags: what is ahead is a turn behind.
-    let phase_deg = |z: Complex<f64>| {
-        let phase = elementary::atan2(z.im, z.re).to_degrees();
-        if phase > 30.0 { phase - 360.0 } else { phase }
-    };
-    Chart { title: title.to_owned(), panels: vec![panel("gain (dB)", gain_db), panel("phase (deg)", phase_deg)], columns: 1 }
+    Chart {
+        title: title.to_owned(),
+        panels: vec![panel("gain (dB)", gain_db), panel("phase (deg)", phase_deg)],
+        columns: 1,
+    }
+}
+
+/// The gain at each frequency, dB.
+fn gain_db(points: &Known) -> Vec<(f64, f64)> {
+    points.iter().map(|(hz, z)| (*hz, 20.0 * elementary::log10(elementary::hypot(z.re, z.im)))).collect()
+}
+
+/// The phase at each frequency, less than half a turn from the one before; the first between -330 and 30 degrees.
+fn phase_deg(points: &Known) -> Vec<(f64, f64)> {
+    let mut last = -150.0;
+    points
+        .iter()
+        .map(|(hz, z)| {
+            let phase = elementary::atan2(z.im, z.re).to_degrees();
+            last = phase - 360.0 * ((phase - last) / 360.0).round();
+            (*hz, last)
+        })
+        .collect()
 }
 
 /// The open loop, measured and by what was identified; the joint alone where the controllers act on the tool.
 fn loop_chart(rig: &Rig, dynamics: &Dynamics, tuned: Option<&Rig>) -> Chart {
     let period_s = period_s(rig);
     let delay_cycles = (dynamics.delay_s.value / period_s).max(0.0);
-    let [inertia, viscous] =
-        [dynamics.inertia_kg_m2.value, dynamics.viscous_n_m_s_per_rad.value.max(0.0)];
+    let [inertia, viscous] = [dynamics.inertia_kg_m2.value, dynamics.viscous_n_m_s_per_rad.value.max(0.0)];
     let is_joint = matches!(rig.control.gains, ControlGains::Joint { .. });
     let of_rig = |rig: &Rig| gains(&rig.control).map(|(gains, _)| gains).filter(|_| is_joint);
     // Without gains a unit of stiffness: what is left is the joint.
@@ -81,9 +99,8 @@ fn loop_chart(rig: &Rig, dynamics: &Dynamics, tuned: Option<&Rig>) -> Chart {
     let servo = |gains: Gains| ServoLoop { gains, period_s, delay_cycles };
     let highest_hz = 0.45 / period_s;
     let model = |gains: Gains| {
-        let at = |point: u32| {
-            LOWEST_HZ * elementary::powf(highest_hz / LOWEST_HZ, f64::from(point) / f64::from(POINTS))
-        };
+        let at =
+            |point: u32| LOWEST_HZ * elementary::powf(highest_hz / LOWEST_HZ, f64::from(point) / f64::from(POINTS));
         let points = (0..=POINTS).map(at);
         points.filter_map(|hz| Some((hz, open_loop(&servo(gains), inertia, viscous, hz).ok()?))).collect::<Vec<_>>()
     };
@@ -99,7 +116,8 @@ fn loop_chart(rig: &Rig, dynamics: &Dynamics, tuned: Option<&Rig>) -> Chart {
     if let Some(gains) = tuned.and_then(of_rig) {
         curves.push(("with the proposed gains".to_owned(), model(gains), Mark::Dashed));
     }
-    let title = if is_joint { "open loop, with the other joint held" } else { "angle over torque, with the other joint held" };
+    let title =
+        if is_joint { "open loop, with the other joint held" } else { "angle over torque, with the other joint held" };
     bode(title, &curves)
 }
 
