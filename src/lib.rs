@@ -30,6 +30,7 @@ pub mod ethercat;
 pub mod explanation;
 pub mod fixture;
 pub mod guard;
+pub mod identification;
 pub mod linkage;
 pub mod objects;
 pub mod plain_can;

@@ -2,6 +2,7 @@
 
 use nalgebra::{Matrix2, Vector2};
 
+use super::identified::{identified_delay_cycles, identified_models};
 use super::margins::poses;
 use crate::assembly::{AssemblyError, bus_id, bus_plan, delay_cycles, gains, linkage, period_s, plant_mass};
 use crate::bus::budget::{Budget, PlannedFrame, Use};
@@ -10,8 +11,10 @@ use crate::control::{
     Follower, Gains, Grip, HeldLoop, Outer, Pose, Sampling, ServoLoop, damping_needed_n_s_per_m,
     greatest_damping_n_s_per_m, greatest_stiffness_n_per_m, is_stable, lag_s, passive_mass_kg, stable_masses,
 };
+use crate::linkage::MassModel;
 use crate::quantity::{JointAngles, JointRates, TipPoint};
 use crate::rig::RigError;
+use crate::run::JointFound;
 use crate::sim::SYNC_RATE_HZ;
 
 /// Hands for which a rig is looked at when none is named: normal, stiff and braced, N/m.
@@ -94,7 +97,30 @@ pub fn stiffer(hand: &Grip, stiffness_n_per_m: f64) -> Grip {
 /// If the arm cannot be built, does not reach a pose or is singular there; numbers out of range.
 pub fn held_masses(rig: &config::Rig, hands: &[Grip], configured_kg: f64) -> Result<Option<Vec<Holding>>, RigError> {
     let Some(held) = Held::of(rig)? else { return Ok(None) };
-    hands.iter().map(|grip| held.holding(grip, configured_kg)).collect::<Result<Vec<_>, _>>().map(Some)
+    held.holdings(hands, configured_kg).map(Some)
+}
+
+/// The same in torque mode with what was identified of the joints: their delay, and the arm as both of
+/// [`identified_models`] have it, while the model of the file is fed forward. `None` in the other modes.
+///
+/// # Errors
+/// As [`held_masses`].
+pub fn held_masses_identified(
+    rig: &config::Rig,
+    found: &[JointFound; 2],
+    hands: &[Grip],
+    configured_kg: f64,
+) -> Result<Option<Vec<Holding>>, RigError> {
+    let (Some((Follower::Host { gains, .. }, is_cartesian)), outers) = (follower(rig)?, outers(rig)?) else {
+        return Ok(None);
+    };
+    let follower = Follower::Host { gains, delay_cycles: identified_delay_cycles(rig, found)? };
+    let models = identified_models(rig, found)?;
+    let places = || poses(rig).into_iter().flat_map(|tool| models.iter().map(move |model| (tool, model)));
+    let (tools, at) =
+        (places().map(|(tool, _)| tool).collect(), |(tool, model)| pose_at(rig, tool, is_cartesian, Some(model)));
+    let poses = places().map(at).collect::<Result<Vec<_>, _>>()?;
+    Held { follower, outers, tools, poses }.holdings(hands, configured_kg).map(Some)
 }
 
 /// A rig's loop at all poses along its surface, for hands to be put on it.
@@ -110,8 +136,12 @@ impl Held {
     pub(super) fn of(rig: &config::Rig) -> Result<Option<Self>, RigError> {
         let Some((follower, is_cartesian)) = follower(rig)? else { return Ok(None) };
         let (outers, tools) = (outers(rig)?, poses(rig));
-        let poses = tools.iter().map(|tool| pose_at(rig, *tool, is_cartesian)).collect::<Result<Vec<_>, _>>()?;
+        let poses = tools.iter().map(|tool| pose_at(rig, *tool, is_cartesian, None)).collect::<Result<Vec<_>, _>>()?;
         Ok(Some(Self { follower, outers, tools, poses }))
+    }
+
+    fn holdings(&self, hands: &[Grip], configured_kg: f64) -> Result<Vec<Holding>, RigError> {
+        hands.iter().map(|grip| self.holding(grip, configured_kg)).collect()
     }
 
     /// Whether a virtual mass is stable at every pose and every phase that is looked at.
@@ -268,7 +298,13 @@ fn latest_samples_s(rig: &config::Rig) -> Result<[f64; 2], RigError> {
     Ok([latest_s(&PlannedFrame::bits_shortest), latest_s(&|frame| frame.bits(conditions.is_plain()))])
 }
 
-fn pose_at(rig: &config::Rig, tool: Vector2<f64>, is_cartesian: bool) -> Result<Pose, RigError> {
+/// The arm with the tool at a point; `real` stands in place of the model that is known of it.
+fn pose_at(
+    rig: &config::Rig,
+    tool: Vector2<f64>,
+    is_cartesian: bool,
+    real: Option<&MassModel>,
+) -> Result<Pose, RigError> {
     let linkage = linkage(rig)?;
     // What the control feeds forward acts, and stands for the arm, in torque mode alone.
     let forward = Some(&rig.control.feed_forward).filter(|_| rig.rig.command_mode == config::CommandMode::Torque);
@@ -276,11 +312,14 @@ fn pose_at(rig: &config::Rig, tool: Vector2<f64>, is_cartesian: bool) -> Result<
     let angles: JointAngles = linkage.inverse(TipPoint(tool))?;
     let arm = model.map_or_else(|| plant_mass(rig), |model| Ok(model.mass_model()))?;
     let mass = linkage.dynamics(&arm, angles, JointRates::default())?;
+    let real = real.map_or(Ok(mass.mass), |real| {
+        linkage.dynamics(real, angles, JointRates::default()).map(|dynamics| dynamics.mass)
+    })?;
     let diagonal =
         |values: [config::NotNegative; 2]| Matrix2::from_diagonal(&Vector2::from(values.map(|value| value.get())));
     let forward_viscous = forward.map_or_else(Matrix2::zeros, |forward| diagonal(forward.viscous_n_m_s_per_rad));
     let joints = Pose {
-        mass: mass.mass,
+        mass: real,
         viscous: if model.is_some() {
             forward_viscous
         } else {

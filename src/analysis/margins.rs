@@ -7,6 +7,7 @@ use crate::assembly::{delay_cycles, gains, linkage, period_s, plant_mass};
 use crate::config;
 use crate::control::{Margins, ServoLoop, principal_inertias, worst_margins};
 use crate::fixture::Shape2;
+use crate::linkage::MassModel;
 use crate::quantity::{JointAngles, JointRates, TipPoint};
 use crate::rig::RigError;
 
@@ -99,16 +100,26 @@ pub fn pose_margins(rig: &config::Rig) -> Result<Option<PoseMargins>, RigError> 
     if rig.rig.command_mode != config::CommandMode::Torque {
         return Ok(None);
     }
-    let Some((gains, is_cartesian)) = gains(&rig.control) else { return Ok(None) };
-    let linkage = linkage(rig)?;
     let model =
         rig.control.feed_forward.inertia.as_ref().map_or_else(|| plant_mass(rig), |model| Ok(model.mass_model()))?;
     let viscous = rig.control.feed_forward.viscous_n_m_s_per_rad.map(|value| value.get());
+    margins_of(rig, &[model], viscous, delay_cycles(rig)?)
+}
+
+/// The same for each of these models of the arm, with this viscous friction of the joints in N m s/rad, and this delay.
+pub(super) fn margins_of(
+    rig: &config::Rig,
+    models: &[MassModel],
+    viscous: [f64; 2],
+    delay_cycles: f64,
+) -> Result<Option<PoseMargins>, RigError> {
+    let Some((gains, is_cartesian)) = gains(&rig.control) else { return Ok(None) };
+    let linkage = linkage(rig)?;
     let mut inertias = Vec::new();
     let mut viscous_at = f64::INFINITY;
-    for pose in poses(rig) {
+    for (pose, model) in poses(rig).into_iter().flat_map(|pose| models.iter().map(move |model| (pose, model))) {
         let angles: JointAngles = linkage.inverse(TipPoint(pose))?;
-        let dynamics = linkage.dynamics(&model, angles, JointRates::default())?;
+        let dynamics = linkage.dynamics(model, angles, JointRates::default())?;
         let (mass, damping) = if is_cartesian {
             let inverse = dynamics.jacobian.try_inverse().ok_or_else(|| RigError::Mismatch("singular pose".into()))?;
             let damping = inverse.transpose() * nalgebra::Matrix2::from_diagonal(&Vector2::from(viscous)) * inverse;
@@ -120,7 +131,6 @@ pub fn pose_margins(rig: &config::Rig) -> Result<Option<PoseMargins>, RigError> 
         viscous_at = viscous_at.min(damping);
         inertias.extend(principal_inertias(&mass)?);
     }
-    let delay_cycles = delay_cycles(rig)?;
     let servo = ServoLoop { gains, period_s: period_s(rig), delay_cycles };
     let worst = Margin {
         with_friction: worst_margins(&servo, &inertias, viscous_at)?,

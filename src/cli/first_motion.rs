@@ -43,6 +43,11 @@ impl OnBus {
         !self.bus.is_empty()
     }
 
+    /// Whether its cycles follow the wall clock.
+    pub(super) fn is_by_the_clock(&self) -> bool {
+        self.pace == PaceArgument::Free
+    }
+
     /// Its interfaces.
     pub(super) fn interfaces(&self, rig: &Rig) -> Result<Interfaces, Failure> {
         Interfaces::of(rig, &self.bus)

@@ -30,8 +30,8 @@ use crate::record::recording::About;
 use crate::report::{self, Overrides, measured, replay};
 use crate::run::{Ended, Orders, Play, RunError};
 use facts::Facts;
-pub(super) use proof::evidence;
-use proof::{unproven, untimely};
+use proof::{check_measured_loop, unproven, untimely};
+pub(super) use proof::{evidence, loops};
 
 /// Cycles of which figure and measures are made, from the first one on: ten minutes at 1 kHz. A recording holds all.
 const LONGEST_TRACE: u64 = 600_000;
@@ -61,6 +61,10 @@ fn run_and_tell(arguments: &Arguments, events: &Events, output: &mut Output) -> 
     if arguments.dry_run {
         let buses = Interfaces::of(&rig.value, &arguments.bus)?.named(&rig.value);
         return plan::run(&rig, &buses, Sender::Run, output);
+    }
+    if arguments.pace == PaceArgument::Free {
+        let buses = arguments.bus.iter().map(|bus| format!("--bus {bus}")).collect::<Vec<_>>().join(" ");
+        check_measured_loop(&rig, &loops()?, &buses)?;
     }
     // Devices in lockstep are simulated; on others a scene says no more than how long it lasts.
     let scene = match (&rig.value.simulation, arguments.pace) {

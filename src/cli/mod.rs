@@ -17,6 +17,7 @@ mod doctor;
 #[cfg(target_os = "linux")]
 mod drill;
 mod ending;
+mod escaped;
 mod events;
 mod explain;
 mod failure;

@@ -73,6 +73,30 @@ pub fn margins(servo: &ServoLoop, inertia: f64, viscous: f64) -> Result<Margins,
     Ok(OpenLoop::new(servo, inertia, viscous)?.margins())
 }
 
+/// The loop of [`margins`], opened at the controller's output, at a frequency in Hz above 0 and up to half of the sampling frequency.
+///
+/// # Errors
+/// As [`margins`].
+pub fn open_loop(
+    servo: &ServoLoop,
+    inertia: f64,
+    viscous: f64,
+    frequency_hz: f64,
+) -> Result<Complex<f64>, ControlError> {
+    let turn = positive("frequency", frequency_hz)? * servo.period_s * 2.0 * PI;
+    Ok(OpenLoop::new(servo, inertia, viscous)?.response(turn.min(PI)))
+}
+
+/// What the controller of a loop answers to an error at a frequency in Hz, as [`open_loop`]: torque per angle, N m/rad or N/m.
+///
+/// # Errors
+/// As [`margins`].
+pub fn controller(servo: &ServoLoop, frequency_hz: f64) -> Result<Complex<f64>, ControlError> {
+    servo.gains.checked()?;
+    let turn = positive("frequency", frequency_hz)? * positive("period", servo.period_s)? * 2.0 * PI;
+    Ok(controller_response(&servo.gains, servo.period_s, turn.min(PI)))
+}
+
 /// Whether the loop of [`margins`] is stable. Much quicker than its margins.
 ///
 /// # Errors
@@ -165,13 +189,9 @@ impl OpenLoop {
 
     /// `L(exp(i theta))`, `theta` from above 0 to pi.
     fn response(&self, theta: f64) -> Complex<f64> {
-        let Gains { stiffness, damping, integral } = self.servo.gains;
-        let t = self.servo.period_s;
-        // z - 1 without cancellation at low frequencies.
-        let below = Complex::new(-2.0 * elementary::powi(elementary::sin(0.5 * theta), 2), elementary::sin(theta));
+        let below = below_one(theta);
         let z = below + 1.0;
-        let back = below / (z * t);
-        let controller = back * damping + stiffness + back.inv() * integral;
+        let controller = controller_response(&self.servo.gains, self.servo.period_s, theta);
         let [new, old] = self.input;
         let [position, rate] = [0, 1].map(|i| z.inv() * old[i] + new[i]);
         let free = below + self.rate_loss;
@@ -290,6 +310,18 @@ impl OpenLoop {
             (20.0 * elementary::log10(high), -20.0 * elementary::log10(low))
         })
     }
+}
+
+/// `exp(i theta) - 1` without cancellation at low frequencies.
+fn below_one(theta: f64) -> Complex<f64> {
+    Complex::new(-2.0 * elementary::powi(elementary::sin(0.5 * theta), 2), elementary::sin(theta))
+}
+
+/// `C(exp(i theta))`, `theta` from above 0 to pi.
+fn controller_response(gains: &Gains, period_s: f64, theta: f64) -> Complex<f64> {
+    let below = below_one(theta);
+    let back = below / ((below + 1.0) * period_s);
+    back * gains.damping + gains.stiffness + back.inv() * gains.integral
 }
 
 /// Position gained in the time `t` by a unit rate that friction slows with the rate constant `decay`, s.

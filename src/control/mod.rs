@@ -35,7 +35,9 @@ pub use coupled::{
 pub use coupling::{damping_needed_n_s_per_m, greatest_damping_n_s_per_m, greatest_stiffness_n_per_m};
 pub use error::ControlError;
 pub use feed_forward::{FeedForward, FeedForwardParameters, FeedForwardStep, InertiaTerm};
-pub use margins::{MAX_DELAY_CYCLES, Margins, ServoLoop, is_stable, margins, principal_inertias, worst_margins};
+pub use margins::{
+    MAX_DELAY_CYCLES, Margins, ServoLoop, controller, is_stable, margins, open_loop, principal_inertias, worst_margins,
+};
 pub use pid::Pid;
 pub use psmc::Psmc;
 pub use rate::{RateLaw, RateStep};

@@ -25,8 +25,9 @@ use crate::link::{InterfaceFacts, Interfaces, Role, SocketCan};
 use crate::record::CycleRecord;
 use crate::run::commission::{Commissioned, Step, StepReport};
 use crate::run::{
-    Bounds, Drilled, DriveError, DriveIdentity, ErrorWatch, Finding, Jog, Jogged, LinkCounts, NotProven, Observer,
-    OnLink, Orders, Pace, Play, Played, Proof, RunError, Runner, Tap, Unproven, Wrenches, settling_on_bus,
+    Bounds, Drilled, DriveError, DriveIdentity, ErrorWatch, Finding, Jog, Jogged, LinkCounts, LoopPlan, LoopTraced,
+    NotProven, Observer, OnLink, Orders, Pace, Play, Played, Proof, RunError, Runner, Tap, Unproven, Wrenches,
+    settling_on_bus,
 };
 use crate::sensing::Wrench;
 use bench::OnTheBench;
@@ -282,6 +283,34 @@ impl RigOnBus {
             let permit = runner.prove_for_bring_up(rig, &terms.proof(), bounds)?;
             let _ = news.send(News::Proved);
             Ok(runner.jog(jog, &permit, is_interrupted, |_, _| ())?)
+        })
+    }
+
+    /// Boots, proves, tells the drives how little torque they may make, and leads one joint after the other along its course, as
+    /// [`Runner::tune_loop`], on a thread of its own, up to the first that does not go its whole course. Nobody may hold the handle.
+    ///
+    /// # Errors
+    /// If there is no such thread; what kept the joints from being led is in the outcome.
+    pub fn tune_loop(
+        self,
+        terms: &Terms,
+        plans: &[LoopPlan],
+        is_interrupted: &Arc<AtomicBool>,
+        tell: impl FnMut(News),
+    ) -> Result<Outcome<Vec<LoopTraced>>, ThreadError> {
+        self.under(terms, is_interrupted, tell, |runner, rig, _| {
+            let proof = terms.proof();
+            let mut prove = |runner: &mut OnInterfaces, rig: &config::Rig, bounds: Bounds| {
+                runner.prove_for_bring_up(rig, &proof, bounds)
+            };
+            let mut traced: Vec<LoopTraced> = Vec::with_capacity(plans.len());
+            for plan in plans {
+                traced.push(runner.tune_loop(rig, plan, &mut prove, is_interrupted)?);
+                if traced.last().is_none_or(|last| last.found.is_none()) {
+                    break;
+                }
+            }
+            Ok(traced)
         })
     }
 

@@ -123,12 +123,7 @@ impl<P: Place> Runner<P> {
         is_interrupted: &AtomicBool,
         mut each: impl FnMut(&mut Self, &CycleRecord),
     ) -> Result<Jogged, RunError> {
-        for _ in 0..jog.settling.max(1) {
-            if is_interrupted.load(Ordering::Relaxed) {
-                return Err(RunError::Interrupted);
-            }
-            self.run_cycle(Ask::Nothing);
-        }
+        self.idle_before_lead(jog.settling.max(1), is_interrupted)?;
         let measured = |rig: &Self| rig.last_outputs().map_or(JointAngles::default(), |it| it.signals.measured_angles);
         let from = measured(self);
         let ways = [Some(jog.by), jog.keys.map(|_| -jog.by)];
@@ -185,20 +180,37 @@ impl<P: Place> Runner<P> {
             }
         }
         let (state, cause, to) = (self.state(), self.cause(), measured(self));
-        if ended == Ended::Stopped && state.is_latched() {
+        let ended = self.end_lead(ended);
+        let time_s = f64::from(cycles) * self.period().as_secs_f64();
+        Ok(Jogged { ended, state, cause, time_s, from, to, deviation: deviation.into() })
+    }
+
+    /// Runs cycles of process data before joints are led, so that it is known where they are.
+    pub(super) fn idle_before_lead(&mut self, cycles: u32, is_interrupted: &AtomicBool) -> Result<(), RunError> {
+        for _ in 0..cycles {
+            if is_interrupted.load(Ordering::Relaxed) {
+                return Err(RunError::Interrupted);
+            }
+            self.run_cycle(Ask::Nothing);
+        }
+        Ok(())
+    }
+
+    /// Asks the drives what is wrong if a fault has stopped joints that were led, or else stops them; how it ended.
+    pub(super) fn end_lead(&mut self, ended: Ended) -> Ended {
+        if ended == Ended::Stopped && self.state().is_latched() {
             for _ in 0..self.cycles_in(AROUND_FAULT_S) {
                 self.ask_for_errors();
                 self.run_cycle(Ask::Nothing);
             }
         } else if ended != Ended::Panicked && !self.stop() {
-            ended = Ended::StillMoving;
+            return Ended::StillMoving;
         }
-        let time_s = f64::from(cycles) * self.period().as_secs_f64();
-        Ok(Jogged { ended, state, cause, time_s, from, to, deviation: deviation.into() })
+        ended
     }
 
     /// Where the joints are led.
-    fn led_angles(&self) -> JointAngles {
+    pub(super) fn led_angles(&self) -> JointAngles {
         self.last_outputs().map_or(JointAngles::default(), |outputs| outputs.signals.target_angles)
     }
 }

@@ -25,6 +25,8 @@ mod runner;
 mod scene;
 mod sensor;
 mod simulation;
+mod torque_meter;
+mod tune_loop;
 
 pub use conduct::{BootSteps, Enable, Enabling, STOP_LIMIT_S, has_torque, settling_cycles, settling_on_bus};
 pub use drilled::{
@@ -44,3 +46,7 @@ pub use proof::{DriveIdentity, NotProven, Proof, Subject, Unproven};
 pub use runner::{ANNOUNCED, BootWatch, END_OF_WATCH, LinkCounts, Observer, Runner, Tap};
 pub use scene::{Ended, Play, Played};
 pub use sensor::{NoZero, Wrenches};
+pub use tune_loop::{
+    Follows, JointFound, JointLoop, LOOP_BOUND_RAD, LoopPlan, LoopTraced, LoopUnreadable, MeasuredLoop, Prove,
+    StepAnswer,
+};

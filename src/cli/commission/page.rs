@@ -1,5 +1,6 @@
 //! The report of a commissioning as a page that needs nothing beside it.
 
+use crate::cli::escaped::escaped;
 use crate::config;
 use crate::run::commission::{Commissioned, Curve, Figure, StepReport, Verdict};
 use crate::study::chart::{Axis, Chart, Color, Mark, Panel, Series, svg};
@@ -80,9 +81,4 @@ fn chart(curve: &Curve) -> Chart {
     });
     let panel = Panel { title: String::new(), x: axis(curve.across), y: axis(curve.up), series: series.collect() };
     Chart { title: curve.title.clone(), panels: vec![panel], columns: 1 }
-}
-
-/// Text as it may stand in a page.
-fn escaped(text: &str) -> String {
-    text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;").replace('"', "&quot;")
 }

@@ -1,5 +1,8 @@
 //! What has to be shown before a rig on a real bus is enabled.
 
+use std::path::{Path, PathBuf};
+
+use crate::analysis::{LEAST_MARGINS, has_margins, identified_margins};
 use crate::cli::ending::rig_failure;
 use crate::cli::failure::{Exit, Failure};
 use crate::cli::keep::state_folder;
@@ -10,7 +13,7 @@ use crate::cli::{drill, latency};
 use crate::config;
 use crate::host::{Evidence, Untimely};
 use crate::rig;
-use crate::run::Unproven;
+use crate::run::{MeasuredLoop, Unproven};
 
 /// In lockstep nothing measures time on the bus; the devices have to be simulated then. Their kind is drilled in virtual time.
 pub(in crate::cli) fn evidence(
@@ -59,4 +62,65 @@ pub(super) fn untimely(error: &Untimely, rig: &config::Rig) -> Failure {
     };
     let help = format!("nothing was sent; {next}; --ignore-latency runs the rig all the same, and recordings say so");
     Failure::new(Exit::TimingMissed, error.to_string(), help)
+}
+
+/// The folder with what `tune loop` has measured on a bus.
+pub(in crate::cli) fn loops() -> Result<PathBuf, Failure> {
+    state_folder("loops").ok_or_else(|| {
+        let message = "there is no folder for the records of loops: neither XDG_STATE_HOME nor HOME is set";
+        Failure::new(Exit::Usage, message, "set XDG_STATE_HOME to a folder that is kept")
+    })
+}
+
+/// Whether the gains of a rig leave enough margin with the delay and the inertia that were measured of it on a bus, if they were.
+pub(super) fn check_measured_loop(
+    rig: &config::Loaded<config::Rig>,
+    folder: &Path,
+    buses: &str,
+) -> Result<(), Failure> {
+    let again = format!(
+        "`yieldwall tune loop {} {buses} --write` measures it anew and writes gains that have them",
+        rig.source
+    );
+    let refused =
+        |message: String, help: &str| Failure::new(Exit::OutOfTolerance, message, format!("nothing was sent; {help}"));
+    let measured = MeasuredLoop::load(&rig.value, folder)
+        .map_err(|error| refused(error.to_string(), &format!("delete the record, or measure anew: {again}")))?;
+    let Some(MeasuredLoop { joints, .. }) = measured else { return Ok(()) };
+    let Some(margins) = identified_margins(&rig.value, &joints).map_err(|error| rig_failure(&error))? else {
+        return Ok(());
+    };
+    let worst = margins.worst.without_friction;
+    if has_margins(&worst, LEAST_MARGINS) {
+        return Ok(());
+    }
+    let (gain_db, phase_deg) = LEAST_MARGINS;
+    let message = format!(
+        "with the delay that was measured, {:.2} cycles, the gains leave {:.1} dB up, {:.1} dB down and {:.0} degrees at the worst pose along the surface, \
+         and a rig runs from {gain_db} dB and {phase_deg} degrees on",
+        margins.delay_cycles, worst.gain_db, worst.gain_reduction_db, worst.phase_deg
+    );
+    Err(refused(message, &again))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::run::JointFound;
+
+    #[test]
+    fn a_rig_whose_measured_delay_leaves_too_little_margin_is_refused() {
+        let folder = std::env::temp_dir().join(format!("yieldwall-measured-{}", std::process::id()));
+        let rig = config::load_rig(config::builtin("paper-admittance.yaml")).unwrap();
+        assert!(check_measured_loop(&rig, &folder, "--bus can0").is_ok(), "nothing was measured");
+        // At the poses at which the simulated arm begins: as the file has it, and 0.6 ms later.
+        for (delay_s, is_refused) in [(1.0e-3, false), (1.6e-3, true), (40e-3, true)] {
+            let joint = |pose_rad| JointFound { inertia_kg_m2: 0.34, pose_rad, delay_s, viscous_n_m_s_per_rad: 0.5 };
+            let joints = [[2.2, 0.69], [2.1, 0.79]].map(joint);
+            MeasuredLoop::new(&rig.value, joints).store(&folder).unwrap();
+            let checked = check_measured_loop(&rig, &folder, "--bus can0");
+            assert_eq!(checked.is_err(), is_refused, "{delay_s}: {checked:?}");
+        }
+        std::fs::remove_dir_all(&folder).unwrap();
+    }
 }

@@ -2,6 +2,8 @@
 
 mod file;
 
+use std::path::{Path, PathBuf};
+
 use serde_json::{Value, json};
 
 use self::file::{Edit, Place};
@@ -35,39 +37,88 @@ pub(in crate::cli) fn run(arguments: &Arguments, output: &mut Output) -> Result<
     let rig = config::load_rig(Source::named(&arguments.rig))?;
     output.configuration(&rig.warnings)?;
     let tuned = tuned(&rig)?;
-    let changes = changes(&rig.value.control.gains, &tuned.value.control.gains);
-    let [before, after] = [&rig, &tuned].map(|rig| Margins::of(&rig.value));
+    let margins = [&rig, &tuned].map(|rig| Margins::of(&rig.value));
+    let proposal = Proposal::new(&rig, tuned, margins);
     // Softer gains hold a hand less well.
-    if let Ok(masses) = Masses::of_scene(&tuned) {
-        output.warnings(&masses.finding(&tuned).into_iter().collect::<Vec<_>>());
+    if let Ok(masses) = Masses::of_scene(&proposal.tuned) {
+        output.warnings(&masses.finding(&proposal.tuned).into_iter().collect::<Vec<_>>());
     }
     if !output.is_json() {
-        output.result(&text(&rig.value, &changes, [&before, &after]))?;
+        output.result(&format!("{}: {}\n{}", rig.value.rig.name, title(&rig.value), proposal.text(&rig.value)))?;
     }
-    let mut written = None;
-    let place = file::place(&rig, &changes);
-    let is_tuned = changes.iter().all(|(_, old, new)| old == new);
-    if arguments.write && !is_tuned {
-        let edit = Edit::of(&rig, &tuned.value, &changes, &place)?;
+    let written = proposal.write(&rig, arguments.write, arguments.yes)?;
+    if output.is_json() {
+        return output.report(proposal.document(&rig.value, written.as_deref()));
+    }
+    proposal.tell(written.as_deref(), output)
+}
+
+/// Other gains for a rig.
+pub(super) struct Proposal {
+    tuned: Loaded<Rig>,
+    changes: Vec<Change>,
+    place: Place,
+    /// Before and after.
+    margins: [Margins; 2],
+}
+
+impl Proposal {
+    /// The gains of `tuned` for `rig`, with the margins before and after.
+    pub(super) fn new(rig: &Loaded<Rig>, tuned: Loaded<Rig>, margins: [Margins; 2]) -> Self {
+        let changes = changes(&rig.value.control.gains, &tuned.value.control.gains);
+        let place = file::place(rig, &changes);
+        Self { tuned, changes, place, margins }
+    }
+
+    /// The rig with these gains.
+    pub(super) fn tuned(&self) -> &Loaded<Rig> {
+        &self.tuned
+    }
+
+    fn is_tuned(&self) -> bool {
+        self.changes.iter().all(|(_, old, new)| old == new)
+    }
+
+    /// Writes the gains into the file if that is asked for and a person says yes; where.
+    pub(super) fn write(&self, rig: &Loaded<Rig>, is_asked: bool, says_yes: bool) -> Result<Option<PathBuf>, Failure> {
+        if !is_asked || self.is_tuned() {
+            return Ok(None);
+        }
+        let edit = Edit::of(rig, &self.tuned.value, &self.changes, &self.place)?;
         let what = format!("{}: {}", edit.path().display(), edit.words());
-        if !arguments.yes && !agreed(&what) {
+        if !says_yes && !agreed(&what) {
             return Err(Failure::new(Exit::Usage, "nothing was written", "answer yes, or give --yes"));
         }
-        written = Some(edit.carry_out()?);
+        edit.carry_out().map(Some)
     }
-    if output.is_json() {
-        return output.report(document(&rig.value, &changes, [&before, &after], &place, written.as_deref()));
-    }
-    match (written, place) {
-        _ if is_tuned => output.news("The rig has these gains already. Nothing was written."),
-        (Some(path), _) => output.news(&format!("wrote {}", path.display())),
-        (None, Place::Here(_)) => output.news("Nothing was written; --write does."),
-        (None, Place::Inherited { from }) => {
-            output.news(&format!(
-                "These gains stand in {from}, which this rig is like. Nothing was written; --write gives this rig gains of its own."
-            ))
+
+    /// Says what was written, or what would be.
+    pub(super) fn tell(&self, written: Option<&Path>, output: &mut Output) -> Result<(), Failure> {
+        match (written, &self.place) {
+            _ if self.is_tuned() => output.news("The rig has these gains already. Nothing was written."),
+            (Some(path), _) => output.news(&format!("wrote {}", path.display())),
+            (None, Place::Here(_)) => output.news("Nothing was written; --write does."),
+            (None, Place::Inherited { from }) => {
+                output.news(&format!(
+                    "These gains stand in {from}, which this rig is like. Nothing was written; --write gives this rig gains of its own."
+                ))
+            }
+            (None, Place::Unclear { key }) => {
+                output.news(&format!("Nothing was written: `{key}` is not a plain number in this file."))
+            }
         }
-        (None, Place::Unclear { key }) => output.news(&format!("Nothing was written: `{key}` is not a plain number in this file.")),
+    }
+
+    /// For a person to read.
+    pub(super) fn text(&self, rig: &Rig) -> String {
+        let [before, after] = &self.margins;
+        text(rig, &self.changes, [before, after])
+    }
+
+    /// For a program to read.
+    pub(super) fn document(&self, rig: &Rig, written: Option<&Path>) -> Value {
+        let [before, after] = &self.margins;
+        document(rig, &self.changes, [before, after], &self.place, written)
     }
 }
 
@@ -108,13 +159,14 @@ fn tuned(rig: &Loaded<Rig>) -> Result<Loaded<Rig>, Failure> {
     Ok(tuned)
 }
 
-fn nothing() -> Failure {
+pub(super) fn nothing() -> Failure {
     let (gain_db, phase_deg) = PROPOSED_MARGINS;
     let message = format!("no gains that were tried leave {gain_db} dB and {phase_deg} degrees at every pose");
     Failure::new(Exit::OutOfTolerance, message, "look at `cycle.period_us` and at `control.feed_forward.inertia`")
 }
 
-fn set(gains: &mut ControlGains, new: Gains) {
+/// Puts gains in the place of others.
+pub(super) fn set(gains: &mut ControlGains, new: Gains) {
     let (stiffness, damping, integral) =
         (Positive::new(new.stiffness), NotNegative::new(new.damping), NotNegative::new(new.integral));
     let (Some(stiffness), Some(damping), Some(integral)) = (stiffness, damping, integral) else { return };
@@ -169,7 +221,7 @@ fn law(rig: &Rig) -> &'static str {
 }
 
 fn text(rig: &Rig, changes: &[Change], [before, after]: [&Margins; 2]) -> String {
-    let mut text = format!("{}: {}\n", rig.rig.name, title(rig));
+    let mut text = String::new();
     for (key, old, new) in changes {
         text += &format!("  {:48} {old:>10} -> {new}\n", key);
     }
@@ -202,7 +254,7 @@ fn document(
     changes: &[Change],
     [before, after]: [&Margins; 2],
     place: &Place,
-    written: Option<&std::path::Path>,
+    written: Option<&Path>,
 ) -> Value {
     let gains = changes.iter().map(|(key, old, new)| json!({ "key": key, "old": old, "new": new }));
     let inherited = match place {

@@ -3,13 +3,15 @@
 use serde_json::{Value, json};
 
 use crate::analysis::{
-    HeldMasses, Holding, Remedy, UnevenSamples, hand_of, held_masses, remedies, stiffer, uneven_samples, usual_hands,
+    HeldMasses, Holding, Remedy, UnevenSamples, hand_of, held_masses, held_masses_identified, remedies, stiffer,
+    uneven_samples, usual_hands,
 };
 use crate::cli::bus::{Plan, plans};
 use crate::config::{Coupling, Diagnostic, Loaded, Rig, Scene, Severity};
 use crate::control::Grip;
 use crate::report::{Overrides, replay};
 use crate::rig::RigError;
+use crate::run::JointFound;
 
 /// What to do where the loop is not known.
 const UNKNOWN: &str = "least virtual mass: not known, since the velocity loop closes in the drives; try masses by `yieldwall run`, with \
@@ -36,19 +38,30 @@ pub(in crate::cli) struct Masses {
 impl Masses {
     /// For the hand of the scene and for the usual ones, or those of `stiffnesses` in N/m.
     pub(in crate::cli) fn of(rig: &Loaded<Rig>, stiffnesses: &[f64]) -> Result<Self, RigError> {
-        Self::with(rig, |hand| match stiffnesses {
+        let others = |hand: &Grip| match stiffnesses {
             [] => usual_hands(hand).to_vec(),
             _ => stiffnesses.iter().map(|&stiffness| stiffer(hand, stiffness)).collect(),
-        })
+        };
+        Self::with(rig, others, held_masses)
     }
 
     /// For the hand of the scene alone.
     pub(in crate::cli) fn of_scene(rig: &Loaded<Rig>) -> Result<Self, RigError> {
-        Self::with(rig, |_| Vec::new())
+        Self::with(rig, |_| Vec::new(), held_masses)
+    }
+
+    /// For the hand of the scene and for the usual ones, by what was identified of the joints.
+    pub(super) fn of_identified(rig: &Loaded<Rig>, found: &[JointFound; 2]) -> Result<Self, RigError> {
+        let held = |rig: &Rig, hands: &[Grip], configured_kg| held_masses_identified(rig, found, hands, configured_kg);
+        Self::with(rig, |hand| usual_hands(hand).to_vec(), held)
     }
 
     /// For the hand of the scene and for others.
-    fn with(rig: &Loaded<Rig>, others: impl Fn(&Grip) -> Vec<Grip>) -> Result<Self, RigError> {
+    fn with(
+        rig: &Loaded<Rig>,
+        others: impl Fn(&Grip) -> Vec<Grip>,
+        held: impl Fn(&Rig, &[Grip], f64) -> Result<Option<Vec<Holding>>, RigError>,
+    ) -> Result<Self, RigError> {
         let scene = rig.scene().map_err(|_| RigError::Mismatch("the scene cannot be read".into()))?;
         let hand = hand_of(&scene.value);
         let others = others(&hand);
@@ -60,7 +73,7 @@ impl Masses {
             Coupling::Admittance { mass_kg } => mass_kg.get(),
             Coupling::Impedance { .. } => return Err(RigError::Mismatch("a rig needs an admittance".into())),
         };
-        let holdings = held_masses(&rig.value, &hands, configured_kg)?;
+        let holdings = held(&rig.value, &hands, configured_kg)?;
         Ok(Self {
             name: rig.value.rig.name.clone(),
             configured_kg,

@@ -3,12 +3,14 @@
 use std::sync::atomic::AtomicBool;
 
 use super::buses::DEVICES;
+use super::simulation::Simulation;
 use super::{EmbeddedRig, RigError};
 use crate::config;
 use crate::guard::{Request, State};
 use crate::record::CycleRecord;
 use crate::run::{
-    Bounds, Enabling, Jog, Jogged, Permit, RunError, STOP_LIMIT_S, Wrenches, has_torque, settling_cycles,
+    Bounds, Enabling, Jog, Jogged, LoopPlan, LoopTraced, NotProven, Permit, RunError, Runner, STOP_LIMIT_S, Wrenches,
+    has_torque, settling_cycles,
 };
 use crate::sensing::Wrench;
 
@@ -157,6 +159,30 @@ impl EmbeddedRig {
         let tared = self.runner.tare(rig, most_n, is_interrupted);
         self.go_on()?;
         Ok(tared)
+    }
+
+    /// Switches everything on, leads a joint along its course and identifies its loop, as
+    /// [`Runner::tune_loop`](crate::run::Runner::tune_loop). No hand takes the tool.
+    ///
+    /// # Errors
+    /// As [`EmbeddedRig::jog`].
+    pub fn tune_loop(
+        &mut self,
+        rig: &config::Rig,
+        plan: &LoopPlan,
+        is_interrupted: &AtomicBool,
+    ) -> Result<Result<LoopTraced, NotProven>, RigError> {
+        self.boot()?;
+        // Injections count their time from here.
+        self.take_tool();
+        self.place_mut().far.world.let_go();
+        let mut prove = |runner: &mut Runner<Simulation>, rig: &config::Rig, bounds: Bounds| {
+            runner.limit_torque(rig, bounds.torque_n_m)?;
+            Ok(Permit::for_bring_up(runner, bounds))
+        };
+        let traced = self.runner.tune_loop(rig, plan, &mut prove, is_interrupted);
+        self.go_on()?;
+        Ok(traced)
     }
 
     /// Stops the rig along its ramp and runs until no drive makes torque; at once done if none does.

@@ -18,6 +18,8 @@ mod probe;
 mod simulation;
 #[cfg(test)]
 mod tests;
+#[cfg(test)]
+mod tune_loop_tests;
 
 pub use probe::{BodyTruth, PORTS};
 

@@ -2,7 +2,6 @@
 
 use std::sync::atomic::{AtomicBool, Ordering};
 
-use super::torque_meter::TorqueMeter;
 use super::{Attendant, Curve, Figure, Step, StepReport, Verdict};
 use crate::config::{self, Positive};
 use crate::cycle::LeadLimits;
@@ -17,6 +16,7 @@ use crate::run::place::Place;
 use crate::run::proof::NotProven;
 use crate::run::runner::Runner;
 use crate::run::scene::Ended;
+use crate::run::torque_meter::TorqueMeter;
 
 /// How fast joints are led, rad/s: 6 degrees in a second.
 pub(super) const RATE: f64 = 6.0 * std::f64::consts::PI / 180.0;

@@ -7,7 +7,6 @@
 mod bench;
 mod moving;
 mod resting;
-mod torque_meter;
 
 use std::sync::atomic::AtomicBool;
 

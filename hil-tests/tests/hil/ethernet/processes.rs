@@ -60,6 +60,25 @@ fn a_joint_of_another_process_is_moved_by_an_angle() {
     sim.interrupted();
 }
 
+/// In lockstep: what the simulated machine of another process is made of is identified, and gains are proposed.
+#[test]
+#[ignore = "needs a pair of Ethernet interfaces: see hil-tests/veth"]
+fn joints_of_another_process_are_identified() {
+    const RIG: &str = "builtin:paper-ethercat.yaml";
+    let far = format!("main={FAR}");
+    let sim = Running::ready(Running::start(&["sim", RIG, "--bus", &far, "--pace", "lockstep", "--no-hand"]));
+    let tune = ["tune", "loop", RIG, "--bus", NEAR, "--pace", "lockstep", "--yes", "--json"];
+    let (code, document) = Running::start(&tune).document();
+    assert_eq!(code, OK, "{document:#}");
+    for joint in 0..2 {
+        let value = |key: &str| document["joints"][joint][key]["value"].as_f64().expect("a value");
+        assert!((value("coulomb_n_m") / 10.0 - 1.0).abs() < 0.05, "{document:#}");
+        assert!((value("delay_s") - 1e-3).abs() < 50e-6, "{document:#}");
+    }
+    assert!(document["proposal"]["gains"].as_array().is_some_and(|gains| gains.len() == 3), "{document:#}");
+    sim.interrupted();
+}
+
 /// In lockstep: what is wrong with a machine of another process is found in the first motion.
 #[test]
 #[ignore = "needs a pair of Ethernet interfaces: see hil-tests/veth"]

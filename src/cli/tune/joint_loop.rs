@@ -1,0 +1,494 @@
+//! `yieldwall tune loop`: inertia, friction and delay of each joint from its motion, and gains from them.
+
+mod page;
+
+use std::path::PathBuf;
+
+use serde_json::{Value, json};
+
+use super::gains::{Proposal, nothing, set};
+use super::masses::Masses;
+use crate::analysis::{PROPOSED_MARGINS, PoseMargins, has_margins, identified_margins, proposed_gains};
+use crate::cli::desk::journal::with_given_back;
+use crate::cli::ending::{rig_failure, stopped_by};
+use crate::cli::failure::{Exit, Failure};
+use crate::cli::interrupt::{interrupted, on_interrupt};
+use crate::cli::margins::Margins;
+use crate::cli::output::Output;
+use crate::cli::replace::Replace;
+use crate::cli::run::check_buses;
+use crate::config::{self, CommandMode, ControlLaw, Loaded, Positive, Rig, Source};
+use crate::guard::Fault;
+use crate::identification::{Estimate, Friction, NotIdentified};
+use crate::rig::EmbeddedRig;
+use crate::run::{Ended, JointFound, JointLoop, LOOP_BOUND_RAD, LoopPlan, LoopTraced, NotProven};
+
+/// Beside the exact bound: so much more sliding time keeps an axis from overshooting after a saturation.
+///
+/// # Source
+/// [`Psmc`](crate::control::Psmc).
+const SLIDING_FACTOR: f64 = 1.3;
+/// Share of the identified dry friction that a feed-forward may have: what exceeds the real one pushes a joint that rests.
+const FED_SHARE: f64 = 0.8;
+
+#[derive(Debug, clap::Args)]
+pub(in crate::cli) struct Arguments {
+    /// The rig; `builtin:paper-admittance.yaml` names the copy inside the program
+    #[arg(value_name = "RIG.yaml")]
+    rig: String,
+    /// Most torque of each drive, N m, which the drives are told (6072h); unless said 25 % of the lower rated torque, then 35 and 50 %
+    #[arg(long, value_name = "N_M", value_parser = torque)]
+    torque: Option<Positive>,
+    /// Write the gains into the file, once a person has said yes; nothing else of it changes
+    #[arg(long)]
+    write: bool,
+    /// Say yes, for scripts: to the motion on a bus, and to the gains
+    #[arg(long)]
+    yes: bool,
+    /// Write what was measured as a page, with Bode plot and step
+    #[arg(long, value_name = "FILE.html")]
+    html: Option<PathBuf>,
+    #[command(flatten)]
+    replace: Replace,
+    #[cfg(target_os = "linux")]
+    #[command(flatten)]
+    on_bus: crate::cli::first_motion::OnBus,
+}
+
+fn torque(text: &str) -> Result<Positive, String> {
+    let value = text.parse().ok().and_then(Positive::new);
+    value.ok_or_else(|| format!("write a torque in N m above 0, such as 15, not `{text}`"))
+}
+
+pub(in crate::cli) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Failure> {
+    let rig = config::load_rig(Source::named(&arguments.rig))?;
+    output.configuration(&rig.warnings)?;
+    check_buses(&rig, None, output)?;
+    if let Some(html) = &arguments.html {
+        arguments.replace.check_new(html)?;
+    }
+    if arguments.write && rig.source.is_shipped() {
+        let message = format!("{} comes with the program, and stays as it is", rig.source);
+        let help = format!("keep what `yieldwall config show {}` prints in a file, and name that file", rig.source);
+        return Err(Failure::new(Exit::Usage, message, help));
+    }
+    let plans = [0, 1].map(|joint| LoopPlan { joint, torque_n_m: arguments.torque });
+    #[cfg(target_os = "linux")]
+    if arguments.on_bus.is_asked() {
+        return on_bus(arguments, &plans, &rig, output);
+    }
+    let scene = rig.scene()?.value;
+    let is_interrupted = on_interrupt()?;
+    let machine = EmbeddedRig::new(&rig.value, &scene, &rig.value.fixture, scene.seed);
+    let mut machine = machine.map_err(|error| rig_failure(&error))?;
+    output.aside(&format!(
+        "the simulated arm of {}, with no hand on it; a real one with --bus INTERFACE",
+        rig.value.rig.name
+    ));
+    let mut traced = Vec::new();
+    for plan in &plans {
+        let one = machine.tune_loop(&rig.value, plan, &is_interrupted).map_err(|error| rig_failure(&error))?;
+        traced.push(one.map_err(|error| match error {
+            NotProven::Run(error) => crate::cli::on_bus::live_failure(&error),
+            NotProven::Unproven(error) => Failure::new(Exit::SafetyStop, error.to_string(), ""),
+        })?);
+        if traced.last().is_none_or(|last| last.found.is_none()) {
+            break;
+        }
+    }
+    end(arguments, &rig, &traced, (|_: &LoopTraced, failure| failure, Ok(())), output)
+}
+
+#[cfg(target_os = "linux")]
+fn on_bus(arguments: &Arguments, plans: &[LoopPlan], rig: &Loaded<Rig>, output: &mut Output) -> Result<(), Failure> {
+    use crate::cli::confirm::agreed;
+    use crate::cli::events::Events;
+    use crate::cli::first_motion::{Opened, give_back};
+    use crate::cli::live::{ended, not_run};
+    use crate::cli::on_bus::{different, thread_failure, warn};
+    use crate::host::News;
+
+    let what = format!(
+        "Each joint goes to and fro by {:.1} degrees at most, at up to 20 degrees in a second and with small vibrations, for half a minute. The arm has \
+         to be free to move, nobody may hold it, and somebody has a hand on the emergency stop",
+        LOOP_BOUND_RAD.to_degrees()
+    );
+    if !arguments.yes && !agreed(&what) {
+        return Err(Failure::new(Exit::Usage, "nothing was done", "answer yes, or write --yes"));
+    }
+    let events = Events::of(output);
+    let opened = arguments.on_bus.open("tune loop", &arguments.rig, rig, output)?;
+    let Opened { on_bus, terms, interfaces, is_interrupted, journal } = opened;
+    let outcome = on_bus.tune_loop(&terms, plans, &is_interrupted, |news| match news {
+        News::Refused(refusal) => warn(output, refusal),
+        // It is booted for every joint.
+        News::Step(_) | News::Proved => {}
+        news => events.news(news),
+    });
+    events.clear();
+    let given_back = give_back(journal, output);
+    let mut outcome = outcome.map_err(|error| thread_failure(&error))?;
+    outcome.emergencies = different(outcome.emergencies.into_iter());
+    let traced = match &outcome.played {
+        Ok(traced) => traced.clone(),
+        Err(error) => {
+            let failure = not_run(error, &outcome, &interfaces, &rig.value, &arguments.rig);
+            return with_given_back(Err(failure), given_back);
+        }
+    };
+    let told = |traced: &LoopTraced, failure| match (traced.ended, traced.cause) {
+        (Ended::Stopped, None) => failure,
+        end => ended(end, traced.time_s, &outcome, &rig.value).unwrap_or(failure),
+    };
+    let record = keep(&traced, rig, arguments.on_bus.is_by_the_clock())?;
+    end(arguments, rig, &traced, (told, given_back), output)?;
+    record.map_or(Ok(()), |path| output.news(&format!("record    {}", path.display())))
+}
+
+/// Keeps what was measured on a bus for the runs with this configuration; where.
+#[cfg(target_os = "linux")]
+fn keep(traced: &[LoopTraced], rig: &Loaded<Rig>, is_by_the_clock: bool) -> Result<Option<PathBuf>, Failure> {
+    let found: Vec<&JointLoop> = traced.iter().filter_map(|traced| traced.found.as_ref()).collect();
+    // In lockstep time is that of the devices, and says nothing of a bus.
+    let Some(joints) = joints_found(&found, &rig.value).filter(|_| is_by_the_clock) else { return Ok(None) };
+    let folder = crate::cli::live::loops()?;
+    let stored = crate::run::MeasuredLoop::new(&rig.value, joints).store(&folder);
+    stored.map(Some).map_err(|error| {
+        Failure::new(Exit::Usage, format!("{}: {error}", folder.display()), "make the folder one that can be written")
+    })
+}
+
+/// Judges, proposes, writes and prints; `told` adds what the drives have said to a failure.
+fn end(
+    arguments: &Arguments,
+    rig: &Loaded<Rig>,
+    traced: &[LoopTraced],
+    (told, given_back): (impl Fn(&LoopTraced, Failure) -> Failure, Result<(), Failure>),
+    output: &mut Output,
+) -> Result<(), Failure> {
+    let found: Vec<&JointLoop> = traced.iter().filter_map(|traced| traced.found.as_ref()).collect();
+    let stopped = traced.iter().zip(&rig.value.drives).enumerate().find_map(|(joint, (traced, drive))| {
+        traced.found.is_none().then(|| told(traced, failure(traced, joint, &drive.name, &rig.value)))
+    });
+    let judged = stopped.map_or_else(|| judge(&found, &rig.value), Err);
+    // Only what both joints have shown says something of the rig.
+    let joints = joints_found(&found, &rig.value).filter(|_| judged.is_ok());
+    let (proposal, judged) = match joints.map(|joints| propose(rig, &joints)) {
+        Some(Ok(proposal)) => (Some(proposal), judged),
+        Some(Err(error)) => (None, judged.and(Err(error))),
+        None => (None, judged),
+    };
+    let judged = with_given_back(judged, given_back);
+    // With the gains that are proposed; a rig without a scene has no hand to be held by.
+    let held = proposal.as_ref().map_or(rig, Proposal::tuned);
+    let masses = joints.and_then(|joints| Masses::of_identified(held, &joints).ok());
+    if let Some(masses) = &masses {
+        output.warnings(&masses.finding(held).into_iter().collect::<Vec<_>>());
+    }
+    if let Some(html) = &arguments.html {
+        let page = page::html(&rig.value, &found, proposal.as_ref().map(|proposal| &proposal.tuned().value));
+        arguments.replace.write(html, page.as_bytes())?;
+        output.news(&format!("page      {}", html.display()))?;
+    }
+    if !output.is_json() {
+        let mut text: String = found.iter().map(|joint| joint_text(joint, &rig.value)).collect();
+        text += &advice(&found, &rig.value).iter().map(|line| format!("{line}\n")).collect::<String>();
+        if let Some(proposal) = &proposal {
+            text += &proposal.text(&rig.value);
+        }
+        text += &masses.as_ref().map_or(String::new(), |masses| format!("{}\n", masses.line()));
+        output.result(&text)?;
+    }
+    let written = match &proposal {
+        Some(proposal) => proposal.write(rig, arguments.write, arguments.yes)?,
+        None => None,
+    };
+    if output.is_json() {
+        let gains = proposal.as_ref().map(|proposal| proposal.document(&rig.value, written.as_deref()));
+        let joints = found.iter().map(|joint| joint_json(joint, &rig.value));
+        return output.end(
+            json!({
+                "rig": rig.value.rig.name,
+                "joints": joints.collect::<Vec<_>>(),
+                "advice": advice(&found, &rig.value),
+                "proposal": gains,
+                "masses": masses.as_ref().map(|masses| masses.to_json(super::RESERVE)),
+            }),
+            judged,
+        );
+    }
+    judged?;
+    match &proposal {
+        Some(proposal) => proposal.tell(written.as_deref(), output),
+        None => Ok(()),
+    }
+}
+
+/// What kept a joint from going its whole course.
+fn failure(traced: &LoopTraced, joint: usize, name: &str, rig: &Rig) -> Failure {
+    let torque = traced.torque_n_m;
+    let is_weak = traced.cause.is_some_and(|cause| cause.fault == Fault::FollowingError);
+    match traced.ended {
+        Ended::Interrupted => interrupted(traced.time_s),
+        _ if traced.ran_away => Failure::new(
+            Exit::SafetyStop,
+            format!("the joint of {name} ran the other way than it was led"),
+            "`yieldwall commission` finds what is the wrong way round: look at `direction` of the drive and at its encoder",
+        ),
+        Ended::Stopped if is_weak => {
+            let mut failure = stopped_by(traced.cause, traced.time_s, rig);
+            let help = format!(
+                "{torque:.1} N m do not lead the joint of {name} along its course: raise --torque; or its loop is too soft, look at `control.gains`"
+            );
+            failure.report.diagnostics.iter_mut().take(1).for_each(|diagnostic| diagnostic.help = Some(help.clone()));
+            failure
+        }
+        Ended::Whole => Failure::new(
+            Exit::OutOfTolerance,
+            format!(
+                "{torque:.1} N m were too little for the course of the joint of {name}: what was cut shows no inertia"
+            ),
+            "raise --torque",
+        ),
+        Ended::Stopped if traced.cause.is_none() => Failure::new(
+            Exit::SafetyStop,
+            format!(
+                "after {:.3} s the rig was stopped before joint {joint}, {name}, was at the end of its course",
+                traced.time_s
+            ),
+            "lead the arm to the middle of its workspace by hand",
+        ),
+        _ => stopped_by(traced.cause, traced.time_s, rig),
+    }
+}
+
+/// Whether all was identified.
+fn judge(found: &[&JointLoop], rig: &Rig) -> Result<(), Failure> {
+    for joint in found {
+        let name = rig.drives.get(joint.joint).map_or("", |drive| drive.name.as_str());
+        // What a drive keeps to itself is no failure.
+        let of_dynamics = joint.dynamics.as_ref().err().copied().filter(|error| *error != NotIdentified::InDrive);
+        let errors = [("friction", joint.friction.err()), ("inertia", of_dynamics)];
+        let Some((what, error)) = errors.into_iter().find_map(|(what, error)| Some((what, error?))) else { continue };
+        let help = match error {
+            NotIdentified::TooFew if joint.is_told => {
+                "the drive tells its torque (6077h) too seldom: look at its answers with `yieldwall commission`"
+            }
+            NotIdentified::Stands => "the joint sticks at 10 degrees in a second: look at its loop and at its friction",
+            NotIdentified::NoDelay { .. } => {
+                "look at what delays the torque: filters of the drive, a torque that is no torque"
+            }
+            _ => "look at the joint with `yieldwall commission`, and begin again",
+        };
+        return Err(Failure::new(Exit::OutOfTolerance, format!("{what} of {name}: {error}"), help));
+    }
+    Ok(())
+}
+
+/// What was identified of both joints, if this program closes their loop.
+fn joints_found(found: &[&JointLoop], rig: &Rig) -> Option<[JointFound; 2]> {
+    let [left, right] = found else { return None };
+    (rig.rig.command_mode == CommandMode::Torque).then_some([left.found()?, right.found()?])
+}
+
+/// Gains by what was identified.
+fn propose(rig: &Loaded<Rig>, joints: &[JointFound; 2]) -> Result<Proposal, Failure> {
+    let margins = |rig: &Rig| -> Result<PoseMargins, Failure> {
+        identified_margins(rig, joints).map_err(|error| rig_failure(&error))?.ok_or_else(nothing)
+    };
+    let before = margins(&rig.value)?;
+    let gains = proposed_gains(&rig.value, &before).ok_or_else(nothing)?;
+    let mut tuned = rig.clone();
+    set(&mut tuned.value.control.gains, gains.gains);
+    let after = margins(&tuned.value)?;
+    let worst = [after.worst.without_friction, after.worst.with_friction];
+    if !worst.iter().all(|worst| has_margins(worst, PROPOSED_MARGINS)) {
+        return Err(nothing());
+    }
+    Ok(Proposal::new(rig, tuned, [before, after].map(Margins::Torque)))
+}
+
+/// Viscous friction, where it was identified: what a drive in position mode does within a cycle changes with the rate too.
+fn viscous<'a>(friction: &'a Friction, rig: &Rig) -> Option<&'a Estimate> {
+    (rig.rig.command_mode != CommandMode::Position).then_some(&friction.viscous_n_m_s_per_rad)
+}
+
+fn plus_minus(estimate: &Estimate, factor: f64, digits: usize) -> String {
+    format!("{:.digits$} +- {:.digits$}", factor * estimate.value, factor * estimate.half_width())
+}
+
+fn joint_text(joint: &JointLoop, rig: &Rig) -> String {
+    let name = rig.drives.get(joint.joint).map_or("", |drive| drive.name.as_str());
+    let [left, right] = joint.pose.to_array().map(f64::to_degrees);
+    let period_s = f64::from(rig.cycle.period_us) * 1e-6;
+    let mut lines = Vec::new();
+    match &joint.dynamics {
+        Ok(dynamics) => {
+            lines.push(format!(
+                "inertia   {} kg m^2, with the links at {left:.1} and {right:.1} deg",
+                plus_minus(&dynamics.inertia_kg_m2, 1.0, 4)
+            ));
+            lines.push(format!(
+                "delay     {} ms from an angle to its torque, {:.2} cycles; {:.1} % of the torque is not explained",
+                plus_minus(&dynamics.delay_s, 1e3, 3),
+                dynamics.delay_s.value / period_s,
+                100.0 * dynamics.misfit
+            ));
+        }
+        Err(error) => lines.push(format!("inertia   not identified: {error}")),
+    }
+    match &joint.friction {
+        Ok(friction) => {
+            let viscous = match viscous(friction, rig) {
+                Some(viscous) => format!("{} N m s/rad viscous", plus_minus(viscous, 1.0, 3)),
+                None => "viscous friction not identified".to_owned(),
+            };
+            lines.push(format!(
+                "friction  {} N m dry, {viscous}; {:.2} N m do not turn round with the way",
+                plus_minus(&friction.coulomb_n_m, 1.0, 3),
+                // Zero has no sign.
+                (100.0 * friction.offset_n_m).round() / 100.0 + 0.0
+            ));
+        }
+        Err(error) => lines.push(format!("friction  not identified: {error}")),
+    }
+    if let Some(lag_s) = joint.lag_s.filter(|_| joint.is_told) {
+        lines.push(format!(
+            "lag       {:.2} ms from a set-point to the angle; the loop closes in the drive",
+            1e3 * lag_s
+        ));
+    }
+    if let Some(step) = &joint.step {
+        let rise = step
+            .rise_s
+            .map_or("it does not come to the step".to_owned(), |rise| format!("it rises in {:.1} ms", 1e3 * rise));
+        lines.push(format!("step      {rise}, and goes {:.0} % beyond", 100.0 * step.overshoot));
+    }
+    lines.push(format!("torque    {:.1} N m at most, which both drives were told", joint.torque_n_m));
+    if joint.left_out > 0 {
+        lines.push(format!("cycles    are missing in {} parts of the course, which were left out", joint.left_out));
+    }
+    lines.iter().map(|line| format!("{name:9} {line}\n")).collect()
+}
+
+/// What else of the rig file what was identified says something about.
+fn advice(found: &[&JointLoop], rig: &Rig) -> Vec<String> {
+    let mut lines = Vec::new();
+    for joint in found {
+        let (Some(drive), Ok(friction)) = (rig.drives.get(joint.joint), &joint.friction) else { continue };
+        let fed = rig.control.feed_forward.coulomb_n_m[joint.joint].get();
+        let most = FED_SHARE * friction.coulomb_n_m.low;
+        if rig.rig.command_mode == CommandMode::Torque && fed > friction.coulomb_n_m.low {
+            lines.push(format!(
+                "`control.feed_forward.coulomb_n_m` has {fed:.1} N m for {}, more than its friction: a joint that rests is pushed; write {most:.1}",
+                drive.name
+            ));
+        } else if rig.rig.command_mode == CommandMode::Torque && fed < 0.8 * most {
+            lines.push(format!(
+                "`control.feed_forward.coulomb_n_m` has {fed:.1} N m for {}, of which {most:.1} could be fed forward",
+                drive.name
+            ));
+        }
+    }
+    let bound = found
+        .iter()
+        .filter_map(|joint| {
+            let (dynamics, friction) = (joint.dynamics.as_ref().ok()?, joint.friction.as_ref().ok()?);
+            let torque = rig.guard.torque_limit_n_m.get() + friction.coulomb_n_m.low;
+            let most = rig.guard.joint_speed_limit_rad_per_s.get();
+            Some(SLIDING_FACTOR * most * dynamics.inertia_kg_m2.value / (2.0 * torque))
+        })
+        .fold(0.0, f64::max);
+    let is_psmc = rig.rig.command_mode == CommandMode::Torque && rig.control.law == ControlLaw::Psmc;
+    if is_psmc && bound > rig.control.sliding_time_s.get() {
+        lines.push(format!(
+            "sliding time: from {bound:.4} s on PSMC does not overshoot after a saturation at `guard.joint_speed_limit_rad_per_s`; \
+             `control.sliding_time_s` has {}",
+            rig.control.sliding_time_s.get()
+        ));
+    }
+    match rig.rig.command_mode {
+        CommandMode::Torque => {}
+        CommandMode::Velocity => lines.push(
+            "the velocity loop closes in the drives: inertia and the delay of a torque are not to be seen; `yieldwall tune gains` proposes the rate gain".to_owned(),
+        ),
+        CommandMode::Position => lines.push(
+            "the position loop closes in the drives: inertia, viscous friction and the delay of a torque are not to be seen, and this program has no gains; \
+             tune the drives by their maker's program"
+                .to_owned(),
+        ),
+    }
+    lines
+}
+
+fn joint_json(joint: &JointLoop, rig: &Rig) -> Value {
+    let estimate = |estimate: &Estimate| json!({ "value": estimate.value, "low": estimate.low, "high": estimate.high });
+    let complex = |hz: f64, z: nalgebra::Complex<f64>| json!({ "frequency_hz": hz, "re": z.re, "im": z.im });
+    let dynamics = joint.dynamics.as_ref().ok();
+    let friction = joint.friction.as_ref().ok();
+    let responses = dynamics.map(|dynamics| {
+        dynamics.responses.iter().map(|response| complex(response.frequency_hz, response.plant)).collect::<Vec<_>>()
+    });
+    json!({
+        "joint": rig.drives.get(joint.joint).map(|drive| &drive.name),
+        "pose_rad": joint.pose.to_array(),
+        "inertia_kg_m2": dynamics.map(|dynamics| estimate(&dynamics.inertia_kg_m2)),
+        "coulomb_n_m": friction.map(|friction| estimate(&friction.coulomb_n_m)),
+        "viscous_n_m_s_per_rad": friction.and_then(|friction| viscous(friction, rig)).map(estimate),
+        "offset_n_m": friction.map(|friction| friction.offset_n_m),
+        "delay_s": dynamics.map(|dynamics| estimate(&dynamics.delay_s)),
+        "misfit": dynamics.map(|dynamics| dynamics.misfit),
+        "lag_s": joint.lag_s,
+        "is_torque_told": joint.is_told,
+        "torque_limit_n_m": joint.torque_n_m,
+        "left_out": joint.left_out,
+        "step": joint.step.as_ref().map(|step| json!({ "rise_s": step.rise_s, "overshoot": step.overshoot })),
+        "plant_rad_per_n_m": responses,
+        "angle_over_reference": joint.follows.iter().map(|it| complex(it.frequency_hz, it.ratio)).collect::<Vec<_>>(),
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use std::ffi::OsString;
+    use std::fs;
+
+    use super::*;
+    use crate::cli::run;
+    use crate::config::{ControlGains, builtin, load_rig};
+
+    fn exit(arguments: &[&str]) -> Exit {
+        run(["yieldwall", "-q", "--json"].into_iter().chain(arguments.iter().copied()).map(OsString::from))
+    }
+
+    #[test]
+    fn three_gains_are_written_when_that_is_confirmed_and_every_other_byte_stays() {
+        let folder = std::env::temp_dir().join(format!("yieldwall-tune-loop-{}", std::process::id()));
+        fs::create_dir_all(&folder).unwrap();
+        let text = builtin("paper-admittance.yaml").read().unwrap().to_string();
+        let before = text.replace("simulation: simulations/", "simulation: builtin:simulations/");
+        let (file, html) = (folder.join("rig.yaml"), folder.join("loop.html"));
+        fs::write(&file, &before).unwrap();
+        let [rig, page] = [&file, &html].map(|path| path.display().to_string());
+        assert_eq!(exit(&["tune", "loop", &rig, "--html", &page]), Exit::Ok);
+        assert_eq!(fs::read_to_string(&file).unwrap(), before, "nothing is written without being asked to");
+        let page = fs::read_to_string(&html).unwrap();
+        assert_eq!(page.matches("<svg").count(), 4, "a Bode plot and a step of each joint");
+        assert_eq!(exit(&["tune", "loop", &rig, "--write", "--yes"]), Exit::Ok);
+        let after = fs::read_to_string(&file).unwrap();
+        let differ: Vec<&str> =
+            before.lines().zip(after.lines()).filter(|(one, other)| one != other).map(|(_, other)| other).collect();
+        let gains = |rig: &str| load_rig(Source::named(rig)).unwrap().value.control.gains;
+        assert!(differ.len() == 3 && differ.iter().all(|line| line.contains("_n_m_")), "{differ:?}");
+        assert!(matches!(gains(&rig), ControlGains::Joint { .. }) && before.lines().count() == after.lines().count());
+        fs::remove_dir_all(&folder).unwrap();
+    }
+
+    #[test]
+    fn what_comes_with_the_program_is_not_written_to_and_too_little_torque_is_said() {
+        assert_eq!(exit(&["tune", "loop", "builtin:paper-admittance.yaml", "--write", "--yes"]), Exit::Usage);
+        let weak = exit(&["tune", "loop", "builtin:paper-admittance.yaml", "--torque", "8"]);
+        assert!(matches!(weak, Exit::SafetyStop | Exit::OutOfTolerance), "{weak:?}");
+        assert_eq!(exit(&["tune", "loop", "builtin:paper-admittance.yaml", "--torque", "-8"]), Exit::Usage);
+    }
+}

@@ -1,0 +1,57 @@
+//! What a joint is, from how it went where it was led: inertia, friction and delay, each with its 95 % interval.
+//!
+//! ```text
+//! Excitation -> the joint is led at a steady rate, and the excitation on top -> Passage -> dynamics(): inertia, delay, response
+//!               the joint is led at steady rates, to and fro                 -> Steady  -> friction(): Coulomb and viscous
+//! ```
+//! Nothing here reads a clock or knows a rig: angles and torques of consecutive cycles go in.
+//!
+//! # Why the joint moves all the time
+//! Dry friction depends on the sign of the rate. As long as the joint turns one way it is a constant, and what is left is linear:
+//! `torque = J q'' + b q' + constant`.
+//!
+//! # Why no derivative is taken
+//! The second difference of an angle is a mean of its acceleration over two cycles, weighted by a triangle, exactly. The same mean of a torque
+//! that is held from cycle to cycle is a sum of three of them, exactly, whatever share of a cycle it comes late. So both sides of the
+//! equation of motion are known without an error of discretisation, and the delay may be a share of a cycle.
+
+mod dynamics;
+mod estimate;
+mod excitation;
+mod friction;
+
+pub use dynamics::{Dynamics, MOST_SHIFTS, Passage, Response, dynamics};
+pub use estimate::Estimate;
+pub use excitation::{Excitation, Line};
+pub use friction::{Friction, Steady, friction};
+
+use thiserror::Error;
+
+/// Why something was not identified.
+#[derive(Clone, Copy, Debug, PartialEq, Error)]
+pub enum NotIdentified {
+    /// Fewer samples than it takes.
+    #[error("there are too few samples")]
+    TooFew,
+    /// A sample is not finite.
+    #[error("a sample is no number")]
+    NotFinite,
+    /// The joint stood, or turned back, while it had to turn one way.
+    #[error("the joint did not turn one way all the time")]
+    Stands,
+    /// The drive closes the loop. What it makes of its torque between two set-points is not told, and has a large share of what accelerates.
+    #[error("the drive closes the loop, and does not tell what its torque is from one moment to the next")]
+    InDrive,
+    /// What was seen does not tell the unknowns apart.
+    #[error("the motion does not tell inertia, friction and delay apart")]
+    Indistinct,
+    /// No delay within the range that is looked at fits.
+    #[error("no delay up to {longest_s} s fits")]
+    NoDelay {
+        /// The longest one, s.
+        longest_s: f64,
+    },
+    /// The inertia would not be positive.
+    #[error("the torque does not accelerate the joint")]
+    NoInertia,
+}

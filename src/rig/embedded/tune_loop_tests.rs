@@ -1,0 +1,249 @@
+//! Joints whose loops are identified on the embedded simulation.
+
+use std::sync::atomic::AtomicBool;
+
+use super::*;
+use crate::analysis::{PROPOSED_MARGINS, has_margins, identified_margins, pose_margins, proposed_gains};
+use crate::assembly::{delay_cycles, linkage};
+use crate::guard::Fault;
+use crate::identification::NotIdentified;
+use crate::injection::{Kind, Target};
+use crate::linkage::MassModel;
+use crate::quantity::JointRates;
+use crate::rig::simulated_arm;
+use crate::run::{Ended, JointLoop, LOOP_BOUND_RAD, LoopPlan, LoopTraced};
+
+fn rig(text: &str) -> config::Loaded<config::Rig> {
+    config::load_rig(config::Source::memory("rig.yaml", text.to_owned())).unwrap()
+}
+
+/// What becomes of an identification, with something broken and something looked at in every cycle.
+fn traced(
+    loaded: &config::Loaded<config::Rig>,
+    joint: usize,
+    injections: &[Injection],
+    mut look: impl FnMut(&CycleRecord) + Send + 'static,
+) -> (LoopTraced, [cia402::State; 2]) {
+    let (rig, mut scene) = (loaded.value.clone(), loaded.scene().unwrap().value);
+    // A period is a multiple of the steps in which the arm is integrated.
+    let step_us = &mut scene.model.as_mut().unwrap().plant_step_us;
+    *step_us = if rig.cycle.period_us.is_multiple_of(*step_us) { *step_us } else { 50 };
+    let mut machine = EmbeddedRig::new(&rig, &scene, &rig.fixture, scene.seed).unwrap();
+    machine.set_injections(injections).unwrap();
+    machine.set_observer(Box::new(move |record| look(record)));
+    let plan = LoopPlan { joint, torque_n_m: None };
+    let traced = machine.tune_loop(&rig, &plan, &AtomicBool::new(false)).unwrap().unwrap();
+    (traced, machine.drive_states())
+}
+
+/// Inertia that a joint of the simulated arm really feels at a pose, kg m^2.
+fn planted_inertia(loaded: &config::Loaded<config::Rig>, found: &JointLoop) -> f64 {
+    let scene = loaded.scene().unwrap().value;
+    let arm = simulated_arm(&loaded.value, &scene).unwrap();
+    let mass = MassModel { tool_kg: arm.mass.tool_kg + arm.handle_kg, ..arm.mass };
+    let dynamics = linkage(&loaded.value).unwrap().dynamics(&mass, found.pose, JointRates::default()).unwrap();
+    dynamics.mass[(found.joint, found.joint)]
+}
+
+const AT_1_KHZ: &str = "like: builtin:paper-admittance.yaml\nrig: {name: usual}\n";
+const AT_250_HZ: &str = "like: builtin:paper-admittance.yaml\nrig: {name: slow}\ncycle: {period_us: 4000, compute_at_us: 2400}\n\
+    sensor: {sample_rate_hz: 200}\n\
+    control: {gains: {joint: {stiffness_n_m_per_rad: 600.0, damping_n_m_s_per_rad: 24.0, integral_n_m_per_rad_s: 2000.0}}}\n";
+/// The shipped rig on EtherCAT with another segment and another cycle.
+fn on_ethercat(name: &str, bus: &str, cycle: &str) -> String {
+    let shipped = config::builtin("paper-ethercat.yaml").read().unwrap();
+    let text = shipped.replace("like: ", "like: builtin:").replace("name: paper-ethercat", &format!("name: {name}"));
+    format!("{}\ncycle: {cycle}\n", text.replace("ethercat: {}", &format!("ethercat: {bus}")))
+}
+
+fn at_4_khz() -> config::Loaded<config::Rig> {
+    let mut loaded = rig(&on_ethercat("fast", "{}", "{period_us: 1000, compute_at_us: 480}"));
+    (loaded.value.cycle.period_us, loaded.value.cycle.compute_at_us) = (250, 120);
+    loaded
+}
+
+/// The rigs on which all has to be identified.
+fn rigs() -> [config::Loaded<config::Rig>; 4] {
+    let on_arrival = on_ethercat("arrival", "{outputs: on_arrival}", "{period_us: 1000, compute_at_us: 100}");
+    [rig(AT_1_KHZ), rig(AT_250_HZ), at_4_khz(), rig(&on_arrival)]
+}
+
+#[test]
+fn what_was_planted_is_identified_at_each_cycle_time_and_on_each_bus() {
+    for loaded in rigs() {
+        let text = &loaded.value.rig.name;
+        for joint in [0, 1] {
+            let (end, states) = traced(&loaded, joint, &[], |_| ());
+            assert_eq!((end.ended, end.cause), (Ended::Whole, None), "{text} {joint}: {:?}", end.state);
+            assert!(!states.contains(&cia402::State::OperationEnabled), "{states:?}");
+            let found =
+                end.found.unwrap_or_else(|| panic!("{text} {joint}: cut {} at {} N m", end.is_cut, end.torque_n_m));
+            let arm = &loaded.value.simulation.as_ref().unwrap().arm;
+            let inertia = planted_inertia(&loaded, &found);
+            let planned_s = delay_cycles(&loaded.value).unwrap() * f64::from(loaded.value.cycle.period_us) * 1e-6;
+            // Where outputs act on arrival the plan has 40 us for the computation, which takes none in virtual time.
+            let delay_s = if loaded.value.rig.name == "arrival" { planned_s - 40e-6 } else { planned_s };
+            let (friction, dynamics) = (found.friction.unwrap(), found.dynamics.unwrap());
+            eprintln!(
+                "{} {joint}: {} N m, J {:.2} % +- {:.2} % of {inertia:.4}, delay {:.1} us +- {:.1} us of {:.0}, Coulomb {:.2} % +- {:.2} %, viscous {:.3} +- {:.3} \
+                 ({:.3} +- {:.3}), misfit {:.4}, lag {:?}, overshoot {:?} rise {:?}",
+                loaded.value.rig.name,
+                found.torque_n_m,
+                100.0 * (dynamics.inertia_kg_m2.value / inertia - 1.0),
+                100.0 * dynamics.inertia_kg_m2.half_width() / inertia,
+                1e6 * (dynamics.delay_s.value - delay_s),
+                1e6 * dynamics.delay_s.half_width(),
+                1e6 * delay_s,
+                100.0 * (friction.coulomb_n_m.value / arm.coulomb_n_m[joint].get() - 1.0),
+                100.0 * friction.coulomb_n_m.half_width() / arm.coulomb_n_m[joint].get(),
+                friction.viscous_n_m_s_per_rad.value,
+                friction.viscous_n_m_s_per_rad.half_width(),
+                dynamics.viscous_n_m_s_per_rad.value,
+                dynamics.viscous_n_m_s_per_rad.half_width(),
+                dynamics.misfit,
+                found.lag_s,
+                found.step.as_ref().map(|step| step.overshoot),
+                found.step.as_ref().map(|step| step.rise_s),
+            );
+            let within = |value: f64, planted: f64| (value / planted - 1.0).abs() < 0.05;
+            assert!(within(dynamics.inertia_kg_m2.value, inertia), "{text} {joint}: {dynamics:?}");
+            assert!((dynamics.delay_s.value - delay_s).abs() < 50e-6, "{text} {joint}: {:?}", dynamics.delay_s);
+            assert!(within(friction.coulomb_n_m.value, arm.coulomb_n_m[joint].get()), "{text} {joint}: {friction:?}");
+            let viscous = arm.viscous_n_m_s_per_rad[joint].get();
+            assert!(within(friction.viscous_n_m_s_per_rad.value, viscous), "{text} {joint}: {friction:?}");
+        }
+    }
+}
+
+#[test]
+fn where_the_drive_closes_the_loop_its_told_torque_shows_friction_and_the_lag_is_seen() {
+    for (mode, slowest, fastest) in [("csp", 1e-3, 4e-3), ("csv", -1e-3, 4e-3)] {
+        let loaded = config::load_rig(config::builtin(format!("paper-admittance-{mode}.yaml"))).unwrap();
+        for joint in [0, 1] {
+            let (end, _) = traced(&loaded, joint, &[], |_| ());
+            assert_eq!((end.ended, end.cause), (Ended::Whole, None), "{mode} {joint}: {:?}", end.state);
+            let found = end.found.unwrap();
+            let friction = found.friction.unwrap();
+            eprintln!(
+                "{mode} {joint}: {friction:?}, lag {:?} us {:?}",
+                found.lag_s.map(|lag| 1e6 * lag),
+                found.step.as_ref().map(|step| (step.overshoot, step.rise_s)),
+            );
+            assert!(found.is_told && found.dynamics == Err(NotIdentified::InDrive), "{:?}", found.dynamics);
+            assert!((friction.coulomb_n_m.value / 10.0 - 1.0).abs() < 0.05, "{friction:?}");
+            assert!(found.lag_s.is_some_and(|lag| lag > slowest && lag < fastest), "{mode}: {:?}", found.lag_s);
+        }
+    }
+}
+
+/// The rig with gains by what was identified of both joints.
+fn tuned(loaded: &config::Loaded<config::Rig>) -> config::Loaded<config::Rig> {
+    let found = [0, 1].map(|joint| traced(loaded, joint, &[], |_| ()).0.found.and_then(|found| found.found()).unwrap());
+    let before = identified_margins(&loaded.value, &found).unwrap().unwrap();
+    let gains = proposed_gains(&loaded.value, &before).unwrap().gains;
+    let mut tuned = loaded.clone();
+    let config::ControlGains::Joint { stiffness_n_m_per_rad, damping_n_m_s_per_rad, integral_n_m_per_rad_s } =
+        &mut tuned.value.control.gains
+    else {
+        panic!("gains of joints");
+    };
+    *stiffness_n_m_per_rad = config::Positive::new(gains.stiffness).unwrap();
+    *damping_n_m_s_per_rad = config::NotNegative::new(gains.damping).unwrap();
+    *integral_n_m_per_rad_s = config::NotNegative::new(gains.integral).unwrap();
+    tuned
+}
+
+#[test]
+fn gains_by_what_was_identified_have_their_margins_on_the_simulated_arm_and_lead_it() {
+    for (mut loaded, law) in rigs().into_iter().zip(["psmc", "pid", "psmc"]) {
+        let text = loaded.value.rig.name.clone();
+        loaded.value.control.law = if law == "pid" { config::ControlLaw::Pid } else { config::ControlLaw::Psmc };
+        let tuned = tuned(&loaded);
+        // The simulated arm with the hand's mass on its tool, in place of the file's model of it.
+        let mut real = tuned.value.clone();
+        let tool_kg = real.simulation.as_ref().unwrap().arm.mass_model().tool_kg
+            + loaded.scene().unwrap().value.hand.mass_kg.get();
+        real.control.feed_forward.inertia.as_mut().unwrap().tool_kg = config::NotNegative::new(tool_kg).unwrap();
+        let margins = pose_margins(&real).unwrap().unwrap();
+        let worst = margins.worst.without_friction;
+        eprintln!(
+            "{}: {:?}: {:.2} dB, {:.2} dB down, {:.1} deg at {:.1} Hz",
+            loaded.value.rig.name,
+            tuned.value.control.gains,
+            worst.gain_db,
+            worst.gain_reduction_db,
+            worst.phase_deg,
+            worst.crossover_hz
+        );
+        assert!(has_margins(&worst, PROPOSED_MARGINS), "{text}: {worst:?}");
+        // It is led with them too, and is still the same joint.
+        let again = traced(&tuned, 0, &[], |_| ()).0;
+        let found =
+            again.found.unwrap_or_else(|| panic!("{text}: {:?} {:?} cut {}", again.ended, again.cause, again.is_cut));
+        let inertia = planted_inertia(&tuned, &found);
+        let dynamics = found.dynamics.unwrap();
+        assert!((dynamics.inertia_kg_m2.value / inertia - 1.0).abs() < 0.05, "{text}: {dynamics:?}");
+    }
+}
+
+#[test]
+fn more_friction_and_a_heavier_tool_are_seen() {
+    let text = "like: builtin:paper-admittance.yaml\nrig: {name: other}\n\
+        simulation: {arm: {motor_kg_m2: [0.35, 0.15], proximal_kg: [0.2, 0.2], distal_kg: [0.3, 0.3], tool_kg: 1.6, coulomb_n_m: [5.0, 13.0], \
+        viscous_n_m_s_per_rad: [2.0, 1.0]}, timing: arbitrated, drive_position_loop: {period_us: 125, stiffness_n_m_per_rad: 20000.0, \
+        damping_n_m_s_per_rad: 150.0, integral_n_m_per_rad_s: 200000.0}, scene: builtin:scenes/circle-tour.yaml}\n\
+        control: {feed_forward: {coulomb_n_m: [0.0, 0.0]}}\n";
+    let loaded = rig(text);
+    for (joint, coulomb, viscous) in [(0, 5.0, 2.0), (1, 13.0, 1.0)] {
+        let (end, _) = traced(&loaded, joint, &[], |_| ());
+        let found = end.found.unwrap_or_else(|| panic!("{joint}: {:?} {:?}", end.ended, end.cause));
+        let inertia = planted_inertia(&loaded, &found);
+        let (friction, dynamics) = (found.friction.unwrap(), found.dynamics.unwrap());
+        eprintln!(
+            "{joint}: J {:.2} % {dynamics:?} {friction:?}",
+            100.0 * (dynamics.inertia_kg_m2.value / inertia - 1.0)
+        );
+        let within = |value: f64, planted: f64| (value / planted - 1.0).abs() < 0.05;
+        assert!(within(dynamics.inertia_kg_m2.value, inertia), "{joint}: {:?}", dynamics.inertia_kg_m2);
+        assert!(within(friction.coulomb_n_m.value, coulomb), "{joint}: {friction:?}");
+        assert!(within(friction.viscous_n_m_s_per_rad.value, viscous), "{joint}: {friction:?}");
+    }
+}
+
+#[test]
+fn a_fault_at_either_drive_takes_the_torque_off_both_and_nothing_is_identified() {
+    let loaded = rig(AT_1_KHZ);
+    for target in [Target::LeftDrive, Target::RightDrive] {
+        let broken = Injection::new(Kind::DriveFault, 3.0).on(target);
+        let (end, states) = traced(&loaded, 0, &[broken], |_| ());
+        assert_eq!((end.ended, end.found), (Ended::Stopped, None), "{target:?}");
+        assert!(end.cause.is_some_and(|cause| cause.fault != Fault::FollowingError), "{:?}", end.cause);
+        assert!(!states.iter().any(|state| crate::run::has_torque(*state)), "{states:?}");
+    }
+}
+
+#[test]
+fn no_joint_is_led_beyond_its_bound_or_with_more_torque_than_its_limit() {
+    let seen = std::sync::Arc::new(std::sync::Mutex::new([0.0_f64; 2]));
+    let kept = std::sync::Arc::clone(&seen);
+    let mut from = None;
+    let loaded = rig(AT_1_KHZ);
+    let (end, _) = traced(&loaded, 1, &[], move |record| {
+        if record.directive.state != State::Running {
+            from = None;
+            return;
+        }
+        let now = record.signals.target_angles;
+        let way = (now - *from.get_or_insert(now)).to_array();
+        let torques = match record.command {
+            crate::guard::JointCommand::Torque(torques) => torques.to_array(),
+            _ => [0.0; 2],
+        };
+        let mut seen = seen.lock().unwrap();
+        way.iter().for_each(|way| seen[0] = seen[0].max(way.abs()));
+        torques.iter().for_each(|torque| seen[1] = seen[1].max(torque.abs()));
+    });
+    let [way, torque] = *kept.lock().unwrap();
+    assert!(way > 0.1 && way < LOOP_BOUND_RAD, "{way}");
+    assert!(torque > 5.0 && torque <= end.torque_n_m + 1e-9, "{torque} of {}", end.torque_n_m);
+}

@@ -1,0 +1,146 @@
+//! What was identified of a rig on a bus, kept for the next runs with its configuration.
+
+use std::fs;
+use std::io;
+use std::path::{Path, PathBuf};
+
+use serde::{Deserialize, Serialize};
+use serde_json::{Value, json};
+use thiserror::Error;
+
+use super::JointLoop;
+use crate::config;
+use crate::run::proof::fnv1a;
+
+/// What was identified of a joint, as far as its loop goes.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct JointFound {
+    /// Inertia, kg m^2.
+    pub inertia_kg_m2: f64,
+    /// The angles of both joints at which it was, rad.
+    pub pose_rad: [f64; 2],
+    /// Longest delay that the measurement leaves possible, from the sample of an angle to the torque that was computed from it, s.
+    pub delay_s: f64,
+    /// Least viscous friction that it leaves possible, N m s/rad.
+    pub viscous_n_m_s_per_rad: f64,
+}
+
+impl JointLoop {
+    /// What counts for the loop, if this program closes it and all of that was identified.
+    pub fn found(&self) -> Option<JointFound> {
+        let (Ok(dynamics), Ok(friction)) = (&self.dynamics, &self.friction) else { return None };
+        Some(JointFound {
+            inertia_kg_m2: dynamics.inertia_kg_m2.value,
+            pose_rad: self.pose.to_array(),
+            delay_s: dynamics.delay_s.high,
+            viscous_n_m_s_per_rad: friction.viscous_n_m_s_per_rad.low,
+        })
+    }
+}
+
+/// The loop of a rig as it was measured on its bus. It holds for every gain, and for all of the configuration that its delay depends on.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct MeasuredLoop {
+    configuration: Value,
+    /// Both joints, left and right.
+    pub joints: [JointFound; 2],
+    version: String,
+}
+
+/// A record that cannot be read.
+#[derive(Debug, Error)]
+#[error("{}: {reason}", .path.display())]
+pub struct LoopUnreadable {
+    /// Its file.
+    pub path: PathBuf,
+    /// Why.
+    pub reason: String,
+}
+
+impl MeasuredLoop {
+    /// What was measured with this rig.
+    pub fn new(rig: &config::Rig, joints: [JointFound; 2]) -> Self {
+        Self { configuration: configuration(rig), joints, version: env!("CARGO_PKG_VERSION").to_owned() }
+    }
+
+    /// Keeps it in a folder of records, in the place of an older one; where.
+    ///
+    /// # Errors
+    /// If the file cannot be written.
+    pub fn store(&self, folder: &Path) -> io::Result<PathBuf> {
+        let path = path(&self.configuration, folder);
+        fs::create_dir_all(folder)?;
+        let unfinished = path.with_extension("unfinished");
+        fs::write(&unfinished, serde_json::to_string_pretty(self)?)?;
+        fs::rename(&unfinished, &path)?;
+        Ok(path)
+    }
+
+    /// What is on record of a rig; `None` if nothing is.
+    ///
+    /// # Errors
+    /// If there is a record that cannot be read.
+    pub fn load(rig: &config::Rig, folder: &Path) -> Result<Option<Self>, LoopUnreadable> {
+        let wanted = configuration(rig);
+        let path = path(&wanted, folder);
+        let unreadable = |reason: String| LoopUnreadable { path: path.clone(), reason };
+        let text = match fs::read_to_string(&path) {
+            Ok(text) => text,
+            Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(None),
+            Err(error) => return Err(unreadable(error.to_string())),
+        };
+        let record: Self = serde_json::from_str(&text).map_err(|error| unreadable(error.to_string()))?;
+        let is_number = |joint: &JointFound| {
+            let JointFound { inertia_kg_m2, pose_rad: [left, right], delay_s, viscous_n_m_s_per_rad } = *joint;
+            [inertia_kg_m2, left, right, delay_s, viscous_n_m_s_per_rad].iter().all(|value| value.is_finite())
+        };
+        if record.configuration != wanted || !record.joints.iter().all(is_number) {
+            return Err(unreadable("it is of another configuration, or a number in it is none".to_owned()));
+        }
+        Ok(Some(record))
+    }
+}
+
+/// All of a rig that the delay of its loop depends on.
+fn configuration(rig: &config::Rig) -> Value {
+    let mut configuration = json!({
+        "command_mode": rig.rig.command_mode,
+        "cycle": rig.cycle,
+        "buses": rig.buses,
+        "drives": rig.drives,
+        "profiles": rig.drives.each_ref().map(|drive| drive.profile.get().map(|profile| &**profile)),
+    });
+    for drive in configuration["drives"].as_array_mut().into_iter().flatten().filter_map(Value::as_object_mut) {
+        drive.retain(|key, _| !matches!(key.as_str(), "waits" | "enabling_ms"));
+    }
+    configuration
+}
+
+fn path(configuration: &Value, folder: &Path) -> PathBuf {
+    folder.join(format!("{:016x}.json", fnv1a(configuration.to_string().as_bytes())))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_record_is_of_its_configuration_and_of_every_gain() {
+        let folder = std::env::temp_dir().join(format!("yieldwall-loops-{}", std::process::id()));
+        let rig = config::load_rig(config::builtin("paper-admittance.yaml")).unwrap().value;
+        assert!(MeasuredLoop::load(&rig, &folder).unwrap().is_none());
+        let joint =
+            JointFound { inertia_kg_m2: 0.4, pose_rad: [2.0, 0.7], delay_s: 1.001e-3, viscous_n_m_s_per_rad: 0.5 };
+        let measured = MeasuredLoop::new(&rig, [joint; 2]);
+        let path = measured.store(&folder).unwrap();
+        assert_eq!(MeasuredLoop::load(&rig, &folder).unwrap(), Some(measured));
+        let mut other = rig.clone();
+        other.control.law = config::ControlLaw::Pid;
+        assert!(MeasuredLoop::load(&other, &folder).unwrap().is_some());
+        other.cycle.compute_at_us += 10;
+        assert!(MeasuredLoop::load(&other, &folder).unwrap().is_none());
+        fs::write(&path, "{").unwrap();
+        assert!(MeasuredLoop::load(&rig, &folder).is_err());
+        fs::remove_dir_all(&folder).unwrap();
+    }
+}
