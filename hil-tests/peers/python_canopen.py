@@ -20,6 +20,7 @@ import canopen
 from can.interfaces.socketcan import SocketcanBus
 from canopen import objectdictionary as od
 
+import commissioned
 import drives
 
 logging.disable(logging.CRITICAL)
@@ -287,6 +288,7 @@ our_lss_slave()
 check("their CiA 402 master enables, moves, loses and resets our drive", lambda: drives.ours(PROGRAMS, INTERFACE))
 check("our master boots, enables and runs their drives and sensor", lambda: drives.theirs(PROGRAMS, INTERFACE))
 check("their drives with a data sheet are adopted and run by what was found", lambda: drives.adopted(PROGRAMS, INTERFACE))
+check("their drives are commissioned by the wall clock and jogged", lambda: commissioned.commissioned(PROGRAMS, INTERFACE))
 print(
     f"\ntest result: {'FAILED' if failures else 'ok'}. {passed} passed; {len(failures)} failed; 0 ignored; 0 measured; "
     f"0 filtered out; finished in {time.time() - begun:.2f}s"
