@@ -31,6 +31,7 @@ report               what a run shows: names rig and what rig names; named by st
 live                 simulated devices on a link: names link, rig and what rig names; named by cli
 service              devices asked one by one when no rig runs: names link, bus, canopen, ethercat, objects, drives; named by cli
 config               names the parameter types of the layers below cycle; named by bus, assembly, run, sim, rig, host, study, soak, record, cli
+identification       inertia, friction and delay from recorded motion: names elementary; named by run, cli
 elementary           names nothing; named by all
 batch                names nothing; named by study, soak, cli
 checkup              names nothing; named by link, host, service, cli
@@ -38,11 +39,12 @@ record               names what enters and leaves a cycle: cycle, guard, sensing
 ";
 
 /// All layers. `drives` is not among them: it is a package of its own, `yieldwall_drives`.
-const LAYERS: [&str; 34] = [
+const LAYERS: [&str; 35] = [
     "analysis",
     "batch",
     "checkup",
     "elementary",
+    "identification",
     "quantity",
     "setvalued",
     "sensing",
@@ -85,6 +87,7 @@ fn may_name(layer: &str) -> Option<Vec<&'static str>> {
     let run = vec!["assembly", "bus", "link", "record"];
     Some(match layer {
         "elementary" | "time" | "quantity" | "setvalued" | "batch" | "checkup" => vec![],
+        "identification" => vec!["elementary"],
         "objects" => vec!["time"],
         "canopen" | "ethercat" => vec!["time", "objects"],
         "sensing" | "fixture" | "linkage" | "control" => base,
@@ -99,7 +102,7 @@ fn may_name(layer: &str) -> Option<Vec<&'static str>> {
         "sim" => [&base[..], &engines, &["ethercat", "plain_can", "sensing", "linkage", "config"]].concat(),
         "record" => [&["elementary", "quantity", "config", "sensing", "guard", "cycle"], &states[..]].concat(),
         "assembly" => [bus(), vec!["bus"]].concat(),
-        "run" => [bus(), run].concat(),
+        "run" => [bus(), run, vec!["identification"]].concat(),
         "host" => [bus(), run, vec!["run", "checkup", "explanation"]].concat(),
         "rig" => [bus(), run, vec!["run", "injection", "sim", "ethercat"]].concat(),
         "analysis" => [bus(), run, vec!["run", "sim", "rig"]].concat(),

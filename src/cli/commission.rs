@@ -8,9 +8,8 @@ use std::path::PathBuf;
 
 use serde_json::{Value, json};
 
-use super::desk::journal::with_given_back;
 use super::ending::rig_failure;
-use super::failure::{Exit, Failure};
+use super::failure::{Exit, Failure, both};
 use super::interrupt::on_interrupt;
 use super::output::Output;
 use super::replace::Replace;
@@ -18,7 +17,6 @@ use super::run::check_buses;
 use crate::config::{self, Source};
 use crate::injection::{DEFECTS, Defect, DefectError, DefectKind};
 use crate::rig::EmbeddedRig;
-use crate::run::RunError;
 use crate::run::commission::{Commissioned, STEPS, Step, StepReport, Verdict};
 
 #[derive(Debug, clap::Args)]
@@ -143,7 +141,7 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
         });
     printed?;
     let commissioned = commissioned.map_err(|error| rig_failure(&error))?;
-    end(arguments, rig, commissioned, (|failure| failure, Ok(())), output)
+    end(arguments, rig, &commissioned, (|failure| failure, Ok(())), output)
 }
 
 /// What a person reads of a step.
@@ -166,35 +164,25 @@ fn lines(report: &StepReport) -> String {
 fn end(
     arguments: &Arguments,
     rig: &config::Rig,
-    commissioned: Result<Commissioned, RunError>,
+    commissioned: &Commissioned,
     (told, given_back): (impl FnOnce(Failure) -> Failure, Result<(), Failure>),
     output: &mut Output,
 ) -> Result<(), Failure> {
-    let commissioned = match commissioned {
-        Ok(commissioned) => commissioned,
-        Err(error) => {
-            let failure = match error {
-                RunError::Interrupted => Failure::new(
-                    Exit::Interrupted,
-                    "interrupted: the rig is stopped, and no drive makes torque",
-                    "begin again with --from STEP",
-                ),
-                error => super::on_bus::live_failure(&error),
-            };
-            return with_given_back(Err(failure), given_back);
-        }
-    };
+    // What was found is told, whatever becomes of the file.
+    let mut page = Ok(());
     if let Some(html) = &arguments.html {
-        arguments.replace.write(html, page::html(rig, &commissioned).as_bytes())?;
-        output.news(&format!("report    {}", html.display()))?;
+        page = arguments.replace.write(html, page::html(rig, commissioned).as_bytes());
+        if page.is_ok() {
+            output.news(&format!("report    {}", html.display()))?;
+        }
     }
     #[cfg(target_os = "linux")]
     let is_on_bus = arguments.on_bus.is_asked();
     #[cfg(not(target_os = "linux"))]
     let is_on_bus = false;
-    let judged = with_given_back(judge(&commissioned, is_on_bus).map_err(told), given_back);
+    let judged = both(judge(commissioned, is_on_bus).map_err(told), both(given_back, page));
     if output.is_json() {
-        return output.end(document(rig, &commissioned), judged);
+        return output.end(document(rig, commissioned), judged);
     }
     if judged.is_ok() {
         let count = |verdict| commissioned.steps.iter().filter(|step| step.verdict == verdict).count();
@@ -204,7 +192,11 @@ fn end(
 }
 
 fn judge(commissioned: &Commissioned, is_on_bus: bool) -> Result<(), Failure> {
-    let Some(failed) = commissioned.steps.iter().find(|step| step.verdict == Verdict::Fail) else { return Ok(()) };
+    let Some(failed) = commissioned.steps.iter().find(|step| step.verdict == Verdict::Fail) else {
+        let message = "interrupted: the rig is stopped, and no drive makes torque";
+        let interrupted = || Failure::new(Exit::Interrupted, message, "begin again with --from STEP");
+        return if commissioned.is_interrupted { Err(interrupted()) } else { Ok(()) };
+    };
     let name = failed.step.name();
     let why = failed.reason.clone().or_else(|| failed.figure.as_ref().map(page::figure_text)).unwrap_or_default();
     // What is mended in the rig file is another configuration, which needs a drill of its own.

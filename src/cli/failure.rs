@@ -62,6 +62,17 @@ impl From<Exit> for ExitCode {
     }
 }
 
+/// How a command ends of which two things may have failed: both are told, and the first one says how the program ends.
+pub(super) fn both(first: Result<(), Failure>, then: Result<(), Failure>) -> Result<(), Failure> {
+    match (first, then) {
+        (Err(mut first), Err(then)) => {
+            first.report.diagnostics.extend(then.report.diagnostics);
+            Err(first)
+        }
+        (first, then) => first.and(then),
+    }
+}
+
 /// A command that did not do what it was asked for.
 #[derive(Debug)]
 pub struct Failure {

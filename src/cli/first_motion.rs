@@ -3,7 +3,7 @@
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
-use super::desk::journal::Journal;
+use super::desk::journal::{Journal, refuse_open};
 use super::failure::Failure;
 use super::interfaces::Interfaces;
 use super::interrupt::on_interrupt;
@@ -53,7 +53,7 @@ impl OnBus {
         Interfaces::of(rig, &self.bus)
     }
 
-    /// Keeps what its devices hold, and opens its interfaces. Objects are read, and nothing else is sent.
+    /// Keeps what its devices hold, and opens its interfaces. Objects are read, on EtherCAT in PRE-OP, and nothing else is sent.
     pub(super) fn open(
         &self,
         command: &str,
@@ -73,11 +73,15 @@ impl OnBus {
             ignores_bus_budget: false,
         };
         let interfaces = self.interfaces(rig)?;
+        // First: nobody who asks for the end while devices are read is overheard.
+        let is_interrupted = on_interrupt()?;
         let journal = match self.pace {
             PaceArgument::Free => Some(Journal::begin(command, rig, file, &interfaces)?),
-            PaceArgument::Lockstep => None,
+            PaceArgument::Lockstep => {
+                refuse_open(rig, file, &interfaces)?;
+                None
+            }
         };
-        let is_interrupted = on_interrupt()?;
         let on_bus = match RigOnBus::open(rig, interfaces.names(), self.pace.pace()) {
             Ok(on_bus) => on_bus,
             Err(error) => {

@@ -9,7 +9,7 @@ use std::time::{Duration, Instant};
 use serde_json::json;
 
 use super::ending::{rig_failure, stopped_by};
-use super::failure::{Exit, Failure};
+use super::failure::{Exit, Failure, both};
 use super::faults::FaultArgument;
 use super::interrupt::{interrupted, on_interrupt};
 use super::on_bus::live_failure;
@@ -49,13 +49,13 @@ pub(super) struct Arguments {
     #[arg(long)]
     keys: bool,
     /// With --keys: how far it may go to either side, with its unit
-    #[arg(long, value_name = "ANGLE", value_parser = angle, default_value = "10deg", conflicts_with = "by")]
+    #[arg(long, value_name = "ANGLE", value_parser = angle, default_value = "10deg", conflicts_with = "by", allow_hyphen_values = true)]
     within: f64,
     /// How far in a second, with its unit; 30deg at most
-    #[arg(long, value_name = "ANGLE", value_parser = angle, default_value = "6deg")]
+    #[arg(long, value_name = "ANGLE", value_parser = angle, default_value = "6deg", allow_hyphen_values = true)]
     rate: f64,
     /// Most torque of each drive, N m, which the drives are told (6072h); a quarter of their rated torque unless said
-    #[arg(long, value_name = "N_M", value_parser = torque)]
+    #[arg(long, value_name = "N_M", value_parser = torque, allow_hyphen_values = true)]
     torque: Option<Positive>,
     /// Break something on the way, as `run --fault`; TIME counts from the end of the boot, in s
     #[cfg_attr(target_os = "linux", arg(conflicts_with = "bus"))]
@@ -188,7 +188,7 @@ impl<'a> Plan<'a> {
         let each =
             rig.drives.iter().zip(jogged.from.to_array()).zip(jogged.to.to_array()).zip(jogged.deviation.to_array());
         for (joint, (((drive, from), to), deviation)) in each.enumerate() {
-            let has_moved = joint == self.joint && (self.jog.keys.is_none() || (to - from).abs() > OFF_RAD);
+            let has_moved = joint == self.joint && (to - from).abs() > OFF_RAD;
             let word = if has_moved { "moved" } else { "held" };
             text.push_str(&format!(
                 "{word:9} {}: {:.3} -> {:.3} deg, {:.3} deg beside its reference at most\n",
@@ -276,7 +276,7 @@ fn on_bus(
     (shown, read): (&Arc<Shown>, impl Fn(&Output) -> Result<Option<Reader>, Failure>),
     output: &mut Output,
 ) -> Result<(), Failure> {
-    use super::desk::journal::{Journal, with_given_back};
+    use super::desk::journal::Journal;
     use super::events::Events;
     use super::first_motion::{Opened, give_back};
     use super::live::{ended, not_run};
@@ -304,6 +304,8 @@ fn on_bus(
     output.aside("one joint will move, and the other one hold; nobody may hold the handle");
     let outcome = on_bus.jog(&terms, &plan.jog, plan.bounds, &is_interrupted, |news| match news {
         News::Refused(refusal) => warn(output, refusal),
+        // The steps of the boot are for --verbose.
+        News::Step(_) | News::Proved => {}
         news => events.news(news),
     });
     drop(reader);
@@ -315,14 +317,14 @@ fn on_bus(
         Ok(jogged) => *jogged,
         Err(error) => {
             let failure = not_run(error, &outcome, &interfaces, rig, &arguments.rig);
-            return with_given_back(Err(failure), given_back);
+            return both(Err(failure), given_back);
         }
     };
     let failure = match jogged.ended {
         Ended::Stopped if jogged.cause.is_none() => Some(short_of(&jogged)),
         end => ended((end, jogged.cause), jogged.time_s, &outcome, rig),
     };
-    let end = with_given_back(failure.map_or(Ok(()), Err), given_back);
+    let end = both(failure.map_or(Ok(()), Err), given_back);
     plan.end(arguments, rig, &jogged, end, output)
 }
 

@@ -111,9 +111,11 @@ pub(super) fn live_failure(error: &RunError) -> Failure {
             error.to_string(),
             "name its object in the device profile (limits.torque)",
         ),
-        RunError::WayBlocked { .. } => {
-            Failure::new(Exit::SafetyStop, error.to_string(), "nothing was enabled; go less far, or the other way")
-        }
+        RunError::WayBlocked { .. } => Failure::new(
+            Exit::SafetyStop,
+            error.to_string(),
+            "nothing was enabled; go less far, or the other way; with keys both ways have to be free",
+        ),
         RunError::Unread { .. } => Failure::new(
             Exit::DeviceMismatch,
             error.to_string(),

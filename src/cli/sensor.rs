@@ -1,9 +1,11 @@
 //! `yieldwall sensor`: what the force sensor of a rig shows while nothing is enabled.
 
+use std::sync::atomic::Ordering;
+
 use serde_json::{Value, json};
 
 use super::ending::rig_failure;
-use super::failure::{Exit, Failure};
+use super::failure::{Exit, Failure, both};
 use super::interrupt::on_interrupt;
 use super::on_bus::live_failure;
 use super::output::Output;
@@ -34,7 +36,7 @@ pub(super) struct Monitor {
     #[arg(value_name = "RIG.yaml")]
     rig: String,
     /// How long, s
-    #[arg(long = "for", value_name = "S", default_value_t = 10.0, value_parser = seconds)]
+    #[arg(long = "for", value_name = "S", default_value_t = 10.0, value_parser = seconds, allow_hyphen_values = true)]
     seconds: f64,
     #[cfg(target_os = "linux")]
     #[command(flatten)]
@@ -48,7 +50,7 @@ pub(super) struct Tare {
     rig: String,
     /// The greatest force that is taken for a zero, N; that of the rig file unless said, and without one a quarter of its
     /// yield force
-    #[arg(long, value_name = "N", value_parser = force)]
+    #[arg(long, value_name = "N", value_parser = force, allow_hyphen_values = true)]
     up_to: Option<Positive>,
     #[cfg(target_os = "linux")]
     #[command(flatten)]
@@ -93,12 +95,14 @@ fn simulated(rig: &Loaded<config::Rig>, output: &Output) -> Result<EmbeddedRig, 
 fn watch(arguments: &Monitor, rig: &Loaded<config::Rig>, output: &mut Output) -> Result<(), Failure> {
     let times_s = [arguments.seconds, ROW_S];
     let heading = AXES.map(|(axis, unit)| format!("{:>11}", format!("{axis} {unit}"))).concat();
-    output.news(&format!("{:>8}{heading}", "time s"))?;
     let mut rows = Vec::new();
-    let mut printed = Ok(());
+    let (mut printed, mut has_asked) = (Ok(()), false);
     let mut told = |output: &mut Output, from_s: f64, row: Wrenches| {
-        rows.push(json!({ "from_s": from_s, "samples": row.count(), "mean": document(row.mean()) }));
-        let line = output.news(&format!("{from_s:8.1}{}", columns(row.mean())));
+        let mean = (row.count() > 0).then(|| row.mean());
+        let values = mean.map_or_else(|| format!("{:>11}", "-").repeat(AXES.len()), columns);
+        let above = if rows.is_empty() { format!("{:>8}{heading}\n", "time s") } else { String::new() };
+        rows.push(json!({ "from_s": from_s, "samples": row.count(), "mean": mean.map(document) }));
+        let line = output.news(&format!("{above}{from_s:8.1}{values}"));
         printed = std::mem::replace(&mut printed, Ok(())).and(line);
     };
     #[cfg(target_os = "linux")]
@@ -112,23 +116,29 @@ fn watch(arguments: &Monitor, rig: &Loaded<config::Rig>, output: &mut Output) ->
             rig,
             output,
             |on_bus, terms, is_interrupted, output, tell| {
-                on_bus.sense(terms, times_s, is_interrupted, |news| match news {
+                let shown = on_bus.sense(terms, times_s, is_interrupted, |news| match news {
                     crate::host::News::Sensed(from_s, row) => told(output, from_s, row),
                     news => tell(output, news),
-                })
+                });
+                has_asked = is_interrupted.load(Ordering::Relaxed);
+                shown
             },
         )?
     } else {
         let (mut machine, is_interrupted) = (simulated(rig, output)?, on_interrupt()?);
         let shown = machine.sense(&rig.value, times_s, &is_interrupted, |from_s, row| told(output, from_s, row));
+        has_asked = is_interrupted.load(Ordering::Relaxed);
         ended(shown.map_err(|error| rig_failure(&error))?)?
     };
     printed?;
     let name = &rig.value.sensor.name;
-    let per_second = shown.count() as f64 / arguments.seconds;
+    let listened_s = if has_asked { ROW_S * rows.len() as f64 } else { arguments.seconds };
+    let per_second = shown.count() as f64 / listened_s;
     let end = if shown.count() == 0 {
         let help = "look at the sensor with `yieldwall doctor`";
         Err(Failure::new(Exit::DeviceMismatch, format!("{name} has sent no valid sample"), help))
+    } else if has_asked {
+        Err(Failure::new(Exit::Interrupted, "interrupted; nothing was enabled", ""))
     } else {
         Ok(())
     };
@@ -144,12 +154,9 @@ fn watch(arguments: &Monitor, rig: &Loaded<config::Rig>, output: &mut Output) ->
         );
     }
     let mut text = String::new();
-    for (word, wrench) in [
-        ("mean", shown.mean()),
-        ("deviates", shown.deviation()),
-        ("least", shown.least()),
-        ("greatest", shown.greatest()),
-    ] {
+    for (word, wrench) in
+        [("mean", shown.mean()), ("std dev", shown.deviation()), ("min", shown.least()), ("max", shown.greatest())]
+    {
         text.push_str(&format!("{word:>8}{}\n", columns(wrench)));
     }
     text.push_str(&format!(
@@ -190,8 +197,10 @@ fn zero(arguments: &Tare, rig: &Loaded<config::Rig>, output: &mut Output) -> Res
         return output.report(document);
     }
     let heading = AXES.map(|(axis, unit)| format!("{:>11}", format!("{axis} {unit}"))).concat();
+    let force_n = crate::elementary::hypot(zero.0.x, zero.0.y);
     let kept = match rig.value.sensor.tare_up_to_n {
-        Some(_) => "The rig is tared so each time it is enabled.".to_owned(),
+        Some(most_n) if force_n <= most_n.get() => "The rig is tared so each time it is enabled.".to_owned(),
+        Some(most_n) => format!("The rig is not enabled with that: its `tare_up_to_n` is {} N.", most_n.get()),
         None => {
             let most_n = most_n.get();
             format!(
@@ -239,7 +248,6 @@ fn on_bus<T>(
         Tell<'_>,
     ) -> Result<crate::host::Outcome<T>, crate::host::ThreadError>,
 ) -> Result<T, Failure> {
-    use super::desk::journal::with_given_back;
     use super::events::Events;
     use super::first_motion::{Opened, give_back};
     use super::live::not_run;
@@ -263,6 +271,6 @@ fn on_bus<T>(
         Ok(_) => Ok(()),
         Err(error) => Err(not_run(error, &outcome, &interfaces, &rig.value, file)),
     };
-    with_given_back(end, given_back)?;
+    both(end, given_back)?;
     outcome.played.map_err(|error| Failure::new(Exit::Internal, error.to_string(), ""))
 }

@@ -326,7 +326,7 @@ impl RigOnBus {
         person: &mut (dyn Person + Send),
         is_interrupted: &Arc<AtomicBool>,
         tell: impl FnMut(News),
-    ) -> Result<Outcome<Result<Commissioned, RunError>>, ThreadError> {
+    ) -> Result<Outcome<Commissioned>, ThreadError> {
         self.under(terms, is_interrupted, tell, |runner, rig, news| {
             let mut attendant = OnTheBench { person, proof: terms.proof() };
             // Somebody listens for as long as this thread lives.

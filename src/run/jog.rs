@@ -132,6 +132,9 @@ impl<P: Place> Runner<P> {
         if share < 1.0 {
             return Err(RunError::WayBlocked { share });
         }
+        if jog.keys.is_some_and(Keys::has_ended) {
+            return Err(RunError::Interrupted);
+        }
         let holds = self.cycles_in(Keys::HOLDS_S);
         self.enable(0, permit, is_interrupted)?;
         self.begin_scene();

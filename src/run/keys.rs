@@ -43,6 +43,11 @@ impl Keys {
         self.0.store(count << Self::BITS | at, Ordering::Relaxed);
     }
 
+    /// Whether [`Key::End`] was told.
+    pub(super) fn has_ended(&self) -> bool {
+        self.last().1 == Key::End
+    }
+
     /// The key that was pressed last, with a number that differs from that of the key before.
     ///
     /// Real-time: yes.

@@ -107,6 +107,8 @@ pub struct Runner<P> {
     pub(super) enabling: Enabling,
     /// How the force sensor is tared before the rig is enabled, if it is.
     pub(super) tared: Option<Tared>,
+    /// Whether joints are led in place of the fixture, so that no force moves them.
+    pub(super) leads: bool,
     /// Of each drive, whether its profile is one of simulated drives.
     pub(super) has_simulated_profile: [bool; 2],
     /// What the drives watch their master by.
@@ -179,6 +181,7 @@ impl<P: Place> Runner<P> {
             inquiry: Inquiry::new(),
             enabling: Enabling::new(rig),
             tared: Tared::of(rig),
+            leads: false,
             has_simulated_profile: rig
                 .drives
                 .each_ref()
@@ -241,6 +244,7 @@ impl<P: Place> Runner<P> {
 
     /// Has the joints be led in place of the fixture, as [`Cycle::lead`](crate::cycle::Cycle::lead).
     pub(super) fn lead(&mut self, limits: Option<LeadLimits>) {
+        self.leads = limits.is_some();
         self.master.lead(limits);
     }
 

@@ -162,7 +162,8 @@ impl<P: Place> Runner<P> {
         is_interrupted: &AtomicBool,
     ) -> Result<(), RunError> {
         self.check_permit(permit)?;
-        if let Some(tared) = self.tared {
+        // While joints are led a known force may pull at the tool, and none moves them.
+        if let Some(tared) = self.tared.filter(|_| !self.leads) {
             self.tare_by(tared, is_interrupted)?;
         }
         loop {

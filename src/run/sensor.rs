@@ -183,8 +183,10 @@ impl<P: Place> Runner<P> {
     /// Listens to the force sensor of a booted rig that idles, after it has settled; `each` gets the time in s and the wrench of every valid
     /// sample, in the sensor's frame and by the calibration of the rig file alone, with no zero taken from it.
     ///
+    /// A person who asks for the end gets what was shown until then.
+    ///
     /// # Errors
-    /// If a person asks for the end.
+    /// If a person asks for the end before.
     pub fn sense(
         &mut self,
         rig: &config::Rig,
@@ -198,7 +200,7 @@ impl<P: Place> Runner<P> {
         let mut wrenches = Wrenches::default();
         for cycle in 1..=self.cycles_in(time_s) {
             if is_interrupted.load(Ordering::Relaxed) {
-                return Err(RunError::Interrupted);
+                break;
             }
             let Some(sample) = self.run_cycle(Ask::Nothing).and_then(|record| record.inputs.sample) else { continue };
             wrenches.saturated += u64::from(calibration.is_saturated(&sample));
@@ -226,7 +228,8 @@ impl<P: Place> Runner<P> {
     ) -> Result<Wrenches, RunError> {
         let (mut from_s, mut row) = (0.0, Wrenches::default());
         let all = self.sense(rig, time_s, is_interrupted, |now_s, wrench| {
-            if now_s > from_s + row_s {
+            // A while without a sample is a row as well.
+            while now_s > from_s + row_s {
                 told(from_s, row);
                 (from_s, row) = (from_s + row_s, Wrenches::default());
             }

@@ -10,11 +10,12 @@ use serde_json::json;
 
 use super::{Arguments, end, lines};
 use crate::cli::confirm::agreed;
-use crate::cli::desk::journal::{Journal, with_given_back};
+use crate::cli::desk::journal::Journal;
 use crate::cli::events::Events;
-use crate::cli::failure::{Exit, Failure};
+use crate::cli::failure::{Exit, Failure, both};
 use crate::cli::first_motion::{Opened, give_back};
 use crate::cli::fit;
+use crate::cli::interfaces::Interfaces;
 use crate::cli::live::not_run;
 use crate::cli::on_bus::{different, thread_failure, warn, with_told};
 use crate::cli::output::Output;
@@ -98,6 +99,17 @@ impl Person for AtTheTerminal {
     }
 }
 
+/// Gives devices back what they held before commands that were killed; whether there was one.
+fn close_journals(interfaces: &Interfaces, output: &mut Output) -> Result<bool, Failure> {
+    let mut are_closed = false;
+    while let Some(left) = Journal::left_on(interfaces)? {
+        output.aside(&left.words());
+        left.give_back(output)?;
+        are_closed = true;
+    }
+    Ok(are_closed)
+}
+
 pub(super) fn run(
     arguments: &Arguments,
     file: &str,
@@ -107,16 +119,13 @@ pub(super) fn run(
     let events = Events::of(output);
     let rig = &loaded.value;
     let from = arguments.from.unwrap_or(Step::Communication);
-    let left = Journal::left_on(&arguments.on_bus.interfaces(rig)?)?;
-    let is_left = left.is_some();
-    if let Some(left) = left {
-        output.news(&left.words())?;
-        left.give_back(output)?;
-    }
     if arguments.restore {
+        let are_closed = close_journals(&arguments.on_bus.interfaces(rig)?, output)?;
         return match output.is_json() {
-            true => output.report(json!({ "restored": is_left })),
-            false => output.news(if is_left { "the journal is closed" } else { "no journal is open on this bus" }),
+            true => output.report(json!({ "restored": are_closed })),
+            false => {
+                output.news(if are_closed { "no journal is open any more" } else { "no journal is open on this bus" })
+            }
         };
     }
     if !arguments.yes {
@@ -131,6 +140,7 @@ pub(super) fn run(
             return Err(Failure::new(Exit::Usage, "nothing was done", "answer yes, or write --yes"));
         }
     }
+    close_journals(&arguments.on_bus.interfaces(rig)?, output)?;
     let opened = arguments.on_bus.open("commission", file, loaded, output)?;
     let Opened { on_bus, terms, interfaces, is_interrupted, journal } = opened;
     let names = rig.drives.each_ref().map(|drive| drive.name.clone());
@@ -157,8 +167,8 @@ pub(super) fn run(
     match &outcome.played {
         Ok(commissioned) => {
             let told = |failure| with_told(failure, &outcome.emergencies, &outcome.errors, rig);
-            end(arguments, rig, commissioned.clone(), (told, given_back), output)
+            end(arguments, rig, commissioned, (told, given_back), output)
         }
-        Err(error) => with_given_back(Err(not_run(error, &outcome, &interfaces, rig, file)), given_back),
+        Err(error) => both(Err(not_run(error, &outcome, &interfaces, rig, file)), given_back),
     }
 }

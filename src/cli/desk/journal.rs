@@ -42,8 +42,9 @@ pub(in crate::cli) struct Journal {
 struct Kept {
     /// The command.
     command: String,
-    /// Its process.
+    /// Its process, and when that began, in ticks since the computer did: numbers of processes come again.
     process: u32,
+    process_began: Option<u64>,
     begun_unix_s: u64,
     /// Of the program.
     version: String,
@@ -60,6 +61,8 @@ struct KeptDevice {
     /// 1018h:1, :2 and :4, as far as the device has them.
     identity: [Option<u32>; 3],
     objects: Vec<KeptObject>,
+    /// Index and sub-index of objects that cannot be read, and stay as the boot writes them.
+    unreadable: Vec<(u16, u8)>,
 }
 
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -89,19 +92,22 @@ impl Journal {
             for written in written.iter().filter(|written| written.bus.index() == at) {
                 reach(&mut reached, interface, is_on_ethercat, written.number)?;
                 let Some(reached) = &mut reached else { continue };
+                let (objects, unreadable) = held(reached, &written.objects)?;
                 devices.push(KeptDevice {
                     name: written.name.clone(),
                     interface: interface.clone(),
                     is_on_ethercat,
                     number: written.number,
                     identity: identity(reached)?,
-                    objects: held(reached, &written.objects)?,
+                    objects,
+                    unreadable,
                 });
             }
         }
         let kept = Kept {
             command: command.to_owned(),
             process: std::process::id(),
+            process_began: began(std::process::id()),
             begun_unix_s: now_unix_s(),
             version: env!("CARGO_PKG_VERSION").to_owned(),
             devices,
@@ -125,7 +131,7 @@ impl Journal {
             if !journal.kept.devices.iter().any(is_here) {
                 continue;
             }
-            if is_at_work(journal.kept.process) {
+            if journal.is_at_work() {
                 let Kept { command, process, .. } = &journal.kept;
                 let message = format!("`yieldwall {command}` (process {process}) is at work on these devices");
                 return Err(Failure::new(Exit::BusUnavailable, message, "wait for its end"));
@@ -153,15 +159,24 @@ impl Journal {
             if interface.replace(&device.interface) != Some(&device.interface) {
                 reached = None;
             }
-            match give_back(&mut reached, device, &mut lacking) {
-                Ok(0) => {}
-                Ok(many) => given.push(format!("{} {many}", device.name)),
+            let mut many = 0;
+            let ended = give_back(&mut reached, device, &mut many, &mut lacking);
+            if many > 0 {
+                given.push(format!("{} {many}", device.name));
+            }
+            for (index, sub) in &device.unreadable {
+                let at = titled(Address::new(*index, *sub), "");
+                output.aside(&format!("{}: {at} could not be read before, and stays as it was written", device.name));
+            }
+            match ended {
+                Ok(()) => {}
                 Err(failure) => {
                     let why = failure.report.diagnostics.into_iter().next();
                     let why = why.map_or_else(String::new, |why| {
                         [Some(why.message), why.help].into_iter().flatten().collect::<Vec<_>>().join("; ")
                     });
-                    lacking.push(format!("{}: nothing was given back: {why}", device.name));
+                    let how_far = if many == 0 { "nothing".to_owned() } else { format!("no more than {many} objects") };
+                    lacking.push(format!("{}: {how_far} could be given back: {why}", device.name));
                     reached = None;
                 }
             }
@@ -184,6 +199,12 @@ impl Journal {
             self.path.display()
         );
         Err(Failure::new(Exit::DeviceMismatch, message, help))
+    }
+
+    /// Whether its process is still there.
+    fn is_at_work(&self) -> bool {
+        let Kept { process, process_began, .. } = self.kept;
+        process != std::process::id() && process_began.is_some() && began(process) == process_began
     }
 
     /// What was begun, for a person: `commission of 2026-01-31 12:00:00Z (left 31 objects, right 31 objects)`.
@@ -214,17 +235,6 @@ pub(in crate::cli) fn refuse_open(rig: &Rig, file: &str, interfaces: &Interfaces
         interfaces.arguments(rig)
     );
     Err(Failure::new(Exit::DeviceMismatch, journal.words(), help))
-}
-
-/// How a command ends that has given back what it changed, or has not.
-pub(in crate::cli) fn with_given_back(end: Result<(), Failure>, given: Result<(), Failure>) -> Result<(), Failure> {
-    match (end, given) {
-        (Err(mut first), Err(then)) => {
-            first.report.diagnostics.extend(then.report.diagnostics);
-            Err(first)
-        }
-        (end, given) => end.and(given),
-    }
 }
 
 fn folder() -> Result<PathBuf, Failure> {
@@ -269,10 +279,16 @@ fn all(folder: &Path) -> Result<Vec<Journal>, Failure> {
     paths.into_iter().map(read).collect()
 }
 
-/// Whether a process of this program is still there.
-fn is_at_work(process: u32) -> bool {
-    let name = |process: &str| fs::read_to_string(format!("/proc/{process}/comm")).ok();
-    process != std::process::id() && name(&process.to_string()).is_some_and(|other| name("self") == Some(other))
+/// When a process that is still there began, in ticks since the computer did.
+fn began(process: u32) -> Option<u64> {
+    let status = fs::read_to_string(format!("/proc/{process}/stat")).ok()?;
+    began_in(&status)
+}
+
+/// The same from its `/proc/PID/stat`: field 22. The name of its program, in brackets, may have any character.
+fn began_in(status: &str) -> Option<u64> {
+    let (_, fields) = status.rsplit_once(')')?;
+    fields.split_whitespace().nth(19)?.parse().ok()
 }
 
 /// Comes to a device on an interface, by what was reached there before. One on EtherCAT comes to PRE-OP, also from an error that a boot
@@ -309,23 +325,28 @@ fn identity(reached: &mut Reached) -> Result<[Option<u32>; 3], Failure> {
     Ok([vendor?, product?, serial?])
 }
 
-/// What objects hold. One that cannot be read stays out.
-fn held(reached: &mut Reached, objects: &[Address]) -> Result<Vec<KeptObject>, Failure> {
-    let mut held = Vec::new();
+/// What objects hold, and those that cannot be read.
+fn held(reached: &mut Reached, objects: &[Address]) -> Result<(Vec<KeptObject>, Vec<(u16, u8)>), Failure> {
+    let (mut held, mut unreadable) = (Vec::new(), Vec::new());
     for at in objects {
         match reached.read(*at) {
             Ok(bytes) => held.push(KeptObject { index: at.index, sub: at.sub, bytes: bytes.to_vec() }),
-            Err(Error::Refused(_)) => {}
+            Err(Error::Refused(_)) => unreadable.push((at.index, at.sub)),
             Err(error) => return Err(reached.failure("reading its objects", error)),
         }
     }
-    Ok(held)
+    Ok((held, unreadable))
 }
 
-/// Gives a device back what it held; how many objects were written.
-fn give_back(reached: &mut Option<Reached>, device: &KeptDevice, lacking: &mut Vec<String>) -> Result<usize, Failure> {
+/// Gives a device back what it held, and counts the objects that were written.
+fn give_back(
+    reached: &mut Option<Reached>,
+    device: &KeptDevice,
+    given: &mut usize,
+    lacking: &mut Vec<String>,
+) -> Result<(), Failure> {
     reach(reached, &device.interface, device.is_on_ethercat, device.number)?;
-    let Some(reached) = reached else { return Ok(0) };
+    let Some(reached) = reached else { return Ok(()) };
     if identity(reached)? != device.identity {
         let message = "another device answers now".to_owned();
         return Err(Failure::new(Exit::DeviceMismatch, message, "put the one back that it was"));
@@ -346,7 +367,6 @@ fn give_back(reached: &mut Option<Reached>, device: &KeptDevice, lacking: &mut V
     for left_out in &plan.left_out {
         lacking.push(format!("{}: {} {}", device.name, titled(left_out.at, &left_out.name), left_out.why));
     }
-    let mut given = 0;
     for step in &plan.steps {
         let made = carry_out(&mut *reached.objects()?, step);
         let made = made.map_err(|error| reached.failure(&format!("writing {}", titled(step.at, &step.name)), error))?;
@@ -355,14 +375,14 @@ fn give_back(reached: &mut Option<Reached>, device: &KeptDevice, lacking: &mut V
             Made::Holds(_) => !step.is_final,
             Made::Refused(_) => false,
         };
-        given += usize::from(is_taken && step.is_final);
+        *given += usize::from(is_taken && step.is_final);
         if !is_taken {
             let was = step.old.as_deref().map_or_else(|| "?".to_owned(), |old| number(old).to_string());
             let to = number(&step.new);
             lacking.push(format!("{}: {} is {was} and was {to}", device.name, titled(step.at, &step.name)));
         }
     }
-    Ok(given)
+    Ok(())
 }
 
 /// Has a device exchange no process data, which may not change meanwhile. One on EtherCAT was reached so.
@@ -370,4 +390,37 @@ fn rest(reached: &mut Reached) -> Result<(), Failure> {
     let Reached::Node(desk, node) = reached else { return Ok(()) };
     let sent = desk.service.command(NmtCommand::EnterPreOperational, Some(node.id));
     sent.map_err(|error| desk.failure(node, "asking for Pre-operational", error))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_process_is_told_by_its_number_and_its_begin() {
+        let status = "4711 (a) b (c) S 1 2 3 4 5 6 7 8 9 10 11 12 13 14 15 16 17 18 4242 20 21";
+        assert_eq!(began_in(status), Some(4242));
+        assert_eq!(began_in("4711 (x) S 1"), None);
+    }
+
+    #[test]
+    fn a_journal_that_cannot_be_read_is_named() {
+        let folder = std::env::temp_dir().join(format!("yieldwall-journals-{}", std::process::id()));
+        assert_eq!(all(&folder).unwrap().len(), 0);
+        let kept = Kept {
+            command: "jog".to_owned(),
+            process: 1,
+            process_began: Some(2),
+            begun_unix_s: 3,
+            version: "0".to_owned(),
+            devices: Vec::new(),
+        };
+        store(&folder.join("1-1.json"), &kept).unwrap();
+        let journals = all(&folder).unwrap();
+        assert_eq!((journals.len(), &journals[0].kept), (1, &kept));
+        fs::write(folder.join("2-1.json"), "{").unwrap();
+        let failure = all(&folder).unwrap_err();
+        assert!(failure.report.diagnostics[0].message.contains("2-1.json"), "{failure:?}");
+        fs::remove_dir_all(&folder).unwrap();
+    }
 }

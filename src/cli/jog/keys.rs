@@ -14,7 +14,7 @@ use std::time::{Duration, Instant};
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use rustix::io::{Errno, read};
 use rustix::stdio::stdin;
-use rustix::termios::{LocalModes, OptionalActions, Termios, tcgetattr, tcsetattr};
+use rustix::termios::{InputModes, LocalModes, OptionalActions, SpecialCodeIndex, Termios, tcgetattr, tcsetattr};
 
 use crate::cli::failure::{Exit, Failure};
 use crate::run::{Key, Keys};
@@ -67,6 +67,9 @@ impl Reader {
         if let Some(before) = &reader.before {
             let mut at_once = before.clone();
             at_once.local_modes.remove(LocalModes::ICANON | LocalModes::ECHO);
+            // Neither Ctrl-S nor Ctrl-Z: output that stands still and a process that is stopped would hear no key.
+            at_once.input_modes.remove(InputModes::IXON);
+            at_once.special_codes[SpecialCodeIndex::VSUSP] = 0;
             tcsetattr(stdin(), OptionalActions::Now, &at_once).map_err(|error| failed(error.into()))?;
         }
         let name = name.to_owned();
@@ -96,8 +99,8 @@ impl Drop for Reader {
             let _ = write!(io::stderr(), "\r\u{1b}[K");
         }
         if let Some(before) = &self.before {
-            // A terminal that is gone takes nothing.
-            let _ = tcsetattr(stdin(), OptionalActions::Now, before);
+            // Keys that nobody has read are not for whoever reads next. A terminal that is gone takes nothing.
+            let _ = tcsetattr(stdin(), OptionalActions::Flush, before);
         }
     }
 }
@@ -131,41 +134,35 @@ fn attend(keys: &Keys, is_over: &AtomicBool, mut show: impl FnMut()) {
 
 /// The keys in what came at once. Others are none.
 fn keys_in(mut bytes: &[u8]) -> Vec<Key> {
-    const FOUND: [(&[u8], Key); 12] = [
-        (b"\x1b[C", Key::Forward),
-        (b"\x1bOC", Key::Forward),
-        (b"+", Key::Forward),
-        (b"=", Key::Forward),
-        (b"\x1b[D", Key::Backward),
-        (b"\x1bOD", Key::Backward),
-        (b"-", Key::Backward),
-        (b" ", Key::Rest),
-        (b"q", Key::End),
-        (b"Q", Key::End),
-        // Ctrl-D, and Esc where nothing follows it.
-        (b"\x04", Key::End),
-        (b"\x1b", Key::End),
-    ];
+    const ESCAPE: u8 = 0x1b;
     let mut keys = Vec::new();
-    while !bytes.is_empty() {
-        let is_alone = bytes.len() == 1;
-        let found = FOUND.iter().find(|(pattern, _)| bytes.starts_with(pattern) && (*pattern != b"\x1b" || is_alone));
-        let length = match found {
-            Some((pattern, key)) => {
-                keys.push(*key);
-                pattern.len()
-            }
-            // The rest of a sequence is no key.
-            None if bytes.starts_with(b"\x1b[") || bytes.starts_with(b"\x1bO") => {
-                let rest = bytes.get(2..).unwrap_or_default();
-                2 + rest
-                    .iter()
-                    .position(|byte| byte.is_ascii_alphabetic() || *byte == b'~')
-                    .map_or(rest.len(), |at| at + 1)
-            }
-            None => 1,
+    while let Some((first, rest)) = bytes.split_first() {
+        let key = match first {
+            b'+' | b'=' => Some(Key::Forward),
+            b'-' => Some(Key::Backward),
+            b' ' => Some(Key::Rest),
+            // Ctrl-D.
+            b'q' | b'Q' | 0x04 => Some(Key::End),
+            &ESCAPE => match rest.split_first() {
+                Some((b'[' | b'O', rest)) => {
+                    // Up to the letter that ends the sequence; the arrows have nothing before it.
+                    let last = rest.iter().position(|byte| byte.is_ascii_alphabetic() || *byte == b'~');
+                    let (sequence, behind) = rest.split_at(last.map_or(rest.len(), |last| last + 1));
+                    bytes = behind;
+                    keys.extend(match sequence {
+                        b"C" => Some(Key::Forward),
+                        b"D" => Some(Key::Backward),
+                        _ => None,
+                    });
+                    continue;
+                }
+                // Esc, whatever comes with it.
+                _ => Some(Key::End),
+            },
+            _ => None,
         };
-        bytes = bytes.get(length..).unwrap_or_default();
+        keys.extend(key);
+        bytes = rest;
     }
     keys
 }
@@ -184,6 +181,8 @@ mod tests {
             (b" ", &[Rest]),
             (b"\x1b", &[End]),
             (b"+\x1b", &[Forward, End]),
+            (b"\x1b+", &[End, Forward]),
+            (b"\x1b\x1b[C", &[End, Forward]),
             (b"q", &[End]),
             (b"\x04", &[End]),
             // Page up, F5, up, and letters: a held arrow with Control is none either.

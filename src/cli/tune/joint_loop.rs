@@ -9,9 +9,8 @@ use serde_json::{Value, json};
 use super::gains::{Proposal, nothing, set};
 use super::masses::Masses;
 use crate::analysis::{PROPOSED_MARGINS, PoseMargins, has_margins, identified_margins, proposed_gains};
-use crate::cli::desk::journal::with_given_back;
 use crate::cli::ending::{rig_failure, stopped_by};
-use crate::cli::failure::{Exit, Failure};
+use crate::cli::failure::{Exit, Failure, both};
 use crate::cli::interrupt::{interrupted, on_interrupt};
 use crate::cli::margins::Margins;
 use crate::cli::output::Output;
@@ -133,14 +132,17 @@ fn on_bus(arguments: &Arguments, plans: &[LoopPlan], rig: &Loaded<Rig>, output: 
         Ok(traced) => traced.clone(),
         Err(error) => {
             let failure = not_run(error, &outcome, &interfaces, &rig.value, &arguments.rig);
-            return with_given_back(Err(failure), given_back);
+            return both(Err(failure), given_back);
         }
     };
     let told = |traced: &LoopTraced, failure| match (traced.ended, traced.cause) {
         (Ended::Stopped, None) => failure,
         end => ended(end, traced.time_s, &outcome, &rig.value).unwrap_or(failure),
     };
-    let record = keep(&traced, rig, arguments.on_bus.is_by_the_clock())?;
+    let (record, given_back) = match keep(&traced, rig, arguments.on_bus.is_by_the_clock()) {
+        Ok(record) => (record, given_back),
+        Err(failure) => (None, both(given_back, Err(failure))),
+    };
     end(arguments, rig, &traced, (told, given_back), output)?;
     record.map_or(Ok(()), |path| output.news(&format!("record    {}", path.display())))
 }
@@ -178,7 +180,7 @@ fn end(
         Some(Err(error)) => (None, judged.and(Err(error))),
         None => (None, judged),
     };
-    let judged = with_given_back(judged, given_back);
+    let mut judged = both(judged, given_back);
     // With the gains that are proposed; a rig without a scene has no hand to be held by.
     let held = proposal.as_ref().map_or(rig, Proposal::tuned);
     let masses = joints.and_then(|joints| Masses::of_identified(held, &joints).ok());
@@ -187,8 +189,11 @@ fn end(
     }
     if let Some(html) = &arguments.html {
         let page = page::html(&rig.value, &found, proposal.as_ref().map(|proposal| &proposal.tuned().value));
-        arguments.replace.write(html, page.as_bytes())?;
-        output.news(&format!("page      {}", html.display()))?;
+        // What was found is told, whatever becomes of the file.
+        match arguments.replace.write(html, page.as_bytes()) {
+            Ok(()) => output.news(&format!("page      {}", html.display()))?,
+            Err(failure) => judged = both(judged, Err(failure)),
+        }
     }
     if !output.is_json() {
         let mut text: String = found.iter().map(|joint| joint_text(joint, &rig.value)).collect();
@@ -200,7 +205,13 @@ fn end(
         output.result(&text)?;
     }
     let written = match &proposal {
-        Some(proposal) => proposal.write(rig, arguments.write, arguments.yes)?,
+        Some(proposal) => match proposal.write(rig, arguments.write, arguments.yes) {
+            Ok(written) => written,
+            Err(failure) => {
+                judged = both(judged, Err(failure));
+                None
+            }
+        },
         None => None,
     };
     if output.is_json() {

@@ -8,7 +8,7 @@ use crate::config;
 use crate::quantity::{Force, JointAngles};
 use crate::rig::error::RigError;
 use crate::run::commission::{Attendant, Commissioned, Step, StepReport};
-use crate::run::{Bounds, Drilled, DriveIdentity, NotProven, Permit, RunError, Runner};
+use crate::run::{Bounds, Drilled, DriveIdentity, NotProven, Permit, Runner};
 
 /// A person at a simulated arm.
 #[derive(Default)]
@@ -52,15 +52,14 @@ impl EmbeddedRig {
     /// [`Runner::commission`](crate::run::Runner::commission). No hand takes the tool.
     ///
     /// # Errors
-    /// [`RigError::Boot`] if a node is missing or is not what it should be, and if the simulated arm cannot go on; that a person asked for
-    /// the end is inside.
+    /// [`RigError::Boot`] if a node is missing or is not what it should be, and if the simulated arm cannot go on.
     pub fn commission(
         &mut self,
         rig: &config::Rig,
         from: Step,
         is_interrupted: &AtomicBool,
         told: impl FnMut(&StepReport),
-    ) -> Result<Result<Commissioned, RunError>, RigError> {
+    ) -> Result<Commissioned, RigError> {
         self.boot()?;
         // Injections count their time from here.
         self.take_tool();

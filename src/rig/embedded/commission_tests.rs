@@ -1,6 +1,6 @@
 //! Machines that are commissioned on the embedded simulation: healthy ones, and such with a defect.
 
-use std::sync::atomic::AtomicBool;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex};
 
 use super::*;
@@ -19,7 +19,7 @@ const RIGS: [&str; 5] = [
 
 /// What became of it, and what has to be looked at afterwards.
 struct Done {
-    commissioned: Result<Commissioned, RunError>,
+    commissioned: Commissioned,
     states: [cia402::State; 2],
     /// The torque limits of the drives on CAN, per mille.
     limits: Vec<i64>,
@@ -28,6 +28,11 @@ struct Done {
 }
 
 fn commissioned(file: &str, defects: &[Defect], injections: &[Injection]) -> Done {
+    until(file, defects, injections, u64::MAX)
+}
+
+/// The same, with a person who asks for the end after so many cycles.
+fn until(file: &str, defects: &[Defect], injections: &[Injection], cycles: u64) -> Done {
     let loaded = config::load_rig(config::builtin(file)).unwrap();
     let (rig, mut scene) = (loaded.value.clone(), loaded.scene().unwrap().value);
     scene.defects = defects.iter().map(|defect| (*defect).into()).collect();
@@ -37,8 +42,12 @@ fn commissioned(file: &str, defects: &[Defect], injections: &[Injection]) -> Don
     let seen = Arc::clone(&farthest);
     // By the truth of the tool, from the moment at which a drive says that it is enabled until one says so again.
     let linkage = crate::assembly::linkage(&rig).unwrap();
-    let (mut start, mut was_on) = (JointAngles::default(), None);
+    let (mut start, mut was_on, mut count) = (JointAngles::default(), None, 0);
+    let is_interrupted = Arc::new(AtomicBool::new(false));
+    let asks = Arc::clone(&is_interrupted);
     machine.set_observer(Box::new(move |record| {
+        count += 1;
+        asks.fetch_or(count > cycles, Ordering::Relaxed);
         let is_on = record.inputs.drives.iter().any(|drive| drive.state == cia402::State::OperationEnabled);
         let Some(angles) = record.truth.and_then(|truth| linkage.inverse(truth.tool).ok()) else { return };
         if is_on && was_on != Some(true) {
@@ -50,7 +59,7 @@ fn commissioned(file: &str, defects: &[Defect], injections: &[Injection]) -> Don
             *farthest = farthest.max((angles - start).max_abs());
         }
     }));
-    let commissioned = machine.commission(&rig, Step::Communication, &AtomicBool::new(false), |_| ()).unwrap();
+    let commissioned = machine.commission(&rig, Step::Communication, &is_interrupted, |_| ()).unwrap();
     let limits = machine.drives().iter().map(|drive| drive.torque_limit_per_mille().into()).collect();
     let farthest_rad = *farthest.lock().unwrap();
     Done { commissioned, states: machine.drive_states(), limits, farthest_rad }
@@ -66,7 +75,7 @@ fn a_healthy_machine_passes_every_step_in_every_mode_and_on_every_bus() {
     // The fixture of the last one moves the handle by itself where nobody holds it.
     for file in RIGS.into_iter().chain(["circle-elastic.yaml"]) {
         let done = commissioned(file, &[], &[]);
-        let steps = done.commissioned.unwrap().steps;
+        let steps = done.commissioned.steps;
         let beside: Vec<_> = steps
             .iter()
             .filter(|step| step.verdict != Verdict::Pass)
@@ -80,11 +89,22 @@ fn a_healthy_machine_passes_every_step_in_every_mode_and_on_every_bus() {
     }
 }
 
+/// The pull at the tool in the step `motor` is no zero of the sensor.
+#[test]
+fn a_machine_that_is_tared_passes_every_step() {
+    let mut loaded = config::load_rig(config::builtin("paper-admittance.yaml")).unwrap();
+    loaded.value.sensor.tare_up_to_n = config::Positive::new(5.0);
+    let scene = loaded.scene().unwrap().value;
+    let mut machine = EmbeddedRig::new(&loaded.value, &scene, &loaded.value.fixture, scene.seed).unwrap();
+    let done = machine.commission(&loaded.value, Step::Motor, &AtomicBool::new(false), |_| ()).unwrap();
+    assert_eq!(done.verdict(), Verdict::Pass, "{:#?}", done.steps);
+}
+
 /// Whether a machine with this defect fails at the step that has to find it, and at none before.
 fn is_found(file: &str, defect: Defect) -> Result<(), String> {
     let row = defect.kind.row();
     let done = commissioned(file, &[defect], &[]);
-    let steps = done.commissioned.map_err(|error| error.to_string())?.steps;
+    let steps = done.commissioned.steps;
     let failed = steps.iter().find(|step| step.verdict == Verdict::Fail);
     let told = failed.map(|step| (step.step, &step.figure, &step.reason, &step.evidence));
     let told = format!("{file}, {defect:?}: {told:#?}");
@@ -135,6 +155,20 @@ proptest! {
         if let Err(told) = is_found(RIGS[rig], defect) {
             prop_assert!(false, "{}", told);
         }
+    }
+
+    /// Whenever a person asks for the end: no torque, no lowered limit, and a report that says which steps are left.
+    #[test]
+    fn it_ends_when_it_is_asked_to(rig in 0usize..5, cycles in 0..60_000u64) {
+        let done = until(RIGS[rig], &[], &[], cycles);
+        let Commissioned { steps, is_interrupted } = done.commissioned;
+        prop_assert!(steps.iter().map(|step| step.step).eq(STEPS) && steps.iter().all(|step| step.verdict != Verdict::Fail), "{steps:?}");
+        let passed = steps.iter().take_while(|step| step.verdict == Verdict::Pass).count();
+        prop_assert!(steps[passed..].iter().all(|step| step.verdict == Verdict::Skipped && step.reason.is_some()), "{steps:?}");
+        prop_assert_eq!(is_interrupted, passed < STEPS.len());
+        prop_assert!(!done.states.contains(&cia402::State::OperationEnabled), "{:?}", done.states);
+        prop_assert!(done.limits.iter().all(|limit| *limit == 1000), "{:?}", done.limits);
+        prop_assert!(done.farthest_rad < bound_rad(), "{}", done.farthest_rad);
     }
 
     /// Whatever breaks on the way: no joint leaves the bound, and no drive is left with torque or with a lowered limit.

@@ -247,3 +247,22 @@ fn no_joint_is_led_beyond_its_bound_or_with_more_torque_than_its_limit() {
     assert!(way > 0.1 && way < LOOP_BOUND_RAD, "{way}");
     assert!(torque > 5.0 && torque <= end.torque_n_m + 1e-9, "{torque} of {}", end.torque_n_m);
 }
+
+#[test]
+fn a_joint_that_runs_the_wrong_way_is_told_so_and_gets_no_more_torque() {
+    use crate::injection::{Defect, DefectKind};
+    let loaded = rig(AT_1_KHZ);
+    let (rig, mut scene) = (loaded.value.clone(), loaded.scene().unwrap().value);
+    for joint in [0, 1] {
+        for defective in [0, 1] {
+            scene.defects = vec![Defect::new(DefectKind::EncoderPolarity).at(defective).into()];
+            let mut machine = EmbeddedRig::new(&rig, &scene, &rig.fixture, scene.seed).unwrap();
+            let plan = LoopPlan { joint, torque_n_m: None };
+            let end = machine.tune_loop(&rig, &plan, &AtomicBool::new(false)).unwrap().unwrap();
+            let least = 0.25 * rig.drives[0].rated_torque_n_m.get();
+            assert_eq!((end.ended, end.torque_n_m), (Ended::Stopped, least), "{joint} {defective}");
+            assert_eq!(end.ran_away, joint == defective, "{joint} {defective}: {:?}", end.cause);
+            assert!(!machine.drive_states().contains(&cia402::State::OperationEnabled));
+        }
+    }
+}

@@ -128,8 +128,8 @@ impl<'a, P: Place> Bench<'a, P> {
         Self { runner, rig, attendant, is_interrupted, settling: settling_on_bus(rig) }
     }
 
-    /// Takes a step; the network is left in the end.
-    pub(super) fn report(&mut self, step: Step) -> Result<StepReport, RunError> {
+    /// Takes a step; the network is left in the end. Nothing if a person has asked for the end.
+    pub(super) fn report(&mut self, step: Step) -> Option<StepReport> {
         let mut found = Found::default();
         let done = match step {
             Step::Communication => self.communication(&mut found),
@@ -148,10 +148,10 @@ impl<'a, P: Place> Bench<'a, P> {
             Ok(()) => (Verdict::Pass, None),
             Err(Halt::Failed(reason)) => (Verdict::Fail, Some(reason)),
             Err(Halt::Skipped(reason)) => (Verdict::Skipped, Some(reason)),
-            Err(Halt::Interrupted) => return Err(RunError::Interrupted),
+            Err(Halt::Interrupted) => return None,
         };
         let Found { figure, evidence, curves } = found;
-        Ok(StepReport { step, verdict, figure, reason, evidence, curves })
+        Some(StepReport { step, verdict, figure, reason, evidence, curves })
     }
 
     /// Boots the network; nothing is enabled.

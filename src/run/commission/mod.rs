@@ -11,7 +11,6 @@ mod resting;
 use std::sync::atomic::AtomicBool;
 
 use super::drilled::Drilled;
-use super::error::RunError;
 use super::permit::{Bounds, Permit};
 use super::place::Place;
 use super::proof::{DriveIdentity, NotProven};
@@ -212,27 +211,26 @@ pub trait Attendant<P: Place> {
     fn pull(&mut self, place: &mut P, force: Force) -> bool;
 }
 
-/// A commissioning that went through.
+/// A commissioning that came to its end.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Commissioned {
     /// All steps, in their order.
     pub steps: Vec<StepReport>,
+    /// Whether a person has asked for the end; the step of that moment and those behind it are skipped.
+    pub is_interrupted: bool,
 }
 
 impl Commissioned {
-    /// [`Verdict::Fail`] if a step has failed; else [`Verdict::Pass`], whatever was skipped.
+    /// [`Verdict::Fail`] if a step has failed or it was broken off; else [`Verdict::Pass`], whatever was skipped.
     pub fn verdict(&self) -> Verdict {
         let has_failed = self.steps.iter().any(|step| step.verdict == Verdict::Fail);
-        if has_failed { Verdict::Fail } else { Verdict::Pass }
+        if has_failed || self.is_interrupted { Verdict::Fail } else { Verdict::Pass }
     }
 }
 
 impl<P: Place> Runner<P> {
     /// Takes the steps of a commissioning up to the first that fails, beginning with `from`; those before are skipped. Whatever happens, no
     /// drive makes torque in the end, and torque limits are what they were. `told` gets each report when the step is over.
-    ///
-    /// # Errors
-    /// [`RunError::Interrupted`] if a person asks for the end.
     pub fn commission(
         &mut self,
         rig: &config::Rig,
@@ -240,7 +238,8 @@ impl<P: Place> Runner<P> {
         attendant: &mut dyn Attendant<P>,
         is_interrupted: &AtomicBool,
         mut told: impl FnMut(&StepReport),
-    ) -> Result<Commissioned, RunError> {
+    ) -> Commissioned {
+        let mut has_ended = false;
         let mut steps: Vec<StepReport> = Vec::with_capacity(STEPS.len());
         let mut bench = Bench::new(self, rig, attendant, is_interrupted);
         let first = STEPS.iter().position(|step| *step == from).unwrap_or(0);
@@ -248,15 +247,22 @@ impl<P: Place> Runner<P> {
             let failed = steps.iter().find(|report| report.verdict == Verdict::Fail).map(|report| report.step);
             let report = match failed {
                 Some(failed) => skipped(step, format!("{} has failed", failed.name())),
+                None if has_ended => skipped(step, INTERRUPTED.to_owned()),
                 None if at < first => skipped(step, format!("it was asked to begin with {}", from.name())),
-                None => bench.report(step)?,
+                None => bench.report(step).unwrap_or_else(|| {
+                    has_ended = true;
+                    skipped(step, INTERRUPTED.to_owned())
+                }),
             };
             told(&report);
             steps.push(report);
         }
-        Ok(Commissioned { steps })
+        Commissioned { steps, is_interrupted: has_ended }
     }
 }
+
+/// Why steps are skipped after a person has asked for the end.
+const INTERRUPTED: &str = "a person has asked for the end";
 
 fn skipped(step: Step, reason: String) -> StepReport {
     StepReport {

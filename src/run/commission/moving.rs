@@ -68,6 +68,12 @@ impl<P: Place> Bench<'_, P> {
             limit: 1e3 * limit.as_secs_f64(),
             unit: "ms",
         });
+        for settled in drilled.settled(self.rig) {
+            found.note(
+                format!("a line for the profile `{}`", settled.profile),
+                format!("{}: {}", settled.key, settled.value),
+            );
+        }
         // One that was not passed is kept too: it takes the place of an older one.
         let record = self.attendant.keep(self.rig, identities, &drilled).map_err(Halt::Failed)?;
         if let Some(record) = record {

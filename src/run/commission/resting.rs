@@ -117,6 +117,7 @@ impl<P: Place> Bench<'_, P> {
         let shown = self.runner.sense(self.rig, LISTENING_S, self.is_interrupted, |time_s, wrench| {
             wrenches.push((time_s, *wrench));
         })?;
+        self.check_interrupt()?;
         let (count, means, noises) = (shown.count() as f64, shown.mean().0, shown.deviation().0);
         let (mean, noise) = (|axis: usize| means[axis], |axis: usize| noises[axis]);
         let rate_hz = self.rig.sensor.sample_rate_hz.get().min(1.0 / self.runner.period().as_secs_f64());

@@ -31,7 +31,7 @@ use super::torque_meter::TorqueMeter;
 use crate::assembly::scaling;
 use crate::config::{self, CommandMode, Positive};
 use crate::cycle::LeadLimits;
-use crate::guard::{Cause, Fault, JointCommand, State};
+use crate::guard::{Cause, DeviceSet, Fault, JointCommand, State};
 use crate::identification::{Dynamics, Friction, NotIdentified};
 use crate::quantity::JointAngles;
 use crate::record::CycleRecord;
@@ -158,7 +158,11 @@ impl<P: Place> Runner<P> {
                 break;
             }
             let traced = self.traced(rig, plan.joint, torque_n_m, &mut *prove, is_interrupted)?;
-            let follows_not = traced.cause.is_some_and(|cause| cause.fault == Fault::FollowingError);
+            // One that was held and did not stay has another reason.
+            let only = DeviceSet::drive(plan.joint);
+            let follows_not = traced
+                .cause
+                .is_some_and(|cause| cause.fault == Fault::FollowingError && cause.devices & DeviceSet::DRIVES == only);
             let is_too_weak = !traced.ran_away && (traced.is_cut || (traced.ended == Ended::Stopped && follows_not));
             last = Some(traced);
             if !is_too_weak {
@@ -253,10 +257,9 @@ impl<P: Place> Runner<P> {
             }
             if self.state() != State::Running {
                 ended = Ended::Stopped;
-                ran_away = samples.last().is_some_and(|last| {
-                    let (led, gone) = (last.reference_rad - start_rad, last.angle_rad - start_rad);
-                    led * gone < 0.0 && gone.abs() > AWAY_RAD
-                });
+                // The reference is where the joint is, now that it is stopped.
+                let gone = samples.last().map_or(0.0, |last| last.angle_rad - start_rad);
+                ran_away = *offset * gone < 0.0 && gone.abs() > AWAY_RAD;
                 break;
             }
         }
