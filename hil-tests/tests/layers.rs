@@ -120,6 +120,7 @@ fn may_name(layer: &str) -> Option<Vec<&'static str>> {
                 "explanation",
                 "ethercat",
                 "run",
+                "identification",
                 "host",
                 "sim",
                 "live",

@@ -48,5 +48,5 @@ pub use scene::{Ended, Play, Played};
 pub use sensor::{NoZero, Wrenches};
 pub use tune_loop::{
     Follows, JointFound, JointLoop, LOOP_BOUND_RAD, LoopPlan, LoopTraced, LoopUnreadable, MeasuredLoop, Prove,
-    StepAnswer,
+    STEP_RISE_S, StepAnswer,
 };

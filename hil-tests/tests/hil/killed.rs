@@ -47,6 +47,8 @@ pub(super) fn what_the_drives_held_is_given_back(rig: &str, bus: &str, counted: 
         &["jog", rig, "left", "--by", "1deg", "--ignore-latency"][..],
         &["run", rig, "--ignore-latency"],
         &["drill", rig],
+        &["tune", "loop", rig, "--yes", "--ignore-latency"],
+        &["sensor", "monitor", rig],
     ] {
         let (code, message, help) = refusal(start(&[command, &limits].concat()));
         assert_eq!(code, DEVICE_MISMATCH, "{message}");

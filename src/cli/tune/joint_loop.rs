@@ -20,7 +20,7 @@ use crate::config::{self, CommandMode, ControlLaw, Loaded, Positive, Rig, Source
 use crate::guard::Fault;
 use crate::identification::{Estimate, Friction, NotIdentified};
 use crate::rig::EmbeddedRig;
-use crate::run::{Ended, JointFound, JointLoop, LOOP_BOUND_RAD, LoopPlan, LoopTraced, NotProven};
+use crate::run::{Ended, JointFound, JointLoop, LOOP_BOUND_RAD, LoopPlan, LoopTraced, NotProven, STEP_RISE_S};
 
 /// Beside the exact bound: so much more sliding time keeps an axis from overshooting after a saturation.
 ///
@@ -355,7 +355,7 @@ fn joint_text(joint: &JointLoop, rig: &Rig) -> String {
                 None => "viscous friction not identified".to_owned(),
             };
             lines.push(format!(
-                "friction  {} N m dry, {viscous}; {:.2} N m do not turn round with the way",
+                "friction  {} N m dry, {viscous}; {:.2} N m are the same both ways",
                 plus_minus(&friction.coulomb_n_m, 1.0, 3),
                 // Zero has no sign.
                 (100.0 * friction.offset_n_m).round() / 100.0 + 0.0
@@ -370,9 +370,9 @@ fn joint_text(joint: &JointLoop, rig: &Rig) -> String {
         ));
     }
     if let Some(step) = &joint.step {
-        let rise = step
-            .rise_s
-            .map_or("it does not come to the step".to_owned(), |rise| format!("it rises in {:.1} ms", 1e3 * rise));
+        let rise = step.rise_s.map_or("it does not come to the step".to_owned(), |rise| {
+            format!("it rises in {:.1} ms, the reference in {:.1} ms", 1e3 * rise, 1e3 * STEP_RISE_S)
+        });
         lines.push(format!("step      {rise}, and goes {:.0} % beyond", 100.0 * step.overshoot));
     }
     lines.push(format!("torque    {:.1} N m at most, which both drives were told", joint.torque_n_m));

@@ -259,9 +259,11 @@ fn a_joint_that_runs_the_wrong_way_is_told_so_and_gets_no_more_torque() {
             let mut machine = EmbeddedRig::new(&rig, &scene, &rig.fixture, scene.seed).unwrap();
             let plan = LoopPlan { joint, torque_n_m: None };
             let end = machine.tune_loop(&rig, &plan, &AtomicBool::new(false)).unwrap().unwrap();
-            let least = 0.25 * rig.drives[0].rated_torque_n_m.get();
-            assert_eq!((end.ended, end.torque_n_m), (Ended::Stopped, least), "{joint} {defective}");
             assert_eq!(end.ran_away, joint == defective, "{joint} {defective}: {:?}", end.cause);
+            // One that is held in dry friction does not run away.
+            let least = 0.25 * rig.drives[0].rated_torque_n_m.get();
+            let is_stopped = end.ended == Ended::Stopped && end.torque_n_m == least;
+            assert!(is_stopped || joint != defective, "{:?} {}", end.ended, end.torque_n_m);
             assert!(!machine.drive_states().contains(&cia402::State::OperationEnabled));
         }
     }

@@ -25,6 +25,8 @@ const RECORD_S: f64 = 0.5;
 /// How often the joint goes to and fro while it is excited, and with a step.
 const EXCITED: u32 = 3;
 const STEPPED: u32 = 2;
+/// Time in which the reference goes from a tenth of the step to nine tenths, s: at 0.247 and at 0.753 of its time.
+pub const STEP_RISE_S: f64 = 0.506 * STEP_S;
 /// The step, rad, in what time it is made, since a torque cannot follow one at once, and what is recorded before and behind, s.
 pub(super) const STEP_RAD: f64 = 0.5e-3;
 const STEP_S: f64 = 0.02;

@@ -16,6 +16,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 use nalgebra::Complex;
 
+pub use self::course::STEP_RISE_S;
 pub use self::record::{JointFound, LoopUnreadable, MeasuredLoop};
 
 use self::course::{Course, RATES, WAY_RAD};

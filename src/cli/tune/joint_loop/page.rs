@@ -24,7 +24,7 @@ pub(super) fn html(rig: &Rig, found: &[&JointLoop], tuned: Option<&Rig>) -> Stri
     format!(
         "<!DOCTYPE html>\n<html lang=\"en\"><head><meta charset=\"utf-8\"><title>Loops of {name}</title>\n<style>\n\
          body {{ font: 15px/1.5 sans-serif; max-width: 60em; margin: 2em auto; padding: 0 1em; }}\n\
-         svg {{ max-width: 100%; height: auto; }}\n</style></head><body>\n\
+         pre {{ white-space: pre-wrap; }} svg {{ max-width: 100%; height: auto; }}\n</style></head><body>\n\
          <h1>Loops of {name}</h1>\n\
          <p>Made by yieldwall {version}, which is not a safety component. Intervals are of 95 %. Cycle: {period} us.</p>\n{sections}</body></html>\n",
         version = env!("CARGO_PKG_VERSION"),
