@@ -117,7 +117,7 @@ fn watch(arguments: &Monitor, rig: &Loaded<config::Rig>, output: &mut Output) ->
             output,
             |on_bus, terms, is_interrupted, output, tell| {
                 let shown = on_bus.sense(terms, times_s, is_interrupted, |news| match news {
-                    crate::host::News::Sensed(from_s, row) => told(output, from_s, row),
+                    crate::host::News::Sensed(from_s, row) => told(output, from_s, *row),
                     news => tell(output, news),
                 });
                 has_asked = is_interrupted.load(Ordering::Relaxed);

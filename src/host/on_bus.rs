@@ -349,7 +349,7 @@ impl RigOnBus {
     ) -> Result<Outcome<Wrenches>, ThreadError> {
         self.under(terms, is_interrupted, tell, |runner, rig, news| {
             runner.boot()?;
-            let told = |from_s, wrenches| drop(news.send(News::Sensed(from_s, wrenches)));
+            let told = |from_s, wrenches| drop(news.send(News::Sensed(from_s, Box::new(wrenches))));
             Ok(runner.sense_in_rows(rig, [time_s, row_s], is_interrupted, told)?)
         })
     }

@@ -92,7 +92,8 @@ impl Journal {
             for written in written.iter().filter(|written| written.bus.index() == at) {
                 reach(&mut reached, interface, is_on_ethercat, written.number)?;
                 let Some(reached) = &mut reached else { continue };
-                let (objects, unreadable) = held(reached, &written.objects)?;
+                let mut unreadable = Vec::new();
+                let objects = held(reached, &written.objects, &mut unreadable)?;
                 devices.push(KeptDevice {
                     name: written.name.clone(),
                     interface: interface.clone(),
@@ -325,9 +326,13 @@ fn identity(reached: &mut Reached) -> Result<[Option<u32>; 3], Failure> {
     Ok([vendor?, product?, serial?])
 }
 
-/// What objects hold, and those that cannot be read.
-fn held(reached: &mut Reached, objects: &[Address]) -> Result<(Vec<KeptObject>, Vec<(u16, u8)>), Failure> {
-    let (mut held, mut unreadable) = (Vec::new(), Vec::new());
+/// What objects hold that can be read; those that cannot are put with the others.
+fn held(
+    reached: &mut Reached,
+    objects: &[Address],
+    unreadable: &mut Vec<(u16, u8)>,
+) -> Result<Vec<KeptObject>, Failure> {
+    let mut held = Vec::new();
     for at in objects {
         match reached.read(*at) {
             Ok(bytes) => held.push(KeptObject { index: at.index, sub: at.sub, bytes: bytes.to_vec() }),
@@ -335,7 +340,7 @@ fn held(reached: &mut Reached, objects: &[Address]) -> Result<(Vec<KeptObject>, 
             Err(error) => return Err(reached.failure("reading its objects", error)),
         }
     }
-    Ok((held, unreadable))
+    Ok(held)
 }
 
 /// Gives a device back what it held, and counts the objects that were written.

@@ -26,7 +26,7 @@ pub enum News {
     /// A step of a commissioning is over.
     Stepped(Box<StepReport>),
     /// What the force sensor has shown within the last while, which began so many s after the first.
-    Sensed(f64, Wrenches),
+    Sensed(f64, Box<Wrenches>),
     /// What the boot waits for, if that has taken a while; nothing once it is over.
     Waiting(Option<String>),
 }
