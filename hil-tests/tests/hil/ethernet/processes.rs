@@ -160,21 +160,31 @@ fn a_rig_in_lockstep_refuses_devices_that_follow_the_wall() {
 #[ignore = "needs a pair of Ethernet interfaces: see hil-tests/veth"]
 fn a_second_master_on_this_computer_is_refused_and_named_and_the_first_one_runs_on() {
     let slow = Slow::new("second");
-    let (devices, first) = slow.running();
-    for second in [slow.run("1"), slow.drill()] {
-        let (code, message, _) = refusal(second);
-        assert_eq!(code, BUS_UNAVAILABLE, "{message}");
-        assert!(message.starts_with("a master is on this wire; nothing was sent"), "{message}");
-        assert!(message.contains(&format!("process {} (`", first.pid())), "{message}");
+    // A computer that stands still for a moment stops the first one, which is tried again then; a second master would be another fault.
+    const LATE: [&str; 4] = ["pdo-missed", "pdo-late", "overrun", "stalled"];
+    for attempt in 1..=TRIES {
+        let (devices, first) = slow.running();
+        for second in [slow.run("1"), slow.drill()] {
+            let (code, message, _) = refusal(second);
+            assert_eq!(code, BUS_UNAVAILABLE, "{message}");
+            assert!(message.starts_with("a master is on this wire; nothing was sent"), "{message}");
+            assert!(message.contains(&format!("process {} (`", first.pid())), "{message}");
+        }
+        first.signal("INT");
+        let (code, document) = first.document();
+        let was_enabled = devices
+            .seen()
+            .states
+            .iter()
+            .any(|(_, states)| states.contains(&yieldwall_drives::cia402::State::OperationEnabled));
+        assert!(was_enabled && !devices.end().is_enabled());
+        let is_late = LATE.contains(&document["cause"].as_str().unwrap_or_default());
+        let goes_on = document["state"] == "Running" || (document["state"] == "Holding" && is_late);
+        if code == INTERRUPTED && goes_on {
+            return;
+        }
+        assert!(is_late && attempt < TRIES, "{document:#}");
     }
-    assert!(devices.seen().is_enabled());
-    first.signal("INT");
-    let (code, document) = first.document();
-    // A computer that is late has it hold for a moment, and it goes on; a second master would have stopped it.
-    let goes_on = document["state"] == "Running"
-        || (&document["state"], &document["cause"]) == (&"Holding".into(), &"pdo-missed".into());
-    assert!(code == INTERRUPTED && goes_on, "{document:#}");
-    assert!(!devices.end().is_enabled());
 }
 
 /// A master that is killed or stopped: its drives stop by the watchdog of their sync managers, counted from the last outputs that came.
