@@ -40,16 +40,8 @@ guard: {{tool_speed_limit_m_per_s: 0.25, force_limit_n: 140.0}}
 class ByTheClock:
     """A device that sends its heartbeats by the clock, as python-canopen does by itself."""
 
-    def on_sync(self, _id, _data, _time):
-        if self.node.nmt.state != "OPERATIONAL":
-            return
-        self.syncs += 1
-        values = self.step()
-        for pdo in self.node.tpdo.values():
-            if pdo.enabled:
-                for entry in pdo:
-                    entry.raw = values[entry.index, entry.subindex]
-                pdo.transmit()
+    def beat(self):
+        pass
 
 
 class Watched(ByTheClock, drives.Drive):

@@ -197,16 +197,20 @@ class Device:
         if self.node.nmt.state != "OPERATIONAL":
             return
         self.syncs += 1
-        # As everything in lockstep, heartbeats follow SYNC, of which there is one each ms; before the first the wall.
-        self.node.nmt.stop_heartbeat()
-        if self.syncs % self.node.sdo[0x1017].raw == 1:
-            self.node.network.send_message(0x700 + self.node.id, [0x05])
+        self.beat()
         values = self.step()
         for pdo in self.node.tpdo.values():
             if pdo.enabled:
                 for entry in pdo:
                     entry.raw = values[entry.index, entry.subindex]
                 pdo.transmit()
+
+
+    def beat(self):
+        """As everything in lockstep, heartbeats follow SYNC, of which there is one each ms; before the first the wall."""
+        self.node.nmt.stop_heartbeat()
+        if self.syncs % self.node.sdo[0x1017].raw == 1:
+            self.node.network.send_message(0x700 + self.node.id, [0x05])
 
 
 class Drive(Device):
