@@ -134,11 +134,16 @@ objects! {
     RATED_TORQUE = 0x6076:0, U32, "motor rated torque in mN m (CiA 402)";
     TORQUE_ACTUAL = 0x6077:0, I16, "torque in per mille of rated torque (CiA 402)";
     TARGET_POSITION = 0x607a:0, I32, "target position in counts (CiA 402)";
+    HOME_OFFSET = 0x607c:0, I32, "home offset in counts: what the position is at home, or its negative, by the drive (CiA 402)";
     MAX_MOTOR_SPEED = 0x6080:0, U32, "speed limit in r/min of the motor, before a gear (CiA 402)";
     PROFILE_DECELERATION = 0x6084:0, U32, "slow-down ramp in counts/s^2 (CiA 402)";
     QUICK_STOP_DECELERATION = 0x6085:0, U32, "quick stop ramp in counts/s^2 (CiA 402)";
     ENCODER_INCREMENTS = 0x608f:1, U32, "encoder resolution: increments (CiA 402)";
     ENCODER_REVOLUTIONS = 0x608f:2, U32, "encoder resolution: per that many revolutions (CiA 402)";
+    HOMING_METHOD = 0x6098:0, I8, "homing method, 37 for the present position (CiA 402)";
+    HOMING_SWITCH_SPEED = 0x6099:1, U32, "homing: speed during the search for a switch, counts/s (CiA 402)";
+    HOMING_ZERO_SPEED = 0x6099:2, U32, "homing: speed during the search for zero, counts/s (CiA 402)";
+    HOMING_ACCELERATION = 0x609a:0, U32, "homing: acceleration in counts/s^2 (CiA 402)";
     POSITION_OFFSET = 0x60b0:0, I32, "added to the target position, counts (CiA 402)";
     VELOCITY_OFFSET = 0x60b1:0, I32, "velocity feed-forward, counts/s (CiA 402)";
     TORQUE_OFFSET = 0x60b2:0, I16, "torque feed-forward, per mille of rated torque (CiA 402)";

@@ -69,6 +69,7 @@ pub fn setup() -> SegmentSetup {
             torque_limit_per_mille: 500,
             speed_limit_counts_per_s: 1_000_000,
             following_error_counts: 100_000,
+            homing: None,
         };
         drive.station(CommandMode::Torque, PERIOD, Acts::AtSync0).expect("a shipped profile")
     };

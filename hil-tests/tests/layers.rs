@@ -31,7 +31,7 @@ report               what a run shows: names rig and what rig names; named by st
 live                 simulated devices on a link: names link, rig and what rig names; named by cli
 service              devices asked one by one when no rig runs: names link, bus, canopen, ethercat, objects, drives; named by cli
 config               names the parameter types of the layers below cycle; named by bus, assembly, run, sim, rig, host, study, soak, record, cli
-identification       inertia, friction and delay from recorded motion: names elementary; named by run, cli
+identification       what a joint, an arm or a force sensor is, from what was measured: names elementary, linkage, quantity; named by run, cli
 elementary           names nothing; named by all
 batch                names nothing; named by study, soak, cli
 checkup              names nothing; named by link, host, service, cli
@@ -87,7 +87,7 @@ fn may_name(layer: &str) -> Option<Vec<&'static str>> {
     let run = vec!["assembly", "bus", "link", "record"];
     Some(match layer {
         "elementary" | "time" | "quantity" | "setvalued" | "batch" | "checkup" => vec![],
-        "identification" => vec!["elementary"],
+        "identification" => vec!["elementary", "linkage", "quantity"],
         "objects" => vec!["time"],
         "canopen" | "ethercat" => vec!["time", "objects"],
         "sensing" | "fixture" | "linkage" | "control" => base,

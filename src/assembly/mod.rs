@@ -2,6 +2,7 @@
 
 mod buses;
 mod error;
+mod homing;
 mod segment;
 
 use std::sync::Arc;
@@ -9,7 +10,7 @@ use std::time::Duration;
 
 use nalgebra::Matrix6;
 
-use crate::bus::ethercat::Budget;
+use crate::bus::ethercat::{Budget, SegmentSetup};
 use crate::bus::{DriveSetup, Master, MasterSetup, SensorLink, SensorNode, SensorSetup, Waits};
 use crate::config;
 use crate::control::{FeedForwardParameters, Gains, Law, RateLaw};
@@ -274,16 +275,39 @@ pub fn delay_cycles(rig: &config::Rig) -> Result<f64, AssemblyError> {
 /// # Errors
 /// Where parts of the configuration do not fit together.
 pub fn master(rig: &config::Rig, fixture: &config::Fixture) -> Result<Master, AssemblyError> {
-    let cycle = cycle(rig, fixture)?;
-    let ([left, right], home) = (&rig.drives, home(rig)?);
-    let axes = [(scaling(left)?, home[0]), (scaling(right)?, home[1])];
     let can = rig.own_node().map(|_| network(rig)).transpose()?;
     let segment = rig.is_on_ethercat().then(|| segment(rig)).transpose()?;
+    master_of(rig, fixture, (can, segment))
+}
+
+/// The same of a rig whose drives are brought up in homing mode.
+///
+/// # Errors
+/// As [`master`], and if a drive has no homing.
+pub fn homing_master(rig: &config::Rig) -> Result<Master, AssemblyError> {
+    let orders = homing::orders(rig)?;
+    let mut can = rig.own_node().map(|_| network(rig)).transpose()?;
+    for setup in can.iter_mut().flat_map(|can| &mut can.drives) {
+        let drive = rig.drives.iter().position(|drive| drive.name == setup.name);
+        setup.homing = drive.and_then(|drive| orders.get(drive)).copied();
+    }
+    let segment = rig.is_on_ethercat().then(|| segment::segment_of(rig, orders.map(Some))).transpose()?;
+    master_of(rig, &rig.fixture, (can, segment))
+}
+
+fn master_of(
+    rig: &config::Rig,
+    fixture: &config::Fixture,
+    (can, segment): (Option<MasterSetup>, Option<SegmentSetup>),
+) -> Result<Master, AssemblyError> {
+    let cycle = cycle(rig, fixture)?;
+    let ([left, right], [left_rad, right_rad]) = (&rig.drives, origin(rig)?);
+    let axes = [homing::axis(left, left_rad)?, homing::axis(right, right_rad)?];
     Ok(Master::new((can.as_ref(), segment.as_ref()), axes, cycle)?)
 }
 
 /// The angles of the task's origin, from which the turn of the encoders is taken: an arm is always within half a turn of it.
-fn home(rig: &config::Rig) -> Result<[f64; 2], AssemblyError> {
+fn origin(rig: &config::Rig) -> Result<[f64; 2], AssemblyError> {
     Ok(linkage(rig)?.inverse(TipPoint::new(0.0, 0.0))?.to_array())
 }
 
@@ -428,5 +452,6 @@ fn drive(rig: &config::Rig, drive: &config::Drive) -> Result<DriveSetup, Assembl
         torque_limit_per_mille: limits.torque_per_mille,
         speed_limit_counts_per_s: limits.counts_per_s,
         following_error_counts: limits.following_error_counts,
+        homing: None,
     })
 }

@@ -4,8 +4,8 @@ use std::time::Duration;
 
 use super::error::AssemblyError;
 use super::{buses, drive_limits, profile, scaling, waits};
-use crate::bus::BootError;
 use crate::bus::ethercat::{Acts, Mapped, ProcessData, SOURCE, SegmentDrive, SegmentSetup, StationSetup, StatusMasks};
+use crate::bus::{BootError, HomingOrder};
 use crate::config;
 use crate::guard::Device;
 use crate::objects::Address;
@@ -33,6 +33,11 @@ pub fn sampled_before(rig: &config::Rig) -> Duration {
 /// # Errors
 /// Where parts of the configuration do not fit together.
 pub fn segment(rig: &config::Rig) -> Result<SegmentSetup, AssemblyError> {
+    segment_of(rig, [None; 2])
+}
+
+/// The same of drives that are brought up for homing, if they have an order.
+pub(super) fn segment_of(rig: &config::Rig, homing: [Option<HomingOrder>; 2]) -> Result<SegmentSetup, AssemblyError> {
     let period = Duration::from_micros(rig.cycle.period_us.into());
     let acts = match rig.segment_of_drives().map(|bus| bus.outputs) {
         Some(config::OutputsAct::OnArrival) => Acts::OnArrival,
@@ -41,7 +46,7 @@ pub fn segment(rig: &config::Rig) -> Result<SegmentSetup, AssemblyError> {
     let [left, right] = &rig.drives;
     let drives = [(Device::LeftDrive, left), (Device::RightDrive, right)];
     let mut stations = Vec::new();
-    for (device, drive) in drives {
+    for ((device, drive), homing) in drives.into_iter().zip(homing) {
         let not_here = || AssemblyError::Mismatch(format!("`{}` has no position on a segment", drive.name));
         let (profile, limits) = (profile(&drive.profile)?, drive_limits(rig, &scaling(drive)?)?);
         let setup = SegmentDrive {
@@ -53,6 +58,7 @@ pub fn segment(rig: &config::Rig) -> Result<SegmentSetup, AssemblyError> {
             torque_limit_per_mille: limits.torque_per_mille,
             speed_limit_counts_per_s: limits.counts_per_s,
             following_error_counts: limits.following_error_counts,
+            homing,
         };
         let station = setup.station(rig.rig.command_mode, period, acts);
         stations.push(station.map_err(|failure| BootError {

@@ -3,7 +3,8 @@
 use crate::cycle::{DriveSample, LinkEvents};
 use crate::guard::{Allowed, JointCommand};
 use crate::sensing::RawSample;
-use yieldwall_drives::cia402::{Goal, OptionCodes, State, StateMachine, StateWalk, Statusword};
+use yieldwall_drives::cia402::{Command, Goal, OptionCodes, State, StateMachine, StateWalk, Statusword, controlword};
+use yieldwall_drives::profiles::Homing;
 use yieldwall_drives::scaling::{AxisScaling, CountUnwrapper, wrap};
 
 /// What a drive has sent since the last cycle: raw words, as any fieldbus carries them.
@@ -54,27 +55,58 @@ impl Arrived {
     }
 }
 
+/// How a master has to take the positions of a drive.
+#[derive(Clone, Debug)]
+pub struct AxisSetup {
+    /// Counts and per mille against the joint.
+    pub scaling: AxisScaling,
+    /// Angle in rad near which positions are unwrapped: the drive counts modulo 2^32.
+    pub expected_rad: f64,
+    /// Of a drive that has to be homed: its homing, and the angle in rad at which its joint is taken to be until it is.
+    pub home: Option<(Homing, f64)>,
+}
+
+/// How far a drive is with homing.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct HomingState {
+    /// Whether its position refers to home; always of a drive that needs no homing.
+    pub is_referenced: bool,
+    /// Home was found, and the drive stands. It tells that in homing mode alone.
+    pub is_over: bool,
+    /// It has given up. It tells that in homing mode alone.
+    pub has_failed: bool,
+}
+
 /// A drive as the cycle sees it.
 #[derive(Clone, Debug)]
 pub(super) struct Axis {
     scaling: AxisScaling,
-    /// Counts at the angle near which each position is unwrapped: the drive counts modulo 2^32.
+    /// Counts at the angle near which each position is unwrapped.
     expected_counts: i64,
+    home: Option<(Homing, f64)>,
+    /// Of a drive that is not homed: what its angles are shifted by, so that its joint was where it is taken to be. Rad.
+    shift_rad: Option<f64>,
     unwrapper: CountUnwrapper,
     walk: StateWalk,
     statusword: Statusword,
+    /// Whether the drive is asked to home.
+    is_homing: bool,
 }
 
 impl Axis {
-    /// An axis of which nothing has been heard. `expected_angle_rad` says which turn its first position is in.
-    pub(super) fn new(scaling: AxisScaling, expected_angle_rad: f64) -> Self {
-        let expected_counts = scaling.counts(expected_angle_rad).unwrap_or_default();
+    /// An axis of which nothing has been heard.
+    pub(super) fn new(setup: AxisSetup) -> Self {
+        let AxisSetup { scaling, expected_rad, home } = setup;
+        let expected_counts = scaling.counts(expected_rad).unwrap_or_default();
         Self {
             scaling,
             expected_counts,
+            home,
+            shift_rad: None,
             unwrapper: CountUnwrapper::near(expected_counts),
             walk: StateWalk::new(),
             statusword: Statusword::default(),
+            is_homing: false,
         }
     }
 
@@ -82,6 +114,30 @@ impl Axis {
     pub(super) fn restart(&mut self) {
         self.unwrapper = CountUnwrapper::near(self.expected_counts);
         (self.walk, self.statusword) = (StateWalk::new(), Statusword::default());
+        (self.shift_rad, self.is_homing) = (None, false);
+    }
+
+    /// How far the drive is with homing.
+    ///
+    /// Real-time: yes.
+    pub(super) fn homing(&self) -> HomingState {
+        let over = Statusword::HOMING_ATTAINED | Statusword::TARGET_REACHED;
+        HomingState {
+            is_referenced: self.is_referenced(),
+            is_over: self.statusword.has(over),
+            has_failed: self.statusword.has(Statusword::HOMING_ERROR),
+        }
+    }
+
+    /// Asks a drive in homing mode to home as long as it is in Operation Enabled, or no more.
+    ///
+    /// Real-time: yes.
+    pub(super) fn set_homing(&mut self, is_homing: bool) {
+        self.is_homing = is_homing;
+    }
+
+    fn is_referenced(&self) -> bool {
+        self.home.as_ref().is_none_or(|(homing, _)| homing.is_referenced(self.statusword.0))
     }
 
     /// What the words say, in SI. A statusword that has not come is the last one.
@@ -91,12 +147,32 @@ impl Axis {
         if let Some(statusword) = words.statusword {
             self.statusword = Statusword(statusword);
         }
-        let angle_rad = words.position.map(|position| {
-            // From the expected angle each time: a corrupted report leaves no wrong turn behind.
-            self.unwrapper = CountUnwrapper::near(self.expected_counts);
-            self.scaling.angle_rad(self.unwrapper.unwrap(position))
-        });
+        let angle_rad = words.position.map(|position| self.angle_rad(position));
         self.sample(angle_rad)
+    }
+
+    fn angle_rad(&mut self, position: i32) -> f64 {
+        match &self.home {
+            Some((_, taken_rad)) if !self.is_referenced() => {
+                let shift_rad = *self.shift_rad.get_or_insert_with(|| {
+                    self.unwrapper = CountUnwrapper::near(position.into());
+                    taken_rad - self.scaling.angle_rad(position.into())
+                });
+                self.scaling.angle_rad(self.unwrapper.unwrap(position)) + shift_rad
+            }
+            _ => {
+                self.shift_rad = None;
+                // From the expected angle each time: a corrupted report leaves no wrong turn behind.
+                self.unwrapper = CountUnwrapper::near(self.expected_counts);
+                self.scaling.angle_rad(self.unwrapper.unwrap(position))
+            }
+        }
+    }
+
+    /// The position at which the drive is told a joint angle in rad, counts.
+    fn position(&self, angle_rad: f64) -> i32 {
+        let counts = self.scaling.counts(angle_rad - self.shift_rad.unwrap_or_default());
+        wrap(counts.unwrap_or(self.unwrapper.counts()))
     }
 
     /// What is known of the drive while no position has come.
@@ -127,7 +203,12 @@ impl Axis {
     /// One step towards `goal`.
     fn order(&mut self, goal: Goal, target: i32) -> DriveOrders {
         self.walk.set_goal(goal);
-        DriveOrders { controlword: self.walk.step(self.statusword).controlword, target }
+        let mut word = self.walk.step(self.statusword).controlword;
+        let is_enabled = self.statusword.state() == Some(State::OperationEnabled);
+        if self.is_homing && is_enabled && Command::decode(word) == Command::EnableOperation {
+            word |= controlword::START_HOMING;
+        }
+        DriveOrders { controlword: word, target }
     }
 }
 
@@ -163,9 +244,7 @@ pub(super) fn orders(axes: &mut [Axis; 2], goal: Goal, command: &Allowed<JointCo
         [left.order(goal, targets[0]), right.order(goal, targets[1])]
     };
     match command.get() {
-        JointCommand::Position(angles) => {
-            each(angles.to_array(), &|axis, angle| wrap(axis.scaling.counts(angle).unwrap_or(axis.unwrapper.counts())))
-        }
+        JointCommand::Position(angles) => each(angles.to_array(), &|axis, angle| axis.position(angle)),
         JointCommand::Velocity(rates) => {
             each(rates.to_array(), &|axis, rate| axis.scaling.rate_counts_per_s(rate).map_or(0, |raw| raw.value))
         }

@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use super::axis::{self, Axis};
+use super::axis::{self, Axis, AxisSetup, HomingState};
 use super::can::{BootPlan, CanNetwork, Waiting};
 use super::error::BootError;
 use super::ethercat::{EthercatNetwork, Outgoing, SegmentSetup};
@@ -17,7 +17,6 @@ use crate::objects::{ObjectAnswer, ObjectError, ObjectRequest};
 use crate::quantity::JointAngles;
 use crate::sensing::{SensingError, TareParameters, Wrench};
 use crate::time::Time;
-use yieldwall_drives::scaling::AxisScaling;
 
 /// How long frames of another master are listened for on a segment: ten cycles of a slow one.
 pub const SEGMENT_LISTENING: Duration = Duration::from_millis(100);
@@ -45,17 +44,17 @@ impl Master {
     /// A master that has sent nothing yet, of a rig whose devices are on CAN, on an EtherCAT segment, or some here and some there. Frames of
     /// the segment come by [`Master::on_ethernet`] and leave by [`Master::drain_ethernet`].
     ///
-    /// `axes` are the scalings of the left and of the right drive, and the angles in rad near which their first positions are unwrapped.
+    /// `axes` are those of the left and of the right drive.
     ///
     /// # Errors
     /// If node identifiers are out of range or used twice, if a profile lacks the process data of the command mode; as
     /// [`EthercatNetwork::new`].
     pub fn new(
         (can, segment): (Option<&MasterSetup>, Option<&SegmentSetup>),
-        axes: [(AxisScaling, f64); 2],
+        axes: [AxisSetup; 2],
         cycle: Cycle,
     ) -> Result<Self, BootError> {
-        let axes = axes.map(|(scaling, angle_rad)| Axis::new(scaling, angle_rad));
+        let axes = axes.map(Axis::new);
         let inputs = Inputs {
             drives: axes.each_ref().map(Axis::unheard),
             sample: None,
@@ -151,6 +150,25 @@ impl Master {
     /// Real-time: yes.
     pub fn lead_to(&mut self, targets: JointAngles) {
         self.cycle.lead_to(targets);
+    }
+
+    /// Has the drives be watched while they move by themselves, as [`Cycle::home`].
+    pub fn home(&mut self, homes: bool) {
+        self.cycle.home(homes);
+    }
+
+    /// Asks each drive in homing mode to home as long as it is enabled, or no more.
+    ///
+    /// Real-time: yes.
+    pub fn set_homing(&mut self, are_homing: [bool; 2]) {
+        self.axes.iter_mut().zip(are_homing).for_each(|(axis, is_homing)| axis.set_homing(is_homing));
+    }
+
+    /// How far each drive is with homing, by its last statusword.
+    ///
+    /// Real-time: yes.
+    pub fn homing(&self) -> [HomingState; 2] {
+        self.axes.each_ref().map(Axis::homing)
     }
 
     /// What entered the last cycle; before the first one, that nothing has arrived.

@@ -1,11 +1,12 @@
 //! The configuration of one device by its objects, as a list of steps: the same on every bus that carries objects.
 
 use crate::bus::error::BootFailure;
+use crate::bus::setup::HomingOrder;
 use crate::canopen::BusId;
 use crate::objects::{AbortCode, Address, ObjectError, ObjectRequest};
 use crate::time::Time;
 use std::time::Duration;
-use yieldwall_drives::cia402::OperationMode;
+use yieldwall_drives::cia402::{CommandMode, OperationMode};
 use yieldwall_drives::objects::{self, Object};
 use yieldwall_drives::profiles::{DeviceProfile, Entry, Identity, PdoMap, Quantity, Revisions, Servo, Setting};
 
@@ -315,6 +316,29 @@ pub(super) fn limits(servo: &Servo, torque_per_mille: u16, counts_per_s: u32, wi
 pub(super) fn has_mode(servo: &Servo, mode: OperationMode) -> Step {
     let mode_bit = Action::Expect { value: mode.supported_bit(), mask: mode.supported_bit() };
     step("check the command mode", &servo.objects.supported_modes, mode_bit)
+}
+
+/// The mode that a drive is brought up in.
+pub(super) fn operation(mode: CommandMode, homing: Option<HomingOrder>) -> OperationMode {
+    homing.map_or(mode.operation_mode(), |_| OperationMode::Homing)
+}
+
+/// What a drive is told that is to home.
+pub(super) fn homing(
+    profile: &DeviceProfile,
+    servo: &Servo,
+    order: Option<HomingOrder>,
+    steps: &mut Vec<Step>,
+) -> Result<(), BootFailure> {
+    let Some(order) = order else { return Ok(()) };
+    let homing = servo.homing.as_ref().ok_or_else(|| lacking(profile, "homing"))?;
+    let mut set = |entry, value| steps.push(verify("set how it homes", entry, value));
+    set(&homing.method, u32::from(order.method as u8));
+    set(&homing.switch_speed, order.speed_counts_per_s);
+    set(&homing.zero_speed, order.speed_counts_per_s);
+    set(&homing.acceleration, order.acceleration_counts_per_s2);
+    set(&homing.offset, homing.offset_for(order.position_at_home) as u32);
+    Ok(())
 }
 
 /// What the drive does when something is wrong, as far as `reactions` say it, and what else its profile sets.

@@ -19,6 +19,19 @@ pub struct Waits {
     pub start: Duration,
 }
 
+/// What a drive is told that is to find its reference by itself.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct HomingOrder {
+    /// Method (6098h).
+    pub method: i8,
+    /// Speed of the search for a switch, and of that for zero, counts/s.
+    pub speed_counts_per_s: u32,
+    /// Acceleration, counts/s^2.
+    pub acceleration_counts_per_s2: u32,
+    /// What the position is at home, counts.
+    pub position_at_home: i32,
+}
+
 /// One drive.
 #[derive(Clone, Debug)]
 pub struct DriveSetup {
@@ -40,6 +53,8 @@ pub struct DriveSetup {
     pub speed_limit_counts_per_s: u32,
     /// Following error window that the drive is given, in counts.
     pub following_error_counts: u32,
+    /// How it homes, if it is brought up for that; in the command mode of the rig otherwise.
+    pub homing: Option<HomingOrder>,
 }
 
 /// The force sensor.

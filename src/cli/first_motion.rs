@@ -4,15 +4,19 @@ use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
 use super::desk::journal::{Journal, refuse_open};
-use super::failure::Failure;
+use super::ending::rig_failure;
+use super::events::Events;
+use super::failure::{Exit, Failure, both};
 use super::interfaces::Interfaces;
 use super::interrupt::on_interrupt;
-use super::live::evidence;
-use super::on_bus::{open_failure, warn_of};
+use super::live::{evidence, not_run};
+use super::on_bus::{open_failure, thread_failure, warn, warn_of};
 use super::output::Output;
 use super::pace::PaceArgument;
+use crate::assembly::{AssemblyError, master};
+use crate::bus::Master;
 use crate::config::{Loaded, Rig};
-use crate::host::{RigOnBus, Terms};
+use crate::host::{News, Outcome, RigOnBus, Terms, ThreadError};
 
 #[derive(Debug, clap::Args)]
 pub(super) struct OnBus {
@@ -61,6 +65,19 @@ impl OnBus {
         rig: &Loaded<Rig>,
         output: &mut Output,
     ) -> Result<Opened, Failure> {
+        let boots = |rig: &Rig| master(rig, &rig.fixture);
+        self.open_for(command, file, rig, boots, output)
+    }
+
+    /// The same of a rig that this master boots.
+    pub(super) fn open_for(
+        &self,
+        command: &str,
+        file: &str,
+        rig: &Loaded<Rig>,
+        boots: impl Fn(&Rig) -> Result<Master, AssemblyError>,
+        output: &mut Output,
+    ) -> Result<Opened, Failure> {
         let scene = match (&rig.value.simulation, self.pace) {
             (None, _) | (_, PaceArgument::Free) => None,
             _ => Some(rig.scene()?.value),
@@ -76,7 +93,10 @@ impl OnBus {
         // First: nobody who asks for the end while devices are read is overheard.
         let is_interrupted = on_interrupt()?;
         let journal = match self.pace {
-            PaceArgument::Free => Some(Journal::begin(command, rig, file, &interfaces)?),
+            PaceArgument::Free => {
+                let written = boots(rig).map_err(|error| rig_failure(&error.into()))?.written();
+                Some(Journal::begin(command, (rig, file), &written, &interfaces)?)
+            }
             PaceArgument::Lockstep => {
                 refuse_open(rig, file, &interfaces)?;
                 None
@@ -97,4 +117,36 @@ impl OnBus {
 /// Gives the devices back what they held before, if anything was kept.
 pub(super) fn give_back(journal: Option<Journal>, output: &mut Output) -> Result<(), Failure> {
     journal.map_or(Ok(()), |journal| journal.give_back(output))
+}
+
+/// Tells what does not concern a command, beside its results.
+pub(super) type Tell<'a> = &'a dyn Fn(&mut Output, News);
+
+/// Has something done with a rig on a bus of which nothing is enabled; the devices are given back what they held.
+pub(super) fn at_rest<T>(
+    arguments: &OnBus,
+    (command, file): (&str, &str),
+    rig: &Loaded<Rig>,
+    output: &mut Output,
+    act: impl FnOnce(RigOnBus, &Terms, &Arc<AtomicBool>, &mut Output, Tell<'_>) -> Result<Outcome<T>, ThreadError>,
+) -> Result<T, Failure> {
+    let events = Events::of(output);
+    let Opened { on_bus, terms, interfaces, is_interrupted, journal } = arguments.open(command, file, rig, output)?;
+    // Nothing is enabled that would have to be in time.
+    let terms = Terms { ignores_latency: true, ..terms };
+    let tell = |output: &mut Output, news: News| match news {
+        News::Refused(refusal) => warn(output, refusal),
+        News::Step(_) => {}
+        news => events.news(news),
+    };
+    let outcome = act(on_bus, &terms, &is_interrupted, output, &tell);
+    events.clear();
+    let given_back = give_back(journal, output);
+    let outcome = outcome.map_err(|error| thread_failure(&error))?;
+    let end = match &outcome.played {
+        Ok(_) => Ok(()),
+        Err(error) => Err(not_run(error, &outcome, &interfaces, &rig.value, file)),
+    };
+    both(end, given_back)?;
+    outcome.played.map_err(|error| Failure::new(Exit::Internal, error.to_string(), ""))
 }

@@ -78,7 +78,17 @@ fn angle(text: &str) -> Result<f64, String> {
     if value.is_finite() { Ok(value * unit) } else { Err(wanted()) }
 }
 
-fn torque(text: &str) -> Result<Positive, String> {
+/// Index of a joint by the name of its drive or by its side, 0 the left one.
+pub(super) fn joint(rig: &config::Rig, name: &str) -> Result<usize, Failure> {
+    let names = rig.drives.each_ref().map(|drive| drive.name.as_str());
+    let by_side = || ["left", "right"].iter().position(|side| *side == name);
+    names.iter().position(|known| *known == name).or_else(by_side).ok_or_else(|| {
+        let message = format!("{name} is no joint of the rig");
+        Failure::new(Exit::Usage, message, format!("write {}", names.join(" or ")))
+    })
+}
+
+pub(super) fn torque(text: &str) -> Result<Positive, String> {
     let value = text.parse().ok().and_then(Positive::new);
     value.ok_or_else(|| format!("write a torque in N m above 0, such as 2.5, not `{text}`"))
 }
@@ -94,13 +104,7 @@ struct Plan<'a> {
 impl<'a> Plan<'a> {
     fn of(arguments: &Arguments, rig: &config::Rig, keys: &'a Keys) -> Result<Self, Failure> {
         let usage = |message: String, help: &str| Failure::new(Exit::Usage, message, help);
-        let names = rig.drives.each_ref().map(|drive| drive.name.as_str());
-        let by_name = names.iter().position(|name| *name == arguments.joint);
-        let by_side = || ["left", "right"].iter().position(|side| *side == arguments.joint);
-        let Some(joint) = by_name.or_else(by_side) else {
-            let message = format!("{} is no joint of the rig", arguments.joint);
-            return Err(usage(message, &format!("write {}", names.join(" or "))));
-        };
+        let joint = joint(rig, &arguments.joint)?;
         let (option, way) = arguments.by.map_or(("--within", arguments.within), |by| ("--by", by));
         if way == 0.0 || way.abs() > PI {
             let help = format!("write for example {option} 5deg");

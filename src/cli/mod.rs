@@ -3,8 +3,11 @@
 //! A command gets its arguments and an [`Output`], and returns nothing or a [`Failure`]. It prints results to standard
 //! output only; findings and failures go to standard error, or with `--json` into the one document on standard output.
 
+#[cfg(target_os = "linux")]
+mod at_the_arm;
 mod bug_report;
 mod bus;
+mod calibrate;
 #[cfg(target_os = "linux")]
 mod checkup;
 mod commission;
@@ -25,6 +28,7 @@ mod faults;
 #[cfg(target_os = "linux")]
 mod first_motion;
 mod fit;
+mod home;
 #[cfg(target_os = "linux")]
 mod interfaces;
 #[cfg(target_os = "linux")]
@@ -107,7 +111,12 @@ enum Command {
     Drill(drill::Arguments),
     /// Move one joint by an angle, slowly and with little torque, while the other one holds
     Jog(jog::Arguments),
-    /// Show what the force sensor of a rig sends, or the zero that it has
+    /// Have each drive with an incremental encoder find its reference, one after the other, while the other one holds
+    Home(home::Arguments),
+    /// Tell link lengths and encoder zeros of the arm from points that its tool is led to
+    #[command(subcommand)]
+    Calibrate(calibrate::Command),
+    /// Show what the force sensor of a rig sends, the zero that it has, or what it makes of known forces
     #[command(subcommand)]
     Sensor(sensor::Command),
     /// Take the ordered steps from drives that answer to an arm that may be run, and write a report
@@ -254,6 +263,8 @@ fn run(arguments: impl IntoIterator<Item = OsString>) -> Exit {
         #[cfg(target_os = "linux")]
         Command::Drill(arguments) => drill::run(&arguments, &mut output),
         Command::Jog(arguments) => jog::run(&arguments, &mut output),
+        Command::Home(arguments) => home::run(&arguments, &mut output),
+        Command::Calibrate(command) => calibrate::run(&command, &mut output),
         Command::Sensor(command) => sensor::run(&command, &mut output),
         Command::Commission(arguments) => commission::run(&arguments, &mut output),
         #[cfg(target_os = "linux")]

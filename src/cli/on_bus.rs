@@ -116,6 +116,16 @@ pub(super) fn live_failure(error: &RunError) -> Failure {
             error.to_string(),
             "nothing was enabled; go less far, or the other way; with keys both ways have to be free",
         ),
+        RunError::NotHomed { .. } => Failure::new(
+            Exit::DeviceMismatch,
+            error.to_string(),
+            "nothing was enabled; `yieldwall home RIG.yaml` with the same --bus homes both joints",
+        ),
+        RunError::NoPosture => Failure::new(
+            Exit::OutOfTolerance,
+            error.to_string(),
+            "nothing was enabled; compare `zero_offset_rad`, `direction` and `linkage` with the machine",
+        ),
         RunError::Unread { .. } => Failure::new(
             Exit::DeviceMismatch,
             error.to_string(),

@@ -1,11 +1,14 @@
 //! `yieldwall sensor`: what the force sensor of a rig shows while nothing is enabled.
 
+mod calibrate;
+
 use std::sync::atomic::Ordering;
 
 use serde_json::{Value, json};
 
 use super::ending::rig_failure;
-use super::failure::{Exit, Failure, both};
+use super::failure::{Exit, Failure};
+use super::first_motion::at_rest;
 use super::interrupt::on_interrupt;
 use super::on_bus::live_failure;
 use super::output::Output;
@@ -28,6 +31,9 @@ pub(super) enum Command {
     Monitor(Monitor),
     /// Tell the zero that `sensor.tare_up_to_n` would take, or why it is none; nothing is kept
     Tare(Tare),
+    /// Tell sign, gain, direction and cross-talk of the axes in the plane of the arm from known pulls along x and y, and the calibration that they
+    /// give; nothing is written
+    Calibrate(Calibrate),
 }
 
 #[derive(Debug, clap::Args)]
@@ -57,6 +63,19 @@ pub(super) struct Tare {
     on_bus: super::first_motion::OnBus,
 }
 
+#[derive(Debug, clap::Args)]
+pub(super) struct Calibrate {
+    /// The rig; `builtin:paper-admittance.yaml` names the copy inside the program
+    #[arg(value_name = "RIG.yaml")]
+    rig: String,
+    /// How hard the tool is pulled, N: by a known weight over a pulley, or with a spring balance
+    #[arg(long, value_name = "N", value_parser = force, default_value = "8", allow_hyphen_values = true)]
+    force: Positive,
+    #[cfg(target_os = "linux")]
+    #[command(flatten)]
+    on_bus: super::first_motion::OnBus,
+}
+
 fn seconds(text: &str) -> Result<f64, String> {
     let wanted = || format!("write seconds from 0.1 to 100000, such as 10, not `{text}`");
     text.parse().ok().filter(|seconds| (0.1..=1e5).contains(seconds)).ok_or_else(wanted)
@@ -71,6 +90,7 @@ pub(super) fn run(command: &Command, output: &mut Output) -> Result<(), Failure>
     let file = match command {
         Command::Monitor(monitor) => &monitor.rig,
         Command::Tare(tare) => &tare.rig,
+        Command::Calibrate(calibrate) => &calibrate.rig,
     };
     let rig = config::load_rig(Source::named(file))?;
     output.configuration(&rig.warnings)?;
@@ -78,6 +98,7 @@ pub(super) fn run(command: &Command, output: &mut Output) -> Result<(), Failure>
     match command {
         Command::Monitor(monitor) => watch(monitor, &rig, output),
         Command::Tare(tare) => zero(tare, &rig, output),
+        Command::Calibrate(arguments) => calibrate::run(arguments, &rig, output),
     }
 }
 
@@ -110,7 +131,7 @@ fn watch(arguments: &Monitor, rig: &Loaded<config::Rig>, output: &mut Output) ->
     #[cfg(not(target_os = "linux"))]
     let is_on_bus = false;
     let shown = if is_on_bus {
-        on_bus(
+        at_rest(
             &arguments.on_bus,
             ("sensor monitor", &arguments.rig),
             rig,
@@ -178,7 +199,7 @@ fn zero(arguments: &Tare, rig: &Loaded<config::Rig>, output: &mut Output) -> Res
     #[cfg(not(target_os = "linux"))]
     let is_on_bus = false;
     let zero = if is_on_bus {
-        on_bus(
+        at_rest(
             &arguments.on_bus,
             ("sensor tare", &arguments.rig),
             rig,
@@ -227,50 +248,4 @@ fn columns(wrench: Wrench) -> String {
 fn document(wrench: Wrench) -> Value {
     let [fx, fy, fz, tx, ty, tz] = wrench.0.into();
     json!({ "force_n": [fx, fy, fz], "torque_n_m": [tx, ty, tz] })
-}
-
-/// Tells what does not concern a command, beside its results.
-#[cfg(target_os = "linux")]
-type Tell<'a> = &'a dyn Fn(&mut Output, crate::host::News);
-
-/// Has something done with the sensor of a rig on a bus: nothing is enabled, and the devices are given back what they held.
-#[cfg(target_os = "linux")]
-fn on_bus<T>(
-    arguments: &super::first_motion::OnBus,
-    (command, file): (&str, &str),
-    rig: &Loaded<config::Rig>,
-    output: &mut Output,
-    act: impl FnOnce(
-        crate::host::RigOnBus,
-        &crate::host::Terms,
-        &std::sync::Arc<std::sync::atomic::AtomicBool>,
-        &mut Output,
-        Tell<'_>,
-    ) -> Result<crate::host::Outcome<T>, crate::host::ThreadError>,
-) -> Result<T, Failure> {
-    use super::events::Events;
-    use super::first_motion::{Opened, give_back};
-    use super::live::not_run;
-    use super::on_bus::{thread_failure, warn};
-    use crate::host::{News, Terms};
-
-    let events = Events::of(output);
-    let Opened { on_bus, terms, interfaces, is_interrupted, journal } = arguments.open(command, file, rig, output)?;
-    // Nothing is enabled that would have to be in time.
-    let terms = Terms { ignores_latency: true, ..terms };
-    let tell = |output: &mut Output, news: News| match news {
-        News::Refused(refusal) => warn(output, refusal),
-        News::Step(_) => {}
-        news => events.news(news),
-    };
-    let outcome = act(on_bus, &terms, &is_interrupted, output, &tell);
-    events.clear();
-    let given_back = give_back(journal, output);
-    let outcome = outcome.map_err(|error| thread_failure(&error))?;
-    let end = match &outcome.played {
-        Ok(_) => Ok(()),
-        Err(error) => Err(not_run(error, &outcome, &interfaces, &rig.value, file)),
-    };
-    both(end, given_back)?;
-    outcome.played.map_err(|error| Failure::new(Exit::Internal, error.to_string(), ""))
 }

@@ -52,6 +52,7 @@ const SHIPPED: &[(&str, &str)] = shipped![
     "paper-ethercat-can-sensor.yaml",
     "paper-ethercat.yaml",
     "paper-impedance.yaml",
+    "paper-incremental.yaml",
     "room.yaml",
     "scenes/circle-hold.yaml",
     "scenes/circle-tour-elastic.yaml",

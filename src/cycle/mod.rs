@@ -225,6 +225,8 @@ pub struct Cycle {
     halt: Option<StopRamp>,
     /// In place of the fixture.
     lead: Option<Lead>,
+    /// Whether the drives move the joints by themselves.
+    homes: bool,
     /// Torques that the reference's motion needs; known in torque mode alone.
     needed: Option<JointTorques>,
     enabling_cycles: u32,
@@ -264,6 +266,7 @@ impl Cycle {
             reference: None,
             halt: None,
             lead: None,
+            homes: false,
             needed: None,
             enabling_cycles: 0,
             excess: Excess::new(period_s, mass_kg, EXCESS_FORGETTING_S),
@@ -296,6 +299,15 @@ impl Cycle {
     pub fn lead(&mut self, limits: Option<LeadLimits>) {
         if self.reference.is_none() {
             self.lead = limits.map(Lead::new);
+        }
+    }
+
+    /// Has the drives move the joints by themselves from now on: there is no reference, the command is the one that moves nothing, and an
+    /// angle may jump when a drive finds its reference. Whatever would hold or stop the rig is a quick stop of both drives. To be called
+    /// while the rig idles.
+    pub fn home(&mut self, homes: bool) {
+        if self.reference.is_none() {
+            self.homes = homes;
         }
     }
 
@@ -456,8 +468,12 @@ impl Cycle {
     /// What a fault asks for. Of joints that are led nobody knows yet that their encoders count the way their motors turn, and a ramp of a loop
     /// that is closed the wrong way drives them on: they are without torque at once. They are slow.
     fn led_reaction(&self, reaction: Reaction) -> Reaction {
-        let is_stop = self.lead.is_some() && reaction >= Reaction::StopRamp;
-        if is_stop { reaction.max(Reaction::TorqueOff) } else { reaction }
+        match reaction {
+            // The ramps of drives that home are their own.
+            reaction if self.homes && reaction > Reaction::Count => reaction.max(Reaction::QuickStop),
+            reaction if self.lead.is_some() && reaction >= Reaction::StopRamp => reaction.max(Reaction::TorqueOff),
+            reaction => reaction,
+        }
     }
 
     fn act(
@@ -466,7 +482,7 @@ impl Cycle {
         reading: &Reading,
         signals: &mut Signals,
     ) -> Result<Allowed<JointCommand>, Fault> {
-        let Some(posture) = self.posture.filter(|_| motion != Motion::Rest) else {
+        let Some(posture) = self.posture.filter(|_| motion != Motion::Rest && !self.homes) else {
             return Ok(self.rest());
         };
         let before = self.reference;

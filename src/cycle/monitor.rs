@@ -48,7 +48,7 @@ impl Cycle {
                     let predicted = f64::from((*missed).min(PREDICTED_CYCLES));
                     let step = new - (*angle - *rate * period * predicted);
                     let has_jumped = step.abs() > 2.0 * self.settings.joint_speed_limit_rad_per_s * period * cycles;
-                    jumped |= DeviceSet::drive(joint).only_if(has_jumped && !timing.suspended);
+                    jumped |= DeviceSet::drive(joint).only_if(has_jumped && !timing.suspended && !self.homes);
                     (*angle, *rate, *missed) = (new, step / (period * cycles), 0);
                 }
                 None if *missed == u16::MAX => {}
@@ -138,6 +138,8 @@ impl Cycle {
         let out = DeviceSet::drives_where(are_enabled.map(|is_enabled| !is_enabled));
         let dead = DeviceSet::drives_where(drives.map(|drive| !drive.has_voltage));
         let deaf = DeviceSet::drives_where(drives.map(|drive| !drive.follows_command));
+        // In homing mode that bit tells something else.
+        let follows = is_moving && !self.homes;
         self.enabling_cycles = if is_enabling { self.enabling_cycles.saturating_add(1) } else { 0 };
         let (enabling_cycles, period_s) = (self.enabling_cycles, self.settings.period_s);
         let is_late = |limit_s: f64| enabling_cycles > (limit_s / period_s) as u32;
@@ -147,7 +149,7 @@ impl Cycle {
         faults.observe_on(Fault::DriveVoltageOff, dead & shall_be_enabled);
         faults.observe_on(Fault::DriveLeftOperation, out & shall_be_enabled);
         faults.observe_on(Fault::DriveWarning, DeviceSet::drives_where(drives.map(|drive| drive.has_warning)));
-        faults.observe_on(Fault::DriveIgnoresCommand, deaf.only_if(is_moving));
+        faults.observe_on(Fault::DriveIgnoresCommand, deaf.only_if(follows));
         faults.observe_on(Fault::EnablingTimeout, out & late);
     }
 

@@ -22,12 +22,13 @@ use crate::bus::{Told, ethercat};
 use crate::config;
 use crate::guard::Fault;
 use crate::link::{InterfaceFacts, Interfaces, Role, SocketCan};
+use crate::quantity::{JointAngles, TipPoint};
 use crate::record::CycleRecord;
 use crate::run::commission::{Commissioned, Step, StepReport};
 use crate::run::{
-    Bounds, Drilled, DriveError, DriveIdentity, ErrorWatch, Finding, Jog, Jogged, LinkCounts, LoopPlan, LoopTraced,
-    NotProven, Observer, OnLink, Orders, Pace, Play, Played, Proof, RunError, Runner, Tap, Unproven, Wrenches,
-    settling_on_bus,
+    Bounds, Drilled, DriveError, DriveIdentity, ErrorWatch, Finding, HomePlan, Homed, Jog, Jogged, LinkCounts,
+    LoopPlan, LoopTraced, NotProven, Observer, OnLink, Orders, Pace, Play, Played, Proof, Pulled, RunError, Runner,
+    Tap, Task, Unproven, Wrenches, settling_on_bus,
 };
 use crate::sensing::Wrench;
 use bench::OnTheBench;
@@ -286,6 +287,28 @@ impl RigOnBus {
         })
     }
 
+    /// Boots for homing, proves, tells the drives how little torque they may make, enables them and has each find its reference, as
+    /// [`Runner::home`], on a thread of its own. Nobody may hold the handle.
+    ///
+    /// # Errors
+    /// If there is no such thread; what kept the drives from being homed is in the outcome.
+    pub fn home(
+        self,
+        terms: &Terms,
+        plan: &HomePlan,
+        bounds: Bounds,
+        is_interrupted: &Arc<AtomicBool>,
+        tell: impl FnMut(News),
+    ) -> Result<Outcome<Homed>, ThreadError> {
+        self.under(terms, is_interrupted, tell, |runner, rig, news| {
+            runner.prepare_homing(rig)?;
+            runner.boot()?;
+            let permit = runner.prove_for_bring_up(rig, &terms.proof(), bounds)?;
+            let _ = news.send(News::Proved);
+            Ok(runner.home(plan, &permit, is_interrupted)?)
+        })
+    }
+
     /// Boots, proves, tells the drives how little torque they may make, and leads one joint after the other along its course, as
     /// [`Runner::tune_loop`], on a thread of its own, up to the first that does not go its whole course. Nobody may hold the handle.
     ///
@@ -368,6 +391,41 @@ impl RigOnBus {
         self.under(terms, is_interrupted, tell, |runner, rig, _| {
             runner.boot()?;
             Ok(runner.tare(rig, most_n, is_interrupted)?)
+        })
+    }
+
+    /// Measures forces that somebody has pull at the tool, as [`Runner::pulls`], on a thread of its own; nothing is enabled.
+    ///
+    /// # Errors
+    /// If there is no such thread; what kept the sensor from being measured is in the outcome.
+    pub fn pulls(
+        self,
+        terms: &Terms,
+        force_n: f64,
+        help: &mut (dyn FnMut(Task) -> bool + Send),
+        is_interrupted: &Arc<AtomicBool>,
+        tell: impl FnMut(News),
+    ) -> Result<Outcome<Vec<Pulled>>, ThreadError> {
+        self.under(terms, is_interrupted, tell, |runner, rig, _| {
+            Ok(runner.pulls(rig, force_n, &mut |_, task| help(task), is_interrupted)?)
+        })
+    }
+
+    /// Has somebody lead the tool to points, as [`Runner::visit`], on a thread of its own; nothing is enabled. The angles of the joints at
+    /// each.
+    ///
+    /// # Errors
+    /// If there is no such thread; what kept the points from being visited is in the outcome.
+    pub fn visit(
+        self,
+        terms: &Terms,
+        points: &[TipPoint],
+        help: &mut (dyn FnMut(Task) -> bool + Send),
+        is_interrupted: &Arc<AtomicBool>,
+        tell: impl FnMut(News),
+    ) -> Result<Outcome<Vec<JointAngles>>, ThreadError> {
+        self.under(terms, is_interrupted, tell, |runner, _, _| {
+            Ok(runner.visit(points, &mut |_, task| help(task), is_interrupted)?)
         })
     }
 

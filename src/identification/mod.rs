@@ -1,4 +1,5 @@
-//! What a joint is, from how it went where it was led: inertia, friction and delay, each with its 95 % interval.
+//! What an arm is: inertia, friction and delay of a joint from how it went where it was led, link lengths and zeros from points that the tool
+//! has visited, each with its 95 % interval; what a force sensor makes of known forces.
 //!
 //! ```text
 //! Excitation -> the joint is led at a steady rate, and the excitation on top -> Passage -> dynamics(): inertia, delay, response
@@ -18,12 +19,16 @@
 mod dynamics;
 mod estimate;
 mod excitation;
+mod forces;
 mod friction;
+mod kinematics;
 
 pub use dynamics::{Dynamics, MOST_SHIFTS, Passage, Response, dynamics};
 pub use estimate::Estimate;
 pub use excitation::{Excitation, Line};
+pub use forces::{ForceMap, Pull, force_map};
 pub use friction::{Friction, Steady, friction};
+pub use kinematics::{Kinematics, Visited, kinematics};
 
 use thiserror::Error;
 
@@ -45,6 +50,9 @@ pub enum NotIdentified {
     /// What was seen does not tell the unknowns apart.
     #[error("the motion does not tell inertia, friction and delay apart")]
     Indistinct,
+    /// The points do not tell the lengths and zeros of an arm apart, or the arm cannot be at them.
+    #[error("the points do not tell links and zeros apart, or no such arm is at them")]
+    Apart,
     /// No delay within the range that is looked at fits.
     #[error("no delay up to {longest_s} s fits")]
     NoDelay {

@@ -19,6 +19,7 @@ pub enum DefectKind {
     SwappedSensorAxes,
     HeartbeatConsumerOff,
     LimitNotKept,
+    StaleParameters,
 }
 
 /// The size of a defect.
@@ -66,7 +67,7 @@ const fn row(
 }
 
 /// All defects, in the order of their kinds.
-pub const DEFECTS: [DefectRow; 10] = [
+pub const DEFECTS: [DefectRow; 11] = [
     row(
         DefectKind::EncoderPolarity,
         "encoder-polarity",
@@ -136,6 +137,13 @@ pub const DEFECTS: [DefectRow; 10] = [
         (true, "limits"),
         None,
         "the drive takes a torque limit (6072h), says so, and forgets it",
+    ),
+    row(
+        DefectKind::StaleParameters,
+        "stale-parameters",
+        (true, "parameters"),
+        size("torque limit in the positive direction (60E0h), per mille of the rated torque", 300.0, 50.0, 990.0),
+        "somebody has stored a torque limit in the drive that no boot of this program writes",
     ),
 ];
 

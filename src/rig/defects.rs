@@ -27,6 +27,13 @@ pub(super) fn has(scene: &config::Scene, kind: DefectKind, drive: usize) -> Resu
     Ok(all(scene)?.iter().any(|defect| defect.kind == kind && defect.drive == drive))
 }
 
+/// The size of a defect of a drive, if it has it.
+pub(super) fn size(scene: &config::Scene, kind: DefectKind, drive: usize) -> Result<Option<f64>, RigError> {
+    let all = all(scene)?;
+    let defect = all.iter().find(|defect| defect.kind == kind && defect.drive == drive);
+    Ok(defect.map(|defect| defect.size))
+}
+
 /// The dry friction of the joints, N m, of an arm that has this much without a defect.
 pub(super) fn friction(scene: &config::Scene, mut healthy: [f64; 2]) -> Result<[f64; 2], RigError> {
     for defect in all(scene)?.iter().filter(|defect| defect.kind == DefectKind::HighFriction) {

@@ -63,7 +63,8 @@ fn manner(model: &config::DriveModel) -> Manner {
 /// If its profile is not that of a drive.
 pub fn drive(rig: &config::Rig, scene: &config::Scene, drive: &config::Drive, serial: u32) -> Result<Drive, RigError> {
     let AxisSettings { scaling, position_loop, encoder } = axis(rig, scene, drive)?;
-    let has = |kind| defects::has(scene, kind, usize::from(drive.name == rig.drives[1].name));
+    let joint = usize::from(drive.name == rig.drives[1].name);
+    let has = |kind| defects::has(scene, kind, joint);
     let odd = simulated(rig)?.drive_model.as_ref();
     let mut made = Drive::new(DriveSettings {
         node: node(drive.address.node_id().ok_or(AssemblyError::OnEthercat)?)?,
@@ -75,6 +76,12 @@ pub fn drive(rig: &config::Rig, scene: &config::Scene, drive: &config::Drive, se
         manner: odd.map(manner).unwrap_or_default(),
     })
     .map_err(|error| RigError::Device(error.to_string()))?;
+    if let Some(homing) = drive.homing {
+        made.set_incremental(homing.angle_rad.get());
+    }
+    if let Some(per_mille) = defects::size(scene, DefectKind::StaleParameters, joint)? {
+        made.set_stored_torque_limit(per_mille as u16);
+    }
     if has(DefectKind::HeartbeatConsumerOff)? {
         made.ignore(Watchdog::Heartbeat);
     }
@@ -155,8 +162,14 @@ fn ethercat_drive(
     let profile = assembly::profile(odd.map_or(&drive.profile, |odd| &odd.profile))?;
     let made = EthercatDrive::new(&profile, serial, &axis(rig, scene, drive)?);
     let mut made = made.map_err(|error| RigError::Device(error.to_string()))?;
-    let forgets = defects::has(scene, DefectKind::LimitNotKept, usize::from(drive.name == rig.drives[1].name))?;
-    made.set_forgets_torque_limit(forgets);
+    let joint = usize::from(drive.name == rig.drives[1].name);
+    made.set_forgets_torque_limit(defects::has(scene, DefectKind::LimitNotKept, joint)?);
+    if let Some(per_mille) = defects::size(scene, DefectKind::StaleParameters, joint)? {
+        made.set_stored_torque_limit(per_mille as u16);
+    }
+    if let Some(homing) = drive.homing {
+        made.set_incremental(homing.angle_rad.get());
+    }
     Ok(made)
 }
 

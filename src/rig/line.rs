@@ -124,6 +124,14 @@ impl Line {
         }
     }
 
+    /// Has both drives be homed already, if their encoders are incremental.
+    pub(super) fn refer(&mut self) {
+        let Self { segment, places, .. } = self;
+        for place in places {
+            device(segment, *place).and_then(SimulatedDevice::drive_mut).into_iter().for_each(EthercatDrive::refer);
+        }
+    }
+
     /// Has no clock of a device drift from now on.
     pub(super) fn stop_drift(&mut self, now: Time) {
         self.segment.controllers_mut().for_each(|controller| controller.set_drift(now, 0));

@@ -215,6 +215,17 @@ impl World {
         }
     }
 
+    /// A person leads the tool of an arm that nobody holds to a point, and lets it rest there.
+    ///
+    /// # Errors
+    /// If the linkage does not reach it.
+    pub(super) fn put(&mut self, tip: TipPoint) -> Result<(), RigError> {
+        if let Body::Arm(arm) = &mut self.body {
+            arm.put(arm.linkage().inverse(tip)?);
+        }
+        Ok(())
+    }
+
     /// Angles as a person sees them who looks at the arm.
     pub(super) fn seen_angles(&self) -> JointAngles {
         self.motion().0

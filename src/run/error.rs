@@ -161,6 +161,15 @@ pub enum RunError {
         /// What it does not wait for.
         watchdog: Watchdog,
     },
+    /// A drive with an incremental encoder was not homed since it was switched on. Nothing was enabled.
+    #[error("{} does not know where its joint is: it was not homed since it was switched on", .which.drive(""))]
+    NotHomed {
+        /// Which one.
+        which: Which,
+    },
+    /// The linkage cannot be at the angles that the drives tell.
+    #[error("the linkage cannot be at the angles that the drives tell")]
+    NoPosture,
     /// The linkage does not go the way that the joints were to be led.
     #[error(
         "the way leads too near a singularity or the edge of the workspace: {:.0} % of it is free", (100.0 * .share).floor()

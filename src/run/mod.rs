@@ -7,11 +7,13 @@
 //! [`Runner`] is the only loop, and a [`Place`] is all that it needs of its surroundings: [`OnLink`] is a computer with interfaces,
 //! [`EmbeddedRig`](crate::rig::EmbeddedRig) has the one in virtual time. Nothing else here reads a clock.
 
+mod calibration;
 pub mod commission;
 mod conduct;
 mod drill;
 mod drilled;
 mod error;
+mod home;
 mod inquiry;
 mod jog;
 mod keys;
@@ -28,11 +30,13 @@ mod simulation;
 mod torque_meter;
 mod tune_loop;
 
+pub use calibration::{Helper, Pulled, Task};
 pub use conduct::{BootSteps, Enable, Enabling, STOP_LIMIT_S, has_torque, settling_cycles, settling_on_bus};
 pub use drilled::{
     CYCLES_BEFORE_SILENCE, DRILL_LIMIT, Demands, Drilled, Finding, Settled, TORQUE_LIMIT, Unsafe, watchdogs,
 };
 pub use error::{RunError, Which};
+pub use home::{HOMING_BEYOND_RAD, HomePlan, Homed, JointHomed, NotHome};
 pub use inquiry::{DriveError, ErrorWatch};
 pub use jog::{Jog, Jogged};
 pub use keys::{Key, Keys};

@@ -20,7 +20,7 @@ use super::pace::Pace;
 use super::permit::{Boot, Permit};
 use super::place::{OnLink, Place, Process};
 use super::sensor::Tared;
-use crate::assembly::{master, request_timeouts};
+use crate::assembly::{homing_master, master, request_timeouts};
 use crate::bus::{LinkEvent, Master, Waiting};
 use crate::canopen::BusId;
 use crate::config;
@@ -130,6 +130,16 @@ pub struct Runner<P> {
     has_listened: bool,
 }
 
+/// A master at a pace.
+fn paced(mut master: Master, pace: Pace) -> Master {
+    if pace == Pace::Lockstep {
+        // Nothing has to be in time there, and while the network is booted time is that of a computer that may be slow.
+        master.set_pair_gap(PAIR_GAP);
+        master.set_lockstep();
+    }
+    master
+}
+
 impl<L: Wires, M: Metronome> Runner<OnLink<L, M>> {
     /// A rig on a computer that has sent nothing yet.
     ///
@@ -147,13 +157,8 @@ impl<P: Place> Runner<P> {
     /// Where parts of the configuration do not fit together.
     pub fn new(rig: &config::Rig, fixture: &config::Fixture, place: P, pace: Pace) -> Result<Self, RunError> {
         let (started, suspended) = (place.now(), place.suspended());
-        let mut master = master(rig, fixture)?;
+        let master = paced(master(rig, fixture)?, pace);
         let listening = master.listening();
-        if pace == Pace::Lockstep {
-            // Nothing has to be in time there, and while the network is booted time is that of a computer that may be slow.
-            master.set_pair_gap(PAIR_GAP);
-            master.set_lockstep();
-        }
         Ok(Self {
             master,
             place,
@@ -197,6 +202,34 @@ impl<P: Place> Runner<P> {
             listening,
             has_listened: false,
         })
+    }
+
+    /// Has the boots from now on bring the drives up in homing mode, for [`Runner::home`]. Nothing is sent.
+    ///
+    /// # Errors
+    /// If a drive has no homing.
+    pub fn prepare_homing(&mut self, rig: &config::Rig) -> Result<(), RunError> {
+        self.master = paced(homing_master(rig)?, self.pace);
+        Ok(())
+    }
+
+    /// Has the joints be watched while the drives move them by themselves, as [`Cycle::home`](crate::cycle::Cycle::home).
+    pub(super) fn watch_homing(&mut self, homes: bool) {
+        // No force moves them.
+        self.leads = homes;
+        self.master.home(homes);
+    }
+
+    /// As [`Master::set_homing`].
+    ///
+    /// Real-time: yes.
+    pub(super) fn set_homing(&mut self, are_homing: [bool; 2]) {
+        self.master.set_homing(are_homing);
+    }
+
+    /// Has nobody but the caller watch how far the joints go.
+    pub(super) fn unbind_motion(&mut self) {
+        self.motion_bound = None;
     }
 
     /// Has `tap` get every frame from now on, own ones when they were seen on the bus.

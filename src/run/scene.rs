@@ -9,7 +9,7 @@ use super::permit::{Ask, Permit};
 use super::place::Place;
 use super::runner::Runner;
 use crate::config;
-use crate::guard::{Cause, State};
+use crate::guard::{Cause, Device, State};
 use crate::record::{AROUND_FAULT_S, CycleRecord};
 
 /// How long the drives are asked for their errors that did not come to run, s.
@@ -171,7 +171,12 @@ impl<P: Place> Runner<P> {
                 return Err(RunError::Interrupted);
             }
             match enabling.next(self.state(), permit) {
-                Enable::Ask(ask) => self.run_cycle(ask),
+                Enable::Ask(ask) => {
+                    if ask != Ask::Nothing && permit.motion_bound_rad().is_none() {
+                        self.check_homed()?;
+                    }
+                    self.run_cycle(ask)
+                }
                 Enable::Done => return Ok(()),
                 Enable::GivenUp => break,
             };
@@ -180,6 +185,13 @@ impl<P: Place> Runner<P> {
             }
         }
         Err(RunError::NotEnabled { waited_s: enabling.waited_s(), cause: self.cause() })
+    }
+
+    /// Whether the positions of both drives refer to home, of those that have to be homed.
+    pub(super) fn check_homed(&self) -> Result<(), RunError> {
+        let homing = Device::DRIVES.into_iter().zip(self.master().homing());
+        let lacking = homing.into_iter().find(|(_, homing)| !homing.is_referenced);
+        lacking.map_or(Ok(()), |(device, _)| Err(RunError::NotHomed { which: self.which(device) }))
     }
 
     /// Goes on with a rig that a fault has stopped until a person has reset and enabled it; whether it runs again.

@@ -98,6 +98,10 @@ impl Statusword {
     pub const FOLLOWS_COMMAND: u16 = 1 << 12;
     /// Bit 13 in cyclic synchronous position mode: following error.
     pub const FOLLOWING_ERROR: u16 = 1 << 13;
+    /// Bit 12 in homing mode: home was found. With [`Statusword::TARGET_REACHED`] homing is over.
+    pub const HOMING_ATTAINED: u16 = 1 << 12;
+    /// Bit 13 in homing mode: the drive has given up.
+    pub const HOMING_ERROR: u16 = 1 << 13;
 
     /// The state, if the pattern is a defined one.
     ///
@@ -116,6 +120,8 @@ impl Statusword {
 
 /// Bits of the controlword (6040h) beyond the commands.
 pub mod controlword {
+    /// Bit 4 in homing mode: its rising edge starts homing, and as long as it is set homing goes on.
+    pub const START_HOMING: u16 = 1 << 4;
     /// Bit 7: its rising edge resets a fault.
     pub const FAULT_RESET: u16 = 1 << 7;
     /// Bit 8: halt.

@@ -6,9 +6,9 @@
 mod servo;
 
 pub use servo::{
-    Brake, BrakeHolder, BuiltInWatch, CycleTime, Encoder, EncoderKind, EncoderSide, HeartbeatWatch, Limits, MotorSpeed,
-    OptionCodes, ProcessData, Reaction, Servo, ServoObjects, SetPointWatch, Setting, SyncWatch, TimeUnit, TimedObject,
-    Watchdogs,
+    Brake, BrakeHolder, BuiltInWatch, CycleTime, Encoder, EncoderKind, EncoderSide, HeartbeatWatch, Homing, Limits,
+    MotorSpeed, OptionCodes, PositionAtHome, ProcessData, Reaction, Servo, ServoObjects, SetPointWatch, Setting,
+    SyncWatch, TimeUnit, TimedObject, Watchdogs,
 };
 
 use std::collections::BTreeMap;

@@ -39,6 +39,10 @@ pub struct Servo {
     /// What it watches its master by.
     #[cfg_attr(feature = "config", garde(dive))]
     pub watchdogs: Watchdogs,
+    /// How it finds its reference by itself; left out if it does not, or no source that was read says how.
+    #[cfg_attr(feature = "config", garde(dive))]
+    #[cfg_attr(feature = "config", serde(default, skip_serializing_if = "Option::is_none"))]
+    pub homing: Option<Homing>,
     /// Its encoder.
     pub encoder: Encoder,
     /// The brake of its axis.
@@ -46,6 +50,12 @@ pub struct Servo {
 }
 
 impl Servo {
+    /// The modes that the profile knows of as 6502h tells them: those of the master, and homing.
+    pub fn supported_modes(&self) -> u32 {
+        let homing = if self.homing.is_some() { OperationMode::Homing.supported_bit() } else { 0 };
+        self.process_data.supported_modes() | homing
+    }
+
     /// Whether the drive does not keep a watch, as far as the profile says.
     pub fn lacks(&self, watchdog: Watchdog) -> bool {
         match watchdog {
@@ -372,6 +382,64 @@ pub enum Reaction {
     Fault,
     /// No source that was read says it; taken for nothing until the drill has shown it.
     Unknown,
+}
+
+/// How a drive finds its reference by itself: the homing mode of CiA 402.
+#[derive(Clone, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "config", derive(Serialize, Deserialize, JsonSchema, Validate))]
+#[cfg_attr(feature = "config", serde(deny_unknown_fields), garde(allow_unvalidated))]
+pub struct Homing {
+    /// The method, 8 bits: 6098h.
+    #[cfg_attr(feature = "config", garde(dive))]
+    pub method: Entry,
+    /// Speed during the search for a switch in counts/s, 32 bits: 6099h:1.
+    #[cfg_attr(feature = "config", garde(dive))]
+    pub switch_speed: Entry,
+    /// Speed during the search for zero in counts/s, 32 bits: 6099h:2.
+    #[cfg_attr(feature = "config", garde(dive))]
+    pub zero_speed: Entry,
+    /// Acceleration in counts/s^2, 32 bits: 609Ah.
+    #[cfg_attr(feature = "config", garde(dive))]
+    pub acceleration: Entry,
+    /// Home offset in counts, 32 bits: 607Ch.
+    #[cfg_attr(feature = "config", garde(dive))]
+    pub offset: Entry,
+    /// What the position (6064h) is at home, once homing is over.
+    pub position_at_home: PositionAtHome,
+    /// Methods that the drive has, by their numbers in 6098h.
+    #[cfg_attr(feature = "config", garde(length(min = 1, max = 64)))]
+    pub methods: Vec<i8>,
+    /// Bit of the statusword, 8, 14 or 15, that tells in every mode that the position refers to home; null if none does.
+    #[cfg_attr(feature = "config", serde(deserialize_with = "present"), schemars(schema_with = "nullable::<u8>"))]
+    pub referenced_bit: Option<u8>,
+}
+
+impl Homing {
+    /// Home offset by which the position is so many counts at home.
+    pub fn offset_for(&self, counts: i32) -> i32 {
+        match self.position_at_home {
+            PositionAtHome::Offset => counts,
+            PositionAtHome::NegativeOffset => counts.wrapping_neg(),
+        }
+    }
+
+    /// Whether a statusword tells that the position refers to home; not where no bit does.
+    ///
+    /// Real-time: yes.
+    pub fn is_referenced(&self, statusword: u16) -> bool {
+        self.referenced_bit.is_some_and(|bit| statusword >> bit.min(15) & 1 == 1)
+    }
+}
+
+/// What the position of a drive is at home.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "config", derive(Serialize, Deserialize, JsonSchema))]
+#[cfg_attr(feature = "config", serde(rename_all = "snake_case"))]
+pub enum PositionAtHome {
+    /// The home offset.
+    Offset,
+    /// The negative of it: zero lies by the home offset beyond home.
+    NegativeOffset,
 }
 
 /// The encoder of a drive.

@@ -19,6 +19,8 @@ mod desk;
 #[cfg(target_os = "linux")]
 mod ethernet;
 #[cfg(target_os = "linux")]
+mod homed;
+#[cfg(target_os = "linux")]
 mod interface;
 #[cfg(target_os = "linux")]
 mod killed;

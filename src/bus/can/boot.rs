@@ -31,11 +31,12 @@ pub(super) struct Boot {
 
 impl Boot {
     pub(super) fn drive(master: &MasterSetup, drive: &DriveSetup, node: NodeId) -> Result<Self, BootFailure> {
-        let mode = master.mode.operation_mode();
+        let mode = script::operation(master.mode, drive.homing);
         let profile = &*drive.profile;
-        let (map, servo) = (mapping(profile, Some(mode))?, servo(profile)?);
+        let (map, servo) = (mapping(profile, Some(master.mode.operation_mode()))?, servo(profile)?);
         let mut steps = script::identity(profile);
         steps.push(script::has_mode(servo, mode));
+        script::homing(profile, servo, drive.homing, &mut steps)?;
         steps.push(heartbeat(drive.heartbeat.as_millis() as u32));
         if let HeartbeatWatch::Consumer(consumer) = &servo.watchdogs.heartbeat {
             let watch_ms = master.heartbeat.as_millis() as u32 * HEARTBEAT_PERIODS;

@@ -2,7 +2,7 @@
 
 use crate::bus::error::BootFailure;
 use crate::bus::script::{self, Action, Step};
-use crate::bus::setup::Waits;
+use crate::bus::setup::{HomingOrder, Waits};
 use crate::canopen::BusId;
 use crate::guard::Device;
 use crate::objects::Address;
@@ -137,6 +137,8 @@ pub struct SegmentDrive {
     pub speed_limit_counts_per_s: u32,
     /// Following error window that the drive is given, in counts.
     pub following_error_counts: u32,
+    /// How it homes, if it is brought up for that; in the command mode of the rig otherwise.
+    pub homing: Option<HomingOrder>,
 }
 
 impl SegmentDrive {
@@ -145,11 +147,12 @@ impl SegmentDrive {
     /// # Errors
     /// If the profile is no drive's or lacks the process data of the mode, or the cycle time cannot be told.
     pub fn station(&self, mode: CommandMode, period: Duration, acts: Acts) -> Result<StationSetup, BootFailure> {
-        let operation = mode.operation_mode();
+        let operation = script::operation(mode, self.homing);
         let profile = &*self.profile;
-        let (map, servo) = (script::mapping(profile, Some(operation))?, script::servo(profile)?);
+        let (map, servo) = (script::mapping(profile, Some(mode.operation_mode()))?, script::servo(profile)?);
         let mut steps = script::identity(profile);
         steps.push(script::has_mode(servo, operation));
+        script::homing(profile, servo, self.homing, &mut steps)?;
         script::settings(servo, &servo.option_codes.lost_master, &mut steps);
         script::mode(servo, operation, period.as_micros() as u32, &mut steps)?;
         let (speed, window) = (self.speed_limit_counts_per_s, self.following_error_counts);

@@ -297,7 +297,7 @@ fn node_ids_are_checked_before_anything_is_sent() {
         let mut setup = setup(CommandMode::Torque);
         let SensorLink::Canopen(sensor) = &mut setup.sensor.link else { unreachable!() };
         [setup.drives[0].node_id, setup.drives[1].node_id, sensor.node_id] = ids;
-        let Err(error) = Master::new((Some(&setup), None), home.map(|angle| (scaling(0.0), angle)), cycle) else {
+        let Err(error) = Master::new((Some(&setup), None), home.map(|angle| axis(scaling(0.0), angle)), cycle) else {
             panic!("{ids:?} were taken")
         };
         assert_eq!(error.failure, wanted);

@@ -44,6 +44,10 @@ fn frame(text: &str) -> Frame {
     Frame::new(u16::from_str_radix(id, 16).unwrap(), &bytes).on_bus(BusId::new(bus.parse().unwrap()))
 }
 
+fn axis(scaling: AxisScaling, expected_rad: f64) -> AxisSetup {
+    AxisSetup { scaling, expected_rad, home: None }
+}
+
 fn scaling(zero_offset_rad: f64) -> AxisScaling {
     AxisScaling::new(COUNTS_PER_REV, Direction::Same, zero_offset_rad, 60.0).unwrap()
 }
@@ -60,6 +64,7 @@ fn setup(mode: CommandMode) -> MasterSetup {
         torque_limit_per_mille: 1000,
         speed_limit_counts_per_s: 95_493,
         following_error_counts: 12_732,
+        homing: None,
     };
     MasterSetup {
         node_id: 127,
@@ -123,7 +128,7 @@ impl Net {
     fn with(cycle: Cycle, setup: &MasterSetup, axes: [(AxisScaling, f64); 2]) -> Self {
         let counts = axes.map(|(scaling, angle)| scaling.counts(angle).unwrap() as i32);
         Net {
-            master: Master::new((Some(setup), None), axes, cycle).unwrap(),
+            master: Master::new((Some(setup), None), axes.map(|(scaling, angle)| axis(scaling, angle)), cycle).unwrap(),
             now: Time(0),
             sent: Vec::new(),
             objects: objects(),

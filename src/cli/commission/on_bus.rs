@@ -2,67 +2,36 @@
 
 use std::io::{self, Write};
 use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::mpsc::{Receiver, RecvTimeoutError, channel};
-use std::time::Duration;
 
 use serde_json::json;
 
 use super::{Arguments, end, lines};
+use crate::cli::at_the_arm::Typed;
 use crate::cli::confirm::agreed;
 use crate::cli::desk::journal::Journal;
 use crate::cli::events::Events;
 use crate::cli::failure::{Exit, Failure, both};
 use crate::cli::first_motion::{Opened, give_back};
-use crate::cli::fit;
 use crate::cli::interfaces::Interfaces;
 use crate::cli::live::not_run;
 use crate::cli::on_bus::{different, thread_failure, warn, with_told};
 use crate::cli::output::Output;
-use crate::cli::printable::printable;
 use crate::config;
 use crate::host::{News, Person};
 use crate::quantity::Force;
 use crate::run::commission::{STEPS, Step};
 
-/// How often a question looks whether a person has asked for the end.
-const LOOK_UP: Duration = Duration::from_millis(100);
-
 /// Somebody at the arm, or nobody.
 struct AtTheTerminal {
     /// Names of the drives; nobody is asked without them.
     names: Option<[String; 2]>,
-    is_interrupted: Arc<AtomicBool>,
-    /// Lines that were typed; a thread reads them from the first question on.
-    typed: Option<Receiver<String>>,
-}
-
-impl AtTheTerminal {
-    /// What is answered; nothing where nobody answers, and after an interrupt.
-    fn ask(&mut self, question: &str) -> Option<String> {
-        let columns = fit::columns(io::stderr()).unwrap_or(fit::USUAL);
-        // Nobody can be told that standard error is closed.
-        let _ = write!(io::stderr(), "{} ", fit::fitted(&printable(question), columns));
-        let typed = self.typed.get_or_insert_with(|| {
-            let (typed, lines) = channel();
-            std::thread::spawn(move || io::stdin().lines().map_while(Result::ok).try_for_each(|line| typed.send(line)));
-            lines
-        });
-        loop {
-            match typed.recv_timeout(LOOK_UP) {
-                Ok(line) => return Some(line.trim().to_owned()),
-                Err(RecvTimeoutError::Disconnected) => return None,
-                Err(RecvTimeoutError::Timeout) if self.is_interrupted.load(Ordering::Relaxed) => return None,
-                Err(RecvTimeoutError::Timeout) => {}
-            }
-        }
-    }
+    typed: Typed,
 }
 
 impl Person for AtTheTerminal {
     fn look(&mut self, joint: usize) {
         if let Some(name) = self.names.as_ref().and_then(|names| names.get(joint)).cloned() {
-            self.ask(&format!("Note the angle of the proximal link of {name}, for example with a digital protractor on it, and press Enter:"));
+            self.typed.ask(&format!("Note the angle of the proximal link of {name}, for example with a digital protractor on it, and press Enter:"));
         }
     }
 
@@ -73,7 +42,7 @@ impl Person for AtTheTerminal {
              Clockwise is negative; nothing if you have not looked:"
         );
         loop {
-            let text = self.ask(&question).filter(|text| !text.is_empty())?;
+            let text = self.typed.ask(&question).filter(|text| !text.is_empty())?;
             match text.trim_end_matches("deg").trim().parse::<f64>() {
                 Ok(degrees) if degrees.is_finite() && degrees.abs() <= 360.0 => return Some(degrees.to_radians()),
                 // Nothing is lost if standard error is closed.
@@ -82,20 +51,17 @@ impl Person for AtTheTerminal {
         }
     }
 
+    fn power_cycle(&mut self) -> bool {
+        let question = "Switch the supply of both drives off, the logic supply too, and on again. Write yes once they are on; anything else \
+                        leaves it out:";
+        self.names.is_some() && self.typed.ask(question).is_some_and(|text| matches!(text.as_str(), "y" | "yes"))
+    }
+
     fn pull(&mut self, force: Force) -> bool {
         if self.names.is_none() {
             return false;
         }
-        if force == Force::default() {
-            self.ask("Take the pull away, then press Enter:");
-            return true;
-        }
-        let (along, size) = if force.x() != 0.0 { ("x", force.x()) } else { ("y", force.y()) };
-        let question = format!(
-            "Have {size:.0} N pull at the tool along {along} of the base frame, by a weight over a pulley or a spring balance. The arm has to rest \
-             under it without torque. Write yes; anything else skips the step:"
-        );
-        self.ask(&question).is_some_and(|text| matches!(text.as_str(), "y" | "yes"))
+        self.typed.pull(force, "anything else skips the step")
     }
 }
 
@@ -144,11 +110,8 @@ pub(super) fn run(
     let opened = arguments.on_bus.open("commission", file, loaded, output)?;
     let Opened { on_bus, terms, interfaces, is_interrupted, journal } = opened;
     let names = rig.drives.each_ref().map(|drive| drive.name.clone());
-    let mut person = AtTheTerminal {
-        names: (!arguments.yes).then_some(names),
-        is_interrupted: Arc::clone(&is_interrupted),
-        typed: None,
-    };
+    let mut person =
+        AtTheTerminal { names: (!arguments.yes).then_some(names), typed: Typed::new(Arc::clone(&is_interrupted)) };
     let outcome = on_bus.commission(&terms, from, &mut person, &is_interrupted, |news| match news {
         News::Refused(refusal) => warn(output, refusal),
         News::Stepped(report) => {

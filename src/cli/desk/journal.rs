@@ -14,9 +14,8 @@ use super::reached::Reached;
 use super::segment::SegmentDesk;
 use super::state::refuse_powered;
 use super::words::titled;
-use crate::assembly::master;
+use crate::bus::Written;
 use crate::canopen::NmtCommand;
-use crate::cli::ending::rig_failure;
 use crate::cli::failure::{Exit, Failure};
 use crate::cli::interfaces::Interfaces;
 use crate::cli::keep::state_folder;
@@ -25,7 +24,7 @@ use crate::cli::output::Output;
 use crate::config::{Bus, Rig};
 use crate::ethercat::{AlState, AlStatus};
 use crate::objects::Address;
-use crate::service::{Error, Made, carry_out, number, plan, sheet_of};
+use crate::service::{Error, Made, Whose, carry_out, number, plan, sheet_of};
 
 /// What tells a device from others of its kind and from other kinds: vendor, product, serial number.
 const IDENTITY: [Address; 3] = [Address::new(0x1018, 1), Address::new(0x1018, 2), Address::new(0x1018, 4)];
@@ -73,18 +72,17 @@ struct KeptObject {
 }
 
 impl Journal {
-    /// Reads what the boot of a rig is going to write, and keeps what it holds.
+    /// Reads what a boot is going to write, and keeps what it holds.
     ///
     /// # Errors
     /// If a device does not answer or the journal cannot be kept; then nothing may be written. If one is open already.
     pub(in crate::cli) fn begin(
         command: &str,
-        rig: &Rig,
-        file: &str,
+        (rig, file): (&Rig, &str),
+        written: &[Written],
         interfaces: &Interfaces,
     ) -> Result<Self, Failure> {
         refuse_open(rig, file, interfaces)?;
-        let written = master(rig, &rig.fixture).map_err(|error| rig_failure(&error.into()))?.written();
         let mut devices = Vec::new();
         for (at, (bus, interface)) in rig.buses.values().zip(interfaces.names()).enumerate() {
             let is_on_ethercat = matches!(bus, Bus::Ethercat(_));
@@ -367,7 +365,7 @@ fn give_back(
         .collect();
     let wanted = sheet_of(reached.named().node_id(), &held, None);
     let node_id = reached.named().node_id();
-    let plan = plan(&mut *reached.objects()?, node_id, &wanted, Some(&wanted));
+    let plan = plan(&mut *reached.objects()?, node_id, &wanted, Some(&wanted), Whose::ItsOwn);
     let plan = plan.map_err(|error| reached.failure("comparing its objects", error))?;
     for left_out in &plan.left_out {
         lacking.push(format!("{}: {} {}", device.name, titled(left_out.at, &left_out.name), left_out.why));

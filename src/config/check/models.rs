@@ -2,12 +2,16 @@
 
 use std::time::Duration;
 
-use yieldwall_drives::profiles::{BrakeHolder, DeviceProfile, EncoderKind, Known, Role, Servo, Tried};
+use yieldwall_drives::profiles::{BrakeHolder, DeviceProfile, EncoderKind, EncoderSide, Known, Role, Servo, Tried};
 use yieldwall_drives::watchdog::{HEARTBEAT_PERIODS, TORQUE_LIMIT, WATCHED_CYCLES, Watchdog};
 
 use super::Findings;
 use crate::config::suggest::nearest;
 use crate::config::tree::{CommandMode, Drive, ProfileName, Rig, Simulation};
+
+/// Greatest way and greatest rate of a joint that homes, rad and rad/s.
+const MOST_WITHIN_RAD: f64 = 1.5;
+const MOST_HOMING_RATE: f64 = 0.5;
 
 /// Whether every device's model is known, is that of such a device, and has what the rig asks of it.
 pub(super) fn check_profiles(findings: &mut Findings, rig: &Rig) {
@@ -20,6 +24,7 @@ pub(super) fn check_profiles(findings: &mut Findings, rig: &Rig) {
     if let Some(simulation) = &rig.simulation {
         check_drive_model(findings, "simulation.drive_model.profile", simulation);
     }
+    check_both_home(findings, rig);
     for (index, drive) in rig.drives.iter().enumerate() {
         let key = format!("drives[{index}].profile");
         let Some(profile) = drive.profile.get() else { continue };
@@ -41,13 +46,17 @@ pub(super) fn check_profiles(findings: &mut Findings, rig: &Rig) {
                 .see(&key, "profile");
         }
         // What is so of both drives is said once.
-        let is_same = |other: &Drive| other.profile == drive.profile && other.encoder == drive.encoder;
+        check_homing(findings, &format!("drives[{index}].homing"), drive, servo);
+        let is_same = |other: &Drive| {
+            (&other.profile, other.encoder, other.homing.is_some())
+                == (&drive.profile, drive.encoder, drive.homing.is_some())
+        };
         if rig.drives.iter().take(index).any(is_same) {
             continue;
         }
         check_tried(findings, &key, profile);
         check_watchdogs(findings, &key, rig, &drive.profile, servo);
-        check_reference(findings, &key, profile, drive.encoder.unwrap_or(servo.encoder.kind));
+        check_reference(findings, &key, profile, drive, servo);
         if servo.brake.held_by == BrakeHolder::Output {
             let message =
                 format!("the brake of `{}` is opened by an output that nothing here sets", drive.profile.as_str());
@@ -111,20 +120,95 @@ fn check_watchdogs(findings: &mut Findings, key: &str, rig: &Rig, name: &Profile
     }
 }
 
-/// Whether the drive knows where its zero is when a run begins: each begins with a reset.
-fn check_reference(findings: &mut Findings, key: &str, profile: &DeviceProfile, encoder: EncoderKind) {
-    let is_incremental = matches!(encoder, EncoderKind::Incremental | EncoderKind::Unknown);
-    if !is_incremental || profile.node.reset_loses_reference == Known::No {
+/// Whether an encoder knows at power-on where its joint is: within a turn of the motor that is nothing.
+fn knows_its_angle(drive: &Drive, servo: &Servo) -> bool {
+    match drive.encoder.unwrap_or(servo.encoder.kind) {
+        EncoderKind::MultiTurn => true,
+        EncoderKind::SingleTurn => servo.encoder.side != EncoderSide::Motor,
+        EncoderKind::Incremental | EncoderKind::Unknown => false,
+    }
+}
+
+/// Whether the drive knows where its zero is when a run begins, or can be homed: each begins with a reset.
+fn check_reference(findings: &mut Findings, key: &str, profile: &DeviceProfile, drive: &Drive, servo: &Servo) {
+    if knows_its_angle(drive, servo) {
         return;
     }
-    let message = format!(
-        "drives with the profile `{}` may not know where their zero is: the reset with which a run begins takes it from an \
-         incremental encoder",
-        profile.name()
-    );
-    let help = "write `encoder: multi_turn` or `single_turn` at the drive if its motor has such a one; an incremental one needs a \
-                profile with a reset that keeps the reference";
+    let (loses, name) = (profile.node.reset_loses_reference != Known::No, profile.name());
+    let (why, help) = match drive.homing {
+        _ if loses => (
+            "the reset with which a run begins takes it from an incremental encoder",
+            "write `encoder: multi_turn` or `single_turn` at the drive if its motor has such a one; an incremental one needs a \
+             profile with a reset that keeps the reference",
+        ),
+        None => (
+            "an incremental encoder, or one that counts turns of the motor, does not tell it at power-on",
+            "write `encoder: multi_turn` at the drive if its motor has such a one; or write `homing`, as docs/bringup.md says",
+        ),
+        Some(_) => return,
+    };
+    let message = format!("drives with the profile `{name}` may not know where their zero is: {why}");
     findings.error(key, message, help);
+}
+
+/// Whether the drive can be homed as the rig says.
+fn check_homing(findings: &mut Findings, key: &str, drive: &Drive, servo: &Servo) {
+    let (Some(homing), name) = (drive.homing, drive.profile.as_str()) else { return };
+    if knows_its_angle(drive, servo) {
+        let message = format!("`{key}` is written, and the encoder of `{}` knows its angle at power-on", drive.name);
+        let help = "leave `homing` out: `zero_offset_rad` says where its zero is; or write `encoder: incremental`";
+        findings.error(key, message, help);
+        return;
+    }
+    for (name, value, most, unit) in [
+        ("within_rad", homing.within_rad.get(), MOST_WITHIN_RAD, "rad"),
+        ("rate_rad_per_s", homing.rate_rad_per_s.get(), MOST_HOMING_RATE, "rad/s"),
+    ] {
+        if value > most {
+            let at = format!("{key}.{name}");
+            let message = format!("`{at}` is {value} {unit}, more than {most}");
+            findings.error(
+                &at,
+                message,
+                "bring the arm near home by hand before the drives are switched on, and go slowly",
+            );
+        }
+    }
+    let Some(known) = &servo.homing else {
+        let message = format!("`{key}` is written, and the profile `{name}` says nothing of homing");
+        findings.error(
+            key,
+            message,
+            "write `homing` into the profile by the manual: docs/device-profiles.md has its keys",
+        );
+        return;
+    };
+    if !known.methods.contains(&homing.method) {
+        let methods: Vec<String> = known.methods.iter().map(i8::to_string).collect();
+        let at = format!("{key}.method");
+        let message = format!("`{at}` is {}, which drives with the profile `{name}` do not have", homing.method);
+        findings.error(&at, message, format!("they have {}", methods.join(", ")));
+    }
+    if known.referenced_bit.is_none() {
+        let message =
+            format!("nothing tells whether a drive with the profile `{name}` was homed, and `run` would not know it");
+        let help = "write `referenced_bit` into the profile if the manual has such a bit of the statusword; without one the drive needs an \
+                    encoder that knows its angle at power-on";
+        findings.error(key, message, help);
+    }
+}
+
+/// While one joint homes the other one holds, in homing mode too.
+fn check_both_home(findings: &mut Findings, rig: &Rig) {
+    let [left, right] = rig.drives.each_ref().map(|drive| drive.homing.is_some());
+    if left != right {
+        let lacking = usize::from(left);
+        let message = format!("`drives[{lacking}]` has no `homing`, and the other drive has one");
+        let help = "while one joint homes the other one is held in homing mode too: write it at both";
+        findings
+            .error(&format!("drives[{lacking}]"), message, help)
+            .see(&format!("drives[{}].homing", 1 - lacking), "homing");
+    }
 }
 
 pub(super) fn is_servo(role: &Role) -> bool {

@@ -2,8 +2,8 @@
 
 use yieldwall_drives::cia402::State;
 use yieldwall_drives::profiles::{
-    DeviceProfile, Entry, ForceSensor, HeartbeatWatch, Pdo, PdoMap, Quantity, Revisions, Role, Servo, SetPointWatch,
-    Setting, SyncWatch,
+    DeviceProfile, Entry, ForceSensor, HeartbeatWatch, Homing, Pdo, PdoMap, Quantity, Revisions, Role, Servo,
+    SetPointWatch, Setting, SyncWatch,
 };
 
 use super::Findings;
@@ -14,6 +14,8 @@ const FRAME_BYTES: usize = 8;
 /// Abort connection option code and quick stop option code of CiA 402.
 const ABORT_CONNECTION: u16 = 0x6007;
 const QUICK_STOP: u16 = 0x605a;
+/// Bits of the statusword that CiA 402 leaves to the manufacturer.
+const REFERENCED_BITS: [u8; 3] = [8, 14, 15];
 
 /// All rules of a profile.
 pub(in crate::config) fn check_profile(findings: &mut Findings, profile: &DeviceProfile) {
@@ -69,6 +71,9 @@ fn check_servo(findings: &mut Findings, profile: &DeviceProfile, servo: &Servo) 
         check.setting(&format!("device.servo.settings[{index}]"), Some(setting), None);
     }
     check.watchdogs(servo);
+    if let Some(homing) = &servo.homing {
+        check.homing(homing);
+    }
     if !servo.mode_changes_in.contains(&State::SwitchOnDisabled) {
         check.findings.error(
             "device.servo.mode_changes_in",
@@ -226,6 +231,24 @@ impl Checked<'_> {
             SyncWatch::None => {}
             SyncWatch::BuiltIn(watch) => self.source(&format!("{key}.sync.built_in.source"), &watch.source),
             SyncWatch::Object(timed) => self.entry(&format!("{key}.sync.object.object"), &timed.object, None),
+        }
+    }
+
+    fn homing(&mut self, homing: &Homing) {
+        let key = "device.servo.homing";
+        for (name, entry, bits) in [
+            ("method", &homing.method, 8),
+            ("switch_speed", &homing.switch_speed, 32),
+            ("zero_speed", &homing.zero_speed, 32),
+            ("acceleration", &homing.acceleration, 32),
+            ("offset", &homing.offset, 32),
+        ] {
+            self.entry(&format!("{key}.{name}"), entry, Some(bits));
+        }
+        if let Some(bit) = homing.referenced_bit.filter(|bit| !REFERENCED_BITS.contains(bit)) {
+            let at = format!("{key}.referenced_bit");
+            let message = format!("`{at}` is {bit}, which has another meaning in CiA 402");
+            self.findings.error(&at, message, "the bits that a manufacturer may use are 8, 14 and 15; or write null");
         }
     }
 

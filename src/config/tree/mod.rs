@@ -25,7 +25,7 @@ pub use profile::{ProfileName, shipped_error_codes, shipped_profile};
 pub(in crate::config) use rig::NamedProfile;
 pub use rig::{
     Address, Bus, CanBus, CanopenAddress, Control, ControlGains, ControlLaw, Cycle, Drive, EthercatAddress,
-    EthercatBus, FeedForward, Guard, OutputsAct, Rig, RigIdentity,
+    EthercatBus, FeedForward, Guard, Homing, OutputsAct, Rig, RigIdentity,
 };
 pub use scene::{
     AimError, ArcSpeed, DeviceModel, EncoderModel, ForceSensorModel, Hand, JointElasticity, PathSegment, Scene,

@@ -81,7 +81,7 @@ impl ProfileName {
     }
 
     /// Takes what its file says, and the table of error codes that the file names.
-    pub(in crate::config) fn set(&mut self, profile: DeviceProfile, codes: Option<Arc<ErrorCodes>>) {
+    pub(crate) fn set(&mut self, profile: DeviceProfile, codes: Option<Arc<ErrorCodes>>) {
         self.profile = Some(Arc::new(profile));
         self.codes = codes;
     }

@@ -398,6 +398,10 @@ pub struct Drive {
     /// What the encoder knows at power-on; what the profile says if left out.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub encoder: Option<EncoderKind>,
+    /// How the drive finds its reference by itself; for an encoder that does not know it at power-on, and for no other.
+    #[garde(dive)]
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub homing: Option<Homing>,
     /// Sign of the counts for a positive angle: 1 or -1.
     pub direction: i8,
     /// Angle of the proximal link when the drive reads 0, rad.
@@ -413,6 +417,23 @@ pub struct Drive {
     #[garde(range(min = 1, max = 60_000))]
     #[serde(default = "enabling_ms")]
     pub enabling_ms: u32,
+}
+
+/// How a drive finds its reference by itself, in the homing mode of CiA 402.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema, Validate)]
+#[serde(deny_unknown_fields)]
+#[garde(allow_unvalidated)]
+pub struct Homing {
+    /// Method, by its number in 6098h: one that the profile has. 37 takes the present position, to which a person has brought the joint.
+    pub method: i8,
+    /// Angle of the proximal link at home: at the index, at the edge of the switch, or in the jig. Rad. Until the drive is homed its joint is taken to be there.
+    pub angle_rad: Finite,
+    /// How far from home the joint may be when the drive is switched on, and how far it may go to find it, rad. Above 0, at most 1.5.
+    #[garde(dive)]
+    pub within_rad: Positive,
+    /// How fast the joint goes, rad/s. Above 0, at most 0.5.
+    #[garde(dive)]
+    pub rate_rad_per_s: Positive,
 }
 
 /// Joint controllers.

@@ -18,6 +18,9 @@ pub trait Person {
     /// By how much that link has turned since, counter-clockwise, in rad; `None` if nobody looked.
     fn turned(&mut self, joint: usize) -> Option<f64>;
 
+    /// Switches the drives off and on again; whether they were.
+    fn power_cycle(&mut self) -> bool;
+
     /// Has this force in N, in the base frame, pull at the tool, or with a force of zero no more; whether it does.
     fn pull(&mut self, force: Force) -> bool;
 }
@@ -52,6 +55,10 @@ impl Attendant<Computer> for OnTheBench<'_> {
 
     fn turned(&mut self, _: &Computer, joint: usize) -> Option<f64> {
         self.person.turned(joint)
+    }
+
+    fn power_cycle(&mut self, _: &mut Computer) -> bool {
+        self.person.power_cycle()
     }
 
     fn pull(&mut self, _: &mut Computer, force: Force) -> bool {

@@ -7,24 +7,30 @@ use super::simulation::Simulation;
 use super::{EmbeddedRig, RigError};
 use crate::config;
 use crate::guard::{Request, State};
+use crate::quantity::{JointAngles, TipPoint};
 use crate::record::CycleRecord;
+use crate::rig::line::Line;
 use crate::run::{
-    Bounds, Enabling, Jog, Jogged, LoopPlan, LoopTraced, NotProven, Permit, RunError, Runner, STOP_LIMIT_S, Wrenches,
-    has_torque, settling_cycles,
+    Bounds, Enabling, HomePlan, Homed, Jog, Jogged, LoopPlan, LoopTraced, NotProven, Permit, Pulled, RunError, Runner,
+    STOP_LIMIT_S, Task, Wrenches, has_torque, settling_cycles,
 };
 use crate::sensing::Wrench;
+use crate::sim::Drive;
 
 /// Cycles from a reset to the question to be enabled again: the drives have left their fault state.
 const CYCLES_AFTER_RESET: u32 = 50;
 
 impl EmbeddedRig {
-    /// Switches everything on, boots the network and enables the drives; the hand takes the handle when the rig runs.
+    /// Switches everything on, boots the network and enables the drives; the hand takes the handle when the rig runs. Drives that have to be
+    /// homed are taken to be so already.
     ///
     /// # Errors
     /// [`RigError::Boot`] if a node is missing or is not what it should be, [`RigError::NotEnabled`] if the rig did not
     /// come to run.
     pub fn enable(&mut self) -> Result<(), RigError> {
-        self.boot()?;
+        self.switch_on();
+        self.refer();
+        self.start_network()?;
         self.come_to_run(self.enabling)
     }
 
@@ -126,6 +132,35 @@ impl EmbeddedRig {
         Ok(jogged)
     }
 
+    /// Switches everything on, boots the network for homing, tells the drives how little torque they may make, enables them and has each find
+    /// its reference, as [`Runner::home`](crate::run::Runner::home). No hand takes the tool.
+    ///
+    /// # Errors
+    /// As [`EmbeddedRig::jog`].
+    pub fn home(
+        &mut self,
+        rig: &config::Rig,
+        plan: &HomePlan,
+        torque_n_m: config::Positive,
+        is_interrupted: &AtomicBool,
+    ) -> Result<Result<Homed, RunError>, RigError> {
+        if let Err(error) = self.runner.prepare_homing(rig) {
+            return Ok(Err(error));
+        }
+        self.boot()?;
+        if let Err(error) = self.runner.limit_torque(rig, torque_n_m) {
+            return Ok(Err(error));
+        }
+        let motion_rad = config::Positive::new(plan.bound_rad()).unwrap_or(torque_n_m);
+        self.permit = Permit::for_bring_up(&self.runner, Bounds { motion_rad, torque_n_m });
+        // Injections count their time from here.
+        self.take_tool();
+        self.place_mut().far.world.let_go();
+        let homed = self.runner.home(plan, &self.permit, is_interrupted);
+        self.go_on()?;
+        Ok(homed)
+    }
+
     /// Switches everything on, boots the network and listens to the force sensor, as
     /// [`Runner::sense_in_rows`](crate::run::Runner::sense_in_rows). No hand takes the tool.
     ///
@@ -159,6 +194,55 @@ impl EmbeddedRig {
         let tared = self.runner.tare(rig, most_n, is_interrupted);
         self.go_on()?;
         Ok(tared)
+    }
+
+    /// Switches everything on and measures forces that somebody has pull at the tool, as [`Runner::pulls`](crate::run::Runner::pulls). No hand
+    /// takes the tool.
+    ///
+    /// # Errors
+    /// As [`EmbeddedRig::sense`].
+    pub fn pulls(
+        &mut self,
+        rig: &config::Rig,
+        force_n: f64,
+        is_interrupted: &AtomicBool,
+    ) -> Result<Result<Vec<Pulled>, RunError>, RigError> {
+        self.settle_in()?;
+        let pulls = self.runner.pulls(rig, force_n, &mut help, is_interrupted);
+        self.go_on()?;
+        Ok(pulls)
+    }
+
+    /// Switches everything on and has somebody lead the tool to points, as [`Runner::visit`](crate::run::Runner::visit): the angles of the
+    /// joints at each.
+    ///
+    /// # Errors
+    /// As [`EmbeddedRig::sense`], and for a point that the simulated arm does not reach.
+    pub fn visit(
+        &mut self,
+        points: &[TipPoint],
+        is_interrupted: &AtomicBool,
+    ) -> Result<Result<Vec<JointAngles>, RunError>, RigError> {
+        self.settle_in()?;
+        let angles = self.runner.visit(points, &mut help, is_interrupted);
+        self.go_on()?;
+        Ok(angles)
+    }
+
+    /// Switches on a machine whose drives have been homed, with nobody at the handle.
+    fn settle_in(&mut self) -> Result<(), RigError> {
+        self.switch_on();
+        self.refer();
+        self.start_network()?;
+        self.take_tool();
+        self.place_mut().far.world.let_go();
+        Ok(())
+    }
+
+    /// Has the drives be homed already, if they have to be.
+    fn refer(&mut self) {
+        self.drives_mut().for_each(Drive::refer);
+        self.place_mut().far.line.iter_mut().for_each(Line::refer);
     }
 
     /// Switches everything on, leads a joint along its course and identifies its loop, as
@@ -201,11 +285,15 @@ impl EmbeddedRig {
     }
 
     pub(super) fn boot(&mut self) -> Result<(), RigError> {
+        self.switch_on();
+        self.start_network()
+    }
+
+    fn switch_on(&mut self) {
         let place = self.place_mut();
         for device in 0..DEVICES.len() {
             place.far.switch_on(device, place.now, &mut place.wires);
         }
-        self.start_network()
     }
 
     /// Has the master find and configure the devices, up to the exchange of process data, and proves anew.
@@ -230,6 +318,20 @@ impl EmbeddedRig {
             self.runner.begin_scene();
         }
     }
+}
+
+/// Somebody at the simulated arm.
+fn help(place: &mut Simulation, task: Task) -> bool {
+    let world = &mut place.far.world;
+    let led = match task {
+        Task::Pull(force) => {
+            world.weight = force;
+            Ok(())
+        }
+        Task::LeadTo(_, point) => world.put(point),
+    };
+    place.failure = place.failure.take().or(led.err());
+    place.failure.is_none()
 }
 
 fn not_run(error: RunError) -> RigError {

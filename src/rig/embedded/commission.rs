@@ -41,6 +41,13 @@ impl Attendant<Simulation> for Onlooker {
         (place.far.world.seen_angles() - self.seen).to_array().get(joint).copied()
     }
 
+    fn power_cycle(&mut self, place: &mut Simulation) -> bool {
+        for drive in 0..2 {
+            place.far.switch_on(drive, place.now, &mut place.wires);
+        }
+        true
+    }
+
     fn pull(&mut self, place: &mut Simulation, force: Force) -> bool {
         place.far.world.weight = force;
         true

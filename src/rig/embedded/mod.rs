@@ -10,6 +10,8 @@ mod commission;
 #[cfg(test)]
 mod commission_tests;
 mod computer;
+#[cfg(test)]
+mod home_tests;
 mod injectable;
 mod injecting;
 #[cfg(test)]

@@ -135,6 +135,7 @@ impl<'a, P: Place> Bench<'a, P> {
             Step::Communication => self.communication(&mut found),
             Step::Identity => self.identity(&mut found),
             Step::Limits => self.limits(&mut found),
+            Step::Parameters => self.parameters(&mut found),
             Step::SensorRest => self.sensor_rest(&mut found),
             Step::SensorAxes => self.sensor_axes(&mut found),
             Step::Watchdogs => self.watchdogs(&mut found),

@@ -28,6 +28,8 @@ pub enum Step {
     Identity,
     /// Does a drive keep its torque limit?
     Limits,
+    /// Has somebody else left something in a drive that adds to its set-points or cuts them, and does it come back after a power cycle?
+    Parameters,
     /// Does the force sensor rest when nobody touches the handle?
     SensorRest,
     /// Does it feel a force in the direction in which it acts, and as large as it is?
@@ -43,10 +45,11 @@ pub enum Step {
 }
 
 /// The steps in their order.
-pub const STEPS: [Step; 9] = [
+pub const STEPS: [Step; 10] = [
     Step::Communication,
     Step::Identity,
     Step::Limits,
+    Step::Parameters,
     Step::SensorRest,
     Step::SensorAxes,
     Step::Watchdogs,
@@ -62,6 +65,7 @@ impl Step {
             Step::Communication => "communication",
             Step::Identity => "identity",
             Step::Limits => "limits",
+            Step::Parameters => "parameters",
             Step::SensorRest => "sensor-rest",
             Step::SensorAxes => "sensor-axes",
             Step::Watchdogs => "watchdogs",
@@ -83,6 +87,9 @@ impl Step {
             Step::Identity => "reads 1018h of each drive; nothing is enabled",
             Step::Limits => {
                 "writes the torque limit (6072h) of each drive, reads it back, and restores it; nothing is enabled"
+            }
+            Step::Parameters => {
+                "reads what adds to set-points and what cuts them, before and after the drives are switched off and on; nothing is enabled"
             }
             Step::SensorRest => {
                 "listens to the force sensor for a second; nothing is enabled, and nobody may touch the handle"
@@ -108,7 +115,12 @@ impl Step {
     /// How far a joint may go from where it was enabled, rad; none where nothing is enabled.
     pub fn motion_bound_rad(self) -> Option<f64> {
         let way = match self {
-            Step::Communication | Step::Identity | Step::Limits | Step::SensorRest | Step::SensorAxes => return None,
+            Step::Communication
+            | Step::Identity
+            | Step::Limits
+            | Step::Parameters
+            | Step::SensorRest
+            | Step::SensorAxes => return None,
             Step::Watchdogs => 0.0,
             Step::Rotation => moving::ROTATION_RAD,
             Step::Motor | Step::Friction => moving::TRAVEL_RAD,
@@ -206,6 +218,9 @@ pub trait Attendant<P: Place> {
 
     /// By how much that link has turned since, counter-clockwise, in rad; `None` if nobody looked. Nothing is booted.
     fn turned(&mut self, place: &P, joint: usize) -> Option<f64>;
+
+    /// Has the drives be switched off and on again; whether they were. Nothing is booted.
+    fn power_cycle(&mut self, place: &mut P) -> bool;
 
     /// Has this force in N, in the base frame, pull at the tool until it is taken away by a force of zero; whether it does.
     fn pull(&mut self, place: &mut P, force: Force) -> bool;

@@ -2,12 +2,14 @@
 
 use super::bench::{Bench, Found, Halt, with_restored};
 use super::{Curve, Figure};
+use crate::assembly::torque_limits_per_mille;
 use crate::config::{self, Positive};
 use crate::guard::Device;
+use crate::objects::Address;
 use crate::quantity::Force;
 use crate::run::place::Place;
 use crate::run::proof::DriveIdentity;
-use yieldwall_drives::objects::DEVICE_TYPE;
+use yieldwall_drives::objects::{self, DEVICE_TYPE, Object};
 
 /// How often each drive is read.
 const READS: usize = 1000;
@@ -29,6 +31,25 @@ pub(super) const PULL_N: f64 = 8.0;
 /// By how much what is felt of it may differ: in direction, degrees, and in size.
 const DIRECTION_DEG: f64 = 10.0;
 const SIZE_SHARE: f64 = 0.1;
+
+/// Objects that no boot writes, whether each is a limit of torque, and what it does. The others add to set-points and have to be 0.
+const NEUTRAL: [(Object, bool, &str); 5] = [
+    (objects::POSITION_OFFSET, false, "which is added to each target position"),
+    (objects::VELOCITY_OFFSET, false, "which is added to each velocity"),
+    (objects::TORQUE_OFFSET, false, "which is added to each torque"),
+    (objects::POSITIVE_TORQUE_LIMIT, true, "below which torque in the positive direction stays"),
+    (objects::NEGATIVE_TORQUE_LIMIT, true, "below which torque in the negative direction stays"),
+];
+/// The rated torque, per mille of itself.
+const RATED: u32 = 1000;
+
+/// A value of so many bits as a signed number.
+fn signed(value: u32, bits: u8) -> i64 {
+    match bits {
+        16 => i64::from(value as u16 as i16),
+        _ => i64::from(value as i32),
+    }
+}
 
 impl<P: Place> Bench<'_, P> {
     /// Reads an object of each drive again and again.
@@ -108,6 +129,60 @@ impl<P: Place> Bench<'_, P> {
             return Err(Halt::Failed("a drive has taken another torque limit (6072h) by itself".to_owned()));
         }
         Ok(())
+    }
+
+    /// Reads what adds to set-points and what cuts them, and again after a power cycle: what is left there by somebody else acts each time.
+    pub(super) fn parameters(&mut self, found: &mut Found) -> Result<(), Halt> {
+        let before = self.left_there(found)?;
+        self.runner.leave();
+        let is_kept = self.attendant.power_cycle(&mut self.runner.place);
+        let text = if is_kept {
+            let after = self.left_there(&mut Found::default())?;
+            if after != before {
+                return Err(Halt::Failed(
+                    "objects that this program does not write hold something else after a power cycle: store what they have to hold in the \
+                     drive (`yieldwall od write` with --save)"
+                        .to_owned(),
+                ));
+            }
+            "the same"
+        } else {
+            "not tried: nobody switched the drives off and on"
+        };
+        found.note("after a power cycle", text);
+        Ok(())
+    }
+
+    /// What each drive holds of the objects that have to be neutral, or a failure that names the first that is not.
+    fn left_there(&mut self, found: &mut Found) -> Result<[Vec<Option<u32>>; 2], Halt> {
+        self.boot()?;
+        let limits = torque_limits_per_mille(self.rig).map_err(|error| Halt::Failed(error.to_string()))?;
+        let mut all: [Vec<Option<u32>>; 2] = Default::default();
+        for (joint, (device, limit)) in Device::DRIVES.into_iter().zip(limits).enumerate() {
+            let name = self.name(joint);
+            let mut read = 0;
+            for (object, is_limit, meaning) in NEUTRAL {
+                self.check_interrupt()?;
+                // One that does not tell an object does not have it.
+                let held = self.runner.read(device, object.index, object.sub).ok();
+                all[joint].push(held);
+                let Some(held) = held else { continue };
+                read += 1;
+                let (is_neutral, wanted) =
+                    if is_limit { (held >= u32::from(limit), u32::from(limit).max(RATED)) } else { (held == 0, 0) };
+                if !is_neutral {
+                    let at = Address::new(object.index, object.sub);
+                    return Err(Halt::Failed(format!(
+                        "{name} holds {} in {at}, {meaning}, and no boot of this program writes it: `yieldwall od write {name} {:04X}h {wanted} \
+                         --save` with --bus and --rig",
+                        signed(held, object.bits()),
+                        object.index
+                    )));
+                }
+            }
+            found.note(name, format!("{read} of {} objects are there, and neutral", NEUTRAL.len()));
+        }
+        Ok(all)
     }
 
     /// Listens to the force sensor while nobody touches the handle.

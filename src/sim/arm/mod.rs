@@ -183,6 +183,11 @@ impl Arm {
         Ok(arm)
     }
 
+    /// Its linkage.
+    pub fn linkage(&self) -> &FiveBar {
+        &self.linkage
+    }
+
     /// Present time in s.
     pub fn time_s(&self) -> f64 {
         self.time_s
@@ -253,6 +258,12 @@ impl Arm {
         if let Some(gear) = &mut self.gear {
             gear.relax(self.angles, self.rates);
         }
+    }
+
+    /// Puts the arm at other angles, at rest, as a person does who leads it by hand. Elastic joints are relaxed.
+    pub fn put(&mut self, angles: JointAngles) {
+        self.angles = angles.0;
+        self.set_rates(JointRates::default());
     }
 
     /// Blocks joint 0 (left) or 1 (right) by a dry friction that no motor overcomes, or frees it; any other number does

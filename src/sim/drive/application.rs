@@ -87,7 +87,7 @@ impl ServedDevice for Device {
             self.follow();
         }
         let plan = self.servo.plan();
-        if plan.follows_command()
+        if plan.needs_master()
             && let Some(wait) = self.watches.sync.wait(&self.od, self.parameters.period_s)
         {
             self.sync_deadline = now + wait;

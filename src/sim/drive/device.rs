@@ -3,11 +3,14 @@
 use crate::elementary;
 use std::time::Duration;
 
-use yieldwall_drives::cia402::{OperationMode, OptionCodes, Reaction, State, StateMachine, Statusword, Transition};
+use yieldwall_drives::cia402::{
+    OperationMode, OptionCodes, Reaction, State, StateMachine, Statusword, Transition, controlword,
+};
 use yieldwall_drives::objects::error_code;
-use yieldwall_drives::profiles::{Reaction as Missed, Servo as Model};
+use yieldwall_drives::profiles::{Homing, Reaction as Missed, Servo as Model};
 use yieldwall_drives::scaling::{AxisScaling, CountUnwrapper, wrap};
 
+use super::homing::{Home, Speed};
 use super::objects::Objects;
 use super::servo::{Motion, Plan, Servo, TorqueRange};
 use super::watches::Watches;
@@ -49,6 +52,10 @@ pub(super) struct Device {
     pub(super) machine: StateMachine,
     pub(super) servo: Servo,
     mode: Option<OperationMode>,
+    /// How it homes, if its model does.
+    homing: Option<Homing>,
+    /// The reference of an incremental encoder.
+    home: Option<Home>,
     pub(super) parameters: Parameters,
     counts: i64,
     motion: Motion,
@@ -81,7 +88,7 @@ impl Device {
             objects: Objects::of(&od)?,
             scaling: settings.scaling,
             encoder: settings.encoder,
-            supported_modes: model.process_data.supported_modes(),
+            supported_modes: model.supported_modes(),
             mode_changes_in: model.mode_changes_in.iter().fold(0, |bits, state| bits | 1 << *state as u16),
             lacks_dummies: false,
             refuses_mode: false,
@@ -90,6 +97,8 @@ impl Device {
             machine: StateMachine::new(OptionCodes::default()),
             servo: Servo::new(settings.position_loop),
             mode: None,
+            homing: model.homing.clone(),
+            home: None,
             parameters: Parameters::default(),
             counts: 0,
             motion: Motion::default(),
@@ -119,6 +128,7 @@ impl Device {
         match self.scaling.counts(angle_rad) {
             Ok(counts) if rate_rad_per_s.is_finite() => {
                 self.counts = counts;
+                self.home.iter_mut().for_each(|home| home.measure(counts));
                 let angle_rad = match self.encoder {
                     Encoder::Exact => angle_rad,
                     Encoder::Quantised => self.scaling.angle_rad(counts),
@@ -128,6 +138,39 @@ impl Device {
             }
             _ => self.encoder_failed = true,
         }
+    }
+
+    /// Has an encoder that knows nothing at power-on, with its mark where the joint is at this angle.
+    pub(super) fn set_incremental(&mut self, mark_rad: f64) {
+        self.home = self.scaling.counts(mark_rad).ok().map(Home::new);
+    }
+
+    /// The drive has been homed: its position refers to the machine.
+    pub(super) fn refer(&mut self) {
+        self.home.iter_mut().for_each(|home| home.refer_to_machine());
+        self.is_stale = true;
+    }
+
+    /// Somebody has stored another torque limit in the positive direction.
+    pub(super) fn set_stored_torque_limit(&mut self, per_mille: u16) {
+        self.od.set(self.objects.positive_torque_limit, per_mille);
+        self.od.store_parameters();
+    }
+
+    /// An incremental encoder forgets all.
+    pub(super) fn power_on(&mut self) {
+        self.home.iter_mut().for_each(Home::power_on);
+    }
+
+    /// Where the drive counts from, in counts of the machine.
+    fn origin(&self) -> i64 {
+        self.home.as_ref().map_or(0, Home::origin)
+    }
+
+    /// The position at home that the home offset asks for, counts.
+    fn at_home(&self) -> i64 {
+        let offset = self.od.get(self.objects.home_offset);
+        self.homing.as_ref().map_or(0, |homing| i64::from(homing.offset_for(offset)))
     }
 
     pub(super) fn torque_n_m(&self) -> f64 {
@@ -253,7 +296,7 @@ impl Device {
         self.status = status;
         self.od.set(objects.statusword, status);
         self.od.set(objects.mode_display, self.mode.map_or(0, OperationMode::code));
-        self.od.set(objects.position, wrap(self.counts));
+        self.od.set(objects.position, wrap(self.counts - self.origin()));
         // Rate and torque are finite, so that scaling them cannot fail.
         let rate = self.scaling.rate_counts_per_s(self.motion.rate_rad_per_s).map_or(0, |scaled| scaled.value);
         self.od.set(objects.velocity, rate);
@@ -265,7 +308,14 @@ impl Device {
     fn statusword(&self) -> u16 {
         let plan = self.servo.plan();
         let bit = |is_set: bool, mask: u16| if is_set { mask } else { 0 };
+        let homing = self.home.as_ref().filter(|_| plan == Plan::Homing);
+        let referenced =
+            self.homing.as_ref().and_then(|homing| homing.referenced_bit).map_or(0, |bit| 1 << bit.min(15));
         self.machine.statusword()
+            | bit(self.home.as_ref().is_some_and(Home::is_referenced), referenced)
+            | bit(homing.is_some_and(Home::is_done), Statusword::HOMING_ATTAINED)
+            | bit(plan == Plan::Homing && homing.is_none_or(Home::has_failed), Statusword::HOMING_ERROR)
+            | bit(plan == Plan::Homing && homing.is_none_or(|home| !home.is_seeking()), Statusword::TARGET_REACHED)
             | Statusword::REMOTE
             | bit(self.has_voltage, Statusword::VOLTAGE_ENABLED)
             | bit(self.is_warning, Statusword::WARNING)
@@ -321,6 +371,28 @@ impl Device {
             self.was_reset = true;
         }
         self.follow();
+        if self.servo.plan() == Plan::Homing {
+            let is_asked = self.od.get(self.objects.controlword) & controlword::START_HOMING != 0;
+            let (method, counts, at_home) = (self.od.get(self.objects.homing_method), self.counts, self.at_home());
+            let has = self.homing.as_ref().is_some_and(|homing| homing.methods.contains(&method));
+            // A method that the drive lacks is none.
+            let method = if has { method } else { 0 };
+            self.home.iter_mut().for_each(|home| home.ask(is_asked, method, counts, at_home));
+        }
+    }
+
+    /// Has the joint move as homing asks for.
+    fn seek(&mut self) {
+        let (counts, at_home, per_rad) = (self.counts, self.at_home(), self.scaling.counts_per_rad());
+        let Some(home) = &mut self.home else { return };
+        let (way, speed) = match home.seek(counts, at_home) {
+            Speed::Switch(way) => (way, self.od.get(self.objects.homing_switch_speed)),
+            Speed::Zero(way) => (way, self.od.get(self.objects.homing_zero_speed)),
+            Speed::None => (0, 0),
+        };
+        let counts_per_s = i32::try_from(speed).unwrap_or(i32::MAX) * i32::from(way);
+        let acceleration = f64::from(self.od.get(self.objects.homing_acceleration)) / per_rad;
+        self.servo.set_homing(self.scaling.rate_rad_per_s(counts_per_s), acceleration);
     }
 
     /// Makes mode and control loop follow the state machine.
@@ -351,13 +423,17 @@ impl Device {
             (Reaction::Follow, Some(OperationMode::CyclicPosition)) => Plan::Position,
             (Reaction::Follow, Some(OperationMode::CyclicVelocity)) => Plan::Velocity,
             (Reaction::Follow, Some(OperationMode::CyclicTorque)) => Plan::Torque,
+            (Reaction::Follow, Some(OperationMode::Homing)) => Plan::Homing,
             (Reaction::Follow, _) => Plan::Off,
         };
         if plan != self.servo.plan() {
             self.servo.change_plan(self.now, plan, self.motion);
             self.aimed_at = None;
             self.outside_since = None;
-            if !plan.follows_command() {
+            if plan != Plan::Homing {
+                self.home.iter_mut().for_each(Home::rest);
+            }
+            if !plan.needs_master() {
                 self.sync_deadline = Time::NEVER;
             }
         }
@@ -381,11 +457,12 @@ impl Device {
                 let target = self.od.get(objects.target_position).wrapping_add(self.od.get(objects.position_offset));
                 if self.aimed_at != Some(target) {
                     self.aimed_at = Some(target);
-                    let counts = CountUnwrapper::near(self.counts).unwrap(target);
+                    let origin = self.origin();
+                    let counts = origin + CountUnwrapper::near(self.counts - origin).unwrap(target);
                     self.servo.aim_at(self.now, scaling.angle_rad(counts), self.parameters.period_s);
                 }
             }
-            Plan::Off | Plan::Ramp(_) => {}
+            Plan::Off | Plan::Homing | Plan::Ramp(_) => {}
         }
     }
 
@@ -407,6 +484,9 @@ impl Device {
     pub(super) fn tick(&mut self) {
         if self.encoder_failed {
             self.follow();
+        }
+        if self.servo.plan() == Plan::Homing {
+            self.seek();
         }
         self.servo.tick(self.now, self.motion, self.torque_range());
         if self.servo.is_at_standstill(self.now, self.motion) && self.machine.standstill().is_some() {

@@ -133,6 +133,21 @@ impl EthercatDrive {
         self.device.forgets_torque_limit = forgets;
     }
 
+    /// As [`Drive::set_incremental`](super::Drive::set_incremental).
+    pub fn set_incremental(&mut self, mark_rad: f64) {
+        self.device.set_incremental(mark_rad);
+    }
+
+    /// As [`Drive::set_stored_torque_limit`](super::Drive::set_stored_torque_limit).
+    pub fn set_stored_torque_limit(&mut self, per_mille: u16) {
+        self.device.set_stored_torque_limit(per_mille);
+    }
+
+    /// As [`Drive::refer`](super::Drive::refer).
+    pub fn refer(&mut self) {
+        self.device.refer();
+    }
+
     /// Has the state machine ignore the controlword, or follow it again.
     pub fn set_ignores_controlword(&mut self, ignores: bool) {
         self.device.set_ignores_controlword(ignores);
@@ -186,6 +201,8 @@ impl ServedDevice for EthercatDrive {
     fn reset(&mut self, now: Time, reset: Reset) {
         self.set_error_register(0);
         (self.has_lost_master, self.untold) = (false, None);
+        // Of a device on EtherCAT that is power-on.
+        self.device.power_on();
         self.device.reset(now, reset);
     }
 }

@@ -3,6 +3,7 @@
 mod application;
 mod device;
 mod ethercat;
+mod homing;
 mod objects;
 mod servo;
 #[cfg(test)]
@@ -123,6 +124,7 @@ impl Drive {
     /// Switches the drive on: all objects at their power-on values, boot-up message.
     pub fn boot(&mut self, now: Time, out: &mut impl Outbox) {
         self.is_powered = true;
+        self.device.power_on();
         self.node.boot(now, &mut self.device, out);
         self.settle(now, out);
     }
@@ -231,6 +233,22 @@ impl Drive {
     /// Has the drive take a torque limit (6072h) and forget it at once, or keep it.
     pub fn set_forgets_torque_limit(&mut self, forgets: bool) {
         self.device.forgets_torque_limit = forgets;
+    }
+
+    /// Has an encoder that knows nothing at power-on: the drive counts from where it was switched on until it is homed. Its mark, the index
+    /// or the edge of a limit switch, is where the joint is at this angle in rad.
+    pub fn set_incremental(&mut self, mark_rad: f64) {
+        self.device.set_incremental(mark_rad);
+    }
+
+    /// Has the drive come with another torque limit in the positive direction (60E0h), per mille of rated, which somebody has stored in it.
+    pub fn set_stored_torque_limit(&mut self, per_mille: u16) {
+        self.device.set_stored_torque_limit(per_mille);
+    }
+
+    /// Has the drive be homed already, if its encoder is incremental.
+    pub fn refer(&mut self) {
+        self.device.refer();
     }
 
     /// Has the state machine ignore the controlword, or follow it again.

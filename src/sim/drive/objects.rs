@@ -17,6 +17,10 @@ const SLOW_DOWN_RAD_PER_S2: f64 = 20.0;
 /// Following error window in rad unless the master sets one, and its time-out in ms.
 const FOLLOWING_ERROR_RAD: f64 = 0.1;
 const FOLLOWING_ERROR_MS: i64 = 10;
+/// Homing unless the master says otherwise: by the present position, or at this speed in rad/s with this acceleration in rad/s^2.
+const HOMING_METHOD: i64 = 37;
+const HOMING_RAD_PER_S: f64 = 0.05;
+const HOMING_RAD_PER_S2: f64 = 0.5;
 /// Speed limit at power-on, r/min of the motor.
 const MAX_MOTOR_RPM: i64 = 3000;
 
@@ -58,9 +62,14 @@ handles! {
     max_torque: u16 = MAX_TORQUE,
     torque: i16 = TORQUE_ACTUAL,
     target_position: i32 = TARGET_POSITION,
+    home_offset: i32 = HOME_OFFSET,
     max_speed: u32 = MAX_MOTOR_SPEED,
     deceleration: u32 = PROFILE_DECELERATION,
     quick_deceleration: u32 = QUICK_STOP_DECELERATION,
+    homing_method: i8 = HOMING_METHOD,
+    homing_switch_speed: u32 = HOMING_SWITCH_SPEED,
+    homing_zero_speed: u32 = HOMING_ZERO_SPEED,
+    homing_acceleration: u32 = HOMING_ACCELERATION,
     position_offset: i32 = POSITION_OFFSET,
     velocity_offset: i32 = VELOCITY_OFFSET,
     torque_offset: i16 = TORQUE_OFFSET,
@@ -107,23 +116,29 @@ pub(super) fn build(
         .object(fixed(cia::RATED_TORQUE, (scaling.rated_torque_n_m() * 1000.0).round() as i64))
         .object(shown(cia::TORQUE_ACTUAL))
         .object(commanded(cia::TARGET_POSITION, 0))
+        .object(declare(cia::HOME_OFFSET, 0))
         .object(declare(cia::MAX_MOTOR_SPEED, MAX_MOTOR_RPM))
         .object(declare(cia::PROFILE_DECELERATION, counts(SLOW_DOWN_RAD_PER_S2)))
         .object(declare(cia::QUICK_STOP_DECELERATION, counts(QUICK_STOP_RAD_PER_S2)))
         .highest_sub(cia::ENCODER_INCREMENTS.index, 2)
         .object(fixed(cia::ENCODER_INCREMENTS, counts(std::f64::consts::TAU)))
         .object(fixed(cia::ENCODER_REVOLUTIONS, 1))
+        .object(declare(cia::HOMING_METHOD, HOMING_METHOD))
+        .highest_sub(cia::HOMING_SWITCH_SPEED.index, 2)
+        .object(declare(cia::HOMING_SWITCH_SPEED, counts(HOMING_RAD_PER_S)))
+        .object(declare(cia::HOMING_ZERO_SPEED, counts(HOMING_RAD_PER_S)))
+        .object(declare(cia::HOMING_ACCELERATION, counts(HOMING_RAD_PER_S2)))
         .object(commanded(cia::POSITION_OFFSET, 0))
         .object(commanded(cia::VELOCITY_OFFSET, 0))
         .object(commanded(cia::TORQUE_OFFSET, 0))
         .highest_sub(cia::INTERPOLATION_TIME.index, 2)
         .object(declare(cia::INTERPOLATION_TIME, 1).limits(1u8, u8::MAX))
         .object(declare(cia::INTERPOLATION_EXPONENT, -3).limits(-6i8, 0))
-        .object(commanded(cia::POSITIVE_TORQUE_LIMIT, 1000))
-        .object(commanded(cia::NEGATIVE_TORQUE_LIMIT, 1000))
+        .object(declare(cia::POSITIVE_TORQUE_LIMIT, 1000))
+        .object(declare(cia::NEGATIVE_TORQUE_LIMIT, 1000))
         .object(shown(cia::FOLLOWING_ERROR_ACTUAL))
         .object(commanded(cia::TARGET_VELOCITY, 0))
-        .object(fixed(cia::SUPPORTED_MODES, servo.process_data.supported_modes().into()));
+        .object(fixed(cia::SUPPORTED_MODES, servo.supported_modes().into()));
     of_profile(builder, servo).build()
 }
 
@@ -153,6 +168,7 @@ pub(super) fn check(servo: &Servo) -> Result<(), DeviceError> {
     let own = &servo.objects;
     let cycle_time = own.cycle_time.as_ref();
     let speed = servo.limits.motor_speed.as_ref();
+    let homing = servo.homing.as_ref();
     let known = [
         (Some(&own.controlword), cia::CONTROLWORD),
         (Some(&own.statusword), cia::STATUSWORD),
@@ -170,6 +186,11 @@ pub(super) fn check(servo: &Servo) -> Result<(), DeviceError> {
         (speed.map(|speed| &speed.limit), cia::MAX_MOTOR_SPEED),
         (speed.map(|speed| &speed.increments), cia::ENCODER_INCREMENTS),
         (speed.map(|speed| &speed.revolutions), cia::ENCODER_REVOLUTIONS),
+        (homing.map(|homing| &homing.method), cia::HOMING_METHOD),
+        (homing.map(|homing| &homing.switch_speed), cia::HOMING_SWITCH_SPEED),
+        (homing.map(|homing| &homing.zero_speed), cia::HOMING_ZERO_SPEED),
+        (homing.map(|homing| &homing.acceleration), cia::HOMING_ACCELERATION),
+        (homing.map(|homing| &homing.offset), cia::HOME_OFFSET),
     ];
     for (entry, object) in known {
         let Some(&Entry { index, sub, bits, .. }) = entry else { continue };

@@ -68,6 +68,8 @@ pub(super) enum Plan {
     Position,
     /// The target velocity.
     Velocity,
+    /// What homing asks for: a velocity of its own, reached within its acceleration, or the position held.
+    Homing,
     /// Down to standstill with this deceleration in rad/s^2, then held.
     Ramp(f64),
 }
@@ -75,12 +77,17 @@ pub(super) enum Plan {
 impl Plan {
     /// Whether the loop has to run at its period.
     pub(super) fn is_closed_loop(self) -> bool {
-        matches!(self, Plan::Position | Plan::Velocity | Plan::Ramp(_))
+        matches!(self, Plan::Position | Plan::Velocity | Plan::Homing | Plan::Ramp(_))
     }
 
     /// Whether the drive follows the master's set-points.
     pub(super) fn follows_command(self) -> bool {
         matches!(self, Plan::Torque | Plan::Position | Plan::Velocity)
+    }
+
+    /// Whether the drive goes on only as long as its master is there.
+    pub(super) fn needs_master(self) -> bool {
+        self.follows_command() || self == Plan::Homing
     }
 }
 
@@ -115,6 +122,8 @@ pub(super) struct Servo {
     setpoint_rate: f64,
     velocity_target: f64,
     velocity_offset: f64,
+    /// That of homing, rad/s^2.
+    acceleration: f64,
     torque_target: f64,
     torque_offset: f64,
     integral_n_m: f64,
@@ -135,6 +144,7 @@ impl Servo {
             setpoint_rate: 0.0,
             velocity_target: 0.0,
             velocity_offset: 0.0,
+            acceleration: 0.0,
             torque_target: 0.0,
             torque_offset: 0.0,
             integral_n_m: 0.0,
@@ -202,6 +212,11 @@ impl Servo {
         self.velocity_target = target_rad_per_s;
     }
 
+    /// The velocity of [`Plan::Homing`], which is reached within this acceleration in rad/s^2.
+    pub(super) fn set_homing(&mut self, target_rad_per_s: f64, acceleration: f64) {
+        (self.velocity_target, self.acceleration) = (target_rad_per_s, acceleration);
+    }
+
     /// Feed-forward of rate and torque.
     pub(super) fn set_offsets(&mut self, velocity_rad_per_s: f64, torque_n_m: f64) {
         (self.velocity_offset, self.torque_offset) = (velocity_rad_per_s, torque_n_m);
@@ -250,6 +265,10 @@ impl Servo {
                 return;
             }
             Plan::Velocity => self.velocity_target + self.velocity_offset,
+            Plan::Homing => {
+                let change = self.acceleration * elapsed;
+                self.setpoint_rate + (self.velocity_target - self.setpoint_rate).clamp(-change, change)
+            }
             Plan::Ramp(deceleration) => {
                 let slower = (self.setpoint_rate.abs() - deceleration * elapsed).max(0.0);
                 if slower == 0.0 {

@@ -183,7 +183,7 @@ fn identity_and_supported_modes_are_those_of_the_profile() {
     let read = [1, 2, 3, 4].map(|sub| bench.read(0x1018, sub));
     assert_eq!(read, [0xffff_5957, 0x402, 0x0001_0000, 4711]);
     assert_eq!(bench.read(0x1000, 0), 0x0002_0192);
-    assert_eq!(bench.read(0x6502, 0), 0x0000_0380);
+    assert_eq!(bench.read(0x6502, 0), 0x0000_03a0);
     assert_eq!(bench.read(0x6076, 0), 60_000);
     assert_eq!(bench.read(0x608f, 1), 800_000);
 }

@@ -18,6 +18,7 @@ fn setup(mode: CommandMode, period_us: u64) -> MasterSetup {
         torque_limit_per_mille: 1000,
         speed_limit_counts_per_s: 10_000,
         following_error_counts: 1000,
+        homing: None,
     };
     MasterSetup {
         node_id: 127,

@@ -1,6 +1,7 @@
 //! A whole master on a segment: the cycle, the guard and the walk of the drives do not know the bus.
 
 use super::*;
+use crate::bus::AxisSetup;
 use crate::bus::Master;
 use crate::canopen::Frame;
 use crate::cycle::Timing;
@@ -31,7 +32,12 @@ impl Rig {
     fn operational() -> Self {
         let (cycle, home) = position_cycle();
         let scaling = AxisScaling::new(100_000.0, Direction::Same, 0.0, 60.0).unwrap();
-        let master = Master::new((None, Some(&setup())), home.map(|angle| (scaling, angle)), cycle).unwrap();
+        let master = Master::new(
+            (None, Some(&setup())),
+            home.map(|expected_rad| AxisSetup { scaling, expected_rad, home: None }),
+            cycle,
+        )
+        .unwrap();
         let mut segment = Segment::new(Time(0), devices());
         for (place, angle) in home.into_iter().enumerate() {
             segment.controller_mut(place).unwrap().device_mut().drive_mut().unwrap().measure(angle, 0.0);

@@ -41,6 +41,7 @@ fn drive_setup(device: Device, position: u16) -> StationSetup {
         torque_limit_per_mille: 500,
         speed_limit_counts_per_s: 100_000,
         following_error_counts: 10_000,
+        homing: None,
     };
     drive.station(CommandMode::Position, PERIOD, Acts::AtSync0).unwrap()
 }

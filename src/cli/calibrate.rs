@@ -1,0 +1,257 @@
+//! `yieldwall calibrate`: what a machine is, measured by a person with nothing enabled.
+
+use std::f64::consts::TAU;
+use std::fs;
+use std::path::{Path, PathBuf};
+
+use serde_json::json;
+
+use super::ending::rig_failure;
+use super::failure::{Exit, Failure};
+use super::interrupt::on_interrupt;
+use super::on_bus::live_failure;
+use super::output::Output;
+use super::replace::Replace;
+use super::run::check_buses;
+use crate::config::{self, Loaded, Source};
+use crate::elementary::sin_cos;
+use crate::identification::{Estimate, Kinematics, Visited, kinematics};
+use crate::quantity::{JointAngles, TipPoint};
+use crate::rig::EmbeddedRig;
+use crate::run::RunError;
+
+/// Points of the simulated plate on each of two circles, and their radii as shares of the working radius.
+const POINTS: u32 = 8;
+const RADII: [f64; 2] = [0.45, 0.9];
+
+#[derive(Debug, clap::Subcommand)]
+pub(super) enum Command {
+    /// Tell link lengths and encoder zeros from points of the base frame that the tool is led to by hand; nothing is written
+    Kinematics(Arguments),
+}
+
+#[derive(Debug, clap::Args)]
+pub(super) struct Arguments {
+    /// The rig; `builtin:paper-admittance.yaml` names the copy inside the program
+    #[arg(value_name = "RIG.yaml")]
+    rig: String,
+    /// The points: a table with the columns x_m and y_m, in the base frame. With left_rad and right_rad too, the angles that were measured
+    /// there, nobody leads the arm
+    #[arg(long, value_name = "FILE.csv")]
+    points: Option<PathBuf>,
+    /// Keep points and angles in such a table
+    #[arg(long, value_name = "FILE.csv")]
+    out: Option<PathBuf>,
+    #[command(flatten)]
+    replace: Replace,
+    #[cfg(target_os = "linux")]
+    #[command(flatten)]
+    on_bus: super::first_motion::OnBus,
+}
+
+pub(super) fn run(command: &Command, output: &mut Output) -> Result<(), Failure> {
+    let Command::Kinematics(arguments) = command;
+    let rig = config::load_rig(Source::named(&arguments.rig))?;
+    output.configuration(&rig.warnings)?;
+    check_buses(&rig, None, output)?;
+    if let Some(out) = &arguments.out {
+        arguments.replace.check_new(out)?;
+    }
+    let rows = arguments.points.as_deref().map(table).transpose()?;
+    let visited = match rows {
+        Some(Rows::Visited(visited)) => visited,
+        Some(Rows::Points(points)) => visit(arguments, &rig, &points, output)?,
+        None => visit(arguments, &rig, &plate(arguments, &rig.value)?, output)?,
+    };
+    if let Some(out) = &arguments.out {
+        arguments.replace.write(out, written(&visited).as_bytes())?;
+        output.news(&format!("points    {}", out.display()))?;
+    }
+    let found = kinematics(&rig.value.linkage.geometry(), &visited).map_err(|error| {
+        let help = "lead the tool to eight points and more that are spread over the working disc, and compare them with the plate";
+        Failure::new(Exit::OutOfTolerance, format!("nothing was identified: {error}"), help)
+    })?;
+    tell(&rig.value, &visited, &found, output)
+}
+
+/// Points of a plate that is only simulated.
+fn plate(arguments: &Arguments, rig: &config::Rig) -> Result<Vec<TipPoint>, Failure> {
+    #[cfg(target_os = "linux")]
+    if arguments.on_bus.is_asked() {
+        let message = "no points are named that the tool is led to";
+        let help = "measure or drill a plate, and write its points into a table: --points POINTS.csv with the columns x_m and y_m";
+        return Err(Failure::new(Exit::Usage, message, help));
+    }
+    let _ = arguments;
+    let radius_m = rig.linkage.working_radius_m.get();
+    let on = |share: f64| {
+        (0..POINTS).map(move |at| {
+            let (sin, cos) = sin_cos(TAU * f64::from(at) / f64::from(POINTS));
+            TipPoint::new(share * radius_m * cos, share * radius_m * sin)
+        })
+    };
+    Ok(RADII.into_iter().flat_map(on).collect())
+}
+
+/// What stands in a table.
+enum Rows {
+    Points(Vec<TipPoint>),
+    Visited(Vec<Visited>),
+}
+
+/// Reads a table with a row of column names.
+fn table(path: &Path) -> Result<Rows, Failure> {
+    let about = |message: String| {
+        let help = "a table has the columns x_m and y_m, and left_rad and right_rad if the angles were measured, divided by commas";
+        Failure::about_file(Exit::ConfigInvalid, path, message, help)
+    };
+    let text = fs::read_to_string(path).map_err(|error| about(format!("{}: {error}", path.display())))?;
+    let mut lines = (1..).zip(text.lines()).filter(|(_, line)| !line.trim().is_empty());
+    let names: Vec<&str> = lines.next().map_or(Vec::new(), |(_, line)| line.split(',').map(str::trim).collect());
+    let place = |column: &str| names.iter().position(|name| *name == column);
+    let (Some(x), Some(y)) = (place("x_m"), place("y_m")) else {
+        return Err(about(format!("{}: the first line does not name x_m and y_m", path.display())));
+    };
+    let angles = place("left_rad").zip(place("right_rad"));
+    let (mut points, mut visited) = (Vec::new(), Vec::new());
+    for (number, line) in lines {
+        let cells: Vec<&str> = line.split(',').map(str::trim).collect();
+        let value = |at: usize| {
+            let cell = cells.get(at).copied().unwrap_or_default();
+            let value: Option<f64> = cell.parse().ok().filter(|value: &f64| value.is_finite() && value.abs() <= 1e3);
+            value.ok_or_else(|| {
+                let name = names.get(at).copied().unwrap_or_default();
+                about(format!("{}:{number}: `{cell}` is no {name}", path.display()))
+            })
+        };
+        let point = TipPoint::new(value(x)?, value(y)?);
+        points.push(point);
+        if let Some((left, right)) = angles {
+            visited.push((point, JointAngles::new(value(left)?, value(right)?)));
+        }
+    }
+    Ok(if angles.is_some() { Rows::Visited(visited) } else { Rows::Points(points) })
+}
+
+fn written(visited: &[Visited]) -> String {
+    let row = |(point, angles): &Visited| {
+        let ([x, y], [left, right]) = (point.to_array(), angles.to_array());
+        format!("{x},{y},{left},{right}\n")
+    };
+    format!("x_m,y_m,left_rad,right_rad\n{}", visited.iter().map(row).collect::<String>())
+}
+
+/// Has the tool be led to points, by a person or in the simulation.
+fn visit(
+    arguments: &Arguments,
+    rig: &Loaded<config::Rig>,
+    points: &[TipPoint],
+    output: &mut Output,
+) -> Result<Vec<Visited>, Failure> {
+    #[cfg(target_os = "linux")]
+    if arguments.on_bus.is_asked() {
+        use super::at_the_arm::Typed;
+        use super::first_motion::at_rest;
+        let place = ("calibrate kinematics", arguments.rig.as_str());
+        let angles = at_rest(&arguments.on_bus, place, rig, output, |on_bus, terms, is_interrupted, output, tell| {
+            let mut typed = Typed::new(std::sync::Arc::clone(is_interrupted));
+            let mut help = |task| typed.help(task);
+            on_bus.visit(terms, points, &mut help, is_interrupted, |news| tell(output, news))
+        })?;
+        return Ok(points.iter().copied().zip(angles).collect());
+    }
+    let (rig, scene) = (&rig.value, rig.scene()?.value);
+    let is_interrupted = on_interrupt()?;
+    let machine = EmbeddedRig::new(rig, &scene, &rig.fixture, scene.seed);
+    let mut machine = machine.map_err(|error| rig_failure(&error))?;
+    let name = &rig.rig.name;
+    output.aside(&format!(
+        "the simulated arm of {name}, led to {} points; a real one with --bus INTERFACE",
+        points.len()
+    ));
+    let angles = machine.visit(points, &is_interrupted).map_err(|error| rig_failure(&error))?;
+    let angles = angles.map_err(|error| match error {
+        RunError::Interrupted => Failure::new(Exit::Interrupted, "interrupted; nothing was enabled", ""),
+        error => live_failure(&error),
+    })?;
+    Ok(points.iter().copied().zip(angles).collect())
+}
+
+/// A number of a rig: its key, what the file says and what was found.
+type Row = (String, f64, Estimate);
+
+fn rows(rig: &config::Rig, found: &Kinematics) -> Vec<Row> {
+    let mut rows = Vec::new();
+    for (at, name) in ["proximal_m", "distal_m"].into_iter().enumerate() {
+        let (old, new) = [(rig.linkage.proximal_m, found.proximal_m), (rig.linkage.distal_m, found.distal_m)][at];
+        for (chain, (old, new)) in old.into_iter().zip(new).enumerate() {
+            rows.push((format!("linkage.{name}[{chain}]"), old.get(), new));
+        }
+    }
+    for (joint, (drive, zero)) in rig.drives.iter().zip(found.zero_rad).enumerate() {
+        // Of a drive that is homed the angle at home says where its zero is.
+        let (key, old) = match drive.homing {
+            Some(homing) => ("homing.angle_rad", homing.angle_rad.get()),
+            None => ("zero_offset_rad", drive.zero_offset_rad.get()),
+        };
+        let Estimate { value, low, high } = zero;
+        let new = Estimate { value: old + value, low: old + low, high: old + high };
+        rows.push((format!("drives[{joint}].{key}"), old, new));
+    }
+    rows
+}
+
+fn tell(rig: &config::Rig, visited: &[Visited], found: &Kinematics, output: &mut Output) -> Result<(), Failure> {
+    let rows = rows(rig, found);
+    let [before_m, after_m] = found.residual_m;
+    let (worst, worst_m) = found.worst;
+    if output.is_json() {
+        let number = |(key, old, new): &Row| json!({ "key": key, "old": old, "new": new.value, "low": new.low, "high": new.high });
+        return output.report(json!({
+            "points": visited.len(),
+            "numbers": rows.iter().map(number).collect::<Vec<_>>(),
+            "residual_before_m": before_m,
+            "residual_m": after_m,
+            "worst_point": worst + 1,
+            "worst_m": worst_m,
+        }));
+    }
+    let mut text = format!(
+        "points    {}: the tool is {:.3} mm RMS beside them by the numbers of the file, {:.3} mm by those that fit; point {} is farthest off, \
+         {:.3} mm\n",
+        visited.len(),
+        1e3 * before_m,
+        1e3 * after_m,
+        worst + 1,
+        1e3 * worst_m
+    );
+    for (key, old, new) in &rows {
+        text += &format!("  {key:32} {old:>10} -> {:.6} +- {:.6}\n", new.value, new.half_width());
+    }
+    text += "Nothing was written: what differs by more than its interval belongs into the rig file.\n";
+    output.result(&text)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_table_that_cannot_be_read_is_told_by_its_line() {
+        let path = std::env::temp_dir().join(format!("yieldwall-points-{}.csv", std::process::id()));
+        let told = |text: &str| {
+            fs::write(&path, text).unwrap();
+            table(&path).err().map(|failure| failure.report.diagnostics[0].message.clone()).unwrap_or_default()
+        };
+        assert!(told("x,y\n0,0\n").contains("does not name x_m and y_m"));
+        assert!(told("y_m, x_m\n0.1,0.2\n0.1,\n").ends_with(":3: `` is no x_m"));
+        assert!(told("x_m,y_m,left_rad,right_rad\n0,0,NaN,0\n").ends_with(":2: `NaN` is no left_rad"));
+        assert_eq!(told("y_m, x_m\n\n0.1,0.2\n"), "");
+        let Ok(Rows::Points(points)) = table(&path) else { panic!("two columns are points") };
+        assert_eq!(points, [TipPoint::new(0.2, 0.1)]);
+        let visited = [(TipPoint::new(0.1, -0.2), JointAngles::new(2.0, 0.7))];
+        fs::write(&path, written(&visited)).unwrap();
+        assert!(matches!(table(&path), Ok(Rows::Visited(read)) if read == visited));
+        fs::remove_file(&path).unwrap();
+    }
+}

@@ -1,0 +1,150 @@
+//! `yieldwall sensor calibrate`: what the force sensor makes of known forces.
+
+use serde_json::json;
+
+use super::{Calibrate, columns, document, ended, simulated};
+use crate::cli::failure::{Exit, Failure};
+use crate::cli::first_motion::at_rest;
+use crate::cli::interrupt::on_interrupt;
+use crate::cli::output::Output;
+use crate::config::{self, Loaded};
+use crate::identification::{ForceMap, force_map};
+use crate::run::Pulled;
+
+/// How far a gain may be from 1, how far axes may be turned, degrees, and how much of a force may be felt along the other axis: beyond it
+/// the rig is not run with what its file says.
+const GAIN: f64 = 0.1;
+const TURN_DEG: f64 = 10.0;
+const CROSS_TALK: f64 = 0.1;
+
+pub(super) fn run(arguments: &Calibrate, rig: &Loaded<config::Rig>, output: &mut Output) -> Result<(), Failure> {
+    let force_n = arguments.force.get();
+    #[cfg(target_os = "linux")]
+    let is_on_bus = arguments.on_bus.is_asked();
+    #[cfg(not(target_os = "linux"))]
+    let is_on_bus = false;
+    let pulled = if is_on_bus {
+        use crate::cli::at_the_arm::Typed;
+        let place = ("sensor calibrate", arguments.rig.as_str());
+        at_rest(&arguments.on_bus, place, rig, output, |on_bus, terms, is_interrupted, output, tell| {
+            let mut typed = Typed::new(std::sync::Arc::clone(is_interrupted));
+            let mut help = |task| typed.help(task);
+            on_bus.pulls(terms, force_n, &mut help, is_interrupted, |news| tell(output, news))
+        })?
+    } else {
+        let (mut machine, is_interrupted) = (simulated(rig, output)?, on_interrupt()?);
+        let pulled = machine.pulls(&rig.value, force_n, &is_interrupted);
+        ended(pulled.map_err(|error| super::rig_failure(&error))?)?
+    };
+    let sensor = &rig.value.sensor;
+    if pulled.iter().any(|pulled| pulled.shown.count() == 0) {
+        let help = "look at the sensor with `yieldwall sensor monitor`";
+        let message = format!("{} has sent no valid sample", sensor.name);
+        return Err(Failure::new(Exit::DeviceMismatch, message, help));
+    }
+    let pulls: Vec<_> = pulled
+        .iter()
+        .map(|pulled| {
+            let (expected, felt) = (pulled.expected.0, pulled.shown.mean().0);
+            ([expected.x, expected.y], [felt.x, felt.y])
+        })
+        .collect();
+    let map = force_map(&pulls).map_err(|error| Failure::new(Exit::OutOfTolerance, error.to_string(), ""))?;
+    let rows = corrected(&sensor.calibration, &map);
+    let judged = judge(&map, rows.is_some());
+    if output.is_json() {
+        let one = |pulled: &Pulled| {
+            json!({
+                "force_n": pulled.force.to_array(), "expected": document(pulled.expected),
+                "mean": document(pulled.shown.mean()), "deviation": document(pulled.shown.deviation()),
+                "saturated": pulled.shown.saturated,
+            })
+        };
+        let document = json!({
+            "sensor": sensor.name, "pulls": pulled.iter().map(one).collect::<Vec<_>>(), "zero_n": map.zero_n, "gains": map.gains(),
+            "turn_rad": map.turn_rad(), "cross_talk": map.cross_talk(), "is_mirrored": map.is_mirrored(),
+            "residual_n": map.residual_n, "rows_of_fx_and_fy": rows,
+        });
+        return output.end(document, judged);
+    }
+    output.result(&text(&rig.value, &pulled, &map, rows.as_ref()))?;
+    judged
+}
+
+/// The first two rows of a calibration with which forces are felt as they are; none where the map has no inverse.
+fn corrected(calibration: &[[config::Finite; 6]; 6], map: &ForceMap) -> Option<[[f64; 6]; 2]> {
+    let inverse = map.inverse()?;
+    let [along_x, along_y, ..] = calibration.map(|row| row.map(config::Finite::get));
+    let row = |[x, y]: [f64; 2]| std::array::from_fn(|at| x * along_x[at] + y * along_y[at]);
+    Some(inverse.map(row))
+}
+
+fn text(rig: &config::Rig, pulled: &[Pulled], map: &ForceMap, rows: Option<&[[f64; 6]; 2]>) -> String {
+    let heading = super::AXES.map(|(axis, unit)| format!("{:>11}", format!("{axis} {unit}"))).concat();
+    let mut text = format!("{:>16}{heading}\n", "pull x, y N");
+    for pulled in pulled {
+        let [x, y] = pulled.force.to_array();
+        text += &format!("{:>16}{}\n", format!("{x}, {y}"), columns(pulled.shown.mean()));
+    }
+    let [gain_x, gain_y] = map.gains();
+    let [zero_x, zero_y] = map.zero_n.map(unsigned_zero);
+    let range = rig.sensor.range_counts as f64;
+    let most = rig.sensor.calibration.map(|row| row.iter().map(|value| value.get().abs()).fold(0.0, f64::max) * range);
+    let saturated: u64 = pulled.iter().map(|pulled| pulled.shown.saturated).sum();
+    text += &format!(
+        "{}, in its own frame. Of a force it feels {gain_x:.3} along x and {gain_y:.3} along y, {:.2} deg beside where it acts, and {:.1} % along \
+         the other axis; of none {zero_x:.3} N and {zero_y:.3} N. A map leaves {:.3} N. Its range is {:.0} N along x and {:.0} N along y; \
+         {saturated} samples were at the end of it\n",
+        rig.sensor.name,
+        map.turn_rad().to_degrees().abs(),
+        100.0 * map.cross_talk(),
+        map.residual_n,
+        most[0],
+        most[1]
+    );
+    if let Some(rows) = rows {
+        text +=
+            "With these rows of Fx and Fy in `sensor.calibration` it feels them as they are; nothing was written:\n";
+        for row in rows {
+            let numbers: Vec<String> = row.iter().map(|value| number(*value)).collect();
+            text += &format!("    - [{}]\n", numbers.join(", "));
+        }
+    }
+    text
+}
+
+/// A force in N that is read with three decimals, without the sign of nothing.
+fn unsigned_zero(force_n: f64) -> f64 {
+    if force_n.abs() < 5e-4 { 0.0 } else { force_n }
+}
+
+/// A number of a calibration, as YAML reads it.
+fn number(value: f64) -> String {
+    if value == 0.0 { "0.0".to_owned() } else { format!("{value:.6e}") }
+}
+
+fn judge(map: &ForceMap, has_rows: bool) -> Result<(), Failure> {
+    let refused = |message: String, help: &str| Err(Failure::new(Exit::OutOfTolerance, message, help));
+    if map.is_mirrored() || !has_rows {
+        let message =
+            "an axis is felt with the wrong sign, axes are taken for one another, or one is not felt at all".to_owned();
+        return refused(
+            message,
+            "look at the cable and at `mounted_on`; the rows above feel forces as they are, if the wiring is to stay",
+        );
+    }
+    let off = map.gains().map(|gain| (gain - 1.0).abs()).into_iter().fold(0.0, f64::max);
+    let (turn_deg, talk) = (map.turn_rad().to_degrees().abs(), map.cross_talk());
+    if off > GAIN || turn_deg > TURN_DEG || talk > CROSS_TALK {
+        let message = format!(
+            "forces are not felt as they are: {:.0} % in size, {turn_deg:.1} deg in direction, {:.0} % along the other axis",
+            100.0 * off,
+            100.0 * talk
+        );
+        return refused(
+            message,
+            "put the rows above into the rig file, or mend `mounting_angle_rad` where the direction alone is off",
+        );
+    }
+    Ok(())
+}

@@ -1,0 +1,125 @@
+//! Measurements with somebody at the arm and nothing enabled: known forces that pull at the tool, and known points that it is led to.
+
+use std::sync::atomic::{AtomicBool, Ordering};
+
+use super::error::RunError;
+use super::permit::Ask;
+use super::place::Place;
+use super::runner::Runner;
+use super::sensor::Wrenches;
+use crate::assembly::calibration;
+use crate::config;
+use crate::quantity::{Force, JointAngles, TipPoint};
+use crate::sensing::Wrench;
+
+/// How long the force sensor is listened to under each pull, s.
+const LISTENING_S: f64 = 1.0;
+/// How long the arm comes to rest at a point, and how long its angles are looked at then, s.
+const SETTLING_S: f64 = 0.2;
+const LOOKING_S: f64 = 0.2;
+
+/// What somebody at the arm is asked to do. The network is left meanwhile.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Task {
+    /// Have this force in N, in the base frame, pull at the tool, or with a force of zero none.
+    Pull(Force),
+    /// Lead the tool to this point of the base frame; the first number counts from 0.
+    LeadTo(usize, TipPoint),
+}
+
+/// Somebody at the arm; whether it was done.
+pub type Helper<'a, P> = &'a mut dyn FnMut(&mut P, Task) -> bool;
+
+/// What a force sensor has shown under a known force.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Pulled {
+    /// The force in N, base frame.
+    pub force: Force,
+    /// The same in the frame of the sensor as the rig file has it mounted.
+    pub expected: Wrench,
+    /// What was shown, in the sensor's frame, by the calibration of the rig file and with no zero taken from it.
+    pub shown: Wrenches,
+}
+
+impl<P: Place> Runner<P> {
+    /// Has this force pull at the tool along x and y of the base frame, both ways, and listens to the force sensor at rest and under each.
+    /// Nothing is enabled.
+    ///
+    /// # Errors
+    /// If the network cannot be booted, a drive that has to be homed was not, the arm is where the linkage cannot be, or nobody pulls.
+    pub fn pulls(
+        &mut self,
+        rig: &config::Rig,
+        force_n: f64,
+        help: Helper<'_, P>,
+        is_interrupted: &AtomicBool,
+    ) -> Result<Vec<Pulled>, RunError> {
+        let (_, mounting) = calibration(rig)?;
+        let forces = [[0.0, 0.0], [1.0, 0.0], [-1.0, 0.0], [0.0, 1.0], [0.0, -1.0]];
+        let mut all = Vec::with_capacity(forces.len());
+        for [x, y] in forces {
+            let force = Force::new(force_n * x, force_n * y);
+            let is_pull = force != Force::default();
+            if is_interrupted.load(Ordering::Relaxed) || (is_pull && !help(&mut self.place, Task::Pull(force))) {
+                return Err(RunError::Interrupted);
+            }
+            let shown = self.boot().and_then(|()| self.sense(rig, LISTENING_S, is_interrupted, |_, _| ()));
+            let angles = self.angles();
+            let homed = self.check_homed();
+            self.leave();
+            if is_pull {
+                help(&mut self.place, Task::Pull(Force::default()));
+            }
+            let shown = shown?;
+            homed?;
+            let posture = self.master().cycle().linkage().forward(angles);
+            let posture = posture.map_err(|_| RunError::NoPosture)?;
+            let expected = mounting.to_sensor(force, 0.0, mounting.link_angle_rad(posture.distal_angle_rad));
+            all.push(Pulled { force, expected, shown });
+        }
+        Ok(all)
+    }
+
+    /// Has the tool be led to points, one after the other, and looks at the angles of the joints at each. Nothing is enabled.
+    ///
+    /// # Errors
+    /// If the network cannot be booted, a drive that has to be homed was not, or nobody leads the tool.
+    pub fn visit(
+        &mut self,
+        points: &[TipPoint],
+        help: Helper<'_, P>,
+        is_interrupted: &AtomicBool,
+    ) -> Result<Vec<JointAngles>, RunError> {
+        let mut all = Vec::with_capacity(points.len());
+        for (at, point) in points.iter().enumerate() {
+            if is_interrupted.load(Ordering::Relaxed) || !help(&mut self.place, Task::LeadTo(at, *point)) {
+                return Err(RunError::Interrupted);
+            }
+            let looked = self.boot().and_then(|()| self.look_at_angles(is_interrupted));
+            self.leave();
+            all.push(looked?);
+        }
+        Ok(all)
+    }
+
+    fn look_at_angles(&mut self, is_interrupted: &AtomicBool) -> Result<JointAngles, RunError> {
+        self.idle_before_lead(self.cycles_in(SETTLING_S).max(1), is_interrupted)?;
+        self.check_homed()?;
+        let cycles = self.cycles_in(LOOKING_S).max(1);
+        let first = self.angles();
+        let mut sum = JointAngles::default();
+        for _ in 0..cycles {
+            if is_interrupted.load(Ordering::Relaxed) {
+                return Err(RunError::Interrupted);
+            }
+            self.run_cycle(Ask::Nothing);
+            sum = sum + (self.angles() - first);
+        }
+        Ok(first + sum * f64::from(cycles).recip())
+    }
+
+    /// The angles that were measured last.
+    pub(super) fn angles(&self) -> JointAngles {
+        self.last_outputs().map_or(JointAngles::default(), |outputs| outputs.signals.measured_angles)
+    }
+}
