@@ -152,6 +152,8 @@ objects! {
     POSITIVE_TORQUE_LIMIT = 0x60e0:0, U16, "torque limit in positive direction, per mille (CiA 402)";
     NEGATIVE_TORQUE_LIMIT = 0x60e1:0, U16, "torque limit in negative direction, per mille (CiA 402)";
     FOLLOWING_ERROR_ACTUAL = 0x60f4:0, I32, "following error in counts (CiA 402)";
+    DIGITAL_OUTPUTS = 0x60fe:1, U32, "digital outputs, bit 0 closes the brake (CiA 402)";
+    DIGITAL_OUTPUT_MASK = 0x60fe:2, U32, "which digital outputs 60FEh:1 sets (CiA 402)";
     TARGET_VELOCITY = 0x60ff:0, I32, "target velocity in counts/s (CiA 402)";
     AUTO_ZERO = 0x6125:1, U32, "writing 'zero' makes the present reading of the channel the zero (CiA 404)";
     SUPPORTED_MODES = 0x6502:0, U32, "supported drive modes, bit n-1 for mode n (CiA 402)";

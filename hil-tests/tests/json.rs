@@ -65,7 +65,7 @@ fn every_command_prints_one_object_with_its_exit_code_and_its_diagnostics() {
     let rig = "builtin:paper-admittance.yaml";
     let run = format!("run {rig} --duration 0.2");
     // In this order: a recording is made before it is looked into.
-    let cases: [(&str, i32); 72] = [
+    let cases: [(&str, i32); 78] = [
         (&format!("{run} --record rec"), 0),
         (&format!("run {rig} --duration 3 --fault node-reset@2.5 --black-box rec"), 8),
         (&format!("{run} --figure x.txt"), 2),
@@ -90,6 +90,12 @@ fn every_command_prints_one_object_with_its_exit_code_and_its_diagnostics() {
         (&format!("tune loop {rig}"), 0),
         (&format!("sensor monitor {rig} --for 0.5"), 0),
         (&format!("sensor tare {rig} --up-to 0.001"), 7),
+        ("home builtin:paper-incremental.yaml", 0),
+        (&format!("home {rig} left"), 2),
+        (&format!("calibrate kinematics {rig}"), 0),
+        (&format!("calibrate kinematics {rig} --points missing.csv"), 3),
+        (&format!("sensor calibrate {rig}"), 0),
+        (&format!("sensor calibrate {rig} --force 0.1"), 7),
         ("tune fixture builtin:sphere.yaml", 0),
         ("tune fixture builtin:scenes/room-walk.yaml", 2),
         ("record info rec", 0),
@@ -218,7 +224,7 @@ fn what_a_person_reads_fits_a_terminal_of_eighty_columns() {
     let run = format!("run {rig} --duration 0.2");
     let new = "new real.yaml --yes --drives maxon-epos4 --encoder multi_turn --mode position";
     // In this order: a recording is made before it is looked into.
-    let cases: [(&str, i32); 85] = [
+    let cases: [(&str, i32); 91] = [
         ("--help", 0),
         ("run --help", 0),
         ("run", 2),
@@ -256,6 +262,12 @@ fn what_a_person_reads_fits_a_terminal_of_eighty_columns() {
         (&format!("tune loop {rig} --html loop.html"), 0),
         (&format!("sensor monitor {rig} --for 0.5"), 0),
         (&format!("sensor tare {rig} --up-to 3"), 0),
+        ("home builtin:paper-incremental.yaml", 0),
+        (&format!("home {rig} left"), 2),
+        (&format!("calibrate kinematics {rig}"), 0),
+        (&format!("calibrate kinematics {rig} --points missing.csv"), 3),
+        (&format!("sensor calibrate {rig}"), 0),
+        (&format!("sensor calibrate {rig} --force 0.1"), 7),
         ("tune loop builtin:paper-admittance-csp.yaml", 0),
         ("record info rec", 0),
         ("record repair rec --out whole.mcap", 0),

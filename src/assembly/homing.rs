@@ -6,8 +6,8 @@ use crate::bus::{AxisSetup, HomingOrder};
 use crate::config;
 use yieldwall_drives::scaling::wrap;
 
-/// A joint comes up to its rate in so long, s.
-const COMES_UP_S: f64 = 0.2;
+/// A joint that homes comes up to its rate in so long, s.
+pub const HOMING_COMES_UP_S: f64 = 0.2;
 
 /// How the positions of a drive are taken, near this angle in rad.
 pub(super) fn axis(drive: &config::Drive, expected_rad: f64) -> Result<AxisSetup, AssemblyError> {
@@ -35,7 +35,7 @@ fn order(drive: &config::Drive) -> Result<HomingOrder, AssemblyError> {
     Ok(HomingOrder {
         method: homing.method,
         speed_counts_per_s: counts(rate),
-        acceleration_counts_per_s2: counts(rate / COMES_UP_S),
+        acceleration_counts_per_s2: counts(rate / HOMING_COMES_UP_S),
         position_at_home: wrap(scaling.counts(homing.angle_rad.get())?),
     })
 }

@@ -29,6 +29,7 @@ use yieldwall_drives::scaling::{AxisScaling, Direction};
 
 pub use buses::{bus_id, bus_plan, device_buses, segment_bus};
 pub use error::AssemblyError;
+pub use homing::HOMING_COMES_UP_S;
 pub use segment::{sampled_before, segment};
 
 pub(crate) fn period_s(rig: &config::Rig) -> f64 {
@@ -238,9 +239,17 @@ pub fn cycle(rig: &config::Rig, fixture: &config::Fixture) -> Result<Cycle, Asse
         residual_limit_n_m: limits.residual_limit_n_m.map(|value| value.get()),
         energy_limit_j: limits.energy_limit_j.get(),
         enabling_limit_s: rig.drives.each_ref().map(|drive| f64::from(drive.enabling_ms) * 1e-3),
+        brake_s: rig.drives.iter().map(brake_s).fold(0.0, f64::max),
         compute_budget_s: f64::from(rig.cycle.period_us.saturating_sub(rig.cycle.compute_at_us)) * 1e-6,
     };
     Ok(Cycle::new(settings, linkage(rig)?, sensing, planar_fixture(fixture, period_s)?, servo(rig)?, gate))
+}
+
+/// How long the brake of a drive takes to close, s; 0 if the master does not hold it.
+fn brake_s(drive: &config::Drive) -> f64 {
+    let servo = drive.profile.get().and_then(|profile| profile.servo());
+    let output = servo.and_then(|servo| servo.brake.of_master());
+    output.map_or(0.0, |output| f64::from(output.closes_in_ms) * 1e-3)
 }
 
 pub(crate) fn profile(name: &config::ProfileName) -> Result<Arc<DeviceProfile>, AssemblyError> {

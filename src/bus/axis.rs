@@ -23,12 +23,14 @@ impl DriveWords {
 }
 
 /// What a drive is sent.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(super) struct DriveOrders {
     /// Controlword.
     pub(super) controlword: u16,
     /// Target in the unit of the command mode: counts modulo 2^32, counts/s, or per mille of the rated torque.
     pub(super) target: i32,
+    /// Whether a brake that the master holds is released.
+    pub(super) releases: bool,
 }
 
 /// What has come over the networks since the last cycle.
@@ -84,8 +86,15 @@ pub(super) struct Axis {
     /// Counts at the angle near which each position is unwrapped.
     expected_counts: i64,
     home: Option<(Homing, f64)>,
-    /// Of a drive that is not homed: what its angles are shifted by, so that its joint was where it is taken to be. Rad.
+    /// What its angles are shifted by, rad, since the first position: of a drive that is not homed so much that its joint was where it is
+    /// taken to be.
     shift_rad: Option<f64>,
+    /// While the drive homes: a greater change of its angle than this, rad, is one of its reference, and its angle goes on as it was.
+    jump_rad: Option<f64>,
+    /// The last angle, rad.
+    last_rad: f64,
+    /// Whether its first position referred to home.
+    was_referenced: bool,
     unwrapper: CountUnwrapper,
     walk: StateWalk,
     statusword: Statusword,
@@ -103,6 +112,9 @@ impl Axis {
             expected_counts,
             home,
             shift_rad: None,
+            jump_rad: None,
+            last_rad: 0.0,
+            was_referenced: false,
             unwrapper: CountUnwrapper::near(expected_counts),
             walk: StateWalk::new(),
             statusword: Statusword::default(),
@@ -114,7 +126,7 @@ impl Axis {
     pub(super) fn restart(&mut self) {
         self.unwrapper = CountUnwrapper::near(self.expected_counts);
         (self.walk, self.statusword) = (StateWalk::new(), Statusword::default());
-        (self.shift_rad, self.is_homing) = (None, false);
+        (self.shift_rad, self.jump_rad, self.was_referenced, self.is_homing) = (None, None, false, false);
     }
 
     /// How far the drive is with homing.
@@ -152,21 +164,55 @@ impl Axis {
     }
 
     fn angle_rad(&mut self, position: i32) -> f64 {
-        match &self.home {
-            Some((_, taken_rad)) if !self.is_referenced() => {
-                let shift_rad = *self.shift_rad.get_or_insert_with(|| {
-                    self.unwrapper = CountUnwrapper::near(position.into());
-                    taken_rad - self.scaling.angle_rad(position.into())
-                });
-                self.scaling.angle_rad(self.unwrapper.unwrap(position)) + shift_rad
-            }
-            _ => {
-                self.shift_rad = None;
-                // From the expected angle each time: a corrupted report leaves no wrong turn behind.
-                self.unwrapper = CountUnwrapper::near(self.expected_counts);
-                self.scaling.angle_rad(self.unwrapper.unwrap(position))
-            }
+        let is_referenced = self.is_referenced();
+        let Some(shift_rad) = self.shift_rad else {
+            // The first one.
+            self.was_referenced = is_referenced;
+            self.unwrap(position);
+            let own_rad = self.scaling.angle_rad(self.unwrapper.counts());
+            let taken_rad = self.home.as_ref().filter(|_| !is_referenced).map(|(_, taken_rad)| *taken_rad);
+            self.last_rad = taken_rad.unwrap_or(own_rad);
+            self.shift_rad = Some(taken_rad.map_or(0.0, |taken_rad| taken_rad - own_rad));
+            return self.last_rad;
+        };
+        self.unwrap(position);
+        let own_rad = self.scaling.angle_rad(self.unwrapper.counts());
+        let mut angle_rad = own_rad + shift_rad;
+        if self.jump_rad.is_some_and(|jump_rad| (angle_rad - self.last_rad).abs() > jump_rad) {
+            (angle_rad, self.shift_rad) = (self.last_rad, Some(self.last_rad - own_rad));
         }
+        self.last_rad = angle_rad;
+        angle_rad
+    }
+
+    /// Takes a position, without its wrap.
+    fn unwrap(&mut self, position: i32) {
+        self.unwrapper = match (&self.home, self.shift_rad) {
+            // Of a drive that is not homed, or homes, nobody knows the turn: it goes on from the last position.
+            (Some(_), None) if !self.was_referenced => CountUnwrapper::near(position.into()),
+            (Some(_), Some(_)) if !self.was_referenced || self.jump_rad.is_some() => self.unwrapper,
+            // From the expected angle each time: a corrupted report leaves no wrong turn behind.
+            _ => CountUnwrapper::near(self.expected_counts),
+        };
+        self.unwrapper.unwrap(position);
+    }
+
+    /// The angle that the last position has by its reference, rad, whatever the joint was taken to be at.
+    pub(super) fn referenced_rad(&self) -> f64 {
+        let mut near = CountUnwrapper::near(self.expected_counts);
+        self.scaling.angle_rad(near.unwrap(wrap(self.unwrapper.counts())))
+    }
+
+    /// While it homes a change of its angle that is greater than this, rad, is one of its reference.
+    pub(super) fn set_jump(&mut self, jump_rad: Option<f64>) {
+        self.jump_rad = jump_rad;
+    }
+
+    /// Whether its positions have referred to home since the boot and do so no more.
+    ///
+    /// Real-time: yes.
+    pub(super) fn has_lost_reference(&self) -> bool {
+        self.jump_rad.is_none() && self.home.is_some() && self.was_referenced && !self.is_referenced()
     }
 
     /// The position at which the drive is told a joint angle in rad, counts.
@@ -201,14 +247,16 @@ impl Axis {
     }
 
     /// One step towards `goal`.
-    fn order(&mut self, goal: Goal, target: i32) -> DriveOrders {
+    fn order(&mut self, goal: Goal, target: i32, releases: bool) -> DriveOrders {
         self.walk.set_goal(goal);
         let mut word = self.walk.step(self.statusword).controlword;
         let is_enabled = self.statusword.state() == Some(State::OperationEnabled);
-        if self.is_homing && is_enabled && Command::decode(word) == Command::EnableOperation {
+        let stays_enabled = is_enabled && Command::decode(word) == Command::EnableOperation;
+        if self.is_homing && stays_enabled {
             word |= controlword::START_HOMING;
         }
-        DriveOrders { controlword: word, target }
+        // Never outside Operation Enabled.
+        DriveOrders { controlword: word, target, releases: releases && stays_enabled }
     }
 }
 
@@ -233,15 +281,21 @@ pub fn words_to_enable() -> Vec<u16> {
 }
 
 /// What both drives are sent: each one step towards `goal`, with its share of `command`. Only a command that the guard has allowed becomes a
-/// target. A value that cannot be scaled keeps the joint where it is.
+/// target. A value that cannot be scaled keeps the joint where it is. Brakes
+/// of the master are released if they are to be and the drive is enabled.
 ///
 /// Real-time: yes.
-pub(super) fn orders(axes: &mut [Axis; 2], goal: Goal, command: &Allowed<JointCommand>) -> [DriveOrders; 2] {
+pub(super) fn orders(
+    axes: &mut [Axis; 2],
+    goal: Goal,
+    command: &Allowed<JointCommand>,
+    releases: bool,
+) -> [DriveOrders; 2] {
     let [left, right] = axes;
     let mut each = |values: [f64; 2], scale: &dyn Fn(&Axis, f64) -> i32| {
         let [left_value, right_value] = values;
         let targets = [scale(left, left_value), scale(right, right_value)];
-        [left.order(goal, targets[0]), right.order(goal, targets[1])]
+        [left.order(goal, targets[0], releases), right.order(goal, targets[1], releases)]
     };
     match command.get() {
         JointCommand::Position(angles) => each(angles.to_array(), &|axis, angle| axis.position(angle)),
@@ -251,5 +305,84 @@ pub(super) fn orders(axes: &mut [Axis; 2], goal: Goal, command: &Allowed<JointCo
         JointCommand::Torque(torques) => each(torques.to_array(), &|axis, torque| {
             axis.scaling.torque_per_mille(torque).map_or(0, |raw| raw.value.into())
         }),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use yieldwall_drives::scaling::Direction;
+
+    const COUNTS_PER_RAD: f64 = 10_000.0;
+    const REFERENCED: u16 = 1 << 15;
+    const ENABLED: u16 = 0x0237;
+
+    /// An axis whose joint is taken to be at 2 rad until it is homed.
+    fn axis(direction: Direction) -> Axis {
+        let scaling = AxisScaling::new(COUNTS_PER_RAD * std::f64::consts::TAU, direction, 0.0, 60.0).unwrap();
+        let profile = crate::config::shipped_profile("simulated-servo");
+        let homing = profile.servo().unwrap().homing.clone().unwrap();
+        Axis::new(AxisSetup { scaling, expected_rad: 2.1, home: Some((homing, 2.0)) })
+    }
+
+    fn told(axis: &mut Axis, statusword: u16, position: i32) -> f64 {
+        axis.take(DriveWords { statusword: Some(statusword), position: Some(position) }).angle_rad.unwrap()
+    }
+
+    #[test]
+    fn an_angle_goes_on_when_the_reference_is_found_whichever_of_position_and_bit_comes_first() {
+        for (direction, sign) in [(Direction::Same, 1), (Direction::Reversed, -1)] {
+            for bit_first in [true, false] {
+                let mut axis = axis(direction);
+                axis.set_jump(Some(0.01));
+                // It was switched on at 700 counts, whatever that is, truly at 2.05 rad, and goes up by 5 mrad a cycle.
+                let own = |cycle: i32| 700 + sign * 50 * cycle;
+                let by_home = |cycle: i32| sign * (20_500 + 50 * cycle);
+                let wanted = |cycle: i32| 2.0 + 0.005 * f64::from(cycle);
+                for cycle in 0..40 {
+                    let (is_referenced, position) = match cycle {
+                        0..10 => (false, own(cycle)),
+                        10..20 if bit_first => (true, own(cycle)),
+                        10..20 => (false, by_home(cycle)),
+                        _ => (true, by_home(cycle)),
+                    };
+                    let word = ENABLED | if is_referenced { REFERENCED } else { 0 };
+                    let angle = told(&mut axis, word, position);
+                    // The jump itself counts for no travel, so that one cycle of it is lost.
+                    assert!((angle - wanted(cycle)).abs() < 0.0051, "{direction:?} {bit_first} {cycle}: {angle}");
+                }
+                assert!((axis.referenced_rad() - (2.05 + 0.005 * 39.0)).abs() < 1e-9, "{}", axis.referenced_rad());
+            }
+        }
+    }
+
+    #[test]
+    fn a_reference_that_is_lost_moves_no_angle_and_is_told() {
+        let mut axis = axis(Direction::Same);
+        assert_eq!(told(&mut axis, ENABLED | REFERENCED, 20_500), 2.05);
+        assert!(!axis.has_lost_reference());
+        assert_eq!(told(&mut axis, ENABLED, 20_510), 2.051);
+        assert!(axis.has_lost_reference());
+        // After another boot it is taken to be where a person has put it.
+        axis.restart();
+        assert_eq!(told(&mut axis, ENABLED, 20_510), 2.0);
+        assert!(!axis.has_lost_reference() && !axis.homing().is_referenced);
+        assert!((told(&mut axis, ENABLED, 20_610) - 2.01).abs() < 1e-12);
+        assert_eq!(axis.position(2.01), 20_610, "targets are told in the drive's own counts");
+    }
+
+    #[test]
+    fn a_brake_and_a_start_of_homing_need_operation_enabled() {
+        let mut axis = axis(Direction::Same);
+        axis.set_homing(true);
+        for (statusword, stays) in [(0x0250, false), (0x0231, false), (0x0233, false), (ENABLED, true), (0x0208, false)]
+        {
+            told(&mut axis, statusword, 0);
+            let orders = axis.order(Goal::OperationEnabled, 0, true);
+            assert_eq!((orders.releases, orders.controlword & 0x10 != 0), (stays, stays), "{statusword:04x}");
+        }
+        told(&mut axis, ENABLED, 0);
+        let orders = axis.order(Goal::QuickStop, 0, true);
+        assert_eq!((orders.controlword, orders.releases), (0x02, false));
     }
 }

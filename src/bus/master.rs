@@ -152,9 +152,21 @@ impl Master {
         self.cycle.lead_to(targets);
     }
 
-    /// Has the drives be watched while they move by themselves, as [`Cycle::home`].
-    pub fn home(&mut self, homes: bool) {
-        self.cycle.home(homes);
+    /// Has the drives be watched while they move by themselves, as [`Cycle::home`]: a change of an angle from cycle to cycle that is
+    /// greater than this, rad, is one of its reference. `None` ends that.
+    pub fn home(&mut self, jump_rad: Option<f64>) {
+        self.cycle.home(jump_rad.is_some());
+        self.axes.iter_mut().for_each(|axis| axis.set_jump(jump_rad));
+    }
+
+    /// Angles of the joints by the references of their drives, rad, whatever they were taken to be at before homing.
+    pub fn referenced_angles(&self) -> JointAngles {
+        self.axes.each_ref().map(Axis::referenced_rad).into()
+    }
+
+    /// Closes the brakes that it holds with the next set-points, until the next cycle.
+    pub fn close_brakes(&mut self) {
+        self.last.releases_brakes = false;
     }
 
     /// Asks each drive in homing mode to home as long as it is enabled, or no more.
@@ -442,7 +454,8 @@ impl Master {
 
     /// The set-points of the last cycle once more, whatever has happened since: a drive that stops then stops by itself.
     pub fn repeat_set_points(&mut self, now: Time, out: &mut impl Outbox) {
-        let orders = axis::orders(&mut self.axes, self.last.directive.goal, &self.last.command);
+        let orders =
+            axis::orders(&mut self.axes, self.last.directive.goal, &self.last.command, self.last.releases_brakes);
         self.can.iter_mut().for_each(|can| can.send(&orders, out));
         self.segment.iter_mut().for_each(|segment| segment.close(now, &orders, &mut self.outgoing));
     }
@@ -491,7 +504,10 @@ impl Master {
         if self.has_failed {
             return self.last;
         }
-        self.inputs = Inputs { drives, sample: arrived.sample, link: arrived.link, timing, request };
+        // A drive that no longer knows where it is has lost its supply, or its encoder.
+        let lost = DeviceSet::drives_where(self.axes.each_ref().map(Axis::has_lost_reference));
+        let link = LinkEvents { node_reset: arrived.link.node_reset | lost, ..arrived.link };
+        self.inputs = Inputs { drives, sample: arrived.sample, link, timing, request };
         self.last = self.cycle.step(&self.inputs);
         if self.last.directive.fault_reset {
             self.axes.iter_mut().for_each(Axis::request_fault_reset);
@@ -509,6 +525,7 @@ impl Master {
         self.has_failed = true;
         self.last.command = Allowed::rest(self.last.command.get(), self.last.signals.measured_angles);
         self.last.directive = Directive::QUICK_STOP;
+        self.last.releases_brakes = false;
         self.can.iter_mut().for_each(CanNetwork::unmute);
         self.segment.iter_mut().for_each(|segment| segment.set_silent(false));
         self.send_set_points(now, out);
@@ -529,7 +546,8 @@ impl Master {
         if is_mute {
             return self.axes.iter_mut().for_each(Axis::cancel_fault_reset);
         }
-        let orders = axis::orders(&mut self.axes, self.last.directive.goal, &self.last.command);
+        let orders =
+            axis::orders(&mut self.axes, self.last.directive.goal, &self.last.command, self.last.releases_brakes);
         self.can.iter_mut().for_each(|can| can.close(now, &orders, out));
         self.segment.iter_mut().for_each(|segment| segment.close(now, &orders, &mut self.outgoing));
     }

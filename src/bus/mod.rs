@@ -30,7 +30,7 @@ pub use error::{BootError, BootFailure, Others, Said};
 pub use master::{Master, SEGMENT_LISTENING};
 pub use phase::{LinkEvent, Phase};
 pub use script::Written;
-pub use setup::{DriveSetup, HomingOrder, MasterSetup, SensorLink, SensorNode, SensorSetup, Waits};
+pub use setup::{BrakeWords, DriveSetup, HomingOrder, MasterSetup, SensorLink, SensorNode, SensorSetup, Waits};
 pub use signs::{Heard, LISTENING, Sign, Signs};
 pub use told::Told;
 pub use yieldwall_drives::cia402::CommandMode;

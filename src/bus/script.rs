@@ -52,7 +52,7 @@ pub(super) struct Step {
     pub(super) action: Action,
 }
 
-/// The objects of a device that its boot writes.
+/// The objects of a device that its boot writes, but those that stay as it writes them: of a brake, and the home offset.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Written {
     /// The bus that it is on.
@@ -65,10 +65,15 @@ pub struct Written {
     pub objects: Vec<Address>,
 }
 
+/// What stays in a device as the boot has written it: a brake is closed, and a position refers to home by its offset.
+const STAYS: [&str; 2] = [CLOSE_THE_BRAKE, SET_HOME];
+const CLOSE_THE_BRAKE: &str = "close the brake";
+const SET_HOME: &str = "set the home offset";
+
 impl Written {
     pub(super) fn new(bus: BusId, number: u16, name: &str, steps: &[Step]) -> Self {
         let mut objects = Vec::new();
-        for step in steps.iter().filter(|step| step.action.writes()) {
+        for step in steps.iter().filter(|step| step.action.writes() && !STAYS.contains(&step.doing)) {
             let at = Address::new(step.index, step.sub);
             if !objects.contains(&at) {
                 objects.push(at);
@@ -332,12 +337,12 @@ pub(super) fn homing(
 ) -> Result<(), BootFailure> {
     let Some(order) = order else { return Ok(()) };
     let homing = servo.homing.as_ref().ok_or_else(|| lacking(profile, "homing"))?;
+    steps.push(verify(SET_HOME, &homing.offset, homing.offset_for(order.position_at_home) as u32));
     let mut set = |entry, value| steps.push(verify("set how it homes", entry, value));
     set(&homing.method, u32::from(order.method as u8));
     set(&homing.switch_speed, order.speed_counts_per_s);
     set(&homing.zero_speed, order.speed_counts_per_s);
     set(&homing.acceleration, order.acceleration_counts_per_s2);
-    set(&homing.offset, homing.offset_for(order.position_at_home) as u32);
     Ok(())
 }
 
@@ -351,6 +356,14 @@ pub(super) fn settings<'a>(
     lost_master.into_iter().for_each(|setting| set("set the reaction to a lost master", setting));
     servo.option_codes.quick_stop.iter().for_each(|setting| set("set the quick stop", setting));
     servo.settings.iter().for_each(|setting| set("set what the profile says", setting));
+}
+
+/// The brake that the master holds, closed.
+pub(super) fn brake(servo: &Servo, steps: &mut Vec<Step>) {
+    if let Some(output) = servo.brake.of_master() {
+        steps.push(verify(CLOSE_THE_BRAKE, &output.value, output.word(false)));
+        steps.push(verify(CLOSE_THE_BRAKE, &output.mask, output.mask_word()));
+    }
 }
 
 /// Cycle time and command mode.

@@ -6,7 +6,7 @@ use std::time::Duration;
 use crate::canopen::BusId;
 use crate::plain_can;
 use yieldwall_drives::cia402::CommandMode;
-use yieldwall_drives::profiles::{DeviceProfile, Pdo};
+use yieldwall_drives::profiles::{DeviceProfile, Pdo, Servo};
 
 /// How long a device is waited for while the network is booted.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -30,6 +30,29 @@ pub struct HomingOrder {
     pub acceleration_counts_per_s2: u32,
     /// What the position is at home, counts.
     pub position_at_home: i32,
+}
+
+/// The digital outputs of a drive whose brake the master holds.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct BrakeWords {
+    /// With the brake closed.
+    pub closed: u32,
+    /// With the brake released.
+    pub released: u32,
+}
+
+impl BrakeWords {
+    /// Those of a drive; none if the master does not hold its brake.
+    pub fn of(servo: &Servo) -> Option<Self> {
+        servo.brake.of_master().map(|output| Self { closed: output.word(false), released: output.word(true) })
+    }
+
+    /// Those of a brake that is released or closed.
+    ///
+    /// Real-time: yes.
+    pub(super) fn word(self, is_released: bool) -> u32 {
+        if is_released { self.released } else { self.closed }
+    }
 }
 
 /// One drive.

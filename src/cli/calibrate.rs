@@ -16,6 +16,7 @@ use super::run::check_buses;
 use crate::config::{self, Loaded, Source};
 use crate::elementary::sin_cos;
 use crate::identification::{Estimate, Kinematics, Visited, kinematics};
+use crate::linkage::FiveBar;
 use crate::quantity::{JointAngles, TipPoint};
 use crate::rig::EmbeddedRig;
 use crate::run::RunError;
@@ -23,6 +24,11 @@ use crate::run::RunError;
 /// Points of the simulated plate on each of two circles, and their radii as shares of the working radius.
 const POINTS: u32 = 8;
 const RADII: [f64; 2] = [0.45, 0.9];
+/// Points at least.
+const LEAST: usize = 8;
+/// A point is mistaken that is so many times as far off as all are in the mean, and so far, m.
+const MISTAKEN: f64 = 3.0;
+const MISTAKEN_M: f64 = 5e-4;
 
 #[derive(Debug, clap::Subcommand)]
 pub(super) enum Command {
@@ -58,6 +64,9 @@ pub(super) fn run(command: &Command, output: &mut Output) -> Result<(), Failure>
         arguments.replace.check_new(out)?;
     }
     let rows = arguments.points.as_deref().map(table).transpose()?;
+    if let (Some(rows), Some(path)) = (&rows, &arguments.points) {
+        check_points(rows, path, &rig.value)?;
+    }
     let visited = match rows {
         Some(Rows::Visited(visited)) => visited,
         Some(Rows::Points(points)) => visit(arguments, &rig, &points, output)?,
@@ -99,6 +108,28 @@ enum Rows {
     Visited(Vec<Visited>),
 }
 
+/// Whether there are enough points, and the arm reaches each.
+fn check_points(rows: &Rows, path: &Path, rig: &config::Rig) -> Result<(), Failure> {
+    let points: Vec<TipPoint> = match rows {
+        Rows::Points(points) => points.clone(),
+        Rows::Visited(visited) => visited.iter().map(|(point, _)| *point).collect(),
+    };
+    if points.len() < LEAST {
+        let message = format!("{} has {} points, and it takes {LEAST}", path.display(), points.len());
+        let help = "spread them over the working disc";
+        return Err(Failure::about_file(Exit::ConfigInvalid, path, message, help));
+    }
+    // What is wrong with the linkage was told when the rig was read.
+    let Ok(linkage) = FiveBar::new(rig.linkage.geometry()) else { return Ok(()) };
+    let beyond = (1..).zip(&points).find(|(_, point)| linkage.inverse(**point).is_err());
+    beyond.map_or(Ok(()), |(number, point)| {
+        let [x, y] = point.to_array();
+        let message = format!("{}: the arm does not reach point {number}, x {x} m and y {y} m", path.display());
+        let help = "points are in metres, in the base frame, whose origin is the middle of the working disc";
+        Err(Failure::about_file(Exit::ConfigInvalid, path, message, help))
+    })
+}
+
 /// Reads a table with a row of column names.
 fn table(path: &Path) -> Result<Rows, Failure> {
     let about = |message: String| {
@@ -112,7 +143,11 @@ fn table(path: &Path) -> Result<Rows, Failure> {
     let (Some(x), Some(y)) = (place("x_m"), place("y_m")) else {
         return Err(about(format!("{}: the first line does not name x_m and y_m", path.display())));
     };
-    let angles = place("left_rad").zip(place("right_rad"));
+    let angles = match (place("left_rad"), place("right_rad")) {
+        (None, None) => None,
+        (Some(left), Some(right)) => Some((left, right)),
+        _ => return Err(about(format!("{}: the first line names the angle of one joint alone", path.display()))),
+    };
     let (mut points, mut visited) = (Vec::new(), Vec::new());
     for (number, line) in lines {
         let cells: Vec<&str> = line.split(',').map(str::trim).collect();
@@ -205,16 +240,28 @@ fn tell(rig: &config::Rig, visited: &[Visited], found: &Kinematics, output: &mut
     let rows = rows(rig, found);
     let [before_m, after_m] = found.residual_m;
     let (worst, worst_m) = found.worst;
+    let mistaken = || {
+        let message = format!(
+            "point {} is {:.2} mm off, and all are {:.2} mm off in the mean",
+            worst + 1,
+            1e3 * worst_m,
+            1e3 * after_m
+        );
+        let help = "compare it with the plate, and lead the tool there again: what was found is of no use with a point that was mistaken";
+        Failure::new(Exit::OutOfTolerance, message, help)
+    };
+    let judged = if worst_m > MISTAKEN * after_m && worst_m > MISTAKEN_M { Err(mistaken()) } else { Ok(()) };
     if output.is_json() {
         let number = |(key, old, new): &Row| json!({ "key": key, "old": old, "new": new.value, "low": new.low, "high": new.high });
-        return output.report(json!({
+        let document = json!({
             "points": visited.len(),
             "numbers": rows.iter().map(number).collect::<Vec<_>>(),
             "residual_before_m": before_m,
             "residual_m": after_m,
             "worst_point": worst + 1,
             "worst_m": worst_m,
-        }));
+        });
+        return output.end(document, judged);
     }
     let mut text = format!(
         "points    {}: the tool is {:.3} mm RMS beside them by the numbers of the file, {:.3} mm by those that fit; point {} is farthest off, \
@@ -229,7 +276,8 @@ fn tell(rig: &config::Rig, visited: &[Visited], found: &Kinematics, output: &mut
         text += &format!("  {key:32} {old:>10} -> {:.6} +- {:.6}\n", new.value, new.half_width());
     }
     text += "Nothing was written: what differs by more than its interval belongs into the rig file.\n";
-    output.result(&text)
+    output.result(&text)?;
+    judged
 }
 
 #[cfg(test)]
@@ -245,6 +293,7 @@ mod tests {
         };
         assert!(told("x,y\n0,0\n").contains("does not name x_m and y_m"));
         assert!(told("y_m, x_m\n0.1,0.2\n0.1,\n").ends_with(":3: `` is no x_m"));
+        assert!(told("x_m,y_m,left_rad\n0,0,0\n").ends_with("names the angle of one joint alone"));
         assert!(told("x_m,y_m,left_rad,right_rad\n0,0,NaN,0\n").ends_with(":2: `NaN` is no left_rad"));
         assert_eq!(told("y_m, x_m\n\n0.1,0.2\n"), "");
         let Ok(Rows::Points(points)) = table(&path) else { panic!("two columns are points") };

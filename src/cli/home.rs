@@ -10,7 +10,7 @@ use super::output::Output;
 use super::run::check_buses;
 use crate::config::{self, Positive, Source};
 use crate::rig::EmbeddedRig;
-use crate::run::{Bounds, Ended, HomePlan, Homed, NotHome, settling_on_bus};
+use crate::run::{Bounds, Ended, HOMING_BEYOND_RAD, HomePlan, Homed, NotHome, RunError, settling_on_bus};
 
 /// Share of the rated torque of a drive, unless said otherwise.
 const TORQUE_SHARE: f64 = 0.25;
@@ -73,7 +73,7 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
     let name = &rig.rig.name;
     output.aside(&format!("the simulated arm of {name}, switched on just now; a real one with --bus INTERFACE"));
     let homed = machine.home(rig, &plan.home, plan.bounds.torque_n_m, &is_interrupted);
-    let homed = homed.map_err(|error| rig_failure(&error))?.map_err(|error| live_failure(&error))?;
+    let homed = homed.map_err(|error| rig_failure(&error))?.map_err(|error| not_begun(&error))?;
     let failure = match homed.ended {
         Ended::Whole => None,
         Ended::Interrupted => Some(interrupted(homed.time_s)),
@@ -134,8 +134,32 @@ fn end(
     }
     let torque = plan.bounds.torque_n_m.get();
     text.push_str(&format!("torque    {torque:.1} N m at most, which both drives were told\n"));
+    let unknown: Vec<&str> = rig
+        .drives
+        .iter()
+        .zip(homed.joints)
+        .filter(|(_, joint)| !joint.is_referenced)
+        .map(|(drive, _)| drive.name.as_str())
+        .collect();
+    if end.is_ok() && !unknown.is_empty() {
+        text.push_str(&format!(
+            "{} was not homed since it was switched on, and no rig runs with it\n",
+            unknown.join(" and ")
+        ));
+    }
     output.result(&text)?;
     end
+}
+
+/// The failure that kept the drives from being enabled.
+fn not_begun(error: &RunError) -> Failure {
+    let mut failure = live_failure(error);
+    if let RunError::WayBlocked { .. } = error {
+        let help = "nothing was enabled; a joint may be `within_rad` from home and go as far again, the other one as far off too: write a smaller \
+                    `within_rad` and lead the arm nearer to home by hand, or home where the arm has more room";
+        failure.report.diagnostics.iter_mut().for_each(|finding| finding.help = Some(help.to_owned()));
+    }
+    failure
 }
 
 /// The failure of a drive that did not find its reference.
@@ -149,6 +173,11 @@ fn not_home(rig: &config::Rig, joint: usize, why: NotHome) -> Failure {
             Exit::DeviceFault,
             format!("the drive {joint_name} has given up homing (statusword, bit 13)"),
             "`yieldwall state` tells its error code; look at its switches and at `homing.method`".to_owned(),
+        ),
+        NotHome::NotBegun => (
+            Exit::DeviceFault,
+            format!("the drive {joint_name} has not begun to home: it still tells how it homed before"),
+            "switch it off and on, and try again; look whether it has the method and the mode".to_owned(),
         ),
         NotHome::TooLong(longest_s) => (
             Exit::OutOfTolerance,
@@ -175,8 +204,10 @@ fn not_home(rig: &config::Rig, joint: usize, why: NotHome) -> Failure {
         NotHome::TooFar(_, gone_rad) => (
             Exit::SafetyStop,
             format!(
-                "the joint of {joint_name} went {:.2} deg and did not find home, which is to lie within {within:.2} deg",
-                gone_rad.to_degrees()
+                "the joint of {joint_name} went {:.2} deg and did not find home, which is to lie within {within:.2} deg of where it began; \
+                 {:.2} deg more are its bound",
+                gone_rad.to_degrees(),
+                HOMING_BEYOND_RAD.to_degrees()
             ),
             "lead the arm by hand to where home lies ahead on its way, switch the drives off and on, and try again; look at \
              `homing.method` and at the wires of the switch"
@@ -199,7 +230,7 @@ fn on_bus(
     use super::live::{ended, not_run};
     use super::on_bus::{different, thread_failure, warn};
     use crate::assembly::homing_master;
-    use crate::host::News;
+    use crate::host::{News, NotRun};
 
     let events = Events::of(output);
     let opened = arguments.on_bus.open_for("home", &arguments.rig, rig, homing_master, output)?;
@@ -219,7 +250,10 @@ fn on_bus(
     let homed = match &outcome.played {
         Ok(homed) => *homed,
         Err(error) => {
-            let failure = not_run(error, &outcome, &interfaces, rig, &arguments.rig);
+            let failure = match error {
+                NotRun::Run(error @ RunError::WayBlocked { .. }) => not_begun(error),
+                error => not_run(error, &outcome, &interfaces, rig, &arguments.rig),
+            };
             return both(Err(failure), given_back);
         }
     };

@@ -143,6 +143,8 @@ pub struct Outputs {
     pub command: Allowed<JointCommand>,
     /// What the supervisor decided.
     pub directive: Directive,
+    /// Whether brakes that the master holds are released; of a drive that is in Operation Enabled alone.
+    pub releases_brakes: bool,
     /// What the stages computed on the way, for the record.
     pub signals: Signals,
 }
@@ -201,6 +203,8 @@ pub struct Settings {
     pub enabling_limit_s: [f64; 2],
     /// Longest time in s that a computation may take.
     pub compute_budget_s: f64,
+    /// How long the brakes take to close that the master holds, s: torque stays on meanwhile. 0 without any.
+    pub brake_s: f64,
 }
 
 /// The stages of one rig, and what they remember between cycles.
@@ -230,6 +234,8 @@ pub struct Cycle {
     /// Torques that the reference's motion needs; known in torque mode alone.
     needed: Option<JointTorques>,
     enabling_cycles: u32,
+    /// Cycles for which the brakes of a rig that is stopped have been closed.
+    braked_cycles: u32,
     excess: Excess<2>,
     /// Work of the fixture on the proxy in its last step, beyond what its spring lost, J.
     brought_j: f64,
@@ -269,6 +275,7 @@ impl Cycle {
             homes: false,
             needed: None,
             enabling_cycles: 0,
+            braked_cycles: 0,
             excess: Excess::new(period_s, mass_kg, EXCESS_FORGETTING_S),
             brought_j: 0.0,
             chatter: Chatter::default(),
@@ -302,8 +309,7 @@ impl Cycle {
         }
     }
 
-    /// Has the drives move the joints by themselves from now on: there is no reference, the command is the one that moves nothing, and an
-    /// angle may jump when a drive finds its reference. Whatever would hold or stop the rig is a quick stop of both drives. To be called
+    /// Has the drives move the joints by themselves from now on: there is no reference, and the command is the one that moves nothing. Whatever would hold or stop the rig is a quick stop of both drives. To be called
     /// while the rig idles.
     pub fn home(&mut self, homes: bool) {
         if self.reference.is_none() {
@@ -399,13 +405,18 @@ impl Cycle {
         };
         self.weigh(&reading, &command);
         self.note(&reading, &mut signals);
-        Outputs { command, directive, signals }
+        let releases_brakes = match directive.state {
+            State::Running | State::Holding => true,
+            State::Stopping => self.braked_cycles == 0,
+            _ => false,
+        };
+        Outputs { command, directive, releases_brakes, signals }
     }
 
     /// What leaves before the first cycle: nothing moves.
     pub fn idle(&self) -> Outputs {
         let command = Allowed::rest(&self.servo.rest(), JointAngles::default());
-        Outputs { command, directive: Directive::IDLE, signals: Signals::default() }
+        Outputs { command, directive: Directive::IDLE, releases_brakes: false, signals: Signals::default() }
     }
 
     /// State of the supervisor.
@@ -456,21 +467,28 @@ impl Cycle {
     }
 
     fn supervise(&mut self, drives: &[DriveSample; 2], request: Request) -> Directive {
+        let is_resting = self.halt.as_ref().is_none_or(StopRamp::is_at_rest);
+        // Brakes close once the reference of a rig that is stopped rests, and torque goes once they are closed.
+        let is_stopped = is_resting && self.supervisor.state() == State::Stopping;
+        self.braked_cycles = if is_stopped { self.braked_cycles.saturating_add(1) } else { 0 };
+        let takes_cycles = (self.settings.brake_s / self.settings.period_s).ceil();
         self.supervisor.step(&crate::guard::View {
             drives: drives.map(|drive| drive.state),
-            worst: self.faults.worst().map(|(cause, reaction)| (cause, self.led_reaction(reaction))),
+            worst: self.faults.worst().map(|(cause, reaction)| (cause, self.led_reaction(cause.fault, reaction))),
             is_measured: self.missed == [0; 2],
-            at_rest: self.halt.as_ref().is_none_or(StopRamp::is_at_rest),
+            at_rest: is_resting && (!is_stopped || f64::from(self.braked_cycles) > takes_cycles),
             request,
         })
     }
 
     /// What a fault asks for. Of joints that are led nobody knows yet that their encoders count the way their motors turn, and a ramp of a loop
     /// that is closed the wrong way drives them on: they are without torque at once. They are slow.
-    fn led_reaction(&self, reaction: Reaction) -> Reaction {
+    fn led_reaction(&self, fault: Fault, reaction: Reaction) -> Reaction {
         match reaction {
             // The ramps of drives that home are their own.
             reaction if self.homes && reaction > Reaction::Count => reaction.max(Reaction::QuickStop),
+            // Joints that follow are brought to rest by whom a person asks to stop.
+            Reaction::StopRamp if fault == Fault::StopRequested => reaction,
             reaction if self.lead.is_some() && reaction >= Reaction::StopRamp => reaction.max(Reaction::TorqueOff),
             reaction => reaction,
         }

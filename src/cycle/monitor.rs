@@ -48,7 +48,7 @@ impl Cycle {
                     let predicted = f64::from((*missed).min(PREDICTED_CYCLES));
                     let step = new - (*angle - *rate * period * predicted);
                     let has_jumped = step.abs() > 2.0 * self.settings.joint_speed_limit_rad_per_s * period * cycles;
-                    jumped |= DeviceSet::drive(joint).only_if(has_jumped && !timing.suspended && !self.homes);
+                    jumped |= DeviceSet::drive(joint).only_if(has_jumped && !timing.suspended);
                     (*angle, *rate, *missed) = (new, step / (period * cycles), 0);
                 }
                 None if *missed == u16::MAX => {}

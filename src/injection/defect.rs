@@ -20,6 +20,7 @@ pub enum DefectKind {
     HeartbeatConsumerOff,
     LimitNotKept,
     StaleParameters,
+    Backlash,
 }
 
 /// The size of a defect.
@@ -67,7 +68,7 @@ const fn row(
 }
 
 /// All defects, in the order of their kinds.
-pub const DEFECTS: [DefectRow; 11] = [
+pub const DEFECTS: [DefectRow; 12] = [
     row(
         DefectKind::EncoderPolarity,
         "encoder-polarity",
@@ -144,6 +145,13 @@ pub const DEFECTS: [DefectRow; 11] = [
         (true, "parameters"),
         size("torque limit in the positive direction (60E0h), per mille of the rated torque", 300.0, 50.0, 990.0),
         "somebody has stored a torque limit in the drive that no boot of this program writes",
+    ),
+    row(
+        DefectKind::Backlash,
+        "backlash",
+        (true, "rotation"),
+        size("play between motor and link, degrees", 0.6, 0.3, 2.0),
+        "the link follows its motor with play, as of a worn gear or a loose coupling",
     ),
 ];
 

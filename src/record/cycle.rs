@@ -79,7 +79,7 @@ impl CycleRecord {
     ///
     /// Real-time: yes.
     pub fn new(moment: Moment, inputs: &Inputs, outputs: &Outputs, cause: Option<Cause>, truth: Option<Truth>) -> Self {
-        let Outputs { command, directive, signals } = *outputs;
+        let Outputs { command, directive, signals, .. } = *outputs;
         Self { moment, inputs: *inputs, command: *command.get(), directive, cause, signals, truth }
     }
 

@@ -78,6 +78,18 @@ impl Defects {
         (angles.into(), rates.into())
     }
 
+    /// Where the links are whose motors are at these angles, when they were here before: one with play stays until its motor takes it along.
+    pub(super) fn links(&self, before: JointAngles, motors: JointAngles) -> JointAngles {
+        let (before, mut links) = (before.to_array(), motors.to_array());
+        for defect in self.all.iter().filter(|defect| defect.kind == DefectKind::Backlash) {
+            for (link, before) in links.iter_mut().zip(before).skip(defect.drive).take(1) {
+                let half = 0.5 * defect.size.to_radians();
+                *link = before.clamp(*link - half, *link + half);
+            }
+        }
+        links.into()
+    }
+
     /// The torques on joints at these angles, when the drives mean to make others.
     pub(super) fn made_of(&self, meant: JointTorques, angles: JointAngles) -> JointTorques {
         let (mut torques, angles) = (meant.to_array(), angles.to_array());

@@ -263,6 +263,8 @@ pub(super) fn world(rig: &config::Rig, scene: &config::Scene, seed: u64) -> Resu
         noise: World::noise_from(seed),
         longest_step_s: f64::from(model.plant_step_us) * 1e-6,
         torques: JointTorques::default(),
+        are_braked: [false; 2],
+        links: angles,
         hand_from_s: f64::INFINITY,
         grip: Grip::Firm,
         pushes: Vec::new(),

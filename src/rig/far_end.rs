@@ -64,6 +64,8 @@ pub(super) trait Actuator: Device {
     fn torque_n_m(&self) -> f64;
     /// State of the state machine.
     fn state(&self) -> cia402::State;
+    /// Whether its brake is closed.
+    fn is_braked(&self) -> bool;
 }
 
 /// A force sensor at the handle.
@@ -108,6 +110,10 @@ impl Actuator for Drive {
 
     fn state(&self) -> cia402::State {
         Drive::state(self)
+    }
+
+    fn is_braked(&self) -> bool {
+        Drive::is_braked(self)
     }
 }
 
@@ -155,6 +161,10 @@ impl<D: Actuator> Actuator for Option<D> {
 
     fn state(&self) -> cia402::State {
         self.as_ref().map_or(cia402::State::NotReadyToSwitchOn, Actuator::state)
+    }
+
+    fn is_braked(&self) -> bool {
+        self.as_ref().is_some_and(Actuator::is_braked)
     }
 }
 
@@ -350,13 +360,25 @@ impl<D: Actuator, S: Transducer> FarEnd<D, S> {
         [torque_n_m((0, left)), torque_n_m((1, right))]
     }
 
-    /// New torques act from now on; what was before is settled under the old ones.
+    /// Whether the brakes of both joints are closed that the master holds.
+    fn are_braked(&self) -> [bool; 2] {
+        let is_braked = |(drive, on_can): (usize, &D)| match &self.line {
+            Some(line) if line.has(drive) => line.is_braked(drive),
+            _ => on_can.is_braked(),
+        };
+        let [left, right] = &self.drives;
+        [is_braked((0, left)), is_braked((1, right))]
+    }
+
+    /// New torques and brakes act from now on; what was before is settled under the old ones.
     pub(super) fn take_torques(&mut self, now: Time) -> Result<(), RigError> {
         let [left, right] = self.torques_n_m();
         let torques = self.world.made_of(JointTorques::new(left, right));
-        if torques != self.world.torques {
+        let are_braked = self.are_braked();
+        if torques != self.world.torques || are_braked != self.world.are_braked {
             self.world.settle(now)?;
             self.world.torques = torques;
+            self.world.brake(are_braked);
         }
         Ok(())
     }

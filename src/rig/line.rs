@@ -114,6 +114,12 @@ impl Line {
         misread.torque_n_m(drive.torque_n_m(), drive.state())
     }
 
+    /// Whether the brake of a drive is closed.
+    pub(super) fn is_braked(&self, drive: usize) -> bool {
+        let controller = self.places.get(drive).copied().flatten().and_then(|place| self.segment.controller(place));
+        controller.and_then(|controller| controller.device().drive()).is_some_and(EthercatDrive::is_braked)
+    }
+
     /// Has the drives say what their time follows.
     pub(super) fn set_clock(&mut self, clock: Clock) {
         let Self { segment, places, .. } = self;

@@ -153,6 +153,11 @@ impl<D: Actuator> Actuator for Seat<D> {
             Seat::Away(away) => away.answer.state,
         }
     }
+
+    /// Nobody asks a device elsewhere for its brake.
+    fn is_braked(&self) -> bool {
+        self.here().is_some_and(Actuator::is_braked)
+    }
 }
 
 impl<D: Transducer> Transducer for Seat<D> {

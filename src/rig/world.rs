@@ -138,6 +138,10 @@ pub(super) struct World {
     pub(super) noise: Xoshiro256PlusPlus,
     pub(super) longest_step_s: f64,
     pub(super) torques: JointTorques,
+    /// Whether the brakes of the joints are closed.
+    pub(super) are_braked: [bool; 2],
+    /// Where the links are, as a person sees them; with play they are not where their motors are.
+    pub(super) links: JointAngles,
     /// The hand lets go of the rig until this moment, so that it starts at rest and is enabled unloaded.
     pub(super) hand_from_s: f64,
     pub(super) grip: Grip,
@@ -215,6 +219,14 @@ impl World {
         }
     }
 
+    /// Closes and opens the brakes of the joints.
+    pub(super) fn brake(&mut self, are_braked: [bool; 2]) {
+        self.are_braked = are_braked;
+        if let Body::Arm(arm) = &mut self.body {
+            arm.set_braked(are_braked);
+        }
+    }
+
     /// A person leads the tool of an arm that nobody holds to a point, and lets it rest there.
     ///
     /// # Errors
@@ -228,12 +240,13 @@ impl World {
 
     /// Angles as a person sees them who looks at the arm.
     pub(super) fn seen_angles(&self) -> JointAngles {
-        self.motion().0
+        self.links
     }
 
     /// Angles and rates as the encoders see them.
-    pub(super) fn joints(&self) -> (JointAngles, JointRates) {
+    pub(super) fn joints(&mut self) -> (JointAngles, JointRates) {
         let (angles, rates) = self.motion();
+        self.links = self.defects.links(self.links, angles);
         self.defects.measured(angles, rates)
     }
 

@@ -113,7 +113,7 @@ impl<P: Place> Runner<P> {
                 return Err(RunError::Interrupted);
             }
             self.run_cycle(Ask::Nothing);
-            sum = sum + (self.angles() - first);
+            sum += self.angles() - first;
         }
         Ok(first + sum * f64::from(cycles).recip())
     }

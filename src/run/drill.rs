@@ -177,6 +177,9 @@ impl<P: Place> Runner<P> {
             self.watch_until(grid + self.compute_at, drives);
             let now = self.now();
             let inputs = self.take_statuswords(now);
+            if drives.iter().any(|drive| drive.stopped_at.is_some()) {
+                self.close_brakes();
+            }
             if sends(Watchdog::SetPoints) && sends(Watchdog::Outputs) {
                 self.send(|master, now, out| master.repeat_set_points(now, out));
                 last = if matches!(watchdog, Watchdog::SetPoints | Watchdog::Outputs) { now } else { last };

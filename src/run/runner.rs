@@ -213,11 +213,16 @@ impl<P: Place> Runner<P> {
         Ok(())
     }
 
-    /// Has the joints be watched while the drives move them by themselves, as [`Cycle::home`](crate::cycle::Cycle::home).
-    pub(super) fn watch_homing(&mut self, homes: bool) {
+    /// Has the joints be watched while the drives move them by themselves, as [`Master::home`].
+    pub(super) fn watch_homing(&mut self, jump_rad: Option<f64>) {
         // No force moves them.
-        self.leads = homes;
-        self.master.home(homes);
+        self.leads = jump_rad.is_some();
+        self.master.home(jump_rad);
+    }
+
+    /// As [`Master::close_brakes`].
+    pub(super) fn close_brakes(&mut self) {
+        self.master.close_brakes();
     }
 
     /// As [`Master::set_homing`].

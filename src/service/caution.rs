@@ -35,8 +35,9 @@ impl fmt::Display for Caution {
     }
 }
 
-/// Set-points of CiA 402 and what is added to them: vl target velocity, target torque, target position, offsets, target velocity.
-const SET_POINTS: [u16; 8] = [0x6042, 0x6071, 0x607a, 0x60b0, 0x60b1, 0x60b2, 0x60c1, 0x60ff];
+/// Set-points of CiA 402 and what is added to them: vl target velocity, target torque, target position, offsets, target velocity; and digital
+/// outputs, of which one may hold a brake.
+const SET_POINTS: [u16; 9] = [0x6042, 0x6071, 0x607a, 0x60b0, 0x60b1, 0x60b2, 0x60c1, 0x60fe, 0x60ff];
 /// Home offset, position range, resolutions of the encoder, gear, feed, polarity and motor data of CiA 402.
 const MEASURED: [u16; 11] = [0x607c, 0x607e, 0x608f, 0x6090, 0x6091, 0x6092, 0x60e6, 0x60eb, 0x6402, 0x6404, 0x6410];
 /// What the names of other such objects have in them.

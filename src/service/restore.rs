@@ -91,15 +91,6 @@ pub struct Plan {
     pub left_out: Vec<LeftOut>,
 }
 
-/// Whose values a device is given.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Whose {
-    /// Those of a file, which may be of another device.
-    File,
-    /// Its own of a while ago: what was measured on it is its own too.
-    ItsOwn,
-}
-
 /// What to write so that a device has the values of a file; `node_id` is 0 on EtherCAT. An object is written if `explained` (a data sheet)
 /// or the standards know it. PDOs are taken out of use while their parameters change: on CAN by their identifier, on EtherCAT out of the
 /// assignment of their sync manager.
@@ -111,7 +102,6 @@ pub fn plan(
     node_id: u8,
     wanted: &Eds,
     explained: Option<&Eds>,
-    whose: Whose,
 ) -> Result<Plan, Error> {
     let mut plan = Plan::default();
     let mut changes: BTreeMap<(u16, u8), Step> = BTreeMap::new();
@@ -138,8 +128,7 @@ pub fn plan(
         if old == new || Value::from_bytes(data_type, &old) == Value::from_bytes(data_type, &new) {
             continue;
         }
-        let is_moot = |caution: &Caution| whose == Whose::ItsOwn && *caution == Caution::Measured;
-        match (Caution::of_restore(at, &name).filter(|caution| !is_moot(caution)), &known) {
+        match (Caution::of_restore(at, &name), &known) {
             (Some(caution), _) => leave_out(Why::Caution(caution)),
             (None, None) => leave_out(Why::Unexplained),
             (None, Some(_)) => {

@@ -107,7 +107,7 @@ fn dumped(service: &mut Service<VirtualLink>) -> Eds {
 fn five_changed_objects_are_found_and_put_back() {
     let mut service = service();
     let before = dumped(&mut service);
-    assert_eq!(plan(&mut service.objects(node(1)), 1, &before, None, Whose::File).unwrap(), Plan::default());
+    assert_eq!(plan(&mut service.objects(node(1)), 1, &before, None).unwrap(), Plan::default());
     let changes: [(u16, u8, &[u8]); 12] = [
         (0x6072, 0, &[0x84, 3]),
         (0x605a, 0, &[6, 0]),
@@ -127,9 +127,7 @@ fn five_changed_objects_are_found_and_put_back() {
     for (index, sub, value) in changes {
         service.write(node(1), at(index, sub), value).unwrap_or_else(|error| panic!("{index:04x}:{sub}: {error}"));
     }
-    let plan_of = |service: &mut Service<VirtualLink>| {
-        plan(&mut service.objects(node(1)), 1, &before, None, Whose::File).unwrap()
-    };
+    let plan_of = |service: &mut Service<VirtualLink>| plan(&mut service.objects(node(1)), 1, &before, None).unwrap();
     let back = plan_of(&mut service);
     let changed: Vec<u16> = back.steps.iter().map(|step| step.at.index).collect();
     assert!(
@@ -150,7 +148,7 @@ fn five_changed_objects_are_found_and_put_back() {
 fn a_file_of_another_node_gives_a_device_its_own_identifiers() {
     let mut service = service();
     let of_one = dumped(&mut service);
-    assert_eq!(plan(&mut service.objects(node(2)), 2, &of_one, None, Whose::File).unwrap().steps, []);
+    assert_eq!(plan(&mut service.objects(node(2)), 2, &of_one, None).unwrap().steps, []);
 }
 
 #[test]
@@ -164,7 +162,7 @@ fn what_nobody_explains_and_what_was_measured_stay_as_they_are() {
         [6040]\nParameterName=Controlword\nObjectType=7\nDataType=6\nAccessType=rw\nParameterValue=15\n\
         [5000]\nParameterName=Not there\nObjectType=7\nDataType=5\nAccessType=rw\nParameterValue=1\n";
     let wanted = Eds::read(text.as_bytes()).unwrap().eds;
-    let plan = plan(&mut service.objects(node(1)), 1, &wanted, None, Whose::File).unwrap();
+    let plan = plan(&mut service.objects(node(1)), 1, &wanted, None).unwrap();
     let steps: Vec<Address> = plan.steps.iter().map(|step| step.at).collect();
     assert_eq!(steps, [at(0x6072, 0)]);
     let left_out: Vec<(u16, Why)> = plan.left_out.iter().map(|left_out| (left_out.at.index, left_out.why)).collect();

@@ -6,9 +6,9 @@
 mod servo;
 
 pub use servo::{
-    Brake, BrakeHolder, BuiltInWatch, CycleTime, Encoder, EncoderKind, EncoderSide, HeartbeatWatch, Homing, Limits,
-    MotorSpeed, OptionCodes, PositionAtHome, ProcessData, Reaction, Servo, ServoObjects, SetPointWatch, Setting,
-    SyncWatch, TimeUnit, TimedObject, Watchdogs,
+    BitState, Brake, BrakeHolder, BrakeOutput, BuiltInWatch, CycleTime, Encoder, EncoderKind, EncoderSide,
+    HeartbeatWatch, Homing, Limits, MotorSpeed, OptionCodes, PositionAtHome, ProcessData, Reaction, Servo,
+    ServoObjects, SetPointWatch, Setting, SyncWatch, TimeUnit, TimedObject, Watchdogs,
 };
 
 use std::collections::BTreeMap;
@@ -233,6 +233,8 @@ pub enum Quantity {
     TargetVelocity,
     /// Target torque, per mille of the rated torque.
     TargetTorque,
+    /// Digital outputs of a drive, by one of which the master holds its brake.
+    DigitalOutputs,
     /// Statusword of a drive.
     Statusword,
     /// Actual position, counts.
@@ -267,6 +269,7 @@ impl Quantity {
             Quantity::TargetPosition => "target_position",
             Quantity::TargetVelocity => "target_velocity",
             Quantity::TargetTorque => "target_torque",
+            Quantity::DigitalOutputs => "digital_outputs",
             Quantity::Statusword => "statusword",
             Quantity::PositionActual => "position_actual",
             Quantity::Fx => "fx",
@@ -412,7 +415,7 @@ impl DeviceProfile {
     /// The object that is meant; `None` if the device has none.
     pub fn object(&self, quantity: Quantity) -> Option<&Entry> {
         match &self.device {
-            Role::Servo(servo) => servo.objects.of(quantity),
+            Role::Servo(servo) => servo.object(quantity),
             Role::ForceSensor(sensor) => match quantity {
                 Quantity::Status => sensor.objects.status.as_ref(),
                 Quantity::SampleCounter => sensor.objects.sample_counter.as_ref(),

@@ -46,10 +46,19 @@ pub struct Servo {
     /// Its encoder.
     pub encoder: Encoder,
     /// The brake of its axis.
+    #[cfg_attr(feature = "config", garde(dive))]
     pub brake: Brake,
 }
 
 impl Servo {
+    /// The object of a mapped quantity.
+    pub(super) fn object(&self, quantity: Quantity) -> Option<&Entry> {
+        match quantity {
+            Quantity::DigitalOutputs => self.brake.of_master().map(|output| &output.value),
+            quantity => self.objects.of(quantity),
+        }
+    }
+
     /// The modes that the profile knows of as 6502h tells them: those of the master, and homing.
     pub fn supported_modes(&self) -> u32 {
         let homing = if self.homing.is_some() { OperationMode::Homing.supported_bit() } else { 0 };
@@ -482,12 +491,73 @@ pub enum EncoderSide {
 }
 
 /// The brake of an axis.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-#[cfg_attr(feature = "config", derive(Serialize, Deserialize, JsonSchema))]
-#[cfg_attr(feature = "config", serde(deny_unknown_fields))]
+#[derive(Clone, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "config", derive(Serialize, Deserialize, JsonSchema, Validate))]
+#[cfg_attr(feature = "config", serde(deny_unknown_fields), garde(allow_unvalidated))]
 pub struct Brake {
     /// Who opens and closes it.
     pub held_by: BrakeHolder,
+    /// The output by which the master does; left out otherwise.
+    #[cfg_attr(feature = "config", garde(dive))]
+    #[cfg_attr(feature = "config", serde(default, skip_serializing_if = "Option::is_none"))]
+    pub output: Option<BrakeOutput>,
+}
+
+impl Brake {
+    /// The output, if the master opens and closes the brake.
+    pub fn of_master(&self) -> Option<&BrakeOutput> {
+        self.output.as_ref().filter(|_| self.held_by == BrakeHolder::Output)
+    }
+}
+
+/// A digital output of a drive that holds the brake of its axis.
+#[derive(Clone, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "config", derive(Serialize, Deserialize, JsonSchema, Validate))]
+#[cfg_attr(feature = "config", serde(deny_unknown_fields), garde(allow_unvalidated))]
+pub struct BrakeOutput {
+    /// The outputs, 32 bits: 60FEh:1. Process data carry it, as `digital_outputs`.
+    #[cfg_attr(feature = "config", garde(dive))]
+    pub value: Entry,
+    /// Which outputs that sets, 32 bits: 60FEh:2. The boot writes it.
+    #[cfg_attr(feature = "config", garde(dive))]
+    pub mask: Entry,
+    /// Bit of the brake, 0 to 31; by CiA 402 it is bit 0.
+    #[cfg_attr(feature = "config", garde(range(max = 31)))]
+    pub bit: u8,
+    /// What closes the brake: the bit set, as CiA 402 has it, or cleared.
+    pub closed_if: BitState,
+    /// How long it takes to close, ms: torque stays on for so long when the rig is stopped. 0 to 500.
+    #[cfg_attr(feature = "config", garde(range(max = 500)))]
+    pub closes_in_ms: u32,
+}
+
+impl BrakeOutput {
+    /// The value of the mask.
+    pub const fn mask_word(&self) -> u32 {
+        1 << if self.bit < 32 { self.bit } else { 31 }
+    }
+
+    /// The value of the outputs with the brake released or closed.
+    pub fn word(&self, is_released: bool) -> u32 {
+        let is_set = is_released != (self.closed_if == BitState::Set);
+        if is_set { self.mask_word() } else { 0 }
+    }
+
+    /// Whether the brake is closed with these outputs and this mask. One that the mask leaves out is closed, as without current.
+    pub fn is_closed(&self, value: u32, mask: u32) -> bool {
+        mask & self.mask_word() == 0 || (value & self.mask_word() != 0) == (self.closed_if == BitState::Set)
+    }
+}
+
+/// How a bit is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "config", derive(Serialize, Deserialize, JsonSchema))]
+#[cfg_attr(feature = "config", serde(rename_all = "snake_case"))]
+pub enum BitState {
+    /// 1.
+    Set,
+    /// 0.
+    Cleared,
 }
 
 /// Who opens and closes a brake.

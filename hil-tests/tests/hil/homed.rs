@@ -26,5 +26,5 @@ fn drives_that_were_not_homed_are_not_run_and_those_that_were_are() {
     }
     let (code, document) = run().document();
     assert_eq!(code, OK, "{document:#}");
-    drop((observer, sim));
+    drop(sim);
 }

@@ -45,6 +45,7 @@ impl Boot {
         }
         let options = &servo.option_codes;
         script::settings(servo, options.lost_master.iter().chain(&options.communication_error), &mut steps);
+        script::brake(servo, &mut steps);
         let period_us = master.period.as_micros() as u32;
         script::mode(servo, mode, period_us, &mut steps)?;
         let (speed, window) = (drive.speed_limit_counts_per_s, drive.following_error_counts);

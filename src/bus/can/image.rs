@@ -4,7 +4,7 @@ mod plan;
 
 use crate::bus::axis::{DriveOrders, DriveWords};
 use crate::bus::error::BootFailure;
-use crate::bus::setup::{DriveSetup, SensorNode};
+use crate::bus::setup::{BrakeWords, DriveSetup, SensorNode};
 use crate::canopen::pdo::Field;
 use crate::canopen::{BusId, Frame, NodeId, Outbox, cob};
 use crate::guard::DeviceSet;
@@ -95,6 +95,8 @@ struct Outgoing {
     len: u8,
     controlword: Field,
     target: Field,
+    /// Digital outputs, of a drive whose brake the master holds.
+    brake: Option<(Field, BrakeWords)>,
 }
 
 /// What arrived since the last cycle.
@@ -353,10 +355,13 @@ impl Image {
     ///
     /// Real-time: yes.
     pub(super) fn send(&self, orders: &[DriveOrders; 2], out: &mut impl Outbox) {
-        for (Outgoing { bus, id, len, controlword, target }, orders) in self.outgoing.iter().zip(orders) {
+        for (Outgoing { bus, id, len, controlword, target, brake }, orders) in self.outgoing.iter().zip(orders) {
             let mut word = 0;
             controlword.put_unsigned(&mut word, u64::from(orders.controlword));
             target.put_signed(&mut word, i64::from(orders.target));
+            if let Some((outputs, words)) = brake {
+                outputs.put_unsigned(&mut word, words.word(orders.releases).into());
+            }
             out.push(Frame::from_bits(*id, word, *len).on_bus(*bus));
         }
     }

@@ -31,7 +31,7 @@ const SETTLING: Duration = Duration::from_secs(10);
 /// Frames beside the cycle after which a clock is compared whatever else waits: at 20 ms emergencies alone are looked for in each cycle.
 const COMPARED_AFTER: u32 = 8;
 /// What drives are sent that nobody has enabled: nothing that brings them nearer to it.
-const REST: DriveOrders = DriveOrders { controlword: 0, target: 0 };
+const REST: DriveOrders = DriveOrders { controlword: 0, target: 0, releases: false };
 
 /// The cycles that the network runs by itself from SAFE-OP until somebody else takes them over.
 #[derive(Clone, Debug)]

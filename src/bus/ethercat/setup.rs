@@ -2,7 +2,7 @@
 
 use crate::bus::error::BootFailure;
 use crate::bus::script::{self, Action, Step};
-use crate::bus::setup::{HomingOrder, Waits};
+use crate::bus::setup::{BrakeWords, HomingOrder, Waits};
 use crate::canopen::BusId;
 use crate::guard::Device;
 use crate::objects::Address;
@@ -81,6 +81,8 @@ pub struct StationSetup {
     pub inputs: Vec<ProcessData>,
     /// The output that takes the target, of a drive.
     pub set_point: Option<Quantity>,
+    /// What its digital outputs are, of a drive whose brake the master holds.
+    pub brake: Option<BrakeWords>,
     /// Bits of the status of a sensor.
     pub status_masks: StatusMasks,
     /// Objects that are read and written before process data are mapped.
@@ -154,6 +156,7 @@ impl SegmentDrive {
         steps.push(script::has_mode(servo, operation));
         script::homing(profile, servo, self.homing, &mut steps)?;
         script::settings(servo, &servo.option_codes.lost_master, &mut steps);
+        script::brake(servo, &mut steps);
         script::mode(servo, operation, period.as_micros() as u32, &mut steps)?;
         let (speed, window) = (self.speed_limit_counts_per_s, self.following_error_counts);
         script::limits(servo, self.torque_limit_per_mille, speed, window, &mut steps);
@@ -168,6 +171,11 @@ impl SegmentDrive {
                 return Err(script::lacking(profile, quantity.word()));
             }
         }
+        let is_sent =
+            |quantity| outputs.iter().flat_map(|pdo| &pdo.entries).any(|entry| entry.quantity == Some(quantity));
+        if servo.brake.of_master().is_some() && !is_sent(Quantity::DigitalOutputs) {
+            return Err(script::lacking(profile, Quantity::DigitalOutputs.word()));
+        }
         Ok(StationSetup {
             name: self.name.clone(),
             device: self.device,
@@ -180,6 +188,7 @@ impl SegmentDrive {
             outputs,
             inputs,
             set_point: Some(mode.set_point()),
+            brake: BrakeWords::of(servo),
             status_masks: StatusMasks::default(),
             steps,
         })
@@ -219,6 +228,7 @@ impl StationSetup {
             outputs,
             inputs,
             set_point: None,
+            brake: None,
             status_masks: StatusMasks::default(),
             steps: Vec::new(),
         }

@@ -227,6 +227,8 @@ impl Station {
                 field.put(data, orders.controlword.into());
             } else if self.setup.set_point == Some(field.quantity) {
                 field.put(data, orders.target);
+            } else if let (Quantity::DigitalOutputs, Some(words)) = (field.quantity, self.setup.brake) {
+                field.put(data, words.word(orders.releases) as i32);
             }
         }
     }

@@ -24,7 +24,7 @@ use crate::cli::output::Output;
 use crate::config::{Bus, Rig};
 use crate::ethercat::{AlState, AlStatus};
 use crate::objects::Address;
-use crate::service::{Error, Made, Whose, carry_out, number, plan, sheet_of};
+use crate::service::{Error, Made, carry_out, number, plan, sheet_of};
 
 /// What tells a device from others of its kind and from other kinds: vendor, product, serial number.
 const IDENTITY: [Address; 3] = [Address::new(0x1018, 1), Address::new(0x1018, 2), Address::new(0x1018, 4)];
@@ -365,7 +365,7 @@ fn give_back(
         .collect();
     let wanted = sheet_of(reached.named().node_id(), &held, None);
     let node_id = reached.named().node_id();
-    let plan = plan(&mut *reached.objects()?, node_id, &wanted, Some(&wanted), Whose::ItsOwn);
+    let plan = plan(&mut *reached.objects()?, node_id, &wanted, Some(&wanted));
     let plan = plan.map_err(|error| reached.failure("comparing its objects", error))?;
     for left_out in &plan.left_out {
         lacking.push(format!("{}: {} {}", device.name, titled(left_out.at, &left_out.name), left_out.why));

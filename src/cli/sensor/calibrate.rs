@@ -16,9 +16,17 @@ use crate::run::Pulled;
 const GAIN: f64 = 0.1;
 const TURN_DEG: f64 = 10.0;
 const CROSS_TALK: f64 = 0.1;
+/// How many times the noise a pull has to be, and how much of it a map may leave.
+const NOISES: f64 = 20.0;
+const RESIDUAL: f64 = 0.05;
 
 pub(super) fn run(arguments: &Calibrate, rig: &Loaded<config::Rig>, output: &mut Output) -> Result<(), Failure> {
     let force_n = arguments.force.get();
+    let most_n = rig.value.guard.force_limit_n.get();
+    if force_n > most_n {
+        let message = format!("--force {force_n}: more than `guard.force_limit_n` of {most_n} N");
+        return Err(Failure::new(Exit::Usage, message, "pull as hard as a hand does, for example --force 8"));
+    }
     #[cfg(target_os = "linux")]
     let is_on_bus = arguments.on_bus.is_asked();
     #[cfg(not(target_os = "linux"))]
@@ -50,8 +58,14 @@ pub(super) fn run(arguments: &Calibrate, rig: &Loaded<config::Rig>, output: &mut
         })
         .collect();
     let map = force_map(&pulls).map_err(|error| Failure::new(Exit::OutOfTolerance, error.to_string(), ""))?;
-    let rows = corrected(&sensor.calibration, &map);
-    let judged = judge(&map, rows.is_some());
+    let noise_n =
+        pulled.iter().flat_map(|pulled| pulled.shown.deviation().0.iter().take(2).copied().collect::<Vec<_>>());
+    let noise_n = noise_n.fold(0.0, f64::max);
+    let is_clear = force_n >= NOISES * noise_n
+        && map.residual_n <= RESIDUAL * force_n
+        && pulled.iter().all(|pulled| pulled.shown.saturated == 0);
+    let rows = corrected(&sensor.calibration, &map).filter(|_| is_clear);
+    let judged = if is_clear { judge(&map, rows.is_some()) } else { Err(unclear(force_n, noise_n, &map)) };
     if output.is_json() {
         let one = |pulled: &Pulled| {
             json!({
@@ -121,6 +135,16 @@ fn unsigned_zero(force_n: f64) -> f64 {
 /// A number of a calibration, as YAML reads it.
 fn number(value: f64) -> String {
     if value == 0.0 { "0.0".to_owned() } else { format!("{value:.6e}") }
+}
+
+/// The failure of pulls that say nothing.
+fn unclear(force_n: f64, noise_n: f64, map: &ForceMap) -> Failure {
+    let message = format!(
+        "pulls of {force_n} N tell nothing: the noise is {noise_n:.3} N, a map of them leaves {:.3} N, and no sample may be at the end of the range",
+        map.residual_n
+    );
+    let help = "pull harder or more steadily, let the arm rest, and look at `yieldwall sensor monitor`";
+    Failure::new(Exit::OutOfTolerance, message, help)
 }
 
 fn judge(map: &ForceMap, has_rows: bool) -> Result<(), Failure> {

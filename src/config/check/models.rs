@@ -1,17 +1,23 @@
 //! The device models that a rig names: whether they are known, and have what it asks of them.
 
+use std::f64::consts::PI;
 use std::time::Duration;
 
 use yieldwall_drives::profiles::{BrakeHolder, DeviceProfile, EncoderKind, EncoderSide, Known, Role, Servo, Tried};
 use yieldwall_drives::watchdog::{HEARTBEAT_PERIODS, TORQUE_LIMIT, WATCHED_CYCLES, Watchdog};
 
 use super::Findings;
+use super::words::round;
+use crate::config::number::Positive;
 use crate::config::suggest::nearest;
 use crate::config::tree::{CommandMode, Drive, ProfileName, Rig, Simulation};
 
-/// Greatest way and greatest rate of a joint that homes, rad and rad/s.
-const MOST_WITHIN_RAD: f64 = 1.5;
-const MOST_HOMING_RATE: f64 = 0.5;
+use crate::linkage::FiveBar;
+use crate::quantity::{JointAngles, TipPoint};
+
+/// Least and greatest way and rate of a joint that homes, rad and rad/s.
+const WITHIN_RAD: [f64; 2] = [0.01, 1.5];
+const HOMING_RATE: [f64; 2] = [0.005, 0.5];
 
 /// Whether every device's model is known, is that of such a device, and has what the rig asks of it.
 pub(super) fn check_profiles(findings: &mut Findings, rig: &Rig) {
@@ -58,12 +64,14 @@ pub(super) fn check_profiles(findings: &mut Findings, rig: &Rig) {
         check_watchdogs(findings, &key, rig, &drive.profile, servo);
         check_reference(findings, &key, profile, drive, servo);
         if servo.brake.held_by == BrakeHolder::Output {
-            let message =
-                format!("the brake of `{}` is opened by an output that nothing here sets", drive.profile.as_str());
-            findings.error(
+            let message = format!(
+                "the brake of `{}` is held by an output, which stays as it is when this program dies",
+                drive.profile.as_str()
+            );
+            findings.warning(
                 &key,
                 message,
-                "let the drive hold the brake, and write `brake: {held_by: drive}` in the profile",
+                "see that nothing falls without torque, or let the drive hold the brake and write `brake: {held_by: drive}` in the profile",
             );
         }
     }
@@ -160,19 +168,43 @@ fn check_homing(findings: &mut Findings, key: &str, drive: &Drive, servo: &Servo
         findings.error(key, message, help);
         return;
     }
-    for (name, value, most, unit) in [
-        ("within_rad", homing.within_rad.get(), MOST_WITHIN_RAD, "rad"),
-        ("rate_rad_per_s", homing.rate_rad_per_s.get(), MOST_HOMING_RATE, "rad/s"),
+    for (name, value, [least, most], unit) in [
+        ("within_rad", homing.within_rad.get(), WITHIN_RAD, "rad"),
+        ("rate_rad_per_s", homing.rate_rad_per_s.get(), HOMING_RATE, "rad/s"),
     ] {
-        if value > most {
+        if !(least..=most).contains(&value) {
             let at = format!("{key}.{name}");
-            let message = format!("`{at}` is {value} {unit}, more than {most}");
+            let message = format!("`{at}` is {value} {unit}, and it has to be {least} to {most}");
             findings.error(
                 &at,
                 message,
                 "bring the arm near home by hand before the drives are switched on, and go slowly",
             );
         }
+    }
+    let at = format!("{key}.index_every_rad");
+    let seeks_index = matches!(homing.method, 1..=14 | 33 | 34);
+    match homing.index_every_rad.map(Positive::get) {
+        Some(every) if seeks_index && every <= 2.0 * homing.within_rad.get() => {
+            let message = format!(
+                "`{at}` is {every} rad, and the joint may be {} rad to either side of home: another index may be the first",
+                *homing.within_rad
+            );
+            findings.error(
+                &at,
+                message,
+                "write a `within_rad` below half of it, and lead the arm so near to home by hand",
+            );
+        }
+        None if seeks_index && servo.encoder.side == EncoderSide::Motor => {
+            let message = format!(
+                "`{key}` looks for an index, and the encoder of `{}` has one in each turn of its motor",
+                drive.name
+            );
+            let help = "write `index_every_rad`, the angle of the joint from one to the next: a turn over the ratio of the gear";
+            findings.error(key, message, help);
+        }
+        _ => {}
     }
     let Some(known) = &servo.homing else {
         let message = format!("`{key}` is written, and the profile `{name}` says nothing of homing");
@@ -198,16 +230,46 @@ fn check_homing(findings: &mut Findings, key: &str, drive: &Drive, servo: &Servo
     }
 }
 
-/// While one joint homes the other one holds, in homing mode too.
+/// While one joint homes the other one holds, in homing mode too; and home is where the arm can be.
 fn check_both_home(findings: &mut Findings, rig: &Rig) {
-    let [left, right] = rig.drives.each_ref().map(|drive| drive.homing.is_some());
-    if left != right {
-        let lacking = usize::from(left);
-        let message = format!("`drives[{lacking}]` has no `homing`, and the other drive has one");
-        let help = "while one joint homes the other one is held in homing mode too: write it at both";
+    let homing = rig.drives.each_ref().map(|drive| drive.homing);
+    let [Some(left), Some(right)] = homing else {
+        let [left, right] = homing.map(|homing| homing.is_some());
+        if left != right {
+            let lacking = usize::from(left);
+            let message = format!("`drives[{lacking}]` has no `homing`, and the other drive has one");
+            let help = "while one joint homes the other one is held in homing mode too: write it at both";
+            findings
+                .error(&format!("drives[{lacking}]"), message, help)
+                .see(&format!("drives[{}].homing", 1 - lacking), "homing");
+        }
+        return;
+    };
+    // What is wrong with the linkage itself is found elsewhere.
+    let Ok(linkage) = FiveBar::new(rig.linkage.geometry()) else { return };
+    let Ok(origin) = linkage.inverse(TipPoint::new(0.0, 0.0)) else { return };
+    let home = JointAngles::new(left.angle_rad.get(), right.angle_rad.get());
+    for (joint, (home, origin)) in home.to_array().into_iter().zip(origin.to_array()).enumerate() {
+        if (home - origin).abs() >= PI {
+            let at = format!("drives[{joint}].homing.angle_rad");
+            let message = format!(
+                "`{at}` is {home} rad, more than half a turn from {} rad, where the joint is at the task's origin",
+                round(origin)
+            );
+            findings.error(&at, message, "write the same angle, whole turns nearer");
+            return;
+        }
+    }
+    let sides = linkage.geometry().elbows;
+    let posture = linkage.forward(home).ok().filter(|posture| posture.elbow_sides == sides);
+    let clearance_m = posture.map_or(0.0, |posture| linkage.clearance(&posture).nearest().1);
+    if clearance_m <= *rig.guard.singularity_margin_m {
+        let message = "the arm cannot be at the home angles of both joints, or is too near a singularity there";
+        let help = "both joints are brought near home by hand before the drives are switched on: choose a place where the arm has room";
         findings
-            .error(&format!("drives[{lacking}]"), message, help)
-            .see(&format!("drives[{}].homing", 1 - lacking), "homing");
+            .error("drives[0].homing.angle_rad", message, help)
+            .see("drives[1].homing.angle_rad", "angle_rad")
+            .see("guard.singularity_margin_m", "margin");
     }
 }
 

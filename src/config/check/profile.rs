@@ -2,8 +2,8 @@
 
 use yieldwall_drives::cia402::State;
 use yieldwall_drives::profiles::{
-    DeviceProfile, Entry, ForceSensor, HeartbeatWatch, Homing, Pdo, PdoMap, Quantity, Revisions, Role, Servo,
-    SetPointWatch, Setting, SyncWatch,
+    BrakeHolder, DeviceProfile, Entry, ForceSensor, HeartbeatWatch, Homing, Pdo, PdoMap, Quantity, Revisions, Role,
+    Servo, SetPointWatch, Setting, SyncWatch,
 };
 
 use super::Findings;
@@ -92,10 +92,21 @@ fn check_servo(findings: &mut Findings, profile: &DeviceProfile, servo: &Servo) 
     for (_, word, set_point, map) in modes {
         let Some(map) = map else { continue };
         let key = format!("device.servo.process_data.{word}");
-        check.pdos(&format!("{key}.rpdo"), &map.rpdo, &[Quantity::Controlword, set_point]);
+        let sent = [Quantity::Controlword, set_point, Quantity::DigitalOutputs];
+        check.pdos(&format!("{key}.rpdo"), &map.rpdo, &sent[..if servo.brake.of_master().is_some() { 3 } else { 2 }]);
         check.pdos(&format!("{key}.tpdo"), &map.tpdo, &[Quantity::Statusword, Quantity::PositionActual]);
         check.drive_pdos(&key, map, set_point);
+        if servo.brake.of_master().is_some() && !map.rpdo.iter().any(|pdo| pdo.maps.contains(&Quantity::DigitalOutputs))
+        {
+            let message = format!("`{key}.rpdo` does not carry `digital_outputs`, by which the brake is held");
+            let help = match set_point {
+                Quantity::TargetTorque => "map it behind the set-point",
+                _ => "map it behind the set-point; a frame of CAN has no room beside a target of 32 bits, EtherCAT has",
+            };
+            check.findings.error(&format!("{key}.rpdo"), message, help);
+        }
     }
+    check.brake(servo);
 }
 
 fn check_sensor(findings: &mut Findings, profile: &DeviceProfile, sensor: &ForceSensor) {
@@ -249,6 +260,26 @@ impl Checked<'_> {
             let at = format!("{key}.referenced_bit");
             let message = format!("`{at}` is {bit}, which has another meaning in CiA 402");
             self.findings.error(&at, message, "the bits that a manufacturer may use are 8, 14 and 15; or write null");
+        }
+    }
+
+    fn brake(&mut self, servo: &Servo) {
+        let key = "device.servo.brake";
+        match (servo.brake.held_by, &servo.brake.output) {
+            (BrakeHolder::Output, None) => {
+                let message = format!("`{key}` is held by an output, and does not say by which");
+                let help = "write `output: {value: .., mask: .., bit: 0, closed_if: set, closes_in_ms: ..}` by the manual (60FEh)";
+                self.findings.error(key, message, help);
+            }
+            (BrakeHolder::Output, Some(output)) => {
+                self.entry(&format!("{key}.output.value"), &output.value, Some(32));
+                self.entry(&format!("{key}.output.mask"), &output.mask, Some(32));
+            }
+            (_, Some(_)) => {
+                let message = format!("`{key}.output` is written, and the brake is not held by an output");
+                self.findings.error(&format!("{key}.output"), message, "leave it out, or write `held_by: output`");
+            }
+            (_, None) => {}
         }
     }
 

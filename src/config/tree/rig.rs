@@ -428,10 +428,15 @@ pub struct Homing {
     pub method: i8,
     /// Angle of the proximal link at home: at the index, at the edge of the switch, or in the jig. Rad. Until the drive is homed its joint is taken to be there.
     pub angle_rad: Finite,
-    /// How far from home the joint may be when the drive is switched on, and how far it may go to find it, rad. Above 0, at most 1.5.
+    /// Angle of the joint from one index of the encoder to the next, rad, for methods that look for an index and an encoder on the motor: more
+    /// than twice `within_rad`, so that no other one is found.
+    #[garde(dive)]
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub index_every_rad: Option<Positive>,
+    /// How far from home the joint may be when the drive is switched on, and how far it may go to find it, rad. 0.01 to 1.5.
     #[garde(dive)]
     pub within_rad: Positive,
-    /// How fast the joint goes, rad/s. Above 0, at most 0.5.
+    /// How fast the joint goes, rad/s. 0.005 to 0.5.
     #[garde(dive)]
     pub rate_rad_per_s: Positive,
 }

@@ -54,6 +54,7 @@ fn settings() -> Settings {
         residual_limit_n_m: Some(RESIDUAL_LIMIT_N_M),
         energy_limit_j: ENERGY_LIMIT_J,
         enabling_limit_s: [1.0; 2],
+        brake_s: 0.0,
         compute_budget_s: 0.4 * PERIOD_S,
     }
 }

@@ -58,7 +58,7 @@ fn homed(
     }));
     let torque = config::Positive::new(15.0).unwrap();
     let homed = machine.home(rig, &plan, torque, &AtomicBool::new(false)).unwrap();
-    assert!(!machine.drive_states().contains(&cia402::State::OperationEnabled), "{homed:?}");
+    assert!(!machine.drive_states().into_iter().any(crate::run::has_torque), "{homed:?}");
     let [left, right] = machine.arm().unwrap().motor_angles().to_array();
     let farthest = farthest.lock().unwrap().0;
     (homed, JointAngles::new(left, right), farthest)
@@ -200,7 +200,8 @@ fn links_and_zeros_are_found_from_points() {
         .map(|at| {
             let angle = f64::from(at) * std::f64::consts::TAU / 8.0;
             let radius = if at < 8 { 0.06 } else { 0.12 };
-            TipPoint::new(radius * angle.cos(), radius * angle.sin())
+            let (sin, cos) = crate::elementary::sin_cos(angle);
+            TipPoint::new(radius * cos, radius * sin)
         })
         .collect();
     let mut machine = EmbeddedRig::new(&built, &scene, &built.fixture, scene.seed).unwrap();

@@ -4,6 +4,8 @@ use std::panic::resume_unwind;
 use std::time::Duration;
 
 mod boot;
+#[cfg(test)]
+mod brake_tests;
 mod buses;
 mod cable;
 mod commission;

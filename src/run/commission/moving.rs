@@ -24,6 +24,8 @@ const TORQUE_SHARES: [f64; 5] = [0.1, 0.15, 0.22, 0.33, 0.5];
 const AWAY_RAD: f64 = 2e-3;
 /// By how much a link may turn more or less than its encoder says, %.
 const TURNED_PERCENT: f64 = 5.0;
+/// From this difference between both ways on it is play, %.
+const PLAY_PERCENT: f64 = 2.5;
 /// By how much a motor may make more or less torque than its drive tells, %.
 const MOTOR_PERCENT: f64 = 15.0;
 /// Friction may be so much more than what the rig file feeds forward; where that is none, this share of the rated torque.
@@ -100,16 +102,34 @@ impl<P: Place> Bench<'_, P> {
                 format!("{:.3} deg by its encoder, with {torque_n_m:.1} N m at most", measured_rad.to_degrees()),
             );
             let seen = self.attendant.turned(&self.runner.place, joint);
-            self.travel_gently(joint, -measured_rad)?;
-            let Some(seen_rad) = seen else {
+            if seen.is_some() {
+                self.attendant.look(&self.runner.place, joint);
+            }
+            let (back, _) = self.travel_gently(joint, -measured_rad)?;
+            let back_rad = (back.jogged.to - travel.jogged.to).to_array()[joint];
+            self.runner.leave();
+            let Some((seen_rad, seen_back_rad)) = seen.zip(self.attendant.turned(&self.runner.place, joint)) else {
                 unseen = Some(name);
                 continue;
             };
-            found.note(format!("{name}: seen to turn"), format!("{:.3} deg", seen_rad.to_degrees()));
-            let off_percent = 100.0 * (measured_rad / seen_rad - 1.0).abs();
+            found.note(
+                format!("{name}: seen to turn"),
+                format!("{:.3} deg, and {:.3} deg back", seen_rad.to_degrees(), seen_back_rad.to_degrees()),
+            );
+            self.judge_rotation(joint, [[measured_rad, seen_rad], [back_rad, seen_back_rad]], found)?;
+        }
+        let told =
+            |name| Halt::Skipped(format!("no link ran away, and nobody said by how much that of {name} has turned"));
+        unseen.map_or(Ok(()), |name| Err(told(name)))
+    }
+
+    /// Judges how far a link has turned and back, each by its encoder and as it was seen, rad.
+    fn judge_rotation(&self, joint: usize, ways: [[f64; 2]; 2], found: &mut Found) -> Result<(), Halt> {
+        let name = self.name(joint);
+        for [measured_rad, seen_rad] in ways {
             found.measure(Figure {
                 what: "angle by the encoder against the link",
-                value: off_percent,
+                value: 100.0 * (measured_rad / seen_rad - 1.0).abs(),
                 limit: TURNED_PERCENT,
                 unit: "%",
             });
@@ -123,18 +143,23 @@ impl<P: Place> Bench<'_, P> {
                     "the link of {name} turned the other way than its encoder says: invert `direction` of the drive"
                 )));
             }
-            if found.is_bad() {
-                let counts = self.rig.drives[joint].encoder_counts_per_rev;
-                let wanted = f64::from(counts) * measured_rad / seen_rad;
-                return Err(Halt::Failed(format!(
-                    "the link of {name} has turned by {:.3} of what its encoder says: `encoder_counts_per_rev` is some {wanted:.0} and not {counts}",
-                    seen_rad / measured_rad
-                )));
-            }
         }
-        let told =
-            |name| Halt::Skipped(format!("no link ran away, and nobody said by how much that of {name} has turned"));
-        unseen.map_or(Ok(()), |name| Err(told(name)))
+        if !found.is_bad() {
+            return Ok(());
+        }
+        let [forth, back] = ways.map(|[measured_rad, seen_rad]| seen_rad / measured_rad);
+        if 100.0 * (forth - back).abs() > PLAY_PERCENT {
+            let play_deg = (1.0 - forth.min(back)) * ways[0][0].abs().to_degrees();
+            return Err(Halt::Failed(format!(
+                "the link of {name} has turned by {forth:.3} of what its encoder says, and by {back:.3} of it back: there is play of some \
+                 {play_deg:.1} deg between motor and link, look at gear and coupling"
+            )));
+        }
+        let counts = self.rig.drives[joint].encoder_counts_per_rev;
+        let wanted = f64::from(counts) / forth;
+        Err(Halt::Failed(format!(
+            "the link of {name} has turned by {forth:.3} of what its encoder says: `encoder_counts_per_rev` is some {wanted:.0} and not {counts}"
+        )))
     }
 
     /// Turns a link counter-clockwise, or the other way where that is not free, with as little torque as it takes; the torque limit in N m.

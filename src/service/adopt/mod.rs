@@ -17,7 +17,7 @@ use yieldwall_drives::objects::{self as cia, Object as Standard};
 
 use super::connection::{Error, Service};
 use super::inventory::sheet_of;
-use super::restore::{Made, Whose, carry_out, plan};
+use super::restore::{Made, carry_out, plan};
 use super::scan::{identify, number};
 use crate::canopen::{NmtCommand, NmtState, NodeId};
 use crate::link::CanLink;
@@ -403,8 +403,7 @@ fn put_back<L: CanLink>(
     node: NodeId,
     originals: &[(Address, Vec<u8>)],
 ) -> Result<(), Refusal> {
-    let plan =
-        plan(&mut service.objects(node), node.raw(), &sheet_of(node.raw(), originals, None), None, Whose::ItsOwn)?;
+    let plan = plan(&mut service.objects(node), node.raw(), &sheet_of(node.raw(), originals, None), None)?;
     for step in &plan.steps {
         // What is not taken is found below.
         let _: Made = carry_out(&mut service.objects(node), step)?;

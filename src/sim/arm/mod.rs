@@ -132,6 +132,8 @@ pub struct Arm {
     coulomb_n_m: Vector2<f64>,
     /// Dry friction of the joints while nothing blocks them.
     free_coulomb_n_m: Vector2<f64>,
+    are_blocked: [bool; 2],
+    are_braked: [bool; 2],
     viscous_n_m_s_per_rad: Vector2<f64>,
     /// Greatest squared Frobenius norm of the Jacobian.
     jacobian_limit_m2: f64,
@@ -170,6 +172,8 @@ impl Arm {
             mass: link_mass,
             coulomb_n_m: Vector2::from(*coulomb_n_m),
             free_coulomb_n_m: Vector2::from(*coulomb_n_m),
+            are_blocked: [false; 2],
+            are_braked: [false; 2],
             viscous_n_m_s_per_rad: Vector2::from(*viscous_n_m_s_per_rad),
             jacobian_limit_m2: jacobian_limit_m * jacobian_limit_m,
             time_s: 0.0,
@@ -269,8 +273,20 @@ impl Arm {
     /// Blocks joint 0 (left) or 1 (right) by a dry friction that no motor overcomes, or frees it; any other number does
     /// nothing.
     pub fn set_blocked(&mut self, joint: usize, is_blocked: bool) {
-        if let (Some(friction), Some(free)) = (self.coulomb_n_m.get_mut(joint), self.free_coulomb_n_m.get(joint)) {
-            *friction = if is_blocked { BLOCKING_N_M } else { *free };
+        self.are_blocked.iter_mut().skip(joint).take(1).for_each(|blocked| *blocked = is_blocked);
+        self.hold();
+    }
+
+    /// Closes the brakes of joints that no motor overcomes, or opens them; one that is blocked stays so.
+    pub fn set_braked(&mut self, are_braked: [bool; 2]) {
+        self.are_braked = are_braked;
+        self.hold();
+    }
+
+    fn hold(&mut self) {
+        for joint in 0..2 {
+            let is_held = self.are_blocked[joint] || self.are_braked[joint];
+            self.coulomb_n_m[joint] = if is_held { BLOCKING_N_M } else { self.free_coulomb_n_m[joint] };
         }
     }
 

@@ -7,7 +7,7 @@ use yieldwall_drives::cia402::{
     OperationMode, OptionCodes, Reaction, State, StateMachine, Statusword, Transition, controlword,
 };
 use yieldwall_drives::objects::error_code;
-use yieldwall_drives::profiles::{Homing, Reaction as Missed, Servo as Model};
+use yieldwall_drives::profiles::{BrakeOutput, Homing, Reaction as Missed, Servo as Model};
 use yieldwall_drives::scaling::{AxisScaling, CountUnwrapper, wrap};
 
 use super::homing::{Home, Speed};
@@ -52,6 +52,8 @@ pub(super) struct Device {
     pub(super) machine: StateMachine,
     pub(super) servo: Servo,
     mode: Option<OperationMode>,
+    /// The output by which its master holds a brake.
+    brake: Option<BrakeOutput>,
     /// How it homes, if its model does.
     homing: Option<Homing>,
     /// The reference of an incremental encoder.
@@ -97,6 +99,7 @@ impl Device {
             machine: StateMachine::new(OptionCodes::default()),
             servo: Servo::new(settings.position_loop),
             mode: None,
+            brake: model.brake.of_master().cloned(),
             homing: model.homing.clone(),
             home: None,
             parameters: Parameters::default(),
@@ -160,6 +163,17 @@ impl Device {
     /// An incremental encoder forgets all.
     pub(super) fn power_on(&mut self) {
         self.home.iter_mut().for_each(Home::power_on);
+    }
+
+    /// Whether a brake that the master holds is closed.
+    pub(super) fn is_braked(&self) -> bool {
+        let (value, mask) = (self.od.get(self.objects.digital_outputs), self.od.get(self.objects.digital_output_mask));
+        self.brake.as_ref().is_some_and(|output| output.is_closed(value, mask))
+    }
+
+    /// Whether there is such a brake.
+    pub(super) fn has_brake(&self) -> bool {
+        self.brake.is_some()
     }
 
     /// Where the drive counts from, in counts of the machine.

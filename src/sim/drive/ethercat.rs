@@ -93,6 +93,11 @@ impl EthercatDrive {
         self.device.torque_n_m()
     }
 
+    /// Whether a brake that the master holds by an output is closed.
+    pub fn is_braked(&self) -> bool {
+        self.device.is_braked()
+    }
+
     /// State of the state machine.
     pub fn state(&self) -> State {
         self.device.state()

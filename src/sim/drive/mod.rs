@@ -145,6 +145,11 @@ impl Drive {
         if self.is_powered { self.device.torque_n_m() } else { 0.0 }
     }
 
+    /// Whether a brake that the master holds by an output is closed; without supply it is.
+    pub fn is_braked(&self) -> bool {
+        if self.is_powered { self.device.is_braked() } else { self.device.has_brake() }
+    }
+
     /// Takes one frame from the bus.
     pub fn on_frame(&mut self, now: Time, frame: &Frame, out: &mut impl Outbox) {
         if self.is_powered && !(self.ignores_heartbeats && cob::is_heartbeat(frame.id())) {

@@ -78,6 +78,8 @@ handles! {
     positive_torque_limit: u16 = POSITIVE_TORQUE_LIMIT,
     negative_torque_limit: u16 = NEGATIVE_TORQUE_LIMIT,
     following_error: i32 = FOLLOWING_ERROR_ACTUAL,
+    digital_outputs: u32 = DIGITAL_OUTPUTS,
+    digital_output_mask: u32 = DIGITAL_OUTPUT_MASK,
     target_velocity: i32 = TARGET_VELOCITY,
 }
 
@@ -137,6 +139,9 @@ pub(super) fn build(
         .object(declare(cia::POSITIVE_TORQUE_LIMIT, 1000))
         .object(declare(cia::NEGATIVE_TORQUE_LIMIT, 1000))
         .object(shown(cia::FOLLOWING_ERROR_ACTUAL))
+        .highest_sub(cia::DIGITAL_OUTPUTS.index, 2)
+        .object(commanded(cia::DIGITAL_OUTPUTS, 0))
+        .object(declare(cia::DIGITAL_OUTPUT_MASK, 0))
         .object(commanded(cia::TARGET_VELOCITY, 0))
         .object(fixed(cia::SUPPORTED_MODES, servo.supported_modes().into()));
     of_profile(builder, servo).build()
@@ -169,6 +174,7 @@ pub(super) fn check(servo: &Servo) -> Result<(), DeviceError> {
     let cycle_time = own.cycle_time.as_ref();
     let speed = servo.limits.motor_speed.as_ref();
     let homing = servo.homing.as_ref();
+    let brake = servo.brake.of_master();
     let known = [
         (Some(&own.controlword), cia::CONTROLWORD),
         (Some(&own.statusword), cia::STATUSWORD),
@@ -191,6 +197,8 @@ pub(super) fn check(servo: &Servo) -> Result<(), DeviceError> {
         (homing.map(|homing| &homing.zero_speed), cia::HOMING_ZERO_SPEED),
         (homing.map(|homing| &homing.acceleration), cia::HOMING_ACCELERATION),
         (homing.map(|homing| &homing.offset), cia::HOME_OFFSET),
+        (brake.map(|output| &output.value), cia::DIGITAL_OUTPUTS),
+        (brake.map(|output| &output.mask), cia::DIGITAL_OUTPUT_MASK),
     ];
     for (entry, object) in known {
         let Some(&Entry { index, sub, bits, .. }) = entry else { continue };

@@ -3,8 +3,8 @@
 use super::{IDENTIFIERS, Incoming, NO_SLOT, Outgoing, Source, slot_index};
 use crate::bus::can::boot::layout_entries;
 use crate::bus::error::BootFailure;
-use crate::bus::script::{lacking, mapped, mapping};
-use crate::bus::setup::{DriveSetup, SensorNode};
+use crate::bus::script::{lacking, mapped, mapping, servo};
+use crate::bus::setup::{BrakeWords, DriveSetup, SensorNode};
 use crate::canopen::pdo::Layout;
 use crate::canopen::{BusId, NodeId, cob};
 use yieldwall_drives::cia402::CommandMode;
@@ -51,6 +51,10 @@ impl Incomings {
             len: layout.len(),
             controlword: find(Quantity::Controlword)?,
             target: find(set_point)?,
+            brake: match servo(profile).ok().and_then(BrakeWords::of) {
+                Some(words) => Some((find(Quantity::DigitalOutputs)?, words)),
+                None => None,
+            },
         })
     }
 

@@ -27,12 +27,12 @@ fn drives_follow_their_words_and_the_sensor_is_heard() {
     bench.start().unwrap();
     bench.segment.controller_mut(2).unwrap().device_mut().force_torque_mut().unwrap().measure([1, -2, 3, -4, 5, -6]);
     for controlword in [0x06, 0x07, 0x0f] {
-        bench.cycles(5, &[DriveOrders { controlword, target: 0 }; 2]);
+        bench.cycles(5, &[DriveOrders { controlword, target: 0, releases: false }; 2]);
     }
     let states =
         [0, 1].map(|place| bench.segment.controller_mut(place).unwrap().device_mut().drive_mut().unwrap().state());
     assert_eq!(states, [State::OperationEnabled; 2]);
-    let arrived = bench.cycle(&[DriveOrders { controlword: 0x0f, target: 0 }; 2]);
+    let arrived = bench.cycle(&[DriveOrders { controlword: 0x0f, target: 0, releases: false }; 2]);
     assert_eq!(arrived.drives.map(|words| words.statusword.unwrap() & 0x6f), [0x27; 2]);
     let sample = arrived.sample.unwrap();
     assert_eq!((sample.counts, sample.overload, sample.invalid), ([1, -2, 3, -4, 5, -6], false, false));
@@ -47,8 +47,8 @@ fn outputs_act_at_the_next_sync0() {
     bench.cycle(&REST);
     bench.keeps = true;
     bench.cycle(&[
-        DriveOrders { controlword: 0x06, target: 0x0102_0304 },
-        DriveOrders { controlword: 0x07, target: -2 },
+        DriveOrders { controlword: 0x06, target: 0x0102_0304, releases: false },
+        DriveOrders { controlword: 0x07, target: -2, releases: false },
     ]);
     // LWR of left and right drive and of the sensor, in one frame.
     let hex = |bytes: &[u8]| bytes.iter().map(|byte| format!("{byte:02x}")).collect::<String>();
@@ -74,7 +74,7 @@ fn outputs_on_arrival_act_in_their_own_cycle_and_inputs_stay_those_of_sync0() {
     bench.cycle(&REST);
     let raw = |bench: &Bench, index, sub| bench.segment.controller(0).unwrap().device().od().raw(index, sub);
     assert_eq!((raw(&bench, 0x1c32, 1), raw(&bench, 0x1c33, 1)), (1, 2));
-    bench.cycle(&[DriveOrders { controlword: 0x06, target: 0 }; 2]);
+    bench.cycle(&[DriveOrders { controlword: 0x06, target: 0, releases: false }; 2]);
     assert_eq!(raw(&bench, 0x6040, 0), 6, "they do not wait for SYNC0");
     // The statusword that answers is that of the next SYNC0.
     let arrived = bench.cycle(&REST);
@@ -200,7 +200,7 @@ fn an_emergency_is_told_with_its_device_and_moment() {
     let drive = bench.segment.controller_mut(1).unwrap().device_mut().drive_mut().unwrap();
     drive.raise_fault(now, 0x3210);
     for controlword in [0x06, 0x07, 0x0f] {
-        bench.cycles(5, &[DriveOrders { controlword, target: 0 }; 2]);
+        bench.cycles(5, &[DriveOrders { controlword, target: 0, releases: false }; 2]);
     }
     let now = bench.now;
     bench.segment.controller_mut(0).unwrap().fail(now, AlStatusCode::SYNC_ERROR);

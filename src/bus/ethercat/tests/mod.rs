@@ -24,7 +24,7 @@ use yieldwall_drives::scaling::{AxisScaling, Direction};
 const PERIOD: Duration = Duration::from_millis(1);
 const COMPUTE_AT: Duration = Duration::from_micros(500);
 const PHASE: Duration = Duration::from_micros(100);
-const REST: [DriveOrders; 2] = [DriveOrders { controlword: 0, target: 0 }; 2];
+const REST: [DriveOrders; 2] = [DriveOrders { controlword: 0, target: 0, releases: false }; 2];
 
 fn waits() -> Waits {
     let ms = Duration::from_millis;

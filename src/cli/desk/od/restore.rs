@@ -12,7 +12,7 @@ use crate::cli::failure::{Exit, Failure};
 use crate::cli::output::Output;
 use crate::ethercat::{AlState, AlStatus};
 use crate::objects::Address;
-use crate::service::{Error, Whose, number, plan};
+use crate::service::{Error, number, plan};
 use yieldwall_drives::eds::Eds;
 
 #[derive(Debug, clap::Args)]
@@ -56,7 +56,7 @@ pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Fail
     refuse_exchanging(&mut reached)?;
     refuse_another_kind(&mut reached, &wanted)?;
     let node_id = reached.named().node_id();
-    let plan = plan(&mut *reached.objects()?, node_id, &wanted, eds.as_ref(), Whose::File);
+    let plan = plan(&mut *reached.objects()?, node_id, &wanted, eds.as_ref());
     let plan = plan.map_err(|error| reached.failure("comparing its objects", error))?;
     for left_out in &plan.left_out {
         output.news(

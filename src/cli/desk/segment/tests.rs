@@ -260,13 +260,13 @@ fn doctor_tells_of_each_device_what_is_wrong_with_it() {
 #[test]
 fn a_device_is_put_back_to_the_values_of_a_file() {
     use crate::objects::Address;
-    use crate::service::{Made, Plan, Whose, carry_out, inventory_of, plan};
+    use crate::service::{Made, Plan, carry_out, inventory_of, plan};
     use yieldwall_drives::eds::Eds;
 
     let mut reached = reached("left", |_| ());
     let mut objects = reached.objects().unwrap();
     let (before, _) = inventory_of(&mut *objects, 0, Eds::default(), |_| {}).unwrap();
-    assert_eq!(plan(&mut *objects, 0, &before, None, Whose::File), Ok(Plan::default()));
+    assert_eq!(plan(&mut *objects, 0, &before, None), Ok(Plan::default()));
     let mut count = objects.read(Address::new(0x1a00, 0)).unwrap();
     count[0] -= 1;
     for (index, sub, value) in
@@ -274,8 +274,7 @@ fn a_device_is_put_back_to_the_values_of_a_file() {
     {
         objects.write(Address::new(index, sub), value).unwrap();
     }
-    let plan_of =
-        |objects: &mut dyn crate::service::ObjectAccess| plan(objects, 0, &before, None, Whose::File).unwrap();
+    let plan_of = |objects: &mut dyn crate::service::ObjectAccess| plan(objects, 0, &before, None).unwrap();
     let back = plan_of(&mut *objects);
     assert_eq!(back.left_out, []);
     let order: Vec<_> = back.steps.iter().map(|step| (step.at.index, step.at.sub, step.new[0])).collect();

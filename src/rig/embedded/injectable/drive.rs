@@ -99,4 +99,8 @@ impl Actuator for InjectableDrive {
     fn state(&self) -> cia402::State {
         self.drive.state()
     }
+
+    fn is_braked(&self) -> bool {
+        self.drive.is_braked()
+    }
 }
