@@ -73,8 +73,8 @@ const DEFECTS: [Defect; 18] = [
     defect(
         "a quick stop is sent to the left drive alone",
         "src/bus/axis.rs",
-        "right.order(goal, targets[1])",
-        "right.order(if goal == Goal::QuickStop { Goal::OperationEnabled } else { goal }, targets[1])",
+        "right.order(goal, targets[1], releases)",
+        "right.order(if goal == Goal::QuickStop { Goal::OperationEnabled } else { goal }, targets[1], releases)",
     ),
     defect(
         "set-points go out although the last ones have not left",
@@ -91,8 +91,8 @@ const DEFECTS: [Defect; 18] = [
     defect(
         "the turn of an encoder is not looked for",
         "src/bus/axis.rs",
-        "self.unwrapper = CountUnwrapper::near(self.expected_counts);\n            self.scaling",
-        "self.unwrapper = CountUnwrapper::near(0);\n            self.scaling",
+        "_ => CountUnwrapper::near(self.expected_counts),",
+        "_ => CountUnwrapper::near(0),",
     ),
     defect(
         "a heartbeat is missed too late",
