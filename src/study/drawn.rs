@@ -1,4 +1,4 @@
-//! What studies draw rigs and hands with.
+//! What studies make and draw rigs and hands with.
 
 use rand_xoshiro::SplitMix64;
 use rand_xoshiro::rand_core::SeedableRng;
@@ -35,6 +35,18 @@ impl Dice {
     pub(super) fn one_of<T: Copy>(&mut self, choices: &[T]) -> T {
         choices[(share_of_one(&mut self.0) * choices.len() as f64) as usize]
     }
+}
+
+pub(super) fn positive(value: f64) -> config::Positive {
+    config::Positive::new(value).unwrap_or_else(|| unreachable!("{value} is above zero"))
+}
+
+pub(super) fn not_negative(value: f64) -> config::NotNegative {
+    config::NotNegative::new(value).unwrap_or_else(|| unreachable!("{value} is zero or above"))
+}
+
+pub(super) fn finite(value: f64) -> config::Finite {
+    config::Finite::new(value).unwrap_or_else(|| unreachable!("{value} is finite"))
 }
 
 /// A shipped rig and its scene.

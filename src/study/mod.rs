@@ -17,6 +17,7 @@ mod machine;
 pub mod pair;
 pub mod plant;
 pub mod reproduce;
+mod speed;
 mod stability;
 pub mod sweep;
 mod task;
@@ -76,8 +77,8 @@ impl Options {
 const PLANT: &str = "plant";
 
 /// Names of all studies.
-pub const NAMES: [&str; 10] =
-    ["ablation", "control", "edge", "energy", "fixture", "hold", "pair", PLANT, "stability", "task"];
+pub const NAMES: [&str; 11] =
+    ["ablation", "control", "edge", "energy", "fixture", "hold", "pair", PLANT, "speed", "stability", "task"];
 
 /// A study by its name.
 pub fn study(name: &str, options: &Options) -> Option<Box<dyn sweep::Study>> {
@@ -90,6 +91,7 @@ pub fn study(name: &str, options: &Options) -> Option<Box<dyn sweep::Study>> {
         "hold" => Box::new(hold::Hold::new()),
         "pair" => Box::new(pair::PairStudy::new()),
         PLANT => Box::new(plant::Integration::new(options.mujoco.clone())),
+        "speed" => Box::new(speed::Speed::new()),
         "stability" => Box::new(stability::Stability::new()),
         "task" => Box::new(task::Task::new()),
         _ => return None,

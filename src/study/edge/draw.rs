@@ -5,8 +5,7 @@ use std::f64::consts::TAU;
 use rand_xoshiro::SplitMix64;
 use rand_xoshiro::rand_core::{Rng, SeedableRng};
 
-use super::super::drawn::{Dice, shipped};
-use super::trial::{finite, not_negative, positive};
+use super::super::drawn::{Dice, finite, not_negative, positive, shipped};
 use crate::config::{self, CommandMode, ControlGains, SensorProtocol, Surface};
 use crate::control::Grip;
 use crate::elementary;

@@ -3,9 +3,9 @@
 use std::f64::consts::TAU;
 use std::time::Duration;
 
-use super::super::drawn::PEAK;
+use super::super::drawn::{PEAK, finite, not_negative, positive};
 use crate::analysis::uneven_samples;
-use crate::config::{self, Finite, NotNegative, PathSegment, Positive};
+use crate::config::{self, PathSegment};
 use crate::control::Grip;
 use crate::elementary;
 use crate::guard::{Fault, Request, State};
@@ -55,21 +55,9 @@ const SWINGING: f64 = 3.0;
 const TORQUE_N_M: f64 = 20.0;
 const MOST_TORQUE_N_M: f64 = 2.0;
 
-pub(super) fn positive(value: f64) -> Positive {
-    Positive::new(value).unwrap_or_else(|| unreachable!("{value} is above zero"))
-}
-
-pub(super) fn not_negative(value: f64) -> NotNegative {
-    NotNegative::new(value).unwrap_or_else(|| unreachable!("{value} is zero or above"))
-}
-
-pub(super) fn finite(value: f64) -> Finite {
-    Finite::new(value).unwrap_or_else(|| unreachable!("{value} is finite"))
-}
-
 /// A rig without dry friction, in free space, with fine counts and without limits that a nudge reaches; and a hand that
 /// nudges it.
-pub(super) struct Bench {
+pub(in crate::study) struct Bench {
     rig: config::Rig,
     scene: config::Scene,
     grip: Grip,
@@ -92,7 +80,13 @@ struct Trial {
 
 impl Bench {
     /// `phases` of the sensor's clock are looked at, where it has one of its own.
-    pub(super) fn new(rig: &config::Rig, scene: &config::Scene, grip: &Grip, tool_m: [f64; 2], phases: u32) -> Self {
+    pub(in crate::study) fn new(
+        rig: &config::Rig,
+        scene: &config::Scene,
+        grip: &Grip,
+        tool_m: [f64; 2],
+        phases: u32,
+    ) -> Self {
         let phases = if uneven_samples(rig).is_some() { phases } else { 1 };
         Self { rig: frictionless(rig), scene: scene.clone(), grip: *grip, tool_m, phases, worst: 0 }
     }
@@ -189,7 +183,7 @@ impl Bench {
     ///
     /// # Errors
     /// Why a run came to nothing.
-    pub(super) fn is_stable(&mut self, mass_kg: f64) -> Result<bool, String> {
+    pub(in crate::study) fn is_stable(&mut self, mass_kg: f64) -> Result<bool, String> {
         for phase in 0..self.phases {
             let phase = (self.worst + phase) % self.phases;
             if !self.dies_away(mass_kg, phase)? {
@@ -206,7 +200,12 @@ impl Bench {
     ///
     /// # Errors
     /// Why a run came to nothing.
-    pub(super) fn edge_kg(&mut self, printed_kg: f64, towards: f64, beyond: f64) -> Result<Option<f64>, String> {
+    pub(in crate::study) fn edge_kg(
+        &mut self,
+        printed_kg: f64,
+        towards: f64,
+        beyond: f64,
+    ) -> Result<Option<f64>, String> {
         let within = |mass_kg: f64| (0.1..=10.0).contains(&(mass_kg / printed_kg));
         let (mut stable_kg, mut unstable_kg) = (printed_kg * towards, printed_kg / beyond);
         if self.is_stable(stable_kg)? {

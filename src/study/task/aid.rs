@@ -1,7 +1,7 @@
 //! What the fixture may be: the plastic law, springs with and without a limit, viscous fields, none.
 
-use super::way::positive;
-use crate::config::{FixtureLaw, NotNegative};
+use super::super::drawn::{not_negative, positive};
+use crate::config::FixtureLaw;
 
 /// Yield forces of the admittance rig, in N.
 pub(super) const YIELDS_N: [f64; 4] = [5.0, 10.0, 20.0, 40.0];
@@ -16,7 +16,7 @@ const MASS_KG: f64 = 2.0;
 
 /// A law.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Law {
+pub(in crate::study) enum Law {
     None,
     Plastic,
     /// A spring whose force is cut to R.
@@ -27,7 +27,7 @@ pub(super) enum Law {
 }
 
 impl Law {
-    pub(super) fn name(self) -> &'static str {
+    pub(in crate::study) fn name(self) -> &'static str {
         match self {
             Self::None => "none",
             Self::Plastic => "plastic",
@@ -40,26 +40,26 @@ impl Law {
 
 /// A law and its numbers.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct Aid {
-    pub(super) law: Law,
+pub(in crate::study) struct Aid {
+    pub(in crate::study) law: Law,
     /// Stiffness of a spring in N/m, damping across a viscous field in N s/m.
-    pub(super) hardness: Option<f64>,
+    pub(in crate::study) hardness: Option<f64>,
     /// R in N, of a plastic fixture or a saturated spring; of a viscous field the push by which it is sized.
-    pub(super) yield_n: Option<f64>,
+    pub(in crate::study) yield_n: Option<f64>,
 }
 
 impl Aid {
-    pub(super) const NONE: Self = Self { law: Law::None, hardness: None, yield_n: None };
+    pub(in crate::study) const NONE: Self = Self { law: Law::None, hardness: None, yield_n: None };
 
-    pub(super) fn plastic(yield_n: f64) -> Self {
+    pub(in crate::study) fn plastic(yield_n: f64) -> Self {
         Self { law: Law::Plastic, hardness: None, yield_n: Some(yield_n) }
     }
 
-    pub(super) fn saturated(stiffness_n_per_m: f64, yield_n: f64) -> Self {
+    pub(in crate::study) fn saturated(stiffness_n_per_m: f64, yield_n: f64) -> Self {
         Self { law: Law::Saturated, hardness: Some(stiffness_n_per_m), yield_n: Some(yield_n) }
     }
 
-    pub(super) fn viscous(drift_m_per_s: f64, yield_n: f64) -> Self {
+    pub(in crate::study) fn viscous(drift_m_per_s: f64, yield_n: f64) -> Self {
         Self { law: Law::Viscous, hardness: Some(yield_n / drift_m_per_s), yield_n: Some(yield_n) }
     }
 
@@ -78,7 +78,7 @@ impl Aid {
     }
 
     /// In words, without R.
-    pub(super) fn name(&self) -> String {
+    pub(in crate::study) fn name(&self) -> String {
         let hardness = self.hardness.unwrap_or(f64::NAN);
         match self.law {
             Law::None | Law::Plastic => self.law.name().to_owned(),
@@ -89,7 +89,7 @@ impl Aid {
     }
 
     /// As a rig's file has it.
-    pub(super) fn config(&self) -> Option<FixtureLaw> {
+    pub(in crate::study) fn config(&self) -> Option<FixtureLaw> {
         let hardness = self.hardness.unwrap_or_default();
         let elastic = |is_saturated| FixtureLaw::Elastic {
             stiffness_n_per_m: positive(hardness),
@@ -107,8 +107,4 @@ impl Aid {
             }),
         }
     }
-}
-
-pub(super) fn not_negative(value: f64) -> NotNegative {
-    NotNegative::new(value).unwrap_or_else(|| unreachable!("{value} is not negative"))
 }

@@ -15,8 +15,9 @@ mod runs;
 mod trial;
 mod way;
 
-use self::aid::Aid;
+pub(super) use self::aid::{Aid, Law};
 use self::runs::{AIM_M, AIMS_AGAIN_M, Runs, SPEED_M_PER_S};
+pub(super) use self::trial::{GRIPS, Grip};
 use super::sweep::{Report, Row, Study, Sweep, Table};
 
 /// The study `task`.
@@ -137,7 +138,7 @@ impl Study for Task {
 
 #[cfg(test)]
 mod tests {
-    use super::aid::{Law, YIELDS_N};
+    use super::aid::YIELDS_N;
     use super::*;
 
     fn row(sweep: &Runs, is_meant: impl Fn(&Row<'_>) -> bool, aid: &Aid) -> serde_json::Value {

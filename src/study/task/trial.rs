@@ -4,9 +4,9 @@ use std::ops::ControlFlow;
 
 use serde_json::Value;
 
-use super::super::drawn::shipped;
-use super::aid::{Aid, not_negative};
-use super::way::{Way, finite, positive};
+use super::super::drawn::{finite, not_negative, positive, shipped};
+use super::aid::Aid;
+use super::way::Way;
 use crate::config::{AimError, PathSegment};
 use crate::elementary;
 use crate::injection::{Injection, Kind};
@@ -34,14 +34,14 @@ const RESTING_S: f64 = 0.3;
 
 /// A hand: its spring and damper. Its mass is that of the scene.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct Grip {
-    pub(super) name: &'static str,
-    pub(super) stiffness_n_per_m: f64,
-    pub(super) damping_n_s_per_m: f64,
+pub(in crate::study) struct Grip {
+    pub(in crate::study) name: &'static str,
+    pub(in crate::study) stiffness_n_per_m: f64,
+    pub(in crate::study) damping_n_s_per_m: f64,
 }
 
 /// The hand of the rig's scene, and a braced one.
-pub(super) const GRIPS: [Grip; 2] = [
+pub(in crate::study) const GRIPS: [Grip; 2] = [
     Grip { name: "soft", stiffness_n_per_m: 400.0, damping_n_s_per_m: 8.0 },
     Grip { name: "stiff", stiffness_n_per_m: 3000.0, damping_n_s_per_m: 40.0 },
 ];

@@ -6,7 +6,8 @@ use std::ops::RangeInclusive;
 
 use nalgebra::Vector2;
 
-use crate::config::{ArcSpeed, Finite, Forbidden, PathSegment, Positive, Surface};
+use super::super::drawn::{finite, positive};
+use crate::config::{ArcSpeed, Forbidden, PathSegment, Surface};
 use crate::sim::hand::{Leg, Speed};
 
 /// A way along which the user traces.
@@ -163,14 +164,6 @@ impl Way {
 
 pub(super) fn vector([x, y]: [f64; 2]) -> Vector2<f64> {
     Vector2::new(x, y)
-}
-
-pub(super) fn finite(value: f64) -> Finite {
-    Finite::new(value).unwrap_or_else(|| unreachable!("{value} is finite"))
-}
-
-pub(super) fn positive(value: f64) -> Positive {
-    Positive::new(value).unwrap_or_else(|| unreachable!("{value} is above zero"))
 }
 
 #[cfg(test)]
