@@ -4,7 +4,9 @@ use nalgebra::{Matrix2, Vector2};
 
 use super::identified::{identified_delay_cycles, identified_models};
 use super::margins::poses;
-use crate::assembly::{AssemblyError, bus_id, bus_plan, delay_cycles, gains, linkage, period_s, plant_mass};
+use crate::assembly::{
+    AssemblyError, bus_id, bus_plan, delay_cycles, gains, linkage, period_s, plant_mass, sampled_before,
+};
 use crate::bus::budget::{Budget, PlannedFrame, Use};
 use crate::config;
 use crate::control::{
@@ -244,7 +246,9 @@ fn outers(rig: &config::Rig) -> Result<Vec<Outer>, RigError> {
     let samplings = match rig.sensor.protocol {
         config::SensorProtocol::Canopen { .. } if is_sampled_at_sync(rig) => vec![Sampling::at_sync(period_s)],
         // SYNC has the newest sample of the sensor's own clock sent.
-        config::SensorProtocol::Canopen { .. } | config::SensorProtocol::Ethercat { .. } => vec![own_clock(0.0)],
+        config::SensorProtocol::Canopen { .. } => vec![own_clock(0.0)],
+        // The input frame takes the newest one along, some time after SYNC0, at which the drives act.
+        config::SensorProtocol::Ethercat { .. } => vec![own_clock(sampled_before(rig).as_secs_f64())],
         config::SensorProtocol::Streaming { .. } | config::SensorProtocol::Polled { .. } => {
             let mut latest_s = latest_samples_s(rig)?.to_vec();
             latest_s.dedup();
