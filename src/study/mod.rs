@@ -7,6 +7,7 @@ pub mod chart;
 mod claims;
 mod control;
 mod curvature;
+mod cycle;
 #[cfg(feature = "figures")]
 pub mod drawing;
 mod drawn;
@@ -77,14 +78,15 @@ impl Options {
 const PLANT: &str = "plant";
 
 /// Names of all studies.
-pub const NAMES: [&str; 11] =
-    ["ablation", "control", "edge", "energy", "fixture", "hold", "pair", PLANT, "speed", "stability", "task"];
+pub const NAMES: [&str; 12] =
+    ["ablation", "control", "cycle", "edge", "energy", "fixture", "hold", "pair", PLANT, "speed", "stability", "task"];
 
 /// A study by its name.
 pub fn study(name: &str, options: &Options) -> Option<Box<dyn sweep::Study>> {
     Some(match name {
         "ablation" => Box::new(ablation::Ablation::new()),
         "control" => Box::new(control::Control::new()),
+        "cycle" => Box::new(cycle::CycleStudy::new()),
         "edge" => Box::new(edge::Edge::new()),
         "energy" => Box::new(energy::Energy::new()),
         "fixture" => Box::new(curvature::TangentOrExact::new()),

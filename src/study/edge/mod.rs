@@ -6,7 +6,7 @@ mod trial;
 use serde_json::Value;
 
 use self::draw::Drawn;
-use self::trial::Bench;
+pub(super) use self::trial::Bench;
 use super::drawn::shipped;
 use super::sweep::{Clock, Report, Row, Study, Sweep, Table};
 use crate::analysis::{HeldMasses, held_masses, stiffer};
