@@ -7,12 +7,12 @@ use super::{CASES, ONSETS_MS, impacts_of, of_rule, pushes_of};
 
 /// The push of the curve begins this long after the impact, in ms.
 const ONSET_MS: u32 = 100;
-/// Rules whose delays are drawn over the onset.
+/// Rules whose delays are drawn over the onset: among them the default.
 const SHOWN: [Rule; 6] = [
     Rule::Fixed(50),
-    Rule::Fixed(100),
+    Rule::Fixed(150),
     Rule::Fixed(200),
-    Rule::Automatic(100),
+    Rule::Automatic(150),
     Rule::Automatic(200),
     Rule::Automatic(300),
 ];
