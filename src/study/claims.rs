@@ -15,7 +15,7 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 /// Sections in which a bullet point without a claim is an error.
-const CHECKED: [&str; 4] = ["cycle", "hold", "speed", "task"];
+const CHECKED: [&str; 8] = ["control", "cycle", "energy", "hold", "pair", "plant", "speed", "task"];
 const BEGIN: &str = "<!-- claim:";
 const END: &str = "-->";
 /// Longest first: the first that fits is taken.
