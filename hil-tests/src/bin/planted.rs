@@ -91,8 +91,8 @@ const DEFECTS: [Defect; 18] = [
     defect(
         "the turn of an encoder is not looked for",
         "src/bus/axis.rs",
-        "_ => CountUnwrapper::near(self.expected_counts),",
-        "_ => CountUnwrapper::near(0),",
+        "self.unwrapper.unwrap(position);",
+        "self.unwrapper = CountUnwrapper::near(0); self.unwrapper.unwrap(position);",
     ),
     defect(
         "a heartbeat is missed too late",
