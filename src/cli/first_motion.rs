@@ -10,7 +10,7 @@ use super::failure::{Exit, Failure, both};
 use super::interfaces::Interfaces;
 use super::interrupt::on_interrupt;
 use super::live::{evidence, not_run};
-use super::on_bus::{open_failure, thread_failure, warn, warn_of};
+use super::on_bus::{different, open_failure, thread_failure, warn, warn_of};
 use super::output::Output;
 use super::pace::PaceArgument;
 use crate::assembly::{AssemblyError, master};
@@ -114,9 +114,19 @@ impl OnBus {
     }
 }
 
-/// Gives the devices back what they held before, if anything was kept.
-pub(super) fn give_back(journal: Option<Journal>, output: &mut Output) -> Result<(), Failure> {
-    journal.map_or(Ok(()), |journal| journal.give_back(output))
+/// Gives the devices back what they held before, if anything was kept; what the act came to, with each emergency once, and whether they
+/// got it back.
+pub(super) fn concluded<T>(
+    events: &Events,
+    journal: Option<Journal>,
+    outcome: Result<Outcome<T>, ThreadError>,
+    output: &mut Output,
+) -> Result<(Outcome<T>, Result<(), Failure>), Failure> {
+    events.clear();
+    let given_back = journal.map_or(Ok(()), |journal| journal.give_back(output));
+    let mut outcome = outcome.map_err(|error| thread_failure(&error))?;
+    outcome.emergencies = different(outcome.emergencies.into_iter());
+    Ok((outcome, given_back))
 }
 
 /// Tells what does not concern a command, beside its results.
@@ -140,9 +150,7 @@ pub(super) fn at_rest<T>(
         news => events.news(news),
     };
     let outcome = act(on_bus, &terms, &is_interrupted, output, &tell);
-    events.clear();
-    let given_back = give_back(journal, output);
-    let outcome = outcome.map_err(|error| thread_failure(&error))?;
+    let (outcome, given_back) = concluded(&events, journal, outcome, output)?;
     let end = match &outcome.played {
         Ok(_) => Ok(()),
         Err(error) => Err(not_run(error, &outcome, &interfaces, &rig.value, file)),

@@ -226,9 +226,9 @@ fn on_bus(
 ) -> Result<(), Failure> {
     use super::events::Events;
     use super::failure::both;
-    use super::first_motion::{Opened, give_back};
+    use super::first_motion::{Opened, concluded};
     use super::live::{ended, not_run};
-    use super::on_bus::{different, thread_failure, warn};
+    use super::on_bus::warn;
     use crate::assembly::homing_master;
     use crate::host::{News, NotRun};
 
@@ -243,10 +243,7 @@ fn on_bus(
         News::Step(_) | News::Proved => {}
         news => events.news(news),
     });
-    events.clear();
-    let given_back = give_back(journal, output);
-    let mut outcome = outcome.map_err(|error| thread_failure(&error))?;
-    outcome.emergencies = different(outcome.emergencies.into_iter());
+    let (outcome, given_back) = concluded(&events, journal, outcome, output)?;
     let homed = match &outcome.played {
         Ok(homed) => *homed,
         Err(error) => {

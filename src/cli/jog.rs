@@ -282,9 +282,9 @@ fn on_bus(
 ) -> Result<(), Failure> {
     use super::desk::journal::Journal;
     use super::events::Events;
-    use super::first_motion::{Opened, give_back};
+    use super::first_motion::{Opened, concluded};
     use super::live::{ended, not_run};
-    use super::on_bus::{different, thread_failure, warn};
+    use super::on_bus::warn;
     use crate::host::News;
 
     let events = Events::of(output);
@@ -313,10 +313,7 @@ fn on_bus(
         news => events.news(news),
     });
     drop(reader);
-    events.clear();
-    let given_back = give_back(journal, output);
-    let mut outcome = outcome.map_err(|error| thread_failure(&error))?;
-    outcome.emergencies = different(outcome.emergencies.into_iter());
+    let (outcome, given_back) = concluded(&events, journal, outcome, output)?;
     let jogged = match &outcome.played {
         Ok(jogged) => *jogged,
         Err(error) => {

@@ -11,10 +11,10 @@ use crate::cli::confirm::agreed;
 use crate::cli::desk::journal::Journal;
 use crate::cli::events::Events;
 use crate::cli::failure::{Exit, Failure, both};
-use crate::cli::first_motion::{Opened, give_back};
+use crate::cli::first_motion::{Opened, concluded};
 use crate::cli::interfaces::Interfaces;
 use crate::cli::live::not_run;
-use crate::cli::on_bus::{different, thread_failure, warn, with_told};
+use crate::cli::on_bus::{warn, with_told};
 use crate::cli::output::Output;
 use crate::config;
 use crate::host::{News, Person};
@@ -123,10 +123,7 @@ pub(super) fn run(
         News::Step(_) | News::Proved => {}
         news => events.news(news),
     });
-    events.clear();
-    let given_back = give_back(journal, output);
-    let mut outcome = outcome.map_err(|error| thread_failure(&error))?;
-    outcome.emergencies = different(outcome.emergencies.into_iter());
+    let (outcome, given_back) = concluded(&events, journal, outcome, output)?;
     match &outcome.played {
         Ok(commissioned) => {
             let told = |failure| with_told(failure, &outcome.emergencies, &outcome.errors, rig);

@@ -102,9 +102,9 @@ pub(in crate::cli) fn run(arguments: &Arguments, output: &mut Output) -> Result<
 fn on_bus(arguments: &Arguments, plans: &[LoopPlan], rig: &Loaded<Rig>, output: &mut Output) -> Result<(), Failure> {
     use crate::cli::confirm::agreed;
     use crate::cli::events::Events;
-    use crate::cli::first_motion::{Opened, give_back};
+    use crate::cli::first_motion::{Opened, concluded};
     use crate::cli::live::{ended, not_run};
-    use crate::cli::on_bus::{different, thread_failure, warn};
+    use crate::cli::on_bus::warn;
     use crate::host::News;
 
     let what = format!(
@@ -124,10 +124,7 @@ fn on_bus(arguments: &Arguments, plans: &[LoopPlan], rig: &Loaded<Rig>, output: 
         News::Step(_) | News::Proved => {}
         news => events.news(news),
     });
-    events.clear();
-    let given_back = give_back(journal, output);
-    let mut outcome = outcome.map_err(|error| thread_failure(&error))?;
-    outcome.emergencies = different(outcome.emergencies.into_iter());
+    let (outcome, given_back) = concluded(&events, journal, outcome, output)?;
     let traced = match &outcome.played {
         Ok(traced) => traced.clone(),
         Err(error) => {
