@@ -77,6 +77,8 @@ pub struct HomingState {
     pub is_over: bool,
     /// It has given up. It tells that in homing mode alone.
     pub has_failed: bool,
+    /// Its last position has jumped: it refers to something else than the one before.
+    pub has_jumped: bool,
 }
 
 /// A drive as the cycle sees it.
@@ -91,6 +93,8 @@ pub(super) struct Axis {
     shift_rad: Option<f64>,
     /// While the drive homes: a greater change of its angle than this, rad, is one of its reference, and its angle goes on as it was.
     jump_rad: Option<f64>,
+    /// Whether the last change of its angle was such a one.
+    has_jumped: bool,
     /// The last angle, rad.
     last_rad: f64,
     /// Whether its first position referred to home.
@@ -113,6 +117,7 @@ impl Axis {
             home,
             shift_rad: None,
             jump_rad: None,
+            has_jumped: false,
             last_rad: 0.0,
             was_referenced: false,
             unwrapper: CountUnwrapper::near(expected_counts),
@@ -126,7 +131,8 @@ impl Axis {
     pub(super) fn restart(&mut self) {
         self.unwrapper = CountUnwrapper::near(self.expected_counts);
         (self.walk, self.statusword) = (StateWalk::new(), Statusword::default());
-        (self.shift_rad, self.jump_rad, self.was_referenced, self.is_homing) = (None, None, false, false);
+        (self.shift_rad, self.jump_rad, self.has_jumped) = (None, None, false);
+        (self.was_referenced, self.is_homing) = (false, false);
     }
 
     /// How far the drive is with homing.
@@ -138,6 +144,7 @@ impl Axis {
             is_referenced: self.is_referenced(),
             is_over: self.statusword.has(over),
             has_failed: self.statusword.has(Statusword::HOMING_ERROR),
+            has_jumped: self.has_jumped,
         }
     }
 
@@ -178,7 +185,8 @@ impl Axis {
         self.unwrap(position);
         let own_rad = self.scaling.angle_rad(self.unwrapper.counts());
         let mut angle_rad = own_rad + shift_rad;
-        if self.jump_rad.is_some_and(|jump_rad| (angle_rad - self.last_rad).abs() > jump_rad) {
+        self.has_jumped = self.jump_rad.is_some_and(|jump_rad| (angle_rad - self.last_rad).abs() > jump_rad);
+        if self.has_jumped {
             (angle_rad, self.shift_rad) = (self.last_rad, Some(self.last_rad - own_rad));
         }
         self.last_rad = angle_rad;
@@ -348,6 +356,8 @@ mod tests {
                     };
                     let word = ENABLED | if is_referenced { REFERENCED } else { 0 };
                     let angle = told(&mut axis, word, position);
+                    let jumps = if bit_first { 20 } else { 10 };
+                    assert_eq!(axis.homing().has_jumped, cycle == jumps, "{direction:?} {bit_first} {cycle}");
                     // The jump itself counts for no travel, so that one cycle of it is lost.
                     assert!((angle - wanted(cycle)).abs() < 0.0051, "{direction:?} {bit_first} {cycle}: {angle}");
                 }

@@ -159,6 +159,13 @@ impl Master {
         self.axes.iter_mut().for_each(|axis| axis.set_jump(jump_rad));
     }
 
+    /// As [`Cycle::report_blocked`].
+    ///
+    /// Real-time: yes.
+    pub fn report_blocked(&mut self, joint: usize) {
+        self.cycle.report_blocked(joint);
+    }
+
     /// Angles of the joints by the references of their drives, rad, whatever they were taken to be at before homing.
     pub fn referenced_angles(&self) -> JointAngles {
         self.axes.each_ref().map(Axis::referenced_rad).into()

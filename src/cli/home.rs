@@ -91,7 +91,8 @@ fn end(
     output: &mut Output,
 ) -> Result<(), Failure> {
     let failed = homed.failed.map_or(Ok(()), |(joint, why)| Err(not_home(rig, joint, why)));
-    let end = end.and(failed);
+    // What was seen of a drive says more than the fault that stopped the rig for it.
+    let end = failed.and(end);
     let joints = rig.drives.iter().zip(homed.joints).zip(plan.home.joints);
     if output.is_json() {
         let document = |((drive, joint), is_asked): ((&config::Drive, crate::run::JointHomed), bool)| {
@@ -194,6 +195,27 @@ fn not_home(rig: &config::Rig, joint: usize, why: NotHome) -> Failure {
             format!("by its position the joint of {joint_name} stands {:.2} deg beside home", off_rad.to_degrees()),
             "compare `position_at_home` of its profile with the manual: some drives take the home offset with the other sign"
                 .to_owned(),
+        ),
+        NotHome::Blocked(blocked, torque_n_m) => (
+            Exit::SafetyStop,
+            format!(
+                "the drive {} pushed with {:.1} N m, all that it may or nearly so, and its position stood still",
+                name(blocked),
+                torque_n_m.abs()
+            ),
+            "torque is off; look whether the joint is blocked and whether its encoder counts (`yieldwall monitor` while you lead it by hand), \
+             then at friction, and raise --torque only if that is the reason"
+                .to_owned(),
+        ),
+        NotHome::Silent(silent) => (
+            Exit::DeviceFault,
+            format!("the drive {} does not tell its torque (6077h) any more, by which a joint that is blocked is seen", name(silent)),
+            "look at the cable and at the load of the bus".to_owned(),
+        ),
+        NotHome::Jumped(jumped) => (
+            Exit::SafetyStop,
+            format!("while {joint_name} was homed the position of {}, which holds, jumped", name(jumped)),
+            "look at its encoder and its cable".to_owned(),
         ),
         NotHome::TooFar(moved, gone_rad) if moved != joint => (
             Exit::SafetyStop,

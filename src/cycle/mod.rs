@@ -231,6 +231,8 @@ pub struct Cycle {
     lead: Option<Lead>,
     /// Whether the drives move the joints by themselves.
     homes: bool,
+    /// Of those the ones that push and do not move.
+    blocked: DeviceSet,
     /// Torques that the reference's motion needs; known in torque mode alone.
     needed: Option<JointTorques>,
     enabling_cycles: u32,
@@ -273,6 +275,7 @@ impl Cycle {
             halt: None,
             lead: None,
             homes: false,
+            blocked: DeviceSet::default(),
             needed: None,
             enabling_cycles: 0,
             braked_cycles: 0,
@@ -309,12 +312,20 @@ impl Cycle {
         }
     }
 
-    /// Has the drives move the joints by themselves from now on: there is no reference, and the command is the one that moves nothing. Whatever would hold or stop the rig is a quick stop of both drives. To be called
-    /// while the rig idles.
+    /// Has the drives move the joints by themselves from now on: there is no reference, and the command is the one that moves nothing.
+    /// Whatever would hold or stop the rig is a quick stop of both drives. To be called while the rig idles.
     pub fn home(&mut self, homes: bool) {
         if self.reference.is_none() {
-            self.homes = homes;
+            (self.homes, self.blocked) = (homes, DeviceSet::default());
         }
+    }
+
+    /// Takes the torque off joints of which this one, 0 the left one, pushes and does not move while its drive moves it by itself: a
+    /// following error. A ramp of a drive whose encoder stands still would go on pushing.
+    ///
+    /// Real-time: yes.
+    pub fn report_blocked(&mut self, joint: usize) {
+        self.blocked = DeviceSet::drives_where([0, 1].map(|one| self.homes && one == joint));
     }
 
     /// Leads the joints of a rig that runs to these angles, within its limits. Targets that are not finite are passed over.
@@ -485,7 +496,8 @@ impl Cycle {
     /// that is closed the wrong way drives them on: they are without torque at once. They are slow.
     fn led_reaction(&self, fault: Fault, reaction: Reaction) -> Reaction {
         match reaction {
-            // The ramps of drives that home are their own.
+            // The ramps of drives that home are their own, and none where the encoder may stand still.
+            reaction if self.homes && fault == Fault::FollowingError => reaction.max(Reaction::TorqueOff),
             reaction if self.homes && reaction > Reaction::Count => reaction.max(Reaction::QuickStop),
             // Joints that follow are brought to rest by whom a person asks to stop.
             Reaction::StopRamp if fault == Fault::StopRequested => reaction,

@@ -162,7 +162,7 @@ impl Cycle {
         let led = self.lead.map(|lead| lead.following_error_rad(self.settings.period_s));
         let limit = led.map_or(own, |led| led.min(own));
         let beyond = |limit: f64| DeviceSet::drives_where(error.to_array().map(|error| error.abs() > limit));
-        self.faults.observe_on(Fault::FollowingError, beyond(limit));
+        self.faults.observe_on(Fault::FollowingError, beyond(limit) | self.blocked);
         self.faults.observe_on(Fault::Runaway, beyond(2.0 * limit));
         let is_left = self.clearance_m < LEFT_SHARE * self.settings.singularity_margin_m;
         self.faults.observe(Fault::WorkspaceLeft, is_left);

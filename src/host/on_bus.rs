@@ -305,7 +305,7 @@ impl RigOnBus {
             runner.boot()?;
             let permit = runner.prove_for_bring_up(rig, &terms.proof(), bounds)?;
             let _ = news.send(News::Proved);
-            Ok(runner.home(plan, &permit, is_interrupted)?)
+            Ok(runner.home(rig, plan, &permit, is_interrupted)?)
         })
     }
 

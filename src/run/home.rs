@@ -5,6 +5,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use super::error::RunError;
 use super::permit::{Ask, Permit};
 use super::place::Place;
+use super::push_watch::PushWatch;
 use super::runner::Runner;
 use super::scene::Ended;
 use crate::assembly::HOMING_COMES_UP_S;
@@ -80,6 +81,12 @@ pub enum NotHome {
     Elsewhere(f64),
     /// This joint, 0 the left one, went farther than it may, by so much, rad.
     TooFar(usize, f64),
+    /// The drive of this joint pushes with so much torque, N m, and its position stands still.
+    Blocked(usize, f64),
+    /// The drive of this joint does not tell its torque (6077h) any more.
+    Silent(usize),
+    /// The position of the joint that holds has jumped.
+    Jumped(usize),
 }
 
 /// What became of one joint.
@@ -115,22 +122,37 @@ pub struct Homed {
 impl<P: Place> Runner<P> {
     /// Enables a rig that was booted for homing ([`Runner::prepare_homing`]), has each drive that is asked for find its reference, and stops
     /// it. The other drive holds its joint meanwhile. A joint that goes farther than it may, whatever holds the rig, and a fault at either
-    /// drive quick-stop both.
+    /// drive quick-stop both. A drive that pushes against its torque limit and does not move takes the torque off both: its torque is asked
+    /// for (6077h) beside the cycles.
     ///
     /// # Errors
-    /// [`RunError::WayBlocked`], before anything is enabled, if the linkage does not go as far as a joint may; as [`Runner::enable`].
-    pub fn home(&mut self, plan: &HomePlan, permit: &Permit, is_interrupted: &AtomicBool) -> Result<Homed, RunError> {
+    /// Before anything is enabled: [`RunError::WayBlocked`] if the linkage does not go as far as a joint may; if a drive does not tell its
+    /// torque or its limit. Then as [`Runner::enable`].
+    pub fn home(
+        &mut self,
+        rig: &config::Rig,
+        plan: &HomePlan,
+        permit: &Permit,
+        is_interrupted: &AtomicBool,
+    ) -> Result<Homed, RunError> {
         self.check_permit(permit)?;
         self.watch_homing(Some(2.0 * plan.fastest_rad_per_s * self.period().as_secs_f64()));
-        let homed = self.home_all(plan, permit, is_interrupted);
+        let homed = self.home_all(rig, plan, permit, is_interrupted);
         self.set_homing([false; 2]);
         self.watch_homing(None);
         homed
     }
 
-    fn home_all(&mut self, plan: &HomePlan, permit: &Permit, is_interrupted: &AtomicBool) -> Result<Homed, RunError> {
+    fn home_all(
+        &mut self,
+        rig: &config::Rig,
+        plan: &HomePlan,
+        permit: &Permit,
+        is_interrupted: &AtomicBool,
+    ) -> Result<Homed, RunError> {
         self.idle_before_lead(plan.settling.max(1), is_interrupted)?;
         self.check_homing_way(plan)?;
+        let mut watch = PushWatch::new(self, rig, plan.rate_rad_per_s)?;
         self.enable(0, permit, is_interrupted)?;
         // Both are watched here, each within a bound of its own.
         self.unbind_motion();
@@ -138,7 +160,7 @@ impl<P: Place> Runner<P> {
         let mut farthest = [0.0_f64; 2];
         let (mut ended, mut failed, mut cycles, mut homed) = (Ended::Whole, None, 0, [false; 2]);
         for joint in (0..2).filter(|joint| plan.joints.get(*joint) == Some(&true)) {
-            match self.home_one(joint, plan, &mut farthest, &mut cycles, is_interrupted) {
+            match self.home_one(joint, plan, &mut watch, &mut farthest, &mut cycles, is_interrupted) {
                 Ok(()) => homed.iter_mut().skip(joint).take(1).for_each(|homed| *homed = true),
                 Err((end, why)) => {
                     (ended, failed) = (end, why.map(|why| (joint, why)));
@@ -151,6 +173,7 @@ impl<P: Place> Runner<P> {
         let referenced = self.master().homing().map(|homing| homing.is_referenced);
         let (taken, by_reference) = (self.angles().to_array(), self.master().referenced_angles().to_array());
         let ended = self.end_lead(ended);
+        watch.finish(self);
         let of = |joint: usize| JointHomed {
             farthest_rad: farthest.get(joint).copied().unwrap_or_default(),
             angle_rad: *if referenced[joint] { &by_reference } else { &taken }.get(joint).unwrap_or(&0.0),
@@ -186,6 +209,7 @@ impl<P: Place> Runner<P> {
         &mut self,
         joint: usize,
         plan: &HomePlan,
+        watch: &mut PushWatch,
         farthest: &mut [f64; 2],
         cycles: &mut u32,
         is_interrupted: &AtomicBool,
@@ -203,6 +227,9 @@ impl<P: Place> Runner<P> {
         let is_silent = |homing: HomingState| !homing.is_over && !homing.has_failed;
         let mut has_begun = self.master().homing().get(joint).is_some_and(|homing| is_silent(*homing));
         let (mut rested, mut is_referenced) = (0, false);
+        // A joint that was found on its way needs this far to come to rest.
+        let slides = if of(plan.slides) > 0.0 { 0.5 * rate * HOMING_COMES_UP_S } else { 0.0 };
+        let period_s = self.period().as_secs_f64();
         self.set_homing([joint == 0, joint == 1]);
         for cycle in 0..limit {
             if is_interrupted.load(Ordering::Relaxed) {
@@ -225,7 +252,21 @@ impl<P: Place> Runner<P> {
             {
                 return failed(NotHome::TooFar(beyond, gone));
             }
-            let Some(now) = self.master().homing().get(joint).copied() else { continue };
+            let states = self.master().homing();
+            let is_over = has_begun && states.get(joint).is_some_and(|state| state.is_over);
+            let rests = [0, 1].map(|one| one != joint || is_over);
+            if let Some(why) = watch.step(self, f64::from(*cycles) * period_s, rests) {
+                if let NotHome::Blocked(blocked, _) = why {
+                    self.report_blocked(blocked);
+                    self.run_cycle(Ask::Nothing);
+                }
+                return Err((if self.state() == State::Running { Ended::Whole } else { Ended::Stopped }, Some(why)));
+            }
+            if let Some((jumped, _)) = states.iter().enumerate().find(|(one, state)| *one != joint && state.has_jumped)
+            {
+                return failed(NotHome::Jumped(jumped));
+            }
+            let Some(now) = states.get(joint).copied() else { continue };
             has_begun |= is_silent(now);
             if !has_begun {
                 if cycle >= self.cycles_in(BEGINS_S) {
@@ -236,12 +277,13 @@ impl<P: Place> Runner<P> {
             if now.has_failed {
                 return failed(NotHome::GaveUp);
             }
+            let off = of((self.master().referenced_angles() - plan.home).to_array());
+            if now.has_jumped && off.abs() > slides + OFF_RAD {
+                return failed(NotHome::Elsewhere(off));
+            }
             is_referenced = now.is_referenced;
             rested = if now.is_over { rested + 1 } else { 0 };
             if rested >= rest && is_referenced {
-                let off = of((self.master().referenced_angles() - plan.home).to_array());
-                // A joint that was found on its way needs this far to come to rest.
-                let slides = if of(plan.slides) > 0.0 { 0.5 * rate * HOMING_COMES_UP_S } else { 0.0 };
                 return if off.abs() > slides + OFF_RAD { failed(NotHome::Elsewhere(off)) } else { Ok(()) };
             }
         }

@@ -23,6 +23,7 @@ mod pace;
 mod permit;
 mod place;
 mod proof;
+mod push_watch;
 mod runner;
 mod scene;
 mod sensor;

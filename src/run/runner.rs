@@ -232,6 +232,13 @@ impl<P: Place> Runner<P> {
         self.master.set_homing(are_homing);
     }
 
+    /// As [`Master::report_blocked`].
+    ///
+    /// Real-time: yes.
+    pub(super) fn report_blocked(&mut self, joint: usize) {
+        self.master.report_blocked(joint);
+    }
+
     /// Has nobody but the caller watch how far the joints go.
     pub(super) fn unbind_motion(&mut self) {
         self.motion_bound = None;

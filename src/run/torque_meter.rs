@@ -14,6 +14,17 @@ use yieldwall_drives::scaling::AxisScaling;
 /// Cycles for which the last answer is waited at most.
 const LAST_CYCLES: u32 = 1000;
 
+/// What has come of a question.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) enum Metered {
+    /// Nothing yet.
+    Pending,
+    /// Nothing was asked, or the answer tells no torque.
+    Nothing,
+    /// The torque, N m.
+    Torque(f64),
+}
+
 /// Asks one drive again and again.
 pub(super) struct TorqueMeter {
     drive: Device,
@@ -39,22 +50,45 @@ impl TorqueMeter {
     ///
     /// Real-time: yes.
     pub(super) fn step<P: Place>(&mut self, runner: &mut Runner<P>, at: Option<f64>) {
-        if self.is_pending {
-            match runner.master().answer(self.drive) {
-                ObjectAnswer::Pending => return,
-                ObjectAnswer::Done(&[low, high, ..]) => {
-                    let torque_n_m = self.scaling.torque_n_m(i16::from_le_bytes([low, high]));
-                    if let Some(at) = self.asked_at.filter(|_| self.samples.len() < self.samples.capacity()) {
-                        self.samples.push([at, torque_n_m]);
-                    }
-                }
-                ObjectAnswer::Done(_) | ObjectAnswer::NotAsked | ObjectAnswer::Failed(_) => {}
-            }
-            self.is_pending = false;
+        if self.take(runner) != Metered::Pending {
+            self.ask(runner, at);
         }
+    }
+
+    /// Takes an answer that has come.
+    ///
+    /// Real-time: yes.
+    pub(super) fn take<P: Place>(&mut self, runner: &Runner<P>) -> Metered {
+        if !self.is_pending {
+            return Metered::Nothing;
+        }
+        let answer = match runner.master().answer(self.drive) {
+            ObjectAnswer::Pending => return Metered::Pending,
+            ObjectAnswer::Done(&[low, high, ..]) => {
+                let torque_n_m = self.torque_n_m(i16::from_le_bytes([low, high]));
+                if let Some(at) = self.asked_at.filter(|_| self.samples.len() < self.samples.capacity()) {
+                    self.samples.push([at, torque_n_m]);
+                }
+                Metered::Torque(torque_n_m)
+            }
+            ObjectAnswer::Done(_) | ObjectAnswer::NotAsked | ObjectAnswer::Failed(_) => Metered::Nothing,
+        };
+        self.is_pending = false;
+        answer
+    }
+
+    /// Asks. `at` is where the joint is, or when it is asked, if that counts.
+    ///
+    /// Real-time: yes.
+    pub(super) fn ask<P: Place>(&mut self, runner: &mut Runner<P>, at: Option<f64>) {
         self.asked_at = at;
         let request = ObjectRequest::Read(Address::new(TORQUE_ACTUAL.index, TORQUE_ACTUAL.sub));
         self.is_pending = runner.send(|master, now, out| master.ask(now, self.drive, request, out)).is_ok();
+    }
+
+    /// Parts of a thousand of the drive's rated torque, N m.
+    pub(super) fn torque_n_m(&self, per_mille: i16) -> f64 {
+        self.scaling.torque_n_m(per_mille)
     }
 
     /// Waits for what was asked last, so that the drive can be asked for something else.

@@ -156,7 +156,7 @@ impl EmbeddedRig {
         // Injections count their time from here.
         self.take_tool();
         self.place_mut().far.world.let_go();
-        let homed = self.runner.home(plan, &self.permit, is_interrupted);
+        let homed = self.runner.home(rig, plan, &self.permit, is_interrupted);
         self.go_on()?;
         Ok(homed)
     }

@@ -165,26 +165,40 @@ fn a_rig_that_was_not_homed_is_not_run() {
 }
 
 #[test]
-fn a_joint_whose_encoder_stands_still_for_a_while_is_not_homed() {
-    // The drive pushes with all the torque that it may until the position moves again.
+fn a_joint_whose_encoder_stands_still_loses_its_torque() {
     let stuck = Injection::new(Kind::EncoderStuck, 2.39).on(Target::RightDrive).lasting(Some(0.314));
-    let (homed, _, farthest) = homed(&rig(false, config::CommandMode::Torque, |_, _| ()), [true; 2], &[stuck]);
-    let homed = homed.unwrap();
-    assert!(matches!(homed.failed, Some((1, NotHome::Elsewhere(_)))), "{homed:?}");
-    assert!(homed.joints[0].is_homed && !homed.joints[1].is_homed && farthest[1] > 0.3, "{homed:?} {farthest:?}");
+    for is_on_ethercat in [false, true] {
+        let (homed, _, farthest) =
+            homed(&rig(is_on_ethercat, config::CommandMode::Torque, |_, _| ()), [true; 2], &[stuck]);
+        let homed = homed.unwrap();
+        assert!(matches!(homed.failed, Some((1, NotHome::Blocked(1, _)))), "{homed:?} {farthest:?}");
+        assert!(homed.joints[0].is_homed && !homed.joints[1].is_homed, "{homed:?} {farthest:?}");
+        assert_eq!(homed.cause.map(|cause| cause.fault), Some(crate::guard::Fault::FollowingError), "{homed:?}");
+    }
+}
+
+#[test]
+fn an_encoder_that_stands_still_at_any_moment_leads_no_joint_away() {
+    let machine = rig(false, config::CommandMode::Torque, |_, _| ());
+    for target in [Target::LeftDrive, Target::RightDrive] {
+        for at in 0..30 {
+            let stuck = Injection::new(Kind::EncoderStuck, 0.1 * f64::from(at) + 0.05).on(target).lasting(Some(0.5));
+            let (homed, _, farthest) = homed(&machine, [true; 2], &[stuck]);
+            assert!(farthest.iter().all(|gone| *gone < 0.15 + HOMING_BEYOND_RAD), "{stuck:?}: {farthest:?} {homed:?}");
+        }
+    }
 }
 
 proptest! {
     #![proptest_config(ProptestConfig { cases: 24, ..ProptestConfig::default() })]
 
-    /// Whatever breaks on the way: no link leaves its bound, and no drive is left with torque. Encoders tell the truth here: how far a link
-    /// goes is known from its drive's position alone.
+    /// Whatever breaks on the way, encoders too: no link leaves its bound, and no drive is left with torque.
     #[test]
     fn whatever_breaks_no_joint_goes_too_far(
         is_on_ethercat: bool, at_s in 0.0..3.0f64, for_s in 0.01..0.5f64, is_left: bool,
         kind in prop::sample::select(vec![
             Kind::DriveFault, Kind::DriveLeavesOperation, Kind::VoltageOff, Kind::Emergency, Kind::NodeReset, Kind::ArmBlocked,
-            Kind::SensorInvalid,
+            Kind::SensorInvalid, Kind::EncoderStuck, Kind::EncoderJump,
         ]),
     ) {
         let targets = kind.row().targets;
