@@ -232,7 +232,7 @@ pub fn uneven_samples(rig: &config::Rig) -> Option<UnevenSamples> {
 }
 
 /// Whether the sensor takes its samples at SYNC.
-pub(super) fn is_sampled_at_sync(rig: &config::Rig) -> bool {
+pub fn is_sampled_at_sync(rig: &config::Rig) -> bool {
     matches!(rig.sensor.protocol, config::SensorProtocol::Canopen { .. })
         && *rig.sensor.sample_rate_hz == f64::from(SYNC_RATE_HZ)
 }

@@ -11,8 +11,8 @@ pub use gains::{
     LEAST_MARGINS, PROPOSED_MARGINS, RateMargins, has_margins, proposed_gains, proposed_rate_gain, rate_margins,
 };
 pub use held::{
-    Coupled, HeldMasses, Holding, UnevenSamples, coupled_device, hand_of, held_masses, held_masses_identified, stiffer,
-    uneven_samples, usual_hands,
+    Coupled, HeldMasses, Holding, UnevenSamples, coupled_device, hand_of, held_masses, held_masses_identified,
+    is_sampled_at_sync, stiffer, uneven_samples, usual_hands,
 };
 pub use identified::{identified_margins, identified_models};
 pub use margins::{Margin, PoseMargins, pose_margins};

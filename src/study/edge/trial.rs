@@ -4,7 +4,7 @@ use std::f64::consts::TAU;
 use std::time::Duration;
 
 use super::super::drawn::{PEAK, finite, not_negative, positive};
-use crate::analysis::uneven_samples;
+use crate::analysis::is_sampled_at_sync;
 use crate::config::{self, PathSegment};
 use crate::control::Grip;
 use crate::elementary;
@@ -87,7 +87,7 @@ impl Bench {
         tool_m: [f64; 2],
         phases: u32,
     ) -> Self {
-        let phases = if uneven_samples(rig).is_some() { phases } else { 1 };
+        let phases = if is_sampled_at_sync(rig) { 1 } else { phases };
         Self { rig: frictionless(rig), scene: scene.clone(), grip: *grip, tool_m, phases, worst: 0 }
     }
 
@@ -125,6 +125,8 @@ impl Bench {
         machine.enable().map_err(|error| error.to_string())?;
         let interval_s = rig.sensor.sample_rate_hz.get().recip();
         let share = f64::from(phase) / f64::from(self.phases);
+        // The phase stays: a sample that drifts past the frame, and shows more counts there, looks like a swing that grows.
+        machine.stop_drift();
         machine.align_sensor(Duration::from_secs_f64(BEHIND_S + share * interval_s));
         let floor_m_per_s = self.floor_m_per_s(mass_kg, per_count);
         Ok(Trial { machine, fast_m_per_s, nudge_n, floor_m_per_s })
