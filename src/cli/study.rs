@@ -16,10 +16,12 @@ use super::failure::{Exit, Failure};
 use super::output::Output;
 use crate::batch;
 use crate::study::sweep::{Store, StoreError, Study, Sweep, Table};
-use crate::study::{NAMES, Options, OptionsError, study};
+use crate::study::{NAMES, Options, OptionsError, PLANT, study};
 
 /// Name of the file of a table that is not computed in shards.
 const WHOLE: &str = "whole";
+/// All studies, one after the other.
+const ALL: &str = "all";
 
 #[derive(Debug, clap::Args)]
 pub(super) struct Arguments {
@@ -64,10 +66,12 @@ pub(super) struct Arguments {
 
 /// The studies, each with what it asks.
 fn names() -> PossibleValuesParser {
-    PossibleValuesParser::new(NAMES.map(|name| {
+    let each = NAMES.map(|name| {
         let about = study(name, &Options::default()).map_or("", |study| study.about());
         PossibleValue::new(name).help(about)
-    }))
+    });
+    let all = PossibleValue::new(ALL).help("each of these, one after the other");
+    PossibleValuesParser::new(each.into_iter().chain([all]))
 }
 
 /// Part `number`, from 1, of `of`.
@@ -102,21 +106,45 @@ fn parse_point(text: &str) -> Result<(String, u64), String> {
 
 pub(super) fn run(arguments: &Arguments, output: &mut Output) -> Result<(), Failure> {
     let options = Options { mujoco: arguments.mujoco.clone() };
-    options.check(&arguments.name, !arguments.merge).map_err(|error| options_failure(&error))?;
-    let study = study(&arguments.name, &options)
-        .ok_or_else(|| Failure::new(Exit::Internal, format!("no study {}", arguments.name), ""))?;
-    compute_or_draw(study.as_ref(), &options, arguments, output)
+    let named = |name: &str, options: &Options| {
+        study(name, options).ok_or_else(|| Failure::new(Exit::Internal, format!("no study {name}"), ""))
+    };
+    if arguments.name != ALL {
+        options.check(&arguments.name, !arguments.merge).map_err(|error| options_failure(&error))?;
+        let study = named(&arguments.name, &options)?;
+        let document = compute_or_draw(study.as_ref(), &options, arguments, output)?;
+        return document.map_or(Ok(()), |document| output.report(document));
+    }
+    if arguments.point.is_some() {
+        return Err(Failure::new(Exit::Usage, "--point: `all` has no tables", "name the study"));
+    }
+    options.check(PLANT, !arguments.merge).map_err(|error| options_failure(&error))?;
+    let mut documents = serde_json::Map::new();
+    for name in NAMES {
+        let options = if name == PLANT { &options } else { &Options::default() };
+        let study = named(name, options)?;
+        // What measures time is left to a run without shards.
+        let is_timed = study.sweeps().iter().all(|sweep| sweep.is_timed());
+        if arguments.shard.is_some() && is_timed {
+            continue;
+        }
+        output.news(&format!("{name}: {}", study.about()))?;
+        let document = compute_or_draw(study.as_ref(), options, arguments, output)?;
+        documents.extend(document.map(|document| (name.to_owned(), document)));
+    }
+    if output.is_json() { output.report(json!({ "studies": documents })) } else { Ok(()) }
 }
 
+/// Computes and draws a study; the JSON document of that, if it is asked for and not printed yet.
 fn compute_or_draw(
     study: &dyn Study,
     options: &Options,
     arguments: &Arguments,
     output: &mut Output,
-) -> Result<(), Failure> {
+) -> Result<Option<Value>, Failure> {
     if let Some((table, index)) = &arguments.point {
         let (sweep, one) = point(study, table, *index)?;
-        return print(sweep, &one, output);
+        return print(sweep, &one, output).map(|()| None);
     }
     let timed: Vec<_> = study.sweeps().iter().filter(|sweep| sweep.is_timed()).map(|sweep| sweep.name()).collect();
     if arguments.shard.is_some() && timed.len() == study.sweeps().len() {
@@ -142,14 +170,15 @@ fn compute_or_draw(
     if let Some(shard) = arguments.shard {
         if output.is_json() {
             let paces: Value = computed.iter().map(Pace::json).collect();
-            return output
-                .json(&json!({ "study": study.name(), "shard": shard.text(), "folder": folder, "computed": paces }));
+            let document = json!({ "study": study.name(), "shard": shard.text(), "folder": folder, "computed": paces });
+            return Ok(Some(document));
         }
         let next = match timed.as_slice() {
             [] => "draw them with --merge".to_owned(),
             timed => format!("run without --shard, which measures {} in one go and draws", timed.join(" and ")),
         };
-        return output.news(&format!("kept in {}; when all parts are there, {next}", folder.display()));
+        output.news(&format!("kept in {}; when all parts are there, {next}", folder.display()))?;
+        return Ok(None);
     }
     let report = study.report(&tables);
     let mujoco = options.mujoco.as_ref().map_or_else(String::new, |program| format!(" --mujoco {}", program.display()));
@@ -159,7 +188,7 @@ fn compute_or_draw(
     let document = document::document(study, &tables, &report, &origin);
     let files = document::write(&folder, study, &tables, &report, &document)?;
     if output.is_json() {
-        return output.report(document);
+        return Ok(Some(document));
     }
     for line in &report.notes {
         output.news(line)?;
@@ -167,7 +196,7 @@ fn compute_or_draw(
     for file in files {
         output.news(&format!("  written to {}", file.display()))?;
     }
-    Ok(())
+    Ok(None)
 }
 
 /// Computes one point.

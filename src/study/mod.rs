@@ -75,7 +75,7 @@ impl Options {
 }
 
 /// The study that MuJoCo takes part in.
-const PLANT: &str = "plant";
+pub const PLANT: &str = "plant";
 
 /// Names of all studies.
 pub const NAMES: [&str; 12] =

@@ -77,7 +77,7 @@ fn study_of(folder: &Folder, line: &str) -> Result<(), Failure> {
     let out = folder.0.display().to_string();
     let Line { arguments } = Line::parse_from(words.chain([out]).chain(line.split_whitespace().map(str::to_owned)));
     let mut output = Output::new(true, false, false);
-    compute_or_draw(&study, &Options::default(), &arguments, &mut output)
+    compute_or_draw(&study, &Options::default(), &arguments, &mut output).map(|_| ())
 }
 
 fn read(folder: &Folder, name: &str) -> String {
