@@ -194,7 +194,7 @@ pub struct AutomaticHold {
     /// The heaviest hand that shall not break through at an impact, kg. 0.1 to 20; 1.5 serves most.
     #[garde(dive)]
     pub hand_mass_kg: Positive,
-    /// Longest hold after an impact, s. 0.002 to 1; 0.1 serves most.
+    /// Longest hold after an impact, s. 0.002 to 1; 0.15 serves most.
     #[garde(dive)]
     pub longest_s: Positive,
 }

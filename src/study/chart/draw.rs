@@ -16,10 +16,16 @@ use thiserror::Error;
 
 use super::{Axis, Chart, Color, Mark, Panel, Series};
 
-/// Size of a panel in pixels of the SVG.
-const PANEL: (f64, f64) = (520.0, 400.0);
+/// Size of a panel in pixels of the SVG: with three beside one another on the width of a page, 170 mm, letters have 5 to 6 points.
+const PANEL: (f64, f64) = (340.0, 290.0);
 /// Part of a panel's width that lies within its axes, about.
-const WITHIN: f64 = 0.82;
+const WITHIN: f64 = 0.72;
+/// Sizes of letters in pixels of the SVG: of the chart's title, of those of panels and axes, and the least that long ones are set in.
+const TITLE: u32 = 16;
+const LABEL: u32 = 13;
+const LEAST_LETTERS: u32 = 9;
+/// Width of a letter over its size, about.
+const LETTER_WIDTH: f64 = 0.56;
 /// Half the width of a mark, in pixels of the SVG.
 const MARK: f64 = 4.0;
 /// How far within the frame marks stand that lie beyond it, as a share of the axis.
@@ -58,13 +64,13 @@ fn scene(chart: &Chart) -> Scene {
     let layouts = chart.panels.iter().map(layout).collect();
     let mut figure = Figure::new(rows, columns)
         .with_title(&chart.title)
-        .with_title_size(16)
+        .with_title_size(fitting(&chart.title, columns as f64 * PANEL.0, TITLE))
         .with_cell_size(PANEL.0, PANEL.1)
         .with_plots(plots)
         .with_layouts(layouts);
     let entries = legend(chart);
     if !entries.is_empty() {
-        figure = figure.with_shared_legend_position(FigureLegendPosition::Right).with_shared_legend_entries(entries);
+        figure = figure.with_shared_legend_position(FigureLegendPosition::Bottom).with_shared_legend_entries(entries);
     }
     figure.render()
 }
@@ -97,15 +103,14 @@ fn layout(panel: &Panel) -> Layout {
     let beyond = panel.series.iter().map(|series| beyond(panel, series).len()).sum::<usize>();
     let title = match beyond {
         0 => panel.title.clone(),
-        1 => format!("{} (1 point {})", panel.title, edge_words(panel)),
-        _ => format!("{} ({beyond} points {})", panel.title, edge_words(panel)),
+        _ => format!("{} ({beyond} {})", panel.title, edge_words(panel)),
     };
     let mut layout = Layout::new(x, y)
         .with_title(&title)
-        .with_title_size(13)
+        .with_title_size(fitting(&title, PANEL.0, LABEL))
         .with_x_label(&panel.x.name)
         .with_y_label(&panel.y.name)
-        .with_label_size(13)
+        .with_label_size(fitting(&panel.x.name, PANEL.0, LABEL).min(fitting(&panel.y.name, PANEL.1, LABEL)))
         .with_tick_size(11)
         .with_clamp_axis()
         .with_box_axes();
@@ -134,10 +139,16 @@ fn edge_words(panel: &Panel) -> &'static str {
         [(x, &panel.x), (y, &panel.y)].into_iter().any(|(value, axis)| axis.is_logarithmic && value <= 0.0)
     };
     match (all().any(is_below_powers), all().all(is_below_powers)) {
-        (true, true) => "at zero, drawn at the edge",
-        (true, false) => "at zero or beyond the edge",
-        (false, _) => "beyond the edge",
+        (true, true) => "at zero",
+        (true, false) => "at zero or beyond",
+        (false, _) => "beyond",
     }
+}
+
+/// The size of letters in which a text takes no more than so many pixels: `most`, or as small as it has to be.
+fn fitting(text: &str, pixels: f64, most: u32) -> u32 {
+    let letters = text.chars().count().max(1) as f64;
+    ((pixels / (LETTER_WIDTH * letters)) as u32).clamp(LEAST_LETTERS, most)
 }
 
 /// How a logarithmic axis names its ticks: all as decimals, or, where those are long, all as powers.
@@ -352,7 +363,7 @@ mod tests {
         assert_eq!(near(beyond(panel, &panel.series[1])[0]), (19.0, 315.0, false));
         assert_eq!(near(beyond(panel, &panel.series[3])[0]), (18.0, -291.0, true));
         assert!((edge(1e9, &Axis::logarithmic("x"), (1.0, 1e4)) / 8.7e3 - 1.0).abs() < 0.01);
-        assert!(svg(&chart).contains("left (5 points beyond the edge)"));
+        assert!(svg(&chart).contains("left (5 beyond)"));
     }
 
     /// Of a method whose value is zero the legend would speak, and no panel would show it.
@@ -372,7 +383,7 @@ mod tests {
         let names: Vec<_> = legend(&chart).into_iter().map(|entry| entry.label).collect();
         assert_eq!(names, ["cells", "measured"], "the theory has no point");
         // Two of `measured`, and the twenty negative ones of the marks.
-        assert!(svg(&chart).contains("left (22 points at zero, drawn at the edge)"), "{}", svg(&chart));
+        assert!(svg(&chart).contains("left (22 at zero)"), "{}", svg(&chart));
         let counts = plots(panel).len();
         chart.panels[0].series[1].points.clear();
         assert!(plots(&chart.panels[0]).len() < counts, "triangles");

@@ -159,15 +159,15 @@ fn chart(speed: &Table) -> Chart {
     let [error, creep] = series;
     let panels = vec![
         Panel {
-            title: "error against speed, steps of 1 ms (right) to 10 us (left)".to_owned(),
+            title: "steps of 1 ms (right) to 10 us (left)".to_owned(),
             x: Axis::logarithmic("simulated seconds per second (-)").over(1.0, 1e4),
             y: Axis::logarithmic("greatest error of the tool over 2 s (um)").over(LEAST_SHOWN_UM, 1e3),
             series: error,
         },
         Panel {
-            title: "creep under a push that dry friction holds; not shown: exactly 0".to_owned(),
+            title: "a push that dry friction holds".to_owned(),
             x: Axis::logarithmic("step (ms)").over(8e-3, 1.25),
-            y: Axis::logarithmic("creep (um/s)"),
+            y: Axis::logarithmic("creep (um/s)").over(1e-3, 1e4),
             series: creep,
         },
     ];

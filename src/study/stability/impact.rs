@@ -312,7 +312,7 @@ fn tool_panel(tool: &Table, notes: &mut Vec<String>) -> Panel {
         color: Color::Black,
     });
     Panel {
-        title: "depth of the tool, torques up to 60 N m, R = 20 N, hand 10 N".to_owned(),
+        title: "tool, up to 60 N m, R = 20 N, hand 10 N".to_owned(),
         x: Axis::logarithmic("speed at the wall (m/s)"),
         y: Axis::logarithmic("depth (mm)"),
         series,
