@@ -18,7 +18,7 @@ use crate::config::{self, ProfileName, Rig, SensorProtocol, Source};
 use crate::ethercat::AlStatusCode;
 use crate::explanation::{self, Explanation};
 use crate::guard::fault::TABLE;
-use crate::injection::{CATALOGUE, Kind};
+use crate::injection::{CATALOGUE, DEFECTS, DefectKind, DefectSize, Kind};
 use crate::objects::{AbortCode, Address};
 use crate::service::{known, named, names};
 
@@ -31,7 +31,7 @@ const KEY: usize = 9;
 
 #[derive(Debug, clap::Args)]
 pub(super) struct Arguments {
-    /// Faults, codes and objects by name, such as node-reset, no-sub-index or statusword; codes and values in hexadecimal as they are
+    /// Faults, defects, codes and objects by name, such as node-reset, backlash, no-sub-index or statusword; codes and values in hexadecimal as they are
     /// printed, such as 8130h, 0x8130 or 06090011; objects by address, such as 1018h:2
     #[arg(value_name = "NAME|CODE", required = true)]
     words: Vec<String>,
@@ -159,13 +159,17 @@ fn meanings(word: &str, codes: Option<&ErrorCodes>) -> Result<Vec<Meaning>, Fail
         more: vec![("then", faults::consequence(kind.row()))],
     });
     let plain = |explanation| Meaning { explanation, more: Vec::new() };
+    let defect = DefectKind::named(word).map(|kind| Meaning {
+        explanation: explanation::defect(kind),
+        more: kind.row().size.map(|size| ("size", size_words(&size))).into_iter().collect(),
+    });
     let abort = AbortCode::ALL.iter().find(|code| code.name() == word).map(|code| explanation::abort(*code));
     let of_vendor = codes.and_then(|table| table.codes.iter().find(|code| code.name == word)).map(|code| code.code);
     let error = of_vendor.or_else(|| EmcyCode::listed().find(|code| code.name() == word).map(|code| code.0));
     let error = error.map(|code| explanation::error_code(code, codes));
     // A short hexadecimal number is no name.
     let objects = if code(word).is_none() { named(word, None) } else { Vec::new() };
-    let named = fault.into_iter().chain(injection);
+    let named = fault.into_iter().chain(injection).chain(defect);
     let named = named.chain(abort.into_iter().chain(error).chain(objects.into_iter().map(object)).map(plain));
     let named: Vec<Meaning> = named.collect();
     if !named.is_empty() {
@@ -178,6 +182,10 @@ fn meanings(word: &str, codes: Option<&ErrorCodes>) -> Result<Vec<Meaning>, Fail
         (None, None) => return Err(unknown(word, codes)),
     };
     Ok(explained.into_iter().map(plain).collect())
+}
+
+fn size_words(size: &DefectSize) -> String {
+    format!("{}, {} unless it is given, from {} to {}", size.what, size.usual, size.least, size.most)
 }
 
 /// What a word of two bytes may be, the likeliest first: an error code, an AL status code, an object, a statusword. What is unlikely is
@@ -232,6 +240,7 @@ fn unknown(word: &str, codes: Option<&ErrorCodes>) -> Failure {
     let mut names: Vec<&str> = objects.iter().map(String::as_str).chain(of_vendor).collect();
     names.extend(TABLE.iter().map(|row| row.name));
     names.extend(CATALOGUE.iter().map(|row| row.name));
+    names.extend(DEFECTS.iter().map(|row| row.name));
     names.extend(AbortCode::ALL.iter().map(|code| code.name()));
     names.extend(EmcyCode::listed().map(|code| code.name()));
     let help = match config::nearest_word(word, names) {
@@ -242,7 +251,7 @@ fn unknown(word: &str, codes: Option<&ErrorCodes>) -> Failure {
                 .to_owned()
         }
     };
-    Failure::new(Exit::Usage, format!("{word} is no code, and no name of a fault, a code or an object"), help)
+    Failure::new(Exit::Usage, format!("{word} is no code, and no name of a fault, a defect, a code or an object"), help)
 }
 
 #[cfg(test)]

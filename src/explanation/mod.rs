@@ -6,6 +6,7 @@
 //! |---|---|
 //! | [`fault`] | the fault table, [`guard::fault::TABLE`](crate::guard::fault::TABLE) |
 //! | [`injection`] | the catalogue of what can be broken on purpose |
+//! | [`defect`] | the table of what a simulated machine can have that a commissioning finds |
 //! | [`error_code`] | the vendor's table (`drives/codes`), or else [`EmcyCode`] |
 //! | [`abort`] | [`AbortCode`] |
 //! | [`al_status`] | [`AlStatusCode`] |
@@ -25,7 +26,7 @@ use crate::canopen::EmcyCode;
 use crate::ethercat::AlStatusCode;
 use crate::guard::Fault;
 use crate::guard::fault::Row;
-use crate::injection::Kind;
+use crate::injection::{DefectKind, Kind};
 use crate::objects::AbortCode;
 
 pub use status::state_name;
@@ -85,6 +86,20 @@ pub fn injection(kind: Kind) -> Explanation {
         meaning: row.meaning.into(),
         cause: "somebody asked for it".into(),
         next: next.into(),
+        source: None,
+    }
+}
+
+/// A defect that a simulated machine can be given: what it is, and which step of a commissioning finds it.
+pub fn defect(kind: DefectKind) -> Explanation {
+    let row = kind.row();
+    Explanation {
+        what: "a defect of a simulated machine, `yieldwall commission RIG.yaml --defect`",
+        code: None,
+        name: row.name.into(),
+        meaning: row.meaning.into(),
+        cause: "somebody asked for it; on a bench, wiring, parameters or wear".into(),
+        next: format!("commission the rig: the step `{}` finds it and says what to do", row.found_by).into(),
         source: None,
     }
 }

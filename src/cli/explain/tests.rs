@@ -48,6 +48,15 @@ fn faults_and_injections_are_explained_in_the_words_of_run() {
     }
 }
 
+#[test]
+fn each_defect_is_explained_with_the_step_that_finds_it() {
+    for row in &DEFECTS {
+        let text = told(row.name, None);
+        assert!(text.contains(row.meaning) && text.contains(&format!("`{}`", row.found_by)), "{text}");
+        assert_eq!(text.contains("unless it is given"), row.size.is_some(), "{text}");
+    }
+}
+
 /// Each code of each vendor's table: `explain`, and the message and the advice of a run that the code has stopped.
 #[test]
 fn codes_of_vendors_are_explained_in_the_words_of_run() {
